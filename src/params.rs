@@ -118,8 +118,7 @@ pub struct ActsIf {
 impl fmt::Display for ActsIf {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { other, is, value } = self;
-        let word = if *is { "only where" } else { "not where" };
-        write!(f, "{word} {other} is {value}")
+        write!(f, "only where {other} {} {value}", if *is { "is" } else { "is not" })
     }
 }
 
@@ -144,8 +143,8 @@ impl Spec {
             return None;
         }
         let spec = params.specs().into_iter().find(|spec| spec.name == acts_if.other)?;
-        let (word, value) = (if acts_if.is { "only where" } else { "not where" }, acts_if.value);
-        Some(format!("{word} “{}” is {value}", spec.words()))
+        let is = if acts_if.is { "is" } else { "is not" };
+        Some(format!("only where “{}” {is} {value}", spec.words()))
     }
 }
 
@@ -515,7 +514,7 @@ mod tests {
         let idle = |demo: &Demo| demo.specs().iter().map(|spec| spec.idle(demo)).collect::<Vec<_>>();
         assert_eq!(idle(&Demo::default()), [const { None }; 5]);
         let off = idle(&Demo { method: Method::Off, ..Demo::default() });
-        assert_eq!(off[3].as_deref(), Some("not where “Method” is off"));
+        assert_eq!(off[3].as_deref(), Some("only where “Method” is not off"));
         assert_eq!(off[4].as_deref(), Some("only where “Method” is good"));
         assert_eq!(off[..3], [const { None }; 3]);
     }

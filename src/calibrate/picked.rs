@@ -24,9 +24,6 @@ const NEEDED: f64 = 400.0;
 /// At rest, where clipping is corrected for, a place may have this share of its pixels at an end of the code range.
 const MOST_CLIPPED: f64 = 0.5;
 
-/// A place this many times as noisy as the present profile is asked about: an f-stop's worth of gain is 1.4.
-const NOISIER: f64 = 2.0;
-
 /// What picked places tell.
 #[derive(Debug)]
 pub struct Picked {
@@ -71,20 +68,11 @@ pub fn picked_noise(places: &[Place], motion: SceneMotion, present: Option<&Nois
         if let Some(missing) = (0..3).find(|c| points[*c].is_empty()) {
             return Err(PickedError::Channel(CHANNELS[missing]));
         }
-        warnings.extend(present.and_then(|present| noisier(&points, present)));
         let bins = [0, 1, 2].map(|c| continued(&points[c], present.map(|present| (present, c))));
         let profile = NoiseProfile { bins, channel_correlation, neighbour_correlation };
         Ok(PickedNoise { profile, points, motion, warnings })
     });
     Picked { places: verdicts, noise }
-}
-
-/// The place that is farthest beyond the present profile, where that is too far to be the camera's doing.
-fn noisier(points: &[Vec<NoisePoint>; 3], present: &NoiseProfile) -> Option<Warning> {
-    let times = |c: usize, point: &NoisePoint| point.sigma / present.sigma(c, point.code).max(1e-3);
-    let all = (0..3).flat_map(|c| points[c].iter().map(move |point| (c, point.code, times(c, point))));
-    let (c, code, times) = all.max_by(|a, b| a.2.total_cmp(&b.2))?;
-    (times > NOISIER).then_some(Warning::Noisier { channel: CHANNELS[c], code, times })
 }
 
 fn at_rest(

@@ -23,8 +23,6 @@ pub enum Warning {
     NoCorrelation(&'static str),
     /// A correlation is lower than noise can have it.
     LowCorrelation { of: &'static str, found: f64, written: f64 },
-    /// Far noisier than the present profile says of that intensity.
-    Noisier { channel: &'static str, code: f64, times: f64 },
     /// Texture that is everywhere counts as noise.
     Texture,
     /// Compression has changed the noise.
@@ -69,11 +67,6 @@ impl fmt::Display for Warning {
             Self::LowCorrelation { of, found, written } => {
                 write!(f, "correlation {of} is {found:.2}; {written} is written (sharpening in the camera?)")
             }
-            Self::Noisier { channel, code, times } => write!(
-                f,
-                "{channel}: at code {code:.0} this is {times:.1} times as noisy as the profile says so far; is that place plain? \
-                 A grain or a pattern counts as noise"
-            ),
             Self::Texture => f.write_str(
                 "the intervals are those of chance; texture that is everywhere counts as noise, so sigma may be too large",
             ),

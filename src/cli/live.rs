@@ -96,7 +96,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     args.which.apply(&mut shot.settings)?;
     let lacks = |error| match (&agreed.opened.lens, error) {
         (Some(lens), ShotError::NoCamera { .. }) if lens.camera.geometry.is_none() => {
-            anyhow!("{}: give the camera's profile (--profile)", lens.told)
+            anyhow!("{}; give the camera's profile (--profile), or see to the stream", lens.told)
         }
         (_, error) => anyhow::Error::from(error),
     };

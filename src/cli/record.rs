@@ -31,6 +31,11 @@ const PATIENCE_S: f64 = 0.2;
 
 pub fn run(args: &Args) -> Result<()> {
     let agreed = Agreed::open(&args.camera, args.profile.as_deref())?;
+    if let (Some(lens), None) =
+        (agreed.opened.lens.as_ref().filter(|lens| lens.camera.geometry.is_none()), &args.profile)
+    {
+        warn(args.camera.pictures.quiet, &lens.told);
+    }
     let about = agreed.about(args.profile.as_deref())?;
     let was_there = args.output.is_dir();
     let writer = Writer::new(Recorder::create(&args.output, &about)?)?;

@@ -157,7 +157,9 @@ impl Agreed {
     fn of(from: &LiveFrom, args: &PicturesArgs, profiled: Option<&Camera>) -> Result<Self> {
         let opened = live::open(from, profiled)?;
         warn(args.quiet, &opened.said);
-        opened.lens.iter().for_each(|lens| warn(args.quiet, &lens.told));
+        // Whoever needs a lens that is not known says so himself.
+        let heard = opened.lens.iter().filter(|lens| lens.camera.geometry.is_some() || profiled.is_some());
+        heard.for_each(|lens| warn(args.quiet, &lens.told));
         let (frames, seconds, quiet) = (args.frames, args.seconds, args.quiet);
         Ok(Self { opened, frames, seconds, quiet })
     }

@@ -64,6 +64,11 @@ impl Fitting {
         self.fits &= self.misfits < MISFITS;
     }
 
+    /// Whether the tags of the newest pictures do not fit.
+    pub fn has_misfits(&self) -> bool {
+        self.misfits > 0
+    }
+
     pub fn is_sure(&self) -> bool {
         self.fits
     }

@@ -60,7 +60,8 @@ const LENS_WITHIN_S: f64 = 2.0;
 fn hear_lens(poses: &mut dyn PoseSource, url: &str, size_px: (u32, u32), interval_s: f64) -> StreamLens {
     let until = Instant::now() + Duration::from_secs_f64(LENS_WITHIN_S);
     let Some(state) = poses.first_lens(size_px, until) else {
-        let told = format!("no pose came from {url} within {LENS_WITHIN_S} s, so that its lens is not known");
+        let why = poses.lacks().map_or_else(String::new, |why| format!(": {why}"));
+        let told = format!("no lens is known from {url} within {LENS_WITHIN_S} s{why}");
         return StreamLens { camera: FrameCamera::default(), told };
     };
     let (camera, told) = camera_of(&state, size_px, interval_s);
@@ -127,7 +128,7 @@ impl Opened {
         let (width, height) = (given.delivered.width, given.delivered.height);
         let mut recording = Recording::arriving(&given.name, width, height, self.interval_s, poses.up());
         recording.has_floor = poses.has_floor();
-        self.lens.iter().filter_map(|lens| lens.camera.geometry.clone()).for_each(|camera| recording.expect(camera));
+        self.lens.iter().for_each(|lens| recording.expect(&lens.camera));
         recording
     }
 

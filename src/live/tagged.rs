@@ -177,8 +177,14 @@ impl PoseSource for TaggedPoses {
     }
     fn lacks(&self) -> Option<String> {
         let Some(lost) = &self.lost else {
-            let unsure = "the tags that are seen do not say yet that they are the board's; show several of them";
-            return (!self.fitting.is_sure()).then(|| unsure.to_owned());
+            let why = match self.fitting.has_misfits() {
+                false => "the tags that are seen do not say yet that they are the board's; show several of them",
+                true => {
+                    "the tags that are seen do not stand to each other as on the board: do its file and the camera's profile \
+                     describe this board and this camera?"
+                }
+            };
+            return (!self.fitting.is_sure()).then(|| why.to_owned());
         };
         Some(match lost {
             Lost::Nothing => format!("no tag of family {} is seen{}", self.family.name(), also(&self.other)),

@@ -5,9 +5,11 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::frame_camera::FrameCamera;
 use super::parts::Pictures;
 use super::{Recording, own};
 use crate::camera::Geometry;
+use crate::frame::FrameExposure;
 use crate::tracking::PoseTrack;
 
 impl Recording {
@@ -49,9 +51,14 @@ impl Recording {
         matches!(&*self.pictures, Pictures::Stills(files) if files.is_empty())
     }
 
-    /// Takes the camera that frames are expected to be of, before the first one comes.
-    pub fn expect(&mut self, camera: Geometry) {
-        self.geometries = [Some(camera)].into();
+    /// Takes the camera that frames are expected to be of, and how they are expected to be exposed, before the first one comes.
+    pub fn expect(&mut self, FrameCamera { geometry, lens }: &FrameCamera) {
+        if geometry.is_some() {
+            self.geometries = [geometry.clone()].into();
+        }
+        if lens.exposure_s.is_some() {
+            self.exposure = [FrameExposure { time_s: lens.exposure_s, ..FrameExposure::default() }].into();
+        }
     }
 
     /// Takes the number, time and camera of the frame that came last, with the poses that are known now. Frames are numbered

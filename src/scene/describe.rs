@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use glam::{DAffine3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 use serde::Serialize;
 
 use super::{Environment, Object, Scene, overlaps, place};
@@ -99,10 +99,15 @@ fn describe_object(scene: &Scene, object: &Object, warnings: &mut Vec<String>) -
     }
 }
 
+/// How far an object reaches along the world's axes, metres.
+pub fn extent_m(scene: &Scene, object: &Object) -> Option<DVec3> {
+    let (low, high) = place::bounds(scene, &object.parts, DAffine3::IDENTITY)?;
+    Some(high - low)
+}
+
 /// Says so where an object is so large or so small that its model is hardly in metres.
 pub fn odd_size(scene: &Scene, object: &Object) -> Option<String> {
-    let (low, high) = place::bounds(scene, &object.parts, DAffine3::IDENTITY)?;
-    oddly_sized(object, (high - low).max_element())
+    oddly_sized(object, extent_m(scene, object)?.max_element())
 }
 
 fn oddly_sized(object: &Object, extent_m: f64) -> Option<String> {

@@ -2,6 +2,8 @@
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
+use crate::scene::Support;
+
 /// x and y lie in the plane, z points out of it. Metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Floor {
@@ -16,6 +18,13 @@ impl Floor {
         let aside = DVec3::AXES.into_iter().min_by(|a, b| a.dot(normal).abs().total_cmp(&b.dot(normal).abs()));
         let x = aside.unwrap_or(DVec3::X).reject_from_normalized(normal).normalize();
         Self { origin_m, axes: DMat3::from_cols(x, normal.cross(x), normal) }
+    }
+
+    /// What a thing stands on, with its origin below its first part.
+    pub fn below(support: &Support, first: &DAffine3) -> Option<Self> {
+        let through = Self::new(support.point_m, support.normal.try_normalize()?);
+        let below = first.translation - through.height_m(first.translation) * through.normal();
+        Some(Self { origin_m: below, ..through })
     }
 
     pub fn normal(&self) -> DVec3 {

@@ -11,7 +11,8 @@
 //!   a time are stopped. `spread`: how blurred a ray's shadow is.
 //! - `room`: what real things keep from the floor already. `dimmed`: what they keep from virtual things.
 //! - `extent`: how far the shadow is worth drawing. `chart`: the shares on the floor, as a picture of it.
-//! - `group`: which things share a chart. `shadows`: the charts that are known already. `kept`: how they are found again.
+//! - `group`: which things share a chart. `shadows`: the charts that are known already. `kept`: how they are found again. `last`: those
+//!   that were made last.
 //!
 //! On things' own surfaces light is asked for by rays:
 //!
@@ -31,6 +32,7 @@ mod extent;
 mod floor;
 mod group;
 mod kept;
+mod last;
 mod lightmap;
 mod lightmaps;
 mod mask;

@@ -14,14 +14,12 @@ use super::extent::Extent;
 use super::floor::Floor;
 use super::group::Group;
 use super::kept::{Kept, Steps, from_steps, steps};
+use super::last::Last;
 use super::room::{Room, Stops};
 use super::sky::{Around, Ray, Sky, rays};
 use crate::render::Lightmap;
-use crate::scene::{Lighting, Object, Scene, Support};
+use crate::scene::{Lighting, Object, Scene};
 
-/// A sketch's chart may be of another floor that differs less: cosine of its tilt (10°), and metres.
-const NEAR_TILT: f64 = 0.985;
-const NEAR_HEIGHT_M: f64 = 0.03;
 /// So many charts are kept, the ones used last.
 const KEPT: usize = 64;
 
@@ -45,14 +43,6 @@ pub struct Shadows {
 
 /// The objects whose light was asked for last, and the lightmaps of their parts.
 type Dimmed = (Vec<Object>, Vec<Option<Arc<Lightmap>>>);
-
-/// The objects that were asked for last, their charts, and which objects share each.
-#[derive(Debug)]
-struct Last {
-    objects: Vec<Object>,
-    charts: Vec<Chart>,
-    members: Vec<Vec<usize>>,
-}
 
 /// All that an extent or a chart depends on but the scene's meshes.
 #[derive(Clone, Debug, PartialEq)]
@@ -108,21 +98,18 @@ impl Shadows {
 
     /// The charts of the scene's objects as they are placed.
     pub fn charts(&mut self, scene: &Scene) -> Vec<Chart> {
-        if let Some(last) = self.last.as_ref().filter(|last| last.objects == scene.objects) {
-            return last.charts.clone();
+        if let Some(charts) = self.last.as_ref().and_then(|last| last.of(&scene.objects)) {
+            return charts;
         }
         let groups = self.groups(scene);
         let order = by_place(scene);
-        let (mut charts, mut members) = (Vec::new(), Vec::new());
+        let mut charts = Vec::new();
         for group in groups {
             let shared: Vec<usize> = order.iter().copied().filter(|index| group.objects.contains(index)).collect();
-            if let Some(chart) = self.chart(scene, &shared) {
-                charts.push(chart);
-                members.push(shared);
-            }
+            charts.extend(self.chart(scene, &shared).map(|chart| (chart, shared)));
         }
-        self.last = Some(Last { objects: scene.objects.clone(), charts: charts.clone(), members });
-        charts
+        let last = self.last.insert(Last::new(scene.objects.clone(), charts));
+        last.charts()
     }
 
     /// The same, soon. Where only floors have moved, and not far, as when a lens is changed, the last charts go with them. Otherwise
@@ -130,8 +117,8 @@ impl Shadows {
     /// second value is whether any is rough.
     pub fn sketched(&mut self, scene: &Scene) -> (Vec<Chart>, bool) {
         if let Some(last) = &self.last {
-            if last.objects == scene.objects {
-                return (last.charts.clone(), false);
+            if let Some(charts) = last.of(&scene.objects) {
+                return (charts, false);
             }
             if let Some(charts) = last.on_floors_of(scene) {
                 return (charts, true);
@@ -184,7 +171,7 @@ impl Shadows {
         let all = objects.iter().map(|i| &scene.objects[*i]);
         let support = all.clone().next()?.support?;
         let parts: Parts = all.flat_map(|o| &o.parts).map(|part| (part.mesh, part.world_from_mesh)).collect();
-        let floor = floor_of(&support, &parts.first()?.1)?;
+        let floor = Floor::below(&support, &parts.first()?.1)?;
         let key = self.key(&floor, &parts);
         Some((floor, key))
     }
@@ -214,7 +201,7 @@ impl Shadows {
     fn alone(&mut self, scene: &Scene, object: &Object) -> Option<(Floor, Extent)> {
         let support = object.support.filter(|_| !object.shadowless)?;
         let parts: Parts = object.parts.iter().map(|part| (part.mesh, part.world_from_mesh)).collect();
-        let floor = floor_of(&support, &parts.first()?.1)?;
+        let floor = Floor::below(&support, &parts.first()?.1)?;
         let key = self.key(&floor, &parts);
         Some((floor, self.extent(scene, key)?))
     }
@@ -280,24 +267,6 @@ impl Shadows {
     }
 }
 
-impl Last {
-    /// The charts moved to floors that are a little different, with nothing else changed.
-    fn on_floors_of(&self, scene: &Scene) -> Option<Vec<Chart>> {
-        let is_same = |(a, b): (&Object, &Object)| Object { support: b.support, ..a.clone() } == *b;
-        if self.objects.len() != scene.objects.len() || !self.objects.iter().zip(&scene.objects).all(is_same) {
-            return None;
-        }
-        let on_floor = |(chart, members): (&Chart, &Vec<usize>)| {
-            let first = &scene.objects[*members.first()?];
-            let floor = floor_of(&first.support?, &first.parts.first()?.world_from_mesh)?;
-            let tilt = chart.floor.normal().dot(floor.normal());
-            let is_near = tilt > NEAR_TILT && chart.floor.height_m(floor.origin_m).abs() < NEAR_HEIGHT_M;
-            is_near.then(|| Chart { floor, shares: chart.shares.clone() })
-        };
-        self.charts.iter().zip(&self.members).map(on_floor).collect()
-    }
-}
-
 impl Key {
     /// Each mesh with its place on the floor.
     fn placed(&self) -> Parts {
@@ -317,17 +286,10 @@ fn by_place(scene: &Scene) -> Vec<usize> {
     order
 }
 
-/// With its origin below a part.
-fn floor_of(support: &Support, first: &DAffine3) -> Option<Floor> {
-    let through = Floor::new(support.point_m, support.normal.try_normalize()?);
-    let below = first.translation - through.height_m(first.translation) * through.normal();
-    Some(Floor { origin_m: below, ..through })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Environment, Material, Mesh, Part, PointLight, Sun, Vertex};
+    use crate::scene::{Environment, Material, Mesh, Part, PointLight, Sun, Support, Vertex};
     use glam::{DQuat, DVec3, Vec2, Vec3};
 
     /// A box around its middle.

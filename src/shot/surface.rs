@@ -67,7 +67,7 @@ pub enum SurfaceError {
 }
 
 fn place(at_px: [f64; 2]) -> String {
-    at_px.map(number).join(",")
+    at_px.map(|px| number((px * 10.0).round() / 10.0)).join(",")
 }
 
 /// The depth has a moment of its own: where the place is in it depends on how far away it is. So often it is looked for.

@@ -202,7 +202,8 @@ fn control(
             }
             // The word keeps its place where the name is long.
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                ui.label(RichText::new("idle").weak().small());
+                let word = ui.label(RichText::new("idle").weak().small());
+                word.on_hover_ui(|ui| help(ui, &called, &full, spec, idle, opened.as_ref()));
                 ui.with_layout(left, |ui| ui.add(egui::Label::new(text).truncate().sense(egui::Sense::click()))).inner
             })
             .inner
@@ -396,7 +397,7 @@ fn help(ui: &mut Ui, called: &str, full: &str, spec: &Spec, idle: Option<&str>, 
     ui.strong(called);
     ui.label(spec.help);
     if let Some(idle) = idle {
-        ui.label(RichText::new(format!("Idle: it acts {idle}.")).color(ui.visuals().warn_fg_color));
+        ui.label(RichText::new(format!("Idle: it does something {idle}.")).color(ui.visuals().warn_fg_color));
     }
     let unit = if matches!(spec.unit, "" | "1") { String::new() } else { format!(" {}", spec.unit) };
     ui.weak(format!("{}{unit}; default {}", spec.kind, spec.default));

@@ -154,6 +154,13 @@ fn read<T>(dial: &str, text: &str, parse: impl FnOnce(&str) -> Result<T, String>
     parse(&text).map(Some).map_err(|why| format!("{dial}: {why}"))
 }
 
+/// What is typed of a camera's value, without what belongs to its name: f/8, 8 and 8,0 are one.
+fn bare(text: &str) -> String {
+    let text = text.trim().replace(',', ".");
+    let text = text.trim_start_matches("f/").trim_start_matches("ISO").trim_end_matches('s').trim();
+    text.parse::<f64>().map_or_else(|_| text.to_owned(), crate::words::number)
+}
+
 /// A field to type into, with the values that a camera has.
 fn dial(ui: &mut Ui, name: &str, empty: &str, text: &mut String, values: impl FnOnce() -> Vec<String>) {
     ui.label(name);
@@ -172,8 +179,9 @@ fn dial(ui: &mut Ui, name: &str, empty: &str, text: &mut String, values: impl Fn
                     ui.close();
                 }
                 for value in values {
-                    let button = ui.selectable_label(*text == value, &value);
-                    if *text == value && opens {
+                    let is_now = bare(text) == bare(&value);
+                    let button = ui.selectable_label(is_now, &value);
+                    if is_now && opens {
                         button.scroll_to_me(Some(egui::Align::Center));
                     }
                     if button.clicked() {
@@ -196,6 +204,16 @@ mod tests {
     fn messages_name_dials_and_no_options() {
         let text = by_dials("--aim 9,9 lies outside of the picture, 4x4 px (--force); a smaller --iso helps");
         assert_eq!(text, "In the middle 9,9 lies outside of the picture, 4x4 px; a smaller ISO helps");
+    }
+
+    #[test]
+    fn a_value_is_found_in_its_menu_as_people_type_it() {
+        for (typed, marked) in
+            [("8", "f/8"), ("5,60", "f/5.6"), ("1/500", "1/500 s"), ("6400", "ISO 6400"), ("2", "2 s")]
+        {
+            assert_eq!(bare(typed), bare(marked), "{typed}");
+        }
+        assert_ne!(bare("8"), bare("f/80"));
     }
 
     #[test]

@@ -35,8 +35,10 @@ pub struct Evidence {
     lies_flat: bool,
     /// From facing whoever looks.
     turned_deg: f64,
-    /// Pressed, and turned by dragging since.
+    /// Pressed, and turned by dragging since; nothing where no surface is known there.
     turning: Option<Turning>,
+    /// Where it was pressed, px of the picture.
+    pressed_px: Option<DVec2>,
     /// In the list and in the picture.
     pub selected: Option<Entry>,
     renaming: Option<Renaming>,
@@ -274,13 +276,16 @@ impl Evidence {
             DVec2::new(at.x.into(), at.y.into())
         };
         if response.drag_started_by(egui::PointerButton::Primary) {
-            let pressed = response.ctx.input(|i| i.pointer.press_origin()).map(px);
-            self.turning = pressed.and_then(|at_px| {
+            self.pressed_px = response.ctx.input(|i| i.pointer.press_origin()).map(px);
+            self.turning = self.pressed_px.and_then(|at_px| {
                 let support = self.ground.finder.look(project.shot(), frame, at_px)?;
                 Some(Turning { at_px, support, turned_deg: self.turned_deg })
             });
         }
-        let turning = self.turning.as_mut()?;
+        let Some(turning) = self.turning.as_mut() else {
+            // A click there says why.
+            return self.pressed_px.take_if(|_| response.drag_stopped());
+        };
         if let (Some(at), Ok(eye)) = (response.interact_pointer_pos(), project.shot().eye(frame.index)) {
             let facing_deg = eye.ray(px(at)).and_then(|ray| facing_deg(&eye, &ray, &turning.support, project.up()));
             turning.turned_deg = facing_deg.unwrap_or(turning.turned_deg);
@@ -314,9 +319,9 @@ impl Evidence {
 
     /// Shows where the next click would put what is being placed.
     pub fn preview(&mut self, seen: &Seen, project: &Project, frame: &Arc<Frame>) {
-        let (Some(model), Some(at)) = (self.placing.clone(), seen.pointed) else { return };
-        let pointed = (DVec2::new(at.x.into(), at.y.into()), self.turned_deg);
-        let (at_px, turned_deg) = self.turning.map_or(pointed, |turning| (turning.at_px, turning.turned_deg));
+        let turned = self.turning.map(|turning| (turning.at_px, turning.turned_deg));
+        let pointed = seen.pointed.map(|at| (DVec2::new(at.x.into(), at.y.into()), self.turned_deg));
+        let (Some(model), Some((at_px, turned_deg))) = (self.placing.clone(), turned.or(pointed)) else { return };
         let (lies_flat, file) = (self.lies_flat, project.scene_path());
         let would = Would {
             model: model.clone(),

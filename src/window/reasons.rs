@@ -95,13 +95,6 @@ pub fn odd(warning: &Warning, used: &[usize]) -> String {
             "how pixels hang together ({of}) is {}, less than noise can be: taken is {written}; does the camera sharpen?",
             fixed(*found, 2)
         ),
-        W::Noisier { channel, code, times } => format!(
-            "{}: at code {} it is {} times as noisy as the profile says so far: is that place plain? A grain or a pattern counts as \
-             noise",
-            named(channel),
-            fixed(*code, 0),
-            fixed(*times, 1)
-        ),
         W::Texture => "the intervals are those of chance: texture that is everywhere counts as noise".to_owned(),
         W::Jpeg => "the frames are JPEG, which has changed their noise".to_owned(),
     }

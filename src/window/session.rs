@@ -11,7 +11,7 @@ use eframe::egui;
 use eframe::egui_wgpu::RenderState;
 
 use self::live::Live;
-pub use self::live::Told;
+pub use self::live::{FROZEN, Told};
 pub use self::past::PAST_S;
 use super::maker::{Finished, Made, Wants};
 use super::player::{Pace, Player};

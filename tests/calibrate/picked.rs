@@ -251,21 +251,6 @@ fn places(count: i32) -> Vec<Rect> {
     (0..count).map(|n| Rect::new(64 * n, 0, 64 * n + 64, 72)).collect()
 }
 
-/// A place that alone cannot be told from a noisy camera is told by the profile that there is.
-#[test]
-fn a_place_that_is_far_noisier_than_the_profile_is_asked_about() {
-    let frames = patches(1, &[120.0], 0.0);
-    let frames: Vec<&Pixels> = frames.iter().collect();
-    let measured = pick(&frames, &places(1), SceneMotion::Moving, None).noise.unwrap();
-    for (times, is_asked) in [(1.0, false), (1.0 / 1.8, false), (1.0 / 2.2, true)] {
-        let mut present = measured.profile.clone();
-        present.bins.iter_mut().flatten().for_each(|bin| bin.sigma *= times);
-        let warnings = pick(&frames, &places(1), SceneMotion::Moving, Some(&present)).noise.unwrap().warnings;
-        let asked = warnings.iter().any(|warning| warning.to_string().contains("2.2 times as noisy as the profile"));
-        assert_eq!(asked, is_asked, "{times}: {warnings:?}");
-    }
-}
-
 #[test]
 fn noise_of_picked_places_comes_back_at_rest_and_in_single_frames() {
     let codes = [40.0, 120.0, 200.0];

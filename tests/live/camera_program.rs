@@ -287,7 +287,11 @@ fn without_a_profile_a_stream_that_says_no_lens_is_refused_with_the_reason() {
     let out = temp.path().join("out");
     let scene = ["--scene", "scenes/demo.toml", "--headless", "-o", text(&out)];
     let told = refused(&[&["live", "--camera", text(&video), "--pose", &url, "-q"][..], &scene].concat());
-    assert!(told.contains(&format!("no pose came from {url} within 2 s")) && told.contains("(--profile)"), "{told}");
+    assert!(
+        told.contains(&format!("no lens is known from {url} within 2 s: {url}, heard at "))
+            && told.contains("(--profile)"),
+        "{told}"
+    );
 }
 
 #[test]

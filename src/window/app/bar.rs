@@ -2,6 +2,7 @@
 
 use eframe::egui::{self, Ui};
 
+use super::super::session::FROZEN;
 use super::App;
 use crate::words::quoted;
 
@@ -15,6 +16,11 @@ impl App {
                 profiles => profiles.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join("\n"),
             };
             ui.strong(quoted(&recording.name)).on_hover_text(format!("{place}\n{camera}"));
+            if self.session.is_live() {
+                // As long as the name of what is frozen is, so that nothing beside it moves.
+                let room = egui::RichText::new(FROZEN).strong().color(egui::Color32::TRANSPARENT);
+                ui.label(room);
+            }
             // It keeps its room, so that nothing beside it moves.
             let star = egui::RichText::new("•").color(match self.session.project.is_saved() {
                 true => egui::Color32::TRANSPARENT,

@@ -22,11 +22,18 @@ pub enum Stroke {
 }
 
 /// Takes all that was typed out of the window's input, in order. Where nothing is being changed yet, the key that begins a
-/// change stays, and what was typed behind it is taken: a quick hand types more than one key between two pictures.
-pub fn taken(ctx: &Context, is_running: bool) -> Vec<Stroke> {
+/// change stays, and what was typed behind it is taken: a quick hand types more than one key between two pictures. What was
+/// typed behind the end of a change comes `later`: with the window's next picture.
+pub fn taken(ctx: &Context, is_running: bool, later: &mut Vec<Event>) -> Vec<Stroke> {
     let (mut strokes, mut has_begun, mut own_letter) = (Vec::new(), is_running, false);
     ctx.input_mut(|i| {
+        i.events.splice(0..0, std::mem::take(later));
         i.events.retain(|event| {
+            if matches!(strokes.last(), Some(Stroke::Done | Stroke::Cancel)) {
+                let is_typed = matches!(event, Event::Text(_) | Event::Key { .. });
+                later.extend(is_typed.then(|| event.clone()));
+                return !is_typed;
+            }
             // The letter of the key that begins comes behind it.
             if std::mem::take(&mut own_letter) && matches!(event, Event::Text(_)) {
                 return true;
@@ -48,6 +55,9 @@ pub fn taken(ctx: &Context, is_running: bool) -> Vec<Stroke> {
             false
         });
     });
+    if !later.is_empty() {
+        ctx.request_repaint();
+    }
     strokes
 }
 

@@ -16,7 +16,7 @@ mod maths;
 mod tool;
 mod words;
 
-use eframe::egui::{Context, CursorIcon, PointerButton, Pos2, Rect, vec2};
+use eframe::egui::{Context, CursorIcon, Event, PointerButton, Pos2, Rect, vec2};
 use glam::{DVec2, DVec3};
 
 use self::gizmo::{Gizmo, Handle, is_inside};
@@ -88,6 +88,8 @@ struct Look {
 pub struct Handles {
     begins: Option<Begin>,
     strokes: Vec<Stroke>,
+    /// Typed behind the end of a change.
+    later: Vec<Event>,
     running: Option<Running>,
     /// Pressed and not moved yet: the handle and where, on the screen.
     pressed: Option<(Handle, Pos2)>,
@@ -107,7 +109,9 @@ impl Handles {
     /// right behind the one that begins to change what is selected.
     pub fn keys(&mut self, ctx: &Context, has_selected: bool) {
         if self.running.is_some() || has_selected && !ctx.egui_wants_keyboard_input() {
-            self.strokes.extend(keys::taken(ctx, self.running.is_some()));
+            self.strokes.extend(keys::taken(ctx, self.running.is_some(), &mut self.later));
+        } else {
+            ctx.input_mut(|i| i.events.splice(0..0, self.later.drain(..)).for_each(drop));
         }
     }
 

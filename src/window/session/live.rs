@@ -21,6 +21,9 @@ use crate::recording::{OpenOptions, Recording};
 use crate::tracking::PoseTrack;
 use crate::webcam::monotonic_s;
 
+/// Stands behind the name of what is frozen.
+pub const FROZEN: &str = ", frozen";
+
 enum State {
     Showing,
     /// The last seconds are being written.
@@ -260,7 +263,7 @@ impl Session {
                 latest.write(&folder, &about).map_err(|error| error.to_string())?;
                 let mut recording =
                     Recording::open(&folder, &OpenOptions::default()).map_err(|error| error.to_string())?;
-                recording.name = format!("{name}, frozen");
+                recording.name = format!("{name}{FROZEN}");
                 // The project has it, with what was changed since: what is saved is what differs from its own files.
                 recording.camera_profile = None;
                 Ok(recording)
