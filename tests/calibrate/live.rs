@@ -227,5 +227,5 @@ fn the_program_watches_a_camera_and_writes_its_profile() {
     let text = refused(&["calibrate", "camera", "scenes", "--camera", &video, "-o", &other]);
     assert!(text.contains("cannot be used with"), "{text}");
     let text = refused(&["calibrate", "camera", "--camera", "none.mp4", "-o", &other]);
-    assert!(text.contains("none.mp4: is no camera"), "{text}");
+    assert!(text.contains("none.mp4: there is no such file"), "{text}");
 }

@@ -158,7 +158,8 @@ fn a_live_picture_has_its_pose_from_the_tags_in_it() {
         let time_s = 7.0 + i as f64 / FPS;
         poses.picture(time_s, &pixels.unwrap());
         let found = poses.poses(time_s).unwrap();
-        assert_eq!(found.len(), usize::from(!AWAY.contains(&i)), "frame {i}");
+        // By one picture the board is not known yet.
+        assert_eq!(found.len(), usize::from(i > 0 && !AWAY.contains(&i)), "frame {i}");
         // Each has its covariance, like those of `track`.
         let covariance = poses.covariance(time_s);
         assert_eq!(covariance.is_some(), found.len() == 1, "frame {i}");
