@@ -9,7 +9,7 @@ const UP: usize = 4;
 /// from, and the current one.
 pub fn folders() -> Vec<PathBuf> {
     let program = std::env::current_exe().and_then(|program| program.canonicalize()).ok();
-    let above = program.iter().flat_map(|program| program.ancestors().skip(1).take(UP).map(Path::to_owned));
+    let above = program.iter().flat_map(|program| program.ancestors().skip(1).take(UP + 1).map(Path::to_owned));
     let built = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     let all = above.chain([built]).chain(std::env::current_dir());
     let mut folders: Vec<PathBuf> = Vec::new();

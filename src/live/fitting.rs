@@ -50,9 +50,7 @@ impl Fitting {
         self.before = Some((time_s, *pose));
         self.in_a_row += 1;
         self.several += u32::from(is_several);
-        if is_several {
-            self.misfits = 0;
-        }
+        self.misfits = 0;
         self.fits |= self.several >= SEVERAL || self.in_a_row >= SINGLE;
         self.fits
     }

@@ -155,11 +155,11 @@ impl Lenses {
         self.said.at(time_s).unwrap_or_else(|| self.first.clone())
     }
 
-    /// The camera with which a frame is composited, and that is recorded. Without a geometry where it is the rig's own.
+    /// The camera with which a frame is composited, and that is recorded. Without a geometry where nobody has said one: it is
+    /// the rig's own then.
     pub fn at(&self, time_s: f64) -> FrameCamera {
         let said = self.said(time_s);
-        let is_own = said.geometry.is_none() && self.rig.geometry_over(None).is_some();
-        let own = said.geometry.or_else(|| self.first.geometry.clone()).filter(|_| !is_own);
+        let own = said.geometry.or_else(|| self.first.geometry.clone());
         let used = own.as_ref().and_then(|own| self.rig.geometry_over(Some(own)));
         // What a person set is set again where it cannot be written.
         let geometry = used.filter(can_say).or(own);

@@ -32,6 +32,8 @@ const DARK: f32 = 0.05;
 const BLOCK: usize = 16;
 /// Rays that one mask holds.
 const AT_A_TIME: usize = 32;
+/// So much of the far light there is everywhere, where real things stop the most: a divisor that is no noise.
+const DARKEST: f32 = 1e-6;
 /// A rough chart has texels as much larger.
 const ROUGHER: f32 = 3.0;
 
@@ -137,8 +139,10 @@ impl Shares {
         shares.taken = gone.iter().zip(&lacks).enumerate().map(share).collect();
         let at = |place_m: Vec2| shares.at_texel(shares.texel_of(place_m).as_dvec2());
         let Self { low_m, texel_m, width, height, .. } = shares;
-        let bounce =
-            Bounce::new(&Ground { low_m, texel_m, width, height, taken: &at, stands_on: &stands_on }, casters, sky);
+        // What real things stop is not thrown back.
+        let left = stops.map(|stops| stops.left(sky));
+        let ground = Ground { low_m, texel_m, width, height, taken: &at, stands_on: &stands_on };
+        let bounce = Bounce::new(&ground, casters, left.as_ref().unwrap_or(sky));
         let mut taken = std::mem::take(&mut shares.taken);
         over_rows(&mut taken, width as usize, processors(), |y, row| {
             for (x, taken) in row.iter_mut().enumerate() {
@@ -146,7 +150,7 @@ impl Shares {
                     None => sky.light_at(shares.place_m(x, y)),
                     Some(_) => gone[y * width as usize + x].all,
                 };
-                let given = bounce.at(x, y) / all.max(Vec3::splat(1e-12)) * shares.rim(x, y);
+                let given = bounce.at(x, y) / all.max(sky.light.max(Vec3::splat(1e-12)) * DARKEST) * shares.rim(x, y);
                 let share = (Vec3::from(*taken) - given).max(Vec3::NEG_ONE);
                 *taken = share.to_array().map(worth);
             }

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 
-use super::room::Room;
+use super::room::{ABOVE_M, Room};
 use super::sky::disc;
 use crate::render::{Lightmap, MAX_POINTS, MAX_SUNS};
 use crate::scene::{Lighting, Object, Scene};
@@ -18,8 +18,6 @@ use crate::scene::{Lighting, Object, Scene};
 const OF_LIGHT: usize = 8;
 /// Places of a thing's box lie this far from its middle towards the corners.
 const WITHIN: f64 = 0.8;
-/// Real things are looked for so far towards a sun, metres.
-const FARTHEST_M: f64 = 8.0;
 
 /// Lightmaps of one texel for the parts of objects, in turn; nothing for those that all light reaches.
 pub fn lightmaps(room: &Room, scene: &Scene) -> Vec<Option<Arc<Lightmap>>> {
@@ -40,15 +38,21 @@ fn seen(room: &Room, scene: &Scene, object: &Object) -> Option<Vec<f32>> {
         low + (high - low) * (0.5 + WITHIN * (share - 0.5))
     };
     let places: Vec<DVec3> = (0..8).map(corner).chain([0.5 * (low + high)]).collect();
+    // The floor below it is no wall before it.
+    let is_floor = |at_m: DVec3| {
+        let support = object.support.as_ref();
+        support.is_some_and(|floor| (at_m - floor.point_m).dot(floor.normal) < f64::from(ABOVE_M))
+    };
     let share = |towards: &dyn Fn(DVec3) -> Vec<(DVec3, f64)>| {
         let lines = places.iter().flat_map(|place| towards(*place).into_iter().map(|line| (*place, line)));
-        let open = lines.filter(|(from, (direction, far_m))| !room.stands_between(*from, *direction, *far_m)).count();
+        let is_open = |(from, (to, far_m)): &(DVec3, (DVec3, f64))| !room.stands_between(*from, *to, *far_m, is_floor);
+        let open = lines.filter(is_open).count();
         open as f32 / (places.len() * OF_LIGHT) as f32
     };
     let Lighting { suns, points, .. } = &scene.lighting;
     let of_suns = suns.iter().take(MAX_SUNS).map(|sun| {
         let (towards, radius) = (sun.towards_light_in_world, (0.5 * sun.diameter_rad).tan());
-        share(&|_| disc_around(towards, radius).map(|to| (to.normalize(), FARTHEST_M)).collect())
+        share(&|_| disc_around(towards, radius).map(|to| (to.normalize(), f64::INFINITY)).collect())
     });
     let of_lamps = points.iter().take(MAX_POINTS).map(|lamp| {
         share(&|place: DVec3| {
@@ -79,7 +83,7 @@ fn lightmap(seen: &[f32]) -> Lightmap {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Environment, Mesh, Part, PointLight, Sun, Vertex};
+    use crate::scene::{Environment, Mesh, Part, PointLight, Sun, Support, Vertex};
     use glam::DAffine3;
 
     /// A thing of 10 cm whose middle is 10 cm over the floor, under a sun, a lamp and six lamps straight above it.
@@ -108,7 +112,11 @@ mod tests {
         let sun = Sun { towards_light_in_world: Vec3::X, color: Vec3::ONE, diameter_rad: 0.01 };
         Scene {
             meshes: vec![Arc::new(Mesh { vertices, indices, material: 0 })],
-            objects: vec![Object { parts: vec![part], ..Object::default() }],
+            objects: vec![Object {
+                parts: vec![part],
+                support: Some(Support { point_m: DVec3::ZERO, normal: DVec3::Z }),
+                ..Object::default()
+            }],
             lighting: Lighting {
                 environment: Environment::Uniform(Vec3::ONE),
                 suns: vec![sun],
@@ -118,10 +126,15 @@ mod tests {
         }
     }
 
-    /// Across x at 1 m, as high as 20 cm over the floor.
+    /// Across x at 1 m, as high as 20 cm over the floor, and the floor itself, which is uneven by a centimetre.
     fn low_wall() -> Room {
         let places = (-50..50).flat_map(|y| (0..20).map(move |z| (y, z)));
-        Room::of(places.map(|(y, z)| DVec3::new(1.0, 0.01 * f64::from(y), 0.01 * f64::from(z))))
+        let wall = places.map(|(y, z)| DVec3::new(1.0, 0.01 * f64::from(y), 0.01 * f64::from(z)));
+        let floor = (-50..300).flat_map(|x| (-30..30).map(move |y| (x, y)));
+        let uneven = |(x, y): (i32, i32)| {
+            DVec3::new(0.01 * f64::from(x), 0.01 * f64::from(y), 0.01 * f64::from((x * y) % 3 - 1))
+        };
+        Room::of(wall.chain(floor.map(uneven)))
     }
 
     #[test]

@@ -24,13 +24,15 @@ const SIDE_M: f32 = 0.02;
 /// Points that make a solid: one alone may be an error of the sensor.
 const FEWEST: u32 = 2;
 /// What is lower than this over a floor is the floor, metres.
-const ABOVE_M: f32 = 0.03;
+pub const ABOVE_M: f32 = 0.03;
 /// A solid stops what a panorama shows if it is nearer than this share of the way there: elsewhere on the floor the same wall is
 /// met nearer, or farther.
 const NEARER: f32 = 0.5;
 /// What is this near to a lamp's point is the lamp itself, metres.
 const HOUSING_M: f32 = 0.15;
-/// What is this near to a thing touches it, or is the floor below it, metres.
+/// Real things are looked for so far from a thing, metres.
+const FARTHEST_M: f64 = 8.0;
+/// What is this near to a thing touches it, metres.
 const TOUCHES_M: f64 = 0.06;
 /// Rays, and points of a lamp, in a word.
 const AT_A_TIME: usize = 32;
@@ -61,12 +63,13 @@ impl Room {
     }
 
     /// Whether something stands between a place and what lies so far away in a direction of unit length, in the world, metres. What
-    /// the place touches, and a lamp's housing, do not count.
-    pub fn stands_between(&self, from_m: DVec3, towards: DVec3, far_m: f64) -> bool {
+    /// the place touches, the floor that `is_floor` knows, and a lamp's housing do not count, nor what is very far away.
+    pub fn stands_between(&self, from_m: DVec3, towards: DVec3, far_m: f64, is_floor: impl Fn(DVec3) -> bool) -> bool {
         let step_m = 0.5 * f64::from(SIDE_M);
-        let steps = ((far_m - f64::from(HOUSING_M) - TOUCHES_M) / step_m).max(0.0) as usize;
+        let far_m = (far_m - f64::from(HOUSING_M)).min(FARTHEST_M);
+        let steps = ((far_m - TOUCHES_M) / step_m).max(0.0) as usize;
         let at = |n: usize| from_m + (TOUCHES_M + step_m * n as f64) * towards;
-        (0..steps).any(|n| self.cells.contains(&cell_of(at(n))))
+        (0..steps).map(at).any(|at_m| self.cells.contains(&cell_of(at_m)) && !is_floor(at_m))
     }
 }
 
@@ -192,6 +195,23 @@ impl Stops {
         words.get(y * self.columns + x).copied().unwrap_or(0)
     }
 
+    /// Light without what is stopped at the place below the first thing: what things throw onto the floor around them.
+    pub fn left(&self, sky: &Sky) -> Sky {
+        let mut rays = sky.rays.to_vec();
+        for (n, ray) in rays.iter_mut().enumerate() {
+            if self.rays(n / AT_A_TIME, Vec2::ZERO) >> (n % AT_A_TIME) & 1 == 1 {
+                ray.light = Vec3::ZERO;
+            }
+        }
+        let open = |(number, lamp): (usize, &Lamp)| {
+            let words = (0..lamp.points_m.len().div_ceil(AT_A_TIME)).map(|n| self.lamp(number, n, Vec2::ZERO));
+            let stopped: u32 = words.map(u32::count_ones).sum();
+            lamp.dimmed(1.0 - stopped as f32 / lamp.points_m.len().max(1) as f32)
+        };
+        let light = rays.iter().map(|ray| ray.light).sum();
+        Sky { rays: rays.into(), lamps: sky.lamps.iter().enumerate().map(open).collect(), light }
+    }
+
     /// Those of the 32 rays from `32 · n` on that are stopped at a place of the floor, as bits.
     pub fn rays(&self, n: usize, place_m: Vec2) -> u32 {
         self.rays.get(n).map_or(0, |words| self.at(words, place_m))
@@ -213,6 +233,11 @@ mod tests {
 
     /// A black box of 8 × 8 × 10 cm on the floor z = 0.
     fn scene(lighting: Lighting, at: DVec2) -> Scene {
+        colored(lighting, at, 0.0)
+    }
+
+    /// The same in a grey.
+    fn colored(lighting: Lighting, at: DVec2, grey: f32) -> Scene {
         let corner = |i: usize| {
             let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
             Vertex {
@@ -231,7 +256,7 @@ mod tests {
         let support = Some(Support { point_m: DVec3::ZERO, normal: DVec3::Z });
         Scene {
             meshes: vec![Arc::new(mesh)],
-            materials: vec![Material { base_color: [0.0, 0.0, 0.0, 1.0], ..Material::default() }],
+            materials: vec![Material { base_color: [grey, grey, grey, 1.0], ..Material::default() }],
             objects: vec![Object { parts: vec![part], support, ..Object::default() }],
             lighting,
             ..Scene::default()
@@ -295,6 +320,11 @@ mod tests {
             assert!(mean < 0.001 && most < 0.03, "{mean} {most}");
             let [mean, most] = apart(&twice, &alone, DVec2::ZERO);
             assert!(mean > 0.02 && most > 0.2, "{mean} {most}");
+            // Nor does a white one throw back what it does not get.
+            let white = |lighting: &Lighting| colored(lighting.clone(), DVec2::ZERO, 0.8);
+            let alone = chart(&white(&sky(Vec::new(), Vec::new())), None);
+            let [mean, most] = apart(&chart(&white(&lighting), Some(wall())), &alone, DVec2::ZERO);
+            assert!(mean < 0.003 && most < 0.05, "{mean} {most}");
             // In front of the wall its light comes unhindered: not even the chart is another one.
             let front = scene(lighting, DVec2::new(2.0, 0.0));
             assert_eq!(chart(&front, Some(wall())).shares, chart(&front, None).shares);

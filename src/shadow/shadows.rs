@@ -22,6 +22,8 @@ use crate::scene::{Lighting, Object, Scene};
 
 /// So many charts are kept, the ones used last.
 const KEPT: usize = 64;
+/// Of what real things stop, which are large, so many.
+const KEPT_STOPS: usize = 16;
 
 /// Works out charts, and keeps them.
 #[derive(Debug)]
@@ -71,7 +73,7 @@ impl Shadows {
             charts,
             sketches,
             room: None,
-            stops: Kept::new(KEPT),
+            stops: Kept::new(KEPT_STOPS),
             last: None,
             dimmed: None,
         }
@@ -80,7 +82,7 @@ impl Shadows {
     /// Real things stop light, too, from now on.
     pub fn stand_in(&mut self, room: Option<Arc<Room>>) {
         if self.room != room {
-            (self.room, self.stops) = (room, Kept::new(KEPT));
+            (self.room, self.stops) = (room, Kept::new(KEPT_STOPS));
             (self.last, self.dimmed) = (None, None);
         }
     }

@@ -300,6 +300,11 @@ impl Lamp {
         self.radius_m / (self.points_m.len().max(1) as f32).sqrt() / self.at_m.length().max(1e-6)
     }
 
+    /// With a share of its light.
+    pub fn dimmed(&self, share: f32) -> Self {
+        Self { color: share * self.color, ..self.clone() }
+    }
+
     /// Its light on the floor, as shaders/raster.wgsl counts it: range and spot by KHR_lights_punctual.
     pub fn light_at(&self, place_m: Vec2) -> Vec3 {
         self.light_on(place_m.extend(0.0), Vec3::Z)

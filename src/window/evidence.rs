@@ -74,7 +74,7 @@ impl Evidence {
     }
 
     pub fn cancel(&mut self) {
-        (self.placing, self.turning) = (None, None);
+        (self.placing, self.turning, self.pressed_px) = (None, None, None);
         self.ghost.rest();
         self.ground.cancel();
     }
@@ -284,13 +284,15 @@ impl Evidence {
         }
         let Some(turning) = self.turning.as_mut() else {
             // A click there says why.
-            return self.pressed_px.take_if(|_| response.drag_stopped());
+            return self.pressed_px.take_if(|_| response.drag_stopped_by(egui::PointerButton::Primary));
         };
         if let (Some(at), Ok(eye)) = (response.interact_pointer_pos(), project.shot().eye(frame.index)) {
             let facing_deg = eye.ray(px(at)).and_then(|ray| facing_deg(&eye, &ray, &turning.support, project.up()));
             turning.turned_deg = facing_deg.unwrap_or(turning.turned_deg);
         }
-        response.drag_stopped().then_some(turning.at_px)
+        let at_px = turning.at_px;
+        let is_done = response.drag_stopped_by(egui::PointerButton::Primary);
+        self.pressed_px.take_if(|_| is_done).map(|_| at_px)
     }
 
     /// Puts what is being placed where the frame shows a surface, and goes on placing.
