@@ -34,6 +34,8 @@ const HOUSING_M: f32 = 0.15;
 const FARTHEST_M: f64 = 8.0;
 /// What is this near to a thing touches it, metres.
 const TOUCHES_M: f64 = 0.06;
+/// A solid close below a lamp throws no wider shadow than this.
+const WIDEST: f32 = 32.0;
 /// Rays, and points of a lamp, in a word.
 const AT_A_TIME: usize = 32;
 
@@ -93,6 +95,8 @@ pub struct Stops {
 struct Laid {
     /// How far its shadow falls for each metre of height.
     slope: Vec2,
+    /// How much wider its shadow is than it: a lamp nearby throws a larger one.
+    wide: f32,
     /// How far it is from there, metres.
     near: f32,
 }
@@ -113,7 +117,7 @@ impl Stops {
                     let below = point.z - solid.z;
                     let is_housing = solid.distance_squared(*point) < HOUSING_M * HOUSING_M;
                     let slope = (point.truncate() - solid.truncate()) / below;
-                    (below > 0.0 && !is_housing).then_some(Laid { slope, near: 0.0 })
+                    (below > 0.0 && !is_housing).then(|| Laid { slope, wide: (point.z / below).min(WIDEST), near: 0.0 })
                 });
                 f32::INFINITY
             })
@@ -147,7 +151,7 @@ impl Stops {
             return 0.0;
         }
         let length = (1.0 + ray.slope.length_squared()).sqrt();
-        self.lay(nearest, solids, n, |solid| Some(Laid { slope: ray.slope, near: solid.z * length }));
+        self.lay(nearest, solids, n, |solid| Some(Laid { slope: ray.slope, wide: 1.0, near: solid.z * length }));
         if ray.source == Source::Beyond {
             return f32::INFINITY;
         }
@@ -164,19 +168,20 @@ impl Stops {
         // Each looks at another place within the cells, so that the edge of a real shadow has no steps.
         let beside = jitter(n);
         let size = Vec2::new(self.columns as f32, self.rows as f32);
-        for (solid, Laid { slope, near }) in solids.iter().filter_map(|solid| Some((solid, laid(solid)?))) {
+        for (solid, Laid { slope, wide, near }) in solids.iter().filter_map(|solid| Some((solid, laid(solid)?))) {
             // A solid is as wide as a cell, and its shadow as long as the ray is flat: a piece for each of its cells.
             let pieces = slope.length().ceil().max(1.0);
-            let reach = 0.5 * slope.abs();
+            let half = 0.5 * (wide - 1.0);
+            let reach = 0.5 * wide * slope.abs() + half;
             let middle = (solid.truncate() - slope * solid.z - self.low_m) / SIDE_M + beside - 0.5;
             if (middle + reach).cmple(Vec2::NEG_ONE).any() || (middle - reach).cmpge(size).any() {
                 continue;
             }
             for piece in 0..pieces as i32 {
-                let low = middle + slope * ((piece as f32 + 0.5) / pieces - 0.5);
-                let (x, y) = (low.x.floor() as i32, low.y.floor() as i32);
-                for (x, y) in [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)] {
-                    if (0..self.columns as i32).contains(&x) && (0..self.rows as i32).contains(&y) {
+                let at = middle + wide * slope * ((piece as f32 + 0.5) / pieces - 0.5);
+                let (low, high) = ((at - half).floor().max(Vec2::ZERO), ((at + half).floor() + 1.0).min(size - 1.0));
+                for y in low.y as i32..=high.y as i32 {
+                    for x in low.x as i32..=high.x as i32 {
                         let cell = &mut nearest[y as usize * self.columns + x as usize];
                         *cell = cell.min(near);
                     }
