@@ -36,6 +36,8 @@ const FARTHEST_M: f64 = 8.0;
 const TOUCHES_M: f64 = 0.06;
 /// A solid close below a lamp throws no wider shadow than this.
 const WIDEST: f32 = 32.0;
+/// Of a shadow that is longer than so many cells, pieces are looked at.
+const MOST_PIECES: f32 = 64.0;
 /// Rays, and points of a lamp, in a word.
 const AT_A_TIME: usize = 32;
 
@@ -170,7 +172,7 @@ impl Stops {
         let size = Vec2::new(self.columns as f32, self.rows as f32);
         for (solid, Laid { slope, wide, near }) in solids.iter().filter_map(|solid| Some((solid, laid(solid)?))) {
             // A solid is as wide as a cell, and its shadow as long as the ray is flat: a piece for each of its cells.
-            let pieces = slope.length().ceil().max(1.0);
+            let pieces = slope.length().ceil().clamp(1.0, MOST_PIECES);
             let half = 0.5 * (wide - 1.0);
             let reach = 0.5 * wide * slope.abs() + half;
             let middle = (solid.truncate() - slope * solid.z - self.low_m) / SIDE_M + beside - 0.5;
