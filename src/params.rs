@@ -137,14 +137,18 @@ impl Spec {
     /// Why it does nothing now in its table, if another parameter makes it idle.
     pub fn idle(&self, params: &dyn Params) -> Option<String> {
         let acts_if = self.acts_if?;
+        let other = params.specs().into_iter().find(|spec| spec.name == acts_if.other)?;
+        // What depends on something idle is idle itself.
+        if let Some(why) = other.idle(params) {
+            return Some(why);
+        }
         // A choice may be called what is a switch's value elsewhere.
         let (now, value) = (params.get(acts_if.other)?, acts_if.value);
         if (now == Value::parse(value) || now == Value::Text(value.to_owned())) == acts_if.is {
             return None;
         }
-        let spec = params.specs().into_iter().find(|spec| spec.name == acts_if.other)?;
         let is = if acts_if.is { "is" } else { "is not" };
-        Some(format!("only where “{}” {is} {value}", spec.words()))
+        Some(format!("only where “{}” {is} {value}", other.words()))
     }
 }
 
@@ -449,6 +453,7 @@ mod tests {
             "which way" method: Method = Method::Good;
             "maybe" maybe: Option<f64> = None, "s", 0.0..=1.0, by_ratio => method isnt "off";
             "how good" grade: u32 = 1, "1", 1.0..=9.0 => method is "good";
+            "how good beyond that" more: u32 = 1, "1", 1.0..=9.0 => grade isnt "2";
         }
     }
 
@@ -458,7 +463,7 @@ mod tests {
         demo.set("amount", &Value::parse("1.5")).unwrap();
         demo.set("method", &Value::parse("fast")).unwrap();
         demo.set("maybe", &Value::parse("0.25")).unwrap();
-        assert_eq!(demo, Demo { amount: 1.5, count: 3, method: Method::Fast, maybe: Some(0.25), grade: 1 });
+        assert_eq!(demo, Demo { amount: 1.5, count: 3, method: Method::Fast, maybe: Some(0.25), grade: 1, more: 1 });
         let error = demo.set("amount", &Value::Number(2.5)).unwrap_err().to_string();
         assert_eq!(error, "demo.amount = 2.5 is refused: accepted is 0 to 2 (px)");
         assert!(demo.set("count", &Value::Number(1.5)).is_err());
@@ -505,17 +510,18 @@ mod tests {
     fn what_is_felt_by_its_ratio_is_declared() {
         assert_eq!(
             Demo::default().specs().iter().map(|s| s.by_ratio).collect::<Vec<_>>(),
-            [false, false, false, true, false]
+            [false, false, false, true, false, false]
         );
     }
 
     #[test]
     fn what_another_parameter_makes_idle_says_so() {
         let idle = |demo: &Demo| demo.specs().iter().map(|spec| spec.idle(demo)).collect::<Vec<_>>();
-        assert_eq!(idle(&Demo::default()), [const { None }; 5]);
+        assert_eq!(idle(&Demo::default()), [const { None }; 6]);
         let off = idle(&Demo { method: Method::Off, ..Demo::default() });
         assert_eq!(off[3].as_deref(), Some("only where “Method” is not off"));
         assert_eq!(off[4].as_deref(), Some("only where “Method” is good"));
+        assert_eq!(off[5], off[4], "it hangs on what is idle");
         assert_eq!(off[..3], [const { None }; 3]);
     }
 

@@ -110,9 +110,9 @@ pub fn run(args: &Args) -> Result<()> {
 
     let mut out = std::io::stdout().lock();
     writeln!(out, "placed     {} at {} m", shown(&model), position.map(|n| fixed(n, 4)).join(" "))?;
-    let laid = shot.scene.objects.last().and_then(|object| scene::extent_m(&shot.scene, object));
-    if let Some(extent_m) = laid {
-        writeln!(out, "size       {} m", extent_m.to_array().map(|m| fixed(m, 3)).join(" × "))?;
+    let laid = shot.scene.objects.last().and_then(|object| scene::bounds_m(&shot.scene, object));
+    if let Some((low, high)) = laid {
+        writeln!(out, "size       {} m", (high - low).to_array().map(|m| fixed(m, 3)).join(" × "))?;
     }
     let tilt = support.normal.dot(up).clamp(-1.0, 1.0).acos().to_degrees();
     match picked.known {

@@ -284,17 +284,14 @@ mod tests {
         assert!((times_s[50] - 1.0).abs() < 1e-9);
     }
 
+    fn delayed_by(following: Following, search: Option<Search>) -> Delayed {
+        Delayed { source: steady(true), following, search, told: None, has_refused: false, given: Vec::new() }
+    }
+
     #[test]
     fn what_is_found_is_taken_from_the_poses_and_told() {
         let following = Following::default();
-        let mut found = Delayed {
-            source: steady(true),
-            following,
-            search: None,
-            told: None,
-            has_refused: false,
-            given: Vec::new(),
-        };
+        let mut found = delayed_by(following, None);
         let delay = Delay { delay_s: 0.08, sigma_s: 0.001, likeness: 0.9, ratio: 1.0, motions: 90 };
         found.take(Ok(delay));
         let told = found.told().unwrap();
@@ -308,14 +305,7 @@ mod tests {
     #[test]
     fn that_it_is_not_found_is_told_once() {
         let following = Following::default();
-        let mut lost = Delayed {
-            source: steady(true),
-            following,
-            search: None,
-            told: None,
-            has_refused: false,
-            given: Vec::new(),
-        };
+        let mut lost = delayed_by(following, None);
         let why = Unknown::Unsure { sigma_s: 0.05 };
         lost.take(Err(why));
         assert!(lost.told().unwrap().contains("is not found yet, and is taken for 0: it is known within ± 50 ms only"));
@@ -343,8 +333,7 @@ mod tests {
         let ((seen, coming), (_, found)) = (sync_channel(MOST), sync_channel(1));
         let search = Some(Search { seen, found, waiting: Arc::new(()) });
         let following = Following::default();
-        let mut busy =
-            Delayed { source: steady(true), following, search, told: None, has_refused: false, given: Vec::new() };
+        let mut busy = delayed_by(following, search);
         let pixels = Pixels::from_u8(64, 48, vec![7; 3 * 64 * 48]).unwrap();
         (0..50).for_each(|n| busy.picture(f64::from(n), &pixels));
         assert_eq!(coming.try_iter().count(), MOST_PICTURES);

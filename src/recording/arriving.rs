@@ -68,11 +68,8 @@ impl Recording {
         let mut timestamps_s = self.timestamps_s[..frame.min(self.timestamps_s.len())].to_vec();
         timestamps_s.resize(frame + 1, timestamp_s);
         (self.timestamps_s, self.track) = (timestamps_s.into(), track);
-        if camera.is_some() || !self.geometries.is_empty() {
-            let mut geometries = self.geometries[..frame.min(self.geometries.len())].to_vec();
-            let camera = camera.or_else(|| self.geometries.last().cloned().flatten());
-            geometries.resize(frame + 1, camera);
-            self.geometries = geometries.into();
+        if camera.is_some() {
+            self.geometries = [camera].into();
         }
     }
 }

@@ -238,6 +238,8 @@ impl Recording {
 
     /// The camera of a frame, even if frames differ; `None` if the format does not know it.
     pub fn geometry_at_frame(&self, index: usize) -> Option<&Geometry> {
+        // Of what is arriving there is the newest frame alone.
+        let index = if self.is_arriving() { self.geometries.len().saturating_sub(1) } else { index };
         self.geometry.as_ref().or_else(|| self.geometries.get(index)?.as_ref())
     }
 

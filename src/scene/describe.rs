@@ -85,7 +85,7 @@ pub fn describe(scene: &Scene) -> Description {
 }
 
 fn describe_object(scene: &Scene, object: &Object, warnings: &mut Vec<String>) -> ObjectDescription {
-    let bounds = place::bounds(scene, &object.parts, DAffine3::IDENTITY);
+    let bounds = bounds_m(scene, object);
     match bounds.map(|(low, high)| (high - low).max_element()) {
         None if object.hidden => {}
         None => warnings.push(format!("{}: there is nothing in it to see", object.name)),
@@ -99,15 +99,15 @@ fn describe_object(scene: &Scene, object: &Object, warnings: &mut Vec<String>) -
     }
 }
 
-/// How far an object reaches along the world's axes, metres.
-pub fn extent_m(scene: &Scene, object: &Object) -> Option<DVec3> {
-    let (low, high) = place::bounds(scene, &object.parts, DAffine3::IDENTITY)?;
-    Some(high - low)
+/// The lowest and the highest corner of an object's box along the world's axes, metres.
+pub fn bounds_m(scene: &Scene, object: &Object) -> Option<(DVec3, DVec3)> {
+    place::bounds(scene, &object.parts, DAffine3::IDENTITY)
 }
 
 /// Says so where an object is so large or so small that its model is hardly in metres.
 pub fn odd_size(scene: &Scene, object: &Object) -> Option<String> {
-    oddly_sized(object, extent_m(scene, object)?.max_element())
+    let (low, high) = bounds_m(scene, object)?;
+    oddly_sized(object, (high - low).max_element())
 }
 
 fn oddly_sized(object: &Object, extent_m: f64) -> Option<String> {

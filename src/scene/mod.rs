@@ -32,7 +32,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 
-pub use describe::{Description, ObjectDescription, TextureDescription, describe, extent_m, odd_size};
+pub use describe::{Description, ObjectDescription, TextureDescription, bounds_m, describe, odd_size};
 pub use document::{Document, Entry, Gauge, SceneFile};
 pub use edit::Stance;
 pub use error::SceneError;

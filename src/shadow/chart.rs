@@ -227,7 +227,7 @@ impl Shares {
                 let jitter = jitter(n * AT_A_TIME + bit as usize);
                 mask.stop(bit, outline, |c| Some(self.texel_of(c.truncate() - ray.slope * c.z) + jitter));
             }
-            if let Some(stops) = stops {
+            if let Some(stops) = stops.filter(|stops| stops.stops_rays(n)) {
                 let all = Sums::of(&rays.iter().map(|ray| ray.light).collect::<Vec<_>>());
                 for (i, (gone, word)) in gone.iter_mut().zip(&mut mask.bits).enumerate() {
                     let stopped = stops.rays(n, self.place_m(i % width, rows_from + i / width));

@@ -12,7 +12,7 @@ use glam::{DVec3, Vec3};
 use super::room::{ABOVE_M, Room};
 use super::sky::disc;
 use crate::render::{Lightmap, MAX_POINTS, MAX_SUNS};
-use crate::scene::{Lighting, Object, Scene};
+use crate::scene::{Lighting, Object, Scene, bounds_m};
 
 /// Places of a light.
 const OF_LIGHT: usize = 8;
@@ -30,9 +30,7 @@ pub fn lightmaps(room: &Room, scene: &Scene) -> Vec<Option<Arc<Lightmap>>> {
 
 /// The share of each light, suns first, that reaches an object; nothing where all of all does.
 fn seen(room: &Room, scene: &Scene, object: &Object) -> Option<Vec<f32>> {
-    let mut points = object.points_m(scene);
-    let first = points.next()?;
-    let (low, high) = points.fold((first, first), |(low, high), p| (low.min(p), high.max(p)));
+    let (low, high) = bounds_m(scene, object)?;
     let corner = |i: u32| {
         let share = DVec3::from_array([0, 1, 2].map(|bit| f64::from(i >> bit & 1)));
         low + (high - low) * (0.5 + WITHIN * (share - 0.5))
@@ -82,25 +80,13 @@ fn lightmap(seen: &[f32]) -> Lightmap {
 
 #[cfg(test)]
 mod tests {
+    use super::super::block::block;
     use super::*;
-    use crate::scene::{Environment, Mesh, Part, PointLight, Sun, Support, Vertex};
+    use crate::scene::{Environment, Part, PointLight, Sun, Support};
     use glam::DAffine3;
 
     /// A thing of 10 cm whose middle is 10 cm over the floor, under a sun, a lamp and six lamps straight above it.
     fn scene(at: DVec3) -> Scene {
-        let corner = |i: usize| {
-            let position = [0, 1, 2].map(|bit| if i >> bit & 1 == 1 { 0.05 } else { -0.05 });
-            let vertex = Vertex {
-                position,
-                normal: [0.0, 0.0, 1.0],
-                tangent: [0.0; 4],
-                uv0: [0.0; 2],
-                uv1: [0.0; 2],
-                color: [1.0; 4],
-            };
-            (vertex, i as u32)
-        };
-        let (vertices, indices): (Vec<_>, Vec<_>) = (0..8).map(corner).unzip();
         let part = Part { mesh: 0, world_from_mesh: DAffine3::from_translation(at) };
         let lamp = |x: f64, z: f64| PointLight {
             position_in_world_m: DVec3::new(x, 0.0, z),
@@ -111,7 +97,7 @@ mod tests {
         };
         let sun = Sun { towards_light_in_world: Vec3::X, color: Vec3::ONE, diameter_rad: 0.01 };
         Scene {
-            meshes: vec![Arc::new(Mesh { vertices, indices, material: 0 })],
+            meshes: vec![Arc::new(block(Vec3::splat(0.05)))],
             objects: vec![Object {
                 parts: vec![part],
                 support: Some(Support { point_m: DVec3::ZERO, normal: DVec3::Z }),

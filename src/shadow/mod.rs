@@ -23,6 +23,8 @@
 //!
 //! Not modelled: floors that are not flat; real things beside the floor that would take dim light.
 
+#[cfg(test)]
+mod block;
 mod bounce;
 mod bvh;
 mod casters;

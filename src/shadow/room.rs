@@ -198,8 +198,11 @@ impl Stops {
     }
 
     fn at(&self, words: &[u32], place_m: Vec2) -> u32 {
+        if words.is_empty() {
+            return 0;
+        }
         let (x, y) = self.cell(place_m);
-        words.get(y * self.columns + x).copied().unwrap_or(0)
+        words[y * self.columns + x]
     }
 
     /// Light without what is stopped at the place below the first thing: what things throw onto the floor around them.
@@ -219,6 +222,11 @@ impl Stops {
         Sky { rays: rays.into(), lamps: sky.lamps.iter().enumerate().map(open).collect(), light }
     }
 
+    /// Whether any of the 32 rays from `32 · n` on is stopped anywhere.
+    pub fn stops_rays(&self, n: usize) -> bool {
+        self.rays.get(n).is_some_and(|words| !words.is_empty())
+    }
+
     /// Those of the 32 rays from `32 · n` on that are stopped at a place of the floor, as bits.
     pub fn rays(&self, n: usize, place_m: Vec2) -> u32 {
         self.rays.get(n).map_or(0, |words| self.at(words, place_m))
@@ -232,9 +240,10 @@ impl Stops {
 
 #[cfg(test)]
 mod tests {
+    use super::super::block::block;
     use super::*;
-    use crate::scene::{Environment, EnvironmentMap, Lighting, Material, Mesh, Object, Part, PointLight, Scene, Sun};
-    use crate::scene::{Support, Vertex};
+    use crate::scene::Support;
+    use crate::scene::{Environment, EnvironmentMap, Lighting, Material, Object, Part, PointLight, Scene, Sun};
     use crate::shadow::{Chart, Shadows};
     use glam::{DAffine3, DVec2, Quat};
 
@@ -245,24 +254,10 @@ mod tests {
 
     /// The same in a grey.
     fn colored(lighting: Lighting, at: DVec2, grey: f32) -> Scene {
-        let corner = |i: usize| {
-            let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
-            Vertex {
-                position: (Vec3::new(0.04, 0.04, 0.05) * Vec3::new(sign(0), sign(1), sign(2))).to_array(),
-                normal: [0.0, 0.0, 1.0],
-                tangent: [0.0; 4],
-                uv0: [0.0; 2],
-                uv1: [0.0; 2],
-                color: [1.0; 4],
-            }
-        };
-        let sides = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
-        let indices = sides.iter().flat_map(|[a, b, c, d]| [*a, *b, *c, *a, *c, *d]).collect();
-        let mesh = Mesh { vertices: (0..8).map(corner).collect(), indices, material: 0 };
         let part = Part { mesh: 0, world_from_mesh: DAffine3::from_translation(at.extend(0.05)) };
         let support = Some(Support { point_m: DVec3::ZERO, normal: DVec3::Z });
         Scene {
-            meshes: vec![Arc::new(mesh)],
+            meshes: vec![Arc::new(block(Vec3::new(0.04, 0.04, 0.05)))],
             materials: vec![Material { base_color: [grey, grey, grey, 1.0], ..Material::default() }],
             objects: vec![Object { parts: vec![part], support, ..Object::default() }],
             lighting,

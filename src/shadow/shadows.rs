@@ -131,11 +131,7 @@ impl Shadows {
         for group in self.groups(scene) {
             let members: Vec<usize> = order.iter().copied().filter(|index| group.objects.contains(index)).collect();
             let known = self.keyed(scene, &members).and_then(|(floor, key)| {
-                let stops = match self.room {
-                    Some(_) => self.stops.found(&(floor, key.clone()))?,
-                    None => None,
-                };
-                let shares = self.charts.found(&Key { stops, ..key })?;
+                let shares = self.known(&floor, &key)?;
                 Some(Chart { floor, shares })
             });
             is_rough |= known.is_none();
@@ -149,11 +145,7 @@ impl Shadows {
 
     fn sketch(&mut self, scene: &Scene, object: usize) -> Option<Chart> {
         let (floor, key) = self.keyed(scene, &[object])?;
-        let known = match self.room {
-            Some(_) => self.stops.found(&(floor, key.clone())).map(|stops| Key { stops, ..key.clone() }),
-            None => Some(key.clone()),
-        };
-        if let Some(shares) = known.and_then(|key| self.charts.found(&key)) {
+        if let Some(shares) = self.known(&floor, &key) {
             return Some(Chart { floor, shares });
         }
         let (extent, sky) = (self.extent(scene, key.clone())?, key.sky.rough());
@@ -242,6 +234,15 @@ impl Shadows {
         Some(Chart { floor, shares })
     }
 
+    /// The whole chart on a floor of which a key says all but what real things stop there, if it is known.
+    fn known(&mut self, floor: &Floor, key: &Key) -> Option<Arc<Shares>> {
+        let stops = match self.room {
+            Some(_) => self.stops.found(&(*floor, key.clone()))?,
+            None => None,
+        };
+        self.charts.found(&Key { stops, ..key.clone() })
+    }
+
     /// What real things stop on a floor, of which a key says all else.
     fn stops(&mut self, floor: &Floor, key: &Key, extent: Extent) -> Option<Arc<Stops>> {
         let room = self.room.clone()?;
@@ -290,28 +291,10 @@ fn by_place(scene: &Scene) -> Vec<usize> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::block::block;
     use super::*;
-    use crate::scene::{Environment, Material, Mesh, Part, PointLight, Sun, Support, Vertex};
+    use crate::scene::{Environment, Material, Part, PointLight, Sun, Support};
     use glam::{DQuat, DVec3, Vec2, Vec3};
-
-    /// A box around its middle.
-    fn cube(half: Vec3) -> Mesh {
-        let corner = |i: usize| {
-            let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
-            let position = (half * Vec3::new(sign(0), sign(1), sign(2))).to_array();
-            Vertex {
-                position,
-                normal: [0.0, 0.0, 1.0],
-                tangent: [0.0; 4],
-                uv0: [0.0; 2],
-                uv1: [0.0; 2],
-                color: [1.0; 4],
-            }
-        };
-        let sides = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
-        let indices = sides.iter().flat_map(|[a, b, c, d]| [*a, *b, *c, *a, *c, *d]).collect();
-        Mesh { vertices: (0..8).map(corner).collect(), indices, material: 0 }
-    }
 
     const HALF: Vec3 = Vec3::new(0.04, 0.03, 0.05);
 
@@ -328,7 +311,7 @@ mod tests {
             Object { parts: vec![part], support, ..Object::default() }
         };
         Scene {
-            meshes: vec![Arc::new(cube(HALF))],
+            meshes: vec![Arc::new(block(HALF))],
             // What is black throws nothing back.
             materials: vec![Material { base_color: [0.0, 0.0, 0.0, 1.0], ..Material::default() }],
             objects: boxes.iter().map(object).collect(),

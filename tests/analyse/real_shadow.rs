@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::program::said;
+use crate::truth::small_site;
 use locard::pixels::Pixels;
 
 const FRAME: usize = 6;
@@ -35,13 +36,7 @@ fn in_a_real_shadow_the_floor_is_not_darkened_twice_and_evidence_is_dark() {
     let object = format!("version = 1\nup = \"z\"\n[[objects]]\nmodel = {model:?}\nposition_m = [{x}, {y}, 0]\n");
     std::fs::write(path("evidence.toml"), &object).unwrap();
     std::fs::write(path("lit.toml"), format!("{object}{light}")).unwrap();
-    let sets =
-        "width_px=320 height_px=240 focal_px=260 frames=12 fps=10 lamps=1 site=8 samples=8 noise_scale=0 format=png";
-    let simulated = |name: &str, more: &[&str]| {
-        let to = path(name);
-        let sets = sets.split(' ').flat_map(|set| ["--set", set]);
-        said(&["simulate", "-q", "-o", &to].into_iter().chain(sets).chain(more.iter().copied()).collect::<Vec<_>>());
-    };
+    let simulated = |name: &str, more: &[&str]| small_site(8, &path(name), more);
     simulated("empty", &[]);
     simulated("there", &["--evidence", &path("evidence.toml")]);
     let told = std::fs::read_to_string(path("there/truth.toml")).unwrap();

@@ -29,6 +29,15 @@ fn around(a: &Pixels, b: &Pixels) -> Vec<bool> {
     (0..SIZE.0 * SIZE.1).map(|i| across.contains(&(i % SIZE.0)) && down.contains(&(i / SIZE.0))).collect()
 }
 
+/// Simulates a site with one lamp, small and without noise.
+pub fn small_site(site: u32, to: &str, more: &[&str]) {
+    let sets = "width_px=320 height_px=240 focal_px=260 frames=12 fps=10 lamps=1 samples=8 noise_scale=0 format=png"
+        .split(' ');
+    let site = format!("site={site}");
+    let sets = sets.chain([site.as_str()]).flat_map(|set| ["--set", set]);
+    said(&["simulate", "-q", "-o", to].into_iter().chain(sets).chain(more.iter().copied()).collect::<Vec<_>>());
+}
+
 /// Ten sites in full size, and each part off: `scripts/composite_beside_truth.py`. What is asserted is what is reached where the
 /// marker fills most of the box; docs/truth.md says what is missing.
 #[test]
@@ -42,13 +51,7 @@ fn evidence_put_into_an_empty_site_looks_as_if_it_lay_there() {
     let guess = "[light]\nambient = 0.55\n[[light.sun]]\ntowards = [0, 0.57, 0.82]\nintensity = 0.6\n";
     std::fs::write(path("evidence.toml"), &object).unwrap();
     std::fs::write(path("guessed.toml"), format!("{object}{guess}")).unwrap();
-    let sets =
-        "width_px=320 height_px=240 focal_px=260 frames=12 fps=10 lamps=1 site=1 samples=8 noise_scale=0 format=png";
-    let simulated = |name: &str, more: &[&str]| {
-        let to = path(name);
-        let sets = sets.split(' ').flat_map(|set| ["--set", set]);
-        said(&["simulate", "-q", "-o", &to].into_iter().chain(sets).chain(more.iter().copied()).collect::<Vec<_>>());
-    };
+    let simulated = |name: &str, more: &[&str]| small_site(1, &path(name), more);
     simulated("empty", &[]);
     simulated("there", &["--evidence", &path("evidence.toml")]);
     let told = std::fs::read_to_string(path("there/truth.toml")).unwrap();
