@@ -125,7 +125,7 @@ fn paths_are_found_in_every_form() {
 #[test]
 fn a_room_uses_only_rooms_on_its_floor_or_below() {
     let floors = floors();
-    // Macros of src/params.rs and src/gpu/uniform.rs stand at the crate's root.
+    // Macros of src/params/declare.rs and src/gpu/uniform.rs stand at the crate's root.
     let macros = ["params", "choices", "uniform"];
     let mut wrong = Vec::new();
     for file in rust_files(&root().join("src")) {
