@@ -109,17 +109,27 @@ fn a_click_selects_what_is_seen_there_and_the_list_shows_it() {
 fn keys_that_come_between_two_pictures_are_all_heard() {
     let mut window = with_marker(0);
     let text = |text: &str| Event::Text(text.to_owned());
-    let key =
-        |key: Key| Event::Key { key, physical_key: None, pressed: true, repeat: false, modifiers: Modifiers::NONE };
-    let once = [key(Key::G), text("g"), key(Key::X), text("x"), key(Key::Num1), text("1"), text("cm"), key(Key::Enter)];
+    let key = |key: Key, pressed: bool| Event::Key {
+        key,
+        physical_key: None,
+        pressed,
+        repeat: false,
+        modifiers: Modifiers::NONE,
+    };
+    let typed = |is: Key, letter: &str| [key(is, true), text(letter), key(is, false)];
+    let pressed = |is: Key| [key(is, true), key(is, false)];
     // Twice, and a key of the window's.
-    for event in once.iter().chain(&once).chain([&key(Key::W)]) {
-        window.input_mut().events.push(event.clone());
+    for _ in 0..2 {
+        let letters = [(Key::G, "g"), (Key::X, "x"), (Key::Num1, "1"), (Key::C, "c"), (Key::M, "m")];
+        window.input_mut().events.extend(letters.into_iter().flat_map(|(is, letter)| typed(is, letter)));
+        window.input_mut().events.extend(pressed(Key::Enter));
     }
+    window.input_mut().events.extend(pressed(Key::W));
     window.run_steps(5);
     assert!(stance(&window, MARKER).position_m.abs_diff_eq(DVec3::from(MARKER_AT) + 0.02 * DVec3::X, 1e-12));
     assert_eq!(window.state().view.zoom, None, "the digit is no zoom");
-    assert!(steps(&window).len() > 1 && window.state().view.wipe.is_some());
+    assert_eq!(steps(&window), ["opened", "marker 1: moved 1 cm", "marker 1: moved 1 cm"]);
+    assert!(window.state().view.wipe.is_some(), "the last key is the window's");
     // Nothing is nothing to look at: the pointer rules.
     press(&mut window, Key::S);
     types(&mut window, "-1");
