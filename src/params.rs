@@ -9,8 +9,6 @@ mod declare;
 use std::collections::BTreeMap;
 use std::fmt;
 
-#[doc(hidden)]
-pub use self::declare::{refused, unknown_name};
 use crate::words::{number, quoted};
 
 /// A parameter's value between text and field. Files spell out the word `none`, because some formats cannot store a
@@ -204,6 +202,25 @@ pub fn of_values<P: Params + Default>(values: BTreeMap<String, Value>) -> Result
     let mut params = P::default();
     values.iter().try_for_each(|(name, value)| params.set(name, value))?;
     Ok(params)
+}
+
+#[doc(hidden)]
+pub fn unknown_name(table: &str, name: &str, specs: &[Spec]) -> ParamError {
+    let known = specs.iter().map(|s| s.name).collect::<Vec<_>>().join(", ");
+    ParamError::UnknownName { table: table.to_owned(), name: name.to_owned(), known }
+}
+
+#[doc(hidden)]
+pub fn refused(table: &str, spec: &Spec, value: &Value) -> ParamError {
+    let unit = if matches!(spec.unit, "" | "1") { String::new() } else { format!(" ({})", spec.unit) };
+    let accepted = if spec.optional { format!("{} or none", spec.kind) } else { spec.kind.to_string() };
+    ParamError::Refused {
+        table: table.to_owned(),
+        name: spec.name.to_owned(),
+        found: value.to_string(),
+        accepted,
+        unit,
+    }
 }
 
 /// A type that a parameter may have. Used by [`params!`](crate::params!).

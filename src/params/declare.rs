@@ -1,6 +1,4 @@
-//! The declarations: [`params!`](crate::params!) and [`choices!`](crate::choices!), and what they call.
-
-use super::{ParamError, Spec, Value};
+//! The declarations: [`params!`](crate::params!) and [`choices!`](crate::choices!).
 
 /// Declares an enum whose variants have names in text, for use as a parameter.
 #[macro_export]
@@ -146,23 +144,4 @@ macro_rules! is_or_isnt {
     (isnt) => {
         false
     };
-}
-
-#[doc(hidden)]
-pub fn unknown_name(table: &str, name: &str, specs: &[Spec]) -> ParamError {
-    let known = specs.iter().map(|s| s.name).collect::<Vec<_>>().join(", ");
-    ParamError::UnknownName { table: table.to_owned(), name: name.to_owned(), known }
-}
-
-#[doc(hidden)]
-pub fn refused(table: &str, spec: &Spec, value: &Value) -> ParamError {
-    let unit = if matches!(spec.unit, "" | "1") { String::new() } else { format!(" ({})", spec.unit) };
-    let accepted = if spec.optional { format!("{} or none", spec.kind) } else { spec.kind.to_string() };
-    ParamError::Refused {
-        table: table.to_owned(),
-        name: spec.name.to_owned(),
-        found: value.to_string(),
-        accepted,
-        unit,
-    }
 }
