@@ -11,6 +11,9 @@ struct Exposure {
     picture: f32,  // exposure factor of the whole picture
     gamma: f32,    // of the camera's response
     factors: vec4<f32>,  // on light, as the footage changes
+    share: vec2<f32>,       // of the recorded picture's width and height, per pixel
+    share_at_0: vec2<f32>,  // where the layer begins
+    across: array<vec4<f32>, 5>,  // stops at 5 by 4 nodes from corner to corner of the recorded picture, row by row
 }
 @group(0) @binding(0) var<uniform> exposure: Exposure;
 @group(0) @binding(1) var layer: texture_2d<f32>;
@@ -18,17 +21,33 @@ struct Exposure {
 // The largest light kept in 16-bit floats, so that it stays finite.
 const BRIGHTEST: f32 = 60000.0;
 
+fn node(x: u32, y: u32) -> f32 {
+    let i = y * 5u + x;
+    return exposure.across[i / 4u][i % 4u];
+}
+
+// On light, as the footage changes at this pixel.
+fn followed(at: vec2<f32>) -> vec3<f32> {
+    let place = clamp(exposure.share_at_0 + at * exposure.share, vec2<f32>(0.0), vec2<f32>(1.0)) * vec2<f32>(4.0, 3.0);
+    let cell = min(floor(place), vec2<f32>(3.0, 2.0));
+    let f = place - cell;
+    let i = vec2<u32>(cell);
+    let upper = mix(node(i.x, i.y), node(i.x + 1u, i.y), f.x);
+    let lower = mix(node(i.x, i.y + 1u), node(i.x + 1u, i.y + 1u), f.x);
+    return exposure.factors.rgb * exp2(mix(upper, lower, f.y));
+}
+
 @fragment
 fn photographic(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let light = textureLoad(layer, vec2<i32>(at.xy), 0);
-    return vec4<f32>(min(light.rgb * exposure.factors.rgb * (exposure.gain * exposure.picture), vec3<f32>(BRIGHTEST)), light.a);
+    return vec4<f32>(min(light.rgb * followed(at.xy) * (exposure.gain * exposure.picture), vec3<f32>(BRIGHTEST)), light.a);
 }
 
 // Works on display values, which carry no coverage, so on the surface's own colour.
 @fragment
 fn additive(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let light = textureLoad(layer, vec2<i32>(at.xy), 0);
-    let shown = encode(min(light.rgb * exposure.factors.rgb / max(light.a, 1e-6), vec3<f32>(1.0)), curve, exposure.gamma);
+    let shown = encode(min(light.rgb * followed(at.xy) / max(light.a, 1e-6), vec3<f32>(1.0)), curve, exposure.gamma);
     let moved = clamp(shown + exposure.step, vec3<f32>(0.0), vec3<f32>(1.0));
     let exposed = decode(moved, curve, exposure.gamma) * light.a * exposure.picture;
     return vec4<f32>(min(exposed, vec3<f32>(BRIGHTEST)), light.a);

@@ -91,6 +91,47 @@ pub struct SeenBrightness {
     /// What [`FrameExposure`] says of the recording's median frame, seconds at f/1, ISO 100 and gain 1; `None` if it says
     /// nothing of most frames.
     pub usual_s: Option<f64>,
+    /// And beside that across the picture.
+    pub across: Across,
+}
+
+/// Nodes of [`Across`].
+pub const NODES_ACROSS: usize = 5;
+pub const NODES_DOWN: usize = 4;
+pub const NODES: usize = NODES_ACROSS * NODES_DOWN;
+
+/// How much brighter parts of a picture are, stops: at nodes from corner to corner, row by row, and linear between
+/// them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Across(pub [f32; NODES]);
+
+impl Across {
+    /// At a place, in shares of the picture's width and height: four nodes, and how much each counts.
+    pub fn weights(at: [f32; 2]) -> [(usize, f32); 4] {
+        let along = |share: f32, nodes: usize| {
+            let at = share.clamp(0.0, 1.0) * (nodes - 1) as f32;
+            let node = (at as usize).min(nodes - 2);
+            (node, at - node as f32)
+        };
+        let ((x, right), (y, down)) = (along(at[0], NODES_ACROSS), along(at[1], NODES_DOWN));
+        let node = y * NODES_ACROSS + x;
+        [
+            (node, (1.0 - right) * (1.0 - down)),
+            (node + 1, right * (1.0 - down)),
+            (node + NODES_ACROSS, (1.0 - right) * down),
+            (node + NODES_ACROSS + 1, right * down),
+        ]
+    }
+
+    /// Stops at a place, in shares of the picture's width and height.
+    pub fn at(&self, at: [f32; 2]) -> f32 {
+        Self::weights(at).iter().map(|(node, weight)| weight * self.0[*node]).sum()
+    }
+
+    /// Whether the picture is as bright everywhere.
+    pub fn is_none(&self) -> bool {
+        self.0 == [0.0; NODES]
+    }
 }
 
 /// The settings a picture was taken with, from its file (EXIF). All are above 0, except possibly `taken_s`.

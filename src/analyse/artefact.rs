@@ -1,11 +1,12 @@
-//! What an analysis found, as a folder: `analysis.toml`, and beside it `frames.txt`, `poses.txt`, `links.txt` and the light of the
-//! room as `environment.hdr`. Frames read it
+//! What an analysis found, as a folder: `analysis.toml`, and beside it `frames.txt`, `across.txt`, `poses.txt`, `links.txt` and the light of
+//! the room as `environment.hdr`. Frames read it
 //! and nothing else of the recording's neighbours, so any range of frames keeps its bits.
 
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
+use super::across::Fitted;
 use super::findings::{Findings, Gained, Registered, Sharpness, Shuttered, Tone};
 use super::found_light::{Environment, FoundLight};
 use super::inputs;
@@ -19,7 +20,7 @@ use super::tone::Band;
 use super::track::{self, Stop};
 use crate::camera::Geometry;
 use crate::document::{self, Document};
-use crate::frame::SeenBrightness;
+use crate::frame::{Across, NODES_ACROSS, NODES_DOWN, SeenBrightness};
 use crate::recording::{Recording, Refinement};
 use crate::scene::Lighting;
 use crate::source::file::{self, MOST_DOCUMENT};
@@ -30,13 +31,14 @@ use crate::words::{fixed, reason};
 
 pub const FILE_NAME: &str = "analysis.toml";
 const FRAMES: &str = "frames.txt";
+const ACROSS: &str = "across.txt";
 const POSES: &str = "poses.txt";
 const LINKS: &str = "links.txt";
 const ENVIRONMENT: &str = "environment.hdr";
 /// All that may lie in its folder.
-pub const FILES: [&str; 6] = [FILE_NAME, FRAMES, POSES, LINKS, ENVIRONMENT, times::FILE];
+pub const FILES: [&str; 7] = [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, times::FILE];
 /// Another version is made anew.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 6;
 
 /// An analysis.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,6 +52,8 @@ pub struct Analysis {
     /// One per frame: how much brighter it is than the recording's median, factors on light (red, green, blue). Empty if the
     /// footage does not tell.
     pub gains: Vec<[f64; 3]>,
+    /// One per frame: how much brighter than that its parts are. Empty if the footage does not tell.
+    pub across: Vec<Across>,
     /// Links that took no part in the poses, and by how much these miss them. Empty if there are none.
     pub held_out: Vec<Missed>,
     /// The light of the room around what was looked at, without its lamps; `None` if the footage does not tell.
@@ -61,6 +65,7 @@ pub struct Found<'a> {
     pub gain: Result<Gained, String>,
     /// ln, one per frame, of those that could be compared.
     pub gains: &'a [Option<[f64; 3]>],
+    pub across: Option<(Vec<Across>, Fitted)>,
     pub exposed: Result<Exposed, String>,
     pub spread: Result<PointSpread, String>,
     pub tone: Result<Vec<Band>, String>,
@@ -97,7 +102,9 @@ pub fn beside(recording: &Path) -> PathBuf {
 
 impl Analysis {
     pub fn new(recording: &Recording, camera: &Geometry, registration: &Registration, found: Found<'_>) -> Self {
-        let Found { gain, gains, exposed, spread, tone, light } = found;
+        let Found { gain, gains, across, exposed, spread, tone, light } = found;
+        let (across, fitted) = across.unzip();
+        let across = across.filter(|_| fitted.is_some_and(|fitted| fitted.is_followed)).unwrap_or_default();
         let mut camera = camera.clone();
         camera.intrinsics.readout_time_s = registration.readout_s;
         let moves_alone = registration.motion_px.is_some();
@@ -128,6 +135,7 @@ impl Analysis {
             registration: Registered::of(registration),
             gain_why: gain.as_ref().err().cloned(),
             gain: gain.ok(),
+            across: fitted,
             shutter: Some(Shuttered::of(exposed)),
             spread: Some(Sharpness::of(spread)),
             tone: Some(Tone::of(tone)),
@@ -137,7 +145,8 @@ impl Analysis {
         let environment = light.ok().and_then(|light| Environment::of(&light.panorama));
         // They ascend.
         let track = track_of(&lines).ok().filter(|_| !lines.is_empty());
-        Self { findings, track, lines, gains: filled(gains), held_out: registration.held_out.clone(), environment }
+        let (gains, held_out) = (filled(gains), registration.held_out.clone());
+        Self { findings, track, lines, gains, across, held_out, environment }
     }
 
     /// The track, if it shows another place than the recorded one.
@@ -173,6 +182,10 @@ impl Analysis {
         } else {
             Vec::new()
         };
+        let across = match findings.across.is_some_and(|across| across.is_followed) {
+            true => read_across(&folder.join(ACROSS), findings.frames)?,
+            false => Vec::new(),
+        };
         let held_out = match findings.registration.recorded_px {
             Some(_) => read_links(&folder.join(LINKS), findings.frames)?,
             None => Vec::new(),
@@ -183,7 +196,7 @@ impl Analysis {
             }
             false => None,
         };
-        Ok(Self { findings, track, lines, gains, held_out, environment })
+        Ok(Self { findings, track, lines, gains, across, held_out, environment })
     }
 
     /// The files, by name.
@@ -206,6 +219,16 @@ impl Analysis {
                 FRAMES,
                 format!("# frame timestamp red green blue: brighter than usual by these factors\n{lines}").into_bytes(),
             ));
+        }
+        if !self.across.is_empty() {
+            let nodes = |across: &Across| across.0.iter().map(|node| format!(" {node}")).collect::<String>();
+            let line = |(n, across): (usize, &Across)| format!("{n}{}\n", nodes(across));
+            let lines: String = self.across.iter().enumerate().map(line).collect();
+            let head = format!(
+                "# frame, then by how many stops the picture is brighter there, row by row, {NODES_ACROSS} places from side to \
+                 side in each of {NODES_DOWN}\n"
+            );
+            files.push((ACROSS, (head + &lines).into_bytes()));
         }
         if self.findings.registration.recorded_px.is_some() {
             let line = |m: &Missed| format!("{} {} {} {}\n", m.from, m.to, m.recorded_px, m.refined_px);
@@ -230,10 +253,15 @@ impl Analysis {
     /// What a recording takes over from it. `usual_s`: [`SeenBrightness::usual_s`].
     pub fn refinement(&self, usual_s: Option<f64>) -> Refinement {
         let registered = &self.findings.registration;
+        let seen = |(n, factors): (usize, &[f64; 3])| SeenBrightness {
+            factors: *factors,
+            usual_s,
+            across: self.across.get(n).copied().unwrap_or_default(),
+        };
         Refinement {
             track: self.track.clone(),
             depth_later_s: if self.track.is_some() { registered.depth_later_s } else { 0.0 },
-            seen: self.gains.iter().map(|factors| SeenBrightness { factors: *factors, usual_s }).collect(),
+            seen: self.gains.iter().enumerate().map(seen).collect(),
             blurred_s: self.findings.shutter.as_ref().map_or(Vec::new(), |shutter| shutter.of_frames()),
         }
     }
@@ -298,31 +326,59 @@ pub fn filled(gains: &[Option<[f64; 3]>]) -> Vec<[f64; 3]> {
 }
 
 fn read_gains(path: &Path, frames: usize) -> Result<Vec<[f64; 3]>, AnalysisError> {
+    read_frames(path, frames, |rest| {
+        text::number(rest, "timestamp")?;
+        let mut gain = [0.0; 3];
+        for (gain, name) in gain.iter_mut().zip(["red", "green", "blue"]) {
+            *gain = text::number(rest, name)?;
+            if *gain <= 0.0 {
+                return Err(format!("{name} is {gain}; a factor above 0 is expected"));
+            }
+        }
+        Ok(gain)
+    })
+}
+
+fn read_across(path: &Path, frames: usize) -> Result<Vec<Across>, AnalysisError> {
+    /// No part is brighter, stops.
+    const MOST: f64 = 1.0;
+    read_frames(path, frames, |rest| {
+        let mut across = Across::default();
+        for node in &mut across.0 {
+            let stops = text::number(rest, "stops")?;
+            if stops.abs() > MOST {
+                return Err(format!("{stops} stops; from -{MOST} to {MOST} are expected"));
+            }
+            *node = stops as f32;
+        }
+        Ok(across)
+    })
+}
+
+/// A line for each frame, in order, which begins with its number.
+fn read_frames<T>(
+    path: &Path,
+    frames: usize,
+    of: impl Fn(&mut &str) -> Result<T, String>,
+) -> Result<Vec<T>, AnalysisError> {
     let whole = text::read_listing(path)?;
-    let mut gains = Vec::new();
+    let mut all = Vec::new();
     for (at, record) in text::records(&whole) {
         let wrong = |problem: String| TextError::line(path, at, problem);
         let mut rest = record;
         let number = text::number(&mut rest, "frame").map_err(wrong)?;
-        text::number(&mut rest, "timestamp").map_err(wrong)?;
-        let mut gain = [0.0; 3];
-        for (gain, name) in gain.iter_mut().zip(["red", "green", "blue"]) {
-            *gain = text::number(&mut rest, name).map_err(wrong)?;
-            if *gain <= 0.0 {
-                return Err(wrong(format!("{name} is {gain}; a factor above 0 is expected")).into());
-            }
-        }
+        let one = of(&mut rest).map_err(wrong)?;
         text::end(rest).map_err(wrong)?;
-        if number != gains.len() as f64 {
-            return Err(wrong(format!("frame {number} stands where {} is expected", gains.len())).into());
+        if number != all.len() as f64 {
+            return Err(wrong(format!("frame {number} stands where {} is expected", all.len())).into());
         }
-        gains.push(gain);
+        all.push(one);
     }
-    if gains.len() != frames {
-        let problem = format!("{} frames are listed, there are {frames}", gains.len());
+    if all.len() != frames {
+        let problem = format!("{} frames are listed, there are {frames}", all.len());
         return Err(AnalysisError::Content { file: path.to_owned(), problem });
     }
-    Ok(gains)
+    Ok(all)
 }
 
 fn read_links(path: &Path, frames: usize) -> Result<Vec<Missed>, AnalysisError> {

@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use super::across::Fitted;
 use super::depth_clock::DepthLater;
 use super::found_light::FoundLight;
 use super::global::Global;
@@ -33,6 +34,8 @@ pub struct Findings {
     pub gain_why: Option<String>,
     pub registration: Registered,
     pub gain: Option<Gained>,
+    /// How it differs across the picture; `None` where that cannot be said.
+    pub across: Option<Fitted>,
     pub shutter: Option<Shuttered>,
     pub spread: Option<Sharpness>,
     /// Advice: nothing follows from it.
@@ -288,6 +291,25 @@ impl fmt::Display for Gained {
     }
 }
 
+impl fmt::Display for Fitted {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { recorded, left, most_ev, is_followed } = self;
+        let (recorded, left) = (fixed(*recorded, 4), fixed(*left, 4));
+        match is_followed {
+            true => {
+                write!(
+                    f,
+                    "parts of a picture up to {} stops brighter or darker; left of ln {recorded} is {left}",
+                    fixed(*most_ev, 2)
+                )
+            }
+            false => {
+                write!(f, "pictures change alike everywhere, within ln {recorded} ({left} if parts were followed)")
+            }
+        }
+    }
+}
+
 impl fmt::Display for Registered {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let px = |value: Option<f64>| value.map_or("unknown".to_owned(), |px| format!("{} px", fixed(px, 2)));
@@ -355,6 +377,7 @@ impl Findings {
         }
         let gain = self.gain.as_ref().map(Gained::to_string);
         lines.push(("gain", gain.unwrap_or_else(|| format!("unknown: {}", self.no_gain()))));
+        lines.extend(self.across.iter().map(|across| ("across", across.to_string())));
         lines.extend(self.spread.iter().map(|spread| ("spread", spread.to_string())));
         lines.extend(self.tone.iter().map(|tone| ("tone", tone.to_string())));
         lines.extend(self.light.iter().flat_map(FoundLight::lines));

@@ -1,19 +1,20 @@
 //! How bright each frame is of the same things: exposure, gain and white balance that the camera changes by itself.
 //!
-//! A point with known depth is seen in two frames; the logarithm of its light in one by that in the other is the frames' gain,
+//! A point with known depth, or one that a recording itself recognised in its frames, is seen in two of them; the logarithm of its light in one by that in the other is the frames' gain,
 //! for each colour. Of each pair the median ℓ_ij over many points; then all frames at once:
 //!
 //!   least Σ w·ρ_Cauchy(ℓ_ij − (g_j − g_i); 0.01),   w⁻² = 0.003² + 20·MAD²/n + (0.0005·gap)²
 //!
 //! Only flat places count, so that blur and places that are off do little. The response's exponent cancels out of what is done
-//! with the result: ratios are taken and given back by one curve. Not modelled: lamps that flicker, what moves and fills the
-//! frame, tone that differs across the picture.
+//! with the result: ratios are taken and given back by one curve. What differs across the picture is `across`'s. Not modelled:
+//! lamps that flicker, what moves and fills the frame.
 
 use std::collections::VecDeque;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+use super::across::{self, OfPair};
 use super::eye::Eye;
 use super::pyramid::{Plane, gaussian};
 use super::robust::{median, scatter};
@@ -23,6 +24,7 @@ use super::view::scattered;
 use crate::camera::Response;
 use crate::fit::band::Band;
 use crate::frame::Frame;
+use crate::recording::Landmark;
 use crate::rows::over_rows;
 use crate::words::count;
 
@@ -39,8 +41,11 @@ const FLAT: f32 = 5.0;
 const BLUR_PX: f32 = 1.0;
 /// A point is the same surface if depth agrees by this share.
 const SAME: f64 = 0.03;
-/// Fewer points say nothing of a pair.
+/// Fewer points say nothing of a pair; fewer landmarks do not either.
 const LEAST_POINTS: usize = 150;
+const LEAST_LANDMARKS: usize = 50;
+/// Landmarks of a frame at most: the same ones of all.
+const MOST_LANDMARKS: usize = 4000;
 /// Places are the same things if their ratios scatter by less than this share of their light, or by less than this, ln.
 const MATCHED: (f64, f64) = (0.5, 0.05);
 /// Cauchy's scale, ln.
@@ -55,10 +60,20 @@ struct Seen {
     colours: [Plane; 3],
     depth: Vec<f32>,
     points: Vec<Point>,
+    /// Ascending in number.
+    landmarks: Vec<(u64, Spot)>,
 }
 
 struct Point {
     at: DVec3,
+    spot: Spot,
+}
+
+/// A place of a picture.
+#[derive(Clone, Copy)]
+struct Spot {
+    /// Shares of width and height.
+    at: [f32; 2],
     /// ln of light, and codes of 255.
     light: [f64; 3],
     codes: [f32; 3],
@@ -92,7 +107,9 @@ impl Tried {
         if *pairs == 0 {
             return "no frames could be compared".to_owned();
         }
-        let few = format!("{few} have fewer than {LEAST_POINTS} flat places with depth in common");
+        let few = format!(
+            "{few} have fewer than {LEAST_POINTS} flat places with depth, or {LEAST_LANDMARKS} landmarks, in common"
+        );
         format!("of {} of frames {few}, {unlike} do not match where the poses say", count(*pairs, "pair"))
     }
 }
@@ -106,12 +123,13 @@ pub struct Gains<'a> {
     gaps: &'a [usize],
     window: VecDeque<Seen>,
     pub pairs: Vec<Pair>,
-    /// What they say of the response.
+    /// What they say of the response, and of single places.
     pub toned: Vec<Toned>,
+    pub across: Vec<OfPair>,
     pub tried: Tried,
 }
 
-type Comparison = Result<(Pair, Vec<Toned>), Unknown>;
+type Comparison = Result<(Pair, Vec<Toned>, Option<OfPair>), Unknown>;
 
 /// Why a pair tells nothing.
 enum Unknown {
@@ -129,13 +147,14 @@ impl<'a> Gains<'a> {
             window: VecDeque::new(),
             pairs: Vec::new(),
             toned: Vec::new(),
+            across: Vec::new(),
             tried: Tried::default(),
         }
     }
 
-    /// `depth`: at the frame's moment, in its picture.
-    pub fn add(&mut self, frame: &Frame, state: State, depth: &[f32]) {
-        let new = self.seen(frame, state, depth);
+    /// `depth`: at the frame's moment, in its picture. `landmarks`: what the recording recognised in it.
+    pub fn add(&mut self, frame: &Frame, state: State, depth: &[f32], landmarks: &[Landmark]) {
+        let new = self.seen(frame, state, depth, landmarks);
         let window = &self.window;
         let mut found: Vec<(usize, Comparison)> = self
             .gaps
@@ -147,9 +166,10 @@ impl<'a> Gains<'a> {
         for (_, compared) in found {
             self.tried.pairs += 1;
             match compared {
-                Ok((pair, toned)) => {
+                Ok((pair, toned, across)) => {
                     self.pairs.push(pair);
                     self.toned.extend(toned);
+                    self.across.extend(across);
                 }
                 Err(Unknown::Few) => self.tried.few += 1,
                 Err(Unknown::Unlike) => self.tried.unlike += 1,
@@ -167,7 +187,7 @@ impl<'a> Gains<'a> {
         (0..).find(|n| width >> n <= WIDEST).unwrap_or(0)
     }
 
-    fn seen(&self, frame: &Frame, state: State, depth: &[f32]) -> Seen {
+    fn seen(&self, frame: &Frame, state: State, depth: &[f32], landmarks: &[Landmark]) -> Seen {
         let halvings = self.halvings();
         let colours = [0, 1, 2].map(|channel| {
             let mut plane = Plane::of_channel(&frame.pixels, channel);
@@ -203,65 +223,110 @@ impl<'a> Gains<'a> {
             let there = f64::from(small[i]) * DVec3::from(self.eye.rays[y * width + x].map(f64::from));
             let at = moved(there, &state.twist, self.eye.geometry.row_time_s(y as f64 + 0.5));
             let codes = [0, 1, 2].map(|c| colours[c].values[i]);
-            Point { at, light: codes.map(|code| self.light(code)), codes }
+            Point { at, spot: self.spot([(i % w) as f32 / w as f32, (i / w) as f32 / h as f32], codes) }
         };
         let points = sound.into_iter().map(point).collect();
-        Seen { index: frame.index, state, colours, depth: small, points }
+        let mut landmarks: Vec<&Landmark> = landmarks.iter().collect();
+        if landmarks.len() > MOST_LANDMARKS {
+            landmarks.sort_unstable_by_key(|landmark| scattered(landmark.number));
+            landmarks.truncate(MOST_LANDMARKS);
+        }
+        let landmark = |landmark: &&Landmark| {
+            let [x, y] = landmark.at_px.map(|px| (px - 0.5) / scale as f32);
+            let [red, green, blue] = [0, 1, 2].map(|c| colours[c].at(x, y));
+            let codes = [red?, green?, blue?];
+            let is_sound = codes.iter().all(|code| *code > CODES.0 && *code < CODES.1);
+            is_sound.then(|| (landmark.number, self.spot([x / w as f32, y / h as f32], codes)))
+        };
+        let mut landmarks: Vec<_> = landmarks.iter().filter_map(landmark).collect();
+        landmarks.sort_by_key(|(number, _)| *number);
+        Seen { index: frame.index, state, colours, depth: small, points, landmarks }
+    }
+
+    fn spot(&self, at: [f32; 2], codes: [f32; 3]) -> Spot {
+        Spot { at, light: codes.map(|code| self.light(code)), codes }
     }
 
     fn light(&self, code: f32) -> f64 {
         self.response.decode(f64::from(code) / 255.0).max(1e-9).ln()
     }
 
-    fn compared(&self, from: &Seen, to: &Seen) -> Comparison {
+    /// Places that both frames show, by depth: in one and in the other.
+    fn by_depth(&self, from: &Seen, to: &Seen) -> Vec<(Spot, Spot)> {
         let motion = to.state.world_from_camera.inverse() * from.state.world_from_camera;
         let (w, h) = (to.colours[0].width, to.colours[0].height);
         let scale = (1usize << self.halvings()) as f64;
-        let mut ratios: [Vec<f64>; 3] = Default::default();
-        let (mut light, mut codes_of) = (Vec::new(), Vec::new());
-        for point in &from.points {
+        let pair = |point: &Point| {
             let there = motion.transform_point3(point.at);
             if there.z <= 0.0 {
-                continue;
+                return None;
             }
-            let Some((at, far)) = seen(&self.eye.geometry, there, &to.state.twist, None, 2) else { continue };
+            let (at, far) = seen(&self.eye.geometry, there, &to.state.twist, None, 2)?;
             let (x, y) = ((at.x - 0.5) / scale, (at.y - 0.5) / scale);
             if !(x >= 2.0 && y >= 2.0 && x < w as f64 - 3.0 && y < h as f64 - 3.0) {
-                continue;
+                return None;
             }
             let depth = f64::from(to.depth[y.round() as usize * w + x.round() as usize]);
             if depth <= 0.0 || (depth - far).abs() > SAME * far + self.eye.slack_m(far) {
-                continue;
+                return None;
             }
             let codes = [0, 1, 2].map(|c| to.colours[c].at(x as f32, y as f32).unwrap_or(0.0));
-            if codes.iter().all(|code| *code > CODES.0 && *code < CODES.1) {
-                for c in 0..3 {
-                    ratios[c].push(self.light(codes[c]) - point.light[c]);
-                }
-                light.push(point.light[1]);
-                codes_of.push([0, 1, 2].map(|c| 0.5 * (codes[c] + point.codes[c])));
+            let is_sound = codes.iter().all(|code| *code > CODES.0 && *code < CODES.1);
+            is_sound.then(|| (point.spot, self.spot([x as f32 / w as f32, y as f32 / h as f32], codes)))
+        };
+        from.points.iter().filter_map(pair).collect()
+    }
+
+    fn compared(&self, from: &Seen, to: &Seen) -> Comparison {
+        let mut places = by_landmarks(from, to);
+        if places.len() < LEAST_LANDMARKS {
+            places = self.by_depth(from, to);
+            if places.len() < LEAST_POINTS {
+                return Err(Unknown::Few);
             }
         }
-        let points = ratios[0].len();
-        if points < LEAST_POINTS {
-            return Err(Unknown::Few);
-        }
+        let ratios: Vec<[f64; 3]> =
+            places.iter().map(|(from, to)| [0, 1, 2].map(|c| to.light[c] - from.light[c])).collect();
         let gap = from.index.abs_diff(to.index) as f64;
-        let most = MATCHED.1.max(MATCHED.0 * scatter(&mut light).1);
+        let mut green: Vec<f64> = places.iter().map(|(from, _)| from.light[1]).collect();
+        let most = MATCHED.1.max(MATCHED.0 * scatter(&mut green).1);
         let (mut ratio, mut sigma) = ([0.0; 3], [0.0; 3]);
-        // The median is sought by moving values about.
-        let of_points: Vec<[f64; 3]> = (0..points).map(|n| [0, 1, 2].map(|c| ratios[c][n])).collect();
         for c in 0..3 {
-            let (middle, spread) = scatter(&mut ratios[c]);
+            let (middle, spread) = scatter(&mut ratios.iter().map(|of| of[c]).collect::<Vec<_>>());
             if spread > most {
                 return Err(Unknown::Unlike);
             }
             ratio[c] = middle;
-            sigma[c] = (0.003f64.powi(2) + 20.0 * spread * spread / points as f64 + (0.0005 * gap).powi(2)).sqrt();
+            sigma[c] =
+                (0.003f64.powi(2) + 20.0 * spread * spread / places.len() as f64 + (0.0005 * gap).powi(2)).sqrt();
         }
-        let toned = tone::of_pair(to.index, codes_of.into_iter().zip(of_points), ratio);
-        Ok((Pair { from: from.index, to: to.index, ratio, sigma }, toned))
+        let mean = |of: &[f64; 3]| of.iter().sum::<f64>() / 3.0;
+        let is_asked = |gap: usize| across::GAPS.contains(&gap) || across::HELD_OUT.contains(&gap);
+        let across = is_asked(to.index - from.index).then(|| {
+            let point = |((from, to), of): (&(Spot, Spot), &[f64; 3])| across::Point {
+                from: from.at,
+                to: to.at,
+                ratio: mean(of),
+            };
+            let points: Vec<_> = places.iter().zip(&ratios).map(point).collect();
+            across::of_pair(from.index, to.index, &points, mean(&ratio))
+        });
+        let codes = places.iter().map(|(from, to)| [0, 1, 2].map(|c| 0.5 * (from.codes[c] + to.codes[c])));
+        let toned = tone::of_pair(to.index, codes.zip(ratios.iter().copied()), ratio);
+        Ok((Pair { from: from.index, to: to.index, ratio, sigma }, toned, across))
     }
+}
+
+/// Places that were recognised in both frames.
+fn by_landmarks(from: &Seen, to: &Seen) -> Vec<(Spot, Spot)> {
+    let (mut places, mut others) = (Vec::new(), to.landmarks.iter().peekable());
+    for (number, spot) in &from.landmarks {
+        while others.next_if(|(other, _)| other < number).is_some() {}
+        if let Some((_, other)) = others.peek().filter(|(other, _)| other == number) {
+            places.push((*spot, *other));
+        }
+    }
+    places
 }
 
 /// ln of each frame's gain: 0 is the recording's median, for each colour. `None` where a frame took part in no pair.

@@ -23,6 +23,10 @@ pub fn fingerprint(recording: &Recording) -> String {
         let (q, p) = (pose.rotation, pose.translation_m);
         [*time_s, q.x, q.y, q.z, q.w, p.x, p.y, p.z].into_iter().for_each(|v| number(v.to_bits(), &mut hash));
     }
+    for landmark in (0..recording.frame_count()).flat_map(|frame| recording.landmarks(frame)) {
+        number(landmark.number, &mut hash);
+        landmark.at_px.into_iter().for_each(|px| number(px.to_bits().into(), &mut hash));
+    }
     let mut files: Vec<&Path> = recording.pictures().collect();
     files.sort_unstable();
     files.dedup();

@@ -5,6 +5,7 @@
 //! follows direct visual odometry (Engel 2018) and pose graphs; each file gives its formulas.
 
 mod accept;
+mod across;
 mod align;
 mod artefact;
 mod blurred;
@@ -71,6 +72,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera::Geometry;
 use crate::recording::Recording;
+use across::OfPair;
 use depths::Depths;
 use eye::Eye;
 use findings::Gained;
@@ -132,6 +134,10 @@ pub fn analyse(
         is_followed: recorded > STEADY && left < EXPLAINED * recorded,
     });
     let gains_of = if told_of.as_ref().is_some_and(|gain| gain.is_followed) { found } else { Vec::new() };
+    let across = match gains_of.is_empty() {
+        true => None,
+        false => times.of(times::GAIN, || across::solve(&compared.across, frames)),
+    };
     let tells_motion = !recorded_way::are_far_apart(recording) || recorded_way::moves_as_recorded(recording);
     let exposed = match (is_placed, recording.kind.has_times()) {
         (true, true) if !tells_motion => Err(format!(
@@ -175,7 +181,7 @@ pub fn analyse(
         false => "where the camera was is not known".to_owned(),
     };
     let told_of = told_of.ok_or(no_gain);
-    let found = artefact::Found { gain: told_of, gains: &gains_of, exposed, spread, tone, light };
+    let found = artefact::Found { gain: told_of, gains: &gains_of, across, exposed, spread, tone, light };
     Ok((Analysis::new(recording, camera, &registration, found), times))
 }
 
@@ -191,6 +197,7 @@ struct Compared {
     pairs: Vec<Pair>,
     said: Said,
     toned: Vec<Toned>,
+    across: Vec<OfPair>,
     tried: gain::Tried,
 }
 
@@ -215,13 +222,19 @@ fn compared(
         told(frame.index)?;
         if let Some(state) = states[frame.index] {
             let depth = times.of(times::DEPTHS, || depths.of(eye, &frame, &state))?;
-            times.of(times::GAIN, || gains.add(&frame, state, &depth));
+            times.of(times::GAIN, || gains.add(&frame, state, &depth, recording.landmarks(frame.index)));
             if recording.kind.has_times() {
                 times.of(times::EXPOSURE, || shutter.add(&frame, state, &depth));
             }
         }
     }
-    Ok(Compared { pairs: gains.pairs, said: shutter.said(), toned: gains.toned, tried: gains.tried })
+    Ok(Compared {
+        pairs: gains.pairs,
+        said: shutter.said(),
+        toned: gains.toned,
+        across: gains.across,
+        tried: gains.tried,
+    })
 }
 
 /// Of green, the brightest frame by the darkest, stops.

@@ -10,15 +10,16 @@
 //!
 //! Where the footage was analysed, `follow` takes the layer's light times what the frame itself shows to be brighter than the
 //! recording's usual one, for each colour: exposure, gain and white balance that the camera changed by itself. What was measured
-//! then overrides what was recorded: `reference_s` counts from the usual frame's recorded exposure.
+//! then overrides what was recorded: `reference_s` counts from the usual frame's recorded exposure. Parts of a picture that are
+//! brighter than that ([`Across`]) make the layer brighter there: 2^stops, linear between nodes.
 //!
 //! Not modelled: the effect of exposure on noise (noise.rs uses the resulting code value) and on blur (its length is
 //! the camera's exposure time already).
 
 use super::{Case, Effect, LayerRun, Moment, curve_choice};
-use crate::camera::Response;
 use crate::camera::exposure::{additive, photographic_gain};
-use crate::frame::FrameExposure;
+use crate::camera::{Intrinsics, Response};
+use crate::frame::{Across, FrameExposure, NODES};
 use crate::gpu::{Entry, Shader};
 use crate::params::Value;
 use crate::render::{COLOR, Layer};
@@ -43,7 +44,16 @@ crate::params! {
 }
 
 crate::uniform! {
-    struct Uniform { gain: f32, step: f32, picture: f32, gamma: f32, factors: [f32; 4] }
+    struct Uniform {
+        gain: f32,
+        step: f32,
+        picture: f32,
+        gamma: f32,
+        factors: [f32; 4],
+        share: [f32; 2],
+        share_at_0: [f32; 2],
+        across: [[f32; 4]; NODES / 4],
+    }
 }
 
 /// How much light a frame's recording gathered from the same scene, in seconds at f/1, ISO 100 and gain 1. An unknown
@@ -68,11 +78,33 @@ impl Exposure {
     pub fn factors(&self, recorded: &FrameExposure) -> [f64; 3] {
         recorded.seen.filter(|_| self.follow).map_or([1.0; 3], |seen| seen.factors)
     }
+
+    fn across(&self, recorded: &FrameExposure) -> Across {
+        recorded.seen.filter(|_| self.follow).map_or(Across::default(), |seen| seen.across)
+    }
 }
 
 /// The additional stops by which the whole picture is exposed, real and virtual.
 fn of_picture_ev(moment: &Moment<'_>) -> f64 {
     moment.capture.over_ev.clamp(-30.0, 30.0)
+}
+
+/// Where a pixel of the layer is in the recorded picture, in shares of its width and height: by how much they grow from pixel to
+/// pixel, and what they are where the layer begins. What a photograph's lens sees otherwise than the recording's bends no more
+/// than its principal point and focal length say.
+fn shares(moment: &Moment<'_>, begins_px: [i32; 2]) -> ([f32; 2], [f32; 2]) {
+    let [made, recorded] = [moment.picture, moment.capture.recorded].map(|geometry| &geometry.intrinsics);
+    let axis = |i: usize| {
+        let of = |i: usize, g: &Intrinsics| match i {
+            0 => (g.fx_px, g.cx_px, f64::from(g.width_px)),
+            _ => (g.fy_px, g.cy_px, f64::from(g.height_px)),
+        };
+        let ((f, c, _), (f_recorded, c_recorded, size)) = (of(i, made), of(i, recorded));
+        let scale = f_recorded / f / size;
+        (scale as f32, (c_recorded / size + (f64::from(begins_px[i]) - c) * scale) as f32)
+    };
+    let (x, y) = (axis(0), axis(1));
+    ([x.0, y.0], [x.1, y.1])
 }
 
 impl Effect for Exposure {
@@ -86,6 +118,7 @@ impl Effect for Exposure {
         self.over_ev(&moment.recorded) == 0.0
             && of_picture_ev(moment) == 0.0
             && self.factors(&moment.recorded) == [1.0; 3]
+            && self.across(&moment.recorded).is_none()
     }
     fn cases(&self) -> Vec<Case> {
         let over = ("ev", Value::Number(1.0));
@@ -99,12 +132,17 @@ impl Effect for Exposure {
             Method::Additive => Entry::from("additive").choose("curve", curve_choice(&run.moment.camera.response)),
         };
         let [red, green, blue] = self.factors(&run.moment.recorded).map(|factor| factor as f32);
+        let (share, share_at_0) = shares(run.moment, [run.drawn.x0, run.drawn.y0]);
+        let across = self.across(&run.moment.recorded).0;
         let uniform = Uniform {
             gain: photographic_gain(over_ev) as f32,
             step: (0.2 * over_ev) as f32,
             picture: photographic_gain(of_picture_ev(run.moment)) as f32,
             gamma: run.moment.camera.response.gamma as f32,
             factors: [red, green, blue, 1.0],
+            share,
+            share_at_0,
+            across: std::array::from_fn(|n| std::array::from_fn(|i| across[4 * n + i])),
         };
         let pass = run.recorder.pass(Shader::Exposure, entry).uniform("exposure", &uniform);
         let [color] = pass.texture("layer", &layer.color).draw([COLOR], layer.size);
@@ -150,7 +188,11 @@ mod tests {
         let params = Exposure { ev: -0.5, ..params };
         assert_eq!(params.over_ev(&of(Some(0.04), None)), 1.5);
         // Measured: the frame is half as bright as usual, whatever was recorded of it; the usual one was exposed for 20 ms.
-        let seen = Some(crate::frame::SeenBrightness { factors: [0.5, 0.5, 0.4], usual_s: Some(0.02) });
+        let seen = Some(crate::frame::SeenBrightness {
+            factors: [0.5, 0.5, 0.4],
+            usual_s: Some(0.02),
+            across: Across::default(),
+        });
         let measured = FrameExposure { seen, ..of(Some(0.08), None) };
         let params = Exposure { reference_s: Some(0.01), ..Default::default() };
         assert_eq!((params.over_ev(&measured), params.factors(&measured)), (1.0, [0.5, 0.5, 0.4]));

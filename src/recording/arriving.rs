@@ -38,6 +38,7 @@ impl Recording {
             warnings: Vec::new(),
             described_by: Vec::new(),
             geometries: Arc::default(),
+            landmarks: Arc::default(),
             has_frame_cameras: true,
             given_cameras: None,
             pictures: Arc::new(Pictures::Stills(Vec::new())),

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use glam::{DQuat, DVec3};
 
 use super::parts::{Format, NOMINAL_FPS, Parts, Pictures, folder_of, geometry_from, track_from};
-use super::{OpenOptions, RecordingError, listing};
+use super::{Landmark, OpenOptions, RecordingError, listing};
 use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
 use crate::tracking::text::{self, TextError};
@@ -45,6 +45,7 @@ struct Image {
     name: String,
     camera: u32,
     camera_from_world: Pose,
+    landmarks: Vec<Landmark>,
     line: usize,
 }
 
@@ -60,12 +61,13 @@ fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, Recor
     let registered: BTreeMap<&str, &Image> = images.iter().map(|image| (image.name.as_str(), image)).collect();
     let names = frame_names(&folder, &registered)?;
 
-    let (mut poses, mut geometries) = (Vec::new(), Vec::new());
+    let (mut poses, mut geometries, mut landmarks) = (Vec::new(), Vec::new(), Vec::new());
     let mut timestamps_s = Vec::new();
     for (i, name) in names.iter().enumerate() {
         timestamps_s.push(i as f64 / NOMINAL_FPS);
         let Some(image) = registered.get(name.as_str()) else {
             geometries.push(None);
+            landmarks.push(Vec::new());
             continue;
         };
         let camera = cameras.get(&image.camera).ok_or_else(|| {
@@ -74,12 +76,14 @@ fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, Recor
         })?;
         poses.push((i as f64 / NOMINAL_FPS, image.camera_from_world));
         geometries.push(Some(camera.clone()));
+        landmarks.push(image.landmarks.clone());
     }
     let files = names.iter().map(|name| folder.join(name)).collect();
     let mut parts = Parts::new(path, Pictures::Stills(files), timestamps_s);
     // An image that was not registered has no pose: its neighbours do not determine it.
     parts.track = track_from(poses, options.max_gap_s.or(Some(1.5 / NOMINAL_FPS)), &images_file)?;
     parts.geometries = geometries;
+    parts.landmarks = landmarks;
     parts.described_by = vec![cameras_file, images_file];
     parts
         .warnings
@@ -154,13 +158,12 @@ fn parse_images(text: &str, file: &Path, metres_per_unit: f64) -> Result<(Vec<Im
             return Err(refuse(format!("the image {} stands twice", quoted(&image.name))));
         }
         odd.note(norm_error, format!("line {line}"));
-        images.push(image);
-        if let Some((line, points)) = lines.next()
-            && points.split_whitespace().count() % 3 != 0
-        {
+        let (line, points) = lines.next().unwrap_or_default();
+        let landmarks = landmarks(points).ok_or_else(|| {
             let problem = "the line after an image's pose must list its points (X Y POINT3D_ID each), or be blank";
-            return Err(TextError::line(file, line, problem));
-        }
+            TextError::line(file, line, problem)
+        })?;
+        images.push(Image { landmarks, ..image });
     }
     let warning = odd.warning(file, images.len());
     Ok((images, warning))
@@ -178,7 +181,21 @@ fn parse_image(record: &str, line: usize, metres_per_unit: f64) -> Result<(Image
     let camera = whole(&mut rest, "CAMERA_ID")?;
     let name = listing::file_name(rest, "NAME is missing")?;
     let camera_from_world = Pose::new(rotation, DVec3::new(tx, ty, tz) * metres_per_unit);
-    Ok((Image { name, camera, camera_from_world, line }, norm_error))
+    Ok((Image { name, camera, camera_from_world, landmarks: Vec::new(), line }, norm_error))
+}
+
+/// Points of the model that an image shows. Those that belong to none have the number −1.
+fn landmarks(points: &str) -> Option<Vec<Landmark>> {
+    let mut words = points.split_whitespace();
+    let mut landmarks = Vec::new();
+    while let Some(x) = words.next() {
+        let (y, number) = (words.next()?, words.next()?);
+        // What is no place is left out.
+        if let (Ok(x), Ok(y), Ok(number)) = (x.parse(), y.parse(), number.parse()) {
+            landmarks.push(Landmark { number, at_px: [x, y] });
+        }
+    }
+    Some(landmarks)
 }
 
 fn whole(rest: &mut &str, name: &str) -> Result<u32, String> {
@@ -291,6 +308,11 @@ mod tests {
         let text = "# c\n7 0.70710678 0 0 0.70710678 1 2 3 1 a b.png\n\n8 1 0 0 0 0 0 0 1 c.png\n1 2 -1 3 4 5\n";
         let read = images(text, 0.5).unwrap();
         assert_eq!((read.len(), read[0].name.as_str(), read[1].name.as_str()), (2, "a b.png", "c.png"));
+        // Of two points of the second image the first is none of the model's.
+        assert_eq!(
+            (read[0].landmarks.len(), &read[1].landmarks[..]),
+            (0, &[Landmark { number: 5, at_px: [3.0, 4.0] }][..])
+        );
         let p = read[0].camera_from_world.transform_point(DVec3::new(1.0, 0.0, 0.0));
         assert!((p - DVec3::new(0.5, 2.0, 1.5)).length() < 1e-7, "{p}");
     }

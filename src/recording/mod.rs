@@ -123,6 +123,7 @@ pub struct Recording {
     pub warnings: Vec<String>,
     described_by: Vec<PathBuf>,
     geometries: Arc<[Option<Geometry>]>,
+    landmarks: Arc<[Vec<Landmark>]>,
     /// See [`Recording::frames_say_cameras`].
     has_frame_cameras: bool,
     /// See [`Recording::set_cameras`].
@@ -131,6 +132,15 @@ pub struct Recording {
     depth: Option<Arc<Depth>>,
     /// Added to the depth maps' times, seconds.
     depth_later_s: f64,
+}
+
+/// A place of the room that was recognised in a frame, as structure from motion does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Landmark {
+    /// The same in all frames that show it.
+    pub number: u64,
+    /// In the frame, px.
+    pub at_px: [f32; 2],
 }
 
 /// What pictures say of a recording beyond what was recorded.
@@ -234,6 +244,11 @@ impl Recording {
         let (first, why) = missing.next()?;
         let (number, count) = (1 + missing.count(), range.len());
         Some(format!("no pose for {number} of {count} frames (frame {first}: {why}): passed through untouched"))
+    }
+
+    /// What was recognised in a frame; nothing where the format keeps no such places.
+    pub fn landmarks(&self, index: usize) -> &[Landmark] {
+        self.landmarks.get(index).map_or(&[], Vec::as_slice)
     }
 
     /// The camera of a frame, even if frames differ; `None` if the format does not know it.

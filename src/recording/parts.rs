@@ -8,7 +8,7 @@ use glam::DVec3;
 
 use super::depth::{Depth, DepthFiles};
 use super::frame_camera::FrameCamera;
-use super::{OpenOptions, Recording, RecordingError, listing};
+use super::{Landmark, OpenOptions, Recording, RecordingError, listing};
 use crate::camera::{Distortion, Geometry, Intrinsics, LensModel};
 use crate::frame::{FrameExposure, FrameLens, PhotoSettings};
 use crate::params::{ParamError, Params, Value};
@@ -104,6 +104,8 @@ pub struct Parts {
     pub geometries: Vec<Option<Geometry>>,
     /// Ascending in time, where frames say their cameras and lenses.
     pub cameras: Option<Vec<(f64, FrameCamera)>>,
+    /// One list per frame, or empty.
+    pub landmarks: Vec<Vec<Landmark>>,
     pub depth: Option<DepthFiles>,
     /// Ascending in time.
     pub exposure: Vec<(f64, FrameExposure)>,
@@ -131,6 +133,7 @@ impl Parts {
             time_offset_s: 0.0,
             geometries: Vec::new(),
             cameras: None,
+            landmarks: Vec::new(),
             depth: None,
             exposure: Vec::new(),
             camera_profile: None,
@@ -225,6 +228,7 @@ impl Parts {
             time_offset_s: self.time_offset_s + options.time_offset_s,
             geometries: if geometry.is_some() { Arc::default() } else { self.geometries.into() },
             geometry,
+            landmarks: self.landmarks.into(),
             has_frame_cameras: of_frames.is_some(),
             given_cameras: None,
             camera_profile: self.camera_profile,

@@ -127,8 +127,7 @@ impl Parts {
         }
         retain(&mut self.timestamps_s, kept);
         retain(&mut self.presence, kept);
-        if !self.geometries.is_empty() {
-            retain(&mut self.geometries, kept);
-        }
+        retain(&mut self.geometries, kept);
+        retain(&mut self.landmarks, kept);
     }
 }

@@ -35,6 +35,7 @@ pub fn estimates(findings: &Findings, given_readout_s: f64) -> Vec<Estimate> {
         .into_iter()
         .chain([
             gain(findings),
+            across(findings),
             exposure(findings),
             sharpness(findings),
             tone(findings),
@@ -150,6 +151,20 @@ fn gain(findings: &Findings) -> Estimate {
     }
 }
 
+fn across(findings: &Findings) -> Estimate {
+    let name = "light across the picture";
+    match &findings.across {
+        Some(across) if across.is_followed => {
+            let value = format!("up to {} stops", fixed(across.most_ev, 2));
+            estimate(name, Mark::Changed, "followed", value, "")
+        }
+        Some(across) => estimate(name, Mark::Kept, "even", String::new(), across.to_string()),
+        None => {
+            estimate(name, Mark::Refused, "unknown", String::new(), "frames are equally bright, or cannot be compared")
+        }
+    }
+}
+
 fn exposure(findings: &Findings) -> Estimate {
     let refused = |why: &str| estimate("exposure", Mark::Refused, "refused", String::new(), why);
     let Some(shutter) = &findings.shutter else { return refused("it was not looked for") };
@@ -236,6 +251,7 @@ mod tests {
                 "readout found 26.7 ± 0.2 ms",
                 "depth's clock found 24.3 ± 4.4 ms late",
                 "light followed 1.25 stops",
+                "light across the picture unknown ",
                 "exposure found 19.41 ± 0.42 ms",
                 "sharpness found 0.44 px (0.43 to 0.45)",
                 "response unknown ",

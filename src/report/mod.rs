@@ -23,7 +23,12 @@ pub use source::{MADE_BY, ReportError, Source};
 /// The page. The same analysis and recording give the same bytes, but for [`Source::times`].
 pub fn html(source: &Source<'_>) -> Result<String, ReportError> {
     let mut figures = vec![plots::correction(source)?, plots::links(source)?, plots::slide(source)?];
-    figures.extend([edges::edges(source)?, strips::point(source)?, plots::gain(source)?, strips::brightness(source)?]);
-    figures.extend([plots::exposure(source)?, plots::sharpness(source)?, plots::tone(source)?]);
+    figures.extend([edges::edges(source)?, strips::point(source)?, plots::gain(source)?, plots::across(source)?]);
+    figures.extend([
+        strips::brightness(source)?,
+        plots::exposure(source)?,
+        plots::sharpness(source)?,
+        plots::tone(source)?,
+    ]);
     page::page(source, figures)
 }

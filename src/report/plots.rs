@@ -283,3 +283,43 @@ pub fn exposure(source: &Source<'_>) -> Result<Figure, ReportError> {
         body: Body::Plots { plots: vec![chart.svg()?] },
     })
 }
+
+pub fn across(source: &Source<'_>) -> Result<Figure, ReportError> {
+    let title = "How parts of a picture differ";
+    let parts = &source.analysis.across;
+    if parts.is_empty() {
+        let fitted = &source.analysis.findings.across;
+        let why = fitted.map_or("frames are equally bright, or cannot be compared".to_owned(), |f| f.to_string());
+        return Ok(Figure::left_out(title, why));
+    }
+    let of = |at: [f32; 2]| Shape::Line(parts.iter().enumerate().map(|(n, a)| (n as f64, a.at(at).into())).collect());
+    let chart = Chart {
+        across: Across::Frames(parts.len()),
+        y: "stops".to_owned(),
+        names_across: true,
+        is_logarithmic: false,
+        from_zero: false,
+        height: TALL,
+        shapes: vec![
+            (Ink::Recorded, of([0.5, 0.5])),
+            (Ink::Red, of([0.5, 0.0])),
+            (Ink::Green, of([0.0, 0.5])),
+            (Ink::Blue, of([1.0, 0.5])),
+            (Ink::Found, of([0.5, 1.0])),
+        ],
+    };
+    Ok(Figure {
+        title,
+        caption: "By how much the same surfaces are brighter in a part of the picture than the frame's gain says: a camera's tone \
+                  mapping, its lens's corners, a response that is another. What is drawn there follows it."
+            .to_owned(),
+        legend: vec![
+            (Ink::Recorded, "middle"),
+            (Ink::Red, "above"),
+            (Ink::Green, "left"),
+            (Ink::Blue, "right"),
+            (Ink::Found, "below"),
+        ],
+        body: Body::Plots { plots: vec![chart.svg()?] },
+    })
+}

@@ -26,6 +26,7 @@ crate::params! {
         "how far automatic exposure jumps, at most" exposure_step_ev: f64 = 0.0, "EV", 0.0..=5.0;
         "how often it jumps" exposure_steps_per_s: f64 = 2.0, "1/s", 0.01..=100.0;
         "share by which automatic white balance makes red and blue brighter or darker than green, at most" white_balance_share: f64 = 0.0, "1", 0.0..=0.5;
+        "share of the contrast between parts of a picture that the camera takes away, as phones do" local_tone_share: f64 = 0.0, "1", 0.0..=1.0;
         "how far each pose is off by itself, root mean square" jitter_mm: f64 = 0.0, "mm", 0.0..=1000.0;
         "how far each pose is turned by itself, root mean square" jitter_deg: f64 = 0.0, "deg", 0.0..=90.0;
         "how far poses drift, smoothly, at most" drift_mm: f64 = 0.0, "mm", 0.0..=1000.0;
@@ -47,9 +48,12 @@ impl Flaws {
         Self { seed: 0, ..self.clone() } != Self { seed: 0, ..Self::default() }
     }
 
-    /// Whether the camera changes its exposure or white balance.
+    /// Whether the camera changes its exposure, white balance or tone.
     pub fn is_automatic(&self) -> bool {
-        self.exposure_walk_ev > 0.0 || self.exposure_step_ev > 0.0 || self.white_balance_share > 0.0
+        self.exposure_walk_ev > 0.0
+            || self.exposure_step_ev > 0.0
+            || self.white_balance_share > 0.0
+            || self.local_tone_share > 0.0
     }
 
     /// Factors on the light at a time: red, green, blue. The exposure's are powers of two, as stops are. Green is what white

@@ -14,6 +14,7 @@ mod evidence;
 mod finish;
 mod flaws;
 mod lamps;
+mod local_tone;
 mod mistracked;
 mod output;
 mod path;

@@ -20,6 +20,7 @@ use crate::tracking::PoseTrack;
 
 use super::depth::DepthSensor;
 use super::encoded::{self, depth_png, encoding, extension};
+use super::local_tone::toned;
 use super::output::{Output, writing};
 use super::stray::{self, Scan};
 use super::survey::noise_through_file;
@@ -89,7 +90,7 @@ fn fill(
     let mut surveyed = Vec::new();
     let (mut codes, mut most_blur_px) = (Vec::new(), 0.0);
     for frame in 0..frames {
-        let picture = simulation.picture(frame);
+        let picture = toned(simulation.picture(frame), flaws.local_tone_share);
         let clean = simulation.sensor.clean_balanced(&picture, simulation.gains(frame));
         if flaws.picture_of(frame) == frame {
             codes = simulation.sensor.sense(&clean, picture.width as usize, frame as u64, simulation.threads);

@@ -9,7 +9,7 @@ use glam::{DAffine3, DVec2};
 
 use crate::camera::{Curve, Response};
 use crate::depth::seen_at_frame;
-use crate::frame::Frame;
+use crate::frame::{Across, Frame};
 use crate::scene::{Material, Mesh, Object, Part, Scene, Texture, TextureUse, Vertex, Wrap};
 use crate::shot::Shot;
 
@@ -30,6 +30,10 @@ pub fn twin(shot: &Shot, frame: &Frame) -> Option<Scene> {
     let (columns, rows) = (width.div_ceil(STEP), height.div_ceil(STEP));
     let mut vertices = Vec::with_capacity((columns * rows) as usize);
     let mut depths = Vec::with_capacity(vertices.capacity());
+    // What the frame shows, without what makes it, or parts of it, brighter than others.
+    let seen = frame.exposure.seen;
+    let [red, green, blue] = seen.map_or([1.0; 3], |seen| seen.factors.map(|factor| 1.0 / factor as f32));
+    let across = seen.map_or(Across::default(), |seen| seen.across);
     for y in (0..height).step_by(STEP as usize) {
         let row_px = f64::from(y) + 0.5;
         let pose = recording.track.at(time_s + recording.time_offset_s + geometry.row_time_s(row_px)).ok()?;
@@ -39,13 +43,15 @@ pub fn twin(shot: &Shot, frame: &Frame) -> Option<Scene> {
             let ray = geometry.depth_ray(at).filter(|_| z > NEAREST_M);
             let position = ray.map(|ray| pose.inverse_transform_point(f64::from(z) * ray));
             depths.push(if position.is_some() { z } else { 0.0 });
+            let uv0 = [(at.x / f64::from(width)) as f32, (at.y / f64::from(height)) as f32];
+            let usual = (-across.at(uv0)).exp2();
             vertices.push(Vertex {
                 position: position.unwrap_or_default().as_vec3().to_array(),
                 normal: [0.0, 0.0, 1.0],
                 tangent: [0.0; 4],
-                uv0: [(at.x / f64::from(width)) as f32, (at.y / f64::from(height)) as f32],
+                uv0,
                 uv1: [0.0; 2],
-                color: [1.0; 4],
+                color: [usual, usual, usual, 1.0],
             });
         }
     }
@@ -59,12 +65,10 @@ pub fn twin(shot: &Shot, frame: &Frame) -> Option<Scene> {
             indices.extend([a, c, b, b, c, d]);
         }
     }
-    // What the frame shows, without what makes it brighter than others.
-    let [red, green, blue] = frame.exposure.seen.map_or([1.0; 3], |seen| seen.factors.map(|factor| 1.0 / factor));
     let used = TextureUse { texture: 0, uv_set: 0, transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] };
     let material = Material {
         name: "picture".to_owned(),
-        base_color: [red as f32, green as f32, blue as f32, 1.0],
+        base_color: [red, green, blue, 1.0],
         double_sided: true,
         unlit: true,
         base_color_texture: Some(used),

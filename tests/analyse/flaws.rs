@@ -110,6 +110,23 @@ fn gain_follows_a_camera_that_changes_its_exposure_and_its_white_balance() {
 }
 
 #[test]
+fn tone_that_differs_across_the_picture_is_followed_and_otherwise_nothing_is() {
+    let walk = Flaws { exposure_walk_ev: 0.3, seed: 37, ..Flaws::default() };
+    let of = |share: f64| {
+        let folder = made(&small(36), &Flaws { local_tone_share: share, ..walk.clone() });
+        let found = analysed(&opened(&folder), 2);
+        println!("{}", found.findings);
+        found
+    };
+    let (even, toned) = (of(0.0), of(0.6));
+    let fitted = [&even, &toned].map(|found| found.findings.across.unwrap());
+    assert!(!fitted[0].is_followed && even.across.is_empty(), "{:?}", fitted[0]);
+    assert!(fitted[1].is_followed && toned.across.len() == 36, "{:?}", fitted[1]);
+    // What is left is the floor's gloss: as much as without.
+    assert!(fitted[1].left < 1.5 * fitted[0].left && fitted[1].recorded > 1.8 * fitted[0].recorded, "{fitted:?}");
+}
+
+#[test]
 fn a_clock_is_found_to_half_a_millisecond_where_nothing_drifts() {
     let folder = demo(40, &Flaws { poses_later_s: 0.015, ..Flaws::default() });
     let shot = opened(&folder);

@@ -306,6 +306,47 @@ fn a_kinects_poses_are_refined_and_its_gain_is_followed() {
     assert!(light.why.is_none() && light.lamps.is_empty() && light.no_lamp.is_some(), "{light:?}");
 }
 
+/// Photographs of a door from far apart places, which no plane sweep matches.
+#[test]
+fn a_models_landmarks_tell_how_bright_photographs_are() {
+    let Some(folder) = common::data("lund-door-dslr") else { return };
+    let found = |folder: &Path| {
+        let shot = Shot::open(folder, &OpenOptions::default(), &Given::default()).unwrap();
+        let found = analysed(&shot, 2);
+        println!("{}", found.findings);
+        found
+    };
+    // f/4.8, 1/125 s, ISO 400 in all of them.
+    let gain = found(&folder).findings.gain.unwrap();
+    assert!(gain.recorded < 0.1, "{gain:?}");
+    // One in three has half of the light.
+    let temp = tempfile::tempdir().unwrap();
+    std::fs::create_dir(temp.path().join("images")).unwrap();
+    for file in ["cameras.txt", "images.txt"] {
+        std::fs::copy(folder.join("colmap").join(file), temp.path().join(file)).unwrap();
+    }
+    let response = Camera::default().response;
+    let half: Vec<u8> = (0..=255u8)
+        .map(|code| (255.0 * response.encode(0.5 * response.decode(f64::from(code) / 255.0))).round() as u8)
+        .collect();
+    let is_darker = |n: usize| n % 3 == 1;
+    for n in 0..12 {
+        let name = format!("images/DSC_{:04}.JPG", n + 1);
+        let mut picture = image::open(folder.join(&name)).unwrap().to_rgb8();
+        if is_darker(n) {
+            picture.iter_mut().for_each(|code| *code = half[usize::from(*code)]);
+        }
+        let file = std::fs::File::create(temp.path().join(&name)).unwrap();
+        image::codecs::jpeg::JpegEncoder::new_with_quality(file, 95).encode_image(&picture).unwrap();
+    }
+    let found = found(temp.path());
+    assert!(found.findings.gain.as_ref().unwrap().is_followed, "{}", found.findings);
+    for (n, gains) in found.gains.iter().enumerate() {
+        let wanted = if is_darker(n) { 0.5f64 } else { 1.0 };
+        assert!((gains[1] / wanted).ln().abs() < 0.06, "{n}: {gains:?}");
+    }
+}
+
 #[test]
 fn sharpness_follows_the_footage_where_nobody_says_it() {
     let folder = demo(3, &Flaws::default());
@@ -382,7 +423,7 @@ fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
     // Half-written, and of another version.
     let toml = analysis.join("analysis.toml");
     let text = std::fs::read_to_string(&toml).unwrap();
-    std::fs::write(&toml, text.replace("version = 5", "version = 7")).unwrap();
+    std::fs::write(&toml, text.replace("version = 6", "version = 7")).unwrap();
     assert!(composite("f", &[]).1.contains("version 7; this program makes and reads version 5"));
     std::fs::write(&toml, &text[..text.len() / 2]).unwrap();
     assert!(composite("g", &[]).1.contains("is not used"));

@@ -7,7 +7,7 @@ use locard::camera::grain::{self, GrainRatios};
 use locard::camera::{Camera, Capture, Curve, Geometry, NoiseBin, NoiseProfile, Response};
 use locard::compositor::{Composited, Compositor, Job, Settings, Target};
 use locard::effects::{Moment, edge_blend, motion_blur, noise};
-use locard::frame::{FrameExposure, PhotoSettings};
+use locard::frame::{Across, FrameExposure, PhotoSettings, SeenBrightness};
 use locard::measure::edge::box_blur;
 use locard::params::Value;
 use locard::scene::Scene;
@@ -56,6 +56,38 @@ fn exposure_is_the_sum_over_the_open_shutter() {
         let sum: f64 = row.iter().map(|p| f64::from(p[0])).sum();
         assert!((sum - 96.0).abs() < 0.5, "{method}: {sum}");
     }
+}
+
+#[test]
+fn light_follows_the_footage_across_the_picture() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let track = sideways([0.0, 0.0]);
+    let drawn = |seen: Option<SeenBrightness>, sets: &[(&str, &str, Value)]| {
+        let mut frame = gpu::frame(0, 0.0, gpu::grey(320, 240, 0));
+        frame.exposure.seen = seen;
+        let camera = gpu::camera(&geometry, 0.0);
+        gpu::composite(&gpu::gpu(), &camera, gpu::settings(sets), board([120.0, 90.0], 0.4), &track, frame)
+            .layer
+            .unwrap()
+    };
+    // Another number at each node, up to 0.6 stops.
+    let across = Across(std::array::from_fn(|n| ((7 * n) % 20) as f32 * 0.06 - 0.6));
+    let seen = SeenBrightness { factors: [1.0, 0.5, 2.0], usual_s: None, across };
+    let as_lit = drawn(None, &[]);
+    let follows = drawn(Some(seen), &[]);
+    assert_eq!(drawn(Some(seen), &[("exposure", "follow", Value::Bool(false))]).rgba, as_lit.rgba);
+    let mut seen_pixels = 0;
+    for (i, (lit, follows)) in as_lit.rgba.iter().zip(&follows.rgba).enumerate().filter(|(_, (lit, _))| lit[3] == 1.0) {
+        let place = [(i % 320) as f32 + 0.5, (i / 320) as f32 + 0.5];
+        let factor = across.at([place[0] / 320.0, place[1] / 240.0]).exp2();
+        for (c, gain) in [1.0, 0.5, 2.0].into_iter().enumerate() {
+            // Half precision has 11 bits.
+            let wanted = lit[c] * gain * factor;
+            assert!((follows[c] / wanted - 1.0).abs() < 2e-3, "{place:?}: {} for {wanted}", follows[c]);
+        }
+        seen_pixels += 1;
+    }
+    assert!(seen_pixels > 40_000, "{seen_pixels}");
 }
 
 #[test]
