@@ -463,7 +463,7 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     // Physically Based Rendering", section 4.10.2.
     let mirrored = clamp(pow(n_v + open, vec3<f32>(exp2(-16.0 * roughness - 1.0))) - 1.0 + open, vec3<f32>(0.0), vec3<f32>(1.0));
     return sum + (irradiance_over_pi(n) * open + reached.thrown) * sky * matt
-        + radiance(reflect(-towards_eye, n), roughness) * specular * select(vec3<f32>(shadowed), mirrored, has_lightmap);
+        + radiance(reflect(-towards_eye, n), roughness) * specular * mirrored;
 }
 
 // Print on evidence must be legible, even at a slant: four taps at four places each way across the pixel, from finer

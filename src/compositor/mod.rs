@@ -340,7 +340,8 @@ impl Compositor {
             }
             (true, false) => {
                 self.renderer.unwrap(gpu);
-                self.lightmaps.of(self.renderer.scene(), self.renderer.unwrapped(), &charts)
+                let dimmed = self.shadows.dimmed(self.renderer.scene());
+                self.lightmaps.of(self.renderer.scene(), self.renderer.unwrapped(), &charts, &dimmed)
             }
         };
         self.renderer.light_by(gpu, &lightmaps, strength);

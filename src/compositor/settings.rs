@@ -21,7 +21,7 @@ crate::params! {
     /// How things shade the real surface that they stand on, and each other.
     pub struct Shade in "shadow" {
         "things take light from the real surface that they stand on" cast: bool = true;
-        "things take light from each other and from themselves; a scene's first picture waits seconds for it" on_things: bool = false => cast is "true";
+        "things take light from each other and from themselves" on_things: bool = true => cast is "true";
         "how much of a shadow's darkness is drawn; 1 is what the light says" strength: f32 = 1.0, "", 0.0..=2.0 => cast is "true";
     }
 }

@@ -1,10 +1,15 @@
 //! Triangles that rays are asked of: a tree of boxes (Rubin and Whitted 1980), each box with all that is in it in a row, so that a
-//! ray that misses a box skips what follows. Halves have as many triangles each, split by their middles along the longest side.
+//! ray that misses a box skips what follows. A box is split across its longest side where rays meet least afterwards: where the sum of
+//! area · triangles of both parts is least (the surface area heuristic of Goldsmith and Salmon 1987).
+//!
+//! Rays come from one point in bundles of eight, and go through the tree together: what lies in one direction is asked once.
 
 use glam::Vec3;
 
 /// Triangles of a box that is not split.
 const LEAF: usize = 4;
+/// Rays of a bundle.
+pub const RAYS: usize = 8;
 
 /// A box, and what follows it in the row.
 #[derive(Clone, Copy, Debug)]
@@ -32,12 +37,35 @@ pub struct Bvh {
     triangles: Vec<Triangle>,
 }
 
+/// Rays from one point.
+#[derive(Clone, Copy, Debug)]
+pub struct Bundle {
+    /// By axis.
+    towards: [[f32; RAYS]; 3],
+    /// How far each goes, lengths of its direction.
+    farthest: [f32; RAYS],
+}
+
 /// Where a ray meets a triangle first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Lengths of the ray's direction.
     pub along: f32,
     pub triangle: u32,
+}
+
+impl Bundle {
+    /// Of up to [`RAYS`] directions, each with how far it goes, lengths of it; 0: not at all.
+    pub fn new(rays: impl Iterator<Item = (Vec3, f32)>) -> Self {
+        let mut bundle = Self { towards: [[1.0; RAYS]; 3], farthest: [0.0; RAYS] };
+        for (n, (towards, farthest)) in rays.take(RAYS).enumerate() {
+            // What runs along a side is moved by nothing that one sees, so that no 0 is divided by 0.
+            let towards = Vec3::select(towards.abs().cmplt(Vec3::splat(1e-9)), Vec3::splat(1e-9), towards);
+            (0..3).for_each(|axis| bundle.towards[axis][n] = towards[axis]);
+            bundle.farthest[n] = farthest;
+        }
+        bundle
+    }
 }
 
 impl Bvh {
@@ -55,82 +83,171 @@ impl Bvh {
 
     fn split(&mut self, first: usize, count: usize) {
         let own = &mut self.triangles[first..first + count];
-        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        let middle = |t: &Triangle| t.corner + (t.edges[0] + t.edges[1]) / 3.0;
-        let (mut from, mut to) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        for t in own.iter() {
-            for corner in [t.corner, t.corner + t.edges[0], t.corner + t.edges[1]] {
-                (low, high) = (low.min(corner), high.max(corner));
-            }
-            (from, to) = (from.min(middle(t)), to.max(middle(t)));
-        }
+        let whole = Box::of(own);
         let node = self.nodes.len();
-        self.nodes.push(Node { low, high, skip: 0, first: first as u32, count: count as u32 });
+        self.nodes.push(Node {
+            low: whole.low,
+            high: whole.high,
+            skip: 0,
+            first: first as u32,
+            count: if count > LEAF { 0 } else { count as u32 },
+        });
         if count > LEAF {
-            let axis = (to - from).max_position();
-            let half = count / 2;
-            own.select_nth_unstable_by(half, |a, b| {
-                middle(a)[axis].total_cmp(&middle(b)[axis]).then(a.number.cmp(&b.number))
+            let middles = own.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), t| {
+                (low.min(t.middle()), high.max(t.middle()))
             });
-            self.nodes[node].count = 0;
+            let axis = (middles.1 - middles.0).max_position();
+            own.sort_unstable_by(|a, b| a.middle()[axis].total_cmp(&b.middle()[axis]).then(a.number.cmp(&b.number)));
+            let half = cheapest(own);
             self.split(first, half);
             self.split(first + half, count - half);
         }
         self.nodes[node].skip = self.nodes.len() as u32;
     }
 
-    /// The first triangle that a ray meets between two lengths of it.
-    pub fn first(&self, from: Vec3, towards: Vec3, between: std::ops::Range<f32>) -> Option<Hit> {
-        self.meet(from, towards, between, false)
+    /// The first triangle that each ray meets.
+    pub fn first(&self, from: Vec3, rays: &Bundle) -> [Option<Hit>; RAYS] {
+        let mut found = [None; RAYS];
+        self.meet(from, rays.towards, rays.farthest, |n, hit| {
+            found[n] = Some(hit);
+            hit.along
+        });
+        found
     }
 
-    /// Whether a ray meets any between two lengths of it.
-    pub fn any(&self, from: Vec3, towards: Vec3, between: std::ops::Range<f32>) -> bool {
-        self.meet(from, towards, between, true).is_some()
+    /// How many of the rays meet any.
+    pub fn any(&self, from: Vec3, rays: &Bundle) -> [bool; RAYS] {
+        let mut found = [false; RAYS];
+        self.meet(from, rays.towards, rays.farthest, |n, _| {
+            found[n] = true;
+            0.0
+        });
+        found
     }
 
-    fn meet(&self, from: Vec3, towards: Vec3, between: std::ops::Range<f32>, is_enough: bool) -> Option<Hit> {
-        // What runs along a side is moved by nothing that one sees, so that no 0 is divided by 0.
-        let towards = Vec3::select(towards.abs().cmplt(Vec3::splat(1e-9)), Vec3::splat(1e-9), towards);
-        let per = towards.recip();
-        let mut found: Option<Hit> = None;
-        let mut farthest = between.end;
+    /// `met` hears of each triangle that a ray meets nearer than those before, and says how far the ray still goes.
+    fn meet(
+        &self,
+        from: Vec3,
+        towards: [[f32; RAYS]; 3],
+        mut farthest: [f32; RAYS],
+        mut met: impl FnMut(usize, Hit) -> f32,
+    ) {
+        let per = towards.map(|along| along.map(f32::recip));
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
-            let (a, b) = ((node.low - from) * per, (node.high - from) * per);
-            let enters = a.min(b).max_element().max(between.start);
-            let leaves = a.max(b).min_element().min(farthest);
-            if enters > leaves {
+            let (low, high) = ((node.low - from).to_array(), (node.high - from).to_array());
+            let (mut enters, mut leaves) = ([0.0; RAYS], farthest);
+            for axis in 0..3 {
+                for n in 0..RAYS {
+                    let (a, b) = (low[axis] * per[axis][n], high[axis] * per[axis][n]);
+                    enters[n] = larger(enters[n], smaller(a, b));
+                    leaves[n] = smaller(leaves[n], larger(a, b));
+                }
+            }
+            // A ray that goes nowhere any more enters nothing.
+            let meets = (0..RAYS).fold(false, |any, n| any | (enters[n] <= leaves[n] && leaves[n] > 0.0));
+            if !meets {
                 at = node.skip as usize;
                 continue;
             }
             at += 1;
             for triangle in &self.triangles[node.first as usize..(node.first + node.count) as usize] {
-                let Some(along) = triangle.meet(from, towards).filter(|t| *t > between.start && *t < farthest) else {
+                let along = triangle.meet(from, &towards);
+                let is_met = |n: usize| (along[n] > 0.0) & (along[n] < farthest[n]);
+                if !(0..RAYS).fold(false, |any, n| any | is_met(n)) {
                     continue;
-                };
-                (farthest, found) = (along, Some(Hit { along, triangle: triangle.number }));
-                if is_enough {
-                    return found;
+                }
+                for n in 0..RAYS {
+                    if along[n] > 0.0 && along[n] < farthest[n] {
+                        farthest[n] = met(n, Hit { along: along[n], triangle: triangle.number });
+                    }
                 }
             }
+            if farthest.iter().all(|far| *far <= 0.0) {
+                return;
+            }
         }
-        found
+    }
+}
+
+fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// So many of sorted triangles come first that rays meet least.
+fn cheapest(sorted: &[Triangle]) -> usize {
+    let mut behind: Vec<f32> = Vec::with_capacity(sorted.len());
+    let mut rest = Box::of(&[]);
+    for triangle in sorted.iter().rev() {
+        rest.add(triangle);
+        behind.push(rest.area());
+    }
+    let mut before = Box::of(&[]);
+    let mut best = (f32::INFINITY, sorted.len() / 2);
+    for (n, triangle) in sorted.iter().enumerate().take(sorted.len() - 1) {
+        before.add(triangle);
+        let others = sorted.len() - n - 1;
+        let cost = before.area() * (n + 1) as f32 + behind[others - 1] * others as f32;
+        if cost < best.0 {
+            best = (cost, n + 1);
+        }
+    }
+    best.1
+}
+
+struct Box {
+    low: Vec3,
+    high: Vec3,
+}
+
+impl Box {
+    fn of(triangles: &[Triangle]) -> Self {
+        let mut all = Self { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY };
+        triangles.iter().for_each(|triangle| all.add(triangle));
+        all
+    }
+
+    fn add(&mut self, triangle: &Triangle) {
+        for corner in [Vec3::ZERO, triangle.edges[0], triangle.edges[1]].map(|edge| triangle.corner + edge) {
+            (self.low, self.high) = (self.low.min(corner), self.high.max(corner));
+        }
+    }
+
+    /// Half of it.
+    fn area(&self) -> f32 {
+        let side = self.high - self.low;
+        side.x * side.y + side.y * side.z + side.z * side.x
     }
 }
 
 impl Triangle {
-    /// Möller and Trumbore 1997, from both sides.
-    fn meet(&self, from: Vec3, towards: Vec3) -> Option<f32> {
-        let [b, c] = self.edges;
-        let across = towards.cross(c);
-        let determinant = b.dot(across);
-        let per = 1.0 / determinant;
-        let to = from - self.corner;
-        let u = to.dot(across) * per;
+    fn middle(&self) -> Vec3 {
+        self.corner + (self.edges[0] + self.edges[1]) / 3.0
+    }
+
+    /// How far along each ray it is met, from both sides (Möller and Trumbore 1997); below 0 where it is not.
+    fn meet(&self, from: Vec3, towards: &[[f32; RAYS]; 3]) -> [f32; RAYS] {
+        let ([b, c], to) = (self.edges, from - self.corner);
         let beside = to.cross(b);
-        let v = towards.dot(beside) * per;
-        (determinant != 0.0 && u >= 0.0 && v >= 0.0 && u + v <= 1.0).then(|| c.dot(beside) * per)
+        let ahead = c.dot(beside);
+        let mut along = [-1.0; RAYS];
+        // All of it for all rays, without a branch: so it is done for four at once.
+        for n in 0..RAYS {
+            let (x, y, z) = (towards[0][n], towards[1][n], towards[2][n]);
+            let across = [y * c.z - z * c.y, z * c.x - x * c.z, x * c.y - y * c.x];
+            let per = 1.0 / (b.x * across[0] + b.y * across[1] + b.z * across[2]);
+            let u = (to.x * across[0] + to.y * across[1] + to.z * across[2]) * per;
+            let v = (x * beside.x + y * beside.y + z * beside.z) * per;
+            // Along its plane u is no number or infinite, which is not met.
+            let is_met = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0);
+            along[n] = if is_met { ahead * per } else { -1.0 };
+        }
+        along
     }
 }
 
@@ -153,24 +270,29 @@ mod tests {
         let triangles: Vec<[u32; 3]> = (0..300).map(|n| [3 * n, 3 * n + 1, 3 * n + 2]).collect();
         let bvh = Bvh::new(&corners, &triangles);
         let mut met = 0;
-        for n in 0..2000 {
+        for n in 0..300 {
             let from = Vec3::new(random(), random(), random()) * 1.4 - 0.2;
-            let mut towards = Vec3::new(random(), random(), random()) - 0.5;
-            if n % 4 == 0 {
-                // Along an axis.
-                towards = Vec3::ZERO.with_x(1.0);
-            }
-            let all = bvh.triangles.iter().filter_map(|t| Some((t.meet(from, towards)?, t.number)));
-            let nearest = all.filter(|(t, _)| *t > 1e-4).min_by(|a, b| a.0.total_cmp(&b.0));
-            let found = bvh.first(from, towards, 1e-4..f32::INFINITY);
-            assert_eq!(found.map(|hit| hit.triangle), nearest.map(|(_, number)| number), "{n}");
-            assert_eq!(bvh.any(from, towards, 1e-4..f32::INFINITY), found.is_some());
-            if let Some(hit) = found {
-                met += 1;
-                assert!(!bvh.any(from, towards, 1e-4..0.999 * hit.along));
+            // Some along an axis, and one that goes nowhere.
+            let mut rays = [(Vec3::X, f32::INFINITY); RAYS];
+            rays[1..].fill_with(|| (Vec3::new(random(), random(), random()) - 0.5, f32::INFINITY));
+            rays[n % RAYS].1 = 0.0;
+            let bundle = Bundle::new(rays.into_iter());
+            let alone = |n: usize, farthest: f32| Bundle::new(std::iter::once((rays[n].0, farthest)));
+            let (found, any) = (bvh.first(from, &bundle), bvh.any(from, &bundle));
+            for (n, (_, farthest)) in rays.iter().enumerate() {
+                let all = bvh.triangles.iter().map(|t| (t.meet(from, &alone(n, 1.0).towards)[0], t.number));
+                let met_all = all.filter(|(t, _)| *t > 0.0 && t < farthest);
+                let nearest = met_all.min_by(|a, b| a.0.total_cmp(&b.0));
+                assert_eq!(found[n].map(|hit| hit.triangle), nearest.map(|(_, number)| number), "{n}");
+                assert_eq!(any[n], found[n].is_some());
+                if let Some(hit) = found[n] {
+                    met += 1;
+                    assert!(!bvh.any(from, &alone(n, 0.999 * hit.along))[0]);
+                }
             }
         }
-        assert!((500..1900).contains(&met), "{met}");
-        assert_eq!(Bvh::new(&[], &[]).first(Vec3::ZERO, Vec3::X, 0.0..1.0), None);
+        assert!((500..2200).contains(&met), "{met}");
+        let bundle = Bundle::new([(Vec3::X, 1.0)].into_iter());
+        assert_eq!(Bvh::new(&[], &[]).first(Vec3::ZERO, &bundle), [None; RAYS]);
     }
 }

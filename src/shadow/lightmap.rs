@@ -20,7 +20,7 @@ use std::sync::OnceLock;
 
 use glam::{DVec3, Mat3, Vec3};
 
-use super::bvh::Bvh;
+use super::bvh::{Bundle, Bvh, RAYS};
 use super::casters::Casters;
 use super::chart::Chart;
 use super::sky::{Far, disc, on_surface};
@@ -35,6 +35,8 @@ const FIRST: i32 = 4;
 /// Shares of light that are nearly the same, and normals (cosine of 11°).
 const ALIKE: f32 = 0.04;
 const ONE_WAY: f32 = 0.98;
+/// Of the light on what throws some of it onto others, one ray in so many is asked.
+const ASKED_OF: usize = 4;
 /// Texels that a thread takes at a time.
 const AT_A_TIME: usize = 32;
 /// A ray begins this far from its surface, as a share of the things' size: single precision is a hundred times finer.
@@ -273,18 +275,22 @@ impl<'a> Room<'a> {
     fn reaching(&self, spot: &Spot) -> Reaching {
         let from = spot.at + self.beside_m * spot.plane;
         let (mut all, mut open, mut thrown) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
-        for far in self.among.far {
-            let cosine = far.towards.dot(spot.normal);
-            if cosine <= 0.0 {
+        for bundle in self.among.far.chunks(RAYS) {
+            let cosines = bundle.iter().map(|far| far.towards.dot(spot.normal));
+            if cosines.clone().all(|cosine| cosine <= 0.0) {
                 continue;
             }
-            let light = far.light * cosine;
-            all += light;
-            let is_above = far.towards.dot(spot.plane) > 0.0;
-            let hit = is_above.then(|| self.bvh.first(from, far.towards, 0.0..f32::INFINITY)).flatten();
-            match hit {
-                Some(hit) => thrown += self.thrown(hit.triangle, far.towards) * (cosine * far.solid_sr / PI),
-                None => open += light * self.left_on_floors(from, far.towards),
+            // Rays below the plane are not asked, and those behind the normal bring nothing.
+            let goes = |far: &Far| far.towards.dot(spot.normal) > 0.0 && far.towards.dot(spot.plane) > 0.0;
+            let rays = bundle.iter().map(|far| (far.towards, if goes(far) { f32::INFINITY } else { 0.0 }));
+            let hits = self.bvh.first(from, &Bundle::new(rays));
+            for ((far, cosine), hit) in bundle.iter().zip(cosines).zip(hits).filter(|((_, cosine), _)| *cosine > 0.0) {
+                let light = far.light * cosine;
+                all += light;
+                match hit {
+                    Some(hit) => thrown += self.thrown(hit.triangle, far.towards) * (cosine * far.solid_sr / PI),
+                    None => open += light * self.left_on_floors(from, far.towards),
+                }
             }
         }
         let share = Vec3::select(all.cmpgt(Vec3::splat(1e-9)), open / all.max(Vec3::splat(1e-9)), Vec3::ONE);
@@ -294,11 +300,16 @@ impl<'a> Room<'a> {
 
     /// The share of a light's disc that a place sees.
     fn seen(&self, light: &Light<'_>, from: Vec3, spot: &Spot) -> f32 {
-        let meets = |towards: Vec3, far: f32| towards.dot(spot.plane) > 0.0 && self.bvh.any(from, towards, 0.0..far);
-        let hidden = match light {
-            Light::Sun(points, _) => points.iter().filter(|towards| meets(**towards, f32::INFINITY)).count(),
-            Light::Lamp(points, ..) => points.iter().filter(|point| meets(**point - from, 1.0)).count(),
+        let (points, farthest) = match light {
+            Light::Sun(points, _) => (points, f32::INFINITY),
+            Light::Lamp(points, ..) => (points, 1.0),
         };
+        let ray = |point: &Vec3| {
+            let towards = if matches!(light, Light::Sun(..)) { *point } else { *point - from };
+            (towards, if towards.dot(spot.plane) > 0.0 { farthest } else { 0.0 })
+        };
+        let hidden = |points: &[Vec3]| self.bvh.any(from, &Bundle::new(points.iter().map(ray)));
+        let hidden = points.chunks(RAYS).flat_map(hidden).filter(|is_hidden| *is_hidden).count();
         1.0 - hidden as f32 / DISC as f32
     }
 
@@ -334,10 +345,24 @@ impl<'a> Room<'a> {
     fn light_on(&self, at: Vec3, normal: Vec3) -> Vec3 {
         let spot = Spot { at, normal, plane: normal };
         let from = at + self.beside_m * normal;
-        let far = self.among.far.iter().filter(|far| far.towards.dot(normal) > 0.0);
-        let open = far.filter(|far| !self.bvh.any(from, far.towards, 0.0..f32::INFINITY));
-        let around: Vec3 =
-            open.map(|far| far.light * far.towards.dot(normal) * self.left_on_floors(from, far.towards)).sum();
+        // A quarter of the rays says which share is open.
+        let (mut all, mut asked, mut open) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
+        for patch in self.among.far.chunks(RAYS * ASKED_OF) {
+            let light = |far: &Far| far.light * far.towards.dot(normal).max(0.0);
+            let brought: Vec3 = patch.iter().map(light).sum();
+            if brought == Vec3::ZERO {
+                continue;
+            }
+            all += brought;
+            let few = || patch.iter().skip(ASKED_OF / 2).step_by(ASKED_OF);
+            let goes = |far: &Far| if far.towards.dot(normal) > 0.0 { f32::INFINITY } else { 0.0 };
+            let hidden = self.bvh.any(from, &Bundle::new(few().map(|far| (far.towards, goes(far)))));
+            for (far, is_hidden) in few().zip(hidden).filter(|(far, _)| goes(far) > 0.0) {
+                asked += light(far);
+                open += if is_hidden { Vec3::ZERO } else { light(far) * self.left_on_floors(from, far.towards) };
+            }
+        }
+        let around = all * Vec3::select(asked.cmpgt(Vec3::splat(1e-9)), open / asked.max(Vec3::splat(1e-9)), Vec3::ONE);
         let lights = self.lights.iter().map(|light| {
             let bright = match light {
                 Light::Sun(points, color) => *color * points[0].dot(normal).max(0.0),

@@ -35,6 +35,7 @@ pub struct Lightmaps {
 struct Last {
     objects: Vec<Object>,
     charts: Vec<Chart>,
+    dimmed: Vec<Option<Arc<Lightmap>>>,
     found: Vec<Option<Arc<Lightmap>>>,
 }
 
@@ -74,9 +75,17 @@ impl Lightmaps {
     }
 
     /// One for each part of each object, in turn, as they are placed; `None` where nothing takes any light. `unwrapped` are the
-    /// scene's meshes, `charts` what its objects take of the floors' light.
-    pub fn of(&mut self, scene: &Scene, unwrapped: &[Unwrapped], charts: &[Chart]) -> Vec<Option<Arc<Lightmap>>> {
-        if let Some(last) = self.last.as_ref().filter(|last| last.objects == scene.objects && last.charts == charts) {
+    /// scene's meshes, `charts` what its objects take of the floors' light, `dimmed` what real things leave of lamps' light for each
+    /// part, or nothing.
+    pub fn of(
+        &mut self,
+        scene: &Scene,
+        unwrapped: &[Unwrapped],
+        charts: &[Chart],
+        dimmed: &[Option<Arc<Lightmap>>],
+    ) -> Vec<Option<Arc<Lightmap>>> {
+        let is_same = |last: &&Last| last.objects == scene.objects && last.charts == charts && last.dimmed == dimmed;
+        if let Some(last) = self.last.as_ref().filter(is_same) {
             return last.found.clone();
         }
         let things: Vec<Thing<'_>> = scene.objects.iter().filter_map(|object| Thing::of(scene, object)).collect();
@@ -86,7 +95,17 @@ impl Lightmaps {
             let maps = own.map(|own| self.of_thing(scene, unwrapped, charts, own, &things));
             found.extend(maps.unwrap_or_else(|| vec![None; object.parts.len()]));
         }
-        self.last = Some(Last { objects: scene.objects.clone(), charts: charts.to_vec(), found: found.clone() });
+        for (map, dim) in found.iter_mut().zip(dimmed) {
+            if let Some(dim) = dim {
+                *map = Some(map.take().map_or_else(|| dim.clone(), |map| Arc::new(under(&map, dim))));
+            }
+        }
+        self.last = Some(Last {
+            objects: scene.objects.clone(),
+            charts: charts.to_vec(),
+            dimmed: dimmed.to_vec(),
+            found: found.clone(),
+        });
         found
     }
 
@@ -169,6 +188,20 @@ impl<'a> Thing<'a> {
         let apart = (self.low - other.high).max(other.low - self.high).max(DVec3::ZERO).length();
         !self.object.shadowless && apart < REACH * (self.high - self.low).max_element()
     }
+}
+
+/// A lightmap of which suns and lamps reach no more than the shares of one texel.
+fn under(map: &Lightmap, dim: &Lightmap) -> Lightmap {
+    let layer = |(n, layer): (usize, &Vec<[f32; 4]>)| {
+        // A back has layers of its own.
+        let n = n % dim.layers.len();
+        let shares = dim.layers[n].first().copied().unwrap_or([1.0; 4]);
+        // The first two have one light each, the others four.
+        let share = |i: usize| if n < 2 && i < 3 { 1.0 } else { shares[i] };
+        let factors: [f32; 4] = std::array::from_fn(share);
+        layer.iter().map(|texel| std::array::from_fn(|i| texel[i] * factors[i])).collect()
+    };
+    Lightmap { side: map.side, layers: map.layers.iter().enumerate().map(layer).collect() }
 }
 
 /// A place, told from a point.
@@ -254,7 +287,7 @@ mod tests {
     /// The first part's lightmap, and where in the mesh each of its texels lies, but for those in the corner at the wall.
     fn first(scene: &Scene) -> (Arc<Lightmap>, Vec<(Vec3, Place)>) {
         let unwrapped = unwrapped(scene);
-        let found = Lightmaps::new(scene).of(scene, &unwrapped, &[]);
+        let found = Lightmaps::new(scene).of(scene, &unwrapped, &[], &[]);
         let own = &unwrapped[0];
         let at = |place: &Place| {
             let corner = |n: usize| own.corners[own.indices[3 * place.triangle as usize + n] as usize].vertex.position;
@@ -343,18 +376,40 @@ mod tests {
     }
 
     #[test]
+    fn what_real_things_stop_is_taken_of_each_lamp_and_of_nothing_else() {
+        let lighting =
+            Lighting { points: [0.1, 0.2, 0.3].map(|x| lamp(DVec3::new(x, 0.0, 1.0))).to_vec(), ..even_sky() };
+        let mut scene = scene(&[plate(), wall()], 0.5, lighting);
+        scene.materials[0].double_sided = true;
+        let unwrapped = unwrapped(&scene);
+        let open = Lightmaps::new(&scene).of(&scene, &unwrapped, &[], &[]);
+        let layers = [[1.0, 1.0, 1.0, 0.5], [0.0, 0.0, 0.0, 0.25], [0.125, 1.0, 1.0, 1.0]];
+        let dim = Arc::new(Lightmap { side: 1, layers: layers.map(|texel| vec![texel]).to_vec() });
+        let behind = Lightmaps::new(&scene).of(&scene, &unwrapped, &[], &[Some(dim), None]);
+        assert_eq!(behind[1], open[1]);
+        let [open, behind] = [&open, &behind].map(|maps| maps[0].clone().unwrap());
+        assert_eq!((open.layers.len(), behind.layers.len()), (6, 6), "two sides of three");
+        let factors = [[1.0, 1.0, 1.0, 0.5], [1.0, 1.0, 1.0, 0.25], [0.125, 1.0, 1.0, 1.0]];
+        for (n, (open, behind)) in open.layers.iter().zip(&behind.layers).enumerate() {
+            for (open, behind) in open.iter().zip(behind) {
+                assert_eq!(*behind, std::array::from_fn(|i| open[i] * factors[n % 3][i]));
+            }
+        }
+    }
+
+    #[test]
     fn a_moved_thing_keeps_its_lightmap_and_one_that_comes_near_changes_it() {
         let mut scene = scene(&[cube(), cube()], 0.5, even_sky());
         let unwrapped = unwrapped(&scene);
         let mut maps = Lightmaps::new(&scene);
         let moved = |object: &mut Object, by: DAffine3| object.move_by(by);
         moved(&mut scene.objects[1], DAffine3::from_translation(DVec3::new(5.0, 0.0, 0.0)));
-        let alone = maps.of(&scene, &unwrapped, &[]);
+        let alone = maps.of(&scene, &unwrapped, &[], &[]);
         moved(&mut scene.objects[0], DAffine3::from_translation(DVec3::new(0.37, 0.1, 0.0)));
-        let beside = maps.of(&scene, &unwrapped, &[]);
+        let beside = maps.of(&scene, &unwrapped, &[], &[]);
         assert!(Arc::ptr_eq(alone[0].as_ref().unwrap(), beside[0].as_ref().unwrap()), "it was worked out again");
         moved(&mut scene.objects[0], DAffine3::from_rotation_translation(DQuat::IDENTITY, DVec3::new(4.5, -0.1, 0.0)));
-        let near = maps.of(&scene, &unwrapped, &[]);
+        let near = maps.of(&scene, &unwrapped, &[], &[]);
         let least =
             |map: &Option<Arc<Lightmap>>| map.as_ref().unwrap().layers[0].iter().map(|t| t[0]).fold(1.0, f32::min);
         assert_eq!(maps.sketched(&scene), (near.clone(), false));
@@ -362,7 +417,7 @@ mod tests {
         // Something without a shadow takes nothing.
         scene.objects[1].shadowless = true;
         assert_eq!(maps.sketched(&scene), (near.clone(), true));
-        assert_eq!(least(&maps.of(&scene, &unwrapped, &[])[0]), 1.0);
-        assert_eq!(Lightmaps::new(&scene).of(&scene, &unwrapped, &[]), maps.of(&scene, &unwrapped, &[]));
+        assert_eq!(least(&maps.of(&scene, &unwrapped, &[], &[])[0]), 1.0);
+        assert_eq!(Lightmaps::new(&scene).of(&scene, &unwrapped, &[], &[]), maps.of(&scene, &unwrapped, &[], &[]));
     }
 }
