@@ -61,14 +61,18 @@ pub struct Picked {
 }
 
 impl Picked {
+    /// Across the surface, where that is known.
+    pub fn normal(&self) -> Option<DVec3> {
+        match &self.known {
+            Known::Depth(surface) => Some(surface.normal_in_world),
+            Known::Plane { normal } => Some(*normal),
+            Known::Views(_) => None,
+        }
+    }
+
     /// What can stand there; seen from several frames alone, a level surface.
     pub fn support(&self, up: DVec3) -> Support {
-        let normal = match &self.known {
-            Known::Depth(surface) => surface.normal_in_world,
-            Known::Plane { normal } => *normal,
-            Known::Views(_) => up,
-        };
-        Support { point_m: self.point_m, normal }
+        Support { point_m: self.point_m, normal: self.normal().unwrap_or(up) }
     }
 }
 

@@ -10,6 +10,7 @@ use glam::DVec3;
 use super::pick::{Known, Pick, Picker, numbers};
 use crate::export::Inputs;
 use crate::recording::OpenOptions;
+use crate::scene::document::Up;
 use crate::scene::{self, Document, Heading, Posture, SceneFile};
 use crate::shot::{Given, Shot};
 use crate::sink::{self, atomic::write_atomically};
@@ -87,10 +88,16 @@ pub fn run(args: &Args) -> Result<()> {
     let picked = Picker::new(&shot, args.frame, args.plane)?.find(&args.at)?;
     let mut file = document.value().clone();
     let file_up = file.up;
+    // Nothing stands yet that would turn with it.
+    let is_guessed = file.up.is_none() && shot.recording.up.is_none() && file.objects.is_empty();
     let up = match file.up {
         Some(up) => up.axis(&args.scene, "up")?,
+        None if is_guessed => shot.up_on(picked.normal()),
         None => shot.recording.up.unwrap_or(DVec3::Z),
     };
+    if is_guessed {
+        file.up = Some(Up::Direction(up.to_array()));
+    }
     let support = picked.support(up);
     let model = scene::relative(&args.model, &args.scene);
     let posture = if args.flat { Posture::Flat } else { Posture::Upright };
@@ -132,7 +139,14 @@ pub fn run(args: &Args) -> Result<()> {
             found.off_px
         )?,
     }
-    if file_up.is_none() && shot.recording.up.is_none() {
+    if is_guessed {
+        let up = up.to_array().map(number).join(", ");
+        let by = "across the surface, or what the cameras had above them where that leans far";
+        writeln!(
+            out,
+            "odd        nothing says which way is up: [{up}] is taken, {by}; `up` in the scene file says it now"
+        )?;
+    } else if file_up.is_none() && shot.recording.up.is_none() {
         writeln!(out, "odd        nothing says which way is up: z is taken; `up` in the scene file says otherwise")?;
     }
     let frame = shot.read(args.frame)?;

@@ -24,6 +24,7 @@ mod standing;
 mod stream;
 mod surface;
 mod triangulate;
+mod upright;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};

@@ -17,7 +17,7 @@ use super::picture::Seen;
 use super::wrongs::Wrongs;
 use crate::frame::Frame;
 use crate::gpu::Gpu;
-use crate::scene::document::PlacedModel;
+use crate::scene::document::{PlacedModel, Up};
 use crate::scene::{Entry, Posture, SceneError, SceneFile, Size, Stance, Support, lay, relative};
 use crate::shot::{Eye, Ray, Shot};
 
@@ -304,13 +304,16 @@ impl Evidence {
             Click::Again(_) => return Ok(()),
         };
         let posture = if self.lies_flat { Posture::Flat } else { Posture::Upright };
-        let laying = Laying { model: model.clone(), posture, turned_deg, up: project.up() };
+        let says_no_up = project.says_no_up();
+        let up = if says_no_up { project.shot().up_on(Some(support.normal)) } else { project.up() };
+        let laying = Laying { model: model.clone(), posture, turned_deg, up: Some(up) };
         let placed = laying.lay(project.shot(), frame.index, &support, &project.scene_path());
         let placed = placed.map_err(|e| e.to_string())?;
         let what = format!("{}: placed", placed.title());
         let gauge = project.shot().gauge(frame.index);
         let put = |scene: &mut SceneFile| {
             scene.gauge = scene.gauge.or(gauge);
+            scene.up = scene.up.or(says_no_up.then(|| Up::Direction(up.to_array())));
             scene.objects.push(placed);
         };
         project.change_scene(&what, put).map_err(|e| e.to_string())?;
@@ -334,7 +337,8 @@ impl Evidence {
             version: project.version(),
         };
         let posture = if lies_flat { Posture::Flat } else { Posture::Upright };
-        let laying = Laying { model, posture, turned_deg, up: project.up() };
+        let up = (!project.says_no_up()).then(|| project.up());
+        let laying = Laying { model, posture, turned_deg, up };
         let (finder, of_scene) = (self.ground.finder.clone(), file.clone());
         self.ghost.show(seen, would, project.shot(), frame, file, move |shot, frame| {
             let support = finder.look(shot, frame, at_px)?;
@@ -367,14 +371,16 @@ struct Laying {
     posture: Posture,
     /// From facing whoever looks.
     turned_deg: f64,
-    up: DVec3,
+    /// `None`: what it stands on says it.
+    up: Option<DVec3>,
 }
 
 impl Laying {
     /// As the scene file has it then.
     fn lay(&self, shot: &Shot, frame: usize, support: &Support, file: &Path) -> Result<PlacedModel, SceneError> {
-        let heading = shot.facing(frame, support.point_m, self.up, self.turned_deg);
-        lay(&relative(&self.model, file), file, support, self.posture, heading, self.up, None)
+        let up = self.up.unwrap_or_else(|| shot.up_on(Some(support.normal)));
+        let heading = shot.facing(frame, support.point_m, up, self.turned_deg);
+        lay(&relative(&self.model, file), file, support, self.posture, heading, up, None)
     }
 }
 

@@ -66,6 +66,27 @@ fn on_a_real_desk_the_surface_is_the_desks() {
 }
 
 #[test]
+fn where_nothing_says_which_way_is_up_the_first_thing_stands_on_its_table() {
+    let Some(folder) = common::data("redkitchen") else { return };
+    let temp = tempfile::tempdir().unwrap();
+    let file = temp.path().join("scene.toml");
+    let at = ["--frame", "22", "--at", "440,290", "--model", "scenes/marker-1.glb", "--scene", file.to_str().unwrap()];
+    let told = said(&[&["place", folder.to_str().unwrap()], &at[..]].concat());
+    assert!(told.contains("which way is up: [") && told.contains("says it now"), "{told}");
+    let up = document::read(&file).unwrap().value().up.unwrap().axis(&file, "up").unwrap();
+    // The table's normal by a plane through 2,000 of its points.
+    let off_deg = up.angle_between(glam::DVec3::new(0.035, -0.887, -0.46)).to_degrees();
+    assert!(off_deg < 4.0, "{up}: {off_deg}");
+    // What follows stands as upright, and what stood before is not turned.
+    let told = said(&[&["place", folder.to_str().unwrap()], &at[..]].concat());
+    assert!(!told.contains("which way is up"), "{told}");
+    std::fs::write(&file, "version = 1\n[[objects]]\nmodel = \"marker-1.glb\"\n").unwrap();
+    std::fs::copy("scenes/marker-1.glb", temp.path().join("marker-1.glb")).unwrap();
+    let told = said(&[&["place", folder.to_str().unwrap()], &at[..]].concat());
+    assert!(told.contains("z is taken") && document::read(&file).unwrap().value().up.is_none(), "{told}");
+}
+
+#[test]
 fn what_cannot_be_placed_changes_nothing() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");

@@ -71,9 +71,15 @@ impl Project {
         self.close_step();
     }
 
-    /// The world's up, for the scene as it is.
+    /// The world's up, for the scene as it is; by how cameras were held as long as nothing says it and nothing stands.
     pub fn up(&self) -> DVec3 {
-        self.shot.scene.up_in_world.or(self.shot.recording.up).unwrap_or(DVec3::Z)
+        let unsaid = || if self.says_no_up() { self.shot.held_up() } else { DVec3::Z };
+        self.shot.up().unwrap_or_else(unsaid)
+    }
+
+    /// Whether the first thing that is placed says which way is up.
+    pub fn says_no_up(&self) -> bool {
+        self.shot.up().is_none() && self.edit().scene.objects.is_empty()
     }
 
     fn load(&mut self, scene: &SceneFile) -> Result<Scene, SceneError> {
