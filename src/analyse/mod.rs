@@ -51,6 +51,7 @@ mod working;
 mod written;
 
 pub use accept::{Accepted, Outcome, accept};
+pub use across::Fitted;
 pub use artefact::{Analysis, AnalysisError, FILE_NAME, beside};
 pub(crate) use eye::is_same;
 pub use findings::Findings;
