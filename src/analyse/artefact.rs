@@ -132,7 +132,7 @@ impl Analysis {
             version: VERSION,
             recording: inputs::fingerprint(recording),
             frames: recording.frame_count(),
-            registration: Registered::of(registration),
+            registration: Registered { pose_lines: lines.len(), ..Registered::of(registration) },
             gain_why: gain.as_ref().err().cloned(),
             gain: gain.ok(),
             across: fitted,
@@ -175,6 +175,7 @@ impl Analysis {
         if findings.registration.is_refined() || findings.registration.motion_px.is_some() {
             let path = folder.join(POSES);
             lines = parse_lines(&text::read(&path)?, &path)?.0;
+            whole(lines.len(), findings.registration.pose_lines, "poses").map_err(|problem| content(&path, problem))?;
             track = Some(track_of(&lines).map_err(|error| content(&path, error.to_string()))?);
         }
         let gains = if findings.gain.as_ref().is_some_and(|gain| gain.is_followed) {
@@ -187,7 +188,12 @@ impl Analysis {
             false => Vec::new(),
         };
         let held_out = match findings.registration.recorded_px {
-            Some(_) => read_links(&folder.join(LINKS), findings.frames)?,
+            Some(_) => {
+                let (path, expected) = (folder.join(LINKS), findings.registration.link_lines);
+                let links = read_links(&path, findings.frames)?;
+                whole(links.len(), expected, "links").map_err(|problem| content(&path, problem))?;
+                links
+            }
             None => Vec::new(),
         };
         let environment = match findings.light.as_ref().is_some_and(|light| light.why.is_none()) {
@@ -323,6 +329,11 @@ pub fn filled(gains: &[Option<[f64; 3]>]) -> Vec<[f64; 3]> {
         [0, 1, 2].map(|c| (a.1[c] + share * (b.1[c] - a.1[c])).exp())
     };
     (0..gains.len()).map(at).collect()
+}
+
+/// Whether a file has all that was written into it.
+fn whole(found: usize, written: usize, of: &str) -> Result<(), String> {
+    if found == written { Ok(()) } else { Err(format!("it has {found} {of}, {written} were written")) }
 }
 
 fn read_gains(path: &Path, frames: usize) -> Result<Vec<[f64; 3]>, AnalysisError> {

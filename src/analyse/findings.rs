@@ -69,6 +69,11 @@ pub struct Registered {
     /// Added to the depth maps' times.
     pub depth_later_s: f64,
     pub depth_later_sigma_s: Option<f64>,
+    /// So many poses and links lie beside it.
+    #[serde(default)]
+    pub pose_lines: usize,
+    #[serde(default)]
+    pub link_lines: usize,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -237,6 +242,8 @@ impl Registered {
             readout_sigma_s: found.readout_sigma_s,
             depth_later_s: found.depth_later_s(),
             depth_later_sigma_s: found.depth.map(|DepthLater { sigma_s, .. }| sigma_s),
+            pose_lines: 0,
+            link_lines: found.held_out.len(),
         }
     }
 }
@@ -351,11 +358,12 @@ impl Findings {
             ));
         }
         let ms = |s: f64| fixed(1e3 * s, 1);
-        if let (Some(clock_s), Some(sigma_s)) = (r.clock_s, r.clock_sigma_s) {
+        // Of what was refused nothing is told as if it were found.
+        if let (Some(clock_s), Some(sigma_s), false) = (r.clock_s, r.clock_sigma_s, r.is_refused()) {
             let way = if clock_s < 0.0 { "earlier" } else { "later" };
             lines.push(("clock", format!("poses {} ms {way} fit best, ± {} ms", ms(clock_s.abs()), ms(sigma_s))));
         }
-        if let (Some(turn), Some(way)) = (r.hand_eye_turn_deg, r.hand_eye_way_m) {
+        if let (Some(turn), Some(way), false) = (r.hand_eye_turn_deg, r.hand_eye_way_m, r.is_refused()) {
             let all = |values: [f64; 3], by: f64, digits| values.map(|v| fixed(by * v, digits)).join(", ");
             let (turn, way) = (all(turn, 1.0, 2), all(way, 1e3, 1));
             lines.push(("hand-eye", format!("turned by {turn}°, {way} mm away from where the poses say")));

@@ -12,7 +12,7 @@ use crate::recording::Recording;
 const END_BYTES: u64 = 4096;
 
 /// SHA-256 over the recording's files, hexadecimal: their names, lengths and contents (of pictures the ends), the frames'
-/// times and the poses. A recording in another folder is the same recording. A file that cannot be read counts as empty.
+/// times, the poses, how depth is stored, and what was recognised. A recording in another folder is the same recording. A file that cannot be read counts as empty.
 pub fn fingerprint(recording: &Recording) -> String {
     let mut hash = Sha256::new();
     let number = |n: u64, hash: &mut Sha256| hash.update(n.to_le_bytes());
@@ -23,6 +23,7 @@ pub fn fingerprint(recording: &Recording) -> String {
         let (q, p) = (pose.rotation, pose.translation_m);
         [*time_s, q.x, q.y, q.z, q.w, p.x, p.y, p.z].into_iter().for_each(|v| number(v.to_bits(), &mut hash));
     }
+    hash.update(recording.depth_stored());
     for landmark in (0..recording.frame_count()).flat_map(|frame| recording.landmarks(frame)) {
         number(landmark.number, &mut hash);
         landmark.at_px.into_iter().for_each(|px| number(px.to_bits().into(), &mut hash));

@@ -81,9 +81,14 @@ impl Registration {
     }
 }
 
-/// One per frame, read `later_s` after its time.
+/// One per frame, read `later_s` after its time. Where the track has a pose for the frame and ends before that, the camera moves on
+/// as it did.
 pub fn recorded(recording: &Recording, later_s: f64) -> Vec<Option<State>> {
-    let of = |t: &f64| State::of(&recording.track, t + recording.time_offset_s + later_s).ok();
+    let of = |t: &f64| {
+        let time_s = t + recording.time_offset_s;
+        let beyond = || State::of(&recording.track, time_s).map(|state| state.moved_on(later_s));
+        State::of(&recording.track, time_s + later_s).or_else(|_| beyond()).ok()
+    };
     recording.timestamps_s.iter().map(of).collect()
 }
 

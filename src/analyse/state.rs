@@ -29,6 +29,11 @@ impl State {
         Ok(Self { world_from_camera: here, twist })
     }
 
+    /// Where it is that much later, s, at the same speed.
+    pub fn moved_on(&self, by_s: f64) -> Self {
+        Self { world_from_camera: self.world_from_camera * twist::exp(&(self.twist * by_s)), ..*self }
+    }
+
     /// Corrected by a motion in the camera's own axes: T·exp(c). The body moves along: ξ' = Ad(exp(−c))·ξ.
     pub fn corrected(&self, by: &Twist) -> Self {
         let twist = twist::adjoint(&twist::exp(&-by)) * self.twist;

@@ -158,6 +158,11 @@ pub struct DepthCamera {
 }
 
 impl DepthCamera {
+    /// Itself and where it is, in words that change with them.
+    pub fn told(&self) -> String {
+        format!("{:?} {:?}", self.geometry, self.colour_from_depth)
+    }
+
     /// `colour_from_depth` takes a point in the depth camera's axes to those of the camera that takes the frames,
     /// metres.
     pub fn new(geometry: Geometry, colour_from_depth: Pose) -> Self {

@@ -64,6 +64,13 @@ pub struct Depth {
 }
 
 impl Depth {
+    /// How it is stored, in words that change with it.
+    pub fn stored(&self) -> String {
+        let Stored { codes_per_metre, unknown_from, camera, .. } = &self.stored;
+        let camera = camera.as_ref().map(|camera| camera.told());
+        format!("{codes_per_metre} {unknown_from:?} {camera:?}")
+    }
+
     /// Reads the header of every picture, so that one that is missing is found before the first frame. `size` is the
     /// frames'. Also gives a warning, where the pictures do not fit the frames.
     pub fn new(

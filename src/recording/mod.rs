@@ -314,6 +314,11 @@ impl Recording {
         self.depth.as_ref().is_some_and(|depth| depth.has_any())
     }
 
+    /// How depth is stored, in words that change with it; empty without depth.
+    pub fn depth_stored(&self) -> String {
+        self.depth.as_ref().map_or_else(String::new, |depth| depth.stored())
+    }
+
     /// How the depth comes into the frames' picture; `None` without depth.
     pub fn registration(&self) -> Option<Registration> {
         self.depth.as_ref().filter(|depth| depth.has_any()).map(|depth| depth.registration)

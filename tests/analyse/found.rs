@@ -348,6 +348,28 @@ fn a_models_landmarks_tell_how_bright_photographs_are() {
 }
 
 #[test]
+fn a_clock_that_reads_beyond_the_last_pose_loses_no_frame() {
+    let Some(folder) = common::data("redkitchen") else { return };
+    let temp = tempfile::tempdir().unwrap();
+    for n in 0..24 {
+        for kind in ["color.jpg", "color.png", "depth.png", "pose.txt"] {
+            let name = format!("frame-{n:06}.{kind}");
+            if folder.join(&name).exists() {
+                std::fs::copy(folder.join(&name), temp.path().join(&name)).unwrap();
+            }
+        }
+    }
+    let shot = Shot::open(temp.path(), &OpenOptions::default(), &Given::default()).unwrap();
+    let found = analysed(&shot, 2);
+    println!("{}", found.findings);
+    let track = found.track.expect("its poses are refined");
+    assert!(found.findings.registration.clock_s.unwrap().abs() > 0.001, "the clock is another");
+    for time_s in shot.recording.timestamps_s.iter() {
+        assert!(track.at(*time_s).is_ok(), "{time_s}");
+    }
+}
+
+#[test]
 fn sharpness_follows_the_footage_where_nobody_says_it() {
     let folder = demo(3, &Flaws::default());
     let site = folder.path().join("site");
@@ -425,6 +447,15 @@ fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
     let text = std::fs::read_to_string(&toml).unwrap();
     std::fs::write(&toml, text.replace("version = 6", "version = 7")).unwrap();
     assert!(composite("f", &[]).1.contains("version 7; this program makes and reads version 6"));
+    std::fs::write(&toml, &text).unwrap();
+    let links = std::fs::read_to_string(analysis.join("links.txt")).unwrap();
+    std::fs::write(
+        analysis.join("links.txt"),
+        links.lines().take(3).map(|line| format!("{line}\n")).collect::<String>(),
+    )
+    .unwrap();
+    assert!(composite("f2", &[]).1.contains("were written"));
+    std::fs::write(analysis.join("links.txt"), links).unwrap();
     std::fs::write(&toml, &text[..text.len() / 2]).unwrap();
     assert!(composite("g", &[]).1.contains("is not used"));
     std::fs::remove_file(&toml).unwrap();
