@@ -268,6 +268,16 @@ fn an_interrupted_analysis_goes_on_where_it_was() {
     for name in ["analysis.toml", "poses.txt", "links.txt"] {
         assert_eq!(std::fs::read(whole.join(name)).unwrap(), std::fs::read(analysis.join(name)).unwrap(), "{name}");
     }
+    // Cut at a line's end.
+    for name in ["poses.txt", "links.txt"] {
+        let text = std::fs::read_to_string(whole.join(name)).unwrap();
+        let half: String = text.lines().take(text.lines().count() / 2).map(|line| format!("{line}\n")).collect();
+        std::fs::write(whole.join(name), half).unwrap();
+        let problem = Analysis::read(&whole).unwrap_err().to_string();
+        assert!(problem.contains(name) && problem.contains("were written"), "{problem}");
+        std::fs::write(whole.join(name), text).unwrap();
+    }
+    assert!(Analysis::read(&whole).is_ok());
 }
 
 /// A Kinect's footage as its profile has the camera, and what is found of it; nothing without the real recordings.
@@ -447,15 +457,6 @@ fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
     let text = std::fs::read_to_string(&toml).unwrap();
     std::fs::write(&toml, text.replace("version = 6", "version = 7")).unwrap();
     assert!(composite("f", &[]).1.contains("version 7; this program makes and reads version 6"));
-    std::fs::write(&toml, &text).unwrap();
-    let links = std::fs::read_to_string(analysis.join("links.txt")).unwrap();
-    std::fs::write(
-        analysis.join("links.txt"),
-        links.lines().take(3).map(|line| format!("{line}\n")).collect::<String>(),
-    )
-    .unwrap();
-    assert!(composite("f2", &[]).1.contains("were written"));
-    std::fs::write(analysis.join("links.txt"), links).unwrap();
     std::fs::write(&toml, &text[..text.len() / 2]).unwrap();
     assert!(composite("g", &[]).1.contains("is not used"));
     std::fs::remove_file(&toml).unwrap();
