@@ -95,7 +95,7 @@ pub struct SeenBrightness {
     pub across: Across,
 }
 
-/// Nodes of [`Across`].
+/// Nodes of [`Across`], as shaders/exposure.wgsl has them, too.
 pub const NODES_ACROSS: usize = 5;
 pub const NODES_DOWN: usize = 4;
 pub const NODES: usize = NODES_ACROSS * NODES_DOWN;

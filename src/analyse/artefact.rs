@@ -1,12 +1,12 @@
-//! What an analysis found, as a folder: `analysis.toml`, and beside it `frames.txt`, `across.txt`, `poses.txt`, `links.txt` and the light of
-//! the room as `environment.hdr`. Frames read it
-//! and nothing else of the recording's neighbours, so any range of frames keeps its bits.
+//! What an analysis found, as a folder: `analysis.toml`, and beside it `frames.txt`, `across.txt`, `poses.txt`, `links.txt` and the
+//! light of the room as `environment.hdr`. Frames read it and nothing else of the recording's neighbours, so any range of frames
+//! keeps its bits.
 
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use super::across::Fitted;
+use super::across::{Fitted, MOST_EV};
 use super::findings::{Findings, Gained, Registered, Sharpness, Shuttered, Tone};
 use super::found_light::{Environment, FoundLight};
 use super::inputs;
@@ -351,14 +351,12 @@ fn read_gains(path: &Path, frames: usize) -> Result<Vec<[f64; 3]>, AnalysisError
 }
 
 fn read_across(path: &Path, frames: usize) -> Result<Vec<Across>, AnalysisError> {
-    /// No part is brighter, stops.
-    const MOST: f64 = 1.0;
     read_frames(path, frames, |rest| {
         let mut across = Across::default();
         for node in &mut across.0 {
             let stops = text::number(rest, "stops")?;
-            if stops.abs() > MOST {
-                return Err(format!("{stops} stops; from -{MOST} to {MOST} are expected"));
+            if stops.abs() > MOST_EV {
+                return Err(format!("{stops} stops; from -{MOST_EV} to {MOST_EV} are expected"));
             }
             *node = stops as f32;
         }

@@ -12,7 +12,8 @@ use crate::recording::Recording;
 const END_BYTES: u64 = 4096;
 
 /// SHA-256 over the recording's files, hexadecimal: their names, lengths and contents (of pictures the ends), the frames'
-/// times, the poses, how depth is stored, and what was recognised. A recording in another folder is the same recording. A file that cannot be read counts as empty.
+/// times, the poses, how depth is stored, and what was recognised. A recording in another folder is the same recording. A file
+/// that cannot be read counts as empty.
 pub fn fingerprint(recording: &Recording) -> String {
     let mut hash = Sha256::new();
     let number = |n: u64, hash: &mut Sha256| hash.update(n.to_le_bytes());

@@ -109,6 +109,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     for text in compositor.warnings() {
         warn(args.camera.pictures.quiet, &text);
     }
+    compositor.prepare(&shot.settings);
     let options =
         SinkOptions { force: args.force, fps: 1.0 / interval_s, lossless: args.lossless, width, height, bits: 8 };
     let sink = sink::open(&out, &options)?;

@@ -140,7 +140,7 @@ pub fn run(args: &Args) -> Result<()> {
         )?,
     }
     if is_guessed {
-        let up = up.to_array().map(number).join(", ");
+        let up = up.to_array().map(|n| fixed(n, 4)).join(", ");
         let by = "across the surface, or what the cameras had above them where that leans far";
         writeln!(
             out,

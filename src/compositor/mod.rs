@@ -320,6 +320,11 @@ impl Compositor {
         })
     }
 
+    /// Works out, before frames come that wait for nobody, what things take of the floors' light and of each other's.
+    pub fn prepare(&mut self, settings: &Settings) {
+        self.shaded(&settings.shadow, false);
+    }
+
     /// What things take of the floors' light, and whether any of it is rough. The renderer is told what they take of each other's.
     fn shaded(&mut self, settings: &Shade, may_be_rough: bool) -> (Vec<Chart>, bool) {
         let (gpu, strength) = (&self.recorder.gpu, settings.strength);

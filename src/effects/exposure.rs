@@ -16,6 +16,8 @@
 //! Not modelled: the effect of exposure on noise (noise.rs uses the resulting code value) and on blur (its length is
 //! the camera's exposure time already).
 
+use glam::DVec2;
+
 use super::{Case, Effect, LayerRun, Moment, curve_choice};
 use crate::camera::exposure::{additive, photographic_gain};
 use crate::camera::{Intrinsics, Response};
@@ -94,17 +96,13 @@ fn of_picture_ev(moment: &Moment<'_>) -> f64 {
 /// than its principal point and focal length say.
 fn shares(moment: &Moment<'_>, begins_px: [i32; 2]) -> ([f32; 2], [f32; 2]) {
     let [made, recorded] = [moment.picture, moment.capture.recorded].map(|geometry| &geometry.intrinsics);
-    let axis = |i: usize| {
-        let of = |i: usize, g: &Intrinsics| match i {
-            0 => (g.fx_px, g.cx_px, f64::from(g.width_px)),
-            _ => (g.fy_px, g.cy_px, f64::from(g.height_px)),
-        };
-        let ((f, c, _), (f_recorded, c_recorded, size)) = (of(i, made), of(i, recorded));
-        let scale = f_recorded / f / size;
-        (scale as f32, (c_recorded / size + (f64::from(begins_px[i]) - c) * scale) as f32)
-    };
-    let (x, y) = (axis(0), axis(1));
-    ([x.0, y.0], [x.1, y.1])
+    let focal = |i: &Intrinsics| DVec2::new(i.fx_px, i.fy_px);
+    let middle = |i: &Intrinsics| DVec2::new(i.cx_px, i.cy_px);
+    let size = DVec2::new(recorded.width_px.into(), recorded.height_px.into());
+    let per_px = focal(recorded) / focal(made) / size;
+    let begins = DVec2::from(begins_px.map(f64::from));
+    let at_0 = middle(recorded) / size + (begins - middle(made)) * per_px;
+    (per_px.as_vec2().to_array(), at_0.as_vec2().to_array())
 }
 
 impl Effect for Exposure {

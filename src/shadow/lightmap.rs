@@ -345,7 +345,7 @@ impl<'a> Room<'a> {
     fn light_on(&self, at: Vec3, normal: Vec3) -> Vec3 {
         let spot = Spot { at, normal, plane: normal };
         let from = at + self.beside_m * normal;
-        // A quarter of the rays says which share is open.
+        // A quarter of the rays says which share of it all is open: E = E_all · Σ open / Σ asked.
         let (mut all, mut asked, mut open) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
         for patch in self.among.far.chunks(RAYS * ASKED_OF) {
             let light = |far: &Far| far.light * far.towards.dot(normal).max(0.0);

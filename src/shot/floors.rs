@@ -163,7 +163,7 @@ impl Shot {
 
     fn support_of(&self, object: &Object, points: &[Point]) -> Option<Support> {
         let floor = self.floor();
-        let up = self.scene.up_in_world.or(self.recording.up)?;
+        let up = self.up()?;
         let foot = Foot::of(&self.scene, object, up)?;
         let carried = foot.carried_by(points, -NEAR_M..NEAR_M).or_else(|| foot.carried_by(points, -BELOW_M..-NEAR_M));
         let known = carried.or_else(|| floor.filter(|plane| foot.height_m(plane).abs() < BELOW_M));
