@@ -251,7 +251,8 @@ mod tests {
 
     #[test]
     fn no_node_leaves_its_bounds() {
-        let (found, fitted) = solve(&panned(40, |frame| if frame % 2 == 0 { 6.0 } else { -6.0 }), 40).unwrap();
+        // Its sides grow apart by nearly three stops, slowly enough to be believed.
+        let (found, fitted) = solve(&panned(40, |frame| 0.05 * frame as f32), 40).unwrap();
         let most = found.iter().flat_map(|across| across.0).fold(0.0f32, |most, node| node.abs().max(most));
         assert!(most == MOST_EV as f32 && (fitted.most_ev - MOST_EV).abs() < 1e-12, "{most} {fitted:?}");
     }
