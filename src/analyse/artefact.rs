@@ -154,6 +154,11 @@ impl Analysis {
         self.track.as_ref().filter(|_| self.findings.registration.is_refined())
     }
 
+    /// The same, but for where the camera was and what follows from that: the readout time and when depth was measured.
+    pub fn without_registration(self) -> Self {
+        Self { track: None, ..self }
+    }
+
     pub fn read(folder: &Path) -> Result<Self, AnalysisError> {
         let path = folder.join(FILE_NAME);
         let unread = |file: &Path, error: &std::io::Error| AnalysisError::Unread {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 
 use super::analyse::make;
-use super::tell;
+use super::{tell, warn};
 use crate::analyse::beside;
 use crate::recording::Recording;
 use crate::shot::{Analysed, AnalysisState, Given, Shot};
@@ -43,8 +43,16 @@ impl Analysis {
     }
 }
 
-/// Where there is none, what one would give.
-pub fn say(quiet: bool, shot: &Shot) {
+/// Where there is none, what one would give; and where it says nothing of the poses, that there is nothing to leave out.
+pub fn say(quiet: bool, shot: &Shot, recorded_poses: bool) {
+    let is_moved = matches!(&shot.analysis, AnalysisState::Used(_, findings) if findings.registration.pose_lines > 0);
+    if recorded_poses && !is_moved {
+        let why = match shot.analysis {
+            AnalysisState::Used(..) => "the analysis kept the recorded poses",
+            _ => "no analysis is used",
+        };
+        warn(quiet, &format!("--without registration changes nothing: {why}"));
+    }
     if let Some(finds) = shot.lacks_analysis().filter(|_| shot.analysis == AnalysisState::Absent) {
         let recording = shot.recording.path.display();
         tell(quiet, &format!("not analysed: `locard analyse {recording}` finds {finds}"));

@@ -117,6 +117,7 @@ pub fn run(args: Args) -> Result<()> {
         sets: args.sets.clone(),
         scene: Some(args.scene.clone()),
         analysis: args.analysis.asked(),
+        recorded_poses: args.which.leaves_registration(),
     };
     let recording = Recording::open(&args.recording, &options)?;
     args.analysis.first(&recording, &given, args.quiet)?;
@@ -153,7 +154,7 @@ pub fn run(args: Args) -> Result<()> {
     for note in shot.notes(range.clone()).into_iter().chain(shot.standing_notes(range.clone())) {
         warn(quiet, &note.to_string());
     }
-    analysis::say(quiet, &shot);
+    analysis::say(quiet, &shot, args.which.leaves_registration());
     let mut compositor = shot.compositor(Gpu::open()?);
     for text in compositor.warnings() {
         warn(quiet, &text);

@@ -50,12 +50,12 @@ pub struct LightArgs {
 
 impl LightArgs {
     /// The recording, with what is put into it for a photograph.
-    pub fn open(&self, scene: Option<PathBuf>) -> Result<Shot> {
+    pub fn open(&self, scene: Option<PathBuf>, recorded_poses: bool) -> Result<Shot> {
         let options = self.skip.over(OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() });
         let recording = Recording::open(&self.recording, &options)?;
         super::check_frame(self.frame, recording.frame_count())?;
-        let given =
-            Given { profile: self.profile.clone(), sets: self.sets.clone(), scene, analysis: self.analysis.asked() };
+        let (profile, sets, analysis) = (self.profile.clone(), self.sets.clone(), self.analysis.asked());
+        let given = Given { profile, sets, scene, analysis, recorded_poses };
         self.analysis.first(&recording, &given, false)?;
         Ok(Shot::of(recording, &given)?)
     }

@@ -86,6 +86,9 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     let out = OutPath::parse(output)?;
     sink::check(&out, args.force)?;
     let profile = args.profile.as_deref();
+    if args.which.leaves_registration() {
+        bail!("--without registration: a camera's poses are used as they come; it goes with `composite` and `photo`");
+    }
     let agreed = Agreed::open(&args.camera, profile)?;
     let delivered = agreed.opened.camera.given.delivered;
     let (width, height, interval_s) = (delivered.width, delivered.height, agreed.opened.interval_s);

@@ -26,7 +26,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<()> {
     let (json, args) = (args.json, &args.light);
-    let shot = args.open(None)?;
+    let shot = args.open(None, false)?;
     let frame = args.frame;
     if let Some(geometry) = shot.given_geometry_at(frame) {
         shot.rig.lens.opening(&geometry)?;

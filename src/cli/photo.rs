@@ -4,9 +4,8 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 
-use super::light;
 use super::which::Which;
-use super::{progress_of, tell, told, warn};
+use super::{analysis, light, progress_of, tell, told, warn};
 use crate::camera::Film;
 use crate::camera::metering::Mode;
 use crate::gpu::Gpu;
@@ -134,9 +133,10 @@ fn columns(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let mut shot = args.light.open(Some(args.scene.clone()))?;
+    let mut shot = args.light.open(Some(args.scene.clone()), args.which.leaves_registration())?;
     shot.settings.seed = args.seed;
     args.which.apply(&mut shot.settings)?;
+    analysis::say(args.quiet, &shot, args.which.leaves_registration());
     let bar = progress_of(args.quiet, 100, "{msg} {wide_bar} {percent} %, {elapsed}");
     let taken = args.wanted().take(shot, Gpu::open, &mut |says| {
         match says {

@@ -4,12 +4,15 @@ use anyhow::{Result, bail};
 
 use crate::compositor::Settings;
 
+/// Told as an effect is, although it is a part of the analysis: where the camera was.
+const REGISTRATION: &str = "registration";
+
 #[derive(clap::Args)]
 pub struct Which {
     /// Only these effects
     #[arg(long, value_name = "EFFECTS", value_delimiter = ',', conflicts_with = "without")]
     only: Option<Vec<String>>,
-    /// All effects but these
+    /// All effects but these; registration leaves the camera where the recording says it was, and keeps what else an analysis found
     #[arg(long, value_name = "EFFECTS", value_delimiter = ',')]
     without: Option<Vec<String>>,
 }
@@ -18,6 +21,11 @@ impl Which {
     #[cfg(feature = "window")]
     pub fn is_asked(&self) -> bool {
         self.only.is_some() || self.without.is_some()
+    }
+
+    /// Whether the poses are the recorded ones.
+    pub fn leaves_registration(&self) -> bool {
+        self.without.iter().flatten().any(|name| name == REGISTRATION)
     }
 
     /// Fails on a name that no effect has, and lists the known ones.
@@ -30,7 +38,8 @@ impl Which {
             settings.only(names)?;
         }
         if let Some(names) = &self.without {
-            settings.without(names)?;
+            let effects: Vec<String> = names.iter().filter(|name| *name != REGISTRATION).cloned().collect();
+            settings.without(&effects)?;
         }
         Ok(())
     }

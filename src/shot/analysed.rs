@@ -49,6 +49,7 @@ pub fn take(
     }
     match fitting(&folder, recording, rig) {
         Ok(analysis) => {
+            let analysis = if given.recorded_poses { analysis.without_registration() } else { analysis };
             for Follows { table, name, value } in follows(&analysis, profiles, &given.sets)? {
                 // Within the range: it was found there.
                 let _ = rig.set(settings, table, name, &value);

@@ -13,6 +13,8 @@ pub struct Given {
     pub scene: Option<PathBuf>,
     /// What the footage says of itself.
     pub analysis: Analysed,
+    /// The camera stays where the recording says, and its clocks go as it says, whatever an analysis found of them.
+    pub recorded_poses: bool,
 }
 
 /// Which analysis is used.

@@ -14,7 +14,7 @@ use locard::compositor::exposure_time_s;
 use locard::frame::{Frame, FrameExposure};
 use locard::params::Value;
 use locard::recording::{OpenOptions, Recording};
-use locard::shot::{Given, Shot};
+use locard::shot::{Analysed, Given, Shot};
 use locard::simulate::Flaws;
 use locard::tracking::PoseTrack;
 
@@ -434,6 +434,24 @@ fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
     let (named, _) = composite("b", &["--analysis", analysis.to_str().unwrap()]);
     let (without, _) = composite("c", &["--no-analysis"]);
     assert!(by_default == named);
+
+    // All of it but where the camera was.
+    let shot = |analysis: Analysed, recorded_poses: bool| {
+        Shot::open(&site, &OpenOptions::default(), &Given { analysis, recorded_poses, ..Given::default() }).unwrap()
+    };
+    let (found, recorded) = (shot(Analysed::Beside, false), shot(Analysed::No, false));
+    let left = shot(Analysed::Beside, true);
+    let pose = |shot: &Shot| shot.recording.pose_at_frame(2).unwrap();
+    assert!(pose(&left) == pose(&recorded) && pose(&left) != pose(&found));
+    let readout_s = |shot: &Shot| shot.given_geometry_at(2).unwrap().intrinsics.readout_time_s;
+    assert!(readout_s(&left) == readout_s(&recorded) && readout_s(&left) != readout_s(&found));
+    assert!(
+        left.recording.exposure == found.recording.exposure && left.recording.exposure != recorded.recording.exposure
+    );
+    let (seen, said) = composite("r", &["--without", "registration"]);
+    assert!(seen != by_default && !said.contains("changes nothing"), "{said}");
+    let (seen, said) = composite("s", &["--without", "registration", "--no-analysis"]);
+    assert!(seen == without && said.contains("--without registration changes nothing: no analysis is used"), "{said}");
 
     // Another recording in the same place.
     let poses = std::fs::read_to_string(site.join("groundtruth.txt")).unwrap();
