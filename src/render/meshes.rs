@@ -82,7 +82,8 @@ fn uploaded(gpu: &Gpu, surfaces: &[Unwrapped], all: &mut [GpuMesh]) -> [wgpu::Bu
     ]
 }
 
-/// A scene's meshes with places for their lightmaps: an object's parts share the texels that a lightmap may have, by their areas.
+/// A scene's meshes with places for their lightmaps, but for what no light changes: an object's parts share the texels that a lightmap
+/// may have, by their areas.
 fn all_unwrapped(scene: &Scene) -> Vec<Unwrapped> {
     let area_m2 = |part: &Part| {
         let stretch = part.world_from_mesh.matrix3.determinant().abs().powf(1.0 / 3.0);
@@ -100,5 +101,10 @@ fn all_unwrapped(scene: &Scene) -> Vec<Unwrapped> {
             sides[part.mesh] = shared.min(finest).ceil().clamp(16.0, LIGHTMAP_SIDE.into()) as u32;
         }
     }
-    scene.meshes.iter().zip(sides).map(|(mesh, side)| Unwrapped::new(mesh, side)).collect()
+    let is_lit = |mesh: &Mesh| scene.materials.get(mesh.material).is_none_or(|material| !material.unlit);
+    let unwrapped = |(mesh, side): (&std::sync::Arc<Mesh>, u32)| match is_lit(mesh) {
+        true => Unwrapped::new(mesh, side),
+        false => Unwrapped::none(mesh),
+    };
+    scene.meshes.iter().zip(sides).map(unwrapped).collect()
 }
