@@ -346,7 +346,9 @@ impl Compositor {
             (true, false) => {
                 self.renderer.unwrap(gpu);
                 let dimmed = self.shadows.dimmed(self.renderer.scene());
-                self.lightmaps.of(self.renderer.scene(), self.renderer.unwrapped(), &charts, &dimmed)
+                // What lies beside things throws nothing onto them.
+                let below: Vec<Chart> = charts.iter().filter(|chart| !chart.is_beside).cloned().collect();
+                self.lightmaps.of(self.renderer.scene(), self.renderer.unwrapped(), &below, &dimmed)
             }
         };
         self.renderer.light_by(gpu, &lightmaps, strength);

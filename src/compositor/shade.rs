@@ -440,7 +440,7 @@ mod tests {
     fn a_ray_meets_the_chart_where_the_point_is() {
         let floor = Floor::new(DVec3::new(0.2, -0.1, 0.5), DVec3::new(0.1, -0.9, 0.2).normalize());
         let shares = Shares::empty(Vec2::new(-0.3, -0.2), 0.002, 400, 300);
-        let chart = Chart { floor, shares: Arc::new(shares) };
+        let chart = Chart { floor, shares: Arc::new(shares), is_beside: false };
         let pose = Pose::from_camera_in_world(
             DVec3::new(0.3, -1.2, -0.4),
             DQuat::from_scaled_axis(DVec3::new(-0.9, 0.2, 0.1)),

@@ -2,7 +2,7 @@
 
 use std::path::{Component, Path};
 
-use glam::{DAffine3, DMat3, DQuat, DVec3};
+use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 
 use super::document::{Axis, PlacedModel, Up};
 use super::heading::Heading;
@@ -24,6 +24,17 @@ pub struct Support {
     pub point_m: DVec3,
     /// Unit length, out of the surface.
     pub normal: DVec3,
+}
+
+/// A flat piece of a real thing beside an object: a box's side, a wall.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Facet {
+    pub plane: Support,
+    /// A side of the rectangle around it: a unit vector in the plane. The other one is normal × along.
+    pub along: DVec3,
+    /// The rectangle, from the plane's point, along these sides, metres.
+    pub low_m: DVec2,
+    pub high_m: DVec2,
 }
 
 /// A surface that is level within this is taken for level.

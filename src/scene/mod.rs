@@ -37,7 +37,7 @@ pub use document::{Document, Entry, Gauge, SceneFile};
 pub use edit::Stance;
 pub use error::SceneError;
 pub use heading::Heading;
-pub use lay::{Posture, Support, lay, relative};
+pub use lay::{Facet, Posture, Support, lay, relative};
 pub use load::{load, load_file, load_file_with};
 pub use models::Models;
 pub use overlap::{Overlap, overlaps};
@@ -125,6 +125,8 @@ pub struct Object {
     pub shadowless: bool,
     /// The real surface below it, on which its shadow falls; `None` if unknown.
     pub support: Option<Support>,
+    /// Real things beside it, on which its shadow falls, too. Where two meet the first counts, and the real surface below before both.
+    pub facets: Vec<Facet>,
 }
 
 /// A placed mesh.

@@ -18,8 +18,9 @@ use glam::{Vec2, Vec3};
 
 use super::casters::Casters;
 use super::mask::{jitter, spans};
-use super::sky::{Sky, disc};
+use super::sky::{Behind, Sky, disc};
 use super::spread::spread;
+use super::within::Within;
 use crate::rows::{over_rows, processors};
 
 /// Directions in which the floor looks.
@@ -41,6 +42,8 @@ pub struct Ground<'a> {
     pub taken: &'a (dyn Fn(Vec2) -> Vec3 + Sync),
     /// Whether things stand over each texel, row by row; empty if nobody knows.
     pub stands_on: &'a [bool],
+    /// How high they are over it at least, texels.
+    pub over: f32,
 }
 
 /// Light that comes back onto a chart's floor, as a white matt surface shows it; coarser than the chart.
@@ -52,9 +55,9 @@ pub struct Bounce {
 }
 
 impl Bounce {
-    pub fn new(ground: &Ground<'_>, casters: &Casters, sky: &Sky) -> Self {
+    pub fn new(ground: &Ground<'_>, casters: &Casters, sky: &Sky, within: Option<&Within>) -> Self {
         let [width, height] = [ground.width, ground.height].map(|side| side.div_ceil(COARSER) as usize);
-        let faces: Vec<Face> = (0..casters.triangles.len()).map(|n| Face::of(casters, n, sky)).collect();
+        let faces: Vec<Face> = (0..casters.triangles.len()).map(|n| Face::of(casters, n, sky, within)).collect();
         let mut light = vec![Vec3::ZERO; width * height];
         let rows = height.div_ceil(processors()).max(1);
         over_rows(&mut light, width * rows, processors(), |band, light| {
@@ -63,7 +66,8 @@ impl Bounce {
             lit.fill(light, first..first + light.len() / width);
         });
         // Each direction stands for a patch: of a disc of radius 1 the share of one.
-        spread(&mut light, width, &ground.stands_on_coarse(width, height), (DIRECTIONS as f32).sqrt().recip());
+        let over = ground.over / COARSER as f32;
+        spread(&mut light, width, &ground.stands_on_coarse(width, height), over, (DIRECTIONS as f32).sqrt().recip());
         Self { width, height, light }
     }
 
@@ -90,19 +94,40 @@ impl Ground<'_> {
     }
 }
 
-/// A triangle's normal, and what a white matt surface there shows of far light.
+/// A triangle's normal, what a white matt surface there shows of far light, and the share of what is below the plane that the floor
+/// fills: all of it, but for a facet's, past which light comes too.
 #[derive(Clone, Copy, Debug)]
 struct Face {
     normal: Vec3,
     far: Vec3,
+    filled: f32,
 }
 
 impl Face {
-    fn of(casters: &Casters, triangle: usize, sky: &Sky) -> Self {
+    fn of(casters: &Casters, triangle: usize, sky: &Sky, within: Option<&Within>) -> Self {
         let [a, b, c] = casters.triangles[triangle].map(|i| casters.corners[i as usize]);
         let normal = (b - a).cross(c - a).normalize_or_zero();
         let far = sky.rays.iter().map(|ray| ray.light * normal.dot(ray.slope.extend(1.0)).max(0.0)).sum();
-        Self { normal, far }
+        let own = Self { normal, far, filled: 1.0 };
+        match (&sky.behind, within) {
+            (Some(behind), Some(within)) => own.beside(behind, within, (a + b + c) / 3.0),
+            _ => own,
+        }
+    }
+
+    /// With light from behind a facet that goes past it.
+    fn beside(self, behind: &Behind, within: &Within, from: Vec3) -> Self {
+        let (mut seen, mut filled, mut far) = (0.0, 0.0, self.far);
+        for (towards, light, solid_sr) in &behind.far {
+            let cosine = self.normal.dot(*towards).max(0.0);
+            let is_hidden = within.hides(from, *towards);
+            seen += cosine * solid_sr;
+            filled += if is_hidden { cosine * solid_sr } else { 0.0 };
+            far += if is_hidden { Vec3::ZERO } else { *light * cosine };
+        }
+        let lamps = behind.lamps.iter().filter(|lamp| !within.hides(from, lamp.at_m - from));
+        far += lamps.map(|lamp| lamp.light_on(from, self.normal)).sum::<Vec3>();
+        Self { far, filled: if seen > 0.0 { filled / seen } else { 1.0 }, ..self }
     }
 }
 
@@ -171,7 +196,7 @@ impl Lit<'_> {
 
     /// How bright a triangle is seen at a point of it, from below along a slope.
     fn thrown(&self, triangle: usize, point_m: Vec3, slope: Vec2) -> Vec3 {
-        let Face { normal, far } = self.faces[triangle];
+        let Face { normal, far, filled } = self.faces[triangle];
         // Inside of things it is dark.
         if normal.dot(slope.extend(1.0)) >= 0.0 {
             return Vec3::ZERO;
@@ -179,7 +204,7 @@ impl Lit<'_> {
         let lamps: Vec3 = self.sky.lamps.iter().map(|lamp| lamp.light_on(point_m, normal)).sum();
         let before_m = (point_m + normal * point_m.z).truncate();
         let left = 1.0 - (self.ground.taken)(before_m);
-        let floor = FLOOR * 0.5 * (1.0 - normal.z) * left * self.sky.light_at(before_m);
+        let floor = FLOOR * 0.5 * (1.0 - normal.z) * filled * left * self.sky.light_at(before_m);
         self.casters.colors[triangle] * (far + lamps + floor)
     }
 }
@@ -188,6 +213,7 @@ impl Lit<'_> {
 mod tests {
     use super::*;
     use crate::scene::{Environment, Lighting};
+    use crate::shadow::chart::Real;
     use crate::shadow::extent::Extent;
     use crate::shadow::sky::{Around, rays};
     use crate::shadow::{Floor, Shares};
@@ -199,7 +225,7 @@ mod tests {
     fn taken_before_a_wall(reflectance: f32, distance_m: f32) -> f32 {
         let lighting = Lighting { environment: Environment::Uniform(Vec3::ONE), ..Lighting::default() };
         let floor = Floor::new(DVec3::ZERO, DVec3::Z);
-        let sky = Sky::new(&lighting, rays(&lighting, &Around::new(&lighting.environment), &floor), &floor);
+        let sky = Sky::new(&lighting, rays(&lighting, &Around::new(&lighting.environment), &floor), &floor, None);
         let corner = |x: f32, z: f32| Vec3::new(x, 0.0, z);
         let casters = Casters {
             corners: vec![corner(-9.0, 0.0), corner(9.0, 0.0), corner(9.0, HEIGHT_M), corner(-9.0, HEIGHT_M)],
@@ -207,7 +233,7 @@ mod tests {
             colors: vec![Vec3::splat(reflectance); 2],
         };
         let extent = Extent { low: Vec2::splat(-5.0), high: Vec2::splat(5.0) };
-        let shares = Shares::new(&casters, extent, &sky, None);
+        let shares = Shares::new(&casters, extent, &sky, Real::default());
         shares.at_texel(shares.texel_of(Vec2::new(0.0, -distance_m)).as_dvec2()).y
     }
 

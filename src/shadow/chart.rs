@@ -14,6 +14,7 @@ use super::outline::Outline;
 use super::room::Stops;
 use super::sky::{CLASSES, Lamp, Ray, Sky, class};
 use super::spread::spread;
+use super::within::Within;
 use crate::rows::{over_rows, processors};
 
 /// The most texels along a side.
@@ -85,32 +86,44 @@ struct Gone {
     from_above: bool,
 }
 
+/// What is real around a floor.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Real<'a> {
+    /// What real things stop of the sky's light.
+    pub stops: Option<&'a Stops>,
+    /// Where the chart counts, if not everywhere.
+    pub within: Option<&'a Within>,
+}
+
 /// Shares on a floor in the world.
 #[derive(Clone, Debug)]
 pub struct Chart {
     pub floor: Floor,
     pub shares: Arc<Shares>,
+    /// What they are on is a real thing beside the object, not what it stands on.
+    pub is_beside: bool,
 }
 
 impl PartialEq for Chart {
     fn eq(&self, other: &Self) -> bool {
-        self.floor == other.floor && Arc::ptr_eq(&self.shares, &other.shares)
+        self.floor == other.floor && Arc::ptr_eq(&self.shares, &other.shares) && self.is_beside == other.is_beside
     }
 }
 
 impl Shares {
-    /// Of all that stands in an extent of a floor. `stops`: what real things stop of the sky's light.
-    pub fn new(casters: &Casters, extent: Extent, sky: &Sky, stops: Option<&Stops>) -> Self {
-        Self::of_texels(casters, extent, sky, stops, 1.0)
+    /// Of all that stands in an extent of a floor.
+    pub fn new(casters: &Casters, extent: Extent, sky: &Sky, real: Real<'_>) -> Self {
+        Self::of_texels(casters, extent, sky, real, 1.0)
     }
 
     /// The same with larger texels: with a [`Sky::rough`] one in a twentieth of the time.
-    pub fn rough(casters: &Casters, extent: Extent, sky: &Sky, stops: Option<&Stops>) -> Self {
-        Self::of_texels(casters, extent, sky, stops, ROUGHER)
+    pub fn rough(casters: &Casters, extent: Extent, sky: &Sky, real: Real<'_>) -> Self {
+        Self::of_texels(casters, extent, sky, real, ROUGHER)
     }
 
     /// With texels larger by a factor.
-    fn of_texels(casters: &Casters, extent: Extent, sky: &Sky, stops: Option<&Stops>, larger: f32) -> Self {
+    fn of_texels(casters: &Casters, extent: Extent, sky: &Sky, real: Real<'_>, larger: f32) -> Self {
+        let Real { stops, within } = real;
         let size = extent.high - extent.low;
         let thing = casters.bounds().map_or(size.max_element(), |(low, high, _)| (high - low).max_element());
         let texel_m = larger * (thing / ACROSS).max(size.max_element() / MOST).max(FINEST_M);
@@ -124,11 +137,13 @@ impl Shares {
             let first = band * rows;
             shares.fill(gone, first..first + gone.len() / width as usize, &outline, sky, stops);
         });
+        let lowest_m = casters.corners.iter().map(|corner| corner.z).fold(f32::INFINITY, f32::min);
+        let over = if lowest_m > texel_m && lowest_m.is_finite() { lowest_m / texel_m } else { 0.0 };
         let stands_on: Vec<bool> = gone.iter().map(|gone| gone.from_above).collect();
         let mut lacks: Vec<Vec3> = gone.iter().map(|gone| gone.of_class[0]).collect();
         for (class, angle_rad) in sky.angles_rad().into_iter().enumerate().filter(|(_, angle_rad)| *angle_rad > 0.0) {
             let mut of_class: Vec<Vec3> = gone.iter().map(|gone| gone.of_class[class]).collect();
-            spread(&mut of_class, width as usize, &stands_on, angle_rad);
+            spread(&mut of_class, width as usize, &stands_on, over, angle_rad);
             lacks.iter_mut().zip(of_class).for_each(|(lacks, gone)| *lacks += gone);
         }
         let share = |(i, (gone, lacks)): (usize, (&Gone, &Vec3))| {
@@ -140,9 +155,11 @@ impl Shares {
         let at = |place_m: Vec2| shares.at_texel(shares.texel_of(place_m).as_dvec2());
         let Self { low_m, texel_m, width, height, .. } = shares;
         // What real things stop is not thrown back.
-        let left = stops.map(|stops| stops.left(sky));
-        let ground = Ground { low_m, texel_m, width, height, taken: &at, stands_on: &stands_on };
-        let bounce = Bounce::new(&ground, casters, left.as_ref().unwrap_or(sky));
+        // Below the first one's origin; on a facet, behind the middle of all.
+        let among = within.and_then(|_| casters.bounds()).map_or(Vec2::ZERO, |(low, high, _)| 0.5 * (low + high));
+        let left = stops.map(|stops| stops.left(sky, among));
+        let ground = Ground { low_m, texel_m, width, height, taken: &at, stands_on: &stands_on, over };
+        let bounce = Bounce::new(&ground, casters, left.as_ref().unwrap_or(sky), within);
         let mut taken = std::mem::take(&mut shares.taken);
         over_rows(&mut taken, width as usize, processors(), |y, row| {
             for (x, taken) in row.iter_mut().enumerate() {
@@ -152,6 +169,7 @@ impl Shares {
                 };
                 let given = bounce.at(x, y) / all.max(sky.light.max(Vec3::splat(1e-12)) * DARKEST) * shares.rim(x, y);
                 let share = (Vec3::from(*taken) - given).max(Vec3::NEG_ONE);
+                let share = share * within.map_or(1.0, |within| within.share(shares.place_m(x, y)));
                 *taken = share.to_array().map(worth);
             }
         });

@@ -106,7 +106,7 @@ mod tests {
         let environment = Environment::Uniform(Vec3::splat(around));
         let lighting = Lighting { suns, points: Vec::new(), environment };
         let floor = Floor::new(DVec3::ZERO, DVec3::Z);
-        Sky::new(&lighting, rays(&lighting, &Around::new(&lighting.environment), &floor), &floor)
+        Sky::new(&lighting, rays(&lighting, &Around::new(&lighting.environment), &floor), &floor, None)
     }
 
     #[test]

@@ -11,6 +11,7 @@
 //!   a time are stopped. `spread`: how blurred a ray's shadow is.
 //! - `room`: what real things keep from the floor already. `dimmed`: what they keep from virtual things.
 //! - `extent`: how far the shadow is worth drawing. `chart`: the shares on the floor, as a picture of it.
+//! - `within`: where a chart on a real thing beside the object counts.
 //! - `group`: which things share a chart. `shadows`: the charts that are known already. `kept`: how they are found again. `last`: those
 //!   that were made last.
 //!
@@ -21,7 +22,7 @@
 //!
 //! All of it is arithmetic of the processor, the same on every graphics driver and for any number of threads.
 //!
-//! Not modelled: floors that are not flat; real things beside the floor that would take dim light.
+//! Not modelled: surfaces that are not flat; real things beside the floor that would take dim light.
 
 #[cfg(test)]
 mod block;
@@ -44,6 +45,7 @@ mod shadows;
 mod skin;
 mod sky;
 mod spread;
+mod within;
 
 pub use chart::{Chart, Part, Shares};
 pub use floor::Floor;

@@ -38,6 +38,8 @@ const TOUCHES_M: f64 = 0.06;
 const WIDEST: f32 = 32.0;
 /// Of a shadow that is longer than so many cells, pieces are looked at.
 const MOST_PIECES: f32 = 64.0;
+/// Points of a lamp by which a facet's cells ask for it.
+const MARCHED: usize = 8;
 /// Rays, and points of a lamp, in a word.
 const AT_A_TIME: usize = 32;
 
@@ -124,9 +126,34 @@ impl Stops {
                 f32::INFINITY
             })
         };
-        stops.lamps = sky.lamps.iter().map(of_lamp).collect();
+        // A lamp may shine along a facet, where what is laid onto it would be without end.
+        let along = |lamp: &Lamp| stops.marched(room, floor, lamp);
+        stops.lamps = match sky.behind {
+            Some(_) => sky.lamps.iter().map(along).collect(),
+            None => sky.lamps.iter().map(of_lamp).collect(),
+        };
         let is_any = stops.rays.iter().chain(stops.lamps.iter().flatten()).any(|words| !words.is_empty());
         is_any.then(|| Arc::new(stops))
+    }
+
+    /// Which of a lamp's points are stopped, asked for by a few of them from each cell.
+    fn marched(&self, room: &Room, floor: &Floor, lamp: &Lamp) -> Vec<Vec<u32>> {
+        let step = lamp.points_m.len().div_ceil(MARCHED).max(1);
+        let mut words = vec![vec![0u32; self.columns * self.rows]; lamp.points_m.len().div_ceil(AT_A_TIME)];
+        for cell in 0..self.columns * self.rows {
+            let middle = Vec2::new((cell % self.columns) as f32, (cell / self.columns) as f32) + 0.5;
+            let from_m = floor.at((self.low_m + SIDE_M * middle).as_dvec2());
+            for (n, points) in lamp.points_m.chunks(step).enumerate() {
+                let point = points[points.len() / 2].as_dvec3();
+                let way = floor.at(point.truncate()) + point.z * floor.normal() - from_m;
+                let is_facet = |at_m: DVec3| floor.height_m(at_m) < f64::from(ABOVE_M);
+                if room.stands_between(from_m, way.normalize_or_zero(), way.length(), is_facet) {
+                    (n * step..n * step + points.len())
+                        .for_each(|n| words[n / AT_A_TIME][cell] |= 1 << (n % AT_A_TIME));
+                }
+            }
+        }
+        words.into_iter().map(|word| if word.iter().any(|bits| *bits != 0) { word } else { Vec::new() }).collect()
     }
 
     /// Words of which bits are stopped. `laid` gives for one of `all` how near the nearest solid is in each cell, and how near it
@@ -205,21 +232,26 @@ impl Stops {
         words[y * self.columns + x]
     }
 
-    /// Light without what is stopped at the place below the first thing: what things throw onto the floor around them.
-    pub fn left(&self, sky: &Sky) -> Sky {
+    /// Light without what is stopped at a place among the things: what they throw onto the floor around them.
+    pub fn left(&self, sky: &Sky, at_m: Vec2) -> Sky {
         let mut rays = sky.rays.to_vec();
         for (n, ray) in rays.iter_mut().enumerate() {
-            if self.rays(n / AT_A_TIME, Vec2::ZERO) >> (n % AT_A_TIME) & 1 == 1 {
+            if self.rays(n / AT_A_TIME, at_m) >> (n % AT_A_TIME) & 1 == 1 {
                 ray.light = Vec3::ZERO;
             }
         }
         let open = |(number, lamp): (usize, &Lamp)| {
-            let words = (0..lamp.points_m.len().div_ceil(AT_A_TIME)).map(|n| self.lamp(number, n, Vec2::ZERO));
+            let words = (0..lamp.points_m.len().div_ceil(AT_A_TIME)).map(|n| self.lamp(number, n, at_m));
             let stopped: u32 = words.map(u32::count_ones).sum();
             lamp.dimmed(1.0 - stopped as f32 / lamp.points_m.len().max(1) as f32)
         };
         let light = rays.iter().map(|ray| ray.light).sum();
-        Sky { rays: rays.into(), lamps: sky.lamps.iter().enumerate().map(open).collect(), light }
+        Sky {
+            rays: rays.into(),
+            lamps: sky.lamps.iter().enumerate().map(open).collect(),
+            light,
+            behind: sky.behind.clone(),
+        }
     }
 
     /// Whether any of the 32 rays from `32 · n` on is stopped anywhere.

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DMat3};
 
 use super::casters::Casters;
-use super::chart::{Chart, Shares};
+use super::chart::{Chart, Real, Shares};
 use super::dimmed;
 use super::extent::Extent;
 use super::floor::Floor;
@@ -16,7 +16,8 @@ use super::group::Group;
 use super::kept::{Kept, Steps, from_steps, steps};
 use super::last::Last;
 use super::room::{Room, Stops};
-use super::sky::{Around, Ray, Sky, rays};
+use super::sky::{Around, Far, Ray, Sky, rays};
+use super::within::Within;
 use crate::render::Lightmap;
 use crate::scene::{Lighting, Object, Scene};
 
@@ -32,6 +33,8 @@ pub struct Shadows {
     around: Around,
     /// Far light by the floor's axes.
     rays: Kept<DMat3, Arc<[Ray]>>,
+    /// From everywhere, made when it is first asked for.
+    far: Option<Arc<[Far]>>,
     extents: Kept<Key, Extent>,
     charts: Kept<Key, Arc<Shares>>,
     /// Rough ones.
@@ -53,6 +56,8 @@ struct Key {
     parts: Vec<(usize, Steps)>,
     /// What real things stop there: a matter of the place in the world.
     stops: Option<Arc<Stops>>,
+    /// Of a facet.
+    within: Option<Arc<Within>>,
 }
 
 /// A thing's or a group's parts, placed in the world.
@@ -69,6 +74,7 @@ impl Shadows {
             around,
             lighting,
             rays,
+            far: None,
             extents,
             charts,
             sketches,
@@ -110,6 +116,10 @@ impl Shadows {
             let shared: Vec<usize> = order.iter().copied().filter(|index| group.objects.contains(index)).collect();
             charts.extend(self.chart(scene, &shared).map(|chart| (chart, shared)));
         }
+        for (floor, key) in self.beside(scene) {
+            let shares = self.extent(scene, key.clone()).map(|extent| self.whole(scene, &floor, key, extent));
+            charts.extend(shares.map(|shares| (Chart { floor, shares, is_beside: true }, Vec::new())));
+        }
         let last = self.last.insert(Last::new(scene.objects.clone(), charts));
         last.charts()
     }
@@ -132,32 +142,61 @@ impl Shadows {
             let members: Vec<usize> = order.iter().copied().filter(|index| group.objects.contains(index)).collect();
             let known = self.keyed(scene, &members).and_then(|(floor, key)| {
                 let shares = self.known(&floor, &key)?;
-                Some(Chart { floor, shares })
+                Some(Chart { floor, shares, is_beside: false })
             });
             is_rough |= known.is_none();
             match known {
                 Some(chart) => charts.push(chart),
-                None => charts.extend(members.iter().filter_map(|index| self.sketch(scene, *index))),
+                None => {
+                    let keyed: Vec<_> = members.iter().filter_map(|index| self.keyed(scene, &[*index])).collect();
+                    for (floor, key) in keyed {
+                        let shares = self.sketch(scene, &floor, key);
+                        charts.extend(shares.map(|shares| Chart { floor, shares, is_beside: false }));
+                    }
+                }
             }
+        }
+        for (floor, key) in self.beside(scene) {
+            is_rough |= self.known(&floor, &key).is_none();
+            let shares = self.sketch(scene, &floor, key);
+            charts.extend(shares.map(|shares| Chart { floor, shares, is_beside: true }));
         }
         (charts, is_rough)
     }
 
-    fn sketch(&mut self, scene: &Scene, object: usize) -> Option<Chart> {
-        let (floor, key) = self.keyed(scene, &[object])?;
-        if let Some(shares) = self.known(&floor, &key) {
-            return Some(Chart { floor, shares });
+    /// The whole shares, if they are known, or rough ones.
+    fn sketch(&mut self, scene: &Scene, floor: &Floor, key: Key) -> Option<Arc<Shares>> {
+        if let Some(shares) = self.known(floor, &key) {
+            return Some(shares);
         }
         let (extent, sky) = (self.extent(scene, key.clone())?, key.sky.rough());
-        let stops = self.room.as_ref().and_then(|room| Stops::of(room, &floor, extent, &sky));
+        let stops = self.room.as_ref().and_then(|room| Stops::of(room, floor, extent, &sky));
         let key = Key { stops, ..key };
         if let Some(shares) = self.sketches.found(&key) {
-            return Some(Chart { floor, shares });
+            return Some(shares);
         }
         let casters = Casters::of(scene, key.placed()).on_floor();
-        let shares = Arc::new(Shares::rough(&casters, extent, &sky, key.stops.as_deref()));
+        let shares = Arc::new(Shares::rough(&casters, extent, &sky, key.real()));
         self.sketches.keep(key, shares.clone());
-        Some(Chart { floor, shares })
+        Some(shares)
+    }
+
+    /// The facets of all objects that take light: each with its floor, and what its chart depends on. Things do not share these: where
+    /// two shadows meet on a facet, light that both stop is taken twice.
+    fn beside(&mut self, scene: &Scene) -> Vec<(Floor, Key)> {
+        let mut all = Vec::new();
+        for object in by_place(scene).into_iter().map(|index| &scene.objects[index]).filter(|o| !o.shadowless) {
+            let parts = parts_of(object);
+            for (n, facet) in object.facets.iter().enumerate() {
+                let Some(floor) = parts.first().and_then(|first| Floor::below(&facet.plane, &first.1)) else {
+                    continue;
+                };
+                let within = Some(Arc::new(Within::new(object, n, &floor)));
+                let key = self.key(&floor, &parts, within);
+                all.push((floor, key));
+            }
+        }
+        all
     }
 
     /// The floor that objects share, and what a chart of them depends on.
@@ -166,7 +205,7 @@ impl Shadows {
         let support = all.clone().next()?.support?;
         let parts: Parts = all.flat_map(|o| &o.parts).map(|part| (part.mesh, part.world_from_mesh)).collect();
         let floor = Floor::below(&support, &parts.first()?.1)?;
-        let key = self.key(&floor, &parts);
+        let key = self.key(&floor, &parts, None);
         Some((floor, key))
     }
 
@@ -194,9 +233,9 @@ impl Shadows {
     /// An object's floor, and how far its shadow reaches.
     fn alone(&mut self, scene: &Scene, object: &Object) -> Option<(Floor, Extent)> {
         let support = object.support.filter(|_| !object.shadowless)?;
-        let parts: Parts = object.parts.iter().map(|part| (part.mesh, part.world_from_mesh)).collect();
+        let parts = parts_of(object);
         let floor = Floor::below(&support, &parts.first()?.1)?;
-        let key = self.key(&floor, &parts);
+        let key = self.key(&floor, &parts, None);
         Some((floor, self.extent(scene, key)?))
     }
 
@@ -206,6 +245,7 @@ impl Shadows {
         }
         let (low, high, height) = Casters::of(scene, key.placed()).on_floor().bounds()?;
         let extent = Extent::of(low, high, height, &key.sky);
+        let extent = key.within.as_ref().map_or(extent, |within| within.clip(extent, Extent { low, high }));
         self.extents.keep(key, extent);
         Some(extent)
     }
@@ -223,15 +263,19 @@ impl Shadows {
                 (a, b) => a.or(b),
             };
         }
-        let extent = extent?;
-        let key = Key { stops: self.stops(&floor, &key, extent), ..key };
+        let shares = self.whole(scene, &floor, key, extent?);
+        Some(Chart { floor, shares, is_beside: false })
+    }
+
+    fn whole(&mut self, scene: &Scene, floor: &Floor, key: Key, extent: Extent) -> Arc<Shares> {
+        let key = Key { stops: self.stops(floor, &key, extent), ..key };
         if let Some(shares) = self.charts.found(&key) {
-            return Some(Chart { floor, shares });
+            return shares;
         }
         let casters = Casters::of(scene, key.placed()).on_floor();
-        let shares = Arc::new(Shares::new(&casters, extent, &key.sky, key.stops.as_deref()));
+        let shares = Arc::new(Shares::new(&casters, extent, &key.sky, key.real()));
         self.charts.keep(key, shares.clone());
-        Some(Chart { floor, shares })
+        shares
     }
 
     /// The whole chart on a floor of which a key says all but what real things stop there, if it is known.
@@ -255,16 +299,19 @@ impl Shadows {
         stops
     }
 
-    fn key(&mut self, floor: &Floor, parts: &Parts) -> Key {
+    /// `within`: of a facet's floor.
+    fn key(&mut self, floor: &Floor, parts: &Parts, within: Option<Arc<Within>>) -> Key {
         let rays = self.rays.found(&floor.axes).unwrap_or_else(|| {
             let rays = rays(&self.lighting, &self.around, floor);
             self.rays.keep(floor.axes, rays.clone());
             rays
         });
-        let sky = Arc::new(Sky::new(&self.lighting, rays, floor));
+        let far = within.as_ref().map(|_| self.far.get_or_insert_with(|| self.around.everywhere().into()).clone());
+        let sky = Arc::new(Sky::new(&self.lighting, rays, floor, far.as_deref()));
         Key {
             sky,
             stops: None,
+            within,
             parts: parts.iter().map(|(mesh, from)| (*mesh, steps(&(floor.floor_from_world() * *from)))).collect(),
         }
     }
@@ -275,6 +322,14 @@ impl Key {
     fn placed(&self) -> Parts {
         self.parts.iter().map(|(mesh, steps)| (*mesh, from_steps(steps))).collect()
     }
+
+    fn real(&self) -> Real<'_> {
+        Real { stops: self.stops.as_deref(), within: self.within.as_deref() }
+    }
+}
+
+fn parts_of(object: &Object) -> Parts {
+    object.parts.iter().map(|part| (part.mesh, part.world_from_mesh)).collect()
 }
 
 /// The objects with parts, by where the first one stands.
@@ -293,7 +348,7 @@ fn by_place(scene: &Scene) -> Vec<usize> {
 mod tests {
     use super::super::block::block;
     use super::*;
-    use crate::scene::{Environment, Material, Part, PointLight, Sun, Support};
+    use crate::scene::{Environment, Facet, Material, Part, PointLight, Sun, Support};
     use glam::{DQuat, DVec3, Vec2, Vec3};
 
     const HALF: Vec3 = Vec3::new(0.04, 0.03, 0.05);
@@ -495,6 +550,50 @@ mod tests {
         let object = Object { shadowless: true, ..shadowless.objects[0].clone() };
         let shadowless = Scene { objects: vec![object], ..shadowless };
         assert!(Shadows::new(&shadowless).charts(&shadowless).is_empty());
+    }
+
+    #[test]
+    fn beside_a_wall_its_shadow_falls_on_the_wall_as_a_floor_there_would_have_it() {
+        let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+        let sun =
+            Sun { towards_light_in_world: Vec3::new(-1.0, 0.0, 0.5).normalize(), color: Vec3::ONE, diameter_rad: 0.02 };
+        let mut scene = scene(Lighting { suns: vec![sun], ..even_sky() }, &floor, &[(0.0, 0.0, 0.0)]);
+        // A wall 4 cm to the right of the box, whose side is at 0.04 m in some turn of the floor's axes.
+        let reach = scene.objects[0].points_m(&scene).map(|p| p.x).fold(f64::NEG_INFINITY, f64::max);
+        let plane = Support { point_m: DVec3::new(reach + 0.04, 0.0, 0.1), normal: DVec3::NEG_X };
+        let half = glam::DVec2::new(0.3, 0.1);
+        let facet = Facet { plane, along: DVec3::Y, low_m: -half, high_m: half };
+        scene.objects[0].facets = vec![facet];
+        let mut shadows = Shadows::new(&scene);
+        let (sketch, is_rough) = shadows.sketched(&scene);
+        assert!(is_rough && sketch.len() == 2);
+        let charts = shadows.charts(&scene);
+        assert_eq!((charts.len(), charts.iter().filter(|chart| chart.is_beside).count()), (2, 1));
+        assert_eq!(shadows.sketched(&scene), (charts.clone(), false));
+        let wall = charts.iter().find(|chart| chart.is_beside).unwrap();
+        let rough = sketch.iter().find(|chart| chart.is_beside).unwrap();
+        // The same box stands as near to a floor that lies there, which ends nowhere.
+        let mut lying = scene.clone();
+        (lying.objects[0].support, lying.objects[0].facets) = (Some(plane), Vec::new());
+        let lying = only(Shadows::new(&lying).charts(&lying));
+        let at = |y: f64, z: f64| DVec3::new(plane.point_m.x, y, z);
+        let (mut dark, mut off) = (0.0f32, 0.0f32);
+        for (y, z) in (-10..=10).flat_map(|y| (3..10).map(move |z| (0.01 * f64::from(y), 0.02 * f64::from(z)))) {
+            let [found, wanted] = [wall, &lying].map(|chart| chart.taken_at(at(y, z)).x);
+            (dark, off) = (dark.max(found), off.max((found - wanted).abs()));
+            assert!((rough.taken_at(at(y, z)).x - found).abs() < 0.3);
+        }
+        // Texels are not the same ones.
+        assert!(dark > 0.5 && off < 0.06, "{dark} {off}");
+        // What lies 15 mm over the floor is the floor's, and what is beyond the rectangle is something else.
+        assert!(lying.taken_at(at(0.0, 0.01)).x > 0.3, "{}", lying.taken_at(at(0.0, 0.01)));
+        assert_eq!([wall.taken_at(at(0.0, 0.01)), wall.taken_at(at(0.32, 0.1))], [Vec3::ZERO; 2]);
+        // On the floor the box takes what it took without a wall, and shadowless nothing on either.
+        let ground = charts.iter().find(|chart| !chart.is_beside).unwrap();
+        scene.objects[0].facets.clear();
+        assert_eq!(only(Shadows::new(&scene).charts(&scene)).shares, ground.shares);
+        (scene.objects[0].facets, scene.objects[0].shadowless) = (vec![facet], true);
+        assert_eq!(Shadows::new(&scene).charts(&scene), []);
     }
 
     #[test]

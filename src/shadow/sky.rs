@@ -14,7 +14,7 @@ use glam::{DVec3, Mat3, Vec2, Vec3};
 use super::floor::Floor;
 use super::mask::SPREAD;
 use crate::render::panorama::{Level, direction, direction_at, resampled, solid_sr};
-use crate::scene::{Environment, Lighting};
+use crate::scene::{Environment, Lighting, Sun};
 
 /// Rays of the surrounding light. For a thing of a marker's size, 256 are within 0.23 codes of 16,384 in 95 % of the
 /// places, 512 within 0.13.
@@ -76,7 +76,7 @@ pub struct Far {
 /// Light from a point nearby, in the floor's axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lamp {
-    at_m: Vec3,
+    pub at_m: Vec3,
     color: Vec3,
     range_m: f32,
     spot: Option<(Vec3, Vec2)>,
@@ -92,6 +92,16 @@ pub struct Sky {
     pub lamps: Vec<Lamp>,
     /// Of all rays together.
     pub light: Vec3,
+    /// Of a facet, which light goes past.
+    pub behind: Option<Arc<Behind>>,
+}
+
+/// Light that comes from behind a facet, in its floor's axes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Behind {
+    /// Where it comes from, what a white matt surface shows that faces it, and its solid angle, sr.
+    pub far: Vec<(Vec3, Vec3, f32)>,
+    pub lamps: Vec<Lamp>,
 }
 
 /// A scene's surrounding light in the size in which it is looked at: made once for all floors.
@@ -231,8 +241,8 @@ pub fn rays(lighting: &Lighting, around: &Around, floor: &Floor) -> Arc<[Ray]> {
 }
 
 impl Sky {
-    /// `rays`: what [`rays`] gives for floors of these axes.
-    pub fn new(lighting: &Lighting, rays: Arc<[Ray]>, floor: &Floor) -> Self {
+    /// `rays`: what [`rays`] gives for floors of these axes. `far`: of a facet, the light from everywhere.
+    pub fn new(lighting: &Lighting, rays: Arc<[Ray]>, floor: &Floor, far: Option<&[Far]>) -> Self {
         let floor_from_world = floor.floor_from_world();
         let turn = floor_from_world.matrix3.as_mat3();
         let lamps = lighting.points.iter().map(|point| {
@@ -248,7 +258,9 @@ impl Sky {
             }
         });
         let light = rays.iter().map(|ray| ray.light).sum();
-        Self { rays, lamps: lamps.filter(|lamp| lamp.at_m.z > lamp.radius_m).collect(), light }
+        let (lamps, hidden) = lamps.partition(|lamp| lamp.at_m.z > lamp.radius_m);
+        let behind = far.map(|far| Arc::new(Behind { far: behind(far, &lighting.suns, turn), lamps: hidden }));
+        Self { rays, lamps, light, behind }
     }
 
     /// One of eight rays, and as few points of lamps, as bright as all: for a picture that must come soon.
@@ -266,7 +278,7 @@ impl Sky {
             let points_m = lamp.points_m.iter().skip(fewer / 2).step_by(fewer).copied().collect();
             Lamp { points_m, ..lamp.clone() }
         };
-        Self { rays: rays.into(), lamps: self.lamps.iter().map(thin).collect(), light }
+        Self { rays: rays.into(), lamps: self.lamps.iter().map(thin).collect(), light, behind: self.behind.clone() }
     }
 
     /// The angle of the patches that rays of each class stand for, their mean by their light, radians; 0 for none, and for those of
@@ -287,6 +299,14 @@ impl Sky {
     pub fn light_at(&self, place_m: Vec2) -> Vec3 {
         self.light + self.lamps.iter().map(|lamp| lamp.light_at(place_m)).sum::<Vec3>()
     }
+}
+
+/// Far light that comes from below a floor, in its axes.
+fn behind(far: &[Far], suns: &[Sun], floor_from_world: Mat3) -> Vec<(Vec3, Vec3, f32)> {
+    let of_sun = |sun: &Sun| (floor_from_world * sun.towards_light_in_world, sun.color, 0.0);
+    let of_far = |far: &Far| (floor_from_world * far.towards, far.light, far.solid_sr);
+    let all = far.iter().map(of_far).chain(suns.iter().map(of_sun));
+    all.filter(|(towards, ..)| towards.z < 0.0).collect()
 }
 
 /// The class of rays that stand for patches of some angle.
@@ -339,7 +359,7 @@ mod tests {
 
     fn sky(lighting: &Lighting, normal: DVec3) -> Sky {
         let floor = Floor::new(DVec3::ZERO, normal);
-        Sky::new(lighting, rays(lighting, &Around::new(&lighting.environment), &floor), &floor)
+        Sky::new(lighting, rays(lighting, &Around::new(&lighting.environment), &floor), &floor, None)
     }
 
     #[test]

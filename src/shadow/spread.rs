@@ -14,15 +14,16 @@ use crate::rows::{over_rows, processors};
 /// Twice as many texels make no difference: blurs are cut here.
 const WIDEST: f32 = 64.0;
 
-/// Blurs values of a chart, row by row, each by `angle_rad` times its distance from the nearest of the texels that `stands_on` names.
-pub fn spread(values: &mut [Vec3], width: usize, stands_on: &[bool], angle_rad: f32) {
+/// Blurs values of a chart, row by row, each by `angle_rad` times its distance from the nearest of the texels that `stands_on` names,
+/// over which things are `over` texels high at least.
+pub fn spread(values: &mut [Vec3], width: usize, stands_on: &[bool], over: f32, angle_rad: f32) {
     if width == 0 || !stands_on.contains(&true) {
         return;
     }
     let away = distances(stands_on, width);
     // Two boxes that reach h to each side have the variance 2h²/3, a disc of radius r has r²/4.
     for _ in 0..2 {
-        boxed(values, width, |i| (0.61 * angle_rad * away[i]).min(WIDEST));
+        boxed(values, width, |i| (0.61 * angle_rad * away[i].hypot(over)).min(WIDEST));
     }
 }
 
@@ -110,7 +111,7 @@ mod tests {
         let (width, height) = (201, 101);
         let named: Vec<bool> = (0..width * height).map(|i| i % width == 0).collect();
         let mut even = vec![Vec3::splat(0.25); width * height];
-        spread(&mut even, width, &named, 0.1);
+        spread(&mut even, width, &named, 0.0, 0.1);
         // Away from the chart's rim.
         assert!(
             (0..width * height)
@@ -120,7 +121,7 @@ mod tests {
         // A shaft along the middle row.
         let mut shaft: Vec<Vec3> =
             (0..width * height).map(|i| if i / width == 50 { Vec3::ONE } else { Vec3::ZERO }).collect();
-        spread(&mut shaft, width, &named, 0.1);
+        spread(&mut shaft, width, &named, 0.0, 0.1);
         let column = |x: usize| -> Vec<f32> { (0..height).map(|y| shaft[y * width + x].x).collect() };
         assert!(column(2)[50] > 0.7, "{}", column(2)[50]);
         let far = column(150);

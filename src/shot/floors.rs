@@ -11,10 +11,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use glam::{DVec2, DVec3};
 
 use super::Shot;
-use super::points::{FittedPlane, plane_through};
+use super::facets::facets;
+use super::planes::{Point, agreed};
+use super::points::FittedPlane;
 use crate::camera::Geometry;
 use crate::compositor::Compositor;
-use crate::depth::SENSOR_ERROR;
 use crate::gpu::Gpu;
 use crate::pixels::DepthMap;
 use crate::pose::Pose;
@@ -39,20 +40,9 @@ const BELOW_M: f64 = 1.0;
 const SNAP_M: f64 = 0.015;
 /// A surface that is steeper is no ground: cosine of 40°.
 const LEVEL: f64 = 0.766;
-/// Planes that are tried, and the fewest points of one.
-const TRIES: usize = 240;
-/// Tried planes are compared by so many points; the best is then fitted to all.
-const COMPARED: usize = 2048;
-const FEWEST: usize = 40;
-/// Points this near are on a plane: metres, and times z² (twice a structured-light sensor's error).
-const ON_M: f64 = 0.004;
-const ON_PER_DEPTH2: f64 = 2.0 * SENSOR_ERROR;
 /// Normals are told apart in steps of this, which is less than they are known to: where a thing is moved over a desk, its floor is
 /// tilted as before, and what was worked out of its shadow holds.
 const NORMAL_STEP: f64 = 1.0 / 512.0;
-
-/// A measured point of the room, and how far it may be off, metres.
-type Point = (DVec3, f64);
 
 /// What is known of the room, made when it is first asked for, and of the objects that were last asked for.
 #[derive(Debug, Default)]
@@ -126,7 +116,11 @@ impl Shot {
         }
         // While one thing is moved, the others' floors are known.
         let with_floor = |object: &Object| {
-            let new = || Object { support: self.support_of(object, &known.points), ..object.clone() };
+            let new = || {
+                let support = self.support_of(object, &known.points);
+                let facets = support.map(|support| facets(&self.scene, object, &support, &known.points));
+                Object { support, facets: facets.unwrap_or_default(), ..object.clone() }
+            };
             known.last.found(object).unwrap_or_else(new)
         };
         let found: Vec<_> = self.scene.objects.iter().map(with_floor).collect();
@@ -157,7 +151,7 @@ impl Shot {
         }
         let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);
         let known = known.as_mut().filter(|known| !known.points.is_empty())?;
-        let of = |points: &[Point]| Arc::new(Room::of(points.iter().map(|(point_m, _)| *point_m)));
+        let of = |points: &[Point]| Arc::new(Room::of(points.iter().map(|point| point.at_m)));
         Some(known.room.get_or_insert_with(|| of(&known.points)).clone())
     }
 
@@ -218,7 +212,7 @@ impl Shot {
             };
             for (z, ray) in depth_m.iter().map(|z| f64::from(*z)).zip(rays.iter()) {
                 if let (true, Some(ray)) = (z > 0.0 && z.is_finite(), ray) {
-                    points.push((pose.inverse_transform_point(z * *ray), ON_M + ON_PER_DEPTH2 * z * z));
+                    points.push(Point::new(pose.inverse_transform_point(z * *ray), z, pose.position_in_world_m()));
                 }
             }
         }
@@ -286,54 +280,20 @@ impl Foot {
         let foot = self.lowest(self.up);
         let near: Vec<Point> = points
             .iter()
-            .filter(|(p, _)| {
-                let (off, height) = (*p - foot, (*p - foot).dot(self.up));
+            .filter(|point| {
+                let (off, height) = (point.at_m - foot, (point.at_m - foot).dot(self.up));
                 heights_m.contains(&height) && (off - height * self.up).length() < around_m
             })
             .copied()
             .collect();
-        if near.len() < FEWEST {
-            return None;
-        }
-        let is_on = |normal: DVec3, d: f64| move |(p, off): &&Point| (normal.dot(*p) - d).abs() < *off;
-        let step = near.len().div_ceil(COMPARED);
-        let compared: Vec<Point> = near.iter().step_by(step).copied().collect();
-        let (mut best, mut most) = (None, (FEWEST - 1).div_ceil(step));
-        for n in 0..TRIES {
-            let [a, b, c] = [0, 1, 2].map(|k| near[pick(3 * n + k, near.len())].0);
-            let Some(normal) = (b - a).cross(c - a).try_normalize() else { continue };
-            let normal = if normal.dot(self.up) < 0.0 { -normal } else { normal };
-            if normal.dot(self.up) < LEVEL {
-                continue;
-            }
-            let count = compared.iter().filter(is_on(normal, normal.dot(a))).count();
-            if count > most {
-                (best, most) = (Some((normal, normal.dot(a))), count);
-            }
-        }
-        let (mut normal, mut d) = best?;
-        let mut found = None;
-        for _ in 0..3 {
-            let members: Vec<DVec3> = near.iter().filter(is_on(normal, d)).map(|(p, _)| *p).collect();
-            let plane = plane_through(&members).ok()?.facing(self.up);
-            (normal, d, found) = (plane.normal, plane.d_m, Some(plane));
-        }
-        found.filter(|plane| plane.normal.dot(self.up) >= LEVEL)
+        let plane = agreed(&near, |normal| normal.dot(self.up).abs() >= LEVEL)?;
+        Some(plane.facing(self.up))
     }
-}
-
-/// Numbers that are spread over a list, the same in every run (a hash of Wang's).
-fn pick(n: usize, among: usize) -> usize {
-    let mut x = n as u32;
-    x = (x ^ 61) ^ (x >> 16);
-    x = x.wrapping_mul(9);
-    x = (x ^ (x >> 4)).wrapping_mul(0x27d4_eb2d);
-    x ^= x >> 15;
-    x as usize % among
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::planes::pick;
     use super::*;
 
     fn foot(height_m: f64) -> Foot {
@@ -347,7 +307,8 @@ mod tests {
         let noise = |n: usize| (pick(n, 4001) as f64 / 2000.0 - 1.0) * 0.002;
         let place = |i: usize| DVec2::new((i % 40) as f64, (i / 40) as f64) * 0.01 - 0.2;
         let height = |at: DVec2| if at.x > 0.06 { 0.05 } else { 0.0 };
-        (0..1600).map(|i| (place(i).extend(height(place(i)) + noise(i)), 0.005)).collect()
+        let at_m = |i: usize| place(i).extend(height(place(i)) + noise(i));
+        (0..1600).map(|i| Point { at_m: at_m(i), off_m: 0.005, eye_m: DVec3::Z }).collect()
     }
 
     #[test]
@@ -379,7 +340,8 @@ mod tests {
     #[test]
     fn a_wall_and_too_few_points_carry_nothing() {
         let wall: Vec<Point> = (0..900)
-            .map(|i| (DVec3::new(0.01, (i % 30) as f64 * 0.005 - 0.07, (i / 30) as f64 * 0.003 - 0.05), 0.003))
+            .map(|i| DVec3::new(0.01, (i % 30) as f64 * 0.005 - 0.07, (i / 30) as f64 * 0.003 - 0.05))
+            .map(|at_m| Point { at_m, off_m: 0.003, eye_m: DVec3::X })
             .collect();
         assert!(foot(0.0).carried_by(&wall, -NEAR_M..NEAR_M).is_none());
         assert!(foot(0.0).carried_by(&room()[..20], -NEAR_M..NEAR_M).is_none());

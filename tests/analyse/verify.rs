@@ -35,7 +35,7 @@ fn a_kinects_footage_passes_and_something_wrong_fails_its_own_line() {
     let [folder, analysis] = [folder.to_str().unwrap(), analysis.to_str().unwrap()].map(str::to_owned);
     let profile = ["--profile", "profiles/tum-fr1.toml", "--quiet"];
     let verified =
-        |more: &[&str]| verdicts(&[&["verify", folder.as_str(), "--every", "30"], &profile[..], more].concat());
+        |more: &[&str]| verdicts(&[&["verify", folder.as_str(), "--every", "60"], &profile[..], more].concat());
     let by = ["--analysis", analysis.as_str()];
     let found = verified(&by);
     assert!(found.iter().all(|(_, verdict)| verdict == "pass"), "{found:?}");

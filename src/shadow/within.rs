@@ -1,0 +1,174 @@
+//! Where a chart on a facet counts: within its rectangle, and not where another real surface has a shadow of its own.
+//!
+//! Near a corner of the room a pixel is as far from one plane as from the other, within what depth is known to, and light would be
+//! taken twice. So what lies near a surface that comes before is left to that one, by the weight that it has there
+//! (`floor_around` in shaders/shade.wgsl, whose distances these are).
+
+use glam::{DVec2, DVec3, Vec2, Vec3};
+
+use super::extent::Extent;
+use super::floor::Floor;
+use crate::scene::{Facet, Object, Support};
+
+/// Over this its rectangle's sides fade out, metres.
+const FADE_M: f32 = 0.01;
+/// As far from a surface as this it counts wholly, three times as far not at all, metres.
+const TOLERANCE_M: f32 = 0.015;
+
+/// In the axes of a facet's floor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Within {
+    own: Rectangle,
+    before: Vec<Surface>,
+}
+
+/// A rectangle in a plane: x is counted by `x.truncate() · place + x.z`, and so is y.
+#[derive(Clone, Debug, PartialEq)]
+struct Rectangle {
+    x: Vec3,
+    y: Vec3,
+    low: Vec2,
+    high: Vec2,
+}
+
+/// Another surface: its height below a place, counted alike, and where it is.
+#[derive(Clone, Debug, PartialEq)]
+struct Surface {
+    height: Vec3,
+    rectangle: Option<Rectangle>,
+}
+
+impl Within {
+    /// Of an object's facet by its number.
+    pub fn new(object: &Object, facet: usize, floor: &Floor) -> Self {
+        let before = object.facets[..facet].iter().map(|facet| Surface {
+            height: height(&facet.plane, floor),
+            rectangle: Some(Rectangle::new(facet, floor)),
+        });
+        let support = object.support.iter().map(|support| Surface { height: height(support, floor), rectangle: None });
+        Self { own: Rectangle::new(&object.facets[facet], floor), before: support.chain(before).collect() }
+    }
+
+    /// 1 where the chart counts, 0 where it does not.
+    pub fn share(&self, place_m: Vec2) -> f32 {
+        let left = |surface: &Surface| {
+            let height_m = counted(surface.height, place_m).abs();
+            let near = (1.5 - 0.5 * height_m / TOLERANCE_M).clamp(0.0, 1.0);
+            1.0 - near * surface.rectangle.as_ref().map_or(1.0, |rectangle| rectangle.share(place_m))
+        };
+        self.own.share(place_m) * self.before.iter().map(left).product::<f32>()
+    }
+
+    /// Whether the facet is seen from a place before it, in the floor's axes.
+    pub fn hides(&self, from: Vec3, towards: Vec3) -> bool {
+        towards.z < 0.0 && self.own.share((from - towards * (from.z / towards.z)).truncate()) > 0.5
+    }
+
+    /// What of an extent is in the rectangle or in `under`, where the object is, and a rim around for a chart to fade out over.
+    pub fn clip(&self, extent: Extent, under: Extent) -> Extent {
+        let own = self.own.around().union(under);
+        let rim = 0.1 * (own.high - own.low);
+        Extent { low: extent.low.max(own.low - rim), high: extent.high.min(own.high + rim) }
+    }
+}
+
+impl Rectangle {
+    /// On the plane of `floor`, its own or one that it is seen from.
+    fn new(facet: &Facet, floor: &Floor) -> Self {
+        let axis = |along: DVec3| {
+            let off = along.dot(floor.origin_m - facet.plane.point_m);
+            DVec3::new(along.dot(floor.axes.x_axis), along.dot(floor.axes.y_axis), off).as_vec3()
+        };
+        let [low, high] = [facet.low_m, facet.high_m].map(|side: DVec2| side.as_vec2());
+        Self { x: axis(facet.along), y: axis(facet.plane.normal.cross(facet.along)), low, high }
+    }
+
+    fn share(&self, place_m: Vec2) -> f32 {
+        let at = Vec2::new(counted(self.x, place_m), counted(self.y, place_m));
+        let outside = (self.low - at).max(at - self.high).max_element();
+        (1.0 - outside / FADE_M).clamp(0.0, 1.0)
+    }
+
+    fn around(&self) -> Extent {
+        let (x, y) = (self.x.truncate(), self.y.truncate());
+        let middle = 0.5 * (self.low + self.high);
+        let corner = |at: Vec2| x * (at.x - self.x.z) + y * (at.y - self.y.z);
+        let half = 0.5 * (self.high - self.low) + FADE_M;
+        let reach = x.abs() * half.x + y.abs() * half.y;
+        Extent { low: corner(middle) - reach, high: corner(middle) + reach }
+    }
+}
+
+/// How high places of a floor are over a plane.
+fn height(plane: &Support, floor: &Floor) -> Vec3 {
+    let Floor { origin_m, axes } = floor;
+    let over = plane.normal.dot(*origin_m - plane.point_m);
+    DVec3::new(plane.normal.dot(axes.x_axis), plane.normal.dot(axes.y_axis), over).as_vec3()
+}
+
+fn counted(by: Vec3, place_m: Vec2) -> f32 {
+    by.truncate().dot(place_m) + by.z
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A wall x = 0.2 that faces to the left, 0.4 m wide and as high, and before it a box's top at z = 0.1.
+    fn corner() -> Object {
+        let on = |point_m: DVec3, normal: DVec3| Support { point_m, normal };
+        let facet = |plane: Support, along: DVec3, half: f64| Facet {
+            plane,
+            along,
+            low_m: DVec2::splat(-half),
+            high_m: DVec2::splat(half),
+        };
+        Object {
+            support: Some(on(DVec3::ZERO, DVec3::Z)),
+            facets: vec![
+                facet(on(DVec3::new(0.1, 0.0, 0.1), DVec3::Z), DVec3::X, 0.1),
+                facet(on(DVec3::new(0.2, 0.0, 0.2), DVec3::NEG_X), DVec3::Y, 0.2),
+            ],
+            ..Object::default()
+        }
+    }
+
+    #[test]
+    fn a_wall_counts_within_its_rectangle_and_not_near_the_floor_nor_near_what_comes_before() {
+        let object = corner();
+        let floor = Floor::new(DVec3::new(0.2, -0.05, 0.3), DVec3::NEG_X);
+        let within = Within::new(&object, 1, &floor);
+        let share = |y: f64, z: f64| {
+            let place = floor.floor_from_world().transform_point3(DVec3::new(0.2, y, z));
+            assert!(place.z.abs() < 1e-12);
+            within.share(place.truncate().as_vec2())
+        };
+        let near = |found: f32, wanted: f32| (found - wanted).abs() < 1e-4;
+        assert!(near(share(0.0, 0.3), 1.0) && near(share(0.15, 0.06), 1.0));
+        // The floor has all of what is 15 mm over it and nothing from 45 mm on.
+        assert!(near(share(0.15, 0.01), 0.0) && near(share(0.15, 0.03), 0.5));
+        // The box's top at y from -0.1 to 0.1.
+        assert!(near(share(0.0, 0.1), 0.0) && near(share(0.0, 0.13), 0.5) && near(share(0.15, 0.1), 1.0));
+        // Beyond its rectangle it ends within a centimetre.
+        assert!(near(share(0.205, 0.3), 0.5) && near(share(0.22, 0.3), 0.0) && near(share(0.0, 0.405), 0.5));
+    }
+
+    #[test]
+    fn an_extent_is_cut_to_the_rectangle_and_to_where_the_object_is() {
+        let object = corner();
+        let floor = Floor::new(DVec3::new(0.2, -0.05, 0.3), DVec3::NEG_X);
+        let within = Within::new(&object, 1, &floor);
+        let at = |y: f64, z: f64| floor.floor_from_world().transform_point3(DVec3::new(0.2, y, z)).truncate().as_vec2();
+        let around = |a: Vec2, b: Vec2| Extent { low: a.min(b), high: a.max(b) };
+        let wide = Extent { low: Vec2::splat(-9.0), high: Vec2::splat(9.0) };
+        let own = around(at(-0.21, -0.01), at(0.21, 0.41));
+        let clipped = within.clip(wide, own);
+        let rim = Vec2::splat(0.042);
+        assert!(clipped.low.abs_diff_eq(own.low - rim, 1e-5) && clipped.high.abs_diff_eq(own.high + rim, 1e-5));
+        let beside = around(at(0.3, 0.0), at(0.5, 0.1));
+        let clipped = within.clip(wide, beside);
+        assert!(clipped.low.cmplt(beside.low).all() && clipped.high.cmpgt(beside.high).all());
+        let narrow = Extent { low: Vec2::splat(-0.01), high: Vec2::splat(0.01) };
+        assert_eq!(within.clip(narrow, own), narrow);
+    }
+}
