@@ -252,16 +252,50 @@ impl SceneFile {
     /// Leaves a thing out of the picture, or shows it. Of an object that was hidden with all its instances, the others stay
     /// hidden by their own keys.
     pub fn hide(&mut self, entry: Entry, hidden: bool) {
+        self.switch(entry, hidden, |object| &mut object.hidden, |instance| &mut instance.hidden);
+    }
+
+    /// Whether a thing throws no shadow: by its own key, or its object's.
+    pub fn is_shadowless(&self, entry: Entry) -> bool {
+        self.objects.get(entry.object).is_some_and(|object| {
+            object.shadowless || entry.instance.and_then(|i| object.instances.get(i)).is_some_and(|i| i.shadowless)
+        })
+    }
+
+    /// Takes a thing's shadow, or gives it back, as [`Self::hide`] does.
+    pub fn unshadow(&mut self, entry: Entry, shadowless: bool) {
+        self.switch(entry, shadowless, |object| &mut object.shadowless, |instance| &mut instance.shadowless);
+    }
+
+    /// Whether a thing stands in for something real.
+    pub fn is_stand_in(&self, entry: Entry) -> bool {
+        self.objects.get(entry.object).is_some_and(|object| object.occluder)
+    }
+
+    /// Has a thing stand in for something real, with all instances of its object, or be evidence again.
+    pub fn stand_in(&mut self, entry: Entry, occluder: bool) {
+        if let Some(object) = self.objects.get_mut(entry.object) {
+            object.occluder = occluder;
+        }
+    }
+
+    fn switch(
+        &mut self,
+        entry: Entry,
+        on: bool,
+        of_object: impl Fn(&mut PlacedModel) -> &mut bool,
+        of_instance: impl Fn(&mut Instance) -> &mut bool,
+    ) {
         let Some(object) = self.objects.get_mut(entry.object) else { return };
         let Some(i) = entry.instance else {
-            object.hidden = hidden;
+            *of_object(object) = on;
             return;
         };
-        if !hidden && std::mem::take(&mut object.hidden) {
-            object.instances.iter_mut().for_each(|instance| instance.hidden = true);
+        if !on && std::mem::take(of_object(object)) {
+            object.instances.iter_mut().for_each(|instance| *of_instance(instance) = true);
         }
         if let Some(instance) = object.instances.get_mut(i) {
-            instance.hidden = hidden;
+            *of_instance(instance) = on;
         }
     }
 

@@ -215,6 +215,7 @@ impl Evidence {
         if done {
             project.close_step();
         }
+        wrong = switches(ui, project, entry).or(wrong);
         ui.horizontal(|ui| {
             if ui.button("Duplicate").on_hover_text("Shift+D, and move it").clicked() {
                 wrong = self.duplicate(project, entry);
@@ -409,6 +410,29 @@ fn stands(model: &Path) -> bool {
 /// What the history calls a new name.
 fn renamed(before: &str) -> String {
     format!("{before}: renamed")
+}
+
+/// Whether a thing throws a shadow, and whether it is one at all. Gives back what went wrong.
+fn switches(ui: &mut Ui, project: &mut Project, entry: Entry) -> Option<String> {
+    let scene = &project.edit().scene;
+    let (title, mut throws, mut is_real) = (scene.title(entry), !scene.is_shadowless(entry), scene.is_stand_in(entry));
+    let throwing = ui
+        .add_enabled(!is_real, egui::Checkbox::new(&mut throws, "Throws a shadow"))
+        .on_hover_text("It takes light from what it stands on, and from what is beside it");
+    let standing = ui
+        .checkbox(&mut is_real, "Stands in for something real")
+        .on_hover_text("It is not drawn, and hides what is behind it: where depth was not measured, or not well");
+    let done = if throwing.changed() {
+        let what = format!("{title}: {}", if throws { "with its shadow" } else { "without its shadow" });
+        project.change_scene(&what, |scene| scene.unshadow(entry, !throws))
+    } else if standing.changed() {
+        let what = format!("{title}: {}", if is_real { "stands in for something real" } else { "is evidence" });
+        project.change_scene(&what, |scene| scene.stand_in(entry, is_real))
+    } else {
+        return None;
+    };
+    project.close_step();
+    done.err().map(|e| e.to_string())
 }
 
 /// A number with its label; whether a change of it has ended.

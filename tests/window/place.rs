@@ -225,3 +225,36 @@ fn what_stands_wrong_is_told_and_what_is_hidden_is_not_drawn() {
     until(&mut window, App::is_settled);
     assert!(!window.state().project().edit().scene.is_hidden(first));
 }
+
+#[test]
+fn a_thing_loses_its_shadow_and_stands_in_for_something_real() {
+    let mut window = open();
+    let first = Entry { object: 0, instance: None };
+    click(&mut window, [0.0, 0.12, 0.03]);
+    assert_eq!(window.state().selected(), Some(first));
+    let with_both = shown(&window);
+    let state = |window: &Harness<'_, App>| {
+        let scene = &window.state().project().edit().scene;
+        (scene.is_shadowless(first), scene.is_stand_in(first))
+    };
+    let press = |window: &mut Harness<'_, App>, label: &str| {
+        window.get_by_label(label).click();
+        window.run_steps(2);
+        settle(window);
+    };
+    press(&mut window, "Throws a shadow");
+    assert_eq!(state(&window), (true, false));
+    let bare = shown(&window);
+    assert!(bare != with_both);
+    press(&mut window, "Stands in for something real");
+    assert_eq!(state(&window), (true, true));
+    let drawn = |window: &Harness<'_, App>| !window.state().project().shot().scene.objects[0].parts.is_empty();
+    assert!(!drawn(&window) && shown(&window) != bare);
+    // One step each, and back to the same picture.
+    press(&mut window, "Stands in for something real");
+    press(&mut window, "Throws a shadow");
+    assert!(drawn(&window) && shown(&window) == with_both);
+    let history: Vec<_> = window.state().project().history().names().0.map(str::to_owned).collect();
+    let said = ["without its shadow", "stands in for something real", "is evidence", "with its shadow"];
+    assert!(said.iter().all(|said| history.contains(&format!("marker 1: {said}"))), "{history:?}");
+}
