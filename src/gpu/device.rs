@@ -6,6 +6,8 @@ use std::time::Duration;
 
 use wgpu::{Backends, DeviceType};
 
+use super::shared::Shared;
+
 /// An open GPU. Cheap to clone: handles only.
 #[derive(Clone, Debug)]
 pub struct Gpu {
@@ -16,6 +18,7 @@ pub struct Gpu {
     pub timestamps: bool,
     /// How many pipelines were made.
     pipelines: Arc<AtomicUsize>,
+    shared: Shared,
     /// The first uncaptured error. Later ones are its consequences.
     failure: Arc<Mutex<Option<GpuError>>>,
 }
@@ -165,7 +168,15 @@ impl Gpu {
         device.set_device_lost_callback(move |_, message| {
             first(&of_the_device, GpuError::Lost(message.split_whitespace().collect::<Vec<_>>().join(" ")));
         });
-        Self { device, queue, info: adapter.get_info(), timestamps, pipelines: Arc::default(), failure }
+        Self {
+            device,
+            queue,
+            info: adapter.get_info(),
+            timestamps,
+            pipelines: Arc::default(),
+            shared: Shared::default(),
+            failure,
+        }
     }
 
     /// The features and limits to request, so that pictures may be as large as the adapter allows.
@@ -182,6 +193,12 @@ impl Gpu {
             memory_hints: wgpu::MemoryHints::Performance,
             ..Default::default()
         }
+    }
+
+    /// What there is once for a device, by its type; made by whoever asks first. Compositors come and go on a device, and what is
+    /// compiled for one serves the next.
+    pub fn shared<T: Send + Sync + 'static>(&self, make: impl FnOnce(&Self) -> T) -> Arc<T> {
+        self.shared.get(|| make(self))
     }
 
     /// Makes a pipeline. Each is counted: drivers take up to a second for one.

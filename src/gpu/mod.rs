@@ -11,6 +11,7 @@ mod pipelines;
 mod readback;
 mod recorder;
 mod shader;
+mod shared;
 mod texture;
 mod timing;
 mod uniform;

@@ -166,7 +166,7 @@ impl<'a> Pass<'a> {
         let gpu = self.recorder.gpu.clone();
         let mut ready = Vec::new();
         for entry in &self.entries {
-            let pipelines = &mut self.recorder.pipelines;
+            let pipelines = &self.recorder.pipelines;
             let made = pipelines.drawn(&gpu, &self.shaders, &self.module, entry, &formats, self.blend);
             let groups = self.groups(&gpu, &made);
             ready.push((made, groups));

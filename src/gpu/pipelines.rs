@@ -1,7 +1,7 @@
-//! Modules and pipelines, each made on first use.
+//! Modules and pipelines of a device, each made on first use.
 
 use std::collections::{BTreeMap, HashMap};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use super::interface::{Global, Interface, layouts};
 use super::{Gpu, Shader, shader};
@@ -66,30 +66,48 @@ struct Drawn {
 
 #[derive(Debug, Default)]
 pub struct Pipelines {
-    modules: HashMap<Vec<Shader>, Arc<Module>>,
-    drawn: HashMap<Drawn, Arc<Made<wgpu::RenderPipeline>>>,
-    computed: HashMap<(Vec<Shader>, &'static str), Arc<Made<wgpu::ComputePipeline>>>,
+    modules: Known<Vec<Shader>, Module>,
+    drawn: Known<Drawn, Made<wgpu::RenderPipeline>>,
+    computed: Known<(Vec<Shader>, &'static str), Made<wgpu::ComputePipeline>>,
+}
+
+/// What was made already. Nobody waits for what somebody else makes: two may make the same, and the first one stays.
+#[derive(Debug)]
+struct Known<K, V>(Mutex<HashMap<K, Arc<V>>>);
+
+impl<K, V> Default for Known<K, V> {
+    fn default() -> Self {
+        Self(Mutex::default())
+    }
+}
+
+impl<K: Eq + std::hash::Hash, V> Known<K, V> {
+    fn get(&self, key: K, make: impl FnOnce(&K) -> V) -> Arc<V> {
+        let all = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = all().get(&key) {
+            return known.clone();
+        }
+        let made = Arc::new(make(&key));
+        all().entry(key).or_insert(made).clone()
+    }
 }
 
 impl Pipelines {
     /// The module of some files, named after the first. `tail` is appended when the module is made, and must depend
     /// only on the files.
-    pub fn module(&mut self, gpu: &Gpu, shaders: &[Shader], tail: impl FnOnce() -> String) -> Arc<Module> {
-        if let Some(known) = self.modules.get(shaders) {
-            return known.clone();
-        }
-        let text = shader::module(shaders) + &tail();
-        let label = shaders.first().map_or("", |shader| shader.name());
-        let interface = Interface::new(label, &text);
-        let source = wgpu::ShaderSource::Wgsl(text.into());
-        let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(label), source });
-        let module = Arc::new(Module { label, interface, module });
-        self.modules.insert(shaders.to_vec(), module.clone());
-        module
+    pub fn module(&self, gpu: &Gpu, shaders: &[Shader], tail: impl FnOnce() -> String) -> Arc<Module> {
+        self.modules.get(shaders.to_vec(), |shaders| {
+            let text = shader::module(shaders) + &tail();
+            let label = shaders.first().map_or("", |shader| shader.name());
+            let interface = Interface::new(label, &text);
+            let source = wgpu::ShaderSource::Wgsl(text.into());
+            let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(label), source });
+            Module { label, interface, module }
+        })
     }
 
     pub fn drawn(
-        &mut self,
+        &self,
         gpu: &Gpu,
         shaders: &[Shader],
         module: &Module,
@@ -98,64 +116,60 @@ impl Pipelines {
         blend: Option<wgpu::BlendState>,
     ) -> Arc<Made<wgpu::RenderPipeline>> {
         let key = Drawn { module: shaders.to_vec(), entry: entry.clone(), formats: formats.to_vec(), blend };
-        if let Some(known) = self.drawn.get(&key) {
-            return known.clone();
-        }
-        let globals = module.interface.globals(&[entry.vertex, entry.fragment]);
-        let (groups, layout) = layouts(&gpu.device, module.label, &globals);
-        let constants = entry.constants();
-        let compilation_options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
-        let targets: Vec<_> =
-            formats.iter().map(|&format| Some(wgpu::ColorTargetState { blend, ..format.into() })).collect();
-        let pipeline = gpu.render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some(&format!("{} {}", module.label, entry.fragment)),
-            layout: Some(&layout),
-            vertex: wgpu::VertexState {
-                module: &module.module,
-                entry_point: Some(entry.vertex),
-                compilation_options: compilation_options.clone(),
-                buffers: &[],
-            },
-            primitive: wgpu::PrimitiveState { topology: wgpu::PrimitiveTopology::TriangleStrip, ..Default::default() },
-            depth_stencil: None,
-            multisample: Default::default(),
-            fragment: Some(wgpu::FragmentState {
-                module: &module.module,
-                entry_point: Some(entry.fragment),
-                compilation_options,
-                targets: &targets,
-            }),
-            multiview_mask: None,
-            cache: None,
-        });
-        let made = Arc::new(Made { pipeline, groups, globals });
-        self.drawn.insert(key, made.clone());
-        made
+        self.drawn.get(key, |_| {
+            let globals = module.interface.globals(&[entry.vertex, entry.fragment]);
+            let (groups, layout) = layouts(&gpu.device, module.label, &globals);
+            let constants = entry.constants();
+            let compilation_options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
+            let targets: Vec<_> =
+                formats.iter().map(|&format| Some(wgpu::ColorTargetState { blend, ..format.into() })).collect();
+            let pipeline = gpu.render_pipeline(&wgpu::RenderPipelineDescriptor {
+                label: Some(&format!("{} {}", module.label, entry.fragment)),
+                layout: Some(&layout),
+                vertex: wgpu::VertexState {
+                    module: &module.module,
+                    entry_point: Some(entry.vertex),
+                    compilation_options: compilation_options.clone(),
+                    buffers: &[],
+                },
+                primitive: wgpu::PrimitiveState {
+                    topology: wgpu::PrimitiveTopology::TriangleStrip,
+                    ..Default::default()
+                },
+                depth_stencil: None,
+                multisample: Default::default(),
+                fragment: Some(wgpu::FragmentState {
+                    module: &module.module,
+                    entry_point: Some(entry.fragment),
+                    compilation_options,
+                    targets: &targets,
+                }),
+                multiview_mask: None,
+                cache: None,
+            });
+            Made { pipeline, groups, globals }
+        })
     }
 
     pub fn computed(
-        &mut self,
+        &self,
         gpu: &Gpu,
         shaders: &[Shader],
         module: &Module,
         entry: &'static str,
     ) -> Arc<Made<wgpu::ComputePipeline>> {
-        let key = (shaders.to_vec(), entry);
-        if let Some(known) = self.computed.get(&key) {
-            return known.clone();
-        }
-        let globals = module.interface.globals(&[entry]);
-        let (groups, layout) = layouts(&gpu.device, module.label, &globals);
-        let pipeline = gpu.compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some(&format!("{} {entry}", module.label)),
-            layout: Some(&layout),
-            module: &module.module,
-            entry_point: Some(entry),
-            compilation_options: Default::default(),
-            cache: None,
-        });
-        let made = Arc::new(Made { pipeline, groups, globals });
-        self.computed.insert(key, made.clone());
-        made
+        self.computed.get((shaders.to_vec(), entry), |_| {
+            let globals = module.interface.globals(&[entry]);
+            let (groups, layout) = layouts(&gpu.device, module.label, &globals);
+            let pipeline = gpu.compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(&format!("{} {entry}", module.label)),
+                layout: Some(&layout),
+                module: &module.module,
+                entry_point: Some(entry),
+                compilation_options: Default::default(),
+                cache: None,
+            });
+            Made { pipeline, groups, globals }
+        })
     }
 }

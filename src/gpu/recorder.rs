@@ -1,5 +1,7 @@
 //! Records a frame's work.
 
+use std::sync::Arc;
+
 use super::kept::{FEW, Kept, MANY};
 use super::pipelines::Pipelines;
 use super::readback::{Readback, ReadbackSet};
@@ -7,14 +9,14 @@ use super::timing::{Stamps, Timed, Timer};
 use super::uniform::{Bytes, Uniforms};
 use super::{Gpu, Texture, TexturePool};
 
-/// Records passes, and keeps what outlasts a frame: pipelines, textures, uniforms, cached values.
+/// Records passes, and keeps what outlasts a frame: textures, uniforms, cached values; pipelines are the device's.
 #[derive(Debug)]
 pub struct Recorder {
     pub gpu: Gpu,
     pub pool: TexturePool,
     /// Interpolates between texels and clamps to the edge. Every shader's sampler, unless it is given another.
     pub(super) linear: wgpu::Sampler,
-    pub(super) pipelines: Pipelines,
+    pub(super) pipelines: Arc<Pipelines>,
     uniforms: Uniforms,
     kept: Kept,
     encoder: Option<wgpu::CommandEncoder>,
@@ -31,11 +33,12 @@ impl Recorder {
             min_filter: wgpu::FilterMode::Linear,
             ..Default::default()
         });
+        let pipelines = gpu.shared(|_| Pipelines::default());
         Self {
             gpu,
             linear,
             pool: TexturePool::default(),
-            pipelines: Pipelines::default(),
+            pipelines,
             uniforms: Uniforms::default(),
             kept: Kept::default(),
             encoder: None,

@@ -38,7 +38,7 @@ pub struct Renderer {
     lightmaps: LitParts,
     materials: Vec<wgpu::BindGroup>,
     environment: EnvironmentLight,
-    pipelines: Pipelines,
+    pipelines: Arc<Pipelines>,
     no_depth: Texture,
 }
 
@@ -69,7 +69,8 @@ enum Prepared {
 
 impl Renderer {
     pub fn new(gpu: &Gpu, scene: Scene) -> Self {
-        Self::with_pipelines(gpu, scene, Pipelines::new(gpu))
+        let pipelines = gpu.shared(Pipelines::new);
+        Self::with_pipelines(gpu, scene, pipelines)
     }
 
     /// Replaces the scene. Compiled pipelines are kept, and what was uploaded if it is the same.
@@ -94,7 +95,7 @@ impl Renderer {
         }
     }
 
-    fn with_pipelines(gpu: &Gpu, scene: Scene, pipelines: Pipelines) -> Self {
+    fn with_pipelines(gpu: &Gpu, scene: Scene, pipelines: Arc<Pipelines>) -> Self {
         Self {
             meshes: Meshes::new(gpu, &scene),
             materials: bind_groups(gpu, &pipelines.material_layout, &scene),
@@ -236,12 +237,10 @@ impl Renderer {
         let gpu = &recorder.gpu.clone();
         if !view.geometry.sees_around() {
             let draws = self.draws(gpu, view);
-            self.pipelines.prepare(gpu, draws.list.iter().map(|d| d.variant));
             return Prepared::Plane(draws);
         }
         let sides = SideView::all(view, &self.boxes().collect::<Vec<_>>());
         let all: Vec<Draws> = sides.iter().map(|side| self.draws(gpu, &side.view(view))).collect();
-        self.pipelines.prepare(gpu, all.iter().flat_map(|draws| &draws.list).map(|d| d.variant));
         let with_layer = |side: SideView| {
             let layer = side.layer(recorder);
             (side, layer)
@@ -418,8 +417,7 @@ impl Renderer {
             pass.set_bind_group(0, &frame, &[]);
             let blended = draws.list.iter().filter(|d| d.variant.blended).map(|d| (d, Writes::BlendedDepth));
             for (draw, writes) in draws.list.iter().map(|d| (d, Writes::Color)).chain(blended) {
-                let Some(pipeline) = self.pipelines.get(draw.variant, writes) else { continue };
-                pass.set_pipeline(pipeline);
+                pass.set_pipeline(&self.pipelines.get(gpu, draw.variant, writes));
                 pass.set_bind_group(1, &self.materials[draw.material], &[]);
                 pass.set_bind_group(2, self.lightmaps.of(draw.part as usize), &[]);
                 let (vertices, indices, base, range) = match (&draw.diced, &draws.diced) {

@@ -1,6 +1,7 @@
 //! The pipelines of shaders/raster.wgsl: one for each combination of features drawn.
 
 use std::collections::HashMap;
+use std::sync::{Mutex, PoisonError};
 
 use super::light::{MAX_POINTS, MAX_SUNS};
 use super::unwrap::Corner;
@@ -115,15 +116,15 @@ pub struct Instance {
     pub offset_px: [f32; 2],
 }
 
-/// Creates each pipeline when it is first needed.
-#[derive(Clone, Debug)]
+/// A device's pipelines, each created when it is first needed.
+#[derive(Debug)]
 pub struct Pipelines {
     module: wgpu::ShaderModule,
     layout: wgpu::PipelineLayout,
     pub frame_layout: wgpu::BindGroupLayout,
     pub material_layout: wgpu::BindGroupLayout,
     pub lightmap_layout: wgpu::BindGroupLayout,
-    made: HashMap<(Variant, Writes), wgpu::RenderPipeline>,
+    made: Mutex<HashMap<(Variant, Writes), wgpu::RenderPipeline>>,
 }
 
 impl Pipelines {
@@ -142,26 +143,18 @@ impl Pipelines {
             frame_layout,
             material_layout,
             lightmap_layout,
-            made: HashMap::new(),
+            made: Mutex::default(),
         }
     }
 
-    /// Creates the missing pipelines for the variants.
-    pub fn prepare(&mut self, gpu: &Gpu, variants: impl Iterator<Item = Variant>) {
-        for variant in variants {
-            for writes in [Writes::Color, Writes::BlendedDepth] {
-                let key = (variant, writes);
-                if (writes == Writes::Color || variant.blended) && !self.made.contains_key(&key) {
-                    let pipeline = self.make(gpu, &variant, writes);
-                    self.made.insert(key, pipeline);
-                }
-            }
+    /// The pipeline of a variant, created if it is missing.
+    pub fn get(&self, gpu: &Gpu, variant: Variant, writes: Writes) -> wgpu::RenderPipeline {
+        let made = || self.made.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = made().get(&(variant, writes)) {
+            return known.clone();
         }
-    }
-
-    /// A pipeline already created by [`Pipelines::prepare`].
-    pub fn get(&self, variant: Variant, writes: Writes) -> Option<&wgpu::RenderPipeline> {
-        self.made.get(&(variant, writes))
+        let pipeline = self.make(gpu, &variant, writes);
+        made().entry((variant, writes)).or_insert(pipeline).clone()
     }
 
     fn make(&self, gpu: &Gpu, variant: &Variant, writes: Writes) -> wgpu::RenderPipeline {

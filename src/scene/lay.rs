@@ -37,6 +37,14 @@ pub struct Facet {
     pub high_m: DVec2,
 }
 
+impl Facet {
+    /// Whether a point lies before or behind its rectangle, from the plane's point.
+    pub fn holds(&self, off: DVec3) -> bool {
+        let at = DVec2::new(self.along.dot(off), self.plane.normal.cross(self.along).dot(off));
+        at.cmpge(self.low_m).all() && at.cmple(self.high_m).all()
+    }
+}
+
 /// A surface that is level within this is taken for level.
 const LEVEL_DEG: f64 = 2.0;
 /// Of a number that is written, m and 1.

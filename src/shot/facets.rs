@@ -27,8 +27,15 @@ const FILLED: f64 = 0.4;
 const CELL_M: f64 = 0.02;
 /// So many of a piece's points may lie beyond each side of its rectangle.
 const BEYOND: f64 = 0.01;
-/// The object comes out before it, metres.
+/// The object comes out before it as far as this, and does not reach through it farther than that, metres.
 const LEAST_BEFORE_M: f64 = 0.005;
+const DEEPEST_M: f64 = 0.015;
+/// Its middle does not stand out before its rims, or lie behind them, by more than this share of what points may be off. Of a ball the
+/// piece that is taken for flat does by 0.9.
+const BULGE: f64 = 0.35;
+/// So many of other points, of a piece's own, may be this near before or behind its rectangle, metres.
+const STRAYS: f64 = 0.3;
+const BESIDE_M: f64 = 0.05;
 /// Turns of the rectangle that are tried over a right angle.
 const TURNS: usize = 36;
 /// Normals are told apart in steps of this, as those of floors are.
@@ -52,23 +59,32 @@ pub fn facets(scene: &Scene, object: &Object, support: &Support, points: &[Point
     let is_near = |at_m: DVec3| at_m.distance(at_m.clamp(low, high)) < reach_m;
     let near = points.iter().filter(|point| is_near(point.at_m) && heights_m.contains(&height_m(point.at_m)));
     let mut rest: Vec<Point> = near.copied().collect();
-    let mut found = Vec::new();
+    // What belongs to no piece: the front of a ball.
+    let (mut found, mut odd) = (Vec::new(), Vec::new());
     for _ in 0..MOST {
         let Some(plane) = agreed(&rest, |_| true) else { break };
         let (members, others): (Vec<_>, Vec<_>) = rest.iter().partition(|point| point.is_on(plane.normal, plane.d_m));
-        // So far the object comes out before it.
-        let before_m = |facet: &Facet| {
+        let is_before = |facet: &Facet| {
             let Support { point_m, normal } = facet.plane;
-            normal.max(DVec3::ZERO).dot(high - point_m) + normal.min(DVec3::ZERO).dot(low - point_m)
+            let (mut farthest_m, mut pierced) = (0.0f64, false);
+            for off in object.points_m(scene).map(|at_m| at_m - point_m) {
+                farthest_m = farthest_m.max(normal.dot(off));
+                pierced |= normal.dot(off) < -DEEPEST_M && facet.holds(off);
+            }
+            farthest_m > LEAST_BEFORE_M && !pierced
         };
-        found.extend(facet(&plane, &members).filter(|facet| before_m(facet) > LEAST_BEFORE_M));
+        let strays: Vec<Point> = [&others[..], &odd].concat();
+        match facet(&plane, &members, &strays) {
+            Some(facet) => found.extend(Some(facet).filter(is_before)),
+            None => odd.extend(members),
+        }
         rest = others;
     }
     found
 }
 
-/// The piece that points of a plane make, if it is one.
-fn facet(plane: &FittedPlane, members: &[Point]) -> Option<Facet> {
+/// The piece that points of a plane make among others, if it is one.
+fn facet(plane: &FittedPlane, members: &[Point], strays: &[Point]) -> Option<Facet> {
     let middle = members.iter().map(|point| point.at_m).sum::<DVec3>() / members.len() as f64;
     let towards_eyes: f64 = members.iter().map(|point| plane.normal.dot(point.eye_m - point.at_m).signum()).sum();
     let normal = ((plane.normal * towards_eyes.signum() / NORMAL_STEP).round() * NORMAL_STEP).try_normalize()?;
@@ -88,7 +104,30 @@ fn facet(plane: &FittedPlane, members: &[Point]) -> Option<Facet> {
     // The axis along which the turned x is counted.
     let along = (turn.x * x - turn.y * y).normalize();
     let facet = Facet { plane: Support { point_m: middle, normal }, along, low_m, high_m };
-    (is_filled && (high_m - low_m).min_element() > LEAST_M).then_some(facet)
+    let off_m = members.iter().map(|point| point.off_m).sum::<f64>() / members.len() as f64;
+    let is_flat = [0, 1].into_iter().all(|axis| {
+        let at = places.iter().zip(members).map(|(place, point)| {
+            let share = (turn.rotate(*place)[axis] - low_m[axis]) / (high_m - low_m)[axis];
+            (share, normal.dot(point.at_m - middle))
+        });
+        bulge_m(at) < BULGE * off_m
+    });
+    // A plane through something round has its rim alone.
+    let is_close = |off: &DVec3| normal.dot(*off).abs() < BESIDE_M && facet.holds(*off);
+    let strays = strays.iter().map(|point| point.at_m - middle).filter(is_close).count();
+    let is_whole = (strays as f64) < STRAYS * members.len() as f64;
+    (is_filled && is_flat && is_whole && (high_m - low_m).min_element() > LEAST_M).then_some(facet)
+}
+
+/// How far the middle third of heights over a line stands out before both others, or lies behind them.
+fn bulge_m(heights: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let mut sums = [(0.0, 0.0); 2];
+    for (share, height_m) in heights {
+        let (sum, count) = &mut sums[usize::from((1.0 / 3.0..2.0 / 3.0).contains(&share))];
+        (*sum, *count) = (*sum + height_m, *count + 1.0);
+    }
+    let [outer, middle] = sums.map(|(sum, count): (f64, f64)| sum / count.max(1.0));
+    (middle - outer).abs()
 }
 
 /// The rectangle around most places.
@@ -173,6 +212,21 @@ mod tests {
         assert_eq!(of(&wall(-0.15)), [], "its back was seen");
         let narrow = rectangle(DVec3::new(0.15, -0.1, 0.0), 0.2 * DVec3::Y, 0.04 * DVec3::Z);
         assert_eq!(of(&narrow), [], "a strip of a centimetre over the floor");
+        let wall_into_it = rectangle(DVec3::new(0.02, -0.1, 0.0), 0.2 * DVec3::Y, 0.3 * DVec3::Z);
+        assert_eq!(of(&wall_into_it), [], "the cube reaches through it");
+        // A ball and a cup of 12 cm and 9 cm: pieces of them are flat within what points may be off.
+        let round = |radius_m: f64, is_ball: bool| -> Vec<Point> {
+            let at = |i: usize, j: usize| {
+                let (around, up) = (0.05 * i as f64, 0.05 * j as f64 - 1.5);
+                let wide = if is_ball { up.cos() } else { 1.0 };
+                let high = if is_ball { up.sin() } else { up };
+                let middle = DVec3::new(0.06 + radius_m, 0.0, 1.2 * radius_m);
+                let at_m = middle - radius_m * DVec3::new(wide * around.cos(), wide * around.sin(), -high);
+                Point { at_m, off_m: 0.006, eye_m: EYE_M }
+            };
+            (0..60).flat_map(|i| (0..60).map(move |j| at(i, j))).collect()
+        };
+        assert_eq!((of(&round(0.12, true)), of(&round(0.09, false))), (Vec::new(), Vec::new()));
         let bare = Object { shadowless: true, ..scene.objects[0].clone() };
         assert_eq!(facets(&scene, &bare, &FLOOR, &wall(0.15)), []);
     }

@@ -445,9 +445,7 @@ fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
     assert!(pose(&left) == pose(&recorded) && pose(&left) != pose(&found));
     let readout_s = |shot: &Shot| shot.given_geometry_at(2).unwrap().intrinsics.readout_time_s;
     assert!(readout_s(&left) == readout_s(&recorded) && readout_s(&left) != readout_s(&found));
-    assert!(
-        left.recording.exposure == found.recording.exposure && left.recording.exposure != recorded.recording.exposure
-    );
+    assert_eq!(left.recording.exposure, found.recording.exposure);
     let (seen, said) = composite("r", &["--without", "registration"]);
     assert!(seen != by_default && !said.contains("changes nothing"), "{said}");
     let (seen, said) = composite("s", &["--without", "registration", "--no-analysis"]);

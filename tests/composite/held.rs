@@ -141,7 +141,7 @@ fn every_parameter_through_its_range() {
         if n % 3 == 0 {
             assert!(one.picture(&mut held) == *first, "{told}: another picture the second time");
         }
-        // All of them anew would take minutes: a new compositor compiles every shader.
+        // All of them anew would take minutes.
         if n % 9 == 0 {
             let anew = one.picture(&mut Compositor::new(gpu.clone(), scene()));
             assert!(anew == *first, "{told}: not what a new compositor gives");

@@ -1,0 +1,37 @@
+//! What there is once for a device.
+
+use std::any::{Any, TypeId};
+use std::collections::HashMap;
+use std::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Values by their types.
+#[derive(Clone, Default)]
+pub struct Shared(Arc<Mutex<HashMap<TypeId, Arc<dyn Any + Send + Sync>>>>);
+
+impl Shared {
+    pub fn get<T: Send + Sync + 'static>(&self, make: impl FnOnce() -> T) -> Arc<T> {
+        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let one = all.entry(TypeId::of::<T>()).or_insert_with(|| Arc::new(make()));
+        one.clone().downcast().unwrap_or_else(|_| unreachable!("a value of its own type"))
+    }
+}
+
+impl fmt::Debug for Shared {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Shared")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_type_is_made_once_and_shared_by_clones() {
+        let shared = Shared::default();
+        let first = shared.get(|| 1u32);
+        assert_eq!((*first, *shared.clone().get(|| 2u32), *shared.get(|| 'a')), (1, 1, 'a'));
+        assert_eq!(*Shared::default().get(|| 3u32), 3);
+    }
+}
