@@ -140,17 +140,20 @@ impl Stops {
     fn marched(&self, room: &Room, floor: &Floor, lamp: &Lamp) -> Vec<Vec<u32>> {
         let step = lamp.points_m.len().div_ceil(MARCHED).max(1);
         let mut words = vec![vec![0u32; self.columns * self.rows]; lamp.points_m.len().div_ceil(AT_A_TIME)];
-        for cell in 0..self.columns * self.rows {
-            let middle = Vec2::new((cell % self.columns) as f32, (cell / self.columns) as f32) + 0.5;
-            let from_m = floor.at((self.low_m + SIDE_M * middle).as_dvec2());
-            for (n, points) in lamp.points_m.chunks(step).enumerate() {
-                let point = points[points.len() / 2].as_dvec3();
-                let way = floor.at(point.truncate()) + point.z * floor.normal() - from_m;
-                let is_facet = |at_m: DVec3| floor.height_m(at_m) < f64::from(ABOVE_M);
-                if room.stands_between(from_m, way.normalize_or_zero(), way.length(), is_facet) {
-                    (n * step..n * step + points.len())
-                        .for_each(|n| words[n / AT_A_TIME][cell] |= 1 << (n % AT_A_TIME));
-                }
+        let is_facet = |at_m: DVec3| floor.height_m(at_m) < f64::from(ABOVE_M);
+        for (n, points) in lamp.points_m.chunks(step).enumerate() {
+            let point = points[points.len() / 2].as_dvec3();
+            let point_m = floor.at(point.truncate()) + point.z * floor.normal();
+            let is_stopped = |cell: &usize| {
+                let middle = Vec2::new((cell % self.columns) as f32, (cell / self.columns) as f32) + 0.5;
+                let from_m = floor.at((self.low_m + SIDE_M * middle).as_dvec2());
+                let way = point_m - from_m;
+                room.stands_between(from_m, way.normalize_or_zero(), way.length(), is_facet)
+            };
+            let stopped: Vec<usize> = (0..self.columns * self.rows).filter(is_stopped).collect();
+            for n in n * step..n * step + points.len() {
+                let word = &mut words[n / AT_A_TIME];
+                stopped.iter().for_each(|cell| word[*cell] |= 1 << (n % AT_A_TIME));
             }
         }
         words.into_iter().map(|word| if word.iter().any(|bits| *bits != 0) { word } else { Vec::new() }).collect()

@@ -596,6 +596,56 @@ mod tests {
         assert_eq!(Shadows::new(&scene).charts(&scene), []);
     }
 
+    /// A red box, and 4 cm to its right a wall of 0.2 m that faces it, in the light of a lamp.
+    fn before_a_wall(at_m: DVec3, bright: f32) -> Scene {
+        let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+        let (color, range_m) = (Vec3::splat(bright), f32::INFINITY);
+        let lamp = PointLight { position_in_world_m: at_m, color, diameter_m: 0.02, range_m, spot: None };
+        let lighting = Lighting { points: vec![lamp], ..even_sky() };
+        let mut scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
+        scene.materials[0].base_color = [0.9, 0.0, 0.0, 1.0];
+        let reach = scene.objects[0].points_m(&scene).map(|p| p.x).fold(f64::NEG_INFINITY, f64::max);
+        let plane = Support { point_m: DVec3::new(reach + 0.04, 0.0, 0.1), normal: DVec3::NEG_X };
+        let half = glam::DVec2::splat(0.1);
+        scene.objects[0].facets = vec![Facet { plane, along: DVec3::Y, low_m: -half, high_m: half }];
+        scene
+    }
+
+    fn on_the_wall(scene: &Scene, room: Option<Room>) -> Vec3 {
+        let mut shadows = Shadows::new(scene);
+        shadows.stand_in(room.map(Arc::new));
+        let wall = shadows.charts(scene).into_iter().find(|chart| chart.is_beside).unwrap();
+        wall.taken_at(scene.objects[0].facets[0].plane.point_m - 0.03 * DVec3::Z)
+    }
+
+    #[test]
+    fn light_that_goes_past_a_wall_comes_back_onto_it_from_the_thing_before_it() {
+        // Behind the wall and over it: the wall's front has no light of it, the box's side has.
+        let low = before_a_wall(DVec3::new(0.2, 0.0, 0.9), 10.0);
+        let mut high = low.clone();
+        // One so high that no light goes past it.
+        high.objects[0].facets[0].high_m = glam::DVec2::splat(9.0);
+        high.objects[0].facets[0].low_m = glam::DVec2::splat(-9.0);
+        let [low, high] = [&low, &high].map(|scene| on_the_wall(scene, None));
+        assert!(low.x < high.x - 0.2 && low.x < -0.1, "{low} {high}");
+        // A red thing throws no other colour.
+        assert!(low.y > 0.2 && (low.y - high.y).abs() < 0.01, "{low} {high}");
+    }
+
+    #[test]
+    fn a_lamp_that_real_things_keep_from_a_wall_is_not_taken_from_it() {
+        let lit = before_a_wall(DVec3::new(-0.8, 0.0, 0.25), 1.0);
+        let mut dim = lit.clone();
+        dim.lighting.points.clear();
+        // A board between the lamp and all else, every centimetre of it seen twice.
+        let places = (0..2 * 60 * 60).map(|n| (n / 2 % 60, n / 120));
+        let board = places.map(|(y, z)| DVec3::new(-0.4, 0.01 * f64::from(y) - 0.3, 0.01 * f64::from(z)));
+        let behind = Room::of(board.map(|at_m| at_m + DVec3::splat(0.005)));
+        let [open, stopped, dim] =
+            [on_the_wall(&lit, None), on_the_wall(&lit, Some(behind)), on_the_wall(&dim, None)].map(|taken| taken.y);
+        assert!(open > dim + 0.2 && (stopped - dim).abs() < 1e-4, "{open} {stopped} {dim}");
+    }
+
     #[test]
     fn moved_on_its_floor_it_has_the_chart_that_a_new_one_would_have() {
         let floor = Floor::new(DVec3::new(0.1, 0.2, 0.3), DVec3::new(0.1, 0.2, 0.9).normalize());
