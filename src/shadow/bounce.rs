@@ -9,6 +9,9 @@
 //! - of the floor, which fills the lower share (1 − n_z)/2 of the view: the floor's light times a middle reflectance, less what
 //!   the thing itself takes from it before the surface.
 //!
+//! A facet ends. Far light and lamps behind it reach a surface past its rectangle ([`Within::hides`]), and of what a surface sees behind
+//! the plane the facet fills that much less.
+//!
 //! Not modelled: what things take of each other's light; the floor's own colour; light that is thrown to and fro more often;
 //! mirrors.
 
@@ -18,7 +21,7 @@ use glam::{Vec2, Vec3};
 
 use super::casters::Casters;
 use super::mask::{jitter, spans};
-use super::sky::{Behind, Sky, disc};
+use super::sky::{Behind, Far, Sky, disc};
 use super::spread::spread;
 use super::within::Within;
 use crate::rows::{over_rows, processors};
@@ -118,12 +121,12 @@ impl Face {
     /// With light from behind a facet that goes past it.
     fn beside(self, behind: &Behind, within: &Within, from: Vec3) -> Self {
         let (mut seen, mut filled, mut far) = (0.0, 0.0, self.far);
-        for (towards, light, solid_sr) in &behind.far {
-            let cosine = self.normal.dot(*towards).max(0.0);
-            let is_hidden = within.hides(from, *towards);
+        for Far { towards, light, solid_sr } in behind.far.iter().copied() {
+            let cosine = self.normal.dot(towards).max(0.0);
+            let is_hidden = within.hides(from, towards);
             seen += cosine * solid_sr;
             filled += if is_hidden { cosine * solid_sr } else { 0.0 };
-            far += if is_hidden { Vec3::ZERO } else { *light * cosine };
+            far += if is_hidden { Vec3::ZERO } else { light * cosine };
         }
         let lamps = behind.lamps.iter().filter(|lamp| !within.hides(from, lamp.at_m - from));
         far += lamps.map(|lamp| lamp.light_on(from, self.normal)).sum::<Vec3>();

@@ -66,7 +66,7 @@ pub struct Ray {
 /// Light from far away, from a part of the sphere around.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Far {
-    /// In the world.
+    /// In the world, or in a floor's axes.
     pub towards: Vec3,
     /// What a white matt surface shows that faces it.
     pub light: Vec3,
@@ -99,8 +99,7 @@ pub struct Sky {
 /// Light that comes from behind a facet, in its floor's axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Behind {
-    /// Where it comes from, what a white matt surface shows that faces it, and its solid angle, sr.
-    pub far: Vec<(Vec3, Vec3, f32)>,
+    pub far: Vec<Far>,
     pub lamps: Vec<Lamp>,
 }
 
@@ -302,11 +301,11 @@ impl Sky {
 }
 
 /// Far light that comes from below a floor, in its axes.
-fn behind(far: &[Far], suns: &[Sun], floor_from_world: Mat3) -> Vec<(Vec3, Vec3, f32)> {
-    let of_sun = |sun: &Sun| (floor_from_world * sun.towards_light_in_world, sun.color, 0.0);
-    let of_far = |far: &Far| (floor_from_world * far.towards, far.light, far.solid_sr);
-    let all = far.iter().map(of_far).chain(suns.iter().map(of_sun));
-    all.filter(|(towards, ..)| towards.z < 0.0).collect()
+fn behind(far: &[Far], suns: &[Sun], floor_from_world: Mat3) -> Vec<Far> {
+    let sun = |sun: &Sun| Far { towards: sun.towards_light_in_world, light: sun.color, solid_sr: 0.0 };
+    let all = far.iter().copied().chain(suns.iter().map(sun));
+    let turned = all.map(|far| Far { towards: floor_from_world * far.towards, ..far });
+    turned.filter(|far| far.towards.z < 0.0).collect()
 }
 
 /// The class of rays that stand for patches of some angle.
