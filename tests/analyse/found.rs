@@ -44,6 +44,29 @@ fn exact_poses_are_kept_and_steady_light_is_not_followed() {
     assert!(refined.blurred_s.is_empty());
 }
 
+/// Of a recording whose poses are refined by the analysis beside it.
+fn all_but_registration_is_followed(site: &Path) {
+    let shot = |analysis: Analysed, recorded_poses: bool| {
+        Shot::open(site, &OpenOptions::default(), &Given { analysis, recorded_poses, ..Given::default() }).unwrap()
+    };
+    let (found, recorded) = (shot(Analysed::Beside, false), shot(Analysed::No, false));
+    let left = shot(Analysed::Beside, true);
+    let pose = |shot: &Shot| shot.recording.pose_at_frame(2).unwrap();
+    assert!(pose(&left) == pose(&recorded) && pose(&left) != pose(&found));
+    let readout_s = |shot: &Shot| shot.given_geometry_at(2).unwrap().intrinsics.readout_time_s;
+    assert!(readout_s(&left) == readout_s(&recorded) && readout_s(&left) != readout_s(&found));
+    assert_eq!(left.recording.exposure, found.recording.exposure);
+    let picture = |more: &[&str]| {
+        let out = tempfile::tempdir().unwrap();
+        let at = out.path().join("out");
+        let all = ["composite", site.to_str().unwrap(), "--scene", "scenes/demo.toml", "--frames", "2..3", "-o"];
+        let told = locard(&[&all[..], &[at.to_str().unwrap()], more].concat());
+        assert!(told.status.success() && !String::from_utf8_lossy(&told.stderr).contains("changes nothing"));
+        std::fs::read(at.join("frame_000002.png")).unwrap()
+    };
+    assert!(picture(&["--without", "registration"]) != picture(&[]));
+}
+
 #[test]
 fn jitter_drift_a_late_clock_and_a_turned_camera_are_found() {
     let wrong = Flaws {
@@ -59,6 +82,8 @@ fn jitter_drift_a_late_clock_and_a_turned_camera_are_found() {
     let shot = opened(&folder);
     let found = analysed(&shot, 2);
     println!("{}", found.findings);
+    found.write(&beside(&folder.path().join("site")), &shot.recording).unwrap();
+    all_but_registration_is_followed(&folder.path().join("site"));
     let registered = &found.findings.registration;
     let off = |track: &PoseTrack| pairs_off_px(&shot, &demo_track(), track, 8);
     let [by_recorded, by_refined] = [&shot.recording.track, found.track.as_ref().unwrap()].map(off);
@@ -435,21 +460,8 @@ fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
     let (without, _) = composite("c", &["--no-analysis"]);
     assert!(by_default == named);
 
-    // All of it but where the camera was.
-    let shot = |analysis: Analysed, recorded_poses: bool| {
-        Shot::open(&site, &OpenOptions::default(), &Given { analysis, recorded_poses, ..Given::default() }).unwrap()
-    };
-    let (found, recorded) = (shot(Analysed::Beside, false), shot(Analysed::No, false));
-    let left = shot(Analysed::Beside, true);
-    let pose = |shot: &Shot| shot.recording.pose_at_frame(2).unwrap();
-    assert!(pose(&left) == pose(&recorded) && pose(&left) != pose(&found));
-    let readout_s = |shot: &Shot| shot.given_geometry_at(2).unwrap().intrinsics.readout_time_s;
-    assert!(readout_s(&left) == readout_s(&recorded) && readout_s(&left) != readout_s(&found));
-    assert_eq!(left.recording.exposure, found.recording.exposure);
-    let (seen, said) = composite("r", &["--without", "registration"]);
-    assert!(seen != by_default && !said.contains("changes nothing"), "{said}");
-    let (seen, said) = composite("s", &["--without", "registration", "--no-analysis"]);
-    assert!(seen == without && said.contains("--without registration changes nothing: no analysis is used"), "{said}");
+    let (left, said) = composite("r", &["--without", "registration", "--no-analysis"]);
+    assert!(left == without && said.contains("--without registration changes nothing: no analysis is used"), "{said}");
 
     // Another recording in the same place.
     let poses = std::fs::read_to_string(site.join("groundtruth.txt")).unwrap();
