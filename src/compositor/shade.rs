@@ -22,7 +22,7 @@ use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::render::{COLOR, Shutter, ViewKeys};
 use crate::rows::{over_rows, processors};
-use crate::shadow::{Chart, Part, Shares};
+use crate::shadow::{Chart, Part, Shares, TOLERANCE_M};
 
 /// Moments of an exposure; the same as in shaders/shade.wgsl.
 const MOMENTS: usize = 4;
@@ -34,9 +34,8 @@ const PIECES_PX: [i32; 3] = [32, 16, STEP_PX as i32];
 const STRAIGHT_PX: f64 = 0.1;
 /// Points along each side of a chart by which its place in the picture is found.
 const ALONG: usize = 8;
-/// What lies this near to the floor is the floor, metres; farther away, three times the error of a structured-light
-/// sensor.
-const TOLERANCE_M: f32 = 0.015;
+/// What lies within [`TOLERANCE_M`] of the floor is the floor; farther away, within three times the error of a structured-light
+/// sensor, 1/m.
 const PER_DEPTH2: f32 = 3.0 * SENSOR_ERROR as f32;
 /// D + (1 − D)·d: what one chart takes of what the others leave.
 const OF_WHAT_IS_LEFT: wgpu::BlendState = wgpu::BlendState {

@@ -25,6 +25,7 @@ pub use recorder::Recorder;
 #[cfg(test)]
 pub use shader::constant;
 pub use shader::{Shader, module};
+pub use shared::Known;
 pub use texture::{Pyramid, Texture, TexturePool, half_texels};
 pub use timing::{PartTime, Stamps, Timed};
 pub use uniform::{Bytes, Packed, Uniform, constants};

@@ -1,9 +1,10 @@
 //! Modules and pipelines of a device, each made on first use.
 
-use std::collections::{BTreeMap, HashMap};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use super::interface::{Global, Interface, layouts};
+use super::shared::Known;
 use super::{Gpu, Shader, shader};
 
 /// A module's entry points, and the values of its `override`s. A pipeline is made for each choice: a method, a feature.
@@ -69,27 +70,6 @@ pub struct Pipelines {
     modules: Known<Vec<Shader>, Module>,
     drawn: Known<Drawn, Made<wgpu::RenderPipeline>>,
     computed: Known<(Vec<Shader>, &'static str), Made<wgpu::ComputePipeline>>,
-}
-
-/// What was made already. Nobody waits for what somebody else makes: two may make the same, and the first one stays.
-#[derive(Debug)]
-struct Known<K, V>(Mutex<HashMap<K, Arc<V>>>);
-
-impl<K, V> Default for Known<K, V> {
-    fn default() -> Self {
-        Self(Mutex::default())
-    }
-}
-
-impl<K: Eq + std::hash::Hash, V> Known<K, V> {
-    fn get(&self, key: K, make: impl FnOnce(&K) -> V) -> Arc<V> {
-        let all = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = all().get(&key) {
-            return known.clone();
-        }
-        let made = Arc::new(make(&key));
-        all().entry(key).or_insert(made).clone()
-    }
 }
 
 impl Pipelines {

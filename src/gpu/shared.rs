@@ -1,8 +1,9 @@
-//! What there is once for a device.
+//! What there is once for a device, and what was made already.
 
 use std::any::{Any, TypeId};
 use std::collections::HashMap;
 use std::fmt;
+use std::hash::Hash;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Values by their types.
@@ -10,6 +11,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub struct Shared(Arc<Mutex<HashMap<TypeId, Arc<dyn Any + Send + Sync>>>>);
 
 impl Shared {
+    /// `make` must not ask for another one.
     pub fn get<T: Send + Sync + 'static>(&self, make: impl FnOnce() -> T) -> Arc<T> {
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let one = all.entry(TypeId::of::<T>()).or_insert_with(|| Arc::new(make()));
@@ -23,6 +25,27 @@ impl fmt::Debug for Shared {
     }
 }
 
+/// Values by their keys. Nobody waits for what somebody else makes: two may make the same, and the first one stays.
+#[derive(Debug)]
+pub struct Known<K, V>(Mutex<HashMap<K, Arc<V>>>);
+
+impl<K, V> Default for Known<K, V> {
+    fn default() -> Self {
+        Self(Mutex::default())
+    }
+}
+
+impl<K: Eq + Hash, V> Known<K, V> {
+    pub fn get(&self, key: K, make: impl FnOnce(&K) -> V) -> Arc<V> {
+        let all = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = all().get(&key) {
+            return known.clone();
+        }
+        let made = Arc::new(make(&key));
+        all().entry(key).or_insert(made).clone()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -33,5 +56,12 @@ mod tests {
         let first = shared.get(|| 1u32);
         assert_eq!((*first, *shared.clone().get(|| 2u32), *shared.get(|| 'a')), (1, 1, 'a'));
         assert_eq!(*Shared::default().get(|| 3u32), 3);
+    }
+
+    #[test]
+    fn a_value_is_made_once_for_its_key() {
+        let known = Known::default();
+        let values = [known.get('a', |_| 1), known.get('b', |_| 2), known.get('a', |_| 3)];
+        assert_eq!(values.map(|value| *value), [1, 2, 1]);
     }
 }

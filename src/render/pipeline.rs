@@ -1,11 +1,10 @@
 //! The pipelines of shaders/raster.wgsl: one for each combination of features drawn.
 
-use std::collections::HashMap;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Arc;
 
 use super::light::{MAX_POINTS, MAX_SUNS};
 use super::unwrap::Corner;
-use crate::gpu::{Gpu, Shader};
+use crate::gpu::{Gpu, Known, Shader};
 use crate::scene::{Alpha, Environment, Lighting, Material};
 
 pub const COLOR: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
@@ -124,7 +123,7 @@ pub struct Pipelines {
     pub frame_layout: wgpu::BindGroupLayout,
     pub material_layout: wgpu::BindGroupLayout,
     pub lightmap_layout: wgpu::BindGroupLayout,
-    made: Mutex<HashMap<(Variant, Writes), wgpu::RenderPipeline>>,
+    made: Known<(Variant, Writes), wgpu::RenderPipeline>,
 }
 
 impl Pipelines {
@@ -143,18 +142,13 @@ impl Pipelines {
             frame_layout,
             material_layout,
             lightmap_layout,
-            made: Mutex::default(),
+            made: Known::default(),
         }
     }
 
     /// The pipeline of a variant, created if it is missing.
-    pub fn get(&self, gpu: &Gpu, variant: Variant, writes: Writes) -> wgpu::RenderPipeline {
-        let made = || self.made.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = made().get(&(variant, writes)) {
-            return known.clone();
-        }
-        let pipeline = self.make(gpu, &variant, writes);
-        made().entry((variant, writes)).or_insert(pipeline).clone()
+    pub fn get(&self, gpu: &Gpu, variant: Variant, writes: Writes) -> Arc<wgpu::RenderPipeline> {
+        self.made.get((variant, writes), |(variant, writes)| self.make(gpu, variant, *writes))
     }
 
     fn make(&self, gpu: &Gpu, variant: &Variant, writes: Writes) -> wgpu::RenderPipeline {

@@ -52,3 +52,4 @@ pub use floor::Floor;
 pub use lightmaps::Lightmaps;
 pub use room::Room;
 pub use shadows::Shadows;
+pub use within::TOLERANCE_M;

@@ -22,9 +22,9 @@ use crate::render::Lightmap;
 use crate::scene::{Lighting, Object, Scene};
 
 /// So many charts are kept, the ones used last.
-const KEPT: usize = 64;
-/// Of what real things stop, which are large, so many.
-const KEPT_STOPS: usize = 16;
+const KEPT: usize = 128;
+/// Of what real things stop so many: a thing and its facets need five.
+const KEPT_STOPS: usize = 64;
 
 /// Works out charts, and keeps them.
 #[derive(Debug)]

@@ -2,7 +2,8 @@
 //!
 //! Near a corner of the room a pixel is as far from one plane as from the other, within what depth is known to, and light would be
 //! taken twice. So what lies near a surface that comes before is left to that one, by the weight that it has there
-//! (`floor_around` in shaders/shade.wgsl, whose distances these are).
+//! (`floor_around` in shaders/shade.wgsl). Beyond 1.9 m, where depth is known less well than `TOLERANCE_M`, both count over a part of the
+//! way.
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
@@ -13,7 +14,7 @@ use crate::scene::{Facet, Object, Support};
 /// Over this its rectangle's sides fade out, metres.
 const FADE_M: f32 = 0.01;
 /// As far from a surface as this it counts wholly, three times as far not at all, metres.
-const TOLERANCE_M: f32 = 0.015;
+pub const TOLERANCE_M: f32 = 0.015;
 
 /// In the axes of a facet's floor.
 #[derive(Clone, Debug, PartialEq)]
