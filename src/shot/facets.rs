@@ -1,8 +1,8 @@
 //! Flat pieces of the real things beside an object, on which its shadow may fall: a box's side and its top, a wall, a monitor.
 //!
 //! Of the points around the object, but for those of what it stands on, the plane that most agree on is one (planes.rs), then that of
-//! the rest, and so on. What is round becomes a few narrow pieces, or none. A piece that faces away from the object gets none of its
-//! shadow; to which side it faces the cameras say that saw it.
+//! the rest, and so on. What is round is none. A piece that faces away from the object gets none of its shadow; to
+//! which side it faces the cameras say that saw it.
 
 use std::collections::HashSet;
 
@@ -19,7 +19,7 @@ const REACH: f64 = 1.5;
 const LEAST_REACH_M: f64 = 0.1;
 const MOST_REACH_M: f64 = 0.5;
 /// Lower than this over what the object stands on is that, metres: there its own shadow is drawn (`TOLERANCE_M` of
-/// compositor/shade.rs, twice).
+/// shadow/within.rs, twice).
 const ABOVE_M: f64 = 0.03;
 /// A piece is as large as this in both directions, metres, and so much of its rectangle was seen, in cells.
 const LEAST_M: f64 = 0.04;
@@ -33,7 +33,7 @@ const DEEPEST_M: f64 = 0.015;
 /// Its middle does not stand out before its rims, or lie behind them, by more than this share of what points may be off. Of a ball the
 /// piece that is taken for flat does by 0.9.
 const BULGE: f64 = 0.35;
-/// So many of other points, of a piece's own, may be this near before or behind its rectangle, metres.
+/// Of points that belong to no piece so many, against a piece's own, may be this near before or behind its rectangle, metres.
 const STRAYS: f64 = 0.3;
 const BESIDE_M: f64 = 0.05;
 /// Turns of the rectangle that are tried over a right angle.
@@ -135,8 +135,8 @@ fn extent(places: Vec<DVec2>) -> [DVec2; 2] {
     let beyond = (BEYOND * places.len() as f64) as usize;
     let of = |axis: usize| {
         let mut along: Vec<f64> = places.iter().map(|place| place[axis]).collect();
-        along.sort_by(f64::total_cmp);
-        [along[beyond], along[along.len() - 1 - beyond]]
+        let last = along.len() - 1 - beyond;
+        [beyond, last].map(|n| *along.select_nth_unstable_by(n, f64::total_cmp).1)
     };
     let ([left, right], [low, high]) = (of(0), of(1));
     [DVec2::new(left, low), DVec2::new(right, high)]
