@@ -1,9 +1,6 @@
 //! Texels back to the CPU, with several frames in flight.
 
-use std::sync::{
-    Arc,
-    atomic::{AtomicU8, Ordering},
-};
+use std::sync::{Arc, OnceLock};
 
 use super::{Gpu, GpuError, Texture};
 
@@ -20,12 +17,19 @@ pub struct Readback {
     size: u64,
     row_bytes: usize,
     padded_row_bytes: usize,
-    state: Arc<AtomicU8>,
+    /// Whether the copy could be mapped, once that is known.
+    mapped: Arc<OnceLock<bool>>,
     submission: Option<wgpu::SubmissionIndex>,
 }
 
-const PENDING: u8 = 0;
-const READY: u8 = 1;
+/// Tells whether a copy could be mapped. Dropped unasked, it tells that it could not, so that nobody waits for ever.
+struct Tell(Arc<OnceLock<bool>>);
+
+impl Drop for Tell {
+    fn drop(&mut self) {
+        let _ = self.0.set(false);
+    }
+}
 
 impl ReadbackSet {
     /// Records a copy of the upper left `width` × `height` of a texture.
@@ -102,7 +106,7 @@ impl Readback {
             size: u64::from(padded) * u64::from(height),
             row_bytes: row as usize,
             padded_row_bytes: padded as usize,
-            state: Arc::new(AtomicU8::new(PENDING)),
+            mapped: Arc::default(),
             submission: None,
         }
     }
@@ -112,40 +116,34 @@ impl Readback {
         let size = from.size();
         encoder.copy_buffer_to_buffer(from, 0, &buffer, 0, size);
         let bytes = size as usize;
-        Self {
-            buffer,
-            size,
-            row_bytes: bytes,
-            padded_row_bytes: bytes,
-            state: Arc::new(AtomicU8::new(PENDING)),
-            submission: None,
-        }
+        Self { buffer, size, row_bytes: bytes, padded_row_bytes: bytes, mapped: Arc::default(), submission: None }
     }
 
     /// To be called once, after the encoder was submitted.
     pub fn submitted(&mut self, submission: wgpu::SubmissionIndex) {
-        let state = Arc::clone(&self.state);
+        let tell = Tell(Arc::clone(&self.mapped));
         self.buffer.map_async(wgpu::MapMode::Read, 0..self.size, move |result| {
-            state.store(if result.is_ok() { READY } else { 2 }, Ordering::Release);
+            let _ = tell.0.set(result.is_ok());
         });
         self.submission = Some(submission);
     }
 
     /// Whether [`Readback::rows`] would return without waiting. Never waits itself.
     pub fn is_ready(&self, gpu: &Gpu) -> Result<bool, GpuError> {
-        if self.state.load(Ordering::Acquire) == PENDING {
+        if self.mapped.get().is_none() {
             gpu.poll()?;
         }
-        Ok(self.state.load(Ordering::Acquire) != PENDING)
+        Ok(self.mapped.get().is_some())
     }
 
     /// Waits, then passes each row's bytes to `take(row, bytes)`.
     pub fn rows(&self, gpu: &Gpu, mut take: impl FnMut(usize, &[u8])) -> Result<(), GpuError> {
         gpu.check()?;
-        if self.state.load(Ordering::Acquire) == PENDING {
+        if self.mapped.get().is_none() {
             gpu.wait(self.submission.clone())?;
         }
-        if self.state.load(Ordering::Acquire) != READY {
+        // Who looks after the device first makes everybody's calls: the copy is done, but another thread may be about to tell.
+        if !*self.mapped.wait() {
             return Err(GpuError::Failed("a readback could not be mapped".to_owned()));
         }
         {
@@ -164,5 +162,36 @@ impl Readback {
         let mut out = Vec::with_capacity(self.size as usize);
         self.rows(gpu, |_, row| out.extend_from_slice(row))?;
         Ok(out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Who waits first makes the calls of both, and the other one must not go on before it was called.
+    #[test]
+    fn threads_that_share_a_device_wait_for_their_own() {
+        let gpu = Gpu::open().unwrap();
+        let size = wgpu::Extent3d { width: 4, height: 4, depth_or_array_layers: 1 };
+        let read = |value: u8| {
+            let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
+                label: None,
+                size,
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format: wgpu::TextureFormat::R8Unorm,
+                usage: wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST,
+                view_formats: &[],
+            });
+            let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4), rows_per_image: None };
+            for _ in 0..400 {
+                gpu.queue.write_texture(texture.as_image_copy(), &[value; 16], layout, size);
+                assert_eq!(read_back(&gpu, &texture).unwrap(), [value; 16]);
+            }
+        };
+        let read = &read;
+        std::thread::scope(|scope| (1..=4).for_each(|value| drop(scope.spawn(move || read(value)))));
     }
 }

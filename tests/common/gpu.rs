@@ -105,27 +105,5 @@ pub fn mean_absolute_error(a: &LayerImage, b: &[[f32; 4]]) -> f64 {
 
 /// The texels of a texture of four bytes each, row by row.
 pub fn read_back(gpu: &Gpu, texture: &wgpu::Texture) -> Vec<[u8; 4]> {
-    let (width, height) = (texture.width(), texture.height());
-    let row_bytes = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: None,
-        size: u64::from(row_bytes * height),
-        usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-        mapped_at_creation: false,
-    });
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    encoder.copy_texture_to_buffer(
-        texture.as_image_copy(),
-        wgpu::TexelCopyBufferInfo {
-            buffer: &buffer,
-            layout: wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(row_bytes), rows_per_image: None },
-        },
-        texture.size(),
-    );
-    let submission = gpu.queue.submit([encoder.finish()]);
-    buffer.map_async(wgpu::MapMode::Read, .., |result| result.unwrap());
-    gpu.wait(Some(submission)).unwrap();
-    let bytes = buffer.get_mapped_range(..).unwrap();
-    let rows = bytes.chunks_exact(row_bytes as usize).map(|row| &row[..4 * width as usize]);
-    rows.flat_map(|row| row.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect::<Vec<_>>()).collect()
+    locard::gpu::read_back(gpu, texture).unwrap().as_chunks().0.to_vec()
 }
