@@ -1,7 +1,6 @@
 //! The second phase: what real things hide, and when it is cut off.
 
 use std::borrow::Cow;
-use std::sync::Arc;
 
 use glam::DVec3;
 
@@ -11,9 +10,8 @@ use super::plan::{Plan, Sight};
 use super::shade::dark;
 use super::{Job, RealDepth, Settings};
 use crate::camera::Geometry;
-use crate::depth::{LastRepair, Neighbour, Proxies, RayCache, Rays, Repair, Seen, Shared, Wanted, measured_from};
+use crate::depth::{LastRepair, Proxies, RayCache, Rays, Repair, Seen, Shared, Wanted, measured_from, neighbours};
 use crate::effects::{Effect, Moment};
-use crate::frame::Beside;
 use crate::gpu::{Recorder, Texture};
 use crate::pixels::Rect;
 use crate::pose::Pose;
@@ -72,7 +70,7 @@ impl Hidden {
                     let half_s = 0.5 * sight.shutter.exposure_time_s;
                     let [opened, closed] = [-half_s, half_s].map(|offset_s| sight.keys.pose_at(offset_s));
                     let (frame, shutter) = (sight.keys.middle(), [&opened, &closed]);
-                    let neighbours = neighbours(job);
+                    let neighbours = neighbours(&job.frame, job.picture, (job.track, job.time_offset_s));
                     let (frame, neighbours, planes) = (&frame, &neighbours, &sight.planes);
                     let seen = |point: DVec3| seen_by_row(job.picture, |time_s| sight.keys.pose_at(time_s), point);
                     let proxies = (!proxies.is_empty()).then_some((&*proxies, &seen as &dyn Fn(DVec3) -> Seen));
@@ -151,14 +149,4 @@ fn wanted(sight: &Sight, places: &Places, dark: Rect, rays: &Rays) -> Wanted {
         objects.extend(others);
     }
     Wanted { objects, all_of: dark }
-}
-
-/// The frames around, with the poses from which they saw.
-fn neighbours<'a>(job: &'a Job<'_>) -> Vec<Neighbour<'a>> {
-    let neighbour = |frame: &'a Arc<Beside>| {
-        let measured = measured_from(&frame.depth, job.picture, job.track, job.time_offset_s).ok()?;
-        let taken = job.track.at(frame.timestamp_s + job.time_offset_s).ok()?;
-        Some(Neighbour { frame, measured, taken })
-    };
-    job.frame.beside.iter().filter_map(neighbour).collect()
 }

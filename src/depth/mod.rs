@@ -3,7 +3,7 @@
 //! - `registered`: a sensor's map of another size, or from another camera, in the frames' picture.
 //! - `moment`: a sensor's map, carried to the moment at which a frame was taken, for a part of the picture.
 //! - `carry`: its points, as another pose sees them. `looks`: colours, as they are compared here.
-//! - `vote`: what several frames' maps say of one's.
+//! - `vote`: what several frames' maps say of one's. `of_frame`: so of a whole frame, at its moment.
 //! - `holes`: depth where the sensor measured none. `edges`: edges moved to the picture's. `behind`: what is behind
 //!   them. `mended`: holes filled and edges moved.
 //! - `contact`: what things stand on, as flat as it is. `proxies`: models that stand in for real things.
@@ -24,6 +24,7 @@ mod matte;
 mod mended;
 mod moment;
 mod nearest_edge;
+mod of_frame;
 mod proxies;
 mod registered;
 mod repaired;
@@ -37,6 +38,7 @@ pub use grid::DepthGrid;
 pub use last_repair::LastRepair;
 pub use matte::Shared;
 pub use moment::{RayCache, Rays, measured_from, seen_at_frame};
+pub use of_frame::{agreed_at_frame, neighbours};
 pub use proxies::{FAR_M, Proxies, Seen, known_m};
 pub use registered::{DepthCamera, enlarged, holes, is_same_view};
 pub use repaired::{Neighbour, Repair, Repaired, Wanted};

@@ -54,6 +54,14 @@ pub struct Neighbour<'a> {
     pub taken: Pose,
 }
 
+impl<'a> Neighbour<'a> {
+    /// With what its colours are by the camera's response.
+    pub fn voter(&self, response: &Response) -> vote::Voter<'a> {
+        let Self { frame, measured, taken } = *self;
+        vote::Voter { depth: &frame.depth, measured, taken, looks: Looks::new(&frame.pixels, response) }
+    }
+}
+
 /// Where real depth is asked for, and up to where.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Wanted {
@@ -166,13 +174,7 @@ impl<'a> Repair<'a> {
 
     /// Replaces what is doubtful in a part of the map by what the neighbours say.
     fn agree(&self, depth_m: &mut [f32], looks: &[[f32; 3]], part: Rect, before_m: &[f32]) {
-        let voter = |neighbour: &Neighbour<'a>| vote::Voter {
-            depth: &neighbour.frame.depth,
-            measured: neighbour.measured,
-            taken: neighbour.taken,
-            looks: Looks::new(&neighbour.frame.pixels, self.response),
-        };
-        let voters: Vec<_> = self.neighbours.iter().map(voter).collect();
+        let voters: Vec<_> = self.neighbours.iter().map(|neighbour| neighbour.voter(self.response)).collect();
         vote::Own { rays: self.rays, pose: *self.frame, part, looks, before_m }.agreed(depth_m, &voters);
     }
 }

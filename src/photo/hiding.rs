@@ -1,7 +1,7 @@
 //! What hides virtual things in each of the frames that a photograph sums.
 //!
 //! While the shutter is open the camera moves, and real edges with it: a frame's depth hides where that frame's picture
-//! has its edges, and nowhere else. So each frame has a map of its own, completed by its own picture, and what is drawn
+//! has its edges, and nowhere else. So each frame has a map of its own, completed by its own picture and its neighbours, and what is drawn
 //! within the frame's exposure is hidden by that. In the sum a thing behind a real edge is cut off as softly as the edge
 //! itself is blurred.
 //!
@@ -14,9 +14,9 @@ use glam::DVec3;
 use super::Framing;
 use crate::camera::{Geometry, Response};
 use crate::compositor::seen_by_row;
-use crate::depth::{DepthGrid, Proxies, Rays, Seen};
+use crate::depth::{DepthGrid, Proxies, Rays, Seen, agreed_at_frame};
 use crate::frame::Frame;
-use crate::pixels::{DepthMap, Rect};
+use crate::pixels::DepthMap;
 use crate::tracking::PoseTrack;
 
 /// What is the same for all frames.
@@ -54,11 +54,10 @@ impl<'a> Hiding<'a> {
     pub fn of(&self, frame: &Frame) -> Option<DepthGrid> {
         let intrinsics = &self.recorded.intrinsics;
         let depth = frame.depth.as_ref().unwrap_or(self.depth);
-        let [measured, taken] = [depth.timestamp_s, frame.timestamp_s].map(|t| self.track.at(t + self.time_offset_s));
-        let whole = Rect::full(intrinsics.width_px, intrinsics.height_px);
-        let mut depth_m = self.rays.reproject(depth, &measured.ok()?, &taken.ok()?, whole);
-        let from = (self.track, self.time_offset_s + frame.timestamp_s);
-        self.proxies.put(&mut depth_m, whole, |point| seen_in(self.recorded, from, point));
+        let from = (self.track, self.time_offset_s);
+        let mut depth_m = agreed_at_frame(frame, depth, &self.rays, from, self.response)?;
+        let then = (self.track, self.time_offset_s + frame.timestamp_s);
+        self.proxies.put(&mut depth_m, self.rays.full(), |point| seen_in(self.recorded, then, point));
         DepthGrid::of_frame(
             &frame.pixels,
             intrinsics,

@@ -14,7 +14,7 @@ use super::wanted::{Bracket, Focus, Wanted};
 use crate::camera::exposure::INDOORS_LX;
 use crate::camera::metering::PictureLight;
 use crate::camera::{Geometry, Opening};
-use crate::depth::measured_from;
+use crate::depth::{Rays, agreed_at_frame, measured_from};
 use crate::export::Inputs;
 use crate::gpu::{Gpu, GpuError};
 use crate::profile::Rig;
@@ -105,7 +105,7 @@ impl Wanted {
         left_out.into_iter().try_for_each(&mut warn)?;
         shot.recording.warnings.iter().chain(&shot.scene.warnings).cloned().try_for_each(&mut warn)?;
 
-        let frame = shot.read(index)?;
+        let frame = shot.read_beside(index)?;
         let depth = frame.depth.as_ref().filter(|_| shot.settings.depth.occlusion);
         let (track, offset_s) = (&shot.recording.track, shot.recording.time_offset_s);
         if let Some(Err(why)) = depth.map(|depth| measured_from(depth, &whole, track, offset_s)) {
@@ -128,7 +128,10 @@ impl Wanted {
         let compositor = shot.compositor(device()?);
         compositor.warnings().into_iter().try_for_each(&mut warn)?;
         let mean = PictureLight::of(&frame.pixels, &camera.response).mean;
-        let mut shoot = Shoot { wanted: self, shot, whole, frame, mean, camera, compositor, aim, sums };
+        let from = (&shot.recording.track, shot.recording.time_offset_s);
+        let rays = Rays::new(&whole);
+        let depth_m = frame.depth.as_ref().and_then(|map| agreed_at_frame(&frame, map, &rays, from, &camera.response));
+        let mut shoot = Shoot { wanted: self, shot, whole, frame, depth_m, mean, camera, compositor, aim, sums };
         let (distance_m, nothing) = shoot.focus_distance_m(focal_length_m)?;
         nothing.map(str::to_owned).into_iter().try_for_each(&mut warn)?;
         dials.focus_distance_m = distance_m;

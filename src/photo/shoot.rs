@@ -31,6 +31,8 @@ pub struct Shoot<'a> {
     pub shot: Shot,
     pub whole: Geometry,
     pub frame: Frame,
+    /// The frame's depth at its moment, where it hides things or blurs.
+    pub depth_m: Option<Vec<f32>>,
     /// Mean of the frame's linear light.
     pub mean: f64,
     pub camera: Camera,
@@ -101,7 +103,7 @@ impl Shoot<'_> {
             let proxies = self.compositor.proxies();
             let by_depth =
                 by_depth.map(|depth| Hiding::new(&self.whole, from, framing, &self.camera.response, (depth, &proxies)));
-            for (frame, weight) in recording.frames(range)?.zip(weights) {
+            for (frame, weight) in recording.frames_beside(range)?.zip(weights) {
                 let frame = frame?;
                 let time_s = frame.timestamp_s - self.frame.timestamp_s;
                 hiding.extend(by_depth.as_ref().and_then(|hiding| Some((time_s, hiding.of(&frame)?))));
@@ -142,7 +144,7 @@ impl Shoot<'_> {
             exposure: self.frame.exposure,
             presence: self.frame.presence,
             summed: &summed,
-            depth: self.frame.depth.as_ref(),
+            depth_m: self.depth_m.as_deref(),
             hiding: &hiding,
         };
         Ok(take::take(&mut self.compositor, &standpoint, framing, real, &exposed, goes_on)?)

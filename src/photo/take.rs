@@ -1,12 +1,14 @@
 //! Takes a photograph tile by tile, so that only its pixels grow in memory with its size.
 
+use std::borrow::Cow;
+
 use crate::camera::{Camera, Capture, FilmUsed, Geometry, Opening, Summed};
 use crate::compositor::{Compositor, Job, RealDepth, Settings, SubmitError, Target};
-use crate::depth::{DepthGrid, FAR_M, Proxies, Surfaces, seen_at_frame};
+use crate::depth::{DepthGrid, FAR_M, Proxies, Surfaces};
 use crate::effects::depth_of_field::WIDEST_PX;
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::GpuError;
-use crate::pixels::{Codes, DepthMap, Pixels, Rect, eight_bits};
+use crate::pixels::{Codes, Pixels, Rect, eight_bits};
 use crate::tracking::PoseTrack;
 
 use super::hiding::seen_in;
@@ -38,10 +40,11 @@ pub struct Standpoint<'a> {
     pub exposure: FrameExposure,
     /// Share of the virtual layer that is seen in the frame.
     pub presence: f64,
-    /// Depth that hides virtual things, and on which the real part's depth of field depends.
-    pub depth: Option<&'a DepthMap>,
+    /// The recorded picture's depth at the frame's moment, metres, row by row, 0 where unknown. It hides virtual things, and the
+    /// real part's depth of field depends on it.
+    pub depth_m: Option<&'a [f32]>,
     /// What hides them in each of the summed frames ([`Hiding`](super::Hiding)), with its time in seconds from the
-    /// frame's. Where it is empty, `depth` hides.
+    /// frame's. Where it is empty, `depth_m` hides.
     pub hiding: &'a [(f64, DepthGrid)],
 }
 
@@ -103,20 +106,22 @@ pub fn take(
         framed: framing.framed,
         enlargement: framing.enlargement(),
     };
-    let seen = |depth| {
-        seen_at_frame(standpoint.recorded, depth, standpoint.track, standpoint.time_offset_s, standpoint.timestamp_s)
-    };
-    let depth_m = standpoint.depth.and_then(seen);
+    let depth_m = standpoint.depth_m.map(Cow::from);
     let mut pixels = real.pixels;
     // The largest visible circles follow from the measured depths alone.
-    let least_m = depth_m.iter().flatten().copied().filter(|z| *z > 0.0).fold(f32::INFINITY, f32::min);
+    let least_m =
+        depth_m.iter().flat_map(|depth_m| depth_m.iter()).copied().filter(|z| *z > 0.0).fold(f32::INFINITY, f32::min);
     let circles_px = exposed.opening.map_or(0.0, |opening| {
         let circle = |z: f64| opening.circle_px(framing.geometry.intrinsics.fx_px, z).abs();
         circle(f64::from(least_m)).max(circle(f64::INFINITY))
     });
     let proxies = compositor.proxies();
     let is_measured = depth_m.is_some();
-    let depth_m = if proxies.is_empty() { depth_m } else { Some(with(&proxies, depth_m, standpoint)) };
+    let depth_m = if proxies.is_empty() {
+        depth_m
+    } else {
+        Some(with(&proxies, depth_m.map(Cow::into_owned), standpoint).into())
+    };
     let grid =
         depth_m.as_deref().filter(|_| circles_px > 0.0 || standpoint.settings.depth.occlusion).and_then(|depth_m| {
             let recorded = &standpoint.recorded.intrinsics;

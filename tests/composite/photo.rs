@@ -74,7 +74,7 @@ fn photo_of_frame(
         exposure,
         presence: 1.0,
         summed: &[],
-        depth: None,
+        depth_m: None,
         hiding: &[],
     };
     take(&mut compositor, &standpoint, framing, real, &exposed, |_| true).unwrap().pixels

@@ -60,7 +60,7 @@ fn photo_with(
         exposure: Default::default(),
         presence: 1.0,
         summed: &[],
-        depth: Some(depth),
+        depth_m: Some(&depth.depth_m),
         hiding: &[],
     };
     let exposed = Exposed { opening: Some(opening), time_s: 0.0, over_ev: 0.0, iso_ratio: 1.0 };

@@ -4,7 +4,7 @@ use crate::board::{DEPTH_M, FOCAL_PX, board, sideways};
 use crate::gpu;
 use locard::camera::{Camera, Opening, Summed};
 use locard::compositor::{Compositor, Settings};
-use locard::depth::{DepthGrid, Proxies};
+use locard::depth::{DepthGrid, Proxies, seen_at_frame};
 use locard::frame::Frame;
 use locard::params::Value;
 use locard::photo::{Exposed, Framing, Hiding, RealPart, Standpoint, take};
@@ -36,6 +36,7 @@ impl Taken<'_> {
         let gpu = gpu::gpu();
         let mut compositor = Compositor::new(gpu.clone(), scene);
         let real = RealPart::new(frames, &self.camera.response, &framing.framed, framing.size(), [0.0; 2]);
+        let depth_m = self.depth.and_then(|map| seen_at_frame(&recorded, map, self.track, 0.0, 0.0));
         let standpoint = Standpoint {
             camera: &self.camera,
             settings: &self.settings,
@@ -48,7 +49,7 @@ impl Taken<'_> {
             exposure: Default::default(),
             presence: 1.0,
             summed: self.summed,
-            depth: self.depth,
+            depth_m: depth_m.as_deref(),
             hiding,
         };
         let exposed = Exposed { opening: self.opening, time_s: self.time_s, over_ev: 0.0, iso_ratio: 1.0 };

@@ -1,0 +1,100 @@
+//! All of a frame's depth at its own moment. Where its map is doubtful, its neighbours vote.
+
+use super::looks::Looks;
+use super::repaired::Neighbour;
+use super::{Rays, measured_from, vote};
+use crate::camera::{Geometry, Response};
+use crate::frame::{Beside, Frame};
+use crate::pixels::DepthMap;
+use crate::tracking::PoseTrack;
+
+/// The neighbours of a frame whose poses are known. `picture`: the recording's geometry.
+pub fn neighbours<'a>(
+    frame: &'a Frame,
+    picture: &Geometry,
+    (track, time_offset_s): (&PoseTrack, f64),
+) -> Vec<Neighbour<'a>> {
+    let neighbour = |frame: &'a Beside| {
+        let measured = measured_from(&frame.depth, picture, track, time_offset_s).ok()?;
+        let taken = track.at(frame.timestamp_s + time_offset_s).ok()?;
+        Some(Neighbour { frame, measured, taken })
+    };
+    frame.beside.iter().filter_map(|frame| neighbour(frame)).collect()
+}
+
+/// A map as seen at a frame's moment, metres, row by row; 0 where unknown. `None` if there is no pose for one of the moments, or
+/// the map has another size than the picture.
+pub fn agreed_at_frame(
+    frame: &Frame,
+    depth: &DepthMap,
+    rays: &Rays,
+    from: (&PoseTrack, f64),
+    response: &Response,
+) -> Option<Vec<f32>> {
+    let (track, time_offset_s) = from;
+    let measured = measured_from(depth, rays.geometry(), track, time_offset_s).ok()?;
+    let taken = track.at(frame.timestamp_s + time_offset_s).ok()?;
+    let whole = rays.full();
+    let mut depth_m = rays.reproject(depth, &measured, &taken, whole);
+    let neighbours = neighbours(frame, rays.geometry(), from);
+    let voters: Vec<_> = neighbours.iter().map(|neighbour| neighbour.voter(response)).collect();
+    if !voters.is_empty() {
+        let (looks, pixels) = (Looks::new(&frame.pixels, response), &frame.pixels);
+        let looks: Vec<_> = (0..pixels.height)
+            .flat_map(|y| (0..pixels.width).map(move |x| (x, y)))
+            .map(|(x, y)| looks.at(x, y))
+            .collect();
+        let before_m = vec![f32::INFINITY; depth_m.len()];
+        vote::Own { rays, pose: taken, part: whole, looks: &looks, before_m: &before_m }.agreed(&mut depth_m, &voters);
+    }
+    Some(depth_m)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::frame::FrameExposure;
+    use crate::pixels::Pixels;
+    use crate::pose::Pose;
+    use glam::{DQuat, DVec3};
+
+    /// A wall at 2 m; a camera that moves along it; a hole in the frame's own map. The neighbours know the wall, but for one that
+    /// has no pose and says something else.
+    #[test]
+    fn neighbours_say_what_a_frame_did_not_measure() {
+        let (width, height) = (96, 64);
+        let pixels = || Pixels::from_u8(width, height, vec![120; 3 * 96 * 64]).unwrap();
+        let map = |z: f32, hole: usize, timestamp_s: f64| {
+            let depth_m = (0..96 * 64).map(|i| if i % 96 == hole { 0.0 } else { z }).collect();
+            DepthMap { width, height, depth_m, timestamp_s }
+        };
+        let beside = |index: usize, time_s: f64, z: f32| {
+            Arc::new(Beside { index, timestamp_s: time_s, pixels: pixels(), depth: map(z, 96, time_s) })
+        };
+        let pose = |time_s: f64| (time_s, Pose::new(DQuat::IDENTITY, DVec3::new(0.2 * time_s, 0.0, 0.0)));
+        let track = PoseTrack::new(vec![pose(-1.0), pose(1.0)], 3.0).unwrap();
+        let geometry = Geometry::pinhole(width, height, 80.0);
+        let rays = Rays::new(&geometry);
+        let own = map(2.0, 50, 0.0);
+        let mut frame = Frame {
+            index: 1,
+            timestamp_s: 0.0,
+            pixels: pixels(),
+            depth: Some(own.clone()),
+            exposure: FrameExposure::default(),
+            presence: 1.0,
+            beside: Vec::new(),
+        };
+        let seen = |frame: &Frame| agreed_at_frame(frame, &own, &rays, (&track, 0.0), &Response::default()).unwrap();
+        assert_eq!(seen(&frame)[20 * 96 + 50], 0.0);
+        frame.beside = vec![beside(0, -0.5, 2.0), beside(2, 0.5, 2.0), beside(3, 2.0, 1.0)];
+        assert_eq!(neighbours(&frame, &geometry, (&track, 0.0)).len(), 2);
+        let depth_m = seen(&frame);
+        assert!(depth_m.iter().all(|z| (z - 2.0).abs() < 1e-3), "{:?}", &depth_m[20 * 96..][..96]);
+        // A map of another size is nobody's.
+        let other = DepthMap { width: 64, height: 96, ..own.clone() };
+        assert!(agreed_at_frame(&frame, &other, &rays, (&track, 0.0), &Response::default()).is_none());
+    }
+}
