@@ -3,7 +3,7 @@
 use super::proxies::known_m;
 use glam::DVec2;
 
-use super::{edges, mended};
+use super::{edges, mended, smooth};
 use crate::camera::{Framed, Intrinsics, Response};
 use crate::pixels::{Pixels, Rect};
 
@@ -93,6 +93,8 @@ impl DepthGrid {
         let step = framed.step * enlargement;
         let is_widened = mended::complete(&mut depth_m, &looks, columns, recorded, step)?;
         if is_widened {
+            let everywhere = vec![f32::INFINITY; depth_m.len()];
+            smooth::smooth(&mut depth_m, &looks, columns, &everywhere);
             depth_m = edges::widened(&depth_m, Some(&looks), columns);
         }
         Some(Self { width, height, enlargement, depth_m, light, is_widened })

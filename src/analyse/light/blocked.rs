@@ -48,23 +48,56 @@ impl Blocked {
         is_within.then(|| (c.z as usize * self.size.y as usize + c.y as usize) * self.size.x as usize + c.x as usize)
     }
 
-    /// From a surface at `from` that looks along `normal` to `to`.
+    /// From a surface at `from` that looks along `normal` to `to`. Every half of a cell is looked at.
     pub fn is_blocked(&self, from: DVec3, normal: DVec3, to: DVec3) -> bool {
         let begin = from + CLEAR_M * normal;
         let way = to - begin;
         let length = way.length();
-        let step = way * (0.5 * self.side_m / length.max(1e-9));
-        let mut at = begin + step;
-        for _ in 0..(2.0 * length / self.side_m) as usize {
-            match self.cell(at) {
-                Some(n) if self.bits[n / 64] >> (n % 64) & 1 == 1 => return true,
-                // Out of the box there is nothing to come, but for ways that begin out of it.
-                None if self.leaves(at, step) => return false,
-                _ => {}
+        // In cells, half a one at a time.
+        let start = (begin - self.low) / self.side_m;
+        let step = 0.5 * way / length.max(1e-9);
+        let (first, last) = self.within(start, step, 2.0 * length / self.side_m);
+        let [wide, high] = [self.size.x as usize, self.size.y as usize];
+        let mut n = first;
+        while n <= last {
+            // Not below 0, so that what is cut off is the fraction.
+            let at = start + n * step;
+            let cell = (at.z as usize * high + at.y as usize) * wide + at.x as usize;
+            if self.bits.get(cell / 64).is_some_and(|bits| bits >> (cell % 64) & 1 == 1) {
+                return true;
             }
-            at += step;
+            n += 1.0;
         }
         false
+    }
+
+    /// The first and the last of up to `most` steps from `start` that are in the box; the last is before the first where none is.
+    fn within(&self, start: DVec3, step: DVec3, most: f64) -> (f64, f64) {
+        let (mut first, mut last) = (1.0f64, most.floor());
+        for axis in 0..3 {
+            let (at, by, size) = (start[axis], step[axis], f64::from(self.size[axis]));
+            if by == 0.0 {
+                if !(0.0..size).contains(&at) {
+                    return (1.0, 0.0);
+                }
+                continue;
+            }
+            let (enters, leaves) = (-at / by, (size - at) / by);
+            first = first.max(enters.min(leaves).ceil());
+            last = last.min(enters.max(leaves).floor());
+        }
+        // Rounding keeps the order of steps: those between two that are in the box are in it. One that is put onto its rim is not.
+        let is_in = |n: f64| {
+            let at = start + n * step;
+            at.cmpge(DVec3::ZERO).all() && at.cmplt(self.size.as_dvec3()).all()
+        };
+        while first <= last && !is_in(first) {
+            first += 1.0;
+        }
+        while first <= last && !is_in(last) {
+            last -= 1.0;
+        }
+        (first, last)
     }
 
     /// Of a lamp, on a surface at `at` that looks along `normal`: nothing if something stands between.
@@ -72,12 +105,40 @@ impl Blocked {
         let share = of_lamp(at, normal, lamp);
         if share > 0.0 && self.is_blocked(at, normal, lamp.at) { 0.0 } else { share }
     }
+}
 
-    fn leaves(&self, at: DVec3, step: DVec3) -> bool {
-        let high = self.low + self.size.as_dvec3() * self.side_m;
-        let gone = |axis: usize| {
-            (at[axis] < self.low[axis] && step[axis] <= 0.0) || (at[axis] >= high[axis] && step[axis] >= 0.0)
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ways within the grid, out of it, into it and past it, against a march that asks for each half of a cell by itself.
+    #[test]
+    fn ways_are_blocked_where_something_stands_on_them() {
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 53) as f64
         };
-        gone(0) || gone(1) || gone(2)
+        let mut place = |low: f64, high: f64| DVec3::from_array([(); 3].map(|()| low + (high - low) * random()));
+        let solid: Vec<DVec3> = (0..400).map(|_| place(-0.5, 0.5)).collect();
+        let grid = Blocked::new(&solid);
+        let mut told = [0, 0];
+        for _ in 0..2000 {
+            let (from, to, normal) = (place(-0.9, 0.9), place(-0.9, 0.9), place(-1.0, 1.0).normalize());
+            let begin = from + CLEAR_M * normal;
+            let (way, length) = (to - begin, (to - begin).length());
+            let steps =
+                (1..=(2.0 * length / SIDE_M) as usize).map(|n| begin + way * (0.5 * SIDE_M / length) * n as f64);
+            let met = steps.filter_map(|at| grid.cell(at)).any(|n| grid.bits[n / 64] >> (n % 64) & 1 == 1);
+            assert_eq!(grid.is_blocked(from, normal, to), met, "{from} {normal} {to}");
+            told[usize::from(met)] += 1;
+        }
+        assert!(told.iter().all(|count| *count > 300), "{told:?}");
+        // Along an axis, and where nothing is known.
+        let wall: Vec<DVec3> = (0..50).map(|n| DVec3::new(0.02 * f64::from(n), 0.0, 0.0)).collect();
+        let grid = Blocked::new(&wall);
+        let up = |x: f64, z: f64| grid.is_blocked(DVec3::new(x, 0.0, -z), DVec3::Z, DVec3::new(x, 0.0, z));
+        assert_eq!([up(0.5, 1.0), up(-0.5, 1.0), up(1.5, 1.0)], [true, false, false]);
+        assert!(!Blocked::new(&[]).is_blocked(DVec3::ZERO, DVec3::Z, DVec3::ONE));
     }
 }
