@@ -139,6 +139,9 @@ impl Readback {
     /// Waits, then passes each row's bytes to `take(row, bytes)`.
     pub fn rows(&self, gpu: &Gpu, mut take: impl FnMut(usize, &[u8])) -> Result<(), GpuError> {
         gpu.check()?;
+        if self.submission.is_none() {
+            return Err(GpuError::Failed("a readback was never submitted".to_owned()));
+        }
         if self.mapped.get().is_none() {
             gpu.wait(self.submission.clone())?;
         }
@@ -192,6 +195,10 @@ mod tests {
             }
         };
         let read = &read;
-        std::thread::scope(|scope| (1..=4).for_each(|value| drop(scope.spawn(move || read(value)))));
+        std::thread::scope(|scope| {
+            for value in 1..=4 {
+                std::thread::Builder::new().spawn_scoped(scope, move || read(value)).unwrap();
+            }
+        });
     }
 }
