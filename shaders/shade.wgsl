@@ -30,9 +30,9 @@ struct Chart {
     in_atlas: vec2<f32>,
     size: vec2<f32>,         // texels
     height_m: f32,           // of the camera over the floor
+    unmeasured: f32,         // of it where nothing was measured
     unused0: f32,
     unused1: f32,
-    unused2: f32,
 }
 
 // A piece of the picture where a chart can be seen.
@@ -86,19 +86,19 @@ fn beside(moment: u32) -> vec2<f32> {
 }
 
 // How far what is really seen around a pixel is the floor: 1 within the tolerance of it, 0 beyond three times that. `nearness` is
-// 1 over the floor's own depth there. Where nothing was measured it is the floor.
-fn floor_around(at_px: vec2<f32>, nearness: f32, height_m: f32) -> f32 {
+// 1 over the floor's own depth there. Where nothing was measured it is what things stand on, and nothing beside them.
+fn floor_around(at_px: vec2<f32>, nearness: f32, chart: Chart) -> f32 {
     if !has_depth {
-        return 1.0;
+        return chart.unmeasured;
     }
     let near_m = max(shade.tolerance_m, shade.per_depth2 / max(nearness * nearness, 1e-6));
-    let per_off = 0.5 * height_m / near_m;
+    let per_off = 0.5 * chart.height_m / near_m;
     var share = 0.0;
     for (var i = 0u; i < MOMENTS; i++) {
         let p = clamp(vec2<i32>(floor(at_px + BESIDE_PX * beside(i))), vec2<i32>(0), shade.depth_size - 1);
         let real_m = textureLoad(real_depth, p, 0).x;
         let within = 1.5 - per_off * abs(real_m * nearness - 1.0);
-        share += select(clamp(within, 0.0, 1.0), 1.0, real_m <= 0.0);
+        share += select(clamp(within, 0.0, 1.0), chart.unmeasured, real_m <= 0.0);
     }
     return share / f32(MOMENTS);
 }
@@ -160,7 +160,7 @@ fn main(corner: Corner) -> @location(0) vec4<f32> {
     // Pieces reach beyond it.
     let at = corner.at.xy + shade.in_picture;
     taken *= f32(all(at > chart.rect_px.xy) && all(at < chart.rect_px.zw));
-    taken *= floor_around(corner.at.xy + shade.in_depth, nearness / f32(MOMENTS), chart.height_m);
+    taken *= floor_around(corner.at.xy + shade.in_depth, nearness / f32(MOMENTS), chart);
     let share = clamp(shade.strength * shade.presence * taken / f32(MOMENTS), vec3<f32>(-1.0), vec3<f32>(1.0));
     return rounded_to_half(vec4<f32>(share, 0.0));
 }

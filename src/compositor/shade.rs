@@ -75,7 +75,8 @@ struct ChartUniform {
     in_atlas: [f32; 2],
     size: [f32; 2],
     height_m: f32,
-    unused: [f32; 3],
+    unmeasured: f32,
+    unused: [f32; 2],
 }
 
 /// `Piece` there.
@@ -323,7 +324,7 @@ pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Optio
     for (seen, in_atlas) in seen.iter().zip(&atlas.places) {
         let rect = seen.rect.intersection(&part);
         let shares = &seen.chart.shares;
-        if !rect.is_empty() {
+        if !rect.is_empty() && in_atlas[1] + shares.height <= atlas.size[1] {
             // Pieces lie at the same places of the picture whichever part of it is asked for.
             let first = rect.y0.div_euclid(piece_px) * piece_px;
             let mut lines = Vec::new();
@@ -349,7 +350,8 @@ pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Optio
             in_atlas: in_atlas.map(|at| at as f32),
             size: [shares.width as f32, shares.height as f32],
             height_m: seen.height_m as f32,
-            unused: [0.0; 3],
+            unmeasured: f32::from(u8::from(!seen.chart.is_beside)),
+            unused: [0.0; 2],
         });
     }
     if pieces.is_empty() {

@@ -245,7 +245,11 @@ impl Gpu {
     /// Takes that error, after which work continues as if there had been none. What was drawn meanwhile must not be
     /// used, and a lost device stays lost.
     pub fn take_failure(&self) -> Option<GpuError> {
-        self.failure.lock().unwrap_or_else(PoisonError::into_inner).take()
+        let failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if failure.is_some() {
+            self.shared.forget();
+        }
+        failure
     }
 
     /// Does work whose errors are its own: those of calls that this thread makes meanwhile come back here, and nobody else
@@ -261,6 +265,7 @@ impl Gpu {
         }
         match failed {
             Some(error) => {
+                self.shared.forget();
                 // A device says that it is lost when it is looked after.
                 let _ = self.poll();
                 Err(self.check().err().filter(GpuError::is_lost).unwrap_or_else(|| said(&error)))

@@ -17,6 +17,11 @@ impl Shared {
         let one = all.entry(TypeId::of::<T>()).or_insert_with(|| Arc::new(make()));
         one.clone().downcast().unwrap_or_else(|_| unreachable!("a value of its own type"))
     }
+
+    /// Whoever asks next makes anew: what was made while something failed may be of no use. Those who have it keep it.
+    pub fn forget(&self) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clear();
+    }
 }
 
 impl fmt::Debug for Shared {
@@ -56,6 +61,8 @@ mod tests {
         let first = shared.get(|| 1u32);
         assert_eq!((*first, *shared.clone().get(|| 2u32), *shared.get(|| 'a')), (1, 1, 'a'));
         assert_eq!(*Shared::default().get(|| 3u32), 3);
+        shared.forget();
+        assert_eq!((*first, *shared.get(|| 4u32)), (1, 4));
     }
 
     #[test]

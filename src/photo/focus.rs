@@ -1,6 +1,6 @@
 //! Automatic focus: on the nearest thing, real or virtual, around the picture's centre.
 
-use crate::pixels::{DepthMap, LayerImage, Rect};
+use crate::pixels::{LayerImage, Rect};
 
 /// Side of the focus field as a share of the picture's.
 const FIELD: f64 = 0.06;
@@ -9,7 +9,7 @@ const COVERED: f32 = 0.5;
 
 /// The focus distance, metres: the median over the focus field of the nearer depth at each pixel, real or virtual. If
 /// nothing is known there, the median over the virtual things of the whole picture. `None` without any.
-pub fn distance_m(layer: &LayerImage, depth: Option<&DepthMap>, picture: Rect) -> Option<f64> {
+pub fn distance_m(layer: &LayerImage, depth_m: Option<&[f32]>, picture: Rect) -> Option<f64> {
     let around = |part: f64| {
         let half = |side: u32| (0.5 * part * f64::from(side)).ceil() as i32;
         let middle = [(picture.x0 + picture.x1) / 2, (picture.y0 + picture.y1) / 2];
@@ -17,10 +17,10 @@ pub fn distance_m(layer: &LayerImage, depth: Option<&DepthMap>, picture: Rect) -
         let whole = Rect::full(layer.width, layer.height);
         Rect::new(middle[0] - w, middle[1] - h, middle[0] + w, middle[1] + h).intersection(&whole)
     };
-    let depth = depth.filter(|d| (d.width, d.height) == (layer.width, layer.height));
+    let depth_m = depth_m.filter(|depth_m| depth_m.len() == layer.depth_m.len());
     let nearest = |i: usize, real: bool| {
         let drawn = Some(layer.depth_m[i]).filter(|_| layer.rgba[i][3] > COVERED);
-        let measured = depth.filter(|_| real).map(|d| d.depth_m[i]);
+        let measured = depth_m.filter(|_| real).map(|depth_m| depth_m[i]);
         [drawn, measured].into_iter().flatten().filter(|z| *z > 0.0).min_by(f32::total_cmp)
     };
     let median = |rect: Rect, real: bool| {
@@ -42,24 +42,24 @@ mod tests {
     #[test]
     fn the_nearer_of_real_and_virtual_in_the_middle() {
         let mut layer = LayerImage::empty(100, 100);
-        let mut depth = DepthMap { width: 100, height: 100, depth_m: vec![2.0; 10000], timestamp_s: 0.0 };
+        let mut depth_m = vec![2.0; 10000];
         let whole = Rect::full(100, 100);
         assert_eq!(distance_m(&layer, None, whole), None);
-        assert_eq!(distance_m(&layer, Some(&depth), whole), Some(2.0));
+        assert_eq!(distance_m(&layer, Some(&depth_m), whole), Some(2.0));
         // A thing off the centre counts if nothing else is known.
         (layer.rgba[10 * 100 + 10], layer.depth_m[10 * 100 + 10]) = ([1.0; 4], 0.7);
-        assert_eq!(distance_m(&layer, Some(&depth), whole), Some(2.0));
-        depth.depth_m.fill(0.0);
-        assert_eq!(distance_m(&layer, Some(&depth), whole), Some(f64::from(0.7f32)));
+        assert_eq!(distance_m(&layer, Some(&depth_m), whole), Some(2.0));
+        depth_m.fill(0.0);
+        assert_eq!(distance_m(&layer, Some(&depth_m), whole), Some(f64::from(0.7f32)));
         // A thing in the centre, nearer than the wall; a faint one is ignored.
-        depth.depth_m.fill(2.0);
+        depth_m.fill(2.0);
         for y in 45..55 {
             for x in 45..55 {
                 (layer.rgba[y * 100 + x], layer.depth_m[y * 100 + x]) = ([0.9; 4], 1.25);
             }
         }
-        assert_eq!(distance_m(&layer, Some(&depth), whole), Some(1.25));
+        assert_eq!(distance_m(&layer, Some(&depth_m), whole), Some(1.25));
         layer.rgba.iter_mut().for_each(|p| *p = p.map(|c| 0.2 * c));
-        assert_eq!(distance_m(&layer, Some(&depth), whole), Some(2.0));
+        assert_eq!(distance_m(&layer, Some(&depth_m), whole), Some(2.0));
     }
 }

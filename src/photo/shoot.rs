@@ -31,7 +31,7 @@ pub struct Shoot<'a> {
     pub shot: Shot,
     pub whole: Geometry,
     pub frame: Frame,
-    /// The frame's depth at its moment, where it hides things or blurs.
+    /// The frame's depth at its moment, metres, row by row, 0 where unknown.
     pub depth_m: Option<Vec<f32>>,
     /// Mean of the frame's linear light.
     pub mean: f64,
@@ -62,7 +62,7 @@ impl Shoot<'_> {
             corner.x.round() as i32,
             corner.y.round() as i32,
         );
-        Ok(match distance_m(&layer, self.frame.depth.as_ref(), seen) {
+        Ok(match distance_m(&layer, self.depth_m.as_deref(), seen) {
             Some(found_m) => (found_m, None),
             None => (f64::INFINITY, Some("there is nothing to focus on: infinity is sharp; set a distance (--focus)")),
         })

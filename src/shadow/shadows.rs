@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use glam::{DAffine3, DMat3};
+use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 use super::casters::Casters;
 use super::chart::{Chart, Real, Shares};
@@ -15,7 +15,7 @@ use super::floor::Floor;
 use super::group::Group;
 use super::kept::{Kept, Steps, from_steps, steps};
 use super::last::Last;
-use super::room::{Room, Stops};
+use super::room::{ABOVE_M, Room, Stops};
 use super::sky::{Around, Far, Ray, Sky, rays};
 use super::within::Within;
 use crate::render::Lightmap;
@@ -24,7 +24,7 @@ use crate::scene::{Lighting, Object, Scene};
 /// So many charts are kept, the ones used last.
 const KEPT: usize = 128;
 /// Of what real things stop so many: a thing and its facets need five.
-const KEPT_STOPS: usize = 64;
+const KEPT_STOPS: usize = 128;
 
 /// Works out charts, and keeps them.
 #[derive(Debug)]
@@ -191,8 +191,10 @@ impl Shadows {
                 let Some(floor) = parts.first().and_then(|first| Floor::below(&facet.plane, &first.1)) else {
                     continue;
                 };
-                let within = Some(Arc::new(Within::new(object, n, &floor)));
-                let key = self.key(&floor, &parts, within);
+                let mut key = self.key(&floor, &parts, Some(Arc::new(Within::new(object, n, &floor))));
+                if let Some(room) = &self.room {
+                    key.sky = without_walled(key.sky, room, &floor, scene, object);
+                }
                 all.push((floor, key));
             }
         }
@@ -315,6 +317,21 @@ impl Shadows {
             parts: parts.iter().map(|(mesh, from)| (*mesh, steps(&(floor.floor_from_world() * *from)))).collect(),
         }
     }
+}
+
+/// A facet is a piece of something that may go on: without the suns and the lamps behind it that real things keep from an object.
+fn without_walled(sky: Arc<Sky>, room: &Room, floor: &Floor, scene: &Scene, object: &Object) -> Arc<Sky> {
+    let Some(corners_m) = object.corners_m(scene) else { return sky };
+    let middle_m = corners_m.into_iter().sum::<DVec3>() / 8.0;
+    let is_floor =
+        |at_m: DVec3| object.support.is_some_and(|plane| plane.normal.dot(at_m - plane.point_m) < f64::from(ABOVE_M));
+    let is_walled = |towards: DVec3, far_m: f64| room.stands_between(middle_m, towards, far_m, is_floor);
+    let of_sun = |towards: Vec3| is_walled(floor.axes * towards.as_dvec3(), f64::INFINITY);
+    let of_lamp = |at_m: Vec3| {
+        let way_m = floor.origin_m + floor.axes * at_m.as_dvec3() - middle_m;
+        is_walled(way_m.normalize_or_zero(), way_m.length())
+    };
+    Arc::new(Sky::clone(&sky).behind_without(of_sun, of_lamp))
 }
 
 impl Key {
@@ -630,6 +647,21 @@ mod tests {
         assert!(low.x < high.x - 0.2 && low.x < -0.1, "{low} {high}");
         // A red thing throws no other colour.
         assert!(low.y > 0.2 && (low.y - high.y).abs() < 0.01, "{low} {high}");
+    }
+
+    #[test]
+    fn light_behind_a_wall_that_goes_on_beyond_its_facet_does_not_come_past_it() {
+        let low = before_a_wall(DVec3::new(0.2, 0.0, 0.9), 10.0);
+        let dim = before_a_wall(DVec3::new(0.2, 0.0, 0.9), 0.0);
+        let wall_m = low.objects[0].facets[0].plane.point_m.x;
+        // As high as the lamp and more, every centimetre of it seen twice.
+        let places = (0..2 * 120 * 150).map(|n| (n / 2 % 120, n / 240));
+        let wall = Room::of(
+            places.map(|(y, z)| DVec3::new(wall_m + 0.015, 0.01 * f64::from(y) - 0.595, 0.01 * f64::from(z) + 0.005)),
+        );
+        let [past, walled] = [None, Some(wall)].map(|room| on_the_wall(&low, room).x);
+        let none = on_the_wall(&dim, None).x;
+        assert!(past < none - 0.1 && (walled - none).abs() < 0.02, "{past} {walled} {none}");
     }
 
     #[test]

@@ -262,6 +262,16 @@ impl Sky {
         Self { rays, lamps, light, behind }
     }
 
+    /// Without the suns behind a facet, by where they stand, and the lamps there, by their places, that do not shine.
+    pub fn behind_without(mut self, sun: impl Fn(Vec3) -> bool, lamp: impl Fn(Vec3) -> bool) -> Self {
+        if let Some(behind) = &mut self.behind {
+            let Behind { far, lamps } = Arc::make_mut(behind);
+            far.retain(|far| far.solid_sr > 0.0 || !sun(far.towards));
+            lamps.retain(|beyond| !lamp(beyond.at_m));
+        }
+        self
+    }
+
     /// One of eight rays, and as few points of lamps, as bright as all: for a picture that must come soon.
     pub fn rough(&self) -> Self {
         let fewer = FEWER;

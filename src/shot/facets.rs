@@ -33,9 +33,11 @@ const DEEPEST_M: f64 = 0.015;
 /// Its middle does not stand out before its rims, or lie behind them, by more than this share of what points may be off. Of a ball the
 /// piece that is taken for flat does by 0.9.
 const BULGE: f64 = 0.35;
-/// Of points that belong to no piece so many, against a piece's own, may be this near before or behind its rectangle, metres.
+/// Of points that belong to no piece, or to one that leans against it by less than this cosine says, so many, against a piece's own,
+/// may be this near before or behind its rectangle, metres.
 const STRAYS: f64 = 0.3;
 const BESIDE_M: f64 = 0.05;
+const LEANING: f64 = 0.5;
 /// Turns of the rectangle that are tried over a right angle.
 const TURNS: usize = 36;
 /// Normals are told apart in steps of this, as those of floors are.
@@ -59,32 +61,54 @@ pub fn facets(scene: &Scene, object: &Object, support: &Support, points: &[Point
     let is_near = |at_m: DVec3| at_m.distance(at_m.clamp(low, high)) < reach_m;
     let near = points.iter().filter(|point| is_near(point.at_m) && heights_m.contains(&height_m(point.at_m)));
     let mut rest: Vec<Point> = near.copied().collect();
-    // What belongs to no piece: the front of a ball.
-    let (mut found, mut odd) = (Vec::new(), Vec::new());
+    let mut pieces = Vec::new();
     for _ in 0..MOST {
         let Some(plane) = agreed(&rest, |_| true) else { break };
         let (members, others): (Vec<_>, Vec<_>) = rest.iter().partition(|point| point.is_on(plane.normal, plane.d_m));
-        let is_before = |facet: &Facet| {
-            let Support { point_m, normal } = facet.plane;
-            let (mut farthest_m, mut pierced) = (0.0f64, false);
-            for off in object.points_m(scene).map(|at_m| at_m - point_m) {
-                farthest_m = farthest_m.max(normal.dot(off));
-                pierced |= normal.dot(off) < -DEEPEST_M && facet.holds(off);
-            }
-            farthest_m > LEAST_BEFORE_M && !pierced
-        };
-        let strays: Vec<Point> = [&others[..], &odd].concat();
-        match facet(&plane, &members, &strays) {
-            Some(facet) => found.extend(Some(facet).filter(is_before)),
-            None => odd.extend(members),
-        }
+        pieces.push(Piece { shape: shape(&plane, &members), normal: plane.normal, members });
         rest = others;
     }
-    found
+    let is_before = |facet: &Facet| {
+        let Support { point_m, normal } = facet.plane;
+        let (mut farthest_m, mut pierced) = (0.0f64, false);
+        for off in object.points_m(scene).map(|at_m| at_m - point_m) {
+            farthest_m = farthest_m.max(normal.dot(off));
+            pierced |= normal.dot(off) < -DEEPEST_M && facet.holds(off);
+        }
+        farthest_m > LEAST_BEFORE_M && !pierced
+    };
+    // What is round is flat in pieces that lean a little against each other; a box's faces lean by more.
+    let is_whole = |piece: &Piece, facet: &Facet| {
+        let bent = |other: &&Piece| {
+            !std::ptr::eq(*other, piece)
+                && (matches!(other.shape, Some(Shape::Round)) || other.normal.dot(piece.normal).abs() > LEANING)
+        };
+        let strays = pieces.iter().filter(bent).flat_map(|other| &other.members).chain(&rest);
+        let is_close = |off: &DVec3| facet.plane.normal.dot(*off).abs() < BESIDE_M && facet.holds(*off);
+        let strays = strays.map(|point| point.at_m - facet.plane.point_m).filter(is_close).count();
+        (strays as f64) < STRAYS * piece.members.len() as f64
+    };
+    let facet = |piece: &Piece| match piece.shape {
+        Some(Shape::Flat(facet)) if is_whole(piece, &facet) => Some(facet),
+        _ => None,
+    };
+    pieces.iter().filter_map(facet).filter(is_before).collect()
 }
 
-/// The piece that points of a plane make among others, if it is one.
-fn facet(plane: &FittedPlane, members: &[Point], strays: &[Point]) -> Option<Facet> {
+/// Points that a plane goes through.
+struct Piece {
+    shape: Option<Shape>,
+    normal: DVec3,
+    members: Vec<Point>,
+}
+
+enum Shape {
+    Flat(Facet),
+    Round,
+}
+
+/// What points of a plane are, if they are one piece and large enough.
+fn shape(plane: &FittedPlane, members: &[Point]) -> Option<Shape> {
     let middle = members.iter().map(|point| point.at_m).sum::<DVec3>() / members.len() as f64;
     let towards_eyes: f64 = members.iter().map(|point| plane.normal.dot(point.eye_m - point.at_m).signum()).sum();
     let normal = ((plane.normal * towards_eyes.signum() / NORMAL_STEP).round() * NORMAL_STEP).try_normalize()?;
@@ -112,11 +136,8 @@ fn facet(plane: &FittedPlane, members: &[Point], strays: &[Point]) -> Option<Fac
         });
         bulge_m(at) < BULGE * off_m
     });
-    // A plane through something round has its rim alone.
-    let is_close = |off: &DVec3| normal.dot(*off).abs() < BESIDE_M && facet.holds(*off);
-    let strays = strays.iter().map(|point| point.at_m - middle).filter(is_close).count();
-    let is_whole = (strays as f64) < STRAYS * members.len() as f64;
-    (is_filled && is_flat && is_whole && (high_m - low_m).min_element() > LEAST_M).then_some(facet)
+    let is_large = (high_m - low_m).min_element() > LEAST_M;
+    (is_filled && is_large).then_some(if is_flat { Shape::Flat(facet) } else { Shape::Round })
 }
 
 /// How far the middle third of heights over a line stands out before both others, or lies behind them.
@@ -199,6 +220,23 @@ mod tests {
         for at in [corner(top.low_m.x, top.low_m.y), corner(top.high_m.x, top.high_m.y)] {
             let off = [(at.x + 0.2).abs().min((at.x + 0.1).abs()), (at.y + 0.05).abs().min((at.y - 0.07).abs())];
             assert!(off[0] < 0.008 && off[1] < 0.008, "{at}");
+        }
+    }
+
+    /// Two sides and the top of a low carton, near the cube: each belongs to the others' rims.
+    #[test]
+    fn a_low_box_has_its_front_its_side_and_its_top() {
+        let scene = cube();
+        for high_m in [0.07, 0.1, 0.15] {
+            let corner = DVec3::new(0.13, -0.1, 0.0);
+            let (wide, deep, up) = (0.2 * DVec3::Y, 0.15 * DVec3::X, high_m * DVec3::Z);
+            let parts = [(corner, wide, up), (corner, deep, up), (corner + up, deep, wide)];
+            let points: Vec<Point> = parts.into_iter().flat_map(|(at, a, b)| rectangle(at, a, b)).collect();
+            let found = facets(&scene, &scene.objects[0], &FLOOR, &points);
+            let faces = |normal: DVec3| found.iter().any(|facet| facet.plane.normal.dot(normal) > 0.999);
+            assert!(faces(DVec3::NEG_X), "{high_m}: {found:?}");
+            // From its side and its top the cube is seen where it stands before them, or over them.
+            assert_eq!((faces(DVec3::NEG_Y), faces(DVec3::Z)), (false, high_m < 0.1 - 0.005), "{high_m}: {found:?}");
         }
     }
 

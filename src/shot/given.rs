@@ -13,7 +13,8 @@ pub struct Given {
     pub scene: Option<PathBuf>,
     /// What the footage says of itself.
     pub analysis: Analysed,
-    /// The camera stays where the recording says, and its clocks go as it says, whatever an analysis found of them.
+    /// The camera stays where the recording says, and its clocks go as it says, whatever an analysis found of them. A scene's
+    /// gauge holds all the same: in its frame things stand where they were put.
     pub recorded_poses: bool,
 }
 

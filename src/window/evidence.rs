@@ -416,17 +416,18 @@ fn renamed(before: &str) -> String {
 fn switches(ui: &mut Ui, project: &mut Project, entry: Entry) -> Option<String> {
     let scene = &project.edit().scene;
     let (title, mut throws, mut is_real) = (scene.title(entry), !scene.is_shadowless(entry), scene.is_stand_in(entry));
+    let all = if entry.instance.is_some() { ", with all instances of its object" } else { "" };
     let throwing = ui
         .add_enabled(!is_real, egui::Checkbox::new(&mut throws, "Throws a shadow"))
         .on_hover_text("It takes light from what it stands on, and from what is beside it");
-    let standing = ui
-        .checkbox(&mut is_real, "Stands in for something real")
-        .on_hover_text("It is not drawn, and hides what is behind it: where depth was not measured, or not well");
+    let standing = ui.checkbox(&mut is_real, "Stands in for something real").on_hover_text(format!(
+        "It is not drawn, and hides what is behind it: where depth was not measured, or not well{all}"
+    ));
     let done = if throwing.changed() {
         let what = format!("{title}: {}", if throws { "with its shadow" } else { "without its shadow" });
         project.change_scene(&what, |scene| scene.unshadow(entry, !throws))
     } else if standing.changed() {
-        let what = format!("{title}: {}", if is_real { "stands in for something real" } else { "is evidence" });
+        let what = format!("{title}: {}{all}", if is_real { "stands in for something real" } else { "is evidence" });
         project.change_scene(&what, |scene| scene.stand_in(entry, is_real))
     } else {
         return None;

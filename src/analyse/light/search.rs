@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::blocked::Blocked;
-use super::lit::{Fit, MOST_LAMPS, Place, Point, Shares, ambient, fit};
+use super::lit::{Fit, MOST_LAMPS, Place, Point, Shares, ambient, fit, of_lamp};
 use crate::rows::over_rows;
 
 /// Cells of the grid are so wide, m.
@@ -87,19 +87,24 @@ impl Search<'_> {
         let step = self.points.len().div_ceil(FEW).max(1);
         let few: Vec<Point> = self.points.iter().step_by(step).copied().collect();
         let known = self.shares(&few, lamps);
-        let bulbs = self.grid().into_iter().map(|at| Place { at, along: None });
-        let places = bulbs.flat_map(|bulb| [bulb, Place { along: Some(-self.room.up), ..bulb }]);
-        let mut places: Vec<(Place, f64)> = places.map(|place| (place, f64::INFINITY)).collect();
-        over_rows(&mut places, 1, self.threads, |_, slot| {
-            let (at, score) = &mut slot[0];
-            if lamps.iter().any(|lamp| lamp.at.distance(at.at) < APART_M) {
+        // A bulb at each place, and a panel, which the same points see.
+        let kinds = |at: DVec3| [None, Some(-self.room.up)].map(|along| (Place { at, along }, f64::INFINITY));
+        let mut places: Vec<(Place, f64)> = self.grid().into_iter().flat_map(kinds).collect();
+        over_rows(&mut places, 2, self.threads, |_, kinds| {
+            let at = kinds[0].0.at;
+            if lamps.iter().any(|lamp| lamp.at.distance(at) < APART_M) {
                 return;
             }
-            let mut shares = known.clone();
-            for (point, shares) in few.iter().zip(&mut shares) {
-                shares[2 + lamps.len()] = self.share(point, at);
+            let bulb = &kinds[0].0;
+            let of_bulb: Vec<f64> = few.iter().map(|point| self.share(point, bulb)).collect();
+            for (place, score) in kinds {
+                let mut shares = known.clone();
+                for ((point, shares), of_bulb) in few.iter().zip(&mut shares).zip(&of_bulb) {
+                    let is_seen = *of_bulb > 0.0;
+                    shares[2 + lamps.len()] = if is_seen { of_lamp(point.at, point.normal, place) } else { 0.0 };
+                }
+                *score = fit(&few, &shares, lamps.len() + 1, ROUGH).score;
             }
-            *score = fit(&few, &shares, lamps.len() + 1, ROUGH).score;
         });
         places.sort_by(|a, b| a.1.total_cmp(&b.1));
         // The best, and others that are not beside it.
