@@ -43,7 +43,7 @@ fn composite_is_silent_in_a_pipe_and_writes_what_was_asked_for() {
 #[test]
 fn inspect_tells_what_is_there() {
     let text = said(&["inspect", "scenes/demo.toml"]);
-    assert!(text.contains("light      0 suns, 0 lamps, a panorama of 256x128 px"), "{text}");
+    assert!(text.contains("light      0 suns, 1 lamp, a panorama of 256x128 px"), "{text}");
     assert!(text.contains("object     marker 1: ") && !text.contains("-0.000"), "{text}");
     let temp = tempfile::tempdir().unwrap();
     let sunny = temp.path().join("sunny.toml");
