@@ -227,7 +227,7 @@ mod tests {
     #[test]
     fn a_low_box_has_its_front_its_side_and_its_top() {
         let scene = cube();
-        for high_m in [0.08, 0.1, 0.15] {
+        for high_m in [0.09, 0.1, 0.15] {
             let corner = DVec3::new(0.13, -0.1, 0.0);
             let (wide, deep, up) = (0.2 * DVec3::Y, 0.15 * DVec3::X, high_m * DVec3::Z);
             let parts = [(corner, wide, up), (corner, deep, up), (corner + up, deep, wide)];
