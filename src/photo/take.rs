@@ -106,21 +106,19 @@ pub fn take(
         framed: framing.framed,
         enlargement: framing.enlargement(),
     };
-    let depth_m = standpoint.depth_m.map(Cow::from);
     let mut pixels = real.pixels;
     // The largest visible circles follow from the measured depths alone.
-    let least_m =
-        depth_m.iter().flat_map(|depth_m| depth_m.iter()).copied().filter(|z| *z > 0.0).fold(f32::INFINITY, f32::min);
+    let measured_m = standpoint.depth_m;
+    let least_m = measured_m.into_iter().flatten().copied().filter(|z| *z > 0.0).fold(f32::INFINITY, f32::min);
     let circles_px = exposed.opening.map_or(0.0, |opening| {
         let circle = |z: f64| opening.circle_px(framing.geometry.intrinsics.fx_px, z).abs();
         circle(f64::from(least_m)).max(circle(f64::INFINITY))
     });
     let proxies = compositor.proxies();
-    let is_measured = depth_m.is_some();
-    let depth_m = if proxies.is_empty() {
-        depth_m
-    } else {
-        Some(with(&proxies, depth_m.map(Cow::into_owned), standpoint).into())
+    let is_measured = measured_m.is_some();
+    let depth_m: Option<Cow<'_, [f32]>> = match proxies.is_empty() {
+        true => measured_m.map(Cow::from),
+        false => Some(with(&proxies, measured_m.map(<[f32]>::to_vec), standpoint).into()),
     };
     let grid =
         depth_m.as_deref().filter(|_| circles_px > 0.0 || standpoint.settings.depth.occlusion).and_then(|depth_m| {

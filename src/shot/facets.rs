@@ -1,8 +1,8 @@
 //! Flat pieces of the real things beside an object, on which its shadow may fall: a box's side and its top, a wall, a monitor.
 //!
 //! Of the points around the object, but for those of what it stands on, the plane that most agree on is one (planes.rs), then that of
-//! the rest, and so on. What is round is none. A piece that faces away from the object gets none of its shadow; to
-//! which side it faces the cameras say that saw it.
+//! the rest, and so on. What is round is none. A piece that faces away from the object gets none of its shadow; to which side it
+//! faces the cameras say that saw it.
 
 use std::collections::HashSet;
 
@@ -33,11 +33,11 @@ const DEEPEST_M: f64 = 0.015;
 /// Its middle does not stand out before its rims, or lie behind them, by more than this share of what points may be off. Of a ball the
 /// piece that is taken for flat does by 0.9.
 const BULGE: f64 = 0.35;
-/// Of points that belong to no piece, or to one that leans against it by less than this cosine says, so many, against a piece's own,
-/// may be this near before or behind its rectangle, metres.
+/// Strays are points of no piece, of a round one, and of one whose normal has a larger cosine with a piece's own than this.
+const LEANING: f64 = 0.5;
+/// Of strays so many, as a share of a piece's points, may be this near before or behind its rectangle, metres.
 const STRAYS: f64 = 0.3;
 const BESIDE_M: f64 = 0.05;
-const LEANING: f64 = 0.5;
 /// Turns of the rectangle that are tried over a right angle.
 const TURNS: usize = 36;
 /// Normals are told apart in steps of this, as those of floors are.
@@ -77,7 +77,7 @@ pub fn facets(scene: &Scene, object: &Object, support: &Support, points: &[Point
         }
         farthest_m > LEAST_BEFORE_M && !pierced
     };
-    // What is round is flat in pieces that lean a little against each other; a box's faces lean by more.
+    // Small pieces of something round may pass for flat, and lean a little against each other. A box's faces lean by more.
     let is_whole = |piece: &Piece, facet: &Facet| {
         let bent = |other: &&Piece| {
             !std::ptr::eq(*other, piece)
