@@ -38,7 +38,7 @@ const ENVIRONMENT: &str = "environment.hdr";
 /// All that may lie in its folder.
 pub const FILES: [&str; 7] = [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, times::FILE];
 /// Another version is made anew.
-pub const VERSION: u32 = 6;
+pub const VERSION: u32 = 7;
 
 /// An analysis.
 #[derive(Clone, Debug, PartialEq)]

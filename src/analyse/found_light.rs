@@ -34,7 +34,8 @@ pub struct FoundLight {
     pub between: Option<[f64; 2]>,
     /// Of what no lamp leaves unexplained, the share that lamps explain.
     pub explained: Option<f64>,
-    /// How far apart the two halves of the frames see the brightest lamp.
+    /// The share of one half of the frames that the other half's lamp explains, and how far apart they see it.
+    pub halves_explain: Option<f64>,
     pub halves_deg: Option<f64>,
     /// Why no lamp is claimed.
     pub no_lamp: Option<String>,
@@ -63,6 +64,7 @@ impl FoundLight {
             upward: light.map(|light| short(light.upward)),
             between: light.map(|light| short(light.between)),
             explained: light.map(|light| short([light.explained])[0]),
+            halves_explain: light.and_then(|light| light.halves_explain).map(|share| short([share])[0]),
             halves_deg: light.and_then(|light| light.halves_deg).map(|deg| short([deg])[0]),
             no_lamp: light.and_then(|light| light.no_lamp.clone()),
             lamps: light.map_or(Vec::new(), |light| light.lamps.iter().map(lamp).collect()),
@@ -113,11 +115,12 @@ impl FoundLight {
                 if self.guessed_up { "; up is what the cameras had above them" } else { "" }
             ),
         )];
-        let deg =
-            self.halves_deg.map_or(String::new(), |deg| format!(", halves of the frames {}° apart", fixed(deg, 1)));
+        let halves = self.halves_deg.zip(self.halves_explain).map_or(String::new(), |(deg, share)| {
+            format!("; halves of the frames {}° apart, explain {} % of each other", fixed(deg, 1), percent(Some(share)))
+        });
         for lamp in &self.lamps {
             let (at, shown) = (all(lamp.at_m), all(lamp.shown_at_1_m));
-            lines.push(("lamp", format!("at {at} m, shows {shown} at 1 m{deg}")));
+            lines.push(("lamp", format!("at {at} m, shows {shown} at 1 m{halves}")));
         }
         lines.extend(self.no_lamp.iter().map(|why| ("lamp", format!("none claimed: {why}"))));
         lines

@@ -483,8 +483,8 @@ fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
     // Half-written, and of another version.
     let toml = analysis.join("analysis.toml");
     let text = std::fs::read_to_string(&toml).unwrap();
-    std::fs::write(&toml, text.replace("version = 6", "version = 7")).unwrap();
-    assert!(composite("f", &[]).1.contains("version 7; this program makes and reads version 6"));
+    std::fs::write(&toml, text.replace("version = 7", "version = 8")).unwrap();
+    assert!(composite("f", &[]).1.contains("version 8; this program makes and reads version 7"));
     std::fs::write(&toml, &text[..text.len() / 2]).unwrap();
     assert!(composite("g", &[]).1.contains("is not used"));
     std::fs::remove_file(&toml).unwrap();

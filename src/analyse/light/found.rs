@@ -31,7 +31,8 @@ pub struct RoomLight {
     pub between: [f64; 2],
     /// By how much the lamps lower what is left unexplained, as a share of it.
     pub explained: f64,
-    /// How far apart the two halves of the frames see the brightest lamp, degrees.
+    /// The share of one half of the frames that the other half's lamp explains, and how far apart they see it, degrees.
+    pub halves_explain: Option<f64>,
     pub halves_deg: Option<f64>,
     /// Why no lamp is claimed.
     pub no_lamp: Option<String>,

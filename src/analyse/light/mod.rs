@@ -105,7 +105,8 @@ fn room_light(known: &Known<'_>, middle: DVec3, seen: &Seen, solved: Solved) -> 
         upward,
         between: solved.between,
         explained: solved.explained,
-        halves_deg: solved.halves_deg,
+        halves_explain: solved.halves.map(|halves| halves.explained),
+        halves_deg: solved.halves.map(|halves| halves.apart_deg),
         no_lamp: solved.no_lamp,
     }
 }

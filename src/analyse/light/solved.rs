@@ -1,23 +1,26 @@
 //! From the room's surfaces to its lamps and the light from around, or why no lamp is claimed.
 //!
-//! A lamp is claimed if lamps lower what is left unexplained by a fifth, and the two halves of the frames, each by itself, see it
-//! in the same direction within 10°. Not modelled: lamps that hang so low that they light one side of the room alone.
+//! A lamp is claimed if lamps lower what is left unexplained by a fifth, and the lamp that each half of the frames finds by itself
+//! lowers what is left of the other half by a fifth, too. Where two lamps are about as bright, the halves may find one lamp each, far
+//! from the other's: how far apart they see it is reported, and refuses nothing. Not modelled: lamps that hang so low that they light
+//! one side of the room alone.
 
 use glam::DVec3;
 
 use super::blocked::Blocked;
-use super::lit::{Fit, MOST_LAMPS, Place, of_lamp};
-use super::search::{Found, Search};
+use super::lit::{Fit, MOST_LAMPS, Place};
+use super::search::Search;
 use super::surfaces::{Of, points, room};
 use super::voxels::Voxel;
 use super::white::{Lit, white};
 
 /// See above.
 const EXPLAINED: f64 = 0.2;
-const AGREE_DEG: f64 = 10.0;
 /// Fewer surfaces tell nothing.
 const FEWEST: usize = 200;
 const ROUNDS: usize = 20;
+/// Normals whose cosine with up is more than this look up.
+const UPWARD: f64 = 0.9;
 
 pub struct Solved {
     pub lamps: Vec<Place>,
@@ -27,8 +30,17 @@ pub struct Solved {
     pub above: [f64; 3],
     pub between: [f64; 2],
     pub explained: f64,
-    pub halves_deg: Option<f64>,
+    pub halves: Option<Halves>,
     pub no_lamp: Option<String>,
+}
+
+/// What each half of the frames says by itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Halves {
+    /// Of what no lamp leaves unexplained in one half, what the other half's lamp explains: the lesser of the two.
+    pub explained: f64,
+    /// How far apart they see the lamp.
+    pub apart_deg: f64,
 }
 
 /// Or why nothing can be said.
@@ -43,26 +55,28 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], middle: DVec3, up: DVec3, thread
     let search = Search { points: &all, blocked: &blocked, room, threads };
     let found = search.lamps(MOST_LAMPS);
     let explained = 1.0 - found.fit.score / found.scores[0].max(1e-9);
-    let halves_deg = (!found.lamps.is_empty() && explained >= EXPLAINED)
+    let halves = (!found.lamps.is_empty() && explained >= EXPLAINED)
         .then(|| {
-            let of = |half: usize| {
-                let points = by(half);
-                let search = Search { points: &points, blocked: &blocked, room, threads };
-                if points.len() < FEWEST { None } else { brightest(&search.lamps(1), middle, up) }
-            };
-            Some((of(0)? - middle).angle_between(of(1)? - middle).to_degrees())
+            let points = [0, 1].map(by);
+            let searches = points.each_ref().map(|points| Search { points, blocked: &blocked, room, threads });
+            let are_enough = points.iter().all(|points| points.len() >= FEWEST);
+            if are_enough { told_by_halves(&searches, middle) } else { None }
         })
         .flatten();
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
-    let no_lamp = match halves_deg {
+    let no_lamp = match halves {
         _ if explained < EXPLAINED => {
             let by_one = found.scores.get(1).map_or(0.0, |score| 1.0 - score / found.scores[0].max(1e-9));
             let by = percent(by_one.max(explained).max(0.0));
             Some(format!("a lamp explains {by} of what light from all around leaves, less than {}", percent(EXPLAINED)))
         }
         None => Some("one half of the frames does not find it by itself".to_owned()),
-        Some(deg) if deg > AGREE_DEG => {
-            Some(format!("the two halves of the frames see it {deg:.0}° apart, more than {AGREE_DEG:.0}°"))
+        Some(Halves { explained, .. }) if explained < EXPLAINED => {
+            let by = percent(explained.max(0.0));
+            Some(format!(
+                "the lamp that one half of the frames finds explains {by} of the other half, less than {}",
+                percent(EXPLAINED)
+            ))
         }
         Some(_) => None,
     };
@@ -90,16 +104,21 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], middle: DVec3, up: DVec3, thread
         lamps,
         between,
         explained,
-        halves_deg,
+        halves,
         no_lamp,
     })
 }
 
-/// The lamp that gives most light in the middle.
-fn brightest(found: &Found, middle: DVec3, up: DVec3) -> Option<DVec3> {
-    let shown = |(k, lamp): &(usize, &Place)| found.fit.light.lamps[*k] * of_lamp(middle, up, lamp);
-    let lamps = found.lamps.iter().enumerate();
-    lamps.max_by(|a, b| shown(a).total_cmp(&shown(b))).map(|(_, lamp)| lamp.at)
+/// Each half's one lamp, tried on the other half. `None` where one half finds none.
+fn told_by_halves(halves: &[Search; 2], middle: DVec3) -> Option<Halves> {
+    let found = halves.each_ref().map(|half| half.lamps(1));
+    let at = |half: usize| Some(found[half].lamps.first()?.at - middle);
+    let apart_deg = at(0)?.angle_between(at(1)?).to_degrees();
+    let explained = [0, 1].map(|half: usize| {
+        let none = found[half].scores[0].max(1e-9);
+        1.0 - halves[half].with(&found[1 - half].lamps, ROUNDS).score / none
+    });
+    Some(Halves { explained: explained[0].min(explained[1]), apart_deg })
 }
 
 /// Every surface under the light that was found, the unknown factor left as it is.
@@ -122,6 +141,7 @@ fn lit(
         Some(Lit {
             brightest: f64::from(voxel.brightest) / comes(luminance),
             is_clipped: voxel.is_clipped,
+            looks_up: voxel.normal.dot(up) > UPWARD,
             albedo: [0, 1, 2].map(|c| light[c] / comes(&colours[c])),
             light,
         })
@@ -132,6 +152,7 @@ fn lit(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analyse::light::lit::of_lamp;
 
     const UP: DVec3 = DVec3::Z;
     const MIDDLE: DVec3 = DVec3::new(0.0, 0.0, 0.1);
@@ -152,10 +173,10 @@ mod tests {
                 for (x, y) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)] {
                     let n = DVec3::new(x, y, 0.0);
                     let at = DVec3::new(0.4, 0.3, 0.0) + 0.2 * n + along * DVec3::new(-y, x, 0.0) + up * DVec3::Z;
-                    surfaces.push((at, n, DVec3::splat(0.85)));
+                    surfaces.push((at, n, DVec3::splat(0.7)));
                 }
                 let at = DVec3::new(0.4 + along, 0.3 + 0.02 * f64::from(j) - 0.19, 0.4);
-                surfaces.push((at, DVec3::Z, DVec3::splat(0.85)));
+                surfaces.push((at, DVec3::Z, DVec3::splat(0.7)));
             }
         }
         let solid: Vec<DVec3> = surfaces.iter().map(|surface| surface.0).collect();
@@ -207,9 +228,9 @@ mod tests {
     }
 
     #[test]
-    fn halves_that_see_a_lamp_elsewhere_see_none() {
+    fn halves_whose_lamps_do_not_explain_each_other_see_none() {
         let found = solved([Some(DVec3::new(-0.6, 0.5, 2.0)), Some(DVec3::new(0.9, -0.6, 1.8))]);
         assert!(found.lamps.is_empty());
-        assert!(found.no_lamp.unwrap().contains("apart"), "{:?}", found.halves_deg);
+        assert!(found.no_lamp.unwrap().contains("explains"), "{:?}", found.halves);
     }
 }
