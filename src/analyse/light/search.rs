@@ -14,8 +14,12 @@ const FEW: usize = 700;
 const ROUGH: usize = 4;
 const MIDDLING: usize = 8;
 const FINE: usize = 20;
-/// A lamp more is kept if the score falls by more than this share.
+/// A lamp more is kept if the score falls by more than this share, and by this share of what no lamp leaves: less is the pattern on
+/// surfaces.
 const WORTH: f64 = 0.1;
+const WORTH_OF_ALL: f64 = 0.03;
+/// A lamp is exchanged if the score falls by more than this share.
+const EXCHANGED: f64 = 0.02;
 /// Steps of the descent, m.
 const FIRST_M: f64 = 0.2;
 const LAST_M: f64 = 0.02;
@@ -71,19 +75,49 @@ impl Search<'_> {
         let mut found = self.with(&[], FINE);
         let mut scores = vec![found.score];
         let mut lamps: Vec<Place> = Vec::new();
+        // One lamp by itself stands between two: others are kept that a second one may stand beside.
+        let mut kept: Vec<Vec<Place>> = vec![Vec::new()];
         while lamps.len() < most.min(MOST_LAMPS) {
-            let Some((more, better)) = self.one_more(&lamps) else { break };
+            let mut next: Vec<(Vec<Place>, Fit)> = kept.iter().flat_map(|lamps| self.one_more(lamps)).collect();
+            next.sort_by(|a, b| a.1.score.total_cmp(&b.1.score));
+            next.truncate(BEGUN);
+            kept = next.into_iter().map(|(lamps, _)| lamps).collect();
+            let Some(best) = kept.first_mut() else { break };
+            let better = self.exchanged(best);
             scores.push(better.score);
-            if better.score > (1.0 - WORTH) * found.score {
+            if found.score - better.score < (WORTH * found.score).max(WORTH_OF_ALL * scores[0]) {
                 break;
             }
-            (lamps, found) = (more, better);
+            (lamps, found) = (best.clone(), better);
         }
         Found { lamps, fit: found, scores }
     }
 
-    /// With one lamp more, all of them moved to where they fit best.
-    fn one_more(&self, lamps: &[Place]) -> Option<(Vec<Place>, Fit)> {
+    /// Moved to where they fit best, after each, the oldest first, was taken away and sought anew as long as that lowers the score.
+    fn exchanged(&self, lamps: &mut Vec<Place>) -> Fit {
+        let fine = |lamps: &mut Vec<Place>| {
+            self.descended(self.points, lamps, FIRST_M / 4.0, LAST_M);
+            self.with(lamps, FINE)
+        };
+        let mut fit = fine(lamps);
+        let mut k = 0;
+        // The last one was sought beside the others as they are.
+        while k + 1 < lamps.len() {
+            let mut others = lamps.clone();
+            others.remove(k);
+            let sought = self.one_more(&others).into_iter().min_by(|a, b| a.1.score.total_cmp(&b.1.score));
+            k += 1;
+            let Some((mut other, _)) = sought else { continue };
+            let better = fine(&mut other);
+            if better.score < (1.0 - EXCHANGED) * fit.score {
+                (*lamps, fit, k) = (other, better, 0);
+            }
+        }
+        fit
+    }
+
+    /// With one lamp more, all of them moved to where they fit best, roughly: from each of the best places of the grid.
+    fn one_more(&self, lamps: &[Place]) -> Vec<(Vec<Place>, Fit)> {
         let step = self.points.len().div_ceil(FEW).max(1);
         let few: Vec<Point> = self.points.iter().step_by(step).copied().collect();
         let known = self.shares(&few, lamps);
@@ -122,11 +156,7 @@ impl Search<'_> {
             self.descended(&few, lamps, FIRST_M, FIRST_M / 4.0);
             *fit = Some(self.with(lamps, FINE));
         });
-        let best = tried.into_iter().filter_map(|(lamps, fit)| Some((lamps, fit?)));
-        let (mut lamps, _) = best.min_by(|a, b| a.1.score.total_cmp(&b.1.score))?;
-        self.descended(self.points, &mut lamps, FIRST_M / 4.0, LAST_M);
-        let fit = self.with(&lamps, FINE);
-        Some((lamps, fit))
+        tried.into_iter().filter_map(|(lamps, fit)| Some((lamps, fit?))).collect()
     }
 
     /// Moves lamps by steps that halve, as long as the score falls.
