@@ -7,7 +7,7 @@
 use glam::{DVec2, DVec3};
 
 use super::chart::Chart;
-use super::evidence::{Around, Evidence};
+use super::evidence::{Around, Evidence, on_spiral};
 use super::finish::{Finish, gloss, surface};
 use super::lamps::Lamp;
 use super::person::Person;
@@ -17,6 +17,8 @@ use super::shapes::{Hit, Shape};
 /// Light in addition to the lamp in what bounces, from everywhere.
 const AMBIENT: DVec3 = DVec3::new(0.10, 0.115, 0.14);
 
+/// Directions from which a surface gathers what bounces.
+pub const BOUNCES: usize = 64;
 /// Random numbers of what stands elsewhere, beside its seed.
 const MOVED: u64 = 0x6d6f_7665;
 
@@ -157,21 +159,13 @@ impl Site {
     /// Light arriving at a surface, as the radiance of a white matt surface there, and the share of the lamp that is
     /// visible from it.
     fn arriving(&self, thing: &Thing, face: usize, uv: DVec2) -> [f32; 4] {
-        const BOUNCES: usize = 64;
         let (p, n) = thing.shape.point(face, uv);
         let p = p + n * 2e-4;
         let (direct, seen) = self.direct(p, n);
-        // Cosine-weighted directions on a fixed spiral, so that the result is smooth from cell to cell.
-        let tangent = n.any_orthonormal_vector();
-        let bitangent = n.cross(tangent);
         let mut bounced = DVec3::ZERO;
         for i in 0..BOUNCES {
-            let r = ((i as f64 + 0.5) / BOUNCES as f64).sqrt();
-            let (s, c) = (2.399_963_229_728_653 * i as f64).sin_cos();
-            let direction = tangent * (r * c) + bitangent * (r * s) + n * (1.0 - r * r).sqrt();
-            if let Some((other, hit)) = self.nearest(p, direction) {
-                bounced += other.rough_light(&hit, p + direction * hit.t, &self.lamps) / BOUNCES as f64;
-            }
+            let direction = on_spiral(n, i, BOUNCES);
+            bounced += self.rough(p, direction, &mut |_, _| DVec3::ZERO) / BOUNCES as f64;
         }
         let light = direct + bounced;
         [light.x as f32, light.y as f32, light.z as f32, seen as f32]
@@ -197,14 +191,10 @@ impl Site {
         (light, seen)
     }
 
-    /// What a white matt surface that looks up shows at a place in the room.
+    /// What a white matt surface that looks up shows at a place in the room, if it gets the light that the room's surfaces get.
     pub fn upward(&self, p: DVec3) -> DVec3 {
         const RAYS: usize = 16_384;
-        let ray = |i: usize| {
-            let r = ((i as f64 + 0.5) / RAYS as f64).sqrt();
-            let (s, c) = (2.399_963_229_728_653 * i as f64).sin_cos();
-            self.bare(p, DVec3::new(r * c, r * s, (1.0 - r * r).sqrt())) / RAYS as f64
-        };
+        let ray = |i: usize| self.rough(p, on_spiral(DVec3::Z, i, RAYS), &mut |_, _| DVec3::ZERO) / RAYS as f64;
         self.direct(p, DVec3::Z).0 + (0..RAYS).map(ray).sum::<DVec3>()
     }
 
@@ -309,9 +299,10 @@ impl Around for Site {
         DVec3::new(cell[0].into(), cell[1].into(), cell[2].into()) + albedo * more
     }
 
-    fn rough(&self, origin: DVec3, direction: DVec3) -> DVec3 {
-        let of = |(thing, hit): (&Thing, Hit)| thing.rough_light(&hit, origin + direction * hit.t, &self.lamps);
-        self.nearest(origin, direction).map_or(DVec3::ZERO, of)
+    fn rough(&self, origin: DVec3, direction: DVec3, more: &mut dyn FnMut(DVec3, DVec3) -> DVec3) -> DVec3 {
+        let Some((thing, hit)) = self.nearest(origin, direction) else { return DVec3::ZERO };
+        let p = origin + direction * hit.t;
+        thing.rough_light(&hit, &self.lamps, p, more(p, hit.normal))
     }
 }
 
@@ -345,10 +336,58 @@ impl Thing {
             .map_or(DVec3::ZERO, |finish| surface(finish, hit.face, hit.uv, self.shape.face_size_m(hit.face)).albedo)
     }
 
-    /// The light that a place sends on to others: its face's mean colour under the unshadowed lamps.
-    fn rough_light(&self, hit: &Hit, p: DVec3, lamps: &[Lamp]) -> DVec3 {
+    /// The light that a place sends on to others: its face's mean colour under the unshadowed lamps, and under `more`.
+    fn rough_light(&self, hit: &Hit, lamps: &[Lamp], p: DVec3, more: DVec3) -> DVec3 {
         let albedo = self.mean_albedo.get(hit.face).copied().unwrap_or_default();
         let of = |lamp: &Lamp| lamp.radiance * (0.8 * lamp.share(lamp.centre_m - p, hit.normal));
-        albedo * (lamps.iter().map(of).sum::<DVec3>() + AMBIENT)
+        albedo * (lamps.iter().map(of).sum::<DVec3>() + AMBIENT + more)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::super::lamps::scattered;
+    use super::*;
+    use crate::scene::{Material, Mesh, Object, Part, Scene, Vertex};
+
+    /// A square of 4 cm around the origin that looks up, matt, 2 mm over the floor.
+    fn card(grey: f32) -> Scene {
+        let corner = |x: f32, y: f32| Vertex {
+            position: [0.02 * x, 0.02 * y, 0.002],
+            normal: [0.0, 0.0, 1.0],
+            tangent: [0.0; 4],
+            uv0: [0.0; 2],
+            uv1: [0.0; 2],
+            color: [1.0; 4],
+        };
+        let vertices = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| corner(x, y)).to_vec();
+        let matt =
+            Material { base_color: [grey, grey, grey, 1.0], metallic: 0.0, roughness: 1.0, ..Material::default() };
+        let part = Part { mesh: 0, world_from_mesh: glam::DAffine3::IDENTITY };
+        Scene {
+            meshes: vec![Arc::new(Mesh { vertices, indices: vec![0, 1, 2, 0, 2, 3], material: 0 })],
+            materials: vec![matt],
+            objects: vec![Object { parts: vec![part], ..Object::default() }],
+            ..Scene::default()
+        }
+    }
+
+    #[test]
+    fn what_lies_on_the_floor_gets_the_light_that_the_floor_gets() {
+        // Lamps beside walls and below the ceiling, which are bright there.
+        for (lamps, seed) in [(2, 2), (2, 14)] {
+            let site = Site::new(Detail { texture_m: 0.02, light_m: 0.1 }, scattered(lamps, seed), Some(seed), None, 2);
+            let (down, above) = (-DVec3::Z, DVec3::Z);
+            let (floor, hit) = site.nearest(above, down).unwrap();
+            let [r, g, b, _] = site.arriving(floor, hit.face, hit.uv);
+            let evidence = Evidence::new(&card(0.5));
+            let touch = evidence.hit(above, down).unwrap();
+            let shown = evidence.light(&site, &touch, above, down);
+            // Matt half-grey, and a few percent of gloss.
+            let share = shown / DVec3::new(r.into(), g.into(), b.into());
+            assert!(share.min_element() > 0.48 && share.max_element() < 0.53, "site {seed}: {share}");
+        }
     }
 }

@@ -173,10 +173,10 @@ mod tests {
                 for (x, y) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)] {
                     let n = DVec3::new(x, y, 0.0);
                     let at = DVec3::new(0.4, 0.3, 0.0) + 0.2 * n + along * DVec3::new(-y, x, 0.0) + up * DVec3::Z;
-                    surfaces.push((at, n, DVec3::splat(0.7)));
+                    surfaces.push((at, n, DVec3::splat(0.8)));
                 }
                 let at = DVec3::new(0.4 + along, 0.3 + 0.02 * f64::from(j) - 0.19, 0.4);
-                surfaces.push((at, DVec3::Z, DVec3::splat(0.7)));
+                surfaces.push((at, DVec3::Z, DVec3::splat(0.8)));
             }
         }
         let solid: Vec<DVec3> = surfaces.iter().map(|surface| surface.0).collect();
