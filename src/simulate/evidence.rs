@@ -14,7 +14,6 @@ use glam::{DMat3, DVec2, DVec3, Vec3};
 
 use super::lamps::Lamp;
 use super::random::Random;
-use super::site::BOUNCES;
 use super::triangles::{Touch, Triangle, Triangles};
 use crate::scene::{Alpha, Material, Scene, Texture, TextureUse, Vertex, Wrap};
 
@@ -25,6 +24,8 @@ const MATT: usize = 8;
 const GLOSS: usize = 4;
 /// A ray that is so many surfaces away from the camera meets lamps alone.
 const DEEPEST: u32 = 2;
+/// Directions from which a surface gathers what bounces.
+pub const BOUNCES: usize = 64;
 /// Rays begin so far in front of a surface, metres.
 const OFF_M: f64 = 2e-4;
 /// What a dielectric reflects head-on (glTF).

@@ -7,7 +7,7 @@
 use glam::{DVec2, DVec3};
 
 use super::chart::Chart;
-use super::evidence::{Around, Evidence, on_spiral};
+use super::evidence::{Around, BOUNCES, Evidence, on_spiral};
 use super::finish::{Finish, gloss, surface};
 use super::lamps::Lamp;
 use super::person::Person;
@@ -17,8 +17,6 @@ use super::shapes::{Hit, Shape};
 /// Light in addition to the lamp in what bounces, from everywhere.
 const AMBIENT: DVec3 = DVec3::new(0.10, 0.115, 0.14);
 
-/// Directions from which a surface gathers what bounces.
-pub const BOUNCES: usize = 64;
 /// Random numbers of what stands elsewhere, beside its seed.
 const MOVED: u64 = 0x6d6f_7665;
 

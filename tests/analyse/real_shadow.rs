@@ -31,7 +31,7 @@ fn in_a_real_shadow_the_floor_is_not_darkened_twice_and_evidence_is_dark() {
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
     let [x, y] = IN_SHADOW;
     // The truth of site 8: its lamp, and what comes from everywhere else onto the middle of the floor.
-    let light = "[light]\nambient = [0.609, 0.652, 0.662]\n[[light.lamp]]\nat_m = [1.5976, -0.7469, 1.9565]\n\
+    let light = "[light]\nambient = [0.4, 0.439, 0.468]\n[[light.lamp]]\nat_m = [1.5976, -0.7469, 1.9565]\n\
                  color = [2.8671, 3.1359, 3.4047]\ndiameter_m = 0.1\n";
     let object = format!("version = 1\nup = \"z\"\n[[objects]]\nmodel = {model:?}\nposition_m = [{x}, {y}, 0]\n");
     std::fs::write(path("evidence.toml"), &object).unwrap();
