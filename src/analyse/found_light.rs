@@ -34,8 +34,9 @@ pub struct FoundLight {
     pub between: Option<[f64; 2]>,
     /// Of what no lamp leaves unexplained, the share that lamps explain.
     pub explained: Option<f64>,
-    /// The share of one half of the frames that the other half's lamp explains, and how far apart they see it.
+    /// Of what no lamp leaves unexplained in one half of the frames, the share that the other half's lamp explains; the lesser.
     pub halves_explain: Option<f64>,
+    /// How far apart the two halves see the lamp.
     pub halves_deg: Option<f64>,
     /// Why no lamp is claimed.
     pub no_lamp: Option<String>,
@@ -116,7 +117,11 @@ impl FoundLight {
             ),
         )];
         let halves = self.halves_deg.zip(self.halves_explain).map_or(String::new(), |(deg, share)| {
-            format!("; halves of the frames {}° apart, explain {} % of each other", fixed(deg, 1), percent(Some(share)))
+            format!(
+                "; halves of the frames {}° apart, each explains {} % of the other or more",
+                fixed(deg, 1),
+                percent(Some(share))
+            )
         });
         for lamp in &self.lamps {
             let (at, shown) = (all(lamp.at_m), all(lamp.shown_at_1_m));

@@ -2,16 +2,19 @@
 //!
 //! Paths are traced (Kajiya 1986): at a point of an object lamps are sampled by their area, matt light by the cosine, gloss by its
 //! own lobe (GGX, Walter et al. 2007). The site's surfaces keep the light of their charts; what the objects take of it and throw
-//! back comes to it. So a picture differs from the empty site's by the objects alone. What bounces reaches an object's matt part as it
-//! reaches the site's surfaces, from directions of the same spiral and rough: by what is seen in the room, as gloss shows it, white
-//! would be up to 1.4 times as bright as white of the room beside it.
+//! back comes to it. So a picture differs from the empty site's by the objects alone.
+//!
+//! The matt part of an object gathers what bounces exactly as the site's surfaces do: from the same 64 directions, and roughly
+//! ([`Around::rough`]). Only gloss shows the room as it is seen. If matt light saw that, too, a white object would be up to 1.4 times as
+//! bright as the white floor under it.
 //!
 //! Not modelled: normal maps, transparency, light that goes on after the second object.
 
 use std::f64::consts::{PI, TAU};
 
-use glam::{DMat3, DVec2, DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
+use super::hemisphere::{BOUNCES, about_cosine, axes, on_spiral};
 use super::lamps::Lamp;
 use super::random::Random;
 use super::triangles::{Touch, Triangle, Triangles};
@@ -24,8 +27,6 @@ const MATT: usize = 8;
 const GLOSS: usize = 4;
 /// A ray that is so many surfaces away from the camera meets lamps alone.
 const DEEPEST: u32 = 2;
-/// Directions from which a surface gathers what bounces.
-pub const BOUNCES: usize = 64;
 /// Rays begin so far in front of a surface, metres.
 const OFF_M: f64 = 2e-4;
 /// What a dielectric reflects head-on (glTF).
@@ -307,27 +308,6 @@ impl Surface {
         let weight = self.fresnel(vh) * (4.0 * self.masking(nl, nv) * vh * nl / up.max(1e-6));
         (vh > 0.0 && nl > 0.0).then_some((direction, weight))
     }
-}
-
-fn axes(n: DVec3) -> DMat3 {
-    let x = n.any_orthonormal_vector();
-    DMat3::from_cols(x, n.cross(x), n)
-}
-
-/// The `i`-th of `count` directions about a normal on a fixed spiral, as dense as the cosine: the result is smooth from place to place.
-pub fn on_spiral(n: DVec3, i: usize, count: usize) -> DVec3 {
-    let tangent = n.any_orthonormal_vector();
-    let bitangent = n.cross(tangent);
-    let r = ((i as f64 + 0.5) / count as f64).sqrt();
-    let (s, c) = (2.399_963_229_728_653 * i as f64).sin_cos();
-    tangent * (r * c) + bitangent * (r * s) + n * (1.0 - r * r).sqrt()
-}
-
-/// One of `count` directions about a normal by chance, as dense as the cosine.
-fn about_cosine(n: DVec3, k: usize, count: usize, random: &mut Random) -> DVec3 {
-    let r2 = (k as f64 + random.uniform()) / count as f64;
-    let turn = TAU * random.uniform();
-    axes(n) * (DVec2::from_angle(turn) * r2.sqrt()).extend((1.0 - r2).sqrt())
 }
 
 /// A texture's value at (u, v), linear between texels.

@@ -13,6 +13,7 @@ mod encoded;
 mod evidence;
 mod finish;
 mod flaws;
+mod hemisphere;
 mod lamps;
 mod local_tone;
 mod mistracked;

@@ -7,8 +7,9 @@
 use glam::{DVec2, DVec3};
 
 use super::chart::Chart;
-use super::evidence::{Around, BOUNCES, Evidence, on_spiral};
+use super::evidence::{Around, Evidence};
 use super::finish::{Finish, gloss, surface};
+use super::hemisphere::{BOUNCES, on_spiral};
 use super::lamps::Lamp;
 use super::person::Person;
 use super::random::Random;
@@ -196,11 +197,6 @@ impl Site {
         self.direct(p, DVec3::Z).0 + (0..RAYS).map(ray).sum::<DVec3>()
     }
 
-    /// The light along a ray from what is no lamp, without mirror images.
-    fn bare(&self, origin: DVec3, direction: DVec3) -> DVec3 {
-        self.matt(origin, direction, &mut |_, _| DVec3::ZERO)
-    }
-
     fn nearest(&self, origin: DVec3, direction: DVec3) -> Option<(&Thing, Hit)> {
         let squared = direction.length_squared();
         let mut best: Option<(&Thing, Hit)> = None;
@@ -268,7 +264,7 @@ impl Site {
         let far = self.nearest(origin, direction).map_or(f64::INFINITY, |(_, hit)| hit.t);
         match ahead.filter(|(t, _)| far >= *t).min_by(|a, b| a.0.total_cmp(&b.0)) {
             Some((_, radiance)) => radiance,
-            None => self.bare(origin, direction),
+            None => self.matt(origin, direction, &mut |_, _| DVec3::ZERO),
         }
     }
 }

@@ -7,8 +7,8 @@ use crate::common;
 use glam::DVec3;
 
 use crate::footage::{analysed, demo, demo_track, opened, pairs_off_px, whole, worse};
-use crate::program::{locard, refused, said};
-use locard::analyse::{Analysis, Interrupted, beside};
+use crate::program::{locard, said};
+use locard::analyse::{Analysis, beside};
 use locard::camera::{Camera, CameraExposure};
 use locard::compositor::exposure_time_s;
 use locard::frame::{Frame, FrameExposure};
@@ -19,7 +19,7 @@ use locard::simulate::Flaws;
 use locard::tracking::PoseTrack;
 
 /// Poses whose clock says so much more than the pictures' clock.
-fn late(poses_later_s: f64) -> Flaws {
+pub fn late(poses_later_s: f64) -> Flaws {
     Flaws { poses_later_s, ..Flaws::default() }
 }
 
@@ -252,59 +252,6 @@ fn any_number_of_threads_finds_the_same() {
     assert_eq!(files(1), files(3));
 }
 
-#[test]
-fn an_interrupted_analysis_goes_on_where_it_was() {
-    let folder = demo(13, &late(0.01));
-    let shot = opened(&folder);
-    let [whole, analysis] = ["whole.analysis", "site.analysis"].map(|name| folder.path().join(name));
-    // What is heard until it ends, or so many times.
-    let heard = |shot: &Shot, folder: &Path, most: usize| {
-        let mut heard = Vec::new();
-        let done = shot.analyse(folder, &mut |done, _| {
-            heard.push(done);
-            if heard.len() < most { Ok(()) } else { Err(Interrupted) }
-        });
-        (heard, done.map(drop))
-    };
-    let (all, done) = heard(&shot, &whole, usize::MAX);
-    done.unwrap();
-    // Somewhere in the last pass but one.
-    let (_, done) = heard(&shot, &analysis, all.len() - 14);
-    assert!(done.unwrap_err().is_interrupted() && !analysis.exists());
-    // Of another camera nothing holds that was kept.
-    let sets = vec!["camera.fx_px=519.5".to_owned()];
-    let other = Shot::open(&folder.path().join("site"), &OpenOptions::default(), &Given { sets, ..Given::default() });
-    let elsewhere = folder.path().join("other/site.analysis");
-    std::fs::create_dir(folder.path().join("other")).unwrap();
-    let part = folder.path().join("site.analysis.part");
-    assert!(part.is_dir());
-    let to = folder.path().join("other/site.analysis.part");
-    std::fs::create_dir(&to).unwrap();
-    for entry in part.read_dir().unwrap() {
-        let entry = entry.unwrap();
-        std::fs::copy(entry.path(), to.join(entry.file_name())).unwrap();
-    }
-    assert_eq!(heard(&other.unwrap(), &elsewhere, 1).0, all[..1]);
-    // Of its own all does, to the last byte.
-    let (rest, done) = heard(&shot, &analysis, usize::MAX);
-    done.unwrap();
-    assert!(rest.len() + 4 < all.len() && all.ends_with(&rest), "{rest:?} of {all:?}");
-    assert!(!part.exists());
-    for name in ["analysis.toml", "poses.txt", "links.txt"] {
-        assert_eq!(std::fs::read(whole.join(name)).unwrap(), std::fs::read(analysis.join(name)).unwrap(), "{name}");
-    }
-    // Cut at a line's end.
-    for name in ["poses.txt", "links.txt"] {
-        let text = std::fs::read_to_string(whole.join(name)).unwrap();
-        let half: String = text.lines().take(text.lines().count() / 2).map(|line| format!("{line}\n")).collect();
-        std::fs::write(whole.join(name), half).unwrap();
-        let problem = Analysis::read(&whole).unwrap_err().to_string();
-        assert!(problem.contains(name) && problem.contains("were written"), "{problem}");
-        std::fs::write(whole.join(name), text).unwrap();
-    }
-    assert!(Analysis::read(&whole).is_ok());
-}
-
 /// A Kinect's footage as its profile has the camera, and what is found of it; nothing without the real recordings.
 pub fn kinect() -> Option<(Shot, &'static Analysis)> {
     // Two tests ask, and it takes a minute.
@@ -433,70 +380,4 @@ fn sharpness_follows_the_footage_where_nobody_says_it() {
     let profile = std::fs::read_to_string(&camera).unwrap();
     std::fs::write(&camera, profile + "\n[point_spread]\nsigma_px = 0.0\n").unwrap();
     assert_eq!(sigma_px(&[]), 0.0);
-}
-
-#[test]
-fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
-    let folder = demo(8, &late(0.01));
-    let site = folder.path().join("site");
-    let path = site.to_str().unwrap();
-    let told = said(&["analyse", path]);
-    assert!(told.contains("poses      ") && told.contains("readout"), "{told}");
-    let analysis = folder.path().join("site.analysis");
-    assert_eq!(beside(&site), analysis.canonicalize().unwrap());
-    assert_eq!(said(&["inspect", analysis.to_str().unwrap()]), told);
-    assert_eq!(said(&["analyse", path]), told, "once is enough");
-
-    let marker = ["--scene", "scenes/demo.toml", "--frames", "2..3", "-o"];
-    let composite = |out: &str, more: &[&str]| {
-        let out = folder.path().join(out);
-        let arguments = [&["composite", path][..], &marker, &[out.to_str().unwrap()], more].concat();
-        let done = locard(&arguments);
-        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-        (std::fs::read(out.join("frame_000002.png")).unwrap(), String::from_utf8(done.stderr).unwrap())
-    };
-    let (by_default, _) = composite("a", &[]);
-    let (named, _) = composite("b", &["--analysis", analysis.to_str().unwrap()]);
-    let (without, _) = composite("c", &["--no-analysis"]);
-    assert!(by_default == named);
-
-    let (left, said) = composite("r", &["--without", "registration", "--no-analysis"]);
-    assert!(left == without && said.contains("--without registration changes nothing: no analysis is used"), "{said}");
-
-    // Another recording in the same place.
-    let poses = std::fs::read_to_string(site.join("groundtruth.txt")).unwrap();
-    let dropped: String =
-        poses.lines().enumerate().filter(|(n, _)| *n != 3).map(|(_, line)| format!("{line}\n")).collect();
-    std::fs::write(site.join("groundtruth.txt"), dropped).unwrap();
-    let (stale, said) = composite("d", &[]);
-    assert!(
-        stale == without
-            && said.contains("is not used: the recording is another now")
-            && said.contains("analyse the recording again"),
-        "{said}"
-    );
-    let named = ["composite", path, "--analysis", analysis.to_str().unwrap()];
-    let out = folder.path().join("e");
-    let problem = refused(&[&named[..], &marker, &[out.to_str().unwrap()]].concat());
-    assert!(problem.contains("the recording is another now"), "{problem}");
-
-    // Half-written, and of another version.
-    let toml = analysis.join("analysis.toml");
-    let text = std::fs::read_to_string(&toml).unwrap();
-    std::fs::write(&toml, text.replace("version = 7", "version = 8")).unwrap();
-    assert!(composite("f", &[]).1.contains("version 8; this program makes and reads version 7"));
-    std::fs::write(&toml, &text[..text.len() / 2]).unwrap();
-    assert!(composite("g", &[]).1.contains("is not used"));
-    std::fs::remove_file(&toml).unwrap();
-    assert!(composite("h", &[]).1.is_empty());
-
-    // Made first, if that is asked for.
-    let (made, _) = composite("i", &["--analyse"]);
-    assert!(toml.exists() && made == composite("j", &[]).0);
-    std::fs::remove_file(&toml).unwrap();
-
-    // What is no analysis is not written into.
-    std::fs::write(analysis.join("mine.txt"), "").unwrap();
-    let problem = refused(&["analyse", path]);
-    assert!(problem.contains("holds mine.txt, which is no part of an analysis"), "{problem}");
 }

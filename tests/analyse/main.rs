@@ -17,6 +17,7 @@ mod program;
 #[path = "../common/shot.rs"]
 mod shot;
 
+mod artefact;
 mod evidence;
 mod flaws;
 mod found;

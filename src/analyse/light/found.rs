@@ -31,8 +31,9 @@ pub struct RoomLight {
     pub between: [f64; 2],
     /// By how much the lamps lower what is left unexplained, as a share of it.
     pub explained: f64,
-    /// The share of one half of the frames that the other half's lamp explains, and how far apart they see it, degrees.
+    /// Of what no lamp leaves unexplained in one half of the frames, the share that the other half's lamp explains; the lesser.
     pub halves_explain: Option<f64>,
+    /// How far apart the two halves see the lamp, degrees.
     pub halves_deg: Option<f64>,
     /// Why no lamp is claimed.
     pub no_lamp: Option<String>,

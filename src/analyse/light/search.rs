@@ -75,7 +75,8 @@ impl Search<'_> {
         let mut found = self.with(&[], FINE);
         let mut scores = vec![found.score];
         let mut lamps: Vec<Place> = Vec::new();
-        // One lamp by itself stands between two: others are kept that a second one may stand beside.
+        // Where there are two lamps, the best place for one is between them. Other places are kept, so that a second lamp is sought beside
+        // each.
         let mut kept: Vec<Vec<Place>> = vec![Vec::new()];
         while lamps.len() < most.min(MOST_LAMPS) {
             let mut next: Vec<(Vec<Place>, Fit)> = kept.iter().flat_map(|lamps| self.one_more(lamps)).collect();
@@ -93,7 +94,7 @@ impl Search<'_> {
         Found { lamps, fit: found, scores }
     }
 
-    /// Moved to where they fit best, after each, the oldest first, was taken away and sought anew as long as that lowers the score.
+    /// Moves lamps to where they fit best; then takes each away, the oldest first, and seeks it anew, as long as that lowers the score.
     fn exchanged(&self, lamps: &mut Vec<Place>) -> Fit {
         let fine = |lamps: &mut Vec<Place>| {
             self.descended(self.points, lamps, FIRST_M / 4.0, LAST_M);

@@ -1,8 +1,8 @@
 //! How bright the light is: reflectance and light share a factor, and the whitest things tell it.
 //!
 //! Of the reflectances of what looks up, each surface by its brightest spot, the 99.5th percentile is taken for 0.8, about what white
-//! paint and paper reflect. What looks up alone: evidence lies in the light that comes from above, and how that compares with
-//! the light on walls, near which lamps hang, is known less well. Where too little looks up, all surfaces count. Colour: what is bright
+//! paint and paper reflect. Walls are left out: lamps hang near them, and an error in a lamp's place makes a wall's reflectance come out
+//! as 1 and more. Where fewer than 400 surfaces look up, all count. Colour: what is bright
 //! and nearly neutral as the camera shows it is neutral, or else the camera's white balance is right and the light is; neither is sure,
 //! so that the light is half as coloured as those things. Where there are too few of them, it is white.
 
