@@ -5,8 +5,8 @@
 //! edge and reliable farther away. So each doubtful pixel takes its depth from the trusted pixel with the cheapest path
 //! to it. A path costs a little for its length, and as much as colours change along it (the geodesic distance of
 //! Criminisi et al. 2008, with the sum of both instead of the root of their squares). Starting at a doubtful pixel
-//! costs more the nearer it is to an edge. Surfaces thus meet where colours differ most, and where no colours differ,
-//! half-way, which is where the edge was.
+//! costs more the nearer it is to an edge, and most where it looks like what is on the edge's other side (`likeness`).
+//! Surfaces thus meet where colours differ most, and where no colours differ, half-way, which is where the edge was.
 //!
 //! Whether a map needs this is found from the map itself: one whose edges are on the picture's (a simulated one) is
 //! left as it is.
@@ -15,6 +15,7 @@
 //! where they were measured); slits within the shade of their own sides.
 
 use super::apart::{JUMP, apart};
+use super::likeness::otherness;
 use super::nearest_edge::distances_px;
 
 /// How far the map's edges may be from the picture's, as a share of its width. A Kinect's are off by up to 8 of 640 px.
@@ -23,6 +24,13 @@ pub const MOST_OFF: f64 = 8.0 / 640.0;
 const NOISE: f32 = 0.02;
 /// The cost of trusting the map at an edge, in the same unit. It falls linearly to 0 where the map is trusted.
 const DOUBT: f32 = 0.3;
+/// The range of doubt where most frames agree on the depth, as a share of the usual one.
+const SURE: f32 = 0.5;
+/// What is added for each e-fold by which a pixel's colour is likelier on the other surface, up to where, in ranges of doubt, and
+/// the most that it costs.
+const PER_OTHERNESS: f32 = 0.1;
+const SEEN: f32 = 1.5;
+const MOST_DOUBT: f32 = 0.6;
 /// The cost of trusting a guess in a shade: less than most contrasts between two things, and more than a path through
 /// one.
 const GUESS: f32 = 0.05;
@@ -60,19 +68,38 @@ fn is_edge(a: f32, b: f32) -> bool {
     a.max(b) > JUMP * a.min(b)
 }
 
-/// The map with its edges moved to the picture's. It is doubted up to `reach_px` from them, and where it was `guessed`.
-/// `looks`: square roots of light.
-pub fn on_colors(depth_m: &[f32], guessed: &[bool], looks: &[[f32; 3]], width: usize, reach_px: usize) -> Vec<f32> {
+/// How a pixel of the map came to its depth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Known {
+    /// It was measured, or follows from what was measured around.
+    Measured,
+    /// Most frames agree on it.
+    Sure,
+    /// It lies in a shade.
+    Guessed,
+}
+
+/// The map with its edges moved to the picture's. It is doubted up to `reach_px` from them, less where it is sure, and where it
+/// was guessed. `looks`: square roots of light.
+pub fn on_colors(depth_m: &[f32], known: &[Known], looks: &[[f32; 3]], width: usize, reach_px: usize) -> Vec<f32> {
     let mut out = depth_m.to_vec();
     let reach_px = reach_px.max(1) as f32;
     let from_edge = distances_px(depth_m, width, is_edge);
-    let doubt = |(d, guessed): (&f32, &bool)| {
-        if *guessed { GUESS } else { DOUBT * (1.0 - d / reach_px).max(0.0) }
+    let within_px = SEEN * reach_px;
+    let other = otherness(depth_m, looks, width, reach_px, within_px);
+    let doubt = |i: usize| {
+        let near_edge = |reach_px: f32| DOUBT * (1.0 - from_edge[i] / reach_px).max(0.0);
+        let by_map = match known[i] {
+            Known::Guessed => GUESS,
+            Known::Sure => near_edge(SURE * reach_px),
+            Known::Measured => near_edge(reach_px),
+        };
+        (by_map + PER_OTHERNESS * other[i]).clamp(0.0, MOST_DOUBT)
     };
-    let mut cost: Vec<f32> = from_edge.iter().zip(guessed).map(doubt).collect();
+    let mut cost: Vec<f32> = (0..depth_m.len()).map(doubt).collect();
     let around = Around::new(width, depth_m.len());
     let mut queue = Queue::new(WAY / reach_px);
-    for i in (0..cost.len()).filter(|&i| guessed[i] || from_edge[i] < reach_px + 2.0) {
+    for i in (0..cost.len()).filter(|&i| known[i] == Known::Guessed || from_edge[i] < within_px + 2.0) {
         queue.push(cost[i], i);
     }
     let mut level = Vec::new();
@@ -230,7 +257,7 @@ mod tests {
         // Off by 1 to 5 px, in either direction.
         let depth = stepped(width, height, |y| [15, 18, 23, 25, 21, 16][y / 2 % 6]);
         assert!(are_off(&depth, &looks, width, 8));
-        let out = on_colors(&depth, &vec![false; depth.len()], &looks, width, 8);
+        let out = on_colors(&depth, &vec![Known::Measured; depth.len()], &looks, width, 8);
         assert_eq!(out, stepped(width, height, |_| 20));
         let wide = widened(&out, Some(&looks), width);
         assert_eq!((wide[5 * width + 19], wide[5 * width + 20], wide[5 * width + 21]), (1.0, 1.0, 3.0));
@@ -251,11 +278,11 @@ mod tests {
     #[test]
     fn one_colour_and_slopes_stay() {
         let depth = stepped(48, 32, |_| 21);
-        let (grey, measured) = (vec![[0.3; 3]; depth.len()], vec![false; depth.len()]);
+        let (grey, measured) = (vec![[0.3; 3]; depth.len()], vec![Known::Measured; depth.len()]);
         assert_eq!(on_colors(&depth, &measured, &grey, 48, 8), depth);
         // A floor that recedes by 2 % per row.
         let floor: Vec<f32> = (0..400).map(|i| 1.02f32.powi(20 - i / 20)).collect();
-        assert_eq!(on_colors(&floor, &[false; 400], &[[0.3; 3]; 400], 20, 8), floor);
+        assert_eq!(on_colors(&floor, &[Known::Measured; 400], &[[0.3; 3]; 400], 20, 8), floor);
         assert_eq!(widened(&floor, None, 20), floor);
     }
 
@@ -264,9 +291,25 @@ mod tests {
         // The thing's own last ten columns were not measured, and are taken for the wall in its shade.
         let (width, height) = (48, 32);
         let depth = stepped(width, height, |_| 10);
-        let guessed: Vec<bool> = (0..depth.len()).map(|i| (10..20).contains(&(i % width))).collect();
+        let is_shade = |i: usize| (10..20).contains(&(i % width));
+        let guessed: Vec<_> =
+            (0..depth.len()).map(|i| if is_shade(i) { Known::Guessed } else { Known::Measured }).collect();
         let out = on_colors(&depth, &guessed, &parted(width, height), width, 8);
         assert_eq!(out, stepped(width, height, |_| 20));
+    }
+
+    #[test]
+    fn a_striped_floor_between_dark_legs_stays_where_frames_agree_on_it() {
+        // Two legs, and 14 px of floor between: every other column is as dark as they are.
+        let (width, height) = (48, 32);
+        let is_leg = |i: usize| !(16..30).contains(&(i % width));
+        let looks: Vec<_> = (0..width * height).map(|i| [if is_leg(i) || i % 4 < 2 { 0.2 } else { 0.6 }; 3]).collect();
+        let depth: Vec<f32> = (0..width * height).map(|i| if is_leg(i) { 1.0 } else { 3.0 }).collect();
+        let lost = |known: Known| {
+            let out = on_colors(&depth, &vec![known; depth.len()], &looks, width, 8);
+            (0..depth.len()).filter(|&i| out[i] < depth[i]).count()
+        };
+        assert!(lost(Known::Measured) > 2 * height && lost(Known::Sure) <= 2 * height, "{}", lost(Known::Sure));
     }
 
     #[test]
@@ -276,7 +319,7 @@ mod tests {
         let post = |first: usize| move |i: usize| (first..first + 3).contains(&(i % width));
         let looks: Vec<_> = (0..width * height).map(|i| [if post(20)(i) { 0.2 } else { 0.8 }; 3]).collect();
         let depth: Vec<f32> = (0..width * height).map(|i| if post(21)(i) { 1.0 } else { 3.0 }).collect();
-        let out = on_colors(&depth, &vec![false; depth.len()], &looks, width, 6);
+        let out = on_colors(&depth, &vec![Known::Measured; depth.len()], &looks, width, 6);
         let wanted: Vec<f32> = (0..width * height).map(|i| if post(20)(i) { 1.0 } else { 3.0 }).collect();
         assert_eq!(out, wanted);
     }

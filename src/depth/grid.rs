@@ -91,7 +91,7 @@ impl DepthGrid {
         let columns = width as usize;
         // A map whose edges are on the picture's hides exactly to the pixel and needs no widening.
         let step = framed.step * enlargement;
-        let is_widened = mended::complete(&mut depth_m, &looks, columns, recorded, step)?;
+        let is_widened = mended::complete(&mut depth_m, &[], &looks, columns, recorded, step)?;
         if is_widened {
             let everywhere = vec![f32::INFINITY; depth_m.len()];
             smooth::smooth(&mut depth_m, &looks, columns, &everywhere);

@@ -5,14 +5,15 @@
 //! holds for what comes into view when depth is carried to another moment. The farther of the two ends of such a gap
 //! continues in it, as in views synthesised from depth (Fehn 2004). The largest width of a shade is known: with a
 //! baseline b the disparity of a point at z is f·b/z, so the shade of an edge between z₁ and z₂ is f·b·(1/z₁ − 1/z₂)
-//! wide.
+//! wide. The projector stands beside the camera, so a shade lies beside a thing, never above or below it: a gap there is
+//! the thing's own rim as often.
 //!
-//! Wider gaps are dark or shiny things, and rims that the sensor does not see. In them 1/z is the smoothest
+//! Other gaps are dark or shiny things, and rims that the sensor does not see. In them 1/z is the smoothest
 //! interpolation of what was measured around (Laplace's equation: a plane's 1/z is linear in the picture, so planes
 //! continue through them). Smoothness counts little between pixels that look different (as in the colourisation of
 //! Levin et al. 2004). So a dark thing takes the depth measured on it, as a whole, and not that of its surroundings.
 
-use super::apart::apart;
+use super::apart::{JUMP, apart};
 
 /// Longest distance between a sensor's projector and its camera, metres: 75 mm in the Kinect, 95 mm in the widest
 /// hand-held one.
@@ -39,10 +40,13 @@ pub fn fill(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize, focal_px: f32
     // For each pixel in a shade: the shade's width, and the depth of its farther end. The shorter way across decides.
     let mut shade = vec![(usize::MAX, 0.0f32); depth_m.len()];
     for y in 0..height {
-        shades(depth_m, &known, &mut shade, [y * width, 1, width], focal_px);
+        let widest_px = |near_m: f32, far_m: f32| FRAYED_PX + focal_px * BASELINE_M * (1.0 / near_m - 1.0 / far_m);
+        shades(depth_m, &known, &mut shade, [y * width, 1, width], widest_px);
     }
     for x in 0..width {
-        shades(depth_m, &known, &mut shade, [x, width, height], focal_px);
+        // One surface continues.
+        let widest_px = |near_m: f32, far_m: f32| if far_m > JUMP * near_m { 0.0 } else { FRAYED_PX };
+        shades(depth_m, &known, &mut shade, [x, width, height], widest_px);
     }
     let is_shade: Vec<bool> = shade.iter().map(|(length, _)| *length < usize::MAX).collect();
     for i in (0..depth_m.len()).filter(|&i| is_shade[i]) {
@@ -62,16 +66,22 @@ pub fn fill(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize, focal_px: f32
     Some(is_shade)
 }
 
-/// Marks, along one line of pixels (first index, step, count), gaps narrow enough to be a shade between their ends.
-fn shades(depth_m: &[f32], known: &[bool], shade: &mut [(usize, f32)], line: [usize; 3], focal_px: f32) {
-    let [first, step, count] = line;
+/// Marks, along one line of pixels (first index, step, count), gaps narrow enough to be a shade between their ends: up to
+/// `widest_px`, by the nearer end's depth and the farther one's.
+fn shades(
+    depth_m: &[f32],
+    known: &[bool],
+    shade: &mut [(usize, f32)],
+    [first, step, count]: [usize; 3],
+    widest_px: impl Fn(f32, f32) -> f32,
+) {
     let at = |n: usize| first + n * step;
     let mut last: Option<usize> = None;
     for n in (0..count).filter(|&n| known[at(n)]) {
         if let Some(before) = last.filter(|before| n - before > 1) {
             let [a, b] = [depth_m[at(before)], depth_m[at(n)]];
             let length = n - before - 1;
-            if length as f32 <= FRAYED_PX + focal_px * BASELINE_M * (1.0 / a - 1.0 / b).abs() {
+            if length as f32 <= widest_px(a.min(b), a.max(b)) {
                 for m in (before + 1..n).map(at) {
                     if length < shade[m].0 {
                         shade[m] = (length, a.max(b));

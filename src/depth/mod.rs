@@ -4,8 +4,8 @@
 //! - `moment`: a sensor's map, carried to the moment at which a frame was taken, for a part of the picture.
 //! - `carry`: its points, as another pose sees them. `looks`: colours, as they are compared here.
 //! - `vote`: what several frames' maps say of one's. `of_frame`: so of a whole frame, at its moment.
-//! - `holes`: depth where the sensor measured none. `edges`: edges moved to the picture's. `behind`: what is behind
-//!   them. `mended`: holes filled and edges moved.
+//! - `holes`: depth where the sensor measured none. `edges`: edges moved to the picture's, `likeness`: whose
+//!   pixels near them look like. `behind`: what is behind them. `mended`: holes filled and edges moved.
 //! - `contact`: what things stand on, as flat as it is. `proxies`: models that stand in for real things.
 //! - `matte`: how much of a pixel at an edge is the nearer surface's. `smear`: how far it moves while the shutter is open.
 //! - `repaired`: filled and with the picture's edges, where a recording's frame shows objects; `last_repair`: not twice. `grid`: the same over a
@@ -19,6 +19,7 @@ mod edges;
 mod grid;
 mod holes;
 mod last_repair;
+mod likeness;
 mod looks;
 mod matte;
 mod mended;

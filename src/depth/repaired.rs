@@ -125,7 +125,7 @@ impl<'a> Repair<'a> {
         let looks = self.looks(region);
         let (mut depth_m, width) = (all.part(&measured_m, region), region.width() as usize);
         let before_m = wanted.before_m(region, SEEN_PX);
-        self.agree(&mut depth_m, &looks, region, &before_m);
+        let is_sure = self.agree(&mut depth_m, &looks, region, &before_m);
         if let Some((proxies, seen)) = self.proxies {
             proxies.put(&mut depth_m, region, seen);
         }
@@ -134,7 +134,7 @@ impl<'a> Repair<'a> {
         }
         // Where nothing was measured, nothing hides.
         let recorded = &self.rays.geometry().intrinsics;
-        if mended::complete(&mut depth_m, &looks, width, recorded, 1.0) == Some(true) {
+        if mended::complete(&mut depth_m, &is_sure, &looks, width, recorded, 1.0) == Some(true) {
             smooth::smooth(&mut depth_m, &looks, width, &before_m);
         }
         contact::flatten(&mut depth_m, self.rays, self.frame, region, self.planes);
@@ -172,10 +172,10 @@ impl<'a> Repair<'a> {
         out
     }
 
-    /// Replaces what is doubtful in a part of the map by what the neighbours say.
-    fn agree(&self, depth_m: &mut [f32], looks: &[[f32; 3]], part: Rect, before_m: &[f32]) {
+    /// Replaces what is doubtful in a part of the map by what the neighbours say. Which of its pixels are sure.
+    fn agree(&self, depth_m: &mut [f32], looks: &[[f32; 3]], part: Rect, before_m: &[f32]) -> Vec<bool> {
         let voters: Vec<_> = self.neighbours.iter().map(|neighbour| neighbour.voter(self.response)).collect();
-        vote::Own { rays: self.rays, pose: *self.frame, part, looks, before_m }.agreed(depth_m, &voters);
+        vote::Own { rays: self.rays, pose: *self.frame, part, looks, before_m }.agreed(depth_m, &voters)
     }
 }
 

@@ -37,6 +37,9 @@ const FEWEST: usize = 24;
 const TELLING: std::ops::Range<f32> = 0.12..0.97;
 /// Depths on which voters agree differ by less than this factor.
 const AGREE: f32 = 1.0 + 0.5 * (JUMP - 1.0);
+/// What is agreed upon is sure where at least so many are heard, the frame's own map included, and this share of them agrees.
+const FEWEST_HEARD: usize = 4;
+const SURE: f32 = 0.8;
 
 /// A neighbouring frame.
 pub struct Voter<'a> {
@@ -62,20 +65,22 @@ pub struct Own<'a> {
 }
 
 impl Own<'_> {
-    /// Replaces what is doubtful of the part's `depth_m` (0 where unknown) by what most say.
-    pub fn agreed(&self, depth_m: &mut [f32], voters: &[Voter<'_>]) {
+    /// Replaces what is doubtful of the part's `depth_m` (0 where unknown) by what most say. Which pixels are sure because
+    /// nearly all say the same; those that are not doubtful are not asked.
+    pub fn agreed(&self, depth_m: &mut [f32], voters: &[Voter<'_>]) -> Vec<bool> {
+        let mut is_sure = vec![false; depth_m.len()];
         if voters.is_empty() || depth_m.is_empty() {
-            return;
+            return is_sure;
         }
         let width = self.part.width() as usize;
         let reach_px = (DOUBTFUL * f64::from(self.rays.geometry().intrinsics.width_px)).round() as usize;
         let doubtful = doubtful(depth_m, width, reach_px, self.before_m);
         if !doubtful.contains(&true) {
-            return;
+            return is_sure;
         }
         let source = self.part.grown(BEYOND_PX).intersection(&self.rays.full());
         if source.is_empty() {
-            return;
+            return is_sure;
         }
         let rows = tiles(source, self.rays.full()).fold(source, |all, tile| all.union(&tile));
         self.rays.prepare(rows.y0..rows.y1);
@@ -93,20 +98,19 @@ impl Own<'_> {
             }
             carry();
         });
-        over_rows(depth_m, width, processors(), |y, row| {
+        let mut of_row: Vec<_> = depth_m.chunks_mut(width).zip(is_sure.chunks_mut(width)).collect();
+        over_rows(&mut of_row, 1, processors(), |y, row| {
             let mut heard = Vec::with_capacity(voters.len() + 1);
-            for (x, z) in row.iter_mut().enumerate().filter(|(x, _)| asked.doubtful[y * width + x]) {
-                let told = told.iter().map(|told| told[y * width + x]);
-                // Mostly all agree.
-                let agrees = |other: f32| other <= 0.0 || (other < AGREE * *z && *z < AGREE * other);
-                if !(*z > 0.0 && told.clone().all(agrees)) {
+            for (depth_m, is_sure) in row {
+                for (x, z) in depth_m.iter_mut().enumerate().filter(|(x, _)| asked.doubtful[y * width + x]) {
                     heard.clear();
                     heard.push(*z);
-                    heard.extend(told);
-                    *z = most(&mut heard);
+                    heard.extend(told.iter().map(|told| told[y * width + x]));
+                    (*z, is_sure[x]) = most(&mut heard);
                 }
             }
         });
+        is_sure
     }
 
     /// A voter's depth at each doubtful pixel, m; negative where it looks otherwise than the frame does, 0 where it says
@@ -264,10 +268,17 @@ impl Asked {
     }
 }
 
-/// What most agree on; the nearest of what as many do. The frame's own value comes first, and stays where it is among them.
-fn most(heard: &mut Vec<f32>) -> f32 {
+/// What most agree on, the nearest of what as many do, and whether it is sure. The frame's own value comes first, and stays where
+/// it is among them.
+fn most(heard: &mut Vec<f32>) -> (f32, bool) {
     let own = heard[0];
     heard.retain(|z| *z > 0.0);
+    let all = heard.len();
+    let is_sure = |agree: usize| all >= FEWEST_HEARD && agree as f32 >= SURE * all as f32;
+    // Mostly all agree.
+    if own > 0.0 && heard.iter().all(|other| *other < AGREE * own && own < AGREE * other) {
+        return (own, is_sure(heard.len()));
+    }
     heard.sort_unstable_by(f32::total_cmp);
     let (mut best, mut from) = (0, 0);
     for (n, nearest) in heard.iter().enumerate() {
@@ -278,9 +289,9 @@ fn most(heard: &mut Vec<f32>) -> f32 {
     }
     let agreed = &heard[from..from + best];
     match agreed.get(best / 2) {
-        Some(_) if agreed.contains(&own) => own,
-        Some(median) => *median,
-        None => 0.0,
+        Some(_) if agreed.contains(&own) => (own, is_sure(best)),
+        Some(median) => (*median, is_sure(best)),
+        None => (0.0, false),
     }
 }
 
@@ -357,14 +368,19 @@ mod tests {
 
     #[test]
     fn most_by_hand() {
-        assert_eq!(most(&mut vec![2.0, 1.0, 1.01, 0.0]), 1.01);
+        let most = |heard: &[f32]| super::most(&mut heard.to_vec());
+        assert_eq!(most(&[2.0, 1.0, 1.01, 0.0]), (1.01, false));
         // The frame's own stays where it is one of them.
-        assert_eq!(most(&mut vec![1.005, 1.0, 1.01, 2.0]), 1.005);
+        assert_eq!(most(&[1.005, 1.0, 1.01, 2.0]), (1.005, false));
         // As many: the nearer.
-        assert_eq!(most(&mut vec![2.0, 1.0]), 1.0);
+        assert_eq!(most(&[2.0, 1.0]), (1.0, false));
         // What looks otherwise is told as negative.
-        assert_eq!(most(&mut vec![2.0, -1.0, -1.0]), 2.0);
-        assert_eq!(most(&mut vec![0.0, -1.0]), 0.0);
+        assert_eq!(most(&[2.0, -1.0, -1.0]), (2.0, false));
+        assert_eq!(most(&[0.0, -1.0]), (0.0, false));
+        // Four of five, and all of four; three are too few.
+        assert_eq!(most(&[2.0, 1.0, 1.0, 1.0, 1.0]), (1.0, true));
+        assert_eq!(most(&[1.0, 0.0, 1.0, 1.0, 1.0]), (1.0, true));
+        assert_eq!(most(&[0.0, 0.0, 1.0, 1.0, 1.0]), (1.0, false));
     }
 
     /// A dark thing at 1 m, columns 30 to 59, before a wall at 2 m that is bright from column 64 on, as maps that end at a
