@@ -38,7 +38,7 @@ const ENVIRONMENT: &str = "environment.hdr";
 /// All that may lie in its folder.
 pub const FILES: [&str; 7] = [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, times::FILE];
 /// Another version is made anew.
-pub const VERSION: u32 = 7;
+pub const VERSION: u32 = 8;
 
 /// An analysis.
 #[derive(Clone, Debug, PartialEq)]
@@ -128,6 +128,7 @@ impl Analysis {
         } else {
             Vec::new()
         };
+        let environment = light.as_ref().ok().and_then(|light| Environment::of(&light.panorama));
         let findings = Findings {
             version: VERSION,
             recording: inputs::fingerprint(recording),
@@ -139,10 +140,9 @@ impl Analysis {
             shutter: Some(Shuttered::of(exposed)),
             spread: Some(Sharpness::of(spread)),
             tone: Some(Tone::of(tone)),
-            light: Some(FoundLight::of(&light)),
+            light: Some(FoundLight::of(&light, environment.as_ref())),
             camera,
         };
-        let environment = light.ok().and_then(|light| Environment::of(&light.panorama));
         // They ascend.
         let track = track_of(&lines).ok().filter(|_| !lines.is_empty());
         let (gains, held_out) = (filled(gains), registration.held_out.clone());
@@ -201,11 +201,14 @@ impl Analysis {
             }
             None => Vec::new(),
         };
-        let environment = match findings.light.as_ref().is_some_and(|light| light.why.is_none()) {
-            true => {
-                Some(Environment::read(&folder.join(ENVIRONMENT)).map_err(|p| content(&folder.join(ENVIRONMENT), p))?)
+        let environment = match findings.light.as_ref().filter(|light| light.why.is_none()) {
+            Some(light) => {
+                light.check().map_err(|problem| content(&path, problem))?;
+                let path = folder.join(ENVIRONMENT);
+                let known = light.panorama.as_deref();
+                Some(Environment::read(&path, known).map_err(|problem| content(&path, problem))?)
             }
-            false => None,
+            None => None,
         };
         Ok(Self { findings, track, lines, gains, across, held_out, environment })
     }

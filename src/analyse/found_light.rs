@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::{DVec3, Vec3};
 use image::codecs::hdr::HdrEncoder;
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 
 use super::light::{FoundLamp, HEIGHT, RoomLight, WIDTH};
 use crate::scene::{self, EnvironmentMap, Lighting, PointLight, upright};
@@ -40,9 +41,15 @@ pub struct FoundLight {
     pub halves_deg: Option<f64>,
     /// Why no lamp is claimed.
     pub no_lamp: Option<String>,
+    /// SHA-256 of environment.hdr, hexadecimal.
+    pub panorama: Option<String>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lamps: Vec<FoundLamp>,
 }
+
+/// No lamp of a room is farther away, m, or shows more at 1 m: the sun through a window is near 10⁴.
+const FARTHEST_M: f64 = 1e4;
+const BRIGHTEST: f64 = 1e6;
 
 /// Numbers that people read have so many digits.
 fn short<const N: usize>(values: [f64; N]) -> [f64; N] {
@@ -50,7 +57,7 @@ fn short<const N: usize>(values: [f64; N]) -> [f64; N] {
 }
 
 impl FoundLight {
-    pub fn of(found: &Result<RoomLight, String>) -> Self {
+    pub fn of(found: &Result<RoomLight, String>, around: Option<&Environment>) -> Self {
         let light = found.as_ref().ok();
         let [seen, seen_above] = [|l: &RoomLight| l.seen_share, |l: &RoomLight| l.seen_above_share]
             .map(|of| light.map(|l| short([of(l)])[0]));
@@ -68,8 +75,24 @@ impl FoundLight {
             halves_explain: light.and_then(|light| light.halves_explain).map(|share| short([share])[0]),
             halves_deg: light.and_then(|light| light.halves_deg).map(|deg| short([deg])[0]),
             no_lamp: light.and_then(|light| light.no_lamp.clone()),
+            panorama: around.map(Environment::fingerprint),
             lamps: light.map_or(Vec::new(), |light| light.lamps.iter().map(lamp).collect()),
         }
+    }
+
+    /// Whether its numbers are those of a room; otherwise what is wrong.
+    pub fn check(&self) -> Result<(), String> {
+        for (n, lamp) in self.lamps.iter().enumerate() {
+            let is_near = lamp.at_m.iter().all(|v| v.abs() <= FARTHEST_M);
+            if !(is_near && lamp.shown_at_1_m.iter().all(|v| (0.0..=BRIGHTEST).contains(v))) {
+                return Err(format!(
+                    "light.lamps, lamp {}: at_m from -{FARTHEST_M} to {FARTHEST_M} and shown_at_1_m from 0 to {BRIGHTEST} are \
+                     expected",
+                    n + 1
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// With its panorama. `None` where nothing is known, or nothing that makes sense.
@@ -151,11 +174,41 @@ impl Environment {
         Some(Self { width, height, rgb: Arc::new(rgb), hdr: hdr.into() })
     }
 
-    pub fn read(file: &Path) -> Result<Self, String> {
+    /// SHA-256 of its file, hexadecimal.
+    fn fingerprint(&self) -> String {
+        Sha256::digest(&self.hdr).iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+
+    /// Reads the file whose fingerprint is known.
+    pub fn read(file: &Path, fingerprint: Option<&str>) -> Result<Self, String> {
         /// Larger is none of ours, bytes.
         const MOST: u64 = 1 << 22;
         let hdr = crate::source::file::read(file, MOST).map_err(|error| crate::words::reason(&error))?;
         let (width, height, rgb) = scene::panorama_of(&hdr)?;
-        Ok(Self { width, height, rgb: Arc::new(rgb), hdr: hdr.into() })
+        let read = Self { width, height, rgb: Arc::new(rgb), hdr: hdr.into() };
+        if fingerprint.is_some_and(|known| known != read.fingerprint()) {
+            return Err("it is not the panorama that was found: analyse the recording again, or give a scene its own \
+                        (`locard light`)"
+                .to_owned());
+        }
+        Ok(read)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_lamp_is_beyond_the_room_or_brighter_than_the_sun() {
+        let checked = |at_m: [f64; 3], shown: f64| {
+            let lamps = vec![FoundLamp { at_m, shown_at_1_m: [1.0, shown, 1.0] }];
+            FoundLight { lamps, ..FoundLight::of(&Err("nothing".to_owned()), None) }.check()
+        };
+        assert!(checked([0.3, -2.0, 2.4], 5.0).is_ok() && checked([1e4, 0.0, 0.0], 0.0).is_ok());
+        for (at_m, shown) in [([0.0, 1e300, 0.0], 1.0), ([0.0; 3], 1e300), ([0.0; 3], -0.1), ([f64::NAN; 3], 1.0)] {
+            let problem = checked(at_m, shown).unwrap_err();
+            assert!(problem.starts_with("light.lamps, lamp 1: at_m from -10000 to 10000"), "{problem}");
+        }
     }
 }

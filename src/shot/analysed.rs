@@ -45,7 +45,13 @@ pub fn take(
         Analysed::Beside => (beside(&recording.path), false),
     };
     if !is_named && !folder.join(FILE_NAME).exists() {
-        return Ok((AnalysisState::Absent, None));
+        let state = match folder.is_dir() {
+            true => {
+                AnalysisState::Unfit(folder, format!("no {FILE_NAME} lies in it: no analysis, or an unfinished one"))
+            }
+            false => AnalysisState::Absent,
+        };
+        return Ok((state, None));
     }
     match fitting(&folder, recording, rig) {
         Ok(analysis) => {

@@ -107,6 +107,17 @@ fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
     let problem = refused(&[&named[..], &marker, &[out.to_str().unwrap()]].concat());
     assert!(problem.contains("the recording is another now"), "{problem}");
 
+    // With another panorama than was found.
+    std::fs::write(site.join("groundtruth.txt"), poses).unwrap();
+    let hdr = analysis.join("environment.hdr");
+    let panorama = std::fs::read(&hdr).unwrap();
+    let mut other = panorama.clone();
+    *other.last_mut().unwrap() ^= 1;
+    std::fs::write(&hdr, other).unwrap();
+    let (edited, said) = composite("k", &[]);
+    assert!(edited == without && said.contains("environment.hdr: it is not the panorama that was found"), "{said}");
+    std::fs::write(&hdr, panorama).unwrap();
+
     // Half-written, and of another version.
     let toml = analysis.join("analysis.toml");
     let text = std::fs::read_to_string(&toml).unwrap();
@@ -118,7 +129,7 @@ fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
     std::fs::write(&toml, &text[..text.len() / 2]).unwrap();
     assert!(composite("g", &[]).1.contains("is not used"));
     std::fs::remove_file(&toml).unwrap();
-    assert!(composite("h", &[]).1.is_empty());
+    assert!(composite("h", &[]).1.contains("no analysis.toml lies in it: no analysis, or an unfinished one"));
 
     // Made first, if that is asked for.
     let (made, _) = composite("i", &["--analyse"]);

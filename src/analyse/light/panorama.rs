@@ -5,7 +5,7 @@
 
 use std::f64::consts::PI;
 
-use glam::{DQuat, DVec3, Vec3};
+use glam::{DQuat, DVec3, Vec2, Vec3};
 
 use super::quantile::{Known, quantile};
 use super::sample::Sample;
@@ -54,8 +54,7 @@ pub fn solid_sr(n: usize) -> f64 {
 }
 
 fn texel_of(d: Vec3) -> usize {
-    let x = (d.x.atan2(-d.z) / std::f32::consts::TAU + 0.5) * WIDTH as f32;
-    let y = d.y.clamp(-1.0, 1.0).acos() / std::f32::consts::PI * HEIGHT as f32;
+    let Vec2 { x, y } = panorama::place_of(d, WIDTH as u32, HEIGHT as u32);
     (y as usize).min(HEIGHT - 1) * WIDTH + (x as usize).min(WIDTH - 1)
 }
 
