@@ -27,6 +27,13 @@ pub fn direction_at(place: Vec2, width: u32, height: u32) -> Vec3 {
     Vec3::new(theta.sin() * phi.sin(), theta.cos(), -theta.sin() * phi.cos())
 }
 
+/// Where a direction is, in texels from the upper left.
+pub fn place_of(d: Vec3, width: u32, height: u32) -> Vec2 {
+    let x = d.x.atan2(-d.z) / std::f32::consts::TAU + 0.5;
+    let y = d.y.clamp(-1.0, 1.0).acos() / std::f32::consts::PI;
+    Vec2::new(x * width as f32, y * height as f32)
+}
+
 /// The solid angle of a texel of a row, sr.
 pub fn solid_sr(y: u32, width: u32, height: u32) -> f32 {
     let edge = |y: u32| (y as f32 / height as f32 * std::f32::consts::PI).cos();
@@ -36,8 +43,8 @@ pub fn solid_sr(y: u32, width: u32, height: u32) -> f32 {
 /// Interpolated between the four texels around a direction.
 pub fn at(level: &Level, d: Vec3) -> Vec3 {
     let (width, height, texels) = (level.0 as usize, level.1 as usize, &level.2);
-    let x = (d.x.atan2(-d.z) / std::f32::consts::TAU + 0.5) * width as f32 - 0.5;
-    let y = (d.y.clamp(-1.0, 1.0).acos() / std::f32::consts::PI * height as f32 - 0.5).clamp(0.0, (height - 1) as f32);
+    let Vec2 { x, y } = place_of(d, level.0, level.1) - 0.5;
+    let y = y.clamp(0.0, (height - 1) as f32);
     let (fx, fy) = (x - x.floor(), y - y.floor());
     let (left, top) = ((x.floor() as i64).rem_euclid(width as i64) as usize, y as usize);
     let (right, bottom) = ((left + 1) % width, (top + 1).min(height - 1));

@@ -9,6 +9,7 @@ mod edges;
 mod estimates;
 mod followed;
 mod page;
+mod panorama;
 mod places;
 mod plots;
 mod sight;
@@ -29,6 +30,7 @@ pub fn html(source: &Source<'_>) -> Result<String, ReportError> {
         plots::exposure(source)?,
         plots::sharpness(source)?,
         plots::tone(source)?,
+        panorama::panorama(source)?,
     ]);
     page::page(source, figures)
 }

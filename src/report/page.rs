@@ -34,6 +34,8 @@ pub enum Body {
         side: usize,
         cells: Vec<Cell>,
     },
+    /// One wide picture, as a `data:` URI.
+    Panorama { picture: String, width: u32, height: u32 },
     /// The caption says why.
     LeftOut,
 }

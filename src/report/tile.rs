@@ -92,16 +92,16 @@ impl Tile {
     }
 
     fn uri(&self) -> Result<String, ImageError> {
-        let mut png = Vec::new();
-        let side = self.side as u32;
-        PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive).write_image(
-            self.rgb.as_flattened(),
-            side,
-            side,
-            ExtendedColorType::Rgb8,
-        )?;
-        Ok(format!("data:image/png;base64,{}", STANDARD.encode(png)))
+        png_uri(&self.rgb, self.side as u32, self.side as u32)
     }
+}
+
+/// A picture, row by row.
+pub fn png_uri(rgb: &[[u8; 3]], width: u32, height: u32) -> Result<String, ImageError> {
+    let mut png = Vec::new();
+    let encoder = PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive);
+    encoder.write_image(rgb.as_flattened(), width, height, ExtendedColorType::Rgb8)?;
+    Ok(format!("data:image/png;base64,{}", STANDARD.encode(png)))
 }
 
 /// Column and row of the first pixel.

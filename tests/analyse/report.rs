@@ -80,12 +80,18 @@ fn a_page_says_what_was_found_and_a_profile_takes_what_belongs_to_the_camera() {
     );
     // Poses and links; the strip is above and below. Light is steady there.
     assert!(seen.elements.iter().filter(|name| *name == "svg").count() >= 4, "{:?}", seen.elements);
-    assert!(seen.pictures.len() >= 8 && seen.pictures.len().is_multiple_of(2), "{}", seen.pictures.len());
-    // Edges are shown larger than the place that is followed, and above and below too.
-    let [followed, edges] =
-        [128, 320].map(|side| seen.pictures.iter().filter(|p| p.dimensions() == (side, side)).count());
-    assert!(edges >= 4 && edges.is_multiple_of(2) && followed + edges == seen.pictures.len(), "{followed} {edges}");
-    for title in ["Edges of the room", "What slides", "How sharp edges are", "How codes follow light"] {
+    assert!(seen.pictures.len() >= 8, "{}", seen.pictures.len());
+    // Edges are shown larger than the place that is followed, and above and below too; the room's light all around.
+    let [followed, edges, light] = [(128, 128), (320, 320), (768, 384)]
+        .map(|size| seen.pictures.iter().filter(|p| p.dimensions() == size).count());
+    assert!(
+        followed.is_multiple_of(2) && edges >= 4 && edges.is_multiple_of(2) && light == 1,
+        "{followed} {edges} {light}"
+    );
+    assert_eq!(followed + edges + light, seen.pictures.len());
+    for title in
+        ["The light of the room", "Edges of the room", "What slides", "How sharp edges are", "How codes follow light"]
+    {
         assert!(seen.text.contains(title), "{title}");
     }
     assert!(seen.text.contains("Left out: ") && seen.text.contains("Time by part"));

@@ -1,0 +1,102 @@
+//! The light of the room: the panorama of what was seen, unfolded, with a ring where a lamp is.
+
+use glam::DVec3;
+
+use super::page::{Body, Figure};
+use super::tile::png_uri;
+use super::{ReportError, Source};
+use crate::analyse::{Environment, FoundLamp};
+use crate::camera::Response;
+use crate::render::panorama::place_of;
+use crate::scene::upright;
+use crate::words::{count, fixed};
+
+/// One texel becomes so many across.
+const ENLARGED: u32 = 3;
+/// This share of the texels is darker than camera white in the picture.
+const BELOW_WHITE: f64 = 0.99;
+/// A lamp's ring: radii, px of the enlarged picture, with a dark one around.
+const RING: std::ops::Range<f64> = 6.0..8.5;
+const RIM_PX: f64 = 1.5;
+const RING_COLOUR: [u8; 3] = [255, 214, 10];
+const RIM_COLOUR: [u8; 3] = [20, 20, 20];
+
+pub fn panorama(source: &Source<'_>) -> Result<Figure, ReportError> {
+    let title = "The light of the room";
+    let analysis = source.analysis;
+    let (Some(light), Some(around)) = (&analysis.findings.light, &analysis.environment) else {
+        let why = analysis.findings.light.as_ref().and_then(|light| light.why.clone());
+        return Ok(Figure::left_out(title, why.unwrap_or_else(|| "it was not looked for".to_owned())));
+    };
+    let (middle_m, up) = (light.middle_m.map_or(DVec3::ZERO, DVec3::from), light.up.map_or(DVec3::Z, DVec3::from));
+    let lamps: Vec<_> = light.lamps.iter().map(|lamp| seen_from(lamp, middle_m, up, around)).collect();
+    let (width, height) = (ENLARGED * around.width, ENLARGED * around.height);
+    let picture = png_uri(&drawn(around, &lamps), width, height)?;
+    let percent = |share: Option<f64>| fixed(100.0 * share.unwrap_or_default(), 0);
+    let ringed = match lamps.len() {
+        0 => "No lamp is claimed.".to_owned(),
+        lamps => format!("A ring lies where a lamp is: {}.", count(lamps, "lamp")),
+    };
+    let caption = format!(
+        "All directions around the middle of what was looked at, the horizon half-way down. {} % of them were seen; elsewhere it \
+         is the light that surfaces tell of. {ringed}",
+        percent(light.seen)
+    );
+    Ok(Figure { title, caption, legend: Vec::new(), body: Body::Panorama { picture, width, height } })
+}
+
+/// Where a lamp is in the panorama, texels from the upper left.
+fn seen_from(lamp: &FoundLamp, middle_m: DVec3, up: DVec3, around: &Environment) -> [f64; 2] {
+    let towards = upright(up.normalize_or(DVec3::Z)).conjugate() * (DVec3::from(lamp.at_m) - middle_m);
+    place_of(towards.normalize_or(DVec3::Y).as_vec3(), around.width, around.height).as_dvec2().to_array()
+}
+
+/// Eight bits, enlarged, row by row.
+fn drawn(around: &Environment, lamps: &[[f64; 2]]) -> Vec<[u8; 3]> {
+    let mut brightest: Vec<f32> = around.rgb.iter().map(|rgb| rgb.iter().fold(0.0, |most, v| v.max(most))).collect();
+    let white = ((brightest.len() - 1) as f64 * BELOW_WHITE) as usize;
+    let white = brightest.select_nth_unstable_by(white, f32::total_cmp).1.max(f32::MIN_POSITIVE);
+    let response = Response::default();
+    let code = |light: f32| (255.0 * response.encode(f64::from(light / white))).round() as u8;
+    let wide = ENLARGED * around.width;
+    let of = |n: u32| {
+        let (x, y) = (n % wide, n / wide);
+        let at = |[u, v]: &[f64; 2]| {
+            let [dx, dy] = [(x, u, around.width), (y, v, 0)].map(|(at, lamp, round)| {
+                let off = f64::from(at) + 0.5 - f64::from(ENLARGED) * lamp;
+                // The panorama continues at either rim.
+                let round = f64::from(ENLARGED * round);
+                if round > 0.0 { off - round * (off / round).round() } else { off }
+            });
+            dx.hypot(dy)
+        };
+        let ring_px = lamps.iter().map(at).filter(|far| *far < RING.end + RIM_PX && *far >= RING.start - RIM_PX);
+        match ring_px.reduce(f64::min) {
+            Some(far) if RING.contains(&far) => RING_COLOUR,
+            Some(_) => RIM_COLOUR,
+            None => around.rgb[(y / ENLARGED * around.width + x / ENLARGED) as usize].map(code),
+        }
+    };
+    (0..wide * ENLARGED * around.height).map(of).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lamp_is_ringed_where_it_is_and_the_panorama_goes_round() {
+        let rgb: Vec<[f32; 3]> = (0..64 * 32).map(|n| [if n / 64 < 16 { 1.0 } else { 0.214 }; 3]).collect();
+        let around = Environment { width: 64, height: 32, rgb: rgb.into(), hdr: [].into() };
+        // 45° above what lies in the panorama's middle: upright's −z is that.
+        let towards = upright(DVec3::Z) * DVec3::new(0.0, 1.0, -1.0);
+        let lamp = FoundLamp { at_m: (2.0 * towards + DVec3::X).to_array(), shown_at_1_m: [1.0; 3] };
+        let [x, y] = seen_from(&lamp, DVec3::X, DVec3::Z, &around);
+        assert!((x - 32.0).abs() < 1e-3 && (y - 8.0).abs() < 1e-3, "{x} {y}");
+        let rgb = drawn(&around, &[[x, y], [0.0, 24.0]]);
+        let at = |x: usize, y: usize| rgb[y * 192 + x];
+        assert_eq!((at(96, 24), at(96, 17), at(96, 15)), ([255; 3], RING_COLOUR, RIM_COLOUR));
+        // sRGB of 0.214 is half.
+        assert_eq!((at(50, 60)[0], at(7, 72), at(184, 72)), (127, RING_COLOUR, RING_COLOUR));
+    }
+}
