@@ -200,6 +200,18 @@ mod tests {
     use super::*;
 
     #[test]
+    fn another_panorama_than_was_found_is_refused() {
+        let rgb = vec![[0.5f32; 3]; (WIDTH * HEIGHT) as usize];
+        let found = Environment::of(&rgb).unwrap();
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), &found.hdr).unwrap();
+        assert_eq!(Environment::read(file.path(), Some(&found.fingerprint())), Ok(found));
+        let other = Environment::of(&vec![[0.25f32; 3]; rgb.len()]).unwrap();
+        let problem = Environment::read(file.path(), Some(&other.fingerprint())).unwrap_err();
+        assert!(problem.contains("it is not the panorama that was found"), "{problem}");
+    }
+
+    #[test]
     fn no_lamp_is_beyond_the_room_or_brighter_than_the_sun() {
         let checked = |at_m: [f64; 3], shown: f64| {
             let lamps = vec![FoundLamp { at_m, shown_at_1_m: [1.0, shown, 1.0] }];

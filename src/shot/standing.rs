@@ -4,8 +4,8 @@
 //! The nearest of these below is what carries it: a thing that stands out over the edge of a table stands on the table. A gap
 //! is claimed only where most of the points see a surface on which things can stand, and where it is larger than what depth,
 //! poses and the surface's own unevenness explain. A thing that stands on another one of the scene is left alone, and so is
-//! what real things hide: what the camera sees there is not its ground. What lies deeper than anything that is seen around it lies
-//! under the ground.
+//! what real things hide: what the camera sees there is not its ground. If no ground is seen around it either, it lies under what is
+//! seen.
 
 use glam::{DVec2, DVec3};
 
@@ -32,12 +32,12 @@ const DIRECTIONS: usize = 8;
 const LEAST_M: f64 = 0.005;
 const LEAST_SHARE: f64 = 0.015;
 const LEAST_SIGMA: f64 = 3.0;
-/// What is sunk deeper than it is large may have something real before it. Then its ground is seen beside it: within so many
-/// metres at least one in so many of the places that are looked at, every so many pixels, is as low.
+/// What is sunk deeper than it is large may have something real before it. Then its ground is seen beside it: of the places within
+/// so many times the gap, looked at every so many pixels, at least this share is level with its foot.
 const DEEPEST: f64 = 1.0;
-const BESIDE_M: f64 = 1.0;
-const FEWEST_AS_LOW: f64 = 0.01;
-const EVERY_PX: usize = 4;
+const BESIDE: f64 = 3.0;
+const EVERY_PX: usize = 2;
+const FEWEST_LEVEL: f64 = 0.02;
 /// A surface that is steeper is no ground, as the cosine of its tilt: 40°.
 const LEVEL: f64 = 0.766;
 /// Less of a neighbourhood on one plane is no surface.
@@ -67,7 +67,7 @@ impl Shot {
         }
         let i = &eye.geometry().intrinsics;
         let picture = DVec2::new(i.width_px.into(), i.height_px.into());
-        let mut gaps = Vec::new();
+        let (mut gaps, mut normal) = (Vec::new(), DVec3::ZERO);
         let mut least_m = LEAST_M;
         for foot in &feet.points_m {
             let Some(at) = eye.project(*foot).filter(|at| at.cmpge(DVec2::ZERO).all() && at.cmplt(picture).all())
@@ -79,34 +79,45 @@ impl Shot {
                 continue;
             }
             gaps.push((*foot - surface.point_m).dot(surface.normal_in_world));
+            normal += surface.normal_in_world;
             least_m = least_m.max(LEAST_SHARE * surface.depth_m).max(LEAST_SIGMA * surface.sigma_m);
         }
         gaps.sort_by(f64::total_cmp);
         let gap = above_m(&gaps, least_m, feet.points_m.len())?;
-        let is_deep = gap.is_some_and(|gap| gap < -DEEPEST * feet.size_m);
-        let foot = feet.points_m.last()?;
-        (!is_deep || !self.is_seen_as_low(frame, eye, *foot, up, least_m)).then_some(gap)
+        let Some(deep_m) = gap.map(|gap| -gap).filter(|deep_m| *deep_m > DEEPEST * feet.size_m) else {
+            return Some(gap);
+        };
+        let (foot, normal) = (feet.points_m.last()?, normal.normalize_or(up));
+        (!self.is_ground_seen(frame, eye, (*foot, normal), BESIDE * deep_m, least_m)).then_some(gap)
     }
 
-    /// Whether a frame's depth shows what is as low as a point and near it, but for `within_m`.
-    fn is_seen_as_low(&self, frame: &Frame, eye: &Eye, foot_m: DVec3, up: DVec3, within_m: f64) -> bool {
+    /// Whether a frame's depth shows what is level with a foot, across a normal, but for `within_m`, and not farther from it than
+    /// `beside_m`.
+    fn is_ground_seen(
+        &self,
+        frame: &Frame,
+        eye: &Eye,
+        (foot_m, normal): (DVec3, DVec3),
+        beside_m: f64,
+        within_m: f64,
+    ) -> bool {
         let Some(depth) = &frame.depth else { return false };
         let measured = self.recording.track.at(depth.timestamp_s + self.recording.time_offset_s);
         let Ok(pose) = measured.or_else(|_| self.recording.pose_at_frame(frame.index)) else { return false };
-        let (mut near, mut as_low) = (0usize, 0usize);
+        let (mut near, mut level) = (0usize, 0usize);
         for y in (0..depth.height as usize).step_by(EVERY_PX) {
             for x in (0..depth.width as usize).step_by(EVERY_PX) {
                 let z = f64::from(depth.depth_m[y * depth.width as usize + x]);
                 let Some(ray) = eye.geometry().depth_ray(DVec2::new(x as f64 + 0.5, y as f64 + 0.5)) else { continue };
                 let off = pose.inverse_transform_point(z * ray) - foot_m;
-                let above_m = off.dot(up);
-                if z > 0.0 && (off - above_m * up).length() < BESIDE_M {
+                let above_m = off.dot(normal);
+                if z > 0.0 && (off - above_m * normal).length() < beside_m {
                     near += 1;
-                    as_low += usize::from(above_m < within_m);
+                    level += usize::from(above_m.abs() < within_m);
                 }
             }
         }
-        as_low as f64 > FEWEST_AS_LOW * near as f64
+        level as f64 > FEWEST_LEVEL * near as f64
     }
 }
 

@@ -214,7 +214,7 @@ fn what_stands_wrong_is_told_and_a_preview_shows_it() {
     let hovers = at("0.2");
     assert!(hovers.contains("marker-1 hovers 200 mm over the surface that the depth of frame 30 shows"), "{hovers}");
     assert!(!hovers.contains("inside each other"), "{hovers}");
-    // Lower than anything that is seen around it, too.
+    // Where no ground as low is seen around it, too.
     for (z, mm) in [("-0.06", 60), ("-0.2", 200), ("-0.5", 500)] {
         let sunk = at(z);
         assert!(sunk.contains(&format!("marker-1 is sunk {mm} mm into the surface")), "{sunk}");
