@@ -15,7 +15,7 @@ use crate::render::{Lightmap, MAX_POINTS, MAX_SUNS};
 use crate::scene::{Lighting, Object, Scene, bounds_m};
 
 /// Places of a light.
-const OF_LIGHT: usize = 8;
+pub const OF_LIGHT: usize = 8;
 /// Places of a thing's box lie this far from its middle towards the corners.
 const WITHIN: f64 = 0.8;
 
@@ -64,7 +64,7 @@ fn seen(room: &Room, scene: &Scene, object: &Object) -> Option<Vec<f32>> {
 }
 
 /// Places of a disc across a way, at its end.
-fn disc_around(way: Vec3, radius: f32) -> impl Iterator<Item = DVec3> {
+pub fn disc_around(way: Vec3, radius: f32) -> impl Iterator<Item = DVec3> {
     let (aside, over) = way.try_normalize().unwrap_or(Vec3::Z).any_orthonormal_pair();
     disc(OF_LIGHT).map(move |at| (way + radius * (aside * at.x + over * at.y)).as_dvec3())
 }

@@ -155,6 +155,11 @@ impl Shot {
         Some(known.room.get_or_insert_with(|| of(&known.points)).clone())
     }
 
+    /// Real things, whatever lights them: of the depth of frames spread over the recording, which is read anew.
+    pub(super) fn solids(&self) -> Room {
+        Room::of(self.seen(&self.looks()).iter().map(|point| point.at_m))
+    }
+
     fn support_of(&self, object: &Object, points: &[Point]) -> Option<Support> {
         let floor = self.floor();
         let up = self.up()?;

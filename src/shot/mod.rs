@@ -27,6 +27,7 @@ mod stream;
 mod surface;
 mod triangulate;
 mod upright;
+mod white;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -56,6 +57,7 @@ pub use standing::Standing;
 pub use stream::Composites;
 pub use surface::{Surface, SurfaceError};
 pub use triangulate::{Triangulated, View};
+pub use white::{WHITE, White, WhiteError};
 
 /// A recording with its camera, what is put into it, and how. Cheap to clone: what is large is shared.
 #[derive(Clone, Debug)]

@@ -1,0 +1,98 @@
+//! What a white matt surface of the room shows at a place, by all the light that is told of the room:
+//!
+//!   W = Σ L·cos θ·Δω/π + Σ V·I·cos θ/d²
+//!
+//! over the panorama's directions, and over lamps of which the share V of the disc is seen from there: real things that depth has
+//! measured hide the rest. A surface that reflects the share ρ shows ρ·W.
+//!
+//! Not modelled: what real things nearby keep of the panorama's light, or throw onto it, beyond what the panorama shows.
+
+use glam::Vec3;
+
+use super::dimmed::{OF_LIGHT, disc_around};
+use super::floor::Floor;
+use super::room::{ABOVE_M, Room};
+use super::sky::{Around, on_surface, rays};
+use crate::scene::{Lighting, PointLight, Support};
+
+/// Linear light of white matt.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OnWhite {
+    /// By what is far away: the surroundings and suns.
+    pub far: Vec3,
+    /// By each lamp, if nothing hid it; and the share of the lamp that is seen from there, 0 to 1. A lamp behind the surface brings none.
+    pub lamps: Vec<(Vec3, f32)>,
+}
+
+impl OnWhite {
+    /// By what is seen of it all.
+    pub fn light(&self) -> Vec3 {
+        self.far + self.lamps.iter().map(|(light, seen)| *light * *seen).sum::<Vec3>()
+    }
+}
+
+/// On a surface at a place of the room.
+pub fn on_white(lighting: &Lighting, room: &Room, at: &Support) -> OnWhite {
+    let floor = Floor::new(at.point_m, at.normal);
+    let far = rays(lighting, &Around::new(&lighting.environment), &floor).iter().map(|ray| ray.light).sum();
+    let is_floor = |at_m| floor.height_m(at_m) < f64::from(ABOVE_M);
+    let of = |lamp: &PointLight| {
+        let way = (lamp.position_in_world_m - at.point_m).as_vec3();
+        let light = on_surface(way, at.normal.as_vec3(), lamp.color, lamp.range_m, lamp.spot);
+        let ends = disc_around(way, 0.5 * lamp.diameter_m);
+        let is_open =
+            |to: &glam::DVec3| !room.stands_between(at.point_m, to.normalize_or_zero(), to.length(), is_floor);
+        (light, ends.filter(is_open).count() as f32 / OF_LIGHT as f32)
+    };
+    OnWhite { far, lamps: lighting.points.iter().map(of).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::scene::Environment;
+
+    /// A sky of 0.3 and two lamps that show (2, 1, 0.5) at 1 m: 2 m straight above, and 45° aside at 2√2 m.
+    fn lighting() -> Lighting {
+        let lamp = |x: f64| PointLight {
+            position_in_world_m: DVec3::new(x, 0.0, 2.0),
+            color: Vec3::new(2.0, 1.0, 0.5),
+            diameter_m: 0.1,
+            range_m: f32::INFINITY,
+            spot: None,
+        };
+        Lighting {
+            suns: Vec::new(),
+            points: vec![lamp(0.0), lamp(2.0)],
+            environment: Environment::Uniform(Vec3::splat(0.3)),
+        }
+    }
+
+    #[test]
+    fn white_shows_the_sky_and_lamps_by_their_cosine_and_distance() {
+        let found = on_white(&lighting(), &Room::default(), &Support { point_m: DVec3::ZERO, normal: DVec3::Z });
+        // By hand: 1/2² above; cos 45°/8 aside. No more of an even sky than it is bright.
+        let (above, aside) = (0.25, 0.5f32.sqrt() / 8.0);
+        let expected = Vec3::splat(0.3) + Vec3::new(2.0, 1.0, 0.5) * (above + aside);
+        assert!((found.light() - expected).abs().max_element() < 1e-3, "{found:?} {expected}");
+        // A wall that looks along x gets nothing of the lamp above it, and 2/√8³ of the other.
+        let wall = on_white(&lighting(), &Room::default(), &Support { point_m: DVec3::ZERO, normal: DVec3::X });
+        assert_eq!(wall.lamps[0].0, Vec3::ZERO);
+        assert!((wall.lamps[1].0.y - 2.0 / 8f32.powf(1.5)).abs() < 1e-6, "{wall:?}");
+    }
+
+    #[test]
+    fn real_things_hide_a_lamp_and_the_surface_itself_does_not() {
+        // A board of 40 cm, 1 m above the place, and the uneven floor around it.
+        let places = |m: f64| (-20..20).flat_map(move |x| (-20..20).map(move |y| (m * f64::from(x), m * f64::from(y))));
+        let board = places(0.01).map(|(x, y)| DVec3::new(x, y, 1.0));
+        let floor = places(0.05).flat_map(|(x, y)| [0.0, 0.01].map(|z| DVec3::new(x, y, z)));
+        let room = Room::of(board.chain(floor).flat_map(|at| [at, at]));
+        let found = on_white(&lighting(), &room, &Support { point_m: DVec3::ZERO, normal: DVec3::Z });
+        assert_eq!([found.lamps[0].1, found.lamps[1].1], [0.0, 1.0]);
+        let beside = Support { point_m: DVec3::new(-1.5, 0.0, 0.0), normal: DVec3::Z };
+        assert_eq!(on_white(&lighting(), &room, &beside).lamps[0].1, 1.0);
+    }
+}
