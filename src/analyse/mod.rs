@@ -27,6 +27,7 @@ mod interrupted;
 mod judging;
 mod light;
 mod links;
+mod lit_anew;
 mod mesh;
 mod moving;
 mod part;
@@ -57,7 +58,8 @@ pub(crate) use eye::is_same;
 pub use findings::Findings;
 pub use found_light::{Environment, FOUND_LAMP_M, FoundLight};
 pub use interrupted::Interrupted;
-pub use light::FoundLamp;
+pub use light::{FoundLamp, MOST_LAMPS};
+pub use lit_anew::lit_anew;
 pub use part::Part;
 pub(crate) use pyramid::{Plane, gaussian};
 pub use registered::{Missed, RegistrationError, Verdict};
@@ -168,7 +170,7 @@ pub fn analyse(
                 up: recording.up.unwrap_or_else(|| held_up(states)),
                 threads,
             };
-            part.stage(|| light::of_recording(&known, &mut times))?
+            part.stage(|| light::of_recording(&known, None, &mut times))?
         }
         false => Err("where the camera was is not known".to_owned()),
     };

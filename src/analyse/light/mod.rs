@@ -11,7 +11,10 @@
 mod blocked;
 mod found;
 mod gather;
+mod given;
 mod lit;
+#[cfg(test)]
+mod lit_room;
 mod panorama;
 mod quantile;
 mod sample;
@@ -25,6 +28,8 @@ use glam::DVec3;
 
 pub use found::{FoundLamp, RoomLight};
 pub use gather::Known;
+pub use given::Given;
+pub use lit::MOST_LAMPS;
 pub use panorama::{HEIGHT, WIDTH};
 
 use super::registered::RegistrationError;
@@ -40,8 +45,12 @@ const MOST: usize = 60_000;
 const CUT: f64 = 0.990;
 const BRIGHTER: f32 = 3.0;
 
-/// Or why nothing can be said.
-pub fn of_recording(known: &Known<'_>, times: &mut Times) -> Result<Result<RoomLight, String>, RegistrationError> {
+/// Or why nothing can be said. `given`: lamps that a person has seen, in place of those that are sought.
+pub fn of_recording(
+    known: &Known<'_>,
+    given: Option<&Given<'_>>,
+    times: &mut Times,
+) -> Result<Result<RoomLight, String>, RegistrationError> {
     if !known.recording.has_depth() {
         return Ok(Err("no depth was measured".to_owned()));
     }
@@ -59,7 +68,11 @@ pub fn of_recording(known: &Known<'_>, times: &mut Times) -> Result<Result<RoomL
     })?;
     Ok(times.of(times::LIGHT, || {
         let solid: Vec<DVec3> = voxels.solid().collect();
-        let solved = solve(&voxels.chosen(MOST), &solid, middle, known.up, known.threads)?;
+        let (chosen, threads) = (voxels.chosen(MOST), known.threads);
+        let solved = match given {
+            Some(given) => given::solve(&chosen, &solid, middle, known.up, threads, given),
+            None => solve(&chosen, &solid, middle, known.up, threads),
+        }?;
         Ok(room_light(known, middle, &splat.finish(), solved))
     }))
 }

@@ -13,18 +13,18 @@ const FEW: usize = 700;
 /// Rounds of a fit on the grid, and of one that counts.
 const ROUGH: usize = 4;
 const MIDDLING: usize = 8;
-const FINE: usize = 20;
+pub const FINE: usize = 20;
 /// A lamp more is kept if the score falls by more than this share, and by this share of what no lamp leaves: less is the pattern on
 /// surfaces.
-const WORTH: f64 = 0.1;
-const WORTH_OF_ALL: f64 = 0.03;
+pub const WORTH: f64 = 0.1;
+pub const WORTH_OF_ALL: f64 = 0.03;
 /// A lamp is exchanged if the score falls by more than this share.
 const EXCHANGED: f64 = 0.02;
 /// Steps of the descent, m.
 const FIRST_M: f64 = 0.2;
 const LAST_M: f64 = 0.02;
 /// Lamps are at least so far from each other, m.
-const APART_M: f64 = 0.4;
+pub const APART_M: f64 = 0.4;
 /// Places of the grid from which the descent begins.
 const BEGUN: usize = 4;
 

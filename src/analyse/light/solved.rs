@@ -17,7 +17,8 @@ use super::white::{Lit, white};
 /// See above.
 const EXPLAINED: f64 = 0.2;
 /// Fewer surfaces tell nothing.
-const FEWEST: usize = 200;
+pub const FEWEST: usize = 200;
+pub const TOO_FEW: &str = "too few surfaces were seen";
 const ROUNDS: usize = 20;
 /// Normals whose cosine with up is more than this look up.
 const UPWARD: f64 = 0.9;
@@ -50,7 +51,7 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], middle: DVec3, up: DVec3, thread
     let by = |half: usize| points(voxels, half, Of::Luminance);
     let all = by(2);
     if all.len() < FEWEST {
-        return Err("too few surfaces were seen".to_owned());
+        return Err(TOO_FEW.to_owned());
     }
     let search = Search { points: &all, blocked: &blocked, room, threads };
     let found = search.lamps(MOST_LAMPS);
@@ -81,13 +82,30 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], middle: DVec3, up: DVec3, thread
         Some(_) => None,
     };
     let lamps = if no_lamp.is_some() { Vec::new() } else { found.lamps };
+    bright(voxels, &search, lamps, middle, Told { explained, halves, no_lamp })
+}
+
+/// What is said of the lamps.
+pub struct Told {
+    pub explained: f64,
+    pub halves: Option<Halves>,
+    pub no_lamp: Option<String>,
+}
+
+/// How bright all light is, by colour, with lamps whose places are known.
+pub fn bright(
+    voxels: &[Voxel],
+    search: &Search<'_>,
+    lamps: Vec<Place>,
+    middle: DVec3,
+    told: Told,
+) -> Result<Solved, String> {
     let colours = [0, 1, 2].map(|c| {
         let points = points(voxels, 2, Of::Colour(c));
-        let search = Search { points: &points, blocked: &blocked, room, threads };
-        search.with(&lamps, ROUNDS)
+        Search { points: &points, ..*search }.with(&lamps, ROUNDS)
     });
     let luminance = search.with(&lamps, ROUNDS);
-    let (factors, between) = white(&lit(voxels, &blocked, up, &lamps, &luminance, &colours))
+    let (factors, between) = white(&lit(voxels, search.blocked, search.room.up, &lamps, &luminance, &colours))
         .ok_or("no surface is bright enough to tell white")?;
     let each = |of: &dyn Fn(&Fit) -> f64| [0, 1, 2].map(|c| factors[c] * of(&colours[c]));
     // A panel shines less to its sides: as an even lamp it is as bright in the middle.
@@ -97,6 +115,7 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], middle: DVec3, up: DVec3, thread
     };
     let shown_at_1_m = lamps.iter().enumerate();
     let shown_at_1_m = shown_at_1_m.map(|(k, lamp)| each(&|fit: &Fit| aside(lamp) * fit.light.lamps[k])).collect();
+    let Told { explained, halves, no_lamp } = told;
     Ok(Solved {
         shown_at_1_m,
         around: each(&|fit| fit.light.around),
@@ -151,52 +170,12 @@ fn lit(
 
 #[cfg(test)]
 mod tests {
+    use super::super::lit_room::room;
     use super::*;
     use crate::analyse::light::lit::of_lamp;
 
     const UP: DVec3 = DVec3::Z;
     const MIDDLE: DVec3 = DVec3::new(0.0, 0.0, 0.1);
-
-    /// A floor and a white box on it, each in 2 cm, lit in the two halves of the frames by lamps, shadows and all; a pattern of
-    /// ± 10 % on it.
-    fn room(lamps: [&[DVec3]; 2]) -> (Vec<Voxel>, Vec<DVec3>) {
-        let mut surfaces = Vec::new();
-        for i in 0..80 {
-            for j in 0..80 {
-                let at = DVec3::new(0.025 * f64::from(i) - 1.0, 0.025 * f64::from(j) - 1.0, 0.0);
-                surfaces.push((at, DVec3::Z, DVec3::new(0.4, 0.25, 0.12)));
-            }
-        }
-        for i in 0..20 {
-            for j in 0..20 {
-                let (along, up) = (0.02 * f64::from(i) - 0.19, 0.02 * f64::from(j) + 0.01);
-                for (x, y) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)] {
-                    let n = DVec3::new(x, y, 0.0);
-                    let at = DVec3::new(0.4, 0.3, 0.0) + 0.2 * n + along * DVec3::new(-y, x, 0.0) + up * DVec3::Z;
-                    surfaces.push((at, n, DVec3::splat(0.8)));
-                }
-                let at = DVec3::new(0.4 + along, 0.3 + 0.02 * f64::from(j) - 0.19, 0.4);
-                surfaces.push((at, DVec3::Z, DVec3::splat(0.8)));
-            }
-        }
-        let solid: Vec<DVec3> = surfaces.iter().map(|surface| surface.0).collect();
-        let blocked = Blocked::new(&solid);
-        let lit = |(n, (at, normal, albedo)): (usize, &(DVec3, DVec3, DVec3))| {
-            let pattern = 1.0 + 0.1 * (7.0 * n as f64).sin();
-            let by = |lamps: &[DVec3]| {
-                let shown = |lamp: &DVec3| {
-                    let place = Place { at: *lamp, along: None };
-                    if blocked.is_blocked(*at, *normal, *lamp) { 0.0 } else { 2.0 * of_lamp(*at, *normal, &place) }
-                };
-                let direct: f64 = lamps.iter().map(shown).sum();
-                Some((pattern * *albedo * (0.15 + direct)).as_vec3().to_array())
-            };
-            let light = [by(lamps[0]), by(lamps[1]), by(lamps[0])];
-            let brightest = crate::analyse::light::sample::luminance(light[2].unwrap_or_default());
-            Voxel { at: *at, normal: *normal, light, brightest, is_clipped: false }
-        };
-        (surfaces.iter().enumerate().map(lit).collect(), solid)
-    }
 
     fn solved(lamps: [&[DVec3]; 2]) -> Solved {
         let (voxels, solid) = room(lamps);

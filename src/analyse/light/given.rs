@@ -1,0 +1,105 @@
+//! Lamps at which a person pointed, in place of those that were sought.
+//!
+//! Their places are known, so that nothing is sought: each is taken for a bulb or for a panel that shines down, whichever leaves less
+//! unexplained. Lamps that were found without them stay where they were, as long as they are worth it beside them
+//! ([`search`](super::search)): one that stood for a lamp which is known now no longer is. How bright each is follows from how
+//! surfaces are lit, with the light from around and above, as ever. A lamp at which a person pointed is there, whatever the surfaces say.
+
+use glam::DVec3;
+
+use super::blocked::Blocked;
+use super::lit::{MOST_LAMPS, Place};
+use super::search::{APART_M, FINE, Search, WORTH, WORTH_OF_ALL};
+use super::solved::{FEWEST, Solved, TOO_FEW, Told, bright};
+use super::surfaces::{Of, points, room};
+use super::voxels::Voxel;
+
+/// Lamps by their places, world axes, m.
+#[derive(Clone, Copy, Debug)]
+pub struct Given<'a> {
+    /// That a person has seen; at most [`MOST_LAMPS`].
+    pub seen: &'a [DVec3],
+    /// That were found without them.
+    pub found: &'a [DVec3],
+}
+
+/// As [`solve`](super::solved::solve), without a search.
+pub fn solve(
+    voxels: &[Voxel],
+    solid: &[DVec3],
+    middle: DVec3,
+    up: DVec3,
+    threads: usize,
+    given: &Given<'_>,
+) -> Result<Solved, String> {
+    let points = points(voxels, 2, Of::Luminance);
+    if points.len() < FEWEST {
+        return Err(TOO_FEW.to_owned());
+    }
+    let search = Search { points: &points, blocked: &Blocked::new(solid), room: room(solid, up), threads };
+    let (lamps, explained) = lamps(&search, given);
+    bright(voxels, &search, lamps, middle, Told { explained, halves: None, no_lamp: None })
+}
+
+/// Those that shine, the seen ones first, and what they explain.
+fn lamps(search: &Search<'_>, given: &Given<'_>) -> (Vec<Place>, f64) {
+    let none = search.with(&[], FINE).score;
+    let (mut lamps, mut score): (Vec<Place>, f64) = (Vec::new(), none);
+    let seen = given.seen.iter().map(|at| (*at, true));
+    for (at, is_seen) in seen.chain(given.found.iter().map(|at| (*at, false))) {
+        let is_there = |lamp: &Place| lamp.at.distance(at) < APART_M;
+        if lamps.len() == MOST_LAMPS || (!is_seen && lamps.iter().any(is_there)) {
+            continue;
+        }
+        let with = [None, Some(-search.room.up)].map(|along| {
+            let more = [&lamps[..], &[Place { at, along }]].concat();
+            (search.with(&more, FINE).score, more)
+        });
+        let [bulb, panel] = with;
+        let (better, more) = if panel.0 < bulb.0 { panel } else { bulb };
+        if is_seen || score - better > (WORTH * score).max(WORTH_OF_ALL * none) {
+            (lamps, score) = (more, better);
+        }
+    }
+    (lamps, 1.0 - score / none.max(1e-9))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::lit_room::room as lit_room;
+    use super::*;
+
+    const UP: DVec3 = DVec3::Z;
+    const MIDDLE: DVec3 = DVec3::new(0.0, 0.0, 0.1);
+
+    fn solved(lamps: &[DVec3], seen: &[DVec3], found: &[DVec3]) -> Solved {
+        let (voxels, solid) = lit_room([lamps; 2]);
+        solve(&voxels, &solid, MIDDLE, UP, 2, &Given { seen, found }).unwrap()
+    }
+
+    #[test]
+    fn a_lamp_that_is_pointed_at_is_as_bright_as_it_is_and_the_one_that_stood_for_it_goes() {
+        // The lamps shine with 2; the pattern's brightest places, 1.1 times as bright, count as white.
+        let lamp = DVec3::new(-0.6, 0.5, 2.0);
+        let found = solved(&[lamp], &[lamp], &[DVec3::new(-0.9, 0.1, 1.7)]);
+        assert_eq!(found.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), [lamp]);
+        assert!((found.shown_at_1_m[0][1] / 2.2 - 1.0).abs() < 0.05, "{:?}", found.shown_at_1_m);
+        assert!((found.around[1] + found.above[1] - 0.165).abs() < 0.03, "{:?} {:?}", found.around, found.above);
+        assert!(found.explained > 0.5 && found.no_lamp.is_none(), "{}", found.explained);
+    }
+
+    #[test]
+    fn another_lamp_that_was_found_stays_and_one_that_shines_nothing_is_pointed_at_all_the_same() {
+        let lamps = [DVec3::new(0.8, -0.5, 1.9), DVec3::new(-0.7, 0.4, 2.1)];
+        let found = solved(&lamps, &lamps[..1], &lamps[1..]);
+        assert_eq!(found.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), lamps);
+        for shown in &found.shown_at_1_m {
+            assert!((shown[1] / 2.2 - 1.0).abs() < 0.1, "{:?}", found.shown_at_1_m);
+        }
+        // It is off.
+        let dark = DVec3::new(1.2, 1.0, 1.5);
+        let found = solved(&lamps[1..], &[dark], &lamps[1..]);
+        assert_eq!(found.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), [dark, lamps[1]]);
+        assert!(found.shown_at_1_m[0][1] < 0.1 * found.shown_at_1_m[1][1], "{:?}", found.shown_at_1_m);
+    }
+}

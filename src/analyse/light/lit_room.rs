@@ -1,0 +1,49 @@
+//! A room that is lit by lamps which are known, for tests.
+
+use glam::DVec3;
+
+use super::blocked::Blocked;
+use super::lit::{Place, of_lamp};
+use super::sample::luminance;
+use super::voxels::Voxel;
+
+/// A floor and a white box on it, each in 2 cm, lit in the two halves of the frames by lamps, shadows and all; a pattern of
+/// ± 10 % on it.
+pub fn room(lamps: [&[DVec3]; 2]) -> (Vec<Voxel>, Vec<DVec3>) {
+    let mut surfaces = Vec::new();
+    for i in 0..80 {
+        for j in 0..80 {
+            let at = DVec3::new(0.025 * f64::from(i) - 1.0, 0.025 * f64::from(j) - 1.0, 0.0);
+            surfaces.push((at, DVec3::Z, DVec3::new(0.4, 0.25, 0.12)));
+        }
+    }
+    for i in 0..20 {
+        for j in 0..20 {
+            let (along, up) = (0.02 * f64::from(i) - 0.19, 0.02 * f64::from(j) + 0.01);
+            for (x, y) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)] {
+                let n = DVec3::new(x, y, 0.0);
+                let at = DVec3::new(0.4, 0.3, 0.0) + 0.2 * n + along * DVec3::new(-y, x, 0.0) + up * DVec3::Z;
+                surfaces.push((at, n, DVec3::splat(0.8)));
+            }
+            let at = DVec3::new(0.4 + along, 0.3 + 0.02 * f64::from(j) - 0.19, 0.4);
+            surfaces.push((at, DVec3::Z, DVec3::splat(0.8)));
+        }
+    }
+    let solid: Vec<DVec3> = surfaces.iter().map(|surface| surface.0).collect();
+    let blocked = Blocked::new(&solid);
+    let lit = |(n, (at, normal, albedo)): (usize, &(DVec3, DVec3, DVec3))| {
+        let pattern = 1.0 + 0.1 * (7.0 * n as f64).sin();
+        let by = |lamps: &[DVec3]| {
+            let shown = |lamp: &DVec3| {
+                let place = Place { at: *lamp, along: None };
+                if blocked.is_blocked(*at, *normal, *lamp) { 0.0 } else { 2.0 * of_lamp(*at, *normal, &place) }
+            };
+            let direct: f64 = lamps.iter().map(shown).sum();
+            Some((pattern * *albedo * (0.15 + direct)).as_vec3().to_array())
+        };
+        let light = [by(lamps[0]), by(lamps[1]), by(lamps[0])];
+        let brightest = luminance(light[2].unwrap_or_default());
+        Voxel { at: *at, normal: *normal, light, brightest, is_clipped: false }
+    };
+    (surfaces.iter().enumerate().map(lit).collect(), solid)
+}
