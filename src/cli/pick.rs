@@ -23,21 +23,29 @@ impl Pick {
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut parts = text.split('+');
         let at_px = numbers::<2>(parts.next().unwrap_or_default())?.into();
-        let view = |part: &str| {
-            let expected = || format!("{part}: expected FRAME:X,Y after +, as in 320,300+45:310,290");
-            let (frame, at) = part.split_once(':').ok_or_else(expected)?;
-            let frame = frame.trim().parse().map_err(|_| expected())?;
-            Ok(View { frame, at_px: numbers::<2>(at)?.into() })
-        };
-        Ok(Self { at_px, also: parts.map(view).collect::<Result<_, String>>()? })
+        let also = |part| view(part, "FRAME:X,Y after +, as in 320,300+45:310,290");
+        Ok(Self { at_px, also: parts.map(also).collect::<Result<_, String>>()? })
     }
+}
+
+/// A place in a frame that it names, from `FRAME:X,Y`; `expected` says what is wanted.
+pub fn view(text: &str, expected: &str) -> Result<View, String> {
+    let wrong = || format!("{text}: expected {expected}");
+    let (frame, at) = text.split_once(':').ok_or_else(wrong)?;
+    let frame = frame.trim().parse().map_err(|_| wrong())?;
+    Ok(View { frame, at_px: numbers::<2>(at)?.into() })
+}
+
+/// As it is read.
+pub fn of_view(view: &View) -> String {
+    format!("{}:{}", view.frame, view.at_px.to_array().map(number).join(","))
 }
 
 impl std::fmt::Display for Pick {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}", self.at_px.to_array().map(number).join(","))?;
         let mut also = self.also.iter();
-        also.try_for_each(|view| write!(f, "+{}:{}", view.frame, view.at_px.to_array().map(number).join(",")))
+        also.try_for_each(|view| write!(f, "+{}", of_view(view)))
     }
 }
 

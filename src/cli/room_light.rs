@@ -1,17 +1,22 @@
 //! `locard light`: the light that an analysis found, as a scene's `[light]` to edit.
 
+mod lamp;
+mod own;
+mod white;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use glam::{DVec3, Vec3};
 
 use super::tell;
-use crate::analyse::{self, beside};
+use crate::analyse::{self, Analysis, beside};
 use crate::export::Inputs;
 use crate::recording::OpenOptions;
 use crate::scene::document::{Color, LampTable, LightTable, Up};
 use crate::scene::{self, Document, SceneFile};
-use crate::shot::{Analysed, AnalysisState, Given, Shot};
+use crate::shot::{Analysed, AnalysisState, Given, Shot, View};
 use crate::sink;
 use crate::sink::atomic::write_atomically;
 use crate::words::{fixed, shown};
@@ -38,6 +43,20 @@ pub struct Args {
     /// What `locard analyse` found, where it does not lie beside the recording
     #[arg(long, value_name = "DIR")]
     analysis: Option<PathBuf>,
+    /// A white matt thing, as paper or paint: the frame, and column and row from the upper left. The light is made as bright as it says;
+    /// several times for several things
+    #[arg(long, value_name = "FRAME:X,Y", value_parser = white::parse, allow_hyphen_values = true)]
+    white: Vec<View>,
+    /// A lamp that is seen: the frame, column and row; where depth says nothing also how far it is from the camera in metres, or where
+    /// another frame shows it. How bright it is follows from how surfaces are lit; several times for several lamps
+    #[arg(long, value_name = "FRAME:X,Y[,M][+FRAME:X,Y]", value_parser = lamp::Pointed::parse, allow_hyphen_values = true)]
+    lamp: Vec<lamp::Pointed>,
+    /// A Radiance panorama of the place, in place of the one that was found and of its lamps; it becomes as bright as they were
+    #[arg(long, value_name = "HDR")]
+    environment: Option<PathBuf>,
+    /// By how much that is turned about up, counter-clockwise seen from above
+    #[arg(long, value_name = "DEG", requires = "environment", allow_hyphen_values = true, value_parser = own::turn)]
+    turn: Option<f64>,
     /// The camera, where the recording does not know it
     #[arg(long)]
     profile: Option<PathBuf>,
@@ -50,19 +69,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let analysis = args.analysis.clone().map_or(Analysed::Beside, Analysed::At);
-    let given = Given { profile: args.profile.clone(), analysis, ..Given::default() };
-    let shot = Shot::open(&args.recording, &OpenOptions::default(), &given)?;
-    let recording = args.recording.display();
-    let folder = match &shot.analysis {
-        AnalysisState::Used(folder, _) => folder.clone(),
-        AnalysisState::Unfit(folder, problem) => bail!("{}: {problem}: `locard analyse {recording}`", folder.display()),
-        AnalysisState::Absent | AnalysisState::Left => {
-            let place = beside(&shot.recording.path);
-            bail!("{}: there is no analysis, which finds the light: `locard analyse {recording}`", place.display())
-        }
-    };
-    let found = analyse::Analysis::read(&folder)?;
+    let (shot, folder, found) = opened(args)?;
     let (Some(light), Some(around)) = (&found.findings.light, &found.environment) else {
         let why = found.findings.light.as_ref().and_then(|light| light.why.as_deref()).unwrap_or("nothing can be said");
         bail!("{}: the footage does not tell its light: {why}", folder.display());
@@ -75,9 +82,11 @@ pub fn run(args: &Args) -> Result<()> {
         bail!("{}: the name of a scene file ends in .toml", path.display());
     }
     let hdr = panorama_beside(path);
-    let inputs = Inputs::of(&shot);
-    inputs.check_file(&hdr)?;
-    sink::check_file(&hdr, args.force)?;
+    let inputs = Inputs::of(&shot).and(&args.environment);
+    if args.environment.is_none() {
+        inputs.check_file(&hdr)?;
+        sink::check_file(&hdr, args.force)?;
+    }
     let up = light.up.unwrap_or([0.0, 0.0, 1.0]);
     let mut document = match &args.scene {
         Some(scene) => scene::document::read(scene)?,
@@ -91,9 +100,9 @@ pub fn run(args: &Args) -> Result<()> {
     if file.light != LightTable::default() && !args.force {
         bail!("{}: it has a [light] already, which is kept; --force replaces it", path.display());
     }
-    let is_same = |axis: glam::DVec3| axis.dot(glam::DVec3::from(up)) > SAME_UP;
+    let is_same = |axis: DVec3| axis.dot(DVec3::from(up)) > SAME_UP;
     match file.up {
-        Some(own) if !is_same(own.axis(path, "up")?) => {
+        Some(own) if args.environment.is_none() && !is_same(own.axis(path, "up")?) => {
             let up = up.map(|v| fixed(v, 3)).join(", ");
             bail!(
                 "{}: its up is another than the analysis', [{up}]: the panorama would lie on its side",
@@ -103,28 +112,74 @@ pub fn run(args: &Args) -> Result<()> {
         Some(_) => {}
         None => file.up = Some(Up::Direction(up)),
     }
-    let name = hdr.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let lamp = |lamp: &analyse::FoundLamp| LampTable {
+    let anew = lamp::lit_anew(&shot, &found, &args.lamp)?;
+    let (light, around) = anew.as_ref().map_or((light, around), |(light, around)| (light, around));
+    let mut lines = light.lines();
+    let mut lighting = light.lighting(around).context("the light that was found")?;
+    let lamps = light.lamps.iter().map(|lamp| LampTable {
         at_m: lamp.at_m,
         color: Some(Color::Rgb(lamp.shown_at_1_m)),
         intensity: None,
         diameter_m: Some(analyse::FOUND_LAMP_M),
-    };
-    file.light = LightTable {
-        environment: Some(name),
-        white_lx: file.light.white_lx,
-        lamp: light.lamps.iter().map(lamp).collect(),
-        ..LightTable::default()
-    };
+    });
+    // What white matt shows that looks up.
+    let (middle, turned) =
+        (light.middle_m.unwrap_or_default().into(), file.up.map_or(Ok(up.into()), |up| up.axis(path, "up"))?);
+    let by = own::upward(&lighting, middle, turned);
+    lines.extend(lamp::odd(&args.lamp, &by));
+    match &args.environment {
+        Some(panorama) => {
+            // What a person has seen shines beside it; what was found besides is in it.
+            let kept = args.lamp.len();
+            let wanted = by.far + by.lamps.iter().skip(kept).map(|lamp| lamp.0).sum::<Vec3>();
+            let lamps = lamps.take(kept).collect();
+            let (table, lit, line) = own::light(panorama, args.turn, lamps, (&file, path), turned, wanted)?;
+            (file.light, lighting) = (table, lit);
+            lines.push(("panorama", line));
+        }
+        None => {
+            let name = hdr.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let white_lx = file.light.white_lx;
+            file.light =
+                LightTable { environment: Some(name), white_lx, lamp: lamps.collect(), ..LightTable::default() };
+        }
+    }
+    if !args.white.is_empty() {
+        let upward = own::upward(&lighting, middle, turned).light();
+        let (factor, about) = white::factor(&shot, &args.white, &lighting, upward, light.between)?;
+        white::multiply(&mut file.light, factor);
+        lines.extend(about);
+    }
     document.set(file).context("the scene file")?;
-    write_atomically(&hdr, true, |out| out.write_all(&around.hdr))?;
+    if args.environment.is_none() {
+        write_atomically(&hdr, true, |out| out.write_all(&around.hdr))?;
+    }
     write_atomically(path, true, |out| out.write_all(document.to_string().as_bytes()))?;
     let mut out = std::io::stdout().lock();
-    for (what, text) in light.lines() {
+    for (what, text) in lines {
         writeln!(out, "{what:<11}{text}")?;
     }
-    tell(args.quiet, &format!("{} and {}", shown(&path.display().to_string()), shown(&hdr.display().to_string())));
+    let written = args.environment.as_ref().map_or(format!(" and {}", hdr.display()), |_| String::new());
+    tell(args.quiet, &shown(&format!("{}{written}", path.display())));
     Ok(())
+}
+
+/// The recording with its analysis, and where that lies.
+fn opened(args: &Args) -> Result<(Shot, PathBuf, Analysis)> {
+    let analysis = args.analysis.clone().map_or(Analysed::Beside, Analysed::At);
+    let given = Given { profile: args.profile.clone(), analysis, ..Given::default() };
+    let shot = Shot::open(&args.recording, &OpenOptions::default(), &given)?;
+    let recording = args.recording.display();
+    let folder = match &shot.analysis {
+        AnalysisState::Used(folder, _) => folder.clone(),
+        AnalysisState::Unfit(folder, problem) => bail!("{}: {problem}: `locard analyse {recording}`", folder.display()),
+        AnalysisState::Absent | AnalysisState::Left => {
+            let place = beside(&shot.recording.path);
+            bail!("{}: there is no analysis, which finds the light: `locard analyse {recording}`", place.display())
+        }
+    };
+    let found = Analysis::read(&folder)?;
+    Ok((shot, folder, found))
 }
 
 /// Beside a scene file, of its name.

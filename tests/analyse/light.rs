@@ -126,3 +126,85 @@ fn a_scene_without_light_takes_that_of_the_footage_and_one_with_light_keeps_its_
     std::fs::remove_dir_all(&analysis).unwrap();
     assert!(refused(&["light", site, "-o", "other.toml"]).contains("locard analyse"));
 }
+
+/// The demo's first frames with their analysis beside them.
+fn analysed_demo() -> (tempfile::TempDir, Analysis) {
+    let folder = demo(13, &Flaws::default());
+    let shot = opened(&folder);
+    let found = analysed(&shot, 2);
+    found.write(&folder.path().join("site.analysis"), &shot.recording).unwrap();
+    (folder, found)
+}
+
+#[test]
+fn a_person_corrects_the_light_by_white_paper_a_lamp_and_a_panorama() {
+    let (folder, found) = analysed_demo();
+    let light = found.findings.light.as_ref().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (site, new) = (at("site"), at("light.toml"));
+    let written = || scene::document::read(Path::new(&new)).unwrap().value().light.clone();
+    let asked = |more: &[&str]| said(&[&["light", &site, "-o", &new, "--force"], more].concat());
+    let denied = |more: &[&str]| refused(&[&["light", &site, "-o", &new, "--force"], more].concat());
+
+    // The paper on the floor, beside its title: nearer to the truth than what was guessed to be white.
+    let told = asked(&["--white", "6:267,139"]);
+    let (table, simulation) = (written(), Simulation::new(&Options::default()).unwrap());
+    let factor = table.environment_intensity.unwrap();
+    assert!(table.lamp.iter().all(|lamp| lamp.intensity == Some(factor)), "{table:?}");
+    let middle = DVec3::from(light.middle_m.unwrap());
+    let (upward, truth) = (mean(light.upward.unwrap()), mean(simulation.upward(middle).to_array()));
+    println!("upward {upward} times {factor} of {truth}\n{told}");
+    let off = |upward: f64| (upward / truth).ln().abs();
+    assert!(off(factor * upward) < 0.5 * off(upward), "{upward} times {factor} of {truth}");
+    assert!(told.contains("factor ") && told.contains("between"), "{told}");
+    // Nothing is written where nothing is told: an edge, no such frame, what is no place.
+    std::fs::remove_file(&new).unwrap();
+    for (place, says) in [("6:281,150", "edge"), ("6:455,240", "black"), ("99:3,4", "frame"), ("6:900,3", "outside")] {
+        let told = denied(&["--white", place]);
+        assert!(told.contains(says) && told.contains(place), "{told}");
+    }
+    assert!(!Path::new(&new).exists());
+}
+
+#[test]
+fn a_person_points_at_lamps_and_brings_a_panorama() {
+    let (folder, found) = analysed_demo();
+    let light = found.findings.light.as_ref().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (site, new) = (at("site"), at("light.toml"));
+    let written = || scene::document::read(Path::new(&new)).unwrap().value().light.clone();
+    let with = |more: &[&str]| [&["light", &site, "-o", &new, "--force"], more].concat().join("\n");
+    let asked = |more: &[&str]| said(&with(more).split('\n').collect::<Vec<_>>());
+    let denied = |more: &[&str]| refused(&with(more).split('\n').collect::<Vec<_>>());
+
+    // By its distance along the ray. The lamp that really shines stays; this one is none, and hardly shines beside it.
+    let told = asked(&["--lamp", "6:320,10,1.5"]);
+    let lamps = written().lamp;
+    let place = opened(&folder).eye(6).unwrap().ray(glam::DVec2::new(320.0, 10.0)).unwrap().at(1.5);
+    assert!(DVec3::from(lamps[0].at_m).distance(place) < 1e-3, "{lamps:?} {place}\n{told}");
+    let color = |lamp: &scene::document::LampTable| glam::Vec3::from(lamp.color.unwrap()).element_sum();
+    let real = DVec3::from(light.lamps[0].at_m);
+    assert!(lamps.len() == 2 && DVec3::from(lamps[1].at_m).distance(real) < 1e-3, "{lamps:?}");
+    assert!(color(&lamps[1]) > 3.0 * color(&lamps[0]), "{lamps:?}");
+    // By depth, and by two frames; what is nonsense is refused.
+    asked(&["--lamp", "6:240,58"]);
+    let by_depth = DVec3::from(written().lamp[0].at_m);
+    assert!((by_depth.y - 0.99).abs() < 0.03 && (by_depth.z - 0.3).abs() < 0.1, "the socket: {by_depth}");
+    let four = ["--lamp", "6:1,1,1", "--lamp", "6:1,1,1", "--lamp", "6:1,1,1", "--lamp", "6:1,1,1"];
+    assert!(denied(&four).contains("up to 3"));
+    assert!(denied(&["--lamp", "6:1,1+6:2,2"]).contains("different frames"));
+
+    // A panorama of one's own takes the place of the one that was found and of its lamps, as bright.
+    let sky = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/demo-light.hdr");
+    let told = asked(&["--environment", sky.to_str().unwrap(), "--turn", "30"]);
+    let table = written();
+    assert!(told.contains("panorama") && told.contains("as bright as"), "{told}");
+    assert!(table.environment.as_ref().is_some_and(|name| name.ends_with("demo-light.hdr")), "{table:?}");
+    assert_eq!((table.environment_rotation_deg, table.lamp.len()), (Some(30.0), 0));
+    // White paper says the rest, by the same key.
+    let intensity = table.environment_intensity.unwrap();
+    asked(&["--environment", sky.to_str().unwrap(), "--turn", "30", "--white", "6:267,139"]);
+    let factor = written().environment_intensity.unwrap() / intensity;
+    assert!((0.4..2.5).contains(&factor) && factor != 1.0, "{factor}");
+    assert!(denied(&["--environment", &at("none.hdr")]).contains("none.hdr"));
+}
