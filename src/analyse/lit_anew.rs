@@ -47,5 +47,5 @@ pub fn lit_anew(
         return Ok(Err(light.err().unwrap_or_default()));
     };
     let around = panorama.ok_or_else(|| "its panorama cannot be written".to_owned());
-    Ok(around.map(|around| (FoundLight::of(&light), around)))
+    Ok(around.map(|around| (FoundLight::of(&light, Some(&around)), around)))
 }
