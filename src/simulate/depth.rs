@@ -1,9 +1,12 @@
-//! A depth sensor that is not the frames' camera: with fewer pixels, beside it with a lens of its own, or at a moment of its
-//! own.
+//! A depth sensor that is not the frames' camera: with fewer pixels, beside it with a lens of its own, at a moment of its own, or
+//! with errors.
 
 use glam::{DQuat, DVec3};
 
+use super::depth_errors::DepthErrors;
+use super::measured::measured;
 use super::render::{self, Lens, Picture, Snapshot};
+use super::returned::returned;
 use super::{Layout, Options, SimulateError, Simulation};
 use crate::camera::Geometry;
 use crate::pose::Pose;
@@ -32,7 +35,8 @@ impl DepthSensor {
         let Options { width_px, height_px, depth_width_px, depth_beside_mm, layout, .. } = *simulation.options();
         let width = depth_width_px.or((layout == Some(Layout::Stray)).then_some(PHONE_PX.min(width_px)));
         let later_s = simulation.flaws().depth_later_s;
-        if width.is_none() && depth_beside_mm.is_none() && later_s == 0.0 {
+        let is_exact = !simulation.flaws().depth_errors().is_any();
+        if width.is_none() && depth_beside_mm.is_none() && later_s == 0.0 && is_exact {
             return Ok(None);
         }
         let width = width.unwrap_or(width_px);
@@ -53,16 +57,30 @@ impl DepthSensor {
         Ok(Some(Self { lens: Lens::new(geometry.clone())?, track, geometry, beside_m: Some(at_m), later_s }))
     }
 
-    /// What it measures with a frame, of which only the depth counts.
-    pub fn picture(&self, simulation: &Simulation, frame: usize) -> Picture {
-        let snapshot = Snapshot {
+    /// What it would measure with a frame, of which only the depth counts, if it had no errors.
+    pub fn exact(&self, simulation: &Simulation, frame: usize) -> Picture {
+        let snapshot = self.snapshot(simulation, frame);
+        render::shoot(&simulation.site, &self.lens, &self.track, &snapshot, simulation.threads)
+    }
+
+    /// What it measures in place of an [`Self::exact`] picture; `None` if it has no errors.
+    pub fn measured(&self, simulation: &Simulation, frame: usize, exact: &Picture) -> Option<Picture> {
+        let (flaws, snapshot) = (simulation.flaws(), self.snapshot(simulation, frame));
+        let errors = Some(flaws.depth_errors()).filter(DepthErrors::is_any)?;
+        let seen = render::by_rays(&self.lens, &self.track, &snapshot, simulation.threads, |ray| {
+            returned(&simulation.site, ray, &errors, self.beside_m.is_some())
+        });
+        Some(Picture { depth_m: measured(exact, &seen, &errors, flaws.seed, frame as u64), ..exact.clone() })
+    }
+
+    fn snapshot(&self, simulation: &Simulation, frame: usize) -> Snapshot {
+        Snapshot {
             timestamp_s: simulation.timestamp_s(frame) + self.later_s,
             exposure_time_s: 0.0,
             samples: 1,
             aperture_diameter_m: 0.0,
             ..simulation.snapshot(frame)
-        };
-        render::shoot(&simulation.site, &self.lens, &self.track, &snapshot, simulation.threads)
+        }
     }
 }
 

@@ -115,6 +115,12 @@ impl Evidence {
         self.triangles.hit(origin, direction, f64::INFINITY)
     }
 
+    /// Where an object faces at a point of it, and what share of light its matt part throws back.
+    pub fn thrown_back(&self, touch: &Touch, origin: DVec3, direction: DVec3) -> (DVec3, DVec3) {
+        let surface = self.surface(touch, origin, direction);
+        (surface.normal, surface.matt)
+    }
+
     /// The light that an object sends back along a ray.
     pub fn light(&self, site: &dyn Around, touch: &Touch, origin: DVec3, direction: DVec3) -> DVec3 {
         let mut random = Random::new([touch.t.to_bits(), direction.x.to_bits(), direction.y.to_bits(), 0]);

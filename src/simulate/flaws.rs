@@ -1,6 +1,7 @@
 //! What is wrong with real recordings and not with simulated ones: cameras that change exposure and white balance by
 //! themselves, poses that are off, clocks that disagree, pictures that repeat, people who walk past. Each follows from
-//! [`Flaws::seed`] and a time or a frame's number, so frames do not depend on which others are made.
+//! [`Flaws::seed`] and a time or a frame's number, so frames do not depend on which others are made. What each does stands
+//! where it is done.
 //!
 //! Not modelled: an exposure that changes its own duration or the noise; a lens that refocuses.
 
@@ -19,6 +20,14 @@ const RED: u64 = 3;
 const BLUE: u64 = 4;
 const REPEAT: u64 = 5;
 
+crate::choices! {
+    /// A depth sensor whose errors are known.
+    pub enum DepthSensorModel {
+        /// Kinect v1: structured light, brought into the frames' view by its driver.
+        Kinect = "kinect",
+    }
+}
+
 crate::params! {
     /// What is wrong with a recording. By default nothing is.
     pub struct Flaws in "flaws" {
@@ -35,6 +44,17 @@ crate::params! {
         "how far the camera is turned against what was tracked" hand_eye_deg: f64 = 0.0, "deg", 0.0..=90.0;
         "how much later than the pictures' clock the poses' clock says" poses_later_s: f64 = 0.0, "s", -1.0..=1.0;
         "how much later than it says depth was measured" depth_later_s: f64 = 0.0, "s", -1.0..=1.0;
+        "sensor whose errors depth has, where no other depth_ number says otherwise; none: depth is exact" depth_sensor: Option<DepthSensorModel> = None;
+        "how far right of its camera the depth sensor's projector stands, in whose shade there is no depth; none: as depth_sensor has it" depth_projector_mm: Option<f64> = None, "mm", -1000.0..=1000.0;
+        "how far left of the frames' camera the depth sensor's camera stands whose map was brought into the frames' view: what it does not see has no depth; none: as depth_sensor has it" depth_moved_mm: Option<f64> = None, "mm", -1000.0..=1000.0;
+        "the least of the projector's light with which there is depth: the share that a surface throws back, by the cosine, by the distance squared; none: as depth_sensor has it" depth_faintest_per_m2: Option<f64> = None, "1/m²", 0.0..=100.0;
+        "how much wider than in the picture near things are in depth, each side, px of a map 640 wide; none: as depth_sensor has it" depth_wider_px: Option<f64> = None, "px", 0.0..=20.0;
+        "how far depth's edges are torn, root mean square, px of a map 640 wide; none: as depth_sensor has it" depth_torn_px: Option<f64> = None, "px", 0.0..=20.0;
+        "how far torn edges, noise and flickering holes hang together, the σ of a Gaussian, px of a map 640 wide; none: as depth_sensor has it" depth_grain_px: Option<f64> = None, "px", 0.0..=20.0;
+        "depth's noise at 1 m, root mean square before its steps; it grows with the distance squared; none: as depth_sensor has it" depth_noise_mm: Option<f64> = None, "mm", 0.0..=100.0;
+        "depth's steps at 1 m; they grow with the distance squared; none: as depth_sensor has it" depth_step_mm: Option<f64> = None, "mm", 0.0..=100.0;
+        "share of lone pixels without depth; none: as depth_sensor has it" depth_missing_share: Option<f64> = None, "1", 0.0..=1.0;
+        "share of lone pixels with any depth; none: as depth_sensor has it" depth_wrong_share: Option<f64> = None, "1", 0.0..=1.0;
         "share of the frames whose picture is that of the frame before" repeat_share: f64 = 0.0, "1", 0.0..=0.9;
         "speed of a person who walks to and fro in the room; 0 for nobody" person_m_per_s: f64 = 0.0, "m/s", 0.0..=20.0;
         "whether all surfaces shine alike, without pattern or shade" blank: bool = false;

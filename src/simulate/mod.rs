@@ -9,24 +9,29 @@
 mod board;
 mod chart;
 mod depth;
+mod depth_errors;
 mod encoded;
 mod evidence;
 mod finish;
 mod flaws;
+mod grain;
 mod hemisphere;
 mod lamps;
 mod local_tone;
+mod measured;
 mod mistracked;
 mod output;
 mod path;
 mod person;
 mod random;
 mod render;
+mod returned;
 mod sensor;
 mod shapes;
 mod site;
 mod stray;
 mod survey;
+mod torn;
 mod triangles;
 mod truth;
 mod wander;
@@ -35,7 +40,7 @@ mod written;
 
 use std::path::PathBuf;
 
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec2, DVec3};
 
 use crate::camera::{Distortion, Geometry, Intrinsics, LensModel, Response};
 use crate::scene::Scene;
@@ -47,7 +52,8 @@ use evidence::Evidence;
 use person::Person;
 
 pub use board::{Board, board};
-pub use flaws::Flaws;
+pub use depth_errors::DepthErrors;
+pub use flaws::{DepthSensorModel, Flaws};
 pub use path::{DOLLY_M_PER_S, PAN_RAD_PER_S};
 pub use render::{Picture, Snapshot};
 pub use sensor::Sensor;
@@ -188,15 +194,21 @@ impl Simulation {
     /// The same of a recording of which something is wrong.
     pub fn flawed(options: &Options, flaws: &Flaws) -> Result<Self, SimulateError> {
         let threads = crate::rows::processors();
-        Self::made(options, flaws, Detail::for_focal_px(geometry(options).intrinsics.fx_px), threads)
+        Self::flawed_with_detail(options, flaws, Detail::for_focal_px(geometry(options).intrinsics.fx_px), threads)
     }
 
     /// Uses a site of the given detail. Computes its light, which takes most of the time.
     pub fn with_detail(options: &Options, detail: Detail, threads: usize) -> Result<Self, SimulateError> {
-        Self::made(options, &Flaws::default(), detail, threads)
+        Self::flawed_with_detail(options, &Flaws::default(), detail, threads)
     }
 
-    fn made(options: &Options, flaws: &Flaws, detail: Detail, threads: usize) -> Result<Self, SimulateError> {
+    /// The same of a recording of which something is wrong. Depth does not depend on the detail.
+    pub fn flawed_with_detail(
+        options: &Options,
+        flaws: &Flaws,
+        detail: Detail,
+        threads: usize,
+    ) -> Result<Self, SimulateError> {
         let geometry = geometry(options);
         let Options { width_px: width, height_px: height, .. } = *options;
         if geometry.is_round() && width != 2 * height {
@@ -294,6 +306,26 @@ impl Simulation {
     /// The poses that are recorded of it.
     pub fn recorded_track(&self) -> Result<PoseTrack, NotAscending> {
         self.flaws.recorded(&self.track)
+    }
+
+    /// A frame's depth as its sensor measures it, m, row by row; and what it would be without errors.
+    pub fn depths(&self, frame: usize) -> Result<[Vec<f32>; 2], SimulateError> {
+        let Some(sensor) = depth::DepthSensor::new(self)? else {
+            let exact = self.picture(frame).depth_m;
+            return Ok([exact.clone(), exact]);
+        };
+        let exact = sensor.exact(self, frame);
+        let measured = sensor.measured(self, frame, &exact);
+        Ok([measured.map_or_else(|| exact.depth_m.clone(), |picture| picture.depth_m), exact.depth_m])
+    }
+
+    /// How far away is what a frame's picture shows at a place between its pixels' middles, m: exact. `None` where there is nothing.
+    pub fn depth_at(&self, frame: usize, at_px: DVec2) -> Option<f64> {
+        // A row is read as a whole.
+        let time_s = self.timestamp_s(frame) + self.geometry.row_time_s(at_px.y.floor() + 0.5);
+        let pose = self.track.at_or_nearest(time_s)?;
+        let direction = pose.world_from_camera_rotation() * self.geometry.depth_ray(at_px)?;
+        self.site.met(pose.position_in_world_m(), direction, time_s).map(|met| met.t)
     }
 
     /// Factors on the light of a frame's picture: red, green, blue.

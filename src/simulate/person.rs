@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 use super::chart::Chart;
 use super::finish::fractal;
 use super::path::START_S;
-use super::shapes::Shape;
+use super::shapes::{Hit, Shape};
 
 /// Shoulder to shoulder, back to front, and tall, m.
 const SIZE_M: DVec3 = DVec3::new(0.45, 0.25, 1.75);
@@ -54,9 +54,14 @@ impl Person {
 
     /// The linear light that comes from them along a ray, and its distance in lengths of `direction`.
     pub fn light(&self, origin: DVec3, direction: DVec3, time_s: f64) -> Option<([f32; 3], f64)> {
+        self.met(origin, direction, time_s).map(|(light, hit)| (light, hit.t))
+    }
+
+    /// The same with where the ray meets them. Their clothes throw back that share of light.
+    pub fn met(&self, origin: DVec3, direction: DVec3, time_s: f64) -> Option<([f32; 3], Hit)> {
         let hit = self.shape.hit(origin - DVec3::new(self.gone_m(time_s), 0.0, 0.0), direction)?;
         let [r, g, b, _] = self.clothes.get(hit.face)?.at(hit.uv);
-        Some(([r, g, b], hit.t))
+        Some(([r, g, b], hit))
     }
 }
 

@@ -172,6 +172,40 @@ pub fn shoot(site: &Site, lens: &Lens, track: &PoseTrack, snapshot: &Snapshot, t
     }
 }
 
+/// A ray through a pixel's middle in the middle of its row's exposure, in the world.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    pub time_s: f64,
+    pub origin: DVec3,
+    pub direction: DVec3,
+    /// The camera's own x axis.
+    pub right: DVec3,
+}
+
+/// A value for each pixel by the ray at whose end its depth is; the default where the lens sees nothing.
+pub fn by_rays<T: Clone + Default + Send>(
+    lens: &Lens,
+    track: &PoseTrack,
+    snapshot: &Snapshot,
+    threads: usize,
+    of: impl Fn(&Ray) -> T + Sync,
+) -> Vec<T> {
+    let i = &lens.geometry.intrinsics;
+    let (w, h) = (i.width_px as usize, i.height_px as usize);
+    let reach_s = 0.5 * (i.readout_time_s + snapshot.exposure_time_s);
+    let shutter = Shutter::new(track, snapshot.timestamp_s - reach_s, snapshot.timestamp_s + reach_s);
+    let mut values = vec![T::default(); w * h];
+    over_rows(&mut values, w, threads, |y, row| {
+        let time_s = snapshot.timestamp_s + lens.geometry.row_time_s(y as f64 + 0.5);
+        let right = shutter.ray(time_s, DVec3::X).1;
+        for (x, value) in row.iter_mut().enumerate().filter(|(x, _)| lens.sees(*x, y)) {
+            let (origin, direction) = shutter.ray(time_s, lens.ray(x, y, DVec2::splat(0.5)));
+            *value = of(&Ray { time_s, origin, direction, right });
+        }
+    });
+    values
+}
+
 fn expose(site: &Site, lens: &Lens, shutter: &Shutter, snapshot: &Snapshot, x: usize, y: usize) -> Pixel {
     if !lens.sees(x, y) {
         return Pixel::default();

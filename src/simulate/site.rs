@@ -63,6 +63,28 @@ pub struct Site {
     pub is_blank: bool,
 }
 
+/// What a ray meets first.
+#[derive(Clone, Copy, Debug)]
+pub struct Met {
+    /// Its distance in lengths of the ray's direction.
+    pub t: f64,
+    /// Unit length, towards where the ray came from.
+    pub normal: DVec3,
+    /// What share of light it throws back to all sides, of its brightest colour.
+    pub thrown_back: f64,
+    /// A number of its own for each face of a thing of the site; one for all evidence, and one for a person.
+    pub surface: u32,
+}
+
+/// No shape has more.
+const MOST_FACES: usize = 6;
+const OF_EVIDENCE: u32 = u32::MAX;
+const OF_PERSON: u32 = u32::MAX - 1;
+
+fn brightest([r, g, b, _]: [f32; 4]) -> f32 {
+    r.max(g).max(b)
+}
+
 /// The light of a blank site.
 const BLANK: [f32; 3] = [0.2; 3];
 
@@ -255,6 +277,34 @@ impl Site {
             }
         }
         Some((light, hit.t))
+    }
+
+    /// What a ray meets first at a time; `None` outside the room.
+    pub fn met(&self, origin: DVec3, direction: DVec3, time_s: f64) -> Option<Met> {
+        let (thing, hit) = self.nearest(origin, direction)?;
+        let number = self.things.iter().position(|other| std::ptr::eq(other, thing)).unwrap_or_default();
+        let thrown_back = match thing.finish {
+            Some(_) => thing.albedo(&hit).max_element(),
+            // What shines by itself throws back as much as it shines.
+            None => thing.light.get(hit.face).map_or(0.0, |chart| f64::from(brightest(chart.at(hit.uv)))),
+        };
+        let mut met =
+            Met { t: hit.t, normal: hit.normal, thrown_back, surface: (number * MOST_FACES + hit.face) as u32 };
+        if let Some(evidence) = &self.evidence
+            && let Some(touch) = evidence.hit(origin, direction).filter(|touch| touch.t < met.t)
+        {
+            let (normal, matt) = evidence.thrown_back(&touch, origin, direction);
+            met = Met { t: touch.t, normal, thrown_back: matt.max_element(), surface: OF_EVIDENCE };
+        }
+        match self.person.as_ref().and_then(|person| person.met(origin, direction, time_s)) {
+            Some(([r, g, b], hit)) if hit.t < met.t => Some(Met {
+                t: hit.t,
+                normal: hit.normal,
+                thrown_back: brightest([r, g, b, 0.0]).into(),
+                surface: OF_PERSON,
+            }),
+            _ => Some(met),
+        }
     }
 
     /// The light on an object in the room: the light along a ray without the mirror image, the lamp itself if the ray

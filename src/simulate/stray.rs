@@ -12,7 +12,7 @@ use crate::pixels::Pixels;
 use crate::sink::{self, OutPath, Sink, SinkOptions};
 use crate::tracking::PoseTrack;
 
-const CODES_PER_METRE: f64 = 1000.0;
+pub const CODES_PER_METRE: f64 = 1000.0;
 const REACH_M: f32 = 5.0;
 pub const FOLDERS: [&str; 2] = ["depth", "confidence"];
 

@@ -23,6 +23,14 @@ pub const FOLDER: &str = "truth";
 pub const POSES: &str = "truth/poses.txt";
 pub const FRAMES: &str = "truth/frames.txt";
 
+/// Of one whose depth has a sensor's errors, a list of what it would have without.
+pub const DEPTHS: &str = "truth/depth.txt";
+
+/// A frame's exact depth, as that list has it.
+pub fn depth_name(frame: usize) -> String {
+    format!("depth-{frame:05}.png")
+}
+
 /// The camera's true way in the recording's world, and how bright each frame is.
 pub fn files(simulation: &Simulation) -> (PoseTrack, String) {
     let track = match simulation.options().layout {

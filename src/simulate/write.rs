@@ -86,6 +86,7 @@ fn fill(
     let sensor = DepthSensor::new(simulation)?;
     let mut scan = if is_scan { Some(Scan::begin(folder, simulation)?) } else { None };
     let (mut pictures, mut depths, mut exposures) = (Vec::new(), Vec::new(), Vec::new());
+    let mut true_depths = Vec::new();
     let mut blur = Vec::new();
     let mut surveyed = Vec::new();
     let (mut codes, mut most_blur_px) = (Vec::new(), 0.0);
@@ -96,8 +97,17 @@ fn fill(
             codes = simulation.sensor.sense(&clean, picture.width as usize, frame as u64, simulation.threads);
             most_blur_px = picture.most_blur_px;
         }
-        let measured = sensor.as_ref().map(|sensor| sensor.picture(simulation, frame));
-        let depth = measured.as_ref().unwrap_or(&picture);
+        let exact = sensor.as_ref().map(|sensor| sensor.exact(simulation, frame));
+        let exact = exact.as_ref().unwrap_or(&picture);
+        let measured = sensor.as_ref().and_then(|sensor| sensor.measured(simulation, frame, exact));
+        let depth = measured.as_ref().unwrap_or(exact);
+        if measured.is_some() {
+            let name = truth::depth_name(frame);
+            let scale = if is_scan { stray::CODES_PER_METRE } else { options.depth_scale };
+            let file = depth_png(exact, scale).map_err(encoding(&name))?;
+            save(&format!("{}/{name}", truth::FOLDER), &file)?;
+            true_depths.push((rounded(simulation.timestamp_s(frame), 6), name));
+        }
         if let Some(scan) = &mut scan {
             let files = scan.add(simulation, &recorded, frame, codes.clone(), depth)?;
             files.into_iter().try_for_each(|(name, bytes)| save(&name, &bytes))?;
@@ -147,6 +157,9 @@ fn fill(
         let (poses, frames) = truth::files(simulation);
         save(truth::POSES, trajectory(&poses).as_bytes())?;
         save(truth::FRAMES, frames.as_bytes())?;
+        if !true_depths.is_empty() {
+            save(truth::DEPTHS, list(&true_depths)?.as_bytes())?;
+        }
     }
     save("environment.hdr", &panorama(simulation).map_err(encoding("environment.hdr"))?)?;
     if options.board {

@@ -8,7 +8,7 @@ use crate::columns::columns;
 use crate::simulate::small;
 use glam::{DQuat, DVec3};
 use locard::camera::Response;
-use locard::simulate::{self, Flaws, Motion, Options, Simulation};
+use locard::simulate::{self, DepthSensorModel, Flaws, Layout, Motion, Options, Simulation};
 use locard::tracking::tum::read_trajectory;
 
 fn made(out: &Path, options: &Options, flaws: &Flaws) {
@@ -118,4 +118,80 @@ fn a_person_walks_through_and_a_blank_site_has_nothing_to_see() {
     }
     let blank = of(Flaws { blank: true, ..Flaws::default() }).picture(1);
     assert!(blank.light.iter().all(|light| *light == blank.light[0]) && blank.depth_m == empty.picture(1).depth_m);
+}
+
+fn depth_of(out: &Path, name: &str) -> Vec<u16> {
+    image::open(out.join(name)).unwrap().into_luma16().into_raw()
+}
+
+/// A Kinect's maps have its holes, its steps and its wider edges; what is exact lies beside them; the pictures are the same.
+#[test]
+fn a_kinects_depth_is_as_wrong_as_a_kinects_and_the_truth_lies_beside() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = Options { frames: 3, depth_scale: 10_000.0, motion: Motion::Static, ..small() };
+    let kinect = Flaws { depth_sensor: Some(DepthSensorModel::Kinect), ..Flaws::default() };
+    let [plain, flawed, again] = ["plain", "flawed", "again"].map(|name| folder.path().join(name));
+    made(&plain, &options, &Flaws::default());
+    made(&flawed, &options, &kinect);
+    made(&again, &Options { frames: 2, ..options.clone() }, &kinect);
+    let listed = columns(&flawed, "truth/depth.txt");
+    assert_eq!(listed.len(), 3);
+    for (n, line) in listed.iter().enumerate() {
+        let name = format!("depth/{n:05}.png");
+        let exact = depth_of(&plain, &name);
+        let apart =
+            depth_of(&flawed, &format!("truth/{}", line[1])).iter().zip(&exact).map(|(a, b)| a.abs_diff(*b)).max();
+        assert!(apart <= Some(1), "the truth is that of a recording without flaws");
+        let rgb = format!("rgb/{n:05}.png");
+        assert!(fs::read(flawed.join(&rgb)).unwrap() == fs::read(plain.join(&rgb)).unwrap());
+        let found = depth_of(&flawed, &name);
+        assert!(n == 0 || found != depth_of(&flawed, "depth/00000.png"), "each frame has its own");
+        assert!(n == 2 || found == depth_of(&again, &name), "whichever others are made");
+        let (mut holes, mut off) = (0, Vec::new());
+        for (found, exact) in found.iter().zip(exact) {
+            let [found, exact] = [*found, exact].map(|code| f64::from(code) / 10_000.0);
+            if found == 0.0 {
+                holes += 1;
+            } else {
+                let steps = found.recip() / 2.87e-3;
+                // Half a code.
+                assert!(
+                    (steps - steps.round()).abs() < 0.6e-4 / (found * found * 2.87e-3) + 1e-3,
+                    "{found} m: {steps}"
+                );
+                off.push((found.recip() - exact.recip()).abs());
+            }
+        }
+        off.sort_by(f64::total_cmp);
+        let share = f64::from(holes) / (off.len() + holes as usize) as f64;
+        // Half of normal numbers of σ = 1.43e-3 are within 0.67 σ, two thirds within it.
+        let [half, most] = [off[off.len() / 2], off[off.len() * 2 / 3]];
+        println!("{share} {half} {most}");
+        assert!((0.01..0.3).contains(&share), "{share}");
+        assert!((half / 0.96e-3 - 1.0).abs() < 0.2 && (most / 1.43e-3 - 1.0).abs() < 0.25, "{half} {most}");
+    }
+    // `--force` knows the truth as its own.
+    made(&flawed, &options, &Flaws::default());
+    assert!(!flawed.join("truth").exists());
+}
+
+/// A phone's maps and those of a camera of its own have errors as well.
+#[test]
+fn other_depth_cameras_have_errors_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let kinect = Flaws { depth_sensor: Some(DepthSensorModel::Kinect), ..Flaws::default() };
+    let options = Options { frames: 1, depth_scale: 1000.0, ..small() };
+    let phone = Options { layout: Some(Layout::Stray), depth_width_px: Some(options.width_px), ..options.clone() };
+    let beside = Options { depth_beside_mm: Some(25.0), ..options };
+    for (name, options, file) in [("phone", phone, "depth/000000.png"), ("beside", beside, "depth/00000.png")] {
+        let out = folder.path().join(name);
+        made(&out, &options, &kinect);
+        let (found, exact) = (depth_of(&out, file), depth_of(&out, "truth/depth-00000.png"));
+        let share = |is: &dyn Fn(u16, u16) -> bool| {
+            found.iter().zip(&exact).filter(|(found, exact)| is(**found, **exact)).count() as f64 / found.len() as f64
+        };
+        let (missing, near) = (share(&|found, _| found == 0), share(&|found, exact| found.abs_diff(exact) < 60));
+        println!("{name}: {missing} missing, {near} near");
+        assert!((0.003..0.3).contains(&missing) && near > 0.65, "{name}: {missing} {near}");
+    }
 }
