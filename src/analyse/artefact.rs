@@ -34,7 +34,7 @@ const FRAMES: &str = "frames.txt";
 const ACROSS: &str = "across.txt";
 const POSES: &str = "poses.txt";
 const LINKS: &str = "links.txt";
-const ENVIRONMENT: &str = "environment.hdr";
+pub const ENVIRONMENT: &str = "environment.hdr";
 /// All that may lie in its folder.
 pub const FILES: [&str; 7] = [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, times::FILE];
 /// Another version is made anew.

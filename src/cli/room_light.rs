@@ -5,24 +5,21 @@ mod own;
 mod white;
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 use super::tell;
-use crate::analyse::{self, Analysis, beside};
+use crate::analyse::{Analysis, beside, panorama_beside};
 use crate::export::Inputs;
 use crate::recording::OpenOptions;
-use crate::scene::document::{Color, LampTable, LightTable, Up};
+use crate::scene::document::{LightTable, Up};
 use crate::scene::{self, Document, SceneFile};
 use crate::shot::{Analysed, AnalysisState, Given, Shot, View};
 use crate::sink;
 use crate::sink::atomic::write_atomically;
-use crate::words::{fixed, shown};
-
-/// Scenes' ups that differ by less are one: cosine of half a degree.
-const SAME_UP: f64 = 0.99996;
+use crate::words::shown;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -100,28 +97,10 @@ pub fn run(args: &Args) -> Result<()> {
     if file.light != LightTable::default() && !args.force {
         bail!("{}: it has a [light] already, which is kept; --force replaces it", path.display());
     }
-    let is_same = |axis: DVec3| axis.dot(DVec3::from(up)) > SAME_UP;
-    match file.up {
-        Some(own) if args.environment.is_none() && !is_same(own.axis(path, "up")?) => {
-            let up = up.map(|v| fixed(v, 3)).join(", ");
-            bail!(
-                "{}: its up is another than the analysis', [{up}]: the panorama would lie on its side",
-                path.display()
-            )
-        }
-        Some(_) => {}
-        None => file.up = Some(Up::Direction(up)),
-    }
     let anew = lamp::lit_anew(&shot, &found, &args.lamp)?;
     let (light, around) = anew.as_ref().map_or((light, around), |(light, around)| (light, around));
     let mut lines = light.lines();
     let mut lighting = light.lighting(around).context("the light that was found")?;
-    let lamps = light.lamps.iter().map(|lamp| LampTable {
-        at_m: lamp.at_m,
-        color: Some(Color::Rgb(lamp.shown_at_1_m)),
-        intensity: None,
-        diameter_m: Some(analyse::FOUND_LAMP_M),
-    });
     // What white matt shows that looks up.
     let (middle, turned) =
         (light.middle_m.unwrap_or_default().into(), file.up.map_or(Ok(up.into()), |up| up.axis(path, "up"))?);
@@ -129,19 +108,18 @@ pub fn run(args: &Args) -> Result<()> {
     lines.extend(lamp::odd(&args.lamp, &by));
     match &args.environment {
         Some(panorama) => {
+            file.up = file.up.or(Some(Up::Direction(up)));
             // What a person has seen shines beside it; what was found besides is in it.
             let kept = args.lamp.len();
             let wanted = by.far + by.lamps.iter().skip(kept).map(|lamp| lamp.0).sum::<Vec3>();
-            let lamps = lamps.take(kept).collect();
+            let lamps = light.lamp_tables().into_iter().take(kept).collect();
             let (table, lit, line) = own::light(panorama, args.turn, lamps, (&file, path), turned, wanted)?;
             (file.light, lighting) = (table, lit);
             lines.push(("panorama", line));
         }
         None => {
             let name = hdr.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            let white_lx = file.light.white_lx;
-            file.light =
-                LightTable { environment: Some(name), white_lx, lamp: lamps.collect(), ..LightTable::default() };
+            light.put_into(&mut file, path, name).map_err(anyhow::Error::msg)?;
         }
     }
     if !args.white.is_empty() {
@@ -180,10 +158,4 @@ fn opened(args: &Args) -> Result<(Shot, PathBuf, Analysis)> {
     };
     let found = Analysis::read(&folder)?;
     Ok((shot, folder, found))
-}
-
-/// Beside a scene file, of its name.
-fn panorama_beside(scene: &Path) -> PathBuf {
-    let stem = scene.file_stem().unwrap_or_default().to_string_lossy();
-    scene.with_file_name(format!("{stem}-light.hdr"))
 }

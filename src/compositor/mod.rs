@@ -128,9 +128,12 @@ impl Compositor {
     pub fn set_scene(&mut self, scene: Scene) {
         // Charts that are known hold for the same things in the same light.
         let before = self.renderer.scene();
-        if !before.is_made_of_the_same(&scene) || before.lighting != scene.lighting {
+        if !before.is_made_of_the_same(&scene) {
             self.shadows = Shadows::new(&scene);
             self.lightmaps = Lightmaps::new(&scene);
+        } else if before.lighting != scene.lighting {
+            self.shadows.light_by(&scene);
+            self.lightmaps.light_by(&scene);
         }
         self.renderer.set_scene(&self.recorder.gpu, scene);
     }

@@ -181,7 +181,7 @@ pub struct LightTable {
 }
 
 /// A lamp that shines evenly into all directions.
-#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct LampTable {
     /// World axes.
@@ -228,6 +228,20 @@ pub struct Entry {
     pub object: usize,
     /// Index into its [`PlacedModel::instances`]; `None` if it has none and is placed itself.
     pub instance: Option<usize>,
+}
+
+/// What can be taken hold of in a scene file: what is seen in the picture, or what lights it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Thing {
+    Object(Entry),
+    /// Index into [`LightTable::lamp`].
+    Lamp(usize),
+}
+
+impl From<Entry> for Thing {
+    fn from(entry: Entry) -> Self {
+        Self::Object(entry)
+    }
 }
 
 impl SceneFile {

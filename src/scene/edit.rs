@@ -1,8 +1,9 @@
-//! What is done to one thing of a scene file: where it stands is read, changed and written back to its own entry.
+//! What is done to one thing of a scene file: where it stands is read, changed and written back to its own entry. `lamp` has
+//! the part of lamps.
 
 use glam::{DQuat, DVec3, EulerRot};
 
-use super::document::{Entry, Instance, PlacedModel, Scale, SceneFile};
+use super::document::{Entry, Instance, PlacedModel, Scale, SceneFile, Thing};
 use super::heading::within_a_turn;
 use super::place::Size;
 
@@ -88,7 +89,11 @@ impl SceneFile {
     }
 
     /// Where a thing stands. `None` if there is no such entry.
-    pub fn stance(&self, entry: Entry) -> Option<Stance> {
+    pub fn stance(&self, of: impl Into<Thing>) -> Option<Stance> {
+        let entry = match of.into() {
+            Thing::Object(entry) => entry,
+            Thing::Lamp(lamp) => return self.lamp_stance(lamp),
+        };
         let (object, instance) = self.entry(entry)?;
         let turned = |degrees: Option<[f64; 3]>, quaternion: Option<[f64; 4]>| {
             degrees.map(|d| rotation(d.into())).or_else(|| quaternion.map(|q| DQuat::from_array(q).normalize()))
@@ -114,7 +119,11 @@ impl SceneFile {
 
     /// Has a thing stand so. Keys whose value stays are left as they are, and so is everything of the object's other
     /// instances.
-    pub fn put(&mut self, entry: Entry, to: &Stance) {
+    pub fn put(&mut self, thing: impl Into<Thing>, to: &Stance) {
+        let entry = match thing.into() {
+            Thing::Object(entry) => entry,
+            Thing::Lamp(lamp) => return self.put_lamp(lamp, to),
+        };
         let Some(from) = self.stance(entry) else { return };
         let object = &mut self.objects[entry.object];
         let by_quaternion = {
@@ -128,9 +137,7 @@ impl SceneFile {
             None => keys!(object),
         };
         if to.position_m != from.position_m {
-            let changed = |i: usize| to.position_m[i] != from.position_m[i];
-            *keys.position_m =
-                Some([0, 1, 2].map(|i| if changed(i) { rounded(to.position_m[i]) } else { from.position_m[i] }));
+            *keys.position_m = Some(moved(from.position_m, to.position_m));
         }
         if to.heading_deg != from.heading_deg {
             let heading_deg = rounded(to.heading_deg);
@@ -154,7 +161,11 @@ impl SceneFile {
     }
 
     /// What a thing is called: by its own name, or its object's and a number; without one as its model's file.
-    pub fn title(&self, entry: Entry) -> String {
+    pub fn title(&self, of: impl Into<Thing>) -> String {
+        let entry = match of.into() {
+            Thing::Object(entry) => entry,
+            Thing::Lamp(lamp) => return format!("lamp {}", lamp + 1),
+        };
         let Some((object, instance)) = self.entry(entry) else { return String::new() };
         let name = || object.title();
         match (instance.and_then(|i| i.name.clone()), entry.instance) {
@@ -179,7 +190,11 @@ impl SceneFile {
     }
 
     /// Puts a second one in the same place, and gives its entry. A name gets `copy` behind it.
-    pub fn duplicate(&mut self, entry: Entry) -> Option<Entry> {
+    pub fn duplicate(&mut self, of: impl Into<Thing>) -> Option<Thing> {
+        let entry = match of.into() {
+            Thing::Object(entry) => entry,
+            Thing::Lamp(lamp) => return self.duplicate_lamp(lamp),
+        };
         let title = self.title(entry);
         let taken: Vec<String> = self.entries().into_iter().map(|entry| self.title(entry)).collect();
         let copies = (1..).map(|n| if n == 1 { format!("{title} copy") } else { format!("{title} copy {n}") });
@@ -190,18 +205,22 @@ impl SceneFile {
                 let mut copy = object.instances.get(i)?.clone();
                 copy.name = copy.name.and(name);
                 object.instances.push(copy);
-                Some(Entry { instance: Some(object.instances.len() - 1), ..entry })
+                Some(Entry { instance: Some(object.instances.len() - 1), ..entry }.into())
             }
             None => {
                 let copy = PlacedModel { name, ..object.clone() };
                 self.objects.insert(entry.object + 1, copy);
-                Some(Entry { object: entry.object + 1, instance: None })
+                Some(Entry { object: entry.object + 1, instance: None }.into())
             }
         }
     }
 
     /// Takes a thing away. An object goes with the last of its instances.
-    pub fn remove(&mut self, entry: Entry) {
+    pub fn remove(&mut self, thing: impl Into<Thing>) {
+        let entry = match thing.into() {
+            Thing::Object(entry) => entry,
+            Thing::Lamp(lamp) => return self.remove_lamp(lamp),
+        };
         if self.entry(entry).is_none() {
             return;
         }
@@ -221,13 +240,18 @@ impl PlacedModel {
     }
 }
 
-fn rounded(number: f64) -> f64 {
+/// A place as it is written; numbers that stay are left as they are.
+pub(super) fn moved(from: DVec3, to: DVec3) -> [f64; 3] {
+    [0, 1, 2].map(|i| if to[i] != from[i] { rounded(to[i]) } else { from[i] })
+}
+
+pub(super) fn rounded(number: f64) -> f64 {
     // Plus nothing, since minus nothing reads oddly.
     (number * DIGITS).round() / DIGITS + 0.0
 }
 
 /// To seven digits: a model in millimetres has a scale of 0.001.
-fn significant(number: f64) -> f64 {
+pub(super) fn significant(number: f64) -> f64 {
     format!("{number:.6e}").parse().unwrap_or(number)
 }
 
@@ -319,10 +343,10 @@ mod tests {
         file.rename(KNIFE, "blade");
         assert_eq!(titles(&file), ["case 1", "case 2", "blade"]);
         file = cases();
-        assert_eq!(file.duplicate(FIRST), Some(Entry { object: 0, instance: Some(2) }));
-        assert_eq!(file.duplicate(LAST), Some(Entry { object: 0, instance: Some(3) }));
-        assert_eq!(file.duplicate(KNIFE), Some(Entry { object: 2, instance: None }));
-        assert_eq!(file.duplicate(KNIFE), Some(Entry { object: 2, instance: None }));
+        assert_eq!(file.duplicate(FIRST), Some(Entry { object: 0, instance: Some(2) }.into()));
+        assert_eq!(file.duplicate(LAST), Some(Entry { object: 0, instance: Some(3) }.into()));
+        assert_eq!(file.duplicate(KNIFE), Some(Entry { object: 2, instance: None }.into()));
+        assert_eq!(file.duplicate(KNIFE), Some(Entry { object: 2, instance: None }.into()));
         assert_eq!(titles(&file), ["case 1", "last", "case 3", "last copy", "knife", "knife copy 2", "knife copy"]);
         assert_eq!(file.duplicate(Entry { object: 9, instance: None }), None);
         for _ in 0..4 {

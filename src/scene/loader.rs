@@ -100,7 +100,7 @@ impl Loader {
                 LightKind::Point { range_m, spot } => lighting.points.push(PointLight {
                     position_in_world_m: world_from_light.translation,
                     color,
-                    diameter_m: BULB_M,
+                    diameter_m: BULB_M as f32,
                     range_m,
                     spot: spot.map(|angles| (-towards, Vec2::from(angles))),
                 }),

@@ -12,6 +12,7 @@ mod geometry;
 mod gltf;
 mod heading;
 mod keep;
+mod lamp;
 mod lay;
 mod light;
 mod load;
@@ -33,7 +34,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 
 pub use describe::{Description, ObjectDescription, TextureDescription, bounds_m, describe, odd_size};
-pub use document::{Document, Entry, Gauge, SceneFile};
+pub use document::{Document, Entry, Gauge, SceneFile, Thing};
 pub use edit::Stance;
 pub use error::SceneError;
 pub use heading::Heading;

@@ -7,7 +7,7 @@ use glam::{DQuat, DVec3, Vec3};
 
 use super::document::{Instance, LampTable, LightTable, PlacedModel, Scale, SceneFile, SunTable};
 use super::edit;
-use super::light::{BULB_M, DEFAULT_WHITE_LX, SUN_RAD, default_lighting};
+use super::light::{DEFAULT_WHITE_LX, SUN_RAD, default_lighting};
 use super::loader::Loader;
 use super::place::{Placement, Size, turn_up};
 use super::{Environment, EnvironmentMap, LitBy, Object, PointLight, SceneError, Sun, model, picture};
@@ -185,10 +185,9 @@ fn read_sun(file: &Path, sun: &SunTable, what: &str) -> Result<Sun, SceneError> 
 fn read_lamp(file: &Path, lamp: &LampTable, what: &str) -> Result<PointLight, SceneError> {
     let color = lamp.color.map_or(Vec3::ONE, Vec3::from) * lamp.intensity.unwrap_or(1.0) as f32;
     let color = positive(file, &format!("{what}.color · intensity"), color)?;
-    let diameter_m = match lamp.diameter_m {
-        None => BULB_M,
-        Some(wide_m) if (0.0..=100.0).contains(&wide_m) => wide_m as f32,
-        Some(found) => return Err(SceneError::bad(file, format!("{what}.diameter_m"), found, "0 to 100")),
+    let diameter_m = match lamp.wide_m() {
+        wide_m if (0.0..=100.0).contains(&wide_m) => wide_m as f32,
+        found => return Err(SceneError::bad(file, format!("{what}.diameter_m"), found, "0 to 100")),
     };
     let at_m = lamp.at_m.into();
     Ok(PointLight { position_in_world_m: at_m, color, diameter_m, range_m: f32::INFINITY, spot: None })

@@ -37,6 +37,8 @@ struct Last {
     charts: Vec<Chart>,
     dimmed: Vec<Option<Arc<Lightmap>>>,
     found: Vec<Option<Arc<Lightmap>>>,
+    /// In a light that is another now.
+    is_of_before: bool,
 }
 
 /// All that a part's lightmap depends on but the scene's meshes and far light. Places are told from the object's.
@@ -74,6 +76,14 @@ impl Lightmaps {
         Self { lighting: scene.lighting.clone(), far: None, kept: Kept::new(KEPT), last: None }
     }
 
+    /// The same meshes are lit otherwise from now on. Until lightmaps are worked out anew, the last ones are rough ones, if as many suns
+    /// and lamps shine.
+    pub fn light_by(&mut self, scene: &Scene) {
+        let count = |lighting: &Lighting| (lighting.suns.len(), lighting.points.len());
+        let last = self.last.take().filter(|_| count(&self.lighting) == count(&scene.lighting));
+        *self = Self { last: last.map(|last| Last { is_of_before: true, ..last }), ..Self::new(scene) };
+    }
+
     /// One for each part of each object, in turn, as they are placed; `None` where nothing takes any light. `unwrapped` are the
     /// scene's meshes, `charts` what its objects take of the floors' light, `dimmed` what real things leave of lamps' light for each
     /// part, or nothing.
@@ -84,7 +94,9 @@ impl Lightmaps {
         charts: &[Chart],
         dimmed: &[Option<Arc<Lightmap>>],
     ) -> Vec<Option<Arc<Lightmap>>> {
-        let is_same = |last: &&Last| last.objects == scene.objects && last.charts == charts && last.dimmed == dimmed;
+        let is_same = |last: &&Last| {
+            !last.is_of_before && last.objects == scene.objects && last.charts == charts && last.dimmed == dimmed
+        };
         if let Some(last) = self.last.as_ref().filter(is_same) {
             return last.found.clone();
         }
@@ -105,6 +117,7 @@ impl Lightmaps {
             charts: charts.to_vec(),
             dimmed: dimmed.to_vec(),
             found: found.clone(),
+            is_of_before: false,
         });
         found
     }
@@ -116,7 +129,7 @@ impl Lightmaps {
             |objects: &[Object]| objects.iter().flat_map(|o| &o.parts).map(|part| part.mesh).collect::<Vec<_>>();
         match &self.last {
             Some(last) if meshes(&last.objects) == meshes(&scene.objects) => {
-                (last.found.clone(), last.objects != scene.objects)
+                (last.found.clone(), last.is_of_before || last.objects != scene.objects)
             }
             _ => (Vec::new(), !scene.objects.is_empty()),
         }
@@ -414,6 +427,18 @@ mod tests {
             |map: &Option<Arc<Lightmap>>| map.as_ref().unwrap().layers[0].iter().map(|t| t[0]).fold(1.0, f32::min);
         assert_eq!(maps.sketched(&scene), (near.clone(), false));
         assert!(least(&alone[0]) == 1.0 && least(&near[0]) < 0.9, "{}", least(&near[0]));
+        // Under a sky of another colour it is the one of before until it is asked for; with a lamp more there is none.
+        scene.lighting.environment = Environment::Uniform(Vec3::new(0.5, 0.4, 0.3));
+        maps.light_by(&scene);
+        assert_eq!(maps.sketched(&scene), (near.clone(), true));
+        assert_eq!(maps.of(&scene, &unwrapped, &[], &[]), Lightmaps::new(&scene).of(&scene, &unwrapped, &[], &[]));
+        assert!(!maps.sketched(&scene).1);
+        let mut lamps = scene.clone();
+        lamps.lighting.points.push(lamp(DVec3::new(0.0, 0.0, 3.0)));
+        Lightmaps::light_by(&mut maps, &lamps);
+        assert_eq!(maps.sketched(&lamps), (Vec::new(), true));
+        maps.light_by(&scene);
+        let near = maps.of(&scene, &unwrapped, &[], &[]);
         // Something without a shadow takes nothing.
         scene.objects[1].shadowless = true;
         assert_eq!(maps.sketched(&scene), (near.clone(), true));

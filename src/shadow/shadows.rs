@@ -66,8 +66,19 @@ type Parts = Vec<(usize, DAffine3)>;
 impl Shadows {
     /// For scenes of these meshes and this light.
     pub fn new(scene: &Scene) -> Self {
+        Self::under(scene, Around::new(&scene.lighting.environment))
+    }
+
+    /// The same meshes are lit otherwise from now on. What the surroundings are, if they are the same, stays known.
+    pub fn light_by(&mut self, scene: &Scene) {
+        *self = match self.lighting.environment == scene.lighting.environment {
+            true => Self { far: self.far.take(), ..Self::under(scene, self.around.clone()) },
+            false => Self::new(scene),
+        };
+    }
+
+    fn under(scene: &Scene, around: Around) -> Self {
         let lighting = scene.lighting.clone();
-        let around = Around::new(&lighting.environment);
         let charts = Kept::new(KEPT);
         let (rays, extents, sketches) = (Kept::new(KEPT), Kept::new(KEPT), Kept::new(KEPT));
         Self {
@@ -532,6 +543,33 @@ mod tests {
         assert_eq!(shadows.sketched(&bare).0, []);
         // A whole one is of the floor as it is.
         assert!(!Arc::ptr_eq(&only(shadows.charts(&moved(0.1, 0.0))).shares, &exact.shares));
+    }
+
+    #[test]
+    fn lit_otherwise_charts_are_those_of_the_new_light() {
+        let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
+        let lamp = |x: f64| PointLight {
+            position_in_world_m: floor.at(glam::DVec2::new(x, 0.1)) + DVec3::Z,
+            color: Vec3::ONE,
+            diameter_m: 0.06,
+            range_m: f32::INFINITY,
+            spot: None,
+        };
+        let of = |lighting: Lighting| scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
+        let [left, right] = [-0.5, 0.5].map(|x| of(Lighting { points: vec![lamp(x)], ..even_sky() }));
+        let dark = of(Lighting { points: vec![lamp(0.5)], ..Lighting::default() });
+        let mut shadows = Shadows::new(&left);
+        let first = shadows.charts(&left);
+        // Charts are compared by whether they are the very same.
+        let shares = |charts: Vec<Chart>| charts.iter().map(|chart| Shares::clone(&chart.shares)).collect::<Vec<_>>();
+        for scene in [&right, &dark, &left] {
+            shadows.light_by(scene);
+            let (rough, is_rough) = shadows.sketched(scene);
+            assert!(is_rough && shares(rough) == shares(Shadows::new(scene).sketched(scene).0));
+            assert!(shares(shadows.charts(scene)) == shares(Shadows::new(scene).charts(scene)));
+        }
+        let first = shares(first);
+        assert!(shares(shadows.charts(&left)) == first && shares(Shadows::new(&right).charts(&right)) != first);
     }
 
     #[test]

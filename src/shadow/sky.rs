@@ -104,7 +104,7 @@ pub struct Behind {
 }
 
 /// A scene's surrounding light in the size in which it is looked at: made once for all floors.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Around {
     level: Level,
     world_from_map: Mat3,

@@ -79,6 +79,13 @@ impl Eye {
         self.keys.origin_in_world_m
     }
 
+    /// The way from the camera to a point of the world in the camera's axes (x right, y down, z ahead), metres, at the frame's time:
+    /// to what is behind it, too.
+    pub fn way_to(&self, point_m: DVec3) -> DVec3 {
+        let (rotation, position_m) = self.keys.at(0.0);
+        rotation * (point_m - self.keys.origin_in_world_m - position_m)
+    }
+
     /// Where a point of the world is seen, px from the picture's upper left; it may lie outside. `None` behind the camera,
     /// and where the lens sees nothing.
     pub fn project(&self, point_m: DVec3) -> Option<DVec2> {
@@ -140,6 +147,18 @@ mod tests {
         let (top, middle) = (DVec2::new(320.0, 4.0), DVec2::new(320.0, 240.0));
         let moved = |at: DVec2| rigid.project(eye.ray(at).unwrap().at(1.0)).unwrap().distance(at);
         assert!(moved(top) > 0.5 && moved(middle) < 1e-6, "{} {}", moved(top), moved(middle));
+    }
+
+    #[test]
+    fn the_way_to_what_is_behind_is_known_too() {
+        let shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given::default()).unwrap();
+        let eye = shot.eye(30).unwrap();
+        // In the middle row the time is the frame's.
+        let ray = eye.ray(DVec2::new(500.0, 240.0)).unwrap();
+        let [ahead, behind] = [2.0, -2.0].map(|m| eye.way_to(ray.at(m)));
+        assert!((ahead.length() - 2.0).abs() < 1e-9 && ahead.abs_diff_eq(-behind, 1e-9), "{ahead} {behind}");
+        assert!(ahead.z > 1.5 && ahead.x > 0.3 && eye.project(ray.at(-2.0)).is_none(), "{ahead}");
+        assert!(eye.in_camera(ray.at(2.0)).unwrap().abs_diff_eq(ahead, 1e-6));
     }
 
     #[test]

@@ -19,6 +19,7 @@ use super::hand::Hand;
 use super::handles::Handles;
 use super::keeper::{Keeper, Turn};
 use super::keys;
+use super::lamps::Lamps;
 use super::measure::Measure;
 use super::painter;
 use super::picture::View;
@@ -33,7 +34,7 @@ use super::theme;
 use super::timeline::{self, Held, Told};
 use super::viewer::Viewer;
 use crate::live;
-use crate::scene::Entry;
+use crate::scene::Thing;
 
 /// The tuner.
 pub struct App {
@@ -41,6 +42,7 @@ pub struct App {
     pub view: View,
     side: Side,
     evidence: Evidence,
+    lamps: Lamps,
     hand: Hand,
     handles: Handles,
     keeper: Keeper,
@@ -78,6 +80,7 @@ impl App {
             view: View::default(),
             side: Side::default(),
             evidence: Evidence::default(),
+            lamps: Lamps::default(),
             hand: Hand::default(),
             handles: Handles::default(),
             keeper: Keeper::default(),
@@ -158,7 +161,7 @@ impl App {
     }
 
     /// The thing that is selected in the list and in the picture.
-    pub fn selected(&self) -> Option<Entry> {
+    pub fn selected(&self) -> Option<Thing> {
         self.evidence.selected
     }
 
@@ -199,8 +202,23 @@ impl App {
             let session = &mut self.session;
             let frame = session.frame().cloned();
             let gpu = session.viewer.gpu();
-            let evidence = &mut self.evidence;
-            let wrong = fixed(ui, |ui| evidence.show(ui, &mut session.project, gpu, frame.as_ref()));
+            let (evidence, lamps) = (&mut self.evidence, &mut self.lamps);
+            let wrong = fixed(ui, |ui| {
+                egui::ScrollArea::vertical()
+                    .show(ui, |ui| {
+                        let of_evidence = evidence.show(ui, &mut session.project, gpu, frame.as_ref());
+                        // What was begun last is asked for.
+                        if evidence.is_busy() {
+                            lamps.cancel();
+                        }
+                        let of_lamps = lamps.show(ui, &mut session.project, frame.as_ref(), &mut evidence.selected);
+                        if lamps.is_picking() {
+                            evidence.cancel();
+                        }
+                        of_evidence.or(of_lamps)
+                    })
+                    .inner
+            });
             if let Some(wrong) = wrong {
                 self.session.say(wrong);
             }
@@ -222,7 +240,7 @@ impl App {
                 // Its threads end when what they decode and draw is done.
                 let_go(std::mem::replace(&mut self.session, session));
                 (self.view, self.evidence, self.hand) = Default::default();
-                (self.handles, self.side) = Default::default();
+                (self.handles, self.side, self.lamps) = Default::default();
                 self.go_on(at, None);
                 self.keeper.turned(&self.session);
             }

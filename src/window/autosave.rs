@@ -45,7 +45,7 @@ pub struct Work {
 }
 
 impl Work {
-    /// Now. A scene without a file names its models by absolute paths: where it lies is not known later.
+    /// Now. A scene without a file names its models and its panorama by absolute paths: where it lies is not known later.
     pub fn new(
         recording: &Path,
         metres_per_unit: f64,
@@ -55,8 +55,9 @@ impl Work {
     ) -> Self {
         let mut edit = edit;
         if scene.is_none() {
-            for object in &mut edit.scene.objects {
-                object.model = absolute(Path::new(&object.model)).to_string_lossy().into_owned();
+            let models = edit.scene.objects.iter_mut().map(|object| &mut object.model);
+            for name in models.chain(&mut edit.scene.light.environment) {
+                *name = absolute(Path::new(name)).to_string_lossy().into_owned();
             }
         }
         let at_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
@@ -395,8 +396,10 @@ mod tests {
         let model =
             crate::scene::document::PlacedModel { model: "scenes/marker-1.glb".to_owned(), ..Default::default() };
         edit.scene.objects.push(model);
+        edit.scene.light.environment = Some("scenes/demo-light.hdr".to_owned());
         let written = Work::new(Path::new("r"), 1.0, None, None, edit.clone());
         assert!(Path::new(&written.edit.scene.objects[0].model).is_absolute());
+        assert!(Path::new(&written.edit.scene.light.environment.unwrap()).is_absolute());
         let written = Work::new(Path::new("r"), 1.0, None, Some(Path::new("s.toml")), edit.clone());
         assert_eq!(written.edit, edit);
     }

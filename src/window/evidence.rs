@@ -7,18 +7,19 @@ use eframe::egui::{self, RichText, Ui};
 use glam::{DVec2, DVec3};
 
 use super::Project;
-use super::fields::{is_taken_back, numeric};
+use super::fields::{is_taken_back, numeric, row};
 use super::finder::Click;
 use super::ground::Ground;
 use super::handles::{Ghost, Plane, Would};
 use super::library::{Library, name};
 use super::list;
 use super::picture::Seen;
+use super::things;
 use super::wrongs::Wrongs;
 use crate::frame::Frame;
 use crate::gpu::Gpu;
 use crate::scene::document::{PlacedModel, Up};
-use crate::scene::{Entry, Posture, SceneError, SceneFile, Size, Stance, Support, lay, relative};
+use crate::scene::{Entry, Posture, SceneError, SceneFile, Size, Stance, Support, Thing, lay, relative};
 use crate::shot::{Eye, Ray, Shot};
 
 /// What is being done with the evidence.
@@ -40,7 +41,7 @@ pub struct Evidence {
     /// Where it was pressed, px of the picture.
     pressed_px: Option<DVec2>,
     /// In the list and in the picture.
-    pub selected: Option<Entry>,
+    pub selected: Option<Thing>,
     renaming: Option<Renaming>,
 }
 
@@ -129,13 +130,12 @@ impl Evidence {
         ui.separator();
         self.wrongs.look(project, frame, ui.ctx());
         let scene = project.edit().scene.clone();
-        let entries = scene.entries();
-        self.selected = self.selected.filter(|selected| entries.contains(selected));
+        self.selected = self.selected.filter(|selected| scene.stance(*selected).is_some());
         told = list::show(ui, project, &self.wrongs, &mut self.selected).or(told);
         let scene = project.edit().scene.clone();
         let renaming = self.renaming.take();
         let was_typing = renaming.is_some();
-        if let Some(entry) = self.selected {
+        if let Some(Thing::Object(entry)) = self.selected {
             ui.separator();
             told = self.selected(ui, project, &scene, entry, renaming).or(told);
         }
@@ -218,54 +218,16 @@ impl Evidence {
         wrong = switches(ui, project, entry).or(wrong);
         ui.horizontal(|ui| {
             if ui.button("Duplicate").on_hover_text("Shift+D, and move it").clicked() {
-                wrong = self.duplicate(project, entry);
+                wrong = things::duplicate(project, &mut self.selected);
             }
             if ui.button(if scene.is_hidden(entry) { "Show" } else { "Hide" }).on_hover_text("H").clicked() {
-                wrong = self.hide(project);
+                wrong = things::hide(project, self.selected);
             }
             if ui.button("Delete").on_hover_text("Del").clicked() {
-                wrong = self.delete(project);
+                wrong = things::delete(project, &mut self.selected);
             }
         });
         wrong
-    }
-
-    /// A second one, 10 cm to the side.
-    fn duplicate(&mut self, project: &mut Project, entry: Entry) -> Option<String> {
-        let what = format!("{}: duplicated", project.edit().scene.title(entry));
-        let mut copy = None;
-        let done = project.change_scene(&what, |scene| {
-            copy = scene.duplicate(entry);
-            if let Some((copy, mut stance)) = copy.and_then(|copy| Some((copy, scene.stance(copy)?))) {
-                stance.position_m.x += 0.1;
-                scene.put(copy, &stance);
-            }
-        });
-        project.close_step();
-        if done.is_ok() {
-            self.selected = copy.or(self.selected);
-        }
-        done.err().map(|e| e.to_string())
-    }
-
-    /// Leaves what is selected out of the picture, or shows it again. Gives back what went wrong.
-    pub fn hide(&mut self, project: &mut Project) -> Option<String> {
-        let entry = self.selected?;
-        let scene = &project.edit().scene;
-        let hides = !scene.is_hidden(entry);
-        let what = format!("{}: {}", scene.title(entry), if hides { "hidden" } else { "shown" });
-        let done = project.change_scene(&what, |scene| scene.hide(entry, hides));
-        project.close_step();
-        done.err().map(|e| e.to_string())
-    }
-
-    /// Takes away what is selected. Gives back what went wrong.
-    pub fn delete(&mut self, project: &mut Project) -> Option<String> {
-        let entry = self.selected.take()?;
-        let what = format!("{}: deleted", project.edit().scene.title(entry));
-        let done = project.change_scene(&what, |scene| scene.remove(entry));
-        project.close_step();
-        done.err().map(|e| e.to_string())
     }
 
     /// Where the picture is dragged while something is placed: the thing stands where the button was pressed, and its front
@@ -319,7 +281,8 @@ impl Evidence {
         };
         project.change_scene(&what, put).map_err(|e| e.to_string())?;
         project.close_step();
-        self.selected = Some(Entry { object: project.edit().scene.objects.len() - 1, instance: None });
+        let entry = Entry { object: project.edit().scene.objects.len() - 1, instance: None };
+        self.selected = Some(entry.into());
         Ok(())
     }
 
@@ -434,14 +397,6 @@ fn switches(ui: &mut Ui, project: &mut Project, entry: Entry) -> Option<String> 
     };
     project.close_step();
     done.err().map(|e| e.to_string())
-}
-
-/// A number with its label; whether a change of it has ended.
-fn row(ui: &mut Ui, label: &str, called: &str, value: &mut f64, speed: f64, unit: &str) -> bool {
-    ui.label(label);
-    let response = numeric(ui, called, value, speed, unit);
-    ui.end_row();
-    response.drag_stopped() || response.lost_focus()
 }
 
 /// The size as the scene file has it: a factor, three, or the largest extent.

@@ -14,6 +14,14 @@ pub fn numeric(ui: &mut Ui, called: &str, value: &mut f64, speed: f64, unit: &st
     response
 }
 
+/// A number with its label; whether a change of it has ended.
+pub fn row(ui: &mut Ui, label: &str, called: &str, value: &mut f64, speed: f64, unit: &str) -> bool {
+    ui.label(label);
+    let response = numeric(ui, called, value, speed, unit);
+    ui.end_row();
+    response.drag_stopped() || response.lost_focus()
+}
+
 /// Where the pass is kept in which Esc was pressed last.
 fn escaped() -> Id {
     Id::unique("esc in a field")

@@ -5,10 +5,11 @@ use eframe::egui::{RichText, Ui, vec2};
 use glam::{DVec2, DVec3};
 
 use super::Project;
-use super::fields::numeric;
+use super::fields::{numeric, rounded};
 use super::finder::{Click, Finder, is_scaled, mark};
 use super::picture::Seen;
 use crate::frame::Frame;
+use crate::scene::SceneFile;
 use crate::shot::{metres_per_unit, plane_through};
 use crate::words::fixed;
 
@@ -186,11 +187,7 @@ fn set_scale(project: &mut Project, a: DVec3, b: DVec3, distance_m: f64) -> Resu
     let factor = unit / now;
     let changed = project.change_scene("scale set", |scene| {
         scene.metres_per_unit = Some(unit);
-        for object in &mut scene.objects {
-            let own = object.position_m.iter_mut();
-            let all = own.chain(object.instances.iter_mut().filter_map(|instance| instance.position_m.as_mut()));
-            all.flatten().for_each(|c| *c = (*c * factor * 1e4).round() / 1e4);
-        }
+        move_apart(scene, factor);
     });
     changed.map_err(|e| e.to_string())?;
     project.close_step();
@@ -201,4 +198,36 @@ fn set_scale(project: &mut Project, a: DVec3, b: DVec3, distance_m: f64) -> Resu
         );
     }
     Ok(format!("1 unit of the recording is {unit} m; the scene file keeps it."))
+}
+
+/// Moves all things of a scene with a world that becomes larger, about its origin. They keep their size, and lamps shine onto what they
+/// shone onto as brightly as before.
+fn move_apart(scene: &mut SceneFile, factor: f64) {
+    for object in &mut scene.objects {
+        let own = object.position_m.iter_mut();
+        let all = own.chain(object.instances.iter_mut().filter_map(|instance| instance.position_m.as_mut()));
+        all.flatten().for_each(|c| *c = (*c * factor * 1e4).round() / 1e4);
+    }
+    for lamp in &mut scene.light.lamp {
+        lamp.at_m.iter_mut().for_each(|c| *c = (*c * factor * 1e4).round() / 1e4);
+        // Light falls off with the square of the distance.
+        lamp.intensity = Some(rounded(lamp.intensity.unwrap_or(1.0) * factor * factor));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::document::PlacedModel;
+
+    #[test]
+    fn in_a_world_three_times_as_large_lamps_shine_nine_times_as_bright_from_three_times_as_far() {
+        let mut scene = SceneFile::default();
+        scene.objects.push(PlacedModel { position_m: Some([0.1, -2.0, 0.0]), ..PlacedModel::default() });
+        scene.add_lamp(DVec3::new(1.0, 0.5, 0.25));
+        move_apart(&mut scene, 3.0);
+        let lamp = &scene.light.lamp[0];
+        assert_eq!((lamp.at_m, lamp.intensity, lamp.diameter_m), ([3.0, 1.5, 0.75], Some(9.0), None));
+        assert_eq!(scene.objects[0].position_m, Some([0.3, -6.0, 0.0]));
+    }
 }

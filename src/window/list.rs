@@ -4,10 +4,10 @@ use eframe::egui::{self, RichText, Stroke, Ui, vec2};
 
 use super::Project;
 use super::wrongs::Wrongs;
-use crate::scene::Entry;
+use crate::scene::Thing;
 
 /// Shows the list. A click selects, the box at the left shows and hides. Gives what went wrong.
-pub fn show(ui: &mut Ui, project: &mut Project, wrongs: &Wrongs, selected: &mut Option<Entry>) -> Option<String> {
+pub fn show(ui: &mut Ui, project: &mut Project, wrongs: &Wrongs, selected: &mut Option<Thing>) -> Option<String> {
     let scene = project.edit().scene.clone();
     let mut switched = None;
     egui::ScrollArea::vertical().max_height(220.0).auto_shrink([false, true]).show(ui, |ui| {
@@ -23,10 +23,10 @@ pub fn show(ui: &mut Ui, project: &mut Project, wrongs: &Wrongs, selected: &mut 
                     switched = Some((entry, !is_shown, title.clone()));
                 }
                 let name = title.clone();
-                let is_selected = *selected == Some(entry);
+                let is_selected = *selected == Some(entry.into());
                 let text = if is_shown { RichText::new(title) } else { RichText::new(title).weak() };
                 if ui.selectable_label(is_selected, text).clicked() {
-                    *selected = (!is_selected).then_some(entry);
+                    *selected = (!is_selected).then_some(entry.into());
                 }
                 let told: Vec<String> = wrongs.of(object).map(ToString::to_string).collect();
                 if !told.is_empty() {
@@ -35,7 +35,7 @@ pub fn show(ui: &mut Ui, project: &mut Project, wrongs: &Wrongs, selected: &mut 
             });
         }
     });
-    let object = selected.and_then(|selected| scene.entries().iter().position(|entry| *entry == selected));
+    let object = selected.and_then(|selected| scene.entries().iter().position(|entry| selected == (*entry).into()));
     for note in object.into_iter().flat_map(|object| wrongs.of(object)) {
         ui.label(RichText::new(note.to_string()).small().color(ui.visuals().warn_fg_color));
     }

@@ -12,8 +12,9 @@
 //!   `progress`: how far it is. `fields`: numbers to drag and to type, with a `slider`.
 //! - `measure`: what the window costs. `app`: the window. `fit`: its size at the start. `theme`: its colours. `actions`: what keys do, `keys` the page of them. `picture` with its `loupe`, `controls`,
 //!   `evidence`, `timeline` with its `thumbnails`: its parts. `hand`: places in the picture that another part asks for; `steered` by keys.
-//!   `handles`: objects in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
-//!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it.
+//!   `handles`: objects and lamps in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
+//!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it; `things`: what is
+//!   done to what is selected. `lamps`: those of the scene, and one more.
 //!
 //! - `analysing`: the footage analysed, and what was found taken over where one is.
 //! - `keeper`: opening and saving, and what is asked before anything is lost (`chooser`, `dialogs`, `kind`, `saving`,
@@ -54,6 +55,7 @@ mod jobs;
 mod keeper;
 mod keys;
 mod kind;
+mod lamps;
 mod library;
 mod light;
 mod list;
@@ -84,6 +86,7 @@ mod start;
 mod state;
 mod steered;
 mod theme;
+mod things;
 mod thumbnails;
 mod timeline;
 mod times;

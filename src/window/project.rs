@@ -1,6 +1,7 @@
 //! What a person edits: a shot's camera, settings and scene, as plain values with a past, and the files that keep them.
 
 mod found;
+mod light;
 mod save;
 mod scene;
 

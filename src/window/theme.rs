@@ -1,7 +1,7 @@
 //! Light and dark: egui's own, with texts that can be read on what they stand on, and that are large enough.
 
 use eframe::egui::style::Visuals;
-use eframe::egui::{Color32, Context, FontId, TextStyle, Theme};
+use eframe::egui::{Color32, Context, FontId, Rgba, TextStyle, Theme};
 
 /// Nothing in the window is written smaller, points.
 pub const SMALLEST: f32 = 11.0;
@@ -21,6 +21,13 @@ pub fn install(ctx: &Context) {
 pub fn exchange(ctx: &Context) {
     let dark = ctx.global_style().visuals.dark_mode;
     ctx.set_theme(if dark { Theme::Light } else { Theme::Dark });
+}
+
+/// The colour of a light, linear red, green and blue, as bright as it can be shown.
+pub fn of_light(rgb: [f64; 3]) -> Color32 {
+    let most = rgb.into_iter().fold(f64::MIN_POSITIVE, f64::max);
+    let [r, g, b] = rgb.map(|c| (c / most) as f32);
+    Rgba::from_rgb(r, g, b).into()
 }
 
 fn readable(visuals: &mut Visuals) {

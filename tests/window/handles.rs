@@ -10,12 +10,12 @@ use egui_kittest::kittest::Queryable;
 use glam::{DVec2, DVec3};
 use locard::compositor::Target;
 use locard::recording::OpenOptions;
-use locard::scene::{Entry, Size, Stance};
+use locard::scene::{Entry, Size, Stance, Thing};
 use locard::shot::{Given, Shot};
 use locard::window::{App, Project};
 
-const MARKER: Entry = Entry { object: 0, instance: None };
-const CASE: Entry = Entry { object: 2, instance: Some(0) };
+const MARKER: Thing = Thing::Object(Entry { object: 0, instance: None });
+const CASE: Thing = Thing::Object(Entry { object: 2, instance: Some(0) });
 /// Where the demonstration's scene has them.
 const MARKER_AT: [f64; 3] = [0.0, 0.12, 0.0];
 
@@ -62,8 +62,8 @@ fn press(window: &mut Harness<'_, App>, key: Key) {
     window.run_steps(2);
 }
 
-fn stance(window: &Harness<'_, App>, entry: Entry) -> Stance {
-    window.state().project().edit().scene.stance(entry).unwrap()
+fn stance(window: &Harness<'_, App>, thing: Thing) -> Stance {
+    window.state().project().edit().scene.stance(thing).unwrap()
 }
 
 fn steps(window: &Harness<'_, App>) -> Vec<String> {

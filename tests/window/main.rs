@@ -5,6 +5,8 @@
 
 #[path = "../common/filmed.rs"]
 mod filmed;
+#[path = "../common/footage.rs"]
+mod footage;
 #[path = "../common/gpu.rs"]
 mod gpu;
 #[path = "../common/program.rs"]
@@ -18,6 +20,7 @@ mod access;
 mod analysing;
 mod handles;
 mod keeping;
+mod lamps;
 mod live;
 mod matching;
 mod place;

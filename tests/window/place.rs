@@ -8,7 +8,7 @@ use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
 use glam::{DVec2, DVec3};
 use locard::recording::OpenOptions;
-use locard::scene::Entry;
+use locard::scene::{Entry, Thing};
 use locard::shot::Given;
 use locard::window::{App, Project};
 
@@ -180,7 +180,7 @@ fn what_is_placed_faces_whoever_looks_and_its_heading_is_the_whole_turn() {
     window.run_steps(2);
     for point_m in [[0.1, -0.2, 0.0], [-0.3, -0.3, 0.0]] {
         click(&mut window, point_m);
-        let entry = window.state().selected().unwrap();
+        let Some(Thing::Object(entry)) = window.state().selected() else { panic!() };
         let to_camera = window.state().project().shot().eye(FRAME).unwrap().position_m() - DVec3::from(point_m);
         let off = faces(&window, entry).dot(to_camera.truncate().normalize());
         // The depth is noisy, and a tenth of a degree is written.
@@ -231,7 +231,7 @@ fn a_thing_loses_its_shadow_and_stands_in_for_something_real() {
     let mut window = open();
     let first = Entry { object: 0, instance: None };
     click(&mut window, [0.0, 0.12, 0.03]);
-    assert_eq!(window.state().selected(), Some(first));
+    assert_eq!(window.state().selected(), Some(first.into()));
     let with_both = shown(&window);
     let state = |window: &Harness<'_, App>| {
         let scene = &window.state().project().edit().scene;

@@ -7,6 +7,7 @@ use super::super::camera::Asked;
 use super::super::fields;
 use super::super::handles::Handles;
 use super::super::theme;
+use super::super::things;
 use super::App;
 
 impl App {
@@ -56,21 +57,22 @@ impl App {
                 }
             }
             Action::Hide => {
-                if let Some(wrong) = self.evidence.hide(&mut self.session.project) {
+                if let Some(wrong) = things::hide(&mut self.session.project, self.evidence.selected) {
                     self.session.say(wrong);
                 }
             }
             Action::Delete => {
-                if let Some(wrong) = self.evidence.delete(&mut self.session.project) {
+                if let Some(wrong) = things::delete(&mut self.session.project, &mut self.evidence.selected) {
                     self.session.say(wrong);
                 }
             }
             Action::Keys => self.shows_keys = !self.shows_keys,
             Action::Leave => {
                 // What was begun first, then what is open.
-                let was_begun = self.hand.asks_for().is_some() || self.evidence.is_busy();
+                let was_begun = self.hand.asks_for().is_some() || self.evidence.is_busy() || self.lamps.is_picking();
                 self.hand.cancel();
                 self.evidence.cancel();
+                self.lamps.cancel();
                 let was_open = self.shows_keys || self.shows_history;
                 if !was_begun && !(self.keeper.close_windows() | was_open) {
                     self.evidence.selected = None;
@@ -90,7 +92,7 @@ impl App {
         if self.keeper.is_asking() {
             return;
         }
-        let is_asked = self.evidence.is_placing() || self.evidence.ground.is_picking();
+        let is_asked = self.evidence.is_placing() || self.evidence.ground.is_picking() || self.lamps.is_picking();
         match self.session.frame().filter(|_| is_asked && !ctx.egui_wants_keyboard_input()) {
             Some(frame) => {
                 let size = egui::vec2(frame.pixels.width as f32, frame.pixels.height as f32);

@@ -16,8 +16,9 @@ impl App {
         let asked = self.hand.asks_for();
         let is_picking = self.evidence.ground.is_picking() && asked.is_none();
         let is_placing = self.evidence.is_placing() && asked.is_none() && !is_picking;
+        let is_for_lamp = self.lamps.is_picking() && asked.is_none() && !is_picking && !is_placing;
         let taken = Taken {
-            clicks: is_placing || is_picking || asked.is_some(),
+            clicks: is_placing || is_picking || is_for_lamp || asked.is_some(),
             drags: asked.is_some() || is_placing || self.handles.takes_drags(),
         };
         let other = self.session.project.edit().other.as_ref();
@@ -41,7 +42,7 @@ impl App {
             seen: &seen,
             view: &self.view,
             frame: &frame,
-            is_free: !is_placing && !is_picking && asked.is_none(),
+            is_free: !is_placing && !is_picking && !is_for_lamp && asked.is_none(),
             is_hidden: self.view.plain || (self.session.player.playing && !self.session.is_live()),
         };
         match self.handles.show(&over, &mut self.session.project, &mut self.evidence.selected) {
@@ -55,6 +56,19 @@ impl App {
             match at.map_or(Ok(None), |at| self.evidence.ground.click(&self.session.project, &frame, at)) {
                 Ok(said) => said.into_iter().for_each(|said| self.session.say(said)),
                 Err(wrong) => self.session.say(wrong),
+            }
+        }
+        if is_for_lamp {
+            seen.tell("Click where the lamp shall be. Esc ends it");
+            if seen.pointed.is_some() {
+                ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
+            }
+            if let Some(at) = seen.clicked.map(|at| DVec2::new(at.x.into(), at.y.into())) {
+                let (project, selected) = (&mut self.session.project, &mut self.evidence.selected);
+                match self.lamps.pick(project, &self.evidence.ground.finder, &frame, at, selected) {
+                    Ok(said) => said.into_iter().for_each(|said| self.session.say(said)),
+                    Err(wrong) => self.session.say(wrong),
+                }
             }
         }
         if is_placing {

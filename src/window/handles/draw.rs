@@ -3,13 +3,17 @@
 use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, pos2, vec2};
 use glam::DVec2;
 
+use super::super::picture::plate;
 use super::gizmo::{Gizmo, Handle};
+use super::lamp::Mark;
 
 const SELECTED: Color32 = Color32::from_rgb(230, 159, 0);
 const HELD: Color32 = Color32::from_rgb(255, 220, 130);
 const AXES: [Color32; 3] =
     [Color32::from_rgb(226, 84, 84), Color32::from_rgb(104, 190, 92), Color32::from_rgb(86, 142, 240)];
 const PLAIN: Color32 = Color32::from_rgb(225, 225, 225);
+/// A name at the left of a lamp has this much room, points.
+const ROOM: f32 = 150.0;
 /// Below every line, so that it is seen on white too.
 const UNDER: Color32 = Color32::from_black_alpha(110);
 
@@ -92,6 +96,45 @@ pub fn gizmo(painter: &Painter, gizmo: &Gizmo, hot: Option<Handle>, is_held: boo
         painter.circle_filled(centre, 5.5, UNDER);
         painter.circle_filled(centre, 4.0, color(Handle::Slide, SELECTED));
     }
+}
+
+/// A lamp in its colour: with rays where it is seen, with an arrow to where it is at the rim. What is selected or pointed at is named.
+pub fn lamp(painter: &Painter, mark: &Mark, light: Color32, is_selected: bool, named: Option<&str>) {
+    let middle = at(mark.at);
+    let ring = if is_selected { SELECTED } else { PLAIN };
+    let out = |way: DVec2, from: f32, to: f32| {
+        let way = vec2(way.x as f32, way.y as f32);
+        [middle + way * from, middle + way * to]
+    };
+    match mark.beyond {
+        None => {
+            for n in 0..8 {
+                let [from, to] = out(DVec2::from_angle(f64::from(n) * std::f64::consts::FRAC_PI_4), 8.5, 12.5);
+                line(painter, vec![from, to], 1.5, ring);
+            }
+        }
+        Some(way) => {
+            let ([foot, tip], side) = (out(way, 7.5, 15.0), out(way.perp(), 0.0, 5.0));
+            let side = side[1] - side[0];
+            painter.add(Shape::convex_polygon(vec![tip, foot + side, foot - side], ring, Stroke::new(1.0, UNDER)));
+        }
+    }
+    painter.circle_filled(middle, 7.5, UNDER);
+    painter.circle_filled(middle, 5.0, light);
+    painter.circle_stroke(middle, 5.5, Stroke::new(if is_selected { 2.0 } else { 1.5 }, ring));
+    let Some(named) = named else { return };
+    // Away from the handles: most arrows point up and to the right, and those of a lamp beyond the rim are nearer to the middle.
+    let rims = painter.clip_rect();
+    let is_left = middle.x < rims.center().x;
+    let (beside, align) = match mark.beyond {
+        None if middle.x < rims.min.x + ROOM => (vec2(-4.0, 18.0), Align2::LEFT_TOP),
+        None => (vec2(-14.0, 10.0), Align2::RIGHT_TOP),
+        Some(way) if way.x.abs() > way.y.abs() && is_left => (vec2(-8.0, 20.0), Align2::LEFT_TOP),
+        Some(way) if way.x.abs() > way.y.abs() => (vec2(8.0, 20.0), Align2::RIGHT_TOP),
+        Some(_) if middle.x < rims.min.x + ROOM => (vec2(24.0, 0.0), Align2::LEFT_CENTER),
+        Some(_) => (vec2(-24.0, 0.0), Align2::RIGHT_CENTER),
+    };
+    plate(painter, middle + beside, align, named, 12.0);
 }
 
 /// The axis that it is bound to, right across the picture.

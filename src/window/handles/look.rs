@@ -11,6 +11,7 @@ pub type Border = Vec<Vec<DVec2>>;
 
 /// A thing of more triangles is shown by the box around it, so that dragging it stays immediate.
 const MOST_TRIANGLES: usize = 60_000;
+const BALL_SIDES: usize = 48;
 
 /// The border of an object of the scene's meshes.
 pub fn border(eye: &Eye, scene: &Scene, object: &Object) -> Border {
@@ -20,6 +21,26 @@ pub fn border(eye: &Eye, scene: &Scene, object: &Object) -> Border {
     }
     let corners = object.corners_m(scene).into_iter().flatten().filter_map(|corner| eye.project(corner));
     Vec::from([hull(corners.collect())])
+}
+
+/// The border of a ball. Empty where it is not seen whole, and from within.
+///
+/// Lines of sight touch it in a circle: of radius r·√(1 − r²/d²), nearer than its middle by r²/d, where d is the distance.
+pub fn ball(eye: &Eye, middle_m: DVec3, radius_m: f64) -> Border {
+    let to_eye = eye.position_m() - middle_m;
+    let distance_m = to_eye.length();
+    if radius_m <= 0.0 || distance_m <= radius_m {
+        return Vec::new();
+    }
+    let share = radius_m / distance_m;
+    let towards = to_eye / distance_m;
+    let (circle_m, wide_m) = (middle_m + towards * (share * radius_m), radius_m * (1.0 - share * share).sqrt());
+    let (a, b) = towards.any_orthonormal_pair();
+    let on_circle = (0..BALL_SIDES).map(|n| {
+        let (sin, cos) = (std::f64::consts::TAU * n as f64 / BALL_SIDES as f64).sin_cos();
+        eye.project(circle_m + wide_m * (a * cos + b * sin))
+    });
+    on_circle.collect::<Option<Vec<_>>>().into_iter().collect()
 }
 
 /// The border of what an object would leave on a plane below it, moved along `up`. Empty where the plane is upright.
@@ -60,7 +81,29 @@ pub fn feet(scene: &Scene, object: &Object, from_m: DVec3) -> Vec<DVec3> {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::*;
+    use crate::recording::OpenOptions;
+    use crate::shot::{Given, Shot};
+
+    #[test]
+    fn a_balls_border_is_where_lines_of_sight_touch_it() {
+        let shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given::default()).unwrap();
+        let eye = shot.eye(30).unwrap();
+        let middle = eye.ray(DVec2::new(330.0, 230.0)).unwrap().at(0.5);
+        let [border] = &ball(&eye, middle, 0.1)[..] else { panic!("one polygon") };
+        assert_eq!(border.len(), BALL_SIDES);
+        for px in border {
+            // The camera moves by less than a millimetre while a row is read.
+            let ray = eye.ray(*px).unwrap();
+            let off_m = (middle - ray.origin_m).reject_from_normalized(ray.direction).length();
+            assert!((off_m - 0.1).abs() < 1e-3, "{off_m}");
+        }
+        assert!(ball(&eye, middle, 0.51).is_empty() && ball(&eye, middle, 0.0).is_empty());
+        let behind = 2.0 * eye.position_m() - middle;
+        assert!(ball(&eye, behind, 0.1).is_empty());
+    }
 
     #[test]
     fn points_fall_along_up_onto_a_slope() {

@@ -1,36 +1,43 @@
-//! Objects in the picture: a click selects one, handles and keys move, turn and scale it.
+//! Objects and lamps in the picture: a click selects one, handles and keys move, turn and scale it.
 //!
 //! - `maths`: lines of sight, planes, axes, angles. `amount`: lengths, angles and factors, typed and told.
+//! - `over`: what they are drawn over. `grasp`: how a thing is taken hold of.
 //! - `tool`: one go at changing where a thing stands. `keys`: what is typed meanwhile.
 //!   `words`: what is told of it.
 //! - `ghost`: the thing that the next click would place.
-//! - `gizmo`: the handles around a selected thing. `look`: its border and where it stands. `draw`: all of it, drawn.
+//! - `gizmo`: the handles around a selected thing. `look`: its border and where it stands. `lamp`: where lamps are shown.
+//!   `draw`: all of it, drawn.
 
 mod amount;
 mod draw;
 mod ghost;
 mod gizmo;
+mod grasp;
 mod keys;
+mod lamp;
 mod look;
 mod maths;
+mod over;
 mod tool;
 mod words;
 
-use eframe::egui::{Context, CursorIcon, Event, PointerButton, Pos2, Rect, vec2};
+use eframe::egui::{Context, CursorIcon, Event, Painter, PointerButton, Pos2, vec2};
 use glam::{DVec2, DVec3};
 
-use self::gizmo::{Gizmo, Handle, is_inside};
+use self::gizmo::Handle;
+use self::grasp::{beyond_m, gizmo, held, is_hidden, is_within, level_direction, marks, object_of};
 use self::keys::Stroke;
-use self::look::{Border, border, feet, footprint};
-use self::tool::{Along, Held, Kind, Pointer, Tool};
+use self::look::{Border, ball, border, footprint};
+use self::tool::{Along, Kind, Pointer, Tool};
 use super::Project;
-use super::picture::{GRIP, Seen, View};
-use crate::frame::Frame;
-use crate::scene::{Entry, SceneFile};
+use super::picture::GRIP;
+use super::theme;
+use crate::scene::{SceneFile, Size, Stance, Thing};
 use crate::shot::Eye;
 
 pub use self::ghost::{Ghost, Would};
 pub use self::maths::Plane;
+pub use self::over::Over;
 
 /// A step of the arrow keys.
 const NUDGE_M: f64 = 1e-3;
@@ -47,26 +54,16 @@ pub enum Begin {
     Duplicate,
 }
 
-/// The picture that the handles are in.
-pub struct Over<'a> {
-    pub seen: &'a Seen,
-    pub view: &'a View,
-    /// The one that is shown.
-    pub frame: &'a Frame,
-    /// Clicks and drags are for nothing else.
-    pub is_free: bool,
-    /// Nothing is drawn over the picture: it plays, or it is the camera's own.
-    pub is_hidden: bool,
-}
-
 /// A thing that is being changed.
 #[derive(Debug)]
 struct Running {
     tool: Tool,
-    entry: Entry,
+    thing: Thing,
     /// The scene that it began from, and what was selected before.
     base: SceneFile,
-    selected_before: Entry,
+    selected_before: Thing,
+    /// How far it stands from where it is taken hold of ([`beyond_m`]).
+    beyond_m: DVec3,
     is_copy: bool,
     /// Begun by pressing a button of the pointer: letting go ends it.
     is_dragged: bool,
@@ -74,12 +71,20 @@ struct Running {
     footprint: Border,
 }
 
+impl Running {
+    /// Where it stands in the scene when that is reached with what is taken hold of. What it is not moved along stays to the last bit.
+    fn reached(&self, held: Stance) -> Option<Stance> {
+        let from_m = self.base.stance(self.thing)?.position_m;
+        Some(Stance { position_m: from_m + (held.position_m - (from_m - self.beyond_m)), ..held })
+    }
+}
+
 /// A thing's border, as long as nothing changes.
 #[derive(Debug)]
 struct Look {
     version: u64,
     frame: usize,
-    object: usize,
+    thing: Thing,
     border: Border,
 }
 
@@ -125,16 +130,21 @@ impl Handles {
         &mut self,
         over: &Over<'_>,
         project: &mut Project,
-        selected: &mut Option<Entry>,
+        selected: &mut Option<Thing>,
     ) -> Option<Result<String, String>> {
-        *selected = selected.filter(|entry| project.edit().scene.stance(*entry).is_some());
+        *selected = selected.filter(|thing| project.edit().scene.stance(*thing).is_some());
         let (begins, strokes) = (self.begins.take(), std::mem::take(&mut self.strokes));
         let Ok(eye) = project.shot().eye(over.frame.index) else {
             self.cancel(project, selected);
             return None;
         };
-        if let (Some(what), Some(entry), None) = (begins, *selected, &self.running) {
-            self.begin_by_key(what, over, project, &eye, entry, selected);
+        let mut refused = None;
+        match (begins, *selected, &self.running) {
+            (Some(Begin::Turn), Some(Thing::Lamp(_)), None) => {
+                refused = Some(Err("A lamp shines alike into all directions: there is nothing to turn.".to_owned()));
+            }
+            (Some(what), Some(thing), None) => self.begin_by_key(what, over, project, &eye, thing, selected),
+            _ => {}
         }
         let said = if self.running.is_some() {
             self.run(over, project, &eye, strokes, selected)
@@ -145,7 +155,7 @@ impl Handles {
         if !over.is_hidden {
             self.paint(over, project, &eye, *selected);
         }
-        said
+        refused.or(said)
     }
 
     fn begin_by_key(
@@ -154,12 +164,13 @@ impl Handles {
         over: &Over<'_>,
         project: &Project,
         eye: &Eye,
-        entry: Entry,
-        selected: &mut Option<Entry>,
+        thing: Thing,
+        selected: &mut Option<Thing>,
     ) {
         let pointer = over.seen.response.ctx.input(|i| i.pointer.latest_pos());
-        let grip = pointer.map(|at| px(over, at));
-        let Some(held) = held(project, eye, entry, grip, None) else { return };
+        let grip = pointer.map(|at| over.px(at));
+        let beyond_m = beyond_m(over, project, eye, thing);
+        let Some(held) = held(project, eye, thing, beyond_m, grip, None) else { return };
         let kind = match what {
             Begin::Move | Begin::Duplicate => Kind::Move,
             Begin::Turn => Kind::Turn,
@@ -167,26 +178,28 @@ impl Handles {
         };
         let mut base = project.edit().scene.clone();
         let is_copy = what == Begin::Duplicate;
-        let copy = if is_copy { base.duplicate(entry) } else { None };
+        let copy = if is_copy { base.duplicate(thing) } else { None };
         let at_px = held.grip_px;
         self.running = Some(Running {
             tool: Tool::new(kind, Along::Free, held),
-            entry: copy.unwrap_or(entry),
+            thing: copy.unwrap_or(thing),
             base,
-            selected_before: entry,
+            selected_before: thing,
+            beyond_m,
             is_copy,
             is_dragged: false,
             pointer: Pointer { at_px, snaps: false, level: false },
             footprint: Border::new(),
         });
-        *selected = Some(copy.unwrap_or(entry));
+        *selected = Some(copy.unwrap_or(thing));
     }
 
-    fn begin_by_drag(&mut self, handle: Handle, at: Pos2, over: &Over<'_>, project: &Project, eye: &Eye, entry: Entry) {
-        let grip = px(over, at);
+    fn begin_by_drag(&mut self, handle: Handle, at: Pos2, over: &Over<'_>, project: &Project, eye: &Eye, thing: Thing) {
+        let grip = over.px(at);
         // The thing itself goes where the pointer goes, from where it stands; a handle from where it is held.
         let anchor = (handle != Handle::Slide).then_some(grip);
-        let Some(held) = held(project, eye, entry, Some(grip), anchor) else { return };
+        let beyond_m = beyond_m(over, project, eye, thing);
+        let Some(held) = held(project, eye, thing, beyond_m, Some(grip), anchor) else { return };
         let tool = match handle {
             Handle::Slide => Tool::new(Kind::Move, Along::Free, held),
             Handle::Axis(axis) => Tool::new(Kind::Move, Along::Axis { axis, own: false }, held),
@@ -196,9 +209,10 @@ impl Handles {
         };
         self.running = Some(Running {
             tool,
-            entry,
+            thing,
             base: project.edit().scene.clone(),
-            selected_before: entry,
+            selected_before: thing,
+            beyond_m,
             is_copy: false,
             is_dragged: true,
             pointer: Pointer { at_px: grip, snaps: false, level: false },
@@ -209,13 +223,13 @@ impl Handles {
 
     /// Moves a thing by a millimetre along the level axis that lies nearest to a direction of the picture: to the right,
     /// or up and so away. One after another are one step.
-    pub fn nudge(project: &mut Project, frame: usize, entry: Entry, right: i8, up: i8) -> Result<(), String> {
+    pub fn nudge(project: &mut Project, frame: usize, thing: Thing, right: i8, up: i8) -> Result<(), String> {
         let Ok(eye) = project.shot().eye(frame) else { return Ok(()) };
-        let Some(mut stance) = project.edit().scene.stance(entry) else { return Ok(()) };
+        let Some(mut stance) = project.edit().scene.stance(thing) else { return Ok(()) };
         let Some(along) = level_direction(&eye, stance.position_m, project.up(), right, up) else { return Ok(()) };
         stance.position_m += along * NUDGE_M;
-        let what = format!("{}: moved by keys", project.edit().scene.title(entry));
-        project.change_scene(&what, |scene| scene.put(entry, &stance)).map_err(|error| error.to_string())
+        let what = format!("{}: moved by keys", project.edit().scene.title(thing));
+        project.change_scene(&what, |scene| scene.put(thing, &stance)).map_err(|error| error.to_string())
     }
 
     /// Goes on with what is being changed.
@@ -225,7 +239,7 @@ impl Handles {
         project: &mut Project,
         eye: &Eye,
         strokes: Vec<Stroke>,
-        selected: &mut Option<Entry>,
+        selected: &mut Option<Thing>,
     ) -> Option<Result<String, String>> {
         let running = self.running.as_mut()?;
         let (at, modifiers, pressed, released, right) = over.seen.response.ctx.input(|i| {
@@ -234,12 +248,13 @@ impl Handles {
             (pointer.latest_pos(), i.modifiers, pointer.primary_pressed(), pointer.primary_released(), right)
         });
         if let Some(at) = at {
-            running.pointer.at_px = px(over, at);
+            running.pointer.at_px = over.px(at);
         }
         (running.pointer.snaps, running.pointer.level) = (modifiers.command, modifiers.shift);
         let (mut is_done, mut is_cancelled) = (if running.is_dragged { released } else { pressed }, right);
         for stroke in strokes {
             match stroke {
+                Stroke::Kind(Kind::Turn) if matches!(running.thing, Thing::Lamp(_)) => {}
                 Stroke::Kind(kind) => running.tool = running.tool.again(kind, running.pointer.at_px),
                 Stroke::Axis { axis, without } => running.tool.constrain(axis, without),
                 Stroke::Letter(letter) => running.tool.typed.push(letter),
@@ -263,13 +278,12 @@ impl Handles {
             running.tool.reach(running.pointer, |px| eye.ray(px), surface)
         };
         let mut scene = running.base.clone();
-        scene.put(running.entry, &reached.stance);
+        running.reached(reached.stance).iter().for_each(|stance| scene.put(running.thing, stance));
         // What does not load is not shown, and it stays where it was.
         let tried = project.try_scene(scene).map_err(|error| Err(error.to_string())).err();
         if running.tool.kind == Kind::Move {
-            let of = project.edit().scene.entries().iter().position(|entry| *entry == running.entry);
             let scene = &project.shot().scene;
-            let object = of.and_then(|of| scene.objects.get(of));
+            let object = object_of(project, running.thing).and_then(|of| scene.objects.get(of));
             running.footprint =
                 object.map_or_else(Border::new, |object| footprint(eye, scene, object, &reached.support, project.up()));
         }
@@ -279,9 +293,9 @@ impl Handles {
         self.is_spent = pressed || released;
         let running = self.running.take()?;
         self.pressed = None;
-        let title = project.edit().scene.title(running.entry);
+        let title = project.edit().scene.title(running.thing);
         let done = words::done(&running.tool);
-        let is_in_place = running.base.stance(running.entry) == project.edit().scene.stance(running.entry);
+        let is_in_place = running.base.stance(running.thing) == project.edit().scene.stance(running.thing);
         let what = match (running.is_copy, is_in_place) {
             (true, true) => format!("{title}: duplicated"),
             (true, false) => format!("{title}: duplicated, {done}"),
@@ -292,7 +306,7 @@ impl Handles {
     }
 
     /// Takes back what is being changed: everything is as it was.
-    fn cancel(&mut self, project: &mut Project, selected: &mut Option<Entry>) {
+    fn cancel(&mut self, project: &mut Project, selected: &mut Option<Thing>) {
         self.pressed = None;
         if let Some(running) = self.running.take() {
             project.drop_tried();
@@ -301,7 +315,7 @@ impl Handles {
     }
 
     /// Nothing is being changed: what is under the pointer, and what is pressed.
-    fn point(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, selected: &mut Option<Entry>) {
+    fn point(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, selected: &mut Option<Thing>) {
         let response = &over.seen.response;
         let (pressed, down, latest, origin) = response.ctx.input(|i| {
             let pointer = &i.pointer;
@@ -314,7 +328,7 @@ impl Handles {
         let at = if pressed { origin.or(latest) } else { latest };
         let pointer = at.filter(|at| usable && !on_line(*at) && !over.seen.camera.contains(*at));
         if self.pressed.is_none() {
-            self.hot = pointer.zip(*selected).and_then(|(at, entry)| self.handle_at(over, project, eye, entry, at));
+            self.hot = pointer.zip(*selected).and_then(|(at, thing)| self.handle_at(over, project, eye, thing, at));
         }
         if pressed {
             self.is_spent = false;
@@ -325,49 +339,59 @@ impl Handles {
             Some(_) => response.ctx.set_cursor_icon(CursorIcon::PointingHand),
             None => {}
         }
-        if let (Some((handle, from)), Some(to), Some(entry), true) = (self.pressed, latest, *selected, down)
+        if let (Some((handle, from)), Some(to), Some(thing), true) = (self.pressed, latest, *selected, down)
             && from.distance(to) > DRAGS_FROM
         {
-            self.begin_by_drag(handle, from, over, project, eye, entry);
+            self.begin_by_drag(handle, from, over, project, eye, thing);
         }
         let is_on_handle = self.pressed.is_some_and(|(handle, _)| handle != Handle::Slide);
         if let Some(at) = over.seen.clicked.filter(|_| over.is_free && !self.is_spent && !is_on_handle) {
-            let hit = eye.object_at(&project.shot().scene, DVec2::new(at.x.into(), at.y.into()));
-            *selected = hit.and_then(|hit| project.edit().scene.entries().get(hit.object).copied());
+            let at = DVec2::new(at.x.into(), at.y.into());
+            let lamps = if over.is_hidden { Vec::new() } else { marks(over, project, eye) };
+            let lamp = lamp::at(&lamps, over.screen(at)).map(Thing::Lamp);
+            let object = || {
+                let hit = eye.object_at(&project.shot().scene, at)?;
+                project.edit().scene.entries().get(hit.object).copied().map(Thing::from)
+            };
+            *selected = lamp.or_else(object);
         }
         if !down {
             self.pressed = None;
         }
     }
 
-    fn handle_at(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, entry: Entry, at: Pos2) -> Option<Handle> {
-        if project.edit().scene.is_hidden(entry) {
+    fn handle_at(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, thing: Thing, at: Pos2) -> Option<Handle> {
+        if is_hidden(project, thing) {
             return None;
         }
-        let border = self.border(over, project, eye, entry)?;
-        let on_gizmo = gizmo(over, project, eye, entry, border)?.at(DVec2::new(at.x.into(), at.y.into()));
-        on_gizmo.or_else(|| is_within(px(over, at), border).then_some(Handle::Slide))
+        let beyond_m = beyond_m(over, project, eye, thing);
+        let border = self.border(over, project, eye, thing)?;
+        let on_gizmo = gizmo(over, project, eye, thing, beyond_m, border)?.at(DVec2::new(at.x.into(), at.y.into()));
+        on_gizmo.or_else(|| is_within(over.px(at), border).then_some(Handle::Slide))
     }
 
     /// The border of a thing, px of the picture.
-    fn border(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, entry: Entry) -> Option<&Border> {
-        let object = project.edit().scene.entries().iter().position(|known| *known == entry)?;
+    fn border(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, thing: Thing) -> Option<&Border> {
         let scene = &project.shot().scene;
         let (version, frame) = (project.version(), over.frame.index);
-        let is_same = |look: &Look| (look.version, look.frame, look.object) == (version, frame, object);
+        let is_same = |look: &Look| (look.version, look.frame, look.thing) == (version, frame, thing);
         if !self.look.as_ref().is_some_and(is_same) {
-            let border = border(eye, scene, scene.objects.get(object)?);
-            self.look = Some(Look { version, frame, object, border });
+            let border = match (thing, project.edit().scene.stance(thing)?) {
+                (Thing::Lamp(_), Stance { position_m, size: Size::LargestM(wide_m), .. }) => {
+                    ball(eye, position_m, 0.5 * wide_m)
+                }
+                _ => border(eye, scene, scene.objects.get(object_of(project, thing)?)?),
+            };
+            self.look = Some(Look { version, frame, thing, border });
         }
         self.look.as_ref().map(|look| &look.border)
     }
 
-    fn paint(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, selected: Option<Entry>) {
-        let Some(entry) = selected.filter(|entry| !project.edit().scene.is_hidden(*entry)) else { return };
+    fn paint(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, selected: Option<Thing>) {
         let placed = over.seen.placed;
-        // Nothing is drawn over the camera's own picture.
-        let clip = if over.seen.camera.is_positive() { over.seen.composite } else { Rect::EVERYTHING };
-        let painter = over.seen.painter.with_clip_rect(over.seen.painter.clip_rect().intersect(clip));
+        let painter = over.seen.painter.with_clip_rect(over.clip());
+        self.paint_lamps(over, &painter, project, eye, selected);
+        let Some(thing) = selected.filter(|thing| !is_hidden(project, *thing)) else { return };
         let on_screen = |border: &Border| -> Vec<Vec<Pos2>> {
             let screen = |p: &DVec2| placed.screen(vec2(p.x as f32, p.y as f32));
             border.iter().map(|polygon| polygon.iter().map(screen).collect()).collect()
@@ -375,14 +399,16 @@ impl Handles {
         if let Some(running) = &self.running {
             draw::footprint(&painter, &on_screen(&running.footprint));
             if let (Along::Axis { axis, .. }, Some(line)) = (running.tool.along, running.tool.line()) {
-                let points = line.into_iter().filter_map(|p| eye.project(p)).map(|p| screen(over, p));
+                let points = line.into_iter().filter_map(|p| eye.project(p)).map(|p| over.screen(p));
                 draw::axis_line(&painter, points.map(draw::at).collect(), axis);
             }
         }
+        let beyond_m =
+            self.running.as_ref().map_or_else(|| beyond_m(over, project, eye, thing), |running| running.beyond_m);
         let (held, hot) = (self.running.as_ref().map(|running| running.is_dragged), self.hot);
-        if let Some(border) = self.border(over, project, eye, entry) {
+        if let Some(border) = self.border(over, project, eye, thing) {
             draw::outline(&painter, &on_screen(border));
-            if let Some(gizmo) = gizmo(over, project, eye, entry, border).filter(|_| held != Some(false)) {
+            if let Some(gizmo) = gizmo(over, project, eye, thing, beyond_m, border).filter(|_| held != Some(false)) {
                 draw::gizmo(&painter, &gizmo, hot, held == Some(true));
             }
         }
@@ -391,63 +417,25 @@ impl Handles {
             draw::told(&over.seen.painter, corner, &words::told(&running.tool), words::hint(&running.tool));
         }
     }
-}
 
-/// The level axis nearest to a way in the picture, right or up, at a place of the world.
-fn level_direction(eye: &Eye, at_m: DVec3, up_in_world: DVec3, right: i8, up: i8) -> Option<DVec3> {
-    let px = eye.project(at_m)?;
-    let (here, there) = (eye.ray(px)?, eye.ray(px + DVec2::new(f64::from(right), -f64::from(up)))?);
-    // A pixel's step, enlarged to be told from nothing. What is seen level goes away where it goes up.
-    let step = (there.direction - here.direction).normalize_or_zero() + here.direction * f64::from(up);
-    let (axis, sign) = maths::nearest_axis(step.reject_from_normalized(up_in_world), maths::along_plane(up_in_world))?;
-    Some(axis * sign)
-}
-
-/// A place of the screen in the picture, px.
-fn px(over: &Over<'_>, at: Pos2) -> DVec2 {
-    let at = over.seen.placed.picture_px(at);
-    DVec2::new(at.x.into(), at.y.into())
-}
-
-fn screen(over: &Over<'_>, at_px: DVec2) -> DVec2 {
-    let at = over.seen.placed.screen(vec2(at_px.x as f32, at_px.y as f32));
-    DVec2::new(at.x.into(), at.y.into())
-}
-
-/// Whether a place lies in what has that border. A hole has a border of its own.
-fn is_within(at_px: DVec2, border: &Border) -> bool {
-    border.iter().filter(|polygon| is_inside(at_px, polygon)).count() % 2 == 1
-}
-
-fn gizmo(over: &Over<'_>, project: &Project, eye: &Eye, entry: Entry, border: &Border) -> Option<Gizmo> {
-    let stance = project.edit().scene.stance(entry)?;
-    let covers = |at: DVec2| is_within(px(over, draw::at(at)), border);
-    let seen = |point_m: DVec3| eye.project(point_m).map(|px| screen(over, px));
-    Gizmo::new(stance.position_m, project.up(), eye.position_m(), seen, covers)
-}
-
-/// Takes hold of a thing. Without a grip it is held where it is seen; without an anchor where it stands.
-fn held(project: &Project, eye: &Eye, entry: Entry, grip: Option<DVec2>, anchor: Option<DVec2>) -> Option<Held> {
-    let file = &project.edit().scene;
-    let stance = file.stance(entry)?;
-    if file.is_hidden(entry) {
-        return None;
+    /// A mark for each lamp, which no picture shows itself.
+    fn paint_lamps(&self, over: &Over<'_>, painter: &Painter, project: &Project, eye: &Eye, selected: Option<Thing>) {
+        let marks = marks(over, project, eye);
+        let pointer = over.seen.response.hover_pos().filter(|_| over.is_free && self.running.is_none());
+        let pointed = pointer.and_then(|at| lamp::at(&marks, DVec2::new(at.x.into(), at.y.into())));
+        let scene = &project.edit().scene;
+        for (n, (mark, lamp)) in marks.iter().zip(&scene.light.lamp).enumerate() {
+            let is_selected = selected == Some(Thing::Lamp(n));
+            let named = || {
+                let title = scene.title(Thing::Lamp(n));
+                let far_m = DVec3::from(lamp.at_m).distance(eye.position_m());
+                mark.beyond.map_or_else(
+                    || title.clone(),
+                    |_| format!("{title}, {} away", amount::length((far_m * 100.0).round() / 100.0)),
+                )
+            };
+            let named = (is_selected || pointed == Some(n)).then(named);
+            draw::lamp(painter, mark, theme::of_light(lamp.rgb()), is_selected, named.as_deref());
+        }
     }
-    let scene = &project.shot().scene;
-    let object = scene.objects.get(file.entries().iter().position(|known| *known == entry)?)?;
-    let is_grounded = file.objects[entry.object].ground;
-    let model = object.world_from_model.matrix3;
-    let own = [model.x_axis, model.y_axis, model.z_axis];
-    let mut held = Held {
-        stance,
-        own: [0, 1, 2].map(|i| own[i].try_normalize().unwrap_or(DVec3::AXES[i])),
-        up: project.up(),
-        feet_m: if is_grounded { Vec::new() } else { feet(scene, object, stance.position_m) },
-        centre_px: eye.project(stance.position_m)?,
-        anchor_px: DVec2::ZERO,
-        grip_px: DVec2::ZERO,
-    };
-    held.anchor_px = anchor.or_else(|| eye.project(held.support().point_m)).unwrap_or(held.centre_px);
-    held.grip_px = grip.unwrap_or(held.centre_px);
-    Some(held)
 }

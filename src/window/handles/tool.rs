@@ -64,6 +64,8 @@ pub struct Held {
     pub up: DVec3,
     /// Points that its lowest one is among, from its position, metres. Empty: its position is what stands.
     pub feet_m: Vec<DVec3>,
+    /// It hangs: what it is freely moved in is the plane with this normal, unit length. `None`: over the surface that is seen.
+    pub hangs: Option<DVec3>,
     /// Where its position, or the handle that holds it, and the pointer are seen, px.
     pub centre_px: DVec2,
     pub anchor_px: DVec2,
@@ -259,6 +261,7 @@ impl Tool {
         }
         if self.along == Along::Free
             && !pointer.level
+            && self.held.hangs.is_none()
             && let Some(plane) = surface(at)
         {
             let stands = plane.point_m - plane.normal * self.held.below_m(plane.normal);
@@ -276,6 +279,7 @@ impl Tool {
         }
         let normal = match self.along {
             Along::Without { axis, own } => self.axis(axis, own),
+            Along::Free if !pointer.level => self.held.hangs.unwrap_or(up),
             _ => up,
         };
         let plane = Plane { normal, ..standing };
@@ -352,7 +356,16 @@ mod tests {
         let own = [DVec3::Y, DVec3::NEG_X, DVec3::Z];
         let feet_m = vec![DVec3::new(0.1, 0.0, -0.02), DVec3::new(-0.1, 0.0, -0.01)];
         let px = DVec2::new(100.0, 0.0);
-        Held { stance, own, up: DVec3::Z, feet_m, centre_px: px, anchor_px: px, grip_px: DVec2::new(150.0, 0.0) }
+        Held {
+            stance,
+            own,
+            up: DVec3::Z,
+            feet_m,
+            hangs: None,
+            centre_px: px,
+            anchor_px: px,
+            grip_px: DVec2::new(150.0, 0.0),
+        }
     }
 
     fn pointer(x: f64, y: f64) -> Pointer {
@@ -413,6 +426,25 @@ mod tests {
         let snapping = Pointer { snaps: true, ..pointer(200.0, 0.0) };
         let position = tool.reach(snapping, from_above, slope).stance.position_m;
         assert!(position.abs_diff_eq(DVec3::new(1.45, 0.0, 3.1858 - 0.0044 * 0.75), 2e-4), "{position}");
+    }
+
+    #[test]
+    fn what_hangs_is_moved_in_the_plane_that_faces_the_eye_whatever_is_seen_behind() {
+        let floor = |px: DVec2| Some(Plane { point_m: DVec3::new(0.01 * px.x, 9.0, 0.0), normal: DVec3::Z });
+        let side =
+            || Held { feet_m: Vec::new(), hangs: Some(DVec3::NEG_Y), grip_px: DVec2::new(100.0, -102.0), ..held() };
+        let mut tool = Tool::new(Kind::Move, Along::Free, Held { anchor_px: DVec2::new(100.0, -102.0), ..side() });
+        // 50 px to the right and 30.04 up, a px a centimetre.
+        let position = tool.reach(pointer(150.0, -132.04), from_the_side, floor).stance.position_m;
+        assert!(position.abs_diff_eq(DVec3::new(1.5, 0.0, 1.3204), 1e-9), "{position}");
+        let snapping = Pointer { snaps: true, ..pointer(150.3, -132.04) };
+        let position = tool.reach(snapping, from_the_side, floor).stance.position_m;
+        assert!(position.abs_diff_eq(DVec3::new(1.5, 0.0, 1.32), 1e-9), "{position}");
+        // Shift: level, which is seen edge-on from the side, so that it stays; from above it follows.
+        let level = Pointer { level: true, ..pointer(170.0, -102.0) };
+        assert_eq!(tool.reach(level, from_the_side, floor).stance.position_m, position);
+        let position = tool.reach(level, from_above, floor).stance.position_m;
+        assert!(position.abs_diff_eq(DVec3::new(1.7, 0.0, 1.02), 1e-9), "{position}");
     }
 
     #[test]

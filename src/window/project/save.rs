@@ -6,7 +6,9 @@ use std::sync::Arc;
 
 use super::super::kind::Kind;
 use super::super::watch::{Stamp, stamp};
+use super::light::panorama_of_analysis;
 use super::{Edit, Project, tables};
+use crate::analyse::panorama_beside;
 use crate::compositor::Settings;
 use crate::profile::{self, ProfileError, Rig};
 use crate::recording::Recording;
@@ -42,7 +44,54 @@ pub struct Draft {
 #[derive(Debug)]
 enum What {
     Profile { recording: Arc<Recording>, edit: Box<Edit>, from: Option<PathBuf> },
-    Scene { text: String, scene: Box<SceneFile>, from: PathBuf },
+    Scene { text: String, scene: Box<SceneFile>, from: PathBuf, panorama: Option<Panorama> },
+}
+
+/// An analysis' panorama that a scene is lit by, and where the scene has it for itself once it is saved.
+#[derive(Debug)]
+struct Panorama {
+    from: PathBuf,
+    to: PathBuf,
+}
+
+impl Panorama {
+    /// Beside the scene's file, of its name. What lies there and is another panorama stays.
+    fn of(scene: &SceneFile, file: &Path) -> Option<Self> {
+        let from = panorama_of_analysis(scene, file)?;
+        let to = panorama_beside(file);
+        let stem = to.file_stem()?.to_string_lossy().into_owned();
+        let others = (2..).map(|n| to.with_file_name(format!("{stem}-{n}.hdr")));
+        let is_free = |to: &PathBuf| !to.exists() || read_panorama(to).ok() == read_panorama(&from).ok();
+        let to = std::iter::once(to.clone()).chain(others).find(is_free)?;
+        Some(Self { from, to })
+    }
+
+    /// Has a scene name its own, if it names the analysis'.
+    fn put_into(&self, scene: &mut SceneFile, file: &Path) {
+        if panorama_of_analysis(scene, file).as_ref() == Some(&self.from) {
+            scene.light.environment = self.to.file_name().map(|name| name.to_string_lossy().into_owned());
+        }
+    }
+
+    /// Gives the file where it was not there before.
+    fn write(&self) -> Result<Option<&Path>, SaveError> {
+        let failed = |error: std::io::Error| SaveError::Text {
+            path: self.from.clone(),
+            reason: format!("the panorama: {error}"),
+        };
+        let bytes = read_panorama(&self.from).map_err(failed)?;
+        if self.to.exists() {
+            return Ok(None);
+        }
+        write_atomically(&self.to, false, |writer| std::io::Write::write_all(writer, &bytes))?;
+        Ok(Some(&self.to))
+    }
+}
+
+fn read_panorama(path: &Path) -> std::io::Result<Vec<u8>> {
+    /// Larger is no analysis', bytes.
+    const MOST: u64 = 1 << 22;
+    file::read(path, MOST)
 }
 
 /// A file that has been written.
@@ -87,7 +136,10 @@ impl Draft {
             }
             What::Scene { text, .. } => text.clone(),
         };
-        write_atomically(&path, true, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
+        let panorama = if let What::Scene { panorama, .. } = &what { panorama.as_ref() } else { None };
+        let made = panorama.map(Panorama::write).transpose()?.flatten();
+        let written = write_atomically(&path, true, |writer| std::io::Write::write_all(writer, text.as_bytes()));
+        written.inspect_err(|_| made.into_iter().for_each(|made| _ = std::fs::remove_file(made)))?;
         Ok(Written { stamp: stamp(&path), path, what })
     }
 }
@@ -168,7 +220,13 @@ impl Project {
     /// The scene file, whose comments and order stay. In another folder it names the same models.
     pub fn scene_draft(&mut self, path: &Path) -> Result<Draft, SaveError> {
         let from = self.scene_path();
-        let scene = moved(&self.edit().scene, &from, path);
+        let mut scene = moved(&self.edit().scene, &from, path);
+        // Whoever wrote it into the file meant it.
+        let panorama = Panorama::of(&scene, path)
+            .filter(|_| scene.light.environment != moved(&self.saved.scene, &from, path).light.environment);
+        if let Some(panorama) = &panorama {
+            panorama.put_into(&mut scene, path);
+        }
         let failed =
             |error: &dyn std::fmt::Display| SaveError::Text { path: path.to_owned(), reason: error.to_string() };
         let text = match &mut self.scene_text {
@@ -181,7 +239,11 @@ impl Project {
                 self.scene_text.insert(made).to_string()
             }
         };
-        Ok(Draft { path: path.to_owned(), known: None, what: What::Scene { text, scene: Box::new(scene), from } })
+        Ok(Draft {
+            path: path.to_owned(),
+            known: None,
+            what: What::Scene { text, scene: Box::new(scene), from, panorama },
+        })
     }
 
     /// A draft has been written: from now on this is what is saved.
@@ -194,10 +256,13 @@ impl Project {
                 self.saved.settings = edit.settings;
                 self.profile = Some(path);
             }
-            What::Scene { scene, from, .. } => {
-                self.history.each(|edit| edit.scene = moved(&edit.scene, &from, &path));
-                self.opened.scene = moved(&self.opened.scene, &from, &path);
-                self.loaded = moved(&self.loaded, &from, &path);
+            What::Scene { scene, from, panorama, .. } => {
+                let follow = |scene: &mut SceneFile| {
+                    *scene = moved(scene, &from, &path);
+                    panorama.iter().for_each(|panorama| panorama.put_into(scene, &path));
+                };
+                self.history.each(|edit| follow(&mut edit.scene));
+                [&mut self.opened.scene, &mut self.loaded].into_iter().for_each(follow);
                 self.saved.scene = *scene;
                 self.scene = Some(path);
             }

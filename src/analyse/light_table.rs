@@ -1,0 +1,97 @@
+//! The room's light as a scene file says it, to be edited there.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+
+use super::found_light::{FOUND_LAMP_M, FoundLight};
+use super::light::FoundLamp;
+use crate::scene::SceneFile;
+use crate::scene::document::{Color, LampTable, LightTable, Up};
+use crate::words::fixed;
+
+/// Scenes' ups that differ by less are one: cosine of half a degree.
+const SAME_UP: f64 = 0.99996;
+
+impl FoundLight {
+    /// Lights a scene so, in place of the light that it has; its `white_lx` stays. `panorama` is the name of the panorama's file, as
+    /// the scene's file names it. A scene that does not say where up is gets the panorama's; one that says another is refused, and
+    /// nothing changes.
+    pub fn put_into(&self, scene: &mut SceneFile, file: &Path, panorama: String) -> Result<(), String> {
+        let up = self.up.unwrap_or([0.0, 0.0, 1.0]);
+        match scene.up {
+            Some(own) => {
+                let own = own.axis(file, "up").map_err(|error| error.to_string())?;
+                if own.dot(DVec3::from(up)) <= SAME_UP {
+                    let (file, up) = (file.display(), up.map(|v| fixed(v, 3)).join(", "));
+                    return Err(format!(
+                        "{file}: its up is another than the analysis', [{up}]: the panorama would lie on its side"
+                    ));
+                }
+            }
+            None => scene.up = Some(Up::Direction(up)),
+        }
+        let (environment, white_lx) = (Some(panorama), scene.light.white_lx);
+        scene.light = LightTable { environment, white_lx, lamp: self.lamp_tables(), ..LightTable::default() };
+        Ok(())
+    }
+
+    /// Its lamps, to be edited.
+    pub fn lamp_tables(&self) -> Vec<LampTable> {
+        let lamp = |lamp: &FoundLamp| LampTable {
+            at_m: lamp.at_m,
+            color: Some(Color::Rgb(lamp.shown_at_1_m)),
+            intensity: None,
+            diameter_m: Some(FOUND_LAMP_M),
+        };
+        self.lamps.iter().map(lamp).collect()
+    }
+}
+
+/// Where a scene file has a panorama of its own: beside it, of its name.
+pub fn panorama_beside(scene: &Path) -> PathBuf {
+    let stem = scene.file_stem().unwrap_or_default().to_string_lossy();
+    scene.with_file_name(format!("{stem}-light.hdr"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_gets_lamps_to_edit_and_another_up_is_refused() {
+        let found = FoundLight {
+            up: Some([0.0, 0.0, 1.0]),
+            lamps: vec![FoundLamp { at_m: [1.0, 2.0, 2.4], shown_at_1_m: [5.0, 4.0, 3.0] }],
+            ..FoundLight::of(&Err(String::new()), None)
+        };
+        let put = |scene: &mut SceneFile| found.put_into(scene, Path::new("a.toml"), "a-light.hdr".to_owned());
+        let mut scene = SceneFile::default();
+        (scene.light.ambient, scene.light.white_lx) = (Some(Color::Grey(0.3)), Some(200.0));
+        put(&mut scene).unwrap();
+        let lamp = LampTable {
+            at_m: [1.0, 2.0, 2.4],
+            color: Some(Color::Rgb([5.0, 4.0, 3.0])),
+            intensity: None,
+            diameter_m: Some(0.25),
+        };
+        let light = LightTable {
+            environment: Some("a-light.hdr".to_owned()),
+            white_lx: Some(200.0),
+            lamp: vec![lamp],
+            ..LightTable::default()
+        };
+        assert_eq!((&scene.light, scene.up), (&light, Some(Up::Direction([0.0, 0.0, 1.0]))));
+
+        // Half a degree is the same, a degree is not.
+        let leaning = |deg: f64| Up::Direction([deg.to_radians().sin(), 0.0, deg.to_radians().cos()]);
+        let mut other = SceneFile { up: Some(leaning(0.4)), ..SceneFile::default() };
+        put(&mut other).unwrap();
+        assert_eq!(other.up, Some(leaning(0.4)));
+        let mut other = SceneFile { up: Some(leaning(1.0)), ..SceneFile::default() };
+        let before = other.clone();
+        let wrong = put(&mut other).unwrap_err();
+        assert!(wrong.starts_with("a.toml: its up is another") && wrong.contains("[0.000, 0.000, 1.000]"), "{wrong}");
+        assert_eq!(other, before);
+    }
+}

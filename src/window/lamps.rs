@@ -1,0 +1,229 @@
+//! The lamps: those that the scene has, one more, and the light that the footage was found to have, to be edited.
+
+use std::sync::Arc;
+
+use eframe::egui::{self, RichText, Ui, vec2};
+use glam::{DVec2, DVec3};
+
+use super::Project;
+use super::fields::{rounded, row};
+use super::finder::Finder;
+use super::theme;
+use super::things;
+use crate::frame::Frame;
+use crate::scene::document::{Color, LampTable};
+use crate::scene::{Scene, Thing, bounds_m};
+use crate::words::count;
+
+/// What is being done with the lamps.
+#[derive(Default)]
+pub struct Lamps {
+    /// The next click in the picture says where one more is.
+    picks: bool,
+}
+
+/// How high above the scene's middle a lamp hangs of which nothing else is said, m.
+const ABOVE_M: f64 = 1.0;
+
+impl Lamps {
+    /// Whether the next click in the picture is for a lamp.
+    pub fn is_picking(&self) -> bool {
+        self.picks
+    }
+
+    pub fn cancel(&mut self) {
+        self.picks = false;
+    }
+
+    /// Shows the list and the controls of what is selected. Gives back what is to be said.
+    pub fn show(
+        &mut self,
+        ui: &mut Ui,
+        project: &mut Project,
+        frame: Option<&Arc<Frame>>,
+        selected: &mut Option<Thing>,
+    ) -> Option<String> {
+        if !project.can_place() {
+            return None;
+        }
+        ui.separator();
+        ui.strong("Lamps");
+        let mut told = found(ui, project);
+        for (n, lamp) in project.edit().scene.light.lamp.clone().iter().enumerate() {
+            let thing = Thing::Lamp(n);
+            ui.horizontal(|ui| {
+                let (rect, _) = ui.allocate_exact_size(vec2(12.0, 12.0), egui::Sense::hover());
+                ui.painter().circle(
+                    rect.center(),
+                    5.0,
+                    theme::of_light(lamp.rgb()),
+                    ui.visuals().widgets.noninteractive.fg_stroke,
+                );
+                let is_selected = *selected == Some(thing);
+                if ui.selectable_label(is_selected, project.edit().scene.title(thing)).clicked() {
+                    *selected = (!is_selected).then_some(thing);
+                }
+            });
+        }
+        let has_depth = frame.is_some_and(|frame| frame.depth.is_some());
+        let hint = if has_depth {
+            "Then click where it shall be; where no depth is, it hangs 1 m above the scene's middle."
+        } else {
+            "1 m above the scene's middle, to be moved from there."
+        };
+        let add = egui::Button::selectable(self.picks, "Add lamp").frame_when_inactive(true);
+        if ui.add(add).on_hover_text(hint).clicked() {
+            if has_depth {
+                self.picks = !self.picks;
+            } else {
+                told = self.add(project, above_middle(project), selected).err().or(told);
+            }
+        }
+        if let Some(Thing::Lamp(n)) = *selected
+            && let Some(lamp) = project.edit().scene.light.lamp.get(n).cloned()
+        {
+            ui.separator();
+            ui.label(project.edit().scene.title(Thing::Lamp(n)));
+            told = fields(ui, project, n, &lamp).or(told);
+            ui.horizontal(|ui| {
+                if ui.button("Duplicate").on_hover_text("Shift+D, and move it").clicked() {
+                    told = things::duplicate(project, selected);
+                }
+                if ui.button("Delete").on_hover_text("Del").clicked() {
+                    told = things::delete(project, selected);
+                }
+            });
+        }
+        told
+    }
+
+    /// Puts one more where the frame shows a surface, so that it touches it. Gives what is to be said.
+    pub fn pick(
+        &mut self,
+        project: &mut Project,
+        finder: &Finder,
+        frame: &Frame,
+        at_px: DVec2,
+        selected: &mut Option<Thing>,
+    ) -> Result<Option<String>, String> {
+        match finder.look(project.shot(), frame, at_px) {
+            Some(support) => {
+                let radius_m = 0.5 * LampTable::default().wide_m();
+                self.add(project, support.point_m + radius_m * support.normal, selected)?;
+                Ok(None)
+            }
+            None => {
+                self.add(project, above_middle(project), selected)?;
+                Ok(Some("There is no depth: the lamp hangs 1 m above the scene's middle.".to_owned()))
+            }
+        }
+    }
+
+    fn add(&mut self, project: &mut Project, at_m: DVec3, selected: &mut Option<Thing>) -> Result<(), String> {
+        self.picks = false;
+        *selected = Some(project.add_lamp(at_m)?);
+        Ok(())
+    }
+}
+
+/// Where the scene has no light of its own and the footage's is known: says so, and takes it into the scene.
+fn found(ui: &mut Ui, project: &mut Project) -> Option<String> {
+    let light = project.found_light()?;
+    let lamps = count(light.lamps.len(), "lamp");
+    ui.label(RichText::new(format!("Lit as the footage was found to be: a panorama and {lamps}.")).weak());
+    let hint = "Writes that light into the scene, where it can be changed. `locard light` does the same.";
+    let is_taken = ui.button("Edit the found light").on_hover_text(hint).clicked();
+    if is_taken { project.take_found_light().err() } else { None }
+}
+
+/// Above the middle of the box around all things; above the world's origin where there are none.
+fn above_middle(project: &Project) -> DVec3 {
+    middle(&project.shot().scene) + project.up() * ABOVE_M
+}
+
+fn middle(scene: &Scene) -> DVec3 {
+    let boxes = scene.objects.iter().filter_map(|object| bounds_m(scene, object));
+    let around = boxes.reduce(|(low, high), (l, h)| (low.min(l), high.max(h)));
+    around.map_or(DVec3::ZERO, |(low, high)| 0.5 * (low + high))
+}
+
+/// The numbers of a lamp. Gives what went wrong.
+fn fields(ui: &mut Ui, project: &mut Project, n: usize, lamp: &LampTable) -> Option<String> {
+    let mut changed = lamp.clone();
+    // A picker's colour counts as long as the pointer is down.
+    let mut done = ui.input(|i| i.pointer.any_released());
+    let (mut intensity, mut rgb, mut wide_m) = (lamp.intensity.unwrap_or(1.0), lamp.rgb(), lamp.wide_m());
+    egui::Grid::new("lamp").num_columns(2).spacing([8.0, 3.0]).show(ui, |ui| {
+        for (axis, value) in ["x", "y", "z"].into_iter().zip(&mut changed.at_m) {
+            done |= row(ui, axis, &format!("lamp {axis}"), value, 0.005, " m");
+        }
+        let speed = |value: f64| 0.01 * value.abs().max(0.1);
+        let step = speed(intensity);
+        done |= row(ui, "intensity", "lamp intensity", &mut intensity, step, "");
+        let most = rgb.into_iter().fold(0.0, f64::max);
+        for (color, value) in ["red", "green", "blue"].into_iter().zip(&mut rgb) {
+            done |= row(ui, color, &format!("lamp {color}"), value, speed(most), "");
+        }
+        ui.label("colour").on_hover_text("What white matt that faces it shows at 1 m, times the intensity");
+        picker(ui, &mut rgb);
+        ui.end_row();
+        done |= row(ui, "diameter", "lamp diameter", &mut wide_m, 0.002, " m");
+    });
+    // To a tenth of a millimetre, or five digits, but only what was touched.
+    let short = |to: f64, from: f64| if to == from { to } else { (to * 1e4).round() / 1e4 };
+    for (to, from) in changed.at_m.iter_mut().zip(lamp.at_m) {
+        *to = short(*to, from);
+    }
+    let mut what = (changed.at_m != lamp.at_m).then_some("moved");
+    if intensity != lamp.intensity.unwrap_or(1.0) {
+        (changed.intensity, what) = (Some(rounded(intensity.max(0.0))), Some("intensity"));
+    }
+    if rgb != lamp.rgb() {
+        (changed.color, what) = (Some(Color::Rgb(rgb.map(|c| rounded(c.max(0.0))))), Some("colour"));
+    }
+    if wide_m != lamp.wide_m() {
+        (changed.diameter_m, what) = (Some(short(wide_m, lamp.wide_m()).max(0.0)), Some("diameter"));
+    }
+    let mut wrong = None;
+    if let Some(what) = what {
+        let what = format!("{}: {what}", project.edit().scene.title(Thing::Lamp(n)));
+        wrong = project.change_scene(&what, |scene| scene.light.lamp[n] = changed).err().map(|e| e.to_string());
+    }
+    if done {
+        project.close_step();
+    }
+    wrong
+}
+
+/// A button of that colour that opens a picker. How bright the brightest of the three is stays.
+fn picker(ui: &mut Ui, rgb: &mut [f64; 3]) {
+    let most = Some(rgb.iter().copied().fold(0.0, f64::max)).filter(|most| *most > 0.0).unwrap_or(1.0);
+    let mut hue = rgb.map(|c| (c / most) as f32);
+    let response = ui.color_edit_button_rgb(&mut hue);
+    response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, true, "lamp colour"));
+    let brightest = hue.into_iter().fold(0.0, f32::max);
+    if response.changed() && brightest > 0.0 {
+        *rgb = hue.map(|c| rounded(most * f64::from(c / brightest)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::recording::OpenOptions;
+    use crate::shot::Given;
+
+    #[test]
+    fn a_lamp_hangs_above_the_middle_of_all_things() {
+        let open = |scene: Option<&str>| {
+            let given = Given { scene: scene.map(Into::into), ..Given::default() };
+            Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap()
+        };
+        // Things from the marker at the left, x = −0.1, to the stool's at the right, on the floor and 0.41 m above it.
+        let at_m = above_middle(&open(Some("scenes/demo.toml")));
+        assert!((at_m - DVec3::new(0.2, -0.1, 1.25)).abs().max_element() < 0.1, "{at_m}");
+        assert_eq!(above_middle(&open(None)), DVec3::Z);
+    }
+}

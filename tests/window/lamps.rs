@@ -1,0 +1,363 @@
+//! Lamps in the picture of the window: selected, moved, added and taken from an analysis, as a person would.
+
+use std::path::Path;
+
+use crate::footage;
+use crate::worked::{click_at, has, settle, shown, window};
+use eframe::egui::{self, Event, Key, Modifiers, Pos2, accesskit::Role};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use glam::{DVec2, DVec3};
+use locard::recording::OpenOptions;
+use locard::scene::{LitBy, SceneFile, Size, Thing, load_file};
+use locard::shot::{AnalysisState, Given};
+use locard::simulate::Flaws;
+use locard::window::{App, Project};
+
+const LAMP: Thing = Thing::Lamp(0);
+/// Where the demonstration's scene has it: above the picture.
+const LAMP_AT: [f64; 3] = [-0.2783, 0.2778, 2.349];
+const MARK_INSET: f64 = 18.0;
+const HANDLES_INSET: f64 = 104.0;
+
+fn open() -> Harness<'static, App> {
+    let given = Given { scene: Some("scenes/demo.toml".into()), ..Given::default() };
+    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    window(project, egui::vec2(1400.0, 1000.0))
+}
+
+fn on_screen(window: &Harness<'_, App>, px: DVec2) -> Pos2 {
+    window.state().on_screen(egui::vec2(px.x as f32, px.y as f32)).unwrap()
+}
+
+fn seen(window: &Harness<'_, App>, point_m: DVec3) -> Option<DVec2> {
+    window.state().project().shot().eye(0).unwrap().project(point_m)
+}
+
+fn at_m(window: &Harness<'_, App>, lamp: Thing) -> DVec3 {
+    window.state().project().edit().scene.stance(lamp).unwrap().position_m
+}
+
+/// Where a way from the middle of the picture comes to within so many points of its rim.
+fn at_rim(window: &Harness<'_, App>, towards: DVec2, inset: f64) -> Pos2 {
+    let size = DVec2::new(640.0, 480.0);
+    let [low, high] = [DVec2::ZERO, size].map(|px| on_screen(window, px));
+    let half = DVec2::new((high.x - low.x).into(), (high.y - low.y).into()) * 0.5 - inset;
+    let way = towards * (half / towards.abs()).min_element();
+    low + (high - low) * 0.5 + egui::vec2(way.x as f32, way.y as f32)
+}
+
+/// The way from the middle of the picture to what lies outside it, or behind the camera.
+fn towards(window: &Harness<'_, App>, point_m: [f64; 3]) -> DVec2 {
+    let way = || window.state().project().shot().eye(0).unwrap().way_to(point_m.into()).truncate();
+    let size = DVec2::new(640.0, 480.0);
+    let seen = seen(window, point_m.into());
+    assert!(seen.is_none_or(|px| px.min_element() < 0.0 || px.cmpgt(size).any()), "{seen:?}");
+    seen.map_or_else(way, |px| px - 0.5 * size).normalize()
+}
+
+fn press(window: &mut Harness<'_, App>, key: Key) {
+    window.key_press(key);
+    window.run_steps(2);
+}
+
+fn types(window: &mut Harness<'_, App>, text: &str) {
+    window.event(Event::Text(text.to_owned()));
+    window.step();
+}
+
+fn hold(window: &mut Harness<'_, App>, from: Pos2, to: Pos2) {
+    window.hover_at(from);
+    window.step();
+    window.drag_at(from);
+    window.step();
+    for share in [0.1, 0.4, 0.7, 1.0, 1.0] {
+        window.hover_at(from + (to - from) * share);
+        window.step();
+    }
+}
+
+fn let_go(window: &mut Harness<'_, App>, at: Pos2) {
+    window.drop_at(at);
+    window.run_steps(2);
+}
+
+fn undo(window: &mut Harness<'_, App>) {
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    window.step();
+    settle(window);
+}
+
+fn steps(window: &Harness<'_, App>) -> Vec<String> {
+    window.state().project().history().names().0.map(str::to_owned).collect()
+}
+
+/// What would be saved, in the folder that the scene lies in.
+fn text(window: &mut Harness<'_, App>) -> String {
+    let temp = tempfile::tempdir().unwrap();
+    let file = temp.path().join("scene.toml");
+    let mut project = Project::open(
+        Path::new("recordings/demo"),
+        &OpenOptions::default(),
+        &Given { scene: Some("scenes/demo.toml".into()), ..Given::default() },
+    )
+    .unwrap();
+    project.take_up(window.state().project().edit().clone()).unwrap();
+    project.save_scene(&file).unwrap();
+    std::fs::read_to_string(&file).unwrap()
+}
+
+#[test]
+fn a_lamp_outside_the_picture_is_selected_at_the_rim_and_dragged_there() {
+    let mut window = open();
+    let (first, text_before, before) = (shown(&window), text(&mut window), window.state().project().edit().clone());
+    assert!(text_before.contains("at_m = [-0.2783, 0.2778, 2.349]\n"), "{text_before}");
+    let towards = towards(&window, LAMP_AT);
+    let mark = at_rim(&window, towards, MARK_INSET);
+    click_at(&mut window, mark);
+    assert_eq!(window.state().selected(), Some(LAMP));
+    assert_eq!(steps(&window).len(), 1, "looking changes nothing");
+
+    // The dot of its handles, dragged across: the picture follows as long as it is held.
+    let from = at_rim(&window, towards, HANDLES_INSET);
+    let to = from + egui::vec2(-160.0, 30.0);
+    hold(&mut window, from, to);
+    settle(&mut window);
+    assert!(shown(&window) != first && steps(&window).len() == 1, "it is no step yet");
+    let_go(&mut window, to);
+    settle(&mut window);
+    let (moved, by) = (shown(&window), at_m(&window, LAMP) - DVec3::from(LAMP_AT));
+    assert!(moved != first && by.length() > 0.3, "{by}");
+    // What hangs stays as far before the eye as it was: across the sight of where the dot is.
+    let eye = window.state().project().shot().eye(0).unwrap();
+    let size = window.state().on_screen(egui::vec2(1.0, 0.0)).unwrap() - on_screen(&window, DVec2::ZERO);
+    let px = (from - on_screen(&window, DVec2::ZERO)) / size.x;
+    let sight = eye.ray(DVec2::new(px.x.into(), px.y.into())).unwrap().direction;
+    assert!(by.dot(sight).abs() < 5e-3 * by.length(), "{by} {sight}");
+    let names = steps(&window);
+    assert!(names.len() == 2 && names[1].starts_with("lamp 1: moved "), "{names:?}");
+
+    // The scene file has the place, and every comment.
+    let scene = window.state().project().edit().scene.clone();
+    let [x, y, z] = scene.light.lamp[0].at_m;
+    let expected = text_before.replace("[-0.2783, 0.2778, 2.349]", &format!("[{x:?}, {y:?}, {z:?}]"));
+    assert_eq!(text(&mut window), expected);
+    assert!(expected.contains("# The light that `locard light` found"));
+
+    undo(&mut window);
+    assert!(shown(&window) == first && window.state().project().edit() == &before);
+    assert_eq!(text(&mut window), text_before);
+    window.key_press_modifiers(Modifiers::COMMAND | Modifiers::SHIFT, Key::Z);
+    window.step();
+    settle(&mut window);
+    assert!(shown(&window) == moved && window.state().project().edit().scene == scene);
+}
+
+#[test]
+fn a_lamp_in_the_picture_goes_where_the_pointer_goes() {
+    let mut window = open();
+    let here = DVec3::new(-0.1, 0.25, 0.15);
+    let project = window.state_mut().project_mut();
+    let hung_low = |scene: &mut SceneFile| {
+        let lamp = &mut scene.light.lamp[0];
+        (lamp.at_m, lamp.diameter_m) = (here.to_array(), Some(0.04));
+    };
+    project.change_scene("hung low", hung_low).unwrap();
+    project.close_step();
+    settle(&mut window);
+    let mark = on_screen(&window, seen(&window, here).unwrap());
+    click_at(&mut window, mark);
+    assert_eq!(window.state().selected(), Some(LAMP));
+    let to = mark + egui::vec2(70.0, -40.0);
+    hold(&mut window, mark, to);
+    let_go(&mut window, to);
+    let now = at_m(&window, LAMP);
+    let there = on_screen(&window, seen(&window, now).unwrap());
+    // To a tenth of a millimetre of the world; rows of the picture have moments of their own.
+    assert!(there.distance(to) < 0.5, "{there:?} {to:?}");
+    let eye = window.state().project().shot().eye(0).unwrap();
+    let across = (now - here).dot((here - eye.position_m()).normalize());
+    assert!(across.abs() < 1e-3, "{across}");
+
+    // The arrow of z is held beside the lamp's ball and goes up alone.
+    let up = there - egui::vec2(0.0, 50.0);
+    hold(&mut window, up, up - egui::vec2(0.0, 40.0));
+    let_go(&mut window, up - egui::vec2(0.0, 40.0));
+    let by = at_m(&window, LAMP) - now;
+    assert!(by.x == 0.0 && by.y == 0.0 && by.z > 0.02, "{by}");
+    // Its size is its diameter, and it has no front to turn.
+    press(&mut window, Key::S);
+    types(&mut window, "200%");
+    press(&mut window, Key::Enter);
+    assert_eq!(window.state().project().edit().scene.stance(LAMP).unwrap().size, Size::LargestM(0.08));
+    let before = window.state().project().edit().clone();
+    press(&mut window, Key::R);
+    assert!(window.state().said().is_some_and(|said| said.contains("nothing to turn")));
+    types(&mut window, "45");
+    press(&mut window, Key::Enter);
+    press(&mut window, Key::H);
+    assert!(window.state().project().edit() == &before);
+}
+
+#[test]
+fn keys_move_double_and_delete_a_lamp_and_escape_leaves_it() {
+    let mut window = open();
+    window.get_by_role_and_label(Role::Button, "lamp 1").click();
+    window.run_steps(2);
+    assert_eq!(window.state().selected(), Some(LAMP));
+    let (first, before) = (shown(&window), window.state().project().edit().clone());
+    press(&mut window, Key::G);
+    press(&mut window, Key::Z);
+    types(&mut window, "-1");
+    window.run_steps(2);
+    assert!(at_m(&window, LAMP).abs_diff_eq(DVec3::from(LAMP_AT) - DVec3::Z, 1e-9));
+    press(&mut window, Key::Escape);
+    assert!(window.state().project().edit() == &before);
+    window.key_press_modifiers(Modifiers::SHIFT, Key::D);
+    window.run_steps(2);
+    press(&mut window, Key::X);
+    types(&mut window, "1,5");
+    press(&mut window, Key::Enter);
+    settle(&mut window);
+    let copy = Thing::Lamp(1);
+    assert_eq!(window.state().selected(), Some(copy));
+    assert!(at_m(&window, copy).abs_diff_eq(DVec3::from(LAMP_AT) + 1.5 * DVec3::X, 1e-9));
+    assert_eq!(at_m(&window, LAMP), DVec3::from(LAMP_AT));
+    assert!(shown(&window) != first, "two shine more than one");
+    window.key_press_modifiers(Modifiers::ALT, Key::ArrowRight);
+    window.run_steps(2);
+    let by = at_m(&window, copy) - DVec3::from(LAMP_AT) - 1.5 * DVec3::X;
+    assert!((by.length() - 1e-3).abs() < 1e-9, "{by}");
+    press(&mut window, Key::Delete);
+    settle(&mut window);
+    assert!(
+        shown(&window) == first && window.state().project().edit() == &before && window.state().selected().is_none()
+    );
+    let expected =
+        ["opened", "lamp 2: duplicated, moved 1.5 m", "lamp 2: moved by keys", "lamp 2: deleted"].map(str::to_owned);
+    assert_eq!(steps(&window), expected);
+}
+
+#[test]
+fn numbers_of_a_lamp_are_typed_and_each_is_a_step() {
+    let mut window = open();
+    window.get_by_role_and_label(Role::Button, "lamp 1").click();
+    window.run_steps(2);
+    let first = shown(&window);
+    for (label, value) in [("lamp intensity", 2.0), ("lamp green", 0.0), ("lamp diameter", 1.0), ("lamp z", 1.5)] {
+        window.get_by_role_and_label(Role::Slider, label).set_value_accesskit(value);
+        window.run_steps(3);
+    }
+    let lamp = window.state().project().edit().scene.light.lamp[0].clone();
+    assert_eq!((lamp.intensity, lamp.rgb(), lamp.wide_m(), lamp.at_m[2]), (Some(2.0), [5.4049, 0.0, 4.6338], 1.0, 1.5));
+    // Nothing and less does not shine, and is no mistake.
+    window.get_by_role_and_label(Role::Slider, "lamp intensity").set_value_accesskit(-3.0);
+    window.run_steps(3);
+    assert_eq!(window.state().project().edit().scene.light.lamp[0].intensity, Some(0.0));
+    settle(&mut window);
+    assert!(shown(&window) != first);
+    for _ in 0..5 {
+        undo(&mut window);
+    }
+    assert!(shown(&window) == first && !window.state().project().history().can_undo());
+}
+
+#[test]
+fn a_lamp_is_added_where_the_picture_is_clicked() {
+    let mut window = open();
+    window.get_by_label("Add lamp").click();
+    window.run_steps(2);
+    press(&mut window, Key::Escape);
+    let place = on_screen(&window, seen(&window, DVec3::new(-0.2, 0.2, 0.0)).unwrap());
+    click_at(&mut window, place);
+    assert_eq!(window.state().project().edit().scene.light.lamp.len(), 1, "Esc has ended it");
+    window.get_by_label("Add lamp").click();
+    window.run_steps(2);
+    click_at(&mut window, place);
+    let added = Thing::Lamp(1);
+    assert_eq!((window.state().selected(), steps(&window).last().unwrap().as_str()), (Some(added), "lamp 2: added"));
+    // A bulb of 6 cm that touches the floor, z = 0, whose depth is noisy by 1.5 mm.
+    assert!(at_m(&window, added).abs_diff_eq(DVec3::new(-0.2, 0.2, 0.03), 4e-3), "{}", at_m(&window, added));
+    // The next click selects again.
+    let beside = on_screen(&window, seen(&window, DVec3::new(-0.4, 0.4, 0.0)).unwrap());
+    click_at(&mut window, beside);
+    assert_eq!(window.state().selected(), None);
+    undo(&mut window);
+    assert_eq!(window.state().project().edit().scene.light.lamp.len(), 1);
+}
+
+#[test]
+fn the_light_that_was_found_is_taken_into_the_scene_and_saved_with_its_panorama() {
+    let folder = footage::demo(13, &Flaws::default());
+    let shot = footage::opened(&folder);
+    let analysis = folder.path().join("site.analysis");
+    footage::analysed(&shot, 2).write(&analysis, &shot.recording).unwrap();
+    let file = folder.path().join("case.toml");
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
+    let bare = format!(
+        "version = 1\nup = \"z\"\n\n# the tent\n[[objects]]\nmodel = {model:?}\nposition_m = [0.0, 0.12, 0.0]\n"
+    );
+    std::fs::write(&file, &bare).unwrap();
+    // Another case's panorama is in the way, and stays.
+    std::fs::write(folder.path().join("case-light.hdr"), "another").unwrap();
+    let given = Given { scene: Some(file.clone()), ..Given::default() };
+    let open = || Project::open(&folder.path().join("site"), &OpenOptions::default(), &given).unwrap();
+    assert!(matches!(open().shot().analysis, AnalysisState::Used(..)));
+    let mut window = window(open(), egui::vec2(1400.0, 1000.0));
+    let first = shown(&window);
+    assert!(!has(&window, "lamp 1"));
+    window.get_by_label("Edit the found light").click();
+    window.run_steps(2);
+    settle(&mut window);
+    assert!(shown(&window) == first, "it is the light that it was in");
+    assert!(!has(&window, "Edit the found light") && has(&window, "lamp 1"));
+    assert_eq!(steps(&window), ["opened", "light: as it was found"]);
+    window.get_by_role_and_label(Role::Button, "lamp 1").click();
+    window.run_steps(2);
+    press(&mut window, Key::G);
+    press(&mut window, Key::X);
+    types(&mut window, "0.5");
+    press(&mut window, Key::Enter);
+    settle(&mut window);
+    let moved = shown(&window);
+    assert!(moved != first);
+
+    window.state_mut().project_mut().save_scene(&file).unwrap();
+    assert!(window.state().project().is_saved());
+    let written = std::fs::read_to_string(&file).unwrap();
+    assert!(written.starts_with(&bare) && written.contains("environment = \"case-light-2.hdr\"\n"), "{written}");
+    let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    assert_eq!(read("case-light.hdr"), b"another");
+    assert!(read("case-light-2.hdr") == std::fs::read(analysis.join("environment.hdr")).unwrap());
+    // What is undone and done again names it, too; and the file is lit alike when it is opened.
+    undo(&mut window);
+    assert!(shown(&window) == first);
+    let environment = window.state().project().edit().scene.light.environment.clone();
+    assert_eq!(environment.as_deref(), Some("case-light-2.hdr"));
+    undo(&mut window);
+    assert!(shown(&window) == first && has(&window, "Edit the found light"));
+    let again = open();
+    assert!(again.shot().scene.lit_by == LitBy::Scene && again.found_light().is_none());
+    let again = crate::worked::window(again, egui::vec2(1400.0, 1000.0));
+    assert!(shown(&again) == moved);
+}
+
+#[test]
+fn a_lamp_that_is_added_to_a_guessed_light_leaves_the_rest_as_it_is() {
+    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given::default()).unwrap();
+    let mut window = window(project, egui::vec2(1400.0, 1000.0));
+    let project = window.state_mut().project_mut();
+    let guessed = load_file(&SceneFile::default(), Path::new("scene.toml"), Some(DVec3::Z)).unwrap().lighting;
+    assert_eq!(project.add_lamp(DVec3::new(0.0, 0.0, 1.0)), Ok(LAMP));
+    let lighting = &project.shot().scene.lighting;
+    assert!(lighting.environment == guessed.environment && lighting.suns.len() == 1 && lighting.points.len() == 1);
+    // Another one is added to that, and nothing else.
+    let light = project.edit().scene.light.clone();
+    project.add_lamp(DVec3::new(0.5, 0.0, 1.0)).unwrap();
+    let mut with_another = project.edit().scene.light.clone();
+    with_another.lamp.pop();
+    assert_eq!(with_another, light);
+    project.undo();
+    project.undo();
+    assert!(project.edit().scene.light.says_none());
+}
