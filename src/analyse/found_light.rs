@@ -201,7 +201,7 @@ mod tests {
 
     #[test]
     fn another_panorama_than_was_found_is_refused() {
-        let rgb = vec![[0.5f32; 3]; (WIDTH * HEIGHT) as usize];
+        let rgb = vec![[0.5f32; 3]; WIDTH * HEIGHT];
         let found = Environment::of(&rgb).unwrap();
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), &found.hdr).unwrap();
