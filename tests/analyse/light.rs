@@ -139,6 +139,11 @@ fn analysed_demo() -> (tempfile::TempDir, Analysis) {
 #[test]
 fn a_person_corrects_the_light_by_white_paper_a_lamp_and_a_panorama() {
     let (folder, found) = analysed_demo();
+    by_white_paper(&folder, &found);
+    by_lamps_and_a_panorama(&folder, &found);
+}
+
+fn by_white_paper(folder: &tempfile::TempDir, found: &Analysis) {
     let light = found.findings.light.as_ref().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (site, new) = (at("site"), at("light.toml"));
@@ -166,9 +171,7 @@ fn a_person_corrects_the_light_by_white_paper_a_lamp_and_a_panorama() {
     assert!(!Path::new(&new).exists());
 }
 
-#[test]
-fn a_person_points_at_lamps_and_brings_a_panorama() {
-    let (folder, found) = analysed_demo();
+fn by_lamps_and_a_panorama(folder: &tempfile::TempDir, found: &Analysis) {
     let light = found.findings.light.as_ref().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (site, new) = (at("site"), at("light.toml"));
@@ -180,7 +183,7 @@ fn a_person_points_at_lamps_and_brings_a_panorama() {
     // By its distance along the ray. The lamp that really shines stays; this one is none, and hardly shines beside it.
     let told = asked(&["--lamp", "6:320,10,1.5"]);
     let lamps = written().lamp;
-    let place = opened(&folder).eye(6).unwrap().ray(glam::DVec2::new(320.0, 10.0)).unwrap().at(1.5);
+    let place = opened(folder).eye(6).unwrap().ray(glam::DVec2::new(320.0, 10.0)).unwrap().at(1.5);
     assert!(DVec3::from(lamps[0].at_m).distance(place) < 1e-3, "{lamps:?} {place}\n{told}");
     let color = |lamp: &scene::document::LampTable| glam::Vec3::from(lamp.color.unwrap()).element_sum();
     let real = DVec3::from(light.lamps[0].at_m);
