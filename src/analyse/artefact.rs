@@ -205,7 +205,7 @@ impl Analysis {
             Some(light) => {
                 light.check().map_err(|problem| content(&path, problem))?;
                 let path = folder.join(ENVIRONMENT);
-                let known = light.panorama.as_deref();
+                let known = light.panorama.as_deref().unwrap_or_default();
                 Some(Environment::read(&path, known).map_err(|problem| content(&path, problem))?)
             }
             None => None,

@@ -8,6 +8,7 @@ use image::codecs::hdr::HdrEncoder;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use super::inputs::hex;
 use super::light::{FoundLamp, HEIGHT, RoomLight, WIDTH};
 use crate::scene::{self, EnvironmentMap, Lighting, PointLight, upright};
 use crate::words::fixed;
@@ -176,17 +177,17 @@ impl Environment {
 
     /// SHA-256 of its file, hexadecimal.
     fn fingerprint(&self) -> String {
-        Sha256::digest(&self.hdr).iter().map(|byte| format!("{byte:02x}")).collect()
+        hex(&Sha256::digest(&self.hdr))
     }
 
     /// Reads the file whose fingerprint is known.
-    pub fn read(file: &Path, fingerprint: Option<&str>) -> Result<Self, String> {
+    pub fn read(file: &Path, fingerprint: &str) -> Result<Self, String> {
         /// Larger is none of ours, bytes.
         const MOST: u64 = 1 << 22;
         let hdr = crate::source::file::read(file, MOST).map_err(|error| crate::words::reason(&error))?;
         let (width, height, rgb) = scene::panorama_of(&hdr)?;
         let read = Self { width, height, rgb: Arc::new(rgb), hdr: hdr.into() };
-        if fingerprint.is_some_and(|known| known != read.fingerprint()) {
+        if fingerprint != read.fingerprint() {
             return Err("it is not the panorama that was found: analyse the recording again, or give a scene its own \
                         (`locard light`)"
                 .to_owned());
@@ -205,9 +206,9 @@ mod tests {
         let found = Environment::of(&rgb).unwrap();
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), &found.hdr).unwrap();
-        assert_eq!(Environment::read(file.path(), Some(&found.fingerprint())), Ok(found));
+        assert_eq!(Environment::read(file.path(), &found.fingerprint()), Ok(found));
         let other = Environment::of(&vec![[0.25f32; 3]; rgb.len()]).unwrap();
-        let problem = Environment::read(file.path(), Some(&other.fingerprint())).unwrap_err();
+        let problem = Environment::read(file.path(), &other.fingerprint()).unwrap_err();
         assert!(problem.contains("it is not the panorama that was found"), "{problem}");
     }
 

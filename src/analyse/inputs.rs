@@ -36,7 +36,11 @@ pub fn fingerprint(recording: &Recording) -> String {
         hash.update(file.file_name().unwrap_or_default().as_encoded_bytes());
         let _ = ends(file, &mut hash);
     }
-    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+    hex(&hash.finalize())
+}
+
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn ends(file: &Path, hash: &mut Sha256) -> std::io::Result<()> {

@@ -59,7 +59,7 @@ pub(crate) use eye::is_same;
 pub use findings::Findings;
 pub use found_light::{Environment, FOUND_LAMP_M, FoundLight};
 pub use interrupted::Interrupted;
-pub use light::{FoundLamp, MOST_LAMPS};
+pub use light::{FoundLamp, MOST_LAMPS, WHITE};
 pub use light_table::panorama_beside;
 pub use lit_anew::lit_anew;
 pub use part::Part;

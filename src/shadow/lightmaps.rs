@@ -435,7 +435,7 @@ mod tests {
         assert!(!maps.sketched(&scene).1);
         let mut lamps = scene.clone();
         lamps.lighting.points.push(lamp(DVec3::new(0.0, 0.0, 3.0)));
-        Lightmaps::light_by(&mut maps, &lamps);
+        maps.light_by(&lamps);
         assert_eq!(maps.sketched(&lamps), (Vec::new(), true));
         maps.light_by(&scene);
         let near = maps.of(&scene, &unwrapped, &[], &[]);

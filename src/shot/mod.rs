@@ -57,7 +57,7 @@ pub use standing::Standing;
 pub use stream::Composites;
 pub use surface::{Surface, SurfaceError};
 pub use triangulate::{Triangulated, View};
-pub use white::{WHITE, White, WhiteError};
+pub use white::{White, WhiteError};
 
 /// A recording with its camera, what is put into it, and how. Cheap to clone: what is large is shared.
 #[derive(Clone, Debug)]

@@ -102,8 +102,7 @@ impl Shot {
         within_m: f64,
     ) -> bool {
         let Some(depth) = &frame.depth else { return false };
-        let measured = self.recording.track.at(depth.timestamp_s + self.recording.time_offset_s);
-        let Ok(pose) = measured.or_else(|_| self.recording.pose_at_frame(frame.index)) else { return false };
+        let Ok(pose) = self.measured_from(frame, depth) else { return false };
         let (mut near, mut level) = (0usize, 0usize);
         for y in (0..depth.height as usize).step_by(EVERY_PX) {
             for x in (0..depth.width as usize).step_by(EVERY_PX) {

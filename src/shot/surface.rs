@@ -12,6 +12,7 @@ use glam::{DMat3, DVec2, DVec3};
 use super::{Shot, ShotError};
 use crate::frame::Frame;
 use crate::pixels::DepthMap;
+use crate::pose::Pose;
 use crate::scene::Support;
 use crate::tracking::NoPose;
 use crate::words::number;
@@ -89,10 +90,7 @@ impl Shot {
         let geometry = eye.geometry();
         let ray = eye.ray(at_px).ok_or(SurfaceError::NoRay { at_px: told })?;
         let not_measured = || SurfaceError::NotMeasured { at_px: told };
-        // Where the track does not cover the depth's moment, to the frame's.
-        let recording = &self.recording;
-        let measured = recording.track.at(depth.timestamp_s + recording.time_offset_s);
-        let pose = measured.or_else(|_| recording.pose_at_frame(index))?;
+        let pose = self.measured_from(frame, depth)?;
         let (origin, along) =
             (pose.transform_point(ray.origin_m), pose.world_from_camera_rotation().inverse() * ray.direction);
         let mut in_map = at_px;
@@ -118,6 +116,13 @@ impl Shot {
             sigma_m: plane.sigma * depth_m * depth_m,
             share: plane.share,
         })
+    }
+
+    /// The pose at which a frame's depth was measured, or the frame's where the track does not cover that moment.
+    pub(super) fn measured_from(&self, frame: &Frame, depth: &DepthMap) -> Result<Pose, NoPose> {
+        let recording = &self.recording;
+        let measured = recording.track.at(depth.timestamp_s + recording.time_offset_s);
+        measured.or_else(|_| recording.pose_at_frame(frame.index))
     }
 
     /// Where the ray through a place of a frame's picture meets the plane a·x + b·y + c·z = d of the world.

@@ -11,13 +11,12 @@
 use glam::{DVec3, Vec3};
 
 use super::{Shot, SurfaceError, View};
+use crate::analyse::WHITE;
 use crate::camera::Response;
 use crate::frame::Frame;
 use crate::scene::{Lighting, Support};
 use crate::shadow::{OnWhite, on_white};
 
-/// What white paper and paint reflect.
-pub const WHITE: f64 = 0.8;
 /// The patch reaches so far around the place, px of 640 across.
 const REACH_PX: f64 = 2.0;
 /// From this share of the largest code on a colour is clipped; patches with more than this share of such pixels are refused.

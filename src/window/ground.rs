@@ -203,13 +203,14 @@ fn set_scale(project: &mut Project, a: DVec3, b: DVec3, distance_m: f64) -> Resu
 /// Moves all things of a scene with a world that becomes larger, about its origin. They keep their size, and lamps shine onto what they
 /// shone onto as brightly as before.
 fn move_apart(scene: &mut SceneFile, factor: f64) {
+    let moved = |c: &mut f64| *c = (*c * factor * 1e4).round() / 1e4;
     for object in &mut scene.objects {
         let own = object.position_m.iter_mut();
         let all = own.chain(object.instances.iter_mut().filter_map(|instance| instance.position_m.as_mut()));
-        all.flatten().for_each(|c| *c = (*c * factor * 1e4).round() / 1e4);
+        all.flatten().for_each(moved);
     }
     for lamp in &mut scene.light.lamp {
-        lamp.at_m.iter_mut().for_each(|c| *c = (*c * factor * 1e4).round() / 1e4);
+        lamp.at_m.iter_mut().for_each(moved);
         // Light falls off with the square of the distance.
         lamp.intensity = Some(rounded(lamp.intensity.unwrap_or(1.0) * factor * factor));
     }

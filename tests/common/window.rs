@@ -82,6 +82,40 @@ pub fn click_at<S>(window: &mut Harness<'_, S>, at: egui::Pos2) {
     window.run_steps(2);
 }
 
+/// Presses a key and sees what follows.
+pub fn press_key(window: &mut Harness<'_, App>, key: egui::Key) {
+    window.key_press(key);
+    window.run_steps(2);
+}
+
+pub fn types(window: &mut Harness<'_, App>, text: &str) {
+    window.event(egui::Event::Text(text.to_owned()));
+    window.step();
+}
+
+/// Presses and moves in small steps, as a hand does, without letting go.
+pub fn press_and_move(window: &mut Harness<'_, App>, from: egui::Pos2, to: egui::Pos2) {
+    window.hover_at(from);
+    window.step();
+    window.drag_at(from);
+    window.step();
+    for share in [0.1, 0.4, 0.7, 1.0, 1.0] {
+        window.hover_at(from + (to - from) * share);
+        window.step();
+    }
+}
+
+/// Lets go, and sees what follows.
+pub fn let_go(window: &mut Harness<'_, App>, at: egui::Pos2) {
+    window.drop_at(at);
+    window.run_steps(2);
+}
+
+/// What was done to the project, as it can be undone.
+pub fn steps(window: &Harness<'_, App>) -> Vec<String> {
+    window.state().project().history().names().0.map(str::to_owned).collect()
+}
+
 /// A file is dropped into the window in its next frame.
 pub fn drop_file<S>(window: &mut Harness<'_, S>, path: PathBuf) {
     window.input_mut().dropped_files.push(Arc::new(Dropped(path)));

@@ -43,6 +43,7 @@ mod photo_scene;
 mod pictures;
 mod projections;
 mod real;
+mod sensed;
 mod shaders;
 mod shading;
 mod shadow;

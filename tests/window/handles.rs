@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::gpu;
-use crate::worked::{click_at, codes, settle, shown, window};
+use crate::worked::{click_at, codes, let_go, press_and_move, press_key, settle, shown, steps, types, window};
 use eframe::egui::{self, Event, Key, Modifiers, Pos2, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
@@ -37,37 +37,11 @@ fn at(window: &Harness<'_, App>, frame: usize, point_m: [f64; 3]) -> Pos2 {
 /// Presses, moves in small steps as a hand does, and lets go.
 fn drag(window: &mut Harness<'_, App>, from: Pos2, to: Pos2) {
     press_and_move(window, from, to);
-    window.drop_at(to);
-    window.run_steps(2);
-}
-
-fn press_and_move(window: &mut Harness<'_, App>, from: Pos2, to: Pos2) {
-    window.hover_at(from);
-    window.step();
-    window.drag_at(from);
-    window.step();
-    for share in [0.1, 0.4, 0.7, 1.0, 1.0] {
-        window.hover_at(from + (to - from) * share);
-        window.step();
-    }
-}
-
-fn types(window: &mut Harness<'_, App>, text: &str) {
-    window.event(Event::Text(text.to_owned()));
-    window.step();
-}
-
-fn press(window: &mut Harness<'_, App>, key: Key) {
-    window.key_press(key);
-    window.run_steps(2);
+    let_go(window, to);
 }
 
 fn stance(window: &Harness<'_, App>, thing: Thing) -> Stance {
     window.state().project().edit().scene.stance(thing).unwrap()
-}
-
-fn steps(window: &Harness<'_, App>) -> Vec<String> {
-    window.state().project().history().names().0.map(str::to_owned).collect()
 }
 
 /// The marker, selected by a click on its front.
@@ -96,7 +70,7 @@ fn a_click_selects_what_is_seen_there_and_the_list_shows_it() {
     window.get_by_label(&name).click();
     window.run_steps(2);
     assert_eq!(window.state().selected(), Some(CASE));
-    press(&mut window, Key::Escape);
+    press_key(&mut window, Key::Escape);
     let beside = at(&window, 0, [-0.4, 0.4, 0.0]);
     click_at(&mut window, beside);
     assert_eq!(window.state().selected(), None);
@@ -131,15 +105,15 @@ fn keys_that_come_between_two_pictures_are_all_heard() {
     assert_eq!(steps(&window), ["opened", "marker 1: moved 1 cm", "marker 1: moved 1 cm"]);
     assert!(window.state().view.wipe.is_some(), "the last key is the window's");
     // Nothing is nothing to look at: the pointer rules.
-    press(&mut window, Key::S);
+    press_key(&mut window, Key::S);
     types(&mut window, "-1");
-    press(&mut window, Key::Enter);
+    press_key(&mut window, Key::Enter);
     assert!(matches!(stance(&window, MARKER).size, Size::Scale(factor) if factor.min_element() > 0.0));
     // Esc first ends what is under way, then nothing is selected.
-    press(&mut window, Key::G);
-    press(&mut window, Key::Escape);
+    press_key(&mut window, Key::G);
+    press_key(&mut window, Key::Escape);
     assert_eq!(window.state().selected(), Some(MARKER));
-    press(&mut window, Key::Escape);
+    press_key(&mut window, Key::Escape);
     assert_eq!(window.state().selected(), None);
 }
 
@@ -148,26 +122,26 @@ fn typed_numbers_move_turn_and_scale_exactly_and_each_is_one_step() {
     let mut window = with_marker(0);
     let before = stance(&window, MARKER);
     let first = shown(&window);
-    press(&mut window, Key::G);
-    press(&mut window, Key::X);
+    press_key(&mut window, Key::G);
+    press_key(&mut window, Key::X);
     types(&mut window, "0,1");
     window.run_steps(2);
     assert_eq!(stance(&window, MARKER).position_m, DVec3::from(MARKER_AT) + 0.1 * DVec3::X);
     assert_eq!(steps(&window).len(), 1, "it is no step yet");
     // Keys of the window are not asked meanwhile: 1 is a digit, not a zoom.
     assert_eq!(window.state().view.zoom, None);
-    press(&mut window, Key::Enter);
+    press_key(&mut window, Key::Enter);
     settle(&mut window);
     let moved = shown(&window);
     assert!(moved != first);
     let heading = stance(&window, MARKER).heading_deg;
-    press(&mut window, Key::R);
+    press_key(&mut window, Key::R);
     types(&mut window, "45");
-    press(&mut window, Key::Enter);
+    press_key(&mut window, Key::Enter);
     assert_eq!(stance(&window, MARKER).heading_deg, heading + 45.0);
-    press(&mut window, Key::S);
+    press_key(&mut window, Key::S);
     types(&mut window, "150%");
-    press(&mut window, Key::Enter);
+    press_key(&mut window, Key::Enter);
     assert_eq!(stance(&window, MARKER).size, Size::Scale(DVec3::splat(1.5)));
     let names = ["opened", "marker 1: moved 10 cm", "marker 1: turned 45°", "marker 1: scaled to 150 %"];
     assert_eq!(steps(&window), names);
@@ -222,17 +196,17 @@ fn escape_and_the_right_button_leave_everything_as_it_was() {
     let mut window = with_marker(0);
     let (before, first) = (window.state().project().edit().clone(), shown(&window));
     // A step that is undone can still be done again.
-    press(&mut window, Key::G);
+    press_key(&mut window, Key::G);
     types(&mut window, "0.02");
-    press(&mut window, Key::Enter);
+    press_key(&mut window, Key::Enter);
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.run_steps(2);
     for key in [Key::G, Key::R, Key::S] {
-        press(&mut window, key);
+        press_key(&mut window, key);
         types(&mut window, "0.5");
         settle(&mut window);
         assert!(window.state().project().edit() != &before);
-        press(&mut window, Key::Escape);
+        press_key(&mut window, Key::Escape);
         assert!(window.state().project().edit() == &before);
     }
     let from = at(&window, 0, [0.0, 0.12, 0.03]);
@@ -252,7 +226,7 @@ fn escape_and_the_right_button_leave_everything_as_it_was() {
     window.key_press_modifiers(Modifiers::SHIFT, Key::D);
     window.run_steps(2);
     assert_eq!(window.state().project().edit().scene.objects.len(), before.scene.objects.len() + 1);
-    press(&mut window, Key::Escape);
+    press_key(&mut window, Key::Escape);
     assert!(window.state().project().edit() == &before && window.state().selected() == Some(MARKER));
     settle(&mut window);
     assert!(shown(&window) == first && window.state().project().history().can_redo());
@@ -264,10 +238,10 @@ fn an_instance_moves_alone_and_is_written_to_its_own_entry() {
     let on_case = at(&window, 0, [0.03, -0.05, 0.005]);
     click_at(&mut window, on_case);
     assert_eq!(window.state().selected(), Some(CASE));
-    press(&mut window, Key::G);
-    press(&mut window, Key::Y);
+    press_key(&mut window, Key::G);
+    press_key(&mut window, Key::Y);
     types(&mut window, "-2cm");
-    press(&mut window, Key::Enter);
+    press_key(&mut window, Key::Enter);
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
     window.state_mut().project_mut().save_scene(&file).unwrap();
@@ -309,11 +283,11 @@ fn handles_move_along_their_axis_turn_and_scale() {
     let names = steps(&window);
     assert_eq!(names.last().unwrap(), "marker 1: scaled to 200 %");
     // With Ctrl turns are in steps of 5°.
-    press(&mut window, Key::R);
+    press_key(&mut window, Key::R);
     window.hover_at(centre + egui::vec2(100.0, 0.0));
     window.step();
-    press(&mut window, Key::Escape);
-    press(&mut window, Key::R);
+    press_key(&mut window, Key::Escape);
+    press_key(&mut window, Key::R);
     window.event(Event::ModifiersChanged(Modifiers::COMMAND));
     let turned = DVec2::from_angle((-42.0f64).to_radians()) * 100.0;
     window.hover_at(centre + egui::vec2(turned.x as f32, turned.y as f32));
@@ -339,22 +313,22 @@ fn small_steps_copies_and_deleting_by_keys() {
     let by = stance(&window, MARKER).position_m - DVec3::from(MARKER_AT);
     assert!((by.length() - 3e-3).abs() < 1e-9 && by.abs().max_element() > 2.9e-3, "{by}");
     assert_eq!(steps(&window).len(), 2);
-    press(&mut window, Key::H);
+    press_key(&mut window, Key::H);
     assert!(window.state().project().edit().scene.objects[0].hidden);
     // What is hidden is not moved.
-    press(&mut window, Key::G);
-    press(&mut window, Key::H);
+    press_key(&mut window, Key::G);
+    press_key(&mut window, Key::H);
     assert!(!window.state().project().edit().scene.objects[0].hidden);
     let count = window.state().project().edit().scene.objects.len();
     window.key_press_modifiers(Modifiers::SHIFT, Key::D);
     window.run_steps(2);
-    press(&mut window, Key::Y);
+    press_key(&mut window, Key::Y);
     types(&mut window, "-0,2");
-    press(&mut window, Key::Enter);
+    press_key(&mut window, Key::Enter);
     let copy = window.state().selected().unwrap();
     assert_eq!(window.state().project().edit().scene.title(copy), "marker 1 copy");
     assert!((stance(&window, copy).position_m.y - MARKER_AT[1] - by.y + 0.2).abs() < 1e-9);
-    press(&mut window, Key::Delete);
+    press_key(&mut window, Key::Delete);
     assert!(window.state().project().edit().scene.objects.len() == count && window.state().selected().is_none());
     let names = steps(&window);
     let named = ["moved by keys", "hidden", "shown"].map(|what| format!("marker 1: {what}"));

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use crate::footage;
-use crate::worked::{click_at, has, settle, shown, window};
-use eframe::egui::{self, Event, Key, Modifiers, Pos2, accesskit::Role};
+use crate::worked::{click_at, has, let_go, press_and_move, press_key, settle, shown, steps, types, window};
+use eframe::egui::{self, Key, Modifiers, Pos2, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use glam::{DVec2, DVec3};
@@ -56,40 +56,10 @@ fn towards(window: &Harness<'_, App>, point_m: [f64; 3]) -> DVec2 {
     seen.map_or_else(way, |px| px - 0.5 * size).normalize()
 }
 
-fn press(window: &mut Harness<'_, App>, key: Key) {
-    window.key_press(key);
-    window.run_steps(2);
-}
-
-fn types(window: &mut Harness<'_, App>, text: &str) {
-    window.event(Event::Text(text.to_owned()));
-    window.step();
-}
-
-fn hold(window: &mut Harness<'_, App>, from: Pos2, to: Pos2) {
-    window.hover_at(from);
-    window.step();
-    window.drag_at(from);
-    window.step();
-    for share in [0.1, 0.4, 0.7, 1.0, 1.0] {
-        window.hover_at(from + (to - from) * share);
-        window.step();
-    }
-}
-
-fn let_go(window: &mut Harness<'_, App>, at: Pos2) {
-    window.drop_at(at);
-    window.run_steps(2);
-}
-
 fn undo(window: &mut Harness<'_, App>) {
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.step();
     settle(window);
-}
-
-fn steps(window: &Harness<'_, App>) -> Vec<String> {
-    window.state().project().history().names().0.map(str::to_owned).collect()
 }
 
 /// What would be saved, in the folder that the scene lies in.
@@ -121,7 +91,7 @@ fn a_lamp_outside_the_picture_is_selected_at_the_rim_and_dragged_there() {
     // The dot of its handles, dragged across: the picture follows as long as it is held.
     let from = at_rim(&window, towards, HANDLES_INSET);
     let to = from + egui::vec2(-160.0, 30.0);
-    hold(&mut window, from, to);
+    press_and_move(&mut window, from, to);
     settle(&mut window);
     assert!(shown(&window) != first && steps(&window).len() == 1, "it is no step yet");
     let_go(&mut window, to);
@@ -169,7 +139,7 @@ fn a_lamp_in_the_picture_goes_where_the_pointer_goes() {
     click_at(&mut window, mark);
     assert_eq!(window.state().selected(), Some(LAMP));
     let to = mark + egui::vec2(70.0, -40.0);
-    hold(&mut window, mark, to);
+    press_and_move(&mut window, mark, to);
     let_go(&mut window, to);
     let now = at_m(&window, LAMP);
     let there = on_screen(&window, seen(&window, now).unwrap());
@@ -181,21 +151,21 @@ fn a_lamp_in_the_picture_goes_where_the_pointer_goes() {
 
     // The arrow of z is held beside the lamp's ball and goes up alone.
     let up = there - egui::vec2(0.0, 50.0);
-    hold(&mut window, up, up - egui::vec2(0.0, 40.0));
+    press_and_move(&mut window, up, up - egui::vec2(0.0, 40.0));
     let_go(&mut window, up - egui::vec2(0.0, 40.0));
     let by = at_m(&window, LAMP) - now;
     assert!(by.x == 0.0 && by.y == 0.0 && by.z > 0.02, "{by}");
     // Its size is its diameter, and it has no front to turn.
-    press(&mut window, Key::S);
+    press_key(&mut window, Key::S);
     types(&mut window, "200%");
-    press(&mut window, Key::Enter);
+    press_key(&mut window, Key::Enter);
     assert_eq!(window.state().project().edit().scene.stance(LAMP).unwrap().size, Size::LargestM(0.08));
     let before = window.state().project().edit().clone();
-    press(&mut window, Key::R);
+    press_key(&mut window, Key::R);
     assert!(window.state().said().is_some_and(|said| said.contains("nothing to turn")));
     types(&mut window, "45");
-    press(&mut window, Key::Enter);
-    press(&mut window, Key::H);
+    press_key(&mut window, Key::Enter);
+    press_key(&mut window, Key::H);
     assert!(window.state().project().edit() == &before);
 }
 
@@ -206,18 +176,18 @@ fn keys_move_double_and_delete_a_lamp_and_escape_leaves_it() {
     window.run_steps(2);
     assert_eq!(window.state().selected(), Some(LAMP));
     let (first, before) = (shown(&window), window.state().project().edit().clone());
-    press(&mut window, Key::G);
-    press(&mut window, Key::Z);
+    press_key(&mut window, Key::G);
+    press_key(&mut window, Key::Z);
     types(&mut window, "-1");
     window.run_steps(2);
     assert!(at_m(&window, LAMP).abs_diff_eq(DVec3::from(LAMP_AT) - DVec3::Z, 1e-9));
-    press(&mut window, Key::Escape);
+    press_key(&mut window, Key::Escape);
     assert!(window.state().project().edit() == &before);
     window.key_press_modifiers(Modifiers::SHIFT, Key::D);
     window.run_steps(2);
-    press(&mut window, Key::X);
+    press_key(&mut window, Key::X);
     types(&mut window, "1,5");
-    press(&mut window, Key::Enter);
+    press_key(&mut window, Key::Enter);
     settle(&mut window);
     let copy = Thing::Lamp(1);
     assert_eq!(window.state().selected(), Some(copy));
@@ -228,7 +198,7 @@ fn keys_move_double_and_delete_a_lamp_and_escape_leaves_it() {
     window.run_steps(2);
     let by = at_m(&window, copy) - DVec3::from(LAMP_AT) - 1.5 * DVec3::X;
     assert!((by.length() - 1e-3).abs() < 1e-9, "{by}");
-    press(&mut window, Key::Delete);
+    press_key(&mut window, Key::Delete);
     settle(&mut window);
     assert!(
         shown(&window) == first && window.state().project().edit() == &before && window.state().selected().is_none()
@@ -267,7 +237,7 @@ fn a_lamp_is_added_where_the_picture_is_clicked() {
     let mut window = open();
     window.get_by_label("Add lamp").click();
     window.run_steps(2);
-    press(&mut window, Key::Escape);
+    press_key(&mut window, Key::Escape);
     let place = on_screen(&window, seen(&window, DVec3::new(-0.2, 0.2, 0.0)).unwrap());
     click_at(&mut window, place);
     assert_eq!(window.state().project().edit().scene.light.lamp.len(), 1, "Esc has ended it");
@@ -314,10 +284,10 @@ fn the_light_that_was_found_is_taken_into_the_scene_and_saved_with_its_panorama(
     assert_eq!(steps(&window), ["opened", "light: as it was found"]);
     window.get_by_role_and_label(Role::Button, "lamp 1").click();
     window.run_steps(2);
-    press(&mut window, Key::G);
-    press(&mut window, Key::X);
+    press_key(&mut window, Key::G);
+    press_key(&mut window, Key::X);
     types(&mut window, "0.5");
-    press(&mut window, Key::Enter);
+    press_key(&mut window, Key::Enter);
     settle(&mut window);
     let moved = shown(&window);
     assert!(moved != first);

@@ -31,6 +31,7 @@ pub use gather::Known;
 pub use given::Given;
 pub use lit::MOST_LAMPS;
 pub use panorama::{HEIGHT, WIDTH};
+pub use white::WHITE;
 
 use super::registered::RegistrationError;
 use super::times::{self, Times};

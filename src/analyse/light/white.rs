@@ -9,7 +9,7 @@
 use super::quantile::{Known, quantile};
 
 const SHARE: f64 = 0.995;
-const WHITE: f64 = 0.8;
+pub const WHITE: f64 = 0.8;
 /// Shares between which the whitest things are, and how far white things lie from 0.8.
 const BETWEEN: [f64; 2] = [0.99, 0.999];
 const LOOSE: f64 = 1.1;

@@ -3,10 +3,11 @@
 use anyhow::{Result, anyhow};
 use glam::Vec3;
 
+use crate::analyse::WHITE;
 use crate::cli::pick::{of_view, triple, view};
 use crate::scene::Lighting;
 use crate::scene::document::LightTable;
-use crate::shot::{Shot, View, WHITE, White};
+use crate::shot::{Shot, View, White};
 use crate::words::fixed;
 
 /// How far the factor is believed, ln: white things reflect 0.7 to 0.9, and light found at a place is off by as much again

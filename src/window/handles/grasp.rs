@@ -53,8 +53,7 @@ pub fn marks(over: &Over<'_>, project: &Project, eye: &Eye) -> Vec<Mark> {
 pub fn beyond_m(over: &Over<'_>, project: &Project, eye: &Eye, thing: Thing) -> DVec3 {
     let (Thing::Lamp(_), Some(stance)) = (thing, project.edit().scene.stance(thing)) else { return DVec3::ZERO };
     let (visible, at_m) = (over.visible(), stance.position_m);
-    let mark =
-        Some(visible.is_positive()).filter(|is| *is).map(|_| lamp::mark(eye, at_m, visible, |px| over.screen(px)));
+    let mark = visible.is_positive().then(|| lamp::mark(eye, at_m, visible, |px| over.screen(px)));
     let there = mark.and_then(|mark| lamp::stand_in(eye, at_m, mark.beyond?, visible, |at| over.px(draw::at(at))));
     there.map_or(DVec3::ZERO, |there| at_m - there)
 }
