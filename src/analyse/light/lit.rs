@@ -93,19 +93,26 @@ pub fn fit(points: &[Point], shares: &[Shares], lamps: usize, rounds: usize) -> 
     }
     let sum = |x: &[f64; MOST], s: &Shares| x[..count].iter().zip(s).map(|(x, s)| x * s).sum::<f64>().max(1e-9);
     let mut lit: Vec<f64> = shares.iter().map(|s| sum(&x, s)).collect();
-    let mut left = Vec::new();
+    // What light leaves of each point's ln, and room for those of a material.
+    let (mut left, mut of_material) = (vec![0.0; points.len()], Vec::new());
+    let unlit = |lit: &[f64], left: &mut [f64]| {
+        points.iter().zip(lit).zip(left).for_each(|((point, lit), left)| *left = point.ln - lit.ln());
+    };
     for _ in 0..rounds {
-        medians(points, &lit, &mut reflectance, &mut left);
+        unlit(&lit, &mut left);
+        medians(points, &left, &mut reflectance, &mut of_material);
         let (mut normal, mut right) = ([[0.0; MOST]; MOST], [0.0; MOST]);
-        for ((point, s), lit) in points.iter().zip(shares).zip(&lit) {
-            let off = point.ln - reflectance[point.material] - lit.ln();
+        for (n, (point, s)) in points.iter().zip(shares).enumerate() {
+            let off = left[n] - reflectance[point.material];
             let w = 1.0 / (1.0 + (off / SCALE).powi(2));
             let wanted = 1.0 + off.clamp(-1.0, 1.0);
+            let per_lit = 1.0 / lit[n];
+            let slope = s.map(|s| s * per_lit);
             for i in 0..count {
-                let of = w * s[i] / lit;
+                let of = w * slope[i];
                 right[i] += of * wanted;
                 for j in 0..=i {
-                    normal[i][j] += of * s[j] / lit;
+                    normal[i][j] += of * slope[j];
                 }
             }
         }
@@ -116,26 +123,25 @@ pub fn fit(points: &[Point], shares: &[Shares], lamps: usize, rounds: usize) -> 
         x.iter_mut().for_each(|x| *x /= mean);
         lit.iter_mut().for_each(|lit| *lit /= mean);
     }
-    medians(points, &lit, &mut reflectance, &mut left);
-    let loss = |(point, lit): (&Point, &f64)| {
-        let off = point.ln - reflectance[point.material] - lit.ln();
-        (1.0 + (off / SCALE).powi(2)).ln()
-    };
-    let score = points.iter().zip(&lit).map(loss).sum::<f64>() / points.len().max(1) as f64;
+    unlit(&lit, &mut left);
+    medians(points, &left, &mut reflectance, &mut of_material);
+    let loss = |(point, left): (&Point, &f64)| (1.0 + ((left - reflectance[point.material]) / SCALE).powi(2)).ln();
+    let score = points.iter().zip(&left).map(loss).sum::<f64>() / points.len().max(1) as f64;
     let mut light = Light { around: x[0], above: x[1], ..Light::default() };
     light.lamps.copy_from_slice(&x[2..]);
     light.lamps[count - 2..].fill(0.0);
     Fit { light, reflectance, score }
 }
 
-fn medians(points: &[Point], lit: &[f64], reflectance: &mut [f64], left: &mut Vec<f64>) {
+/// ln of each material's reflectance: the median of what light leaves of its points.
+fn medians(points: &[Point], left: &[f64], reflectance: &mut [f64], of_material: &mut Vec<f64>) {
     let mut from = 0;
     for of in points.chunk_by(|a, b| a.material == b.material) {
-        left.clear();
-        left.extend(of.iter().zip(&lit[from..]).map(|(point, lit)| point.ln - lit.ln()));
+        of_material.clear();
+        of_material.extend(&left[from..from + of.len()]);
         from += of.len();
-        let half = left.len() / 2;
-        reflectance[of[0].material] = *left.select_nth_unstable_by(half, f64::total_cmp).1;
+        let half = of.len() / 2;
+        reflectance[of[0].material] = *of_material.select_nth_unstable_by(half, f64::total_cmp).1;
     }
 }
 

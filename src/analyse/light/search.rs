@@ -36,12 +36,39 @@ pub struct Room {
     pub up: DVec3,
 }
 
+impl Room {
+    /// The middles of cells all over it.
+    fn cells(&self) -> impl Iterator<Item = DVec3> {
+        let Self { low, high, .. } = *self;
+        let counts = ((high - low) / GRID_M).ceil().max(DVec3::ONE).as_usizevec3();
+        let at =
+            move |n: usize, axis: usize| low[axis] + (n as f64 + 0.5) / counts[axis] as f64 * (high[axis] - low[axis]);
+        let all = 0..counts.x * counts.y * counts.z;
+        all.map(move |n| {
+            DVec3::new(at(n % counts.x, 0), at(n / counts.x % counts.y, 1), at(n / counts.x / counts.y, 2))
+        })
+    }
+}
+
 #[derive(Clone, Debug)]
 pub struct Found {
     pub lamps: Vec<Place>,
     pub fit: Fit,
     /// With none, one, two ... lamps.
     pub scores: Vec<f64>,
+}
+
+/// Places all over the room, and what sees them.
+struct Grid {
+    /// Points with which they are tried.
+    few: Vec<Point>,
+    cells: Vec<Cell>,
+}
+
+struct Cell {
+    at: DVec3,
+    /// Whether light from here falls on each of the few.
+    seen: Vec<bool>,
 }
 
 pub struct Search<'a> {
@@ -67,11 +94,24 @@ impl Search<'_> {
         self.blocked.of_lamp(point.at, point.normal, lamp)
     }
 
+    /// A grid over the room.
+    fn grid(&self) -> Grid {
+        let step = self.points.len().div_ceil(FEW).max(1);
+        let few: Vec<Point> = self.points.iter().step_by(step).copied().collect();
+        let mut cells: Vec<Cell> = self.room.cells().map(|at| Cell { at, seen: Vec::new() }).collect();
+        over_rows(&mut cells, 1, self.threads, |_, cell| {
+            let lamp = Place { at: cell[0].at, along: None };
+            cell[0].seen = few.iter().map(|point| self.share(point, &lamp) > 0.0).collect();
+        });
+        Grid { few, cells }
+    }
+
     pub fn with(&self, lamps: &[Place], rounds: usize) -> Fit {
         fit(self.points, &self.shares(self.points, lamps), lamps.len(), rounds)
     }
 
     pub fn lamps(&self, most: usize) -> Found {
+        let grid = self.grid();
         let mut found = self.with(&[], FINE);
         let mut scores = vec![found.score];
         let mut lamps: Vec<Place> = Vec::new();
@@ -79,12 +119,12 @@ impl Search<'_> {
         // each.
         let mut kept: Vec<Vec<Place>> = vec![Vec::new()];
         while lamps.len() < most.min(MOST_LAMPS) {
-            let mut next: Vec<(Vec<Place>, Fit)> = kept.iter().flat_map(|lamps| self.one_more(lamps)).collect();
+            let mut next: Vec<(Vec<Place>, Fit)> = kept.iter().flat_map(|lamps| self.one_more(&grid, lamps)).collect();
             next.sort_by(|a, b| a.1.score.total_cmp(&b.1.score));
             next.truncate(BEGUN);
             kept = next.into_iter().map(|(lamps, _)| lamps).collect();
             let Some(best) = kept.first_mut() else { break };
-            let better = self.exchanged(best);
+            let better = self.exchanged(&grid, best);
             scores.push(better.score);
             if found.score - better.score < (WORTH * found.score).max(WORTH_OF_ALL * scores[0]) {
                 break;
@@ -95,7 +135,7 @@ impl Search<'_> {
     }
 
     /// Moves lamps to where they fit best; then takes each away, the oldest first, and seeks it anew, as long as that lowers the score.
-    fn exchanged(&self, lamps: &mut Vec<Place>) -> Fit {
+    fn exchanged(&self, grid: &Grid, lamps: &mut Vec<Place>) -> Fit {
         let fine = |lamps: &mut Vec<Place>| {
             self.descended(self.points, lamps, FIRST_M / 4.0, LAST_M);
             self.with(lamps, FINE)
@@ -106,7 +146,7 @@ impl Search<'_> {
         while k + 1 < lamps.len() {
             let mut others = lamps.clone();
             others.remove(k);
-            let sought = self.one_more(&others).into_iter().min_by(|a, b| a.1.score.total_cmp(&b.1.score));
+            let sought = self.one_more(grid, &others).into_iter().min_by(|a, b| a.1.score.total_cmp(&b.1.score));
             k += 1;
             let Some((mut other, _)) = sought else { continue };
             let better = fine(&mut other);
@@ -118,27 +158,23 @@ impl Search<'_> {
     }
 
     /// With one lamp more, all of them moved to where they fit best, roughly: from each of the best places of the grid.
-    fn one_more(&self, lamps: &[Place]) -> Vec<(Vec<Place>, Fit)> {
-        let step = self.points.len().div_ceil(FEW).max(1);
-        let few: Vec<Point> = self.points.iter().step_by(step).copied().collect();
-        let known = self.shares(&few, lamps);
+    fn one_more(&self, Grid { few, cells }: &Grid, lamps: &[Place]) -> Vec<(Vec<Place>, Fit)> {
+        let known = self.shares(few, lamps);
         // A bulb at each place, and a panel, which the same points see.
-        let kinds = |at: DVec3| [None, Some(-self.room.up)].map(|along| (Place { at, along }, f64::INFINITY));
-        let mut places: Vec<(Place, f64)> = self.grid().into_iter().flat_map(kinds).collect();
-        over_rows(&mut places, 2, self.threads, |_, kinds| {
-            let at = kinds[0].0.at;
-            if lamps.iter().any(|lamp| lamp.at.distance(at) < APART_M) {
+        let kinds =
+            |cell: &Cell| [None, Some(-self.room.up)].map(|along| (Place { at: cell.at, along }, f64::INFINITY));
+        let mut places: Vec<(Place, f64)> = cells.iter().flat_map(kinds).collect();
+        over_rows(&mut places, 2, self.threads, |n, kinds| {
+            let cell = &cells[n];
+            if lamps.iter().any(|lamp| lamp.at.distance(cell.at) < APART_M) {
                 return;
             }
-            let bulb = &kinds[0].0;
-            let of_bulb: Vec<f64> = few.iter().map(|point| self.share(point, bulb)).collect();
+            let mut shares = known.clone();
             for (place, score) in kinds {
-                let mut shares = known.clone();
-                for ((point, shares), of_bulb) in few.iter().zip(&mut shares).zip(&of_bulb) {
-                    let is_seen = *of_bulb > 0.0;
-                    shares[2 + lamps.len()] = if is_seen { of_lamp(point.at, point.normal, place) } else { 0.0 };
+                for ((point, shares), is_seen) in few.iter().zip(&mut shares).zip(&cell.seen) {
+                    shares[2 + lamps.len()] = if *is_seen { of_lamp(point.at, point.normal, place) } else { 0.0 };
                 }
-                *score = fit(&few, &shares, lamps.len() + 1, ROUGH).score;
+                *score = fit(few, &shares, lamps.len() + 1, ROUGH).score;
             }
         });
         places.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -154,7 +190,7 @@ impl Search<'_> {
             begun.iter().map(|at| ([lamps, &[*at]].concat(), None)).collect();
         over_rows(&mut tried, 1, self.threads, |_, slot| {
             let (lamps, fit) = &mut slot[0];
-            self.descended(&few, lamps, FIRST_M, FIRST_M / 4.0);
+            self.descended(few, lamps, FIRST_M, FIRST_M / 4.0);
             *fit = Some(self.with(lamps, FINE));
         });
         tried.into_iter().filter_map(|(lamps, fit)| Some((lamps, fit?))).collect()
@@ -188,22 +224,5 @@ impl Search<'_> {
                 step_m *= 0.5;
             }
         }
-    }
-
-    fn grid(&self) -> Vec<DVec3> {
-        let Room { low, high, .. } = self.room;
-        let counts = ((high - low) / GRID_M).ceil().max(DVec3::ONE).as_usizevec3();
-        let at = |n: usize, axis: usize, count: usize| {
-            low[axis] + (n as f64 + 0.5) / count as f64 * (high[axis] - low[axis])
-        };
-        let mut places = Vec::new();
-        for z in 0..counts.z {
-            for y in 0..counts.y {
-                for x in 0..counts.x {
-                    places.push(DVec3::new(at(x, 0, counts.x), at(y, 1, counts.y), at(z, 2, counts.z)));
-                }
-            }
-        }
-        places
     }
 }
