@@ -37,13 +37,12 @@ pub struct Bvh {
     triangles: Vec<Triangle>,
 }
 
-/// Rays from one point.
+/// Directions of rays from one point.
 #[derive(Clone, Copy, Debug)]
 pub struct Bundle {
-    /// By axis.
+    /// By axis, and one over that.
     towards: [[f32; RAYS]; 3],
-    /// How far each goes, lengths of its direction.
-    farthest: [f32; RAYS],
+    per: [[f32; RAYS]; 3],
 }
 
 /// Where a ray meets a triangle first.
@@ -55,16 +54,21 @@ pub struct Hit {
 }
 
 impl Bundle {
-    /// Of up to [`RAYS`] directions, each with how far it goes, lengths of it; 0: not at all.
-    pub fn new(rays: impl Iterator<Item = (Vec3, f32)>) -> Self {
-        let mut bundle = Self { towards: [[1.0; RAYS]; 3], farthest: [0.0; RAYS] };
-        for (n, (towards, farthest)) in rays.take(RAYS).enumerate() {
+    /// Of up to [`RAYS`] directions.
+    pub fn new(rays: impl Iterator<Item = Vec3>) -> Self {
+        let mut towards = [[1.0; RAYS]; 3];
+        for (n, ray) in rays.take(RAYS).enumerate() {
             // What runs along a side is moved by nothing that one sees, so that no 0 is divided by 0.
-            let towards = Vec3::select(towards.abs().cmplt(Vec3::splat(1e-9)), Vec3::splat(1e-9), towards);
-            (0..3).for_each(|axis| bundle.towards[axis][n] = towards[axis]);
-            bundle.farthest[n] = farthest;
+            let ray = Vec3::select(ray.abs().cmplt(Vec3::splat(1e-9)), Vec3::splat(1e-9), ray);
+            (0..3).for_each(|axis| towards[axis][n] = ray[axis]);
         }
-        bundle
+        Self { towards, per: towards.map(|along| along.map(f32::recip)) }
+    }
+
+    /// Each direction times a vector.
+    pub fn dot(&self, with: Vec3) -> [f32; RAYS] {
+        let [x, y, z] = &self.towards;
+        std::array::from_fn(|n| x[n] * with.x + y[n] * with.y + z[n] * with.z)
     }
 }
 
@@ -105,20 +109,20 @@ impl Bvh {
         self.nodes[node].skip = self.nodes.len() as u32;
     }
 
-    /// The first triangle that each ray meets.
-    pub fn first(&self, from: Vec3, rays: &Bundle) -> [Option<Hit>; RAYS] {
+    /// The first triangle that each ray meets that goes so far, lengths of its direction; 0: not at all.
+    pub fn first(&self, from: Vec3, rays: &Bundle, farthest: [f32; RAYS]) -> [Option<Hit>; RAYS] {
         let mut found = [None; RAYS];
-        self.meet(from, rays.towards, rays.farthest, |n, hit| {
+        self.meet(from, rays, farthest, |n, hit| {
             found[n] = Some(hit);
             hit.along
         });
         found
     }
 
-    /// How many of the rays meet any.
-    pub fn any(&self, from: Vec3, rays: &Bundle) -> [bool; RAYS] {
+    /// Whether each of the rays meets any.
+    pub fn any(&self, from: Vec3, rays: &Bundle, farthest: [f32; RAYS]) -> [bool; RAYS] {
         let mut found = [false; RAYS];
-        self.meet(from, rays.towards, rays.farthest, |n, _| {
+        self.meet(from, rays, farthest, |n, _| {
             found[n] = true;
             0.0
         });
@@ -129,11 +133,10 @@ impl Bvh {
     fn meet(
         &self,
         from: Vec3,
-        towards: [[f32; RAYS]; 3],
+        Bundle { towards, per }: &Bundle,
         mut farthest: [f32; RAYS],
         mut met: impl FnMut(usize, Hit) -> f32,
     ) {
-        let per = towards.map(|along| along.map(f32::recip));
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
             let (low, high) = ((node.low - from).to_array(), (node.high - from).to_array());
@@ -153,7 +156,7 @@ impl Bvh {
             }
             at += 1;
             for triangle in &self.triangles[node.first as usize..(node.first + node.count) as usize] {
-                let along = triangle.meet(from, &towards);
+                let along = triangle.meet(from, towards);
                 let is_met = |n: usize| (along[n] > 0.0) & (along[n] < farthest[n]);
                 if !(0..RAYS).fold(false, |any, n| any | is_met(n)) {
                     continue;
@@ -273,26 +276,27 @@ mod tests {
         for n in 0..300 {
             let from = Vec3::new(random(), random(), random()) * 1.4 - 0.2;
             // Some along an axis, and one that goes nowhere.
-            let mut rays = [(Vec3::X, f32::INFINITY); RAYS];
-            rays[1..].fill_with(|| (Vec3::new(random(), random(), random()) - 0.5, f32::INFINITY));
-            rays[n % RAYS].1 = 0.0;
+            let mut rays = [Vec3::X; RAYS];
+            rays[1..].fill_with(|| Vec3::new(random(), random(), random()) - 0.5);
+            let mut farthest = [f32::INFINITY; RAYS];
+            farthest[n % RAYS] = 0.0;
             let bundle = Bundle::new(rays.into_iter());
-            let alone = |n: usize, farthest: f32| Bundle::new(std::iter::once((rays[n].0, farthest)));
-            let (found, any) = (bvh.first(from, &bundle), bvh.any(from, &bundle));
-            for (n, (_, farthest)) in rays.iter().enumerate() {
-                let all = bvh.triangles.iter().map(|t| (t.meet(from, &alone(n, 1.0).towards)[0], t.number));
+            let alone = |n: usize| Bundle::new(std::iter::once(rays[n]));
+            let (found, any) = (bvh.first(from, &bundle, farthest), bvh.any(from, &bundle, farthest));
+            for (n, farthest) in farthest.iter().enumerate() {
+                let all = bvh.triangles.iter().map(|t| (t.meet(from, &alone(n).towards)[0], t.number));
                 let met_all = all.filter(|(t, _)| *t > 0.0 && t < farthest);
                 let nearest = met_all.min_by(|a, b| a.0.total_cmp(&b.0));
                 assert_eq!(found[n].map(|hit| hit.triangle), nearest.map(|(_, number)| number), "{n}");
                 assert_eq!(any[n], found[n].is_some());
                 if let Some(hit) = found[n] {
                     met += 1;
-                    assert!(!bvh.any(from, &alone(n, 0.999 * hit.along))[0]);
+                    assert!(!bvh.any(from, &alone(n), [0.999 * hit.along; RAYS])[0]);
                 }
             }
         }
         assert!((500..2200).contains(&met), "{met}");
-        let bundle = Bundle::new([(Vec3::X, 1.0)].into_iter());
-        assert_eq!(Bvh::new(&[], &[]).first(Vec3::ZERO, &bundle), [None; RAYS]);
+        let bundle = Bundle::new(std::iter::once(Vec3::X));
+        assert_eq!(Bvh::new(&[], &[]).first(Vec3::ZERO, &bundle, [1.0; RAYS]), [None; RAYS]);
     }
 }

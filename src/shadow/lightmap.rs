@@ -81,6 +81,9 @@ struct Reaching {
 pub struct Room<'a> {
     among: &'a Among<'a>,
     bvh: Bvh,
+    /// The far light's directions, [`RAYS`] at a time, and of every [`ASKED_OF`]th of them.
+    far: Vec<Bundle>,
+    few: Vec<Bundle>,
     lights: Vec<Light<'a>>,
     beside_m: f32,
     /// The light on each triangle's front, where it was asked for.
@@ -236,6 +239,11 @@ impl Surface<'_> {
     }
 }
 
+/// Those of a patch that are asked for all of it.
+fn few(patch: &[Far]) -> impl Iterator<Item = &Far> {
+    patch.iter().skip(ASKED_OF / 2).step_by(ASKED_OF)
+}
+
 /// The inverse transpose times the determinant.
 fn cofactors(m: Mat3) -> Mat3 {
     Mat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis))
@@ -262,9 +270,12 @@ impl<'a> Room<'a> {
         };
         let suns = lighting.suns.iter().take(among.most[0]).map(sun);
         let lights: Vec<_> = suns.chain(lighting.points.iter().take(among.most[1]).map(lamp)).collect();
+        let few = among.far.chunks(RAYS * ASKED_OF).map(|patch| Bundle::new(few(patch).map(|far| far.towards)));
         Self {
             among,
             bvh: Bvh::new(&casters.corners, &casters.triangles),
+            far: among.far.chunks(RAYS).map(|far| Bundle::new(far.iter().map(|far| far.towards))).collect(),
+            few: few.collect(),
             lights,
             beside_m: BESIDE * (size.1 - size.0).max_element().max(1e-6),
             lit: casters.triangles.iter().map(|_| OnceLock::new()).collect(),
@@ -275,16 +286,17 @@ impl<'a> Room<'a> {
     fn reaching(&self, spot: &Spot) -> Reaching {
         let from = spot.at + self.beside_m * spot.plane;
         let (mut all, mut open, mut thrown) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
-        for bundle in self.among.far.chunks(RAYS) {
-            let cosines = bundle.iter().map(|far| far.towards.dot(spot.normal));
-            if cosines.clone().all(|cosine| cosine <= 0.0) {
+        for (some, bundle) in self.among.far.chunks(RAYS).zip(&self.far) {
+            let cosines = bundle.dot(spot.normal);
+            if cosines.iter().all(|cosine| *cosine <= 0.0) {
                 continue;
             }
             // Rays below the plane are not asked, and those behind the normal bring nothing.
-            let goes = |far: &Far| far.towards.dot(spot.normal) > 0.0 && far.towards.dot(spot.plane) > 0.0;
-            let rays = bundle.iter().map(|far| (far.towards, if goes(far) { f32::INFINITY } else { 0.0 }));
-            let hits = self.bvh.first(from, &Bundle::new(rays));
-            for ((far, cosine), hit) in bundle.iter().zip(cosines).zip(hits).filter(|((_, cosine), _)| *cosine > 0.0) {
+            let over = bundle.dot(spot.plane);
+            let goes = |n: usize| n < some.len() && cosines[n] > 0.0 && over[n] > 0.0;
+            let farthest = std::array::from_fn(|n| if goes(n) { f32::INFINITY } else { 0.0 });
+            let hits = self.bvh.first(from, bundle, farthest);
+            for ((far, cosine), hit) in some.iter().zip(cosines).zip(hits).filter(|((_, cosine), _)| *cosine > 0.0) {
                 let light = far.light * cosine;
                 all += light;
                 match hit {
@@ -304,11 +316,13 @@ impl<'a> Room<'a> {
             Light::Sun(points, _) => (points, f32::INFINITY),
             Light::Lamp(points, ..) => (points, 1.0),
         };
-        let ray = |point: &Vec3| {
-            let towards = if matches!(light, Light::Sun(..)) { *point } else { *point - from };
-            (towards, if towards.dot(spot.plane) > 0.0 { farthest } else { 0.0 })
+        let towards = |point: &Vec3| if matches!(light, Light::Sun(..)) { *point } else { *point - from };
+        let hidden = |points: &[Vec3]| {
+            let bundle = Bundle::new(points.iter().map(towards));
+            let over = bundle.dot(spot.plane);
+            let goes = |n: usize| n < points.len() && over[n] > 0.0;
+            self.bvh.any(from, &bundle, std::array::from_fn(|n| if goes(n) { farthest } else { 0.0 }))
         };
-        let hidden = |points: &[Vec3]| self.bvh.any(from, &Bundle::new(points.iter().map(ray)));
         let hidden = points.chunks(RAYS).flat_map(hidden).filter(|is_hidden| *is_hidden).count();
         1.0 - hidden as f32 / DISC as f32
     }
@@ -347,17 +361,18 @@ impl<'a> Room<'a> {
         let from = at + self.beside_m * normal;
         // A quarter of the rays says which share of it all is open: E = E_all · Σ open / Σ asked.
         let (mut all, mut asked, mut open) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
-        for patch in self.among.far.chunks(RAYS * ASKED_OF) {
+        for (patch, bundle) in self.among.far.chunks(RAYS * ASKED_OF).zip(&self.few) {
             let light = |far: &Far| far.light * far.towards.dot(normal).max(0.0);
             let brought: Vec3 = patch.iter().map(light).sum();
             if brought == Vec3::ZERO {
                 continue;
             }
             all += brought;
-            let few = || patch.iter().skip(ASKED_OF / 2).step_by(ASKED_OF);
-            let goes = |far: &Far| if far.towards.dot(normal) > 0.0 { f32::INFINITY } else { 0.0 };
-            let hidden = self.bvh.any(from, &Bundle::new(few().map(|far| (far.towards, goes(far)))));
-            for (far, is_hidden) in few().zip(hidden).filter(|(far, _)| goes(far) > 0.0) {
+            let mut goes = [0.0; RAYS];
+            let over = few(patch).map(|far| far.towards.dot(normal) > 0.0);
+            goes.iter_mut().zip(over).for_each(|(goes, over)| *goes = if over { f32::INFINITY } else { 0.0 });
+            let hidden = self.bvh.any(from, bundle, goes);
+            for ((far, is_hidden), _) in few(patch).zip(hidden).zip(goes).filter(|(_, goes)| *goes > 0.0) {
                 asked += light(far);
                 open += if is_hidden { Vec3::ZERO } else { light(far) * self.left_on_floors(from, far.towards) };
             }
