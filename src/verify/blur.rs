@@ -25,9 +25,9 @@ const FAST_PX: f64 = 3.0;
 const SLOW: f64 = 0.3;
 /// Frames apart at most, and pairs that are looked at.
 const APART: usize = 10;
-const PAIRS: usize = 8;
+const PAIRS: usize = 5;
 /// Multiples of the exposure that are tried.
-const TRIED: [f64; 7] = [0.4, 0.55, 0.75, 1.0, 1.33, 1.8, 2.4];
+const TRIED: [f64; 5] = [0.5, 0.71, 1.0, 1.41, 2.0];
 /// σ of the two Gaussians, px; sides of the areas that are looked at, px; how many of a pair: those with most detail.
 const BAND_PX: (f32, f32) = (1.5, 4.0);
 const AREA_PX: usize = 64;

@@ -18,6 +18,7 @@ mod program;
 mod shot;
 
 mod artefact;
+mod beside_real;
 mod evidence;
 mod flaws;
 mod found;
@@ -29,4 +30,3 @@ mod report;
 mod simulate;
 mod simulate_flaws;
 mod truth;
-mod verify;
