@@ -201,7 +201,7 @@ fn by_lamps_and_a_panorama(folder: &tempfile::TempDir, found: &Analysis) {
     let sky = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/demo-light.hdr");
     let told = asked(&["--environment", sky.to_str().unwrap(), "--turn", "30"]);
     let table = written();
-    assert!(told.contains("panorama") && told.contains("as bright as"), "{told}");
+    assert!(told.contains("panorama") && told.contains("as bright as") && !told.contains("lamp "), "{told}");
     assert!(table.environment.as_ref().is_some_and(|name| name.ends_with("demo-light.hdr")), "{table:?}");
     assert_eq!((table.environment_rotation_deg, table.lamp.len()), (Some(30.0), 0));
     // White paper says the rest, by the same key.
