@@ -59,6 +59,9 @@ pub fn settle(window: &mut Harness<'_, App>) {
     assert_eq!(window.state().problem(), None);
 }
 
+/// A screen asks for its next picture after so long, and leaves the processor to the other threads until then.
+const BETWEEN_PICTURES: Duration = Duration::from_millis(16);
+
 /// Decoding and drawing have threads of their own: goes on until they are as far.
 pub fn until(window: &mut Harness<'_, App>, done: impl Fn(&App) -> bool) {
     let begun = Instant::now();
@@ -68,7 +71,7 @@ pub fn until(window: &mut Harness<'_, App>, done: impl Fn(&App) -> bool) {
             return;
         }
         assert!(begun.elapsed() < Duration::from_secs(120), "it does not come");
-        std::thread::yield_now();
+        std::thread::park_timeout(BETWEEN_PICTURES);
     }
 }
 
@@ -154,7 +157,7 @@ pub fn shows<S>(window: &mut Harness<'_, S>, label: &str) {
     while !has(window, label) {
         assert!(begun.elapsed() < Duration::from_secs(60), "{label} does not come");
         window.step();
-        std::thread::yield_now();
+        std::thread::park_timeout(BETWEEN_PICTURES);
     }
 }
 
