@@ -83,17 +83,17 @@ fn scene() -> Scene {
     board([20.0, 14.0], 0.6)
 }
 
-/// Six values over a parameter's range, or those between them, and all choices; of a range without end, over what anybody
+/// Four values over a parameter's range, or those between them, and all choices; of a range without end, over what anybody
 /// gives it.
 fn values(spec: &Spec, between: bool) -> Vec<Value> {
     let numbers = |min: f64, max: f64| -> Vec<f64> {
         let (min, max) = (min.max(-1e4), max.min(1e4));
-        let step = |i: u32| if between { (f64::from(i) + 0.5) / 6.0 } else { f64::from(i) / 5.0 };
+        let step = |i: u32| if between { (f64::from(i) + 0.5) / 4.0 } else { f64::from(i) / 3.0 };
         // Over decades, where there are several.
         if min > 0.0 && max / min > 100.0 {
-            return (0..6).map(|i| min * (max / min).powf(step(i))).collect();
+            return (0..4).map(|i| min * (max / min).powf(step(i))).collect();
         }
-        (0..6).map(|i| min + (max - min) * step(i)).collect()
+        (0..4).map(|i| min + (max - min) * step(i)).collect()
     };
     match &spec.kind {
         Kind::Bool => vec![Value::Bool(true), Value::Bool(false)],

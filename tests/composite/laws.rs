@@ -8,7 +8,7 @@ use crate::gpu;
 use crate::random::Random;
 use crate::site::{NOISE, NamedShot, desk, sites};
 use locard::camera::{Curve, NoiseBin, NoiseProfile, Response};
-use locard::compositor::{Composited, IN_FLIGHT, Settings};
+use locard::compositor::{Composited, Compositor, IN_FLIGHT, Settings};
 use locard::effects;
 use locard::gpu::Gpu;
 use locard::params::Value;
@@ -58,9 +58,21 @@ fn in_flight(
     layers: bool,
     most: usize,
 ) -> Vec<Composited> {
-    site.shot.settings = settings.clone();
     let mut compositor = site.shot.compositor(gpu.clone());
-    site.shot.frames(&mut compositor, range, layers, most).unwrap().map(Result::unwrap).collect()
+    held(&mut compositor, site, settings, range, layers, most)
+}
+
+/// The same by a compositor that has seen the site's things already.
+fn held(
+    compositor: &mut Compositor,
+    site: &mut NamedShot,
+    settings: &Settings,
+    range: std::ops::Range<usize>,
+    layers: bool,
+    most: usize,
+) -> Vec<Composited> {
+    site.shot.settings = settings.clone();
+    site.shot.frames(compositor, range, layers, most).unwrap().map(Result::unwrap).collect()
 }
 
 /// That the camera's pixels are its own where there is nothing virtual, and what the layer is there.
@@ -99,10 +111,12 @@ fn camera_is_sacred(site: &NamedShot, done: &[Composited], range: std::ops::Rang
 fn law_1_the_cameras_pixels_are_sacred() {
     let gpu = gpu::gpu();
     let all: Vec<_> = effects::all().iter().map(|e| e.table()).collect();
-    for mut site in sites() {
+    // What is lit and shaded is worked out once for each site's things, whatever is set.
+    let mut on: Vec<_> = sites().into_iter().map(|site| (site.shot.compositor(gpu.clone()), site)).collect();
+    for (compositor, site) in &mut on {
         for (n, settings) in ways().into_iter().enumerate() {
-            let done = composite(&gpu, &mut site, settings, 30..33, true);
-            camera_is_sacred(&site, &done, 30..33);
+            let done = held(compositor, site, &settings, 30..33, true, IN_FLIGHT);
+            camera_is_sacred(site, &done, 30..33);
             assert!(
                 done.iter().any(|done| done.stats.effects == all),
                 "{} {n}: {:?}",
@@ -113,22 +127,23 @@ fn law_1_the_cameras_pixels_are_sacred() {
     }
     // And without those that put light where nothing is covered.
     let mut glowing = Vec::new();
-    let mut site = sites().remove(0);
+    let (compositor, site) = &mut on[0];
     for effect in all.iter().map(|name| (*name).to_owned()) {
         let mut alone = settings();
         alone.only(std::slice::from_ref(&effect)).unwrap();
         alone.shadow.cast = false;
-        if composite(&gpu, &mut site, alone, 31..32, true)[0].layer.as_ref().unwrap().light_alone {
+        let done = held(compositor, site, &alone, 31..32, true, IN_FLIGHT);
+        if done[0].layer.as_ref().unwrap().light_alone {
             glowing.push(effect);
         }
     }
     assert!(!glowing.is_empty());
-    for mut site in sites() {
+    for (compositor, site) in &mut on {
         let mut without = settings();
         without.without(&glowing).unwrap();
-        let done = composite(&gpu, &mut site, without, 30..33, true);
+        let done = held(compositor, site, &without, 30..33, true, IN_FLIGHT);
         assert!(done.iter().all(|done| !done.layer.as_ref().unwrap().light_alone), "{glowing:?}");
-        camera_is_sacred(&site, &done, 30..33);
+        camera_is_sacred(site, &done, 30..33);
     }
     let Some(mut desk) = desk() else { return };
     let done = composite(&gpu, &mut desk, settings(), 0..90, true);
