@@ -115,8 +115,8 @@ pub fn run(args: &Args) -> Result<()> {
             let lamps = light.lamp_tables().into_iter().take(kept).collect();
             let (table, lit, line) = own::light(panorama, args.turn, lamps, (&file, path), turned, wanted)?;
             (file.light, lighting) = (table, lit);
-            let mut lamps = 0..kept;
-            lines.retain(|(what, _)| *what != "lamp" || lamps.next().is_some());
+            let mut told = 0..kept;
+            lines.retain(|(what, _)| *what != "lamp" || told.next().is_some());
             lines.push(("panorama", line));
         }
         None => {

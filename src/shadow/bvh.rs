@@ -43,6 +43,8 @@ pub struct Bundle {
     /// By axis, and one over that.
     towards: [[f32; RAYS]; 3],
     per: [[f32; RAYS]; 3],
+    /// How many there are.
+    count: usize,
 }
 
 /// Where a ray meets a triangle first.
@@ -56,19 +58,27 @@ pub struct Hit {
 impl Bundle {
     /// Of up to [`RAYS`] directions.
     pub fn new(rays: impl Iterator<Item = Vec3>) -> Self {
-        let mut towards = [[1.0; RAYS]; 3];
+        let (mut towards, mut count) = ([[1.0; RAYS]; 3], 0);
         for (n, ray) in rays.take(RAYS).enumerate() {
             // What runs along a side is moved by nothing that one sees, so that no 0 is divided by 0.
             let ray = Vec3::select(ray.abs().cmplt(Vec3::splat(1e-9)), Vec3::splat(1e-9), ray);
             (0..3).for_each(|axis| towards[axis][n] = ray[axis]);
+            count = n + 1;
         }
-        Self { towards, per: towards.map(|along| along.map(f32::recip)) }
+        Self { towards, per: towards.map(|along| along.map(f32::recip)), count }
     }
 
     /// Each direction times a vector.
     pub fn dot(&self, with: Vec3) -> [f32; RAYS] {
         let [x, y, z] = &self.towards;
         std::array::from_fn(|n| x[n] * with.x + y[n] * with.y + z[n] * with.z)
+    }
+
+    /// How far each ray goes: `farthest`, lengths of its direction, in front of a plane, else 0: not at all. `normal`: towards its front.
+    pub fn before(&self, normal: Vec3, farthest: f32) -> [f32; RAYS] {
+        let cosines = self.dot(normal);
+        let goes = |n: usize| n < self.count && cosines[n] > 0.0;
+        std::array::from_fn(|n| if goes(n) { farthest } else { 0.0 })
     }
 }
 
@@ -133,7 +143,7 @@ impl Bvh {
     fn meet(
         &self,
         from: Vec3,
-        Bundle { towards, per }: &Bundle,
+        Bundle { towards, per, .. }: &Bundle,
         mut farthest: [f32; RAYS],
         mut met: impl FnMut(usize, Hit) -> f32,
     ) {

@@ -292,9 +292,8 @@ impl<'a> Room<'a> {
                 continue;
             }
             // Rays below the plane are not asked, and those behind the normal bring nothing.
-            let over = bundle.dot(spot.plane);
-            let goes = |n: usize| n < some.len() && cosines[n] > 0.0 && over[n] > 0.0;
-            let farthest = std::array::from_fn(|n| if goes(n) { f32::INFINITY } else { 0.0 });
+            let mut farthest = bundle.before(spot.plane, f32::INFINITY);
+            farthest.iter_mut().zip(cosines).for_each(|(far, cosine)| *far = if cosine > 0.0 { *far } else { 0.0 });
             let hits = self.bvh.first(from, bundle, farthest);
             for ((far, cosine), hit) in some.iter().zip(cosines).zip(hits).filter(|((_, cosine), _)| *cosine > 0.0) {
                 let light = far.light * cosine;
@@ -319,9 +318,7 @@ impl<'a> Room<'a> {
         let towards = |point: &Vec3| if matches!(light, Light::Sun(..)) { *point } else { *point - from };
         let hidden = |points: &[Vec3]| {
             let bundle = Bundle::new(points.iter().map(towards));
-            let over = bundle.dot(spot.plane);
-            let goes = |n: usize| n < points.len() && over[n] > 0.0;
-            self.bvh.any(from, &bundle, std::array::from_fn(|n| if goes(n) { farthest } else { 0.0 }))
+            self.bvh.any(from, &bundle, bundle.before(spot.plane, farthest))
         };
         let hidden = points.chunks(RAYS).flat_map(hidden).filter(|is_hidden| *is_hidden).count();
         1.0 - hidden as f32 / DISC as f32
@@ -368,11 +365,9 @@ impl<'a> Room<'a> {
                 continue;
             }
             all += brought;
-            let mut goes = [0.0; RAYS];
-            let over = few(patch).map(|far| far.towards.dot(normal) > 0.0);
-            goes.iter_mut().zip(over).for_each(|(goes, over)| *goes = if over { f32::INFINITY } else { 0.0 });
-            let hidden = self.bvh.any(from, bundle, goes);
-            for ((far, is_hidden), _) in few(patch).zip(hidden).zip(goes).filter(|(_, goes)| *goes > 0.0) {
+            let farthest = bundle.before(normal, f32::INFINITY);
+            let hidden = self.bvh.any(from, bundle, farthest);
+            for ((far, is_hidden), _) in few(patch).zip(hidden).zip(farthest).filter(|(_, far)| *far > 0.0) {
                 asked += light(far);
                 open += if is_hidden { Vec3::ZERO } else { light(far) * self.left_on_floors(from, far.towards) };
             }

@@ -38,7 +38,7 @@ fn ways() -> Vec<Settings> {
     (0..most).rev().map(way).collect()
 }
 
-/// The frames of a range, two of them on the GPU at a time, as in the program's stream.
+/// The frames of a range by a new compositor, two of them on the GPU at a time, as in the program's stream.
 fn composite(
     gpu: &Gpu,
     site: &mut NamedShot,
@@ -46,30 +46,16 @@ fn composite(
     range: std::ops::Range<usize>,
     layers: bool,
 ) -> Vec<Composited> {
-    in_flight(gpu, site, &settings, range, layers, IN_FLIGHT)
+    held(&mut site.shot.compositor(gpu.clone()), site, &settings, (range, IN_FLIGHT), layers)
 }
 
-/// The same with so many frames on the GPU before the first of them is waited for.
-fn in_flight(
-    gpu: &Gpu,
-    site: &mut NamedShot,
-    settings: &Settings,
-    range: std::ops::Range<usize>,
-    layers: bool,
-    most: usize,
-) -> Vec<Composited> {
-    let mut compositor = site.shot.compositor(gpu.clone());
-    held(&mut compositor, site, settings, range, layers, most)
-}
-
-/// The same by a compositor that has seen the site's things already.
+/// The same by one that may have seen the site's things already, with so many frames on the GPU before the first is waited for.
 fn held(
     compositor: &mut Compositor,
     site: &mut NamedShot,
     settings: &Settings,
-    range: std::ops::Range<usize>,
+    (range, most): (std::ops::Range<usize>, usize),
     layers: bool,
-    most: usize,
 ) -> Vec<Composited> {
     site.shot.settings = settings.clone();
     site.shot.frames(compositor, range, layers, most).unwrap().map(Result::unwrap).collect()
@@ -115,7 +101,7 @@ fn law_1_the_cameras_pixels_are_sacred() {
     let mut on: Vec<_> = sites().into_iter().map(|site| (site.shot.compositor(gpu.clone()), site)).collect();
     for (compositor, site) in &mut on {
         for (n, settings) in ways().into_iter().enumerate() {
-            let done = held(compositor, site, &settings, 30..33, true, IN_FLIGHT);
+            let done = held(compositor, site, &settings, (30..33, IN_FLIGHT), true);
             camera_is_sacred(site, &done, 30..33);
             assert!(
                 done.iter().any(|done| done.stats.effects == all),
@@ -132,7 +118,7 @@ fn law_1_the_cameras_pixels_are_sacred() {
         let mut alone = settings();
         alone.only(std::slice::from_ref(&effect)).unwrap();
         alone.shadow.cast = false;
-        let done = held(compositor, site, &alone, 31..32, true, IN_FLIGHT);
+        let done = held(compositor, site, &alone, (31..32, IN_FLIGHT), true);
         if done[0].layer.as_ref().unwrap().light_alone {
             glowing.push(effect);
         }
@@ -141,7 +127,7 @@ fn law_1_the_cameras_pixels_are_sacred() {
     for (compositor, site) in &mut on {
         let mut without = settings();
         without.without(&glowing).unwrap();
-        let done = held(compositor, site, &without, 30..33, true, IN_FLIGHT);
+        let done = held(compositor, site, &without, (30..33, IN_FLIGHT), true);
         assert!(done.iter().all(|done| !done.layer.as_ref().unwrap().light_alone), "{glowing:?}");
         camera_is_sacred(site, &done, 30..33);
     }
@@ -161,7 +147,9 @@ fn law_2_a_range_alone_is_the_same_range_of_the_whole() {
             assert!(a.pixels == b.pixels, "{} frame {}", site.name, a.frame);
         }
         for most in [1, 3] {
-            for (a, b) in in_flight(&gpu, &mut site, &settings(), 40..50, false, most).iter().zip(&whole[10..20]) {
+            let mut anew = site.shot.compositor(gpu.clone());
+            let again = held(&mut anew, &mut site, &settings(), (40..50, most), false);
+            for (a, b) in again.iter().zip(&whole[10..20]) {
                 assert!(a.pixels == b.pixels, "{} frame {}, {most} in flight", site.name, a.frame);
             }
         }
