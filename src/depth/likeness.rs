@@ -6,8 +6,7 @@
 //! likelihood of its colour (Parzen 1962). A dark stripe of a floor looks like the dark leg before it, and somewhat like the floor:
 //! then little is said.
 
-use super::apart::apart;
-use super::nearest_edge::{edges, is_near};
+use super::nearest_edge::edges;
 use crate::rows::{over_rows, processors};
 
 /// Places around a pixel at which surfaces are looked at, and how far they lie, in ranges of doubt.
@@ -21,45 +20,120 @@ const FEWEST: f32 = 4.0;
 const ALIKE: f32 = 0.06;
 const UNSEEN: f32 = 0.05;
 
+/// So many pixels of a row are asked at a time.
+const LANES: usize = 16;
+
 /// For each pixel of the map that is nearer than `within_px` to an edge: ln of how much likelier its colour is on the other
 /// surface than on the one that the map gives it. 0 where it is not, or where nothing can be said: that a colour fits makes no
 /// depth right, since where three surfaces meet one of them may look alike. `looks`: square roots of light; `reach_px`: the range of
 /// doubt.
 pub fn otherness(depth_m: &[f32], looks: &[[f32; 3]], width: usize, reach_px: f32, within_px: f32) -> Vec<f32> {
-    let (edges, height) = (edges(depth_m, width), depth_m.len() / width.max(1));
-    let places = places(AROUND * reach_px);
+    let edges = edges(depth_m, width);
+    let is_certain = |i: usize| edges[i].distance_px >= CERTAIN * reach_px;
+    let around = Around::new(depth_m, looks, width, is_certain, AROUND * reach_px);
     let mut out = vec![0.0; depth_m.len()];
     over_rows(&mut out, width, processors(), |y, row| {
-        for (x, ln) in row.iter_mut().enumerate() {
-            let i = y * width + x;
-            if edges[i].distance_px >= within_px {
+        for (n, lns) in row.chunks_mut(LANES).enumerate() {
+            let (x, first) = (n * LANES, y * width + n * LANES);
+            let is_asked = |lane: usize| lane < lns.len() && edges[first + lane].distance_px < within_px;
+            let asked: [bool; LANES] = std::array::from_fn(is_asked);
+            if asked == [false; LANES] {
                 continue;
             }
-            let both_m = edges[i].both_m(depth_m[i]);
-            // Of the farther and of the nearer surface: places that show it, and how many of them look alike.
-            let mut sums = [(0.0f32, 0.0f32); 2];
-            for [dx, dy] in &places {
-                let (x, y) = (x as i32 + dx, y as i32 + dy);
-                if x < 0 || y < 0 || x >= width as i32 || y >= height as i32 {
-                    continue;
-                }
-                let q = y as usize * width + x as usize;
-                if edges[q].distance_px >= CERTAIN * reach_px {
-                    let (all, alike) = &mut sums[usize::from(is_near(depth_m[q], both_m))];
-                    let apart = apart(&looks[q], &looks[i]) / ALIKE;
-                    let unlike = 1.0 + apart * apart;
-                    *all += 1.0;
-                    *alike += 1.0 / (unlike * unlike);
-                }
+            // What parts the two surfaces: the square of their geometric mean.
+            let mut parts_m2 = [0.0; LANES];
+            let mut own_looks = [[0.0; LANES]; 3];
+            for lane in (0..LANES).filter(|lane| asked[*lane]) {
+                let [near_m, far_m] = edges[first + lane].both_m(depth_m[first + lane]);
+                parts_m2[lane] = near_m * far_m;
+                (0..3).for_each(|c| own_looks[c][lane] = looks[first + lane][c]);
             }
-            if sums.iter().all(|(all, _)| *all >= FEWEST) {
-                let [far, near] = sums.map(|(all, alike)| UNSEEN + alike / all);
-                let ratio = if is_near(depth_m[i], both_m) { far / near } else { near / far };
-                *ln = ratio.ln().max(0.0);
+            let [far, near] = around.shown(x, y, &own_looks, &parts_m2);
+            for lane in (0..LANES).filter(|lane| asked[*lane]) {
+                if far.all[lane] >= FEWEST && near.all[lane] >= FEWEST {
+                    let [far, near] = [&far, &near].map(|of| UNSEEN + of.alike[lane] / of.all[lane]);
+                    let z_m = depth_m[first + lane];
+                    let ratio = if z_m * z_m < parts_m2[lane] { far / near } else { near / far };
+                    lns[lane] = ratio.ln().max(0.0);
+                }
             }
         }
     });
     out
+}
+
+/// Of one surface, for each of some pixels: how many places around show it, and how many of them look like the pixel.
+#[derive(Default)]
+struct Shown {
+    all: [f32; LANES],
+    alike: [f32; LANES],
+}
+
+/// The map with a rim on all sides, each quantity by itself, so that a place beside many pixels is a few vectors. Nothing is
+/// certain in the rim.
+struct Around {
+    wide: usize,
+    rim: usize,
+    looks: [Vec<f32>; 3],
+    /// 1 where a pixel shows one surface, else 0.
+    certain: Vec<f32>,
+    depth_m: Vec<f32>,
+    places: Vec<[i32; 2]>,
+}
+
+impl Around {
+    fn new(
+        depth_m: &[f32],
+        looks: &[[f32; 3]],
+        width: usize,
+        is_certain: impl Fn(usize) -> bool + Sync,
+        radius_px: f32,
+    ) -> Self {
+        let rim = radius_px.ceil() as usize + 1;
+        let (height, wide) = (depth_m.len() / width.max(1), width + 2 * rim + LANES);
+        let filled = |of: &(dyn Fn(usize) -> f32 + Sync)| {
+            let mut all = vec![0.0; wide * (height + 2 * rim)];
+            over_rows(&mut all[rim * wide..][..height * wide], wide, processors(), |y, row| {
+                row[rim..][..width].iter_mut().enumerate().for_each(|(x, value)| *value = of(y * width + x));
+            });
+            all
+        };
+        Self {
+            wide,
+            rim,
+            looks: [0, 1, 2].map(|c| filled(&|i| looks[i][c])),
+            certain: filled(&|i| f32::from(u8::from(is_certain(i)))),
+            depth_m: filled(&|i| depth_m[i]),
+            places: places(radius_px),
+        }
+    }
+
+    /// The farther and the nearer surface around pixels of a row, from `x` on.
+    fn shown(&self, x: usize, y: usize, own_looks: &[[f32; LANES]; 3], parts_m2: &[f32; LANES]) -> [Shown; 2] {
+        let [mut far, mut near] = [Shown::default(), Shown::default()];
+        let middle = (y + self.rim) * self.wide + x + self.rim;
+        let [own_r, own_g, own_b] = own_looks;
+        for [dx, dy] in &self.places {
+            let start = middle.wrapping_add_signed(*dy as isize * self.wide as isize + *dx as isize);
+            let lanes = |of: &Vec<f32>| -> [f32; LANES] { std::array::from_fn(|n| of[start..start + LANES][n]) };
+            let certain = lanes(&self.certain);
+            if certain == [0.0; LANES] {
+                continue;
+            }
+            let ([r, g, b], depth_m) = ([0, 1, 2].map(|c| lanes(&self.looks[c])), lanes(&self.depth_m));
+            for n in 0..LANES {
+                let (r, g, b) = (r[n] - own_r[n], g[n] - own_g[n], b[n] - own_b[n]);
+                let unlike = 1.0 + (r * r + g * g + b * b) / (ALIKE * ALIKE);
+                let alike = certain[n] / (unlike * unlike);
+                let is_near = depth_m[n] * depth_m[n] < parts_m2[n];
+                near.all[n] += if is_near { certain[n] } else { 0.0 };
+                near.alike[n] += if is_near { alike } else { 0.0 };
+                far.all[n] += if is_near { 0.0 } else { certain[n] };
+                far.alike[n] += if is_near { 0.0 } else { alike };
+            }
+        }
+        [far, near]
+    }
 }
 
 /// A spiral of Vogel's.

@@ -13,6 +13,8 @@
 //!
 //! Not modelled: pixels that show three surfaces; surfaces whose depths differ by less than `JUMP`.
 
+use glam::{Vec3, Vec4};
+
 use super::nearest_edge::{Edge, edges, is_near};
 use super::smear::Smear;
 use crate::pixels::Rect;
@@ -217,19 +219,21 @@ impl Seen<'_> {
     fn sides(&self, at: &Pixel, both_m: [f32; 2]) -> [Option<Side>; 2] {
         let per_margin = 1.0 / (CERTAIN_PX + 0.5 * at.far_px);
         let radius_px = AROUND_PX + 0.5 * at.far_px;
-        let mut sums = [Sums::default(); 2];
+        let [mut near, mut far] = [Sums::default(); 2];
         for [x, y, weight] in &self.places {
             let Some(q) = self.beside(at, whole(radius_px * x), whole(radius_px * y)) else { continue };
             let z = self.depth_m[q];
             let is_far = !is_near(z, both_m);
             // Whatever is farther lies behind, and what is much nearer is another thing.
             let is_side = is_far || z * ANOTHER > both_m[0];
-            if is_side {
-                let certain = (self.edges[q].distance_px * per_margin).clamp(UNCERTAIN, 1.0);
-                sums[usize::from(is_far)].add(self.looks[q], weight * certain * certain);
-            }
+            let certain = (self.edges[q].distance_px * per_margin).clamp(UNCERTAIN, 1.0);
+            let weight = if is_side { weight * certain * certain } else { 0.0 };
+            // To both sides, to one of them nothing: without a branch that nobody can foresee.
+            let light = Vec3::from(self.looks[q]).extend(1.0);
+            near.add(light * light, if is_far { 0.0 } else { weight });
+            far.add(light * light, if is_far { weight } else { 0.0 });
         }
-        sums.map(|sums| sums.side())
+        [near, far].map(|sums| sums.side())
     }
 }
 
@@ -252,33 +256,31 @@ struct Side {
     variance: f32,
 }
 
+/// Of places by their weights; the last of the light is the weights themselves.
 #[derive(Clone, Copy, Default)]
 struct Sums {
-    weight: f32,
-    light: [f32; 3],
-    squares: [f32; 3],
+    light: Vec4,
+    squares: Vec4,
 }
 
 impl Sums {
-    fn add(&mut self, looks: [f32; 3], weight: f32) {
-        self.weight += weight;
-        for ((sum, square), look) in self.light.iter_mut().zip(&mut self.squares).zip(looks) {
-            let light = look * look;
-            *sum += weight * light;
-            *square += weight * light * light;
-        }
+    fn add(&mut self, light: Vec4, weight: f32) {
+        let weighted = weight * light;
+        self.light += weighted;
+        self.squares += weighted * light;
     }
 
     fn side(&self) -> Option<Side> {
-        if self.weight == 0.0 {
+        let [r, g, b, weight] = self.light.to_array();
+        if weight == 0.0 {
             return None;
         }
-        let light = self.light.map(|l| l / self.weight);
-        let uneven = |c: usize| (self.squares[c] / self.weight - light[c] * light[c]).max(0.0);
+        let light = [r, g, b].map(|l| l / weight);
+        let uneven = |c: usize| (self.squares[c] / weight - light[c] * light[c]).max(0.0);
         let least = LEAST_SIGMA + UNEVEN * light.iter().fold(0.0f32, |most, l| most.max(*l));
         // The largest of the three channels' stands for that along the difference.
         let variance = (0..3).map(uneven).fold(least * least, f32::max);
-        let few = HALF / self.weight;
+        let few = HALF / weight;
         Some(Side { light, variance: variance + few * few * UNKNOWN * UNKNOWN })
     }
 }
