@@ -2,6 +2,7 @@
 
 use glam::{DAffine3, Vec2, Vec3};
 
+use super::known::Telling;
 use super::skin::Skin;
 use crate::scene::{Alpha, Scene, Vertex};
 
@@ -38,6 +39,12 @@ impl Casters {
             all.triangles.extend(own.map(|t| order.map(|i| first + t[i])));
         }
         all
+    }
+
+    pub fn tell(&self, telling: &mut Telling) {
+        telling.all(&self.corners);
+        telling.all(&self.triangles);
+        telling.all(&self.colors);
     }
 
     /// What lies below the floor is on it.

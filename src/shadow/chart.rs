@@ -9,6 +9,7 @@ use super::bounce::{Bounce, Ground};
 use super::casters::Casters;
 use super::extent::Extent;
 use super::floor::Floor;
+use super::known::Telling;
 use super::mask::{Mask, Sums, jitter};
 use super::outline::Outline;
 use super::room::Stops;
@@ -93,6 +94,15 @@ pub struct Real<'a> {
     pub stops: Option<&'a Stops>,
     /// Where the chart counts, if not everywhere.
     pub within: Option<&'a Within>,
+}
+
+impl Real<'_> {
+    pub fn tell(&self, telling: &mut Telling) {
+        telling.small(&(self.stops.is_some(), self.within));
+        if let Some(stops) = self.stops {
+            stops.tell(telling);
+        }
+    }
 }
 
 /// Shares on a floor in the world.
@@ -338,6 +348,13 @@ impl Shares {
 }
 
 impl Chart {
+    /// All that a place on it is told.
+    pub fn tell(&self, telling: &mut Telling) {
+        let Shares { low_m, texel_m, width, height, taken, .. } = &*self.shares;
+        telling.all(taken);
+        telling.small(&(&self.floor, low_m, texel_m, width, height));
+    }
+
     /// The corners of the chart in the world.
     pub fn at(&self, across: f64, down: f64) -> DVec3 {
         let shares = &self.shares;

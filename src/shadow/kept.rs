@@ -27,11 +27,13 @@ pub struct Kept<K, V> {
     all: Vec<(K, V)>,
 }
 
-impl<K: PartialEq, V: Clone> Kept<K, V> {
-    pub fn new(most: usize) -> Self {
+impl<K, V> Kept<K, V> {
+    pub const fn new(most: usize) -> Self {
         Self { most, all: Vec::new() }
     }
+}
 
+impl<K: PartialEq, V: Clone> Kept<K, V> {
     /// What is kept for a key; it then counts as used last.
     pub fn found(&mut self, key: &K) -> Option<V> {
         let at = self.all.iter().position(|(kept, _)| kept == key)?;

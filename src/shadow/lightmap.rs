@@ -23,6 +23,7 @@ use glam::{DVec3, Mat3, Vec3};
 use super::bvh::{Bundle, Bvh, RAYS};
 use super::casters::Casters;
 use super::chart::Chart;
+use super::known::Telling;
 use super::sky::{Far, disc, on_surface};
 use crate::render::{Lightmap, Place, Unwrapped};
 use crate::rows::{over_rows, processors};
@@ -53,6 +54,18 @@ pub struct Among<'a> {
     pub floors: &'a [Chart],
     /// So many suns and lamps are drawn.
     pub most: [usize; 2],
+}
+
+impl Among<'_> {
+    /// All that rays find.
+    pub fn tell(&self, telling: &mut Telling) {
+        let Self { origin_m, casters, far, lighting, floors, most } = self;
+        casters.tell(telling);
+        let far = far.iter().flat_map(|far| [far.towards, far.light, Vec3::splat(far.solid_sr)]);
+        telling.all(&far.collect::<Vec<_>>());
+        floors.iter().for_each(|chart| chart.tell(telling));
+        telling.small(&(origin_m, &lighting.suns, &lighting.points, most));
+    }
 }
 
 /// A sun or a lamp: where the points of its disc are, and how bright a white matt surface is by it.
@@ -224,6 +237,13 @@ impl Reaching {
 }
 
 impl Surface<'_> {
+    pub fn tell(&self, telling: &mut Telling) {
+        let Unwrapped { corners, indices, side } = self.unwrapped;
+        telling.all(corners);
+        telling.all(indices);
+        telling.small(&(side, self.place, self.double_sided));
+    }
+
     fn spot(&self, place: &Place, turned: f32) -> Spot {
         let matrix = self.place.matrix3.as_mat3();
         let own = &self.unwrapped.indices[3 * place.triangle as usize..][..3];

@@ -3,6 +3,7 @@
 //! A part's lightmap depends on how what is near stands to it, on the floors below, and on the lamps. So it is the same one
 //! wherever a thing is moved to on a floor, as long as nothing else is near and all light comes from far away.
 
+use std::cell::LazyCell;
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
@@ -10,6 +11,7 @@ use glam::{DAffine3, DVec3};
 use super::casters::Casters;
 use super::chart::{Chart, Shares};
 use super::kept::{Kept, Steps, from_steps, step, steps};
+use super::known::{Known, Telling};
 use super::lightmap::{Among, Room, Surface, lightmap};
 use super::sky::{Around, Far};
 use crate::render::{Lightmap, MAX_POINTS, MAX_SUNS, Unwrapped};
@@ -19,6 +21,9 @@ use crate::scene::{Lighting, Object, Part, PointLight, Scene};
 const REACH: f64 = 4.0;
 /// So many lightmaps are kept, the ones used last.
 const KEPT: usize = 256;
+
+/// For all compositors: 80 MB at the most. Two scenes of a dozen things with three parts each.
+static KNOWN: Known<Lightmap> = Known::new(64);
 
 /// Works out lightmaps, and keeps them.
 #[derive(Debug)]
@@ -174,14 +179,18 @@ impl Lightmaps {
         let far = self.far.get_or_insert_with(|| Around::new(&self.lighting.environment).everywhere());
         let (lighting, most) = (&self.lighting, [MAX_SUNS, MAX_POINTS]);
         let among = Among { origin_m, casters: &casters, far, lighting, floors: charts, most };
-        let room = Room::new(&among);
+        let room = LazyCell::new(|| Room::new(&among));
+        let mut telling = Telling::default();
+        among.tell(&mut telling);
         for (map, (unwrapped, key)) in maps.iter_mut().zip(asked) {
             let (None, Some(unwrapped)) = (&map, unwrapped) else { continue };
             let (mesh, place) = &key.part;
             let material = scene.materials.get(scene.meshes[*mesh].material);
             let double_sided = material.is_some_and(|material| material.double_sided);
             let surface = Surface { unwrapped, place: from_steps(place), double_sided };
-            let made = Arc::new(lightmap(&surface, &room));
+            let mut telling = telling.clone();
+            surface.tell(&mut telling);
+            let made = KNOWN.of(telling, || lightmap(&surface, &room));
             self.kept.keep(key, made.clone());
             *map = Some(made);
         }

@@ -13,8 +13,8 @@
 //! - `on_white`: what a white surface of the room shows by all that light.
 //! - `extent`: how far the shadow is worth drawing. `chart`: the shares on the floor, as a picture of it.
 //! - `within`: where a chart on a real thing beside the object counts.
-//! - `group`: which things share a chart. `shadows`: the charts that are known already. `kept`: how they are found again. `last`: those
-//!   that were made last.
+//! - `group`: which things share a chart. `shadows`: the charts that are known already. `kept`: how they are found again; `known`:
+//!   by another compositor, too. `last`: those that were made last.
 //!
 //! On things' own surfaces light is asked for by rays:
 //!
@@ -36,6 +36,7 @@ mod extent;
 mod floor;
 mod group;
 mod kept;
+mod known;
 mod last;
 mod lightmap;
 mod lightmaps;

@@ -16,6 +16,7 @@ use glam::{DVec3, IVec3, Vec2, Vec3};
 
 use super::extent::Extent;
 use super::floor::Floor;
+use super::known::Telling;
 use super::mask::jitter;
 use super::sky::{Lamp, Ray, Sky, Source};
 
@@ -106,6 +107,14 @@ struct Laid {
 }
 
 impl Stops {
+    pub fn tell(&self, telling: &mut Telling) {
+        telling.small(&(self.low_m, self.columns, self.rows, self.lamps.len()));
+        for words in std::iter::once(&self.rays).chain(&self.lamps) {
+            telling.small(&words.len());
+            words.iter().for_each(|words| telling.all(words));
+        }
+    }
+
     /// On an extent of a floor; nothing where no light is stopped.
     pub fn of(room: &Room, floor: &Floor, extent: Extent, sky: &Sky) -> Option<Arc<Self>> {
         let from_world = floor.floor_from_world();

@@ -14,6 +14,7 @@ use super::extent::Extent;
 use super::floor::Floor;
 use super::group::Group;
 use super::kept::{Kept, Steps, from_steps, steps};
+use super::known::{Known, Telling};
 use super::last::Last;
 use super::room::{ABOVE_M, Room, Stops};
 use super::sky::{Around, Far, Ray, Sky, rays};
@@ -25,6 +26,9 @@ use crate::scene::{Lighting, Object, Scene};
 const KEPT: usize = 128;
 /// Of what real things stop so many: a thing and its facets need five.
 const KEPT_STOPS: usize = 128;
+
+/// For all compositors.
+static KNOWN: Known<Shares> = Known::new(32);
 
 /// Works out charts, and keeps them.
 #[derive(Debug)]
@@ -286,7 +290,11 @@ impl Shadows {
             return shares;
         }
         let casters = Casters::of(scene, key.placed()).on_floor();
-        let shares = Arc::new(Shares::new(&casters, extent, &key.sky, key.real()));
+        let mut telling = Telling::default();
+        casters.tell(&mut telling);
+        key.real().tell(&mut telling);
+        telling.small(&(extent, &key.sky));
+        let shares = KNOWN.of(telling, || Shares::new(&casters, extent, &key.sky, key.real()));
         self.charts.keep(key, shares.clone());
         shares
     }
