@@ -4,6 +4,7 @@ use std::io::{ErrorKind, Write};
 use std::path::Path;
 
 use super::artefact::{Analysis, AnalysisError, FILE_NAME, FILES};
+use super::ground::SCENE;
 use crate::recording::Recording;
 use crate::sink::atomic::write_atomically;
 use crate::unfinished::MadeFolder;
@@ -25,9 +26,12 @@ impl Analysis {
         check_folder(folder)?;
         let unwritten = |reason: String| AnalysisError::Unwritten { folder: folder.to_owned(), reason };
         let there = MadeFolder::make(folder).map_err(|error| unwritten(reason(&error)))?;
-        match std::fs::remove_file(folder.join(FILE_NAME)) {
-            Err(error) if error.kind() != ErrorKind::NotFound => return Err(unwritten(reason(&error))),
-            _ => {}
+        // What things stand on was found by the poses that were here.
+        for name in [FILE_NAME, SCENE] {
+            match std::fs::remove_file(folder.join(name)) {
+                Err(error) if error.kind() != ErrorKind::NotFound => return Err(unwritten(reason(&error))),
+                _ => {}
+            }
         }
         for (name, bytes) in self.files(recording)? {
             let written = write_atomically(&folder.join(name), true, |out| out.write_all(&bytes));

@@ -9,11 +9,14 @@ use anyhow::{Context, Result, bail};
 use super::calibrate::existing;
 use super::skip::Skip;
 use super::{progress, tell, warn};
-use crate::analyse::{Accepted, Analysis, Findings, Outcome, Times, accept, beside, check_folder};
+use crate::analyse::{
+    Accepted, Analysis, Findings, Ground, Outcome, Times, accept, beside, check_folder, write_grounds,
+};
 use crate::export::{Inputs, resolved};
 use crate::profile::Document;
 use crate::recording::OpenOptions;
 use crate::report;
+use crate::scene;
 use crate::shot::{Analysed, Given, Shot};
 use crate::sink;
 use crate::sink::atomic::write_atomically;
@@ -36,6 +39,10 @@ pub struct Args {
     /// The folder of what is found; otherwise beside the recording, of its name with .analysis, where `composite` finds it
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     output: Option<PathBuf>,
+    /// Also find what this scene's objects stand on and what beside them takes their shadows: told, written into scene.toml of that
+    /// folder, and into the page
+    #[arg(long, value_name = "SCENE")]
+    scene: Option<PathBuf>,
     /// Also write what was found as a page for a browser, with plots and pictures: one file of HTML
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -66,10 +73,18 @@ pub fn run(args: &Args) -> Result<()> {
         check_report(report, &shot, &folder)?;
     }
     let accepting = args.accept.as_deref().map(|path| accepting(path, args, &shot)).transpose()?;
+    // A scene that is none is refused before the work.
+    if let Some(scene) = &args.scene {
+        scene::load(scene, shot.recording.up)?;
+    }
     let (made, times) = make(&shot, &folder, args.force, args.quiet)?;
     write!(std::io::stdout().lock(), "{}", made.findings)?;
+    let grounds = args.scene.as_deref().map(|scene| grounds(scene, args, &folder)).transpose()?.unwrap_or_default();
+    for (name, text) in grounds.iter().flat_map(Ground::lines) {
+        writeln!(std::io::stdout().lock(), "{name:<11}{text}")?;
+    }
     if let Some(path) = &args.report {
-        write_report(path, &shot, &made, times.as_ref())?;
+        write_report(path, &shot, (&made, &grounds), times.as_ref())?;
     }
     if let (Some(path), Some(mut profile)) = (&args.accept, accepting) {
         let accepted = accept(&made.findings, &mut profile);
@@ -134,10 +149,33 @@ fn check_report(path: &Path, shot: &Shot, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-fn write_report(path: &Path, shot: &Shot, analysis: &Analysis, times: Option<&Times>) -> Result<()> {
+/// What a scene's objects stand on, where the analysis in a folder says that the camera was.
+fn grounds(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<Ground>> {
+    let (profile, sets) = (args.profile.clone(), args.sets.clone());
+    let analysis = Analysed::At(folder.to_owned());
+    let given = Given { profile, sets, scene: Some(scene.to_owned()), analysis, ..Given::default() };
+    let shot = Shot::open(&args.recording, &args.skip.over(OpenOptions::default()), &given)?;
+    let grounds = shot.grounds();
+    if grounds.is_empty() && !shot.scene.objects.is_empty() {
+        warn(
+            args.quiet,
+            "neither the scene nor the recording says where up is, so nothing is known of what objects stand on",
+        );
+    }
+    write_grounds(folder, scene, &grounds)?;
+    Ok(grounds)
+}
+
+fn write_report(
+    path: &Path,
+    shot: &Shot,
+    (analysis, grounds): (&Analysis, &[Ground]),
+    times: Option<&Times>,
+) -> Result<()> {
     let camera = shot.geometry_at(0)?;
     let response = shot.camera().response;
-    let source = report::Source { recording: &shot.recording, camera: &camera, response: &response, analysis, times };
+    let source =
+        report::Source { recording: &shot.recording, camera: &camera, response: &response, analysis, grounds, times };
     let page = report::html(&source).with_context(|| format!("{}: cannot be made", path.display()))?;
     write_atomically(path, true, |out| out.write_all(page.as_bytes()))?;
     Ok(())

@@ -93,7 +93,14 @@ fn slid(recorded: &Shot, found: &Shot) -> Result<Option<Vec<Slid>>> {
     let analysis = analyse::Analysis::read(folder)?;
     let (camera, response) = (recorded.geometry_at(0)?, recorded.camera().response);
     let recording = &recorded.recording;
-    let source = report::Source { recording, camera: &camera, response: &response, analysis: &analysis, times: None };
+    let source = report::Source {
+        recording,
+        camera: &camera,
+        response: &response,
+        analysis: &analysis,
+        grounds: &[],
+        times: None,
+    };
     Ok(report::slides(&source)?.ok())
 }
 

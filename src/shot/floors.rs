@@ -14,6 +14,7 @@ use super::Shot;
 use super::facets::facets;
 use super::planes::{Point, agreed};
 use super::points::FittedPlane;
+use crate::analyse::KnownBy;
 use crate::camera::Geometry;
 use crate::compositor::Compositor;
 use crate::gpu::Gpu;
@@ -117,7 +118,7 @@ impl Shot {
         // While one thing is moved, the others' floors are known.
         let with_floor = |object: &Object| {
             let new = || {
-                let support = self.support_of(object, &known.points);
+                let support = self.support_of(object, &known.points).map(|(support, _)| support);
                 let facets = support.map(|support| facets(&self.scene, object, &support, &known.points));
                 Object { support, facets: facets.unwrap_or_default(), ..object.clone() }
             };
@@ -157,18 +158,28 @@ impl Shot {
 
     /// Real things, whatever lights them: of the depth of frames spread over the recording, which is read anew.
     pub(super) fn solids(&self) -> Room {
-        Room::of(self.seen(&self.looks()).iter().map(|point| point.at_m))
+        Room::of(self.depth_points().iter().map(|point| point.at_m))
     }
 
-    fn support_of(&self, object: &Object, points: &[Point]) -> Option<Support> {
+    /// Points of the room, read anew.
+    pub(super) fn depth_points(&self) -> Vec<Point> {
+        self.seen(&self.looks())
+    }
+
+    /// What an object stands on, and where that is known from.
+    pub(super) fn support_of(&self, object: &Object, points: &[Point]) -> Option<(Support, KnownBy)> {
         let floor = self.floor();
         let up = self.up()?;
         let foot = Foot::of(&self.scene, object, up)?;
         let carried = foot.carried_by(points, -NEAR_M..NEAR_M).or_else(|| foot.carried_by(points, -BELOW_M..-NEAR_M));
-        let known = carried.or_else(|| floor.filter(|plane| foot.height_m(plane).abs() < BELOW_M));
+        let carried = carried.map(|plane| (plane, KnownBy::Depth));
+        let known = carried.or_else(|| {
+            let is_near = |plane: &FittedPlane| foot.height_m(plane).abs() < BELOW_M;
+            floor.filter(is_near).map(|plane| (plane, KnownBy::Recording))
+        });
         Some(match known {
-            Some(plane) => foot.on(&plane.facing(up)),
-            None => Support { point_m: foot.lowest(up), normal: up },
+            Some((plane, known_by)) => (foot.on(&plane.facing(up)), known_by),
+            None => (Support { point_m: foot.lowest(up), normal: up }, KnownBy::Foot),
         })
     }
 }

@@ -11,6 +11,7 @@ mod eye;
 mod facets;
 mod floors;
 mod given;
+mod grounds;
 mod light;
 mod lit;
 mod moved;

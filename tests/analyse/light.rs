@@ -137,10 +137,55 @@ fn analysed_demo() -> (tempfile::TempDir, Analysis) {
 }
 
 #[test]
-fn a_person_corrects_the_light_by_white_paper_a_lamp_and_a_panorama() {
+fn a_person_corrects_the_light_by_white_paper_a_lamp_and_a_panorama_and_is_told_what_things_stand_on() {
     let (folder, found) = analysed_demo();
     by_white_paper(&folder, &found);
     by_lamps_and_a_panorama(&folder, &found);
+    what_things_stand_on(&folder);
+}
+
+fn what_things_stand_on(folder: &tempfile::TempDir) {
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let site = at("site");
+    // The demo's things, the first of them 30 mm over the floor.
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    let demo = std::fs::read_to_string(own.join("demo.toml")).unwrap();
+    let models = demo.replace("model = \"", &format!("model = \"{}/", own.display()));
+    let light = models.find("# The light that").unwrap();
+    let hovering = models[..light].replacen("[0.0, 0.12, 0.0]", "[0.0, 0.12, 0.03]", 1);
+    std::fs::write(at("scene.toml"), hovering).unwrap();
+    let (scene, written) = (at("scene.toml"), folder.path().join("site.analysis/scene.toml"));
+    let told = said(&["analyse", &site, "--scene", &scene]);
+    let stands: Vec<&str> = told.lines().filter_map(|line| line.strip_prefix("stands     ")).collect();
+    assert_eq!(stands.len(), 7, "{told}");
+    println!("{told}");
+    let text = std::fs::read_to_string(&written).unwrap();
+    let table: toml::Table = text.parse().unwrap();
+    let number = |of: &toml::Value, key: &str| of[key].as_float().unwrap();
+    for (n, object) in table["object"].as_array().unwrap().iter().enumerate() {
+        let height_m = if n == 0 { 0.03 } else { 0.0 };
+        assert_eq!(object["known_by"].as_str(), Some("depth"), "{text}");
+        // What is within 15 mm of a plane stands on it, exactly.
+        assert!((number(object, "height_m") - height_m).abs() < 1e-3, "{text}");
+        assert!(number(object, "tilt_deg") < 0.5, "{text}");
+    }
+    assert!(stands[0].contains("marker 1: ") && stands[0].contains(" mm over a plane"), "{told}");
+    assert!(stands[1..].iter().all(|line| line.contains(": on a plane that depth shows")), "{told}");
+    // The same again, byte by byte, and on the page.
+    let page = at("page.html");
+    said(&["analyse", &site, "--scene", &scene, "--report", &page]);
+    assert_eq!(std::fs::read_to_string(&written).unwrap(), text);
+    assert!(std::fs::read_to_string(&page).unwrap().contains(stands[0]));
+    // What is no scene is refused, and what was written stays.
+    assert!(refused(&["analyse", &site, "--scene", &at("none.toml")]).contains("none.toml"));
+    assert_eq!(std::fs::read_to_string(&written).unwrap(), text);
+    // With the next analysis it goes.
+    let shot = opened(folder);
+    Analysis::read(&folder.path().join("site.analysis"))
+        .unwrap()
+        .write(written.parent().unwrap(), &shot.recording)
+        .unwrap();
+    assert!(!written.exists());
 }
 
 fn by_white_paper(folder: &tempfile::TempDir, found: &Analysis) {

@@ -1,0 +1,178 @@
+//! What the objects of a scene stand on, and what beside them takes their shadows, as it is told and written.
+//!
+//! It lies in an analysis' folder as `scene.toml`, for people and for other programs. Compositing works the same out by itself, since
+//! objects are moved.
+
+use std::fmt;
+use std::io::Write;
+use std::path::Path;
+
+use glam::{DVec2, DVec3};
+use serde::{Deserialize, Serialize};
+
+use super::artefact::AnalysisError;
+use crate::document::Document;
+use crate::scene::{Facet, Support};
+use crate::sink::atomic::write_atomically;
+use crate::words::{count, fixed};
+
+pub const SCENE: &str = "scene.toml";
+/// A smaller height over a plane is none, metres.
+const NONE_M: f64 = 5e-5;
+
+/// Where a plane is known from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum KnownBy {
+    /// Most points around agree on it.
+    Depth,
+    /// The recording says where its floor is.
+    Recording,
+    /// By nothing: it is level, and lies at the object's foot.
+    Foot,
+}
+
+/// What an object stands on, in the recording's world.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Ground {
+    /// The object's.
+    pub name: String,
+    pub known_by: KnownBy,
+    pub point_m: [f64; 3],
+    pub normal: [f64; 3],
+    /// Between the plane's normal and up, degrees.
+    pub tilt_deg: f64,
+    /// Of the object's lowest point over the plane, metres.
+    pub height_m: f64,
+    /// Flat pieces of real things beside it, on which its shadow may fall.
+    #[serde(rename = "receiver", default, skip_serializing_if = "Vec::is_empty")]
+    pub receivers: Vec<Receiver>,
+}
+
+/// A rectangle that takes an object's shadow.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Receiver {
+    /// One after another around it, seen from the side that takes the shadow counter-clockwise.
+    pub corners_m: [[f64; 3]; 4],
+    /// Towards that side, unit length.
+    pub normal: [f64; 3],
+    pub tilt_deg: f64,
+    /// From the object, metres.
+    pub away_m: f64,
+}
+
+/// Degrees between two directions of unit length.
+fn between_deg(a: DVec3, b: DVec3) -> f64 {
+    a.dot(b).clamp(-1.0, 1.0).acos().to_degrees()
+}
+
+impl Ground {
+    /// Of an object with these points, where up is.
+    pub fn new(name: &str, (known_by, plane): (KnownBy, &Support), up: DVec3, points_m: &[DVec3]) -> Self {
+        let Support { point_m, normal } = *plane;
+        let heights_m = points_m.iter().map(|at_m| normal.dot(*at_m - point_m));
+        let height_m = heights_m.reduce(f64::min).unwrap_or_default();
+        let tilt_deg = between_deg(normal, up);
+        let (point_m, normal) = (point_m.to_array(), normal.to_array());
+        Self { name: name.to_owned(), known_by, point_m, normal, tilt_deg, height_m, receivers: Vec::new() }
+    }
+
+    /// With a flat piece beside it.
+    pub fn take(&mut self, facet: &Facet, up: DVec3, points_m: &[DVec3]) {
+        let Facet { plane: Support { point_m, normal }, along, low_m, high_m } = *facet;
+        let across = normal.cross(along);
+        let at = |off_m: DVec2| point_m + off_m.x * along + off_m.y * across;
+        let corners_m = [low_m, DVec2::new(high_m.x, low_m.y), high_m, DVec2::new(low_m.x, high_m.y)];
+        let away_m = |from_m: &DVec3| {
+            let off = *from_m - point_m;
+            at(DVec2::new(along.dot(off), across.dot(off)).clamp(low_m, high_m)).distance(*from_m)
+        };
+        self.receivers.push(Receiver {
+            corners_m: corners_m.map(|off_m| at(off_m).to_array()),
+            normal: normal.to_array(),
+            tilt_deg: between_deg(normal, up),
+            away_m: points_m.iter().map(away_m).reduce(f64::min).unwrap_or_default(),
+        });
+    }
+
+    /// Each with its name, as of findings.
+    pub fn lines(&self) -> Vec<(&'static str, String)> {
+        let Self { name, .. } = self;
+        let receiver = |receiver: &Receiver| ("receiver", format!("of {name}'s shadow: {receiver}"));
+        std::iter::once(("stands", format!("{name}: {self}"))).chain(self.receivers.iter().map(receiver)).collect()
+    }
+}
+
+impl fmt::Display for Ground {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mm = |length_m: f64| fixed(1e3 * length_m, 1);
+        match self.height_m {
+            height_m if height_m > NONE_M => write!(f, "{} mm over ", mm(height_m))?,
+            height_m if height_m < -NONE_M => write!(f, "{} mm deep in ", mm(-height_m))?,
+            _ => write!(f, "on ")?,
+        }
+        match self.known_by {
+            KnownBy::Depth => write!(f, "a plane that depth shows")?,
+            KnownBy::Recording => write!(f, "the recording's floor")?,
+            KnownBy::Foot => return write!(f, "a level plane through its foot: depth shows nothing below it"),
+        }
+        write!(f, ", {}° from level", fixed(self.tilt_deg, 1))
+    }
+}
+
+impl fmt::Display for Receiver {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [a, b, _, d] = self.corners_m.map(DVec3::from);
+        let [wide, high, away] = [a.distance(b), a.distance(d), self.away_m].map(|m| fixed(m, 2));
+        write!(f, "flat, {wide} × {high} m, {away} m away, {}° from level", fixed(self.tilt_deg, 0))
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Written {
+    /// The scene's file, without its folders.
+    scene: String,
+    object: Vec<Ground>,
+}
+
+/// Writes them into an analysis' folder.
+pub fn write_grounds(folder: &Path, scene: &Path, grounds: &[Ground]) -> Result<(), AnalysisError> {
+    let path = folder.join(SCENE);
+    let name = scene.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let document = Document::new(Written { scene: name, object: grounds.to_vec() })
+        .map_err(|problem| AnalysisError::Content { file: path.clone(), problem: problem.to_string() })?;
+    let head = format!(
+        "# What {} of a scene stand on, and what takes their shadows, in the recording's world, metres. By `locard analyse \
+         --scene`; frames are composited without it.\n",
+        count(grounds.len(), "object")
+    );
+    write_atomically(&path, true, |out| out.write_all(format!("{head}{document}").as_bytes()))
+        .map_err(|error| AnalysisError::Unwritten { folder: folder.to_owned(), reason: error.to_string() })?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hovering_box_beside_a_wall_by_hand() {
+        // Corners of a box of 0.1 m, 20 mm over z = 0, and a wall at x = 0.25 that faces it, 0.4 m wide and 0.3 m high.
+        let corner = |n: u32| DVec3::new(f64::from(n & 1), f64::from(n >> 1 & 1), f64::from(n >> 2)) * 0.1;
+        let points_m: Vec<DVec3> = (0..8).map(|n| corner(n) + DVec3::new(-0.05, -0.05, 0.02)).collect();
+        let floor = Support { point_m: DVec3::new(3.0, 1.0, 0.0), normal: DVec3::Z };
+        let mut ground = Ground::new("box", (KnownBy::Depth, &floor), DVec3::Z, &points_m);
+        let plane = Support { point_m: DVec3::new(0.25, 0.0, 0.0), normal: DVec3::NEG_X };
+        let (low_m, high_m) = (DVec2::new(-0.2, -0.3), DVec2::new(0.2, 0.0));
+        // The other side is −x × y = −z.
+        ground.take(&Facet { plane, along: DVec3::Y, low_m, high_m }, DVec3::Z, &points_m);
+        let [(_, stands), (_, receiver)] = <[_; 2]>::try_from(ground.lines()).unwrap();
+        assert_eq!(stands, "box: 20.0 mm over a plane that depth shows, 0.0° from level");
+        assert_eq!(receiver, "of box's shadow: flat, 0.40 × 0.30 m, 0.20 m away, 90° from level");
+        let [a, b, c, _] = ground.receivers[0].corners_m.map(DVec3::from);
+        assert!((b - a).cross(c - a).dot(DVec3::NEG_X) > 0.0, "counter-clockwise");
+        ground.height_m = -0.012;
+        ground.known_by = KnownBy::Recording;
+        assert_eq!(ground.to_string(), "12.0 mm deep in the recording's floor, 0.0° from level");
+    }
+}
