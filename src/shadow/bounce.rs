@@ -234,6 +234,7 @@ mod tests {
             corners: vec![corner(-9.0, 0.0), corner(9.0, 0.0), corner(9.0, HEIGHT_M), corner(-9.0, HEIGHT_M)],
             triangles: vec![[0, 1, 2], [0, 2, 3]],
             colors: vec![Vec3::splat(reflectance); 2],
+            ..Casters::default()
         };
         let extent = Extent { low: Vec2::splat(-5.0), high: Vec2::splat(5.0) };
         let shares = Shares::new(&casters, extent, &sky, Real::default());

@@ -1,5 +1,7 @@
 //! The triangles of what stands on a floor, in the floor's axes, or of what stands around a place.
 
+use std::ops::Range;
+
 use glam::{DAffine3, Vec2, Vec3};
 
 use super::known::Telling;
@@ -16,6 +18,8 @@ pub struct Casters {
     pub triangles: Vec<[u32; 3]>,
     /// The share of light that each triangle throws back.
     pub colors: Vec<Vec3>,
+    /// Of the triangles of each part, in turn.
+    pub parts: Vec<Range<usize>>,
 }
 
 impl Casters {
@@ -36,15 +40,24 @@ impl Casters {
             // Counter-clockwise seen from outside, mirrored too.
             let is_mirrored = from_mesh.matrix3.determinant() < 0.0;
             let order = if is_mirrored { [0, 2, 1] } else { [0, 1, 2] };
+            let first_triangle = all.triangles.len();
             all.triangles.extend(own.map(|t| order.map(|i| first + t[i])));
+            all.parts.push(first_triangle..all.triangles.len());
         }
         all
+    }
+
+    /// Where a triangle's middle is, and its normal on the front; no direction if it has no area.
+    pub fn middle_and_front(&self, triangle: usize) -> (Vec3, Vec3) {
+        let [a, b, c] = self.triangles[triangle].map(|i| self.corners[i as usize]);
+        ((a + b + c) / 3.0, (b - a).cross(c - a).normalize_or_zero())
     }
 
     pub fn tell(&self, telling: &mut Telling) {
         telling.all(&self.corners);
         telling.all(&self.triangles);
         telling.all(&self.colors);
+        telling.small(&self.parts);
     }
 
     /// What lies below the floor is on it.

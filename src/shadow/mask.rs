@@ -139,7 +139,7 @@ mod tests {
     use crate::shadow::casters::Casters;
 
     fn outline(corners: &[Vec3], triangles: &[[u32; 3]]) -> Outline {
-        Outline::of(&Casters { corners: corners.to_vec(), triangles: triangles.to_vec(), colors: Vec::new() })
+        Outline::of(&Casters { corners: corners.to_vec(), triangles: triangles.to_vec(), ..Casters::default() })
     }
 
     /// Whether a place lies in one of the triangles, as they lie on the floor.
