@@ -99,7 +99,7 @@ pub fn register(
         let share = 100.0 * linked.refused as f64 / (linked.good.len() + linked.refused) as f64;
         let why = format!(
             "{share:.0} % of the links between frames do not fit (at most {:.0} %): the poses, the focal length or the depth are not this \
-             recording's, or its frames are not in their order",
+             recording's, its frames are not in their order, or something that fills much of the picture moves",
             100.0 * MISSING
         );
         return refused(why, found);
