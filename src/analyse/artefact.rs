@@ -9,7 +9,6 @@ use serde::Deserialize;
 use super::across::{Fitted, MOST_EV};
 use super::findings::{Findings, Gained, Registered, Sharpness, Shuttered, Tone};
 use super::found_light::{Environment, FoundLight};
-use super::ground::SCENE;
 use super::inputs;
 use super::light::RoomLight;
 use super::recorded_way::{RecordedWay, moves_as_recorded};
@@ -36,8 +35,9 @@ const ACROSS: &str = "across.txt";
 const POSES: &str = "poses.txt";
 const LINKS: &str = "links.txt";
 pub const ENVIRONMENT: &str = "environment.hdr";
+pub const STANDING: &str = "standing.toml";
 /// All that may lie in its folder.
-pub const FILES: [&str; 8] = [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, SCENE, times::FILE];
+pub const FILES: [&str; 8] = [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, STANDING, times::FILE];
 /// Another version is made anew.
 pub const VERSION: u32 = 8;
 

@@ -1,7 +1,7 @@
 //! What the objects of a scene stand on, and what beside them takes their shadows, as it is told and written.
 //!
-//! It lies in an analysis' folder as `scene.toml`, for people and for other programs. Compositing works the same out by itself, since
-//! objects are moved.
+//! It lies in an analysis' folder as `standing.toml`, for people and for other programs, in the scene's world: by the scene's gauge and
+//! unit that may be another one than the recording's. Compositing works it out anew, since objects are moved.
 
 use std::fmt;
 use std::io::Write;
@@ -10,13 +10,12 @@ use std::path::Path;
 use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::artefact::AnalysisError;
+use super::artefact::{AnalysisError, STANDING};
 use crate::document::Document;
 use crate::scene::{Facet, Support};
 use crate::sink::atomic::write_atomically;
-use crate::words::{count, fixed};
+use crate::words::{count, fixed, shown};
 
-pub const SCENE: &str = "scene.toml";
 /// A smaller height over a plane is none, metres.
 const NONE_M: f64 = 5e-5;
 
@@ -32,7 +31,7 @@ pub enum KnownBy {
     Foot,
 }
 
-/// What an object stands on, in the recording's world.
+/// What an object stands on, in the scene's world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ground {
     /// The object's.
@@ -97,7 +96,7 @@ impl Ground {
 
     /// Each with its name, as of findings.
     pub fn lines(&self) -> Vec<(&'static str, String)> {
-        let Self { name, .. } = self;
+        let name = shown(&self.name);
         let receiver = |receiver: &Receiver| ("receiver", format!("of {name}'s shadow: {receiver}"));
         std::iter::once(("stands", format!("{name}: {self}"))).chain(self.receivers.iter().map(receiver)).collect()
     }
@@ -114,7 +113,7 @@ impl fmt::Display for Ground {
         match self.known_by {
             KnownBy::Depth => write!(f, "a plane that depth shows")?,
             KnownBy::Recording => write!(f, "the recording's floor")?,
-            KnownBy::Foot => return write!(f, "a level plane through its foot: depth shows nothing below it"),
+            KnownBy::Foot => return write!(f, "a level plane through its foot: no surface is known below it"),
         }
         write!(f, ", {}° from level", fixed(self.tilt_deg, 1))
     }
@@ -137,12 +136,12 @@ struct Written {
 
 /// Writes them into an analysis' folder.
 pub fn write_grounds(folder: &Path, scene: &Path, grounds: &[Ground]) -> Result<(), AnalysisError> {
-    let path = folder.join(SCENE);
+    let path = folder.join(STANDING);
     let name = scene.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let document = Document::new(Written { scene: name, object: grounds.to_vec() })
         .map_err(|problem| AnalysisError::Content { file: path.clone(), problem: problem.to_string() })?;
     let head = format!(
-        "# What {} of a scene stand on, and what takes their shadows, in the recording's world, metres. By `locard analyse \
+        "# What {} of a scene stand on, and what takes their shadows, in the scene's world, metres. By `locard analyse \
          --scene`; frames are composited without it.\n",
         count(grounds.len(), "object")
     );

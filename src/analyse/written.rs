@@ -3,8 +3,7 @@
 use std::io::{ErrorKind, Write};
 use std::path::Path;
 
-use super::artefact::{Analysis, AnalysisError, FILE_NAME, FILES};
-use super::ground::SCENE;
+use super::artefact::{Analysis, AnalysisError, FILE_NAME, FILES, STANDING};
 use crate::recording::Recording;
 use crate::sink::atomic::write_atomically;
 use crate::unfinished::MadeFolder;
@@ -27,7 +26,7 @@ impl Analysis {
         let unwritten = |reason: String| AnalysisError::Unwritten { folder: folder.to_owned(), reason };
         let there = MadeFolder::make(folder).map_err(|error| unwritten(reason(&error)))?;
         // What things stand on was found by the poses that were here.
-        for name in [FILE_NAME, SCENE] {
+        for name in [FILE_NAME, STANDING] {
             match std::fs::remove_file(folder.join(name)) {
                 Err(error) if error.kind() != ErrorKind::NotFound => return Err(unwritten(reason(&error))),
                 _ => {}

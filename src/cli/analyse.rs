@@ -39,7 +39,7 @@ pub struct Args {
     /// The folder of what is found; otherwise beside the recording, of its name with .analysis, where `composite` finds it
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Also find what this scene's objects stand on and what beside them takes their shadows: told, written into scene.toml of that
+    /// Also find what this scene's objects stand on and what beside them takes their shadows: told, written into standing.toml of that
     /// folder, and into the page
     #[arg(long, value_name = "SCENE")]
     scene: Option<PathBuf>,
@@ -79,12 +79,14 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let (made, times) = make(&shot, &folder, args.force, args.quiet)?;
     write!(std::io::stdout().lock(), "{}", made.findings)?;
-    let grounds = args.scene.as_deref().map(|scene| grounds(scene, args, &folder)).transpose()?.unwrap_or_default();
+    let of_scene = args.scene.as_deref().map(|scene| Ok::<_, anyhow::Error>((scene, grounds(scene, args, &folder)?)));
+    let of_scene = of_scene.transpose()?;
+    let grounds = of_scene.as_ref().map_or(&[][..], |(_, grounds)| grounds);
     for (name, text) in grounds.iter().flat_map(Ground::lines) {
         writeln!(std::io::stdout().lock(), "{name:<11}{text}")?;
     }
     if let Some(path) = &args.report {
-        write_report(path, &shot, (&made, &grounds), times.as_ref())?;
+        write_report(path, &shot, (&made, grounds), times.as_ref())?;
     }
     if let (Some(path), Some(mut profile)) = (&args.accept, accepting) {
         let accepted = accept(&made.findings, &mut profile);
@@ -92,6 +94,9 @@ pub fn run(args: &Args) -> Result<()> {
             write_atomically(path, true, |out| out.write_all(profile.to_string().as_bytes()))?;
         }
         tell_accepted(&accepted, &made.findings, shot.recording.time_offset_s)?;
+    }
+    if let Some((scene, grounds)) = &of_scene {
+        write_grounds(&folder, scene, grounds)?;
     }
     let frames = count(shot.recording.frame_count(), "frame");
     tell(args.quiet, &format!("{frames} in {:.1} s: {}", start.elapsed().as_secs_f64(), folder.display()));
@@ -155,15 +160,14 @@ fn grounds(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<Ground>> {
     let analysis = Analysed::At(folder.to_owned());
     let given = Given { profile, sets, scene: Some(scene.to_owned()), analysis, ..Given::default() };
     let shot = Shot::open(&args.recording, &args.skip.over(OpenOptions::default()), &given)?;
-    let grounds = shot.grounds();
-    if grounds.is_empty() && !shot.scene.objects.is_empty() {
+    shot.scene.warnings.iter().for_each(|text| warn(args.quiet, text));
+    if shot.up().is_none() {
         warn(
             args.quiet,
             "neither the scene nor the recording says where up is, so nothing is known of what objects stand on",
         );
     }
-    write_grounds(folder, scene, &grounds)?;
-    Ok(grounds)
+    Ok(shot.grounds())
 }
 
 fn write_report(

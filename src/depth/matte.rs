@@ -228,7 +228,7 @@ impl Seen<'_> {
             let is_side = is_far || z * ANOTHER > both_m[0];
             let certain = (self.edges[q].distance_px * per_margin).clamp(UNCERTAIN, 1.0);
             let weight = if is_side { weight * certain * certain } else { 0.0 };
-            // To both sides, to one of them nothing: without a branch that nobody can foresee.
+            // To both sides, to one of them nothing: without a branch that no processor can predict.
             let light = Vec3::from(self.looks[q]).extend(1.0);
             near.add(light * light, if is_far { 0.0 } else { weight });
             far.add(light * light, if is_far { weight } else { 0.0 });

@@ -24,6 +24,12 @@ impl Telling {
         self.0.update(bytemuck::cast_slice::<T, u8>(values));
     }
 
+    /// Whether the same was told.
+    #[cfg(test)]
+    pub fn is(&self, other: &Self) -> bool {
+        self.0.clone().finalize() == other.0.clone().finalize()
+    }
+
     /// Something small: floating-point numbers are written so that they are read back the same.
     pub fn small(&mut self, value: &impl Debug) {
         // Nothing that is told here refuses.

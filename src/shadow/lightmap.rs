@@ -12,7 +12,7 @@
 //! A white matt surface then shows a·(what it would show alone) + b + the lamps by their shares. Rays below a triangle's own plane
 //! are not asked: a curved surface of flat pieces would shade itself at their edges (the terminator).
 //!
-//! Not modelled: light that is thrown to and fro more than once; mirrors; what is seen through glass; what real things beside the
+//! Not modelled: light that is thrown to and fro more than once; that of a group's triangles the first may lie in another light; mirrors; what is seen through glass; what real things beside the
 //! floor take or throw.
 
 use std::collections::HashMap;
@@ -40,8 +40,8 @@ const ALIKE: f32 = 0.04;
 const ONE_WAY: f32 = 0.98;
 /// Of the light on what throws some of it onto others, one ray in so many is asked.
 const ASKED_OF: usize = 4;
-/// Cells along a part's longest side, and steps along each axis of a direction: a part's triangles of one cell that face the same
-/// way to half a step get the same light. A cartridge case of 6000 triangles has 400 such groups.
+/// Cells along a part's longest side, and steps along each axis of a direction for 1: a part's triangles of one cell whose normals
+/// round to the same steps, at most 40° apart, get the same light. A cartridge case of 6000 triangles has 400 such groups.
 const CELLS: f32 = 12.0;
 const WAYS: f32 = 2.0;
 /// Texels that a thread takes at a time.
@@ -429,7 +429,91 @@ impl<'a> Room<'a> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::floor::Floor;
+    use super::super::known::Telling;
     use super::*;
+    use crate::scene::Sun;
+    use glam::{DAffine3, Vec2};
+    use std::sync::Arc;
+
+    /// All that a lightmap depends on.
+    #[derive(Clone)]
+    struct Inputs {
+        casters: Casters,
+        far: Vec<Far>,
+        lighting: Lighting,
+        floors: Vec<Chart>,
+        origin_m: DVec3,
+        unwrapped: Unwrapped,
+        place: DAffine3,
+        double_sided: bool,
+    }
+
+    impl Inputs {
+        fn told(&self) -> Telling {
+            let Self { casters, far, lighting, floors, origin_m, unwrapped, place, double_sided } = self;
+            let among = Among { origin_m: *origin_m, casters, far, lighting, floors, most: [1, 3] };
+            let mut telling = Telling::default();
+            among.tell(&mut telling);
+            Surface { unwrapped, place: *place, double_sided: *double_sided }.tell(&mut telling);
+            telling
+        }
+    }
+
+    #[test]
+    fn whatever_a_lightmap_depends_on_is_told_to_the_last_bit() {
+        let lamp = PointLight {
+            position_in_world_m: DVec3::Z,
+            color: Vec3::ONE,
+            diameter_m: 0.1,
+            range_m: f32::INFINITY,
+            spot: None,
+        };
+        let sun = Sun { towards_light_in_world: Vec3::Z, color: Vec3::ONE, diameter_rad: 0.01 };
+        let shares = crate::shadow::Shares::new(
+            &Casters::default(),
+            super::super::extent::Extent { low: Vec2::ZERO, high: Vec2::ONE },
+            &super::super::sky::Sky::new(&Lighting::default(), Arc::new([]), &Floor::new(DVec3::ZERO, DVec3::Z), None),
+            super::super::chart::Real::default(),
+        );
+        let chart = Chart { floor: Floor::new(DVec3::ZERO, DVec3::Z), shares: Arc::new(shares), is_beside: false };
+        let corners = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+        let first = Inputs {
+            casters: Casters { corners, triangles: vec![[0, 1, 2]], colors: vec![Vec3::ONE], parts: vec![0..1] },
+            far: vec![Far { towards: Vec3::Z, light: Vec3::ONE, solid_sr: 1.0 }],
+            lighting: Lighting { suns: vec![sun], points: vec![lamp], ..Lighting::default() },
+            floors: vec![chart],
+            origin_m: DVec3::ZERO,
+            unwrapped: Unwrapped { corners: Vec::new(), indices: vec![0, 1, 2], side: 16 },
+            place: DAffine3::IDENTITY,
+            double_sided: false,
+        };
+        assert!(first.told().is(&first.clone().told()));
+        let changes: [fn(&mut Inputs); 17] = [
+            |i| i.casters.corners[1].x = 1.0f32.next_up(),
+            |i| i.casters.triangles[0] = [0, 2, 1],
+            |i| i.casters.colors[0].y = 0.5,
+            |i| i.casters.parts[0] = 0..0,
+            |i| i.far[0].light.z = 1.0f32.next_down(),
+            |i| i.far[0].solid_sr = 2.0,
+            |i| i.lighting.suns[0].diameter_rad = 0.02,
+            |i| i.lighting.points[0].position_in_world_m.x = f64::MIN_POSITIVE,
+            |i| i.lighting.points[0].spot = Some(Default::default()),
+            |i| i.lighting.points[0].range_m = 9.0,
+            |i| i.floors[0].floor.origin_m.y = 1.0,
+            |i| Arc::make_mut(&mut i.floors[0].shares).taken[0][1] += 0.5,
+            |i| i.floors.clear(),
+            |i| i.origin_m.z = 1e-9,
+            |i| i.unwrapped.side = 17,
+            |i| i.place.translation.x = 1e-12,
+            |i| i.double_sided = true,
+        ];
+        for (n, change) in changes.into_iter().enumerate() {
+            let mut other = first.clone();
+            change(&mut other);
+            assert!(!other.told().is(&first.told()), "change {n}");
+        }
+    }
 
     #[test]
     fn what_lies_together_and_faces_one_way_is_lit_as_one_and_parts_stay_apart() {

@@ -22,8 +22,9 @@ const REACH: f64 = 4.0;
 /// So many lightmaps are kept, the ones used last.
 const KEPT: usize = 256;
 
-/// For all compositors: 80 MB at the most. Two scenes of a dozen things with three parts each.
-static KNOWN: Known<Lightmap> = Known::new(64);
+/// For all compositors: of forty things with three parts each. A map has at most 128² texels in ten layers, 2.6 MB; most are a tenth
+/// of that.
+static KNOWN: Known<Lightmap> = Known::new(128);
 
 /// Works out lightmaps, and keeps them.
 #[derive(Debug)]

@@ -6,7 +6,8 @@ use crate::analyse::Ground;
 use crate::scene::Object;
 
 impl Shot {
-    /// Of each object. None where neither the scene nor the recording says where up is. The recording's depth is read.
+    /// Of each object that has a surface. None where nobody says where up is; a scene's file does, or z is. The recording's depth is
+    /// read.
     pub fn grounds(&self) -> Vec<Ground> {
         let Some(up) = self.up() else { return Vec::new() };
         let points = self.depth_points();
@@ -14,8 +15,10 @@ impl Shot {
             let (support, known_by) = self.support_of(object, &points)?;
             let points_m: Vec<_> = object.points_m(&self.scene).collect();
             let mut ground = Ground::new(&object.name, (known_by, &support), up, &points_m);
-            for facet in facets(&self.scene, object, &support, &points) {
-                ground.take(&facet, up, &points_m);
+            // What only hides throws no shadow.
+            if !object.parts.is_empty() {
+                let facets = facets(&self.scene, object, &support, &points);
+                facets.iter().for_each(|facet| ground.take(facet, up, &points_m));
             }
             Some(ground)
         };

@@ -154,11 +154,10 @@ fn what_things_stand_on(folder: &tempfile::TempDir) {
     let light = models.find("# The light that").unwrap();
     let hovering = models[..light].replacen("[0.0, 0.12, 0.0]", "[0.0, 0.12, 0.03]", 1);
     std::fs::write(at("scene.toml"), hovering).unwrap();
-    let (scene, written) = (at("scene.toml"), folder.path().join("site.analysis/scene.toml"));
+    let (scene, written) = (at("scene.toml"), folder.path().join("site.analysis/standing.toml"));
     let told = said(&["analyse", &site, "--scene", &scene]);
     let stands: Vec<&str> = told.lines().filter_map(|line| line.strip_prefix("stands     ")).collect();
     assert_eq!(stands.len(), 7, "{told}");
-    println!("{told}");
     let text = std::fs::read_to_string(&written).unwrap();
     let table: toml::Table = text.parse().unwrap();
     let number = |of: &toml::Value, key: &str| of[key].as_float().unwrap();
