@@ -479,7 +479,7 @@ mod tests {
         let chart = Chart { floor: Floor::new(DVec3::ZERO, DVec3::Z), shares: Arc::new(shares), is_beside: false };
         let corners = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
         let first = Inputs {
-            casters: Casters { corners, triangles: vec![[0, 1, 2]], colors: vec![Vec3::ONE], parts: vec![0..1] },
+            casters: Casters { corners, triangles: vec![[0, 1, 2]], colors: vec![Vec3::ONE], parts: vec![0..1, 1..1] },
             far: vec![Far { towards: Vec3::Z, light: Vec3::ONE, solid_sr: 1.0 }],
             lighting: Lighting { suns: vec![sun], points: vec![lamp], ..Lighting::default() },
             floors: vec![chart],
