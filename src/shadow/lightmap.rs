@@ -12,8 +12,8 @@
 //! A white matt surface then shows a·(what it would show alone) + b + the lamps by their shares. Rays below a triangle's own plane
 //! are not asked: a curved surface of flat pieces would shade itself at their edges (the terminator).
 //!
-//! Not modelled: light that is thrown to and fro more than once; that of a group's triangles the first may lie in another light; mirrors; what is seen through glass; what real things beside the
-//! floor take or throw.
+//! Not modelled: light that is thrown to and fro more than once; a shadow's edge within a group of triangles; mirrors; what is seen
+//! through glass; what real things beside the floor take or throw.
 
 use std::collections::HashMap;
 use std::f32::consts::PI;
@@ -41,7 +41,8 @@ const ONE_WAY: f32 = 0.98;
 /// Of the light on what throws some of it onto others, one ray in so many is asked.
 const ASKED_OF: usize = 4;
 /// Cells along a part's longest side, and steps along each axis of a direction for 1: a part's triangles of one cell whose normals
-/// round to the same steps, at most 40° apart, get the same light. A cartridge case of 6000 triangles has 400 such groups.
+/// round to the same steps, at most 40° apart, get the same light. A cartridge case of 6240
+/// triangles has 1483 such groups, a marker of 2648 has 916.
 const CELLS: f32 = 12.0;
 const WAYS: f32 = 2.0;
 /// Texels that a thread takes at a time.
