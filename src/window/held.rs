@@ -5,7 +5,7 @@
 //! turn on a loaded machine, and keep the lock of a process that has ended for many seconds: then its work is moved to a place
 //! of the window that finds it.
 
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -17,8 +17,25 @@ use crate::source::file;
 pub struct Place {
     pub work: PathBuf,
     pub lock: PathBuf,
-    /// The lock is this open file's.
-    held: File,
+    held: Held,
+}
+
+/// A lock on an open file. A process that is being started from another thread has a copy of the file until it runs its own
+/// program, and closing ours alone would leave the lock to it.
+#[derive(Debug)]
+struct Held(File);
+
+impl Held {
+    fn of(file: File) -> Result<Self, TryLockError> {
+        file.try_lock()?;
+        Ok(Self(file))
+    }
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        let _ = self.0.unlock();
+    }
 }
 
 impl Place {
@@ -28,18 +45,17 @@ impl Place {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
         let name = format!("{since:x}-{}", std::process::id());
         let lock = folder.join(format!("{name}.lock"));
-        let held = File::options().write(true).create_new(true).open(&lock)?;
-        held.try_lock()?;
+        let held = Held::of(File::options().write(true).create_new(true).open(&lock)?)?;
         Ok(Self { work: folder.join(format!("{name}.json")), lock, held }.signed())
     }
 
     /// What somebody left there; `None` where a window still holds it.
     pub fn left(work: PathBuf) -> Option<Self> {
         let lock = work.with_extension("lock");
-        let held = File::options().write(true).create(true).truncate(false).open(&lock).ok()?;
-        if held.try_lock().is_err() {
+        let file = File::options().write(true).create(true).truncate(false).open(&lock).ok()?;
+        let Ok(held) = Held::of(file) else {
             return has_ended(&lock).then(|| Self::taken_over(&work)).flatten();
-        }
+        };
         // Whoever had it may have removed it just now.
         work.exists().then(|| Self { work, lock, held }.signed())
     }
@@ -57,7 +73,7 @@ impl Place {
 
     /// With the number of this process. Without it the lock has to be waited for, no more.
     fn signed(mut self) -> Self {
-        let _ = self.held.set_len(0).and_then(|()| write!(self.held, "{}", std::process::id()));
+        let _ = self.held.0.set_len(0).and_then(|()| write!(self.held.0, "{}", std::process::id()));
         self
     }
 
@@ -91,6 +107,18 @@ mod tests {
     use std::process::Command;
 
     use super::*;
+
+    #[test]
+    fn a_lock_is_let_go_though_a_process_that_is_being_started_has_a_copy_of_its_file() {
+        let temp = tempfile::tempdir().unwrap();
+        let place = Place::make(temp.path()).unwrap();
+        fs::write(&place.work, "left").unwrap();
+        let (work, copy) = (place.work.clone(), place.held.0.try_clone().unwrap());
+        assert!(Place::left(work.clone()).is_none());
+        drop(place);
+        assert!(Place::left(work).is_some());
+        drop(copy);
+    }
 
     #[test]
     fn work_of_a_process_that_is_only_being_cleared_away_is_moved() {
