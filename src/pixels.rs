@@ -48,6 +48,15 @@ pub fn floor(at: f32) -> i32 {
     whole.saturating_sub(i32::from((whole as f32) > at))
 }
 
+/// The same of what is nearer to 0 than 2²², without the question whether it fits: many at a time.
+pub fn floor_of_small(at: f32) -> i32 {
+    // Beside 1.5·2²³ numbers of 32 bits are whole, and so is what is added to it, to the nearest.
+    const WHOLE: f32 = 12_582_912.0;
+    let nearest = (at + WHOLE) - WHOLE;
+    let below = if nearest > at { nearest - 1.0 } else { nearest };
+    ((below + WHOLE).to_bits() as i32).wrapping_sub(WHOLE.to_bits() as i32)
+}
+
 impl Pixels {
     /// 8-bit pixels. `None` if the length is not `3 * width * height`.
     pub fn from_u8(width: u32, height: u32, codes: Vec<u8>) -> Option<Self> {
@@ -236,13 +245,24 @@ impl Rect {
         }
         let columns = (part.x0 - self.x0) as usize..(part.x1 - self.x0) as usize;
         let rows = values.chunks_exact(self.width().max(1) as usize).skip((part.y0 - self.y0) as usize);
-        rows.take(part.height() as usize).flat_map(|row| &row[columns.clone()]).copied().collect()
+        let mut out = Vec::with_capacity(part.width() as usize * part.height() as usize);
+        rows.take(part.height() as usize).for_each(|row| out.extend_from_slice(&row[columns.clone()]));
+        out
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_small_is_floored_alike() {
+        let beside = |at: f32| [at.next_down(), at, at.next_up()];
+        let places = (-9..=9).flat_map(|n| beside(0.5 * n as f32)).chain([1e6, -1e6].into_iter().flat_map(beside));
+        for at in places.chain([4e6 + 0.25, -4e6 - 0.25, 0.999_999_9, 1e-30, -1e-30]) {
+            assert_eq!((floor(at), floor_of_small(at)), (at.floor() as i32, at.floor() as i32), "{at}");
+        }
+    }
 
     #[test]
     fn floor_by_hand() {

@@ -68,43 +68,29 @@ pub fn cut(recorder: &mut Recorder, layer: Layer, before: &Before, tolerance_m: 
 /// each pixel. 0 if one of them is unknown.
 pub fn deep_within(depth_m: &[f32], width: usize, reach_px: usize) -> Vec<f32> {
     // Unknown depths are the farthest of all.
-    let known = |m: f32| if m > 0.0 { m } else { f32::INFINITY };
-    let height = depth_m.len() / width.max(1);
-    let mut rows = vec![0.0; depth_m.len()];
-    for (from, to) in depth_m.chunks_exact(width.max(1)).zip(rows.chunks_exact_mut(width.max(1))) {
-        farthest(width, reach_px, |x| known(from[x]), |x, m| to[x] = m);
+    let known = |m: &f32| if *m > 0.0 { *m } else { f32::INFINITY };
+    let width = width.max(1);
+    let mut rows = Vec::with_capacity(depth_m.len());
+    for row in depth_m.chunks_exact(width) {
+        rows.extend(farthest(row.iter().map(known).collect(), 1, reach_px));
     }
-    let mut out = vec![0.0; depth_m.len()];
-    for x in 0..width {
-        farthest(
-            height,
-            reach_px,
-            |y| rows[y * width + x],
-            |y, m| out[y * width + x] = if m.is_finite() { m } else { 0.0 },
-        );
-    }
-    out
+    farthest(rows, width, reach_px).into_iter().map(|m| if m.is_finite() { m } else { 0.0 }).collect()
 }
 
-/// Sliding maximum over ±`reach`, by a monotonic queue (Lemire 2006).
-fn farthest(count: usize, reach: usize, at: impl Fn(usize) -> f32, mut give: impl FnMut(usize, f32)) {
-    let mut queue = std::collections::VecDeque::<(usize, f32)>::new();
-    for i in 0..count + reach {
-        if i < count {
-            let value = at(i);
-            while queue.back().is_some_and(|(_, last)| *last <= value) {
-                queue.pop_back();
-            }
-            queue.push_back((i, value));
-        }
-        let Some(middle) = i.checked_sub(reach) else { continue };
-        while queue.front().is_some_and(|(n, _)| n + reach < middle) {
-            queue.pop_front();
-        }
-        if let Some((_, most)) = queue.front() {
-            give(middle, *most);
-        }
+/// Sliding maximum over ±`reach` lines of `length` values each: of one line, of two, of four, as long as they fit into the window,
+/// and of two such that cover it.
+fn farthest(lines: Vec<f32>, length: usize, reach: usize) -> Vec<f32> {
+    let reach = reach.min(lines.len() / length);
+    let beside = vec![f32::NEG_INFINITY; reach * length];
+    let mut most = [beside.as_slice(), &lines, &beside].concat();
+    let of_two = |most: &[f32], apart: usize| -> Vec<f32> {
+        most.iter().zip(&most[apart * length..]).map(|(a, b)| if a > b { *a } else { *b }).collect()
+    };
+    let (window, mut covers) = (2 * reach + 1, 1);
+    while 2 * covers <= window {
+        (most, covers) = (of_two(&most, covers), 2 * covers);
     }
+    of_two(&most, window - covers)
 }
 
 #[cfg(test)]
@@ -120,5 +106,21 @@ mod tests {
         // A reach wider than the picture.
         assert_eq!(deep_within(&depth[..4], 4, 9), [2.0; 4]);
         assert!(deep_within(&[], 0, 3).is_empty());
+    }
+
+    #[test]
+    fn it_is_what_each_pixel_asks_of_all_around() {
+        let (width, height) = (23, 17);
+        let depth: Vec<f32> = (0..width * height).map(|i| (i * 37 % 101) as f32 / 10.0).collect();
+        for reach in 0..8 {
+            let around = |i: usize| {
+                let (x, y) = (i % width, i / width);
+                let rows = y.saturating_sub(reach)..(y + reach + 1).min(height);
+                let all = rows.flat_map(|y| &depth[y * width..][x.saturating_sub(reach)..(x + reach + 1).min(width)]);
+                all.copied().reduce(|a, b| if a.min(b) > 0.0 { a.max(b) } else { 0.0 }).unwrap()
+            };
+            let expected: Vec<f32> = (0..depth.len()).map(around).collect();
+            assert_eq!(deep_within(&depth, width, reach), expected, "{reach}");
+        }
     }
 }

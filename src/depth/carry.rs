@@ -11,7 +11,7 @@
 use glam::{DVec3, Mat3, Vec2, Vec3};
 
 use crate::camera::{Distortion, Geometry, LensModel};
-use crate::pixels::{DepthMap, Rect, floor};
+use crate::pixels::{DepthMap, Rect, floor, floor_of_small};
 use crate::pose::Pose;
 
 /// So many points at a time.
@@ -38,6 +38,22 @@ pub struct Landed {
     pub y_px: [f32; LANES],
     /// Metres; 0 where a point is not seen.
     pub depth_m: [f32; LANES],
+}
+
+impl Landed {
+    /// The pixels of a rectangle in which they lie, counted row by row; one beyond the last for a point that is not seen or lies
+    /// outside. Without a branch: vectors.
+    pub fn pixels(&self, of: Rect) -> [usize; LANES] {
+        let [x0, x1, y0, y1] = [of.x0, of.x1, of.y0, of.y1].map(|edge| edge as f32);
+        let [width, height] = [of.width() as i32, of.height() as i32];
+        let at: [i32; LANES] = std::array::from_fn(|n| {
+            let (x, y) = (self.x_px[n], self.y_px[n]);
+            let [column, row] = [floor_of_small(x).wrapping_sub(of.x0), floor_of_small(y).wrapping_sub(of.y0)];
+            let inside = (self.depth_m[n] > 0.0) & (x >= x0) & (x < x1) & (y >= y0) & (y < y1);
+            if inside { row.wrapping_mul(width).wrapping_add(column) } else { width * height }
+        });
+        at.map(|at| at as usize)
+    }
 }
 
 impl Points {
@@ -301,6 +317,18 @@ mod tests {
     use super::*;
     use crate::camera::Intrinsics;
     use glam::{DQuat, DVec2};
+
+    #[test]
+    fn points_lie_in_pixels() {
+        let at =
+            [(-0.1, 0.0), (0.0, 0.0), (3.999, 2.999), (4.0, 1.0), (1.5, 3.0), (2.0, 1.0), (1e9, 0.0), (f32::NAN, 1.0)];
+        let mut landed = Landed { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
+        for (n, (x, y)) in at.into_iter().enumerate() {
+            (landed.x_px[n], landed.y_px[n], landed.depth_m[n]) = (x, y, 1.0);
+        }
+        assert_eq!(landed.pixels(Rect::full(4, 3))[..9], [12, 0, 11, 12, 12, 6, 12, 12, 12]);
+        assert_eq!(landed.pixels(Rect::new(-2, 1, 3, 3))[..9], [10, 10, 10, 10, 10, 4, 10, 10, 10]);
+    }
 
     #[test]
     fn single_precision_is_enough() {

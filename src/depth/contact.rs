@@ -15,6 +15,7 @@ use super::apart::JUMP;
 use super::{Rays, SENSOR_ERROR};
 use crate::pixels::Rect;
 use crate::pose::Pose;
+use crate::rows::{over_rows, processors};
 
 /// What lies this near to a plane is the plane, metres, or three times the sensor's error if that is more.
 const WITHIN_M: f32 = 0.015;
@@ -43,10 +44,11 @@ pub fn flatten(depth_m: &mut [f32], rays: &Rays, pose: &Pose, part: Rect, planes
         (normal.as_vec3().to_array(), normal.dot(point) as f32)
     };
     let planes: Vec<_> = planes.iter().map(in_camera).collect();
-    for y in seen.y0..seen.y1 {
-        let Some(rays) = rays.row(y as usize) else { continue };
-        let start = (y - part.y0) as usize * part.width() as usize + (seen.x0 - part.x0) as usize;
-        let row = &mut depth_m[start..start + seen.width() as usize];
+    let width = part.width() as usize;
+    let rows = &mut depth_m[(seen.y0 - part.y0) as usize * width..][..seen.height() as usize * width];
+    over_rows(rows, width, processors(), |y, row| {
+        let Some(rays) = rays.row(seen.y0 as usize + y) else { return };
+        let row = &mut row[(seen.x0 - part.x0) as usize..][..seen.width() as usize];
         for (z, ray) in row.iter_mut().zip(&rays[seen.x0 as usize..]).filter(|(z, _)| **z > 0.0) {
             let within_m = WITHIN_M.max(PER_DEPTH2 * *z * *z).min(MOST_OF_DEPTH * *z);
             let (mut off_m, mut on_m) = (within_m, *z);
@@ -59,7 +61,7 @@ pub fn flatten(depth_m: &mut [f32], rays: &Rays, pose: &Pose, part: Rect, planes
             }
             *z = on_m;
         }
-    }
+    });
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@
 
 use super::apart::{JUMP, apart};
 use super::likeness::otherness;
-use super::nearest_edge::distances_px;
+use super::nearest_edge::{distances_px, for_each};
 
 /// How far the map's edges may be from the picture's, as a share of its width. A Kinect's are off by up to 8 of 640 px.
 pub const MOST_OFF: f64 = 8.0 / 640.0;
@@ -47,20 +47,20 @@ const ON_PICTURE: f32 = 0.5;
 pub fn are_off(depth_m: &[f32], looks: &[[f32; 3]], width: usize, reach_px: usize) -> bool {
     let height = depth_m.len() / width.max(1);
     let (mut all, mut on_picture) = (0usize, 0usize);
-    for i in 0..depth_m.len() {
-        for (at, side, step) in [(i % width, width, 1), (i / width, height, width)] {
-            if at < reach_px || at + reach_px + 1 >= side || !is_edge(depth_m[i], depth_m[i + step]) {
-                continue;
-            }
-            let first = i - reach_px * step;
-            let parted = |n: usize| apart(&looks[first + n * step], &looks[first + (n + 1) * step]);
-            let most = (0..=2 * reach_px).map(parted).fold(0.0, f32::max);
-            if most > PARTED {
-                all += 1;
-                on_picture += usize::from(parted(reach_px) >= ON_PICTURE * most);
-            }
+    for_each(depth_m, width, is_edge, |[i, beside], _| {
+        let step = beside - i;
+        let (at, side) = if beside == i + width { (i / width, height) } else { (i % width, width) };
+        if at < reach_px || at + reach_px + 1 >= side {
+            return;
         }
-    }
+        let first = i - reach_px * step;
+        let parted = |n: usize| apart(&looks[first + n * step], &looks[first + (n + 1) * step]);
+        let most = (0..=2 * reach_px).map(parted).fold(0.0, f32::max);
+        if most > PARTED {
+            all += 1;
+            on_picture += usize::from(parted(reach_px) >= ON_PICTURE * most);
+        }
+    });
     2 * on_picture < all
 }
 
@@ -84,8 +84,10 @@ pub enum Known {
 pub fn on_colors(depth_m: &[f32], known: &[Known], looks: &[[f32; 3]], width: usize, reach_px: usize) -> Vec<f32> {
     let mut out = depth_m.to_vec();
     let reach_px = reach_px.max(1) as f32;
-    let from_edge = distances_px(depth_m, width, is_edge);
     let within_px = SEEN * reach_px;
+    // Ways begin a little farther away than anything is doubted.
+    let begins_px = within_px + 2.0;
+    let from_edge = distances_px(depth_m, width, begins_px, is_edge);
     let other = otherness(depth_m, looks, width, reach_px, within_px);
     let doubt = |i: usize| {
         let near_edge = |reach_px: f32| DOUBT * (1.0 - from_edge[i] / reach_px).max(0.0);
@@ -99,7 +101,7 @@ pub fn on_colors(depth_m: &[f32], known: &[Known], looks: &[[f32; 3]], width: us
     let mut cost: Vec<f32> = (0..depth_m.len()).map(doubt).collect();
     let around = Around::new(width, depth_m.len());
     let mut queue = Queue::new(WAY / reach_px);
-    for i in (0..cost.len()).filter(|&i| known[i] == Known::Guessed || from_edge[i] < within_px + 2.0) {
+    for i in (0..cost.len()).filter(|&i| known[i] == Known::Guessed || from_edge[i] < begins_px) {
         queue.push(cost[i], i);
     }
     let mut level = Vec::new();

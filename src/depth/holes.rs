@@ -36,19 +36,24 @@ pub fn fill(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize, focal_px: f32
     if width == 0 || !known.contains(&true) {
         return None;
     }
+    if !known.contains(&false) {
+        return Some(vec![false; depth_m.len()]);
+    }
     let height = depth_m.len() / width;
     // For each pixel in a shade: the shade's width, and the depth of its farther end. The shorter way across decides.
-    let mut shade = vec![(usize::MAX, 0.0f32); depth_m.len()];
-    for y in 0..height {
+    let mut shade = vec![(u32::MAX, 0.0f32); depth_m.len()];
+    let mut has_gaps = vec![false; width];
+    for (y, row) in known.chunks_exact(width).enumerate().filter(|(_, row)| row.contains(&false)) {
         let widest_px = |near_m: f32, far_m: f32| FRAYED_PX + focal_px * BASELINE_M * (1.0 / near_m - 1.0 / far_m);
         shades(depth_m, &known, &mut shade, [y * width, 1, width], widest_px);
+        has_gaps.iter_mut().zip(row).for_each(|(has, known)| *has |= !known);
     }
-    for x in 0..width {
+    for x in (0..width).filter(|x| has_gaps[*x]) {
         // One surface continues.
         let widest_px = |near_m: f32, far_m: f32| if far_m > JUMP * near_m { 0.0 } else { FRAYED_PX };
         shades(depth_m, &known, &mut shade, [x, width, height], widest_px);
     }
-    let is_shade: Vec<bool> = shade.iter().map(|(length, _)| *length < usize::MAX).collect();
+    let is_shade: Vec<bool> = shade.iter().map(|(length, _)| *length < u32::MAX).collect();
     for i in (0..depth_m.len()).filter(|&i| is_shade[i]) {
         depth_m[i] = shade[i].1;
     }
@@ -71,7 +76,7 @@ pub fn fill(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize, focal_px: f32
 fn shades(
     depth_m: &[f32],
     known: &[bool],
-    shade: &mut [(usize, f32)],
+    shade: &mut [(u32, f32)],
     [first, step, count]: [usize; 3],
     widest_px: impl Fn(f32, f32) -> f32,
 ) {
@@ -83,8 +88,8 @@ fn shades(
             let length = n - before - 1;
             if length as f32 <= widest_px(a.min(b), a.max(b)) {
                 for m in (before + 1..n).map(at) {
-                    if length < shade[m].0 {
-                        shade[m] = (length, a.max(b));
+                    if (length as u32) < shade[m].0 {
+                        shade[m] = (length as u32, a.max(b));
                     }
                 }
             }

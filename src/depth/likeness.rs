@@ -7,6 +7,7 @@
 //! then little is said.
 
 use super::nearest_edge::edges;
+use super::padded::padded;
 use crate::rows::{over_rows, processors};
 
 /// Places around a pixel at which surfaces are looked at, and how far they lie, in ranges of doubt.
@@ -28,7 +29,7 @@ const LANES: usize = 16;
 /// depth right, since where three surfaces meet one of them may look alike. `looks`: square roots of light; `reach_px`: the range of
 /// doubt.
 pub fn otherness(depth_m: &[f32], looks: &[[f32; 3]], width: usize, reach_px: f32, within_px: f32) -> Vec<f32> {
-    let edges = edges(depth_m, width);
+    let edges = edges(depth_m, width, within_px.max(CERTAIN * reach_px));
     let is_certain = |i: usize| edges[i].distance_px >= CERTAIN * reach_px;
     let around = Around::new(depth_m, looks, width, is_certain, AROUND * reach_px);
     let mut out = vec![0.0; depth_m.len()];
@@ -90,14 +91,8 @@ impl Around {
         radius_px: f32,
     ) -> Self {
         let rim = radius_px.ceil() as usize + 1;
-        let (height, wide) = (depth_m.len() / width.max(1), width + 2 * rim + LANES);
-        let filled = |of: &(dyn Fn(usize) -> f32 + Sync)| {
-            let mut all = vec![0.0; wide * (height + 2 * rim)];
-            over_rows(&mut all[rim * wide..][..height * wide], wide, processors(), |y, row| {
-                row[rim..][..width].iter_mut().enumerate().for_each(|(x, value)| *value = of(y * width + x));
-            });
-            all
-        };
+        let wide = width + 2 * rim + LANES;
+        let filled = |of: &(dyn Fn(usize) -> f32 + Sync)| padded(depth_m.len(), width, rim, wide, of);
         Self {
             wide,
             rim,

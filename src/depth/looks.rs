@@ -23,8 +23,62 @@ impl<'a> Looks<'a> {
         Self { pixels, of_code: light.map(|light| light.max(0.0).sqrt() as f32).collect(), over }
     }
 
+    /// A row of the picture's, from a column on.
+    pub fn along(&self, x: u32, y: u32, out: &mut [[f32; 3]]) {
+        let codes = 3 * (y as usize * self.pixels.width as usize + x as usize)..;
+        match &self.pixels.codes {
+            Codes::U8(all) => {
+                let codes = all[codes].as_chunks().0.iter();
+                codes.zip(out).for_each(|(codes, looks)| *looks = codes.map(|code| self.of_code[usize::from(code)]));
+            }
+            Codes::U16(all) => {
+                let look = |code: u16| self.of_code[usize::from(code >> self.over)];
+                all[codes].as_chunks().0.iter().zip(out).for_each(|(codes, looks)| *looks = codes.map(look));
+            }
+        }
+    }
+
     /// At a pixel of the picture.
     pub fn at(&self, x: u32, y: u32) -> [f32; 3] {
-        self.pixels.at(x, y).map(|code| self.of_code[(code >> self.over) as usize])
+        let look = |code: u32| self.of_code[(code >> self.over) as usize];
+        let [r, g, b] = self.pixels.at(x, y);
+        [look(r), look(g), look(b)]
+    }
+
+    /// The same by its number, row by row; `None` beyond the last.
+    pub fn nth(&self, i: usize) -> Option<[f32; 3]> {
+        match &self.pixels.codes {
+            Codes::U8(all) => {
+                let [r, g, b] = all.as_chunks::<3>().0.get(i)?;
+                Some([self.of_code[usize::from(*r)], self.of_code[usize::from(*g)], self.of_code[usize::from(*b)]])
+            }
+            Codes::U16(all) => {
+                let look = |code: u16| self.of_code[usize::from(code >> self.over)];
+                let [r, g, b] = all.as_chunks::<3>().0.get(i)?;
+                Some([look(*r), look(*g), look(*b)])
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_row_and_a_number_give_what_a_place_gives() {
+        let codes: Vec<u16> = (0..3 * 5 * 4).map(|n| n * 1021).collect();
+        let eight = codes.iter().map(|code| (code >> 8) as u8).collect();
+        let pictures = [Pixels::from_u8(5, 4, eight).unwrap(), Pixels::from_u16(5, 4, codes).unwrap()];
+        for pixels in &pictures {
+            let looks = Looks::new(pixels, &Response::default());
+            for (x, y) in (0..4).flat_map(|y| (0..5).map(move |x| (x, y))) {
+                let mut row = vec![[0.0; 3]; 5 - x as usize];
+                looks.along(x, y, &mut row);
+                assert_eq!((row[0], looks.nth((y * 5 + x) as usize)), (looks.at(x, y), Some(looks.at(x, y))));
+                assert_eq!(row.last(), Some(&looks.at(4, y)));
+            }
+            assert_eq!(looks.nth(20), None);
+        }
     }
 }

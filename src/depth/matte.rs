@@ -15,9 +15,9 @@
 
 use glam::{Vec3, Vec4};
 
-use super::nearest_edge::{Edge, edges, is_near};
+use super::nearest_edge::{Edge, MOST_PX, edges, is_near};
 use super::smear::Smear;
-use crate::pixels::Rect;
+use crate::pixels::{Rect, floor_of_small};
 use crate::rows::{over_rows, processors};
 
 /// How far an edge that was moved to the picture's is still off, σ in px.
@@ -40,6 +40,9 @@ pub const FARTHEST_PX: i32 = (AROUND_PX + 0.5 * LONGEST_PX) as i32 + 1;
 /// From this far from an edge, beyond the blur, a pixel shows one surface alone, px. At the edge it counts so much.
 const CERTAIN_PX: f32 = 3.0;
 const UNCERTAIN: f32 = 0.1;
+/// Beyond this no edge matters, px; one with a large step counts as if it were so much nearer.
+const FARTHEST_EDGE_PX: f32 = BESIDE_PX.max(CERTAIN_PX) + 0.5 * LONGEST_PX + 1.0;
+const BEFORE_PX: i32 = MOST_PX as i32 + 1;
 /// Places of this weight in all tell half of how a side looks.
 const HALF: f32 = 0.5;
 /// Something nearer by this factor is another thing.
@@ -74,8 +77,9 @@ struct Seen<'a> {
     width: usize,
     height: usize,
     smear: &'a Smear,
-    /// Places around a pixel, within a radius of 1, and their weights.
-    places: Vec<[f32; 3]>,
+    /// Where they begin in what the ways of its pixels are known of.
+    from: [usize; 2],
+    places: Places,
 }
 
 /// What each pixel of a part shows, row by row, if a surface there is nearer than `before_m`. The map's edges lie on the
@@ -91,22 +95,28 @@ pub fn shares(
     let columns = part.width() as usize;
     let at = |x: usize, y: usize| (part.y0 as usize + y) * width + part.x0 as usize + x;
     let unshared = |z: f32| Shared { near_m: z, far_m: z, share: 1.0, fringe: [0.0; 3] };
-    let mut out: Vec<Shared> =
-        (0..columns * part.height() as usize).map(|i| unshared(depth_m[at(i % columns, i / columns)])).collect();
-    let edges = edges(depth_m, width);
+    let row = |y: usize| depth_m[at(0, y)..][..columns].iter().map(|z| unshared(*z));
+    let mut out: Vec<Shared> = (0..part.height() as usize).flat_map(row).collect();
+    // All that is looked at.
+    let whole = Rect::full(width as u32, (depth_m.len() / width.max(1)) as u32);
+    let near = part.grown(FARTHEST_PX + FARTHEST_EDGE_PX as i32 + BEFORE_PX).intersection(&whole);
+    let (depth_m, looks) = (&whole.part(depth_m, near), &whole.part(looks, near));
+    let [width, height] = [near.width() as usize, near.height() as usize];
+    let edges = edges(depth_m, width, FARTHEST_EDGE_PX);
     let Some(nearest_m) = edges.iter().filter(|e| e.distance_px < 1.0).map(|e| e.near_m).reduce(f32::min) else {
         return out;
     };
-    let height = depth_m.len() / width.max(1);
-    let seen = Seen { depth_m, looks, edges, width, height, smear, places: places() };
+    let from = [near.x0 as usize, near.y0 as usize];
+    let seen = Seen { depth_m, looks, edges, width, height, smear, from, places: Places::new() };
+    let first = [(part.x0 - near.x0) as usize, (part.y0 - near.y0) as usize];
     let reach_px = BESIDE_PX + 0.5 * smear.longest_px(nearest_m).min(LONGEST_PX);
     over_rows(&mut out, columns, processors(), |y, row| {
-        for (x, shared) in row.iter_mut().enumerate() {
-            let i = at(x, y);
-            let edge = &seen.edges[i];
+        let start = (first[1] + y) * width + first[0];
+        let row = row.iter_mut().zip(&seen.edges[start..]).zip(&depth_m[start..]).zip(&before_m[y * columns..]);
+        for (x, (((shared, edge), z), before_m)) in row.enumerate() {
             if edge.distance_px <= reach_px
-                && edge.near_m.min(depth_m[i]) < before_m[y * columns + x]
-                && let Some(found) = seen.shared(&seen.pixel(part.x0 as usize + x, part.y0 as usize + y))
+                && edge.near_m.min(*z) < *before_m
+                && let Some(found) = seen.shared(&seen.pixel(first[0] + x, first[1] + y))
             {
                 *shared = found;
             }
@@ -115,19 +125,29 @@ pub fn shares(
     out
 }
 
-/// A spiral of Vogel's.
-fn places() -> Vec<[f32; 3]> {
-    let place = |n: usize| {
-        let r = ((n as f32 + 0.5) / PLACES as f32).sqrt();
-        let (sin, cos) = (2.399_963_2 * n as f32).sin_cos();
-        [r * cos, r * sin, (-2.0 * r * r).exp()]
-    };
-    (0..PLACES).map(place).collect()
+/// Places around a pixel, within a radius of 1, and their weights: a spiral of Vogel's.
+struct Places {
+    across: [f32; PLACES],
+    down: [f32; PLACES],
+    weights: [f32; PLACES],
 }
 
-/// The nearest whole number: without a call into the mathematics library.
+impl Places {
+    fn new() -> Self {
+        let radius = |n: usize| ((n as f32 + 0.5) / PLACES as f32).sqrt();
+        let turn = |n: usize| 2.399_963_2 * n as f32;
+        Self {
+            across: std::array::from_fn(|n| radius(n) * turn(n).cos()),
+            down: std::array::from_fn(|n| radius(n) * turn(n).sin()),
+            weights: std::array::from_fn(|n| (-2.0 * radius(n) * radius(n)).exp()),
+        }
+    }
+}
+
+/// The nearest whole number of what is small: without a call into the mathematics library.
 fn whole(x: f32) -> i32 {
-    (x + if x < 0.0 { -0.5 } else { 0.5 }) as i32
+    let above = floor_of_small(x.abs() + 0.5);
+    if x < 0.0 { -above } else { above }
 }
 
 /// A pixel, and how far what it shows of the nearer surface moves while the shutter is open, px.
@@ -143,7 +163,7 @@ struct Pixel {
 impl Seen<'_> {
     fn pixel(&self, x: usize, y: usize) -> Pixel {
         let i = y * self.width + x;
-        let [across, down] = self.smear.at(x, y, self.edges[i].near_m);
+        let [across, down] = self.smear.at(self.from[0] + x, self.from[1] + y, self.edges[i].near_m);
         let far_px = (across * across + down * down).sqrt();
         let shorter = (LONGEST_PX / far_px.max(1e-3)).min(1.0);
         let way_px = [shorter * across, shorter * down];
@@ -220,8 +240,9 @@ impl Seen<'_> {
         let per_margin = 1.0 / (CERTAIN_PX + 0.5 * at.far_px);
         let radius_px = AROUND_PX + 0.5 * at.far_px;
         let [mut near, mut far] = [Sums::default(); 2];
-        for [x, y, weight] in &self.places {
-            let Some(q) = self.beside(at, whole(radius_px * x), whole(radius_px * y)) else { continue };
+        let [across, down] = [&self.places.across, &self.places.down].map(|of| of.map(|at| whole(radius_px * at)));
+        for ((dx, dy), weight) in across.into_iter().zip(down).zip(&self.places.weights) {
+            let Some(q) = self.beside(at, dx, dy) else { continue };
             let z = self.depth_m[q];
             let is_far = !is_near(z, both_m);
             // Whatever is farther lies behind, and what is much nearer is another thing.

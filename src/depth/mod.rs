@@ -6,6 +6,7 @@
 //! - `vote`: what several frames' maps say of one's. `of_frame`: so of a whole frame, at its moment.
 //! - `holes`: depth where the sensor measured none. `edges`: edges moved to the picture's, `likeness`: whose
 //!   pixels near them look like. `behind`: what is behind them. `mended`: holes filled and edges moved.
+//! - `nearest_edge`: the edge that matters at each pixel. `padded`: a map within a rim, for what asks about surroundings.
 //! - `contact`: what things stand on, as flat as it is. `proxies`: models that stand in for real things.
 //! - `matte`: how much of a pixel at an edge is the nearer surface's. `smear`: how far it moves while the shutter is open.
 //! - `repaired`: filled and with the picture's edges, where a recording's frame shows objects; `last_repair`: not twice. `grid`: the same over a
@@ -26,6 +27,7 @@ mod mended;
 mod moment;
 mod nearest_edge;
 mod of_frame;
+mod padded;
 mod proxies;
 mod registered;
 mod repaired;

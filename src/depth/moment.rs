@@ -153,7 +153,8 @@ impl Rays {
         // What stands still before a plane keeps its depth.
         if still && !self.geometry.sees_around() {
             for y in source.y0..source.y1 {
-                (source.x0..).zip(row(y)).filter(|(_, d)| **d > 0.0).for_each(|(x, d)| put(&mut out, x, y, *d));
+                let there = &mut out[(y - rect.y0) as usize * width + (source.x0 - rect.x0) as usize..];
+                there.iter_mut().zip(row(y)).for_each(|(there, d)| *there = if *d > 0.0 { *d } else { 0.0 });
             }
             return out;
         }

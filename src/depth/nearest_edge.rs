@@ -4,7 +4,9 @@ use super::apart::JUMP;
 
 /// A step by a factor e counts as much as being so much nearer, px; at most so much.
 const PER_STEP_PX: f32 = 10.0;
-const MOST_PX: f32 = 4.0;
+pub const MOST_PX: f32 = 4.0;
+/// Pixels of a row in which it is asked at once whether anything is to be done.
+const BLOCK: usize = 32;
 
 /// An edge of the map.
 #[derive(Clone, Copy, Debug)]
@@ -28,66 +30,86 @@ pub fn is_near(z_m: f32, [near_m, far_m]: [f32; 2]) -> bool {
     z_m * z_m < near_m * far_m
 }
 
-/// For each pixel the edge of the map that matters, by straight and diagonal steps (a chamfer distance, Borgefors 1986).
-pub fn edges(depth_m: &[f32], width: usize) -> Vec<Edge> {
+/// For each pixel the edge of the map that matters, by straight and diagonal steps (a chamfer distance, Borgefors 1986). One that
+/// is `within_px` away or farther need not be found: then it is infinitely far away.
+pub fn edges(depth_m: &[f32], width: usize, within_px: f32) -> Vec<Edge> {
     // The edges, with what their steps are worth, px. The first is none.
-    let mut found = vec![(Edge { distance_px: f32::INFINITY, near_m: 0.0, far_m: 0.0 }, 0.0)];
-    let mut ways = Ways::new(depth_m.len(), width);
-    pairs(depth_m, width, |[i, beside], [a, b]| {
+    let none = Edge { distance_px: f32::INFINITY, near_m: 0.0, far_m: 0.0 };
+    let mut found = vec![(none, f32::INFINITY)];
+    let mut ways = Ways::new(depth_m.len(), width, within_px);
+    let is_edge = |a: f32, b: f32| (a.min(b) > 0.0) & (a.max(b) > JUMP * a.min(b));
+    for_each(depth_m, width, is_edge, |[i, beside], [a, b]| {
         let (near_m, far_m) = (a.min(b), a.max(b));
-        if near_m > 0.0 && far_m > JUMP * near_m {
-            let worth_px = (PER_STEP_PX * (far_m / near_m).ln()).min(MOST_PX);
-            [i, beside].into_iter().for_each(|at| ways.begin(at, 0.5 - worth_px, found.len() as u32));
-            found.push((Edge { distance_px: 0.5, near_m, far_m }, worth_px));
-        }
+        let worth_px = (PER_STEP_PX * (far_m / near_m).ln()).min(MOST_PX);
+        [i, beside].into_iter().for_each(|at| ways.begin(at, 0.5 - worth_px, found.len() as u32));
+        found.push((Edge { distance_px: 0.5, near_m, far_m }, worth_px));
     });
+    if found.len() == 1 {
+        return vec![none; depth_m.len()];
+    }
     ways.spread();
     let edge = |(cost, from): (f32, u32)| {
         let (edge, worth_px) = found[from as usize];
         Edge { distance_px: cost + worth_px, ..edge }
     };
-    ways.inside().map(edge).collect()
+    let mut out = Vec::with_capacity(depth_m.len());
+    ways.rows().for_each(|(cost, from)| out.extend(cost.iter().copied().zip(from.iter().copied()).map(edge)));
+    out
 }
 
-/// Distance from each pixel's centre to the nearest edge, px, by the same steps.
-pub fn distances_px(depth_m: &[f32], width: usize, is_edge: impl Fn(f32, f32) -> bool) -> Vec<f32> {
-    let mut ways = Ways::new(depth_m.len(), width);
-    pairs(depth_m, width, |[i, beside], [a, b]| {
-        if is_edge(a, b) {
-            [i, beside].into_iter().for_each(|at| ways.begin(at, 0.5, 0));
-        }
-    });
+/// Distance from each pixel's centre to the nearest edge, px, by the same steps; `within_px` at most.
+pub fn distances_px(depth_m: &[f32], width: usize, within_px: f32, is_edge: impl Fn(f32, f32) -> bool) -> Vec<f32> {
+    let mut ways = Ways::new(depth_m.len(), width, within_px);
+    for_each(depth_m, width, is_edge, |at, _| at.into_iter().for_each(|at| ways.begin(at, 0.5, 0)));
     ways.spread();
-    ways.inside().map(|(cost, _)| cost).collect()
+    let mut out = Vec::with_capacity(depth_m.len());
+    ways.rows().for_each(|(cost, _)| out.extend_from_slice(cost));
+    out
 }
 
-/// Calls `of` with all pairs of neighbours: where they are, and their depths.
-fn pairs(depth_m: &[f32], width: usize, mut of: impl FnMut([usize; 2], [f32; 2])) {
+/// Calls `of` with all pairs of neighbours between which there is an edge: where they are, and their depths.
+pub fn for_each(
+    depth_m: &[f32],
+    width: usize,
+    is_edge: impl Fn(f32, f32) -> bool,
+    mut of: impl FnMut([usize; 2], [f32; 2]),
+) {
+    // Pairs beside and below each other, many at a time: mostly none is an edge.
+    let any = |a: &[f32], b: &[f32]| a.iter().zip(b).fold(false, |any, (a, b)| any | is_edge(*a, *b));
     for (y, row) in depth_m.chunks_exact(width.max(1)).enumerate() {
         let first = y * width;
         let below = depth_m.get(first + width..first + 2 * width).unwrap_or(&[]);
-        for x in 0..width {
-            if x + 1 < width {
-                of([first + x, first + x + 1], [row[x], row[x + 1]]);
+        for x0 in (0..width).step_by(BLOCK) {
+            let x1 = (x0 + BLOCK).min(width);
+            if !any(&row[x0..x1], &row[x0 + 1..(x1 + 1).min(width)])
+                && !any(&row[x0..x1], below.get(x0..x1).unwrap_or(&[]))
+            {
+                continue;
             }
-            if let Some(below) = below.get(x) {
-                of([first + x, first + x + width], [row[x], *below]);
+            for x in x0..x1 {
+                if x + 1 < width && is_edge(row[x], row[x + 1]) {
+                    of([first + x, first + x + 1], [row[x], row[x + 1]]);
+                }
+                if let Some(below) = below.get(x).filter(|below| is_edge(row[x], **below)) {
+                    of([first + x, first + x + width], [row[x], *below]);
+                }
             }
         }
     }
 }
 
-/// For each pixel the cheapest way from where ways begin, and which one. A rim of a pixel lies around.
+/// For each pixel the cheapest way from where ways begin, if it costs less than `most`, and which one. A rim of a pixel lies around.
 struct Ways {
     width: usize,
+    most: f32,
     cost: Vec<f32>,
     from: Vec<u32>,
 }
 
 impl Ways {
-    fn new(count: usize, width: usize) -> Self {
+    fn new(count: usize, width: usize, most: f32) -> Self {
         let all = (width + 2) * (count / width.max(1) + 2);
-        Self { width, cost: vec![f32::INFINITY; all], from: vec![0; all] }
+        Self { width, most, cost: vec![most; all], from: vec![0; all] }
     }
 
     fn begin(&mut self, i: usize, cost: f32, from: u32) {
@@ -108,35 +130,44 @@ impl Ways {
     }
 
     fn onward(&mut self) {
-        let (wide, diagonal) = (self.width + 2, std::f32::consts::SQRT_2);
+        let (wide, diagonal, most) = (self.width + 2, std::f32::consts::SQRT_2, self.most);
         for y in 1..self.cost.len() / wide {
             let (cost_above, cost) = self.cost[(y - 1) * wide..(y + 1) * wide].split_at_mut(wide);
             let (from_above, from) = self.from[(y - 1) * wide..(y + 1) * wide].split_at_mut(wide);
-            // Each neighbour for the whole row: vectors.
-            for (dx, step) in [(0, diagonal), (1, 1.0), (2, diagonal)] {
-                let beside = cost_above[dx..].iter().zip(&from_above[dx..]);
-                for ((cost, from), (above, from_there)) in
-                    cost[1..wide - 1].iter_mut().zip(&mut from[1..wide - 1]).zip(beside)
-                {
-                    let is_less = above + step < *cost;
-                    *cost = if is_less { above + step } else { *cost };
-                    *from = if is_less { *from_there } else { *from };
+            for x0 in (1..wide - 1).step_by(BLOCK) {
+                let x1 = (x0 + BLOCK).min(wide - 1);
+                // Each neighbour above for a whole block: vectors.
+                if cost_above[x0 - 1..x1 + 1].iter().fold(false, |any, above| any | (*above < most)) {
+                    for (dx, step) in [(0, diagonal), (1, 1.0), (2, diagonal)] {
+                        let beside = cost_above[x0 + dx - 1..].iter().zip(&from_above[x0 + dx - 1..]);
+                        for ((cost, from), (above, from_there)) in
+                            cost[x0..x1].iter_mut().zip(&mut from[x0..x1]).zip(beside)
+                        {
+                            let is_less = above + step < *cost;
+                            *cost = if is_less { above + step } else { *cost };
+                            *from = if is_less { *from_there } else { *from };
+                        }
+                    }
                 }
-            }
-            for x in 1..wide - 1 {
-                if cost[x - 1] + 1.0 < cost[x] {
-                    (cost[x], from[x]) = (cost[x - 1] + 1.0, from[x - 1]);
+                // Along the row, where any pixel of the block is nearer by its neighbour: only then others follow.
+                let pairs = cost[x0 - 1..x1].iter().zip(&cost[x0..x1]);
+                if pairs.fold(false, |any, (before, cost)| any | (before + 1.0 < *cost)) {
+                    for x in x0..x1 {
+                        if cost[x - 1] + 1.0 < cost[x] {
+                            (cost[x], from[x]) = (cost[x - 1] + 1.0, from[x - 1]);
+                        }
+                    }
                 }
             }
         }
     }
 
     /// Those of the pixels, row by row.
-    fn inside(&self) -> impl Iterator<Item = (f32, u32)> {
+    fn rows(&self) -> impl Iterator<Item = (&[f32], &[u32])> {
         let (wide, width) = (self.width + 2, self.width);
         let rows = self.cost.chunks_exact(wide).zip(self.from.chunks_exact(wide)).skip(1);
         let rows = rows.take((self.cost.len() / wide).saturating_sub(2));
-        rows.flat_map(move |(cost, from)| cost[1..=width].iter().copied().zip(from[1..=width].iter().copied()))
+        rows.map(move |(cost, from)| (&cost[1..=width], &from[1..=width]))
     }
 }
 
@@ -158,7 +189,7 @@ mod tests {
                 }
             })
             .collect();
-        let found = edges(&row.repeat(5), 30);
+        let found = edges(&row.repeat(5), 30, 99.0);
         let at = |x: usize| (found[60 + x].distance_px, found[60 + x].near_m, found[60 + x].far_m);
         assert_eq!(at(13), (0.5, 1.06, 2.0));
         assert_eq!(at(20), (7.5, 1.06, 2.0));
@@ -166,7 +197,81 @@ mod tests {
         assert_eq!(at(9), (3.5, 1.06, 2.0));
         assert_eq!(found[60 + 9].both_m(1.0), [1.0, 2.0]);
         assert_eq!(found[60 + 15].both_m(1.99), [1.06, 1.99]);
-        assert!(edges(&[1.0; 20], 5).iter().all(|edge| edge.distance_px.is_infinite()));
-        assert!(edges(&[], 0).is_empty());
+        assert!(edges(&[1.0; 20], 5, 9.0).iter().all(|edge| edge.distance_px.is_infinite()));
+        assert!(edges(&[], 0, 9.0).is_empty());
+    }
+
+    /// A floor that recedes, blocks of many sizes before it, and holes, over several blocks of pixels.
+    fn room(width: usize, height: usize) -> Vec<f32> {
+        let thing =
+            |n: usize| (n * 71 % width, n * 57 % height, 3 + n * 7 % 11, 2 + n * 5 % 9, 0.8 + 0.1 * (n % 13) as f32);
+        let at = |i: usize| {
+            let (x, y) = (i % width, i / width);
+            let is_on = |(left, top, wide, high, _): &(usize, usize, usize, usize, f32)| {
+                (*left..left + wide).contains(&x) && (*top..top + high).contains(&y)
+            };
+            let floor_m = 4.0 - 2.0 * y as f32 / height as f32;
+            (0..7).map(thing).find(is_on).map_or(floor_m, |thing| if thing.0 % 5 == 0 { 0.0 } else { thing.4 })
+        };
+        (0..width * height).map(at).collect()
+    }
+
+    /// The distances, step by step until nothing changes.
+    fn slowly(depth_m: &[f32], width: usize, is_edge: impl Fn(f32, f32) -> bool) -> Vec<f32> {
+        let size = [width as i32, (depth_m.len() / width) as i32];
+        let beside = |i: usize| {
+            let (x, y) = (i as i32 % size[0], i as i32 / size[0]);
+            let all = (-1..=1).flat_map(move |dy| (-1..=1).map(move |dx| (x + dx, y + dy, dx * dx + dy * dy)));
+            let inside = move |(x, y, _): &(i32, i32, i32)| (0..size[0]).contains(x) && (0..size[1]).contains(y);
+            all.filter(inside).map(move |(x, y, far2)| ((y * size[0] + x) as usize, (far2 as f32).sqrt()))
+        };
+        let begins = |i: usize| beside(i).any(|(n, far)| far == 1.0 && is_edge(depth_m[i], depth_m[n]));
+        let mut far: Vec<f32> = (0..depth_m.len()).map(|i| if begins(i) { 0.5 } else { f32::INFINITY }).collect();
+        loop {
+            let nearer = |i: usize| beside(i).map(|(n, step)| far[n] + step).fold(far[i], f32::min);
+            let next: Vec<f32> = (0..far.len()).map(nearer).collect();
+            if next == far {
+                return far;
+            }
+            far = next;
+        }
+    }
+
+    #[test]
+    fn it_is_what_the_same_steps_give_pixel_by_pixel() {
+        let is_edge = |a: f32, b: f32| a.max(b) > JUMP * a.min(b);
+        // A thing that begins at each place of a block.
+        let thing = |left: usize| -> Vec<f32> {
+            let is_on = |x: usize, y: usize| (left..left + 9).contains(&x) && (8..17).contains(&y);
+            (0..96 * 24).map(|i| if is_on(i % 96, i / 96) { 1.0 } else { 2.0 }).collect()
+        };
+        let things = (BLOCK..2 * BLOCK).map(|left| (thing(left), 96));
+        for (depth_m, width) in things.chain([(room(151, 61), 151)]) {
+            let found = distances_px(&depth_m, width, f32::INFINITY, is_edge);
+            let slow = slowly(&depth_m, width, is_edge);
+            let off = found.iter().zip(&slow).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(off < 1e-4, "{off}");
+        }
+    }
+
+    #[test]
+    fn what_is_near_is_the_same_however_far_is_looked() {
+        let width = 151;
+        let depth_m = room(width, 61);
+        let all = edges(&depth_m, width, f32::INFINITY);
+        let (mut near, mut none) = (0, 0);
+        for within_px in [1.0, 4.0, 9.5] {
+            for (found, all) in edges(&depth_m, width, within_px).iter().zip(&all) {
+                let told = |edge: &Edge| (edge.distance_px, edge.near_m, edge.far_m);
+                if all.distance_px < within_px {
+                    assert_eq!(told(found), told(all));
+                    near += 1;
+                }
+                // What costs less because its step is large may be told though it is farther.
+                assert!(found.distance_px.is_infinite() || told(found) == told(all));
+                none += usize::from(found.distance_px.is_infinite());
+            }
+        }
+        assert!(near > 1000 && none > 1000, "{near} {none}");
     }
 }

@@ -167,6 +167,9 @@ impl<'a> Repair<'a> {
         let mut out = vec![[0.0; 3]; region.width() as usize * region.height() as usize];
         over_rows(&mut out, region.width() as usize, processors(), |row, looks_there| {
             let y = (region.y0 + row as i32).clamp(0, height - 1);
+            if region.x0 >= 0 && region.x1 <= width {
+                return looks.along(region.x0 as u32, y as u32, looks_there);
+            }
             (region.x0..).zip(looks_there).for_each(|(x, there)| *there = looks.at(column(x) as u32, y as u32));
         });
         out

@@ -6,6 +6,7 @@
 //! surfaces' names). A straight edge becomes straight. A thin thing stays, since what looks like it is the thing.
 
 use super::nearest_edge::{Edge, edges};
+use super::padded::padded;
 use crate::rows::{over_rows, processors};
 
 /// Pixels around that decide: so many to each side, with this σ, px.
@@ -26,7 +27,7 @@ const REACH_PX: f32 = 4.0;
 /// Smooths edges of `depth_m`, row by row. `looks` are square roots of its picture's light, and `before_m` is up to which depth
 /// each pixel matters.
 pub fn smooth(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize, before_m: &[f32]) {
-    let edges = edges(depth_m, width);
+    let edges = edges(depth_m, width, CERTAIN_PX.max(REACH_PX + 1.0));
     let around = Around::new(depth_m, looks, &edges, width);
     let places = places();
     over_rows(depth_m, width, processors(), |y, row| {
@@ -61,14 +62,8 @@ struct Around {
 
 impl Around {
     fn new(depth_m: &[f32], looks: &[[f32; 3]], edges: &[Edge], width: usize) -> Self {
-        let (height, wide) = (depth_m.len() / width.max(1), width + LANES);
-        let filled = |of: &(dyn Fn(usize) -> f32 + Sync)| {
-            let mut all = vec![0.0; wide * (height + 2 * AROUND)];
-            over_rows(&mut all[AROUND * wide..][..height * wide], wide, processors(), |y, row| {
-                row[AROUND..][..width].iter_mut().enumerate().for_each(|(x, value)| *value = of(y * width + x));
-            });
-            all
-        };
+        let wide = width + LANES;
+        let filled = |of: &(dyn Fn(usize) -> f32 + Sync)| padded(depth_m.len(), width, AROUND, wide, of);
         Self {
             wide,
             looks: [0, 1, 2].map(|c| filled(&|i| looks[i][c])),

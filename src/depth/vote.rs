@@ -15,10 +15,10 @@ use std::sync::Mutex;
 
 use super::Rays;
 use super::apart::JUMP;
-use super::carry::{Carry, LANES, Landed, Over, Points, Tile};
+use super::carry::{Carry, LANES, Over, Points, Tile};
 use super::looks::Looks;
 use super::moment::BEYOND_PX;
-use crate::pixels::{DepthMap, Rect, floor};
+use crate::pixels::{DepthMap, Rect};
 use crate::pose::Pose;
 use crate::rows::{over_rows, processors};
 
@@ -28,6 +28,8 @@ const DOUBTFUL: f64 = super::edges::MOST_OFF;
 const BENT_PX: i32 = 2;
 /// Side of the blocks in which it is known whether any pixel is doubtful, px.
 const BLOCK_PX: usize = 8;
+/// So many of them are worked on at a time.
+const TOGETHER: usize = 256;
 /// Colours (square roots of light) are alike within this of the range of the pixels around: noise, and the blur of motion.
 const ALIKE: f32 = 0.06;
 /// Every so many pixels colours are compared to find how much brighter a voter's picture is, and the fewest that tell.
@@ -75,7 +77,8 @@ impl Own<'_> {
         let width = self.part.width() as usize;
         let reach_px = (DOUBTFUL * f64::from(self.rays.geometry().intrinsics.width_px)).round() as usize;
         let doubtful = doubtful(depth_m, width, reach_px, self.before_m);
-        if !doubtful.contains(&true) {
+        let asked = Asked::new(&doubtful, self.looks, width);
+        if asked.places.is_empty() {
             return is_sure;
         }
         let source = self.part.grown(BEYOND_PX).intersection(&self.rays.full());
@@ -84,7 +87,6 @@ impl Own<'_> {
         }
         let rows = tiles(source, self.rays.full()).fold(source, |all, tile| all.union(&tile));
         self.rays.prepare(rows.y0..rows.y1);
-        let asked = Asked::new(doubtful, self.looks, width);
         let mut told: Vec<Vec<f32>> = vec![Vec::new(); voters.len()];
         let work = Mutex::new(told.iter_mut().zip(voters));
         std::thread::scope(|scope| {
@@ -98,25 +100,26 @@ impl Own<'_> {
             }
             carry();
         });
-        let mut of_row: Vec<_> = depth_m.chunks_mut(width).zip(is_sure.chunks_mut(width)).collect();
-        over_rows(&mut of_row, 1, processors(), |y, row| {
+        let mut agreed = vec![(0.0, false); asked.places.len()];
+        over_rows(&mut agreed, TOGETHER, processors(), |n, agreed| {
             let mut heard = Vec::with_capacity(voters.len() + 1);
-            for (depth_m, is_sure) in row {
-                for (x, z) in depth_m.iter_mut().enumerate().filter(|(x, _)| asked.doubtful[y * width + x]) {
-                    heard.clear();
-                    heard.push(*z);
-                    heard.extend(told.iter().map(|told| told[y * width + x]));
-                    (*z, is_sure[x]) = most(&mut heard);
-                }
+            for (n, agreed) in (n * TOGETHER..).zip(agreed) {
+                heard.clear();
+                heard.push(depth_m[asked.places[n] as usize]);
+                heard.extend(told.iter().map(|told| told[n]));
+                *agreed = most(&mut heard);
             }
         });
+        for (i, agreed) in asked.places.iter().zip(agreed) {
+            (depth_m[*i as usize], is_sure[*i as usize]) = agreed;
+        }
         is_sure
     }
 
-    /// A voter's depth at each doubtful pixel, m; negative where it looks otherwise than the frame does, 0 where it says
+    /// A voter's depth at each pixel that is asked for, m; negative where it looks otherwise than the frame does, 0 where it says
     /// nothing.
     fn carried(&self, voter: &Voter<'_>, source: Rect, asked: &Asked) -> Vec<f32> {
-        let mut out = vec![0.0f32; asked.doubtful.len()];
+        let mut out = vec![0.0f32; asked.places.len()];
         let (geometry, full) = (self.rays.geometry(), self.rays.full());
         if (voter.depth.width, voter.depth.height) != (full.width(), full.height()) {
             return out;
@@ -138,36 +141,25 @@ impl Own<'_> {
             for y in rect.y0..rect.y1 {
                 let Some(rays) = self.rays.row(y as usize) else { continue };
                 let landed = here.land(voter.depth, y, rays);
-                let mut at = [usize::MAX; LANES];
-                for lane in (0..LANES).filter(|&lane| landed.depth_m[lane] > 0.0) {
-                    // The pixel in which it lies, and no more: points that covered the pixels around would widen what is near.
-                    // What one voter leaves open others fill.
-                    let place = self.place(&landed, lane).filter(|&i| asked.doubtful[i]);
-                    at[lane] = place.unwrap_or(usize::MAX);
-                }
-                if at == [usize::MAX; LANES] {
+                // The pixel in which each lies, and no more: points that covered the pixels around would widen what is near. What
+                // one voter leaves open others fill.
+                let at = landed.pixels(self.part).map(|place| asked.ranks[place]);
+                if at == [NOBODY; LANES] {
                     continue;
                 }
-                let shown = there.land(voter.depth, y, rays);
-                for lane in (0..LANES).filter(|&lane| at[lane] < usize::MAX) {
-                    let (i, z) = (at[lane], landed.depth_m[lane]);
+                let shown = there.land(voter.depth, y, rays).pixels(full);
+                for lane in (0..LANES).filter(|&lane| at[lane] != NOBODY) {
+                    let (n, z) = (at[lane] as usize, landed.depth_m[lane]);
                     // Of several points at a pixel the nearest stays.
-                    if let Some(looks) =
-                        looks_of(voter, &shown, lane, full).filter(|_| out[i] == 0.0 || z < out[i].abs())
+                    if (out[n] == 0.0 || z < out[n].abs())
+                        && let Some(looks) = voter.looks.nth(shown[lane])
                     {
-                        out[i] = if asked.shows(i, [0, 1, 2].map(|c| gain[c] * looks[c])) { z } else { -z };
+                        out[n] = if asked.shows(n, [0, 1, 2].map(|c| gain[c] * looks[c])) { z } else { -z };
                     }
                 }
             }
         }
         out
-    }
-
-    /// The pixel of the part in which a point lies.
-    fn place(&self, landed: &Landed, lane: usize) -> Option<usize> {
-        let (column, row) = (floor(landed.x_px[lane]), floor(landed.y_px[lane]));
-        let place = || (row - self.part.y0) as usize * self.part.width() as usize + (column - self.part.x0) as usize;
-        self.part.contains(column, row).then(place)
     }
 
     /// Colours of the frame and of a voter that show the same, at places spread over the picture.
@@ -186,23 +178,14 @@ impl Own<'_> {
             for places in places.chunks(LANES) {
                 let mut points = Points::default();
                 places.iter().enumerate().for_each(|(lane, &x)| points.set(lane, row[x], rays[x]));
-                let (landed, shown) = (here.land(&points), there.land(&points));
-                for lane in (0..places.len()).filter(|&lane| landed.depth_m[lane] > 0.0) {
-                    compared.extend(
-                        self.place(&landed, lane).map(|i| self.looks[i]).zip(looks_of(voter, &shown, lane, full)),
-                    );
-                }
+                let (landed, shown) = (here.land(&points).pixels(self.part), there.land(&points).pixels(full));
+                let both = landed.into_iter().zip(shown);
+                compared
+                    .extend(both.filter_map(|(own, theirs)| self.looks.get(own).copied().zip(voter.looks.nth(theirs))));
             }
         }
         compared
     }
-}
-
-/// The colour of a voter's picture at which one of its points is seen.
-fn looks_of(voter: &Voter<'_>, shown: &Landed, lane: usize, full: Rect) -> Option<[f32; 3]> {
-    let (column, row) = (floor(shown.x_px[lane]), floor(shown.y_px[lane]));
-    let is_seen = shown.depth_m[lane] > 0.0 && full.contains(column, row);
-    is_seen.then(|| voter.looks.at(column as u32, row as u32))
 }
 
 /// The tiles of the picture that a part of it touches. They are the same ones whichever part it is.
@@ -216,20 +199,40 @@ fn tiles(part: Rect, full: Rect) -> impl Iterator<Item = Rect> {
 
 /// What voters are asked for.
 struct Asked {
-    doubtful: Vec<bool>,
+    /// The doubtful pixels of the part, in turn.
+    places: Vec<u32>,
+    /// Which of them each pixel of the part is, and the one beyond the last; [`NOBODY`] if it is none.
+    ranks: Vec<u32>,
     /// Least and most of the frame's colours around each doubtful pixel.
-    range: Vec<[[f32; 3]; 2]>,
+    ranges: Vec<[[f32; 3]; 2]>,
     /// Whether there is one in a block of the part, row by row.
     blocks: Vec<bool>,
     in_row: usize,
 }
 
+/// No pixel that is asked for.
+const NOBODY: u32 = u32::MAX;
+
 impl Asked {
-    fn new(doubtful: Vec<bool>, looks: &[[f32; 3]], width: usize) -> Self {
+    fn new(doubtful: &[bool], looks: &[[f32; 3]], width: usize) -> Self {
         let height = doubtful.len() / width;
-        let mut range = vec![[[0.0; 3]; 2]; doubtful.len()];
-        over_rows(&mut range, width, processors(), |y, row| {
-            for (x, range) in row.iter_mut().enumerate().filter(|(x, _)| doubtful[y * width + x]) {
+        let in_row = width.div_ceil(BLOCK_PX);
+        let mut blocks = vec![false; in_row * height.div_ceil(BLOCK_PX)];
+        let (mut places, mut ranks) = (Vec::new(), vec![NOBODY; doubtful.len() + 1]);
+        for (y, row) in doubtful.chunks_exact(width).enumerate() {
+            for (x, piece) in row.chunks(BLOCK_PX).enumerate().filter(|(_, piece)| piece.contains(&true)) {
+                blocks[y / BLOCK_PX * in_row + x] = true;
+                let first = y * width + x * BLOCK_PX;
+                for i in (first..).zip(piece).filter(|(_, is_doubtful)| **is_doubtful).map(|(i, _)| i) {
+                    ranks[i] = places.len() as u32;
+                    places.push(i as u32);
+                }
+            }
+        }
+        let mut ranges = vec![[[0.0; 3]; 2]; places.len()];
+        over_rows(&mut ranges, TOGETHER, processors(), |n, ranges| {
+            for (range, i) in ranges.iter_mut().zip(&places[n * TOGETHER..]) {
+                let (x, y) = (*i as usize % width, *i as usize / width);
                 let (mut low, mut high) = ([f32::INFINITY; 3], [0.0f32; 3]);
                 for y in y.saturating_sub(1)..(y + 2).min(height) {
                     for there in &looks[y * width + x.saturating_sub(1)..y * width + (x + 2).min(width)] {
@@ -242,14 +245,7 @@ impl Asked {
                 *range = [low, high];
             }
         });
-        let in_row = width.div_ceil(BLOCK_PX);
-        let mut blocks = vec![false; in_row * height.div_ceil(BLOCK_PX)];
-        for (y, row) in doubtful.chunks_exact(width).enumerate() {
-            for (x, piece) in row.chunks(BLOCK_PX).enumerate() {
-                blocks[y / BLOCK_PX * in_row + x] |= piece.contains(&true);
-            }
-        }
-        Self { doubtful, range, blocks, in_row }
+        Self { places, ranks, ranges, blocks, in_row }
     }
 
     /// Whether a rectangle of the part holds doubtful pixels, or nearly so.
@@ -260,9 +256,9 @@ impl Asked {
                 .any(|y| self.blocks[y * self.in_row..][block(rect.x0)..=block(rect.x1 - 1)].contains(&true))
     }
 
-    /// Whether the frame shows this colour at or beside a doubtful pixel.
-    fn shows(&self, i: usize, looks: [f32; 3]) -> bool {
-        let [low, high] = self.range[i];
+    /// Whether the frame shows this colour at or beside one of the doubtful pixels.
+    fn shows(&self, n: usize, looks: [f32; 3]) -> bool {
+        let [low, high] = self.ranges[n];
         // What is clipped may have been anything brighter.
         (0..3).all(|c| looks[c] > low[c] - ALIKE && (looks[c] < high[c] + ALIKE || high[c] > TELLING.end))
     }
@@ -311,35 +307,33 @@ fn gain(compared: &[([f32; 3], [f32; 3])]) -> [f32; 3] {
 /// Where a map is unknown or has an edge that matters, and around.
 fn doubtful(depth_m: &[f32], width: usize, reach_px: usize, before_m: &[f32]) -> Vec<bool> {
     let height = depth_m.len() / width;
-    let is_torn = |(a, a_before): (f32, f32), (b, b_before): (f32, f32)| {
-        (a.min(b) < a_before.max(b_before)) & ((a.min(b) <= 0.0) | (a.max(b) > JUMP * a.min(b)))
+    // Whether pixels and those beside them belong to two surfaces, a whole row of them at a time: vectors.
+    let mark = |torn: &mut [u8], [a, a_before]: [&[f32]; 2], [b, b_before]: [&[f32]; 2]| {
+        let before = a_before.iter().zip(b_before).map(|(a, b)| a.max(*b));
+        for (((torn, a), b), before) in torn.iter_mut().zip(a).zip(b).zip(before) {
+            let (near, far) = (a.min(*b), a.max(*b));
+            *torn |= u8::from((near < before) & ((near <= 0.0) | (far > JUMP * near)));
+        }
     };
-    let at = |i: usize| (depth_m[i], before_m[i]);
-    let mut torn = vec![0u8; depth_m.len()];
-    for y in 0..height {
-        let row = y * width..(y + 1) * width;
-        for i in row.clone().skip(1) {
-            let is = u8::from(is_torn(at(i - 1), at(i)));
-            torn[i - 1] |= is;
-            torn[i] |= is;
-        }
-        for i in row.filter(|_| y + 1 < height) {
-            let is = u8::from(is_torn(at(i), at(i + width)));
-            torn[i] |= is;
-            torn[i + width] |= is;
-        }
-    }
-    // A sliding sum along rows, then all rows' sums at once downwards.
-    let mut sums = vec![0u16; width];
+    // Along rows, then all rows' sums at once downwards.
     let mut along = vec![0u8; depth_m.len()];
-    for (torn, along) in torn.chunks_exact(width).zip(along.chunks_exact_mut(width)) {
-        let mut sum: u32 = torn.iter().take(reach_px).map(|n| u32::from(*n)).sum();
-        for x in 0..width {
-            sum += torn.get(x + reach_px).map_or(0, |n| u32::from(*n));
-            along[x] = u8::from(sum > 0);
-            sum -= if x >= reach_px { u32::from(torn[x - reach_px]) } else { 0 };
+    over_rows(&mut along, width, processors(), |y, along| {
+        let row = |y: usize| [depth_m, before_m].map(|of| &of[y * width..(y + 1) * width]);
+        let (own, mut torn) = (row(y), vec![0u8; width]);
+        let (left, right) = (own.map(|of| &of[..width - 1]), own.map(|of| &of[1..]));
+        mark(&mut torn[..width - 1], left, right);
+        mark(&mut torn[1..], right, left);
+        [y.wrapping_sub(1), y + 1].into_iter().filter(|y| *y < height).for_each(|y| mark(&mut torn, own, row(y)));
+        if torn.contains(&1) {
+            let mut sum: u32 = torn.iter().take(reach_px).map(|n| u32::from(*n)).sum();
+            for x in 0..width {
+                sum += torn.get(x + reach_px).map_or(0, |n| u32::from(*n));
+                along[x] = u8::from(sum > 0);
+                sum -= if x >= reach_px { u32::from(torn[x - reach_px]) } else { 0 };
+            }
         }
-    }
+    });
+    let mut sums = vec![0u16; width];
     let mut out = vec![false; depth_m.len()];
     let row = |y: usize| &along[y * width..][..width];
     (0..reach_px.min(height)).for_each(|y| sums.iter_mut().zip(row(y)).for_each(|(sum, n)| *sum += u16::from(*n)));
@@ -460,14 +454,17 @@ mod tests {
         let whole = Rect::full(WIDTH as u32, HEIGHT as u32);
         let own =
             Own { rays: &rays, pose: at(0.06, -0.1), part: whole, looks: &looks, before_m: &[9.0; WIDTH * HEIGHT] };
-        let asked =
-            |doubtful: &dyn Fn(usize) -> bool| Asked::new((0..WIDTH * HEIGHT).map(doubtful).collect(), &looks, WIDTH);
+        let asked = |doubtful: &dyn Fn(usize) -> bool| {
+            let doubtful: Vec<bool> = (0..WIDTH * HEIGHT).map(doubtful).collect();
+            Asked::new(&doubtful, &looks, WIDTH)
+        };
         let all = own.carried(&voter, whole, &asked(&|_| true));
         assert!(all.iter().filter(|z| **z != 0.0).count() > 2000);
         for (x0, y0) in [(0, 0), (20, 30), (50, 10), (88, 60), (33, 47)] {
             let inside = move |i: usize| (x0..x0 + 8).contains(&(i % WIDTH)) && (y0..y0 + 5).contains(&(i / WIDTH));
             let some = own.carried(&voter, whole, &asked(&inside));
-            assert!((0..some.len()).all(|i| some[i] == if inside(i) { all[i] } else { 0.0 }), "{x0} {y0}");
+            let of_all: Vec<f32> = (0..all.len()).filter(|i| inside(*i)).map(|i| all[i]).collect();
+            assert_eq!(some, of_all, "{x0} {y0}");
         }
     }
 

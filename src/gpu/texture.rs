@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bytemuck::Pod;
+use half::slice::{HalfBitsSliceExt, HalfFloatSliceExt};
 
 use super::Gpu;
 
@@ -208,7 +209,9 @@ pub struct Pyramid {
 
 /// Four 32-bit floats per texel to the bits of 16-bit floats.
 pub fn half_texels(texels: &[[f32; 4]]) -> Vec<[u16; 4]> {
-    texels.iter().map(|t| t.map(|v| half::f16::from_f32(v).to_bits())).collect()
+    let mut out = vec![[0; 4]; texels.len()];
+    out.as_flattened_mut().reinterpret_cast_mut::<half::f16>().convert_from_f32_slice(texels.as_flattened());
+    out
 }
 
 #[cfg(test)]
