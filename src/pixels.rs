@@ -48,7 +48,8 @@ pub fn floor(at: f32) -> i32 {
     whole.saturating_sub(i32::from((whole as f32) > at))
 }
 
-/// The same of what is nearer to 0 than 2²², without the question whether it fits: many at a time.
+/// The same of what is nearer to 0 than 2²², without the question whether it fits: many at a time. Anything else, and what is no
+/// number, becomes some number of at most 1.3·10⁹.
 pub fn floor_of_small(at: f32) -> i32 {
     // Beside 1.5·2²³ numbers of 32 bits are whole, and so is what is added to it, to the nearest.
     const WHOLE: f32 = 12_582_912.0;

@@ -328,6 +328,8 @@ mod tests {
         }
         assert_eq!(landed.pixels(Rect::full(4, 3))[..9], [12, 0, 11, 12, 12, 6, 12, 12, 12]);
         assert_eq!(landed.pixels(Rect::new(-2, 1, 3, 3))[..9], [10, 10, 10, 10, 10, 4, 10, 10, 10]);
+        (landed.x_px[0], landed.y_px[0]) = (-0.1, 2.5);
+        assert_eq!(landed.pixels(Rect::new(-2, 1, 3, 3))[0], 6);
     }
 
     #[test]

@@ -16,7 +16,7 @@
 
 use super::apart::{JUMP, apart};
 use super::likeness::otherness;
-use super::nearest_edge::{distances_px, for_each};
+use super::nearest_edge::{distances_px, each_edge};
 
 /// How far the map's edges may be from the picture's, as a share of its width. A Kinect's are off by up to 8 of 640 px.
 pub const MOST_OFF: f64 = 8.0 / 640.0;
@@ -47,7 +47,7 @@ const ON_PICTURE: f32 = 0.5;
 pub fn are_off(depth_m: &[f32], looks: &[[f32; 3]], width: usize, reach_px: usize) -> bool {
     let height = depth_m.len() / width.max(1);
     let (mut all, mut on_picture) = (0usize, 0usize);
-    for_each(depth_m, width, is_edge, |[i, beside], _| {
+    each_edge(depth_m, width, is_edge, |[i, beside], _| {
         let step = beside - i;
         let (at, side) = if beside == i + width { (i / width, height) } else { (i % width, width) };
         if at < reach_px || at + reach_px + 1 >= side {

@@ -1,7 +1,7 @@
 //! A picture's colours as depth compares them: square roots of light, in which noise is about the same everywhere.
 
 use crate::camera::Response;
-use crate::pixels::{Codes, Pixels};
+use crate::pixels::{Codes, Pixels, Rect};
 
 /// Only the first bits of codes are decoded: finer differences are noise here.
 const BITS: u32 = 10;
@@ -23,8 +23,14 @@ impl<'a> Looks<'a> {
         Self { pixels, of_code: light.map(|light| light.max(0.0).sqrt() as f32).collect(), over }
     }
 
-    /// A row of the picture's, from a column on.
+    /// The picture.
+    pub fn size(&self) -> Rect {
+        Rect::full(self.pixels.width, self.pixels.height)
+    }
+
+    /// Fills `out` with a row's pixels from a column on.
     pub fn along(&self, x: u32, y: u32, out: &mut [[f32; 3]]) {
+        debug_assert!(x as usize + out.len() <= self.pixels.width as usize, "the row is shorter");
         let codes = 3 * (y as usize * self.pixels.width as usize + x as usize)..;
         match &self.pixels.codes {
             Codes::U8(all) => {

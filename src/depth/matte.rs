@@ -40,9 +40,10 @@ pub const FARTHEST_PX: i32 = (AROUND_PX + 0.5 * LONGEST_PX) as i32 + 1;
 /// From this far from an edge, beyond the blur, a pixel shows one surface alone, px. At the edge it counts so much.
 const CERTAIN_PX: f32 = 3.0;
 const UNCERTAIN: f32 = 0.1;
-/// Beyond this no edge matters, px; one with a large step counts as if it were so much nearer.
+/// Beyond this no edge matters, px.
 const FARTHEST_EDGE_PX: f32 = BESIDE_PX.max(CERTAIN_PX) + 0.5 * LONGEST_PX + 1.0;
-const BEFORE_PX: i32 = MOST_PX as i32 + 1;
+/// By so much an edge counts as nearer than it is, at most, because its step is large, px.
+const STEP_WORTH_PX: i32 = MOST_PX as i32 + 1;
 /// Places of this weight in all tell half of how a side looks.
 const HALF: f32 = 0.5;
 /// Something nearer by this factor is another thing.
@@ -77,8 +78,8 @@ struct Seen<'a> {
     width: usize,
     height: usize,
     smear: &'a Smear,
-    /// Where they begin in what the ways of its pixels are known of.
-    from: [usize; 2],
+    /// Its upper left pixel, in the part that `smear` covers.
+    corner: [usize; 2],
     places: Places,
 }
 
@@ -99,15 +100,15 @@ pub fn shares(
     let mut out: Vec<Shared> = (0..part.height() as usize).flat_map(row).collect();
     // All that is looked at.
     let whole = Rect::full(width as u32, (depth_m.len() / width.max(1)) as u32);
-    let near = part.grown(FARTHEST_PX + FARTHEST_EDGE_PX as i32 + BEFORE_PX).intersection(&whole);
+    let near = part.grown(FARTHEST_PX + FARTHEST_EDGE_PX as i32 + STEP_WORTH_PX).intersection(&whole);
     let (depth_m, looks) = (&whole.part(depth_m, near), &whole.part(looks, near));
     let [width, height] = [near.width() as usize, near.height() as usize];
     let edges = edges(depth_m, width, FARTHEST_EDGE_PX);
     let Some(nearest_m) = edges.iter().filter(|e| e.distance_px < 1.0).map(|e| e.near_m).reduce(f32::min) else {
         return out;
     };
-    let from = [near.x0 as usize, near.y0 as usize];
-    let seen = Seen { depth_m, looks, edges, width, height, smear, from, places: Places::new() };
+    let corner = [near.x0 as usize, near.y0 as usize];
+    let seen = Seen { depth_m, looks, edges, width, height, smear, corner, places: Places::new() };
     let first = [(part.x0 - near.x0) as usize, (part.y0 - near.y0) as usize];
     let reach_px = BESIDE_PX + 0.5 * smear.longest_px(nearest_m).min(LONGEST_PX);
     over_rows(&mut out, columns, processors(), |y, row| {
@@ -163,7 +164,7 @@ struct Pixel {
 impl Seen<'_> {
     fn pixel(&self, x: usize, y: usize) -> Pixel {
         let i = y * self.width + x;
-        let [across, down] = self.smear.at(self.from[0] + x, self.from[1] + y, self.edges[i].near_m);
+        let [across, down] = self.smear.at(self.corner[0] + x, self.corner[1] + y, self.edges[i].near_m);
         let far_px = (across * across + down * down).sqrt();
         let shorter = (LONGEST_PX / far_px.max(1e-3)).min(1.0);
         let way_px = [shorter * across, shorter * down];
@@ -186,9 +187,7 @@ impl Seen<'_> {
             }
         };
         let spread = || (-1..).zip(SPREAD);
-        if at.far_px < MOVES_PX {
-            spread().for_each(|(dy, down)| spread().for_each(|(dx, across)| look([dx, dy], down * across)));
-        } else {
+        if at.far_px >= MOVES_PX {
             // Along its way the pixel is spread by moving.
             let steps = whole(at.far_px / STEP_PX + 0.5);
             let [x, y] = at.way_px;
@@ -199,6 +198,8 @@ impl Seen<'_> {
                     look([along * x - aside * y, along * y + aside * x].map(whole), weight);
                 }
             }
+        } else {
+            spread().for_each(|(dy, down)| spread().for_each(|(dx, across)| look([dx, dy], down * across)));
         }
         (both_m[0] > 0.0 && all > 0.0).then(|| near / all)
     }
@@ -335,6 +336,32 @@ mod tests {
         let part = Rect::new(9, 7, 50, 40);
         assert_eq!(shares(&depth, &looks, WIDTH, &smear, part, &[9.0; WIDTH * HEIGHT]), whole.part(&all, part));
         all
+    }
+
+    #[test]
+    fn a_part_is_a_part_of_the_whole_though_less_is_looked_at() {
+        let (width, height) = (240, 200);
+        // Things of many depths, also around the part and a little beyond what can matter.
+        let depth: Vec<f32> = (0..width * height)
+            .map(|i| {
+                let (x, y): (usize, usize) = (i % width, i / width);
+                if (x / 17 + y / 13).is_multiple_of(3) { 1.0 + 0.1 * ((x / 17 + 5 * (y / 13)) % 7) as f32 } else { 3.0 }
+            })
+            .collect();
+        let looks: Vec<[f32; 3]> =
+            depth.iter().enumerate().map(|(i, z)| [0.2 * z, 0.4, (i % 29) as f32 / 40.0]).collect();
+        let camera = Geometry::pinhole(width as u32, height as u32, 200.0);
+        let at = |turn: f64| Pose::from_camera_in_world(DVec3::ZERO, DQuat::from_rotation_z(turn));
+        let (all, part) = (Rect::full(width as u32, height as u32), Rect::new(100, 80, 130, 110));
+        assert!(!part.grown(FARTHEST_PX + FARTHEST_EDGE_PX as i32 + STEP_WORTH_PX).contains(0, 0));
+        let before_m = vec![9.0; width * height];
+        for turned in [0.0, 0.3] {
+            let smear = Smear::new(&camera, &at(0.0), [&at(-turned), &at(turned)], all);
+            let whole = shares(&depth, &looks, width, &smear, all, &before_m);
+            let of_part = shares(&depth, &looks, width, &smear, part, &before_m[..30 * 30]);
+            assert_eq!(of_part, all.part(&whole, part), "{turned}");
+            assert!(of_part.iter().filter(|shared| shared.near_m < shared.far_m).count() > 100);
+        }
     }
 
     fn row(all: &[Shared]) -> &[Shared] {

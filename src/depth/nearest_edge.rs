@@ -33,12 +33,12 @@ pub fn is_near(z_m: f32, [near_m, far_m]: [f32; 2]) -> bool {
 /// For each pixel the edge of the map that matters, by straight and diagonal steps (a chamfer distance, Borgefors 1986). One that
 /// is `within_px` away or farther need not be found: then it is infinitely far away.
 pub fn edges(depth_m: &[f32], width: usize, within_px: f32) -> Vec<Edge> {
-    // The edges, with what their steps are worth, px. The first is none.
+    // The edges, with what their steps are worth, px. The first is none: it is worth so much that it is infinitely far away.
     let none = Edge { distance_px: f32::INFINITY, near_m: 0.0, far_m: 0.0 };
     let mut found = vec![(none, f32::INFINITY)];
     let mut ways = Ways::new(depth_m.len(), width, within_px);
     let is_edge = |a: f32, b: f32| (a.min(b) > 0.0) & (a.max(b) > JUMP * a.min(b));
-    for_each(depth_m, width, is_edge, |[i, beside], [a, b]| {
+    each_edge(depth_m, width, is_edge, |[i, beside], [a, b]| {
         let (near_m, far_m) = (a.min(b), a.max(b));
         let worth_px = (PER_STEP_PX * (far_m / near_m).ln()).min(MOST_PX);
         [i, beside].into_iter().for_each(|at| ways.begin(at, 0.5 - worth_px, found.len() as u32));
@@ -60,7 +60,7 @@ pub fn edges(depth_m: &[f32], width: usize, within_px: f32) -> Vec<Edge> {
 /// Distance from each pixel's centre to the nearest edge, px, by the same steps; `within_px` at most.
 pub fn distances_px(depth_m: &[f32], width: usize, within_px: f32, is_edge: impl Fn(f32, f32) -> bool) -> Vec<f32> {
     let mut ways = Ways::new(depth_m.len(), width, within_px);
-    for_each(depth_m, width, is_edge, |at, _| at.into_iter().for_each(|at| ways.begin(at, 0.5, 0)));
+    each_edge(depth_m, width, is_edge, |at, _| at.into_iter().for_each(|at| ways.begin(at, 0.5, 0)));
     ways.spread();
     let mut out = Vec::with_capacity(depth_m.len());
     ways.rows().for_each(|(cost, _)| out.extend_from_slice(cost));
@@ -68,7 +68,7 @@ pub fn distances_px(depth_m: &[f32], width: usize, within_px: f32, is_edge: impl
 }
 
 /// Calls `of` with all pairs of neighbours between which there is an edge: where they are, and their depths.
-pub fn for_each(
+pub fn each_edge(
     depth_m: &[f32],
     width: usize,
     is_edge: impl Fn(f32, f32) -> bool,

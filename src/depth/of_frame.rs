@@ -39,11 +39,10 @@ pub fn agreed_at_frame(
     let neighbours = neighbours(frame, rays.geometry(), from);
     let voters: Vec<_> = neighbours.iter().map(|neighbour| neighbour.voter(response)).collect();
     if !voters.is_empty() {
-        let (looks, pixels) = (Looks::new(&frame.pixels, response), &frame.pixels);
-        let looks: Vec<_> = (0..pixels.height)
-            .flat_map(|y| (0..pixels.width).map(move |x| (x, y)))
-            .map(|(x, y)| looks.at(x, y))
-            .collect();
+        let (of_frame, pixels) = (Looks::new(&frame.pixels, response), &frame.pixels);
+        let width = pixels.width.max(1) as usize;
+        let mut looks = vec![[0.0; 3]; pixels.width as usize * pixels.height as usize];
+        looks.chunks_mut(width).zip(0..).for_each(|(row, y)| of_frame.along(0, y, row));
         let before_m = vec![f32::INFINITY; depth_m.len()];
         vote::Own { rays, pose: taken, part: whole, looks: &looks, before_m: &before_m }.agreed(&mut depth_m, &voters);
     }

@@ -28,7 +28,7 @@ const DOUBTFUL: f64 = super::edges::MOST_OFF;
 const BENT_PX: i32 = 2;
 /// Side of the blocks in which it is known whether any pixel is doubtful, px.
 const BLOCK_PX: usize = 8;
-/// So many of them are worked on at a time.
+/// So many doubtful pixels are worked on at a time.
 const TOGETHER: usize = 256;
 /// Colours (square roots of light) are alike within this of the range of the pixels around: noise, and the blur of motion.
 const ALIKE: f32 = 0.06;
@@ -101,9 +101,9 @@ impl Own<'_> {
             carry();
         });
         let mut agreed = vec![(0.0, false); asked.places.len()];
-        over_rows(&mut agreed, TOGETHER, processors(), |n, agreed| {
+        over_rows(&mut agreed, TOGETHER, processors(), |block, of_block| {
             let mut heard = Vec::with_capacity(voters.len() + 1);
-            for (n, agreed) in (n * TOGETHER..).zip(agreed) {
+            for (n, agreed) in (block * TOGETHER..).zip(of_block) {
                 heard.clear();
                 heard.push(depth_m[asked.places[n] as usize]);
                 heard.extend(told.iter().map(|told| told[n]));
@@ -121,7 +121,7 @@ impl Own<'_> {
     fn carried(&self, voter: &Voter<'_>, source: Rect, asked: &Asked) -> Vec<f32> {
         let mut out = vec![0.0f32; asked.places.len()];
         let (geometry, full) = (self.rays.geometry(), self.rays.full());
-        if (voter.depth.width, voter.depth.height) != (full.width(), full.height()) {
+        if (voter.depth.width, voter.depth.height) != (full.width(), full.height()) || voter.looks.size() != full {
             return out;
         }
         let [here, there] = [&self.pose, &voter.taken].map(|pose| Carry::new(geometry, &voter.measured, pose));
@@ -465,6 +465,49 @@ mod tests {
             let some = own.carried(&voter, whole, &asked(&inside));
             let of_all: Vec<f32> = (0..all.len()).filter(|i| inside(*i)).map(|i| all[i]).collect();
             assert_eq!(some, of_all, "{x0} {y0}");
+        }
+        // A part of the picture, also one that goes on beyond it, is told the same depths.
+        for part in [Rect::new(-7, 5, 60, 50), Rect::new(30, 20, 110, 70)] {
+            let of_part = vec![[0.5; 3]; part.width() as usize * part.height() as usize];
+            let own = Own { part, looks: &of_part, ..own };
+            let everywhere = Asked::new(&vec![true; of_part.len()], &of_part, part.width() as usize);
+            let found = own.carried(&voter, whole, &everywhere);
+            for (n, z) in found.iter().enumerate() {
+                let (x, y) = (part.x0 + n as i32 % part.width() as i32, part.y0 + n as i32 / part.width() as i32);
+                if whole.contains(x, y) {
+                    assert_eq!(z.abs(), all[y as usize * WIDTH + x as usize].abs(), "{part:?} {x} {y}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_doubtful_lies_near_what_is_torn() {
+        for (width, height) in [(31, 23), (1, 40), (40, 1)] {
+            let depth_m: Vec<f32> =
+                (0..width * height).map(|i| [1.0, 1.02, 1.1, 0.0, 2.0][(i * 7 / 23 + i % width / 11) % 5]).collect();
+            let before_m: Vec<f32> = (0..width * height).map(|i| [0.0, 1.5, 9.0][i / 5 % 3]).collect();
+            let place = |i: usize| (i % width, i / width);
+            let is_torn = |a: usize, b: usize| {
+                let (near, far) = (depth_m[a].min(depth_m[b]), depth_m[a].max(depth_m[b]));
+                near < before_m[a].max(before_m[b]) && (near <= 0.0 || far > JUMP * near)
+            };
+            let all = 0..width * height;
+            let step = |a: usize, b: usize| {
+                let ((ax, ay), (bx, by)) = (place(a), place(b));
+                ax.abs_diff(bx) + ay.abs_diff(by)
+            };
+            let torn: Vec<usize> =
+                all.clone().filter(|a| all.clone().any(|b| step(*a, b) == 1 && is_torn(*a, b))).collect();
+            for reach in [0, 1, 4, 60] {
+                let near = |a: usize, b: usize| {
+                    let ((ax, ay), (bx, by)) = (place(a), place(b));
+                    ax.abs_diff(bx) <= reach && ay.abs_diff(by) <= reach
+                };
+                let expected: Vec<bool> =
+                    all.clone().map(|a| before_m[a] > 0.0 && torn.iter().any(|b| near(a, *b))).collect();
+                assert_eq!(doubtful(&depth_m, width, reach, &before_m), expected, "{width} {height} {reach}");
+            }
         }
     }
 

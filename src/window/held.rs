@@ -1,5 +1,6 @@
 //! Where a window keeps its work. It writes a file of its own, and holds a lock on another one beside it for as long as it lives.
-//! The system releases that lock however the program ends, so work whose lock is free was left behind.
+//! The system releases that lock however the program ends, once nothing that it was just starting has a copy of the file. So work
+//! whose lock is free was left behind.
 //!
 //! The lock holds the number of the window's process. Threads of the lowest priority, as Mesa's that writes its cache, get no
 //! turn on a loaded machine, and keep the lock of a process that has ended for many seconds: then its work is moved to a place
