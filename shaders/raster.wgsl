@@ -19,6 +19,7 @@ override unlit: bool = false;
 override masked: bool = false;
 override blended: bool = false;
 override hidden_by_depth: bool = false;        // the real scene's depth is known
+override depth_on_grid: bool = false;          // it is known on a grid that is coarser than the picture, or as fine
 override suns: u32 = 0u;                       // number of lights
 override points: u32 = 0u;
 override has_map: bool = false;                // the environment is a picture
@@ -41,7 +42,7 @@ struct View {
     rotation: vec4<f32>,
     eye: vec4<f32>,
     lens_m: vec2<f32>,        // point of the aperture that is looked through
-    in_depth: vec2<f32>,      // column and row of the target in the real depth
+    in_depth: vec2<f32>,      // column and row of the target in the real depth, texels
     outer_fy_px: f32,         // of the camera whose picture it belongs to
     outer_cy_px: f32,
     k3: f32,
@@ -57,7 +58,7 @@ struct View {
     tolerance_m: f32,         // of occlusion
     per_focus: f32,           // 1 / focus distance, 1/m
     parallel_to_m: f32,       // far plane of parallel rays
-    unused: f32,
+    per_texel: f32,           // texels of the real depth per pixel
     key_rotation: array<vec4<f32>, MAX_KEYS>,
     key_translation: array<vec4<f32>, MAX_KEYS>,
 }
@@ -511,6 +512,42 @@ fn whole(in: Fragment, @builtin(front_facing) front: bool) -> @location(0) vec4<
     return surface(in, front, base_of(in));
 }
 
+// Whether what is seen at a pixel is hidden by a texel of the real depth. Rays are not parallel here: w is 1 / depth.
+fn is_hidden(texel: vec2<i32>, at: vec4<f32>) -> f32 {
+    let wall = textureLoad(real_depth, texel, 0).r;
+    return f32(wall > 0.0 && 1.0 > (wall + view.tolerance_m) * at.w);
+}
+
+// Where one of a pixel's four samples lies, px from its middle.
+fn sample_place(n: u32) -> vec2<f32> {
+    let all = array<vec2<f32>, 4>(
+        vec2<f32>(-0.125, -0.375), vec2<f32>(0.375, -0.125), vec2<f32>(-0.375, 0.125), vec2<f32>(0.125, 0.375),
+    );
+    return all[n];
+}
+
+// Which samples are seen. Between the middles of four texels it is interpolated what they hide, and where that is a half the real
+// thing ends: its edge runs straight from texel to texel, not in steps.
+fn samples_before_grid(at: vec4<f32>) -> u32 {
+    let place = at.xy * view.per_texel + view.in_depth;
+    let texel = floor(place);
+    let i = vec2<i32>(texel);
+    let above = vec3<f32>(is_hidden(i + vec2<i32>(-1, -1), at), is_hidden(i + vec2<i32>(0, -1), at), is_hidden(i + vec2<i32>(1, -1), at));
+    let beside = vec3<f32>(is_hidden(i + vec2<i32>(-1, 0), at), is_hidden(i, at), is_hidden(i + vec2<i32>(1, 0), at));
+    let below = vec3<f32>(is_hidden(i + vec2<i32>(-1, 1), at), is_hidden(i + vec2<i32>(0, 1), at), is_hidden(i + 1, at));
+    var mask = 0u;
+    for (var n = 0u; n < 4u; n++) {
+        let off = place - texel - 0.5 + sample_place(n) * view.per_texel;
+        let before = max(-off, vec2<f32>(0.0));
+        let after = max(off, vec2<f32>(0.0));
+        let across = vec3<f32>(before.x, 1.0 - before.x - after.x, after.x);
+        let down = vec3<f32>(before.y, 1.0 - before.y - after.y, after.y);
+        let hidden = dot(down, vec3<f32>(dot(above, across), dot(beside, across), dot(below, across)));
+        mask |= select(0u, 1u << n, hidden <= 0.5);
+    }
+    return mask;
+}
+
 // Which of a pixel's four samples are covered, where parts of the surface are cut out or hidden by the real scene.
 fn samples_of(in: Fragment, base: vec4<f32>) -> u32 {
     var mask = 0xfu;
@@ -521,9 +558,9 @@ fn samples_of(in: Fragment, base: vec4<f32>) -> u32 {
         mask = (1u << u32(round(covered * 4.0))) - 1u;
     }
     if hidden_by_depth {
-        let wall = textureLoad(real_depth, vec2<i32>(in.at.xy + view.in_depth), 0).r;
-        // Rays are not parallel here: w is 1 / depth.
-        if wall > 0.0 && 1.0 > (wall + view.tolerance_m) * in.at.w {
+        if depth_on_grid {
+            mask &= samples_before_grid(in.at);
+        } else if is_hidden(vec2<i32>(in.at.xy + view.in_depth), in.at) > 0.0 {
             mask = 0u;
         }
     }

@@ -3,7 +3,7 @@
 //! A thing in focus hides whole pixels: all points of the lens see it through each of them. A blurred object behind it
 //! is hidden there. Next to it, the object is as blurred as if nothing stood in front of it. So the object is drawn
 //! behind the edge as far as its blur reaches, blurred, and cut off afterwards: by the share of each pixel that the thing
-//! has (`depth::Shared`), where that is known, else by the map, softened over a pixel.
+//! has (`depth::Shared`).
 //!
 //! A pixel at the edge shows I = α·F + (1 − α)·B of the thing's light F and of B behind it. With an object of light V and
 //! coverage A between the two it shows α·F + (1 − α)·(V + (1 − A)·B). What the layer is left with is V' = (1 − α)·V and
@@ -27,31 +27,20 @@ crate::uniform! {
 pub struct Before {
     /// Depths of the nearer and the farther surface (metres, 0 unknown) and the nearer one's share.
     surfaces: Texture,
-    fringe: Option<Texture>,
+    fringe: Texture,
 }
 
 impl Before {
-    /// Surfaces without soft edges, by the real scene's depth (metres, 0 unknown).
-    pub fn hard(recorder: &Recorder, depth_m: &[f32], drawn: Rect) -> Self {
-        let texels: Vec<[f32; 4]> = depth_m.iter().map(|z| [*z, *z, 1.0, 0.0]).collect();
-        Self { surfaces: surfaces(recorder, &texels, drawn), fringe: None }
-    }
-
-    pub fn soft(recorder: &Recorder, shared: &[Shared], drawn: Rect) -> Self {
+    pub fn new(recorder: &Recorder, shared: &[Shared], drawn: Rect) -> Self {
         let texels: Vec<[f32; 4]> = shared.iter().map(|s| [s.near_m, s.far_m, s.share, 0.0]).collect();
         let fringe: Vec<[f32; 4]> = shared.iter().map(|s| [s.fringe[0], s.fringe[1], s.fringe[2], 0.0]).collect();
         let size = (drawn.width(), drawn.height());
         let texture = recorder.pool.lend_to_write(&recorder.gpu, size, COLOR);
         texture.write(&recorder.gpu, size.0, size.1, &half_texels(&fringe));
-        Self { surfaces: surfaces(recorder, &texels, drawn), fringe: Some(texture) }
+        let surfaces = recorder.pool.lend_to_write(&recorder.gpu, size, wgpu::TextureFormat::Rgba32Float);
+        surfaces.write(&recorder.gpu, size.0, size.1, &texels);
+        Self { surfaces, fringe: texture }
     }
-}
-
-fn surfaces(recorder: &Recorder, texels: &[[f32; 4]], drawn: Rect) -> Texture {
-    let size = (drawn.width(), drawn.height());
-    let texture = recorder.pool.lend_to_write(&recorder.gpu, size, wgpu::TextureFormat::Rgba32Float);
-    texture.write(&recorder.gpu, size.0, size.1, texels);
-    texture
 }
 
 /// Cuts off what lies more than the tolerance behind real surfaces.
@@ -59,9 +48,9 @@ pub fn cut(recorder: &mut Recorder, layer: Layer, before: &Before, tolerance_m: 
     let real = Real { size: [layer.size.0 as i32, layer.size.1 as i32], tolerance_m };
     let pass = recorder.pass(Shader::BehindReal, "main").uniform("real", &real).texture("color", &layer.color);
     let pass = pass.texture("geometry", &layer.geometry).texture("surfaces", &before.surfaces);
-    let pass = pass.texture("fringes", before.fringe.as_ref().unwrap_or(&layer.color));
+    let pass = pass.texture("fringes", &before.fringe);
     let [color, geometry, fringe] = pass.draw([COLOR, GEOMETRY, COLOR], layer.size);
-    Layer { color, geometry, fringe: before.fringe.as_ref().map(|_| fringe), ..layer }
+    Layer { color, geometry, fringe: Some(fringe), ..layer }
 }
 
 /// The depths behind which something is hidden even when blurred over `reach_px`: the farthest of the square around
@@ -77,8 +66,8 @@ pub fn deep_within(depth_m: &[f32], width: usize, reach_px: usize) -> Vec<f32> {
     farthest(rows, width, reach_px).into_iter().map(|m| if m.is_finite() { m } else { 0.0 }).collect()
 }
 
-/// Sliding maximum over ±`reach` lines of `length` values each: of one line, of two, of four, as long as they fit into the window,
-/// and of two such that cover it.
+/// Sliding maximum over ±`reach` lines of `length` values each. The window grows by doubling; two of the last size that overlap make
+/// the whole one.
 fn farthest(lines: Vec<f32>, length: usize, reach: usize) -> Vec<f32> {
     let reach = reach.min(lines.len() / length);
     let beside = vec![f32::NEG_INFINITY; reach * length];

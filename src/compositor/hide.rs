@@ -1,7 +1,5 @@
 //! The second phase: what real things hide, and when it is cut off.
 
-use std::borrow::Cow;
-
 use glam::DVec3;
 
 use super::behind_real::{Before, deep_within};
@@ -11,17 +9,17 @@ use super::shade::dark;
 use super::{Job, RealDepth, Settings};
 use crate::camera::Geometry;
 use crate::depth::{LastRepair, Proxies, RayCache, Rays, Repair, Seen, Shared, Wanted, measured_from, neighbours};
-use crate::effects::{Effect, Moment};
+use crate::effects::Moment;
 use crate::gpu::{Recorder, Texture};
 use crate::pixels::Rect;
 use crate::pose::Pose;
-use crate::render::real_depth;
+use crate::render::{Placed, grid_depth, real_depth};
 
 /// The real scene's depth (metres, 0 unknown), over the drawn rectangle where nothing else is said.
 #[derive(Debug, Default)]
 pub struct Hidden {
-    /// Hides objects as they are drawn.
-    pub first: Option<Texture>,
+    /// Hides objects as they are drawn, and where its pixels lie if they are not the picture's.
+    pub first: Option<(Texture, Option<Placed>)>,
     /// After how many of the active effects objects are cut off as well, and by what.
     pub then: Option<(usize, Before)>,
     /// The depth itself, of everything that is known, and its rectangle: around what is drawn and what is shaded. `None` where
@@ -57,76 +55,47 @@ impl Hidden {
         let Some(places) = plan.places.as_ref().filter(|_| settings.depth.occlusion) else { return Self::default() };
         let drawn = places.drawn;
         let around = drawn.union(&places.shaded);
+        if let RealDepth::Known { grid, moments, .. } = job.real {
+            let itself = plan.hides_itself() && moments.is_empty();
+            return grid.map_or_else(Self::default, |grid| {
+                let real =
+                    (!sight.shades.is_empty()).then(|| (real_depth(recorder, &grid.over(around), around), around));
+                let first = (!itself).then(|| grid_depth(recorder, grid, drawn, job.picture.sees_around()));
+                Self { first, real, ..Self::default() }
+            });
+        }
         let depth = job.frame.depth.as_ref();
         let measured = depth.map(|depth| measured_from(depth, job.picture, job.track, job.time_offset_s));
         let nothing_because = measured.as_ref().and_then(|pose| pose.as_ref().err().cloned());
-        let repaired;
-        let texels: Option<Cow<'_, [f32]>> = match job.real {
-            RealDepth::OfFrame => {
-                let measured = measured.and_then(Result::ok);
-                let measured = depth.zip(measured.as_ref());
-                repaired = (measured.is_some() || !proxies.is_empty()).then(|| {
-                    let (rays, pixels, response) = (rays.of(job.picture), &job.frame.pixels, &moment.camera.response);
-                    let half_s = 0.5 * sight.shutter.exposure_time_s;
-                    let [opened, closed] = [-half_s, half_s].map(|offset_s| sight.keys.pose_at(offset_s));
-                    let (frame, shutter) = (sight.keys.middle(), [&opened, &closed]);
-                    let neighbours = neighbours(&job.frame, job.picture, (job.track, job.time_offset_s));
-                    let (frame, neighbours, planes) = (&frame, &neighbours, &sight.planes);
-                    let seen = |point: DVec3| seen_by_row(job.picture, |time_s| sight.keys.pose_at(time_s), point);
-                    let proxies = (!proxies.is_empty()).then_some((&*proxies, &seen as &dyn Fn(DVec3) -> Seen));
-                    let repair =
-                        Repair { rays, measured, frame, shutter, pixels, response, planes, proxies, neighbours };
-                    // Where a shadow is faint, what it lies on is judged by what was measured.
-                    let dark = dark(&sight.shades).intersection(&places.shaded);
-                    let asked = wanted(sight, places, dark, rays);
-                    let rects = [around, drawn.union(&dark), drawn];
-                    last.over(&job.frame, &repair, rects, &asked, *may_be_rough)
-                });
-                repaired.as_ref().map(|(repaired, _)| Cow::from(&repaired.depth_m))
-            }
-            RealDepth::Known { moments, grid, .. } if plan.hides_itself() && moments.is_empty() => {
-                let real = grid.filter(|_| !sight.shades.is_empty());
-                let real = real.map(|grid| (real_depth(recorder, &grid.over(around), around), around));
-                return Self { real, nothing_because, ..Self::default() };
-            }
-            RealDepth::Known { grid, .. } => {
-                repaired = None;
-                grid.map(|grid| Cow::from(grid.over(around)))
-            }
-        };
-        let shared = repaired.as_ref().map(|(repaired, _)| repaired.shared.as_slice());
-        let is_rough = repaired.as_ref().is_some_and(|(_, is_rough)| *is_rough);
-        let Some(texels) = texels else { return Self { nothing_because, ..Self::default() } };
+        let measured = measured.and_then(Result::ok);
+        let measured = depth.zip(measured.as_ref());
+        if measured.is_none() && proxies.is_empty() {
+            return Self { nothing_because, ..Self::default() };
+        }
+        let (rays, pixels, response) = (rays.of(job.picture), &job.frame.pixels, &moment.camera.response);
+        let half_s = 0.5 * sight.shutter.exposure_time_s;
+        let [opened, closed] = [-half_s, half_s].map(|offset_s| sight.keys.pose_at(offset_s));
+        let (frame, shutter) = (sight.keys.middle(), [&opened, &closed]);
+        let neighbours = neighbours(&job.frame, job.picture, (job.track, job.time_offset_s));
+        let (frame, neighbours, planes) = (&frame, &neighbours, &sight.planes);
+        let seen = |point: DVec3| seen_by_row(job.picture, |time_s| sight.keys.pose_at(time_s), point);
+        let proxies = (!proxies.is_empty()).then_some((&*proxies, &seen as &dyn Fn(DVec3) -> Seen));
+        let repair = Repair { rays, measured, frame, shutter, pixels, response, planes, proxies, neighbours };
+        // Where a shadow is faint, what it lies on is judged by what was measured.
+        let dark = dark(&sight.shades).intersection(&places.shaded);
+        let asked = wanted(sight, places, dark, rays);
+        let rects = [around, drawn.union(&dark), drawn];
+        let (repaired, is_rough) = last.over(&job.frame, &repair, rects, &asked, *may_be_rough);
         // Nothing else asks for it.
-        let real = (!sight.shades.is_empty()).then(|| (real_depth(recorder, &texels, around), around));
-        // If objects are cut off after the blur, only what stays hidden when blurred is hidden before.
-        let blurs = |effect: &&dyn Effect| match shared {
-            Some(_) => effect.on_real().blurs(),
-            None => !job.capture.whole && effect.on_real().blurs_behind(),
-        };
-        let after = plan.active.iter().rposition(blurs).map(|last| last + 1);
-        let beneath = around.part(&texels, drawn);
-        let Some(after) = after.or(shared.map(|_| 0)) else {
-            return Self {
-                first: Some(real_depth(recorder, &beneath, drawn)),
-                real,
-                then: None,
-                nothing_because,
-                is_rough,
-            };
-        };
+        let real = (!sight.shades.is_empty()).then(|| (real_depth(recorder, &repaired.depth_m, around), around));
+        // Objects are cut off after the last effect that blurs. Only what stays hidden when blurred is hidden before.
+        let after = plan.active.iter().rposition(|effect| effect.on_real().blurs()).map_or(0, |last| last + 1);
         let look_px = plan.active[..after].iter().map(|effect| effect.reach(moment));
         let reach_px = look_px.map(|reach| reach.look_px.max(reach.spread_px)).sum::<f32>().ceil() as usize;
-        let farthest: Vec<f32> = match shared {
-            Some(shared) => shared.iter().map(|shared: &Shared| shared.far_m).collect(),
-            None => beneath.clone(),
-        };
+        let farthest: Vec<f32> = repaired.shared.iter().map(|shared: &Shared| shared.far_m).collect();
         let deep = deep_within(&farthest, drawn.width() as usize, reach_px);
-        let before = match shared {
-            Some(shared) => Before::soft(recorder, shared, drawn),
-            None => Before::hard(recorder, &beneath, drawn),
-        };
-        let first = Some(real_depth(recorder, &deep, drawn));
+        let before = Before::new(recorder, &repaired.shared, drawn);
+        let first = Some((real_depth(recorder, &deep, drawn), None));
         Self { first, real, then: Some((after, before)), nothing_because, is_rough }
     }
 }

@@ -228,7 +228,12 @@ impl Compositor {
             shutter: sight.shutter,
             depths_m: sight.footprint.depths_m,
             rect: places.drawn,
-            occlusion: hidden.first.as_ref().map(|depth| Occlusion { depth, tolerance_m, moments: job.real.moments() }),
+            occlusion: hidden.first.as_ref().map(|(depth, on_grid)| Occlusion {
+                depth,
+                on_grid: *on_grid,
+                tolerance_m,
+                moments: job.real.moments(),
+            }),
             parallel_to_m: None,
             outer: None,
         };

@@ -26,18 +26,18 @@ pub struct DepthGrid {
 }
 
 impl DepthGrid {
-    /// From the recorded camera's depth (`depth_m`, of its picture's size, 0 where unknown). `framed` is the
-    /// photograph's place in the recorded picture. `None` if the depth has another size, or nothing was measured in the
-    /// photograph's view.
+    /// From the recorded camera's depth (`depth_m`, of its picture's size, 0 where unknown). `is_measured`: by a sensor, else it is
+    /// that of models alone, whose edges are where they are. `framed` is the photograph's place in the recorded picture. `None` if
+    /// the depth has another size, or nothing was measured in the photograph's view.
     pub fn new(
         pixels: &Pixels,
         recorded: &Intrinsics,
-        depth_m: &[f32],
+        (depth_m, is_measured): (&[f32], bool),
         framed: &Framed,
         response: &Response,
     ) -> Option<Self> {
         let size = (pixels.width, pixels.height);
-        Self::completed((pixels, |at| at), recorded, depth_m, framed, size, response)
+        Self::completed((pixels, |at| at), recorded, (depth_m, is_measured), framed, size, response)
     }
 
     /// The depth alone, without light, by a frame as it was recorded. `size`: the photograph's.
@@ -50,7 +50,7 @@ impl DepthGrid {
         response: &Response,
     ) -> Option<Self> {
         let looked_at = |at| framed.source_px(at);
-        let grid = Self::completed((pixels, looked_at), recorded, depth_m, framed, size, response);
+        let grid = Self::completed((pixels, looked_at), recorded, (depth_m, true), framed, size, response);
         grid.map(|grid| Self { light: Vec::new(), ..grid })
     }
 
@@ -58,7 +58,7 @@ impl DepthGrid {
     fn completed(
         (pixels, place_of): (&Pixels, impl Fn(DVec2) -> DVec2),
         recorded: &Intrinsics,
-        depth_m: &[f32],
+        (depth_m, is_measured): (&[f32], bool),
         framed: &Framed,
         size: (u32, u32),
         response: &Response,
@@ -91,7 +91,7 @@ impl DepthGrid {
         let columns = width as usize;
         // A map whose edges are on the picture's hides exactly to the pixel and needs no widening.
         let step = framed.step * enlargement;
-        let is_widened = mended::complete(&mut depth_m, &[], &looks, columns, recorded, step)?;
+        let is_widened = is_measured && mended::complete(&mut depth_m, &[], &looks, columns, recorded, step)?;
         if is_widened {
             let everywhere = vec![f32::INFINITY; depth_m.len()];
             smooth::smooth(&mut depth_m, &looks, columns, &everywhere);
@@ -106,10 +106,41 @@ impl DepthGrid {
         place(y, self.height) as usize * self.width as usize + place(x, self.width) as usize
     }
 
+    /// The pixels of the grid around a rectangle of the photograph, one more on each side, and their depths, metres, row by row. The
+    /// grid's rim continues.
+    pub fn around(&self, rect: Rect) -> (Rect, Vec<f32>) {
+        let first = |at: i32| (f64::from(at) / self.enlargement).floor() as i32 - 1;
+        let last = |at: i32| (f64::from(at) / self.enlargement).ceil() as i32 + 1;
+        let around = Rect::new(first(rect.x0), first(rect.y0), last(rect.x1), last(rect.y1));
+        let place = |at: i32, side: u32| at.clamp(0, side as i32 - 1) as usize;
+        let row = |y: i32| &self.depth_m[place(y, self.height) * self.width as usize..];
+        let of_row = |y: i32| (around.x0..around.x1).map(move |x| known_m(row(y)[place(x, self.width)]));
+        (around, (around.y0..around.y1).flat_map(of_row).collect())
+    }
+
     /// The depth at each pixel of a rectangle of the photograph, metres, row by row.
     pub fn over(&self, rect: Rect) -> Vec<f32> {
         let columns = rect.x0..rect.x1;
         let places = (rect.y0..rect.y1).flat_map(|y| columns.clone().map(move |x| (x, y)));
         places.map(|(x, y)| known_m(self.depth_m[self.index(x, y)])).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_grid_around_a_rectangle_by_hand() {
+        let depth_m = vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
+        let grid = DepthGrid { width: 3, height: 2, enlargement: 2.0, depth_m, light: Vec::new(), is_widened: false };
+        // Its upper left pixel: the first pixel of the grid, and one more all around, where the rim continues.
+        let (around, texels) = grid.around(Rect::new(0, 0, 2, 2));
+        assert_eq!(around, Rect::new(-1, -1, 2, 2));
+        assert_eq!(texels, [1.0, 1.0, 2.0, 1.0, 1.0, 2.0, 4.0, 4.0, 5.0]);
+        // Half of the grid's second pixel and of its third.
+        let (around, texels) = grid.around(Rect::new(3, 1, 5, 2));
+        assert_eq!(around, Rect::new(0, -1, 4, 2));
+        assert_eq!(texels, [1.0, 2.0, 3.0, 3.0, 1.0, 2.0, 3.0, 3.0, 4.0, 5.0, 6.0, 6.0]);
     }
 }

@@ -132,9 +132,11 @@ impl<'a> Repair<'a> {
         if self.measured.is_none() {
             depth_m.iter_mut().filter(|z| **z == 0.0).for_each(|z| *z = FAR_M);
         }
-        // Where nothing was measured, nothing hides.
+        // Where nothing was measured, nothing hides. Without a sensor, models' edges are where they are.
         let recorded = &self.rays.geometry().intrinsics;
-        if mended::complete(&mut depth_m, &is_sure, &looks, width, recorded, 1.0) == Some(true) {
+        if self.measured.is_some()
+            && mended::complete(&mut depth_m, &is_sure, &looks, width, recorded, 1.0) == Some(true)
+        {
             smooth::smooth(&mut depth_m, &looks, width, &before_m);
         }
         contact::flatten(&mut depth_m, self.rays, self.frame, region, self.planes);

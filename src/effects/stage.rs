@@ -104,10 +104,7 @@ impl OnReal {
     }
     /// Whether things are cut off after it, where it is known how much of each pixel the real ones have.
     pub fn blurs(self) -> bool {
-        self == Self::Blurs || self.blurs_behind()
-    }
-    pub fn blurs_behind(self) -> bool {
-        matches!(self, Self::Acts | Self::ActsAndHides)
+        matches!(self, Self::Blurs | Self::Acts | Self::ActsAndHides)
     }
 }
 

@@ -123,7 +123,8 @@ pub fn take(
     let grid =
         depth_m.as_deref().filter(|_| circles_px > 0.0 || standpoint.settings.depth.occlusion).and_then(|depth_m| {
             let recorded = &standpoint.recorded.intrinsics;
-            DepthGrid::new(&pixels, recorded, depth_m, &framing.framed, &standpoint.camera.response)
+            let depth = (depth_m, is_measured);
+            DepthGrid::new(&pixels, recorded, depth, &framing.framed, &standpoint.camera.response)
         });
     let reach_px = 0.5 * circles_px.min(f64::from(width.max(height)) / 4.0).min(f64::from(WIDEST_PX));
     let surfaces = grid.as_ref().filter(|_| circles_px > 0.0 && is_measured).map(|grid| Surfaces::new(grid, reach_px));

@@ -302,6 +302,7 @@ impl Renderer {
                 around: view.outer.is_some(),
                 parallel: view.parallel_to_m.is_some(),
                 hidden_by_depth: view.occlusion.is_some(),
+                depth_on_grid: view.occlusion.is_some_and(|occlusion| occlusion.on_grid.is_some()),
                 lightmap: self.lightmaps.is_of(number),
                 ..Variant::of(&self.scene.materials[mesh.material], &self.scene.lighting)
             };

@@ -28,7 +28,7 @@ pub use bounds::Footprint;
 pub use draw::Renderer;
 pub use light::{MAX_POINTS, MAX_SUNS};
 pub use lightmap::Lightmap;
-pub use occlusion::{Occlusion, real_depth};
+pub use occlusion::{Occlusion, Placed, grid_depth, real_depth};
 pub use pipeline::{COLOR, GEOMETRY};
 pub use plan::{Layer, RealLayer, Sample, SamplePlan};
 pub use projected::{Projection, Still, take_still};

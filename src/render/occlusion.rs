@@ -11,6 +11,8 @@ use super::plan::Sample;
 pub struct Occlusion<'a> {
     /// Over the drawn rectangle (metres, 0 unknown).
     pub depth: &'a Texture,
+    /// Its place, where it has pixels of its own; else they are the picture's.
+    pub on_grid: Option<Placed>,
     /// How much nearer a real thing must be to hide, metres.
     pub tolerance_m: f32,
     /// Depth at moments, in seconds from the picture's. A drawing that is one of several has that of the nearest
@@ -40,7 +42,7 @@ impl<'a> Occlusion<'a> {
         sample: &Sample,
         recorder: &Recorder,
         drawn: Rect,
-        held: &'h mut Option<(usize, Texture)>,
+        held: &'h mut Option<(usize, (Texture, Option<Placed>))>,
     ) -> Occlusion<'h>
     where
         'a: 'h,
@@ -48,10 +50,39 @@ impl<'a> Occlusion<'a> {
         if let Some(n) = self.nearest(sample)
             && held.as_ref().is_none_or(|(last, _)| *last != n)
         {
-            *held = Some((n, real_depth(recorder, &self.moments[n].1.over(drawn), drawn)));
+            *held = Some((n, grid_depth(recorder, &self.moments[n].1, drawn, self.on_grid.is_none())));
         }
-        Occlusion { depth: held.as_ref().map_or(self.depth, |(_, depth)| depth), moments: &[], ..*self }
+        match held {
+            Some((_, (depth, on_grid))) => Occlusion { depth, on_grid: *on_grid, moments: &[], ..*self },
+            None => Occlusion { moments: &[], ..*self },
+        }
     }
+}
+
+/// Where a texture of depths lies in a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placed {
+    /// Its first texel, of those that are counted from the picture's corner.
+    pub first: [i32; 2],
+    /// Texels per pixel.
+    pub per_pixel: f64,
+}
+
+impl Placed {
+    /// The place of a pixel's corner, texels.
+    pub fn of_pixel(&self, at: [i32; 2]) -> [f32; 2] {
+        [0, 1].map(|axis| (f64::from(at[axis]) * self.per_pixel - f64::from(self.first[axis])) as f32)
+    }
+}
+
+/// A photograph's depth around a rectangle of it (metres, 0 unknown) on the GPU: by the pixels of its grid, or of the photograph.
+pub fn grid_depth(recorder: &Recorder, grid: &DepthGrid, drawn: Rect, by_pixel: bool) -> (Texture, Option<Placed>) {
+    if by_pixel {
+        return (real_depth(recorder, &grid.over(drawn), drawn), None);
+    }
+    let (around, texels) = grid.around(drawn);
+    let placed = Placed { first: [around.x0, around.y0], per_pixel: grid.enlargement.recip() };
+    (real_depth(recorder, &texels, around), Some(placed))
 }
 
 /// Depth over a rectangle (metres, 0 unknown) on the GPU.

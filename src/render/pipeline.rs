@@ -40,6 +40,8 @@ pub struct Variant {
     pub parallel: bool,
     /// The real scene's depth is known.
     pub hidden_by_depth: bool,
+    /// On a grid of its own.
+    pub depth_on_grid: bool,
     /// It is known how much light reaches each place of the surface.
     pub lightmap: bool,
 }
@@ -86,6 +88,7 @@ impl Variant {
             ("masked", self.masked),
             ("blended", self.blended),
             ("hidden_by_depth", self.hidden_by_depth),
+            ("depth_on_grid", self.depth_on_grid),
             ("has_map", self.environment_map),
             ("has_lightmap", self.lightmap && !self.unlit),
         ]

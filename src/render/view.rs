@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec3};
 
-use super::occlusion::Occlusion;
+use super::occlusion::{Occlusion, Placed};
 use super::plan::Sample;
 use crate::camera::{Geometry, LensModel};
 use crate::pixels::Rect;
@@ -152,7 +152,7 @@ crate::uniform! {
         tolerance_m: f32,
         per_focus: f32,
         parallel_to_m: f32,
-        unused: f32,
+        per_texel: f32,
         key_rotation: [[f32; 4]; MAX_KEYS],
         key_translation: [[f32; 4]; MAX_KEYS],
     }
@@ -162,7 +162,8 @@ impl ViewUniform {
     /// `whole` is the rectangle over which the real scene's depth is known.
     pub fn new(view: &View<'_>, whole: &Rect, sample: &Sample, focus_distance_m: f64) -> Self {
         let tolerance_m = view.occlusion.map_or(0.0, |occlusion| occlusion.tolerance_m);
-        let from = [view.rect.x0 - whole.x0, view.rect.y0 - whole.y0].map(|c| c as f32);
+        let per_pixel = Placed { first: [whole.x0, whole.y0], per_pixel: 1.0 };
+        let depth = view.occlusion.and_then(|occlusion| occlusion.on_grid).unwrap_or(per_pixel);
         let time_s = sample.time_s;
         let View { geometry, keys, shutter, rect, .. } = *view;
         let i = &geometry.intrinsics;
@@ -202,7 +203,7 @@ impl ViewUniform {
             rotation: rotation.as_quat().to_array(),
             eye: eye.as_vec3().extend(0.0).to_array(),
             lens_m: sample.lens_m.map(|c| c as f32),
-            in_depth: from,
+            in_depth: depth.of_pixel([view.rect.x0, view.rect.y0]),
             outer_fy_px: camera.intrinsics.fy_px as f32,
             outer_cy_px: camera.intrinsics.cy_px as f32,
             k3: d.k3 as f32,
@@ -218,7 +219,7 @@ impl ViewUniform {
             tolerance_m,
             per_focus: (1.0 / focus_distance_m) as f32,
             parallel_to_m: view.parallel_to_m.unwrap_or(0.0) as f32,
-            unused: 0.0,
+            per_texel: depth.per_pixel as f32,
             key_rotation,
             key_translation,
         }

@@ -360,6 +360,48 @@ fn parts_join_without_a_seam() {
     }
 }
 
+#[test]
+fn a_real_edge_that_is_known_coarsely_runs_on_without_steps() {
+    let (size, geometry) = ((320, 240), gpu::pinhole(320, 240, FOCAL_PX));
+    // A thing at 1 m ends at a line that leans. Its depth is known at the middle of each 4 by 4 pixels.
+    let (leans, every) = (0.3, 4);
+    let edge_px = |y_px: f64| 90.0 + leans * y_px;
+    let middle = |n: u32| f64::from(every * n) + 0.5 * f64::from(every);
+    let (width, height) = (size.0 / every, size.1 / every);
+    let depth_m = (0..width * height).map(|i| if middle(i % width) < edge_px(middle(i / width)) { 1.0 } else { 3.0 });
+    let depth_m = depth_m.collect();
+    let grid = DepthGrid { width, height, enlargement: every.into(), depth_m, light: Vec::new(), is_widened: false };
+    let mut settings = Settings::default();
+    settings.plain();
+    settings.depth.occlusion = true;
+    let job = Job {
+        frame: gpu::frame(3, 0.0, gpu::grey(size.0, size.1, 60)),
+        picture: &geometry,
+        capture: Capture { whole: true, ..Capture::frame(&geometry, TIME_S, None) },
+        real: RealDepth::Known { grid: Some(&grid), surfaces: None, moments: &[] },
+        track: &sideways([0.0, 0.0]),
+        time_offset_s: 0.0,
+        interval_s: 1.0 / 30.0,
+        want_layer: false,
+    };
+    let mut compositor = Compositor::new(gpu::gpu().clone(), board::panel([-400.0, -300.0], [400.0, 300.0], 2.0));
+    let pending = compositor.submit(job, &camera(&geometry, None), &settings, Target::Pixels).unwrap();
+    let done = compositor.collect(pending).unwrap().pixels;
+    let [real, evidence] = [2, 300].map(|x| f64::from(done.at(x, 120)[1]));
+    assert!(real == 60.0 && evidence > 150.0, "{real} {evidence}");
+    // Codes, not light: what is between the two is one pixel of a row.
+    let hidden =
+        |y: u32| (0..size.0).map(|x| (evidence - f64::from(done.at(x, y)[1])) / (evidence - real)).sum::<f64>();
+    let ends: Vec<f64> = (20..220).map(hidden).collect();
+    for (n, end) in ends.iter().enumerate() {
+        let off_px = end - edge_px(n as f64 + 20.5);
+        assert!(off_px.abs() < 0.65 * f64::from(every), "row {n}: {off_px}");
+    }
+    // Taken as they are, the grid's pixels make steps of four.
+    let steps = ends.windows(2).map(|two| (two[1] - two[0]).abs());
+    assert!(steps.clone().fold(0.0, f64::max) < 2.0, "{:?}", steps.collect::<Vec<_>>());
+}
+
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
 fn shoot(arguments: &[&str]) -> std::process::Output {
