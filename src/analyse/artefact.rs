@@ -5,6 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
+use sha2::{Digest, Sha256};
 
 use super::across::{Fitted, MOST_EV};
 use super::findings::{Findings, Gained, Registered, Sharpness, Shuttered, Tone};
@@ -99,6 +100,12 @@ pub fn beside(recording: &Path) -> PathBuf {
     let mut name = folder.file_name().unwrap_or_default().to_owned();
     name.push(".analysis");
     folder.with_file_name(name)
+}
+
+/// The SHA-256 of a folder's `analysis.toml`, hexadecimal, as `sha256sum` gives it; `None` if it cannot be read.
+pub fn digest(folder: &Path) -> Option<String> {
+    let text = std::fs::read(folder.join(FILE_NAME)).ok()?;
+    Some(inputs::hex(&Sha256::digest(text)))
 }
 
 impl Analysis {

@@ -184,6 +184,6 @@ fn apart(recording: &Recording, fit: usize, tried: usize) -> Result<String, Reco
     };
     Ok(format!(
         "of {tried} links between frames {fit} fit, and {LEAST_LINKS} are needed: the pictures do not overlap where poses and depth \
-         say they do, lack texture, or are clipped; {usual}"
+         say they do, something large moves in them, or they lack texture or are clipped; {usual}"
     ))
 }

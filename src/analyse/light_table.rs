@@ -8,31 +8,27 @@ use super::found_light::{FOUND_LAMP_M, FoundLight};
 use super::light::FoundLamp;
 use crate::scene::SceneFile;
 use crate::scene::document::{Color, LampTable, LightTable, Up};
-use crate::words::fixed;
 
 /// Scenes' ups that differ by less are one: cosine of half a degree.
 const SAME_UP: f64 = 0.99996;
 
 impl FoundLight {
     /// Lights a scene so, in place of the light that it has; its `white_lx` stays. `panorama` is the name of the panorama's file, as
-    /// the scene's file names it. A scene that does not say where up is gets the panorama's; one that says another is refused, and
-    /// nothing changes.
+    /// the scene's file names it. A scene that does not say where up is gets the panorama's; with one that says another the panorama
+    /// keeps its own.
     pub fn put_into(&self, scene: &mut SceneFile, file: &Path, panorama: String) -> Result<(), String> {
         let up = self.up.unwrap_or([0.0, 0.0, 1.0]);
+        let mut environment_up = None;
         match scene.up {
             Some(own) => {
                 let own = own.axis(file, "up").map_err(|error| error.to_string())?;
-                if own.dot(DVec3::from(up)) <= SAME_UP {
-                    let (file, up) = (file.display(), up.map(|v| fixed(v, 3)).join(", "));
-                    return Err(format!(
-                        "{file}: its up is another than the analysis', [{up}]: the panorama would lie on its side"
-                    ));
-                }
+                environment_up = (own.dot(DVec3::from(up)) <= SAME_UP).then_some(Up::Direction(up));
             }
             None => scene.up = Some(Up::Direction(up)),
         }
         let (environment, white_lx) = (Some(panorama), scene.light.white_lx);
-        scene.light = LightTable { environment, white_lx, lamp: self.lamp_tables(), ..LightTable::default() };
+        let lamp = self.lamp_tables();
+        scene.light = LightTable { environment, environment_up, white_lx, lamp, ..LightTable::default() };
         Ok(())
     }
 
@@ -59,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_scene_gets_lamps_to_edit_and_another_up_is_refused() {
+    fn a_scene_gets_lamps_to_edit_and_with_another_up_the_panorama_keeps_its_own() {
         let found = FoundLight {
             up: Some([0.0, 0.0, 1.0]),
             lamps: vec![FoundLamp { at_m: [1.0, 2.0, 2.4], shown_at_1_m: [5.0, 4.0, 3.0] }],
@@ -87,11 +83,9 @@ mod tests {
         let leaning = |deg: f64| Up::Direction([deg.to_radians().sin(), 0.0, deg.to_radians().cos()]);
         let mut other = SceneFile { up: Some(leaning(0.4)), ..SceneFile::default() };
         put(&mut other).unwrap();
-        assert_eq!(other.up, Some(leaning(0.4)));
+        assert_eq!((other.up, other.light.environment_up), (Some(leaning(0.4)), None));
         let mut other = SceneFile { up: Some(leaning(1.0)), ..SceneFile::default() };
-        let before = other.clone();
-        let wrong = put(&mut other).unwrap_err();
-        assert!(wrong.starts_with("a.toml: its up is another") && wrong.contains("[0.000, 0.000, 1.000]"), "{wrong}");
-        assert_eq!(other, before);
+        put(&mut other).unwrap();
+        assert_eq!((other.up, other.light.environment_up), (Some(leaning(1.0)), Some(Up::Direction([0.0, 0.0, 1.0]))));
     }
 }

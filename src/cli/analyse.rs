@@ -167,6 +167,8 @@ fn grounds(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<Ground>> {
             "neither the scene nor the recording says where up is, so nothing is known of what objects stand on",
         );
     }
+    // As composite tells it: what is sunk into a table may well be over a floor.
+    shot.standing_notes(0..shot.recording.frame_count()).iter().for_each(|note| warn(args.quiet, &note.to_string()));
     Ok(shot.grounds())
 }
 

@@ -58,6 +58,9 @@ pub struct Args {
     metres_per_unit: f64,
 }
 
+/// On a steeper surface nothing stands.
+const STEEP_DEG: f64 = 40.0;
+
 pub fn run(args: &Args) -> Result<()> {
     if let Some(odd) = args.heading.filter(|heading| !(-360.0..=360.0).contains(heading)) {
         bail!("--heading {}: accepted is -360 to 360 degrees", number(odd));
@@ -117,9 +120,10 @@ pub fn run(args: &Args) -> Result<()> {
 
     let mut out = std::io::stdout().lock();
     writeln!(out, "placed     {} at {} m", shown(&model), position.map(|n| fixed(n, 4)).join(" "))?;
-    let laid = shot.scene.objects.last().and_then(|object| scene::bounds_m(&shot.scene, object));
-    if let Some((low, high)) = laid {
-        writeln!(out, "size       {} m", (high - low).to_array().map(|m| fixed(m, 3)).join(" × "))?;
+    // Along the model's own axes.
+    if let Some(corners_m) = shot.scene.objects.last().and_then(|object| object.corners_m(&shot.scene)) {
+        let sides = [1, 2, 4].map(|axis| fixed(corners_m[0].distance(corners_m[axis]), 3));
+        writeln!(out, "size       {} m", sides.join(" × "))?;
     }
     let tilt = support.normal.dot(up).clamp(-1.0, 1.0).acos().to_degrees();
     match picked.known {
@@ -138,6 +142,10 @@ pub fn run(args: &Args) -> Result<()> {
             found.angle_deg,
             found.off_px
         )?,
+    }
+    // Steeper is a wall, as where it is told what hovers (shot/standing.rs).
+    if tilt > STEEP_DEG && !args.flat {
+        writeln!(out, "odd        the surface is steep, and it stands upright: --flat lays it against a wall")?;
     }
     if is_guessed {
         let up = up.to_array().map(|n| fixed(n, 4)).join(", ");

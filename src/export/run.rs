@@ -6,8 +6,9 @@ use std::sync::mpsc;
 
 use super::Export;
 use super::error::ExportError;
+use crate::analyse;
 use crate::compositor::{Composited, Compositor, FrameStats, IN_FLIGHT};
-use crate::shot::{Composites, Note, Shot, Tally};
+use crate::shot::{AnalysisState, Composites, Note, Shot, Tally};
 use crate::sink::atomic::write_atomically;
 use crate::sink::{self, Sink, SinkError, SinkOptions, exr, is_stdout};
 use crate::unfinished::MadeFolder;
@@ -65,12 +66,16 @@ impl Export {
             goes_on(&frame.stats)
         })?;
         if let Some(path) = &self.report {
-            let report = serde_json::json!({
+            let mut report = serde_json::json!({
                 "adapter": adapter.name,
                 "driver": format!("{} {}", adapter.driver, adapter.driver_info),
                 "seed": shot.settings.seed,
                 "frames": reported,
             });
+            // What followed an analysis says which one.
+            if let AnalysisState::Used(folder, _) = &shot.analysis {
+                report["analysis_sha256"] = analyse::digest(folder).into();
+            }
             let text = format!("{report:#}");
             if is_stdout(path) {
                 writeln!(std::io::stdout().lock(), "{text}").map_err(|source| SinkError::Stdout { source })?;

@@ -172,6 +172,8 @@ pub struct LightTable {
     pub environment: Option<String>,
     pub environment_intensity: Option<f64>,
     pub environment_rotation_deg: Option<f64>,
+    /// The panorama's, where that is another than the scene's.
+    pub environment_up: Option<Up>,
     pub ambient: Option<Color>,
     pub white_lx: Option<f64>,
     #[serde(skip_serializing_if = "Vec::is_empty")]

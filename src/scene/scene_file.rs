@@ -211,6 +211,7 @@ fn environment(
         let unused = [
             ("environment_intensity", light.environment_intensity.is_some()),
             ("environment_rotation_deg", light.environment_rotation_deg.is_some()),
+            ("environment_up", light.environment_up.is_some()),
         ];
         if let Some((key, _)) = unused.iter().find(|(_, given)| *given) {
             return Err(SceneError::bad(file, format!("light.{key}"), "no light.environment", "both or neither"));
@@ -235,7 +236,8 @@ fn environment(
     if width != 2 * height {
         loader.warn(&path, format!("{width}×{height} pixels: a whole panorama is twice as wide as high"));
     }
-    let world_from_map = DQuat::from_axis_angle(world_up, degrees.to_radians()) * turn_up(DVec3::Y, world_up);
+    let up = light.environment_up.map_or(Ok(world_up), |up| up.axis(file, "light.environment_up"))?;
+    let world_from_map = DQuat::from_axis_angle(up, degrees.to_radians()) * turn_up(DVec3::Y, up);
     let map_from_world = world_from_map.conjugate().as_quat().normalize();
     Ok(Some(Environment::Map(EnvironmentMap { width, height, rgb, map_from_world, intensity })))
 }

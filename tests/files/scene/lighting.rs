@@ -129,7 +129,7 @@ fn a_panorama_stands_on_the_world_s_up() {
     hdr.extend([128, 64, 32, 129, 128, 64, 32, 128]);
     std::fs::write(folder.path().join("room.hdr"), &hdr).unwrap();
     let path = folder.path().join("scene.toml");
-    let mut text = "version = 1\nup = 'z'\nobjects = [{ model = 'triangle.glb' }]\n[light]\nenvironment = 'room.hdr'\n\
+    let text = "version = 1\nup = 'z'\nobjects = [{ model = 'triangle.glb' }]\n[light]\nenvironment = 'room.hdr'\n\
                     environment_intensity = 0.5\nenvironment_rotation_deg = 90"
         .to_owned();
     std::fs::write(&path, &text).unwrap();
@@ -140,9 +140,23 @@ fn a_panorama_stands_on_the_world_s_up() {
     assert!((map.map_from_world * Vec3::Z).abs_diff_eq(Vec3::Y, 1e-6));
     // Unturned, the panorama's middle, -z, is the world's +y; a quarter turn takes it to -x.
     assert!((map.map_from_world * Vec3::NEG_X).abs_diff_eq(Vec3::NEG_Z, 1e-6), "{:?}", map.map_from_world);
-    text.push_str("\nambient = 1");
-    std::fs::write(&path, &text).unwrap();
-    assert!(load(&path, None).unwrap_err().to_string().contains("environment and ambient"));
+    // With an up of its own it stands and turns on that.
+    std::fs::write(&path, format!("{text}\nenvironment_up = [2, 0, 0]")).unwrap();
+    let scene = load(&path, None).unwrap();
+    let Environment::Map(own) = &scene.lighting.environment else { panic!("no map") };
+    assert!((own.map_from_world * Vec3::X).abs_diff_eq(Vec3::Y, 1e-6));
+    std::fs::write(&path, text.replace("up = 'z'", "up = 'x'")).unwrap();
+    let scene = load(&path, None).unwrap();
+    let Environment::Map(worlds) = &scene.lighting.environment else { panic!("no map") };
+    assert!(own.map_from_world.abs_diff_eq(worlds.map_from_world, 1e-6));
+    for (line, wrong) in [("environment_up = [0, 0, 0]", "environment_up"), ("ambient = 1", "environment and ambient")]
+    {
+        std::fs::write(&path, format!("{text}\n{line}")).unwrap();
+        let error = load(&path, None).unwrap_err().to_string();
+        assert!(error.contains(wrong), "{error}");
+    }
+    std::fs::write(&path, "version = 1\n[light]\nenvironment_up = 'y'").unwrap();
+    assert!(load(&path, None).unwrap_err().to_string().contains("light.environment_up"));
 }
 
 #[test]
