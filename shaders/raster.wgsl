@@ -518,7 +518,7 @@ fn is_hidden(texel: vec2<i32>, at: vec4<f32>) -> f32 {
     return f32(wall > 0.0 && 1.0 > (wall + view.tolerance_m) * at.w);
 }
 
-// Where one of a pixel's four samples lies, px from its middle.
+// Where one of a pixel's four samples lies, px from its middle: the standard sample locations of Vulkan and Direct3D.
 fn sample_place(n: u32) -> vec2<f32> {
     let all = array<vec2<f32>, 4>(
         vec2<f32>(-0.125, -0.375), vec2<f32>(0.375, -0.125), vec2<f32>(-0.375, 0.125), vec2<f32>(0.125, 0.375),

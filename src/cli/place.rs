@@ -12,7 +12,7 @@ use crate::export::Inputs;
 use crate::recording::OpenOptions;
 use crate::scene::document::Up;
 use crate::scene::{self, Document, Heading, Posture, SceneFile};
-use crate::shot::{Given, Shot};
+use crate::shot::{Given, LEVEL, Shot};
 use crate::sink::{self, atomic::write_atomically};
 use crate::words::{fixed, number, shown};
 
@@ -57,9 +57,6 @@ pub struct Args {
     #[arg(long, value_name = "M", default_value_t = 1.0)]
     metres_per_unit: f64,
 }
-
-/// On a steeper surface nothing stands.
-const STEEP_DEG: f64 = 40.0;
 
 pub fn run(args: &Args) -> Result<()> {
     if let Some(odd) = args.heading.filter(|heading| !(-360.0..=360.0).contains(heading)) {
@@ -143,8 +140,7 @@ pub fn run(args: &Args) -> Result<()> {
             found.off_px
         )?,
     }
-    // Steeper is a wall, as where it is told what hovers (shot/standing.rs).
-    if tilt > STEEP_DEG && !args.flat {
+    if support.normal.dot(up) < LEVEL && !args.flat {
         writeln!(out, "odd        the surface is steep, and it stands upright: --flat lays it against a wall")?;
     }
     if is_guessed {

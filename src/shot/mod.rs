@@ -54,7 +54,7 @@ pub use pick::{Hit, nearest};
 pub use points::{FittedPlane, metres_per_unit, plane_through};
 pub use reduced::Reduced;
 pub use seen::SeenObject;
-pub use standing::Standing;
+pub use standing::{LEVEL, Standing};
 pub use stream::Composites;
 pub use surface::{Surface, SurfaceError};
 pub use triangulate::{Triangulated, View};

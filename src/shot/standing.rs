@@ -39,7 +39,7 @@ const BESIDE: f64 = 3.0;
 const EVERY_PX: usize = 2;
 const FEWEST_LEVEL: f64 = 0.02;
 /// A surface that is steeper is no ground, as the cosine of its tilt: 40°.
-const LEVEL: f64 = 0.766;
+pub const LEVEL: f64 = 0.766;
 /// Less of a neighbourhood on one plane is no surface.
 const LEAST_ON_IT: f64 = 0.4;
 /// So many points of the foot that touch a surface make it stand there: one may be a stray measurement.
