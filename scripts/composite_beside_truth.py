@@ -3,11 +3,13 @@
 recording of the empty site, by what its analysis found.
 
     python3 -m venv /tmp/flip && /tmp/flip/bin/pip install flip-evaluator==1.7 numpy pillow
-    /tmp/flip/bin/python scripts/composite_beside_truth.py target/release/locard /tmp/truth [first last] [--parts]
+    /tmp/flip/bin/python scripts/composite_beside_truth.py target/release/locard /tmp/truth [first last] [--parts] [--noise]
 
 For each site of docs/truth.md the mean FLIP over the objects, their shadows and what is around them (each object's box grown by
-half), in three frames. --parts: the same with each part of the composite off. Folders that are there are not made again."""
+half), in three frames. --parts: the same with each part of the composite off. --noise: the site is photographed again with a noisy
+sensor, and the noise of what was put in is set beside that of what lies there. Recordings that are there are not made again."""
 
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -17,8 +19,8 @@ import flip_evaluator
 import numpy as np
 from PIL import Image
 
-with_parts = "--parts" in sys.argv
-given = [text for text in sys.argv[1:] if text != "--parts"]
+with_parts, with_noise = "--parts" in sys.argv, "--noise" in sys.argv
+given = [text for text in sys.argv[1:] if not text.startswith("--")]
 program, folder = given[0], Path(given[1]).resolve()
 first, last = (int(n) for n in given[2:4]) if len(given) > 3 else (1, 10)
 scenes = Path(__file__).resolve().parent.parent / "scenes"
@@ -80,10 +82,15 @@ def picture(path):
     return np.asarray(Image.open(path).convert("RGB"), np.float32) / 255
 
 
-def grown(mask):
-    """The box of what differs, grown by half. A few pixels alone are noise of the truth's paths: of 25 around each most must."""
+def is_evidence(real, empty):
+    """Where objects and their shadows are. A few pixels alone are noise of the truth's paths: of 25 around each most must differ."""
+    mask = np.abs(real - empty).max(2) > 16 / 255
     around = np.pad(mask.astype(int), 2)
-    mask = sum(around[y : y + mask.shape[0], x : x + mask.shape[1]] for y in range(5) for x in range(5)) > 12
+    return sum(around[y : y + mask.shape[0], x : x + mask.shape[1]] for y in range(5) for x in range(5)) > 12
+
+
+def grown(mask):
+    """The box of a mask, grown by half."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     (top, bottom), (left, right) = ((s[0], s[-1] + 1) for s in (rows, columns))
     down, across = (bottom - top) // 4, (right - left) // 4
@@ -94,9 +101,8 @@ def errors(site_folder, out, layers):
     found = []
     for n in LOOKED_AT:
         real, made = picture(site_folder / f"there/rgb/{n:05}.png"), picture(out / f"frame_{n:06}.png")
-        # Where the objects are: by what the empty site shows.
         empty = picture(site_folder / f"empty/rgb/{n:05}.png")
-        box = grown(np.abs(real - empty).max(2) > 16 / 255)
+        box = grown(is_evidence(real, empty))
         error = flip_evaluator.evaluate(real, made, "LDR", applyMagma=False)[0]
         found.append(float(error[box].mean()))
         if layers is not None:
@@ -106,7 +112,37 @@ def errors(site_folder, out, layers):
     return found
 
 
-all_parts = {}
+def noise_ratios(site_folder, simulate, composite):
+    """sigma of the noise (the picture less the same one without noise) composited over photographed: where objects and their
+    shadows are, and over their box. Both composites follow the analysis of the noisy recording; else they would differ by
+    their light, too."""
+    for name, evidence in {"noisy": False, "noisy-there": True}.items():
+        simulate(name, evidence, 1)
+    run("analyse", "-q", site_folder / "noisy")
+    # The same analysis, said to be of the recording without noise.
+    said = {name: tomllib.loads((site_folder / f"{name}.analysis/analysis.toml").read_text()) for name in ("empty", "noisy")}
+    carried = site_folder / "carried.analysis"
+    shutil.copytree(site_folder / "noisy.analysis", carried, dirs_exist_ok=True)
+    text = (carried / "analysis.toml").read_text()
+    (carried / "analysis.toml").write_text(text.replace(said["noisy"]["recording"], said["empty"]["recording"]))
+    noisy, clean = site_folder / "made-noisy", site_folder / "made-clean"
+    composite("noisy", noisy, [])
+    composite("empty", clean, ["--analysis", carried])
+    squares = []
+    for n in LOOKED_AT:
+        real, empty = (picture(site_folder / f"{name}/rgb/{n:05}.png") for name in ("there", "empty"))
+        evidence = is_evidence(real, empty)
+        residuals = (
+            picture(site_folder / f"noisy-there/rgb/{n:05}.png") - real,
+            picture(noisy / f"frame_{n:06}.png") - picture(clean / f"frame_{n:06}.png"),
+        )
+        box = grown(evidence)
+        squares.append([[residual[evidence].var(), residual[box].var()] for residual in residuals])
+    camera, made = np.sqrt(np.mean(squares, 0))
+    return made / camera, 255 * camera
+
+
+all_parts, noises = {}, []
 for site in range(first, last + 1):
     here = folder / f"s{site}"
     here.mkdir(exist_ok=True)
@@ -118,28 +154,44 @@ for site in range(first, last + 1):
         "site": site,
         "seed": site,
         "samples": 12,
-        "noise_scale": 0,
         "format": "png",
     }
     walk = ["flaws.exposure_walk_ev=0.3", "flaws.white_balance_share=0.05", f"flaws.seed={site}"]
     sets = [text for name, value in settings.items() for text in ("--set", f"{name}={value}")]
     sets += [text for flaw in walk for text in ("--set", flaw)]
-    for name, more in {"empty": [], "there": ["--evidence", here / "evidence.toml"]}.items():
+
+    def simulate(name, evidence, noise):
+        more = ["--evidence", here / "evidence.toml"] if evidence else []
         if not (here / name).exists():
-            run("simulate", "-q", "-o", here / name, *sets, *more)
+            run("simulate", "-q", "-o", here / name, *sets, "--set", f"noise_scale={noise}", *more)
+
+    frames = f"{LOOKED_AT[0]}..{LOOKED_AT[-1] + 1}"
+
+    def composite(recording, out, more, scene="evidence.toml"):
+        where = ["--scene", here / scene, "--frames", frames, "-o", out]
+        run("composite", here / recording, *where, *more, "--quiet", "--force")
+
+    simulate("empty", False, 0)
+    simulate("there", True, 0)
     run("analyse", "-q", here / "empty")
     (here / "guessed.toml").write_text(objects(site) + GUESSED)
-    frames = f"{LOOKED_AT[0]}..{LOOKED_AT[-1] + 1}"
     parts = {"all": ("evidence.toml", [])} | (PARTS if with_parts else {})
     line = []
     for name, (scene, more) in parts.items():
         out = here / f"made-{name}"
-        where = ["--scene", here / scene, "--frames", frames, "-o", out]
-        run("composite", here / "empty", *where, *more, "--quiet", "--force")
+        composite("empty", out, more, scene)
         found = errors(here, out, out if name == "all" else None)
         all_parts.setdefault(name, []).append(float(np.mean(found)))
         line.append(f"{name} {np.mean(found):.4f}")
+    if with_noise:
+        ratios, sigma = noise_ratios(here, simulate, composite)
+        noises.append(ratios)
+        line.append(f"sigma {ratios[0]:.3f} of the camera's {sigma[0]:.2f} codes on the evidence, {ratios[1]:.3f} over the box")
     light = tomllib.loads((here / "empty.analysis/analysis.toml").read_text()).get("light", {})
     print(f"site {site:2}: {', '.join(line)}; {len(light.get('lamps', []))} lamps found", flush=True)
 for name, found in all_parts.items():
     print(f"{name}: mean FLIP {np.mean(found):.4f}, worst {max(found):.4f}" + (" (0.06 wanted)" if name == "all" else " without it"))
+if noises:
+    means, furthest = np.mean(noises, 0), np.abs(np.array(noises) - 1).max(0)
+    print(f"sigma of the noise, composited over photographed: {means[0]:.3f} on the evidence (a site at most {furthest[0]:.3f} off 1), "
+          f"{means[1]:.3f} over the box ({furthest[1]:.3f}); within 0.05 wanted")
