@@ -4,6 +4,11 @@
 /// changes by 1 % from row to row. `JUMP` of shaders/real_part.wgsl is the same.
 pub const JUMP: f32 = 1.04;
 
+/// Whether two neighbouring depths belong to two surfaces. What is unknown is 0, and so a step to anything else.
+pub fn is_step(a_m: f32, b_m: f32) -> bool {
+    a_m.max(b_m) > JUMP * a_m.min(b_m)
+}
+
 /// The difference of two colours (square roots of light).
 pub fn apart(a: &[f32; 3], b: &[f32; 3]) -> f32 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
@@ -18,6 +23,12 @@ mod tests {
         let shader = include_str!("../../shaders/real_part.wgsl");
         let line = shader.lines().find_map(|line| line.strip_prefix("const JUMP: f32 = ")).unwrap();
         assert_eq!(line.trim_end_matches(';').parse::<f32>().unwrap(), JUMP);
+    }
+
+    #[test]
+    fn steps_by_hand() {
+        assert!(is_step(1.0, 1.05) && is_step(1.05, 1.0) && is_step(0.0, 1.0));
+        assert!(!is_step(1.0, 1.03) && !is_step(0.0, 0.0));
     }
 
     #[test]

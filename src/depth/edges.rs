@@ -14,7 +14,7 @@
 //! Not modelled: edges that are off by more than the range of doubt; edges between things of one colour (they stay
 //! where they were measured); slits within the shade of their own sides.
 
-use super::apart::{JUMP, apart};
+use super::apart::{JUMP, apart, is_step};
 use super::likeness::otherness;
 use super::nearest_edge::{distances_px, each_edge};
 
@@ -47,7 +47,7 @@ const ON_PICTURE: f32 = 0.5;
 pub fn are_off(depth_m: &[f32], looks: &[[f32; 3]], width: usize, reach_px: usize) -> bool {
     let height = depth_m.len() / width.max(1);
     let (mut all, mut on_picture) = (0usize, 0usize);
-    each_edge(depth_m, width, is_edge, |[i, beside], _| {
+    each_edge(depth_m, width, is_step, |[i, beside], _| {
         let step = beside - i;
         let (at, side) = if beside == i + width { (i / width, height) } else { (i % width, width) };
         if at < reach_px || at + reach_px + 1 >= side {
@@ -62,10 +62,6 @@ pub fn are_off(depth_m: &[f32], looks: &[[f32; 3]], width: usize, reach_px: usiz
         }
     });
     2 * on_picture < all
-}
-
-fn is_edge(a: f32, b: f32) -> bool {
-    a.max(b) > JUMP * a.min(b)
 }
 
 /// How a pixel of the map came to its depth.
@@ -87,7 +83,7 @@ pub fn on_colors(depth_m: &[f32], known: &[Known], looks: &[[f32; 3]], width: us
     let within_px = SEEN * reach_px;
     // Ways begin a little farther away than anything is doubted.
     let begins_px = within_px + 2.0;
-    let from_edge = distances_px(depth_m, width, begins_px, is_edge);
+    let from_edge = distances_px(depth_m, width, begins_px, is_step);
     let other = otherness(depth_m, looks, width, reach_px, within_px);
     let doubt = |i: usize| {
         let near_edge = |reach_px: f32| DOUBT * (1.0 - from_edge[i] / reach_px).max(0.0);
@@ -119,7 +115,7 @@ pub fn on_colors(depth_m: &[f32], known: &[Known], looks: &[[f32; 3]], width: us
                 if all < cost[n] {
                     cost[n] = all;
                     // The depth measured there, if it belongs to the surface that spreads.
-                    out[n] = if is_edge(depth_m[n], out[i]) { out[i] } else { depth_m[n] };
+                    out[n] = if is_step(depth_m[n], out[i]) { out[i] } else { depth_m[n] };
                     queue.push(all, n);
                 }
             };

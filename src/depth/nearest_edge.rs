@@ -1,6 +1,6 @@
 //! The edge of a depth map that matters at each pixel: the nearest one, and of several close ones the largest step.
 
-use super::apart::JUMP;
+use super::apart::is_step;
 
 /// A step by a factor e counts as much as being so much nearer, px; at most so much.
 const PER_STEP_PX: f32 = 10.0;
@@ -37,7 +37,7 @@ pub fn edges(depth_m: &[f32], width: usize, within_px: f32) -> Vec<Edge> {
     let none = Edge { distance_px: f32::INFINITY, near_m: 0.0, far_m: 0.0 };
     let mut found = vec![(none, f32::INFINITY)];
     let mut ways = Ways::new(depth_m.len(), width, within_px);
-    let is_edge = |a: f32, b: f32| (a.min(b) > 0.0) & (a.max(b) > JUMP * a.min(b));
+    let is_edge = |a: f32, b: f32| (a.min(b) > 0.0) & is_step(a, b);
     each_edge(depth_m, width, is_edge, |[i, beside], [a, b]| {
         let (near_m, far_m) = (a.min(b), a.max(b));
         let worth_px = (PER_STEP_PX * (far_m / near_m).ln()).min(MOST_PX);
@@ -239,7 +239,6 @@ mod tests {
 
     #[test]
     fn it_is_what_the_same_steps_give_pixel_by_pixel() {
-        let is_edge = |a: f32, b: f32| a.max(b) > JUMP * a.min(b);
         // A thing that begins at each place of a block.
         let thing = |left: usize| -> Vec<f32> {
             let is_on = |x: usize, y: usize| (left..left + 9).contains(&x) && (8..17).contains(&y);
@@ -247,8 +246,8 @@ mod tests {
         };
         let things = (BLOCK..2 * BLOCK).map(|left| (thing(left), 96));
         for (depth_m, width) in things.chain([(room(151, 61), 151)]) {
-            let found = distances_px(&depth_m, width, f32::INFINITY, is_edge);
-            let slow = slowly(&depth_m, width, is_edge);
+            let found = distances_px(&depth_m, width, f32::INFINITY, is_step);
+            let slow = slowly(&depth_m, width, is_step);
             let off = found.iter().zip(&slow).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(off < 1e-4, "{off}");
         }

@@ -14,7 +14,7 @@
 use std::sync::Mutex;
 
 use super::Rays;
-use super::apart::JUMP;
+use super::apart::{JUMP, is_step};
 use super::carry::{Carry, LANES, Over, Points, Tile};
 use super::looks::Looks;
 use super::moment::BEYOND_PX;
@@ -311,8 +311,8 @@ fn doubtful(depth_m: &[f32], width: usize, reach_px: usize, before_m: &[f32]) ->
     let mark = |torn: &mut [u8], [a, a_before]: [&[f32]; 2], [b, b_before]: [&[f32]; 2]| {
         let before = a_before.iter().zip(b_before).map(|(a, b)| a.max(*b));
         for (((torn, a), b), before) in torn.iter_mut().zip(a).zip(b).zip(before) {
-            let (near, far) = (a.min(*b), a.max(*b));
-            *torn |= u8::from((near < before) & ((near <= 0.0) | (far > JUMP * near)));
+            let near = a.min(*b);
+            *torn |= u8::from((near < before) & ((near <= 0.0) | is_step(*a, *b)));
         }
     };
     // Along rows, then all rows' sums at once downwards.
