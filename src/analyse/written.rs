@@ -9,8 +9,12 @@ use crate::sink::atomic::write_atomically;
 use crate::unfinished::MadeFolder;
 use crate::words::{reason, shown};
 
-/// Refuses a folder that holds something that no analysis has; what an interrupted one left is none.
+/// Refuses a file, and a folder that holds something that no analysis has; what an interrupted one left is none.
 pub fn check_folder(folder: &Path) -> Result<(), AnalysisError> {
+    if folder.exists() && !folder.is_dir() {
+        let reason = "a file of that name is there, and an analysis is a folder; move it away, or name another folder (--output)";
+        return Err(AnalysisError::Unwritten { folder: folder.to_owned(), reason: reason.to_owned() });
+    }
     let Ok(entries) = folder.read_dir() else { return Ok(()) };
     let names = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
     match names.filter(|name| !name.starts_with('.') && !FILES.contains(&name.as_str())).min() {

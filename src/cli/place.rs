@@ -8,6 +8,7 @@ use anyhow::{Context, Result, bail};
 use glam::DVec3;
 
 use super::pick::{Known, Pick, Picker, numbers};
+use super::warn;
 use crate::export::Inputs;
 use crate::recording::OpenOptions;
 use crate::scene::document::Up;
@@ -77,6 +78,10 @@ pub fn run(args: &Args) -> Result<()> {
     let scene = args.scene.exists().then(|| args.scene.clone());
     let given = Given { profile: args.profile.clone(), scene, ..Given::default() };
     let mut shot = Shot::open(&args.recording, &options, &given)?;
+    // It would have moved the camera.
+    if let Some(note) = shot.unfit_analysis() {
+        warn(false, &note.to_string());
+    }
     if !args.scene.exists() {
         Inputs::of(&shot).check_file(&args.scene)?;
         sink::check_file(&args.scene, false)?;

@@ -152,7 +152,9 @@ fn opened(args: &Args) -> Result<(Shot, PathBuf, Analysis)> {
     let recording = args.recording.display();
     let folder = match &shot.analysis {
         AnalysisState::Used(folder, _) => folder.clone(),
-        AnalysisState::Unfit(folder, problem) => bail!("{}: {problem}: `locard analyse {recording}`", folder.display()),
+        AnalysisState::Unfit(folder, problem) => {
+            bail!("{}: {problem}; `locard analyse {recording}` makes it anew", folder.display())
+        }
         AnalysisState::Absent | AnalysisState::Left => {
             let place = beside(&shot.recording.path);
             bail!("{}: there is no analysis, which finds the light: `locard analyse {recording}`", place.display())

@@ -71,6 +71,9 @@ pub(super) type Hdr = (u32, u32, Vec<[f32; 3]>);
 pub(super) fn hdr_of(bytes: &[u8]) -> Result<Hdr, (String, String)> {
     let bad = |found: String, accepted: &str| (found, accepted.to_owned());
     let failed = |e: image::ImageError| bad(format!("bytes that do not decode ({e})"), "a whole Radiance .hdr file");
+    if !bytes.starts_with(b"#?") {
+        return Err(bad("a file that does not begin with #?".to_owned(), "a Radiance .hdr file"));
+    }
     // The decoder reads any header, of any length, word by word.
     let head = &bytes[..bytes.len().min(MAX_HDR_HEADER)];
     if !head.windows(2).any(|pair| pair == b"\n\n") && !head.windows(3).any(|three| three == b"\n\r\n") {

@@ -1,5 +1,6 @@
 //! The triangles of what stands on a floor, in the floor's axes, or of what stands around a place.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use glam::{DAffine3, Vec2, Vec3};
@@ -10,6 +11,8 @@ use crate::scene::{Alpha, Scene, Vertex};
 
 /// Less opaque than this on the whole, a surface lets light through.
 const OPAQUE: f32 = 0.5;
+/// So far below a floor something is on it, m: no foot is even.
+const ON_FLOOR_M: f32 = 5e-4;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Casters {
@@ -60,10 +63,51 @@ impl Casters {
         telling.small(&self.parts);
     }
 
-    /// What lies below the floor is on it.
+    /// What of it is not below the floor: triangles that go through it end there.
     pub fn on_floor(mut self) -> Self {
-        self.corners.iter_mut().for_each(|corner| corner.z = corner.z.max(0.0));
-        self
+        for corner in self.corners.iter_mut().filter(|corner| corner.z >= -ON_FLOOR_M) {
+            corner.z = corner.z.max(0.0);
+        }
+        if self.corners.iter().all(|corner| corner.z >= 0.0) { self } else { self.cut() }
+    }
+
+    /// Without what is below 0. Neighbours share the corners of the cut, too.
+    fn cut(self) -> Self {
+        let Self { corners, triangles, colors, parts } = self;
+        let mut cut = Self::default();
+        // By the two ends of what a corner lies between; both are one where it was there before.
+        let mut known: BTreeMap<[u32; 2], u32> = BTreeMap::new();
+        let mut corner = |all: &mut Vec<Vec3>, a: u32, b: u32| {
+            *known.entry([a.min(b), a.max(b)]).or_insert_with_key(|ends| {
+                let [low, high] = ends.map(|i| corners[i as usize]);
+                let at = if a == b { low } else { low.lerp(high, low.z / (low.z - high.z)).with_z(0.0) };
+                all.push(at);
+                all.len() as u32 - 1
+            })
+        };
+        let is_above = |i: u32| corners[i as usize].z >= 0.0;
+        for part in parts {
+            let first = cut.triangles.len();
+            for n in part {
+                let [a, b, c] = triangles[n];
+                // Around it, three or four corners.
+                let mut around = Vec::with_capacity(4);
+                for [from, to] in [[a, b], [b, c], [c, a]] {
+                    if is_above(from) {
+                        around.push(corner(&mut cut.corners, from, from));
+                    }
+                    if is_above(from) != is_above(to) {
+                        around.push(corner(&mut cut.corners, from, to));
+                    }
+                }
+                for pair in around.windows(2).skip(1) {
+                    cut.triangles.push([around[0], pair[0], pair[1]]);
+                    cut.colors.push(colors[n]);
+                }
+            }
+            cut.parts.push(first..cut.triangles.len());
+        }
+        cut
     }
 
     /// The least box around all corners, from the floor up; `None` where there are none.
@@ -71,5 +115,54 @@ impl Casters {
         let (low, high) =
             self.corners.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), c| (l.min(*c), h.max(*c)));
         (low.is_finite() && high.is_finite()).then(|| (low.truncate(), high.truncate(), high.z))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two triangles that share an edge, a part each.
+    fn sheet(heights: [f32; 4]) -> Casters {
+        let [a, b, c, d] = heights;
+        Casters {
+            corners: vec![
+                Vec3::new(0.0, 0.0, a),
+                Vec3::new(1.0, 0.0, b),
+                Vec3::new(1.0, 1.0, c),
+                Vec3::new(0.0, 1.0, d),
+            ],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            colors: vec![Vec3::X, Vec3::Y],
+            parts: vec![0..1, 1..2],
+        }
+    }
+
+    #[test]
+    fn what_is_sunk_ends_at_the_floor_and_is_not_laid_flat_onto_it() {
+        // It rises from 1 m below the floor to 3 m over it: a quarter of its way is below.
+        let cut = sheet([-1.0, 3.0, 3.0, -1.0]).on_floor();
+        assert_eq!(cut.bounds().unwrap(), (Vec2::new(0.25, 0.0), Vec2::ONE, 3.0));
+        // Of the sheet a quarter is gone; of the triangle on its low side 0.21875 of 0.5.
+        let area = |[a, b, c]: [u32; 3]| {
+            let [a, b, c] = [a, b, c].map(|i| cut.corners[i as usize].truncate());
+            0.5 * (b - a).perp_dot(c - a)
+        };
+        let whole = |color: Vec3| -> f32 {
+            let own = (0..cut.triangles.len()).filter(|n| cut.colors[*n] == color);
+            own.map(|n| area(cut.triangles[n])).sum()
+        };
+        let [first, second] = [Vec3::X, Vec3::Y].map(whole);
+        assert!((first + second - 0.75).abs() < 1e-6 && (second - 0.28125).abs() < 1e-6, "{first} {second}");
+        assert_eq!(cut.parts, [0..2, 2..3]);
+        // The edge that they share is cut once.
+        assert_eq!(cut.corners.len(), 5);
+        assert!(sheet([-1.0, -2.0, -1.0, -1.0]).on_floor().bounds().is_none());
+    }
+
+    #[test]
+    fn an_uneven_foot_stands_on_the_floor() {
+        let foot = sheet([-1e-4, 0.0, 0.1, -1e-6]).on_floor();
+        assert_eq!(foot, sheet([0.0, 0.0, 0.1, 0.0]));
     }
 }

@@ -15,7 +15,7 @@ use crate::words::count;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ShotError {
-    #[error("{}: {problem}", folder.display())]
+    #[error("{}: {problem}; analyse the recording again, or name another folder", folder.display())]
     Analysis { folder: std::path::PathBuf, problem: String },
     #[error(transparent)]
     Recording(#[from] RecordingError),

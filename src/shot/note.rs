@@ -160,9 +160,7 @@ impl Shot {
     /// Notes to show before a range of frames is composited as set.
     pub fn notes(&self, range: Range<usize>) -> Vec<Note> {
         let mut notes: Vec<_> = self.recording.warnings.iter().cloned().map(Note::Recording).collect();
-        if let AnalysisState::Unfit(folder, problem) = &self.analysis {
-            notes.push(Note::Analysis(folder.clone(), problem.clone()));
-        }
+        notes.extend(self.unfit_analysis());
         notes.extend(self.recording.missing_poses(range).map(Note::MissingPoses));
         notes.extend(self.scene.warnings.iter().cloned().map(Note::Scene));
         let holds = self.recording.metres_per_unit;
@@ -177,6 +175,14 @@ impl Shot {
         notes.extend(self.settings.idle(&camera).into_iter().map(Note::Idle));
         notes.extend(self.overlap_notes());
         notes
+    }
+
+    /// That there is an analysis, and why it is not used.
+    pub fn unfit_analysis(&self) -> Option<Note> {
+        match &self.analysis {
+            AnalysisState::Unfit(folder, problem) => Some(Note::Analysis(folder.clone(), problem.clone())),
+            _ => None,
+        }
     }
 
     /// Whether nothing says how long the frames were exposed, though it might matter.

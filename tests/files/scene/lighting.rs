@@ -173,6 +173,10 @@ fn panoramas_that_are_too_large_or_cut_off_are_refused() {
         let error = load(&path, None).unwrap_err().to_string();
         assert!(error.contains("room.hdr") && error.contains(word), "{error}");
     }
+    // No such picture at all.
+    std::fs::write(folder.path().join("room.hdr"), "\u{89}PNG").unwrap();
+    let error = load(&path, None).unwrap_err().to_string();
+    assert!(error.contains("does not begin with #?") && error.contains("a Radiance .hdr file"), "{error}");
     // A header without end.
     std::fs::write(folder.path().join("room.hdr"), "#?RADIANCE\n".to_owned() + &"A=1\n".repeat(20_000)).unwrap();
     let error = load(&path, None).unwrap_err().to_string();
