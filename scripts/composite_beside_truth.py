@@ -19,8 +19,11 @@ import flip_evaluator
 import numpy as np
 from PIL import Image
 
-with_parts, with_noise = "--parts" in sys.argv, "--noise" in sys.argv
-given = [text for text in sys.argv[1:] if not text.startswith("--")]
+options = [text for text in sys.argv[1:] if text.startswith("--")]
+if odd := sorted({*options} - {"--parts", "--noise"}):
+    sys.exit(f"{odd[0]}: there is --parts and --noise")
+with_parts, with_noise = "--parts" in options, "--noise" in options
+given = [text for text in sys.argv[1:] if text not in options]
 program, folder = given[0], Path(given[1]).resolve()
 first, last = (int(n) for n in given[2:4]) if len(given) > 3 else (1, 10)
 scenes = Path(__file__).resolve().parent.parent / "scenes"
@@ -128,7 +131,7 @@ def noise_ratios(site_folder, simulate, composite):
     noisy, clean = site_folder / "made-noisy", site_folder / "made-clean"
     composite("noisy", noisy, [])
     composite("empty", clean, ["--analysis", carried])
-    squares = []
+    variances = []
     for n in LOOKED_AT:
         real, empty = (picture(site_folder / f"{name}/rgb/{n:05}.png") for name in ("there", "empty"))
         evidence = is_evidence(real, empty)
@@ -137,8 +140,8 @@ def noise_ratios(site_folder, simulate, composite):
             picture(noisy / f"frame_{n:06}.png") - picture(clean / f"frame_{n:06}.png"),
         )
         box = grown(evidence)
-        squares.append([[residual[evidence].var(), residual[box].var()] for residual in residuals])
-    camera, made = np.sqrt(np.mean(squares, 0))
+        variances.append([[residual[evidence].var(), residual[box].var()] for residual in residuals])
+    camera, made = np.sqrt(np.mean(variances, 0))
     return made / camera, 255 * camera
 
 
