@@ -190,7 +190,7 @@ impl Small {
         while plane.width > WIDEST {
             plane = plane.halved();
         }
-        debug_assert!(plane.width <= eye.size().0);
+        assert!(plane.width <= eye.size().0);
         let plane = plane.filtered(&gaussian(0.7));
         Self { index: frame.index, width: plane.width, height: plane.height, census: census(&plane) }
     }

@@ -91,7 +91,7 @@ fn parameters(load: &Load) -> Vec<Parameter> {
         for (label, sets) in effect.cases() {
             let mut held = held.clone();
             let known = sets.iter().all(|(name, value)| held.set(effect.table(), name, value));
-            debug_assert!(known, "{} {label}", effect.table());
+            assert!(known, "{} {label}", effect.table());
             all.extend(of(effect.as_ref(), label, &held));
         }
     }
@@ -108,7 +108,7 @@ impl Parameter {
         let mut behind_a_lens = self.held.clone();
         for set in LENS {
             let set = behind_a_lens.rig.set_text(set, &mut behind_a_lens.settings);
-            debug_assert!(set.is_ok(), "{set:?}");
+            assert!(set.is_ok(), "{set:?}");
         }
         self.time_in(behind_a_lens, table, load, pixels)
     }

@@ -76,7 +76,7 @@ pub fn depth_of_field(table: &mut Table<'_>) -> Result<(), SubmitError> {
         }
         let mut effect = DepthOfField::default();
         let known = effect.set("method", &Value::Text(method.to_owned()));
-        debug_assert!(known.is_ok(), "{method}");
+        assert!(known.is_ok(), "{method}");
         let layer = layer(gpu, width, height, circles);
         let moment = Moment {
             camera: &camera,

@@ -30,7 +30,7 @@ impl<'a> Looks<'a> {
 
     /// Fills `out` with a row's pixels from a column on.
     pub fn along(&self, x: u32, y: u32, out: &mut [[f32; 3]]) {
-        debug_assert!(x as usize + out.len() <= self.pixels.width as usize, "the row is shorter");
+        assert!(x as usize + out.len() <= self.pixels.width as usize, "the row is shorter");
         let codes = 3 * (y as usize * self.pixels.width as usize + x as usize)..;
         match &self.pixels.codes {
             Codes::U8(all) => {

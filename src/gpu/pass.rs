@@ -234,7 +234,7 @@ impl<'a> Pass<'a> {
             let sampler = || matches!(kind, wgpu::BindingType::Sampler(_)).then(|| linear.clone());
             given.or_else(sampler).unwrap_or_else(|| panic!("{label} reads {name}, and nothing was given for it"))
         };
-        if cfg!(debug_assertions) {
+        if cfg!(development) {
             self.check_layouts(made);
         }
         let group = |(number, layout): (u32, &Option<wgpu::BindGroupLayout>)| {

@@ -79,7 +79,7 @@ shaders! {
 impl Shader {
     /// The file's text, without its imports.
     pub fn text(self) -> Cow<'static, str> {
-        if cfg!(debug_assertions) {
+        if cfg!(development) {
             let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders").join(self.name()).with_extension("wgsl");
             // Missing if the program runs outside the folder where it was built.
             if let Ok(text) = std::fs::read_to_string(file) {

@@ -231,7 +231,7 @@ impl Keeper {
         if theme != self.habits.theme() {
             self.habits.set_theme(theme);
         }
-        #[cfg(debug_assertions)]
+        #[cfg(development)]
         restart::try_it(session.viewer.gpu(), ctx);
         if session.is_lost() && !self.has_lost {
             self.has_lost = true;

@@ -14,11 +14,11 @@ const AGAIN: &str = "LOCARD_STARTED_AGAIN_S";
 const SETTLED_S: u64 = 60;
 
 /// Where this is set, a development build loses its device so many seconds after its window was opened.
-#[cfg(debug_assertions)]
+#[cfg(development)]
 const TRIES: &str = "LOCARD_LOSES_DEVICE_AFTER_S";
 
 /// Loses the device once it is time, if the environment says so: nothing else does it on purpose.
-#[cfg(debug_assertions)]
+#[cfg(development)]
 pub fn try_it(gpu: &Gpu, ctx: &eframe::egui::Context) {
     let after_s = || std::env::var(TRIES).ok()?.parse().ok();
     static AFTER_S: std::sync::OnceLock<Option<f64>> = std::sync::OnceLock::new();
