@@ -2,8 +2,10 @@
 //! ray that misses a box skips what follows. A box is split across its longest side where rays meet least afterwards: where the sum of
 //! area · triangles of both parts is least (the surface area heuristic of Goldsmith and Salmon 1987).
 //!
-//! Rays come from one point in bundles of eight, and go through the tree together: what lies in one direction is asked once.
+//! Rays come from one point in bundles of eight, and go through the tree together: what lies in one direction is asked once. What is
+//! worked out for all eight has as many lanes as the processor that runs it; the numbers are the same with any.
 
+use fearless_simd::{Level, dispatch};
 use glam::Vec3;
 
 /// Triangles of a box that is not split.
@@ -31,8 +33,10 @@ struct Triangle {
     number: u32,
 }
 
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Bvh {
+    /// What this processor can do.
+    level: Level,
     nodes: Vec<Node>,
     triangles: Vec<Triangle>,
 }
@@ -88,7 +92,8 @@ impl Bvh {
             let [a, b, c] = t.map(|i| corners[i as usize]);
             Triangle { corner: a, edges: [b - a, c - a], number }
         };
-        let mut bvh = Self { nodes: Vec::new(), triangles: (0..).zip(triangles).map(triangle).collect() };
+        let triangles = (0..).zip(triangles).map(triangle).collect();
+        let mut bvh = Self { level: Level::new(), nodes: Vec::new(), triangles };
         if !bvh.triangles.is_empty() {
             bvh.split(0, bvh.triangles.len());
         }
@@ -122,24 +127,26 @@ impl Bvh {
     /// The first triangle that each ray meets that goes so far, lengths of its direction; 0: not at all.
     pub fn first(&self, from: Vec3, rays: &Bundle, farthest: [f32; RAYS]) -> [Option<Hit>; RAYS] {
         let mut found = [None; RAYS];
-        self.meet(from, rays, farthest, |n, hit| {
+        dispatch!(self.level, _ => self.meet(from, rays, farthest, |n, hit| {
             found[n] = Some(hit);
             hit.along
-        });
+        }));
         found
     }
 
     /// Whether each of the rays meets any.
     pub fn any(&self, from: Vec3, rays: &Bundle, farthest: [f32; RAYS]) -> [bool; RAYS] {
         let mut found = [false; RAYS];
-        self.meet(from, rays, farthest, |n, _| {
+        dispatch!(self.level, _ => self.meet(from, rays, farthest, |n, _| {
             found[n] = true;
             0.0
-        });
+        }));
         found
     }
 
-    /// `met` hears of each triangle that a ray meets nearer than those before, and says how far the ray still goes.
+    /// `met` hears of each triangle that a ray meets nearer than those before, and says how far the ray still goes. What is asked for
+    /// all rays is inlined, since code has the lanes of what calls it only then.
+    #[inline(always)]
     fn meet(
         &self,
         from: Vec3,
@@ -184,10 +191,12 @@ impl Bvh {
     }
 }
 
+#[inline(always)]
 fn smaller(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
+#[inline(always)]
 fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
@@ -244,12 +253,13 @@ impl Triangle {
     }
 
     /// How far along each ray it is met, from both sides (Möller and Trumbore 1997); below 0 where it is not.
+    #[inline(always)]
     fn meet(&self, from: Vec3, towards: &[[f32; RAYS]; 3]) -> [f32; RAYS] {
         let ([b, c], to) = (self.edges, from - self.corner);
         let beside = to.cross(b);
         let ahead = c.dot(beside);
         let mut along = [-1.0; RAYS];
-        // All of it for all rays, without a branch: so it is done for four at once.
+        // All of it for all rays, without a branch: so it is done for several at once.
         for n in 0..RAYS {
             let (x, y, z) = (towards[0][n], towards[1][n], towards[2][n]);
             let across = [y * c.z - z * c.y, z * c.x - x * c.z, x * c.y - y * c.x];
