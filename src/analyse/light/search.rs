@@ -18,6 +18,8 @@ pub const FINE: usize = 20;
 /// surfaces.
 pub const WORTH: f64 = 0.1;
 pub const WORTH_OF_ALL: f64 = 0.03;
+/// Roughly placed, it has to be worth this share of that, or it is not looked at more closely.
+const WORTH_A_LOOK: f64 = 0.5;
 /// A lamp is exchanged if the score falls by more than this share.
 const EXCHANGED: f64 = 0.02;
 /// Steps of the descent, m.
@@ -122,11 +124,17 @@ impl Search<'_> {
             let mut next: Vec<(Vec<Place>, Fit)> = kept.iter().flat_map(|lamps| self.one_more(&grid, lamps)).collect();
             next.sort_by(|a, b| a.1.score.total_cmp(&b.1.score));
             next.truncate(BEGUN);
+            let worth = (WORTH * found.score).max(WORTH_OF_ALL * scores[0]);
+            // What the first one is worth is told, if only to say that it is too little.
+            let is_worth_a_look = |fit: &Fit| lamps.is_empty() || found.score - fit.score > WORTH_A_LOOK * worth;
+            if next.first().is_none_or(|(_, fit)| !is_worth_a_look(fit)) {
+                break;
+            }
             kept = next.into_iter().map(|(lamps, _)| lamps).collect();
             let Some(best) = kept.first_mut() else { break };
             let better = self.exchanged(&grid, best);
             scores.push(better.score);
-            if found.score - better.score < (WORTH * found.score).max(WORTH_OF_ALL * scores[0]) {
+            if found.score - better.score < worth {
                 break;
             }
             (lamps, found) = (best.clone(), better);
