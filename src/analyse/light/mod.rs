@@ -45,6 +45,10 @@ const MOST: usize = 60_000;
 /// A lamp is cut out of the panorama so far around it, cosine of 8°, where it is brighter than this multiple of what is around.
 const CUT: f64 = 0.990;
 const BRIGHTER: f32 = 3.0;
+/// Fewer frames see too little of how a room is lit: of ten simulated sites two of them told 0.61 to 0.91 of the light, twelve 0.82 to
+/// 1.28. So far the factors lie farther apart, each way.
+const FEW: usize = 8;
+const LOOSE_BY_FEW: f64 = 1.5;
 
 /// Or why nothing can be said. `given`: lamps that a person has seen, in place of those that are sought.
 pub fn of_recording(
@@ -106,6 +110,8 @@ fn room_light(known: &Known<'_>, middle: DVec3, seen: &Seen, solved: Solved) -> 
     };
     let upward = [0, 1, 2].map(|c| by_map[c] + lamps.iter().map(|lamp| shown(lamp, c)).sum::<f64>());
     let (seen_share, seen_above_share) = seen_share(seen);
+    let [low, high] = solved.between;
+    let loose = if known.states.iter().flatten().count() < FEW { LOOSE_BY_FEW } else { 1.0 };
     RoomLight {
         middle_m: middle.to_array(),
         up: up.to_array(),
@@ -117,7 +123,7 @@ fn room_light(known: &Known<'_>, middle: DVec3, seen: &Seen, solved: Solved) -> 
         around: solved.around,
         above: solved.above,
         upward,
-        between: solved.between,
+        between: [low / loose, high * loose],
         explained: solved.explained,
         halves_explain: solved.halves.map(|halves| halves.explained),
         halves_deg: solved.halves.map(|halves| halves.apart_deg),
