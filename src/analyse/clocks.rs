@@ -7,11 +7,11 @@ use super::registered::{Registration, RegistrationError, SURE_READOUT_S, recorde
 use super::robust::median;
 use super::state::State;
 use super::times;
+use super::unlinked::unlinked;
 use super::working::Work;
 use crate::camera::Geometry;
 use crate::fit::twist::{self, Twist};
-use crate::recording::{Recording, RecordingError};
-use crate::words::fixed;
+use crate::recording::Recording;
 
 const CLOCKED: [usize; 2] = [2, 4];
 const CLOCKED_AGAIN: [usize; 2] = [2, 5];
@@ -108,8 +108,10 @@ pub fn first(
         }
         let global = global::global(&linked.good, &states, true).filter(|_| linked.good.len() >= LEAST_LINKS);
         let Some(global) = global else {
-            let tried = linked.good.len() + linked.refused;
-            return apart(recording, linked.good.len(), tried).map(Some).map_err(Into::into);
+            let fit = linked.good.len();
+            let links = (fit, fit + linked.refused, LEAST_LINKS);
+            let reason = unlinked(recording, &known.geometry, &states, links, CLOCKED[0])?;
+            return Ok(Some(reason));
         };
         // Small corrections of an already corrected place add up.
         known.hand_eye = twist::log(&(twist::exp(&known.hand_eye) * twist::exp(&global.hand_eye)));
@@ -168,22 +170,4 @@ fn out_of_place(global: &Global) -> Option<String> {
             MOST_TURN_RAD.to_degrees()
         )
     })
-}
-
-/// Why no frames were linked. Half of a frame's depth tells whether its unit can be right.
-fn apart(recording: &Recording, fit: usize, tried: usize) -> Result<String, RecordingError> {
-    let middle = recording.frame_count() / 2;
-    let depth = recording.frames(middle..middle + 1)?.next().transpose()?.and_then(|frame| frame.depth);
-    let mut known: Vec<f64> =
-        depth.iter().flat_map(|map| &map.depth_m).filter(|m| **m > 0.0).map(|m| f64::from(*m)).collect();
-    let usual = if known.is_empty() {
-        "the middle frame has no depth".to_owned()
-    } else {
-        let metres = fixed(median(&mut known), 3);
-        format!("half of the middle frame's depth is beyond {metres} m; if that is wrong, so is depth's unit")
-    };
-    Ok(format!(
-        "of {tried} links between frames {fit} fit, and {LEAST_LINKS} are needed: the pictures do not overlap where poses and depth \
-         say they do, something large moves in them, or they lack texture or are clipped; {usual}"
-    ))
 }

@@ -49,6 +49,7 @@ mod taken;
 mod times;
 mod tone;
 mod track;
+mod unlinked;
 mod view;
 mod working;
 mod written;

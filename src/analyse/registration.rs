@@ -154,7 +154,7 @@ fn unfit(recording: &Recording, geometry: &Geometry) -> Option<&'static str> {
         return Some("the picture does not fit a plane in front of the camera");
     }
     if recorded(recording, 0.0).iter().flatten().count() < 3 {
-        return Some("fewer than three frames have one");
+        return Some("fewer than three frames have a pose");
     }
     None
 }
