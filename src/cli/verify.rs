@@ -73,14 +73,16 @@ pub fn run(args: &Args) -> Result<()> {
     let gpu = Gpu::open()?;
     let plan = Plan { every: args.every, gap: args.gap };
     let bar = progress(args.quiet, 0);
-    let judged = |shot: &Shot| {
+    let is_analysed = matches!(found.analysis, AnalysisState::Used(..));
+    let runs = 1 + u64::from(is_analysed);
+    let judged = |shot: &Shot, run: u64| {
         verify(&gpu, shot, plan, |done, of| {
-            bar.set_length(of as u64);
-            bar.set_position(done as u64);
+            bar.set_length(runs * of as u64);
+            bar.set_position(run * of as u64 + done as u64);
         })
     };
-    let by_record = judged(&recorded)?;
-    let by_findings = matches!(found.analysis, AnalysisState::Used(..)).then(|| judged(&found)).transpose()?;
+    let by_record = judged(&recorded, 0)?;
+    let by_findings = is_analysed.then(|| judged(&found, 1)).transpose()?;
     let real_px = real_px(&found)?;
     let slid = slid(&recorded, &found)?;
     bar.finish_and_clear();

@@ -25,7 +25,7 @@ const FAST_PX: f64 = 3.0;
 const SLOW: f64 = 0.3;
 /// Frames apart at most, and pairs that are looked at.
 const APART: usize = 10;
-const PAIRS: usize = 5;
+pub const PAIRS: usize = 5;
 /// Multiples of the exposure that are tried.
 const TRIED: [f64; 5] = [0.5, 0.71, 1.0, 1.41, 2.0];
 /// σ of the two Gaussians, px; sides of the areas that are looked at, px; how many of a pair: those with most detail.
@@ -46,15 +46,20 @@ pub struct Blur {
     pub length_px: f64,
 }
 
-/// `None` where no frame is fast beside a slow one, or their pictures lack detail.
-pub fn blur(shot: &Shot, compositor: &mut Compositor) -> Result<Option<Blur>, VerifyError> {
+/// `None` where no frame is fast beside a slow one, or their pictures lack detail. `seen` is told of each of up to [`PAIRS`] pairs.
+pub fn blur(
+    shot: &Shot,
+    compositor: &mut Compositor,
+    seen: &mut dyn FnMut(usize),
+) -> Result<Option<Blur>, VerifyError> {
     let mut shot = shot.clone();
     shot.settings.plain();
     for effect in ["exposure", "motion_blur"] {
         let _ = shot.settings.switch(effect, true);
     }
     let (mut ratios, mut lengths) = (Vec::new(), Vec::new());
-    for (fast, slow, length_px) in chosen(&shot) {
+    for (done, (fast, slow, length_px)) in chosen(&shot).into_iter().enumerate() {
+        seen(done);
         let Some(scene) = twin(&shot, &shot.read(slow)?) else { continue };
         compositor.set_scene(scene.clone());
         shot.scene = Arc::new(scene);

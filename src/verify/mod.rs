@@ -61,17 +61,18 @@ pub struct Verified {
     pub sharpness_px: Option<f64>,
 }
 
-/// Verifies a recording as it was opened. `seen(done, of)` is told each pair.
+/// Verifies a recording as it was opened. `seen(done, of)` hears how far it is.
 pub fn verify(gpu: &Gpu, by: &Shot, plan: Plan, mut seen: impl FnMut(usize, usize)) -> Result<Verified, VerifyError> {
     let mut shot = by.clone();
     shot.settings.plain();
     let _ = shot.settings.switch("exposure", true);
     let count = shot.recording.frame_count();
     let from: Vec<usize> = (0..count).step_by(plan.every.max(1)).collect();
+    let steps = from.len() + blur::PAIRS;
     let mut compositor = shot.compositor(gpu.clone());
     let (mut displaced, mut brighter, mut pairs) = (Vec::new(), Vec::new(), 0);
     for (done, n) in from.iter().enumerate() {
-        seen(done, from.len());
+        seen(done, steps);
         let frame = shot.read(*n)?;
         let Some(scene) = twin(&shot, &frame) else { continue };
         compositor.set_scene(scene.clone());
@@ -101,7 +102,7 @@ pub fn verify(gpu: &Gpu, by: &Shot, plan: Plan, mut seen: impl FnMut(usize, usiz
         pairs,
         displaced_px: at(&displaced, 0.5).zip(at(&displaced, 0.9)),
         brighter_codes: at(&brighter, 0.5).zip(brighter.last().copied()),
-        blur: blur(by, &mut compositor)?,
+        blur: blur(by, &mut compositor, &mut |done| seen(from.len() + done, steps))?,
         sharpness_px: sharpness_px(by, &mut compositor)?,
     })
 }
