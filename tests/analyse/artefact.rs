@@ -63,6 +63,19 @@ fn an_interrupted_analysis_goes_on_where_it_was() {
 }
 
 #[test]
+fn a_file_in_the_folders_place_is_kept_and_refused_before_the_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("found");
+    std::fs::write(&file, "mine").unwrap();
+    let problem = refused(&["analyse", "recordings/demo", "-o", file.to_str().unwrap()]);
+    assert!(
+        problem.contains("found") && problem.contains("move it away, or name another folder (--output)"),
+        "{problem}"
+    );
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "mine");
+}
+
+#[test]
 fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
     let folder = demo(8, &late(0.01));
     let site = folder.path().join("site");
@@ -74,7 +87,8 @@ fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
     assert_eq!(said(&["inspect", analysis.to_str().unwrap()]), told);
     assert_eq!(said(&["analyse", path]), told, "once is enough");
 
-    let marker = ["--scene", "scenes/demo.toml", "--frames", "2..3", "-o"];
+    // Whether an analysis is used shows without shadows, which take most of the time.
+    let marker = ["--scene", "scenes/demo.toml", "--set", "shadow.cast=false", "--frames", "2..3", "-o"];
     let composite = |out: &str, more: &[&str]| {
         let out = folder.path().join(out);
         let arguments = [&["composite", path][..], &marker, &[out.to_str().unwrap()], more].concat();

@@ -15,7 +15,17 @@ use locard::window::{App, Project};
 const FRAME: usize = 30;
 
 fn open() -> Harness<'static, App> {
-    let given = Given { scene: Some("scenes/demo.toml".into()), ..Given::default() };
+    open_with(&[])
+}
+
+/// For what shadows have no part in: they are worked out anew for whatever changes.
+fn open_without_shadows() -> Harness<'static, App> {
+    open_with(&["shadow.cast=false"])
+}
+
+fn open_with(sets: &[&str]) -> Harness<'static, App> {
+    let sets = sets.iter().map(|set| (*set).to_owned()).collect();
+    let given = Given { scene: Some("scenes/demo.toml".into()), sets, ..Given::default() };
     let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 900.0));
     window.state_mut().player_mut().seek(FRAME);
@@ -91,7 +101,7 @@ fn a_thing_is_turned_by_dragging_from_its_place() {
 
 #[test]
 fn a_name_that_is_typed_is_one_step() {
-    let mut window = open();
+    let mut window = open_without_shadows();
     let names =
         |window: &Harness<'_, App>| window.state().project().history().names().0.map(str::to_owned).collect::<Vec<_>>();
     let title = |window: &Harness<'_, App>| {
@@ -128,7 +138,7 @@ fn a_name_that_is_typed_is_one_step() {
 
 #[test]
 fn three_points_make_a_plane_and_things_come_to_rest_on_it() {
-    let mut window = open();
+    let mut window = open_without_shadows();
     window.get_by_label("Three points…").click();
     window.run_steps(2);
     // The floor is z = 0, and the depth noisy by 1.5 mm.
@@ -159,7 +169,7 @@ fn faces(window: &Harness<'_, App>, entry: Entry) -> DVec2 {
 
 #[test]
 fn what_is_placed_faces_whoever_looks_and_its_heading_is_the_whole_turn() {
-    let mut window = open();
+    let mut window = open_without_shadows();
     // The first marker is turned by its rotation: its heading says so, and is changed from there.
     let marker = Entry { object: 0, instance: None };
     window.get_by_label("marker 1").click();
