@@ -76,6 +76,11 @@ impl Ground {
         Self { name: name.to_owned(), known_by, point_m, normal, tilt_deg, height_m, receivers: Vec::new() }
     }
 
+    /// Whether it says already that the object is over or in the ground, as a gap does, metres.
+    pub fn tells(&self, gap_m: f64) -> bool {
+        self.height_m.abs() > NONE_M && (self.height_m > 0.0) == (gap_m > 0.0)
+    }
+
     /// With a flat piece beside it.
     pub fn take(&mut self, facet: &Facet, up: DVec3, points_m: &[DVec3]) {
         let Facet { plane: Support { point_m, normal }, along, low_m, high_m } = *facet;
@@ -166,6 +171,7 @@ mod tests {
         // The other side is −x × y = −z.
         ground.take(&Facet { plane, along: DVec3::Y, low_m, high_m }, DVec3::Z, &points_m);
         let [(_, stands), (_, receiver)] = <[_; 2]>::try_from(ground.lines()).unwrap();
+        assert!(ground.tells(0.03) && !ground.tells(-0.02));
         assert_eq!(stands, "box: 20.0 mm over a plane that depth shows, 0.0° from level");
         assert_eq!(receiver, "of box's shadow: flat, 0.40 × 0.30 m, 0.20 m away, 90° from level");
         let [a, b, c, _] = ground.receivers[0].corners_m.map(DVec3::from);

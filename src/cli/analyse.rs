@@ -17,7 +17,7 @@ use crate::profile::Document;
 use crate::recording::OpenOptions;
 use crate::report;
 use crate::scene;
-use crate::shot::{Analysed, Given, Shot};
+use crate::shot::{Analysed, Given, Note, Shot};
 use crate::sink;
 use crate::sink::atomic::write_atomically;
 use crate::source::file;
@@ -167,9 +167,15 @@ fn grounds(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<Ground>> {
             "neither the scene nor the recording says where up is, so nothing is known of what objects stand on",
         );
     }
-    // As composite tells it: what is sunk into a table may well be over a floor.
-    shot.standing_notes(0..shot.recording.frame_count()).iter().for_each(|note| warn(args.quiet, &note.to_string()));
-    Ok(shot.grounds())
+    let grounds = shot.grounds();
+    // As composite tells it, but for what the lines of the grounds tell: what is sunk into a table may well be over a floor.
+    let is_told = |note: &Note| match note {
+        Note::Gap { name, gap_m, .. } => grounds.iter().any(|ground| ground.name == *name && ground.tells(*gap_m)),
+        _ => false,
+    };
+    let notes = shot.standing_notes(0..shot.recording.frame_count()).into_iter().filter(|note| !is_told(note));
+    notes.for_each(|note| warn(args.quiet, &note.to_string()));
+    Ok(grounds)
 }
 
 fn write_report(

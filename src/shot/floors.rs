@@ -17,6 +17,7 @@ use super::points::FittedPlane;
 use crate::analyse::KnownBy;
 use crate::camera::Geometry;
 use crate::compositor::Compositor;
+use crate::frame::Frame;
 use crate::gpu::Gpu;
 use crate::pixels::DepthMap;
 use crate::pose::Pose;
@@ -27,6 +28,8 @@ use crate::source::ahead::Ahead;
 /// Frames whose depth is looked at, and points across each.
 const FRAMES: usize = 24;
 const ACROSS: u32 = 96;
+/// Points across a frame that is looked at alone.
+const ACROSS_ALONE: u32 = 320;
 /// Points of an object's foot: this near to its lowest, as a share of its size and metres.
 const FOOT: f64 = 0.02;
 const FOOT_M: f64 = 0.002;
@@ -68,8 +71,17 @@ struct Look {
     pose: Pose,
     width: u32,
     height: u32,
+    across: u32,
     /// Metres; 0 where nothing was measured.
     depth_m: Vec<f32>,
+}
+
+impl Look {
+    fn new(frame: usize, pose: Pose, map: &DepthMap, across: u32) -> Self {
+        let DepthMap { width, height, depth_m, .. } = map;
+        let depth_m = grid(*width, *height, across).map(|(x, y)| depth_m[(y * width + x) as usize]).collect();
+        Self { frame, pose, width: *width, height: *height, across, depth_m }
+    }
 }
 
 /// What was found for the objects that were last asked for.
@@ -171,8 +183,7 @@ impl Shot {
         let floor = self.floor();
         let up = self.up()?;
         let foot = Foot::of(&self.scene, object, up)?;
-        let carried = foot.carried_by(points, -NEAR_M..NEAR_M).or_else(|| foot.carried_by(points, -BELOW_M..-NEAR_M));
-        let carried = carried.map(|plane| (plane, KnownBy::Depth));
+        let carried = foot.carried(points).map(|plane| (plane, KnownBy::Depth));
         let known = carried.or_else(|| {
             let is_near = |plane: &FittedPlane| foot.height_m(plane).abs() < BELOW_M;
             floor.filter(is_near).map(|plane| (plane, KnownBy::Recording))
@@ -181,6 +192,14 @@ impl Shot {
             Some((plane, known_by)) => (foot.on(&plane.facing(up)), known_by),
             None => (Support { point_m: foot.lowest(up), normal: up }, KnownBy::Foot),
         })
+    }
+
+    /// How high an object's lowest point is over the level plane that a frame's depth shows vertically below it, metres.
+    pub(super) fn over_depth_m(&self, frame: &Frame, object: &Object, up: DVec3) -> Option<f64> {
+        let depth = frame.depth.as_ref()?;
+        let look = Look::new(frame.index, self.measured_from(frame, depth).ok()?, depth, ACROSS_ALONE);
+        let foot = Foot::of(&self.scene, object, up)?;
+        foot.carried(&self.seen(&[look])).map(|plane| foot.height_m(&plane))
     }
 }
 
@@ -198,21 +217,19 @@ impl Shot {
         let of = recording.clone();
         let Ok(maps) = Ahead::new(0..taken, move |n| of.depth_at(number(n))) else { return Vec::new() };
         let look = |(n, map)| {
-            let Ok(Ok(Some(map))) = map else { return None };
-            let DepthMap { width, height, timestamp_s, depth_m } = map;
+            let Ok(Ok(Some(map @ DepthMap { timestamp_s, .. }))) = map else { return None };
             let pose = recording.track.at(timestamp_s + recording.time_offset_s).ok()?;
-            let depth_m = grid(width, height).map(|(x, y)| depth_m[(y * width + x) as usize]).collect();
-            Some(Look { frame: number(n), pose, width, height, depth_m })
+            Some(Look::new(number(n), pose, &map, ACROSS))
         };
         maps.enumerate().filter_map(look).collect()
     }
 
-    /// Points of the room, as the camera saw them.
+    /// Points of the room, as the camera saw them in looks at as many places each.
     fn seen(&self, looks: &[Look]) -> Vec<Point> {
         let mut points = Vec::new();
         // Mostly one lens saw all.
         let mut rays: Option<(Geometry, Vec<Option<DVec3>>)> = None;
-        for Look { frame, pose, width, height, depth_m } in looks {
+        for Look { frame, pose, width, height, across, depth_m } in looks {
             let Some(geometry) = self.given_geometry_at(*frame) else { continue };
             let i = &geometry.intrinsics;
             if (*width, *height) != (i.width_px, i.height_px) {
@@ -222,7 +239,7 @@ impl Shot {
                 Some(same) => rays.insert(same),
                 None => {
                     let middle = |(x, y)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-                    let through = grid(*width, *height).map(|at| geometry.depth_ray(middle(at))).collect();
+                    let through = grid(*width, *height, *across).map(|at| geometry.depth_ray(middle(at))).collect();
                     rays.insert((geometry, through))
                 }
             };
@@ -236,9 +253,9 @@ impl Shot {
     }
 }
 
-/// The pixels of a depth map that are looked at, row by row.
-fn grid(width: u32, height: u32) -> impl Iterator<Item = (u32, u32)> {
-    let step = (width / ACROSS).max(1);
+/// The pixels of a depth map that are looked at, row by row: about so many across.
+fn grid(width: u32, height: u32, across: u32) -> impl Iterator<Item = (u32, u32)> {
+    let step = (width / across).max(1);
     let columns = move || (step / 2..width).step_by(step as usize);
     (step / 2..height).step_by(step as usize).flat_map(move |y| columns().map(move |x| (x, y)))
 }
@@ -288,6 +305,11 @@ impl Foot {
         let height_m = self.height_m(&plane);
         let moved_m = if height_m.abs() <= SNAP_M { height_m } else { 0.0 };
         Support { point_m: self.middle + (moved_m - off) * plane.normal, normal: plane.normal }
+    }
+
+    /// The plane of the points around that carries it: one that is near, or else one that it floats over.
+    fn carried(&self, points: &[Point]) -> Option<FittedPlane> {
+        self.carried_by(points, -NEAR_M..NEAR_M).or_else(|| self.carried_by(points, -BELOW_M..-NEAR_M))
     }
 
     /// The plane that most of the points around agree on, among those in a range of heights over the foot, metres.

@@ -6,6 +6,9 @@
 //! poses and the surface's own unevenness explain. A thing that stands on another one of the scene is left alone, and so is
 //! what real things hide: what the camera sees there is not its ground. If no ground is seen around it either, it lies under what is
 //! seen.
+//!
+//! A thing in the air may have something steep or uneven behind its foot. Then the level plane among the depth's points vertically below it
+//! tells how high it hovers. What lies against a wall is left alone: its foot touches the wall, and none of it is behind.
 
 use glam::{DVec2, DVec3};
 
@@ -46,6 +49,33 @@ const LEAST_ON_IT: f64 = 0.4;
 const FEWEST_TOUCHING: usize = 2;
 /// A virtual thing this near below carries it, metres.
 const CARRIES_M: f64 = 0.005;
+/// At least this share of a foot is in the air before such things, or over what is level, if what lies below it is to tell.
+const LEAST_IN_AIR: f64 = 0.25;
+
+/// Points of a foot before, at and behind what is too steep or too uneven to carry it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Uneven {
+    before: usize,
+    at: usize,
+    behind: usize,
+}
+
+impl Uneven {
+    fn take(&mut self, off_m: f64, least_m: f64) {
+        let side = match off_m {
+            off_m if off_m > least_m => &mut self.before,
+            off_m if off_m < -least_m => &mut self.behind,
+            _ => &mut self.at,
+        };
+        *side += 1;
+    }
+
+    /// Whether a foot of so many points is in the air there, and not stuck to a wall.
+    fn is_in_air(self, points: usize) -> bool {
+        let is_stuck = self.at >= FEWEST_TOUCHING && self.behind == 0;
+        !is_stuck && self.before as f64 >= LEAST_IN_AIR * points as f64
+    }
+}
 
 impl Shot {
     /// The objects under which a frame's depth shows a surface. Nothing is said without depth or the world's up.
@@ -67,7 +97,7 @@ impl Shot {
         }
         let i = &eye.geometry().intrinsics;
         let picture = DVec2::new(i.width_px.into(), i.height_px.into());
-        let (mut gaps, mut normal) = (Vec::new(), DVec3::ZERO);
+        let (mut gaps, mut normal, mut uneven) = (Vec::new(), DVec3::ZERO, Uneven::default());
         let mut least_m = LEAST_M;
         for foot in &feet.points_m {
             let Some(at) = eye.project(*foot).filter(|at| at.cmpge(DVec2::ZERO).all() && at.cmplt(picture).all())
@@ -75,15 +105,26 @@ impl Shot {
                 continue;
             };
             let Ok(surface) = self.surface_at(frame, at) else { continue };
+            let off_m = (*foot - surface.point_m).dot(surface.normal_in_world);
+            let known_m = LEAST_M.max(LEAST_SHARE * surface.depth_m).max(LEAST_SIGMA * surface.sigma_m);
             if surface.normal_in_world.dot(up) < LEVEL || surface.share < LEAST_ON_IT {
+                uneven.take(off_m, known_m);
                 continue;
             }
-            gaps.push((*foot - surface.point_m).dot(surface.normal_in_world));
+            gaps.push(off_m);
             normal += surface.normal_in_world;
-            least_m = least_m.max(LEAST_SHARE * surface.depth_m).max(LEAST_SIGMA * surface.sigma_m);
+            least_m = least_m.max(known_m);
         }
         gaps.sort_by(f64::total_cmp);
-        let gap = above_m(&gaps, least_m, feet.points_m.len())?;
+        let gap = above_m(&gaps, least_m, feet.points_m.len());
+        uneven.before += gaps.iter().filter(|gap_m| **gap_m > least_m).count();
+        // Along a ray it may be farther to what is seen than down to what lies below.
+        let over_m = || self.over_depth_m(frame, &self.scene.objects[object], up).filter(|over_m| *over_m > least_m);
+        let gap = match gap {
+            Some(Some(gap_m)) if gap_m > 0.0 => Some(over_m().map_or(gap_m, |over_m| over_m.min(gap_m))),
+            None if uneven.is_in_air(feet.points_m.len()) => Some(over_m()?),
+            told => told?,
+        };
         let Some(deep_m) = gap.map(|gap| -gap).filter(|deep_m| *deep_m > DEEPEST * feet.size_m) else {
             return Some(gap);
         };
@@ -175,7 +216,18 @@ fn is_carried(scene: &Scene, object: usize, foot: DVec3, up: DVec3, size_m: f64)
 
 #[cfg(test)]
 mod tests {
-    use super::above_m;
+    use super::{Uneven, above_m};
+
+    #[test]
+    fn what_touches_a_wall_is_stuck_to_it_and_what_it_goes_through_is_not() {
+        let is_in_air = |offs_m: &[f64]| {
+            let mut uneven = Uneven::default();
+            offs_m.iter().for_each(|off_m| uneven.take(*off_m, 0.01));
+            uneven.is_in_air(8)
+        };
+        assert!(is_in_air(&[0.1, 0.2, 0.3]) && is_in_air(&[0.1, 0.1, 0.0, 0.0, -0.1]));
+        assert!(!is_in_air(&[0.1, 0.1, 0.005, -0.005]) && !is_in_air(&[0.1]) && !is_in_air(&[-0.1; 8]));
+    }
 
     #[test]
     fn the_nearest_surface_under_the_foot_carries() {

@@ -252,3 +252,50 @@ fn what_stands_out_over_an_edge_stands_on_what_carries_it() {
     over(told(0.34, 0.49), 77..84);
     over(told(0.22, 0.41), 408..413);
 }
+
+#[test]
+fn an_analysis_that_is_not_used_is_told() {
+    let temp = tempfile::tempdir().unwrap();
+    let [site, analysis] = ["site", "site.analysis"].map(|name| temp.path().join(name));
+    program::copied(Path::new("recordings/demo"), &site);
+    std::fs::create_dir(&analysis).unwrap();
+    std::fs::write(analysis.join("analysis.toml"), "version = 0\n").unwrap();
+    let file = temp.path().join("scene.toml");
+    let [site, scene] = [&site, &file].map(|path| path.to_str().unwrap());
+    let done = program::locard(&[
+        "place",
+        site,
+        "--frame",
+        "30",
+        "--at",
+        "320,300",
+        "--model",
+        "scenes/marker-1.glb",
+        "--scene",
+        scene,
+    ]);
+    let told = String::from_utf8(done.stderr).unwrap();
+    assert!(done.status.success() && told.contains("site.analysis is not used") && told.contains("again"), "{told}");
+}
+
+#[test]
+fn what_is_in_the_air_before_something_steep_hovers_over_what_lies_below() {
+    let temp = tempfile::tempdir().unwrap();
+    let file = temp.path().join("scene.toml");
+    let model = std::path::absolute("scenes/cartridge-case-9mm.glb").unwrap();
+    let told = |position: [f64; 3]| {
+        let text = format!(
+            "version = 1\nup = \"z\"\n[[objects]]\nmodel = {:?}\nposition_m = {position:?}\n",
+            model.display().to_string()
+        );
+        std::fs::write(&file, text).unwrap();
+        let shot = shot::demo(file.to_str().unwrap());
+        let frame = shot.read(30).unwrap();
+        shot.wrongs(&frame).into_iter().map(|wrong| wrong.note.to_string()).collect::<Vec<_>>()
+    };
+    // Frame 30 shows a box's side there. Stuck to it, and 10 cm towards the camera, 19 cm over the floor.
+    assert_eq!(told([0.536, 0.520, 0.135]), Vec::<String>::new());
+    let told = told([0.503, 0.444, 0.19]);
+    let mm = told.first().and_then(|told| told.split_once(" hovers ")?.1.split_once(" mm")?.0.parse::<i32>().ok());
+    assert!(mm.is_some_and(|mm| (185..195).contains(&mm)), "{told:?}");
+}
