@@ -161,11 +161,11 @@ mod tests {
             (state >> 11) as f64 / (1u64 << 53) as f64
         };
         let mut place = |low: f64, high: f64| DVec3::from_array([(); 3].map(|()| low + (high - low) * random()));
-        // All over, and in a few blocks of a room that is empty but for them.
+        // All over, and in the middle of a room that is empty but for that.
         let spread: Vec<DVec3> = (0..400).map(|_| place(-0.5, 0.5)).collect();
-        let mut heap: Vec<DVec3> = (0..400).map(|_| place(-0.2, 0.3)).collect();
+        let mut heap: Vec<DVec3> = (0..1500).map(|_| place(-0.5, 0.5)).collect();
         heap.extend([DVec3::splat(-1.4), DVec3::splat(1.4)]);
-        for (solid, reach) in [(spread, 0.9), (heap, 1.5)] {
+        for (solid, reach) in [(spread, 0.9), (heap, 1.2)] {
             let grid = Blocked::new(&solid);
             let mut told = [0, 0];
             for _ in 0..2000 {
