@@ -12,6 +12,8 @@ use egui_kittest::kittest::Queryable;
 use egui_kittest::{Harness, TestRenderer};
 use locard::gpu::Gpu;
 use locard::pixels::Pixels;
+use locard::recording::OpenOptions;
+use locard::shot::Given;
 use locard::window::{App, Project};
 
 use super::gpu;
@@ -43,6 +45,14 @@ impl TestRenderer for Device {
         delta.set.clear();
         delta.free.clear();
     }
+}
+
+/// The demonstration in its window, with these parameters set. Where shadows have no part, `shadow.cast=false` saves that they are
+/// worked out anew for whatever changes.
+pub fn demo_window(sets: &[&str], size: egui::Vec2) -> Harness<'static, App> {
+    let sets = sets.iter().map(|set| (*set).to_owned()).collect();
+    let given = Given { scene: Some("scenes/demo.toml".into()), sets, ..Given::default() };
+    window(Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap(), size)
 }
 
 /// Opens a window of that size, with its first picture.

@@ -1,18 +1,15 @@
 //! Objects in the picture of the window: picked, moved, turned and scaled, as a person would.
 
-use std::path::Path;
-
 use crate::gpu;
-use crate::worked::{click_at, codes, let_go, press_and_move, press_key, settle, shown, steps, types, window};
+use crate::worked::{click_at, codes, demo_window, let_go, press_and_move, press_key, settle, shown, steps, types};
 use eframe::egui::{self, Event, Key, Modifiers, Pos2, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use glam::{DVec2, DVec3};
 use locard::compositor::Target;
-use locard::recording::OpenOptions;
 use locard::scene::{Entry, Size, Stance, Thing};
-use locard::shot::{Given, Shot};
-use locard::window::{App, Project};
+use locard::shot::Shot;
+use locard::window::App;
 
 const MARKER: Thing = Thing::Object(Entry { object: 0, instance: None });
 const CASE: Thing = Thing::Object(Entry { object: 2, instance: Some(0) });
@@ -20,11 +17,7 @@ const CASE: Thing = Thing::Object(Entry { object: 2, instance: Some(0) });
 const MARKER_AT: [f64; 3] = [0.0, 0.12, 0.0];
 
 fn open(frame: usize) -> Harness<'static, App> {
-    // Shadows have no part in it, and are worked out anew for whatever changes.
-    let sets = vec!["shadow.cast=false".to_owned()];
-    let given = Given { scene: Some("scenes/demo.toml".into()), sets, ..Given::default() };
-    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
-    let mut window = window(project, egui::vec2(1400.0, 900.0));
+    let mut window = demo_window(&["shadow.cast=false"], egui::vec2(1400.0, 900.0));
     window.state_mut().player_mut().seek(frame);
     settle(&mut window);
     window

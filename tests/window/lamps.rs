@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use crate::footage;
-use crate::worked::{click_at, has, let_go, press_and_move, press_key, settle, shown, steps, types, window};
+use crate::worked::{
+    click_at, demo_window, has, let_go, press_and_move, press_key, settle, shown, steps, types, window,
+};
 use eframe::egui::{self, Key, Modifiers, Pos2, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
@@ -20,20 +22,14 @@ const LAMP_AT: [f64; 3] = [-0.2783, 0.2778, 2.349];
 const MARK_INSET: f64 = 18.0;
 const HANDLES_INSET: f64 = 104.0;
 
+const SIZE: egui::Vec2 = egui::vec2(1400.0, 1000.0);
+
 fn open() -> Harness<'static, App> {
-    open_with(&[])
+    demo_window(&[], SIZE)
 }
 
-/// For what shadows have no part in: they are worked out anew for each place of a lamp.
 fn open_without_shadows() -> Harness<'static, App> {
-    open_with(&["shadow.cast=false"])
-}
-
-fn open_with(sets: &[&str]) -> Harness<'static, App> {
-    let sets = sets.iter().map(|set| (*set).to_owned()).collect();
-    let given = Given { scene: Some("scenes/demo.toml".into()), sets, ..Given::default() };
-    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
-    window(project, egui::vec2(1400.0, 1000.0))
+    demo_window(&["shadow.cast=false"], SIZE)
 }
 
 fn on_screen(window: &Harness<'_, App>, px: DVec2) -> Pos2 {

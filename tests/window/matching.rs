@@ -20,11 +20,7 @@ const EDGE: Rect = Rect { x0: 88, y0: 120, x1: 116, y1: 148 };
 const WALL: Rect = Rect { x0: 400, y0: 10, x1: 520, y1: 70 };
 
 fn open() -> Harness<'static, App> {
-    // Shadows have no part in it, and are worked out anew for whatever changes.
-    let sets = vec!["shadow.cast=false".to_owned()];
-    let given = Given { scene: Some("scenes/demo.toml".into()), sets, ..Given::default() };
-    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
-    worked::window(project, vec2(1400.0, 1200.0))
+    worked::demo_window(&["shadow.cast=false"], vec2(1400.0, 1200.0))
 }
 
 /// A dark marker before the light wall: a straight edge that the program draws.

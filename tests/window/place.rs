@@ -2,15 +2,13 @@
 
 use std::path::Path;
 
-use crate::worked::{click_at, drop_file, settle, shown, until, window};
+use crate::worked::{click_at, demo_window, drop_file, settle, shown, until};
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
 use glam::{DVec2, DVec3};
-use locard::recording::OpenOptions;
 use locard::scene::{Entry, Thing};
-use locard::shot::Given;
-use locard::window::{App, Project};
+use locard::window::App;
 
 const FRAME: usize = 30;
 
@@ -18,16 +16,12 @@ fn open() -> Harness<'static, App> {
     open_with(&[])
 }
 
-/// For what shadows have no part in: they are worked out anew for whatever changes.
 fn open_without_shadows() -> Harness<'static, App> {
     open_with(&["shadow.cast=false"])
 }
 
 fn open_with(sets: &[&str]) -> Harness<'static, App> {
-    let sets = sets.iter().map(|set| (*set).to_owned()).collect();
-    let given = Given { scene: Some("scenes/demo.toml".into()), sets, ..Given::default() };
-    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
-    let mut window = window(project, egui::vec2(1400.0, 900.0));
+    let mut window = demo_window(sets, egui::vec2(1400.0, 900.0));
     window.state_mut().player_mut().seek(FRAME);
     settle(&mut window);
     window
