@@ -2,16 +2,18 @@
 
 use std::path::Path;
 
-use crate::footage::{demo, opened};
+use crate::footage::{demo_by_tier, leave_out_light, opened};
 use crate::found::late;
 use crate::program::{locard, refused, said};
+use crate::tier::fast_or_full;
 use locard::analyse::{Analysis, Interrupted, beside};
 use locard::recording::OpenOptions;
 use locard::shot::{Given, Shot};
 
+// Slow: three analyses.
 #[test]
 fn an_interrupted_analysis_goes_on_where_it_was() {
-    let folder = demo(13, &late(0.01));
+    let folder = demo_by_tier(13, &late(0.01), 2);
     let shot = opened(&folder);
     let [whole, analysis] = ["whole.analysis", "site.analysis"].map(|name| folder.path().join(name));
     // What is heard until it ends, or so many times.
@@ -23,13 +25,15 @@ fn an_interrupted_analysis_goes_on_where_it_was() {
         });
         (heard, done.map(drop))
     };
+    leave_out_light(&shot, &whole);
+    leave_out_light(&shot, &analysis);
     let (all, done) = heard(&shot, &whole, usize::MAX);
     done.unwrap();
     // Somewhere in the last pass but one.
     let (_, done) = heard(&shot, &analysis, all.len() - 14);
     assert!(done.unwrap_err().is_interrupted() && !analysis.exists());
     // Of another camera nothing holds that was kept.
-    let sets = vec!["camera.fx_px=519.5".to_owned()];
+    let sets = vec![fast_or_full("camera.fx_px=259.5", "camera.fx_px=519.5").to_owned()];
     let other = Shot::open(&folder.path().join("site"), &OpenOptions::default(), &Given { sets, ..Given::default() });
     let elsewhere = folder.path().join("other/site.analysis");
     std::fs::create_dir(folder.path().join("other")).unwrap();
@@ -75,9 +79,10 @@ fn a_file_in_the_folders_place_is_kept_and_refused_before_the_work() {
     assert_eq!(std::fs::read_to_string(&file).unwrap(), "mine");
 }
 
+// Slow: eight composites by the program.
 #[test]
 fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
-    let folder = demo(8, &late(0.01));
+    let folder = demo_by_tier(8, &late(0.01), 2);
     let site = folder.path().join("site");
     let path = site.to_str().unwrap();
     let told = said(&["analyse", path]);

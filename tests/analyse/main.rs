@@ -6,6 +6,8 @@
 mod columns;
 #[path = "../common/mod.rs"]
 mod common;
+#[path = "../common/fixture.rs"]
+mod fixture;
 #[path = "../common/flip.rs"]
 mod flip;
 #[path = "../common/footage.rs"]
@@ -16,6 +18,8 @@ mod gpu;
 mod program;
 #[path = "../common/shot.rs"]
 mod shot;
+#[path = "../common/tier.rs"]
+mod tier;
 
 mod artefact;
 mod beside_real;

@@ -5,9 +5,14 @@ use std::path::Path;
 
 use crate::flip::{PIXELS_PER_DEGREE, mean_flip};
 use crate::program::said;
+use crate::tier::fast_or_full;
 use locard::pixels::Pixels;
 
-const SIZE: (usize, usize) = (320, 240);
+/// Width and height of the pictures, px.
+pub fn size() -> (usize, usize) {
+    fast_or_full((160, 120), (320, 240))
+}
+
 const FRAME: usize = 5;
 
 fn picture(path: &Path) -> Pixels {
@@ -18,21 +23,25 @@ fn picture(path: &Path) -> Pixels {
 /// The box of what differs by 16 codes, grown by half.
 fn around(a: &Pixels, b: &Pixels) -> Vec<bool> {
     let [a, b] = [a, b].map(|pixels| pixels.codes.to_eight_bit());
+    let (width, height) = size();
     let differs = |i: usize| (0..3).any(|c| a[3 * i + c].abs_diff(b[3 * i + c]) > 16);
-    let places = || (0..SIZE.0 * SIZE.1).filter(|i| differs(*i)).map(|i| [i % SIZE.0, i / SIZE.0]);
+    let places = || (0..width * height).filter(|i| differs(*i)).map(|i| [i % width, i / width]);
     let range = |axis: usize| {
         let (low, high) = places().fold((usize::MAX, 0), |(low, high), at| (low.min(at[axis]), high.max(at[axis] + 1)));
         let more = high.saturating_sub(low) / 4;
         low.saturating_sub(more)..high + more
     };
     let (across, down) = (range(0), range(1));
-    (0..SIZE.0 * SIZE.1).map(|i| across.contains(&(i % SIZE.0)) && down.contains(&(i / SIZE.0))).collect()
+    (0..width * height).map(|i| across.contains(&(i % width)) && down.contains(&(i / width))).collect()
 }
 
 /// Simulates a site with one lamp, small and without noise.
 pub fn small_site(site: u32, to: &str, more: &[&str]) {
-    let sets = "width_px=320 height_px=240 focal_px=260 frames=12 fps=10 lamps=1 samples=8 noise_scale=0 format=png"
-        .split(' ');
+    let sets = fast_or_full(
+        "width_px=160 height_px=120 focal_px=130 frames=12 fps=10 lamps=1 samples=8 noise_scale=0 format=png",
+        "width_px=320 height_px=240 focal_px=260 frames=12 fps=10 lamps=1 samples=8 noise_scale=0 format=png",
+    )
+    .split(' ');
     let site = format!("site={site}");
     let sets = sets.chain([site.as_str()]).flat_map(|set| ["--set", set]);
     said(&["simulate", "-q", "-o", to].into_iter().chain(sets).chain(more.iter().copied()).collect::<Vec<_>>());
@@ -40,6 +49,7 @@ pub fn small_site(site: u32, to: &str, more: &[&str]) {
 
 /// Ten sites in full size, and each part off: `scripts/composite_beside_truth.py`. What is asserted is what is reached where the
 /// marker fills most of the box; docs/truth.md says what is missing.
+// Slow: two simulated sites, the search for lamps, and three composites with shadows.
 #[test]
 fn evidence_put_into_an_empty_site_looks_as_if_it_lay_there() {
     let temp = tempfile::tempdir().unwrap();

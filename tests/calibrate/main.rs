@@ -6,12 +6,16 @@
 mod common;
 #[path = "../common/filmed.rs"]
 mod filmed;
+#[path = "../common/fixture.rs"]
+mod fixture;
 #[path = "../common/program.rs"]
 mod program;
 #[path = "../common/random.rs"]
 mod random;
 #[path = "../common/sheet.rs"]
 mod sheet;
+#[path = "../common/tier.rs"]
+mod tier;
 
 mod lens;
 mod lens_by_tags;

@@ -1,5 +1,6 @@
 //! Displacement against shifts that are known because the picture is a formula.
 
+use crate::tier;
 use locard::measure::Grey;
 use locard::measure::displacement::{DisplacementOptions, displacements};
 
@@ -42,10 +43,10 @@ fn shifts_come_back_within_a_twentieth_of_a_pixel() {
     let options = DisplacementOptions::default();
     for sigma in [0.0, 2.0] {
         let a = picture([0.0, 0.0], sigma, 1);
-        for (i, shift) in [[0.0, 0.0], [0.1, -0.2], [0.33, 0.5], [-0.75, 0.25], [1.5, 2.25], [-4.6, 3.3], [6.2, -7.4]]
-            .into_iter()
-            .enumerate()
-        {
+        let shifts = [[0.0, 0.0], [0.1, -0.2], [0.33, 0.5], [-0.75, 0.25], [1.5, 2.25], [-4.6, 3.3], [6.2, -7.4]];
+        let some = tier::fast_or_full(&[0, 2, 3, 6][..], &[0, 1, 2, 3, 4, 5, 6]);
+        for &i in some {
+            let shift = shifts[i];
             let found = displacements(&a, &picture(shift, sigma, 2 + i as u64), None, &options).unwrap();
             let [x, y] = found.median_px().unwrap();
             let errors: Vec<f64> = found

@@ -2,7 +2,8 @@
 
 use std::sync::LazyLock;
 
-use crate::sheet::{CAMERA, Camera, Place, Sheet as Printed};
+use crate::sheet::{CAMERA, Camera, Place, Rays, Sheet as Printed};
+use crate::tier;
 use glam::{DQuat, DVec2, DVec3};
 use locard::camera::{Distortion, Geometry, Intrinsics, Response};
 use locard::pixels::Pixels;
@@ -49,18 +50,31 @@ fn off(pose: &Pose, place: &Place) -> (f64, f64) {
 }
 
 #[test]
+fn photographs_by_rays_are_the_same_to_the_bit() {
+    let camera = Camera { readout_s: 0.025, ..CAMERA };
+    let at = |t: f64| Place::looking(DVec3::new(0.2 + 0.5 * t, -0.45, 0.6), DVec3::ZERO, 0.1);
+    let by_rays = PRINTED.photograph_by_rays(&Rays::of(&camera), 2, 1.5, 7, at);
+    assert!(by_rays == PRINTED.photograph(&camera, 2, 1.5, 7, at));
+}
+
+#[test]
 fn the_camera_is_where_it_was() {
-    const PHOTOGRAPHS: u32 = 12;
+    let (rays, count) = (Rays::of(&CAMERA), tier::fast_or_full(9, 12));
+    let photographs: Vec<Vec<u8>> = (0..count)
+        .map(|i| {
+            let place = around(i, count);
+            PRINTED.photograph_by_rays(&rays, 4, 1.5, i.into(), |_| place)
+        })
+        .collect();
     let whole = Sheet::new(Paper::A4).board;
     let one = Board { tags: whole.tags[..1].to_vec(), ..whole.clone() };
     // What is asked for is 2 mm and 0.2° at 0.8 m; a sheet is better by far.
     for (board, most_mm, most_deg) in [(whole, 0.5, 0.05), (one, 2.0, 0.2)] {
         let mut searcher = Searcher::new(board, geometry(&CAMERA), &Response::default()).unwrap();
         let (mut ways, mut turns, mut normed) = (Vec::new(), Vec::new(), Vec::new());
-        for i in 0..PHOTOGRAPHS {
-            let place = around(i, PHOTOGRAPHS);
-            let codes = PRINTED.photograph(&CAMERA, 4, 1.5, i.into(), |_| place);
-            let sight = searcher.look(&Pixels::from_u8(640, 480, codes).unwrap()).unwrap().unwrap();
+        for (i, codes) in (0..count).zip(&photographs) {
+            let place = around(i, count);
+            let sight = searcher.look(&Pixels::from_u8(640, 480, codes.clone()).unwrap()).unwrap().unwrap();
             let (way_mm, turn_deg) = off(&sight.best.pose, &place);
             normed.push(way_mm / (1e3 * sight.best.place_covariance().trace().sqrt()));
             ways.push(way_mm);
@@ -80,10 +94,11 @@ fn the_camera_is_where_it_was_with_a_rolling_shutter() {
     let camera = Camera { readout_s: 0.025, ..CAMERA };
     let at = |t: f64| Place::looking(DVec3::new(0.2 + 0.5 * t, -0.45, 0.6), DVec3::new(0.7 * t, 0.0, 0.0), 0.1);
     let mut searcher = Searcher::new(Sheet::new(Paper::A4).board, geometry(&camera), &Response::default()).unwrap();
+    let rays = Rays::of(&camera);
     let mut sights = Vec::new();
     for i in 0..3 {
         let time_s = (f64::from(i) - 1.0) / 30.0;
-        let codes = PRINTED.photograph(&camera, 4, 0.5, 0, |t| at(time_s + t));
+        let codes = PRINTED.photograph_by_rays(&rays, 4, 0.5, 0, |t| at(time_s + t));
         sights.push((time_s, searcher.look(&Pixels::from_u8(640, 480, codes).unwrap()).unwrap().ok()));
     }
     let chosen = along(&sights);

@@ -7,6 +7,7 @@ use crate::filmed::{AWAY, FPS, FRAMES, Site, place};
 use crate::program;
 use crate::program::{refused, said};
 use crate::sheet::CAMERA;
+use crate::tier;
 use glam::DVec3;
 use locard::compositor::Settings;
 use locard::live::open_poses;
@@ -34,9 +35,10 @@ fn differs(a: &Path, b: &Path) -> (f64, f64, usize) {
     (x / sum, y / sum, count)
 }
 
+// Slow: the program tracks a video of 18 frames twice and composites it twice.
 #[test]
 fn a_video_becomes_a_recording_whose_evidence_stands_still() {
-    let site = Site::new(&CAMERA);
+    let site = Site::shared(&CAMERA);
     let track = site.track("board.toml", "tracked");
     let told = said(&strs(&track));
     for line in [
@@ -93,9 +95,11 @@ fn a_video_becomes_a_recording_whose_evidence_stands_still() {
         .collect();
     std::fs::write(truth.join("poses.txt"), locard::recording::write::trajectory(&lines)).unwrap();
     let scene = site.scene();
+    let composited = tier::fast_or_full(8..11, 4..11);
+    let range = format!("{}..{}", composited.start, composited.end);
     for name in ["tracked", "truth"] {
         let (from, to) = (site.path(name), site.path(&format!("out-{name}")));
-        said(&["composite", &from, "--scene", &scene, "--frames", "4..11", "--without", "noise", "-o", &to, "--quiet"]);
+        said(&["composite", &from, "--scene", &scene, "--frames", &range, "--without", "noise", "-o", &to, "--quiet"]);
     }
     let source = |i: usize| {
         // A frame without a pose is the source's.
@@ -112,7 +116,7 @@ fn a_video_becomes_a_recording_whose_evidence_stands_still() {
             .unwrap()
             .success()
     );
-    for i in 4..10 {
+    for i in composited.start..AWAY.start {
         let own = Path::new(&plain).join(format!("{i}.png"));
         let ((x, y, count), (tx, ty, _)) = (differs(&tracked(i), &own), differs(&source(i), &own));
         assert!(count > 200, "frame {i}: {count} pixels of evidence");
@@ -127,16 +131,26 @@ fn a_video_becomes_a_recording_whose_evidence_stands_still() {
     assert!(refused(&strs(&force)).contains("holds mine.txt"));
     assert!(Path::new(&site.path("tracked/poses.txt")).exists());
 
-    // What is not the board that was filmed.
+    // What is not the board that was filmed: in three frames in the fast tier.
+    let frames = tier::fast_or_full(3, FRAMES);
+    let few = site.path("few.mkv");
+    let cut = ["-v", "error", "-i", &site.path("site.mkv"), "-frames:v", &frames.to_string(), "-c", "copy", &few];
+    assert!(Command::new("ffmpeg").args(cut).status().unwrap().success());
+    let track_few = || {
+        let mut track = site.track("other.toml", "other");
+        track[1].clone_from(&few);
+        refused(&strs(&track))
+    };
+    let wrong_family = format!("no tag of family 25h9 is seen in any of {frames} frames; tags of 36h11 are");
     let board = std::fs::read_to_string(site.path("board.toml")).unwrap();
     for (from, to, said) in [
-        ("36h11", "25h9", "no tag of family 25h9 is seen in any of 18 frames; tags of 36h11 are"),
+        ("36h11", "25h9", wrong_family.as_str()),
         ("id = ", "id = 10", "the tags that are seen are not on the board: 0, 1, 2, 3, 4, 5"),
         ("0.0425", "0.0825", "do not stand to each other as on the board"),
         ("0.065", "0", "line 8, tags.size_m of tag 0: 0 is refused"),
     ] {
         std::fs::write(site.path("other.toml"), board.replace(from, to)).unwrap();
-        let error = refused(&strs(&site.track("other.toml", "other")));
+        let error = track_few();
         assert!(error.contains(said), "{error}");
         assert!(!Path::new(&site.path("other")).exists(), "{error}");
     }
@@ -149,7 +163,7 @@ fn a_video_becomes_a_recording_whose_evidence_stands_still() {
 
 #[test]
 fn a_live_picture_has_its_pose_from_the_tags_in_it() {
-    let site = Site::new(&CAMERA);
+    let site = Site::shared(&CAMERA);
     let mut rig = Rig::default();
     rig.read(Path::new(&site.path("camera.toml")), &mut Settings::default()).unwrap();
     let mut poses = open_poses(&format!("tags:{}", site.path("board.toml")), Some(&rig.camera()), None).unwrap();
@@ -190,7 +204,7 @@ fn recorded(folder: &str) -> Vec<(Pose, Covariance)> {
 
 #[test]
 fn a_track_is_smoothed_if_that_is_asked_for() {
-    let site = Site::new(&CAMERA);
+    let site = Site::shared(&CAMERA);
     let plain = site.track("board.toml", "plain");
     said(&strs(&plain));
     let smooth: Vec<String> = site.track("board.toml", "smooth");

@@ -8,6 +8,7 @@ use std::process::{Command, Stdio};
 
 use glam::DVec3;
 
+use super::fixture;
 use super::program::said;
 use super::sheet::{Camera, Place, Sheet};
 
@@ -45,6 +46,17 @@ impl Site {
         site
     }
 
+    /// A copy of the site of this camera that all tests share. It is filmed once for each build of
+    /// the program.
+    pub fn shared(camera: &Camera) -> Self {
+        let filmed = fixture::once("filmed", camera.profile(), |folder| {
+            copy_files(Self::new(camera).folder.path(), folder);
+        });
+        let folder = tempfile::tempdir().unwrap();
+        copy_files(&filmed, folder.path());
+        Self { folder }
+    }
+
     /// A marker that stands beside the sheet, as a scene: its file.
     pub fn scene(&self) -> String {
         let marker = Path::new("scenes/marker-1.glb").canonicalize().unwrap();
@@ -62,6 +74,14 @@ impl Site {
         to
     }
 
+    /// The video so many times, one after another.
+    pub fn repeated(&self, times: usize) -> String {
+        let (from, to, more) = (self.path("site.mkv"), self.path("repeated.mkv"), (times - 1).to_string());
+        let arguments = ["-v", "error", "-stream_loop", &more, "-i", &from, "-c", "copy", &to];
+        assert!(Command::new("ffmpeg").args(arguments).status().unwrap().success());
+        to
+    }
+
     pub fn path(&self, name: &str) -> String {
         self.folder.path().join(name).to_str().unwrap().to_owned()
     }
@@ -70,6 +90,14 @@ impl Site {
         let board = self.path(board);
         let (video, profile, to) = (self.path("site.mkv"), self.path("camera.toml"), self.path(to));
         ["track", &video, "--profile", &profile, "--board", &board, "-o", &to].map(str::to_owned).to_vec()
+    }
+}
+
+/// Copies the files of a folder that has no folders in it.
+fn copy_files(from: &Path, to: &Path) {
+    for entry in std::fs::read_dir(from).unwrap() {
+        let file = entry.unwrap();
+        std::fs::copy(file.path(), to.join(file.file_name())).unwrap();
     }
 }
 

@@ -4,6 +4,8 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::fixture;
+use crate::tier::is_full;
 use glam::DVec2;
 use locard::analyse::{Analysis, Part, Taken, analyse};
 use locard::camera::Geometry;
@@ -26,8 +28,12 @@ pub fn demo_track() -> PoseTrack {
 
 /// The demo's first frames as `site` in a folder of their own, with the poses that a tracker with flaws would have written.
 pub fn demo(frames: usize, flaws: &Flaws) -> tempfile::TempDir {
+    demo_from(&demo_path(), frames, flaws)
+}
+
+/// [`demo`] with the pictures and the camera of another folder.
+fn demo_from(from: &Path, frames: usize, flaws: &Flaws) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let from = demo_path();
     let site = folder.path().join("site");
     for sub in ["rgb", "depth"] {
         std::fs::create_dir_all(site.join(sub)).unwrap();
@@ -61,11 +67,17 @@ pub fn opened_with(folder: &tempfile::TempDir, set: &str) -> Shot {
 }
 
 pub fn analysed(shot: &Shot, threads: usize) -> Analysis {
+    with_taken(shot, |camera, taken| {
+        analyse(&shot.recording, camera, taken, threads, &mut Part::none(), &mut |_, _| Ok(())).unwrap().0
+    })
+}
+
+/// Calls `of` with the camera of a shot, and with what is known of it besides its geometry.
+fn with_taken<T>(shot: &Shot, of: impl FnOnce(&Geometry, &Taken<'_>) -> T) -> T {
     let camera = shot.geometry_at(0).unwrap();
     let rig = shot.camera();
     let exposure_s = |frame: &Frame| exposure_time_s(&rig, &shot.settings, frame, shot.interval_s(frame.index));
-    let taken = Taken { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s };
-    analyse(&shot.recording, &camera, &taken, threads, &mut Part::none(), &mut |_, _| Ok(())).unwrap().0
+    of(&camera, &Taken { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s })
 }
 
 /// Where a point of one frame lands in another, by a track: each row by its own pose.
@@ -119,4 +131,96 @@ pub fn worse(recorded: &[Vec<f64>], refined: &[Vec<f64>]) -> (f64, f64) {
     let lost: Vec<f64> = recorded.iter().zip(refined).map(by).collect();
     let count = lost.iter().filter(|by| **by > 0.1).count();
     (count as f64 / lost.len() as f64, lost.into_iter().fold(f64::NEG_INFINITY, f64::max))
+}
+
+/// Number of the demonstration's frames that are reduced for the fast tier.
+const REDUCED_FRAMES: usize = 40;
+
+/// [`demo`]; in the fast tier with the pictures' width and height divided by `reduction`.
+pub fn demo_by_tier(frames: usize, flaws: &Flaws, reduction: u32) -> tempfile::TempDir {
+    if is_full() || reduction == 1 { demo(frames, flaws) } else { demo_from(&reduced_demo(reduction), frames, flaws) }
+}
+
+/// The demonstration's first frames with reduced pictures: the mean of each block of pixels, and the median of their
+/// depths, which was measured at one side of an edge.
+fn reduced_demo(reduction: u32) -> PathBuf {
+    let from = demo_path();
+    let text = |name: &str| std::fs::read_to_string(from.join(name)).unwrap();
+    let key = ["camera.toml", "rgb.txt", "depth.txt"].map(text);
+    fixture::once("demo-reduced", (reduction, REDUCED_FRAMES, key), |to| {
+        for sub in ["rgb", "depth"] {
+            std::fs::create_dir(to.join(sub)).unwrap();
+        }
+        for file in ["recording.toml", "exposure.txt"] {
+            std::fs::copy(from.join(file), to.join(file)).unwrap();
+        }
+        for list in ["rgb.txt", "depth.txt"] {
+            std::fs::write(to.join(list), text(list).replace(".jpg", ".png")).unwrap();
+        }
+        for n in 0..REDUCED_FRAMES {
+            let color = image::open(from.join(format!("rgb/{n:05}.jpg"))).unwrap().into_rgb8();
+            let [width, height] = [color.width() / reduction, color.height() / reduction];
+            let small = image::imageops::thumbnail(&color, width, height);
+            small.save(to.join(format!("rgb/{n:05}.png"))).unwrap();
+            let depth = image::open(from.join(format!("depth/{n:05}.png"))).unwrap().into_luma16();
+            let small = image::ImageBuffer::from_fn(width, height, |x, y| {
+                let block = (0..reduction * reduction).map(|i| (i % reduction, i / reduction));
+                let mut codes: Vec<u16> =
+                    block.map(|(dx, dy)| depth.get_pixel(reduction * x + dx, reduction * y + dy)[0]).collect();
+                codes.sort_unstable();
+                image::Luma([codes[codes.len() / 2]])
+            });
+            small.save(to.join(format!("depth/{n:05}.png"))).unwrap();
+        }
+        let reduced = |line: &str| match line.split_once(" = ") {
+            Some((key @ ("width_px" | "height_px"), value)) => {
+                format!("{key} = {}\n", value.parse::<u32>().unwrap() / reduction)
+            }
+            Some((key @ ("fx_px" | "fy_px" | "cx_px" | "cy_px"), value)) => {
+                format!("{key} = {:?}\n", value.parse::<f64>().unwrap() / f64::from(reduction))
+            }
+            _ => format!("{line}\n"),
+        };
+        std::fs::write(to.join("camera.toml"), text("camera.toml").lines().map(reduced).collect::<String>()).unwrap();
+    })
+}
+
+/// Value in a checkpoint of an analysis in place of the light of the room.
+const NO_LIGHT: &str = "the test does not need the light of the room";
+/// An analysis has at most so many stages.
+const STAGES: usize = 32;
+
+/// [`analysed`]; in the fast tier without the light of the room, whose search takes 10 s for pictures of any size.
+pub fn analysed_by_tier(shot: &Shot, threads: usize) -> Analysis {
+    if is_full() {
+        return analysed(shot, threads);
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("site.analysis");
+    let found = with_taken(shot, |camera, taken| {
+        let mut part = part_without_light(&path, shot, camera, taken);
+        analyse(&shot.recording, camera, taken, threads, &mut part, &mut |_, _| Ok(())).unwrap().0
+    });
+    let light = found.findings.light.as_ref().and_then(|light| light.why.as_deref());
+    let refusals = [NO_LIGHT, "where the camera was is not known", "no depth was measured"];
+    assert!(light.is_some_and(|why| refusals.contains(&why)), "{light:?}");
+    found
+}
+
+/// In the fast tier: lets the next analysis of a shot, written to `folder`, leave out the light of the room.
+pub fn leave_out_light(shot: &Shot, folder: &Path) {
+    if !is_full() {
+        with_taken(shot, |camera, taken| drop(part_without_light(folder, shot, camera, taken)));
+    }
+}
+
+/// A checkpoint in which the light of the room is refused. Each stage reads only values of its own type, so that every
+/// other stage ignores the value.
+fn part_without_light(folder: &Path, shot: &Shot, camera: &Geometry, taken: &Taken<'_>) -> Part {
+    let mut part = Part::of(folder, &shot.recording, camera, taken);
+    for _ in 0..STAGES {
+        let refused: Result<Result<(), String>, ()> = part.stage(|| Ok(Err(NO_LIGHT.to_owned())));
+        refused.unwrap().unwrap_err();
+    }
+    Part::of(folder, &shot.recording, camera, taken)
 }

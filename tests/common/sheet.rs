@@ -61,6 +61,25 @@ impl Camera {
     }
 }
 
+/// The rays of all pixels' corners of a camera. Inverting the lens takes most of a photograph's time,
+/// and is done once for all photographs of a camera.
+pub struct Rays {
+    camera: Camera,
+    /// Of `SIZE.0 + 1` corners a row.
+    corners: Vec<DVec2>,
+}
+
+impl Rays {
+    pub fn of(camera: &Camera) -> Self {
+        let columns = SIZE.0 as usize + 1;
+        let mut corners = vec![DVec2::ZERO; columns * (SIZE.1 as usize + 1)];
+        over_rows(&mut corners, columns, processors(), |y, row| {
+            row.iter_mut().enumerate().for_each(|(x, ray)| *ray = camera.ray(DVec2::new(x as f64, y as f64)));
+        });
+        Self { camera: *camera, corners }
+    }
+}
+
 /// Where the camera is, and its axes (x right, y down, z ahead) in the world's, as columns.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
@@ -165,6 +184,43 @@ impl Sheet {
             sum += if far > 0.0 { self.light(lights, (place.at_m + towards * far).truncate()) } else { 0.3 };
         }
         sum / f64::from(samples * samples)
+    }
+}
+
+impl Sheet {
+    /// [`Sheet::photograph`], bit for bit, by rays that are computed already.
+    pub fn photograph_by_rays(
+        &self,
+        rays: &Rays,
+        samples: u32,
+        sigma: f64,
+        seed: u64,
+        place: impl Fn(f64) -> Place + Sync,
+    ) -> Vec<u8> {
+        let lights: Vec<f64> = (0..=255).map(|code| 0.02 + 0.86 * to_light(f64::from(code) / 255.0)).collect();
+        let width = SIZE.0 as usize;
+        let mut codes = vec![0u8; 3 * width * SIZE.1 as usize];
+        over_rows(&mut codes, 3 * width, processors(), |y, pixels| {
+            let place = place(((y as f64 + 0.5) / f64::from(SIZE.1) - 0.5) * rays.camera.readout_s);
+            for (x, pixel) in pixels.chunks_mut(3).enumerate() {
+                let at = y * (width + 1) + x;
+                let ray = rays.corners[at];
+                let (across, down) = (rays.corners[at + 1] - ray, rays.corners[at + width + 1] - ray);
+                let mut sum = 0.0;
+                for i in 0..samples * samples {
+                    let part = DVec2::new(f64::from(i % samples) + 0.5, f64::from(i / samples) + 0.5);
+                    let part = part / f64::from(samples);
+                    let towards = place.axes * (ray + across * part.x + down * part.y).extend(1.0);
+                    let far = -place.at_m.z / towards.z;
+                    let hit = (place.at_m + towards * far).truncate();
+                    sum += if far > 0.0 { self.light(&lights, hit) } else { 0.3 };
+                }
+                let light = sum / f64::from(samples * samples);
+                let noise = sigma * normal(seed, (y * width + x) as u64);
+                pixel.fill((255.0 * to_code(light) + noise).round().clamp(0.0, 255.0) as u8);
+            }
+        });
+        codes
     }
 }
 

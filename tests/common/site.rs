@@ -43,6 +43,11 @@ pub fn sites() -> Vec<NamedShot> {
     [Some(NamedShot::with("demo", shot::demo("scenes/demo.toml"), &[LENS])), desk()].into_iter().flatten().collect()
 }
 
+/// A copy of the demonstration, with its scene and lens.
+pub fn demo_like(recording: &Path) -> NamedShot {
+    NamedShot::with("demo", shot::open(recording, None, Path::new("scenes/demo.toml")), &[LENS])
+}
+
 pub fn desk() -> Option<NamedShot> {
     let folder = common::data("tum-fr1-rpy")?;
     let models = common::data("props")?;

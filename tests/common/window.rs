@@ -14,9 +14,11 @@ use locard::gpu::Gpu;
 use locard::pixels::Pixels;
 use locard::recording::OpenOptions;
 use locard::shot::Given;
-use locard::window::{App, Project};
+use locard::window::{App, DEMO, DEMO_SCENE, Project};
 
+use super::fixture;
 use super::gpu;
+use super::tier::{fast_or_full, is_full};
 
 /// Gives the window a device, as a screen would. What it would show of itself is not looked at.
 pub struct Device(RenderState);
@@ -47,12 +49,98 @@ impl TestRenderer for Device {
     }
 }
 
+/// Reduction of the demonstration's pictures in the fast tier, and of the number of its frames.
+const REDUCTION: u32 = 4;
+const FRAME_STRIDE: usize = 3;
+
+/// The demonstration's recording. In the fast tier a small copy of it: every third frame at a
+/// quarter of its size, 160x120 px, with the shadows off in its profile. Its folder has the same
+/// name.
+pub fn demo() -> PathBuf {
+    if is_full() { PathBuf::from(DEMO) } else { small_demo() }
+}
+
+/// The scene of tests in which nothing virtual is looked at: none in the fast tier.
+pub fn scene_or_none() -> Option<PathBuf> {
+    is_full().then(|| DEMO_SCENE.into())
+}
+
+/// The frame of [`demo`] whose pose is that of the demonstration's frame, or of one just before it.
+pub fn demo_frame(of_demonstration: usize) -> usize {
+    of_demonstration / fast_or_full(FRAME_STRIDE, 1)
+}
+
+/// A place in the pictures of [`demo`], of a place in the demonstration's, px.
+pub fn demo_px(x: f32, y: f32) -> egui::Vec2 {
+    egui::vec2(x, y) / fast_or_full(REDUCTION as f32, 1.0)
+}
+
+fn small_demo() -> PathBuf {
+    let demo = Path::new(DEMO);
+    let text = |name: &str| std::fs::read_to_string(demo.join(name)).unwrap();
+    let key = ["recording.toml", "camera.toml", "rgb.txt", "groundtruth.txt"].map(text);
+    let folder = fixture::once("demo-small", key, |folder| {
+        let site = folder.join("demo");
+        for sub in ["rgb", "depth"] {
+            std::fs::create_dir_all(site.join(sub)).unwrap();
+        }
+        for file in ["recording.toml", "groundtruth.txt"] {
+            std::fs::copy(demo.join(file), site.join(file)).unwrap();
+        }
+        for list in ["rgb.txt", "depth.txt", "exposure.txt"] {
+            let text = text(list).replace(".jpg", ".png");
+            let kept = text.lines().skip(1).step_by(FRAME_STRIDE);
+            std::fs::write(site.join(list), kept.collect::<Vec<_>>().join("\n") + "\n").unwrap();
+        }
+        for frame in (0..text("rgb.txt").lines().count() - 1).step_by(FRAME_STRIDE) {
+            let color = image::open(demo.join(format!("rgb/{frame:05}.jpg"))).unwrap().into_rgb8();
+            reduced_color(&color).save(site.join(format!("rgb/{frame:05}.png"))).unwrap();
+            let depth = image::open(demo.join(format!("depth/{frame:05}.png"))).unwrap().into_luma16();
+            reduced_depth(&depth).save(site.join(format!("depth/{frame:05}.png"))).unwrap();
+        }
+        std::fs::write(site.join("camera.toml"), reduced_profile(&text("camera.toml"))).unwrap();
+    });
+    folder.join("demo")
+}
+
+/// The mean of each block of pixels.
+fn reduced_color(from: &image::RgbImage) -> image::RgbImage {
+    image::imageops::thumbnail(from, from.width() / REDUCTION, from.height() / REDUCTION)
+}
+
+/// The median of each block of pixels: a depth that was measured, on either side of an edge.
+fn reduced_depth(
+    from: &image::ImageBuffer<image::Luma<u16>, Vec<u16>>,
+) -> image::ImageBuffer<image::Luma<u16>, Vec<u16>> {
+    image::ImageBuffer::from_fn(from.width() / REDUCTION, from.height() / REDUCTION, |x, y| {
+        let block = (0..REDUCTION * REDUCTION).map(|i| (REDUCTION * x + i % REDUCTION, REDUCTION * y + i / REDUCTION));
+        let mut depths: Vec<u16> = block.map(|(x, y)| from.get_pixel(x, y)[0]).collect();
+        depths.sort_unstable();
+        image::Luma([depths[depths.len() / 2]])
+    })
+}
+
+/// The camera of the reduced pictures, without shadows.
+fn reduced_profile(text: &str) -> String {
+    let reduced = |line: &str| match line.split_once(" = ") {
+        Some((key @ ("width_px" | "height_px"), value)) => {
+            format!("{key} = {}", value.parse::<u32>().unwrap() / REDUCTION)
+        }
+        Some((key @ ("fx_px" | "fy_px" | "cx_px" | "cy_px"), value)) => {
+            format!("{key} = {:?}", value.parse::<f64>().unwrap() / f64::from(REDUCTION))
+        }
+        _ => line.to_owned(),
+    };
+    let camera: Vec<String> = text.lines().map(reduced).collect();
+    camera.join("\n") + "\n\n[shadow]\ncast = false\non_things = false\n"
+}
+
 /// The demonstration in its window, with these parameters set. Where shadows have no part, `shadow.cast=false` saves that they are
 /// worked out anew for whatever changes.
 pub fn demo_window(sets: &[&str], size: egui::Vec2) -> Harness<'static, App> {
     let sets = sets.iter().map(|set| (*set).to_owned()).collect();
-    let given = Given { scene: Some("scenes/demo.toml".into()), sets, ..Given::default() };
-    window(Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap(), size)
+    let given = Given { scene: Some(DEMO_SCENE.into()), sets, ..Given::default() };
+    window(Project::open(&demo(), &OpenOptions::default(), &given).unwrap(), size)
 }
 
 /// Opens a window of that size, with its first picture.
@@ -69,8 +157,13 @@ pub fn settle(window: &mut Harness<'_, App>) {
     assert_eq!(window.state().problem(), None);
 }
 
-/// A screen asks for its next picture after so long, and leaves the processor to the other threads until then.
-const BETWEEN_PICTURES: Duration = Duration::from_millis(16);
+/// Time between two pictures of the window, which leaves the processor to the other threads.
+const BETWEEN_PICTURES: Duration = Duration::from_millis(30);
+
+/// Waits until the next picture of the window is due.
+pub fn rest() {
+    std::thread::park_timeout(BETWEEN_PICTURES);
+}
 
 /// Decoding and drawing have threads of their own: goes on until they are as far.
 pub fn until(window: &mut Harness<'_, App>, done: impl Fn(&App) -> bool) {
@@ -81,7 +174,7 @@ pub fn until(window: &mut Harness<'_, App>, done: impl Fn(&App) -> bool) {
             return;
         }
         assert!(begun.elapsed() < Duration::from_secs(120), "it does not come");
-        std::thread::park_timeout(BETWEEN_PICTURES);
+        rest();
     }
 }
 
@@ -163,11 +256,16 @@ pub fn has<S>(window: &Harness<'_, S>, label: &str) -> bool {
 
 /// Files are read on threads of their own: goes on until there is something that is called so.
 pub fn shows<S>(window: &mut Harness<'_, S>, label: &str) {
+    until_seen(window, label, |window| has(window, label));
+}
+
+/// Runs the window until `done`. `awaited` names it where it does not happen.
+pub fn until_seen<S>(window: &mut Harness<'_, S>, awaited: &str, done: impl Fn(&Harness<'_, S>) -> bool) {
     let begun = Instant::now();
-    while !has(window, label) {
-        assert!(begun.elapsed() < Duration::from_secs(60), "{label} does not come");
+    while !done(window) {
+        assert!(begun.elapsed() < Duration::from_secs(240), "{awaited} does not come");
         window.step();
-        std::thread::park_timeout(BETWEEN_PICTURES);
+        rest();
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::board::{FOCAL_PX, board, sideways};
 use crate::gpu;
+use crate::tier::fast_or_full;
 use locard::camera::{Camera, Capture, FilmUsed, Geometry, NoiseBin, NoiseProfile, Opening};
 use locard::compositor::{Compositor, Job, RealDepth, Settings, Target};
 use locard::depth::{DepthGrid, Surfaces};
@@ -11,9 +12,13 @@ use locard::params::Value;
 use locard::pixels::{Codes, Pixels, Rect};
 use locard::render::{COLOR, GEOMETRY, Layer, RealLayer};
 
-const SIZE: (u32, u32) = (320, 240);
 const TIME_S: f64 = 0.02;
 const OPENING: Opening = Opening { diameter_m: 0.02, focus_distance_m: 0.7, blades: 5, rotation_rad: 0.3 };
+
+/// Width and height of the pictures, px.
+fn size() -> (u32, u32) {
+    fast_or_full((160, 120), (320, 240))
+}
 
 /// Each effect in each of its ways, with what it is called.
 fn ways() -> Vec<(String, Box<dyn Effect>)> {
@@ -70,7 +75,7 @@ fn surfaces(size: (u32, u32)) -> Surfaces {
 #[test]
 fn what_an_effect_does_not_change_it_hands_on() {
     let gpu = gpu::gpu();
-    let geometry = gpu::pinhole(SIZE.0, SIZE.1, FOCAL_PX);
+    let geometry = gpu::pinhole(size().0, size().1, FOCAL_PX);
     let camera = camera(&geometry);
     let capture = Capture { whole: true, over_ev: 1.0, ..Capture::frame(&geometry, TIME_S, Some(OPENING)) };
     let moment = Moment {
@@ -87,7 +92,7 @@ fn what_an_effect_does_not_change_it_hands_on() {
         objects: &[],
     };
     let mut recorder = Recorder::new(gpu.clone());
-    let texture = |format| Texture::new(&gpu, "test", 336, 240, format, 1);
+    let texture = |format| Texture::new(&gpu, "test", size().0 + 16, size().1, format, 1);
     for (name, effect) in ways() {
         let real = RealLayer {
             light: texture(COLOR),
@@ -100,13 +105,13 @@ fn what_an_effect_does_not_change_it_hands_on() {
             coverage: Some(texture(COLOR)),
             light_alone: true,
             real: Some(real),
-            ..Layer::new(texture(COLOR), texture(GEOMETRY), SIZE)
+            ..Layer::new(texture(COLOR), texture(GEOMETRY), size())
         };
         let mut run = LayerRun {
             recorder: &mut recorder,
             moment: &moment,
-            drawn: Rect::full(SIZE.0, SIZE.1),
-            objects_px: Rect::full(SIZE.0, SIZE.1),
+            drawn: Rect::full(size().0, size().1),
+            objects_px: Rect::full(size().0, size().1),
             geometry_is_read: true,
         };
         let out = effect.run(&mut run, layer);
@@ -114,7 +119,7 @@ fn what_an_effect_does_not_change_it_hands_on() {
         assert!(out.real.is_some(), "{name}: the real part (`..layer`)");
         assert!(out.coverage.is_some(), "{name}: what of each colour is covered (`..layer`)");
         assert!(out.light_alone, "{name}: that there is light alone (`..layer`)");
-        assert_eq!(out.size, SIZE, "{name}");
+        assert_eq!(out.size, size(), "{name}");
     }
 }
 
@@ -130,7 +135,7 @@ fn photographed(
     let size = (picture.intrinsics.width_px, picture.intrinsics.height_px);
     let camera = camera(&recorded);
     let surfaces = surfaces(size);
-    let mut compositor = Compositor::new(gpu.clone(), board([60.0, 50.0], 0.9));
+    let mut compositor = Compositor::new(gpu.clone(), board(fast_or_full([30.0, 25.0], [60.0, 50.0]), 0.9));
     let mut all = stripes(size);
     for region in regions {
         let capture = Capture {
@@ -166,36 +171,36 @@ fn photographed(
 /// Within a code value: places in textures of other sizes round otherwise, and so does light on its way.
 fn alike(a: &Pixels, b: &Pixels, told: &str) {
     let apart = |i: u32| {
-        let [a, b] = [a, b].map(|picture| picture.at(i % SIZE.0, i / SIZE.0));
+        let [a, b] = [a, b].map(|picture| picture.at(i % size().0, i / size().0));
         a.iter().zip(b).map(|(a, b)| a.abs_diff(b)).max().unwrap()
     };
-    let (most, at) = (0..SIZE.0 * SIZE.1).map(|i| (apart(i), i)).max().unwrap();
-    let differ = (0..SIZE.0 * SIZE.1).filter(|i| apart(*i) > 0).count();
+    let (most, at) = (0..size().0 * size().1).map(|i| (apart(i), i)).max().unwrap();
+    let differ = (0..size().0 * size().1).filter(|i| apart(*i) > 0).count();
     println!("{told} {differ} pixels differ, by {most} at most");
-    assert!(most <= 1, "{told} {differ} pixels differ, by {most} at ({}, {})", at % SIZE.0, at / SIZE.0);
+    assert!(most <= 1, "{told} {differ} pixels differ, by {most} at ({}, {})", at % size().0, at / size().0);
 }
 
 #[test]
 fn parts_of_a_picture_are_the_picture() {
     let geometry = || {
-        let geometry = gpu::pinhole(SIZE.0, SIZE.1, FOCAL_PX);
+        let geometry = gpu::pinhole(size().0, size().1, FOCAL_PX);
         (geometry.clone(), geometry, 1.0)
     };
-    let whole = [Rect::full(SIZE.0, SIZE.1)];
+    let whole = [Rect::full(size().0, size().1)];
     // Their corners lie on the object and beside it.
-    let parts = [
-        Rect::new(0, 0, 130, 110),
-        Rect::new(130, 0, 320, 110),
-        Rect::new(0, 110, 97, 240),
-        Rect::new(97, 110, 230, 240),
-        Rect::new(230, 110, 320, 240),
-    ];
+    let smaller = fast_or_full(2, 1);
+    let part = |edges: [i32; 4]| {
+        let [x0, y0, x1, y1] = edges.map(|px| px / smaller);
+        Rect::new(x0, y0, x1, y1)
+    };
+    let parts =
+        [[0, 0, 130, 110], [130, 0, 320, 110], [0, 110, 97, 240], [97, 110, 230, 240], [230, 110, 320, 240]].map(part);
     for (name, effect) in ways() {
         for real_too in [false, true] {
             let settings = alone(effect.as_ref());
             let [whole, parts] =
                 [&whole[..], &parts].map(|regions| photographed(&settings, regions, &geometry, real_too));
-            assert!(whole != stripes(SIZE), "{name}: something is in the picture");
+            assert!(whole != stripes(size()), "{name}: something is in the picture");
             alike(&whole, &parts, &format!("{name}: does it look farther than `reach` says?"));
         }
     }
@@ -203,9 +208,9 @@ fn parts_of_a_picture_are_the_picture() {
 
 #[test]
 fn an_enlargement_is_what_a_finer_camera_sees() {
-    let large = gpu::pinhole(SIZE.0, SIZE.1, FOCAL_PX);
-    let small = gpu::pinhole(SIZE.0 / 2, SIZE.1 / 2, FOCAL_PX / 2.0);
-    let whole = [Rect::full(SIZE.0, SIZE.1)];
+    let large = gpu::pinhole(size().0, size().1, FOCAL_PX);
+    let small = gpu::pinhole(size().0 / 2, size().1 / 2, FOCAL_PX / 2.0);
+    let whole = [Rect::full(size().0, size().1)];
     for (name, effect) in ways() {
         // What is told in pixels of the camera's is twice as many of the finer one.
         let (mut coarser, mut finer) = (effect.clone(), effect.clone());

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use crate::gpu;
 use crate::marks::marks;
+use crate::tier::fast_or_full;
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use locard::camera::{Camera, Distortion, Geometry, Intrinsics, LensModel, NoiseBin, NoiseProfile};
 use locard::compositor::{Composited, Compositor, IN_FLIGHT, Input, Settings, Stream};
@@ -23,15 +24,16 @@ fn round(width_px: u32) -> Geometry {
     Geometry::new(intrinsics, Distortion { model: LensModel::Equirectangular, ..Default::default() })
 }
 
-/// 200° across 640 px, not quite equal angles.
-fn fisheye() -> Geometry {
+/// 200° across its width, not quite equal angles.
+fn fisheye(width_px: u32) -> Geometry {
+    let px = |of_640: f64| of_640 * f64::from(width_px) / 640.0;
     let intrinsics = Intrinsics {
-        width_px: 640,
-        height_px: 600,
-        fx_px: 180.0,
-        fy_px: 181.0,
-        cx_px: 322.0,
-        cy_px: 297.0,
+        width_px,
+        height_px: px(600.0).round() as u32,
+        fx_px: px(180.0),
+        fy_px: px(181.0),
+        cx_px: px(322.0),
+        cy_px: px(297.0),
         ..Default::default()
     };
     let [k1, k2, k3, k4] = [0.02, -0.01, 0.002, -0.0002];
@@ -99,14 +101,15 @@ fn all_around() -> Vec<DVec3> {
 fn marks_land_where_the_formula_says_all_around() {
     let pose =
         Pose::from_camera_in_world(DVec3::new(3.0, -1.0, 2.0), DQuat::from_euler(glam::EulerRot::XYZ, 0.2, -1.1, 0.3));
-    for (geometry, least, largest) in [(round(1024), 61, 180.0), (fisheye(), 30, 99.0)] {
+    let (round_px, fisheye_px, half_size, at_a_time) = fast_or_full((640, 400, 0.04, 32), (1024, 640, 0.03, 8));
+    for (geometry, least, largest) in [(round(round_px), 61, 180.0), (fisheye(fisheye_px), 30, 99.0)] {
         let size = DVec2::new(geometry.intrinsics.width_px.into(), geometry.intrinsics.height_px.into());
         let directions: Vec<DVec3> = all_around().into_iter().map(DVec3::normalize).collect();
         let camera = gpu::camera(&geometry, 0.0);
         let (mut found, mut worst, mut farthest) = (0, 0.0f64, 0.0f64);
-        for few in directions.chunks(8) {
+        for few in directions.chunks(at_a_time) {
             // Few at a time: their squares must not meet.
-            let mut scene = marks(few, 0.03, 0.5);
+            let mut scene = marks(few, half_size, 0.5);
             scene.objects[0].parts[0].world_from_mesh =
                 DAffine3::from_rotation_translation(pose.world_from_camera_rotation(), pose.position_in_world_m());
             let image = layer(&camera, plain(), scene, &still(pose));
@@ -116,7 +119,7 @@ fn marks_land_where_the_formula_says_all_around() {
                 let finest = geometry.intrinsics.fx_px;
                 // Near a pole a square is wide.
                 let wide = if geometry.is_round() { 1.0 / (d.x.hypot(d.z)) } else { 1.6 };
-                let reach = (0.03 * 0.75 * finest * wide).ceil() + 3.0;
+                let reach = (half_size * 0.75 * finest * wide).ceil() + 3.0;
                 let inside = at.y > reach && at.y < size.y - reach;
                 let inside = inside && (geometry.is_round() || (at.x > reach && at.x < size.x - reach));
                 if !inside || theta > largest {
@@ -193,7 +196,7 @@ fn the_velocity_filter_is_near_the_reference_at_the_seam_and_in_a_wide_fisheye()
     let wide = DVec3::new(-1.0, 0.1, -0.02);
     for (geometry, start, at, axis) in [
         (round(1024), DQuat::from_rotation_y(PI), DVec3::new(0.0, 0.3, 1.0), DVec3::Y),
-        (fisheye(), DQuat::IDENTITY, wide, DVec3::Z),
+        (fisheye(640), DQuat::IDENTITY, wide, DVec3::Z),
     ] {
         let camera = gpu::camera(&geometry, 0.03);
         let track = {
@@ -233,8 +236,10 @@ fn speckled(geometry: &Geometry) -> Pixels {
 /// that of the whole run.
 #[test]
 fn the_cameras_pixels_are_sacred_and_frames_stand_alone() {
-    let scene = marks(&[DVec3::NEG_Z, DVec3::new(0.3, 1.0, -0.2), DVec3::new(0.3, -0.1, 1.0)], 0.1, 0.5);
-    for geometry in [round(512), fisheye()] {
+    // Half the resolution and twice the marks: their size in pixels is the same in both tiers.
+    let (smaller, half_size) = fast_or_full((2, 0.2), (1, 0.1));
+    let scene = marks(&[DVec3::NEG_Z, DVec3::new(0.3, 1.0, -0.2), DVec3::new(0.3, -0.1, 1.0)], half_size, 0.5);
+    for geometry in [round(512 / smaller), fisheye(640 / smaller)] {
         let camera = noisy(gpu::camera(&geometry, 0.02));
         let settings = || {
             gpu::settings(&[
@@ -259,7 +264,8 @@ fn the_cameras_pixels_are_sacred_and_frames_stand_alone() {
             let frames = range.map(|n| Ok::<_, std::io::Error>(input(n)));
             compositor.run(stream.clone(), frames).map(Result::unwrap).collect()
         };
-        let all = run(0..4);
+        let (frames, alone) = fast_or_full((3, [2, 1]), (4, [3, 1]));
+        let all = run(0..frames);
         for done in &all {
             assert_eq!(done.stats.effects, ["motion_blur", "point_spread", "edge_blend", "noise"]);
             let layer = done.layer.as_ref().unwrap();
@@ -283,10 +289,10 @@ fn the_cameras_pixels_are_sacred_and_frames_stand_alone() {
             }
             assert!(seen > 500 && changed > seen / 2, "{seen} {changed}");
         }
-        for n in [3, 1] {
-            let alone = run(n..n + 1).remove(0);
-            assert!(alone.pixels.codes.eight_bit().unwrap() == all[n].pixels.codes.eight_bit().unwrap(), "frame {n}");
-            assert!(alone.layer == all[n].layer, "frame {n}");
+        for n in alone {
+            let one = run(n..n + 1).remove(0);
+            assert!(one.pixels.codes.eight_bit().unwrap() == all[n].pixels.codes.eight_bit().unwrap(), "frame {n}");
+            assert!(one.layer == all[n].layer, "frame {n}");
         }
     }
 }
@@ -349,11 +355,12 @@ fn the_virtual_board_lies_on_the_simulated_one() {
     let file = folder.path().join("board.glb");
     std::fs::write(&file, glb).unwrap();
     let scene = locard::scene::load(&file, Some(DVec3::Z)).unwrap();
+    let (smaller, samples) = fast_or_full((1.25, 4), (1.0, 6));
     let options = |lens, width_px, height_px| Options {
         lens,
         width_px,
         height_px,
-        focal_px: 260.0,
+        focal_px: 260.0 / smaller,
         k1: -0.02,
         k2: 0.003,
         frames: 1,
@@ -365,19 +372,21 @@ fn the_virtual_board_lies_on_the_simulated_one() {
     };
     let (sky, fish) = (LensModel::Equirectangular, LensModel::OpencvFisheye);
     let beside = |degrees: f64| DVec3::new(degrees.to_radians().sin(), 0.0, degrees.to_radians().cos());
-    for (lens, width, height, at, name) in [
-        (sky, 1536, 768, DVec3::Z, "middle"),
+    let places = [
         (sky, 1536, 768, DVec3::NEG_Z, "seam"),
         (sky, 1536, 768, DVec3::Y, "nadir"),
-        (fish, 900, 300, beside(80.0), "80° off a fisheye's axis"),
         (fish, 1000, 300, beside(94.0), "94° off a fisheye's axis"),
-    ] {
+        (sky, 1536, 768, DVec3::Z, "middle"),
+        (fish, 900, 300, beside(80.0), "80° off a fisheye's axis"),
+    ];
+    for (lens, width, height, at, name) in places.into_iter().take(fast_or_full(3, 5)) {
+        let [width, height] = [width, height].map(|side| (2.0 * (f64::from(side) / smaller / 2.0).floor()) as u32);
         let detail = Detail { texture_m: 0.05, light_m: 0.4 };
         let simulation = Simulation::with_detail(&options(lens, width, height), detail, 2).unwrap();
         // Turned so that the board lies there.
         let aim = simulation.track().poses()[0].1.transform_point(board().point_at_texel(DVec2::splat(32.0)));
         let simulation = simulation.turned(DQuat::from_rotation_arc(aim.normalize(), at));
-        let snapshot = Snapshot { samples: 6, ..simulation.snapshot(0) };
+        let snapshot = Snapshot { samples, ..simulation.snapshot(0) };
         let real = simulation.shoot(&snapshot);
         let geometry = simulation.geometry();
         let encode = |light: [f32; 3]| {

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use crate::common;
 use crate::gpu;
+use crate::tier::fast_or_full;
 use locard::camera::Geometry;
 use locard::measure::Grey;
 use locard::measure::edge::{edge, profile};
@@ -150,9 +151,11 @@ fn edges_lean_with_the_rolling_shutter_as_in_cycles() {
     }
 }
 
+/// The reference method samples thousands of lens points: full tier only. In the fast tier
+/// `depth_of_field::edges_are_as_wide_as_the_opening_makes_them` compares it with the analytic disc.
 #[test]
 fn defocus_agrees_with_cycles() {
-    for method in ["layered", "reference"] {
+    for method in fast_or_full(&["layered"][..], &["layered", "reference"]) {
         let Some(case) = case("defocus-behind", "depth_of_field", method) else { return };
         let error = gpu::mean_absolute_error(&case.layer, &case.reference);
         println!("defocus-behind, {method}: mean absolute error {error:.4}");

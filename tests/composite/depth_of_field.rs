@@ -3,6 +3,7 @@
 use crate::board::{FOCAL_PX, both, sideways};
 use crate::flip::{PIXELS_PER_DEGREE, mean_flip};
 use crate::gpu;
+use crate::tier::fast_or_full;
 use glam::DAffine3;
 use locard::camera::{Aperture, Camera, Opening};
 use locard::compositor::Composited;
@@ -115,23 +116,40 @@ fn flips(name: &str, camera: &Camera, scene: &Scene) -> [f64; 3] {
 const GREENS: [[f32; 3]; 2] = [[0.05, 0.45, 0.1], [0.7, 0.7, 0.75]];
 const BLUES: [[f32; 3]; 2] = [[0.02, 0.03, 0.12], [0.8, 0.6, 0.05]];
 
+/// Corners of a wall that fills the picture, and of one with half its area for the fast tier.
+const WALL: ([f64; 2], [f64; 2]) = ([-150.0, -110.0], [150.0, 110.0]);
+const SMALL_WALL: ([f64; 2], [f64; 2]) = ([-100.0, -80.0], [100.0, 80.0]);
+
+fn wall() -> ([f64; 2], [f64; 2]) {
+    fast_or_full(SMALL_WALL, WALL)
+}
+
+/// Corners of the board before the wall. Its rim is at least 60 px from the wall's: the poisson method
+/// blurs the rim of a sharp surface near a blurred one.
+fn before_wall() -> ([f64; 2], [f64; 2]) {
+    fast_or_full(([-30.0, -20.0], [30.0, 20.0]), ([-60.0, -50.0], [60.0, 50.0]))
+}
+
 fn blurred_over_sharp() -> Scene {
-    let wall = checks([-150.0, -110.0], [150.0, 110.0], 20.0, FOCUS_M, GREENS);
-    both(wall, checks([-60.0, -50.0], [60.0, 50.0], 20.0, 0.5, BLUES))
+    let ((low, high), (from, to)) = (wall(), before_wall());
+    both(checks(low, high, 20.0, FOCUS_M, GREENS), checks(from, to, 20.0, 0.5, BLUES))
 }
 
 fn sharp_over_blurred() -> Scene {
-    let wall = checks([-150.0, -110.0], [150.0, 110.0], 20.0, 2.0, GREENS);
-    both(wall, checks([-60.0, -50.0], [60.0, 50.0], 20.0, FOCUS_M, BLUES))
+    let ((low, high), (from, to)) = (wall(), before_wall());
+    both(checks(low, high, 20.0, 2.0, GREENS), checks(from, to, 20.0, FOCUS_M, BLUES))
 }
 
 fn lights() -> Scene {
-    let wall = rectangles(&[([-150.0, -110.0], [150.0, 110.0], 4.0, [0.01, 0.012, 0.02])]);
-    let at = [(-90.0, -60.0), (-20.0, -70.0), (70.0, -50.0), (-60.0, 20.0), (10.0, 0.0), (95.0, 40.0), (-110.0, 80.0)];
+    let (low, high) = wall();
+    let wall = rectangles(&[(low, high, 4.0, [0.01, 0.012, 0.02])]);
+    let all = [(-90.0, -60.0), (-20.0, -70.0), (70.0, -50.0), (-60.0, 20.0), (10.0, 0.0), (95.0, 40.0), (-110.0, 80.0)];
+    let small = [(-60.0, -50.0), (-20.0, -40.0), (10.0, 0.0), (65.0, 30.0)];
     let light = |&(x, y): &(f64, f64)| ([x, y], [x + 2.0, y + 2.0], 3.9, [60.0, 50.0, 30.0]);
-    both(wall, rectangles(&at.iter().map(light).collect::<Vec<_>>()))
+    both(wall, rectangles(&fast_or_full(&small[..], &all).iter().map(light).collect::<Vec<_>>()))
 }
 
+// Slow: the reference method renders the scene from many lens points.
 #[test]
 fn looks_like_the_thin_lens() {
     let mut missed = Vec::new();
@@ -141,7 +159,7 @@ fn looks_like_the_thin_lens() {
         ("sharp over blurred", sharp_over_blurred(), 2.0, [0.05, 0.138, 0.059]),
         ("point lights", lights(), 3.9, [0.05, 0.066, 0.028]),
     ] {
-        for (circle_px, blades) in [(5.0, 0), (12.0, 0), (24.0, 5)] {
+        for &(circle_px, blades) in fast_or_full(&[(12.0, 0)][..], &[(5.0, 0), (12.0, 0), (24.0, 5)]) {
             let flips =
                 flips(&format!("{name}, {circle_px} px, {blades} blades"), &camera(circle_px, depth_m, blades), &scene);
             for ((method, flip), most) in METHODS.iter().zip(flips).zip(most) {
@@ -180,23 +198,31 @@ fn edge_of(mut alpha: impl FnMut(f64) -> Vec<f64>) -> (f64, f64) {
 fn edges_are_as_wide_as_the_opening_makes_them() {
     let mut missed = Vec::new();
     let (behind, before) = (2.0, 0.5);
-    let most: &[f64] = &[2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.9, 16.1, 24.0, 33.0, 48.0];
-    let some: &[f64] = &[2.0, 3.0, 4.0, 5.25, 6.0, 9.0, 14.0, 20.0, 28.0, 48.0];
-    let few: &[f64] = &[3.0, 5.25, 7.0, 14.0, 28.0];
+    let all: [&[f64]; 3] = [
+        &[2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.9, 16.1, 24.0, 33.0, 48.0],
+        &[2.0, 3.0, 4.0, 5.25, 6.0, 9.0, 14.0, 20.0, 28.0, 48.0],
+        &[3.0, 5.25, 7.0, 14.0, 28.0],
+    ];
+    let chosen: [&[f64]; 3] = [&[2.0, 6.0, 16.1, 33.0], &[3.0, 9.0, 28.0], &[7.0, 28.0]];
+    let [most, some, few] = fast_or_full(chosen, all);
+    // The board's other edges stay outside the circle of every measured pixel.
+    let (half_high_px, right_px) = fast_or_full((30.0, 10.0), (90.0, 80.0));
+    let [wall_x, wall_y] = fast_or_full([110.0, 30.0], WALL.1);
     for (method, blades, depth_m, circles) in [
         ("layered", 0, behind, most),
         ("layered", 0, before, some),
         ("layered", 5, behind, few),
         ("layered", 5, before, few),
-        ("layered", 6, before, &[5.25, 12.0]),
-        ("reference", 0, behind, &[2.0, 6.0]),
+        ("layered", 6, before, fast_or_full(&[5.25][..], &[5.25, 12.0])),
+        ("reference", 0, behind, fast_or_full(&[6.0][..], &[2.0, 6.0])),
     ] {
         let spread = spread_of(blades);
         for &circle_px in circles {
             let (width, middle) = edge_of(|place| {
-                let board = rectangles(&[([-80.0 + place, -90.0], [80.0, 90.0], depth_m, [0.5; 3])]);
+                let board =
+                    rectangles(&[([-80.0 + place, -half_high_px], [right_px, half_high_px], depth_m, [0.5; 3])]);
                 // A blurred thing before something sharp is drawn in another way than one before nothing.
-                let wall = rectangles(&[([-150.0, -110.0], [150.0, 110.0], FOCUS_M, [0.0; 3])]);
+                let wall = rectangles(&[([-wall_x, -wall_y], [wall_x, wall_y], FOCUS_M, [0.0; 3])]);
                 let scene = if depth_m < FOCUS_M { both(wall, board) } else { board };
                 let layer = composited(&camera(circle_px, depth_m, blades), scene, method).layer.unwrap();
                 // The silhouette at x = 80, from outside to inside.
@@ -233,15 +259,17 @@ fn edges_are_as_wide_as_the_opening_makes_them() {
 
 #[test]
 fn a_lights_energy_is_kept() {
-    for circle_px in [2.0, 3.0, 5.0, 6.9, 7.1, 9.0, 12.0, 24.0, 33.0, 48.0, 70.0] {
-        for at in [[-0.5, -0.5], [3.2, 1.7]] {
-            let light = rectangles(&[(at, [at[0] + 3.0, at[1] + 3.0], 2.0, [400.0, 300.0, 200.0])]);
-            for method in ["layered", "diffusion"] {
-                let sum = |camera: &Camera| {
-                    let layer = composited(camera, light.clone(), method).layer.unwrap();
-                    layer.rgba.iter().map(|p| f64::from(p[0])).sum::<f64>()
-                };
-                let ratio = sum(&camera(circle_px, 2.0, 0)) / sum(&camera(0.01, 2.0, 0));
+    let all = [2.0, 3.0, 5.0, 6.9, 7.1, 9.0, 12.0, 24.0, 33.0, 48.0, 70.0];
+    for at in [[-0.5, -0.5], [3.2, 1.7]] {
+        let light = rectangles(&[(at, [at[0] + 3.0, at[1] + 3.0], 2.0, [400.0, 300.0, 200.0])]);
+        for method in ["layered", "diffusion"] {
+            let sum = |camera: &Camera| {
+                let layer = composited(camera, light.clone(), method).layer.unwrap();
+                layer.rgba.iter().map(|p| f64::from(p[0])).sum::<f64>()
+            };
+            let sharp = sum(&camera(0.01, 2.0, 0));
+            for &circle_px in fast_or_full(&[2.0, 6.9, 7.1, 48.0][..], &all) {
+                let ratio = sum(&camera(circle_px, 2.0, 0)) / sharp;
                 assert!((ratio - 1.0).abs() < 0.02, "{method}, {circle_px} px at {at:?}: {ratio:.4}");
             }
         }
@@ -420,7 +448,8 @@ fn a_surface_in_one_depth_is_the_twin() {
     ]);
     let sharp = composited(&camera(0.01, 2.0, 0), shape.clone(), "layered").layer.unwrap();
     let sharp: Vec<[f64; 4]> = sharp.rgba.iter().map(|p| p.map(f64::from)).collect();
-    for (circle_px, blades) in [(4.0, 0), (10.0, 0), (24.0, 5), (24.0, 3), (48.0, 6)] {
+    let all = [(4.0, 0), (10.0, 0), (24.0, 5), (24.0, 3), (48.0, 6)];
+    for &(circle_px, blades) in fast_or_full(&[(10.0, 0), (24.0, 3)][..], &all) {
         let camera = camera(circle_px, 2.0, blades);
         let geometry = camera.geometry.clone().unwrap();
         let opening: Opening = camera.lens.opening(&geometry).unwrap().unwrap();
@@ -480,7 +509,7 @@ fn differences(found: &[[f32; 4]], twin: &[[f64; 4]]) -> (f64, f64) {
 
 #[test]
 fn poisson_is_the_mean_over_each_pixels_own_circle() {
-    for circle_px in [4.0, 10.0, 20.0] {
+    for &circle_px in fast_or_full(&[8.0][..], &[4.0, 10.0, 20.0]) {
         let (scene, sharp, circles) = two_depths(circle_px);
         let twin = poisson::twin(
             &sharp,

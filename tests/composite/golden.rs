@@ -61,6 +61,7 @@ fn check(name: &str, Part { made, camera }: Part) {
     assert!(fits, "{path}: {share:.3} of {} codes differ by more than 1; mean {mean:.3}", virtual_ones.len());
 }
 
+// Slow: bakes the light of the whole demonstration scene at full resolution.
 #[test]
 fn evidence_on_the_stool() {
     let crop = Rect::new(280, 270, 440, 375);

@@ -2,6 +2,7 @@
 
 use crate::board::{FOCAL_PX, board, sideways};
 use crate::gpu;
+use crate::tier::{fast_or_full, is_full};
 use locard::camera::{Camera, NoiseBin, NoiseProfile};
 use locard::compositor::{Compositor, Job, Settings, Target};
 use locard::frame::Frame;
@@ -11,7 +12,10 @@ use locard::pixels::{Codes, Pixels};
 use locard::profile::Rig;
 use locard::scene::Scene;
 
-const SIZE: (u32, u32) = (96, 64);
+/// Width and height of the frame, px.
+fn size() -> (u32, u32) {
+    fast_or_full((48, 32), (96, 64))
+}
 
 /// What is held: a camera's parameters, and settings.
 #[derive(Clone)]
@@ -30,7 +34,7 @@ impl Held {
                 settings.set(table, name, value).unwrap().unwrap();
             }
         }
-        let geometry = gpu::pinhole(SIZE.0, SIZE.1, FOCAL_PX);
+        let geometry = gpu::pinhole(size().0, size().1, FOCAL_PX);
         let mut rig = Rig::default();
         rig.lay_over(&geometry);
         let bins = vec![NoiseBin { code: 0.0, sigma: 2.0 }, NoiseBin { code: 255.0, sigma: 4.0 }];
@@ -42,7 +46,8 @@ impl Held {
         for set in [
             "camera.exposure.time_s=0.02",
             "camera.exposure.iso=200",
-            "camera.lens.f_number=2",
+            // A smaller frame has a longer lens in mm: the same f-number blurs more.
+            fast_or_full("camera.lens.f_number=16", "camera.lens.f_number=2"),
             // Where the board is drawn through many points of the lens, so that they need not be thousands.
             if case < 3 { "camera.lens.focus_distance_m=0.7" } else { "camera.lens.focus_distance_m=1.9" },
         ] {
@@ -75,27 +80,33 @@ impl Held {
 }
 
 fn frame() -> Frame {
-    let codes = (0..SIZE.0 * SIZE.1).flat_map(|i| [60 + (i % 60) as u8, 90, 40 + (i / 96) as u8]).collect();
-    gpu::frame(7, 0.0, Pixels::from_u8(SIZE.0, SIZE.1, codes).unwrap())
+    let (width, height) = size();
+    let codes = (0..width * height).flat_map(|i| [60 + (i % 60) as u8, 90, 40 + (i / width) as u8]).collect();
+    gpu::frame(7, 0.0, Pixels::from_u8(width, height, codes).unwrap())
 }
 
 fn scene() -> Scene {
-    board([20.0, 14.0], 0.6)
+    board(fast_or_full([10.0, 7.0], [20.0, 14.0]), 0.6)
 }
 
 /// Four values over a parameter's range, or those between them, and all choices; of a range without end, over what anybody
-/// gives it.
+/// gives it. The fast tier takes the two ends of the range, or the one value between them.
 fn values(spec: &Spec, between: bool) -> Vec<Value> {
     let numbers = |min: f64, max: f64| -> Vec<f64> {
         let (min, max) = (min.max(-1e4), max.min(1e4));
-        let step = |i: u32| if between { (f64::from(i) + 0.5) / 4.0 } else { f64::from(i) / 3.0 };
+        let count: u32 = fast_or_full(if between { 1 } else { 2 }, 4);
+        let step = |i: u32| {
+            if between { (f64::from(i) + 0.5) / f64::from(count) } else { f64::from(i) / f64::from(count - 1) }
+        };
         // Over decades, where there are several.
         if min > 0.0 && max / min > 100.0 {
-            return (0..4).map(|i| min * (max / min).powf(step(i))).collect();
+            return (0..count).map(|i| min * (max / min).powf(step(i))).collect();
         }
-        (0..4).map(|i| min + (max - min) * step(i)).collect()
+        (0..count).map(|i| min + (max - min) * step(i)).collect()
     };
     match &spec.kind {
+        // A choice has no value between two others; the full tier repeats all of them.
+        Kind::Bool | Kind::Choice(_) if between && !is_full() => Vec::new(),
         Kind::Bool => vec![Value::Bool(true), Value::Bool(false)],
         Kind::Choice(names) => names.iter().map(|name| Value::Text((*name).to_owned())).collect(),
         Kind::Number { min, max } => numbers(*min, *max).into_iter().map(Value::Number).collect(),
@@ -119,6 +130,7 @@ fn sweep(between: bool) -> impl Iterator<Item = (String, Held)> {
     })
 }
 
+// Slow: renders a picture for each value of each parameter, with four sets of methods.
 #[test]
 fn every_parameter_through_its_range() {
     // Of its own: it counts what is made on it.
@@ -127,7 +139,7 @@ fn every_parameter_through_its_range() {
     let pictures: Vec<_> = sweep(false).map(|(told, one)| (told, one.picture(&mut held))).collect();
     let drawn = pictures.iter().filter(|(_, picture)| picture.is_ok()).count();
     println!("{} values, {drawn} pictures", pictures.len());
-    assert!(drawn > 200 && drawn * 2 > pictures.len(), "{drawn} of {}", pictures.len());
+    assert!(drawn > fast_or_full(100, 200) && drawn * 2 > pictures.len(), "{drawn} of {}", pictures.len());
 
     // Each choice has been seen. Other numbers than those make no pipeline.
     let mut made = gpu.pipelines_made();
@@ -137,12 +149,13 @@ fn every_parameter_through_its_range() {
         assert_eq!(now, made, "{told}: {} pipelines more", now - made);
         made = now;
     }
+    let (again, anew) = fast_or_full((8, 24), (3, 9));
     for (n, ((told, one), (_, first))) in sweep(false).zip(&pictures).enumerate() {
-        if n % 3 == 0 {
+        if n % again == 0 {
             assert!(one.picture(&mut held) == *first, "{told}: another picture the second time");
         }
         // All of them anew would take minutes.
-        if n % 9 == 0 {
+        if n % anew == 0 {
             let anew = one.picture(&mut Compositor::new(gpu.clone(), scene()));
             assert!(anew == *first, "{told}: not what a new compositor gives");
         }
@@ -182,10 +195,12 @@ fn an_error_on_an_adopted_device_is_told_and_can_be_gone_on_after() {
     assert!(held.picture(&mut compositor).unwrap() == before);
 
     // A view of another size is refused before anything is drawn.
-    let view = texture(&device, (SIZE.0 - 1, SIZE.1), wgpu::TextureFormat::Rgba8Unorm).create_view(&Default::default());
+    let (width, height) = size();
+    let view = texture(&device, (width - 1, height), wgpu::TextureFormat::Rgba8Unorm).create_view(&Default::default());
     let target = Target::View(&view, wgpu::TextureFormat::Rgba8Unorm);
     let error = compositor.submit(job(frame()), &camera, &held.settings, target).unwrap_err().to_string();
-    assert!(error.contains("95x64") && error.contains("96x64"), "{error}");
+    let (narrow, whole) = (format!("{}x{height}", width - 1), format!("{width}x{height}"));
+    assert!(error.contains(&narrow) && error.contains(&whole), "{error}");
     gpu.check().unwrap();
 }
 
@@ -213,7 +228,7 @@ fn into_a_view_goes_what_would_be_written() {
     // Sixteen bits round to eight; a frame without a pose is the camera's own.
     let wide = |pixels: &Pixels| {
         let Codes::U8(codes) = &pixels.codes else { panic!("8 bits go in") };
-        Pixels::from_u16(SIZE.0, SIZE.1, codes.iter().map(|c| u16::from(*c) * 257).collect()).unwrap()
+        Pixels::from_u16(size().0, size().1, codes.iter().map(|c| u16::from(*c) * 257).collect()).unwrap()
     };
     let away = sideways([200.0, 0.0]);
     for format in
@@ -227,7 +242,7 @@ fn into_a_view_goes_what_would_be_written() {
                 Frame { pixels: wide(&frame.pixels), ..frame }
             }),
         ] {
-            let texture = texture(&device, SIZE, format);
+            let texture = texture(&device, size(), format);
             let view = texture.create_view(&Default::default());
             let job = Job::of_frame(frame.clone(), &camera, &held.settings, &geometry, &away, 1.0 / 30.0).unwrap();
             let target = Target::View(&view, format);
@@ -245,7 +260,7 @@ fn into_a_view_goes_what_would_be_written() {
             for (i, texel) in gpu::read_back(&gpu, &texture).into_iter().enumerate() {
                 let [a, b, c, alpha] = texel.map(u32::from);
                 let shown = if format == wgpu::TextureFormat::Bgra8Unorm { [c, b, a] } else { [a, b, c] };
-                let codes = expected.at(i as u32 % SIZE.0, i as u32 / SIZE.0);
+                let codes = expected.at(i as u32 % size().0, i as u32 / size().0);
                 let eight = codes.map(|code| (code * 255 + most / 2) / most);
                 // Drivers round what lies halfway between two codes to either of them, and light between 16 bits' codes
                 // near there.

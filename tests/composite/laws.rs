@@ -6,7 +6,9 @@ use std::sync::Arc;
 use crate::board::{FOCAL_PX, board, both, panel, sideways};
 use crate::gpu;
 use crate::random::Random;
-use crate::site::{NOISE, NamedShot, desk, sites};
+use crate::site::{NOISE, NamedShot, demo_like, desk, sites};
+use crate::small;
+use crate::tier::{fast_or_full, is_full};
 use locard::camera::{Curve, NoiseBin, NoiseProfile, Response};
 use locard::compositor::{Composited, Compositor, IN_FLIGHT, Settings};
 use locard::effects;
@@ -14,6 +16,17 @@ use locard::gpu::Gpu;
 use locard::params::Value;
 use locard::pixels::Pixels;
 use locard::scene::{Alpha, Scene, Texture, TextureUse, Wrap};
+
+/// The demonstration at 1/`smaller` of its resolution, with its two markers as the only objects.
+/// In the full tier: the demonstration itself and a real recording.
+fn sites_of_tier(smaller: u32) -> Vec<NamedShot> {
+    if is_full() {
+        return sites();
+    }
+    let mut site = demo_like(&small::demo(smaller));
+    Arc::make_mut(&mut site.shot.scene).objects.retain(|object| object.name.starts_with("marker"));
+    vec![site]
+}
 
 /// Every effect at work, each in the first of the ways in which it can.
 fn settings() -> Settings {
@@ -89,20 +102,23 @@ fn camera_is_sacred(site: &NamedShot, done: &[Composited], range: std::ops::Rang
             assert!(p[3] > 0.0 || nothing, "{}: {p:?} {velocity:?}", site.name);
         }
     }
-    // The objects must have been there for the law to mean anything.
-    assert!(seen > done.len() * 500 && touched > seen / 2, "{}: {seen} mixed pixels, {touched} changed", site.name);
+    // The objects must have been there for the law to mean anything: 500 px of a 640x480 frame.
+    let least = 500 * site.shot.recording.width as usize * site.shot.recording.height as usize / (640 * 480);
+    assert!(seen > done.len() * least && touched > seen / 2, "{}: {seen} mixed pixels, {touched} changed", site.name);
 }
 
+// Slow: renders every method of every effect, on the demonstration and on a real recording.
 #[test]
 fn law_1_the_cameras_pixels_are_sacred() {
     let gpu = gpu::gpu();
+    let range = fast_or_full(31..32, 30..33);
     let all: Vec<_> = effects::all().iter().map(|e| e.table()).collect();
     // What is lit and shaded is worked out once for each site's things, whatever is set.
-    let mut on: Vec<_> = sites().into_iter().map(|site| (site.shot.compositor(gpu.clone()), site)).collect();
+    let mut on: Vec<_> = sites_of_tier(2).into_iter().map(|site| (site.shot.compositor(gpu.clone()), site)).collect();
     for (compositor, site) in &mut on {
         for (n, settings) in ways().into_iter().enumerate() {
-            let done = held(compositor, site, &settings, (30..33, IN_FLIGHT), true);
-            camera_is_sacred(site, &done, 30..33);
+            let done = held(compositor, site, &settings, (range.clone(), IN_FLIGHT), true);
+            camera_is_sacred(site, &done, range.clone());
             assert!(
                 done.iter().any(|done| done.stats.effects == all),
                 "{} {n}: {:?}",
@@ -127,29 +143,32 @@ fn law_1_the_cameras_pixels_are_sacred() {
     for (compositor, site) in &mut on {
         let mut without = settings();
         without.without(&glowing).unwrap();
-        let done = held(compositor, site, &without, (30..33, IN_FLIGHT), true);
+        let done = held(compositor, site, &without, (range.clone(), IN_FLIGHT), true);
         assert!(done.iter().all(|done| !done.layer.as_ref().unwrap().light_alone), "{glowing:?}");
-        camera_is_sacred(site, &done, 30..33);
+        camera_is_sacred(site, &done, range.clone());
     }
     let Some(mut desk) = desk() else { return };
-    let done = composite(&gpu, &mut desk, settings(), 0..90, true);
-    camera_is_sacred(&desk, &done, 0..90);
+    let range = fast_or_full(30..32, 0..90);
+    let done = composite(&gpu, &mut desk, settings(), range.clone(), true);
+    camera_is_sacred(&desk, &done, range);
 }
 
 #[test]
 fn law_2_a_range_alone_is_the_same_range_of_the_whole() {
     let gpu = gpu::gpu();
-    for mut site in sites() {
-        let whole = composite(&gpu, &mut site, settings(), 30..55, false);
-        let alone = composite(&gpu, &mut site, settings(), 40..50, false);
-        for (a, b) in alone.iter().zip(&whole[10..20]) {
+    let (range, part) = (fast_or_full(37..44, 30..55), fast_or_full(40..43, 40..50));
+    let among = part.start - range.start..part.end - range.start;
+    for mut site in sites_of_tier(4) {
+        let whole = composite(&gpu, &mut site, settings(), range.clone(), false);
+        let alone = composite(&gpu, &mut site, settings(), part.clone(), false);
+        for (a, b) in alone.iter().zip(&whole[among.clone()]) {
             assert_eq!(a.frame, b.frame);
             assert!(a.pixels == b.pixels, "{} frame {}", site.name, a.frame);
         }
         for most in [1, 3] {
             let mut anew = site.shot.compositor(gpu.clone());
-            let again = held(&mut anew, &mut site, &settings(), (40..50, most), false);
-            for (a, b) in again.iter().zip(&whole[10..20]) {
+            let again = held(&mut anew, &mut site, &settings(), (part.clone(), most), false);
+            for (a, b) in again.iter().zip(&whole[among.clone()]) {
                 assert!(a.pixels == b.pixels, "{} frame {}, {most} in flight", site.name, a.frame);
             }
         }
@@ -163,6 +182,7 @@ fn law_2_a_range_alone_is_the_same_range_of_the_whole() {
 #[test]
 fn law_3_neutral_is_identity() {
     let gpu = gpu::gpu();
+    let range = fast_or_full(20..22, 20..24);
     // What is not off by itself: motion blur by the exposure, depth of field by the lens, and these.
     let neutral = || {
         gpu::settings(&[
@@ -171,25 +191,25 @@ fn law_3_neutral_is_identity() {
             ("shadow", "cast", Value::Bool(false)),
         ])
     };
-    for mut site in sites() {
+    for mut site in sites_of_tier(4) {
         let with_lens = site.shot.rig.clone();
         site.shot.rig.exposure.time_s = Some(0.0);
         site.shot.rig.lens = Default::default();
         let mut plain = Settings::default();
         plain.overrule_recorded_exposure = true;
         plain.plain();
-        let plain = composite(&gpu, &mut site, plain, 20..24, false);
+        let plain = composite(&gpu, &mut site, plain, range.clone(), false);
         let mut overruled = neutral();
         overruled.overrule_recorded_exposure = true;
-        for (a, b) in composite(&gpu, &mut site, overruled, 20..24, false).iter().zip(&plain) {
+        for (a, b) in composite(&gpu, &mut site, overruled, range.clone(), false).iter().zip(&plain) {
             assert_eq!(a.stats.effects, [""; 0], "{}: every effect has a neutral setting, to be given here", site.name);
             assert!(a.pixels == b.pixels, "{} frame {}", site.name, a.frame);
         }
         // And a scene without objects is the recording itself.
         site.shot.rig = with_lens;
         std::sync::Arc::make_mut(&mut site.shot.scene).objects.clear();
-        let frames = site.shot.recording.frames(20..24).unwrap();
-        for (a, b) in composite(&gpu, &mut site, settings(), 20..24, false).iter().zip(frames) {
+        let frames = site.shot.recording.frames(range.clone()).unwrap();
+        for (a, b) in composite(&gpu, &mut site, settings(), range.clone(), false).iter().zip(frames) {
             assert!(a.pixels == b.unwrap().pixels);
         }
     }
@@ -359,15 +379,13 @@ fn mean_and_sigma(pixels: &Pixels) -> [f64; 2] {
 fn long_recording(folder: &Path, frames: usize) {
     let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
     let mut random = Random::new(1);
+    let (width, height) = long_px();
     for i in 0..10 {
-        let pixels = image::RgbImage::from_fn(LONG_PX.0, LONG_PX.1, |_, _| {
-            image::Rgb([(60.0 + 120.0 * random.uniform()) as u8; 3])
-        });
+        let pixels =
+            image::RgbImage::from_fn(width, height, |_, _| image::Rgb([(60.0 + 120.0 * random.uniform()) as u8; 3]));
         pixels.save(folder.join(format!("{i}.png"))).unwrap();
     }
-    image::ImageBuffer::from_pixel(LONG_PX.0, LONG_PX.1, image::Luma([1000u16]))
-        .save(folder.join("depth.png"))
-        .unwrap();
+    image::ImageBuffer::from_pixel(width, height, image::Luma([1000u16])).save(folder.join("depth.png")).unwrap();
     let list = |name: &dyn Fn(usize) -> String| -> String {
         (0..frames).map(|i| format!("{:.6} {}\n", i as f64 / 30.0, name(i))).collect()
     };
@@ -381,11 +399,12 @@ fn long_recording(folder: &Path, frames: usize) {
         "version = 1\nup = [0, -1, 0]\n[frames]\nlist = \"rgb.txt\"\n[poses]\ntrajectory = \"poses.txt\"\n\
          [depth]\nlist = \"depth.txt\"\nscale = 1000\n[camera]\nprofile = \"camera.toml\"\n",
     );
-    let (width, height) = LONG_PX;
+    let (cx_px, cy_px) = (width / 2, height / 2);
     write(
         "camera.toml",
         &format!(
-            "{NOISE}[camera]\nwidth_px = {width}\nheight_px = {height}\nfx_px = 150\nfy_px = 150\ncx_px = 80\ncy_px = 70\n"
+            "{NOISE}[camera]\nwidth_px = {width}\nheight_px = {height}\nfx_px = 150\nfy_px = 150\n\
+             cx_px = {cx_px}\ncy_px = {cy_px}\n"
         ),
     );
     let marker = std::fs::canonicalize("scenes/marker-1.glb").unwrap();
@@ -398,8 +417,11 @@ fn long_recording(folder: &Path, frames: usize) {
     );
 }
 
-/// A frame must be larger than a pipe holds (64 KiB).
-const LONG_PX: (u32, u32) = (160, 140);
+/// A frame must be larger than a pipe holds (64 KiB). With fewer frames each is larger: the pixels of
+/// the additional 60 frames are 16 MB, and 5 % of the program's peak of 184 MB are 9 MB.
+fn long_px() -> (u32, u32) {
+    fast_or_full((320, 280), (160, 140))
+}
 
 #[cfg(target_os = "linux")]
 #[test]
@@ -419,11 +441,13 @@ fn law_5_memory_does_not_grow_with_the_recording() {
             .unwrap();
         // While the last frame is not read, the program waits for us, with all its work behind it.
         let mut out = child.stdout.take().unwrap();
-        let mut frame = vec![0; 3 * (LONG_PX.0 * LONG_PX.1) as usize];
+        let (width, height) = long_px();
+        let (row, rows) = (3 * width as usize, height as usize);
+        let mut frame = vec![0; row * rows];
         let mut seen = std::collections::HashSet::new();
         for _ in 1..frames {
             out.read_exact(&mut frame).unwrap();
-            seen.insert(frame[3 * 160 * 70..][..3 * 160].to_vec());
+            seen.insert(frame[row * (rows / 2)..][..row].to_vec());
         }
         assert_eq!(seen.len(), frames - 1, "every frame has its own object and noise");
         let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap();
@@ -434,9 +458,10 @@ fn law_5_memory_does_not_grow_with_the_recording() {
         assert!(child.wait().unwrap().success());
         peak
     };
-    let (short, long) = (peak_kib(90), peak_kib(900));
-    println!("peak memory: {short} KiB of 90 frames, {long} KiB of 900");
-    assert!(long as f64 <= 1.05 * short as f64, "{short} KiB of 90 frames, {long} KiB of 900");
+    let (few, many) = fast_or_full((20, 80), (90, 900));
+    let (short, long) = (peak_kib(few), peak_kib(many));
+    println!("peak memory: {short} KiB of {few} frames, {long} KiB of {many}");
+    assert!(long as f64 <= 1.05 * short as f64, "{short} KiB of {few} frames, {long} KiB of {many}");
 }
 
 #[test]

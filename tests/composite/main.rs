@@ -6,6 +6,8 @@
 mod board;
 #[path = "../common/mod.rs"]
 mod common;
+#[path = "../common/fixture.rs"]
+mod fixture;
 #[path = "../common/flip.rs"]
 mod flip;
 #[path = "../common/gpu.rs"]
@@ -24,6 +26,8 @@ mod random;
 mod shot;
 #[path = "../common/site.rs"]
 mod site;
+#[path = "../common/tier.rs"]
+mod tier;
 
 mod alike;
 mod around;
@@ -49,4 +53,5 @@ mod shading;
 mod shadow;
 mod shots;
 mod slr;
+mod small;
 mod stand_in;

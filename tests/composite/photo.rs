@@ -5,6 +5,8 @@ use crate::board::{FOCAL_PX, board, sideways};
 use crate::gpu;
 use crate::program;
 use crate::random::Random;
+use crate::small;
+use crate::tier::fast_or_full;
 use locard::camera::grain::{self, GrainRatios};
 use locard::camera::{Camera, Capture, FilmUsed, Geometry, NoiseBin, NoiseProfile, Opening, Response};
 use locard::compositor::{Compositor, Job, RealDepth, Settings, Target};
@@ -14,6 +16,7 @@ use locard::params::Value;
 use locard::photo::{Exposed, Framing, RealPart, Standpoint, take};
 use locard::pixels::{Codes, Pixels, Rect};
 use locard::scene::Scene;
+use std::path::{Path, PathBuf};
 
 const TIME_S: f64 = 0.02;
 
@@ -404,10 +407,22 @@ fn a_real_edge_that_is_known_coarsely_runs_on_without_steps() {
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
+/// No shadows in the fast tier: the claims of these tests do not depend on them.
 fn shoot(arguments: &[&str]) -> std::process::Output {
-    let (recording, scene) = (format!("{ROOT}/recordings/demo"), format!("{ROOT}/scenes/demo.toml"));
+    shoot_in(Path::new("recordings/demo"), arguments)
+}
+
+fn shoot_in(recording: &Path, arguments: &[&str]) -> std::process::Output {
+    let (recording, scene) = (Path::new(ROOT).join(recording), format!("{ROOT}/scenes/demo.toml"));
     let _gpu = gpu::gpu();
-    program::locard(&[&["photo", &recording, "--scene", &scene][..], arguments].concat())
+    let shadows = fast_or_full(&["--set", "shadow.cast=false"][..], &[]);
+    let usual = ["photo", recording.to_str().unwrap(), "--scene", &scene];
+    program::locard(&[&usual[..], arguments, shadows].concat())
+}
+
+/// The demonstration at 1/`smaller` of its resolution.
+fn recording(smaller: u32) -> PathBuf {
+    if smaller == 1 { "recordings/demo".into() } else { small::demo(smaller) }
 }
 
 #[test]
@@ -416,6 +431,7 @@ fn a_bracket_is_a_series_with_a_sheet_and_exif() {
     let out = folder.path().join("door.jpg");
     let out = out.to_str().unwrap();
     let series = ["--frame", "10", "--bracket", "iso", "--lux", "300", "--aperture", "4", "--focus", "1.5", "-o", out];
+    let series = [&series[..], fast_or_full(&["--width", "320"], &[])].concat();
     let done = shoot(&series);
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     assert!(done.stdout.is_empty());
@@ -481,6 +497,7 @@ fn what_no_camera_can_is_refused_with_what_is_accepted() {
 
 /// The demonstration's camera turns fast in frame 36. In 20 lx the program holds the shutter open for many frames: on a stand that
 /// blurs nothing more, and in the hand only where motion is shown at all.
+// Slow: starts the program five times, with an exposure of many frames.
 #[test]
 fn a_slow_shutter_on_a_stand_shows_the_frame_itself() {
     let folder = tempfile::tempdir().unwrap();
@@ -488,7 +505,8 @@ fn a_slow_shutter_on_a_stand_shows_the_frame_itself() {
         let out = folder.path().join(name);
         let usual =
             ["--frame", "36", "--lux", "20", "--mode", "m", "--aperture", "2.8", "--shutter", "1/4", "--focus", "inf"];
-        let done = shoot(&[&usual[..], &["-o", out.to_str().unwrap()], arguments].concat());
+        let done =
+            shoot_in(&recording(fast_or_full(4, 1)), &[&usual[..], &["-o", out.to_str().unwrap()], arguments].concat());
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
         image::open(out).unwrap().into_rgb8()
     };
@@ -514,19 +532,23 @@ fn a_slow_shutter_on_a_stand_shows_the_frame_itself() {
 #[test]
 fn what_is_aimed_at_is_in_the_middle() {
     let folder = tempfile::tempdir().unwrap();
+    let smaller = fast_or_full(2, 1);
     let taken = |name: &str, arguments: &[&str]| {
         let out = folder.path().join(name);
         let usual = ["--frame", "71", "--lux", "300", "--only", "motion_blur", "-o", out.to_str().unwrap()];
-        let done = shoot(&[&usual[..], arguments].concat());
+        let done = shoot_in(&recording(smaller), &[&usual[..], arguments].concat());
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
         image::open(out).unwrap().into_rgb8()
     };
     let whole = taken("whole.png", &["--focus", "inf", "--aperture", "22"]);
-    let part = taken("part.png", &["--focus", "inf", "--aperture", "22", "--aim", "420,130", "--across", "160"]);
-    assert_eq!(part.dimensions(), (160, 120));
-    // The same pixels, those from (340, 70) on, but for the moment of virtual ones' rows.
-    let same = part.enumerate_pixels().filter(|&(x, y, p)| whole.get_pixel(340 + x, 70 + y) == p).count();
-    assert!(same > 160 * 120 * 97 / 100, "{same}");
-    let object = taken("object.png", &["--focus", "inf", "--aim", "marker 1", "--width", "800"]);
-    assert_eq!(object.dimensions(), (800, 600));
+    let [x0, y0, width, height, aim_x, aim_y] = [340, 70, 160, 120, 420, 130].map(|px| px / smaller);
+    let (aim, across) = (format!("{aim_x},{aim_y}"), width.to_string());
+    let part = taken("part.png", &["--focus", "inf", "--aperture", "22", "--aim", &aim, "--across", &across]);
+    assert_eq!(part.dimensions(), (width, height));
+    // The same pixels, those from (x0, y0) on, but for the moment of virtual ones' rows.
+    let same = part.enumerate_pixels().filter(|&(x, y, p)| whole.get_pixel(x0 + x, y0 + y) == p).count() as u32;
+    assert!(same > width * height * 97 / 100, "{same}");
+    let (wide, high) = (800 / smaller, 600 / smaller);
+    let object = taken("object.png", &["--focus", "inf", "--aim", "marker 1", "--width", &wide.to_string()]);
+    assert_eq!(object.dimensions(), (wide, high));
 }

@@ -6,6 +6,8 @@ use std::sync::Arc;
 use crate::gpu;
 use crate::program;
 use crate::shot;
+use crate::small;
+use crate::tier::{fast_or_full, is_full};
 use glam::{DAffine3, DVec2, DVec3};
 use locard::compositor::{Composited, Compositor, FrameStats, Target};
 use locard::export::{Export, ExportError, Inputs};
@@ -20,9 +22,23 @@ use locard::sink::OutPath;
 const SCENE: &str = "scenes/demo.toml";
 
 fn opened(sets: &[&str]) -> Result<Shot, ShotError> {
+    opened_in(Path::new("recordings/demo"), sets)
+}
+
+fn opened_in(recording: &Path, sets: &[&str]) -> Result<Shot, ShotError> {
     let sets = sets.iter().map(ToString::to_string).collect();
     let given = Given { sets, scene: Some(SCENE.into()), ..Given::default() };
-    Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &given)
+    Shot::open(recording, &OpenOptions::default(), &given)
+}
+
+/// The demonstration; in the fast tier at a quarter of its resolution, with its two markers alone.
+fn demo(sets: &[&str]) -> Shot {
+    if is_full() {
+        return opened(sets).unwrap();
+    }
+    let mut shot = opened_in(&small::demo(4), sets).unwrap();
+    Arc::make_mut(&mut shot.scene).objects.retain(|object| object.name.starts_with("marker"));
+    shot
 }
 
 fn picture(shot: &mut Shot, compositor: &mut Compositor, frame: usize) -> Composited {
@@ -33,7 +49,8 @@ fn picture(shot: &mut Shot, compositor: &mut Compositor, frame: usize) -> Compos
 #[test]
 fn a_change_between_two_pictures_is_followed() {
     let gpu = gpu::gpu();
-    let mut held = shot::demo(SCENE);
+    let shadows = fast_or_full(&["shadow.cast=false"][..], &[]);
+    let mut held = demo(shadows);
     let mut compositor = held.compositor(gpu.clone());
     let mut pictures = vec![picture(&mut held, &mut compositor, 31)];
     // Of an effect, of the camera's lens, of its geometry.
@@ -41,12 +58,12 @@ fn a_change_between_two_pictures_is_followed() {
         "motion_blur.method=copies",
         "camera.lens.f_number=1.4",
         "camera.lens.focus_distance_m=0.8",
-        "camera.fx_px=540",
+        fast_or_full("camera.fx_px=135", "camera.fx_px=540"),
     ];
     for count in 1..=sets.len() {
         held.rig.set_text(sets[count - 1], &mut held.settings).unwrap();
         let changed = picture(&mut held, &mut compositor, 31);
-        let mut anew = opened(&sets[..count]).unwrap();
+        let mut anew = demo(&[shadows, &sets[..count]].concat());
         let expected = picture(&mut anew, &mut held.compositor(gpu.clone()), 31);
         assert!(changed.pixels == expected.pixels, "{}", sets[count - 1]);
         pictures.push(changed);
@@ -63,7 +80,7 @@ fn a_change_between_two_pictures_is_followed() {
 fn objects_are_moved_and_hidden_and_scenes_exchanged_without_a_pipeline() {
     // Of its own: it counts what is made on it.
     let gpu = Gpu::open().unwrap();
-    let mut held = shot::demo(SCENE);
+    let mut held = demo(&[]);
     let mut compositor = held.compositor(gpu.clone());
     let before = picture(&mut held, &mut compositor, 31);
     let made = gpu.pipelines_made();
@@ -79,7 +96,7 @@ fn objects_are_moved_and_hidden_and_scenes_exchanged_without_a_pipeline() {
     assert!(moved.pixels != before.pixels && moved.pixels == anew.pixels);
 
     let made = gpu.pipelines_made();
-    held.scene = shot::demo(SCENE).scene;
+    held.scene = demo(&[]).scene;
     compositor.set_scene(Scene::clone(&held.scene));
     assert!(picture(&mut held, &mut compositor, 31).pixels == before.pixels);
     assert_eq!(gpu.pipelines_made(), made);
@@ -88,7 +105,7 @@ fn objects_are_moved_and_hidden_and_scenes_exchanged_without_a_pipeline() {
 #[test]
 fn a_stream_is_its_moments() {
     let gpu = gpu::gpu();
-    let mut shot = shot::demo(SCENE);
+    let mut shot = demo(&[]);
     let streams = [1, 2, 3].map(|in_flight| -> Vec<Composited> {
         let mut compositor = shot.compositor(gpu.clone());
         shot.frames(&mut compositor, 40..44, false, in_flight).unwrap().map(Result::unwrap).collect()
@@ -115,7 +132,7 @@ fn an_export_is_what_the_shot_shows_and_ends_when_it_is_told_to() {
         names.sort();
         names
     };
-    let mut shot = shot::demo(SCENE);
+    let mut shot = demo(&[]);
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let folder = temp.path().join("frames");
     let export = Export::new(31..34, OutPath::parse(&folder).unwrap());
@@ -154,11 +171,11 @@ fn a_photograph_ends_when_it_is_told_to() {
     let mut wanted = Wanted::new(31, temp.path().join("a.jpg"));
     (wanted.lux, wanted.width_px) = (Some(300.0), Some(320));
     let device = || Ok(gpu::gpu().clone());
-    let ended = wanted.take(shot::demo(SCENE), device, &mut |told| !matches!(told, Told::Taking { .. }));
+    let ended = wanted.take(demo(&[]), device, &mut |told| !matches!(told, Told::Taking { .. }));
     assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
     assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 0);
     let mut written = Vec::new();
-    let taken = wanted.take(shot::demo(SCENE), device, &mut |told| {
+    let taken = wanted.take(demo(&[]), device, &mut |told| {
         if let Told::Written { path, .. } = told {
             written.push(path);
         }
@@ -170,13 +187,12 @@ fn a_photograph_ends_when_it_is_told_to() {
 
     // By a warning, before a device is asked for; between two of a series, whose first stays.
     let dark = Wanted { lux: None, output: temp.path().join("dark.jpg"), ..wanted.clone() };
-    let ended =
-        dark.take(shot::demo(SCENE), || panic!("none is needed"), &mut |told| !matches!(told, Told::Warning(_)));
+    let ended = dark.take(demo(&[]), || panic!("none is needed"), &mut |told| !matches!(told, Told::Warning(_)));
     assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
     let series =
         Wanted { bracket: Some(Bracket::Iso), width_px: Some(64), output: temp.path().join("s.jpg"), ..wanted };
     let mut photographs = Vec::new();
-    let ended = series.take(shot::demo(SCENE), device, &mut |told| match told {
+    let ended = series.take(demo(&[]), device, &mut |told| match told {
         Told::Taking { number, .. } => {
             photographs.push(number);
             true
@@ -337,7 +353,8 @@ fn a_picture_at_half_the_size_shows_what_the_whole_one_does() {
         let pending = shot.submit_reduced(compositor, &reduced, Target::Pixels).unwrap();
         compositor.collect(pending).unwrap()
     };
-    let sets = ["camera.lens.f_number=2", "camera.lens.focus_distance_m=0.5", "noise.scale=0"];
+    let on_things = fast_or_full("shadow.on_things=false", "shadow.on_things=true");
+    let sets = ["camera.lens.f_number=2", "camera.lens.focus_distance_m=0.5", "noise.scale=0", on_things];
     sets.iter().for_each(|set| shot.rig.set_text(set, &mut shot.settings).unwrap());
     let whole = picture(&mut shot, &mut compositor, 31);
     let plain = half(&shot, &mut compositor);

@@ -1,6 +1,7 @@
 //! The fuzz targets on what they start from and on what they once found. Keeps them compiling, too.
 
 use crate::bodies;
+use crate::tier;
 
 fn seeds(target: &str) -> Vec<Vec<u8>> {
     let files = std::fs::read_dir(format!("fuzz/seeds/{target}")).unwrap();
@@ -14,7 +15,7 @@ fn models() {
     seeds.iter().for_each(|seed| bodies::gltf(seed));
     // Cut off anywhere, and with any byte changed.
     for seed in seeds {
-        for i in (0..seed.len()).step_by(7) {
+        for i in (0..seed.len()).step_by(tier::fast_or_full(21, 7)) {
             bodies::gltf(&seed[..i]);
             let mut damaged = seed.clone();
             damaged[i] ^= 1 << (i % 8);
@@ -30,7 +31,7 @@ fn recordings() {
     let readable = seeds.iter().filter(|seed| bodies::recording(seed) == 2).count();
     assert_eq!(readable, seeds.len() - 1, "all but the video, whose file is not there");
     for seed in seeds {
-        for i in 0..seed.len() {
+        for i in (0..seed.len()).step_by(tier::fast_or_full(13, 1)) {
             bodies::recording(&seed[..i]);
             let mut damaged = seed.clone();
             damaged[i] ^= 1 << (i % 8);
@@ -45,7 +46,7 @@ fn streams() {
     assert!(!seeds.is_empty());
     for seed in seeds {
         assert_eq!(bodies::stream(&seed), 3, "each holds three poses");
-        for i in 0..seed.len() {
+        for i in (0..seed.len()).step_by(tier::fast_or_full(3, 1)) {
             bodies::stream(&seed[..i]);
             let mut damaged = seed.clone();
             damaged[i] ^= 1 << (i % 8);

@@ -8,6 +8,8 @@ mod bodies;
 mod common;
 #[path = "../common/files.rs"]
 mod files;
+#[path = "../common/fixture.rs"]
+mod fixture;
 #[path = "../common/gpu.rs"]
 mod gpu;
 #[path = "../common/models.rs"]
@@ -16,6 +18,8 @@ mod models;
 mod program;
 #[path = "../common/shot.rs"]
 mod shot;
+#[path = "../common/tier.rs"]
+mod tier;
 
 mod cli;
 mod fuzz_seeds;

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::program::{locard, program, refused, said, with_a_truncated_frame};
+use crate::tier;
 
 #[test]
 fn a_run_that_fails_leaves_no_video_and_loses_none() {
@@ -12,6 +13,7 @@ fn a_run_that_fails_leaves_no_video_and_loses_none() {
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     let (recording, video) = (path("."), path("out.mkv"));
     let arguments = ["composite", &recording, "--scene", "scenes/marker-1.glb", "--profile", "profiles/simulated.toml"];
+    let arguments = [&arguments[..], tier::no_shadows()].concat();
     let text = refused(&[&arguments[..], &["-o", &video]].concat());
     assert!(text.contains("00003.jpg") && text.contains("truncated"), "{text}");
     assert!(!Path::new(&video).exists());
@@ -62,7 +64,7 @@ fn a_report_that_is_missing_is_told_where_the_frames_were_not_read_to_the_end() 
     let report = temp.path().join("r.json");
     let run = |more: &[&std::ffi::OsStr]| {
         let demo =
-            ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--plain", "--frames", "5..9", "-o", "-"];
+            ["composite", "recordings/demo", "--scene", tier::any_scene(), "--plain", "--frames", "5..9", "-o", "-"];
         let mut command = program();
         command.args(demo).args(more).stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
         let mut running = command.spawn().unwrap();
@@ -112,7 +114,7 @@ fn an_ffmpeg_that_ends_early_without_a_word_is_a_failure() {
     for script in ["#!/bin/sh\nexit 0\n", "#!/bin/sh\ncat > /dev/null\n"] {
         std::fs::write(&ffmpeg, script).unwrap();
         std::fs::set_permissions(&ffmpeg, std::fs::Permissions::from_mode(0o755)).unwrap();
-        let demo = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--plain", "--frames", "0..4", "-o"];
+        let demo = ["composite", "recordings/demo", "--scene", tier::any_scene(), "--plain", "--frames", "0..4", "-o"];
         let output = program().args(demo).arg(out.join("v.mkv")).env("PATH", &path).output().unwrap();
         let text = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{script}: {text}");
@@ -133,7 +135,7 @@ fn a_thread_that_cannot_be_had_is_one_line_and_leaves_nothing() {
             "composite",
             "recordings/demo",
             "--scene",
-            "scenes/demo.toml",
+            tier::any_scene(),
             "--plain",
             "--frames",
             "0..4",
@@ -172,8 +174,12 @@ fn a_heavy_frame_is_ended_at_once() {
     let heavy = ["depth_of_field.method=reference", "camera.lens.f_number=0.5", "camera.lens.focus_distance_m=0.2"];
     for out in ["out.mkv", "new/frames"] {
         let mut command = program();
-        command.args(["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "71..72", "-o"]);
-        command.arg(temp.path().join(out)).args(heavy.map(|set| ["--set", set]).as_flattened());
+        command.args(["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "71..72"]);
+        command
+            .args(tier::no_shadows())
+            .arg("-o")
+            .arg(temp.path().join(out))
+            .args(heavy.map(|set| ["--set", set]).as_flattened());
         interrupted(&mut command, temp.path(), "-INT");
     }
 }
@@ -199,8 +205,8 @@ fn the_recording_is_not_written_into() {
 fn an_interrupted_run_leaves_nothing_unfinished() {
     let temp = tempfile::tempdir().unwrap();
     let mut command = program();
-    command.args(["composite", "recordings/demo", "--scene", "scenes/demo.toml", "-o"]);
-    interrupted(command.arg(temp.path().join("out.mkv")), temp.path(), "-INT");
+    command.args(["composite", "recordings/demo", "--scene", "scenes/demo.toml"]).args(tier::no_shadows());
+    interrupted(command.arg("-o").arg(temp.path().join("out.mkv")), temp.path(), "-INT");
 }
 
 #[cfg(unix)]
@@ -290,7 +296,8 @@ fn layers_and_report_lie_in_the_new_folder_of_the_frames() {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     let (out, layers, report) = (path("new"), path("new/layers"), path("new/report.json"));
-    let arguments = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "5..6", "-o", &out];
+    let arguments = ["composite", "recordings/demo", "--scene", tier::any_scene(), "--frames", "5..6"];
+    let arguments = [&arguments[..], tier::no_shadows(), &["-o", &out]].concat();
     let output = locard(&[&arguments[..], &["--layers", &layers, "--report", &report]].concat());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let there = ["frame_000005.png", "layers/layer_000005.exr", "report.json"];
@@ -308,10 +315,12 @@ fn layers_and_report_lie_in_the_new_folder_of_the_frames() {
 #[test]
 fn of_two_runs_to_one_place_both_end_well() {
     let temp = tempfile::tempdir().unwrap();
+    let frames = tier::fast_or_full(4, 20);
+    let range = format!("0..{frames}");
     for out in ["out.mkv", "out"] {
         let out = temp.path().join(out);
         let start = || {
-            let scene = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--plain", "--frames", "0..20"];
+            let scene = ["composite", "recordings/demo", "--scene", tier::any_scene(), "--plain", "--frames", &range];
             program()
                 .args(scene)
                 .arg("--force")
@@ -326,12 +335,12 @@ fn of_two_runs_to_one_place_both_end_well() {
             assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         }
     }
-    assert_eq!(std::fs::read_dir(temp.path().join("out")).unwrap().count(), 20);
+    assert_eq!(std::fs::read_dir(temp.path().join("out")).unwrap().count(), frames);
     assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 2);
     let recording = temp.path().join("recording.toml");
     std::fs::write(&recording, "version = 1\n[frames]\nvideo = \"out.mkv\"\n").unwrap();
     let text = said(&["inspect", recording.to_str().unwrap()]);
-    assert!(text.contains("frames     20 of 640x480"), "{text}");
+    assert!(text.contains(&format!("frames     {frames} of 640x480")), "{text}");
 }
 
 /// No file of this process may grow beyond 8 kB: a disk that is full in the middle.
@@ -349,7 +358,8 @@ fn a_file_that_cannot_be_finished_leaves_nothing() {
         let output = command.output().unwrap();
         (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
     };
-    let demo = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--plain"];
+    let frames = tier::fast_or_full("0..30", "0..72");
+    let demo = ["composite", "recordings/demo", "--scene", tier::any_scene(), "--plain", "--frames", frames];
     let (video, report) = (path("a.mkv"), path("report.json"));
     let (code, text) = narrow(&[&demo[..], &["-o", &video]].concat());
     assert!(code == Some(2) && text.contains("a.mkv"), "{code:?}: {text}");

@@ -6,6 +6,7 @@ use crate::common;
 use crate::program;
 use crate::program::{refused, said};
 use crate::shot;
+use crate::tier;
 use locard::scene::document;
 
 const DEMO: [&str; 4] = ["place", "recordings/demo", "--frame", "30"];
@@ -36,7 +37,7 @@ fn things_come_to_rest_on_the_floor_and_the_file_keeps_its_comments() {
     let report = temp.path().join("report.json");
     let out = temp.path().join("out");
     let frames = ["--frames", "30..31", "-o", out.to_str().unwrap(), "--report", report.to_str().unwrap()];
-    said(&[&["composite", "recordings/demo", "--scene", scene], &frames[..]].concat());
+    said(&[&["composite", "recordings/demo", "--scene", scene], &frames[..], tier::no_shadows()].concat());
     assert!(std::fs::read_to_string(&report).unwrap().contains("\"objects_in_sight\": true"));
 }
 
@@ -191,7 +192,7 @@ fn what_stands_wrong_is_told_and_a_preview_shows_it() {
     let marker = ["--at", "320,300", "--model", "scenes/marker-1.glb"];
     assert!(!said(&place(scene, &marker)).contains("odd"));
     let composite = ["composite", "recordings/demo", "--preview", "30", "--force", "-o", preview, "--scene"];
-    let sound = program::locard(&[&composite[..], &["scenes/demo.toml"]].concat());
+    let sound = program::locard(&[&composite[..], &["scenes/demo.toml"], tier::no_shadows()].concat());
     let told = String::from_utf8(sound.stderr).unwrap();
     assert!(!told.contains("stand") && !told.contains("hovers") && !told.contains("sunk"), "{told}");
     // The same again, in the same place.
@@ -207,7 +208,7 @@ fn what_stands_wrong_is_told_and_a_preview_shows_it() {
         });
         std::fs::write(&file, lines.collect::<Vec<_>>().join("\n").replacen("second", "hidden\"\nhidden = true #", 1))
             .unwrap();
-        let done = program::locard(&[&composite[..], &[scene]].concat());
+        let done = program::locard(&[&composite[..], &[scene], tier::no_shadows()].concat());
         assert!(done.status.success());
         String::from_utf8(done.stderr).unwrap()
     };

@@ -2,10 +2,15 @@
 
 use std::path::Path;
 
+use crate::models;
 use crate::program;
 use crate::program::{locard, refused, said, with_a_truncated_frame};
+use crate::tier;
 
-const DEMO: [&str; 6] = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "5..6"];
+/// Composites one frame of the demonstration.
+fn demo() -> [&'static str; 6] {
+    ["composite", "recordings/demo", "--scene", tier::any_scene(), "--frames", "5..6"]
+}
 
 /// A link in an output's place: what it leads to is written, and the link stays.
 #[cfg(unix)]
@@ -23,12 +28,13 @@ fn a_link_is_never_replaced() {
     }
     let (report, frames, video, photo) = (path(names[0]), path("frames"), path(names[2]), path(names[3]));
     let runs = [
-        [&DEMO[..], &["--plain", "-o", &frames, "--report", &report]].concat(),
-        [&DEMO[..], &["--plain", "-o", &video]].concat(),
+        [&demo()[..], &["--plain", "-o", &frames, "--report", &report]].concat(),
+        [&demo()[..], &["--plain", "-o", &video]].concat(),
         ["photo", "recordings/demo", "--frame", "5", "--lux", "300"].to_vec(),
     ];
     let mut runs = runs.to_vec();
-    runs[2].extend(["--scene", "scenes/demo.toml", "--only", "motion_blur", "-q", "-o", &photo]);
+    runs[2].extend(["--scene", tier::any_scene(), "--only", "motion_blur", "-q", "-o", &photo]);
+    runs[2].extend(tier::no_shadows());
     for run in &runs {
         let text = refused(run);
         assert!(text.contains("exists already"), "{text}");
@@ -46,7 +52,7 @@ fn a_link_is_never_replaced() {
     std::fs::write(path("scene.toml"), "version = 1\n[[objects]]\nmodel = \"marker.glb\"\n").unwrap();
     std::fs::remove_file(path(names[1])).unwrap();
     symlink(path("scene.toml"), path(names[1])).unwrap();
-    let text = refused(&["composite", DEMO[1], "--scene", &path("scene.toml"), "-o", &frames, "--force"]);
+    let text = refused(&["composite", demo()[1], "--scene", &path("scene.toml"), "-o", &frames, "--force"]);
     assert!(text.contains("is read in this run"), "{text}");
 }
 
@@ -61,24 +67,24 @@ fn the_standard_output_and_pipes_are_outputs() {
     let appending = || std::fs::File::options().append(true).open(&text).unwrap();
     for _ in 0..2 {
         let mut run = program::program();
-        run.args(DEMO).args(["--plain", "--report", "/dev/stdout", "-o"]).arg(&frames).stdout(appending());
+        run.args(demo()).args(["--plain", "--report", "/dev/stdout", "-o"]).arg(&frames).stdout(appending());
         assert!(run.status().unwrap().success());
         std::fs::remove_dir_all(&frames).unwrap();
     }
     let read = std::fs::read_to_string(&text).unwrap();
     assert_eq!(read.matches("\"adapter\"").count(), 2, "{read}");
-    let text = refused(&[&DEMO[..], &["-o", "/dev/stdout", "--report", "-"]].concat());
+    let text = refused(&[&demo()[..], &["-o", "/dev/stdout", "--report", "-"]].concat());
     assert!(text.contains("is the output already"), "{text}");
 
     assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     let reader = Command::new("timeout").args(["60", "wc", "-c"]).arg(&pipe).stdout(Stdio::piped()).spawn().unwrap();
-    let done = locard(&[&DEMO[..], &["--plain", "-o", pipe.to_str().unwrap()]].concat());
+    let done = locard(&[&demo()[..], &["--plain", "-o", pipe.to_str().unwrap()]].concat());
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     let read = String::from_utf8(reader.wait_with_output().unwrap().stdout).unwrap();
     assert!(read.starts_with("921600 "), "3 * 640 * 480, not {read}");
     let named = temp.path().join("v.mkv");
     std::os::unix::fs::symlink(&pipe, &named).unwrap();
-    let text = refused(&[&DEMO[..], &["-o", named.to_str().unwrap(), "--force"]].concat());
+    let text = refused(&[&demo()[..], &["-o", named.to_str().unwrap(), "--force"]].concat());
     assert!(text.contains("v.mkv: is a pipe or a device") && text.lines().count() == 1, "{text}");
     assert!(named.is_symlink());
 }
@@ -89,6 +95,7 @@ fn a_failed_run_leaves_no_empty_folder() {
     with_a_truncated_frame(temp.path());
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     let scene = ["--scene", "scenes/marker-1.glb", "--profile", "profiles/simulated.toml", "--frames", "3..4"];
+    let scene = [&scene[..], tier::no_shadows()].concat();
     for out in ["new/out", "new/v.mkv"] {
         let (out, layers) = (path(out), path("new/layers"));
         let text = refused(&[&["composite", &path("")], &scene[..], &["-q", "-o", &out, "--layers", &layers]].concat());
@@ -187,7 +194,11 @@ fn a_name_that_no_file_can_have_is_refused_as_it_is_read() {
 fn a_scene_places_so_many_objects_and_no_more() {
     let temp = tempfile::tempdir().unwrap();
     let scene = temp.path().join("scene.toml");
-    std::fs::copy("scenes/marker-1.glb", temp.path().join("marker.glb")).unwrap();
+    // Bounds are found of every object: of one triangle in the fast tier.
+    models::write_triangle(temp.path());
+    let triangle = temp.path().join("triangle.glb");
+    let model = tier::fast_or_full(triangle, "scenes/marker-1.glb".into());
+    std::fs::copy(model, temp.path().join("marker.glb")).unwrap();
     let write = |instances: usize| {
         let places = "[[objects.instances]]\nposition_m = [0, 0, 0]\n".repeat(instances);
         let objects = "[[objects]]\nmodel = \"marker.glb\"\n".repeat(2);
@@ -244,7 +255,7 @@ fn no_number_has_hundreds_of_digits() {
     };
     let out = path("out");
     let late = ["--time-offset-s", "1e300", "-o", &out];
-    assert!(short(refused(&[&DEMO[..], &late].concat())).contains("1.00000e300 s lies after the last pose"));
+    assert!(short(refused(&[&demo()[..], &late].concat())).contains("1.00000e300 s lies after the last pose"));
     std::fs::copy("scenes/marker-1.glb", path("marker.glb")).unwrap();
     write(
         "far.toml",
@@ -296,7 +307,8 @@ fn a_photograph_without_evidence_says_so() {
     // The evidence is before the camera, beside the part that is taken.
     let part = ["--frame", "71", "--only", "motion_blur", "--focus", "inf", "--aim", "20,20", "--across", "40"];
     let run = |hand: &[&str]| {
-        let done = locard(&[&demo[..], &[out.to_str().unwrap(), "--force"], &part[..], hand].concat());
+        let out = [out.to_str().unwrap(), "--force"];
+        let done = locard(&[&demo[..], &out, &part, tier::no_shadows(), hand].concat());
         let text = String::from_utf8(done.stderr).unwrap();
         assert!(done.status.success() && text.contains("no object of the scene is in the picture"), "{text}");
         text

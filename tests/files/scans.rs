@@ -8,6 +8,7 @@ use crate::common;
 use crate::files::{describe, frames, open, options, picture, refused, write};
 use crate::gpu;
 use crate::shot;
+use crate::tier;
 use glam::DVec3;
 use image::{ImageBuffer, Luma};
 use locard::depth::holes;
@@ -282,13 +283,18 @@ fn edges_apart(frame: &Frame, depth: impl Fn(usize, usize) -> f32) -> f64 {
     sum / f64::from(count)
 }
 
+/// Frames of [`site`].
+fn site_frames() -> usize {
+    tier::fast_or_full(4, 6)
+}
+
 /// A small site, seen without distortion and by a global shutter.
 fn site() -> Options {
     Options {
-        width_px: 320,
-        height_px: 240,
-        focal_px: 260.0,
-        frames: 6,
+        width_px: tier::fast_or_full(200, 320),
+        height_px: tier::fast_or_full(150, 240),
+        focal_px: tier::fast_or_full(162.5, 260.0),
+        frames: site_frames() as _,
         motion: Motion::Dolly,
         exposure_time_s: 0.0,
         readout_time_s: 0.0,
@@ -333,27 +339,41 @@ fn covered(layer: &LayerImage) -> (glam::DVec2, f64) {
     (sum / all, all)
 }
 
-/// Layers of frames 1 to 4, plainly drawn, with what is real before them.
+/// Layers of all frames but the first and the last, plainly drawn, with what is real before them.
 fn layers(recording: &Path, scene: &Path, occlusion: bool) -> Vec<LayerImage> {
     let mut shot = shot::open(recording, None, scene);
     shot.settings.plain();
     shot.settings.depth.occlusion = occlusion;
-    shot::composited(&gpu::gpu(), &shot, 1..5).into_iter().map(|done| done.layer.unwrap()).collect()
+    shot::composited(&gpu::gpu(), &shot, 1..site_frames() - 1).into_iter().map(|done| done.layer.unwrap()).collect()
 }
 
+// Slow: lights three simulated sites.
 #[test]
 fn a_phones_export_and_unregistered_depth_show_the_same_as_our_own() {
     let folder = tempfile::tempdir().unwrap();
     let own = simulated(folder.path(), "own", &site());
-    let stray = simulated(folder.path(), "stray", &Options { layout: Some(Layout::Stray), ..site() });
-    let beside = Options { depth_width_px: Some(160), depth_beside_mm: Some(50.0), ..site() };
+    // A phone's depth of four fifths of the frames' width, and half of it beside the camera.
+    let stray_size = tier::fast_or_full((160, 120), (256, 192));
+    let beside_size = tier::fast_or_full((100, 75), (160, 120));
+    let stray_depth = tier::fast_or_full(Some(stray_size.0), None);
+    let stray = Options { layout: Some(Layout::Stray), depth_width_px: stray_depth, ..site() };
+    let stray = simulated(folder.path(), "stray", &stray);
+    let beside = Options { depth_width_px: Some(beside_size.0), depth_beside_mm: Some(50.0), ..site() };
     let beside = simulated(folder.path(), "beside", &beside);
     let opened = open(&stray);
-    assert_eq!((opened.kind.name(), opened.registration()), ("Stray Scanner", Some(Registration::Enlarged(256, 192))));
+    assert_eq!(
+        (opened.kind.name(), opened.registration()),
+        ("Stray Scanner", Some(Registration::Enlarged(stray_size.0, stray_size.1)))
+    );
     assert!(opened.warnings.is_empty(), "{:?}", opened.warnings);
-    assert_eq!(open(&beside).registration(), Some(Registration::OtherCamera(160, 120)));
+    assert_eq!(open(&beside).registration(), Some(Registration::OtherCamera(beside_size.0, beside_size.1)));
     // The video is lossless here: the same pixels.
-    assert!(frames(&opened, 0..6).iter().zip(frames(&open(&own), 0..6)).all(|(a, b)| a.pixels == b.pixels));
+    assert!(
+        frames(&opened, 0..site_frames())
+            .iter()
+            .zip(frames(&open(&own), 0..site_frames()))
+            .all(|(a, b)| a.pixels == b.pixels)
+    );
 
     let at = [0.62, 0.1, 0.0];
     let scenes = [scene(folder.path(), "z", at), scene(folder.path(), "y", [at[0], at[2], -at[1]])];

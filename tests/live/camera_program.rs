@@ -6,8 +6,10 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use crate::filmed::{AWAY, FRAMES, Site};
+use crate::fixture;
 use crate::program::{locard, program, refused, said};
 use crate::sheet::CAMERA;
+use crate::tier;
 use glam::DVec2;
 use locard::live::open_poses;
 use locard::pose::Pose;
@@ -17,16 +19,18 @@ use locard::source::video::{Overrides, probe};
 use locard::stream::{Encoding, LensState, Sample, Sender, packets, transform_of};
 use locard::tracking::smooth::Smoother;
 
-/// The demonstration's first frames, so slow that no machine drops many, and no longer than its poses.
-fn video(folder: &Path) -> PathBuf {
-    let video = folder.join("played.mkv");
-    let status = Command::new("ffmpeg")
-        .args(["-nostdin", "-loglevel", "error", "-framerate", "4", "-i", "recordings/demo/rgb/%05d.jpg"])
-        .args(["-frames:v", "10", "-c:v", "ffv1", "-pix_fmt", "gbrp"])
-        .arg(&video)
-        .status();
-    assert!(status.unwrap().success());
-    video
+/// The demonstration's first frames, so slow that no machine drops many, and no longer than its
+/// poses. All tests share it.
+fn video() -> PathBuf {
+    let folder = fixture::once("played", "10 frames at 4 Hz", |folder| {
+        let status = Command::new("ffmpeg")
+            .args(["-nostdin", "-loglevel", "error", "-framerate", "4", "-i", "recordings/demo/rgb/%05d.jpg"])
+            .args(["-frames:v", "10", "-c:v", "ffv1", "-pix_fmt", "gbrp"])
+            .arg(folder.join("played.mkv"))
+            .status();
+        assert!(status.unwrap().success());
+    });
+    folder.join("played.mkv")
 }
 
 fn text(path: &Path) -> &str {
@@ -36,7 +40,7 @@ fn text(path: &Path) -> &str {
 #[test]
 fn a_video_is_recorded_as_a_camera_is() {
     let temp = tempfile::tempdir().unwrap();
-    let (video, site) = (video(temp.path()), temp.path().join("site"));
+    let (video, site) = (video(), temp.path().join("site"));
     let arguments =
         ["record", "--camera", text(&video), "--pose", "file:recordings/demo", "--frames", "5", "-o", text(&site)];
     let output = locard(&arguments);
@@ -62,11 +66,12 @@ fn a_video_is_recorded_as_a_camera_is() {
 #[test]
 fn live_pictures_are_those_of_the_recording() {
     let temp = tempfile::tempdir().unwrap();
-    let video = video(temp.path());
+    let video = video();
     let [site, seen, again] = ["site", "seen", "again"].map(|name| temp.path().join(name));
-    let scene = ["--scene", "scenes/demo.toml"];
+    let scene = ["--scene", tier::any_scene()];
     let mut arguments = vec!["live", "--camera", text(&video), "--pose", "file:recordings/demo", "--headless"];
     arguments.extend(scene);
+    arguments.extend(tier::no_shadows());
     arguments.extend(["--profile", "recordings/demo/camera.toml", "--frames", "3"]);
     arguments.extend(["--record", text(&site), "-o", text(&seen)]);
     let output = locard(&arguments);
@@ -75,7 +80,7 @@ fn live_pictures_are_those_of_the_recording() {
     // However slow the machine is, what it took it tracked.
     let taken = std::fs::read_dir(&seen).unwrap().count();
     assert!(taken > 0 && told.contains(" tracked, 0 by predicted poses, 0 without"), "{told}");
-    said(&[&["composite", text(&site), "-o", text(&again)][..], &scene].concat());
+    said(&[&["composite", text(&site), "-o", text(&again)][..], &scene, tier::no_shadows()].concat());
     assert_eq!(std::fs::read_dir(&again).unwrap().count(), taken);
     for frame in 0..taken {
         let [live, again] = [&seen, &again].map(|at| std::fs::read(at.join(format!("frame_{frame:06}.png"))).unwrap());
@@ -86,7 +91,7 @@ fn live_pictures_are_those_of_the_recording() {
 #[test]
 fn what_is_no_camera_and_what_gives_no_poses_is_told_in_one_line() {
     let temp = tempfile::tempdir().unwrap();
-    let (video, out) = (video(temp.path()), temp.path().join("out"));
+    let (video, out) = (video(), temp.path().join("out"));
     for (arguments, said) in [
         (["--camera", "77", "--pose", "none"], "77: is no camera; there "),
         (
@@ -106,11 +111,11 @@ fn what_is_no_camera_and_what_gives_no_poses_is_told_in_one_line() {
     }
 }
 
-/// The site's video, slowed down to a rate, and grey for a while behind it; four times, so that a slow machine takes some
-/// frame of what is seen to fade.
-fn grey_at_its_end(site: &Site, rate_hz: f64) -> String {
+/// The site's video at a lower rate, followed by grey frames, several times over, so that a slow
+/// machine takes some frame of the fade.
+fn grey_at_its_end(site: &Site, rate_hz: f64, times: usize) -> String {
     let to = site.path("ends-grey.mkv");
-    let grey = "tpad=stop_mode=add:stop_duration=0.5:color=gray,loop=loop=3:size=33:start=0";
+    let grey = format!("tpad=stop_mode=add:stop_duration=0.5:color=gray,loop=loop={}:size=33:start=0", times - 1);
     let filter = format!("{grey},setpts=N/{rate_hz}/TB");
     let from = site.path("site.mkv");
     let arguments = ["-v", "error", "-i", &from, "-vf", &filter, "-r", &rate_hz.to_string(), "-c:v", "libx264rgb"];
@@ -120,16 +125,18 @@ fn grey_at_its_end(site: &Site, rate_hz: f64) -> String {
 }
 
 /// What is recorded without being composited fades in its replay as it would have live.
+// Slow: the video in the camera's place lasts 4.4 s.
 #[test]
 fn record_writes_how_much_is_seen_while_the_camera_is_lost() {
-    let site = Site::new(&CAMERA);
-    let (video, tags) = (grey_at_its_end(&site, 15.0), format!("tags:{}", site.path("board.toml")));
+    let site = Site::shared(&CAMERA);
+    let times = tier::fast_or_full(2, 4);
+    let (video, tags) = (grey_at_its_end(&site, 15.0, times), format!("tags:{}", site.path("board.toml")));
     let (profile, folder) = (site.path("camera.toml"), site.path("recorded"));
     said(&["record", "--camera", &video, "--pose", &tags, "--profile", &profile, "-o", &folder]);
     let recording = Recording::open(Path::new(&folder), &OpenOptions::default()).unwrap();
     let sure = std::fs::read_to_string(Path::new(&folder).join("covariance.txt")).unwrap();
     let seen_s: Vec<f64> = sure.lines().skip(2).map(|line| line.split(' ').next().unwrap().parse().unwrap()).collect();
-    assert!(seen_s.len() > 5 && seen_s.len() <= 4 * (FRAMES - AWAY.len()), "{}", seen_s.len());
+    assert!(seen_s.len() > 5 && seen_s.len() <= times * (FRAMES - AWAY.len()), "{}", seen_s.len());
     let (mut faded, mut lost) = (0, 0);
     for (frame, time_s) in recording.timestamps_s.iter().enumerate().filter(|(_, time_s)| !seen_s.contains(time_s)) {
         let Some(last_s) = seen_s.iter().rev().find(|seen_s| *seen_s < time_s) else { continue };
@@ -156,7 +163,7 @@ fn record_writes_how_much_is_seen_while_the_camera_is_lost() {
 
 #[test]
 fn smoothed_poses_are_those_that_are_composited_and_recorded() {
-    let site = Site::new(&CAMERA);
+    let site = Site::shared(&CAMERA);
     let (tags, profile) = (format!("tags:{}", site.path("board.toml")), site.path("camera.toml"));
     // Each is the smoother's answer to what is measured, with how sure it is then.
     let camera = Rig::of_file(Path::new(&profile)).unwrap().camera();
@@ -179,13 +186,17 @@ fn smoothed_poses_are_those_that_are_composited_and_recorded() {
     assert!(differs > 10, "{differs}");
     // And what is seen of them is what their recording gives.
     let [recorded, seen, again] = ["recorded", "seen", "again"].map(|name| site.path(name));
-    let (scene, endless) = (site.scene(), site.endless());
+    let scene = site.scene();
+    let endless = if tier::is_full() { site.endless() } else { site.repeated(40) };
     let mut arguments = vec!["live", "--camera", &endless, "--pose", &tags, "--profile", &profile, "--scene", &scene];
-    arguments.extend(["--headless", "--frames", "14", "--smooth", "0.05", "--record", &recorded, "-o", &seen]);
+    let count = tier::fast_or_full(5, 14);
+    let frames = count.to_string();
+    arguments.extend(["--headless", "--frames", &frames, "--smooth", "0.05", "--record", &recorded, "-o", &seen]);
+    arguments.extend(tier::no_shadows());
     said(&arguments);
-    said(&["composite", &recorded, "--scene", &scene, "-o", &again]);
+    said(&[&["composite", &recorded, "--scene", &scene, "-o", &again], tier::no_shadows()].concat());
     let taken = std::fs::read_dir(&seen).unwrap().count();
-    assert_eq!((std::fs::read_dir(&again).unwrap().count(), taken), (14, 14));
+    assert_eq!((std::fs::read_dir(&again).unwrap().count(), taken), (count, count));
     for frame in 0..taken {
         let [live, again] =
             [&seen, &again].map(|at| std::fs::read(Path::new(at).join(format!("frame_{frame:06}.png"))).unwrap());
@@ -211,11 +222,12 @@ fn zooming(i: u32) -> LensState {
 #[test]
 fn a_stream_s_lens_is_the_camera_of_live_and_of_what_is_recorded() {
     let temp = tempfile::tempdir().unwrap();
-    let video = video(temp.path());
+    let video = video();
     let demo = Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap();
     let pose = demo.pose_at_frame(0).unwrap();
     let [site, seen, again, bare] = ["site", "seen", "again", "bare"].map(|name| temp.path().join(name));
-    let live = ["live", "--scene", "scenes/demo.toml", "--headless", "--frames", "4", "--record", text(&site)];
+    let live = ["live", "--scene", tier::any_scene(), "--headless", "--frames", "4", "--record", text(&site)];
+    let live = [&live[..], tier::no_shadows()].concat();
     let record = ["record", "--frames", "4"];
     for (arguments, out) in [(&live[..], &seen), (&record[..], &bare)] {
         let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
@@ -255,7 +267,8 @@ fn a_stream_s_lens_is_the_camera_of_live_and_of_what_is_recorded() {
         assert!(fx.iter().all(|fx| (497.0..641.0).contains(fx)) && fx.windows(2).any(|p| p[0] != p[1]), "{fx:?}");
         assert!(recording.exposure.iter().all(|exposure| exposure.time_s == Some(0.125)), "{:?}", recording.exposure);
     }
-    said(&["composite", text(&site), "--scene", "scenes/demo.toml", "-o", text(&again)]);
+    let composite = ["composite", text(&site), "--scene", tier::any_scene(), "-o", text(&again)];
+    said(&[&composite[..], tier::no_shadows()].concat());
     let taken = std::fs::read_dir(&seen).unwrap().count();
     assert_eq!((std::fs::read_dir(&again).unwrap().count(), taken), (4, 4));
     for frame in 0..taken {
@@ -269,7 +282,7 @@ fn a_stream_s_lens_is_the_camera_of_live_and_of_what_is_recorded() {
 #[test]
 fn where_nothing_can_be_written_nothing_is_left() {
     let temp = tempfile::tempdir().unwrap();
-    let (video, site) = (video(temp.path()), temp.path().join("site"));
+    let (video, site) = (video(), temp.path().join("site"));
     let mut command = Command::new("sh");
     command.args(["-c", "ulimit -f 1; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_locard"), "record"]);
     let output = command.args(["--camera", text(&video), "--frames", "3", "-o", text(&site)]).output().unwrap();
@@ -281,7 +294,7 @@ fn where_nothing_can_be_written_nothing_is_left() {
 #[test]
 fn without_a_profile_a_stream_that_says_no_lens_is_refused_with_the_reason() {
     let temp = tempfile::tempdir().unwrap();
-    let video = video(temp.path());
+    let video = video();
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let url = format!("opentrackio://127.0.0.1:{port}");
     let out = temp.path().join("out");
@@ -297,7 +310,7 @@ fn without_a_profile_a_stream_that_says_no_lens_is_refused_with_the_reason() {
 #[test]
 fn the_closing_lines_count_what_a_stream_sent() {
     let temp = tempfile::tempdir().unwrap();
-    let (video, site) = (video(temp.path()), temp.path().join("site"));
+    let (video, site) = (video(), temp.path().join("site"));
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let url = format!("opentrackio://127.0.0.1:{port}");
     let arguments = ["record", "--camera", text(&video), "--pose", &url, "-o", text(&site)];

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use crate::program::said;
-use crate::sheet::{CAMERA, Place, SIZE, Sheet};
+use crate::sheet::{CAMERA, Place, Rays, SIZE, Sheet};
+use crate::tier;
 use glam::{DVec2, DVec3};
 use locard::live::{Tracking, Waiting, open_poses};
 use locard::pixels::Pixels;
@@ -63,18 +64,18 @@ fn measured(are_seen: bool) -> Measured {
         // Nothing but the table.
         false => vec![97; width * height],
     };
-    let hidden = Sheet::of(width, height, hidden);
+    let (hidden, rays) = (Sheet::of(width, height, hidden), Rays::of(&CAMERA));
     std::fs::write(path("camera.toml"), CAMERA.profile()).unwrap();
     let camera = Rig::of_file(Path::new(&path("camera.toml"))).unwrap().camera();
     let mut source = open_poses(&format!("tags:{}", path("board.toml")), Some(&camera), None).unwrap();
     let mut w = Waiting::new(source.max_gap_s(), 0.0);
     let (mut measured, mut since) = (Measured::default(), 0);
-    for i in 0u32..60 {
+    for i in 0..tier::fast_or_full(20u32, 60) {
         let time_s = INTERVAL_S * f64::from(i);
         // Missed in two frames of ten.
         let is_missed = matches!(i % 10, 5 | 6);
         let of = if is_missed { &hidden } else { &sheet };
-        let codes = of.photograph(&CAMERA, 3, 1.0, u64::from(i), |t| place(time_s + t));
+        let codes = of.photograph_by_rays(&rays, tier::fast_or_full(2, 3), 1.0, u64::from(i), |t| place(time_s + t));
         source.picture(time_s, &Pixels::from_u8(SIZE.0, SIZE.1, codes).unwrap());
         w.frame(i, time_s, (REACH_S, REACH_S), time_s);
         source.poses(time_s).unwrap().iter().for_each(|(time_s, pose)| _ = w.pose(*time_s, pose));
@@ -144,7 +145,7 @@ fn poses_by(change: impl Fn(&str) -> String, pictures: u32) -> (usize, Option<St
     std::fs::write(path("camera.toml"), CAMERA.profile()).unwrap();
     let camera = Rig::of_file(Path::new(&path("camera.toml"))).unwrap().camera();
     let mut source = open_poses(&format!("tags:{}", path("other.toml")), Some(&camera), None).unwrap();
-    let mut found = 0;
+    let (rays, mut found) = (Rays::of(&CAMERA), 0);
     for i in 0..pictures {
         let time_s = INTERVAL_S * f64::from(i);
         // It comes near, so that few tags are in the picture now and then.
@@ -152,7 +153,7 @@ fn poses_by(change: impl Fn(&str) -> String, pictures: u32) -> (usize, Option<St
             let Place { at_m, axes } = place(t);
             Place { at_m: at_m * if i % 4 == 3 { 0.35 } else { 1.0 }, axes }
         };
-        let codes = sheet.photograph(&CAMERA, 2, 1.0, u64::from(i), |t| place(time_s + t));
+        let codes = sheet.photograph_by_rays(&rays, 2, 1.0, u64::from(i), |t| place(time_s + t));
         source.picture(time_s, &Pixels::from_u8(SIZE.0, SIZE.1, codes).unwrap());
         found += source.poses(time_s).unwrap().len();
     }
@@ -168,7 +169,7 @@ fn a_board_of_other_sizes_gives_no_pose_at_all() {
         };
         text.lines().map(line).collect()
     };
-    let (found, why) = poses_by(larger, 24);
+    let (found, why) = poses_by(larger, tier::fast_or_full(12, 24));
     assert_eq!(found, 0, "{why:?}");
     assert!(why.unwrap().contains("does the board's file describe this board?"));
 }

@@ -6,6 +6,8 @@
 mod common;
 #[path = "../common/filmed.rs"]
 mod filmed;
+#[path = "../common/fixture.rs"]
+mod fixture;
 #[path = "../common/gpu.rs"]
 mod gpu;
 #[path = "../common/program.rs"]
@@ -14,6 +16,8 @@ mod program;
 mod random;
 #[path = "../common/sheet.rs"]
 mod sheet;
+#[path = "../common/tier.rs"]
+mod tier;
 
 mod camera_program;
 mod live;

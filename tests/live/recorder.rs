@@ -4,6 +4,7 @@ use std::io::{self, BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+use crate::tier;
 use glam::{DQuat, DVec3};
 use locard::pose::Pose;
 use locard::recording::recorder::{About, Folder, Recorder, RecorderError, Store, discard};
@@ -204,7 +205,7 @@ fn a_recorder_that_is_killed_loses_less_than_a_second() {
         }
     }
     let mut state = 12_345u64;
-    for round in 0..20 {
+    for round in 0..tier::fast_or_full(5, 20) {
         let temp = tempfile::tempdir().unwrap();
         let path = temp.path().join("site");
         let mut child = Command::new(std::env::current_exe().unwrap())
@@ -286,7 +287,7 @@ impl Store for Small {
 fn a_full_disk_ends_the_recording_with_what_is_whole() {
     let picture = png();
     let mut ends = std::collections::BTreeSet::new();
-    for room in (900..9000).step_by(301) {
+    for room in (900..9000).step_by(tier::fast_or_full(451, 301)) {
         let temp = tempfile::tempdir().unwrap();
         std::fs::create_dir(temp.path().join("frames")).unwrap();
         let store = Small { folder: Folder::new(temp.path()).unwrap(), path: temp.path().to_owned(), room };

@@ -1,22 +1,27 @@
 //! The window by keys alone, for screen readers, and for eyes that read no tiny letters.
 
-use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use crate::worked::{Device, has, settle, shows, window};
+use crate::worked::{Device, demo, demo_frame, has, scene_or_none, settle, shows, window};
 use eframe::egui::epaint::Shape;
 use eframe::egui::{self, FullOutput, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
 use locard::recording::OpenOptions;
 use locard::shot::Given;
-use locard::window::{App, DEMO, DEMO_SCENE, Project, Start};
+use locard::window::{App, DEMO_SCENE, Project, Start};
 
 const SIZE: egui::Vec2 = egui::vec2(1280.0, 720.0);
 
 fn project() -> Project {
     let given = Given { scene: Some(DEMO_SCENE.into()), ..Given::default() };
-    Project::open(Path::new(DEMO), &OpenOptions::default(), &given).unwrap()
+    Project::open(&demo(), &OpenOptions::default(), &given).unwrap()
+}
+
+/// The project of tests in which nothing virtual is looked at.
+fn plain() -> Project {
+    let given = Given { scene: scene_or_none(), ..Given::default() };
+    Project::open(&demo(), &OpenOptions::default(), &given).unwrap()
 }
 
 /// What has the keyboard, by its name.
@@ -60,7 +65,7 @@ fn the_library_is_walked_by_keys() {
         has(&window, "Click in the picture, or press and drag to turn it; Esc ends it.") && focused(&window).is_none()
     );
     let before = window.state().project().edit().scene.entries().len();
-    window.state_mut().player_mut().seek(30);
+    window.state_mut().player_mut().seek(demo_frame(30));
     settle(&mut window);
     press(&mut window, Key::ArrowDown);
     press(&mut window, Key::Enter);
@@ -74,7 +79,7 @@ fn is_dialog<S>(window: &Harness<'_, S>, name: &str) -> bool {
 
 #[test]
 fn dialogs_are_dialogs_and_named() {
-    let mut window = window(project(), SIZE);
+    let mut window = window(plain(), SIZE);
     window.key_press_modifiers(Modifiers::COMMAND, Key::O);
     window.run_steps(3);
     assert!(is_dialog(&window, "Open a recording"));

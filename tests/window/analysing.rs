@@ -3,7 +3,11 @@
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
+use crate::fixture;
+use crate::footage;
 use crate::gpu;
+use crate::program;
+use crate::tier::fast_or_full;
 use crate::worked::{codes, has, settle, shown, shows, until, window};
 use eframe::egui::vec2;
 use egui_kittest::Harness;
@@ -15,29 +19,42 @@ use locard::shot::{AnalysisState, Given, Shot};
 use locard::simulate::{self, Flaws, Options};
 use locard::window::{App, DEMO_SCENE, Project, State};
 
-const FRAME: usize = 9;
+/// Number of frames, and the frame that is shown.
+fn frames() -> usize {
+    fast_or_full(12, 20)
+}
 
-/// The demonstration's site at a quarter of its size, by a tracker that drifts and a camera that changes its exposure.
+fn frame() -> usize {
+    fast_or_full(5, 9)
+}
+
+/// The demonstration's site in small pictures, by a tracker that drifts and a camera that changes
+/// its exposure.
 fn site() -> (tempfile::TempDir, PathBuf) {
-    let folder = tempfile::tempdir().unwrap();
-    let site = folder.path().join("site");
+    let (width_px, height_px) = fast_or_full((160, 120), (320, 240));
     let options = Options {
-        width_px: 320,
-        height_px: 240,
-        focal_px: 260.0,
+        width_px,
+        height_px,
+        focal_px: 0.8125 * f64::from(width_px),
         samples: 4,
-        frames: 20,
+        frames: frames() as u32,
         fps: 15.0,
         ..Options::default()
     };
     let flaws =
         Flaws { jitter_mm: 2.0, jitter_deg: 0.2, exposure_walk_ev: 0.3, exposure_step_ev: 1.0, ..Flaws::default() };
-    simulate::run(&site, &options, &flaws, false, &mut |_, _| ControlFlow::Continue(())).unwrap();
+    let made = fixture::once("window-analysing", (width_px, frames()), |folder| {
+        simulate::run(&folder.join("site"), &options, &flaws, false, &mut |_, _| ControlFlow::Continue(())).unwrap();
+    });
+    let folder = tempfile::tempdir().unwrap();
+    let site = folder.path().join("site");
+    program::copied(&made.join("site"), &site);
     (folder, site)
 }
 
 fn given() -> Given {
-    Given { scene: Some(DEMO_SCENE.into()), ..Given::default() }
+    let no_shadows = ["shadow.cast=false", "shadow.on_things=false"].map(str::to_owned).to_vec();
+    Given { scene: Some(DEMO_SCENE.into()), sets: fast_or_full(no_shadows, vec![]), ..Given::default() }
 }
 
 fn open(site: &Path) -> Harness<'static, App> {
@@ -56,10 +73,11 @@ fn press(window: &mut Harness<'_, App>, label: &str) {
 
 /// What the program shows of the frame.
 fn composited(site: &Path, noise: f64) -> Vec<[u8; 3]> {
-    let sets = vec![format!("noise.scale={noise}")];
-    let mut shot = Shot::open(site, &OpenOptions::default(), &Given { sets, ..given() }).unwrap();
+    let mut given = given();
+    given.sets.push(format!("noise.scale={noise}"));
+    let mut shot = Shot::open(site, &OpenOptions::default(), &given).unwrap();
     let mut compositor = shot.compositor(gpu::gpu().clone());
-    let pending = shot.picture(&mut compositor, FRAME, Target::Pixels).unwrap();
+    let pending = shot.picture(&mut compositor, frame(), Target::Pixels).unwrap();
     codes(&compositor.collect(pending).unwrap().pixels)
 }
 
@@ -72,7 +90,7 @@ fn footage_is_analysed_and_taken_over_where_one_is() {
     std::fs::write(analysis.join("analysis.toml"), "version = 4\n").unwrap();
     let mut window = open(&site);
     assert!(has(&window, "The analysis of this footage is not used"));
-    window.state_mut().player_mut().seek(FRAME);
+    window.state_mut().player_mut().seek(frame());
     let project = window.state_mut().project_mut();
     project.set("noise", "scale", &Value::Number(0.5)).unwrap();
     project.close_step();
@@ -80,6 +98,7 @@ fn footage_is_analysed_and_taken_over_where_one_is() {
     let before = shown(&window);
     assert!(before == composited(&site, 0.5));
 
+    footage::leave_out_light(window.state().project().shot(), &analysis);
     press(&mut window, "Analyse");
     shows(&mut window, "Analysing the footage");
     until(&mut window, all_over);
@@ -93,7 +112,7 @@ fn footage_is_analysed_and_taken_over_where_one_is() {
     assert!(app.said().unwrap().contains("poses refined"), "{:?}", app.said());
 
     // The frame, what is set and the past have stayed; it is drawn as the program draws it.
-    assert_eq!((app.player().frame(), app.project().value("noise", "scale")), (FRAME, Some(Value::Number(0.5))));
+    assert_eq!((app.player().frame(), app.project().value("noise", "scale")), (frame(), Some(Value::Number(0.5))));
     let after = shown(&window);
     assert!(after != before && after == composited(&site, 0.5));
     let project = window.state_mut().project_mut();
@@ -105,11 +124,11 @@ fn footage_is_analysed_and_taken_over_where_one_is() {
 
     // How bright the frames are.
     let seen_ev = window.state().project().shot().seen_ev();
-    assert_eq!(seen_ev.len(), 20);
+    assert_eq!(seen_ev.len(), frames());
     press(&mut window, "Match");
     press(&mut window, "Light over the frames");
     window.run_steps(20);
-    let [r, g, b] = seen_ev[FRAME].map(|ev| format!("{ev:.2}"));
+    let [r, g, b] = seen_ev[frame()].map(|ev| format!("{ev:.2}"));
     let told = format!("this frame: red {r}, green {g}, blue {b} stops over the recording's median");
     assert!(has(&window, &told), "{told}");
 }

@@ -3,13 +3,15 @@
 use std::path::Path;
 
 use crate::footage;
+use crate::tier::{fast_or_full, is_full};
 use crate::worked::{
-    click_at, demo_window, has, let_go, press_and_move, press_key, settle, shown, steps, types, window,
+    click_at, demo, demo_px, demo_window, has, let_go, press_and_move, press_key, settle, shown, steps, types, window,
 };
 use eframe::egui::{self, Key, Modifiers, Pos2, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use glam::{DVec2, DVec3};
+use locard::analyse::{Analysis, Environment, FoundLight};
 use locard::recording::OpenOptions;
 use locard::scene::{LitBy, SceneFile, Size, Thing, load_file};
 use locard::shot::{AnalysisState, Given};
@@ -22,6 +24,8 @@ const LAMP_AT: [f64; 3] = [-0.2783, 0.2778, 2.349];
 const MARK_INSET: f64 = 18.0;
 const HANDLES_INSET: f64 = 104.0;
 
+const NO_SHADOWS: [&str; 2] = ["shadow.cast=false", "shadow.on_things=false"];
+
 const SIZE: egui::Vec2 = egui::vec2(1400.0, 1000.0);
 
 fn open() -> Harness<'static, App> {
@@ -30,6 +34,12 @@ fn open() -> Harness<'static, App> {
 
 fn open_without_shadows() -> Harness<'static, App> {
     demo_window(&["shadow.cast=false"], SIZE)
+}
+
+/// The size of the picture, px.
+fn picture_px() -> DVec2 {
+    let size = demo_px(640.0, 480.0);
+    DVec2::new(size.x.into(), size.y.into())
 }
 
 fn on_screen(window: &Harness<'_, App>, px: DVec2) -> Pos2 {
@@ -46,7 +56,7 @@ fn at_m(window: &Harness<'_, App>, lamp: Thing) -> DVec3 {
 
 /// Where a way from the middle of the picture comes to within so many points of its rim.
 fn at_rim(window: &Harness<'_, App>, towards: DVec2, inset: f64) -> Pos2 {
-    let size = DVec2::new(640.0, 480.0);
+    let size = picture_px();
     let [low, high] = [DVec2::ZERO, size].map(|px| on_screen(window, px));
     let half = DVec2::new((high.x - low.x).into(), (high.y - low.y).into()) * 0.5 - inset;
     let way = towards * (half / towards.abs()).min_element();
@@ -56,7 +66,7 @@ fn at_rim(window: &Harness<'_, App>, towards: DVec2, inset: f64) -> Pos2 {
 /// The way from the middle of the picture to what lies outside it, or behind the camera.
 fn towards(window: &Harness<'_, App>, point_m: [f64; 3]) -> DVec2 {
     let way = || window.state().project().shot().eye(0).unwrap().way_to(point_m.into()).truncate();
-    let size = DVec2::new(640.0, 480.0);
+    let size = picture_px();
     let seen = seen(window, point_m.into());
     assert!(seen.is_none_or(|px| px.min_element() < 0.0 || px.cmpgt(size).any()), "{seen:?}");
     seen.map_or_else(way, |px| px - 0.5 * size).normalize()
@@ -73,7 +83,7 @@ fn text(window: &mut Harness<'_, App>) -> String {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
     let mut project = Project::open(
-        Path::new("recordings/demo"),
+        &demo(),
         &OpenOptions::default(),
         &Given { scene: Some("scenes/demo.toml".into()), ..Given::default() },
     )
@@ -262,12 +272,29 @@ fn a_lamp_is_added_where_the_picture_is_clicked() {
     assert_eq!(window.state().project().edit().scene.light.lamp.len(), 1);
 }
 
+/// Gives an analysis the light of the demonstration's scene. The search for a light takes 10 s.
+fn with_light(analysis: &mut Analysis) {
+    let panorama = image::open("scenes/demo-light.hdr").unwrap().into_rgb32f();
+    let rgb: Vec<[f32; 3]> = panorama.pixels().map(|pixel| pixel.0).collect();
+    let environment = Environment::of(&rgb).unwrap();
+    let mut light: FoundLight = toml::from_str(FOUND_LIGHT).unwrap();
+    light.panorama = FoundLight::of(&Err(String::new()), Some(&environment)).panorama;
+    (analysis.environment, analysis.findings.light) = (Some(environment), Some(light));
+}
+
+const FOUND_LIGHT: &str = "middle_m = [0.1, 0.0, 0.1]\nup = [0.0, 0.0, 1.0]\nupward = [0.6, 0.6, 0.6]\n\
+    [[lamps]]\nat_m = [-0.2783, 0.2778, 2.349]\nshown_at_1_m = [5.4049, 5.1358, 4.6338]\n";
+
 #[test]
 fn the_light_that_was_found_is_taken_into_the_scene_and_saved_with_its_panorama() {
-    let folder = footage::demo(13, &Flaws::default());
+    let folder = footage::demo_by_tier(fast_or_full(4, 13), &Flaws::default(), 4);
     let shot = footage::opened(&folder);
     let analysis = folder.path().join("site.analysis");
-    footage::analysed(&shot, 2).write(&analysis, &shot.recording).unwrap();
+    let mut found = footage::analysed_by_tier(&shot, 2);
+    if !is_full() {
+        with_light(&mut found);
+    }
+    found.write(&analysis, &shot.recording).unwrap();
     let file = folder.path().join("case.toml");
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
     let bare = format!(
@@ -276,7 +303,8 @@ fn the_light_that_was_found_is_taken_into_the_scene_and_saved_with_its_panorama(
     std::fs::write(&file, &bare).unwrap();
     // Another case's panorama is in the way, and stays.
     std::fs::write(folder.path().join("case-light.hdr"), "another").unwrap();
-    let given = Given { scene: Some(file.clone()), ..Given::default() };
+    let sets = if is_full() { Vec::new() } else { NO_SHADOWS.map(str::to_owned).to_vec() };
+    let given = Given { scene: Some(file.clone()), sets, ..Given::default() };
     let open = || Project::open(&folder.path().join("site"), &OpenOptions::default(), &given).unwrap();
     assert!(matches!(open().shot().analysis, AnalysisState::Used(..)));
     let mut window = window(open(), egui::vec2(1400.0, 1000.0));
@@ -320,7 +348,7 @@ fn the_light_that_was_found_is_taken_into_the_scene_and_saved_with_its_panorama(
 
 #[test]
 fn a_lamp_that_is_added_to_a_guessed_light_leaves_the_rest_as_it_is() {
-    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given::default()).unwrap();
+    let project = Project::open(&demo(), &OpenOptions::default(), &Given::default()).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 1000.0));
     let project = window.state_mut().project_mut();
     let guessed = load_file(&SceneFile::default(), Path::new("scene.toml"), Some(DVec3::Z)).unwrap().lighting;

@@ -2,13 +2,17 @@
 //! machine is.
 
 use std::path::Path;
+use std::process::Command;
 
 use crate::filmed;
 use crate::filmed::Site;
+use crate::fixture;
 use crate::gpu;
 use crate::sheet;
 use crate::sheet::{CAMERA, Place, Sheet};
-use crate::worked::{Device, click_at, codes, drop_file, has, shown, shows, until};
+use crate::tier::{fast_or_full, is_full};
+use crate::worked;
+use crate::worked::{Device, click_at, codes, drop_file, has, shown, shows, until, until_seen};
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
@@ -20,9 +24,32 @@ use locard::recording::{OpenOptions, Recording};
 use locard::shot::{Given, Shot};
 use locard::window::{App, Project};
 
+/// The site's video over and over. In the fast tier it is compressed, at a third of the frame rate.
+fn endless(site: &Site) -> String {
+    if is_full() {
+        return site.endless();
+    }
+    const ENCODED: [&str; 6] = ["-c:v", "libx264rgb", "-preset", "ultrafast", "-crf", "20"];
+    const SLOWER_BY: &str = "3";
+    const REPEATED: &str = "39";
+    let made = fixture::once("window-live", (CAMERA.profile(), ENCODED, SLOWER_BY, REPEATED), |folder| {
+        let ffmpeg = |before: [&str; 2], from: &str, codec: &[&str], to: &str| {
+            let mut ffmpeg = Command::new("ffmpeg");
+            ffmpeg.args(["-v", "error"]).args(before).args(["-i", from]).args(codec).arg(to);
+            assert!(ffmpeg.status().unwrap().success());
+        };
+        let (slow, to) = (site.path("slow.mkv"), folder.join("endless.mkv"));
+        ffmpeg(["-itsscale", SLOWER_BY], &site.path("site.mkv"), &ENCODED, &slow);
+        ffmpeg(["-stream_loop", REPEATED], &slow, &["-c", "copy"], to.to_str().unwrap());
+    });
+    let path = site.path("endless.mkv");
+    std::fs::copy(made.join("endless.mkv"), &path).unwrap();
+    path
+}
+
 /// The window with a camera that plays the site's video, poses from the tags in it, and the marker beside the sheet.
 fn live_window(site: &Site, sets: &[&str]) -> Harness<'static, App> {
-    window_of(site, &site.endless(), sets)
+    window_of(site, &endless(site), sets)
 }
 
 fn window_of(site: &Site, video: &str, sets: &[&str]) -> Harness<'static, App> {
@@ -30,7 +57,8 @@ fn window_of(site: &Site, video: &str, sets: &[&str]) -> Harness<'static, App> {
     let camera = locard::profile::Rig::of_file(&profile).unwrap().camera();
     let tags = format!("tags:{}", site.path("board.toml"));
     let opened = live::open(&LiveFrom::new(video, &tags), Some(&camera)).unwrap();
-    let sets = sets.iter().map(ToString::to_string).collect();
+    let shadows: &[&str] = if is_full() { &[] } else { &["shadow.cast=false", "shadow.on_things=false"] };
+    let sets = sets.iter().chain(shadows).map(ToString::to_string).collect();
     let given = Given { profile: Some(profile), sets, scene: Some(site.scene().into()), ..Given::default() };
     let mut project = Project::of(opened.recording(), 1.0, &given).unwrap();
     project.camera = Some(LiveFrom::new(video, &tags));
@@ -50,7 +78,7 @@ fn composited(shot: &Shot, frame: usize) -> Vec<[u8; 3]> {
 
 #[test]
 fn frozen_it_is_a_recording_that_shows_what_was_seen_and_the_camera_comes_back() {
-    let site = Site::new(&CAMERA);
+    let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     // The numbers of frames, by which noise is drawn, begin anew.
     window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.0)).unwrap();
@@ -86,13 +114,14 @@ fn frozen_it_is_a_recording_that_shows_what_was_seen_and_the_camera_comes_back()
 
 #[test]
 fn what_is_recorded_while_it_is_seen_gives_the_same_pictures() {
-    let site = Site::new(&CAMERA);
+    let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     let folder = Path::new(&site.path("recorded")).to_owned();
-    until(&mut window, |app| app.shown_frame().is_some_and(|frame| frame > 20));
+    let many = fast_or_full(6, 20);
+    until(&mut window, |app| app.shown_frame().is_some_and(|frame| frame > many));
     window.state_mut().record(folder.clone());
     // Frames are numbered anew from the first that is recorded.
-    until(&mut window, |app| app.shown_frame().is_some_and(|frame| frame < 20));
+    until(&mut window, |app| app.shown_frame().is_some_and(|frame| frame < many));
     shows(&mut window, "Stop");
     // A machine that is slower than the camera always has another picture under way.
     let mut seen: Vec<(usize, Vec<[u8; 3]>)> = Vec::new();
@@ -113,7 +142,7 @@ fn what_is_recorded_while_it_is_seen_gives_the_same_pictures() {
 
 #[test]
 fn a_click_places_evidence_on_the_sheet_while_the_camera_goes_on() {
-    let site = Site::new(&CAMERA);
+    let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     assert!(has(&window, "the floor"));
     let marker = Path::new("scenes/marker-1.glb").canonicalize().unwrap();
@@ -125,6 +154,7 @@ fn a_click_places_evidence_on_the_sheet_while_the_camera_goes_on() {
     // Now and then the camera looks away, and there is nothing to place it on.
     while window.state().project().edit().scene.objects.len() == before {
         click_at(&mut window, at);
+        worked::rest();
     }
     let [x, y, z] = window.state().project().edit().scene.objects[before].position_m.unwrap();
     // It stands on the sheet's plane, within rounding, where some frame of these shows that place.
@@ -143,7 +173,7 @@ fn close(window: &mut Harness<'_, App>) {
 
 #[test]
 fn it_asks_before_a_recording_ends_with_its_camera() {
-    let site = Site::new(&CAMERA);
+    let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     close(&mut window);
     assert!(!has(&window, "Stay"), "nothing is recorded");
@@ -173,7 +203,7 @@ fn it_asks_before_a_recording_ends_with_its_camera() {
 
 #[test]
 fn after_its_end_a_camera_can_be_frozen_again_and_again() {
-    let site = Site::new(&CAMERA);
+    let site = Site::shared(&CAMERA);
     let mut window = window_of(&site, &site.path("site.mkv"), &[]);
     shows(&mut window, "the camera has ended");
     let mut frozen = Vec::new();
@@ -195,7 +225,7 @@ fn after_its_end_a_camera_can_be_frozen_again_and_again() {
 
 #[test]
 fn plots_are_of_a_frozen_picture_and_none_is_left_while_the_camera_is_shown() {
-    let site = Site::new(&CAMERA);
+    let site = Site::shared(&CAMERA);
     let noise = "[camera.noise]\nchannel_correlation = [0.5, 0.5, 0.5]\nneighbour_correlation = [0.5, 0.5]\n\
                  code = [0.0, 255.0]\nsigma_r = [1.0, 1.0]\nsigma_g = [1.0, 1.0]\nsigma_b = [1.0, 1.0]\n";
     std::fs::write(site.path("camera.toml"), CAMERA.profile() + noise).unwrap();
@@ -208,11 +238,10 @@ fn plots_are_of_a_frozen_picture_and_none_is_left_while_the_camera_is_shown() {
     window.step();
     until(&mut window, |app| !app.project().shot().recording.is_arriving() && app.is_settled());
     let told = |window: &Harness<'_, App>| window.query_all_by_label_contains("σ over the profile's").count();
-    let begun = std::time::Instant::now();
-    while told(&window) == 0 {
-        assert!(begun.elapsed().as_secs() < 60 && !waits(&window));
-        window.step();
-    }
+    until_seen(&mut window, "the plot", |window| {
+        assert!(!waits(window));
+        told(window) > 0
+    });
     window.key_press(Key::C);
     window.run_steps(3);
     assert!(waits(&window) && told(&window) == 0);
@@ -230,7 +259,7 @@ fn typed(window: &mut Harness<'_, App>, field: &str, text: &str) {
 
 #[test]
 fn what_is_asked_of_a_camera_stands_in_the_dialog_and_is_asked_again() {
-    let site = Site::new(&CAMERA);
+    let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     let value = |window: &Harness<'_, App>, field: &str| {
         window.get_by_role_and_label(Role::TextInput, field).accesskit_node().value().unwrap_or_default()
@@ -277,7 +306,7 @@ fn what_is_asked_of_a_camera_stands_in_the_dialog_and_is_asked_again() {
 /// What was typed is still there when it is refused, why is said beside it, and keys go on into its fields.
 #[test]
 fn a_camera_that_is_refused_leaves_the_dialog_as_it_was_typed() {
-    let site = Site::new(&CAMERA);
+    let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     window.get_by_label("File").click();
     window.run_steps(2);
@@ -286,12 +315,9 @@ fn a_camera_that_is_refused_leaves_the_dialog_as_it_was_typed() {
     typed(&mut window, "Rate", "25");
     typed(&mut window, "Camera", "nowhere.mkv");
     window.get_by_label("Start").click();
-    let begun = std::time::Instant::now();
-    while window.query_all_by_label_contains("there is no such file").count() == 0 {
-        assert!(begun.elapsed() < std::time::Duration::from_secs(60), "it is not refused");
-        window.step();
-        std::thread::yield_now();
-    }
+    let is_refused =
+        |window: &Harness<'_, App>| window.query_all_by_label_contains("there is no such file").count() > 0;
+    until_seen(&mut window, "the refusal", is_refused);
     let value = |window: &Harness<'_, App>, field: &str| {
         window.get_by_role_and_label(Role::TextInput, field).accesskit_node().value().unwrap_or_default()
     };
@@ -313,16 +339,21 @@ fn held(site: &Site) -> String {
         let codes = sheet.photograph(&CAMERA, 3, 1.0, n as u64, |_| place);
         image::RgbImage::from_raw(640, 480, codes).unwrap().save(site.path(&format!("held-{n}.png"))).unwrap();
     }
-    let (from, to) = (site.path("held-%d.png"), site.path("held.mkv"));
-    let held = ["-v", "error", "-framerate", "0.5", "-stream_loop", "20", "-i", &from, "-vf", "fps=10"];
-    let codec = ["-c:v", "libx264rgb", "-preset", "ultrafast", "-qp", "0", &to];
-    assert!(std::process::Command::new("ffmpeg").args(held).args(codec).status().unwrap().success());
+    let (stands_per_s, pictures) = fast_or_full(("1", "fps=5"), ("0.5", "fps=10"));
+    let (from, once, to) = (site.path("held-%d.png"), site.path("held-once.mkv"), site.path("held.mkv"));
+    let codec = ["-c:v", "libx264rgb", "-preset", "ultrafast", "-qp", "0"];
+    let made = ["-framerate", stands_per_s, "-i", &from, "-vf", pictures];
+    let repeated = ["-stream_loop", "20", "-i", &once, "-c", "copy", &to];
+    for arguments in [[&made[..], &codec, &[&once]].concat(), repeated.to_vec()] {
+        assert!(Command::new("ffmpeg").args(["-v", "error"]).args(arguments).status().unwrap().success());
+    }
     to
 }
 
+// Slow: the video of the sheet plays in real time and has to show four stands of it.
 #[test]
 fn a_camera_is_calibrated_while_it_is_shown_and_the_result_is_taken_or_left() {
-    let site = Site::new(&CAMERA);
+    let site = Site::shared(&CAMERA);
     let wrong = sheet::Camera { focal_px: 700.0, k1: 0.0, ..CAMERA };
     std::fs::write(site.path("camera.toml"), wrong.profile()).unwrap();
     let (video, profile) = (held(&site), Path::new(&site.path("camera.toml")).to_owned());
@@ -344,13 +375,8 @@ fn a_camera_is_calibrated_while_it_is_shown_and_the_result_is_taken_or_left() {
         let text = node.accesskit_node().label().or(node.accesskit_node().value()).unwrap();
         text.split(' ').next().unwrap().parse().unwrap()
     };
-    let begun = std::time::Instant::now();
-    while views(&window) < 4 {
-        let told = || format!("{:?}", window.query_all_by_label_contains("hold").collect::<Vec<_>>());
-        assert!(begun.elapsed().as_secs() < 240, "{} views: {}", views(&window), told());
-        window.step();
-        std::thread::yield_now();
-    }
+    let has_views = |window: &Harness<'_, App>| views(window) >= 4;
+    until_seen(&mut window, "a fourth view", has_views);
     assert!(window.query_all_by_label_contains("missing: ").count() > 0);
     window.get_by_label("Finish").click();
     shows(&mut window, "Take the camera");

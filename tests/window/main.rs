@@ -5,6 +5,8 @@
 
 #[path = "../common/filmed.rs"]
 mod filmed;
+#[path = "../common/fixture.rs"]
+mod fixture;
 #[path = "../common/footage.rs"]
 mod footage;
 #[path = "../common/gpu.rs"]
@@ -13,6 +15,8 @@ mod gpu;
 mod program;
 #[path = "../common/sheet.rs"]
 mod sheet;
+#[path = "../common/tier.rs"]
+mod tier;
 #[path = "../common/window.rs"]
 mod worked;
 

@@ -1,9 +1,11 @@
 //! Plots and calibration in the window, worked as a person would.
 
-use std::path::Path;
-use std::time::{Duration, Instant};
+use std::path::{Path, PathBuf};
 
+use crate::fixture;
+use crate::tier::is_full;
 use crate::worked;
+use crate::worked::{has, until_seen};
 use eframe::egui::{Key, Pos2, accesskit::Role, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
@@ -13,14 +15,51 @@ use locard::params::Value;
 use locard::pixels::{Pixels, Rect};
 use locard::recording::OpenOptions;
 use locard::shot::Given;
-use locard::window::{App, Project};
+use locard::window::{App, DEMO, DEMO_SCENE, Project};
 
 /// The lower edge of the front box, and wall without anything on it.
 const EDGE: Rect = Rect { x0: 88, y0: 120, x1: 116, y1: 148 };
 const WALL: Rect = Rect { x0: 400, y0: 10, x1: 520, y1: 70 };
 
+/// The demonstration's recording; in the fast tier its first frames, with the shadows off in its
+/// profile.
+fn recording() -> PathBuf {
+    let demo = Path::new(DEMO);
+    if is_full() {
+        return demo.to_owned();
+    }
+    let text = |name: &str| std::fs::read_to_string(demo.join(name)).unwrap();
+    let key = ["recording.toml", "camera.toml", "rgb.txt", "groundtruth.txt"].map(text);
+    fixture::once("demo-first-frames", (FRAMES, key), |site| {
+        for sub in ["rgb", "depth"] {
+            std::fs::create_dir(site.join(sub)).unwrap();
+        }
+        for file in ["recording.toml", "groundtruth.txt"] {
+            std::fs::copy(demo.join(file), site.join(file)).unwrap();
+        }
+        for list in ["rgb.txt", "depth.txt", "exposure.txt"] {
+            let text = text(list);
+            let lines: Vec<&str> = text.lines().take(1 + FRAMES).collect();
+            std::fs::write(site.join(list), lines.join("\n") + "\n").unwrap();
+        }
+        for frame in 0..FRAMES {
+            for file in [format!("rgb/{frame:05}.jpg"), format!("depth/{frame:05}.png")] {
+                std::fs::copy(demo.join(&file), site.join(&file)).unwrap();
+            }
+        }
+        let profile = text("camera.toml") + "\n[shadow]\ncast = false\non_things = false\n";
+        std::fs::write(site.join("camera.toml"), profile).unwrap();
+    })
+}
+
+/// Number of frames in the fast tier.
+const FRAMES: usize = 4;
+
 fn open() -> Harness<'static, App> {
-    worked::demo_window(&["shadow.cast=false"], vec2(1400.0, 1200.0))
+    let given =
+        Given { scene: Some(DEMO_SCENE.into()), sets: vec!["shadow.cast=false".to_owned()], ..Given::default() };
+    let project = Project::open(&recording(), &OpenOptions::default(), &given).unwrap();
+    worked::window(project, vec2(1400.0, 1200.0))
 }
 
 /// A dark marker before the light wall: a straight edge that the program draws.
@@ -35,7 +74,7 @@ fn before_the_wall(light: f64) -> (tempfile::TempDir, Harness<'static, App>) {
     );
     std::fs::write(&path, text).unwrap();
     let given = Given { scene: Some(path), ..Given::default() };
-    let mut project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    let mut project = Project::open(&recording(), &OpenOptions::default(), &given).unwrap();
     // It stands in the wall, and what blurs besides is off.
     project.set("depth", "occlusion", &Value::Bool(false)).unwrap();
     project.switch("motion_blur", false);
@@ -53,16 +92,7 @@ fn numbers(window: &Harness<'_, App>, begin: &str) -> Option<Vec<f64>> {
 
 /// Until the numbers of what begins so are as wanted.
 fn await_numbers(window: &mut Harness<'_, App>, begin: &str, is_wanted: impl Fn(&[f64]) -> bool) {
-    let begun = Instant::now();
-    loop {
-        let found = numbers(window, begin);
-        if found.as_deref().is_some_and(&is_wanted) {
-            return;
-        }
-        assert!(begun.elapsed() < Duration::from_secs(120), "{begin}: {found:?}");
-        window.step();
-        std::thread::yield_now();
-    }
+    until_seen(window, begin, |window| numbers(window, begin).as_deref().is_some_and(&is_wanted));
 }
 
 /// What is set is what is measured, to three standard deviations of the measurement; the camera's own noise is in it.
@@ -123,12 +153,7 @@ fn drag(window: &mut Harness<'_, App>, rect: Rect) {
 
 /// Until something with these words is shown.
 fn await_text(window: &mut Harness<'_, App>, words: &str) {
-    let begun = Instant::now();
-    while window.query_all_by_label_contains(words).next().is_none() {
-        assert!(begun.elapsed() < Duration::from_secs(120), "nothing says {words}");
-        window.step();
-        std::thread::yield_now();
-    }
+    until_seen(window, words, |window| window.query_all_by_label_contains(words).next().is_some());
 }
 
 /// The wall in a picture.
@@ -140,12 +165,7 @@ fn place(pixels: &Pixels) -> Place {
 
 /// Until nothing with these words is shown.
 fn await_no_text(window: &mut Harness<'_, App>, words: &str) {
-    let begun = Instant::now();
-    while window.query_all_by_label(words).next().is_some() {
-        assert!(begun.elapsed() < Duration::from_secs(120), "it still says {words}");
-        window.step();
-        std::thread::yield_now();
-    }
+    until_seen(window, &format!("the end of {words}"), |window| !has(window, words));
 }
 
 fn value(window: &Harness<'_, App>, table: &str, name: &str) -> Option<Value> {
@@ -317,12 +337,10 @@ fn a_refused_edge_is_plotted_beside_good_ones_and_each_has_its_name() {
 
 /// Until a button can be pressed.
 fn until_enabled(window: &mut Harness<'_, App>, label: &str) {
-    let begun = Instant::now();
-    while window.query_by_label(label).is_none_or(|node| node.accesskit_node().is_disabled()) {
-        assert!(begun.elapsed() < Duration::from_secs(120), "{label} cannot be pressed");
-        window.step();
-        std::thread::yield_now();
-    }
+    let is_enabled = |window: &Harness<'_, App>| {
+        window.query_by_label(label).is_some_and(|node| !node.accesskit_node().is_disabled())
+    };
+    until_seen(window, label, is_enabled);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::worked::{click_at, demo_window, drop_file, settle, shown, until};
+use crate::worked::{click_at, demo_frame, demo_px, demo_window, drop_file, settle, shown, until, until_seen};
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
@@ -10,7 +10,10 @@ use glam::{DVec2, DVec3};
 use locard::scene::{Entry, Thing};
 use locard::window::App;
 
-const FRAME: usize = 30;
+/// The frame that all of these look at.
+fn frame() -> usize {
+    demo_frame(30)
+}
 
 fn open() -> Harness<'static, App> {
     open_with(&[])
@@ -22,14 +25,14 @@ fn open_without_shadows() -> Harness<'static, App> {
 
 fn open_with(sets: &[&str]) -> Harness<'static, App> {
     let mut window = demo_window(sets, egui::vec2(1400.0, 900.0));
-    window.state_mut().player_mut().seek(FRAME);
+    window.state_mut().player_mut().seek(frame());
     settle(&mut window);
     window
 }
 
 /// Clicks where a point of the world is seen.
 fn click(window: &mut Harness<'_, App>, point_m: [f64; 3]) {
-    let px = window.state().project().shot().eye(FRAME).unwrap().project(point_m.into()).unwrap();
+    let px = window.state().project().shot().eye(frame()).unwrap().project(point_m.into()).unwrap();
     let at = window.state().on_screen(egui::vec2(px.x as f32, px.y as f32)).unwrap();
     click_at(window, at);
 }
@@ -41,20 +44,22 @@ fn a_thing_is_placed_by_keys_alone() {
     window.run_steps(2);
     let before = window.state().project().edit().scene.objects.len();
     // From the middle: two steps of 16 px to the right, one of a pixel down.
+    let middle = 0.5 * demo_px(640.0, 480.0);
+    let at_px = DVec2::new(f64::from(middle.x) + 32.0, f64::from(middle.y) + 1.0);
     for _ in 0..2 {
         window.key_press(Key::ArrowRight);
         window.step();
     }
     window.key_press_modifiers(Modifiers::SHIFT, Key::ArrowDown);
     window.step();
-    assert_eq!(window.state().player().frame(), FRAME, "no frame further");
+    assert_eq!(window.state().player().frame(), frame(), "no frame further");
     window.key_press(Key::Enter);
     window.run_steps(2);
     let objects = &window.state().project().edit().scene.objects;
     assert_eq!(objects.len(), before + 1);
     let at_m = DVec3::from_array(objects[before].position_m.unwrap());
-    let (shot, frame) = (window.state().project().shot(), window.state().project().shot().read(FRAME).unwrap());
-    let there = shot.surface_at(&frame, DVec2::new(352.0, 241.0)).unwrap().point_m;
+    let (shot, frame) = (window.state().project().shot(), window.state().project().shot().read(frame()).unwrap());
+    let there = shot.surface_at(&frame, at_px).unwrap().point_m;
     assert!(at_m.distance(there) < 1e-3, "{at_m} {there}");
 }
 
@@ -66,7 +71,7 @@ fn a_thing_is_turned_by_dragging_from_its_place() {
     let (objects, steps) =
         (window.state().project().edit().scene.objects.len(), window.state().project().history().names().0.count());
     let on_screen = |window: &Harness<'_, App>, point_m: [f64; 3]| {
-        let px = window.state().project().shot().eye(FRAME).unwrap().project(point_m.into()).unwrap();
+        let px = window.state().project().shot().eye(frame()).unwrap().project(point_m.into()).unwrap();
         window.state().on_screen(egui::vec2(px.x as f32, px.y as f32)).unwrap()
     };
     let (at_m, towards_m) = ([0.1, -0.2, 0.0], [0.25, -0.05, 0.0]);
@@ -185,7 +190,7 @@ fn what_is_placed_faces_whoever_looks_and_its_heading_is_the_whole_turn() {
     for point_m in [[0.1, -0.2, 0.0], [-0.3, -0.3, 0.0]] {
         click(&mut window, point_m);
         let Some(Thing::Object(entry)) = window.state().selected() else { panic!() };
-        let to_camera = window.state().project().shot().eye(FRAME).unwrap().position_m() - DVec3::from(point_m);
+        let to_camera = window.state().project().shot().eye(frame()).unwrap().position_m() - DVec3::from(point_m);
         let off = faces(&window, entry).dot(to_camera.truncate().normalize());
         // The depth is noisy, and a tenth of a degree is written.
         assert!(off > 0.9999, "{point_m:?}: {off}");
@@ -204,14 +209,7 @@ fn what_stands_wrong_is_told_and_what_is_hidden_is_not_drawn() {
     let add = |scene: &mut locard::scene::SceneFile| scene.objects.push(twice);
     window.state_mut().project_mut().change_scene("twice", add).unwrap();
     settle(&mut window);
-    for _ in 0..10_000 {
-        if told(&window) == 2 {
-            break;
-        }
-        window.step();
-        std::thread::yield_now();
-    }
-    assert_eq!(told(&window), 2, "each of the two");
+    until_seen(&mut window, "each of the two", |window| told(window) == 2);
     // The one that was there is hidden, then the other too.
     let boxes = format!("{name}: shown");
     window.get_all_by_label(&boxes).next().unwrap().click();
@@ -230,9 +228,10 @@ fn what_stands_wrong_is_told_and_what_is_hidden_is_not_drawn() {
     assert!(!window.state().project().edit().scene.is_hidden(first));
 }
 
+// Slow: the shadows are computed anew for each of five pictures.
 #[test]
 fn a_thing_loses_its_shadow_and_stands_in_for_something_real() {
-    let mut window = open();
+    let mut window = open_with(&["shadow.cast=true"]);
     let first = Entry { object: 0, instance: None };
     click(&mut window, [0.0, 0.12, 0.03]);
     assert_eq!(window.state().selected(), Some(first.into()));

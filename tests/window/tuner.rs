@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::gpu;
 use crate::program;
-use crate::worked::{called, codes, search, settle, shown, until, window};
+use crate::worked::{called, codes, demo, demo_frame, demo_px, scene_or_none, search, settle, shown, until, window};
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
@@ -19,14 +19,24 @@ fn given(profile: Option<&Path>) -> Given {
 }
 
 fn open(profile: Option<&Path>) -> Harness<'static, App> {
-    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given(profile)).unwrap();
+    let project = Project::open(&demo(), &OpenOptions::default(), &given(profile)).unwrap();
     window(project, egui::vec2(1400.0, 900.0))
+}
+
+/// The window of tests in which nothing virtual is looked at.
+fn open_plain(profile: Option<&Path>) -> Harness<'static, App> {
+    let project = Project::open(&demo(), &OpenOptions::default(), &plain(profile)).unwrap();
+    window(project, egui::vec2(1400.0, 900.0))
+}
+
+fn plain(profile: Option<&Path>) -> Given {
+    Given { scene: scene_or_none(), ..given(profile) }
 }
 
 /// What `locard composite` writes with these settings.
 fn written(sets: &[&str], frame: usize) -> Vec<[u8; 3]> {
     let given = Given { sets: sets.iter().map(ToString::to_string).collect(), ..given(None) };
-    let mut shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    let mut shot = Shot::open(&demo(), &OpenOptions::default(), &given).unwrap();
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let pending = shot.picture(&mut compositor, frame, Target::Pixels).unwrap();
     codes(&compositor.collect(pending).unwrap().pixels)
@@ -42,17 +52,17 @@ fn value(window: &Harness<'_, App>, table: &str, name: &str) -> Value {
 fn it_shows_what_composite_writes() {
     let mut window = open(None);
     assert!(shown(&window) == written(&[], 0));
-    window.state_mut().player_mut().seek(31);
+    window.state_mut().player_mut().seek(demo_frame(31));
     settle(&mut window);
     let before = shown(&window);
-    assert!(before == written(&[], 31));
+    assert!(before == written(&[], demo_frame(31)));
 
     search(&mut window, "noise scale");
     window.get_by_role_and_label(Role::Slider, "Noise: Scale").set_value_accesskit(0.0);
     settle(&mut window);
     assert_eq!(value(&window, "noise", "scale"), Value::Number(0.0));
     let quiet = shown(&window);
-    assert!(quiet != before && quiet == written(&["noise.scale=0"], 31));
+    assert!(quiet != before && quiet == written(&["noise.scale=0"], demo_frame(31)));
 
     // Back, and on again.
     window.get_by_label("Undo").click();
@@ -72,7 +82,7 @@ fn it_shows_what_composite_writes() {
 
 #[test]
 fn every_parameter_has_one_control() {
-    let mut window = open(None);
+    let mut window = open_plain(None);
     search(&mut window, " ");
     let edit = window.state().project().edit().clone();
     let tables: Vec<&dyn Params> = edit.rig.tables().into_iter().chain(edit.settings.tables()).collect();
@@ -114,7 +124,7 @@ fn every_parameter_has_one_control() {
 
 #[test]
 fn the_panel_stays_as_wide_as_it_is() {
-    let mut window = open(None);
+    let mut window = open_plain(None);
     let picture = |window: &Harness<'_, App>| window.get_by_role_and_label(Role::Image, "picture").rect();
     let before = picture(&window);
     for (table, name) in [("camera.lens", "f_number"), ("camera.exposure", "time_s"), ("camera.exposure", "iso")] {
@@ -133,7 +143,7 @@ fn the_panel_stays_as_wide_as_it_is() {
 
 #[test]
 fn a_message_goes_when_something_else_is_done_and_it_could_be_read() {
-    let mut window = open(None);
+    let mut window = open_plain(None);
     let set = |window: &mut Harness<'_, App>, scale: f64| {
         window.state_mut().project_mut().set("noise", "scale", &Value::Number(scale)).unwrap();
         window.state_mut().project_mut().close_step();
@@ -158,7 +168,7 @@ fn what_is_saved_opens_again_and_comments_stay() {
     let profile = temp.path().join("mine.toml");
     let text = "# my camera\nversion = 1\n\n[noise]\nscale = 0.5 # quieter\n";
     std::fs::write(&profile, text).unwrap();
-    let mut window = open(Some(&profile));
+    let mut window = open_plain(Some(&profile));
     assert_eq!(window.state().project().origin("noise", "scale"), Origin::File);
     assert_eq!(window.state().project().origin("noise", "magnification"), Origin::Default);
 
@@ -176,13 +186,13 @@ fn what_is_saved_opens_again_and_comments_stay() {
     let expected = text.replace("0.5 #", "0.75 #") + "\n[camera.lens]\nfocus_distance_m = 1.0\n";
     assert_eq!(saved, expected);
 
-    let again = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given(Some(&profile))).unwrap();
+    let again = Project::open(&demo(), &OpenOptions::default(), &plain(Some(&profile))).unwrap();
     assert!(again.edit() == window.state().project().edit());
 }
 
 #[test]
 fn the_wipe_and_the_held_key_show_the_cameras_own() {
-    let mut window = open(None);
+    let mut window = open_plain(None);
     window.key_press(Key::W);
     window.step();
     assert_eq!(window.state().view.wipe, Some(0.5));
@@ -209,7 +219,7 @@ fn the_wipe_and_the_held_key_show_the_cameras_own() {
 
 #[test]
 fn what_another_parameter_makes_idle_says_so() {
-    let mut window = open(None);
+    let mut window = open_plain(None);
     search(&mut window, "noise");
     let idle = |window: &Harness<'_, App>| window.query_all_by_label("idle").count();
     let before = idle(&window);
@@ -251,9 +261,9 @@ fn a_click_places_evidence_on_the_surface_that_is_seen() {
     let text = "# mine\nversion = 1\nup = \"z\"\n";
     std::fs::write(&scene, text).unwrap();
     let given = Given { scene: Some(scene.clone()), ..Given::default() };
-    let project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    let project = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 900.0));
-    window.state_mut().player_mut().seek(30);
+    window.state_mut().player_mut().seek(demo_frame(30));
     settle(&mut window);
     let empty = shown(&window);
 
@@ -261,7 +271,7 @@ fn a_click_places_evidence_on_the_surface_that_is_seen() {
     window.run_steps(3);
     window.get_by_label("marker-1").click();
     window.run_steps(3);
-    let at = window.state().on_screen(egui::vec2(320.0, 300.0)).unwrap();
+    let at = window.state().on_screen(demo_px(320.0, 300.0)).unwrap();
     window.hover_at(at);
     window.step();
     window.drag_at(at);
@@ -283,7 +293,7 @@ fn a_click_places_evidence_on_the_surface_that_is_seen() {
     until(&mut window, |app| app.project().is_saved());
     let saved = std::fs::read_to_string(&scene).unwrap();
     assert!(saved.starts_with(text) && saved.contains("marker-1.glb"), "{saved}");
-    let again = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
+    let again = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
     assert!(again.edit().scene == window.state().project().edit().scene);
     window.get_by_label("Undo").click();
     settle(&mut window);
@@ -295,7 +305,7 @@ fn it_asks_before_changes_are_lost() {
     let temp = tempfile::tempdir().unwrap();
     let profile = temp.path().join("mine.toml");
     std::fs::write(&profile, "version = 1\n").unwrap();
-    let mut window = open(Some(&profile));
+    let mut window = open_plain(Some(&profile));
     let close = |window: &mut Harness<'_, App>| {
         let id = window.input().viewport_id;
         window.input_mut().viewports.get_mut(&id).unwrap().events.push(egui::ViewportEvent::Close);
@@ -376,7 +386,7 @@ fn two_settings_are_compared_and_copied() {
 
 #[test]
 fn the_time_line_goes_anywhere_and_its_loop_is_played() {
-    let mut window = open(None);
+    let mut window = open_plain(None);
     let strip = window.get_by_role_and_label(Role::Slider, "Frame").rect();
     window.hover_at(strip.center());
     window.step();
@@ -385,22 +395,23 @@ fn the_time_line_goes_anywhere_and_its_loop_is_played() {
     window.drop_at(strip.center());
     window.step();
     settle(&mut window);
-    assert_eq!(window.state_mut().player_mut().frame(), 36);
+    let middle = demo_frame(36);
+    assert_eq!(window.state_mut().player_mut().frame(), middle);
     window.key_press(Key::I);
     window.step();
     window.key_press_modifiers(Modifiers::SHIFT, Key::ArrowRight);
     window.step();
     window.key_press(Key::O);
     window.step();
-    assert_eq!(window.state_mut().player_mut().range(), 36..47);
+    assert_eq!(window.state_mut().player_mut().range(), middle..middle + 11);
     window.key_press_modifiers(Modifiers::SHIFT, Key::I);
     window.step();
-    assert_eq!(window.state_mut().player_mut().range(), 0..72);
+    assert_eq!(window.state_mut().player_mut().range(), 0..demo_frame(72));
 }
 
 #[test]
 fn a_number_counts_when_it_is_typed_whole() {
-    let mut window = open(None);
+    let mut window = open_plain(None);
     search(&mut window, "noise scale");
     let scale = |window: &Harness<'_, App>| {
         let settings = &window.state().project().edit().settings;

@@ -1,11 +1,12 @@
 //! Work that a crash, a kill or a lost device leaves.
 
 use super::*;
+use crate::tier::{fast_or_full, is_full};
 
 #[test]
 fn a_lost_device_is_told_and_the_work_is_left_for_the_new_start() {
     let temp = tempfile::tempdir().unwrap();
-    let mut window = demo();
+    let mut window = plain();
     window.state_mut().keep_in(temp.path());
     window.state_mut().restarts_by(|| "a test does not start anew".to_owned());
     window.run_steps(2);
@@ -32,6 +33,16 @@ fn leave(folder: &Path, project: &Project, frame: usize) {
     std::fs::write(place.join("1.json"), serde_json::to_string(&work).unwrap()).unwrap();
 }
 
+/// The demonstration itself, in the fast tier without its scene and shadows, which have no part here.
+fn demonstration() -> Harness<'static, App> {
+    let given = if is_full() {
+        Given { scene: Some(DEMO_SCENE.into()), ..Given::default() }
+    } else {
+        Given { sets: vec!["shadow.cast=false".to_owned()], ..Given::default() }
+    };
+    window(Project::open(Path::new(DEMO), &OpenOptions::default(), &given).unwrap(), egui::vec2(1400.0, 1000.0))
+}
+
 fn count(folder: &Path) -> usize {
     std::fs::read_dir(folder).map_or(0, Iterator::count)
 }
@@ -43,14 +54,14 @@ fn work_that_a_crash_left_is_offered_and_taken_up() {
     lost.set("noise", "scale", &Value::Number(0.25)).unwrap();
     lost.switch("halation", false);
     lost.change_scene("one away", |scene| _ = scene.objects.remove(0)).unwrap();
-    leave(temp.path(), &lost, 12);
+    leave(temp.path(), &lost, demo_frame(12));
     let mut window = demo();
     window.state_mut().keep_in(temp.path());
     shows(&mut window, "Take it up");
     press(&mut window, "Take it up");
     until(&mut window, |app| app.project().edit() == lost.edit());
     settle(&mut window);
-    assert_eq!(window.state_mut().player_mut().frame(), 12);
+    assert_eq!(window.state_mut().player_mut().frame(), demo_frame(12));
     assert!(!window.state().project().is_saved());
     // It is still there should the next crash come, and what was in the files is one step back.
     assert_eq!(count(&temp.path().join("work")), 2);
@@ -60,7 +71,7 @@ fn work_that_a_crash_left_is_offered_and_taken_up() {
     assert_eq!(count(&temp.path().join("work")), 0, "an orderly end leaves nothing");
 
     // It was opened lately, and the start page says so.
-    let mut window = demo();
+    let mut window = demonstration();
     window.state_mut().keep_in(temp.path());
     window.state_mut().show_start(true);
     window.run_steps(3);
@@ -83,7 +94,7 @@ fn the_picture_waits_for_what_is_asked_of_work_that_was_left() {
     let temp = tempfile::tempdir().unwrap();
     let mut lost = project(None, Some(Path::new(DEMO_SCENE)));
     lost.set("noise", "scale", &Value::Number(0.25)).unwrap();
-    leave(temp.path(), &lost, 12);
+    leave(temp.path(), &lost, demo_frame(12));
     let (folder, project) = (temp.path().to_owned(), project(None, Some(Path::new(DEMO_SCENE))));
     let builder = Harness::builder().with_size(egui::vec2(1280.0, 720.0)).renderer(Device::new());
     let mut window = builder.build_eframe(move |context| {
@@ -94,9 +105,11 @@ fn the_picture_waits_for_what_is_asked_of_work_that_was_left() {
     // It is asked in the first frame, and nothing is drawn meanwhile.
     assert!(has(&window, "Take it up"));
     let begun = Instant::now();
-    while begun.elapsed() < Duration::from_secs(2) {
+    let wait = Duration::from_secs_f64(fast_or_full(0.2, 2.0));
+    while begun.elapsed() < wait {
         window.step();
-        assert!(window.state().viewer().composite().is_none());
+        let viewer = window.state().viewer();
+        assert!(viewer.composite().is_none() && viewer.under_way() == 0);
     }
     press(&mut window, "Later");
     settle(&mut window);

@@ -3,16 +3,17 @@
 use super::*;
 use crate::program;
 
+// Slow: each of four exports has a compositor of its own.
 #[test]
 fn exports_are_what_was_set_when_they_were_begun() {
     let temp = tempfile::tempdir().unwrap();
-    let mut window = demo();
-    window.state_mut().player_mut().seek(31);
+    let (mut window, frame) = (demo(), demo_frame(31));
+    window.state_mut().player_mut().seek(frame);
     settle(&mut window);
     let before = shown(&window);
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(3);
-    press(&mut window, "frame 31 alone");
+    press(&mut window, &format!("frame {frame} alone"));
     press(&mut window, "Pictures…");
     choose(&mut window, &temp.path().join("out"));
     // What is changed from now on is not in it; a second one is.
@@ -23,8 +24,8 @@ fn exports_are_what_was_set_when_they_were_begun() {
     choose(&mut window, &temp.path().join("quiet"));
     until(&mut window, all_over);
     settle(&mut window);
-    let exported = picture(&temp.path().join("out/frame_000031.png"));
-    assert!(exported == before && exported == written(&[], 31));
+    let exported = picture(&temp.path().join(format!("out/frame_{frame:06}.png")));
+    assert!(exported == before && exported == written(&[], frame));
     let snapshot = picture(&temp.path().join("quiet.png"));
     assert!(snapshot == shown(&window) && snapshot != before, "the wipe is not in it");
 
@@ -38,7 +39,7 @@ fn exports_are_what_was_set_when_they_were_begun() {
     assert!(entries[..2].iter().all(|entry| matches!(entry.state, State::Done(_))), "{entries:?}");
 
     // Cancelled, a video leaves nothing.
-    press(&mut window, "all 72 frames");
+    press(&mut window, &format!("all {} frames", demo_frame(72)));
     press(&mut window, "Video…");
     let video = temp.path().join("cut.mkv");
     choose(&mut window, &video);
@@ -80,7 +81,17 @@ fn a_photograph_from_the_window_is_that_of_the_program() {
     assert!(matches!(&state, State::Done(said) if said.contains("f/4")), "{state:?}");
     let by_program = temp.path().join("program.png");
     let dials = ["--aperture", "4", "--lux", "300", "--width", "320", "--set", "noise.scale=0.5"];
-    let of = ["photo", DEMO, "--frame", "0", "--scene", DEMO_SCENE, "-o", by_program.to_str().unwrap()];
+    let recording = worked::demo();
+    let of = [
+        "photo",
+        recording.to_str().unwrap(),
+        "--frame",
+        "0",
+        "--scene",
+        DEMO_SCENE,
+        "-o",
+        by_program.to_str().unwrap(),
+    ];
     program::said(&[&of[..], &dials].concat());
     assert!(picture(&taken) == picture(&by_program));
     let exif =
@@ -111,9 +122,10 @@ fn the_command_line_composites_what_is_shown() {
     }
     project.switch("edge_blend", false);
     project.switch("halation", true);
-    window.state_mut().player_mut().seek(31);
+    let frame = demo_frame(31);
+    window.state_mut().player_mut().seek(frame);
     settle(&mut window);
-    let line = command_line(window.state().project(), 31);
+    let line = command_line(window.state().project(), frame);
     assert_eq!(line.before, [""; 0]);
     assert!(line.text.contains("--set noise.scale=0 ") && line.text.contains("edge_blend.on=false"), "{}", line.text);
     let text = line.text.strip_prefix("locard ").unwrap();
@@ -121,12 +133,12 @@ fn the_command_line_composites_what_is_shown() {
     let output = Command::new("sh").args(["-c", &format!("\"$0\" {text}")]).arg(program).current_dir(&folder).output();
     let output = output.unwrap();
     assert!(output.status.success(), "{text}: {}", String::from_utf8_lossy(&output.stderr));
-    assert!(picture(&folder.join("composited/frame_000031.png")) == shown(&window), "{text}");
+    assert!(picture(&folder.join(format!("composited/frame_{frame:06}.png"))) == shown(&window), "{text}");
 
     // What a file has to say first is said.
     let project = window.state_mut().project_mut();
     project.change_scene("light", |scene| scene.light.environment_intensity = Some(0.5)).unwrap();
-    assert_eq!(command_line(project, 31).before.len(), 1);
+    assert_eq!(command_line(project, frame).before.len(), 1);
 }
 
 #[test]

@@ -10,7 +10,8 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use crate::gpu;
-use crate::worked::{Device, codes, drop_file, has, settle, shown, shows, until, window};
+use crate::worked;
+use crate::worked::{Device, codes, demo_frame, drop_file, has, settle, shown, shows, until, until_seen, window};
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
@@ -24,7 +25,7 @@ use locard::window::{App, Autosave, DEMO, DEMO_SCENE, Left, Project, State, Work
 
 fn project(profile: Option<&Path>, scene: Option<&Path>) -> Project {
     let given = Given { profile: profile.map(Into::into), scene: scene.map(Into::into), ..Given::default() };
-    Project::open(Path::new(DEMO), &OpenOptions::default(), &given).unwrap()
+    Project::open(&worked::demo(), &OpenOptions::default(), &given).unwrap()
 }
 
 fn open(profile: Option<&Path>, scene: &Path) -> Harness<'static, App> {
@@ -36,11 +37,16 @@ fn demo() -> Harness<'static, App> {
     open(None, Path::new(DEMO_SCENE))
 }
 
+/// The window of tests in which nothing virtual is looked at.
+fn plain() -> Harness<'static, App> {
+    window(project(None, worked::scene_or_none().as_deref()), egui::vec2(1400.0, 1000.0))
+}
+
 /// What `locard composite` writes with these settings.
 fn written(sets: &[&str], frame: usize) -> Vec<[u8; 3]> {
     let sets = sets.iter().map(ToString::to_string).collect();
     let given = Given { sets, scene: Some(DEMO_SCENE.into()), ..Given::default() };
-    let mut shot = Shot::open(Path::new(DEMO), &OpenOptions::default(), &given).unwrap();
+    let mut shot = Shot::open(&worked::demo(), &OpenOptions::default(), &given).unwrap();
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let pending = shot.picture(&mut compositor, frame, Target::Pixels).unwrap();
     codes(&compositor.collect(pending).unwrap().pixels)
@@ -70,17 +76,14 @@ fn answer(window: &mut Harness<'_, App>, path: &Path, button: &str) {
     window.key_press_modifiers(Modifiers::COMMAND, Key::A);
     window.step();
     window.get_by_role_and_label(Role::TextInput, "File name").type_text(path.to_str().unwrap());
-    window.run_steps(2);
+    // The dialog comes to rest in its new size.
+    window.run_steps(6);
     // It is known once its folder is listed.
     shows(window, button);
     window.get_by_label(button).click();
     // The disk says what is there.
-    let begun = Instant::now();
-    while window.query_by_role_and_label(Role::TextInput, "File name").is_some() {
-        assert!(begun.elapsed() < Duration::from_secs(60), "the dialog stays");
-        window.step();
-        std::thread::yield_now();
-    }
+    let is_closed = |window: &Harness<'_, App>| window.query_by_role_and_label(Role::TextInput, "File name").is_none();
+    until_seen(window, "the end of the dialog", is_closed);
     window.run_steps(2);
 }
 

@@ -54,13 +54,13 @@ fn the_demonstration_is_not_written_to_and_a_scene_moves_with_its_models() {
 fn a_profile_is_opened_for_a_recording_without_a_camera() {
     let temp = tempfile::tempdir().unwrap();
     let recording = temp.path().join("rec");
-    program::copied(Path::new(DEMO), &recording);
+    program::copied(&worked::demo(), &recording);
     std::fs::remove_file(recording.join("camera.toml")).unwrap();
     let text = std::fs::read_to_string(recording.join("recording.toml")).unwrap();
     std::fs::write(recording.join("recording.toml"), text.split("[camera]").next().unwrap()).unwrap();
     let profile = temp.path().join("camera.toml");
-    std::fs::copy(Path::new(DEMO).join("camera.toml"), &profile).unwrap();
-    let mut window = demo();
+    std::fs::copy(worked::demo().join("camera.toml"), &profile).unwrap();
+    let mut window = plain();
     window.key_press_modifiers(Modifiers::COMMAND, Key::O);
     answer(&mut window, &recording, "Open recording");
     until(&mut window, |app| app.problem().is_some());
@@ -95,7 +95,7 @@ fn after_the_first_save_of_a_new_scene_placing_goes_on() {
 fn saving_names_what_it_wrote_and_asks_before_others_profiles() {
     let temp = tempfile::tempdir().unwrap();
     let (recording, scene) = (temp.path().join("rec"), temp.path().join("case.toml"));
-    program::copied(Path::new(DEMO), &recording);
+    program::copied(&worked::demo(), &recording);
     std::fs::write(&scene, "version = 1\nup = \"z\"\n").unwrap();
     let own = recording.join("mine.toml");
     std::fs::write(&own, "version = 1\n").unwrap();
@@ -141,7 +141,7 @@ fn saving_names_what_it_wrote_and_asks_before_others_profiles() {
 fn a_new_scene_is_saved_with_its_recording_in_a_folder_that_is_made() {
     let temp = tempfile::tempdir().unwrap();
     let (recording, elsewhere) = (temp.path().join("rec"), temp.path().join("elsewhere"));
-    program::copied(Path::new(DEMO), &recording);
+    program::copied(&worked::demo(), &recording);
     std::fs::create_dir(&elsewhere).unwrap();
     let project = Project::open(&recording, &OpenOptions::default(), &Given::default()).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 900.0));
@@ -206,7 +206,7 @@ fn the_dialog_keeps_the_keyboard_and_begins_where_one_was() {
     let folder = temp.path().join("cases/desk");
     std::fs::create_dir_all(&folder).unwrap();
     std::fs::write(folder.join("mine.toml"), "version = 1\n[noise]\nscale = 0.5\n").unwrap();
-    let mut window = demo();
+    let mut window = plain();
     window.state_mut().keep_in(&temp.path().join("state"));
     let begin = |window: &mut Harness<'_, App>| {
         press(window, "File");
@@ -242,7 +242,7 @@ fn the_dialog_keeps_the_keyboard_and_begins_where_one_was() {
     let theme = window.ctx.options(|options| options.theme_preference);
     assert!(theme != egui::ThemePreference::System);
     drop(window);
-    let mut window = demo();
+    let mut window = plain();
     window.state_mut().keep_in(&temp.path().join("state"));
     assert_eq!(window.state().keeper().theme(), theme);
     begin(&mut window);
@@ -264,11 +264,7 @@ fn what_somebody_else_writes_is_read_again_or_asked_about() {
     let mine = now(&window);
     scale(0.125);
     let asked = "Read it again";
-    let begun = Instant::now();
-    while !has(&window, asked) && begun.elapsed() < Duration::from_secs(60) {
-        window.step();
-        std::thread::yield_now();
-    }
+    shows(&mut window, asked);
     press(&mut window, asked);
     until(&mut window, |app| app.project().is_saved());
     assert!(now(&window) == project(Some(&profile), None).edit().settings);
@@ -278,11 +274,7 @@ fn what_somebody_else_writes_is_read_again_or_asked_about() {
 
     // Kept as it is here, it is asked about when it is saved.
     scale(0.25);
-    let begun = Instant::now();
-    while !has(&window, asked) && begun.elapsed() < Duration::from_secs(60) {
-        window.step();
-        std::thread::yield_now();
-    }
+    shows(&mut window, asked);
     press(&mut window, "Keep what is here");
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.run_steps(3);
@@ -294,7 +286,7 @@ fn what_somebody_else_writes_is_read_again_or_asked_about() {
 
 #[test]
 fn a_message_is_shown_whole_and_can_be_copied() {
-    let mut window = demo();
+    let mut window = plain();
     window.event(egui::Event::PointerGone);
     let nowhere = PathBuf::from("/nowhere/at all/in a rather long folder/with a rather long name.toml");
     drop_file(&mut window, nowhere);
@@ -337,18 +329,18 @@ fn a_profile_under_another_name_is_whole_and_keeps_its_comments() {
     // A recording that knows no camera.
     let site = temp.path().join("site");
     std::fs::create_dir(&site).unwrap();
-    for entry in std::fs::read_dir("recordings/demo").unwrap().flatten() {
+    for entry in std::fs::read_dir(worked::demo()).unwrap().flatten() {
         if entry.file_name() != "recording.toml" {
             #[cfg(unix)]
             std::os::unix::fs::symlink(entry.path().canonicalize().unwrap(), site.join(entry.file_name())).unwrap();
         }
     }
-    let text = std::fs::read_to_string("recordings/demo/recording.toml").unwrap();
+    let text = std::fs::read_to_string(worked::demo().join("recording.toml")).unwrap();
     let (text, camera) = text.split_once("[camera]").unwrap();
     assert!(camera.contains("profile"), "{camera}");
     std::fs::write(site.join("recording.toml"), text).unwrap();
     let profile = temp.path().join("mine.toml");
-    let own = std::fs::read_to_string("recordings/demo/camera.toml").unwrap();
+    let own = std::fs::read_to_string(worked::demo().join("camera.toml")).unwrap();
     std::fs::write(&profile, format!("# My own camera.\n{own}")).unwrap();
     let open = |profile: &Path| {
         let given = Given { profile: Some(profile.to_owned()), ..Given::default() };

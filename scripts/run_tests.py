@@ -1,0 +1,276 @@
+#!/usr/bin/env python3
+"""Builds and runs the tests, and reports where the time went. `scripts/test` calls it.
+
+    scripts/test                       format, lint and every test of the fast tier
+    scripts/test composite             one test binary
+    scripts/test composite::laws       the tests of one module; lib::effects::noise are unit tests of src/effects/noise
+    scripts/test --full [FILTER ...]   the full tier, or parts of it
+
+A filter is `BINARY` or `BINARY::PATH`, with the binaries `lib`, `architecture` and the folders of tests/. With a filter
+only the binaries concerned are built, incrementally and less optimised, so that an edit is tried soon; format and
+documentation are not checked, and clippy's warnings do not fail.
+
+Clippy lints while it builds: its driver takes the compiler's place for this package (RUSTC_WORKSPACE_WRAPPER), which
+saves the second pass over all dependencies that `cargo clippy` needs.
+
+Test binaries run side by side, one thread each: a test that draws holds its binary's device alone, so more threads in
+one process would wait for each other. A binary's modules are run in one process each, so that tests of a module share
+what they made.
+
+Exit: 0 all passed, 1 something failed, 2 wrong usage or nothing was built.
+"""
+
+import argparse
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import defaultdict
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+# The longest first, so that the processors finish together.
+BINARIES = ["composite", "analyse", "window", "calibrate", "files", "live", "lib", "architecture"]
+# A test of the fast tier that takes longer needs a line `// Slow: REASON` above it.
+SLOW_S = 5.0
+SLOWEST = 10
+RESULT = re.compile(r"test (\S+)( - should panic)? \.\.\. (ok|FAILED|ignored)")
+
+
+class Step:
+    """A row of the table of times."""
+
+    def __init__(self, name, wall_s, note=""):
+        self.name, self.wall_s, self.note = name, wall_s, note
+
+
+class Result:
+    def __init__(self, binary, test, wall_s, outcome):
+        self.binary, self.test, self.wall_s, self.outcome = binary, test, wall_s, outcome
+
+
+class Filter:
+    """`BINARY` or `BINARY::PATH`."""
+
+    def __init__(self, text):
+        self.binary, _, self.path = text.partition("::")
+        if self.binary not in BINARIES:
+            sys.exit(f"scripts/test: `{text}` names no test binary; there are {', '.join(BINARIES)}.")
+
+    def accepts(self, binary, test):
+        at_boundary = test == self.path or test.startswith(f"{self.path}::")
+        return binary == self.binary and (not self.path or at_boundary)
+
+
+# A filter's build: many small units, of which an edit changes few.
+LOOP_PROFILE = ["opt-level=1", "codegen-units=256"]
+
+
+def cargo_environment(filters):
+    # A whole build from nothing does not pay for what makes the next one faster.
+    return {**os.environ, "RUSTC_WORKSPACE_WRAPPER": "clippy-driver", "CARGO_INCREMENTAL": "1" if filters else "0"}
+
+
+def cargo(*arguments):
+    return subprocess.run(["cargo", *arguments], cwd=ROOT, env=cargo_environment([]))
+
+
+def build(filters):
+    """Builds the test binaries. Returns their files by name, or None if that failed, and the number of warnings."""
+    if not filters:
+        targets = ["--all-targets"]
+    else:
+        names = sorted({f.binary for f in filters})
+        targets = [word for name in names for word in (["--lib"] if name == "lib" else ["--test", name])]
+        targets += [word for setting in LOOP_PROFILE for word in ("--config", f"profile.dev.package.locard.{setting}")]
+    command = ["cargo", "test", "--locked", "--no-run", "--message-format=json-diagnostic-rendered-ansi", *targets]
+    process = subprocess.Popen(
+        command, cwd=ROOT, env=cargo_environment(filters), stdout=subprocess.PIPE, text=True)
+    files, warnings = {}, 0
+    for line in process.stdout:
+        message = json.loads(line)
+        if message.get("reason") == "compiler-message":
+            print(message["message"]["rendered"], file=sys.stderr)
+            warnings += message["message"]["level"] == "warning"
+        if message.get("reason") != "compiler-artifact" or not message.get("executable"):
+            continue
+        target = message["target"]
+        if not message["profile"]["test"] or target["kind"][0] not in ("lib", "test"):
+            continue
+        files["lib" if target["kind"] == ["lib"] else target["name"]] = message["executable"]
+    return files if process.wait() == 0 else None, warnings
+
+
+def tests_of(file, full):
+    """The tests of a binary that this tier runs, and how many it leaves to the other."""
+
+    def listed(*more):
+        output = subprocess.run([file, "--list", "--format", "terse", *more], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+        return [line.removesuffix(": test") for line in output.stdout.splitlines() if line.endswith(": test")]
+
+    ignored = set(listed("--ignored"))
+    tests = listed()
+    return [test for test in tests if full or test not in ignored]
+
+
+def grouped(binary, tests):
+    """Tests that share a process: those of a module of tests/, and all unit tests of a module of src/."""
+    groups = defaultdict(list)
+    for test in tests:
+        groups[test.split("::")[0]].append(test)
+    return [(binary, name, group) for name, group in groups.items()]
+
+
+class Runner:
+    """Runs groups of tests in processes side by side."""
+
+    def __init__(self, files, groups, full):
+        self.files, self.groups, self.full = files, groups, full
+        # NODEVICE_SELECT as in .cargo/config.toml, which cargo applies to what it runs itself.
+        self.environment = {**os.environ, "LOCARD_TEST_TIER": "full" if full else "fast", "NODEVICE_SELECT": "1"}
+        self.lock = threading.Lock()
+        self.results, self.failures = [], []
+
+    def run(self, lanes):
+        threads = [threading.Thread(target=self.work) for _ in range(lanes)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+
+    def work(self):
+        while True:
+            with self.lock:
+                if not self.groups:
+                    return
+                binary, name, tests = self.groups.pop(0)
+            self.run_group(binary, name, tests)
+
+    def run_group(self, binary, name, tests):
+        command = [self.files[binary], "--exact", "--test-threads=1", *tests]
+        if self.full:
+            command.insert(1, "--include-ignored")
+        start = last = time.monotonic()
+        log, missing = [], set(tests)
+        with tempfile.TemporaryFile("w+", errors="replace") as errors:
+            process = subprocess.Popen(
+                command, cwd=ROOT, env=self.environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                stderr=errors, text=True, errors="replace")
+            for line in process.stdout:
+                log.append(line)
+                match = RESULT.match(line)
+                if match and match[1] in missing:
+                    now = time.monotonic()
+                    missing.remove(match[1])
+                    with self.lock:
+                        self.results.append(Result(binary, match[1], now - last, match[3]))
+                    last = now
+            status = process.wait()
+            errors.seek(0)
+            log.append(errors.read())
+        with self.lock:
+            # A process that ends early took the tests behind it along.
+            self.results += [Result(binary, test, 0.0, "FAILED") for test in sorted(missing)]
+            if status != 0 or missing:
+                self.failures.append("".join(log))
+            mark = "ok    " if status == 0 and not missing else "FAILED"
+            print(f"{mark} {time.monotonic() - start:6.1f} s  {binary}::{name} ({len(tests)})", flush=True)
+
+
+def reason_for_slow(binary, test):
+    """The text of the line `// Slow: ...` above a test, or nothing."""
+    folder = ROOT / ("src" if binary == "lib" else f"tests/{binary}")
+    name = test.rpartition("::")[2]
+    for file in sorted(folder.rglob("*.rs")) if folder.is_dir() else [folder.with_suffix(".rs")]:
+        lines = file.read_text().splitlines()
+        for number, line in enumerate(lines):
+            if re.search(rf"\bfn {re.escape(name)}\(", line):
+                for above in reversed(lines[max(0, number - 8):number]):
+                    if above.strip().startswith("// Slow: "):
+                        return above.strip().removeprefix("// Slow: ")
+                    if above.strip().startswith("}"):
+                        break
+    return ""
+
+
+def timed(steps, name, action):
+    print(f"== {name}", flush=True)
+    start = time.monotonic()
+    value = action()
+    steps.append(Step(name, time.monotonic() - start))
+    return value
+
+
+def report(steps, results, total_s, full):
+    print("\n   seconds  step")
+    for step in steps:
+        print(f"  {step.wall_s:8.1f}  {step.name}{step.note}")
+    for binary in BINARIES:
+        of_binary = [result for result in results if result.binary == binary]
+        if of_binary:
+            print(f"  {sum(r.wall_s for r in of_binary):8.1f}  {binary}: {len(of_binary)} tests, in parallel with others")
+    print(f"  {total_s:8.1f}  in all")
+    print("\n   seconds  slowest tests")
+    for result in sorted(results, key=lambda r: -r.wall_s)[:SLOWEST]:
+        print(f"  {result.wall_s:8.1f}  {result.binary}::{result.test}")
+    slow = [r for r in results if r.wall_s > SLOW_S]
+    if slow and not full:
+        print(f"\n   Above {SLOW_S:.0f} s, each with its reason:")
+        for result in sorted(slow, key=lambda r: -r.wall_s):
+            reason = reason_for_slow(result.binary, result.test) or "no reason is given: a line `// Slow: ...` above it"
+            print(f"  {result.wall_s:8.1f}  {result.binary}::{result.test}: {reason}")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("filters", nargs="*", metavar="FILTER", type=Filter)
+    parser.add_argument("--full", action="store_true", help="the full tier")
+    args = parser.parse_args()
+    begin, steps, failed = time.monotonic(), [], []
+
+    def check(name, *arguments):
+        if timed(steps, name, lambda: cargo(*arguments)).returncode != 0:
+            failed.append(name)
+
+    if not args.filters:
+        check("format", "fmt", "--check")
+    files, warnings = timed(steps, "build and lint", lambda: build(args.filters))
+    if files is None:
+        return 2
+    if warnings and not args.filters:
+        failed.append(f"lint: {warnings} warnings")
+    groups = []
+    for binary in BINARIES:
+        if binary in files:
+            tests = tests_of(files[binary], args.full)
+            if args.filters:
+                tests = [test for test in tests if any(f.accepts(binary, test) for f in args.filters)]
+            groups += grouped(binary, tests)
+    if not groups:
+        print("scripts/test: the filter accepts no test", file=sys.stderr)
+        return 2
+    runner = Runner(files, groups, args.full)
+    timed(steps, "tests", lambda: runner.run(os.cpu_count() or 1))
+    if not args.filters:
+        check("doc tests", "test", "--locked", "--doc")
+        if args.full:
+            # The engine and the program, without what wants a window or a camera.
+            check("without default features", "check", "--locked", "--no-default-features")
+    for log in runner.failures:
+        print(f"\n{log}")
+    results = runner.results
+    report(steps, results, time.monotonic() - begin, args.full)
+    wrong = [f"{r.binary}::{r.test}" for r in results if r.outcome == "FAILED"]
+    for name in wrong + failed:
+        print(f"failed: {name}")
+    passed = sum(r.outcome == "ok" for r in results)
+    print(f"\n{passed} passed, {len(wrong) + len(failed)} failed")
+    return 1 if wrong or failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
