@@ -7,8 +7,8 @@
     scripts/test --full [FILTER ...]   the full tier, or parts of it
 
 A filter is `BINARY` or `BINARY::PATH`, with the binaries `lib`, `architecture` and the folders of tests/. With a filter
-only the binaries concerned are built, incrementally and less optimised, so that an edit is tried soon; format and
-documentation are not checked, and clippy's warnings do not fail.
+only the binaries concerned are built; format and documentation are not checked, and clippy's warnings do not fail. In
+the fast tier they are built incrementally and less optimised, so that an edit is tried soon.
 
 Clippy lints while it builds: its driver takes the compiler's place for this package (RUSTC_WORKSPACE_WRAPPER), which
 saves the second pass over all dependencies that `cargo clippy` needs.
@@ -70,26 +70,27 @@ class Filter:
 LOOP_PROFILE = ["opt-level=1", "codegen-units=256"]
 
 
-def cargo_environment(filters):
+def cargo_environment(is_loop=False):
     # A whole build from nothing does not pay for what makes the next one faster.
-    return {**os.environ, "RUSTC_WORKSPACE_WRAPPER": "clippy-driver", "CARGO_INCREMENTAL": "1" if filters else "0"}
+    return {**os.environ, "RUSTC_WORKSPACE_WRAPPER": "clippy-driver", "CARGO_INCREMENTAL": "1" if is_loop else "0"}
 
 
 def cargo(*arguments):
-    return subprocess.run(["cargo", *arguments], cwd=ROOT, env=cargo_environment([]))
+    return subprocess.run(["cargo", *arguments], cwd=ROOT, env=cargo_environment())
 
 
-def build(filters):
+def build(filters, is_loop):
     """Builds the test binaries. Returns their files by name, or None if that failed, and the number of warnings."""
     if not filters:
         targets = ["--all-targets"]
     else:
         names = sorted({f.binary for f in filters})
         targets = [word for name in names for word in (["--lib"] if name == "lib" else ["--test", name])]
+    if is_loop:
         targets += [word for setting in LOOP_PROFILE for word in ("--config", f"profile.dev.package.locard.{setting}")]
     command = ["cargo", "test", "--locked", "--no-run", "--message-format=json-diagnostic-rendered-ansi", *targets]
     process = subprocess.Popen(
-        command, cwd=ROOT, env=cargo_environment(filters), stdout=subprocess.PIPE, text=True)
+        command, cwd=ROOT, env=cargo_environment(is_loop), stdout=subprocess.PIPE, text=True)
     files, warnings = {}, 0
     for line in process.stdout:
         message = json.loads(line)
@@ -106,7 +107,7 @@ def build(filters):
 
 
 def tests_of(file, full):
-    """The tests of a binary that this tier runs, and how many it leaves to the other."""
+    """The tests of a binary that this tier runs."""
 
     def listed(*more):
         output = subprocess.run([file, "--list", "--format", "terse", *more], cwd=ROOT, stdout=subprocess.PIPE, text=True)
@@ -130,8 +131,10 @@ class Runner:
 
     def __init__(self, files, groups, full):
         self.files, self.groups, self.full = files, groups, full
-        # NODEVICE_SELECT as in .cargo/config.toml, which cargo applies to what it runs itself.
-        self.environment = {**os.environ, "LOCARD_TEST_TIER": "full" if full else "fast", "NODEVICE_SELECT": "1"}
+        # NODEVICE_SELECT as in .cargo/config.toml, which cargo applies to what it runs itself. One thread a device on
+        # Mesa's software driver: the other processors have processes of their own.
+        own = {"LOCARD_TEST_TIER": "full" if full else "fast", "NODEVICE_SELECT": "1"}
+        self.environment = {"LP_NUM_THREADS": "1", **os.environ, **own}
         self.lock = threading.Lock()
         self.results, self.failures = [], []
 
@@ -238,7 +241,7 @@ def main():
 
     if not args.filters:
         check("format", "fmt", "--check")
-    files, warnings = timed(steps, "build and lint", lambda: build(args.filters))
+    files, warnings = timed(steps, "build and lint", lambda: build(args.filters, bool(args.filters) and not args.full))
     if files is None:
         return 2
     if warnings and not args.filters:

@@ -130,3 +130,20 @@ fn rims(depth: &[f32], width: usize) -> Vec<usize> {
     let inner = (2..height - 2).flat_map(|y| (2..width - 2).map(move |x| y * width + x));
     inner.filter(is_rim).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn offset_between_two_steps_is_the_top_of_the_parabola() {
+        for later_s in [0.0015, -0.0015, 0.0213, -0.0338] {
+            let score = |n| 1.0 - (offset_s(n) - later_s).powi(2);
+            let scores: Vec<f64> = (0..=2 * STEPS as usize).map(score).collect();
+            let found = DepthClock { scores: vec![scores; LEAST_FRAMES] }.finish().unwrap();
+            assert!((found.later_s - later_s).abs() < 1e-6, "{} s, not {later_s} s", found.later_s);
+            // All frames agree: the parabola's own uncertainty is left.
+            assert!((found.sigma_s - EACH_S).abs() < 1e-6, "{} s", found.sigma_s);
+        }
+    }
+}

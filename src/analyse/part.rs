@@ -105,6 +105,8 @@ fn bound(recording: &Recording, camera: &Geometry, taken: &Taken<'_>) -> String 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::{Curve, NoiseBin, NoiseProfile, Response};
+    use crate::recording::OpenOptions;
 
     fn part(folder: &Path) -> Part {
         Part { folder: Some(folder.to_owned()), stage: 0 }
@@ -134,5 +136,31 @@ mod tests {
         let left: Vec<_> = folder.read_dir().unwrap().map(|entry| entry.unwrap().file_name()).collect();
         assert_eq!(left, ["mine"]);
         assert_eq!(Part::none().stage(|| Ok::<u32, ()>(3)), Ok(3));
+    }
+
+    #[test]
+    fn stage_bound_to_another_camera_response_or_noise_is_made_again() {
+        let temp = tempfile::tempdir().unwrap();
+        let recording = Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap();
+        let analyse = |focal_px: f64, response: &Response, noise: Option<&NoiseProfile>, value: u32| {
+            let taken = Taken { response, noise, exposure_s: &|_| 0.01 };
+            let camera = Geometry::pinhole(640, 480, focal_px);
+            Part::of(&temp.path().join("a"), &recording, &camera, &taken).stage(|| Ok::<u32, ()>(value)).unwrap()
+        };
+        let srgb = Response::default();
+        let gamma = Response { curve: Curve::Gamma, ..srgb };
+        let steeper = Response { gamma: gamma.gamma + 0.1, ..gamma };
+        let noise_of = |sigma| NoiseProfile {
+            bins: [0, 1, 2].map(|_| vec![NoiseBin { code: 0.0, sigma }]),
+            channel_correlation: [0.0; 3],
+            neighbour_correlation: [0.0; 2],
+        };
+        assert_eq!(analyse(500.0, &srgb, None, 1), 1);
+        assert_eq!(analyse(500.0, &srgb, None, 2), 1, "nothing changed");
+        assert_eq!(analyse(510.0, &srgb, None, 3), 3, "another camera");
+        assert_eq!(analyse(510.0, &gamma, None, 4), 4, "another response curve");
+        assert_eq!(analyse(510.0, &steeper, None, 5), 5, "another exponent of the response curve");
+        assert_eq!(analyse(510.0, &steeper, Some(&noise_of(1.0)), 6), 6, "noise that was calibrated");
+        assert_eq!(analyse(510.0, &steeper, Some(&noise_of(2.0)), 7), 7, "another noise");
     }
 }

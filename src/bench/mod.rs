@@ -301,3 +301,19 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32, only: Option<&str>) -> Result<V
     full_picture::depth_of_field(&mut table)?;
     Ok(table.rows())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_multiples_of_the_median_copy() {
+        let gpu = Gpu::open().expect("an adapter");
+        let mut table = Table::new(&gpu, 8, 8, None).unwrap();
+        table.copies_ms = vec![0.5, 9.0, 0.25];
+        table.rows = vec![("plain composite".to_owned(), 2.0), ("cheap".to_owned(), 0.125)];
+        let rows: Vec<_> = table.rows().into_iter().map(|row| (row.name, row.ms, row.copies)).collect();
+        let expected = [("full-screen copy", 0.5, 1.0), ("plain composite", 2.0, 4.0), ("cheap", 0.125, 0.25)];
+        assert_eq!(rows, expected.map(|(name, ms, copies)| (name.to_owned(), ms, copies)));
+    }
+}

@@ -93,9 +93,11 @@ impl PartialEq for Key {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::depth::{Neighbour, Rays};
+    use crate::camera::Curve;
+    use crate::depth::{Neighbour, Rays, Seen};
     use crate::frame::FrameExposure;
     use crate::pixels::{DepthMap, Pixels};
+    use glam::{DQuat, DVec3};
 
     /// A thing at 1 m before a wall at 2 m that a frame's own map shows one column too narrow.
     fn repaired(last: &mut LastRepair, frame: &Frame, may_be_rough: bool, farthest_m: f32) -> (Arc<Repaired>, bool) {
@@ -164,5 +166,53 @@ mod tests {
         assert_eq!(rough, repaired(&mut last, &alone, false, 9.0).0);
         let (whole, is_rough) = repaired(&mut last, &here, false, 9.0);
         assert!(!is_rough && whole != rough);
+    }
+
+    #[test]
+    fn key_of_a_repair_with_any_other_input_differs() {
+        let (here, pose) = (frame(), Pose::IDENTITY);
+        let moved = Pose::from_camera_in_world(DVec3::X, DQuat::IDENTITY);
+        let [rays, longer] = [80.0, 81.0].map(|focal_px| Rays::new(&Geometry::pinhole(96, 64, focal_px)));
+        let linear = Response { curve: Curve::Linear, ..Response::default() };
+        let planes = [1.0, 2.0].map(|y_m| [Plane { point_m: y_m * DVec3::Y, normal: DVec3::NEG_Y }]);
+        let proxies = [1.0, 2.0].map(|z_m| Proxies { triangles: vec![[DVec3::X, DVec3::Y, z_m * DVec3::Z]] });
+        let seen: &dyn Fn(DVec3) -> Seen = &|_| None;
+        let neighbour = |measured, taken| [Neighbour { frame: &here.beside[0], measured, taken }];
+        let neighbours = [neighbour(pose, pose), neighbour(moved, pose), neighbour(pose, moved)];
+        let depth = here.depth.as_ref().unwrap();
+        let repair = Repair {
+            rays: &rays,
+            measured: Some((depth, &pose)),
+            frame: &pose,
+            shutter: [&pose; 2],
+            pixels: &here.pixels,
+            response: &Response::default(),
+            planes: &planes[0],
+            proxies: Some((&proxies[0], seen)),
+            neighbours: &neighbours[0],
+        };
+        let rects = [Rect::full(96, 64); 3];
+        let wanted = Wanted::all(rects[0]);
+        let key = Key::new(&here, &repair, rects, &wanted);
+        assert!(key == Key::new(&here.clone(), &repair, rects, &wanted));
+        for (input, other) in [
+            ("geometry", Repair { rays: &longer, ..repair }),
+            ("pose of the map", Repair { measured: Some((depth, &moved)), ..repair }),
+            ("pose of the frame", Repair { frame: &moved, ..repair }),
+            ("pose as the shutter opens", Repair { shutter: [&moved, &pose], ..repair }),
+            ("pose as the shutter closes", Repair { shutter: [&pose, &moved], ..repair }),
+            ("response", Repair { response: &linear, ..repair }),
+            ("planes", Repair { planes: &planes[1], ..repair }),
+            ("no planes", Repair { planes: &[], ..repair }),
+            ("proxies", Repair { proxies: Some((&proxies[1], seen)), ..repair }),
+            ("no proxies", Repair { proxies: None, ..repair }),
+            ("pose of a neighbour's map", Repair { neighbours: &neighbours[1], ..repair }),
+            ("pose of a neighbour", Repair { neighbours: &neighbours[2], ..repair }),
+        ] {
+            assert!(key != Key::new(&here, &other, rects, &wanted), "{input}");
+        }
+        let smaller = Rect::new(0, 0, 95, 64);
+        assert!(key != Key::new(&here, &repair, [rects[0], rects[1], smaller], &wanted), "rectangles");
+        assert!(key != Key::new(&here, &repair, rects, &Wanted::all(smaller)), "wanted depth");
     }
 }

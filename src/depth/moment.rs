@@ -223,4 +223,19 @@ mod tests {
         // The part left of the old picture was never measured.
         assert_eq!(row[3], 0.0);
     }
+
+    #[test]
+    fn measured_from_with_a_time_offset_is_the_pose_of_the_shifted_time() {
+        // The camera moves 1 m along x each second.
+        let at = |time_s: f64| Pose::from_camera_in_world(DVec3::new(time_s, 0.0, 0.0), DQuat::IDENTITY);
+        let track = PoseTrack::new(vec![(0.0, at(0.0)), (1.0, at(1.0))], 2.0).unwrap();
+        let depth = DepthMap { width: 4, height: 2, depth_m: vec![1.0; 8], timestamp_s: 0.25 };
+        let measured = |offset_s| measured_from(&depth, &Geometry::pinhole(4, 2, 3.0), &track, offset_s);
+        for offset_s in [0.0, 0.5, -0.125] {
+            let x_m = measured(offset_s).unwrap().position_in_world_m().x;
+            assert!((x_m - (0.25 + offset_s)).abs() < 1e-12, "{offset_s} s: {x_m} m");
+        }
+        // The shifted times, 1.25 s and -0.25 s, are outside the track.
+        assert!(measured(1.0).is_err() && measured(-0.5).is_err());
+    }
 }

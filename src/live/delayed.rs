@@ -284,6 +284,41 @@ mod tests {
         assert!((times_s[50] - 1.0).abs() < 1e-9);
     }
 
+    /// Poses of [`Steady`], each with a focal length of its own, mm.
+    struct Zooming(Steady);
+
+    impl Zooming {
+        fn focal_length_mm(n: u32) -> f64 {
+            20.0 + f64::from(n)
+        }
+    }
+
+    impl PoseSource for Zooming {
+        fn poses(&mut self, until_s: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
+            self.0.poses(until_s)
+        }
+        fn lens(&self, time_s: f64) -> Option<Arc<LensState>> {
+            let n = (0..self.0.next).find(|n| 0.01 * f64::from(*n) == time_s)?;
+            let focal_length_mm = Some(Self::focal_length_mm(n));
+            Some(Arc::new(LensState { focal_length_mm, ..LensState::default() }))
+        }
+        fn up(&self) -> Option<DVec3> {
+            None
+        }
+    }
+
+    #[test]
+    fn lens_of_a_delayed_pose_is_the_one_that_came_with_it() {
+        let zooming = Zooming(*steady(true));
+        let mut late = delayed(Box::new(zooming), Added::Told(0.5), None).unwrap();
+        let times_s = times_s(&mut *late, 1.0);
+        assert_eq!(times_s.len(), 51);
+        for (n, time_s) in (0..).zip(times_s) {
+            let lens = late.lens(time_s).unwrap_or_else(|| panic!("no lens at {time_s} s"));
+            assert_eq!(lens.focal_length_mm, Some(Zooming::focal_length_mm(n)), "at {time_s} s");
+        }
+    }
+
     fn delayed_by(following: Following, search: Option<Search>) -> Delayed {
         Delayed { source: steady(true), following, search, told: None, has_refused: false, given: Vec::new() }
     }

@@ -95,6 +95,17 @@ mod tests {
     }
 
     #[test]
+    fn psnr_of_sixteen_bits_refers_to_their_largest_code() {
+        // 65535 = 257 · 255: codes 257 times as large have the same PSNR as in 8 bits.
+        let pixels = |codes: [u16; 6]| Pixels::from_u16(2, 1, codes.map(|code| 257 * code).to_vec()).unwrap();
+        let (a, b) = (pixels([10, 20, 30, 40, 50, 60]), pixels([10, 20, 33, 36, 50, 60]));
+        let found = difference(&a, &b, None).unwrap();
+        assert_eq!((found.largest, found.mean_absolute), (4 * 257, 7.0 * 257.0 / 6.0));
+        // 10 log10(65025 · 6/25) = 41.933, as of 8 bits.
+        assert!((found.psnr_db - 41.933).abs() < 1e-3, "{}", found.psnr_db);
+    }
+
+    #[test]
     fn what_cannot_be_compared_says_why() {
         let a = Pixels::from_u8(2, 1, vec![0; 6]).unwrap();
         let tall = Pixels::from_u8(1, 2, vec![0; 6]).unwrap();

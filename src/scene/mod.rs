@@ -326,6 +326,10 @@ impl Default for Lighting {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+
+    type Change<'a> = &'a dyn Fn(&mut Scene);
+
     /// Two pieces of a program, or two moments of one, can each keep a scene and compare them.
     #[test]
     fn a_scene_and_a_camera_are_plain_values() {
@@ -334,5 +338,59 @@ mod tests {
         }
         plain(super::Scene::default());
         plain(crate::camera::Camera::default());
+    }
+
+    #[test]
+    fn scene_with_any_other_resource_is_not_made_of_the_same() {
+        let texture = Texture {
+            width: 1,
+            height: 1,
+            rgba: Arc::new(vec![255; 4]),
+            srgb: true,
+            wrap: [Wrap::Repeat; 2],
+            smooth: true,
+            mipmaps: true,
+        };
+        let map = EnvironmentMap {
+            width: 2,
+            height: 1,
+            rgb: Arc::new(vec![[1.0; 3]; 2]),
+            map_from_world: glam::Quat::IDENTITY,
+            intensity: 1.0,
+        };
+        let scene = Scene {
+            meshes: vec![Arc::new(Mesh { vertices: Vec::new(), indices: Vec::new(), material: 0 })],
+            materials: vec![Material::default()],
+            textures: vec![texture],
+            objects: vec![Object::default()],
+            lighting: Lighting { environment: Environment::Map(map.clone()), ..Lighting::default() },
+            ..Scene::default()
+        };
+        let is_the_same = |change: Change<'_>| {
+            let mut other = scene.clone();
+            change(&mut other);
+            assert!(other != scene, "nothing was changed");
+            let answer = scene.is_made_of_the_same(&other);
+            assert_eq!(other.is_made_of_the_same(&scene), answer, "the order matters");
+            answer
+        };
+        let around = |scene: &mut Scene, map| scene.lighting.environment = Environment::Map(map);
+        let resources: [(&str, Change<'_>); 9] = [
+            ("transparency", &|scene| scene.materials[0].alpha = Alpha::Blend),
+            ("colour", &|scene| scene.materials[0].base_color = [0.5; 4]),
+            ("another material", &|scene| scene.materials.push(Material::default())),
+            ("texture", &|scene| scene.textures[0].rgba = Arc::new(vec![0; 4])),
+            ("mesh", &|scene| Arc::make_mut(&mut scene.meshes[0]).material = 1),
+            ("another mesh", &|scene| scene.meshes.push(scene.meshes[0].clone())),
+            ("no panorama", &|scene| scene.lighting.environment = Environment::Uniform(Vec3::ONE)),
+            ("panorama", &|scene| around(scene, EnvironmentMap { rgb: Arc::new(vec![[2.0; 3]; 2]), ..map.clone() })),
+            ("brighter panorama", &|scene| around(scene, EnvironmentMap { intensity: 2.0, ..map.clone() })),
+        ];
+        for (resource, change) in resources {
+            assert!(!is_the_same(change), "{resource}");
+        }
+        let sun = Sun { towards_light_in_world: Vec3::Z, color: Vec3::ONE, diameter_rad: 0.01 };
+        assert!(is_the_same(&|scene| scene.lighting.suns = vec![sun]), "lit otherwise");
+        assert!(is_the_same(&|scene| scene.objects[0].move_by(DAffine3::from_translation(DVec3::X))), "moved");
     }
 }

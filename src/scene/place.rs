@@ -111,6 +111,7 @@ fn points<'a>(scene: &'a Scene, parts: impl IntoIterator<Item = &'a Part> + 'a) 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::{Mesh, Vertex};
 
     #[test]
     fn up_turns_to_up_and_the_front_goes_where_the_page_says() {
@@ -122,5 +123,27 @@ mod tests {
             assert!((turn * DVec3::Z).abs_diff_eq(front, 1e-12), "{from} to {to}: {}", turn * DVec3::Z);
         }
         assert!((turn_up(DVec3::X, DVec3::NEG_X) * DVec3::X).abs_diff_eq(DVec3::NEG_X, 1e-12));
+    }
+
+    #[test]
+    fn largest_extent_along_any_axis_becomes_the_size() {
+        let upright = Placement {
+            world_up: DVec3::Y,
+            model_up: DVec3::Y,
+            position_m: DVec3::ZERO,
+            rotation: DQuat::IDENTITY,
+            ground: false,
+        };
+        let parts = [Part { mesh: 0, world_from_mesh: DAffine3::IDENTITY }];
+        // The largest extent is 4, along each axis in turn.
+        for extent in [[4.0, 1.0, 2.0], [1.0, 4.0, 2.0], [1.0, 2.0, 4.0]] {
+            let vertex = |position| Vertex { position, ..bytemuck::Zeroable::zeroed() };
+            let vertices = vec![vertex([0.0; 3]), vertex(extent)];
+            let mesh = Mesh { vertices, indices: vec![0, 1, 0], material: 0 };
+            let scene = Scene { meshes: vec![mesh.into()], ..Scene::default() };
+            let placed = upright.world_from_model(&scene, &parts, Size::LargestM(0.2)).unwrap();
+            let expected = DAffine3::from_scale(DVec3::splat(0.2 / 4.0));
+            assert!(placed.abs_diff_eq(expected, 1e-12), "{extent:?}: {placed}");
+        }
     }
 }

@@ -247,4 +247,22 @@ mod tests {
         };
         assert!((stripes(0.5) / stripes(1.0) - 1.0).abs() < 1e-5 && stripes(1.0) > 0.0);
     }
+
+    #[test]
+    fn ratio_is_virtual_blur_by_real_blur() {
+        const PIXELS: usize = AREA_PX * AREA_PX;
+        let detail = |power: f64| {
+            let values = vec![power.sqrt() as f32; PIXELS];
+            Band { width: AREA_PX, height: AREA_PX, values, mean: vec![1.0; PIXELS] }
+        };
+        // The power of detail is inverse to the exposure; drawing keeps four fifths of it.
+        let drawn = 0.8;
+        let made = TRIED.map(|by| Made { by, band: detail(drawn / by), whole: vec![true; PIXELS] });
+        // A frame whose real exposure is that multiple of the virtual picture's.
+        for exposure in [0.625, 1.0, 1.6] {
+            let ratios = areas(&detail(1.0 / exposure), drawn, &made);
+            assert_eq!(ratios.len(), 1);
+            assert!((ratios[0] * exposure - 1.0).abs() < 1e-4, "{} for {exposure}", ratios[0]);
+        }
+    }
 }

@@ -244,6 +244,7 @@ fn exposure_is(found: &Analysis, exposure_s: f64) {
     }
 }
 
+// Slow: two simulated sites are analysed.
 #[test]
 fn frames_that_are_far_apart_keep_the_motion_that_was_recorded_between_them() {
     // 5 frames a second, and a hand: exact poses stay.
@@ -274,6 +275,7 @@ fn frames_that_are_far_apart_keep_the_motion_that_was_recorded_between_them() {
     }
 }
 
+// Slow: two simulated sites, and thirty frames of one are analysed.
 #[test]
 fn a_fisheye_is_refined_or_refused() {
     let fisheye = Options { lens: LensModel::OpencvFisheye, k1: 0.02, k2: -0.005, ..smaller(fast_or_full(30, 20)) };
@@ -294,6 +296,7 @@ fn a_fisheye_is_refined_or_refused() {
     assert!(why(&found).unwrap().contains("plane"), "{:?}", why(&found));
 }
 
+// Slow: a simulated site, analysed with three units of depth.
 #[test]
 fn what_cannot_be_told_is_refused_with_its_reason() {
     let folder = made(&smaller(12), &tracked());

@@ -132,6 +132,7 @@ fn edge(picture: &Picture, row: usize, near: f64, reach: usize) -> (f64, f64) {
 /// An edge under uniform motion is a box as long as the way. Its variance is the sum of those of
 /// boxes: way²/12, the pixel's 1/12, that of the difference of neighbours 1/12, and one texel's,
 /// across which the texture runs linearly from square to square.
+// Slow: 48 samples a pixel of a full picture.
 #[test]
 fn blur_is_velocity_times_exposure() {
     let options = Options { focal_px: 1000.0, exposure_time_s: 0.01, readout_time_s: 0.012, speed: 1.6, ..pan() };

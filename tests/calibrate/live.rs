@@ -207,6 +207,7 @@ pub fn video(folder: &Path, rests: u32) -> std::path::PathBuf {
     video
 }
 
+// Slow: the camera plays in real time, and a view counts once it rests.
 #[test]
 fn the_program_watches_a_camera_and_writes_its_profile() {
     let folder = tempfile::tempdir().unwrap();

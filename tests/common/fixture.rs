@@ -10,8 +10,12 @@
 use std::fs::{self, File};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
-/// The folder of this build's fixtures. Those of other builds are removed.
+/// Fixtures of another build are removed after so long: a run of that build may still read them.
+const FIXTURE_LIFETIME: Duration = Duration::from_secs(6 * 3600);
+
+/// The folder of this build's fixtures.
 fn folder_of_build() -> PathBuf {
     let program = fs::metadata(env!("CARGO_BIN_EXE_locard")).unwrap();
     let modified_s = program.modified().unwrap().duration_since(std::time::UNIX_EPOCH).unwrap();
@@ -20,7 +24,8 @@ fn folder_of_build() -> PathBuf {
     let folder = all.join(&build);
     if !folder.exists() {
         for old in fs::read_dir(&all).into_iter().flatten().flatten() {
-            if *old.file_name() != *build {
+            let age = old.metadata().and_then(|of| of.modified()).ok().and_then(|at| at.elapsed().ok());
+            if age.is_some_and(|age| age > FIXTURE_LIFETIME) {
                 let _ = fs::remove_dir_all(old.path());
             }
         }

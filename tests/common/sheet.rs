@@ -158,37 +158,10 @@ impl Sheet {
         seed: u64,
         place: impl Fn(f64) -> Place + Sync,
     ) -> Vec<u8> {
-        let lights: Vec<f64> = (0..=255).map(|code| 0.02 + 0.86 * to_light(f64::from(code) / 255.0)).collect();
-        let mut codes = vec![0u8; (3 * SIZE.0 * SIZE.1) as usize];
-        over_rows(&mut codes, 3 * SIZE.0 as usize, processors(), |y, pixels| {
-            let place = place(((y as f64 + 0.5) / f64::from(SIZE.1) - 0.5) * camera.readout_s);
-            for (x, pixel) in pixels.chunks_mut(3).enumerate() {
-                let light = self.pixel(camera, &lights, &place, x, y, samples);
-                let noise = sigma * normal(seed, (y * SIZE.0 as usize + x) as u64);
-                pixel.fill((255.0 * to_code(light) + noise).round().clamp(0.0, 255.0) as u8);
-            }
-        });
-        codes
+        self.photograph_by_rays(&Rays::of(camera), samples, sigma, seed, place)
     }
 
-    fn pixel(&self, camera: &Camera, lights: &[f64], place: &Place, x: usize, y: usize, samples: u32) -> f64 {
-        // Rays change evenly within a pixel.
-        let corner = DVec2::new(x as f64, y as f64);
-        let ray = camera.ray(corner);
-        let (across, down) = (camera.ray(corner + DVec2::X) - ray, camera.ray(corner + DVec2::Y) - ray);
-        let mut sum = 0.0;
-        for i in 0..samples * samples {
-            let part = DVec2::new(f64::from(i % samples) + 0.5, f64::from(i / samples) + 0.5) / f64::from(samples);
-            let towards = place.axes * (ray + across * part.x + down * part.y).extend(1.0);
-            let far = -place.at_m.z / towards.z;
-            sum += if far > 0.0 { self.light(lights, (place.at_m + towards * far).truncate()) } else { 0.3 };
-        }
-        sum / f64::from(samples * samples)
-    }
-}
-
-impl Sheet {
-    /// [`Sheet::photograph`], bit for bit, by rays that are computed already.
+    /// [`Sheet::photograph`] by rays that are computed already. They change evenly within a pixel.
     pub fn photograph_by_rays(
         &self,
         rays: &Rays,

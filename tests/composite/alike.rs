@@ -180,6 +180,7 @@ fn alike(a: &Pixels, b: &Pixels, told: &str) {
     assert!(most <= 1, "{told} {differ} pixels differ, by {most} at ({}, {})", at % size().0, at / size().0);
 }
 
+// Slow: every method of every effect, in whole and in five parts.
 #[test]
 fn parts_of_a_picture_are_the_picture() {
     let geometry = || {

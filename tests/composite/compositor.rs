@@ -164,6 +164,35 @@ fn a_layer_that_fades_lets_as_much_of_its_light_and_coverage_through() {
 }
 
 #[test]
+fn faded_layer_with_chromatic_aberration_leaves_the_uncovered_share_of_the_footage() {
+    let frame = Frame { presence: 0.5, ..gpu::frame(0, 0.0, gpu::grey(160, 120, 200)) };
+    let settings = gpu::settings(&[("chromatic_aberration", "red", Value::Number(0.01))]);
+    let done = submitted(settings, board([60.0, 50.0], 0.5), &sideways([0.0, 0.0]), 0.0, frame).unwrap();
+    assert_eq!(done.stats.effects, ["chromatic_aberration"]);
+    // In the middle of the board each colour covers half of the footage.
+    let curve = Response::default();
+    let code = 255.0 * curve.encode(0.5 * 0.5 + 0.5 * curve.decode(200.0 / 255.0));
+    for found in done.pixels.at(80, 60) {
+        assert!((f64::from(found) - code).abs() <= 1.0, "{found}, by hand {code}");
+    }
+}
+
+#[test]
+fn layer_image_of_a_fading_object_has_its_light_and_coverage_times_the_opacity() {
+    let camera = gpu::camera(&gpu::pinhole(160, 120, FOCAL_PX), 0.0);
+    let layer = |presence| {
+        let frame = Frame { presence, ..gpu::frame(0, 0.0, gpu::grey(160, 120, 60)) };
+        let (scene, still) = (board([40.25, 30.0], 0.5), sideways([0.0, 0.0]));
+        gpu::composite(&gpu::gpu(), &camera, Settings::default(), scene, &still, frame).layer.unwrap()
+    };
+    // Products with a power of two are exact.
+    let (whole, faded) = (layer(1.0), layer(0.25));
+    assert_eq!(faded.rgba[60 * 160 + 80], [0.125, 0.125, 0.125, 0.25]);
+    assert!(faded.rgba.iter().zip(&whole.rgba).all(|(faded, whole)| *faded == whole.map(|value| 0.25 * value)));
+    assert_eq!(faded.depth_m, whole.depth_m);
+}
+
+#[test]
 fn what_has_nearly_faded_leaves_the_camera_as_it_is() {
     let (width, height) = (320u32, 240u32);
     let code = |x: u32, y: u32| (60 + (x * 37 + y * 91 + x * y) % 120) as u8;
@@ -189,4 +218,25 @@ fn what_has_nearly_faded_leaves_the_camera_as_it_is() {
         difference.push(places.map(|(x, y)| done.pixels.at(x, y)[0].abs_diff(plain.at(x, y)[0])).max());
     }
     assert!(difference[0] > Some(60) && difference[1] <= Some(1), "{difference:?}");
+}
+
+#[test]
+fn time_offset_draws_the_pose_of_the_frames_time_plus_the_offset() {
+    // The board moves 80 px a second: at 0.25 s it is 20 px right of the middle, at 0.375 s 30 px.
+    let track = sideways([80.0, 0.0]);
+    let geometry = gpu::pinhole(160, 60, FOCAL_PX);
+    let (camera, settings) = (gpu::camera(&geometry, 0.02), Settings::default());
+    let gpu = gpu::gpu();
+    let mut compositor = Compositor::new(gpu.clone(), board([4.0, 10.0], 0.5));
+    let mut drawn = |timestamp_s, time_offset_s| {
+        let frame = gpu::frame(0, timestamp_s, gpu::grey(160, 60, 60));
+        let job = Job::of_frame(frame, &camera, &settings, &geometry, &track, 1.0 / 30.0).unwrap();
+        let job = Job { time_offset_s, ..job };
+        let pending = compositor.submit(job, &camera, &settings, Target::Pixels).unwrap();
+        compositor.collect(pending).unwrap().pixels
+    };
+    // Binary fractions: the sum of both times is exact.
+    let offset = drawn(0.25, 0.125);
+    assert!(offset == drawn(0.375, 0.0));
+    assert!(offset.at(110, 30) != [60; 3] && offset.at(100, 30) == [60; 3] && offset.at(120, 30) == [60; 3]);
 }

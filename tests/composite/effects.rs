@@ -4,6 +4,7 @@ use crate::board;
 use crate::board::{FOCAL_PX, board, sideways};
 use crate::gpu;
 use crate::tier::fast_or_full;
+use glam::{DAffine3, DVec3};
 use locard::camera::grain::{self, GrainRatios};
 use locard::camera::{Camera, Capture, Curve, Geometry, NoiseBin, NoiseProfile, Response};
 use locard::compositor::{Composited, Compositor, Job, Settings, Target};
@@ -133,6 +134,52 @@ fn accumulation_is_the_papers_finite_sum() {
     assert!((found - 160.0).abs() < 0.15, "{found}");
     // Whatever was drawn before.
     assert_eq!(layer.rgba, draw(7).rgba);
+}
+
+#[test]
+fn summed_samples_keep_the_depth_of_the_nearest_surface() {
+    let geometry = gpu::pinhole(160, 120, FOCAL_PX);
+    // A board at 2 m moves by 8 px during the exposure. One at 1 m, from 76 to 84 px in its middle,
+    // moves by 16 px: it covers each pixel from 68 to 92 px for a part of the exposure, and the far
+    // board is seen there in the rest of it.
+    let mut near = board([4.0, 40.0], 0.8);
+    near.objects[0].parts[0].world_from_mesh = DAffine3::from_scale(DVec3::splat(0.5));
+    let scene = board::both(board([60.0, 50.0], 0.4), near);
+    let settings = gpu::settings(&[("motion_blur", "method", Value::Text("reference".to_owned()))]);
+    let (camera, track) = (gpu::camera(&geometry, EXPOSURE_S), sideways([8.0 / EXPOSURE_S, 0.0]));
+    let frame = gpu::frame(0, 0.0, gpu::grey(160, 120, 0));
+    let layer = gpu::composite(&gpu::gpu(), &camera, settings, scene, &track, frame).layer.unwrap();
+    for x in (30..66).chain(70..90).chain(94..130) {
+        let nearest_m = if (70..90).contains(&x) { 1.0 } else { 2.0 };
+        let found_m = layer.depth_m[60 * 160 + x];
+        assert!((found_m - nearest_m).abs() < 1e-4, "{x}: {found_m} m, not {nearest_m} m");
+    }
+}
+
+/// Row y is read at readout · y / height. A point that moves down at V px/s moves by
+/// dy = V (ds + readout / height · dy) during a time ds of the exposure: its velocity is
+/// V / (1 - V · readout / height). A board is stretched by the same factor.
+#[test]
+fn velocity_under_a_rolling_shutter_includes_the_readout_of_the_rows_passed() {
+    let mut geometry = gpu::pinhole(160, 120, FOCAL_PX);
+    geometry.intrinsics.readout_time_s = 0.02;
+    let camera = gpu::camera(&geometry, 0.0);
+    for down_px_per_s in [600.0, -600.0] {
+        let stretch = 1.0 / (1.0 - down_px_per_s * 0.02 / 120.0);
+        let track = sideways([300.0, down_px_per_s]);
+        let frame = gpu::frame(0, 0.0, gpu::grey(160, 120, 0));
+        let scene = board([50.0, 30.0], 0.8);
+        let layer = gpu::composite(&gpu::gpu(), &camera, Settings::default(), scene, &track, frame).layer.unwrap();
+        let height_px: f64 = layer.rgba.iter().skip(80).step_by(160).map(|p| f64::from(p[3])).sum();
+        assert!((height_px - 60.0 * stretch).abs() < 0.5, "{down_px_per_s} px/s: {height_px} px high");
+        for y in [40, 60, 80] {
+            let [right, down] = layer.velocity[y * 160 + 80].map(f64::from);
+            let expected = [300.0 * stretch, down_px_per_s * stretch];
+            // Half floats have steps of 0.5 px/s here.
+            let close = (right - expected[0]).abs() < 1.0 && (down - expected[1]).abs() < 1.0;
+            assert!(close, "row {y}: {right}, {down} px/s, by hand {expected:?}");
+        }
+    }
 }
 
 /// A second of a hand that trembles five times: at its ends and its middle it is where it rests. A place beside the middle

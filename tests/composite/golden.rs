@@ -1,6 +1,6 @@
 //! Pictures that were looked at, and that the program still makes.
 //!
-//! They were made by Mesa's llvmpipe. `LOCARD_GOLDEN=write cargo test --test composite golden` makes them anew: look at each
+//! They were made by Mesa's llvmpipe. `LOCARD_GOLDEN=write scripts/test composite::golden` makes them anew: look at each
 //! before it is committed. Where one does not fit, `LOCARD_TEST_OUT=FOLDER` keeps what came instead.
 
 use std::path::Path;

@@ -153,6 +153,7 @@ fn law_1_the_cameras_pixels_are_sacred() {
     camera_is_sacred(&desk, &done, range);
 }
 
+// Slow: four compositors light the whole demonstration scene.
 #[test]
 fn law_2_a_range_alone_is_the_same_range_of_the_whole() {
     let gpu = gpu::gpu();

@@ -8,12 +8,12 @@ use crate::random::Random;
 use crate::small;
 use crate::tier::fast_or_full;
 use locard::camera::grain::{self, GrainRatios};
-use locard::camera::{Camera, Capture, FilmUsed, Geometry, NoiseBin, NoiseProfile, Opening, Response};
+use locard::camera::{Camera, Capture, Distortion, FilmUsed, Geometry, NoiseBin, NoiseProfile, Opening, Response};
 use locard::compositor::{Compositor, Job, RealDepth, Settings, Target};
 use locard::depth::{DepthGrid, Surfaces};
 use locard::frame::{FrameExposure, PhotoSettings};
 use locard::params::Value;
-use locard::photo::{Exposed, Framing, RealPart, Standpoint, take};
+use locard::photo::{Aim, Exposed, Framing, RealPart, Standpoint, take};
 use locard::pixels::{Codes, Pixels, Rect};
 use locard::scene::Scene;
 use std::path::{Path, PathBuf};
@@ -403,6 +403,41 @@ fn a_real_edge_that_is_known_coarsely_runs_on_without_steps() {
     // Taken as they are, the grid's pixels make steps of four.
     let steps = ends.windows(2).map(|two| (two[1] - two[0]).abs());
     assert!(steps.clone().fold(0.0, f64::max) < 2.0, "{:?}", steps.collect::<Vec<_>>());
+}
+
+/// A rolling shutter reads the rows of an aimed part when it reads them in the whole picture.
+#[test]
+fn an_aimed_rolling_shutter_photograph_keeps_objects_at_their_rows_place() {
+    const READOUT_S: f64 = 0.03;
+    let mut intrinsics = gpu::pinhole(160, 120, FOCAL_PX).intrinsics;
+    intrinsics.readout_time_s = READOUT_S;
+    let camera = camera(&Geometry::new(intrinsics, Distortion::default()), None);
+    let geometry = camera.geometry.as_ref().unwrap();
+    let mut settings = Settings::default();
+    settings.plain();
+    let exposed = Exposed { time_s: 0.0, ..AS_RECORDED };
+    // 40 columns of 160 and 30 rows of 120, at the upper rim.
+    let aim = Aim { at_px: Some([80.0, 15.0].into()), around_px: Some([40.0, 30.0].into()) };
+    let whole = Framing::new(geometry, None, None, f64::INFINITY, None).unwrap();
+    let part = Framing::aimed(geometry, None, None, f64::INFINITY, None, aim).unwrap();
+    assert_eq!((part.size(), part.framed.left_px, part.framed.top_px), ((40, 30), 60.0, 0.0));
+    for framing in [whole, part] {
+        let (width, height) = framing.size();
+        // A board over rows 4 to 26, around column 80 when the middle row is read.
+        // It moves 200 px a second.
+        let scene = board::panel([-10.0, -56.0], [10.0, -34.0], 0.5);
+        let done = photo_with(settings.clone(), &camera, scene, gpu::grey(width, height, 60), &framing, exposed);
+        let decode = |code: u32| camera.response.decode(f64::from(code) / 255.0);
+        for y in 6..24 {
+            // Coverage is linear in light.
+            let covered: Vec<f64> = (0..width).map(|x| decode(done.at(x, y)[1]) - decode(60)).collect();
+            let moment: f64 = covered.iter().enumerate().map(|(x, share)| (x as f64 + 0.5) * share).sum();
+            let found = framing.framed.left_px + moment / covered.iter().sum::<f64>();
+            let expected = 80.0 + 200.0 * READOUT_S * ((f64::from(y) + 0.5) / 120.0 - 0.5);
+            // A pixel has four samples: each edge is known to an eighth of a pixel.
+            assert!((found - expected).abs() < 0.2, "{width} px wide, row {y}: {found}, by hand {expected}");
+        }
+    }
 }
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");

@@ -192,3 +192,28 @@ fn what_the_sensor_hardly_saw_hides_as_a_whole() {
         assert_eq!(seen < 100, inside(x, y), "{x} {y}: {seen}");
     }
 }
+
+#[test]
+fn a_wall_hides_an_object_only_by_more_than_the_tolerance() {
+    const GREY: u8 = 60;
+    let tolerance_m = 0.02;
+    let shown = |before_board_m: f64| {
+        let wall_m = (DEPTH_M - before_board_m) as f32;
+        let depth = DepthMap { width: 160, height: 60, depth_m: vec![wall_m; 160 * 60], timestamp_s: 0.0 };
+        let of = Taken {
+            camera: gpu::camera(&gpu::pinhole(160, 60, FOCAL_PX), 0.0),
+            settings: gpu::settings(&[("depth", "tolerance_m", Value::Number(tolerance_m))]),
+            track: &sideways([0.0, 0.0]),
+            summed: &[],
+            depth: Some(&depth),
+            opening: None,
+            time_s: 0.0,
+        };
+        let (taken, _) = of.photo(board([30.0, 15.0], 0.5), gpu::grey(160, 60, GREY));
+        // The board without its blended edge.
+        let places = (20..40).flat_map(|y| (55..105).map(move |x| (x, y)));
+        places.filter(|&(x, y)| taken.at(x, y)[1] > u32::from(GREY) + 40).count()
+    };
+    // The wall is nearer than the board by half of the tolerance, and by one and a half.
+    assert_eq!([0.5, 1.5].map(|share| shown(share * tolerance_m)), [20 * 50, 0]);
+}

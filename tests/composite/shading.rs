@@ -2,10 +2,10 @@
 
 use crate::gpu;
 use crate::models::{Model, png};
-use glam::{DAffine3, DQuat, DVec3, Vec3};
+use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 use locard::pose::Pose;
 use locard::scene::{
-    Environment, Lighting, Material, Mesh, Object, Part, Scene, Sun, Texture, TextureUse, Vertex, Wrap,
+    Environment, Lighting, Material, Mesh, Object, Part, PointLight, Scene, Sun, Texture, TextureUse, Vertex, Wrap,
 };
 use locard::tracking::PoseTrack;
 use serde_json::json;
@@ -81,6 +81,31 @@ fn white_matt_shows_the_sun_s_colour_by_its_cosine() {
     let found = lit(material(1.0, 0.0, 1.0), sun(towards, 0.8));
     assert!((found - 0.4004).abs() < 0.0005, "{found}");
     assert_eq!(lit(material(1.0, 0.0, 1.0), sun(Vec3::new(1.0, 0.0, 0.2), 0.8)), 0.0, "from behind");
+}
+
+/// KHR_lights_punctual: a spot's attenuation is the square of a ramp that is linear in the cosine,
+/// from 0 at the outer angle (here 60°, cosine 0.5) to 1 at the inner angle (here 0°, cosine 1).
+#[test]
+fn spot_light_between_its_angles_falls_off_with_the_square_of_the_ramp() {
+    let lit_at = |cosine: f32| {
+        let axis = Vec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
+        let spot = PointLight {
+            position_in_world_m: DVec3::ZERO,
+            color: Vec3::ONE,
+            diameter_m: 0.05,
+            range_m: f32::INFINITY,
+            spot: Some((axis, Vec2::new(0.0, std::f32::consts::FRAC_PI_3))),
+        };
+        lit(material(1.0, 0.0, 1.0), Lighting { points: vec![spot], ..dark() })
+    };
+    // A white diffuse surface that faces the light at 1 m shows about its colour.
+    let on_axis = lit_at(1.0);
+    assert!((on_axis - 1.0).abs() < 0.1, "{on_axis}");
+    for (cosine, ramp) in [(0.875, 0.75), (0.75, 0.5), (0.625, 0.25), (0.45, 0.0)] {
+        let found = lit_at(cosine) / on_axis;
+        // The layer has half floats, and the middle of the pixel lies 0.02° off.
+        assert!((found - ramp * ramp).abs() < 0.002, "cosine {cosine}: {found}");
+    }
 }
 
 #[test]

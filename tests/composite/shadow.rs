@@ -276,6 +276,37 @@ fn what_was_drawn_before_changes_no_bit() {
 }
 
 #[test]
+fn a_moved_light_redraws_the_shadows_of_the_same_objects() {
+    let geometry = gpu::pinhole(160, 120, 165.0);
+    let (camera, track) = (gpu::camera(&geometry, 0.0), track());
+    // The floor's shadow alone: the objects' lightmaps depend on the same condition and cost more.
+    let settings = gpu::settings(&[("shadow", "on_things", Value::Bool(false))]);
+    let drawn = |compositor: &mut Compositor| {
+        let frame = gpu::frame(0, 0.0, gpu::grey(160, 120, GREY));
+        let job = Job::of_frame(frame, &camera, &settings, &geometry, &track, 1.0 / 30.0).unwrap();
+        let pending = compositor.submit(job, &camera, &settings, Target::Pixels).unwrap();
+        compositor.collect(pending).unwrap().pixels
+    };
+    let before = scene();
+    let mut after = before.clone();
+    after.lighting.suns[0].towards_light_in_world.x *= -1.0;
+    let gpu = gpu::gpu();
+    let mut held = Compositor::new(gpu.clone(), before);
+    let unmoved = drawn(&mut held);
+    held.set_scene(after.clone());
+    let moved = drawn(&mut held);
+    // A point 3 cm beside the box is in its shadow while the sun is on the other side.
+    let code_beside = |pixels: &Pixels, x: f64| {
+        let at = geometry.project(pose().transform_point(DVec3::new(x, 0.0, 0.0))).unwrap();
+        pixels.at(at.x as u32, at.y as u32)[1]
+    };
+    let (left, right) = (-HALF.x - 0.03, HALF.x + 0.03);
+    assert!(code_beside(&unmoved, left) + 20 < code_beside(&unmoved, right));
+    assert!(code_beside(&moved, right) + 20 < code_beside(&moved, left));
+    assert!(moved == drawn(&mut Compositor::new(gpu.clone(), after)));
+}
+
+#[test]
 fn an_object_that_is_lost_takes_its_shadow_along() {
     let half = made(Settings::default(), &camera(), Frame { presence: 0.5, ..grey_frame() }, scene());
     let whole = made(Settings::default(), &camera(), grey_frame(), scene());

@@ -296,6 +296,40 @@ fn a_profile_of_noise_alone_stands_above_the_recordings_own() {
 }
 
 #[test]
+fn another_seed_gives_other_noise_and_the_same_seed_the_same() {
+    let temp = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(temp.path().join(name), text).unwrap();
+    image::RgbImage::from_pixel(64, 48, image::Rgb([90; 3])).save(temp.path().join("a.png")).unwrap();
+    write("rgb.txt", "0 a.png\n1 a.png\n");
+    write("poses.txt", "0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n");
+    write(
+        "recording.toml",
+        "version = 1\n[frames]\nlist = \"rgb.txt\"\n[poses]\ntrajectory = \"poses.txt\"\nmax_gap_s = 2.0\n\
+         [camera]\nprofile = \"camera.toml\"\n",
+    );
+    write(
+        "camera.toml",
+        "version = 1\n[camera]\nwidth_px = 64\nheight_px = 48\nfx_px = 60\nfy_px = 60\ncx_px = 32\ncy_px = 24\n\
+         [camera.noise]\nchannel_correlation = [0.0, 0.0, 0.0]\nneighbour_correlation = [0.0, 0.0]\n\
+         code = [0.0, 255.0]\nsigma_r = [30.0, 30.0]\nsigma_g = [30.0, 30.0]\nsigma_b = [30.0, 30.0]\n",
+    );
+    let marker = std::fs::canonicalize("scenes/marker-1.glb").unwrap();
+    write("scene.toml", &format!("version = 1\n[[objects]]\nmodel = {marker:?}\nposition_m = [0, 0, 0.3]\n"));
+    let (recording, scene) = (temp.path().to_str().unwrap(), temp.path().join("scene.toml"));
+    let of_seed = |seed: &str| {
+        let usual = ["composite", recording, "--scene", scene.to_str().unwrap(), "--frames", "0..1", "-o", "-"];
+        let output = locard(&[&usual[..], &["--only", "noise", "--seed", seed], tier::no_shadows()].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        output.stdout
+    };
+    let first = of_seed("1");
+    assert!(first == of_seed("1"));
+    // The marker covers more than 50 pixels, whose noise has σ 30 in each channel.
+    let differing = first.iter().zip(&of_seed("2")).filter(|(a, b)| a.abs_diff(**b) > 10).count();
+    assert!(differing > 50, "{differing} values differ");
+}
+
+#[test]
 fn what_no_effect_can_do_is_refused_before_anything_is_written() {
     let temp = tempfile::tempdir().unwrap();
     let out = temp.path().join("out");

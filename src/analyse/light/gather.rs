@@ -149,3 +149,53 @@ impl Known<'_> {
         samples
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use glam::DAffine3;
+
+    use super::*;
+    use crate::camera::{Curve, Geometry};
+    use crate::fit::twist::Twist;
+    use crate::frame::FrameExposure;
+    use crate::pixels::{DepthMap, Pixels};
+    use crate::recording::OpenOptions;
+
+    #[test]
+    fn sample_light_does_not_depend_on_the_frames_exposure() {
+        const SIZE: (u32, u32) = (16, 12);
+        let recording = Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap();
+        let eye = Eye::new(Geometry::pinhole(SIZE.0, SIZE.1, 16.0));
+        let still = State { world_from_camera: DAffine3::IDENTITY, twist: Twist::zeros() };
+        let known = Known {
+            recording: &recording,
+            eye: &eye,
+            response: &Response { curve: Curve::Linear, ..Response::default() },
+            states: &[Some(still); 2],
+            later_s: 0.0,
+            gains: &[[1.0; 3], [2.0, 1.5, 0.5]],
+            up: DVec3::NEG_Y,
+            threads: 1,
+        };
+        // A grey wall. The second frame shows each colour brighter by its gain.
+        for (index, codes) in [[40u8; 3], [80, 60, 20]].into_iter().enumerate() {
+            let count = (SIZE.0 * SIZE.1) as usize;
+            let depth = DepthMap { width: SIZE.0, height: SIZE.1, depth_m: vec![2.0; count], timestamp_s: 0.0 };
+            let frame = Frame {
+                index,
+                timestamp_s: 0.0,
+                pixels: Pixels::from_u8(SIZE.0, SIZE.1, codes.repeat(count)).unwrap(),
+                depth: Some(depth),
+                exposure: FrameExposure::default(),
+                presence: 1.0,
+                beside: Vec::new(),
+            };
+            let samples = known.samples(&frame);
+            assert_eq!(samples.len(), count);
+            let is_grey = |sample: &Sample| sample.light.iter().all(|light| (light - 40.0 / 255.0).abs() < 1e-6);
+            assert!(samples.iter().all(is_grey), "frame {index}: {:?}", samples[0]);
+        }
+    }
+}
