@@ -368,6 +368,7 @@ fn reduced_model(from: &Path, to: &Path, reduction: f64) {
 }
 
 /// Photographs of a door from far apart places, which no plane sweep matches.
+// Slow: twelve photographs are decoded, reduced and analysed.
 #[test]
 fn a_models_landmarks_tell_how_bright_photographs_are() {
     let Some(folder) = common::data("lund-door-dslr") else { return };
