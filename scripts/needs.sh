@@ -5,8 +5,8 @@
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 has_vulkan_loader() {
-    # ldconfig may be outside of a user's PATH.
-    PATH="$PATH:/sbin:/usr/sbin" ldconfig -p 2>/dev/null | grep -q 'libvulkan\.so\.1'
+    # ldconfig may be outside of a user's PATH. With pipefail, grep -q would end ldconfig by SIGPIPE and fail at times.
+    PATH="$PATH:/sbin:/usr/sbin" ldconfig -p 2>/dev/null | grep 'libvulkan\.so\.1' >/dev/null
 }
 
 has_vulkan_driver() {

@@ -59,7 +59,7 @@ class Filter:
     def __init__(self, text):
         self.binary, _, self.path = text.partition("::")
         if self.binary not in BINARIES:
-            sys.exit(f"scripts/test: `{text}` names no test binary; there are {', '.join(BINARIES)}.")
+            raise argparse.ArgumentTypeError(f"`{text}` names no test binary; there are {', '.join(BINARIES)}")
 
     def accepts(self, binary, test):
         at_boundary = test == self.path or test.startswith(f"{self.path}::")
@@ -229,7 +229,7 @@ def report(steps, results, total_s, full):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(prog="scripts/test", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("filters", nargs="*", metavar="FILTER", type=Filter)
     parser.add_argument("--full", action="store_true", help="the full tier")
     args = parser.parse_args()

@@ -173,7 +173,7 @@ fn a_simulated_hand() {
     assert_program_writes_profile(temp.path(), &folder, &found);
 }
 
-/// Frames whose σ is known, in a recording with a profile of its own.
+/// Frames of known σ, in a recording with a profile of its own.
 #[test]
 fn a_moving_recording_gives_its_noise_and_its_profile_takes_it() {
     let temp = tempfile::tempdir().unwrap();

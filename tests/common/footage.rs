@@ -72,7 +72,7 @@ pub fn analysed(shot: &Shot, threads: usize) -> Analysis {
     })
 }
 
-/// Calls `of` with the camera of a shot, and with what is known of it besides its geometry.
+/// Calls `of` with the geometry of a shot's camera, and with its response, noise and exposure.
 fn with_taken<T>(shot: &Shot, of: impl FnOnce(&Geometry, &Taken<'_>) -> T) -> T {
     let camera = shot.geometry_at(0).unwrap();
     let rig = shot.camera();
