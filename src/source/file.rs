@@ -1,7 +1,7 @@
 //! Opens files so that nothing hangs or exhausts memory: only plain ones, and only up to a number of bytes.
 
 use std::fs::File;
-use std::io::{self, Read};
+use std::io::{self, Read, Seek};
 use std::path::Path;
 
 /// Text that people and programs write: ten hours of poses at 200 per second.
@@ -11,13 +11,32 @@ pub const MOST_DOCUMENT: u64 = 1 << 22;
 /// Documents with an entry for each frame, which programs write.
 pub const MOST_LISTING: u64 = 1 << 24;
 
-/// Opens a plain file. Refuses a named pipe, which would wait for a writer, and a device, which may be endless.
+/// The first line of a file in whose place Git keeps the contents elsewhere (Git LFS, *specification*).
+const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
+/// Pointers are smaller, bytes.
+const MAX_LFS_POINTER: u64 = 1024;
+
+/// Opens a plain file. Refuses a named pipe, which would wait for a writer, a device, which may be endless, and a
+/// pointer of Git LFS.
 pub fn open(path: &Path) -> io::Result<File> {
     // Checked before opening, since opening a pipe blocks; and again after, since the file may have been replaced.
     plain(&std::fs::metadata(path)?)?;
-    let file = File::open(path)?;
-    plain(&file.metadata()?)?;
+    let mut file = File::open(path)?;
+    let metadata = file.metadata()?;
+    plain(&metadata)?;
+    if metadata.len() < MAX_LFS_POINTER {
+        refuse_lfs_pointer(&mut file)?;
+    }
     Ok(file)
+}
+
+fn refuse_lfs_pointer(file: &mut File) -> io::Result<()> {
+    let mut start = Vec::new();
+    file.take(LFS_POINTER.len() as u64).read_to_end(&mut start)?;
+    if start == LFS_POINTER {
+        return Err(io::Error::other("it is a Git LFS pointer, not the file itself; fetch that with `git lfs pull`"));
+    }
+    file.rewind()
 }
 
 fn plain(metadata: &std::fs::Metadata) -> io::Result<()> {
@@ -64,6 +83,20 @@ mod tests {
         std::fs::write(&file, [0xff]).unwrap();
         assert_eq!(read_text(&file, 9).unwrap_err().kind(), io::ErrorKind::InvalidData);
         assert_eq!(read(folder.path(), 9).unwrap_err().kind(), io::ErrorKind::IsADirectory);
+    }
+
+    #[test]
+    fn lfs_pointer_is_refused_with_the_command_that_fetches_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.glb");
+        let text = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 123456\n";
+        std::fs::write(&file, text).unwrap();
+        let error = read(&file, 1 << 20).unwrap_err().to_string();
+        assert!(error.contains("Git LFS pointer") && error.contains("`git lfs pull`"), "{error}");
+        // A file that only speaks of it is read from its start.
+        let other = format!("# {text}");
+        std::fs::write(&file, &other).unwrap();
+        assert_eq!(read_text(&file, 1 << 20).unwrap(), other);
     }
 
     #[cfg(unix)]
