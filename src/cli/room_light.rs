@@ -48,7 +48,7 @@ pub struct Args {
     /// another frame shows it. How bright it is follows from how surfaces are lit; several times for several lamps
     #[arg(long, value_name = "FRAME:X,Y[,M][+FRAME:X,Y]", value_parser = lamp::Pointed::parse, allow_hyphen_values = true)]
     lamp: Vec<lamp::Pointed>,
-    /// A Radiance panorama of the place, in place of the one that was found and of its lamps; it becomes as bright as they were
+    /// A Radiance or OpenEXR panorama of the place, in place of the one that was found and of its lamps; it becomes as bright as they were
     #[arg(long, value_name = "HDR")]
     environment: Option<PathBuf>,
     /// By how much that is turned about up, counter-clockwise seen from above

@@ -1,6 +1,7 @@
 //! Bytes from files, GLB containers and URIs, never more than the stated limits.
 
 use std::borrow::Cow;
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use super::SceneError;
@@ -22,6 +23,9 @@ pub(super) fn split_glb<'a>(file: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], O
     }
     let version = u32_at(bytes, 4).ok_or_else(|| truncated(file, "the header", bytes.len(), 12))?;
     let length = u32_at(bytes, 8).ok_or_else(|| truncated(file, "the header", bytes.len(), 12))? as usize;
+    if version == 1 {
+        return Err(old_gltf(file, "the GLB version", "glTF 1.0"));
+    }
     if version != 2 {
         return Err(SceneError::bad(file, "the GLB version", version, "2"));
     }
@@ -45,6 +49,42 @@ pub(super) fn split_glb<'a>(file: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], O
     Ok((json, binary))
 }
 
+/// A path as a shell takes it.
+pub(super) fn quoted(path: &Path) -> String {
+    let text = path.display().to_string();
+    if text.contains(char::is_whitespace) { format!("'{text}'") } else { text }
+}
+
+/// The error of a file of glTF 1.0.
+pub(super) fn old_gltf(file: &Path, what: &str, found: impl Display) -> SceneError {
+    let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+    let converted = file.with_file_name(format!("{stem}-2.glb"));
+    let (from, to) = (quoted(file), quoted(&converted));
+    let accepted = format!("glTF 2.0; `gltf-pipeline -i {from} -o {to}` converts it");
+    SceneError::bad(file, what, found, accepted)
+}
+
+/// Some editors begin UTF-8 with U+FEFF.
+pub(super) fn without_byte_order_mark(text: &[u8]) -> &[u8] {
+    text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
+}
+
+/// First bytes of other files, in lower case, and what to do with such a file.
+const OTHER_KINDS: [(&[u8], &str); 5] = [
+    (b"pk\x03\x04", "a ZIP archive; unpack it"),
+    (b"\x1f\x8b", "a gzip file; unpack it"),
+    (b"kaydara fbx", "an FBX file; Blender imports it and exports glTF"),
+    (b"<!doctype html", "a web page; download the file itself"),
+    (b"<html", "a web page; download the file itself"),
+];
+
+/// The kind of a file that is no glTF, where its first bytes show it.
+pub(super) fn other_kind(bytes: &[u8]) -> Option<&'static str> {
+    let bytes = without_byte_order_mark(bytes).trim_ascii_start();
+    let starts = |start: &[u8]| bytes.get(..start.len()).is_some_and(|head| head.eq_ignore_ascii_case(start));
+    OTHER_KINDS.iter().find(|(start, _)| starts(start)).map(|(_, kind)| *kind)
+}
+
 fn truncated(file: &Path, what: &str, found: usize, needed: usize) -> SceneError {
     SceneError::bad(file, what, format!("{found} bytes"), format!("{needed} bytes (is the file cut off?)"))
 }
@@ -63,16 +103,28 @@ pub(super) fn resolve(file: &Path, what: &str, uri: &str) -> Result<Vec<u8>, Sce
             .ok_or_else(|| SceneError::bad(file, what, "a data: URI without base64", accepted))?;
         return base64(text).ok_or_else(|| SceneError::bad(file, what, "text that is not base64", accepted));
     }
-    let name = percent_decoded(uri);
-    if name.contains("://") || name.starts_with("file:") || Path::new(name.as_ref()).is_absolute() {
-        return Err(SceneError::bad(file, what, format!("{uri:?}"), accepted));
-    }
-    read(&beside(file, uri), Some(file))
+    let path = beside(file, uri).ok_or_else(|| SceneError::bad(file, what, format!("{uri:?}"), accepted))?;
+    read(&path, Some(file))
 }
 
-/// The file that a relative URI in `file` names.
-pub(super) fn beside(file: &Path, uri: &str) -> PathBuf {
-    file.parent().unwrap_or(Path::new("")).join(percent_decoded(uri).as_ref())
+/// The file that a relative URI in `file` names; `None` for any other URI. Where there is no such file, a backslash is
+/// a slash, as programs for Windows write it, and `%` is a plain letter.
+pub(super) fn beside(file: &Path, uri: &str) -> Option<PathBuf> {
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let name = percent_decoded(uri);
+    let spellings = [name.replace('\\', "/"), uri.to_owned()];
+    let is_relative = |name: &str| {
+        let is_drive = name.as_bytes().get(1..3).is_some_and(|two| two == b":/" || two == b":\\");
+        !(is_drive || name.contains("://") || name.starts_with("file:") || Path::new(name).is_absolute())
+    };
+    if uri.starts_with("data:") || !is_relative(&name) || !is_relative(&spellings[0]) {
+        return None;
+    }
+    let plain = folder.join(name.as_ref());
+    if plain.exists() {
+        return Some(plain);
+    }
+    Some(spellings.iter().map(|name| folder.join(name)).find(|path| path.exists()).unwrap_or(plain))
 }
 
 /// Decodes `%20` and the like (RFC 3986, section 2.1).
@@ -134,6 +186,23 @@ mod tests {
         assert_eq!(base64("+/+/"), Some(vec![0xfb, 0xff, 0xbf]));
         assert_eq!(base64("Zm9*"), None);
         assert_eq!(base64("Z"), None);
+    }
+
+    #[test]
+    fn uri_in_another_spelling_names_the_file_that_is_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, textures) = (folder.path().join("a.gltf"), folder.path().join("textures"));
+        std::fs::create_dir(&textures).unwrap();
+        for name in ["a b.png", "50%25.png"] {
+            std::fs::write(textures.join(name), "").unwrap();
+        }
+        let found = |uri| beside(&file, uri);
+        assert_eq!(found("textures\\a%20b.png"), Some(textures.join("a b.png")));
+        assert_eq!(found("textures/50%25.png"), Some(textures.join("50%25.png")));
+        assert_eq!(found("textures\\none.png"), Some(folder.path().join("textures\\none.png")));
+        for elsewhere in ["C:\\t.png", "C:/t.png", "\\dev\\zero", "/dev/zero", "https://a.org/t.png", "data:,"] {
+            assert_eq!(found(elsewhere), None, "{elsewhere}");
+        }
     }
 
     #[test]

@@ -15,11 +15,14 @@ pub(super) enum Assembly {
 }
 
 /// Three indices per triangle, with the winding of the first. Triangles of a strip or fan that repeat a vertex are left
-/// out: they only join pieces.
-pub(super) fn triangles(assembly: Assembly, indices: Vec<u32>) -> Vec<u32> {
+/// out: they only join pieces. So are corners of a list that make no whole triangle.
+pub(super) fn triangles(assembly: Assembly, mut indices: Vec<u32>) -> Vec<u32> {
     let keep = |t: &[u32; 3]| t[0] != t[1] && t[1] != t[2] && t[0] != t[2];
     match assembly {
-        Assembly::List => indices,
+        Assembly::List => {
+            indices.truncate(indices.len() / 3 * 3);
+            indices
+        }
         Assembly::Strip => indices
             .windows(3)
             .enumerate()

@@ -1,20 +1,15 @@
 //! Opens a glTF file and reads its buffers; every look-up in it is checked.
 
+use std::borrow::Cow;
+use std::cell::{OnceCell, RefCell};
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-use super::bytes::{self, MAX_FILE_BYTES};
-use super::schema::{Accessor, Root};
-use super::{SceneError, schema};
+use serde_json::Value;
 
-/// The supported extensions.
-pub(super) const EXTENSIONS: [&str; 5] = [
-    "KHR_lights_punctual",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_unlit",
-    "KHR_mesh_quantization",
-    "KHR_texture_transform",
-];
+use super::bytes::{self, MAX_FILE_BYTES};
+use super::schema::{Accessor, ExtensionNames, Head, Root};
+use super::{SceneError, extension, schema};
 
 /// An accessor without a buffer view takes no space in the file, so its length is limited.
 const MAX_COUNT_WITHOUT_BYTES: usize = 1 << 20;
@@ -23,18 +18,31 @@ const MAX_COUNT_WITHOUT_BYTES: usize = 1 << 20;
 pub(super) struct Gltf {
     pub file: PathBuf,
     pub json: Root,
-    buffers: Vec<Vec<u8>>,
+    /// The binary chunk of a GLB container, until it is taken for the first buffer.
+    chunk: RefCell<Option<Vec<u8>>>,
+    /// Each is read at its first use.
+    buffers: Vec<OnceCell<Vec<u8>>>,
 }
 
 impl Gltf {
     pub fn open(file: &Path, needed_by: Option<&Path>) -> Result<Self, SceneError> {
         let bytes = bytes::read(file, needed_by)?;
-        let (json, binary) = bytes::split_glb(file, &bytes)?;
-        let json: Root = serde_json::from_slice(json)
-            .map_err(|e| SceneError::bad(file, "the glTF JSON", e, "glTF 2.0 as its specification has it"))?;
-        let mut gltf = Self { file: file.to_owned(), json, buffers: Vec::new() };
-        gltf.check_version()?;
-        gltf.read_buffers(binary)?;
+        let (json, chunk) = bytes::split_glb(file, &bytes)?;
+        let json = bytes::without_byte_order_mark(json);
+        // The version first: the JSON of another one has other types.
+        if let Ok(Head { asset }) = serde_json::from_slice(json) {
+            check_version(file, &asset.version)?;
+        }
+        let parsed = serde_json::from_slice(json)
+            .or_else(|error| serde_json::from_slice(&with_plain_integers(json)).map_err(|_| error));
+        let json: Root = parsed.map_err(|error| {
+            let found = bytes::other_kind(&bytes).map_or_else(|| error.to_string(), str::to_owned);
+            SceneError::bad(file, "the glTF JSON", found, "glTF 2.0 as its specification has it")
+        })?;
+        check_version(file, &json.asset.version)?;
+        let buffers = json.buffers.iter().map(|_| OnceCell::new()).collect();
+        let gltf = Self { file: file.to_owned(), json, chunk: RefCell::new(chunk.map(<[u8]>::to_vec)), buffers };
+        gltf.check_required_extensions()?;
         Ok(gltf)
     }
 
@@ -42,7 +50,7 @@ impl Gltf {
     pub fn files(&self) -> impl Iterator<Item = PathBuf> {
         let images = self.json.images.iter().filter_map(|image| image.uri.as_deref());
         let uris = self.json.buffers.iter().filter_map(|buffer| buffer.uri.as_deref()).chain(images);
-        let named = uris.filter(|uri| !uri.starts_with("data:")).map(|uri| bytes::beside(&self.file, uri));
+        let named = uris.filter_map(|uri| bytes::beside(&self.file, uri));
         std::iter::once(self.file.clone()).chain(named)
     }
 
@@ -61,47 +69,55 @@ impl Gltf {
         list.get(index).ok_or_else(|| self.bad(what, index, format!("an index into {} {list_name}", list.len())))
     }
 
-    fn check_version(&self) -> Result<(), SceneError> {
-        let version = &self.json.asset.version;
-        if version.split('.').next() != Some("2") {
-            return Err(self.bad("asset.version", format!("{version:?}"), "2.0"));
-        }
-        match self.json.extensions_required.iter().find(|name| !EXTENSIONS.contains(&name.as_str())) {
-            Some(name) => Err(self.bad("extensionsRequired", name, EXTENSIONS.join(", "))),
-            None => Ok(()),
-        }
+    fn check_required_extensions(&self) -> Result<(), SceneError> {
+        let Some(name) = self.json.extensions_required.iter().find(|name| !extension::is_supported(name)) else {
+            return Ok(());
+        };
+        let accepted = extension::with_conversion(extension::SUPPORTED.join(", "), name, &self.file);
+        Err(self.bad("extensionsRequired", name, accepted))
     }
 
-    fn read_buffers(&mut self, mut binary: Option<&[u8]>) -> Result<(), SceneError> {
-        let mut total = 0u64;
-        for (i, buffer) in self.json.buffers.iter().enumerate() {
-            let what = format!("buffers[{i}]");
-            let mut bytes = match (&buffer.uri, binary.take()) {
-                (Some(uri), _) => bytes::resolve(&self.file, &format!("{what}.uri"), uri)?,
-                (None, Some(chunk)) => chunk.to_vec(),
-                (None, None) => {
-                    return Err(self.bad(what, "neither a uri nor a binary chunk", "one of them"));
-                }
-            };
-            if bytes.len() < buffer.byte_length {
-                let found = format!("{} bytes", bytes.len());
-                return Err(self.bad(what, found, format!("{} bytes, its byteLength", buffer.byte_length)));
-            }
-            bytes.truncate(buffer.byte_length);
-            total += bytes.len() as u64;
-            if total > MAX_FILE_BYTES {
-                return Err(self.bad(what, format!("{total} bytes in all"), format!("up to {MAX_FILE_BYTES}")));
-            }
-            self.buffers.push(bytes);
+    /// The error of a part of the file whose content is in an unsupported extension, if it names one.
+    pub fn only_in_extension(&self, what: &str, extensions: &ExtensionNames, accepted: &str) -> Result<(), SceneError> {
+        let Some(name) = extensions.keys().find(|name| !extension::is_supported(name)) else { return Ok(()) };
+        let found = format!("its content in {name} only, which is not supported");
+        Err(self.bad(what, found, extension::with_conversion(accepted, name, &self.file)))
+    }
+
+    /// The bytes of a buffer, which `what` names.
+    fn buffer(&self, index: usize, what: &str) -> Result<&[u8], SceneError> {
+        let buffer = self.get(&self.json.buffers, "buffers", index, what)?;
+        if let Some(bytes) = self.buffers[index].get() {
+            return Ok(bytes);
         }
-        Ok(())
+        let what = format!("buffers[{index}]");
+        let chunk = if index == 0 && buffer.uri.is_none() { self.chunk.take() } else { None };
+        let mut bytes = match (&buffer.uri, chunk) {
+            (Some(uri), _) => bytes::resolve(&self.file, &format!("{what}.uri"), uri)?,
+            (None, Some(chunk)) => chunk,
+            (None, None) => {
+                self.only_in_extension(&what, &buffer.extensions, "a uri or a binary chunk")?;
+                return Err(self.bad(what, "neither a uri nor a binary chunk", "one of them"));
+            }
+        };
+        if bytes.len() < buffer.byte_length {
+            let found = format!("{} bytes", bytes.len());
+            return Err(self.bad(what, found, format!("{} bytes, its byteLength", buffer.byte_length)));
+        }
+        bytes.truncate(buffer.byte_length);
+        let held: usize = self.buffers.iter().filter_map(OnceCell::get).map(Vec::len).sum();
+        let total = (held + bytes.len()) as u64;
+        if total > MAX_FILE_BYTES {
+            return Err(self.bad(what, format!("{total} bytes in all"), format!("up to {MAX_FILE_BYTES}")));
+        }
+        Ok(self.buffers[index].get_or_init(|| bytes))
     }
 
     /// All bytes of a buffer view and its stride, 0 if its elements are contiguous.
     pub fn view(&self, index: usize, what: &str) -> Result<(&[u8], usize), SceneError> {
         let view = self.get(&self.json.buffer_views, "bufferViews", index, what)?;
         let what = format!("bufferViews[{index}]");
-        let buffer = self.get(&self.buffers, "buffers", view.buffer, format!("{what}.buffer"))?;
+        let buffer = self.buffer(view.buffer, &format!("{what}.buffer"))?;
         let bytes = view.byte_offset.checked_add(view.byte_length).and_then(|end| buffer.get(view.byte_offset..end));
         let bytes = bytes.ok_or_else(|| {
             let found = format!("{} bytes from byte {}", view.byte_length, view.byte_offset);
@@ -115,9 +131,26 @@ impl Gltf {
         }
     }
 
-    /// The accessor's elements as numbers; `what` is the place that names it. Missing components up to N are set to
-    /// `fill`. Normalized integers become -1 to 1 (glTF 2.0, section 3.6.2.2); a number that is not finite is an error.
+    /// The accessor's elements as finite numbers; see [`Self::numbers`].
     pub fn floats<const N: usize>(
+        &self,
+        index: usize,
+        what: &str,
+        shapes: &[&str],
+        fill: f32,
+    ) -> Result<Vec<[f32; N]>, SceneError> {
+        let rows = self.numbers(index, what, shapes, fill)?;
+        for (row, values) in rows.iter().enumerate() {
+            if let Some(bad) = values.iter().find(|v| !v.is_finite()) {
+                return Err(self.bad(format!("{what} (accessors[{index}], element {row})"), bad, "finite numbers"));
+            }
+        }
+        Ok(rows)
+    }
+
+    /// The accessor's elements as numbers; `what` is the place that names it. Missing components up to N are set to
+    /// `fill`. Normalized integers become -1 to 1 (glTF 2.0, section 3.6.2.2).
+    pub fn numbers<const N: usize>(
         &self,
         index: usize,
         what: &str,
@@ -127,17 +160,14 @@ impl Gltf {
         let accessor = self.accessor(index, what, shapes)?;
         let elements = self.elements(index, accessor, what)?;
         let component = elements.component;
-        if accessor.normalized && matches!(component, Component::F32 | Component::U32) {
+        if accessor.normalized && component == Component::U32 {
             return Err(self.bad(what, "normalized 32-bit numbers", "normalized numbers of 8 or 16 bits"));
         }
         let mut rows = Vec::with_capacity(elements.count);
-        for (row, element) in elements.bytes.chunks_exact(elements.size).enumerate() {
+        for element in elements.bytes.chunks_exact(elements.size) {
             let mut values = [fill; N];
             for (value, bytes) in values.iter_mut().zip(element.chunks_exact(component.size())) {
                 *value = component.number(bytes, accessor.normalized);
-            }
-            if let Some(bad) = values.iter().find(|v| !v.is_finite()) {
-                return Err(self.bad(format!("{what} (accessors[{index}], element {row})"), bad, "finite numbers"));
             }
             rows.push(values);
         }
@@ -166,6 +196,12 @@ impl Gltf {
     /// The number of elements that an accessor declares; nothing is read.
     pub fn count(&self, index: usize, what: &str) -> Result<usize, SceneError> {
         Ok(self.get(&self.json.accessors, "accessors", index, what)?.count)
+    }
+
+    /// Whether the file has bytes for an accessor, which otherwise is all zeros.
+    pub fn has_bytes(&self, index: usize, what: &str) -> Result<bool, SceneError> {
+        let accessor = self.get(&self.json.accessors, "accessors", index, what)?;
+        Ok(accessor.buffer_view.is_some() || accessor.sparse.is_some())
     }
 
     fn accessor(&self, index: usize, what: &str, shapes: &[&str]) -> Result<&Accessor, SceneError> {
@@ -243,6 +279,52 @@ impl Gltf {
     }
 }
 
+fn check_version(file: &Path, version: &Value) -> Result<(), SceneError> {
+    let version = version.as_str().map_or_else(|| version.to_string(), str::to_owned);
+    match version.split('.').next() {
+        Some("2") => Ok(()),
+        Some("1") => Err(bytes::old_gltf(file, "asset.version", format!("glTF {version}"))),
+        _ => Err(SceneError::bad(file, "asset.version", format!("{version:?}"), "2.0")),
+    }
+}
+
+/// JSON in which integers that are written as `4.0` or `4e0` are written as `4`; JSON does not tell them apart
+/// (RFC 8259, section 6), but what reads it here does.
+fn with_plain_integers(json: &[u8]) -> Cow<'_, [u8]> {
+    /// Above it not every integer is a number of double precision.
+    const MAX_EXACT: f64 = 9_007_199_254_740_992.0;
+    let mut out = Vec::new();
+    let (mut copied, mut at) = (0, 0);
+    while let Some(&byte) = json.get(at) {
+        let start = at;
+        if byte == b'"' {
+            at += 1;
+            while json.get(at).is_some_and(|&b| b != b'"') {
+                at += if json[at] == b'\\' { 2 } else { 1 };
+            }
+            at += 1;
+        } else if byte.is_ascii_digit() || byte == b'-' {
+            while json.get(at).is_some_and(|b| b"+-.eE".contains(b) || b.is_ascii_digit()) {
+                at += 1;
+            }
+            let number = str::from_utf8(&json[start..at]).ok().filter(|text| text.contains(['.', 'e', 'E']));
+            let value = number.and_then(|text| text.parse::<f64>().ok());
+            if let Some(value) = value.filter(|v| v.fract() == 0.0 && (0.0..=MAX_EXACT).contains(v)) {
+                out.extend_from_slice(&json[copied..start]);
+                out.extend_from_slice((value as u64).to_string().as_bytes());
+                copied = at;
+            }
+        } else {
+            at += 1;
+        }
+    }
+    if copied == 0 {
+        return Cow::Borrowed(json);
+    }
+    out.extend_from_slice(&json[copied..]);
+    Cow::Owned(out)
+}
+
 struct Elements {
     bytes: Vec<u8>,
     component: Component,
@@ -257,6 +339,7 @@ fn components(shape: &str) -> usize {
         "VEC2" => 2,
         "VEC3" => 3,
         "VEC4" => 4,
+        "MAT4" => 16,
         _ => 1,
     }
 }
@@ -317,7 +400,17 @@ impl Component {
 
 #[cfg(test)]
 mod tests {
-    use super::Component;
+    use super::{Component, with_plain_integers};
+
+    #[test]
+    fn integers_written_as_floats_become_integers_outside_strings() {
+        let json = br#"{"count": 4.0, "n\"4.0": "4.0", "list": [2e0, -1.0, 0.5, 1e300, 12, 1.0]}"#;
+        let expected = r#"{"count": 4, "n\"4.0": "4.0", "list": [2, -1.0, 0.5, 1e300, 12, 1]}"#;
+        assert_eq!(String::from_utf8_lossy(&with_plain_integers(json)), expected);
+        for open in ["\"4.0", "\"\\", "-", "4.0.0"] {
+            assert_eq!(*with_plain_integers(open.as_bytes()), *open.as_bytes());
+        }
+    }
 
     #[test]
     fn integers_become_numbers_as_gltf_says() {

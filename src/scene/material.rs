@@ -88,7 +88,10 @@ impl Reader<'_> {
                 // Above 1 everything is cut off, as the file asks.
                 Ok(Alpha::Mask(self.factor(cutoff, f32::MAX, &format!("{what}.alphaCutoff"))?))
             }
-            Some(other) => Err(self.gltf.bad(format!("{what}.alphaMode"), other, "OPAQUE, MASK or BLEND")),
+            Some(other) => {
+                self.warn(format!("{what}.alphaMode is {other:?}, none of OPAQUE, MASK and BLEND: OPAQUE is used"));
+                Ok(Alpha::Opaque)
+            }
         }
     }
 
@@ -103,7 +106,8 @@ impl Reader<'_> {
         let place = format!("textures[{}]", info.index);
         let texture = gltf.get(&gltf.json.textures, "textures", info.index, format!("{what}.index"))?;
         let Some(image) = texture.source else {
-            self.warn(format!("{place} has no PNG or JPEG source: ignored"));
+            gltf.only_in_extension(&place, &texture.extensions, "a source that is PNG or JPEG")?;
+            self.warn(format!("{place} has no source: ignored"));
             return Ok(None);
         };
         let transform = info.extensions.transform.as_ref();
@@ -122,7 +126,7 @@ impl Reader<'_> {
             Some(i) => gltf.get(&gltf.json.samplers, "samplers", i, format!("{place}.sampler"))?,
             None => &default,
         };
-        let (wrap, smooth, mipmaps) = self.sampling(sampler, &format!("{place}.sampler"))?;
+        let (wrap, smooth, mipmaps) = self.sampling(sampler, &format!("{place}.sampler"));
         let key = (image, srgb, wrap, smooth, mipmaps);
         let texture = match self.textures.get(&key) {
             Some(&known) => known,
@@ -137,29 +141,28 @@ impl Reader<'_> {
         Ok(Some(TextureUse { texture, uv_set, transform: rows }))
     }
 
-    /// Wrap modes, whether magnification is smooth, whether minification uses mipmaps.
-    fn sampling(&self, sampler: &schema::Sampler, what: &str) -> Result<([Wrap; 2], bool, bool), SceneError> {
-        let wrap = |code: Option<u32>| match code {
-            None | Some(10497) => Ok(Wrap::Repeat),
-            Some(33648) => Ok(Wrap::Mirror),
-            Some(33071) => Ok(Wrap::Clamp),
-            Some(other) => {
-                Err(self.gltf.bad(format!("{what}.wrap"), other, "10497 (repeat), 33648 (mirror) or 33071 (clamp)"))
+    /// Wrap modes, whether magnification is smooth, whether minification uses mipmaps. An unknown code is the default,
+    /// with a warning.
+    fn sampling(&mut self, sampler: &schema::Sampler, what: &str) -> ([Wrap; 2], bool, bool) {
+        let mut known = |key: &str, code: Option<u32>, codes: &[u32]| {
+            let code = code?;
+            if codes.contains(&code) {
+                return Some(code);
             }
+            let codes: Vec<_> = codes.iter().map(u32::to_string).collect();
+            self.warn(format!("{what}.{key} is {code}, none of {}: the default is used", codes.join(", ")));
+            None
         };
-        let smooth = match sampler.mag_filter {
-            None | Some(9729) => true,
-            Some(9728) => false,
-            Some(other) => return Err(self.gltf.bad(format!("{what}.magFilter"), other, "9728 or 9729")),
+        let mut wrap = |key, code| match known(key, code, &[10497, 33071, 33648]) {
+            Some(33648) => Wrap::Mirror,
+            Some(33071) => Wrap::Clamp,
+            _ => Wrap::Repeat,
         };
-        let mipmaps = match sampler.min_filter {
-            None | Some(9984..=9987) => true,
-            Some(9728 | 9729) => false,
-            Some(other) => {
-                return Err(self.gltf.bad(format!("{what}.minFilter"), other, "9728, 9729 or 9984 to 9987"));
-            }
-        };
-        Ok(([wrap(sampler.wrap_s)?, wrap(sampler.wrap_t)?], smooth, mipmaps))
+        let wraps = [wrap("wrapS", sampler.wrap_s), wrap("wrapT", sampler.wrap_t)];
+        let smooth = known("magFilter", sampler.mag_filter, &[9728, 9729]) != Some(9728);
+        let codes = [9728, 9729, 9984, 9985, 9986, 9987];
+        let mipmaps = !matches!(known("minFilter", sampler.min_filter, &codes), Some(9728 | 9729));
+        (wraps, smooth, mipmaps)
     }
 
     fn image(&mut self, index: usize, what: &str) -> Result<Rgba, SceneError> {

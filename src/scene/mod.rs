@@ -8,6 +8,7 @@ mod describe;
 pub mod document;
 mod edit;
 mod error;
+mod extension;
 mod geometry;
 mod gltf;
 mod heading;
@@ -22,9 +23,11 @@ mod model;
 mod models;
 mod nodes;
 mod overlap;
+mod panorama;
 mod picture;
 mod place;
 mod reader;
+mod rest;
 mod scene_file;
 mod schema;
 
@@ -46,7 +49,8 @@ pub use place::Size;
 
 /// The pixels of a Radiance panorama: width, height, linear light row by row. Otherwise what is wrong with it.
 pub fn panorama_of(hdr: &[u8]) -> Result<(u32, u32, Vec<[f32; 3]>), String> {
-    picture::hdr_of(hdr).map_err(|(found, accepted)| format!("{found}; accepted is {accepted}"))
+    let panorama::Light { width, height, rgb } = panorama::radiance_of(hdr).map_err(|problem| problem.to_string())?;
+    Ok((width, height, rgb))
 }
 
 /// How a panorama stands on a world's up: takes its axes (y up, −z in the middle) to the world's.

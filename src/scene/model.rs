@@ -1,17 +1,20 @@
 //! From one glTF file to meshes, materials, textures and lights, in the file's own coordinates.
 
 use std::collections::HashMap;
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 use std::path::Path;
 use std::rc::Rc;
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec3};
 
+use super::extension;
 use super::geometry::{self, Assembly};
-use super::gltf::{EXTENSIONS, Gltf};
+use super::gltf::Gltf;
 use super::loader::{Loader, MAX_PARTS};
 use super::models::{LightKind, Model, ModelLight};
 use super::reader::Reader;
+use super::rest::Rest;
 use super::schema::{Light, Primitive};
 use super::{Mesh, Part, SceneError, Vertex, nodes};
 
@@ -45,6 +48,7 @@ fn read(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -> Result<Mo
         textures: HashMap::new(),
         images: HashMap::new(),
         meshes: HashMap::new(),
+        skins: HashMap::new(),
     };
     reader.say_what_is_ignored();
     reader.read()
@@ -58,65 +62,74 @@ impl Reader<'_> {
 
     fn say_what_is_ignored(&mut self) {
         let json = &self.gltf.json;
-        for (kind, count) in
-            [("animation", json.animations.len()), ("skinning", json.skins.len()), ("a camera", json.cameras.len())]
-        {
+        for (kind, count) in [("animation", json.animations.len()), ("a camera", json.cameras.len())] {
             if count > 0 {
                 self.warn(format!("{kind} is not supported: ignored"));
             }
         }
-        for name in json.extensions_used.iter().filter(|name| !EXTENSIONS.contains(&name.as_str())) {
-            self.warn(format!("the extension {name} is not supported: ignored"));
+        for name in json.extensions_used.iter().filter(|name| !extension::is_supported(name)) {
+            let text = format!("the extension {name} is not supported: ignored");
+            self.warn(extension::with_conversion(text, name, &self.gltf.file));
         }
     }
 
     fn read(mut self) -> Result<Model, SceneError> {
         let gltf = self.gltf;
         let (mut parts, mut lights) = (Vec::new(), Vec::new());
-        for (index, model_from_node) in nodes::placed(gltf)? {
+        let tree = nodes::placed(gltf)?;
+        tree.warnings.into_iter().for_each(|warning| self.warn(warning));
+        let nodes = tree.nodes.iter().copied();
+        let joint_places = if gltf.json.skins.is_empty() { HashMap::new() } else { nodes.collect() };
+        for &(index, model_from_node) in &tree.nodes {
             let node = &gltf.json.nodes[index];
             if let Some(mesh) = node.mesh {
-                if model_from_node.matrix3.determinant() == 0.0 {
+                let what = format!("nodes[{index}].mesh");
+                let rest = self.rest(mesh, index, &joint_places, &what)?;
+                // glTF 2.0, section 3.7.3.1: only the joints place a skinned mesh.
+                let model_from_mesh = if rest.skin.is_some() { DAffine3::IDENTITY } else { model_from_node };
+                if model_from_mesh.matrix3.determinant() == 0.0 {
                     self.warn(format!("nodes[{index}] is scaled to nothing along an axis: its mesh is left out"));
                 } else {
-                    let meshes = self.mesh(mesh, &format!("nodes[{index}].mesh"))?;
+                    let meshes = self.mesh(mesh, &rest, &what)?;
                     if parts.len() + meshes.len() > MAX_PARTS {
                         return Err(gltf.bad("nodes", "more placed meshes", format!("up to {MAX_PARTS}")));
                     }
-                    parts.extend(meshes.into_iter().map(|mesh| Part { mesh, world_from_mesh: model_from_node }));
+                    parts.extend(meshes.into_iter().map(|mesh| Part { mesh, world_from_mesh: model_from_mesh }));
                 }
             }
             if let Some(light) = &node.extensions.light {
                 let what = format!("nodes[{index}].extensions.KHR_lights_punctual.light");
-                let light = gltf.get(&gltf.json.extensions.lights.lights, "lights", light.light, &what)?;
-                lights.push(self.light(light, model_from_node, &what)?);
+                let list = &gltf.json.extensions.lights.lights;
+                let light = gltf.get(list, "lights", light.light, &what);
+                match light.and_then(|light| self.light(light, model_from_node, &what)) {
+                    Ok(light) => lights.push(light),
+                    Err(error) => self.loader.warn_as_it_is(format!("{error}; this light is left out")),
+                }
             }
         }
         Ok(Model { parts, lights })
     }
 
     /// The scene's meshes for a mesh of the file, one per primitive.
-    fn mesh(&mut self, index: usize, what: &str) -> Result<Vec<usize>, SceneError> {
-        if let Some(known) = self.meshes.get(&index) {
+    fn mesh(&mut self, index: usize, rest: &Rest<'_>, what: &str) -> Result<Vec<usize>, SceneError> {
+        let key = (index, rest.key);
+        if let Some(known) = self.meshes.get(&key) {
             return Ok(known.clone());
         }
         let gltf = self.gltf;
         let mut meshes = Vec::new();
         for (i, primitive) in gltf.get(&gltf.json.meshes, "meshes", index, what)?.primitives.iter().enumerate() {
-            if let Some(mesh) = self.primitive(primitive, &format!("meshes[{index}].primitives[{i}]"))? {
+            if let Some(mesh) = self.primitive(primitive, rest, &format!("meshes[{index}].primitives[{i}]"))? {
                 self.loader.scene.meshes.push(Arc::new(mesh));
                 meshes.push(self.loader.scene.meshes.len() - 1);
             }
         }
-        self.meshes.insert(index, meshes.clone());
+        self.meshes.insert(key, meshes.clone());
         Ok(meshes)
     }
 
-    fn primitive(&mut self, primitive: &Primitive, what: &str) -> Result<Option<Mesh>, SceneError> {
+    fn primitive(&mut self, primitive: &Primitive, rest: &Rest<'_>, what: &str) -> Result<Option<Mesh>, SceneError> {
         let gltf = self.gltf;
-        if !primitive.targets.is_empty() {
-            self.warn("morphing is not supported: ignored".to_owned());
-        }
         let assembly = match primitive.mode.unwrap_or(4) {
             4 => Assembly::List,
             5 => Assembly::Strip,
@@ -131,13 +144,17 @@ impl Reader<'_> {
             self.warn(format!("{what} has no POSITION: ignored"));
             return Ok(None);
         };
-        let vertices = gltf.count(position, &format!("{what}.attributes.POSITION"))?;
+        let position_place = place(what, "POSITION");
+        if !gltf.has_bytes(position, &position_place)? {
+            gltf.only_in_extension(what, &primitive.extensions, "positions in an accessor with a bufferView")?;
+        }
+        let vertices = gltf.count(position, &position_place)?;
         let corners = match primitive.indices {
             Some(index) => gltf.count(index, &format!("{what}.indices"))?,
             None => vertices,
         };
         if assembly == Assembly::List && corners % 3 != 0 {
-            return Err(gltf.bad(format!("{what}.indices"), format!("{corners} corners"), "three a triangle"));
+            self.warn(format!("{what}: the last of {corners} corners make no triangle: left out"));
         }
         let material = self.material(primitive.material, &format!("{what}.material"))?;
         let unlit = self.loader.scene.materials[material].unlit;
@@ -153,6 +170,7 @@ impl Reader<'_> {
             None => (0..vertices.len() as u32).collect(),
         };
         let mut indices = geometry::triangles(assembly, indices);
+        rest.apply(gltf, primitive, &mut vertices, &mut indices, what)?;
         if indices.is_empty() {
             self.warn(format!("{what} has no triangles: ignored"));
             return Ok(None);
@@ -174,7 +192,7 @@ impl Reader<'_> {
     }
 
     /// The attributes of all vertices; normals of unit length or zero.
-    fn vertices(&self, primitive: &Primitive, position: usize, what: &str) -> Result<Vec<Vertex>, SceneError> {
+    fn vertices(&mut self, primitive: &Primitive, position: usize, what: &str) -> Result<Vec<Vertex>, SceneError> {
         let attributes = &primitive.attributes;
         let positions = self.gltf.floats::<3>(position, &place(what, "POSITION"), &["VEC3"], 0.0)?;
         let count = positions.len();
@@ -196,8 +214,9 @@ impl Reader<'_> {
         Ok(positions.into_iter().enumerate().map(vertex).collect())
     }
 
+    /// An attribute other than the position. A number that is not finite is 0, with a warning.
     fn attribute<const N: usize>(
-        &self,
+        &mut self,
         index: Option<usize>,
         what: &str,
         name: &str,
@@ -210,7 +229,13 @@ impl Reader<'_> {
         if found != count {
             return Err(self.gltf.bad(what, format!("{found} elements"), format!("{count}, as POSITION")));
         }
-        Ok(Some(self.gltf.floats(index, &what, shapes, 1.0)?))
+        let mut rows = self.gltf.numbers(index, &what, shapes, 1.0)?;
+        let odd = rows.as_flattened_mut().iter_mut().filter(|value| !value.is_finite());
+        let odd = odd.map(|value| *value = 0.0).count();
+        if odd > 0 {
+            self.warn(format!("{what}: {odd} numbers are not finite: 0 is used"));
+        }
+        Ok(Some(rows))
     }
 
     /// Tangents if the material has a normal map, otherwise none.
@@ -251,9 +276,10 @@ impl Reader<'_> {
         }
     }
 
-    fn light(&self, light: &Light, model_from_light: DAffine3, what: &str) -> Result<ModelLight, SceneError> {
+    fn light(&mut self, light: &Light, model_from_light: DAffine3, what: &str) -> Result<ModelLight, SceneError> {
+        let gltf = self.gltf;
         let bad = |key: &str, found: &dyn std::fmt::Display, accepted: &str| {
-            self.gltf.bad(format!("{what} → {key}"), found, accepted)
+            gltf.bad(format!("{what} → {key}"), found, accepted)
         };
         let color = Vec3::from(light.color.unwrap_or([1.0; 3])) * light.intensity.unwrap_or(1.0);
         if !color.is_finite() || color.min_element() < 0.0 {
@@ -268,11 +294,18 @@ impl Reader<'_> {
             "point" => LightKind::Point { range_m, spot: None },
             "spot" => {
                 let inner = light.spot.inner_cone_angle.unwrap_or(0.0);
-                let outer = light.spot.outer_cone_angle.unwrap_or(std::f32::consts::FRAC_PI_4);
-                if !(0.0 <= inner && inner < outer && outer <= std::f32::consts::FRAC_PI_2 + 1e-6) {
-                    return Err(bad("spot", &format!("inner {inner}, outer {outer}"), "0 ≤ inner < outer ≤ π/2"));
+                let outer = light.spot.outer_cone_angle.unwrap_or(FRAC_PI_4);
+                let widest = outer.clamp(0.0, FRAC_PI_2);
+                let angles = [inner.clamp(0.0, widest), widest].map(|angle| angle as f32);
+                // Exporters round π/2.
+                if !(0.0 <= inner && inner < outer && outer <= FRAC_PI_2 + 1e-6) {
+                    let [inner_used, outer_used] = angles;
+                    self.warn(format!(
+                        "{what} → spot: inner {inner}, outer {outer}, which are not 0 ≤ inner < outer ≤ π/2: \
+                         {inner_used} and {outer_used} are used"
+                    ));
                 }
-                LightKind::Point { range_m, spot: Some([inner, outer]) }
+                LightKind::Point { range_m, spot: Some(angles) }
             }
             other => return Err(bad("type", &other, "directional, point or spot")),
         };
@@ -283,12 +316,12 @@ impl Reader<'_> {
     }
 }
 
-fn place(what: &str, attribute: &str) -> String {
+pub(super) fn place(what: &str, attribute: &str) -> String {
     format!("{what}.attributes.{attribute}")
 }
 
 /// Unit direction and a side of exactly ±1; zero if the file's tangent has no length.
-fn unit_tangent([x, y, z, side]: [f32; 4]) -> [f32; 4] {
+pub(super) fn unit_tangent([x, y, z, side]: [f32; 4]) -> [f32; 4] {
     match Vec3::new(x, y, z).try_normalize() {
         Some(direction) => direction.extend(if side < 0.0 { -1.0 } else { 1.0 }).to_array(),
         None => [0.0; 4],

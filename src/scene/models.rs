@@ -45,8 +45,14 @@ pub struct Models {
     pub(super) panoramas: HashMap<PathBuf, (Stamp, Panorama)>,
 }
 
-/// Width, height, and linear colours row by row.
-pub(super) type Panorama = (u32, u32, Arc<Vec<[f32; 3]>>);
+/// Linear colours row by row.
+#[derive(Clone, Debug)]
+pub(super) struct Panorama {
+    pub width: u32,
+    pub height: u32,
+    pub rgb: Arc<Vec<[f32; 3]>>,
+    pub warning: Option<String>,
+}
 
 /// What tells whether a file is still the same.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,8 +69,9 @@ impl Stamp {
         Self { file: file.to_owned(), modified, length: found.map(|m| m.len()) }
     }
 
+    /// A file that is needed by nothing may be missing, then and now.
     pub fn is_fresh(&self) -> bool {
-        self.length.is_some() && *self == Self::of(&self.file)
+        *self == Self::of(&self.file)
     }
 }
 

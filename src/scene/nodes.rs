@@ -9,81 +9,97 @@ use super::schema::Node;
 /// Depth of nesting.
 const MAX_DEPTH: usize = 512;
 
-/// The nodes of the file's scene, each with its transform in the model. A node with two parents, a cycle or more than
-/// 512 levels is an error.
-pub(super) fn placed(gltf: &Gltf) -> Result<Vec<(usize, DAffine3)>, SceneError> {
+/// The nodes of the file's scene.
+pub(super) struct Tree {
+    /// Each with its transform in the model, parents before their children.
+    pub nodes: Vec<(usize, DAffine3)>,
+    pub warnings: Vec<String>,
+}
+
+/// A node that is to be placed.
+struct Step {
+    index: usize,
+    parent: Option<usize>,
+    level: usize,
+    model_from_parent: DAffine3,
+}
+
+/// Places the nodes of the file's scene. A node with two parents, a cycle or more than 512 levels is an error. Nodes
+/// outside the scene are not checked.
+pub(super) fn placed(gltf: &Gltf) -> Result<Tree, SceneError> {
     let nodes = &gltf.json.nodes;
-    let parents = parents(gltf)?;
-    let (roots, place) = roots(gltf, &parents)?;
-    let mut open: Vec<(usize, DAffine3)> = Vec::with_capacity(roots.len());
-    let mut is_root = vec![false; nodes.len()];
-    for index in roots {
-        gltf.get(nodes, "nodes", index, &place)?;
-        if let Some(parent) = parents[index] {
-            return Err(gltf.bad(place, format!("{index}, a child of nodes[{parent}]"), "nodes without a parent"));
-        }
-        if std::mem::replace(&mut is_root[index], true) {
-            return Err(gltf.bad(place, format!("{index} twice"), "each node once"));
-        }
-        open.push((index, DAffine3::IDENTITY));
-    }
-    open.reverse();
+    let (roots, place, warnings) = roots(gltf)?;
+    let step = |index| Step { index, parent: None, level: 1, model_from_parent: DAffine3::IDENTITY };
+    let mut open: Vec<Step> = roots.into_iter().rev().map(step).collect();
     let mut placed = Vec::new();
-    while let Some((index, model_from_parent)) = open.pop() {
+    let mut is_placed = vec![false; nodes.len()];
+    let mut parents = vec![None; nodes.len()];
+    while let Some(Step { index, parent, level, model_from_parent }) = open.pop() {
+        let above = |start: usize| std::iter::successors(Some(start), |&node| parents[node]);
+        let children_of = |node: usize| format!("nodes[{node}].children");
+        if std::mem::replace(&mut is_placed[index], true) {
+            if parent.is_some_and(|parent| above(parent).any(|node| node == index)) {
+                return Err(gltf.bad(format!("nodes[{index}]"), "a node below itself", "a tree"));
+            }
+            let other = parents[index].map_or(place.clone(), |other| format!("nodes[{other}]"));
+            let found = format!("{index}, which is a child of {other} already");
+            return Err(gltf.bad(parent.map_or(place, children_of), found, "one parent for each node"));
+        }
+        if level > MAX_DEPTH {
+            let found = format!("more than {MAX_DEPTH} nodes above it");
+            return Err(gltf.bad(format!("nodes[{index}]"), found, format!("up to {MAX_DEPTH} levels")));
+        }
+        parents[index] = parent;
         let node = &nodes[index];
         let model_from_node = model_from_parent * local(gltf, node, index)?;
         if !model_from_node.is_finite() {
             return Err(gltf.bad(format!("nodes[{index}]"), "a place that is not finite", "finite numbers"));
         }
         placed.push((index, model_from_node));
-        open.extend(node.children.iter().rev().map(|&child| (child, model_from_node)));
-    }
-    Ok(placed)
-}
-
-/// Each node's parent, after checking all of them.
-fn parents(gltf: &Gltf) -> Result<Vec<Option<usize>>, SceneError> {
-    let nodes = &gltf.json.nodes;
-    let mut parents = vec![None; nodes.len()];
-    for (i, node) in nodes.iter().enumerate() {
-        for &child in &node.children {
-            let what = format!("nodes[{i}].children");
-            gltf.get(nodes, "nodes", child, &what)?;
-            if let Some(other) = parents[child] {
-                let found = format!("{child}, which is a child of nodes[{other}] already");
-                return Err(gltf.bad(what, found, "one parent for each node"));
-            }
-            parents[child] = Some(i);
+        for &child in node.children.iter().rev() {
+            gltf.get(nodes, "nodes", child, children_of(index))?;
+            let (parent, level) = (Some(index), level + 1);
+            open.push(Step { index: child, parent, level, model_from_parent: model_from_node });
         }
     }
-    for start in 0..nodes.len() {
-        let (mut at, mut depth) = (start, 1);
-        while let Some(parent) = parents[at] {
-            if parent == start {
-                return Err(gltf.bad(format!("nodes[{start}]"), "a node below itself", "a tree"));
-            }
-            if depth == MAX_DEPTH {
-                let found = format!("more than {MAX_DEPTH} nodes above it");
-                return Err(gltf.bad(format!("nodes[{start}]"), found, format!("up to {MAX_DEPTH} levels")));
-            }
-            (at, depth) = (parent, depth + 1);
-        }
-    }
-    Ok(parents)
+    Ok(Tree { nodes: placed, warnings })
 }
 
-/// The roots of the scene to show, and the name of their list.
-fn roots(gltf: &Gltf, parents: &[Option<usize>]) -> Result<(Vec<usize>, String), SceneError> {
+/// The roots of the scene to show, each once, the name of their list, and what is odd about them.
+fn roots(gltf: &Gltf) -> Result<(Vec<usize>, String, Vec<String>), SceneError> {
     let json = &gltf.json;
-    let index = match json.scene {
-        Some(index) => index,
-        None if json.scenes.is_empty() => {
-            return Ok(((0..parents.len()).filter(|&i| parents[i].is_none()).collect(), "nodes".to_owned()));
+    let mut parents = vec![None; json.nodes.len()];
+    for (i, node) in json.nodes.iter().enumerate() {
+        for &child in &node.children {
+            if let Some(parent) = parents.get_mut(child) {
+                *parent = Some(i);
+            }
         }
-        None => 0,
-    };
+    }
+    if json.scene.is_none() && json.scenes.is_empty() {
+        let roots = (0..parents.len()).filter(|&i| parents[i].is_none()).collect();
+        return Ok((roots, "nodes".to_owned(), Vec::new()));
+    }
+    let index = json.scene.unwrap_or(0);
     let scene = gltf.get(&json.scenes, "scenes", index, "scene")?;
-    Ok((scene.nodes.clone(), format!("scenes[{index}].nodes")))
+    let place = format!("scenes[{index}].nodes");
+    let mut roots = Vec::with_capacity(scene.nodes.len());
+    let mut warnings = Vec::new();
+    let mut is_listed = vec![false; parents.len()];
+    for &root in &scene.nodes {
+        gltf.get(&json.nodes, "nodes", root, &place)?;
+        if std::mem::replace(&mut is_listed[root], true) {
+            warnings.push(format!("{place} has {root} twice: it is placed once"));
+            continue;
+        }
+        if let Some(parent) = parents[root] {
+            warnings.push(format!(
+                "{place} has {root}, a child of nodes[{parent}]: it is placed without that node's transform"
+            ));
+        }
+        roots.push(root);
+    }
+    Ok((roots, place, warnings))
 }
 
 /// A node's own transform: its matrix, or translation · rotation · scale.

@@ -1,11 +1,15 @@
 //! The state while a glTF file is read into a scene.
 
 use std::collections::HashMap;
+use std::rc::Rc;
+
+use glam::DAffine3;
 
 use super::Wrap;
 use super::gltf::Gltf;
 use super::loader::Loader;
 use super::picture::Rgba;
+use super::rest::RestKey;
 
 /// Uses of an image with the same key share one [`super::Texture`].
 pub(super) type TextureKey = (usize, bool, [Wrap; 2], bool, bool);
@@ -17,5 +21,7 @@ pub(super) struct Reader<'a> {
     pub materials: HashMap<Option<usize>, usize>,
     pub textures: HashMap<TextureKey, usize>,
     pub images: HashMap<usize, Rgba>,
-    pub meshes: HashMap<usize, Vec<usize>>,
+    pub meshes: HashMap<(usize, RestKey), Vec<usize>>,
+    /// Joint matrices by skin; `None` for a skin that cannot be used.
+    pub skins: HashMap<usize, Option<Rc<Vec<DAffine3>>>>,
 }

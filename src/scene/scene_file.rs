@@ -9,8 +9,10 @@ use super::document::{Instance, LampTable, LightTable, PlacedModel, Scale, Scene
 use super::edit;
 use super::light::{DEFAULT_WHITE_LX, SUN_RAD, default_lighting};
 use super::loader::Loader;
+use super::models::Panorama;
+use super::panorama::Light;
 use super::place::{Placement, Size, turn_up};
-use super::{Environment, EnvironmentMap, LitBy, Object, PointLight, SceneError, Sun, model, picture};
+use super::{Environment, EnvironmentMap, LitBy, Object, PointLight, SceneError, Sun, model, panorama};
 
 /// Puts the contents of a scene file into the loader. `file` is named in errors, and models are found relative to it.
 pub(super) fn read(
@@ -229,10 +231,14 @@ fn environment(
         return Err(SceneError::bad(file, "light.environment_rotation_deg", degrees, "a finite number"));
     }
     let path = file.parent().unwrap_or(Path::new("")).join(name);
-    let (width, height, rgb) = loader.panorama(&path, || {
-        picture::decode_hdr(&path, file).map(|(width, height, rgb)| (width, height, Arc::new(rgb)))
+    let Panorama { width, height, rgb, warning } = loader.panorama(&path, || {
+        let (Light { width, height, rgb }, warning) = panorama::read(&path, file)?;
+        Ok(Panorama { width, height, rgb: Arc::new(rgb), warning })
     })?;
     loader.scene.files.push(path.clone());
+    if let Some(warning) = warning {
+        loader.warn(&path, warning);
+    }
     if width != 2 * height {
         loader.warn(&path, format!("{width}×{height} pixels: a whole panorama is twice as wide as high"));
     }

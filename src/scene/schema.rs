@@ -3,11 +3,13 @@
 //! Written here rather than taken from a crate: the existing one panics on references out of range and truncates
 //! indices to 32 bits before they can be checked.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::marker::PhantomData;
 
 use serde::de::{Error, IgnoredAny, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
+use serde_json::Value;
 
 /// Entries of the lists whose entries are many in large models, and of the others.
 const MANY: usize = 1 << 20;
@@ -69,14 +71,26 @@ pub(super) struct Root {
     pub scene: Option<usize>,
     pub extensions: RootExtensions,
     pub animations: Vec<IgnoredAny>,
-    pub skins: Vec<IgnoredAny>,
+    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
+    pub skins: Vec<Skin>,
     pub cameras: Vec<IgnoredAny>,
+}
+
+/// The names of extensions, where their content is not read.
+pub(super) type ExtensionNames = BTreeMap<String, IgnoredAny>;
+
+/// The start of the file, which any version of glTF has.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Head {
+    pub asset: Asset,
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Asset {
-    pub version: String,
+    /// `"2.0"`; some files have a number.
+    pub version: Value,
 }
 
 #[derive(Debug, Deserialize)]
@@ -84,6 +98,8 @@ pub(super) struct Asset {
 pub(super) struct Buffer {
     pub byte_length: usize,
     pub uri: Option<String>,
+    #[serde(default)]
+    pub extensions: ExtensionNames,
 }
 
 #[derive(Debug, Deserialize)]
@@ -148,6 +164,8 @@ pub(super) struct Sampler {
 pub(super) struct Texture {
     pub sampler: Option<usize>,
     pub source: Option<usize>,
+    #[serde(default)]
+    pub extensions: ExtensionNames,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -223,6 +241,9 @@ pub(super) struct TextureTransform {
 #[derive(Debug, Deserialize)]
 pub(super) struct Mesh {
     pub primitives: Vec<Primitive>,
+    /// Of the morph targets, where the node has none.
+    #[serde(default)]
+    pub weights: Vec<f32>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -232,7 +253,18 @@ pub(super) struct Primitive {
     pub material: Option<usize>,
     pub mode: Option<u32>,
     #[serde(default)]
-    pub targets: Vec<IgnoredAny>,
+    pub targets: Vec<Target>,
+    #[serde(default)]
+    pub extensions: ExtensionNames,
+}
+
+/// A morph target. Displacements of tangents are not read.
+#[derive(Debug, Deserialize)]
+pub(super) struct Target {
+    #[serde(rename = "POSITION")]
+    pub position: Option<usize>,
+    #[serde(rename = "NORMAL")]
+    pub normal: Option<usize>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -249,6 +281,14 @@ pub(super) struct Attributes {
     pub uv1: Option<usize>,
     #[serde(rename = "COLOR_0")]
     pub color: Option<usize>,
+    #[serde(rename = "JOINTS_0")]
+    pub joints0: Option<usize>,
+    #[serde(rename = "JOINTS_1")]
+    pub joints1: Option<usize>,
+    #[serde(rename = "WEIGHTS_0")]
+    pub weights0: Option<usize>,
+    #[serde(rename = "WEIGHTS_1")]
+    pub weights1: Option<usize>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -256,12 +296,22 @@ pub(super) struct Attributes {
 pub(super) struct Node {
     pub children: Vec<usize>,
     pub mesh: Option<usize>,
+    pub skin: Option<usize>,
+    /// Of the mesh's morph targets, instead of the mesh's own.
+    pub weights: Option<Vec<f32>>,
     pub matrix: Option<[f32; 16]>,
     pub translation: Option<[f32; 3]>,
     /// x, y, z, w.
     pub rotation: Option<[f32; 4]>,
     pub scale: Option<[f32; 3]>,
     pub extensions: NodeExtensions,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Skin {
+    pub joints: Vec<usize>,
+    pub inverse_bind_matrices: Option<usize>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -298,7 +348,7 @@ pub(super) struct Lights {
 
 #[derive(Debug, Deserialize)]
 pub(super) struct Light {
-    #[serde(rename = "type")]
+    #[serde(rename = "type", default)]
     pub kind: String,
     pub color: Option<[f32; 3]>,
     pub intensity: Option<f32>,
@@ -310,6 +360,6 @@ pub(super) struct Light {
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Spot {
-    pub inner_cone_angle: Option<f32>,
-    pub outer_cone_angle: Option<f32>,
+    pub inner_cone_angle: Option<f64>,
+    pub outer_cone_angle: Option<f64>,
 }

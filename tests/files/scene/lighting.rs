@@ -73,16 +73,41 @@ fn a_model_s_light_moves_with_it_and_white_lx_scales_it() {
 }
 
 #[test]
-fn lights_that_cannot_be_are_refused() {
+fn light_that_cannot_be_is_left_out_and_the_model_stays() {
     for (light, word) in [
         (json!({ "type": "area" }), "area"),
+        (json!({ "intensity": 1 }), "directional, point or spot"),
         (json!({ "type": "point", "intensity": -1 }), "color · intensity"),
         (json!({ "type": "point", "range": 0 }), "range"),
-        (json!({ "type": "spot", "spot": { "innerConeAngle": 0.9, "outerConeAngle": 0.2 } }), "inner 0.9"),
     ] {
-        let error = with_light(light).load().expect_err(word).to_string();
-        assert!(error.contains(word), "{error}");
+        let scene = with_light(light).load().unwrap();
+        assert_eq!((scene.meshes.len(), scene.lighting.points.len()), (1, 0), "{word}");
+        let [warning] = &scene.warnings[..] else { panic!("{:?}", scene.warnings) };
+        assert!(warning.contains(word) && warning.ends_with("this light is left out"), "{warning}");
     }
+    let mut model = with_light(json!({ "type": "point" }));
+    model.json["nodes"][1]["extensions"]["KHR_lights_punctual"]["light"] = json!(7);
+    let warnings = model.load().unwrap().warnings;
+    assert!(warnings[0].contains("found 7") && warnings[0].contains("left out"), "{warnings:?}");
+}
+
+#[test]
+fn spot_whose_inner_angle_is_not_below_the_outer_has_a_hard_edge() {
+    for (inner, outer, used) in [(0.5, 0.5, [0.5, 0.5]), (0.9, 0.25, [0.25, 0.25]), (0.0, 2.0, [0.0, 1.570_796_4])] {
+        let spot = json!({ "type": "spot", "spot": { "innerConeAngle": inner, "outerConeAngle": outer } });
+        let scene = with_light(spot).load().unwrap();
+        assert_eq!(scene.lighting.points[0].spot.unwrap().1.to_array(), used);
+        assert!(scene.warnings[0].contains(&format!("inner {inner}, outer {outer}")), "{:?}", scene.warnings);
+    }
+}
+
+#[test]
+fn spot_whose_angles_differ_in_double_precision_alone_is_in_order() {
+    let angles = json!({ "innerConeAngle": 0.089_681_029, "outerConeAngle": 0.089_681_029_319_763_18 });
+    let scene = with_light(json!({ "type": "spot", "spot": angles })).load().unwrap();
+    assert_eq!(scene.lighting.points[0].spot.unwrap().1.to_array(), [0.089_681_03; 2]);
+    // Nothing but the darkness around is told.
+    assert!(scene.warnings.len() == 1 && scene.warnings[0].contains("no light from around"), "{:?}", scene.warnings);
 }
 
 #[test]
@@ -181,4 +206,101 @@ fn panoramas_that_are_too_large_or_cut_off_are_refused() {
     std::fs::write(folder.path().join("room.hdr"), "#?RADIANCE\n".to_owned() + &"A=1\n".repeat(20_000)).unwrap();
     let error = load(&path, None).unwrap_err().to_string();
     assert!(error.contains("found no empty line in the first 65536 bytes"), "{error}");
+}
+
+/// A triangle lit by a panorama of these bytes, and the panorama's pixels.
+fn lit_by(name: &str, panorama: &[u8]) -> (Result<Scene, String>, Vec<[f32; 3]>) {
+    let folder = tempfile::tempdir().unwrap();
+    write_triangle(folder.path());
+    std::fs::write(folder.path().join(name), panorama).unwrap();
+    let path = folder.path().join("scene.toml");
+    let text = format!("version = 1\nobjects = [{{ model = 'triangle.glb' }}]\n[light]\nenvironment = '{name}'");
+    std::fs::write(&path, text).unwrap();
+    let scene = load(&path, None).map_err(|error| error.to_string());
+    let rgb = match scene.as_ref().map(|scene| &scene.lighting.environment) {
+        Ok(Environment::Map(map)) => map.rgb.to_vec(),
+        _ => Vec::new(),
+    };
+    (scene, rgb)
+}
+
+/// Two pixels, (1, 0.5, 0.25) and half of that, after any header.
+fn radiance(header: &str) -> Vec<u8> {
+    [header.as_bytes(), b"-Y 1 +X 2\n", &[128, 64, 32, 129, 128, 64, 32, 128]].concat()
+}
+
+#[test]
+fn radiance_exposure_and_colour_correction_divide_the_light() {
+    for (header, first) in [
+        ("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2.0\n\n", [0.5, 0.25, 0.125]),
+        ("#?RADIANCE\nEXPOSURE= 2\nEXPOSURE=0.125\n\n", [4.0, 2.0, 1.0]),
+        ("#?RADIANCE\nCOLORCORR=2 1 0.5\nCOLORCORR= 1 2 1\nEXPOSURE=0.5\n\n", [1.0, 0.5, 1.0]),
+        // A comment, and a line of a picture that this one was made from.
+        ("#?RADIANCE\n#EXPOSURE=9\n\tEXPOSURE=9\n\n", [1.0, 0.5, 0.25]),
+    ] {
+        let (scene, rgb) = lit_by("room.hdr", &radiance(header));
+        assert_eq!(rgb, [first, first.map(|v| v / 2.0)], "{header:?}: {:?}", scene.map(|_| ()));
+    }
+    for (header, word) in [
+        ("#?RADIANCE\nEXPOSURE=0\n\n", "EXPOSURE= and a number above 0"),
+        ("#?RADIANCE\nEXPOSURE=bright\n\n", "EXPOSURE=bright"),
+        ("#?RADIANCE\nCOLORCORR=1 2\n\n", "three numbers"),
+        ("#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n", "ra_xyze -r"),
+    ] {
+        let error = lit_by("room.hdr", &radiance(header)).0.unwrap_err();
+        assert!(error.contains("room.hdr") && error.contains(word), "{error}");
+    }
+}
+
+#[test]
+fn radiance_file_of_another_signature_or_line_ending_loads() {
+    for header in [
+        "#?RGBE\nFORMAT=32-bit_rle_rgbe\n\n",
+        "#?RGBE\n# made by\nFORMAT=32-bit_rle_rgbe\n\n",
+        "#?RADIANCE\r\nFORMAT=32-bit_rle_rgbe\r\n\r\n",
+    ] {
+        let (scene, rgb) = lit_by("room.hdr", &radiance(header));
+        assert_eq!(rgb, [[1.0, 0.5, 0.25], [0.5, 0.25, 0.125]], "{header:?}: {:?}", scene.map(|_| ()));
+    }
+}
+
+#[test]
+fn panorama_that_is_a_git_lfs_pointer_is_named_so() {
+    let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 123456\n";
+    let error = lit_by("room.hdr", pointer).0.unwrap_err();
+    assert!(error.contains("room.hdr") && error.contains("`git lfs pull`"), "{error}");
+}
+
+/// An OpenEXR picture of these channels, all zeros but the last one.
+fn openexr(channels: &[&str], window: exr::prelude::IntegerBounds) -> Vec<u8> {
+    use exr::prelude::*;
+    let value = |name: &str, i: usize| if name == "R" { i as f32 } else { -0.5 };
+    let samples = |name: &str| FlatSamples::F32((0..2).map(|i| value(name, i)).collect());
+    let list = channels.iter().map(|name| AnyChannel::new(*name, samples(name))).collect();
+    let layer = Layer::new((2, 1), LayerAttributes::named("a"), Encoding::UNCOMPRESSED, AnyChannels::sort(list));
+    let image = Image::new(ImageAttributes::new(window), layer);
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image.write().non_parallel().to_buffered(&mut bytes).unwrap();
+    bytes.into_inner()
+}
+
+#[test]
+fn openexr_panorama_fills_its_display_window_and_its_odd_values_are_told() {
+    use exr::prelude::IntegerBounds;
+    let (scene, rgb) = lit_by("room.exr", &openexr(&["B", "G", "R"], IntegerBounds::new((-1, 0), (4, 2))));
+    let scene = scene.unwrap();
+    let Environment::Map(map) = &scene.lighting.environment else { panic!("no map") };
+    assert_eq!((map.width, map.height), (4, 2));
+    let mut expected = vec![[0.0; 3]; 8];
+    expected[2] = [1.0, 0.0, 0.0];
+    assert_eq!(rgb, expected);
+    assert!(scene.warnings.len() == 1 && scene.warnings[0].contains("4 of its values"), "{:?}", scene.warnings);
+    let multilayer = openexr(&["View.B", "View.G", "View.R"], IntegerBounds::new((0, 0), (2, 1)));
+    let error = lit_by("room.exr", &multilayer).0.unwrap_err();
+    assert!(error.contains("View.R") && error.contains("not MultiLayer"), "{error}");
+    let error = lit_by("room.exr", &multilayer[..40]).0.unwrap_err();
+    assert!(error.contains("room.exr") && error.contains("do not decode"), "{error}");
+    let huge = openexr(&["B", "G", "R"], IntegerBounds::new((0, 0), (20_000, 10)));
+    let error = lit_by("room.exr", &huge).0.unwrap_err();
+    assert!(error.contains("20000×10 pixels"), "{error}");
 }

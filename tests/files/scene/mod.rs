@@ -2,7 +2,9 @@
 
 mod damaged;
 mod files;
+mod forgiven;
 mod lighting;
 mod models;
 mod refused;
+mod rest_pose;
 mod scene_files;

@@ -80,7 +80,6 @@ fn wrong_kinds() {
         |m| m.json["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]),
         &["KHR_draco_mesh_compression", "KHR_materials_unlit"],
     );
-    refused_json("/accessors/1/count", json!(2), &["2 corners", "three a triangle"]);
 }
 
 #[test]
@@ -105,12 +104,16 @@ fn sparse_elements_out_of_range() {
 fn nodes_that_are_no_tree() {
     refused(|m| m.json["nodes"] = json!([{ "children": [1] }, { "children": [0] }]), &["a node below itself"]);
     refused(|m| m.json["nodes"] = json!([{ "children": [0] }]), &["nodes[0]", "a node below itself"]);
-    refused(
-        |m| m.json["nodes"] = json!([{ "children": [2] }, { "children": [2] }, {}]),
-        &["nodes[1].children", "a child of nodes[0] already"],
-    );
+    let shared = |roots: Value| {
+        move |m: &mut Model| {
+            m.json["nodes"] = json!([{ "children": [2] }, { "children": [2] }, {}]);
+            m.json["scenes"] = json!([{ "nodes": roots }]);
+        }
+    };
+    refused(shared(json!([0, 1])), &["nodes[1].children", "found 2, which is a child of nodes[0] already"]);
+    refused(shared(json!([0, 2])), &["scenes[0].nodes", "found 2, which is a child of nodes[0] already"]);
+    refused(shared(json!([2, 0])), &["nodes[0].children", "found 2, which is a child of scenes[0].nodes already"]);
     refused(|m| m.json["nodes"] = json!([{ "children": [5] }]), &["nodes[0].children", "found 5"]);
-    refused(|m| m.json["scenes"] = json!([{ "nodes": [0, 0] }]), &["scenes[0].nodes", "0 twice"]);
     refused(|m| m.json["scene"] = json!(1), &["scene", "found 1"]);
     let chain: Vec<_> = (0..2000).map(|i| if i < 1999 { json!({ "children": [i + 1] }) } else { json!({}) }).collect();
     refused(|m| m.json["nodes"] = json!(chain), &["more than 512 nodes above it"]);
@@ -165,4 +168,83 @@ fn files_that_are_missing_or_elsewhere() {
     assert!(error.contains(".glb, .gltf or .toml"), "{error}");
     let error = load_scene("version = 1\nobjects = [{ model = \"gone.glb\" }]").expect_err("missing").to_string();
     assert!(error.contains("gone.glb") && error.contains("named in"), "{error}");
+}
+
+/// The model with its shape in an extension alone: accessors without bytes, and the extension at the primitive.
+fn compressed_by_draco(model: &mut Model) {
+    for accessor in model.json["accessors"].as_array_mut().unwrap() {
+        accessor.as_object_mut().unwrap().remove("bufferView");
+    }
+    model.json["extensionsUsed"] = json!(["KHR_draco_mesh_compression"]);
+    model.primitive()["extensions"] = json!({ "KHR_draco_mesh_compression": { "bufferView": 0, "attributes": {} } });
+}
+
+#[test]
+fn shape_in_an_extension_alone_is_refused_with_the_command_that_converts() {
+    refused(
+        compressed_by_draco,
+        &["meshes[0].primitives[0]", "in KHR_draco_mesh_compression only", "`gltf-transform copy ", "-converted.glb`"],
+    );
+    // Meshopt, where the buffer of plain bytes is left out.
+    refused(
+        |m| {
+            m.json["extensionsUsed"] = json!(["EXT_meshopt_compression"]);
+            m.json["buffers"] = json!([{ "byteLength": 8, "uri": "data:;base64,AAAAAAAAAAA=" },
+                { "byteLength": 44, "extensions": { "EXT_meshopt_compression": { "fallback": true } } }]);
+            for view in m.json["bufferViews"].as_array_mut().unwrap() {
+                view["buffer"] = json!(1);
+            }
+        },
+        &["buffers[1]", "in EXT_meshopt_compression only", "`gltf-transform copy "],
+    );
+    // Where the plain accessors are there too, they are taken.
+    let mut model = Model::triangle();
+    model.json["extensionsUsed"] = json!(["KHR_draco_mesh_compression"]);
+    model.primitive()["extensions"] = json!({ "KHR_draco_mesh_compression": { "bufferView": 0, "attributes": {} } });
+    assert_eq!(model.corners(), Model::triangle().corners());
+}
+
+#[test]
+fn unsupported_extension_that_is_required_names_the_command_that_converts() {
+    for (name, command) in [
+        ("KHR_draco_mesh_compression", "gltf-transform copy "),
+        ("EXT_meshopt_compression", "gltf-transform copy "),
+        ("KHR_texture_basisu", "gltf-transform ktxdecompress "),
+        ("EXT_texture_webp", "--formats webp` converts it"),
+    ] {
+        refused(|m| m.json["extensionsRequired"] = json!([name]), &["extensionsRequired", name, command]);
+    }
+}
+
+#[test]
+fn picture_of_an_unsupported_format_names_the_command_that_converts() {
+    refused(|m| m.textured(b"RIFF\x24\0\0\0WEBPVP8 "), &["images[0]", "WebP", "gltf-transform png ", "--formats webp"]);
+    refused(|m| m.textured(b"\xabKTX 20\xbb\r\n\x1a\n\0\0"), &["images[0]", "KTX2", "gltf-transform ktxdecompress "]);
+    refused(
+        |m| {
+            m.textured(&png(1, 1, &[9; 4]));
+            m.json["textures"] = json!([{ "extensions": { "EXT_texture_webp": { "source": 0 } } }]);
+        },
+        &["textures[0]", "in EXT_texture_webp only", "PNG or JPEG", "gltf-transform png "],
+    );
+}
+
+#[test]
+fn file_of_another_kind_is_named_with_the_next_step() {
+    let old = br#"{"asset": {"version": "1.0"}, "accessors": {}, "meshes": {}, "nodes": {}}"#;
+    let mut old_container = b"glTF\x01\0\0\0\x14\0\0\0\0\0\0\0\0\0\0\0".to_vec();
+    old_container.extend([0; 8]);
+    let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 123456\n";
+    let cases: [(&[u8], [&str; 2]); 6] = [
+        (old, ["glTF 1.0", "`gltf-pipeline -i "]),
+        (&old_container, ["glTF 1.0", "`gltf-pipeline -i "]),
+        (pointer, ["a Git LFS pointer", "`git lfs pull`"]),
+        (b"\n<!DOCTYPE html><html>", ["a web page", "download the file itself"]),
+        (b"PK\x03\x04....", ["a ZIP archive", "unpack it"]),
+        (b"Kaydara FBX Binary  \0", ["an FBX file", "Blender"]),
+    ];
+    for (bytes, words) in cases {
+        let error = load_bytes("model.glb", bytes).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains("model.glb") && words.iter().all(|word| error.contains(word)), "{words:?}: {error}");
+    }
 }
