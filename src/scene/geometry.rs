@@ -125,6 +125,14 @@ fn unit_or(v: DVec3, other: DVec3) -> DVec3 {
     if largest > 0.0 && largest.is_finite() { (v / largest).normalize() } else { other }
 }
 
+/// Unit direction and a side of exactly ±1; zero if the file's tangent has no length.
+pub(super) fn unit_tangent([x, y, z, side]: [f32; 4]) -> [f32; 4] {
+    match Vec3::new(x, y, z).try_normalize() {
+        Some(direction) => direction.extend(if side < 0.0 { -1.0 } else { 1.0 }).to_array(),
+        None => [0.0; 4],
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

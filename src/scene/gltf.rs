@@ -279,6 +279,11 @@ impl Gltf {
     }
 }
 
+/// The place of an attribute of a primitive.
+pub(super) fn place(what: &str, attribute: &str) -> String {
+    format!("{what}.attributes.{attribute}")
+}
+
 fn check_version(file: &Path, version: &Value) -> Result<(), SceneError> {
     let version = version.as_str().map_or_else(|| version.to_string(), str::to_owned);
     match version.split('.').next() {

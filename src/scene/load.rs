@@ -81,7 +81,8 @@ fn load_unguarded(path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneEr
         _ => {
             bytes::read(path, None)?; // a missing file is the more useful error
             let found = path.extension().map_or("none".to_owned(), |e| e.to_string_lossy().into_owned());
-            return Err(SceneError::bad(path, "the file's extension", found, ".glb, .gltf or .toml"));
+            let accepted = ".glb, .gltf or .toml; Blender imports other models and exports .glb";
+            return Err(SceneError::bad(path, "the file's extension", found, accepted));
         }
     }
     Ok(loader.scene)

@@ -9,8 +9,8 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3, Vec3};
 
 use super::extension;
-use super::geometry::{self, Assembly};
-use super::gltf::Gltf;
+use super::geometry::{self, Assembly, unit_tangent};
+use super::gltf::{Gltf, place};
 use super::loader::{Loader, MAX_PARTS};
 use super::models::{LightKind, Model, ModelLight};
 use super::reader::Reader;
@@ -313,17 +313,5 @@ impl Reader<'_> {
             return Err(bad("its node", &"a scale of 0", "a light that has a direction"));
         }
         Ok(ModelLight { model_from_light, color, kind })
-    }
-}
-
-pub(super) fn place(what: &str, attribute: &str) -> String {
-    format!("{what}.attributes.{attribute}")
-}
-
-/// Unit direction and a side of exactly ±1; zero if the file's tangent has no length.
-pub(super) fn unit_tangent([x, y, z, side]: [f32; 4]) -> [f32; 4] {
-    match Vec3::new(x, y, z).try_normalize() {
-        Some(direction) => direction.extend(if side < 0.0 { -1.0 } else { 1.0 }).to_array(),
-        None => [0.0; 4],
     }
 }

@@ -6,14 +6,11 @@ use std::rc::Rc;
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
-use super::gltf::Gltf;
-use super::model::{place, unit_tangent};
-use super::reader::Reader;
+use super::geometry::unit_tangent;
+use super::gltf::{Gltf, place};
+use super::reader::{Reader, RestKey};
 use super::schema::{Attributes, Primitive};
 use super::{SceneError, Vertex};
-
-/// What tells one rest pose of a mesh from another: the skin, and the node if it has weights of its own.
-pub(super) type RestKey = (Option<usize>, Option<usize>);
 
 /// The rest pose of a mesh at a node.
 pub(super) struct Rest<'a> {

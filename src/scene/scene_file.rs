@@ -79,7 +79,8 @@ fn place(
 ) -> Result<(), SceneError> {
     let path = file.parent().unwrap_or(Path::new("")).join(&object.model);
     if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf")) {
-        return Err(SceneError::bad(file, format!("{what}.model"), &object.model, "a .glb or .gltf file"));
+        let accepted = "a .glb or .gltf file; Blender imports other models and exports .glb";
+        return Err(SceneError::bad(file, format!("{what}.model"), &object.model, accepted));
     }
     let model = model::load(loader, &path, Some(file))?;
     let model_up = match object.up {
