@@ -5,7 +5,7 @@ use super::noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptio
 use super::warning::Warning;
 use crate::pixels::Pixels;
 use crate::recording::{OpenOptions, Recording};
-use crate::source::still;
+use crate::source::{still, unsupported};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -152,6 +152,11 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, CalibrateError> {
         if is_picture(&path) {
             files.push(path);
         }
+    }
+    if files.is_empty()
+        && let Some(told) = unsupported::told(&unsupported::in_folder(folder))
+    {
+        return Err(failed(told));
     }
     if files.is_empty() {
         return Err(failed(

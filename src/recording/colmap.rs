@@ -14,12 +14,18 @@ use super::parts::{Format, NOMINAL_FPS, Parts, Pictures, folder_of, geometry_fro
 use super::{Landmark, OpenOptions, RecordingError, listing};
 use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
+use crate::source::unsupported;
 use crate::tracking::text::{self, TextError};
-use crate::tracking::tum::{NormNotes, unit_quaternion};
+use crate::tracking::tum::{PoseNotes, unit_quaternion};
 use crate::words::quoted;
 
 const MODELS: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV (with k4 = k5 = k6 = 0), \
                       SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE";
+
+/// The way out for every other model.
+const UNDISTORT: &str = "make pictures without distortion: colmap image_undistorter --image_path IMAGES --input_path \
+                         sparse/0 --output_path NEW, then colmap model_converter --input_path NEW/sparse --output_path \
+                         NEW/sparse --output_type TXT";
 
 const CAMERAS: &str = "cameras.txt";
 const IMAGES: &str = "images.txt";
@@ -59,7 +65,7 @@ fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, Recor
     let (images, odd) = parse_images(&text::read(&images_file)?, &images_file, options.metres_per_unit)?;
     let folder = image_folder(model, path, &images)?;
     let registered: BTreeMap<&str, &Image> = images.iter().map(|image| (image.name.as_str(), image)).collect();
-    let names = frame_names(&folder, &registered)?;
+    let (names, unread) = frame_names(&folder, &registered)?;
 
     let (mut poses, mut geometries, mut landmarks) = (Vec::new(), Vec::new(), Vec::new());
     let mut timestamps_s = Vec::new();
@@ -89,6 +95,7 @@ fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, Recor
         .warnings
         .push(format!("COLMAP keeps no times: frames are taken to follow each other at {NOMINAL_FPS} a second"));
     parts.warnings.extend(odd);
+    parts.warnings.extend(unsupported::told(&unread));
     Ok(parts)
 }
 
@@ -108,8 +115,9 @@ fn parse_camera(mut record: &str) -> Result<(u32, Geometry), String> {
     let model = text::word(&mut record);
     let width = text::number(&mut record, "WIDTH")?;
     let height = text::number(&mut record, "HEIGHT")?;
-    let names = camera_parameters(model)
-        .ok_or_else(|| format!("the camera model `{}` is not supported; accepted are {MODELS}", quoted(model)))?;
+    let names = camera_parameters(model).ok_or_else(|| {
+        format!("the camera model `{}` is not supported; accepted are {MODELS}; {UNDISTORT}", quoted(model))
+    })?;
     let mut values = vec![("width_px", width), ("height_px", height)];
     for name in names {
         let value = text::number(&mut record, name)?;
@@ -118,7 +126,7 @@ fn parse_camera(mut record: &str) -> Result<(u32, Geometry), String> {
             // These are in a denominator.
             "k4" | "k5" | "k6" if model == "FULL_OPENCV" && value == 0.0 => {}
             "k4" | "k5" | "k6" if model == "FULL_OPENCV" => {
-                return Err(format!("FULL_OPENCV with {name} = {value} is not supported; 0 is needed"));
+                return Err(format!("FULL_OPENCV with {name} = {value} is not supported, 0 is needed; {UNDISTORT}"));
             }
             name => values.push((name, value)),
         }
@@ -145,8 +153,8 @@ fn camera_parameters(model: &str) -> Option<&'static [&'static str]> {
 }
 
 /// Two lines per image: the pose, then the points seen in it, of which there may be none.
-fn parse_images(text: &str, file: &Path, metres_per_unit: f64) -> Result<(Vec<Image>, Option<String>), TextError> {
-    let (mut images, mut names, mut odd) = (Vec::new(), BTreeSet::new(), NormNotes::default());
+fn parse_images(text: &str, file: &Path, metres_per_unit: f64) -> Result<(Vec<Image>, Vec<String>), TextError> {
+    let (mut images, mut names, mut odd) = (Vec::new(), BTreeSet::new(), PoseNotes::default());
     let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
     while let Some((line, record)) = lines.next() {
         if record.is_empty() || record.starts_with('#') {
@@ -165,8 +173,8 @@ fn parse_images(text: &str, file: &Path, metres_per_unit: f64) -> Result<(Vec<Im
         })?;
         images.push(Image { landmarks, ..image });
     }
-    let warning = odd.warning(file, images.len());
-    Ok((images, warning))
+    let warnings = odd.warnings(file, images.len());
+    Ok((images, warnings))
 }
 
 fn parse_image(record: &str, line: usize, metres_per_unit: f64) -> Result<(Image, f64), String> {
@@ -221,8 +229,13 @@ fn image_folder(model: &Path, path: &Path, images: &[Image]) -> Result<PathBuf, 
     })
 }
 
-/// The frames: the model's images and the others in the same folders, which have no pose, in the order of their names.
-fn frame_names(folder: &Path, registered: &BTreeMap<&str, &Image>) -> Result<Vec<String>, RecordingError> {
+/// The frames: the model's images and the others in the same folders, which have no pose, in the order of their names. And
+/// the pictures there that are not decoded.
+fn frame_names(
+    folder: &Path,
+    registered: &BTreeMap<&str, &Image>,
+) -> Result<(Vec<String>, Vec<PathBuf>), RecordingError> {
+    let mut unread = Vec::new();
     let mut names: BTreeSet<String> = registered.keys().map(|name| (*name).to_owned()).collect();
     let folders: BTreeSet<&Path> = registered.keys().filter_map(|name| Path::new(name).parent()).collect();
     for inner in folders {
@@ -230,10 +243,11 @@ fn frame_names(folder: &Path, registered: &BTreeMap<&str, &Image>) -> Result<Vec
             let name = file.file_name().map(|name| inner.join(name).to_string_lossy().into_owned());
             names.extend(name);
         }
+        unread.extend(unsupported::in_folder(&folder.join(inner)));
     }
     let mut names: Vec<String> = names.into_iter().collect();
     names.sort_by(|a, b| listing::natural_order(a, b));
-    Ok(names)
+    Ok((names, unread))
 }
 
 #[cfg(test)]

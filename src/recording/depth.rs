@@ -1,14 +1,17 @@
 //! The depth pictures of a recording: which one belongs to a frame, and how it becomes a map of the frame's picture.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
-use super::{RecordingError, listing};
+use super::RecordingError;
 use crate::camera::Geometry;
 use crate::depth::{DepthCamera, enlarged, is_same_view};
 use crate::pixels::DepthMap;
 use crate::source::SourceError;
 use crate::source::still::{self, Header};
+use crate::words::count;
 
 /// How depth pictures are stored, and what they see.
 #[derive(Debug)]
@@ -61,6 +64,23 @@ pub struct Depth {
     confidence: Vec<PathBuf>,
     stored: Stored,
     pub registration: Registration,
+    /// Pictures that could not be decoded, with the reason.
+    undecoded: Mutex<BTreeMap<PathBuf, String>>,
+}
+
+/// Whether an error is that of one picture, whose frame then has no depth. A pipe or a device is refused.
+fn is_of_one_picture(error: &SourceError) -> bool {
+    match error {
+        SourceError::Content { .. } => true,
+        SourceError::Read { source, .. } => source.kind() == ErrorKind::NotFound,
+        _ => false,
+    }
+}
+
+/// The warning that `number` of `all` depth pictures cannot be read, and why the first cannot.
+fn unreadable(number: usize, all: usize, first: &str) -> String {
+    let frames = if number == 1 { "its frames have" } else { "their frames have" };
+    format!("{number} of {} cannot be read, and {frames} no depth (first: {first})", count(all, "depth picture"))
 }
 
 impl Depth {
@@ -71,20 +91,33 @@ impl Depth {
         format!("{codes_per_metre} {unknown_from:?} {camera:?}")
     }
 
-    /// Reads the header of every picture, so that one that is missing is found before the first frame. `size` is the
-    /// frames'. Also gives a warning, where the pictures do not fit the frames.
+    /// Reads the header of every picture. A frame whose depth picture cannot be read has no depth. `size` is the frames'.
+    /// Also returns warnings about pictures that cannot be read or do not fit the frames.
     pub fn new(
-        of_frame: Vec<Option<(f64, PathBuf)>>,
+        mut of_frame: Vec<Option<(f64, PathBuf)>>,
         stored: Stored,
         size: (u32, u32),
-        lists: &[PathBuf],
-    ) -> Result<(Self, Option<String>), RecordingError> {
+    ) -> Result<(Self, Vec<String>), RecordingError> {
         let (mut registration, mut warning) = (Registration::Given, None);
         // One depth picture may serve several frames.
-        let files: BTreeSet<&PathBuf> = of_frame.iter().flatten().map(|(_, file)| file).collect();
+        let files: BTreeSet<PathBuf> = of_frame.iter().flatten().map(|(_, file)| file.clone()).collect();
+        let mut unread: BTreeMap<&PathBuf, String> = BTreeMap::new();
+        let mut confidence = Vec::new();
         for file in &files {
-            let named = |error| listing::named_in(lists, error, files.iter().copied());
-            let Header { width, height, .. } = still::read_header(file).map_err(named)?;
+            let beside = stored.confidence_file(file);
+            let headers = still::read_header(file).and_then(|header| {
+                beside.as_deref().map(still::read_header).transpose()?;
+                Ok(header)
+            });
+            let Header { width, height, .. } = match headers {
+                Ok(header) => header,
+                Err(error) if is_of_one_picture(&error) => {
+                    unread.insert(file, error.to_string());
+                    continue;
+                }
+                Err(error) => return Err(error.into()),
+            };
+            confidence.extend(beside);
             let found = match &stored.camera {
                 Some(camera) if camera.size() != (width, height) => {
                     return Err(RecordingError::content(file, other_size((width, height), camera.size())));
@@ -107,9 +140,20 @@ impl Depth {
                 registration = found;
             }
         }
-        let confidence: Vec<PathBuf> = files.iter().filter_map(|file| stored.confidence_file(file)).collect();
-        confidence.iter().try_for_each(|file| still::read_header(file).map(drop))?;
-        Ok((Self { of_frame, confidence, stored, registration }, warning))
+        for depth in &mut of_frame {
+            depth.take_if(|(_, file)| unread.contains_key(file));
+        }
+        let unreadable = unread.values().next().map(|first| unreadable(unread.len(), files.len(), first));
+        let warnings = unreadable.into_iter().chain(warning).collect();
+        let depth = Self { of_frame, confidence, stored, registration, undecoded: Mutex::default() };
+        Ok((depth, warnings))
+    }
+
+    /// A warning about the pictures that could not be decoded so far.
+    pub fn undecoded(&self) -> Option<String> {
+        let undecoded = self.undecoded.lock().unwrap_or_else(PoisonError::into_inner);
+        let all: BTreeSet<&PathBuf> = self.of_frame.iter().flatten().map(|(_, file)| file).collect();
+        undecoded.values().next().map(|first| unreadable(undecoded.len(), all.len(), first))
     }
 
     pub fn has_any(&self) -> bool {
@@ -121,8 +165,8 @@ impl Depth {
         self.of_frame.iter().flatten().map(|(_, file)| file).chain(&self.confidence).map(PathBuf::as_path)
     }
 
-    /// A frame's depth in its picture of this `size`; `camera` took it. `None` if there is none, or if it was measured
-    /// by a camera of its own and the frames' is not known.
+    /// A frame's depth in its picture of this `size`; `camera` took it. `None` if there is none, if its picture cannot be
+    /// decoded, or if it was measured by a camera of its own and the frames' is not known.
     pub fn read(
         &self,
         frame: usize,
@@ -130,13 +174,30 @@ impl Depth {
         camera: Option<&Geometry>,
     ) -> Result<Option<DepthMap>, SourceError> {
         let Some((time_s, file)) = self.of_frame.get(frame).and_then(Option::as_ref) else { return Ok(None) };
-        let map = self.measured(file, *time_s)?;
+        self.read_file(file, *time_s, size, camera).or_else(|error| {
+            if !is_of_one_picture(&error) {
+                return Err(error);
+            }
+            let mut undecoded = self.undecoded.lock().unwrap_or_else(PoisonError::into_inner);
+            undecoded.insert(file.clone(), error.to_string());
+            Ok(None)
+        })
+    }
+
+    fn read_file(
+        &self,
+        file: &Path,
+        time_s: f64,
+        size: (u32, u32),
+        camera: Option<&Geometry>,
+    ) -> Result<Option<DepthMap>, SourceError> {
+        let map = self.measured(file, time_s)?;
         Ok(match (&self.stored.camera, camera) {
             (Some(_), None) => None,
             (Some(own), Some(camera)) if own.size() == (map.width, map.height) => Some(own.registered(&map, camera)),
             (Some(own), _) => {
                 let problem = other_size((map.width, map.height), own.size());
-                return Err(SourceError::Content { file: file.clone(), problem });
+                return Err(SourceError::Content { file: file.to_owned(), problem });
             }
             (None, _) if (map.width, map.height) != size && is_same_view((map.width, map.height), size) => {
                 Some(enlarged(&map, size.0, size.1))

@@ -22,11 +22,6 @@ pub enum RecordingError {
     Content { file: PathBuf, problem: String },
     #[error("the option {name} = {} is refused: accepted is {accepted}", number(*found))]
     Option { name: &'static str, found: f64, accepted: &'static str },
-    #[error(
-        "frames differ in size: {} is {first_size}, {} is {other_size}; all frames of a recording must be alike",
-        first.display(), other.display()
-    )]
-    SizesDiffer { first: PathBuf, first_size: String, other: PathBuf, other_size: String },
     #[error("frames {start}..{end} are asked for; the recording has 0..{count}")]
     Range { start: usize, end: usize, count: usize },
 }

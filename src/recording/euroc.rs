@@ -1,5 +1,6 @@
-//! A EuRoC MAV folder: `mav0/cam0/data.csv` and `sensor.yaml`, `mav0/state_groundtruth_estimate0/data.csv`. Poses are
-//! the body's in the world (R_RS, p_RS; metres, quaternions w x y z, z up); `T_BS` takes a sensor's axes to the body's.
+//! A EuRoC MAV folder: `mav0/cam0/data.csv` and `sensor.yaml`, `mav0/state_groundtruth_estimate0/data.csv`
+//! (TUM VI: `mav0/mocap0/data.csv`). Poses are the body's in the world (R_RS, p_RS; metres, quaternions w x y z, z up);
+//! `T_BS` takes a sensor's axes to the body's.
 //! Times are in nanoseconds, a picture's at the middle of its exposure; the shutter is global. Pixel centres are at
 //! whole numbers. Source: Burri et al., "The EuRoC micro aerial vehicle datasets", IJRR 2016,
 //! <https://projects.asl.ethz.ch/datasets/doku.php?id=kmavvisualinertialdatasets>.
@@ -19,11 +20,12 @@ use super::{OpenOptions, RecordingError};
 use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
 use crate::tracking::text::{self, TextError};
-use crate::tracking::tum::{NormNotes, ascends, unit_quaternion};
+use crate::tracking::tum::{PoseNotes, ascends, unit_quaternion};
 use crate::words::quoted;
 
 const PICTURES: &str = "cam0/data.csv";
-const TRUTH: &str = "state_groundtruth_estimate0";
+/// Folders of ground truth with full poses, in the order in which they are tried: of EuRoC, of TUM VI, of a Vicon system.
+const TRUTHS: [&str; 3] = ["state_groundtruth_estimate0", "mocap0", "vicon0"];
 
 pub static FORMAT: Format = Format {
     name: "EuRoC MAV",
@@ -49,9 +51,16 @@ fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let camera = Yaml { keys: parse_yaml(&sensor_text), file: &sensor };
     let (geometry, body_from_camera) = (camera.geometry()?, camera.body_from_sensor()?);
 
-    let truth = mav.join(TRUTH).join("data.csv");
+    let truths = TRUTHS.map(|name| mav.join(name).join("data.csv"));
+    let truth = truths.iter().find(|truth| truth.exists()).ok_or_else(|| {
+        let tried = TRUTHS.map(|name| format!("{name}/data.csv")).join(", ");
+        let problem = format!(
+            "holds no ground truth; accepted are {tried}. Poses from elsewhere go into a trajectory, named with the              pictures by a recording.toml"
+        );
+        RecordingError::content(mav, problem)
+    })?;
     let mut described_by = vec![list.clone(), sensor.clone(), truth.clone()];
-    let truth_sensor = mav.join(TRUTH).join("sensor.yaml");
+    let truth_sensor = truth.with_file_name("sensor.yaml");
     // Unless stated otherwise, the ground truth is that of the body itself.
     let body_from_truth = match truth_sensor.exists() {
         true => {
@@ -62,7 +71,7 @@ fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         false => Placed { turn: DQuat::IDENTITY, shift_m: DVec3::ZERO },
     };
     let truth_from_camera = body_from_truth.inverse().after(&body_from_camera);
-    let (poses, odd) = parse_poses(&text::read(&truth)?, &truth, &truth_from_camera)?;
+    let (poses, odd) = parse_poses(&text::read(truth)?, truth, &truth_from_camera)?;
 
     let folder = list.parent().unwrap_or(Path::new("")).join("data");
     let (times_s, names): (Vec<f64>, Vec<String>) = pictures.into_iter().unzip();
@@ -71,7 +80,7 @@ fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let mut parts = Parts::new(&named, Pictures::Stills(files), times_s);
     parts.up = Some(DVec3::Z);
     parts.geometries = vec![Some(geometry); parts.timestamps_s.len()];
-    parts.track = track_from(poses, options.max_gap_s, &truth)?;
+    parts.track = track_from(poses, options.max_gap_s, truth)?;
     parts.described_by = described_by;
     parts.warnings.extend(odd);
     Ok(parts)
@@ -121,8 +130,8 @@ fn parse_pictures(text: &str, list: &Path) -> Result<Vec<(f64, String)>, TextErr
 
 type Poses = Vec<(f64, Pose)>;
 
-fn parse_poses(text: &str, file: &Path, truth_from_camera: &Placed) -> Result<(Poses, Option<String>), TextError> {
-    let (mut poses, mut odd) = (Poses::new(), NormNotes::default());
+fn parse_poses(text: &str, file: &Path, truth_from_camera: &Placed) -> Result<(Poses, Vec<String>), TextError> {
+    let (mut poses, mut odd) = (Poses::new(), PoseNotes::default());
     for (line, record) in text::records(text) {
         let refuse = |problem: String| TextError::line(file, line, problem);
         let (time, rest) = record.split_once(',').unwrap_or((record, ""));
@@ -132,7 +141,11 @@ fn parse_poses(text: &str, file: &Path, truth_from_camera: &Placed) -> Result<(P
         let spaced = rest.replace(',', " ");
         let (mut rest, mut fields) = (spaced.as_str(), [0.0; 7]);
         for (field, name) in fields.iter_mut().zip(["p_x", "p_y", "p_z", "q_w", "q_x", "q_y", "q_z"]) {
-            *field = text::number(&mut rest, name).map_err(refuse)?;
+            *field = text::pose_number(&mut rest, name).map_err(refuse)?;
+        }
+        if fields.iter().any(|field| !field.is_finite()) {
+            odd.lose(format!("line {line}"));
+            continue;
         }
         let [px, py, pz, qw, qx, qy, qz] = fields;
         let (turn, norm_error) = unit_quaternion(DQuat::from_xyzw(qx, qy, qz, qw)).map_err(refuse)?;
@@ -140,8 +153,8 @@ fn parse_poses(text: &str, file: &Path, truth_from_camera: &Placed) -> Result<(P
         let camera = Placed { turn, shift_m: DVec3::new(px, py, pz) }.after(truth_from_camera);
         poses.push((time_s, Pose::from_camera_in_world(camera.shift_m, camera.turn)));
     }
-    let warning = odd.warning(file, poses.len());
-    Ok((poses, warning))
+    let warnings = odd.warnings(file, poses.len());
+    Ok((poses, warnings))
 }
 
 /// Keys with their lines, from 1, and values; inner keys as `T_BS.data`. Anything that is not `key: value` is skipped.
@@ -262,7 +275,7 @@ mod tests {
         // The body is at (1, 2, 3), turned by 90° about z: its x is the world's y. So the camera is at (1, 2.1, 3).
         let line = "#time, p, q\n1403636579763555584, 1, 2, 3, 0.70710678, 0, 0, 0.70710678, 9, 9, 9\n";
         let (poses, odd) = parse_poses(line, Path::new("data.csv"), &camera).unwrap();
-        assert_eq!((poses.len(), odd), (1, None));
+        assert_eq!((poses.len(), odd.len()), (1, 0));
         assert!((poses[0].0 - 1_403_636_579.763_555_6).abs() < 3e-7);
         assert!((poses[0].1.position_in_world_m() - DVec3::new(1.0, 2.1, 3.0)).length() < 1e-7);
         // 2 m ahead, 0.4 m to the right (the world's x), 0.2 m down.

@@ -12,6 +12,7 @@ mod depth;
 mod error;
 mod euroc;
 mod folder;
+mod foreign;
 mod frame_camera;
 mod frames;
 mod listing;
@@ -43,7 +44,8 @@ pub use frames::Frames;
 use crate::camera::Geometry;
 use crate::frame::{FrameExposure, SeenBrightness, interval_s};
 use crate::pose::Pose;
-use crate::source::{SourceError, still};
+use crate::source::video::Presentation;
+use crate::source::{SourceError, still, unsupported};
 use crate::tracking::{NoPose, PoseTrack};
 use depth::Depth;
 pub use parts::Format;
@@ -223,6 +225,24 @@ impl Recording {
         interval_s(timestamps_s, frame, self.frame_interval_s)
     }
 
+    /// All frames' times, unless those of the range are within 2 ms of a steady rate: containers round to a millisecond or so.
+    pub fn times_unless_steady(&self, range: Range<usize>) -> Option<Arc<[f64]>> {
+        const TOLERANCE_S: f64 = 2e-3;
+        let times_s = self.timestamps_s.get(range)?;
+        let first_s = times_s.first()?;
+        let steady_s = (0..).map(|i| first_s + f64::from(i) * self.frame_interval_s);
+        let is_steady = times_s.iter().zip(steady_s).all(|(time_s, steady_s)| (time_s - steady_s).abs() < TOLERANCE_S);
+        (!is_steady).then(|| Arc::clone(&self.timestamps_s))
+    }
+
+    /// How a video's pictures are meant to be shown.
+    pub fn presentation(&self) -> Presentation {
+        match &*self.pictures {
+            Pictures::Stills(_) => Presentation::default(),
+            Pictures::Video(video, _) => video.presentation,
+        }
+    }
+
     /// The share of the virtual layer that is seen in a frame, 0 to 1: below 1 where live let it fade.
     pub fn presence(&self, frame: usize) -> f64 {
         self.presence.get(frame).copied().unwrap_or(1.0)
@@ -314,6 +334,11 @@ impl Recording {
         self.depth.as_ref().is_some_and(|depth| depth.has_any())
     }
 
+    /// A warning about depth pictures that turned out damaged when they were decoded; their frames have no depth.
+    pub fn undecoded_depth(&self) -> Option<String> {
+        self.depth.as_ref()?.undecoded()
+    }
+
     /// How depth is stored, in words that change with it; empty without depth.
     pub fn depth_stored(&self) -> String {
         self.depth.as_ref().map_or_else(String::new, |depth| depth.stored())
@@ -378,7 +403,12 @@ fn find(path: &Path) -> Result<(&'static Format, PathBuf), RecordingError> {
         return Ok(found);
     }
     let binary = colmap::MODELS_AT.iter().any(|at| path.join(at).join("images.bin").exists());
+    let unread = unsupported::by_name(path).filter(|_| path.is_file()).map(|kind| format!("it {}", kind.refusal()));
+    let in_folder =
+        || unsupported::told(&unsupported::in_folder(path)).map(|told| format!("{told}, and no file tells one"));
+    let foreign = foreign::refusal(path).map(str::to_owned).or(unread).or_else(in_folder);
     let found = match path {
+        _ if foreign.is_some() => foreign.as_deref().unwrap_or_default(),
         _ if path.is_file() => "it is a file of another kind (frames or a video alone: name them in a recording.toml)",
         _ if binary => {
             "it holds a binary COLMAP model (`colmap model_converter --output_type TXT` makes a text model of it)"

@@ -2,6 +2,7 @@
 //! with pixel centres at +0.5, depth in millimetres.
 //! Source: <https://docs.nerf.studio/quickstart/data_conventions.html>.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec3};
@@ -17,6 +18,7 @@ use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
 use crate::source::still;
 use crate::tracking::text;
+use crate::tracking::tum::PoseNotes;
 use crate::words::quoted;
 
 const FILE_NAME: &str = "transforms.json";
@@ -46,7 +48,8 @@ struct Transforms {
 #[derive(Deserialize)]
 struct FrameEntry {
     file_path: String,
-    transform_matrix: Vec<Vec<f64>>,
+    /// `None` stands for a number that is not finite.
+    transform_matrix: Vec<Vec<Option<f64>>>,
     depth_file_path: Option<String>,
     #[serde(flatten)]
     camera: Camera,
@@ -58,6 +61,7 @@ struct Camera {
     camera_model: Option<String>,
     is_fisheye: Option<bool>,
     camera_angle_x: Option<f64>,
+    camera_angle_y: Option<f64>,
     fl_x: Option<f64>,
     fl_y: Option<f64>,
     cx: Option<f64>,
@@ -79,6 +83,7 @@ impl Camera {
             camera_model: self.camera_model.or_else(|| all.camera_model.clone()),
             is_fisheye: self.is_fisheye.or(all.is_fisheye),
             camera_angle_x: self.camera_angle_x.or(all.camera_angle_x),
+            camera_angle_y: self.camera_angle_y.or(all.camera_angle_y),
             fl_x: self.fl_x.or(all.fl_x),
             fl_y: self.fl_y.or(all.fl_y),
             cx: self.cx.or(all.cx),
@@ -99,7 +104,11 @@ impl Camera {
         let known = || MODELS.iter().chain(&FISHEYES).chain(&ROUND);
         if let Some(model) = self.camera_model.as_deref().filter(|m| !known().any(|k| k == m)) {
             let names: Vec<_> = known().copied().collect();
-            return Err(format!("camera_model is {}; accepted are {}", quoted(model), names.join(", ")));
+            return Err(format!(
+                "camera_model is {}; accepted are {} (of others, undistort the pictures: colmap image_undistorter)",
+                quoted(model),
+                names.join(", ")
+            ));
         }
         let named = self.camera_model.as_deref().is_some_and(|m| FISHEYES.contains(&m));
         let model = if named || self.is_fisheye == Some(true) { LensModel::OpencvFisheye } else { LensModel::Opencv };
@@ -115,16 +124,21 @@ impl Camera {
             return equirectangular(w as u32, h as u32).map(Some);
         }
         // Ignoring distortion.
-        let from_angle = self.camera_angle_x.map(|angle| match model {
-            LensModel::Opencv => 0.5 * w / (0.5 * angle).tan(),
-            _ => w / angle,
-        });
-        let Some(fl_x) = self.fl_x.or(from_angle) else { return Ok(None) };
+        let from_angle = |angle: Option<f64>, side_px: f64| {
+            angle.map(|angle| match model {
+                LensModel::Opencv => 0.5 * side_px / (0.5 * angle).tan(),
+                _ => side_px / angle,
+            })
+        };
+        let fl_x = self.fl_x.or_else(|| from_angle(self.camera_angle_x, w));
+        let fl_y = self.fl_y.or_else(|| from_angle(self.camera_angle_y, h));
+        // Pixels are square unless both are given.
+        let Some(fl_x) = fl_x.or(fl_y) else { return Ok(None) };
         let values = [
             ("width_px", w),
             ("height_px", h),
             ("fx_px", fl_x),
-            ("fy_px", self.fl_y.unwrap_or(fl_x)),
+            ("fy_px", fl_y.unwrap_or(fl_x)),
             ("cx_px", self.cx.unwrap_or(0.5 * w)),
             ("cy_px", self.cy.unwrap_or(0.5 * h)),
             ("k1", self.k1.unwrap_or(0.0)),
@@ -143,7 +157,7 @@ impl Camera {
     }
 }
 
-const MODELS: [&str; 4] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "perspective"];
+const MODELS: [&str; 6] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "perspective"];
 /// nerfstudio's names for OpenCV's fisheye model.
 const FISHEYES: [&str; 2] = ["OPENCV_FISHEYE", "fisheye"];
 
@@ -151,7 +165,26 @@ const FISHEYES: [&str; 2] = ["OPENCV_FISHEYE", "fisheye"];
 const ROUND: [&str; 2] = ["EQUIRECTANGULAR", "equirectangular"];
 
 fn parse(json: &str, file: &Path) -> Result<Transforms, RecordingError> {
-    serde_json::from_str(json.trim_start_matches('\u{feff}')).map_err(|e| RecordingError::content(file, e))
+    let json = finite_json(json.trim_start_matches('\u{feff}'));
+    serde_json::from_str(&json).map_err(|e| RecordingError::content(file, e))
+}
+
+/// The text with `null` in place of `NaN`, `Infinity` and `-Infinity` outside strings. Python writes those, and JSON has no
+/// such numbers.
+fn finite_json(json: &str) -> Cow<'_, str> {
+    if !json.contains("NaN") && !json.contains("Infinity") {
+        return Cow::Borrowed(json);
+    }
+    let mut finite = String::with_capacity(json.len());
+    for (i, part) in json.replace("\\\"", "\\u0022").split('"').enumerate() {
+        // Every second part is a string.
+        if i % 2 == 1 {
+            finite += &format!("\"{part}\"");
+        } else {
+            finite += &part.replace("-Infinity", "null").replace("Infinity", "null").replace("NaN", "null");
+        }
+    }
+    Cow::Owned(finite)
 }
 
 fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
@@ -165,19 +198,24 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         return Err(RecordingError::content(file, problem));
     }
     let (mut files, mut poses, mut geometries, mut depths) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut timestamps_s, mut odd) = (Vec::new(), PoseNotes::default());
     for (i, frame) in frames.into_iter().enumerate() {
         let time_s = i as f64 / NOMINAL_FPS;
         let refuse = |problem| RecordingError::content(file, format!("frame {}: {problem}", quoted(&frame.file_path)));
         let picture = picture_file(folder, &frame.file_path);
-        poses.push((time_s, pose(&frame.transform_matrix, options.metres_per_unit).map_err(refuse)?));
+        match pose(&frame.transform_matrix, options.metres_per_unit).map_err(refuse)? {
+            Some(pose) => poses.push((time_s, pose)),
+            None => odd.lose(format!("frame {}", quoted(&frame.file_path))),
+        }
+        timestamps_s.push(time_s);
         geometries.push(frame.camera.clone().or(&camera).geometry(&picture).map_err(refuse)?);
         depths.extend(frame.depth_file_path.map(|name| (time_s, folder.join(name))));
         files.push(picture);
     }
-    let timestamps_s = poses.iter().map(|p| p.0).collect();
     let mut parts = Parts::new(folder, Pictures::Stills(files), timestamps_s);
     parts.up = Some(DVec3::Z);
     parts.described_by.push(file.to_owned());
+    parts.warnings = odd.warnings(file, poses.len());
     parts.track = track_from(poses, options.max_gap_s.or(Some(1.5 / NOMINAL_FPS)), file)?;
     parts
         .warnings
@@ -192,17 +230,30 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     Ok(parts)
 }
 
-/// The picture of a name; older synthetic sets leave out `.png`.
+/// The picture of a name, whose extension may be left out, as in older synthetic sets.
 fn picture_file(folder: &Path, name: &str) -> PathBuf {
     let file = folder.join(name);
-    if file.extension().is_none() && !file.exists() { file.with_extension("png") } else { file }
+    if file.exists() {
+        return file;
+    }
+    // A name may hold dots of its own.
+    let with = |ending: &str| folder.join(format!("{name}.{ending}"));
+    ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"].into_iter().map(with).find(|file| file.exists()).unwrap_or(file)
 }
 
-/// The pose of a camera-to-world matrix (3 or 4 rows of 4) with OpenGL's axes.
-fn pose(matrix: &[Vec<f64>], metres_per_unit: f64) -> Result<Pose, String> {
+/// The pose of a camera-to-world matrix (3 or 4 rows of 4) with OpenGL's axes. `None` if it is not finite.
+fn pose(matrix: &[Vec<Option<f64>>], metres_per_unit: f64) -> Result<Option<Pose>, String> {
     let wrong = || "transform_matrix must have 4 rows of 4 numbers, the last 0 0 0 1".to_owned();
-    let rows: Vec<[f64; 4]> =
-        matrix.iter().map(|row| <[f64; 4]>::try_from(row.as_slice())).collect::<Result<_, _>>().map_err(|_| wrong())?;
+    let rows: Vec<[Option<f64>; 4]> =
+        matrix.iter().map(|row| row.as_slice().try_into()).collect::<Result<_, _>>().map_err(|_| wrong())?;
+    if !matches!(rows.len(), 3 | 4) {
+        return Err(wrong());
+    }
+    let is_finite = |value: &Option<f64>| value.is_some_and(f64::is_finite);
+    if !rows.iter().flatten().all(is_finite) {
+        return Ok(None);
+    }
+    let rows: Vec<[f64; 4]> = rows.into_iter().map(|row| row.map(Option::unwrap_or_default)).collect();
     let (a, b, c) = match rows.as_slice() {
         [a, b, c] | [a, b, c, [0.0, 0.0, 0.0, 1.0]] => (a, b, c),
         _ => return Err(wrong()),
@@ -210,7 +261,7 @@ fn pose(matrix: &[Vec<f64>], metres_per_unit: f64) -> Result<Pose, String> {
     let (turn, shift) = rigid([*a, *b, *c]).ok_or_else(|| format!("transform_matrix {NOT_RIGID}"))?;
     // OpenCV's y and z axes are OpenGL's, reversed.
     let world_from_camera = DMat3::from_cols(turn.x_axis, -turn.y_axis, -turn.z_axis);
-    Ok(Pose::from_camera_in_world(shift * metres_per_unit, DQuat::from_mat3(&world_from_camera)))
+    Ok(Some(Pose::from_camera_in_world(shift * metres_per_unit, DQuat::from_mat3(&world_from_camera))))
 }
 
 #[cfg(test)]
@@ -218,30 +269,57 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn row(values: [f64; 4]) -> Vec<Option<f64>> {
+        values.map(Some).to_vec()
+    }
+
     #[test]
     fn opengl_axes_become_opencv_axes() {
         // At (1, 2, 3), unturned: looks along world −z, world y is up in the picture.
-        let m = [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]].map(Vec::from);
+        let m = [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]].map(row);
         for matrix in [&m[..], &m[..3]] {
-            let p = pose(matrix, 2.0).unwrap().transform_point(DVec3::new(2.5, 5.0, 2.0));
+            let p = pose(matrix, 2.0).unwrap().unwrap().transform_point(DVec3::new(2.5, 5.0, 2.0));
             assert!((p - DVec3::new(0.5, -1.0, 4.0)).length() < 1e-12, "{p}");
         }
     }
 
     #[test]
     fn what_is_no_rigid_transform_is_refused() {
-        let good = [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0]].map(Vec::from);
+        let good = [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0]].map(row);
         let with = |row: usize, column: usize, value: f64| {
             let mut m = good.clone();
-            m[row][column] = value;
+            m[row][column] = Some(value);
             pose(&m, 1.0).is_err()
         };
         assert!(!with(0, 0, 1.009), "a rounding error passes");
-        assert!(
-            with(0, 0, 1.02) && with(0, 0, -1.0) && with(0, 1, 0.05) && with(1, 1, f64::NAN) && with(2, 3, f64::NAN)
-        );
+        assert!(with(0, 0, 1.02) && with(0, 0, -1.0) && with(0, 1, 0.05));
         assert!(pose(&good[..2], 1.0).is_err());
-        assert!(pose(&[vec![1.0; 3], vec![1.0; 3], vec![1.0; 3]], 1.0).is_err());
+        assert!(pose(&[vec![Some(1.0); 3], vec![Some(1.0); 3], vec![Some(1.0); 3]], 1.0).is_err());
+    }
+
+    #[test]
+    fn a_matrix_that_is_not_finite_is_a_lost_pose() {
+        let json = r#"{"frames": [{"file_path": "NaN \" Infinity.png", "transform_matrix":
+            [[1, 0, 0, NaN], [0, 1, 0, -Infinity], [0, 0, 1, Infinity], [0, 0, 0, 1]]}]}"#;
+        let t = parse(json, Path::new("t.json")).unwrap();
+        assert_eq!(t.frames[0].file_path, "NaN \" Infinity.png");
+        assert!(pose(&t.frames[0].transform_matrix, 1.0).unwrap().is_none());
+        assert!(pose(&[row([f64::NAN; 4]), row([0.0; 4]), row([0.0; 4])], 1.0).unwrap().is_none());
+    }
+
+    #[test]
+    fn focal_lengths_follow_from_either_angle() {
+        let focal_px = |angles: &str| {
+            let json = format!(r#"{{"w": 64, "h": 48, {angles}, "frames": []}}"#);
+            let t = parse(&json, Path::new("t.json")).unwrap();
+            let i = t.camera.geometry(Path::new("")).unwrap().unwrap().intrinsics;
+            (i.fx_px, i.fy_px)
+        };
+        let (x, y) = (32.0 / 0.5f64.tan(), 24.0 / 0.4f64.tan());
+        assert_eq!(focal_px(r#""camera_angle_x": 1.0, "camera_angle_y": 0.8"#), (x, y));
+        assert_eq!(focal_px(r#""camera_angle_x": 1.0"#), (x, x));
+        assert_eq!(focal_px(r#""camera_angle_y": 0.8"#), (y, y));
+        assert_eq!(focal_px(r#""fl_x": 50, "camera_angle_y": 0.8"#), (50.0, y));
     }
 
     #[test]
@@ -259,6 +337,10 @@ mod tests {
             let camera = Camera { camera_model: Some(name.to_owned()), k4, ..t.camera.clone() };
             camera.geometry(Path::new("")).map(|g| g.unwrap().distortion)
         };
+        for name in ["SIMPLE_RADIAL", "RADIAL"] {
+            let d = model(name, None).unwrap();
+            assert_eq!((d.model, d.k1), (LensModel::Opencv, 0.1));
+        }
         for name in ["OPENCV_FISHEYE", "fisheye"] {
             let d = model(name, Some(0.2)).unwrap();
             assert_eq!((d.model, d.k1, d.k4), (LensModel::OpencvFisheye, 0.1, 0.2));
@@ -271,7 +353,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn arbitrary_text_never_panics(text in "\\PC*", matrix in prop::collection::vec(prop::collection::vec(any::<f64>(), 0..6), 0..6)) {
+        fn arbitrary_text_never_panics(text in "\\PC*", matrix in prop::collection::vec(prop::collection::vec(any::<Option<f64>>(), 0..6), 0..6)) {
             let _ = parse(&text, Path::new("t.json"));
             let _ = pose(&matrix, 1.0);
         }

@@ -13,6 +13,7 @@ use super::{OpenOptions, RecordingError, listing};
 use crate::depth::DepthCamera;
 use crate::document;
 use crate::pose::Pose;
+use crate::source::unsupported;
 use crate::source::video::{self, ColorMatrix, ColorRange, Overrides};
 use crate::tracking::text;
 use crate::tracking::tum::{Trajectory, parse_trajectory};
@@ -197,16 +198,11 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         }
         Ok(text)
     };
-    let (pictures, timestamps_s, presence) = open_frames(&description.frames, folder, file, &mut read)?;
-    let mut parts = Parts::new(folder, pictures, timestamps_s);
-    parts.presence = presence;
+    let frames = open_frames(&description.frames, folder, file, &mut read)?;
+    let mut parts = Parts::new(folder, frames.pictures, frames.timestamps_s);
+    parts.presence = frames.presence;
+    parts.warnings = frames.warnings;
     parts.interval_s = description.live.as_ref().map(|live| live.interval_s);
-    if let Pictures::Video(video, _) = &parts.pictures {
-        parts.warnings.extend(video.warnings.iter().cloned());
-    }
-    if let (Some(_), Pictures::Stills(files)) = (&description.frames.images, &parts.pictures) {
-        parts.warnings.extend(listing::missing_numbers(files));
-    }
     if let Some(name) = description.name {
         parts.name = name;
     }
@@ -256,23 +252,34 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     Ok(parts)
 }
 
-/// The pictures, their times, and what is seen of the layer in each if the list says it.
+/// The frames, by whichever key names them.
+struct OpenedFrames {
+    pictures: Pictures,
+    timestamps_s: Vec<f64>,
+    /// [`Parts::presence`].
+    presence: Vec<f64>,
+    warnings: Vec<String>,
+}
+
 fn open_frames(
     frames: &FrameFiles,
     folder: &Path,
     file: &Path,
     mut read: impl FnMut(&Path) -> Result<String, RecordingError>,
-) -> Result<(Pictures, Vec<f64>, Vec<f64>), RecordingError> {
+) -> Result<OpenedFrames, RecordingError> {
     if let Some(name) = &frames.video {
         let overrides = Overrides { fps: frames.fps, range: frames.range, matrix: frames.matrix };
         let video = video::probe(&folder.join(name), &overrides)?;
-        let timestamps_s = video.timestamps_s.clone();
-        return Ok((Pictures::Video(video, None), timestamps_s, Vec::new()));
+        let (timestamps_s, warnings) = (video.timestamps_s.clone(), video.warnings.clone());
+        return Ok(OpenedFrames {
+            pictures: Pictures::Video(video, None),
+            timestamps_s,
+            presence: Vec::new(),
+            warnings,
+        });
     }
     if let (Some(name), Some(fps)) = (&frames.images, frames.fps) {
-        let files = listing::pictures_in(&folder.join(name))?;
-        let timestamps_s = (0..files.len()).map(|i| i as f64 / fps).collect();
-        return Ok((Pictures::Stills(files), timestamps_s, Vec::new()));
+        return open_images(&folder.join(name), fps);
     }
     let list = frames.list.as_ref().ok_or_else(|| RecordingError::content(file, "[frames] names nothing"))?;
     let list = folder.join(list);
@@ -282,7 +289,23 @@ fn open_frames(
         timestamps_s.push(time_s);
         presence.push(present);
     }
-    Ok((Pictures::Stills(files), timestamps_s, presence))
+    Ok(OpenedFrames { pictures: Pictures::Stills(files), timestamps_s, presence, warnings: Vec::new() })
+}
+
+/// The pictures of a folder at a steady rate. One that is not decoded is no frame, and keeps its place in time.
+fn open_images(folder: &Path, fps: f64) -> Result<OpenedFrames, RecordingError> {
+    let mut files = listing::pictures_in(folder)?;
+    let unread = unsupported::in_folder(folder);
+    let mut warnings: Vec<String> = unsupported::told(&unread).into_iter().collect();
+    if let Some(told) = warnings.first().filter(|_| files.is_empty()) {
+        return Err(RecordingError::content(folder, told));
+    }
+    files.extend(unread.iter().cloned());
+    files.sort_by(|a, b| listing::natural_order(&a.to_string_lossy(), &b.to_string_lossy()));
+    warnings.extend(listing::missing_numbers(&files));
+    let timed = files.into_iter().enumerate().map(|(i, file)| (i as f64 / fps, file));
+    let (timestamps_s, files) = timed.filter(|(_, file)| !unread.contains(file)).unzip();
+    Ok(OpenedFrames { pictures: Pictures::Stills(files), timestamps_s, presence: Vec::new(), warnings })
 }
 
 #[cfg(test)]

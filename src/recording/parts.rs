@@ -13,7 +13,7 @@ use crate::camera::{Distortion, Geometry, Intrinsics, LensModel};
 use crate::frame::{FrameExposure, FrameLens, PhotoSettings};
 use crate::params::{ParamError, Params, Value};
 use crate::pose::Pose;
-use crate::source::exif;
+use crate::source::exif::{self, Exif};
 use crate::source::still::{self, Header};
 use crate::source::video::Video;
 use crate::tracking::{PoseTrack, default_max_gap_s, median_interval_s};
@@ -151,11 +151,11 @@ impl Parts {
         if options.skip_duplicates {
             self.leave_out_repeats()?;
         }
-        let mut warnings = self.warnings;
         if self.timestamps_s.is_empty() {
             return Err(RecordingError::content(&self.path, "the recording has no frames"));
         }
-        let Header { width, height, bits } = common_header(&self.pictures, &self.described_by)?;
+        let Header { width, height, bits } = self.common_header()?;
+        let mut warnings = self.warnings;
         let median_s = || median_interval_s(&self.timestamps_s).filter(|interval_s| *interval_s > 0.0);
         let frame_interval_s = self.interval_s.or_else(median_s).unwrap_or(1.0 / NOMINAL_FPS);
         warnings.extend(irregular_intervals(&self.timestamps_s, frame_interval_s));
@@ -197,8 +197,8 @@ impl Parts {
             let of_frame: Vec<_> =
                 self.timestamps_s.iter().map(|t| listing::nearest(&by_time, *t, reach_s).cloned()).collect();
             associated("depth picture", of_frame.iter().filter(|d| d.is_none()).count());
-            let (found, warning) = Depth::new(of_frame, stored, (width, height), &self.described_by)?;
-            warnings.extend(warning);
+            let (found, odd) = Depth::new(of_frame, stored, (width, height))?;
+            warnings.extend(odd);
             depth = Some(Arc::new(found));
         }
         let photos = photo_settings(&self.pictures, &mut warnings);
@@ -242,6 +242,52 @@ impl Parts {
     }
 }
 
+impl Parts {
+    /// The header that most frames share; the others are left out. For stills, the headers of all files are read.
+    fn common_header(&mut self) -> Result<Header, RecordingError> {
+        let files = match &self.pictures {
+            Pictures::Video(Video { width, height, bits, .. }, _) => {
+                return Ok(Header { width: *width, height: *height, bits: *bits });
+            }
+            Pictures::Stills(files) => files,
+        };
+        let named = |error| listing::named_in(&self.described_by, error, files.iter());
+        let headers: Vec<Header> =
+            files.iter().map(|file| still::read_header(file).map_err(named)).collect::<Result<_, _>>()?;
+        let often = |header: &Header| headers.iter().filter(|other| *other == header).count();
+        let mut kinds: Vec<Header> = Vec::new();
+        for header in &headers {
+            if !kinds.contains(header) {
+                kinds.push(*header);
+            }
+        }
+        // Of two that are as frequent, the first one's.
+        let Some(common) = kinds.iter().rev().max_by_key(|header| often(header)).copied() else {
+            return Err(RecordingError::content(&self.path, "the recording has no frames"));
+        };
+        let differs = headers.iter().position(|header| *header != common);
+        if let Some((file, header)) = differs.and_then(|first| Some((files.get(first)?, headers.get(first)?))) {
+            let text = |h: &Header| format!("{}x{} with {} bits", h.width, h.height, h.bits);
+            self.warnings.push(format!(
+                "left out because most pictures are {}: {} of {} (first: {} is {}); a recording of their own takes them",
+                text(&common),
+                headers.len() - often(&common),
+                words::count(files.len(), "picture"),
+                file.display(),
+                text(header)
+            ));
+            self.keep(&headers.iter().map(|header| *header == common).collect::<Vec<_>>());
+        }
+        match &self.pictures {
+            Pictures::Stills(files) if common.width == 0 || common.height == 0 => {
+                let file = files.first().map_or(self.path.as_path(), PathBuf::as_path);
+                Err(RecordingError::content(file, "the picture has no pixels"))
+            }
+            _ => Ok(common),
+        }
+    }
+}
+
 /// A track of poses; `file` is named in the error if they do not ascend.
 pub fn track_from(poses: Vec<(f64, Pose)>, max_gap_s: Option<f64>, file: &Path) -> Result<PoseTrack, RecordingError> {
     let max_gap_s = max_gap_s.unwrap_or_else(|| default_max_gap_s(poses.iter().map(|p| p.0)));
@@ -272,50 +318,37 @@ pub fn equirectangular(width: u32, height: u32) -> Result<Geometry, String> {
     geometry_from(LensModel::Equirectangular, &sizes).map_err(|e| e.to_string())
 }
 
-/// The header that all frames share. For stills, the headers of all files are read.
-fn common_header(pictures: &Pictures, lists: &[PathBuf]) -> Result<Header, RecordingError> {
-    let files = match pictures {
-        Pictures::Video(Video { width, height, bits, .. }, _) => {
-            return Ok(Header { width: *width, height: *height, bits: *bits });
-        }
-        Pictures::Stills(files) => files,
-    };
-    let mut first: Option<(&PathBuf, Header)> = None;
-    for file in files {
-        let header = still::read_header(file).map_err(|error| listing::named_in(lists, error, files.iter()))?;
-        let (first_file, first_header) = *first.get_or_insert((file, header));
-        if header != first_header {
-            let text = |h: Header| format!("{}x{} with {} bits", h.width, h.height, h.bits);
-            return Err(RecordingError::SizesDiffer {
-                first: first_file.clone(),
-                first_size: text(first_header),
-                other: file.clone(),
-                other_size: text(header),
-            });
-        }
-    }
-    match first {
-        Some((file, Header { width: 0, .. } | Header { height: 0, .. })) => {
-            Err(RecordingError::content(file, "the picture has no pixels"))
-        }
-        Some((_, header)) => Ok(header),
-        None => Err(RecordingError::content(Path::new(""), "the recording has no frames")),
-    }
-}
-
-/// The EXIF settings of each picture, followed by endless empty ones. Damaged EXIF is left out with a warning.
+/// The EXIF settings of each picture, followed by endless empty ones. Damaged EXIF is left out with a warning; so is an
+/// orientation.
 fn photo_settings(pictures: &Pictures, warnings: &mut Vec<String>) -> impl Iterator<Item = PhotoSettings> + use<> {
     let files: &[PathBuf] = match pictures {
         Pictures::Stills(files) => files,
         Pictures::Video(..) => &[],
     };
-    let mut damaged = Vec::new();
-    let mut read = |file: &PathBuf| exif::read_settings(file).map_err(|error| damaged.push(error.to_string()));
-    let photos: Vec<_> = files.iter().map(|file| read(file).unwrap_or_default()).collect();
-    if let Some(first) = damaged.first() {
-        warnings.push(format!("{first}; such data is left out, in {}", words::count(damaged.len(), "picture")));
+    // A file that cannot be read was refused before.
+    let read = |file: &PathBuf| exif::read(file).unwrap_or_default();
+    let photos: Vec<(&PathBuf, Exif)> = files.iter().map(|file| (file, read(file))).collect();
+    let mut damaged = photos.iter().filter_map(|(file, exif)| Some((file, exif.damage.as_ref()?)));
+    if let Some((file, first)) = damaged.next() {
+        let number = words::count(1 + damaged.count(), "picture");
+        warnings.push(format!("{}: {first}; such data is left out, in {number}", file.display()));
     }
-    photos.into_iter().chain(std::iter::repeat(PhotoSettings::default()))
+    let mut turned = photos.iter().filter_map(|(file, exif)| Some((file, exif.orientation?)));
+    if let Some((file, orientation)) = turned.next() {
+        let turn = match orientation {
+            3 => "turned by 180°",
+            6 => "turned by 90° clockwise",
+            8 => "turned by 90° counter-clockwise",
+            _ => "mirrored",
+        };
+        let number = words::count(1 + turned.count(), "picture");
+        warnings.push(format!(
+            "{}: says it should be shown {turn} (EXIF orientation {orientation}); read as stored, in {number} that say so",
+            file.display()
+        ));
+    }
+    let settings: Vec<PhotoSettings> = photos.into_iter().map(|(_, exif)| exif.settings).collect();
+    settings.into_iter().chain(std::iter::repeat(PhotoSettings::default()))
 }
 
 /// The geometry of all frames that have one; `None` if they differ.

@@ -112,7 +112,7 @@ impl Parts {
     }
 
     /// Keeps the frames of which `kept` says so. Poses, depth and exposure stay: they belong to times.
-    fn keep(&mut self, kept: &[bool]) {
+    pub(super) fn keep(&mut self, kept: &[bool]) {
         fn retain<T>(values: &mut Vec<T>, kept: &[bool]) {
             let mut kept = kept.iter();
             values.retain(|_| kept.next().copied().unwrap_or(true));

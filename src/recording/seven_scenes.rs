@@ -22,6 +22,7 @@ use crate::depth::DepthCamera;
 use crate::pose::Pose;
 use crate::source::still;
 use crate::tracking::text::{self, TextError};
+use crate::tracking::tum::PoseNotes;
 
 pub static FORMAT: Format = Format {
     name: "7-Scenes",
@@ -63,11 +64,15 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     // Frames that are missing keep their time.
     let times_s: Vec<f64> = numbers.iter().map(|n| f64::from(n - numbers[0]) / NOMINAL_FPS).collect();
     let (mut poses, mut described_by, mut depths) = (Vec::new(), Vec::new(), Vec::new());
+    let mut odd = PoseNotes::default();
     for (file, time_s) in files.iter().zip(&times_s) {
         let pose = beside(file, ".pose.txt");
         // A frame whose tracking was lost may have none.
         if pose.exists() {
-            poses.push((*time_s, parse_pose(&text::read(&pose)?, &pose)?));
+            match parse_pose(&text::read(&pose)?, &pose)? {
+                Some(found) => poses.push((*time_s, found)),
+                None => odd.lose(pose.file_name().unwrap_or_default().to_string_lossy().into_owned()),
+            }
             described_by.push(pose);
         }
         let depth = beside(file, ".depth.png");
@@ -78,6 +83,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let colour = files.first().map(|file| camera(file, COLOUR_FOCAL_PX)).transpose()?;
     let depth_camera = depths.first().map(|(_, file)| camera(file, DEPTH_FOCAL_PX)).transpose()?;
     let mut parts = Parts::new(folder, Pictures::Stills(files), times_s);
+    parts.warnings = odd.warnings(folder, poses.len());
     parts.track = track_from(poses, options.max_gap_s.or(Some(1.5 / NOMINAL_FPS)), folder)?;
     parts.geometries = vec![colour; parts.timestamps_s.len()];
     parts.depth = depth_camera.map(|camera| {
@@ -115,8 +121,9 @@ fn camera(file: &Path, focal_px: f64) -> Result<Geometry, RecordingError> {
     geometry_from(LensModel::Opencv, &values).map_err(|e| RecordingError::content(file, e))
 }
 
-/// The colour camera's pose, from the depth camera's in the world.
-fn parse_pose(text: &str, file: &Path) -> Result<Pose, RecordingError> {
+/// The colour camera's pose, from the depth camera's in the world. `None` if it is not finite: the data set's way of saying
+/// that tracking was lost.
+fn parse_pose(text: &str, file: &Path) -> Result<Option<Pose>, RecordingError> {
     let mut rows = [[0.0; 4]; 4];
     let mut records = text::records(text);
     for row in &mut rows {
@@ -124,16 +131,19 @@ fn parse_pose(text: &str, file: &Path) -> Result<Pose, RecordingError> {
         let refuse =
             |problem: String| TextError::line(file, line, format!("{problem} (a pose is four rows of four numbers)"));
         for (value, column) in row.iter_mut().zip(["column 1", "column 2", "column 3", "column 4"]) {
-            *value = text::number(&mut rest, column).map_err(refuse)?;
+            *value = text::pose_number(&mut rest, column).map_err(refuse)?;
         }
         text::end(rest).map_err(refuse)?;
+    }
+    if rows.iter().flatten().any(|value| !value.is_finite()) {
+        return Ok(None);
     }
     let [a, b, c, last] = rows;
     let refuse = || RecordingError::content(file, format!("the pose {NOT_RIGID}"));
     let (turn, at_m) = rigid([a, b, c]).filter(|_| last == [0.0, 0.0, 0.0, 1.0]).ok_or_else(refuse)?;
     let world_from_depth = DQuat::from_mat3(&turn).normalize();
     let colour_at_m = at_m + world_from_depth * COLOUR_AT_M;
-    Ok(Pose::from_camera_in_world(colour_at_m, world_from_depth))
+    Ok(Some(Pose::from_camera_in_world(colour_at_m, world_from_depth)))
 }
 
 #[cfg(test)]
@@ -147,7 +157,7 @@ mod tests {
         // The depth camera is at (1, 2, 3) and turned by 90° about z: its x is the world's y. So the colour camera is
         // at (1, 2.025, 3).
         let text = "0 -1 0 1\n1 0 0 2\n0 0 1 3\n0 0 0 1\n";
-        let pose = parse_pose(text, Path::new("a.pose.txt")).unwrap();
+        let pose = parse_pose(text, Path::new("a.pose.txt")).unwrap().unwrap();
         assert!((pose.position_in_world_m() - DVec3::new(1.0, 2.025, 3.0)).length() < 1e-12);
         // 2 m ahead of the depth camera, 0.4 m to its right: f·x/z = 525 · 0.375 / 2 right of the picture's middle.
         let in_depth = DVec3::new(0.4, 0.0, 2.0);
@@ -159,11 +169,19 @@ mod tests {
     }
 
     #[test]
+    fn a_pose_that_is_not_finite_is_lost() {
+        for lost in ["-inf", "nan", "inf"] {
+            let row = format!("{lost} {lost} {lost} {lost}\n");
+            assert!(parse_pose(&row.repeat(4), Path::new("a.pose.txt")).unwrap().is_none(), "{lost}");
+        }
+    }
+
+    #[test]
     fn refusals_name_file_and_line() {
         for (text, said) in [
             ("", "a.pose.txt, line 1: column 1 is missing"),
             ("1 0 0 0\n0 1 0\n0 0 1 0\n0 0 0 1", "a.pose.txt, line 2: column 4 is missing"),
-            ("1 0 0 0\n0 1 0 nan\n0 0 1 0\n0 0 0 1", "line 2: column 4 is `nan`; a finite number"),
+            ("1 0 0 0\n0 1 0 x\n0 0 1 0\n0 0 0 1", "line 2: column 4 is `x`; a finite number"),
             ("1 0 0 0 0\n", "line 1: there is more than expected: `0`"),
             ("1 0 0 0\n0 2 0 0\n0 0 1 0\n0 0 0 1", "the pose is not a turn and a shift"),
             ("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 1 1", "the pose is not a turn and a shift"),

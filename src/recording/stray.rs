@@ -15,10 +15,11 @@ use super::depth::{DepthFiles, Stored};
 use super::parts::{Format, Parts, Pictures, file_or_in_folder, folder_of, geometry_from, track_from};
 use super::{OpenOptions, RecordingError};
 use crate::camera::{Geometry, LensModel};
+use crate::params::ParamError;
 use crate::pose::Pose;
 use crate::source::video::{self, Overrides};
 use crate::tracking::text::{self, TextError};
-use crate::tracking::tum::{NormNotes, unit_quaternion};
+use crate::tracking::tum::{PoseNotes, unit_quaternion};
 use crate::words::{count, number, quoted};
 
 const ODOMETRY: &str = "odometry.csv";
@@ -64,29 +65,32 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         }
         false => None,
     };
+    let of_size = |intrinsics| geometry(intrinsics, video.width, video.height);
+    let of_all = of_all.map(of_size).transpose().map_err(|e| RecordingError::content(&matrix, e))?;
     let camera = |line: &Line| {
-        let known = line.intrinsics.or(of_all);
-        known.map(|known| geometry(known, video.width, video.height, &odometry)).transpose()
+        let own = line.intrinsics.map(of_size).transpose().map_err(|e| TextError::line(&odometry, line.at, e))?;
+        Ok(own.or_else(|| of_all.clone()))
     };
-    let geometries = lines[..frames].iter().map(camera).collect::<Result<Vec<_>, _>>()?;
+    let geometries = lines[..frames].iter().map(camera).collect::<Result<Vec<_>, RecordingError>>()?;
     let mut parts =
         Parts::new(folder, Pictures::Video(video, None), lines[..frames].iter().map(|l| l.time_s).collect());
     parts.geometries = geometries;
     parts.up = Some(DVec3::Y);
     let mut poses: Vec<(f64, Pose)> = Vec::new();
-    for line in &lines {
+    let known = || lines.iter().filter_map(|line| Some((line.time_s, line.pose?)));
+    for (time_s, pose) in known() {
         // Of two poses at one time the first stays.
-        if poses.last().is_none_or(|before| before.0 < line.time_s) {
-            poses.push((line.time_s, line.pose));
+        if poses.last().is_none_or(|before| before.0 < time_s) {
+            poses.push((time_s, pose));
         }
     }
-    if poses.len() < lines.len() {
+    let repeated = known().count() - poses.len();
+    if repeated > 0 {
         warnings.push(format!("{}: {} at the time of the one before", odometry.display(), {
-            let twice = lines.len() - poses.len();
-            if twice == 1 {
+            if repeated == 1 {
                 "1 pose is left out, which stands".to_owned()
             } else {
-                format!("{twice} poses are left out, which stand")
+                format!("{repeated} poses are left out, which stand")
             }
         }));
     }
@@ -120,7 +124,7 @@ fn depth_pictures(folder: &Path, lines: &[Line], odometry: &Path) -> (Vec<(f64, 
     (there.into_iter().map(|line| (line.time_s, named(line))).collect(), warning)
 }
 
-fn geometry([fx, fy, cx, cy]: [f64; 4], width: u32, height: u32, file: &Path) -> Result<Geometry, RecordingError> {
+fn geometry([fx, fy, cx, cy]: [f64; 4], width: u32, height: u32) -> Result<Geometry, ParamError> {
     let values = [
         ("width_px", f64::from(width)),
         ("height_px", f64::from(height)),
@@ -129,7 +133,7 @@ fn geometry([fx, fy, cx, cy]: [f64; 4], width: u32, height: u32, file: &Path) ->
         ("cx_px", cx),
         ("cy_px", cy),
     ];
-    geometry_from(LensModel::Opencv, &values).map_err(|e| RecordingError::content(file, e))
+    geometry_from(LensModel::Opencv, &values)
 }
 
 /// A line of `odometry.csv`.
@@ -140,14 +144,15 @@ struct Line {
     time_s: f64,
     /// Of its pictures, without ending.
     name: String,
-    pose: Pose,
+    /// `None` if the phone had lost its place.
+    pose: Option<Pose>,
     /// fx, fy, cx, cy.
     intrinsics: Option<[f64; 4]>,
 }
 
 const COLUMNS: [&str; 9] = ["timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw"];
 
-fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<Line>, Option<String>), TextError> {
+fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<Line>, Vec<String>), TextError> {
     let mut records = text::records(text);
     let (at, header) = records.next().unwrap_or((1, ""));
     let names: Vec<&str> = header.split(',').map(str::trim).collect();
@@ -157,7 +162,7 @@ fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<Line>, Option<String>)
         return Err(TextError::line(file, at, problem));
     }
     let own_intrinsics = ["fx", "fy", "cx", "cy"].iter().all(|name| column(name).is_some());
-    let (mut lines, mut odd): (Vec<Line>, _) = (Vec::new(), NormNotes::default());
+    let (mut lines, mut odd): (Vec<Line>, _) = (Vec::new(), PoseNotes::default());
     for (at, record) in records {
         let fields: Vec<&str> = record.split(',').map(str::trim).collect();
         let refuse = |problem: String| TextError::line(file, at, problem);
@@ -165,10 +170,16 @@ fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<Line>, Option<String>)
             let found = column(name).and_then(|i| fields.get(i).copied()).filter(|text| !text.is_empty());
             found.ok_or_else(|| refuse(format!("column {name} is missing")))
         };
-        let value = |name: &str| {
+        let not_finite = |name: &str, found: &str| {
+            refuse(format!("column {name} is `{}`; a finite number is needed", quoted(found)))
+        };
+        let any = |name: &str| {
             let found = field(name)?;
-            let finite = found.parse().ok().filter(|n: &f64| n.is_finite());
-            finite.ok_or_else(|| refuse(format!("column {name} is `{}`; a finite number is needed", quoted(found))))
+            found.parse::<f64>().map_err(|_| not_finite(name, found))
+        };
+        let value = |name: &str| match any(name)? {
+            n if n.is_finite() => Ok(n),
+            _ => Err(not_finite(name, field(name)?)),
         };
         let time_s = value("timestamp")?;
         if let Some(before) = lines.last().filter(|before| time_s < before.time_s) {
@@ -179,19 +190,28 @@ fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<Line>, Option<String>)
         if name.len() > 20 || !name.bytes().all(|c| c.is_ascii_digit()) {
             return Err(refuse(format!("column frame is `{}`; digits are needed", quoted(name))));
         }
-        let turn = DQuat::from_xyzw(value("qx")?, value("qy")?, value("qz")?, value("qw")?);
-        let (turn, norm_error) = unit_quaternion(turn).map_err(|e| refuse(format!("columns qx to qw: {e}")))?;
-        odd.note(norm_error, format!("line {at}"));
-        let position_m = DVec3::new(value("x")?, value("y")?, value("z")?);
+        let mut fields = [0.0; 7];
+        for (field, name) in fields.iter_mut().zip(["x", "y", "z", "qx", "qy", "qz", "qw"]) {
+            *field = any(name)?;
+        }
+        let pose = if fields.iter().all(|field| field.is_finite()) {
+            let [x, y, z, qx, qy, qz, qw] = fields;
+            let turn = DQuat::from_xyzw(qx, qy, qz, qw);
+            let (turn, norm_error) = unit_quaternion(turn).map_err(|e| refuse(format!("columns qx to qw: {e}")))?;
+            odd.note(norm_error, format!("line {at}"));
+            Some(Pose::from_camera_in_world(DVec3::new(x, y, z), turn))
+        } else {
+            odd.lose(format!("line {at}"));
+            None
+        };
         let intrinsics = match own_intrinsics {
             true => Some([value("fx")?, value("fy")?, value("cx")?, value("cy")?]),
             false => None,
         };
-        let pose = Pose::from_camera_in_world(position_m, turn);
         lines.push(Line { at, time_s, name: name.to_owned(), pose, intrinsics });
     }
-    let warning = odd.warning(file, lines.len());
-    Ok((lines, warning))
+    let posed = lines.iter().filter(|line| line.pose.is_some()).count();
+    Ok((lines, odd.warnings(file, posed)))
 }
 
 /// fx, fy, cx, cy of a 3×3 matrix, row by row.
@@ -236,10 +256,10 @@ mod tests {
         let Line { at, time_s, name, pose, intrinsics } = &lines[0];
         assert_eq!((*at, *time_s, name.as_str(), *intrinsics), (2, 5021.25, "000007", None));
         // 2 m ahead, 0.5 m to the right, 0.25 m down.
-        let seen = pose.transform_point(DVec3::new(1.5, 1.75, 1.0));
+        let seen = pose.unwrap().transform_point(DVec3::new(1.5, 1.75, 1.0));
         assert!((seen - DVec3::new(0.5, 0.25, 2.0)).length() < 1e-12, "{seen}");
         let matrix = parse_matrix("1600.0,0.0,960.5\n0.0,1601.0,720.25\n0,0,1\n", Path::new(MATRIX)).unwrap();
-        let at = geometry(matrix, 1920, 1440, Path::new(MATRIX)).unwrap().project(seen).unwrap();
+        let at = geometry(matrix, 1920, 1440).unwrap().project(seen).unwrap();
         assert!((at - glam::DVec2::new(1360.5, 920.375)).length() < 1e-9, "{at}");
     }
 
@@ -250,13 +270,21 @@ mod tests {
     }
 
     #[test]
+    fn a_line_without_a_finite_pose_keeps_its_frame() {
+        let text = format!("{HEAD}\n1, 000000, 0, 0, 0, 0, 0, 0, 1\n2, 000001, 0, 0, inf, 0, 0, 0, 1\n");
+        let (lines, warnings) = parse_odometry(&text, Path::new(ODOMETRY)).unwrap();
+        assert_eq!(lines.iter().map(|line| line.pose.is_some()).collect::<Vec<_>>(), [true, false]);
+        assert!(warnings[0].contains("1 of 2 poses is not finite (first at line 3)"), "{warnings:?}");
+    }
+
+    #[test]
     fn refusals_name_file_line_and_column() {
         let good = "1, 000000, 0, 0, 0, 0, 0, 0, 1";
         for (text, said) in [
             (String::new(), "odometry.csv, line 1: column timestamp is missing"),
             (HEAD.replace("qz", "q"), "odometry.csv, line 1: column qz is missing"),
             (format!("{HEAD}\n{good}\n2, 000001, 0, x, 0, 0, 0, 0, 1"), "line 3: column y is `x`; a finite number"),
-            (format!("{HEAD}\n1, 000000, 0, 0, inf, 0, 0, 0, 1"), "line 2: column z is `inf`"),
+            (format!("{HEAD}\ninf, 000000, 0, 0, 0, 0, 0, 0, 1"), "line 2: column timestamp is `inf`"),
             (format!("{HEAD}\n1, 000000, 0, 0, 0, 0, 0, 0"), "line 2: column qw is missing"),
             (
                 format!("{HEAD}\n1, 000000, 0, 0, 0, 0, 0, 0, 2"),

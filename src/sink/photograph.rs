@@ -228,7 +228,7 @@ mod tests {
             assert!(write(&path, &pixels, None, false).unwrap_err().to_string().contains("--force"));
         }
         // Our own reader of recordings reads back the same.
-        let settings = crate::source::exif::read_settings(&folder.path().join("a.jpg")).unwrap();
+        let settings = crate::source::exif::read(&folder.path().join("a.jpg")).unwrap().settings;
         assert_eq!((settings.iso, settings.f_number), (Some(400.0), Some(2.8)));
         assert_eq!(settings.taken_s, Some(1_305_031_103.0), "whole seconds");
         assert!(write(Path::new("a.gif"), &pixels, None, true).unwrap_err().to_string().contains(".jpg and .png"));

@@ -12,20 +12,28 @@ use crate::frame::PhotoSettings;
 const IDENTIFIER: &[u8] = b"Exif\0\0";
 /// A PhotographicSensitivity that means: too large for this field, see the others.
 const SEE_ELSEWHERE: f64 = 65535.0;
+/// Larger APEX values mean unknown: Exif writes infinity as -1/0 or as the largest numerators.
+const MAX_APEX: f64 = 20.0;
 
-/// The settings in a JPEG's EXIF; empty for a file without EXIF, or one that is not a JPEG. An error if the file cannot
-/// be read or its EXIF is damaged.
-pub fn read_settings(file: &Path) -> Result<PhotoSettings, SourceError> {
-    let reader = plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
-    match segment(&mut BufReader::new(reader)) {
-        Some(segment) => parse(segment).map_err(|problem| SourceError::content(file, problem)),
-        None => Ok(PhotoSettings::default()),
-    }
+/// The contents of a JPEG's EXIF, as far as they are intact.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Exif {
+    pub settings: PhotoSettings,
+    /// How the picture should be turned or mirrored to be shown, 2 to 8. `None` if it should not be.
+    pub orientation: Option<u32>,
+    /// What is wrong with the rest.
+    pub damage: Option<String>,
 }
 
-/// Like [`read_settings`], of a file's bytes. What is damaged counts as none.
+/// The EXIF of a JPEG; empty for a file without EXIF, or one that is not a JPEG. An error if the file cannot be read.
+pub fn read(file: &Path) -> Result<Exif, SourceError> {
+    let reader = plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
+    Ok(segment(&mut BufReader::new(reader)).map(parse).unwrap_or_default())
+}
+
+/// The settings in the EXIF of a file's bytes.
 pub fn settings_of(file: &[u8]) -> PhotoSettings {
-    segment(&mut std::io::Cursor::new(file)).and_then(|segment| parse(segment).ok()).unwrap_or_default()
+    segment(&mut std::io::Cursor::new(file)).map(|segment| parse(segment).settings).unwrap_or_default()
 }
 
 /// The EXIF segment before a JPEG's first scan, without its identifier (ITU-T T.81, annex B). A file that is damaged or
@@ -56,32 +64,49 @@ fn segment(reader: &mut (impl Read + Seek)) -> Option<Vec<u8>> {
     }
 }
 
-fn parse(segment: Vec<u8>) -> Result<PhotoSettings, String> {
-    let exif = exif::Reader::new().read_raw(segment).map_err(|e| format!("the EXIF data is damaged: {e}"))?;
-    let number = |tag: Tag| {
-        let value = match &exif.get_field(tag, In::PRIMARY)?.value {
-            Value::Rational(v) => v.first()?.to_f64(),
-            other => f64::from(other.get_uint(0)?),
-        };
-        // 0 and infinity mean unknown.
-        Some(value).filter(|v| v.is_finite() && *v > 0.0)
+fn parse(segment: Vec<u8>) -> Exif {
+    let mut damage = None;
+    let read = exif::Reader::new().continue_on_error(true).read_raw(segment).or_else(|error| {
+        error.distill_partial_result(|problems| {
+            damage = problems.first().map(|e| format!("the EXIF data is damaged: {e}"))
+        })
+    });
+    let exif = match read {
+        Ok(exif) => exif,
+        Err(error) => {
+            return Exif { damage: Some(format!("the EXIF data is damaged: {error}")), ..Exif::default() };
+        }
+    };
+    let any_number = |tag: Tag| match &exif.get_field(tag, In::PRIMARY)?.value {
+        Value::Rational(v) => Some(v.first()?.to_f64()),
+        Value::SRational(v) => Some(v.first()?.to_f64()),
+        other => Some(f64::from(other.get_uint(0)?)),
+    };
+    // 0 and infinity mean unknown.
+    let number = |tag: Tag| any_number(tag).filter(|v| v.is_finite() && *v > 0.0);
+    // APEX values are base-2 logarithms, 0 among them: Exif 2.32, annex C. An f-number is 2^(Av/2), a time 2^-Tv.
+    let of_apex = |tag: Tag, per_stop: f64| {
+        let value = any_number(tag).filter(|v| v.abs() <= MAX_APEX)?;
+        Some((per_stop * value).exp2())
     };
     let others = [Tag::RecommendedExposureIndex, Tag::StandardOutputSensitivity, Tag::ISOSpeed];
     let iso = number(Tag::PhotographicSensitivity).filter(|iso| *iso != SEE_ELSEWHERE);
-    let time_s = number(Tag::ExposureTime);
-    if let Some(time_s) = time_s.filter(|time_s| *time_s > LONGEST_S) {
-        return Err(format!("the EXIF exposure time is {time_s} s; accepted is at most {LONGEST_S} s"));
+    let mut time_s = number(Tag::ExposureTime).or_else(|| of_apex(Tag::ShutterSpeedValue, -1.0));
+    if let Some(odd_s) = time_s.take_if(|time_s| *time_s > LONGEST_S) {
+        damage = Some(format!("the EXIF exposure time is {odd_s} s; accepted is at most {LONGEST_S} s"));
     }
-    Ok(PhotoSettings {
+    let settings = PhotoSettings {
         time_s,
-        f_number: number(Tag::FNumber),
+        f_number: number(Tag::FNumber).or_else(|| of_apex(Tag::ApertureValue, 0.5)),
         iso: iso.or_else(|| others.into_iter().find_map(number)),
         focal_length_m: number(Tag::FocalLength).map(|mm| 1e-3 * mm),
         taken_s: exif.get_field(Tag::DateTimeOriginal, In::PRIMARY).and_then(|field| match &field.value {
             Value::Ascii(texts) => seconds(&DateTime::from_ascii(texts.first()?).ok()?),
             _ => None,
         }),
-    })
+    };
+    let orientation = exif.get_field(Tag::Orientation, In::PRIMARY).and_then(|field| field.value.get_uint(0));
+    Exif { settings, orientation: orientation.filter(|n| (2..=8).contains(n)), damage }
 }
 
 /// Seconds since 1970-01-01 0:00, for dates up to the year 8000. A day beyond its month's end is in the next month.
@@ -145,7 +170,7 @@ mod tests {
 
     #[test]
     fn settings_are_read_behind_other_segments() {
-        let found = parse(segment(&mut Cursor::new(jpeg(&door()))).unwrap()).unwrap();
+        let found = parse(segment(&mut Cursor::new(jpeg(&door()))).unwrap());
         // 38 years of 365 days, 9 leap days before 2008, 59 days to February 29.
         let taken_s = f64::from((38 * 365 + 9 + 59) * 86400 + 86398);
         let expected = PhotoSettings {
@@ -155,14 +180,14 @@ mod tests {
             focal_length_m: Some(0.029),
             taken_s: Some(taken_s),
         };
-        assert_eq!(found, expected);
+        assert_eq!(found, Exif { settings: expected, ..Exif::default() });
     }
 
     #[test]
     fn a_clock_that_was_never_set_tells_no_time() {
         for text in [&b"    :  :     :  :  "[..], b"0000:00:00 00:00:00", b"2008:13:01 00:00:00", b"soon"] {
-            let found = parse(block(&[(Tag::DateTimeOriginal, Value::Ascii(vec![text.to_vec()]))])).unwrap();
-            assert_eq!(found.taken_s, None, "{}", String::from_utf8_lossy(text));
+            let found = parse(block(&[(Tag::DateTimeOriginal, Value::Ascii(vec![text.to_vec()]))]));
+            assert_eq!(found.settings.taken_s, None, "{}", String::from_utf8_lossy(text));
         }
     }
 
@@ -173,30 +198,65 @@ mod tests {
             (Tag::FNumber, ratio(28, 0)),
             (Tag::PhotographicSensitivity, Value::Short(vec![65535])),
         ]);
-        assert_eq!(parse(unknown).unwrap(), PhotoSettings::default());
+        assert_eq!(parse(unknown), Exif::default());
         let elsewhere = block(&[
             (Tag::PhotographicSensitivity, Value::Short(vec![65535])),
             (Tag::RecommendedExposureIndex, Value::Long(vec![102_400])),
         ]);
-        assert_eq!(parse(elsewhere).unwrap().iso, Some(102_400.0));
+        assert_eq!(parse(elsewhere).settings.iso, Some(102_400.0));
         assert_eq!(segment(&mut Cursor::new(b"\x89PNG\r\n\x1a\n")), None);
     }
 
     #[test]
     fn a_time_that_no_exposure_takes_is_said() {
-        let of = |seconds| parse(block(&[(Tag::ExposureTime, ratio(seconds, 1))]));
-        assert_eq!(of(60).unwrap().time_s, Some(60.0));
-        let error = of(61).unwrap_err();
+        let of = |seconds| parse(block(&[(Tag::ExposureTime, ratio(seconds, 1)), (Tag::FNumber, ratio(8, 1))]));
+        assert_eq!(of(60).settings.time_s, Some(60.0));
+        let long = of(61);
+        assert_eq!((long.settings.time_s, long.settings.f_number), (None, Some(8.0)));
+        let error = long.damage.unwrap();
         assert!(error.contains("61 s") && error.contains("at most 60 s"), "{error}");
     }
 
     #[test]
-    fn damaged_exif_is_said_with_the_file() {
+    fn damage_leaves_the_intact_settings() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.jpg");
         std::fs::write(&file, jpeg(&door()[..20])).unwrap();
-        let error = read_settings(&file).unwrap_err().to_string();
-        assert!(error.starts_with(&file.display().to_string()) && error.contains("EXIF data is damaged"), "{error}");
+        assert!(read(&file).unwrap().damage.unwrap().contains("EXIF data is damaged"));
+        // The pointer to the GPS data leads out of the file.
+        let mut exif = block(&[
+            (Tag::FNumber, ratio(8, 1)),
+            (Tag::PhotographicSensitivity, Value::Short(vec![125])),
+            (Tag::GPSLatitudeRef, Value::Ascii(vec![b"N".to_vec()])),
+        ]);
+        // A directory's entry: tag, type LONG, one value.
+        let entry = exif.windows(8).position(|bytes| bytes == [0x88, 0x25, 0, 4, 0, 0, 0, 1]).unwrap();
+        exif[entry + 8..entry + 12].fill(0x7f);
+        let found = parse(exif);
+        assert_eq!((found.settings.f_number, found.settings.iso), (Some(8.0), Some(125.0)));
+        assert!(found.damage.unwrap().contains("EXIF data is damaged"));
+    }
+
+    #[test]
+    fn apex_values_stand_in_for_missing_settings() {
+        let signed = |num, denom| Value::SRational(vec![exif::SRational { num, denom }]);
+        let found = parse(block(&[(Tag::ApertureValue, ratio(4, 1)), (Tag::ShutterSpeedValue, signed(6, 1))])).settings;
+        assert_eq!((found.f_number, found.time_s), (Some(4.0), Some(1.0 / 64.0)));
+        // f/1 and two seconds, by values that are not above 0.
+        let found =
+            parse(block(&[(Tag::ApertureValue, ratio(0, 1)), (Tag::ShutterSpeedValue, signed(-1, 1))])).settings;
+        assert_eq!((found.f_number, found.time_s), (Some(1.0), Some(2.0)));
+        // The plain values go first; infinity is unknown.
+        let both = parse(block(&[(Tag::FNumber, ratio(28, 10)), (Tag::ApertureValue, ratio(4, 1))])).settings;
+        assert_eq!(both.f_number, Some(2.8));
+        let unknown = parse(block(&[(Tag::ApertureValue, ratio(u32::MAX, 1)), (Tag::ShutterSpeedValue, signed(1, 0))]));
+        assert_eq!(unknown, Exif::default());
+    }
+
+    #[test]
+    fn an_orientation_is_read_unless_upright() {
+        let of = |n| parse(block(&[(Tag::Orientation, Value::Short(vec![n]))])).orientation;
+        assert_eq!([1, 6, 9].map(of), [None, Some(6), None]);
     }
 
     proptest! {

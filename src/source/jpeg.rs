@@ -4,8 +4,8 @@
 //! decoded: a scan is complete if it has every block that the header promises. Source: ITU-T T.81 (Huffman codes: annex
 //! C and F.2.2; scans and restarts: annex B and E; progressive scans: annex G).
 //!
-//! Not checked: arithmetic coding, lossless and hierarchical files, which no reader here decodes; whether a progressive
-//! file that ends between two scans should have had more of them.
+//! Arithmetic coding, lossless and hierarchical files, and 12 bits are not supported: [`unsupported`] refuses them.
+//! Not checked: whether a progressive file that ends between two scans should have had more of them.
 
 /// How a complete picture ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,6 +29,18 @@ enum Stop {
     Invalid,
 }
 
+/// Why pictures with this frame header (marker SOF, sample precision) are not decoded. `None` if they are.
+pub fn unsupported(marker: u8, bits: u8) -> Option<String> {
+    let (kind, convert) = match marker {
+        0xc9..=0xcb | 0xcd..=0xcf => ("an arithmetic-coded JPEG", "jpegtran -optimize FILE.jpg > NEW.jpg"),
+        0xc3 | 0xc7 => ("a lossless JPEG", "ffmpeg -i FILE.jpg NEW.png"),
+        0xc5 | 0xc6 => ("a hierarchical JPEG", "magick FILE.jpg NEW.png"),
+        _ if bits == 8 => return None,
+        _ => ("a JPEG of more than 8 bits", "djpeg FILE.jpg > NEW.ppm; ffmpeg -i NEW.ppm NEW.png"),
+    };
+    Some(format!("is {kind}, which is not supported; convert it: {convert}"))
+}
+
 /// Walks through a JPEG's codes. The message says how it is truncated or damaged.
 pub fn check(bytes: &[u8]) -> Result<Ending, String> {
     let mut file = File { bytes, ..File::default() };
@@ -42,13 +54,18 @@ pub fn check(bytes: &[u8]) -> Result<Ending, String> {
         let length = bytes.get(at..at + 2).map_or(0, |l| usize::from(u16::from_be_bytes([l[0], l[1]])));
         let Some(segment) = bytes.get(at + 2..at + length) else { return Err(truncated(" in its header")) };
         at += length;
+        if is_frame(marker)
+            && let Some(problem) = unsupported(marker, segment.first().copied().unwrap_or(8))
+        {
+            return Err(problem);
+        }
         match marker {
             0xc0..=0xc2 if file.components.is_empty() => match file.frame(segment, marker == 0xc2) {
                 Some(()) => {}
                 None => return Ok(Ending::Marked),
             },
+            0xc0..=0xc2 => return Ok(Ending::Marked),
             0xc4 => file.tables(segment).ok_or_else(|| DAMAGED.to_owned())?,
-            0xc0..=0xcf if marker != 0xc8 => return Ok(Ending::Marked),
             0xdd => file.restart_every = segment.first_chunk().map_or(0, |n| usize::from(u16::from_be_bytes(*n))),
             0xda if scans == MOST_SCANS => {
                 return Err(format!("the JPEG has more than {MOST_SCANS} scans; save it anew"));
@@ -61,6 +78,11 @@ pub fn check(bytes: &[u8]) -> Result<Ending, String> {
         }
     }
     file.end(Ending::Unmarked)
+}
+
+/// Whether a marker begins a frame header (SOF): C0 to CF without DHT, JPG and DAC.
+pub fn is_frame(marker: u8) -> bool {
+    matches!(marker, 0xc0..=0xcf) && !matches!(marker, 0xc4 | 0xc8 | 0xcc)
 }
 
 const DAMAGED: &str = "the JPEG is damaged: its codes stand for nothing";

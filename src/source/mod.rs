@@ -7,7 +7,9 @@ pub mod ffmpeg;
 pub mod file;
 mod index;
 pub mod jpeg;
+pub mod jpeg_tables;
 pub mod still;
+pub mod unsupported;
 pub mod video;
 pub mod yuv;
 

@@ -8,7 +8,7 @@ use std::path::Path;
 use image::{DynamicImage, ImageDecoder};
 
 use super::jpeg::{self, Ending};
-use super::{SourceError, file as plain};
+use super::{SourceError, file as plain, jpeg_tables, unsupported};
 use crate::pixels::{Codes, DepthMap, Pixels};
 
 const PNG_SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
@@ -34,7 +34,11 @@ pub fn is_jpeg(file: &Path) -> Result<bool, SourceError> {
 /// Reads as little of the file as its header needs.
 pub fn read_header(file: &Path) -> Result<Header, SourceError> {
     let reader = plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
-    header(&mut BufReader::new(reader)).map_err(|problem| SourceError::content(file, problem))
+    let problem = |problem: String| match unsupported::by_name(file).filter(|_| problem == NEITHER) {
+        Some(kind) => SourceError::content(file, kind.refusal()),
+        None => SourceError::content(file, problem),
+    };
+    header(&mut BufReader::new(reader)).map_err(problem)
 }
 
 /// The picture in a file. A file that ends too early is an error.
@@ -71,8 +75,8 @@ pub fn check_end(file: &Path) -> Result<(), SourceError> {
     let bytes = read(file)?;
     let end = match bytes {
         _ if bytes.starts_with(PNG_SIGNATURE) => png_end(&bytes),
-        _ if bytes.starts_with(JPEG_SIGNATURE) => jpeg::check(&bytes).map(drop),
-        _ => Err(NEITHER.to_owned()),
+        _ if bytes.starts_with(JPEG_SIGNATURE) => jpeg::check(&jpeg_tables::with_tables(&bytes)).map(drop),
+        _ => Err(neither(&bytes)),
     };
     end.map_err(|problem| SourceError::content(file, problem))
 }
@@ -128,7 +132,6 @@ pub(crate) fn bare_png(bytes: &[u8]) -> Cow<'_, [u8]> {
 }
 
 fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
-    let damaged = |e: image::ImageError| format!("the picture is damaged or truncated: {e}");
     if bytes.starts_with(PNG_SIGNATURE) {
         let bare = bare_png(bytes);
         return from_decoder(
@@ -136,14 +139,15 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
         );
     }
     if bytes.starts_with(JPEG_SIGNATURE) {
+        let bytes = jpeg_tables::with_tables(bytes);
         // The decoder fills in what is missing, and takes a missing end marker for missing pixels.
-        let bytes = match jpeg::check(bytes)? {
-            Ending::Marked => Cow::Borrowed(bytes),
-            Ending::Unmarked => Cow::Owned([bytes, b"\xff\xd9"].concat()),
+        let bytes = match jpeg::check(&bytes)? {
+            Ending::Marked => bytes,
+            Ending::Unmarked => Cow::Owned([&bytes, &b"\xff\xd9"[..]].concat()),
         };
         return from_decoder(image::codecs::jpeg::JpegDecoder::new(Cursor::new(&*bytes)).map_err(damaged)?);
     }
-    Err(NEITHER.to_owned())
+    Err(neither(bytes))
 }
 
 fn limits() -> image::Limits {
@@ -154,7 +158,19 @@ fn limits() -> image::Limits {
 
 fn from_decoder(mut decoder: impl ImageDecoder) -> Result<DynamicImage, String> {
     decoder.set_limits(limits()).map_err(|e| e.to_string())?;
-    DynamicImage::from_decoder(decoder).map_err(|e| format!("the picture is damaged or truncated: {e}"))
+    DynamicImage::from_decoder(decoder).map_err(damaged)
+}
+
+fn damaged(error: image::ImageError) -> String {
+    match error {
+        image::ImageError::Unsupported(what) => format!("a picture of this kind is not supported: {what}"),
+        error => format!("the picture is damaged or truncated: {error}"),
+    }
+}
+
+/// The refusal of a file that begins neither as a PNG nor as a JPEG.
+fn neither(start: &[u8]) -> String {
+    unsupported::by_content(start).map_or_else(|| NEITHER.to_owned(), unsupported::Kind::refusal)
 }
 
 const NEITHER: &str = "is neither a PNG nor a JPEG picture";
@@ -165,18 +181,17 @@ fn header(reader: &mut (impl BufRead + Seek)) -> Result<Header, String> {
         return jpeg_header(reader);
     }
     // PNG: signature, length and name of the first chunk, width, height, bit depth.
+    if !start.starts_with(PNG_SIGNATURE) {
+        return Err(neither(start));
+    }
     let mut head = [0; 25];
     let whole = reader.read_exact(&mut head);
-    if !head.starts_with(PNG_SIGNATURE) {
-        return Err(NEITHER.to_owned());
-    }
     whole.map_err(|_| "the PNG is truncated in its header".to_owned())?;
     let number = |at: usize| u32::from_be_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
     Ok(Header { width: number(16), height: number(20), bits: if head[24] == 16 { 16 } else { 8 } })
 }
 
-/// Walks a JPEG's segments and stops after the header of its first scan. Source: ITU-T T.81, annex B (SOF markers C0 to
-/// CF without C4, C8 and CC; SOS is DA).
+/// Walks a JPEG's segments and stops after the header of its first scan. Source: ITU-T T.81, annex B (SOS is DA).
 fn jpeg_header(reader: &mut (impl Read + Seek)) -> Result<Header, String> {
     let truncated = |_| "the JPEG is truncated in its header".to_owned();
     // The signature's last byte belongs to the first marker.
@@ -197,9 +212,12 @@ fn jpeg_header(reader: &mut (impl Read + Seek)) -> Result<Header, String> {
         let length = u16::from_be_bytes([byte()?, byte()?]);
         let mut left = i64::from(length) - 2;
         match marker {
-            0xc0..=0xcf if !matches!(marker, 0xc4 | 0xc8 | 0xcc) => {
+            _ if jpeg::is_frame(marker) => {
                 let frame = [byte()?, byte()?, byte()?, byte()?, byte()?];
                 left -= 5;
+                if let Some(problem) = jpeg::unsupported(marker, frame[0]) {
+                    return Err(problem);
+                }
                 let size = |at: usize| u32::from(u16::from_be_bytes([frame[at], frame[at + 1]]));
                 found = Some(Header { width: size(3), height: size(1), bits: 8 });
             }
@@ -351,7 +369,7 @@ mod tests {
         assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
         assert!(read_header(&pipe).unwrap_err().to_string().contains("a pipe or a device"));
         assert!(read_pixels(&pipe).is_err() && read_depth(&pipe, 1.0, 0.0).is_err() && check_end(&pipe).is_err());
-        assert!(crate::source::exif::read_settings(&pipe).is_err());
+        assert!(crate::source::exif::read(&pipe).is_err());
         assert!(crate::source::video::probe(&pipe, &Default::default()).unwrap_err().to_string().contains("a pipe"));
     }
 

@@ -2,6 +2,7 @@
 //! decoded, so that no default of its own decides what a code value means.
 
 use std::ffi::OsString;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -9,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ffmpeg::{self, FfmpegError};
 use super::index::{Entry, Index};
-use super::{SourceError, file as plain};
+use super::{SourceError, file as plain, unsupported};
 use crate::words::fixed;
 
 /// Advice about a damaged file.
@@ -64,6 +65,81 @@ pub struct Overrides {
     pub matrix: Option<ColorMatrix>,
 }
 
+/// How a file's pictures are meant to be shown, as far as the file says it. Nothing of it is applied when they are read.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Presentation {
+    /// Counter-clockwise, degrees.
+    pub rotation_deg: f64,
+    /// Width to height of a pixel. `None` if it is square.
+    pub pixel_aspect: Option<(u32, u32)>,
+    /// ffmpeg's names of the transfer function and the primaries.
+    pub transfer: Option<&'static str>,
+    pub primaries: Option<&'static str>,
+}
+
+const TRANSFERS: [&str; 9] = [
+    "bt709",
+    "smpte170m",
+    "smpte240m",
+    "linear",
+    "iec61966-2-1",
+    "bt2020-10",
+    "bt2020-12",
+    "smpte2084",
+    "arib-std-b67",
+];
+const PRIMARIES: [&str; 8] = ["bt709", "bt470m", "bt470bg", "smpte170m", "smpte240m", "bt2020", "smpte431", "smpte432"];
+
+impl Presentation {
+    fn of(stream: &ProbedStream) -> Self {
+        let known = |names: &[&'static str], text: &Option<String>| {
+            names.iter().copied().find(|name| text.as_deref() == Some(*name))
+        };
+        let aspect = stream.sample_aspect_ratio.as_deref().and_then(|text| text.split_once(':'));
+        let aspect = aspect.and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
+        Self {
+            rotation_deg: stream.side_data_list.iter().find_map(|side| side.rotation).unwrap_or(0.0),
+            pixel_aspect: aspect.filter(|(width, height)| *width > 0 && *height > 0 && width != height),
+            transfer: known(&TRANSFERS, &stream.color_transfer),
+            primaries: known(&PRIMARIES, &stream.color_primaries),
+        }
+    }
+
+    /// The name of a transfer function of high dynamic range, for people.
+    pub fn hdr(&self) -> Option<&'static str> {
+        match self.transfer {
+            Some("arib-std-b67") => Some("HLG"),
+            Some("smpte2084") => Some("PQ"),
+            _ => None,
+        }
+    }
+
+    /// What is not applied, a sentence each.
+    fn warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        if self.rotation_deg != 0.0 {
+            let angle = self.rotation_deg;
+            warnings.push(format!(
+                "says it should be shown turned by {angle}°; it is read as stored, and a .mp4 says so too"
+            ));
+        }
+        if let Some((width, height)) = self.pixel_aspect {
+            warnings.push(format!(
+                "its pixels are not square but {width}:{height}; they are read as stored, and a video that is written says so \
+                 too (the camera's fx_px and fy_px differ by that)"
+            ));
+        }
+        if let Some(hdr) = self.hdr() {
+            warnings.push(format!(
+                "is in {hdr} (high dynamic range); its code values are taken for the camera's usual ones, so that the light \
+                 on objects is wrong, and a video that is written is tagged {hdr} too; convert it first: ffmpeg -i FILE -vf \
+                 zscale=t=linear:npl=100,tonemap=hable,zscale=p=bt709:t=bt709:m=bt709:r=tv,format=yuv420p -crf 12 NEW.mp4"
+            ));
+        }
+        warnings
+    }
+}
+
 /// A video file that has been probed.
 #[derive(Clone, Debug)]
 pub struct Video {
@@ -74,6 +150,7 @@ pub struct Video {
     pub bits: u32,
     pub range: ColorRange,
     pub matrix: ColorMatrix,
+    pub presentation: Presentation,
     /// One per frame, in display order; the first is at 0.
     pub timestamps_s: Vec<f64>,
     pub warnings: Vec<String>,
@@ -99,6 +176,9 @@ struct ProbedStream {
     pix_fmt: Option<String>,
     color_range: Option<String>,
     color_space: Option<String>,
+    color_transfer: Option<String>,
+    color_primaries: Option<String>,
+    sample_aspect_ratio: Option<String>,
     avg_frame_rate: Option<String>,
     /// The unit of the packets' `pts`, seconds.
     time_base: Option<String>,
@@ -143,12 +223,21 @@ impl Packet {
     }
 }
 
+/// As many bytes as the signatures of still pictures have.
+const MAX_SIGNATURE_BYTES: u64 = 16;
+
 /// Probes a video file with `ffprobe`: size, colour, and the time of every frame. Packets are listed, not decoded, so
 /// this is fast.
 pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
     // ffprobe's own message for a missing file is less clear, and it would wait for a pipe.
-    plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
-    let entries = "stream=width,height,pix_fmt,color_range,color_space,avg_frame_rate,time_base,field_order,nb_frames:\
+    let failed = |source| SourceError::Read { file: file.to_owned(), source };
+    let mut start = Vec::new();
+    plain::open(file).map_err(failed)?.take(MAX_SIGNATURE_BYTES).read_to_end(&mut start).map_err(failed)?;
+    if let Some(kind) = unsupported::by_content(&start) {
+        return Err(SourceError::content(file, kind.refusal()));
+    }
+    let entries = "stream=width,height,pix_fmt,color_range,color_space,color_transfer,color_primaries,\
+                   sample_aspect_ratio,avg_frame_rate,time_base,field_order,nb_frames:\
                    stream_tags=DURATION:stream_side_data=rotation:packet=pts,pts_time,flags";
     let mut arguments: Vec<OsString> =
         ["-v", "error", "-select_streams", "v:0", "-show_entries", entries, "-of", "json"].map(OsString::from).into();
@@ -200,10 +289,9 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
         _ if format.starts_with("yuvj") || format.starts_with("gray") || is_rgb(format) => ColorRange::Full,
         _ => ColorRange::Limited,
     };
-    let mut warnings = Vec::new();
-    if let Some(angle) = stream.side_data_list.iter().find_map(|s| s.rotation).filter(|angle| *angle != 0.0) {
-        warnings.push(format!("{}: says it should be shown turned by {angle}°; it is read as stored", file.display()));
-    }
+    let presentation = Presentation::of(stream);
+    let mut warnings: Vec<String> =
+        presentation.warnings().iter().map(|warning| format!("{}: {warning}", file.display())).collect();
     if matches!(stream.field_order.as_deref(), Some("tt" | "bb" | "tb" | "bt")) {
         warnings.push(format!("{}: is interlaced; its fields are not separated", file.display()));
     }
@@ -218,7 +306,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     let entries: Option<Vec<Entry>> = probe.packets.iter().map(Packet::entry).collect();
     let index = Index::new(stream.time_base.as_deref().unwrap_or_default(), &entries.unwrap_or_default());
     let index = index.map(Arc::new);
-    Ok(Video { file: file.to_owned(), width, height, bits, range, matrix, timestamps_s, warnings, index })
+    Ok(Video { file: file.to_owned(), width, height, bits, range, matrix, presentation, timestamps_s, warnings, index })
 }
 
 /// Checks that there are as many frames as the container promises: by their number (MP4), or by when the last one ends
@@ -349,6 +437,29 @@ mod tests {
         assert_eq!((v.range, v.matrix), (Full, Bt709));
         let error = parse(r#""pix_fmt": "yuv420p", "color_space": "ycgco""#, ONE, &Overrides::default()).unwrap_err();
         assert!(error.starts_with("v.mkv: its colour matrix is ycgco; accepted are"), "{error}");
+    }
+
+    #[test]
+    fn the_presentation_is_kept_and_told() {
+        let stream = r#""pix_fmt": "yuv420p10le", "color_space": "bt2020nc", "color_transfer": "smpte2084",
+            "color_primaries": "bt2020", "sample_aspect_ratio": "16:15", "side_data_list": [{"rotation": -90}]"#;
+        let v = parse(stream, ONE, &Overrides::default()).unwrap();
+        let expected = Presentation {
+            rotation_deg: -90.0,
+            pixel_aspect: Some((16, 15)),
+            transfer: Some("smpte2084"),
+            primaries: Some("bt2020"),
+        };
+        assert_eq!(v.presentation, expected);
+        for said in ["v.mkv: says it should be shown turned by -90°", "not square but 16:15", "v.mkv: is in PQ (high"]
+        {
+            assert!(v.warnings.iter().any(|w| w.contains(said)), "{said}: {:?}", v.warnings);
+        }
+        for plain in ["1:1", "0:1", "N/A"] {
+            let stream = format!(r#""pix_fmt": "yuv420p", "color_transfer": "odd", "sample_aspect_ratio": "{plain}""#);
+            let v = parse(&stream, ONE, &Overrides::default()).unwrap();
+            assert_eq!((v.presentation, v.warnings.len()), (Presentation::default(), 0), "{plain}");
+        }
     }
 
     #[test]

@@ -65,11 +65,21 @@ pub fn word<'a>(line: &mut &'a str) -> &'a str {
 
 /// The next word of a line as a finite number. The message says what was found instead.
 pub fn number(line: &mut &str, name: &str) -> Result<f64, String> {
-    let found = word(line);
-    match found.parse::<f64>() {
-        Ok(n) if n.is_finite() => Ok(n),
-        _ if found.is_empty() => Err(format!("{name} is missing")),
-        _ => Err(format!("{name} is `{}`; a finite number is needed", quoted(found))),
+    let mut rest = *line;
+    match pose_number(&mut rest, name)? {
+        n if n.is_finite() => {
+            *line = rest;
+            Ok(n)
+        }
+        _ => Err(format!("{name} is `{}`; a finite number is needed", quoted(word(line)))),
+    }
+}
+
+/// Like [`number`], but accepts NaN and infinity, which trackers write for the pose of a camera that they have lost.
+pub fn pose_number(line: &mut &str, name: &str) -> Result<f64, String> {
+    match word(line) {
+        "" => Err(format!("{name} is missing")),
+        found => found.parse().map_err(|_| format!("{name} is `{}`; a finite number is needed", quoted(found))),
     }
 }
 

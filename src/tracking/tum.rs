@@ -70,8 +70,9 @@ pub fn read_trajectory(path: &Path, max_gap_s: Option<f64>) -> Result<PoseTrack,
     PoseTrack::new(trajectory.poses, max_gap_s).map_err(|e| TextError::line(path, 0, e))
 }
 
-/// Parses a trajectory's text; `file` is named in errors. Timestamps that do not ascend, numbers that are not finite
-/// and quaternions further than [`LARGEST_NORM_ERROR`] from unit length are errors with their line.
+/// Parses a trajectory's text; `file` is named in errors. Timestamps that do not ascend, words that are no numbers and
+/// quaternions further than [`LARGEST_NORM_ERROR`] from unit length are errors with their line. A pose that is not finite
+/// is lost: it is left out with a warning.
 pub fn parse_trajectory(text: &str, file: &Path) -> Result<Trajectory, TextError> {
     let (lines, warnings) = parse_lines(text, file)?;
     Ok(Trajectory { poses: lines.iter().map(|line| (line.time_s, line.pose())).collect(), warnings })
@@ -80,14 +81,17 @@ pub fn parse_trajectory(text: &str, file: &Path) -> Result<Trajectory, TextError
 /// Like [`parse_trajectory`], with the numbers as written; and the warnings about them.
 pub fn parse_lines(text: &str, file: &Path) -> Result<(Vec<Line>, Vec<String>), TextError> {
     let mut lines: Vec<Line> = Vec::new();
-    let mut odd = NormNotes::default();
+    let mut odd = PoseNotes::default();
     for (at, record) in text::records(text) {
-        let (line, norm_error) = parse_line(record).map_err(|problem| TextError::line(file, at, problem))?;
+        let Some((line, norm_error)) = parse_line(record).map_err(|problem| TextError::line(file, at, problem))? else {
+            odd.lose(format!("line {at}"));
+            continue;
+        };
         ascends(lines.last().map(|before| before.time_s), line.time_s).map_err(|e| TextError::line(file, at, e))?;
         odd.note(norm_error, format!("line {at}"));
         lines.push(line);
     }
-    let warnings = odd.warning(file, lines.len()).into_iter().collect();
+    let warnings = odd.warnings(file, lines.len());
     Ok((lines, warnings))
 }
 
@@ -99,18 +103,23 @@ pub fn ascends(before_s: Option<f64>, time_s: f64) -> Result<(), String> {
     Err(format!("the time {how}: {time_s} after {before_s}; poses must ascend in time"))
 }
 
-fn parse_line(record: &str) -> Result<(Line, f64), String> {
+/// The line and the norm error of its quaternion. `None` if its pose is lost.
+fn parse_line(record: &str) -> Result<Option<(Line, f64)>, String> {
     let mut rest = record;
-    let mut fields = [0.0; 8];
-    for (field, name) in fields.iter_mut().zip(["timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw"]) {
-        *field = text::number(&mut rest, name)
-            .map_err(|problem| format!("{problem} (a pose is `timestamp tx ty tz qx qy qz qw`)"))?;
+    let mut fields = [0.0; 7];
+    let refuse = |problem| format!("{problem} (a pose is `timestamp tx ty tz qx qy qz qw`)");
+    let time_s = text::number(&mut rest, "timestamp").map_err(refuse)?;
+    for (field, name) in fields.iter_mut().zip(["tx", "ty", "tz", "qx", "qy", "qz", "qw"]) {
+        *field = text::pose_number(&mut rest, name).map_err(refuse)?;
     }
     text::end(rest)?;
-    let [time_s, tx, ty, tz, qx, qy, qz, qw] = fields;
+    if fields.iter().any(|field| !field.is_finite()) {
+        return Ok(None);
+    }
+    let [tx, ty, tz, qx, qy, qz, qw] = fields;
     let rotation = DQuat::from_xyzw(qx, qy, qz, qw);
     let (_, norm_error) = unit_quaternion(rotation)?;
-    Ok((Line { time_s, position_m: DVec3::new(tx, ty, tz), rotation }, norm_error))
+    Ok(Some((Line { time_s, position_m: DVec3::new(tx, ty, tz), rotation }, norm_error)))
 }
 
 /// The quaternion normalised, and how far its length was from 1; refused beyond [`LARGEST_NORM_ERROR`].
@@ -122,15 +131,25 @@ pub fn unit_quaternion(q: DQuat) -> Result<(DQuat, f64), String> {
     Ok((q.normalize(), error))
 }
 
-/// Collects quaternions that are not of unit length into one warning.
+/// Collects poses that are lost, and quaternions that are not of unit length, into one warning each.
 #[derive(Debug, Default)]
-pub struct NormNotes {
+pub struct PoseNotes {
     count: usize,
     worst: f64,
     first: String,
+    lost: usize,
+    first_lost: String,
 }
 
-impl NormNotes {
+impl PoseNotes {
+    /// Counts a pose that is not finite.
+    pub fn lose(&mut self, place: String) {
+        if self.lost == 0 {
+            self.first_lost = place;
+        }
+        self.lost += 1;
+    }
+
     pub fn note(&mut self, norm_error: f64, place: String) {
         if norm_error <= NOTED_NORM_ERROR {
             return;
@@ -142,14 +161,21 @@ impl NormNotes {
         self.worst = self.worst.max(norm_error);
     }
 
-    pub fn warning(&self, file: &Path, of: usize) -> Option<String> {
-        (self.count > 0).then(|| {
-            let Self { count, worst, first } = self;
+    /// The warnings about a file with `of` poses besides the lost ones.
+    pub fn warnings(&self, file: &Path, of: usize) -> Vec<String> {
+        let Self { count, worst, first, lost, first_lost } = self;
+        let file = file.display();
+        let off_unit = (*count > 0).then(|| {
+            format!("{file}: not of unit length are {count} of {of} quaternions, by up to {worst:.4} (first at {first}): normalised")
+        });
+        let lost = (*lost > 0).then(|| {
+            let are = if *lost == 1 { "is" } else { "are" };
+            let all = lost + of;
             format!(
-                "{}: not of unit length are {count} of {of} quaternions, by up to {worst:.4} (first at {first}): normalised",
-                file.display()
+                "{file}: {lost} of {all} poses {are} not finite (first at {first_lost}): lost by the tracker, left out"
             )
-        })
+        });
+        off_unit.into_iter().chain(lost).collect()
     }
 }
 
@@ -180,14 +206,21 @@ mod tests {
             ("0.5 0 0 0 0 0 0 1", "t.txt, line 3: the time runs backwards"),
             ("2 0 0 0 0 0 0 1.02", "t.txt, line 3: the quaternion has length 1.02"),
             ("2 0 0 0 0 0 0 0", "t.txt, line 3: the quaternion has length 0"),
-            ("2 0 NaN 0 0 0 0 1", "t.txt, line 3: ty is `NaN`"),
-            ("2 0 inf 0 0 0 0 1", "t.txt, line 3: ty is `inf`"),
+            ("NaN 0 0 0 0 0 0 1", "t.txt, line 3: timestamp is `NaN`; a finite number is needed"),
+            ("2 0 x 0 0 0 0 1", "t.txt, line 3: ty is `x`; a finite number is needed"),
             ("2 0 0 0 0 0 0", "t.txt, line 3: qw is missing"),
             ("2 0 0 0 0 0 0 1 7", "t.txt, line 3: there is more than expected: `7`"),
         ] {
             let error = parse(&format!("# comment\n{good}{bad}\n{good}")).unwrap_err();
             assert!(error.starts_with(said), "{error}");
         }
+    }
+
+    #[test]
+    fn lost_poses_are_left_out_and_counted() {
+        let t = parse("1 0 0 0 0 0 0 1\n2 0 nan 0 0 0 0 1\n3 -inf 0 0 0 0 0 1\n4 0 0 0 0 0 0 1\n").unwrap();
+        assert_eq!(t.poses.iter().map(|pose| pose.0).collect::<Vec<_>>(), [1.0, 4.0]);
+        assert_eq!(t.warnings, ["t.txt: 2 of 4 poses are not finite (first at line 2): lost by the tracker, left out"]);
     }
 
     #[test]

@@ -7,7 +7,6 @@ mod clock;
 #[cfg(all(feature = "camera", target_os = "linux"))]
 mod device;
 mod error;
-mod jpeg_tables;
 mod list;
 #[cfg(all(feature = "camera", target_os = "linux"))]
 mod negotiate;

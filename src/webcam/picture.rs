@@ -3,13 +3,12 @@
 use std::borrow::Cow;
 use std::fmt;
 
-use super::jpeg_tables;
 use serde::{Deserialize, Serialize};
 
 use crate::pixels::Pixels;
-use crate::source::still;
 use crate::source::video::{ColorMatrix, ColorRange};
 use crate::source::yuv::Table;
+use crate::source::{jpeg_tables, still};
 
 /// How a picture's bytes lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
@@ -108,8 +107,7 @@ impl Picture {
             Layout::Nv12 => table().nv12(&self.bytes, width, height, stride),
             Layout::Rgb => rgb(&self.bytes, width, height, stride),
             Layout::Mjpeg => {
-                let file = jpeg_tables::with_tables(&self.bytes);
-                let pixels = still::decode_pixels(&file).map_err(PictureError)?;
+                let pixels = still::decode_pixels(&self.bytes).map_err(PictureError)?;
                 if (pixels.width, pixels.height) != (width, height) || pixels.max_code() != 255 {
                     let (w, h) = (pixels.width, pixels.height);
                     return Err(PictureError(format!("it is {w}x{h}, and {width}x{height} was announced")));

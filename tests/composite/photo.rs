@@ -473,7 +473,7 @@ fn a_bracket_is_a_series_with_a_sheet_and_exif() {
     let text = String::from_utf8_lossy(&done.stderr).into_owned();
     assert!(!text.contains("virtual things alone"), "{text}");
     let settings =
-        |n: usize| locard::source::exif::read_settings(&folder.path().join(format!("door-{n}.jpg"))).unwrap();
+        |n: usize| locard::source::exif::read(&folder.path().join(format!("door-{n}.jpg"))).unwrap().settings;
     for (n, iso) in [100.0, 200.0, 400.0, 800.0, 1600.0, 3200.0, 6400.0, 12800.0, 25600.0].into_iter().enumerate() {
         let settings = settings(n + 1);
         assert_eq!((settings.iso, settings.f_number), (Some(iso), Some(4.0)));

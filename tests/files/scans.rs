@@ -93,6 +93,26 @@ fn what_an_export_lacks_is_told() {
 }
 
 #[test]
+fn intrinsics_that_are_refused_are_named_with_their_file() {
+    let folder = tempfile::tempdir().unwrap();
+    export(folder.path(), 3);
+    let (matrix, odometry) = (folder.path().join("camera_matrix.csv"), folder.path().join("odometry.csv"));
+    let text = fs::read_to_string(&matrix).unwrap();
+    fs::write(&matrix, text.replacen("7.5", "9e18", 1)).unwrap();
+    let error = refused(folder.path());
+    assert!(error.contains("camera_matrix.csv: camera.fx_px = 9") && !error.contains("odometry"), "{error}");
+    // Of one frame, in the columns that newer files have.
+    let lines = fs::read_to_string(&odometry).unwrap();
+    let with = |(i, line): (usize, &str)| {
+        let own = ["fx, fy, cx, cy", "7, 7, 4, 3", "7, 9e18, 4, 3", "7, 7, 4, 3"][i];
+        format!("{line}, {own}\n")
+    };
+    fs::write(&odometry, lines.lines().enumerate().map(with).collect::<String>()).unwrap();
+    let error = refused(folder.path());
+    assert!(error.contains("odometry.csv, line 3: camera.fy_px = 9"), "{error}");
+}
+
+#[test]
 fn a_line_that_was_cut_is_left_out_and_told() {
     let folder = tempfile::tempdir().unwrap();
     export(folder.path(), 3);

@@ -11,7 +11,7 @@ use crate::calibrate::is_picture;
 use crate::camera::Response;
 use crate::rows::{over_rows, processors};
 use crate::source::video::{Overrides, Video, probe};
-use crate::source::{SourceError, still};
+use crate::source::{SourceError, still, unsupported};
 use crate::words::reason;
 
 /// About this many frames of a video are searched, evenly spaced.
@@ -66,7 +66,9 @@ pub fn views_from_paths(
     for path in paths {
         if path.is_dir() {
             photos.extend(pictures_in(path)?);
-        } else if is_picture(path) || !path.exists() {
+            // Each is refused with the command that converts it.
+            photos.extend(unsupported::in_folder(path));
+        } else if is_picture(path) || unsupported::by_name(path).is_some() || !path.exists() {
             photos.push(path.clone());
         } else {
             videos.push(probe(path, &Overrides::default())?);

@@ -1,0 +1,77 @@
+//! Captures of apps that are recognised and not read, each with the way to a recording.
+
+use std::path::Path;
+
+/// A kind of capture.
+struct Capture {
+    is_at: fn(&Path) -> bool,
+    refusal: &'static str,
+}
+
+fn has(folder: &Path, names: &[&str]) -> bool {
+    names.iter().all(|name| folder.join(name).exists())
+}
+
+fn ends_with(path: &Path, ending: &str) -> bool {
+    path.is_file() && path.extension().is_some_and(|own| own.eq_ignore_ascii_case(ending))
+}
+
+static CAPTURES: [Capture; 5] = [
+    Capture {
+        is_at: |path| has(path, &["keyframes/images"]) || has(path, &["images", "corrected_cameras"]),
+        refusal: "it is a capture of Polycam; `ns-process-data polycam --data CAPTURE.zip --output-dir NEW` (nerfstudio) makes \
+                  a recording of the raw export",
+    },
+    Capture {
+        is_at: |path| {
+            has(path, &["EXR_RGBD"]) || (has(path, &["rgb", "depth", "metadata.json"])) || ends_with(path, "r3d")
+        },
+        refusal: "it is a capture of Record3D; export it as EXR + JPG, and `ns-process-data record3d --data EXPORT --output-dir \
+                  NEW` (nerfstudio) makes a recording of it",
+    },
+    Capture {
+        is_at: |path| has(path, &["ARposes.txt"]),
+        refusal: "it is a log of ARKit; `ns-process-data video --data frames.m4v --output-dir NEW` (nerfstudio) finds the poses \
+                  anew, or a recording.toml names the video and a trajectory of the logged poses",
+    },
+    Capture {
+        is_at: |path| has(path, &["lowres_wide.traj"]),
+        refusal: "it is a scan of ARKitScenes; a recording.toml that names the pictures, the depth and a trajectory of \
+                  lowres_wide.traj makes a recording of it",
+    },
+    Capture {
+        is_at: |path| has(path, &["database.db"]) && !has(path, &["sparse"]),
+        refusal: "it is a COLMAP project without a model; `colmap mapper`, then `colmap model_converter --output_type TXT` make one",
+    },
+];
+
+/// Why a capture is not read, and what to do; `None` if the path is none that is known.
+pub fn refusal(path: &Path) -> Option<&'static str> {
+    CAPTURES.iter().find(|capture| (capture.is_at)(path)).map(|capture| capture.refusal)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn captures_are_told_by_their_files() {
+        for (file, said) in [
+            ("keyframes/images/1.jpg", "ns-process-data polycam"),
+            ("EXR_RGBD/metadata.json", "ns-process-data record3d"),
+            ("ARposes.txt", "ns-process-data video"),
+            ("lowres_wide.traj", "lowres_wide.traj"),
+            ("database.db", "colmap mapper"),
+        ] {
+            let folder = tempfile::tempdir().unwrap();
+            assert_eq!(refusal(folder.path()), None);
+            let file = folder.path().join(file);
+            std::fs::create_dir_all(file.parent().unwrap()).unwrap();
+            std::fs::write(file, "").unwrap();
+            assert!(refusal(folder.path()).unwrap().contains(said), "{said}");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("a.r3d"), "").unwrap();
+        assert!(refusal(&folder.path().join("a.r3d")).unwrap().contains("Record3D"));
+    }
+}

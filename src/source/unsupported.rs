@@ -1,0 +1,181 @@
+//! Pictures that are recognised and not decoded, each with a command that converts it.
+
+use std::collections::BTreeSet;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+use crate::words::count;
+
+/// A kind of file that is not decoded.
+#[derive(Debug)]
+pub struct Kind {
+    name: &'static str,
+    /// Extensions, in lower case.
+    endings: &'static [&'static str],
+    is_begun_by: fn(&[u8]) -> bool,
+    convert: &'static str,
+}
+
+/// Whether a file of the ISO base media format has one of these brands.
+fn has_brand(start: &[u8], brands: &[&[u8; 4]]) -> bool {
+    start.get(4..8) == Some(b"ftyp") && brands.iter().any(|brand| start.get(8..12) == Some(*brand))
+}
+
+/// Camera raw files begin as TIFF files, so that only their names tell them.
+static KINDS: [Kind; 12] = [
+    Kind {
+        name: "HEIC",
+        endings: &["heic", "heif", "hif"],
+        is_begun_by: |start| has_brand(start, &[b"heic", b"heix", b"heim", b"heis", b"mif1", b"msf1", b"hevc"]),
+        convert: "heif-convert FILE.heic FILE.png",
+    },
+    Kind {
+        name: "AVIF",
+        endings: &["avif"],
+        is_begun_by: |start| has_brand(start, &[b"avif"]),
+        convert: "ffmpeg -i FILE.avif FILE.png",
+    },
+    Kind {
+        name: "a camera's raw file",
+        endings: &["dng", "cr2", "cr3", "nef", "arw", "raf", "orf", "rw2", "pef", "srw"],
+        is_begun_by: |start| has_brand(start, &[b"crx "]) || start.starts_with(b"FUJIFILM"),
+        convert: "darktable-cli FILE.dng FILE.png",
+    },
+    Kind {
+        name: "TIFF",
+        endings: &["tif", "tiff"],
+        is_begun_by: |start| start.starts_with(b"II*\0") || start.starts_with(b"MM\0*"),
+        convert: "ffmpeg -i FILE.tif FILE.png",
+    },
+    Kind {
+        name: "OpenEXR",
+        endings: &["exr"],
+        is_begun_by: |start| start.starts_with(b"\x76\x2f\x31\x01"),
+        convert: "ffmpeg -apply_trc iec61966_2_1 -i FILE.exr -pix_fmt rgb48be FILE.png",
+    },
+    Kind {
+        name: "WebP",
+        endings: &["webp"],
+        is_begun_by: |start| start.starts_with(b"RIFF") && start.get(8..12) == Some(b"WEBP"),
+        convert: "ffmpeg -i FILE.webp FILE.png",
+    },
+    Kind {
+        name: "JPEG XL",
+        endings: &["jxl"],
+        is_begun_by: |start| start.starts_with(b"\xff\x0a") || start.starts_with(b"\0\0\0\x0cJXL "),
+        convert: "djxl FILE.jxl FILE.png",
+    },
+    Kind {
+        name: "JPEG 2000",
+        endings: &["jp2", "j2k"],
+        is_begun_by: |start| start.starts_with(b"\0\0\0\x0cjP  ") || start.starts_with(b"\xff\x4f\xff\x51"),
+        convert: "ffmpeg -i FILE.jp2 FILE.png",
+    },
+    Kind {
+        name: "BMP",
+        endings: &["bmp"],
+        is_begun_by: |start| start.starts_with(b"BM"),
+        convert: "ffmpeg -i FILE.bmp FILE.png",
+    },
+    Kind {
+        name: "GIF",
+        endings: &["gif"],
+        // By its content it is a video.
+        is_begun_by: |_| false,
+        convert: "ffmpeg -i FILE.gif FILE.png",
+    },
+    Kind {
+        name: "PPM",
+        endings: &["ppm", "pgm", "pnm"],
+        is_begun_by: |start| start.starts_with(b"P5") || start.starts_with(b"P6"),
+        convert: "ffmpeg -i FILE.ppm FILE.png",
+    },
+    Kind {
+        name: "a NumPy array",
+        endings: &["npy"],
+        is_begun_by: |start| start.starts_with(b"\x93NUMPY"),
+        convert: "python3 -c \"import cv2, numpy; cv2.imwrite('FILE.png', numpy.load('FILE.npy').astype('uint16'))\"",
+    },
+];
+
+impl Kind {
+    pub fn refusal(&self) -> String {
+        format!("is {}, which is not read; convert it: {}", self.name, self.convert)
+    }
+}
+
+/// The kind of a file that is not decoded, by its first bytes.
+pub fn by_content(start: &[u8]) -> Option<&'static Kind> {
+    KINDS.iter().find(|kind| (kind.is_begun_by)(start))
+}
+
+/// The kind of a file that is not decoded, by its name.
+pub fn by_name(file: &Path) -> Option<&'static Kind> {
+    let ending = file.extension()?.to_string_lossy().to_ascii_lowercase();
+    KINDS.iter().find(|kind| kind.endings.contains(&ending.as_str()))
+}
+
+/// The pictures of a folder that are not decoded, by their names, in order. Those that were converted, into a PNG or JPEG
+/// beside them, are left out. A folder that cannot be read has none.
+pub fn in_folder(folder: &Path) -> Vec<PathBuf> {
+    let files = || std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let is_decoded = |file: &PathBuf| {
+        let ending = file.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        matches!(ending.as_str(), "png" | "jpg" | "jpeg")
+    };
+    let stem = |file: &PathBuf| file.file_stem().map(OsString::from);
+    let converted: BTreeSet<_> = files().filter(is_decoded).map(|file| stem(&file)).collect();
+    let is_hidden = |file: &Path| file.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+    let mut found: Vec<PathBuf> = files()
+        .filter(|file| {
+            by_name(file).is_some() && !is_hidden(file) && !converted.contains(&stem(file)) && file.is_file()
+        })
+        .collect();
+    found.sort();
+    found
+}
+
+/// How many pictures are not decoded, and what to do about the first; `None` if there are none.
+pub fn told(files: &[PathBuf]) -> Option<String> {
+    let first = files.first()?;
+    let are = if files.len() == 1 { "is" } else { "are" };
+    let refusal = by_name(first)?.refusal();
+    Some(format!("{} {are} not read (first: {} {refusal})", count(files.len(), "picture"), first.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kinds_are_told_by_content_and_by_name() {
+        for (start, file, name) in [
+            (&b"\0\0\0\x18ftypheic\0\0\0\0"[..], "a/IMG_1.HEIC", "HEIC"),
+            (b"\x76\x2f\x31\x01", "f.exr", "OpenEXR"),
+            (b"\x93NUMPY\x01", "f.npy", "a NumPy array"),
+            (b"II*\0", "f.tif", "TIFF"),
+            (b"RIFF\0\0\0\0WEBP", "f.webp", "WebP"),
+        ] {
+            assert_eq!(by_content(start).unwrap().name, name);
+            assert_eq!(by_name(Path::new(file)).unwrap().name, name);
+        }
+        assert!(by_content(b"\0\0\0\x18ftypisom").is_none() && by_content(b"").is_none());
+        assert!(by_name(Path::new("f.png")).is_none() && by_name(Path::new("heic")).is_none());
+    }
+
+    #[test]
+    fn a_folders_unread_pictures_are_those_without_a_converted_copy() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["b.heic", "a.TIF", "c.heic", "c.jpg", ".d.heic", "notes.txt"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        let found = in_folder(folder.path());
+        assert_eq!(found, ["a.TIF", "b.heic"].map(|name| folder.path().join(name)));
+        let told = told(&found).unwrap();
+        assert!(
+            told.starts_with("2 pictures are not read (first: ") && told.contains("a.TIF is TIFF, which"),
+            "{told}"
+        );
+        assert!(in_folder(&folder.path().join("none")).is_empty());
+    }
+}
