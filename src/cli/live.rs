@@ -15,6 +15,7 @@ use crate::live::{Came, Live, Next, Tracking, Writer};
 use crate::recording::recorder::Recorder;
 use crate::shot::{Given, Shot, ShotError};
 use crate::sink::{self, OutPath, Sink, SinkError, SinkOptions};
+use crate::source::video::Presentation;
 use crate::webcam::monotonic_s;
 use crate::words::{count, fixed};
 
@@ -113,8 +114,16 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
         warn(args.camera.pictures.quiet, &text);
     }
     compositor.prepare(&shot.settings);
-    let options =
-        SinkOptions { force: args.force, fps: 1.0 / interval_s, lossless: args.lossless, width, height, bits: 8 };
+    let options = SinkOptions {
+        force: args.force,
+        fps: 1.0 / interval_s,
+        times_s: None,
+        presentation: Presentation::default(),
+        lossless: args.lossless,
+        width,
+        height,
+        bits: 8,
+    };
     let sink = sink::open(&out, &options)?;
     let about = agreed.about(profile)?;
     let writer = args.record.as_ref().map(|path| Ok::<_, anyhow::Error>(Writer::new(Recorder::create(path, &about)?)?));

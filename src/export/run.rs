@@ -17,6 +17,7 @@ use crate::unfinished::MadeFolder;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Exported {
     tally: Tally,
+    undecoded_depth: Option<String>,
 }
 
 impl Exported {
@@ -27,7 +28,7 @@ impl Exported {
 
     /// What is odd about the frames.
     pub fn notes(&self) -> Vec<Note> {
-        self.tally.notes()
+        self.undecoded_depth.iter().cloned().map(Note::Recording).chain(self.tally.notes()).collect()
     }
 }
 
@@ -44,6 +45,8 @@ impl Export {
         let options = SinkOptions {
             force: self.force,
             fps: 1.0 / recording.frame_interval_s,
+            times_s: recording.times_unless_steady(self.range.clone()),
+            presentation: recording.presentation(),
             lossless: self.lossless,
             width: recording.width,
             height: recording.height,
@@ -65,6 +68,7 @@ impl Export {
             reported.iter_mut().for_each(|all| all.push(frame.stats.clone()));
             goes_on(&frame.stats)
         })?;
+        done.undecoded_depth = recording.undecoded_depth();
         if let Some(path) = &self.report {
             let mut report = serde_json::json!({
                 "adapter": adapter.name,

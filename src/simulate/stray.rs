@@ -10,6 +10,7 @@ use super::render::Picture;
 use super::{Format, SimulateError, Simulation};
 use crate::pixels::Pixels;
 use crate::sink::{self, OutPath, Sink, SinkOptions};
+use crate::source::video::Presentation;
 use crate::tracking::PoseTrack;
 
 pub const CODES_PER_METRE: f64 = 1000.0;
@@ -33,6 +34,8 @@ impl Scan {
         let as_told = SinkOptions {
             force: false,
             fps: options.fps,
+            times_s: None,
+            presentation: Presentation::default(),
             lossless: options.format == Format::Png,
             width: options.width_px,
             height: options.height_px,

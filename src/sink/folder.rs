@@ -27,7 +27,11 @@ pub struct FolderSink {
 impl FolderSink {
     pub fn open(folder: &Path, options: &SinkOptions) -> Result<Self, SinkError> {
         let failed = |source| SinkError::Write { path: folder.to_owned(), source };
-        Ok(Self { folder: folder.to_owned(), made: MadeFolder::make(folder).map_err(failed)?, options: *options })
+        Ok(Self {
+            folder: folder.to_owned(),
+            made: MadeFolder::make(folder).map_err(failed)?,
+            options: options.clone(),
+        })
     }
 }
 

@@ -8,13 +8,17 @@ pub mod lettering;
 pub mod photograph;
 pub mod picture;
 pub mod raw;
+mod rotation;
+mod timed;
 mod video;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use self::atomic::Place;
 use crate::pixels::{Codes, Pixels};
 use crate::source::ffmpeg::FfmpegError;
+use crate::source::video::Presentation;
 use crate::words::reason;
 
 /// Where finished frames go, in order.
@@ -73,12 +77,16 @@ impl OutPath {
 const WRITES: &str = "accepted are a folder (PNG sequence), a .mp4 or .mkv file, or - (raw RGB)";
 
 /// How to write.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SinkOptions {
     /// Whether existing output may be replaced.
     pub force: bool,
     /// Frames per second, for video.
     pub fps: f64,
+    /// When each frame is shown, by its index, seconds, for video whose frames do not come at a steady rate.
+    pub times_s: Option<Arc<[f64]>>,
+    /// How a video is to be shown.
+    pub presentation: Presentation,
     /// Whether a video keeps every code value.
     pub lossless: bool,
     pub width: u32,

@@ -16,7 +16,7 @@ pub struct RawSink<W> {
 
 impl<W: Write> RawSink<W> {
     pub fn new(writer: W, options: &SinkOptions) -> Self {
-        Self { writer, path: None, options: *options }
+        Self { writer, path: None, options: options.clone() }
     }
 
     /// Names what is written to in errors.
@@ -47,9 +47,23 @@ impl<W: Write> Sink for RawSink<W> {
 mod tests {
     use super::*;
 
+    fn plain() -> SinkOptions {
+        let presentation = crate::source::video::Presentation::default();
+        SinkOptions {
+            force: false,
+            fps: 30.0,
+            times_s: None,
+            presentation,
+            lossless: false,
+            width: 1,
+            height: 1,
+            bits: 8,
+        }
+    }
+
     #[test]
     fn values_follow_each_other_low_byte_first() {
-        let options = SinkOptions { force: false, fps: 30.0, lossless: false, width: 2, height: 1, bits: 16 };
+        let options = SinkOptions { width: 2, height: 1, bits: 16, ..plain() };
         let mut written = Vec::new();
         let mut sink = Box::new(RawSink::new(&mut written, &options));
         sink.write(0, &Pixels::from_u16(2, 1, vec![1, 0x0203, 0, 0, 0, 0xfffe]).unwrap()).unwrap();
@@ -61,7 +75,7 @@ mod tests {
 
     #[test]
     fn a_closed_pipe_is_said() {
-        let options = SinkOptions { force: false, fps: 30.0, lossless: false, width: 1, height: 1, bits: 8 };
+        let options = plain();
         let (reader, writer) = std::io::pipe().unwrap();
         drop(reader);
         let mut sink = RawSink::new(writer, &options);

@@ -4,9 +4,10 @@ use std::ffi::OsString;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ChildStdin;
+use std::sync::Arc;
 
 use super::atomic::Partial;
-use super::{Sink, SinkError, SinkOptions, little_endian};
+use super::{Sink, SinkError, SinkOptions, little_endian, rotation, timed};
 use crate::pixels::Pixels;
 use crate::source::ffmpeg::{self, Running};
 use crate::source::video::{CONVERSION_FLAGS, ColorMatrix};
@@ -26,6 +27,32 @@ pub struct VideoSink {
     made: Option<MadeFolder>,
     /// Number of frames passed to ffmpeg.
     frames: usize,
+    /// For frames with times of their own.
+    clock: Option<Clock>,
+}
+
+/// The times of the frames that were written.
+#[derive(Debug)]
+struct Clock {
+    times_s: Arc<[f64]>,
+    /// The first frame's time, and the last one's in the file, microseconds.
+    begun: Option<(f64, u64)>,
+}
+
+/// The shortest step between two frames, microseconds: a tick of the file's clock, rounded up.
+const MIN_STEP_US: u64 = 12;
+
+impl Clock {
+    /// A frame's time in the file, microseconds: ascending, from 0 on.
+    fn time_us(&mut self, frame: usize) -> u64 {
+        let time_s = self.times_s.get(frame).copied().unwrap_or_default();
+        let time_us = match self.begun {
+            None => 0,
+            Some((first_s, last_us)) => (((time_s - first_s) * 1e6).round() as u64).max(last_us + MIN_STEP_US),
+        };
+        self.begun = Some((self.begun.map_or(time_s, |begun| begun.0), time_us));
+        time_us
+    }
 }
 
 impl VideoSink {
@@ -34,7 +61,7 @@ impl VideoSink {
         if !(options.fps.is_finite() && options.fps > 0.0) {
             return Err(refuse("frames a second must be finite and above 0"));
         }
-        let mkv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mkv"));
+        let mkv = is_mkv(path);
         if options.lossless && options.bits == 16 && !mkv {
             return Err(refuse("lossless video with 16 bits goes into .mkv only"));
         }
@@ -47,7 +74,8 @@ impl VideoSink {
         // Nobody reads ffmpeg's stdout; closed, it cannot block.
         drop(running.take_stdout());
         let running = running.take_stdin().map(|stdin| (running, stdin));
-        Ok(Self { path: path.to_owned(), options: *options, running, partial, made, frames: 0 })
+        let clock = options.times_s.clone().map(|times_s| Clock { times_s, begun: None });
+        Ok(Self { path: path.to_owned(), options: options.clone(), running, partial, made, frames: 0, clock })
     }
 
     /// Waits for ffmpeg and reports a failure in its words.
@@ -62,26 +90,63 @@ impl VideoSink {
     }
 }
 
+fn is_mkv(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("mkv"))
+}
+
 fn arguments(options: &SinkOptions, partial: &Path, mkv: bool) -> Vec<OsString> {
-    let SinkOptions { fps, lossless, width, height, bits, .. } = *options;
+    let SinkOptions { fps, lossless, width, height, bits, presentation, .. } = *options;
+    let is_timed = options.times_s.is_some();
     let input = if bits == 16 { "rgb48le" } else { "rgb24" };
     let (size, rate) = (format!("{width}x{height}"), fps.to_string());
-    let mut text: Vec<&str> = vec!["-v", "error", "-xerror", "-y", "-f", "rawvideo", "-pix_fmt", input];
-    text.extend(["-s", &size, "-framerate", &rate, "-i", "pipe:0", "-an"]);
+    let mut text: Vec<&str> = vec!["-v", "error", "-xerror", "-y"];
+    if is_timed {
+        text.extend(["-f", "matroska", "-i", "pipe:0", "-an"]);
+    } else {
+        text.extend(["-f", "rawvideo", "-pix_fmt", input, "-s", &size, "-framerate", &rate, "-i", "pipe:0", "-an"]);
+    }
     let (matrix, tag) = match ColorMatrix::usual(height) {
+        _ if presentation.primaries == Some("bt2020") => ("bt2020", "bt2020nc"),
         ColorMatrix::Bt601 => ("bt601", "smpte170m"),
         _ => ("bt709", "bt709"),
     };
     // Chroma at half resolution needs even sizes, and the picture's size must not change for that.
     let chroma = if width % 2 == 0 && height % 2 == 0 { "yuv420p" } else { "yuv444p" };
-    let filter = format!("scale=out_color_matrix={matrix}:out_range=limited:flags={CONVERSION_FLAGS},format={chroma}");
+    // Steps of 8 bits are seen where they span a high dynamic range.
+    let depth = if presentation.hdr().is_some() && bits == 16 { "10le" } else { "" };
+    let aspect = presentation.pixel_aspect.map(|(width, height)| format!("setsar={width}/{height}"));
+    let convert =
+        format!("scale=out_color_matrix={matrix}:out_range=limited:flags={CONVERSION_FLAGS},format={chroma}{depth}");
+    let filters: Vec<&str> = (!lossless).then_some(convert.as_str()).into_iter().chain(aspect.as_deref()).collect();
+    let filters = filters.join(",");
+    if !filters.is_empty() {
+        text.extend(["-vf", &filters]);
+    }
     match (lossless, bits) {
         (true, 16) => text.extend(["-c:v", "ffv1", "-level", "3", "-pix_fmt", "gbrp16le"]),
         (true, _) => text.extend(["-c:v", "libx264rgb", "-preset", "veryfast", "-qp", "0", "-pix_fmt", "rgb24"]),
         (false, _) => {
-            text.extend(["-vf", &filter, "-c:v", "libx264", "-preset", "veryfast", "-crf", "16"]);
-            text.extend(["-color_range", "tv", "-colorspace", tag, "-color_primaries", tag, "-color_trc", tag]);
+            text.extend(["-c:v", "libx264", "-preset", "veryfast", "-crf", "16"]);
+            text.extend(["-color_range", "tv", "-colorspace", tag]);
         }
+    }
+    let usual = (!lossless).then_some(tag);
+    text.extend(presentation.primaries.or(usual).into_iter().flat_map(|name| ["-color_primaries", name]));
+    text.extend(presentation.transfer.or(usual).into_iter().flat_map(|name| ["-color_trc", name]));
+    if is_timed {
+        text.extend(["-vsync", "vfr", "-enc_time_base", "1:90000"]);
+        if !(lossless && bits == 16) {
+            // Frames that are stored in another order would shorten the file's length.
+            text.extend(["-bf", "0"]);
+        }
+        if !mkv {
+            text.extend(["-video_track_timescale", "90000"]);
+        }
+    }
+    // Matroska has no rotation that ffmpeg writes, but the tag that it once did.
+    let rotate = format!("rotate={}", (-presentation.rotation_deg).rem_euclid(360.0));
+    if mkv && presentation.rotation_deg != 0.0 {
+        text.extend(["-metadata:s:v:0", &rotate]);
     }
     if !mkv {
         text.extend(["-movflags", "+faststart"]);
@@ -97,8 +162,14 @@ impl Sink for VideoSink {
         let Some((_, stdin)) = &mut self.running else {
             return Err(self.refuse("the video has ended already"));
         };
+        let codes = little_endian(&pixels.codes);
+        let head = self.clock.as_mut().map_or_else(Vec::new, |clock| {
+            let mut head = if self.frames == 0 { timed::head(&self.options) } else { Vec::new() };
+            head.extend(timed::frame_head(clock.time_us(frame_index), codes.len()));
+            head
+        });
         self.frames += 1;
-        let Err(source) = stdin.write_all(&little_endian(&pixels.codes)) else { return Ok(()) };
+        let Err(source) = stdin.write_all(&head).and_then(|()| stdin.write_all(&codes)) else { return Ok(()) };
         // A broken pipe means that ffmpeg gave up; its messages may say why.
         self.end()?;
         match source.kind() {
@@ -114,6 +185,11 @@ impl Sink for VideoSink {
             return Err(self.refuse(ENDED_EARLY));
         }
         let Self { path, partial, made, options, .. } = *self;
+        let rotation_deg = options.presentation.rotation_deg;
+        if rotation_deg != 0.0 && !is_mkv(&path) {
+            rotation::write(partial.path(), rotation_deg, (options.width, options.height))
+                .map_err(|source| SinkError::of_writing(&path, source))?;
+        }
         partial.finish(options.force).map_err(|source| SinkError::of_writing(&path, source))?;
         made.into_iter().for_each(MadeFolder::keep);
         Ok(())

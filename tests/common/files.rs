@@ -6,6 +6,7 @@ use locard::frame::Frame;
 use locard::pixels::Pixels;
 use locard::recording::{OpenOptions, Recording};
 use locard::sink::{self, OutPath, SinkOptions};
+use locard::source::video::Presentation;
 
 /// A picture in which every pixel of every frame is different.
 pub fn picture(frame: usize, width: u32, height: u32, bits: u32) -> Pixels {
@@ -18,7 +19,8 @@ pub fn picture(frame: usize, width: u32, height: u32, bits: u32) -> Pixels {
 }
 
 pub fn options(width: u32, height: u32, bits: u32) -> SinkOptions {
-    SinkOptions { force: false, fps: 30.0, lossless: true, width, height, bits }
+    let presentation = Presentation::default();
+    SinkOptions { force: false, fps: 30.0, times_s: None, presentation, lossless: true, width, height, bits }
 }
 
 pub fn write(path: &Path, options: &SinkOptions, pictures: &[Pixels]) {

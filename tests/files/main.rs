@@ -23,6 +23,7 @@ mod tier;
 
 mod cli;
 mod fuzz_seeds;
+mod imperfect;
 mod outputs;
 mod pixels;
 mod place;

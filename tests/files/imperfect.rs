@@ -1,0 +1,363 @@
+//! Recordings of which a file or a frame cannot be used: the rest opens, and what is left out is counted and named.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use crate::files::{describe, frames, open, options, picture, refused, write};
+use crate::program;
+use image::{ImageBuffer, Luma};
+use locard::pixels::Pixels;
+use locard::recording::{OpenOptions, Recording};
+use locard::sink::SinkOptions;
+use locard::source::still;
+use locard::source::video::Presentation;
+
+/// Pictures of 8×6 px in `images/` under these names.
+fn pictures(folder: &Path, names: &[&str]) {
+    fs::create_dir_all(folder.join("images")).unwrap();
+    for (i, name) in names.iter().enumerate() {
+        let code = |x, y| image::Rgb([x as u8 * 20, y as u8 * 30, i as u8]);
+        image::RgbImage::from_fn(8, 6, code).save(folder.join("images").join(name)).unwrap();
+    }
+}
+
+/// A `transforms.json` for these names, with more keys for all and for each frame.
+fn transforms(folder: &Path, names: &[&str], common: &str, own: impl Fn(usize) -> String) {
+    let entry = |(i, name): (usize, &&str)| {
+        format!(
+            r#"{{"file_path": "images/{name}"{}, "transform_matrix": [[1,0,0,{i}],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}}"#,
+            own(i)
+        )
+    };
+    let all: Vec<String> = names.iter().enumerate().map(entry).collect();
+    fs::write(folder.join("transforms.json"), format!("{{{common}, \"frames\": [{}]}}", all.join(","))).unwrap();
+}
+
+const CAMERA: &str = r#""w": 8, "h": 6, "fl_x": 7"#;
+
+fn depth(file: &Path) {
+    ImageBuffer::from_pixel(8, 6, Luma([1500u16])).save(file).unwrap();
+}
+
+/// Warnings that contain a text.
+fn told(recording: &Recording, text: &str) -> usize {
+    recording.warnings.iter().filter(|warning| warning.contains(text)).count()
+}
+
+const HEIC: &[u8] = b"\0\0\0\x18ftypheic\0\0\0\0mif1heic";
+
+#[test]
+fn colmap_pictures_of_another_orientation_are_left_out() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    pictures(folder, &["a1.png", "a2.png", "a3.png"]);
+    image::RgbImage::new(6, 8).save(folder.join("images/a2.png")).unwrap();
+    let model = folder.join("sparse/0");
+    fs::create_dir_all(&model).unwrap();
+    fs::write(model.join("cameras.txt"), "1 SIMPLE_PINHOLE 8 6 7 4 3\n2 SIMPLE_PINHOLE 6 8 7 3 4\n").unwrap();
+    let line = |i: usize, camera: usize| format!("{i} 1 0 0 0 {i} 0 0 {camera} a{i}.png\n\n");
+    fs::write(model.join("images.txt"), line(1, 1) + &line(2, 2) + &line(3, 1)).unwrap();
+    let r = open(folder);
+    assert_eq!((r.frame_count(), r.width, r.height), (2, 8, 6));
+    assert!((r.timestamps_s[1] - 2.0 / 30.0).abs() < 1e-12);
+    assert_eq!(r.pose_at_frame(1).unwrap().translation_m.x, 3.0);
+    assert_eq!(
+        told(&r, "left out because most pictures are 8x6 with 8 bits: 1 of 3 pictures (first: "),
+        1,
+        "{:?}",
+        r.warnings
+    );
+}
+
+#[test]
+fn seven_scenes_pose_that_is_infinite_is_no_pose() {
+    let temp = tempfile::tempdir().unwrap();
+    for i in 0..4 {
+        image::RgbImage::new(8, 6).save(temp.path().join(format!("frame-00000{i}.color.png"))).unwrap();
+        let pose =
+            if i == 2 { "-inf -inf -inf -inf\n".repeat(4) } else { "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n".to_owned() };
+        fs::write(temp.path().join(format!("frame-00000{i}.pose.txt")), pose).unwrap();
+    }
+    let r = open(temp.path());
+    let has: Vec<bool> = (0..4).map(|i| r.pose_at_frame(i).is_ok()).collect();
+    assert_eq!(has, [true, true, false, true]);
+    assert_eq!(told(&r, "1 of 4 poses is not finite (first at frame-000002.pose.txt)"), 1, "{:?}", r.warnings);
+}
+
+#[test]
+fn depth_that_is_not_a_picture_is_left_out() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    let names = ["a1.png", "a2.png", "a3.png"];
+    pictures(folder, &names);
+    let own = |i: usize| format!(r#", "depth_file_path": "d{i}""#);
+    transforms(folder, &names, CAMERA, own);
+    for i in 0..3 {
+        fs::write(folder.join(format!("d{i}")), b"\x93NUMPY\x01\0").unwrap();
+    }
+    let r = open(folder);
+    assert_eq!((r.frame_count(), r.has_depth()), (3, false));
+    let said = "3 of 3 depth pictures cannot be read, and their frames have no depth (first: ";
+    assert_eq!(told(&r, said), 1, "{:?}", r.warnings);
+    assert_eq!(told(&r, "is a NumPy array, which is not read; convert it: "), 1, "{:?}", r.warnings);
+    // One that is missing beside others.
+    image::save_buffer(folder.join("d.png"), &[1; 96], 8, 6, image::ExtendedColorType::L16).unwrap();
+    for i in 0..2 {
+        fs::copy(folder.join("d.png"), folder.join(format!("d{i}"))).unwrap();
+    }
+    fs::remove_file(folder.join("d2")).unwrap();
+    let r = open(folder);
+    assert_eq!(frames(&r, 0..3).iter().map(|frame| frame.depth.is_some()).collect::<Vec<_>>(), [true, true, false]);
+    assert_eq!(told(&r, "1 of 3 depth pictures cannot be read"), 1, "{:?}", r.warnings);
+}
+
+#[test]
+fn depth_that_ends_too_early_is_counted_where_it_is_decoded() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    write(&folder.join("rgb"), &options(8, 6, 8), &[0, 1, 2].map(|i| picture(i, 8, 6, 8)));
+    let list = |name: &dyn Fn(usize) -> String| (0..3).map(|i| format!("{i} {}\n", name(i))).collect::<String>();
+    fs::write(folder.join("rgb.txt"), list(&|i| format!("rgb/frame_00000{i}.png"))).unwrap();
+    fs::write(folder.join("depth.txt"), list(&|i| format!("d{i}.png"))).unwrap();
+    fs::write(folder.join("groundtruth.txt"), "0 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 1\n").unwrap();
+    for i in 0..3 {
+        depth(&folder.join(format!("d{i}.png")));
+    }
+    let whole = fs::read(folder.join("d1.png")).unwrap();
+    fs::write(folder.join("d1.png"), &whole[..40]).unwrap();
+    let r = open(folder);
+    assert_eq!(r.undecoded_depth(), None);
+    assert_eq!(frames(&r, 0..3).iter().map(|frame| frame.depth.is_some()).collect::<Vec<_>>(), [true, false, true]);
+    let told = r.undecoded_depth().unwrap();
+    assert!(told.starts_with("1 of 3 depth pictures cannot be read") && told.contains("d1.png: "), "{told}");
+}
+
+#[test]
+fn nerfstudio_names_without_an_ending_find_any_picture() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    pictures(folder, &["a1.png", "a2.jpg", "a.3.JPEG"]);
+    transforms(folder, &["a1", "a2", "a.3"], CAMERA, |_| String::new());
+    assert_eq!(open(folder).frame_count(), 3);
+    transforms(folder, &["a1", "none"], CAMERA, |_| String::new());
+    assert!(refused(folder).contains("images/none: cannot be read"), "{}", refused(folder));
+}
+
+#[test]
+fn pictures_of_a_folder_that_are_not_read_are_named_and_keep_their_place() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    pictures(folder, &["f000.jpg", "f002.jpg", "f004.jpg"]);
+    for name in ["f001.heic", "f003.heic"] {
+        fs::write(folder.join("images").join(name), HEIC).unwrap();
+    }
+    describe(folder, "[frames]\nimages = \"images\"\nfps = 30.0\n");
+    let r = open(folder);
+    let times: Vec<f64> = r.timestamps_s.iter().map(|time_s| (time_s * 30.0).round()).collect();
+    assert_eq!(times, [0.0, 2.0, 4.0]);
+    assert_eq!(told(&r, "2 pictures are not read (first: "), 1, "{:?}", r.warnings);
+    assert_eq!(told(&r, "f001.heic is HEIC, which is not read; convert it: heif-convert "), 1, "{:?}", r.warnings);
+    assert_eq!(told(&r, "missing by their numbers"), 0, "{:?}", r.warnings);
+    for name in ["f000.jpg", "f002.jpg", "f004.jpg"] {
+        fs::remove_file(folder.join("images").join(name)).unwrap();
+    }
+    let error = refused(folder);
+    assert!(error.contains("2 pictures are not read") && error.contains("heif-convert"), "{error}");
+    // Without anything that describes a recording.
+    let error = refused(&folder.join("images"));
+    assert!(error.contains("is no recording: 2 pictures are not read") && error.contains("heif-convert"), "{error}");
+}
+
+#[test]
+fn calibration_names_the_photographs_that_are_not_read() {
+    let temp = tempfile::tempdir().unwrap();
+    let (folder, file) = (temp.path().join("photos"), temp.path().join("photos/board.heic"));
+    fs::create_dir(&folder).unwrap();
+    fs::write(&file, HEIC).unwrap();
+    let profile = temp.path().join("p.toml");
+    for (kind, path) in [("camera", &file), ("camera", &folder), ("noise", &folder)] {
+        let arguments = ["calibrate", kind, path.to_str().unwrap(), "-o", profile.to_str().unwrap()];
+        let error = program::refused(&arguments);
+        assert!(
+            error.contains("is HEIC, which is not read") && error.contains("heif-convert"),
+            "{arguments:?}: {error}"
+        );
+    }
+    // By its content, where the name says nothing.
+    let unnamed = temp.path().join("board.bin");
+    fs::copy(&file, &unnamed).unwrap();
+    let error = program::refused(&["calibrate", "camera", unnamed.to_str().unwrap(), "-o", profile.to_str().unwrap()]);
+    assert!(error.contains("board.bin is HEIC") || error.contains("board.bin: is HEIC"), "{error}");
+}
+
+/// A JPEG with the marker of its frame header, and the bits of its samples, exchanged.
+fn jpeg_of_kind(marker: u8, bits: u8) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    image::codecs::jpeg::JpegEncoder::new(&mut bytes).encode(&[90; 8 * 6], 8, 6, image::ExtendedColorType::L8).unwrap();
+    let at = bytes.windows(2).position(|pair| pair == [0xff, 0xc0]).unwrap();
+    (bytes[at + 1], bytes[at + 4]) = (marker, bits);
+    bytes
+}
+
+#[test]
+fn jpegs_of_other_kinds_are_not_supported_rather_than_damaged() {
+    let temp = tempfile::tempdir().unwrap();
+    let file = temp.path().join("f.jpg");
+    for (marker, bits, said) in [
+        (0xc3, 8, "is a lossless JPEG, which is not supported; convert it: ffmpeg"),
+        (0xc9, 8, "is an arithmetic-coded JPEG, which is not supported; convert it: jpegtran"),
+        (0xc1, 12, "is a JPEG of more than 8 bits, which is not supported"),
+        (0xc5, 8, "is a hierarchical JPEG, which is not supported"),
+    ] {
+        let bytes = jpeg_of_kind(marker, bits);
+        fs::write(&file, &bytes).unwrap();
+        let errors = [
+            still::read_header(&file).map(drop).unwrap_err().to_string(),
+            still::read_pixels(&file).map(drop).unwrap_err().to_string(),
+            still::check_end(&file).unwrap_err().to_string(),
+            still::decode_pixels(&bytes).unwrap_err(),
+        ];
+        assert!(errors.iter().all(|error| error.contains(said)), "{errors:?}");
+    }
+}
+
+#[test]
+fn jpegs_without_huffman_tables_have_the_standards() {
+    let temp = tempfile::tempdir().unwrap();
+    let file = temp.path().join("f.jpg");
+    for (color, channels) in [(image::ExtendedColorType::L8, 1), (image::ExtendedColorType::Rgb8, 3)] {
+        let codes: Vec<u8> = (0..24 * 16 * channels).map(|i| (i * 7 % 251) as u8).collect();
+        let mut whole = Vec::new();
+        image::codecs::jpeg::JpegEncoder::new(&mut whole).encode(&codes, 24, 16, color).unwrap();
+        let mut bare = whole.clone();
+        while let Some(at) = bare.windows(2).position(|pair| pair == [0xff, 0xc4]) {
+            let length = usize::from(u16::from_be_bytes([bare[at + 2], bare[at + 3]]));
+            bare.drain(at..at + 2 + length);
+        }
+        assert!(bare.len() < whole.len());
+        fs::write(&file, &bare).unwrap();
+        still::check_end(&file).unwrap();
+        assert_eq!(still::read_pixels(&file).unwrap(), still::decode_pixels(&whole).unwrap());
+    }
+}
+
+#[test]
+fn an_exif_orientation_is_told_once() {
+    let temp = tempfile::tempdir().unwrap();
+    pictures(temp.path(), &["f0.jpg", "f1.jpg", "f2.jpg"]);
+    // A little-endian TIFF header, and one entry: Orientation, SHORT, 1 value.
+    let exif = |orientation: u8| {
+        let entry = [0x12, 1, 3, 0, 1, 0, 0, 0, orientation, 0, 0, 0];
+        [&b"Exif\0\0II*\0\x08\0\0\0\x01\0"[..], &entry, &[0; 4]].concat()
+    };
+    for (name, orientation) in [("f0.jpg", 1), ("f1.jpg", 6), ("f2.jpg", 6)] {
+        let file = temp.path().join("images").join(name);
+        let bytes = fs::read(&file).unwrap();
+        let exif = exif(orientation);
+        let head = [0xff, 0xd8, 0xff, 0xe1, 0, exif.len() as u8 + 2];
+        fs::write(&file, [&head[..], &exif, &bytes[2..]].concat()).unwrap();
+    }
+    let r = open(&describe(temp.path(), "[frames]\nimages = \"images\"\nfps = 30.0\n"));
+    assert_eq!(
+        told(&r, "f1.jpg: says it should be shown turned by 90° clockwise (EXIF orientation 6)"),
+        1,
+        "{:?}",
+        r.warnings
+    );
+    assert_eq!(told(&r, "2 pictures"), 1, "{:?}", r.warnings);
+}
+
+fn written(file: &Path, changed: SinkOptions) -> Recording {
+    let pictures: Vec<Pixels> = (0..4).map(|i| picture(i, 32, 16, changed.bits)).collect();
+    write(file, &changed, &pictures);
+    let name = file.file_name().unwrap().to_string_lossy();
+    open(&describe(file.parent().unwrap(), &format!("[frames]\nvideo = \"{name}\"\n")))
+}
+
+#[test]
+fn frames_keep_their_times_in_every_kind_of_video() {
+    let times_s = [5.0, 5.0333, 5.2, 5.2333];
+    for (name, lossless, bits) in [("a.mp4", false, 8), ("a.mkv", false, 16), ("a.mkv", true, 8), ("a.mkv", true, 16)] {
+        let temp = tempfile::tempdir().unwrap();
+        let changed = SinkOptions { times_s: Some(times_s.into()), lossless, ..options(32, 16, bits) };
+        let r = written(&temp.path().join(name), changed);
+        assert_eq!(r.frame_count(), 4, "{name} {lossless} {bits}");
+        for (time_s, expected_s) in r.timestamps_s.iter().zip(times_s) {
+            // Matroska's clock has milliseconds.
+            assert!((time_s - (expected_s - 5.0)).abs() < 6e-4, "{name} {lossless} {bits}: {:?}", r.timestamps_s);
+        }
+        if lossless {
+            assert!(frames(&r, 0..4).iter().enumerate().all(|(i, frame)| frame.pixels == picture(i, 32, 16, bits)));
+        }
+    }
+}
+
+#[test]
+fn frames_at_one_time_all_stay_in_the_video() {
+    let temp = tempfile::tempdir().unwrap();
+    let changed = SinkOptions { times_s: Some([0.0, 0.0, 0.5, 0.5].into()), ..options(32, 16, 8) };
+    assert_eq!(written(&temp.path().join("a.mp4"), changed).frame_count(), 4);
+}
+
+#[test]
+fn a_video_says_how_it_is_to_be_shown() {
+    for rotation_deg in [-90.0, 90.0, 180.0] {
+        let temp = tempfile::tempdir().unwrap();
+        let presentation = Presentation { rotation_deg, pixel_aspect: Some((16, 15)), ..Presentation::default() };
+        let changed = SinkOptions { presentation, lossless: false, ..options(32, 16, 8) };
+        let r = written(&temp.path().join("a.mp4"), changed);
+        let found = r.presentation();
+        assert_eq!((found.rotation_deg.abs(), found.pixel_aspect), (rotation_deg.abs(), Some((16, 15))));
+        assert!(rotation_deg == 180.0 || found.rotation_deg == rotation_deg, "{found:?}");
+        assert_eq!(told(&r, "should be shown turned by"), 1, "{:?}", r.warnings);
+    }
+}
+
+#[test]
+fn high_dynamic_range_stays_so_in_ten_bits() {
+    for transfer in ["arib-std-b67", "smpte2084"] {
+        let temp = tempfile::tempdir().unwrap();
+        let presentation =
+            Presentation { transfer: Some(transfer), primaries: Some("bt2020"), ..Presentation::default() };
+        let file = temp.path().join("a.mp4");
+        let r = written(&file, SinkOptions { presentation, lossless: false, ..options(32, 16, 16) });
+        assert_eq!((r.presentation(), r.bits), (presentation, 16));
+        assert_eq!(told(&r, "(high dynamic range)"), 1, "{:?}", r.warnings);
+        let probe = Command::new("ffprobe")
+            .args(["-v", "error", "-show_entries", "stream=pix_fmt,color_space", "-of", "csv=p=0"])
+            .arg(&file)
+            .output()
+            .unwrap();
+        assert_eq!(String::from_utf8_lossy(&probe.stdout).trim(), "yuv420p10le,bt2020nc");
+    }
+}
+
+#[test]
+fn a_composite_keeps_the_times_and_tags_of_its_recording() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    let presentation = Presentation { rotation_deg: 90.0, pixel_aspect: Some((16, 15)), ..Presentation::default() };
+    let times_s = [0.0, 0.1, 0.1333, 0.4];
+    let changed = SinkOptions { presentation, times_s: Some(times_s.into()), ..options(32, 16, 8) };
+    written(&folder.join("a.mp4"), changed);
+    fs::write(folder.join("poses.txt"), "-1 0 0 0 0 0 0 1\n9 0 0 0 0 0 0 1\n").unwrap();
+    fs::write(
+        folder.join("camera.toml"),
+        "version = 1\n[camera]\nwidth_px = 32\nheight_px = 16\nfx_px = 30\nfy_px = 30\ncx_px = 16\ncy_px = 8\n",
+    )
+    .unwrap();
+    describe(
+        folder,
+        "[frames]\nvideo = \"a.mp4\"\n[poses]\ntrajectory = \"poses.txt\"\nmax_gap_s = 100.0\n[camera]\nprofile = \
+         \"camera.toml\"\n",
+    );
+    let out = folder.join("out.mp4");
+    let arguments = ["composite", folder.to_str().unwrap(), "--scene", "scenes/marker-1.glb", "--plain", "-o"];
+    program::said(&[&arguments[..], &[out.to_str().unwrap()]].concat());
+    let r = Recording::open(&describe(folder, "[frames]\nvideo = \"out.mp4\"\n"), &OpenOptions::default()).unwrap();
+    assert_eq!((r.presentation().rotation_deg, r.presentation().pixel_aspect), (90.0, Some((16, 15))));
+    for (time_s, expected_s) in r.timestamps_s.iter().zip(times_s) {
+        assert!((time_s - expected_s).abs() < 2e-4, "{:?}", r.timestamps_s);
+    }
+}
