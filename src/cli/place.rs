@@ -105,6 +105,12 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let support = picked.support(up);
     let model = scene::relative(&args.model, &args.scene);
+    if model.contains(char::REPLACEMENT_CHARACTER) && args.model.exists() {
+        bail!(
+            "--model {}: a scene file cannot hold this name, which is not UTF-8; rename the file",
+            args.model.display()
+        );
+    }
     let posture = if args.flat { Posture::Flat } else { Posture::Upright };
     let facing = || shot.facing(args.frame, support.point_m, up, 0.0);
     let heading = args.heading.map_or_else(facing, Heading::Deg);

@@ -300,3 +300,20 @@ fn what_is_in_the_air_before_something_steep_hovers_over_what_lies_below() {
     let mm = told.first().and_then(|told| told.split_once(" hovers ")?.1.split_once(" mm")?.0.parse::<i32>().ok());
     assert!(mm.is_some_and(|mm| (185..195).contains(&mm)), "{told:?}");
 }
+
+/// A scene file is UTF-8, and a Unix file's name need not be.
+#[cfg(unix)]
+#[test]
+fn a_model_whose_name_is_not_utf8_is_refused_with_what_to_do() {
+    use std::os::unix::ffi::OsStrExt;
+    let temp = tempfile::tempdir().unwrap();
+    let model = temp.path().join(std::ffi::OsStr::from_bytes(b"a\xff.glb"));
+    std::fs::copy("scenes/marker-1.glb", &model).unwrap();
+    let scene = temp.path().join("scene.toml");
+    let mut command = program::program();
+    command.args(DEMO).args(["--at", "320,300", "--scene"]).arg(&scene).arg("--model").arg(&model);
+    let output = command.output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && text.contains("not UTF-8; rename the file"), "{text}");
+    assert!(!scene.exists());
+}
