@@ -2,7 +2,8 @@
 //!
 //! A folder beside the artefact's, of its name with `.part`: a file for each stage, in their order, as CBOR, which keeps numbers to
 //! the last bit. So the files at the end have the bytes that they have without interruption. The folder is bound to everything that
-//! the stages follow from; what is bound to something else is thrown away.
+//! the stages follow from; what is bound to something else is thrown away. Each file begins with a checksum of its content, its
+//! place among the stages and that binding: a stage that is damaged, exchanged or from another folder is made again.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -24,11 +25,13 @@ const STAGE: &str = "stage-";
 /// No stage gives more, bytes.
 const MOST_STAGE: u64 = 1 << 30;
 
-/// See above.
+/// Checkpoints of an analysis, one for each finished stage.
 #[derive(Debug, Default)]
 pub struct Part {
     /// `None`: nothing is kept.
     folder: Option<PathBuf>,
+    /// Digest of everything that the stages follow from.
+    bound: String,
     stage: usize,
 }
 
@@ -50,28 +53,43 @@ impl Part {
             let made = std::fs::create_dir_all(&folder).is_ok();
             made && write_atomically(&folder.join(BOUND), true, |out| out.write_all(bound.as_bytes())).is_ok()
         };
-        Self { folder: Some(folder).filter(|_| is_there), stage: 0 }
+        Self { folder: Some(folder).filter(|_| is_there), bound, stage: 0 }
     }
 
     /// The next stage: what it gave before, or what it gives now.
     pub fn stage<T: Serialize + DeserializeOwned, E>(&mut self, make: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
-        let path = self.folder.as_ref().map(|folder| folder.join(format!("{STAGE}{:02}", self.stage)));
+        let stage = self.stage;
         self.stage += 1;
-        if let Some(path) = &path
-            && let Ok(bytes) = file::read(path, MOST_STAGE)
-            && let Ok(there) = ciborium::from_reader(bytes.as_slice())
-        {
+        let path = self.folder.as_ref().map(|folder| folder.join(format!("{STAGE}{stage:02}")));
+        if let Some(there) = path.as_deref().and_then(|path| self.read(path, stage)) {
             return Ok(there);
         }
         let made = make()?;
-        if let Some(path) = path {
-            let mut bytes = Vec::new();
-            if ciborium::into_writer(&made, &mut bytes).is_ok() {
-                // What cannot be kept is made again.
-                let _ = write_atomically(&path, true, |out| out.write_all(&bytes));
-            }
+        let mut bytes = Vec::new();
+        if let Some(path) = path
+            && ciborium::into_writer(&made, &mut bytes).is_ok()
+        {
+            let checksum = self.checksum(stage, &bytes);
+            // What cannot be kept is made again.
+            let _ = write_atomically(&path, true, |out| out.write_all(&checksum).and_then(|()| out.write_all(&bytes)));
         }
         Ok(made)
+    }
+
+    /// A stage's checkpoint; `None` if there is none, or not the one that was written there.
+    fn read<T: DeserializeOwned>(&self, path: &Path, stage: usize) -> Option<T> {
+        let file = file::read(path, MOST_STAGE).ok()?;
+        let (checksum, bytes) = file.split_first_chunk::<32>()?;
+        let is_intact = *checksum == self.checksum(stage, bytes);
+        is_intact.then(|| ciborium::from_reader(bytes).ok())?
+    }
+
+    /// SHA-256 of a stage's content, its number and the folder's binding.
+    fn checksum(&self, stage: usize, bytes: &[u8]) -> [u8; 32] {
+        let mut hash = Sha256::new();
+        hash.update(format!("{} {stage} ", self.bound));
+        hash.update(bytes);
+        hash.finalize().into()
     }
 
     /// The analysis is written: nothing of this is needed any more.
@@ -109,7 +127,42 @@ mod tests {
     use crate::recording::OpenOptions;
 
     fn part(folder: &Path) -> Part {
-        Part { folder: Some(folder.to_owned()), stage: 0 }
+        Part { folder: Some(folder.to_owned()), ..Part::default() }
+    }
+
+    /// A folder with two stages, 1 and 2.
+    fn two_stages() -> tempfile::TempDir {
+        let temp = tempfile::tempdir().unwrap();
+        let mut part = part(temp.path());
+        assert_eq!((part.stage(|| Ok::<u64, ()>(1)), part.stage(|| Ok::<u64, ()>(2))), (Ok(1), Ok(2)));
+        temp
+    }
+
+    #[test]
+    fn checkpoint_with_any_flipped_bit_is_made_again() {
+        let temp = two_stages();
+        let file = temp.path().join("stage-00");
+        let intact = std::fs::read(&file).unwrap();
+        for at in 0..intact.len() {
+            let mut damaged = intact.clone();
+            damaged[at] ^= 1;
+            std::fs::write(&file, damaged).unwrap();
+            assert_eq!(part(temp.path()).stage(|| Ok::<u64, ()>(9)), Ok(9), "byte {at}");
+        }
+        std::fs::write(&file, intact).unwrap();
+        assert_eq!(part(temp.path()).stage(|| Ok::<u64, ()>(9)), Ok(1));
+    }
+
+    #[test]
+    fn checkpoints_that_were_exchanged_or_belong_to_another_analysis_are_made_again() {
+        let temp = two_stages();
+        let at = |name: &str| temp.path().join(name);
+        std::fs::copy(at("stage-01"), at("stage-00")).unwrap();
+        let mut exchanged = part(temp.path());
+        assert_eq!(exchanged.stage(|| Ok::<u64, ()>(9)), Ok(9));
+        assert_eq!(exchanged.stage(|| Ok::<u64, ()>(9)), Ok(2));
+        let mut other = Part { bound: "another".to_owned(), ..part(temp.path()) };
+        assert_eq!(other.stage(|| Ok::<u64, ()>(8)), Ok(8));
     }
 
     #[test]
