@@ -24,6 +24,7 @@ use crate::document::{self, Document};
 use crate::frame::{Across, NODES_ACROSS, NODES_DOWN, SeenBrightness};
 use crate::recording::{Recording, Refinement};
 use crate::scene::Lighting;
+use crate::sink::SinkError;
 use crate::source::file::{self, MOST_DOCUMENT};
 use crate::tracking::text::{self, TextError};
 use crate::tracking::tum::{Line, parse_lines, write_trajectory};
@@ -85,6 +86,8 @@ pub enum AnalysisError {
     Text(#[from] TextError),
     #[error("{}: cannot be written: {reason}", folder.display())]
     Unwritten { folder: PathBuf, reason: String },
+    #[error(transparent)]
+    Sink(#[from] SinkError),
     #[error(
         "{}: holds {other}, which is no part of an analysis, so nothing is written into it; move that away, or name another \
          folder (--output)",

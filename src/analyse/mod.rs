@@ -73,7 +73,7 @@ pub use spread::EDGES_STEP_PX;
 pub use taken::Taken;
 pub use times::Times;
 pub use tone::Band as ToneBand;
-pub use written::check_folder;
+pub use written::{check_folder, check_writable};
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};

@@ -6,6 +6,7 @@ use std::path::Path;
 use super::artefact::{Analysis, AnalysisError, FILE_NAME, FILES, STANDING};
 use crate::recording::Recording;
 use crate::sink::atomic::write_atomically;
+use crate::sink::check_file;
 use crate::unfinished::MadeFolder;
 use crate::words::{reason, shown};
 
@@ -23,6 +24,18 @@ pub fn check_folder(folder: &Path) -> Result<(), AnalysisError> {
     }
 }
 
+/// Refuses a folder in which an analysis cannot be written, before the work.
+pub fn check_writable(folder: &Path) -> Result<(), AnalysisError> {
+    check_folder(folder)?;
+    let unwritten = |error| AnalysisError::Unwritten {
+        folder: folder.to_owned(),
+        reason: format!("{}, or name another folder (--output)", reason(&error)),
+    };
+    // Removed again at the end of this check, unless it was there.
+    let _made = MadeFolder::make(folder).map_err(unwritten)?;
+    Ok(FILES.iter().try_for_each(|name| check_file(&folder.join(name), true))?)
+}
+
 impl Analysis {
     /// Writes it whole, in place of one that may be there.
     pub fn write(&self, folder: &Path, recording: &Recording) -> Result<(), AnalysisError> {
@@ -37,10 +50,39 @@ impl Analysis {
             }
         }
         for (name, bytes) in self.files(recording)? {
-            let written = write_atomically(&folder.join(name), true, |out| out.write_all(&bytes));
-            written.map_err(|error| unwritten(error.to_string()))?;
+            write_atomically(&folder.join(name), true, |out| out.write_all(&bytes))?;
         }
         there.keep();
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folder_that_can_be_written_is_not_left_behind_by_the_check() {
+        let temp = tempfile::tempdir().unwrap();
+        check_writable(&temp.path().join("new/rec.analysis")).unwrap();
+        assert!(!temp.path().join("new").exists());
+    }
+
+    #[test]
+    fn place_where_nothing_can_be_written_is_refused() {
+        let temp = tempfile::tempdir().unwrap();
+        std::fs::write(temp.path().join("file"), "").unwrap();
+        let error = check_writable(&temp.path().join("file/rec.analysis")).unwrap_err().to_string();
+        assert!(error.contains("rec.analysis: cannot be written") && error.contains("(--output)"), "{error}");
+        // A write-protected file of an earlier analysis would not be replaced.
+        let folder = temp.path().join("rec.analysis");
+        std::fs::create_dir(&folder).unwrap();
+        let poses = folder.join("poses.txt");
+        std::fs::write(&poses, "").unwrap();
+        let mut permissions = poses.metadata().unwrap().permissions();
+        permissions.set_readonly(true);
+        std::fs::set_permissions(&poses, permissions).unwrap();
+        let error = check_writable(&folder).unwrap_err().to_string();
+        assert!(error.contains("poses.txt: cannot be written: it is write-protected"), "{error}");
     }
 }

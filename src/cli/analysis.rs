@@ -32,14 +32,28 @@ impl Analysis {
         }
     }
 
-    /// Analyses a recording with the camera that is given, if that is asked for and was not done.
-    pub fn first(&self, recording: &Recording, given: &Given, quiet: bool) -> Result<()> {
-        if self.analyse {
-            let recorded = Given { scene: None, analysis: Analysed::No, ..given.clone() };
-            let shot = Shot::of(recording.clone(), &recorded)?;
-            make(&shot, &beside(&recording.path), false, quiet)?;
+    /// Opens the shot, passes it to `check`, and then analyses the recording with the given camera if that is asked for
+    /// and was not done. `check` refuses what cannot be before that work, and sees the shot that is returned.
+    pub fn open<T>(
+        &self,
+        recording: Recording,
+        given: &Given,
+        quiet: bool,
+        check: impl Fn(&mut Shot) -> Result<T>,
+    ) -> Result<(Shot, T)> {
+        let checked = |recording| -> Result<(Shot, T)> {
+            let mut shot = Shot::of(recording, given)?;
+            let found = check(&mut shot)?;
+            Ok((shot, found))
+        };
+        if !self.analyse {
+            return checked(recording);
         }
-        Ok(())
+        checked(recording.clone())?;
+        let recorded = Given { scene: None, analysis: Analysed::No, ..given.clone() };
+        let shot = Shot::of(recording.clone(), &recorded)?;
+        make(&shot, &beside(&recording.path), false, quiet)?;
+        checked(recording)
     }
 }
 

@@ -120,37 +120,12 @@ pub fn run(args: Args) -> Result<()> {
         recorded_poses: args.which.leaves_registration(),
     };
     let recording = Recording::open(&args.recording, &options)?;
-    args.analysis.first(&recording, &given, args.quiet)?;
-    let mut shot = Shot::of(recording, &given)?;
-    if let Some(frame) = args.preview {
-        super::check_frame(frame, shot.recording.frame_count())?;
-    }
-    let asked = args.preview.map_or(args.frames, |frame| Some((Some(frame), Some(frame + 1))));
-    let range = frame_range(asked, shot.recording.frame_count())?;
-    shot.settings.seed = args.seed;
-    args.which.apply(&mut shot.settings)?;
-    if args.plain {
-        shot.settings.plain();
-    }
-    shot.check(range.clone())?;
+    let quiet = args.quiet;
+    let (mut shot, (range, export)) = args.analysis.open(recording, &given, quiet, |shot| checked(&args, shot))?;
+    // An analysis may add poses, so its end is waited for.
     if args.strict {
         shot.check_poses(range.clone())?;
     }
-    let Args { lossless, force, quiet, .. } = args;
-    let inputs = Inputs::of(&shot);
-    let export = match args.preview {
-        Some(_) => {
-            inputs.check_file(&args.output)?;
-            sink::photograph::check(&args.output, force)?;
-            None
-        }
-        None => {
-            let (out, layers, report) = (OutPath::parse(&args.output)?, args.layers.clone(), args.report.clone());
-            let export = Export { range: range.clone(), out, lossless, force, layers, report };
-            export.check(&inputs).map_err(told)?;
-            Some(export)
-        }
-    };
     for note in shot.notes(range.clone()).into_iter().chain(shot.standing_notes(range.clone())) {
         warn(quiet, &note.to_string());
     }
@@ -185,6 +160,33 @@ pub fn run(args: Args) -> Result<()> {
         if export.out == OutPath::Stdout { "standard output".to_owned() } else { args.output.display().to_string() };
     tell(quiet, &format!("{} in {:.1} s: {place}", count(done.frames(), "frame"), start.elapsed().as_secs_f64()));
     Ok(())
+}
+
+/// Puts the options into the shot. Refuses frames, settings and outputs that cannot be. Returns the frames, and the
+/// export unless it is a preview.
+fn checked(args: &Args, shot: &mut Shot) -> Result<(Range<usize>, Option<Export>)> {
+    if let Some(frame) = args.preview {
+        super::check_frame(frame, shot.recording.frame_count())?;
+    }
+    let asked = args.preview.map_or(args.frames, |frame| Some((Some(frame), Some(frame + 1))));
+    let range = frame_range(asked, shot.recording.frame_count())?;
+    shot.settings.seed = args.seed;
+    args.which.apply(&mut shot.settings)?;
+    if args.plain {
+        shot.settings.plain();
+    }
+    shot.check(range.clone())?;
+    let Args { lossless, force, .. } = *args;
+    let inputs = Inputs::of(shot);
+    if args.preview.is_some() {
+        inputs.check_file(&args.output)?;
+        sink::photograph::check(&args.output, force)?;
+        return Ok((range, None));
+    }
+    let (out, layers, report) = (OutPath::parse(&args.output)?, args.layers.clone(), args.report.clone());
+    let export = Export { range: range.clone(), out, lossless, force, layers, report };
+    export.check(&inputs).map_err(told)?;
+    Ok((range, Some(export)))
 }
 
 /// Writes one frame with what a person wants to know about its objects.

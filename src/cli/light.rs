@@ -56,8 +56,7 @@ impl LightArgs {
         super::check_frame(self.frame, recording.frame_count())?;
         let (profile, sets, analysis) = (self.profile.clone(), self.sets.clone(), self.analysis.asked());
         let given = Given { profile, sets, scene, analysis, recorded_poses };
-        self.analysis.first(&recording, &given, false)?;
-        Ok(Shot::of(recording, &given)?)
+        Ok(self.analysis.open(recording, &given, false, |_| Ok(()))?.0)
     }
 }
 

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use super::error::ExportError;
-use crate::shot::Shot;
+use crate::analyse::beside;
+use crate::shot::{AnalysisState, Shot};
 use crate::sink::atomic::Place;
 
 /// The files and folders that a run reads.
@@ -14,6 +15,8 @@ pub struct Inputs {
     recording: Option<PathBuf>,
     /// Folders with frames and depth pictures.
     folders: Vec<PathBuf>,
+    /// Folders of the recording's analyses: of the one beside it, and of the one that the run follows.
+    analyses: Vec<PathBuf>,
 }
 
 impl Inputs {
@@ -21,7 +24,12 @@ impl Inputs {
         let mut folders: Vec<_> = shot.recording.folders().into_iter().map(resolved).collect();
         folders.dedup();
         let files = shot.files().map(Path::to_owned).collect();
-        Self { files, recording: Some(resolved(&shot.recording.path)), folders }
+        let followed = match &shot.analysis {
+            AnalysisState::Used(folder, _) | AnalysisState::Unfit(folder, _) => Some(resolved(folder)),
+            AnalysisState::Absent | AnalysisState::Left => None,
+        };
+        let analyses = [resolved(&beside(&shot.recording.path))].into_iter().chain(followed).collect();
+        Self { files, recording: Some(resolved(&shot.recording.path)), folders, analyses }
     }
 
     /// Adds files that are also read.
@@ -35,6 +43,9 @@ impl Inputs {
         let at = resolved(path);
         if self.is_read(path, &at) {
             return Err(ExportError::refused(path, format!("is read in this run, {NEVER}")));
+        }
+        if self.analyses.iter().any(|folder| at.parent() == Some(folder)) {
+            return Err(ExportError::refused(path, format!("lies in the folder of the recording's analysis, {NEVER}")));
         }
         let ending = at.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         let is_picture = matches!(ending.as_str(), "png" | "jpg" | "jpeg");
@@ -54,6 +65,9 @@ impl Inputs {
         let at = resolved(path);
         if self.recording.as_ref() == Some(&at) {
             return Err(ExportError::refused(path, format!("is the recording's folder, {NEVER}")));
+        }
+        if self.analyses.contains(&at) {
+            return Err(ExportError::refused(path, format!("is the folder of the recording's analysis, {NEVER}")));
         }
         if self.folders.iter().any(|folder| at == *folder || (self.is_its(folder) && at.starts_with(folder))) {
             return Err(ExportError::refused(path, format!("is the folder of the recording's frames, {NEVER}")));
@@ -113,8 +127,12 @@ mod tests {
         for file in &read {
             std::fs::write(file, "").unwrap();
         }
-        let inputs =
-            Inputs { files: read.to_vec(), recording: Some(resolved(&at("r"))), folders: vec![resolved(&at("r/rgb"))] };
+        let inputs = Inputs {
+            files: read.to_vec(),
+            recording: Some(resolved(&at("r"))),
+            folders: vec![resolved(&at("r/rgb"))],
+            analyses: vec![resolved(&at("r.analysis"))],
+        };
         for file in [
             "r/recording.toml",
             "r/rgb/0.jpg",
@@ -122,6 +140,8 @@ mod tests {
             "r/../scene.toml",
             "r/rgb/new.json",
             "r/new/../rgb/a/b.json",
+            "r.analysis/poses.txt",
+            "r.analysis/not-there-yet.json",
         ] {
             assert!(inputs.check_file(&at(file)).is_err(), "{file}");
         }
@@ -129,7 +149,7 @@ mod tests {
             assert!(inputs.check_file(&at(file)).is_ok(), "{file}");
         }
         let names = || ["0.jpg".to_owned()];
-        for folder in ["r", "r/rgb", "r/rgb/.", "r/rgb/new"] {
+        for folder in ["r", "r/rgb", "r/rgb/.", "r/rgb/new", "r.analysis"] {
             assert!(inputs.check_folder(&at(folder), names()).is_err(), "{folder}");
         }
         assert!(inputs.check_folder(&at("r/out"), names()).is_ok());

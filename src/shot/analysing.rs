@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::analysed::{AnalysisState, Follows, follows, refine};
 use super::{Shot, ShotError};
 use crate::analyse::{
-    Analysis, AnalysisError, Interrupted, Part, RegistrationError, Taken, Times, analyse, check_folder,
+    Analysis, AnalysisError, Interrupted, Part, RegistrationError, Taken, Times, analyse, check_writable,
 };
 use crate::compositor::exposure_time_s;
 use crate::frame::{Frame, FrameExposure};
@@ -47,7 +47,7 @@ impl Shot {
         folder: &Path,
         told: &mut dyn FnMut(usize, usize) -> Result<(), Interrupted>,
     ) -> Result<(Analysis, Times), AnalyseError> {
-        check_folder(folder)?;
+        check_writable(folder)?;
         let camera = self.geometry_at(0)?;
         let rig = self.camera();
         let exposure_s = |frame: &Frame| exposure_time_s(&rig, &self.settings, frame, self.interval_s(frame.index));
