@@ -12,7 +12,7 @@ use super::{is_closed_stdout, say, warn};
 use crate::compositor::Composited;
 use crate::gpu::Gpu;
 use crate::live::{Came, Live, Next, Tracking, Writer};
-use crate::recording::recorder::Recorder;
+use crate::recording::recorder::{Recorder, discard};
 use crate::shot::{Given, Shot, ShotError};
 use crate::sink::{self, OutPath, Sink, SinkError, SinkOptions};
 use crate::source::video::Presentation;
@@ -126,6 +126,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     };
     let sink = sink::open(&out, &options)?;
     let about = agreed.about(profile)?;
+    let was_there = args.record.as_ref().is_some_and(|path| path.is_dir());
     let writer = args.record.as_ref().map(|path| Ok::<_, anyhow::Error>(Writer::new(Recorder::create(path, &about)?)?));
     let writer = writer.transpose()?;
     let patience_s = agreed.opened.patience_s();
@@ -136,6 +137,9 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     let done = written(sink, |send| follow(&mut watching, &mut live, &mut tally, args.camera.pictures.quiet, send));
     let (frames, counts) = (live.frames(), live.counts());
     let recorded = live.finish();
+    if let (Some(path), Some((0, _))) = (&args.record, &recorded) {
+        discard(path, was_there);
+    }
     match done {
         Err(error) if !is_closed_stdout(&error) => return Err(error),
         _ => {}
@@ -204,6 +208,9 @@ fn follow(
     loop {
         ended |= !watching.goes_on(live.frames());
         if ended && live.due_s().is_none() {
+            if live.frames() == 0 {
+                bail!("nothing was composited: {}", watching.nothing());
+            }
             return Ok(());
         }
         let patience_s = live.due_s().map_or(0.02, |due_s| (due_s - monotonic_s()).clamp(0.0, 0.005));

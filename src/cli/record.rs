@@ -76,6 +76,9 @@ pub fn run(args: &Args) -> Result<()> {
         }
         bail!("{error}; the recording ends after {}, and is whole", count(kept, "frame"));
     }
+    if kept == 0 {
+        bail!("{}: nothing was recorded: {}", args.output.display(), watching.nothing());
+    }
     if counts.late + counts.odd > 0 {
         let (late, odd) = (count(counts.late as usize, "pose"), counts.odd);
         let text = format!("left out: {late} that came too late, and {odd} that no camera can have made");

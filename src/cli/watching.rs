@@ -239,6 +239,14 @@ impl Watching {
         if told.is_empty() { "none dropped".to_owned() } else { format!("dropped: {}", told.join(", ")) }
     }
 
+    /// Why there is no frame, and what to do.
+    pub fn nothing(&self) -> String {
+        let took_s = fixed(self.began.elapsed().as_secs_f64(), 2);
+        format!(
+            "no picture came from the camera in {took_s} s; give it longer, or check that it is plugged in and no other program uses it"
+        )
+    }
+
     /// The closing line, and that of a stream of poses.
     pub fn close(&self, what: &str, frames: usize, not_recorded: u64) {
         if !self.quiet {

@@ -292,6 +292,22 @@ fn where_nothing_can_be_written_nothing_is_left() {
 }
 
 #[test]
+fn recording_of_no_frame_is_a_failure_that_leaves_nothing() {
+    let temp = tempfile::tempdir().unwrap();
+    let (video, site) = (video(), temp.path().join("site"));
+    let told = refused(&["record", "--camera", text(&video), "--seconds", "0.000001", "-o", text(&site)]);
+    assert!(told.contains("site: nothing was recorded: no picture came from the camera in 0.0"), "{told}");
+    assert!(!told.contains("0 frames") && !site.exists(), "{told}");
+    let out = temp.path().join("out.mkv");
+    let live = ["--seconds", "0.000001", "--scene", tier::any_scene(), "--headless", "-o", text(&out)];
+    let profile = ["--profile", "recordings/demo/camera.toml", "--record", text(&site)];
+    let told =
+        refused(&[&["live", "--camera", text(&video), "--pose", "file:recordings/demo"][..], &live, &profile].concat());
+    assert!(told.contains("nothing was composited: no picture came from the camera"), "{told}");
+    assert!(!out.exists() && !site.exists(), "{told}");
+}
+
+#[test]
 fn without_a_profile_a_stream_that_says_no_lens_is_refused_with_the_reason() {
     let temp = tempfile::tempdir().unwrap();
     let video = video();
