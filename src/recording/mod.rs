@@ -164,7 +164,8 @@ impl Recording {
     pub fn open(path: &Path, options: &OpenOptions) -> Result<Self, RecordingError> {
         check(options)?;
         let (format, at) = find(path)?;
-        let mut parts = (format.open)(&at, path, options)?;
+        let opened = (format.open)(&at, path, options);
+        let mut parts = opened.map_err(|error| error.without_foreign_text(path))?;
         if options.metres_per_unit != 1.0 && format.is_metric() {
             parts.warnings.push(format!("a {format} recording is in metres; metres_per_unit is left out"));
         }

@@ -73,7 +73,7 @@ impl Source {
             let seek = ["-copyts", "-seek_timestamp", "1", "-noaccurate_seek", "-ss", &format!("{time_s:.6}")];
             arguments.extend(seek.map(OsString::from));
         }
-        arguments.extend(["-i".into(), ffmpeg::file_argument(&self.file)]);
+        arguments.extend(ffmpeg::input(&self.file));
         let count = count.to_string();
         let rest = ["-map", "0:v:0", "-vf", &filter, "-r", "25", "-frames:v", &count, "-f", "rawvideo", "-pix_fmt"];
         arguments.extend(rest.map(OsString::from));

@@ -28,6 +28,29 @@ pub enum FfmpegError {
     Failed { program: String, problem: String },
 }
 
+/// ffmpeg's names of the containers that are read. None of them names other files. Playlists, which do, are not read.
+const CONTAINERS: &str = "mov,matroska,avi,mpegts,mpeg,mxf";
+/// The same for people.
+const CONTAINERS_READ: &str = "MP4, QuickTime, Matroska, WebM, AVI, MPEG-TS, MPEG-PS and MXF";
+/// ffmpeg's words for a file of another kind.
+const NOT_READ: &str = "not on whitelist";
+
+/// A video file as ffmpeg's or ffprobe's input: this file alone, and only if it is a container that is read.
+pub fn input(path: &Path) -> impl Iterator<Item = OsString> {
+    let options = ["-protocol_whitelist", "file", "-format_whitelist", CONTAINERS, "-i"].map(OsString::from);
+    options.into_iter().chain([file_argument(path)])
+}
+
+/// If a program refused a file because of its kind, what is accepted in its place.
+pub fn is_of_another_kind(problem: &str) -> Option<String> {
+    problem.contains(NOT_READ).then(|| {
+        format!(
+            "is no video of a kind that is read, which are {CONTAINERS_READ}; playlists are not, as they name other files \
+             (ffmpeg -i FILE -c copy NEW.mkv makes one file of it)"
+        )
+    })
+}
+
 /// A path as an argument of ffmpeg: never an option, never a protocol such as `concat:`.
 pub fn file_argument(path: &Path) -> OsString {
     let mut argument = OsString::from("file:");

@@ -241,14 +241,16 @@ pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
                    stream_tags=DURATION:stream_side_data=rotation:packet=pts,pts_time,flags";
     let mut arguments: Vec<OsString> =
         ["-v", "error", "-select_streams", "v:0", "-show_entries", entries, "-of", "json"].map(OsString::from).into();
-    arguments.push(ffmpeg::file_argument(file));
+    arguments.extend(ffmpeg::input(file));
     let output = ffmpeg::output("ffprobe", &arguments).map_err(|error| match error {
         // An MP4's index is usually at its end.
         FfmpegError::Failed { problem, .. } => {
-            let problem = format!(
-                "cannot be opened; is it cut off before its index, or no video? ffprobe says: {problem}; {MEND}"
-            );
-            SourceError::content(file, problem)
+            let cut = || {
+                format!(
+                    "cannot be opened; is it cut off before its index, or no video? ffprobe says: {problem}; {MEND}"
+                )
+            };
+            SourceError::content(file, ffmpeg::is_of_another_kind(&problem).unwrap_or_else(cut))
         }
         other => other.into(),
     })?;

@@ -6,6 +6,7 @@ use crate::models;
 use crate::program;
 use crate::program::{locard, refused, said, with_a_truncated_frame};
 use crate::tier;
+use locard::source::video::{Overrides, probe};
 
 /// Composites one frame of the demonstration.
 fn demo() -> [&'static str; 6] {
@@ -316,4 +317,100 @@ fn a_photograph_without_evidence_says_so() {
     let (stand, hand) = (run(&[]), run(&["--hand-held"]));
     assert!(stand.contains("too dark") && !stand.contains("further from the recording's ends"), "{stand}");
     assert!(hand.contains("a larger --iso helps, or a frame further from the recording's ends"), "{hand}");
+}
+
+/// A recording of one frame, the demonstration's, with these further lines of its description.
+fn one_frame(folder: &Path, more: &str) {
+    std::fs::create_dir_all(folder).unwrap();
+    std::fs::copy("recordings/demo/rgb/00000.jpg", folder.join("0.jpg")).unwrap();
+    std::fs::write(folder.join("rgb.txt"), "0 0.jpg\n").unwrap();
+    std::fs::write(folder.join("recording.toml"), format!("version = 1\n[frames]\nlist = \"rgb.txt\"\n{more}"))
+        .unwrap();
+}
+
+#[test]
+fn error_in_a_file_outside_of_the_recording_does_not_quote_it() {
+    let temp = tempfile::tempdir().unwrap();
+    let (inside, secret) = (temp.path().join("rec"), temp.path().join("secret.txt"));
+    std::fs::write(&secret, "root:x:0:0\n").unwrap();
+    let name = secret.to_str().unwrap().to_owned();
+    let path = inside.to_str().unwrap();
+    for named in ["../secret.txt", &name] {
+        one_frame(&inside, &format!("[poses]\ntrajectory = \"{named}\"\n"));
+        let text = refused(&["inspect", path]);
+        assert!(!text.contains("root"), "{text}");
+        assert!(text.contains("secret.txt, line 1: ") && text.contains("outside of the recording's folder"), "{text}");
+    }
+    #[cfg(unix)]
+    {
+        one_frame(&inside, "");
+        std::fs::remove_file(inside.join("rgb.txt")).unwrap();
+        std::os::unix::fs::symlink(&secret, inside.join("rgb.txt")).unwrap();
+        let text = refused(&["inspect", path]);
+        assert!(!text.contains("root") && text.contains("rgb.txt, line 1: "), "{text}");
+    }
+    // Within the folder it is quoted, which helps to mend it.
+    one_frame(&inside, "[poses]\ntrajectory = \"poses.txt\"\n");
+    std::fs::write(inside.join("poses.txt"), "root:x:0:0\n").unwrap();
+    let text = refused(&["inspect", path]);
+    assert!(text.contains("`root:x:0:0`"), "{text}");
+}
+
+#[test]
+fn output_over_the_recordings_analysis_is_refused_with_force_too() {
+    let temp = tempfile::tempdir().unwrap();
+    let (recording, analysis) = (temp.path().join("rec"), temp.path().join("rec.analysis"));
+    one_frame(&recording, "");
+    std::fs::create_dir(&analysis).unwrap();
+    let path = |folder: &Path, name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let (at, out) = (path(&recording, ""), path(temp.path(), "out"));
+    let camera = ["--set", "camera.width_px=640", "--set", "camera.height_px=480", "--set", "camera.fx_px=500"];
+    let more = ["--set", "camera.fy_px=500", "--set", "camera.cx_px=320", "--set", "camera.cy_px=240", "--force"];
+    std::fs::write(recording.join("poses.txt"), "0 0 0 1 0 0 0 1\n").unwrap();
+    let trajectory = "[poses]\ntrajectory = \"poses.txt\"\n";
+    one_frame(&recording, trajectory);
+    for name in ["analysis.toml", "poses.txt", "frames.txt", "environment.hdr", "standing.toml"] {
+        let file = path(&analysis, name);
+        std::fs::write(&file, "mine").unwrap();
+        let run = ["composite", &at, "--scene", tier::any_scene(), "-o", &out, "--report", &file];
+        let text = refused(&[&run[..], &camera, &more].concat());
+        assert!(text.contains(&format!("{name}: lies in the folder of the recording's analysis")), "{text}");
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), "mine");
+    }
+    let folder = path(&analysis, "");
+    let run = ["composite", &at, "--scene", tier::any_scene(), "-o", &folder];
+    let text = refused(&[&run[..], &camera, &more].concat());
+    assert!(text.contains("is the folder of the recording's analysis"), "{text}");
+    assert!(!Path::new(&out).exists());
+}
+
+#[test]
+fn playlist_in_a_videos_place_is_refused_and_its_files_are_not_opened() {
+    let temp = tempfile::tempdir().unwrap();
+    let at = |name: &str| temp.path().join(name);
+    let film = ["-nostdin", "-v", "error", "-f", "lavfi", "-i", "testsrc=size=64x48:rate=5:duration=1"];
+    let mut ffmpeg = std::process::Command::new("ffmpeg");
+    assert!(ffmpeg.args(film).args(["-c:v", "mpeg2video"]).arg(at("film.ts")).status().unwrap().success());
+    assert!(std::process::Command::new("mkfifo").arg(at("pipe.ts")).status().unwrap().success());
+    let video = at("v.mp4");
+    let of = |text: &str| {
+        std::fs::write(&video, text).unwrap();
+        probe(&video, &Overrides::default()).map(|_| ()).unwrap_err().to_string()
+    };
+    let hls = |named: &str, end: &str| {
+        format!("#EXTM3U\n#EXT-X-VERSION:3\n#EXT-X-TARGETDURATION:1\n#EXTINF:1.0,\n{named}\n{end}")
+    };
+    for text in [
+        hls("film.ts", "#EXT-X-ENDLIST\n"),
+        // One that would be waited for without end, and a list that never ends.
+        hls("pipe.ts", "#EXT-X-ENDLIST\n"),
+        hls("film.ts", ""),
+        "ffconcat version 1.0\nfile 'film.ts'\n".to_owned(),
+    ] {
+        let error = of(&text);
+        assert!(error.contains("v.mp4: is no video of a kind that is read"), "{text}: {error}");
+        assert!(error.contains("MPEG-TS") && error.contains("playlists"), "{error}");
+    }
+    // The film itself is read.
+    assert_eq!(probe(&at("film.ts"), &Overrides::default()).unwrap().timestamps_s.len(), 5);
 }
