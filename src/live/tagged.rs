@@ -13,7 +13,7 @@ use super::source::{MAX_GAP_S, PoseSource};
 use crate::camera::{Camera, Intrinsics};
 use crate::pixels::Pixels;
 use crate::pose::Pose;
-use crate::tags::{Board, DetectError, Family, Lost, Paper, Searcher, Sheet, also, chosen, expected};
+use crate::tags::{Board, DetectError, Family, Lost, Paper, Searcher, Sheet, also, chosen, expected, repeated};
 use crate::tracking::covariance::Covariance;
 use crate::tracking::smooth::Smoother;
 use crate::tracking::turn::Reduced;
@@ -31,6 +31,9 @@ pub struct TaggedPoses {
     family: Family,
     /// Why the last picture had no pose.
     lost: Option<Lost>,
+    /// Which tags were left out in the last one because they were seen in several places, and whether that was told.
+    repeated: Vec<u32>,
+    has_told_repeated: bool,
     /// Whether the board is the one that is seen.
     fitting: Fitting,
     /// Pictures in a row without a tag, and another family that was seen in one of them.
@@ -91,6 +94,8 @@ impl TaggedPoses {
             failure: None,
             family,
             lost: None,
+            repeated: Vec::new(),
+            has_told_repeated: false,
             fitting: Fitting::default(),
             without: 0,
             other: None,
@@ -120,6 +125,7 @@ impl PoseSource for TaggedPoses {
             Ok(Ok(sight)) => {
                 self.lost = None;
                 (self.without, self.other) = (0, None);
+                self.repeated.clone_from(&sight.repeated);
                 let chosen = chosen(time_s, &sight, expected(&self.past, time_s).as_ref());
                 let pose = chosen.solved.pose;
                 if !self.fitting.takes(time_s, &sight, &pose) {
@@ -175,6 +181,10 @@ impl PoseSource for TaggedPoses {
     fn up(&self) -> Option<DVec3> {
         Some(DVec3::Z)
     }
+    fn told(&mut self) -> Option<String> {
+        let is_new = !(self.repeated.is_empty() || std::mem::replace(&mut self.has_told_repeated, true));
+        is_new.then(|| repeated(&self.repeated))
+    }
     fn lacks(&self) -> Option<String> {
         let Some(lost) = &self.lost else {
             let why = match self.fitting.has_misfits() {
@@ -188,7 +198,7 @@ impl PoseSource for TaggedPoses {
         };
         Some(match lost {
             Lost::Nothing => format!("no tag of family {} is seen{}", self.family.name(), also(&self.other)),
-            why @ Lost::Unsolved(_) => why.to_string(),
+            why @ (Lost::Unsolved(_) | Lost::Repeated(_)) => why.to_string(),
             why => format!("{why}; does the board's file describe this board?"),
         })
     }

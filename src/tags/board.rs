@@ -168,7 +168,14 @@ fn checked(tag: &WrittenTag, family: Family) -> Result<Tag, String> {
 /// As [`Board::parse`] reads it.
 impl fmt::Display for Board {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "# Metres; z out of the sheet, x to its right, y to its top; the origin is the sheet's middle.")?;
+        writeln!(
+            f,
+            "# Metres; z out of the sheet, x to its right, y to its top; the origin is what center_m counts from:"
+        )?;
+        writeln!(
+            f,
+            "# on the sheet of `locard board` the small cross in the middle of the tags, not the middle of the paper."
+        )?;
         writeln!(f, "# size_m is the side of a tag's black square, center_m its middle.")?;
         writeln!(f, "# If the printed ruler is not as long as it says: scale = its length divided by that.")?;
         writeln!(f, "version = 1\nfamily = \"{}\"", self.family.name())?;

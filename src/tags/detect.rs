@@ -16,6 +16,15 @@ pub struct Found {
     pub corners_px: [DVec2; 4],
 }
 
+/// The tags of a picture.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tags {
+    /// Those that are seen in one place, by id.
+    pub found: Vec<Found>,
+    /// Ids that are seen in several places, ascending: nothing says which of them is meant.
+    pub repeated: Vec<u32>,
+}
+
 /// Why tags cannot be searched for.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("tags cannot be searched for in a picture of {width}x{height} px: {problem}")]
@@ -52,22 +61,22 @@ impl Detector {
         Ok(Self { half: decoder(2).map_err(failed)?, whole: decoder(1).map_err(failed)?, size })
     }
 
-    /// The tags of a picture, by id. A tag that seems to stand in several places is left out. If fewer than `enough` are
-    /// seen at half the resolution, those that are too small there are sought as well.
-    pub fn find(&mut self, grey: &Grey, enough: usize) -> Result<Vec<Found>, DetectError> {
+    /// The tags of a picture. If fewer than `enough` of those that are `wanted` are seen at half the resolution, those that
+    /// are too small there are sought as well.
+    pub fn find(&mut self, grey: &Grey, enough: usize, wanted: impl Fn(u32) -> bool) -> Result<Tags, DetectError> {
         let (width, height) = self.size;
         let failed = |problem: String| DetectError { width, height, problem };
         let image = Image::<u8, 1>::from_size_slice(ImageSize { width, height }, &grey.codes)
             .map_err(|error| failed(error.to_string()))?;
         let found = sought(&mut self.half, &image).map_err(|error| failed(error.to_string()))?;
-        if found.len() >= enough.max(1) {
+        if found.found.iter().filter(|tag| wanted(tag.id)).count() >= enough.max(1) {
             return Ok(found);
         }
         sought(&mut self.whole, &image).map_err(|error| failed(error.to_string()))
     }
 }
 
-fn sought(decoder: &mut AprilTagDecoder, image: &Image<u8, 1>) -> Result<Vec<Found>, AprilTagError> {
+fn sought(decoder: &mut AprilTagDecoder, image: &Image<u8, 1>) -> Result<Tags, AprilTagError> {
     let found = decoder.decode(image)?;
     decoder.clear();
     let found = found.iter().map(|tag| {
@@ -79,7 +88,9 @@ fn sought(decoder: &mut AprilTagDecoder, image: &Image<u8, 1>) -> Result<Vec<Fou
     });
     let mut found: Vec<Found> = found.filter(|tag| tag.corners_px.iter().all(|corner| corner.is_finite())).collect();
     found.sort_by_key(|tag| tag.id);
-    let twice: Vec<u32> = found.windows(2).filter(|pair| pair[0].id == pair[1].id).map(|pair| pair[0].id).collect();
-    found.retain(|tag| !twice.contains(&tag.id));
-    Ok(found)
+    let same = found.windows(2).filter(|pair| pair[0].id == pair[1].id);
+    let mut repeated: Vec<u32> = same.map(|pair| pair[0].id).collect();
+    repeated.dedup();
+    found.retain(|tag| !repeated.contains(&tag.id));
+    Ok(Tags { found, repeated })
 }

@@ -22,7 +22,7 @@ mod track;
 
 pub use board::{Board, BoardError, Tag};
 pub use continuity::{Chosen, along, chosen, expected};
-pub use detect::{DetectError, Detector, Found};
+pub use detect::{DetectError, Detector, Found, Tags};
 pub use family::Family;
 pub use grey::Grey;
 pub use print::{pdf, picture, png};
@@ -30,6 +30,6 @@ pub use recorded::{Parts, RecordError, check, record};
 pub use refine::{refined, refined_of_any_lens};
 pub use rolling::rolled;
 pub use sheet::{Mark, Paper, Rect, Sheet};
-pub use sight::{Lost, Sight};
+pub use sight::{Lost, Sight, repeated};
 pub use solve::{Corners, Solved, solved};
 pub use track::{Searcher, Track, TrackError, also, track};

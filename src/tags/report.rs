@@ -3,6 +3,7 @@
 use std::fmt;
 use std::ops::Range;
 
+use super::sight::repeated;
 use super::track::Track;
 use crate::words::{count, fixed};
 
@@ -62,6 +63,9 @@ impl fmt::Display for Track {
         }
         if lost.len() > MOST_TOLD {
             writeln!(f, "lost       {} more times", lost.len() - MOST_TOLD)?;
+        }
+        for (run, tags) in self.repeated().iter().take(MOST_TOLD) {
+            writeln!(f, "left out   {}: {}", self.told(run), repeated(tags))?;
         }
         for run in self.doubtful().iter().take(MOST_TOLD) {
             writeln!(

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use super::board::Board;
-use super::detect::Found;
+use super::detect::{Found, Tags};
 use super::solve::{Corners, Solved, begun, solved};
 use crate::camera::Geometry;
 use crate::pose::Pose;
@@ -32,6 +32,8 @@ const MOST_BEGUN: usize = 3;
 pub struct Sight {
     /// Ids of the tags, ascending.
     pub tags: Vec<u32>,
+    /// Ids of the board's tags that are seen in several places and were left out.
+    pub repeated: Vec<u32>,
     /// Their corners, four for each.
     pub corners: Corners,
     pub best: Solved,
@@ -46,6 +48,8 @@ pub enum Lost {
     Nothing,
     #[error("the tags that are seen are not on the board: {}", ids(.0))]
     NotOnBoard(Vec<u32>),
+    #[error("{}", repeated(.0))]
+    Repeated(Vec<u32>),
     #[error("the tags {} do not stand to each other as on the board: off by {median_px:.1} px", ids(tags))]
     Misfit { tags: Vec<u32>, median_px: f64 },
     #[error("the tags {} do not say where the camera stood", ids(.0))]
@@ -56,7 +60,28 @@ fn ids(ids: &[u32]) -> String {
     ids.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")
 }
 
+/// What is told of tags that are seen in several places.
+pub fn repeated(tags: &[u32]) -> String {
+    let (which, are) = if tags.len() == 1 { ("tag", "is") } else { ("tags", "are") };
+    format!(
+        "the {which} {} {are} seen in several places, and nothing says which of them the board is; take the other prints away",
+        ids(tags)
+    )
+}
+
 impl Sight {
+    /// The poses that explain the tags of a picture, with those of the board that are left out because they are seen in
+    /// several places.
+    pub fn of_tags(geometry: &Geometry, board: &Board, tags: &Tags) -> Result<Self, Lost> {
+        let repeated: Vec<u32> = tags.repeated.iter().copied().filter(|id| board.tag(*id).is_some()).collect();
+        match Self::of(geometry, board, &tags.found, &[]) {
+            Ok(sight) => Ok(Self { repeated, ..sight }),
+            Err(Lost::Nothing | Lost::NotOnBoard(_)) if !repeated.is_empty() => Err(Lost::Repeated(repeated)),
+            Err(Lost::Nothing) if !tags.repeated.is_empty() => Err(Lost::NotOnBoard(tags.repeated.clone())),
+            Err(lost) => Err(lost),
+        }
+    }
+
     /// The poses that explain the tags of a picture. `near` are poses to try besides, such as the last one.
     pub fn of(geometry: &Geometry, board: &Board, found: &[Found], near: &[Pose]) -> Result<Self, Lost> {
         let known = found.iter().filter(|tag| board.tag(tag.id).is_some()).count();
@@ -107,7 +132,7 @@ impl Sight {
             return Err(Lost::Misfit { tags, median_px });
         }
         let other = solutions.next().filter(|other| !ruled_out(other, &best));
-        Ok(Self { tags, corners, best, other })
+        Ok(Self { tags, repeated: Vec::new(), corners, best, other })
     }
 }
 

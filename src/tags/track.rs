@@ -4,7 +4,7 @@ use std::ops::{ControlFlow, Range};
 
 use super::board::Board;
 use super::continuity::{Chosen, along};
-use super::detect::{DetectError, Detector};
+use super::detect::{DetectError, Detector, Tags};
 use super::family::Family;
 use super::grey::Grey;
 use super::refine::refined;
@@ -46,11 +46,12 @@ impl Searcher {
     /// What a picture says. It has the geometry's size.
     pub fn look(&mut self, pixels: &Pixels) -> Result<Result<Sight, Lost>, DetectError> {
         let grey = Grey::of(pixels, self.light.clone());
-        let mut found = self.detector.find(&grey, self.board.tags.len().div_ceil(2))?;
-        for tag in &mut found {
+        let (enough, is_wanted) = (self.board.tags.len().div_ceil(2), |id| self.board.tag(id).is_some());
+        let mut tags = self.detector.find(&grey, enough, is_wanted)?;
+        for tag in &mut tags.found {
             *tag = refined(&grey, &self.geometry, self.board.family.cells(), tag);
         }
-        Ok(Sight::of(&self.geometry, &self.board, &found, &[]))
+        Ok(Sight::of_tags(&self.geometry, &self.board, &tags))
     }
 }
 
@@ -67,6 +68,8 @@ pub enum TrackError {
     Nothing { family: Family, frames: usize, other: Option<Family> },
     #[error("no frame gives a pose; in frame {frame} {why}. Does the board's file describe the board that was filmed?")]
     NoPose { frame: usize, why: Lost },
+    #[error("no frame gives a pose; in frame {frame} {why}")]
+    Repeated { frame: usize, why: Lost },
     #[error("stopped")]
     Stopped,
 }
@@ -81,7 +84,7 @@ pub fn also(other: &Option<Family>) -> String {
 fn other_family(own: Family, pixels: &Pixels) -> Result<Option<Family>, DetectError> {
     let grey = Grey::of(pixels, Vec::new());
     for family in Family::ALL.into_iter().filter(|family| *family != own && *family != Family::Tag16h5) {
-        if !Detector::new(family, pixels.width, pixels.height)?.find(&grey, 1)?.is_empty() {
+        if Detector::new(family, pixels.width, pixels.height)?.find(&grey, 1, |_| true)? != Tags::default() {
             return Ok(Some(family));
         }
     }
@@ -96,6 +99,8 @@ pub struct Track {
     pub frames: Vec<Result<Chosen, Lost>>,
     /// How many tags were used in each frame.
     pub tags: Vec<usize>,
+    /// For each frame, which tags were left out because they were seen in several places.
+    pub repeated: Vec<Vec<u32>>,
     /// The time constant by which the poses were smoothed, seconds.
     pub smoothed_s: Option<f64>,
 }
@@ -125,6 +130,7 @@ pub fn track(
         return Err(nothing(video, board, &looks)?);
     }
     let tags = looks.iter().map(|look| look.as_ref().map_or(0, |sight| sight.tags.len())).collect();
+    let repeated = looks.iter().map(|look| look.as_ref().map_or(Vec::new(), |sight| sight.repeated.clone())).collect();
     let sights: Vec<_> =
         video.timestamps_s.iter().copied().zip(looks.iter().map(|look| look.as_ref().ok().cloned())).collect();
     let frames =
@@ -133,14 +139,18 @@ pub fn track(
             (None, Err(lost)) => Err(lost),
             (None, Ok(sight)) => Err(Lost::Unsolved(sight.tags)),
         });
-    Ok(Track { times_s: video.timestamps_s.clone(), frames: frames.collect(), tags, smoothed_s: None })
+    Ok(Track { times_s: video.timestamps_s.clone(), frames: frames.collect(), tags, repeated, smoothed_s: None })
 }
 
 /// Why no frame gives a pose.
 fn nothing(video: &Video, board: &Board, looks: &[Result<Sight, Lost>]) -> Result<TrackError, TrackError> {
     let seen = looks.iter().enumerate().filter_map(|(frame, look)| Some((frame, look.as_ref().err()?)));
     if let Some((frame, why)) = seen.into_iter().find(|(_, why)| **why != Lost::Nothing) {
-        return Ok(TrackError::NoPose { frame, why: why.clone() });
+        let why = why.clone();
+        return Ok(match why {
+            Lost::Repeated(_) => TrackError::Repeated { frame, why },
+            _ => TrackError::NoPose { frame, why },
+        });
     }
     let frames = looks.len();
     // A few frames tell whether the file names the wrong family.
@@ -170,6 +180,18 @@ impl Track {
     pub fn doubtful(&self) -> Vec<Range<usize>> {
         let doubtful = |frame: &Result<Chosen, Lost>| matches!(frame, Ok(chosen) if !chosen.certain);
         runs(&self.frames, |frame| doubtful(frame).then_some(frame)).into_iter().map(|(run, _)| run).collect()
+    }
+
+    /// Runs of frames in which the same tags were left out because they were seen in several places.
+    pub fn repeated(&self) -> Vec<(Range<usize>, &[u32])> {
+        let mut runs: Vec<(Range<usize>, &[u32])> = Vec::new();
+        for (i, tags) in self.repeated.iter().enumerate().filter(|(_, tags)| !tags.is_empty()) {
+            match runs.last_mut().filter(|(run, before)| run.end == i && *before == tags.as_slice()) {
+                Some((run, _)) => run.end = i + 1,
+                None => runs.push((i..i + 1, tags)),
+            }
+        }
+        runs
     }
 
     /// Smooths the poses ([`smoothed`]) by a time constant above 0, seconds, and says so of how sure they are. Residuals stay as

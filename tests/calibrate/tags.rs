@@ -9,8 +9,8 @@ use locard::camera::{Distortion, Geometry, Intrinsics, Response};
 use locard::pixels::Pixels;
 use locard::pose::Pose;
 use locard::tags::{
-    Board, Corners, Family, Found, Lost, Paper, Searcher, Sheet, Sight, Tag, Track, along, expected, picture, rolled,
-    solved,
+    Board, Corners, Detector, Family, Found, Grey, Lost, Paper, Searcher, Sheet, Sight, Tag, Track, along, expected,
+    picture, rolled, solved,
 };
 
 static PRINTED: LazyLock<Printed> = LazyLock::new(|| {
@@ -293,4 +293,64 @@ fn nothing_is_made_up_where_the_track_was_lost() {
     ] {
         assert!(told.contains(line), "{told}");
     }
+}
+
+/// A white picture with tags of 36h11, each drawn from its upper left corner with cells of so many pixels.
+fn drawn(tags: &[(u32, [u32; 2], u32)]) -> Pixels {
+    let (width, height) = (640, 480);
+    let mut codes = vec![255; 3 * width as usize * height as usize];
+    for (id, [left, top], cell) in tags {
+        let white = Family::Tag36h11.white_cells(*id).unwrap();
+        let side = cell * Family::Tag36h11.cells();
+        for (x, y) in (0..side).flat_map(|y| (0..side).map(move |x| (x, y))) {
+            if !white.contains(&(x / cell, y / cell)) {
+                let at = 3 * ((top + y) * width + left + x) as usize;
+                codes[at..at + 3].fill(0);
+            }
+        }
+    }
+    Pixels::from_u8(width, height, codes).unwrap()
+}
+
+/// A sheet's tags with their ids, 60 px apart, from an upper left corner.
+fn sheet_at(left: u32, ids: &[u32]) -> Vec<(u32, [u32; 2], u32)> {
+    ids.iter().map(|id| (*id, [left + 85 * (id % 2), 60 + 85 * (id / 2)], 8)).collect()
+}
+
+#[test]
+fn tags_seen_in_several_places_are_told_and_the_others_give_the_pose() {
+    let board = || Sheet::new(Paper::A4).board;
+    let mut searcher = Searcher::new(board(), pinhole(), &Response::default()).unwrap();
+    let first = sheet_at(40, &[0, 1, 2, 3, 4, 5]);
+    let alone = searcher.look(&drawn(&first)).unwrap().unwrap();
+    assert_eq!((alone.tags.len(), alone.repeated.len()), (6, 0));
+    let two = [first.clone(), sheet_at(300, &[0, 1, 4, 5])].concat();
+    let sight = searcher.look(&drawn(&two)).unwrap().unwrap();
+    assert_eq!((sight.tags, sight.repeated), (vec![2, 3], vec![0, 1, 4, 5]));
+    let off_m = sight.best.pose.position_in_world_m().distance(alone.best.pose.position_in_world_m());
+    assert!(off_m < 0.02, "{off_m}");
+    let both = [first, sheet_at(300, &[0, 1, 2, 3, 4, 5])].concat();
+    let lost = searcher.look(&drawn(&both)).unwrap().unwrap_err();
+    assert_eq!(lost, Lost::Repeated(vec![0, 1, 2, 3, 4, 5]));
+    assert!(lost.to_string().starts_with("the tags 0, 1, 2, 3, 4, 5 are seen in several places"), "{lost}");
+}
+
+#[test]
+fn tags_of_others_do_not_hide_a_boards_small_tag() {
+    // Cells of 3 px are too small at half the resolution.
+    let picture = drawn(&[(24, [300, 200], 3), (85, [20, 20], 14), (144, [460, 300], 14)]);
+    let grey = Grey::of(&picture, Grey::table(&Response::default()));
+    let mut detector = Detector::new(Family::Tag36h11, 640, 480).unwrap();
+    let mut ids = |wanted: &dyn Fn(u32) -> bool| {
+        detector.find(&grey, 1, wanted).unwrap().found.iter().map(|tag| tag.id).collect::<Vec<_>>()
+    };
+    assert_eq!(ids(&|id| id == 85), [85, 144], "at half the resolution");
+    assert_eq!(ids(&|id| id == 24), [24, 85, 144]);
+}
+
+#[test]
+fn boards_file_says_where_its_origin_is() {
+    let text = Sheet::new(Paper::A4).board.to_string();
+    assert!(text.contains("the small cross in the middle of the tags, not the middle of the paper"), "{text}");
+    assert_eq!(Board::parse(&text).unwrap(), Sheet::new(Paper::A4).board);
 }

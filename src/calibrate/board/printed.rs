@@ -22,6 +22,8 @@ pub enum NoTags {
     Few { seen: usize, readable: usize },
     #[error("the tags that are seen are not on the board: {}", .0.iter().map(u32::to_string).collect::<Vec<_>>().join(", "))]
     NotOnBoard(Vec<u32>),
+    #[error("{}", tags::repeated(.0))]
+    Repeated(Vec<u32>),
     #[error(transparent)]
     Detect(#[from] DetectError),
 }
@@ -61,9 +63,14 @@ impl Printed {
             None => self.detector.insert((size, Detector::new(self.board.family, size.0, size.1)?)),
         };
         let grey = Grey::of(pixels, self.light.clone());
-        let found = detector.find(&grey, self.board.tags.len().div_ceil(2))?;
+        let (enough, is_wanted) = (self.board.tags.len().div_ceil(2), |id| self.board.tag(id).is_some());
+        let tags::Tags { found, mut repeated } = detector.find(&grey, enough, is_wanted)?;
+        repeated.retain(|id| is_wanted(*id));
         let known: Vec<(&Found, [DVec3; 4])> =
             found.iter().filter_map(|tag| Some((tag, self.board.tag(tag.id)?.corners_m()))).collect();
+        if known.is_empty() && !repeated.is_empty() {
+            return Err(NoTags::Repeated(repeated));
+        }
         if known.is_empty() {
             let ids: Vec<u32> = found.iter().map(|tag| tag.id).collect();
             return Err(if ids.is_empty() { NoTags::None } else { NoTags::NotOnBoard(ids) });

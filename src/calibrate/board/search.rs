@@ -51,7 +51,7 @@ impl Search {
                 "tags are seen, but not those of the sheet that `locard board` prints: name their file with --board"
                     .to_owned()
             }
-            (Some(no_tags @ NoTags::Few { .. }), NoBoard::None) => no_tags.to_string(),
+            (Some(no_tags @ (NoTags::Few { .. } | NoTags::Repeated(_))), NoBoard::None) => no_tags.to_string(),
             (Some(_), NoBoard::None) => {
                 "neither printed tags nor a chessboard are seen: they must be in focus and at rest, lit evenly, with \
                  squares some 10 px wide and a white rim"
