@@ -214,7 +214,7 @@ impl PoseSource for Delayed {
     }
     // What has a delay has no covariances: poses of tags are the pictures' own.
     fn told(&mut self) -> Option<String> {
-        self.told.take()
+        self.told.take().or_else(|| self.source.told())
     }
 }
 

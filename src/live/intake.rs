@@ -148,6 +148,7 @@ impl Intake {
             }
         }
         carried.iter().for_each(|(time_s, pose)| self.waiting.carry(*time_s, pose));
+        self.waiting.told().into_iter().for_each(|text| watched.tell(text));
         Ok(())
     }
 

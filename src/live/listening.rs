@@ -11,37 +11,9 @@ use glam::DVec3;
 use super::error::LiveError;
 use super::source::PoseSource;
 use crate::pose::Pose;
-use crate::stream::{Clock, LensState, Poses, Protocol, Report};
+use crate::stream::{LensState, Poses, Protocol, Report};
 use crate::webcam::monotonic_s;
-
-/// How far the sender's clock is from ours: by the pose that came fastest among those of the last seconds, for what is
-/// late was held up on the way.
-#[derive(Debug, Default)]
-pub struct ClockOffset {
-    epoch: Option<u32>,
-    since_s: f64,
-    /// Of this span and the one before, seconds.
-    least_s: [Option<f64>; 2],
-}
-
-impl ClockOffset {
-    /// Clocks of 50 ppm drift apart by half a millisecond in such a span, seconds.
-    const SPAN_S: f64 = 10.0;
-
-    /// Our time for a sender's, which has just come.
-    pub fn ours(&mut self, epoch: u32, time_s: f64, arrived_s: f64) -> f64 {
-        if self.epoch != Some(epoch) {
-            *self = Self { epoch: Some(epoch), since_s: arrived_s, least_s: [None; 2] };
-        }
-        if arrived_s - self.since_s > Self::SPAN_S {
-            self.since_s = arrived_s;
-            self.least_s = [None, self.least_s[0]];
-        }
-        let offset_s = arrived_s - time_s;
-        self.least_s[0] = Some(self.least_s[0].map_or(offset_s, |least| least.min(offset_s)));
-        time_s + self.least_s.iter().flatten().fold(f64::INFINITY, |a, b| a.min(*b))
-    }
-}
+use crate::words::fixed;
 
 /// Poses that are kept while a lens is waited for.
 const EARLY: usize = 256;
@@ -66,6 +38,8 @@ pub struct Streamed {
     last_s: f64,
     /// What was heard by now.
     report: Arc<Mutex<Report>>,
+    /// How many steps of its clock were told.
+    steps_told: u64,
     /// While it lives, the thread listens.
     _wanted: Arc<()>,
 }
@@ -78,26 +52,22 @@ fn lock(report: &Mutex<Report>) -> MutexGuard<'_, Report> {
 impl Streamed {
     pub fn open(url: &str) -> Result<Self, LiveError> {
         let mut poses = Poses::open(url)?;
-        let (delay_s, at) = (poses.delay_s(), poses.address());
+        let at = poses.address();
         let (sender, received) = sync_channel(1024);
         let (wanted, report) = (Arc::new(()), Arc::new(Mutex::new(Report::default())));
         let heard = Arc::clone(&report);
         let still = Arc::downgrade(&wanted);
         let listen = move || {
-            let mut clock = ClockOffset::default();
             while still.strong_count() > 0 {
                 let next = poses.next(Instant::now() + Duration::from_millis(200));
                 lock(&heard).clone_from(poses.report());
                 let item = match next {
                     Ok(None) => continue,
                     Ok(Some(tracked)) => {
-                        // The delay is not the clock's.
-                        let (now_s, time_s) = (monotonic_s(), tracked.time_s - delay_s);
-                        let ours_s = match tracked.clock {
-                            Clock::Arrival => now_s - (poses.seconds_now() - tracked.arrived_s),
-                            _ => clock.ours(tracked.epoch, time_s, now_s),
-                        };
-                        Ok((ours_s + delay_s, tracked.pose, tracked.lens))
+                        // Our clock minus the receiver's.
+                        let receiver_s = monotonic_s() - poses.seconds_now();
+                        let ours_s = tracked.time_s + tracked.offset_s + receiver_s;
+                        Ok((ours_s, tracked.pose, tracked.lens))
                     }
                     Err(error) => Err(error.into()),
                 };
@@ -117,6 +87,7 @@ impl Streamed {
             at,
             last_s: monotonic_s(),
             report,
+            steps_told: 0,
             _wanted: wanted,
         })
     }
@@ -154,6 +125,16 @@ impl PoseSource for Streamed {
         }
         known
     }
+    fn told(&mut self) -> Option<String> {
+        let (steps, by_s) = {
+            let report = lock(&self.report);
+            (report.steps, report.last_step_s)
+        };
+        if steps <= std::mem::replace(&mut self.steps_told, steps) {
+            return None;
+        }
+        Some(format!("{}: its clock was set anew, by {} s, and is followed", self.url, fixed(by_s, 3)))
+    }
     fn lacks(&self) -> Option<String> {
         let silent_s = monotonic_s() - self.last_s;
         let (url, at) = (&self.url, self.at);
@@ -173,24 +154,5 @@ impl PoseSource for Streamed {
     /// A stage's origin lies on its floor.
     fn has_floor(&self) -> bool {
         true
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_fastest_pose_tells_the_clock() {
-        let mut offset = ClockOffset::default();
-        // Sent at 100, 100.1, 100.2 by its clock, which is 95 s before ours; held up by 30, 5 and 50 ms.
-        assert!((offset.ours(0, 100.0, 5.03) - 5.03).abs() < 1e-9);
-        assert!((offset.ours(0, 100.1, 5.105) - 5.105).abs() < 1e-9);
-        assert!((offset.ours(0, 100.2, 5.25) - 5.205).abs() < 1e-9);
-        // The sender's clock falls behind by 1 ms; two spans later the old offset is forgotten.
-        assert!((offset.ours(0, 110.3, 15.306) - 15.305).abs() < 1e-9);
-        assert!((offset.ours(0, 121.0, 26.006) - 26.006).abs() < 1e-9);
-        // Another clock.
-        assert!((offset.ours(1, 7.0, 27.0) - 27.0).abs() < 1e-9);
     }
 }

@@ -14,6 +14,7 @@ use super::presence::{FADE_S, WHOLE_S};
 use crate::pose::Pose;
 use crate::tracking::PoseTrack;
 use crate::tracking::tum::Line;
+use crate::words::{fixed, short};
 
 /// A pose this near a frame counts as its own: [`PoseTrack`] allows for rounding by a microsecond.
 const NEAR_S: f64 = 2e-6;
@@ -62,6 +63,12 @@ pub struct LiveTrack {
     given_up_s: f64,
     is_lost: bool,
     new: Vec<Line>,
+    /// Poses in a row that agree with each other, up to the last real one; no more than [`MOST_SUPPORT`].
+    support: usize,
+    /// Poses in a row that agree with each other, and not with the last real one.
+    strays: Vec<(f64, Pose)>,
+    told: Option<String>,
+    has_told_stray: bool,
 }
 
 /// Poses that are carried and wait for their frames; as many frames may wait.
@@ -69,6 +76,9 @@ const MOST_CARRIED: usize = 16;
 /// No camera that sees anything is moved or turned faster: m/s, rad/s. A hand's whip pan has 10 rad/s, a car 50 m/s.
 const FASTEST_M_S: f64 = 60.0;
 const FASTEST_RAD_S: f64 = 60.0;
+
+/// Poses that agree with each other win over those before them if they are more, or so many.
+const MOST_SUPPORT: usize = 10;
 
 /// Whether nobody gets from one pose to another in so many seconds. What a sender makes up would be blurred all over the
 /// picture, at a cost without bounds.
@@ -98,6 +108,10 @@ impl LiveTrack {
             given_up_s: f64::NEG_INFINITY,
             is_lost: true,
             new: Vec::new(),
+            support: 0,
+            strays: Vec::new(),
+            told: None,
+            has_told_stray: false,
         }
     }
 
@@ -117,15 +131,51 @@ impl LiveTrack {
             return PoseTaken::Odd;
         }
         // Only frames that are far apart may be: then the camera was carried, or the tracker began anew.
-        if self.real.is_some_and(|(before_s, before)| is_wild(&before, pose, time_s - before_s)) {
-            return PoseTaken::Odd;
+        if let Some(real) = self.real.filter(|(before_s, before)| is_wild(before, pose, time_s - before_s)) {
+            return self.stray(real, (time_s, *pose));
         }
+        self.strays.clear();
         match self.ahead.back() {
             Some((newest_s, _)) if time_s <= *newest_s => return PoseTaken::Late,
             None if self.is_lost || !self.is_apart(time_s) => return self.take(time_s, pose),
             _ => self.ahead.push_back((time_s, *pose)),
         }
         PoseTaken::Added
+    }
+
+    /// Takes a pose to which no camera gets from the last real one. If more poses agree with it than did with that one, the
+    /// camera is there: it counts as lost until no pose is interpolated between the two places.
+    fn stray(&mut self, (real_s, real): (f64, Pose), (time_s, pose): (f64, Pose)) -> PoseTaken {
+        let agrees = |(s, stray): &(f64, Pose)| time_s > *s && !is_wild(stray, &pose, time_s - s);
+        if !self.strays.last().is_some_and(agrees) {
+            self.strays.clear();
+        }
+        self.strays.push((time_s, pose));
+        let moved_m = real.position_in_world_m().distance(pose.position_in_world_m());
+        let turned_deg =
+            real.world_from_camera_rotation().angle_between(pose.world_from_camera_rotation()).to_degrees();
+        let apart =
+            format!("{} m and {}° away after {} s", short(moved_m), fixed(turned_deg, 0), fixed(time_s - real_s, 3));
+        if self.strays.len() <= self.support {
+            if !std::mem::replace(&mut self.has_told_stray, true) {
+                self.told =
+                    Some(format!("a pose is left out, for no camera gets there: {apart}; more such are counted"));
+            }
+            return PoseTaken::Odd;
+        }
+        let poses = self.strays.len();
+        self.told = Some(format!("the camera is elsewhere from now on, as {poses} poses in a row say: {apart}"));
+        self.ahead.clear();
+        self.carried.clear();
+        self.seen.clear();
+        (self.real, self.support, self.is_lost) = (None, 0, true);
+        let strays = std::mem::take(&mut self.strays);
+        strays.into_iter().map(|(time_s, pose)| self.add(time_s, &pose)).last().unwrap_or(PoseTaken::Odd)
+    }
+
+    /// What a person should know by now; each once.
+    pub fn told(&mut self) -> Option<String> {
+        self.told.take()
     }
 
     /// Whether no pose is interpolated between the last one and one at a time: the same difference as the reader's.
@@ -148,6 +198,7 @@ impl LiveTrack {
             self.is_lost = false;
         }
         self.real = Some((time_s, pose));
+        self.support = (self.support + 1).min(MOST_SUPPORT);
         self.see(time_s, pose);
         PoseTaken::Added
     }
@@ -333,6 +384,38 @@ mod tests {
         // The tracker is elsewhere from now on.
         assert_eq!(t.add(1.02, &at(6.0)), PoseTaken::Odd);
         assert_eq!(t.add(1.13, &at(6.0)), PoseTaken::Added);
+    }
+
+    #[test]
+    fn first_pose_far_away_gives_way_to_those_that_agree() {
+        let mut t = LiveTrack::new(0.1);
+        assert_eq!(t.add(1.0, &at(1e9)), PoseTaken::Added);
+        assert_eq!(t.add(1.01, &at(0.01)), PoseTaken::Odd);
+        let told = t.told().unwrap();
+        assert!(told.contains(" 1000000000 m ") && told.contains("after 0.010 s"), "{told}");
+        // Nothing is interpolated between the two places.
+        assert_eq!(t.add(1.02, &at(0.02)), PoseTaken::Late);
+        assert!(t.told().unwrap().starts_with("the camera is elsewhere from now on, as 2 poses in a row say"));
+        let taken: Vec<_> = (3..=15).map(|i| t.add(1.0 + 0.01 * f64::from(i), &at(0.01 * f64::from(i)))).collect();
+        assert_eq!(taken.iter().filter(|taken| **taken == PoseTaken::Added).count(), 5, "{taken:?}");
+        assert!(t.track().at(1.05).is_err() && t.told().is_none());
+        assert!((t.track().at(1.13).unwrap().position_in_world_m().x - 0.13).abs() < 1e-9);
+    }
+
+    #[test]
+    fn camera_that_begins_anew_far_away_is_followed_after_ten_poses() {
+        let mut t = LiveTrack::new(0.1);
+        for i in 0..100 {
+            assert_eq!(t.add(0.01 * f64::from(i), &at(0.0)), PoseTaken::Added);
+        }
+        // Some that agree with nothing, and with each other neither.
+        for (i, x) in [1e3, -1e3, 1e3, -1e3].into_iter().enumerate() {
+            assert_eq!(t.add(1.0 + 0.01 * i as f64, &at(x)), PoseTaken::Odd);
+        }
+        assert_eq!(t.add(1.04, &at(0.0)), PoseTaken::Added);
+        let taken: Vec<_> = (0..11).map(|i| t.add(1.05 + 0.01 * f64::from(i), &at(1e3))).collect();
+        assert!(taken[..10].iter().all(|taken| *taken == PoseTaken::Odd), "{taken:?}");
+        assert_eq!(taken[10], PoseTaken::Added);
     }
 
     #[test]

@@ -79,6 +79,11 @@ impl<F> Waiting<F> {
         self.track.take_new()
     }
 
+    /// What a person should know of the poses by now; each once.
+    pub fn told(&mut self) -> Option<String> {
+        self.track.told()
+    }
+
     pub fn pose(&mut self, time_s: f64, pose: &Pose) -> PoseTaken {
         let taken = self.track.add(time_s, pose);
         *match taken {

@@ -28,11 +28,12 @@ pub struct Watched {
     gone: Option<String>,
     damaged: u64,
     damage: Option<PictureError>,
+    told: Option<String>,
 }
 
 impl Watched {
     pub fn new(newest: Newest<Picture>, poses: Box<dyn PoseSource>) -> Self {
-        Self { newest, poses, gone: None, damaged: 0, damage: None }
+        Self { newest, poses, gone: None, damaged: 0, damage: None, told: None }
     }
 
     /// The newest picture, decoded, if one comes until then. A damaged one is left out and counted.
@@ -88,7 +89,12 @@ impl Watched {
 
     /// What a person should know of the poses by now; each once.
     pub fn told(&mut self) -> Option<String> {
-        self.poses.told()
+        self.told.take().or_else(|| self.poses.told())
+    }
+
+    /// Has [`Watched::told`] tell this next.
+    pub fn tell(&mut self, text: String) {
+        self.told = Some(text);
     }
 
     /// Why there is no pose now, if that is known.

@@ -1,8 +1,10 @@
 //! Samples put together from their pieces, in bounded memory and time.
 //!
 //! Senders number pieces in two ways: all pieces of a sample bear its number (as the specification is read by Unreal
-//! Engine and by us), or each piece the next (SMPTE's reference sender). Two pieces in a row that join tell which. Of the
-//! first kind pieces may come in any order, of the second in theirs alone, because a number may stand for two samples.
+//! Engine and by us), or each piece the next (SMPTE's reference sender). Two pieces in a row that join show which. After
+//! lost pieces the end of one sample may seem to join the beginning of another, so the second kind needs two joins in a
+//! row, and a sender does not change its kind before many. Of the first kind pieces may come in any order, of the second
+//! in theirs alone, because a number may stand for two samples.
 
 use std::collections::VecDeque;
 use std::net::SocketAddr;
@@ -18,6 +20,11 @@ const MOST_OPEN: usize = 4;
 /// Senders whose pieces are put together at once; the one not heard for longest makes room. With the numbers above this
 /// bounds memory: 16 · 4 · 64 KiB are 4 MiB.
 const MOST_SENDERS: usize = 16;
+
+/// Joins in a row that prove how a sender numbers pieces of a sample one by one, ...
+const PROVE_NEXT: u32 = 2;
+/// ... and that it numbers them otherwise than was proven before.
+const PROVE_CHANGE: u32 = 8;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Numbering {
@@ -43,7 +50,10 @@ struct Open {
 #[derive(Debug)]
 struct Sender {
     address: SocketAddr,
+    /// `None` until it is proven.
     numbering: Option<Numbering>,
+    /// What the last joins showed, and how many in a row.
+    shown: Option<(Numbering, u32)>,
     open: VecDeque<Open>,
     /// The piece before: its number, its end, and the first number of its sample.
     before: Option<(u16, usize, u16)>,
@@ -54,7 +64,7 @@ struct Sender {
 pub enum Assembly {
     /// It completes a sample.
     Whole(Encoding, Vec<u8>),
-    /// More pieces are to come.
+    /// More pieces are to come, or it is not proven yet that these belong together.
     Open,
     /// It belongs to nothing: its beginning was lost, it lies over another piece, or its sample is too long.
     Stray,
@@ -91,7 +101,7 @@ impl Assembler {
 
 impl Sender {
     fn new(address: SocketAddr) -> Self {
-        Self { address, numbering: None, open: VecDeque::new(), before: None }
+        Self { address, numbering: None, shown: None, open: VecDeque::new(), before: None }
     }
 
     fn take(&mut self, packet: &Packet, now_s: f64, given_up: &mut u64) -> Assembly {
@@ -102,12 +112,14 @@ impl Sender {
             return Assembly::Stray;
         }
         let joined = self.before.filter(|(_, end, _)| *end == offset && offset > 0);
-        self.numbering = match joined {
+        let shown = match joined {
             Some((number, ..)) if number == packet.sequence => Some(Numbering::Same),
             Some((number, ..)) if number.wrapping_add(1) == packet.sequence => Some(Numbering::Next),
-            _ => self.numbering,
+            _ => None,
         };
-        let first = match (self.numbering, joined) {
+        shown.into_iter().for_each(|shown| self.learn(shown));
+        let is_proven = self.numbering.is_some();
+        let first = match (self.numbering.or(shown), joined) {
             (Some(Numbering::Same), _) => packet.sequence,
             _ if offset == 0 => packet.sequence,
             (Some(Numbering::Next), Some((number, _, first))) if number.wrapping_add(1) == packet.sequence => first,
@@ -139,7 +151,26 @@ impl Sender {
             return Assembly::Open;
         }
         let pieces = self.open.remove(at).into_iter().flat_map(|open| open.pieces);
+        if !is_proven {
+            // Its pieces may be of two samples. The next sample shows whether they are numbered so.
+            return Assembly::Open;
+        }
         Assembly::Whole(packet.encoding, pieces.flat_map(|piece| piece.1).collect())
+    }
+
+    /// Two pieces in a row joined, with numbers of this kind.
+    fn learn(&mut self, shown: Numbering) {
+        let before = self.shown.filter(|(before, _)| *before == shown).map_or(0, |(_, joins)| joins);
+        let joins = before.saturating_add(1);
+        self.shown = Some((shown, joins));
+        let needed = match (self.numbering, shown) {
+            (None, Numbering::Same) => 1,
+            (None, Numbering::Next) => PROVE_NEXT,
+            (Some(_), _) => PROVE_CHANGE,
+        };
+        if joins >= needed {
+            self.numbering = Some(shown);
+        }
     }
 }
 
@@ -199,7 +230,9 @@ mod tests {
     #[test]
     fn pieces_numbered_one_by_one_are_never_mixed() {
         let mut a = Assembler::default();
-        // As SMPTE's reference sender numbers: sample n has the pieces n and n + 1.
+        // As SMPTE's reference sender numbers: sample n has the pieces n and n + 1. The first might be of two samples.
+        assert_eq!(a.take(from(1), &piece(0xFFFE, 0, false, b"xy"), 0.0), Assembly::Open);
+        assert_eq!(a.take(from(1), &piece(0xFFFF, 2, true, b"z"), 0.0), Assembly::Open);
         assert_eq!(a.take(from(1), &piece(0xFFFF, 0, false, b"ab"), 0.0), Assembly::Open);
         assert_eq!(a.take(from(1), &piece(0, 2, true, b"c"), 0.0), whole("abc"));
         assert_eq!(a.take(from(1), &piece(0, 0, false, b"AB"), 0.1), Assembly::Open);
@@ -208,6 +241,22 @@ mod tests {
         assert_eq!(a.take(from(1), &piece(2, 2, true, b"d"), 0.2), Assembly::Stray);
         assert_eq!(a.take(from(1), &piece(2, 0, false, b"ef"), 0.3), Assembly::Open);
         assert_eq!(a.take(from(1), &piece(3, 2, true, b"g"), 0.3), whole("efg"));
+    }
+
+    #[test]
+    fn end_of_one_sample_never_joins_the_beginning_of_another() {
+        // All pieces of a sample bear its number. The last of 6 is lost, and the first of 7.
+        for heard in [0, 1, 9] {
+            let mut a = Assembler::default();
+            for sequence in 0..heard {
+                assert_eq!(a.take(from(1), &piece(sequence, 0, false, b"ab"), 0.0), Assembly::Open);
+                assert_eq!(a.take(from(1), &piece(sequence, 2, true, b"c"), 0.0), whole("abc"));
+            }
+            assert_eq!(a.take(from(1), &piece(heard, 0, false, b"AB"), 0.1), Assembly::Open);
+            assert_eq!(a.take(from(1), &piece(heard + 1, 2, true, b"d"), 0.1), Assembly::Open, "{heard} before");
+            assert_eq!(a.take(from(1), &piece(heard + 2, 0, false, b"ef"), 0.2), Assembly::Open);
+            assert_eq!(a.take(from(1), &piece(heard + 2, 2, true, b"g"), 0.2), whole("efg"), "{heard} before");
+        }
     }
 
     #[test]

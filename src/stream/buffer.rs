@@ -2,9 +2,12 @@
 //!
 //! Datagrams overtake each other. Each item waits a little for those before it, unless its number says that there are
 //! none. What comes after a later one was given out is late. A clock is believed as long as it goes on as time does; when
-//! it jumps, the second item in a row on the new clock proves it, and a new epoch begins. A single one is only odd.
+//! it jumps, the second item in a row on the new clock proves it, and a new epoch begins. A single one is only odd. A
+//! smaller step forward within an epoch needs three items in a row that bear it out; until then they are held back.
 
 use std::collections::VecDeque;
+
+use super::offset::{BORNE_OUT, ClockOffset};
 
 /// A clock may be off from arrivals by this between two items, seconds: streams stutter, and poses may be sent faster
 /// than they were recorded.
@@ -27,15 +30,20 @@ pub struct Held<T> {
 }
 
 /// What became of an item.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Taken {
     Waits,
     /// After a later one was given out: dropped.
     Late,
     /// At the time of another: dropped.
     Repeated,
-    /// Its clock is elsewhere; the next item will tell.
+    /// Its clock is elsewhere; the next items will tell.
     Odd,
+    /// The clock was set anew within the epoch, by so many seconds. Of the odd ones before it, so many belong to it.
+    Stepped {
+        by_s: f64,
+        odd: usize,
+    },
     /// The clock has jumped: this item and the odd one before it begin a new epoch.
     Jumped,
 }
@@ -44,20 +52,33 @@ pub enum Taken {
 pub struct Released<T> {
     /// How often the clock had jumped. Times ascend within an epoch.
     pub epoch: u32,
+    /// Our clock minus the item's own, seconds, as known when it came.
+    pub offset_s: f64,
     /// Items that never came before this one, by their numbers.
     pub lost: u32,
     pub held: Held<T>,
 }
 
 #[derive(Debug)]
+struct Queued<T> {
+    epoch: u32,
+    offset_s: f64,
+    held: Held<T>,
+}
+
+#[derive(Debug)]
 pub struct Buffer<T> {
     wait_s: f64,
     /// Ascending by epoch, then time.
-    held: VecDeque<(u32, Held<T>)>,
+    held: VecDeque<Queued<T>>,
     /// Own time, arrival of the newest item on the clock as it goes.
     newest: Option<(f64, f64)>,
     epoch: u32,
+    /// Of this epoch's clock.
+    offset: ClockOffset,
     odd: Option<Held<T>>,
+    /// Items in a row whose stamps are ahead.
+    ahead: Vec<Held<T>>,
     /// Epoch, own time, number.
     last: Option<(u32, f64, Option<u32>)>,
 }
@@ -65,7 +86,16 @@ pub struct Buffer<T> {
 impl<T> Buffer<T> {
     /// Items wait at most so long for those before them, seconds.
     pub fn new(wait_s: f64) -> Self {
-        Self { wait_s, held: VecDeque::new(), newest: None, epoch: 0, odd: None, last: None }
+        Self {
+            wait_s,
+            held: VecDeque::new(),
+            newest: None,
+            epoch: 0,
+            offset: ClockOffset::default(),
+            odd: None,
+            ahead: Vec::new(),
+            last: None,
+        }
     }
 
     pub fn push(&mut self, item: Held<T>) -> Taken {
@@ -75,7 +105,7 @@ impl<T> Buffer<T> {
         };
         if self.newest.is_none_or(continues) {
             self.odd = None;
-            return self.insert(item);
+            return self.push_continuing(item);
         }
         let proven = self.odd.take().filter(|odd| continues((odd.time_s, odd.arrived_s)));
         let Some(first) = proven else {
@@ -84,6 +114,8 @@ impl<T> Buffer<T> {
         };
         self.epoch = self.epoch.wrapping_add(1);
         self.newest = None;
+        self.offset = ClockOffset::default();
+        self.ahead.clear();
         self.insert(first);
         match self.insert(item) {
             Taken::Waits => Taken::Jumped,
@@ -91,7 +123,30 @@ impl<T> Buffer<T> {
         }
     }
 
+    /// An item of the clock as it goes.
+    fn push_continuing(&mut self, item: Held<T>) -> Taken {
+        if !self.offset.is_ahead(item.time_s, item.arrived_s) {
+            self.ahead.clear();
+            return self.insert(item);
+        }
+        self.ahead.push(item);
+        if self.ahead.len() < BORNE_OUT {
+            return Taken::Odd;
+        }
+        let by_s = self.offset.restart(self.ahead.iter().map(|item| (item.time_s, item.arrived_s)));
+        let proven = std::mem::take(&mut self.ahead);
+        let odd = proven.len() - 1;
+        proven.into_iter().for_each(|item| _ = self.queue(item));
+        Taken::Stepped { by_s, odd }
+    }
+
     fn insert(&mut self, item: Held<T>) -> Taken {
+        let step_s = self.offset.add(item.time_s, item.arrived_s);
+        let taken = self.queue(item);
+        step_s.map_or(taken, |step_s| Taken::Stepped { by_s: -step_s, odd: 0 })
+    }
+
+    fn queue(&mut self, item: Held<T>) -> Taken {
         if let Some((epoch, time_s, _)) = self.last
             && epoch == self.epoch
             && item.time_s <= time_s
@@ -101,32 +156,34 @@ impl<T> Buffer<T> {
         if self.newest.is_none_or(|(time_s, _)| item.time_s > time_s) {
             self.newest = Some((item.time_s, item.arrived_s));
         }
-        let at = self.held.partition_point(|(epoch, held)| (*epoch, held.time_s) < (self.epoch, item.time_s));
-        if self.held.get(at).is_some_and(|(epoch, held)| (*epoch, held.time_s) == (self.epoch, item.time_s)) {
+        let place = |queued: &Queued<T>| (queued.epoch, queued.held.time_s);
+        let at = self.held.partition_point(|queued| place(queued) < (self.epoch, item.time_s));
+        if self.held.get(at).is_some_and(|queued| place(queued) == (self.epoch, item.time_s)) {
             return Taken::Repeated;
         }
-        self.held.insert(at, (self.epoch, item));
+        let offset_s = self.offset.estimate_s().unwrap_or_default();
+        self.held.insert(at, Queued { epoch: self.epoch, offset_s, held: item });
         Taken::Waits
     }
 
     /// The next item in order, once nothing can come before it or it has waited.
     pub fn pop(&mut self, now_s: f64) -> Option<Released<T>> {
-        let (epoch, first) = self.held.front()?;
+        let Queued { epoch, held: first, .. } = self.held.front()?;
         let follows = self.last.is_some_and(|last| is_next(last, *epoch, first.sequence));
         let waited = self.due_s().is_some_and(|due_s| now_s >= due_s);
         if !(follows || waited || *epoch != self.epoch || self.held.len() > MOST) {
             return None;
         }
-        let (epoch, held) = self.held.pop_front()?;
+        let Queued { epoch, offset_s, held } = self.held.pop_front()?;
         let before = self.last.filter(|last| last.0 == epoch).and_then(|last| last.2);
         let gap = before.zip(held.sequence).map_or(0, |(before, this)| this.wrapping_sub(before).wrapping_sub(1));
         self.last = Some((epoch, held.time_s, held.sequence));
-        Some(Released { epoch, lost: if gap <= MOST_LOST { gap } else { 0 }, held })
+        Some(Released { epoch, offset_s, lost: if gap <= MOST_LOST { gap } else { 0 }, held })
     }
 
     /// When one of them will have waited, by our clock, seconds. It goes out then, after those before it.
     pub fn due_s(&self) -> Option<f64> {
-        self.held.iter().map(|(_, held)| held.arrived_s + self.wait_s).reduce(f64::min)
+        self.held.iter().map(|queued| queued.held.arrived_s + self.wait_s).reduce(f64::min)
     }
 
     pub fn is_empty(&self) -> bool {
@@ -189,6 +246,36 @@ mod tests {
         assert_eq!(out(&mut b, 0.4), [(1, 10.0, 0), (1, 10.1, 0)]);
         // Silence for an hour, on both clocks: no jump.
         assert_eq!(b.push(held(3610.5, 3600.8, None)), Taken::Waits);
+    }
+
+    /// 100 Hz on a clock 95 s ahead, from one number to another, each given out as it comes.
+    fn steady(b: &mut Buffer<()>, numbers: std::ops::Range<u32>) {
+        for i in numbers {
+            let sent_s = 0.01 * f64::from(i);
+            assert_eq!(b.push(held(sent_s + 95.0, sent_s, Some(i))), Taken::Waits);
+            let released = std::iter::from_fn(|| b.pop(sent_s + 1.0)).last().unwrap();
+            assert!((released.held.time_s + released.offset_s - sent_s).abs() < 1e-9, "{released:?}");
+        }
+    }
+
+    #[test]
+    fn single_stamp_ahead_is_odd_and_changes_nothing_after_it() {
+        let mut b = Buffer::new(0.02);
+        steady(&mut b, 0..200);
+        assert_eq!(b.push(held(2.0 + 95.1, 2.0, Some(200))), Taken::Odd);
+        steady(&mut b, 201..300);
+    }
+
+    #[test]
+    fn clock_set_forward_is_followed_with_the_third_item() {
+        let mut b = Buffer::new(0.02);
+        steady(&mut b, 0..200);
+        let ahead = |i: u32| held(0.01 * f64::from(i) + 95.2, 0.01 * f64::from(i), Some(i));
+        assert_eq!((b.push(ahead(200)), b.push(ahead(201))), (Taken::Odd, Taken::Odd));
+        let taken = b.push(ahead(202));
+        assert!(matches!(taken, Taken::Stepped { by_s, odd: 2 } if (by_s - 0.2).abs() < 1e-9), "{taken:?}");
+        let out: Vec<_> = std::iter::from_fn(|| b.pop(2.02)).map(|r| r.held.time_s + r.offset_s).collect();
+        assert!(out.iter().zip([2.0, 2.01, 2.02]).all(|(a, b)| (a - b).abs() < 1e-9) && out.len() == 3, "{out:?}");
     }
 
     proptest! {

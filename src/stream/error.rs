@@ -35,7 +35,7 @@ pub enum SampleError {
     /// A value that cannot be; the path of its keys, and what is accepted.
     #[error("{key} is not {accepted}")]
     Value { key: String, accepted: &'static str },
-    #[error("a FreeD D1 message has 29 bytes, this has {0}")]
+    #[error("a FreeD D1 message has 29 bytes, and these are {0}")]
     FreedLength(usize),
     #[error("a FreeD message of type {0:02X}, not D1")]
     FreedType(u8),

@@ -10,6 +10,7 @@ mod buffer;
 mod error;
 pub mod freed;
 mod lens;
+mod offset;
 mod open_lens;
 mod packet;
 mod poses;

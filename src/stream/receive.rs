@@ -7,7 +7,7 @@ use super::address::{Listen, Protocol};
 use super::assemble::{Assembler, Assembly};
 use super::buffer::{Buffer, Held, Taken};
 use super::error::SampleError;
-use super::freed::D1;
+use super::freed::{D1, LENGTH};
 use super::lens::LensState;
 use super::packet::{Encoding, Packet};
 use super::report::{Heard, Report, Source};
@@ -18,6 +18,11 @@ use crate::pose::Pose;
 
 /// A source that was not chosen by name gives way to another one after so much silence, seconds.
 const SILENT_S: f64 = 2.0;
+
+/// Messages of one datagram were gathered for no longer than this, seconds, ...
+const MOST_GATHERED_S: f64 = 0.1;
+/// ... and those of the first one for so long: a camera's field at 50 Hz.
+const USUAL_INTERVAL_S: f64 = 0.02;
 
 /// Longest name and message that are kept of what others sent, characters.
 const MOST_NAME: usize = 200;
@@ -31,6 +36,8 @@ pub struct Tracked {
     pub clock: Clock,
     /// By the receiver's clock, seconds.
     pub arrived_s: f64,
+    /// The receiver's clock minus the sender's, seconds: 0 where its time is its arrival.
+    pub offset_s: f64,
     /// How often the sender's clock, or the sender, had changed.
     pub epoch: u32,
     /// Of the camera: the entrance pupil's.
@@ -85,6 +92,8 @@ pub struct Receiver {
     epochs: u32,
     last_epoch: Option<u32>,
     freed_count: u32,
+    /// When the last message of the followed camera came.
+    freed_s: Option<f64>,
     report: Report,
 }
 
@@ -100,6 +109,7 @@ impl Receiver {
             epochs: 0,
             last_epoch: None,
             freed_count: 0,
+            freed_s: None,
             report: Report::default(),
         }
     }
@@ -182,16 +192,41 @@ impl Receiver {
         self.hold(Held { time_s, arrived_s: now_s, sequence, item });
     }
 
+    /// Bridges from serial lines put several messages into a datagram, of one camera or of several.
     fn take_freed(&mut self, bytes: &[u8], from: SocketAddr, now_s: f64) {
-        let message = match D1::parse(bytes) {
-            Ok(message) => message,
-            Err(error @ SampleError::FreedType(_)) => return self.problem(Heard::NoSample, &error.to_string()),
-            Err(error) => return self.problem(Heard::NoPacket, &error.to_string()),
-        };
-        let source = Source { address: from.ip(), id: None, number: Some(message.camera.into()) };
-        if !self.follows(&source, from, now_s) {
-            return self.report.aside(Heard::OtherSource);
+        let mut wrong = bytes.is_empty().then_some(SampleError::FreedLength(0));
+        let mut followed = Vec::new();
+        for message in bytes.chunks(LENGTH).map(D1::parse) {
+            match message {
+                Ok(message) => {
+                    let source = Source { address: from.ip(), id: None, number: Some(message.camera.into()) };
+                    if self.follows(&source, from, now_s) {
+                        followed.push(message);
+                    } else {
+                        self.report.aside(Heard::OtherSource);
+                    }
+                }
+                Err(error) => wrong = wrong.or(Some(error)),
+            }
         }
+        // Counted once for a datagram.
+        match wrong {
+            Some(error @ SampleError::FreedType(_)) => self.problem(Heard::NoSample, &error.to_string()),
+            Some(error) => self.problem(Heard::NoPacket, &error.to_string()),
+            None => {}
+        }
+        // They were gathered since the last datagram: the last came now, the others evenly before it.
+        let gathered_s = self.freed_s.map_or(USUAL_INTERVAL_S, |before_s| now_s - before_s).min(MOST_GATHERED_S);
+        let count = followed.len();
+        for (before, message) in (0..count).rev().zip(followed) {
+            self.hold_freed(message, now_s - gathered_s * before as f64 / count as f64);
+        }
+        if count > 0 {
+            self.freed_s = Some(now_s);
+        }
+    }
+
+    fn hold_freed(&mut self, message: D1, at_s: f64) {
         // Its clock is our own, so nothing can come before it.
         self.freed_count = self.freed_count.wrapping_add(1);
         let item = Waiting {
@@ -200,7 +235,7 @@ impl Receiver {
             lens: Arc::clone(&self.lens),
             message: Message::FreeD(message),
         };
-        self.hold(Held { time_s: now_s, arrived_s: now_s, sequence: Some(self.freed_count), item });
+        self.hold(Held { time_s: at_s, arrived_s: at_s, sequence: Some(self.freed_count), item });
     }
 
     /// Whether a source is the one that is wanted: by its name, else the first that is heard, until it falls silent.
@@ -236,6 +271,10 @@ impl Receiver {
                 // The one before it was no odd one, then.
                 self.report.aside.entry(Heard::OddTime).and_modify(|number| *number -= 1);
             }
+            Taken::Stepped { by_s, odd } => {
+                self.report.stepped(by_s);
+                self.report.aside.entry(Heard::OddTime).and_modify(|number| *number -= odd as u64);
+            }
         }
     }
 
@@ -243,12 +282,14 @@ impl Receiver {
     pub fn next(&mut self, now_s: f64) -> Option<Tracked> {
         let released = self.buffer.pop(now_s)?;
         let epoch = self.epochs.wrapping_add(released.epoch);
+        let offset_s = released.offset_s;
         let Held { time_s, arrived_s, item, .. } = released.held;
         self.report.lost += u64::from(released.lost);
         self.report.gave(time_s, arrived_s, self.last_epoch != Some(epoch));
         self.last_epoch = Some(epoch);
         let Waiting { pose, clock, lens, message } = item;
-        Some(Tracked { time_s: time_s + self.listen.delay_s, clock, arrived_s, epoch, pose, lens, message })
+        let time_s = time_s + self.listen.delay_s;
+        Some(Tracked { time_s, clock, arrived_s, offset_s, epoch, pose, lens, message })
     }
 
     fn problem(&mut self, why: Heard, text: &str) {

@@ -91,6 +91,9 @@ pub struct Report {
     pub incomplete: u64,
     /// How often the clock jumped.
     pub jumps: u64,
+    /// How often it was set anew by less than that, and the last time by how much, seconds.
+    pub steps: u64,
+    pub last_step_s: f64,
     /// How often another source was followed because the first fell silent.
     pub changes: u64,
     /// Datagrams and samples that were left aside, by reason.
@@ -151,12 +154,23 @@ impl Report {
             count(self.datagrams as usize, "datagram"),
             self.drops()
         );
-        for (number, what) in [(self.jumps, "its clock jumped"), (self.changes, "another source took over")] {
+        let events = [
+            (self.jumps, "its clock jumped"),
+            (self.steps, "its clock was set anew"),
+            (self.changes, "another source took over"),
+        ];
+        for (number, what) in events {
             if number > 0 {
                 line += &format!("; {what} {}", count(number as usize, "time"));
             }
         }
         line
+    }
+
+    /// The clock was set anew by so many seconds.
+    pub(super) fn stepped(&mut self, by_s: f64) {
+        self.steps += 1;
+        self.last_step_s = by_s;
     }
 
     pub(super) fn heard(&mut self, source: &Source) {

@@ -369,3 +369,143 @@ fn what_cannot_be_said_is_not_sent() {
         assert!(open.check(time_s, &Pose::IDENTITY).is_err() && open.send(time_s, &Pose::IDENTITY).is_err());
     }
 }
+
+/// A receiver that has heard 100 Hz from 0 to 2 s, on a clock 95 s ahead, each 1 ms on its way.
+fn settled(url: &str) -> Receiver {
+    let mut r = receiver(url);
+    (0..200).for_each(|i| _ = sent_at(&mut r, i, 95.0));
+    assert_eq!(r.report().drops(), "none");
+    r
+}
+
+/// Sends number `i` at 0.01 `i` s, with so much added to its stamp. Returns the poses that come out with the next one's
+/// time: by how much they are late by our clock, and their number.
+fn sent_at(r: &mut Receiver, i: u16, ahead_s: f64) -> Vec<(f64, f64)> {
+    let sent_s = 0.01 * f64::from(i);
+    r.take(&packet("a", i, sent_s + ahead_s, f64::from(i)), from(1, 50), sent_s + 0.001);
+    let late = |tracked: Tracked| {
+        let x = tracked.pose.position_in_world_m().x;
+        (tracked.time_s + tracked.offset_s - 0.01 * x, x)
+    };
+    std::iter::from_fn(|| r.next(sent_s + 0.0015)).map(late).collect()
+}
+
+#[test]
+fn single_stamp_ahead_moves_no_other_pose() {
+    for ahead_s in [0.1, -0.1, 0.5] {
+        let mut r = settled("opentrackio://?wait_s=0");
+        sent_at(&mut r, 200, 95.0 + ahead_s);
+        for i in 201..1400 {
+            let late: Vec<_> = sent_at(&mut r, i, 95.0);
+            assert!(
+                matches!(late[..], [(late_s, x)] if (late_s - 0.001).abs() < 1e-6 && x == f64::from(i)),
+                "{late:?}"
+            );
+        }
+        assert_eq!((r.report().steps, r.report().jumps), (0, 0), "{ahead_s}");
+        assert!(r.report().drops().contains(if ahead_s > 0.0 {
+            "1 at a time far from the others"
+        } else {
+            "1 too late"
+        }));
+    }
+}
+
+#[test]
+fn clock_set_anew_is_followed_and_counted() {
+    for (by_s, after) in [(0.1, 203), (-0.1, 302)] {
+        let mut r = settled("opentrackio://?wait_s=0");
+        let late: Vec<_> = (200..600).flat_map(|i| sent_at(&mut r, i, 95.0 + by_s)).collect();
+        let wrong = late.iter().filter(|(late_s, x)| *x > f64::from(after) && (late_s - 0.001).abs() > 1e-6);
+        assert_eq!(wrong.count(), 0, "{by_s}");
+        assert!(late.iter().any(|(_, x)| *x == 599.0));
+        assert_eq!((r.report().steps, r.report().jumps), (1, 0));
+        assert!((r.report().last_step_s - by_s).abs() < 1e-6, "{}", r.report().last_step_s);
+        assert!(r.report().closing().contains("its clock was set anew 1 time"), "{}", r.report().closing());
+    }
+}
+
+#[test]
+fn samples_without_a_number_wait_and_are_not_late() {
+    let mut r = receiver("opentrackio://?wait_s=0.02");
+    let mut count = 0;
+    for i in 0..100 {
+        let sent_s = 0.01 * f64::from(i);
+        let stamp = format!(r#""sampleTimestamp":{{"seconds":95,"nanoseconds":{}}}"#, 10_000_000 * i);
+        let place = r#""transforms":[{"translation":{"x":0,"y":0,"z":0},"rotation":{"pan":0,"tilt":0,"roll":0}}]"#;
+        let sample = format!(r#"{{"timing":{{{stamp}}},{place}}}"#);
+        packets(Encoding::Json, i as u16, sample.as_bytes())
+            .iter()
+            .for_each(|p| r.take(p, from(1, 50), sent_s + 0.001));
+        while let Some(tracked) = r.next(sent_s + 0.001) {
+            // Our time is when it arrived, although it has waited since.
+            assert!((tracked.time_s + tracked.offset_s - tracked.arrived_s).abs() < 1e-6, "{tracked:?}");
+            count += 1;
+        }
+    }
+    assert!(count > 90, "{count}");
+}
+
+/// A message of a camera at x, m.
+fn freed(camera: u8, x_m: f64) -> [u8; 29] {
+    D1::of_pose(camera, &Pose { translation_m: DVec3::new(-x_m, 0.0, 0.0), ..Pose::IDENTITY }).unwrap().bytes()
+}
+
+#[test]
+fn freed_messages_of_one_datagram_are_all_read_with_times_between_datagrams() {
+    let mut r = receiver("freed://?wait_s=0");
+    let mut heard = Vec::new();
+    for i in 0..3u8 {
+        let (x, now_s) = (f64::from(i), 0.5 + 0.04 * f64::from(i));
+        let messages = [freed(1, x), freed(1, x + 0.25), freed(1, x + 0.5), freed(1, x + 0.75)];
+        r.take(&messages.concat(), from(1, 50), now_s);
+        heard.extend(std::iter::from_fn(|| r.next(now_s)).map(|t| (t.time_s, t.pose.position_in_world_m().x)));
+    }
+    // The first datagram's were gathered for 20 ms, the others' since the one before.
+    let times_s = [0.485, 0.49, 0.495, 0.5, 0.51, 0.52, 0.53, 0.54, 0.55, 0.56, 0.57, 0.58];
+    assert_eq!(heard.len(), 12, "{heard:?}");
+    for (i, (heard, time_s)) in heard.iter().zip(times_s).enumerate() {
+        assert!((heard.0 - time_s).abs() < 1e-9 && (heard.1 - 0.25 * i as f64).abs() < 1e-4, "{heard:?}");
+    }
+    assert_eq!(r.report().drops(), "none");
+}
+
+#[test]
+fn freed_datagram_of_two_cameras_gives_the_followed_one_and_tells_of_the_other() {
+    for (url, x) in [("freed://?wait_s=0", 1.0), ("freed://?wait_s=0&source=2", 2.0)] {
+        let mut r = receiver(url);
+        // A rest that is no message is told, and takes nothing from those before it.
+        r.take(&[&freed(1, 1.0)[..], &freed(2, 2.0), b"rest"].concat(), from(1, 50), 0.5);
+        let heard: Vec<_> = std::iter::from_fn(|| r.next(0.5)).collect();
+        assert!(matches!(heard.as_slice(), [one] if one.time_s == 0.5), "{heard:?}");
+        assert!((heard[0].pose.position_in_world_m().x - x).abs() < 1e-4);
+        assert_eq!((r.report().count(Heard::OtherSource), r.report().count(Heard::NoPacket)), (1, 1));
+        assert!(r.report().last_problem.as_deref().unwrap().ends_with("these are 4"), "{:?}", r.report().last_problem);
+    }
+}
+
+#[test]
+fn samples_that_lost_their_end_or_beginning_are_dropped_and_never_mixed() {
+    let mut r = receiver("opentrackio://?wait_s=0");
+    for i in 0..22u16 {
+        let text = format!(
+            r#"{{"tracker":{{"notes":"{}"}},"timing":{{"sampleTimestamp":{{"seconds":{},"nanoseconds":0}}}},"transforms":[{{"translation":{{"x":{},"y":0,"z":0}},"rotation":{{"pan":0,"tilt":0,"roll":0}}}}]}}"#,
+            "n".repeat(3000),
+            1000 + i,
+            f64::from(i)
+        );
+        let mut pieces = packets(Encoding::Json, i, text.as_bytes());
+        assert_eq!(pieces.len(), 3);
+        // The last piece of 20 and the first two of 21 are lost.
+        match i {
+            20 => drop(pieces.pop()),
+            21 => drop(pieces.drain(..2)),
+            _ => {}
+        }
+        pieces.iter().for_each(|piece| r.take(piece, from(1, 50), f64::from(i)));
+        for tracked in std::iter::from_fn(|| r.next(f64::from(i))) {
+            assert_eq!(tracked.time_s - 1000.0, tracked.pose.position_in_world_m().x);
+        }
+    }
+    assert_eq!(r.report().poses, 20);
+}
