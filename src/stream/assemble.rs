@@ -93,6 +93,11 @@ impl Assembler {
         taken
     }
 
+    /// Gives up samples that have waited for pieces for too long.
+    pub fn give_up(&mut self, now_s: f64) {
+        self.given_up += self.senders.iter_mut().map(|sender| sender.give_up(now_s)).sum::<u64>();
+    }
+
     /// Bytes that wait for others.
     pub fn held_bytes(&self) -> usize {
         self.senders.iter().flat_map(|s| &s.open).flat_map(|o| &o.pieces).map(|piece| piece.1.len()).sum()
@@ -130,9 +135,7 @@ impl Sender {
         };
         self.before = Some((packet.sequence, end, first));
 
-        let begun = self.open.len();
-        self.open.retain(|open| now_s - open.began_s <= GIVEN_UP_S);
-        *given_up += (begun - self.open.len()) as u64;
+        *given_up += self.give_up(now_s);
         let at = self.open.iter().position(|open| open.first == first && open.encoding == packet.encoding);
         let at = at.unwrap_or_else(|| {
             if self.open.len() == MOST_OPEN {
@@ -156,6 +159,13 @@ impl Sender {
             return Assembly::Open;
         }
         Assembly::Whole(packet.encoding, pieces.flat_map(|piece| piece.1).collect())
+    }
+
+    /// Returns how many samples were given up.
+    fn give_up(&mut self, now_s: f64) -> u64 {
+        let begun = self.open.len();
+        self.open.retain(|open| now_s - open.began_s <= GIVEN_UP_S);
+        (begun - self.open.len()) as u64
     }
 
     /// Two pieces in a row joined, with numbers of this kind.

@@ -7,7 +7,7 @@
 
 use std::collections::VecDeque;
 
-use super::offset::{BORNE_OUT, ClockOffset};
+use super::offset::{AHEAD_S, BORNE_OUT, ClockOffset};
 
 /// A clock may be off from arrivals by this between two items, seconds: streams stutter, and poses may be sent faster
 /// than they were recorded.
@@ -79,6 +79,8 @@ pub struct Buffer<T> {
     odd: Option<Held<T>>,
     /// Items in a row whose stamps are ahead.
     ahead: Vec<Held<T>>,
+    /// Whether all have been since the clock was set forward: they are sent faster than they were recorded.
+    runs_ahead: bool,
     /// Epoch, own time, number.
     last: Option<(u32, f64, Option<u32>)>,
 }
@@ -94,6 +96,7 @@ impl<T> Buffer<T> {
             offset: ClockOffset::default(),
             odd: None,
             ahead: Vec::new(),
+            runs_ahead: false,
             last: None,
         }
     }
@@ -103,7 +106,8 @@ impl<T> Buffer<T> {
             let off_s = (item.time_s - time_s) - (item.arrived_s - arrived_s);
             off_s.abs() <= JUMP_S
         };
-        if self.newest.is_none_or(continues) {
+        let in_doubt = self.ahead.last().map(|last| (last.time_s, last.arrived_s));
+        if self.newest.is_none_or(continues) || in_doubt.is_some_and(continues) {
             self.odd = None;
             return self.push_continuing(item);
         }
@@ -116,6 +120,7 @@ impl<T> Buffer<T> {
         self.newest = None;
         self.offset = ClockOffset::default();
         self.ahead.clear();
+        self.runs_ahead = false;
         self.insert(first);
         match self.insert(item) {
             Taken::Waits => Taken::Jumped,
@@ -123,17 +128,29 @@ impl<T> Buffer<T> {
         }
     }
 
+    /// Whether an item's stamp is ahead of all before it and of the newest one.
+    fn is_ahead(&self, item: &Held<T>) -> bool {
+        let steps = |(time_s, arrived_s)| (item.time_s - time_s) - (item.arrived_s - arrived_s) > AHEAD_S;
+        self.newest.is_some_and(steps) && self.offset.is_ahead(item.time_s, item.arrived_s)
+    }
+
     /// An item of the clock as it goes.
     fn push_continuing(&mut self, item: Held<T>) -> Taken {
-        if !self.offset.is_ahead(item.time_s, item.arrived_s) {
+        if !self.is_ahead(&item) {
             self.ahead.clear();
+            self.runs_ahead = false;
             return self.insert(item);
+        }
+        if self.runs_ahead {
+            self.offset.restart([(item.time_s, item.arrived_s)].into_iter());
+            return self.queue(item);
         }
         self.ahead.push(item);
         if self.ahead.len() < BORNE_OUT {
             return Taken::Odd;
         }
         let by_s = self.offset.restart(self.ahead.iter().map(|item| (item.time_s, item.arrived_s)));
+        self.runs_ahead = true;
         let proven = std::mem::take(&mut self.ahead);
         let odd = proven.len() - 1;
         proven.into_iter().for_each(|item| _ = self.queue(item));
@@ -264,6 +281,19 @@ mod tests {
         steady(&mut b, 0..200);
         assert_eq!(b.push(held(2.0 + 95.1, 2.0, Some(200))), Taken::Odd);
         steady(&mut b, 201..300);
+    }
+
+    #[test]
+    fn items_sent_faster_than_recorded_are_all_given_out() {
+        for interval_s in [0.02, 0.1, 0.5] {
+            let (mut b, mut times) = (Buffer::new(0.02), Vec::new());
+            for i in 0..300 {
+                b.push(held(interval_s * f64::from(i), 0.001 * f64::from(i), Some(i)));
+                times.extend(out(&mut b, 0.001 * f64::from(i)));
+            }
+            times.extend(out(&mut b, 9.0));
+            assert_eq!(times.len(), 300, "{interval_s}");
+        }
     }
 
     #[test]

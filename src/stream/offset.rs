@@ -12,7 +12,7 @@ pub const BORNE_OUT: usize = 3;
 /// Samples after which the offset is settled: before that, samples that were held up are still common among the smallest.
 const SETTLED: u32 = 10;
 /// A stamp is ahead if its sample would have arrived by so much before it was taken, seconds.
-const AHEAD_S: f64 = 0.03;
+pub const AHEAD_S: f64 = 0.03;
 /// The clock was set back if all samples are behind by more than this, seconds, ...
 const BEHIND_S: f64 = 0.02;
 /// ... for so long, seconds. Networks hold samples up for shorter times.

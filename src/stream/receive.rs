@@ -280,6 +280,8 @@ impl Receiver {
 
     /// The next pose, if nothing can come before it any more.
     pub fn next(&mut self, now_s: f64) -> Option<Tracked> {
+        self.assembler.give_up(now_s);
+        self.report.incomplete = self.assembler.given_up;
         let released = self.buffer.pop(now_s)?;
         let epoch = self.epochs.wrapping_add(released.epoch);
         let offset_s = released.offset_s;

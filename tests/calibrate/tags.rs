@@ -277,8 +277,13 @@ fn nothing_is_made_up_where_the_track_was_lost() {
     let known = [true, true, false, false, true, true, false, true];
     let sights: Vec<_> = times_s.iter().zip(known).map(|(t, known)| (*t, known.then(|| sight.clone()))).collect();
     let frames = along(&sights).into_iter().map(|chosen| chosen.ok_or(Lost::Nothing)).collect();
-    let track =
-        Track { times_s, frames, tags: known.iter().map(|known| usize::from(*known)).collect(), smoothed_s: None };
+    let track = Track {
+        times_s,
+        frames,
+        tags: known.iter().map(|known| usize::from(*known)).collect(),
+        repeated: Vec::new(),
+        smoothed_s: None,
+    };
     // 0.15 s lie between frames 4 and 5, 0.2 s across the shortest gap.
     let gap_s = track.max_gap_s();
     assert!(gap_s > 0.15 && gap_s < 0.2, "{gap_s}");
@@ -337,8 +342,8 @@ fn tags_seen_in_several_places_are_told_and_the_others_give_the_pose() {
 
 #[test]
 fn tags_of_others_do_not_hide_a_boards_small_tag() {
-    // Cells of 3 px are too small at half the resolution.
-    let picture = drawn(&[(24, [300, 200], 3), (85, [20, 20], 14), (144, [460, 300], 14)]);
+    // Cells of 2 px are too small at half the resolution.
+    let picture = drawn(&[(24, [300, 200], 2), (85, [20, 20], 14), (144, [460, 300], 14)]);
     let grey = Grey::of(&picture, Grey::table(&Response::default()));
     let mut detector = Detector::new(Family::Tag36h11, 640, 480).unwrap();
     let mut ids = |wanted: &dyn Fn(u32) -> bool| {
