@@ -3,6 +3,7 @@
 // @import shared/fullscreen
 // @import shared/mixed
 // @import shared/response
+// @import shared/left
 
 // The curve of the camera's response. It is fixed for the whole run, so that the shader contains nothing else.
 override curve: f32 = 0.0;
@@ -99,7 +100,7 @@ fn left_at(p: vec2<i32>) -> vec3<f32> {
     }
     let q = p + composite.in_shade;
     let inside = all(q >= vec2<i32>(0)) && all(q < composite.shade_size);
-    return select(vec3<f32>(1.0), 1.0 - textureLoad(shade, q, 0).rgb, inside);
+    return select(vec3<f32>(1.0), left_of(textureLoad(shade, q, 0).rgb), inside);
 }
 
 // The light of nearer things that the layer covers there.
@@ -161,7 +162,8 @@ fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixe
         s = brought * recorded_sigma(real_light / max(left, vec3<f32>(1e-3))) * real.a;
     }
     let variance = s * s;
-    return Mixed(mixed, variance);
+    let virtual_share = max(coverage, clamp(virtual_light / max(light, vec3<f32>(1e-6)), vec3<f32>(0.0), vec3<f32>(1.0)));
+    return Mixed(mixed, variance, virtual_share);
 }
 
 // A pixel of the camera's with nothing in front of it.
@@ -171,7 +173,7 @@ fn camera_at(p: vec2<i32>) -> Mixed {
     }
     let code = vec3<f32>(camera_codes(p).rgb) / composite.max_code;
     let s = sigma_at(code);
-    return Mixed(code, s * s);
+    return Mixed(code, s * s, vec3<f32>(0.0));
 }
 
 // The enabled effects of the mixed stage follow as `apply_effects`.

@@ -54,5 +54,6 @@ fn apply_edge_blend(p: vec2<i32>, current: Mixed) -> Mixed {
     for (var j = 0; j < n; j++) {
         variance += shares[j] * shares[j] * cameras[j].camera_variance;
     }
-    return Mixed(own * min(current.code, vec3<f32>(1.0)) + blended, variance);
+    let code = own * min(current.code, vec3<f32>(1.0)) + blended;
+    return Mixed(code, variance, own * current.virtual_share);
 }

@@ -1,8 +1,8 @@
 // @import shared/noise
 
-// The calibrated variance.
-fn wanted_variance(code: vec3<f32>) -> vec3<f32> {
-    let s = sigma_at(code) * noise.scale;
+// Variance of the camera's noise at a code value, squared 8-bit codes.
+fn calibrated_variance(code: vec3<f32>) -> vec3<f32> {
+    let s = sigma_at(code);
     return s * s;
 }
 

@@ -9,6 +9,11 @@ const MOMENTS: u32 = 4u;
 // by two pixels.
 const BESIDE_PX: f32 = 6.0;
 
+// A shadow ends where it is too faint to be seen. On sRGB white, 8-bit codes change by 112 per unit of light: less than
+// half a code below FAINT. It fades in up to VISIBLE, where it is worth less than two.
+const FAINT: f32 = 1.0 / 256.0;
+const VISIBLE: f32 = 1.0 / 64.0;
+
 struct Shade {
     in_picture: vec2<f32>,   // where the part begins
     part_px: vec2<f32>,      // its size
@@ -157,10 +162,12 @@ fn main(corner: Corner) -> @location(0) vec4<f32> {
         taken += select(vec3<f32>(0.0), share, is_on);
         nearness += found.z;
     }
+    taken /= f32(MOMENTS);
+    taken *= smoothstep(FAINT, VISIBLE, max(abs(taken.r), max(abs(taken.g), abs(taken.b))));
     // Pieces reach beyond it.
     let at = corner.at.xy + shade.in_picture;
     taken *= f32(all(at > chart.rect_px.xy) && all(at < chart.rect_px.zw));
     taken *= floor_around(corner.at.xy + shade.in_depth, nearness / f32(MOMENTS), chart);
-    let share = clamp(shade.strength * shade.presence * taken / f32(MOMENTS), vec3<f32>(-1.0), vec3<f32>(1.0));
+    let share = clamp(shade.strength * shade.presence * taken, vec3<f32>(-1.0), vec3<f32>(1.0));
     return rounded_to_half(vec4<f32>(share, 0.0));
 }

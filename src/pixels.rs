@@ -124,8 +124,9 @@ pub struct DepthMap {
 pub struct LayerImage {
     pub width: u32,
     pub height: u32,
-    /// Linear, premultiplied. Where only A is 0, there is
-    /// light without coverage: a glow.
+    /// Linear, premultiplied: the composite's light is RGB + (1 − A)·`left`·(the camera's light). Where only A is 0, there is
+    /// light without coverage: a glow. RGB may be below 0 at the edge of a nearer real thing, whose pixels show light from
+    /// behind that the layer covers.
     pub rgba: Vec<[f32; 4]>,
     /// Metres along the optical axis, 0 where A is 0.
     pub depth_m: Vec<f32>,
@@ -133,8 +134,7 @@ pub struct LayerImage {
     pub velocity: Vec<[f32; 2]>,
     /// Whether there may be light where A is 0: a glow.
     pub light_alone: bool,
-    /// The share of the real light that things leave, for each colour; 1 outside of their shadows. Where it is 1 and all of
-    /// `rgba` 0, the camera's pixels stay untouched.
+    /// The share of the real light that things leave, for each colour; 1 outside of their shadows. Where it is 1 and all of `rgba` 0, the camera's pixels stay untouched.
     pub left: Vec<[f32; 3]>,
 }
 

@@ -4,4 +4,6 @@ struct Mixed {
     code: vec3<f32>,
     // Variance that the camera's share of the pixel contributes, in squared 8-bit codes.
     camera_variance: vec3<f32>,
+    // Share of the pixel that is virtual, 0 to 1: its coverage, or its share of the light where a glow lies over real things.
+    virtual_share: vec3<f32>,
 }

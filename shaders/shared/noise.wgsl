@@ -18,15 +18,21 @@ fn pattern_texel(p: vec2<i32>) -> vec3<f32> {
     return vec3<f32>(textureLoad(noise_pattern, p, 0).xyz) / 4096.0;
 }
 
+// The scale is that of virtual noise: real light keeps the camera's own, whatever the scale.
+fn scaled(variance: vec3<f32>, virtual_share: vec3<f32>) -> vec3<f32> {
+    return variance * (1.0 + (noise.scale * noise.scale - 1.0) * virtual_share);
+}
+
 fn apply_noise(p: vec2<i32>, pixel: Mixed) -> Mixed {
     let recorded = camera_factor(pixel.code);
     let brought = pixel.camera_variance * recorded;
-    let whole_layer = max(wanted_variance(pixel.code), least_variance(p, pixel.code) * recorded);
+    let wanted_at_scale = scaled(calibrated_variance(pixel.code), pixel.virtual_share);
+    let whole_layer = max(wanted_at_scale, least_variance(p, pixel.code) * recorded);
     // What fades ends with the camera's own noise, whatever the scale and the film.
     let s = sigma_at(pixel.code);
     let fading = mix(s * s * recorded, whole_layer, composite.presence);
     let wanted = select(whole_layer, fading, composite.presence < 1.0);
     let missing = max(wanted - brought, vec3<f32>(0.0));
     let n = pattern_at(p + composite.in_picture);
-    return Mixed(pixel.code + sqrt(missing) * n / 255.0, brought + missing);
+    return Mixed(pixel.code + sqrt(missing) * n / 255.0, brought + missing, pixel.virtual_share);
 }

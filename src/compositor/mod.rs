@@ -40,7 +40,7 @@ pub use settings::{Depth, ON, Settings, SettingsError, Shade};
 
 use hide::Hidden;
 use mix::{Piece, Sent, mix};
-use paste::{paste, paste_layer, paste_shade};
+use paste::{paste, paste_fringe, paste_layer, paste_shade};
 use plan::{Plan, Sight, moment};
 
 /// Draws a scene into frames. All that it keeps between frames are caches: each call returns what a new compositor
@@ -107,6 +107,7 @@ struct LayerBack {
     light_alone: bool,
     presence: f32,
     parts: [Readback; 2],
+    fringe: Option<Readback>,
     shaded: Rect,
     shade: Option<Readback>,
 }
@@ -302,6 +303,7 @@ impl Compositor {
             light_alone: layer.light_alone,
             presence: job.frame.presence as f32,
             parts: [&layer.color, &layer.geometry].map(|t| run.recorder.read_back(&mut self.readbacks, t, layer.size)),
+            fringe: layer.fringe.as_ref().map(|t| run.recorder.read_back(&mut self.readbacks, t, layer.size)),
             shaded: first.shaded,
             shade: shade.map(|t| {
                 let size = (places.shaded.width(), places.shaded.height());
@@ -310,7 +312,10 @@ impl Compositor {
         });
         let submission = self.recorder.submit();
         let codes = work.codes.iter_mut().map(|(_, readback)| readback);
-        let layers = work.layer.iter_mut().flat_map(|layer| layer.parts.iter_mut().chain(&mut layer.shade));
+        let layers = work
+            .layer
+            .iter_mut()
+            .flat_map(|layer| layer.parts.iter_mut().chain(&mut layer.shade).chain(&mut layer.fringe));
         for readback in codes.chain(layers) {
             readback.submitted(submission.clone());
         }
@@ -381,7 +386,7 @@ impl Compositor {
     /// Whether [`Compositor::collect`] would return without waiting.
     pub fn is_done(&self, pending: &Pending) -> Result<bool, GpuError> {
         let Some(work) = &pending.work else { return Ok(true) };
-        let layer = work.layer.iter().flat_map(|layer| layer.parts.iter().chain(&layer.shade));
+        let layer = work.layer.iter().flat_map(|layer| layer.parts.iter().chain(&layer.shade).chain(&layer.fringe));
         for readback in work.codes.iter().map(|(_, readback)| readback).chain(layer) {
             if !readback.is_ready(self.gpu())? {
                 return Ok(false);
@@ -413,14 +418,20 @@ impl Compositor {
             self.readbacks.give_back(codes);
         }
         if let (Some(image), Some(back)) = (&mut layer, back) {
-            let LayerBack { drawn, over_seam, light_alone, presence, parts: [color, geometry], shaded, shade } = back;
+            let LayerBack { drawn, over_seam, light_alone, presence, parts: [color, geometry], .. } = back;
             image.light_alone = light_alone;
             paste_layer(self.gpu(), [&color, &geometry], drawn, over_seam, image)?;
-            if let Some(shade) = &shade {
-                paste_shade(self.gpu(), shade, shaded, over_seam, image)?;
-            }
             image.fade(presence);
-            [Some(color), Some(geometry), shade].into_iter().flatten().for_each(|back| self.readbacks.give_back(back));
+            if let Some(shade) = &back.shade {
+                paste_shade(self.gpu(), shade, back.shaded, over_seam, image)?;
+            }
+            if let Some(fringe) = &back.fringe {
+                paste_fringe(self.gpu(), fringe, drawn, over_seam, image)?;
+            }
+            [Some(color), Some(geometry), back.shade, back.fringe]
+                .into_iter()
+                .flatten()
+                .for_each(|back| self.readbacks.give_back(back));
         }
         Ok(Composited { frame: index, pixels, layer, stats })
     }

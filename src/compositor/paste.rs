@@ -68,10 +68,36 @@ pub fn paste_shade(
         for (column, t) in bytes.chunks_exact(8).enumerate() {
             if let Some(i) = at(row, column) {
                 let [r, g, b, _] = texel(t);
-                out.left[i] = [1.0 - r, 1.0 - g, 1.0 - b];
+                out.left[i] = [r, g, b].map(left);
             }
         }
     })
+}
+
+/// Adds the light of nearer real things that the layer covers (`behind_real.rs`), after [`paste_shade`].
+pub fn paste_fringe(
+    gpu: &Gpu,
+    fringe: &Readback,
+    rect: Rect,
+    over_seam: bool,
+    out: &mut LayerImage,
+) -> Result<(), GpuError> {
+    let at = places(rect, over_seam, out);
+    fringe.rows(gpu, |row, bytes| {
+        for (column, t) in bytes.chunks_exact(8).enumerate() {
+            if let Some(i) = at(row, column) {
+                let coverage = out.rgba[i][3];
+                for ((light, left), fringe) in out.rgba[i].iter_mut().zip(out.left[i]).zip(texel(t)) {
+                    *light += coverage * left * fringe;
+                }
+            }
+        }
+    })
+}
+
+/// The ratio of the real light that is left: `left_of` of shaders/shared/left.wgsl.
+fn left(taken: f32) -> f32 {
+    if (-1.0 / 2048.0..=1.0 / 4096.0).contains(&taken) { 1.0 } else { 1.0 - taken }
 }
 
 fn half(bytes: &[u8]) -> f32 {

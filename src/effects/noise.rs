@@ -2,7 +2,8 @@
 //!
 //! σ depends on channel and intensity (camera/noise.rs). The pattern is a counter-based hash of (seed, frame, pixel,
 //! channel), so any frame can be made alone. A mixed pixel already has the noise of its camera part and gets only the
-//! variance that it lacks.
+//! variance that it lacks. `scale` multiplies σ of the virtual share of a pixel. A real pixel in a virtual shadow gets back
+//! what the shadow took from its noise, at any scale but 0.
 //!
 //! Pattern: white normal noise, filtered by (a, 1, a) along each axis to the measured neighbour correlation
 //! ρ = 2a/(1 + 2a²), keeping its variance; channels are mixed by the Cholesky factor of their correlation.
@@ -34,7 +35,7 @@ use crate::pixels::Rect;
 crate::params! {
     /// Parameters of the noise.
     pub struct Noise in "noise" {
-        "factor on the calibrated standard deviation; 0 is off"
+        "factor on the calibrated standard deviation of virtual pixels; 0 is off"
         scale: f32 = 1.0, "1", 0.0..=8.0;
         "size of a noise patch; 1 is as measured"
         magnification: f32 = 1.0, "px", 1.0..=16.0 => scale isnt "0";

@@ -35,6 +35,7 @@ shaders! {
     Hash = "shared/hash",
     SharedHighlights = "shared/highlights",
     SharedLayer = "shared/layer",
+    SharedLeft = "shared/left",
     SharedLens = "shared/lens",
     SharedMixed = "shared/mixed",
     SharedNoise = "shared/noise",

@@ -39,6 +39,7 @@ mod effects;
 mod golden;
 mod held;
 mod laws;
+mod layers;
 mod lens_effects;
 mod lit_by_others;
 mod photo;

@@ -94,6 +94,12 @@ fn on_floor(x: u32, y: u32) -> impl Iterator<Item = Option<DVec3>> {
     })
 }
 
+/// What is seen of a shadow: all from 1/64 of the light on, nothing up to 1/256.
+fn faded(taken: Vec3) -> Vec3 {
+    let t = ((taken.abs().max_element() - 1.0 / 256.0) / (1.0 / 64.0 - 1.0 / 256.0)).clamp(0.0, 1.0);
+    taken * (t * t * (3.0 - 2.0 * t))
+}
+
 fn decode(code: f64) -> f64 {
     let c = code / 255.0;
     if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
@@ -121,7 +127,7 @@ fn each_pixel_of_the_floor_is_as_dark_as_the_chart_says_and_all_others_are_the_c
         }
         let places: Vec<Vec3> =
             on_floor(x, y).map(|place| place.map_or(Vec3::ZERO, |place| chart.taken_at(place))).collect();
-        let taken = places.iter().sum::<Vec3>() / 4.0;
+        let taken = faded(places.iter().sum::<Vec3>() / 4.0);
         if layer.left[i] == [1.0; 3] {
             free += 1;
             assert_eq!(out, [GREY; 3], "{x} {y}");
@@ -134,7 +140,8 @@ fn each_pixel_of_the_floor_is_as_dark_as_the_chart_says_and_all_others_are_the_c
             let off = (code(taken[c]) - f64::from(out[c])).abs();
             // The four places are three quarters of a pixel apart. Rays between the nodes of their grid, and a texture's weights,
             // are exact to a thirtieth of a pixel.
-            let of_place = |which: fn(f32, f32) -> f32| places.iter().map(|taken| taken[c]).reduce(which).unwrap();
+            let of_place =
+                |which: fn(f32, f32) -> f32| places.iter().map(|taken| faded(*taken)[c]).reduce(which).unwrap();
             let per_px = (code(of_place(f32::min)) - code(of_place(f32::max))) / 0.75;
             worst = worst.max(off - per_px / 30.0);
             darkest = darkest.min(f64::from(out[c]));
