@@ -138,7 +138,12 @@ const REDUCED_FRAMES: usize = 40;
 
 /// [`demo`]; in the fast tier with the pictures' width and height divided by `reduction`.
 pub fn demo_by_tier(frames: usize, flaws: &Flaws, reduction: u32) -> tempfile::TempDir {
-    if is_full() || reduction == 1 { demo(frames, flaws) } else { demo_from(&reduced_demo(reduction), frames, flaws) }
+    if is_full() || reduction == 1 { demo(frames, flaws) } else { demo_reduced(frames, flaws, reduction) }
+}
+
+/// [`demo`] with the pictures' width and height divided by `reduction`.
+pub fn demo_reduced(frames: usize, flaws: &Flaws, reduction: u32) -> tempfile::TempDir {
+    demo_from(&reduced_demo(reduction), frames, flaws)
 }
 
 /// The demonstration's first frames with reduced pictures: the mean of each block of pixels, and the median of their
