@@ -10,8 +10,8 @@ A filter is `BINARY` or `BINARY::PATH`, with the binaries `lib`, `architecture` 
 only the binaries concerned are built; format and documentation are not checked, and clippy's warnings do not fail. In
 the fast tier they are built incrementally and less optimised, so that an edit is tried soon.
 
-Clippy lints while it builds: its driver takes the compiler's place for this package (RUSTC_WORKSPACE_WRAPPER), which
-saves the second pass over all dependencies that `cargo clippy` needs.
+Clippy lints while it builds: its driver takes the compiler's place for this package (RUSTC_WORKSPACE_WRAPPER,
+scripts/lint_once), which saves the second pass over all dependencies that `cargo clippy` needs.
 
 Test binaries run side by side, one thread each: a test that draws holds its binary's device alone, so more threads in
 one process would wait for each other. A binary's modules are run in one process each, so that tests of a module share
@@ -72,7 +72,7 @@ LOOP_PROFILE = ["opt-level=1", "codegen-units=256"]
 
 def cargo_environment(is_loop=False):
     # A whole build from nothing does not pay for what makes the next one faster.
-    return {**os.environ, "RUSTC_WORKSPACE_WRAPPER": "clippy-driver", "CARGO_INCREMENTAL": "1" if is_loop else "0"}
+    return {**os.environ, "RUSTC_WORKSPACE_WRAPPER": str(ROOT / "scripts/lint_once"), "CARGO_INCREMENTAL": "1" if is_loop else "0"}
 
 
 def cargo(*arguments):
