@@ -17,6 +17,7 @@ use locard::gpu::Gpu;
 use locard::recording::{OpenOptions, Recording, RecordingError};
 use locard::sink::raw::RawSink;
 use locard::sink::{Sink, SinkOptions};
+use locard::source::video::Presentation;
 
 const WIDTH: u32 = 640;
 const HEIGHT: u32 = 480;
@@ -58,7 +59,16 @@ fn main() -> Result<()> {
     let recording = Recording::open(folder.path(), &OpenOptions::default())?;
     let load = Load::new(WIDTH, HEIGHT);
     let mut compositor = Compositor::new(gpu, load.scene);
-    let options = SinkOptions { force: false, fps: 30.0, lossless: false, width: WIDTH, height: HEIGHT, bits: 8 };
+    let options = SinkOptions {
+        force: false,
+        fps: 30.0,
+        times_s: None,
+        presentation: Presentation::default(),
+        lossless: false,
+        width: WIDTH,
+        height: HEIGHT,
+        bits: 8,
+    };
     let mut sink = RawSink::new(std::io::sink(), &options);
     // The load's poses last for a moment only: every frame is drawn at their middle.
     let settings = Settings::default();
