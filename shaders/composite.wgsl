@@ -3,7 +3,7 @@
 // @import shared/fullscreen
 // @import shared/mixed
 // @import shared/response
-// @import shared/left
+// @import shared/shadow_ratio
 
 // The curve of the camera's response. It is fixed for the whole run, so that the shader contains nothing else.
 override curve: f32 = 0.0;
@@ -100,7 +100,7 @@ fn left_at(p: vec2<i32>) -> vec3<f32> {
     }
     let q = p + composite.in_shade;
     let inside = all(q >= vec2<i32>(0)) && all(q < composite.shade_size);
-    return select(vec3<f32>(1.0), left_of(textureLoad(shade, q, 0).rgb), inside);
+    return select(vec3<f32>(1.0), shadow_ratio(textureLoad(shade, q, 0).rgb), inside);
 }
 
 // The light of nearer things that the layer covers there.

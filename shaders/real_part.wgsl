@@ -1,7 +1,7 @@
 // The real part of a photograph: light, the light behind it, and the depths of both (src/compositor/real.rs).
 // @import shared/fullscreen
 // @import shared/response
-// @import shared/left
+// @import shared/shadow_ratio
 override curve: f32 = 0.0;
 // Whether virtual things take light from it.
 override shaded: bool = false;
@@ -74,7 +74,7 @@ fn main(@builtin(position) at: vec4<f32>) -> Out {
     let depth = found.y / max(found.x, 1e-12);
     var left = light;
     if shaded {
-        left *= left_of(textureLoad(shade, vec2<i32>(at.xy), 0).rgb);
+        left *= shadow_ratio(textureLoad(shade, vec2<i32>(at.xy), 0).rgb);
     }
     return Out(vec4<f32>(left, 1.0), vec4<f32>(behind.rgb, 1.0), vec4<u32>(words(depth), words(1.0 / behind.a)));
 }

@@ -134,7 +134,7 @@ pub struct LayerImage {
     pub velocity: Vec<[f32; 2]>,
     /// Whether there may be light where A is 0: a glow.
     pub light_alone: bool,
-    /// The share of the real light that things leave, for each colour; 1 outside of their shadows. Where it is 1 and all of `rgba` 0, the camera's pixels stay untouched.
+    /// Shadow ratio per colour; 1 outside shadows. Where it is 1 and `rgba` is 0, the camera's codes are unchanged.
     pub left: Vec<[f32; 3]>,
 }
 

@@ -18,7 +18,7 @@ fn pattern_texel(p: vec2<i32>) -> vec3<f32> {
     return vec3<f32>(textureLoad(noise_pattern, p, 0).xyz) / 4096.0;
 }
 
-// The scale is that of virtual noise: real light keeps the camera's own, whatever the scale.
+// `noise.scale` applies to the virtual share only; real light keeps the camera's noise.
 fn scaled(variance: vec3<f32>, virtual_share: vec3<f32>) -> vec3<f32> {
     return variance * (1.0 + (noise.scale * noise.scale - 1.0) * virtual_share);
 }

@@ -68,7 +68,7 @@ pub fn paste_shade(
         for (column, t) in bytes.chunks_exact(8).enumerate() {
             if let Some(i) = at(row, column) {
                 let [r, g, b, _] = texel(t);
-                out.left[i] = [r, g, b].map(left);
+                out.left[i] = [r, g, b].map(shadow_ratio);
             }
         }
     })
@@ -95,9 +95,14 @@ pub fn paste_fringe(
     })
 }
 
-/// The ratio of the real light that is left: `left_of` of shaders/shared/left.wgsl.
-fn left(taken: f32) -> f32 {
-    if (-1.0 / 2048.0..=1.0 / 4096.0).contains(&taken) { 1.0 } else { 1.0 - taken }
+/// Fractions of light removed and added that count as none: `LARGEST_UNSEEN_LOSS` and `LARGEST_UNSEEN_GAIN` of
+/// shaders/shared/shadow_ratio.wgsl.
+const LARGEST_UNSEEN_LOSS: f32 = 0.000_244_140_625;
+const LARGEST_UNSEEN_GAIN: f32 = 0.000_488_281_25;
+
+/// Shadow ratio from the fraction of light removed, as the composite has it.
+fn shadow_ratio(removed: f32) -> f32 {
+    if (-LARGEST_UNSEEN_GAIN..=LARGEST_UNSEEN_LOSS).contains(&removed) { 1.0 } else { 1.0 - removed }
 }
 
 fn half(bytes: &[u8]) -> f32 {
@@ -115,5 +120,30 @@ fn places(rect: Rect, over_seam: bool, out: &LayerImage) -> impl Fn(usize, usize
         let (x, y) = (rect.x0 + column as i32, rect.y0 + row as i32);
         let x = if over_seam { x.rem_euclid(width) } else { x };
         (x >= 0 && y >= 0 && x < width && y < height).then_some((y * width + x) as usize)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use half::f16;
+
+    use super::*;
+
+    #[test]
+    fn shadow_ratio_is_1_exactly_where_a_16_bit_float_rounds_it_to_1() {
+        for removed in (-80..=80).map(|n| n as f32 * 1e-5).chain([LARGEST_UNSEEN_LOSS, -LARGEST_UNSEEN_GAIN]) {
+            let is_1_in_the_file = f16::from_f32(1.0 - removed) == f16::ONE;
+            assert_eq!(shadow_ratio(removed) == 1.0, is_1_in_the_file, "{removed}");
+        }
+    }
+
+    #[test]
+    fn shadow_ratio_has_the_constants_of_its_shader() {
+        let shader = include_str!("../../shaders/shared/shadow_ratio.wgsl");
+        for (name, value) in
+            [("LARGEST_UNSEEN_LOSS", LARGEST_UNSEEN_LOSS), ("LARGEST_UNSEEN_GAIN", LARGEST_UNSEEN_GAIN)]
+        {
+            assert!(shader.contains(&format!("const {name}: f32 = {value};")), "{name}");
+        }
     }
 }
