@@ -154,7 +154,7 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, CalibrateError> {
         }
     }
     if files.is_empty()
-        && let Some(told) = unsupported::told(&unsupported::in_folder(folder))
+        && let Some(told) = unsupported::unread_warning(&unsupported::in_folder(folder))
     {
         return Err(failed(told));
     }

@@ -105,7 +105,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let support = picked.support(up);
     let model = scene::relative(&args.model, &args.scene);
-    if model.contains(char::REPLACEMENT_CHARACTER) && args.model.exists() {
+    if args.model.to_str().is_none() && args.model.exists() {
         bail!(
             "--model {}: a scene file cannot hold this name, which is not UTF-8; rename the file",
             args.model.display()

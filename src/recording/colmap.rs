@@ -95,7 +95,7 @@ fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, Recor
         .warnings
         .push(format!("COLMAP keeps no times: frames are taken to follow each other at {NOMINAL_FPS} a second"));
     parts.warnings.extend(odd);
-    parts.warnings.extend(unsupported::told(&unread));
+    parts.warnings.extend(unsupported::unread_warning(&unread));
     Ok(parts)
 }
 

@@ -26,20 +26,21 @@ pub enum RecordingError {
     Range { start: usize, end: usize, count: usize },
 }
 
-/// In place of a problem that would quote a file outside of the recording's folder.
-const FOREIGN: &str = "is not what is expected there; its text is not shown, for the file lies outside of the recording's \
-                       folder: check that it is the file meant";
+/// In place of a problem that would quote a file outside the recording's folder.
+const FOREIGN: &str = "has unexpected content; it is not quoted because the file lies outside the recording's folder. \
+                       Check that the path is the intended one";
 
 impl RecordingError {
-    /// Leaves out the text of a file outside of the folder of `recording`, which is a folder or a file in it: a recording
-    /// may name any file, and whoever reads the message need not be allowed to read that one.
-    pub(super) fn without_foreign_text(mut self, recording: &Path) -> Self {
+    /// Leaves out the text of a file that lies neither in the folder of the path that was given nor of the one that was
+    /// found there: a recording may name any file, and whoever reads the message need not be allowed to read that one.
+    pub(super) fn without_foreign_text(mut self, given: &Path, found: &Path) -> Self {
         let Self::Text(TextError::Line { file, problem, .. }) = &mut self else { return self };
-        if let (Ok(at), Ok(recording)) = (file.canonicalize(), recording.canonicalize()) {
-            let folder = if recording.is_dir() { Some(recording.as_path()) } else { recording.parent() };
-            if folder.is_some_and(|folder| !at.starts_with(folder)) {
-                FOREIGN.clone_into(problem);
-            }
+        let Ok(file) = file.canonicalize() else { return self };
+        // A link that was given is meant; one that was found may lead anywhere.
+        let of_given = given.canonicalize().ok().and_then(|given| folder_of(&given).map(Path::to_owned));
+        let of_found = folder_of(found).and_then(|folder| folder.canonicalize().ok());
+        if !of_given.iter().chain(&of_found).any(|folder| file.starts_with(folder)) {
+            FOREIGN.clone_into(problem);
         }
         self
     }
@@ -47,4 +48,9 @@ impl RecordingError {
     pub(super) fn content(file: &Path, problem: impl ToString) -> Self {
         Self::Content { file: file.to_owned(), problem: problem.to_string() }
     }
+}
+
+/// A folder itself, or the folder that a file lies in.
+fn folder_of(path: &Path) -> Option<&Path> {
+    if path.is_dir() { Some(path) } else { path.parent() }
 }

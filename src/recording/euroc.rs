@@ -55,7 +55,8 @@ fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let truth = truths.iter().find(|truth| truth.exists()).ok_or_else(|| {
         let tried = TRUTHS.map(|name| format!("{name}/data.csv")).join(", ");
         let problem = format!(
-            "holds no ground truth; accepted are {tried}. Poses from elsewhere go into a trajectory, named with the              pictures by a recording.toml"
+            "holds no ground truth; accepted are {tried}. For poses from another source, write a trajectory and name it, \
+             with the pictures, in a recording.toml"
         );
         RecordingError::content(mav, problem)
     })?;
@@ -144,7 +145,7 @@ fn parse_poses(text: &str, file: &Path, truth_from_camera: &Placed) -> Result<(P
             *field = text::pose_number(&mut rest, name).map_err(refuse)?;
         }
         if fields.iter().any(|field| !field.is_finite()) {
-            odd.lose(format!("line {line}"));
+            odd.count_lost(format!("line {line}"));
             continue;
         }
         let [px, py, pz, qw, qx, qy, qz] = fields;

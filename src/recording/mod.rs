@@ -165,7 +165,7 @@ impl Recording {
         check(options)?;
         let (format, at) = find(path)?;
         let opened = (format.open)(&at, path, options);
-        let mut parts = opened.map_err(|error| error.without_foreign_text(path))?;
+        let mut parts = opened.map_err(|error| error.without_foreign_text(path, &at))?;
         if options.metres_per_unit != 1.0 && format.is_metric() {
             parts.warnings.push(format!("a {format} recording is in metres; metres_per_unit is left out"));
         }
@@ -405,8 +405,10 @@ fn find(path: &Path) -> Result<(&'static Format, PathBuf), RecordingError> {
     }
     let binary = colmap::MODELS_AT.iter().any(|at| path.join(at).join("images.bin").exists());
     let unread = unsupported::by_name(path).filter(|_| path.is_file()).map(|kind| format!("it {}", kind.refusal()));
-    let in_folder =
-        || unsupported::told(&unsupported::in_folder(path)).map(|told| format!("{told}, and no file tells one"));
+    let in_folder = || {
+        let unread = unsupported::unread_warning(&unsupported::in_folder(path))?;
+        Some(format!("{unread}, and no file describes a recording"))
+    };
     let foreign = foreign::refusal(path).map(str::to_owned).or(unread).or_else(in_folder);
     let found = match path {
         _ if foreign.is_some() => foreign.as_deref().unwrap_or_default(),

@@ -6,7 +6,7 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec3};
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
 
 use super::depth::{DepthFiles, Stored};
 use super::parts::{
@@ -48,11 +48,36 @@ struct Transforms {
 #[derive(Deserialize)]
 struct FrameEntry {
     file_path: String,
-    /// `None` stands for a number that is not finite.
-    transform_matrix: Vec<Vec<Option<f64>>>,
+    #[serde(deserialize_with = "matrix_rows")]
+    transform_matrix: Vec<Vec<f64>>,
     depth_file_path: Option<String>,
     #[serde(flatten)]
     camera: Camera,
+}
+
+/// A number of a matrix. Only there a number that is not finite has a meaning: the tracker lost the pose.
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "a matrix of numbers is needed")]
+enum MatrixEntry {
+    Number(f64),
+    NotFinite(NotFiniteToken),
+}
+
+/// The string that stands for every number that is not finite.
+#[derive(Deserialize)]
+enum NotFiniteToken {
+    #[serde(rename = "NaN")]
+    Token,
+}
+
+/// The rows of a matrix, NaN for all numbers that are not finite.
+fn matrix_rows<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Vec<f64>>, D::Error> {
+    let number = |entry| match entry {
+        MatrixEntry::Number(number) => number,
+        MatrixEntry::NotFinite(NotFiniteToken::Token) => f64::NAN,
+    };
+    let rows = Vec::<Vec<MatrixEntry>>::deserialize(from)?;
+    Ok(rows.into_iter().map(|row| row.into_iter().map(number).collect()).collect())
 }
 
 /// Values that may be given for all frames or for one.
@@ -165,26 +190,35 @@ const FISHEYES: [&str; 2] = ["OPENCV_FISHEYE", "fisheye"];
 const ROUND: [&str; 2] = ["EQUIRECTANGULAR", "equirectangular"];
 
 fn parse(json: &str, file: &Path) -> Result<Transforms, RecordingError> {
-    let json = finite_json(json.trim_start_matches('\u{feff}'));
+    let json = with_not_finite_quoted(json.trim_start_matches('\u{feff}'));
     serde_json::from_str(&json).map_err(|e| RecordingError::content(file, e))
 }
 
-/// The text with `null` in place of `NaN`, `Infinity` and `-Infinity` outside strings. Python writes those, and JSON has no
-/// such numbers.
-fn finite_json(json: &str) -> Cow<'_, str> {
-    if !json.contains("NaN") && !json.contains("Infinity") {
+/// The text with the string `"NaN"` in place of `NaN`, `Infinity` and `-Infinity` outside strings. Python writes those, and
+/// JSON has no such numbers.
+fn with_not_finite_quoted(json: &str) -> Cow<'_, str> {
+    const NOT_FINITE: [&str; 3] = ["NaN", "Infinity", "-Infinity"];
+    if !NOT_FINITE.iter().any(|word| json.contains(word)) {
         return Cow::Borrowed(json);
     }
-    let mut finite = String::with_capacity(json.len());
-    for (i, part) in json.replace("\\\"", "\\u0022").split('"').enumerate() {
-        // Every second part is a string.
-        if i % 2 == 1 {
-            finite += &format!("\"{part}\"");
-        } else {
-            finite += &part.replace("-Infinity", "null").replace("Infinity", "null").replace("NaN", "null");
+    let mut valid = String::with_capacity(json.len());
+    let mut is_in_string = false;
+    let mut rest = json;
+    while let Some(next) = rest.chars().next() {
+        let behind_word = NOT_FINITE.iter().find_map(|word| rest.strip_prefix(word));
+        if let Some(behind) = behind_word.filter(|_| !is_in_string) {
+            valid += "\"NaN\"";
+            rest = behind;
+            continue;
         }
+        is_in_string ^= next == '"';
+        // The character behind a backslash neither ends the string nor escapes another.
+        let count = if is_in_string && next == '\\' { 2 } else { 1 };
+        let (taken, behind) = rest.split_at(rest.chars().take(count).map(char::len_utf8).sum());
+        valid += taken;
+        rest = behind;
     }
-    Cow::Owned(finite)
+    Cow::Owned(valid)
 }
 
 fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
@@ -205,7 +239,7 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         let picture = picture_file(folder, &frame.file_path);
         match pose(&frame.transform_matrix, options.metres_per_unit).map_err(refuse)? {
             Some(pose) => poses.push((time_s, pose)),
-            None => odd.lose(format!("frame {}", quoted(&frame.file_path))),
+            None => odd.count_lost(format!("frame {}", quoted(&frame.file_path))),
         }
         timestamps_s.push(time_s);
         geometries.push(frame.camera.clone().or(&camera).geometry(&picture).map_err(refuse)?);
@@ -242,18 +276,16 @@ fn picture_file(folder: &Path, name: &str) -> PathBuf {
 }
 
 /// The pose of a camera-to-world matrix (3 or 4 rows of 4) with OpenGL's axes. `None` if it is not finite.
-fn pose(matrix: &[Vec<Option<f64>>], metres_per_unit: f64) -> Result<Option<Pose>, String> {
+fn pose(matrix: &[Vec<f64>], metres_per_unit: f64) -> Result<Option<Pose>, String> {
     let wrong = || "transform_matrix must have 4 rows of 4 numbers, the last 0 0 0 1".to_owned();
-    let rows: Vec<[Option<f64>; 4]> =
+    let rows: Vec<[f64; 4]> =
         matrix.iter().map(|row| row.as_slice().try_into()).collect::<Result<_, _>>().map_err(|_| wrong())?;
     if !matches!(rows.len(), 3 | 4) {
         return Err(wrong());
     }
-    let is_finite = |value: &Option<f64>| value.is_some_and(f64::is_finite);
-    if !rows.iter().flatten().all(is_finite) {
+    if !rows.iter().flatten().all(|value| value.is_finite()) {
         return Ok(None);
     }
-    let rows: Vec<[f64; 4]> = rows.into_iter().map(|row| row.map(Option::unwrap_or_default)).collect();
     let (a, b, c) = match rows.as_slice() {
         [a, b, c] | [a, b, c, [0.0, 0.0, 0.0, 1.0]] => (a, b, c),
         _ => return Err(wrong()),
@@ -269,8 +301,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn row(values: [f64; 4]) -> Vec<Option<f64>> {
-        values.map(Some).to_vec()
+    fn row(values: [f64; 4]) -> Vec<f64> {
+        values.to_vec()
     }
 
     #[test]
@@ -288,23 +320,36 @@ mod tests {
         let good = [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0]].map(row);
         let with = |row: usize, column: usize, value: f64| {
             let mut m = good.clone();
-            m[row][column] = Some(value);
+            m[row][column] = value;
             pose(&m, 1.0).is_err()
         };
         assert!(!with(0, 0, 1.009), "a rounding error passes");
         assert!(with(0, 0, 1.02) && with(0, 0, -1.0) && with(0, 1, 0.05));
         assert!(pose(&good[..2], 1.0).is_err());
-        assert!(pose(&[vec![Some(1.0); 3], vec![Some(1.0); 3], vec![Some(1.0); 3]], 1.0).is_err());
+        assert!(pose(&[vec![1.0; 3], vec![1.0; 3], vec![1.0; 3]], 1.0).is_err());
     }
 
     #[test]
     fn a_matrix_that_is_not_finite_is_a_lost_pose() {
-        let json = r#"{"frames": [{"file_path": "NaN \" Infinity.png", "transform_matrix":
+        let json = r#"{"frames": [{"file_path": "NaN \" Infinity\\", "transform_matrix":
             [[1, 0, 0, NaN], [0, 1, 0, -Infinity], [0, 0, 1, Infinity], [0, 0, 0, 1]]}]}"#;
         let t = parse(json, Path::new("t.json")).unwrap();
-        assert_eq!(t.frames[0].file_path, "NaN \" Infinity.png");
+        assert_eq!(t.frames[0].file_path, "NaN \" Infinity\\");
         assert!(pose(&t.frames[0].transform_matrix, 1.0).unwrap().is_none());
         assert!(pose(&[row([f64::NAN; 4]), row([0.0; 4]), row([0.0; 4])], 1.0).unwrap().is_none());
+    }
+
+    #[test]
+    fn a_value_that_is_not_finite_is_refused_outside_of_the_matrix() {
+        let error = |text: &str| parse(text, Path::new("t.json")).map(drop).unwrap_err().to_string();
+        for name in ["fl_x", "k1", "depth_unit_scale_factor"] {
+            let error = error(&format!(r#"{{"{name}": NaN, "frames": []}}"#));
+            assert!(error.starts_with("t.json: ") && error.contains("NaN"), "{error}");
+        }
+        let matrix = |entry| format!(r#"{{"frames": [{{"file_path": "a", "transform_matrix": [[{entry}]]}}]}}"#);
+        let error = error(&matrix("\"one\""));
+        assert!(error.contains("a matrix of numbers is needed"), "{error}");
+        assert!(parse(&matrix("-Infinity"), Path::new("t.json")).is_ok());
     }
 
     #[test]
@@ -353,7 +398,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn arbitrary_text_never_panics(text in "\\PC*", matrix in prop::collection::vec(prop::collection::vec(any::<Option<f64>>(), 0..6), 0..6)) {
+        fn arbitrary_text_never_panics(text in "\\PC*", matrix in prop::collection::vec(prop::collection::vec(any::<f64>(), 0..6), 0..6)) {
             let _ = parse(&text, Path::new("t.json"));
             let _ = pose(&matrix, 1.0);
         }

@@ -1,5 +1,6 @@
 //! Our own format: `recording.toml` names everything. docs/recordings.md has every key.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
@@ -296,13 +297,14 @@ fn open_frames(
 fn open_images(folder: &Path, fps: f64) -> Result<OpenedFrames, RecordingError> {
     let mut files = listing::pictures_in(folder)?;
     let unread = unsupported::in_folder(folder);
-    let mut warnings: Vec<String> = unsupported::told(&unread).into_iter().collect();
+    let mut warnings: Vec<String> = unsupported::unread_warning(&unread).into_iter().collect();
     if let Some(told) = warnings.first().filter(|_| files.is_empty()) {
         return Err(RecordingError::content(folder, told));
     }
     files.extend(unread.iter().cloned());
     files.sort_by(|a, b| listing::natural_order(&a.to_string_lossy(), &b.to_string_lossy()));
     warnings.extend(listing::missing_numbers(&files));
+    let unread: HashSet<PathBuf> = unread.into_iter().collect();
     let timed = files.into_iter().enumerate().map(|(i, file)| (i as f64 / fps, file));
     let (timestamps_s, files) = timed.filter(|(_, file)| !unread.contains(file)).unzip();
     Ok(OpenedFrames { pictures: Pictures::Stills(files), timestamps_s, presence: Vec::new(), warnings })

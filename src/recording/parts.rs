@@ -1,5 +1,6 @@
 //! The parts that every format delivers, and the checks common to all.
 
+use std::collections::HashMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -254,15 +255,13 @@ impl Parts {
         let named = |error| listing::named_in(&self.described_by, error, files.iter());
         let headers: Vec<Header> =
             files.iter().map(|file| still::read_header(file).map_err(named)).collect::<Result<_, _>>()?;
-        let often = |header: &Header| headers.iter().filter(|other| *other == header).count();
-        let mut kinds: Vec<Header> = Vec::new();
+        let mut counts: HashMap<Header, usize> = HashMap::new();
         for header in &headers {
-            if !kinds.contains(header) {
-                kinds.push(*header);
-            }
+            *counts.entry(*header).or_default() += 1;
         }
+        let often = |header: &Header| counts.get(header).copied().unwrap_or_default();
         // Of two that are as frequent, the first one's.
-        let Some(common) = kinds.iter().rev().max_by_key(|header| often(header)).copied() else {
+        let Some(common) = headers.iter().rev().max_by_key(|header| often(header)).copied() else {
             return Err(RecordingError::content(&self.path, "the recording has no frames"));
         };
         let differs = headers.iter().position(|header| *header != common);

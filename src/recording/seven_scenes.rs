@@ -71,7 +71,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         if pose.exists() {
             match parse_pose(&text::read(&pose)?, &pose)? {
                 Some(found) => poses.push((*time_s, found)),
-                None => odd.lose(pose.file_name().unwrap_or_default().to_string_lossy().into_owned()),
+                None => odd.count_lost(pose.file_name().unwrap_or_default().to_string_lossy().into_owned()),
             }
             described_by.push(pose);
         }

@@ -201,7 +201,7 @@ fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<Line>, Vec<String>), T
             odd.note(norm_error, format!("line {at}"));
             Some(Pose::from_camera_in_world(DVec3::new(x, y, z), turn))
         } else {
-            odd.lose(format!("line {at}"));
+            odd.count_lost(format!("line {at}"));
             None
         };
         let intrinsics = match own_intrinsics {

@@ -49,17 +49,23 @@ pub(super) fn split_glb<'a>(file: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], O
     Ok((json, binary))
 }
 
-/// A path as a shell takes it.
-pub(super) fn quoted(path: &Path) -> String {
+/// A path as one word of a POSIX shell, never an option.
+pub(super) fn shell_quoted(path: &Path) -> String {
     let text = path.display().to_string();
-    if text.contains(char::is_whitespace) { format!("'{text}'") } else { text }
+    let is_plain = |c: char| c.is_alphanumeric() || "/._-+,:@%=".contains(c);
+    if text.chars().all(is_plain) && !text.starts_with('-') {
+        return text;
+    }
+    // Even in quotes, a leading hyphen begins an option.
+    let here = if text.starts_with('-') { "./" } else { "" };
+    format!("'{here}{}'", text.replace('\'', r"'\''"))
 }
 
 /// The error of a file of glTF 1.0.
 pub(super) fn old_gltf(file: &Path, what: &str, found: impl Display) -> SceneError {
     let stem = file.file_stem().unwrap_or_default().to_string_lossy();
     let converted = file.with_file_name(format!("{stem}-2.glb"));
-    let (from, to) = (quoted(file), quoted(&converted));
+    let (from, to) = (shell_quoted(file), shell_quoted(&converted));
     let accepted = format!("glTF 2.0; `gltf-pipeline -i {from} -o {to}` converts it");
     SceneError::bad(file, what, found, accepted)
 }
@@ -202,6 +208,19 @@ mod tests {
         assert_eq!(found("textures\\none.png"), Some(folder.path().join("textures\\none.png")));
         for elsewhere in ["C:\\t.png", "C:/t.png", "\\dev\\zero", "/dev/zero", "https://a.org/t.png", "data:,"] {
             assert_eq!(found(elsewhere), None, "{elsewhere}");
+        }
+    }
+
+    #[test]
+    fn paths_are_one_word_of_a_shell() {
+        for (path, word) in [
+            ("models/Möbel_1.glb", "models/Möbel_1.glb"),
+            ("a b.glb", "'a b.glb'"),
+            ("a;rm -rf ~.glb", "'a;rm -rf ~.glb'"),
+            ("it's.glb", r"'it'\''s.glb'"),
+            ("-o.glb", "'./-o.glb'"),
+        ] {
+            assert_eq!(shell_quoted(Path::new(path)), word);
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::bytes::quoted;
+use super::bytes::shell_quoted;
 
 /// The supported extensions.
 pub(super) const SUPPORTED: [&str; 5] = [
@@ -37,7 +37,7 @@ pub(super) fn conversion(name: &str, file: &Path) -> Option<String> {
     let (_, command, options) = CONVERSIONS.iter().find(|(known, ..)| *known == name)?;
     let stem = file.file_stem().unwrap_or_default().to_string_lossy();
     let converted = file.with_file_name(format!("{stem}-converted.glb"));
-    let (from, to) = (quoted(file), quoted(&converted));
+    let (from, to) = (shell_quoted(file), shell_quoted(&converted));
     Some(format!("`gltf-transform {command} {from} {to}{options}` converts it"))
 }
 

@@ -49,7 +49,8 @@ pub use place::Size;
 
 /// The pixels of a Radiance panorama: width, height, linear light row by row. Otherwise what is wrong with it.
 pub fn panorama_of(hdr: &[u8]) -> Result<(u32, u32, Vec<[f32; 3]>), String> {
-    let panorama::Light { width, height, rgb } = panorama::radiance_of(hdr).map_err(|problem| problem.to_string())?;
+    let panorama::PanoramaPixels { width, height, rgb } =
+        panorama::radiance_of(hdr).map_err(|problem| problem.to_string())?;
     Ok((width, height, rgb))
 }
 

@@ -56,6 +56,11 @@ pub(super) fn placed(gltf: &Gltf) -> Result<Tree, SceneError> {
             return Err(gltf.bad(format!("nodes[{index}]"), "a place that is not finite", "finite numbers"));
         }
         placed.push((index, model_from_node));
+        // Each node has one parent, so only a file with a node listed twice has more.
+        if open.len() + node.children.len() > 2 * nodes.len() {
+            let found = "more children than there are nodes";
+            return Err(gltf.bad(children_of(index), found, "one parent for each node"));
+        }
         for &child in node.children.iter().rev() {
             gltf.get(nodes, "nodes", child, children_of(index))?;
             let (parent, level) = (Some(index), level + 1);

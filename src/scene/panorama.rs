@@ -23,52 +23,52 @@ const OPENEXR_SIGNATURE: &[u8] = b"\x76\x2f\x31\x01";
 const MAX_HALF: f32 = 65504.0;
 
 /// Linear light row by row from the top left.
-pub(super) struct Light {
+pub(super) struct PanoramaPixels {
     pub width: u32,
     pub height: u32,
     pub rgb: Vec<[f32; 3]>,
 }
 
 /// Why a panorama cannot be used.
-pub(super) struct Problem {
+pub(super) struct PanoramaError {
     found: String,
     accepted: String,
 }
 
-impl Problem {
+impl PanoramaError {
     fn new(found: impl Into<String>, accepted: impl Into<String>) -> Self {
         Self { found: found.into(), accepted: accepted.into() }
     }
 }
 
-impl fmt::Display for Problem {
+impl fmt::Display for PanoramaError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}; accepted is {}", self.found, self.accepted)
     }
 }
 
 /// Reads a panorama, finite and nowhere below 0. The text is a warning about values that were not.
-pub(super) fn read(file: &Path, named_in: &Path) -> Result<(Light, Option<String>), SceneError> {
+pub(super) fn read(file: &Path, named_in: &Path) -> Result<(PanoramaPixels, Option<String>), SceneError> {
     let bytes = bytes::read(file, Some(named_in))?;
     let decode = if bytes.starts_with(OPENEXR_SIGNATURE) { openexr_of } else { radiance_of };
-    let mut light =
-        decode(&bytes).map_err(|Problem { found, accepted }| SceneError::bad(file, "the panorama", found, accepted))?;
+    let mut light = decode(&bytes)
+        .map_err(|PanoramaError { found, accepted }| SceneError::bad(file, "the panorama", found, accepted))?;
     let warning = make_finite(&mut light);
     Ok((light, warning))
 }
 
-fn check_size(width: usize, height: usize) -> Result<(u32, u32), Problem> {
+fn check_size(width: usize, height: usize) -> Result<(u32, u32), PanoramaError> {
     let side = |length: usize| u32::try_from(length).ok().filter(|length| (1..=MAX_SIDE_PX).contains(length));
     match (side(width), side(height)) {
         (Some(width), Some(height)) if u64::from(width) * u64::from(height) <= MAX_PIXELS => Ok((width, height)),
         _ => {
             let accepted = format!("1 to {MAX_PIXELS} pixels, up to {MAX_SIDE_PX} a side");
-            Err(Problem::new(format!("{width}×{height} pixels"), accepted))
+            Err(PanoramaError::new(format!("{width}×{height} pixels"), accepted))
         }
     }
 }
 
-fn make_finite(light: &mut Light) -> Option<String> {
+fn make_finite(light: &mut PanoramaPixels) -> Option<String> {
     let mut changed = 0;
     for value in light.rgb.as_flattened_mut().iter_mut().filter(|v| !(v.is_finite() && **v >= 0.0)) {
         *value = if *value == f32::INFINITY { MAX_HALF } else { 0.0 };
@@ -79,14 +79,17 @@ fn make_finite(light: &mut Light) -> Option<String> {
 }
 
 /// The light of a Radiance HDR picture, W/(sr·m²) if its header tells its exposure.
-pub(super) fn radiance_of(bytes: &[u8]) -> Result<Light, Problem> {
+pub(super) fn radiance_of(bytes: &[u8]) -> Result<PanoramaPixels, PanoramaError> {
     if !bytes.starts_with(b"#?") {
         let found = "a file that does not begin with #?, nor as OpenEXR does";
-        return Err(Problem::new(found, "a Radiance .hdr file or an OpenEXR .exr file"));
+        return Err(PanoramaError::new(found, "a Radiance .hdr file or an OpenEXR .exr file"));
     }
     let (exposure, pixels) = radiance_header(bytes)?;
     let failed = |e: image::ImageError| {
-        Problem::new(format!("bytes that do not decode ({e})"), "a whole Radiance .hdr file, its rows from the top")
+        PanoramaError::new(
+            format!("bytes that do not decode ({e})"),
+            "a whole Radiance .hdr file, its rows from the top",
+        )
     };
     // The decoder knows one of the usual signatures, and leaves the header's factors to us.
     let decoder = HdrDecoder::new((&b"#?RADIANCE\n\n"[..]).chain(pixels)).map_err(failed)?;
@@ -99,12 +102,12 @@ pub(super) fn radiance_of(bytes: &[u8]) -> Result<Light, Problem> {
             *pixel = std::array::from_fn(|i| (f64::from(pixel[i]) / exposure[i]) as f32);
         }
     }
-    Ok(Light { width, height, rgb })
+    Ok(PanoramaPixels { width, height, rgb })
 }
 
 /// The factors by which the pixels were multiplied, and the bytes from the resolution on. Every `EXPOSURE` and
 /// `COLORCORR` counts; lines of pictures that this one was made from are indented.
-fn radiance_header(bytes: &[u8]) -> Result<([f64; 3], &[u8]), Problem> {
+fn radiance_header(bytes: &[u8]) -> Result<([f64; 3], &[u8]), PanoramaError> {
     let head = &bytes[..bytes.len().min(MAX_HEADER)];
     let mut factors = [1.0; 3];
     let mut at = 0;
@@ -114,7 +117,7 @@ fn radiance_header(bytes: &[u8]) -> Result<([f64; 3], &[u8]), Problem> {
         if line.is_empty() {
             return Ok((factors, &bytes[at..]));
         }
-        let bad = |accepted: &str| Problem::new(format!("the header line {line:?}"), accepted);
+        let bad = |accepted: &str| PanoramaError::new(format!("the header line {line:?}"), accepted);
         match line.split_once('=') {
             Some(("FORMAT", format)) if format.trim() == "32-bit_rle_xyze" => {
                 return Err(bad("FORMAT=32-bit_rle_rgbe; Radiance's `ra_xyze -r FROM TO` converts it"));
@@ -134,7 +137,7 @@ fn radiance_header(bytes: &[u8]) -> Result<([f64; 3], &[u8]), Problem> {
         }
     }
     let found = format!("no empty line in the first {} bytes", head.len());
-    Err(Problem::new(found, "a header, which ends with one"))
+    Err(PanoramaError::new(found, "a header, which ends with one"))
 }
 
 /// `N` numbers above 0.
@@ -145,8 +148,9 @@ fn positive<const N: usize>(text: &str) -> Option<[f64; N]> {
 
 /// The light of the first part of an OpenEXR picture that has R, G and B. Transparent places are dark, as alpha is
 /// multiplied in.
-fn openexr_of(bytes: &[u8]) -> Result<Light, Problem> {
-    let failed = |e: exr::error::Error| Problem::new(format!("bytes that do not decode ({e})"), "a whole .exr file");
+fn openexr_of(bytes: &[u8]) -> Result<PanoramaPixels, PanoramaError> {
+    let failed =
+        |e: exr::error::Error| PanoramaError::new(format!("bytes that do not decode ({e})"), "a whole .exr file");
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(failed)?;
     let names = |header: &exr::meta::header::Header| -> Vec<String> {
         header.channels.list.iter().map(|channel| channel.name.to_string()).collect()
@@ -155,10 +159,10 @@ fn openexr_of(bytes: &[u8]) -> Result<Light, Problem> {
     let Some(header) = meta.headers.iter().find(|header| !header.deep && is_rgb(&names(header))) else {
         let found: Vec<String> = meta.headers.iter().flat_map(names).take(8).collect();
         let accepted = "R, G and B; save it as plain OpenEXR, not MultiLayer";
-        return Err(Problem::new(format!("the channels {}", found.join(", ")), accepted));
+        return Err(PanoramaError::new(format!("the channels {}", found.join(", ")), accepted));
     };
     if header.own_attributes.environment_map == Some(EnvironmentMap::Cube) {
-        return Err(Problem::new("a cube of six views", "a panorama by longitude and latitude (envmap latlong)"));
+        return Err(PanoramaError::new("a cube of six views", "a panorama by longitude and latitude (envmap latlong)"));
     }
     check_size(header.layer_size.0, header.layer_size.1)?;
     let display = header.shared_attributes.display_window;
@@ -192,5 +196,5 @@ fn openexr_of(bytes: &[u8]) -> Result<Light, Problem> {
         .all_attributes()
         .from_buffered(Cursor::new(bytes))
         .map_err(failed)?;
-    Ok(Light { width, height, rgb: image.layer_data.channel_data.pixels })
+    Ok(PanoramaPixels { width, height, rgb: image.layer_data.channel_data.pixels })
 }

@@ -13,7 +13,7 @@ use super::picture::Rgba;
 /// Uses of an image with the same key share one [`super::Texture`].
 pub(super) type TextureKey = (usize, bool, [Wrap; 2], bool, bool);
 
-/// What tells one rest pose of a mesh from another: the skin, and the node if it has weights of its own.
+/// Identity of a mesh's rest pose: its skin, and the node if that has weights of its own.
 pub(super) type RestKey = (Option<usize>, Option<usize>);
 
 /// Reads one file into the scene, and remembers what of it has been read.

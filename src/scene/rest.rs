@@ -33,8 +33,9 @@ impl<'a> Reader<'a> {
         let gltf = self.gltf;
         let mesh = gltf.get(&gltf.json.meshes, "meshes", mesh, what)?;
         let node_json = &gltf.json.nodes[node];
-        let weights = node_json.weights.as_deref().unwrap_or(&mesh.weights);
-        let mut key = (None, node_json.weights.as_ref().map(|_| node));
+        let has_own_weights = !node_json.weights.is_empty();
+        let weights = if has_own_weights { &node_json.weights } else { &mesh.weights };
+        let mut key = (None, has_own_weights.then_some(node));
         let Some(skin) = node_json.skin else { return Ok(Rest { key, weights, skin: None }) };
         if mesh.primitives.iter().any(|p| p.attributes.joints0.is_none() || p.attributes.weights0.is_none()) {
             self.warn(format!("{what} has no JOINTS_0 or WEIGHTS_0: nodes[{node}].skin is ignored"));
@@ -82,7 +83,8 @@ impl<'a> Reader<'a> {
 }
 
 impl Rest<'_> {
-    /// Moves the vertices of a primitive to their place at rest. Joints that mirror turn the triangles around.
+    /// Moves the vertices of a primitive to their place at rest. A triangle is turned around if the joints
+    /// of its first vertex mirror it.
     pub fn apply(
         &self,
         gltf: &Gltf,
@@ -103,21 +105,30 @@ impl Rest<'_> {
             for vertex in vertices.iter_mut() {
                 vertex.normal = Vec3::from(vertex.normal).normalize_or_zero().to_array();
             }
+            check_finite(gltf, vertices, &format!("{what}.targets"))?;
         }
         let Some(matrices) = &self.skin else { return Ok(()) };
         let influences = influences(gltf, &primitive.attributes, vertices.len(), what)?;
+        let mut is_mirrored = Vec::with_capacity(vertices.len());
         for (vertex, influence) in vertices.iter_mut().zip(&influences) {
             let model_from_mesh = blended(gltf, matrices, influence, what)?;
-            skinned(vertex, &model_from_mesh);
-            if !Vec3::from(vertex.position).is_finite() {
-                return Err(gltf.bad(what, "a vertex whose place is not finite", "finite numbers"));
-            }
+            is_mirrored.push(skinned(vertex, &model_from_mesh));
         }
-        if matrices.first().is_some_and(|matrix| matrix.matrix3.determinant() < 0.0) {
-            indices.chunks_exact_mut(3).for_each(|triangle| triangle.swap(1, 2));
+        check_finite(gltf, vertices, what)?;
+        for triangle in indices.chunks_exact_mut(3) {
+            if is_mirrored.get(triangle[0] as usize) == Some(&true) {
+                triangle.swap(1, 2);
+            }
         }
         Ok(())
     }
+}
+
+fn check_finite(gltf: &Gltf, vertices: &[Vertex], what: &str) -> Result<(), SceneError> {
+    if vertices.iter().all(|vertex| Vec3::from(vertex.position).is_finite()) {
+        return Ok(());
+    }
+    Err(gltf.bad(what, "a vertex whose position is not finite", "finite numbers"))
 }
 
 /// Adds a morph target's displacements.
@@ -198,21 +209,22 @@ fn blended(
     Ok(DAffine3 { matrix3, translation })
 }
 
-/// Takes a vertex to the model. Its normal and tangent stay of unit length or zero.
-fn skinned(vertex: &mut Vertex, model_from_mesh: &DAffine3) {
+/// Takes a vertex to the model, and returns whether that mirrors it. Its normal and tangent stay of unit length or zero.
+fn skinned(vertex: &mut Vertex, model_from_mesh: &DAffine3) -> bool {
     vertex.position = model_from_mesh.transform_point3(Vec3::from(vertex.position).as_dvec3()).as_vec3().to_array();
     let linear = model_from_mesh.matrix3;
-    let determinant = linear.determinant();
+    let is_mirrored = linear.determinant() < 0.0;
     // The cofactors are the inverse transpose times the determinant, and exist without an inverse too.
     let cofactors = DMat3::from_cols(
         linear.y_axis.cross(linear.z_axis),
         linear.z_axis.cross(linear.x_axis),
         linear.x_axis.cross(linear.y_axis),
     );
-    let side = if determinant < 0.0 { -1.0 } else { 1.0 };
+    let side = if is_mirrored { -1.0 } else { 1.0 };
     let normal = cofactors * Vec3::from(vertex.normal).as_dvec3() * side;
     vertex.normal = normal.normalize_or_zero().as_vec3().to_array();
     let [x, y, z, w] = vertex.tangent;
     let tangent = (linear * DVec3::new(x.into(), y.into(), z.into())).as_vec3();
     vertex.tangent = unit_tangent(tangent.extend(w * side as f32).to_array());
+    is_mirrored
 }

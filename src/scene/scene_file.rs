@@ -10,7 +10,7 @@ use super::edit;
 use super::light::{DEFAULT_WHITE_LX, SUN_RAD, default_lighting};
 use super::loader::Loader;
 use super::models::Panorama;
-use super::panorama::Light;
+use super::panorama::PanoramaPixels;
 use super::place::{Placement, Size, turn_up};
 use super::{Environment, EnvironmentMap, LitBy, Object, PointLight, SceneError, Sun, model, panorama};
 
@@ -233,7 +233,7 @@ fn environment(
     }
     let path = file.parent().unwrap_or(Path::new("")).join(name);
     let Panorama { width, height, rgb, warning } = loader.panorama(&path, || {
-        let (Light { width, height, rgb }, warning) = panorama::read(&path, file)?;
+        let (PanoramaPixels { width, height, rgb }, warning) = panorama::read(&path, file)?;
         Ok(Panorama { width, height, rgb: Arc::new(rgb), warning })
     })?;
     loader.scene.files.push(path.clone());

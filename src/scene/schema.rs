@@ -242,7 +242,7 @@ pub(super) struct TextureTransform {
 pub(super) struct Mesh {
     pub primitives: Vec<Primitive>,
     /// Of the morph targets, where the node has none.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "list::<_, _, { FEW }>")]
     pub weights: Vec<f32>,
 }
 
@@ -252,7 +252,7 @@ pub(super) struct Primitive {
     pub indices: Option<usize>,
     pub material: Option<usize>,
     pub mode: Option<u32>,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "list::<_, _, { FEW }>")]
     pub targets: Vec<Target>,
     #[serde(default)]
     pub extensions: ExtensionNames,
@@ -297,8 +297,9 @@ pub(super) struct Node {
     pub children: Vec<usize>,
     pub mesh: Option<usize>,
     pub skin: Option<usize>,
-    /// Of the mesh's morph targets, instead of the mesh's own.
-    pub weights: Option<Vec<f32>>,
+    /// Of the mesh's morph targets, instead of the mesh's own; empty if the node has none.
+    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
+    pub weights: Vec<f32>,
     pub matrix: Option<[f32; 16]>,
     pub translation: Option<[f32; 3]>,
     /// x, y, z, w.
@@ -310,6 +311,7 @@ pub(super) struct Node {
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Skin {
+    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
     pub joints: Vec<usize>,
     pub inverse_bind_matrices: Option<usize>,
 }

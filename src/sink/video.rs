@@ -28,12 +28,12 @@ pub struct VideoSink {
     /// Number of frames passed to ffmpeg.
     frames: usize,
     /// For frames with times of their own.
-    clock: Option<Clock>,
+    clock: Option<FrameClock>,
 }
 
 /// The times of the frames that were written.
 #[derive(Debug)]
-struct Clock {
+struct FrameClock {
     times_s: Arc<[f64]>,
     /// The first frame's time, and the last one's in the file, microseconds.
     begun: Option<(f64, u64)>,
@@ -42,7 +42,7 @@ struct Clock {
 /// The shortest step between two frames, microseconds: a tick of the file's clock, rounded up.
 const MIN_STEP_US: u64 = 12;
 
-impl Clock {
+impl FrameClock {
     /// A frame's time in the file, microseconds: ascending, from 0 on.
     fn time_us(&mut self, frame: usize) -> u64 {
         let time_s = self.times_s.get(frame).copied().unwrap_or_default();
@@ -74,7 +74,7 @@ impl VideoSink {
         // Nobody reads ffmpeg's stdout; closed, it cannot block.
         drop(running.take_stdout());
         let running = running.take_stdin().map(|stdin| (running, stdin));
-        let clock = options.times_s.clone().map(|times_s| Clock { times_s, begun: None });
+        let clock = options.times_s.clone().map(|times_s| FrameClock { times_s, begun: None });
         Ok(Self { path: path.to_owned(), options: options.clone(), running, partial, made, frames: 0, clock })
     }
 
@@ -114,7 +114,9 @@ fn arguments(options: &SinkOptions, partial: &Path, mkv: bool) -> Vec<OsString> 
     let chroma = if width % 2 == 0 && height % 2 == 0 { "yuv420p" } else { "yuv444p" };
     // Steps of 8 bits are seen where they span a high dynamic range.
     let depth = if presentation.hdr().is_some() && bits == 16 { "10le" } else { "" };
-    let aspect = presentation.pixel_aspect.map(|(width, height)| format!("setsar={width}/{height}"));
+    // By default setsar rounds to a ratio of numbers up to 100.
+    let aspect =
+        presentation.pixel_aspect.map(|(width, height)| format!("setsar={width}/{height}:max={}", width.max(height)));
     let convert =
         format!("scale=out_color_matrix={matrix}:out_range=limited:flags={CONVERSION_FLAGS},format={chroma}{depth}");
     let filters: Vec<&str> = (!lossless).then_some(convert.as_str()).into_iter().chain(aspect.as_deref()).collect();

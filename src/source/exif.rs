@@ -85,19 +85,20 @@ fn parse(segment: Vec<u8>) -> Exif {
     // 0 and infinity mean unknown.
     let number = |tag: Tag| any_number(tag).filter(|v| v.is_finite() && *v > 0.0);
     // APEX values are base-2 logarithms, 0 among them: Exif 2.32, annex C. An f-number is 2^(Av/2), a time 2^-Tv.
-    let of_apex = |tag: Tag, per_stop: f64| {
+    // They stand in for a plain value that is absent, not for one that is unknown.
+    let of_apex = |plain: Tag, tag: Tag, per_stop: f64| {
         let value = any_number(tag).filter(|v| v.abs() <= MAX_APEX)?;
-        Some((per_stop * value).exp2())
+        exif.get_field(plain, In::PRIMARY).is_none().then(|| (per_stop * value).exp2())
     };
     let others = [Tag::RecommendedExposureIndex, Tag::StandardOutputSensitivity, Tag::ISOSpeed];
     let iso = number(Tag::PhotographicSensitivity).filter(|iso| *iso != SEE_ELSEWHERE);
-    let mut time_s = number(Tag::ExposureTime).or_else(|| of_apex(Tag::ShutterSpeedValue, -1.0));
+    let mut time_s = number(Tag::ExposureTime).or_else(|| of_apex(Tag::ExposureTime, Tag::ShutterSpeedValue, -1.0));
     if let Some(odd_s) = time_s.take_if(|time_s| *time_s > LONGEST_S) {
-        damage = Some(format!("the EXIF exposure time is {odd_s} s; accepted is at most {LONGEST_S} s"));
+        damage.get_or_insert_with(|| format!("the EXIF exposure time is {odd_s} s; accepted is at most {LONGEST_S} s"));
     }
     let settings = PhotoSettings {
         time_s,
-        f_number: number(Tag::FNumber).or_else(|| of_apex(Tag::ApertureValue, 0.5)),
+        f_number: number(Tag::FNumber).or_else(|| of_apex(Tag::FNumber, Tag::ApertureValue, 0.5)),
         iso: iso.or_else(|| others.into_iter().find_map(number)),
         focal_length_m: number(Tag::FocalLength).map(|mm| 1e-3 * mm),
         taken_s: exif.get_field(Tag::DateTimeOriginal, In::PRIMARY).and_then(|field| match &field.value {
@@ -195,7 +196,9 @@ mod tests {
     fn what_is_unknown_stays_so() {
         let unknown = block(&[
             (Tag::ExposureTime, ratio(0, 1)),
+            (Tag::ShutterSpeedValue, ratio(6, 1)),
             (Tag::FNumber, ratio(28, 0)),
+            (Tag::ApertureValue, ratio(4, 1)),
             (Tag::PhotographicSensitivity, Value::Short(vec![65535])),
         ]);
         assert_eq!(parse(unknown), Exif::default());

@@ -41,12 +41,12 @@ pub fn input(path: &Path) -> impl Iterator<Item = OsString> {
     options.into_iter().chain([file_argument(path)])
 }
 
-/// If a program refused a file because of its kind, what is accepted in its place.
-pub fn is_of_another_kind(problem: &str) -> Option<String> {
+/// The refusal of a file whose container a program refused to read; `None` for other problems.
+pub fn container_refusal(problem: &str) -> Option<String> {
     problem.contains(NOT_READ).then(|| {
         format!(
-            "is no video of a kind that is read, which are {CONTAINERS_READ}; playlists are not, as they name other files \
-             (ffmpeg -i FILE -c copy NEW.mkv makes one file of it)"
+            "is not a supported video container; supported are {CONTAINERS_READ}. Playlists are refused because they name \
+             other files (ffmpeg -i FILE -c copy NEW.mkv makes one file of one)"
         )
     })
 }

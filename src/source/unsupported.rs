@@ -14,6 +14,8 @@ pub struct Kind {
     endings: &'static [&'static str],
     is_begun_by: fn(&[u8]) -> bool,
     convert: &'static str,
+    /// Whether a folder's files of this kind are taken for frames.
+    is_picture: bool,
 }
 
 /// Whether a file of the ISO base media format has one of these brands.
@@ -28,54 +30,63 @@ static KINDS: [Kind; 12] = [
         endings: &["heic", "heif", "hif"],
         is_begun_by: |start| has_brand(start, &[b"heic", b"heix", b"heim", b"heis", b"mif1", b"msf1", b"hevc"]),
         convert: "heif-convert FILE.heic FILE.png",
+        is_picture: true,
     },
     Kind {
         name: "AVIF",
         endings: &["avif"],
         is_begun_by: |start| has_brand(start, &[b"avif"]),
         convert: "ffmpeg -i FILE.avif FILE.png",
+        is_picture: true,
     },
     Kind {
         name: "a camera's raw file",
         endings: &["dng", "cr2", "cr3", "nef", "arw", "raf", "orf", "rw2", "pef", "srw"],
         is_begun_by: |start| has_brand(start, &[b"crx "]) || start.starts_with(b"FUJIFILM"),
         convert: "darktable-cli FILE.dng FILE.png",
+        is_picture: true,
     },
     Kind {
         name: "TIFF",
         endings: &["tif", "tiff"],
         is_begun_by: |start| start.starts_with(b"II*\0") || start.starts_with(b"MM\0*"),
         convert: "ffmpeg -i FILE.tif FILE.png",
+        is_picture: true,
     },
     Kind {
         name: "OpenEXR",
         endings: &["exr"],
         is_begun_by: |start| start.starts_with(b"\x76\x2f\x31\x01"),
         convert: "ffmpeg -apply_trc iec61966_2_1 -i FILE.exr -pix_fmt rgb48be FILE.png",
+        is_picture: true,
     },
     Kind {
         name: "WebP",
         endings: &["webp"],
         is_begun_by: |start| start.starts_with(b"RIFF") && start.get(8..12) == Some(b"WEBP"),
         convert: "ffmpeg -i FILE.webp FILE.png",
+        is_picture: true,
     },
     Kind {
         name: "JPEG XL",
         endings: &["jxl"],
         is_begun_by: |start| start.starts_with(b"\xff\x0a") || start.starts_with(b"\0\0\0\x0cJXL "),
         convert: "djxl FILE.jxl FILE.png",
+        is_picture: true,
     },
     Kind {
         name: "JPEG 2000",
         endings: &["jp2", "j2k"],
         is_begun_by: |start| start.starts_with(b"\0\0\0\x0cjP  ") || start.starts_with(b"\xff\x4f\xff\x51"),
         convert: "ffmpeg -i FILE.jp2 FILE.png",
+        is_picture: true,
     },
     Kind {
         name: "BMP",
         endings: &["bmp"],
         is_begun_by: |start| start.starts_with(b"BM"),
         convert: "ffmpeg -i FILE.bmp FILE.png",
+        is_picture: true,
     },
     Kind {
         name: "GIF",
@@ -83,18 +94,21 @@ static KINDS: [Kind; 12] = [
         // By its content it is a video.
         is_begun_by: |_| false,
         convert: "ffmpeg -i FILE.gif FILE.png",
+        is_picture: true,
     },
     Kind {
         name: "PPM",
         endings: &["ppm", "pgm", "pnm"],
         is_begun_by: |start| start.starts_with(b"P5") || start.starts_with(b"P6"),
         convert: "ffmpeg -i FILE.ppm FILE.png",
+        is_picture: true,
     },
     Kind {
         name: "a NumPy array",
         endings: &["npy"],
         is_begun_by: |start| start.starts_with(b"\x93NUMPY"),
         convert: "python3 -c \"import cv2, numpy; cv2.imwrite('FILE.png', numpy.load('FILE.npy').astype('uint16'))\"",
+        is_picture: false,
     },
 ];
 
@@ -128,7 +142,10 @@ pub fn in_folder(folder: &Path) -> Vec<PathBuf> {
     let is_hidden = |file: &Path| file.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
     let mut found: Vec<PathBuf> = files()
         .filter(|file| {
-            by_name(file).is_some() && !is_hidden(file) && !converted.contains(&stem(file)) && file.is_file()
+            by_name(file).is_some_and(|kind| kind.is_picture)
+                && !is_hidden(file)
+                && !converted.contains(&stem(file))
+                && file.is_file()
         })
         .collect();
     found.sort();
@@ -136,7 +153,7 @@ pub fn in_folder(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// How many pictures are not decoded, and what to do about the first; `None` if there are none.
-pub fn told(files: &[PathBuf]) -> Option<String> {
+pub fn unread_warning(files: &[PathBuf]) -> Option<String> {
     let first = files.first()?;
     let are = if files.len() == 1 { "is" } else { "are" };
     let refusal = by_name(first)?.refusal();
@@ -166,12 +183,12 @@ mod tests {
     #[test]
     fn a_folders_unread_pictures_are_those_without_a_converted_copy() {
         let folder = tempfile::tempdir().unwrap();
-        for name in ["b.heic", "a.TIF", "c.heic", "c.jpg", ".d.heic", "notes.txt"] {
+        for name in ["b.heic", "a.TIF", "c.heic", "c.jpg", ".d.heic", "e.npy", "notes.txt"] {
             std::fs::write(folder.path().join(name), "").unwrap();
         }
         let found = in_folder(folder.path());
         assert_eq!(found, ["a.TIF", "b.heic"].map(|name| folder.path().join(name)));
-        let told = told(&found).unwrap();
+        let told = unread_warning(&found).unwrap();
         assert!(
             told.starts_with("2 pictures are not read (first: ") && told.contains("a.TIF is TIFF, which"),
             "{told}"

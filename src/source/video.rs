@@ -250,7 +250,7 @@ pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
                     "cannot be opened; is it cut off before its index, or no video? ffprobe says: {problem}; {MEND}"
                 )
             };
-            SourceError::content(file, ffmpeg::is_of_another_kind(&problem).unwrap_or_else(cut))
+            SourceError::content(file, ffmpeg::container_refusal(&problem).unwrap_or_else(cut))
         }
         other => other.into(),
     })?;

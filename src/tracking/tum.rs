@@ -84,7 +84,7 @@ pub fn parse_lines(text: &str, file: &Path) -> Result<(Vec<Line>, Vec<String>), 
     let mut odd = PoseNotes::default();
     for (at, record) in text::records(text) {
         let Some((line, norm_error)) = parse_line(record).map_err(|problem| TextError::line(file, at, problem))? else {
-            odd.lose(format!("line {at}"));
+            odd.count_lost(format!("line {at}"));
             continue;
         };
         ascends(lines.last().map(|before| before.time_s), line.time_s).map_err(|e| TextError::line(file, at, e))?;
@@ -137,17 +137,17 @@ pub struct PoseNotes {
     count: usize,
     worst: f64,
     first: String,
-    lost: usize,
-    first_lost: String,
+    lost_count: usize,
+    first_lost_place: String,
 }
 
 impl PoseNotes {
     /// Counts a pose that is not finite.
-    pub fn lose(&mut self, place: String) {
-        if self.lost == 0 {
-            self.first_lost = place;
+    pub fn count_lost(&mut self, place: String) {
+        if self.lost_count == 0 {
+            self.first_lost_place = place;
         }
-        self.lost += 1;
+        self.lost_count += 1;
     }
 
     pub fn note(&mut self, norm_error: f64, place: String) {
@@ -163,16 +163,16 @@ impl PoseNotes {
 
     /// The warnings about a file with `of` poses besides the lost ones.
     pub fn warnings(&self, file: &Path, of: usize) -> Vec<String> {
-        let Self { count, worst, first, lost, first_lost } = self;
+        let Self { count, worst, first, lost_count, first_lost_place } = self;
         let file = file.display();
         let off_unit = (*count > 0).then(|| {
             format!("{file}: not of unit length are {count} of {of} quaternions, by up to {worst:.4} (first at {first}): normalised")
         });
-        let lost = (*lost > 0).then(|| {
-            let are = if *lost == 1 { "is" } else { "are" };
-            let all = lost + of;
+        let lost = (*lost_count > 0).then(|| {
+            let are = if *lost_count == 1 { "is" } else { "are" };
+            let all = lost_count + of;
             format!(
-                "{file}: {lost} of {all} poses {are} not finite (first at {first_lost}): lost by the tracker, left out"
+                "{file}: {lost_count} of {all} poses {are} not finite (first at {first_lost_place}): lost by the tracker, left out"
             )
         });
         off_unit.into_iter().chain(lost).collect()

@@ -302,13 +302,13 @@ fn frames_at_one_time_all_stay_in_the_video() {
 
 #[test]
 fn a_video_says_how_it_is_to_be_shown() {
-    for rotation_deg in [-90.0, 90.0, 180.0] {
+    for (rotation_deg, aspect) in [(-90.0, (16, 15)), (90.0, (160, 117)), (180.0, (99, 160))] {
         let temp = tempfile::tempdir().unwrap();
-        let presentation = Presentation { rotation_deg, pixel_aspect: Some((16, 15)), ..Presentation::default() };
+        let presentation = Presentation { rotation_deg, pixel_aspect: Some(aspect), ..Presentation::default() };
         let changed = SinkOptions { presentation, lossless: false, ..options(32, 16, 8) };
         let r = written(&temp.path().join("a.mp4"), changed);
         let found = r.presentation();
-        assert_eq!((found.rotation_deg.abs(), found.pixel_aspect), (rotation_deg.abs(), Some((16, 15))));
+        assert_eq!((found.rotation_deg.abs(), found.pixel_aspect), (rotation_deg.abs(), Some(aspect)));
         assert!(rotation_deg == 180.0 || found.rotation_deg == rotation_deg, "{found:?}");
         assert_eq!(told(&r, "should be shown turned by"), 1, "{:?}", r.warnings);
     }

@@ -339,7 +339,7 @@ fn error_in_a_file_outside_of_the_recording_does_not_quote_it() {
         one_frame(&inside, &format!("[poses]\ntrajectory = \"{named}\"\n"));
         let text = refused(&["inspect", path]);
         assert!(!text.contains("root"), "{text}");
-        assert!(text.contains("secret.txt, line 1: ") && text.contains("outside of the recording's folder"), "{text}");
+        assert!(text.contains("secret.txt, line 1: ") && text.contains("outside the recording's folder"), "{text}");
     }
     #[cfg(unix)]
     {
@@ -349,6 +349,19 @@ fn error_in_a_file_outside_of_the_recording_does_not_quote_it() {
         let text = refused(&["inspect", path]);
         assert!(!text.contains("root") && text.contains("rgb.txt, line 1: "), "{text}");
     }
+    // So is an error beside the list that a EuRoC folder is opened by.
+    let mav = temp.path().join("euroc/mav0");
+    let truth = mav.join("state_groundtruth_estimate0");
+    std::fs::create_dir_all(mav.join("cam0")).unwrap();
+    std::fs::create_dir_all(&truth).unwrap();
+    let camera = "resolution: [640, 480]\ncamera_model: pinhole\nintrinsics: [500, 500, 320, 240]\n\
+                  distortion_model: radial-tangential\ndistortion_coefficients: [0, 0, 0, 0]\n\
+                  T_BS:\n  data: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n";
+    std::fs::write(mav.join("cam0/sensor.yaml"), camera).unwrap();
+    std::fs::write(mav.join("cam0/data.csv"), "0,0.png\n").unwrap();
+    std::fs::write(truth.join("data.csv"), "0,here\n").unwrap();
+    let text = refused(&["inspect", mav.join("cam0/data.csv").to_str().unwrap()]);
+    assert!(text.contains("data.csv, line 1: ") && text.contains("`here`"), "{text}");
     // Within the folder it is quoted, which helps to mend it.
     one_frame(&inside, "[poses]\ntrajectory = \"poses.txt\"\n");
     std::fs::write(inside.join("poses.txt"), "root:x:0:0\n").unwrap();
@@ -408,8 +421,8 @@ fn playlist_in_a_videos_place_is_refused_and_its_files_are_not_opened() {
         "ffconcat version 1.0\nfile 'film.ts'\n".to_owned(),
     ] {
         let error = of(&text);
-        assert!(error.contains("v.mp4: is no video of a kind that is read"), "{text}: {error}");
-        assert!(error.contains("MPEG-TS") && error.contains("playlists"), "{error}");
+        assert!(error.contains("v.mp4: is not a supported video container"), "{text}: {error}");
+        assert!(error.contains("MPEG-TS") && error.contains("Playlists"), "{error}");
     }
     // The film itself is read.
     assert_eq!(probe(&at("film.ts"), &Overrides::default()).unwrap().timestamps_s.len(), 5);

@@ -115,6 +115,8 @@ fn nodes_that_are_no_tree() {
     refused(shared(json!([2, 0])), &["nodes[0].children", "found 2, which is a child of scenes[0].nodes already"]);
     refused(|m| m.json["nodes"] = json!([{ "children": [5] }]), &["nodes[0].children", "found 5"]);
     refused(|m| m.json["scene"] = json!(1), &["scene", "found 1"]);
+    let repeated = json!([{ "children": [1, 1, 1, 1, 1] }, {}]);
+    refused(|m| m.json["nodes"] = repeated, &["nodes[0].children", "more children than there are nodes"]);
     let chain: Vec<_> = (0..2000).map(|i| if i < 1999 { json!({ "children": [i + 1] }) } else { json!({}) }).collect();
     refused(|m| m.json["nodes"] = json!(chain), &["more than 512 nodes above it"]);
 }

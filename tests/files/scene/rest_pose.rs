@@ -53,6 +53,10 @@ fn joint_that_mirrors_keeps_the_front_outside() {
     let scene = model.load().unwrap();
     assert_eq!(corners(&scene), [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-2.0, 0.0, 0.0]]);
     assert_eq!(scene.meshes[0].vertices[0].normal, [0.0, 0.0, 1.0]);
+    // The triangle follows the second joint alone.
+    let joints = [json!({ "scale": [-1, 1, 1] }), json!({})];
+    let model = skinned(&joints, &[translation(0.0, 0.0, 0.0); 2], [[1, 0, 0, 0]; 3], FIRST);
+    assert_eq!(model.corners(), [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
 }
 
 #[test]
@@ -87,4 +91,7 @@ fn morph_targets_count_by_their_weights_at_rest() {
     model.json["scenes"][0]["nodes"] = json!([0, 1]);
     let heights: Vec<f64> = model.corners().iter().map(|corner| corner[2]).collect();
     assert_eq!(heights, [2.0, 2.0, 2.0, 1.0, 1.0, 1.0]);
+    model.json["meshes"][0]["weights"] = json!([1e39]);
+    let error = model.load().unwrap_err().to_string();
+    assert!(error.contains(".targets") && error.contains("a vertex whose position is not finite"), "{error}");
 }
