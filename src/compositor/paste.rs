@@ -143,7 +143,8 @@ mod tests {
         for (name, value) in
             [("LARGEST_UNSEEN_LOSS", LARGEST_UNSEEN_LOSS), ("LARGEST_UNSEEN_GAIN", LARGEST_UNSEEN_GAIN)]
         {
-            assert!(shader.contains(&format!("const {name}: f32 = {value};")), "{name}");
+            let declared = shader.lines().find_map(|line| line.strip_prefix(&format!("const {name}: f32 = "))).unwrap();
+            assert_eq!(declared.split(';').next().unwrap().parse::<f32>().unwrap(), value, "{name}");
         }
     }
 }
