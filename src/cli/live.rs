@@ -155,6 +155,9 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
         ));
         say(&tally.times.to_string());
     }
+    if let Some((0, Some(error))) = recorded {
+        bail!("{error}; nothing was recorded");
+    }
     if let Some((_, Some(error))) = recorded {
         bail!("{error}; the recording is whole up to there");
     }

@@ -44,7 +44,7 @@ impl Inputs {
         if self.is_read(path, &at) {
             return Err(ExportError::refused(path, format!("is read in this run, {NEVER}")));
         }
-        if self.analyses.iter().any(|folder| at.parent() == Some(folder)) {
+        if self.analyses.iter().any(|folder| at.starts_with(folder)) {
             return Err(ExportError::refused(path, format!("lies in the folder of the recording's analysis, {NEVER}")));
         }
         let ending = at.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
@@ -68,6 +68,9 @@ impl Inputs {
         }
         if self.analyses.contains(&at) {
             return Err(ExportError::refused(path, format!("is the folder of the recording's analysis, {NEVER}")));
+        }
+        if self.analyses.iter().any(|folder| at.starts_with(folder)) {
+            return Err(ExportError::refused(path, format!("lies in the folder of the recording's analysis, {NEVER}")));
         }
         if self.folders.iter().any(|folder| at == *folder || (self.is_its(folder) && at.starts_with(folder))) {
             return Err(ExportError::refused(path, format!("is the folder of the recording's frames, {NEVER}")));
@@ -142,6 +145,7 @@ mod tests {
             "r/new/../rgb/a/b.json",
             "r.analysis/poses.txt",
             "r.analysis/not-there-yet.json",
+            "r.analysis/new/report.json",
         ] {
             assert!(inputs.check_file(&at(file)).is_err(), "{file}");
         }
@@ -149,7 +153,7 @@ mod tests {
             assert!(inputs.check_file(&at(file)).is_ok(), "{file}");
         }
         let names = || ["0.jpg".to_owned()];
-        for folder in ["r", "r/rgb", "r/rgb/.", "r/rgb/new", "r.analysis"] {
+        for folder in ["r", "r/rgb", "r/rgb/.", "r/rgb/new", "r.analysis", "r.analysis/out"] {
             assert!(inputs.check_folder(&at(folder), names()).is_err(), "{folder}");
         }
         assert!(inputs.check_folder(&at("r/out"), names()).is_ok());

@@ -63,7 +63,7 @@ pub struct LiveTrack {
     given_up_s: f64,
     is_lost: bool,
     new: Vec<Line>,
-    /// Poses in a row that agree with each other, up to the last real one; no more than [`MOST_SUPPORT`].
+    /// Poses in a row that agree with each other, up to the last real one; no more than [`MAX_SUPPORT`].
     support: usize,
     /// Poses in a row that agree with each other, and not with the last real one.
     strays: Vec<(f64, Pose)>,
@@ -77,8 +77,8 @@ const MOST_CARRIED: usize = 16;
 const FASTEST_M_S: f64 = 60.0;
 const FASTEST_RAD_S: f64 = 60.0;
 
-/// Poses that agree with each other win over those before them if they are more, or so many.
-const MOST_SUPPORT: usize = 10;
+/// Cap on the support of the current place: eleven consistent poses elsewhere always replace it.
+const MAX_SUPPORT: usize = 10;
 
 /// Whether nobody gets from one pose to another in so many seconds. What a sender makes up would be blurred all over the
 /// picture, at a cost without bounds.
@@ -130,6 +130,10 @@ impl LiveTrack {
         if !numbers.into_iter().all(f64::is_finite) || (pose.rotation.length() - 1.0).abs() > 1e-3 {
             return PoseTaken::Odd;
         }
+        // A late one says nothing of where the camera is by now.
+        if time_s <= self.real_s() {
+            return PoseTaken::Late;
+        }
         // Only frames that are far apart may be: then the camera was carried, or the tracker began anew.
         if let Some(real) = self.real.filter(|(before_s, before)| is_wild(before, pose, time_s - before_s)) {
             return self.stray(real, (time_s, *pose));
@@ -158,13 +162,12 @@ impl LiveTrack {
             format!("{} m and {}° away after {} s", short(moved_m), fixed(turned_deg, 0), fixed(time_s - real_s, 3));
         if self.strays.len() <= self.support {
             if !std::mem::replace(&mut self.has_told_stray, true) {
-                self.told =
-                    Some(format!("a pose is left out, for no camera gets there: {apart}; more such are counted"));
+                self.told = Some(format!("a pose was dropped as implausible: {apart}; further ones are only counted"));
             }
             return PoseTaken::Odd;
         }
         let poses = self.strays.len();
-        self.told = Some(format!("the camera is elsewhere from now on, as {poses} poses in a row say: {apart}"));
+        self.told = Some(format!("the camera has moved abruptly: {poses} consistent poses {apart}"));
         self.ahead.clear();
         self.carried.clear();
         self.seen.clear();
@@ -173,7 +176,7 @@ impl LiveTrack {
         strays.into_iter().map(|(time_s, pose)| self.add(time_s, &pose)).last().unwrap_or(PoseTaken::Odd)
     }
 
-    /// What a person should know by now; each once.
+    /// Takes the pending message for the user, if any.
     pub fn told(&mut self) -> Option<String> {
         self.told.take()
     }
@@ -198,7 +201,7 @@ impl LiveTrack {
             self.is_lost = false;
         }
         self.real = Some((time_s, pose));
-        self.support = (self.support + 1).min(MOST_SUPPORT);
+        self.support = (self.support + 1).min(MAX_SUPPORT);
         self.see(time_s, pose);
         PoseTaken::Added
     }
@@ -388,14 +391,15 @@ mod tests {
 
     #[test]
     fn first_pose_far_away_gives_way_to_those_that_agree() {
-        let mut t = LiveTrack::new(0.1);
+        // No pose's time is at the gap's very end, where rounding would decide.
+        let mut t = LiveTrack::new(0.105);
         assert_eq!(t.add(1.0, &at(1e9)), PoseTaken::Added);
         assert_eq!(t.add(1.01, &at(0.01)), PoseTaken::Odd);
         let told = t.told().unwrap();
         assert!(told.contains(" 1000000000 m ") && told.contains("after 0.010 s"), "{told}");
         // Nothing is interpolated between the two places.
         assert_eq!(t.add(1.02, &at(0.02)), PoseTaken::Late);
-        assert!(t.told().unwrap().starts_with("the camera is elsewhere from now on, as 2 poses in a row say"));
+        assert!(t.told().unwrap().starts_with("the camera has moved abruptly: 2 consistent poses "));
         let taken: Vec<_> = (3..=15).map(|i| t.add(1.0 + 0.01 * f64::from(i), &at(0.01 * f64::from(i)))).collect();
         assert_eq!(taken.iter().filter(|taken| **taken == PoseTaken::Added).count(), 5, "{taken:?}");
         assert!(t.track().at(1.05).is_err() && t.told().is_none());
@@ -403,7 +407,18 @@ mod tests {
     }
 
     #[test]
-    fn camera_that_begins_anew_far_away_is_followed_after_ten_poses() {
+    fn late_pose_far_away_is_late_and_drops_none_that_follow() {
+        let mut t = LiveTrack::new(0.1);
+        assert_eq!(t.add(1.0, &at(0.0)), PoseTaken::Added);
+        // Two that agree would win over one.
+        for time_s in [0.98, 0.99, 1.0] {
+            assert_eq!(t.add(time_s, &at(3.0)), PoseTaken::Late);
+        }
+        assert_eq!((t.told(), t.add(1.01, &at(0.01))), (None, PoseTaken::Added));
+    }
+
+    #[test]
+    fn camera_that_begins_anew_far_away_is_followed_with_the_eleventh_pose() {
         let mut t = LiveTrack::new(0.1);
         for i in 0..100 {
             assert_eq!(t.add(0.01 * f64::from(i), &at(0.0)), PoseTaken::Added);

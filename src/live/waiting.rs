@@ -79,7 +79,7 @@ impl<F> Waiting<F> {
         self.track.take_new()
     }
 
-    /// What a person should know of the poses by now; each once.
+    /// Takes the pending message for the user, if any.
     pub fn told(&mut self) -> Option<String> {
         self.track.told()
     }

@@ -1,5 +1,6 @@
 //! A camera that is watched, with what finds poses in its pictures.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -13,6 +14,8 @@ use crate::webcam::{Drops, Newest, Picture, PictureError, Taken};
 
 /// Poses that are known beforehand come so far ahead of their frames, seconds.
 const AHEAD_S: f64 = 1.0;
+/// Messages that wait to be told; beyond it the oldest goes.
+const MAX_TOLD: usize = 16;
 
 /// What came of a camera.
 pub enum Next {
@@ -28,12 +31,12 @@ pub struct Watched {
     gone: Option<String>,
     damaged: u64,
     damage: Option<PictureError>,
-    told: Option<String>,
+    told: VecDeque<String>,
 }
 
 impl Watched {
     pub fn new(newest: Newest<Picture>, poses: Box<dyn PoseSource>) -> Self {
-        Self { newest, poses, gone: None, damaged: 0, damage: None, told: None }
+        Self { newest, poses, gone: None, damaged: 0, damage: None, told: VecDeque::new() }
     }
 
     /// The newest picture, decoded, if one comes until then. A damaged one is left out and counted.
@@ -89,12 +92,15 @@ impl Watched {
 
     /// What a person should know of the poses by now; each once.
     pub fn told(&mut self) -> Option<String> {
-        self.told.take().or_else(|| self.poses.told())
+        self.told.pop_front().or_else(|| self.poses.told())
     }
 
-    /// Has [`Watched::told`] tell this next.
+    /// Has [`Watched::told`] tell this after what waits to be told.
     pub fn tell(&mut self, text: String) {
-        self.told = Some(text);
+        if self.told.len() == MAX_TOLD {
+            self.told.pop_front();
+        }
+        self.told.push_back(text);
     }
 
     /// Why there is no pose now, if that is known.

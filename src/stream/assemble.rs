@@ -21,9 +21,9 @@ const MOST_OPEN: usize = 4;
 /// bounds memory: 16 · 4 · 64 KiB are 4 MiB.
 const MOST_SENDERS: usize = 16;
 
-/// Joins in a row that prove how a sender numbers pieces of a sample one by one, ...
+/// So many joins in a row prove that a sender numbers the pieces of a sample one by one.
 const PROVE_NEXT: u32 = 2;
-/// ... and that it numbers them otherwise than was proven before.
+/// So many joins in a row prove that a sender numbers pieces otherwise than was proven before.
 const PROVE_CHANGE: u32 = 8;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,7 +53,7 @@ struct Sender {
     /// `None` until it is proven.
     numbering: Option<Numbering>,
     /// What the last joins showed, and how many in a row.
-    shown: Option<(Numbering, u32)>,
+    evidence: Option<(Numbering, u32)>,
     open: VecDeque<Open>,
     /// The piece before: its number, its end, and the first number of its sample.
     before: Option<(u16, usize, u16)>,
@@ -106,7 +106,7 @@ impl Assembler {
 
 impl Sender {
     fn new(address: SocketAddr) -> Self {
-        Self { address, numbering: None, shown: None, open: VecDeque::new(), before: None }
+        Self { address, numbering: None, evidence: None, open: VecDeque::new(), before: None }
     }
 
     fn take(&mut self, packet: &Packet, now_s: f64, given_up: &mut u64) -> Assembly {
@@ -170,9 +170,9 @@ impl Sender {
 
     /// Two pieces in a row joined, with numbers of this kind.
     fn learn(&mut self, shown: Numbering) {
-        let before = self.shown.filter(|(before, _)| *before == shown).map_or(0, |(_, joins)| joins);
+        let before = self.evidence.filter(|(before, _)| *before == shown).map_or(0, |(_, joins)| joins);
         let joins = before.saturating_add(1);
-        self.shown = Some((shown, joins));
+        self.evidence = Some((shown, joins));
         let needed = match (self.numbering, shown) {
             (None, Numbering::Same) => 1,
             (None, Numbering::Next) => PROVE_NEXT,

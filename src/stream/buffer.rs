@@ -7,7 +7,7 @@
 
 use std::collections::VecDeque;
 
-use super::offset::{AHEAD_S, BORNE_OUT, ClockOffset};
+use super::offset::{AHEAD_S, ClockOffset, MIN_CONSISTENT_SAMPLES};
 
 /// A clock may be off from arrivals by this between two items, seconds: streams stutter, and poses may be sent faster
 /// than they were recorded.
@@ -39,13 +39,24 @@ pub enum Taken {
     Repeated,
     /// Its clock is elsewhere; the next items will tell.
     Odd,
-    /// The clock was set anew within the epoch, by so many seconds. Of the odd ones before it, so many belong to it.
+    /// The clock was set anew within the epoch, by so many seconds. Of the odd ones before it, so many belong to it. Of
+    /// these and the item itself, so many are late or repeated.
     Stepped {
         by_s: f64,
         odd: usize,
+        late: usize,
+        repeated: usize,
     },
     /// The clock has jumped: this item and the odd one before it begin a new epoch.
     Jumped,
+}
+
+impl Taken {
+    /// Of a step and of what became of its items.
+    fn stepped(by_s: f64, odd: usize, items: &[Self]) -> Self {
+        let count = |what| items.iter().filter(|taken| **taken == what).count();
+        Self::Stepped { by_s, odd, late: count(Self::Late), repeated: count(Self::Repeated) }
+    }
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -146,21 +157,21 @@ impl<T> Buffer<T> {
             return self.queue(item);
         }
         self.ahead.push(item);
-        if self.ahead.len() < BORNE_OUT {
+        if self.ahead.len() < MIN_CONSISTENT_SAMPLES {
             return Taken::Odd;
         }
         let by_s = self.offset.restart(self.ahead.iter().map(|item| (item.time_s, item.arrived_s)));
         self.runs_ahead = true;
         let proven = std::mem::take(&mut self.ahead);
         let odd = proven.len() - 1;
-        proven.into_iter().for_each(|item| _ = self.queue(item));
-        Taken::Stepped { by_s, odd }
+        let taken: Vec<Taken> = proven.into_iter().map(|item| self.queue(item)).collect();
+        Taken::stepped(by_s, odd, &taken)
     }
 
     fn insert(&mut self, item: Held<T>) -> Taken {
         let step_s = self.offset.add(item.time_s, item.arrived_s);
         let taken = self.queue(item);
-        step_s.map_or(taken, |step_s| Taken::Stepped { by_s: -step_s, odd: 0 })
+        step_s.map_or(taken, |step_s| Taken::stepped(-step_s, 0, &[taken]))
     }
 
     fn queue(&mut self, item: Held<T>) -> Taken {
@@ -303,9 +314,32 @@ mod tests {
         let ahead = |i: u32| held(0.01 * f64::from(i) + 95.2, 0.01 * f64::from(i), Some(i));
         assert_eq!((b.push(ahead(200)), b.push(ahead(201))), (Taken::Odd, Taken::Odd));
         let taken = b.push(ahead(202));
-        assert!(matches!(taken, Taken::Stepped { by_s, odd: 2 } if (by_s - 0.2).abs() < 1e-9), "{taken:?}");
+        assert!(
+            matches!(taken, Taken::Stepped { by_s, odd: 2, late: 0, repeated: 0 } if (by_s - 0.2).abs() < 1e-9),
+            "{taken:?}"
+        );
         let out: Vec<_> = std::iter::from_fn(|| b.pop(2.02)).map(|r| r.held.time_s + r.offset_s).collect();
         assert!(out.iter().zip([2.0, 2.01, 2.02]).all(|(a, b)| (a - b).abs() < 1e-9) && out.len() == 3, "{out:?}");
+    }
+
+    #[test]
+    fn what_is_dropped_as_the_clock_steps_is_told() {
+        // Set back by 0.3 s; what shows it was overtaken.
+        let mut b = Buffer::new(0.0);
+        steady(&mut b, 0..200);
+        for i in 200..300 {
+            b.push(held(0.01 * f64::from(i) + 94.7, 0.01 * f64::from(i), None));
+            out(&mut b, 0.01 * f64::from(i));
+        }
+        let taken = b.push(held(2.945 + 94.7, 3.05, None));
+        assert!(matches!(taken, Taken::Stepped { odd: 0, late: 1, repeated: 0, .. }), "{taken:?}");
+        // Set forward, and one comes twice.
+        let mut b = Buffer::new(0.02);
+        steady(&mut b, 0..200);
+        let ahead = |i: u32| held(0.01 * f64::from(i) + 95.2, 0.01 * f64::from(i), Some(i));
+        let taken = [200, 200, 201].map(|i| b.push(ahead(i)))[2];
+        assert!(matches!(taken, Taken::Stepped { odd: 2, late: 0, repeated: 1, .. }), "{taken:?}");
+        assert_eq!(out(&mut b, 9.0).len(), 2);
     }
 
     proptest! {

@@ -2,39 +2,39 @@
 //!
 //! A sample that is held up on the way arrives late, never early, so the smallest difference between arrival and stamp
 //! is nearest to the offset. A single wrong stamp could be smaller still: the third smallest of the last seconds counts,
-//! which two others bear out. If the sender's clock is set anew, all differences shift; that is followed once it lasts.
+//! with which two others are consistent. If the sender's clock is set anew, all differences shift; that is followed once it lasts.
 
 /// Clocks of 50 ppm drift apart by half a millisecond in such a span, seconds. Samples of the current span and of the
 /// one before count.
 const SPAN_S: f64 = 10.0;
-/// Samples that bear an offset out.
-pub const BORNE_OUT: usize = 3;
+/// An offset is believed by so many samples that are consistent with it.
+pub const MIN_CONSISTENT_SAMPLES: usize = 3;
 /// Samples after which the offset is settled: before that, samples that were held up are still common among the smallest.
 const SETTLED: u32 = 10;
 /// A stamp is ahead if its sample would have arrived by so much before it was taken, seconds.
 pub const AHEAD_S: f64 = 0.03;
-/// The clock was set back if all samples are behind by more than this, seconds, ...
+/// The clock was set back if all samples are behind by more than this for [`BEHIND_FOR_S`], seconds.
 const BEHIND_S: f64 = 0.02;
-/// ... for so long, seconds. Networks hold samples up for shorter times.
+/// Networks hold samples up for shorter times than this, seconds.
 const BEHIND_FOR_S: f64 = 1.0;
 
 /// The smallest numbers of many, ascending; infinite where there are fewer.
 #[derive(Clone, Copy, Debug)]
-struct Smallest([f64; BORNE_OUT]);
+struct Smallest([f64; MIN_CONSISTENT_SAMPLES]);
 
 impl Smallest {
-    const NONE: Self = Self([f64::INFINITY; BORNE_OUT]);
+    const NONE: Self = Self([f64::INFINITY; MIN_CONSISTENT_SAMPLES]);
 
     fn add(&mut self, number: f64) {
         let at = self.0.partition_point(|smaller| *smaller <= number);
-        if at < BORNE_OUT {
+        if at < MIN_CONSISTENT_SAMPLES {
             self.0[at..].rotate_right(1);
             self.0[at] = number;
         }
     }
 
     /// The largest of them; `None` without any.
-    fn borne_out(&self) -> Option<f64> {
+    fn consistent(&self) -> Option<f64> {
         self.0.iter().rev().copied().find(|number| number.is_finite())
     }
 }
@@ -61,7 +61,7 @@ impl ClockOffset {
     pub fn estimate_s(&self) -> Option<f64> {
         let mut all = self.spans[0];
         self.spans[1].0.into_iter().for_each(|number| all.add(number));
-        all.borne_out()
+        all.consistent()
     }
 
     /// Whether a stamp is ahead of what the samples before it say.
@@ -86,10 +86,10 @@ impl ClockOffset {
         };
         let (since_s, smallest) = self.behind.get_or_insert((arrived_s, Smallest::NONE));
         smallest.add(offset_s);
-        if arrived_s - *since_s < BEHIND_FOR_S || smallest.0[BORNE_OUT - 1].is_infinite() {
+        if arrived_s - *since_s < BEHIND_FOR_S || smallest.0[MIN_CONSISTENT_SAMPLES - 1].is_infinite() {
             return None;
         }
-        let step_s = smallest.borne_out().map(|now_s| now_s - estimate_s);
+        let step_s = smallest.consistent().map(|now_s| now_s - estimate_s);
         *self = Self { spans: [*smallest, Smallest::NONE], since_s: arrived_s, behind: None, ..*self };
         step_s
     }

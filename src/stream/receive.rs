@@ -271,8 +271,10 @@ impl Receiver {
                 // The one before it was no odd one, then.
                 self.report.aside.entry(Heard::OddTime).and_modify(|number| *number -= 1);
             }
-            Taken::Stepped { by_s, odd } => {
+            Taken::Stepped { by_s, odd, late, repeated } => {
                 self.report.stepped(by_s);
+                (0..late).for_each(|_| self.report.aside(Heard::Late));
+                (0..repeated).for_each(|_| self.report.aside(Heard::Repeated));
                 self.report.aside.entry(Heard::OddTime).and_modify(|number| *number -= odd as u64);
             }
         }

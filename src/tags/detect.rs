@@ -5,6 +5,7 @@ use kornia_apriltag::errors::AprilTagError;
 use kornia_apriltag::{AprilTagDecoder, DecodeTagsConfig};
 use kornia_image::{Image, ImageSize};
 
+use super::board::Board;
 use super::family::Family;
 use super::grey::Grey;
 
@@ -73,6 +74,11 @@ impl Detector {
             return Ok(found);
         }
         sought(&mut self.whole, &image).map_err(|error| failed(error.to_string()))
+    }
+
+    /// The tags of a picture in which half of a board's are enough.
+    pub fn find_board(&mut self, grey: &Grey, board: &Board) -> Result<Tags, DetectError> {
+        self.find(grey, board.tags.len().div_ceil(2), |id| board.tag(id).is_some())
     }
 }
 

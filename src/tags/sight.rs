@@ -63,10 +63,7 @@ fn ids(ids: &[u32]) -> String {
 /// What is told of tags that are seen in several places.
 pub fn repeated(tags: &[u32]) -> String {
     let (which, are) = if tags.len() == 1 { ("tag", "is") } else { ("tags", "are") };
-    format!(
-        "the {which} {} {are} seen in several places, and nothing says which of them the board is; take the other prints away",
-        ids(tags)
-    )
+    format!("the {which} {} {are} detected more than once; remove the other prints", ids(tags))
 }
 
 impl Sight {

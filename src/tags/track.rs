@@ -46,8 +46,7 @@ impl Searcher {
     /// What a picture says. It has the geometry's size.
     pub fn look(&mut self, pixels: &Pixels) -> Result<Result<Sight, Lost>, DetectError> {
         let grey = Grey::of(pixels, self.light.clone());
-        let (enough, is_wanted) = (self.board.tags.len().div_ceil(2), |id| self.board.tag(id).is_some());
-        let mut tags = self.detector.find(&grey, enough, is_wanted)?;
+        let mut tags = self.detector.find_board(&grey, &self.board)?;
         for tag in &mut tags.found {
             *tag = refined(&grey, &self.geometry, self.board.family.cells(), tag);
         }

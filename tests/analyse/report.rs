@@ -184,7 +184,7 @@ fn what_is_there_is_not_lost() {
     let within = analysis.join("page.html");
     std::fs::create_dir(&analysis).unwrap();
     let problem = refused(&["analyse", path, "--report", within.to_str().unwrap()]);
-    assert!(problem.contains("folder holds nothing else"), "{problem}");
+    assert!(problem.contains("lies in the folder of the recording's analysis, which is not written to"), "{problem}");
     std::fs::remove_dir(&analysis).unwrap();
     let list = site.join("rgb.txt");
     let problem = refused(&["analyse", path, "--report", list.to_str().unwrap()]);

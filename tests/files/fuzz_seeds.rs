@@ -45,6 +45,7 @@ fn streams() {
     let seeds = seeds("stream");
     assert!(!seeds.is_empty());
     for seed in seeds {
+        // Of `pieces` the third is of another sender, for its pieces are numbered otherwise: one sender keeps its way.
         assert_eq!(bodies::stream(&seed), 3, "each holds three poses");
         for i in (0..seed.len()).step_by(tier::fast_or_full(3, 1)) {
             bodies::stream(&seed[..i]);

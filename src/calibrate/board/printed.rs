@@ -63,9 +63,8 @@ impl Printed {
             None => self.detector.insert((size, Detector::new(self.board.family, size.0, size.1)?)),
         };
         let grey = Grey::of(pixels, self.light.clone());
-        let (enough, is_wanted) = (self.board.tags.len().div_ceil(2), |id| self.board.tag(id).is_some());
-        let tags::Tags { found, mut repeated } = detector.find(&grey, enough, is_wanted)?;
-        repeated.retain(|id| is_wanted(*id));
+        let tags::Tags { found, mut repeated } = detector.find_board(&grey, &self.board)?;
+        repeated.retain(|id| self.board.tag(*id).is_some());
         let known: Vec<(&Found, [DVec3; 4])> =
             found.iter().filter_map(|tag| Some((tag, self.board.tag(tag.id)?.corners_m()))).collect();
         if known.is_empty() && !repeated.is_empty() {
