@@ -143,8 +143,9 @@ fn a_video_becomes_a_recording_whose_evidence_stands_still() {
     };
     let wrong_family = format!("no tag of family 25h9 is seen in any of {frames} frames; tags of 36h11 are");
     let board = std::fs::read_to_string(site.path("board.toml")).unwrap();
-    let size_at = board.lines().position(|line| line.starts_with("size_m")).unwrap() + 1;
-    let wrong_size = format!("line {size_at}, tags.size_m of tag 0: 0 is refused");
+    // A tag's line is that of its id.
+    let tag_at = board.lines().position(|line| line == "id = 0").unwrap() + 1;
+    let wrong_size = format!("line {tag_at}, tags.size_m of tag 0: 0 is refused");
     for (from, to, said) in [
         ("36h11", "25h9", wrong_family.as_str()),
         ("id = ", "id = 10", "the tags that are seen are not on the board: 0, 1, 2, 3, 4, 5"),
