@@ -207,6 +207,7 @@ fn parts_of_a_picture_are_the_picture() {
     }
 }
 
+// Slow: every effect at two resolutions.
 #[test]
 fn an_enlargement_is_what_a_finer_camera_sees() {
     let large = gpu::pinhole(size().0, size().1, FOCAL_PX);

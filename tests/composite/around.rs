@@ -234,6 +234,7 @@ fn speckled(geometry: &Geometry) -> Pixels {
 
 /// The seam, both poles and a turn of the camera, with everything on: where A = 0 nothing changes, and a frame alone is
 /// that of the whole run.
+// Slow: two round cameras, each frame alone and among the others.
 #[test]
 fn the_cameras_pixels_are_sacred_and_frames_stand_alone() {
     // Half the resolution and twice the marks: their size in pixels is the same in both tiers.

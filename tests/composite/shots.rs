@@ -165,6 +165,7 @@ fn an_export_is_what_the_shot_shows_and_ends_when_it_is_told_to() {
     assert_eq!(names(temp.path()), ["frames", "half"]);
 }
 
+// Slow: takes four photographs of the demonstration.
 #[test]
 fn a_photograph_ends_when_it_is_told_to() {
     let temp = tempfile::tempdir().unwrap();

@@ -199,6 +199,7 @@ mod tests {
         assert!(found.between[0] < 1.0 && found.between[1] > 1.0);
     }
 
+    // Slow: lamps are searched in all frames and in each half of them.
     #[test]
     fn two_lamps_as_bright_as_each_other_are_not_taken_for_one_between_them() {
         let lamps = [DVec3::new(0.8, -0.5, 1.9), DVec3::new(-0.7, 0.4, 2.1)];
