@@ -2,8 +2,8 @@
 //!
 //! A folder beside the artefact's, of its name with `.part`: a file for each stage, in their order, as CBOR, which keeps numbers to
 //! the last bit. So the files at the end have the bytes that they have without interruption. The folder is bound to everything that
-//! the stages follow from; what is bound to something else is thrown away. Each file begins with a checksum of its content, its
-//! place among the stages and that binding: a stage that is damaged, exchanged or from another folder is made again.
+//! the stages follow from; a folder with another binding is discarded. Each file begins with a SHA-256 of its content, its
+//! stage number and that binding: a stage that is damaged, exchanged or from another folder is computed again.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
