@@ -34,12 +34,14 @@ impl<'a> Looks<'a> {
         let codes = 3 * (y as usize * self.pixels.width as usize + x as usize)..;
         match &self.pixels.codes {
             Codes::U8(all) => {
+                let look = |code: u8| self.of_code[usize::from(code)];
                 let codes = all[codes].as_chunks().0.iter();
-                codes.zip(out).for_each(|(codes, looks)| *looks = codes.map(|code| self.of_code[usize::from(code)]));
+                codes.zip(out).for_each(|(&[r, g, b], looks)| *looks = [look(r), look(g), look(b)]);
             }
             Codes::U16(all) => {
                 let look = |code: u16| self.of_code[usize::from(code >> self.over)];
-                all[codes].as_chunks().0.iter().zip(out).for_each(|(codes, looks)| *looks = codes.map(look));
+                let codes = all[codes].as_chunks().0.iter();
+                codes.zip(out).for_each(|(&[r, g, b], looks)| *looks = [look(r), look(g), look(b)]);
             }
         }
     }

@@ -195,7 +195,7 @@ impl Seen<'_> {
                 let along = (step as f32 + 0.5) / steps as f32 - 0.5;
                 for (beside, weight) in spread() {
                     let aside = beside as f32 / at.far_px;
-                    look([along * x - aside * y, along * y + aside * x].map(whole), weight);
+                    look([whole(along * x - aside * y), whole(along * y + aside * x)], weight);
                 }
             }
         } else {
@@ -215,7 +215,8 @@ impl Seen<'_> {
         let spread2 = MISPLACED_PX * MISPLACED_PX + at.far_px * at.far_px / 12.0;
         let distance_px = self.edges[i].distance_px;
         let map_variance = 0.25 * (-0.5 * distance_px * distance_px / spread2).exp();
-        let light = self.looks[i].map(|l| l * l);
+        let [r, g, b] = self.looks[i];
+        let light = [r * r, g * g, b * b];
         let [near, far] = self.sides(at, both_m);
         let Some(far) = far else { return Some(Shared { near_m, far_m, share: expected, fringe: [0.0; 3] }) };
         // A thing too thin to show its own light: what the pixel shows stands for it.
@@ -223,9 +224,12 @@ impl Seen<'_> {
             let fringe = fringe(expected, light, light, far.light, 0.0);
             return Some(Shared { near_m, far_m, share: expected, fringe });
         };
-        let apart = [0, 1, 2].map(|c| near.light[c] - far.light[c]);
-        let square: f32 = apart.iter().map(|a| a * a).sum();
-        let along: f32 = (0..3).map(|c| (light[c] - far.light[c]) * apart[c]).sum();
+        let (mut square, mut along) = (0.0, 0.0);
+        for c in 0..3 {
+            let apart = near.light[c] - far.light[c];
+            square += apart * apart;
+            along += (light[c] - far.light[c]) * apart;
+        }
         let seen = (along / square.max(1e-9)).clamp(0.0, 1.0);
         let seen_variance = (near.variance * seen + far.variance * (1.0 - seen)) / square.max(1e-9);
         let by_picture = map_variance / (map_variance + seen_variance).max(1e-12);
@@ -241,7 +245,12 @@ impl Seen<'_> {
         let per_margin = 1.0 / (CERTAIN_PX + 0.5 * at.far_px);
         let radius_px = AROUND_PX + 0.5 * at.far_px;
         let [mut near, mut far] = [Sums::default(); 2];
-        let [across, down] = [&self.places.across, &self.places.down].map(|of| of.map(|at| whole(radius_px * at)));
+        // A loop without branches, which is vectorised. `array::map` is not inlined in a development build.
+        let (mut across, mut down) = ([0; PLACES], [0; PLACES]);
+        for n in 0..PLACES {
+            across[n] = whole(radius_px * self.places.across[n]);
+            down[n] = whole(radius_px * self.places.down[n]);
+        }
         for ((dx, dy), weight) in across.into_iter().zip(down).zip(&self.places.weights) {
             let Some(q) = self.beside(at, dx, dy) else { continue };
             let z = self.depth_m[q];
@@ -264,11 +273,12 @@ impl Seen<'_> {
 /// farther surface that is darker here than around must not leave a dark rim.
 fn fringe(share: f32, light: [f32; 3], near: [f32; 3], far: [f32; 3], uneven: f32) -> [f32; 3] {
     let rest = (1.0 - share).max(1e-3);
-    [0, 1, 2].map(|c| {
+    let channel = |c: usize| {
         let [low, high] = [near[c] - 2.0 * uneven, near[c] + 2.0 * uneven];
         let left = light[c] + rest * (near[c] - far[c]);
         share * (left.clamp(low.min(light[c]).max(0.0), high.max(light[c])) - light[c]) / rest
-    })
+    };
+    [channel(0), channel(1), channel(2)]
 }
 
 /// The light of one side of an edge, and the variance of a pixel's about it, along the difference of the two.
@@ -297,7 +307,7 @@ impl Sums {
         if weight == 0.0 {
             return None;
         }
-        let light = [r, g, b].map(|l| l / weight);
+        let light = [r / weight, g / weight, b / weight];
         let uneven = |c: usize| (self.squares[c] / weight - light[c] * light[c]).max(0.0);
         let least = LEAST_SIGMA + UNEVEN * light.iter().fold(0.0f32, |most, l| most.max(*l));
         // The largest of the three channels' stands for that along the difference.

@@ -64,17 +64,17 @@ impl Outline {
         places.clear();
         places.extend(self.corners.iter().map(|corner| place_of(*corner).unwrap_or(Vec2::NAN)));
         sides.clear();
-        sides.extend(self.triangles.iter().map(|triangle| {
-            let [a, b, c] = triangle.map(|i| places[i as usize]);
+        // `array::map` is not inlined in a development build, whose units are optimised apart.
+        sides.extend(self.triangles.iter().map(|&[a, b, c]| {
+            let (a, b, c) = (places[a as usize], places[b as usize], places[c as usize]);
             let area = (b - a).perp_dot(c - a);
             i8::from(area > 0.0) - i8::from(area < 0.0)
         }));
         sides.push(0);
-        for Edge { corners, triangles } in &self.edges {
-            let [along, against] = triangles.map(|n| sides[n as usize]);
+        for Edge { corners: [from, to], triangles: [along, against] } in &self.edges {
+            let (along, against) = (sides[*along as usize], sides[*against as usize]);
             if along != against {
-                let [from, to] = corners.map(|i| places[i as usize]);
-                each(from, to, i32::from(along - against));
+                each(places[*from as usize], places[*to as usize], i32::from(along - against));
             }
         }
     }
