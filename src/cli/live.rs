@@ -80,7 +80,7 @@ fn in_window(args: &Args) -> Result<()> {
 
 #[cfg(not(feature = "window"))]
 fn in_window(_: &Args) -> Result<()> {
-    bail!("this program was built without a window: name --headless and an output")
+    bail!("{}; or name --headless and an output", super::WITHOUT_WINDOW)
 }
 
 fn headless(args: &Args, output: &Path) -> Result<()> {

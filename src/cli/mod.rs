@@ -43,6 +43,9 @@ use crate::sink::SinkError;
 use crate::unfinished::undo_all;
 use crate::words::{reason, shown};
 
+#[cfg(not(feature = "window"))]
+const WITHOUT_WINDOW: &str = "this program was built without its window: `cargo build --release` builds it with one";
+
 #[derive(Parser)]
 #[command(name = "locard", version, about = "Puts virtual evidence into real footage so that it looks photographed there", long_about = None)]
 struct Cli {
@@ -94,6 +97,13 @@ enum Command {
     /// Open the window: see the evidence in the picture and move sliders until it belongs there
     #[cfg(feature = "window")]
     Tune(tune::Args),
+    /// Open the window: needs a build with it
+    #[cfg(not(feature = "window"))]
+    #[command(disable_help_flag = true)]
+    Tune {
+        #[arg(hide = true, allow_hyphen_values = true, trailing_var_arg = true)]
+        _arguments: Vec<std::ffi::OsString>,
+    },
 }
 
 /// Runs the program with the process' arguments.
@@ -128,6 +138,8 @@ pub fn main() -> ExitCode {
         Command::Verify(args) => verify::run(&args),
         #[cfg(feature = "window")]
         Command::Tune(args) => tune::run(args),
+        #[cfg(not(feature = "window"))]
+        Command::Tune { .. } => Err(anyhow::anyhow!(WITHOUT_WINDOW)),
     });
     // Blocks here if the program is already being ended, which needs no second message.
     drop(undo_all());
