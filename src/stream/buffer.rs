@@ -47,8 +47,11 @@ pub enum Taken {
         late: usize,
         repeated: usize,
     },
-    /// The clock has jumped: this item and the odd one before it begin a new epoch.
-    Jumped,
+    /// The clock has jumped: this item and the odd one before it begin a new epoch. If both have
+    /// the same time, this item is dropped as repeated.
+    Jumped {
+        is_repeated: bool,
+    },
 }
 
 impl Taken {
@@ -134,7 +137,8 @@ impl<T> Buffer<T> {
         self.runs_ahead = false;
         self.insert(first);
         match self.insert(item) {
-            Taken::Waits => Taken::Jumped,
+            Taken::Waits => Taken::Jumped { is_repeated: false },
+            Taken::Repeated => Taken::Jumped { is_repeated: true },
             other => other,
         }
     }
@@ -270,10 +274,19 @@ mod tests {
         assert_eq!(out(&mut b, 0.2), [(0, 100.0, 0), (0, 100.2, 0)]);
         // Back by 90 s, and on from there.
         assert_eq!(b.push(held(10.0, 0.3, None)), Taken::Odd);
-        assert_eq!(b.push(held(10.1, 0.4, None)), Taken::Jumped);
+        assert_eq!(b.push(held(10.1, 0.4, None)), Taken::Jumped { is_repeated: false });
         assert_eq!(out(&mut b, 0.4), [(1, 10.0, 0), (1, 10.1, 0)]);
         // Silence for an hour, on both clocks: no jump.
         assert_eq!(b.push(held(3610.5, 3600.8, None)), Taken::Waits);
+    }
+
+    #[test]
+    fn second_item_at_the_same_time_proves_a_jump_too() {
+        let mut b = Buffer::new(0.0);
+        b.push(held(100.0, 0.0, None));
+        assert_eq!(b.push(held(10.0, 0.1, None)), Taken::Odd);
+        assert_eq!(b.push(held(10.0, 0.11, None)), Taken::Jumped { is_repeated: true });
+        assert_eq!(out(&mut b, 0.2), [(0, 100.0, 0), (1, 10.0, 0)]);
     }
 
     /// 100 Hz on a clock 95 s ahead, from one number to another, each given out as it comes.

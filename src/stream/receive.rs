@@ -266,8 +266,11 @@ impl Receiver {
             Taken::Late => self.report.aside(Heard::Late),
             Taken::Repeated => self.report.aside(Heard::Repeated),
             Taken::Odd => self.report.aside(Heard::OddTime),
-            Taken::Jumped => {
+            Taken::Jumped { is_repeated } => {
                 self.report.jumps += 1;
+                if is_repeated {
+                    self.report.aside(Heard::Repeated);
+                }
                 // The one before it was no odd one, then.
                 self.report.aside.entry(Heard::OddTime).and_modify(|number| *number -= 1);
             }
