@@ -34,6 +34,7 @@ mod mesh;
 mod moving;
 mod part;
 mod path;
+mod progress;
 mod pyramid;
 mod reading;
 mod recorded_way;
@@ -66,6 +67,7 @@ pub use light::{FoundLamp, MOST_LAMPS, WHITE};
 pub use light_table::panorama_beside;
 pub use lit_anew::lit_anew;
 pub use part::Part;
+pub use progress::{Progress, Stage};
 pub(crate) use pyramid::{Plane, gaussian};
 pub use registered::{Missed, RegistrationError, Verdict};
 pub use sharpness::{drawn_spread_px, footage_spread_px, still_frames};
@@ -85,6 +87,7 @@ use depths::Depths;
 use eye::Eye;
 use findings::Gained;
 use gain::{GAPS, Gains, Pair};
+use progress::Passes;
 use shutter::{Said, Shutter};
 use state::State;
 use tone::Toned;
@@ -99,7 +102,7 @@ const STEADY: f64 = 0.01;
 /// places than their poses say differ as well.
 const EXPLAINED: f64 = 1.0 / 3.0;
 
-/// Looks at a whole recording, as seen by `camera`. `told(done, of)` hears how far it is, in frames looked at; its error ends
+/// Looks at a whole recording, as seen by `camera`. `told` receives how far it is; its error ends
 /// the work, and `part` keeps what is finished of it. The analysis is the same for any number of `threads`, bit for bit; beside it is
 /// how long its parts took.
 pub fn analyse(
@@ -108,13 +111,14 @@ pub fn analyse(
     taken: &Taken<'_>,
     threads: usize,
     part: &mut Part,
-    told: &mut dyn FnMut(usize, usize) -> Result<(), Interrupted>,
+    told: &mut dyn FnMut(Progress) -> Result<(), Interrupted>,
 ) -> Result<(Analysis, Times), RegistrationError> {
     let frames = recording.frame_count();
-    let (mut whole, mut times) = (0, Times::default());
+    let mut passes = Passes { path: 0, exposure: frames };
+    let mut times = Times::default();
     let registration = registration::register(recording, camera, threads, part, &mut times, &mut |done, of| {
-        whole = of;
-        told(done, of + frames)
+        passes.path = of;
+        told(passes.progress(Stage::Path, done))
     })?;
     let mut seen_by = camera.clone();
     seen_by.intrinsics.readout_time_s = registration.readout_s;
@@ -126,7 +130,7 @@ pub fn analyse(
     let compared = match is_placed {
         true => part.stage(|| {
             compared(recording, &eye, taken, (states, later_s), threads, &mut times, &mut |n| {
-                told(whole + n, whole + frames)
+                told(passes.progress(Stage::Exposure, n))
             })
         })?,
         false => Compared::default(),
@@ -161,7 +165,9 @@ pub fn analyse(
         depth_later_s: later_s,
         exposed: exposed.as_ref().map_or(&[][..], |exposed| &exposed.runs),
     };
+    told(passes.progress(Stage::Sharpness, 0))?;
     let spread = times.of(times::SHARPNESS, || sharpness::of_recording(recording, &eye, taken, &known, threads))?;
+    told(passes.progress(Stage::Light, 0))?;
     let light = match is_placed {
         true => {
             let factors = artefact::filled(&gains_of);

@@ -8,9 +8,9 @@ use anyhow::{Context, Result, bail};
 
 use super::calibrate::existing;
 use super::skip::Skip;
-use super::{progress, tell, warn};
+use super::{progress_of, tell, warn};
 use crate::analyse::{
-    Accepted, Analysis, Findings, Ground, Outcome, Times, accept, beside, check_folder, write_grounds,
+    Accepted, Analysis, Findings, Ground, Outcome, Progress, Times, accept, beside, check_folder, write_grounds,
 };
 use crate::export::{Inputs, resolved};
 use crate::profile::Document;
@@ -204,10 +204,11 @@ pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<(Ana
         tell(quiet, &format!("{}: was there and fits; --force makes it anew", folder.display()));
         return Ok((there, Times::kept(folder)));
     }
-    let bar = progress(quiet, 0);
-    let made = shot.analyse(folder, &mut |done, of| {
+    let bar = progress_of(quiet, 0, "{wide_bar} {percent} %, {msg}");
+    let made = shot.analyse(folder, &mut |Progress { done, of, stage }| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
+        bar.set_message(stage.name());
         Ok(())
     });
     bar.finish_and_clear();

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::analysed::{AnalysisState, Follows, follows, refine};
 use super::{Shot, ShotError};
 use crate::analyse::{
-    Analysis, AnalysisError, Interrupted, Part, RegistrationError, Taken, Times, analyse, check_writable,
+    Analysis, AnalysisError, Interrupted, Part, Progress, RegistrationError, Taken, Times, analyse, check_writable,
 };
 use crate::compositor::exposure_time_s;
 use crate::frame::{Frame, FrameExposure};
@@ -40,12 +40,12 @@ impl Shot {
         Self { recording, scene, found_light: None, analysis, held: None, ..self.clone() }
     }
 
-    /// Looks at a whole recording, which must be [`Shot::as_recorded`], and writes what it says into a folder. `told(done, of)`
-    /// hears how far it is; its error ends the work.
+    /// Analyses a whole recording, which must be [`Shot::as_recorded`], and writes the result into
+    /// a folder. `told` receives how far it is; its error ends the work.
     pub fn analyse(
         &self,
         folder: &Path,
-        told: &mut dyn FnMut(usize, usize) -> Result<(), Interrupted>,
+        told: &mut dyn FnMut(Progress) -> Result<(), Interrupted>,
     ) -> Result<(Analysis, Times), AnalyseError> {
         check_writable(folder)?;
         let camera = self.geometry_at(0)?;

@@ -98,8 +98,8 @@ fn under_way(ui: &mut Ui, entry: &mut Entry) {
             entry.cancel();
         }
         match &entry.state {
-            State::Running { share, begun } => {
-                let text = format!("Analysing: {}", percent(*share, *begun));
+            State::Running { share, begun, stage } => {
+                let text = format!("Analysing: {}", percent(*share, *begun, *stage));
                 progress::bar(ui, "Analysing the footage", *share as f32, Some(text));
             }
             _ => _ = ui.weak("Analysed as soon as what is being exported is done"),

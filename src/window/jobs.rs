@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::dials::by_dials;
-use crate::analyse::{Analysis, Interrupted};
+use crate::analyse::{Analysis, Interrupted, Progress, Stage};
 use crate::compositor::Target;
 use crate::export::{Export, ExportError, Inputs};
 use crate::gpu::{Gpu, GpuError};
@@ -41,6 +41,8 @@ pub enum State {
         /// Of all, 0 to 1.
         share: f64,
         begun: Instant,
+        /// Of an analysis.
+        stage: Option<Stage>,
     },
     /// With what there is to say.
     Done(String),
@@ -229,17 +231,18 @@ impl From<ShotError> for End {
 
 fn done(job: &Job, gpu: &mut Option<Gpu>, tell: &dyn Fn(News)) -> State {
     let begun = Instant::now();
-    tell(News::State(State::Running { share: 0.0, begun }));
-    let goes_on = |share: f64| {
-        tell(News::State(State::Running { share, begun }));
+    tell(News::State(State::Running { share: 0.0, begun, stage: None }));
+    let goes_on_at = |share: f64, stage: Option<Stage>| {
+        tell(News::State(State::Running { share, begun, stage }));
         !job.cancelled.load(Ordering::Acquire)
     };
+    let goes_on = |share: f64| goes_on_at(share, None);
     let note = |text: String| tell(News::Note(by_dials(&text)));
     let done = match &job.task {
         Task::Export(export) => exported(&job.shot, export, gpu, &goes_on, &note),
         Task::Photograph(wanted) => photographed(&job.shot, wanted, gpu, &goes_on, &note),
         Task::Snapshot { frame, path, force } => snapped(&job.shot, *frame, path, *force, gpu),
-        Task::Analyse(folder) => analysed(&job.shot, folder, &goes_on, &|found| tell(News::Found(found))),
+        Task::Analyse(folder) => analysed(&job.shot, folder, &goes_on_at, &|found| tell(News::Found(found))),
     };
     match done {
         Ok(said) => State::Done(said),
@@ -334,10 +337,13 @@ fn snapped(shot: &Shot, frame: usize, path: &Path, force: bool, gpu: &mut Option
 fn analysed(
     shot: &Shot,
     folder: &Path,
-    goes_on: &dyn Fn(f64) -> bool,
+    goes_on: &dyn Fn(f64, Option<Stage>) -> bool,
     found: &dyn Fn(Box<Analysis>),
 ) -> Result<String, End> {
-    let told = &mut |done: usize, of: usize| if goes_on(done as f64 / of as f64) { Ok(()) } else { Err(Interrupted) };
+    let told = &mut |Progress { done, of, stage }: Progress| match goes_on(done as f64 / of as f64, Some(stage)) {
+        true => Ok(()),
+        false => Err(Interrupted),
+    };
     shot.analyse(folder, told).map_err(|error| match error.is_interrupted() {
         true => End::Cancelled,
         false => End::Failed(without_options(&error.to_string())),

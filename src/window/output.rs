@@ -11,6 +11,7 @@ use super::dials::Dials;
 use super::fields::typed;
 use super::jobs::{Jobs, State, Task, left};
 use super::progress;
+use crate::analyse::Stage;
 use crate::export::Export;
 use crate::photo::Wanted;
 use crate::sink::OutPath;
@@ -194,8 +195,8 @@ fn queue(ui: &mut Ui, jobs: &mut Jobs) {
         match &entry.state {
             State::Waiting => _ = ui.weak("waits"),
             State::Cancelled => _ = ui.weak("cancelled"),
-            State::Running { share, begun } => {
-                progress::bar(ui, &entry.name, *share as f32, Some(percent(*share, *begun)));
+            State::Running { share, begun, stage } => {
+                progress::bar(ui, &entry.name, *share as f32, Some(percent(*share, *begun, *stage)));
             }
             State::Done(said) => _ = ui.label(format!("done: {said}")),
             State::Failed(why) => {
@@ -212,9 +213,12 @@ fn queue(ui: &mut Ui, jobs: &mut Jobs) {
     }
 }
 
-pub fn percent(share: f64, begun: Instant) -> String {
-    let rest = left(share, begun.elapsed()).map(|left| format!(", {} left", duration(left.as_secs_f64())));
-    format!("{:.0} %{}", 100.0 * share, rest.unwrap_or_default())
+pub fn percent(share: f64, begun: Instant, stage: Option<Stage>) -> String {
+    // The search for lamps reports nothing until it ends.
+    let rest = left(share, begun.elapsed()).filter(|_| stage != Some(Stage::Light));
+    let rest = rest.map(|left| format!(", {} left", duration(left.as_secs_f64()))).unwrap_or_default();
+    let stage = stage.map(|stage| format!("{}, ", stage.name())).unwrap_or_default();
+    format!("{stage}{:.0} %{rest}", 100.0 * share)
 }
 
 /// As people say it: 40 s, 3 min 20 s, 2 h 5 min.
@@ -247,6 +251,15 @@ mod tests {
     fn time_is_said_as_people_do() {
         let said = [0.2, 59.0, 60.0, 200.0, 7500.0].map(duration);
         assert_eq!(said, ["1 s", "59 s", "1 min 0 s", "3 min 20 s", "2 h 5 min"]);
+    }
+
+    #[test]
+    fn progress_names_the_part_and_promises_no_time_for_the_last() {
+        let begun = Instant::now().checked_sub(std::time::Duration::from_secs(10)).unwrap();
+        assert_eq!(percent(0.84, begun, Some(Stage::Light)), "light, 84 %");
+        let path = percent(0.5, begun, Some(Stage::Path));
+        assert!(path.starts_with("camera path, 50 %, ") && path.ends_with(" s left"), "{path}");
+        assert!(percent(0.5, begun, None).starts_with("50 %, "));
     }
 
     #[test]

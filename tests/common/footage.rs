@@ -68,7 +68,7 @@ pub fn opened_with(folder: &tempfile::TempDir, set: &str) -> Shot {
 
 pub fn analysed(shot: &Shot, threads: usize) -> Analysis {
     with_taken(shot, |camera, taken| {
-        analyse(&shot.recording, camera, taken, threads, &mut Part::none(), &mut |_, _| Ok(())).unwrap().0
+        analyse(&shot.recording, camera, taken, threads, &mut Part::none(), &mut |_| Ok(())).unwrap().0
     })
 }
 
@@ -204,7 +204,7 @@ pub fn analysed_by_tier(shot: &Shot, threads: usize) -> Analysis {
     let path = folder.path().join("site.analysis");
     let found = with_taken(shot, |camera, taken| {
         let mut part = part_without_light(&path, shot, camera, taken);
-        analyse(&shot.recording, camera, taken, threads, &mut part, &mut |_, _| Ok(())).unwrap().0
+        analyse(&shot.recording, camera, taken, threads, &mut part, &mut |_| Ok(())).unwrap().0
     });
     let light = found.findings.light.as_ref().and_then(|light| light.why.as_deref());
     let refusals = [NO_LIGHT, "where the camera was is not known", "no depth was measured"];
