@@ -77,7 +77,8 @@ impl<T> Newest<T> {
                 return Taken::New(item);
             }
             if state.ended {
-                return Taken::Ended;
+                // The reason is given once.
+                return state.gone.take().map_or(Taken::Ended, Taken::Gone);
             }
             let left = until.saturating_duration_since(Instant::now());
             if left.is_zero() {
@@ -165,5 +166,13 @@ mod tests {
         putter.put(6);
         drop(putter);
         assert_eq!((now(&newest), now(&newest)), (Taken::New(6), Taken::Ended));
+    }
+
+    #[test]
+    fn the_reason_of_an_end_is_given_before_it() {
+        let (putter, newest) = Newest::<()>::new();
+        putter.gone("damaged".to_owned());
+        drop(putter);
+        assert_eq!((now(&newest), now(&newest)), (Taken::Gone("damaged".to_owned()), Taken::Ended));
     }
 }

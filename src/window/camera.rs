@@ -109,12 +109,15 @@ fn how_it_goes(ui: &mut Ui, session: &Session, told: &Told) {
         ui.label("the last seconds are being written");
         return;
     }
-    if let Some(why) = &status.gone {
-        ui.colored_label(ui.visuals().warn_fg_color, format!("{why}; waiting for it"));
-        return;
-    }
     if status.is_over {
         ui.label("the camera has ended");
+        if let Some(why) = &status.gone {
+            ui.colored_label(ui.visuals().warn_fg_color, without_options(why));
+        }
+        return;
+    }
+    if let Some(why) = &status.gone {
+        ui.colored_label(ui.visuals().warn_fg_color, format!("{why}; waiting for it"));
         return;
     }
     match told.tracking {

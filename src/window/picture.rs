@@ -133,12 +133,13 @@ pub struct Compared {
     pub edits_a: bool,
 }
 
-/// Draws the picture of a frame into what is left of the window. Without a frame there is nothing yet.
+/// Draws the picture of a frame into what is left of the window; without one, the reason why there
+/// is none.
 pub fn show(
     ui: &mut Ui,
     view: &mut View,
     viewer: &mut Viewer,
-    frame: Option<&Frame>,
+    frame: Result<&Frame, &str>,
     compared: Option<Compared>,
     taken: Taken,
 ) -> Option<Seen> {
@@ -146,11 +147,17 @@ pub fn show(
     let response = ui.allocate_rect(panel, Sense::click_and_drag());
     response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "picture"));
     let ground = Color32::from_gray(if ui.visuals().dark_mode { 18 } else { 160 });
-    let Some(frame) = frame else {
-        let painter = ui.painter().with_clip_rect(panel);
-        painter.rect_filled(panel, 0.0, ground);
-        plate(&painter, panel.center(), egui::Align2::CENTER_CENTER, "The first picture is being made", 14.0);
-        return None;
+    let frame = match frame {
+        Ok(frame) => frame,
+        Err(why) => {
+            let painter = ui.painter().with_clip_rect(panel);
+            painter.rect_filled(panel, 0.0, ground);
+            plate(&painter, panel.center(), egui::Align2::CENTER_CENTER, why, 14.0);
+            let at = Rect::from_center_size(panel.center(), vec2(1.0, 1.0));
+            let notice = ui.interact(at, response.id.with("notice"), Sense::hover());
+            notice.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Label, true, why));
+            return None;
+        }
     };
     let (width, height) = (frame.pixels.width, frame.pixels.height);
     let size = vec2(width as f32, height as f32);

@@ -144,6 +144,17 @@ impl Session {
         self.now.as_ref().map(|now| &now.frame)
     }
 
+    /// Why no frame is shown yet.
+    pub fn lacking(&self) -> &'static str {
+        let is_over = self.told().is_some_and(|told| told.status.is_over);
+        match self.newest() {
+            None if is_over => "The video has ended without a picture",
+            None if self.is_live() => "Waiting for the camera's first picture",
+            _ if self.picture_problem.is_some() => "This frame cannot be shown",
+            _ => "The first picture is being made",
+        }
+    }
+
     /// What is known of the picture that is shown.
     pub fn stats(&self) -> Option<&FrameStats> {
         self.now.as_ref()?.stats.as_ref()

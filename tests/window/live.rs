@@ -202,6 +202,18 @@ fn it_asks_before_a_recording_ends_with_its_camera() {
 }
 
 #[test]
+fn video_of_one_frame_shows_it_and_its_end() {
+    let site = Site::shared(&CAMERA);
+    let (all, one) = (site.path("site.mkv"), site.path("one.mkv"));
+    let mut ffmpeg = Command::new("ffmpeg");
+    ffmpeg.args(["-v", "error", "-i", &all, "-frames:v", "1", "-c", "copy", &one]);
+    assert!(ffmpeg.status().unwrap().success());
+    let mut window = window_of(&site, &one, &[]);
+    shows(&mut window, "the camera has ended");
+    assert!(window.state().viewer().composite().is_some());
+}
+
+#[test]
 fn after_its_end_a_camera_can_be_frozen_again_and_again() {
     let site = Site::shared(&CAMERA);
     let mut window = window_of(&site, &site.path("site.mkv"), &[]);

@@ -26,8 +26,9 @@ impl App {
         if compared.is_some() && self.view.wipe.is_some() {
             self.session.want_other();
         }
+        let lacking = if frame.is_none() { self.session.lacking() } else { "" };
         let viewer = &mut self.session.viewer;
-        let seen = picture::show(ui, &mut self.view, viewer, frame.as_deref(), compared, taken);
+        let seen = picture::show(ui, &mut self.view, viewer, frame.as_deref().ok_or(lacking), compared, taken);
         self.placed = seen.as_ref().map(|seen| seen.placed);
         let (Some(mut seen), Some(frame)) = (seen, frame) else { return };
         self.steered.over(&mut seen);
