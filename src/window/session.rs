@@ -113,7 +113,8 @@ impl Session {
             .map_err(|e| format!("no thread can be had to decode and draw with: {e}"))?;
         let thumbnails = Thumbnails::new(project.shot().recording.clone(), ctx).ok();
         let player = Player::new(&project.shot().recording.timestamps_s);
-        Ok(Self {
+        let odd = project.shot().recording.warnings.join("; ");
+        let mut session = Self {
             project,
             player,
             viewer,
@@ -136,7 +137,11 @@ impl Session {
             lacks_camera: false,
             message: None,
             live: None,
-        })
+        };
+        if !odd.is_empty() {
+            session.say(odd);
+        }
+        Ok(session)
     }
 
     /// The frame that is shown.

@@ -27,6 +27,7 @@ mod keeping;
 mod lamps;
 mod live;
 mod matching;
+mod opening;
 mod place;
 mod stumbles;
 mod tuner;

@@ -1,0 +1,37 @@
+//! What the window shows of a recording as it opens.
+
+use std::path::Path;
+use std::process::Command;
+
+use crate::worked::{Device, demo, has};
+use eframe::egui;
+use egui_kittest::Harness;
+use locard::recording::OpenOptions;
+use locard::shot::Given;
+use locard::window::{App, Project};
+
+fn filmed(file: &Path, options: &[&str]) {
+    let mut ffmpeg = Command::new("ffmpeg");
+    ffmpeg.args(["-v", "error", "-f", "lavfi", "-i", "testsrc=s=160x120:d=0.2:r=10", "-pix_fmt", "yuv420p"]);
+    assert!(ffmpeg.args(options).arg(file).status().unwrap().success());
+}
+
+#[test]
+fn high_dynamic_range_is_told_as_the_recording_opens() {
+    let folder = tempfile::tempdir().unwrap();
+    let tags = ["-color_trc", "arib-std-b67", "-color_primaries", "bt2020", "-colorspace", "bt2020nc"];
+    filmed(&folder.path().join("a.mp4"), &tags);
+    std::fs::write(folder.path().join("recording.toml"), "version = 1\n[frames]\nvideo = \"a.mp4\"\n").unwrap();
+    let given = Given { profile: Some(demo().join("camera.toml")), ..Given::default() };
+    let project = Project::open(folder.path(), &OpenOptions::default(), &given).unwrap();
+    let mut window = window_without_picture(project);
+    window.run_steps(2);
+    let said = window.state().said().unwrap().to_owned();
+    assert!(said.contains("HLG") && has(&window, &said), "{said}");
+}
+
+/// Only what stands around the picture is looked at.
+fn window_without_picture(project: Project) -> Harness<'static, App> {
+    let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0));
+    builder.renderer(Device::new()).build_eframe(|context| App::new(context, project, None).unwrap())
+}
