@@ -188,6 +188,7 @@ fn control(
 ) -> Option<Asked> {
     let full = format!("{table}.{}", spec.name);
     let called = format!("{}: {}", title(table), spec.words());
+    let reset = opened.clone().unwrap_or_else(|| spec.default.clone());
     let mut asked = None;
     ui.horizontal(|ui| {
         mark(ui, origin);
@@ -211,17 +212,15 @@ fn control(
         let label = label.inner;
         let label = label.on_hover_ui(|ui| help(ui, &called, &full, spec, idle, opened.as_ref()));
         if label.double_clicked() {
-            asked = Some(Asked::set(spec.default.clone()));
+            asked = Some(Asked::set(reset.clone()));
         }
         label.context_menu(|ui| {
-            if ui.button(format!("Default: {}", spec.default)).clicked() {
-                asked = Some(Asked::set(spec.default.clone()));
+            if reset != spec.default && ui.button(format!("Profile: {reset}")).clicked() {
+                asked = Some(Asked::set(reset.clone()));
                 ui.close();
             }
-            if let Some(opened) = opened.filter(|opened| *opened != spec.default)
-                && ui.button(format!("As opened: {opened}")).clicked()
-            {
-                asked = Some(Asked::set(opened));
+            if ui.button(format!("Default: {}", spec.default)).clicked() {
+                asked = Some(Asked::set(spec.default.clone()));
                 ui.close();
             }
         });
@@ -246,7 +245,7 @@ fn control(
         let slider = ui.available_width() - VALUE - beside - stops - BAR;
         ui.spacing_mut().slider_width = slider.clamp(*SLIDER.start(), *SLIDER.end());
         ui.spacing_mut().interact_size.x = VALUE;
-        if let Some(done) = field(ui, &called, spec, &mut shown) {
+        if let Some(done) = field(ui, &called, spec, &mut shown, &reset) {
             asked = Some(done);
         }
         if let (Some(dial), Value::Number(now)) = (dial, value)
@@ -321,8 +320,8 @@ fn first_value(full: &str, kind: &Kind) -> Value {
     }
 }
 
-/// The control itself; it is called as the parameter.
-fn field(ui: &mut Ui, called: &str, spec: &Spec, value: &mut Value) -> Option<Asked> {
+/// The control itself; it is called as the parameter. A double-click sets `reset`.
+fn field(ui: &mut Ui, called: &str, spec: &Spec, value: &mut Value, reset: &Value) -> Option<Asked> {
     match (&spec.kind, value) {
         (Kind::Bool, Value::Bool(on)) => {
             let response = ui.checkbox(on, "");
@@ -341,8 +340,7 @@ fn field(ui: &mut Ui, called: &str, spec: &Spec, value: &mut Value) -> Option<As
             response.response.widget_info(info);
             (*chosen != before).then(|| Asked::set(Value::Text(chosen.clone())))
         }
-        (Kind::Number { min, max }, Value::Number(n)) => numeric(ui, called, spec, n, [*min, *max], false),
-        (Kind::Integer { min, max }, Value::Number(n)) => numeric(ui, called, spec, n, [*min, *max], true),
+        (Kind::Number { .. } | Kind::Integer { .. }, Value::Number(n)) => numeric(ui, called, spec, n, reset),
         _ => None,
     }
 }
@@ -350,7 +348,12 @@ fn field(ui: &mut Ui, called: &str, spec: &Spec, value: &mut Value) -> Option<As
 /// Wider ranges than this have no slider unless they go by decades.
 const WIDEST_SLIDER: f64 = 1e4;
 
-fn numeric(ui: &mut Ui, called: &str, spec: &Spec, n: &mut f64, [min, max]: [f64; 2], whole: bool) -> Option<Asked> {
+fn numeric(ui: &mut Ui, called: &str, spec: &Spec, n: &mut f64, reset: &Value) -> Option<Asked> {
+    let (min, max, whole) = match spec.kind {
+        Kind::Number { min, max } => (min, max, false),
+        Kind::Integer { min, max } => (min, max, true),
+        _ => return None,
+    };
     let unit = if matches!(spec.unit, "" | "1") { String::new() } else { format!(" {}", spec.unit) };
     let rail = Rail { min, max, by_ratio: spec.by_ratio, whole };
     let (response, is_twice) = if max - min <= WIDEST_SLIDER || spec.by_ratio {
@@ -364,7 +367,7 @@ fn numeric(ui: &mut Ui, called: &str, spec: &Spec, n: &mut f64, [min, max]: [f64
         (response, is_twice)
     };
     if is_twice {
-        return Some(Asked::set(spec.default.clone()));
+        return Some(Asked::set(reset.clone()));
     }
     let to = response.changed().then(|| Value::Number(meant(*n, rail)));
     // The last change and the end of a drag come together.
@@ -401,9 +404,10 @@ fn help(ui: &mut Ui, called: &str, full: &str, spec: &Spec, idle: Option<&str>, 
     }
     let unit = if matches!(spec.unit, "" | "1") { String::new() } else { format!(" {}", spec.unit) };
     ui.weak(format!("{}{unit}; default {}", spec.kind, spec.default));
-    if let Some(opened) = opened {
-        ui.weak(format!("opened with {opened}"));
-    }
-    ui.weak("Double-click: default. Click the number to type one.");
+    let reset = match opened.filter(|opened| **opened != spec.default) {
+        Some(opened) => format!("the profile's {opened}"),
+        None => "default".to_owned(),
+    };
+    ui.weak(format!("Double-click: {reset}. Click the number to type one."));
     ui.weak(format!("In files and for --set: {full}"));
 }

@@ -135,6 +135,39 @@ fn a_press_on_a_handle_changes_nothing_and_a_drag_is_one_step() {
 }
 
 #[test]
+fn double_click_takes_the_profiles_value_and_else_the_default() {
+    let temp = tempfile::tempdir().unwrap();
+    let profile = temp.path().join("mine.toml");
+    std::fs::write(&profile, "version = 1\n[noise]\nscale = 0.5\n").unwrap();
+    let given = Given { profile: Some(profile), scene: scene_or_none(), ..Given::default() };
+    let project = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
+    let mut window = window(project, egui::vec2(1400.0, 1000.0));
+    for (words, slider, name, of_profile) in [
+        ("noise scale", "Noise: Scale", "scale", 0.5),
+        ("noise magnification", "Noise: Magnification", "magnification", 1.0),
+    ] {
+        search(&mut window, words);
+        let set = Value::Number(3.0);
+        window.state_mut().project_mut().set("noise", name, &set).unwrap();
+        window.state_mut().project_mut().close_step();
+        window.run_steps(2);
+        let at = window.get_by_role_and_label(Role::Slider, slider).rect().center();
+        window.hover_at(at);
+        window.step();
+        for _ in 0..2 {
+            for pressed in [true, false] {
+                let (button, modifiers) = (egui::PointerButton::Primary, Modifiers::NONE);
+                // Within the one step: of its own it would take a quarter of a second.
+                window.input_mut().events.push(egui::Event::PointerButton { pos: at, button, pressed, modifiers });
+            }
+            window.step();
+        }
+        window.run_steps(2);
+        assert_eq!(window.state().project().value("noise", name), Some(Value::Number(of_profile)), "{slider}");
+    }
+}
+
+#[test]
 fn esc_closes_what_is_open_and_a_message_lets_clicks_through() {
     let mut window = open();
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
