@@ -4,6 +4,10 @@ use std::path::{Path, PathBuf};
 
 /// From the program's own folder so many folders up are looked through: `target/release/` lies two below them.
 const UP: usize = 4;
+/// Files that tell the program's folder from a person's that has folders of the same names.
+const MARKS: [&str; 2] = ["profiles/neutral.toml", "scenes/demo.toml"];
+/// The profiles that come with the program.
+const PROFILES: [&str; 3] = ["neutral.toml", "simulated.toml", "tum-fr1.toml"];
 
 /// The folders that are looked through, in order, each once: the program's own and those above it, the one that it was built
 /// from, and the current one.
@@ -24,7 +28,19 @@ pub fn folders() -> Vec<PathBuf> {
 /// A file or folder that comes with the program, by its name in the program's folder. Where that is the current folder it is
 /// called as it is. `None` where it is in none of the [folders].
 pub fn find(name: &str) -> Option<PathBuf> {
-    find_in(&folders(), std::env::current_dir().ok().as_deref(), name)
+    let mut own = folders();
+    own.retain(|folder| is_programs(folder));
+    find_in(&own, std::env::current_dir().ok().as_deref(), name)
+}
+
+/// Whether a folder holds the program's files.
+fn is_programs(folder: &Path) -> bool {
+    MARKS.iter().all(|mark| folder.join(mark).is_file())
+}
+
+/// Whether a profile is one of those that come with the program.
+pub fn is_supplied_profile(profile: &Path) -> bool {
+    PROFILES.iter().any(|name| find(&format!("profiles/{name}")).is_some_and(|own| same(profile, &own)))
 }
 
 fn find_in(folders: &[PathBuf], current: Option<&Path>, name: &str) -> Option<PathBuf> {
@@ -57,6 +73,29 @@ mod tests {
         assert_eq!(find_in(&folders, Some(&folders[2]), "scenes"), Some(folders[1].join("scenes")));
         // Where it is here, it is called as a person would.
         assert_eq!(find_in(&folders, Some(&folders[1]), "scenes"), Some("scenes".into()));
+    }
+
+    #[test]
+    fn folders_of_the_same_names_are_not_the_programs() {
+        let temp = tempfile::tempdir().unwrap();
+        let profiles = temp.path().join("profiles");
+        std::fs::create_dir(&profiles).unwrap();
+        std::fs::write(profiles.join("tum-fr1.toml"), "version = 1\n").unwrap();
+        assert!(!is_programs(temp.path()) && is_programs(Path::new(".")));
+        assert!(!is_supplied_profile(&profiles.join("tum-fr1.toml")));
+    }
+
+    #[test]
+    fn the_supplied_profiles_are_those_of_the_folder() {
+        let mut there: Vec<String> = std::fs::read_dir("profiles")
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+            .collect();
+        there.sort();
+        assert_eq!(there, PROFILES);
+        let mine = Path::new("profiles/mine.toml");
+        assert!(there.iter().all(|name| is_supplied_profile(&Path::new("profiles").join(name))));
+        assert!(!is_supplied_profile(mine));
     }
 
     #[test]

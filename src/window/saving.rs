@@ -71,16 +71,14 @@ pub fn is_demo(scene: &Path) -> bool {
     same(scene, &installed::path(DEMO_SCENE))
 }
 
-/// Who uses a profile besides the person: nobody, or what it belongs to.
+/// The owner of a profile that others use, too.
 pub fn whose(project: &Project, profile: &Path) -> Option<&'static str> {
-    let profile = profile.canonicalize().ok()?;
-    let lies_in = |folder: &Path| folder.canonicalize().is_ok_and(|folder| profile.starts_with(folder));
-    let recording = &project.shot().recording.path;
-    match () {
-        () if lies_in(recording) => Some("the recording"),
-        () if lies_in(&installed::path(PROFILES)) => Some("the program"),
-        () => None,
+    if installed::is_supplied_profile(profile) {
+        return Some("the program");
     }
+    let profile = profile.canonicalize().ok()?;
+    let recording = project.shot().recording.path.canonicalize().ok()?;
+    profile.starts_with(recording).then_some("the recording")
 }
 
 /// Whether two paths are the same, which is there.

@@ -61,7 +61,7 @@ impl Keeper {
             },
         };
         let places = match purpose {
-            Purpose::OpenProfile => vec![("Locard's profiles", PathBuf::from(saving::PROFILES))],
+            Purpose::OpenProfile => vec![("Locard's profiles", installed::path(saving::PROFILES))],
             _ => Vec::new(),
         };
         self.chooser = Some((purpose, Chooser::new(title, seeks, Begin { places, ..begin })));
