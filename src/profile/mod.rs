@@ -5,10 +5,12 @@
 
 mod document;
 mod noise;
+mod shot_settings;
 mod written;
 
 pub use document::Document;
 pub use noise::{NoiseTableError, to_toml as noise_table};
+pub use shot_settings::{Look, ShotSettings};
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

@@ -20,6 +20,12 @@ pub fn read(file: &Path) -> Result<Document, SceneError> {
     Ok(document)
 }
 
+/// The table `[settings]` of a scene file; empty for any other file.
+pub fn settings(file: &Path) -> Result<toml::Table, SceneError> {
+    let is_scene = file.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    if is_scene { Ok(values(file)?.settings) } else { Ok(toml::Table::new()) }
+}
+
 /// Reads the values of a scene file, in a small part of the memory that editing needs.
 pub(super) fn values(file: &Path) -> Result<SceneFile, SceneError> {
     parsed(file, document::read)
@@ -58,6 +64,9 @@ pub struct SceneFile {
     pub objects: Vec<PlacedModel>,
     #[serde(default, skip_serializing_if = "is_default")]
     pub light: LightTable,
+    /// Parameters of the shot, with the tables of a profile.
+    #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
+    pub settings: toml::Table,
 }
 
 /// Where the camera stood in a frame, in the scene's world: a recording whose poses are known better later is moved as a whole
@@ -219,6 +228,7 @@ impl Default for SceneFile {
             gauge: None,
             objects: Vec::new(),
             light: LightTable::default(),
+            settings: toml::Table::new(),
         }
     }
 }

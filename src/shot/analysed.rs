@@ -10,7 +10,7 @@ use crate::compositor::Settings;
 use crate::effects::exposure::gathered_s;
 use crate::effects::point_spread::measuring;
 use crate::params::Value;
-use crate::profile::Rig;
+use crate::profile::{Rig, ShotSettings};
 use crate::recording::Recording;
 use crate::scene::Lighting;
 
@@ -30,42 +30,51 @@ pub enum AnalysisState {
     Left,
 }
 
-/// Finds the analysis, with the light that it found, and lets the recording, the camera and the settings follow it, which `profiles` and `given` made.
-pub fn take(
-    recording: &mut Recording,
-    rig: &mut Rig,
-    settings: &mut Settings,
-    profiles: &[PathBuf],
-    given: &Given,
-) -> Result<(AnalysisState, Option<Arc<Lighting>>), ShotError> {
+/// Who sets parameters besides the recording and the analysis.
+#[derive(Clone, Copy)]
+pub struct Sources<'a> {
+    pub profiles: &'a [PathBuf],
+    /// The scene file's, and that file.
+    pub of_scene: &'a ShotSettings,
+    pub scene: &'a Path,
+    pub sets: &'a [String],
+}
+
+/// An analysis as it is used.
+pub struct LoadedAnalysis {
+    pub state: AnalysisState,
+    pub light: Option<Arc<Lighting>>,
+    pub analysis: Option<Analysis>,
+}
+
+/// Loads the analysis beside the recording, or the one that is named, and applies it to the
+/// recording. `rig` is the camera that the analysis must fit.
+pub fn take(recording: &mut Recording, rig: &Rig, given: &Given) -> Result<LoadedAnalysis, ShotError> {
+    let without = |state| Ok(LoadedAnalysis { state, light: None, analysis: None });
     let (folder, is_named) = match &given.analysis {
-        Analysed::No => return Ok((AnalysisState::Left, None)),
+        Analysed::No => return without(AnalysisState::Left),
         Analysed::At(folder) => (folder.clone(), true),
-        Analysed::Beside if recording.is_arriving() => return Ok((AnalysisState::Absent, None)),
+        Analysed::Beside if recording.is_arriving() => return without(AnalysisState::Absent),
         Analysed::Beside => (beside(&recording.path), false),
     };
     if !is_named && !folder.join(FILE_NAME).exists() {
-        let state = match folder.is_dir() {
+        return without(match folder.is_dir() {
             true => {
                 AnalysisState::Unfit(folder, format!("no {FILE_NAME} lies in it: no analysis, or an unfinished one"))
             }
             false => AnalysisState::Absent,
-        };
-        return Ok((state, None));
+        });
     }
     match fitting(&folder, recording, rig) {
         Ok(analysis) => {
             let analysis = if given.recorded_poses { analysis.without_registration() } else { analysis };
-            for Follows { table, name, value } in follows(&analysis, profiles, &given.sets)? {
-                // Within the range: it was found there.
-                let _ = rig.set(settings, table, name, &value);
-            }
             refine(recording, &analysis);
             let light = analysis.lighting().map(Arc::new);
-            Ok((AnalysisState::Used(folder, Box::new(analysis.findings)), light))
+            let state = AnalysisState::Used(folder, Box::new(analysis.findings.clone()));
+            Ok(LoadedAnalysis { state, light, analysis: Some(analysis) })
         }
         Err(problem) if is_named => Err(ShotError::Analysis { folder, problem }),
-        Err(problem) => Ok((AnalysisState::Unfit(folder, problem), None)),
+        Err(problem) => without(AnalysisState::Unfit(folder, problem)),
     }
 }
 
@@ -77,16 +86,18 @@ pub struct Follows {
     pub value: Value,
 }
 
-/// Those of which nothing else is said: the readout time overrides profiles, the sharpness does not.
-pub fn follows(analysis: &Analysis, profiles: &[PathBuf], sets: &[String]) -> Result<Vec<Follows>, ShotError> {
+/// The parameters that nobody else sets: the readout time overrides profiles, the sharpness does
+/// not.
+pub fn follows(analysis: &Analysis, sources: Sources<'_>) -> Result<Vec<Follows>, ShotError> {
     let mut follows = Vec::new();
     let mut add = |(table, name), number| follows.push(Follows { table, name, value: Value::Number(number) });
-    let says_readout = |text: &String| text.trim_start().starts_with("camera.readout_time_s");
-    if analysis.refined().is_some() && !sets.iter().any(says_readout) {
+    let sets_readout = |text: &String| text.trim_start().starts_with("camera.readout_time_s");
+    let is_set = sources.of_scene.has(READOUT.0, READOUT.1) || sources.sets.iter().any(sets_readout);
+    if analysis.refined().is_some() && !is_set {
         add(READOUT, analysis.findings.camera.intrinsics.readout_time_s);
     }
     if let Some(sigma_px) = analysis.findings.spread.as_ref().and_then(|spread| spread.sigma_px)
-        && !says_spread(profiles, sets)?
+        && !says_spread(sources)?
     {
         add(SHARPNESS, measuring(sigma_px));
     }
@@ -100,15 +111,16 @@ pub fn refine(recording: &mut Recording, analysis: &Analysis) {
 
 /// Whether a profile or a setting says how sharp the camera is. It may say what is the default, so that it is put over two values
 /// that differ: where it says one, both are that afterwards.
-fn says_spread(profiles: &[PathBuf], sets: &[String]) -> Result<bool, ShotError> {
+fn says_spread(sources: Sources<'_>) -> Result<bool, ShotError> {
     let (table, name) = SHARPNESS;
     let put_over = |number: f64| -> Result<Option<Value>, ShotError> {
         let (mut rig, mut settings) = (Rig::default(), Settings::default());
         let _ = settings.set(table, name, &Value::Number(number));
-        for profile in profiles {
+        for profile in sources.profiles {
             rig.read(profile, &mut settings)?;
         }
-        for text in sets {
+        sources.of_scene.apply(&mut rig, &mut settings, sources.scene)?;
+        for text in sources.sets {
             rig.set_text(text, &mut settings)?;
         }
         Ok(settings.tables().into_iter().find(|params| params.table() == table).and_then(|params| params.get(name)))

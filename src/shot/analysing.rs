@@ -3,13 +3,14 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::analysed::{AnalysisState, Follows, follows, refine};
+use super::analysed::{AnalysisState, Follows, Sources, follows, refine};
 use super::{Shot, ShotError};
 use crate::analyse::{
     Analysis, AnalysisError, Interrupted, Part, Progress, RegistrationError, Taken, Times, analyse, check_writable,
 };
 use crate::compositor::exposure_time_s;
 use crate::frame::{Frame, FrameExposure};
+use crate::profile::ShotSettings;
 use crate::rows::processors;
 use crate::scene::Scene;
 
@@ -84,7 +85,10 @@ impl Shot {
             self.analysis = AnalysisState::Unfit(folder, problem);
             return Ok(Vec::new());
         }
-        let follows = follows(&analysis, &self.profiles, &[])?;
+        let of_scene = ShotSettings::default();
+        let sources = Sources { profiles: &self.profiles, of_scene: &of_scene, scene: Path::new(""), sets: &[] };
+        let follows = follows(&analysis, sources)?;
+        Arc::make_mut(&mut self.baseline).follow(follows.clone());
         let mut recording = self.recorded.as_ref().clone();
         refine(&mut recording, &analysis);
         recording.set_cameras(|own| self.rig.geometry_over(own));

@@ -5,6 +5,7 @@
 
 mod analysed;
 mod analysing;
+mod baseline;
 mod check;
 mod error;
 mod eye;
@@ -38,12 +39,14 @@ use crate::camera::{Camera, CameraExposure, Geometry, Lens};
 use crate::compositor::{Compositor, Settings};
 use crate::frame::Frame;
 use crate::gpu::Gpu;
-use crate::profile::Rig;
+use crate::profile::{Rig, ShotSettings};
 use crate::recording::{OpenOptions, Recording, RecordingError};
 use crate::scene::{self, Gauge, Lighting, Scene};
 
 pub use analysed::{AnalysisState, Follows};
+use analysed::{LoadedAnalysis, Sources, follows};
 pub use analysing::AnalyseError;
+pub use baseline::Baseline;
 pub use error::ShotError;
 pub use eye::{Eye, Ray};
 use floors::Floors;
@@ -78,10 +81,11 @@ pub struct Shot {
     found_light: Option<Arc<Lighting>>,
     /// The profiles that were read.
     profiles: Vec<PathBuf>,
-    /// The camera before `Given::sets`, and from `Given::sets` alone: for a frame's exposure they have different ranks
-    /// ([`Shot::taken`]).
+    /// The camera by profiles, and by the scene's settings and `Given::sets` alone: for a frame's
+    /// exposure they have different ranks ([`Shot::taken`]).
     by_profile: Rig,
     by_sets: Rig,
+    baseline: Arc<Baseline>,
     /// The recording's unit as it was opened, metres: 1 if nobody said it.
     opened_unit_m: f64,
     /// Whether an analysis of the footage is used, or why not.
@@ -122,14 +126,28 @@ impl Shot {
             rig.lay_over(geometry);
         }
         let by_profile = rig.clone();
+        let mut baseline = Baseline { rig: rig.clone(), settings: settings.clone(), found: Vec::new() };
         let mut by_sets = rig.clone();
         (by_sets.lens, by_sets.exposure) = (Lens::default(), CameraExposure::default());
+        let scene_file = given.scene.as_deref().unwrap_or(Path::new(""));
+        let of_scene = ShotSettings::read(&scene::document::settings(scene_file)?, scene_file)?;
+        of_scene.apply(&mut rig, &mut settings, scene_file)?;
+        of_scene.apply(&mut by_sets, &mut Settings::default(), scene_file)?;
         for text in &given.sets {
             rig.set_text(text, &mut settings)?;
             by_sets.set_text(text, &mut Settings::default())?;
+            baseline.rig.set_text(text, &mut baseline.settings)?;
         }
         let recorded = Arc::new(recording.clone());
-        let (analysis, found_light) = analysed::take(&mut recording, &mut rig, &mut settings, &profiles, given)?;
+        let LoadedAnalysis { state, light: found_light, analysis } = analysed::take(&mut recording, &rig, given)?;
+        if let Some(analysis) = &analysis {
+            let all = Sources { profiles: &profiles, of_scene: &of_scene, scene: scene_file, sets: &given.sets };
+            for Follows { table, name, value } in follows(analysis, all)? {
+                // Within the range: the analysis found it there.
+                let _ = rig.set(&mut settings, table, name, &value);
+            }
+            baseline.follow(follows(analysis, Sources { of_scene: &ShotSettings::default(), ..all })?);
+        }
         recording.set_cameras(|own| rig.geometry_over(own));
         let scene = match &given.scene {
             Some(path) => scene::load(path, recording.up)?,
@@ -148,8 +166,9 @@ impl Shot {
             profiles,
             by_profile,
             by_sets,
+            baseline: Arc::new(baseline),
             opened_unit_m,
-            analysis,
+            analysis: state,
             held: None,
             floors: Arc::default(),
         };
@@ -191,6 +210,11 @@ impl Shot {
     /// A compositor on a device, with the scene as it is now.
     pub fn compositor(&self, gpu: Gpu) -> Compositor {
         self.compositor_on_floors(gpu)
+    }
+
+    /// Camera and settings without the scene file's own settings.
+    pub fn baseline(&self) -> &Baseline {
+        &self.baseline
     }
 
     /// The profiles that were read, the recording's own first.

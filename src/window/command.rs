@@ -35,11 +35,11 @@ pub fn composite(project: &Project, frame: usize) -> Line {
     }
     words.extend(["--frames".to_owned(), format!("{frame}..{}", frame + 1), "-o".to_owned(), "composited".to_owned()]);
     let mut before = Vec::new();
-    if files.scene != now.scene || !project.scene_path().exists() {
+    if files.scene != now.scene || project.scene_is_stale() || !project.scene_path().exists() {
         before.push("Save the scene first: the command reads it from its file.");
     }
     if files.rig.noise != now.rig.noise {
-        before.push("Save the profile first: a camera's noise cannot be given by --set.");
+        before.push("Save first: a camera's noise cannot be given by --set.");
     }
     Line { text: words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" "), before }
 }

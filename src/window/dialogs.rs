@@ -33,7 +33,7 @@ fn as_dialog<T>(ctx: &Context, window: Option<&InnerResponse<T>>) {
 }
 
 /// Asks, with a word for each answer. Esc stays.
-fn question(ctx: &Context, title: &str, answers: [&str; 3], body: impl FnOnce(&mut Ui)) -> Option<Answer> {
+pub fn question(ctx: &Context, title: &str, answers: [&str; 3], body: impl FnOnce(&mut Ui)) -> Option<Answer> {
     let mut given = None;
     let modal = modal(ctx, "question", title, |ui| {
         ui.set_width(420.0);
@@ -122,11 +122,12 @@ pub fn whether_to_replace(ctx: &Context, path: &Path) -> Option<Answer> {
 
 /// A profile is about to be written for the first time that others use too.
 pub fn whether_to_write(ctx: &Context, path: &Path, whose: &str) -> Option<Answer> {
-    question(ctx, "Write into this profile?", ["Write into it", "Save as…", "Stay"], |ui| {
-        ui.label(format!(
-            "{} belongs to {whose}. What you have changed would hold wherever it is used.",
-            path.display()
-        ));
+    let title = match whose {
+        "the program" => "Change the supplied profile?",
+        _ => "Change the recording's profile?",
+    };
+    question(ctx, title, ["Overwrite", "Save as…", "Cancel"], |ui| {
+        ui.label(format!("{} belongs to {whose}. Wherever it is used, your changes apply.", path.display()));
     })
 }
 

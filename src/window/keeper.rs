@@ -12,6 +12,7 @@ use eframe::egui;
 use super::air::Air;
 use super::analysing::Analysing;
 use super::autosave::{Autosave, Left, Work};
+use super::camera_values::SavedIn;
 use super::chooser::{Chooser, Seeks};
 use super::dialogs;
 use super::errand::Errand;
@@ -109,6 +110,9 @@ pub struct Keeper {
     asks_first: Option<PathBuf>,
     /// Such profiles that may be written from now on.
     shared: Vec<PathBuf>,
+    /// Where changed values of the camera go is asked, and the answer for what is being saved.
+    asks_camera_values: bool,
+    camera_values: Option<SavedIn>,
     /// Waits for an answer, or for what is being saved.
     then: Option<Then>,
     /// The person who saves before it knows that the camera's recording ends.
@@ -189,7 +193,7 @@ impl Keeper {
     /// Begins to save what is changed.
     pub fn save(&mut self) {
         if self.saving.is_none() {
-            (self.saving, self.saved) = (Some(Vec::new()), Vec::new());
+            (self.saving, self.saved, self.camera_values) = (Some(Vec::new()), Vec::new(), None);
         }
     }
 
@@ -374,7 +378,7 @@ impl Keeper {
     pub fn is_asking(&self) -> bool {
         let asks =
             self.chooser.is_some() || self.asks_whether.is_some() || self.then.is_some() || self.opening.is_some();
-        let asks = asks || self.asks_first.is_some() || self.air.is_some();
+        let asks = asks || self.asks_first.is_some() || self.asks_camera_values || self.air.is_some();
         asks || !self.left.is_empty()
     }
 

@@ -15,7 +15,8 @@
 //!   `handles`: objects and lamps in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
 //!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it; `things`: what is
 //!   done to what is selected. `lamps`: those of the scene, and one more.
-//!
+//! - `missing`: files that the scene lacks; `tilt`: upright things on tilted surfaces.
+//! - `camera_values`: the question where changed values of the camera are saved.
 //! - `analysing`: the footage analysed, and what was found taken over where one is.
 //! - `keeper`: opening and saving, and what is asked before anything is lost (`chooser`, `dialogs`, `kind`, `saving`,
 //!   `opening`, `watch`, `recent`, `habits`, `start` where there is nothing to show); work that a crash leaves (`autosave`, `held`, `looking`, in the folder of `state`); a new start where the
@@ -33,6 +34,7 @@ mod autosave;
 mod background;
 mod calibrating;
 mod camera;
+mod camera_values;
 mod canvas;
 mod changes;
 mod chooser;
@@ -109,7 +111,7 @@ pub use jobs::{Jobs, State, Task};
 pub use measure::Measure;
 pub use picture::View;
 pub use player::{Pace, Player};
-pub use project::{Draft, Edit, Origin, Other, Project, SaveError, Written};
+pub use project::{Draft, Edit, Extent, Origin, Other, Project, SaveError, Written};
 pub use saving::{DEMO, DEMO_SCENE};
 pub use start::Start;
 

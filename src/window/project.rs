@@ -1,6 +1,7 @@
 //! What a person edits: a shot's camera, settings and scene, as plain values with a past, and the files that keep them.
 
 mod found;
+mod kept;
 mod light;
 mod save;
 mod scene;
@@ -15,12 +16,13 @@ use crate::camera::{Geometry, NoiseProfile};
 use crate::compositor::Settings;
 use crate::live::LiveFrom;
 use crate::params::{ParamError, Params, Value, called, title};
-use crate::profile::Rig;
+use crate::profile::{Rig, ShotSettings};
 use crate::recording::{OpenOptions, Recording};
 use crate::scene::{self as scenes, Models, SceneFile};
 use crate::shot::{Given, Shot, ShotError};
 use crate::tracking::PoseTrack;
 
+pub use kept::Extent;
 pub use save::{Draft, SaveError, Written};
 
 /// Everything that a change changes, and that undo brings back.
@@ -63,9 +65,12 @@ pub enum Origin {
 pub struct Project {
     shot: Shot,
     history: History<Edit>,
-    /// As the recording and the profiles have it: what a value is compared with to tell who set it.
+    /// By the recording, the profiles and the analysis, without the scene's own settings.
     opened: Edit,
     saved: Edit,
+    /// The settings that the scene file has, and whether it should have others.
+    of_scene: ShotSettings,
+    scene_is_stale: bool,
     /// As it is where nobody says anything.
     defaults: Edit,
     pub profile: Option<PathBuf>,
@@ -110,12 +115,20 @@ impl Project {
         // A model alone stands where its own coordinates put it, which no scene file can say.
         let is_file = |path: &&PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
         let scene_text = given.scene.as_ref().filter(is_file).map(|path| scenes::document::read(path)).transpose()?;
-        let scene = scene_text.as_ref().map_or_else(SceneFile::default, |text| text.value().clone());
+        let mut scene = scene_text.as_ref().map_or_else(SceneFile::default, |text| text.value().clone());
+        // They are edited as values of camera and effects, and put together anew when the scene is
+        // saved.
+        let of_scene = std::mem::take(&mut scene.settings);
+        let of_scene = ShotSettings::read(&of_scene, given.scene.as_deref().unwrap_or(Path::new("")))?;
         let edit = Edit { rig: shot.rig.clone(), settings: shot.settings.clone(), scene, other: None };
+        let baseline = shot.baseline();
+        let opened = Edit { rig: baseline.rig.clone(), settings: baseline.settings.clone(), ..edit.clone() };
         Ok(Self {
             history: History::new(edit.clone()),
-            opened: edit.clone(),
+            opened,
             saved: edit.clone(),
+            of_scene,
+            scene_is_stale: false,
             defaults: Edit {
                 rig: Rig::default(),
                 settings: Settings::default(),
@@ -200,15 +213,12 @@ impl Project {
     }
 
     pub fn is_saved(&self) -> bool {
-        self.edit().saves_like(&self.saved)
+        self.edit().saves_like(&self.saved) && !self.scene_is_stale
     }
 
-    pub fn profile_is_changed(&self) -> bool {
-        (&self.edit().rig, &self.edit().settings) != (&self.saved.rig, &self.saved.settings)
-    }
-
-    pub fn scene_is_changed(&self) -> bool {
-        self.edit().scene != self.saved.scene
+    /// Whether the scene file lacks settings that have changed places with a profile's.
+    pub fn scene_is_stale(&self) -> bool {
+        self.scene_is_stale
     }
 
     /// Ends a drag: the next change is a step of its own.
@@ -316,7 +326,7 @@ impl Project {
         Some(shot)
     }
 
-    /// The value as it was opened.
+    /// The value by the recording, the profiles and the analysis.
     pub fn opened(&self, table: &str, name: &str) -> Option<Value> {
         value(&self.opened, table, name)
     }

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::camera_values::SavedIn;
 use super::project::Project;
 use super::watch::{Change, Watch};
 use crate::installed;
@@ -18,6 +19,8 @@ pub enum Step {
     /// A name is needed.
     NameScene,
     NameProfile,
+    /// Values of the camera are changed: in its profile, or with the scene?
+    AskCamera,
     /// A profile was opened that is others' too, and is not yet agreed to be written.
     AskFirst(PathBuf),
     /// A file was changed by somebody else since it was read.
@@ -34,6 +37,8 @@ pub struct Agreed<'a> {
     pub replaced: &'a [PathBuf],
     /// Profiles of others that may be written.
     pub shared: &'a [PathBuf],
+    /// Where changed values of the camera go.
+    pub camera: Option<SavedIn>,
 }
 
 /// The next step.
@@ -43,6 +48,13 @@ pub fn next(project: &Project, watch: Option<&Watch>, agreed: Agreed<'_>) -> Ste
         let change = watch.and_then(|watch| watch.change(path));
         change == Some(Change::Changed) && !has(agreed.replaced, path)
     };
+    // A model that is opened alone has no scene file, and keeps no settings.
+    let asks = if project.can_place() { project.camera_is_changed() } else { project.settings_are_changed() };
+    match agreed.camera.filter(|_| asks) {
+        None if asks => return Step::AskCamera,
+        Some(SavedIn::Profile) => return profile_step(project, agreed, changed),
+        _ => {}
+    }
     if project.scene_is_changed() {
         return match project.scene.clone().filter(|path| !is_demo(path) || has(agreed.replaced, path)) {
             None => Step::NameScene,
@@ -50,15 +62,16 @@ pub fn next(project: &Project, watch: Option<&Watch>, agreed: Agreed<'_>) -> Ste
             Some(path) => Step::WriteScene(path),
         };
     }
-    if project.profile_is_changed() {
-        return match project.profile.clone() {
-            None => Step::NameProfile,
-            Some(path) if whose(project, &path).is_some() && !has(agreed.shared, &path) => Step::AskFirst(path),
-            Some(path) if changed(&path) => Step::AskWhether(path),
-            Some(path) => Step::WriteProfile(path),
-        };
-    }
     Step::Saved
+}
+
+fn profile_step(project: &Project, agreed: Agreed<'_>, changed: impl Fn(&Path) -> bool) -> Step {
+    match project.profile.clone() {
+        None => Step::NameProfile,
+        Some(path) if whose(project, &path).is_some() && !agreed.shared.contains(&path) => Step::AskFirst(path),
+        Some(path) if changed(&path) => Step::AskWhether(path),
+        Some(path) => Step::WriteProfile(path),
+    }
 }
 
 /// Whether that is the demonstration's recording.

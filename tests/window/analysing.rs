@@ -122,6 +122,14 @@ fn footage_is_analysed_and_taken_over_where_one_is() {
     settle(&mut window);
     assert!(shown(&window) == composited(&site, 1.0));
 
+    // What the analysis found holds for this recording alone: no profile takes it.
+    let project = window.state_mut().project_mut();
+    assert!(!project.shot().baseline().found.is_empty());
+    let profile = site.with_file_name("mine.toml");
+    project.save_profile(&profile).unwrap();
+    let text = std::fs::read_to_string(&profile).unwrap();
+    assert!(!text.contains("readout_time_s") && !text.contains("point_spread"), "{text}");
+
     // How bright the frames are.
     let seen_ev = window.state().project().shot().seen_ev();
     assert_eq!(seen_ev.len(), frames());

@@ -180,8 +180,8 @@ fn what_is_saved_opens_again_and_comments_stay() {
     settle(&mut window);
     let project = window.state().project();
     assert!(!project.is_saved() && project.origin("noise", "scale") == Origin::Person);
-    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
-    until(&mut window, |app| app.project().is_saved());
+    window.state_mut().project_mut().save_profile(&profile).unwrap();
+    assert!(window.state().project().is_saved());
     let saved = std::fs::read_to_string(&profile).unwrap();
     let expected = text.replace("0.5 #", "0.75 #") + "\n[camera.lens]\nfocus_distance_m = 1.0\n";
     assert_eq!(saved, expected);
@@ -313,15 +313,17 @@ fn it_asks_before_changes_are_lost() {
     };
     close(&mut window);
     assert_eq!(window.query_all_by_label("Save and close").count(), 0, "nothing has been changed");
-    window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.5)).unwrap();
+    window.state_mut().project_mut().set("point_spread", "sigma_px", &Value::Number(0.5)).unwrap();
     close(&mut window);
     window.get_by_label("Stay").click();
     window.run_steps(2);
     assert_eq!(window.query_all_by_label("Save and close").count(), 0);
     close(&mut window);
     window.get_by_label("Save and close").click();
+    window.run_steps(3);
+    window.get_by_label("Save to the profile").click();
     until(&mut window, |app| app.project().is_saved());
-    assert!(std::fs::read_to_string(&profile).unwrap().contains("scale = 0.5"));
+    assert!(std::fs::read_to_string(&profile).unwrap().contains("sigma_px = 0.5"));
 }
 
 #[test]

@@ -5,12 +5,13 @@ use std::path::PathBuf;
 use eframe::egui;
 
 use super::super::autosave::Left;
+use super::super::camera_values;
 use super::super::dialogs::{self, Answer, Ending};
 use super::super::errand::Errand;
 use super::super::jobs::Jobs;
 use super::super::kind::Kind;
 use super::super::opening::{Opening, Refused};
-use super::super::project::SaveError;
+use super::super::project::{Extent, SaveError};
 use super::super::recent::Opened;
 use super::super::saving::{self, Agreed, Saved, Step};
 use super::super::session::Session;
@@ -57,9 +58,12 @@ impl Keeper {
     /// replaced.
     pub(super) fn write(&mut self, ctx: &egui::Context, session: &mut Session, step: &Step, chosen: bool) {
         let project = &mut session.project;
+        // Saving gives a profile what is the camera's; one that is named from the menu gets all.
+        let is_of_camera = self.saving.is_some() && project.can_place();
+        let extent = if is_of_camera { Extent::Camera } else { Extent::All };
         let (path, draft) = match step {
             Step::WriteScene(path) => (path, project.scene_draft(path)),
-            Step::WriteProfile(path) => (path, Ok(project.profile_draft(path))),
+            Step::WriteProfile(path) => (path, Ok(project.profile_draft(path, extent))),
             _ => return,
         };
         let is_agreed = chosen || self.saving.as_ref().is_some_and(|agreed| agreed.contains(path));
@@ -112,16 +116,19 @@ impl Keeper {
             && self.chooser.is_none()
             && self.asks_whether.is_none()
             && self.asks_first.is_none()
+            && !self.asks_camera_values
         {
             let Some(replaced) = &self.saving else { return };
             let project = &session.project;
-            match saving::next(project, self.watch.as_ref(), Agreed { replaced, shared: &self.shared }) {
+            let agreed = Agreed { replaced, shared: &self.shared, camera: self.camera_values };
+            match saving::next(project, self.watch.as_ref(), agreed) {
                 Step::Saved => {
                     self.saving = None;
                     session.say(saving::told(&self.saved));
                 }
                 Step::NameScene => self.name_scene(project),
                 Step::NameProfile => self.name_profile(project),
+                Step::AskCamera => self.asks_camera_values = true,
                 Step::AskFirst(path) => self.asks_first = Some(path),
                 Step::AskWhether(path) => self.asks_whether = Some(path),
                 step => self.write(ctx, session, &step, false),
@@ -165,6 +172,14 @@ impl Keeper {
                 None => return,
             }
             self.asks_first = None;
+            return;
+        }
+        if self.asks_camera_values {
+            let Some(answer) = camera_values::ask(ctx, &session.project) else { return };
+            (self.asks_camera_values, self.camera_values) = (false, answer);
+            if answer.is_none() {
+                (self.saving, self.then) = (None, None);
+            }
             return;
         }
         if self.saving.is_some() || self.writing.is_some() {

@@ -6,13 +6,15 @@ use std::sync::Arc;
 
 use super::super::kind::Kind;
 use super::super::watch::{Stamp, stamp};
+use super::kept::{Extent, ForProfile};
 use super::light::panorama_of_analysis;
 use super::{Edit, Project, tables};
 use crate::analyse::panorama_beside;
 use crate::compositor::Settings;
-use crate::profile::{self, ProfileError, Rig};
+use crate::profile::{self, ProfileError, Rig, ShotSettings};
 use crate::recording::Recording;
 use crate::scene::{self, SceneError, SceneFile};
+use crate::shot::Follows;
 use crate::sink::SinkError;
 use crate::sink::atomic::write_atomically;
 use crate::source::file::{self, MOST_DOCUMENT};
@@ -43,8 +45,31 @@ pub struct Draft {
 
 #[derive(Debug)]
 enum What {
-    Profile { recording: Arc<Recording>, edit: Box<Edit>, from: Option<PathBuf> },
-    Scene { text: String, scene: Box<SceneFile>, from: PathBuf, panorama: Option<Panorama> },
+    Profile(Box<ProfileDraft>),
+    Scene(Box<SceneDraft>),
+}
+
+#[derive(Debug)]
+struct ProfileDraft {
+    recording: Arc<Recording>,
+    /// What is set at this moment, and what the profile is to give.
+    edit: Edit,
+    by_profile: Edit,
+    values: ForProfile,
+    /// By an analysis, and not the camera's own.
+    found: Vec<Follows>,
+    from: Option<PathBuf>,
+}
+
+#[derive(Debug)]
+struct SceneDraft {
+    text: String,
+    /// Without its settings, which stand beside it.
+    scene: SceneFile,
+    settings: ShotSettings,
+    edit: Edit,
+    from: PathBuf,
+    panorama: Option<Panorama>,
 }
 
 /// An analysis' panorama that a scene is lit by, and where the scene has it for itself once it is saved.
@@ -106,8 +131,8 @@ impl Written {
     /// What it is, in words.
     pub fn what(&self) -> &'static str {
         match self.what {
-            What::Profile { .. } => "profile",
-            What::Scene { .. } => "scene",
+            What::Profile(_) => "profile",
+            What::Scene(_) => "scene",
         }
     }
 }
@@ -125,18 +150,18 @@ impl Draft {
             return Err(SaveError::Changed(path));
         }
         let text = match &what {
-            What::Profile { recording, edit, from } => {
+            What::Profile(draft) => {
                 // A new file is a copy of the profile that is open.
-                let from = from.as_ref().filter(|from| !path.exists() && from.exists());
-                profile_text(recording, edit, from.unwrap_or(&path))?
+                let from = draft.from.as_ref().filter(|from| !path.exists() && from.exists());
+                profile_text(&draft.recording, &draft.by_profile, from.unwrap_or(&path), &draft.found)?
             }
-            What::Scene { .. } if belongs_to_another(&path) => {
+            What::Scene(_) if belongs_to_another(&path) => {
                 let reason = "the file is no scene, and is kept: choose another name".to_owned();
                 return Err(SaveError::Text { path, reason });
             }
-            What::Scene { text, .. } => text.clone(),
+            What::Scene(draft) => draft.text.clone(),
         };
-        let panorama = if let What::Scene { panorama, .. } = &what { panorama.as_ref() } else { None };
+        let panorama = if let What::Scene(draft) = &what { draft.panorama.as_ref() } else { None };
         let made = panorama.map(Panorama::write).transpose()?.flatten();
         let written = write_atomically(&path, true, |writer| std::io::Write::write_all(writer, text.as_bytes()));
         written.inspect_err(|_| made.into_iter().for_each(|made| _ = std::fs::remove_file(made)))?;
@@ -150,8 +175,8 @@ fn belongs_to_another(path: &Path) -> bool {
 }
 
 /// What differs from the recording's own camera and from the profile's text is set in that text. Where the recording has no
-/// camera, the text has all of one.
-fn profile_text(recording: &Recording, edit: &Edit, path: &Path) -> Result<String, SaveError> {
+/// camera, the text has all of one. Values that are as an analysis `found` them are left out.
+fn profile_text(recording: &Recording, edit: &Edit, path: &Path, found: &[Follows]) -> Result<String, SaveError> {
     let (mut rig, mut settings) = (Rig::default(), Settings::default());
     if let Some(own) = &recording.camera_profile {
         rig.read(own, &mut settings)?;
@@ -180,7 +205,11 @@ fn profile_text(recording: &Recording, edit: &Edit, path: &Path) -> Result<Strin
     let [before, now] = [(&rig, &settings), (&edit.rig, &edit.settings)].map(|(rig, settings)| tables(rig, settings));
     for (before, now) in before.into_iter().zip(now) {
         for spec in now.specs() {
-            if before.get(spec.name) != now.get(spec.name) {
+            let value = now.get(spec.name);
+            let is_found = found.iter().any(|found| {
+                (found.table, found.name) == (now.table(), spec.name) && value.as_ref() == Some(&found.value)
+            });
+            if before.get(spec.name) != value && !is_found {
                 document.set_param(now, spec.name);
             }
         }
@@ -202,19 +231,26 @@ fn profile_text(recording: &Recording, edit: &Edit, path: &Path) -> Result<Strin
 }
 
 impl Project {
-    /// What differs from the recording's own camera and from a profile's text, to be written into that profile, whose
-    /// comments and other keys stay. A new file is made where there is none.
-    pub fn profile_draft(&self, path: &Path) -> Draft {
-        let (recording, edit) = (Arc::clone(&self.shot.recording), Box::new(self.edit().clone()));
-        let what = What::Profile { recording, edit, from: self.profile.clone() };
-        Draft { path: path.to_owned(), known: None, what }
+    /// Values to be written into a profile, whose comments and other keys stay. A new file is made
+    /// where there is none.
+    pub fn profile_draft(&self, path: &Path, extent: Extent) -> Draft {
+        let values = self.for_profile(extent);
+        let draft = ProfileDraft {
+            recording: Arc::clone(&self.shot.recording),
+            edit: self.edit().clone(),
+            by_profile: self.by_profile(&values),
+            values,
+            found: self.shot.baseline().found.clone(),
+            from: self.profile.clone(),
+        };
+        Draft { path: path.to_owned(), known: None, what: What::Profile(Box::new(draft)) }
     }
 
     /// The whole camera and all settings as a profile's text, to be put together on another thread.
     pub fn profile_text(&self) -> impl FnOnce() -> Result<String, SaveError> + Send + 'static {
         let (recording, edit) = (Arc::clone(&self.shot.recording), self.edit().clone());
         let path = self.profile.clone().unwrap_or_default();
-        move || profile_text(&recording, &edit, &path)
+        move || profile_text(&recording, &edit, &path, &[])
     }
 
     /// The scene file, whose comments and order stay. In another folder it names the same models.
@@ -229,21 +265,20 @@ impl Project {
         }
         let failed =
             |error: &dyn std::fmt::Display| SaveError::Text { path: path.to_owned(), reason: error.to_string() };
+        let settings = self.shot_settings();
+        let whole = SceneFile { settings: settings.to_toml(), ..scene.clone() };
         let text = match &mut self.scene_text {
             Some(text) => {
-                text.set(scene.clone()).map_err(|e| failed(&e))?;
+                text.set(whole).map_err(|e| failed(&e))?;
                 text.to_string()
             }
             None => {
-                let made = scene::Document::new(scene.clone()).map_err(|e| failed(&e))?;
+                let made = scene::Document::new(whole).map_err(|e| failed(&e))?;
                 self.scene_text.insert(made).to_string()
             }
         };
-        Ok(Draft {
-            path: path.to_owned(),
-            known: None,
-            what: What::Scene { text, scene: Box::new(scene), from, panorama },
-        })
+        let draft = SceneDraft { text, scene, settings, edit: self.edit().clone(), from, panorama };
+        Ok(Draft { path: path.to_owned(), known: None, what: What::Scene(Box::new(draft)) })
     }
 
     /// A draft has been written: from now on this is what is saved.
@@ -251,27 +286,28 @@ impl Project {
         let Written { path, stamp, what } = written;
         self.stamps.insert(path.clone(), stamp);
         match what {
-            What::Profile { edit, .. } => {
-                self.saved.rig = edit.rig;
-                self.saved.settings = edit.settings;
+            What::Profile(draft) => {
+                self.profile_took(&draft.values, &draft.edit);
                 self.profile = Some(path);
             }
-            What::Scene { scene, from, panorama, .. } => {
+            What::Scene(draft) => {
+                let SceneDraft { scene, settings, edit, from, panorama, .. } = *draft;
                 let follow = |scene: &mut SceneFile| {
                     *scene = moved(scene, &from, &path);
                     panorama.iter().for_each(|panorama| panorama.put_into(scene, &path));
                 };
                 self.history.each(|edit| follow(&mut edit.scene));
                 [&mut self.opened.scene, &mut self.loaded].into_iter().for_each(follow);
-                self.saved.scene = *scene;
+                self.saved = Edit { scene, rig: edit.rig, settings: edit.settings, other: self.saved.other.take() };
+                (self.of_scene, self.scene_is_stale) = (settings, false);
                 self.scene = Some(path);
             }
         }
     }
 
-    /// Writes the profile, and waits for it.
+    /// Writes all that is set into a profile, and waits for it.
     pub fn save_profile(&mut self, path: &Path) -> Result<(), SaveError> {
-        let written = self.profile_draft(path).write()?;
+        let written = self.profile_draft(path, Extent::All).write()?;
         self.written(written);
         Ok(())
     }

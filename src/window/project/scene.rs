@@ -66,6 +66,7 @@ impl Project {
     pub fn read_again(&mut self, fresh: Self) {
         let edit = fresh.edit().clone();
         (self.opened, self.saved, self.scene_text) = (fresh.opened, fresh.saved, fresh.scene_text);
+        (self.of_scene, self.scene_is_stale) = (fresh.of_scene, fresh.scene_is_stale);
         self.stamps = fresh.stamps;
         self.change("read again", edit);
         self.close_step();

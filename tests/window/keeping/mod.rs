@@ -3,6 +3,7 @@
 mod crash;
 mod leaving;
 mod saving;
+mod shot_settings;
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -21,7 +22,7 @@ use locard::pixels::Pixels;
 use locard::recording::OpenOptions;
 use locard::scene::document::PlacedModel;
 use locard::shot::{Given, Shot};
-use locard::window::{App, Autosave, DEMO, DEMO_SCENE, Left, Project, State, Work, command_line};
+use locard::window::{App, Autosave, DEMO, DEMO_SCENE, Extent, Left, Project, State, Work, command_line};
 
 fn project(profile: Option<&Path>, scene: Option<&Path>) -> Project {
     let given = Given { profile: profile.map(Into::into), scene: scene.map(Into::into), ..Given::default() };

@@ -4,23 +4,6 @@ use super::*;
 use crate::program;
 
 #[test]
-fn what_is_switched_off_is_off_when_it_opens_again() {
-    let temp = tempfile::tempdir().unwrap();
-    let profile = temp.path().join("mine.toml");
-    let text = "# my camera\nversion = 1\n\n[noise]\nscale = 0.5 # quieter\n";
-    std::fs::write(&profile, text).unwrap();
-    let mut window = open(Some(&profile), Path::new(DEMO_SCENE));
-    window.state_mut().project_mut().switch("noise", false);
-    window.state_mut().project_mut().switch("vignetting", false);
-    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
-    until(&mut window, |app| app.project().is_saved());
-    let saved = std::fs::read_to_string(&profile).unwrap();
-    assert_eq!(saved, format!("{text}on = false\n\n[vignetting]\non = false\n"));
-    let again = project(Some(&profile), Some(Path::new(DEMO_SCENE)));
-    assert!(again.edit() == window.state().project().edit() && !again.edit().settings.is_on("noise"));
-}
-
-#[test]
 fn the_demonstration_is_not_written_to_and_a_scene_moves_with_its_models() {
     let temp = tempfile::tempdir().unwrap();
     let before = std::fs::read_to_string(DEMO_SCENE).unwrap();
@@ -109,23 +92,26 @@ fn saving_names_what_it_wrote_and_asks_before_others_profiles() {
     };
     let model = std::fs::canonicalize("scenes/marker-1.glb").unwrap().display().to_string();
     let change = |window: &mut Harness<'_, App>, scale: f64| {
-        set(window, "noise", "scale", scale);
+        set(window, "point_spread", "sigma_px", scale);
         let placed = PlacedModel { model: model.clone(), ..PlacedModel::default() };
         window.state_mut().project_mut().change_scene("placed", |scene| scene.objects.push(placed)).unwrap();
     };
     change(&mut window, 0.5);
     save(&mut window);
+    shows(&mut window, "Save to the profile");
+    press(&mut window, "Save to the profile");
     // It lies in the recording's folder, and was never named here.
-    shows(&mut window, "Write into it");
+    shows(&mut window, "Overwrite");
     assert!(std::fs::read_to_string(&own).unwrap() == "version = 1\n" && !window.state().project().is_saved());
-    press(&mut window, "Write into it");
+    press(&mut window, "Overwrite");
     let folder = temp.path().display();
-    shows(&mut window, &format!("Saved the scene {folder}/case.toml and the profile {folder}/rec/mine.toml"));
+    shows(&mut window, &format!("Saved the profile {folder}/rec/mine.toml and the scene {folder}/case.toml"));
     // The second time it is not asked.
     change(&mut window, 0.25);
     save(&mut window);
+    press(&mut window, "Save to the profile");
     until(&mut window, |app| app.project().is_saved());
-    assert!(std::fs::read_to_string(&own).unwrap().contains("scale = 0.25"));
+    assert!(std::fs::read_to_string(&own).unwrap().contains("sigma_px = 0.25"));
     save(&mut window);
     shows(&mut window, "Nothing has changed since it was saved");
 
@@ -256,13 +242,13 @@ fn the_dialog_keeps_the_keyboard_and_begins_where_one_was() {
 fn what_somebody_else_writes_is_read_again_or_asked_about() {
     let temp = tempfile::tempdir().unwrap();
     let profile = temp.path().join("mine.toml");
-    let scale = |scale: f64| std::fs::write(&profile, format!("version = 1\n[noise]\nscale = {scale}\n")).unwrap();
-    scale(0.5);
+    let theirs = |px: f64| std::fs::write(&profile, format!("version = 1\n[point_spread]\nsigma_px = {px}\n")).unwrap();
+    theirs(0.5);
     let mut window = open(Some(&profile), Path::new(DEMO_SCENE));
     let now = |window: &Harness<'_, App>| window.state().project().edit().settings.clone();
-    set(&mut window, "noise", "scale", 1.5);
+    set(&mut window, "point_spread", "sigma_px", 1.5);
     let mine = now(&window);
-    scale(0.125);
+    theirs(0.125);
     let asked = "Read it again";
     shows(&mut window, asked);
     press(&mut window, asked);
@@ -273,15 +259,16 @@ fn what_somebody_else_writes_is_read_again_or_asked_about() {
     assert!(now(&window) == mine, "nothing is lost");
 
     // Kept as it is here, it is asked about when it is saved.
-    scale(0.25);
+    theirs(0.25);
     shows(&mut window, asked);
     press(&mut window, "Keep what is here");
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.run_steps(3);
     assert!(!window.state().project().is_saved());
+    press(&mut window, "Save to the profile");
     press(&mut window, "Save mine");
     until(&mut window, |app| app.project().is_saved());
-    assert!(std::fs::read_to_string(&profile).unwrap().contains("scale = 1.5"));
+    assert!(std::fs::read_to_string(&profile).unwrap().contains("sigma_px = 1.5"));
 }
 
 #[test]
@@ -310,16 +297,16 @@ fn what_another_program_writes_while_it_is_saved_is_not_written_over() {
     std::fs::write(&profile, "version = 1\n").unwrap();
     let mut project = project(Some(&profile), None);
     project.set("noise", "scale", &Value::Number(0.25)).unwrap();
-    let draft = || project.profile_draft(&profile).unless_changed(project.stamp(&profile));
+    let draft = || project.profile_draft(&profile, Extent::All).unless_changed(project.stamp(&profile));
     std::fs::write(&profile, "version = 1\n# theirs\n").unwrap();
     assert!(matches!(draft().write(), Err(locard::window::SaveError::Changed(path)) if path == profile));
     assert_eq!(std::fs::read_to_string(&profile).unwrap(), "version = 1\n# theirs\n");
-    let written = project.profile_draft(&profile).write().unwrap();
+    let written = project.profile_draft(&profile, Extent::All).write().unwrap();
     project.written(written);
     assert!(project.is_saved());
     // What was written is known as it is.
     project.set("noise", "scale", &Value::Number(0.5)).unwrap();
-    project.profile_draft(&profile).unless_changed(project.stamp(&profile)).write().unwrap();
+    project.profile_draft(&profile, Extent::All).unless_changed(project.stamp(&profile)).write().unwrap();
     assert!(std::fs::read_to_string(&profile).unwrap().contains("scale = 0.5"));
 }
 
