@@ -21,23 +21,21 @@ pub(super) fn split_glb<'a>(file: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], O
     if !bytes.starts_with(b"glTF") {
         return Ok((bytes, None));
     }
-    let version = u32_at(bytes, 4).ok_or_else(|| truncated(file, "the header", bytes.len(), 12))?;
-    let length = u32_at(bytes, 8).ok_or_else(|| truncated(file, "the header", bytes.len(), 12))? as usize;
+    let version = u32_at(bytes, 4).ok_or_else(|| incomplete(file, bytes.len(), 12))?;
+    let length = u32_at(bytes, 8).ok_or_else(|| incomplete(file, bytes.len(), 12))? as usize;
     if version == 1 {
         return Err(old_gltf(file, "the GLB version", "glTF 1.0"));
     }
     if version != 2 {
         return Err(SceneError::bad(file, "the GLB version", version, "2"));
     }
-    let bytes = bytes.get(..length).ok_or_else(|| truncated(file, "the file", bytes.len(), length))?;
+    let bytes = bytes.get(..length).ok_or_else(|| incomplete(file, bytes.len(), length))?;
     let (mut json, mut binary) = (None, None);
     let mut at = 12;
     while let (Some(size), Some(kind)) = (u32_at(bytes, at), bytes.get(at + 4..at + 8)) {
         let start = at + 8;
         let end = start.saturating_add(size as usize);
-        let chunk = bytes
-            .get(start..end)
-            .ok_or_else(|| truncated(file, &format!("the chunk at byte {at}"), bytes.len() - start, size as usize))?;
+        let chunk = bytes.get(start..end).ok_or_else(|| incomplete(file, bytes.len(), end))?;
         match kind {
             b"JSON" if json.is_none() => json = Some(chunk),
             b"BIN\0" if binary.is_none() => binary = Some(chunk),
@@ -91,8 +89,8 @@ pub(super) fn other_kind(bytes: &[u8]) -> Option<&'static str> {
     OTHER_KINDS.iter().find(|(start, _)| starts(start)).map(|(_, kind)| *kind)
 }
 
-fn truncated(file: &Path, what: &str, found: usize, needed: usize) -> SceneError {
-    SceneError::bad(file, what, format!("{found} bytes"), format!("{needed} bytes (is the file cut off?)"))
+fn incomplete(file: &Path, found: usize, needed: usize) -> SceneError {
+    SceneError::Incomplete { file: file.to_owned(), found, needed }
 }
 
 fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {

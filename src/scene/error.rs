@@ -25,6 +25,11 @@ pub enum SceneError {
         found: String,
         accepted: String,
     },
+    /// The file is cut off.
+    #[error("{} is incomplete ({})", file.display(), sizes(*found, *needed))]
+    Incomplete { file: PathBuf, found: usize, needed: usize },
+    #[error("{} is not a glTF file", file.display())]
+    NotGltf { file: PathBuf },
     /// A library that decodes pictures or text panicked.
     #[error("{}: reading it failed inside ({message}); the file is probably damaged: export it again", file.display())]
     Inside { file: PathBuf, message: String },
@@ -32,6 +37,17 @@ pub enum SceneError {
 
 fn named_in(needed_by: &Option<PathBuf>) -> String {
     needed_by.as_ref().map(|file| format!(" (named in {})", file.display())).unwrap_or_default()
+}
+
+/// Two sizes in one unit, the largest in which they differ.
+fn sizes(found: usize, needed: usize) -> String {
+    let units = [(1_000_000, "MB"), (1000, "kB"), (1, "bytes")];
+    let in_unit = |(bytes, name): (usize, &str)| {
+        let round = |size: usize| (size + bytes / 2) / bytes;
+        let [found, needed] = [round(found), round(needed)];
+        (needed >= 10 && found < needed).then(|| format!("{found} of {needed} {name}"))
+    };
+    units.into_iter().find_map(in_unit).unwrap_or_else(|| format!("{found} of {needed} bytes"))
 }
 
 impl SceneError {
@@ -43,5 +59,16 @@ impl SceneError {
             found: shown(&brief(&found.to_string())),
             accepted: accepted.to_string(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::sizes;
+
+    #[test]
+    fn sizes_have_a_unit_in_which_they_differ() {
+        let told = [(2000, 73_960), (3, 12), (73_900, 73_960), (1_000_000, 25_000_000)].map(|(a, b)| sizes(a, b));
+        assert_eq!(told, ["2 of 74 kB", "3 of 12 bytes", "73900 of 73960 bytes", "1 of 25 MB"]);
     }
 }

@@ -36,7 +36,11 @@ impl Gltf {
         let parsed = serde_json::from_slice(json)
             .or_else(|error| serde_json::from_slice(&with_plain_integers(json)).map_err(|_| error));
         let json: Root = parsed.map_err(|error| {
-            let found = bytes::other_kind(&bytes).map_or_else(|| error.to_string(), str::to_owned);
+            let kind = bytes::other_kind(&bytes);
+            if kind.is_none() && !json.trim_ascii_start().starts_with(b"{") {
+                return SceneError::NotGltf { file: file.to_owned() };
+            }
+            let found = kind.map_or_else(|| error.to_string(), str::to_owned);
             SceneError::bad(file, "the glTF JSON", found, "glTF 2.0 as its specification has it")
         })?;
         check_version(file, &json.asset.version)?;

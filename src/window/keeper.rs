@@ -100,6 +100,8 @@ pub struct Keeper {
     opening: Option<Opening>,
     /// What was dropped, and what it is.
     looked_at: Vec<(PathBuf, Errand<Kind>)>,
+    /// A model that was dropped and can be read.
+    dropped_model: Option<PathBuf>,
     writing: Option<Errand<Result<Written, SaveError>>>,
     /// Files that a person has agreed to be written; `None` while nothing is being saved.
     saving: Option<Vec<PathBuf>>,
@@ -360,6 +362,11 @@ impl Keeper {
             let name = proposed(&ask, &session.project.shot().recording.path);
             self.choose(&session.project, Purpose::Put(ask), title, seeks, Some(&name));
         }
+    }
+
+    /// The model that was dropped: the next click places it.
+    pub fn take_model(&mut self) -> Option<PathBuf> {
+        self.dropped_model.take()
     }
 
     /// What was opened is shown.

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::library::is_model;
 use crate::profile;
 use crate::recording::Recording;
 use crate::scene;
@@ -12,6 +13,8 @@ pub enum Kind {
     Recording,
     Scene,
     Profile,
+    /// A model that can be placed.
+    Model,
     /// None of them, with the reasons.
     Neither(String),
 }
@@ -19,6 +22,12 @@ pub enum Kind {
 impl Kind {
     /// Reads what is there, which may take its time.
     pub fn of(path: &Path) -> Self {
+        if is_model(path) {
+            return match scene::load(path, None) {
+                Ok(_) => Self::Model,
+                Err(error) => Self::Neither(by_name(path, &error.to_string())),
+            };
+        }
         let text = file::read_text(path, MOST_DOCUMENT).map_err(|error| error.to_string());
         let of_profile = text.and_then(|text| {
             let read = profile::Document::parse(&text, path).map_err(|error| error.to_string());
@@ -37,6 +46,12 @@ impl Kind {
     }
 }
 
+/// A text with a file's name in place of its path.
+fn by_name(path: &Path, text: &str) -> String {
+    let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+    text.replace(&path.display().to_string(), &name)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -47,6 +62,15 @@ mod tests {
         assert_eq!(kind("recordings/demo"), Kind::Recording);
         assert_eq!(kind("recordings/demo/recording.toml"), Kind::Recording);
         assert_eq!((kind("scenes/demo.toml"), kind("profiles/simulated.toml")), (Kind::Scene, Kind::Profile));
+        assert_eq!(kind("scenes/marker-1.glb"), Kind::Model);
+        let folder = tempfile::tempdir().unwrap();
+        let model = std::fs::read("scenes/marker-1.glb").unwrap();
+        let cut = folder.path().join("kaputt.glb");
+        std::fs::write(&cut, &model[..2000]).unwrap();
+        let told = format!("kaputt.glb is incomplete (2 of {} kB)", (model.len() + 500) / 1000);
+        assert_eq!(Kind::of(&cut), Kind::Neither(told));
+        std::fs::write(&cut, "a picture").unwrap();
+        assert_eq!(Kind::of(&cut), Kind::Neither("kaputt.glb is not a glTF file".to_owned()));
         assert!(matches!(kind("no/where.toml"), Kind::Neither(why) if why.contains("no/where.toml")));
     }
 }

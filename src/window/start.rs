@@ -121,7 +121,7 @@ impl Start {
                 None => self.looked_at = Some((path, kind)),
                 Some(Ok(Kind::Recording)) => self.begin(ctx, Opened::recording(path), None),
                 Some(Ok(Kind::Neither(why)) | Err(why)) => self.told = Some(why),
-                Some(Ok(Kind::Scene | Kind::Profile)) => {
+                Some(Ok(Kind::Scene | Kind::Profile | Kind::Model)) => {
                     self.told = Some(format!("{}: open a recording first, then drop it again", path.display()));
                 }
             }

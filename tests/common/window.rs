@@ -227,6 +227,12 @@ pub fn drop_file<S>(window: &mut Harness<'_, S>, path: PathBuf) {
     window.input_mut().dropped_files.push(Arc::new(Dropped(path)));
 }
 
+/// Drops a model and waits until the next click places it.
+pub fn drop_model(window: &mut Harness<'_, App>, path: PathBuf) {
+    drop_file(window, path);
+    shows(window, "Click in the picture, or press and drag to turn it; Esc ends it.");
+}
+
 #[derive(Debug)]
 struct Dropped(PathBuf);
 

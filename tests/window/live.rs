@@ -12,7 +12,7 @@ use crate::sheet;
 use crate::sheet::{CAMERA, Place, Sheet};
 use crate::tier::{fast_or_full, is_full};
 use crate::worked;
-use crate::worked::{Device, click_at, codes, drop_file, has, shown, shows, until, until_seen};
+use crate::worked::{Device, click_at, codes, drop_file, drop_model, has, shown, shows, until, until_seen};
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
@@ -147,8 +147,7 @@ fn a_click_places_evidence_on_the_sheet_while_the_camera_goes_on() {
     assert!(has(&window, "the floor"));
     let marker = Path::new("scenes/marker-1.glb").canonicalize().unwrap();
     let before = window.state().project().edit().scene.objects.len();
-    drop_file(&mut window, marker);
-    window.step();
+    drop_model(&mut window, marker);
     let at_px = DVec2::new(320.0, 250.0);
     let at = window.state().on_screen(egui::vec2(320.0, 250.0)).unwrap();
     // Now and then the camera looks away, and there is nothing to place it on.

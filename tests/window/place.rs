@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::worked::{click_at, demo_frame, demo_px, demo_window, drop_file, settle, shown, until, until_seen};
+use crate::worked::{click_at, demo_frame, demo_px, demo_window, drop_model, settle, shown, until, until_seen};
 use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
@@ -40,7 +40,7 @@ fn click(window: &mut Harness<'_, App>, point_m: [f64; 3]) {
 #[test]
 fn a_thing_is_placed_by_keys_alone() {
     let mut window = open();
-    drop_file(&mut window, Path::new("scenes/marker-1.glb").canonicalize().unwrap());
+    drop_model(&mut window, Path::new("scenes/marker-1.glb").canonicalize().unwrap());
     window.run_steps(2);
     let before = window.state().project().edit().scene.objects.len();
     // From the middle: two steps of 16 px to the right, one of a pixel down.
@@ -66,7 +66,7 @@ fn a_thing_is_placed_by_keys_alone() {
 #[test]
 fn a_thing_is_turned_by_dragging_from_its_place() {
     let mut window = open();
-    drop_file(&mut window, Path::new("scenes/marker-3.glb").canonicalize().unwrap());
+    drop_model(&mut window, Path::new("scenes/marker-3.glb").canonicalize().unwrap());
     window.run_steps(2);
     let (objects, steps) =
         (window.state().project().edit().scene.objects.len(), window.state().project().history().names().0.count());

@@ -106,12 +106,7 @@ impl App {
         }
         self.view.plain = !ctx.egui_wants_keyboard_input() && ctx.input(|i| i.key_down(Key::Backslash));
         for file in ctx.input(|i| i.raw.dropped_files.clone()) {
-            let path = file.path().to_owned();
-            if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf")) {
-                self.evidence.drop(path);
-            } else {
-                self.keeper.dropped(ctx, path, &mut self.session);
-            }
+            self.keeper.dropped(ctx, file.path().to_owned(), &mut self.session);
         }
     }
 

@@ -37,6 +37,7 @@ impl Keeper {
         let (path, _) = self.looked_at.remove(0);
         match kind {
             Ok(Kind::Profile) => self.open_profile(path, session),
+            Ok(Kind::Model) => self.dropped_model = Some(path),
             Ok(Kind::Scene) => {
                 self.then =
                     Some(Then::Open(Box::new(Opened { scene: Some(path), ..Opened::of(&session.project) }), None))
