@@ -118,6 +118,7 @@ pub fn run(args: Args) -> Result<()> {
         scene: Some(args.scene.clone()),
         analysis: args.analysis.asked(),
         recorded_poses: args.which.leaves_registration(),
+        ..Given::default()
     };
     let recording = Recording::open(&args.recording, &options)?;
     let quiet = args.quiet;

@@ -55,7 +55,7 @@ impl LightArgs {
         let recording = Recording::open(&self.recording, &options)?;
         super::check_frame(self.frame, recording.frame_count())?;
         let (profile, sets, analysis) = (self.profile.clone(), self.sets.clone(), self.analysis.asked());
-        let given = Given { profile, sets, scene, analysis, recorded_poses };
+        let given = Given { profile, sets, scene, analysis, recorded_poses, ..Given::default() };
         Ok(self.analysis.open(recording, &given, false, |_| Ok(()))?.0)
     }
 }

@@ -21,7 +21,13 @@ use super::{Lighting, LitBy, Models, Object, Scene, SceneError, bytes, document,
 /// No input makes it panic or exceed its memory limits: 1 GiB per file, 16384 pixels a side and 2^28 pixels in all
 /// textures, 2^24 vertices, 2^26 indices, 2^20 placed meshes, 2^14 objects.
 pub fn load(path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneError> {
-    guarded(path, || load_unguarded(path, world_up))
+    guarded(path, || load_unguarded(Loader::default(), path, world_up))
+}
+
+/// Like [`load`], with marked boxes in place of a scene file's models that cannot be read
+/// ([`Scene::missing`]).
+pub fn load_standing_in(path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneError> {
+    guarded(path, || load_unguarded(Loader { stands_in: true, ..Loader::default() }, path, world_up))
 }
 
 /// Like [`load`], for the contents of a scene file. `path` is where it is or would be; models are found relative to it.
@@ -36,9 +42,30 @@ pub fn load_file_with(
     world_up: Option<DVec3>,
     models: &mut Models,
 ) -> Result<Scene, SceneError> {
+    placed(Loader::default(), file, path, world_up, models)
+}
+
+/// Like [`load_file_with`], with marked boxes in place of models that cannot be read
+/// ([`Scene::missing`]).
+pub fn load_file_standing_in(
+    file: &SceneFile,
+    path: &Path,
+    world_up: Option<DVec3>,
+    models: &mut Models,
+) -> Result<Scene, SceneError> {
+    placed(Loader { stands_in: true, ..Loader::default() }, file, path, world_up, models)
+}
+
+fn placed(
+    loader: Loader,
+    file: &SceneFile,
+    path: &Path,
+    world_up: Option<DVec3>,
+    models: &mut Models,
+) -> Result<Scene, SceneError> {
     let kept = std::mem::take(models);
     guarded(path, || {
-        let mut loader = Loader { kept, ..Loader::default() };
+        let mut loader = Loader { kept, ..loader };
         let done = unit(path, world_up).and_then(|up| scene_file::read(&mut loader, file, path, up));
         *models = loader.kept;
         done.map(|()| loader.scene)
@@ -60,9 +87,8 @@ fn unit(path: &Path, world_up: Option<DVec3>) -> Result<Option<DVec3>, SceneErro
     world_up.map(|up| up.try_normalize().ok_or_else(|| refused(up))).transpose()
 }
 
-fn load_unguarded(path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneError> {
+fn load_unguarded(mut loader: Loader, path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneError> {
     let world_up = unit(path, world_up)?;
-    let mut loader = Loader::default();
     match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
         Some("glb" | "gltf") => {
             loader.scene.up_in_world = world_up;

@@ -27,6 +27,9 @@ pub(super) struct Loader {
     pub models: HashMap<PathBuf, Rc<Model>>,
     /// What earlier scenes read.
     pub kept: Models,
+    /// Whether boxes stand in for models that cannot be read, and the box once it is made.
+    pub stands_in: bool,
+    pub stand_in: Option<Rc<Model>>,
 }
 
 impl Default for Loader {
@@ -34,7 +37,17 @@ impl Default for Loader {
     fn default() -> Self {
         let lighting = Lighting { suns: Vec::new(), points: Vec::new(), environment: Environment::Uniform(Vec3::ZERO) };
         let scene = Scene { lighting, ..Scene::default() };
-        Self { scene, pixels: 0, vertices: 0, indices: 0, parts: 0, models: HashMap::new(), kept: Models::default() }
+        Self {
+            scene,
+            pixels: 0,
+            vertices: 0,
+            indices: 0,
+            parts: 0,
+            models: HashMap::new(),
+            kept: Models::default(),
+            stands_in: false,
+            stand_in: None,
+        }
     }
 }
 

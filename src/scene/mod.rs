@@ -19,6 +19,7 @@ mod light;
 mod load;
 mod loader;
 mod material;
+mod missing;
 mod model;
 mod models;
 mod nodes;
@@ -42,7 +43,8 @@ pub use edit::Stance;
 pub use error::SceneError;
 pub use heading::Heading;
 pub use lay::{Facet, Posture, Support, lay, relative};
-pub use load::{load, load_file, load_file_with};
+pub use load::{load, load_file, load_file_standing_in, load_file_with, load_standing_in};
+pub use missing::MissingFile;
 pub use models::Models;
 pub use overlap::{Overlap, overlaps};
 pub use place::Size;
@@ -90,6 +92,8 @@ pub struct Scene {
     pub warnings: Vec<String>,
     /// The files that the scene was read from.
     pub files: Vec<PathBuf>,
+    /// Files that cannot be read. A box stands in for each model among them.
+    pub missing: Vec<MissingFile>,
 }
 
 impl Scene {
@@ -129,6 +133,8 @@ pub struct Object {
     pub occluder: bool,
     /// Takes no light from what it stands on.
     pub shadowless: bool,
+    /// Its model cannot be read, and a marked box is drawn in its place.
+    pub is_missing: bool,
     /// The real surface below it, on which its shadow falls; `None` if unknown.
     pub support: Option<Support>,
     /// Real things beside it, on which its shadow falls, too. Where two meet the first counts, and the real surface below before both.

@@ -1,6 +1,7 @@
 //! Puts the contents of a scene file into a scene.
 
 use std::path::Path;
+use std::rc::Rc;
 use std::sync::Arc;
 
 use glam::{DQuat, DVec3, Vec3};
@@ -9,7 +10,8 @@ use super::document::{Instance, LampTable, LightTable, PlacedModel, Scale, Scene
 use super::edit;
 use super::light::{DEFAULT_WHITE_LX, SUN_RAD, default_lighting};
 use super::loader::Loader;
-use super::models::Panorama;
+use super::missing;
+use super::models::{Model, Panorama};
 use super::panorama::PanoramaPixels;
 use super::place::{Placement, Size, turn_up};
 use super::{Environment, EnvironmentMap, LitBy, Object, PointLight, SceneError, Sun, model, panorama};
@@ -78,11 +80,10 @@ fn place(
     white_lx: f64,
 ) -> Result<(), SceneError> {
     let path = file.parent().unwrap_or(Path::new("")).join(&object.model);
-    if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf")) {
-        let accepted = "a .glb or .gltf file; Blender imports other models and exports .glb";
-        return Err(SceneError::bad(file, format!("{what}.model"), &object.model, accepted));
-    }
-    let model = model::load(loader, &path, Some(file))?;
+    let (model, is_missing) = match model_of(loader, file, object, what, &path)? {
+        Some(model) => (model, false),
+        None => (loader.stand_in_box(), true),
+    };
     let model_up = match object.up {
         Some(up) => up.axis(file, &format!("{what}.up"))?,
         None => DVec3::Y,
@@ -94,10 +95,11 @@ fn place(
         let own = instance.map(|i| Ok((turned(i.rotation_deg, i.quaternion)?, sized(i.scale, i.size_m)?)));
         let (own_rotation, own_size) = own.transpose()?.unwrap_or_default();
         let size = own_size.or(sized(object.scale, object.size_m)?).unwrap_or(Size::Scale(DVec3::ONE));
+        let size = if is_missing { missing::size(size) } else { size };
         let position = instance.and_then(|i| i.position_m).or(object.position_m).unwrap_or([0.0; 3]);
         let rotation = own_rotation.or(turned(object.rotation_deg, object.quaternion)?).unwrap_or(DQuat::IDENTITY);
         let hidden = object.hidden || instance.is_some_and(|i| i.hidden);
-        let shadowless = object.shadowless || instance.is_some_and(|i| i.shadowless);
+        let shadowless = is_missing || object.shadowless || instance.is_some_and(|i| i.shadowless);
         let heading_deg = instance.and_then(|i| i.heading_deg).or(object.heading_deg).unwrap_or(0.0);
         let placement = Placement {
             world_up,
@@ -112,8 +114,9 @@ fn place(
             SceneError::bad(file, what, found, "a place, a rotation and a size that fit the model")
         })?;
         let position_m = placement.position_m;
-        let occluder = object.occluder;
-        Ok(Object { name, world_from_model, position_m, hidden, occluder, shadowless, ..Object::default() })
+        let occluder = object.occluder && !is_missing;
+        let of_file = Object { name, hidden, occluder, shadowless, is_missing, ..Object::default() };
+        Ok(Object { world_from_model, position_m, ..of_file })
     };
     let name = object.name.clone().unwrap_or_else(|| {
         Path::new(&object.model).file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned())
@@ -130,6 +133,37 @@ fn place(
         loader.place(&path, &model, object, white_lx)?;
     }
     Ok(())
+}
+
+/// The model of an object. `None` if it cannot be read and the scene can go on without it.
+fn model_of(
+    loader: &mut Loader,
+    file: &Path,
+    object: &PlacedModel,
+    what: &str,
+    path: &Path,
+) -> Result<Option<Rc<Model>>, SceneError> {
+    let are_hidden = !object.instances.is_empty() && object.instances.iter().all(|instance| instance.hidden);
+    let is_needed = !(object.hidden || are_hidden);
+    if (loader.stands_in || !is_needed) && loader.is_missing(path, is_needed) {
+        return Ok(None);
+    }
+    let before = loader.lengths();
+    let is_model = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"));
+    let read = match is_model {
+        true => model::load(loader, path, Some(file)),
+        false => {
+            let accepted = "a .glb or .gltf file; Blender imports other models and exports .glb";
+            Err(SceneError::bad(file, format!("{what}.model"), &object.model, accepted))
+        }
+    };
+    match read {
+        Ok(model) => Ok(Some(model)),
+        Err(error) => {
+            loader.roll_back(before);
+            loader.go_without(path, is_needed, error).map(|()| None)
+        }
+    }
 }
 
 fn size(file: &Path, what: &str, scale: Option<Scale>, size_m: Option<f64>) -> Result<Option<Size>, SceneError> {
@@ -232,10 +266,14 @@ fn environment(
         return Err(SceneError::bad(file, "light.environment_rotation_deg", degrees, "a finite number"));
     }
     let path = file.parent().unwrap_or(Path::new("")).join(name);
-    let Panorama { width, height, rgb, warning } = loader.panorama(&path, || {
+    let read = loader.panorama(&path, || {
         let (PanoramaPixels { width, height, rgb }, warning) = panorama::read(&path, file)?;
         Ok(Panorama { width, height, rgb: Arc::new(rgb), warning })
-    })?;
+    });
+    let Panorama { width, height, rgb, warning } = match read {
+        Ok(panorama) => panorama,
+        Err(error) => return loader.go_without(&path, true, error).map(|()| None),
+    };
     loader.scene.files.push(path.clone());
     if let Some(warning) = warning {
         loader.warn(&path, warning);

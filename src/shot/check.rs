@@ -12,6 +12,7 @@ impl Shot {
     /// Checks that a range of frames can be composited as set: cameras, lens, what effects need. It is no error if some
     /// frames have no pose, but it is if none has.
     pub fn check(&self, range: Range<usize>) -> Result<(), ShotError> {
+        self.check_files()?;
         let first = self.geometry_at(0)?;
         range.into_iter().try_for_each(|frame| self.geometry_at(frame).map(drop))?;
         let camera = self.camera();
@@ -23,6 +24,14 @@ impl Shot {
             return Err(ShotError::NoPoses { frames, source });
         }
         Ok(self.settings.check(&camera, &first)?)
+    }
+
+    /// Checks that no box stands in for a model, and that no panorama is missing.
+    pub fn check_files(&self) -> Result<(), ShotError> {
+        match self.scene.missing.iter().find(|missing| missing.is_needed) {
+            Some(missing) => Err(ShotError::MissingFile { problem: missing.problem.clone() }),
+            None => Ok(()),
+        }
     }
 
     /// Checks that every frame of a range has a pose.

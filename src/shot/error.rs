@@ -65,6 +65,8 @@ pub enum ShotError {
          no times of their own; accepted is 0"
     )]
     RoundReadout { found: f64 },
+    #[error("{problem}; without that file nothing is written: locate it, or hide the objects that need it")]
+    MissingFile { problem: String },
     #[error("frame {frame} has no pose: {source}")]
     NoPose { frame: usize, source: NoPose },
     #[error("none of the recording's {} has a pose; its first one: {source}", count(*frames, "frame"))]

@@ -16,6 +16,11 @@ pub struct Given {
     /// The camera stays where the recording says, and its clocks go as it says, whatever an analysis found of them. A scene's
     /// gauge holds all the same: in its frame things stand where they were put.
     pub recorded_poses: bool,
+    /// Marked boxes stand in for the scene file's models that cannot be read. Nothing is written
+    /// with them ([`Shot::check`]).
+    ///
+    /// [`Shot::check`]: super::Shot::check
+    pub stand_ins: bool,
 }
 
 /// Which analysis is used.

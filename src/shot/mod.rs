@@ -150,6 +150,7 @@ impl Shot {
         }
         recording.set_cameras(|own| rig.geometry_over(own));
         let scene = match &given.scene {
+            Some(path) if given.stand_ins => scene::load_standing_in(path, recording.up)?,
             Some(path) => scene::load(path, recording.up)?,
             None => Scene::default(),
         };

@@ -213,7 +213,9 @@ impl Shot {
             let (name, gap_m, frame) = (self.scene.objects[object].name.clone(), gap_m?, frame.index);
             Some(Wrong { objects: vec![object], note: Note::Gap { name, gap_m, frame } })
         });
-        sizes.chain(overlaps).chain(gaps).collect()
+        // Of a box in a model's place nothing is known.
+        let is_known = |wrong: &Wrong| !wrong.objects.iter().any(|object| self.scene.objects[*object].is_missing);
+        sizes.chain(overlaps).chain(gaps).filter(is_known).collect()
     }
 
     /// Notes on objects that hover or are sunk wherever they are seen: in the first frame of a range, the middle one and the

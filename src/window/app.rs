@@ -233,7 +233,14 @@ impl App {
 
     /// Files, dialogs, exports. What was opened meanwhile takes the place of what is open.
     fn keep(&mut self, ctx: &egui::Context) {
-        let Some(Turn { project, camera, at }) = self.keeper.work(ctx, &mut self.session) else { return };
+        if let Some(missing) = self.evidence.locates.take() {
+            self.keeper.choose_missing(&self.session.project, missing);
+        }
+        let turn = self.keeper.work(ctx, &mut self.session);
+        if let Some(model) = self.keeper.take_model() {
+            self.evidence.drop(model);
+        }
+        let Some(Turn { project, camera, at }) = turn else { return };
         self.keeper.leaves(&self.session.project, self.at());
         match session(&self.window, ctx, project, camera) {
             Ok(session) => {

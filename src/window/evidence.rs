@@ -13,6 +13,7 @@ use super::ground::Ground;
 use super::handles::{Ghost, Plane, Would};
 use super::library::{Library, name};
 use super::list;
+use super::missing;
 use super::picture::Seen;
 use super::things;
 use super::wrongs::Wrongs;
@@ -43,6 +44,8 @@ pub struct Evidence {
     /// In the list and in the picture.
     pub selected: Option<Thing>,
     renaming: Option<Renaming>,
+    /// A missing file of the scene that the user wants to locate.
+    pub locates: Option<PathBuf>,
 }
 
 /// What is being placed stays where the button was pressed, and its front follows the pointer.
@@ -128,6 +131,7 @@ impl Evidence {
             told = Some(said);
         }
         ui.separator();
+        self.locates = missing::show(ui, project);
         self.wrongs.look(project, frame, ui.ctx());
         let scene = project.edit().scene.clone();
         self.selected = self.selected.filter(|selected| scene.stance(*selected).is_some());

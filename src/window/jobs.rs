@@ -293,6 +293,7 @@ fn photographed(
     goes_on: &dyn Fn(f64) -> bool,
     note: &dyn Fn(String),
 ) -> Result<String, End> {
+    shot.check_files()?;
     let (mut said, mut written) = (Vec::new(), Vec::new());
     let mut reached = 0.0;
     let done = wanted.take(shot.clone(), || opened(gpu), &mut |told| {

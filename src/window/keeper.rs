@@ -36,6 +36,8 @@ enum Purpose {
     Open,
     OpenProfile,
     OpenScene,
+    /// A file that the scene names and that cannot be read.
+    Locate(PathBuf),
     SaveProfile,
     SaveScene,
     Put(Ask),
@@ -49,7 +51,7 @@ impl Purpose {
         match self {
             Self::Open => Use::Recording,
             Self::OpenProfile | Self::SaveProfile => Use::Profile,
-            Self::OpenScene | Self::SaveScene => Use::Scene,
+            Self::OpenScene | Self::SaveScene | Self::Locate(_) => Use::Scene,
             Self::Put(_) | Self::Record | Self::Keep => Use::Output,
         }
     }

@@ -28,7 +28,11 @@ pub fn show(ui: &mut Ui, project: &mut Project, wrongs: &Wrongs, selected: &mut 
                 if ui.selectable_label(is_selected, text).clicked() {
                     *selected = (!is_selected).then_some(entry.into());
                 }
-                let told: Vec<String> = wrongs.of(object).map(ToString::to_string).collect();
+                let mut told: Vec<String> = wrongs.of(object).map(ToString::to_string).collect();
+                told.extend(wrongs.tilt(object).and_then(|tilt| tilt::text(project, entry, &tilt)));
+                if project.shot().scene.objects.get(object).is_some_and(|object| object.is_missing) {
+                    sign(ui, &format!("{name}: model missing")).on_hover_text("A marked box stands in for its model");
+                }
                 if !told.is_empty() {
                     sign(ui, &format!("{name}: stands wrong")).on_hover_text(told.join("\n"));
                 }

@@ -66,6 +66,7 @@ mod loupe;
 mod maker;
 mod matching;
 mod measure;
+mod missing;
 mod opening;
 mod output;
 mod painter;

@@ -3,6 +3,7 @@
 mod found;
 mod kept;
 mod light;
+mod locate;
 mod save;
 mod scene;
 
@@ -111,7 +112,7 @@ impl Project {
         // Before they are read: what is changed in between is noticed.
         let files = [given.profile.as_deref(), given.scene.as_deref()].into_iter().flatten();
         let stamps: BTreeMap<_, _> = files.map(|path| (path.to_owned(), stamp(path))).collect();
-        let shot = Shot::of(recording, given)?;
+        let shot = Shot::of(recording, &Given { stand_ins: true, ..given.clone() })?;
         // A model alone stands where its own coordinates put it, which no scene file can say.
         let is_file = |path: &&PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
         let scene_text = given.scene.as_ref().filter(is_file).map(|path| scenes::document::read(path)).transpose()?;

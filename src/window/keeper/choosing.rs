@@ -8,6 +8,7 @@ use super::super::air::Air;
 use super::super::camera::Asked;
 use super::super::chooser::{Begin, Chooser, Chosen, Seeks};
 use super::super::command;
+use super::super::library::is_model;
 use super::super::project::Project;
 use super::super::recent::Opened;
 use super::super::saving::{self, Step};
@@ -38,7 +39,7 @@ impl Keeper {
             Purpose::OpenScene | Purpose::SaveScene => {
                 project.scene.clone().filter(|scene| !is_called(scene, saving::DEMO_SCENE))
             }
-            Purpose::Open | Purpose::Put(_) | Purpose::Record | Purpose::Keep => None,
+            Purpose::Open | Purpose::Locate(_) | Purpose::Put(_) | Purpose::Record | Purpose::Keep => None,
         };
         let recording = whole(&project.shot().recording.path);
         let parent = recording.parent().map(Path::to_owned);
@@ -70,6 +71,13 @@ impl Keeper {
     /// Asks for a profile for what is open.
     pub fn choose_profile(&mut self, project: &Project) {
         self.choose(project, Purpose::OpenProfile, "Open a profile", Seeks::File(&["toml"]), None);
+    }
+
+    /// Asks where a file is that the scene names and that cannot be read.
+    pub fn choose_missing(&mut self, project: &Project, missing: PathBuf) {
+        let title = format!("Locate {}", missing.file_name().unwrap_or_default().to_string_lossy());
+        let seeks = Seeks::File(if is_model(&missing) { &["glb", "gltf"] } else { &["hdr", "exr"] });
+        self.choose(project, Purpose::Locate(missing), &title, seeks, None);
     }
 
     pub(super) fn name_scene(&mut self, project: &Project) {
@@ -203,6 +211,10 @@ impl Keeper {
                 self.then =
                     Some(Then::Open(Box::new(Opened { scene: Some(path), ..Opened::of(&session.project) }), None));
             }
+            Purpose::Locate(missing) => match session.project.locate(&missing, &path) {
+                Ok(said) => session.say(said),
+                Err(error) => session.wrong(error.to_string()),
+            },
             Purpose::SaveProfile => {
                 // It was named.
                 self.shared.push(path.clone());

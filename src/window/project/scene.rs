@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::{Edit, Project};
-use crate::scene::{self, Scene, SceneError, SceneFile};
+use crate::scene::{self, Models, Scene, SceneError, SceneFile};
 
 impl Project {
     /// Where scene files are looked for and models named from: the scene's file, or where one would be made.
@@ -23,7 +23,7 @@ impl Project {
     pub fn change_scene(&mut self, what: &str, change: impl FnOnce(&mut SceneFile)) -> Result<(), SceneError> {
         let mut edit = self.edit().clone();
         change(&mut edit.scene);
-        let loaded = self.load(&edit.scene)?;
+        let loaded = self.load_changed(&edit.scene)?;
         self.put(loaded, &edit.scene);
         self.change(what, edit);
         Ok(())
@@ -35,7 +35,7 @@ impl Project {
         if scene == self.edit().scene {
             return Ok(());
         }
-        let loaded = self.load(&scene)?;
+        let loaded = self.load_changed(&scene)?;
         self.put(loaded, &scene);
         self.history.try_on(Edit { scene, ..self.edit().clone() });
         self.follow();
@@ -83,9 +83,27 @@ impl Project {
         self.shot.up().is_none() && self.edit().scene.objects.is_empty()
     }
 
+    /// Loads a scene, with marked boxes in place of models that cannot be read.
     fn load(&mut self, scene: &SceneFile) -> Result<Scene, SceneError> {
         let path = self.scene_path();
-        scene::load_file_with(scene, &path, self.shot.recording.up, &mut self.models)
+        scene::load_file_standing_in(scene, &path, self.shot.recording.up, &mut self.models)
+    }
+
+    /// Loads a changed scene. Files that the scene did not name before must be readable.
+    fn load_changed(&mut self, scene: &SceneFile) -> Result<Scene, SceneError> {
+        let loaded = self.load(scene)?;
+        let before = &self.edit().scene;
+        let is_new = |name: &String| !before.objects.iter().any(|object| object.model == *name);
+        let light = match scene.light.environment == before.light.environment {
+            true => Default::default(),
+            false => scene.light.clone(),
+        };
+        let objects = scene.objects.iter().filter(|object| is_new(&object.model)).cloned().collect();
+        let new = SceneFile { objects, light, ..SceneFile::default() };
+        if !loaded.missing.is_empty() && !(new.objects.is_empty() && new.light.says_none()) {
+            scene::load_file_with(&new, &self.scene_path(), None, &mut Models::default())?;
+        }
+        Ok(loaded)
     }
 
     /// Has the shot show what was loaded from a scene file's contents. What follows has the next version.

@@ -2,6 +2,7 @@
 
 mod crash;
 mod leaving;
+mod missing_files;
 mod saving;
 mod shot_settings;
 

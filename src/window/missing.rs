@@ -1,0 +1,26 @@
+//! Files that the scene names and that cannot be read, each with a button to locate it.
+
+use std::path::PathBuf;
+
+use eframe::egui::{self, Label, RichText, Ui};
+
+use super::Project;
+
+/// Shows a line for each missing file. Returns the one that the user wants to locate.
+pub fn show(ui: &mut Ui, project: &Project) -> Option<PathBuf> {
+    let mut located = None;
+    for missing in project.shot().scene.missing.iter().filter(|missing| missing.is_needed) {
+        let name = missing.file.file_name().unwrap_or(missing.file.as_os_str()).to_string_lossy().into_owned();
+        ui.horizontal(|ui| {
+            let button = ui.button("Locate…");
+            button.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, true, format!("Locate {name}…")));
+            if button.clicked() {
+                located = Some(missing.file.clone());
+            }
+            let text = RichText::new(format!("{name} is missing")).color(ui.visuals().warn_fg_color);
+            let hint = format!("{}. Nothing is exported without it.", missing.problem);
+            ui.add(Label::new(text).truncate()).on_hover_text(hint);
+        });
+    }
+    located
+}

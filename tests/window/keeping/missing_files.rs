@@ -1,0 +1,112 @@
+//! Scenes that name files which cannot be read: the rest is shown, nothing is exported, and the
+//! file can be located.
+
+use super::*;
+use locard::scene::SceneFile;
+
+/// In the picture of the demonstration's first frame.
+const PLACE: [f64; 3] = [0.1046, -0.0958, 0.0];
+
+struct Case {
+    folder: tempfile::TempDir,
+    scene: PathBuf,
+}
+
+impl Case {
+    /// A marker that is there, and an object whose model is not.
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = folder.path().join("case.toml");
+        let marker = std::fs::canonicalize("scenes/marker-1.glb").unwrap();
+        let text = format!(
+            "version = 1\nup = \"z\"\n\n[[objects]]\nmodel = {marker:?}\nposition_m = [0.3, 0.2, 0.0]\nground = true\n\n\
+             # the knife\n[[objects]]\nmodel = \"models/knife.glb\"\nposition_m = {PLACE:?}\nground = true\n"
+        );
+        std::fs::write(&scene, text).unwrap();
+        Self { folder, scene }
+    }
+}
+
+/// Pixels of the mark's colour.
+fn marked(codes: &[[u8; 3]]) -> usize {
+    codes.iter().filter(|[r, g, b]| *r > 180 && *g < 90 && *b > 180).count()
+}
+
+fn composite_error(scene: &Path) -> String {
+    let given = Given { scene: Some(scene.to_owned()), ..Given::default() };
+    Shot::open(&worked::demo(), &OpenOptions::default(), &given).unwrap_err().to_string()
+}
+
+#[test]
+fn missing_model_is_a_marked_box_until_it_is_located() {
+    let case = Case::new();
+    let mut window = open(None, &case.scene);
+    assert!(has(&window, "knife.glb is missing") && has(&window, "knife: model missing"));
+    assert!(marked(&shown(&window)) > 5, "{}", marked(&shown(&window)));
+    // Nothing leaves the window with it, and the command line refuses the scene.
+    let error = window.state().project().shot().check(0..1).unwrap_err().to_string();
+    assert!(error.contains("knife.glb") && composite_error(&case.scene).contains("knife.glb"), "{error}");
+    let found = case.folder.path().join("elsewhere.glb");
+    std::fs::copy("scenes/l-scale.glb", &found).unwrap();
+    press(&mut window, "Locate knife.glb…");
+    answer(&mut window, &found, "Open");
+    until(&mut window, |app| app.project().shot().scene.missing.is_empty());
+    settle(&mut window);
+    assert_eq!(window.state().project().edit().scene.objects[1].model, "elsewhere.glb");
+    assert!(marked(&shown(&window)) == 0 && !has(&window, "knife.glb is missing"));
+    window.state().project().shot().check(0..1).unwrap();
+    press(&mut window, "Undo");
+    settle(&mut window);
+    assert!(marked(&shown(&window)) > 5 && has(&window, "knife.glb is missing"));
+}
+
+#[test]
+fn hidden_objects_need_no_model_and_new_ones_do() {
+    let case = Case::new();
+    let mut project = project(None, Some(&case.scene));
+    let entry = project.edit().scene.entries()[1];
+    project.change_scene("hidden", |scene| scene.hide(entry, true)).unwrap();
+    project.shot().check(0..1).unwrap();
+    project.save_scene(&case.scene).unwrap();
+    let given = Given { scene: Some(case.scene.clone()), ..Given::default() };
+    Shot::open(&worked::demo(), &OpenOptions::default(), &given).unwrap();
+    // A model that is placed now has to be there.
+    let placed = PlacedModel { model: "none.glb".to_owned(), ..PlacedModel::default() };
+    let place = |scene: &mut SceneFile| scene.objects.push(placed);
+    let error = project.change_scene("placed", place).unwrap_err().to_string();
+    assert!(error.contains("none.glb") && project.edit().scene.objects.len() == 2, "{error}");
+}
+
+#[test]
+fn models_in_one_folder_are_located_together() {
+    let case = Case::new();
+    let text = std::fs::read_to_string(&case.scene).unwrap();
+    std::fs::write(&case.scene, format!("{text}\n[[objects]]\nmodel = \"models/case.glb\"\n")).unwrap();
+    let moved = case.folder.path().join("moved");
+    std::fs::create_dir(&moved).unwrap();
+    for name in ["knife.glb", "case.glb"] {
+        std::fs::copy("scenes/l-scale.glb", moved.join(name)).unwrap();
+    }
+    let mut project = project(None, Some(&case.scene));
+    assert_eq!(project.shot().scene.missing.len(), 2);
+    let told = project.locate(&case.folder.path().join("models/knife.glb"), &moved.join("knife.glb")).unwrap();
+    assert!(told.ends_with("and 1 more in the same folder"), "{told}");
+    let models: Vec<_> = project.edit().scene.objects[1..].iter().map(|object| object.model.as_str()).collect();
+    assert_eq!(models, ["moved/knife.glb", "moved/case.glb"]);
+    assert!(project.shot().scene.missing.is_empty() && project.history().can_undo());
+}
+
+#[test]
+fn cut_model_is_refused_as_it_is_dropped() {
+    let folder = tempfile::tempdir().unwrap();
+    let cut = folder.path().join("kaputt.glb");
+    let whole = std::fs::read("scenes/marker-1.glb").unwrap();
+    std::fs::write(&cut, &whole[..2000]).unwrap();
+    let mut window = plain();
+    drop_file(&mut window, cut);
+    until(&mut window, |app| app.problem().is_some());
+    let told = format!("kaputt.glb is incomplete (2 of {} kB)", (whole.len() + 500) / 1000);
+    assert_eq!(window.state().problem(), Some(told.as_str()));
+    window.run_steps(2);
+    assert!(has(&window, "Place…"), "nothing is being placed");
+}
