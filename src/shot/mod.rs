@@ -27,6 +27,7 @@ mod seen;
 mod standing;
 mod stream;
 mod surface;
+mod tilt;
 mod triangulate;
 mod upright;
 mod white;
@@ -60,6 +61,7 @@ pub use seen::SeenObject;
 pub use standing::{LEVEL, Standing};
 pub use stream::Composites;
 pub use surface::{Surface, SurfaceError};
+pub use tilt::Tilt;
 pub use triangulate::{Triangulated, View};
 pub use white::{White, WhiteError};
 

@@ -16,6 +16,7 @@ use super::list;
 use super::missing;
 use super::picture::Seen;
 use super::things;
+use super::tilt;
 use super::wrongs::Wrongs;
 use crate::frame::Frame;
 use crate::gpu::Gpu;
@@ -142,6 +143,10 @@ impl Evidence {
         if let Some(Thing::Object(entry)) = self.selected {
             ui.separator();
             told = self.selected(ui, project, &scene, entry, renaming).or(told);
+            let object = scene.entries().iter().position(|other| *other == entry);
+            if let Some(tilt) = object.and_then(|object| self.wrongs.tilt(object)) {
+                told = tilt::show(ui, project, entry, &tilt).or(told);
+            }
         }
         if was_typing && self.renaming.is_none() {
             project.close_step();

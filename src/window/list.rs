@@ -3,6 +3,7 @@
 use eframe::egui::{self, RichText, Stroke, Ui, vec2};
 
 use super::Project;
+use super::tilt;
 use super::wrongs::Wrongs;
 use crate::scene::Thing;
 

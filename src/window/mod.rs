@@ -91,6 +91,7 @@ mod steered;
 mod theme;
 mod things;
 mod thumbnails;
+mod tilt;
 mod timeline;
 mod times;
 mod viewer;

@@ -9,7 +9,7 @@ use eframe::egui;
 
 use super::Project;
 use crate::frame::Frame;
-use crate::shot::{Note, Wrong};
+use crate::shot::{Note, Tilt, Wrong};
 
 /// What it is true of: the project's scene, and the frame.
 type Of = (u64, usize);
@@ -17,13 +17,20 @@ type Of = (u64, usize);
 /// So long nothing has changed before it is looked at: while a thing is dragged or it plays, the machine has other work.
 const REST: Duration = Duration::from_millis(400);
 
+/// Notes on objects, and the tilted surfaces below them.
+#[derive(Default)]
+struct Checks {
+    wrongs: Vec<Wrong>,
+    tilts: Vec<Tilt>,
+}
+
 /// What stands wrong, for the list of evidence.
 #[derive(Default)]
 pub struct Wrongs {
-    looking: Option<(Of, Receiver<Vec<Wrong>>)>,
+    looking: Option<(Of, Receiver<Checks>)>,
     /// What is shown, and since when.
     waits: Option<(Of, Instant)>,
-    found: Option<(Of, Vec<Wrong>)>,
+    found: Option<(Of, Checks)>,
 }
 
 impl Wrongs {
@@ -31,10 +38,10 @@ impl Wrongs {
     pub fn look(&mut self, project: &Project, frame: Option<&Arc<Frame>>, ctx: &egui::Context) {
         if let Some((of, found)) = &self.looking {
             match found.try_recv() {
-                Ok(wrongs) => self.found = Some((*of, wrongs)),
+                Ok(checks) => self.found = Some((*of, checks)),
                 Err(TryRecvError::Empty) => return,
                 // It broke off, and would again: nothing is known of this one.
-                Err(TryRecvError::Disconnected) => self.found = Some((*of, Vec::new())),
+                Err(TryRecvError::Disconnected) => self.found = Some((*of, Checks::default())),
             }
             self.looking = None;
         }
@@ -61,7 +68,7 @@ impl Wrongs {
         let (done, found) = channel();
         let (shot, frame, ctx) = (project.shot().clone(), Arc::clone(frame), ctx.clone());
         let looks = Builder::new().name("window wrongs".to_owned()).spawn(move || {
-            if done.send(shot.wrongs(&frame)).is_ok() {
+            if done.send(Checks { wrongs: shot.wrongs(&frame), tilts: shot.tilts() }).is_ok() {
                 ctx.request_repaint();
             }
         });
@@ -72,7 +79,12 @@ impl Wrongs {
 
     /// What is wrong with an object of the loaded scene.
     pub fn of(&self, object: usize) -> impl Iterator<Item = &Note> {
-        let all = self.found.iter().flat_map(|(_, wrongs)| wrongs);
+        let all = self.found.iter().flat_map(|(_, checks)| &checks.wrongs);
         all.filter(move |wrong| wrong.objects.contains(&object)).map(|wrong| &wrong.note)
+    }
+
+    /// The tilted surface below an object of the loaded scene.
+    pub fn tilt(&self, object: usize) -> Option<Tilt> {
+        self.found.as_ref()?.1.tilts.iter().find(|tilt| tilt.object == object).copied()
     }
 }

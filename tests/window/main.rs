@@ -30,4 +30,5 @@ mod matching;
 mod opening;
 mod place;
 mod stumbles;
+mod tilted;
 mod tuner;
