@@ -151,13 +151,8 @@ impl Session {
 
     /// Why no frame is shown yet.
     pub fn lacking(&self) -> &'static str {
-        let is_over = self.told().is_some_and(|told| told.status.is_over);
-        match self.newest() {
-            None if is_over => "The video has ended without a picture",
-            None if self.is_live() => "Waiting for the camera's first picture",
-            _ if self.picture_problem.is_some() => "This frame cannot be shown",
-            _ => "The first picture is being made",
-        }
+        let camera = self.told().filter(|_| self.is_live() && self.newest().is_none());
+        without_picture(camera.map(|told| told.status.is_over), self.picture_problem.is_some())
     }
 
     /// What is known of the picture that is shown.
@@ -446,6 +441,17 @@ impl Session {
     }
 }
 
+/// Why there is no picture. `is_over`: whether a camera that has given no frame has ended; `None`
+/// where there is a frame. `has_failed`: its picture could not be made.
+fn without_picture(is_over: Option<bool>, has_failed: bool) -> &'static str {
+    match is_over {
+        Some(true) => "The video has ended without a picture",
+        Some(false) => "Waiting for the camera's first picture",
+        None if has_failed => "This frame cannot be shown",
+        None => "The first picture is being made",
+    }
+}
+
 /// The factor, a power of two, by which pictures that take so long at full size are made smaller.
 fn reduction(full_s: f64, side_px: u32) -> u32 {
     let mut by = 1;
@@ -457,7 +463,15 @@ fn reduction(full_s: f64, side_px: u32) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use super::reduction;
+    use super::{reduction, without_picture};
+
+    #[test]
+    fn a_picture_is_promised_only_where_it_comes() {
+        assert_eq!(without_picture(Some(true), false), "The video has ended without a picture");
+        assert_eq!(without_picture(Some(false), false), "Waiting for the camera's first picture");
+        assert_eq!(without_picture(None, true), "This frame cannot be shown");
+        assert_eq!(without_picture(None, false), "The first picture is being made");
+    }
 
     #[test]
     fn what_is_quick_or_small_is_never_made_smaller() {

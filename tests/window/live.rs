@@ -200,14 +200,19 @@ fn it_asks_before_a_recording_ends_with_its_camera() {
     assert!(recording.frame_count() > 0);
 }
 
-#[test]
-fn video_of_one_frame_shows_it_and_its_end() {
-    let site = Site::shared(&CAMERA);
+/// The first frame of the site's video.
+fn one_frame(site: &Site) -> String {
     let (all, one) = (site.path("site.mkv"), site.path("one.mkv"));
     let mut ffmpeg = Command::new("ffmpeg");
     ffmpeg.args(["-v", "error", "-i", &all, "-frames:v", "1", "-c", "copy", &one]);
     assert!(ffmpeg.status().unwrap().success());
-    let mut window = window_of(&site, &one, &[]);
+    one
+}
+
+#[test]
+fn video_of_one_frame_shows_it_and_its_end() {
+    let site = Site::shared(&CAMERA);
+    let mut window = window_of(&site, &one_frame(&site), &[]);
     shows(&mut window, "the camera has ended");
     assert!(window.state().viewer().composite().is_some());
 }

@@ -3,7 +3,8 @@
 use std::path::Path;
 use std::process::Command;
 
-use crate::worked::{Device, demo, has};
+use crate::program;
+use crate::worked::{Device, demo, has, shows};
 use eframe::egui;
 use egui_kittest::Harness;
 use locard::recording::OpenOptions;
@@ -34,4 +35,19 @@ fn high_dynamic_range_is_told_as_the_recording_opens() {
 fn window_without_picture(project: Project) -> Harness<'static, App> {
     let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0));
     builder.renderer(Device::new()).build_eframe(|context| App::new(context, project, None).unwrap())
+}
+
+#[test]
+fn first_frame_that_cannot_be_read_is_not_promised() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = folder.path().join("rec");
+    program::copied(&demo(), &recording);
+    let frames = std::fs::read_dir(recording.join("rgb")).unwrap().flatten().map(|entry| entry.path());
+    let first = frames.min().unwrap();
+    let bytes = std::fs::read(&first).unwrap();
+    // Its header alone is read as the recording opens.
+    std::fs::write(&first, &bytes[..bytes.len() / 2]).unwrap();
+    let project = Project::open(&recording, &OpenOptions::default(), &Given::default()).unwrap();
+    let mut window = window_without_picture(project);
+    shows(&mut window, "This frame cannot be shown");
 }
