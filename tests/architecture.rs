@@ -411,3 +411,11 @@ fn every_room_stands_in_architecture_md() {
         assert!(page.contains(&format!("`{name}`")), "ARCHITECTURE.md does not mention the effect `{name}`");
     }
 }
+
+#[test]
+fn the_window_uses_the_clipboard_of_the_system() {
+    let text = read(&root().join("Cargo.toml"));
+    let dependency = text.lines().find(|line| line.starts_with("eframe = ")).unwrap();
+    // Without it egui copies into a string of its own, which no other program gets.
+    assert!(dependency.contains("\"clipboard\""), "{dependency}");
+}
