@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use eframe::egui::{self, Context, Key, Ui};
+use eframe::egui::{self, Context, Ui};
 
 use super::chooser::{Begin, Chooser, Chosen, Seeks};
-use super::dialogs;
 use super::errand::Errand;
+use super::question::{self, Keys, default_button};
 use super::recent::Opened;
 use crate::live::{Added, Asked, LiveFrom};
 use crate::webcam;
@@ -160,9 +160,8 @@ impl Air {
             return None;
         }
         let mut answer = None;
-        // The modal takes the key.
-        let escaped = ctx.input(|i| i.key_pressed(Key::Escape));
-        let modal = dialogs::modal(ctx, "air", "Live camera", |ui| {
+        let keys = Keys::of(ctx, "air");
+        let modal = question::modal(ctx, "air", "Live camera", |ui| {
             ui.set_width(460.0);
             ui.heading("Live camera");
             ui.add_space(4.0);
@@ -173,17 +172,21 @@ impl Air {
                 ui.colored_label(ui.visuals().error_fg_color, why);
             }
             ui.horizontal(|ui| {
-                let start = ui.add_enabled(opened.is_ok(), egui::Button::new("Start"));
-                if let Some(opened) = opened.ok().filter(|_| start.clicked()) {
+                let start = ui.add_enabled_ui(opened.is_ok(), |ui| default_button(ui, "Start", true)).inner;
+                let is_cancelled = ui.button("Cancel").clicked();
+                // A focused button has Enter for itself.
+                let is_entered = keys.enter && ui.memory(|memory| memory.focused().is_none());
+                if let Some(opened) = opened.ok().filter(|_| start.clicked() || is_entered) {
                     answer = Some(Some(opened));
                 }
-                if ui.button("Leave").clicked() {
+                if is_cancelled {
                     answer = Some(None);
                 }
             });
         });
-        let left = modal.should_close() && escaped;
-        answer.or(left.then_some(None))
+        // Consumes Esc. A click beside the dialog is no answer.
+        let _ = modal.should_close();
+        answer.or(keys.escape.then_some(None))
     }
 
     fn fields(&mut self, ui: &mut Ui) {

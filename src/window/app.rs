@@ -2,7 +2,9 @@
 
 mod acts;
 mod bar;
+mod panels;
 mod seen;
+mod status;
 
 use std::path::{Path, PathBuf};
 
@@ -10,6 +12,7 @@ use eframe::egui::{self, Ui};
 use eframe::egui_wgpu::RenderState;
 use glam::DVec2;
 
+use self::panels::PanelTab;
 use super::autosave::Left;
 use super::camera;
 use super::errand::let_go;
@@ -21,6 +24,7 @@ use super::keeper::{Keeper, Turn};
 use super::keys;
 use super::lamps::Lamps;
 use super::measure::Measure;
+use super::notice::Refusal;
 use super::painter;
 use super::picture::View;
 use super::placed::Placed;
@@ -28,10 +32,11 @@ use super::player::Player;
 use super::project::Project;
 use super::recent::At;
 use super::session::Session;
-use super::side::{Side, fixed};
+use super::side::Side;
 use super::steered::Steered;
 use super::theme;
 use super::timeline::{self, Held, Told};
+use super::titles;
 use super::viewer::Viewer;
 use crate::live;
 use crate::scene::Thing;
@@ -49,6 +54,14 @@ pub struct App {
     window: RenderState,
     shows_keys: bool,
     shows_history: bool,
+    /// The notice that the camera is missing was closed.
+    hides_obstacle: bool,
+    /// Why the last click in the picture had no effect.
+    refusal: Option<Refusal>,
+    /// The panel of a small window.
+    shown_panel: PanelTab,
+    /// The window's title as it was set last.
+    title: String,
     placed: Option<Placed>,
     steered: Steered,
     measure: Option<Measure>,
@@ -87,6 +100,10 @@ impl App {
             window,
             shows_keys: false,
             shows_history: false,
+            hides_obstacle: false,
+            refusal: None,
+            shown_panel: PanelTab::default(),
+            title: String::new(),
             placed: None,
             steered: Steered::default(),
             measure: None,
@@ -185,6 +202,11 @@ impl App {
         self.session.said()
     }
 
+    /// The window's title.
+    pub fn title(&self) -> &str {
+        &self.title
+    }
+
     /// Whether the picture that is shown is finished, and is that of all that is set now.
     pub fn is_settled(&self) -> bool {
         self.session.is_settled()
@@ -193,42 +215,6 @@ impl App {
     /// The number of the frame whose picture is shown.
     pub fn shown_frame(&self) -> Option<usize> {
         self.session.frame().map(|frame| frame.index)
-    }
-
-    /// What stands beside the picture.
-    fn panels(&mut self, ui: &mut Ui, panel: egui::Frame) {
-        // As it is read, for the Tab key.
-        egui::Panel::left("evidence").frame(panel).default_size(200.0).size_range(140.0..=400.0).show(ui, |ui| {
-            let session = &mut self.session;
-            let frame = session.frame().cloned();
-            let gpu = session.viewer.gpu();
-            let (evidence, lamps) = (&mut self.evidence, &mut self.lamps);
-            let wrong = fixed(ui, |ui| {
-                egui::ScrollArea::vertical()
-                    .show(ui, |ui| {
-                        let of_evidence = evidence.show(ui, &mut session.project, gpu, frame.as_ref());
-                        // What was begun last is asked for.
-                        if evidence.is_busy() {
-                            lamps.cancel();
-                        }
-                        let of_lamps = lamps.show(ui, &mut session.project, frame.as_ref(), &mut evidence.selected);
-                        if lamps.is_picking() {
-                            evidence.cancel();
-                        }
-                        of_evidence.or(of_lamps)
-                    })
-                    .inner
-            });
-            if let Some(wrong) = wrong {
-                self.session.say(wrong);
-            }
-        });
-        egui::Panel::right("controls").frame(panel).default_size(424.0).size_range(350.0..=700.0).show(ui, |ui| {
-            self.keeper.offers(ui, &mut self.session);
-            if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.hand) {
-                self.session.say(refused);
-            }
-        });
     }
 
     /// Files, dialogs, exports. What was opened meanwhile takes the place of what is open.
@@ -248,10 +234,20 @@ impl App {
                 let_go(std::mem::replace(&mut self.session, session));
                 (self.view, self.evidence, self.hand) = Default::default();
                 (self.handles, self.side, self.lamps) = Default::default();
+                (self.hides_obstacle, self.refusal) = Default::default();
                 self.go_on(at, None);
                 self.keeper.turned(&self.session);
             }
             Err(why) => self.session.wrong(why),
+        }
+    }
+
+    /// Names in the window's title what is open.
+    fn set_title(&mut self, ctx: &egui::Context) {
+        let title = titles::of_window(&self.session.project);
+        if title != self.title {
+            ctx.send_viewport_cmd(egui::ViewportCommand::Title(title.clone()));
+            self.title = title;
         }
     }
 
@@ -312,6 +308,7 @@ impl eframe::App for App {
         // The window is cleared to the panels' colour: to fill them again would cost more than all else in them.
         let panel = egui::Frame::side_top_panel(ui.style()).fill(egui::Color32::TRANSPARENT);
         egui::Panel::top("bar").frame(panel).show(ui, |ui| self.bar(ui));
+        egui::Panel::bottom("status").frame(panel).show(ui, |ui| self.status(ui));
         egui::Panel::bottom("time").frame(panel).show(ui, |ui| {
             ui.add_space(3.0);
             let session = &mut self.session;
@@ -338,6 +335,7 @@ impl eframe::App for App {
         egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| self.picture(ui));
         self.windows(&ctx);
         self.keep(&ctx);
+        self.set_title(&ctx);
         if !self.keeper.holds_picture() {
             self.session.make(&ctx);
         }

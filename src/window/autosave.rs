@@ -11,6 +11,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use serde::{Deserialize, Serialize};
 
 use super::held::Place;
+use super::history::Record;
 use super::project::Edit;
 use super::recent::{At, Opened};
 use crate::live::LiveFrom;
@@ -19,7 +20,7 @@ use crate::source::file::{self, MOST_LISTING};
 
 /// What is changed is written once nothing more has changed for so long.
 const QUIET: Duration = Duration::from_millis(250);
-/// And while it goes on changing, as often as this.
+/// And while it goes on changing, as often as this; not during a drag.
 const EVERY: Duration = Duration::from_secs(2);
 const DAY: Duration = Duration::from_secs(86_400);
 /// Of this form.
@@ -42,7 +43,14 @@ pub struct Work {
     #[serde(default)]
     pub camera: Option<LiveFrom>,
     pub edit: Edit,
+    /// The last [`HISTORY_STEPS`] steps that led to `edit`, and those that were undone.
+    #[serde(default)]
+    pub history: Record<Edit>,
 }
+
+/// Largest number of history steps in a recovery file. Steps are dropped where the file would exceed
+/// [`MOST_LISTING`].
+pub const HISTORY_STEPS: usize = 50;
 
 impl Work {
     /// Now. A scene without a file names its models and its panorama by absolute paths: where it lies is not known later.
@@ -55,10 +63,7 @@ impl Work {
     ) -> Self {
         let mut edit = edit;
         if scene.is_none() {
-            let models = edit.scene.objects.iter_mut().map(|object| &mut object.model);
-            for name in models.chain(&mut edit.scene.light.environment) {
-                *name = absolute(Path::new(name)).to_string_lossy().into_owned();
-            }
+            name_absolutely(&mut edit);
         }
         let at_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
         let (profile, scene) = (profile.map(absolute), scene.map(absolute));
@@ -72,7 +77,35 @@ impl Work {
             frame: 0,
             camera: None,
             edit,
+            history: Record::default(),
         }
+    }
+
+    /// With the steps that led there.
+    pub fn with_history(mut self, mut history: Record<Edit>) -> Self {
+        if self.scene.is_none() {
+            history.steps.iter_mut().for_each(|(_, edit)| name_absolutely(edit));
+        }
+        self.history = history;
+        self
+    }
+
+    /// As a file's text, with as many steps as fit into `most_bytes`.
+    fn text(&mut self, most_bytes: u64) -> serde_json::Result<String> {
+        loop {
+            let text = serde_json::to_string(self)?;
+            if text.len() as u64 <= most_bytes || !self.history.halve() {
+                return Ok(text);
+            }
+        }
+    }
+}
+
+/// Names the models and the panorama of a scene by absolute paths.
+fn name_absolutely(edit: &mut Edit) {
+    let models = edit.scene.objects.iter_mut().map(|object| &mut object.model);
+    for name in models.chain(&mut edit.scene.light.environment) {
+        *name = absolute(Path::new(name)).to_string_lossy().into_owned();
     }
 }
 
@@ -171,6 +204,7 @@ pub struct Autosave {
     written: Option<u64>,
     unwritten: Option<Unwritten>,
     leaves: bool,
+    is_hurried: bool,
 }
 
 impl Autosave {
@@ -181,9 +215,9 @@ impl Autosave {
         let thread = std::thread::Builder::new().name("autosave".to_owned()).spawn(move || {
             for order in to_do {
                 match order {
-                    Order::Write(path, work) => {
+                    Order::Write(path, mut work) => {
                         let failed = |reason: String| format!("Your work is not kept for a crash: {reason}");
-                        let done = serde_json::to_string(&work).map_err(|e| e.to_string()).and_then(|text| {
+                        let done = work.text(MOST_LISTING).map_err(|e| e.to_string()).and_then(|text| {
                             let write = |file: &mut io::BufWriter<&mut File>| file.write_all(text.as_bytes());
                             write_atomically(&path, true, write).map_err(|e| e.to_string())
                         });
@@ -204,6 +238,7 @@ impl Autosave {
             written: None,
             unwritten: None,
             leaves: false,
+            is_hurried: false,
         })
     }
 
@@ -214,10 +249,16 @@ impl Autosave {
         (self.written, self.unwritten) = (None, None);
     }
 
+    /// Makes the next [`Autosave::keep`] write a change at once: a drag has ended.
+    pub fn hurry(&mut self) {
+        self.is_hurried = true;
+    }
+
     /// Has the work written, if it has changed and it is time. `version` tells changes apart; `work` is `None` where
     /// nothing would be lost. Gives how long the next change has to wait, and what went wrong.
     pub fn keep(&mut self, version: u64, now: Instant, work: impl FnOnce() -> Option<Work>) -> Kept {
         let problem = self.problems.try_iter().last();
+        let is_hurried = std::mem::take(&mut self.is_hurried);
         // What was opened is no change.
         if *self.written.get_or_insert(version) == version {
             self.unwritten = None;
@@ -227,7 +268,7 @@ impl Autosave {
         let same = self.unwritten.filter(|unwritten| unwritten.version == version);
         let unwritten = same.unwrap_or(Unwritten { version, seen: now, since: begun });
         let due = (unwritten.seen + QUIET).min(unwritten.since + EVERY);
-        if now < due {
+        if now < due && !is_hurried {
             self.unwritten = Some(unwritten);
             return Kept { wait: Some(due - now), problem };
         }
@@ -359,6 +400,32 @@ mod tests {
         next.finish_writing();
         drop((next, other));
         assert_eq!(names(temp.path()), 0);
+    }
+
+    #[test]
+    fn a_drag_is_written_as_soon_as_it_ends() {
+        let temp = tempfile::tempdir().unwrap();
+        let mut autosave = Autosave::begin(temp.path()).unwrap();
+        let now = Instant::now();
+        autosave.keep(0, now, || None);
+        autosave.hurry();
+        assert_eq!(autosave.keep(1, now, || Some(work(3))), Kept::default());
+        autosave.leave(None);
+        assert_eq!(Left::found(temp.path())[0].work.edit.settings.seed, 3);
+    }
+
+    #[test]
+    fn a_recovery_file_keeps_as_many_steps_as_fit() {
+        let mut work = work(0);
+        let steps = (0..16).map(|n| (n.to_string(), work.edit.clone())).collect();
+        work = work.with_history(Record { steps, at: 15 });
+        let alone = serde_json::to_string(&work.edit).unwrap().len() as u64;
+        let text = work.text(8 * alone).unwrap();
+        let read: Work = serde_json::from_str(&text).unwrap();
+        assert!((2..8).contains(&read.history.steps.len()) && text.len() as u64 <= 8 * alone);
+        let last = &read.history.steps[read.history.at];
+        assert_eq!((last.0.as_str(), &last.1), ("15", &read.edit));
+        assert!(work.text(1).unwrap().len() > 1, "the work itself is always kept");
     }
 
     #[test]

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use eframe::egui::Context;
 
-use super::dialogs::{Answer, question};
 use super::project::Project;
+use super::question::{self, Answer, Choices};
 
 /// Where the values of the camera are saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,9 +20,11 @@ const MAX_NAMES: usize = 6;
 
 /// Asks; `Some(None)` cancels saving.
 pub fn ask(ctx: &Context, project: &Project) -> Option<Option<SavedIn>> {
-    let with_scene = if project.can_place() { "Save with the scene" } else { "" };
-    let answers = ["Save to the profile", with_scene, "Cancel"];
-    let answer = question(ctx, "Save camera values to the profile?", answers, |ui| {
+    // The file that nobody shares is the default.
+    let (with_scene, default) =
+        if project.can_place() { ("Save with the scene", Answer::No) } else { ("", Answer::Yes) };
+    let choices = Choices { labels: ["Save to the profile", with_scene, "Cancel"], default };
+    let answer = question::ask(ctx, "Save camera values to the profile?", choices, |ui| {
         ui.label(listed(&project.camera_changes()));
         ui.label(match project.profile.as_deref().and_then(Path::file_name) {
             Some(name) => format!("Other recordings that use {} change, too.", name.to_string_lossy()),
@@ -35,7 +37,7 @@ pub fn ask(ctx: &Context, project: &Project) -> Option<Option<SavedIn>> {
     Some(match answer {
         Answer::Yes => Some(SavedIn::Profile),
         Answer::No => Some(SavedIn::Scene),
-        Answer::Stay => None,
+        Answer::Cancel => None,
     })
 }
 

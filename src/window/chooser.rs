@@ -19,8 +19,8 @@ use self::disk::Begun;
 use self::entering::Entering;
 use self::listed::{Entry, Listing};
 use self::making::Making;
-use super::dialogs;
 use super::errand::Errand;
+use super::question::{self, Answer, Choices, Keys};
 use crate::words::reason;
 
 pub use self::disk::{Begin, Chosen};
@@ -154,13 +154,15 @@ impl Chooser {
         self.list(ctx);
         let mut chosen = self.asked(ctx);
         let makes = self.makes.is_some();
+        let mut asks = false;
         let title = self.title.clone();
-        let modal = dialogs::modal(ctx, "chooser", &title, |ui| {
+        let modal = question::modal(ctx, "chooser", &title, |ui| {
             ui.set_width(620.0_f32.min(ctx.content_rect().width() - 48.0));
             ui.heading(&self.title);
             ui.add_space(6.0);
             if let Some((path, there)) = self.replaces.clone() {
                 chosen = self.asks(ui, &path, &there).or(chosen.take());
+                asks = true;
                 return;
             }
             self.way(ui);
@@ -174,8 +176,8 @@ impl Chooser {
         });
         if modal.should_close() && chosen.is_none() {
             // Esc leaves what was begun in it first.
-            (self.makes, self.wants_keys) = (None, true);
-            chosen = (!makes).then_some(Chosen::Nothing);
+            (self.makes, self.replaces, self.wants_keys) = (None, None, true);
+            chosen = (!makes && !asks).then_some(Chosen::Nothing);
         }
         chosen
     }
@@ -343,15 +345,14 @@ impl Chooser {
         };
         ui.label(text);
         ui.add_space(8.0);
-        let mut chosen = None;
-        ui.horizontal(|ui| {
-            if ui.button(does).clicked() {
-                chosen = Some(Chosen::Path { path: path.to_owned(), replaces: true });
+        let keys = Keys::of(ui.ctx(), "replaces");
+        let choices = Choices { labels: [does, "Choose another name", ""], default: Answer::No };
+        match question::buttons(ui, choices).or(keys.enter.then_some(Answer::No))? {
+            Answer::Yes => Some(Chosen::Path { path: path.to_owned(), replaces: true }),
+            Answer::No | Answer::Cancel => {
+                (self.replaces, self.wants_keys) = (None, true);
+                None
             }
-            if ui.button("Choose another name").clicked() {
-                self.replaces = None;
-            }
-        });
-        chosen
+        }
     }
 }

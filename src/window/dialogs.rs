@@ -3,56 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use eframe::egui::{self, Context, InnerResponse, Key, Modal, ModalResponse, RichText, Ui, accesskit::Role};
+use eframe::egui::{self, Context, RichText};
 
 use super::autosave::Work;
+use super::question::{Answer, Choices, as_dialog, ask, modal};
 use super::recent::Opened;
+use super::titles::distinct;
 use crate::words::count;
-
-/// To a question that one can also leave.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Answer {
-    Yes,
-    No,
-    /// Nothing is done.
-    Stay,
-}
-
-/// Nothing else can be done while it is open. To a screen reader every modal is a dialog; it has that name.
-pub fn modal<T>(ctx: &Context, id: &str, name: &str, body: impl FnOnce(&mut Ui) -> T) -> ModalResponse<T> {
-    let id = egui::Id::unique(id);
-    let area = Modal::default_area(id).accessible_name(name);
-    Modal::new(id).area(area).show(ctx, body)
-}
-
-/// Makes a window that says or asks something a dialog for screen readers; it has the window's title for a name.
-fn as_dialog<T>(ctx: &Context, window: Option<&InnerResponse<T>>) {
-    if let Some(window) = window {
-        ctx.accesskit_node_builder(window.response.id, |node| node.set_role(Role::Dialog));
-    }
-}
-
-/// Asks, with a word for each answer. Esc stays.
-pub fn question(ctx: &Context, title: &str, answers: [&str; 3], body: impl FnOnce(&mut Ui)) -> Option<Answer> {
-    let mut given = None;
-    let modal = modal(ctx, "question", title, |ui| {
-        ui.set_width(420.0);
-        ui.heading(title);
-        ui.add_space(4.0);
-        body(ui);
-        ui.add_space(10.0);
-        ui.horizontal(|ui| {
-            for (text, answer) in answers.into_iter().zip([Answer::Yes, Answer::No, Answer::Stay]) {
-                if !text.is_empty() && ui.button(text).clicked() {
-                    given = Some(answer);
-                }
-            }
-        });
-    });
-    // A click beside it is no answer.
-    let left = modal.should_close() && ctx.input(|i| i.key_pressed(Key::Escape));
-    given.or(left.then_some(Answer::Stay))
-}
 
 /// What ends or is lost if the window is closed, or something else is opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -86,7 +43,8 @@ pub fn before_it_is_lost(ctx: &Context, ending: Ending) -> Option<Answer> {
             (true, false) => ("Leave the camera while it is recorded?", "End the recording and go on"),
             (false, _) => ("Close while something is being made?", "Close and cancel it"),
         };
-        return question(ctx, title, ["", answer, "Stay"], |ui| {
+        let choices = Choices { labels: ["", answer, "Cancel"], default: Answer::Cancel };
+        return ask(ctx, title, choices, |ui| {
             if is_recording {
                 ui.label(RECORDED);
             }
@@ -98,11 +56,11 @@ pub fn before_it_is_lost(ctx: &Context, ending: Ending) -> Option<Answer> {
             }
         });
     }
-    let answers = match closes {
-        true => ["Save and close", "Close without saving", "Stay"],
-        false => ["Save", "Go on without saving", "Stay"],
+    let labels = match closes {
+        true => ["Save and close", "Close without saving", "Cancel"],
+        false => ["Save", "Go on without saving", "Cancel"],
     };
-    question(ctx, "Save what you have changed?", answers, |ui| {
+    ask(ctx, "Save changes?", Choices { labels, default: Answer::Yes }, |ui| {
         ui.label("The changes since the last save are lost otherwise.");
         if is_recording {
             ui.label(RECORDED);
@@ -115,7 +73,8 @@ pub fn before_it_is_lost(ctx: &Context, ending: Ending) -> Option<Answer> {
 
 /// A file that is about to be written was changed by somebody else.
 pub fn whether_to_replace(ctx: &Context, path: &Path) -> Option<Answer> {
-    question(ctx, "Replace what somebody else has written?", ["Save mine", "Read theirs", "Stay"], |ui| {
+    let choices = Choices { labels: ["Save mine", "Read theirs", "Cancel"], default: Answer::Cancel };
+    ask(ctx, "Replace what somebody else has written?", choices, |ui| {
         ui.label(format!("{} was changed on disk since it was opened here.", path.display()));
     })
 }
@@ -126,14 +85,16 @@ pub fn whether_to_write(ctx: &Context, path: &Path, whose: &str) -> Option<Answe
         "the program" => "Change the supplied profile?",
         _ => "Change the recording's profile?",
     };
-    question(ctx, title, ["Overwrite", "Save as…", "Cancel"], |ui| {
+    let choices = Choices { labels: ["Overwrite", "Save as…", "Cancel"], default: Answer::No };
+    ask(ctx, title, choices, |ui| {
         ui.label(format!("{} belongs to {whose}. Wherever it is used, your changes apply.", path.display()));
     })
 }
 
 /// A file that is open was changed by somebody else.
 pub fn changed_on_disk(ctx: &Context, path: &Path, is_changed: bool) -> Option<Answer> {
-    question(ctx, "A file was changed on disk", ["Read it again", "Keep what is here", ""], |ui| {
+    let choices = Choices { labels: ["Read it again", "Keep what is here", ""], default: Answer::Yes };
+    ask(ctx, "A file was changed on disk", choices, |ui| {
         ui.label(format!("{} was changed by another program.", path.display()));
         if is_changed {
             ui.label("What you have changed here is not lost: undo brings it back.");
@@ -144,12 +105,9 @@ pub fn changed_on_disk(ctx: &Context, path: &Path, is_changed: bool) -> Option<A
 /// Work that a crash left.
 pub fn left(ctx: &Context, work: &Work) -> Option<Answer> {
     let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
-    let answers = ["Take it up", "Throw it away", "Later"];
-    question(ctx, "Take up where it ended?", answers, |ui| {
-        ui.label(format!(
-            "The window ended {} with changes that were not saved.",
-            ago(now_s.saturating_sub(work.at_s))
-        ));
+    let choices = Choices { labels: ["Restore", "Discard", "Not now"], default: Answer::Yes };
+    ask(ctx, "Restore unsaved work?", choices, |ui| {
+        ui.label(format!("Locard ended {} with changes that were not saved.", ago(now_s.saturating_sub(work.at_s))));
         ui.add_space(4.0);
         egui::Grid::new("work").num_columns(2).spacing([12.0, 4.0]).show(ui, |ui| {
             let mut line = |what: &str, path: Option<&Path>| {
@@ -190,35 +148,6 @@ pub fn opening(ctx: &Context, what: &Path) {
     });
 }
 
-/// A message, all of it, to be read and copied. Nothing waits for it: what is clicked beside it counts, and closes it. Gives
-/// whether it is closed.
-pub fn message(ctx: &Context, text: &str) -> bool {
-    let (mut closed, mut is_open) = (false, true);
-    let window = egui::Window::new("Message")
-        .open(&mut is_open)
-        .collapsible(false)
-        .resizable(false)
-        .anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO)
-        .show(ctx, |ui| {
-            ui.set_width(520.0_f32.min(ctx.content_rect().width() - 48.0));
-            egui::ScrollArea::vertical().max_height(300.0).show(ui, |ui| {
-                ui.add(egui::Label::new(text).wrap().selectable(true));
-            });
-            ui.add_space(8.0);
-            ui.horizontal(|ui| {
-                if ui.button("Copy").clicked() {
-                    ui.ctx().copy_text(text.to_owned());
-                }
-                closed = ui.button("Close").clicked();
-            });
-        });
-    as_dialog(ctx, window.as_ref());
-    let rect = window.map(|window| window.response.rect);
-    let is_beside = |at: egui::Pos2| rect.is_some_and(|rect| !rect.contains(at));
-    let beside = ctx.input(|i| i.pointer.any_pressed() && i.pointer.interact_pos().is_some_and(is_beside));
-    closed || !is_open || beside
-}
-
 /// What is chosen on the start page.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Start {
@@ -250,11 +179,11 @@ pub fn start<'a>(ctx: &Context, recent: impl Iterator<Item = (&'a Opened, bool)>
         let (text, stay) = match behind {
             Behind::Demonstration => (
                 "This is the demonstration. Move a slider, drag the picture, press ? for the keys.".to_owned(),
-                Some("Stay with the demonstration".to_owned()),
+                Some("Continue with the demo".to_owned()),
             ),
             Behind::Recording(name) => (
                 format!("{name} is open. Open another one, or press ? for the keys."),
-                Some(format!("Stay with {name}")),
+                Some(format!("Continue with {name}")),
             ),
             Behind::Nothing(_) => {
                 ("Open a recording: the frames of a camera with its poses. Press ? for the keys.".to_owned(), None)
@@ -283,19 +212,19 @@ pub fn start<'a>(ctx: &Context, recent: impl Iterator<Item = (&'a Opened, bool)>
             );
             ui.add(egui::Label::new(RichText::new(text).weak()).wrap());
         }
-        let mut recent = recent.peekable();
-        if recent.peek().is_none() {
+        let recent: Vec<_> = recent.collect();
+        if recent.is_empty() {
             return;
         }
+        let paths: Vec<&Path> = recent.iter().map(|(opened, _)| opened.recording.as_path()).collect();
         ui.separator();
-        ui.strong("Opened lately");
+        ui.strong("Recent");
         egui::ScrollArea::vertical().max_height(240.0).show(ui, |ui| {
-            for (opened, is_there) in recent {
-                let name = opened.recording.file_name().unwrap_or(opened.recording.as_os_str()).to_string_lossy();
+            for ((opened, is_there), name) in recent.into_iter().zip(distinct(&paths)) {
                 let of = opened.scene.as_ref().and_then(|scene| scene.file_name()).map(|scene| scene.to_string_lossy());
-                let text = of.map_or_else(|| name.to_string(), |scene| format!("{name}   {scene}"));
-                let button = ui.add_enabled(is_there, egui::Button::selectable(false, text));
-                let button = button.on_hover_text(opened.recording.display().to_string());
+                let text = of.map_or_else(|| name.clone(), |scene| format!("{name}   {scene}"));
+                let button = ui.add_enabled(is_there, egui::Button::selectable(false, text).truncate());
+                let button = button.on_hover_text(files(opened));
                 if button.on_disabled_hover_text("It is no longer there").clicked() {
                     chosen = Some(Start::Recent(Box::new(opened.clone())));
                 }
@@ -304,6 +233,13 @@ pub fn start<'a>(ctx: &Context, recent: impl Iterator<Item = (&'a Opened, bool)>
     });
     as_dialog(ctx, page.as_ref());
     chosen.or((!is_open).then_some(Start::Leave))
+}
+
+/// The whole paths of a recording, its scene and its profile, a line each.
+fn files(opened: &Opened) -> String {
+    let with = [("Scene", &opened.scene), ("Profile", &opened.profile)];
+    let with = with.into_iter().filter_map(|(what, path)| Some(format!("\n{what}: {}", path.as_ref()?.display())));
+    format!("Recording: {}", opened.recording.display()) + &with.collect::<String>()
 }
 
 const CAN_BE_DROPPED: &str = "A recording's folder, a profile, a scene (.toml) or a model (.glb, .gltf) can be dropped into \

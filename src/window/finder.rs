@@ -4,6 +4,7 @@
 use eframe::egui::{Align2, Color32, Pos2, Shape, Stroke, vec2};
 use glam::{DVec2, DVec3};
 
+use super::obstacle::surface_text;
 use super::picture::{Seen, plate};
 use crate::frame::Frame;
 use crate::scene::Support;
@@ -85,7 +86,7 @@ impl Finder {
                 self.first = Some(view);
                 Ok(Click::Again(again()))
             }
-            Err(error) => Err(error.to_string()),
+            Err(error) => Err(surface_text(&error)),
         }
     }
 

@@ -1,7 +1,7 @@
 //! What things are placed on where the depth does not say it, and how long a unit is: a plane by three points, a scale by two
 //! points and their distance.
 
-use eframe::egui::{RichText, Ui, vec2};
+use eframe::egui::{Key, RichText, Ui, vec2};
 use glam::{DVec2, DVec3};
 
 use super::Project;
@@ -160,11 +160,12 @@ impl Ground {
         let mut said = None;
         ui.horizontal_wrapped(|ui| {
             ui.label("Distance");
-            numeric(ui, "true distance", &mut self.distance_m, 0.005, " m");
-            if ui.button("Set").clicked() {
+            let field = numeric(ui, "true distance", &mut self.distance_m, 0.005, " m");
+            let is_entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
+            if ui.button("Set").clicked() || is_entered {
                 said = Some(set_scale(project, a, b, self.distance_m));
             }
-            if ui.button("Leave").clicked() {
+            if ui.button("Cancel").clicked() {
                 self.cancel();
             }
         });

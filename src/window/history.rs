@@ -1,5 +1,7 @@
 //! What was done, step by step, and back.
 
+use serde::{Deserialize, Serialize};
+
 /// Steps that are kept. Each is a few kilobytes.
 const MOST: usize = 500;
 
@@ -15,6 +17,38 @@ pub struct History<T> {
     is_open: bool,
 }
 
+/// The steps of a history as a file keeps them, the oldest first.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Record<T> {
+    pub steps: Vec<(String, T)>,
+    /// Index of the current step.
+    pub at: usize,
+}
+
+impl<T> Default for Record<T> {
+    fn default() -> Self {
+        Self { steps: Vec::new(), at: 0 }
+    }
+}
+
+impl<T> Record<T> {
+    /// Removes the older half of the steps before the current one, or else the newer half of the steps
+    /// after it. Returns false if only the current one is left.
+    pub fn halve(&mut self) -> bool {
+        if self.at > 0 {
+            let removed = self.at.div_ceil(2);
+            self.steps.drain(..removed);
+            self.at -= removed;
+        } else if self.steps.len() > 1 {
+            self.steps.truncate(self.steps.len() / 2);
+        } else {
+            return false;
+        }
+        true
+    }
+}
+
 impl<T: Clone + PartialEq> History<T> {
     pub fn new(opened: T) -> Self {
         Self { steps: vec![("opened".to_owned(), opened)], at: 0, tried: None, is_open: false }
@@ -27,6 +61,32 @@ impl<T: Clone + PartialEq> History<T> {
     /// What holds without what is being tried.
     pub fn kept(&self) -> &T {
         &self.steps[self.at].1
+    }
+
+    /// The newest `most` steps, or older ones where the current step would not be among them. A tried
+    /// value is no step.
+    pub fn record(&self, most: usize) -> Record<T> {
+        let first = self.steps.len().saturating_sub(most).min(self.at);
+        let last = self.steps.len().min(first + most);
+        Record { steps: self.steps[first..last].to_vec(), at: self.at - first }
+    }
+
+    /// Appends recorded steps after the current one. A first step that equals it is not repeated.
+    pub fn restore(&mut self, record: Record<T>) {
+        let Record { mut steps, at } = record;
+        let at = at.min(steps.len().saturating_sub(1));
+        let is_repeated = steps.first().is_some_and(|(_, first)| *first == self.steps[self.at].1);
+        if is_repeated {
+            steps.remove(0);
+        }
+        if steps.is_empty() {
+            return;
+        }
+        self.tried = None;
+        self.steps.drain(self.at + 1..);
+        self.at = (self.steps.len() + at).saturating_sub(usize::from(is_repeated));
+        self.steps.append(&mut steps);
+        self.is_open = false;
     }
 
     /// What holds now, until it is kept or dropped. The steps stay as they are.
@@ -190,6 +250,49 @@ mod tests {
         history.try_on(11);
         assert_eq!(history.undo(), Some("moved"));
         assert_eq!(*history.now(), 9);
+    }
+
+    #[test]
+    fn a_record_restores_steps_with_undo_and_redo() {
+        let mut history = History::new(0);
+        for value in 1..=5 {
+            history.change(&value.to_string(), value);
+        }
+        history.undo();
+        history.try_on(9);
+        let record = history.record(50);
+        assert_eq!((record.steps.len(), record.at), (6, 4), "what is tried is no step");
+        let mut restored = History::new(0);
+        restored.restore(record.clone());
+        let names = restored.names().0.map(str::to_owned).collect::<Vec<_>>();
+        assert_eq!((names.join(" "), *restored.now()), ("opened 1 2 3 4 5".to_owned(), 4));
+        assert_eq!(restored.redo(), Some("5"));
+        assert_eq!(restored.undo(), Some("5"));
+        assert_eq!(restored.undo(), Some("4"));
+        // The files were saved since: the state before stays a step.
+        let mut saved = History::new(7);
+        saved.restore(record);
+        assert_eq!((saved.names().0.len(), *saved.now()), (7, 4));
+        saved.restore(Record::default());
+        assert_eq!(*saved.now(), 4, "nothing was recorded");
+    }
+
+    #[test]
+    fn a_record_is_bounded_and_keeps_the_step_that_holds() {
+        let mut history = History::new(0);
+        for value in 1..=100 {
+            history.change(&value.to_string(), value);
+        }
+        let values = |record: &Record<i32>| record.steps.iter().map(|(_, value)| *value).collect::<Vec<_>>();
+        let newest = history.record(3);
+        assert_eq!((values(&newest), newest.at), (vec![98, 99, 100], 2));
+        history.go_to(10);
+        let mut record = history.record(4);
+        assert_eq!((values(&record), record.at), (vec![10, 11, 12, 13], 0));
+        assert!(record.halve() && record.halve() && !record.halve());
+        assert_eq!((values(&record), record.at), (vec![10], 0));
+        let mut record = newest;
+        assert!(record.halve() && record.steps[record.at].1 == 100);
     }
 
     #[test]

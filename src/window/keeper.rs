@@ -11,15 +11,15 @@ use eframe::egui;
 
 use super::air::Air;
 use super::analysing::Analysing;
-use super::autosave::{Autosave, Left, Work};
+use super::autosave::{Autosave, HISTORY_STEPS, Left, Work};
 use super::camera_values::SavedIn;
 use super::chooser::{Chooser, Seeks};
-use super::dialogs;
 use super::errand::Errand;
 use super::habits::{Habits, Use};
 use super::jobs::{Jobs, State};
 use super::kind::Kind;
 use super::looking::Looking;
+use super::message::Message;
 use super::opening::Opening;
 use super::output::{Ask, Output, Situation, proposed};
 use super::project::{Project, SaveError, Written};
@@ -73,7 +73,7 @@ pub struct Turn {
     pub at: At,
 }
 
-/// See above.
+/// The user's documents: open files, unsaved work, exports, and the dialogs about them.
 #[derive(Debug, Default)]
 pub struct Keeper {
     autosave: Option<Autosave>,
@@ -90,8 +90,10 @@ pub struct Keeper {
     pub shows_output: bool,
     /// The page that a start without a recording has.
     pub shows_start: bool,
-    /// A message, all of it.
-    pub message: Option<String>,
+    /// The message that is shown whole.
+    pub message: Option<Message>,
+    /// Why the last profile was not opened, until it is read.
+    pub refused_profile: Option<String>,
     chooser: Option<(Purpose, Chooser)>,
     /// Asks for a camera.
     air: Option<Air>,
@@ -224,8 +226,8 @@ impl Keeper {
         self.opens_dropped(session);
         self.asks(ctx, session);
         self.out(ctx, session);
-        if let Some(text) = &self.message
-            && dialogs::message(ctx, text)
+        if let Some(message) = &mut self.message
+            && message.show(ctx)
         {
             self.message = None;
         }
@@ -253,9 +255,13 @@ impl Keeper {
             (self.left, self.looking) = (left, None);
         }
         let project = &session.project;
-        if let Some(autosave) = &mut self.autosave {
+        let is_dragging = ctx.input(|i| i.pointer.any_down());
+        if let Some(autosave) = self.autosave.as_mut().filter(|_| !is_dragging) {
+            if ctx.input(|i| i.pointer.any_released()) {
+                autosave.hurry();
+            }
             // Saving changes what is lost, and not the project's version.
-            let version = (project.version() << 1) | u64::from(project.is_saved());
+            let version = (project.version() << 1) | u64::from(project.is_kept_saved());
             let kept = autosave.keep(version, now, || work(session));
             if let Some(wait) = kept.wait {
                 ctx.request_repaint_after(wait);
@@ -401,15 +407,16 @@ impl Keeper {
     }
 }
 
-/// What would be lost.
+/// The work that a crash would lose. It has the state before a drag and before a tried change.
 fn work(session: &Session) -> Option<Work> {
     let project = &session.project;
-    if project.is_saved() {
+    if project.is_kept_saved() {
         return None;
     }
     let (recording, unit) = (&project.shot().recording.path, project.metres_per_unit);
     let (profile, scene) = (project.profile.as_deref(), project.scene.as_deref());
-    let mut work = Work::new(recording, unit, profile, scene, project.edit().clone());
+    let mut work = Work::new(recording, unit, profile, scene, project.history().kept().clone())
+        .with_history(project.history().record(HISTORY_STEPS));
     work.frame = session.player.frame();
     work.camera = project.camera.clone().filter(|_| session.is_live());
     Some(work)

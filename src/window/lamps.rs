@@ -24,6 +24,7 @@ pub struct Lamps {
 
 /// How high above the scene's middle a lamp hangs of which nothing else is said, m.
 const ABOVE_M: f64 = 1.0;
+const ABOVE: &str = "No depth here: the lamp hangs 1 m above the scene's middle.";
 
 impl Lamps {
     /// Whether the next click in the picture is for a lamp.
@@ -73,10 +74,13 @@ impl Lamps {
         };
         let add = egui::Button::selectable(self.picks, "Add lamp").frame_when_inactive(true);
         if ui.add(add).on_hover_text(hint).clicked() {
-            if has_depth {
+            // Without a camera the picture shows why no lamp can be placed.
+            let has_camera = frame.is_some_and(|frame| project.shot().eye(frame.index).is_ok());
+            if has_depth || !has_camera {
                 self.picks = !self.picks;
             } else {
-                told = self.add(project, above_middle(project), selected).err().or(told);
+                let added = self.add(project, above_middle(project), selected);
+                told = Some(added.map_or_else(|why| why, |()| ABOVE.to_owned()));
             }
         }
         if let Some(Thing::Lamp(n)) = *selected
@@ -114,7 +118,7 @@ impl Lamps {
             }
             None => {
                 self.add(project, above_middle(project), selected)?;
-                Ok(Some("There is no depth: the lamp hangs 1 m above the scene's middle.".to_owned()))
+                Ok(Some(ABOVE.to_owned()))
             }
         }
     }
@@ -129,10 +133,10 @@ impl Lamps {
 /// Where the scene has no light of its own and the footage's is known: says so, and takes it into the scene.
 fn found(ui: &mut Ui, project: &mut Project) -> Option<String> {
     let light = project.found_light()?;
-    let lamps = count(light.lamps.len(), "lamp");
-    ui.label(RichText::new(format!("Lit as the footage was found to be: a panorama and {lamps}.")).weak());
+    let lamps = if light.lamps.is_empty() { "no lamps".to_owned() } else { count(light.lamps.len(), "lamp") };
+    ui.label(RichText::new(format!("Light from the footage: panorama, {lamps}.")).weak());
     let hint = "Writes that light into the scene, where it can be changed. `locard light` does the same.";
-    let is_taken = ui.button("Edit the found light").on_hover_text(hint).clicked();
+    let is_taken = ui.button("Copy to scene and edit").on_hover_text(hint).clicked();
     if is_taken { project.take_found_light().err() } else { None }
 }
 

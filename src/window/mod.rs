@@ -12,15 +12,17 @@
 //!   `progress`: how far it is. `fields`: numbers to drag and to type, with a `slider`.
 //! - `measure`: what the window costs. `app`: the window. `fit`: its size at the start. `theme`: its colours. `actions`: what keys do, `keys` the page of them. `picture` with its `loupe`, `controls`,
 //!   `evidence`, `timeline` with its `thumbnails`: its parts. `hand`: places in the picture that another part asks for; `steered` by keys.
+//!   `obstacle`: why nothing can be placed; `notice` shows it over the picture.
 //!   `handles`: objects and lamps in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
 //!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it; `things`: what is
 //!   done to what is selected. `lamps`: those of the scene, and one more.
 //! - `missing`: files that the scene lacks; `tilt`: upright things on tilted surfaces.
 //! - `camera_values`: the question where changed values of the camera are saved.
 //! - `analysing`: the footage analysed, and what was found taken over where one is.
-//! - `keeper`: opening and saving, and what is asked before anything is lost (`chooser`, `dialogs`, `kind`, `saving`,
-//!   `opening`, `watch`, `recent`, `habits`, `start` where there is nothing to show); work that a crash leaves (`autosave`, `held`, `looking`, in the folder of `state`); a new start where the
-//!   device is lost (`restart`). `output`: what leaves as files, by the queue of `jobs`, with the camera's `dials`.
+//! - `keeper`: opening and saving, and the questions before anything is lost (`chooser`, `dialogs`, `question`, `message`,
+//!   `kind`, `saving`, `opening`, `watch`, `recent`, `titles`, `habits`, `start` where there is nothing to show); work that
+//!   a crash leaves (`autosave`, `held`, `looking`, in the folder of `state`); a new start where the device is lost
+//!   (`restart`). `output`: exported files, by the queue of `jobs`, with the camera's `dials`.
 //!   `command`: the same by command line.
 //!
 //! It talks to the [`Shot`](crate::shot::Shot) alone: nothing is composited here that the program would not composite alike.
@@ -66,7 +68,10 @@ mod loupe;
 mod maker;
 mod matching;
 mod measure;
+mod message;
 mod missing;
+mod notice;
+mod obstacle;
 mod opening;
 mod output;
 mod painter;
@@ -77,6 +82,7 @@ mod plots;
 mod pointer;
 mod progress;
 mod project;
+mod question;
 mod reader;
 mod reasons;
 mod recent;
@@ -94,6 +100,7 @@ mod thumbnails;
 mod tilt;
 mod timeline;
 mod times;
+mod titles;
 mod viewer;
 mod watch;
 mod wrongs;
@@ -108,7 +115,7 @@ use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew};
 pub use app::App;
 pub use autosave::{Autosave, Left, Work};
 pub use command::{Line, composite as command_line};
-pub use history::History;
+pub use history::{History, Record};
 pub use jobs::{Jobs, State, Task};
 pub use measure::Measure;
 pub use picture::View;

@@ -4,8 +4,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::autosave::Left;
+use super::autosave::{Left, Work};
 use super::errand::Errand;
+use super::obstacle::size_text;
 use super::project::Project;
 use super::recent::Opened;
 use crate::live::{self, LiveFrom};
@@ -23,11 +24,13 @@ pub struct Refused {
     pub why: String,
     /// A profile says what is lacking.
     pub lacks_camera: bool,
+    /// The profile is for pictures of another size.
+    pub is_other_size: bool,
 }
 
 impl Refused {
     fn plain(error: &dyn std::fmt::Display) -> Self {
-        Self { why: without_options(&error.to_string()), lacks_camera: false }
+        Self { why: without_options(&error.to_string()), lacks_camera: false, is_other_size: false }
     }
 
     fn of_shot(recording: &Path, error: &ShotError) -> Self {
@@ -36,7 +39,18 @@ impl Refused {
         // A scene's error names the scene.
         let is_scenes = matches!(error, ShotError::Scene(_));
         let why = if is_scenes { why } else { format!("{}: not opened: {why}", recording.display()) };
-        Self { why, lacks_camera }
+        Self { why, lacks_camera, is_other_size: false }
+    }
+
+    /// Refuses a profile that is for pictures of another size than the recording's.
+    fn other_size(project: &Project, profile: &Path) -> Result<(), Self> {
+        let Err(ShotError::Size { camera, frames }) = project.shot().geometry_at(0) else { return Ok(()) };
+        let name = profile.file_name().unwrap_or(profile.as_os_str()).to_string_lossy();
+        let (width, height) = frames;
+        let sizes = size_text(camera, frames);
+        let why =
+            format!("{sizes}: {name} was not opened. Choose a profile for {width}x{height}, or calibrate this camera.");
+        Err(Self { why, lacks_camera: false, is_other_size: true })
     }
 }
 
@@ -63,35 +77,40 @@ pub struct Opening {
 impl Opening {
     /// `wake` is called from the thread when it is over. Work that was left goes into what is opened.
     pub fn begin(opened: Opened, left: Option<Left>, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
-        Self::of(opened, left, None, wake)
+        Self::of(opened, left, false, None, wake)
     }
 
-    /// A recording that is open already is not opened again.
+    /// A recording that is open already is not opened again. Undo reverts files that are read again
+    /// (`is_again`), so a profile of another size is not refused there.
     fn of(
         opened: Opened,
         left: Option<Left>,
+        is_again: bool,
         open_already: Option<Arc<Recording>>,
         wake: impl FnOnce() + Send + 'static,
     ) -> std::io::Result<Self> {
-        let (wanted, edit) = (opened.clone(), left.as_ref().map(|left| left.work.edit.clone()));
+        let wanted = opened.clone();
+        let work = left.as_ref().map(|left| Work::clone(&left.work));
         let errand = Errand::begin("opening", wake, move || {
             let (mut project, camera) = match (&wanted.camera, open_already) {
                 (_, Some(recording)) => (put_to(Recording::clone(&recording), &wanted)?, None),
                 (Some(from), None) => open_camera(&wanted, from)?,
                 (None, None) => (open(&wanted)?, None),
             };
-            if let Some(edit) = edit {
-                project.take_up(edit).map_err(|error| Refused::plain(&error))?;
+            if let Some(Work { edit, history, .. }) = work {
+                project.restore(edit, history).map_err(|error| Refused::plain(&error))?;
+            } else if let Some(profile) = wanted.profile.as_deref().filter(|_| !is_again && wanted.camera.is_none()) {
+                Refused::other_size(&project, profile)?;
             }
             Ok((Box::new(project), camera))
         })?;
-        Ok(Self { opened, left, is_again: false, errand })
+        Ok(Self { opened, left, is_again, errand })
     }
 
     /// Reads the files that are open again; a camera goes on.
     pub fn again(project: &Project, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
         let recording = Some(&project.shot().recording).filter(|recording| recording.is_arriving()).cloned();
-        Ok(Self { is_again: true, ..Self::of(Opened::of(project), None, recording, wake)? })
+        Self::of(Opened::of(project), None, true, recording, wake)
     }
 
     /// Whether work that was left goes into it.
@@ -106,7 +125,9 @@ impl Opening {
     /// What came of it, once it is there.
     pub fn take(self) -> Result<Done, Box<Self>> {
         let Some(project) = self.errand.take() else { return Err(Box::new(self)) };
-        let project = project.map_err(|why| Refused { why, lacks_camera: false }).and_then(|project| project);
+        let project = project
+            .map_err(|why| Refused { why, lacks_camera: false, is_other_size: false })
+            .and_then(|project| project);
         Ok(Done { opened: self.opened, project, left: self.left, is_again: self.is_again })
     }
 }
@@ -128,7 +149,7 @@ fn open_camera(opened: &Opened, from: &LiveFrom) -> Result<(Project, Option<live
                 break other.map_err(|error| {
                     let lacks_camera = matches!(error, live::LiveError::NoCamera);
                     let why = format!("{}: not opened: {}", from.name(), without_options(&error.to_string()));
-                    Refused { why, lacks_camera }
+                    Refused { why, lacks_camera, is_other_size: false }
                 })?;
             }
         }

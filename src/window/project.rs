@@ -217,6 +217,11 @@ impl Project {
         self.edit().saves_like(&self.saved) && !self.scene_is_stale
     }
 
+    /// Like [`Project::is_saved`], without what is being tried.
+    pub fn is_kept_saved(&self) -> bool {
+        self.history.kept().saves_like(&self.saved) && !self.scene_is_stale
+    }
+
     /// Whether the scene file lacks settings that have changed places with a profile's.
     pub fn scene_is_stale(&self) -> bool {
         self.scene_is_stale

@@ -14,6 +14,7 @@ use self::live::Live;
 pub use self::live::{FROZEN, Told};
 pub use self::past::PAST_S;
 use super::maker::{Finished, Made, Wants};
+use super::obstacle::camera_text;
 use super::player::{Pace, Player};
 use super::project::Project;
 use super::thumbnails::Thumbnails;
@@ -84,8 +85,6 @@ pub struct Session {
     picture_problem: Option<String>,
     /// The picture that was tried again, because the device failed at it.
     tried_again: Option<Made>,
-    /// Nothing says what camera took the recording.
-    lacks_camera: bool,
     /// What was told last.
     message: Option<Message>,
     /// A camera in place of a recording.
@@ -101,6 +100,13 @@ struct Message {
     told_at: (u64, usize),
     /// By the window's clock, once it was shown.
     since_s: Option<f64>,
+}
+
+/// A message that was told a moment ago.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NewMessage<'a> {
+    pub text: &'a str,
+    pub is_wrong: bool,
 }
 
 /// As long as this a message can be read, whatever is done.
@@ -134,7 +140,6 @@ impl Session {
             is_lost: false,
             picture_problem: None,
             tried_again: None,
-            lacks_camera: false,
             message: None,
             live: None,
         };
@@ -201,9 +206,10 @@ impl Session {
         self.is_lost
     }
 
-    /// Whether nothing is composited because nobody says what the camera was: a profile does.
+    /// Whether the camera of the frame is unknown or incomplete: a profile is missing.
     pub fn lacks_camera(&self) -> bool {
-        self.lacks_camera
+        let camera = self.project.shot().geometry_at(self.player.frame());
+        matches!(camera, Err(ShotError::NoCamera { .. } | ShotError::PartOfCamera { .. }))
     }
 
     /// Pictures that were finished in the last second.
@@ -230,16 +236,23 @@ impl Session {
         self.message = Some(Message { text: without_options(text), is_wrong, told_at, since_s: None });
     }
 
+    /// The message that was told last, as long as it is new at a time of the window's clock.
+    pub fn new_message(&self, now_s: f64) -> Option<NewMessage<'_>> {
+        let message = self.message.as_ref()?;
+        let is_new = message.since_s.is_none_or(|since_s| now_s - since_s < READ_S);
+        is_new.then_some(NewMessage { text: &message.text, is_wrong: message.is_wrong })
+    }
+
     /// Takes away a message that has been read, once something else is done.
     fn forget(&mut self, ctx: &egui::Context) {
         let (now_s, done) = (ctx.input(|i| i.time), (self.project.version(), self.player.frame()));
         let Some(message) = &mut self.message else { return };
         let since_s = *message.since_s.get_or_insert(now_s);
-        if message.told_at != done {
-            match READ_S - (now_s - since_s) {
-                left_s if left_s > 0.0 => ctx.request_repaint_after(Duration::from_secs_f64(left_s)),
-                _ => self.message = None,
-            }
+        let left_s = READ_S - (now_s - since_s);
+        if left_s > 0.0 {
+            ctx.request_repaint_after(Duration::from_secs_f64(left_s));
+        } else if message.told_at != done {
+            self.message = None;
         }
     }
 
@@ -332,16 +345,14 @@ impl Session {
                     let (stats, codes, is_rough) = match picture {
                         Ok(picture) => {
                             if !made.is_other {
-                                (self.picture_problem, self.lacks_camera) = (None, false);
+                                self.picture_problem = None;
                                 self.times.add(made.by, picture.times);
                             }
                             (Some(picture.stats), picture.codes, picture.is_rough)
                         }
                         Err(error) => {
                             self.is_lost |= matches!(&error, ShotError::Gpu { source, .. } if source.is_lost());
-                            self.lacks_camera =
-                                matches!(error, ShotError::NoCamera { .. } | ShotError::PartOfCamera { .. });
-                            self.picture_problem = Some(without_options(&error.to_string()));
+                            self.picture_problem = Some(camera_text(&error));
                             // What the device could not do for lack of time or memory may go the next time.
                             let is_devices = matches!(&error, ShotError::Gpu { .. });
                             if is_devices && !self.is_lost && self.tried_again != Some(made) {

@@ -11,7 +11,7 @@ use super::air::Air;
 use super::app::App;
 use super::autosave::Left;
 use super::chooser::{Begin, Chooser, Chosen, Seeks};
-use super::dialogs::{self, Answer};
+use super::dialogs;
 use super::errand::Errand;
 use super::fit;
 use super::habits::{Habits, Use};
@@ -19,8 +19,10 @@ use super::keeper::Turn;
 use super::keys;
 use super::kind::Kind;
 use super::looking::Looking;
+use super::message::Message;
 use super::opening::Opening;
 use super::painter;
+use super::question::Answer;
 use super::recent::{Opened, Recent};
 use super::saving::DEMO;
 use super::theme;
@@ -47,7 +49,7 @@ pub struct Start {
     opening: Option<Opening>,
     /// What was dropped, and what it is.
     looked_at: Option<(PathBuf, Errand<Kind>)>,
-    told: Option<String>,
+    told: Option<Message>,
     shows_keys: bool,
     /// What became of it.
     app: Option<Box<App>>,
@@ -93,7 +95,7 @@ impl Start {
         let wake = ctx.clone();
         match Opening::begin(opened, left, move || wake.request_repaint()) {
             Ok(opening) => self.opening = Some(opening),
-            Err(error) => self.told = Some(format!("No thread can be started that opens it: {error}")),
+            Err(error) => self.told = Some(Message::new(format!("No thread can be started that opens it: {error}"))),
         }
     }
 
@@ -101,7 +103,7 @@ impl Start {
         let (wake, dropped) = (ctx.clone(), path.clone());
         match Errand::begin("looking", move || wake.request_repaint(), move || Kind::of(&dropped)) {
             Ok(looking) => self.looked_at = Some((path, looking)),
-            Err(error) => self.told = Some(format!("No thread can be started that opens it: {error}")),
+            Err(error) => self.told = Some(Message::new(format!("No thread can be started that opens it: {error}"))),
         }
     }
 
@@ -120,9 +122,10 @@ impl Start {
             match kind.take() {
                 None => self.looked_at = Some((path, kind)),
                 Some(Ok(Kind::Recording)) => self.begin(ctx, Opened::recording(path), None),
-                Some(Ok(Kind::Neither(why)) | Err(why)) => self.told = Some(why),
+                Some(Ok(Kind::Neither(why)) | Err(why)) => self.told = Some(Message::new(why)),
                 Some(Ok(Kind::Scene | Kind::Profile | Kind::Model)) => {
-                    self.told = Some(format!("{}: open a recording first, then drop it again", path.display()));
+                    let why = format!("{}: open a recording first, then drop it again", path.display());
+                    self.told = Some(Message::new(why));
                 }
             }
         }
@@ -141,7 +144,7 @@ impl Start {
                         // The dialog is there again, with all that was typed.
                         match self.aired.take().filter(|_| done.opened.camera.is_some()) {
                             Some(air) => self.air = Some(air.refused(refused.why)),
-                            None => self.told = Some(refused.why),
+                            None => self.told = Some(Message::new(refused.why)),
                         }
                     }
                 },
@@ -179,7 +182,7 @@ impl Start {
                 Some(Answer::Yes) => self.begin(ctx, left.opened(), Some(left)),
                 Some(Answer::No) => left.throw_away(),
                 // It stays where it is, and is offered at the next start.
-                Some(Answer::Stay) => drop(left),
+                Some(Answer::Cancel) => drop(left),
                 None => self.left.push(left),
             }
             return None;
@@ -202,8 +205,8 @@ impl Start {
             Some(dialogs::Start::Recent(opened)) => self.begin(ctx, *opened, None),
             Some(dialogs::Start::Leave) | None => {}
         }
-        if let Some(text) = &self.told
-            && dialogs::message(ctx, text)
+        if let Some(message) = &mut self.told
+            && message.show(ctx)
         {
             self.told = None;
         }
@@ -235,7 +238,7 @@ impl eframe::App for Start {
                 self.app = Some(Box::new(app));
                 ctx.request_repaint();
             }
-            Err(why) => self.told = Some(why),
+            Err(why) => self.told = Some(Message::new(why)),
         }
     }
 

@@ -103,7 +103,7 @@ fn dialogs_are_dialogs_and_named() {
     window.step();
     window.input_mut().viewports.entry(egui::ViewportId::ROOT).or_default().events.clear();
     window.run_steps(3);
-    assert!(is_dialog(&window, "Save what you have changed?"));
+    assert!(is_dialog(&window, "Save changes?"));
 }
 
 #[test]

@@ -16,7 +16,7 @@ use locard::recording::OpenOptions;
 use locard::scene::{LitBy, SceneFile, Size, Thing, load_file};
 use locard::shot::{AnalysisState, Given};
 use locard::simulate::Flaws;
-use locard::window::{App, Project};
+use locard::window::{App, Project, Record};
 
 const LAMP: Thing = Thing::Lamp(0);
 /// Where the demonstration's scene has it: above the picture.
@@ -88,7 +88,7 @@ fn text(window: &mut Harness<'_, App>) -> String {
         &Given { scene: Some("scenes/demo.toml".into()), ..Given::default() },
     )
     .unwrap();
-    project.take_up(window.state().project().edit().clone()).unwrap();
+    project.restore(window.state().project().edit().clone(), Record::default()).unwrap();
     project.save_scene(&file).unwrap();
     std::fs::read_to_string(&file).unwrap()
 }
@@ -310,11 +310,11 @@ fn the_light_that_was_found_is_taken_into_the_scene_and_saved_with_its_panorama(
     let mut window = window(open(), egui::vec2(1400.0, 1000.0));
     let first = shown(&window);
     assert!(!has(&window, "lamp 1"));
-    window.get_by_label("Edit the found light").click();
+    window.get_by_label("Copy to scene and edit").click();
     window.run_steps(2);
     settle(&mut window);
     assert!(shown(&window) == first, "it is the light that it was in");
-    assert!(!has(&window, "Edit the found light") && has(&window, "lamp 1"));
+    assert!(!has(&window, "Copy to scene and edit") && has(&window, "lamp 1"));
     assert_eq!(steps(&window), ["opened", "light: as it was found"]);
     window.get_by_role_and_label(Role::Button, "lamp 1").click();
     window.run_steps(2);
@@ -339,7 +339,7 @@ fn the_light_that_was_found_is_taken_into_the_scene_and_saved_with_its_panorama(
     let environment = window.state().project().edit().scene.light.environment.clone();
     assert_eq!(environment.as_deref(), Some("case-light-2.hdr"));
     undo(&mut window);
-    assert!(shown(&window) == first && has(&window, "Edit the found light"));
+    assert!(shown(&window) == first && has(&window, "Copy to scene and edit"));
     let again = open();
     assert!(again.shot().scene.lit_by == LitBy::Scene && again.found_light().is_none());
     let again = crate::worked::window(again, egui::vec2(1400.0, 1000.0));

@@ -175,21 +175,21 @@ fn it_asks_before_a_recording_ends_with_its_camera() {
     let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     close(&mut window);
-    assert!(!has(&window, "Stay"), "nothing is recorded");
+    assert!(!has(&window, "Cancel"), "nothing is recorded");
     let folder = Path::new(&site.path("recorded")).to_owned();
     window.state_mut().record(folder.clone());
     shows(&mut window, "Stop");
     close(&mut window);
     assert!(has(&window, "End the recording and close"));
-    window.get_by_label("Stay").click();
+    window.get_by_label("Cancel").click();
     window.run_steps(2);
-    assert!(has(&window, "Stop") && !has(&window, "Stay"));
+    assert!(has(&window, "Stop") && !has(&window, "Cancel"));
     // Another recording, with something to be saved: one question has both.
     window.state_mut().project_mut().set("noise", "scale", &Value::Number(0.5)).unwrap();
     drop_file(&mut window, Path::new("recordings/demo").canonicalize().unwrap());
     shows(&mut window, "Go on without saving");
     assert_eq!(window.query_all_by_label_contains("The camera is being recorded.").count(), 1);
-    window.get_by_label("Stay").click();
+    window.get_by_label("Cancel").click();
     window.run_steps(2);
     window.state_mut().project_mut().undo();
     drop_file(&mut window, Path::new("recordings/demo").canonicalize().unwrap());

@@ -178,7 +178,7 @@ fn esc_closes_what_is_open_and_a_message_lets_clicks_through() {
     assert!(!has(&window, "Pictures…"));
     window.state_mut().show_start(true);
     window.run_steps(2);
-    assert!(has(&window, "Opened lately") || has(&window, "Open a recording…"));
+    assert!(has(&window, "Recent") || has(&window, "Open a recording…"));
     window.key_press(Key::Escape);
     window.run_steps(2);
     assert!(!has(&window, "Open a recording…"));
@@ -319,7 +319,7 @@ fn without_the_demonstration_it_opens_with_what_can_be_opened() {
     let (kept, demonstration) = (folder.clone(), std::path::absolute(DEMO).unwrap());
     let mut start = builder.build_eframe(move |context| Start::new(context, Some(&kept)).unwrap());
     start.run_steps(3);
-    assert!(has(&start, "Open a recording…") && !has(&start, "Stay with the demonstration"));
+    assert!(has(&start, "Open a recording…") && !has(&start, "Continue with the demo"));
     assert!(start.query_all_by_label_contains(&demonstration.display().to_string()).count() > 0);
     start.get_by_label("Open a recording…").click();
     start.run_steps(3);

@@ -315,7 +315,7 @@ fn it_asks_before_changes_are_lost() {
     assert_eq!(window.query_all_by_label("Save and close").count(), 0, "nothing has been changed");
     window.state_mut().project_mut().set("point_spread", "sigma_px", &Value::Number(0.5)).unwrap();
     close(&mut window);
-    window.get_by_label("Stay").click();
+    window.get_by_label("Cancel").click();
     window.run_steps(2);
     assert_eq!(window.query_all_by_label("Save and close").count(), 0);
     close(&mut window);

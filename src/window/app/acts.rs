@@ -88,8 +88,8 @@ impl App {
         if self.was_typing && ctx.input(|i| i.key_pressed(Key::Escape)) {
             fields::take_back(ctx);
         }
-        // Esc and Enter are the dialog's that is open.
-        if self.keeper.is_asking() {
+        // All keys are the dialog's that is open.
+        if self.keeper.is_asking() || ctx.memory(|memory| memory.top_modal_layer().is_some()) {
             return;
         }
         let is_asked = self.evidence.is_placing() || self.evidence.ground.is_picking() || self.lamps.is_picking();
@@ -125,7 +125,7 @@ impl App {
 
     pub(super) fn redo(&mut self) {
         if let Some(name) = self.session.project.redo() {
-            self.session.say(format!("Done again: {name}"));
+            self.session.say(format!("Redone: {name}"));
         }
     }
 }

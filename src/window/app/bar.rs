@@ -3,19 +3,28 @@
 use eframe::egui::{self, Ui};
 
 use super::super::session::FROZEN;
+use super::super::titles;
 use super::App;
 use crate::words::quoted;
 
+/// The share of the window's width that a recording's name may take.
+const NAME_SHARE: f32 = 0.16;
+
 impl App {
+    /// The recording's name, cut where it is long, so that the buttons beside it keep their places.
+    fn recording_name(&self, ui: &mut Ui) {
+        let name = quoted(&self.session.project.shot().recording.name);
+        let room = NAME_SHARE * ui.ctx().content_rect().width();
+        ui.scope(|ui| {
+            ui.set_max_width(room);
+            let label = egui::Label::new(egui::RichText::new(name).strong()).truncate();
+            ui.add(label.show_tooltip_when_elided(false)).on_hover_text(titles::paths(&self.session.project));
+        });
+    }
+
     pub(super) fn bar(&mut self, ui: &mut Ui) {
-        ui.horizontal(|ui| {
-            let recording = &self.session.project.shot().recording;
-            let place = recording.path.display().to_string();
-            let camera = match self.session.project.shot().profiles() {
-                [] => "no profile".to_owned(),
-                profiles => profiles.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join("\n"),
-            };
-            ui.strong(quoted(&recording.name)).on_hover_text(format!("{place}\n{camera}"));
+        ui.horizontal_wrapped(|ui| {
+            self.recording_name(ui);
             if self.session.is_live() {
                 // As long as the name of what is frozen is, so that nothing beside it moves.
                 let room = egui::RichText::new(FROZEN).strong().color(egui::Color32::TRANSPARENT);
@@ -73,27 +82,6 @@ impl App {
             ui.toggle_value(&mut self.view.loupe, "Loupe").on_hover_text("L: code values at the pointer");
             ui.separator();
             ui.toggle_value(&mut self.shows_keys, "Keys").on_hover_text("?");
-            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                if self.session.lacks_camera() && ui.button("Open a profile…").clicked() {
-                    self.keeper.choose_profile(&self.session.project);
-                }
-                let visuals = ui.visuals();
-                let (wrong, odd, weak) = (visuals.error_fg_color, visuals.warn_fg_color, visuals.weak_text_color());
-                // Of a camera it stands below the picture.
-                let stats = self.session.stats().filter(|_| !self.session.is_live());
-                let no_pose = || stats.and_then(|stats| stats.no_pose.clone());
-                let told = match (self.session.problem(), self.session.said()) {
-                    (Some(problem), _) => Some((problem.to_owned(), wrong)),
-                    (None, Some(said)) => Some((said.to_owned(), weak)),
-                    (None, None) => no_pose().map(|why| (format!("Nothing is drawn here: {why}"), odd)),
-                };
-                let Some((text, color)) = told else { return };
-                let label = egui::Label::new(egui::RichText::new(&text).color(color)).truncate();
-                let response = ui.add(label.sense(egui::Sense::click()));
-                if response.on_hover_text("Click: all of it").clicked() {
-                    self.keeper.message = Some(text);
-                }
-            });
         });
     }
 }

@@ -5,6 +5,8 @@ use glam::DVec2;
 
 use super::super::handles::Over;
 use super::super::loupe;
+use super::super::notice::{self, Notice, NoticeButton, Refusal, Remedy};
+use super::super::obstacle::Obstacle;
 use super::super::picture::{self, Compared, Seen, Taken};
 use super::App;
 use crate::frame::Frame;
@@ -32,6 +34,13 @@ impl App {
         self.placed = seen.as_ref().map(|seen| seen.placed);
         let (Some(mut seen), Some(frame)) = (seen, frame) else { return };
         self.steered.over(&mut seen);
+        let obstacle = Obstacle::of(self.session.project.shot(), frame.index);
+        let wants_place = is_placing || is_picking || is_for_lamp;
+        if wants_place && obstacle.is_some() {
+            // The notice says why; a click has no effect.
+            seen.clicked = None;
+            seen.response.ctx.set_cursor_icon(egui::CursorIcon::NotAllowed);
+        }
         if self.session.is_stale() {
             seen.painter.rect_filled(seen.placed.rect, 0.0, egui::Color32::from_black_alpha(170));
             seen.tell(&format!("Frame {} cannot be shown; this is frame {}", self.session.player.frame(), frame.index));
@@ -51,12 +60,16 @@ impl App {
             Some(Err(wrong)) => self.session.say(wrong),
             None => {}
         }
+        self.notice(ui, &seen, obstacle.as_ref(), wants_place);
+        if wants_place && obstacle.is_some() {
+            return;
+        }
         self.evidence.ground.paint(&seen, &self.session.project, frame.index);
         if is_picking {
             let at = seen.clicked.map(|at| DVec2::new(at.x.into(), at.y.into()));
             match at.map_or(Ok(None), |at| self.evidence.ground.click(&self.session.project, &frame, at)) {
                 Ok(said) => said.into_iter().for_each(|said| self.session.say(said)),
-                Err(wrong) => self.session.say(wrong),
+                Err(wrong) => self.refuse(&seen, wrong),
             }
         }
         if is_for_lamp {
@@ -68,7 +81,7 @@ impl App {
                 let (project, selected) = (&mut self.session.project, &mut self.evidence.selected);
                 match self.lamps.pick(project, &self.evidence.ground.finder, &frame, at, selected) {
                     Ok(said) => said.into_iter().for_each(|said| self.session.say(said)),
-                    Err(wrong) => self.session.say(wrong),
+                    Err(wrong) => self.refuse(&seen, wrong),
                 }
             }
         }
@@ -84,10 +97,45 @@ impl App {
                     Ok(()) => {
                         self.evidence.ground.finder.told.take().into_iter().for_each(|told| self.session.say(told))
                     }
-                    Err(wrong) => self.session.say(wrong),
+                    Err(wrong) => self.refuse(&seen, wrong),
                 }
             }
         }
+        self.refusal = self.refusal.take().filter(|refusal| refusal.show(&seen));
+    }
+
+    /// Reports why a click had no effect, where it was clicked.
+    fn refuse(&mut self, seen: &Seen, why: String) {
+        if let Some(at_px) = seen.clicked.or(seen.pointed) {
+            self.refusal = Some(Refusal::new(seen, at_px, why.clone()));
+        }
+        self.session.say(why);
+    }
+
+    /// Shows over the picture why a profile was refused, or why nothing can be placed.
+    fn notice(&mut self, ui: &mut Ui, seen: &Seen, obstacle: Option<&Obstacle>, wants_place: bool) {
+        let refused = self.keeper.refused_profile.clone();
+        let refused = refused.map(|text| Notice { text, remedy: Some(Remedy::ChooseProfile), can_be_closed: true });
+        let Some(notice) = refused.or_else(|| self.obstacle_notice(obstacle?, wants_place)) else { return };
+        match notice::show(ui, seen.painter.clip_rect(), &notice) {
+            Some(NoticeButton::Remedy(Remedy::ChooseProfile)) => self.keeper.choose_profile(&self.session.project),
+            Some(NoticeButton::Remedy(Remedy::GoToFrame(frame))) => self.session.player.seek(frame),
+            Some(NoticeButton::Close) if self.keeper.refused_profile.is_some() => self.keeper.refused_profile = None,
+            Some(NoticeButton::Close) => self.hides_obstacle = true,
+            None => {}
+        }
+    }
+
+    /// The notice of an obstacle. A camera's is shown until it is closed, that of a missing pose only
+    /// while a place is picked.
+    fn obstacle_notice(&self, obstacle: &Obstacle, wants_place: bool) -> Option<Notice> {
+        let remedy = match obstacle {
+            Obstacle::Camera(_) if self.hides_obstacle && !wants_place => return None,
+            Obstacle::Camera(_) => Some(Remedy::ChooseProfile),
+            Obstacle::NoPose { .. } if !wants_place => return None,
+            Obstacle::NoPose { nearest } => nearest.map(Remedy::GoToFrame),
+        };
+        Some(Notice { text: obstacle.text(), remedy, can_be_closed: !wants_place })
     }
 
     /// Code values at the pointer and in pixels that are large enough.

@@ -112,10 +112,10 @@ impl Keeper {
             item(ui, true, "Save the profile as…");
             ui.separator();
             item(ui, true, "Export and photograph…");
-            item(ui, true, "Copy as a command");
+            item(ui, true, "Copy command line");
             ui.separator();
-            item(ui, true, "Start page");
-            ui.menu_button("Light or dark", |ui| {
+            item(ui, true, "Home");
+            ui.menu_button("Theme", |ui| {
                 let mut theme = ui.ctx().options(|options| options.theme_preference);
                 for (one, name) in [
                     (egui::ThemePreference::System, "as the system"),
@@ -146,8 +146,8 @@ impl Keeper {
                 self.name_profile(project);
             }
             Some("Export and photograph…") => self.shows_output = true,
-            Some("Copy as a command") => copy_command(ui.ctx(), session),
-            Some("Start page") => self.shows_start = true,
+            Some("Copy command line") => copy_command(ui.ctx(), session),
+            Some("Home") => self.shows_start = true,
             _ => {}
         }
     }
@@ -240,7 +240,7 @@ fn copy_command(ctx: &egui::Context, session: &mut Session) {
     let line = command::composite(&session.project, session.player.frame());
     ctx.copy_text(line.text);
     session.say(match line.before.is_empty() {
-        true => "The command is in the clipboard".to_owned(),
-        false => format!("The command is in the clipboard. {}", line.before.join(" ")),
+        true => "The command line is in the clipboard".to_owned(),
+        false => format!("The command line is in the clipboard. {}", line.before.join(" ")),
     });
 }

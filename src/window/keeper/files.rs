@@ -6,12 +6,13 @@ use eframe::egui;
 
 use super::super::autosave::Left;
 use super::super::camera_values;
-use super::super::dialogs::{self, Answer, Ending};
+use super::super::dialogs::{self, Ending};
 use super::super::errand::Errand;
 use super::super::jobs::Jobs;
 use super::super::kind::Kind;
 use super::super::opening::{Opening, Refused};
 use super::super::project::{Extent, SaveError};
+use super::super::question::Answer;
 use super::super::recent::Opened;
 use super::super::saving::{self, Agreed, Saved, Step};
 use super::super::session::Session;
@@ -158,7 +159,7 @@ impl Keeper {
                     self.read_again(ctx, session);
                     (self.asks_whether, self.saving, self.then) = (None, None, None);
                 }
-                Some(Answer::Stay) => (self.asks_whether, self.saving, self.then) = (None, None, None),
+                Some(Answer::Cancel) => (self.asks_whether, self.saving, self.then) = (None, None, None),
                 None => {}
             }
             return;
@@ -169,7 +170,7 @@ impl Keeper {
             match answer {
                 Some(Answer::Yes) => self.shared.push(path),
                 Some(Answer::No) => self.name_profile(&session.project),
-                Some(Answer::Stay) => (self.saving, self.then) = (None, None),
+                Some(Answer::Cancel) => (self.saving, self.then) = (None, None),
                 None => return,
             }
             self.asks_first = None;
@@ -195,7 +196,7 @@ impl Keeper {
                 Some(Answer::Yes) => self.then = Some(Then::Open(Box::new(left.opened()), Some(left))),
                 Some(Answer::No) => left.throw_away(),
                 // It stays where it is, and is offered at the next start.
-                Some(Answer::Stay) => drop(left),
+                Some(Answer::Cancel) => drop(left),
                 None => self.left.push(left),
             }
             return;
@@ -230,7 +231,7 @@ impl Keeper {
         };
         match (answer, then) {
             (None, then) => self.then = Some(then),
-            (Some(Answer::Stay), _) => {}
+            (Some(Answer::Cancel), _) => {}
             (Some(Answer::Yes), then) => {
                 self.save();
                 (self.then, self.ends_recording) = (Some(then), true);
@@ -315,7 +316,7 @@ impl Keeper {
                 if let Some(left) = done.left {
                     self.take_up(left);
                 }
-                (self.shows_start, self.not_opened) = (false, None);
+                (self.shows_start, self.not_opened, self.refused_profile) = (false, None, None);
                 Some(Turn { project: *project, camera, at: done.opened.at })
             }
             // The dialog is there again, with all that was typed.
@@ -324,9 +325,15 @@ impl Keeper {
                 self.left.extend(done.left);
                 None
             }
-            Err(Refused { why, lacks_camera }) => {
+            Err(Refused { why, is_other_size: true, .. }) => {
+                session.wrong(why.clone());
+                self.refused_profile = Some(why);
+                self.left.extend(done.left);
+                None
+            }
+            Err(Refused { why, lacks_camera, .. }) => {
                 let lacks_profile = lacks_camera && done.opened.profile.is_none();
-                let then = if lacks_profile { ". A profile that is opened now is used for it" } else { "" };
+                let then = if lacks_profile { ". Choose a camera profile for it: File, Open a profile…" } else { "" };
                 session.wrong(format!("{why}{then}"));
                 self.not_opened = Some(done.opened).filter(|_| lacks_profile);
                 self.left.extend(done.left);

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::super::history::Record;
 use super::{Edit, Project};
 use crate::scene::{self, Models, Scene, SceneError, SceneFile};
 
@@ -53,11 +54,13 @@ impl Project {
         self.follow();
     }
 
-    /// Goes on where a person was: one step, after what was opened. What does not load is refused, and nothing changes.
-    pub fn take_up(&mut self, edit: Edit) -> Result<(), SceneError> {
+    /// Restores unsaved work and its history, after the state of the files. Without a history the work
+    /// is one step. A scene that does not load is refused, and nothing changes.
+    pub fn restore(&mut self, edit: Edit, history: Record<Edit>) -> Result<(), SceneError> {
         let loaded = self.load(&edit.scene)?;
         self.put(loaded, &edit.scene);
-        self.change("taken up", edit);
+        self.history.restore(history);
+        self.change("restored", edit);
         self.close_step();
         Ok(())
     }

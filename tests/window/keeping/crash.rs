@@ -28,7 +28,8 @@ fn leave(folder: &Path, project: &Project, frame: usize) {
     let place = folder.join("work");
     std::fs::create_dir_all(&place).unwrap();
     let (scene, profile) = (project.scene.as_deref(), project.profile.as_deref());
-    let mut work = Work::new(&project.shot().recording.path, 1.0, profile, scene, project.edit().clone());
+    let mut work = Work::new(&project.shot().recording.path, 1.0, profile, scene, project.edit().clone())
+        .with_history(project.history().record(50));
     work.frame = frame;
     std::fs::write(place.join("1.json"), serde_json::to_string(&work).unwrap()).unwrap();
 }
@@ -57,15 +58,15 @@ fn work_that_a_crash_left_is_offered_and_taken_up() {
     leave(temp.path(), &lost, demo_frame(12));
     let mut window = demo();
     window.state_mut().keep_in(temp.path());
-    shows(&mut window, "Take it up");
-    press(&mut window, "Take it up");
+    shows(&mut window, "Restore");
+    press(&mut window, "Restore");
     until(&mut window, |app| app.project().edit() == lost.edit());
     settle(&mut window);
     assert_eq!(window.state_mut().player_mut().frame(), demo_frame(12));
     assert!(!window.state().project().is_saved());
-    // It is still there should the next crash come, and what was in the files is one step back.
+    // It is still there should the next crash come, and the state of the files is the first step.
     assert_eq!(count(&temp.path().join("work")), 2);
-    press(&mut window, "Undo");
+    (0..3).for_each(|_| press(&mut window, "Undo"));
     assert!(window.state().project().is_saved());
     drop(window);
     assert_eq!(count(&temp.path().join("work")), 0, "an orderly end leaves nothing");
@@ -75,18 +76,99 @@ fn work_that_a_crash_left_is_offered_and_taken_up() {
     window.state_mut().keep_in(temp.path());
     window.state_mut().show_start(true);
     window.run_steps(3);
-    assert!(has(&window, "demo   demo.toml") && has(&window, "Open a recording…"));
-    press(&mut window, "Stay with the demonstration");
-    assert!(!has(&window, "Stay with the demonstration"));
+    // With its folder: two recordings of that name were open.
+    assert!(window.query_all_by_label_contains("/demo   demo.toml").count() > 0 && has(&window, "Open a recording…"));
+    press(&mut window, "Continue with the demo");
+    assert!(!has(&window, "Continue with the demo"));
 
     // Thrown away, it is not offered again. A window that has just been opened would find it, too.
     drop(window);
     leave(temp.path(), &lost, 0);
     let mut window = demo();
     window.state_mut().keep_in(temp.path());
-    shows(&mut window, "Throw it away");
-    press(&mut window, "Throw it away");
+    shows(&mut window, "Discard");
+    press(&mut window, "Discard");
     assert!(Left::found(&temp.path().join("work")).is_empty());
+}
+
+#[test]
+fn restored_work_has_the_history_that_led_to_it() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut lost = project(None, worked::scene_or_none().as_deref());
+    for scale in [0.25, 0.5, 0.75] {
+        lost.set("noise", "scale", &Value::Number(scale)).unwrap();
+        lost.close_step();
+    }
+    lost.undo();
+    leave(temp.path(), &lost, 0);
+    let mut window = plain();
+    window.state_mut().keep_in(temp.path());
+    shows(&mut window, "Restore");
+    // The default.
+    window.key_press(Key::Enter);
+    let scale = |app: &App| app.project().value("noise", "scale");
+    until(&mut window, |app| scale(app) == Some(Value::Number(0.5)));
+    settle(&mut window);
+    press(&mut window, "Redo");
+    assert_eq!(scale(window.state()), Some(Value::Number(0.75)));
+    press(&mut window, "Undo");
+    press(&mut window, "Undo");
+    assert_eq!(scale(window.state()), Some(Value::Number(0.25)));
+    assert_eq!(worked::steps(&window), ["opened", "Noise: Scale", "Noise: Scale", "Noise: Scale"]);
+    press(&mut window, "Undo");
+    assert!(window.state().project().is_saved());
+}
+
+#[test]
+fn a_drag_that_a_crash_ends_is_not_in_the_recovery_file() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut window = plain();
+    window.state_mut().keep_in(temp.path());
+    worked::search(&mut window, "noise scale");
+    set(&mut window, "noise", "scale", 2.0);
+    let work = || {
+        let files = std::fs::read_dir(temp.path().join("work")).unwrap().map(|entry| entry.unwrap().path());
+        let text = files.filter(|path| is_work(path)).find_map(|path| std::fs::read_to_string(path).ok())?;
+        Some(serde_json::from_str::<Work>(&text).unwrap())
+    };
+    let scale = |project: &Project| match project.value("noise", "scale") {
+        Some(Value::Number(scale)) => scale,
+        other => panic!("{other:?}"),
+    };
+    until_seen(&mut window, "the first change", |_| work().is_some());
+    let before = work().unwrap();
+    let rail = window.get_by_role_and_label(Role::Slider, "Noise: Scale").rect();
+    worked::press_and_move(&mut window, rail.center(), rail.center() + egui::vec2(30.0, 0.0));
+    assert!(scale(window.state().project()) > 4.0);
+    // Longer than a change waits for others.
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_millis(400) {
+        window.step();
+        worked::rest();
+    }
+    assert!(work().unwrap().edit == before.edit, "the state before the drag");
+    worked::let_go(&mut window, rail.center() + egui::vec2(30.0, 0.0));
+    until_seen(&mut window, "the drag", |_| work().is_some_and(|work| work.edit != before.edit));
+    assert!(work().unwrap().edit == *window.state().project().edit());
+}
+
+#[test]
+fn a_lost_device_in_the_middle_of_a_move_leaves_the_scene_before_it() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut window = plain();
+    window.state_mut().keep_in(temp.path());
+    window.state_mut().restarts_by(|| "a test does not start anew".to_owned());
+    window.run_steps(2);
+    set(&mut window, "noise", "scale", 0.25);
+    let before = window.state().project().edit().clone();
+    let mut scene = before.scene.clone();
+    scene.add_lamp(glam::DVec3::Z);
+    window.state_mut().project_mut().try_scene(scene).unwrap();
+    window.state().viewer().gpu().device.destroy();
+    until(&mut window, |app| app.problem().is_some_and(|problem| problem.contains("graphics device was lost")));
+    drop(window);
+    let left = Left::found(&temp.path().join("work"));
+    assert!(left.len() == 1 && left[0].work.edit == before);
 }
 
 #[test]
@@ -103,7 +185,7 @@ fn the_picture_waits_for_what_is_asked_of_work_that_was_left() {
         app
     });
     // It is asked in the first frame, and nothing is drawn meanwhile.
-    assert!(has(&window, "Take it up"));
+    assert!(has(&window, "Restore"));
     let begun = Instant::now();
     let wait = Duration::from_secs_f64(fast_or_full(0.2, 2.0));
     while begun.elapsed() < wait {
@@ -111,7 +193,7 @@ fn the_picture_waits_for_what_is_asked_of_work_that_was_left() {
         let viewer = window.state().viewer();
         assert!(viewer.composite().is_none() && viewer.under_way() == 0);
     }
-    press(&mut window, "Later");
+    press(&mut window, "Not now");
     settle(&mut window);
     assert!(window.state().viewer().composite().is_some());
 }
@@ -183,7 +265,7 @@ fn killed_twenty_times_it_offers_the_work_back_and_the_files_are_whole() {
         assert!((1..=5).contains(&saved.edit().scene.objects.len()));
         // What is kept opens again.
         let mut taken_up = project(Some(&profile), Some(&scene));
-        taken_up.take_up(left.work.edit.clone()).unwrap();
+        taken_up.restore(left.work.edit.clone(), Record::default()).unwrap();
         assert!(taken_up.edit() == &left.work.edit);
         left.throw_away();
         assert_eq!(count(&work), 0, "run {run}");

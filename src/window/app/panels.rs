@@ -1,0 +1,153 @@
+//! The panels beside the picture: evidence and lamps at the left, settings and plots at the right.
+//! In a small window they shrink, then share one place, so that the picture keeps at least half of
+//! the width.
+
+use eframe::egui::{self, Frame, Panel, Ui};
+
+use super::super::side::fixed;
+use super::App;
+
+/// Widths of the left panel, points.
+const LEFT_DEFAULT: f32 = 200.0;
+const LEFT_MIN: f32 = 140.0;
+const LEFT_MAX: f32 = 400.0;
+/// Widths of the right panel, points.
+const RIGHT_DEFAULT: f32 = 424.0;
+const RIGHT_MIN: f32 = 350.0;
+const RIGHT_MAX: f32 = 700.0;
+/// Width of the right panel that still shows all controls, their names cut, points.
+const RIGHT_NARROW: f32 = 310.0;
+/// Largest width of the only panel of a small window, points.
+const SINGLE_MAX: f32 = 360.0;
+
+/// Which panel a small window shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PanelTab {
+    Evidence,
+    #[default]
+    Adjustments,
+}
+
+/// How the panels share a window's width.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Layout {
+    /// Both at widths that the user drags, together up to `both`.
+    Resizable { both: f32 },
+    /// Both, as wide as there is room.
+    Fixed { left: f32, right: f32 },
+    /// One at a time.
+    Single { width: f32 },
+}
+
+impl Layout {
+    fn of(window_width: f32) -> Self {
+        let both = (0.5 * window_width).floor();
+        if both >= LEFT_DEFAULT + RIGHT_DEFAULT {
+            Self::Resizable { both }
+        } else if both >= LEFT_MIN + RIGHT_NARROW {
+            let left = (both - RIGHT_NARROW).clamp(LEFT_MIN, (0.32 * both).max(LEFT_MIN)).min(LEFT_DEFAULT);
+            Self::Fixed { left, right: both - left }
+        } else {
+            Self::Single { width: both.min(SINGLE_MAX) }
+        }
+    }
+}
+
+impl App {
+    /// Shows the panels. Each layout has panels of its own, which keep their dragged widths.
+    pub(super) fn panels(&mut self, ui: &mut Ui, frame: Frame) {
+        match Layout::of(ui.ctx().content_rect().width()) {
+            Layout::Resizable { both } => {
+                let left_max = LEFT_MAX.min(both - RIGHT_MIN);
+                let left = Panel::left("evidence").default_size(LEFT_DEFAULT).size_range(LEFT_MIN..=left_max);
+                let left = left.frame(frame).show(ui, |ui| self.evidence_panel(ui)).response.rect.width();
+                let right = RIGHT_MIN..=RIGHT_MAX.min(both - left).max(RIGHT_MIN);
+                let right = Panel::right("controls").default_size(RIGHT_DEFAULT).size_range(right);
+                right.frame(frame).show(ui, |ui| self.adjustments_panel(ui));
+            }
+            Layout::Fixed { left, right } => {
+                let panel = Panel::left("evidence, narrow").resizable(false).exact_size(left);
+                panel.frame(frame).show(ui, |ui| self.evidence_panel(ui));
+                let panel = Panel::right("controls, narrow").resizable(false).exact_size(right);
+                panel.frame(frame).show(ui, |ui| self.adjustments_panel(ui));
+            }
+            Layout::Single { width } => {
+                let panel = Panel::right("panel").resizable(false).exact_size(width);
+                panel.frame(frame).show(ui, |ui| self.single_panel(ui));
+            }
+        }
+    }
+
+    /// The only panel of a small window, with a tab for each.
+    fn single_panel(&mut self, ui: &mut Ui) {
+        ui.horizontal(|ui| {
+            ui.selectable_value(&mut self.shown_panel, PanelTab::Evidence, "Evidence");
+            ui.selectable_value(&mut self.shown_panel, PanelTab::Adjustments, "Adjustments");
+        });
+        match self.shown_panel {
+            PanelTab::Evidence => self.evidence_panel(ui),
+            PanelTab::Adjustments => self.adjustments_panel(ui),
+        }
+    }
+
+    /// Evidence and lamps.
+    fn evidence_panel(&mut self, ui: &mut Ui) {
+        let session = &mut self.session;
+        let frame = session.frame().cloned();
+        let gpu = session.viewer.gpu();
+        let (evidence, lamps) = (&mut self.evidence, &mut self.lamps);
+        let wrong = fixed(ui, |ui| {
+            let scrolled = egui::ScrollArea::vertical().show(ui, |ui| {
+                let of_evidence = evidence.show(ui, &mut session.project, gpu, frame.as_ref());
+                // The request that was begun last holds.
+                if evidence.is_busy() {
+                    lamps.cancel();
+                }
+                let of_lamps = lamps.show(ui, &mut session.project, frame.as_ref(), &mut evidence.selected);
+                if lamps.is_picking() {
+                    evidence.cancel();
+                }
+                of_evidence.or(of_lamps)
+            });
+            scrolled.inner
+        });
+        if let Some(wrong) = wrong {
+            self.session.say(wrong);
+        }
+    }
+
+    /// Settings, plots and calibration, with the offer to analyse the footage above them.
+    fn adjustments_panel(&mut self, ui: &mut Ui) {
+        self.keeper.offers(ui, &mut self.session);
+        if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.hand) {
+            self.session.say(refused);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_picture_keeps_half_of_any_window() {
+        for width in 320..4000 {
+            let width = width as f32;
+            let panels = match Layout::of(width) {
+                Layout::Resizable { both } => both,
+                Layout::Fixed { left, right } => {
+                    assert!(
+                        (LEFT_MIN..=LEFT_DEFAULT).contains(&left) && right >= RIGHT_NARROW,
+                        "{width}: {left} {right}"
+                    );
+                    left + right
+                }
+                Layout::Single { width } => width,
+            };
+            assert!(panels <= 0.5 * width, "{width}: {panels}");
+        }
+        assert!(matches!(Layout::of(1280.0), Layout::Resizable { .. }), "the window's first size");
+        assert_eq!(Layout::of(900.0), Layout::Fixed { left: 140.0, right: 310.0 });
+        assert_eq!(Layout::of(640.0), Layout::Single { width: 320.0 });
+    }
+}
