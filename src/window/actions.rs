@@ -65,39 +65,39 @@ const COMMAND_SHIFT: Modifiers = Modifiers::COMMAND.plus(Modifiers::SHIFT);
 
 /// Of one key the binding with more modifiers stands first: an additional Shift does not keep a key from working.
 const BINDINGS: &[Binding] = &[
-    bind(NONE, Key::G, Action::Begin(Begin::Move), "move what is selected; then X, Y, Z, numbers"),
-    bind(NONE, Key::R, Action::Begin(Begin::Turn), "turn what is selected"),
-    bind(NONE, Key::S, Action::Begin(Begin::Scale), "scale what is selected"),
-    bind(SHIFT, Key::D, Action::Begin(Begin::Duplicate), "a second one of what is selected"),
-    bind(NONE, Key::H, Action::Hide, "hide what is selected, show it again"),
-    bind(NONE, Key::Delete, Action::Delete, "delete what is selected"),
-    bind(ALT, Key::ArrowLeft, Action::Nudge(-1, 0), "move what is selected by a millimetre"),
-    bind(ALT, Key::ArrowRight, Action::Nudge(1, 0), "move what is selected by a millimetre"),
-    bind(ALT, Key::ArrowUp, Action::Nudge(0, 1), "move what is selected by a millimetre"),
-    bind(ALT, Key::ArrowDown, Action::Nudge(0, -1), "move what is selected by a millimetre"),
+    bind(NONE, Key::G, Action::Begin(Begin::Move), "move the selection; then X, Y, Z, numbers"),
+    bind(NONE, Key::R, Action::Begin(Begin::Turn), "turn the selection"),
+    bind(NONE, Key::S, Action::Begin(Begin::Scale), "scale the selection"),
+    bind(SHIFT, Key::D, Action::Begin(Begin::Duplicate), "duplicate the selection"),
+    bind(NONE, Key::H, Action::Hide, "hide or show the selection"),
+    bind(NONE, Key::Delete, Action::Delete, "delete the selection"),
+    bind(ALT, Key::ArrowLeft, Action::Nudge(-1, 0), "move the selection by a millimetre"),
+    bind(ALT, Key::ArrowRight, Action::Nudge(1, 0), "move the selection by a millimetre"),
+    bind(ALT, Key::ArrowUp, Action::Nudge(0, 1), "move the selection by a millimetre"),
+    bind(ALT, Key::ArrowDown, Action::Nudge(0, -1), "move the selection by a millimetre"),
     bind(NONE, Key::Space, Action::Play, "play, pause; freeze the camera"),
     bind(NONE, Key::C, Action::Camera, "freeze the camera, show it again"),
-    bind(SHIFT, Key::ArrowLeft, Action::Step(-10), "ten frames back, on"),
-    bind(SHIFT, Key::ArrowRight, Action::Step(10), "ten frames back, on"),
-    bind(NONE, Key::ArrowLeft, Action::Step(-1), "one frame back, on"),
-    bind(NONE, Key::ArrowRight, Action::Step(1), "one frame back, on"),
+    bind(SHIFT, Key::ArrowLeft, Action::Step(-10), "10 frames back, forward"),
+    bind(SHIFT, Key::ArrowRight, Action::Step(10), "10 frames back, forward"),
+    bind(NONE, Key::ArrowLeft, Action::Step(-1), "one frame back, forward"),
+    bind(NONE, Key::ArrowRight, Action::Step(1), "one frame back, forward"),
     bind(NONE, Key::Home, Action::Step(isize::MIN), "first, last frame"),
     bind(NONE, Key::End, Action::Step(isize::MAX), "first, last frame"),
-    bind(SHIFT, Key::I, Action::LoopAll, "play all"),
-    bind(NONE, Key::I, Action::LoopFrom, "loop from here, to here"),
-    bind(NONE, Key::O, Action::LoopTo, "loop from here, to here"),
+    bind(SHIFT, Key::I, Action::LoopAll, "clear loop"),
+    bind(NONE, Key::I, Action::LoopFrom, "loop start, end"),
+    bind(NONE, Key::O, Action::LoopTo, "loop start, end"),
     bind(NONE, Key::W, Action::Wipe, "wipe between camera and composite"),
     bind(SHIFT, Key::B, Action::Exchange, "edit the other one of A and B"),
     bind(NONE, Key::B, Action::Compare, "two settings, A and B, beside each other"),
     bind(NONE, Key::L, Action::Loupe, "loupe: code values at the pointer"),
     bind(NONE, Key::P, Action::Alone, "the picture alone, without the panels"),
-    bind(NONE, Key::F, Action::Fit, "the whole picture"),
-    bind(NONE, Key::Num1, Action::OneToOne, "one screen pixel to each of the picture's"),
-    bind(NONE, Key::Plus, Action::Larger, "larger, smaller"),
-    bind(NONE, Key::Equals, Action::Larger, "larger, smaller"),
-    bind(NONE, Key::Minus, Action::Smaller, "larger, smaller"),
-    bind(COMMAND_SHIFT, Key::Z, Action::Redo, "do again"),
-    bind(COMMAND, Key::Y, Action::Redo, "do again"),
+    bind(NONE, Key::F, Action::Fit, "fit"),
+    bind(NONE, Key::Num1, Action::OneToOne, "100 %"),
+    bind(NONE, Key::Plus, Action::Larger, "zoom in, out"),
+    bind(NONE, Key::Equals, Action::Larger, "zoom in, out"),
+    bind(NONE, Key::Minus, Action::Smaller, "zoom in, out"),
+    bind(COMMAND_SHIFT, Key::Z, Action::Redo, "redo"),
+    bind(COMMAND, Key::Y, Action::Redo, "redo"),
     bind(COMMAND, Key::Z, Action::Undo, "undo"),
     bind(COMMAND, Key::S, Action::Save, "save profile and scene"),
     bind(COMMAND, Key::O, Action::Open, "open a recording"),
@@ -105,22 +105,19 @@ const BINDINGS: &[Binding] = &[
     bind(NONE, Key::T, Action::Theme, "light or dark"),
     bind(NONE, Key::Questionmark, Action::Keys, "these keys"),
     bind(NONE, Key::F1, Action::Keys, "these keys"),
-    bind(NONE, Key::Escape, Action::Leave, "end what was begun, close what is open, select nothing"),
+    bind(NONE, Key::Escape, Action::Leave, "cancel, close, deselect"),
 ];
 
 /// What is done by the pointer, or as long as a key is held.
-const HELD: &[(&str, &str)] = &[
-    ("\\ held", "the camera's own picture"),
-    ("Wheel", "larger, smaller about the pointer"),
-    ("Drag", "move the picture"),
-];
+const HELD: &[(&str, &str)] =
+    &[("\\ held", "the camera's own picture"), ("Wheel", "zoom about the pointer"), ("Drag", "move the picture")];
 
 /// The same of what is moved, turned or scaled.
 const MOVING: &[(&str, &str)] = &[
     ("Ctrl", "while it moves: whole steps"),
     ("Shift", "while it moves: it stays on its level"),
     ("X twice", "along its own axis"),
-    ("Enter, Esc", "take it, leave it"),
+    ("Enter, Esc", "confirm, cancel"),
     ("Arrows, Enter", "while a place is asked for: there"),
 ];
 
@@ -233,7 +230,7 @@ mod tests {
         let keys =
             |does: &str| page.iter().flat_map(|(_, lines)| lines).find(|line| line.1 == does).unwrap().0.as_str();
         assert_eq!(
-            (keys("ten frames back, on"), keys("do again")),
+            (keys("10 frames back, forward"), keys("redo")),
             ("Shift+Left, Shift+Right", "Ctrl+Shift+Z, Ctrl+Y")
         );
     }

@@ -170,6 +170,8 @@ fn groups(project: &Project) -> Vec<(&'static str, Option<&'static str>)> {
 /// Widths within a row, points: of the name, of the value and of the stops. The slider has what is left, so that nothing
 /// moves when something comes or goes.
 const NAME: f32 = 120.0;
+/// The least that is left of a name in a narrow panel.
+const NAME_MIN: f32 = 56.0;
 const VALUE: f32 = 78.0;
 const STOPS: f32 = 62.0;
 /// Of the bar that scrolls.
@@ -196,8 +198,12 @@ fn control(
         let text = if origin == Origin::Person { text.strong() } else { text };
         let text = if idle.is_some() { text.weak() } else { text };
         let left = egui::Layout::left_to_right(egui::Align::Center);
-        let label = ui.allocate_ui_with_layout(egui::vec2(NAME, 18.0), left, |ui| {
-            ui.set_min_width(NAME);
+        let beside = ui.spacing().item_spacing.x;
+        // The value, the stops and the shortest slider stay in a narrow panel.
+        let others = VALUE + STOPS + SLIDER.start() + BAR + 4.0 * beside;
+        let name_width = (ui.available_width() - others).clamp(NAME_MIN, NAME);
+        let label = ui.allocate_ui_with_layout(egui::vec2(name_width, 18.0), left, |ui| {
+            ui.set_min_width(name_width);
             if idle.is_none() {
                 return ui.add(egui::Label::new(text).truncate().sense(egui::Sense::click()));
             }
@@ -240,7 +246,6 @@ fn control(
             }
         }
         let dial = dial(&full);
-        let beside = ui.spacing().item_spacing.x;
         let stops = if dial.is_some() { STOPS + beside } else { 0.0 };
         let slider = ui.available_width() - VALUE - beside - stops - BAR;
         ui.spacing_mut().slider_width = slider.clamp(*SLIDER.start(), *SLIDER.end());

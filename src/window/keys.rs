@@ -1,32 +1,60 @@
 //! The page of keys.
 
-use eframe::egui::{self, Align2, ScrollArea, Ui, Vec2};
+use eframe::egui::{self, Align, Align2, Label, Layout, ScrollArea, Ui, Vec2, vec2};
 
 use super::actions;
 
+/// Widths of a key and of what it does, and the gaps beside them, points.
+const KEY: f32 = 130.0;
+const DOES: f32 = 230.0;
+const GAP: f32 = 12.0;
+/// Width of the window's own border and margins, points.
+const BORDER: f32 = 40.0;
+
 /// Shows it, as long as it is open.
 pub fn show(ctx: &egui::Context, is_open: &mut bool) {
+    let room = ctx.content_rect().size() - vec2(BORDER, 80.0);
+    let columns = columns(room.x);
+    let width = columns as f32 * (KEY + DOES + 2.0 * GAP);
     let window = egui::Window::new("Keys").open(is_open).resizable(false).anchor(Align2::CENTER_CENTER, Vec2::ZERO);
     window.show(ctx, |ui| {
-        let height = (ctx.content_rect().height() - 80.0).max(100.0);
-        ScrollArea::vertical().max_height(height).min_scrolled_height(height).show(ui, page);
+        ui.set_width(width.min(room.x));
+        let height = room.y.max(100.0);
+        let area = ScrollArea::vertical().max_height(height).min_scrolled_height(height);
+        area.show(ui, |ui| page(ui, columns));
     });
 }
 
-/// In two columns.
-fn page(ui: &mut Ui) {
-    ui.columns_const(|[left, right]: &mut [Ui; 2]| {
-        for (n, (title, lines)) in actions::page().into_iter().enumerate() {
-            let ui = if n % 2 == 0 { &mut *left } else { &mut *right };
-            ui.strong(title);
-            egui::Grid::new(title).num_columns(2).spacing([16.0, 4.0]).show(ui, |ui| {
-                for (key, does) in lines {
-                    ui.label(key);
-                    ui.label(does);
-                    ui.end_row();
+/// The number of columns that a width has room for.
+fn columns(width: f32) -> usize {
+    if width >= 2.0 * (KEY + DOES + 2.0 * GAP) { 2 } else { 1 }
+}
+
+/// The parts of the page, one after the other in each column.
+fn page(ui: &mut Ui, columns: usize) {
+    ui.horizontal_top(|ui| {
+        ui.spacing_mut().item_spacing.x = GAP;
+        let parts = actions::page();
+        for column in 0..columns {
+            ui.vertical(|ui| {
+                for (title, lines) in parts.iter().skip(column).step_by(columns) {
+                    ui.strong(*title);
+                    lines.iter().for_each(|(key, does)| line(ui, key, does));
+                    ui.add_space(8.0);
                 }
             });
-            ui.add_space(8.0);
+        }
+    });
+}
+
+/// A key and what it does, each wrapped within its width.
+fn line(ui: &mut Ui, key: &str, does: &str) {
+    ui.horizontal_top(|ui| {
+        for (text, width) in [(key, KEY), (does, DOES)] {
+            ui.allocate_ui_with_layout(vec2(width, 0.0), Layout::top_down(Align::Min), |ui| {
+                ui.set_width(width);
+                ui.add(Label::new(text).wrap());
+            });
         }
     });
 }

@@ -49,8 +49,9 @@ fn a_profile_is_opened_for_a_recording_without_a_camera() {
     until(&mut window, |app| app.problem().is_some());
     let problem = window.state().problem().unwrap().to_owned();
     assert!(problem.contains("camera") && !problem.contains("--"), "{problem}");
-    // A button stands beside it.
-    press(&mut window, "Open a profile…");
+    // A button stands in the picture.
+    shows(&mut window, "Choose profile…");
+    press(&mut window, "Choose profile…");
     answer(&mut window, &profile, "Open");
     until(&mut window, |app| app.project().profile.as_deref() == Some(profile.as_path()));
     assert_eq!(window.state().project().shot().recording.path, recording);

@@ -1,0 +1,165 @@
+//! Notices over the picture, and messages: whatever cannot be done says why, and leads to the
+//! remedy.
+
+use std::path::{Path, PathBuf};
+
+use crate::program;
+use crate::worked::{Device, click_at, demo, drop_file, has, rest, settle, until, window};
+use eframe::egui::{self, Event, Modifiers, PointerButton, accesskit::Role};
+use egui_kittest::Harness;
+use egui_kittest::kittest::{NodeT, Queryable};
+use locard::recording::OpenOptions;
+use locard::shot::Given;
+use locard::window::{App, Project};
+
+const SIZE: egui::Vec2 = egui::vec2(1400.0, 900.0);
+const NO_PROFILE: &str = "No camera profile for this recording. Choose one to place evidence.";
+
+/// A copy of the demonstration without a camera.
+fn without_camera(folder: &Path) -> PathBuf {
+    let recording = folder.join("bare");
+    program::copied(&demo(), &recording);
+    std::fs::remove_file(recording.join("camera.toml")).unwrap();
+    let text = std::fs::read_to_string(recording.join("recording.toml")).unwrap();
+    std::fs::write(recording.join("recording.toml"), text.split("[camera]").next().unwrap()).unwrap();
+    recording
+}
+
+fn open(recording: &Path) -> Project {
+    Project::open(recording, &OpenOptions::default(), &Given::default()).unwrap()
+}
+
+/// A window whose first picture is not composited.
+fn window_with_problem(project: Project) -> Harness<'static, App> {
+    let builder = Harness::builder().with_size(SIZE).renderer(Device::new());
+    let mut window = builder.build_eframe(|context| App::new(context, project, None).unwrap());
+    until(&mut window, |app| app.problem().is_some());
+    window.run_steps(2);
+    window
+}
+
+fn press(window: &mut Harness<'_, App>, label: &str) {
+    window.get_by_label(label).click();
+    window.run_steps(3);
+}
+
+fn middle_of_picture(window: &Harness<'_, App>) -> egui::Rect {
+    window.get_by_role_and_label(Role::Image, "picture").rect()
+}
+
+fn is_dialog(window: &Harness<'_, App>, name: &str) -> bool {
+    window.query_all_by_role(Role::Dialog).any(|node| node.accesskit_node().label().as_deref() == Some(name))
+}
+
+#[test]
+fn without_a_profile_the_picture_says_so_and_leads_to_one() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut window = window_with_problem(open(&without_camera(temp.path())));
+    let notice = window.get_by_label("Choose profile…").rect();
+    let picture = middle_of_picture(&window);
+    assert!(has(&window, NO_PROFILE) && picture.contains_rect(notice));
+    // Closed, it comes again as soon as something is to be placed.
+    press(&mut window, "Close");
+    assert!(!has(&window, "Choose profile…"));
+    press(&mut window, "Add lamp");
+    assert!(has(&window, "Choose profile…"));
+    click_at(&mut window, picture.left_top() + egui::vec2(60.0, 60.0));
+    assert!(window.state().project().edit().scene.light.lamp.is_empty(), "no lamp anywhere");
+    window.key_press(egui::Key::Escape);
+    window.run_steps(3);
+    assert!(!has(&window, "Choose profile…"));
+    drop_file(&mut window, std::fs::canonicalize("scenes/marker-1.glb").unwrap());
+    window.run_steps(3);
+    click_at(&mut window, picture.left_top() + egui::vec2(60.0, 60.0));
+    assert!(has(&window, "Choose profile…") && window.state().project().edit().scene.objects.is_empty());
+    press(&mut window, "Choose profile…");
+    assert!(is_dialog(&window, "Open a profile"));
+}
+
+#[test]
+fn a_frame_without_a_pose_leads_to_the_nearest_one_with_a_pose() {
+    let temp = tempfile::tempdir().unwrap();
+    let recording = temp.path().join("late");
+    program::copied(&demo(), &recording);
+    // The poses of the first half are lost.
+    let poses = recording.join("groundtruth.txt");
+    let text = std::fs::read_to_string(&poses).unwrap();
+    let lines: Vec<&str> = text.lines().filter(|line| !line.starts_with('#')).collect();
+    std::fs::write(&poses, lines[lines.len() / 2..].join("\n") + "\n").unwrap();
+    let mut window = window(open(&recording), SIZE);
+    assert!(!has(&window, "No camera position for this frame. Choose another frame to place evidence."));
+    press(&mut window, "Add lamp");
+    assert!(has(&window, "No camera position for this frame. Choose another frame to place evidence."));
+    let nearest = window.query_all_by_label_contains("Go to frame ").next().unwrap().accesskit_node().label().unwrap();
+    press(&mut window, &nearest);
+    settle(&mut window);
+    let frame: usize = nearest.trim_start_matches("Go to frame ").parse().unwrap();
+    assert!(frame > 0 && window.state().player().frame() == frame);
+    assert_eq!(window.query_all_by_label_contains("Go to frame ").count(), 0);
+}
+
+#[test]
+fn a_profile_of_another_size_is_refused_with_both_sizes() {
+    let temp = tempfile::tempdir().unwrap();
+    let good = demo().join("camera.toml").canonicalize().unwrap();
+    let other = temp.path().join("hd.toml");
+    let text = std::fs::read_to_string(&good).unwrap();
+    let size = |text: &str, key: &str, to: u32| {
+        let line = text.lines().find(|line| line.starts_with(key)).unwrap().to_owned();
+        (text.replace(&line, &format!("{key} = {to}")), line)
+    };
+    let (text, width) = size(&text, "width_px", 1920);
+    let (text, height) = size(&text, "height_px", 1080);
+    std::fs::write(&other, text).unwrap();
+    let number = |line: &str| line.rsplit(' ').next().unwrap().to_owned();
+    let given = Given { profile: Some(good.clone()), ..Given::default() };
+    let mut window = window(Project::open(&demo(), &OpenOptions::default(), &given).unwrap(), SIZE);
+    drop_file(&mut window, other);
+    until(&mut window, |app| app.problem().is_some());
+    window.run_steps(2);
+    let told = format!("This profile is for 1920x1080; the recording is {}x{}", number(&width), number(&height));
+    assert!(window.state().problem().unwrap().starts_with(&told), "{:?}", window.state().problem());
+    assert_eq!(window.state().project().profile, Some(good));
+    assert!(window.state().project().shot().geometry_at(0).is_ok());
+    // In the picture, too, until it is closed.
+    let shown = |window: &Harness<'_, App>| {
+        let picture = middle_of_picture(window);
+        window.query_all_by_label_contains(&told).filter(|node| picture.contains_rect(node.rect())).count()
+    };
+    assert_eq!(shown(&window), 1);
+    press(&mut window, "Close");
+    assert_eq!(shown(&window), 0);
+}
+
+#[test]
+fn a_new_message_is_seen_beside_a_lasting_problem() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut window = window_with_problem(open(&without_camera(temp.path())));
+    window.state_mut().project_mut().switch("noise", false);
+    window.key_press_modifiers(Modifiers::COMMAND, egui::Key::Z);
+    window.run_steps(2);
+    assert!(has(&window, "Undone: Noise: off"));
+}
+
+#[test]
+fn a_quick_click_opens_the_whole_message() {
+    let mut window = window(open(&demo()), SIZE);
+    let nowhere = PathBuf::from("/nowhere/at all/with a rather long name.toml");
+    drop_file(&mut window, nowhere);
+    until(&mut window, |app| app.problem().is_some());
+    window.run_steps(2);
+    let text = window.state().problem().unwrap().to_owned();
+    let pos = window.get_by_label(&text).rect().center();
+    // Pressed and released between two frames of a slow window.
+    let button =
+        |pressed| Event::PointerButton { pos, button: PointerButton::Primary, pressed, modifiers: Modifiers::NONE };
+    window.hover_at(pos);
+    window.step();
+    window.input_mut().events.extend([Event::PointerMoved(pos), button(true), button(false)]);
+    window.step();
+    for _ in 0..3 {
+        rest();
+        window.step();
+    }
+    assert!(is_dialog(&window, "Message") && has(&window, "Copy"));
+}

@@ -1,0 +1,72 @@
+//! Small windows, long names: nothing is cut off that is needed.
+
+use crate::program;
+use crate::worked::{demo, has, scene_or_none, window};
+use eframe::egui::{self, Key, accesskit::Role};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use locard::recording::OpenOptions;
+use locard::shot::Given;
+use locard::window::{App, DEMO_SCENE, Project};
+
+fn open_at(recording: &std::path::Path, size: egui::Vec2) -> Harness<'static, App> {
+    let given = Given { scene: scene_or_none(), ..Given::default() };
+    window(Project::open(recording, &OpenOptions::default(), &given).unwrap(), size)
+}
+
+#[test]
+fn the_picture_keeps_half_of_a_small_window() {
+    let mut window = open_at(&demo(), egui::vec2(640.0, 480.0));
+    for width in [640.0, 900.0, 1000.0, 1280.0] {
+        window.set_size(egui::vec2(width, 480.0));
+        window.run_steps(4);
+        let picture = window.get_by_role_and_label(Role::Image, "picture").rect();
+        assert!(picture.width() >= 0.5 * width - 1.0 && picture.height() > 200.0, "{width}: {picture:?}");
+    }
+}
+
+#[test]
+fn a_small_window_shows_one_panel_at_a_time() {
+    let mut window = open_at(&demo(), egui::vec2(640.0, 480.0));
+    assert!(has(&window, "Search parameters") && !has(&window, "Place…"));
+    window.get_by_label("Evidence").click();
+    window.run_steps(3);
+    assert!(has(&window, "Place…") && !has(&window, "Search parameters"));
+}
+
+#[test]
+fn the_page_of_keys_shows_keys_and_words_in_a_small_window() {
+    for (width, height) in [(640.0, 480.0), (900.0, 600.0)] {
+        let mut window = open_at(&demo(), egui::vec2(width, height));
+        window.key_press(Key::Questionmark);
+        window.run_steps(4);
+        let rect = |label: &str| window.get_by_label(label).rect();
+        for (key, does) in [("Space", "play, pause; freeze the camera"), ("W", "wipe between camera and composite")] {
+            let (key, does) = (rect(key), rect(does));
+            assert!(key.left() >= 0.0 && key.right() <= does.left() && does.right() <= width, "{key:?} {does:?}");
+        }
+    }
+}
+
+#[test]
+fn a_long_name_leaves_the_buttons_in_their_places() {
+    let temp = tempfile::tempdir().unwrap();
+    let long = temp.path().join("a folder with a name that is as long as people give them to their cases 2026-11-28");
+    program::copied(&demo(), &long);
+    let size = egui::vec2(1280.0, 480.0);
+    let [short, long] = [demo(), long].map(|recording| open_at(&recording, size).get_by_label("Undo").rect());
+    assert!(long.left() - short.left() < 0.16 * size.x && long.right() < 0.4 * size.x, "{short:?} {long:?}");
+    assert_eq!(long.top(), short.top());
+}
+
+#[test]
+fn the_title_tells_recordings_of_one_name_apart() {
+    let temp = tempfile::tempdir().unwrap();
+    let recording = temp.path().join("case 7/demo");
+    std::fs::create_dir(temp.path().join("case 7")).unwrap();
+    program::copied(&demo(), &recording);
+    let given = Given { scene: Some(DEMO_SCENE.into()), ..Given::default() };
+    let project = Project::open(&recording, &OpenOptions::default(), &given).unwrap();
+    let window = window(project, egui::vec2(900.0, 600.0));
+    assert_eq!(window.state().title(), "case 7/demo – demo.toml – Locard");
+}
