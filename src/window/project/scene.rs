@@ -71,6 +71,11 @@ impl Project {
         (self.opened, self.saved, self.scene_text) = (fresh.opened, fresh.saved, fresh.scene_text);
         (self.of_scene, self.scene_is_stale) = (fresh.of_scene, fresh.scene_is_stale);
         self.stamps = fresh.stamps;
+        // The files were opened anew by absolute paths; here they may have relative ones.
+        for path in [self.profile.clone(), self.scene.clone()].into_iter().flatten() {
+            let stamp = std::path::absolute(&path).ok().and_then(|whole| self.stamp(&whole));
+            self.stamps.entry(path).or_insert(stamp);
+        }
         self.change("read again", edit);
         self.close_step();
     }
