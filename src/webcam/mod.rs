@@ -6,6 +6,8 @@
 mod clock;
 #[cfg(all(feature = "camera", target_os = "linux"))]
 mod device;
+#[cfg(all(feature = "camera", target_os = "linux"))]
+mod encoding;
 mod error;
 mod list;
 #[cfg(all(feature = "camera", target_os = "linux"))]

@@ -16,6 +16,7 @@ use v4l::video::Capture;
 use v4l::video::capture::Parameters;
 use v4l::{Device, Format, FourCC, Fraction};
 
+use super::encoding;
 use super::error::CameraError;
 use super::list::{Listed, Mode};
 use super::picture::{Delivered, Layout};
@@ -190,7 +191,8 @@ pub fn agree(device: &Device, path: &Path, wanted: &Wanted) -> Result<(Delivered
         asked: layout.to_string(),
         has: quoted(format.fourcc.str().unwrap_or("????")),
     })?;
-    Ok((delivered(&format, layout, wanted), rate_hz))
+    let ycbcr_enc = encoding::stated(device).unwrap_or(encoding::DEFAULT);
+    Ok((delivered(&format, ycbcr_enc, layout, wanted), rate_hz))
 }
 
 fn names_of(asked: Option<Layout>) -> String {
@@ -216,14 +218,10 @@ fn chosen(offered: &[Mode], wanted: &Wanted) -> Option<Layout> {
     of(&fits).or_else(|| of(&|_| true))
 }
 
-/// What the driver does not say follows from its colour space, by the rules of the kernel's videodev2.h
-/// (V4L2_MAP_YCBCR_ENC_DEFAULT, V4L2_MAP_QUANTIZATION_DEFAULT).
-fn delivered(format: &Format, layout: Layout, wanted: &Wanted) -> Delivered {
-    let matrix = match format.colorspace {
-        Colorspace::Rec709 | Colorspace::DCIP3 => ColorMatrix::Bt709,
-        Colorspace::Rec2020 => ColorMatrix::Bt2020,
-        _ => ColorMatrix::Bt601,
-    };
+/// A range that the driver leaves open follows from its colour space (V4L2_MAP_QUANTIZATION_DEFAULT of the kernel's
+/// videodev2.h).
+fn delivered(format: &Format, ycbcr_enc: u32, layout: Layout, wanted: &Wanted) -> Delivered {
+    let matrix = encoding::matrix(ycbcr_enc, format.colorspace);
     let range = match (format.quantization, format.colorspace) {
         (Quantization::FullRange, _) | (Quantization::Default, Colorspace::JPEG) => ColorRange::Full,
         _ => ColorRange::Limited,
@@ -266,10 +264,12 @@ mod tests {
     fn range_and_matrix_are_the_drivers_or_the_kernels_defaults() {
         let of = |colorspace, quantization, layout, wanted: Wanted| {
             let format = Format { colorspace, quantization, ..Format::new(2, 2, FourCC::new(b"YUYV")) };
-            let delivered = delivered(&format, layout, &wanted);
+            let delivered = delivered(&format, encoding::DEFAULT, layout, &wanted);
             (delivered.matrix, delivered.range)
         };
         let none = Wanted::default();
+        let bt709 = delivered(&Format::new(2, 2, FourCC::new(b"YUYV")), 2, Layout::Yuyv, &none);
+        assert_eq!(bt709.matrix, ColorMatrix::Bt709);
         let (srgb, unsaid) = (Colorspace::SRGB, Quantization::Default);
         assert_eq!(of(srgb, unsaid, Layout::Yuyv, none), (ColorMatrix::Bt601, ColorRange::Limited));
         assert_eq!(of(Colorspace::JPEG, unsaid, Layout::Yuyv, none), (ColorMatrix::Bt601, ColorRange::Full));
