@@ -224,12 +224,10 @@ impl Seen<'_> {
             let fringe = fringe(expected, light, light, far.light, 0.0);
             return Some(Shared { near_m, far_m, share: expected, fringe });
         };
-        let (mut square, mut along) = (0.0, 0.0);
-        for c in 0..3 {
-            let apart = near.light[c] - far.light[c];
-            square += apart * apart;
-            along += (light[c] - far.light[c]) * apart;
-        }
+        let (near_light, far_light) = (Vec3::from(near.light), Vec3::from(far.light));
+        let apart = near_light - far_light;
+        let square = apart.length_squared();
+        let along = (Vec3::from(light) - far_light).dot(apart);
         let seen = (along / square.max(1e-9)).clamp(0.0, 1.0);
         let seen_variance = (near.variance * seen + far.variance * (1.0 - seen)) / square.max(1e-9);
         let by_picture = map_variance / (map_variance + seen_variance).max(1e-12);
