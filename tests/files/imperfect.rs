@@ -333,6 +333,26 @@ fn high_dynamic_range_stays_so_in_ten_bits() {
     }
 }
 
+/// Describes a recording of 32×16 px with a camera at rest.
+fn describe_resting(folder: &Path, frames: &str) {
+    fs::write(folder.join("poses.txt"), "-1 0 0 0 0 0 0 1\n9 0 0 0 0 0 0 1\n").unwrap();
+    fs::write(
+        folder.join("camera.toml"),
+        "version = 1\n[camera]\nwidth_px = 32\nheight_px = 16\nfx_px = 30\nfy_px = 30\ncx_px = 16\ncy_px = 8\n",
+    )
+    .unwrap();
+    let rest = "[poses]\ntrajectory = \"poses.txt\"\nmax_gap_s = 100.0\n[camera]\nprofile = \"camera.toml\"\n";
+    describe(folder, &format!("[frames]\n{frames}\n{rest}"));
+}
+
+/// Composites a recording into a video beside it, which it opens.
+fn composited(folder: &Path, more: &[&str]) -> Recording {
+    let out = folder.join("out.mp4");
+    let arguments = ["composite", folder.to_str().unwrap(), "--scene", "scenes/marker-1.glb", "--plain", "-o"];
+    program::said(&[&arguments[..], &[out.to_str().unwrap()], more].concat());
+    Recording::open(&describe(folder, "[frames]\nvideo = \"out.mp4\"\n"), &OpenOptions::default()).unwrap()
+}
+
 #[test]
 fn a_composite_keeps_the_times_and_tags_of_its_recording() {
     let temp = tempfile::tempdir().unwrap();
@@ -341,23 +361,30 @@ fn a_composite_keeps_the_times_and_tags_of_its_recording() {
     let times_s = [0.0, 0.1, 0.1333, 0.4];
     let changed = SinkOptions { presentation, times_s: Some(times_s.into()), ..options(32, 16, 8) };
     written(&folder.join("a.mp4"), changed);
-    fs::write(folder.join("poses.txt"), "-1 0 0 0 0 0 0 1\n9 0 0 0 0 0 0 1\n").unwrap();
-    fs::write(
-        folder.join("camera.toml"),
-        "version = 1\n[camera]\nwidth_px = 32\nheight_px = 16\nfx_px = 30\nfy_px = 30\ncx_px = 16\ncy_px = 8\n",
-    )
-    .unwrap();
-    describe(
-        folder,
-        "[frames]\nvideo = \"a.mp4\"\n[poses]\ntrajectory = \"poses.txt\"\nmax_gap_s = 100.0\n[camera]\nprofile = \
-         \"camera.toml\"\n",
-    );
-    let out = folder.join("out.mp4");
-    let arguments = ["composite", folder.to_str().unwrap(), "--scene", "scenes/marker-1.glb", "--plain", "-o"];
-    program::said(&[&arguments[..], &[out.to_str().unwrap()]].concat());
-    let r = Recording::open(&describe(folder, "[frames]\nvideo = \"out.mp4\"\n"), &OpenOptions::default()).unwrap();
+    describe_resting(folder, "video = \"a.mp4\"");
+    let r = composited(folder, &[]);
     assert_eq!((r.presentation().rotation_deg, r.presentation().pixel_aspect), (90.0, Some((16, 15))));
     for (time_s, expected_s) in r.timestamps_s.iter().zip(times_s) {
+        assert!((time_s - expected_s).abs() < 2e-4, "{:?}", r.timestamps_s);
+    }
+}
+
+#[test]
+fn missing_pictures_leave_a_gap_in_the_times_of_a_video() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    let times_s = [0.0, 0.1, 0.2, 0.3];
+    let line = |(i, time_s): (usize, &f64)| format!("{time_s} {i}.png\n");
+    fs::write(folder.join("rgb.txt"), times_s.iter().enumerate().map(line).collect::<String>()).unwrap();
+    for i in [0, 1, 3] {
+        image::RgbImage::from_pixel(32, 16, image::Rgb([50 * i as u8; 3]))
+            .save(folder.join(format!("{i}.png")))
+            .unwrap();
+    }
+    describe_resting(folder, "list = \"rgb.txt\"");
+    let r = composited(folder, &["--skip-missing"]);
+    assert_eq!(r.frame_count(), 3);
+    for (time_s, expected_s) in r.timestamps_s.iter().zip([0.0, 0.1, 0.3]) {
         assert!((time_s - expected_s).abs() < 2e-4, "{:?}", r.timestamps_s);
     }
 }
