@@ -6,7 +6,7 @@ use eframe::egui::{self, Context, Ui};
 
 use super::chooser::{Begin, Chooser, Chosen, Seeks};
 use super::errand::Errand;
-use super::question::{self, Keys, default_button};
+use super::question::{self, DialogKeys, default_button};
 use super::recent::Opened;
 use crate::live::{Added, Asked, LiveFrom};
 use crate::webcam;
@@ -160,7 +160,9 @@ impl Air {
             return None;
         }
         let mut answer = None;
-        let keys = Keys::of(ctx, "air");
+        let keys = DialogKeys::of(ctx, "air");
+        // Read before the body: a field gives up the focus on Enter.
+        let has_focus = ctx.memory(|memory| memory.focused().is_some());
         let modal = question::modal(ctx, "air", "Live camera", |ui| {
             ui.set_width(460.0);
             ui.heading("Live camera");
@@ -174,8 +176,8 @@ impl Air {
             ui.horizontal(|ui| {
                 let start = ui.add_enabled_ui(opened.is_ok(), |ui| default_button(ui, "Start", true)).inner;
                 let is_cancelled = ui.button("Cancel").clicked();
-                // A focused button has Enter for itself.
-                let is_entered = keys.enter && ui.memory(|memory| memory.focused().is_none());
+                // A focused field or button has Enter for itself.
+                let is_entered = keys.enter && !has_focus;
                 if let Some(opened) = opened.ok().filter(|_| start.clicked() || is_entered) {
                     answer = Some(Some(opened));
                 }

@@ -18,19 +18,21 @@ pub enum SavedIn {
 /// More names than this are counted.
 const MAX_NAMES: usize = 6;
 
+/// Text about a model that is opened without a scene file.
+const MODEL_ALONE: &str = "A model that is opened alone has no scene file: all changed settings are written to the \
+                           profile, exposure and effects included.";
+
 /// Asks; `Some(None)` cancels saving.
 pub fn ask(ctx: &Context, project: &Project) -> Option<Option<SavedIn>> {
-    // The file that nobody shares is the default.
-    let (with_scene, default) =
-        if project.can_place() { ("Save with the scene", Answer::No) } else { ("", Answer::Yes) };
-    let choices = Choices { labels: ["Save to the profile", with_scene, "Cancel"], default };
-    let answer = question::ask(ctx, "Save camera values to the profile?", choices, |ui| {
-        ui.label(listed(&project.camera_changes()));
+    let has_scene = project.can_place();
+    let (title, choices) = question(has_scene);
+    let answer = question::ask(ctx, title, choices, |ui| {
+        ui.label(if has_scene { listed(&project.camera_changes()) } else { MODEL_ALONE.to_owned() });
         ui.label(match project.profile.as_deref().and_then(Path::file_name) {
             Some(name) => format!("Other recordings that use {} change, too.", name.to_string_lossy()),
             None => "No profile is open. A new one is named next.".to_owned(),
         });
-        if project.can_place() {
+        if has_scene {
             ui.label("With the scene, they hold for this shot alone.");
         }
     })?;
@@ -41,13 +43,20 @@ pub fn ask(ctx: &Context, project: &Project) -> Option<Option<SavedIn>> {
     })
 }
 
+/// The title and the buttons. Enter never overwrites a profile.
+fn question(has_scene: bool) -> (&'static str, Choices) {
+    let (title, with_scene, default) = if has_scene {
+        ("Save camera values to the profile?", "Save with the scene", Answer::No)
+    } else {
+        ("Save settings to the profile?", "", Answer::Cancel)
+    };
+    (title, Choices { labels: ["Save to the profile", with_scene, "Cancel"], default })
+}
+
 fn listed(names: &[String]) -> String {
     let (shown, more) = names.split_at(names.len().min(MAX_NAMES));
     let more = if more.is_empty() { String::new() } else { format!(" and {} more", more.len()) };
-    match shown {
-        [] => "Settings are changed, and a model that is opened alone cannot keep them.".to_owned(),
-        shown => format!("Changed: {}{more}.", shown.join(", ")),
-    }
+    format!("Changed: {}{more}.", shown.join(", "))
 }
 
 #[cfg(test)]

@@ -20,7 +20,7 @@ use self::entering::Entering;
 use self::listed::{Entry, Listing};
 use self::making::Making;
 use super::errand::Errand;
-use super::question::{self, Answer, Choices, Keys};
+use super::question::{self, Answer, Choices, DialogKeys};
 use crate::words::reason;
 
 pub use self::disk::{Begin, Chosen};
@@ -345,7 +345,7 @@ impl Chooser {
         };
         ui.label(text);
         ui.add_space(8.0);
-        let keys = Keys::of(ui.ctx(), "replaces");
+        let keys = DialogKeys::of(ui.ctx(), "replaces");
         let choices = Choices { labels: [does, "Choose another name", ""], default: Answer::No };
         match question::buttons(ui, choices).or(keys.enter.then_some(Answer::No))? {
             Answer::Yes => Some(Chosen::Path { path: path.to_owned(), replaces: true }),

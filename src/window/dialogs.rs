@@ -93,7 +93,8 @@ pub fn whether_to_write(ctx: &Context, path: &Path, whose: &str) -> Option<Answe
 
 /// A file that is open was changed by somebody else.
 pub fn changed_on_disk(ctx: &Context, path: &Path, is_changed: bool) -> Option<Answer> {
-    let choices = Choices { labels: ["Read it again", "Keep what is here", ""], default: Answer::Yes };
+    // It appears by itself: an Enter that ends typing elsewhere must not replace unsaved changes.
+    let choices = Choices { labels: ["Read it again", "Keep what is here", ""], default: Answer::No };
     ask(ctx, "A file was changed on disk", choices, |ui| {
         ui.label(format!("{} was changed by another program.", path.display()));
         if is_changed {

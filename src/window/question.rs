@@ -38,7 +38,7 @@ pub fn as_dialog<T>(ctx: &Context, window: Option<&InnerResponse<T>>) {
 
 /// Shows a question until it is answered.
 pub fn ask(ctx: &Context, title: &str, choices: Choices, body: impl FnOnce(&mut Ui)) -> Option<Answer> {
-    let keys = Keys::of(ctx, title);
+    let keys = DialogKeys::of(ctx, title);
     let mut clicked = None;
     let modal = modal(ctx, "question", title, |ui| {
         ui.set_width(420.0_f32.min(ctx.content_rect().width() - 48.0));
@@ -78,12 +78,12 @@ pub fn default_button(ui: &mut Ui, label: &str, is_default: bool) -> egui::Respo
 
 /// Presses of Enter and Esc that belong to a dialog.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Keys {
+pub struct DialogKeys {
     pub enter: bool,
     pub escape: bool,
 }
 
-impl Keys {
+impl DialogKeys {
     /// Reads the keys of this frame; call it before the dialog's body, which consumes them. The key
     /// that opened the dialog, and one that is held down since, are ignored.
     pub fn of(ctx: &Context, dialog: &str) -> Self {

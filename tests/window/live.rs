@@ -319,6 +319,23 @@ fn what_is_asked_of_a_camera_stands_in_the_dialog_and_is_asked_again() {
     assert!(window.get_by_label("Start").accesskit_node().is_disabled());
 }
 
+#[test]
+fn enter_in_a_field_of_the_camera_dialog_ends_typing_and_starts_nothing() {
+    let site = Site::shared(&CAMERA);
+    let mut window = live_window(&site, &[]);
+    window.get_by_label("File").click();
+    window.run_steps(2);
+    window.get_by_label("Live camera…").click();
+    shows(&mut window, "Start");
+    typed(&mut window, "Rate", "25");
+    window.key_press(Key::Enter);
+    window.run_steps(3);
+    assert!(has(&window, "Start") && window.state().project().camera.as_ref().unwrap().asked.rate_hz.is_none());
+    // Nothing has the focus now: Enter presses the filled button.
+    window.key_press(Key::Enter);
+    until(&mut window, |app| app.project().camera.as_ref().is_some_and(|from| from.asked.rate_hz == Some(25.0)));
+}
+
 /// What was typed is still there when it is refused, why is said beside it, and keys go on into its fields.
 #[test]
 fn a_camera_that_is_refused_leaves_the_dialog_as_it_was_typed() {

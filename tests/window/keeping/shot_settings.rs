@@ -96,6 +96,27 @@ fn save_asks_where_camera_values_belong() {
 }
 
 #[test]
+fn enter_does_not_overwrite_the_profile_of_a_model_that_is_open_alone() {
+    let case = Case::new();
+    let mut window =
+        window(project(Some(&case.profile), Some(Path::new("scenes/marker-1.glb"))), egui::vec2(1400.0, 900.0));
+    window.state_mut().project_mut().switch("noise", false);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    window.run_steps(3);
+    // Effects are written, not only values of the camera.
+    assert!(has(&window, "Save settings to the profile?"));
+    window.key_press(Key::Enter);
+    window.run_steps(3);
+    assert!(!has(&window, "Save settings to the profile?") && !window.state().project().is_saved());
+    assert_eq!(case.texts()[0], PROFILE);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    window.run_steps(3);
+    press(&mut window, "Save to the profile");
+    until(&mut window, |app| app.project().is_saved());
+    assert!(case.texts()[0].contains("on = false"), "{}", case.texts()[0]);
+}
+
+#[test]
 fn profile_saved_under_a_name_takes_all_and_the_scene_follows() {
     let case = Case::new();
     std::fs::write(&case.scene, format!("{SCENE}\n[settings.noise]\nscale = 0.75\n")).unwrap();
