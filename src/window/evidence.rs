@@ -144,7 +144,8 @@ impl Evidence {
             ui.separator();
             told = self.selected(ui, project, &scene, entry, renaming).or(told);
             let object = scene.entries().iter().position(|other| *other == entry);
-            if let Some(tilt) = object.and_then(|object| self.wrongs.tilt(object)) {
+            let version = project.scene_version();
+            if let Some(tilt) = object.and_then(|object| self.wrongs.tilt(version, object)) {
                 told = tilt::show(ui, project, entry, &tilt).or(told);
             }
         }

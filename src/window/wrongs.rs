@@ -36,6 +36,9 @@ pub struct Wrongs {
 impl Wrongs {
     /// Begins to look where scene or frame have changed, and takes what was found. Never waits.
     pub fn look(&mut self, project: &Project, frame: Option<&Arc<Frame>>, ctx: &egui::Context) {
+        let version = project.scene_version();
+        // Objects are identified by their index, and another scene numbers them differently.
+        self.found = self.found.take().filter(|((of, _), _)| *of == version);
         if let Some((of, found)) = &self.looking {
             match found.try_recv() {
                 Ok(checks) => self.found = Some((*of, checks)),
@@ -45,12 +48,8 @@ impl Wrongs {
             }
             self.looking = None;
         }
-        // Objects are told by their places in the list, which another scene numbers otherwise.
-        if self.found.as_ref().is_some_and(|((version, _), _)| *version != project.scene_version()) {
-            self.found = None;
-        }
         let Some(frame) = frame else { return };
-        let of = (project.scene_version(), frame.index);
+        let of = (version, frame.index);
         if self.found.as_ref().is_some_and(|(known, _)| *known == of) {
             return;
         }
@@ -77,14 +76,56 @@ impl Wrongs {
         }
     }
 
-    /// What is wrong with an object of the loaded scene.
-    pub fn of(&self, object: usize) -> impl Iterator<Item = &Note> {
-        let all = self.found.iter().flat_map(|(_, checks)| &checks.wrongs);
+    /// The checks of a version of the scene.
+    fn checks(&self, version: u64) -> Option<&Checks> {
+        self.found.as_ref().filter(|((of, _), _)| *of == version).map(|(_, checks)| checks)
+    }
+
+    /// Notes on an object of a version of the scene.
+    pub fn of(&self, version: u64, object: usize) -> impl Iterator<Item = &Note> {
+        let all = self.checks(version).into_iter().flat_map(|checks| &checks.wrongs);
         all.filter(move |wrong| wrong.objects.contains(&object)).map(|wrong| &wrong.note)
     }
 
-    /// The tilted surface below an object of the loaded scene.
-    pub fn tilt(&self, object: usize) -> Option<Tilt> {
-        self.found.as_ref()?.1.tilts.iter().find(|tilt| tilt.object == object).copied()
+    /// The tilted surface below an object of a version of the scene.
+    pub fn tilt(&self, version: u64, object: usize) -> Option<Tilt> {
+        self.checks(version)?.tilts.iter().find(|tilt| tilt.object == object).copied()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use glam::DVec3;
+
+    use super::*;
+    use crate::recording::OpenOptions;
+    use crate::scene::Support;
+    use crate::shot::Given;
+
+    #[test]
+    fn checks_of_an_older_scene_are_dropped_while_a_check_runs() {
+        let mut project =
+            Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given::default()).unwrap();
+        let support = Support { point_m: DVec3::ZERO, normal: DVec3::Z };
+        let checks = || {
+            let tilt = Tilt { object: 0, support, degrees: 3.0, gap_m: 0.01 };
+            Checks { tilts: vec![tilt], ..Checks::default() }
+        };
+        let of = (project.scene_version(), 0);
+        let (done, running) = channel();
+        let mut wrongs = Wrongs { looking: Some((of, running)), waits: None, found: Some((of, checks())) };
+        let ctx = egui::Context::default();
+        wrongs.look(&project, None, &ctx);
+        assert!(wrongs.tilt(of.0, 0).is_some());
+        project.change_scene("lamp", |scene| _ = scene.add_lamp(DVec3::Z)).unwrap();
+        let version = project.scene_version();
+        assert!(version != of.0 && wrongs.tilt(version, 0).is_none(), "changed since the last look");
+        wrongs.look(&project, None, &ctx);
+        assert!(wrongs.found.is_none(), "the check still runs");
+        done.send(checks()).unwrap();
+        wrongs.look(&project, None, &ctx);
+        assert!(wrongs.tilt(version, 0).is_none(), "the check was of the older scene");
     }
 }
