@@ -12,7 +12,7 @@ use eframe::egui::{self, Ui};
 use eframe::egui_wgpu::RenderState;
 use glam::DVec2;
 
-use self::panels::PanelTab;
+use self::panels::PanelTabs;
 use super::autosave::Left;
 use super::camera;
 use super::errand::let_go;
@@ -25,6 +25,7 @@ use super::keys;
 use super::lamps::Lamps;
 use super::measure::Measure;
 use super::notice::Refusal;
+use super::obstacle::NearestPose;
 use super::painter;
 use super::picture::View;
 use super::placed::Placed;
@@ -58,8 +59,8 @@ pub struct App {
     hides_obstacle: bool,
     /// Why the last click in the picture had no effect.
     refusal: Option<Refusal>,
-    /// The panel of a small window.
-    shown_panel: PanelTab,
+    panel_tabs: PanelTabs,
+    nearest_pose: NearestPose,
     /// The window's title as it was set last.
     title: String,
     placed: Option<Placed>,
@@ -102,7 +103,8 @@ impl App {
             shows_history: false,
             hides_obstacle: false,
             refusal: None,
-            shown_panel: PanelTab::default(),
+            panel_tabs: PanelTabs::default(),
+            nearest_pose: NearestPose::default(),
             title: String::new(),
             placed: None,
             steered: Steered::default(),
@@ -235,6 +237,7 @@ impl App {
                 (self.view, self.evidence, self.hand) = Default::default();
                 (self.handles, self.side, self.lamps) = Default::default();
                 (self.hides_obstacle, self.refusal) = Default::default();
+                self.panel_tabs = self.panel_tabs.reopened();
                 self.go_on(at, None);
                 self.keeper.turned(&self.session);
             }
@@ -329,6 +332,7 @@ impl eframe::App for App {
             }
             ui.add_space(2.0);
         });
+        self.update_evidence();
         if !self.view.alone {
             self.panels(ui, panel);
         }

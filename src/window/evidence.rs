@@ -84,6 +84,12 @@ impl Evidence {
         self.ground.cancel();
     }
 
+    /// Drops the selection of a thing that the scene no longer has.
+    pub fn update_selection(&mut self, project: &Project) {
+        let scene = &project.edit().scene;
+        self.selected = self.selected.filter(|selected| scene.stance(*selected).is_some());
+    }
+
     /// Shows the list and the controls of what is selected. Gives back what is to be said.
     pub fn show(
         &mut self,
@@ -134,8 +140,6 @@ impl Evidence {
         ui.separator();
         self.locates = missing::show(ui, project);
         self.wrongs.look(project, frame, ui.ctx());
-        let scene = project.edit().scene.clone();
-        self.selected = self.selected.filter(|selected| scene.stance(*selected).is_some());
         told = list::show(ui, project, &self.wrongs, &mut self.selected).or(told);
         let scene = project.edit().scene.clone();
         let renaming = self.renaming.take();

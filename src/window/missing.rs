@@ -6,6 +6,17 @@ use eframe::egui::{self, Label, RichText, Ui};
 
 use super::Project;
 
+use crate::scene::SceneError;
+
+/// Whether a shown object or the light lacks its file.
+pub fn is_any_needed(project: &Project) -> bool {
+    project.shot().scene.missing.iter().any(|missing| missing.is_needed)
+}
+
+/// Loads the scene again, since a missing file may be back. It is no step of the history.
+pub fn load_again(project: &mut Project) -> Result<(), SceneError> {
+    project.change_scene("loaded again", |_| ())
+}
 /// Shows a line for each missing file. Returns the one that the user wants to locate.
 pub fn show(ui: &mut Ui, project: &Project) -> Option<PathBuf> {
     let mut located = None;

@@ -1,5 +1,8 @@
 //! Reasons why evidence can be neither drawn nor placed in a frame.
 
+use std::sync::{Arc, Weak};
+
+use crate::recording::Recording;
 use crate::shot::{Shot, ShotError, SurfaceError};
 use crate::words::without_options;
 
@@ -9,29 +12,84 @@ pub enum Obstacle {
     /// The camera is missing, incomplete or refused; the text says which. A profile is the remedy.
     Camera(String),
     /// The frame has no pose. The nearest frame that has one is the remedy.
-    NoPose { nearest: Option<usize> },
+    NoPose,
+    /// Another problem, for which there is no remedy here.
+    Other(String),
 }
 
 impl Obstacle {
     /// The obstacle in a frame, if there is one.
     pub fn of(shot: &Shot, frame: usize) -> Option<Self> {
-        match shot.eye(frame).err()? {
-            SurfaceError::NoPose(_) => Some(Self::NoPose { nearest: nearest_with_pose(shot, frame) }),
-            SurfaceError::Shot(error) => Some(Self::Camera(camera_text(&error))),
-            error => Some(Self::Camera(without_options(&error.to_string()))),
-        }
+        shot.eye(frame).err().map(|error| Self::of_error(&error))
     }
 
-    pub fn text(&self) -> String {
-        match self {
-            Self::Camera(text) => text.clone(),
-            Self::NoPose { nearest: Some(_) } => {
-                "No camera position for this frame. Choose another frame to place evidence.".to_owned()
-            }
-            Self::NoPose { nearest: None } => {
-                "No camera position for any frame: evidence can be neither placed nor drawn.".to_owned()
-            }
+    fn of_error(error: &SurfaceError) -> Self {
+        match error {
+            SurfaceError::NoPose(_) => Self::NoPose,
+            SurfaceError::Shot(error) if is_of_camera(error) => Self::Camera(camera_text(error)),
+            SurfaceError::Shot(error) => Self::Other(camera_text(error)),
+            error => Self::Other(without_options(&error.to_string())),
         }
+    }
+}
+
+/// Whether another profile may help.
+fn is_of_camera(error: &ShotError) -> bool {
+    matches!(
+        error,
+        ShotError::NoCamera { .. }
+            | ShotError::PartOfCamera { .. }
+            | ShotError::Size { .. }
+            | ShotError::Coefficient { .. }
+            | ShotError::NotRound
+            | ShotError::RoundSize { .. }
+            | ShotError::RoundReadout { .. }
+            | ShotError::Lens(_)
+            | ShotError::Profile(_)
+    )
+}
+
+/// Text about a frame without a pose. `nearest` is the nearest frame that has one.
+pub fn no_pose_text(nearest: Option<usize>) -> &'static str {
+    match nearest {
+        Some(_) => "No camera position for this frame. Choose another frame to place evidence.",
+        None => "No camera position for any frame: evidence can be neither placed nor drawn.",
+    }
+}
+
+/// A cache of the nearest frame that has a pose: without poses, a search visits every frame.
+#[derive(Debug, Default)]
+pub struct NearestPose {
+    known: Option<Nearest>,
+}
+
+#[derive(Debug)]
+struct Nearest {
+    /// A recording that still arrives is another allocation after each of its frames.
+    recording: Weak<Recording>,
+    frame: usize,
+    nearest: Option<usize>,
+}
+
+impl NearestPose {
+    /// The nearest frame with a pose, the earlier one of two.
+    pub fn of(&mut self, recording: &Arc<Recording>, frame: usize) -> Option<usize> {
+        self.cached(recording, frame, || nearest_with_pose(recording, frame))
+    }
+
+    fn cached(
+        &mut self,
+        recording: &Arc<Recording>,
+        frame: usize,
+        search: impl FnOnce() -> Option<usize>,
+    ) -> Option<usize> {
+        let is_of = |known: &Nearest| std::ptr::eq(known.recording.as_ptr(), Arc::as_ptr(recording));
+        if let Some(known) = self.known.as_ref().filter(|known| is_of(known) && known.frame == frame) {
+            return known.nearest;
+        }
+        let nearest = search();
+        self.known = Some(Nearest { recording: Arc::downgrade(recording), frame, nearest });
+        nearest
     }
 }
 
@@ -64,10 +122,9 @@ pub fn size_text(profile: (u32, u32), recording: (u32, u32)) -> String {
     format!("This profile is for {}x{}; the recording is {}x{}", profile.0, profile.1, recording.0, recording.1)
 }
 
-/// The nearest frame that has a pose, the earlier one of two.
-fn nearest_with_pose(shot: &Shot, frame: usize) -> Option<usize> {
-    let count = shot.recording.frame_count();
-    let has_pose = |frame: &usize| shot.recording.pose_at_frame(*frame).is_ok();
+fn nearest_with_pose(recording: &Recording, frame: usize) -> Option<usize> {
+    let count = recording.frame_count();
+    let has_pose = |frame: &usize| recording.pose_at_frame(*frame).is_ok();
     (1..count)
         .flat_map(|by| [frame.checked_sub(by), Some(frame + by).filter(|at| *at < count)])
         .flatten()
@@ -95,5 +152,23 @@ mod tests {
         assert_eq!(other, Obstacle::Camera(text.to_owned()));
         let missing = ShotError::NoCamera { path: "room".into() };
         assert_eq!(camera_text(&missing), "No camera profile for this recording. Choose one to place evidence.");
+        let other = SurfaceError::NoDepth { frame: 3 };
+        assert!(matches!(Obstacle::of_error(&other), Obstacle::Other(_)), "a profile cannot help");
+        let black = SurfaceError::from(Box::new(ShotError::Black { frame: 3 }));
+        assert!(matches!(Obstacle::of_error(&black), Obstacle::Other(_)), "a profile cannot help");
+    }
+
+    #[test]
+    fn nearest_pose_is_searched_once_for_a_frame_of_a_recording() {
+        let open = || Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap();
+        let mut recording = Arc::new(open());
+        let mut nearest = NearestPose::default();
+        assert_eq!(nearest.of(&recording, 4), Some(3));
+        assert_eq!(nearest.cached(&recording, 4, || unreachable!()), Some(3));
+        assert_eq!(nearest.cached(&recording, 5, || None), None);
+        assert_eq!(nearest.cached(&recording, 5, || unreachable!()), None);
+        // A frame that arrives brings a pose.
+        Arc::make_mut(&mut recording);
+        assert_eq!(nearest.cached(&recording, 5, || Some(6)), Some(6));
     }
 }

@@ -1,7 +1,7 @@
 //! Small windows, long names: nothing is cut off that is needed.
 
 use crate::program;
-use crate::worked::{demo, has, scene_or_none, window};
+use crate::worked::{demo, drop_model, has, scene_or_none, settle, window};
 use eframe::egui::{self, Key, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
@@ -32,6 +32,45 @@ fn a_small_window_shows_one_panel_at_a_time() {
     window.get_by_label("Evidence").click();
     window.run_steps(3);
     assert!(has(&window, "Place…") && !has(&window, "Search parameters"));
+}
+
+#[test]
+fn a_small_window_shows_the_evidence_when_a_model_is_dropped_or_missing() {
+    let mut window = open_at(&demo(), egui::vec2(640.0, 480.0));
+    drop_model(&mut window, std::fs::canonicalize("scenes/marker-1.glb").unwrap());
+    assert!(has(&window, "upright") && has(&window, "flat"));
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("case.toml");
+    std::fs::write(&scene, "version = 1\n\n[[objects]]\nmodel = \"knife.glb\"\n").unwrap();
+    let given = Given { scene: Some(scene), ..Given::default() };
+    let project = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
+    let mut window = self::window(project, egui::vec2(640.0, 480.0));
+    window.run_steps(2);
+    assert!(has(&window, "Locate knife.glb…"));
+    // The user's choice of a tab holds afterwards.
+    window.get_by_label("Adjustments").click();
+    window.run_steps(3);
+    assert!(has(&window, "Search parameters") && !has(&window, "Locate knife.glb…"));
+}
+
+#[test]
+fn the_selection_follows_the_scene_while_no_panel_is_shown() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("case.toml");
+    std::fs::write(&scene, "version = 1\n").unwrap();
+    let given = Given { scene: Some(scene), ..Given::default() };
+    let project = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
+    let mut window = window(project, egui::vec2(1280.0, 480.0));
+    window.state_mut().project_mut().change_scene("lamp", |scene| _ = scene.add_lamp(glam::DVec3::Z)).unwrap();
+    window.run_steps(2);
+    window.get_by_role_and_label(Role::Button, "lamp 1").click();
+    window.run_steps(2);
+    assert!(window.state().selected().is_some());
+    window.state_mut().view.alone = true;
+    window.state_mut().project_mut().undo();
+    window.run_steps(2);
+    assert_eq!(window.state().selected(), None);
+    settle(&mut window);
 }
 
 #[test]

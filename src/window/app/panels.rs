@@ -4,6 +4,7 @@
 
 use eframe::egui::{self, Frame, Panel, Ui};
 
+use super::super::missing;
 use super::super::side::fixed;
 use super::App;
 
@@ -28,9 +29,34 @@ pub enum PanelTab {
     Adjustments,
 }
 
+/// The tabs of a small window.
+#[derive(Debug, Default)]
+pub struct PanelTabs {
+    shown: PanelTab,
+    /// Of the last frame: whether a model was being placed, and whether the scene lacked a file.
+    was_placing: bool,
+    was_missing: bool,
+}
+
+impl PanelTabs {
+    /// Shows the evidence as soon as a model is being placed or a file of the scene is missing: the
+    /// controls for it are there.
+    fn follow(&mut self, is_placing: bool, is_missing: bool) {
+        if is_placing && !self.was_placing || is_missing && !self.was_missing {
+            self.shown = PanelTab::Evidence;
+        }
+        (self.was_placing, self.was_missing) = (is_placing, is_missing);
+    }
+
+    /// Keeps the shown tab for a recording that has just been opened.
+    pub fn reopened(&self) -> Self {
+        Self { shown: self.shown, ..Self::default() }
+    }
+}
+
 /// How the panels share a window's width.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Layout {
+enum PanelLayout {
     /// Both at widths that the user drags, together up to `both`.
     Resizable { both: f32 },
     /// Both, as wide as there is room.
@@ -39,7 +65,7 @@ enum Layout {
     Single { width: f32 },
 }
 
-impl Layout {
+impl PanelLayout {
     fn of(window_width: f32) -> Self {
         let both = (0.5 * window_width).floor();
         if both >= LEFT_DEFAULT + RIGHT_DEFAULT {
@@ -54,10 +80,21 @@ impl Layout {
 }
 
 impl App {
+    /// State of the evidence that holds whether or not its panel is shown.
+    pub(super) fn update_evidence(&mut self) {
+        let project = &self.session.project;
+        self.evidence.update_selection(project);
+        // The request that was begun last holds.
+        if self.evidence.is_busy() {
+            self.lamps.cancel();
+        }
+        self.panel_tabs.follow(self.evidence.is_placing(), missing::is_any_needed(project));
+    }
+
     /// Shows the panels. Each layout has panels of its own, which keep their dragged widths.
     pub(super) fn panels(&mut self, ui: &mut Ui, frame: Frame) {
-        match Layout::of(ui.ctx().content_rect().width()) {
-            Layout::Resizable { both } => {
+        match PanelLayout::of(ui.ctx().content_rect().width()) {
+            PanelLayout::Resizable { both } => {
                 let left_max = LEFT_MAX.min(both - RIGHT_MIN);
                 let left = Panel::left("evidence").default_size(LEFT_DEFAULT).size_range(LEFT_MIN..=left_max);
                 let left = left.frame(frame).show(ui, |ui| self.evidence_panel(ui)).response.rect.width();
@@ -65,13 +102,13 @@ impl App {
                 let right = Panel::right("controls").default_size(RIGHT_DEFAULT).size_range(right);
                 right.frame(frame).show(ui, |ui| self.adjustments_panel(ui));
             }
-            Layout::Fixed { left, right } => {
+            PanelLayout::Fixed { left, right } => {
                 let panel = Panel::left("evidence, narrow").resizable(false).exact_size(left);
                 panel.frame(frame).show(ui, |ui| self.evidence_panel(ui));
                 let panel = Panel::right("controls, narrow").resizable(false).exact_size(right);
                 panel.frame(frame).show(ui, |ui| self.adjustments_panel(ui));
             }
-            Layout::Single { width } => {
+            PanelLayout::Single { width } => {
                 let panel = Panel::right("panel").resizable(false).exact_size(width);
                 panel.frame(frame).show(ui, |ui| self.single_panel(ui));
             }
@@ -81,10 +118,10 @@ impl App {
     /// The only panel of a small window, with a tab for each.
     fn single_panel(&mut self, ui: &mut Ui) {
         ui.horizontal(|ui| {
-            ui.selectable_value(&mut self.shown_panel, PanelTab::Evidence, "Evidence");
-            ui.selectable_value(&mut self.shown_panel, PanelTab::Adjustments, "Adjustments");
+            ui.selectable_value(&mut self.panel_tabs.shown, PanelTab::Evidence, "Evidence");
+            ui.selectable_value(&mut self.panel_tabs.shown, PanelTab::Adjustments, "Adjustments");
         });
-        match self.shown_panel {
+        match self.panel_tabs.shown {
             PanelTab::Evidence => self.evidence_panel(ui),
             PanelTab::Adjustments => self.adjustments_panel(ui),
         }
@@ -133,21 +170,21 @@ mod tests {
     fn the_picture_keeps_half_of_any_window() {
         for width in 320..4000 {
             let width = width as f32;
-            let panels = match Layout::of(width) {
-                Layout::Resizable { both } => both,
-                Layout::Fixed { left, right } => {
+            let panels = match PanelLayout::of(width) {
+                PanelLayout::Resizable { both } => both,
+                PanelLayout::Fixed { left, right } => {
                     assert!(
                         (LEFT_MIN..=LEFT_DEFAULT).contains(&left) && right >= RIGHT_NARROW,
                         "{width}: {left} {right}"
                     );
                     left + right
                 }
-                Layout::Single { width } => width,
+                PanelLayout::Single { width } => width,
             };
             assert!(panels <= 0.5 * width, "{width}: {panels}");
         }
-        assert!(matches!(Layout::of(1280.0), Layout::Resizable { .. }), "the window's first size");
-        assert_eq!(Layout::of(900.0), Layout::Fixed { left: 140.0, right: 310.0 });
-        assert_eq!(Layout::of(640.0), Layout::Single { width: 320.0 });
+        assert!(matches!(PanelLayout::of(1280.0), PanelLayout::Resizable { .. }), "the window's first size");
+        assert_eq!(PanelLayout::of(900.0), PanelLayout::Fixed { left: 140.0, right: 310.0 });
+        assert_eq!(PanelLayout::of(640.0), PanelLayout::Single { width: 320.0 });
     }
 }

@@ -6,7 +6,7 @@ use glam::DVec2;
 use super::super::handles::Over;
 use super::super::loupe;
 use super::super::notice::{self, Notice, NoticeButton, Refusal, Remedy};
-use super::super::obstacle::Obstacle;
+use super::super::obstacle::{self, Obstacle};
 use super::super::picture::{self, Compared, Seen, Taken};
 use super::App;
 use crate::frame::Frame;
@@ -60,7 +60,7 @@ impl App {
             Some(Err(wrong)) => self.session.say(wrong),
             None => {}
         }
-        self.notice(ui, &seen, obstacle.as_ref(), wants_place);
+        self.notice(ui, &seen, obstacle.as_ref(), frame.index, wants_place);
         if wants_place && obstacle.is_some() {
             return;
         }
@@ -113,10 +113,10 @@ impl App {
     }
 
     /// Shows over the picture why a profile was refused, or why nothing can be placed.
-    fn notice(&mut self, ui: &mut Ui, seen: &Seen, obstacle: Option<&Obstacle>, wants_place: bool) {
+    fn notice(&mut self, ui: &mut Ui, seen: &Seen, obstacle: Option<&Obstacle>, frame: usize, wants_place: bool) {
         let refused = self.keeper.refused_profile.clone();
         let refused = refused.map(|text| Notice { text, remedy: Some(Remedy::ChooseProfile), can_be_closed: true });
-        let Some(notice) = refused.or_else(|| self.obstacle_notice(obstacle?, wants_place)) else { return };
+        let Some(notice) = refused.or_else(|| self.obstacle_notice(obstacle?, frame, wants_place)) else { return };
         match notice::show(ui, seen.painter.clip_rect(), &notice) {
             Some(NoticeButton::Remedy(Remedy::ChooseProfile)) => self.keeper.choose_profile(&self.session.project),
             Some(NoticeButton::Remedy(Remedy::GoToFrame(frame))) => self.session.player.seek(frame),
@@ -126,16 +126,20 @@ impl App {
         }
     }
 
-    /// The notice of an obstacle. A camera's is shown until it is closed, that of a missing pose only
-    /// while a place is picked.
-    fn obstacle_notice(&self, obstacle: &Obstacle, wants_place: bool) -> Option<Notice> {
-        let remedy = match obstacle {
-            Obstacle::Camera(_) if self.hides_obstacle && !wants_place => return None,
-            Obstacle::Camera(_) => Some(Remedy::ChooseProfile),
-            Obstacle::NoPose { .. } if !wants_place => return None,
-            Obstacle::NoPose { nearest } => nearest.map(Remedy::GoToFrame),
+    /// The notice of an obstacle. That of a missing pose is shown only while a place is picked, any
+    /// other one until it is closed.
+    fn obstacle_notice(&mut self, obstacle: &Obstacle, frame: usize, wants_place: bool) -> Option<Notice> {
+        let (text, remedy) = match obstacle {
+            Obstacle::Camera(_) | Obstacle::Other(_) if self.hides_obstacle && !wants_place => return None,
+            Obstacle::Camera(text) => (text.clone(), Some(Remedy::ChooseProfile)),
+            Obstacle::Other(text) => (text.clone(), None),
+            Obstacle::NoPose if !wants_place => return None,
+            Obstacle::NoPose => {
+                let nearest = self.nearest_pose.of(&self.session.project.shot().recording, frame);
+                (obstacle::no_pose_text(nearest).to_owned(), nearest.map(Remedy::GoToFrame))
+            }
         };
-        Some(Notice { text: obstacle.text(), remedy, can_be_closed: !wants_place })
+        Some(Notice { text, remedy, can_be_closed: !wants_place })
     }
 
     /// Code values at the pointer and in pixels that are large enough.
