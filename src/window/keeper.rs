@@ -172,6 +172,11 @@ impl Keeper {
         was_open
     }
 
+    /// Closes the notice of a refused profile. The next profile is for the open recording.
+    pub fn close_refusal(&mut self) {
+        (self.refused_profile, self.not_opened) = (None, None);
+    }
+
     /// A recording is open: from now on its files are watched.
     fn opened(&mut self, session: &Session) {
         let project = &session.project;

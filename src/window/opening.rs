@@ -48,8 +48,11 @@ impl Refused {
         let name = profile.file_name().unwrap_or(profile.as_os_str()).to_string_lossy();
         let (width, height) = frames;
         let sizes = size_text(camera, frames);
-        let why =
-            format!("{sizes}: {name} was not opened. Choose a profile for {width}x{height}, or calibrate this camera.");
+        let recording = &project.shot().recording.name;
+        let why = format!(
+            "{sizes}: {name} was not opened for {recording}. Choose a profile for {width}x{height}, or calibrate this \
+             camera."
+        );
         Err(Self { why, lacks_camera: false, is_other_size: true })
     }
 }

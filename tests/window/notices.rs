@@ -98,26 +98,31 @@ fn a_frame_without_a_pose_leads_to_the_nearest_one_with_a_pose() {
     assert_eq!(window.query_all_by_label_contains("Go to frame ").count(), 0);
 }
 
+/// A profile for pictures of 1920x1080 px. Returns it with the size in the profile that it was made
+/// from.
+fn profile_of_other_size(good: &Path, folder: &Path) -> (PathBuf, [String; 2]) {
+    let other = folder.join("hd.toml");
+    let mut text = std::fs::read_to_string(good).unwrap();
+    let size = [("width_px", 1920), ("height_px", 1080)].map(|(key, to)| {
+        let line = text.lines().find(|line| line.starts_with(key)).unwrap().to_owned();
+        text = text.replace(&line, &format!("{key} = {to}"));
+        line.rsplit(' ').next().unwrap().to_owned()
+    });
+    std::fs::write(&other, text).unwrap();
+    (other, size)
+}
+
 #[test]
 fn a_profile_of_another_size_is_refused_with_both_sizes() {
     let temp = tempfile::tempdir().unwrap();
     let good = demo().join("camera.toml").canonicalize().unwrap();
-    let other = temp.path().join("hd.toml");
-    let text = std::fs::read_to_string(&good).unwrap();
-    let size = |text: &str, key: &str, to: u32| {
-        let line = text.lines().find(|line| line.starts_with(key)).unwrap().to_owned();
-        (text.replace(&line, &format!("{key} = {to}")), line)
-    };
-    let (text, width) = size(&text, "width_px", 1920);
-    let (text, height) = size(&text, "height_px", 1080);
-    std::fs::write(&other, text).unwrap();
-    let number = |line: &str| line.rsplit(' ').next().unwrap().to_owned();
+    let (other, [width, height]) = profile_of_other_size(&good, temp.path());
     let given = Given { profile: Some(good.clone()), ..Given::default() };
     let mut window = window(Project::open(&demo(), &OpenOptions::default(), &given).unwrap(), SIZE);
     drop_file(&mut window, other);
     until(&mut window, |app| app.problem().is_some());
     window.run_steps(2);
-    let told = format!("This profile is for 1920x1080; the recording is {}x{}", number(&width), number(&height));
+    let told = format!("This profile is for 1920x1080; the recording is {width}x{height}");
     assert!(window.state().problem().unwrap().starts_with(&told), "{:?}", window.state().problem());
     assert_eq!(window.state().project().profile, Some(good));
     assert!(window.state().project().shot().geometry_at(0).is_ok());
@@ -129,6 +134,36 @@ fn a_profile_of_another_size_is_refused_with_both_sizes() {
     assert_eq!(shown(&window), 1);
     press(&mut window, "Close");
     assert_eq!(shown(&window), 0);
+}
+
+#[test]
+fn a_profile_after_a_refusal_is_opened_for_the_recording_that_was_refused() {
+    let temp = tempfile::tempdir().unwrap();
+    let good = demo().join("camera.toml").canonicalize().unwrap();
+    let (other_size, _) = profile_of_other_size(&good, temp.path());
+    let second = temp.path().join("garage");
+    program::copied(&demo(), &second);
+    let description = second.join("recording.toml");
+    let text = std::fs::read_to_string(&description).unwrap();
+    std::fs::write(&description, text.replace("name = \"demo\"", "name = \"garage\"")).unwrap();
+    let state = temp.path().join("state");
+    std::fs::create_dir(&state).unwrap();
+    let stale = serde_json::json!([{
+        "recording": second, "scene": null, "profile": other_size, "metres_per_unit": 1.0
+    }]);
+    std::fs::write(state.join("recent.json"), stale.to_string()).unwrap();
+    let mut window = window(open(&demo()), SIZE);
+    window.state_mut().keep_in(&state);
+    window.state_mut().show_start(true);
+    window.run_steps(3);
+    press(&mut window, "garage");
+    until(&mut window, |app| app.problem().is_some());
+    window.run_steps(2);
+    // The notice is over the picture of the first recording.
+    assert!(window.query_all_by_label_contains("hd.toml was not opened for garage").count() > 0);
+    drop_file(&mut window, good.clone());
+    until(&mut window, |app| app.project().profile.as_ref() == Some(&good));
+    assert_eq!(window.state().project().shot().recording.path, second);
 }
 
 #[test]

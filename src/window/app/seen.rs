@@ -120,7 +120,7 @@ impl App {
         match notice::show(ui, seen.painter.clip_rect(), &notice) {
             Some(NoticeButton::Remedy(Remedy::ChooseProfile)) => self.keeper.choose_profile(&self.session.project),
             Some(NoticeButton::Remedy(Remedy::GoToFrame(frame))) => self.session.player.seek(frame),
-            Some(NoticeButton::Close) if self.keeper.refused_profile.is_some() => self.keeper.refused_profile = None,
+            Some(NoticeButton::Close) if self.keeper.refused_profile.is_some() => self.keeper.close_refusal(),
             Some(NoticeButton::Close) => self.hides_obstacle = true,
             None => {}
         }

@@ -52,7 +52,7 @@ impl Keeper {
 
     /// Opens what is open with another profile, or what could not be opened without one.
     pub(super) fn open_profile(&mut self, path: PathBuf, session: &Session) {
-        let opened = self.not_opened.take().unwrap_or_else(|| Opened::of(&session.project));
+        let opened = self.not_opened.clone().unwrap_or_else(|| Opened::of(&session.project));
         self.then = Some(Then::Open(Box::new(Opened { profile: Some(path), ..opened }), None));
     }
 
@@ -328,6 +328,10 @@ impl Keeper {
             Err(Refused { why, is_other_size: true, .. }) => {
                 session.wrong(why.clone());
                 self.refused_profile = Some(why);
+                // The next profile is for the recording that was refused, which may be another one
+                // than the open one.
+                let is_open = done.opened.recording == Opened::of(&session.project).recording;
+                self.not_opened = Some(Opened { profile: None, ..done.opened }).filter(|_| !is_open);
                 self.left.extend(done.left);
                 None
             }
@@ -335,7 +339,11 @@ impl Keeper {
                 let lacks_profile = lacks_camera && done.opened.profile.is_none();
                 let then = if lacks_profile { ". Choose a camera profile for it: File, Open a profile…" } else { "" };
                 session.wrong(format!("{why}{then}"));
-                self.not_opened = Some(done.opened).filter(|_| lacks_profile);
+                self.not_opened = if lacks_profile {
+                    Some(done.opened)
+                } else {
+                    self.not_opened.take().filter(|waiting| waiting.recording == done.opened.recording)
+                };
                 self.left.extend(done.left);
                 None
             }
