@@ -48,8 +48,8 @@ pub struct Work {
     pub history: Record<Edit>,
 }
 
-/// Largest number of history steps in a recovery file. Steps are dropped where the file would exceed
-/// [`MOST_LISTING`].
+/// Largest number of history steps in a recovery file. Steps are dropped where the file would
+/// exceed [`MOST_LISTING`].
 pub const HISTORY_STEPS: usize = 50;
 
 impl Work {
@@ -81,7 +81,7 @@ impl Work {
         }
     }
 
-    /// With the steps that led there.
+    /// Adds the undo history.
     pub fn with_history(mut self, mut history: Record<Edit>) -> Self {
         if self.scene.is_none() {
             history.steps.iter_mut().for_each(|(_, edit)| name_absolutely(edit));
@@ -425,7 +425,9 @@ mod tests {
         assert!((2..8).contains(&read.history.steps.len()) && text.len() as u64 <= 8 * alone);
         let last = &read.history.steps[read.history.at];
         assert_eq!((last.0.as_str(), &last.1), ("15", &read.edit));
-        assert!(work.text(1).unwrap().len() > 1, "the work itself is always kept");
+        // The work itself and its current step are always kept.
+        let least: Work = serde_json::from_str(&work.text(1).unwrap()).unwrap();
+        assert!(least.edit == work.edit && least.history.steps.len() == 1);
     }
 
     #[test]

@@ -11,8 +11,10 @@ pub struct History<T> {
     /// The first is what was opened.
     steps: Vec<(String, T)>,
     at: usize,
-    /// What is being tried, and is no step yet.
+    /// The uncommitted change.
     tried: Option<T>,
+    /// Grows with every change of the steps or of the current one.
+    revision: u64,
     /// Whether the step that was made last still grows: a slider is being dragged.
     is_open: bool,
 }
@@ -33,8 +35,8 @@ impl<T> Default for Record<T> {
 }
 
 impl<T> Record<T> {
-    /// Removes the older half of the steps before the current one, or else the newer half of the steps
-    /// after it. Returns false if only the current one is left.
+    /// Removes the older half of the steps before the current one, or else the newer half of the
+    /// steps after it. Returns false if only the current one is left.
     pub fn halve(&mut self) -> bool {
         if self.at > 0 {
             let removed = self.at.div_ceil(2);
@@ -51,20 +53,31 @@ impl<T> Record<T> {
 
 impl<T: Clone + PartialEq> History<T> {
     pub fn new(opened: T) -> Self {
-        Self { steps: vec![("opened".to_owned(), opened)], at: 0, tried: None, is_open: false }
+        Self { steps: vec![("opened".to_owned(), opened)], at: 0, tried: None, revision: 0, is_open: false }
     }
 
     pub fn now(&self) -> &T {
         self.tried.as_ref().unwrap_or(&self.steps[self.at].1)
     }
 
-    /// What holds without what is being tried.
+    /// The current step, without the uncommitted change.
     pub fn kept(&self) -> &T {
         &self.steps[self.at].1
     }
 
-    /// The newest `most` steps, or older ones where the current step would not be among them. A tried
-    /// value is no step.
+    /// Grows with every change of the steps or of the current one, and not with an uncommitted
+    /// change.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// Whether there is an uncommitted change.
+    pub fn is_trying(&self) -> bool {
+        self.tried.is_some()
+    }
+
+    /// The newest `most` steps, or older ones where the current step would not be among them. An
+    /// uncommitted change is no step.
     pub fn record(&self, most: usize) -> Record<T> {
         let first = self.steps.len().saturating_sub(most).min(self.at);
         let last = self.steps.len().min(first + most);
@@ -83,6 +96,7 @@ impl<T: Clone + PartialEq> History<T> {
             return;
         }
         self.tried = None;
+        self.revision += 1;
         self.steps.drain(self.at + 1..);
         self.at = (self.steps.len() + at).saturating_sub(usize::from(is_repeated));
         self.steps.append(&mut steps);
@@ -115,6 +129,7 @@ impl<T: Clone + PartialEq> History<T> {
         if to == *self.now() {
             return;
         }
+        self.revision += 1;
         self.steps.truncate(self.at + 1);
         match self.steps.last_mut() {
             Some((name, value)) if self.is_open && self.at > 0 && name == what => *value = to,
@@ -135,6 +150,7 @@ impl<T: Clone + PartialEq> History<T> {
         if is_it {
             self.steps.pop();
             self.at -= 1;
+            self.revision += 1;
             self.is_open = false;
         }
         is_it
@@ -142,6 +158,7 @@ impl<T: Clone + PartialEq> History<T> {
 
     /// Changes every step alike, where it is not the person's doing.
     pub fn each(&mut self, change: impl Fn(&mut T)) {
+        self.revision += 1;
         self.steps.iter_mut().map(|(_, value)| value).chain(&mut self.tried).for_each(change);
     }
 
@@ -155,6 +172,7 @@ impl<T: Clone + PartialEq> History<T> {
         self.drop_tried();
         self.close();
         self.at = self.at.checked_sub(1)?;
+        self.revision += 1;
         Some(&self.steps[self.at + 1].0)
     }
 
@@ -164,6 +182,7 @@ impl<T: Clone + PartialEq> History<T> {
         self.close();
         let (name, _) = self.steps.get(self.at + 1)?;
         self.at += 1;
+        self.revision += 1;
         Some(name)
     }
 
@@ -172,6 +191,7 @@ impl<T: Clone + PartialEq> History<T> {
         self.drop_tried();
         self.close();
         self.at = step.min(self.steps.len() - 1);
+        self.revision += 1;
     }
 
     /// Each step's name, the oldest first, and the place of the one that holds now.
@@ -250,6 +270,43 @@ mod tests {
         history.try_on(11);
         assert_eq!(history.undo(), Some("moved"));
         assert_eq!(*history.now(), 9);
+    }
+
+    #[test]
+    fn revision_grows_with_the_steps_and_not_with_an_uncommitted_change() {
+        let mut history = History::new(0);
+        let mut last = history.revision();
+        let mut has_grown = |history: &History<i32>| std::mem::replace(&mut last, history.revision()) < last;
+        history.try_on(7);
+        history.drop_tried();
+        history.change("one", 0);
+        assert!(!has_grown(&history));
+        for value in 1..=2 {
+            history.change("one", value);
+            assert!(has_grown(&history), "also where an open step changes in place");
+        }
+        assert!(history.take_back("one") && has_grown(&history));
+        history.try_on(3);
+        assert!(history.is_trying() && history.keep_tried("two") && !history.is_trying() && has_grown(&history));
+        assert!(history.undo().is_some() && has_grown(&history));
+        assert!(history.redo().is_some() && has_grown(&history));
+        history.go_to(0);
+        assert!(has_grown(&history));
+        history.restore(Record { steps: vec![("three".to_owned(), 5)], at: 0 });
+        assert!(has_grown(&history));
+        history.each(|value| *value += 1);
+        assert!(has_grown(&history));
+    }
+
+    #[test]
+    fn floats_of_a_record_are_read_as_they_were_written() {
+        let state: Vec<f64> = std::iter::once(0.1 + 0.2).chain((1..500).map(|n| f64::from(n).sqrt() / 7.0)).collect();
+        let mut history = History::new(state.clone());
+        history.change("one", vec![1.0]);
+        let text = serde_json::to_string(&history.record(9)).unwrap();
+        let mut restored = History::new(state);
+        restored.restore(serde_json::from_str(&text).unwrap());
+        assert_eq!(restored.names().0.len(), 2, "the first step is the state of the files");
     }
 
     #[test]

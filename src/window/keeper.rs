@@ -20,6 +20,7 @@ use super::jobs::{Jobs, State};
 use super::kind::Kind;
 use super::looking::Looking;
 use super::message::Message;
+use super::missing;
 use super::opening::Opening;
 use super::output::{Ask, Output, Situation, proposed};
 use super::project::{Project, SaveError, Written};
@@ -73,10 +74,18 @@ pub struct Turn {
     pub at: At,
 }
 
+/// The project's version and the history's revision while no button was down.
+#[derive(Clone, Copy, Debug, Default)]
+struct AtRest {
+    version: u64,
+    revision: u64,
+}
+
 /// The user's documents: open files, unsaved work, exports, and the dialogs about them.
 #[derive(Debug, Default)]
 pub struct Keeper {
     autosave: Option<Autosave>,
+    at_rest: AtRest,
     left: Vec<Left>,
     /// Where work that was left is to be looked for.
     look_in: Option<PathBuf>,
@@ -261,12 +270,19 @@ impl Keeper {
         }
         let project = &session.project;
         let is_dragging = ctx.input(|i| i.pointer.any_down());
-        if let Some(autosave) = self.autosave.as_mut().filter(|_| !is_dragging) {
-            if ctx.input(|i| i.pointer.any_released()) {
+        let revision = project.history().revision();
+        if !is_dragging {
+            self.at_rest = AtRest { version: project.version(), revision };
+        }
+        // A drag of a slider changes the history. Any other drag does not, and an edit from before it
+        // is written meanwhile.
+        let is_kept = self.at_rest.revision == revision;
+        if let Some(autosave) = self.autosave.as_mut().filter(|_| is_kept) {
+            if !is_dragging && ctx.input(|i| i.pointer.any_released()) {
                 autosave.hurry();
             }
             // Saving changes what is lost, and not the project's version.
-            let version = (project.version() << 1) | u64::from(project.is_kept_saved());
+            let version = (self.at_rest.version << 1) | u64::from(project.is_kept_saved());
             let kept = autosave.keep(version, now, || work(session));
             if let Some(wait) = kept.wait {
                 ctx.request_repaint_after(wait);
@@ -282,6 +298,27 @@ impl Keeper {
                 session
                     .wrong(format!("{} is gone: bring it back, and its frames are shown again", recording.display()));
             }
+        }
+        self.load_returned_files(session);
+    }
+
+    /// Loads the scene again once a file that it lacks is back, but not in the middle of a move.
+    fn load_returned_files(&mut self, session: &mut Session) {
+        let Some(watch) = &mut self.watch else { return };
+        let missing = |project: &Project| -> Vec<PathBuf> {
+            project.shot().scene.missing.iter().map(|missing| missing.file.clone()).collect()
+        };
+        let before = missing(&session.project);
+        watch.expect(&before);
+        if session.project.history().is_trying() || !watch.take_returned() {
+            return;
+        }
+        match missing::load_again(&mut session.project) {
+            Ok(()) if missing(&session.project).len() < before.len() => {
+                session.say("A missing file is back, and the scene was loaded again");
+            }
+            Ok(()) => {}
+            Err(error) => session.wrong(error.to_string()),
         }
     }
 

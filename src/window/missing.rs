@@ -1,11 +1,11 @@
-//! Files that the scene names and that cannot be read, each with a button to locate it.
+//! Files that the scene names and that cannot be read, each with a button to locate it. The scene
+//! is loaded again when one of them is back.
 
 use std::path::PathBuf;
 
 use eframe::egui::{self, Label, RichText, Ui};
 
 use super::Project;
-
 use crate::scene::SceneError;
 
 /// Whether a shown object or the light lacks its file.
@@ -17,6 +17,7 @@ pub fn is_any_needed(project: &Project) -> bool {
 pub fn load_again(project: &mut Project) -> Result<(), SceneError> {
     project.change_scene("loaded again", |_| ())
 }
+
 /// Shows a line for each missing file. Returns the one that the user wants to locate.
 pub fn show(ui: &mut Ui, project: &Project) -> Option<PathBuf> {
     let mut located = None;

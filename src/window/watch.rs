@@ -30,6 +30,10 @@ pub struct Watch {
     ask: Sender<Vec<PathBuf>>,
     seen: Receiver<Vec<(PathBuf, Stamp)>>,
     known: BTreeMap<PathBuf, Stamp>,
+    /// Missing files, each with its stamp of the last look.
+    missing: BTreeMap<PathBuf, Stamp>,
+    /// Whether a missing file has appeared or changed.
+    has_returned: bool,
     /// What was found and not dealt with.
     changes: BTreeMap<PathBuf, Change>,
     asked: Option<Instant>,
@@ -56,6 +60,8 @@ impl Watch {
             ask,
             seen,
             known: BTreeMap::new(),
+            missing: BTreeMap::new(),
+            has_returned: false,
             changes: BTreeMap::new(),
             asked: None,
             awaits: false,
@@ -74,6 +80,23 @@ impl Watch {
     pub fn forget(&mut self) {
         self.known.clear();
         self.changes.clear();
+        self.missing.clear();
+        self.has_returned = false;
+    }
+
+    /// Watches the files that are missing now, and no longer those that were missing before.
+    pub fn expect(&mut self, missing: &[PathBuf]) {
+        self.missing.retain(|path, _| missing.contains(path));
+        for path in missing {
+            if !self.missing.contains_key(path) {
+                self.missing.insert(path.clone(), None);
+            }
+        }
+    }
+
+    /// Whether a missing file has appeared or changed since the last call.
+    pub fn take_returned(&mut self) -> bool {
+        std::mem::take(&mut self.has_returned)
     }
 
     /// What became of a file, as far as it is known and not dealt with.
@@ -89,6 +112,10 @@ impl Watch {
                 continue;
             }
             for (path, stamp) in stamps {
+                if let Some(last) = self.missing.get_mut(&path) {
+                    self.has_returned |= stamp.is_some() && *last != stamp;
+                    *last = stamp;
+                }
                 match (self.known.get(&path), stamp) {
                     (Some(Some(_)), None) => _ = self.changes.insert(path, Change::Gone),
                     (Some(known), Some(_)) if *known != stamp => _ = self.changes.insert(path, Change::Changed),
@@ -98,11 +125,12 @@ impl Watch {
             }
         }
         let since = self.asked.map_or(EVERY, |asked| now.saturating_duration_since(asked));
-        if since < EVERY || self.awaits || self.known.is_empty() {
+        if since < EVERY || self.awaits || (self.known.is_empty() && self.missing.is_empty()) {
             return EVERY.saturating_sub(since).max(Duration::from_millis(100));
         }
         self.asked = Some(now);
-        self.awaits = self.ask.send(self.known.keys().cloned().collect()).is_ok();
+        let paths = self.known.keys().chain(self.missing.keys()).cloned().collect();
+        self.awaits = self.ask.send(paths).is_ok();
         EVERY
     }
 }
@@ -142,5 +170,34 @@ mod tests {
         std::fs::write(&path, "version = 1\n# by somebody else, while it was read\n").unwrap();
         watch.known(&path, before);
         assert_eq!(look(&mut watch), Some(Change::Changed));
+    }
+
+    #[test]
+    fn missing_file_that_is_back_is_reported_once() {
+        let temp = tempfile::tempdir().unwrap();
+        let path = temp.path().join("knife.glb");
+        let (woken, wakes) = channel();
+        let mut watch = Watch::begin(move || _ = woken.send(())).unwrap();
+        let mut now = Instant::now();
+        let mut look = |watch: &mut Watch| {
+            watch.expect(std::slice::from_ref(&path));
+            now += EVERY;
+            watch.look(now);
+            wakes.recv().unwrap();
+            watch.look(now);
+            watch.take_returned()
+        };
+        assert!(!look(&mut watch));
+        std::fs::write(&path, "half").unwrap();
+        assert!(look(&mut watch) && !look(&mut watch));
+        std::fs::write(&path, "the whole file").unwrap();
+        assert!(look(&mut watch), "it was still being copied");
+        // Found, and missing again with the same contents.
+        let there = std::fs::read(&path).unwrap();
+        watch.expect(&[]);
+        std::fs::remove_file(&path).unwrap();
+        assert!(!look(&mut watch));
+        std::fs::write(&path, there).unwrap();
+        assert!(look(&mut watch));
     }
 }

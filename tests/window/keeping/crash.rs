@@ -120,6 +120,24 @@ fn restored_work_has_the_history_that_led_to_it() {
 }
 
 #[test]
+fn an_edit_from_before_a_press_is_written_while_the_button_is_down() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut window = plain();
+    window.state_mut().keep_in(temp.path());
+    window.run_steps(2);
+    set(&mut window, "noise", "scale", 2.0);
+    let picture = window.get_by_role_and_label(Role::Image, "picture").rect();
+    worked::press_and_move(&mut window, picture.center(), picture.center() + egui::vec2(30.0, 0.0));
+    assert!(window.ctx.input(|i| i.pointer.any_down()));
+    let is_written = || {
+        let files = std::fs::read_dir(temp.path().join("work")).unwrap();
+        files.flatten().any(|entry| is_work(&entry.path()))
+    };
+    until_seen(&mut window, "the edit", |_| is_written());
+    assert!(window.ctx.input(|i| i.pointer.any_down()));
+}
+
+#[test]
 fn a_drag_that_a_crash_ends_is_not_in_the_recovery_file() {
     let temp = tempfile::tempdir().unwrap();
     let mut window = plain();

@@ -61,6 +61,22 @@ fn missing_model_is_a_marked_box_until_it_is_located() {
 }
 
 #[test]
+fn missing_model_that_is_put_back_is_loaded_again() {
+    let case = Case::new();
+    let mut window = open(None, &case.scene);
+    assert!(has(&window, "knife.glb is missing"));
+    let folder = case.folder.path().join("models");
+    std::fs::create_dir(&folder).unwrap();
+    std::fs::copy("scenes/l-scale.glb", folder.join("knife.glb")).unwrap();
+    until(&mut window, |app| app.project().shot().scene.missing.is_empty());
+    settle(&mut window);
+    window.run_steps(2);
+    assert!(marked(&shown(&window)) == 0 && !has(&window, "knife.glb is missing"));
+    assert_eq!(worked::steps(&window), ["opened"], "it is no step of the history");
+    assert!(window.state().project().is_saved());
+}
+
+#[test]
 fn hidden_objects_need_no_model_and_new_ones_do() {
     let case = Case::new();
     let mut project = project(None, Some(&case.scene));
