@@ -1,6 +1,6 @@
-//! How far an analysis is.
+//! Progress of an analysis.
 
-/// How far an analysis is, and which part of it runs.
+/// Progress of an analysis, and the part of it that runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
     /// Of `of`, about in proportion to the time that it takes.

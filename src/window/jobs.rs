@@ -341,9 +341,8 @@ fn analysed(
     goes_on: &dyn Fn(f64, Option<Stage>) -> bool,
     found: &dyn Fn(Box<Analysis>),
 ) -> Result<String, End> {
-    let told = &mut |Progress { done, of, stage }: Progress| match goes_on(done as f64 / of as f64, Some(stage)) {
-        true => Ok(()),
-        false => Err(Interrupted),
+    let told = &mut |Progress { done, of, stage }: Progress| {
+        if goes_on(done as f64 / of as f64, Some(stage)) { Ok(()) } else { Err(Interrupted) }
     };
     shot.analyse(folder, told).map_err(|error| match error.is_interrupted() {
         true => End::Cancelled,

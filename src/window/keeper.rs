@@ -19,7 +19,7 @@ use super::habits::{Habits, Use};
 use super::jobs::{Jobs, State};
 use super::kind::Kind;
 use super::looking::Looking;
-use super::message::Message;
+use super::message::MessageWindow;
 use super::missing;
 use super::opening::Opening;
 use super::output::{Ask, Output, Situation, proposed};
@@ -100,7 +100,7 @@ pub struct Keeper {
     /// The page that a start without a recording has.
     pub shows_start: bool,
     /// The message that is shown whole.
-    pub message: Option<Message>,
+    pub message: Option<MessageWindow>,
     /// Why the last profile was not opened, until it is read.
     pub refused_profile: Option<String>,
     chooser: Option<(Purpose, Chooser)>,

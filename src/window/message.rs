@@ -6,13 +6,13 @@ use super::question::as_dialog;
 
 /// The window of a message. A press beside it closes it, and counts there too.
 #[derive(Clone, Debug)]
-pub struct Message {
+pub struct MessageWindow {
     text: String,
     /// The frame in which it was opened: the press that opens it does not close it.
     opened_in: Option<u64>,
 }
 
-impl Message {
+impl MessageWindow {
     pub fn new(text: String) -> Self {
         Self { text, opened_in: None }
     }
@@ -72,7 +72,7 @@ mod tests {
         }
     }
 
-    fn show(ctx: &Context, message: &mut Message, input: RawInput) -> bool {
+    fn show(ctx: &Context, message: &mut MessageWindow, input: RawInput) -> bool {
         let mut is_closed = false;
         let mut output = ctx.run_ui(input, |ui| is_closed = message.show(ui.ctx()));
         output.textures_delta.clear();
@@ -82,7 +82,7 @@ mod tests {
     #[test]
     fn a_quick_click_opens_a_message_and_a_later_one_beside_it_closes_it() {
         let ctx = Context::default();
-        let mut message = Message::new("The disk is full".to_owned());
+        let mut message = MessageWindow::new("The disk is full".to_owned());
         assert!(!show(&ctx, &mut message, click(pos2(5.0, 5.0))), "closed by the click that opened it");
         assert!(!show(&ctx, &mut message, RawInput { events: Vec::new(), ..click(Pos2::ZERO) }));
         assert!(!show(&ctx, &mut message, click(pos2(400.0, 300.0))), "a click into it");

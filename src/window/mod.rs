@@ -19,10 +19,11 @@
 //! - `missing`: files that the scene lacks; `tilt`: upright things on tilted surfaces.
 //! - `camera_values`: the question where changed values of the camera are saved.
 //! - `analysing`: the footage analysed, and what was found taken over where one is.
-//! - `keeper`: opening and saving, and the questions before anything is lost (`chooser`, `dialogs`, `question`, `message`,
-//!   `kind`, `saving`, `opening`, `watch`, `recent`, `titles`, `habits`, `start` where there is nothing to show); work that
-//!   a crash leaves (`autosave`, `held`, `looking`, in the folder of `state`); a new start where the device is lost
-//!   (`restart`). `output`: exported files, by the queue of `jobs`, with the camera's `dials`.
+//! - `keeper`: opening and saving, and the questions before anything is lost (`chooser`, `dialogs`,
+//!   `question`, `message`, `kind`, `saving`, `opening`, `watch`, `recent`, `titles`, `habits`,
+//!   `start` where there is nothing to show); work that a crash leaves (`autosave`, `held`,
+//!   `looking`, in the folder of `state`); a new start where the device is lost (`restart`).
+//!   `output`: exported files, by the queue of `jobs`, with the camera's `dials`.
 //!   `command`: the same by command line.
 //!
 //! It talks to the [`Shot`](crate::shot::Shot) alone: nothing is composited here that the program would not composite alike.

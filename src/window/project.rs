@@ -217,7 +217,7 @@ impl Project {
         self.edit().saves_like(&self.saved) && !self.scene_is_stale
     }
 
-    /// Like [`Project::is_saved`], without what is being tried.
+    /// Like [`Project::is_saved`], without the uncommitted change.
     pub fn is_kept_saved(&self) -> bool {
         self.history.kept().saves_like(&self.saved) && !self.scene_is_stale
     }

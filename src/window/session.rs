@@ -119,7 +119,7 @@ impl Session {
             .map_err(|e| format!("no thread can be had to decode and draw with: {e}"))?;
         let thumbnails = Thumbnails::new(project.shot().recording.clone(), ctx).ok();
         let player = Player::new(&project.shot().recording.timestamps_s);
-        let odd = project.shot().recording.warnings.join("; ");
+        let warnings = project.shot().recording.warnings.join("; ");
         let mut session = Self {
             project,
             player,
@@ -143,8 +143,8 @@ impl Session {
             message: None,
             live: None,
         };
-        if !odd.is_empty() {
-            session.say(odd);
+        if !warnings.is_empty() {
+            session.say(warnings);
         }
         Ok(session)
     }

@@ -19,7 +19,7 @@ use super::keeper::Turn;
 use super::keys;
 use super::kind::Kind;
 use super::looking::Looking;
-use super::message::Message;
+use super::message::MessageWindow;
 use super::opening::Opening;
 use super::painter;
 use super::question::Answer;
@@ -49,7 +49,7 @@ pub struct Start {
     opening: Option<Opening>,
     /// What was dropped, and what it is.
     looked_at: Option<(PathBuf, Errand<Kind>)>,
-    told: Option<Message>,
+    told: Option<MessageWindow>,
     shows_keys: bool,
     /// What became of it.
     app: Option<Box<App>>,
@@ -95,7 +95,9 @@ impl Start {
         let wake = ctx.clone();
         match Opening::begin(opened, left, move || wake.request_repaint()) {
             Ok(opening) => self.opening = Some(opening),
-            Err(error) => self.told = Some(Message::new(format!("No thread can be started that opens it: {error}"))),
+            Err(error) => {
+                self.told = Some(MessageWindow::new(format!("No thread can be started that opens it: {error}")))
+            }
         }
     }
 
@@ -103,7 +105,9 @@ impl Start {
         let (wake, dropped) = (ctx.clone(), path.clone());
         match Errand::begin("looking", move || wake.request_repaint(), move || Kind::of(&dropped)) {
             Ok(looking) => self.looked_at = Some((path, looking)),
-            Err(error) => self.told = Some(Message::new(format!("No thread can be started that opens it: {error}"))),
+            Err(error) => {
+                self.told = Some(MessageWindow::new(format!("No thread can be started that opens it: {error}")))
+            }
         }
     }
 
@@ -122,10 +126,10 @@ impl Start {
             match kind.take() {
                 None => self.looked_at = Some((path, kind)),
                 Some(Ok(Kind::Recording)) => self.begin(ctx, Opened::recording(path), None),
-                Some(Ok(Kind::Neither(why)) | Err(why)) => self.told = Some(Message::new(why)),
+                Some(Ok(Kind::Neither(why)) | Err(why)) => self.told = Some(MessageWindow::new(why)),
                 Some(Ok(Kind::Scene | Kind::Profile | Kind::Model)) => {
                     let why = format!("{}: open a recording first, then drop it again", path.display());
-                    self.told = Some(Message::new(why));
+                    self.told = Some(MessageWindow::new(why));
                 }
             }
         }
@@ -144,7 +148,7 @@ impl Start {
                         // The dialog is there again, with all that was typed.
                         match self.aired.take().filter(|_| done.opened.camera.is_some()) {
                             Some(air) => self.air = Some(air.refused(refused.why)),
-                            None => self.told = Some(Message::new(refused.why)),
+                            None => self.told = Some(MessageWindow::new(refused.why)),
                         }
                     }
                 },
@@ -238,7 +242,7 @@ impl eframe::App for Start {
                 self.app = Some(Box::new(app));
                 ctx.request_repaint();
             }
-            Err(why) => self.told = Some(Message::new(why)),
+            Err(why) => self.told = Some(MessageWindow::new(why)),
         }
     }
 

@@ -31,11 +31,11 @@ impl App {
                 ui.label(room);
             }
             // It keeps its room, so that nothing beside it moves.
-            let star = egui::RichText::new("•").color(match self.session.project.is_saved() {
+            let unsaved_mark = egui::RichText::new("•").color(match self.session.project.is_saved() {
                 true => egui::Color32::TRANSPARENT,
                 false => ui.visuals().strong_text_color(),
             });
-            ui.label(star);
+            ui.label(unsaved_mark);
             self.keeper.menu(ui, &mut self.session);
             ui.separator();
             let (undo, redo) = (self.session.project.history().can_undo(), self.session.project.history().can_redo());

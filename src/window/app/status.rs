@@ -2,7 +2,7 @@
 
 use eframe::egui::{self, Color32, Label, RichText, Sense, Ui};
 
-use super::super::message::Message;
+use super::super::message::MessageWindow;
 use super::App;
 
 /// Tooltip of the message.
@@ -20,7 +20,7 @@ impl App {
             // Not selectable: a part of the cut text is of no use.
             let response = ui.add(label.selectable(false).sense(Sense::click()));
             if response.on_hover_cursor(egui::CursorIcon::PointingHand).on_hover_text(HINT).clicked() {
-                self.keeper.message = Some(Message::new(text));
+                self.keeper.message = Some(MessageWindow::new(text));
             }
         });
     }
