@@ -60,6 +60,7 @@ fn missing_model_is_a_marked_box_until_it_is_located() {
     assert!(marked(&shown(&window)) > 5 && has(&window, "knife.glb is missing"));
 }
 
+// Slow: files on disk are checked every 2 s, and the picture is made twice.
 #[test]
 fn missing_model_that_is_put_back_is_loaded_again() {
     let case = Case::new();
