@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 /// From the program's own folder so many folders up are looked through: `target/release/` lies two below them.
 const UP: usize = 4;
 /// Files that tell the program's folder from a person's that has folders of the same names.
-const MARKS: [&str; 2] = ["profiles/neutral.toml", "scenes/demo.toml"];
+const INSTALL_MARKER_FILES: [&str; 2] = ["profiles/neutral.toml", "scenes/demo.toml"];
 /// The profiles that come with the program.
 const PROFILES: [&str; 3] = ["neutral.toml", "simulated.toml", "tum-fr1.toml"];
 
@@ -29,13 +29,13 @@ pub fn folders() -> Vec<PathBuf> {
 /// called as it is. `None` where it is in none of the [folders].
 pub fn find(name: &str) -> Option<PathBuf> {
     let mut own = folders();
-    own.retain(|folder| is_programs(folder));
+    own.retain(|folder| is_installation_folder(folder));
     find_in(&own, std::env::current_dir().ok().as_deref(), name)
 }
 
 /// Whether a folder holds the program's files.
-fn is_programs(folder: &Path) -> bool {
-    MARKS.iter().all(|mark| folder.join(mark).is_file())
+fn is_installation_folder(folder: &Path) -> bool {
+    INSTALL_MARKER_FILES.iter().all(|mark| folder.join(mark).is_file())
 }
 
 /// Whether a profile is one of those that come with the program.
@@ -81,7 +81,7 @@ mod tests {
         let profiles = temp.path().join("profiles");
         std::fs::create_dir(&profiles).unwrap();
         std::fs::write(profiles.join("tum-fr1.toml"), "version = 1\n").unwrap();
-        assert!(!is_programs(temp.path()) && is_programs(Path::new(".")));
+        assert!(!is_installation_folder(temp.path()) && is_installation_folder(Path::new(".")));
         assert!(!is_supplied_profile(&profiles.join("tum-fr1.toml")));
     }
 

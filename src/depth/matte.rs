@@ -1,15 +1,18 @@
 //! How much of each pixel at an edge belongs to the nearer of the two surfaces that meet there.
 //!
-//! Near an edge of the depth map a pixel shows I = α·F + (1 − α)·B, light of the nearer surface F and of the farther B.
-//! What is put between the two shows by 1 − α. α is estimated twice, and both are weighted by their variances:
+//! Near an edge of the depth map a pixel shows I = α·F + (1 − α)·B, light of the nearer surface F
+//! and of the farther B. An object between the two shows by 1 − α. α is estimated twice, and both
+//! estimates are weighted by their variances:
 //!
-//! - From the map: the nearer side's share under the pixel's own spread, along the way that it moves while the shutter is
-//!   open. It is as wrong as the edge may be misplaced: near the edge nothing is certain, away from it all is.
-//! - From the picture (Porter and Duff's equation solved for α, as matting does): (I − B)·(F − B)/|F − B|², with F and B the
-//!   means of what lies around on either side, away from the edge. It is as wrong as these are uneven.
+//! - From the map: the nearer side's share under the pixel's own spread, along its motion while the
+//!   shutter is open. Its variance is that of the edge's position: large near the edge, none away
+//!   from it.
+//! - From the picture (Porter and Duff's equation solved for α, as matting does):
+//!   (I − B)·(F − B)/|F − B|², with F and B the means of the surroundings on either side, away from
+//!   the edge. Its variance is that of these surroundings.
 //!
-//! So where both sides look alike the map decides, and where they differ the picture does. Far from an edge the map is
-//! certain whatever the picture shows.
+//! So where both sides look alike the map decides, and where they differ the picture does. Far from
+//! an edge the map is certain whatever the picture shows.
 //!
 //! Not modelled: pixels that show three surfaces; surfaces whose depths differ by less than `JUMP`.
 
@@ -32,12 +35,14 @@ const STEP_PX: f32 = 1.5;
 const MOVES_PX: f32 = 2.0;
 /// A longer way is treated as this one, px.
 const LONGEST_PX: f32 = 32.0;
-/// Places around a pixel at which the two sides are looked at, and how far beyond the blur they may lie, px.
+/// Places around a pixel at which the two sides are sampled, and how far beyond the blur they may
+/// lie, px.
 const PLACES: usize = 24;
 const AROUND_PX: f32 = 7.0;
 /// Nothing farther away is looked at, px.
 pub const FARTHEST_PX: i32 = (AROUND_PX + 0.5 * LONGEST_PX) as i32 + 1;
-/// From this far from an edge, beyond the blur, a pixel shows one surface alone, px. At the edge it counts so much.
+/// At this distance from an edge, beyond the blur, a pixel shows one surface alone, px; and the
+/// weight of a pixel at the edge.
 const CERTAIN_PX: f32 = 3.0;
 const UNCERTAIN: f32 = 0.1;
 /// Beyond this no edge matters, px.
@@ -83,8 +88,8 @@ struct Seen<'a> {
     places: Places,
 }
 
-/// What each pixel of a part shows, row by row, if a surface there is nearer than `before_m`. The map's edges lie on the
-/// picture's; `looks` are square roots of its light.
+/// What each pixel of a part shows, row by row, if a surface there is nearer than `before_m`. The
+/// map's edges lie on the picture's; `looks` are square roots of its light.
 pub fn shares(
     depth_m: &[f32],
     looks: &[[f32; 3]],
@@ -243,7 +248,8 @@ impl Seen<'_> {
         let per_margin = 1.0 / (CERTAIN_PX + 0.5 * at.far_px);
         let radius_px = AROUND_PX + 0.5 * at.far_px;
         let [mut near, mut far] = [Sums::default(); 2];
-        // A loop without branches, which is vectorised. `array::map` is not inlined in a development build.
+        // A loop without branches, which is vectorised. `array::map` is not inlined in a
+        // development build.
         let (mut across, mut down) = ([0; PLACES], [0; PLACES]);
         for n in 0..PLACES {
             across[n] = whole(radius_px * self.places.across[n]);
@@ -257,7 +263,7 @@ impl Seen<'_> {
             let is_side = is_far || z * ANOTHER > both_m[0];
             let certain = (self.edges[q].distance_px * per_margin).clamp(UNCERTAIN, 1.0);
             let weight = if is_side { weight * certain * certain } else { 0.0 };
-            // To both sides, to one of them nothing: without a branch that no processor can predict.
+            // Added to both sides, to one of them as nothing: a branch could not be predicted.
             let light = Vec3::from(self.looks[q]).extend(1.0);
             near.add(light * light, if is_far { 0.0 } else { weight });
             far.add(light * light, if is_far { weight } else { 0.0 });
@@ -266,9 +272,10 @@ impl Seen<'_> {
     }
 }
 
-/// What is added where the farther surface is covered, for each share of a pixel that is: α·(F − B), so that of the pixel's
-/// light α·F is left. That F lies within what the nearer surface shows around, or between that and what the pixel shows: a
-/// farther surface that is darker here than around must not leave a dark rim.
+/// What is added where the farther surface is covered, for each covered share of a pixel:
+/// α·(F − B), so that α·F of the pixel's light is left. F lies within the colours of the nearer
+/// surface around, or between them and the pixel's own: a farther surface that is darker here than
+/// around must not leave a dark rim.
 fn fringe(share: f32, light: [f32; 3], near: [f32; 3], far: [f32; 3], uneven: f32) -> [f32; 3] {
     let rest = (1.0 - share).max(1e-3);
     let channel = |c: usize| {
@@ -279,7 +286,8 @@ fn fringe(share: f32, light: [f32; 3], near: [f32; 3], far: [f32; 3], uneven: f3
     [channel(0), channel(1), channel(2)]
 }
 
-/// The light of one side of an edge, and the variance of a pixel's about it, along the difference of the two.
+/// The light of one side of an edge, and the variance of a pixel's about it, along the difference
+/// of the two.
 #[derive(Clone, Copy)]
 struct Side {
     light: [f32; 3],
@@ -326,7 +334,7 @@ mod tests {
     const HEIGHT: usize = 48;
     const FAR: [f32; 3] = [0.7, 0.5, 0.3];
 
-    /// A thing at 1 m before a wall at 2 m: it ends at `edge_px`, and the map says so `off` pixels beside.
+    /// A thing at 1 m before a wall at 2 m. It ends at `edge_px`, in the map `off` pixels beside.
     fn found(near: [f32; 3], edge_px: f32, off: i32, moved_px: f64) -> Vec<Shared> {
         let covered = |x: usize| (edge_px - x as f32).clamp(0.0, 1.0);
         let light = |x: usize| [0, 1, 2].map(|c| covered(x) * near[c] + (1.0 - covered(x)) * FAR[c]);

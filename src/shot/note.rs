@@ -213,7 +213,7 @@ impl Shot {
             let (name, gap_m, frame) = (self.scene.objects[object].name.clone(), gap_m?, frame.index);
             Some(Wrong { objects: vec![object], note: Note::Gap { name, gap_m, frame } })
         });
-        // Of a box in a model's place nothing is known.
+        // Skip stand-ins: their size is not the model's.
         let is_known = |wrong: &Wrong| !wrong.objects.iter().any(|object| self.scene.objects[*object].is_missing);
         sizes.chain(overlaps).chain(gaps).filter(is_known).collect()
     }

@@ -45,7 +45,7 @@ pub fn put_on_surface(project: &mut Project, entry: Entry, tilt: &Tilt) -> Resul
     let (Some(stance), Some(object)) = (scene.stance(entry), loaded.objects.get(tilt.object)) else { return Ok(()) };
     let origin = object.world_from_model.translation;
     let points: Vec<DVec3> = object.points_m(loaded).map(|point| point - origin).collect();
-    let laid = laid(&stance, (origin, &points), tilt, up, is_ground);
+    let laid = stance_on_surface(&stance, origin, &points, tilt, up, is_ground);
     let what = format!("{}: on the surface", scene.title(entry));
     project.change_scene(&what, |scene| scene.put(entry, &laid))?;
     project.close_step();
@@ -54,7 +54,14 @@ pub fn put_on_surface(project: &mut Project, entry: Entry, tilt: &Tilt) -> Resul
 
 /// The stance on the surface of a thing with these points, from its origin. `is_ground`: its
 /// position is that of its lowest point.
-fn laid(stance: &Stance, (origin, points): (DVec3, &[DVec3]), tilt: &Tilt, up: DVec3, is_ground: bool) -> Stance {
+fn stance_on_surface(
+    stance: &Stance,
+    origin: DVec3,
+    points: &[DVec3],
+    tilt: &Tilt,
+    up: DVec3,
+    is_ground: bool,
+) -> Stance {
     let normal = tilt.support.normal;
     let turn = DQuat::from_rotation_arc(up, normal);
     let (axis, angle) = turn.to_axis_angle();
@@ -87,7 +94,7 @@ mod tests {
         let heading = DQuat::from_axis_angle(DVec3::Z, 30f64.to_radians());
         let turned: Vec<DVec3> = points.iter().map(|point| heading * *point).collect();
         for is_ground in [false, true] {
-            let laid = laid(&stance, (support.point_m, &turned), &tilt, DVec3::Z, is_ground);
+            let laid = stance_on_surface(&stance, support.point_m, &turned, &tilt, DVec3::Z, is_ground);
             let rotation = heading * laid.rotation;
             let low = points.iter().map(|point| (rotation * *point).z).fold(f64::MAX, f64::min);
             let origin = laid.position_m - if is_ground { low * DVec3::Z } else { DVec3::ZERO };
