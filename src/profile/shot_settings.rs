@@ -13,6 +13,11 @@ use crate::params::{Kind, Params, Value};
 use crate::words::quoted;
 
 const NOISE: &str = "camera.noise";
+/// Table and name of the noise where a file says that the camera has none.
+const NO_NOISE: (&str, &str) = ("camera", "noise");
+const LENS: &str = "camera.lens";
+const OPENINGS: [&str; 2] = ["f_number", "aperture_diameter_mm"];
+const TIME: &str = "time_s";
 /// In a file: the parameter has no value, whatever the profile gives it.
 const NONE: &str = "none";
 
@@ -27,13 +32,23 @@ impl<'a> Look<'a> {
     fn tables(self) -> Vec<&'a dyn Params> {
         self.rig.tables().into_iter().chain(self.settings.tables()).collect()
     }
+
+    /// A parameter's value, or whether an effect is on.
+    fn value(self, table: &str, name: &str) -> Option<Value> {
+        if name == ON {
+            let mut effects = self.settings.effects();
+            return effects.any(|effect| effect.table() == table).then(|| Value::Bool(self.settings.is_on(table)));
+        }
+        self.tables().into_iter().find(|params| params.table() == table)?.get(name)
+    }
 }
 
 /// Values by table and name, and whether effects are on by [`ON`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ShotSettings {
     values: BTreeMap<(String, String), Value>,
-    noise: Option<NoiseProfile>,
+    /// `Some(None)` removes the camera's noise.
+    noise: Option<Option<NoiseProfile>>,
 }
 
 impl ShotSettings {
@@ -56,13 +71,21 @@ impl ShotSettings {
                 path: path.to_owned(),
                 message: error.to_string(),
             };
-            self.noise = Some(noise::from_toml(keys).map_err(failed)?);
+            self.noise = Some(Some(noise::from_toml(keys).map_err(failed)?));
             return Ok(());
+        }
+        let opens = |name: &str| keys.get(name).is_some_and(|value| value.as_str() != Some(NONE));
+        if table == LENS && OPENINGS.into_iter().all(opens) {
+            return Err(ProfileError::TwoOpenings { path: path.to_owned() });
         }
         for (key, value) in keys {
             let value = match value {
                 Toml::Table(inner) => {
                     self.read_table(&format!("{table}.{key}"), inner, path)?;
+                    continue;
+                }
+                Toml::String(text) if text == NONE && (table, key.as_str()) == NO_NOISE => {
+                    self.noise = Some(None);
                     continue;
                 }
                 Toml::Boolean(on) => Value::Bool(*on),
@@ -77,7 +100,8 @@ impl ShotSettings {
         Ok(())
     }
 
-    /// The values that differ from `before` in `now`.
+    /// The values that differ from `before` in `now`. An exposure that overrides that of each frame
+    /// in `now` alone differs, even if its values are the same.
     pub fn between(before: Look<'_>, now: Look<'_>) -> Self {
         let mut found = Self::default();
         for (old, new) in before.tables().into_iter().zip(now.tables()) {
@@ -93,8 +117,35 @@ impl ShotSettings {
                 found.values.insert((effect.to_owned(), ON.to_owned()), Value::Bool(on));
             }
         }
-        found.noise = now.rig.noise.clone().filter(|noise| before.rig.noise.as_ref() != Some(noise));
+        let exposure = now.rig.exposure.table();
+        let overrides = now.settings.overrule_recorded_exposure && !before.settings.overrule_recorded_exposure;
+        if overrides && !found.values.keys().any(|(table, _)| table == exposure) {
+            let time_s = now.value(exposure, TIME);
+            found.values.extend(time_s.map(|value| ((exposure.to_owned(), TIME.to_owned()), value)));
+        }
+        found.noise = (before.rig.noise != now.rig.noise).then(|| now.rig.noise.clone());
         found
+    }
+
+    /// With the values of `earlier` settings that `now` still has. They stay even if they equal the
+    /// values that they override.
+    #[must_use]
+    pub fn with_unchanged(mut self, earlier: &Self, now: Look<'_>) -> Self {
+        if earlier.is_empty() {
+            return self;
+        }
+        let (mut rig, mut settings) = (now.rig.clone(), now.settings.clone());
+        // Values that are refused are not among those of `now`.
+        let _ = earlier.apply(&mut rig, &mut settings, Path::new(""));
+        let applied = Look { rig: &rig, settings: &settings };
+        for (table, name) in earlier.values.keys() {
+            let value = now.value(table, name).filter(|value| applied.value(table, name).as_ref() == Some(value));
+            self.values.extend(value.map(|value| ((table.clone(), name.clone()), value)));
+        }
+        if earlier.noise.as_ref() == Some(&now.rig.noise) {
+            self.noise.clone_from(&earlier.noise);
+        }
+        self
     }
 
     /// Sets the values; `path` is named in errors. An exposure overrides that of each frame, as
@@ -115,8 +166,8 @@ impl ShotSettings {
                 }
             }
         }
-        if self.noise.is_some() {
-            rig.noise.clone_from(&self.noise);
+        if let Some(noise) = &self.noise {
+            rig.noise.clone_from(noise);
         }
         Ok(())
     }
@@ -126,20 +177,26 @@ impl ShotSettings {
         self.values.contains_key(&(table.to_owned(), name.to_owned()))
     }
 
-    pub fn has_noise(&self) -> bool {
-        self.noise.is_some()
+    /// Whether a parameter of a table is among them.
+    pub fn has_table(&self, table: &str) -> bool {
+        self.values.keys().any(|(own, _)| own == table)
+    }
+
+    /// The camera's noise if it is among them; `Some(None)` removes it.
+    pub fn noise(&self) -> Option<Option<&NoiseProfile>> {
+        self.noise.as_ref().map(Option::as_ref)
     }
 
     pub fn is_empty(&self) -> bool {
         self.values.is_empty() && self.noise.is_none()
     }
 
-    /// Table and name of each value.
-    pub fn keys(&self) -> impl Iterator<Item = (&str, &str)> {
-        self.values.keys().map(|(table, name)| (table.as_str(), name.as_str()))
+    /// Table, name and value of each parameter.
+    pub fn values(&self) -> impl Iterator<Item = (&str, &str, &Value)> {
+        self.values.iter().map(|((table, name), value)| (table.as_str(), name.as_str(), value))
     }
 
-    /// Those of some parameters alone.
+    /// The subset that `takes` accepts. Noise is always in it.
     #[must_use]
     pub fn filtered(&self, takes: impl Fn(&str, &str) -> bool) -> Self {
         let values = self.values.iter().filter(|((table, name), _)| takes(table, name));
@@ -166,9 +223,15 @@ impl ShotSettings {
             };
             insert(&mut settings, table, name, value);
         }
-        let noise = self.noise.as_ref().and_then(|noise| noise::to_toml(noise).to_string().parse::<Table>().ok());
-        for (name, value) in noise.into_iter().flatten() {
-            insert(&mut settings, NOISE, &name, value);
+        match self.noise() {
+            Some(Some(profile)) => {
+                let table = noise::to_toml(profile).to_string().parse::<Table>();
+                for (name, value) in table.into_iter().flatten() {
+                    insert(&mut settings, NOISE, &name, value);
+                }
+            }
+            Some(None) => insert(&mut settings, NO_NOISE.0, NO_NOISE.1, Toml::String(NONE.to_owned())),
+            None => {}
         }
         settings
     }
@@ -195,6 +258,8 @@ mod tests {
     use super::*;
 
     const SCENE: &str = "scene.toml";
+    const NOISE_KEYS: &str = "code = [8.0]\nsigma_r = [1.0]\nsigma_g = [1.0]\nsigma_b = [1.0]\n\
+                              channel_correlation = [0.0, 0.0, 0.0]\nneighbour_correlation = [0.0, 0.0]\n";
 
     fn read(text: &str) -> Result<(ShotSettings, Rig, Settings), ProfileError> {
         let (mut rig, mut settings) = (Rig::default(), Settings::default());
@@ -208,9 +273,8 @@ mod tests {
     fn differences_written_as_a_table_read_back_the_same() {
         let text = "[camera]\nreadout_time_s = 0.02\n[camera.exposure]\ntime_s = 0.01\n[camera.lens]\n\
                     aperture_diameter_mm = \"none\"\nf_number = 2.0\n[noise]\nscale = 0.5\non = false\n\
-                    [camera.noise]\ncode = [8.0]\nsigma_r = [1.0]\nsigma_g = [1.0]\nsigma_b = [1.0]\n\
-                    channel_correlation = [0.0, 0.0, 0.0]\nneighbour_correlation = [0.0, 0.0]\n";
-        let (own, rig, settings) = read(text).unwrap();
+                    [camera.noise]\n";
+        let (own, rig, settings) = read(&format!("{text}{NOISE_KEYS}")).unwrap();
         assert_eq!((rig.intrinsics.readout_time_s, rig.exposure.time_s), (0.02, Some(0.01)));
         assert_eq!((rig.lens.aperture_diameter_mm, rig.lens.f_number), (None, Some(2.0)));
         assert!(!settings.is_on("noise") && settings.overrule_recorded_exposure && rig.noise.is_some());
@@ -223,12 +287,45 @@ mod tests {
     }
 
     #[test]
+    fn removed_noise_is_a_difference_that_reads_back() {
+        let (_, with, settings) = read(&format!("[camera.noise]\n{NOISE_KEYS}")).unwrap();
+        let without = Rig { noise: None, ..with.clone() };
+        let look = |rig| Look { rig, settings: &settings };
+        let removed = ShotSettings::between(look(&with), look(&without));
+        assert_eq!(removed.noise(), Some(None));
+        assert_eq!(ShotSettings::read(&removed.to_toml(), Path::new(SCENE)).unwrap(), removed);
+        let (mut rig, mut changed) = (with.clone(), settings.clone());
+        removed.apply(&mut rig, &mut changed, Path::new(SCENE)).unwrap();
+        assert_eq!(rig.noise, None);
+    }
+
+    #[test]
+    fn unchanged_values_stay_though_they_equal_what_they_override() {
+        let pinned = "[camera.exposure]\ntime_s = 0.02\n[depth]\ntolerance_m = 0.03\n[noise]\non = false\n";
+        let (own, rig, mut settings) = read(pinned).unwrap();
+        let of = |settings: &Settings| {
+            let now = Look { rig: &rig, settings };
+            ShotSettings::between(now, now).with_unchanged(&own, now)
+        };
+        assert_eq!(of(&settings).values().count(), 3);
+        settings.switch("noise", true).unwrap();
+        assert!(!of(&settings).has("noise", ON) && of(&settings).has("depth", "tolerance_m"));
+        // An override of each frame's exposure is kept by a value.
+        let mut without = settings.clone();
+        without.overrule_recorded_exposure = false;
+        let [before, now] = [&without, &settings].map(|settings| Look { rig: &rig, settings });
+        assert!(ShotSettings::between(before, now).has("camera.exposure", "time_s"));
+        assert!(ShotSettings::between(now, before).is_empty());
+    }
+
+    #[test]
     fn refused_values_name_the_scene_file_and_the_key() {
         for (text, told) in [
             ("noise = 1", "settings.noise = 1 is not"),
             ("[noise]\nscale = -1", "noise.scale = -1 is refused"),
             ("[nose]\nscale = 1", "there is no table [nose]"),
             ("[noise]\nscal = 1", "there is no parameter noise.scal"),
+            ("[camera.lens]\nf_number = 2\naperture_diameter_mm = 5", "both aperture_diameter_mm and f_number"),
         ] {
             let error = read(text).unwrap_err().to_string();
             assert!(error.starts_with(SCENE) && error.contains(told), "{error}");

@@ -257,6 +257,16 @@ impl From<Entry> for Thing {
 }
 
 impl SceneFile {
+    /// The files that it names: the objects' models, then the panorama.
+    pub fn file_names(&self) -> impl Iterator<Item = &str> {
+        self.objects.iter().map(|object| &object.model).chain(&self.light.environment).map(String::as_str)
+    }
+
+    /// Like [`Self::file_names`], to be changed.
+    pub fn file_names_mut(&mut self) -> impl Iterator<Item = &mut String> {
+        self.objects.iter_mut().map(|object| &mut object.model).chain(&mut self.light.environment)
+    }
+
     /// The entry of each object of the loaded scene, in the order of [`super::Scene::objects`].
     pub fn entries(&self) -> Vec<Entry> {
         let of = |(object, placed): (usize, &PlacedModel)| -> Vec<Entry> {

@@ -8,6 +8,7 @@ use glam::DVec3;
 use super::document::SceneFile;
 use super::light::{DEFAULT_WHITE_LX, default_lighting};
 use super::loader::Loader;
+use super::models::MissingModels;
 use super::{Lighting, LitBy, Models, Object, Scene, SceneError, bytes, document, model, scene_file};
 
 /// Reads what is to be put into the room.
@@ -21,18 +22,17 @@ use super::{Lighting, LitBy, Models, Object, Scene, SceneError, bytes, document,
 /// No input makes it panic or exceed its memory limits: 1 GiB per file, 16384 pixels a side and 2^28 pixels in all
 /// textures, 2^24 vertices, 2^26 indices, 2^20 placed meshes, 2^14 objects.
 pub fn load(path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneError> {
-    guarded(path, || load_unguarded(Loader::default(), path, world_up))
+    load_with(path, world_up, MissingModels::Refuse)
 }
 
-/// Like [`load`], with marked boxes in place of a scene file's models that cannot be read
-/// ([`Scene::missing`]).
-pub fn load_standing_in(path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneError> {
-    guarded(path, || load_unguarded(Loader { stands_in: true, ..Loader::default() }, path, world_up))
+/// Like [`load`], with a choice of what becomes of a scene file's missing models.
+pub fn load_with(path: &Path, world_up: Option<DVec3>, missing_models: MissingModels) -> Result<Scene, SceneError> {
+    guarded(path, || load_unguarded(Loader { missing_models, ..Loader::default() }, path, world_up))
 }
 
 /// Like [`load`], for the contents of a scene file. `path` is where it is or would be; models are found relative to it.
 pub fn load_file(file: &SceneFile, path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneError> {
-    load_file_with(file, path, world_up, &mut Models::default())
+    load_file_with(file, path, world_up, &mut Models::default(), MissingModels::Refuse)
 }
 
 /// Like [`load_file`]; models that `models` keeps are not read again unless their files have changed.
@@ -41,31 +41,11 @@ pub fn load_file_with(
     path: &Path,
     world_up: Option<DVec3>,
     models: &mut Models,
-) -> Result<Scene, SceneError> {
-    placed(Loader::default(), file, path, world_up, models)
-}
-
-/// Like [`load_file_with`], with marked boxes in place of models that cannot be read
-/// ([`Scene::missing`]).
-pub fn load_file_standing_in(
-    file: &SceneFile,
-    path: &Path,
-    world_up: Option<DVec3>,
-    models: &mut Models,
-) -> Result<Scene, SceneError> {
-    placed(Loader { stands_in: true, ..Loader::default() }, file, path, world_up, models)
-}
-
-fn placed(
-    loader: Loader,
-    file: &SceneFile,
-    path: &Path,
-    world_up: Option<DVec3>,
-    models: &mut Models,
+    missing_models: MissingModels,
 ) -> Result<Scene, SceneError> {
     let kept = std::mem::take(models);
     guarded(path, || {
-        let mut loader = Loader { kept, ..loader };
+        let mut loader = Loader { kept, missing_models, ..Loader::default() };
         let done = unit(path, world_up).and_then(|up| scene_file::read(&mut loader, file, path, up));
         *models = loader.kept;
         done.map(|()| loader.scene)

@@ -7,7 +7,7 @@ use std::rc::Rc;
 use glam::{DVec3, Vec2, Vec3};
 
 use super::light::{BULB_M, SUN_RAD};
-use super::models::{LightKind, Model, Models};
+use super::models::{LightKind, MissingModels, Model, Models};
 use super::{Environment, Lighting, Object, Part, PointLight, Scene, SceneError, Sun};
 
 /// Vertices and indices of a scene together take 1.6 GB.
@@ -27,8 +27,8 @@ pub(super) struct Loader {
     pub models: HashMap<PathBuf, Rc<Model>>,
     /// What earlier scenes read.
     pub kept: Models,
-    /// Whether boxes stand in for models that cannot be read, and the box once it is made.
-    pub stands_in: bool,
+    pub missing_models: MissingModels,
+    /// The box that stands in for missing models, once it is made.
     pub stand_in: Option<Rc<Model>>,
 }
 
@@ -45,7 +45,7 @@ impl Default for Loader {
             parts: 0,
             models: HashMap::new(),
             kept: Models::default(),
-            stands_in: false,
+            missing_models: MissingModels::Refuse,
             stand_in: None,
         }
     }

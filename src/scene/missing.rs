@@ -8,7 +8,7 @@ use std::sync::Arc;
 use glam::{DAffine3, Vec3};
 
 use super::loader::Loader;
-use super::models::{Lengths, Model};
+use super::models::{Lengths, MissingModels, Model};
 use super::{Material, Mesh, Part, SceneError, Size, Texture, TextureUse, Vertex, Wrap};
 
 /// Side of the box where the scene file gives no size, m.
@@ -44,15 +44,18 @@ impl Loader {
     /// Goes on without a file, or returns the error where the picture needs it and nothing stands
     /// in.
     pub fn go_without(&mut self, file: &Path, is_needed: bool, error: SceneError) -> Result<(), SceneError> {
-        if is_needed && !self.stands_in {
+        if is_needed && self.missing_models == MissingModels::Refuse {
             return Err(error);
         }
-        let problem = error.to_string();
-        if !is_needed {
-            self.warn_as_it_is(format!("{problem}; its objects are hidden"));
-        }
-        self.scene.missing.push(MissingFile { file: file.to_owned(), problem, is_needed });
+        self.scene.missing.push(MissingFile { file: file.to_owned(), problem: error.to_string(), is_needed });
         Ok(())
+    }
+
+    /// Warns of missing models whose objects are all hidden. All objects must have been read.
+    pub fn warn_of_hidden(&mut self) {
+        let hidden = self.scene.missing.iter().filter(|missing| !missing.is_needed);
+        let warnings: Vec<_> = hidden.map(|missing| format!("{}; its objects are hidden", missing.problem)).collect();
+        warnings.into_iter().for_each(|warning| self.warn_as_it_is(warning));
     }
 
     /// Takes out what a model had added before reading it failed.
@@ -130,7 +133,7 @@ fn cube(material: usize) -> Mesh {
 mod tests {
     use super::*;
     use crate::scene::document::PlacedModel;
-    use crate::scene::{Models, SceneFile, load_file, load_file_standing_in};
+    use crate::scene::{Models, Scene, SceneFile, load_file, load_file_with};
     use glam::DVec3;
 
     fn scene_of(models: &[&str]) -> SceneFile {
@@ -138,13 +141,16 @@ mod tests {
         SceneFile { objects: models.iter().map(object).collect(), ..SceneFile::default() }
     }
 
+    fn load_standing_in(file: &SceneFile) -> Scene {
+        let path = Path::new("scenes/any.toml");
+        load_file_with(file, path, Some(DVec3::Z), &mut Models::default(), MissingModels::StandIn).unwrap()
+    }
+
     #[test]
     fn missing_model_is_a_box_and_the_others_are_as_they_are() {
         let path = Path::new("scenes/any.toml");
-        let load =
-            |file: &SceneFile| load_file_standing_in(file, path, Some(DVec3::Z), &mut Models::default()).unwrap();
         let file = scene_of(&["none.glb", "marker-1.glb", "none.glb", "Cargo.toml"]);
-        let scene = load(&file);
+        let scene = load_standing_in(&file);
         let missing: Vec<bool> = scene.objects.iter().map(|object| object.is_missing).collect();
         assert_eq!(missing, [true, false, true, true]);
         let files: Vec<_> = scene.missing.iter().map(|missing| (missing.file.as_path(), missing.is_needed)).collect();
@@ -152,7 +158,7 @@ mod tests {
         let alone = load_file(&scene_of(&["marker-1.glb"]), path, Some(DVec3::Z)).unwrap();
         assert!(scene.objects[1].points_m(&scene).eq(alone.objects[0].points_m(&alone)));
         // It stands on its place and is 10 cm high; with a size it has that.
-        let height_m = |scene: &crate::scene::Scene, object: usize| {
+        let height_m = |scene: &Scene, object: usize| {
             let z = scene.objects[object].points_m(scene).map(|point| point.z);
             z.fold((f64::MAX, f64::MIN), |(low, high), z| (low.min(z), high.max(z)))
         };
@@ -160,7 +166,7 @@ mod tests {
         assert!(low.abs() < 1e-9 && (high - 0.1).abs() < 1e-9, "{low} {high}");
         let mut sized = file.clone();
         sized.objects[0].size_m = Some(0.5);
-        assert!((height_m(&load(&sized), 0).1 - 0.5).abs() < 1e-9);
+        assert!((height_m(&load_standing_in(&sized), 0).1 - 0.5).abs() < 1e-9);
         // Elsewhere it is an error that names the file.
         let error = load_file(&file, path, None).unwrap_err().to_string();
         assert!(error.contains("none.glb"), "{error}");
@@ -177,11 +183,19 @@ mod tests {
     }
 
     #[test]
+    fn model_that_a_visible_object_needs_is_not_said_to_be_hidden() {
+        let mut file = scene_of(&["none.glb", "none.glb"]);
+        file.objects[0].hidden = true;
+        let scene = load_standing_in(&file);
+        assert!(scene.missing[0].is_needed && scene.warnings.is_empty(), "{:?}", scene.warnings);
+    }
+
+    #[test]
     fn missing_panorama_leaves_the_scene_without_it() {
         let path = Path::new("scenes/any.toml");
         let mut file = scene_of(&["marker-1.glb"]);
         file.light.environment = Some("none.hdr".to_owned());
-        let scene = load_file_standing_in(&file, path, None, &mut Models::default()).unwrap();
+        let scene = load_standing_in(&file);
         assert_eq!(scene.missing.len(), 1);
         assert!(!scene.lighting.is_dark() && load_file(&file, path, None).is_err());
     }

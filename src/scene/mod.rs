@@ -43,9 +43,10 @@ pub use edit::Stance;
 pub use error::SceneError;
 pub use heading::Heading;
 pub use lay::{Facet, Posture, Support, lay, relative};
-pub use load::{load, load_file, load_file_standing_in, load_file_with, load_standing_in};
+pub use load::{load, load_file, load_file_with, load_with};
 pub use missing::MissingFile;
-pub use models::Models;
+pub use model::is_model;
+pub use models::{MissingModels, Models};
 pub use overlap::{Overlap, overlaps};
 pub use place::Size;
 

@@ -18,6 +18,11 @@ use super::rest::Rest;
 use super::schema::{Light, Primitive};
 use super::{Mesh, Part, SceneError, Vertex, nodes};
 
+/// Whether a file is a model, by its extension.
+pub fn is_model(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"))
+}
+
 /// A model, read at its first use; `needed_by` is the scene file that names it.
 pub(super) fn load(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -> Result<Rc<Model>, SceneError> {
     if let Some(known) = loader.models.get(file) {

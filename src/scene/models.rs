@@ -38,6 +38,16 @@ pub(super) enum LightKind {
     },
 }
 
+/// What becomes of a scene file's models that cannot be read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MissingModels {
+    /// The scene is refused.
+    #[default]
+    Refuse,
+    /// Marked boxes stand in for them ([`Scene::missing`](super::Scene::missing)).
+    StandIn,
+}
+
 /// Keeps what was read; for [`super::load_file_with`].
 #[derive(Debug, Default)]
 pub struct Models {
@@ -136,7 +146,7 @@ impl Kept {
 mod tests {
     use super::*;
     use crate::scene::document::{Instance, PlacedModel};
-    use crate::scene::{Entry, Models, SceneFile, load_file, load_file_with};
+    use crate::scene::{Entry, MissingModels, Models, SceneFile, load_file, load_file_with};
     use glam::DVec3;
 
     fn placed(models: &[&str]) -> SceneFile {
@@ -150,22 +160,22 @@ mod tests {
         let mut models = Models::default();
         let [a, b, c] = ["marker-1.glb", "l-scale.glb", "cartridge-case-9mm.glb"];
         let first = placed(&[a, b]);
-        let scene = load_file_with(&first, path, Some(DVec3::Z), &mut models).unwrap();
+        let scene = load_file_with(&first, path, Some(DVec3::Z), &mut models, MissingModels::Refuse).unwrap();
         let mut moved = first.clone();
         moved.objects[1].position_m = Some([0.5, 0.0, 0.0]);
-        let again = load_file_with(&moved, path, Some(DVec3::Z), &mut models).unwrap();
+        let again = load_file_with(&moved, path, Some(DVec3::Z), &mut models, MissingModels::Refuse).unwrap();
         assert!(scene.meshes.iter().zip(&again.meshes).all(|(a, b)| Arc::ptr_eq(a, b)));
         assert!(again.is_made_of_the_same(&scene) && again != scene);
         // In another order, with others, and back: as if nothing were kept.
         for file in [placed(&[b, c, a]), placed(&[c]), moved.clone(), first] {
-            let kept = load_file_with(&file, path, Some(DVec3::Z), &mut models).unwrap();
+            let kept = load_file_with(&file, path, Some(DVec3::Z), &mut models, MissingModels::Refuse).unwrap();
             assert!(kept == load_file(&file, path, Some(DVec3::Z)).unwrap(), "{file:?}");
         }
         assert!(!load_file(&placed(&[a, c]), path, None).unwrap().is_made_of_the_same(&scene));
         // What goes wrong loses nothing.
-        let before = load_file_with(&moved, path, Some(DVec3::Z), &mut models).unwrap();
-        load_file_with(&placed(&["none.glb"]), path, None, &mut models).unwrap_err();
-        let again = load_file_with(&moved, path, Some(DVec3::Z), &mut models).unwrap();
+        let before = load_file_with(&moved, path, Some(DVec3::Z), &mut models, MissingModels::Refuse).unwrap();
+        load_file_with(&placed(&["none.glb"]), path, None, &mut models, MissingModels::Refuse).unwrap_err();
+        let again = load_file_with(&moved, path, Some(DVec3::Z), &mut models, MissingModels::Refuse).unwrap();
         assert!(before.meshes.iter().zip(&again.meshes).all(|(a, b)| Arc::ptr_eq(a, b)));
     }
 
@@ -175,7 +185,7 @@ mod tests {
         let (path, model) = (folder.path().join("scene.toml"), folder.path().join("a.glb"));
         std::fs::copy("scenes/marker-1.glb", &model).unwrap();
         let mut models = Models::default();
-        let mut load = || load_file_with(&placed(&["a.glb"]), &path, None, &mut models);
+        let mut load = || load_file_with(&placed(&["a.glb"]), &path, None, &mut models, MissingModels::Refuse);
         let before = load().unwrap();
         std::fs::copy("scenes/l-scale.glb", &model).unwrap();
         assert!(!load().unwrap().is_made_of_the_same(&before));

@@ -11,7 +11,7 @@ use super::edit;
 use super::light::{DEFAULT_WHITE_LX, SUN_RAD, default_lighting};
 use super::loader::Loader;
 use super::missing;
-use super::models::{Model, Panorama};
+use super::models::{MissingModels, Model, Panorama};
 use super::panorama::PanoramaPixels;
 use super::place::{Placement, Size, turn_up};
 use super::{Environment, EnvironmentMap, LitBy, Object, PointLight, SceneError, Sun, model, panorama};
@@ -46,6 +46,7 @@ pub(super) fn read(
     for (i, object) in scene.objects.iter().enumerate() {
         place(loader, file, object, &format!("objects[{i}] ({})", object.model), world_up, white_lx)?;
     }
+    loader.warn_of_hidden();
     if scene.objects.is_empty() {
         loader.warn(file, "it has no [[objects]]: there is nothing to see".to_owned());
     }
@@ -145,17 +146,16 @@ fn model_of(
 ) -> Result<Option<Rc<Model>>, SceneError> {
     let are_hidden = !object.instances.is_empty() && object.instances.iter().all(|instance| instance.hidden);
     let is_needed = !(object.hidden || are_hidden);
-    if (loader.stands_in || !is_needed) && loader.is_missing(path, is_needed) {
+    let stands_in = loader.missing_models == MissingModels::StandIn;
+    if (stands_in || !is_needed) && loader.is_missing(path, is_needed) {
         return Ok(None);
     }
     let before = loader.lengths();
-    let is_model = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"));
-    let read = match is_model {
-        true => model::load(loader, path, Some(file)),
-        false => {
-            let accepted = "a .glb or .gltf file; Blender imports other models and exports .glb";
-            Err(SceneError::bad(file, format!("{what}.model"), &object.model, accepted))
-        }
+    let read = if model::is_model(path) {
+        model::load(loader, path, Some(file))
+    } else {
+        let accepted = "a .glb or .gltf file; Blender imports other models and exports .glb";
+        Err(SceneError::bad(file, format!("{what}.model"), &object.model, accepted))
     };
     match read {
         Ok(model) => Ok(Some(model)),

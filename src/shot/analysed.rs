@@ -86,6 +86,21 @@ pub struct Follows {
     pub value: Value,
 }
 
+impl Follows {
+    /// Sets what was found.
+    pub fn apply<'a>(found: impl IntoIterator<Item = &'a Self>, rig: &mut Rig, settings: &mut Settings) {
+        for Self { table, name, value } in found {
+            // Within the range: the analysis found it there.
+            let _ = rig.set(settings, table, name, value);
+        }
+    }
+
+    /// Whether it overrides profiles, as the readout time does.
+    pub fn overrides_profiles(&self) -> bool {
+        (self.table, self.name) == READOUT
+    }
+}
+
 /// The parameters that nobody else sets: the readout time overrides profiles, the sharpness does
 /// not.
 pub fn follows(analysis: &Analysis, sources: Sources<'_>) -> Result<Vec<Follows>, ShotError> {

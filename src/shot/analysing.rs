@@ -78,15 +78,20 @@ impl Shot {
         })
     }
 
-    /// Goes on with what was found of the recording. Scene, camera and settings stay as they are; what should follow of them is
-    /// given back. One that was made for another camera is told of, and not used.
+    /// Uses an analysis of the recording. Scene, camera and settings stay as they are. Returns the
+    /// values that follow the analysis where neither the scene nor the user sets them. An analysis
+    /// for another camera is not used.
     pub fn take_analysis(&mut self, folder: PathBuf, analysis: Analysis) -> Result<Vec<Follows>, ShotError> {
         if let Err(problem) = analysis.fits_camera(&self.geometry_at(0)?) {
             self.analysis = AnalysisState::Unfit(folder, problem);
             return Ok(Vec::new());
         }
-        let of_scene = ShotSettings::default();
-        let sources = Sources { profiles: &self.profiles, of_scene: &of_scene, scene: Path::new(""), sets: &[] };
+        let sources = Sources {
+            profiles: &self.profiles,
+            of_scene: &ShotSettings::default(),
+            scene: Path::new(""),
+            sets: &self.sets,
+        };
         let follows = follows(&analysis, sources)?;
         Arc::make_mut(&mut self.baseline).follow(follows.clone());
         let mut recording = self.recorded.as_ref().clone();

@@ -17,10 +17,7 @@ pub struct Baseline {
 impl Baseline {
     /// Takes over the values of an analysis.
     pub(super) fn follow(&mut self, found: Vec<Follows>) {
-        for Follows { table, name, value } in &found {
-            // Within the range: the analysis found it there.
-            let _ = self.rig.set(&mut self.settings, table, name, value);
-        }
+        Follows::apply(&found, &mut self.rig, &mut self.settings);
         self.found = found;
     }
 }

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::scene::MissingModels;
+
 /// A person's input in addition to the recording.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Given {
@@ -16,11 +18,11 @@ pub struct Given {
     /// The camera stays where the recording says, and its clocks go as it says, whatever an analysis found of them. A scene's
     /// gauge holds all the same: in its frame things stand where they were put.
     pub recorded_poses: bool,
-    /// Marked boxes stand in for the scene file's models that cannot be read. Nothing is written
-    /// with them ([`Shot::check`]).
+    /// What becomes of the scene file's models that cannot be read. Nothing is written with
+    /// stand-ins ([`Shot::check`]).
     ///
     /// [`Shot::check`]: super::Shot::check
-    pub stand_ins: bool,
+    pub missing_models: MissingModels,
 }
 
 /// Which analysis is used.

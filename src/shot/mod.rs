@@ -81,8 +81,9 @@ pub struct Shot {
     given_light: Lighting,
     /// The light of the room, by an analysis of the footage.
     found_light: Option<Arc<Lighting>>,
-    /// The profiles that were read.
+    /// The profiles that were read, and `Given::sets`.
     profiles: Vec<PathBuf>,
+    sets: Vec<String>,
     /// The camera by profiles, and by the scene's settings and `Given::sets` alone: for a frame's
     /// exposure they have different ranks ([`Shot::taken`]).
     by_profile: Rig,
@@ -129,31 +130,23 @@ impl Shot {
         }
         let by_profile = rig.clone();
         let mut baseline = Baseline { rig: rig.clone(), settings: settings.clone(), found: Vec::new() };
-        let mut by_sets = rig.clone();
-        (by_sets.lens, by_sets.exposure) = (Lens::default(), CameraExposure::default());
         let scene_file = given.scene.as_deref().unwrap_or(Path::new(""));
         let of_scene = ShotSettings::read(&scene::document::settings(scene_file)?, scene_file)?;
         of_scene.apply(&mut rig, &mut settings, scene_file)?;
-        of_scene.apply(&mut by_sets, &mut Settings::default(), scene_file)?;
         for text in &given.sets {
             rig.set_text(text, &mut settings)?;
-            by_sets.set_text(text, &mut Settings::default())?;
             baseline.rig.set_text(text, &mut baseline.settings)?;
         }
         let recorded = Arc::new(recording.clone());
         let LoadedAnalysis { state, light: found_light, analysis } = analysed::take(&mut recording, &rig, given)?;
         if let Some(analysis) = &analysis {
             let all = Sources { profiles: &profiles, of_scene: &of_scene, scene: scene_file, sets: &given.sets };
-            for Follows { table, name, value } in follows(analysis, all)? {
-                // Within the range: the analysis found it there.
-                let _ = rig.set(&mut settings, table, name, &value);
-            }
+            Follows::apply(&follows(analysis, all)?, &mut rig, &mut settings);
             baseline.follow(follows(analysis, Sources { of_scene: &ShotSettings::default(), ..all })?);
         }
         recording.set_cameras(|own| rig.geometry_over(own));
         let scene = match &given.scene {
-            Some(path) if given.stand_ins => scene::load_standing_in(path, recording.up)?,
-            Some(path) => scene::load(path, recording.up)?,
+            Some(path) => scene::load_with(path, recording.up, given.missing_models)?,
             None => Scene::default(),
         };
         let opened_unit_m = recording.metres_per_unit;
@@ -167,16 +160,41 @@ impl Shot {
             scene,
             found_light,
             profiles,
+            sets: given.sets.clone(),
+            by_sets: by_profile.clone(),
             by_profile,
-            by_sets,
             baseline: Arc::new(baseline),
             opened_unit_m,
             analysis: state,
             held: None,
             floors: Arc::default(),
         };
+        shot.set_settings_of_scene(&of_scene);
         shot.follow_scene();
         Ok(shot)
+    }
+
+    /// Has the scene's own settings rank above what was recorded of a frame's exposure
+    /// ([`Shot::taken`]). `rig` and `settings` stay as they are.
+    pub fn set_settings_of_scene(&mut self, of_scene: &ShotSettings) {
+        let mut by_sets = self.by_profile.clone();
+        by_sets.lens = Lens::default();
+        by_sets.exposure = CameraExposure::default();
+        let mut unused = Settings::default();
+        // All of it was accepted before.
+        let _ = of_scene.apply(&mut by_sets, &mut unused, Path::new(""));
+        for text in &self.sets {
+            let _ = by_sets.set_text(text, &mut unused);
+        }
+        self.by_sets = by_sets;
+    }
+
+    /// A profile with these values has been written, in place of the one that was given.
+    pub fn profile_written(&mut self, profile: &Path, values: &ShotSettings) {
+        let own = self.recording.camera_profile.iter().cloned();
+        self.profiles = own.chain([profile.to_owned()]).collect();
+        // They were accepted when they were set.
+        let _ = values.apply(&mut self.by_profile, &mut Settings::default(), profile);
     }
 
     /// Puts another scene into the footage. If it says how long the recording's unit is, or where its camera stands, the recording

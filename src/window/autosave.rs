@@ -103,8 +103,7 @@ impl Work {
 
 /// Names the models and the panorama of a scene by absolute paths.
 fn name_absolutely(edit: &mut Edit) {
-    let models = edit.scene.objects.iter_mut().map(|object| &mut object.model);
-    for name in models.chain(&mut edit.scene.light.environment) {
+    for name in edit.scene.file_names_mut() {
         *name = absolute(Path::new(name)).to_string_lossy().into_owned();
     }
 }

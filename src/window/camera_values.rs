@@ -10,7 +10,7 @@ use super::question::{self, Answer, Choices};
 
 /// Where the values of the camera are saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SavedIn {
+pub enum CameraValueTarget {
     Profile,
     Scene,
 }
@@ -23,7 +23,7 @@ const MODEL_ALONE: &str = "A model that is opened alone has no scene file: all c
                            profile, exposure and effects included.";
 
 /// Asks; `Some(None)` cancels saving.
-pub fn ask(ctx: &Context, project: &Project) -> Option<Option<SavedIn>> {
+pub fn ask(ctx: &Context, project: &Project) -> Option<Option<CameraValueTarget>> {
     let has_scene = project.can_place();
     let (title, choices) = question(has_scene);
     let answer = question::ask(ctx, title, choices, |ui| {
@@ -37,8 +37,8 @@ pub fn ask(ctx: &Context, project: &Project) -> Option<Option<SavedIn>> {
         }
     })?;
     Some(match answer {
-        Answer::Yes => Some(SavedIn::Profile),
-        Answer::No => Some(SavedIn::Scene),
+        Answer::Yes => Some(CameraValueTarget::Profile),
+        Answer::No => Some(CameraValueTarget::Scene),
         Answer::Cancel => None,
     })
 }

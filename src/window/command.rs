@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use super::project::{Edit, Project, tables};
-use crate::compositor::ON;
-use crate::params::Value;
+use super::project::Project;
+use crate::params::{Params, Value};
+use crate::profile::ShotSettings;
 use crate::words::number;
 
 /// A line for a shell, and what has to be done before it is run.
@@ -24,7 +24,15 @@ pub fn composite(project: &Project, frame: usize) -> Line {
         words.extend(["--profile".to_owned(), name(profile)]);
     }
     let (files, now) = (project.saved(), project.edit());
-    for set in sets(files, now) {
+    let mut changes = ShotSettings::between(files.look(), now.look());
+    // `--set` overrides each frame's own exposure, as a scene file's settings do.
+    let exposure = now.rig.exposure.table();
+    let overrules = files.settings.overrule_recorded_exposure || changes.has_table(exposure);
+    let is_exposed_alike = overrules == now.settings.overrule_recorded_exposure;
+    if !is_exposed_alike {
+        changes = changes.filtered(|table, _| table != exposure);
+    }
+    for set in sets(&changes) {
         words.extend(["--set".to_owned(), set]);
     }
     if now.settings.seed != 0 {
@@ -35,39 +43,28 @@ pub fn composite(project: &Project, frame: usize) -> Line {
     }
     words.extend(["--frames".to_owned(), format!("{frame}..{}", frame + 1), "-o".to_owned(), "composited".to_owned()]);
     let mut before = Vec::new();
-    if files.scene != now.scene || project.scene_is_stale() || !project.scene_path().exists() {
+    let is_saved = files.scene == now.scene && !project.scene_is_stale() && is_exposed_alike;
+    if !is_saved || !project.scene_path().exists() {
         before.push("Save the scene first: the command reads it from its file.");
     }
-    if files.rig.noise != now.rig.noise {
+    if changes.noise().is_some() {
         before.push("Save first: a camera's noise cannot be given by --set.");
     }
     Line { text: words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" "), before }
 }
 
 /// What `--set` has to say so that what the files say becomes what is set.
-fn sets(files: &Edit, now: &Edit) -> Vec<String> {
-    let [before, after] = [files, now].map(|edit| tables(&edit.rig, &edit.settings));
-    let mut sets = Vec::new();
-    for (before, after) in before.into_iter().zip(after) {
-        for spec in after.specs() {
-            let value = after.get(spec.name).filter(|value| before.get(spec.name).as_ref() != Some(value));
-            // Of two ways to say one thing, the one that is given takes the other back.
-            let says = |value: &Value| match value {
-                Value::Number(n) => number(*n),
-                Value::Text(text) => text.clone(),
-                other => other.to_string(),
-            };
-            sets.extend(value.map(|value| format!("{}.{}={}", after.table(), spec.name, says(&value))));
-        }
-    }
-    // What takes a value back comes first, so that it does not take back what replaces it.
+fn sets(changes: &ShotSettings) -> Vec<String> {
+    let text = |value: &Value| match value {
+        Value::Number(n) => number(*n),
+        Value::Text(text) => text.clone(),
+        other => other.to_string(),
+    };
+    let set = |(table, name, value)| format!("{table}.{name}={}", text(value));
+    let mut sets: Vec<String> = changes.values().map(set).collect();
+    // Of two ways to say one thing, the one that is given takes the other back. So those without a
+    // value come first.
     sets.sort_by_key(|set| !set.ends_with("=none"));
-    for effect in now.settings.effects().map(|effect| effect.table()) {
-        let on = now.settings.is_on(effect);
-        if files.settings.is_on(effect) != on {
-            sets.push(format!("{effect}.{ON}={on}"));
-        }
-    }
     sets
 }
 

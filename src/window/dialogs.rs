@@ -8,6 +8,7 @@ use eframe::egui::{self, Context, RichText};
 use super::autosave::Work;
 use super::question::{Answer, Choices, as_dialog, ask, modal};
 use super::recent::Opened;
+use super::saving::ProfileOwner;
 use super::titles::distinct;
 use crate::words::count;
 
@@ -80,14 +81,15 @@ pub fn whether_to_replace(ctx: &Context, path: &Path) -> Option<Answer> {
 }
 
 /// A profile is about to be written for the first time that others use too.
-pub fn whether_to_write(ctx: &Context, path: &Path, whose: &str) -> Option<Answer> {
-    let title = match whose {
-        "the program" => "Change the supplied profile?",
-        _ => "Change the recording's profile?",
+pub fn whether_to_write(ctx: &Context, path: &Path, owner: Option<ProfileOwner>) -> Option<Answer> {
+    let (title, name) = match owner {
+        Some(ProfileOwner::Program) => ("Change the supplied profile?", "the program"),
+        Some(ProfileOwner::Recording) => ("Change the recording's profile?", "the recording"),
+        None => ("Change the profile?", "others"),
     };
     let choices = Choices { labels: ["Overwrite", "Save as…", "Cancel"], default: Answer::No };
     ask(ctx, title, choices, |ui| {
-        ui.label(format!("{} belongs to {whose}. Wherever it is used, your changes apply.", path.display()));
+        ui.label(format!("{} belongs to {name}. Wherever it is used, your changes apply.", path.display()));
     })
 }
 

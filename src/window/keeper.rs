@@ -12,7 +12,7 @@ use eframe::egui;
 use super::air::Air;
 use super::analysing::Analysing;
 use super::autosave::{Autosave, HISTORY_STEPS, Left, Work};
-use super::camera_values::SavedIn;
+use super::camera_values::CameraValueTarget;
 use super::chooser::{Chooser, Seeks};
 use super::errand::Errand;
 use super::habits::{Habits, Use};
@@ -127,7 +127,7 @@ pub struct Keeper {
     shared: Vec<PathBuf>,
     /// Where changed values of the camera go is asked, and the answer for what is being saved.
     asks_camera_values: bool,
-    camera_values: Option<SavedIn>,
+    camera_values: Option<CameraValueTarget>,
     /// Waits for an answer, or for what is being saved.
     then: Option<Then>,
     /// The person who saves before it knows that the camera's recording ends.

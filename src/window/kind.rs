@@ -2,10 +2,9 @@
 
 use std::path::Path;
 
-use super::library::is_model;
 use crate::profile;
 use crate::recording::Recording;
-use crate::scene;
+use crate::scene::{self, is_model};
 use crate::source::file::{self, MOST_DOCUMENT};
 
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -14,7 +14,7 @@ use crate::installed;
 use crate::pixels::LinearImage;
 use crate::pose::Pose;
 use crate::render::{Projection, Renderer, Still, take_still};
-use crate::scene::{self, Scene};
+use crate::scene::{self, Scene, is_model};
 
 /// Side of a small picture: drawn, and shown in points.
 const DRAWN_PX: u32 = 160;
@@ -231,11 +231,6 @@ fn walked(pressed: impl Fn(Key, bool) -> bool, at: usize, count: usize) -> Optio
     ];
     let (.., to) = keys.into_iter().find(|(key, shift, _)| pressed(*key, *shift))?;
     to.filter(|to| *to < count)
-}
-
-/// What is a model by its ending.
-pub fn is_model(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"))
 }
 
 /// A model's name: its file's.

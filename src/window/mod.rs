@@ -121,7 +121,7 @@ pub use jobs::{Jobs, State, Task};
 pub use measure::Measure;
 pub use picture::View;
 pub use player::{Pace, Player};
-pub use project::{Draft, Edit, Extent, Origin, Other, Project, SaveError, Written};
+pub use project::{Draft, Edit, Origin, Other, ProfileScope, Project, SaveError, Written};
 pub use saving::{DEMO, DEMO_SCENE};
 pub use start::Start;
 

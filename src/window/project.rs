@@ -17,13 +17,13 @@ use crate::camera::{Geometry, NoiseProfile};
 use crate::compositor::Settings;
 use crate::live::LiveFrom;
 use crate::params::{ParamError, Params, Value, called, title};
-use crate::profile::{Rig, ShotSettings};
+use crate::profile::{Look, Rig, ShotSettings};
 use crate::recording::{OpenOptions, Recording};
-use crate::scene::{self as scenes, Models, SceneFile};
+use crate::scene::{self as scenes, MissingModels, Models, SceneFile};
 use crate::shot::{Given, Shot, ShotError};
 use crate::tracking::PoseTrack;
 
-pub use kept::Extent;
+pub use kept::ProfileScope;
 pub use save::{Draft, SaveError, Written};
 
 /// Everything that a change changes, and that undo brings back.
@@ -46,6 +46,10 @@ pub struct Other {
 }
 
 impl Edit {
+    pub fn look(&self) -> Look<'_> {
+        Look { rig: &self.rig, settings: &self.settings }
+    }
+
     /// Whether the same would be saved.
     fn saves_like(&self, other: &Self) -> bool {
         self.rig == other.rig && self.settings == other.settings && self.scene == other.scene
@@ -112,13 +116,12 @@ impl Project {
         // Before they are read: what is changed in between is noticed.
         let files = [given.profile.as_deref(), given.scene.as_deref()].into_iter().flatten();
         let stamps: BTreeMap<_, _> = files.map(|path| (path.to_owned(), stamp(path))).collect();
-        let shot = Shot::of(recording, &Given { stand_ins: true, ..given.clone() })?;
+        let shot = Shot::of(recording, &Given { missing_models: MissingModels::StandIn, ..given.clone() })?;
         // A model alone stands where its own coordinates put it, which no scene file can say.
         let is_file = |path: &&PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
         let scene_text = given.scene.as_ref().filter(is_file).map(|path| scenes::document::read(path)).transpose()?;
         let mut scene = scene_text.as_ref().map_or_else(SceneFile::default, |text| text.value().clone());
-        // They are edited as values of camera and effects, and put together anew when the scene is
-        // saved.
+        // Settings are edited with camera and effects; `scene_draft` rebuilds this table.
         let of_scene = std::mem::take(&mut scene.settings);
         let of_scene = ShotSettings::read(&of_scene, given.scene.as_deref().unwrap_or(Path::new("")))?;
         let edit = Edit { rig: shot.rig.clone(), settings: shot.settings.clone(), scene, other: None };
@@ -252,9 +255,11 @@ impl Project {
             }
         }
         if table == edit.rig.exposure.table() {
-            // As with `--set`: what a person says of the exposure overrides what was recorded of each frame.
-            edit.settings.overrule_recorded_exposure =
-                self.opened.settings.overrule_recorded_exposure || edit.rig.exposure != self.opened.rig.exposure;
+            // As with `--set`, an exposure that the user or the scene sets overrides each frame's own.
+            let by_files = self.opened.settings.overrule_recorded_exposure;
+            edit.settings.overrule_recorded_exposure = by_files;
+            let is_set = self.settings_of(edit.look()).has_table(table);
+            edit.settings.overrule_recorded_exposure = by_files || is_set;
         }
         let changed = tables(&edit.rig, &edit.settings).into_iter().find(|params| params.table() == table);
         let what = changed.map_or_else(|| name.to_owned(), |params| called(params, name));
@@ -329,6 +334,7 @@ impl Project {
         let other = self.edit().other.as_ref()?;
         let mut shot = self.shot.clone();
         (shot.rig, shot.settings) = (other.rig.clone(), other.settings.clone());
+        shot.set_settings_of_scene(&self.settings_of(Look { rig: &other.rig, settings: &other.settings }));
         Some(shot)
     }
 

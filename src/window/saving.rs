@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::camera_values::SavedIn;
+use super::camera_values::CameraValueTarget;
 use super::project::Project;
 use super::watch::{Change, Watch};
 use crate::installed;
@@ -38,7 +38,7 @@ pub struct Agreed<'a> {
     /// Profiles of others that may be written.
     pub shared: &'a [PathBuf],
     /// Where changed values of the camera go.
-    pub camera: Option<SavedIn>,
+    pub camera: Option<CameraValueTarget>,
 }
 
 /// The next step.
@@ -48,11 +48,12 @@ pub fn next(project: &Project, watch: Option<&Watch>, agreed: Agreed<'_>) -> Ste
         let change = watch.and_then(|watch| watch.change(path));
         change == Some(Change::Changed) && !has(agreed.replaced, path)
     };
-    // A model that is opened alone has no scene file, and keeps no settings.
-    let asks = if project.can_place() { project.camera_is_changed() } else { project.settings_are_changed() };
+    // A model that is opened alone has no scene file. Values that its profile does not take cannot
+    // be saved.
+    let asks = if project.can_place() { project.camera_is_changed() } else { project.profile_is_changed() };
     match agreed.camera.filter(|_| asks) {
         None if asks => return Step::AskCamera,
-        Some(SavedIn::Profile) => return profile_step(project, agreed, changed),
+        Some(CameraValueTarget::Profile) => return profile_step(project, agreed, changed),
         _ => {}
     }
     if project.scene_is_changed() {
@@ -68,7 +69,7 @@ pub fn next(project: &Project, watch: Option<&Watch>, agreed: Agreed<'_>) -> Ste
 fn profile_step(project: &Project, agreed: Agreed<'_>, changed: impl Fn(&Path) -> bool) -> Step {
     match project.profile.clone() {
         None => Step::NameProfile,
-        Some(path) if whose(project, &path).is_some() && !agreed.shared.contains(&path) => Step::AskFirst(path),
+        Some(path) if profile_owner(project, &path).is_some() && !agreed.shared.contains(&path) => Step::AskFirst(path),
         Some(path) if changed(&path) => Step::AskWhether(path),
         Some(path) => Step::WriteProfile(path),
     }
@@ -85,13 +86,19 @@ pub fn is_demo(scene: &Path) -> bool {
 }
 
 /// The owner of a profile that others use, too.
-pub fn whose(project: &Project, profile: &Path) -> Option<&'static str> {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ProfileOwner {
+    Program,
+    Recording,
+}
+
+pub fn profile_owner(project: &Project, profile: &Path) -> Option<ProfileOwner> {
     if installed::is_supplied_profile(profile) {
-        return Some("the program");
+        return Some(ProfileOwner::Program);
     }
     let profile = profile.canonicalize().ok()?;
     let recording = project.shot().recording.path.canonicalize().ok()?;
-    profile.starts_with(recording).then_some("the recording")
+    profile.starts_with(recording).then_some(ProfileOwner::Recording)
 }
 
 /// Whether two paths are the same, which is there.
@@ -104,6 +111,15 @@ pub fn same(a: &Path, b: &Path) -> bool {
 pub struct Saved {
     pub what: &'static str,
     pub path: PathBuf,
+}
+
+/// The message at the end of saving: what was written, and the names of changes that no file keeps.
+pub fn ended(written: &[Saved], unsavable: &[String]) -> String {
+    if unsavable.is_empty() {
+        return told(written);
+    }
+    let saved = if written.is_empty() { String::new() } else { format!("{}. ", told(written)) };
+    format!("{saved}Not saved without a scene: {}", unsavable.join(", "))
 }
 
 /// Says what was written, by name; the folder once where it is one.
@@ -133,5 +149,10 @@ mod tests {
         assert_eq!(told(&[scene, other.clone()]), "Saved the scene /a/desk.toml and the profile /b/mine.toml");
         assert_eq!(told(&[other]), "Saved the profile mine.toml, in /b");
         assert_eq!(told(&[]), "Nothing has changed since it was saved");
+        let names = ["Exposure time".to_owned(), "Film speed".to_owned()];
+        assert_eq!(ended(&[], &names), "Not saved without a scene: Exposure time, Film speed");
+        let saved = Saved { what: "profile", path: "/b/mine.toml".into() };
+        let expected = "Saved the profile mine.toml, in /b. Not saved without a scene: Exposure time";
+        assert_eq!(ended(&[saved], &names[..1]), expected);
     }
 }

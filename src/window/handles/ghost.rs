@@ -13,7 +13,7 @@ use super::draw;
 use super::look::{Border, border};
 use crate::frame::Frame;
 use crate::scene::document::PlacedModel;
-use crate::scene::{Models, SceneFile, load_file_with};
+use crate::scene::{MissingModels, Models, SceneFile, load_file_with};
 use crate::shot::Shot;
 
 /// What a ghost depends on.
@@ -66,7 +66,8 @@ impl Ghost {
                 let placed = laid(&shot, &frame)?;
                 let alone = SceneFile { objects: vec![placed], ..SceneFile::default() };
                 let mut models = models.lock().unwrap_or_else(PoisonError::into_inner);
-                let scene = load_file_with(&alone, &file, shot.recording.up, &mut models).ok()?;
+                let scene =
+                    load_file_with(&alone, &file, shot.recording.up, &mut models, MissingModels::Refuse).ok()?;
                 let eye = shot.eye(frame.index).ok()?;
                 Some(border(&eye, &scene, scene.objects.first()?))
             };

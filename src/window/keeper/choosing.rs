@@ -8,13 +8,13 @@ use super::super::air::Air;
 use super::super::camera::Asked;
 use super::super::chooser::{Begin, Chooser, Chosen, Seeks};
 use super::super::command;
-use super::super::library::is_model;
 use super::super::project::Project;
 use super::super::recent::Opened;
 use super::super::saving::{self, Step};
 use super::super::session::Session;
 use super::{Keeper, Purpose, Then};
 use crate::installed;
+use crate::scene::is_model;
 
 impl Keeper {
     pub fn open(&mut self, project: &Project) {
@@ -213,7 +213,7 @@ impl Keeper {
             }
             Purpose::Locate(missing) => match session.project.locate(&missing, &path) {
                 Ok(said) => session.say(said),
-                Err(error) => session.wrong(error.to_string()),
+                Err(error) => session.wrong(error),
             },
             Purpose::SaveProfile => {
                 // It was named.

@@ -11,7 +11,7 @@ use super::super::errand::Errand;
 use super::super::jobs::Jobs;
 use super::super::kind::Kind;
 use super::super::opening::{Opening, Refused};
-use super::super::project::{Extent, SaveError};
+use super::super::project::{ProfileScope, SaveError};
 use super::super::question::Answer;
 use super::super::recent::Opened;
 use super::super::saving::{self, Agreed, Saved, Step};
@@ -62,10 +62,10 @@ impl Keeper {
         let project = &mut session.project;
         // Saving gives a profile what is the camera's; one that is named from the menu gets all.
         let is_of_camera = self.saving.is_some() && project.can_place();
-        let extent = if is_of_camera { Extent::Camera } else { Extent::All };
+        let scope = if is_of_camera { ProfileScope::Camera } else { ProfileScope::All };
         let (path, draft) = match step {
             Step::WriteScene(path) => (path, project.scene_draft(path)),
-            Step::WriteProfile(path) => (path, Ok(project.profile_draft(path, extent))),
+            Step::WriteProfile(path) => (path, Ok(project.profile_draft(path, scope))),
             _ => return,
         };
         let is_agreed = chosen || self.saving.as_ref().is_some_and(|agreed| agreed.contains(path));
@@ -98,7 +98,7 @@ impl Keeper {
                 session.project.written(written);
                 self.saved.retain(|saved| saved.what != what);
                 self.saved.push(Saved { what, path: path.clone() });
-                session.say(saving::told(&self.saved));
+                session.say(saving::ended(&self.saved, &session.project.unsavable_changes()));
                 self.recent.add(Opened::of(&session.project));
                 self.passed_over.retain(|passed| *passed != path);
                 if let Some(watch) = &mut self.watch {
@@ -126,7 +126,7 @@ impl Keeper {
             match saving::next(project, self.watch.as_ref(), agreed) {
                 Step::Saved => {
                     self.saving = None;
-                    session.say(saving::told(&self.saved));
+                    session.say(saving::ended(&self.saved, &session.project.unsavable_changes()));
                 }
                 Step::NameScene => self.name_scene(project),
                 Step::NameProfile => self.name_profile(project),
@@ -165,8 +165,8 @@ impl Keeper {
             return;
         }
         if let Some(path) = self.asks_first.clone() {
-            let whose = saving::whose(&session.project, &path).unwrap_or("others");
-            let answer = dialogs::whether_to_write(ctx, &path, whose);
+            let owner = saving::profile_owner(&session.project, &path);
+            let answer = dialogs::whether_to_write(ctx, &path, owner);
             match answer {
                 Some(Answer::Yes) => self.shared.push(path),
                 Some(Answer::No) => self.name_profile(&session.project),

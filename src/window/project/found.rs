@@ -2,31 +2,33 @@
 
 use std::path::PathBuf;
 
-use super::{Edit, Project, value};
+use super::kept::settings_of_scene;
+use super::{Edit, Project};
 use crate::analyse::Analysis;
+use crate::compositor::Settings;
+use crate::profile::{Look, Rig};
 use crate::shot::{Follows, ShotError};
 
 impl Project {
-    /// Goes on with an analysis of the recording. The scene, the past and what is set stay. What follows the analysis does so in
-    /// every step, where it is as it was opened: that is no person's doing, and nothing to be saved.
+    /// Goes on with an analysis of the recording. Scene, history and settings stay. The values that
+    /// were found replace those of the recording and the profiles in every step, which is no change
+    /// to be saved. Values that the scene or the user sets stay.
     pub fn take_analysis(&mut self, folder: PathBuf, analysis: Analysis) -> Result<(), ShotError> {
         let follows = self.shot.take_analysis(folder, analysis)?;
-        let opened = self.opened.clone();
+        let (opened, of_scene) = (self.opened.clone(), self.of_scene.clone());
+        let follow_in = |rig: &mut Rig, settings: &mut Settings| {
+            let own = settings_of_scene(opened.look(), &of_scene, Look { rig, settings });
+            Follows::apply(follows.iter().filter(|found| !own.has(found.table, found.name)), rig, settings);
+        };
         let follow = |edit: &mut Edit| {
-            for Follows { table, name, value: found } in &follows {
-                if value(edit, table, name) == value(&opened, table, name) {
-                    // Within the range: it was found there.
-                    let _ = edit.rig.set(&mut edit.settings, table, name, found);
-                }
-                let Some(other) = &mut edit.other else { continue };
-                let of_other = Edit { rig: other.rig.clone(), settings: other.settings.clone(), ..opened.clone() };
-                if value(&of_other, table, name) == value(&opened, table, name) {
-                    let _ = other.rig.set(&mut other.settings, table, name, found);
-                }
+            follow_in(&mut edit.rig, &mut edit.settings);
+            if let Some(other) = &mut edit.other {
+                follow_in(&mut other.rig, &mut other.settings);
             }
         };
         self.history.each(follow);
-        [&mut self.opened, &mut self.saved].into_iter().for_each(follow);
+        follow(&mut self.saved);
+        Follows::apply(&follows, &mut self.opened.rig, &mut self.opened.settings);
         // What stands wrong, and what is compared with, are others by other poses.
         self.scene_version += 1;
         self.other_version = self.version + 1;

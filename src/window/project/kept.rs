@@ -4,7 +4,9 @@
 use std::path::Path;
 
 use super::{Edit, Project};
+use crate::params::Value;
 use crate::profile::{Look, ShotSettings};
+use crate::shot::Follows;
 
 /// Tables that describe the camera itself. What is dialled for a shot stands in [`DIALS`].
 const CAMERA: [&str; 5] = ["camera", "camera.distortion", "camera.lens", "camera.response", "point_spread"];
@@ -16,9 +18,9 @@ fn is_of_camera(table: &str, name: &str) -> bool {
     CAMERA.contains(&table) && !DIALS.contains(&name)
 }
 
-/// Which values a profile takes.
+/// Which values are written into a profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Extent {
+pub enum ProfileScope {
     /// All but what an analysis found of the recording.
     All,
     /// The changed ones that describe the camera.
@@ -33,8 +35,10 @@ pub struct ForProfile {
     pub of_opened: ShotSettings,
 }
 
-fn look(edit: &Edit) -> Look<'_> {
-    Look { rig: &edit.rig, settings: &edit.settings }
+/// The scene file's own settings for a camera and effects: what differs from `opened`, and what the
+/// file has and still holds.
+pub(super) fn settings_of_scene(opened: Look<'_>, of_scene: &ShotSettings, now: Look<'_>) -> ShotSettings {
+    ShotSettings::between(opened, now).with_unchanged(of_scene, now)
 }
 
 /// Puts values of another edit into one: their names and ranges are right.
@@ -45,7 +49,7 @@ fn put(values: &ShotSettings, edit: &mut Edit) {
 impl Project {
     /// Changes against what is saved.
     fn unsaved(&self) -> ShotSettings {
-        ShotSettings::between(look(&self.saved), look(self.edit()))
+        ShotSettings::between(self.saved.look(), self.edit().look())
     }
 
     /// Changes that describe the camera, against what is saved.
@@ -55,14 +59,27 @@ impl Project {
 
     /// The names of the changed values that describe the camera.
     pub fn camera_changes(&self) -> Vec<String> {
-        let changes = self.unsaved_of_camera();
+        self.names(&self.unsaved_of_camera())
+    }
+
+    /// The names of changed values that no file can keep: a model that is opened alone has no scene
+    /// file, and its profile does not take them.
+    pub fn unsavable_changes(&self) -> Vec<String> {
+        if self.can_place() {
+            return Vec::new();
+        }
+        let changes = self.unsaved().filtered(|table, name| !self.profile_takes(table, name));
+        self.names(&changes)
+    }
+
+    fn names(&self, values: &ShotSettings) -> Vec<String> {
         let tables = super::tables(&self.edit().rig, &self.edit().settings);
-        let called = |(table, name): (&str, &str)| {
+        let called = |(table, name, _): (&str, &str, &Value)| {
             let params = tables.iter().find(|params| params.table() == table);
             params.map_or_else(|| name.to_owned(), |params| crate::params::called(*params, name))
         };
-        let noise = changes.has_noise().then(|| "Camera: noise".to_owned());
-        changes.keys().map(called).chain(noise).collect()
+        let noise = values.noise().map(|_| "Camera: noise".to_owned());
+        values.values().map(called).chain(noise).collect()
     }
 
     pub fn camera_is_changed(&self) -> bool {
@@ -74,6 +91,13 @@ impl Project {
         (&self.edit().rig, &self.edit().settings) != (&self.saved.rig, &self.saved.settings)
     }
 
+    /// Whether settings are changed that a profile takes. Changes that are no parameter's count, too.
+    pub fn profile_is_changed(&self) -> bool {
+        let unsaved = self.unsaved();
+        let is_taken = unsaved.is_empty() || !self.taken_by_profile(&unsaved).is_empty();
+        self.settings_are_changed() && is_taken
+    }
+
     /// Whether the scene file has to be written: what is placed, the shot's settings, or settings
     /// that a profile has taken.
     pub fn scene_is_changed(&self) -> bool {
@@ -83,20 +107,37 @@ impl Project {
 
     /// The scene file's own settings, as all is set now.
     pub(super) fn shot_settings(&self) -> ShotSettings {
-        ShotSettings::between(look(&self.opened), look(self.edit()))
+        self.settings_of(self.edit().look())
     }
 
-    /// What a profile takes. An exposure that overrides each frame's own is the recording's alone.
-    pub(super) fn for_profile(&self, extent: Extent) -> ForProfile {
-        let exposure = &self.shot.recording.exposure;
-        let is_recorded = exposure.iter().any(|e| e.time_s.or(e.blurred_s).is_some());
-        let keeps_exposure = is_recorded && self.edit().settings.overrule_recorded_exposure;
-        match extent {
-            Extent::All => {
-                let takes = |table: &str, _: &str| !(keeps_exposure && table == EXPOSURE);
-                ForProfile { of_saved: self.unsaved().filtered(takes), of_opened: self.shot_settings().filtered(takes) }
-            }
-            Extent::Camera => {
+    /// The same for another camera and other effects.
+    pub(super) fn settings_of(&self, now: Look<'_>) -> ShotSettings {
+        settings_of_scene(self.opened.look(), &self.of_scene, now)
+    }
+
+    /// Whether a profile takes a parameter. An exposure that overrides each frame's own is the
+    /// recording's alone. A readout time that an analysis overrides needs a scene file.
+    fn profile_takes(&self, table: &str, name: &str) -> bool {
+        if table == EXPOSURE && self.edit().settings.overrule_recorded_exposure {
+            let exposure = &self.shot.recording.exposure;
+            return exposure.iter().all(|e| e.time_s.or(e.blurred_s).is_none());
+        }
+        let mut found = self.shot.baseline().found.iter().filter(|found| found.overrides_profiles());
+        self.can_place() || !found.any(|found| (found.table, found.name) == (table, name))
+    }
+
+    fn taken_by_profile(&self, values: &ShotSettings) -> ShotSettings {
+        values.filtered(|table, name| self.profile_takes(table, name))
+    }
+
+    /// Values to write into a profile.
+    pub(super) fn for_profile(&self, scope: ProfileScope) -> ForProfile {
+        match scope {
+            ProfileScope::All => ForProfile {
+                of_saved: self.taken_by_profile(&self.unsaved()),
+                of_opened: self.taken_by_profile(&self.shot_settings()),
+            },
+            ProfileScope::Camera => {
                 let of_camera = self.unsaved_of_camera();
                 ForProfile { of_saved: of_camera.clone(), of_opened: of_camera }
             }
@@ -114,14 +155,16 @@ impl Project {
     pub(super) fn profile_took(&mut self, values: &ForProfile, edit: &Edit) {
         put(&values.of_saved, &mut self.saved);
         put(&values.of_opened, &mut self.opened);
-        let is_same = |one: &Edit| ShotSettings::between(look(one), look(edit)).is_empty();
+        // The profile does not override these, so that values that differ stay in the scene.
+        let overriding = self.shot.baseline().found.iter().filter(|found| found.overrides_profiles());
+        Follows::apply(overriding, &mut self.opened.rig, &mut self.opened.settings);
+        let is_same = |one: &Edit| ShotSettings::between(one.look(), edit.look()).is_empty();
         if is_same(&self.saved) {
             (self.saved.rig, self.saved.settings) = (edit.rig.clone(), edit.settings.clone());
         }
         if is_same(&self.opened) {
             self.opened.rig = edit.rig.clone();
         }
-        let wanted = ShotSettings::between(look(&self.opened), look(&self.saved));
-        self.scene_is_stale = wanted != self.of_scene;
+        self.scene_is_stale = self.settings_of(self.saved.look()) != self.of_scene;
     }
 }

@@ -6,12 +6,12 @@ use std::sync::Arc;
 
 use super::super::kind::Kind;
 use super::super::watch::{Stamp, stamp};
-use super::kept::{Extent, ForProfile};
+use super::kept::{ForProfile, ProfileScope};
 use super::light::panorama_of_analysis;
 use super::{Edit, Project, tables};
 use crate::analyse::panorama_beside;
-use crate::compositor::Settings;
-use crate::profile::{self, ProfileError, Rig, ShotSettings};
+use crate::compositor::{ON, Settings};
+use crate::profile::{self, Look, ProfileError, Rig, ShotSettings};
 use crate::recording::Recording;
 use crate::scene::{self, SceneError, SceneFile};
 use crate::shot::Follows;
@@ -202,30 +202,25 @@ fn profile_text(recording: &Recording, edit: &Edit, path: &Path, found: &[Follow
     for name in rig.missing_keys().into_iter().filter(|_| whole && edit.rig.gives_geometry()) {
         document.set_param(&edit.rig.intrinsics, name);
     }
-    let [before, now] = [(&rig, &settings), (&edit.rig, &edit.settings)].map(|(rig, settings)| tables(rig, settings));
-    for (before, now) in before.into_iter().zip(now) {
-        for spec in now.specs() {
-            let value = now.get(spec.name);
-            let is_found = found.iter().any(|found| {
-                (found.table, found.name) == (now.table(), spec.name) && value.as_ref() == Some(&found.value)
-            });
-            if before.get(spec.name) != value && !is_found {
-                document.set_param(now, spec.name);
+    // A profile cannot say that its exposure overrides each frame's own.
+    settings.overrule_recorded_exposure = edit.settings.overrule_recorded_exposure;
+    let changes = ShotSettings::between(Look { rig: &rig, settings: &settings }, edit.look());
+    for params in tables(&edit.rig, &edit.settings) {
+        let table = params.table();
+        for spec in params.specs().into_iter().filter(|spec| changes.has(table, spec.name)) {
+            let is_here = |found: &&Follows| (found.table, found.name) == (table, spec.name);
+            if found.iter().find(is_here).map(|found| &found.value) != params.get(spec.name).as_ref() {
+                document.set_param(params, spec.name);
             }
         }
     }
-    for effect in edit.settings.effects().map(|effect| effect.table()) {
-        let on = edit.settings.is_on(effect);
-        if settings.is_on(effect) != on {
-            document.switch(effect, on);
-        }
+    for effect in edit.settings.effects().map(|effect| effect.table()).filter(|effect| changes.has(effect, ON)) {
+        document.switch(effect, edit.settings.is_on(effect));
     }
-    match &edit.rig.noise {
-        Some(noise) if rig.noise.as_ref() != Some(noise) => {
-            document.set_noise(noise, "`'s method, from places picked in the window.");
-        }
-        None => document.remove_noise(),
-        Some(_) => {}
+    match changes.noise() {
+        Some(Some(noise)) => document.set_noise(noise, "`'s method, from places picked in the window."),
+        Some(None) => document.remove_noise(),
+        None => {}
     }
     Ok(document.to_string())
 }
@@ -233,8 +228,8 @@ fn profile_text(recording: &Recording, edit: &Edit, path: &Path, found: &[Follow
 impl Project {
     /// Values to be written into a profile, whose comments and other keys stay. A new file is made
     /// where there is none.
-    pub fn profile_draft(&self, path: &Path, extent: Extent) -> Draft {
-        let values = self.for_profile(extent);
+    pub fn profile_draft(&self, path: &Path, scope: ProfileScope) -> Draft {
+        let values = self.for_profile(scope);
         let draft = ProfileDraft {
             recording: Arc::clone(&self.shot.recording),
             edit: self.edit().clone(),
@@ -288,10 +283,14 @@ impl Project {
         match what {
             What::Profile(draft) => {
                 self.profile_took(&draft.values, &draft.edit);
+                self.shot.profile_written(&path, &draft.values.of_opened);
+                let own = self.shot_settings();
+                self.shot.set_settings_of_scene(&own);
                 self.profile = Some(path);
             }
             What::Scene(draft) => {
                 let SceneDraft { scene, settings, edit, from, panorama, .. } = *draft;
+                let named = self.loaded.file_names().map(str::to_owned).collect::<Vec<_>>();
                 let follow = |scene: &mut SceneFile| {
                     *scene = moved(scene, &from, &path);
                     panorama.iter().for_each(|panorama| panorama.put_into(scene, &path));
@@ -300,14 +299,30 @@ impl Project {
                 [&mut self.opened.scene, &mut self.loaded].into_iter().for_each(follow);
                 self.saved = Edit { scene, rig: edit.rig, settings: edit.settings, other: self.saved.other.take() };
                 (self.of_scene, self.scene_is_stale) = (settings, false);
+                self.move_missing(&from, &named, &path);
                 self.scene = Some(path);
+            }
+        }
+    }
+
+    /// The scene file has moved: missing files are named as it names them now. `named` has the
+    /// names that the file had.
+    fn move_missing(&mut self, from: &Path, named: &[String], to: &Path) {
+        if self.shot.scene.missing.is_empty() {
+            return;
+        }
+        let beside = |file: &Path, name: &str| file.parent().unwrap_or(Path::new("")).join(name);
+        for missing in &mut Arc::make_mut(&mut self.shot.scene).missing {
+            let mut names = named.iter().zip(self.loaded.file_names());
+            if let Some((_, now)) = names.find(|(before, _)| beside(from, before) == missing.file) {
+                missing.file = beside(to, now);
             }
         }
     }
 
     /// Writes all that is set into a profile, and waits for it.
     pub fn save_profile(&mut self, path: &Path) -> Result<(), SaveError> {
-        let written = self.profile_draft(path, Extent::All).write()?;
+        let written = self.profile_draft(path, ProfileScope::All).write()?;
         self.written(written);
         Ok(())
     }
@@ -326,8 +341,7 @@ fn moved(scene: &SceneFile, from: &Path, to: &Path) -> SceneFile {
     let mut scene = scene.clone();
     let (Some(old), Some(new)) = (folder(from), folder(to)) else { return scene };
     if old != new {
-        let names = scene.objects.iter_mut().map(|object| &mut object.model).chain(&mut scene.light.environment);
-        names.for_each(|name| *name = scene::relative(&old.join(&*name), to));
+        scene.file_names_mut().for_each(|name| *name = scene::relative(&old.join(&*name), to));
     }
     scene
 }

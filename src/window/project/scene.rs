@@ -7,10 +7,11 @@ use glam::DVec3;
 
 use super::super::history::Record;
 use super::{Edit, Project};
-use crate::scene::{self, Models, Scene, SceneError, SceneFile};
+use crate::scene::{self, MissingModels, Scene, SceneError, SceneFile};
 
 impl Project {
-    /// Where scene files are looked for and models named from: the scene's file, or where one would be made.
+    /// Where scene files are looked for and models named from: the scene's file, or where one would
+    /// be made.
     pub fn scene_path(&self) -> PathBuf {
         self.scene.clone().unwrap_or_else(|| PathBuf::from("scene.toml"))
     }
@@ -30,8 +31,8 @@ impl Project {
         Ok(())
     }
 
-    /// Shows another scene, which is no step of the history until it is kept. What does not load is refused, and what
-    /// was shown stays.
+    /// Shows another scene, which is no step of the history until it is kept. A scene that does not
+    /// load is refused, and the one that was shown stays.
     pub fn try_scene(&mut self, scene: SceneFile) -> Result<(), SceneError> {
         if scene == self.edit().scene {
             return Ok(());
@@ -54,8 +55,8 @@ impl Project {
         self.follow();
     }
 
-    /// Restores unsaved work and its history, after the state of the files. Without a history the work
-    /// is one step. A scene that does not load is refused, and nothing changes.
+    /// Restores unsaved work and its history, after the state of the files. Without a history the
+    /// work is one step. A scene that does not load is refused, and nothing changes.
     pub fn restore(&mut self, edit: Edit, history: Record<Edit>) -> Result<(), SceneError> {
         let loaded = self.load(&edit.scene)?;
         self.put(loaded, &edit.scene);
@@ -80,7 +81,8 @@ impl Project {
         self.close_step();
     }
 
-    /// The world's up, for the scene as it is; by how cameras were held as long as nothing says it and nothing stands.
+    /// The world's up for the scene as it is. While neither scene nor recording gives it and no
+    /// object is placed, it follows from how the camera was held.
     pub fn up(&self) -> DVec3 {
         let unsaid = || if self.says_no_up() { self.shot.held_up() } else { DVec3::Z };
         self.shot.up().unwrap_or_else(unsaid)
@@ -94,27 +96,28 @@ impl Project {
     /// Loads a scene, with marked boxes in place of models that cannot be read.
     fn load(&mut self, scene: &SceneFile) -> Result<Scene, SceneError> {
         let path = self.scene_path();
-        scene::load_file_standing_in(scene, &path, self.shot.recording.up, &mut self.models)
+        let up = self.shot.recording.up;
+        scene::load_file_with(scene, &path, up, &mut self.models, MissingModels::StandIn)
     }
 
     /// Loads a changed scene. Files that the scene did not name before must be readable.
-    fn load_changed(&mut self, scene: &SceneFile) -> Result<Scene, SceneError> {
+    pub(super) fn load_changed(&mut self, scene: &SceneFile) -> Result<Scene, SceneError> {
         let loaded = self.load(scene)?;
         let before = &self.edit().scene;
         let is_new = |name: &String| !before.objects.iter().any(|object| object.model == *name);
-        let light = match scene.light.environment == before.light.environment {
-            true => Default::default(),
-            false => scene.light.clone(),
-        };
+        let is_same_panorama = scene.light.environment == before.light.environment;
+        let light = if is_same_panorama { Default::default() } else { scene.light.clone() };
         let objects = scene.objects.iter().filter(|object| is_new(&object.model)).cloned().collect();
         let new = SceneFile { objects, light, ..SceneFile::default() };
-        if !loaded.missing.is_empty() && !(new.objects.is_empty() && new.light.says_none()) {
-            scene::load_file_with(&new, &self.scene_path(), None, &mut Models::default())?;
+        let names_files = !(new.objects.is_empty() && new.light.says_none());
+        if names_files && !loaded.missing.is_empty() {
+            scene::load_file(&new, &self.scene_path(), None)?;
         }
         Ok(loaded)
     }
 
-    /// Has the shot show what was loaded from a scene file's contents. What follows has the next version.
+    /// Has the shot show what was loaded from a scene file's contents. The next change of the shot has
+    /// the next version.
     fn put(&mut self, loaded: Scene, from: &SceneFile) {
         self.shot.set_scene(Arc::new(loaded));
         self.loaded = from.clone();
@@ -133,6 +136,8 @@ impl Project {
                 Err(error) => self.problem = Some(error.to_string()),
             }
         }
+        let own = self.shot_settings();
+        self.shot.set_settings_of_scene(&own);
         let edit = self.history.now();
         self.shot.rig = edit.rig.clone();
         self.shot.settings = edit.settings.clone();

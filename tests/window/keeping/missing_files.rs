@@ -2,7 +2,11 @@
 //! file can be located.
 
 use super::*;
+use locard::export::Export;
+use locard::photo::Wanted;
 use locard::scene::SceneFile;
+use locard::sink::OutPath;
+use locard::window::{Jobs, Task};
 
 /// In the picture of the demonstration's first frame.
 const PLACE: [f64; 3] = [0.1046, -0.0958, 0.0];
@@ -111,6 +115,73 @@ fn models_in_one_folder_are_located_together() {
     let models: Vec<_> = project.edit().scene.objects[1..].iter().map(|object| object.model.as_str()).collect();
     assert_eq!(models, ["moved/knife.glb", "moved/case.glb"]);
     assert!(project.shot().scene.missing.is_empty() && project.history().can_undo());
+}
+
+#[test]
+fn models_are_located_after_the_scene_was_saved_elsewhere() {
+    let case = Case::new();
+    let mut project = project(None, Some(&case.scene));
+    let elsewhere = case.folder.path().join("elsewhere");
+    std::fs::create_dir(&elsewhere).unwrap();
+    project.save_scene(&elsewhere.join("moved.toml")).unwrap();
+    let found = elsewhere.join("knife.glb");
+    std::fs::copy("scenes/l-scale.glb", &found).unwrap();
+    let missing = project.shot().scene.missing[0].file.clone();
+    project.locate(&missing, &found).unwrap();
+    assert_eq!(project.edit().scene.objects[1].model, "knife.glb");
+    assert!(project.shot().scene.missing.is_empty());
+    // A file that the scene does not name is an error.
+    let error = project.locate(&missing, &found).unwrap_err();
+    assert!(error.contains("knife.glb"), "{error}");
+}
+
+#[test]
+fn unreadable_models_in_the_same_folder_do_not_hinder_locating_one() {
+    let case = Case::new();
+    let text = std::fs::read_to_string(&case.scene).unwrap();
+    let more = ["./models/../models/cut.glb", "models/case.glb", "gone/other.glb"];
+    let more = more.map(|model| format!("\n[[objects]]\nmodel = {model:?}\n")).concat();
+    std::fs::write(&case.scene, format!("{text}{more}")).unwrap();
+    let models = case.folder.path().join("models");
+    std::fs::create_dir(&models).unwrap();
+    // One that is where it is said to be, and one that is found; neither can be read.
+    for name in ["cut.glb", "other.glb"] {
+        std::fs::write(models.join(name), "no model").unwrap();
+    }
+    let mut project = project(None, Some(&case.scene));
+    std::fs::copy("scenes/l-scale.glb", models.join("blade.glb")).unwrap();
+    std::fs::copy("scenes/l-scale.glb", models.join("case.glb")).unwrap();
+    let told = project.locate(&models.join("knife.glb"), &models.join("blade.glb")).unwrap();
+    assert!(told.ends_with("blade.glb"), "{told}");
+    let named: Vec<_> = project.edit().scene.objects[1..].iter().map(|object| object.model.as_str()).collect();
+    assert_eq!(named, ["models/blade.glb", "./models/../models/cut.glb", "models/case.glb", "gone/other.glb"]);
+    let missing = &project.shot().scene.missing;
+    assert_eq!(missing.len(), 2, "{missing:?}");
+}
+
+#[test]
+fn exports_and_photographs_with_a_stand_in_are_refused() {
+    let case = Case::new();
+    let project = project(None, Some(&case.scene));
+    let out = |name: &str| case.folder.path().join(name);
+    let tasks = [
+        Task::Export(Export::new(0..1, OutPath::Folder(out("frames")))),
+        Task::Photograph(Wanted::new(0, out("photo.png"))),
+        Task::Snapshot { frame: 0, path: out("frame.png"), force: false },
+    ];
+    let mut jobs = Jobs::new(|| {}).unwrap();
+    for task in tasks {
+        jobs.add("with a stand-in".to_owned(), project.shot(), task);
+    }
+    let begun = Instant::now();
+    while jobs.is_busy() && begun.elapsed() < Duration::from_secs(60) {
+        jobs.take();
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    for entry in &jobs.entries {
+        assert!(matches!(&entry.state, State::Failed(why) if why.contains("knife.glb")), "{entry:?}");
+    }
+    assert!(["frames", "photo.png", "frame.png"].iter().all(|name| !out(name).exists()));
 }
 
 #[test]

@@ -24,7 +24,7 @@ use locard::pixels::Pixels;
 use locard::recording::OpenOptions;
 use locard::scene::document::PlacedModel;
 use locard::shot::{Given, Shot};
-use locard::window::{App, Autosave, DEMO, DEMO_SCENE, Extent, Left, Project, Record, State, Work, command_line};
+use locard::window::{App, Autosave, DEMO, DEMO_SCENE, Left, ProfileScope, Project, Record, State, Work, command_line};
 
 fn project(profile: Option<&Path>, scene: Option<&Path>) -> Project {
     let given = Given { profile: profile.map(Into::into), scene: scene.map(Into::into), ..Given::default() };

@@ -298,16 +298,16 @@ fn what_another_program_writes_while_it_is_saved_is_not_written_over() {
     std::fs::write(&profile, "version = 1\n").unwrap();
     let mut project = project(Some(&profile), None);
     project.set("noise", "scale", &Value::Number(0.25)).unwrap();
-    let draft = || project.profile_draft(&profile, Extent::All).unless_changed(project.stamp(&profile));
+    let draft = || project.profile_draft(&profile, ProfileScope::All).unless_changed(project.stamp(&profile));
     std::fs::write(&profile, "version = 1\n# theirs\n").unwrap();
     assert!(matches!(draft().write(), Err(locard::window::SaveError::Changed(path)) if path == profile));
     assert_eq!(std::fs::read_to_string(&profile).unwrap(), "version = 1\n# theirs\n");
-    let written = project.profile_draft(&profile, Extent::All).write().unwrap();
+    let written = project.profile_draft(&profile, ProfileScope::All).write().unwrap();
     project.written(written);
     assert!(project.is_saved());
     // What was written is known as it is.
     project.set("noise", "scale", &Value::Number(0.5)).unwrap();
-    project.profile_draft(&profile, Extent::All).unless_changed(project.stamp(&profile)).write().unwrap();
+    project.profile_draft(&profile, ProfileScope::All).unless_changed(project.stamp(&profile)).write().unwrap();
     assert!(std::fs::read_to_string(&profile).unwrap().contains("scale = 0.5"));
 }
 

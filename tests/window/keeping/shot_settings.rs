@@ -2,6 +2,8 @@
 //! the user decides.
 
 use super::*;
+use locard::analyse::Analysis;
+use locard::profile::Rig;
 
 const PROFILE: &str = "# my camera\nversion = 1\n\n[noise]\nscale = 0.5 # quieter\n";
 const SCENE: &str = "# the desk\nversion = 1\nup = \"z\"\n";
@@ -133,4 +135,174 @@ fn profile_saved_under_a_name_takes_all_and_the_scene_follows() {
     project.save_scene(&case.scene).unwrap();
     assert!(project.is_saved() && !case.texts()[1].contains("[settings"), "{}", case.texts()[1]);
     assert_eq!(number(&case.project(), "noise", "scale"), 2.0);
+}
+
+#[test]
+fn settings_of_the_scene_stay_though_they_equal_the_profiles() {
+    let case = Case::new();
+    let exposure = "\n[camera.exposure]\ntime_s = 0.01\n";
+    std::fs::write(&case.profile, format!("{PROFILE}{exposure}")).unwrap();
+    let settings = "[settings.noise]\nscale = 0.5\n\n[settings.camera.exposure]\ntime_s = 0.01\n";
+    std::fs::write(&case.scene, format!("{SCENE}\n{settings}")).unwrap();
+    let mut project = case.project();
+    assert!(project.edit().settings.overrule_recorded_exposure);
+    project.change_scene("up", |scene| scene.metres_per_unit = Some(1.0)).unwrap();
+    project.save_scene(&case.scene).unwrap();
+    let again = case.project();
+    assert!(again.edit().settings.overrule_recorded_exposure && again.edit() == project.edit());
+    let scene = &case.texts()[1];
+    assert!(scene.contains("scale = 0.5") && scene.contains("time_s = 0.01"), "{scene}");
+    // A later change of the profile leaves the shot as it is.
+    std::fs::write(&case.profile, PROFILE.replace("0.5", "0.25")).unwrap();
+    assert_eq!(number(&case.project(), "noise", "scale"), 0.5);
+    // One that is changed and set back to the profile's is gone.
+    project.set("noise", "scale", &Value::Number(0.75)).unwrap();
+    project.save_scene(&case.scene).unwrap();
+    project.set("noise", "scale", &Value::Number(0.5)).unwrap();
+    project.save_scene(&case.scene).unwrap();
+    assert!(!case.texts()[1].contains("scale"), "{}", case.texts()[1]);
+}
+
+#[test]
+fn command_line_has_no_exposure_where_the_recorded_one_counts() {
+    let case = Case::new();
+    std::fs::write(&case.profile, format!("{PROFILE}\n[camera.exposure]\ntime_s = 0.01\n")).unwrap();
+    std::fs::write(&case.scene, format!("{SCENE}\n[settings.camera.exposure]\ntime_s = 0.02\n")).unwrap();
+    let mut project = case.project();
+    project.set("camera.exposure", "time_s", &Value::Number(0.01)).unwrap();
+    assert!(!project.edit().settings.overrule_recorded_exposure);
+    let line = command_line(&project, 0);
+    assert!(!line.text.contains("--set") && line.before[0].contains("Save the scene first"), "{line:?}");
+    project.save_scene(&case.scene).unwrap();
+    let line = command_line(&project, 0);
+    assert!(!line.text.contains("--set") && line.before.is_empty(), "{line:?}");
+    assert!(!case.project().edit().settings.overrule_recorded_exposure);
+}
+
+#[test]
+fn film_speed_counts_as_soon_as_it_is_set() {
+    let mut project = Case::new().project();
+    let recorded = project.shot().taken(0).iso;
+    project.set("camera.exposure", "time_s", &Value::Number(0.125)).unwrap();
+    project.set("camera.exposure", "iso", &Value::Number(1234.0)).unwrap();
+    let taken = project.shot().taken(0);
+    assert_eq!((taken.time_s, taken.iso), (Some(0.125), Some(1234.0)));
+    project.undo();
+    project.undo();
+    assert_eq!(project.shot().taken(0).iso, recorded);
+}
+
+#[test]
+fn noise_that_is_taken_back_leaves_the_profile() {
+    let case = Case::new();
+    let recording = case.profile.with_file_name("rec");
+    crate::program::copied(&worked::demo(), &recording);
+    let camera = std::fs::read_to_string(recording.join("camera.toml")).unwrap();
+    let without = camera.split("[camera.noise]").next().unwrap();
+    std::fs::write(recording.join("camera.toml"), without).unwrap();
+    let noise = Rig::of_file(&worked::demo().join("camera.toml")).unwrap().noise.unwrap();
+    let given = Given { profile: Some(case.profile.clone()), scene: Some(case.scene.clone()), ..Given::default() };
+    let mut project = Project::open(&recording, &OpenOptions::default(), &given).unwrap();
+    project.set_noise(noise.clone());
+    save_camera(&mut project, &case.profile);
+    assert!(case.texts()[0].contains("[camera.noise]") && project.is_saved());
+    project.undo();
+    assert_eq!(project.camera_changes(), ["Camera: noise"]);
+    save_camera(&mut project, &case.profile);
+    assert!(!case.texts()[0].contains("[camera.noise]") && project.is_saved(), "{}", case.texts()[0]);
+    // With the scene it overrides the profile's.
+    project.redo();
+    save_camera(&mut project, &case.profile);
+    project.undo();
+    project.save_scene(&case.scene).unwrap();
+    assert!(case.texts()[1].contains("[settings.camera]\nnoise = \"none\"\n"), "{}", case.texts()[1]);
+    let again = Project::open(&recording, &OpenOptions::default(), &given).unwrap();
+    assert!(again.edit().rig.noise.is_none() && again.edit() == project.edit());
+}
+
+fn save_camera(project: &mut Project, profile: &Path) {
+    let written = project.profile_draft(profile, ProfileScope::Camera).write().unwrap();
+    project.written(written);
+}
+
+/// An analysis of [`worked::demo`] with a readout time and a sharpness.
+fn analysis(folder: &Path, project: &Project) -> Analysis {
+    std::fs::create_dir_all(folder).unwrap();
+    let poses = std::fs::read_to_string(worked::demo().join("groundtruth.txt")).unwrap();
+    let count = poses.lines().filter(|line| !line.starts_with('#') && !line.is_empty()).count();
+    std::fs::write(folder.join("poses.txt"), poses).unwrap();
+    let mut geometry = project.shot().geometry_at(0).unwrap();
+    geometry.intrinsics.readout_time_s = 0.0125;
+    let frames = project.shot().recording.frame_count();
+    let text = format!(
+        "version = 8\nrecording = \"\"\nframes = {frames}\n[registration]\nposes = \"refined\"\nlinks = 0\n\
+         missing_links = 0\ndepth_later_s = 0.0\npose_lines = {count}\n[spread]\nsigma_px = 0.75\n"
+    );
+    let mut table: toml::Table = text.parse().unwrap();
+    table.insert("camera".to_owned(), toml::Value::try_from(&geometry).unwrap());
+    std::fs::write(folder.join("analysis.toml"), table.to_string()).unwrap();
+    Analysis::read(folder).unwrap()
+}
+
+#[test]
+fn readout_time_saved_to_the_profile_stays_over_an_analysis() {
+    let case = Case::new();
+    let mut project = case.project();
+    let folder = case.profile.with_file_name("found");
+    let found = analysis(&folder, &project);
+    project.take_analysis(folder, found).unwrap();
+    assert_eq!(number(&project, "camera", "readout_time_s"), 0.0125);
+    project.set("camera", "readout_time_s", &Value::Number(0.02)).unwrap();
+    save_camera(&mut project, &case.profile);
+    assert!(case.texts()[0].contains("readout_time_s = 0.02"), "{}", case.texts()[0]);
+    // The analysis overrides the profile: the scene has to keep it.
+    assert_eq!(project.opened("camera", "readout_time_s"), Some(Value::Number(0.0125)));
+    assert!(!project.is_saved() && project.scene_is_changed());
+    project.save_scene(&case.scene).unwrap();
+    assert!(project.is_saved() && case.texts()[1].contains("[settings.camera]\nreadout_time_s = 0.02\n"));
+    assert!(!command_line(&project, 0).text.contains("--set"));
+}
+
+#[test]
+fn analysis_leaves_the_settings_of_the_scene_and_of_a_profile_that_was_saved_since() {
+    let case = Case::new();
+    std::fs::write(&case.profile, format!("{PROFILE}\n[camera]\nreadout_time_s = 0.01\n")).unwrap();
+    std::fs::write(&case.scene, format!("{SCENE}\n[settings.camera]\nreadout_time_s = 0.01\n")).unwrap();
+    let mut project = case.project();
+    let folder = case.profile.with_file_name("found");
+    let found = analysis(&folder, &project);
+    project.set("point_spread", "sigma_px", &Value::Number(1.5)).unwrap();
+    save_camera(&mut project, &case.profile.with_file_name("other.toml"));
+    project.take_analysis(folder, found).unwrap();
+    let names = [("camera", "readout_time_s"), ("point_spread", "sigma_px")];
+    assert_eq!(names.map(|(table, name)| number(&project, table, name)), [0.01, 1.5]);
+    assert_eq!(project.opened("point_spread", "sigma_px"), Some(Value::Number(1.5)));
+    assert_eq!(project.shot().baseline().found.len(), 1);
+}
+
+#[test]
+fn save_without_a_scene_ends_and_names_what_no_file_keeps() {
+    let case = Case::new();
+    let model = Path::new("scenes/marker-1.glb");
+    let mut project = project(Some(&case.profile), Some(model));
+    let folder = case.profile.with_file_name("found");
+    let found = analysis(&folder, &project);
+    project.take_analysis(folder, found).unwrap();
+    let mut window = window(project, egui::vec2(1400.0, 900.0));
+    set(&mut window, "camera.exposure", "time_s", 0.02);
+    set(&mut window, "camera", "readout_time_s", 0.02);
+    set(&mut window, "noise", "scale", 0.25);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    window.run_steps(3);
+    press(&mut window, "Save to the profile");
+    until(&mut window, |app| app.said().is_some_and(|said| said.contains("Not saved without a scene: ")));
+    let said = window.state().said().unwrap().to_owned();
+    assert!(said.starts_with("Saved the profile mine.toml") && said.contains("eadout"), "{said}");
+    let profile = &case.texts()[0];
+    assert!(profile.contains("scale = 0.25") && !profile.contains("time_s"), "{profile}");
+    // Once more it is said at once, and nothing is written.
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    window.run_steps(3);
+    let said = window.state().said().unwrap();
+    assert!(said.contains("Not saved without a scene: ") && !has(&window, "Save to the profile"), "{said}");
 }
