@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 /// From the program's own folder so many folders up are looked through: `target/release/` lies two below them.
 const UP: usize = 4;
-/// Files that tell the program's folder from a person's that has folders of the same names.
+/// Files that only an installation folder has. A user's folder may have a `profiles` or `scenes` of its own.
 const INSTALL_MARKER_FILES: [&str; 2] = ["profiles/neutral.toml", "scenes/demo.toml"];
 /// The profiles that come with the program.
 const PROFILES: [&str; 3] = ["neutral.toml", "simulated.toml", "tum-fr1.toml"];
@@ -38,9 +38,15 @@ fn is_installation_folder(folder: &Path) -> bool {
     INSTALL_MARKER_FILES.iter().all(|mark| folder.join(mark).is_file())
 }
 
+/// Whether a path is the file or folder of this name in any installation folder, of this build or
+/// another: none of them is written to.
+pub fn is_supplied(path: &Path, name: &str) -> bool {
+    folders().iter().any(|folder| is_installation_folder(folder) && same(path, &folder.join(name)))
+}
+
 /// Whether a profile is one of those that come with the program.
 pub fn is_supplied_profile(profile: &Path) -> bool {
-    PROFILES.iter().any(|name| find(&format!("profiles/{name}")).is_some_and(|own| same(profile, &own)))
+    PROFILES.iter().any(|name| is_supplied(profile, &format!("profiles/{name}")))
 }
 
 fn find_in(folders: &[PathBuf], current: Option<&Path>, name: &str) -> Option<PathBuf> {

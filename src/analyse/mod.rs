@@ -102,9 +102,9 @@ const STEADY: f64 = 0.01;
 /// places than their poses say differ as well.
 const EXPLAINED: f64 = 1.0 / 3.0;
 
-/// Looks at a whole recording, as seen by `camera`. `told` receives how far it is; its error ends
-/// the work, and `part` keeps what is finished of it. The analysis is the same for any number of `threads`, bit for bit; beside it is
-/// how long its parts took.
+/// Analyses a whole recording, as seen by `camera`. `told` receives the progress; its error ends
+/// the work, and `part` keeps the finished stages. The analysis is the same for any number of
+/// `threads`, bit for bit. The second result is the time of each part.
 pub fn analyse(
     recording: &Recording,
     camera: &Geometry,

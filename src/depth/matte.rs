@@ -88,7 +88,7 @@ struct Seen<'a> {
     places: Places,
 }
 
-/// What each pixel of a part shows, row by row, if a surface there is nearer than `before_m`. The
+/// The mattes of a part's pixels, row by row, where a surface is nearer than `before_m`. The
 /// map's edges lie on the picture's; `looks` are square roots of its light.
 pub fn shares(
     depth_m: &[f32],
@@ -272,7 +272,7 @@ impl Seen<'_> {
     }
 }
 
-/// What is added where the farther surface is covered, for each covered share of a pixel:
+/// Light that is added where the farther surface is covered, per covered share of a pixel:
 /// α·(F − B), so that α·F of the pixel's light is left. F lies within the colours of the nearer
 /// surface around, or between them and the pixel's own: a farther surface that is darker here than
 /// around must not leave a dark rim.

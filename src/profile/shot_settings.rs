@@ -13,7 +13,7 @@ use crate::params::{Kind, Params, Value};
 use crate::words::quoted;
 
 const NOISE: &str = "camera.noise";
-/// Table and name of the noise where a file says that the camera has none.
+/// Table and key whose value [`NONE`] removes the camera's noise.
 const NO_NOISE: (&str, &str) = ("camera", "noise");
 const LENS: &str = "camera.lens";
 const OPENINGS: [&str; 2] = ["f_number", "aperture_diameter_mm"];

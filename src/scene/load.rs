@@ -25,7 +25,7 @@ pub fn load(path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneError> {
     load_with(path, world_up, MissingModels::Refuse)
 }
 
-/// Like [`load`], with a choice of what becomes of a scene file's missing models.
+/// Like [`load`]; `missing_models` says whether a missing model refuses the scene.
 pub fn load_with(path: &Path, world_up: Option<DVec3>, missing_models: MissingModels) -> Result<Scene, SceneError> {
     guarded(path, || load_unguarded(Loader { missing_models, ..Loader::default() }, path, world_up))
 }

@@ -22,7 +22,7 @@ const COLOURS: [[u8; 4]; 2] = [[255, 0, 255, 255], [0, 0, 0, 255]];
 pub struct MissingFile {
     pub file: PathBuf,
     pub problem: String,
-    /// False for a model whose objects are all hidden.
+    /// False if all objects of the model are hidden.
     pub is_needed: bool,
 }
 
@@ -35,7 +35,7 @@ pub(super) fn size(of_model: Size) -> Size {
 }
 
 impl Loader {
-    /// Whether a file is known to be missing; `is_needed` adds to what is known of it.
+    /// Whether a file is known to be missing. Marks it as needed if `is_needed`.
     pub fn is_missing(&mut self, file: &Path, is_needed: bool) -> bool {
         let known = self.scene.missing.iter_mut().find(|missing| missing.file == file);
         known.map(|missing| missing.is_needed |= is_needed).is_some()
@@ -51,14 +51,14 @@ impl Loader {
         Ok(())
     }
 
-    /// Warns of missing models whose objects are all hidden. All objects must have been read.
+    /// Warns of missing models whose objects are all hidden; call it after all objects are read.
     pub fn warn_of_hidden(&mut self) {
         let hidden = self.scene.missing.iter().filter(|missing| !missing.is_needed);
         let warnings: Vec<_> = hidden.map(|missing| format!("{}; its objects are hidden", missing.problem)).collect();
         warnings.into_iter().for_each(|warning| self.warn_as_it_is(warning));
     }
 
-    /// Takes out what a model had added before reading it failed.
+    /// Removes the data that a model added before it failed to load.
     pub fn roll_back(&mut self, to: Lengths) {
         let scene = &mut self.scene;
         scene.meshes.truncate(to.meshes);

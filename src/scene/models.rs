@@ -38,7 +38,7 @@ pub(super) enum LightKind {
     },
 }
 
-/// What becomes of a scene file's models that cannot be read.
+/// Policy for models of a scene file that cannot be read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MissingModels {
     /// The scene is refused.

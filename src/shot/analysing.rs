@@ -42,7 +42,7 @@ impl Shot {
     }
 
     /// Analyses a whole recording, which must be [`Shot::as_recorded`], and writes the result into
-    /// a folder. `told` receives how far it is; its error ends the work.
+    /// a folder. `told` receives the progress; its error ends the work.
     pub fn analyse(
         &self,
         folder: &Path,

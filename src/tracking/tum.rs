@@ -113,11 +113,12 @@ fn parse_line(record: &str) -> Result<Option<(Line, f64)>, String> {
         *field = text::pose_number(&mut rest, name).map_err(refuse)?;
     }
     text::end(rest)?;
-    if fields.iter().any(|field| !field.is_finite()) {
-        return Ok(None);
-    }
     let [tx, ty, tz, qx, qy, qz, qw] = fields;
     let rotation = DQuat::from_xyzw(qx, qy, qz, qw);
+    // Trackers write a lost pose as `nan`, or with a quaternion of zeros.
+    if fields.iter().any(|field| !field.is_finite()) || rotation.to_array() == [0.0; 4] {
+        return Ok(None);
+    }
     let (_, norm_error) = unit_quaternion(rotation)?;
     Ok(Some((Line { time_s, position_m: DVec3::new(tx, ty, tz), rotation }, norm_error)))
 }
@@ -142,7 +143,7 @@ pub struct PoseNotes {
 }
 
 impl PoseNotes {
-    /// Counts a pose that is not finite.
+    /// Counts a lost pose.
     pub fn count_lost(&mut self, place: String) {
         if self.lost_count == 0 {
             self.first_lost_place = place;
@@ -169,10 +170,10 @@ impl PoseNotes {
             format!("{file}: not of unit length are {count} of {of} quaternions, by up to {worst:.4} (first at {first}): normalised")
         });
         let lost = (*lost_count > 0).then(|| {
-            let are = if *lost_count == 1 { "is" } else { "are" };
+            let [are, have] = if *lost_count == 1 { ["is", "has"] } else { ["are", "have"] };
             let all = lost_count + of;
             format!(
-                "{file}: {lost_count} of {all} poses {are} not finite (first at {first_lost_place}): lost by the tracker, left out"
+                "{file}: {lost_count} of {all} poses {are} not finite or {have} no rotation (first at {first_lost_place}): lost by the tracker, left out"
             )
         });
         off_unit.into_iter().chain(lost).collect()
@@ -205,7 +206,7 @@ mod tests {
             ("1 0 0 0 0 0 0 1", "t.txt, line 3: the time stands twice"),
             ("0.5 0 0 0 0 0 0 1", "t.txt, line 3: the time runs backwards"),
             ("2 0 0 0 0 0 0 1.02", "t.txt, line 3: the quaternion has length 1.02"),
-            ("2 0 0 0 0 0 0 0", "t.txt, line 3: the quaternion has length 0"),
+            ("2 0 0 0 0 0 0 0.5", "t.txt, line 3: the quaternion has length 0.5"),
             ("NaN 0 0 0 0 0 0 1", "t.txt, line 3: timestamp is `NaN`; a finite number is needed"),
             ("2 0 x 0 0 0 0 1", "t.txt, line 3: ty is `x`; a finite number is needed"),
             ("2 0 0 0 0 0 0", "t.txt, line 3: qw is missing"),
@@ -218,9 +219,13 @@ mod tests {
 
     #[test]
     fn lost_poses_are_left_out_and_counted() {
-        let t = parse("1 0 0 0 0 0 0 1\n2 0 nan 0 0 0 0 1\n3 -inf 0 0 0 0 0 1\n4 0 0 0 0 0 0 1\n").unwrap();
+        let lost = "2 0 nan 0 0 0 0 1\n3 -inf 0 0 0 0 0 1\n3.5 0 0 0 0 0 0 0\n";
+        let t = parse(&format!("1 0 0 0 0 0 0 1\n{lost}4 0 0 0 0 0 0 1\n")).unwrap();
         assert_eq!(t.poses.iter().map(|pose| pose.0).collect::<Vec<_>>(), [1.0, 4.0]);
-        assert_eq!(t.warnings, ["t.txt: 2 of 4 poses are not finite (first at line 2): lost by the tracker, left out"]);
+        assert_eq!(
+            t.warnings,
+            ["t.txt: 3 of 5 poses are not finite or have no rotation (first at line 2): lost by the tracker, left out"]
+        );
     }
 
     #[test]

@@ -77,12 +77,12 @@ fn profile_step(project: &Project, agreed: Agreed<'_>, changed: impl Fn(&Path) -
 
 /// Whether that is the demonstration's recording.
 pub fn is_demonstration(recording: &Path) -> bool {
-    same(recording, &installed::path(DEMO))
+    installed::is_supplied(recording, DEMO)
 }
 
 /// Whether that is the scene file of the demonstration.
 pub fn is_demo(scene: &Path) -> bool {
-    same(scene, &installed::path(DEMO_SCENE))
+    installed::is_supplied(scene, DEMO_SCENE)
 }
 
 /// The owner of a profile that others use, too.

@@ -273,6 +273,13 @@ fn typed(window: &mut Harness<'_, App>, field: &str, text: &str) {
     window.run_steps(2);
 }
 
+fn open_camera_dialog(window: &mut Harness<'_, App>) {
+    window.get_by_label("File").click();
+    window.run_steps(2);
+    window.get_by_label("Live camera…").click();
+    shows(window, "Start");
+}
+
 #[test]
 fn what_is_asked_of_a_camera_stands_in_the_dialog_and_is_asked_again() {
     let site = Site::shared(&CAMERA);
@@ -280,13 +287,7 @@ fn what_is_asked_of_a_camera_stands_in_the_dialog_and_is_asked_again() {
     let value = |window: &Harness<'_, App>, field: &str| {
         window.get_by_role_and_label(Role::TextInput, field).accesskit_node().value().unwrap_or_default()
     };
-    let ask = |window: &mut Harness<'_, App>| {
-        window.get_by_label("File").click();
-        window.run_steps(2);
-        window.get_by_label("Live camera…").click();
-        shows(window, "Start");
-    };
-    ask(&mut window);
+    open_camera_dialog(&mut window);
     assert!(window.query_by_role_and_label(Role::Dialog, "Live camera").is_some(), "a screen reader says where one is");
     // As the camera was opened.
     assert_eq!(value(&window, "Board"), site.path("board.toml"));
@@ -308,7 +309,7 @@ fn what_is_asked_of_a_camera_stands_in_the_dialog_and_is_asked_again() {
     let wanted = Asked { smooth_s: Some(0.05), rate_hz: Some(25.0), size: Some((320, 240)), ..Asked::default() };
     assert_eq!(window.state().project().camera.as_ref().unwrap().asked, wanted);
     until(&mut window, |app| app.viewer().composite().is_some());
-    ask(&mut window);
+    open_camera_dialog(&mut window);
     assert_eq!(["Smoothing", "Rate", "Pictures"].map(|field| value(&window, field)), ["0.05", "25", "320x240"]);
     // Of a stream the delay is asked for.
     window.get_by_label("from a stream").click();
@@ -323,10 +324,7 @@ fn what_is_asked_of_a_camera_stands_in_the_dialog_and_is_asked_again() {
 fn enter_in_a_field_of_the_camera_dialog_ends_typing_and_starts_nothing() {
     let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
-    window.get_by_label("File").click();
-    window.run_steps(2);
-    window.get_by_label("Live camera…").click();
-    shows(&mut window, "Start");
+    open_camera_dialog(&mut window);
     typed(&mut window, "Rate", "25");
     window.key_press(Key::Enter);
     window.run_steps(3);
@@ -341,10 +339,7 @@ fn enter_in_a_field_of_the_camera_dialog_ends_typing_and_starts_nothing() {
 fn a_camera_that_is_refused_leaves_the_dialog_as_it_was_typed() {
     let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
-    window.get_by_label("File").click();
-    window.run_steps(2);
-    window.get_by_label("Live camera…").click();
-    shows(&mut window, "Start");
+    open_camera_dialog(&mut window);
     typed(&mut window, "Rate", "25");
     typed(&mut window, "Camera", "nowhere.mkv");
     window.get_by_label("Start").click();

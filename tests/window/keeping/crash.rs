@@ -3,14 +3,20 @@
 use super::*;
 use crate::tier::{fast_or_full, is_full};
 
-#[test]
-fn a_lost_device_is_told_and_the_work_is_left_for_the_new_start() {
-    let temp = tempfile::tempdir().unwrap();
+/// A window whose recovery file lies in `state` and that does not restart, after one edit.
+fn edited_window(state: &Path) -> Harness<'static, App> {
     let mut window = plain();
-    window.state_mut().keep_in(temp.path());
+    window.state_mut().keep_in(state);
     window.state_mut().restarts_by(|| "a test does not start anew".to_owned());
     window.run_steps(2);
     set(&mut window, "noise", "scale", 0.25);
+    window
+}
+
+#[test]
+fn a_lost_device_is_told_and_the_work_is_left_for_the_new_start() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut window = edited_window(temp.path());
     let edit = window.state().project().edit().clone();
     window.state().viewer().gpu().device.destroy();
     until(&mut window, |app| app.problem().is_some_and(|problem| problem.contains("graphics device was lost")));
@@ -173,11 +179,7 @@ fn a_drag_that_a_crash_ends_is_not_in_the_recovery_file() {
 #[test]
 fn a_lost_device_in_the_middle_of_a_move_leaves_the_scene_before_it() {
     let temp = tempfile::tempdir().unwrap();
-    let mut window = plain();
-    window.state_mut().keep_in(temp.path());
-    window.state_mut().restarts_by(|| "a test does not start anew".to_owned());
-    window.run_steps(2);
-    set(&mut window, "noise", "scale", 0.25);
+    let mut window = edited_window(temp.path());
     let before = window.state().project().edit().clone();
     let mut scene = before.scene.clone();
     scene.add_lamp(glam::DVec3::Z);
