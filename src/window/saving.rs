@@ -101,11 +101,6 @@ pub fn profile_owner(project: &Project, profile: &Path) -> Option<ProfileOwner> 
     profile.starts_with(recording).then_some(ProfileOwner::Recording)
 }
 
-/// Whether two paths are the same, which is there.
-pub fn same(a: &Path, b: &Path) -> bool {
-    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
-}
-
 /// A file that was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Saved {
