@@ -243,7 +243,9 @@ fn frame_names(
             let name = file.file_name().map(|name| inner.join(name).to_string_lossy().into_owned());
             names.extend(name);
         }
-        unread.extend(unsupported::in_folder(&folder.join(inner)));
+        // One of the model is a frame that cannot be read.
+        let is_registered = |file: &PathBuf| names.iter().any(|name| folder.join(name) == *file);
+        unread.extend(unsupported::in_folder(&folder.join(inner)).into_iter().filter(|file| !is_registered(file)));
     }
     let mut names: Vec<String> = names.into_iter().collect();
     names.sort_by(|a, b| listing::natural_order(a, b));

@@ -139,10 +139,12 @@ impl Camera {
         let model = if named || self.is_fisheye == Some(true) { LensModel::OpencvFisheye } else { LensModel::Opencv };
         let (w, h) = match (self.w, self.h) {
             (Some(w), Some(h)) => (w, h),
-            _ => {
-                let header = still::read_header(file).map_err(|e| e.to_string())?;
-                (header.width.into(), header.height.into())
-            }
+            _ => match still::read_header(file) {
+                Ok(header) => (header.width.into(), header.height.into()),
+                // Its frame is left out.
+                Err(error) if still::is_of_another_kind(&error) => return Ok(None),
+                Err(error) => return Err(error.to_string()),
+            },
         };
         // Its angles follow from its size: focal lengths are ignored.
         if self.camera_model.as_deref().is_some_and(|m| ROUND.contains(&m)) {
@@ -246,6 +248,8 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         depths.extend(frame.depth_file_path.map(|name| (time_s, folder.join(name))));
         files.push(picture);
     }
+    let is_frame = |file: &PathBuf| !still::read_header(file).is_err_and(|error| still::is_of_another_kind(&error));
+    let lacks_focal_length = geometries.iter().zip(&files).any(|(geometry, file)| geometry.is_none() && is_frame(file));
     let mut parts = Parts::new(folder, Pictures::Stills(files), timestamps_s);
     parts.up = Some(DVec3::Z);
     parts.described_by.push(file.to_owned());
@@ -254,7 +258,7 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     parts
         .warnings
         .push(format!("nerfstudio keeps no times: frames are taken to follow each other at {NOMINAL_FPS} a second"));
-    if geometries.iter().any(Option::is_none) {
+    if lacks_focal_length {
         parts.warnings.push(format!("{}: some frames have no focal length (fl_x)", file.display()));
     }
     parts.geometries = geometries;

@@ -153,7 +153,7 @@ impl Parts {
             self.leave_out_repeats()?;
         }
         if self.timestamps_s.is_empty() {
-            return Err(RecordingError::content(&self.path, "the recording has no frames"));
+            return Err(self.without_frames());
         }
         let Header { width, height, bits } = self.common_header()?;
         let mut warnings = self.warnings;
@@ -244,17 +244,46 @@ impl Parts {
 }
 
 impl Parts {
+    fn without_frames(&self) -> RecordingError {
+        RecordingError::content(&self.path, "the recording has no frames")
+    }
+
+    /// Leaves out pictures whose file is of a kind that is not read, unless all are, and returns the headers of the others.
+    fn headers(&mut self, files: &[PathBuf]) -> Result<Vec<Header>, RecordingError> {
+        let named = |error| listing::named_in(&self.described_by, error, files.iter());
+        let (mut headers, mut kept, mut unread) = (Vec::new(), vec![true; files.len()], Vec::new());
+        for (file, kept) in files.iter().zip(&mut kept) {
+            match still::read_header(file) {
+                Ok(header) => headers.push(header),
+                Err(error) if still::is_of_another_kind(&error) => {
+                    *kept = false;
+                    unread.push(error);
+                }
+                Err(error) => return Err(named(error)),
+            }
+        }
+        if let Some(first) = unread.first() {
+            if headers.is_empty() {
+                return Err(named(unread.swap_remove(0)));
+            }
+            let are = if unread.len() == 1 { "is" } else { "are" };
+            let all = words::count(files.len(), "picture");
+            self.warnings.push(format!("{} of {all} {are} not read and left out (first: {first})", unread.len()));
+            self.keep(&kept);
+        }
+        Ok(headers)
+    }
+
     /// The header that most frames share; the others are left out. For stills, the headers of all files are read.
     fn common_header(&mut self) -> Result<Header, RecordingError> {
         let files = match &self.pictures {
             Pictures::Video(Video { width, height, bits, .. }, _) => {
                 return Ok(Header { width: *width, height: *height, bits: *bits });
             }
-            Pictures::Stills(files) => files,
+            Pictures::Stills(files) => files.clone(),
         };
-        let named = |error| listing::named_in(&self.described_by, error, files.iter());
-        let headers: Vec<Header> =
-            files.iter().map(|file| still::read_header(file).map_err(named)).collect::<Result<_, _>>()?;
+        let headers = self.headers(&files)?;
+        let Pictures::Stills(files) = &self.pictures else { return Err(self.without_frames()) };
         let mut counts: HashMap<Header, usize> = HashMap::new();
         for header in &headers {
             *counts.entry(*header).or_default() += 1;
@@ -262,7 +291,7 @@ impl Parts {
         let often = |header: &Header| counts.get(header).copied().unwrap_or_default();
         // Of two that are as frequent, the first one's.
         let Some(common) = headers.iter().rev().max_by_key(|header| often(header)).copied() else {
-            return Err(RecordingError::content(&self.path, "the recording has no frames"));
+            return Err(self.without_frames());
         };
         let differs = headers.iter().position(|header| *header != common);
         if let Some((file, header)) = differs.and_then(|first| Some((files.get(first)?, headers.get(first)?))) {

@@ -80,8 +80,8 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
             depths.push((*time_s, depth));
         }
     }
-    let colour = files.first().map(|file| camera(file, COLOUR_FOCAL_PX)).transpose()?;
-    let depth_camera = depths.first().map(|(_, file)| camera(file, DEPTH_FOCAL_PX)).transpose()?;
+    let colour = camera_of(files.iter(), COLOUR_FOCAL_PX)?;
+    let depth_camera = camera_of(depths.iter().map(|(_, file)| file), DEPTH_FOCAL_PX)?;
     let mut parts = Parts::new(folder, Pictures::Stills(files), times_s);
     parts.warnings = odd.warnings(folder, poses.len());
     parts.track = track_from(poses, options.max_gap_s.or(Some(1.5 / NOMINAL_FPS)), folder)?;
@@ -103,6 +103,18 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
 
 fn colour_from_depth() -> Pose {
     Pose::new(DQuat::IDENTITY, -COLOUR_AT_M)
+}
+
+/// The camera of the first picture that can be read; `None` without any picture.
+fn camera_of<'a>(files: impl Iterator<Item = &'a PathBuf>, focal_px: f64) -> Result<Option<Geometry>, RecordingError> {
+    let mut problem = None;
+    for file in files {
+        match camera(file, focal_px) {
+            Ok(camera) => return Ok(Some(camera)),
+            Err(error) => problem = problem.or(Some(error)),
+        }
+    }
+    problem.map_or(Ok(None), Err)
 }
 
 /// The camera of a picture, with a focal length that is meant for 640 pixels across.

@@ -34,9 +34,18 @@ fn refuse_lfs_pointer(file: &mut File) -> io::Result<()> {
     let mut start = Vec::new();
     file.take(LFS_POINTER.len() as u64).read_to_end(&mut start)?;
     if start == LFS_POINTER {
-        return Err(io::Error::other("it is a Git LFS pointer, not the file itself; fetch that with `git lfs pull`"));
+        return Err(io::Error::other(LfsPointer));
     }
     file.rewind()
+}
+
+#[derive(Debug, thiserror::Error)]
+#[error("it is a Git LFS pointer, not the file itself; fetch that with `git lfs pull`")]
+struct LfsPointer;
+
+/// Whether a file could not be opened because it is a pointer of Git LFS.
+pub fn is_lfs_pointer(error: &io::Error) -> bool {
+    error.get_ref().is_some_and(|inner| inner.is::<LfsPointer>())
 }
 
 fn plain(metadata: &std::fs::Metadata) -> io::Result<()> {
@@ -91,7 +100,9 @@ mod tests {
         let file = folder.path().join("a.glb");
         let text = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 123456\n";
         std::fs::write(&file, text).unwrap();
-        let error = read(&file, 1 << 20).unwrap_err().to_string();
+        let error = read(&file, 1 << 20).unwrap_err();
+        assert!(is_lfs_pointer(&error) && !is_lfs_pointer(&io::Error::other("another")));
+        let error = error.to_string();
         assert!(error.contains("Git LFS pointer") && error.contains("`git lfs pull`"), "{error}");
         // A file that only speaks of it is read from its start.
         let other = format!("# {text}");

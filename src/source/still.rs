@@ -23,6 +23,26 @@ pub struct Header {
     pub bits: u32,
 }
 
+/// Whether a file of these first bytes is a picture that is decoded here.
+pub fn is_still(start: &[u8]) -> bool {
+    start.starts_with(PNG_SIGNATURE) || start.starts_with(JPEG_SIGNATURE)
+}
+
+/// Whether a picture could not be read because its file is of another kind, or a pointer of Git LFS, rather than missing or
+/// damaged.
+pub fn is_of_another_kind(error: &SourceError) -> bool {
+    match error {
+        SourceError::Read { source, .. } => plain::is_lfs_pointer(source),
+        SourceError::Content { file, .. } => {
+            let mut start = Vec::new();
+            let longest = PNG_SIGNATURE.len() as u64;
+            let read = plain::open(file).and_then(|opened| opened.take(longest).read_to_end(&mut start));
+            read.is_ok() && !is_still(&start)
+        }
+        _ => false,
+    }
+}
+
 /// Whether a file is a JPEG picture, by its content.
 pub fn is_jpeg(file: &Path) -> Result<bool, SourceError> {
     let failed = |source| SourceError::Read { file: file.to_owned(), source };

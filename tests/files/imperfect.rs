@@ -175,6 +175,42 @@ fn pictures_of_a_folder_that_are_not_read_are_named_and_keep_their_place() {
 }
 
 #[test]
+fn a_picture_of_another_kind_under_the_name_of_a_jpeg_costs_itself_alone() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    pictures(folder, &["f0.jpg", "f1.jpg", "f4.jpg"]);
+    let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 123456\n";
+    let foreign: [(&str, &[u8]); 2] = [("f2.jpg", HEIC), ("f3.jpg", pointer)];
+    for (name, bytes) in foreign {
+        fs::write(folder.join("images").join(name), bytes).unwrap();
+    }
+    let names = ["f0.jpg", "f1.jpg", "f2.jpg", "f3.jpg", "f4.jpg"];
+    let times = |r: &Recording| -> Vec<f64> { r.timestamps_s.iter().map(|s| (s * 30.0).round()).collect() };
+    describe(folder, "[frames]\nimages = \"images\"\nfps = 30.0\n");
+    let of_folder = open(folder);
+    transforms(folder, &names, r#""fl_x": 7"#, |_| String::new());
+    let of_nerfstudio = open(&folder.join("transforms.json"));
+    for r in [of_folder, of_nerfstudio] {
+        assert_eq!((times(&r), frames(&r, 0..3).len()), (vec![0.0, 1.0, 4.0], 3));
+        assert_eq!(told(&r, "2 of 5 pictures are not read and left out (first: "), 1, "{:?}", r.warnings);
+        assert_eq!(told(&r, "f2.jpg: is HEIC, which is not read; convert it: heif-convert "), 1, "{:?}", r.warnings);
+        assert_eq!(told(&r, "no focal length"), 0, "{:?}", r.warnings);
+    }
+    // Where there are no others, the recording is refused with what to do.
+    for ((_, bytes), said) in foreign.into_iter().zip(["heif-convert", "`git lfs pull`"]) {
+        for name in names {
+            fs::write(folder.join("images").join(name), bytes).unwrap();
+        }
+        assert!(refused(folder).contains(said), "{}", refused(folder));
+        assert!(refused(&folder.join("transforms.json")).contains(said));
+    }
+    // A picture that is damaged is refused as before.
+    pictures(folder, &names);
+    fs::write(folder.join("images/f2.jpg"), b"\xff\xd8\xff\xe0\0").unwrap();
+    assert!(refused(folder).contains("f2.jpg: the JPEG is truncated"), "{}", refused(folder));
+}
+
+#[test]
 fn calibration_names_the_photographs_that_are_not_read() {
     let temp = tempfile::tempdir().unwrap();
     let (folder, file) = (temp.path().join("photos"), temp.path().join("photos/board.heic"));

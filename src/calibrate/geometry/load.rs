@@ -10,6 +10,7 @@ use crate::calibrate::board::{Search, Seen, Slanted, Wanted};
 use crate::calibrate::is_picture;
 use crate::camera::Response;
 use crate::rows::{over_rows, processors};
+use crate::source::file::is_lfs_pointer;
 use crate::source::video::{Overrides, Video, probe};
 use crate::source::{SourceError, still, unsupported};
 use crate::words::reason;
@@ -146,6 +147,9 @@ fn from_photos(
             }
             // One that is damaged is one fewer; one that is not there was meant.
             Err(SourceError::Content { problem, .. }) => Ok(Searched { name, size: (0, 0), found: Err(problem) }),
+            Err(SourceError::Read { source, .. }) if is_lfs_pointer(&source) => {
+                Ok(Searched { name, size: (0, 0), found: Err(reason(&source)) })
+            }
             Err(error) => Err(error.into()),
         }
     };
