@@ -259,7 +259,8 @@ fn recording(args: &Args) -> Result<()> {
             more => writeln!(out, "files      {files}, {more} cannot be read")?,
         }
     }
-    for text in recording.warnings.iter().chain(&recording.missing_poses(0..frames)) {
+    let undecoded = recording.undecoded_depth();
+    for text in recording.warnings.iter().chain(&undecoded).chain(&recording.missing_poses(0..frames)) {
         writeln!(out, "odd        {}", shown(&text.to_string()))?;
     }
     for text in repeats(recording) {

@@ -10,7 +10,8 @@ use crate::camera::Geometry;
 use crate::depth::{DepthCamera, enlarged, is_same_view};
 use crate::pixels::DepthMap;
 use crate::source::SourceError;
-use crate::source::still::{self, Header};
+use crate::source::depth_map::{self, Header};
+use crate::source::still;
 use crate::words::count;
 
 /// How depth pictures are stored, and what they see.
@@ -23,12 +24,14 @@ pub struct Stored {
     pub confidence_in: Option<PathBuf>,
     /// The camera that measured them. `None`: they show the frames' own view, in whatever size.
     pub camera: Option<DepthCamera>,
+    /// If `codes_per_metre` is the format's usual one and not the recording's: how the recording gives metres.
+    pub metres_by: Option<&'static str>,
 }
 
 impl Stored {
     /// Registered to the frames, every code a depth but 0.
     pub fn plain(codes_per_metre: f64) -> Self {
-        Self { codes_per_metre, unknown_from: None, confidence_in: None, camera: None }
+        Self { codes_per_metre, unknown_from: None, confidence_in: None, camera: None, metres_by: None }
     }
 
     fn confidence_file(&self, depth: &Path) -> Option<PathBuf> {
@@ -83,6 +86,16 @@ fn unreadable(number: usize, all: usize, first: &str) -> String {
     format!("{number} of {} cannot be read, and {frames} no depth (first: {first})", count(all, "depth picture"))
 }
 
+/// The warning that floating-point depth is read by the format's usual unit.
+fn unsure_unit(file: &Path, codes_per_metre: f64, metres_by: &str) -> String {
+    let unit = crate::words::number(1.0 / codes_per_metre);
+    format!(
+        "{}: holds floating-point depth, and the recording does not give its unit: {unit} m is taken; if it is in metres, \
+         {metres_by}",
+        file.display()
+    )
+}
+
 impl Depth {
     /// How it is stored, in words that change with it.
     pub fn stored(&self) -> String {
@@ -102,14 +115,14 @@ impl Depth {
         // One depth picture may serve several frames.
         let files: BTreeSet<PathBuf> = of_frame.iter().flatten().map(|(_, file)| file.clone()).collect();
         let mut unread: BTreeMap<&PathBuf, String> = BTreeMap::new();
-        let mut confidence = Vec::new();
+        let (mut confidence, mut first_float) = (Vec::new(), None);
         for file in &files {
             let beside = stored.confidence_file(file);
-            let headers = still::read_header(file).and_then(|header| {
+            let headers = depth_map::read_header(file).and_then(|header| {
                 beside.as_deref().map(still::read_header).transpose()?;
                 Ok(header)
             });
-            let Header { width, height, .. } = match headers {
+            let Header { width, height, is_float } = match headers {
                 Ok(header) => header,
                 Err(error) if is_of_one_picture(&error) => {
                     unread.insert(file, error.to_string());
@@ -118,6 +131,7 @@ impl Depth {
                 Err(error) => return Err(error.into()),
             };
             confidence.extend(beside);
+            first_float = first_float.or(is_float.then_some(file));
             let found = match &stored.camera {
                 Some(camera) if camera.size() != (width, height) => {
                     return Err(RecordingError::content(file, other_size((width, height), camera.size())));
@@ -144,7 +158,8 @@ impl Depth {
             depth.take_if(|(_, file)| unread.contains_key(file));
         }
         let unreadable = unread.values().next().map(|first| unreadable(unread.len(), files.len(), first));
-        let warnings = unreadable.into_iter().chain(warning).collect();
+        let unsure = first_float.zip(stored.metres_by).map(|(file, by)| unsure_unit(file, stored.codes_per_metre, by));
+        let warnings = unreadable.into_iter().chain(warning).chain(unsure).collect();
         let depth = Self { of_frame, confidence, stored, registration, undecoded: Mutex::default() };
         Ok((depth, warnings))
     }
@@ -154,6 +169,25 @@ impl Depth {
         let undecoded = self.undecoded.lock().unwrap_or_else(PoisonError::into_inner);
         let all: BTreeSet<&PathBuf> = self.of_frame.iter().flatten().map(|(_, file)| file).collect();
         undecoded.values().next().map(|first| unreadable(undecoded.len(), all.len(), first))
+    }
+
+    /// The number of files, and an error for each that ends too early. Their depth counts as not decoded.
+    pub fn check_ends(&self) -> (usize, Vec<SourceError>) {
+        let depth: BTreeSet<&PathBuf> = self.of_frame.iter().flatten().map(|(_, file)| file).collect();
+        let (mut count, mut problems) = (0, Vec::new());
+        let mut undecoded = self.undecoded.lock().unwrap_or_else(PoisonError::into_inner);
+        for file in depth {
+            let confidence = self.stored.confidence_file(file);
+            let ends = [Some(depth_map::check_end(file)), confidence.map(|confidence| still::check_end(&confidence))];
+            for end in ends.into_iter().flatten() {
+                count += 1;
+                if let Err(error) = end {
+                    undecoded.entry(file.clone()).or_insert_with(|| error.to_string());
+                    problems.push(error);
+                }
+            }
+        }
+        (count, problems)
     }
 
     pub fn has_any(&self) -> bool {
@@ -209,7 +243,7 @@ impl Depth {
     /// The map as it was measured, 0 where it says nothing.
     fn measured(&self, file: &Path, time_s: f64) -> Result<DepthMap, SourceError> {
         let codes_per_metre = self.stored.codes_per_metre;
-        let mut map = still::read_depth(file, codes_per_metre, time_s)?;
+        let mut map = depth_map::read(file, codes_per_metre, time_s)?;
         if let Some(code) = self.stored.unknown_from {
             let unknown_from_m = (f64::from(code) / codes_per_metre) as f32;
             map.depth_m.iter_mut().filter(|z| **z >= unknown_from_m).for_each(|z| *z = 0.0);

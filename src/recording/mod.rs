@@ -322,13 +322,12 @@ impl Recording {
     }
 
     /// The number of pictures, including depth, and an error for each whose file ends too early. Pixels are not
-    /// decoded; videos are not checked.
+    /// decoded; videos are not checked. [`Recording::undecoded_depth`] then warns about the frames whose depth is missing.
     pub fn check_ends(&self) -> (usize, Vec<SourceError>) {
-        let mut files: Vec<&Path> = self.stills().chain(self.depth_files()).collect();
-        // One depth picture may serve several frames.
-        files.sort_unstable();
-        files.dedup();
-        (files.len(), files.into_iter().filter_map(|file| still::check_end(file).err()).collect())
+        let stills: BTreeSet<&Path> = self.stills().collect();
+        let (of_depth, depth_problems) = self.depth.as_ref().map(|depth| depth.check_ends()).unwrap_or_default();
+        let problems = stills.iter().filter_map(|file| still::check_end(file).err()).chain(depth_problems);
+        (stills.len() + of_depth, problems.collect())
     }
 
     pub fn has_depth(&self) -> bool {

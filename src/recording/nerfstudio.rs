@@ -263,7 +263,10 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     }
     parts.geometries = geometries;
     if !depths.is_empty() {
-        parts.depth = Some(DepthFiles { by_time: depths, stored: Stored::plain(1.0 / metres_per_code) });
+        let metres_by =
+            depth_unit_scale_factor.is_none().then_some("write \"depth_unit_scale_factor\": 1.0 into the file");
+        let stored = Stored { metres_by, ..Stored::plain(1.0 / metres_per_code) };
+        parts.depth = Some(DepthFiles { by_time: depths, stored });
     }
     Ok(parts)
 }

@@ -39,7 +39,9 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     if depth_list.exists() {
         let files = listing::read_pictures(&depth_list)?;
         parts.described_by.push(depth_list);
-        parts.depth = Some(DepthFiles { by_time: files, stored: Stored::plain(CODES_PER_METRE) });
+        let metres_by = Some("describe the recording by a recording.toml with `scale = 1` in [depth]");
+        let stored = Stored { metres_by, ..Stored::plain(CODES_PER_METRE) };
+        parts.depth = Some(DepthFiles { by_time: files, stored });
     }
     Ok(parts)
 }

@@ -2,6 +2,7 @@
 
 pub mod ahead;
 pub mod decoding;
+pub mod depth_map;
 pub mod exif;
 pub mod ffmpeg;
 pub mod file;

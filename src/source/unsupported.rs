@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
+use super::depth_map;
 use crate::words::count;
 
 /// A kind of file that is not decoded.
@@ -14,6 +15,8 @@ pub struct Kind {
     endings: &'static [&'static str],
     is_begun_by: fn(&[u8]) -> bool,
     convert: &'static str,
+    /// The command that keeps the values of depth, where files of this kind hold depth.
+    convert_depth: Option<&'static str>,
     /// Whether a folder's files of this kind are taken for frames.
     is_picture: bool,
 }
@@ -23,6 +26,9 @@ fn has_brand(start: &[u8], brands: &[&[u8; 4]]) -> bool {
     start.get(4..8) == Some(b"ftyp") && brands.iter().any(|brand| start.get(8..12) == Some(*brand))
 }
 
+const DEPTH_TIFF: &str = "python3 -c \"import cv2, numpy; numpy.save('FILE.npy', cv2.imread('FILE.tif', -1))\"";
+const DEPTH_PPM: &str = "python3 -c \"import cv2, numpy; numpy.save('FILE.npy', cv2.imread('FILE.pgm', -1))\"";
+
 /// Camera raw files begin as TIFF files, so that only their names tell them.
 static KINDS: [Kind; 12] = [
     Kind {
@@ -30,6 +36,7 @@ static KINDS: [Kind; 12] = [
         endings: &["heic", "heif", "hif"],
         is_begun_by: |start| has_brand(start, &[b"heic", b"heix", b"heim", b"heis", b"mif1", b"msf1", b"hevc"]),
         convert: "heif-convert FILE.heic FILE.png",
+        convert_depth: None,
         is_picture: true,
     },
     Kind {
@@ -37,6 +44,7 @@ static KINDS: [Kind; 12] = [
         endings: &["avif"],
         is_begun_by: |start| has_brand(start, &[b"avif"]),
         convert: "ffmpeg -i FILE.avif FILE.png",
+        convert_depth: None,
         is_picture: true,
     },
     Kind {
@@ -44,6 +52,7 @@ static KINDS: [Kind; 12] = [
         endings: &["dng", "cr2", "cr3", "nef", "arw", "raf", "orf", "rw2", "pef", "srw"],
         is_begun_by: |start| has_brand(start, &[b"crx "]) || start.starts_with(b"FUJIFILM"),
         convert: "darktable-cli FILE.dng FILE.png",
+        convert_depth: None,
         is_picture: true,
     },
     Kind {
@@ -51,6 +60,7 @@ static KINDS: [Kind; 12] = [
         endings: &["tif", "tiff"],
         is_begun_by: |start| start.starts_with(b"II*\0") || start.starts_with(b"MM\0*"),
         convert: "ffmpeg -i FILE.tif FILE.png",
+        convert_depth: Some(DEPTH_TIFF),
         is_picture: true,
     },
     Kind {
@@ -58,6 +68,7 @@ static KINDS: [Kind; 12] = [
         endings: &["exr"],
         is_begun_by: |start| start.starts_with(b"\x76\x2f\x31\x01"),
         convert: "ffmpeg -apply_trc iec61966_2_1 -i FILE.exr -pix_fmt rgb48be FILE.png",
+        convert_depth: None,
         is_picture: true,
     },
     Kind {
@@ -65,6 +76,7 @@ static KINDS: [Kind; 12] = [
         endings: &["webp"],
         is_begun_by: |start| start.starts_with(b"RIFF") && start.get(8..12) == Some(b"WEBP"),
         convert: "ffmpeg -i FILE.webp FILE.png",
+        convert_depth: None,
         is_picture: true,
     },
     Kind {
@@ -72,6 +84,7 @@ static KINDS: [Kind; 12] = [
         endings: &["jxl"],
         is_begun_by: |start| start.starts_with(b"\xff\x0a") || start.starts_with(b"\0\0\0\x0cJXL "),
         convert: "djxl FILE.jxl FILE.png",
+        convert_depth: None,
         is_picture: true,
     },
     Kind {
@@ -79,6 +92,7 @@ static KINDS: [Kind; 12] = [
         endings: &["jp2", "j2k"],
         is_begun_by: |start| start.starts_with(b"\0\0\0\x0cjP  ") || start.starts_with(b"\xff\x4f\xff\x51"),
         convert: "ffmpeg -i FILE.jp2 FILE.png",
+        convert_depth: None,
         is_picture: true,
     },
     Kind {
@@ -86,6 +100,7 @@ static KINDS: [Kind; 12] = [
         endings: &["bmp"],
         is_begun_by: |start| start.starts_with(b"BM"),
         convert: "ffmpeg -i FILE.bmp FILE.png",
+        convert_depth: None,
         is_picture: true,
     },
     Kind {
@@ -94,6 +109,7 @@ static KINDS: [Kind; 12] = [
         // By its content it is a video.
         is_begun_by: |_| false,
         convert: "ffmpeg -i FILE.gif FILE.png",
+        convert_depth: None,
         is_picture: true,
     },
     Kind {
@@ -101,13 +117,15 @@ static KINDS: [Kind; 12] = [
         endings: &["ppm", "pgm", "pnm"],
         is_begun_by: |start| start.starts_with(b"P5") || start.starts_with(b"P6"),
         convert: "ffmpeg -i FILE.ppm FILE.png",
+        convert_depth: Some(DEPTH_PPM),
         is_picture: true,
     },
     Kind {
         name: "a NumPy array",
         endings: &["npy"],
         is_begun_by: |start| start.starts_with(b"\x93NUMPY"),
-        convert: "python3 -c \"import cv2, numpy; cv2.imwrite('FILE.png', numpy.load('FILE.npy').astype('uint16'))\"",
+        convert: "python3 -c \"import cv2, numpy; cv2.imwrite('FILE.png', cv2.cvtColor(numpy.load('FILE.npy'), cv2.COLOR_RGB2BGR))\" (8 or 16 bits, R, G, B)",
+        convert_depth: None,
         is_picture: false,
     },
 ];
@@ -115,6 +133,18 @@ static KINDS: [Kind; 12] = [
 impl Kind {
     pub fn refusal(&self) -> String {
         format!("is {}, which is not read; convert it: {}", self.name, self.convert)
+    }
+
+    /// The refusal of a file that is named as depth. Commands for colour would change its values.
+    pub fn depth_refusal(&self) -> String {
+        match self.convert_depth {
+            Some(command) => format!(
+                "is {}, which is not read as depth; `{command}` keeps its values (Python with opencv-python and numpy): name \
+                 the .npy in its place",
+                self.name
+            ),
+            None => format!("is {}, which is not read as depth; accepted are {}", self.name, depth_map::ACCEPTED),
+        }
     }
 }
 
@@ -130,7 +160,8 @@ pub fn by_name(file: &Path) -> Option<&'static Kind> {
 }
 
 /// The pictures of a folder that are not decoded, by their names, in order. Those that were converted, into a PNG or JPEG
-/// beside them, are left out. A folder that cannot be read has none.
+/// beside them, are left out. Arrays beside pictures are depth or something else; alone they were meant as frames. A folder that
+/// cannot be read has none.
 pub fn in_folder(folder: &Path) -> Vec<PathBuf> {
     let files = || std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let is_decoded = |file: &PathBuf| {
@@ -140,14 +171,15 @@ pub fn in_folder(folder: &Path) -> Vec<PathBuf> {
     let stem = |file: &PathBuf| file.file_stem().map(OsString::from);
     let converted: BTreeSet<_> = files().filter(is_decoded).map(|file| stem(&file)).collect();
     let is_hidden = |file: &Path| file.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
-    let mut found: Vec<PathBuf> = files()
-        .filter(|file| {
-            by_name(file).is_some_and(|kind| kind.is_picture)
-                && !is_hidden(file)
-                && !converted.contains(&stem(file))
-                && file.is_file()
-        })
-        .collect();
+    let unread = |is_picture: bool| -> Vec<PathBuf> {
+        let is_of_kind = |file: &PathBuf| by_name(file).is_some_and(|kind| kind.is_picture == is_picture);
+        let is_unread = |file: &PathBuf| !is_hidden(file) && !converted.contains(&stem(file)) && file.is_file();
+        files().filter(is_of_kind).filter(is_unread).collect()
+    };
+    let mut found = unread(true);
+    if found.is_empty() && converted.is_empty() {
+        found = unread(false);
+    }
     found.sort();
     found
 }
@@ -181,6 +213,15 @@ mod tests {
     }
 
     #[test]
+    fn depth_has_a_command_that_keeps_its_values() {
+        let refusal = |start: &[u8]| by_content(start).unwrap().depth_refusal();
+        assert!(refusal(b"II*\0").contains("numpy.save('FILE.npy', cv2.imread('FILE.tif', -1))"));
+        assert!(refusal(b"P5 3 2").contains("numpy.save('FILE.npy', cv2.imread('FILE.pgm', -1))"));
+        let other = refusal(b"RIFF\0\0\0\0WEBP");
+        assert!(other.ends_with("accepted are 16-bit grey PNG, OpenEXR and NumPy arrays (.npy)"), "{other}");
+    }
+
+    #[test]
     fn a_folders_unread_pictures_are_those_without_a_converted_copy() {
         let folder = tempfile::tempdir().unwrap();
         for name in ["b.heic", "a.TIF", "c.heic", "c.jpg", ".d.heic", "e.npy", "notes.txt"] {
@@ -194,5 +235,14 @@ mod tests {
             "{told}"
         );
         assert!(in_folder(&folder.path().join("none")).is_empty());
+        // Arrays alone.
+        for name in ["b.heic", "a.TIF", "c.heic", "c.jpg"] {
+            std::fs::remove_file(folder.path().join(name)).unwrap();
+        }
+        let found = in_folder(folder.path());
+        assert_eq!(found, [folder.path().join("e.npy")]);
+        assert!(
+            unread_warning(&found).unwrap().contains("e.npy is a NumPy array, which is not read; convert it: python3")
+        );
     }
 }

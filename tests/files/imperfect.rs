@@ -105,7 +105,10 @@ fn depth_that_is_not_a_picture_is_left_out() {
     assert_eq!((r.frame_count(), r.has_depth()), (3, false));
     let said = "3 of 3 depth pictures cannot be read, and their frames have no depth (first: ";
     assert_eq!(told(&r, said), 1, "{:?}", r.warnings);
-    assert_eq!(told(&r, "is a NumPy array, which is not read; convert it: "), 1, "{:?}", r.warnings);
+    assert_eq!(told(&r, "the array is truncated in its header"), 1, "{:?}", r.warnings);
+    // Commands for pictures in colour would change the values.
+    fs::write(folder.join("d0"), b"II*\0").unwrap();
+    assert_eq!(told(&open(folder), "is TIFF, which is not read as depth; `python3 -c "), 1);
     // One that is missing beside others.
     image::save_buffer(folder.join("d.png"), &[1; 96], 8, 6, image::ExtendedColorType::L16).unwrap();
     for i in 0..2 {
@@ -133,9 +136,45 @@ fn depth_that_ends_too_early_is_counted_where_it_is_decoded() {
     fs::write(folder.join("d1.png"), &whole[..40]).unwrap();
     let r = open(folder);
     assert_eq!(r.undecoded_depth(), None);
+    // `inspect` decodes none of them.
+    let inspected = program::said(&["inspect", folder.to_str().unwrap()]);
+    assert!(
+        inspected.contains("odd        1 of 3 depth pictures cannot be read, and its frames have no depth"),
+        "{inspected}"
+    );
     assert_eq!(frames(&r, 0..3).iter().map(|frame| frame.depth.is_some()).collect::<Vec<_>>(), [true, false, true]);
     let told = r.undecoded_depth().unwrap();
     assert!(told.starts_with("1 of 3 depth pictures cannot be read") && told.contains("d1.png: "), "{told}");
+}
+
+/// An array of 6×8 floats as `numpy.save` writes it.
+fn npy(file: &Path, metres: f32) {
+    let text = "{'descr': '<f4', 'fortran_order': False, 'shape': (6, 8), }\n";
+    let head = [b"\x93NUMPY\x01\0", &(text.len() as u16).to_le_bytes()[..], text.as_bytes()].concat();
+    fs::write(file, [head, metres.to_le_bytes().repeat(48)].concat()).unwrap();
+}
+
+#[test]
+fn floating_point_depth_is_read_by_the_recordings_unit_and_an_unsaid_unit_is_told() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path();
+    pictures(folder, &["0.png", "1.png"]);
+    npy(&folder.join("d0.npy"), 1.5);
+    exr::prelude::write_rgb_file(folder.join("d1.exr"), 8, 6, |_, _| (1.5f32, 1.5f32, 1.5f32)).unwrap();
+    let own = |i: usize| format!(r#", "depth_file_path": "d{i}.{}""#, ["npy", "exr"][i]);
+    let metres =
+        |r: &Recording| -> Vec<f32> { frames(r, 0..2).iter().map(|f| f.depth.as_ref().unwrap().depth_m[9]).collect() };
+    transforms(folder, &["0.png", "1.png"], &format!(r#"{CAMERA}, "depth_unit_scale_factor": 1.0"#), own);
+    let r = open(folder);
+    assert_eq!((metres(&r), told(&r, "floating-point depth")), (vec![1.5; 2], 0));
+    transforms(folder, &["0.png", "1.png"], CAMERA, own);
+    let r = open(folder);
+    assert_eq!((metres(&r), told(&r, "d0.npy: holds floating-point depth")), (vec![0.0015; 2], 1), "{:?}", r.warnings);
+    assert_eq!(told(&r, "write \"depth_unit_scale_factor\": 1.0 into the file"), 1, "{:?}", r.warnings);
+    describe(folder, "[frames]\nimages = \"images\"\nfps = 1.0\n[depth]\nlist = \"d.txt\"\nscale = 1.0\n");
+    fs::write(folder.join("d.txt"), "0 d0.npy\n1 d1.exr\n").unwrap();
+    let r = open(folder);
+    assert_eq!((metres(&r), told(&r, "floating-point depth")), (vec![1.5; 2], 0));
 }
 
 #[test]
@@ -169,6 +208,12 @@ fn pictures_of_a_folder_that_are_not_read_are_named_and_keep_their_place() {
     }
     let error = refused(folder);
     assert!(error.contains("2 pictures are not read") && error.contains("heif-convert"), "{error}");
+    // Arrays alone.
+    fs::create_dir(folder.join("arrays")).unwrap();
+    npy(&folder.join("arrays/0.npy"), 1.0);
+    describe(folder, "[frames]\nimages = \"arrays\"\nfps = 30.0\n");
+    let error = refused(folder);
+    assert!(error.contains("1 picture is not read (first: ") && error.contains("0.npy is a NumPy array"), "{error}");
     // Without anything that describes a recording.
     let error = refused(&folder.join("images"));
     assert!(error.contains("is no recording: 2 pictures are not read") && error.contains("heif-convert"), "{error}");
