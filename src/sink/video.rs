@@ -145,11 +145,6 @@ fn arguments(options: &SinkOptions, partial: &Path, mkv: bool) -> Vec<OsString> 
             text.extend(["-video_track_timescale", "90000"]);
         }
     }
-    // Matroska has no rotation that ffmpeg writes, but the tag that it once did.
-    let rotate = format!("rotate={}", (-presentation.rotation_deg).rem_euclid(360.0));
-    if mkv && presentation.rotation_deg != 0.0 {
-        text.extend(["-metadata:s:v:0", &rotate]);
-    }
     if !mkv {
         text.extend(["-movflags", "+faststart"]);
     }

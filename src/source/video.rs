@@ -120,7 +120,8 @@ impl Presentation {
         if self.rotation_deg != 0.0 {
             let angle = self.rotation_deg;
             warnings.push(format!(
-                "says it should be shown turned by {angle}°; it is read as stored, and a .mp4 says so too"
+                "says it should be shown turned by {angle}°; it is read as stored; a .mp4 that is written says so too, and \
+                 players turn it; a .mkv has no such mark, and players show it as stored: write a .mp4"
             ));
         }
         if let Some((width, height)) = self.pixel_aspect {

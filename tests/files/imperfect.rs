@@ -379,6 +379,21 @@ fn frames_keep_their_times_in_every_kind_of_video() {
     }
 }
 
+/// Neither ffmpeg nor ffprobe knows a turn of Matroska's, so that it is said beforehand.
+#[test]
+fn a_turned_video_names_the_output_that_stays_upright() {
+    let temp = tempfile::tempdir().unwrap();
+    let presentation = Presentation { rotation_deg: 90.0, ..Presentation::default() };
+    for (name, is_turned) in [("a.mp4", 1), ("a.mkv", 0)] {
+        let r = written(&temp.path().join(name), SinkOptions { presentation, lossless: false, ..options(32, 16, 8) });
+        assert_eq!(
+            told(&r, "a .mkv has no such mark, and players show it as stored: write a .mp4"),
+            is_turned,
+            "{name}"
+        );
+    }
+}
+
 #[test]
 fn frames_at_one_time_all_stay_in_the_video() {
     let temp = tempfile::tempdir().unwrap();
