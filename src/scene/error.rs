@@ -30,6 +30,8 @@ pub enum SceneError {
     Incomplete { file: PathBuf, found: usize, needed: usize },
     #[error("{} is not a glTF file", file.display())]
     NotGltf { file: PathBuf },
+    #[error("{} is empty (0 bytes); a .glb or .gltf file is needed: export or download it again", file.display())]
+    Empty { file: PathBuf },
     /// A library that decodes pictures or text panicked.
     #[error("{}: reading it failed inside ({message}); the file is probably damaged: export it again", file.display())]
     Inside { file: PathBuf, message: String },

@@ -27,6 +27,9 @@ pub(super) struct Gltf {
 impl Gltf {
     pub fn open(file: &Path, needed_by: Option<&Path>) -> Result<Self, SceneError> {
         let bytes = bytes::read(file, needed_by)?;
+        if bytes.is_empty() {
+            return Err(SceneError::Empty { file: file.to_owned() });
+        }
         let (json, chunk) = bytes::split_glb(file, &bytes)?;
         let json = bytes::without_byte_order_mark(json);
         // The version first: the JSON of another one has other types.

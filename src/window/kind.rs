@@ -70,6 +70,8 @@ mod tests {
         assert_eq!(Kind::of(&cut), Kind::Neither(told));
         std::fs::write(&cut, "a picture").unwrap();
         assert_eq!(Kind::of(&cut), Kind::Neither("kaputt.glb is not a glTF file".to_owned()));
+        std::fs::write(&cut, "").unwrap();
+        assert!(matches!(Kind::of(&cut), Kind::Neither(why) if why.starts_with("kaputt.glb is empty (0 bytes)")));
         assert!(matches!(kind("no/where.toml"), Kind::Neither(why) if why.contains("no/where.toml")));
     }
 }

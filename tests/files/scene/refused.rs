@@ -238,13 +238,14 @@ fn file_of_another_kind_is_named_with_the_next_step() {
     let mut old_container = b"glTF\x01\0\0\0\x14\0\0\0\0\0\0\0\0\0\0\0".to_vec();
     old_container.extend([0; 8]);
     let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 123456\n";
-    let cases: [(&[u8], [&str; 2]); 6] = [
+    let cases: [(&[u8], [&str; 2]); 7] = [
         (old, ["glTF 1.0", "`gltf-pipeline -i "]),
         (&old_container, ["glTF 1.0", "`gltf-pipeline -i "]),
         (pointer, ["a Git LFS pointer", "`git lfs pull`"]),
         (b"\n<!DOCTYPE html><html>", ["a web page", "download the file itself"]),
         (b"PK\x03\x04....", ["a ZIP archive", "unpack it"]),
         (b"Kaydara FBX Binary  \0", ["an FBX file", "Blender"]),
+        (b"", ["is empty (0 bytes)", "export or download it again"]),
     ];
     for (bytes, words) in cases {
         let error = load_bytes("model.glb", bytes).map(|_| ()).unwrap_err().to_string();
