@@ -65,7 +65,8 @@ impl fmt::Display for Track {
             writeln!(f, "lost       {} more times", lost.len() - MOST_TOLD)?;
         }
         for (run, tags) in self.repeated().iter().take(MOST_TOLD) {
-            writeln!(f, "left out   {}: {}", self.told(run), repeated(tags))?;
+            let kept = if run.len() == 1 { "the frame keeps its pose" } else { "the frames keep their poses" };
+            writeln!(f, "repeated   {}: {}; {kept}, by the other tags", self.told(run), repeated(tags))?;
         }
         for run in self.doubtful().iter().take(MOST_TOLD) {
             writeln!(
@@ -75,5 +76,34 @@ impl fmt::Display for Track {
             )?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tags::sight::Lost;
+
+    #[test]
+    fn tags_that_are_left_out_are_told_apart_from_frames_that_are_lost() {
+        let track = Track {
+            times_s: vec![0.0, 0.1, 0.2],
+            frames: vec![Err(Lost::Nothing); 3],
+            tags: vec![2; 3],
+            repeated: vec![vec![4, 5], vec![4, 5], vec![1]],
+            smoothed_s: None,
+        };
+        let told = track.to_string();
+        let lines: Vec<&str> = told.lines().filter(|line| line.starts_with("repeated")).collect();
+        assert_eq!(
+            lines,
+            [
+                "repeated   frames 0 to 1 (0.000 to 0.100 s): the tags 4, 5 are detected more than once; remove the other \
+                 prints; the frames keep their poses, by the other tags",
+                "repeated   frame 2 (0.200 s): the tag 1 is detected more than once; remove the other prints; the frame keeps \
+                 its pose, by the other tags",
+            ]
+        );
+        assert!(!told.contains("left out"), "{told}");
     }
 }
