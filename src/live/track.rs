@@ -68,7 +68,11 @@ pub struct LiveTrack {
     /// Poses in a row that agree with each other, and not with the last real one.
     strays: Vec<(f64, Pose)>,
     told: Option<String>,
+    /// About a stray beside a place that few poses support, until it is known which of the two is left out.
+    doubt: Option<String>,
     has_told_stray: bool,
+    /// Whether the current place is the first one.
+    is_first_place: bool,
 }
 
 /// Poses that are carried and wait for their frames; as many frames may wait.
@@ -111,7 +115,9 @@ impl LiveTrack {
             support: 0,
             strays: Vec::new(),
             told: None,
+            doubt: None,
             has_told_stray: false,
+            is_first_place: true,
         }
     }
 
@@ -139,6 +145,9 @@ impl LiveTrack {
             return self.stray(real, (time_s, *pose));
         }
         self.strays.clear();
+        if let Some(doubt) = self.doubt.take() {
+            self.tell_stray(doubt);
+        }
         match self.ahead.back() {
             Some((newest_s, _)) if time_s <= *newest_s => return PoseTaken::Late,
             None if self.is_lost || !self.is_apart(time_s) => return self.take(time_s, pose),
@@ -161,19 +170,36 @@ impl LiveTrack {
         let apart =
             format!("{} m and {}° away after {} s", short(moved_m), fixed(turned_deg, 0), fixed(time_s - real_s, 3));
         if self.strays.len() <= self.support {
-            if !std::mem::replace(&mut self.has_told_stray, true) {
-                self.told = Some(format!("a pose was dropped as implausible: {apart}; further ones are only counted"));
+            match self.support {
+                MAX_SUPPORT => self.tell_stray(apart),
+                _ => _ = self.doubt.get_or_insert(apart),
             }
             return PoseTaken::Odd;
         }
         let poses = self.strays.len();
-        self.told = Some(format!("the camera has moved abruptly: {poses} consistent poses {apart}"));
+        self.told = Some(match (self.support, self.is_first_place) {
+            (MAX_SUPPORT, _) => format!("the camera has moved abruptly: {poses} consistent poses {apart}"),
+            (1, true) => format!("the first pose is left out as implausible: {poses} consistent poses {apart}"),
+            (1, false) => format!("a single pose is left out as implausible: {poses} consistent poses {apart}"),
+            (few, true) => {
+                format!("the first {few} poses are left out as implausible: {poses} consistent ones {apart}")
+            }
+            (few, false) => format!("{few} poses are left out as implausible: {poses} consistent ones {apart}"),
+        });
+        (self.doubt, self.is_first_place) = (None, false);
         self.ahead.clear();
         self.carried.clear();
         self.seen.clear();
         (self.real, self.support, self.is_lost) = (None, 0, true);
         let strays = std::mem::take(&mut self.strays);
         strays.into_iter().map(|(time_s, pose)| self.add(time_s, &pose)).last().unwrap_or(PoseTaken::Odd)
+    }
+
+    /// Reports the first pose that is dropped.
+    fn tell_stray(&mut self, apart: String) {
+        if !std::mem::replace(&mut self.has_told_stray, true) {
+            self.told = Some(format!("a pose was dropped as implausible: {apart}; further ones are only counted"));
+        }
     }
 
     /// Takes the pending message for the user, if any.
@@ -383,7 +409,9 @@ mod tests {
         // 3 m in 5 ms, and a turn of 0.9 rad.
         assert_eq!(t.add(1.005, &at(3.0)), PoseTaken::Odd);
         assert_eq!(t.add(1.01, &Pose::from_camera_in_world(DVec3::ZERO, DQuat::from_rotation_y(0.9))), PoseTaken::Odd);
-        assert_eq!(t.add(1.015, &at(0.1)), PoseTaken::Added);
+        assert_eq!((t.told(), t.add(1.015, &at(0.1))), (None, PoseTaken::Added));
+        let told = t.told().unwrap();
+        assert!(told.starts_with("a pose was dropped as implausible: 3 m and ") && told.contains("0.005 s"), "{told}");
         // The tracker is elsewhere from now on.
         assert_eq!(t.add(1.02, &at(6.0)), PoseTaken::Odd);
         assert_eq!(t.add(1.13, &at(6.0)), PoseTaken::Added);
@@ -395,11 +423,13 @@ mod tests {
         let mut t = LiveTrack::new(0.105);
         assert_eq!(t.add(1.0, &at(1e9)), PoseTaken::Added);
         assert_eq!(t.add(1.01, &at(0.01)), PoseTaken::Odd);
-        let told = t.told().unwrap();
-        assert!(told.contains(" 1000000000 m ") && told.contains("after 0.010 s"), "{told}");
+        // Which of the two is wild is not known yet.
+        assert_eq!(t.told(), None);
         // Nothing is interpolated between the two places.
         assert_eq!(t.add(1.02, &at(0.02)), PoseTaken::Late);
-        assert!(t.told().unwrap().starts_with("the camera has moved abruptly: 2 consistent poses "));
+        let told = t.told().unwrap();
+        let expected = "the first pose is left out as implausible: 2 consistent poses 1000000000 m and ";
+        assert!(told.starts_with(expected) && told.ends_with("away after 0.020 s"), "{told}");
         let taken: Vec<_> = (3..=15).map(|i| t.add(1.0 + 0.01 * f64::from(i), &at(0.01 * f64::from(i)))).collect();
         assert_eq!(taken.iter().filter(|taken| **taken == PoseTaken::Added).count(), 5, "{taken:?}");
         assert!(t.track().at(1.05).is_err() && t.told().is_none());
@@ -431,6 +461,8 @@ mod tests {
         let taken: Vec<_> = (0..11).map(|i| t.add(1.05 + 0.01 * f64::from(i), &at(1e3))).collect();
         assert!(taken[..10].iter().all(|taken| *taken == PoseTaken::Odd), "{taken:?}");
         assert_eq!(taken[10], PoseTaken::Added);
+        let told = t.told().unwrap();
+        assert!(told.starts_with("the camera has moved abruptly: 11 consistent poses 1000 m and "), "{told}");
     }
 
     #[test]
