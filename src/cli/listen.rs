@@ -99,12 +99,9 @@ fn lens(lens: &LensState, last: Option<&Tracked>) -> String {
 
 fn drops(out: &mut impl Write, report: &Report) -> Result<()> {
     writeln!(out, "drops      {}", report.drops())?;
-    if report.jumps > 0 {
-        writeln!(out, "odd        its clock jumped {}", count(report.jumps as usize, "time"))?;
-    }
-    if report.steps > 0 {
-        let (times, last_s) = (count(report.steps as usize, "time"), fixed(report.last_step_s, 3));
-        writeln!(out, "odd        its clock was set anew {times}, the last by {last_s} s")?;
+    if report.jumps + report.steps > 0 {
+        let times = count((report.jumps + report.steps) as usize, "time");
+        writeln!(out, "odd        its clock was set anew {times}, the last by {} s", fixed(report.last_step_s, 3))?;
     }
     if report.changes > 0 {
         writeln!(out, "odd        another source took over {}", count(report.changes as usize, "time"))?;

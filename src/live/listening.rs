@@ -128,7 +128,7 @@ impl PoseSource for Streamed {
     fn told(&mut self) -> Option<String> {
         let (steps, by_s) = {
             let report = lock(&self.report);
-            (report.steps, report.last_step_s)
+            (report.steps + report.jumps, report.last_step_s)
         };
         // One that goes on so is told less and less often.
         if steps < (2 * self.steps_told).max(1) {

@@ -3,11 +3,12 @@
 //! Datagrams overtake each other. Each item waits a little for those before it, unless its number says that there are
 //! none. What comes after a later one was given out is late. A clock is believed as long as it goes on as time does; when
 //! it jumps, the second item in a row on the new clock proves it, and a new epoch begins. A single one is only odd. A
-//! smaller step forward within an epoch needs three items in a row that bear it out; until then they are held back.
+//! smaller step needs three items in a row that bear it out; until then they are held back. A step forward goes on within
+//! the epoch. After a step back times repeat, so that a new epoch begins.
 
 use std::collections::VecDeque;
 
-use super::offset::{AHEAD_S, ClockOffset, MIN_CONSISTENT_SAMPLES};
+use super::offset::{AHEAD_S, BEHIND_S, ClockOffset, MIN_CONSISTENT_SAMPLES};
 
 /// A clock may be off from arrivals by this between two items, seconds: streams stutter, and poses may be sent faster
 /// than they were recorded.
@@ -39,17 +40,19 @@ pub enum Taken {
     Repeated,
     /// Its clock is elsewhere; the next items will tell.
     Odd,
-    /// The clock was set anew within the epoch, by so many seconds. Of the odd ones before it, so many belong to it. Of
+    /// The clock was set anew, by so many seconds. Of those before it that were odd, or late, so many belong to it. Of
     /// these and the item itself, so many are late or repeated.
     Stepped {
         by_s: f64,
         odd: usize,
+        behind: usize,
         late: usize,
         repeated: usize,
     },
-    /// The clock has jumped: this item and the odd one before it begin a new epoch. If both have
+    /// The clock has jumped, by so many seconds: this item and the odd one before it begin a new epoch. If both have
     /// the same time, this item is dropped as repeated.
     Jumped {
+        by_s: f64,
         is_repeated: bool,
     },
 }
@@ -58,7 +61,7 @@ impl Taken {
     /// Of a step and of what became of its items.
     fn stepped(by_s: f64, odd: usize, items: &[Self]) -> Self {
         let count = |what| items.iter().filter(|taken| **taken == what).count();
-        Self::Stepped { by_s, odd, late: count(Self::Late), repeated: count(Self::Repeated) }
+        Self::Stepped { by_s, odd, behind: 0, late: count(Self::Late), repeated: count(Self::Repeated) }
     }
 }
 
@@ -93,6 +96,8 @@ pub struct Buffer<T> {
     odd: Option<Held<T>>,
     /// Items in a row whose stamps are ahead.
     ahead: Vec<Held<T>>,
+    /// Items in a row, ascending, at whose start the clock ran backwards.
+    behind: Vec<Held<T>>,
     /// Whether all have been since the clock was set forward: they are sent faster than they were recorded.
     runs_ahead: bool,
     /// Epoch, own time, number.
@@ -110,6 +115,7 @@ impl<T> Buffer<T> {
             offset: ClockOffset::default(),
             odd: None,
             ahead: Vec::new(),
+            behind: Vec::new(),
             runs_ahead: false,
             last: None,
         }
@@ -130,17 +136,69 @@ impl<T> Buffer<T> {
             self.odd = Some(item);
             return Taken::Odd;
         };
-        self.epoch = self.epoch.wrapping_add(1);
-        self.newest = None;
+        let before_s = self.offset.estimate_s();
+        self.begin_epoch();
         self.offset = ClockOffset::default();
-        self.ahead.clear();
-        self.runs_ahead = false;
         self.insert(first);
-        match self.insert(item) {
-            Taken::Waits => Taken::Jumped { is_repeated: false },
-            Taken::Repeated => Taken::Jumped { is_repeated: true },
+        let taken = self.insert(item);
+        let by_s = before_s.zip(self.offset.estimate_s()).map_or(0.0, |(before_s, now_s)| before_s - now_s);
+        match taken {
+            Taken::Waits => Taken::Jumped { by_s, is_repeated: false },
+            Taken::Repeated => Taken::Jumped { by_s, is_repeated: true },
             other => other,
         }
+    }
+
+    fn begin_epoch(&mut self) {
+        self.epoch = self.epoch.wrapping_add(1);
+        self.newest = None;
+        self.ahead.clear();
+        self.behind.clear();
+        self.runs_ahead = false;
+    }
+
+    /// Whether an item was sent after the last one that was given out, and is stamped before it, or goes on from such ones.
+    /// Where nothing is numbered, one that was overtaken looks alike; [`Buffer::push_behind`] tells the two apart.
+    fn runs_backwards(&self, item: &Held<T>) -> bool {
+        let Some((epoch, time_s, sequence)) = self.last else { return false };
+        let is_behind =
+            |(time_s, arrived_s): (f64, f64)| (item.time_s - time_s) - (item.arrived_s - arrived_s) < -BEHIND_S;
+        // `None` where nothing is numbered. Numbers may wrap, or begin anew.
+        let follows = |before: Option<u32>| {
+            let back = before.zip(item.sequence).map(|(before, this)| before.wrapping_sub(this));
+            back.map(|back| back > MOST_LOST)
+        };
+        let is_behind = self.newest.is_some_and(is_behind);
+        // The step may be shorter than the time between the items that show it.
+        let goes_on = |last: &Held<T>| is_behind && item.time_s > last.time_s && follows(last.sequence).unwrap_or(true);
+        self.behind.last().is_some_and(goes_on)
+            || epoch == self.epoch && item.time_s < time_s && follows(sequence).unwrap_or(is_behind)
+    }
+
+    /// Takes an item for which the clock ran backwards. The third in a row begins a new epoch.
+    fn push_behind(&mut self, item: Held<T>) -> Taken {
+        self.ahead.clear();
+        if self.behind.last().is_some_and(|last| item.time_s <= last.time_s) {
+            self.behind.clear();
+        }
+        self.behind.push(item);
+        let [first, .., last] = self.behind.as_slice() else { return Taken::Late };
+        if self.behind.len() < MIN_CONSISTENT_SAMPLES {
+            return Taken::Late;
+        }
+        // Those that were overtaken come all at once, those of a clock that goes on at their own pace.
+        let span_s = last.time_s - first.time_s;
+        let is_at_pace = (last.arrived_s - first.arrived_s - span_s).abs() < 0.5 * span_s;
+        if first.sequence.is_none() && !is_at_pace {
+            self.behind.remove(0);
+            return Taken::Late;
+        }
+        let proven = std::mem::take(&mut self.behind);
+        self.begin_epoch();
+        let by_s = self.offset.restart(proven.iter().map(|item| (item.time_s, item.arrived_s)));
+        let behind = proven.len() - 1;
+        proven.into_iter().for_each(|item| _ = self.queue(item));
+        Taken::Stepped { by_s, odd: 0, behind, late: 0, repeated: 0 }
     }
 
     /// Whether an item's stamp is ahead of all before it and of the newest one.
@@ -151,6 +209,10 @@ impl<T> Buffer<T> {
 
     /// An item of the clock as it goes.
     fn push_continuing(&mut self, item: Held<T>) -> Taken {
+        if self.runs_backwards(&item) {
+            return self.push_behind(item);
+        }
+        self.behind.clear();
         if !self.is_ahead(&item) {
             self.ahead.clear();
             self.runs_ahead = false;
@@ -274,7 +336,9 @@ mod tests {
         assert_eq!(out(&mut b, 0.2), [(0, 100.0, 0), (0, 100.2, 0)]);
         // Back by 90 s, and on from there.
         assert_eq!(b.push(held(10.0, 0.3, None)), Taken::Odd);
-        assert_eq!(b.push(held(10.1, 0.4, None)), Taken::Jumped { is_repeated: false });
+        assert!(
+            matches!(b.push(held(10.1, 0.4, None)), Taken::Jumped { by_s, is_repeated: false } if (by_s + 90.3).abs() < 1e-9)
+        );
         assert_eq!(out(&mut b, 0.4), [(1, 10.0, 0), (1, 10.1, 0)]);
         // Silence for an hour, on both clocks: no jump.
         assert_eq!(b.push(held(3610.5, 3600.8, None)), Taken::Waits);
@@ -285,7 +349,7 @@ mod tests {
         let mut b = Buffer::new(0.0);
         b.push(held(100.0, 0.0, None));
         assert_eq!(b.push(held(10.0, 0.1, None)), Taken::Odd);
-        assert_eq!(b.push(held(10.0, 0.11, None)), Taken::Jumped { is_repeated: true });
+        assert!(matches!(b.push(held(10.0, 0.11, None)), Taken::Jumped { is_repeated: true, .. }));
         assert_eq!(out(&mut b, 0.2), [(0, 100.0, 0), (1, 10.0, 0)]);
     }
 
@@ -328,24 +392,86 @@ mod tests {
         assert_eq!((b.push(ahead(200)), b.push(ahead(201))), (Taken::Odd, Taken::Odd));
         let taken = b.push(ahead(202));
         assert!(
-            matches!(taken, Taken::Stepped { by_s, odd: 2, late: 0, repeated: 0 } if (by_s - 0.2).abs() < 1e-9),
+            matches!(taken, Taken::Stepped { by_s, odd: 2, late: 0, repeated: 0, .. } if (by_s - 0.2).abs() < 1e-9),
             "{taken:?}"
         );
         let out: Vec<_> = std::iter::from_fn(|| b.pop(2.02)).map(|r| r.held.time_s + r.offset_s).collect();
         assert!(out.iter().zip([2.0, 2.01, 2.02]).all(|(a, b)| (a - b).abs() < 1e-9) && out.len() == 3, "{out:?}");
     }
 
+    /// What becomes of poses at 100 Hz, late by up to 3 ms, as the clock is set anew by so much.
+    struct Step {
+        lost: usize,
+        /// Given out at the time of another.
+        misdated: usize,
+        /// The sample of the new clock with which the step is returned, from 1 on, and by how much it was, seconds.
+        told: Option<(u32, f64)>,
+    }
+
+    fn stepped(by_s: f64, is_numbered: bool) -> Step {
+        let mut buffer = Buffer::new(0.02);
+        let (mut given, mut misdated, mut told) = (0, 0, None);
+        let mut random = 1_u32;
+        for i in 0..600 {
+            random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let sent_s = 0.01 * f64::from(i);
+            let arrived_s = sent_s + 0.003 * f64::from(random >> 8) / f64::from(1 << 24);
+            let time_s = sent_s + 95.0 + if i >= 200 { by_s } else { 0.0 };
+            let sequence = is_numbered.then_some(i);
+            match buffer.push(Held { time_s, arrived_s, sequence, item: sent_s }) {
+                Taken::Stepped { by_s, .. } | Taken::Jumped { by_s, .. } => told = told.or(Some((i - 199, by_s))),
+                _ => {}
+            }
+            let now_s = if i == 599 { 99.0 } else { arrived_s };
+            for released in std::iter::from_fn(|| buffer.pop(now_s)) {
+                given += 1;
+                let off_s = released.held.time_s + released.offset_s - released.held.item;
+                misdated += usize::from(off_s.abs() > 0.005);
+            }
+        }
+        Step { lost: 600 - given, misdated, told }
+    }
+
     #[test]
-    fn what_is_dropped_as_the_clock_steps_is_told() {
-        // Set back by 0.3 s; what shows it was overtaken.
-        let mut b = Buffer::new(0.0);
-        steady(&mut b, 0..200);
-        for i in 200..300 {
-            b.push(held(0.01 * f64::from(i) + 94.7, 0.01 * f64::from(i), None));
+    fn no_pose_is_lost_or_misdated_when_the_clock_is_set_anew() {
+        for is_numbered in [true, false] {
+            // Without numbers a step by as much as items wait looks like items that were overtaken.
+            let small_s = if is_numbered { -0.03 } else { -0.05 };
+            for by_s in [-3.0, -0.5, -0.05, small_s, 0.1, 2.0] {
+                let Step { lost, misdated, told } = stepped(by_s, is_numbered);
+                assert_eq!((lost, misdated), (0, 0), "{by_s} s, numbered: {is_numbered}");
+                let (sample, told_s) = told.unwrap();
+                assert!(sample <= 3 && (told_s - by_s).abs() < 0.004, "{by_s} s: {told_s} s with sample {sample}");
+            }
+        }
+    }
+
+    #[test]
+    fn items_that_were_overtaken_are_late_and_no_step() {
+        let mut b = Buffer::new(0.02);
+        let unnumbered = |sent_s: f64, arrived_s: f64| held(sent_s + 95.0, arrived_s, None);
+        for i in 0..50 {
+            b.push(unnumbered(0.01 * f64::from(i), 0.01 * f64::from(i)));
             out(&mut b, 0.01 * f64::from(i));
         }
-        let taken = b.push(held(2.945 + 94.7, 3.05, None));
-        assert!(matches!(taken, Taken::Stepped { odd: 0, late: 1, repeated: 0, .. }), "{taken:?}");
+        // Sent in between, held up by 0.2 s, and delivered at once.
+        for i in 0..10 {
+            let taken = b.push(unnumbered(0.305 + 0.01 * f64::from(i), 0.5 + 0.0001 * f64::from(i)));
+            assert_eq!(taken, Taken::Late);
+        }
+        assert_eq!(b.push(unnumbered(0.51, 0.51)), Taken::Waits);
+        assert_eq!(b.epoch, 0);
+        // Their numbers say as much.
+        let mut b = Buffer::new(0.02);
+        steady(&mut b, 0..200);
+        for i in 150..160 {
+            assert_eq!(b.push(held(0.01 * f64::from(i) + 95.0, 2.0 + 0.01 * f64::from(i - 150), Some(i))), Taken::Late);
+        }
+        assert_eq!(b.epoch, 0);
+    }
+
+    #[test]
+    fn what_is_dropped_as_the_clock_steps_is_told() {
         // Set forward, and one comes twice.
         let mut b = Buffer::new(0.02);
         steady(&mut b, 0..200);

@@ -112,6 +112,32 @@ impl D1 {
     }
 }
 
+/// The messages of a datagram, and what is wrong with the first bytes that are none. Bridges from serial lines put several
+/// messages into a datagram, and pad them.
+pub fn messages(bytes: &[u8]) -> (Vec<D1>, Option<SampleError>) {
+    let (mut found, mut wrong, mut rest) = (Vec::new(), None, bytes);
+    let parse = |rest: &[u8]| D1::parse(&rest[..rest.len().min(LENGTH)]);
+    while !rest.is_empty() {
+        if let Ok(message) = parse(rest) {
+            found.push(message);
+            rest = &rest[LENGTH..];
+            continue;
+        }
+        let next = (1..rest.len()).find(|at| parse(&rest[*at..]).is_ok()).unwrap_or(rest.len());
+        if !is_padding(&rest[..next]) {
+            wrong = wrong.or(parse(&rest[..next]).err());
+        }
+        rest = &rest[next..];
+    }
+    let nothing = found.is_empty().then_some(SampleError::FreedLength(bytes.len()));
+    (found, wrong.or(nothing))
+}
+
+/// Zeros, ones, or ends of lines.
+fn is_padding(bytes: &[u8]) -> bool {
+    bytes.iter().all(|byte| matches!(byte, 0 | 0xFF | b'\r' | b'\n'))
+}
+
 fn checksum(bytes: &[u8]) -> u8 {
     bytes.iter().fold(0x40, |sum, byte| sum.wrapping_sub(*byte))
 }
@@ -156,6 +182,23 @@ mod tests {
         let turn = pose.world_from_camera_rotation();
         assert!((turn * DVec3::Z - DVec3::new(c, 0.0, -s)).length() < 1e-12, "{}", turn * DVec3::Z);
         assert!((turn * DVec3::X - DVec3::new(0.0, 1.0, 0.0)).length() < 1e-12, "{}", turn * DVec3::X);
+    }
+
+    #[test]
+    fn padding_between_and_behind_messages_is_no_damage() {
+        for padding in [&[0; 3][..], &[0xFF; 35], b"\r\n"] {
+            let (found, wrong) = messages(&[&BYTES[..], padding, &BYTES, padding].concat());
+            assert_eq!((found.len(), wrong), (2, None), "{padding:?}");
+        }
+        let mut damaged = BYTES;
+        damaged[5] ^= 1;
+        let (found, wrong) = messages(&[&BYTES[..], &damaged, &BYTES].concat());
+        assert_eq!((found.len(), wrong), (2, Some(SampleError::FreedChecksum)));
+        let (found, wrong) = messages(&[&BYTES[..], b"rest"].concat());
+        assert_eq!((found.len(), wrong), (1, Some(SampleError::FreedLength(4))));
+        for none in [&b""[..], &[0; 29]] {
+            assert_eq!(messages(none), (Vec::new(), Some(SampleError::FreedLength(none.len()))));
+        }
     }
 
     #[test]

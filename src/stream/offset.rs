@@ -13,8 +13,9 @@ pub const MIN_CONSISTENT_SAMPLES: usize = 3;
 const SETTLED: u32 = 10;
 /// A stamp is ahead if its sample would have arrived by so much before it was taken, seconds.
 pub const AHEAD_S: f64 = 0.03;
-/// The clock was set back if all samples are behind by more than this for [`BEHIND_FOR_S`], seconds.
-const BEHIND_S: f64 = 0.02;
+/// The clock was set back if all samples are behind by more than this for [`BEHIND_FOR_S`], seconds. Sooner where stamps
+/// repeat ([`super::buffer`]).
+pub const BEHIND_S: f64 = 0.02;
 /// Networks hold samples up for shorter times than this, seconds.
 const BEHIND_FOR_S: f64 = 1.0;
 
@@ -94,7 +95,7 @@ impl ClockOffset {
         step_s
     }
 
-    /// Goes on with samples that are all ahead. Returns by how much the sender's clock was set forward, seconds.
+    /// Goes on with samples of a clock that was set anew. Returns by how much, seconds.
     pub fn restart(&mut self, samples: impl Iterator<Item = (f64, f64)>) -> f64 {
         let before_s = self.estimate_s();
         let settled = self.samples;

@@ -7,7 +7,7 @@ use super::address::{Listen, Protocol};
 use super::assemble::{Assembler, Assembly};
 use super::buffer::{Buffer, Held, Taken};
 use super::error::SampleError;
-use super::freed::{D1, LENGTH};
+use super::freed::{self, D1};
 use super::lens::LensState;
 use super::packet::{Encoding, Packet};
 use super::report::{Heard, Report, Source};
@@ -192,21 +192,16 @@ impl Receiver {
         self.hold(Held { time_s, arrived_s: now_s, sequence, item });
     }
 
-    /// Bridges from serial lines put several messages into a datagram, of one camera or of several.
+    /// A datagram may hold messages of one camera or of several.
     fn take_freed(&mut self, bytes: &[u8], from: SocketAddr, now_s: f64) {
-        let mut wrong = bytes.is_empty().then_some(SampleError::FreedLength(0));
+        let (messages, wrong) = freed::messages(bytes);
         let mut followed = Vec::new();
-        for message in bytes.chunks(LENGTH).map(D1::parse) {
-            match message {
-                Ok(message) => {
-                    let source = Source { address: from.ip(), id: None, number: Some(message.camera.into()) };
-                    if self.follows(&source, from, now_s) {
-                        followed.push(message);
-                    } else {
-                        self.report.aside(Heard::OtherSource);
-                    }
-                }
-                Err(error) => wrong = wrong.or(Some(error)),
+        for message in messages {
+            let source = Source { address: from.ip(), id: None, number: Some(message.camera.into()) };
+            if self.follows(&source, from, now_s) {
+                followed.push(message);
+            } else {
+                self.report.aside(Heard::OtherSource);
             }
         }
         // Counted once for a datagram.
@@ -266,19 +261,20 @@ impl Receiver {
             Taken::Late => self.report.aside(Heard::Late),
             Taken::Repeated => self.report.aside(Heard::Repeated),
             Taken::Odd => self.report.aside(Heard::OddTime),
-            Taken::Jumped { is_repeated } => {
-                self.report.jumps += 1;
+            Taken::Jumped { by_s, is_repeated } => {
+                self.report.jumped(by_s);
                 if is_repeated {
                     self.report.aside(Heard::Repeated);
                 }
                 // The one before it was no odd one, then.
                 self.report.aside.entry(Heard::OddTime).and_modify(|number| *number -= 1);
             }
-            Taken::Stepped { by_s, odd, late, repeated } => {
+            Taken::Stepped { by_s, odd, behind, late, repeated } => {
                 self.report.stepped(by_s);
                 (0..late).for_each(|_| self.report.aside(Heard::Late));
                 (0..repeated).for_each(|_| self.report.aside(Heard::Repeated));
                 self.report.aside.entry(Heard::OddTime).and_modify(|number| *number -= odd as u64);
+                self.report.aside.entry(Heard::Late).and_modify(|number| *number -= behind as u64);
             }
         }
     }

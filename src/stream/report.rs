@@ -91,8 +91,9 @@ pub struct Report {
     pub incomplete: u64,
     /// How often the clock jumped.
     pub jumps: u64,
-    /// How often it was set anew by less than that, and the last time by how much, seconds.
+    /// How often it was set anew by less than that.
     pub steps: u64,
+    /// By how much it was set anew, or jumped, the last time, seconds.
     pub last_step_s: f64,
     /// How often another source was followed because the first fell silent.
     pub changes: u64,
@@ -170,6 +171,12 @@ impl Report {
     /// The clock was set anew by so many seconds.
     pub(super) fn stepped(&mut self, by_s: f64) {
         self.steps += 1;
+        self.last_step_s = by_s;
+    }
+
+    /// The clock jumped by so many seconds.
+    pub(super) fn jumped(&mut self, by_s: f64) {
+        self.jumps += 1;
         self.last_step_s = by_s;
     }
 
