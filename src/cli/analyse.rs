@@ -69,14 +69,14 @@ pub fn run(args: &Args) -> Result<()> {
     for text in &shot.recording.warnings {
         warn(args.quiet, text);
     }
-    if let Some(report) = &args.report {
-        check_report(report, &shot, &folder)?;
-    }
-    let accepting = args.accept.as_deref().map(|path| accepting(path, args, &shot)).transpose()?;
     // A scene that is none is refused before the work.
     if let Some(scene) = &args.scene {
         scene::load(scene, shot.recording.up)?;
     }
+    if let Some(report) = &args.report {
+        check_report(report, &shot, &folder)?;
+    }
+    let accepting = args.accept.as_deref().map(|path| accepting(path, args, &shot)).transpose()?;
     let (made, times) = make(&shot, &folder, args.force, args.quiet)?;
     write!(std::io::stdout().lock(), "{}", made.findings)?;
     let of_scene = args.scene.as_deref().map(|scene| Ok::<_, anyhow::Error>((scene, grounds(scene, args, &folder)?)));

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 
 pub use existing::existing;
-use existing::pictures_beside;
+use existing::{pictures_beside, unreadable};
 
 use crate::calibrate::{NoiseCalibration, NoiseOptions, SceneMotion, moving_noise_from_paths, noise_from_paths};
 use crate::export::Inputs;
@@ -66,6 +66,9 @@ fn noise(args: NoiseArgs) -> Result<()> {
     // Checked before the work starts, so that nothing the user has is lost.
     let failed = |what: &str| format!("{}: {what}", args.output.display());
     let read = args.frames.iter().chain(&args.mean);
+    if let Some(problem) = unreadable(read.clone()).1.into_iter().next() {
+        return Err(problem.into());
+    }
     Inputs::default().and(read.clone()).and(&pictures_beside(read)).check_file(&args.output)?;
     let (is_there, mut profile) = existing(&args.output)?;
     if profile.has_noise() && !args.force {

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Result, anyhow, bail};
 
+use super::record::folder_for;
 use super::watching::{Agreed, CameraArgs, Watching};
 use super::which::Which;
 use super::{is_closed_stdout, say, warn};
@@ -16,6 +17,7 @@ use crate::recording::recorder::{Recorder, discard};
 use crate::shot::{Given, Shot, ShotError};
 use crate::sink::{self, OutPath, Sink, SinkError, SinkOptions};
 use crate::source::video::Presentation;
+use crate::unfinished::MadeFolder;
 use crate::webcam::monotonic_s;
 use crate::words::{count, fixed};
 
@@ -85,12 +87,12 @@ fn in_window(_: &Args) -> Result<()> {
 
 fn headless(args: &Args, output: &Path) -> Result<()> {
     let out = OutPath::parse(output)?;
-    sink::check(&out, args.force)?;
     let profile = args.profile.as_deref();
     if args.which.leaves_registration() {
         bail!("--without registration: a camera's poses are used as they come; it goes with `composite` and `photo`");
     }
     let agreed = Agreed::open(&args.camera, profile)?;
+    sink::check(&out, args.force)?;
     let delivered = agreed.opened.camera.given.delivered;
     let (width, height, interval_s) = (delivered.width, delivered.height, agreed.opened.interval_s);
     let given =
@@ -127,6 +129,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     let sink = sink::open(&out, &options)?;
     let about = agreed.about(profile)?;
     let was_there = args.record.as_ref().is_some_and(|path| path.is_dir());
+    let made = args.record.as_deref().map(folder_for).transpose()?;
     let writer = args.record.as_ref().map(|path| Ok::<_, anyhow::Error>(Writer::new(Recorder::create(path, &about)?)?));
     let writer = writer.transpose()?;
     let patience_s = agreed.opened.patience_s();
@@ -139,6 +142,8 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     let recorded = live.finish();
     if let (Some(path), Some((0, _))) = (&args.record, &recorded) {
         discard(path, was_there);
+    } else {
+        made.into_iter().for_each(MadeFolder::keep);
     }
     match done {
         Err(error) if !is_closed_stdout(&error) => return Err(error),

@@ -1,15 +1,16 @@
 //! `locard record`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 
 use super::warn;
 use super::watching::{Agreed, CameraArgs};
 use crate::live::{Came, Intake, Next, Writer};
 use crate::profile::Rig;
 use crate::recording::recorder::{Recorder, discard};
+use crate::unfinished::MadeFolder;
 use crate::webcam::monotonic_s;
 use crate::words::count;
 
@@ -29,6 +30,12 @@ pub struct Args {
 /// second for which lines are held, a power cut costs less than a second.
 const PATIENCE_S: f64 = 0.2;
 
+/// Makes the folder that a recording's own folder goes into.
+pub fn folder_for(recording: &Path) -> Result<MadeFolder> {
+    let folder = recording.parent().unwrap_or(Path::new(""));
+    MadeFolder::make(folder).with_context(|| format!("{}: the folder cannot be made", folder.display()))
+}
+
 pub fn run(args: &Args) -> Result<()> {
     let agreed = Agreed::open(&args.camera, args.profile.as_deref())?;
     if let (Some(lens), None) =
@@ -38,6 +45,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let about = agreed.about(args.profile.as_deref())?;
     let was_there = args.output.is_dir();
+    let made = folder_for(&args.output)?;
     let writer = Writer::new(Recorder::create(&args.output, &about)?)?;
     // As far as an exposure may reach. Even poses from tags have to be waited for there: the next frame's is measured, and what
     // lies between is not predicted then. No farther, or what is found again would rise before it is found.
@@ -69,6 +77,9 @@ pub fn run(args: &Args) -> Result<()> {
     let (kept, ended) = intake.finish().unwrap_or_default();
     if kept == 0 {
         discard(&args.output, was_there);
+        drop(made);
+    } else {
+        made.keep();
     }
     if let Some(error) = failure.or(ended) {
         if kept == 0 {

@@ -130,9 +130,9 @@ fn vector<const N: usize>(text: &str) -> Result<[f64; N], String> {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    picture::check(&args.output, args.force)?;
     check(args)?;
     let scene = crate::scene::load(&args.scene, None)?;
+    picture::check(&args.output, args.force)?;
     Inputs::default().and(&scene.files).check_file(&args.output)?;
     scene.warnings.iter().for_each(|text| warn(args.quiet, text));
     let sphere = bounding_sphere(&scene);

@@ -40,13 +40,11 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    // Checked before the work starts, so that nothing the user has is lost.
     let inputs: Vec<&Path> = [Some(&args.video), Some(&args.profile), args.board.as_ref()]
         .into_iter()
         .flatten()
         .map(PathBuf::as_path)
         .collect();
-    check(&args.output, args.force, &inputs)?;
     let profile = file::read_text(&args.profile, MOST_DOCUMENT)
         .map_err(|error| anyhow::anyhow!("{}: cannot be read: {}", args.profile.display(), reason(&error)))?;
     let mut rig = Rig::default();
@@ -61,6 +59,8 @@ pub fn run(args: &Args) -> Result<()> {
         None => Sheet::new(Paper::A4).board,
     };
     let video = probe(&args.video, &Overrides::default())?;
+    // Checked before the work starts, so that nothing the user has is lost.
+    check(&args.output, args.force, &inputs)?;
     video.warnings.iter().for_each(|text| warn(args.quiet, text));
     let bar = progress(args.quiet, video.timestamps_s.len());
     let tracked = track(&video, &board, &geometry, &camera.response, &mut |done, _| {

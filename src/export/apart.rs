@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::Export;
 use super::error::ExportError;
-use super::inputs::{Inputs, resolved, same};
+use super::inputs::{Inputs, resolved};
 use super::run::layer_name;
 use crate::sink::folder::frame_name;
 use crate::sink::{self, OutPath, is_stdout};
@@ -38,11 +38,7 @@ impl Export {
             return Ok(());
         }
         inputs.check_file(report)?;
-        let folder = report.parent().unwrap_or(Path::new(""));
-        // The folders of the other outputs are created before the report is written.
-        let made = matches!(&self.out, OutPath::Folder(out) if same(out, folder))
-            || self.layers.as_ref().is_some_and(|layers| same(layers, folder));
-        if made && !folder.is_dir() { Ok(()) } else { Ok(sink::check_file(report, self.force)?) }
+        Ok(sink::check_file(report, self.force)?)
     }
 
     /// Checks that no two written files have the same name, and that none has the name of another's folder.

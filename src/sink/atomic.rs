@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
 use super::SinkError;
-use crate::unfinished::{Undo, Unfinished};
+use crate::unfinished::{MadeFolder, Undo, Unfinished};
 
 /// Where an output goes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -51,6 +51,11 @@ pub fn not_protected(file: &Path) -> io::Result<()> {
     }
 }
 
+/// The folder of a file; `None` for the current one.
+fn folder_of(file: &Path) -> Option<&Path> {
+    file.parent().filter(|folder| !folder.as_os_str().is_empty())
+}
+
 /// An unfinished file: hidden, in the same folder (so that renaming it is one step), with a name unique to this run. It
 /// is deleted with the value unless finished, and when the program is ended.
 #[derive(Debug)]
@@ -79,7 +84,7 @@ impl Partial {
             // Like any file: subject to the umask.
             builder.permissions(Permissions::from_mode(0o666));
         }
-        let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = folder_of(&target).unwrap_or(Path::new("."));
         let (file, unfinished) = Unfinished::begin(|| {
             let file = builder.tempfile_in(folder)?;
             let path = file.path().to_owned();
@@ -112,7 +117,8 @@ impl Partial {
 }
 
 /// Lets `write` fill a file, which appears under its name if that succeeds. Otherwise an existing file stays, as it
-/// does if `replace` is not set. See [`Place`] for links, devices and pipes.
+/// does if `replace` is not set. Folders that are missing are made, and removed again if it fails. See [`Place`] for
+/// links, devices and pipes.
 pub fn write_atomically<E>(
     path: &Path,
     replace: bool,
@@ -128,10 +134,13 @@ where
     };
     let written = Place::of(path).and_then(|place| match place {
         Place::Stream => File::options().write(true).open(path).and_then(|mut file| fill(&mut file)),
-        Place::File(_) => {
+        Place::File(at) => {
+            let made = folder_of(&at).map(MadeFolder::make).transpose()?;
             let mut partial = Partial::create(path)?;
             fill(partial.file())?;
-            partial.finish(replace)
+            partial.finish(replace)?;
+            made.into_iter().for_each(MadeFolder::keep);
+            Ok(())
         }
     });
     written.map_err(|source| SinkError::of_writing(path, source))
@@ -154,6 +163,21 @@ mod tests {
         assert!(error.contains("a.png: cannot be written: the disk is full"), "{error}");
         assert_eq!(std::fs::read(&path).unwrap(), b"first");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn missing_folders_are_made_and_a_failed_write_leaves_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("new/inner/a.png");
+        super::super::check_file(&path, false).unwrap();
+        assert!(!folder.path().join("new").exists());
+        write_atomically(&path, false, |_| Err(io::Error::other("cut"))).unwrap_err();
+        assert!(!folder.path().join("new").exists());
+        write_atomically(&path, false, |w| w.write_all(b"whole")).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"whole");
+        let below_a_file = path.join("b.png");
+        let error = super::super::check_file(&below_a_file, false).unwrap_err().to_string();
+        assert!(error.contains("a.png is a file and no folder; choose another place"), "{error}");
     }
 
     /// A file that appears during the writing is also the user's.

@@ -95,7 +95,7 @@ pub struct SinkOptions {
     pub bits: u32,
 }
 
-/// Checks that a file can be made there: nothing to be kept is in the way, and its folder is writable.
+/// Checks that a file can be made there: nothing to be kept is in the way, and its folder is writable, or can be made.
 pub fn check_file(path: &Path, force: bool) -> Result<(), SinkError> {
     let refuse = |problem: String| Err(SinkError::Refused { path: path.to_owned(), problem });
     if path.is_dir() {
@@ -109,11 +109,16 @@ pub fn check_file(path: &Path, force: bool) -> Result<(), SinkError> {
     }
     atomic::not_protected(&at).map_err(|source| SinkError::of_writing(path, source))?;
     let folder = at.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if !folder.is_dir() {
-        return refuse(format!("cannot be written, for there is no folder {}; make it first", folder.display()));
+    // Writing makes the folders that are missing.
+    let there = folder.ancestors().find(|folder| folder.exists()).unwrap_or(Path::new("."));
+    if !there.is_dir() {
+        return refuse(format!(
+            "cannot be written, for {} is a file and no folder; choose another place",
+            there.display()
+        ));
     }
     // An unnamed file, deleted at once.
-    tempfile::tempfile_in(folder).map(drop).map_err(|source| SinkError::of_writing(path, source))
+    tempfile::tempfile_in(there).map(drop).map_err(|source| SinkError::of_writing(path, source))
 }
 
 #[derive(Debug, thiserror::Error)]

@@ -36,8 +36,9 @@ fn what_cannot_be_written_is_said_before_the_work() {
     let arguments = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "0..1", "-o", &out];
     let text = refused(&[&arguments[..], &["--report", &out]].concat());
     assert!(text.contains("is the output already"), "{text}");
+    std::fs::write(path("no"), "").unwrap();
     let text = refused(&[&arguments[..], &["--report", &path("no/report.json")]].concat());
-    assert!(text.contains("there is no folder"), "{text}");
+    assert!(text.contains("is a file and no folder"), "{text}");
     assert!(!Path::new(&out).exists());
     let demo = ["recordings/demo", "--frame", "0", "--lux", "300"];
     let scene = ["--scene", "scenes/demo.toml", "-o"];
@@ -48,13 +49,40 @@ fn what_cannot_be_written_is_said_before_the_work() {
         vec!["calibrate", "noise", "recordings/demo/rgb", "-o", &toml],
     ] {
         let text = refused(&arguments);
-        assert!(text.contains("there is no folder") && text.contains("make it first"), "{arguments:?}: {text}");
+        assert!(text.contains("is a file and no folder; choose another place"), "{arguments:?}: {text}");
     }
     let folder = path("folder.png");
     std::fs::create_dir(&folder).unwrap();
     let text = refused(&["render", "scenes/marker-1.glb", "--force", "-o", &folder]);
     assert!(text.contains("is a folder; name a file"), "{text}");
-    assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 1);
+    assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 2);
+}
+
+#[test]
+fn missing_output_folders_are_made_and_unreadable_input_is_named_before_them() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
+    let sheet = path("new/inner/sheet.png");
+    assert!(locard(&["board", "-q", "-o", &sheet]).status.success());
+    assert!(Path::new(&sheet).is_file() && Path::new(&path("new/inner/sheet.toml")).is_file());
+
+    std::fs::write(path("a.heic"), b"\0\0\0\x18ftypheic\0\0\0\0").unwrap();
+    std::fs::write(path("a.jpg"), "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n").unwrap();
+    std::fs::write(path("a.hdr"), "#?RADIANCE\n").unwrap();
+    std::fs::write(path("s.toml"), "version = 1\n[light]\nenvironment = \"a.hdr\"\n").unwrap();
+    for (input, told) in [
+        (["render", &path("s.toml")].to_vec(), "a.hdr: the panorama"),
+        (["calibrate", "camera", &path("a.heic")].to_vec(), "is HEIC, which is not read; convert it"),
+        (["calibrate", "noise", &path("a.jpg")].to_vec(), "Git LFS pointer"),
+        (["calibrate", "sharpness", &path("a.jpg"), "--edge", "0,0,9,9"].to_vec(), "Git LFS pointer"),
+        (["track", &path("a.jpg"), "--profile", "profiles/simulated.toml"].to_vec(), "Git LFS pointer"),
+    ] {
+        // Neither where the folder is missing, nor where something else is wrong with the output.
+        for output in ["none/p.toml", "a.heic/p.toml"] {
+            let text = refused(&[&input[..], &["-o", &path(output)]].concat());
+            assert!(text.contains(told) && !Path::new(&path("none")).exists(), "{input:?}: {text}");
+        }
+    }
 }
 
 /// Whoever reads may have enough of the frames; a report of all of them was asked for, too.

@@ -115,7 +115,6 @@ fn what_cannot_be_placed_changes_nothing() {
     for (other, told) in [
         (temp.path().join("x.glb"), "ends in .toml"),
         (temp.path().join("scene"), "ends in .toml"),
-        (temp.path().join("no/scene.toml"), "there is no folder"),
         (Path::new("recordings/demo/rgb/scene.toml").to_owned(), "the folder of the recording's frames"),
     ] {
         let text = refused(&place(other.to_str().unwrap(), &at));

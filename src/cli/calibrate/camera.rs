@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 
-use super::existing::{existing, pictures_beside};
+use super::existing::{existing, pictures_beside, unreadable};
 use super::watched::taken;
 use crate::calibrate::board::{Board, Wanted};
 use crate::calibrate::geometry::{Calibrated, LensOptions, Views, calibrate, residuals, views_from_paths};
@@ -119,6 +119,11 @@ pub fn run(args: &Args) -> Result<()> {
         _ => None,
     };
     let inputs = inputs.and(board_file);
+    // Some may be unreadable, and are listed with the others.
+    let (pictures, mut problems) = unreadable(args.photos.iter());
+    if problems.len() == pictures && pictures > 0 {
+        return Err(problems.swap_remove(0).into());
+    }
     inputs.check_file(&args.output)?;
     let wanted = args.board.as_ref().map(BoardArg::wanted).transpose()?.unwrap_or_default();
     let (is_there, mut profile) = existing(&args.output)?;

@@ -8,6 +8,7 @@ use crate::calibrate::is_picture;
 use crate::profile::Document;
 use crate::sink;
 use crate::source::file::{self, MOST_DOCUMENT};
+use crate::source::{SourceError, still, unsupported};
 use crate::words::reason;
 
 /// A profile that is to be extended, and whether it is there already.
@@ -27,4 +28,15 @@ pub fn existing(path: &Path) -> Result<(bool, Document)> {
 pub fn pictures_beside<'a>(inputs: impl Iterator<Item = &'a PathBuf>) -> Vec<PathBuf> {
     let entries = inputs.filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
     entries.map(|entry| entry.path()).filter(|path| is_picture(path)).collect()
+}
+
+/// The number of pictures among those inputs, also in folders, and an error for each whose header cannot be read.
+pub fn unreadable<'a>(inputs: impl Iterator<Item = &'a PathBuf> + Clone) -> (usize, Vec<SourceError>) {
+    let is_meant = |path: &&PathBuf| is_picture(path) || unsupported::by_name(path).is_some() || !path.exists();
+    let named = inputs.clone().filter(|path| !path.is_dir()).filter(is_meant).cloned();
+    // Beside pictures that are read they are left out.
+    let is_alone = |folder: &&PathBuf| pictures_beside(std::iter::once(*folder)).is_empty();
+    let unsupported = inputs.clone().filter(is_alone).flat_map(|folder| unsupported::in_folder(folder));
+    let pictures: Vec<PathBuf> = named.chain(unsupported).chain(pictures_beside(inputs.clone())).collect();
+    (pictures.len(), pictures.iter().filter_map(|picture| still::read_header(picture).err()).collect())
 }

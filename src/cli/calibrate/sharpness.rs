@@ -90,6 +90,7 @@ impl Source {
 
 pub fn run(args: &Args) -> Result<()> {
     let (table, name) = PARAMETER;
+    let source = Source::open(args)?;
     let output = args.output.as_deref().map(|path| Ok::<_, anyhow::Error>((path, existing(path)?))).transpose()?;
     if let Some((path, _)) = &output {
         Inputs::default().and([&args.what]).check_file(path)?;
@@ -101,7 +102,6 @@ pub fn run(args: &Args) -> Result<()> {
             );
         }
     }
-    let source = Source::open(args)?;
     let mut out = std::io::stdout().lock();
     let mut edges = Vec::new();
     for corners in &args.edge {
