@@ -274,7 +274,10 @@ mod tests {
         let text = format!("{HEAD}\n1, 000000, 0, 0, 0, 0, 0, 0, 1\n2, 000001, 0, 0, inf, 0, 0, 0, 1\n");
         let (lines, warnings) = parse_odometry(&text, Path::new(ODOMETRY)).unwrap();
         assert_eq!(lines.iter().map(|line| line.pose.is_some()).collect::<Vec<_>>(), [true, false]);
-        assert!(warnings[0].contains("1 of 2 poses is not finite or has no rotation (first at line 3)"), "{warnings:?}");
+        assert!(
+            warnings[0].contains("1 of 2 poses is not finite or has no rotation (first at line 3)"),
+            "{warnings:?}"
+        );
     }
 
     #[test]
