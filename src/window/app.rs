@@ -39,6 +39,7 @@ use super::theme;
 use super::timeline::{self, Held, Told};
 use super::titles;
 use super::viewer::Viewer;
+use super::warnings::Warnings;
 use crate::live;
 use crate::scene::Thing;
 
@@ -61,6 +62,7 @@ pub struct App {
     refusal: Option<Refusal>,
     panel_tabs: PanelTabs,
     nearest_pose: NearestPose,
+    warnings: Warnings,
     /// The window's title as it was set last.
     title: String,
     placed: Option<Placed>,
@@ -105,6 +107,7 @@ impl App {
             refusal: None,
             panel_tabs: PanelTabs::default(),
             nearest_pose: NearestPose::default(),
+            warnings: Warnings::default(),
             title: String::new(),
             placed: None,
             steered: Steered::default(),

@@ -63,6 +63,16 @@ impl Purpose {
 enum Then {
     Close,
     Open(Box<Opened>, Option<Left>),
+    /// What was opened takes the place of what is open.
+    Show(Box<Shown>),
+}
+
+/// What was opened, and what it was opened from.
+#[derive(Debug)]
+struct Shown {
+    opened: Opened,
+    project: Box<Project>,
+    left: Option<Left>,
 }
 
 /// Something that was opened, to be shown from now on.
@@ -130,6 +140,8 @@ pub struct Keeper {
     camera_values: Option<CameraValueTarget>,
     /// Waits for an answer, or for what is being saved.
     then: Option<Then>,
+    /// May be shown: nothing is lost by it.
+    agreed: Option<Box<Shown>>,
     /// The person who saves before it knows that the camera's recording ends.
     ends_recording: bool,
     /// A recording that was not opened: a profile may be what it lacks.
@@ -428,7 +440,13 @@ impl Keeper {
     /// stand behind it. Once that is taken up, the picture is another one.
     pub fn holds_picture(&self) -> bool {
         let takes_up = self.opening.as_ref().is_some_and(Opening::takes_up);
-        !self.left.is_empty() || takes_up || matches!(self.then, Some(Then::Open(_, Some(_))))
+        let takes_up = takes_up
+            || match &self.then {
+                Some(Then::Open(_, left)) => left.is_some(),
+                Some(Then::Show(shown)) => shown.left.is_some(),
+                Some(Then::Close) | None => false,
+            };
+        !self.left.is_empty() || takes_up
     }
 
     /// Whether a dialog is open that wants an answer.

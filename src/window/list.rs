@@ -52,7 +52,7 @@ pub fn show(ui: &mut Ui, project: &mut Project, wrongs: &Wrongs, selected: &mut 
 }
 
 /// A warning triangle.
-fn sign(ui: &mut Ui, called: &str) -> egui::Response {
+pub fn sign(ui: &mut Ui, called: &str) -> egui::Response {
     let (rect, response) = ui.allocate_exact_size(vec2(14.0, 14.0), egui::Sense::hover());
     response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, called));
     let (ink, middle) = (ui.visuals().warn_fg_color, rect.center_bottom() - vec2(0.0, 1.5));

@@ -12,7 +12,7 @@
 //!   `progress`: how far it is. `fields`: numbers to drag and to type, with a `slider`.
 //! - `measure`: what the window costs. `app`: the window. `fit`: its size at the start. `theme`: its colours. `actions`: what keys do, `keys` the page of them. `picture` with its `loupe`, `controls`,
 //!   `evidence`, `timeline` with its `thumbnails`: its parts. `hand`: places in the picture that another part asks for; `steered` by keys.
-//!   `obstacle`: why nothing can be placed; `notice` shows it over the picture.
+//!   `obstacle`: why nothing can be placed; `notice` shows it over the picture. `warnings`: of the recording.
 //!   `handles`: objects and lamps in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
 //!   surface that it is placed on, and the scale. `list`: what is placed; `wrongs`: what stands wrong of it; `things`: what is
 //!   done to what is selected. `lamps`: those of the scene, and one more.
@@ -103,6 +103,7 @@ mod timeline;
 mod times;
 mod titles;
 mod viewer;
+mod warnings;
 mod watch;
 mod wrongs;
 

@@ -4,11 +4,11 @@
 use std::path::{Path, PathBuf};
 
 use crate::program;
-use crate::worked::{Device, click_at, demo, drop_file, has, rest, settle, until, window};
+use crate::worked::{Device, click_at, demo, drop_file, has, rest, settle, shows, until, window};
 use eframe::egui::{self, Event, Modifiers, PointerButton, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
-use locard::recording::OpenOptions;
+use locard::recording::{OpenOptions, Recording};
 use locard::shot::Given;
 use locard::window::{App, Project};
 
@@ -197,4 +197,47 @@ fn a_quick_click_opens_the_whole_message() {
         window.step();
     }
     assert!(is_dialog(&window, "Message") && has(&window, "Copy"));
+}
+
+#[test]
+fn refused_profile_comes_before_the_question_about_unsaved_changes() {
+    let temp = tempfile::tempdir().unwrap();
+    let good = demo().join("camera.toml").canonicalize().unwrap();
+    let (other, _) = profile_of_other_size(&good, temp.path());
+    let mut window = window(open(&demo()), SIZE);
+    window.state_mut().project_mut().switch("noise", false);
+    drop_file(&mut window, other);
+    until(&mut window, |app| app.problem().is_some());
+    window.run_steps(3);
+    assert!(!has(&window, "Save changes?") && !window.state().project().is_saved());
+    // Another one can be opened: now changes would be lost.
+    press(&mut window, "Close");
+    drop_file(&mut window, good.clone());
+    shows(&mut window, "Save changes?");
+    press(&mut window, "Cancel");
+    assert!(window.state().project().profile.is_none() && !window.state().project().is_saved());
+    drop_file(&mut window, good.clone());
+    shows(&mut window, "Save changes?");
+    press(&mut window, "Go on without saving");
+    until(&mut window, |app| app.project().profile.as_ref() == Some(&good));
+    assert!(window.state().project().is_saved());
+}
+
+#[test]
+fn warnings_of_a_recording_stay_in_view_and_a_click_shows_them_whole() {
+    let hlg = "walk.mp4 is in HLG (high dynamic range); the light on objects is wrong";
+    let mut recording = Recording::open(&demo(), &OpenOptions::default()).unwrap();
+    recording.warnings = vec![hlg.to_owned(), "2 of 30 pictures are missing".to_owned()];
+    let mut window = window(Project::of(recording, 1.0, &Given::default()).unwrap(), SIZE);
+    // The message at the start is long read, and something else has been done.
+    let begun = std::time::Instant::now();
+    while begun.elapsed().as_secs_f64() < 4.5 {
+        window.step();
+        rest();
+    }
+    window.state_mut().project_mut().switch("noise", false);
+    window.run_steps(3);
+    assert!(window.state().said().is_none() && has(&window, "2 warnings"));
+    press(&mut window, "2 warnings");
+    assert!(is_dialog(&window, "Message") && window.query_all_by_label_contains(hlg).count() > 0);
 }

@@ -1,9 +1,11 @@
-//! The status bar below the picture: the newest message, in one line.
+//! The status bar below the picture: a mark for warnings, and the newest message in one line.
 
-use eframe::egui::{self, Color32, Label, RichText, Sense, Ui};
+use eframe::egui::{self, Align, Color32, Label, Layout, RichText, Sense, Ui};
 
+use super::super::list::sign;
 use super::super::message::MessageWindow;
 use super::App;
+use crate::words::count;
 
 /// Tooltip of the message.
 const HINT: &str = "Click to read and copy the whole message";
@@ -13,8 +15,10 @@ impl App {
     /// moves.
     pub(super) fn status(&mut self, ui: &mut Ui) {
         let height = ui.text_style_height(&egui::TextStyle::Body);
-        ui.allocate_ui(egui::vec2(ui.available_width(), height), |ui| {
+        let size = egui::vec2(ui.available_width(), height);
+        ui.allocate_ui_with_layout(size, Layout::left_to_right(Align::Center), |ui| {
             ui.set_min_height(height);
+            self.warning_mark(ui);
             let Some((text, color)) = self.status_text(ui) else { return };
             let label = Label::new(RichText::new(&text).color(color)).truncate().show_tooltip_when_elided(false);
             // Not selectable: a part of the cut text is of no use.
@@ -23,6 +27,22 @@ impl App {
                 self.keeper.message = Some(MessageWindow::new(text));
             }
         });
+    }
+
+    /// Shows a mark as long as a recording with warnings is open. A click shows them whole.
+    fn warning_mark(&mut self, ui: &mut Ui) {
+        let warnings = self.warnings.of(&self.session.project);
+        if warnings.is_empty() {
+            return;
+        }
+        let (mark, text) = (count(warnings.len(), "warning"), warnings.join("\n\n"));
+        let sign = sign(ui, "warning").interact(Sense::click());
+        let label = Label::new(RichText::new(mark).color(ui.visuals().warn_fg_color));
+        let response = ui.add(label.selectable(false).sense(Sense::click())) | sign;
+        if response.on_hover_cursor(egui::CursorIcon::PointingHand).on_hover_text(&text).clicked() {
+            self.keeper.message = Some(MessageWindow::new(text));
+        }
+        ui.separator();
     }
 
     /// The text and its colour. A new message covers a lasting problem until it has been read.

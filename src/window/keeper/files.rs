@@ -17,7 +17,8 @@ use super::super::recent::Opened;
 use super::super::saving::{self, Agreed, Saved, Step};
 use super::super::session::Session;
 use super::super::watch::Change;
-use super::{Keeper, Then, Turn};
+use super::{Keeper, Shown, Then, Turn};
+use crate::live;
 
 impl Keeper {
     /// A file that was dropped into the window, or chosen: what it is tells what becomes of it.
@@ -224,6 +225,12 @@ impl Keeper {
             self.ends_recording = false;
             return;
         };
+        // What cannot be opened is refused before anything is asked. A camera can be opened only
+        // once the one that is shown has ended.
+        let then = match then {
+            Then::Open(opened, left) if opened.camera.is_none() => return self.begin(ctx, session, *opened, left),
+            then => then,
+        };
         let ending = self.ending(session, matches!(then, Then::Close));
         let answer = match ending.is_harmless() {
             true => Some(Answer::No),
@@ -234,6 +241,11 @@ impl Keeper {
             (Some(Answer::Cancel), _) => {}
             (Some(Answer::Yes), then) => {
                 self.save();
+                // It may have files in common with what is saved, and is opened again.
+                let then = match then {
+                    Then::Show(shown) => Then::Open(Box::new(shown.opened), shown.left),
+                    then => then,
+                };
                 (self.then, self.ends_recording) = (Some(then), true);
             }
             (Some(Answer::No), Then::Close) => {
@@ -244,6 +256,7 @@ impl Keeper {
                 ctx.send_viewport_cmd(egui::ViewportCommand::Close);
             }
             (Some(Answer::No), Then::Open(opened, left)) => self.begin(ctx, session, *opened, left),
+            (Some(Answer::No), Then::Show(shown)) => self.agreed = Some(shown),
         }
     }
 
@@ -296,6 +309,9 @@ impl Keeper {
 
     /// What was opened meanwhile.
     pub(super) fn turn(&mut self, ctx: &egui::Context, session: &mut Session) -> Option<Turn> {
+        if let Some(shown) = self.agreed.take() {
+            return Some(self.shows(*shown, None));
+        }
         let done = match self.opening.take()?.take() {
             Ok(done) => done,
             Err(opening) => {
@@ -313,11 +329,13 @@ impl Keeper {
                 None
             }
             Ok((project, camera)) => {
-                if let Some(left) = done.left {
-                    self.take_up(left);
+                let shown = Shown { opened: done.opened, project, left: done.left };
+                if camera.is_none() && !self.ending(session, false).is_harmless() {
+                    self.then = Some(Then::Show(Box::new(shown)));
+                    ctx.request_repaint();
+                    return None;
                 }
-                (self.shows_start, self.not_opened, self.refused_profile) = (false, None, None);
-                Some(Turn { project: *project, camera, at: done.opened.at })
+                Some(self.shows(shown, camera))
             }
             // The dialog is there again, with all that was typed.
             Err(Refused { why, .. }) if done.opened.camera.is_some() && self.aired.is_some() => {
@@ -348,5 +366,15 @@ impl Keeper {
                 None
             }
         }
+    }
+
+    /// What was opened takes the place of what is open.
+    fn shows(&mut self, shown: Shown, camera: Option<live::Opened>) -> Turn {
+        let Shown { opened, project, left } = shown;
+        if let Some(left) = left {
+            self.take_up(left);
+        }
+        (self.shows_start, self.not_opened, self.refused_profile) = (false, None, None);
+        Turn { project: *project, camera, at: opened.at }
     }
 }
