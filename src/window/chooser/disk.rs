@@ -2,7 +2,7 @@
 //! done on a thread of its own.
 
 use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use super::listed::Seeks;
 use crate::photo::series_there;
@@ -38,6 +38,9 @@ impl Begin {
         let there = self.folders.iter().find(|folder| folder.is_dir()).cloned();
         let of_first = || self.folders.first()?.ancestors().find(|folder| folder.is_dir()).map(Path::to_owned);
         let folder = there.or_else(of_first).or_else(std::env::home_dir).unwrap_or_default();
+        // The folders above it are shown.
+        let has_parents = folder.components().any(|part| part == Component::ParentDir);
+        let folder = folder.canonicalize().ok().filter(|_| has_parents).unwrap_or(folder);
         let places = self.places.into_iter().filter_map(|(called, folder)| {
             Some((called, folder.canonicalize().ok().filter(|folder| folder.is_dir())?))
         });

@@ -21,8 +21,9 @@ impl Keeper {
         self.choose(project, Purpose::Open, "Open a recording", Seeks::Recording, None);
     }
 
-    /// Asks for a path, beginning at the file that is open for it; for a new scene or profile in the recording's folder; else
-    /// in the folder that was used last, or beside the recording; there with a name that is proposed.
+    /// Asks for a path, beginning at the file that is open for it; for a new scene or profile in the recording's folder; for
+    /// a missing file where the scene expects it; else in the folder that was used last, or beside the recording; there with
+    /// a name that is proposed.
     pub(super) fn choose(
         &mut self,
         project: &Project,
@@ -49,16 +50,21 @@ impl Keeper {
         let beside = parent.clone().filter(|_| is_own);
         let last = self.habits.folder(purpose.of()).map(Path::to_owned);
         // What belongs to a recording lies in it or beside it.
-        let folders = match purpose {
+        let folders = match &purpose {
+            Purpose::Locate(missing) => expected_folders(&whole(missing), &whole(&project.scene_path())),
+            _ => Vec::new(),
+        };
+        let others = match purpose {
             Purpose::SaveScene | Purpose::SaveProfile if is_own => [Some(recording), parent, last],
             Purpose::Open => [beside, last, parent],
             _ => [last, beside, None],
         };
+        let folders = folders.into_iter().chain(others.into_iter().flatten());
         let begin = match &own {
             Some(own) => Begin::at(own),
             None => Begin {
                 name: proposed.unwrap_or_default().to_owned(),
-                ..Begin::within(folders.into_iter().flatten().chain(std::env::home_dir()))
+                ..Begin::within(folders.chain(std::env::home_dir()))
             },
         };
         let places = match purpose {
@@ -243,4 +249,28 @@ fn copy_command(ctx: &egui::Context, session: &mut Session) {
         true => "The command line is in the clipboard".to_owned(),
         false => format!("The command line is in the clipboard. {}", line.before.join(" ")),
     });
+}
+
+/// The folders in which a missing file is looked for, the likeliest first: its own one, the folders
+/// above it as far as the scene's, and the scene's.
+fn expected_folders(missing: &Path, scene: &Path) -> Vec<PathBuf> {
+    let of_scene = scene.parent().unwrap_or(Path::new(""));
+    let above = missing.ancestors().skip(1);
+    let within = above.enumerate().take_while(|(at, folder)| *at == 0 || folder.starts_with(of_scene));
+    within.map(|(_, folder)| folder).chain([of_scene]).map(Path::to_owned).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn missing_file_is_looked_for_where_the_scene_expects_it() {
+        let folders = |missing: &str| expected_folders(Path::new(missing), Path::new("/case/scene.toml"));
+        let [own, above, of_scene] = ["/case/models/new", "/case/models", "/case"].map(PathBuf::from);
+        assert_eq!(folders("/case/models/new/knife.glb"), [own, above, of_scene.clone(), of_scene.clone()]);
+        assert_eq!(folders("/other/disk/knife.glb"), [PathBuf::from("/other/disk"), of_scene.clone()]);
+        let beside = ["/case/../models", "/case/..", "/case"].map(PathBuf::from);
+        assert_eq!(folders("/case/../models/knife.glb")[..3], beside);
+    }
 }

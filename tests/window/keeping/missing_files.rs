@@ -53,6 +53,8 @@ fn missing_model_is_a_marked_box_until_it_is_located() {
     let found = case.folder.path().join("elsewhere.glb");
     std::fs::copy("scenes/l-scale.glb", &found).unwrap();
     press(&mut window, "Locate knife.glb…");
+    // It begins in the scene's folder: the model's own is not there.
+    shows(&mut window, case.folder.path().canonicalize().unwrap().file_name().unwrap().to_str().unwrap());
     answer(&mut window, &found, "Open");
     until(&mut window, |app| app.project().shot().scene.missing.is_empty());
     settle(&mut window);
