@@ -267,6 +267,11 @@ impl SceneFile {
         self.objects.iter_mut().map(|object| &mut object.model).chain(&mut self.light.environment)
     }
 
+    /// Number of placed objects. Each instance is an object of its own, as in [`Self::entries`].
+    pub fn placed_count(&self) -> usize {
+        self.objects.iter().map(|object| object.instances.len().max(1)).sum()
+    }
+
     /// The entry of each object of the loaded scene, in the order of [`super::Scene::objects`].
     pub fn entries(&self) -> Vec<Entry> {
         let of = |(object, placed): (usize, &PlacedModel)| -> Vec<Entry> {
@@ -337,7 +342,7 @@ impl SceneFile {
 
     /// Checks what needs no other files. Further rules are checked on loading.
     pub(super) fn check(&self, file: &Path) -> Result<(), SceneError> {
-        let placed: usize = self.objects.iter().map(|object| object.instances.len().max(1)).sum();
+        let placed = self.placed_count();
         if placed > MAX_OBJECTS {
             return Err(SceneError::bad(file, "the placed objects", placed, format!("up to {MAX_OBJECTS}")));
         }

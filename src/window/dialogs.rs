@@ -124,7 +124,7 @@ pub fn left(ctx: &Context, work: &Work) -> Option<Answer> {
             line("Scene", work.scene.as_deref());
             line("Profile", work.profile.as_deref());
             ui.weak("Evidence");
-            ui.label(count(work.edit.scene.objects.len(), "object"));
+            ui.label(count(work.edit.scene.placed_count(), "object"));
             ui.end_row();
         });
     })

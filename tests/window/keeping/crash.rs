@@ -291,3 +291,16 @@ fn killed_twenty_times_it_offers_the_work_back_and_the_files_are_whole() {
         assert_eq!(count(&work), 0, "run {run}");
     }
 }
+
+#[test]
+fn question_about_unsaved_work_counts_each_instance() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut lost = project(None, Some(Path::new(DEMO_SCENE)));
+    lost.set("noise", "scale", &Value::Number(0.25)).unwrap();
+    leave(temp.path(), &lost, 0);
+    let mut window = plain();
+    window.state_mut().keep_in(temp.path());
+    shows(&mut window, "Restore");
+    let placed = lost.shot().scene.objects.len();
+    assert!(placed > lost.edit().scene.objects.len() && has(&window, &format!("{placed} objects")));
+}
