@@ -4,7 +4,7 @@ use eframe::egui::{self, Color32, RichText, Stroke, Ui};
 
 use super::session::{PAST_S, Session, Told};
 use super::timeline;
-use crate::live::Tracking;
+use crate::live::{Status, Tracking};
 use crate::words::{count, without_options};
 
 /// What is asked of the camera.
@@ -31,7 +31,7 @@ pub fn show(ui: &mut Ui, session: &Session) {
     strip(ui, session);
     ui.add_space(3.0);
     ui.horizontal(|ui| {
-        light(ui, told.status.gone.is_none() && !told.status.is_over);
+        light(ui, state_word(&told.status));
         ui.separator();
         how_it_goes(ui, session, &told);
     });
@@ -95,11 +95,32 @@ fn strip(ui: &mut Ui, session: &Session) {
     ));
 }
 
-fn light(ui: &mut Ui, is_on: bool) {
+/// The word for a camera that gives pictures.
+const LIVE: &str = "LIVE";
+
+/// The state of a camera in a word. The picture that it gave last stays shown in each of them.
+fn state_word(status: &Status) -> &'static str {
+    match (status.is_over, &status.gone) {
+        (true, _) => "ENDED",
+        (false, Some(_)) => "WAITING",
+        (false, None) => LIVE,
+    }
+}
+
+fn light(ui: &mut Ui, state: &str) {
     let (rect, _) = ui.allocate_exact_size(egui::vec2(12.0, 24.0), egui::Sense::hover());
-    let color = if is_on { LIGHT } else { ui.visuals().weak_text_color() };
+    let color = if state == LIVE { LIGHT } else { ui.visuals().weak_text_color() };
     ui.painter().circle_filled(rect.center(), 5.0, color);
-    ui.label(RichText::new(if is_on { "LIVE" } else { "no picture" }).strong());
+    ui.label(RichText::new(state).strong());
+}
+
+/// Says that a camera has ended, and which picture is shown.
+fn ended_text(has_picture: bool) -> &'static str {
+    if has_picture {
+        "the camera has ended; its last picture is shown"
+    } else {
+        "the camera has ended without a picture"
+    }
 }
 
 fn how_it_goes(ui: &mut Ui, session: &Session, told: &Told) {
@@ -110,7 +131,7 @@ fn how_it_goes(ui: &mut Ui, session: &Session, told: &Told) {
         return;
     }
     if status.is_over {
-        ui.label("the camera has ended");
+        ui.label(ended_text(session.frame().is_some()));
         if let Some(why) = &status.gone {
             ui.colored_label(ui.visuals().warn_fg_color, without_options(why));
         }
@@ -145,5 +166,19 @@ fn how_it_goes(ui: &mut Ui, session: &Session, told: &Told) {
     if lost > 0 {
         let hint = parts.iter().filter(|(n, _)| *n > 0).map(|(n, why)| format!("{n} {why}"));
         ui.label(format!("{lost} dropped")).on_hover_text(hint.collect::<Vec<_>>().join("\n"));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn state_of_a_camera_denies_no_picture_that_is_shown() {
+        let over = Status { is_over: true, ..Status::default() };
+        let gone = Status { gone: Some("unplugged".to_owned()), ..Status::default() };
+        assert_eq!([&Status::default(), &gone, &over].map(state_word), [LIVE, "WAITING", "ENDED"]);
+        assert!(ended_text(true).contains("its last picture is shown"));
+        assert!(ended_text(false).contains("without a picture"));
     }
 }

@@ -213,7 +213,7 @@ fn one_frame(site: &Site) -> String {
 fn video_of_one_frame_shows_it_and_its_end() {
     let site = Site::shared(&CAMERA);
     let mut window = window_of(&site, &one_frame(&site), &[]);
-    shows(&mut window, "the camera has ended");
+    shows(&mut window, "the camera has ended; its last picture is shown");
     assert!(window.state().viewer().composite().is_some());
 }
 
@@ -221,7 +221,7 @@ fn video_of_one_frame_shows_it_and_its_end() {
 fn after_its_end_a_camera_can_be_frozen_again_and_again() {
     let site = Site::shared(&CAMERA);
     let mut window = window_of(&site, &site.path("site.mkv"), &[]);
-    shows(&mut window, "the camera has ended");
+    shows(&mut window, "the camera has ended; its last picture is shown");
     let mut frozen = Vec::new();
     for _ in 0..2 {
         until(&mut window, App::is_settled);
