@@ -26,12 +26,26 @@ fn tail(path: &Path, count: usize) -> String {
     last.iter().collect::<std::path::PathBuf>().display().to_string()
 }
 
+/// The recording's folder with the one above it; a camera's name.
+pub fn of_recording(project: &Project) -> String {
+    let recording = &project.shot().recording;
+    if project.camera.is_some() {
+        return recording.name.clone();
+    }
+    tail(&std::path::absolute(&recording.path).unwrap_or_else(|_| recording.path.clone()), 2)
+}
+
+/// The end of a name that fits, after an ellipsis where it is cut: names of one folder differ at
+/// their ends.
+pub fn elided(name: &str, fits: impl Fn(&str) -> bool) -> String {
+    let ends = name.char_indices().skip(1).map(|(at, _)| format!("…{}", &name[at..]));
+    std::iter::once(name.to_owned()).chain(ends).find(|text| fits(text)).unwrap_or_else(|| "…".to_owned())
+}
+
 /// The window's title: the recording with its folder, the scene and the profile. A dot stands
 /// before it while there are unsaved changes.
 pub fn of_window(project: &Project) -> String {
-    let recording = &project.shot().recording;
-    let path = std::path::absolute(&recording.path).unwrap_or_else(|_| recording.path.clone());
-    let recording = if project.camera.is_some() { recording.name.clone() } else { tail(&path, 2) };
+    let recording = of_recording(project);
     let files = [project.scene.as_deref(), project.profile.as_deref()].into_iter().flatten();
     let names = std::iter::once(recording).chain(files.map(|file| tail(file, 1)));
     let star = if project.is_saved() { "" } else { "• " };
@@ -62,6 +76,13 @@ mod tests {
         assert_eq!(distinct(&paths), ["cases/a/room", "b/room", "desk", "other/a/room"]);
         assert_eq!(distinct(&[Path::new("room")]), ["room"]);
         assert_eq!(distinct(&[Path::new("/room"), Path::new("/room")]), ["/room", "/room"]);
+    }
+
+    #[test]
+    fn long_names_keep_their_ends() {
+        let fits = |text: &str| text.chars().count() <= 6;
+        assert_eq!(["room", "case 7/room", "case 7/Büro"].map(|name| elided(name, fits)), ["room", "…/room", "…/Büro"]);
+        assert_eq!(elided("room", |_| false), "…");
     }
 
     #[test]

@@ -1,25 +1,25 @@
 //! The bar above the picture.
 
-use eframe::egui::{self, Ui};
+use eframe::egui::{self, Color32, Ui};
 
 use super::super::session::FROZEN;
 use super::super::titles;
 use super::App;
-use crate::words::quoted;
+use crate::words::shown;
 
 /// The share of the window's width that a recording's name may take.
 const NAME_SHARE: f32 = 0.16;
 
 impl App {
-    /// The recording's name, cut where it is long, so that the buttons beside it keep their places.
+    /// The recording's folder with the one above it, cut where it is long, so that the buttons beside it keep their places.
     fn recording_name(&self, ui: &mut Ui) {
-        let name = quoted(&self.session.project.shot().recording.name);
+        let name = shown(&titles::of_recording(&self.session.project));
         let room = NAME_SHARE * ui.ctx().content_rect().width();
-        ui.scope(|ui| {
-            ui.set_max_width(room);
-            let label = egui::Label::new(egui::RichText::new(name).strong()).truncate();
-            ui.add(label.show_tooltip_when_elided(false)).on_hover_text(titles::paths(&self.session.project));
-        });
+        let font = egui::TextStyle::Body.resolve(ui.style());
+        let width = |text: &str| ui.painter().layout_no_wrap(text.to_owned(), font.clone(), Color32::WHITE).size().x;
+        let text = titles::elided(&name, |text| width(text) <= room);
+        let label = egui::Label::new(egui::RichText::new(text).strong()).extend();
+        ui.add(label).on_hover_text(titles::paths(&self.session.project));
     }
 
     pub(super) fn bar(&mut self, ui: &mut Ui) {
