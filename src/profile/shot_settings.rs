@@ -148,6 +148,36 @@ impl ShotSettings {
         self
     }
 
+    /// With the values of `others` for parameters that are not among these. Of an aperture diameter
+    /// and an f-number, only one is given.
+    #[must_use]
+    pub fn or(mut self, others: &Self) -> Self {
+        let is_opening = |(table, name): &(String, String)| table == LENS && OPENINGS.contains(&name.as_str());
+        let is_open = self.values.iter().any(|(key, value)| is_opening(key) && *value != Value::None);
+        for (key, value) in others.values.iter().filter(|(key, _)| !(is_open && is_opening(key))) {
+            self.values.entry(key.clone()).or_insert_with(|| value.clone());
+        }
+        self.noise = self.noise.or_else(|| others.noise.clone());
+        self
+    }
+
+    /// Those that do not hold in `now`, since other values override them. The camera's noise is not
+    /// among them.
+    #[must_use]
+    pub fn overridden(&self, now: Look<'_>) -> Self {
+        let (mut rig, mut settings) = (now.rig.clone(), now.settings.clone());
+        let _ = self.apply(&mut rig, &mut settings, Path::new(""));
+        let applied = Look { rig: &rig, settings: &settings };
+        let holds = |table: &str, name: &str| applied.value(table, name) == now.value(table, name);
+        self.filtered(|table, name| !holds(table, name)).without_noise()
+    }
+
+    /// Those whose parameters have the same value in both. The camera's noise is not among them.
+    #[must_use]
+    pub fn where_alike(&self, one: Look<'_>, other: Look<'_>) -> Self {
+        self.filtered(|table, name| one.value(table, name) == other.value(table, name)).without_noise()
+    }
+
     /// Sets the values; `path` is named in errors. An exposure overrides that of each frame, as
     /// `--set` does.
     pub fn apply(&self, rig: &mut Rig, settings: &mut Settings, path: &Path) -> Result<(), ProfileError> {
@@ -202,6 +232,12 @@ impl ShotSettings {
         let values = self.values.iter().filter(|((table, name), _)| takes(table, name));
         let values = values.map(|(key, value)| (key.clone(), value.clone())).collect();
         Self { values, noise: self.noise.clone() }
+    }
+
+    /// The same without the camera's noise.
+    #[must_use]
+    pub fn without_noise(self) -> Self {
+        Self { noise: None, ..self }
     }
 
     /// The table `[settings]` of a scene file.

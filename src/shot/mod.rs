@@ -197,6 +197,19 @@ impl Shot {
         let _ = values.apply(&mut self.by_profile, &mut Settings::default(), profile);
     }
 
+    /// Takes over what another shot of the same recording has read from files and settings: its
+    /// profiles, the values that were set, and the baseline. Recording, scene and camera stay.
+    pub fn take_files(&mut self, fresh: Self) {
+        let Self { profiles, sets, by_profile, by_sets, baseline, .. } = fresh;
+        (self.profiles, self.sets, self.baseline) = (profiles, sets, baseline);
+        (self.by_profile, self.by_sets) = (by_profile, by_sets);
+    }
+
+    /// Values that were given as text and override all files ([`Given::sets`]).
+    pub fn sets(&self) -> &[String] {
+        &self.sets
+    }
+
     /// Puts another scene into the footage. If it says how long the recording's unit is, or where its camera stands, the recording
     /// follows.
     pub fn set_scene(&mut self, scene: Arc<Scene>) {

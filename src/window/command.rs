@@ -32,7 +32,7 @@ pub fn composite(project: &Project, frame: usize) -> Line {
     if !is_exposed_alike {
         changes = changes.filtered(|table, _| table != exposure);
     }
-    for set in sets(&changes) {
+    for set in project.shot().sets().iter().cloned().chain(sets(&changes)) {
         words.extend(["--set".to_owned(), set]);
     }
     if now.settings.seed != 0 {

@@ -8,6 +8,7 @@ use super::fields::{has_just_opened, rounded, short, typed};
 use super::project::{Origin, tables};
 use super::slider::{self, Rail, meant};
 use crate::camera::stops::{self, Step, Stop};
+use crate::compositor::ON;
 use crate::params::{Kind, Spec, Value, title};
 use crate::shot::Note;
 use crate::words::without_options;
@@ -24,6 +25,8 @@ pub struct Controls {
 #[derive(Clone, Debug)]
 struct Asked {
     to: Option<Value>,
+    /// The scene's own settings give the value up.
+    resets: bool,
     /// The drag is over, or what was typed is whole: the next change is a step of its own.
     is_done: bool,
 }
@@ -31,7 +34,12 @@ struct Asked {
 impl Asked {
     /// At one go.
     fn set(value: Value) -> Self {
-        Self { to: Some(value), is_done: true }
+        Self { to: Some(value), resets: false, is_done: true }
+    }
+
+    /// At one go, and out of the scene's own settings.
+    fn reset(value: Value) -> Self {
+        Self { resets: true, ..Self::set(value) }
     }
 }
 
@@ -107,8 +115,17 @@ impl Controls {
             .show_header(ui, |ui| {
                 if is_effect {
                     let mut on = project.edit().settings.is_on(table);
-                    if ui.checkbox(&mut on, RichText::new(&title).strong()).changed() {
+                    let switch = ui.checkbox(&mut on, RichText::new(&title).strong());
+                    if switch.changed() {
                         project.switch(table, on);
+                    }
+                    if project.is_pinned(table, ON) {
+                        switch.context_menu(|ui| {
+                            if ui.button("As the profile says").clicked() {
+                                refused = project.reset_switch(table).err().map(|error| error.to_string());
+                                ui.close();
+                            }
+                        });
                     }
                     if on && is_idle {
                         let why = project.edit().settings.effects().find(|effect| effect.table() == table);
@@ -133,10 +150,17 @@ impl Controls {
                 }
                 for (spec, value, origin, idle) in specs {
                     let opened = project.opened(table, spec.name);
+                    let is_pinned = origin != Origin::Person && project.is_pinned(table, spec.name);
+                    let origin = if is_pinned { Origin::Scene } else { origin };
                     let asked = control(ui, table, &spec, &value, origin, idle.as_deref(), opened);
-                    let Some(Asked { to, is_done }) = asked else { continue };
+                    let Some(Asked { to, resets, is_done }) = asked else { continue };
                     if let Some(value) = to {
-                        refused = project.set(table, spec.name, &value).err().map(|error| error.to_string());
+                        let done = if resets {
+                            project.reset(table, spec.name, &value)
+                        } else {
+                            project.set(table, spec.name, &value)
+                        };
+                        refused = done.err().map(|error| error.to_string());
                     }
                     if is_done {
                         project.close_step();
@@ -177,6 +201,48 @@ const STOPS: f32 = 62.0;
 /// Of the bar that scrolls.
 const BAR: f32 = 8.0;
 const SLIDER: std::ops::RangeInclusive<f32> = 20.0..=180.0;
+/// Of the box of an optional value.
+const CHECK: f32 = 18.0;
+/// The least that is left of a name beside a long value.
+const NAME_LEAST: f32 = 40.0;
+
+/// Widths within a row, points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct RowWidths {
+    name: f32,
+    /// `None` where there is no room for it.
+    slider: Option<f32>,
+    /// Largest width of the stops. Their text is cut where it is longer.
+    stops: f32,
+}
+
+impl RowWidths {
+    /// For a row of that width right of its mark, with `beside` between its parts. `value` and
+    /// `stops` are the widths that their texts take. Whether there is a slider does not depend on
+    /// the texts: it would come and go during a drag.
+    fn of(row: f32, beside: f32, is_optional: bool, value: f32, stops: Option<f32>) -> Self {
+        let check = if is_optional { CHECK + beside } else { 0.0 };
+        let with_stops = |stops: Option<f32>| stops.map_or(0.0, |stops| stops + beside);
+        let usual = row - beside - check - VALUE - with_stops(stops.map(|_| STOPS)) - BAR;
+        let has_slider = usual - NAME_MIN - beside >= *SLIDER.start();
+        let least_slider = if has_slider { SLIDER.start() + beside } else { 0.0 };
+        // Names of all rows end at one place, but for a long value.
+        let common = (row - (VALUE + STOPS + SLIDER.start() + BAR + 4.0 * beside)).clamp(NAME_MIN, NAME);
+        let value = value.max(VALUE);
+        let left = row - beside - check - value - with_stops(stops.map(|stops| stops.max(STOPS))) - BAR;
+        let name = common.min(left - least_slider).max(NAME_LEAST);
+        let slider = has_slider.then(|| (left - name - beside).clamp(*SLIDER.start(), *SLIDER.end()));
+        let stops = row - 2.0 * beside - check - value - BAR - name - slider.map_or(0.0, |slider| slider + beside);
+        Self { name, slider, stops: stops.max(0.0) }
+    }
+}
+
+/// Width of a button with a text.
+fn button_width(ui: &Ui, text: &str) -> f32 {
+    let font = egui::TextStyle::Button.resolve(ui.style());
+    let text = ui.painter().layout_no_wrap(text.to_owned(), font, Color32::WHITE);
+    text.size().x.ceil() + 2.0 * ui.spacing().button_padding.x
+}
 
 /// One parameter.
 fn control(
@@ -199,11 +265,17 @@ fn control(
         let text = if idle.is_some() { text.weak() } else { text };
         let left = egui::Layout::left_to_right(egui::Align::Center);
         let beside = ui.spacing().item_spacing.x;
-        // The value, the stops and the shortest slider stay in a narrow panel.
-        let others = VALUE + STOPS + SLIDER.start() + BAR + 4.0 * beside;
-        let name_width = (ui.available_width() - others).clamp(NAME_MIN, NAME);
-        let label = ui.allocate_ui_with_layout(egui::vec2(name_width, 18.0), left, |ui| {
-            ui.set_min_width(name_width);
+        let dial = dial(&full);
+        let (value_width, stops_width) = match value {
+            Value::Number(n) => {
+                let stops = dial.as_ref().map(|dial| button_width(ui, &dial.text(*n)));
+                (button_width(ui, &format!("{}{}", short(*n), suffix(spec))), stops)
+            }
+            _ => (VALUE, dial.as_ref().map(|_| STOPS)),
+        };
+        let widths = RowWidths::of(ui.available_width(), beside, spec.optional, value_width, stops_width);
+        let label = ui.allocate_ui_with_layout(egui::vec2(widths.name, 18.0), left, |ui| {
+            ui.set_min_width(widths.name);
             if idle.is_none() {
                 return ui.add(egui::Label::new(text).truncate().sense(egui::Sense::click()));
             }
@@ -218,15 +290,15 @@ fn control(
         let label = label.inner;
         let label = label.on_hover_ui(|ui| help(ui, &called, &full, spec, idle, opened.as_ref()));
         if label.double_clicked() {
-            asked = Some(Asked::set(reset.clone()));
+            asked = Some(Asked::reset(reset.clone()));
         }
         label.context_menu(|ui| {
             if reset != spec.default && ui.button(format!("Profile: {reset}")).clicked() {
-                asked = Some(Asked::set(reset.clone()));
+                asked = Some(Asked::reset(reset.clone()));
                 ui.close();
             }
             if ui.button(format!("Default: {}", spec.default)).clicked() {
-                asked = Some(Asked::set(spec.default.clone()));
+                asked = Some(Asked::reset(spec.default.clone()));
                 ui.close();
             }
         });
@@ -245,16 +317,13 @@ fn control(
                 return;
             }
         }
-        let dial = dial(&full);
-        let stops = if dial.is_some() { STOPS + beside } else { 0.0 };
-        let slider = ui.available_width() - VALUE - beside - stops - BAR;
-        ui.spacing_mut().slider_width = slider.clamp(*SLIDER.start(), *SLIDER.end());
+        ui.spacing_mut().slider_width = widths.slider.unwrap_or_default();
         ui.spacing_mut().interact_size.x = VALUE;
-        if let Some(done) = field(ui, &called, spec, &mut shown, &reset) {
+        if let Some(done) = field(ui, &called, spec, &mut shown, &reset, widths.slider.is_some()) {
             asked = Some(done);
         }
         if let (Some(dial), Value::Number(now)) = (dial, value)
-            && let Some(stop) = dial.show(ui, &called, *now)
+            && let Some(stop) = dial.show(ui, &called, *now, widths.stops)
         {
             asked = Some(Asked::set(Value::Number(stop)));
         }
@@ -280,11 +349,16 @@ fn dial(full: &str) -> Option<Dial> {
 }
 
 impl Dial {
-    /// Shows the value as a camera does. Gives the exact value of the stop that is chosen.
-    fn show(&self, ui: &mut Ui, called: &str, now: f64) -> Option<f64> {
+    /// A value as a camera shows it.
+    fn text(&self, now: f64) -> String {
+        if now > 0.0 { (self.format)(now) } else { "stops".to_owned() }
+    }
+
+    /// Shows the value as a camera does, cut to a width. Gives the exact value of the stop that is chosen.
+    fn show(&self, ui: &mut Ui, called: &str, now: f64, width: f32) -> Option<f64> {
         let mut chosen = None;
-        let text = if now > 0.0 { (self.format)(now) } else { "stops".to_owned() };
-        let button = egui::Button::new(text).min_size(egui::vec2(STOPS, 0.0));
+        let button = egui::Button::new(self.text(now)).min_size(egui::vec2(STOPS.min(width), 0.0)).truncate();
+        ui.set_max_width(ui.min_rect().width() + ui.spacing().item_spacing.x + width);
         let (button, _) = MenuButton::from_button(button).ui(ui, |ui| {
             let opens = has_just_opened(ui);
             egui::ScrollArea::vertical().max_height(360.0).show(ui, |ui| {
@@ -326,7 +400,7 @@ fn first_value(full: &str, kind: &Kind) -> Value {
 }
 
 /// The control itself; it is called as the parameter. A double-click sets `reset`.
-fn field(ui: &mut Ui, called: &str, spec: &Spec, value: &mut Value, reset: &Value) -> Option<Asked> {
+fn field(ui: &mut Ui, called: &str, spec: &Spec, value: &mut Value, reset: &Value, has_slider: bool) -> Option<Asked> {
     match (&spec.kind, value) {
         (Kind::Bool, Value::Bool(on)) => {
             let response = ui.checkbox(on, "");
@@ -335,7 +409,7 @@ fn field(ui: &mut Ui, called: &str, spec: &Spec, value: &mut Value, reset: &Valu
         }
         (Kind::Choice(names), Value::Text(chosen)) => {
             let before = chosen.clone();
-            let combo = egui::ComboBox::from_id_salt(called).selected_text(chosen.as_str());
+            let combo = egui::ComboBox::from_id_salt(called).selected_text(chosen.as_str()).truncate();
             let response = combo.show_ui(ui, |ui| {
                 for name in *names {
                     ui.selectable_value(chosen, (*name).to_owned(), *name);
@@ -345,7 +419,9 @@ fn field(ui: &mut Ui, called: &str, spec: &Spec, value: &mut Value, reset: &Valu
             response.response.widget_info(info);
             (*chosen != before).then(|| Asked::set(Value::Text(chosen.clone())))
         }
-        (Kind::Number { .. } | Kind::Integer { .. }, Value::Number(n)) => numeric(ui, called, spec, n, reset),
+        (Kind::Number { .. } | Kind::Integer { .. }, Value::Number(n)) => {
+            numeric(ui, called, spec, n, reset, has_slider)
+        }
         _ => None,
     }
 }
@@ -353,31 +429,37 @@ fn field(ui: &mut Ui, called: &str, spec: &Spec, value: &mut Value, reset: &Valu
 /// Wider ranges than this have no slider unless they go by decades.
 const WIDEST_SLIDER: f64 = 1e4;
 
-fn numeric(ui: &mut Ui, called: &str, spec: &Spec, n: &mut f64, reset: &Value) -> Option<Asked> {
+/// The unit behind a number.
+fn suffix(spec: &Spec) -> String {
+    if matches!(spec.unit, "" | "1") { String::new() } else { format!(" {}", spec.unit) }
+}
+
+fn numeric(ui: &mut Ui, called: &str, spec: &Spec, n: &mut f64, reset: &Value, has_slider: bool) -> Option<Asked> {
     let (min, max, whole) = match spec.kind {
         Kind::Number { min, max } => (min, max, false),
         Kind::Integer { min, max } => (min, max, true),
         _ => return None,
     };
-    let unit = if matches!(spec.unit, "" | "1") { String::new() } else { format!(" {}", spec.unit) };
+    let unit = suffix(spec);
     let rail = Rail { min, max, by_ratio: spec.by_ratio, whole };
-    let (response, is_twice) = if max - min <= WIDEST_SLIDER || spec.by_ratio {
+    let (response, is_twice) = if has_slider && (max - min <= WIDEST_SLIDER || spec.by_ratio) {
         slider::show(ui, called, n, rail, &unit)
     } else {
         let speed = if whole { 1.0 } else { (0.002 * n.abs()).max(1e-4) };
         let drag = egui::DragValue::new(n).range(min..=max).speed(speed).suffix(unit).custom_parser(typed(ui.ctx()));
+        let drag = drag.clip_text(true);
         let response = ui.add(drag.custom_formatter(|n, _| short(n)).update_while_editing(false));
         response.widget_info(|| egui::WidgetInfo::slider(true, *n, called));
         let is_twice = response.double_clicked();
         (response, is_twice)
     };
     if is_twice {
-        return Some(Asked::set(reset.clone()));
+        return Some(Asked::reset(reset.clone()));
     }
     let to = response.changed().then(|| Value::Number(meant(*n, rail)));
     // The last change and the end of a drag come together.
     let is_done = response.drag_stopped() || response.lost_focus();
-    (to.is_some() || is_done).then_some(Asked { to, is_done })
+    (to.is_some() || is_done).then_some(Asked { to, resets: false, is_done })
 }
 
 /// A dot for what the person has set, a ring for what a file says.
@@ -386,7 +468,7 @@ fn mark(ui: &mut Ui, origin: Origin) {
     let color = Color32::from_rgb(230, 159, 0);
     match origin {
         Origin::Person => _ = ui.painter().circle_filled(rect.center(), 3.0, color),
-        Origin::File => {
+        Origin::File | Origin::Scene => {
             let stroke = egui::Stroke::new(1.2, ui.visuals().text_color());
             ui.painter().circle_stroke(rect.center(), 2.6, stroke);
         }
@@ -395,6 +477,7 @@ fn mark(ui: &mut Ui, origin: Origin) {
     let says = match origin {
         Origin::Person => "You have changed it",
         Origin::File => "As the recording or a profile says",
+        Origin::Scene => "Kept by the scene, as the profile has it. Double-click the name to follow the profile",
         Origin::Default => "Its default",
     };
     response.on_hover_text(says);
@@ -407,7 +490,7 @@ fn help(ui: &mut Ui, called: &str, full: &str, spec: &Spec, idle: Option<&str>, 
     if let Some(idle) = idle {
         ui.label(RichText::new(format!("Idle: it does something {idle}.")).color(ui.visuals().warn_fg_color));
     }
-    let unit = if matches!(spec.unit, "" | "1") { String::new() } else { format!(" {}", spec.unit) };
+    let unit = suffix(spec);
     ui.weak(format!("{}{unit}; default {}", spec.kind, spec.default));
     let reset = match opened.filter(|opened| **opened != spec.default) {
         Some(opened) => format!("the profile's {opened}"),
@@ -415,4 +498,39 @@ fn help(ui: &mut Ui, called: &str, full: &str, spec: &Spec, idle: Option<&str>, 
     };
     ui.weak(format!("Double-click: {reset}. Click the number to type one."));
     ui.weak(format!("In files and for --set: {full}"));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_of_a_row_stay_within_it_whatever_the_value_is() {
+        const BESIDE: f32 = 8.0;
+        // A panel of a window of 640 points, and wider ones.
+        for row in [262.0_f32, 300.0, 420.0] {
+            for is_optional in [false, true] {
+                let slider =
+                    |stops: Option<f32>, value: f32| RowWidths::of(row, BESIDE, is_optional, value, stops).slider;
+                for (value, stops) in
+                    [(50.0, None), (50.0, Some(60.0)), (110.0, None), (96.0, Some(84.0)), (90.0, Some(300.0))]
+                {
+                    let widths = RowWidths::of(row, BESIDE, is_optional, value, stops);
+                    let parts = [
+                        Some(widths.name),
+                        is_optional.then_some(CHECK),
+                        widths.slider,
+                        Some(value.max(VALUE)),
+                        stops.map(|stops| stops.max(STOPS).min(widths.stops)),
+                    ];
+                    let total: f32 = parts.into_iter().flatten().map(|part| part + BESIDE).sum();
+                    assert!(total - BESIDE + BAR <= row + 0.01, "{row} {is_optional} {value} {stops:?}: {widths:?}");
+                    assert!(widths.name >= NAME_LEAST);
+                    assert_eq!(widths.slider.is_some(), slider(stops, 0.0).is_some(), "it does not come and go");
+                }
+            }
+        }
+        let usual = RowWidths::of(420.0, BESIDE, false, 50.0, None);
+        assert_eq!((usual.name, usual.slider), (NAME, Some(180.0)));
+    }
 }

@@ -76,8 +76,13 @@ mod tests {
     #[test]
     fn work_is_found_as_soon_as_nobody_holds_it() {
         let temp = tempfile::tempdir().unwrap();
-        let edit =
-            Edit { rig: Rig::default(), settings: Settings::default(), scene: SceneFile::default(), other: None };
+        let edit = Edit {
+            rig: Rig::default(),
+            settings: Settings::default(),
+            scene: SceneFile::default(),
+            other: None,
+            unpinned: Default::default(),
+        };
         let work = Work::new(std::path::Path::new("recordings/demo"), 1.0, None, None, edit);
         std::fs::write(temp.path().join("1.json"), serde_json::to_string(&work).unwrap()).unwrap();
         // As by a window that is still ending.

@@ -80,25 +80,26 @@ pub struct Opening {
 impl Opening {
     /// `wake` is called from the thread when it is over. Work that was left goes into what is opened.
     pub fn begin(opened: Opened, left: Option<Left>, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
-        Self::of(opened, left, false, None, wake)
+        Self::of(opened, left, None, None, wake)
     }
 
-    /// A recording that is open already is not opened again. Undo reverts files that are read again
-    /// (`is_again`), so a profile of another size is not refused there.
+    /// A recording that is open already is not opened again. `again` has the values that were given
+    /// with files that are read again; undo reverts that, so a profile of another size is not
+    /// refused there.
     fn of(
         opened: Opened,
         left: Option<Left>,
-        is_again: bool,
+        again: Option<Vec<String>>,
         open_already: Option<Arc<Recording>>,
         wake: impl FnOnce() + Send + 'static,
     ) -> std::io::Result<Self> {
-        let wanted = opened.clone();
+        let (wanted, is_again, sets) = (opened.clone(), again.is_some(), again.unwrap_or_default());
         let work = left.as_ref().map(|left| Work::clone(&left.work));
         let errand = Errand::begin("opening", wake, move || {
             let (mut project, camera) = match (&wanted.camera, open_already) {
-                (_, Some(recording)) => (put_to(Recording::clone(&recording), &wanted)?, None),
+                (_, Some(recording)) => (put_to(Recording::clone(&recording), &wanted, sets)?, None),
                 (Some(from), None) => open_camera(&wanted, from)?,
-                (None, None) => (open(&wanted)?, None),
+                (None, None) => (open(&wanted, sets)?, None),
             };
             if let Some(Work { edit, history, .. }) = work {
                 project.restore(edit, history).map_err(|error| Refused::plain(&error))?;
@@ -113,7 +114,7 @@ impl Opening {
     /// Reads the files that are open again; a camera goes on.
     pub fn again(project: &Project, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
         let recording = Some(&project.shot().recording).filter(|recording| recording.is_arriving()).cloned();
-        Self::of(Opened::of(project), None, true, recording, wake)
+        Self::of(Opened::of(project), None, Some(project.shot().sets().to_vec()), recording, wake)
     }
 
     /// Whether work that was left goes into it.
@@ -157,13 +158,12 @@ fn open_camera(opened: &Opened, from: &LiveFrom) -> Result<(Project, Option<live
             }
         }
     };
-    Ok((put_to(camera.recording(), opened)?, Some(camera)))
+    Ok((put_to(camera.recording(), opened, Vec::new())?, Some(camera)))
 }
 
 /// A camera's recording with what is put to it.
-fn put_to(recording: Recording, opened: &Opened) -> Result<Project, Refused> {
-    let given =
-        Given { profile: opened.profile.clone(), sets: Vec::new(), scene: opened.scene.clone(), ..Given::default() };
+fn put_to(recording: Recording, opened: &Opened, sets: Vec<String>) -> Result<Project, Refused> {
+    let given = Given { profile: opened.profile.clone(), sets, scene: opened.scene.clone(), ..Given::default() };
     let mut project =
         Project::of(recording, 1.0, &given).map_err(|error| Refused::of_shot(&opened.recording, &error))?;
     project.camera.clone_from(&opened.camera);
@@ -171,10 +171,9 @@ fn put_to(recording: Recording, opened: &Opened) -> Result<Project, Refused> {
 }
 
 /// Opens what is there. A profile that is not there is one that will be made.
-fn open(opened: &Opened) -> Result<Project, Refused> {
+fn open(opened: &Opened, sets: Vec<String>) -> Result<Project, Refused> {
     let there = |path: &Option<std::path::PathBuf>| path.clone().filter(|path| path.exists());
-    let given =
-        Given { profile: there(&opened.profile), sets: Vec::new(), scene: there(&opened.scene), ..Given::default() };
+    let given = Given { profile: there(&opened.profile), sets, scene: there(&opened.scene), ..Given::default() };
     let options = OpenOptions { metres_per_unit: opened.metres_per_unit, ..OpenOptions::default() };
     let project = Project::open(&opened.recording, &options, &given);
     let mut project = project.map_err(|error| Refused::of_shot(&opened.recording, &error))?;

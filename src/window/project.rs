@@ -7,14 +7,14 @@ mod locate;
 mod save;
 mod scene;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::History;
 use super::watch::{Stamp, stamp};
 use crate::camera::{Geometry, NoiseProfile};
-use crate::compositor::Settings;
+use crate::compositor::{ON, Settings};
 use crate::live::LiveFrom;
 use crate::params::{ParamError, Params, Value, called, title};
 use crate::profile::{Look, Rig, ShotSettings};
@@ -34,6 +34,10 @@ pub struct Edit {
     pub scene: SceneFile,
     /// What it is compared with.
     pub other: Option<Box<Other>>,
+    /// Parameters, as `table.name`, that the scene's own settings no longer keep at a value that
+    /// equals the profile's.
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
+    pub unpinned: BTreeSet<String>,
 }
 
 /// Another camera and other settings, to compare with. One of the two is called A, and stands at the left.
@@ -52,7 +56,10 @@ impl Edit {
 
     /// Whether the same would be saved.
     fn saves_like(&self, other: &Self) -> bool {
-        self.rig == other.rig && self.settings == other.settings && self.scene == other.scene
+        self.rig == other.rig
+            && self.settings == other.settings
+            && self.scene == other.scene
+            && self.unpinned == other.unpinned
     }
 }
 
@@ -62,6 +69,8 @@ pub enum Origin {
     Default,
     /// The recording or a profile.
     File,
+    /// The scene's own settings, though a file or the default gives the same value.
+    Scene,
     Person,
 }
 
@@ -76,6 +85,10 @@ pub struct Project {
     /// The settings that the scene file has, and whether it should have others.
     of_scene: ShotSettings,
     scene_is_stale: bool,
+    /// Settings that the scene file had until they were unpinned: undo brings them back.
+    unpinned: ShotSettings,
+    /// Settings of the scene file that [`Given::sets`] overrides. The file keeps them.
+    overridden: ShotSettings,
     /// As it is where nobody says anything.
     defaults: Edit,
     pub profile: Option<PathBuf>,
@@ -124,20 +137,29 @@ impl Project {
         // Settings are edited with camera and effects; `scene_draft` rebuilds this table.
         let of_scene = std::mem::take(&mut scene.settings);
         let of_scene = ShotSettings::read(&of_scene, given.scene.as_deref().unwrap_or(Path::new("")))?;
-        let edit = Edit { rig: shot.rig.clone(), settings: shot.settings.clone(), scene, other: None };
+        let edit = Edit {
+            rig: shot.rig.clone(),
+            settings: shot.settings.clone(),
+            scene,
+            other: None,
+            unpinned: BTreeSet::new(),
+        };
         let baseline = shot.baseline();
         let opened = Edit { rig: baseline.rig.clone(), settings: baseline.settings.clone(), ..edit.clone() };
         Ok(Self {
             history: History::new(edit.clone()),
             opened,
             saved: edit.clone(),
+            overridden: of_scene.overridden(edit.look()),
             of_scene,
             scene_is_stale: false,
+            unpinned: ShotSettings::default(),
             defaults: Edit {
                 rig: Rig::default(),
                 settings: Settings::default(),
                 scene: SceneFile::default(),
                 other: None,
+                unpinned: BTreeSet::new(),
             },
             profile: given.profile.clone(),
             scene: given.scene.clone(),
@@ -246,7 +268,20 @@ impl Project {
 
     /// Sets one parameter of the camera or of an effect.
     pub fn set(&mut self, table: &str, name: &str, value: &Value) -> Result<(), ParamError> {
+        self.set_in(self.edit().clone(), table, name, value)
+    }
+
+    /// Sets one parameter, as [`Project::set`]. If the value equals the profile's, the scene's own
+    /// settings no longer have it.
+    pub fn reset(&mut self, table: &str, name: &str, value: &Value) -> Result<(), ParamError> {
         let mut edit = self.edit().clone();
+        if self.is_pinned(table, name) {
+            edit.unpinned.insert(full_name(table, name));
+        }
+        self.set_in(edit, table, name, value)
+    }
+
+    fn set_in(&mut self, mut edit: Edit, table: &str, name: &str, value: &Value) -> Result<(), ParamError> {
         match edit.rig.set(&mut edit.settings, table, name, value) {
             Some(done) => done?,
             None => {
@@ -258,7 +293,7 @@ impl Project {
             // As with `--set`, an exposure that the user or the scene sets overrides each frame's own.
             let by_files = self.opened.settings.overrule_recorded_exposure;
             edit.settings.overrule_recorded_exposure = by_files;
-            let is_set = self.settings_of(edit.look()).has_table(table);
+            let is_set = self.settings_of(edit.look(), &edit.unpinned).has_table(table);
             edit.settings.overrule_recorded_exposure = by_files || is_set;
         }
         let changed = tables(&edit.rig, &edit.settings).into_iter().find(|params| params.table() == table);
@@ -295,6 +330,15 @@ impl Project {
             self.change(&format!("{}: {}", title(effect), if on { "on" } else { "off" }), edit);
             self.close_step();
         }
+    }
+
+    /// Switches an effect as the recording and the profile have it, and out of the scene's own
+    /// settings, as one step.
+    pub fn reset_switch(&mut self, effect: &str) -> Result<(), ParamError> {
+        let on = self.opened.settings.is_on(effect);
+        self.reset(effect, ON, &Value::Bool(on))?;
+        self.close_step();
+        Ok(())
     }
 
     /// Begins to compare what is set now (A) with the same that is changed from here on (B), or ends it; what is edited then
@@ -334,7 +378,8 @@ impl Project {
         let other = self.edit().other.as_ref()?;
         let mut shot = self.shot.clone();
         (shot.rig, shot.settings) = (other.rig.clone(), other.settings.clone());
-        shot.set_settings_of_scene(&self.settings_of(Look { rig: &other.rig, settings: &other.settings }));
+        let look = Look { rig: &other.rig, settings: &other.settings };
+        shot.set_settings_of_scene(&self.settings_of(look, &self.edit().unpinned));
         Some(shot)
     }
 
@@ -377,6 +422,11 @@ impl Project {
         self.history.go_to(step);
         self.follow();
     }
+}
+
+/// A parameter as files and `--set` name it.
+fn full_name(table: &str, name: &str) -> String {
+    format!("{table}.{name}")
 }
 
 /// Every table of parameters, in the order of the light.

@@ -83,6 +83,7 @@ pub fn show(ui: &mut Ui, called: &str, n: &mut f64, rail: Rail, unit: &str) -> (
     let at = rail.share(*n);
     let speed = (rail.at(at + 0.5 / length) - rail.at(at - 0.5 / length)).max(f64::MIN_POSITIVE);
     let drag = egui::DragValue::new(n).range(ends).speed(speed).suffix(unit).custom_parser(typed(ui.ctx()));
+    let drag = drag.clip_text(true);
     let number = ui.add(drag.custom_formatter(|n, _| short(n)).update_while_editing(false)).labelled_by(slider.id);
     let is_number = number.has_focus() || number.lost_focus();
     let is_twice = is_twice || number.double_clicked();

@@ -1,10 +1,12 @@
 //! Small windows, long names: nothing is cut off that is needed.
 
 use crate::program;
+use crate::worked;
 use crate::worked::{demo, drop_model, has, scene_or_none, settle, window};
 use eframe::egui::{self, Key, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
+use locard::params::{Value, title};
 use locard::recording::OpenOptions;
 use locard::shot::Given;
 use locard::window::{App, DEMO_SCENE, Project};
@@ -108,4 +110,44 @@ fn the_title_tells_recordings_of_one_name_apart() {
     let project = Project::open(&recording, &OpenOptions::default(), &given).unwrap();
     let window = window(project, egui::vec2(900.0, 600.0));
     assert_eq!(window.state().title(), "case 7/demo – demo.toml – Locard");
+}
+
+#[test]
+fn toolbar_tells_recordings_of_one_name_apart() {
+    let temp = tempfile::tempdir().unwrap();
+    let folders = ["case 7", "case 8"].map(|case| temp.path().join(case));
+    for folder in folders {
+        std::fs::create_dir(&folder).unwrap();
+        let recording = folder.join("demo");
+        program::copied(&demo(), &recording);
+        let window = open_at(&recording, egui::vec2(900.0, 600.0));
+        let case = folder.file_name().unwrap().to_str().unwrap();
+        assert!(has(&window, &format!("{case}/demo")));
+    }
+}
+
+/// Every control whose name begins so ends within the window.
+fn rows_end_within(window: &Harness<'static, App>, called: &str) {
+    let width = window.ctx.content_rect().width();
+    let controls: Vec<_> = window.query_all_by_label_contains(called).map(|node| node.rect()).collect();
+    assert!(!controls.is_empty(), "{called}");
+    assert!(controls.iter().all(|rect| rect.right() <= width), "{called} {controls:?}");
+}
+
+#[test]
+fn long_values_leave_every_row_within_a_small_window() {
+    let mut window = open_at(&demo(), egui::vec2(640.0, 480.0));
+    let long = [
+        ("camera.exposure", "iso", 87_806.0),
+        ("noise", "iso", 23_456.0),
+        ("camera.exposure", "time_s", 0.012_345),
+        ("camera.lens", "f_number", 17.959),
+        ("camera.distortion", "k1", -0.000_123_45),
+        ("camera", "fx_px", 98_765.4),
+    ];
+    for (table, name, value) in long {
+        window.state_mut().project_mut().set(table, name, &Value::Number(value)).unwrap();
+        worked::search(&mut window, &format!("{table}.{name}"));
+        rows_end_within(&window, &format!("{}: ", title(table)));
+    }
 }

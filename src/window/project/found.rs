@@ -1,9 +1,10 @@
 //! What was found of the footage while a person works.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use super::kept::settings_of_scene;
-use super::{Edit, Project};
+use super::{Edit, Project, full_name};
 use crate::analyse::Analysis;
 use crate::compositor::Settings;
 use crate::profile::{Look, Rig};
@@ -15,15 +16,16 @@ impl Project {
     /// to be saved. Values that the scene or the user sets stay.
     pub fn take_analysis(&mut self, folder: PathBuf, analysis: Analysis) -> Result<(), ShotError> {
         let follows = self.shot.take_analysis(folder, analysis)?;
-        let (opened, of_scene) = (self.opened.clone(), self.of_scene.clone());
-        let follow_in = |rig: &mut Rig, settings: &mut Settings| {
-            let own = settings_of_scene(opened.look(), &of_scene, Look { rig, settings });
+        let (opened, pins) = (self.opened.clone(), self.pins(&BTreeSet::new()));
+        let follow_in = |rig: &mut Rig, settings: &mut Settings, unpinned: &BTreeSet<String>| {
+            let pins = pins.filtered(|table, name| !unpinned.contains(&full_name(table, name)));
+            let own = settings_of_scene(opened.look(), &pins, Look { rig, settings });
             Follows::apply(follows.iter().filter(|found| !own.has(found.table, found.name)), rig, settings);
         };
         let follow = |edit: &mut Edit| {
-            follow_in(&mut edit.rig, &mut edit.settings);
+            follow_in(&mut edit.rig, &mut edit.settings, &edit.unpinned);
             if let Some(other) = &mut edit.other {
-                follow_in(&mut other.rig, &mut other.settings);
+                follow_in(&mut other.rig, &mut other.settings, &edit.unpinned);
             }
         };
         self.history.each(follow);

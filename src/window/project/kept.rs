@@ -1,9 +1,10 @@
 //! Where changed values are saved: those of the shot with the scene, those of the camera with the
 //! scene or in its profile.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
-use super::{Edit, Project};
+use super::{Edit, Project, full_name};
 use crate::params::Value;
 use crate::profile::{Look, ShotSettings};
 use crate::shot::Follows;
@@ -101,18 +102,49 @@ impl Project {
     /// Whether the scene file has to be written: what is placed, the shot's settings, or settings
     /// that a profile has taken.
     pub fn scene_is_changed(&self) -> bool {
+        let is_unpinned = self.edit().unpinned != self.saved.unpinned;
         self.edit().scene != self.saved.scene
-            || self.can_place() && (self.settings_are_changed() || self.scene_is_stale)
+            || self.can_place() && (self.settings_are_changed() || is_unpinned || self.scene_is_stale)
     }
 
-    /// The scene file's own settings, as all is set now.
+    /// The scene's own settings, as all is set now.
     pub(super) fn shot_settings(&self) -> ShotSettings {
-        self.settings_of(self.edit().look())
+        self.settings_of(self.edit().look(), &self.edit().unpinned)
     }
 
     /// The same for another camera and other effects.
-    pub(super) fn settings_of(&self, now: Look<'_>) -> ShotSettings {
-        settings_of_scene(self.opened.look(), &self.of_scene, now)
+    pub(super) fn settings_of(&self, now: Look<'_>, unpinned: &BTreeSet<String>) -> ShotSettings {
+        settings_of_scene(self.opened.look(), &self.pins(unpinned), now)
+    }
+
+    /// The settings that the scene file is to have for an edit: the scene's own, and those that
+    /// [`Given::sets`] overrides as long as the user has not changed them.
+    ///
+    /// [`Given::sets`]: crate::shot::Given::sets
+    pub(super) fn file_settings(&self, edit: &Edit) -> ShotSettings {
+        let overridden = self.overridden.where_alike(self.opened.look(), edit.look());
+        self.settings_of(edit.look(), &edit.unpinned).or(&overridden)
+    }
+
+    /// Settings that the scene keeps as long as their values are not changed.
+    pub(super) fn pins(&self, unpinned: &BTreeSet<String>) -> ShotSettings {
+        let is_pinned = |table: &str, name: &str| !unpinned.contains(&full_name(table, name));
+        self.of_scene.clone().or(&self.unpinned).filtered(is_pinned)
+    }
+
+    /// Whether the scene's own settings keep a parameter's value, though the profile may have the
+    /// same.
+    pub fn is_pinned(&self, table: &str, name: &str) -> bool {
+        let is_given = self.of_scene.has(table, name) || self.unpinned.has(table, name);
+        is_given && self.shot_settings().has(table, name)
+    }
+
+    /// A scene file with these settings has been written for an edit.
+    pub(super) fn scene_took(&mut self, settings: ShotSettings, edit: &Edit) {
+        let before = std::mem::take(&mut self.of_scene).or(&self.unpinned);
+        let is_unpinned = |table: &str, name: &str| edit.unpinned.contains(&full_name(table, name));
+        self.unpinned = before.filtered(is_unpinned).without_noise();
+        (self.of_scene, self.scene_is_stale) = (settings, false);
     }
 
     /// Whether a profile takes a parameter. An exposure that overrides each frame's own is the
@@ -165,6 +197,6 @@ impl Project {
         if is_same(&self.opened) {
             self.opened.rig = edit.rig.clone();
         }
-        self.scene_is_stale = self.settings_of(self.saved.look()) != self.of_scene;
+        self.scene_is_stale = self.file_settings(&self.saved) != self.of_scene;
     }
 }

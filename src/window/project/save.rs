@@ -260,7 +260,7 @@ impl Project {
         }
         let failed =
             |error: &dyn std::fmt::Display| SaveError::Text { path: path.to_owned(), reason: error.to_string() };
-        let settings = self.shot_settings();
+        let settings = self.file_settings(self.edit());
         let whole = SceneFile { settings: settings.to_toml(), ..scene.clone() };
         let text = match &mut self.scene_text {
             Some(text) => {
@@ -297,8 +297,8 @@ impl Project {
                 };
                 self.history.each(|edit| follow(&mut edit.scene));
                 [&mut self.opened.scene, &mut self.loaded].into_iter().for_each(follow);
-                self.saved = Edit { scene, rig: edit.rig, settings: edit.settings, other: self.saved.other.take() };
-                (self.of_scene, self.scene_is_stale) = (settings, false);
+                self.scene_took(settings, &edit);
+                self.saved = Edit { scene, other: self.saved.other.take(), ..edit };
                 self.move_missing(&from, &named, &path);
                 self.scene = Some(path);
             }

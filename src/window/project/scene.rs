@@ -71,7 +71,9 @@ impl Project {
         let edit = fresh.edit().clone();
         (self.opened, self.saved, self.scene_text) = (fresh.opened, fresh.saved, fresh.scene_text);
         (self.of_scene, self.scene_is_stale) = (fresh.of_scene, fresh.scene_is_stale);
+        (self.unpinned, self.overridden) = (fresh.unpinned, fresh.overridden);
         self.stamps = fresh.stamps;
+        self.shot.take_files(fresh.shot);
         // The files were opened anew by absolute paths; here they may have relative ones.
         for path in [self.profile.clone(), self.scene.clone()].into_iter().flatten() {
             let stamp = std::path::absolute(&path).ok().and_then(|whole| self.stamp(&whole));

@@ -306,3 +306,85 @@ fn save_without_a_scene_ends_and_names_what_no_file_keeps() {
     let said = window.state().said().unwrap();
     assert!(said.contains("Not saved without a scene: ") && !has(&window, "Save to the profile"), "{said}");
 }
+
+#[test]
+fn values_read_again_from_a_profile_count_for_the_exposure() {
+    let case = Case::new();
+    let exposure = |iso: u32| format!("{PROFILE}\n[camera.exposure]\niso = {iso}\n\n[camera.lens]\nf_number = 4.0\n");
+    std::fs::write(&case.profile, exposure(400)).unwrap();
+    std::fs::write(&case.scene, format!("{SCENE}\n[settings.camera.lens]\nf_number = 8.0\n")).unwrap();
+    let mut project = case.project();
+    assert_eq!((project.shot().taken(0).iso, project.shot().taken(0).f_number), (Some(400.0), Some(8.0)));
+    std::fs::write(&case.profile, exposure(800)).unwrap();
+    project.read_again(case.project());
+    assert_eq!((project.shot().taken(0).iso, project.shot().taken(0).f_number), (Some(800.0), Some(8.0)));
+    assert_eq!(project.shot().baseline().rig.exposure.iso, Some(800.0));
+    // Without the scene's own value the profile's holds.
+    project.reset("camera.lens", "f_number", &Value::Number(4.0)).unwrap();
+    assert_eq!(project.shot().taken(0).f_number, Some(4.0));
+}
+
+#[test]
+fn setting_of_the_scene_that_equals_the_profiles_is_given_up_in_one_step() {
+    let case = Case::new();
+    let pinned = format!("{SCENE}\n[settings.noise]\nscale = 0.5\n");
+    std::fs::write(&case.scene, &pinned).unwrap();
+    let mut project = case.project();
+    assert!(project.is_pinned("noise", "scale") && project.is_saved());
+    project.reset("noise", "scale", &Value::Number(0.5)).unwrap();
+    project.close_step();
+    assert!(!project.is_pinned("noise", "scale") && project.scene_is_changed() && project.history().can_undo());
+    project.undo();
+    assert!(project.is_pinned("noise", "scale") && project.is_saved());
+    project.redo();
+    project.save_scene(&case.scene).unwrap();
+    assert!(project.is_saved() && !case.texts()[1].contains("scale"), "{}", case.texts()[1]);
+    std::fs::write(&case.profile, PROFILE.replace("0.5", "0.25")).unwrap();
+    assert_eq!(number(&case.project(), "noise", "scale"), 0.25);
+    // Undo brings it back after it was saved, too.
+    project.undo();
+    project.save_scene(&case.scene).unwrap();
+    assert!(project.is_saved() && case.texts()[1].contains("scale = 0.5"), "{}", case.texts()[1]);
+}
+
+#[test]
+fn switch_of_the_scene_that_equals_the_profiles_is_given_up_in_one_step() {
+    let case = Case::new();
+    std::fs::write(&case.scene, format!("{SCENE}\n[settings.noise]\non = true\n")).unwrap();
+    let mut project = case.project();
+    project.reset_switch("noise").unwrap();
+    project.save_scene(&case.scene).unwrap();
+    assert!(project.is_saved() && !case.texts()[1].contains("[settings"), "{}", case.texts()[1]);
+}
+
+#[test]
+fn setting_of_the_scene_that_is_overridden_for_the_session_stays_in_its_file() {
+    let case = Case::new();
+    let lens = "[settings.camera.lens]\naperture_diameter_mm = 5.0\n";
+    std::fs::write(&case.scene, format!("{SCENE}\n[settings.noise]\nscale = 0.75\n\n{lens}")).unwrap();
+    let sets = vec!["noise.scale=2".to_owned(), "camera.lens.f_number=4".to_owned()];
+    let given =
+        Given { profile: Some(case.profile.clone()), scene: Some(case.scene.clone()), sets, ..Given::default() };
+    let open = || Project::open(&worked::demo(), &OpenOptions::default(), &given).unwrap();
+    let mut project = open();
+    assert_eq!((number(&project, "noise", "scale"), project.is_saved()), (2.0, true));
+    project.switch("halation", false);
+    project.save_scene(&case.scene).unwrap();
+    let scene = &case.texts()[1];
+    assert!(scene.contains("scale = 0.75") && scene.contains("aperture_diameter_mm = 5.0"), "{scene}");
+    assert!(project.is_saved() && case.project().is_saved());
+    // The command line has them, as this window has.
+    let line = command_line(&project, 0);
+    assert!(line.text.contains("--set noise.scale=2 --set camera.lens.f_number=4"), "{line:?}");
+    // Read again, they still override the scene.
+    project.read_again(open());
+    assert_eq!(number(&project, "noise", "scale"), 2.0);
+    // Values that the user sets replace the scene's.
+    project.set("noise", "scale", &Value::Number(3.0)).unwrap();
+    project.set("camera.lens", "f_number", &Value::Number(8.0)).unwrap();
+    project.save_scene(&case.scene).unwrap();
+    let scene = &case.texts()[1];
+    assert!(scene.contains("scale = 3.0") && scene.contains("f_number = 8.0"), "{scene}");
+    assert!(!scene.contains("aperture_diameter_mm = 5.0"), "{scene}");
+    case.project();
+}
