@@ -4,6 +4,7 @@
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -82,16 +83,16 @@ impl Work {
     }
 
     /// Adds the undo history.
-    pub fn with_history(mut self, mut history: Record<Edit>) -> Self {
-        if self.scene.is_none() {
-            history.steps.iter_mut().for_each(|(_, edit)| name_absolutely(edit));
-        }
-        self.history = history;
-        self
+    pub fn with_history(self, history: Record<Edit>) -> Self {
+        Self { history, ..self }
     }
 
-    /// As a file's text, with as many steps as fit into `most_bytes`.
+    /// As a file's text, with as many steps as fit into `most_bytes`. Copies the steps of a scene
+    /// without a file, so the UI thread does not call it.
     fn text(&mut self, most_bytes: u64) -> serde_json::Result<String> {
+        if self.scene.is_none() {
+            self.history.steps.iter_mut().for_each(|(_, edit)| name_absolutely(Arc::make_mut(edit)));
+        }
         loop {
             let text = serde_json::to_string(self)?;
             if text.len() as u64 <= most_bytes || !self.history.halve() {
@@ -328,7 +329,13 @@ mod tests {
     fn work(seed: u64) -> Work {
         let mut settings = Settings::default();
         settings.seed = seed;
-        let edit = Edit { rig: Rig::default(), settings, scene: SceneFile::default(), other: None };
+        let edit = Edit {
+            rig: Rig::default(),
+            settings,
+            scene: SceneFile::default(),
+            other: None,
+            unpinned: Default::default(),
+        };
         Work::new(Path::new("recordings/demo"), 1.0, None, Some(Path::new("scene.toml")), edit)
     }
 
@@ -416,17 +423,31 @@ mod tests {
     #[test]
     fn a_recovery_file_keeps_as_many_steps_as_fit() {
         let mut work = work(0);
-        let steps = (0..16).map(|n| (n.to_string(), work.edit.clone())).collect();
+        let steps = (0..16).map(|n| (n.to_string(), Arc::new(work.edit.clone()))).collect();
         work = work.with_history(Record { steps, at: 15 });
         let alone = serde_json::to_string(&work.edit).unwrap().len() as u64;
         let text = work.text(8 * alone).unwrap();
         let read: Work = serde_json::from_str(&text).unwrap();
         assert!((2..8).contains(&read.history.steps.len()) && text.len() as u64 <= 8 * alone);
         let last = &read.history.steps[read.history.at];
-        assert_eq!((last.0.as_str(), &last.1), ("15", &read.edit));
+        assert_eq!((last.0.as_str(), &*last.1), ("15", &read.edit));
         // The work itself and its current step are always kept.
         let least: Work = serde_json::from_str(&work.text(1).unwrap()).unwrap();
         assert!(least.edit == work.edit && least.history.steps.len() == 1);
+    }
+
+    #[test]
+    fn history_of_a_scene_without_a_file_is_written_with_absolute_names() {
+        let mut work = work(0);
+        work.scene = None;
+        let mut edit = work.edit.clone();
+        edit.scene.light.environment = Some("hall.hdr".to_owned());
+        let shared = Arc::new(edit);
+        work = work.with_history(Record { steps: vec![("lit".to_owned(), Arc::clone(&shared))], at: 0 });
+        let read: Work = serde_json::from_str(&work.text(MOST_LISTING).unwrap()).unwrap();
+        let written = read.history.steps[0].1.scene.light.environment.clone().unwrap();
+        assert!(Path::new(&written).is_absolute(), "{written}");
+        assert_eq!(shared.scene.light.environment.as_deref(), Some("hall.hdr"), "the window's own is as it was");
     }
 
     #[test]

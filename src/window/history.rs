@@ -1,15 +1,17 @@
 //! What was done, step by step, and back.
 
-use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// Steps that are kept. Each is a few kilobytes.
 const MOST: usize = 500;
 
-/// States of a value, each with what led to it.
+/// States of a value, each with what led to it. They are shared with a [`Record`] of them.
 #[derive(Clone, Debug)]
 pub struct History<T> {
     /// The first is what was opened.
-    steps: Vec<(String, T)>,
+    steps: Vec<(String, Arc<T>)>,
     at: usize,
     /// The uncommitted change.
     tried: Option<T>,
@@ -22,10 +24,21 @@ pub struct History<T> {
 /// The steps of a history as a file keeps them, the oldest first.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
+#[serde(bound(serialize = "T: Serialize", deserialize = "T: Deserialize<'de>"))]
 pub struct Record<T> {
-    pub steps: Vec<(String, T)>,
+    #[serde(serialize_with = "write_steps", deserialize_with = "read_steps")]
+    pub steps: Vec<(String, Arc<T>)>,
     /// Index of the current step.
     pub at: usize,
+}
+
+fn write_steps<T: Serialize, S: Serializer>(steps: &[(String, Arc<T>)], to: S) -> Result<S::Ok, S::Error> {
+    to.collect_seq(steps.iter().map(|(name, value)| (name, &**value)))
+}
+
+fn read_steps<'de, T: Deserialize<'de>, D: Deserializer<'de>>(from: D) -> Result<Vec<(String, Arc<T>)>, D::Error> {
+    let steps = Vec::<(String, T)>::deserialize(from)?;
+    Ok(steps.into_iter().map(|(name, value)| (name, Arc::new(value))).collect())
 }
 
 impl<T> Default for Record<T> {
@@ -53,7 +66,7 @@ impl<T> Record<T> {
 
 impl<T: Clone + PartialEq> History<T> {
     pub fn new(opened: T) -> Self {
-        Self { steps: vec![("opened".to_owned(), opened)], at: 0, tried: None, revision: 0, is_open: false }
+        Self { steps: vec![("opened".to_owned(), Arc::new(opened))], at: 0, tried: None, revision: 0, is_open: false }
     }
 
     pub fn now(&self) -> &T {
@@ -77,7 +90,7 @@ impl<T: Clone + PartialEq> History<T> {
     }
 
     /// The newest `most` steps, or older ones where the current step would not be among them. An
-    /// uncommitted change is no step.
+    /// uncommitted change is no step. The values are shared, not copied.
     pub fn record(&self, most: usize) -> Record<T> {
         let first = self.steps.len().saturating_sub(most).min(self.at);
         let last = self.steps.len().min(first + most);
@@ -115,7 +128,7 @@ impl<T: Clone + PartialEq> History<T> {
 
     /// Makes what was tried a step of its own. `false` where that changes nothing.
     pub fn keep_tried(&mut self, what: &str) -> bool {
-        let Some(tried) = self.tried.take().filter(|tried| *tried != self.steps[self.at].1) else { return false };
+        let Some(tried) = self.tried.take().filter(|tried| *tried != *self.steps[self.at].1) else { return false };
         self.close();
         self.change(what, tried);
         self.close();
@@ -132,9 +145,9 @@ impl<T: Clone + PartialEq> History<T> {
         self.revision += 1;
         self.steps.truncate(self.at + 1);
         match self.steps.last_mut() {
-            Some((name, value)) if self.is_open && self.at > 0 && name == what => *value = to,
+            Some((name, value)) if self.is_open && self.at > 0 && name == what => *value = Arc::new(to),
             _ => {
-                self.steps.push((what.to_owned(), to));
+                self.steps.push((what.to_owned(), Arc::new(to)));
                 if self.steps.len() > MOST {
                     self.steps.remove(1);
                 }
@@ -159,7 +172,8 @@ impl<T: Clone + PartialEq> History<T> {
     /// Changes every step alike, where it is not the person's doing.
     pub fn each(&mut self, change: impl Fn(&mut T)) {
         self.revision += 1;
-        self.steps.iter_mut().map(|(_, value)| value).chain(&mut self.tried).for_each(change);
+        let steps = self.steps.iter_mut().map(|(_, value)| Arc::make_mut(value));
+        steps.chain(&mut self.tried).for_each(change);
     }
 
     /// The next change is a step of its own.
@@ -292,7 +306,7 @@ mod tests {
         assert!(history.redo().is_some() && has_grown(&history));
         history.go_to(0);
         assert!(has_grown(&history));
-        history.restore(Record { steps: vec![("three".to_owned(), 5)], at: 0 });
+        history.restore(Record { steps: vec![("three".to_owned(), Arc::new(5))], at: 0 });
         assert!(has_grown(&history));
         history.each(|value| *value += 1);
         assert!(has_grown(&history));
@@ -324,12 +338,27 @@ mod tests {
     }
 
     #[test]
+    fn a_record_shares_its_values_and_is_written_as_plain_ones() {
+        let mut history = History::new(0);
+        history.change("one", 1);
+        let record = history.record(50);
+        let shared = record.steps.iter().zip(&history.steps).all(|((_, one), (_, other))| Arc::ptr_eq(one, other));
+        assert!(shared);
+        // A change in every step leaves the record as it was.
+        history.each(|value| *value += 10);
+        assert_eq!((*record.steps[1].1, *history.now()), (1, 11));
+        let text = serde_json::to_string(&record).unwrap();
+        assert_eq!(text, r#"{"steps":[["opened",0],["one",1]],"at":1}"#);
+        assert_eq!(serde_json::from_str::<Record<i32>>(&text).unwrap(), record);
+    }
+
+    #[test]
     fn a_record_is_bounded_and_keeps_the_step_that_holds() {
         let mut history = History::new(0);
         for value in 1..=100 {
             history.change(&value.to_string(), value);
         }
-        let values = |record: &Record<i32>| record.steps.iter().map(|(_, value)| *value).collect::<Vec<_>>();
+        let values = |record: &Record<i32>| record.steps.iter().map(|(_, value)| **value).collect::<Vec<_>>();
         let newest = history.record(3);
         assert_eq!((values(&newest), newest.at), (vec![98, 99, 100], 2));
         history.go_to(10);
@@ -338,7 +367,7 @@ mod tests {
         assert!(record.halve() && record.halve() && !record.halve());
         assert_eq!((values(&record), record.at), (vec![10], 0));
         let mut record = newest;
-        assert!(record.halve() && record.steps[record.at].1 == 100);
+        assert!(record.halve() && *record.steps[record.at].1 == 100);
     }
 
     #[test]
