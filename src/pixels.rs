@@ -136,6 +136,9 @@ pub struct LayerImage {
     pub light_alone: bool,
     /// Shadow ratio per colour; 1 outside shadows. Where it is 1 and `rgba` is 0, the camera's codes are unchanged.
     pub left: Vec<[f32; 3]>,
+    /// Light that the composite has beyond the formula of `rgba`: noise, and effects that act on the mixed picture. 0 where
+    /// the camera's codes are unchanged, and where the composite is clipped at the largest code.
+    pub noise: Vec<[f32; 3]>,
 }
 
 impl LayerImage {
@@ -150,6 +153,7 @@ impl LayerImage {
             velocity: vec![[0.0; 2]; count],
             light_alone: false,
             left: vec![[1.0; 3]; count],
+            noise: vec![[0.0; 3]; count],
         }
     }
 

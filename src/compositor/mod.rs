@@ -21,7 +21,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::camera::Camera;
+use crate::camera::{Camera, Response};
 use crate::depth::Proxies;
 use crate::effects::LayerRun;
 use crate::frame::Frame;
@@ -40,7 +40,7 @@ pub use settings::{Depth, ON, Settings, SettingsError, Shade};
 
 use hide::Hidden;
 use mix::{Piece, Sent, mix};
-use paste::{paste, paste_fringe, paste_layer, paste_shade};
+use paste::{fill_noise, paste, paste_fringe, paste_layer, paste_shade};
 use plan::{Plan, Sight, moment};
 
 /// Draws a scene into frames. All that it keeps between frames are caches: each call returns what a new compositor
@@ -110,6 +110,7 @@ struct LayerBack {
     fringe: Option<Readback>,
     shaded: Rect,
     shade: Option<Readback>,
+    response: Response,
 }
 
 impl Compositor {
@@ -305,6 +306,7 @@ impl Compositor {
             parts: [&layer.color, &layer.geometry].map(|t| run.recorder.read_back(&mut self.readbacks, t, layer.size)),
             fringe: layer.fringe.as_ref().map(|t| run.recorder.read_back(&mut self.readbacks, t, layer.size)),
             shaded: first.shaded,
+            response: camera.response.clone(),
             shade: shade.map(|t| {
                 let size = (places.shaded.width(), places.shaded.height());
                 run.recorder.read_back(&mut self.readbacks, t, size)
@@ -413,6 +415,7 @@ impl Compositor {
         let mut pixels = frame.pixels;
         let mut layer = want_layer.then(|| LayerImage::empty(pixels.width, pixels.height));
         let Work { codes, layer: back } = work.unwrap_or_default();
+        let camera = back.is_some().then(|| pixels.clone());
         for (piece, codes) in codes {
             paste(self.gpu(), &codes, piece.shown, &mut pixels)?;
             self.readbacks.give_back(codes);
@@ -427,6 +430,9 @@ impl Compositor {
             }
             if let Some(fringe) = &back.fringe {
                 paste_fringe(self.gpu(), fringe, drawn, over_seam, image)?;
+            }
+            if let Some(camera) = &camera {
+                fill_noise(camera, &pixels, &back.response, image);
             }
             [Some(color), Some(geometry), back.shade, back.fringe]
                 .into_iter()

@@ -1,5 +1,8 @@
 //! Puts what comes back from the GPU into pictures.
 
+use half::f16;
+
+use crate::camera::Response;
 use crate::gpu::{Gpu, GpuError, Readback};
 use crate::pixels::{Codes, LayerImage, Pixels, Rect};
 
@@ -95,6 +98,26 @@ pub fn paste_fringe(
     })
 }
 
+/// Fills in the noise, as what the layer over the camera's picture lacks of the composite. The layer's values count as
+/// 16-bit floats, as its file has them. All pictures have the same size.
+pub fn fill_noise(camera: &Pixels, composite: &Pixels, response: &Response, out: &mut LayerImage) {
+    let max = composite.max_code();
+    let light: Vec<f32> = response.table(max).into_iter().map(|light| light as f32).collect();
+    let rounded = |value: f32| f16::from_f32(value).to_f32();
+    let [own, made] = [camera, composite].map(|pixels| pixels.each(|codes| codes));
+    for (i, (own, made)) in own.into_iter().zip(made).enumerate() {
+        let (rgba, left) = (out.rgba[i].map(rounded), out.left[i].map(rounded));
+        if own == made && rgba == [0.0; 4] && left == [1.0; 3] {
+            continue;
+        }
+        for c in 0..3 {
+            let layered = rgba[c] + (1.0 - rgba[3]) * left[c] * light[own[c] as usize];
+            let is_clipped = made[c] == max && layered >= 1.0;
+            out.noise[i][c] = if is_clipped { 0.0 } else { light[made[c] as usize] - layered };
+        }
+    }
+}
+
 /// Fractions of light removed and added that count as none: `LARGEST_UNSEEN_LOSS` and `LARGEST_UNSEEN_GAIN` of
 /// shaders/shared/shadow_ratio.wgsl.
 const LARGEST_UNSEEN_LOSS: f32 = 1.0 / 4096.0;
@@ -106,7 +129,7 @@ fn shadow_ratio(removed: f32) -> f32 {
 }
 
 fn half(bytes: &[u8]) -> f32 {
-    half::f16::from_le_bytes([bytes[0], bytes[1]]).to_f32()
+    f16::from_le_bytes([bytes[0], bytes[1]]).to_f32()
 }
 
 fn texel(bytes: &[u8]) -> [f32; 4] {
@@ -125,8 +148,6 @@ fn places(rect: Rect, over_seam: bool, out: &LayerImage) -> impl Fn(usize, usize
 
 #[cfg(test)]
 mod tests {
-    use half::f16;
-
     use super::*;
 
     #[test]

@@ -9,13 +9,14 @@ use super::atomic::write_atomically;
 use super::{SinkError, of_exr};
 use crate::pixels::LayerImage;
 
-/// Writes one layer with the channels virtual.R, .G, .B, .A and shadow.R, .G, .B (half), depth.Z, velocity.X, .Y (float),
-/// ZIP-compressed. A shadow is what the real light is multiplied by.
+/// Writes one layer with the channels virtual.R, .G, .B, .A, shadow.R, .G, .B and noise.R, .G, .B (half), depth.Z,
+/// velocity.X, .Y (float), ZIP-compressed. A shadow is what the real light is multiplied by; noise is added last.
 /// The file is either complete or absent. An existing one is kept unless `force`.
 pub fn write_layers(path: &Path, layers: &LayerImage, force: bool) -> std::result::Result<(), SinkError> {
     let (width, height) = (layers.width as usize, layers.height as usize);
-    let lengths = [layers.rgba.len(), layers.depth_m.len(), layers.velocity.len(), layers.left.len()];
-    if lengths != [width * height; 4] || width * height == 0 {
+    let lengths =
+        [layers.rgba.len(), layers.depth_m.len(), layers.velocity.len(), layers.left.len(), layers.noise.len()];
+    if lengths != [width * height; 5] || width * height == 0 {
         let problem = format!("layers of {lengths:?} values do not make a picture of {width}x{height}");
         return Err(SinkError::Refused { path: path.to_owned(), problem });
     }
@@ -23,8 +24,8 @@ pub fn write_layers(path: &Path, layers: &LayerImage, force: bool) -> std::resul
         let samples = layers.rgba.iter().map(|pixel| f16::from_f32(pixel[i])).collect();
         AnyChannel::new(name, FlatSamples::F16(samples))
     };
-    let shadow = |name: &'static str, i: usize| {
-        let samples = layers.left.iter().map(|left| f16::from_f32(left[i])).collect();
+    let by_color = |name: &'static str, values: &[[f32; 3]], i: usize| {
+        let samples = values.iter().map(|value| f16::from_f32(value[i])).collect();
         AnyChannel::new(name, FlatSamples::F16(samples))
     };
     let velocity = |name: &'static str, i: usize| {
@@ -36,9 +37,12 @@ pub fn write_layers(path: &Path, layers: &LayerImage, force: bool) -> std::resul
         color("virtual.B", 2),
         color("virtual.A", 3),
         AnyChannel::new("depth.Z", FlatSamples::F32(layers.depth_m.clone())),
-        shadow("shadow.R", 0),
-        shadow("shadow.G", 1),
-        shadow("shadow.B", 2),
+        by_color("shadow.R", &layers.left, 0),
+        by_color("shadow.G", &layers.left, 1),
+        by_color("shadow.B", &layers.left, 2),
+        by_color("noise.R", &layers.noise, 0),
+        by_color("noise.G", &layers.noise, 1),
+        by_color("noise.B", &layers.noise, 2),
         velocity("velocity.X", 0),
         velocity("velocity.Y", 1),
     ];
@@ -66,6 +70,7 @@ mod tests {
             velocity: (0..count).map(|i| [i as f32 * 1.1, -3.3e5]).collect(),
             light_alone: false,
             left: (0..count).map(|i| [0.5, 1.0, i as f32 / 256.0]).collect(),
+            noise: (0..count).map(|i| [-0.25, 0.0, i as f32 / 512.0]).collect(),
         };
         write_layers(&path, &layers, false).unwrap();
         let image = read_first_flat_layer_from_file(&path).unwrap();
@@ -74,8 +79,9 @@ mod tests {
         let channels = &image.layer_data.channel_data.list;
         let names: Vec<String> = channels.iter().map(|c| c.name.to_string()).collect();
         let of_virtual = ["virtual.A", "virtual.B", "virtual.G", "virtual.R"];
-        let before = ["depth.Z", "shadow.B", "shadow.G", "shadow.R", "velocity.X", "velocity.Y"];
-        assert_eq!(names, [before.as_slice(), of_virtual.as_slice()].concat());
+        let noise = ["noise.B", "noise.G", "noise.R"];
+        let before = ["shadow.B", "shadow.G", "shadow.R", "velocity.X", "velocity.Y"];
+        assert_eq!(names, [&["depth.Z"], noise.as_slice(), &before, &of_virtual].concat());
         let values = |name: &str| -> Vec<f32> {
             channels.iter().find(|c| c.name.eq(name)).unwrap().sample_data.values_as_f32().collect()
         };
@@ -84,6 +90,9 @@ mod tests {
         }
         for (i, name) in ["shadow.R", "shadow.G", "shadow.B"].iter().enumerate() {
             assert_eq!(values(name), layers.left.iter().map(|p| p[i]).collect::<Vec<_>>(), "{name}");
+        }
+        for (i, name) in ["noise.R", "noise.G", "noise.B"].iter().enumerate() {
+            assert_eq!(values(name), layers.noise.iter().map(|p| p[i]).collect::<Vec<_>>(), "{name}");
         }
         assert!(matches!(channels[6].sample_data, FlatSamples::F16(_)));
         assert!(matches!(channels[0].sample_data, FlatSamples::F32(_)));
@@ -96,6 +105,6 @@ mod tests {
     fn lists_that_do_not_fit_are_refused() {
         let error =
             write_layers(Path::new("a.exr"), &LayerImage { width: 3, ..LayerImage::empty(2, 2) }, false).unwrap_err();
-        assert_eq!(error.to_string(), "a.exr: layers of [4, 4, 4, 4] values do not make a picture of 3x2");
+        assert_eq!(error.to_string(), "a.exr: layers of [4, 4, 4, 4, 4] values do not make a picture of 3x2");
     }
 }

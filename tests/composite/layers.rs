@@ -1,4 +1,4 @@
-//! The layers that a composite writes hold all that it did to the camera's picture, except what the sensor does.
+//! The layers that a composite writes hold all that it did to the camera's picture.
 
 use std::path::Path;
 
@@ -32,42 +32,98 @@ fn channel(file: &Path, name: &str) -> Vec<f32> {
     found.unwrap_or_else(|| panic!("no channel {name}")).sample_data.values_as_f32().collect()
 }
 
+/// The layers of a frame as their file has them, with the codes before and after.
+struct Layers {
+    coverage: Vec<f32>,
+    /// By colour.
+    light: [Vec<f32>; 3],
+    ratio: [Vec<f32>; 3],
+    noise: [Vec<f32>; 3],
+    camera: Vec<u8>,
+    composite: Vec<u8>,
+}
+
+impl Layers {
+    fn of(site: &mut NamedShot, settings: &Settings, frame: usize) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let mut compositor = site.shot.compositor(gpu::gpu().clone());
+        let done = composited(&mut compositor, site, settings.clone(), frame);
+        let file = folder.path().join("layers.exr");
+        write_layers(&file, done.layer.as_ref().unwrap(), false).unwrap();
+        let by_color = |name: &str| ["R", "G", "B"].map(|color| channel(&file, &format!("{name}.{color}")));
+        let codes = |pixels: &locard::pixels::Pixels| pixels.codes.eight_bit().unwrap().to_vec();
+        Self {
+            coverage: channel(&file, "virtual.A"),
+            light: by_color("virtual"),
+            ratio: by_color("shadow"),
+            noise: by_color("noise"),
+            camera: codes(&camera(site, frame).pixels),
+            composite: codes(&done.pixels),
+        }
+    }
+
+    /// The code of a pixel's colour by the layers over the camera's picture, and how far the composite's is off.
+    fn deviation(&self, site: &NamedShot, pixel: usize, color: usize, with_noise: bool) -> f64 {
+        let response = &site.shot.rig.response;
+        let real = response.decode(f64::from(self.camera[3 * pixel + color]) / 255.0);
+        let noise = if with_noise { f64::from(self.noise[color][pixel]) } else { 0.0 };
+        let left = f64::from((1.0 - self.coverage[pixel]) * self.ratio[color][pixel]);
+        let over = f64::from(self.light[color][pixel]) + noise + left * real;
+        let expected = (255.0 * response.encode(over.max(0.0))).min(255.0);
+        (f64::from(self.composite[3 * pixel + color]) - expected).abs()
+    }
+
+    /// Every pixel and colour.
+    fn values(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
+        (0..self.coverage.len()).flat_map(|pixel| (0..3).map(move |color| (pixel, color)))
+    }
+}
+
+fn sites() -> impl Iterator<Item = NamedShot> {
+    [Some(demo_like(&small::demo(2))), desk().filter(|_| is_full())].into_iter().flatten()
+}
+
 #[test]
 fn layers_over_the_cameras_picture_are_the_composite_within_a_code() {
     // The sensor's noise and the blend of edges act on codes, and chromatic aberration parts a pixel's coverage by colour.
     let mut settings = gpu::settings(&[("noise", "scale", Value::Number(0.0))]);
     settings.without(&["edge_blend".to_owned(), "chromatic_aberration".to_owned()]).unwrap();
-    let folder = tempfile::tempdir().unwrap();
-    let gpu = gpu::gpu();
-    for mut site in [Some(demo_like(&small::demo(2))), desk().filter(|_| is_full())].into_iter().flatten() {
-        let mut compositor = site.shot.compositor(gpu.clone());
-        let (done, camera) = (composited(&mut compositor, &mut site, settings.clone(), 40), camera(&site, 40));
-        let file = folder.path().join(format!("{}.exr", site.name));
-        write_layers(&file, done.layer.as_ref().unwrap(), false).unwrap();
-        let coverage = channel(&file, "virtual.A");
-        let response = &site.shot.rig.response;
+    for mut site in sites() {
+        let layers = Layers::of(&mut site, &settings, 40);
         let (mut shaded, mut partly) = (0, 0);
-        for (c, color) in ["R", "G", "B"].into_iter().enumerate() {
-            let light = channel(&file, &format!("virtual.{color}"));
-            let ratio = channel(&file, &format!("shadow.{color}"));
-            let codes = |frame: &locard::pixels::Pixels| -> Vec<u8> {
-                frame.codes.eight_bit().unwrap().iter().skip(c).step_by(3).copied().collect()
-            };
-            for (i, (out, own)) in codes(&done.pixels).into_iter().zip(codes(&camera.pixels)).enumerate() {
-                let real = response.decode(f64::from(own) / 255.0);
-                let over = f64::from(light[i]) + f64::from((1.0 - coverage[i]) * ratio[i]) * real;
-                let expected = (255.0 * response.encode(over.max(0.0))).min(255.0);
-                // Half a code for rounding.
-                let off = (f64::from(out) - expected).abs();
-                assert!(off < 1.0, "{} {color} pixel {i}: {out}, by the layers {expected:.2}", site.name);
-                if light[i] == 0.0 && coverage[i] == 0.0 && ratio[i] == 1.0 {
-                    assert_eq!(out, own, "{} {color} pixel {i} is untouched by the layers", site.name);
-                }
-                shaded += usize::from(ratio[i] < 0.97 && coverage[i] == 0.0);
-                partly += usize::from(coverage[i] > 0.05 && coverage[i] < 0.95);
+        for (i, c) in layers.values() {
+            // Half a code for rounding.
+            let off = layers.deviation(&site, i, c, false);
+            assert!(off < 1.0, "{} colour {c} pixel {i}: off by {off:.2}", site.name);
+            let (coverage, ratio) = (layers.coverage[i], layers.ratio[c][i]);
+            if layers.light[c][i] == 0.0 && coverage == 0.0 && ratio == 1.0 {
+                let (out, own) = (layers.composite[3 * i + c], layers.camera[3 * i + c]);
+                assert_eq!(out, own, "{} colour {c} pixel {i} is untouched by the layers", site.name);
             }
+            shaded += usize::from(ratio < 0.97 && coverage == 0.0);
+            partly += usize::from(coverage > 0.05 && coverage < 0.95);
         }
         assert!(shaded > 300 && partly > 100, "{}: {shaded} in a shadow, {partly} partly covered", site.name);
+    }
+}
+
+#[test]
+fn layers_with_their_noise_are_the_composite_with_default_noise_and_all_effects() {
+    for mut site in sites() {
+        let layers = Layers::of(&mut site, &gpu::settings(&[]), 40);
+        let (mut most, mut most_without, mut noisy) = (0.0f64, 0.0f64, 0);
+        for (i, c) in layers.values() {
+            let off = layers.deviation(&site, i, c, true);
+            assert!(off < 1.0, "{} colour {c} pixel {i}: off by {off:.2}", site.name);
+            most = most.max(off);
+            most_without = most_without.max(layers.deviation(&site, i, c, false));
+            noisy += usize::from(layers.noise[c][i] != 0.0);
+            if layers.composite[3 * i + c] == layers.camera[3 * i + c] && layers.ratio[c][i] == 1.0 {
+                assert!(layers.coverage[i] > 0.0 || layers.noise[c][i] == 0.0, "{} pixel {i}", site.name);
+            }
+        }
+        println!("{}: off by {most:.3} codes with noise, {most_without:.1} without; {noisy} values", site.name);
+        assert!(noisy > 1000 && most_without > 2.0, "{}: {noisy}, {most_without}", site.name);
     }
 }
 
