@@ -3,7 +3,8 @@
 
     scripts/test                       format, lint and every test of the fast tier
     scripts/test composite             one test binary
-    scripts/test composite::laws       the tests of one module; lib::effects::noise are unit tests of src/effects/noise
+    scripts/test composite::laws       the tests of one module; lib::effects::noise are unit tests of src/effects/noise,
+                                       lib::window::history those of src/window/history.rs
     scripts/test --full [FILTER ...]   the full tier, or parts of it
 
 A filter is `BINARY` or `BINARY::PATH`, with the binaries `lib`, `architecture` and the folders of tests/. With a filter
@@ -65,7 +66,17 @@ class Filter:
         at_boundary = test == self.path or test.startswith(f"{self.path}::")
         return binary == self.binary and (not self.path or at_boundary)
 
+    def package(self):
+        """The package whose unit tests are meant, or None for all."""
+        folder = self.path.partition("::")[0]
+        if not folder:
+            return None
+        return {"window": "locard-window", "cli": "locard"}.get(folder, "locard-engine")
 
+
+# Each package with the module path that its unit tests have here, which is their folder in src/. The program's own tests
+# bear their folder's name already.
+PACKAGES = {"locard-engine": "", "locard-window": "window", "locard": ""}
 # A filter's build: many small units, of which an edit changes few.
 LOOP_PROFILE = ["opt-level=1", "codegen-units=256"]
 
@@ -79,19 +90,47 @@ def cargo(*arguments):
     return subprocess.run(["cargo", *arguments], cwd=ROOT, env=cargo_environment())
 
 
+class Binary:
+    """A test binary. `module` is put before the names of its tests."""
+
+    def __init__(self, name, file, module=""):
+        self.name, self.file, self.module = name, file, module
+
+    def tests(self, full):
+        """The tests that this tier runs."""
+
+        def listed(*more):
+            output = subprocess.run(
+                [self.file, "--list", "--format", "terse", *more], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+            return [line.removesuffix(": test") for line in output.stdout.splitlines() if line.endswith(": test")]
+
+        ignored = set(listed("--ignored"))
+        return [self.qualified(test) for test in listed() if full or test not in ignored]
+
+    def qualified(self, test):
+        return f"{self.module}::{test}" if self.module else test
+
+    def own_name(self, test):
+        return test.removeprefix(f"{self.module}::") if self.module else test
+
+
 def build(filters, is_loop):
-    """Builds the test binaries. Returns their files by name, or None if that failed, and the number of warnings."""
+    """Builds the test binaries. Returns them, or None if that failed, and the number of warnings."""
     if not filters:
-        targets = ["--all-targets"]
+        targets = ["--workspace", "--all-targets"]
     else:
         names = sorted({f.binary for f in filters})
         targets = [word for name in names for word in (["--lib"] if name == "lib" else ["--test", name])]
+        packages = {f.package() if f.binary == "lib" else "locard" for f in filters}
+        chosen = ["--workspace"] if None in packages else [f"--package={package}" for package in sorted(packages)]
+        targets += chosen
     if is_loop:
-        targets += [word for setting in LOOP_PROFILE for word in ("--config", f"profile.dev.package.locard.{setting}")]
+        settings = [f"profile.dev.package.{package}.{setting}" for package in PACKAGES for setting in LOOP_PROFILE]
+        targets += [word for setting in settings for word in ("--config", setting)]
     command = ["cargo", "test", "--locked", "--no-run", "--message-format=json-diagnostic-rendered-ansi", *targets]
     process = subprocess.Popen(
         command, cwd=ROOT, env=cargo_environment(is_loop), stdout=subprocess.PIPE, text=True)
-    files, warnings = {}, 0
+    binaries, warnings = [], 0
     for line in process.stdout:
         message = json.loads(line)
         if message.get("reason") == "compiler-message":
@@ -102,20 +141,13 @@ def build(filters, is_loop):
         target = message["target"]
         if not message["profile"]["test"] or target["kind"][0] not in ("lib", "test"):
             continue
-        files["lib" if target["kind"] == ["lib"] else target["name"]] = message["executable"]
-    return files if process.wait() == 0 else None, warnings
-
-
-def tests_of(file, full):
-    """The tests of a binary that this tier runs."""
-
-    def listed(*more):
-        output = subprocess.run([file, "--list", "--format", "terse", *more], cwd=ROOT, stdout=subprocess.PIPE, text=True)
-        return [line.removesuffix(": test") for line in output.stdout.splitlines() if line.endswith(": test")]
-
-    ignored = set(listed("--ignored"))
-    tests = listed()
-    return [test for test in tests if full or test not in ignored]
+        if target["kind"] == ["lib"]:
+            module = PACKAGES[target["name"].replace("_", "-")]
+            binaries.append(Binary("lib", message["executable"], module))
+        else:
+            binaries.append(Binary(target["name"], message["executable"]))
+    binaries.sort(key=lambda binary: BINARIES.index(binary.name))
+    return binaries if process.wait() == 0 else None, warnings
 
 
 def grouped(binary, tests):
@@ -129,8 +161,8 @@ def grouped(binary, tests):
 class Runner:
     """Runs groups of tests in processes side by side."""
 
-    def __init__(self, files, groups, full):
-        self.files, self.groups, self.full = files, groups, full
+    def __init__(self, groups, full):
+        self.groups, self.full = groups, full
         # NODEVICE_SELECT as in .cargo/config.toml, which cargo applies to what it runs itself. One thread a device on
         # Mesa's software driver: the other processors have processes of their own.
         own = {"LOCARD_TEST_TIER": "full" if full else "fast", "NODEVICE_SELECT": "1"}
@@ -154,7 +186,7 @@ class Runner:
             self.run_group(binary, name, tests)
 
     def run_group(self, binary, name, tests):
-        command = [self.files[binary], "--exact", "--test-threads=1", *tests]
+        command = [binary.file, "--exact", "--test-threads=1", *map(binary.own_name, tests)]
         if self.full:
             command.insert(1, "--include-ignored")
         start = last = time.monotonic()
@@ -166,22 +198,23 @@ class Runner:
             for line in process.stdout:
                 log.append(line)
                 match = RESULT.match(line)
-                if match and match[1] in missing:
+                test = binary.qualified(match[1]) if match else None
+                if test in missing:
                     now = time.monotonic()
-                    missing.remove(match[1])
+                    missing.remove(test)
                     with self.lock:
-                        self.results.append(Result(binary, match[1], now - last, match[3]))
+                        self.results.append(Result(binary.name, test, now - last, match[3]))
                     last = now
             status = process.wait()
             errors.seek(0)
             log.append(errors.read())
         with self.lock:
             # A process that ends early took the tests behind it along.
-            self.results += [Result(binary, test, 0.0, "FAILED") for test in sorted(missing)]
+            self.results += [Result(binary.name, test, 0.0, "FAILED") for test in sorted(missing)]
             if status != 0 or missing:
                 self.failures.append("".join(log))
             mark = "ok    " if status == 0 and not missing else "FAILED"
-            print(f"{mark} {time.monotonic() - start:6.1f} s  {binary}::{name} ({len(tests)})", flush=True)
+            print(f"{mark} {time.monotonic() - start:6.1f} s  {binary.name}::{name} ({len(tests)})", flush=True)
 
 
 def reason_for_slow(binary, test):
@@ -240,26 +273,25 @@ def main():
             failed.append(name)
 
     if not args.filters:
-        check("format", "fmt", "--check")
-    files, warnings = timed(steps, "build and lint", lambda: build(args.filters, bool(args.filters) and not args.full))
-    if files is None:
+        check("format", "fmt", "--all", "--check")
+    binaries, warnings = timed(steps, "build and lint", lambda: build(args.filters, bool(args.filters) and not args.full))
+    if binaries is None:
         return 2
     if warnings and not args.filters:
         failed.append(f"lint: {warnings} warnings")
     groups = []
-    for binary in BINARIES:
-        if binary in files:
-            tests = tests_of(files[binary], args.full)
-            if args.filters:
-                tests = [test for test in tests if any(f.accepts(binary, test) for f in args.filters)]
-            groups += grouped(binary, tests)
+    for binary in binaries:
+        tests = binary.tests(args.full)
+        if args.filters:
+            tests = [test for test in tests if any(f.accepts(binary.name, test) for f in args.filters)]
+        groups += grouped(binary, tests)
     if not groups:
         print("scripts/test: the filter accepts no test", file=sys.stderr)
         return 2
-    runner = Runner(files, groups, args.full)
+    runner = Runner(groups, args.full)
     timed(steps, "tests", lambda: runner.run(os.cpu_count() or 1))
     if not args.filters:
-        check("doc tests", "test", "--locked", "--doc")
+        check("doc tests", "test", "--locked", "--workspace", "--doc")
         if args.full:
             # The engine and the program, without what wants a window or a camera.
             check("without default features", "check", "--locked", "--no-default-features")

@@ -9,13 +9,18 @@ const INSTALL_MARKER_FILES: [&str; 2] = ["profiles/neutral.toml", "scenes/demo.t
 /// The profiles that come with the program.
 const PROFILES: [&str; 3] = ["neutral.toml", "simulated.toml", "tum-fr1.toml"];
 
+/// The folder that the program was built from.
+pub fn source_folder() -> &'static Path {
+    let engine = Path::new(env!("CARGO_MANIFEST_DIR"));
+    engine.parent().unwrap_or(engine)
+}
+
 /// The folders that are looked through, in order, each once: the program's own and those above it, the one that it was built
 /// from, and the current one.
 pub fn folders() -> Vec<PathBuf> {
     let program = std::env::current_exe().and_then(|program| program.canonicalize()).ok();
     let above = program.iter().flat_map(|program| program.ancestors().skip(1).take(UP + 1).map(Path::to_owned));
-    let built = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
-    let all = above.chain([built]).chain(std::env::current_dir());
+    let all = above.chain([source_folder().to_owned()]).chain(std::env::current_dir());
     let mut folders: Vec<PathBuf> = Vec::new();
     for folder in all.filter(|folder| folder.is_dir()) {
         if !folders.contains(&folder) {

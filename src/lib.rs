@@ -1,61 +1,10 @@
 //! Locard puts virtual evidence into real footage so that it looks photographed there by the same camera at the same
 //! moment.
 //!
-//! source → frame + pose → virtual layer → what the lens does → composite → what the sensor does → sink. The folders
-//! follow that sentence; ARCHITECTURE.md has the rest.
+//! This crate is the program: its command line, and all of the engine and the window under one name.
 
-// 0: plain values
-pub mod document;
-pub mod frame;
-pub mod installed;
-pub mod params;
-pub mod pixels;
-pub mod pose;
-pub mod rows;
-pub mod unfinished;
-pub mod words;
-
-// 1: physics without GPU or files; what pictures say about where things stand
-pub mod camera;
-pub mod fit;
-
-// 2: input and output, recordings and their depth, streams of poses, tags, cameras; the GPU
-pub mod depth;
-pub mod gpu;
-pub mod recording;
-pub mod sink;
-pub mod source;
-pub mod stream;
-pub mod tags;
-pub mod tracking;
-pub mod webcam;
-
-// 3: the scene, and the virtual layer drawn from it
-pub mod render;
-pub mod scene;
-pub mod shadow;
-
-// 4: what lens and sensor do
-pub mod effects;
-
-// 5: the frame loop; camera profiles
-pub mod compositor;
-pub mod profile;
-
-// 6: footage with what is put into it, and what is written of it; cost, noise calibration, comparison, photographs, simulated recordings
-pub mod analyse;
-pub mod bench;
-pub mod calibrate;
-pub mod export;
-pub mod live;
-pub mod measure;
-pub mod photo;
-pub mod report;
-pub mod shot;
-pub mod simulate;
-pub mod verify;
-
-// 7: the command line
 pub mod cli;
+#[doc(inline)]
+pub use locard_engine::*;
 #[cfg(feature = "window")]
-pub mod window;
+pub use locard_window as window;

@@ -9,19 +9,19 @@ use anyhow::{Context, Result, bail};
 use super::calibrate::existing;
 use super::skip::Skip;
 use super::{progress_of, tell, warn};
-use crate::analyse::{
+use locard_engine::analyse::{
     Accepted, Analysis, Findings, Ground, Outcome, Progress, Times, accept, beside, check_folder, write_grounds,
 };
-use crate::export::{Inputs, resolved};
-use crate::profile::Document;
-use crate::recording::OpenOptions;
-use crate::report;
-use crate::scene;
-use crate::shot::{Analysed, Given, Note, Shot};
-use crate::sink;
-use crate::sink::atomic::write_atomically;
-use crate::source::file;
-use crate::words::{count, fixed, number};
+use locard_engine::export::{Inputs, resolved};
+use locard_engine::profile::Document;
+use locard_engine::recording::OpenOptions;
+use locard_engine::report;
+use locard_engine::scene;
+use locard_engine::shot::{Analysed, Given, Note, Shot};
+use locard_engine::sink;
+use locard_engine::sink::atomic::write_atomically;
+use locard_engine::source::file;
+use locard_engine::words::{count, fixed, number};
 
 /// A page is shorter, bytes.
 const MOST_PAGE: u64 = 64 << 20;

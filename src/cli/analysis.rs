@@ -6,9 +6,9 @@ use anyhow::Result;
 
 use super::analyse::make;
 use super::{tell, warn};
-use crate::analyse::beside;
-use crate::recording::Recording;
-use crate::shot::{Analysed, AnalysisState, Given, Shot};
+use locard_engine::analyse::beside;
+use locard_engine::recording::Recording;
+use locard_engine::shot::{Analysed, AnalysisState, Given, Shot};
 
 #[derive(clap::Args)]
 pub struct Analysis {

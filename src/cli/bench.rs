@@ -4,8 +4,8 @@ use std::io::Write;
 
 use anyhow::Result;
 
-use crate::bench::bench;
-use crate::gpu::Gpu;
+use locard_engine::bench::bench;
+use locard_engine::gpu::Gpu;
 
 #[derive(clap::Args)]
 pub struct Args {

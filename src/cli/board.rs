@@ -6,11 +6,11 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 
 use super::tell;
-use crate::params::{Field, Value};
-use crate::sink;
-use crate::sink::atomic::write_atomically;
-use crate::source::file::{self, MOST_DOCUMENT};
-use crate::tags::{Paper, Sheet, pdf, png};
+use locard_engine::params::{Field, Value};
+use locard_engine::sink;
+use locard_engine::sink::atomic::write_atomically;
+use locard_engine::source::file::{self, MOST_DOCUMENT};
+use locard_engine::tags::{Paper, Sheet, pdf, png};
 
 #[derive(clap::Args)]
 pub struct Args {

@@ -14,10 +14,12 @@ use anyhow::{Result, bail};
 pub use existing::existing;
 use existing::{pictures_beside, unreadable};
 
-use crate::calibrate::{NoiseCalibration, NoiseOptions, SceneMotion, moving_noise_from_paths, noise_from_paths};
-use crate::export::Inputs;
-use crate::sink::atomic::write_atomically;
-use crate::words::count;
+use locard_engine::calibrate::{
+    NoiseCalibration, NoiseOptions, SceneMotion, moving_noise_from_paths, noise_from_paths,
+};
+use locard_engine::export::Inputs;
+use locard_engine::sink::atomic::write_atomically;
+use locard_engine::words::count;
 
 #[derive(clap::Args)]
 pub struct Args {

@@ -2,10 +2,10 @@
 
 use anyhow::Result;
 
-use crate::shot::{Shot, ShotError};
-use crate::tracking::delay::{Motion, REACH_S, estimate};
-use crate::tracking::turn::Reduced;
-use crate::words::{count, fixed, shown};
+use locard_engine::shot::{Shot, ShotError};
+use locard_engine::tracking::delay::{Motion, REACH_S, estimate};
+use locard_engine::tracking::turn::Reduced;
+use locard_engine::words::{count, fixed, shown};
 
 /// Frames further apart, in usual intervals, are not compared.
 const MOST_INTERVALS: f64 = 2.5;

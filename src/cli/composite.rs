@@ -10,13 +10,13 @@ use super::analysis::{self, Analysis};
 use super::skip::Skip;
 use super::which::Which;
 use super::{progress, tell, told, warn};
-use crate::compositor::{Compositor, Target};
-use crate::export::{Export, Inputs};
-use crate::gpu::Gpu;
-use crate::recording::{OpenOptions, Recording};
-use crate::shot::{Given, Note, Shot};
-use crate::sink::{self, OutPath};
-use crate::words::count;
+use locard_engine::compositor::{Compositor, Target};
+use locard_engine::export::{Export, Inputs};
+use locard_engine::gpu::Gpu;
+use locard_engine::recording::{OpenOptions, Recording};
+use locard_engine::shot::{Given, Note, Shot};
+use locard_engine::sink::{self, OutPath};
+use locard_engine::words::count;
 
 #[derive(clap::Args)]
 pub struct Args {

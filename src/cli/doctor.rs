@@ -5,9 +5,9 @@ use std::io::Write;
 
 use anyhow::{Result, bail};
 
-use crate::gpu::{Gpu, adapters};
-use crate::source::ffmpeg;
-use crate::webcam;
+use locard_engine::gpu::{Gpu, adapters};
+use locard_engine::source::ffmpeg;
+use locard_engine::webcam;
 
 /// How to control the choice of an adapter.
 pub const HELP: &str = "\

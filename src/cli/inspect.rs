@@ -11,18 +11,18 @@ use serde::de::IgnoredAny;
 use super::pick::{self, Asked, Pick, Picker, numbers};
 use super::skip::Skip;
 use super::{clock, listen, progress_of};
-use crate::analyse;
-use crate::camera::Geometry;
-use crate::compositor::Settings;
-use crate::depth::holes;
-use crate::document;
-use crate::params::{Params, Value};
-use crate::profile::Rig;
-use crate::recording::{OpenOptions, Recording, Registration, Repeats};
-use crate::shot::{AnalysisState, Given, Shot, ShotError};
-use crate::source::file::{self, MOST_DOCUMENT};
-use crate::stream::Protocol;
-use crate::words::{count, fixed, reason, short, shown, shown_unit};
+use locard_engine::analyse;
+use locard_engine::camera::Geometry;
+use locard_engine::compositor::Settings;
+use locard_engine::depth::holes;
+use locard_engine::document;
+use locard_engine::params::{Params, Value};
+use locard_engine::profile::Rig;
+use locard_engine::recording::{OpenOptions, Recording, Registration, Repeats};
+use locard_engine::shot::{AnalysisState, Given, Shot, ShotError};
+use locard_engine::source::file::{self, MOST_DOCUMENT};
+use locard_engine::stream::Protocol;
+use locard_engine::words::{count, fixed, reason, short, shown, shown_unit};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -116,8 +116,8 @@ pub fn run(args: &Args) -> Result<()> {
     }
     match found {
         Found::Scene => {
-            let scene = crate::scene::load(&args.what, None)?;
-            write!(std::io::stdout().lock(), "{}", crate::scene::describe(&scene))?;
+            let scene = locard_engine::scene::load(&args.what, None)?;
+            write!(std::io::stdout().lock(), "{}", locard_engine::scene::describe(&scene))?;
             Ok(())
         }
         Found::Analysis => {

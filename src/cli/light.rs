@@ -6,9 +6,9 @@ use anyhow::Result;
 
 use super::analysis::Analysis;
 use super::skip::Skip;
-use crate::camera::stops;
-use crate::recording::{OpenOptions, Recording};
-use crate::shot::{Given, Shot};
+use locard_engine::camera::stops;
+use locard_engine::recording::{OpenOptions, Recording};
+use locard_engine::shot::{Given, Shot};
 
 #[derive(clap::Args)]
 pub struct LightArgs {

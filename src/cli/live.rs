@@ -10,16 +10,16 @@ use super::record::folder_for;
 use super::watching::{Agreed, CameraArgs, Watching};
 use super::which::Which;
 use super::{is_closed_stdout, say, warn};
-use crate::compositor::Composited;
-use crate::gpu::Gpu;
-use crate::live::{Came, Live, Next, Tracking, Writer};
-use crate::recording::recorder::{Recorder, discard};
-use crate::shot::{Given, Shot, ShotError};
-use crate::sink::{self, OutPath, Sink, SinkError, SinkOptions};
-use crate::source::video::Presentation;
-use crate::unfinished::MadeFolder;
-use crate::webcam::monotonic_s;
-use crate::words::{count, fixed};
+use locard_engine::compositor::Composited;
+use locard_engine::gpu::Gpu;
+use locard_engine::live::{Came, Live, Next, Tracking, Writer};
+use locard_engine::recording::recorder::{Recorder, discard};
+use locard_engine::shot::{Given, Shot, ShotError};
+use locard_engine::sink::{self, OutPath, Sink, SinkError, SinkOptions};
+use locard_engine::source::video::Presentation;
+use locard_engine::unfinished::MadeFolder;
+use locard_engine::webcam::monotonic_s;
+use locard_engine::words::{count, fixed};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -66,7 +66,7 @@ pub fn run(args: &Args) -> Result<()> {
 /// Opens the camera here, so that what is wrong with it is said before there is a window.
 #[cfg(feature = "window")]
 fn in_window(args: &Args) -> Result<()> {
-    use crate::window::{self, First, Project};
+    use locard_window::{self, First, Project};
 
     if args.camera.pictures.ends() || args.which.is_asked() || args.force || args.lossless {
         bail!("--frames, --seconds, --only, --without, --lossless and --force go with --headless");
@@ -77,7 +77,7 @@ fn in_window(args: &Args) -> Result<()> {
     let mut project = Project::of(agreed.opened.recording(), 1.0, &given)?;
     project.camera = Some(args.camera.from().absolute());
     let (camera, record) = (Some(agreed.opened), args.record.clone());
-    super::tune::opened(window::open(First { project: Some(project), camera, record, ..First::default() }))
+    super::tune::opened(locard_window::open(First { project: Some(project), camera, record, ..First::default() }))
 }
 
 #[cfg(not(feature = "window"))]

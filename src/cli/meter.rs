@@ -6,11 +6,11 @@ use anyhow::Result;
 use serde_json::{Value, json};
 
 use super::light::LightArgs;
-use crate::camera::exposure::{ExposureSettings, scene_ev};
-use crate::camera::metering::{Limits, Metered, Mode, iso_for, meter};
-use crate::camera::stops;
-use crate::shot::{Known, SceneLight, USUAL_ISO};
-use crate::words::short;
+use locard_engine::camera::exposure::{ExposureSettings, scene_ev};
+use locard_engine::camera::metering::{Limits, Metered, Mode, iso_for, meter};
+use locard_engine::camera::stops;
+use locard_engine::shot::{Known, SceneLight, USUAL_ISO};
+use locard_engine::words::short;
 
 /// From this share of clipped pixels on, the picture's mean says too little.
 const CLIPPED: f64 = 0.01;

@@ -5,10 +5,10 @@ use std::io::Write;
 use anyhow::Result;
 use serde_json::json;
 
-use crate::compositor::{ON, Settings};
-use crate::params::{Params, Value};
-use crate::profile::Rig;
-use crate::words::shown_unit;
+use locard_engine::compositor::{ON, Settings};
+use locard_engine::params::{Params, Value};
+use locard_engine::profile::Rig;
+use locard_engine::words::shown_unit;
 
 #[derive(clap::Args)]
 pub struct Args {

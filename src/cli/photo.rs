@@ -6,10 +6,10 @@ use anyhow::Result;
 
 use super::which::Which;
 use super::{analysis, light, progress_of, tell, told, warn};
-use crate::camera::Film;
-use crate::camera::metering::Mode;
-use crate::gpu::Gpu;
-use crate::photo::{self, Focus, PhotoError, Told, Wanted};
+use locard_engine::camera::Film;
+use locard_engine::camera::metering::Mode;
+use locard_engine::gpu::Gpu;
+use locard_engine::photo::{self, Focus, PhotoError, Told, Wanted};
 
 #[derive(clap::Args)]
 pub struct Args {

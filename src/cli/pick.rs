@@ -6,10 +6,12 @@ use std::io::Write;
 use anyhow::{Context, Result, bail};
 use glam::{DVec2, DVec3};
 
-use crate::frame::Frame;
-use crate::scene::Support;
-use crate::shot::{FittedPlane, Shot, Surface, SurfaceError, Triangulated, View, metres_per_unit, plane_through};
-use crate::words::{fixed, number};
+use locard_engine::frame::Frame;
+use locard_engine::scene::Support;
+use locard_engine::shot::{
+    FittedPlane, Shot, Surface, SurfaceError, Triangulated, View, metres_per_unit, plane_through,
+};
+use locard_engine::words::{fixed, number};
 
 /// A place in a frame's picture, and where other frames show the same point.
 #[derive(Clone, Debug, PartialEq)]

@@ -9,13 +9,13 @@ use glam::DVec3;
 
 use super::pick::{Known, Pick, Picker, numbers};
 use super::warn;
-use crate::export::Inputs;
-use crate::recording::OpenOptions;
-use crate::scene::document::Up;
-use crate::scene::{self, Document, Heading, Posture, SceneFile};
-use crate::shot::{Given, LEVEL, Shot};
-use crate::sink::{self, atomic::write_atomically};
-use crate::words::{fixed, number, shown};
+use locard_engine::export::Inputs;
+use locard_engine::recording::OpenOptions;
+use locard_engine::scene::document::Up;
+use locard_engine::scene::{self, Document, Heading, Posture, SceneFile};
+use locard_engine::shot::{Given, LEVEL, Shot};
+use locard_engine::sink::{self, atomic::write_atomically};
+use locard_engine::words::{fixed, number, shown};
 
 #[derive(clap::Args)]
 pub struct Args {

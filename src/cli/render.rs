@@ -6,15 +6,15 @@ use anyhow::{Result, bail};
 use glam::{DVec2, DVec3};
 
 use super::{tell, warn};
-use crate::camera::curved::{Curve, Curved};
-use crate::camera::{Distortion, Geometry, Intrinsics, Response};
-use crate::export::Inputs;
-use crate::gpu::Gpu;
-use crate::pose::Pose;
-use crate::render::{Projection, Renderer, Still, limits, take_still};
-use crate::scene::{Environment, Scene};
-use crate::sink::picture;
-use crate::words::short;
+use locard_engine::camera::curved::{Curve, Curved};
+use locard_engine::camera::{Distortion, Geometry, Intrinsics, Response};
+use locard_engine::export::Inputs;
+use locard_engine::gpu::Gpu;
+use locard_engine::pose::Pose;
+use locard_engine::render::{Projection, Renderer, Still, limits, take_still};
+use locard_engine::scene::{Environment, Scene};
+use locard_engine::sink::picture;
+use locard_engine::words::short;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -131,7 +131,7 @@ fn vector<const N: usize>(text: &str) -> Result<[f64; N], String> {
 
 pub fn run(args: &Args) -> Result<()> {
     check(args)?;
-    let scene = crate::scene::load(&args.scene, None)?;
+    let scene = locard_engine::scene::load(&args.scene, None)?;
     picture::check(&args.output, args.force)?;
     Inputs::default().and(&scene.files).check_file(&args.output)?;
     scene.warnings.iter().for_each(|text| warn(args.quiet, text));

@@ -11,15 +11,15 @@ use anyhow::{Context, Result, bail};
 use glam::Vec3;
 
 use super::tell;
-use crate::analyse::{Analysis, beside, panorama_beside};
-use crate::export::Inputs;
-use crate::recording::OpenOptions;
-use crate::scene::document::{LightTable, Up};
-use crate::scene::{self, Document, SceneFile};
-use crate::shot::{Analysed, AnalysisState, Given, Shot, View};
-use crate::sink;
-use crate::sink::atomic::write_atomically;
-use crate::words::shown;
+use locard_engine::analyse::{Analysis, beside, panorama_beside};
+use locard_engine::export::Inputs;
+use locard_engine::recording::OpenOptions;
+use locard_engine::scene::document::{LightTable, Up};
+use locard_engine::scene::{self, Document, SceneFile};
+use locard_engine::shot::{Analysed, AnalysisState, Given, Shot, View};
+use locard_engine::sink;
+use locard_engine::sink::atomic::write_atomically;
+use locard_engine::words::shown;
 
 #[derive(clap::Args)]
 pub struct Args {

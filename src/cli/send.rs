@@ -7,12 +7,12 @@ use anyhow::{Result, bail};
 use glam::DVec3;
 
 use super::{ending, progress_of, tell, warn};
-use crate::camera::LensModel;
-use crate::pose::Pose;
-use crate::recording::OpenOptions;
-use crate::shot::{Given, Shot};
-use crate::stream::{LensState, Protocol, Sender};
-use crate::words::{count, fixed};
+use locard_engine::camera::LensModel;
+use locard_engine::pose::Pose;
+use locard_engine::recording::OpenOptions;
+use locard_engine::shot::{Given, Shot};
+use locard_engine::stream::{LensState, Protocol, Sender};
+use locard_engine::words::{count, fixed};
 
 #[derive(clap::Args)]
 pub struct Args {

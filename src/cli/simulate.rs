@@ -8,10 +8,10 @@ use anyhow::{Result, bail};
 use glam::DVec3;
 
 use super::{progress, tell};
-use crate::params::{Params, Value};
-use crate::scene;
-use crate::simulate::{self, Flaws, Options, Simulation};
-use crate::words::{count, shown_unit};
+use locard_engine::params::{Params, Value};
+use locard_engine::scene;
+use locard_engine::simulate::{self, Flaws, Options, Simulation};
+use locard_engine::words::{count, shown_unit};
 
 #[derive(clap::Args)]
 pub struct Args {

@@ -1,6 +1,6 @@
 //! Which frames of a recording are left out: options shared by everything that opens one.
 
-use crate::recording::OpenOptions;
+use locard_engine::recording::OpenOptions;
 
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct Skip {

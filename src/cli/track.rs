@@ -7,13 +7,13 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 
 use super::{progress, tell, warn};
-use crate::compositor::Settings;
-use crate::live::Asked;
-use crate::profile::Rig;
-use crate::source::file::{self, MOST_DOCUMENT};
-use crate::source::video::{Overrides, probe};
-use crate::tags::{Board, Paper, Parts, Sheet, check, record, track};
-use crate::words::{count, reason};
+use locard_engine::compositor::Settings;
+use locard_engine::live::Asked;
+use locard_engine::profile::Rig;
+use locard_engine::source::file::{self, MOST_DOCUMENT};
+use locard_engine::source::video::{Overrides, probe};
+use locard_engine::tags::{Board, Paper, Parts, Sheet, check, record, track};
+use locard_engine::words::{count, reason};
 
 #[derive(clap::Args)]
 pub struct Args {

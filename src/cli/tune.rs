@@ -5,10 +5,10 @@ use std::time::Instant;
 
 use anyhow::{Result, anyhow};
 
-use crate::installed;
-use crate::recording::OpenOptions;
-use crate::shot::Given;
-use crate::window::{self, DEMO, DEMO_SCENE, First, Measure, Project};
+use locard_engine::installed;
+use locard_engine::recording::OpenOptions;
+use locard_engine::shot::Given;
+use locard_window::{self, DEMO, DEMO_SCENE, First, Measure, Project};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -34,7 +34,7 @@ pub fn run(args: Args) -> Result<()> {
     let is_demo = recording.is_none();
     let demo = installed::find(DEMO);
     if is_demo && !measure && demo.is_none() {
-        return opened(window::open(First { start: true, ..First::default() }));
+        return opened(locard_window::open(First { start: true, ..First::default() }));
     }
     if is_demo {
         scene = scene.or_else(|| Some(installed::path(DEMO_SCENE)));
@@ -48,10 +48,10 @@ pub fn run(args: Args) -> Result<()> {
         project.profile = Some(path);
     }
     let measure = measure.then(|| Measure::new(started, project.shot())).transpose()?;
-    opened(window::open(First { project: Some(project), start: is_demo, measure, ..First::default() }))
+    opened(locard_window::open(First { project: Some(project), start: is_demo, measure, ..First::default() }))
 }
 
-pub fn opened(ended: Result<(), eframe::Error>) -> Result<()> {
+pub fn opened(ended: Result<(), locard_window::Error>) -> Result<()> {
     ended.map_err(|error| anyhow!("the window cannot be opened: {}", reason(&error.to_string())))
 }
 

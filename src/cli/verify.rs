@@ -8,13 +8,13 @@ use anyhow::{Result, bail};
 use super::analysis::Analysis;
 use super::skip::Skip;
 use super::{progress, warn};
-use crate::analyse;
-use crate::gpu::Gpu;
-use crate::recording::OpenOptions;
-use crate::report::{self, Slid};
-use crate::shot::{Analysed, AnalysisState, Given, Shot};
-use crate::verify::{Plan, Verified, real_px, verify};
-use crate::words::{count, fixed};
+use locard_engine::analyse;
+use locard_engine::gpu::Gpu;
+use locard_engine::recording::OpenOptions;
+use locard_engine::report::{self, Slid};
+use locard_engine::shot::{Analysed, AnalysisState, Given, Shot};
+use locard_engine::verify::{Plan, Verified, real_px, verify};
+use locard_engine::words::{count, fixed};
 
 #[derive(clap::Args)]
 pub struct Args {

@@ -6,12 +6,12 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 
 use super::{ending, say, warn};
-use crate::camera::Camera;
-use crate::live::{self, Added, Asked, LiveError, LiveFrom, Next, Opened, Watched};
-use crate::recording::recorder::About;
-use crate::source::video::{ColorMatrix, ColorRange};
-use crate::webcam::Layout;
-use crate::words::{count, fixed};
+use locard_engine::camera::Camera;
+use locard_engine::live::{self, Added, Asked, LiveError, LiveFrom, Next, Opened, Watched};
+use locard_engine::recording::recorder::About;
+use locard_engine::source::video::{ColorMatrix, ColorRange};
+use locard_engine::webcam::Layout;
+use locard_engine::words::{count, fixed};
 
 #[derive(clap::Args)]
 pub struct CameraArgs {

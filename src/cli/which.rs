@@ -2,7 +2,7 @@
 
 use anyhow::{Result, bail};
 
-use crate::compositor::Settings;
+use locard_engine::compositor::Settings;
 
 /// Told as an effect is, although it is a part of the analysis: where the camera was.
 const REGISTRATION: &str = "registration";

@@ -4,7 +4,8 @@
 //! the files themselves, so that an edit takes effect without a rebuild.
 
 use std::borrow::Cow;
-use std::path::Path;
+
+use crate::installed;
 
 /// Lists the files below shaders/.
 macro_rules! shaders {
@@ -81,7 +82,7 @@ impl Shader {
     /// The file's text, without its imports.
     pub fn text(self) -> Cow<'static, str> {
         if cfg!(development) {
-            let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders").join(self.name()).with_extension("wgsl");
+            let file = installed::source_folder().join("shaders").join(self.name()).with_extension("wgsl");
             // Missing if the program runs outside the folder where it was built.
             if let Ok(text) = std::fs::read_to_string(file) {
                 return text.into();

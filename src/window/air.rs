@@ -8,9 +8,9 @@ use super::chooser::{Begin, Chooser, Chosen, Seeks};
 use super::errand::Errand;
 use super::question::{self, DialogKeys, default_button};
 use super::recent::Opened;
-use crate::live::{Added, Asked, LiveFrom};
-use crate::webcam;
-use crate::words::{number, shown};
+use locard_engine::live::{Added, Asked, LiveFrom};
+use locard_engine::webcam;
+use locard_engine::words::{number, shown};
 
 /// Where poses come from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -10,9 +10,9 @@ use super::output::percent;
 use super::progress;
 use super::project::Project;
 use super::session::Session;
-use crate::analyse::beside;
-use crate::recording::Recording;
-use crate::shot::AnalysisState;
+use locard_engine::analyse::beside;
+use locard_engine::recording::Recording;
+use locard_engine::shot::AnalysisState;
 
 /// An analysis that was begun.
 #[derive(Debug)]

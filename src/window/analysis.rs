@@ -5,17 +5,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::background::Ticket;
 use super::reasons;
-use crate::calibrate::sharpness;
-use crate::calibrate::{NoiseOptions, NoisePoint, drawn_noise, moving};
-use crate::camera::Response;
-use crate::compositor::{Composited, Compositor, Target};
-use crate::frame::Frame;
-use crate::gpu::Gpu;
-use crate::measure::histogram::{around, histograms};
-use crate::measure::slanted::SlantedEdge;
-use crate::pixels::{Pixels, Rect};
-use crate::scene::Scene;
-use crate::shot::{Shot, ShotError};
+use locard_engine::calibrate::sharpness;
+use locard_engine::calibrate::{NoiseOptions, NoisePoint, drawn_noise, moving};
+use locard_engine::camera::Response;
+use locard_engine::compositor::{Composited, Compositor, Target};
+use locard_engine::frame::Frame;
+use locard_engine::gpu::Gpu;
+use locard_engine::measure::histogram::{around, histograms};
+use locard_engine::measure::slanted::SlantedEdge;
+use locard_engine::pixels::{Pixels, Rect};
+use locard_engine::scene::Scene;
+use locard_engine::shot::{Shot, ShotError};
 
 /// The effect without which the virtual part is smooth.
 const NOISE: &str = "noise";

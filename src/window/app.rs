@@ -40,8 +40,8 @@ use super::timeline::{self, Held, Told};
 use super::titles;
 use super::viewer::Viewer;
 use super::warnings::Warnings;
-use crate::live;
-use crate::scene::Thing;
+use locard_engine::live;
+use locard_engine::scene::Thing;
 
 /// The tuner.
 pub struct App {

@@ -15,9 +15,9 @@ use super::held::Place;
 use super::history::Record;
 use super::project::Edit;
 use super::recent::{At, Opened};
-use crate::live::LiveFrom;
-use crate::sink::atomic::write_atomically;
-use crate::source::file::{self, MOST_LISTING};
+use locard_engine::live::LiveFrom;
+use locard_engine::sink::atomic::write_atomically;
+use locard_engine::source::file::{self, MOST_LISTING};
 
 /// What is changed is written once nothing more has changed for so long.
 const QUIET: Duration = Duration::from_millis(250);
@@ -322,9 +322,9 @@ pub struct Kept {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compositor::Settings;
-    use crate::profile::Rig;
-    use crate::scene::SceneFile;
+    use locard_engine::compositor::Settings;
+    use locard_engine::profile::Rig;
+    use locard_engine::scene::SceneFile;
 
     fn work(seed: u64) -> Work {
         let mut settings = Settings::default();
@@ -482,8 +482,10 @@ mod tests {
     #[test]
     fn a_scene_without_a_file_names_its_models_absolutely() {
         let mut edit = work(0).edit;
-        let model =
-            crate::scene::document::PlacedModel { model: "scenes/marker-1.glb".to_owned(), ..Default::default() };
+        let model = locard_engine::scene::document::PlacedModel {
+            model: "scenes/marker-1.glb".to_owned(),
+            ..Default::default()
+        };
         edit.scene.objects.push(model);
         edit.scene.light.environment = Some("scenes/demo-light.hdr".to_owned());
         let written = Work::new(Path::new("r"), 1.0, None, None, edit.clone());

@@ -14,8 +14,8 @@ use self::noise::Noise;
 use self::sharpness::Sharpness;
 use super::hand::Hand;
 use super::session::Session;
-use crate::calibrate::NoisePoint;
-use crate::pixels::Rect;
+use locard_engine::calibrate::NoisePoint;
+use locard_engine::pixels::Rect;
 
 /// The tab.
 #[derive(Debug, Default)]

@@ -6,7 +6,7 @@ use eframe::egui_wgpu::{Callback, CallbackResources, CallbackTrait, RenderState,
 use wgpu::util::DeviceExt;
 
 use super::placed::Placed;
-use crate::gpu::Shader;
+use locard_engine::gpu::Shader;
 
 /// A picture on a plain ground.
 #[derive(Debug)]

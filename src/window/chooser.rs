@@ -21,7 +21,7 @@ use self::listed::{Entry, Listing};
 use self::making::Making;
 use super::errand::Errand;
 use super::question::{self, Answer, Choices, DialogKeys};
-use crate::words::reason;
+use locard_engine::words::reason;
 
 pub use self::disk::{Begin, Chosen};
 pub use self::listed::Seeks;

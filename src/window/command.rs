@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use super::project::Project;
-use crate::params::{Params, Value};
-use crate::profile::ShotSettings;
-use crate::words::number;
+use locard_engine::params::{Params, Value};
+use locard_engine::profile::ShotSettings;
+use locard_engine::words::number;
 
 /// A line for a shell, and what has to be done before it is run.
 #[derive(Clone, Debug, PartialEq)]

@@ -7,11 +7,11 @@ use super::Project;
 use super::fields::{has_just_opened, rounded, short, typed};
 use super::project::{Origin, tables};
 use super::slider::{self, Rail, meant};
-use crate::camera::stops::{self, Step, Stop};
-use crate::compositor::ON;
-use crate::params::{Kind, Spec, Value, title};
-use crate::shot::Note;
-use crate::words::without_options;
+use locard_engine::camera::stops::{self, Step, Stop};
+use locard_engine::compositor::ON;
+use locard_engine::params::{Kind, Spec, Value, title};
+use locard_engine::shot::Note;
+use locard_engine::words::without_options;
 
 /// What is looked for, and which groups are open.
 #[derive(Clone, Debug, Default)]

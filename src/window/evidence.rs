@@ -18,11 +18,11 @@ use super::picture::Seen;
 use super::things;
 use super::tilt;
 use super::wrongs::Wrongs;
-use crate::frame::Frame;
-use crate::gpu::Gpu;
-use crate::scene::document::{PlacedModel, Up};
-use crate::scene::{Entry, Posture, SceneError, SceneFile, Size, Stance, Support, Thing, lay, relative};
-use crate::shot::{Eye, Ray, Shot};
+use locard_engine::frame::Frame;
+use locard_engine::gpu::Gpu;
+use locard_engine::scene::document::{PlacedModel, Up};
+use locard_engine::scene::{Entry, Posture, SceneError, SceneFile, Size, Stance, Support, Thing, lay, relative};
+use locard_engine::shot::{Eye, Ray, Shot};
 
 /// What is being done with the evidence.
 #[derive(Default)]

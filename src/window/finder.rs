@@ -6,10 +6,10 @@ use glam::{DVec2, DVec3};
 
 use super::obstacle::surface_text;
 use super::picture::{Seen, plate};
-use crate::frame::Frame;
-use crate::scene::Support;
-use crate::shot::{FittedPlane, Shot, SurfaceError, View};
-use crate::words::fixed;
+use locard_engine::frame::Frame;
+use locard_engine::scene::Support;
+use locard_engine::shot::{FittedPlane, Shot, SurfaceError, View};
+use locard_engine::words::fixed;
 
 /// Finds points of the world, one after another.
 #[derive(Clone, Debug, Default)]
@@ -143,8 +143,8 @@ fn again() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::OpenOptions;
-    use crate::shot::Given;
+    use locard_engine::recording::OpenOptions;
+    use locard_engine::shot::Given;
     use std::path::Path;
 
     #[test]

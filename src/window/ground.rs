@@ -8,10 +8,10 @@ use super::Project;
 use super::fields::{numeric, rounded};
 use super::finder::{Click, Finder, is_scaled, mark};
 use super::picture::Seen;
-use crate::frame::Frame;
-use crate::scene::SceneFile;
-use crate::shot::{metres_per_unit, plane_through};
-use crate::words::fixed;
+use locard_engine::frame::Frame;
+use locard_engine::scene::SceneFile;
+use locard_engine::shot::{metres_per_unit, plane_through};
+use locard_engine::words::fixed;
 
 /// What points are picked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -220,7 +220,7 @@ fn move_apart(scene: &mut SceneFile, factor: f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::document::PlacedModel;
+    use locard_engine::scene::document::PlacedModel;
 
     #[test]
     fn in_a_world_three_times_as_large_lamps_shine_nine_times_as_bright_from_three_times_as_far() {

@@ -5,7 +5,7 @@ use glam::DVec2;
 
 use super::fields::is_taken_back;
 use super::picture::{Seen, plate};
-use crate::pixels::Rect;
+use locard_engine::pixels::Rect;
 
 /// Who asked for places in the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -11,7 +11,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use crate::source::file;
+use locard_engine::source::file;
 
 /// The two files of a window's work.
 #[derive(Debug)]

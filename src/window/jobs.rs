@@ -9,14 +9,14 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::dials::by_dials;
-use crate::analyse::{Analysis, Interrupted, Progress, Stage};
-use crate::compositor::Target;
-use crate::export::{Export, ExportError, Inputs};
-use crate::gpu::{Gpu, GpuError};
-use crate::photo::{PhotoError, TakeError, Told, Wanted};
-use crate::shot::{Shot, ShotError};
-use crate::sink::folder::write_frame;
-use crate::words::{count, without_options};
+use locard_engine::analyse::{Analysis, Interrupted, Progress, Stage};
+use locard_engine::compositor::Target;
+use locard_engine::export::{Export, ExportError, Inputs};
+use locard_engine::gpu::{Gpu, GpuError};
+use locard_engine::photo::{PhotoError, TakeError, Told, Wanted};
+use locard_engine::shot::{Shot, ShotError};
+use locard_engine::sink::folder::write_frame;
+use locard_engine::words::{count, without_options};
 
 /// What is to be done.
 #[derive(Clone, Debug, PartialEq)]

@@ -29,7 +29,7 @@ use super::restart;
 use super::saving::Saved;
 use super::session::Session;
 use super::watch::{Change, Watch};
-use crate::live;
+use locard_engine::live;
 
 /// What a dialog chooses a path for.
 #[derive(Debug)]

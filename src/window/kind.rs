@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use crate::profile;
-use crate::recording::Recording;
-use crate::scene::{self, is_model};
-use crate::source::file::{self, MOST_DOCUMENT};
+use locard_engine::profile;
+use locard_engine::recording::Recording;
+use locard_engine::scene::{self, is_model};
+use locard_engine::source::file::{self, MOST_DOCUMENT};
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Kind {

@@ -10,10 +10,10 @@ use super::fields::{rounded, row};
 use super::finder::Finder;
 use super::theme;
 use super::things;
-use crate::frame::Frame;
-use crate::scene::document::{Color, LampTable};
-use crate::scene::{Scene, Thing, bounds_m};
-use crate::words::count;
+use locard_engine::frame::Frame;
+use locard_engine::scene::document::{Color, LampTable};
+use locard_engine::scene::{Scene, Thing, bounds_m};
+use locard_engine::words::count;
 
 /// What is being done with the lamps.
 #[derive(Default)]
@@ -216,8 +216,8 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::recording::OpenOptions;
-    use crate::shot::Given;
+    use locard_engine::recording::OpenOptions;
+    use locard_engine::shot::Given;
 
     #[test]
     fn a_lamp_hangs_above_the_middle_of_all_things() {

@@ -8,13 +8,13 @@ use std::thread::Builder;
 use eframe::egui::{self, Color32, ColorImage, FocusDirection, Id, Key, TextureHandle, Ui, vec2};
 use glam::DVec3;
 
-use crate::camera::{Distortion, Geometry, Intrinsics, Response};
-use crate::gpu::Gpu;
-use crate::installed;
-use crate::pixels::LinearImage;
-use crate::pose::Pose;
-use crate::render::{Projection, Renderer, Still, take_still};
-use crate::scene::{self, Scene, is_model};
+use locard_engine::camera::{Distortion, Geometry, Intrinsics, Response};
+use locard_engine::gpu::Gpu;
+use locard_engine::installed;
+use locard_engine::pixels::LinearImage;
+use locard_engine::pose::Pose;
+use locard_engine::render::{Projection, Renderer, Still, take_still};
+use locard_engine::scene::{self, Scene, is_model};
 
 /// Side of a small picture: drawn, and shown in points.
 const DRAWN_PX: u32 = 160;

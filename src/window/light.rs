@@ -4,8 +4,8 @@ use eframe::egui::{RichText, Ui};
 
 use super::plots::{self, Axes};
 use super::session::Session;
-use crate::shot::AnalysisState;
-use crate::words::fixed;
+use locard_engine::shot::AnalysisState;
+use locard_engine::words::fixed;
 
 /// Colours that are told apart, for red, green and blue.
 const COLORS: [(usize, &str); 3] = [(5, "red"), (2, "green"), (0, "blue")];

@@ -5,7 +5,7 @@ use eframe::egui::{self, RichText, Stroke, Ui, vec2};
 use super::Project;
 use super::tilt;
 use super::wrongs::Wrongs;
-use crate::scene::Thing;
+use locard_engine::scene::Thing;
 
 /// Shows the list. A click selects, the box at the left shows and hides. Gives what went wrong.
 pub fn show(ui: &mut Ui, project: &mut Project, wrongs: &Wrongs, selected: &mut Option<Thing>) -> Option<String> {

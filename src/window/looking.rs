@@ -69,9 +69,9 @@ mod tests {
     use super::super::autosave::Work;
     use super::super::project::Edit;
     use super::*;
-    use crate::compositor::Settings;
-    use crate::profile::Rig;
-    use crate::scene::SceneFile;
+    use locard_engine::compositor::Settings;
+    use locard_engine::profile::Rig;
+    use locard_engine::scene::SceneFile;
 
     #[test]
     fn work_is_found_as_soon_as_nobody_holds_it() {

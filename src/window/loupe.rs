@@ -6,7 +6,7 @@ use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, StrokeK
 use super::picture::Seen;
 use super::theme::SMALLEST;
 use super::viewer::Shown;
-use crate::pixels::Pixels;
+use locard_engine::pixels::Pixels;
 
 /// Pixels across in the loupe, and how large each is, points.
 const ACROSS: i32 = 11;

@@ -7,12 +7,12 @@ use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
 use super::reader::Reader;
-use crate::compositor::{Compositor, FrameStats, Pending, Target};
-use crate::frame::Frame;
-use crate::gpu::{Gpu, GpuError, PartTime, read_back};
-use crate::pixels::Pixels;
-use crate::scene::Scene;
-use crate::shot::{Reduced, Shot, ShotError};
+use locard_engine::compositor::{Compositor, FrameStats, Pending, Target};
+use locard_engine::frame::Frame;
+use locard_engine::gpu::{Gpu, GpuError, PartTime, read_back};
+use locard_engine::pixels::Pixels;
+use locard_engine::scene::Scene;
+use locard_engine::shot::{Reduced, Shot, ShotError};
 
 /// Holds code values, which is what the window takes a texture's texels for.
 pub const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;

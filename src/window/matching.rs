@@ -18,12 +18,12 @@ use super::progress;
 use super::session::Session;
 use super::theme::SMALLEST;
 use super::times;
-use crate::calibrate::{NoisePoint, over_profile, sharpness};
-use crate::camera::NoiseProfile;
-use crate::measure::slanted::{FEWEST_PX, SlantedEdge};
-use crate::pixels::{Pixels, Rect};
-use crate::recording::Recording;
-use crate::words::fixed;
+use locard_engine::calibrate::{NoisePoint, over_profile, sharpness};
+use locard_engine::camera::NoiseProfile;
+use locard_engine::measure::slanted::{FEWEST_PX, SlantedEdge};
+use locard_engine::pixels::{Pixels, Rect};
+use locard_engine::recording::Recording;
+use locard_engine::words::fixed;
 
 /// A patch's mean code values, 8 bits, by frame.
 type Series = Result<Vec<[f64; 3]>, String>;

@@ -12,11 +12,11 @@ use super::picture::View;
 use super::project::tables;
 use super::session::Session;
 use super::{Pace, Player};
-use crate::compositor::IN_FLIGHT;
-use crate::gpu::Gpu;
-use crate::params::{Kind, Value};
-use crate::scene::{Entry, Stance};
-use crate::shot::{Shot, ShotError};
+use locard_engine::compositor::IN_FLIGHT;
+use locard_engine::gpu::Gpu;
+use locard_engine::params::{Kind, Value};
+use locard_engine::scene::{Entry, Stance};
+use locard_engine::shot::{Shot, ShotError};
 
 /// How long it plays.
 const PLAYS: Duration = Duration::from_secs(8);

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use eframe::egui::{self, Label, RichText, Ui};
 
 use super::Project;
-use crate::scene::SceneError;
+use locard_engine::scene::SceneError;
 
 /// Whether a shown object or the light lacks its file.
 pub fn is_any_needed(project: &Project) -> bool {

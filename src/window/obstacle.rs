@@ -2,9 +2,9 @@
 
 use std::sync::{Arc, Weak};
 
-use crate::recording::Recording;
-use crate::shot::{Shot, ShotError, SurfaceError};
-use crate::words::without_options;
+use locard_engine::recording::Recording;
+use locard_engine::shot::{Shot, ShotError, SurfaceError};
+use locard_engine::words::without_options;
 
 /// Why a frame shows no evidence and takes none.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -136,8 +136,8 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::recording::OpenOptions;
-    use crate::shot::Given;
+    use locard_engine::recording::OpenOptions;
+    use locard_engine::shot::Given;
 
     #[test]
     fn the_obstacle_names_what_is_missing_and_the_sizes() {

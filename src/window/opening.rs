@@ -9,11 +9,11 @@ use super::errand::Errand;
 use super::obstacle::size_text;
 use super::project::Project;
 use super::recent::Opened;
-use crate::live::{self, LiveFrom};
-use crate::recording::{OpenOptions, Recording};
-use crate::shot::{Given, ShotError};
-use crate::webcam::CameraError;
-use crate::words::without_options;
+use locard_engine::live::{self, LiveFrom};
+use locard_engine::recording::{OpenOptions, Recording};
+use locard_engine::shot::{Given, ShotError};
+use locard_engine::webcam::CameraError;
+use locard_engine::words::without_options;
 
 /// A project, with the camera of which it is.
 pub type Fresh = (Box<Project>, Option<live::Opened>);

@@ -11,11 +11,11 @@ use super::dials::Dials;
 use super::fields::typed;
 use super::jobs::{Jobs, State, Task, left};
 use super::progress;
-use crate::analyse::Stage;
-use crate::export::Export;
-use crate::photo::Wanted;
-use crate::sink::OutPath;
-use crate::words::count;
+use locard_engine::analyse::Stage;
+use locard_engine::export::Export;
+use locard_engine::photo::Wanted;
+use locard_engine::sink::OutPath;
+use locard_engine::words::count;
 
 /// Which frames are exported.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -245,7 +245,7 @@ pub fn proposed(ask: &Ask, recording: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::photo::Bracket;
+    use locard_engine::photo::Bracket;
 
     #[test]
     fn time_is_said_as_people_do() {

@@ -17,7 +17,7 @@ use eframe::egui_wgpu::{
 
 use super::canvas::fullscreen;
 use super::changes::{Areas, changes, extent};
-use crate::gpu::Shader;
+use locard_engine::gpu::Shader;
 
 /// Takes over the painting of a window that is being opened. It has to be there before egui's first frame, with which the
 /// letters come.
@@ -265,7 +265,7 @@ mod tests {
     use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
 
     use super::*;
-    use crate::gpu::{Gpu, read_back};
+    use locard_engine::gpu::{Gpu, read_back};
 
     fn window() -> RenderState {
         let mut setup = WgpuSetupCreateNew::without_display_handle();

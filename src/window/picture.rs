@@ -6,7 +6,7 @@ use eframe::egui::{self, Color32, Painter, Pos2, Rect, Response, Sense, Stroke, 
 use super::canvas::Canvas;
 use super::placed::Placed;
 use super::viewer::{Shown, Viewer};
-use crate::frame::Frame;
+use locard_engine::frame::Frame;
 
 /// From this enlargement on a picture's pixels are squares.
 const SQUARES_FROM: f32 = 2.0;

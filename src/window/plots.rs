@@ -4,7 +4,7 @@
 use eframe::egui::{self, Color32, Response, RichText, Ui, Visuals, WidgetInfo};
 use egui_plot::{AxisHints, GridInput, GridMark, Line, Plot, PlotPoints, PlotUi, Points};
 
-use crate::calibrate::NoisePoint;
+use locard_engine::calibrate::NoisePoint;
 
 /// What a line or a point stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,10 +5,10 @@ use eframe::egui::{self, RichText, Stroke, Ui, vec2};
 use glam::DVec2;
 
 use super::plots::Of;
-use crate::compositor::exposure_time_s;
-use crate::frame::Frame;
-use crate::shot::{Shot, SurfaceError};
-use crate::words::fixed;
+use locard_engine::compositor::exposure_time_s;
+use locard_engine::frame::Frame;
+use locard_engine::shot::{Shot, SurfaceError};
+use locard_engine::words::fixed;
 
 /// A place of the picture, as far as it is known.
 #[derive(Clone, Debug, PartialEq)]

@@ -13,15 +13,15 @@ use std::sync::Arc;
 
 use super::History;
 use super::watch::{Stamp, stamp};
-use crate::camera::{Geometry, NoiseProfile};
-use crate::compositor::{ON, Settings};
-use crate::live::LiveFrom;
-use crate::params::{ParamError, Params, Value, called, title};
-use crate::profile::{Look, Rig, ShotSettings};
-use crate::recording::{OpenOptions, Recording};
-use crate::scene::{self as scenes, MissingModels, Models, SceneFile};
-use crate::shot::{Given, Shot, ShotError};
-use crate::tracking::PoseTrack;
+use locard_engine::camera::{Geometry, NoiseProfile};
+use locard_engine::compositor::{ON, Settings};
+use locard_engine::live::LiveFrom;
+use locard_engine::params::{ParamError, Params, Value, called, title};
+use locard_engine::profile::{Look, Rig, ShotSettings};
+use locard_engine::recording::{OpenOptions, Recording};
+use locard_engine::scene::{self as scenes, MissingModels, Models, SceneFile};
+use locard_engine::shot::{Given, Shot, ShotError};
+use locard_engine::tracking::PoseTrack;
 
 pub use kept::ProfileScope;
 pub use save::{Draft, SaveError, Written};

@@ -3,8 +3,8 @@
 
 use std::sync::Arc;
 
-use crate::frame::Frame;
-use crate::recording::{FramesBeside, Recording, RecordingError};
+use locard_engine::frame::Frame;
+use locard_engine::recording::{FramesBeside, Recording, RecordingError};
 
 /// So many frames are decoded and thrown away rather than begun anew at the one that is wanted.
 const SKIPPED: usize = 8;
@@ -57,7 +57,7 @@ impl Reader {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::OpenOptions;
+    use locard_engine::recording::OpenOptions;
     use std::path::Path;
 
     #[test]

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::errand::Errand;
 use super::project::Project;
 use super::state;
-use crate::live::LiveFrom;
+use locard_engine::live::LiveFrom;
 
 const MOST: usize = 12;
 /// How often it is looked whether they are still there.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::camera_values::CameraValueTarget;
 use super::project::Project;
 use super::watch::{Change, Watch};
-use crate::installed;
+use locard_engine::installed;
 
 /// The demonstration, which opens without a recording. It is not written to by a mere Save.
 pub const DEMO: &str = "recordings/demo";

@@ -20,11 +20,11 @@ use super::project::Project;
 use super::thumbnails::Thumbnails;
 use super::times::Times;
 use super::viewer::Viewer;
-use crate::compositor::FrameStats;
-use crate::frame::Frame;
-use crate::pixels::Pixels;
-use crate::shot::ShotError;
-use crate::words::without_options;
+use locard_engine::compositor::FrameStats;
+use locard_engine::frame::Frame;
+use locard_engine::pixels::Pixels;
+use locard_engine::shot::ShotError;
+use locard_engine::words::without_options;
 
 /// A picture that takes longer than this at full size is made smaller while something changes, so that it takes about
 /// so long as the second; but not so small that its longer side has fewer pixels.

@@ -26,7 +26,7 @@ use super::question::Answer;
 use super::recent::{Opened, Recent};
 use super::saving::DEMO;
 use super::theme;
-use crate::installed;
+use locard_engine::installed;
 
 /// Something that was opened, with the work that is taken up in it.
 type Begun = (Turn, Option<Left>);

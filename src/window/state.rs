@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::sink::atomic::write_atomically;
-use crate::source::file::{self, MOST_DOCUMENT};
+use locard_engine::sink::atomic::write_atomically;
+use locard_engine::source::file::{self, MOST_DOCUMENT};
 
 /// The user's folder for the program's state: by the XDG base directories, or what macOS and Windows have for it. `None`
 /// where the environment names no home.

@@ -1,7 +1,7 @@
 //! What is done to what is selected, by buttons and by keys alike.
 
 use super::Project;
-use crate::scene::Thing;
+use locard_engine::scene::Thing;
 
 /// A second one is this far to the side, m.
 const ASIDE_M: f64 = 0.1;

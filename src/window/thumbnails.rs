@@ -7,8 +7,8 @@ use std::thread::JoinHandle;
 
 use eframe::egui::{self, ColorImage, TextureHandle, TextureOptions};
 
-use crate::pixels::Pixels;
-use crate::recording::Recording;
+use locard_engine::pixels::Pixels;
+use locard_engine::recording::Recording;
 
 /// Height in texels: enough for a display of twice the usual scale.
 const HEIGHT: u32 = 72;

@@ -5,9 +5,9 @@ use eframe::egui::{RichText, Ui};
 use glam::{DQuat, DVec3};
 
 use super::Project;
-use crate::scene::{Entry, SceneError, Stance};
-use crate::shot::Tilt;
-use crate::words::{fixed, millimetres};
+use locard_engine::scene::{Entry, SceneError, Stance};
+use locard_engine::shot::Tilt;
+use locard_engine::words::{fixed, millimetres};
 
 /// A rotation that keeps the world's up within this is upright: cosine of half a degree.
 const UPRIGHT: f64 = 0.99996;
@@ -76,7 +76,7 @@ fn stance_on_surface(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Size, Support};
+    use locard_engine::scene::{Size, Support};
 
     #[test]
     fn foot_lies_in_the_surface_after_the_turn() {

@@ -5,8 +5,8 @@ use std::collections::VecDeque;
 use eframe::egui::{self, RichText, Ui};
 
 use super::plots::Of;
-use crate::gpu::PartTime;
-use crate::words::fixed;
+use locard_engine::gpu::PartTime;
+use locard_engine::words::fixed;
 
 /// So many pictures are looked at: one alone jumps.
 const PICTURES: usize = 15;

@@ -67,8 +67,8 @@ pub fn paths(project: &Project) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::OpenOptions;
-    use crate::shot::Given;
+    use locard_engine::recording::OpenOptions;
+    use locard_engine::shot::Given;
 
     #[test]
     fn paths_of_one_name_are_told_apart_by_their_folders() {

@@ -8,10 +8,10 @@ use eframe::egui_wgpu::RenderState;
 
 use super::canvas;
 use super::maker::{FORMAT, Finished, Made, Maker, Order, Wants};
-use crate::frame::Frame;
-use crate::gpu::Gpu;
-use crate::pixels::{Codes, Pixels, eight_bits};
-use crate::shot::Shot;
+use locard_engine::frame::Frame;
+use locard_engine::gpu::Gpu;
+use locard_engine::pixels::{Codes, Pixels, eight_bits};
+use locard_engine::shot::Shot;
 
 /// A picture that the window can show.
 #[derive(Debug)]

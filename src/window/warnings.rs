@@ -3,8 +3,8 @@
 use std::sync::{Arc, Weak};
 
 use super::project::Project;
-use crate::recording::Recording;
-use crate::words::without_options;
+use locard_engine::recording::Recording;
+use locard_engine::words::without_options;
 
 /// The warnings, with the ones that need every frame's pose cached.
 #[derive(Debug, Default)]

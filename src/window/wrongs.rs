@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use eframe::egui;
 
 use super::Project;
-use crate::frame::Frame;
-use crate::shot::{Note, Tilt, Wrong};
+use locard_engine::frame::Frame;
+use locard_engine::shot::{Note, Tilt, Wrong};
 
 /// What it is true of: the project's scene, and the frame.
 type Of = (u64, usize);
@@ -100,9 +100,9 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::recording::OpenOptions;
-    use crate::scene::Support;
-    use crate::shot::Given;
+    use locard_engine::recording::OpenOptions;
+    use locard_engine::scene::Support;
+    use locard_engine::shot::Given;
 
     #[test]
     fn checks_of_an_older_scene_are_dropped_while_a_check_runs() {

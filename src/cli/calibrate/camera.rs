@@ -8,17 +8,17 @@ use anyhow::{Result, bail};
 
 use super::existing::{existing, pictures_beside, unreadable};
 use super::watched::taken;
-use crate::calibrate::board::{Board, Wanted};
-use crate::calibrate::geometry::{Calibrated, LensOptions, Views, calibrate, residuals, views_from_paths};
-use crate::camera::{LensModel, Response};
 use crate::cli::watching::PicturesArgs;
-use crate::compositor::Settings;
-use crate::export::Inputs;
-use crate::params::{Field, Value};
-use crate::profile::Rig;
-use crate::sink::atomic::write_atomically;
-use crate::sink::photograph;
-use crate::tags;
+use locard_engine::calibrate::board::{Board, Wanted};
+use locard_engine::calibrate::geometry::{Calibrated, LensOptions, Views, calibrate, residuals, views_from_paths};
+use locard_engine::camera::{LensModel, Response};
+use locard_engine::compositor::Settings;
+use locard_engine::export::Inputs;
+use locard_engine::params::{Field, Value};
+use locard_engine::profile::Rig;
+use locard_engine::sink::atomic::write_atomically;
+use locard_engine::sink::photograph;
+use locard_engine::tags;
 
 #[derive(clap::Args)]
 pub struct Args {

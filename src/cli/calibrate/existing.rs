@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 
-use crate::calibrate::is_picture;
-use crate::profile::Document;
-use crate::sink;
-use crate::source::file::{self, MOST_DOCUMENT};
-use crate::source::{SourceError, still, unsupported};
-use crate::words::reason;
+use locard_engine::calibrate::is_picture;
+use locard_engine::profile::Document;
+use locard_engine::sink;
+use locard_engine::source::file::{self, MOST_DOCUMENT};
+use locard_engine::source::{SourceError, still, unsupported};
+use locard_engine::words::reason;
 
 /// A profile that is to be extended, and whether it is there already.
 pub fn existing(path: &Path) -> Result<(bool, Document)> {

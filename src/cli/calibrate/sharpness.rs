@@ -7,22 +7,22 @@ use anyhow::{Context, Result, bail};
 use glam::DVec2;
 
 use super::existing::existing;
-use crate::calibrate::is_picture;
-use crate::calibrate::sharpness::{PARAMETER, edge, notes, together};
-use crate::camera::Response;
 use crate::cli::pick::numbers;
-use crate::compositor::Settings;
-use crate::export::Inputs;
-use crate::frame::Frame;
-use crate::measure::slanted::SlantedEdge;
-use crate::params::Value;
-use crate::pixels::{Pixels, Rect};
-use crate::profile::Rig;
-use crate::recording::OpenOptions;
-use crate::shot::{Given, Shot};
-use crate::sink::atomic::write_atomically;
-use crate::source::still;
-use crate::words::{fixed, number};
+use locard_engine::calibrate::is_picture;
+use locard_engine::calibrate::sharpness::{PARAMETER, edge, notes, together};
+use locard_engine::camera::Response;
+use locard_engine::compositor::Settings;
+use locard_engine::export::Inputs;
+use locard_engine::frame::Frame;
+use locard_engine::measure::slanted::SlantedEdge;
+use locard_engine::params::Value;
+use locard_engine::pixels::{Pixels, Rect};
+use locard_engine::profile::Rig;
+use locard_engine::recording::OpenOptions;
+use locard_engine::shot::{Given, Shot};
+use locard_engine::sink::atomic::write_atomically;
+use locard_engine::source::still;
+use locard_engine::words::{fixed, number};
 
 #[derive(clap::Args)]
 pub struct Args {

@@ -5,14 +5,14 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 
-use crate::calibrate::board::{Search, Wanted};
-use crate::calibrate::geometry::{LensOptions, Look, Taking};
-use crate::camera::Response;
 use crate::cli::progress_of;
 use crate::cli::warn;
 use crate::cli::watching::{Agreed, PicturesArgs};
-use crate::live::Next;
-use crate::words::{count, fixed};
+use locard_engine::calibrate::board::{Search, Wanted};
+use locard_engine::calibrate::geometry::{LensOptions, Look, Taking};
+use locard_engine::camera::Response;
+use locard_engine::live::Next;
+use locard_engine::words::{count, fixed};
 
 /// Watches a camera until nothing is missing, or until somebody ends it.
 pub fn taken(

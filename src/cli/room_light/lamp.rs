@@ -3,12 +3,12 @@
 use anyhow::{Context, Result, anyhow, bail};
 use glam::{DVec2, DVec3, Vec3};
 
-use crate::analyse::{self, Analysis, Environment, FoundLight, MOST_LAMPS};
 use crate::cli::pick::{numbers, of_view, view};
-use crate::rows::processors;
-use crate::shadow::OnWhite;
-use crate::shot::{Shot, SurfaceError, View};
-use crate::words::number;
+use locard_engine::analyse::{self, Analysis, Environment, FoundLight, MOST_LAMPS};
+use locard_engine::rows::processors;
+use locard_engine::shadow::OnWhite;
+use locard_engine::shot::{Shot, SurfaceError, View};
+use locard_engine::words::number;
 
 /// How far away a lamp may be, m.
 const NEAREST_M: f64 = 0.1;

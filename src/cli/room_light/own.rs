@@ -5,10 +5,10 @@ use std::path::Path;
 use anyhow::{Result, bail};
 use glam::{DVec3, Vec3};
 
-use crate::scene::document::{LampTable, LightTable};
-use crate::scene::{self, Lighting, SceneFile, Support};
-use crate::shadow::{OnWhite, Room, on_white};
-use crate::words::fixed;
+use locard_engine::scene::document::{LampTable, LightTable};
+use locard_engine::scene::{self, Lighting, SceneFile, Support};
+use locard_engine::shadow::{OnWhite, Room, on_white};
+use locard_engine::words::fixed;
 
 /// White matt that looks up, at a place of the world where nothing hides anything.
 pub fn upward(lighting: &Lighting, at_m: DVec3, up: DVec3) -> OnWhite {
@@ -64,8 +64,8 @@ pub fn turn(text: &str) -> Result<f64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::document::{Axis, Up};
-    use crate::scene::{Environment, EnvironmentMap};
+    use locard_engine::scene::document::{Axis, Up};
+    use locard_engine::scene::{Environment, EnvironmentMap};
 
     /// 64 × 32: 2 above the horizon, 0.5 below, written as a file.
     fn sky(folder: &Path) -> std::path::PathBuf {

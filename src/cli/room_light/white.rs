@@ -3,12 +3,12 @@
 use anyhow::{Result, anyhow};
 use glam::Vec3;
 
-use crate::analyse::WHITE;
 use crate::cli::pick::{of_view, triple, view};
-use crate::scene::Lighting;
-use crate::scene::document::LightTable;
-use crate::shot::{Shot, View, White};
-use crate::words::fixed;
+use locard_engine::analyse::WHITE;
+use locard_engine::scene::Lighting;
+use locard_engine::scene::document::LightTable;
+use locard_engine::shot::{Shot, View, White};
+use locard_engine::words::fixed;
 
 /// How far the factor is believed, ln: white things reflect 0.7 to 0.9, and light found at a place is off by as much again
 /// (docs/light.md). Several things that differ by more are believed so far.
@@ -88,7 +88,7 @@ fn rounded(intensity: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::document::LampTable;
+    use locard_engine::scene::document::LampTable;
 
     #[test]
     fn several_things_have_their_geometric_mean_and_are_believed_as_far_as_they_differ() {

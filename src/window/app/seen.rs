@@ -9,7 +9,7 @@ use super::super::notice::{self, Notice, NoticeButton, Refusal, Remedy};
 use super::super::obstacle::{self, Obstacle};
 use super::super::picture::{self, Compared, Seen, Taken};
 use super::App;
-use crate::frame::Frame;
+use locard_engine::frame::Frame;
 
 impl App {
     /// The picture, and what is done in it.

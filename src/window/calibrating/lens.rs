@@ -7,10 +7,10 @@ use eframe::egui::{self, Color32, Sense, Ui};
 use super::super::session::Session;
 use super::parts;
 use super::views::{Told, Views};
-use crate::calibrate::geometry::{Calibrated, Coverage, Look, Parameter};
-use crate::frame::Frame;
-use crate::params::Value;
-use crate::words::{fixed, without_options};
+use locard_engine::calibrate::geometry::{Calibrated, Coverage, Look, Parameter};
+use locard_engine::frame::Frame;
+use locard_engine::params::Value;
+use locard_engine::words::{fixed, without_options};
 
 /// Fewer views leave the principal point open.
 const FEWEST: usize = 3;

@@ -14,14 +14,14 @@ use super::super::progress;
 use super::super::reasons;
 use super::super::session::Session;
 use super::parts::{self, Asked, Picked, Verdict};
-use crate::calibrate::{
+use locard_engine::calibrate::{
     NoisePoint, PickedError, PickedNoise, Place, SceneMotion, least_px, over_profile, picked_noise,
 };
-use crate::camera::NoiseProfile;
-use crate::frame::Frame;
-use crate::pixels::Rect;
-use crate::shot::Shot;
-use crate::words::fixed;
+use locard_engine::camera::NoiseProfile;
+use locard_engine::frame::Frame;
+use locard_engine::pixels::Rect;
+use locard_engine::shot::Shot;
+use locard_engine::words::fixed;
 
 /// Frames at rest beyond this many tell little more.
 const MOST_FRAMES: usize = 30;
@@ -308,7 +308,7 @@ fn read(shot: &Shot, shown: &Frame, of: &NoiseOf, ticket: &Ticket) -> Result<Vec
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::NoiseBin;
+    use locard_engine::camera::NoiseBin;
 
     #[test]
     fn places_that_are_far_noisier_than_the_profile_are_told() {

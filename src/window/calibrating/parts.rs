@@ -4,7 +4,7 @@ use eframe::egui::{self, Align, Layout, RichText, Ui, vec2};
 
 use super::super::hand::{self, Hand, Purpose};
 use super::super::session::Session;
-use crate::pixels::Rect;
+use locard_engine::pixels::Rect;
 
 /// A place that was picked in a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -10,12 +10,12 @@ use super::super::plots::{self, Axes, Of};
 use super::super::progress;
 use super::super::session::Session;
 use super::parts::{self, Asked, Picked, Verdict};
-use crate::calibrate::sharpness::{self, PARAMETER, together};
-use crate::measure::slanted::{FEWEST_PX, SlantedEdge};
-use crate::params::Value;
-use crate::pixels::Rect;
-use crate::shot::Shot;
-use crate::words::fixed;
+use locard_engine::calibrate::sharpness::{self, PARAMETER, together};
+use locard_engine::measure::slanted::{FEWEST_PX, SlantedEdge};
+use locard_engine::params::Value;
+use locard_engine::pixels::Rect;
+use locard_engine::shot::Shot;
+use locard_engine::words::fixed;
 
 /// Each edge with the way that it moved, px.
 type Edges = Vec<Result<(SlantedEdge, [f64; 2]), Refused>>;

@@ -3,11 +3,11 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use crate::calibrate::board::{Search, Wanted};
-use crate::calibrate::geometry::{Calibrated, Coverage, LensOptions, Look, Taking};
-use crate::camera::Response;
-use crate::frame::Frame;
-use crate::webcam::{Newest, Putter, Taken};
+use locard_engine::calibrate::board::{Search, Wanted};
+use locard_engine::calibrate::geometry::{Calibrated, Coverage, LensOptions, Look, Taking};
+use locard_engine::camera::Response;
+use locard_engine::frame::Frame;
+use locard_engine::webcam::{Newest, Putter, Taken};
 
 /// So many views are taken at least, as by `locard calibrate camera --camera`.
 const WANTED: usize = 20;

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use eframe::egui::Context;
 
 use super::super::errand::Errand;
-use crate::recording::{OpenOptions, Recording};
-use crate::words::{count, fixed, without_options};
+use locard_engine::recording::{OpenOptions, Recording};
+use locard_engine::words::{count, fixed, without_options};
 
 /// Of one recording at a time.
 #[derive(Debug, Default)]

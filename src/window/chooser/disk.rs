@@ -5,9 +5,9 @@ use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
 
 use super::listed::Seeks;
-use crate::photo::series_there;
-use crate::recording::Recording;
-use crate::words::reason;
+use locard_engine::photo::series_there;
+use locard_engine::recording::Recording;
+use locard_engine::words::reason;
 
 /// Where a dialog may begin, and what else it offers.
 #[derive(Clone, Debug, Default)]

@@ -8,7 +8,7 @@ use eframe::egui::Context;
 use super::super::errand::Errand;
 use super::Chooser;
 use super::disk::{Chosen, Entered, Taken};
-use crate::words::reason;
+use locard_engine::words::reason;
 
 /// Something that was entered, of which the disk has not said yet what it is.
 #[derive(Debug)]

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::recording::Recording;
-use crate::words::reason;
+use locard_engine::recording::Recording;
+use locard_engine::words::reason;
 
 /// What is looked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -11,10 +11,10 @@ use super::super::errand::Errand;
 use super::super::picture::Seen;
 use super::draw;
 use super::look::{Border, border};
-use crate::frame::Frame;
-use crate::scene::document::PlacedModel;
-use crate::scene::{MissingModels, Models, SceneFile, load_file_with};
-use crate::shot::Shot;
+use locard_engine::frame::Frame;
+use locard_engine::scene::document::PlacedModel;
+use locard_engine::scene::{MissingModels, Models, SceneFile, load_file_with};
+use locard_engine::shot::Shot;
 
 /// What a ghost depends on.
 #[derive(Clone, Debug, PartialEq)]

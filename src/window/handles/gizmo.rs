@@ -139,7 +139,7 @@ mod tests {
     /// A camera 1 m above the floor, 1 m before the thing, that looks at it: 500 points to one at 1 m.
     fn gizmo(distance: f64, covers: fn(DVec2) -> bool) -> Gizmo {
         let eye = DVec3::new(0.0, -distance, distance);
-        let pose = crate::pose::Pose::look_at(eye, DVec3::ZERO, DVec3::Z).unwrap();
+        let pose = locard_engine::pose::Pose::look_at(eye, DVec3::ZERO, DVec3::Z).unwrap();
         let seen = |p: DVec3| {
             let p = pose.transform_point(p);
             (p.z > 0.0).then(|| DVec2::new(400.0 + 500.0 * p.x / p.z, 300.0 + 500.0 * p.y / p.z))

@@ -10,8 +10,8 @@ use super::look::{Border, feet};
 use super::maths;
 use super::over::Over;
 use super::tool::Held;
-use crate::scene::{Stance, Thing};
-use crate::shot::Eye;
+use locard_engine::scene::{Stance, Thing};
+use locard_engine::shot::Eye;
 
 /// The place of a thing in the loaded scene's objects. `None` for a lamp, and for what is not there.
 pub fn object_of(project: &Project, thing: Thing) -> Option<usize> {

@@ -5,7 +5,7 @@
 use eframe::egui::Rect;
 use glam::{DVec2, DVec3};
 
-use crate::shot::Eye;
+use locard_engine::shot::Eye;
 
 /// How far a mark stands within the rim, and handles, which are longer.
 const MARK_INSET: f64 = 18.0;
@@ -71,8 +71,8 @@ mod tests {
     use eframe::egui::pos2;
 
     use super::*;
-    use crate::recording::OpenOptions;
-    use crate::shot::{Given, Shot};
+    use locard_engine::recording::OpenOptions;
+    use locard_engine::shot::{Given, Shot};
     use std::path::Path;
 
     const CORNERS: [DVec2; 2] = [DVec2::new(100.0, 50.0), DVec2::new(900.0, 650.0)];

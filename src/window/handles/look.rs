@@ -3,8 +3,8 @@
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use super::maths::{Plane, hull};
-use crate::scene::{Object, Scene};
-use crate::shot::Eye;
+use locard_engine::scene::{Object, Scene};
+use locard_engine::shot::Eye;
 
 /// Closed polygons, px of the picture.
 pub type Border = Vec<Vec<DVec2>>;
@@ -71,7 +71,7 @@ pub fn feet(scene: &Scene, object: &Object, from_m: DVec3) -> Vec<DVec3> {
         return object.corners_m(scene).into_iter().flatten().map(|corner| corner - from_m).collect();
     }
     let points = object.placed().flat_map(|part| {
-        let world = move |v: &crate::scene::Vertex| {
+        let world = move |v: &locard_engine::scene::Vertex| {
             part.world_from_mesh.transform_point3(DVec3::from(v.position.map(f64::from))) - from_m
         };
         scene.meshes[part.mesh].vertices.iter().map(world)
@@ -84,8 +84,8 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::recording::OpenOptions;
-    use crate::shot::{Given, Shot};
+    use locard_engine::recording::OpenOptions;
+    use locard_engine::shot::{Given, Shot};
 
     #[test]
     fn a_balls_border_is_where_lines_of_sight_touch_it() {

@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 
 use glam::{DVec2, DVec3};
 
-use crate::shot::Ray;
+use locard_engine::shot::Ray;
 
 /// A plane or an axis that is seen at less than this angle is not followed: the pointer's steps would be huge. 2°.
 const GRAZING: f64 = 0.035;

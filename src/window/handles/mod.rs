@@ -32,8 +32,8 @@ use self::tool::{Along, Kind, Pointer, Tool};
 use super::Project;
 use super::picture::GRIP;
 use super::theme;
-use crate::scene::{SceneFile, Size, Stance, Thing};
-use crate::shot::Eye;
+use locard_engine::scene::{SceneFile, Size, Stance, Thing};
+use locard_engine::shot::Eye;
 
 pub use self::ghost::{Ghost, Would};
 pub use self::maths::Plane;

@@ -4,7 +4,7 @@ use eframe::egui::{Pos2, Rect, vec2};
 use glam::DVec2;
 
 use super::super::picture::{Seen, View};
-use crate::frame::Frame;
+use locard_engine::frame::Frame;
 
 /// The picture that the handles are in.
 pub struct Over<'a> {

@@ -4,8 +4,8 @@ use glam::{DVec2, DVec3};
 
 use super::amount::{Typed, Unit};
 use super::maths::{Plane, along_axis, along_plane, growth, snapped, turn_about, turn_on_screen, wound};
-use crate::scene::Stance;
-use crate::shot::Ray;
+use locard_engine::scene::Stance;
+use locard_engine::shot::Ray;
 
 /// What is done to a thing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -332,8 +332,8 @@ impl Tool {
 mod tests {
     use super::super::words::{done, told};
     use super::*;
-    use crate::scene::Size;
     use glam::DQuat;
+    use locard_engine::scene::Size;
 
     /// Seen from above, a px a centimetre, y of the world upwards.
     fn from_above(px: DVec2) -> Option<Ray> {

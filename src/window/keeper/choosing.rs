@@ -13,8 +13,8 @@ use super::super::recent::Opened;
 use super::super::saving::{self, Step};
 use super::super::session::Session;
 use super::{Keeper, Purpose, Then};
-use crate::installed;
-use crate::scene::is_model;
+use locard_engine::installed;
+use locard_engine::scene::is_model;
 
 impl Keeper {
     pub fn open(&mut self, project: &Project) {

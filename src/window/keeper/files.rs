@@ -18,7 +18,7 @@ use super::super::saving::{self, Agreed, Saved, Step};
 use super::super::session::Session;
 use super::super::watch::Change;
 use super::{Keeper, Shown, Then, Turn};
-use crate::live;
+use locard_engine::live;
 
 impl Keeper {
     /// A file that was dropped into the window, or chosen: what it is tells what becomes of it.

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 
 use super::kept::settings_of_scene;
 use super::{Edit, Project, full_name};
-use crate::analyse::Analysis;
-use crate::compositor::Settings;
-use crate::profile::{Look, Rig};
-use crate::shot::{Follows, ShotError};
+use locard_engine::analyse::Analysis;
+use locard_engine::compositor::Settings;
+use locard_engine::profile::{Look, Rig};
+use locard_engine::shot::{Follows, ShotError};
 
 impl Project {
     /// Goes on with an analysis of the recording. Scene, history and settings stay. The values that

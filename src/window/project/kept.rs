@@ -5,9 +5,9 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::{Edit, Project, full_name};
-use crate::params::Value;
-use crate::profile::{Look, ShotSettings};
-use crate::shot::Follows;
+use locard_engine::params::Value;
+use locard_engine::profile::{Look, ShotSettings};
+use locard_engine::shot::Follows;
 
 /// Tables that describe the camera itself. What is dialled for a shot stands in [`DIALS`].
 const CAMERA: [&str; 5] = ["camera", "camera.distortion", "camera.lens", "camera.response", "point_spread"];
@@ -77,7 +77,7 @@ impl Project {
         let tables = super::tables(&self.edit().rig, &self.edit().settings);
         let called = |(table, name, _): (&str, &str, &Value)| {
             let params = tables.iter().find(|params| params.table() == table);
-            params.map_or_else(|| name.to_owned(), |params| crate::params::called(*params, name))
+            params.map_or_else(|| name.to_owned(), |params| locard_engine::params::called(*params, name))
         };
         let noise = values.noise().map(|_| "Camera: noise".to_owned());
         values.values().map(called).chain(noise).collect()
@@ -120,7 +120,7 @@ impl Project {
     /// The settings that the scene file is to have for an edit: the scene's own, and those that
     /// [`Given::sets`] overrides as long as the user has not changed them.
     ///
-    /// [`Given::sets`]: crate::shot::Given::sets
+    /// [`Given::sets`]: locard_engine::shot::Given::sets
     pub(super) fn file_settings(&self, edit: &Edit) -> ShotSettings {
         let overridden = self.overridden.where_alike(self.opened.look(), edit.look());
         self.settings_of(edit.look(), &edit.unpinned).or(&overridden)

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use super::Project;
-use crate::analyse::{ENVIRONMENT, FILE_NAME, FoundLight};
-use crate::scene::{LitBy, SceneFile, Thing, relative};
-use crate::shot::AnalysisState;
+use locard_engine::analyse::{ENVIRONMENT, FILE_NAME, FoundLight};
+use locard_engine::scene::{LitBy, SceneFile, Thing, relative};
+use locard_engine::shot::AnalysisState;
 
 impl Project {
     /// The light that an analysis found and that lights the scene, because the scene says none of its own.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::Project;
-use crate::scene::{SceneFile, relative};
+use locard_engine::scene::{SceneFile, relative};
 
 impl Project {
     /// Names another file in place of a missing one, in one step. Other missing files that can be

@@ -9,15 +9,15 @@ use super::super::watch::{Stamp, stamp};
 use super::kept::{ForProfile, ProfileScope};
 use super::light::panorama_of_analysis;
 use super::{Edit, Project, tables};
-use crate::analyse::panorama_beside;
-use crate::compositor::{ON, Settings};
-use crate::profile::{self, Look, ProfileError, Rig, ShotSettings};
-use crate::recording::Recording;
-use crate::scene::{self, SceneError, SceneFile};
-use crate::shot::Follows;
-use crate::sink::SinkError;
-use crate::sink::atomic::write_atomically;
-use crate::source::file::{self, MOST_DOCUMENT};
+use locard_engine::analyse::panorama_beside;
+use locard_engine::compositor::{ON, Settings};
+use locard_engine::profile::{self, Look, ProfileError, Rig, ShotSettings};
+use locard_engine::recording::Recording;
+use locard_engine::scene::{self, SceneError, SceneFile};
+use locard_engine::shot::Follows;
+use locard_engine::sink::SinkError;
+use locard_engine::sink::atomic::write_atomically;
+use locard_engine::source::file::{self, MOST_DOCUMENT};
 
 /// Why something was not saved.
 #[derive(Debug, thiserror::Error)]

@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::super::history::Record;
 use super::{Edit, Project};
-use crate::scene::{self, MissingModels, Scene, SceneError, SceneFile};
+use locard_engine::scene::{self, MissingModels, Scene, SceneError, SceneFile};
 
 impl Project {
     /// Where scene files are looked for and models named from: the scene's file, or where one would

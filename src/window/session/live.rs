@@ -13,13 +13,13 @@ use super::super::project::Project;
 use super::super::thumbnails::Thumbnails;
 use super::Session;
 use super::past::{Past, Shown};
-use crate::camera::Geometry;
-use crate::frame::Frame;
-use crate::live::{Feed, Opened, Status, Tracking, Writer};
-use crate::recording::recorder::Recorder;
-use crate::recording::{OpenOptions, Recording};
-use crate::tracking::PoseTrack;
-use crate::webcam::monotonic_s;
+use locard_engine::camera::Geometry;
+use locard_engine::frame::Frame;
+use locard_engine::live::{Feed, Opened, Status, Tracking, Writer};
+use locard_engine::recording::recorder::Recorder;
+use locard_engine::recording::{OpenOptions, Recording};
+use locard_engine::tracking::PoseTrack;
+use locard_engine::webcam::monotonic_s;
 
 /// Stands behind the name of what is frozen.
 pub const FROZEN: &str = ", frozen";
@@ -179,7 +179,7 @@ impl Session {
         {
             let name = path.display();
             match why {
-                None => self.say(format!("Recorded {}: {name}", crate::words::count(*frames, "frame"))),
+                None => self.say(format!("Recorded {}: {name}", locard_engine::words::count(*frames, "frame"))),
                 Some(why) if *frames == 0 => self.wrong(format!("{name}: {why}; nothing was recorded")),
                 Some(why) => self.wrong(format!("{name}: {why}; the recording is whole up to there")),
             }

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use crate::live::Tracking;
+use locard_engine::live::Tracking;
 
 /// How much of the past is told of, seconds.
 pub const PAST_S: f64 = 10.0;

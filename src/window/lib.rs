@@ -26,7 +26,7 @@
 //!   `output`: exported files, by the queue of `jobs`, with the camera's `dials`.
 //!   `command`: the same by command line.
 //!
-//! It talks to the [`Shot`](crate::shot::Shot) alone: nothing is composited here that the program would not composite alike.
+//! It talks to the [`Shot`](locard_engine::shot::Shot) alone: nothing is composited here that the program would not composite alike.
 
 mod actions;
 mod air;
@@ -117,6 +117,7 @@ use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew};
 pub use app::App;
 pub use autosave::{Autosave, Left, Work};
 pub use command::{Line, composite as command_line};
+pub use eframe::Error;
 pub use history::{History, Record};
 pub use jobs::{Jobs, State, Task};
 pub use measure::Measure;
@@ -126,8 +127,8 @@ pub use project::{Draft, Edit, Origin, Other, ProfileScope, Project, SaveError, 
 pub use saving::{DEMO, DEMO_SCENE};
 pub use start::Start;
 
-use crate::gpu::Gpu;
-use crate::live;
+use locard_engine::gpu::Gpu;
+use locard_engine::live;
 
 /// What the window begins with.
 #[derive(Default)]
