@@ -1,6 +1,8 @@
 //! Where lamps are: a grid over the room, then descent, and one lamp more as long as that is worth it.
 
-use glam::DVec3;
+use std::sync::OnceLock;
+
+use glam::{DVec3, USizeVec3};
 
 use super::blocked::Blocked;
 use super::lit::{Fit, MOST_LAMPS, Place, Point, Shares, ambient, fit, of_lamp};
@@ -8,6 +10,10 @@ use crate::rows::over_rows;
 
 /// Cells of the grid are so wide, m.
 const GRID_M: f64 = 0.35;
+/// Of the grid's columns, every `COARSE`th along each horizontal axis is tried first, then the
+/// neighbours of the `REFINED` best cells.
+const COARSE: usize = 2;
+const REFINED: usize = 12;
 /// Points that the grid is tried with.
 const FEW: usize = 700;
 /// Rounds of a fit on the grid, and of one that counts.
@@ -39,16 +45,19 @@ pub struct Room {
 }
 
 impl Room {
-    /// The middles of cells all over it.
-    fn cells(&self) -> impl Iterator<Item = DVec3> {
-        let Self { low, high, .. } = *self;
-        let counts = ((high - low) / GRID_M).ceil().max(DVec3::ONE).as_usizevec3();
-        let at =
-            move |n: usize, axis: usize| low[axis] + (n as f64 + 0.5) / counts[axis] as f64 * (high[axis] - low[axis]);
-        let all = 0..counts.x * counts.y * counts.z;
-        all.map(move |n| {
-            DVec3::new(at(n % counts.x, 0), at(n / counts.x % counts.y, 1), at(n / counts.x / counts.y, 2))
-        })
+    /// Cells of the grid along each axis.
+    fn counts(&self) -> USizeVec3 {
+        ((self.high - self.low) / GRID_M).ceil().max(DVec3::ONE).as_usizevec3()
+    }
+
+    /// The middle of a cell.
+    fn middle(&self, cell: USizeVec3) -> DVec3 {
+        self.low + (cell.as_dvec3() + 0.5) / self.counts().as_dvec3() * (self.high - self.low)
+    }
+
+    /// The axis that is nearest to up.
+    fn vertical_axis(&self) -> usize {
+        (0..3).max_by(|a, b| self.up[*a].abs().total_cmp(&self.up[*b].abs())).unwrap_or(2)
     }
 }
 
@@ -60,17 +69,59 @@ pub struct Found {
     pub scores: Vec<f64>,
 }
 
-/// Places all over the room, and what sees them.
+/// Cells all over the room, as places of a lamp.
 struct Grid {
     /// Points with which they are tried.
     few: Vec<Point>,
+    counts: USizeVec3,
     cells: Vec<Cell>,
 }
 
 struct Cell {
     at: DVec3,
-    /// Whether light from here falls on each of the few.
-    seen: Vec<bool>,
+    /// Whether light from here falls on each of the few; worked out when the cell is first tried.
+    seen: OnceLock<Vec<bool>>,
+}
+
+impl Grid {
+    fn index(&self, cell: USizeVec3) -> usize {
+        (cell.z * self.counts.y + cell.y) * self.counts.x + cell.x
+    }
+
+    fn cell(&self, index: usize) -> USizeVec3 {
+        let [x, y] = [self.counts.x, self.counts.y];
+        USizeVec3::new(index % x, index / x % y, index / x / y)
+    }
+
+    /// The cells that are tried first.
+    fn coarse(&self, vertical: usize) -> Vec<usize> {
+        let is_coarse = |index: &usize| {
+            let cell = self.cell(*index);
+            (0..3).all(|axis| axis == vertical || cell[axis] % COARSE == COARSE / 2)
+        };
+        let all = 0..self.cells.len();
+        let coarse: Vec<usize> = all.clone().filter(is_coarse).collect();
+        if coarse.is_empty() { all.collect() } else { coarse }
+    }
+
+    /// A cell and those that touch it.
+    fn around(&self, index: usize) -> impl Iterator<Item = usize> {
+        let cell = self.cell(index);
+        let low = cell.saturating_sub(USizeVec3::ONE);
+        let high = (cell + 1).min(self.counts - 1);
+        let within = move |axis: usize| low[axis]..=high[axis];
+        within(2)
+            .flat_map(move |z| within(1).flat_map(move |y| within(0).map(move |x| USizeVec3::new(x, y, z))))
+            .map(|cell| self.index(cell))
+    }
+}
+
+/// A lamp of one kind in a cell, and how well it explains the light.
+#[derive(Clone, Copy, Debug)]
+struct Trial {
+    cell: usize,
+    place: Place,
+    score: f64,
 }
 
 pub struct Search<'a> {
@@ -100,12 +151,10 @@ impl Search<'_> {
     fn grid(&self) -> Grid {
         let step = self.points.len().div_ceil(FEW).max(1);
         let few: Vec<Point> = self.points.iter().step_by(step).copied().collect();
-        let mut cells: Vec<Cell> = self.room.cells().map(|at| Cell { at, seen: Vec::new() }).collect();
-        over_rows(&mut cells, 1, self.threads, |_, cell| {
-            let lamp = Place { at: cell[0].at, along: None };
-            cell[0].seen = few.iter().map(|point| self.share(point, &lamp) > 0.0).collect();
-        });
-        Grid { few, cells }
+        let mut grid = Grid { few, counts: self.room.counts(), cells: Vec::new() };
+        let count = grid.counts.element_product();
+        grid.cells = (0..count).map(|n| Cell { at: self.room.middle(grid.cell(n)), seen: OnceLock::new() }).collect();
+        grid
     }
 
     pub fn with(&self, lamps: &[Place], rounds: usize) -> Fit {
@@ -165,40 +214,65 @@ impl Search<'_> {
         fit
     }
 
-    /// With one lamp more, all of them moved to where they fit best, roughly: from each of the best places of the grid.
-    fn one_more(&self, Grid { few, cells }: &Grid, lamps: &[Place]) -> Vec<(Vec<Place>, Fit)> {
-        let known = self.shares(few, lamps);
-        // A bulb at each place, and a panel, which the same points see.
-        let kinds =
-            |cell: &Cell| [None, Some(-self.room.up)].map(|along| (Place { at: cell.at, along }, f64::INFINITY));
-        let mut places: Vec<(Place, f64)> = cells.iter().flat_map(kinds).collect();
-        over_rows(&mut places, 2, self.threads, |n, kinds| {
-            let cell = &cells[n];
+    /// Scores of a bulb and of a panel in each of the cells, beside lamps that are known.
+    fn tried(&self, grid: &Grid, cells: &[usize], lamps: &[Place]) -> Vec<Trial> {
+        let known = self.shares(&grid.few, lamps);
+        let kinds = [None, Some(-self.room.up)];
+        let mut trials: Vec<Trial> = cells
+            .iter()
+            .flat_map(|cell| kinds.map(|along| (*cell, along)))
+            .map(|(cell, along)| Trial { cell, place: Place { at: grid.cells[cell].at, along }, score: f64::INFINITY })
+            .collect();
+        over_rows(&mut trials, kinds.len(), self.threads, |_, trials| {
+            let cell = &grid.cells[trials[0].cell];
             if lamps.iter().any(|lamp| lamp.at.distance(cell.at) < APART_M) {
                 return;
             }
+            // The same points see a bulb and a panel.
+            let bulb = Place { at: cell.at, along: None };
+            let seen = cell.seen.get_or_init(|| grid.few.iter().map(|point| self.share(point, &bulb) > 0.0).collect());
             let mut shares = known.clone();
-            for (place, score) in kinds {
-                for ((point, shares), is_seen) in few.iter().zip(&mut shares).zip(&cell.seen) {
-                    shares[2 + lamps.len()] = if *is_seen { of_lamp(point.at, point.normal, place) } else { 0.0 };
+            for trial in trials {
+                for ((point, shares), is_seen) in grid.few.iter().zip(&mut shares).zip(seen) {
+                    shares[2 + lamps.len()] =
+                        if *is_seen { of_lamp(point.at, point.normal, &trial.place) } else { 0.0 };
                 }
-                *score = fit(few, &shares, lamps.len() + 1, ROUGH).score;
+                trial.score = fit(&grid.few, &shares, lamps.len() + 1, ROUGH).score;
             }
         });
-        places.sort_by(|a, b| a.1.total_cmp(&b.1));
+        trials
+    }
+
+    /// Places of the grid for one lamp more, the best first.
+    fn candidates(&self, grid: &Grid, lamps: &[Place]) -> Vec<Trial> {
+        let coarse = grid.coarse(self.room.vertical_axis());
+        let mut trials = self.tried(grid, &coarse, lamps);
+        trials.sort_by(|a, b| a.score.total_cmp(&b.score));
+        let near = trials.iter().filter(|trial| trial.score.is_finite()).take(REFINED);
+        let mut finer: Vec<usize> = near.flat_map(|trial| grid.around(trial.cell)).collect();
+        finer.sort_unstable();
+        finer.dedup();
+        finer.retain(|cell| coarse.binary_search(cell).is_err());
+        trials.extend(self.tried(grid, &finer, lamps));
+        trials.sort_by(|a, b| a.score.total_cmp(&b.score));
+        trials
+    }
+
+    /// With one lamp more, all of them moved to where they fit best, roughly: from each of the best places of the grid.
+    fn one_more(&self, grid: &Grid, lamps: &[Place]) -> Vec<(Vec<Place>, Fit)> {
         // The best, and others that are not beside it.
         let mut begun: Vec<Place> = Vec::new();
-        for (at, score) in &places {
-            let is_beside = |b: &Place| b.along == at.along && b.at.distance(at.at) < 2.0 * GRID_M;
+        for Trial { place, score, .. } in self.candidates(grid, lamps) {
+            let is_beside = |b: &Place| b.along == place.along && b.at.distance(place.at) < 2.0 * GRID_M;
             if score.is_finite() && begun.len() < BEGUN && !begun.iter().any(is_beside) {
-                begun.push(*at);
+                begun.push(place);
             }
         }
         let mut tried: Vec<(Vec<Place>, Option<Fit>)> =
             begun.iter().map(|at| ([lamps, &[*at]].concat(), None)).collect();
         over_rows(&mut tried, 1, self.threads, |_, slot| {
             let (lamps, fit) = &mut slot[0];
-            self.descended(few, lamps, FIRST_M, FIRST_M / 4.0);
+            self.descended(&grid.few, lamps, FIRST_M, FIRST_M / 4.0);
             *fit = Some(self.with(lamps, FINE));
         });
         tried.into_iter().filter_map(|(lamps, fit)| Some((lamps, fit?))).collect()
