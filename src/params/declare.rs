@@ -32,7 +32,7 @@ macro_rules! choices {
 /// or `=> other isnt` says by another one's value when a parameter does something.
 ///
 /// ```
-/// locard::params! {
+/// locard_engine::params! {
 ///     /// How to paint.
 ///     pub struct Paint in "paint" {
 ///         "how thick the coat is"
@@ -43,7 +43,7 @@ macro_rules! choices {
 ///         shine: f32 = 0.5, "1", 0.0..=1.0 => varnish is "true";
 ///     }
 /// }
-/// use locard::params::{Params, Value};
+/// use locard_engine::params::{Params, Value};
 /// let mut paint = Paint::default();
 /// paint.set("thickness_mm", &Value::Number(1.0)).unwrap();
 /// assert!(paint.set("thickness_mm", &Value::Number(4.0)).is_err());

@@ -9,15 +9,12 @@ use std::path::Path;
 use exr::prelude::{MetaData, ReadChannels, ReadLayers};
 use half::f16;
 
-use super::unsupported::{self, Kind};
+use super::unsupported::{self, DEPTH_FORMATS, Kind};
 use super::{SourceError, file as plain, still};
 use crate::pixels::DepthMap;
 
 pub const EXR_SIGNATURE: &[u8] = b"\x76\x2f\x31\x01";
 pub const NPY_SIGNATURE: &[u8] = b"\x93NUMPY";
-
-/// The kinds of depth pictures, for people.
-pub const ACCEPTED: &str = "16-bit grey PNG, OpenEXR and NumPy arrays (.npy)";
 
 /// So many bytes tell the kind of a file.
 const KIND_LENGTH: u64 = 16;
@@ -54,7 +51,7 @@ fn format_of(file: &Path) -> Result<Format, SourceError> {
         _ => {
             let kind = unsupported::by_content(&start).or_else(|| unsupported::by_name(file));
             let problem =
-                kind.map_or_else(|| format!("is no depth picture; accepted are {ACCEPTED}"), Kind::depth_refusal);
+                kind.map_or_else(|| format!("is no depth picture; accepted are {DEPTH_FORMATS}"), Kind::depth_refusal);
             Err(SourceError::content(file, problem))
         }
     }

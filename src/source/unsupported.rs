@@ -4,8 +4,10 @@ use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use super::depth_map;
 use crate::words::count;
+
+/// The formats of depth pictures that are decoded, for people.
+pub const DEPTH_FORMATS: &str = "16-bit grey PNG, OpenEXR and NumPy arrays (.npy)";
 
 /// A kind of file that is not decoded.
 #[derive(Debug)]
@@ -143,7 +145,7 @@ impl Kind {
                  the .npy in its place",
                 self.name
             ),
-            None => format!("is {}, which is not read as depth; accepted are {}", self.name, depth_map::ACCEPTED),
+            None => format!("is {}, which is not read as depth; accepted are {}", self.name, DEPTH_FORMATS),
         }
     }
 }

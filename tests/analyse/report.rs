@@ -179,8 +179,8 @@ fn what_is_there_is_not_lost() {
         assert!(problem.contains(why), "{problem}");
         is_whole(name, content);
     }
-    let nowhere = folder.path().join("no/page.html");
-    refused(&["analyse", path, "--report", nowhere.to_str().unwrap()]);
+    let within_file = folder.path().join("notes.html/page.html");
+    refused(&["analyse", path, "--report", within_file.to_str().unwrap()]);
     let within = analysis.join("page.html");
     std::fs::create_dir(&analysis).unwrap();
     let problem = refused(&["analyse", path, "--report", within.to_str().unwrap()]);
