@@ -118,9 +118,12 @@ fn size(width: usize, height: usize, channels: usize) -> Result<(u32, u32), Stri
 /// The channel that is depth: the one that is named so, or the only one. Programs that know colour alone write the same
 /// map three times.
 fn depth_channel(names: &[String]) -> Option<usize> {
+    // The Z of a vector, as of a normal, has an X beside it in its layer.
+    let is_of_vector =
+        |layer: &str| names.iter().any(|name| matches!(name.rsplit_once('.'), Some((of, "X" | "x")) if of == layer));
     let is_depth = |name: &String| {
-        let last = name.rsplit('.').next().unwrap_or(name);
-        ["z", "depth"].iter().any(|depth| last.eq_ignore_ascii_case(depth))
+        let (layer, last) = name.rsplit_once('.').unwrap_or(("", name));
+        last.eq_ignore_ascii_case("depth") || last.eq_ignore_ascii_case("z") && !is_of_vector(layer)
     };
     let only = (names.len() == 1).then_some(0);
     let named = |wanted: &str| names.iter().position(|name| name == wanted);
@@ -230,22 +233,22 @@ fn npy_header(bytes: &[u8]) -> Result<Array, String> {
 
 fn npy_values(bytes: &[u8]) -> Result<(Header, Vec<f64>), String> {
     let Array { header, kind, is_big_endian, is_by_columns, data_at } = npy_header(bytes)?;
-    let data = bytes.get(data_at..).unwrap_or_default();
+    let (width, height) = (header.width as usize, header.height as usize);
+    let (data, wanted) = (bytes.get(data_at..).unwrap_or_default(), width * height);
     let values: Vec<f64> = match kind.as_str() {
-        "f2" => numbers(data, is_big_endian, |b| f16::from_le_bytes(b).to_f64()),
-        "f4" => numbers(data, is_big_endian, |b| f64::from(f32::from_le_bytes(b))),
-        "f8" => numbers(data, is_big_endian, f64::from_le_bytes),
-        "u1" => numbers(data, is_big_endian, |b| f64::from(u8::from_le_bytes(b))),
-        "u2" => numbers(data, is_big_endian, |b| f64::from(u16::from_le_bytes(b))),
-        "i2" => numbers(data, is_big_endian, |b| f64::from(i16::from_le_bytes(b))),
-        "u4" => numbers(data, is_big_endian, |b| f64::from(u32::from_le_bytes(b))),
-        "i4" => numbers(data, is_big_endian, |b| f64::from(i32::from_le_bytes(b))),
+        "f2" => numbers(data, wanted, is_big_endian, |b| f16::from_le_bytes(b).to_f64()),
+        "f4" => numbers(data, wanted, is_big_endian, |b| f64::from(f32::from_le_bytes(b))),
+        "f8" => numbers(data, wanted, is_big_endian, f64::from_le_bytes),
+        "u1" => numbers(data, wanted, is_big_endian, |b| f64::from(u8::from_le_bytes(b))),
+        "u2" => numbers(data, wanted, is_big_endian, |b| f64::from(u16::from_le_bytes(b))),
+        "i2" => numbers(data, wanted, is_big_endian, |b| f64::from(i16::from_le_bytes(b))),
+        "u4" => numbers(data, wanted, is_big_endian, |b| f64::from(u32::from_le_bytes(b))),
+        "i4" => numbers(data, wanted, is_big_endian, |b| f64::from(i32::from_le_bytes(b))),
         other => {
             let kind = crate::words::quoted(other);
             return Err(format!("holds numbers of the type {kind}; accepted are f2, f4, f8, u1, u2, u4, i2 and i4"));
         }
     };
-    let (width, height) = (header.width as usize, header.height as usize);
     if values.len() < width * height {
         return Err(format!("the array is truncated: {} of {} numbers are there", values.len(), width * height));
     }
@@ -253,14 +256,20 @@ fn npy_values(bytes: &[u8]) -> Result<(Header, Vec<f64>), String> {
     Ok((header, (0..width * height).map(|i| values[at(i)]).collect()))
 }
 
-fn numbers<const N: usize>(bytes: &[u8], is_big_endian: bool, number: impl Fn([u8; N]) -> f64) -> Vec<f64> {
+/// The first `wanted` numbers, or as many as there are.
+fn numbers<const N: usize>(
+    bytes: &[u8],
+    wanted: usize,
+    is_big_endian: bool,
+    number: impl Fn([u8; N]) -> f64,
+) -> Vec<f64> {
     let little_endian = |mut bytes: [u8; N]| {
         if is_big_endian {
             bytes.reverse();
         }
         bytes
     };
-    bytes.as_chunks::<N>().0.iter().map(|bytes| number(little_endian(*bytes))).collect()
+    bytes.as_chunks::<N>().0.iter().take(wanted).map(|bytes| number(little_endian(*bytes))).collect()
 }
 
 #[cfg(test)]
@@ -269,6 +278,19 @@ mod tests {
     use exr::prelude::{AnyChannel, AnyChannels, FlatSamples, Image, WritableImage};
     use proptest::prelude::*;
     use std::path::PathBuf;
+
+    #[test]
+    fn depth_channel_is_not_the_z_of_a_normal() {
+        let chosen = |names: &[&str]| {
+            let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+            depth_channel(&names).map(|at| names[at].clone())
+        };
+        let normal = ["L.Denoising Normal.X", "L.Denoising Normal.Y", "L.Denoising Normal.Z"];
+        let with_depth = [&normal[..], &["L.Depth.Z"]].concat();
+        assert_eq!(chosen(&with_depth).as_deref(), Some("L.Depth.Z"));
+        assert_eq!(chosen(&normal), None);
+        assert_eq!(chosen(&["B", "G", "R", "Z"]).as_deref(), Some("Z"));
+    }
 
     fn saved(bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
         let folder = tempfile::tempdir().unwrap();
