@@ -1,7 +1,7 @@
 //! Locard puts virtual evidence into real footage so that it looks photographed there by the same camera at the same
 //! moment.
 //!
-//! source → frame + pose → virtual layer → what the lens does → composite → what the sensor does → sink. The folders
+//! source → frame + pose → virtual layer → lens effects → composite → sensor effects → sink. The folders
 //! follow that sentence; ARCHITECTURE.md has the rest.
 
 // 0: plain values
@@ -15,7 +15,7 @@ pub mod rows;
 pub mod unfinished;
 pub mod words;
 
-// 1: physics without GPU or files; what pictures say about where things stand
+// 1: physics without GPU or files; least-squares fits and poses
 pub mod camera;
 pub mod fit;
 

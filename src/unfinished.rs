@@ -70,12 +70,22 @@ pub struct MadeFolder(Unfinished);
 impl MadeFolder {
     pub fn make(folder: &Path) -> io::Result<Self> {
         let begun = Unfinished::begin(|| {
-            let is_new = |at: &&Path| !at.as_os_str().is_empty() && !at.exists();
-            // The deepest comes first.
-            let new: Vec<PathBuf> = folder.ancestors().take_while(is_new).map(Path::to_owned).collect();
-            std::fs::create_dir_all(folder)?;
-            let undo: Undo = Box::new(move || _ = new.iter().try_for_each(std::fs::remove_dir));
-            Ok::<_, io::Error>(((), undo))
+            let is_missing = |at: &&Path| !at.as_os_str().is_empty() && !at.is_dir();
+            let missing: Vec<&Path> = folder.ancestors().take_while(is_missing).collect();
+            // Only folders made here are removed again. `new/../mine` may name one that was there before.
+            let mut made: Vec<PathBuf> = Vec::new();
+            for at in missing.into_iter().rev() {
+                match std::fs::create_dir(at) {
+                    Ok(()) => made.push(at.to_owned()),
+                    Err(_) if at.is_dir() => {}
+                    Err(error) => {
+                        remove_folders(&made);
+                        return Err(error);
+                    }
+                }
+            }
+            let undo: Undo = Box::new(move || remove_folders(&made));
+            Ok(((), undo))
         });
         Ok(Self(begun?.1))
     }
@@ -83,6 +93,11 @@ impl MadeFolder {
     pub fn keep(self) {
         let _ = self.0.finish(|| Ok::<_, ()>(()));
     }
+}
+
+/// Removes folders, each within the one before it, as far as they are empty.
+fn remove_folders(folders: &[PathBuf]) {
+    let _ = folders.iter().rev().try_for_each(std::fs::remove_dir);
 }
 
 /// Undoes everything, newest first. While the returned value lives, nothing can be begun or finished, so that the
@@ -116,6 +131,19 @@ mod tests {
         MadeFolder::make(&folder).unwrap().keep();
         drop(MadeFolder::make(&folder).unwrap());
         assert!(folder.exists());
+    }
+
+    #[test]
+    fn made_folder_removes_only_folders_that_it_made() {
+        let temp = tempfile::tempdir().unwrap();
+        let of_user = temp.path().join("mine");
+        std::fs::create_dir(&of_user).unwrap();
+        drop(MadeFolder::make(&temp.path().join("new/../mine")).unwrap());
+        assert!(of_user.is_dir() && !temp.path().join("new").exists());
+        // The name of the second is too long for a file system.
+        let too_long = temp.path().join("new").join("n".repeat(300));
+        MadeFolder::make(&too_long).unwrap_err();
+        assert!(!temp.path().join("new").exists());
     }
 
     #[test]

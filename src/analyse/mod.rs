@@ -102,7 +102,7 @@ const STEADY: f64 = 0.01;
 /// places than their poses say differ as well.
 const EXPLAINED: f64 = 1.0 / 3.0;
 
-/// Analyses a whole recording, as seen by `camera`. `told` receives the progress; its error ends
+/// Analyses a whole recording taken with `camera`. `told` receives the progress; its error ends
 /// the work, and `part` keeps the finished stages. The analysis is the same for any number of
 /// `threads`, bit for bit. The second result is the time of each part.
 pub fn analyse(

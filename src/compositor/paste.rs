@@ -98,8 +98,9 @@ pub fn paste_fringe(
     })
 }
 
-/// Fills in the noise, as what the layer over the camera's picture lacks of the composite. The layer's values count as
-/// 16-bit floats, as its file has them. All pictures have the same size.
+/// Fills in the noise: the composite minus the layer over the camera's picture, in linear light. The layer's values are
+/// rounded to 16-bit floats first, as in its file; where one is too large for those, the noise is 0. All pictures have
+/// the same size.
 pub fn fill_noise(camera: &Pixels, composite: &Pixels, response: &Response, out: &mut LayerImage) {
     let max = composite.max_code();
     let light: Vec<f32> = response.table(max).into_iter().map(|light| light as f32).collect();
@@ -113,7 +114,8 @@ pub fn fill_noise(camera: &Pixels, composite: &Pixels, response: &Response, out:
         for c in 0..3 {
             let layered = rgba[c] + (1.0 - rgba[3]) * left[c] * light[own[c] as usize];
             let is_clipped = made[c] == max && layered >= 1.0;
-            out.noise[i][c] = if is_clipped { 0.0 } else { light[made[c] as usize] - layered };
+            let is_known = !is_clipped && layered.is_finite();
+            out.noise[i][c] = if is_known { light[made[c] as usize] - layered } else { 0.0 };
         }
     }
 }

@@ -52,7 +52,7 @@ pub fn not_protected(file: &Path) -> io::Result<()> {
 }
 
 /// The folder of a file; `None` for the current one.
-fn folder_of(file: &Path) -> Option<&Path> {
+pub(super) fn folder_of(file: &Path) -> Option<&Path> {
     file.parent().filter(|folder| !folder.as_os_str().is_empty())
 }
 
@@ -178,6 +178,16 @@ mod tests {
         let below_a_file = path.join("b.png");
         let error = super::super::check_file(&below_a_file, false).unwrap_err().to_string();
         assert!(error.contains("a.png is a file and no folder; choose another place"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn link_to_a_folder_that_is_gone_is_refused_before_the_work() {
+        let folder = tempfile::tempdir().unwrap();
+        let link = folder.path().join("out");
+        std::os::unix::fs::symlink(folder.path().join("unmounted"), &link).unwrap();
+        let error = super::super::check_file(&link.join("a.png"), false).unwrap_err().to_string();
+        assert!(error.contains("out is a link to a place that is gone"), "{error}");
     }
 
     /// A file that appears during the writing is also the user's.

@@ -108,14 +108,12 @@ pub fn check_file(path: &Path, force: bool) -> Result<(), SinkError> {
         return Err(SinkError::Exists { path: path.to_owned() });
     }
     atomic::not_protected(&at).map_err(|source| SinkError::of_writing(path, source))?;
-    let folder = at.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    // Writing makes the folders that are missing.
-    let there = folder.ancestors().find(|folder| folder.exists()).unwrap_or(Path::new("."));
+    // Writing makes the folders that are missing. A link to a place that is gone is in the way.
+    let mut folders = atomic::folder_of(&at).into_iter().flat_map(Path::ancestors);
+    let there = folders.find(|folder| folder.symlink_metadata().is_ok()).unwrap_or(Path::new("."));
     if !there.is_dir() {
-        return refuse(format!(
-            "cannot be written, for {} is a file and no folder; choose another place",
-            there.display()
-        ));
+        let kind = if there.exists() { "a file and no folder" } else { "a link to a place that is gone" };
+        return refuse(format!("cannot be written, for {} is {kind}; choose another place", there.display()));
     }
     // An unnamed file, deleted at once.
     tempfile::tempfile_in(there).map(drop).map_err(|source| SinkError::of_writing(path, source))

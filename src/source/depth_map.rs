@@ -6,6 +6,7 @@
 use std::io::{BufRead, BufReader, Cursor, Read};
 use std::path::Path;
 
+use exr::meta::attribute::SampleType;
 use exr::prelude::{MetaData, ReadChannels, ReadLayers};
 use half::f16;
 
@@ -71,7 +72,7 @@ pub fn read_header(file: &Path) -> Result<Header, SourceError> {
         }
         Format::Exr => {
             let reader = BufReader::new(plain::open(file).map_err(failed)?);
-            exr_header(reader).map(|(header, _)| header).map_err(bad)
+            exr_header(reader).map_err(bad)
         }
         Format::Npy => {
             let mut start = Vec::new();
@@ -131,20 +132,21 @@ fn depth_channel(names: &[String]) -> Option<usize> {
     names.iter().position(is_depth).or(only).or_else(|| named("Y")).or(grey)
 }
 
-/// The header, and the names of its channels in their order.
-fn exr_header(reader: impl BufRead) -> Result<(Header, Vec<String>), String> {
+/// The header of the first part, which is the one that is read.
+fn exr_header(reader: impl BufRead) -> Result<Header, String> {
     let meta = MetaData::read_from_buffered(reader, false).map_err(|e| damaged(&e))?;
-    let flat = meta.headers.iter().find(|header| !header.deep);
-    let header = flat.ok_or("holds deep pixels alone, which are not read; save flat ones")?;
+    let first = meta.headers.first().filter(|header| !header.deep);
+    let header = first.ok_or("begins with deep pixels, which are not read; save flat ones")?;
     let names: Vec<String> = header.channels.list.iter().map(|channel| channel.name.to_string()).collect();
     size(header.layer_size.0, header.layer_size.1, names.len())?;
     let display = header.shared_attributes.display_window.size;
     let (width, height) = size(display.0, display.1, 1)?;
-    if depth_channel(&names).is_none() {
+    let Some(chosen) = depth_channel(&names) else {
         let found = names.iter().take(8).cloned().collect::<Vec<_>>().join(", ");
         return Err(format!("has the channels {found}; depth is the channel Z, or the only one"));
-    }
-    Ok((Header { width, height, is_float: true }, names))
+    };
+    let is_float = header.channels.list[chosen].sample_type != SampleType::U32;
+    Ok(Header { width, height, is_float })
 }
 
 fn damaged(error: &exr::error::Error) -> String {
@@ -152,7 +154,7 @@ fn damaged(error: &exr::error::Error) -> String {
 }
 
 fn exr_values(bytes: &[u8]) -> Result<(Header, Vec<f64>), String> {
-    let (header, _) = exr_header(Cursor::new(bytes))?;
+    let header = exr_header(Cursor::new(bytes))?;
     let image = exr::prelude::read()
         .no_deep_data()
         .largest_resolution_level()
@@ -336,6 +338,13 @@ mod tests {
         // Column by column.
         let columns: Vec<u8> = [0, 3, 1, 4, 2, 5].iter().flat_map(|i| metres[*i].to_le_bytes()).collect();
         reads(&npy("<f4", "True", "(2, 3)", &columns), 1.0, true, &expected);
+        let whole = AnyChannel::new("Z", FlatSamples::U32(vec![1000, 1500, 0, 2000, 1, 65535]));
+        let mut file = Cursor::new(Vec::new());
+        Image::from_channels((3, 2), AnyChannels::sort([whole].into_iter().collect()))
+            .write()
+            .to_buffered(&mut file)
+            .unwrap();
+        reads(&file.into_inner(), 1000.0, false, &[1.0, 1.5, 0.0, 2.0, 0.001, 65.535]);
         let millimetres: Vec<u8> = [1000u16, 1500, 0, 2000, 1, 65535].iter().flat_map(|z| z.to_le_bytes()).collect();
         reads(&npy("<u2", "False", "(2, 3)", &millimetres), 1000.0, false, &[1.0, 1.5, 0.0, 2.0, 0.001, 65.535]);
     }

@@ -37,7 +37,9 @@ pub fn is_of_another_kind(error: &SourceError) -> bool {
             let mut start = Vec::new();
             let longest = PNG_SIGNATURE.len() as u64;
             let read = plain::open(file).and_then(|opened| opened.take(longest).read_to_end(&mut start));
-            read.is_ok() && !is_still(&start)
+            // An interrupted copy leaves an empty file, or one of zeros.
+            let is_damaged = start.len() < PNG_SIGNATURE.len() || start.iter().all(|byte| *byte == 0);
+            read.is_ok() && !is_damaged && !is_still(&start)
         }
         _ => false,
     }
@@ -257,6 +259,17 @@ mod tests {
     use image::{ExtendedColorType as Color, ImageEncoder};
     use proptest::prelude::*;
     use std::path::PathBuf;
+
+    #[test]
+    fn empty_or_zeroed_file_is_damaged_and_not_of_another_kind() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("f.png");
+        let heic = *b"\0\0\0\x18ftypheic";
+        for (bytes, is_of_another) in [(&heic[..], true), (&[], false), (&heic[..5], false), (&[0; 64], false)] {
+            std::fs::write(&file, bytes).unwrap();
+            assert_eq!(is_of_another_kind(&read_header(&file).unwrap_err()), is_of_another, "{bytes:?}");
+        }
+    }
 
     fn png(bytes: &[u8], width: u32, height: u32, color: Color) -> Vec<u8> {
         let mut out = Vec::new();

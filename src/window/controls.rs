@@ -6,6 +6,7 @@ use eframe::egui::{self, Color32, RichText, Ui};
 use super::Project;
 use super::fields::{has_just_opened, rounded, short, typed};
 use super::project::{Origin, tables};
+use super::row_widths::{RowWidths, STOPS, VALUE};
 use super::slider::{self, Rail, meant};
 use locard_engine::camera::stops::{self, Step, Stop};
 use locard_engine::compositor::ON;
@@ -191,52 +192,6 @@ fn groups(project: &Project) -> Vec<(&'static str, Option<&'static str>)> {
     tables(&edit.rig, &edit.settings).into_iter().map(|params| (params.table(), summary(params.table()))).collect()
 }
 
-/// Widths within a row, points: of the name, of the value and of the stops. The slider has what is left, so that nothing
-/// moves when something comes or goes.
-const NAME: f32 = 120.0;
-/// The least that is left of a name in a narrow panel.
-const NAME_MIN: f32 = 56.0;
-const VALUE: f32 = 78.0;
-const STOPS: f32 = 62.0;
-/// Of the bar that scrolls.
-const BAR: f32 = 8.0;
-const SLIDER: std::ops::RangeInclusive<f32> = 20.0..=180.0;
-/// Of the box of an optional value.
-const CHECK: f32 = 18.0;
-/// The least that is left of a name beside a long value.
-const NAME_LEAST: f32 = 40.0;
-
-/// Widths within a row, points.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct RowWidths {
-    name: f32,
-    /// `None` where there is no room for it.
-    slider: Option<f32>,
-    /// Largest width of the stops. Their text is cut where it is longer.
-    stops: f32,
-}
-
-impl RowWidths {
-    /// For a row of that width right of its mark, with `beside` between its parts. `value` and
-    /// `stops` are the widths that their texts take. Whether there is a slider does not depend on
-    /// the texts: it would come and go during a drag.
-    fn of(row: f32, beside: f32, is_optional: bool, value: f32, stops: Option<f32>) -> Self {
-        let check = if is_optional { CHECK + beside } else { 0.0 };
-        let with_stops = |stops: Option<f32>| stops.map_or(0.0, |stops| stops + beside);
-        let usual = row - beside - check - VALUE - with_stops(stops.map(|_| STOPS)) - BAR;
-        let has_slider = usual - NAME_MIN - beside >= *SLIDER.start();
-        let least_slider = if has_slider { SLIDER.start() + beside } else { 0.0 };
-        // Names of all rows end at one place, but for a long value.
-        let common = (row - (VALUE + STOPS + SLIDER.start() + BAR + 4.0 * beside)).clamp(NAME_MIN, NAME);
-        let value = value.max(VALUE);
-        let left = row - beside - check - value - with_stops(stops.map(|stops| stops.max(STOPS))) - BAR;
-        let name = common.min(left - least_slider).max(NAME_LEAST);
-        let slider = has_slider.then(|| (left - name - beside).clamp(*SLIDER.start(), *SLIDER.end()));
-        let stops = row - 2.0 * beside - check - value - BAR - name - slider.map_or(0.0, |slider| slider + beside);
-        Self { name, slider, stops: stops.max(0.0) }
-    }
-}
-
 /// Width of a button with a text.
 fn button_width(ui: &Ui, text: &str) -> f32 {
     let font = egui::TextStyle::Button.resolve(ui.style());
@@ -358,8 +313,9 @@ impl Dial {
     fn show(&self, ui: &mut Ui, called: &str, now: f64, width: f32) -> Option<f64> {
         let mut chosen = None;
         let button = egui::Button::new(self.text(now)).min_size(egui::vec2(STOPS.min(width), 0.0)).truncate();
-        ui.set_max_width(ui.min_rect().width() + ui.spacing().item_spacing.x + width);
-        let (button, _) = MenuButton::from_button(button).ui(ui, |ui| {
+        let layout = egui::Layout::left_to_right(egui::Align::Center);
+        let room = egui::vec2(width, ui.spacing().interact_size.y);
+        let menu = |ui: &mut Ui| {
             let opens = has_just_opened(ui);
             egui::ScrollArea::vertical().max_height(360.0).show(ui, |ui| {
                 for stop in &self.stops {
@@ -374,7 +330,9 @@ impl Dial {
                     }
                 }
             });
-        });
+        };
+        let (button, _) =
+            ui.allocate_ui_with_layout(room, layout, |ui| MenuButton::from_button(button).ui(ui, menu)).inner;
         let info = || egui::WidgetInfo::labeled(egui::Role::Button, true, format!("{called}: stops"));
         button.widget_info(info);
         button.on_hover_text("A camera's stops, in thirds");
@@ -498,39 +456,4 @@ fn help(ui: &mut Ui, called: &str, full: &str, spec: &Spec, idle: Option<&str>, 
     };
     ui.weak(format!("Double-click: {reset}. Click the number to type one."));
     ui.weak(format!("In files and for --set: {full}"));
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn parts_of_a_row_stay_within_it_whatever_the_value_is() {
-        const BESIDE: f32 = 8.0;
-        // A panel of a window of 640 points, and wider ones.
-        for row in [262.0_f32, 300.0, 420.0] {
-            for is_optional in [false, true] {
-                let slider =
-                    |stops: Option<f32>, value: f32| RowWidths::of(row, BESIDE, is_optional, value, stops).slider;
-                for (value, stops) in
-                    [(50.0, None), (50.0, Some(60.0)), (110.0, None), (96.0, Some(84.0)), (90.0, Some(300.0))]
-                {
-                    let widths = RowWidths::of(row, BESIDE, is_optional, value, stops);
-                    let parts = [
-                        Some(widths.name),
-                        is_optional.then_some(CHECK),
-                        widths.slider,
-                        Some(value.max(VALUE)),
-                        stops.map(|stops| stops.max(STOPS).min(widths.stops)),
-                    ];
-                    let total: f32 = parts.into_iter().flatten().map(|part| part + BESIDE).sum();
-                    assert!(total - BESIDE + BAR <= row + 0.01, "{row} {is_optional} {value} {stops:?}: {widths:?}");
-                    assert!(widths.name >= NAME_LEAST);
-                    assert_eq!(widths.slider.is_some(), slider(stops, 0.0).is_some(), "it does not come and go");
-                }
-            }
-        }
-        let usual = RowWidths::of(420.0, BESIDE, false, 50.0, None);
-        assert_eq!((usual.name, usual.slider), (NAME, Some(180.0)));
-    }
 }

@@ -10,7 +10,7 @@
 //!   with its verdict, and a camera's lens from a board; `reasons`: what calibration says, in the window's words. `plots`: how plots look.
 //! - `background`: work on another thread, of which what was asked for last counts; `errand`: work that is done once there.
 //!   `progress`: how far it is. `fields`: numbers to drag and to type, with a `slider`.
-//! - `measure`: what the window costs. `app`: the window. `fit`: its size at the start. `theme`: its colours. `actions`: what keys do, `keys` the page of them. `picture` with its `loupe`, `controls`,
+//! - `measure`: what the window costs. `app`: the window. `fit`: its size at the start. `theme`: its colours. `actions`: what keys do, `keys` the page of them. `picture` with its `loupe`, `controls` (`row_widths`),
 //!   `evidence`, `timeline` with its `thumbnails`: its parts. `hand`: places in the picture that another part asks for; `steered` by keys.
 //!   `obstacle`: why nothing can be placed; `notice` shows it over the picture. `warnings`: of the recording.
 //!   `handles`: objects and lamps in the picture, selected and moved. `library`: what can be placed. `ground`, with its `finder`: the
@@ -88,6 +88,7 @@ mod reader;
 mod reasons;
 mod recent;
 mod restart;
+mod row_widths;
 mod saving;
 mod session;
 mod side;

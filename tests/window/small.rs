@@ -126,28 +126,32 @@ fn toolbar_tells_recordings_of_one_name_apart() {
     }
 }
 
-/// Every control whose name begins so ends within the window.
-fn rows_end_within(window: &Harness<'static, App>, called: &str) {
-    let width = window.ctx.content_rect().width();
-    let controls: Vec<_> = window.query_all_by_label_contains(called).map(|node| node.rect()).collect();
+/// The controls whose names begin so stand beside each other in their row, and end within the window.
+fn row_ends_within(window: &Harness<'static, App>, called: &str) {
+    let mut controls: Vec<_> = window.query_all_by_label_contains(called).map(|node| node.rect()).collect();
+    controls.sort_by(|a, b| a.left().total_cmp(&b.left()));
     assert!(!controls.is_empty(), "{called}");
-    assert!(controls.iter().all(|rect| rect.right() <= width), "{called} {controls:?}");
+    assert!(controls.windows(2).all(|pair| pair[0].right() <= pair[1].left()), "{called} {controls:?}");
+    assert!(controls[controls.len() - 1].right() <= window.ctx.content_rect().width() - BAR, "{called} {controls:?}");
 }
+
+/// Width of the bar that scrolls, points.
+const BAR: f32 = 8.0;
 
 #[test]
 fn long_values_leave_every_row_within_a_small_window() {
     let mut window = open_at(&demo(), egui::vec2(640.0, 480.0));
     let long = [
-        ("camera.exposure", "iso", 87_806.0),
-        ("noise", "iso", 23_456.0),
-        ("camera.exposure", "time_s", 0.012_345),
-        ("camera.lens", "f_number", 17.959),
-        ("camera.distortion", "k1", -0.000_123_45),
-        ("camera", "fx_px", 98_765.4),
+        ("camera.exposure", "iso", "ISO", 87_806.0),
+        ("noise", "iso", "ISO", 23_456.0),
+        ("camera.exposure", "time_s", "Time", 0.012_345),
+        ("camera.lens", "f_number", "f-number", 17.959),
+        ("camera.distortion", "k1", "k1", -0.000_123_45),
+        ("camera", "fx_px", "Focal length, x", 98_765.4),
     ];
-    for (table, name, value) in long {
+    for (table, name, words, value) in long {
         window.state_mut().project_mut().set(table, name, &Value::Number(value)).unwrap();
         worked::search(&mut window, &format!("{table}.{name}"));
-        rows_end_within(&window, &format!("{}: ", title(table)));
+        row_ends_within(&window, &format!("{}: {words}", title(table)));
     }
 }

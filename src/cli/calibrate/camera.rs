@@ -120,8 +120,8 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let inputs = inputs.and(board_file);
     // Some may be unreadable, and are listed with the others.
-    let (pictures, mut problems) = unreadable(args.photos.iter());
-    if problems.len() == pictures && pictures > 0 {
+    let (files, mut problems) = unreadable(args.photos.iter());
+    if problems.len() == files && files > 0 {
         return Err(problems.swap_remove(0).into());
     }
     inputs.check_file(&args.output)?;

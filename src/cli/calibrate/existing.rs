@@ -30,13 +30,33 @@ pub fn pictures_beside<'a>(inputs: impl Iterator<Item = &'a PathBuf>) -> Vec<Pat
     entries.map(|entry| entry.path()).filter(|path| is_picture(path)).collect()
 }
 
-/// The number of pictures among those inputs, also in folders, and an error for each whose header cannot be read.
+/// Reads the header of each picture among the inputs, also in folders. Returns the number of files, videos included, and
+/// the errors.
 pub fn unreadable<'a>(inputs: impl Iterator<Item = &'a PathBuf> + Clone) -> (usize, Vec<SourceError>) {
     let is_meant = |path: &&PathBuf| is_picture(path) || unsupported::by_name(path).is_some() || !path.exists();
-    let named = inputs.clone().filter(|path| !path.is_dir()).filter(is_meant).cloned();
+    let files = inputs.clone().filter(|path| !path.is_dir());
+    let videos = files.clone().filter(|path| !is_meant(path)).count();
+    let named = files.filter(is_meant).cloned();
     // Beside pictures that are read they are left out.
     let is_alone = |folder: &&PathBuf| pictures_beside(std::iter::once(*folder)).is_empty();
     let unsupported = inputs.clone().filter(is_alone).flat_map(|folder| unsupported::in_folder(folder));
     let pictures: Vec<PathBuf> = named.chain(unsupported).chain(pictures_beside(inputs.clone())).collect();
-    (pictures.len(), pictures.iter().filter_map(|picture| still::read_header(picture).err()).collect())
+    (videos + pictures.len(), pictures.iter().filter_map(|picture| still::read_header(picture).err()).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unreadable_picture_beside_a_video_is_one_of_two_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let inputs = ["clip.mp4", "IMG_1.heic"].map(|name| folder.path().join(name));
+        for file in &inputs {
+            std::fs::write(file, b"\0\0\0\x18ftypheic\0\0\0\0").unwrap();
+        }
+        let (files, problems) = unreadable(inputs.iter());
+        assert_eq!((files, problems.len()), (2, 1));
+        assert!(problems[0].to_string().contains("IMG_1.heic: is HEIC"), "{}", problems[0]);
+    }
 }
