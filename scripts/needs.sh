@@ -1,11 +1,12 @@
-# Sourced by the scripts beside it: goes to the repository's root and sees to it that what they
-# need is there. Installs with apt-get on Debian and Ubuntu, and only what is missing; elsewhere
-# it says what is needed.
+# Sourced by scripts/test, demo and hygiene and by .ci/run. Changes to the repository's root and
+# installs missing system packages with apt-get (Debian, Ubuntu); on other systems lists them and
+# exits with 1. Checks the version of Rust, and does not install it.
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 has_vulkan_loader() {
-    # ldconfig may be outside of a user's PATH. With pipefail, grep -q would end ldconfig by SIGPIPE and fail at times.
+    # ldconfig may be missing from a user's PATH. `grep -q` exits early, ldconfig may then die of
+    # SIGPIPE, and pipefail would report the loader as missing.
     PATH="$PATH:/sbin:/usr/sbin" ldconfig -p 2>/dev/null | grep 'libvulkan\.so\.1' >/dev/null
 }
 
@@ -18,7 +19,7 @@ has_vulkan_driver() {
     return 1
 }
 
-# Bindings to the system's cameras are made when they are built.
+# bindgen generates the bindings to Video4Linux at build time and loads libclang.
 has_libclang() {
     [ -n "${LIBCLANG_PATH:-}" ] && return
     [ "$(uname -s)" = Linux ] || return 0
@@ -40,8 +41,8 @@ need_packages() {
     [ ${#missing[@]} -eq 0 ] && return
 
     if ! command -v apt-get >/dev/null; then
-        echo "Missing, by Debian's names: ${missing[*]}." >&2
-        echo "Install a Vulkan loader and driver (Mesa's software driver will do), ffmpeg, a C++ compiler and libclang with this system's own tools, then start again." >&2
+        echo "Missing (Debian package names): ${missing[*]}." >&2
+        echo "Install a Vulkan loader and driver (Mesa's software driver will do), ffmpeg, a C++ compiler, libclang and Python 3 with this system's package manager, then run this again." >&2
         exit 1
     fi
     local as_root=()
@@ -61,15 +62,15 @@ need_rust() {
     if ! command -v cargo >/dev/null && [ -e "$HOME/.cargo/env" ]; then
         . "$HOME/.cargo/env"
     fi
-    local wanted found
-    wanted=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
-    found=$(rustc --version 2>/dev/null | cut -d' ' -f2) || found=
-    if ! command -v cargo >/dev/null || [ -z "$found" ]; then
-        echo "Rust $wanted or newer is needed and there is none: get it from https://rustup.rs, then start again." >&2
+    local required installed
+    required=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
+    installed=$(rustc --version 2>/dev/null | cut -d' ' -f2) || installed=
+    if ! command -v cargo >/dev/null || [ -z "$installed" ]; then
+        echo "Rust $required or newer is required and none was found: install it from https://rustup.rs, then run this again." >&2
         exit 1
     fi
-    if [ "$(printf '%s\n' "$wanted" "$found" | sort -V | head -n 1)" != "$wanted" ]; then
-        echo "Rust $wanted or newer is needed, this is $found: \`rustup update stable\`, or get it from https://rustup.rs." >&2
+    if [ "$(printf '%s\n' "$required" "$installed" | sort -V | head -n 1)" != "$required" ]; then
+        echo "Rust $required or newer is required, this is $installed: run \`rustup update stable\`, or install it from https://rustup.rs." >&2
         exit 1
     fi
 }

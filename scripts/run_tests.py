@@ -1,24 +1,23 @@
 #!/usr/bin/env python3
-"""Builds and runs the tests, and reports where the time went. `scripts/test` calls it.
+"""Builds and runs the tests and reports the time of each step. Called by `scripts/test`.
 
-    scripts/test                       format, lint and every test of the fast tier
+    scripts/test                       format, lint and all tests of the fast tier
     scripts/test composite             one test binary
     scripts/test composite::laws       the tests of one module; lib::effects::noise are unit tests of src/effects/noise,
                                        lib::window::history those of src/window/history.rs
     scripts/test --full [FILTER ...]   the full tier, or parts of it
 
 A filter is `BINARY` or `BINARY::PATH`, with the binaries `lib`, `architecture` and the folders of tests/. With a filter
-only the binaries concerned are built; format and documentation are not checked, and clippy's warnings do not fail. In
-the fast tier they are built incrementally and less optimised, so that an edit is tried soon.
+only the binaries that it names are built; format and documentation are not checked, and clippy's warnings are no
+failure. In the fast tier such a build is incremental and at opt-level 1, which shortens the loop of edit and test.
 
-Clippy lints while it builds: its driver takes the compiler's place for this package (RUSTC_WORKSPACE_WRAPPER,
-scripts/lint_once), which saves the second pass over all dependencies that `cargo clippy` needs.
+Clippy runs as the compiler of the workspace's crates (RUSTC_WORKSPACE_WRAPPER, scripts/lint_once). This saves the
+second pass over all dependencies that `cargo clippy` needs.
 
-Test binaries run side by side, one thread each: a test that draws holds its binary's device alone, so more threads in
-one process would wait for each other. A binary's modules are run in one process each, so that tests of a module share
-what they made.
+Test processes run side by side with one test thread each: a test that draws locks its process's only device, so
+further threads would wait for it. Each module of a binary runs in a process of its own, whose tests share cached data.
 
-Exit: 0 all passed, 1 something failed, 2 wrong usage or nothing was built.
+Exit: 0 all passed, 1 a test or check failed, 2 wrong usage, no matching test, or the build failed.
 """
 
 import argparse
@@ -34,11 +33,12 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-# The longest first, so that the processors finish together.
+# Longest running time first, which balances the load of the processors.
 BINARIES = ["composite", "analyse", "window", "calibrate", "files", "live", "lib", "architecture"]
-# A test of the fast tier that takes longer needs a line `// Slow: REASON` above it.
+# A test of the fast tier above this time needs a line `// Slow: REASON` above it.
 SLOW_S = 5.0
-SLOWEST = 10
+# Number of slowest tests that are listed.
+SLOWEST_COUNT = 10
 RESULT = re.compile(r"test (\S+)( - should panic)? \.\.\. (ok|FAILED|ignored)")
 
 
@@ -67,22 +67,22 @@ class Filter:
         return binary == self.binary and (not self.path or at_boundary)
 
     def package(self):
-        """The package whose unit tests are meant, or None for all."""
+        """The package of the unit tests, or None for all packages."""
         folder = self.path.partition("::")[0]
         if not folder:
             return None
         return {"window": "locard-window", "cli": "locard"}.get(folder, "locard-engine")
 
 
-# Each package with the module path that its unit tests have here, which is their folder in src/. The program's own tests
-# bear their folder's name already.
+# Prefix of each package's unit-test paths, so that they match the folders of src/. The program's
+# own tests start with their folder's name (`cli`) already.
 PACKAGES = {"locard-engine": "", "locard-window": "window", "locard": ""}
-# A filter's build: many small units, of which an edit changes few.
+# Profile of a build with filters: in many small codegen units an edit invalidates few.
 LOOP_PROFILE = ["opt-level=1", "codegen-units=256"]
 
 
 def cargo_environment(is_loop=False):
-    # A whole build from nothing does not pay for what makes the next one faster.
+    # Incremental data slows a full build down and helps only the next one.
     return {**os.environ, "RUSTC_WORKSPACE_WRAPPER": str(ROOT / "scripts/lint_once"), "CARGO_INCREMENTAL": "1" if is_loop else "0"}
 
 
@@ -91,13 +91,13 @@ def cargo(*arguments):
 
 
 class Binary:
-    """A test binary. `module` is put before the names of its tests."""
+    """A test binary. `module` is the prefix of its tests' paths."""
 
     def __init__(self, name, file, module=""):
         self.name, self.file, self.module = name, file, module
 
     def tests(self, full):
-        """The tests that this tier runs."""
+        """Paths of the tests that run in the tier."""
 
         def listed(*more):
             output = subprocess.run(
@@ -115,7 +115,7 @@ class Binary:
 
 
 def build(filters, is_loop):
-    """Builds the test binaries. Returns them, or None if that failed, and the number of warnings."""
+    """Builds the test binaries. Returns them, or None if the build failed, and the number of warnings."""
     if not filters:
         targets = ["--workspace", "--all-targets"]
     else:
@@ -151,7 +151,7 @@ def build(filters, is_loop):
 
 
 def grouped(binary, tests):
-    """Tests that share a process: those of a module of tests/, and all unit tests of a module of src/."""
+    """Groups tests by the first module of their path; each group runs in one process."""
     groups = defaultdict(list)
     for test in tests:
         groups[test.split("::")[0]].append(test)
@@ -163,10 +163,11 @@ class Runner:
 
     def __init__(self, groups, full):
         self.groups, self.full = groups, full
-        # NODEVICE_SELECT as in .cargo/config.toml, which cargo applies to what it runs itself. One thread a device on
-        # Mesa's software driver: the other processors have processes of their own.
-        own = {"LOCARD_TEST_TIER": "full" if full else "fast", "NODEVICE_SELECT": "1"}
-        self.environment = {"LP_NUM_THREADS": "1", **os.environ, **own}
+        # NODEVICE_SELECT as in .cargo/config.toml, which applies only to processes that cargo
+        # starts. One thread per device of Mesa's software driver, because the other processors run
+        # test processes of their own.
+        overrides = {"LOCARD_TEST_TIER": "full" if full else "fast", "NODEVICE_SELECT": "1"}
+        self.environment = {"LP_NUM_THREADS": "1", **os.environ, **overrides}
         self.lock = threading.Lock()
         self.results, self.failures = [], []
 
@@ -209,7 +210,7 @@ class Runner:
             errors.seek(0)
             log.append(errors.read())
         with self.lock:
-            # A process that ends early took the tests behind it along.
+            # Tests without a result failed: their process ended early.
             self.results += [Result(binary.name, test, 0.0, "FAILED") for test in sorted(missing)]
             if status != 0 or missing:
                 self.failures.append("".join(log))
@@ -218,7 +219,7 @@ class Runner:
 
 
 def reason_for_slow(binary, test):
-    """The text of the line `// Slow: ...` above a test, or nothing."""
+    """The text of the line `// Slow: ...` above a test, or an empty string."""
     folder = ROOT / ("src" if binary == "lib" else f"tests/{binary}")
     name = test.rpartition("::")[2]
     for file in sorted(folder.rglob("*.rs")) if folder.is_dir() else [folder.with_suffix(".rs")]:
@@ -251,13 +252,13 @@ def report(steps, results, total_s, full):
             print(f"  {sum(r.wall_s for r in of_binary):8.1f}  {binary}: {len(of_binary)} tests, in parallel with others")
     print(f"  {total_s:8.1f}  in all")
     print("\n   seconds  slowest tests")
-    for result in sorted(results, key=lambda r: -r.wall_s)[:SLOWEST]:
+    for result in sorted(results, key=lambda r: -r.wall_s)[:SLOWEST_COUNT]:
         print(f"  {result.wall_s:8.1f}  {result.binary}::{result.test}")
     slow = [r for r in results if r.wall_s > SLOW_S]
     if slow and not full:
         print(f"\n   Above {SLOW_S:.0f} s, each with its reason:")
         for result in sorted(slow, key=lambda r: -r.wall_s):
-            reason = reason_for_slow(result.binary, result.test) or "no reason is given: a line `// Slow: ...` above it"
+            reason = reason_for_slow(result.binary, result.test) or "no line `// Slow: ...` above it"
             print(f"  {result.wall_s:8.1f}  {result.binary}::{result.test}: {reason}")
 
 
@@ -266,11 +267,11 @@ def main():
     parser.add_argument("filters", nargs="*", metavar="FILTER", type=Filter)
     parser.add_argument("--full", action="store_true", help="the full tier")
     args = parser.parse_args()
-    begin, steps, failed = time.monotonic(), [], []
+    begin, steps, failed_steps = time.monotonic(), [], []
 
     def check(name, *arguments):
         if timed(steps, name, lambda: cargo(*arguments)).returncode != 0:
-            failed.append(name)
+            failed_steps.append(name)
 
     if not args.filters:
         check("format", "fmt", "--all", "--check")
@@ -278,7 +279,7 @@ def main():
     if binaries is None:
         return 2
     if warnings and not args.filters:
-        failed.append(f"lint: {warnings} warnings")
+        failed_steps.append(f"lint: {warnings} warnings")
     groups = []
     for binary in binaries:
         tests = binary.tests(args.full)
@@ -286,25 +287,25 @@ def main():
             tests = [test for test in tests if any(f.accepts(binary.name, test) for f in args.filters)]
         groups += grouped(binary, tests)
     if not groups:
-        print("scripts/test: the filter accepts no test", file=sys.stderr)
+        print("scripts/test: no test matches the filters", file=sys.stderr)
         return 2
     runner = Runner(groups, args.full)
     timed(steps, "tests", lambda: runner.run(os.cpu_count() or 1))
     if not args.filters:
         check("doc tests", "test", "--locked", "--workspace", "--doc")
         if args.full:
-            # The engine and the program, without what wants a window or a camera.
+            # The engine and the program without the window and cameras.
             check("without default features", "check", "--locked", "--no-default-features")
     for log in runner.failures:
         print(f"\n{log}")
     results = runner.results
     report(steps, results, time.monotonic() - begin, args.full)
-    wrong = [f"{r.binary}::{r.test}" for r in results if r.outcome == "FAILED"]
-    for name in wrong + failed:
+    failed_tests = [f"{r.binary}::{r.test}" for r in results if r.outcome == "FAILED"]
+    for name in failed_tests + failed_steps:
         print(f"failed: {name}")
     passed = sum(r.outcome == "ok" for r in results)
-    print(f"\n{passed} passed, {len(wrong) + len(failed)} failed")
-    return 1 if wrong or failed else 0
+    print(f"\n{passed} passed, {len(failed_tests) + len(failed_steps)} failed")
+    return 1 if failed_tests or failed_steps else 0
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-//! The house as ARCHITECTURE.md and src/engine.rs describe it.
+//! Checks the code against ARCHITECTURE.md and src/engine.rs.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -32,7 +32,7 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// The lines of a file that are no comments, numbered from 1.
+/// The lines of a file without comment lines, numbered from 1.
 fn code(text: &str) -> impl Iterator<Item = (usize, &str)> {
     text.lines().enumerate().map(|(i, l)| (i + 1, l)).filter(|(_, l)| !l.trim_start().starts_with("//"))
 }
@@ -41,31 +41,33 @@ fn is_word(c: char) -> bool {
     c.is_ascii_alphanumeric() || c == '_'
 }
 
-/// Each module of src/engine.rs with the floor of the comment `// N: ...` that it stands under.
-fn floors() -> BTreeMap<String, u32> {
+/// Each module of src/engine.rs with its dependency layer, the number of the comment `// N: ...`
+/// above it.
+fn layers() -> BTreeMap<String, u32> {
     let text = read(&root().join("src/engine.rs"));
-    let mut floor = None;
-    let mut rooms = BTreeMap::new();
+    let mut layer = None;
+    let mut modules = BTreeMap::new();
     for line in text.lines() {
         if let Some(number) = line.strip_prefix("// ").and_then(|l| l.split_once(':')).and_then(|(n, _)| n.parse().ok())
         {
-            floor = Some(number);
+            layer = Some(number);
         }
-        if let Some(room) = line.strip_prefix("pub mod ").and_then(|l| l.strip_suffix(';')) {
-            let floor =
-                floor.unwrap_or_else(|| panic!("src/engine.rs: {room} stands under no floor, as in `// 3: the scene`"));
-            rooms.insert(room.to_owned(), floor);
+        if let Some(module) = line.strip_prefix("pub mod ").and_then(|l| l.strip_suffix(';')) {
+            let layer =
+                layer.unwrap_or_else(|| panic!("src/engine.rs: {module} has no layer above it, as `// 3: the scene`"));
+            modules.insert(module.to_owned(), layer);
         }
     }
-    assert!(rooms.len() > 10, "src/engine.rs: found only {rooms:?}");
-    rooms
+    assert!(modules.len() > 10, "src/engine.rs: found only {modules:?}");
+    modules
 }
 
-/// The crates beside the engine. Cargo sees to it that the engine uses neither.
+/// Folders of the other crates. Their manifests keep the engine from using them.
 const OTHER_CRATES: [&str; 2] = ["cli", "window"];
 
-/// The engine's module that a file below src/ belongs to; none for the crates' own files and for other crates.
-fn room_of(file: &Path) -> Option<String> {
+/// The engine's module of a file below src/; `None` for the crates' root files and for other
+/// crates.
+fn module_of(file: &Path) -> Option<String> {
     let first = file.strip_prefix(root().join("src")).unwrap().components().next().unwrap();
     let name = Path::new(first.as_os_str()).file_stem().unwrap().to_str().unwrap().to_owned();
     let is_own_file = ["build", "engine", "lib", "main"].contains(&name.as_str());
@@ -76,9 +78,10 @@ fn crate_paths(text: &str) -> Vec<(usize, String)> {
     paths_after("crate::", text)
 }
 
-/// What stands after each prefix, as `crate::`, of a file: (line, name). A group `crate::{a, b}` gives each of its names.
+/// The names after each occurrence of a prefix such as `crate::` in a file: (line, name). A group
+/// `crate::{a, b}` yields each of its names.
 fn paths_after(prefix: &str, text: &str) -> Vec<(usize, String)> {
-    // Positions stay, comments go.
+    // Comments are blanked; line numbers do not change.
     let bare: String = text
         .lines()
         .map(|l| if l.trim_start().starts_with("//") { "\n".to_owned() } else { format!("{l}\n") })
@@ -127,34 +130,35 @@ fn paths_are_found_in_every_form() {
 }
 
 #[test]
-fn a_room_uses_only_rooms_on_its_floor_or_below() {
-    let floors = floors();
-    // Macros of src/params/declare.rs and src/gpu/uniform.rs stand at the crate's root.
+fn module_uses_only_modules_of_its_layer_or_below() {
+    let layers = layers();
+    // Macros of src/params/declare.rs and src/gpu/uniform.rs are exported at the crate's root.
     let macros = ["params", "choices", "uniform"];
     let mut wrong = Vec::new();
     for file in rust_files(&root().join("src")) {
-        let Some(room) = room_of(&file) else { continue };
+        let Some(module) = module_of(&file) else { continue };
         let shown = file.strip_prefix(root()).unwrap().display();
-        let own = *floors.get(&room).unwrap_or_else(|| panic!("{shown}: src/engine.rs has no room {room}"));
+        let own = *layers.get(&module).unwrap_or_else(|| panic!("{shown}: src/engine.rs has no module {module}"));
         for (line, used) in crate_paths(&read(&file)) {
-            match floors.get(&used) {
-                Some(&floor) if floor > own => {
-                    wrong.push(format!("{shown}:{line}: {room} (floor {own}) uses {used} (floor {floor})"));
+            match layers.get(&used) {
+                Some(&layer) if layer > own => {
+                    wrong.push(format!("{shown}:{line}: {module} (layer {own}) uses {used} (layer {layer})"));
                 }
                 None if !macros.contains(&used.as_str()) => {
-                    wrong.push(format!("{shown}:{line}: {used} is no room of src/engine.rs"));
+                    wrong.push(format!("{shown}:{line}: {used} is no module of src/engine.rs"));
                 }
                 _ => {}
             }
         }
     }
-    assert!(wrong.is_empty(), "a room uses only rooms on its floor or below:\n{}", wrong.join("\n"));
+    assert!(wrong.is_empty(), "a module uses only modules of its layer or below:\n{}", wrong.join("\n"));
 }
 
-/// Folders whose own file declares what its files share, and calls them: it is their face. None is added here.
+/// Folders whose own file both declares types that its submodules share and calls the submodules.
+/// The list only shrinks.
 const FACES: [&str; 6] = ["bench", "cli", "recording", "scene", "simulate", "sink"];
 
-/// What stands before the tests of a file, which may look anywhere.
+/// The text of a file before its unit tests, which may import anything.
 fn without_tests(text: &str) -> &str {
     text.split("#[cfg(test)]\nmod tests").next().unwrap()
 }
@@ -173,7 +177,8 @@ fn declared(text: &str) -> BTreeSet<String> {
     found
 }
 
-/// A file's `use` declarations: whether it passes the names on, and the path with its names, without spaces.
+/// A file's `use` declarations: whether it re-exports the names, and the path with its names,
+/// without spaces.
 fn uses(text: &str) -> Vec<(bool, String)> {
     let bare: Vec<&str> = code(without_tests(text)).map(|(_, line)| line).collect();
     let bare = format!("\n{}", bare.join("\n"));
@@ -185,19 +190,19 @@ fn uses(text: &str) -> Vec<(bool, String)> {
     [of("\nuse ", false), of("\npub use ", true), of("\npub(super) use ", true)].concat()
 }
 
-/// The file of a folder's module: its `mod.rs` or a crate's `lib.rs`, or the file beside it that bears its name.
+/// The file of a folder's module: its `mod.rs`, a crate's `lib.rs`, or the file of its name beside
+/// it.
 fn file_of(folder: &Path) -> PathBuf {
     let inside = OWN.map(|name| folder.join(name).with_extension("rs"));
     inside.into_iter().find(|file| file.is_file()).unwrap_or_else(|| folder.with_extension("rs"))
 }
 
-/// The names of a folder's own file in it; it stands under the first among the others.
+/// Possible names of a folder's own file. The import graph uses the first.
 const OWN: [&str; 2] = ["mod", "lib"];
 
-/// The files and folders of a folder by their modules' names, and its own file, each with those that it imports. What
-/// the folder's own file passes on is the file's that declares it. What it declares itself is its own, and what it uses
-/// of those in it are its imports; but a file that only adds methods to one of its types is a part of it, and imports
-/// nothing by that.
+/// Import graph of a folder: its submodules and its own file, each with the ones that it imports. A
+/// name that the folder's own file re-exports belongs to the submodule that declares it. A
+/// submodule that only adds methods to a type of the folder's own file does not import that file.
 fn imports_beside(folder: &Path) -> BTreeMap<String, BTreeSet<String>> {
     let mut modules: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
     for file in rust_files(folder) {
@@ -248,7 +253,7 @@ fn imports_beside(folder: &Path) -> BTreeMap<String, BTreeSet<String>> {
         for file in files {
             let text = read(file);
             let text = without_tests(&text);
-            // From a file in a folder within, what stands beside the folder is one more step up.
+            // A file in a subfolder needs one more `super::` to reach the folder.
             let depth = file.strip_prefix(folder).unwrap().components().count();
             let is_own_mod = depth > 1 && file.file_name().is_some_and(|name| name == "mod.rs");
             let up = "super::".repeat(if is_own_mod { depth - 1 } else { depth });
@@ -271,8 +276,8 @@ fn imports_beside(folder: &Path) -> BTreeMap<String, BTreeSet<String>> {
     all
 }
 
-/// A way from a file over its imports back to itself.
-fn circle(imports: &BTreeMap<String, BTreeSet<String>>) -> Option<Vec<String>> {
+/// A cycle in an import graph.
+fn cycle(imports: &BTreeMap<String, BTreeSet<String>>) -> Option<Vec<String>> {
     fn walk(imports: &BTreeMap<String, BTreeSet<String>>, way: &mut Vec<String>, done: &mut BTreeSet<String>) -> bool {
         let at = way.last().unwrap().clone();
         for next in &imports[&at] {
@@ -298,13 +303,13 @@ fn circle(imports: &BTreeMap<String, BTreeSet<String>>) -> Option<Vec<String>> {
 }
 
 #[test]
-fn a_circle_is_found() {
+fn cycle_in_an_import_graph_is_found() {
     let of = |text: &str| {
         let pair = |line: &str| {
             let (file, used) = line.split_once('>').unwrap();
             (file.to_owned(), used.chars().map(String::from).collect())
         };
-        circle(&text.split(' ').map(pair).collect())
+        cycle(&text.split(' ').map(pair).collect())
     };
     assert_eq!(of("a>bc b>c c>d d>"), None);
     assert_eq!(of("a>b b>c c>d d>b").unwrap(), ["b", "c", "d", "b"]);
@@ -323,41 +328,41 @@ fn what_a_file_declares_and_passes_on_is_found() {
 }
 
 #[test]
-fn files_of_a_room_import_each_other_in_no_circle() {
+fn files_of_a_module_have_no_circular_imports() {
     let mut wrong = Vec::new();
     let mut mended: BTreeSet<&str> = FACES.into();
     let mut folders = vec![root().join("src")];
     while let Some(folder) = folders.pop() {
         let inner = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path());
         folders.extend(inner.filter(|path| path.is_dir()));
-        // The rooms themselves have floors.
+        // The modules themselves have layers.
         if folder == root().join("src") {
             continue;
         }
         let name = folder.strip_prefix(root().join("src")).unwrap().display().to_string();
         let mut imports = imports_beside(&folder);
         if mended.contains(name.as_str()) {
-            if circle(&imports).is_some() {
+            if cycle(&imports).is_some() {
                 mended.remove(name.as_str());
             }
             imports.insert(OWN[0].to_owned(), BTreeSet::new());
         }
-        if let Some(way) = circle(&imports) {
+        if let Some(way) = cycle(&imports) {
             wrong.push(format!("src/{name}: {}", way.join(" imports ")));
         }
     }
-    assert!(wrong.is_empty(), "types go down one file:\n{}", wrong.join("\n"));
-    assert!(mended.is_empty(), "mended, so take them off FACES: {mended:?}");
+    assert!(wrong.is_empty(), "circular imports between files of a module:\n{}", wrong.join("\n"));
+    assert!(mended.is_empty(), "no longer circular, so remove them from FACES: {mended:?}");
 }
 
 #[test]
-fn the_face_names_no_effect() {
+fn command_line_names_no_effect() {
     let effects: Vec<String> = locard::effects::all().iter().map(|e| e.table().to_owned()).collect();
     assert!(effects.contains(&"motion_blur".to_owned()));
     let mut wrong = Vec::new();
     for file in rust_files(&root().join("src/cli")) {
         for (line, text) in code(&read(&file)) {
-            // The noise that was measured of a camera is a table of the camera's, not an effect's.
+            // A camera's measured noise is a table of the camera, not of an effect.
             let of_camera = text.contains("camera.");
             let named = effects.iter().any(|effect| {
                 (effect.contains('_') && text.contains(effect.as_str()))
@@ -377,7 +382,7 @@ fn the_camera_is_physics_alone() {
     for file in rust_files(&root().join("src/camera")) {
         for (line, text) in code(&read(&file)) {
             for word in ["wgpu", "std::fs", "std::io", "std::path", "File::"] {
-                assert!(!text.contains(word), "{}:{line}: the camera knows no GPU and no file: {word}", file.display());
+                assert!(!text.contains(word), "{}:{line}: the camera uses no GPU and no file: {word}", file.display());
             }
         }
     }
@@ -395,12 +400,12 @@ fn an_effect_opens_nothing_and_reads_no_clock() {
 }
 
 #[test]
-fn every_room_stands_in_architecture_md() {
+fn architecture_md_lists_every_module_and_effect() {
     let page = read(&root().join("ARCHITECTURE.md"));
-    for (room, _) in floors() {
-        let (folder, file) = (root().join("src").join(&room), root().join(format!("src/{room}.rs")));
-        let name = if folder.is_dir() { format!("`{room}/`") } else { format!("`{room}`") };
-        assert!(folder.is_dir() || file.is_file(), "src/engine.rs: {room} has no file");
+    for (module, _) in layers() {
+        let (folder, file) = (root().join("src").join(&module), root().join(format!("src/{module}.rs")));
+        let name = if folder.is_dir() { format!("`{module}/`") } else { format!("`{module}`") };
+        assert!(folder.is_dir() || file.is_file(), "src/engine.rs: {module} has no file");
         assert!(page.contains(&name), "ARCHITECTURE.md does not mention {name}");
     }
     for entry in std::fs::read_dir(root().join("src")).unwrap() {
@@ -420,6 +425,6 @@ fn every_room_stands_in_architecture_md() {
 fn the_window_uses_the_clipboard_of_the_system() {
     let text = read(&root().join("Cargo.toml"));
     let dependency = text.lines().find(|line| line.starts_with("eframe = ")).unwrap();
-    // Without it egui copies into a string of its own, which no other program gets.
+    // Without it egui copies into a private string that no other program can read.
     assert!(dependency.contains("\"clipboard\""), "{dependency}");
 }

@@ -1,4 +1,4 @@
-//! A flat board before the camera, whose every pixel can be worked out by hand.
+//! A flat board in front of the camera, each of whose pixels can be computed by hand.
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
@@ -55,7 +55,7 @@ pub fn board(half_px: [f64; 2], grey: f32) -> Scene {
     panel(half_px.map(|h| -h), half_px, grey)
 }
 
-/// Both scenes' objects.
+/// Merges the objects of two scenes. Lighting is that of the first.
 pub fn both(mut a: Scene, b: Scene) -> Scene {
     let (meshes, materials) = (a.meshes.len(), a.materials.len());
     a.meshes.extend(b.meshes.iter().map(|m| Mesh { material: m.material + materials, ..Mesh::clone(m) }.into()));
@@ -67,13 +67,13 @@ pub fn both(mut a: Scene, b: Scene) -> Scene {
     a
 }
 
-/// A camera that moves sideways so that the board moves by these many px a second.
+/// A camera that moves sideways so that the board moves at this speed in the picture.
 pub fn sideways(px_per_s: [f64; 2]) -> PoseTrack {
     moved(50, 0.01, |t| px_per_s.map(|px| px * t))
 }
 
-/// A camera that moves so that the board is so many px beside its place at each time: from `steps` steps before 0 to as many
-/// after it.
+/// A camera that moves so that the board is displaced by `at_px` at each time, from `steps` steps
+/// before time 0 to `steps` steps after it.
 pub fn moved(steps: i32, step_s: f64, at_px: impl Fn(f64) -> [f64; 2]) -> PoseTrack {
     let at = |t: f64| {
         let m = at_px(t).map(|px| px * DEPTH_M / FOCAL_PX);

@@ -1,9 +1,9 @@
-//! Lists of a recording.
+//! List files of a recording.
 
 use std::fs;
 use std::path::Path;
 
-/// What stands between the blanks of each line of a list, comments left out.
+/// Space-separated fields of each line of a list file, without comment lines.
 pub fn columns(folder: &Path, list: &str) -> Vec<Vec<String>> {
     let text = fs::read_to_string(folder.join(list)).unwrap();
     let lines = text.lines().filter(|line| !line.starts_with('#'));

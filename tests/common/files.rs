@@ -8,7 +8,7 @@ use locard::recording::{OpenOptions, Recording};
 use locard::sink::{self, OutPath, SinkOptions};
 use locard::source::video::Presentation;
 
-/// A picture in which every pixel of every frame is different.
+/// A picture with pseudo-random codes, which differ in every frame.
 pub fn picture(frame: usize, width: u32, height: u32, bits: u32) -> Pixels {
     let code = |i: usize| (i * 40_503 + frame * 7_919) % 65_521;
     let count = 3 * width as usize * height as usize;

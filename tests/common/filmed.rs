@@ -1,4 +1,4 @@
-//! A video of a printed sheet of tags, with the camera's profile and the truth about its path.
+//! A video of a printed sheet of tags, with the camera's profile and its true path.
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
@@ -14,10 +14,10 @@ use super::sheet::{Camera, Place, Sheet};
 
 pub const FRAMES: usize = 18;
 pub const FPS: f64 = 30.0;
-/// In these the camera looks away.
+/// Frames in which the sheet is out of view.
 pub const AWAY: std::ops::Range<usize> = 10..13;
 
-/// A hand-held camera that moves around the sheet, 0.8 m from it.
+/// Pose of a hand-held camera that moves around the sheet at a distance of 0.8 m.
 pub fn place(time_s: f64) -> Place {
     let (a, sway) = (0.8 + 0.5 * time_s, 0.02 * (9.0 * time_s).sin());
     let at = DVec3::new(0.45 * a.cos() + sway, -0.5 * a.sin(), 0.62 - sway);
@@ -25,7 +25,7 @@ pub fn place(time_s: f64) -> Place {
     Place::looking(at, if away { DVec3::new(3.0, 4.0, 0.0) } else { DVec3::new(0.03, 0.05 * time_s, 0.0) }, 0.2 * sway)
 }
 
-/// The sheet, its board's file, the camera's profile and a video of the sheet, in a folder.
+/// A folder with the sheet, its board file, the camera's profile and a video of the sheet.
 pub struct Site {
     pub folder: tempfile::TempDir,
 }
@@ -46,8 +46,7 @@ impl Site {
         site
     }
 
-    /// A copy of the site of this camera that all tests share. It is filmed once for each build of
-    /// the program.
+    /// Copies the site of this camera from a fixture, which is made once per build of the program.
     pub fn shared(camera: &Camera) -> Self {
         let filmed = fixture::once("filmed", camera.profile(), |folder| {
             copy_files(Self::new(camera).folder.path(), folder);
@@ -57,7 +56,7 @@ impl Site {
         Self { folder }
     }
 
-    /// A marker that stands beside the sheet, as a scene: its file.
+    /// Writes a scene with a marker beside the sheet and returns its path.
     pub fn scene(&self) -> String {
         let marker = Path::new("scenes/marker-1.glb").canonicalize().unwrap();
         let scene =
@@ -66,7 +65,7 @@ impl Site {
         self.path("scene.toml")
     }
 
-    /// The video over and over, for so long that nobody sees its end.
+    /// Writes the video repeated 301 times, longer than any test, and returns its path.
     pub fn endless(&self) -> String {
         let (from, to) = (self.path("site.mkv"), self.path("endless.mkv"));
         let arguments = ["-v", "error", "-stream_loop", "300", "-i", &from, "-c", "copy", &to];
@@ -74,7 +73,7 @@ impl Site {
         to
     }
 
-    /// The video so many times, one after another.
+    /// Writes the video repeated `times` times and returns its path.
     pub fn repeated(&self, times: usize) -> String {
         let (from, to, more) = (self.path("site.mkv"), self.path("repeated.mkv"), (times - 1).to_string());
         let arguments = ["-v", "error", "-stream_loop", &more, "-i", &from, "-c", "copy", &to];
@@ -93,7 +92,7 @@ impl Site {
     }
 }
 
-/// Copies the files of a folder that has no folders in it.
+/// Copies the files of a folder without subfolders.
 fn copy_files(from: &Path, to: &Path) {
     for entry in std::fs::read_dir(from).unwrap() {
         let file = entry.unwrap();
@@ -101,7 +100,7 @@ fn copy_files(from: &Path, to: &Path) {
     }
 }
 
-/// A video that loses nothing.
+/// Encodes a lossless video.
 fn video(path: &Path, frames: impl Iterator<Item = Vec<u8>>) {
     let mut ffmpeg = Command::new("ffmpeg")
         .args(["-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "640x480", "-r", "30", "-i", "-"])

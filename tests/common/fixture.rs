@@ -1,9 +1,10 @@
-//! Recordings and analyses that several tests read, made once for each build of the program.
+//! Recordings and analyses that several tests read, made once per build of the program.
 //!
-//! A fixture lies in cargo's folder for tests, `target/tmp/fixtures/BUILD/NAME-KEY`: BUILD is the size and the time of
-//! the program's file, KEY a hash of the arguments it was made with. Test binaries run side by side; a file lock lets
-//! the first make the fixture and the others wait for it. Fixtures are read-only by agreement: a test that writes
-//! copies one first (`program::copied`).
+//! A fixture is a folder `target/tmp/fixtures/BUILD/NAME-KEY`. BUILD is the size and modification
+//! time of the program's file, KEY a hash of the inputs. The test code that makes a fixture is in
+//! neither: after changing it, remove `target/tmp/fixtures`. Test processes run in parallel; a file
+//! lock lets the first make a fixture while the others wait. Fixtures are read-only by convention:
+//! a test that writes into one copies it first (`program::copied`).
 
 #![allow(dead_code, reason = "each test binary uses some of it")]
 
@@ -12,14 +13,16 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Fixtures of another build are removed after so long: a run of that build may still read them.
+/// Minimum age at which fixtures of another build are removed. A run of that build may still read
+/// younger ones.
 const FIXTURE_LIFETIME: Duration = Duration::from_secs(6 * 3600);
 
-/// The folder of this build's fixtures.
+/// Returns the folder of this build's fixtures, and removes old ones of other builds when it is
+/// new.
 fn folder_of_build() -> PathBuf {
     let program = fs::metadata(env!("CARGO_BIN_EXE_locard")).unwrap();
-    let modified_s = program.modified().unwrap().duration_since(std::time::UNIX_EPOCH).unwrap();
-    let build = format!("{}-{}", program.len(), modified_s.as_nanos());
+    let since_epoch = program.modified().unwrap().duration_since(std::time::UNIX_EPOCH).unwrap();
+    let build = format!("{}-{}", program.len(), since_epoch.as_nanos());
     let all = Path::new(env!("CARGO_TARGET_TMPDIR")).join("fixtures");
     let folder = all.join(&build);
     if !folder.exists() {
@@ -34,8 +37,8 @@ fn folder_of_build() -> PathBuf {
     folder
 }
 
-/// The folder that `make` fills, made by whichever test asks first. `key` has everything that it depends on beside the
-/// program.
+/// Returns the folder of a fixture. The first caller fills it with `make`; `key` holds all inputs
+/// of `make` except the program.
 pub fn once(name: &str, key: impl Hash, make: impl FnOnce(&Path)) -> PathBuf {
     let mut hasher = DefaultHasher::new();
     key.hash(&mut hasher);

@@ -9,7 +9,7 @@ pub const PIXELS_PER_DEGREE: f32 = nv_flip::DEFAULT_PIXELS_PER_DEGREE;
 /// are reduced to 8. The whole pictures are compared; the mask only selects the pixels whose errors are averaged.
 ///
 /// # Panics
-/// If the pictures or the mask differ in size, or no pixel is looked at.
+/// If the pictures or the mask differ in size, or no pixel is selected.
 pub fn mean_flip(reference: &Pixels, test: &Pixels, mask: Option<&[bool]>, pixels_per_degree: f32) -> f64 {
     assert_eq!((reference.width, reference.height), (test.width, test.height), "two pictures of one size");
     assert!(mask.is_none_or(|m| m.len() == reference.width as usize * reference.height as usize), "a value per pixel");
@@ -17,6 +17,6 @@ pub fn mean_flip(reference: &Pixels, test: &Pixels, mask: Option<&[bool]>, pixel
     let errors = nv_flip::flip(image(reference), image(test), pixels_per_degree).to_vec();
     let chosen = errors.iter().enumerate().filter(|(i, _)| mask.is_none_or(|m| m[*i]));
     let (sum, count) = chosen.fold((0.0, 0usize), |(sum, count), (_, &e)| (sum + f64::from(e), count + 1));
-    assert!(count > 0, "no pixel is looked at");
+    assert!(count > 0, "no pixel is selected");
     sum / count as f64
 }

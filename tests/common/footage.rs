@@ -1,4 +1,4 @@
-//! Recordings with flaws, what is found of them, and how far that is from what is true.
+//! Recordings with simulated flaws, their analysis, and its error against the ground truth.
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
@@ -21,17 +21,18 @@ pub fn demo_path() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/demo")
 }
 
-/// The demo's true way.
+/// Ground-truth track of the demonstration.
 pub fn demo_track() -> PoseTrack {
     Recording::open(&demo_path(), &OpenOptions::default()).unwrap().track
 }
 
-/// The demo's first frames as `site` in a folder of their own, with the poses that a tracker with flaws would have written.
+/// Writes the demonstration's first frames to `site` in a temporary folder, with the poses that a
+/// tracker with these flaws would have recorded.
 pub fn demo(frames: usize, flaws: &Flaws) -> tempfile::TempDir {
     demo_from(&demo_path(), frames, flaws)
 }
 
-/// [`demo`] with the pictures and the camera of another folder.
+/// [`demo`] with pictures and camera read from another folder.
 fn demo_from(from: &Path, frames: usize, flaws: &Flaws) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let site = folder.path().join("site");
@@ -60,7 +61,7 @@ pub fn opened(folder: &tempfile::TempDir) -> Shot {
     Shot::open(&folder.path().join("site"), &OpenOptions::default(), &Given::default()).unwrap()
 }
 
-/// The recording `site` in a folder, with one parameter set.
+/// Opens the recording `site` in a folder, with one parameter set.
 pub fn opened_with(folder: &tempfile::TempDir, set: &str) -> Shot {
     let given = Given { sets: vec![set.to_owned()], ..Given::default() };
     Shot::open(&folder.path().join("site"), &OpenOptions::default(), &given).unwrap()
@@ -72,7 +73,7 @@ pub fn analysed(shot: &Shot, threads: usize) -> Analysis {
     })
 }
 
-/// Calls `of` with the geometry of a shot's camera, and with its response, noise and exposure.
+/// Calls `of` with the geometry, response, noise and exposure of a shot's camera.
 fn with_taken<T>(shot: &Shot, of: impl FnOnce(&Geometry, &Taken<'_>) -> T) -> T {
     let camera = shot.geometry_at(0).unwrap();
     let rig = shot.camera();
@@ -80,7 +81,8 @@ fn with_taken<T>(shot: &Shot, of: impl FnOnce(&Geometry, &Taken<'_>) -> T) -> T 
     of(&camera, &Taken { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s })
 }
 
-/// Where a point of one frame lands in another, by a track: each row by its own pose.
+/// Reprojects a point of one frame into another frame by a track, with a pose per row (rolling
+/// shutter). Returns `None` outside of the picture.
 fn carried(camera: &Geometry, track: &PoseTrack, from: (f64, DVec2, f64), to_s: f64) -> Option<DVec2> {
     let (from_s, at, depth_m) = from;
     let here = track.at(from_s + camera.row_time_s(at.y)).ok()?;
@@ -94,8 +96,9 @@ fn carried(camera: &Geometry, track: &PoseTrack, from: (f64, DVec2, f64), to_s: 
     inside.then_some(there)
 }
 
-/// How far a track moves things from one frame to the one `gap` later than they do in truth, px: for each pair of frames that
-/// shows some of the same, all of them, ascending. Depth is the frame's own, at the frame's time.
+/// Reprojection errors of a track against the ground truth, px, from each frame to the one `gap`
+/// later: for each pair with at least 100 common points, all errors in ascending order. Depth is
+/// the first frame's own, at its time.
 pub fn pairs_off_px(shot: &Shot, truth: &PoseTrack, track: &PoseTrack, gap: usize) -> Vec<Vec<f64>> {
     let (camera, times_s) = (shot.geometry_at(0).unwrap(), &shot.recording.timestamps_s);
     let width = camera.intrinsics.width_px as usize;
@@ -117,14 +120,15 @@ pub fn pairs_off_px(shot: &Shot, truth: &PoseTrack, track: &PoseTrack, gap: usiz
     pairs
 }
 
-/// Median and 90 % of all pairs together.
+/// Median and 90th percentile of the errors of all pairs.
 pub fn whole(pairs: &[Vec<f64>]) -> (f64, f64) {
     let mut all: Vec<f64> = pairs.iter().flatten().copied().collect();
     all.sort_by(f64::total_cmp);
     (all[all.len() / 2], all[all.len() * 9 / 10])
 }
 
-/// Of pairs by their medians: the share that got worse by more than 0.1 px, and by how much the one that lost most did.
+/// Compares the pairs' medians. Returns the share of pairs that got worse by more than 0.1 px, and
+/// the largest increase, px.
 pub fn worse(recorded: &[Vec<f64>], refined: &[Vec<f64>]) -> (f64, f64) {
     assert_eq!(recorded.len(), refined.len());
     let by = |(was, is): (&Vec<f64>, &Vec<f64>)| is[is.len() / 2] - was[was.len() / 2];
@@ -133,10 +137,10 @@ pub fn worse(recorded: &[Vec<f64>], refined: &[Vec<f64>]) -> (f64, f64) {
     (count as f64 / lost.len() as f64, lost.into_iter().fold(f64::NEG_INFINITY, f64::max))
 }
 
-/// Number of the demonstration's frames that are reduced for the fast tier.
+/// Number of frames of the reduced copy of the demonstration.
 const REDUCED_FRAMES: usize = 40;
 
-/// [`demo`]; in the fast tier with the pictures' width and height divided by `reduction`.
+/// [`demo_reduced`] in the fast tier, [`demo`] in the full tier or if `reduction` is 1.
 pub fn demo_by_tier(frames: usize, flaws: &Flaws, reduction: u32) -> tempfile::TempDir {
     if is_full() || reduction == 1 { demo(frames, flaws) } else { demo_reduced(frames, flaws, reduction) }
 }
@@ -146,8 +150,8 @@ pub fn demo_reduced(frames: usize, flaws: &Flaws, reduction: u32) -> tempfile::T
     demo_from(&reduced_demo(reduction), frames, flaws)
 }
 
-/// The demonstration's first frames with reduced pictures: the mean of each block of pixels, and the median of their
-/// depths, which was measured at one side of an edge.
+/// The demonstration's first frames at reduced size: the mean colour of each block of pixels, and
+/// their median depth, which at an edge is a measured depth of one side.
 fn reduced_demo(reduction: u32) -> PathBuf {
     let from = demo_path();
     let text = |name: &str| std::fs::read_to_string(from.join(name)).unwrap();
@@ -190,12 +194,13 @@ fn reduced_demo(reduction: u32) -> PathBuf {
     })
 }
 
-/// Value in a checkpoint of an analysis in place of the light of the room.
+/// Refusal that a test's checkpoint stores in place of the estimated room light.
 const NO_LIGHT: &str = "the test does not need the light of the room";
-/// An analysis has at most so many stages.
+/// Upper bound of the number of stages of an analysis.
 const STAGES: usize = 32;
 
-/// [`analysed`]; in the fast tier without the light of the room, whose search takes 10 s for pictures of any size.
+/// [`analysed`]; in the fast tier without the search for the room's light, which takes 10 s at any
+/// picture size.
 pub fn analysed_by_tier(shot: &Shot, threads: usize) -> Analysis {
     if is_full() {
         return analysed(shot, threads);
@@ -212,15 +217,16 @@ pub fn analysed_by_tier(shot: &Shot, threads: usize) -> Analysis {
     found
 }
 
-/// In the fast tier: lets the next analysis of a shot, written to `folder`, leave out the light of the room.
+/// In the fast tier: makes the next analysis of a shot, written to `folder`, leave out the room's
+/// light.
 pub fn leave_out_light(shot: &Shot, folder: &Path) {
     if !is_full() {
         with_taken(shot, |camera, taken| drop(part_without_light(folder, shot, camera, taken)));
     }
 }
 
-/// A checkpoint in which the light of the room is refused. Each stage reads only values of its own type, so that every
-/// other stage ignores the value.
+/// A checkpoint in which the room's light is refused. A stage reads only values of its own type, so
+/// all other stages ignore the stored refusal.
 fn part_without_light(folder: &Path, shot: &Shot, camera: &Geometry, taken: &Taken<'_>) -> Part {
     let mut part = Part::of(folder, &shot.recording, camera, taken);
     for _ in 0..STAGES {

@@ -1,4 +1,4 @@
-//! Drawing single frames, for tests.
+//! Rendering of single frames.
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
@@ -16,12 +16,13 @@ use locard::tracking::PoseTrack;
 
 static GPU: LazyLock<Mutex<Gpu>> = LazyLock::new(|| Mutex::new(Gpu::open().expect("tests need a graphics adapter")));
 
-/// The one adapter of a test binary. Held while it works: software drivers use every core.
+/// The only device of a test process. A test locks it while it draws: software drivers use all
+/// cores.
 pub fn gpu() -> MutexGuard<'static, Gpu> {
     GPU.lock().unwrap_or_else(|e| e.into_inner())
 }
 
-/// Settings changed by `table.name=value` texts.
+/// Default settings with these parameters set: table, name, value.
 pub fn settings(sets: &[(&str, &str, Value)]) -> Settings {
     let mut settings = Settings::default();
     for (table, name, value) in sets {
@@ -60,14 +61,14 @@ pub fn pinhole(width: u32, height: u32, focal_px: f64) -> Geometry {
     Geometry::new(intrinsics, Distortion::default())
 }
 
-/// A camera of a geometry and an exposure time, without noise.
+/// A camera with a geometry and an exposure time, without noise.
 pub fn camera(geometry: &Geometry, exposure_time_s: f64) -> Camera {
     let mut camera = Camera { geometry: Some(geometry.clone()), ..Default::default() };
     camera.exposure.time_s = Some(exposure_time_s);
     camera
 }
 
-/// One frame with its layer.
+/// Composites one frame and returns it with its layer.
 pub fn composite(
     gpu: &Gpu,
     camera: &Camera,
@@ -84,7 +85,7 @@ pub fn composite(
     compositor.collect(pending).expect("collected")
 }
 
-/// Writes a layer over mid-grey as a PNG, to look at.
+/// Writes a layer over mid-grey as a PNG for visual inspection.
 pub fn write_layer_png(path: &Path, rgba: &[[f32; 4]], width: u32, height: u32) {
     let encode = |v: f32| (255.0 * v.clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8;
     let bytes = rgba.iter().flat_map(|p| [0, 1, 2].map(|c| encode(p[c] + (1.0 - p[3]) * 0.2))).collect();

@@ -1,6 +1,6 @@
-//! What a structured-light sensor makes of exact depth.
+//! Model of a structured-light depth sensor.
 
-/// Fractions of one that depend on what is given alone.
+/// Hash of the values, uniform in [0, 1).
 fn hashed(values: [usize; 3]) -> f32 {
     let mut h = 0x9e37_79b9_7f4a_7c15u64;
     for v in values {
@@ -10,12 +10,16 @@ fn hashed(values: [usize; 3]) -> f32 {
     (h >> 40) as f32 / (1u64 << 24) as f32
 }
 
-/// Depth as a Kinect would have measured it, 0 where it measured none; `fx_px` is the picture's.
+/// Depth as measured by a Kinect, 0 where there is none; `fx_px` is the picture's focal length.
+/// Distances in px are of a picture 640 px wide.
 ///
-/// Near things are wider by 1 to 4 px of 640, by squares of 6 px that each are matched at once (measured against colour edges
-/// in a real recording: 2 to 4); all of it lies 2 px to the side, 1 px down (time and pose). What the projector,
-/// 75 mm to the left, does not light has no depth (Khoshelham & Elberink 2012, section 2), nor has what is black. Half of
-/// the pixels on edges lie between the surfaces. Disparity in steps of 1/8 px at 580 px.
+/// - Foreground is dilated by 1 to 4 px, constant within squares of 6 px, the matching windows
+///   (measured against colour edges of a real recording: 2 to 4 px).
+/// - The map is shifted by 2 px to the side and 1 px down (time and pose).
+/// - Areas not lit by the projector, 75 mm to the left, have no depth (Khoshelham & Elberink 2012,
+///   section 2), nor have most black ones.
+/// - Half of the edge pixels are flying pixels between the two surfaces.
+/// - Disparity is quantised to 1/8 px at a focal length of 580 px.
 pub fn measured(exact_m: &[f32], light: &[[f32; 3]], width: usize, fx_px: f32) -> Vec<f32> {
     let height = exact_m.len() / width;
     let scale = width as f32 / 640.0;
@@ -23,7 +27,7 @@ pub fn measured(exact_m: &[f32], light: &[[f32; 3]], width: usize, fx_px: f32) -
     let place = |x: i32, y: i32| y.clamp(0, height as i32 - 1) as usize * width + x.clamp(0, width as i32 - 1) as usize;
     let cell = (6.0 * scale).max(1.0) as usize;
     let at = |i: usize| ((i % width) as i32, (i / width) as i32);
-    // Wider, and beside.
+    // Dilation and shift.
     let mut out: Vec<f32> = (0..exact_m.len())
         .map(|i| {
             let (x, y) = at(i);
@@ -37,7 +41,7 @@ pub fn measured(exact_m: &[f32], light: &[[f32; 3]], width: usize, fx_px: f32) -
                     }
                 }
             }
-            // Slopes stay as they are.
+            // Slanted surfaces are not dilated.
             let own = exact_m[place(x, y)];
             if own > 1.04 * nearest { nearest } else { own }
         })
@@ -53,11 +57,12 @@ pub fn measured(exact_m: &[f32], light: &[[f32; 3]], width: usize, fx_px: f32) -
             out[i] = 1.0 / (share / before[i] + (1.0 - share) / far);
         }
     }
-    // Unlit: what the projector sees lies fx·b/z to the side; a nearer pixel that comes to lie there or beyond it shades it.
+    // Projector shadow: a pixel is displaced by fx·b/z in the projector's view, and is in shadow if
+    // a nearer pixel is displaced as far or farther.
     let disparity = |z: f32| fx_px * 0.075 / z;
     let lit = out.clone();
     for y in 0..height {
-        // Shades fall to the right of near things.
+        // Shadows fall to the right of the foreground.
         let mut beyond = f32::NEG_INFINITY;
         for x in 0..width {
             let i = y * width + x;

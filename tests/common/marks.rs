@@ -1,4 +1,4 @@
-//! Unlit things of their own colours, that are seen in known directions.
+//! Unlit objects in vertex colours, in known directions from the origin.
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 

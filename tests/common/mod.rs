@@ -1,11 +1,12 @@
-//! What several test files share.
+//! Access to the real recordings.
 
 use std::path::PathBuf;
 
-/// A file or folder of the real data that `LOCARD_DATA` names; `None`, said aloud, where the variable is unset.
+/// Returns the path of a file or folder below `LOCARD_DATA`. If the variable is unset, prints a
+/// line `skipped: ...` to stderr and returns `None`.
 ///
 /// # Panics
-/// Where the variable is set but the path is missing, and where it is unset in CI.
+/// If the variable is set and the path is missing, and in CI (`CI=true`) if it is unset.
 pub fn data(rel: &str) -> Option<PathBuf> {
     let Some(folder) = std::env::var_os("LOCARD_DATA") else {
         assert!(std::env::var("CI").as_deref() != Ok("true"), "LOCARD_DATA is not set, and CI needs the real data");

@@ -1,4 +1,4 @@
-//! Small glTF files made by hand.
+//! Small handwritten glTF files.
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
@@ -49,7 +49,7 @@ impl Model {
         model
     }
 
-    /// Adds bytes as a buffer view; its index.
+    /// Adds bytes as a buffer view and returns its index.
     pub fn view(&mut self, bytes: &[u8]) -> usize {
         let view = json!({ "buffer": 0, "byteOffset": self.bin.len(), "byteLength": bytes.len() });
         self.bin.extend(bytes);
@@ -79,7 +79,7 @@ impl Model {
         &mut self.json["meshes"][0]["primitives"][0]
     }
 
-    /// Gives the triangle a material with a texture as its base colour, and coordinates for it.
+    /// Adds a material with a base-colour texture and texture coordinates to the triangle.
     pub fn textured(&mut self, picture: &[u8]) {
         let view = self.view(picture);
         self.json["images"] = json!([{ "bufferView": view, "mimeType": "image/png" }]);
@@ -94,7 +94,7 @@ impl Model {
         glb(&self.json, &self.bin)
     }
 
-    /// What the loader makes of the file, in a folder of its own.
+    /// Writes the file to a temporary folder and loads it.
     pub fn load(&self) -> Result<Scene, SceneError> {
         load_bytes("model.glb", &self.glb())
     }
@@ -145,7 +145,7 @@ pub fn corners(scene: &Scene) -> Vec<[f64; 3]> {
     parts.flat_map(|part| scene.meshes[part.mesh].indices.iter().map(move |&i| point(part, i))).collect()
 }
 
-/// A PNG of the size that its header claims, whatever the pixels.
+/// A PNG whose header states this size; its pixel data are invalid.
 pub fn png_header(width: u32, height: u32) -> Vec<u8> {
     let mut out = b"\x89PNG\r\n\x1a\n".to_vec();
     let mut header = [width.to_be_bytes(), height.to_be_bytes()].concat();
@@ -159,7 +159,7 @@ pub fn png_header(width: u32, height: u32) -> Vec<u8> {
     out
 }
 
-/// ISO 3309, as PNG's specification has it in its annex D.
+/// CRC-32 of ISO 3309, as in annex D of the PNG specification.
 fn crc32(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(!0u32, |crc, &byte| {
         (0..8).fold(crc ^ u32::from(byte), |c, _| if c & 1 == 1 { (c >> 1) ^ 0xedb8_8320 } else { c >> 1 })

@@ -1,14 +1,15 @@
-//! The program itself, for tests.
+//! Runs the program `locard`.
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
 use std::path::Path;
 use std::process::{Command, Output};
 
-/// Not started yet.
+/// A command that runs the program; not started.
 pub fn program() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_locard"));
-    // As a newcomer has it, in a container at worst: the program itself keeps Mesa's device selection quiet.
+    // As on a new user's system or in a container: the program itself must silence Mesa's device
+    // selection.
     command.env_remove("NODEVICE_SELECT").env_remove("XDG_RUNTIME_DIR");
     command
 }
@@ -17,14 +18,14 @@ pub fn locard(arguments: &[&str]) -> Output {
     program().args(arguments).output().unwrap()
 }
 
-/// What it says on its standard output when all goes well.
+/// Runs the program, asserts success and returns its standard output.
 pub fn said(arguments: &[&str]) -> String {
     let output = locard(arguments);
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// What it says when it refuses, with exit 2.
+/// Runs the program, asserts exit code 2 and returns its standard error.
 pub fn refused(arguments: &[&str]) -> String {
     let output = locard(arguments);
     let text = String::from_utf8(output.stderr).unwrap();
@@ -32,7 +33,7 @@ pub fn refused(arguments: &[&str]) -> String {
     text
 }
 
-/// Six of the demonstration's frames, the fourth cut off in the middle, in a folder of its own.
+/// Writes a recording of six of the demonstration's frames, the fourth of which is truncated.
 pub fn with_a_truncated_frame(folder: &Path) {
     std::fs::create_dir(folder.join("rgb")).unwrap();
     let mut list = String::new();
@@ -48,7 +49,7 @@ pub fn with_a_truncated_frame(folder: &Path) {
     std::fs::write(folder.join("recording.toml"), text).unwrap();
 }
 
-/// Copies a folder with all that is in it.
+/// Copies a folder recursively.
 pub fn copied(from: &Path, to: &Path) {
     std::fs::create_dir(to).unwrap();
     for entry in std::fs::read_dir(from).unwrap() {

@@ -1,4 +1,4 @@
-//! The tests' one source of random numbers. It shares nothing with what they test.
+//! Random numbers, independent of the code under test.
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 

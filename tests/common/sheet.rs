@@ -1,5 +1,6 @@
-//! Photographs of a printed sheet by a camera of which everything is known. Nothing here is shared with what is judged: the
-//! lens is inverted by steps of its own, and the sheet is a picture that is looked up.
+//! Simulated photographs of a printed sheet by a camera with known parameters. Shares no code with
+//! the code under test except the row threads: lens inversion and texture lookup are separate
+//! implementations.
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
@@ -15,7 +16,7 @@ pub struct Camera {
     pub k2: f64,
     pub p1: f64,
     pub p2: f64,
-    /// From the first row to the last one, s.
+    /// Readout time from the first row to the last, s.
     pub readout_s: f64,
 }
 
@@ -32,7 +33,7 @@ pub const CAMERA: Camera = Camera {
 };
 
 impl Camera {
-    /// As a profile.
+    /// The camera as the text of a profile.
     pub fn profile(&self) -> String {
         let Self { focal_px: f, centre_px: c, k1, k2, p1, p2, readout_s } = self;
         format!(
@@ -41,7 +42,7 @@ impl Camera {
         )
     }
 
-    /// Where a ray x/z, y/z lands, px.
+    /// Projects a ray x/z, y/z, px.
     pub fn lands(&self, ray: DVec2) -> DVec2 {
         let r2 = ray.dot(ray);
         let radial = 1.0 + self.k1 * r2 + self.k2 * r2 * r2;
@@ -50,7 +51,7 @@ impl Camera {
         DVec2::new(x, y) * self.focal_px + self.centre_px
     }
 
-    /// The ray x/z, y/z that lands at a place, px.
+    /// Unprojects a position, px, to the ray x/z, y/z.
     fn ray(&self, at: DVec2) -> DVec2 {
         let wanted = (at - self.centre_px) / self.focal_px;
         let mut ray = wanted;
@@ -61,11 +62,11 @@ impl Camera {
     }
 }
 
-/// The rays of all pixels' corners of a camera. Inverting the lens takes most of a photograph's time,
-/// and is done once for all photographs of a camera.
+/// Rays through all pixel corners of a camera. Lens inversion takes most of a photograph's time;
+/// the rays are computed once for all photographs of a camera.
 pub struct Rays {
     camera: Camera,
-    /// Of `SIZE.0 + 1` corners a row.
+    /// Row by row, `SIZE.0 + 1` corners each.
     corners: Vec<DVec2>,
 }
 
@@ -80,7 +81,7 @@ impl Rays {
     }
 }
 
-/// Where the camera is, and its axes (x right, y down, z ahead) in the world's, as columns.
+/// Camera pose: position and axes (x right, y down, z forward) in world coordinates, as columns.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
     pub at_m: DVec3,
@@ -88,7 +89,7 @@ pub struct Place {
 }
 
 impl Place {
-    /// A camera at a place that looks at another, turned about its own axis.
+    /// A pose at `at_m` facing `target_m`, rolled about the optical axis.
     pub fn looking(at_m: DVec3, target_m: DVec3, roll_rad: f64) -> Self {
         let ahead = (target_m - at_m).normalize();
         let side = if ahead.cross(DVec3::Z).length() > 1e-3 { ahead.cross(DVec3::Z) } else { DVec3::X };
@@ -97,7 +98,7 @@ impl Place {
         Self { at_m, axes }
     }
 
-    /// Where a point of the world lands, px.
+    /// Projects a world point, px.
     pub fn sees(&self, camera: &Camera, point_m: DVec3) -> DVec2 {
         let own = self.axes.transpose() * (point_m - self.at_m);
         camera.lands(own.truncate() / own.z)
@@ -108,7 +109,8 @@ impl Place {
     }
 }
 
-/// A sheet that lies on the world's plane z = 0, its middle at `origin_mm` from its lower left corner.
+/// A sheet in the world's plane z = 0. The world's origin is `origin_mm` from the sheet's lower
+/// left corner.
 pub struct Sheet {
     pub width: usize,
     pub height: usize,
@@ -128,7 +130,7 @@ fn to_code(light: f64) -> f64 {
 impl Sheet {
     /// The A4 sheet of `locard board` at 300 dots per inch, from its grey codes.
     pub fn of(width: usize, height: usize, codes: Vec<u8>) -> Self {
-        // Its tags are 235 mm high, and begin 12 mm from its upper edge.
+        // The tags span 235 mm, starting 12 mm below the upper edge.
         Self {
             width,
             height,
@@ -138,7 +140,7 @@ impl Sheet {
         }
     }
 
-    /// The light of a place on the sheet, m from its origin; grey around it.
+    /// Linear light at a position on the sheet, m from the origin; grey outside of it.
     fn light(&self, lights: &[f64], at_m: DVec2) -> f64 {
         let dots = (1e3 * at_m + self.origin_mm) * self.dots_per_mm;
         let (x, y) = (dots.x, self.height as f64 - dots.y);
@@ -148,8 +150,9 @@ impl Sheet {
         lights[usize::from(self.codes[y as usize * self.width + x as usize])]
     }
 
-    /// A photograph: RGB codes, of `samples`² rays a pixel and noise of a deviation in codes. `place` is the camera's at a
-    /// time after the middle row's, s.
+    /// Returns the RGB codes of a photograph with `samples`² rays per pixel and noise of standard
+    /// deviation `sigma`, codes. `place` is the pose as a function of the time after the middle
+    /// row's, s.
     pub fn photograph(
         &self,
         camera: &Camera,
@@ -161,7 +164,7 @@ impl Sheet {
         self.photograph_by_rays(&Rays::of(camera), samples, sigma, seed, place)
     }
 
-    /// [`Sheet::photograph`] by rays that are computed already. They change evenly within a pixel.
+    /// [`Sheet::photograph`] with precomputed rays, interpolated linearly within a pixel.
     pub fn photograph_by_rays(
         &self,
         rays: &Rays,
@@ -197,7 +200,8 @@ impl Sheet {
     }
 }
 
-/// A normal number that depends on its arguments alone: the sum of twelve even ones.
+/// Approximately normal hash of the arguments: the sum of twelve uniform numbers, mean 0 and
+/// variance 1.
 fn normal(seed: u64, n: u64) -> f64 {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ n.wrapping_mul(0xd1b5_4a32_d192_ed03);
     let mut sum = -6.0;

@@ -1,4 +1,4 @@
-//! Recordings with a scene in them, as the program opens and composites them.
+//! Recordings with a scene, opened and composited as by the program.
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
@@ -10,18 +10,18 @@ use locard::gpu::Gpu;
 use locard::recording::OpenOptions;
 use locard::shot::{Given, Shot};
 
-/// A recording with a scene, by a profile where the recording has none of its own.
+/// Opens a recording with a scene, and with a profile if the recording has none.
 pub fn open(recording: &Path, profile: Option<&str>, scene: &Path) -> Shot {
     let given = Given { profile: profile.map(Into::into), scene: Some(scene.to_owned()), ..Given::default() };
     Shot::open(recording, &OpenOptions::default(), &given).unwrap()
 }
 
-/// The recording that comes with the program.
+/// Opens the demonstration's recording with a scene.
 pub fn demo(scene: &str) -> Shot {
     open(Path::new("recordings/demo"), None, Path::new(scene))
 }
 
-/// Frames with their layers, by a compositor of their own.
+/// Composites a range of frames, with their layers, by a new compositor.
 pub fn composited(gpu: &Gpu, shot: &Shot, range: Range<usize>) -> Vec<Composited> {
     let mut compositor = shot.compositor(gpu.clone());
     shot.frames(&mut compositor, range, true, IN_FLIGHT).unwrap().map(Result::unwrap).collect()

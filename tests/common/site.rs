@@ -1,4 +1,4 @@
-//! Recordings with a scene in them, for tests of what holds for every picture.
+//! Recordings with a scene, for tests of laws that hold for every picture.
 
 use std::path::Path;
 
@@ -29,7 +29,8 @@ pub struct NamedShot {
 }
 
 impl NamedShot {
-    /// The law must hold with everything on: noise, exposure and a lens as a user would have them.
+    /// Applies profiles. Laws must hold with all effects on: noise, exposure and a lens with
+    /// typical values.
     fn with(name: &'static str, mut shot: Shot, profiles: &[&str]) -> Self {
         for text in profiles {
             shot.rig.read_text(text, Path::new(name), &mut Settings::default()).unwrap();
@@ -38,12 +39,12 @@ impl NamedShot {
     }
 }
 
-/// The recording that comes with the program, and a real one where there is the data.
+/// The demonstration, and a real recording if `LOCARD_DATA` is set.
 pub fn sites() -> Vec<NamedShot> {
     [Some(NamedShot::with("demo", shot::demo("scenes/demo.toml"), &[LENS])), desk()].into_iter().flatten().collect()
 }
 
-/// A copy of the demonstration, with its scene and lens.
+/// Opens a copy of the demonstration with the demonstration's scene and lens.
 pub fn demo_like(recording: &Path) -> NamedShot {
     NamedShot::with("demo", shot::open(recording, None, Path::new("scenes/demo.toml")), &[LENS])
 }

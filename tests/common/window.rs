@@ -1,4 +1,4 @@
-//! The window without a screen, for tests that work it as a person would.
+//! The window without a screen, for tests that operate it as a user would.
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
@@ -20,7 +20,7 @@ use super::fixture;
 use super::gpu;
 use super::tier::{fast_or_full, is_full};
 
-/// Gives the window a device, as a screen would. What it would show of itself is not looked at.
+/// Provides the window's GPU device. The window's own image is not inspected.
 pub struct Device(RenderState);
 
 impl Device {
@@ -49,28 +49,29 @@ impl TestRenderer for Device {
     }
 }
 
-/// Reduction of the demonstration's pictures in the fast tier, and of the number of its frames.
+/// Factor by which the demonstration's pictures are reduced in the fast tier.
 const REDUCTION: u32 = 4;
+/// Stride between the demonstration's frames that the reduced copy contains.
 const FRAME_STRIDE: usize = 3;
 
-/// The demonstration's recording. In the fast tier a small copy of it: every third frame at a
-/// quarter of its size, 160x120 px, with the shadows off in its profile. Its folder has the same
-/// name.
+/// The demonstration's recording; in the fast tier a copy of every third frame at a quarter of the
+/// size, 160x120 px, whose profile turns shadows off. The folder has the same name.
 pub fn demo() -> PathBuf {
     if is_full() { PathBuf::from(DEMO) } else { small_demo() }
 }
 
-/// The scene of tests in which nothing virtual is looked at: none in the fast tier.
+/// Scene of tests that check nothing virtual: none in the fast tier.
 pub fn scene_or_none() -> Option<PathBuf> {
     is_full().then(|| DEMO_SCENE.into())
 }
 
-/// The frame of [`demo`] whose pose is that of the demonstration's frame, or of one just before it.
+/// Index in [`demo`] of a frame of the demonstration, or of the nearest earlier frame that it
+/// contains.
 pub fn demo_frame(of_demonstration: usize) -> usize {
     of_demonstration / fast_or_full(FRAME_STRIDE, 1)
 }
 
-/// A place in the pictures of [`demo`], of a place in the demonstration's, px.
+/// Converts a position in the demonstration's pictures to one in those of [`demo`], px.
 pub fn demo_px(x: f32, y: f32) -> egui::Vec2 {
     egui::vec2(x, y) / fast_or_full(REDUCTION as f32, 1.0)
 }
@@ -108,7 +109,7 @@ fn reduced_color(from: &image::RgbImage) -> image::RgbImage {
     image::imageops::thumbnail(from, from.width() / REDUCTION, from.height() / REDUCTION)
 }
 
-/// The median of each block of pixels: a depth that was measured, on either side of an edge.
+/// The median of each block of pixels: at an edge a measured depth of one side, no mixture.
 fn reduced_depth(
     from: &image::ImageBuffer<image::Luma<u16>, Vec<u16>>,
 ) -> image::ImageBuffer<image::Luma<u16>, Vec<u16>> {
@@ -120,7 +121,7 @@ fn reduced_depth(
     })
 }
 
-/// The camera of the reduced pictures, without shadows.
+/// Profile of the reduced pictures' camera, with shadows off.
 fn reduced_profile(text: &str) -> String {
     let reduced = |line: &str| match line.split_once(" = ") {
         Some((key @ ("width_px" | "height_px"), value)) => {
@@ -135,15 +136,15 @@ fn reduced_profile(text: &str) -> String {
     camera.join("\n") + "\n\n[shadow]\ncast = false\non_things = false\n"
 }
 
-/// The demonstration in its window, with these parameters set. Where shadows have no part, `shadow.cast=false` saves that they are
-/// worked out anew for whatever changes.
+/// Opens the demonstration with these parameters set. In tests in which shadows play no part,
+/// `shadow.cast=false` avoids computing them after each change.
 pub fn demo_window(sets: &[&str], size: egui::Vec2) -> Harness<'static, App> {
     let sets = sets.iter().map(|set| (*set).to_owned()).collect();
     let given = Given { scene: Some(DEMO_SCENE.into()), sets, ..Given::default() };
     window(Project::open(&demo(), &OpenOptions::default(), &given).unwrap(), size)
 }
 
-/// Opens a window of that size, with its first picture.
+/// Opens a window of this size and waits for its first picture.
 pub fn window(project: Project, size: egui::Vec2) -> Harness<'static, App> {
     let builder = Harness::builder().with_size(size).renderer(Device::new());
     let mut window = builder.build_eframe(|context| App::new(context, project, None).unwrap());
@@ -151,21 +152,24 @@ pub fn window(project: Project, size: egui::Vec2) -> Harness<'static, App> {
     window
 }
 
-/// Until the picture is that of all that is set.
+/// Runs the window until its picture shows the current settings.
 pub fn settle(window: &mut Harness<'_, App>) {
     until(window, App::is_settled);
     assert_eq!(window.state().problem(), None);
 }
 
-/// Time between two pictures of the window, which leaves the processor to the other threads.
+/// Pause between two frames of the window, which leaves the processor to other threads.
 const BETWEEN_PICTURES: Duration = Duration::from_millis(30);
 
-/// Waits until the next picture of the window is due.
+/// Pauses for [`BETWEEN_PICTURES`].
 pub fn rest() {
     std::thread::park_timeout(BETWEEN_PICTURES);
 }
 
-/// Decoding and drawing have threads of their own: goes on until they are as far.
+/// Runs the window until `done`; decoding and drawing happen on other threads.
+///
+/// # Panics
+/// After 120 s.
 pub fn until(window: &mut Harness<'_, App>, done: impl Fn(&App) -> bool) {
     let begun = Instant::now();
     loop {
@@ -178,7 +182,7 @@ pub fn until(window: &mut Harness<'_, App>, done: impl Fn(&App) -> bool) {
     }
 }
 
-/// Presses and lets go in a place.
+/// Clicks at a position.
 pub fn click_at<S>(window: &mut Harness<'_, S>, at: egui::Pos2) {
     window.hover_at(at);
     window.step();
@@ -188,7 +192,7 @@ pub fn click_at<S>(window: &mut Harness<'_, S>, at: egui::Pos2) {
     window.run_steps(2);
 }
 
-/// Presses a key and sees what follows.
+/// Presses a key and runs the window for two steps.
 pub fn press_key(window: &mut Harness<'_, App>, key: egui::Key) {
     window.key_press(key);
     window.run_steps(2);
@@ -199,7 +203,7 @@ pub fn types(window: &mut Harness<'_, App>, text: &str) {
     window.step();
 }
 
-/// Presses and moves in small steps, as a hand does, without letting go.
+/// Drags in small steps, as a user does, without releasing the button.
 pub fn press_and_move(window: &mut Harness<'_, App>, from: egui::Pos2, to: egui::Pos2) {
     window.hover_at(from);
     window.step();
@@ -211,18 +215,18 @@ pub fn press_and_move(window: &mut Harness<'_, App>, from: egui::Pos2, to: egui:
     }
 }
 
-/// Lets go, and sees what follows.
+/// Releases the button and runs the window for two steps.
 pub fn let_go(window: &mut Harness<'_, App>, at: egui::Pos2) {
     window.drop_at(at);
     window.run_steps(2);
 }
 
-/// What was done to the project, as it can be undone.
+/// Names of the steps that can be undone.
 pub fn steps(window: &Harness<'_, App>) -> Vec<String> {
     window.state().project().history().names().0.map(str::to_owned).collect()
 }
 
-/// A file is dropped into the window in its next frame.
+/// Drops a file onto the window in its next frame.
 pub fn drop_file<S>(window: &mut Harness<'_, S>, path: PathBuf) {
     window.input_mut().dropped_files.push(Arc::new(Dropped(path)));
 }
@@ -246,7 +250,7 @@ impl egui::DroppedFile for Dropped {
     }
 }
 
-/// Opens every group of parameters, and leaves those whose text has the words.
+/// Enters a text into the search field, which filters the parameters of all groups.
 pub fn search(window: &mut Harness<'_, App>, words: &str) {
     window.get_by_role_and_label(Role::TextInput, "Search parameters").focus();
     window.step();
@@ -260,12 +264,15 @@ pub fn has<S>(window: &Harness<'_, S>, label: &str) -> bool {
     window.query_all_by_label(label).count() > 0
 }
 
-/// Files are read on threads of their own: goes on until there is something that is called so.
+/// Runs the window until a widget has this label; files are read on other threads.
 pub fn shows<S>(window: &mut Harness<'_, S>, label: &str) {
     until_seen(window, label, |window| has(window, label));
 }
 
-/// Runs the window until `done`. `awaited` names it where it does not happen.
+/// Runs the window until `done`.
+///
+/// # Panics
+/// After 240 s, with `awaited` in the message.
 pub fn until_seen<S>(window: &mut Harness<'_, S>, awaited: &str, done: impl Fn(&Harness<'_, S>) -> bool) {
     let begun = Instant::now();
     while !done(window) {
@@ -275,14 +282,14 @@ pub fn until_seen<S>(window: &mut Harness<'_, S>, awaited: &str, done: impl Fn(&
     }
 }
 
-/// What the control of a parameter is called.
+/// Label of a parameter's control.
 pub fn called(window: &Harness<'_, App>, table: &str, name: &str) -> String {
     let edit = window.state().project().edit();
     let mut tables = edit.rig.tables().into_iter().chain(edit.settings.tables());
     locard::params::called(tables.find(|params| params.table() == table).unwrap(), name)
 }
 
-/// The codes that the window shows.
+/// Code values of the picture in the window.
 pub fn shown(window: &Harness<'_, App>) -> Vec<[u8; 3]> {
     let viewer = window.state().viewer();
     let texels = gpu::read_back(viewer.gpu(), &viewer.composite().unwrap().texture);
