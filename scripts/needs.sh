@@ -1,6 +1,7 @@
 # Sourced by scripts/test, demo and hygiene and by .ci/run. Changes to the repository's root and
 # installs missing system packages with apt-get (Debian, Ubuntu); on other systems lists them and
-# exits with 1. Checks the version of Rust, and does not install it.
+# exits with 1. Checks the version of Rust, and does not install it. `need_rust_components` is for
+# scripts that format or lint.
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -73,6 +74,16 @@ need_rust() {
         echo "Rust $required or newer is required, this is $installed: run \`rustup update stable\`, or install it from https://rustup.rs." >&2
         exit 1
     fi
+}
+
+# scripts/test formats and lints; a minimal toolchain has neither component.
+need_rust_components() {
+    local missing=()
+    cargo clippy --version >/dev/null 2>&1 || missing+=(clippy)
+    cargo fmt --version >/dev/null 2>&1 || missing+=(rustfmt)
+    [ ${#missing[@]} -eq 0 ] && return
+    echo "Missing components of Rust: ${missing[*]}. Run \`rustup component add ${missing[*]}\`, then run this again." >&2
+    exit 1
 }
 
 need_packages

@@ -1,12 +1,16 @@
 #!/usr/bin/env python3
-"""Tests of the test runner, with small programs in place of test binaries. `scripts/hygiene` runs them."""
+"""Tests of the test runner and of scripts/breaks, with small programs in place of test binaries. `scripts/hygiene` runs them."""
 
 import contextlib
+import importlib.machinery
+import importlib.util
 import io
+import json
 import os
 import tempfile
 import time
 import unittest
+import unittest.mock
 from pathlib import Path
 
 import run_tests
@@ -138,6 +142,49 @@ class ScheduleTest(FakeBinaryTest):
         self.assertIn("made no test binary", self.refusal([self.binary(BOTH_PASS)]))
         self.assertIn("made no test binary files", self.refusal([self.binary(BOTH_PASS)], "live", "files"))
         self.assertIn("lib of locard-engine", self.refusal([self.binary(BOTH_PASS)], "live", "lib::effects"))
+
+
+class BreaksTest(FakeBinaryTest):
+    def setUp(self):
+        super().setUp()
+        loader = importlib.machinery.SourceFileLoader("breaks", str(testing.ROOT / "scripts/breaks"))
+        self.breaks = importlib.util.module_from_spec(importlib.util.spec_from_loader("breaks", loader))
+        loader.exec_module(self.breaks)
+        self.breaks.WORK = self.breaks.TREE = self.folder
+        self.breaks.FIXTURES = self.folder / "fixtures"
+
+    def detected_by(self, body, timeout_s=20.0):
+        """The test that detects a break with which the binary runs this body."""
+        binary = self.binary(f'if [ -z "$LOCARD_BREAK" ]; then {BOTH_PASS}; exit; fi; {body}')
+        of_break = self.breaks.Break("name", "file", "find", "replace", "expect", ["live::a"])
+        before, testing.TIMEOUT_S = testing.TIMEOUT_S, timeout_s
+        with contextlib.redirect_stdout(io.StringIO()):
+            row = self.breaks.try_break(of_break, self.breaks.Tests([binary], "fast", "tree"), False)
+        testing.TIMEOUT_S = before
+        return row.detected_by
+
+    def test_failure_hang_and_abort_are_detections(self):
+        self.assertIsNone(self.detected_by(BOTH_PASS))
+        self.assertEqual(self.detected_by("echo 'test a::one ... FAILED'; sleep 60"), "live::a::one")
+        self.assertIn("running: a::one", self.detected_by("printf 'test a::one ... '; sleep 60", 1.0))
+        self.assertIn("status", self.detected_by("echo 'test a::one ... ok'; exit 9"))
+
+    def test_baseline_belongs_to_a_tree_and_to_recordings(self):
+        binary = self.binary(BOTH_PASS)
+        tests = self.breaks.Tests([binary], "fast", "tree")
+        with contextlib.redirect_stdout(io.StringIO()):
+            tests.passing("live")
+        self.assertEqual(len(self.breaks.Tests([binary], "fast", "tree").sound), 2)
+        self.assertEqual(self.breaks.Tests([binary], "fast", "other").sound, {})
+        with unittest.mock.patch.dict(os.environ, LOCARD_DATA="other"):
+            self.assertEqual(self.breaks.Tests([binary], "fast", "tree").sound, {})
+        key = json.loads((self.folder / "sound-fast.json").read_text())["key"]
+        self.assertEqual(key["tree"], "tree")
+
+    def test_filter_without_a_test_is_a_problem(self):
+        self.assertIsNone(self.breaks.filter_problem("composite::laws"))
+        self.assertIn("no module or test", self.breaks.filter_problem("composite::laws::none"))
+        self.assertIn("names no test binary", self.breaks.filter_problem("program::cli"))
 
 
 class SourceTest(unittest.TestCase):
