@@ -9,15 +9,17 @@
 
 A filter is `BINARY` or `BINARY::PATH`, with the binaries `lib`, `architecture` and the folders of tests/. With a filter
 only the binaries that it names are built; format and documentation are not checked, and clippy's warnings are no
-failure. In the fast tier such a build is incremental and at opt-level 1, which shortens the loop of edit and test.
+failure. In the fast tier such a build is incremental, with the engine at opt-level 1, which shortens the loop of edit
+and test.
 
 Clippy runs as the compiler of the workspace's crates (RUSTC_WORKSPACE_WRAPPER, scripts/lint_once). This saves the
 second pass over all dependencies that `cargo clippy` needs.
 
 Test processes run side by side with one test thread each: a test that draws locks its process's only device, so
 further threads would wait for it. Each module of a binary runs in a process of its own, whose tests share cached data.
+A process without a result for ten minutes is killed.
 
-Exit: 0 all passed, 1 a test or check failed, 2 wrong usage, no matching test, or the build failed.
+Exit: 0 all passed or were skipped, 1 a test or check failed, 2 wrong usage, a filter without a test, or the build failed.
 """
 
 import argparse
@@ -91,6 +93,20 @@ def build(filters, is_loop):
             binaries.append(binary)
     binaries.sort(key=lambda binary: testing.BINARIES.index(binary.name))
     return binaries if process.wait() == 0 else None, warnings
+
+
+# The workspace of the fuzz targets, as options of cargo.
+FUZZ = ["--manifest-path", "fuzz/Cargo.toml"]
+
+
+def has_fuzz_dependencies(steps):
+    """Downloads what only the fuzz targets need. Adds a row to the table of times if that fails."""
+    # Versions of the workspace's own lock file; cargo adds libfuzzer-sys.
+    shutil.copy(ROOT / "Cargo.lock", ROOT / "fuzz/Cargo.lock")
+    if cargo("fetch", *FUZZ).returncode == 0:
+        return True
+    steps.append(Step("fuzz targets", 0.0, ": skipped, their dependencies cannot be downloaded"))
+    return False
 
 
 def grouped(binary, tests):
@@ -219,8 +235,12 @@ def main():
     if not args.filters:
         check("doc tests", "test", "--locked", "--workspace", "--doc")
         if args.full:
-            # The engine and the program without the window and cameras.
-            check("without default features", "check", "--locked", "--no-default-features")
+            check("documentation", "doc", "--locked", "--workspace", "--no-deps", RUSTDOCFLAGS="--deny warnings")
+            check("release build", "check", "--locked", "--release", "--workspace")
+            # The features of scripts/demo: the engine and the program without the window and cameras.
+            check("release build without default features", "check", "--locked", "--release", "--no-default-features")
+            if has_fuzz_dependencies(steps):
+                check("fuzz targets", "check", "--locked", *FUZZ)
     for log in runner.logs:
         print(f"\n{log}")
     results = runner.results

@@ -153,6 +153,7 @@ fn tone_that_differs_across_the_picture_is_followed_and_otherwise_nothing_is() {
     assert!(recorded > 0.02 && left < 0.6 * recorded, "{recorded} {left}");
 }
 
+// Slow: the precision that is claimed needs forty frames.
 #[test]
 fn a_clock_is_found_to_half_a_millisecond_where_nothing_drifts() {
     let folder = demo_by_tier(40, &Flaws { poses_later_s: 0.015, ..Flaws::default() }, 4);

@@ -135,7 +135,7 @@ fn a_scene_without_light_takes_that_of_the_footage_and_one_with_light_keeps_its_
 /// The demo's first frames with their analysis beside them.
 fn analysed_demo() -> (tempfile::TempDir, Analysis) {
     let folder = demo(13, &Flaws::default());
-    let made = fixture::once("demo-analysed", 13, |to| {
+    let made = fixture::once("demo-analysed", &["recordings/demo"], 13, |to| {
         let shot = opened(&folder);
         let found = analysed(&shot, 2);
         found.write(&to.join("site.analysis"), &shot.recording).unwrap();

@@ -16,6 +16,8 @@ mod footage;
 mod gpu;
 #[path = "../common/program.rs"]
 mod program;
+#[path = "../common/reduced.rs"]
+mod reduced;
 #[path = "../common/shot.rs"]
 mod shot;
 #[path = "../common/tier.rs"]

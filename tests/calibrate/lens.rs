@@ -145,6 +145,7 @@ fn off(calibrated: &Calibrated, geometry: &Geometry) -> Vec<(&'static str, f64)>
     calibrated.parameters.iter().map(one).collect()
 }
 
+// Slow: two cameras photograph sixteen boards each, and all corners are searched.
 #[test]
 fn simulated_photographs_give_their_camera_back() {
     for geometry in [brown(), fisheye()] {

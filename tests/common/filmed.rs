@@ -48,7 +48,7 @@ impl Site {
 
     /// Copies the site of this camera from a fixture, which is made once per build of the program.
     pub fn shared(camera: &Camera) -> Self {
-        let filmed = fixture::once("filmed", camera.profile(), |folder| {
+        let filmed = fixture::once("filmed", &[], camera.profile(), |folder| {
             copy_files(Self::new(camera).folder.path(), folder);
         });
         let folder = tempfile::tempdir().unwrap();

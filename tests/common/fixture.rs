@@ -1,15 +1,16 @@
 //! Recordings and analyses that several tests read, made once per build of the program.
 //!
 //! A fixture is a folder `target/tmp/fixtures/BUILD/NAME-KEY`. BUILD is the size and modification
-//! time of the program's file, KEY a hash of the inputs. The test code that makes a fixture is in
-//! neither: after changing it, remove `target/tmp/fixtures`. Test processes run in parallel; a file
-//! lock lets the first make a fixture while the others wait. Fixtures are read-only by convention:
-//! a test that writes into one copies it first (`program::copied`).
+//! time of the program's file. KEY is a hash of the arguments and input files of its maker, and of
+//! the source of the maker and of tests/common. Test processes run in parallel; a file lock lets the
+//! first make a fixture while the others wait. Fixtures are read-only by convention: a test that
+//! writes into one copies it first (`program::copied`).
 
 #![allow(dead_code, reason = "each test binary uses some of it")]
 
 use std::fs::{self, File};
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::panic::Location;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -37,11 +38,30 @@ fn folder_of_build() -> PathBuf {
     folder
 }
 
-/// Returns the folder of a fixture. The first caller fills it with `make`; `key` holds all inputs
-/// of `make` except the program.
-pub fn once(name: &str, key: impl Hash, make: impl FnOnce(&Path)) -> PathBuf {
+/// Hashes the paths and contents of a file, or of all files below a folder.
+fn hash_files(hasher: &mut DefaultHasher, path: &Path) {
+    path.hash(hasher);
+    if path.is_dir() {
+        let mut inner: Vec<PathBuf> = fs::read_dir(path).unwrap().map(|entry| entry.unwrap().path()).collect();
+        inner.sort();
+        inner.iter().for_each(|path| hash_files(hasher, path));
+    } else {
+        fs::read(path).unwrap().hash(hasher);
+    }
+}
+
+/// Returns the folder of a fixture. The first caller fills it with `make`. `key` holds the arguments
+/// of `make`, `inputs` the files and folders that it reads, from the repository's root. The code of
+/// `make` must be in the caller's file, in tests/common or in the program.
+#[track_caller]
+pub fn once(name: &str, inputs: &[&str], key: impl Hash, make: impl FnOnce(&Path)) -> PathBuf {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut hasher = DefaultHasher::new();
     key.hash(&mut hasher);
+    let sources = [Location::caller().file(), "tests/common"];
+    for path in inputs.iter().chain(&sources) {
+        hash_files(&mut hasher, &root.join(path));
+    }
     let folder = folder_of_build().join(format!("{name}-{:016x}", hasher.finish()));
     let lock = File::create(folder.with_extension("lock")).unwrap();
     lock.lock().unwrap();

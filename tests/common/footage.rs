@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::fixture;
+use crate::reduced::Reduction;
 use crate::tier::is_full;
 use glam::DVec2;
 use locard::analyse::{Analysis, Part, Taken, analyse};
@@ -147,51 +147,7 @@ pub fn demo_by_tier(frames: usize, flaws: &Flaws, reduction: u32) -> tempfile::T
 
 /// [`demo`] with the pictures' width and height divided by `reduction`.
 pub fn demo_reduced(frames: usize, flaws: &Flaws, reduction: u32) -> tempfile::TempDir {
-    demo_from(&reduced_demo(reduction), frames, flaws)
-}
-
-/// The demonstration's first frames at reduced size: the mean colour of each block of pixels, and
-/// their median depth, which at an edge is a measured depth of one side.
-fn reduced_demo(reduction: u32) -> PathBuf {
-    let from = demo_path();
-    let text = |name: &str| std::fs::read_to_string(from.join(name)).unwrap();
-    let key = ["camera.toml", "rgb.txt", "depth.txt"].map(text);
-    fixture::once("demo-reduced", (reduction, REDUCED_FRAMES, key), |to| {
-        for sub in ["rgb", "depth"] {
-            std::fs::create_dir(to.join(sub)).unwrap();
-        }
-        for file in ["recording.toml", "exposure.txt"] {
-            std::fs::copy(from.join(file), to.join(file)).unwrap();
-        }
-        for list in ["rgb.txt", "depth.txt"] {
-            std::fs::write(to.join(list), text(list).replace(".jpg", ".png")).unwrap();
-        }
-        for n in 0..REDUCED_FRAMES {
-            let color = image::open(from.join(format!("rgb/{n:05}.jpg"))).unwrap().into_rgb8();
-            let [width, height] = [color.width() / reduction, color.height() / reduction];
-            let small = image::imageops::thumbnail(&color, width, height);
-            small.save(to.join(format!("rgb/{n:05}.png"))).unwrap();
-            let depth = image::open(from.join(format!("depth/{n:05}.png"))).unwrap().into_luma16();
-            let small = image::ImageBuffer::from_fn(width, height, |x, y| {
-                let block = (0..reduction * reduction).map(|i| (i % reduction, i / reduction));
-                let mut codes: Vec<u16> =
-                    block.map(|(dx, dy)| depth.get_pixel(reduction * x + dx, reduction * y + dy)[0]).collect();
-                codes.sort_unstable();
-                image::Luma([codes[codes.len() / 2]])
-            });
-            small.save(to.join(format!("depth/{n:05}.png"))).unwrap();
-        }
-        let reduced = |line: &str| match line.split_once(" = ") {
-            Some((key @ ("width_px" | "height_px"), value)) => {
-                format!("{key} = {}\n", value.parse::<u32>().unwrap() / reduction)
-            }
-            Some((key @ ("fx_px" | "fy_px" | "cx_px" | "cy_px"), value)) => {
-                format!("{key} = {:?}\n", value.parse::<f64>().unwrap() / f64::from(reduction))
-            }
-            _ => format!("{line}\n"),
-        };
-        std::fs::write(to.join("camera.toml"), text("camera.toml").lines().map(reduced).collect::<String>()).unwrap();
-    })
+    demo_from(&Reduction { max_frames: REDUCED_FRAMES, ..Reduction::by(reduction) }.demo(), frames, flaws)
 }
 
 /// Refusal that a test's checkpoint stores in place of the estimated room light.

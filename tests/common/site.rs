@@ -50,8 +50,8 @@ pub fn demo_like(recording: &Path) -> NamedShot {
 }
 
 pub fn desk() -> Option<NamedShot> {
-    let folder = common::data("tum-fr1-rpy")?;
-    let models = common::data("props")?;
+    let folder = common::data_if_any("tum-fr1-rpy")?;
+    let models = common::data_if_any("props")?;
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
     std::fs::write(&file, DESK.replace("MODELS", models.to_str().unwrap())).unwrap();

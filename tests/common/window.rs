@@ -16,8 +16,8 @@ use locard::recording::OpenOptions;
 use locard::shot::Given;
 use locard::window::{App, DEMO, DEMO_SCENE, Project};
 
-use super::fixture;
 use super::gpu;
+use super::reduced::Reduction;
 use super::tier::{fast_or_full, is_full};
 
 /// Provides the window's GPU device. The window's own image is not inspected.
@@ -49,15 +49,13 @@ impl TestRenderer for Device {
     }
 }
 
-/// Factor by which the demonstration's pictures are reduced in the fast tier.
-const REDUCTION: u32 = 4;
-/// Stride between the demonstration's frames that the reduced copy contains.
-const FRAME_STRIDE: usize = 3;
+/// The demonstration's recording in the fast tier.
+const REDUCTION: Reduction = Reduction { factor: 4, stride: 3, max_frames: usize::MAX, has_shadows: false };
 
 /// The demonstration's recording; in the fast tier a copy of every third frame at a quarter of the
 /// size, 160x120 px, whose profile turns shadows off. The folder has the same name.
 pub fn demo() -> PathBuf {
-    if is_full() { PathBuf::from(DEMO) } else { small_demo() }
+    if is_full() { PathBuf::from(DEMO) } else { REDUCTION.demo() }
 }
 
 /// Scene of tests that check nothing virtual: none in the fast tier.
@@ -68,72 +66,12 @@ pub fn scene_or_none() -> Option<PathBuf> {
 /// Index in [`demo`] of a frame of the demonstration, or of the nearest earlier frame that it
 /// contains.
 pub fn demo_frame(of_demonstration: usize) -> usize {
-    of_demonstration / fast_or_full(FRAME_STRIDE, 1)
+    of_demonstration / fast_or_full(REDUCTION.stride, 1)
 }
 
 /// Converts a position in the demonstration's pictures to one in those of [`demo`], px.
 pub fn demo_px(x: f32, y: f32) -> egui::Vec2 {
-    egui::vec2(x, y) / fast_or_full(REDUCTION as f32, 1.0)
-}
-
-fn small_demo() -> PathBuf {
-    let demo = Path::new(DEMO);
-    let text = |name: &str| std::fs::read_to_string(demo.join(name)).unwrap();
-    let key = ["recording.toml", "camera.toml", "rgb.txt", "groundtruth.txt"].map(text);
-    let folder = fixture::once("demo-small", key, |folder| {
-        let site = folder.join("demo");
-        for sub in ["rgb", "depth"] {
-            std::fs::create_dir_all(site.join(sub)).unwrap();
-        }
-        for file in ["recording.toml", "groundtruth.txt"] {
-            std::fs::copy(demo.join(file), site.join(file)).unwrap();
-        }
-        for list in ["rgb.txt", "depth.txt", "exposure.txt"] {
-            let text = text(list).replace(".jpg", ".png");
-            let kept = text.lines().skip(1).step_by(FRAME_STRIDE);
-            std::fs::write(site.join(list), kept.collect::<Vec<_>>().join("\n") + "\n").unwrap();
-        }
-        for frame in (0..text("rgb.txt").lines().count() - 1).step_by(FRAME_STRIDE) {
-            let color = image::open(demo.join(format!("rgb/{frame:05}.jpg"))).unwrap().into_rgb8();
-            reduced_color(&color).save(site.join(format!("rgb/{frame:05}.png"))).unwrap();
-            let depth = image::open(demo.join(format!("depth/{frame:05}.png"))).unwrap().into_luma16();
-            reduced_depth(&depth).save(site.join(format!("depth/{frame:05}.png"))).unwrap();
-        }
-        std::fs::write(site.join("camera.toml"), reduced_profile(&text("camera.toml"))).unwrap();
-    });
-    folder.join("demo")
-}
-
-/// The mean of each block of pixels.
-fn reduced_color(from: &image::RgbImage) -> image::RgbImage {
-    image::imageops::thumbnail(from, from.width() / REDUCTION, from.height() / REDUCTION)
-}
-
-/// The median of each block of pixels: at an edge a measured depth of one side, no mixture.
-fn reduced_depth(
-    from: &image::ImageBuffer<image::Luma<u16>, Vec<u16>>,
-) -> image::ImageBuffer<image::Luma<u16>, Vec<u16>> {
-    image::ImageBuffer::from_fn(from.width() / REDUCTION, from.height() / REDUCTION, |x, y| {
-        let block = (0..REDUCTION * REDUCTION).map(|i| (REDUCTION * x + i % REDUCTION, REDUCTION * y + i / REDUCTION));
-        let mut depths: Vec<u16> = block.map(|(x, y)| from.get_pixel(x, y)[0]).collect();
-        depths.sort_unstable();
-        image::Luma([depths[depths.len() / 2]])
-    })
-}
-
-/// Profile of the reduced pictures' camera, with shadows off.
-fn reduced_profile(text: &str) -> String {
-    let reduced = |line: &str| match line.split_once(" = ") {
-        Some((key @ ("width_px" | "height_px"), value)) => {
-            format!("{key} = {}", value.parse::<u32>().unwrap() / REDUCTION)
-        }
-        Some((key @ ("fx_px" | "fy_px" | "cx_px" | "cy_px"), value)) => {
-            format!("{key} = {:?}", value.parse::<f64>().unwrap() / f64::from(REDUCTION))
-        }
-        _ => line.to_owned(),
-    };
-    let camera: Vec<String> = text.lines().map(reduced).collect();
-    camera.join("\n") + "\n\n[shadow]\ncast = false\non_things = false\n"
+    egui::vec2(x, y) / fast_or_full(REDUCTION.factor as f32, 1.0)
 }
 
 /// Opens the demonstration with these parameters set. In tests in which shadows play no part,

@@ -2,8 +2,8 @@
 
 use crate::flip::{PIXELS_PER_DEGREE, mean_flip};
 use crate::gpu;
+use crate::reduced::Reduction;
 use crate::shot;
-use crate::small;
 use crate::tier::{fast_or_full, is_full};
 use locard::compositor::Composited;
 use locard::params::Value;
@@ -11,7 +11,7 @@ use std::path::Path;
 
 /// Half the resolution and no shadows in the fast tier; shadows are the same for every method.
 fn demo_frame(frame: usize, method: &str) -> Composited {
-    let recording = if is_full() { "recordings/demo".into() } else { small::demo(2) };
+    let recording = if is_full() { "recordings/demo".into() } else { Reduction::by(2).demo() };
     let mut shot = shot::open(&recording, None, Path::new("scenes/demo.toml"));
     shot.settings = gpu::settings(&[
         ("motion_blur", "method", Value::Text(method.to_owned())),

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use crate::board::{FOCAL_PX, board, both, panel, sideways};
 use crate::gpu;
 use crate::random::Random;
+use crate::reduced::Reduction;
 use crate::site::{NOISE, NamedShot, demo_like, desk, sites};
-use crate::small;
 use crate::tier::{fast_or_full, is_full};
 use locard::camera::{Curve, NoiseBin, NoiseProfile, Response};
 use locard::compositor::{Composited, Compositor, IN_FLIGHT, Settings};
@@ -23,7 +23,7 @@ fn sites_of_tier(smaller: u32) -> Vec<NamedShot> {
     if is_full() {
         return sites();
     }
-    let mut site = demo_like(&small::demo(smaller));
+    let mut site = demo_like(&Reduction::by(smaller).demo());
     Arc::make_mut(&mut site.shot.scene).objects.retain(|object| object.name.starts_with("marker"));
     vec![site]
 }

@@ -9,8 +9,8 @@ use locard::params::Value;
 use locard::sink::exr::write_layers;
 
 use crate::gpu;
+use crate::reduced::Reduction;
 use crate::site::{NamedShot, demo_like, desk};
-use crate::small;
 use crate::tier::is_full;
 
 /// A frame of a recording with its evidence.
@@ -80,7 +80,7 @@ impl Layers {
 }
 
 fn sites() -> impl Iterator<Item = NamedShot> {
-    [Some(demo_like(&small::demo(2))), desk().filter(|_| is_full())].into_iter().flatten()
+    [Some(demo_like(&Reduction::by(2).demo())), is_full().then(desk).flatten()].into_iter().flatten()
 }
 
 #[test]
@@ -129,7 +129,7 @@ fn layers_with_their_noise_are_the_composite_with_default_noise_and_all_effects(
 
 #[test]
 fn noise_scale_changes_no_real_pixel() {
-    let mut site = demo_like(&small::demo(2));
+    let mut site = demo_like(&Reduction::by(2).demo());
     let gpu = gpu::gpu();
     let mut compositor = site.shot.compositor(gpu.clone());
     let [none, one, two, eight] = [0.0, 1.0, 2.0, 8.0].map(|scale| {

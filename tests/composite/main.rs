@@ -22,6 +22,8 @@ mod models;
 mod program;
 #[path = "../common/random.rs"]
 mod random;
+#[path = "../common/reduced.rs"]
+mod reduced;
 #[path = "../common/shot.rs"]
 mod shot;
 #[path = "../common/site.rs"]
@@ -54,5 +56,4 @@ mod shading;
 mod shadow;
 mod shots;
 mod slr;
-mod small;
 mod stand_in;

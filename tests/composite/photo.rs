@@ -5,7 +5,7 @@ use crate::board::{FOCAL_PX, board, sideways};
 use crate::gpu;
 use crate::program;
 use crate::random::Random;
-use crate::small;
+use crate::reduced::Reduction;
 use crate::tier::fast_or_full;
 use locard::camera::grain::{self, GrainRatios};
 use locard::camera::{Camera, Capture, Distortion, FilmUsed, Geometry, NoiseBin, NoiseProfile, Opening, Response};
@@ -457,7 +457,7 @@ fn shoot_in(recording: &Path, arguments: &[&str]) -> std::process::Output {
 
 /// The demonstration at 1/`smaller` of its resolution.
 fn recording(smaller: u32) -> PathBuf {
-    if smaller == 1 { "recordings/demo".into() } else { small::demo(smaller) }
+    if smaller == 1 { "recordings/demo".into() } else { Reduction::by(smaller).demo() }
 }
 
 #[test]

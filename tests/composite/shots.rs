@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use crate::gpu;
 use crate::program;
+use crate::reduced::Reduction;
 use crate::shot;
-use crate::small;
 use crate::tier::{fast_or_full, is_full};
 use glam::{DAffine3, DVec2, DVec3};
 use locard::compositor::{Composited, Compositor, FrameStats, Target};
@@ -36,7 +36,7 @@ fn demo(sets: &[&str]) -> Shot {
     if is_full() {
         return opened(sets).unwrap();
     }
-    let mut shot = opened_in(&small::demo(4), sets).unwrap();
+    let mut shot = opened_in(&Reduction::by(4).demo(), sets).unwrap();
     Arc::make_mut(&mut shot.scene).objects.retain(|object| object.name.starts_with("marker"));
     shot
 }

@@ -22,7 +22,7 @@ use locard::tracking::smooth::Smoother;
 /// The demonstration's first frames, so slow that no machine drops many, and no longer than its
 /// poses. All tests share it.
 fn video() -> PathBuf {
-    let folder = fixture::once("played", "10 frames at 4 Hz", |folder| {
+    let folder = fixture::once("played", &["recordings/demo/rgb"], "10 frames at 4 Hz", |folder| {
         let status = Command::new("ffmpeg")
             .args(["-nostdin", "-loglevel", "error", "-framerate", "4", "-i", "recordings/demo/rgb/%05d.jpg"])
             .args(["-frames:v", "10", "-c:v", "ffv1", "-pix_fmt", "gbrp"])

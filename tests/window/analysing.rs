@@ -43,7 +43,7 @@ fn site() -> (tempfile::TempDir, PathBuf) {
     };
     let flaws =
         Flaws { jitter_mm: 2.0, jitter_deg: 0.2, exposure_walk_ev: 0.3, exposure_step_ev: 1.0, ..Flaws::default() };
-    let made = fixture::once("window-analysing", (width_px, frames()), |folder| {
+    let made = fixture::once("window-analysing", &[], (width_px, frames()), |folder| {
         simulate::run(&folder.join("site"), &options, &flaws, false, &mut |_, _| ControlFlow::Continue(())).unwrap();
     });
     let folder = tempfile::tempdir().unwrap();

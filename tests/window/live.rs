@@ -32,7 +32,7 @@ fn endless(site: &Site) -> String {
     const ENCODED: [&str; 6] = ["-c:v", "libx264rgb", "-preset", "ultrafast", "-crf", "20"];
     const SLOWER_BY: &str = "3";
     const REPEATED: &str = "39";
-    let made = fixture::once("window-live", (CAMERA.profile(), ENCODED, SLOWER_BY, REPEATED), |folder| {
+    let made = fixture::once("window-live", &[], (CAMERA.profile(), ENCODED, SLOWER_BY, REPEATED), |folder| {
         let ffmpeg = |before: [&str; 2], from: &str, codec: &[&str], to: &str| {
             let mut ffmpeg = Command::new("ffmpeg");
             ffmpeg.args(["-v", "error"]).args(before).args(["-i", from]).args(codec).arg(to);

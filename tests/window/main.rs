@@ -13,6 +13,8 @@ mod footage;
 mod gpu;
 #[path = "../common/program.rs"]
 mod program;
+#[path = "../common/reduced.rs"]
+mod reduced;
 #[path = "../common/sheet.rs"]
 mod sheet;
 #[path = "../common/tier.rs"]

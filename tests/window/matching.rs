@@ -1,8 +1,8 @@
 //! Plots and calibration in the window, worked as a person would.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use crate::fixture;
+use crate::reduced::Reduction;
 use crate::tier::is_full;
 use crate::worked;
 use crate::worked::{has, until_seen};
@@ -21,39 +21,12 @@ use locard::window::{App, DEMO, DEMO_SCENE, Project};
 const EDGE: Rect = Rect { x0: 88, y0: 120, x1: 116, y1: 148 };
 const WALL: Rect = Rect { x0: 400, y0: 10, x1: 520, y1: 70 };
 
-/// The demonstration's recording; in the fast tier its first frames, with the shadows off in its
-/// profile.
+/// The demonstration's recording; in the fast tier its first frames, whose profile turns shadows
+/// off.
 fn recording() -> PathBuf {
-    let demo = Path::new(DEMO);
-    if is_full() {
-        return demo.to_owned();
-    }
-    let text = |name: &str| std::fs::read_to_string(demo.join(name)).unwrap();
-    let key = ["recording.toml", "camera.toml", "rgb.txt", "groundtruth.txt"].map(text);
-    fixture::once("demo-first-frames", (FRAMES, key), |site| {
-        for sub in ["rgb", "depth"] {
-            std::fs::create_dir(site.join(sub)).unwrap();
-        }
-        for file in ["recording.toml", "groundtruth.txt"] {
-            std::fs::copy(demo.join(file), site.join(file)).unwrap();
-        }
-        for list in ["rgb.txt", "depth.txt", "exposure.txt"] {
-            let text = text(list);
-            let lines: Vec<&str> = text.lines().take(1 + FRAMES).collect();
-            std::fs::write(site.join(list), lines.join("\n") + "\n").unwrap();
-        }
-        for frame in 0..FRAMES {
-            for file in [format!("rgb/{frame:05}.jpg"), format!("depth/{frame:05}.png")] {
-                std::fs::copy(demo.join(&file), site.join(&file)).unwrap();
-            }
-        }
-        let profile = text("camera.toml") + "\n[shadow]\ncast = false\non_things = false\n";
-        std::fs::write(site.join("camera.toml"), profile).unwrap();
-    })
+    const FIRST: Reduction = Reduction { max_frames: 4, has_shadows: false, ..Reduction::by(1) };
+    if is_full() { PathBuf::from(DEMO) } else { FIRST.demo() }
 }
-
-/// Number of frames in the fast tier.
-const FRAMES: usize = 4;
 
 fn open() -> Harness<'static, App> {
     let given =

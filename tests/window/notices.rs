@@ -223,6 +223,7 @@ fn refused_profile_comes_before_the_question_about_unsaved_changes() {
     assert!(window.state().project().is_saved());
 }
 
+// Slow: waits until the message at the start, which stays for 4 s, has gone.
 #[test]
 fn warnings_of_a_recording_stay_in_view_and_a_click_shows_them_whole() {
     let hlg = "walk.mp4 is in HLG (high dynamic range); the light on objects is wrong";
