@@ -147,12 +147,13 @@ def kill_tests_when_ended():
     """Lets the end of this program by a signal kill the test processes, which have groups of their own."""
 
     def end(number, _):
-        for process in list(_running):
+        for process in _running.copy():
             _kill(process)
         os._exit(128 + number)
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, end)
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, end)
 
 
 class _Lines:
