@@ -235,7 +235,9 @@ def main():
     if not args.filters:
         check("doc tests", "test", "--locked", "--workspace", "--doc")
         if args.full:
-            check("documentation", "doc", "--locked", "--workspace", "--no-deps", RUSTDOCFLAGS="--deny warnings")
+            check(
+                "documentation", "doc", "--locked", "--workspace", "--no-deps", "--document-private-items",
+                RUSTDOCFLAGS="--deny warnings --allow rustdoc::private_intra_doc_links")
             check("release build", "check", "--locked", "--release", "--workspace")
             # The features of scripts/demo: the engine and the program without the window and cameras.
             check("release build without default features", "check", "--locked", "--release", "--no-default-features")

@@ -27,7 +27,7 @@ const REFUSED: &str = "refused";
 #[serde(deny_unknown_fields)]
 pub struct Findings {
     pub version: u32,
-    /// SHA-256 of the recording ([`inputs::fingerprint`]).
+    /// SHA-256 of the recording ([`fingerprint`](super::inputs::fingerprint)).
     pub recording: String,
     pub frames: usize,
     /// Why nothing is known of the gain. Above the tables, as TOML has it.

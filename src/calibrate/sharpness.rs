@@ -58,8 +58,8 @@ impl Of {
     }
 }
 
-/// The light across a region, as [`across`](crate::measure::across::across) has it, a share of the camera's full scale: what
-/// an edge looks like that is refused.
+/// The profile of light across a region, by [`across`], as a share of the camera's full scale. It
+/// also exists for an edge that is refused.
 pub fn seen(picture: &Pixels, response: &Response, region: Rect, of: Of) -> Vec<[f64; 2]> {
     let (light, _) = light_of(picture, response, region, of.weights());
     light.map_or_else(Vec::new, |light| across(&light, Rect::full(light.width as u32, light.height as u32)))

@@ -70,7 +70,7 @@ fn matrix(m: &DMat3) -> Matrix3<f64> {
     Matrix3::from_column_slice(&m.to_cols_array())
 }
 
-/// [v]×: v × x = [v]×·x.
+/// The cross-product matrix `[v]×`: `v × x = [v]×·x`.
 fn cross(v: DVec3) -> Matrix3<f64> {
     Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
 }

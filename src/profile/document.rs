@@ -96,7 +96,7 @@ impl Document {
         self.put(params.table(), &table_of(params));
     }
 
-    /// Sets one parameter and leaves the table's other keys alone; [`Value::None`] removes it.
+    /// Sets one parameter and leaves the table's other keys alone; [`Value::None`](crate::params::Value::None) removes it.
     pub fn set_param(&mut self, params: &dyn Params, name: &str) {
         self.set_key(params.table(), name, table_of(params).remove(name));
     }

@@ -2,7 +2,7 @@
 //!
 //! Reflectance and light share a factor that a recording does not tell ([`crate::analyse`]). White paper and paint reflect about
 //! ρ = 0.8. Where such a thing shows the light B, and white matt would show W by the light that was found
-//! ([`on_white`](crate::shadow::on_white)), that light is too dark by the factor B / (ρ·W).
+//! ([`on_white`]), that light is too dark by the factor B / (ρ·W).
 //!
 //! B is the median of a patch of a few pixels, through the camera's response, with what the frame is brighter than usual taken out.
 //! Refused is what cannot tell: clipped pixels, which are a lower bound alone; an edge, in the picture or in depth; what is nearly

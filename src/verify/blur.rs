@@ -1,7 +1,7 @@
 //! Whether virtual things are blurred by the camera's motion as much as real ones.
 //!
 //! A frame in which the camera moves fast is compared with a slow one near it, which is put into it as a thing
-//! ([`twin`](super::twin)), exposed for several multiples of what the pipeline would expose for. Blur takes fine detail away: the
+//! ([`twin`](super::twin())), exposed for several multiples of what the pipeline would expose for. Blur takes fine detail away: the
 //! multiple at which the virtual picture has as much of it as the real one says how much too short its blur is. Detail is the
 //! power of luma between two Gaussians, by the square of its mean; it does not change when things lie beside their place.
 //! What drawing a picture again loses, and its noise, is told by the slow frame put into itself, and taken off. Its own blur is
