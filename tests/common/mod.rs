@@ -16,7 +16,7 @@ pub fn data(rel: &str) -> Option<PathBuf> {
 ///
 /// # Panics
 /// As [`data`].
-#[allow(dead_code, reason = "one test binary uses it")]
+#[allow(dead_code, reason = "some test binaries use it")]
 pub fn data_if_any(rel: &str) -> Option<PathBuf> {
     find(rel, "left out")
 }
