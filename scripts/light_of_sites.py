@@ -25,7 +25,7 @@ def off_deg(a, b):
     return math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
 
 
-within, angles = 0, []
+within, covered, angles = 0, 0, []
 for site in range(first, last + 1):
     path = folder / f"s{site}"
     settings = {"frames": 24, "fps": 10, "lamps": (site - 1) % 3 + 1, "site": site, "seed": site, "samples": 8}
@@ -35,21 +35,31 @@ for site in range(first, last + 1):
     subprocess.run([program, "analyse", "-q", path], check=True, stdout=subprocess.DEVNULL)
     truth = tomllib.loads((path / "truth.toml").read_text())["light"]
     light = tomllib.loads((folder / f"s{site}.analysis" / "analysis.toml").read_text())["light"]
-    middle = light["middle_m"]
-    way = lambda at: [a - b for a, b in zip(at, middle)]
-    shown = lambda at, by: mean(by) * way(at)[2] / math.hypot(*way(at)) ** 3
-    lamps = sorted(zip(truth["lamps_at_m"], truth["lamps_shown_at_1_m"]), key=lambda lamp: -shown(*lamp))
+    place = light["place_m"]
+    way = lambda at, seen_from: [a - b for a, b in zip(at, seen_from)]
+    shown = lambda at, by, on: mean(by) * max(way(at, on)[2], 0) / math.hypot(*way(at, on)) ** 3
+    truth_lamps = list(zip(truth["lamps_at_m"], truth["lamps_shown_at_1_m"]))
+    # The truth is told for one point; lamps follow their distance, all other light is taken to be alike at the place.
+    true_white = mean(truth["upward"]) + sum(shown(*lamp, place) - shown(*lamp, truth["at_m"]) for lamp in truth_lamps)
+    lamps = sorted(truth_lamps, key=lambda lamp: -shown(*lamp, place))
     found = [lamp["at_m"] for lamp in light.get("lamps", [])]
-    deg = [min((off_deg(way(at), way(f)) for f in found), default=math.inf) for at, _ in lamps]
-    ratio = mean(light["upward"]) / mean(truth["upward"])
+    deg = [min((off_deg(way(at, place), way(f, place)) for f in found), default=math.inf) for at, _ in lamps]
+    white = mean(light["white_level"])
+    ratio, (low, high) = white / true_white, light["between"]
     within += abs(ratio - 1) <= 0.2
+    covered += low <= 1 / ratio <= high
     angles.append(deg[0])
     print(
-        f"site {site:2}: upward {mean(light['upward']):.2f} of {mean(truth['upward']):.2f} = {ratio:.2f}, "
-        f"{len(found)} of {len(lamps)} lamps, off by {', '.join(f'{d:.1f}°' for d in deg)} {light.get('no_lamp', '')}",
+        f"site {site:2}: white {white:.2f} of {true_white:.2f} = {ratio:.2f}, "
+        f"{'claimed' if light['claimed'] else 'not claimed'}, {'within' if low <= 1 / ratio <= high else 'OUTSIDE'} "
+        f"{low:.2f} to {high:.2f}, {len(found)} of {len(lamps)} lamps, off by {', '.join(f'{d:.1f}°' for d in deg)} "
+        f"{light.get('why', '')} {light.get('no_lamp', '')}",
         flush=True,
     )
 angles.sort()
 half = len(angles) // 2
 middle = angles[half] if len(angles) % 2 else 0.5 * (angles[half - 1] + angles[half])
-print(f"upward within 20 %: {within} of {len(angles)} sites (16 of 20 wanted); brightest lamp {middle:.1f}° off, median (5° wanted)")
+print(
+    f"white within 20 %: {within} of {len(angles)} sites; truth within the interval: {covered}; "
+    f"brightest lamp {middle:.1f}° off, median (5° wanted)"
+)

@@ -41,7 +41,7 @@ pub const STANDING: &str = "standing.toml";
 /// All that may lie in its folder.
 pub const FILES: [&str; 8] = [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, STANDING, times::FILE];
 /// Another version is made anew.
-pub const VERSION: u32 = 8;
+pub const VERSION: u32 = 9;
 
 /// An analysis.
 #[derive(Clone, Debug, PartialEq)]
@@ -212,7 +212,7 @@ impl Analysis {
             }
             None => Vec::new(),
         };
-        let environment = match findings.light.as_ref().filter(|light| light.why.is_none()) {
+        let environment = match findings.light.as_ref().filter(|light| light.panorama.is_some()) {
             Some(light) => {
                 light.check().map_err(|problem| content(&path, problem))?;
                 let path = folder.join(ENVIRONMENT);

@@ -20,9 +20,15 @@ pub const FOUND_LAMP_M: f64 = 0.25;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FoundLight {
-    /// Why nothing is known.
+    /// Whether the white level is claimed. Otherwise it follows from the camera's exposure alone,
+    /// and the light is even.
+    #[serde(default)]
+    pub claimed: bool,
+    /// Why it is not, or why nothing is known.
     pub why: Option<String>,
-    /// The place around which environment.hdr is, and what was taken for up.
+    /// Where the white level is known, the centre of environment.hdr in free space over it, and
+    /// what was taken for up.
+    pub place_m: Option<[f64; 3]>,
     pub middle_m: Option<[f64; 3]>,
     pub up: Option<[f64; 3]>,
     /// The recording does not say where up is: it is what cameras had above them.
@@ -31,8 +37,9 @@ pub struct FoundLight {
     /// The share of all directions, and of those above the horizon, of which anything was seen.
     pub seen: Option<f64>,
     pub seen_above: Option<f64>,
-    /// What white matt that looks up shows there: the irradiance from above by π, and factors between which it lies.
-    pub upward: Option<[f64; 3]>,
+    /// What white matt that looks up shows at the place: the irradiance from above by π, and
+    /// factors between which it lies.
+    pub white_level: Option<[f64; 3]>,
     pub between: Option<[f64; 2]>,
     /// Of what no lamp leaves unexplained, the share that lamps explain.
     pub explained: Option<f64>,
@@ -64,13 +71,15 @@ impl FoundLight {
             .map(|of| light.map(|l| short([of(l)])[0]));
         let lamp = |lamp: &FoundLamp| FoundLamp { at_m: short(lamp.at_m), shown_at_1_m: short(lamp.shown_at_1_m) };
         Self {
-            why: found.as_ref().err().cloned(),
+            claimed: light.is_some_and(|light| light.unclaimed.is_none()),
+            why: found.as_ref().map_or_else(|why| Some(why.clone()), |light| light.unclaimed.clone()),
+            place_m: light.map(|light| short(light.place_m)),
             middle_m: light.map(|light| short(light.middle_m)),
             up: light.map(|light| light.up),
             guessed_up: light.is_some_and(|light| light.is_up_guessed),
             seen,
             seen_above,
-            upward: light.map(|light| short(light.upward)),
+            white_level: light.map(|light| short(light.white_level)),
             between: light.map(|light| short(light.between)),
             explained: light.map(|light| short([light.explained])[0]),
             halves_explain: light.and_then(|light| light.halves_explain).map(|share| short([share])[0]),
@@ -122,24 +131,27 @@ impl FoundLight {
 
     /// A line for each, with the name of what it is about.
     pub fn lines(&self) -> Vec<(&'static str, String)> {
-        let (Some(upward), Some([low, high])) = (self.upward, self.between) else {
+        let (Some(white), Some([low, high])) = (self.white_level, self.between) else {
             let why = self.why.as_deref().unwrap_or("nothing can be said");
             return vec![("light", format!("unknown: {why}"))];
         };
         let all = |values: [f64; 3]| values.map(|v| fixed(v, 2)).join(", ");
         let percent = |share: Option<f64>| fixed(100.0 * share.unwrap_or_default(), 0);
-        let mut lines = vec![(
-            "light",
-            format!(
-                "white matt that looks up shows {} (times {} to {}); {} % of all directions seen, {} % of those above{}",
-                all(upward),
-                fixed(low, 2),
-                fixed(high, 2),
-                percent(self.seen),
-                percent(self.seen_above),
-                if self.guessed_up { "; up is what the cameras had above them" } else { "" }
+        let shows =
+            format!("white matt that looks up shows {} (times {} to {})", all(white), fixed(low, 2), fixed(high, 2));
+        let about_up = if self.guessed_up { "; up is what level surfaces say" } else { "" };
+        let light = match (self.claimed, &self.why) {
+            (false, Some(why)) => format!(
+                "not claimed: {why}; by the camera's exposure alone {shows}: point at white paper \
+                 (`locard light --white FRAME:X,Y`){about_up}"
             ),
-        )];
+            _ => format!(
+                "{shows}; {} % of all directions seen, {} % of those above{about_up}",
+                percent(self.seen),
+                percent(self.seen_above)
+            ),
+        };
+        let mut lines = vec![("light", light)];
         let halves = self.halves_deg.zip(self.halves_explain).map_or(String::new(), |(deg, share)| {
             format!(
                 "; halves of the frames {}° apart, each explains {} % of the other or more",

@@ -11,12 +11,12 @@ use anyhow::{Context, Result, bail};
 use glam::Vec3;
 
 use super::tell;
-use locard_engine::analyse::{Analysis, beside, panorama_beside};
+use locard_engine::analyse::{Analysis, Environment, beside, panorama_beside};
 use locard_engine::export::Inputs;
 use locard_engine::recording::OpenOptions;
 use locard_engine::scene::document::{LightTable, Up};
 use locard_engine::scene::{self, Document, SceneFile};
-use locard_engine::shot::{Analysed, AnalysisState, Given, Shot, View};
+use locard_engine::shot::{Analysed, AnalysisState, Given, ReferencePick, Shot};
 use locard_engine::sink;
 use locard_engine::sink::atomic::write_atomically;
 use locard_engine::words::shown;
@@ -40,10 +40,11 @@ pub struct Args {
     /// What `locard analyse` found, where it does not lie beside the recording
     #[arg(long, value_name = "DIR")]
     analysis: Option<PathBuf>,
-    /// A white matt thing, as paper or paint: the frame, and column and row from the upper left. The light is made as bright as it says;
-    /// several times for several things
-    #[arg(long, value_name = "FRAME:X,Y", value_parser = white::parse, allow_hyphen_values = true)]
-    white: Vec<View>,
+    /// A neutral matt surface: the frame, and column and row from the upper left. It reflects 0.8,
+    /// as white paper and paint, or what is said. The light gets the brightness and colour that it
+    /// implies; several times for several surfaces
+    #[arg(long, value_name = "FRAME:X,Y[=REFLECTANCE]", value_parser = white::parse, allow_hyphen_values = true)]
+    white: Vec<ReferencePick>,
     /// A lamp that is seen: the frame, column and row; where depth says nothing also how far it is from the camera in metres, or where
     /// another frame shows it. How bright it is follows from how surfaces are lit; several times for several lamps
     #[arg(long, value_name = "FRAME:X,Y[,M][+FRAME:X,Y]", value_parser = lamp::Pointed::parse, allow_hyphen_values = true)]
@@ -102,9 +103,9 @@ pub fn run(args: &Args) -> Result<()> {
     let mut lines = light.lines();
     let mut lighting = light.lighting(around).context("the light that was found")?;
     // What white matt shows that looks up.
-    let (middle, turned) =
-        (light.middle_m.unwrap_or_default().into(), file.up.map_or(Ok(up.into()), |up| up.axis(path, "up"))?);
-    let by = own::upward(&lighting, middle, turned);
+    let place = light.place_m.unwrap_or_default().into();
+    let turned = file.up.map_or(Ok(up.into()), |up| up.axis(path, "up"))?;
+    let by = own::upward(&lighting, place, turned);
     lines.extend(lamp::odd(&args.lamp, &by));
     match &args.environment {
         Some(panorama) => {
@@ -124,12 +125,17 @@ pub fn run(args: &Args) -> Result<()> {
             light.put_into(&mut file, path, name).map_err(anyhow::Error::msg)?;
         }
     }
+    let mut corrected = None;
     if !args.white.is_empty() {
-        let upward = own::upward(&lighting, middle, turned).light();
-        let (factor, about) = white::factor(&shot, &args.white, &lighting, upward, light.between)?;
-        white::multiply(&mut file.light, factor);
+        let upward = own::upward(&lighting, place, turned).light();
+        let (correction, about) = white::correction(&shot, &args.white, &lighting, upward, light.between)?;
+        // A person's own panorama is not written anew.
+        let correction = if args.environment.is_some() { correction.untinted() } else { correction };
+        correction.apply(&mut file.light);
+        corrected = Environment::of(&correction.tinted(&around.rgb));
         lines.extend(about);
     }
+    let around = corrected.as_ref().unwrap_or(around);
     document.set(file).context("the scene file")?;
     if args.environment.is_none() {
         write_atomically(&hdr, true, |out| out.write_all(&around.hdr))?;

@@ -50,6 +50,9 @@ fn light(findings: &Findings) -> Estimate {
     let Some(light) = &findings.light else { return refused("it was not looked for") };
     match (&light.why, light.lines().into_iter().next()) {
         (None, Some((_, value))) => estimate("room's light", Mark::Changed, "found", value, ""),
+        (Some(_), Some((_, value))) if light.white_level.is_some() => {
+            estimate("room's light", Mark::Kept, "by exposure", value, "")
+        }
         (why, _) => refused(why.as_deref().unwrap_or("nothing can be said")),
     }
 }

@@ -63,7 +63,7 @@ pub use stream::Composites;
 pub use surface::{Surface, SurfaceError};
 pub use tilt::Tilt;
 pub use triangulate::{Triangulated, View};
-pub use white::{White, WhiteError};
+pub use white::{FACTORS, ReferencePick, White, WhiteError};
 
 /// A recording with its camera, what is put into it, and how. Cheap to clone: what is large is shared.
 #[derive(Clone, Debug)]

@@ -1,8 +1,10 @@
-//! A white matt thing at which a person points, and by what it says the light that was found must be multiplied.
+//! A matt surface of known reflectance that a person points at, and the factors that it implies for
+//! the estimated light.
 //!
-//! Reflectance and light share a factor that a recording does not tell ([`crate::analyse`]). White paper and paint reflect about
-//! ρ = 0.8. Where such a thing shows the light B, and white matt would show W by the light that was found
-//! ([`on_white`]), that light is too dark by the factor B / (ρ·W).
+//! Reflectance and light share a factor that a recording does not tell ([`crate::analyse`]). White
+//! paper and paint reflect about ρ = 0.8. Where the surface shows the light B, and white would show
+//! W by the estimated light ([`on_white`]), that light is to be multiplied
+//! by B / (ρ·W), channel by channel.
 //!
 //! B is the median of a patch of a few pixels, through the camera's response, with what the frame is brighter than usual taken out.
 //! Refused is what cannot tell: clipped pixels, which are a lower bound alone; an edge, in the picture or in depth; what is nearly
@@ -11,7 +13,6 @@
 use glam::{DVec3, Vec3};
 
 use super::{Shot, SurfaceError, View};
-use crate::analyse::WHITE;
 use crate::camera::Response;
 use crate::frame::Frame;
 use crate::scene::{Lighting, Support};
@@ -30,14 +31,25 @@ const DEPTH_PX: f64 = 4.0;
 const NEAR: f64 = 0.05;
 /// Darker things are the sensor's noise.
 const DARKEST: f64 = 0.01;
+/// Factors on all light that are accepted, and the largest ratio between those of two channels:
+/// beyond them the surface is not what the person takes it for.
+pub const FACTORS: [f64; 2] = [0.125, 8.0];
+const MOST_TINT: f64 = 3.0;
 /// A lamp of which some is seen counts as half a shadow where it brings at least this share of the light.
 const MATTERS: f32 = 0.05;
 
-/// What a white thing says.
+/// A place in a frame's picture where a neutral matt surface of known reflectance is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReferencePick {
+    pub view: View,
+    pub reflectance: f64,
+}
+
+/// A neutral reference surface and what it implies for the estimated light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct White {
-    /// By which the light is to be multiplied.
-    pub factor: f64,
+    /// By which the light is to be multiplied: red, green, blue.
+    pub factors: [f64; 3],
     /// In the world, metres, and what is across the surface there.
     pub point_m: DVec3,
     pub normal: DVec3,
@@ -75,18 +87,30 @@ pub enum WhiteError {
     HalfShadow { lamp: usize, percent: f64 },
     #[error("no light falls on it, by what was found")]
     Unlit,
+    #[error(
+        "all light would become {factor:.3} times as bright; accepted is {} to {}: it does not reflect {reflectance}, or it \
+         shines",
+        FACTORS[0], FACTORS[1]
+    )]
+    Implausible { factor: f64, reflectance: f64 },
+    #[error(
+        "by it one colour of the light would change {ratio:.1} times as much as another, and at most {MOST_TINT} times is \
+         accepted: it is coloured"
+    )]
+    Coloured { ratio: f64 },
     #[error(transparent)]
     Surface(#[from] SurfaceError),
 }
 
 impl Shot {
-    /// What each of some white things says of a light of the room. The first that tells nothing is the error, with its number.
-    pub fn white_at(&self, views: &[View], lighting: &Lighting) -> Result<Vec<White>, (usize, WhiteError)> {
-        if views.is_empty() {
+    /// The factors that each reference surface implies for a light of the room. The first that
+    /// implies none is the error, with its number.
+    pub fn white_at(&self, picks: &[ReferencePick], lighting: &Lighting) -> Result<Vec<White>, (usize, WhiteError)> {
+        if picks.is_empty() {
             return Ok(Vec::new());
         }
         let room = self.solids();
-        let of = |view: &View| {
+        let of = |ReferencePick { view, reflectance }: &ReferencePick| {
             let frame = self.read(view.frame).map_err(|error| SurfaceError::from(Box::new(error)))?;
             let surface = self.surface_at(&frame, view.at_px).map_err(|error| match error {
                 SurfaceError::NoDepth { .. } | SurfaceError::NotMeasured { .. } => WhiteError::NoDepth,
@@ -98,15 +122,15 @@ impl Shot {
             }
             let support = Support { point_m: surface.point_m, normal: surface.normal_in_world };
             let comes = on_white(lighting, &room, &support);
-            let factor = factor(shown, &comes)?;
-            Ok(White { factor, point_m: support.point_m, normal: support.normal, shown, comes })
+            let factors = factors(shown, *reflectance, &comes)?;
+            Ok(White { factors, point_m: support.point_m, normal: support.normal, shown, comes })
         };
-        views.iter().enumerate().map(|(n, view)| of(view).map_err(|error| (n, error))).collect()
+        picks.iter().enumerate().map(|(n, pick)| of(pick).map_err(|error| (n, error))).collect()
     }
 }
 
-/// See above.
-fn factor(shown: [f64; 3], comes: &OnWhite) -> Result<f64, WhiteError> {
+/// B / (ρ·W) of each channel.
+fn factors(shown: [f64; 3], reflectance: f64, comes: &OnWhite) -> Result<[f64; 3], WhiteError> {
     let light = comes.light();
     for (n, (by, seen)) in comes.lamps.iter().enumerate() {
         let matters = mean(*by) > MATTERS * mean(light + *by);
@@ -114,11 +138,17 @@ fn factor(shown: [f64; 3], comes: &OnWhite) -> Result<f64, WhiteError> {
             return Err(WhiteError::HalfShadow { lamp: n + 1, percent: 100.0 * f64::from(*seen) });
         }
     }
-    let white = f64::from(mean(light));
-    if white <= 0.0 {
+    if light.min_element() <= 0.0 {
         return Err(WhiteError::Unlit);
     }
-    Ok(shown.iter().sum::<f64>() / 3.0 / (WHITE * white))
+    let factor = shown.iter().sum::<f64>() / 3.0 / (reflectance * f64::from(mean(light)));
+    if !(FACTORS[0]..=FACTORS[1]).contains(&factor) {
+        return Err(WhiteError::Implausible { factor, reflectance });
+    }
+    let factors = [0, 1, 2].map(|c| shown[c] / (reflectance * f64::from(light[c])));
+    let ends = factors.iter().fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), f| (low.min(*f), high.max(*f)));
+    let ratio = ends.1 / ends.0;
+    if ratio > MOST_TINT { Err(WhiteError::Coloured { ratio }) } else { Ok(factors) }
 }
 
 fn mean(light: Vec3) -> f32 {
@@ -213,19 +243,37 @@ mod tests {
     }
 
     #[test]
-    fn what_it_shows_by_what_white_would_is_the_factor() {
+    fn factors_are_the_light_shown_by_the_light_expected_of_the_reflectance() {
         // Of white 0.5 by the sky and 0.25 by a lamp: 0.8 · 0.75 = 0.6. It shows 0.72: a factor of 1.2.
         let lamp = (Vec3::splat(0.25), 1.0);
         let comes = OnWhite { far: Vec3::new(0.4, 0.5, 0.6), lamps: vec![lamp] };
-        assert!((factor([0.9, 0.72, 0.54], &comes).unwrap() - 1.2).abs() < 1e-6);
-        // Behind something it has the sky's alone: 0.72 / 0.4.
+        let is_about = |found: [f64; 3], expected: [f64; 3]| {
+            assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?} {expected:?}");
+        };
+        is_about(factors([0.78, 0.72, 0.51], 0.8, &comes).unwrap(), [1.5, 1.2, 0.75]);
+        // A grey card of 0.3.
+        is_about(factors([0.195, 0.225, 0.255], 0.3, &comes).unwrap(), [1.0; 3]);
+        // Behind something it has the sky's alone.
         let hidden = OnWhite { lamps: vec![(lamp.0, 0.0)], ..comes.clone() };
-        assert!((factor([0.72; 3], &hidden).unwrap() - 1.8).abs() < 1e-6);
+        is_about(factors([0.32, 0.72, 0.48], 0.8, &hidden).unwrap(), [1.0, 1.8, 1.0]);
         let half = OnWhite { lamps: vec![(lamp.0, 0.5)], ..comes.clone() };
-        assert!(matches!(factor([0.72; 3], &half), Err(WhiteError::HalfShadow { lamp: 1, .. })));
+        assert!(matches!(factors([0.72; 3], 0.8, &half), Err(WhiteError::HalfShadow { lamp: 1, .. })));
         // A lamp that hardly counts may be half seen.
-        assert!(factor([0.72; 3], &OnWhite { lamps: vec![lamp, (Vec3::splat(0.02), 0.5)], ..comes }).is_ok());
-        assert!(matches!(factor([0.72; 3], &OnWhite { far: Vec3::ZERO, lamps: Vec::new() }), Err(WhiteError::Unlit)));
+        let weak = OnWhite { lamps: vec![lamp, (Vec3::splat(0.02), 0.5)], ..comes };
+        assert!(factors([0.72; 3], 0.8, &weak).is_ok());
+        let dark = OnWhite { far: Vec3::ZERO, lamps: Vec::new() };
+        assert!(matches!(factors([0.72; 3], 0.8, &dark), Err(WhiteError::Unlit)));
+    }
+
+    #[test]
+    fn factors_that_no_white_implies_are_refused() {
+        let comes = OnWhite { far: Vec3::ONE, lamps: Vec::new() };
+        for shown in [0.8 * 0.12, 0.8 * 8.1] {
+            assert!(matches!(factors([shown; 3], 0.8, &comes), Err(WhiteError::Implausible { .. })), "{shown}");
+        }
+        assert!(factors([0.8 * 0.13; 3], 0.8, &comes).is_ok() && factors([0.8 * 7.9; 3], 0.8, &comes).is_ok());
+        let red = factors([0.9, 0.28, 0.6], 0.8, &comes);
+        assert!(matches!(red, Err(WhiteError::Coloured { ratio }) if (ratio - 0.9 / 0.28).abs() < 1e-9), "{red:?}");
     }
 
     #[test]

@@ -282,7 +282,7 @@ fn with_light(analysis: &mut Analysis) {
     (analysis.environment, analysis.findings.light) = (Some(environment), Some(light));
 }
 
-const FOUND_LIGHT: &str = "middle_m = [0.1, 0.0, 0.1]\nup = [0.0, 0.0, 1.0]\nupward = [0.6, 0.6, 0.6]\n\
+const FOUND_LIGHT: &str = "middle_m = [0.1, 0.0, 0.1]\nup = [0.0, 0.0, 1.0]\nwhite_level = [0.6, 0.6, 0.6]\n\
     [[lamps]]\nat_m = [-0.2783, 0.2778, 2.349]\nshown_at_1_m = [5.4049, 5.1358, 4.6338]\n";
 
 #[test]

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A lamp, as if it shone evenly into all directions: as bright in the middle of what was looked at as it is.
+/// A lamp, as if it shone evenly into all directions: as bright at the place as it is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FoundLamp {
     /// World axes, m.
@@ -13,7 +13,9 @@ pub struct FoundLamp {
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RoomLight {
-    /// The place around which the panorama is.
+    /// Where the white level is known: on the largest support.
+    pub place_m: [f64; 3],
+    /// The panorama's centre, in free space over it.
     pub middle_m: [f64; 3],
     pub up: [f64; 3],
     /// Whether up is only what cameras had above them.
@@ -21,14 +23,14 @@ pub struct RoomLight {
     /// Of all directions, and of those above the horizon.
     pub seen_share: f64,
     pub seen_above_share: f64,
-    /// Row by row, without the lamps; unseen directions as the light from around and above.
+    /// Row by row, without the lamps.
     pub panorama: Vec<[f32; 3]>,
     pub lamps: Vec<FoundLamp>,
-    pub around: [f64; 3],
-    pub above: [f64; 3],
-    /// What white matt that looks up shows in the middle, and factors between which it lies.
-    pub upward: [f64; 3],
+    /// What white matt that looks up shows at the place, and factors between which it lies.
+    pub white_level: [f64; 3],
     pub between: [f64; 2],
+    /// Why that is not claimed.
+    pub unclaimed: Option<String>,
     /// By how much the lamps lower what is left unexplained, as a share of it.
     pub explained: f64,
     /// Of what no lamp leaves unexplained in one half of the frames, the share that the other half's lamp explains; the lesser.

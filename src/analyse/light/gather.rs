@@ -9,18 +9,18 @@ use super::super::depths::measured;
 use super::super::eye::Eye;
 use super::super::reading::frames;
 use super::super::registered::RegistrationError;
-use super::super::robust::median;
 use super::super::state::{State, moved};
 use super::super::times::{self, Times};
 use super::sample::Sample;
+use super::voxels::{Voxel, Voxels};
 use crate::camera::Response;
 use crate::frame::Frame;
-use crate::recording::{Recording, RecordingError};
+use crate::recording::Recording;
 use crate::rows::over_rows;
 
-/// Frames that are looked at, and those by which the middle is found.
-pub const MOST_FRAMES: usize = 120;
-const FEW_FRAMES: usize = 12;
+/// Frames whose light is gathered, and those of the survey before.
+const MOST_FRAMES: usize = 120;
+const SURVEY_FRAMES: usize = 12;
 /// Points of a frame, about.
 const POINTS: usize = 76_800;
 /// Depth is smooth so far around a point, px of 640 across, within this share.
@@ -28,8 +28,18 @@ const SMOOTH_PX: usize = 3;
 const SMOOTH: f32 = 0.05;
 /// From this code on, of 255, a colour is clipped.
 const CLIPPED: u32 = 250;
-/// The middle lies this far above what was looked at, m.
-const ABOVE_M: f64 = 0.1;
+
+/// One frame's points, and how bright it is as a whole.
+pub struct FrameView {
+    pub samples: Vec<Sample>,
+    pub camera_at: Vec3,
+    /// 0 in the first half of the recording, 1 in the second.
+    pub half: usize,
+    /// How much brighter it is than the frame of usual brightness, a factor for each channel.
+    pub gain: [f64; 3],
+    /// Mean linear light of the whole picture, as the frame of usual brightness would show it.
+    pub mean: [f64; 3],
+}
 
 /// What is known of the recording.
 pub struct Known<'a> {
@@ -53,39 +63,25 @@ impl Known<'_> {
         (0..taken).map(|n| (2 * n + 1) * count / (2 * taken)).filter(|n| self.states[*n].is_some()).collect()
     }
 
-    /// What was looked at, in the middle of the pictures, and a little above it. `None` where no depth tells.
-    pub fn middle(&self) -> Result<Option<DVec3>, RecordingError> {
-        let wanted = self.chosen(FEW_FRAMES);
-        let (width, height) = self.eye.size();
-        let mut places: [Vec<f64>; 3] = Default::default();
-        for frame in frames(self.recording, wanted.iter().copied()) {
-            let frame = frame?;
-            let Some(state) = self.states[frame.index].filter(|_| wanted.contains(&frame.index)) else { continue };
-            let depth = measured(self.eye, &frame, &state, self.later_s);
-            let within = |n: &usize| {
-                let (x, y) = (n % width, n / width);
-                x.abs_diff(width / 2) < width / 10 && y.abs_diff(height / 2) < height / 10
-            };
-            let mut far: Vec<f64> =
-                (0..depth.len()).filter(within).map(|n| f64::from(depth[n])).filter(|z| *z > 0.0).collect();
-            let ray = DVec3::from(self.eye.rays[height / 2 * width + width / 2].map(f64::from));
-            if far.is_empty() || !ray.is_finite() {
-                continue;
-            }
-            let at = state.world_from_camera.transform_point3(median(&mut far) * ray);
-            (0..3).for_each(|axis| places[axis].push(at[axis]));
-        }
-        let is_known = !places[0].is_empty();
-        Ok(is_known.then(|| DVec3::from(places.map(|mut values| median(&mut values))) + ABOVE_M * self.up))
+    /// A few frames all over the recording, and the room's surfaces by them, one view of each being
+    /// enough.
+    pub fn survey(&self, times: &mut Times) -> Result<(Vec<FrameView>, Vec<Voxel>), RegistrationError> {
+        let (mut views, mut voxels) = (Vec::new(), Voxels::default());
+        self.each(SURVEY_FRAMES, times, &mut |view| {
+            voxels.add(&view.samples, view.camera_at, view.half);
+            views.push(view);
+        })?;
+        let surfaces = times.of(times::LIGHT, || voxels.surfaces(1, self.threads));
+        Ok((views, surfaces))
     }
 
-    /// Calls `each` with every frame's samples, the camera's place, and whether the frame is of the second half.
-    pub fn each(
-        &self,
-        times: &mut Times,
-        each: &mut dyn FnMut(&[Sample], Vec3, usize),
-    ) -> Result<(), RegistrationError> {
-        let wanted = self.chosen(MOST_FRAMES);
+    /// Calls `each` with every frame of the recording, or of [`MOST_FRAMES`] spread over it.
+    pub fn every(&self, times: &mut Times, each: &mut dyn FnMut(FrameView)) -> Result<(), RegistrationError> {
+        self.each(MOST_FRAMES, times, each)
+    }
+
+    fn each(&self, most: usize, times: &mut Times, each: &mut dyn FnMut(FrameView)) -> Result<(), RegistrationError> {
+        let wanted = self.chosen(most);
         let mut coming = frames(self.recording, wanted.iter().copied());
         loop {
             let begun = Instant::now();
@@ -94,7 +90,7 @@ impl Known<'_> {
                 let Some(frame) = coming.next() else { break };
                 let frame = frame?;
                 if wanted.binary_search(&frame.index).is_ok() {
-                    batch.push((frame, Vec::new()));
+                    batch.push((frame, None));
                 }
             }
             times.add(times::READING, begun.elapsed());
@@ -103,25 +99,20 @@ impl Known<'_> {
             }
             times.of(times::LIGHT, || {
                 over_rows(&mut batch, 1, self.threads, |_, slot| {
-                    let (frame, samples) = &mut slot[0];
-                    *samples = self.samples(frame);
+                    let (frame, seen) = &mut slot[0];
+                    *seen = self.view(frame);
                 });
-                for (frame, samples) in &batch {
-                    if let Some(state) = self.states[frame.index] {
-                        let half = (2 * frame.index / self.recording.frame_count().max(1)).min(1);
-                        each(samples, state.world_from_camera.translation.as_vec3(), half);
-                    }
-                }
+                batch.into_iter().filter_map(|(_, seen)| seen).for_each(&mut *each);
             });
         }
     }
 
-    fn samples(&self, frame: &Frame) -> Vec<Sample> {
-        let Some(state) = self.states[frame.index] else { return Vec::new() };
+    fn view(&self, frame: &Frame) -> Option<FrameView> {
+        let state = self.states[frame.index]?;
         let (width, height) = self.eye.size();
         let depth = measured(self.eye, frame, &state, self.later_s);
         let is_smooth = smooth(&depth, width, (SMOOTH_PX * width).div_ceil(640).max(1), SMOOTH);
-        let factors = self.gains.get(frame.index).copied().unwrap_or([1.0; 3]);
+        let gain = self.gains.get(frame.index).copied().unwrap_or([1.0; 3]);
         let most = frame.pixels.max_code();
         let light: Vec<f64> = (0..=255).map(|code| self.response.decode(f64::from(code) / 255.0)).collect();
         let decoded = |code: u32| match most {
@@ -129,24 +120,35 @@ impl Known<'_> {
             _ => self.response.decode(f64::from(code) / f64::from(most)),
         };
         let every = ((width * height) as f64 / POINTS as f64).sqrt().round().max(1.0) as usize;
-        let mut samples = Vec::new();
+        let (mut samples, mut sum, mut count) = (Vec::new(), [0.0; 3], 0usize);
         for y in (0..height).step_by(every) {
             let row_s = self.eye.geometry.row_time_s(y as f64 + 0.5);
             for x in (0..width).step_by(every) {
                 let n = y * width + x;
+                let codes = frame.pixels.at(x as u32, y as u32);
+                let code = codes.map(decoded);
+                (0..3).for_each(|c| sum[c] += code[c]);
+                count += 1;
                 let ray = DVec3::from(self.eye.rays[n].map(f64::from));
                 if !(is_smooth[n] && ray.is_finite()) {
                     continue;
                 }
                 let here = moved(f64::from(depth[n]) * ray, &state.twist, row_s);
-                let codes = frame.pixels.at(x as u32, y as u32);
-                let is_clipped = codes.iter().any(|code| *code >= CLIPPED * (most / 255));
-                let light = [0, 1, 2].map(|c| (decoded(codes[c]) / factors[c]) as f32);
-                let at = state.world_from_camera.transform_point3(here).as_vec3();
-                samples.push(Sample { at, light, is_clipped });
+                samples.push(Sample {
+                    at: state.world_from_camera.transform_point3(here).as_vec3(),
+                    light: [0, 1, 2].map(|c| (code[c] / gain[c]) as f32),
+                    code: code.map(|code| code as f32),
+                    clipped: codes.map(|code| code >= CLIPPED * (most / 255)),
+                });
             }
         }
-        samples
+        Some(FrameView {
+            samples,
+            camera_at: state.world_from_camera.translation.as_vec3(),
+            half: (2 * frame.index / self.recording.frame_count().max(1)).min(1),
+            gain,
+            mean: [0, 1, 2].map(|c| sum[c] / count.max(1) as f64 / gain[c]),
+        })
     }
 }
 
@@ -192,10 +194,13 @@ mod tests {
                 presence: 1.0,
                 beside: Vec::new(),
             };
-            let samples = known.samples(&frame);
+            let seen = known.view(&frame).unwrap();
+            let samples = &seen.samples;
             assert_eq!(samples.len(), count);
             let is_grey = |sample: &Sample| sample.light.iter().all(|light| (light - 40.0 / 255.0).abs() < 1e-6);
             assert!(samples.iter().all(is_grey), "frame {index}: {:?}", samples[0]);
+            assert!(seen.mean.iter().all(|mean| (mean - 40.0 / 255.0).abs() < 1e-12), "{:?}", seen.mean);
+            assert_eq!(samples[0].code, codes.map(|code| (f64::from(code) / 255.0) as f32));
         }
     }
 }

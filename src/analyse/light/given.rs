@@ -10,7 +10,7 @@ use glam::DVec3;
 use super::blocked::Blocked;
 use super::lit::{MOST_LAMPS, Place};
 use super::search::{APART_M, FINE, Search, WORTH, WORTH_OF_ALL};
-use super::solved::{FEWEST, Solved, TOO_FEW, Told, bright};
+use super::solved::{FEWEST, Solved, TOO_FEW, Verdict, light};
 use super::surfaces::{Of, points, room};
 use super::voxels::Voxel;
 
@@ -27,7 +27,6 @@ pub struct Given<'a> {
 pub fn solve(
     voxels: &[Voxel],
     solid: &[DVec3],
-    middle: DVec3,
     up: DVec3,
     threads: usize,
     given: &Given<'_>,
@@ -36,9 +35,11 @@ pub fn solve(
     if points.len() < FEWEST {
         return Err(TOO_FEW.to_owned());
     }
-    let search = Search { points: &points, blocked: &Blocked::new(solid), room: room(solid, up), threads };
+    let blocked = Blocked::new(solid);
+    let search = Search { points: &points, blocked: &blocked, room: room(solid, up), threads };
     let (lamps, explained) = lamps(&search, given);
-    bright(voxels, &search, lamps, middle, Told { explained, halves: None, no_lamp: None })
+    let light = light(voxels, &search, &lamps);
+    Ok(Solved::new(lamps, light, blocked, up, Verdict { explained, ..Verdict::default() }))
 }
 
 /// Those that shine, the seen ones first, and what they explain.
@@ -66,26 +67,33 @@ fn lamps(search: &Search<'_>, given: &Given<'_>) -> (Vec<Place>, f64) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::lit::of_lamp;
     use super::super::lit_room::room as lit_room;
+    use super::super::solved::Shares;
     use super::*;
 
     const UP: DVec3 = DVec3::Z;
-    const MIDDLE: DVec3 = DVec3::new(0.0, 0.0, 0.1);
+
+    /// Scaled to what white shows in the middle of the floor.
+    fn scaled(solved: &Solved, lamps: &[DVec3]) -> Shares {
+        let by = |at: &DVec3| 2.0 * of_lamp(DVec3::ZERO, UP, &Place { at: *at, along: None });
+        solved.at(DVec3::ZERO, [0.15 + lamps.iter().map(by).sum::<f64>(); 3])
+    }
 
     fn solved(lamps: &[DVec3], seen: &[DVec3], found: &[DVec3]) -> Solved {
         let (voxels, solid) = lit_room([lamps; 2]);
-        solve(&voxels, &solid, MIDDLE, UP, 2, &Given { seen, found }).unwrap()
+        solve(&voxels, &solid, UP, 2, &Given { seen, found }).unwrap()
     }
 
     #[test]
     fn a_lamp_that_is_pointed_at_is_as_bright_as_it_is_and_the_one_that_stood_for_it_goes() {
-        // The lamps shine with 2; the pattern's brightest places, 1.1 times as bright, count as white.
         let lamp = DVec3::new(-0.6, 0.5, 2.0);
         let found = solved(&[lamp], &[lamp], &[DVec3::new(-0.9, 0.1, 1.7)]);
         assert_eq!(found.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), [lamp]);
-        assert!((found.shown_at_1_m[0][1] / 2.2 - 1.0).abs() < 0.05, "{:?}", found.shown_at_1_m);
-        assert!((found.around[1] + found.above[1] - 0.165).abs() < 0.03, "{:?} {:?}", found.around, found.above);
-        assert!(found.explained > 0.5 && found.no_lamp.is_none(), "{}", found.explained);
+        let Shares { ambient, lamps } = scaled(&found, &[lamp]);
+        assert!((lamps[0].shown_at_1_m[1] / 2.0 - 1.0).abs() < 0.05, "{lamps:?}");
+        assert!((ambient[1] - 0.15).abs() < 0.03, "{ambient:?}");
+        assert!(found.verdict.explained > 0.5 && found.verdict.no_lamp.is_none(), "{:?}", found.verdict);
     }
 
     #[test]
@@ -93,13 +101,14 @@ mod tests {
         let lamps = [DVec3::new(0.8, -0.5, 1.9), DVec3::new(-0.7, 0.4, 2.1)];
         let found = solved(&lamps, &lamps[..1], &lamps[1..]);
         assert_eq!(found.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), lamps);
-        for shown in &found.shown_at_1_m {
-            assert!((shown[1] / 2.2 - 1.0).abs() < 0.1, "{:?}", found.shown_at_1_m);
+        for lamp in scaled(&found, &lamps).lamps {
+            assert!((lamp.shown_at_1_m[1] / 2.0 - 1.0).abs() < 0.1, "{lamp:?}");
         }
         // It is off.
         let dark = DVec3::new(1.2, 1.0, 1.5);
         let found = solved(&lamps[1..], &[dark], &lamps[1..]);
         assert_eq!(found.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), [dark, lamps[1]]);
-        assert!(found.shown_at_1_m[0][1] < 0.1 * found.shown_at_1_m[1][1], "{:?}", found.shown_at_1_m);
+        let shown = scaled(&found, &lamps[1..]).lamps.iter().map(|lamp| lamp.shown_at_1_m[1]).collect::<Vec<_>>();
+        assert!(shown[0] < 0.1 * shown[1], "{shown:?}");
     }
 }

@@ -4,7 +4,6 @@ use glam::DVec3;
 
 use super::blocked::Blocked;
 use super::lit::{Place, of_lamp};
-use super::sample::luminance;
 use super::voxels::Voxel;
 
 /// A floor and a white box on it, each in 2 cm, lit in the two halves of the frames by lamps, shadows and all; a pattern of
@@ -42,8 +41,7 @@ pub fn room(lamps: [&[DVec3]; 2]) -> (Vec<Voxel>, Vec<DVec3>) {
             Some((pattern * *albedo * (0.15 + direct)).as_vec3().to_array())
         };
         let light = [by(lamps[0]), by(lamps[1]), by(lamps[0])];
-        let brightest = luminance(light[2].unwrap_or_default());
-        Voxel { at: *at, normal: *normal, light, brightest, is_clipped: false }
+        Voxel { light, ..Voxel::of_surface(*at, *normal, light[2].unwrap_or_default()) }
     };
     (surfaces.iter().enumerate().map(lit).collect(), solid)
 }

@@ -1,15 +1,22 @@
-//! The light of the room by the recording itself: what was seen of it around the place that was looked at, and lamps that were
-//! not seen, by how they light what was.
+//! The light of the room by the recording itself: how bright matt white is at a place, what was
+//! seen around it, and lamps that were not seen, by how they light what was.
 //!
-//! Frames' points with measured depth make a panorama ([`panorama`]) and surfaces ([`voxels`]). Lamps, the light from around and
-//! above and the surfaces' reflectances follow from how bright the surfaces are ([`search`], [`lit`]), with a factor that the
-//! whitest things tell ([`white`]). Unseen directions of the panorama get the light from around, above the horizon that from
-//! above besides: a surface then shows a + b(1 + n_z)/2 by them. After Debevec 1998 and Weber & Cipolla 2001, in spirit.
+//! Frames' points with measured depth make surfaces ([`voxels`]) and a panorama ([`panorama`])
+//! around a point in free space ([`free_space`]) over the largest support ([`support`]). Lamps and
+//! their shares of the light follow from how bright the surfaces are ([`search`], [`lit`]). The
+//! white level scales all of it ([`white_level`]), or says why it cannot be claimed; then the light
+//! is even, as bright as the camera's exposure says ([`exposure`]). Unseen directions of the
+//! panorama are filled so that it gives the white level ([`fill`]). After Debevec 1998 and Weber &
+//! Cipolla 2001, in spirit.
 //!
-//! Not modelled: windows and other lights with an extent, lamps whose light is coloured by shades, light that changes.
+//! Not modelled: windows and other lights with an extent, lamps whose light is coloured by shades,
+//! light that changes, another white level at another place.
 
 mod blocked;
+mod exposure;
+mod fill;
 mod found;
+mod free_space;
 mod gather;
 mod given;
 mod lit;
@@ -20,9 +27,11 @@ mod quantile;
 mod sample;
 mod search;
 mod solved;
+mod support;
 mod surfaces;
+mod up;
 mod voxels;
-mod white;
+mod white_level;
 
 use glam::DVec3;
 
@@ -31,22 +40,26 @@ pub use gather::Known;
 pub use given::Given;
 pub use lit::MOST_LAMPS;
 pub use panorama::{HEIGHT, WIDTH};
-pub use white::WHITE;
+pub use white_level::WHITE;
 
 use super::registered::RegistrationError;
 use super::times::{self, Times};
 use crate::scene::upright;
-use panorama::{Seen, Splat, direction, seen_share, upward};
-use solved::{Solved, solve};
-use voxels::Voxels;
+use exposure::{Exposure, Metered, by_exposure};
+use gather::FrameView;
+use panorama::{Seen, Splat, direction, seen_share};
+use sample::relative_luminance;
+use solved::{Shares, Solved, Verdict, solve};
+use voxels::{Voxel, Voxels};
+use white_level::{Patch, WhiteLevel, white_level, white_level_by_lamps};
 
-/// Surfaces that are looked at, at most.
+/// Surfaces by which lamps are sought, at most.
 const MOST: usize = 60_000;
-/// A lamp is cut out of the panorama so far around it, cosine of 8°, where it is brighter than this multiple of what is around.
+/// A lamp is cut out of the panorama so far around it, cosine of 8°, where it is brighter than this
+/// multiple of even light.
 const CUT: f64 = 0.990;
 const BRIGHTER: f32 = 3.0;
-/// Fewer frames see too little of how a room is lit: of ten simulated sites two of them told 0.61 to 0.91 of the light, twelve 0.82 to
-/// 1.28. So far the factors lie farther apart, each way.
+/// Fewer frames see too little of how a room is lit: the interval is wider by a factor, each way.
 const FEW: usize = 8;
 const LOOSE_BY_FEW: f64 = 1.5;
 
@@ -62,71 +75,118 @@ pub fn of_recording(
     if known.eye.geometry.sees_around() {
         return Ok(Err("the picture does not fit a plane in front of the camera".to_owned()));
     }
-    let Some(middle) = known.middle()? else {
+    let (views, survey) = known.survey(times)?;
+    // An analysis keeps the up that it found.
+    let is_guess = known.recording.up.is_none() && given.is_none();
+    let up = if is_guess { up::refined_up(&survey, known.up) } else { known.up };
+    let Some(place) = times.of(times::LIGHT, || place(&views, &survey, up)) else {
         return Ok(Err("no frame with a pose has depth".to_owned()));
     };
-    let map_from_world = upright(known.up).conjugate();
-    let (mut voxels, mut splat) = (Voxels::default(), Splat::new(middle.as_vec3(), map_from_world));
-    known.each(times, &mut |samples, eye, half| {
-        voxels.add(samples, eye, half);
-        splat.add(samples);
+    drop(views);
+    let centre = free_space::centre(&survey, up, place);
+    let map_from_world = upright(up).conjugate();
+    let (mut voxels, mut splat) = (Voxels::default(), Splat::new(centre.as_vec3(), map_from_world));
+    let mut metered = Vec::new();
+    known.every(times, &mut |seen| {
+        voxels.add(&seen.samples, seen.camera_at, seen.half);
+        splat.add(&seen.samples);
+        metered.push(Metered::of(&seen, place));
     })?;
     Ok(times.of(times::LIGHT, || {
         let solid: Vec<DVec3> = voxels.solid().collect();
-        let (chosen, threads) = (voxels.chosen(MOST), known.threads);
+        let all = voxels.surfaces(2, known.threads);
+        let (chosen, threads) = (&all[..all.len().min(MOST)], known.threads);
         let solved = match given {
-            Some(given) => given::solve(&chosen, &solid, middle, known.up, threads, given),
-            None => solve(&chosen, &solid, middle, known.up, threads),
-        }?;
-        Ok(room_light(known, middle, &splat.finish(), solved))
+            Some(given) => given::solve(chosen, &solid, up, threads, given)?,
+            None => solve(chosen, &solid, place, up, threads),
+        };
+        let exposure = by_exposure(&metered);
+        let (solved, level) = levelled(solved, given.is_some(), &all, (place, up), &exposure);
+        let at = Location { place, centre, up, is_guess: known.recording.up.is_none() };
+        let mut light = room_light(&at, &splat.finish(), &solved, &level);
+        if metered.len() < FEW {
+            light.between = [light.between[0] / LOOSE_BY_FEW, light.between[1] * LOOSE_BY_FEW];
+        }
+        Ok(light)
     }))
 }
 
-fn room_light(known: &Known<'_>, middle: DVec3, seen: &Seen, solved: Solved) -> RoomLight {
-    let up = known.up;
-    let map_from_world = upright(up).conjugate();
-    let unseen = |n: usize| {
-        let above = f64::from(u8::from(direction(n).y > 0.0));
-        [0, 1, 2].map(|c| (solved.around[c] + above * solved.above[c]) as f32)
+/// The largest support at which a white level can be claimed, or else the largest.
+fn place(views: &[FrameView], survey: &[Voxel], up: DVec3) -> Option<DVec3> {
+    let patches: Vec<Patch> = survey.iter().map(|voxel| Patch::of(voxel, 1.0)).collect();
+    let is_claimed = |place: &DVec3| {
+        let metered: Vec<Metered> = views.iter().map(|view| Metered::of(view, *place)).collect();
+        white_level(&patches, up, *place, &by_exposure(&metered)).unclaimed.is_none()
     };
+    let places = support::places(survey, up);
+    places.iter().copied().find(is_claimed).or(places.first().copied())
+}
+
+/// Where the light is known.
+struct Location {
+    /// On the support, and the panorama's centre over it.
+    place: DVec3,
+    centre: DVec3,
+    up: DVec3,
+    is_guess: bool,
+}
+
+/// The white level with lamps, or without them where it contradicts them and nobody has seen them.
+fn levelled(
+    solved: Solved,
+    are_seen: bool,
+    voxels: &[Voxel],
+    (place, up): (DVec3, DVec3),
+    exposure: &Exposure,
+) -> (Solved, WhiteLevel) {
+    let patches = |solved: &Solved| -> Vec<Patch> {
+        voxels.iter().map(|voxel| Patch::of(voxel, solved.relative(voxel.at, voxel.normal, place))).collect()
+    };
+    if solved.lamps.is_empty() {
+        let level = white_level(&patches(&solved), up, place, exposure);
+        return (solved, level);
+    }
+    if let Some(level) = white_level_by_lamps(&patches(&solved), up, place, exposure) {
+        return (solved, level);
+    }
+    let why = "white as bright as it implies contradicts the camera's exposure".to_owned();
+    let without = Solved::without_lamps(Verdict { no_lamp: Some(why), ..solved.verdict.clone() }, up);
+    let level = white_level(&patches(&without), up, place, exposure);
+    (if are_seen { solved } else { without }, level)
+}
+
+fn room_light(at: &Location, seen: &Seen, solved: &Solved, level: &WhiteLevel) -> RoomLight {
+    let map_from_world = upright(at.up).conjugate();
+    let Shares { ambient, lamps } = solved.at(at.place, level.white);
+    let even = fill::even(ambient);
     let towards: Vec<DVec3> =
-        solved.lamps.iter().map(|lamp| map_from_world * (lamp.at - middle).normalize_or_zero()).collect();
-    let is_lamp = |n: usize, light: [f32; 3]| {
-        let dark = unseen(n);
-        towards.iter().any(|to| to.dot(direction(n)) > CUT) && (0..3).any(|c| light[c] > BRIGHTER * dark[c])
+        lamps.iter().map(|lamp| map_from_world * (DVec3::from(lamp.at_m) - at.centre).normalize_or_zero()).collect();
+    let is_lamp = |n: usize, light: &[f32; 3]| {
+        towards.iter().any(|to| to.dot(direction(n)) > CUT) && (0..3).any(|c| light[c] > BRIGHTER * even[n][c])
     };
-    let texel = |(n, seen): (usize, &Option<[f32; 3]>)| seen.filter(|light| !is_lamp(n, *light)).unwrap_or(unseen(n));
-    let rgb: Vec<[f32; 3]> = seen.iter().enumerate().map(texel).collect();
-    let lamps: Vec<FoundLamp> = solved
-        .lamps
-        .iter()
-        .zip(&solved.shown_at_1_m)
-        .map(|(lamp, shown)| FoundLamp { at_m: lamp.at.to_array(), shown_at_1_m: *shown })
-        .collect();
-    let by_map = upward(&rgb);
-    let shown = |lamp: &FoundLamp, c: usize| {
-        let to = DVec3::from(lamp.at_m) - middle;
-        lamp.shown_at_1_m[c] * up.dot(to).max(0.0) / to.length().powi(3).max(1e-6)
+    let without_lamps: Seen =
+        seen.iter().enumerate().map(|(n, light)| light.filter(|light| !is_lamp(n, light))).collect();
+    let panorama = match level.unclaimed {
+        None => fill::filled(&without_lamps, ambient),
+        Some(_) => None,
     };
-    let upward = [0, 1, 2].map(|c| by_map[c] + lamps.iter().map(|lamp| shown(lamp, c)).sum::<f64>());
     let (seen_share, seen_above_share) = seen_share(seen);
-    let [low, high] = solved.between;
-    let loose = if known.states.iter().flatten().count() < FEW { LOOSE_BY_FEW } else { 1.0 };
+    let luminance = relative_luminance(level.white);
     RoomLight {
-        middle_m: middle.to_array(),
-        up: up.to_array(),
-        is_up_guessed: known.recording.up.is_none(),
+        place_m: at.place.to_array(),
+        middle_m: at.centre.to_array(),
+        up: at.up.to_array(),
+        is_up_guessed: at.is_guess,
         seen_share,
         seen_above_share,
-        panorama: rgb,
+        panorama: panorama.unwrap_or(even),
         lamps,
-        around: solved.around,
-        above: solved.above,
-        upward,
-        between: [low / loose, high * loose],
-        explained: solved.explained,
-        halves_explain: solved.halves.map(|halves| halves.explained),
-        halves_deg: solved.halves.map(|halves| halves.apart_deg),
-        no_lamp: solved.no_lamp,
+        white_level: level.white,
+        between: level.between.map(|end| end / luminance),
+        unclaimed: level.unclaimed.map(|why| why.to_string()),
+        explained: solved.verdict.explained,
+        halves_explain: solved.verdict.halves.map(|halves| halves.explained),
+        halves_deg: solved.verdict.halves.map(|halves| halves.apart_deg),
+        no_lamp: solved.verdict.no_lamp.clone(),
     }
 }

@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 
 use glam::{DQuat, DVec3, Vec2, Vec3};
 
-use super::quantile::{Known, quantile};
+use super::quantile::{Censored, kaplan_meier};
 use super::sample::Sample;
 use crate::render::panorama;
 
@@ -25,12 +25,12 @@ const NEIGHBOURS: usize = 3;
 struct Texel {
     /// How far away what it shows is, m.
     far_m: f32,
-    /// Light, weight, clipped.
-    kept: Vec<([f32; 3], f32, bool)>,
+    /// Light, weight, clipped channels.
+    kept: Vec<([f32; 3], f32, [bool; 3])>,
     frames: usize,
     now: [f32; 3],
     now_count: f32,
-    now_clipped: bool,
+    now_clipped: [bool; 3],
     now_far_m: f32,
 }
 
@@ -66,7 +66,7 @@ impl Splat {
             frames: 0,
             now: [0.0; 3],
             now_count: 0.0,
-            now_clipped: false,
+            now_clipped: [false; 3],
             now_far_m: 0.0,
         };
         Self { middle, map_from_world, texels: vec![none; WIDTH * HEIGHT] }
@@ -90,12 +90,12 @@ impl Splat {
                 continue;
             }
             if texel.now_count > 0.0 && far_m < BEFORE * texel.now_far_m {
-                (texel.now, texel.now_count, texel.now_clipped) = ([0.0; 3], 0.0, false);
+                (texel.now, texel.now_count, texel.now_clipped) = ([0.0; 3], 0.0, [false; 3]);
             }
             texel.now_far_m = if texel.now_count == 0.0 { far_m } else { texel.now_far_m.min(far_m) };
             (0..3).for_each(|c| texel.now[c] += sample.light[c]);
             texel.now_count += 1.0;
-            texel.now_clipped |= sample.is_clipped;
+            (0..3).for_each(|c| texel.now_clipped[c] |= sample.clipped[c]);
         }
         for n in touched {
             self.texels[n].kept_frame();
@@ -106,8 +106,9 @@ impl Splat {
     pub fn finish(&self) -> Seen {
         let of = |texel: &Texel| -> Option<[f32; 3]> {
             let light = |c: usize| {
-                let mut values: Vec<Known> = texel.kept.iter().map(|(light, w, clip)| (light[c], *w, *clip)).collect();
-                Some(quantile(&mut values, 0.5)?.0)
+                let mut values: Vec<Censored> =
+                    texel.kept.iter().map(|(light, w, clip)| (light[c], *w, clip[c])).collect();
+                Some(kaplan_meier(&mut values, 0.5)?.0)
             };
             Some([light(0)?, light(1)?, light(2)?])
         };
@@ -136,7 +137,7 @@ impl Texel {
             }
             self.frames += 1;
         }
-        (self.now, self.now_count, self.now_clipped, self.now_far_m) = ([0.0; 3], 0.0, false, 0.0);
+        (self.now, self.now_count, self.now_clipped, self.now_far_m) = ([0.0; 3], 0.0, [false; 3], 0.0);
     }
 }
 
@@ -188,7 +189,12 @@ mod tests {
     #[test]
     fn what_lies_behind_something_nearer_does_not_count() {
         let mut splat = Splat::new(Vec3::ZERO, DQuat::IDENTITY);
-        let sample = |far_m: f32, light: f32| Sample { at: -far_m * Vec3::Z, light: [light; 3], is_clipped: false };
+        let sample = |far_m: f32, light: f32| Sample {
+            at: -far_m * Vec3::Z,
+            light: [light; 3],
+            code: [light; 3],
+            clipped: [false; 3],
+        };
         splat.add(&[sample(3.0, 0.9)]);
         splat.add(&[sample(1.0, 0.2), sample(1.02, 0.4)]);
         splat.add(&[sample(3.0, 0.9)]);

@@ -1,15 +1,15 @@
-//! A share of weighted values lies below which one, where of some only a lower bound is known.
+//! Quantiles of weighted, right-censored values (Kaplan and Meier 1958).
 //!
-//! Kaplan and Meier's estimate (1958): going up through the values, those that are known take their share of what is left, and
-//! bounds only leave.
+//! Values are visited in ascending order. An observed value takes its share of the remaining weight
+//! off the survival function; a censored one only leaves the remaining weight.
 
-/// A value, its weight, and whether it is only known to be so large or larger.
-pub type Known = (f32, f32, bool);
+/// A value, its weight, and whether it is censored: a lower bound of the true value.
+pub type Censored = (f32, f32, bool);
 
-/// The value below which `share` of all lies, and whether it is only a bound: more than the rest lies above it, unknown. `None` of
-/// nothing. Sorts them.
-pub fn quantile(values: &mut [Known], share: f64) -> Option<(f32, bool)> {
-    // Of equal ones, known values come first: a bound is at least as large.
+/// The `share` quantile, and whether it is only a lower bound because the rest is censored. `None`
+/// of nothing. Sorts the values.
+pub fn kaplan_meier(values: &mut [Censored], share: f64) -> Option<(f32, bool)> {
+    // Among equal values the observed come first: a lower bound is at least as large.
     values.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.2.cmp(&b.2)));
     let mut left: f64 = values.iter().map(|value| f64::from(value.1)).sum();
     let mut above = 1.0;
@@ -32,18 +32,21 @@ mod tests {
     #[test]
     fn the_weighted_median_of_known_values_is_the_middle_one() {
         let known = |values: &[(f32, f32)]| values.iter().map(|(v, w)| (*v, *w, false)).collect::<Vec<_>>();
-        assert_eq!(quantile(&mut known(&[(3.0, 1.0), (1.0, 1.0), (2.0, 1.0)]), 0.5), Some((2.0, false)));
-        assert_eq!(quantile(&mut known(&[(3.0, 5.0), (1.0, 1.0), (2.0, 1.0)]), 0.5), Some((3.0, false)));
-        assert_eq!(quantile(&mut [], 0.5), None);
+        assert_eq!(kaplan_meier(&mut known(&[(3.0, 1.0), (1.0, 1.0), (2.0, 1.0)]), 0.5), Some((2.0, false)));
+        assert_eq!(kaplan_meier(&mut known(&[(3.0, 5.0), (1.0, 1.0), (2.0, 1.0)]), 0.5), Some((3.0, false)));
+        assert_eq!(kaplan_meier(&mut [], 0.5), None);
     }
 
     #[test]
     fn what_was_clipped_counts_as_brighter_and_not_as_what_it_shows() {
         // 0.2, 0.6, and one that is 0.5 or more: by hand, a third is 0.2; what was clipped leaves at 0.5; all that is left is 0.6.
-        assert_eq!(quantile(&mut [(0.2, 1.0, false), (0.5, 1.0, true), (0.6, 1.0, false)], 0.5), Some((0.6, false)));
+        assert_eq!(
+            kaplan_meier(&mut [(0.2, 1.0, false), (0.5, 1.0, true), (0.6, 1.0, false)], 0.5),
+            Some((0.6, false))
+        );
         // Most were clipped: a bound.
-        assert_eq!(quantile(&mut [(0.2, 1.0, false), (0.9, 1.0, true), (1.0, 1.0, true)], 0.5), Some((1.0, true)));
+        assert_eq!(kaplan_meier(&mut [(0.2, 1.0, false), (0.9, 1.0, true), (1.0, 1.0, true)], 0.5), Some((1.0, true)));
         // What is clipped at 0.2 says nothing of 0.4.
-        assert_eq!(quantile(&mut [(0.2, 3.0, true), (0.4, 1.0, false)], 0.5), Some((0.4, false)));
+        assert_eq!(kaplan_meier(&mut [(0.2, 3.0, true), (0.4, 1.0, false)], 0.5), Some((0.4, false)));
     }
 }

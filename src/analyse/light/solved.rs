@@ -1,38 +1,53 @@
-//! From the room's surfaces to its lamps and the light from around, or why no lamp is claimed.
+//! From the room's surfaces to its lamps and their shares of the light, or why no lamp is claimed.
 //!
-//! A lamp is claimed if lamps lower what is left unexplained by a fifth, and the lamp that each half of the frames finds by itself
-//! lowers what is left of the other half by a fifth, too. Where two lamps are about as bright, the halves may find one lamp each, far
-//! from the other's: how far apart they see it is reported, and refuses nothing. Not modelled: lamps that hang so low that they light
-//! one side of the room alone.
+//! A lamp is claimed if lamps lower what is left unexplained by a fifth, and the lamp that each
+//! half of the frames finds by itself lowers what is left of the other half by a fifth, too. Where
+//! two lamps are about as bright, the halves may find one lamp each, far from the other's: how far
+//! apart they see it is reported, and refuses nothing. Reflectance and light share a factor here;
+//! it follows from the white level ([`white_level`](super::white_level)). Not modelled: lamps that
+//! hang so low that they light one side of the room alone.
 
 use glam::DVec3;
 
 use super::blocked::Blocked;
-use super::lit::{Fit, MOST_LAMPS, Place};
+use super::found::FoundLamp;
+use super::lit::{Light, MOST_LAMPS, Place, of_lamp};
 use super::search::Search;
 use super::surfaces::{Of, points, room};
 use super::voxels::Voxel;
-use super::white::{Lit, white};
 
-/// See above.
+/// A lamp is claimed from this share of explanation on.
 const EXPLAINED: f64 = 0.2;
 /// Fewer surfaces tell nothing.
 pub const FEWEST: usize = 200;
 pub const TOO_FEW: &str = "too few surfaces were seen";
 const ROUNDS: usize = 20;
-/// Normals whose cosine with up is more than this look up.
-const UPWARD: f64 = 0.9;
+/// Light is never taken for less, in its own units.
+const LEAST_LIGHT: f64 = 1e-6;
 
+/// Lamps, and their light and that from around and above in unknown units.
 pub struct Solved {
     pub lamps: Vec<Place>,
-    /// Of each lamp, by colour: what white that faces it shows at 1 m.
-    pub shown_at_1_m: Vec<[f64; 3]>,
-    pub around: [f64; 3],
-    pub above: [f64; 3],
-    pub between: [f64; 2],
+    luminance: Light,
+    colours: [Light; 3],
+    blocked: Blocked,
+    up: DVec3,
+    pub verdict: Verdict,
+}
+
+/// How far lamps explain the light of surfaces.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Verdict {
     pub explained: f64,
     pub halves: Option<Halves>,
     pub no_lamp: Option<String>,
+}
+
+/// The light at a place, of which white matt that looks up shows a known amount.
+pub struct Shares {
+    /// From around and above.
+    pub ambient: [f64; 3],
+    pub lamps: Vec<FoundLamp>,
 }
 
 /// What each half of the frames says by itself.
@@ -44,14 +59,14 @@ pub struct Halves {
     pub apart_deg: f64,
 }
 
-/// Or why nothing can be said.
-pub fn solve(voxels: &[Voxel], solid: &[DVec3], middle: DVec3, up: DVec3, threads: usize) -> Result<Solved, String> {
+/// Lamps by a search over the room.
+pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads: usize) -> Solved {
     let blocked = Blocked::new(solid);
     let room = room(solid, up);
     let by = |half: usize| points(voxels, half, Of::Luminance);
     let all = by(2);
     if all.len() < FEWEST {
-        return Err(TOO_FEW.to_owned());
+        return Solved::without_lamps(Verdict { no_lamp: Some(TOO_FEW.to_owned()), ..Verdict::default() }, up);
     }
     let search = Search { points: &all, blocked: &blocked, room, threads };
     let found = search.lamps(MOST_LAMPS);
@@ -61,7 +76,7 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], middle: DVec3, up: DVec3, thread
             let points = [0, 1].map(by);
             let searches = points.each_ref().map(|points| Search { points, blocked: &blocked, room, threads });
             let are_enough = points.iter().all(|points| points.len() >= FEWEST);
-            if are_enough { told_by_halves(&searches, middle) } else { None }
+            if are_enough { told_by_halves(&searches, place) } else { None }
         })
         .flatten();
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
@@ -81,57 +96,82 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], middle: DVec3, up: DVec3, thread
         }
         Some(_) => None,
     };
-    let lamps = if no_lamp.is_some() { Vec::new() } else { found.lamps };
-    bright(voxels, &search, lamps, middle, Told { explained, halves, no_lamp })
+    let verdict = Verdict { explained, halves, no_lamp };
+    if verdict.no_lamp.is_some() {
+        return Solved::without_lamps(verdict, up);
+    }
+    let (luminance, colours) = light(voxels, &search, &found.lamps);
+    Solved { lamps: found.lamps, luminance, colours, blocked, up, verdict }
 }
 
-/// What is said of the lamps.
-pub struct Told {
-    pub explained: f64,
-    pub halves: Option<Halves>,
-    pub no_lamp: Option<String>,
-}
-
-/// How bright all light is, by colour, with lamps whose places are known.
-pub fn bright(
-    voxels: &[Voxel],
-    search: &Search<'_>,
-    lamps: Vec<Place>,
-    middle: DVec3,
-    told: Told,
-) -> Result<Solved, String> {
+/// The light with lamps whose places are known: of luminance and of each colour.
+pub fn light(voxels: &[Voxel], search: &Search<'_>, lamps: &[Place]) -> (Light, [Light; 3]) {
     let colours = [0, 1, 2].map(|c| {
         let points = points(voxels, 2, Of::Colour(c));
-        Search { points: &points, ..*search }.with(&lamps, ROUNDS)
+        Search { points: &points, ..*search }.with(lamps, ROUNDS).light
     });
-    let luminance = search.with(&lamps, ROUNDS);
-    let (factors, between) = white(&lit(voxels, search.blocked, search.room.up, &lamps, &luminance, &colours))
-        .ok_or("no surface is bright enough to tell white")?;
-    let each = |of: &dyn Fn(&Fit) -> f64| [0, 1, 2].map(|c| factors[c] * of(&colours[c]));
-    // A panel shines less to its sides: as an even lamp it is as bright in the middle.
-    let aside = |lamp: &Place| match lamp.along {
-        Some(along) => along.dot((middle - lamp.at).normalize_or_zero()).max(0.0),
-        None => 1.0,
-    };
-    let shown_at_1_m = lamps.iter().enumerate();
-    let shown_at_1_m = shown_at_1_m.map(|(k, lamp)| each(&|fit: &Fit| aside(lamp) * fit.light.lamps[k])).collect();
-    let Told { explained, halves, no_lamp } = told;
-    Ok(Solved {
-        shown_at_1_m,
-        around: each(&|fit| fit.light.around),
-        above: each(&|fit| fit.light.above),
-        lamps,
-        between,
-        explained,
-        halves,
-        no_lamp,
-    })
+    (search.with(lamps, ROUNDS).light, colours)
+}
+
+impl Solved {
+    pub fn new(
+        lamps: Vec<Place>,
+        (luminance, colours): (Light, [Light; 3]),
+        blocked: Blocked,
+        up: DVec3,
+        verdict: Verdict,
+    ) -> Self {
+        Self { lamps, luminance, colours, blocked, up, verdict }
+    }
+
+    /// Light from around and above alone.
+    pub fn without_lamps(verdict: Verdict, up: DVec3) -> Self {
+        let even = Light { around: 1.0, ..Light::default() };
+        Self { lamps: Vec::new(), luminance: even, colours: [even; 3], blocked: Blocked::new(&[]), up, verdict }
+    }
+
+    /// The light on a surface by that on one which looks up at the place with nothing in the way.
+    /// Without lamps light is alike everywhere.
+    pub fn relative(&self, at: DVec3, normal: DVec3, place: DVec3) -> f64 {
+        if self.lamps.is_empty() {
+            return 1.0;
+        }
+        let by_lamps: f64 = self.by_lamps(|lamp| self.blocked.of_lamp(at, normal, lamp), &self.luminance);
+        let ambient = self.luminance.around + 0.5 * (1.0 + normal.dot(self.up)) * self.luminance.above;
+        ((ambient + by_lamps) / self.upward(place, &self.luminance)).max(LEAST_LIGHT)
+    }
+
+    fn by_lamps(&self, share: impl Fn(&Place) -> f64, light: &Light) -> f64 {
+        self.lamps.iter().zip(light.lamps).map(|(lamp, shown)| share(lamp) * shown).sum()
+    }
+
+    fn upward(&self, place: DVec3, light: &Light) -> f64 {
+        (light.around + light.above + self.by_lamps(|lamp| of_lamp(place, self.up, lamp), light)).max(LEAST_LIGHT)
+    }
+
+    /// Scaled to the white level of the place.
+    pub fn at(&self, place: DVec3, white: [f64; 3]) -> Shares {
+        let scale = [0, 1, 2].map(|c| white[c] / self.upward(place, &self.colours[c]));
+        // A panel shines less to its sides: as an even lamp it is as bright at the place.
+        let aside = |lamp: &Place| match lamp.along {
+            Some(along) => along.dot((place - lamp.at).normalize_or_zero()).max(0.0),
+            None => 1.0,
+        };
+        let lamp = |(k, lamp): (usize, &Place)| FoundLamp {
+            at_m: lamp.at.to_array(),
+            shown_at_1_m: [0, 1, 2].map(|c| scale[c] * aside(lamp) * self.colours[c].lamps[k]),
+        };
+        Shares {
+            ambient: [0, 1, 2].map(|c| scale[c] * (self.colours[c].around + self.colours[c].above)),
+            lamps: self.lamps.iter().enumerate().map(lamp).collect(),
+        }
+    }
 }
 
 /// Each half's one lamp, tried on the other half. `None` where one half finds none.
-fn told_by_halves(halves: &[Search; 2], middle: DVec3) -> Option<Halves> {
+fn told_by_halves(halves: &[Search; 2], place: DVec3) -> Option<Halves> {
     let found = halves.each_ref().map(|half| half.lamps(1));
-    let at = |half: usize| Some(found[half].lamps.first()?.at - middle);
+    let at = |half: usize| Some(found[half].lamps.first()?.at - place);
     let apart_deg = at(0)?.angle_between(at(1)?).to_degrees();
     let explained = [0, 1].map(|half: usize| {
         let none = found[half].scores[0].max(1e-9);
@@ -140,63 +180,35 @@ fn told_by_halves(halves: &[Search; 2], middle: DVec3) -> Option<Halves> {
     Some(Halves { explained: explained[0].min(explained[1]), apart_deg })
 }
 
-/// Every surface under the light that was found, the unknown factor left as it is.
-fn lit(
-    voxels: &[Voxel],
-    blocked: &Blocked,
-    up: DVec3,
-    lamps: &[Place],
-    luminance: &Fit,
-    colours: &[Fit; 3],
-) -> Vec<Lit> {
-    let of = |voxel: &Voxel| -> Option<Lit> {
-        let light = voxel.light[2]?.map(f64::from);
-        let shares: Vec<f64> = lamps.iter().map(|lamp| blocked.of_lamp(voxel.at, voxel.normal, lamp)).collect();
-        let comes = |fit: &Fit| {
-            let above = 0.5 * (1.0 + voxel.normal.dot(up)) * fit.light.above;
-            let by_lamps: f64 = shares.iter().zip(fit.light.lamps).map(|(share, lamp)| share * lamp).sum();
-            (fit.light.around + above + by_lamps).max(1e-6)
-        };
-        Some(Lit {
-            brightest: f64::from(voxel.brightest) / comes(luminance),
-            is_clipped: voxel.is_clipped,
-            looks_up: voxel.normal.dot(up) > UPWARD,
-            albedo: [0, 1, 2].map(|c| light[c] / comes(&colours[c])),
-            light,
-        })
-    };
-    voxels.iter().filter_map(of).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::lit_room::room;
     use super::*;
-    use crate::analyse::light::lit::of_lamp;
 
     const UP: DVec3 = DVec3::Z;
-    const MIDDLE: DVec3 = DVec3::new(0.0, 0.0, 0.1);
+    const PLACE: DVec3 = DVec3::new(0.0, 0.0, 0.0);
 
     fn solved(lamps: [&[DVec3]; 2]) -> Solved {
         let (voxels, solid) = room(lamps);
-        solve(&voxels, &solid, MIDDLE, UP, 2).unwrap()
+        solve(&voxels, &solid, PLACE, UP, 2)
     }
 
     #[test]
-    fn a_lamp_over_a_floor_and_a_box_is_found_with_its_brightness() {
+    fn a_lamp_over_a_floor_and_a_box_is_found_with_its_share_of_the_light() {
         let lamp = DVec3::new(-0.6, 0.5, 2.0);
         let found = solved([&[lamp]; 2]);
-        assert!(found.no_lamp.is_none() && found.lamps.len() == 1, "{:?} {:?}", found.no_lamp, found.lamps);
-        let off_deg = (found.lamps[0].at - MIDDLE).angle_between(lamp - MIDDLE).to_degrees();
+        assert!(found.verdict.no_lamp.is_none() && found.lamps.len() == 1, "{:?} {:?}", found.verdict, found.lamps);
+        let off_deg = (found.lamps[0].at - PLACE).angle_between(lamp - PLACE).to_degrees();
         assert!(off_deg < 2.0, "{off_deg}: {}", found.lamps[0].at);
-        let shown = |at: DVec3, shown: f64| shown * of_lamp(MIDDLE, UP, &Place { at, along: None });
-        let (upward, truth) = (
-            found.around[1] + found.above[1] + shown(found.lamps[0].at, found.shown_at_1_m[0][1]),
-            0.15 + shown(lamp, 2.0),
-        );
-        // The pattern's brightest places count as white.
-        assert!((upward / truth - 1.1).abs() < 0.06, "{upward} {truth}");
-        assert!(found.between[0] < 1.0 && found.between[1] > 1.0);
+        // Scaled to what white shows at the place, the lamp shows 2 at 1 m and all other light
+        // 0.15.
+        let by_lamp = |shown: f64| shown * of_lamp(PLACE, UP, &Place { at: lamp, along: None });
+        let Shares { ambient, lamps } = found.at(PLACE, [0.15 + by_lamp(2.0); 3]);
+        assert!((lamps[0].shown_at_1_m[1] / 2.0 - 1.0).abs() < 0.06, "{lamps:?}");
+        assert!((ambient[1] - 0.15).abs() < 0.03, "{ambient:?}");
+        // Twice as far away, and behind the box.
+        let relative = found.relative(PLACE - DVec3::Z * (lamp.z), UP, PLACE);
+        assert!(relative < 0.6, "{relative}");
     }
 
     // Slow: lamps are searched in all frames and in each half of them.
@@ -205,26 +217,31 @@ mod tests {
         let lamps = [DVec3::new(0.8, -0.5, 1.9), DVec3::new(-0.7, 0.4, 2.1)];
         let found = solved([&lamps; 2]);
         for lamp in lamps {
-            let off = |place: &Place| (place.at - MIDDLE).angle_between(lamp - MIDDLE).to_degrees();
+            let off = |place: &Place| (place.at - PLACE).angle_between(lamp - PLACE).to_degrees();
             let least_deg = found.lamps.iter().map(off).fold(f64::INFINITY, f64::min);
             assert!(least_deg < 5.0, "{least_deg}: {:?}", found.lamps);
         }
         // The halves see the same.
-        assert!(found.halves.unwrap().explained > 0.5 && found.halves.unwrap().apart_deg < 1.0, "{:?}", found.halves);
+        assert!(
+            found.verdict.halves.unwrap().explained > 0.5 && found.verdict.halves.unwrap().apart_deg < 1.0,
+            "{:?}",
+            found.verdict.halves
+        );
     }
 
     #[test]
     fn light_from_everywhere_has_no_lamp() {
         let found = solved([&[]; 2]);
-        assert!(found.lamps.is_empty() && found.explained < EXPLAINED);
-        assert!(found.no_lamp.unwrap().contains("explains"));
-        assert!((found.around[1] + found.above[1] - 0.165).abs() < 0.02, "{:?} {:?}", found.around, found.above);
+        assert!(found.lamps.is_empty() && found.verdict.explained < EXPLAINED);
+        assert!(found.verdict.no_lamp.as_ref().unwrap().contains("explains"));
+        let Shares { ambient, lamps } = found.at(PLACE, [0.3, 0.2, 0.1]);
+        assert!(ambient == [0.3, 0.2, 0.1] && lamps.is_empty() && found.relative(UP, UP, PLACE) == 1.0, "{ambient:?}");
     }
 
     #[test]
     fn halves_whose_lamps_do_not_explain_each_other_see_none() {
         let found = solved([&[DVec3::new(-0.6, 0.5, 2.0)], &[DVec3::new(0.9, -0.6, 1.8)]]);
         assert!(found.lamps.is_empty());
-        assert!(found.no_lamp.unwrap().contains("explains"), "{:?}", found.halves);
+        assert!(found.verdict.no_lamp.as_ref().unwrap().contains("explains"), "{:?}", found.verdict.halves);
     }
 }

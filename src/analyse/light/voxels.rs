@@ -1,14 +1,18 @@
-//! The room's surfaces as cubes of 2 cm: where each is, from where it was seen, and how bright.
+//! The room's surfaces as voxels of 2 cm with position, normal and light.
 //!
-//! Of each cube one mean is kept for each frame that saw it, for the two halves of the recording apart. Its light is the lower
-//! third of them, so that lamps mirrored in it, which are seen from a few places alone, do not count. Its normal is the direction in
-//! which its neighbourhood is thinnest. Not modelled: things that move.
+//! A voxel keeps one mean for each frame that saw it, separately for the two halves of the
+//! recording, at most [`KEPT`] of each. The lamp search takes the lower third of them, which leaves
+//! out mirrored lamps: they are seen from a few places only. The white level takes the median of
+//! each channel by Kaplan and Meier, since clipped channels are lower bounds. The normal is the
+//! direction in which the neighbourhood is thinnest. Not modelled: moving things.
 
 use std::collections::HashMap;
 
 use glam::{DMat3, DVec3, Vec3};
 
-use super::sample::{Sample, luminance};
+use super::quantile::{Censored, kaplan_meier};
+use super::sample::{Sample, luminance, relative_luminance};
+use crate::rows::over_rows;
 
 /// A cube's side, m.
 pub const SIDE_M: f64 = 0.02;
@@ -27,6 +31,14 @@ const FLAT: f64 = 0.4;
 
 type Key = [i32; 3];
 
+/// One frame's mean of a voxel.
+#[derive(Clone, Copy, Debug)]
+struct FrameMean {
+    light: [f32; 3],
+    code: [f32; 3],
+    clipped: [bool; 3],
+}
+
 #[derive(Clone, Debug, Default)]
 struct Cube {
     sum_at: DVec3,
@@ -35,14 +47,15 @@ struct Cube {
     towards: Vec3,
     /// Of the frame that is being added.
     now: [f32; 3],
+    now_code: [f32; 3],
     now_count: u32,
-    now_clipped: bool,
+    now_clipped: [bool; 3],
     now_brightest: f32,
     /// Sum over frames of the brightest sample of each.
     brightest: f32,
     /// Frames so far, by half, and the means of some of them.
     frames: [u32; 2],
-    means: [Vec<[f32; 3]>; 2],
+    means: [Vec<FrameMean>; 2],
     clipped: [u32; 2],
 }
 
@@ -54,10 +67,33 @@ pub struct Voxel {
     pub normal: DVec3,
     /// By the first half of the frames, by the second, and by all: linear; `None` where too few saw it.
     pub light: [Option<[f32; 3]>; 3],
-    /// Its brightest spot, luminance: the mean over frames.
-    pub brightest: f32,
     /// The camera's white was reached in most of the frames.
     pub is_clipped: bool,
+    /// Median light of all frames, with clipped channels as lower bounds, and whether each median
+    /// is one.
+    pub median: [f32; 3],
+    pub is_bound: [bool; 3],
+    /// Median light as the frames themselves show it, without their gains taken out.
+    pub code: [f32; 3],
+    /// Luminance of its brightest spot: the mean over frames.
+    pub brightest: f32,
+}
+
+#[cfg(test)]
+impl Voxel {
+    /// One that all frames saw alike.
+    pub fn of_surface(at: DVec3, normal: DVec3, light: [f32; 3]) -> Self {
+        Self {
+            at,
+            normal,
+            light: [Some(light); 3],
+            is_clipped: false,
+            median: light,
+            is_bound: [false; 3],
+            code: light,
+            brightest: relative_luminance(light.map(f64::from)) as f32,
+        }
+    }
 }
 
 #[derive(Clone, Debug, Default)]
@@ -92,15 +128,20 @@ impl Voxels {
             cube.sum_at += sample.at.as_dvec3();
             cube.count += 1;
             cube.towards += (eye - sample.at).normalize_or_zero();
-            (0..3).for_each(|c| cube.now[c] += sample.light[c]);
+            for c in 0..3 {
+                cube.now[c] += sample.light[c];
+                cube.now_code[c] += sample.code[c];
+                cube.now_clipped[c] |= sample.clipped[c];
+            }
             cube.now_count += 1;
-            cube.now_clipped |= sample.is_clipped;
-            cube.now_brightest = cube.now_brightest.max(luminance(sample.light));
+            cube.now_brightest = cube.now_brightest.max(relative_luminance(sample.light.map(f64::from)) as f32);
         }
         for at in touched {
             let cube = &mut self.cubes[at];
-            let mean = cube.now.map(|sum| sum / cube.now_count as f32);
-            cube.clipped[half] += u32::from(cube.now_clipped);
+            let mean_of = |sums: [f32; 3]| sums.map(|sum| sum / cube.now_count as f32);
+            let clipped = cube.now_clipped;
+            let mean = FrameMean { light: mean_of(cube.now), code: mean_of(cube.now_code), clipped };
+            cube.clipped[half] += u32::from(clipped.contains(&true));
             cube.brightest += cube.now_brightest;
             let n = cube.frames[half] as usize;
             cube.frames[half] += 1;
@@ -114,7 +155,8 @@ impl Voxels {
                     means[place] = mean;
                 }
             }
-            (cube.now, cube.now_count, cube.now_clipped, cube.now_brightest) = ([0.0; 3], 0, false, 0.0);
+            (cube.now, cube.now_code, cube.now_count, cube.now_clipped) = ([0.0; 3], [0.0; 3], 0, [false; 3]);
+            cube.now_brightest = 0.0;
         }
     }
 
@@ -123,36 +165,54 @@ impl Voxels {
         self.cubes.iter().filter(|cube| cube.frames[0] + cube.frames[1] >= 2).map(|cube| cube.middle())
     }
 
-    /// At most so many of them, with their normals, spread evenly by a hash of their places.
-    pub fn chosen(&self, most: usize) -> Vec<Voxel> {
+    /// Those that at least `fewest_frames` saw and that have a normal, in an order that spreads any
+    /// first part of them evenly over the room.
+    pub fn surfaces(&self, fewest_frames: u32, threads: usize) -> Vec<Voxel> {
         let mut keys: Vec<(u64, Key, u32)> = self.index.iter().map(|(key, at)| (hash_of(key), *key, *at)).collect();
         keys.sort_unstable();
-        let voxel = |(_, key, at): &(u64, Key, u32)| self.voxel(*key, *at as usize);
-        keys.iter().filter_map(voxel).take(most).collect()
+        let mut voxels: Vec<((u64, Key, u32), Option<Voxel>)> = keys.into_iter().map(|key| (key, None)).collect();
+        over_rows(&mut voxels, 1, threads, |_, slot| {
+            let ((_, key, at), voxel) = &mut slot[0];
+            *voxel = self.voxel(*key, *at as usize, fewest_frames);
+        });
+        voxels.into_iter().filter_map(|(_, voxel)| voxel).collect()
     }
 
-    fn voxel(&self, key: Key, at: usize) -> Option<Voxel> {
+    fn voxel(&self, key: Key, at: usize, fewest_frames: u32) -> Option<Voxel> {
         let cube = &self.cubes[at];
         let frames = cube.frames[0] + cube.frames[1];
-        if frames < 2 {
+        if frames < fewest_frames {
             return None;
         }
-        let light_of = |half: usize| (cube.frames[half] >= 2).then(|| lower(cube.means[half].clone())).flatten();
-        let all = lower(cube.means.concat());
-        let light = [light_of(0), light_of(1), all];
-        let is_clipped = 2 * (cube.clipped[0] + cube.clipped[1]) > frames;
-        let brightest = cube.brightest / frames as f32;
-        Some(Voxel { at: cube.middle(), normal: self.normal(key, cube)?, light, brightest, is_clipped })
+        let normal = self.normal(key, cube, fewest_frames)?;
+        let means = cube.means.concat();
+        let light_of = |half: usize| (cube.frames[half] >= 2).then(|| lower(&cube.means[half])).flatten();
+        let light = [light_of(0), light_of(1), lower(&means)];
+        let median_of = |of: &dyn Fn(&FrameMean) -> (f32, bool)| {
+            let mut values: Vec<Censored> = means.iter().map(of).map(|(value, clip)| (value, 1.0, clip)).collect();
+            kaplan_meier(&mut values, 0.5).unwrap_or_default()
+        };
+        let median = [0, 1, 2].map(|c| median_of(&|mean| (mean.light[c], mean.clipped[c])));
+        Some(Voxel {
+            at: cube.middle(),
+            normal,
+            light,
+            is_clipped: 2 * (cube.clipped[0] + cube.clipped[1]) > frames,
+            median: median.map(|(value, _)| value),
+            is_bound: median.map(|(_, is_bound)| is_bound),
+            code: [0, 1, 2].map(|c| median_of(&|mean| (mean.code[c], false)).0),
+            brightest: cube.brightest / frames as f32,
+        })
     }
 
-    fn normal(&self, [x, y, z]: Key, cube: &Cube) -> Option<DVec3> {
+    fn normal(&self, [x, y, z]: Key, cube: &Cube, fewest_frames: u32) -> Option<DVec3> {
         let mut near = Vec::new();
         for dz in -NEAR..=NEAR {
             for dy in -NEAR..=NEAR {
                 for dx in -NEAR..=NEAR {
                     if let Some(at) = self.index.get(&[x + dx, y + dy, z + dz]) {
                         let other = &self.cubes[*at as usize];
-                        if other.frames[0] + other.frames[1] >= 2 {
+                        if other.frames[0] + other.frames[1] >= fewest_frames {
                             near.push(other.middle());
                         }
                     }
@@ -180,11 +240,12 @@ impl Cube {
     }
 }
 
-/// The light below which a third of a cube's frames lie.
-fn lower(mut means: Vec<[f32; 3]>) -> Option<[f32; 3]> {
-    means.sort_by(|a, b| luminance(*a).total_cmp(&luminance(*b)));
-    let at = (LOWER * means.len() as f64) as usize;
-    means.get(at).copied()
+/// The light below which a third of a voxel's frames lie.
+fn lower(means: &[FrameMean]) -> Option<[f32; 3]> {
+    let mut light: Vec<[f32; 3]> = means.iter().map(|mean| mean.light).collect();
+    light.sort_by(|a, b| luminance(*a).total_cmp(&luminance(*b)));
+    let at = (LOWER * light.len() as f64) as usize;
+    light.get(at).copied()
 }
 
 /// The least eigenvalue of a symmetric matrix with its vector, and the middle eigenvalue: by Jacobi's turns.

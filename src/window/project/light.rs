@@ -17,7 +17,7 @@ impl Project {
 
     fn found(&self) -> Option<(&Path, &FoundLight)> {
         let AnalysisState::Used(folder, findings) = &self.shot.analysis else { return None };
-        Some((folder, findings.light.as_ref().filter(|light| light.why.is_none())?))
+        Some((folder, findings.light.as_ref().filter(|light| light.panorama.is_some())?))
     }
 
     /// Writes the light that was found into the scene, as `locard light` does. Its panorama is the analysis' own until the scene is

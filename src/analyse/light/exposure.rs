@@ -1,0 +1,79 @@
+//! What the camera's automatic exposure and white balance say of the light at a place.
+//!
+//! A camera exposes a picture to a mean that hardly depends on the room. The frames that see the
+//! place weigh by how many of their points lie near it: W = exp(Σ w·ln(mean light / 0.25)). Neutral
+//! is the reciprocal of the same frames' gains, since white balance belongs to the frames that see
+//! the place, not to the frame of usual brightness.
+
+use glam::DVec3;
+
+use super::gather::FrameView;
+use super::sample::{Sample, relative_luminance};
+
+/// Mean linear light of a picture by what matt white shows in it: 0.17 to 0.45 in real rooms.
+const MEAN_BY_WHITE: f64 = 0.25;
+/// A point is near the place within this, m.
+const NEAR_M: f64 = 0.8;
+/// Darker pictures tell nothing, linear.
+const DARKEST: f64 = 1e-4;
+
+/// One frame, as the place's light follows from it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Metered {
+    /// Number of its points near the place.
+    pub points: usize,
+    pub gain: [f64; 3],
+    /// Mean linear light of the whole picture by its gain.
+    pub mean: [f64; 3],
+}
+
+impl Metered {
+    pub fn of(view: &FrameView, place: DVec3) -> Self {
+        let is_near = |sample: &&Sample| f64::from(sample.at.distance(place.as_vec3())) < NEAR_M;
+        let points = view.samples.iter().filter(is_near).count();
+        Self { points, gain: view.gain, mean: view.mean }
+    }
+}
+
+/// The light at a place by exposure alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exposure {
+    /// Luminance that matt white shows.
+    pub level: f64,
+    /// Colour of neutral things; green is 1.
+    pub neutral: [f64; 3],
+}
+
+/// Where no frame sees the place, all frames count alike. Of no frame it is the camera's own white.
+pub fn by_exposure(frames: &[Metered]) -> Exposure {
+    let points: usize = frames.iter().map(|frame| frame.points).sum();
+    let weight = |frame: &Metered| match points {
+        0 => 1.0 / frames.len() as f64,
+        _ => frame.points as f64 / points as f64,
+    };
+    let mean = |of: &dyn Fn(&Metered) -> f64| frames.iter().map(|frame| weight(frame) * of(frame)).sum::<f64>();
+    let level = mean(&|frame| (relative_luminance(frame.mean).max(DARKEST) / MEAN_BY_WHITE).ln()).exp();
+    let [red, green, blue] = [0, 1, 2].map(|c| (-mean(&|frame| frame.gain[c].ln())).exp());
+    Exposure { level, neutral: [red / green, 1.0, blue / green] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exposure_weighs_frames_by_their_points_near_the_place() {
+        // 0.1 / 0.25 = 0.4 by one frame and 0.4 / 0.25 = 1.6 by the other: 0.4^(3/4)·1.6^(1/4) =
+        // 0.4·√2.
+        let dark = Metered { points: 300, gain: [2.0, 1.0, 1.0], mean: [0.1; 3] };
+        let bright = Metered { points: 100, gain: [1.0, 1.0, 0.5], mean: [0.4; 3] };
+        let Exposure { level, neutral } = by_exposure(&[dark, bright]);
+        assert!((level - 0.4 * 2f64.sqrt()).abs() < 1e-9, "{level}");
+        let expected = [2f64.powf(-0.75), 1.0, 2f64.powf(0.25)];
+        assert!(neutral.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9), "{neutral:?}");
+        // Neither sees it: √(0.4·1.6) = 0.8.
+        let unseen = by_exposure(&[Metered { points: 0, ..dark }, Metered { points: 0, ..bright }]);
+        assert!((unseen.level - 0.8).abs() < 1e-9, "{unseen:?}");
+        assert_eq!(by_exposure(&[]), Exposure { level: 1.0, neutral: [1.0; 3] });
+    }
+}

@@ -1,0 +1,85 @@
+//! The directions of the panorama that nobody saw, so that it gives the light that is known at its
+//! centre.
+//!
+//! The irradiance of matt surfaces follows E(n)/E(up) = 0.4 + 0.6·(1 + n·up)/2, as measured on
+//! pillars, cartons, books and paper on walls (0.55 to 0.85 of E(up) where n is level). Radiance
+//! that is linear in the elevation has exactly this irradiance: L(d) = W·(0.4 + 0.3 + 0.45·d·up),
+//! since ∫ (d·up)·cos θ dω / π = (2/3)·n·up.
+
+use std::f64::consts::PI;
+
+use super::panorama::{HEIGHT, Seen, WIDTH, direction, solid_sr, upward};
+
+const AROUND: f64 = 0.4;
+const ABOVE: f64 = 0.6;
+/// Unseen light above the horizon is at most this multiple of the white level: more contradicts it.
+const MOST_FILL: f64 = 4.0;
+/// Smallest projected solid angle that can be filled, by π.
+const LEAST_OPEN: f64 = 1e-6;
+
+/// Light of no claimed direction.
+pub fn even(white: [f64; 3]) -> Vec<[f32; 3]> {
+    let at = |n: usize| AROUND + 0.5 * ABOVE + 0.75 * ABOVE * direction(n).y;
+    (0..WIDTH * HEIGHT).map(|n| white.map(|white| (at(n) * white) as f32)).collect()
+}
+
+/// What was seen, with light above the horizon so that matt white that faces up shows `white`, and
+/// the median of what was seen below it. `None` where the seen part contradicts the white level.
+pub fn filled(seen: &Seen, white: [f64; 3]) -> Option<Vec<[f32; 3]>> {
+    let by_seen = upward(&seen.iter().map(|light| light.unwrap_or_default()).collect::<Vec<_>>());
+    let is_open = |n: &usize| seen[*n].is_none() && direction(*n).y > 0.0;
+    let open: f64 = (0..seen.len()).filter(is_open).map(|n| direction(n).y * solid_sr(n) / PI).sum();
+    let above = [0, 1, 2].map(|c| (white[c] - by_seen[c]) / open.max(LEAST_OPEN));
+    if (0..3).any(|c| !(0.0..=MOST_FILL * white[c]).contains(&above[c])) {
+        return None;
+    }
+    let below = [0, 1, 2].map(|c| {
+        let mut known: Vec<f64> = seen.iter().flatten().map(|light| f64::from(light[c])).collect();
+        if known.is_empty() { AROUND * white[c] } else { super::super::robust::median(&mut known) }
+    });
+    let unseen = |n: usize| (if direction(n).y > 0.0 { above } else { below }).map(|light| light as f32);
+    Some(seen.iter().enumerate().map(|(n, light)| light.unwrap_or_else(|| unseen(n))).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    /// What matt white of this normal shows.
+    fn shown(rgb: &[[f32; 3]], normal: DVec3) -> f64 {
+        let of =
+            |(n, light): (usize, &[f32; 3])| f64::from(light[1]) * direction(n).dot(normal).max(0.0) * solid_sr(n) / PI;
+        rgb.iter().enumerate().map(of).sum()
+    }
+
+    #[test]
+    fn even_light_falls_off_by_its_formula() {
+        let rgb = even([0.5, 1.0, 2.0]);
+        for (normal, expected) in [(DVec3::Y, 1.0), (DVec3::X, 0.7), (DVec3::NEG_Y, 0.4)] {
+            assert!((shown(&rgb, normal) - expected).abs() < 2e-3, "{normal}: {}", shown(&rgb, normal));
+        }
+    }
+
+    #[test]
+    fn unseen_light_above_completes_the_white_level() {
+        // All below the horizon shows 0.3. Above it half of the directions show 0.2: by hand the
+        // other half shows 2 − 0.2.
+        let half = |n: usize| n % WIDTH < WIDTH / 2;
+        let light = |n: usize| match direction(n).y > 0.0 {
+            true => half(n).then_some([0.2; 3]),
+            false => half(n).then_some([0.3; 3]),
+        };
+        let seen: Seen = (0..WIDTH * HEIGHT).map(light).collect();
+        let rgb = filled(&seen, [1.0; 3]).unwrap();
+        assert!((shown(&rgb, DVec3::Y) - 1.0).abs() < 1e-3);
+        assert!((rgb[WIDTH - 1][1] - 1.8).abs() < 0.01, "{:?}", rgb[WIDTH - 1]);
+        assert_eq!(rgb[WIDTH * HEIGHT - 1][1], 0.3, "median of as many of 0.2 as of 0.3, the upper one");
+        // What was seen alone sends 0.1: no white level below that, and none that asks for more
+        // than four times itself.
+        assert!(filled(&seen, [0.09; 3]).is_none());
+        let narrow: Seen = (0..WIDTH * HEIGHT).map(|n| (n % WIDTH > WIDTH / 8).then_some([0.0; 3])).collect();
+        assert!(filled(&narrow, [1.0; 3]).is_none());
+    }
+}

@@ -1,0 +1,85 @@
+//! Where evidence may stand: the middles of large level surfaces.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use glam::{DQuat, DVec3, IVec3};
+
+use super::super::robust::median;
+use super::voxels::{SIDE_M, Voxel};
+
+/// Cells of connected surfaces: sides along the surface and height, m.
+const CELL_M: f64 = 0.1;
+const HEIGHT_M: f64 = 0.05;
+/// Fewer voxels are no part of a surface.
+const FEWEST: usize = 4;
+/// Cosine of a level surface's normal with up.
+const LEVEL: f64 = 0.9;
+/// Supports beside the largest are at least so large, m², and at most so many are.
+const LEAST_M2: f64 = 0.25;
+const MOST: usize = 4;
+
+/// A point on each, the largest first; where nothing is level, one in the middle of all surfaces.
+pub fn places(voxels: &[Voxel], up: DVec3) -> Vec<DVec3> {
+    let turn = DQuat::from_rotation_arc(up, DVec3::Z);
+    let scale = DVec3::new(CELL_M, CELL_M, HEIGHT_M);
+    let mut cells: BTreeMap<[i32; 3], Vec<DVec3>> = BTreeMap::new();
+    for voxel in voxels.iter().filter(|voxel| voxel.normal.dot(up) > LEVEL) {
+        let cell = ((turn * voxel.at) / scale).floor().as_ivec3();
+        cells.entry(cell.to_array()).or_default().push(voxel.at);
+    }
+    cells.retain(|_, points| points.len() >= FEWEST);
+    let mut supports: Vec<Vec<DVec3>> = Vec::new();
+    let mut unvisited: BTreeSet<[i32; 3]> = cells.keys().copied().collect();
+    while let Some(first) = unvisited.pop_first() {
+        let (mut open, mut support) = (vec![first], Vec::new());
+        while let Some(cell) = open.pop() {
+            support.extend(&cells[&cell]);
+            open.extend(neighbours(cell).filter(|next| unvisited.remove(next)));
+        }
+        supports.push(support);
+    }
+    supports.sort_by_key(|support| std::cmp::Reverse(support.len()));
+    let is_large = |support: &Vec<DVec3>| support.len() as f64 * SIDE_M * SIDE_M >= LEAST_M2;
+    let kept = 1 + supports.iter().skip(1).take(MOST - 1).take_while(|support| is_large(support)).count();
+    supports.truncate(kept);
+    if supports.is_empty() {
+        supports.push(voxels.iter().map(|voxel| voxel.at).collect());
+    }
+    supports.iter().filter_map(|support| middle(support)).collect()
+}
+
+/// The point that is nearest to the median, which may lie beside an L.
+fn middle(points: &[DVec3]) -> Option<DVec3> {
+    let of = |axis: usize| median(&mut points.iter().map(|at| at[axis]).collect::<Vec<_>>());
+    let middle = DVec3::new(of(0), of(1), of(2));
+    points.iter().copied().min_by(|a, b| a.distance_squared(middle).total_cmp(&b.distance_squared(middle)))
+}
+
+fn neighbours(cell: [i32; 3]) -> impl Iterator<Item = [i32; 3]> {
+    (0..27).map(move |n| (IVec3::from(cell) + IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1)).to_array())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_are_on_large_levels_the_largest_first() {
+        let level = |count: i32, at: DVec3| {
+            let of = move |n: i32| at + 0.02 * DVec3::new(f64::from(n % count), f64::from(n / count), 0.0);
+            (0..count * count).map(move |n| Voxel::of_surface(of(n), DVec3::Z, [0.5; 3]))
+        };
+        // The smallest is 0.3 m wide.
+        let (small, large) = (DVec3::new(0.0, 3.0, 0.0), DVec3::new(2.0, 0.0, 0.7));
+        let voxels: Vec<Voxel> = level(15, small).chain(level(40, DVec3::ZERO)).chain(level(60, large)).collect();
+        let found = places(&voxels, DVec3::Z);
+        assert_eq!(found.len(), 2, "{found:?}");
+        let expected = [DVec3::new(2.6, 0.6, 0.7), DVec3::new(0.4, 0.4, 0.0)];
+        assert!(found.iter().zip(expected).all(|(found, at)| found.distance(at) < 0.03), "{found:?}");
+        assert!(places(&[], DVec3::Z).is_empty());
+        // Of a wall alone, its middle.
+        let wall: Vec<Voxel> = level(10, DVec3::ZERO).map(|voxel| Voxel { normal: DVec3::X, ..voxel }).collect();
+        let found = places(&wall, DVec3::Z);
+        assert!(found.len() == 1 && found[0].distance(DVec3::new(0.1, 0.1, 0.0)) < 0.02, "{found:?}");
+    }
+}

@@ -1,0 +1,41 @@
+//! Up where the recording does not say it: a mean shift of a first guess to the normals of level
+//! surfaces.
+
+use glam::DVec3;
+
+use super::voxels::Voxel;
+
+/// Cones around up in which normals are averaged one after another, cosines of 41° to 14°.
+const CONES: [f64; 8] = [0.75, 0.85, 0.9, 0.94, 0.96, 0.97, 0.97, 0.97];
+/// Fewer normals end the shift.
+const FEWEST: usize = 100;
+
+pub fn refined_up(voxels: &[Voxel], guess: DVec3) -> DVec3 {
+    let mut up = guess;
+    for cone in CONES {
+        let within: Vec<DVec3> =
+            voxels.iter().map(|voxel| voxel.normal).filter(|normal| normal.dot(up) > cone).collect();
+        if within.len() < FEWEST {
+            break;
+        }
+        up = within.iter().sum::<DVec3>().normalize_or(up);
+    }
+    up
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn up_shifts_from_30_degrees_away_to_the_level_surfaces() {
+        let level = (0..300).map(|n| DVec3::new(0.05 * f64::from(n).sin(), 0.05 * f64::from(n).cos(), 1.0));
+        let wall = (0..200).map(|n| DVec3::new(1.0, 0.05 * f64::from(n).sin(), 0.0));
+        let voxels: Vec<Voxel> =
+            level.chain(wall).map(|normal| Voxel::of_surface(DVec3::ZERO, normal.normalize(), [0.5; 3])).collect();
+        let guess = DVec3::new(30f64.to_radians().sin(), 0.0, 30f64.to_radians().cos());
+        let up = refined_up(&voxels, guess);
+        assert!(up.angle_between(DVec3::Z).to_degrees() < 0.5, "{up}");
+        assert_eq!(refined_up(&voxels[..50], guess), guess);
+    }
+}

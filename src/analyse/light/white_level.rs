@@ -1,0 +1,408 @@
+//! The white level W of a place: what matt white of reflectance 1 that looks up shows there, or why
+//! it cannot be claimed.
+//!
+//! Near the place the brightest upward-facing surfaces are taken for white, whose reflectance is
+//! about 0.8: paper reflects 0.75 to 0.9, white paint 0.65 to 0.85. Their top is the 98 % quantile
+//! of luminance by Kaplan and Meier, since clipped channels are lower bounds. A gate compares them
+//! with what white looks like and with the camera's exposure (AE). Where it closes, W follows from
+//! the exposure alone, with an interval of a factor of two each way.
+//!
+//! Claim, unclipped: ln W = 0.85·ln(top/0.8) + 0.15·ln AE. Clipped: AE between top/0.8 and 1.4
+//! times that. Not modelled: grey surfaces that agree with the exposure pass for white; light that
+//! varies within the radius.
+
+use std::fmt;
+
+use glam::DVec3;
+
+use super::exposure::Exposure;
+use super::quantile::{Censored, kaplan_meier};
+use super::sample::relative_luminance;
+use super::voxels::{SIDE_M, Voxel};
+
+/// Where lamps are known, the quantile of the room's reflectances that is taken for white, and
+/// those of its interval, each loosened by a factor. Fewer upward-facing voxels leave the rest of
+/// the room to count, too.
+const WHITEST: f64 = 0.995;
+const WHITEST_BETWEEN: [f64; 2] = [0.99, 0.999];
+const LOOSE: f64 = 1.1;
+const FEWEST_UPWARD: usize = 400;
+/// Largest factor between the white level that lamps imply and the exposure's.
+const LAMPS_AGREE: f64 = 2.0;
+/// Reflectance of the brightest neutral surfaces, and the largest of any matt one.
+pub const WHITE: f64 = 0.8;
+const HIGHEST: f64 = 0.9;
+/// Radii around the place that are tried one after another until they hold enough upward-facing
+/// area.
+const RADII_M: [f64; 3] = [0.8, 1.2, 2.0];
+const LEAST_AREA_M2: f64 = 0.27;
+/// Cosine with up from which a normal is upward-facing.
+const UPWARD: f64 = 0.8;
+const TOP: f64 = 0.98;
+/// Surfaces brighter than this share of the top are part of it.
+const AT_TOP: f64 = 0.75;
+/// Saturation of the top by the frames' own white balance: white under warm lamps stays below, wood
+/// lies above.
+const MOST_SATURATION: f64 = 0.42;
+/// Shares of the upward-facing area that an unclipped top may have.
+const LEAST_SHARE: f64 = 0.05;
+const MOST_SHARE: f64 = 0.5;
+/// Largest ratio of the top within 1.5 times the radius to the top within the radius.
+const WIDER: f64 = 1.5;
+const MOST_GROWTH: f64 = 1.4;
+/// Largest factor between top/0.8 and the exposure, unclipped and clipped.
+const AGREE: f64 = 1.5;
+const AGREE_CLIPPED: f64 = 2.0;
+/// Weight of the exposure in an unclipped claim.
+const EXPOSURE_WEIGHT: f64 = 0.15;
+/// Uncertainty of an unclipped claim, ln: downwards, upwards, and its share of the disagreement
+/// with the exposure.
+const DOWNWARDS: f64 = 0.15;
+const UPWARDS: f64 = 0.3;
+const BY_DISAGREEMENT: f64 = 0.4;
+/// A clipped top is exceeded at most by these factors: the claim, and the end of its interval.
+const BEYOND: f64 = 1.4;
+const FARTHEST_BEYOND: f64 = 1.6;
+/// W of an unclaimed level by the exposure at most, and the factor of its interval.
+const LARGEST_RAISE: f64 = 1.5;
+const UNCLAIMED: f64 = 2.0;
+/// Surfaces that show the light's colour: cosine with up, saturation and brightness by the top, the
+/// least area, and the area at which they count as much as the exposure's neutral.
+const COLOUR_UPWARD: f64 = 0.5;
+const COLOUR_SATURATION: f64 = 0.25;
+const COLOUR_BRIGHT: f64 = 0.7;
+const COLOUR_LEAST_M2: f64 = 0.009;
+const COLOUR_HALF_M2: f64 = 0.09;
+
+/// A surface element of one voxel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Patch {
+    pub at: DVec3,
+    pub normal: DVec3,
+    /// Linear light as it would be at the place, and whether any channel is a lower bound.
+    pub light: [f64; 3],
+    pub is_bound: bool,
+    /// Linear light as the frames themselves show it.
+    pub code: [f64; 3],
+    /// Luminance of its brightest spot, as it would be at the place.
+    pub brightest: f64,
+}
+
+impl Patch {
+    /// `relative`: the light on it by the light at the place.
+    pub fn of(voxel: &Voxel, relative: f64) -> Self {
+        Self {
+            at: voxel.at,
+            normal: voxel.normal,
+            light: voxel.median.map(|light| f64::from(light) / relative),
+            is_bound: voxel.is_bound.contains(&true),
+            code: voxel.code.map(f64::from),
+            brightest: f64::from(voxel.brightest) / relative,
+        }
+    }
+
+    fn saturation(&self) -> f64 {
+        let most = self.code.into_iter().fold(0.0, f64::max);
+        (most - self.code.into_iter().fold(f64::INFINITY, f64::min)) / most.max(1e-4)
+    }
+}
+
+/// The reason for which a white level is not claimed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Unclaimed {
+    TooFew,
+    Coloured { saturation: f64 },
+    Ground,
+    Scrap,
+    Varies { growth: f64 },
+    Disagrees { factor: f64 },
+}
+
+impl fmt::Display for Unclaimed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooFew => write!(f, "too little that faces up was seen near the place"),
+            Self::Coloured { saturation } => {
+                let percent = 100.0 * saturation;
+                write!(f, "the brightest surfaces are coloured (saturation {percent:.0} %), as wood and warm light are")
+            }
+            Self::Ground => write!(f, "the ground itself is what is brightest, and nothing whiter lies on it"),
+            Self::Scrap => write!(f, "what is brightest is too small an area"),
+            Self::Varies { growth } => {
+                write!(f, "the light varies: half as far again it is {growth:.1} times as bright")
+            }
+            Self::Disagrees { factor } => {
+                write!(f, "the brightest surfaces and the camera's exposure disagree by a factor of {factor:.1}")
+            }
+        }
+    }
+}
+
+/// What is known of the light at a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WhiteLevel {
+    /// W, linear: red, green, blue.
+    pub white: [f64; 3],
+    /// Luminances between which it lies.
+    pub between: [f64; 2],
+    pub unclaimed: Option<Unclaimed>,
+}
+
+/// The brightest upward-facing surfaces around a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Top {
+    radius_m: f64,
+    /// Luminance, and whether it is a lower bound.
+    luminance: f64,
+    is_bound: bool,
+    saturation: f64,
+    /// Share of the upward-facing surfaces.
+    share: f64,
+    growth: f64,
+}
+
+impl Top {
+    /// `None` where too little faces up.
+    fn of(patches: &[Patch], up: DVec3, place: DVec3) -> Option<Self> {
+        let upward: Vec<&Patch> = patches.iter().filter(|patch| patch.normal.dot(up) > UPWARD).collect();
+        let within = |radius_m: f64| -> Vec<&Patch> {
+            upward.iter().copied().filter(|patch| patch.at.distance(place) < radius_m).collect()
+        };
+        let is_enough = |patches: &Vec<&Patch>| area_m2(patches.len()) >= LEAST_AREA_M2;
+        let (radius_m, near) =
+            RADII_M.iter().map(|radius_m| (*radius_m, within(*radius_m))).find(|(_, near)| is_enough(near))?;
+        let (luminance, is_bound) = top_of(&near)?;
+        let (wider, _) = top_of(&within(WIDER * radius_m))?;
+        let bright = |patch: &&&Patch| patch.is_bound || relative_luminance(patch.light) > AT_TOP * luminance;
+        let at_top: Vec<&Patch> = near.iter().filter(bright).copied().collect();
+        let saturations = at_top.iter().map(|patch| if patch.is_bound { 0.0 } else { patch.saturation() });
+        Some(Self {
+            radius_m,
+            luminance,
+            is_bound,
+            saturation: median(saturations.collect()),
+            share: at_top.len() as f64 / near.len() as f64,
+            growth: wider / luminance,
+        })
+    }
+
+    /// W by the top alone.
+    fn level(&self) -> f64 {
+        self.luminance / WHITE
+    }
+
+    /// The first gate that is closed.
+    fn closed(&self, exposure: f64) -> Option<Unclaimed> {
+        let disagreement = (self.level() / exposure).ln().abs().exp();
+        let agrees = if self.is_bound { AGREE_CLIPPED } else { AGREE };
+        match self {
+            Self { saturation, .. } if *saturation > MOST_SATURATION => {
+                Some(Unclaimed::Coloured { saturation: *saturation })
+            }
+            Self { is_bound: false, share, .. } if *share > MOST_SHARE => Some(Unclaimed::Ground),
+            Self { is_bound: false, share, .. } if *share < LEAST_SHARE => Some(Unclaimed::Scrap),
+            Self { growth, .. } if *growth > MOST_GROWTH => Some(Unclaimed::Varies { growth: *growth }),
+            _ if disagreement > agrees => Some(Unclaimed::Disagrees { factor: disagreement }),
+            _ => None,
+        }
+    }
+
+    /// W and its interval, where the gate is open.
+    fn claim(&self, exposure: f64) -> (f64, [f64; 2]) {
+        let (level, least) = (self.level(), self.luminance / HIGHEST);
+        if self.is_bound {
+            return (exposure.clamp(level, BEYOND * level), [least, FARTHEST_BEYOND * level]);
+        }
+        let off = (level / exposure).ln();
+        let white = (level.ln() - EXPOSURE_WEIGHT * off).exp();
+        let [down, upwards] = [DOWNWARDS, UPWARDS].map(|ln| ln.hypot(BY_DISAGREEMENT * off).exp());
+        (white, [least.max(white / down), white * upwards])
+    }
+}
+
+/// Neutral of the exposure, moved towards the median colour of bright, nearly neutral surfaces by
+/// their area: those within a radius of the place, by a luminance of the brightest.
+fn colour(patches: &[Patch], up: DVec3, place: DVec3, (radius_m, top): (f64, f64), neutral: [f64; 3]) -> [f64; 3] {
+    let shows = |patch: &&Patch| {
+        patch.at.distance(place) < radius_m
+            && patch.normal.dot(up) > COLOUR_UPWARD
+            && !patch.is_bound
+            && patch.saturation() < COLOUR_SATURATION
+            && relative_luminance(patch.light) > COLOUR_BRIGHT * top
+    };
+    let shown: Vec<&Patch> = patches.iter().filter(shows).collect();
+    let area = area_m2(shown.len());
+    if area < COLOUR_LEAST_M2 {
+        return neutral;
+    }
+    let ln = |c: usize| median(shown.iter().map(|patch| patch.light[c].max(1e-3).ln()).collect());
+    let weight = area / (area + COLOUR_HALF_M2);
+    let green = ln(1);
+    [0, 1, 2].map(|c| (weight * (ln(c) - green) + (1.0 - weight) * neutral[c].ln()).exp())
+}
+
+fn area_m2(voxels: usize) -> f64 {
+    voxels as f64 * SIDE_M * SIDE_M
+}
+
+fn top_of(patches: &[&Patch]) -> Option<(f64, bool)> {
+    let value = |patch: &&Patch| (relative_luminance(patch.light) as f32, 1.0, patch.is_bound);
+    let mut values: Vec<Censored> = patches.iter().map(value).collect();
+    kaplan_meier(&mut values, TOP)
+        .map(|(value, is_bound)| (f64::from(value), is_bound))
+        .filter(|(value, _)| *value > 0.0)
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    super::super::robust::median(&mut values)
+}
+
+/// `tint` at a luminance.
+fn coloured(tint: [f64; 3], luminance: f64) -> [f64; 3] {
+    tint.map(|channel| channel * luminance / relative_luminance(tint))
+}
+
+/// The white level at a place.
+pub fn white_level(patches: &[Patch], up: DVec3, place: DVec3, exposure: &Exposure) -> WhiteLevel {
+    let top = Top::of(patches, up, place);
+    let Some(top) = top else { return unclaimed(None, exposure, Unclaimed::TooFew) };
+    if let Some(why) = top.closed(exposure.level) {
+        return unclaimed(Some(&top), exposure, why);
+    }
+    let (white, between) = top.claim(exposure.level);
+    let tint = colour(patches, up, place, (top.radius_m, top.luminance), exposure.neutral);
+    WhiteLevel { white: coloured(tint, white), between, unclaimed: None }
+}
+
+/// The white level where lamps are known. They explain how bright surfaces are beside each other,
+/// so that the whitest of the whole room tell it, each by its brightest spot. `None` where that
+/// contradicts the exposure: a lamp is wrong.
+pub fn white_level_by_lamps(patches: &[Patch], up: DVec3, place: DVec3, exposure: &Exposure) -> Option<WhiteLevel> {
+    let of = |faces: &dyn Fn(&&Patch) -> bool| -> Vec<Censored> {
+        patches.iter().filter(faces).map(|patch| (patch.brightest as f32, 1.0, patch.is_bound)).collect()
+    };
+    let mut values = of(&|patch| patch.normal.dot(up) > UPWARD);
+    if values.len() < FEWEST_UPWARD {
+        values = of(&|_| true);
+    }
+    let mut level = |share: f64| kaplan_meier(&mut values, share).map(|(value, _)| f64::from(value) / WHITE);
+    let (whitest, [low, high]) = (level(WHITEST)?, [level(WHITEST_BETWEEN[0])?, level(WHITEST_BETWEEN[1])?]);
+    let off = (whitest / exposure.level).ln();
+    if !(whitest > 0.0 && off.abs() < LAMPS_AGREE.ln()) {
+        return None;
+    }
+    let white = (whitest.ln() - EXPOSURE_WEIGHT * off).exp();
+    let tint = colour(patches, up, place, (f64::INFINITY, WHITE * white), exposure.neutral);
+    let between = [(low / LOOSE).min(white / LOOSE), (high * LOOSE).max(white * LOOSE)];
+    Some(WhiteLevel { white: coloured(tint, white), between, unclaimed: None })
+}
+
+/// By the exposure, raised where the brightest surface would reflect more than any does.
+fn unclaimed(top: Option<&Top>, exposure: &Exposure, why: Unclaimed) -> WhiteLevel {
+    let Exposure { level, neutral } = *exposure;
+    let white = top.map_or(level, |top| (top.luminance / HIGHEST).clamp(level, LARGEST_RAISE * level));
+    let between = [level / UNCLAIMED, UNCLAIMED * white];
+    WhiteLevel { white: coloured(neutral, white), between, unclaimed: Some(why) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EXPOSURE: Exposure = Exposure { level: 1.0, neutral: [1.0; 3] };
+
+    fn patch(at: DVec3, light: f64) -> Patch {
+        Patch { at, normal: DVec3::Z, light: [light; 3], is_bound: false, code: [light; 3], brightest: light }
+    }
+
+    /// 1000 voxels of 2 cm that face up within 0.5 m, of which `white` show 0.8 and the others 0.3,
+    /// grey.
+    fn desk(white: usize) -> Vec<Patch> {
+        let at = |n: usize| DVec3::new(0.02 * (n % 25) as f64 - 0.25, 0.02 * (n / 25) as f64 - 0.4, 0.0);
+        (0..1000).map(|n| patch(at(n), if n < white { 0.8 } else { 0.3 })).collect()
+    }
+
+    fn level(patches: &[Patch], exposure: &Exposure) -> WhiteLevel {
+        white_level(patches, DVec3::Z, DVec3::ZERO, exposure)
+    }
+
+    fn is_about(found: f64, expected: f64) -> bool {
+        (found / expected - 1.0).abs() < 1e-5
+    }
+
+    #[test]
+    fn paper_on_a_desk_is_claimed_with_the_interval_by_hand() {
+        let found = level(&desk(200), &EXPOSURE);
+        assert_eq!(found.unclaimed, None);
+        // It agrees with the exposure: 0.8 / 0.8, never below 0.8 / 0.9, up to e^0.3.
+        assert!(found.white.iter().all(|white| is_about(*white, 1.0)), "{found:?}");
+        assert!(is_about(found.between[0], 0.8 / 0.9) && is_about(found.between[1], 0.3f64.exp()), "{found:?}");
+        // The exposure says 1.4: 1.4^0.15, and 0.4·ln 1.4 widens the interval.
+        let found = level(&desk(200), &Exposure { level: 1.4, ..EXPOSURE });
+        let (white, wide) = (1.4f64.powf(0.15), 0.3f64.hypot(0.4 * 1.4f64.ln()).exp());
+        assert!(is_about(found.white[1], white) && is_about(found.between[1], white * wide), "{found:?}");
+    }
+
+    #[test]
+    fn a_clipped_desk_is_as_bright_as_the_exposure_within_its_bound() {
+        let mut patches = desk(200);
+        patches.iter_mut().take(200).for_each(|patch| patch.is_bound = true);
+        for (exposure, white) in [(0.6, 1.0), (1.2, 1.2), (1.9, 1.4)] {
+            let found = level(&patches, &Exposure { level: exposure, ..EXPOSURE });
+            assert!(found.unclaimed.is_none() && is_about(found.white[1], white), "{exposure}: {found:?}");
+            assert!(is_about(found.between[0], 0.8 / 0.9) && is_about(found.between[1], 1.6), "{found:?}");
+        }
+    }
+
+    #[test]
+    fn each_gate_closes_with_its_reason() {
+        let why =
+            |patches: &[Patch], exposure: f64| level(patches, &Exposure { level: exposure, ..EXPOSURE }).unclaimed;
+        assert_eq!(why(&desk(200)[..600], 1.0), Some(Unclaimed::TooFew));
+        assert_eq!(why(&desk(600), 1.0), Some(Unclaimed::Ground));
+        assert_eq!(why(&desk(40), 1.0), Some(Unclaimed::Scrap));
+        let wooden = desk(200).into_iter().map(|patch| Patch { code: [0.8, 0.6, 0.4], ..patch });
+        assert_eq!(why(&wooden.collect::<Vec<_>>(), 1.0), Some(Unclaimed::Coloured { saturation: 0.5 }));
+        // 1 m away, within 1.2 m: twice as bright.
+        let beyond = (0..200).map(|n| patch(DVec3::new(1.0, 0.001 * f64::from(n), 0.0), 1.6));
+        let sunlit = why(&desk(200).into_iter().chain(beyond).collect::<Vec<_>>(), 1.0);
+        assert!(matches!(sunlit, Some(Unclaimed::Varies { growth }) if is_about(growth, 2.0)), "{sunlit:?}");
+        let dark = why(&desk(200), 0.5);
+        assert!(matches!(dark, Some(Unclaimed::Disagrees { factor }) if is_about(factor, 2.0)), "{dark:?}");
+    }
+
+    #[test]
+    fn an_unclaimed_level_is_the_exposure_raised_to_what_no_surface_exceeds() {
+        for (exposure, white) in [(2.0, 2.0), (0.7, 0.8 / 0.9), (0.5, 0.75)] {
+            let neutral = Exposure { level: exposure, neutral: [1.2, 1.0, 0.8] };
+            let found = level(&desk(600), &neutral);
+            assert!(found.unclaimed.is_some() && is_about(relative_luminance(found.white), white), "{found:?}");
+            assert!(is_about(found.white[0] / found.white[1], 1.2), "{found:?}");
+            assert!(is_about(found.between[0], exposure / 2.0) && is_about(found.between[1], 2.0 * white), "{found:?}");
+        }
+    }
+
+    #[test]
+    fn colour_moves_towards_neutral_surfaces_by_their_area() {
+        // 225 voxels of 4 cm² are 0.09 m², half the weight: √(0.9/1) in red.
+        let mut patches = desk(225);
+        patches.iter_mut().take(225).for_each(|patch| patch.light[0] = 0.72);
+        let found = level(&patches, &EXPOSURE);
+        assert!(found.unclaimed.is_none() && is_about(found.white[0] / found.white[1], 0.9f64.sqrt()), "{found:?}");
+        assert!(is_about(found.white[2], found.white[1]), "{found:?}");
+    }
+
+    #[test]
+    fn lamps_make_the_whitest_of_the_room_tell_unless_the_exposure_contradicts() {
+        // 20 of 1000 show 0.8 by their brightest spots: W = 1, moved by the exposure of 1.4 as a
+        // claim is.
+        let by_lamps = |exposure: f64| {
+            white_level_by_lamps(&desk(20), DVec3::Z, DVec3::ZERO, &Exposure { level: exposure, ..EXPOSURE })
+        };
+        let found = by_lamps(1.4).unwrap();
+        let white = 1.4f64.powf(0.15);
+        assert!(is_about(found.white[1], white) && found.unclaimed.is_none(), "{found:?}");
+        assert!(is_about(found.between[0], 1.0 / 1.1) && is_about(found.between[1], 1.1 * white), "{found:?}");
+        assert!(by_lamps(2.1).is_none() && by_lamps(0.49).is_none());
+    }
+}
