@@ -82,6 +82,9 @@ fn sigma_px(spread: Option<&Sharpness>) -> Result<f64, String> {
 /// Of a camera that exposed all frames alike.
 fn time_s(findings: &Findings) -> Result<f64, String> {
     let shutter = findings.shutter.as_ref();
+    if shutter.is_some_and(|shutter| shutter.nominal_interval_s.is_some()) {
+        return Err("the recording keeps no times: it is known as a share of the frame interval alone".to_owned());
+    }
     match shutter.map_or(&[][..], |shutter| &shutter.runs) {
         [run] => Ok(rounded(run.exposure_s, OF_SECOND)),
         [] => Err(shutter.and_then(|shutter| shutter.why.clone()).unwrap_or("it was not looked for".to_owned())),

@@ -140,6 +140,7 @@ impl Analysis {
             Vec::new()
         };
         let environment = light.as_ref().ok().and_then(|light| Environment::of(&light.panorama));
+        let nominal_interval_s = (!recording.kind.has_times()).then_some(recording.frame_interval_s);
         let findings = Findings {
             version: VERSION,
             recording: inputs::fingerprint(recording),
@@ -148,7 +149,7 @@ impl Analysis {
             gain_why: gain.as_ref().err().cloned(),
             gain: gain.ok(),
             across: fitted,
-            shutter: Some(Shuttered::of(exposed)),
+            shutter: Some(Shuttered::of(exposed, nominal_interval_s)),
             spread: Some(Sharpness::of(spread)),
             tone: Some(Tone::of(tone)),
             light: Some(FoundLight::of(&light, environment.as_ref())),

@@ -100,6 +100,9 @@ pub struct Shuttered {
     pub heard: Vec<(usize, f64)>,
     /// In order; each frame lies in one. Empty if nothing is known.
     pub runs: Vec<Run>,
+    /// Interval that the format assumes, s, where it keeps no times: exposures are known as shares of it alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub nominal_interval_s: Option<f64>,
 }
 
 /// How sharp the camera is.
@@ -168,14 +171,28 @@ impl fmt::Display for Tone {
 }
 
 impl Shuttered {
-    pub fn of(found: Result<Exposed, String>) -> Self {
+    pub fn of(found: Result<Exposed, String>, nominal_interval_s: Option<f64>) -> Self {
         match found {
             Ok(Exposed { runs, heard }) => {
                 let heard = heard.iter().map(|heard| (heard.frame, heard.exposure_s)).collect();
-                Self { why: None, heard, runs }
+                Self { why: None, heard, runs, nominal_interval_s }
             }
-            Err(why) => Self { why: Some(why), heard: Vec::new(), runs: Vec::new() },
+            Err(why) => Self { why: Some(why), heard: Vec::new(), runs: Vec::new(), nominal_interval_s: None },
         }
+    }
+
+    /// Numbers with the unit in which they are known: milliseconds, or the frame interval where the recording keeps no
+    /// times.
+    pub fn shown(&self, numbers: impl Fn(&dyn Fn(f64) -> String) -> String) -> String {
+        match self.nominal_interval_s {
+            None => format!("{} ms", numbers(&|s| fixed(1e3 * s, 2))),
+            Some(interval_s) => format!("{} of the frame interval", numbers(&|s| fixed(s / interval_s, 3))),
+        }
+    }
+
+    fn about(&self, run: &Run) -> String {
+        let time = self.shown(|n| format!("{} ± {}", n(run.exposure_s), n(run.sigma_s)));
+        format!("{time}, by the blur of {} frames", run.heard)
     }
 
     /// Whether runs follow each other from the first frame to the last.
@@ -275,13 +292,6 @@ impl fmt::Display for Sharpness {
     }
 }
 
-impl fmt::Display for Run {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (time, sigma) = (fixed(1e3 * self.exposure_s, 2), fixed(1e3 * self.sigma_s, 2));
-        write!(f, "{time} ms, ± {sigma} ms, by the blur of {} frames", self.heard)
-    }
-}
-
 impl fmt::Display for Gained {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if !self.is_followed {
@@ -378,8 +388,8 @@ impl Findings {
         if let Some(shutter) = &self.shutter {
             lines.extend(shutter.why.iter().map(|why| ("exposure", format!("unknown: {why}"))));
             let of = |run: &Run| match shutter.runs.len() {
-                1 => run.to_string(),
-                _ => format!("frames {} to {}, {run}", run.from, run.to - 1),
+                1 => shutter.about(run),
+                _ => format!("frames {} to {}, {}", run.from, run.to - 1, shutter.about(run)),
             };
             lines.extend(shutter.runs.iter().map(|run| ("exposure", of(run))));
         }

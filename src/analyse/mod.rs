@@ -150,15 +150,9 @@ pub fn analyse(
         true => None,
         false => times.of(times::GAIN, || across::solve(&compared.across, frames)),
     };
-    let tells_motion = !recorded_way::are_far_apart(recording) || recorded_way::moves_as_recorded(recording);
-    let exposed = match (is_placed, recording.kind.has_times()) {
-        (true, true) if !tells_motion => Err(format!(
-            "frames are {:.0} ms apart and hardly a pose lies between them: how the camera moved in each is not known",
-            1e3 * recording.frame_interval_s
-        )),
-        (true, true) => compared.said.exposed(frames),
-        (true, false) => Err("the recording keeps no times".to_owned()),
-        (false, _) => Err("where the camera was is not known".to_owned()),
+    let exposed = match is_placed {
+        true => compared.said.exposed(frames),
+        false => Err("where the camera was is not known".to_owned()),
     };
     let known = sharpness::Known {
         states: &registration.states,
@@ -237,9 +231,7 @@ fn compared(
         if let Some(state) = states[frame.index] {
             let depth = times.of(times::DEPTHS, || depths.of(eye, &frame, &state))?;
             times.of(times::GAIN, || gains.add(&frame, state, &depth, recording.landmarks(frame.index)));
-            if recording.kind.has_times() {
-                times.of(times::EXPOSURE, || shutter.add(&frame, state, &depth));
-            }
+            times.of(times::EXPOSURE, || shutter.add(&frame, state, &depth));
         }
     }
     Ok(Compared {

@@ -1,9 +1,13 @@
 //! How long each frame was exposed, by how its motion blur differs from its neighbours'.
 //!
-//! Of frames spread over the recording each is compared with up to three within ten frames whose motion differs most
-//! ([`cross_blur`](super::cross_blur)); the curves' mean, weighted by what they see and by the square of how much the flows
+//! Of frames spread over the recording each is compared with up to three within 20 frames that show nearly the same view and
+//! whose motion differs most ([`cross_blur`](super::cross_blur)); the curves' mean, weighted by what they see and by the square of how much the flows
 //! differ, has its least value at the exposure. The recording's is the median of the frames that say it clearly, unless a run of
 //! them differs by more than a fifth. It is refused where too few do: a camera at rest, or one that moves evenly.
+//!
+//! What is found is the exposure that explains the blur by the motion that is known. Where frames lie far apart and no pose
+//! between them, that motion is a mean over two intervals, slower than the camera's, and the exposure comes out longer by as
+//! much: the blur that it draws is right. Without times the exposure is a share of the nominal interval.
 //!
 //! Not modelled: exposures that differ between the two frames of a pair. A frame is compared with slower ones, whose blur says
 //! little, so it is mostly its own that is found.
@@ -29,9 +33,11 @@ use crate::rows::over_rows;
 const EVERY: usize = 8;
 const LEAST_LOOKS: usize = 12;
 const MOST_LOOKS: usize = 200;
-/// Frames that a frame is compared with, and how far away they are.
+/// Frames that a frame is compared with, how many frames away they may be, and by how much the view moves between the two
+/// at most, mean of five places by the picture's width.
 const PAIRS: usize = 3;
-const APART: [usize; 6] = [1, 2, 3, 5, 7, 10];
+const APART: [usize; 8] = [1, 2, 3, 5, 7, 10, 14, 20];
+const FARTHEST_VIEW: f64 = 0.25;
 /// Flows must differ by as much, px/s at 520 px of focal length.
 const DIVERSE_PX_S: f64 = 250.0;
 const AT_FOCAL_PX: f64 = 520.0;
@@ -48,6 +54,8 @@ const LEAST_CLEAR: usize = 4;
 /// Runs differ by more than this share, and have at least so many frames.
 const DIFFERENT: f64 = 0.2;
 const LEAST_RUN: usize = 3;
+/// Sharp frames are exposed for so long at least, s: what a median of them errs by.
+const SHORTEST_S: f64 = ALIKE_S;
 /// What a run costs, ln: as much as three frames that are off by a tenth.
 const EACH_RUN: f64 = 0.3;
 /// σ of a median by that of one value.
@@ -237,6 +245,10 @@ fn plan(eye: &Eye, states: &[Option<State>]) -> Vec<(usize, Vec<usize>)> {
         let mut found: Vec<(f64, usize)> = Vec::new();
         for other in APART.iter().flat_map(|gap| [own.checked_sub(*gap), Some(own + gap)]).flatten() {
             let Some(there) = spreads.get(other).copied().flatten() else { continue };
+            let (Some(a), Some(b)) = (states[own], states[other]) else { continue };
+            if !is_near(eye, &a, &b) {
+                continue;
+            }
             let off = here - there;
             let apart = norm(&off).sqrt();
             let is_slower = off.x_axis.x + off.y_axis.y > 0.0;
@@ -274,17 +286,32 @@ fn norm(m: &DMat2) -> f64 {
     m.to_cols_array().iter().map(|v| v * v).sum::<f64>().sqrt()
 }
 
+/// Five places of the picture, by tangents.
+const PLACES: [(f64, f64); 5] = [(0.0, 0.0), (0.27, 0.2), (-0.27, 0.2), (0.27, -0.2), (-0.27, -0.2)];
+
+/// Points at the places, as far away as is usual, in the camera's axes, m.
+fn points(eye: &Eye) -> [DVec3; 5] {
+    PLACES.map(|(x, y)| eye.usual_m * DVec3::new(x, y, 1.0))
+}
+
 /// Mean of v·vᵀ over five places of the picture, (px/s)², of things as far away as is usual.
 fn spread(eye: &Eye, state: &State) -> DMat2 {
-    let places = [(0.0, 0.0), (0.27, 0.2), (-0.27, 0.2), (0.27, -0.2), (-0.27, -0.2)];
     let mut sum = DMat2::ZERO;
-    for (x, y) in places {
-        if let Some(v) = flow(eye, eye.usual_m * DVec3::new(x, y, 1.0), state) {
-            let v: DVec2 = v;
-            sum += DMat2::from_cols(v * v.x, v * v.y) * (1.0 / places.len() as f64);
-        }
+    for v in points(eye).into_iter().filter_map(|point| flow(eye, point, state)) {
+        let v: DVec2 = v;
+        sum += DMat2::from_cols(v * v.x, v * v.y) * (1.0 / PLACES.len() as f64);
     }
     sum
+}
+
+/// Whether two frames show the same things in nearly the same places.
+fn is_near(eye: &Eye, a: &State, b: &State) -> bool {
+    let b_from_a = b.world_from_camera.inverse() * a.world_from_camera;
+    let moved = points(eye).map(|point| {
+        let (from, to) = (eye.geometry.project(point), eye.geometry.project(b_from_a.transform_point3(point)));
+        from.zip(to).map_or(f64::INFINITY, |(from, to)| from.distance(to))
+    });
+    moved.iter().sum::<f64>() / (moved.len() as f64) < FARTHEST_VIEW * eye.size().0 as f64
 }
 
 /// One run, unless rows of frames differ: the parts that have the least Σ|ln s − median| and a cost for each, none shorter than
@@ -305,7 +332,7 @@ fn runs(clear: &[Heard], frames: usize) -> Vec<Run> {
         Run {
             from: if n == 0 { 0 } else { border(n - 1) },
             to: if n + 1 == ends.len() { frames } else { border(n) },
-            exposure_s,
+            exposure_s: exposure_s.max(SHORTEST_S),
             sigma_s: (OF_MEDIAN * spread_s / (part.len() as f64).sqrt()).hypot(ALIKE * exposure_s).hypot(ALIKE_S),
             heard: part.len(),
         }
@@ -428,7 +455,13 @@ mod tests {
         states[20] = turning(1.0);
         let found = plan(&eye, &states);
         let own = found.iter().find(|job| job.0 == 20).unwrap();
-        assert_eq!(own.1, [10, 13, 15]);
+        assert_eq!(own.1, [0, 6, 10], "those 20, 14 and 10 frames away");
         assert!(found.iter().all(|job| job.0 == 20 || job.1 == [20]), "{found:?}");
+        // The first ten look 40° aside, where things are that it does not see.
+        for state in states.iter_mut().take(10).flatten() {
+            state.world_from_camera = DAffine3::from_rotation_y(40f64.to_radians());
+        }
+        let found = plan(&eye, &states);
+        assert_eq!(found.iter().find(|job| job.0 == 20).unwrap().1, [10, 13, 15]);
     }
 }

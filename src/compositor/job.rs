@@ -51,7 +51,7 @@ pub enum Target<'a> {
 
 /// A frame's exposure, seconds. In order of precedence: what a tracked camera said of the frame (if the camera follows that),
 /// the camera's shutter angle, the recording's time for the frame (unless the settings overrule either), the camera's time,
-/// what the frame's motion blur says, half the interval.
+/// what the frame's motion blur says, and [`assumed_exposure_s`].
 pub fn exposure_time_s(camera: &Camera, settings: &Settings, frame: &Frame, interval_s: f64) -> f64 {
     let exposure = &camera.exposure;
     let angle = |deg: f64| deg / 360.0 * interval_s;
@@ -59,7 +59,16 @@ pub fn exposure_time_s(camera: &Camera, settings: &Settings, frame: &Frame, inte
     let follows = camera.follows.exposure && !settings.overrule_recorded_exposure;
     let tracked = frame.exposure.lens.exposure_s.filter(|_| follows);
     let known = tracked.or(exposure.shutter_angle_deg.map(angle)).or(recorded).or(exposure.time_s);
-    known.or(frame.exposure.blurred_s).unwrap_or(0.5 * interval_s)
+    known.or(frame.exposure.blurred_s).unwrap_or_else(|| assumed_exposure_s(interval_s))
+}
+
+/// Longest exposure that is assumed where nothing states one, s. Phones and depth cameras expose for 1/60 s or less in
+/// lit rooms, at 10 frames a second as at 30, so that half of a long interval is too much blur.
+const LONGEST_ASSUMED_S: f64 = 1.0 / 60.0;
+
+/// Exposure of frames of which nothing is known: a shutter of 180°, at most 1/60 s.
+fn assumed_exposure_s(interval_s: f64) -> f64 {
+    (0.5 * interval_s).min(LONGEST_ASSUMED_S)
 }
 
 impl<'a> Job<'a> {

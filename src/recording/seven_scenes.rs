@@ -27,7 +27,8 @@ use crate::tracking::tum::PoseNotes;
 pub static FORMAT: Format = Format {
     name: "7-Scenes",
     marker: "a 7-Scenes folder (frame-000000.color.png)",
-    has_times: false,
+    // The Kinect's 30 frames a second, although no time is written.
+    has_times: true,
     is_metric: true,
     find: |path| (path.is_dir() && has_picture(path)).then(|| path.to_owned()),
     open: |folder, _, options| open(folder, options),

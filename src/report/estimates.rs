@@ -171,15 +171,14 @@ fn across(findings: &Findings) -> Estimate {
 fn exposure(findings: &Findings) -> Estimate {
     let refused = |why: &str| estimate("exposure", Mark::Refused, "refused", String::new(), why);
     let Some(shutter) = &findings.shutter else { return refused("it was not looked for") };
-    let ms = |s: f64| fixed(1e3 * s, 2);
     let value = match shutter.runs.as_slice() {
         [] => return refused(shutter.why.as_deref().unwrap_or("nothing can be said")),
-        [run] => format!("{} ± {} ms", ms(run.exposure_s), ms(run.sigma_s)),
+        [run] => shutter.shown(|n| format!("{} ± {}", n(run.exposure_s), n(run.sigma_s))),
         runs => {
             let (low, high) = runs
                 .iter()
                 .fold((f64::MAX, 0.0f64), |(low, high), run| (low.min(run.exposure_s), high.max(run.exposure_s)));
-            format!("{} to {} ms", ms(low), ms(high))
+            shutter.shown(|n| format!("{} to {}", n(low), n(high)))
         }
     };
     estimate("exposure", Mark::Changed, "found", value, "")

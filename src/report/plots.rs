@@ -273,10 +273,11 @@ pub fn exposure(source: &Source<'_>) -> Result<Figure, ReportError> {
         shapes,
     };
     let interval_ms = short((1e4 * source.recording.frame_interval_s).round() / 10.0);
+    let assumed = if source.recording.kind.has_times() { "" } else { " by the nominal clock" };
     Ok(Figure {
         title,
         caption: format!(
-            "By motion blur against that of neighbouring frames; {interval_ms} ms lie between two frames. One exposure holds for \
+            "By motion blur against that of neighbouring frames; {interval_ms} ms lie between two frames{assumed}. One exposure holds for \
              all frames unless a row of them says another."
         ),
         legend,

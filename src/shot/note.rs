@@ -78,7 +78,7 @@ impl fmt::Display for Note {
             }
             Self::UnknownExposure { has_times } => {
                 f.write_str(match has_times {
-                    true => "nothing says how long the frames were exposed: half the frame interval is taken",
+                    true => "nothing says how long the frames were exposed: half the frame interval is taken, at most 1/60 s",
                     false => "the pictures bear no times, so that nothing is blurred by motion",
                 })?;
                 f.write_str("; the camera's exposure time says otherwise (--set camera.exposure.time_s=SECONDS)")

@@ -243,7 +243,7 @@ fn pictures_in_the_wrong_order_spoil_nothing() {
 fn exposure_is(found: &Analysis, exposure_s: f64) {
     for run in &found.findings.shutter.as_ref().unwrap().runs {
         let off_s = (run.exposure_s - exposure_s).abs();
-        assert!(off_s < 0.1 * exposure_s && off_s < 3.0 * run.sigma_s, "{run}");
+        assert!(off_s < 0.1 * exposure_s && off_s < 3.0 * run.sigma_s, "{run:?}");
     }
 }
 
@@ -276,6 +276,45 @@ fn frames_that_are_far_apart_keep_the_motion_that_was_recorded_between_them() {
         // 0.3 px at this focal length; the hand turns by up to ten times that.
         assert!((is - was).length() * small(12).focal_px < 0.3, "{time_s}: {is} {was}");
     }
+}
+
+#[test]
+#[ignore = "full tier: thirty frames of 320×240; frames_that_are_far_apart_keep_the_motion_that_was_recorded_between_them is \
+            the small form with poses between frames"]
+fn exposure_without_poses_between_frames_draws_the_blur_that_is_there() {
+    // 8 frames a second, and the poses nearest to them.
+    let folder = made(&Options { fps: 8.0, site: Some(2), seed: 2, samples: 8, ..small(30) }, &Flaws::default());
+    let site = folder.path().join("site");
+    let rows = |name: &str| -> Vec<String> {
+        let text = std::fs::read_to_string(site.join(name)).unwrap();
+        text.lines().filter(|line| !line.starts_with('#')).map(str::to_owned).collect()
+    };
+    let time_s = |row: &str| -> f64 { row.split(' ').next().unwrap().parse().unwrap() };
+    let truth = read_trajectory(&site.join("groundtruth.txt"), None).unwrap();
+    let (frames, mut poses) = (rows("rgb.txt"), rows("groundtruth.txt"));
+    poses.retain(|pose| frames.iter().any(|frame| (time_s(pose) - time_s(frame)).abs() < 0.0026));
+    std::fs::write(site.join("groundtruth.txt"), poses.join("\n")).unwrap();
+    let shot = opened(&folder);
+    let found = analysed_by_tier(&shot, 2);
+    println!("{}", found.findings);
+    let shutter = found.findings.shutter.as_ref().unwrap();
+    let [run] = shutter.runs.as_slice() else { panic!("{shutter:?}") };
+    // What turns by ω for t is blurred by ω·t: of the frames that told it, the ratio to the truth.
+    let turn = |track: &PoseTrack, at_s: f64, by_s: f64| {
+        let [from, to] = [-by_s, by_s].map(|by_s| track.at(at_s + by_s).unwrap().rotation);
+        (from * to.inverse()).to_scaled_axis().length() / (2.0 * by_s)
+    };
+    let track = found.track.as_ref().unwrap_or(&shot.recording.track);
+    let mut ratios: Vec<f64> = shutter
+        .heard
+        .iter()
+        .map(|(frame, _)| shot.recording.timestamps_s[*frame])
+        .map(|at_s| 60.0 * run.exposure_s * turn(track, at_s, 0.06) / turn(&truth, at_s, 0.008))
+        .collect();
+    ratios.sort_by(f64::total_cmp);
+    println!("{ratios:?}");
+    let middle = ratios[ratios.len() / 2];
+    assert!((0.8..1.25).contains(&middle), "{ratios:?}");
 }
 
 // Slow: two simulated sites, and thirty frames of one are analysed.

@@ -236,7 +236,7 @@ fn it_is_said_at_once_where_the_exposure_is_not_known() {
     let without: Vec<&str> = text.lines().filter(|line| !line.starts_with("time_s")).collect();
     assert!(without.len() < text.lines().count());
     std::fs::write(&camera, without.join("\n")).unwrap();
-    let told = "Exposure not known: nothing says how long the frames were exposed: half the frame interval is taken; the \
+    let told = "Exposure not known: nothing says how long the frames were exposed: half the frame interval is taken, at most 1/60 s; the \
                 camera's exposure time says otherwise.";
     let mut window = open_at(&recording);
     search(&mut window, "motion_blur");

@@ -4,6 +4,7 @@ use anyhow::{Result, anyhow};
 use glam::Vec3;
 
 use crate::cli::pick::{of_view, triple, view};
+use locard_engine::analyse::WHITE;
 use locard_engine::scene::Lighting;
 use locard_engine::scene::document::{Color, LightTable};
 use locard_engine::shot::{ReferencePick, Shot, White};
