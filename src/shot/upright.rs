@@ -20,12 +20,11 @@ impl Shot {
         self.recording.track.poses().iter().map(above).sum::<DVec3>().normalize_or(DVec3::Z)
     }
 
-    /// Up for the first thing of a scene that stands on a surface with this normal: it, if it is a floor's or a table's, else what
-    /// cameras had above them. Unit length.
+    /// Up for the first object of a scene on a surface whose normal faces the camera: the normal, if the surface is level or
+    /// seen by a camera that is mounted upside down, else what cameras had above them. Unit length.
     pub fn up_on(&self, normal: Option<DVec3>) -> DVec3 {
         let held = self.held_up();
-        let facing = normal.map(|normal| if normal.dot(held) < 0.0 { -normal } else { normal });
-        facing.filter(|normal| normal.dot(held) > LEVEL).unwrap_or(held)
+        normal.filter(|normal| normal.dot(held).abs() > LEVEL).unwrap_or(held)
     }
 }
 
@@ -43,9 +42,10 @@ mod tests {
         assert_eq!(shot.up(), Some(DVec3::Z));
         let held = shot.held_up();
         assert!((0.7..0.99).contains(&held.z), "{held}");
+        // A camera that hangs upside down sees the floor's upper side, too: that is where things stand.
         let lean = DVec3::new(0.02, 0.01, 1.0).normalize();
         for normal in [lean, -lean] {
-            assert_eq!(shot.up_on(Some(normal)), lean);
+            assert_eq!(shot.up_on(Some(normal)), normal);
         }
         assert_eq!([shot.up_on(Some(held.any_orthonormal_vector())), shot.up_on(None)], [held, held]);
     }

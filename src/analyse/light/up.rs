@@ -1,5 +1,8 @@
 //! Up where the recording does not say it: a mean shift of a first guess to the normals of level
 //! surfaces.
+//!
+//! Normals face the camera, and cameras see floors and tables rather than ceilings. So a camera that
+//! is mounted upside down is told by normals that lie against the guess.
 
 use glam::DVec3;
 
@@ -10,8 +13,15 @@ const CONES: [f64; 8] = [0.75, 0.85, 0.9, 0.94, 0.96, 0.97, 0.97, 0.97];
 /// Fewer normals end the shift.
 const FEWEST: usize = 100;
 
+/// Normals against the guess are so many times as many as those along it where the camera is upside
+/// down.
+const UPSIDE_DOWN: usize = 4;
+
 pub fn refined_up(voxels: &[Voxel], guess: DVec3) -> DVec3 {
-    let mut up = guess;
+    let count = |up: DVec3| voxels.iter().filter(|voxel| voxel.normal.dot(up) > CONES[0]).count();
+    let (upright, overhead) = (count(guess), count(-guess));
+    let is_upside_down = overhead > UPSIDE_DOWN * upright && overhead > FEWEST;
+    let mut up = if is_upside_down { -guess } else { guess };
     for cone in CONES {
         let within: Vec<DVec3> =
             voxels.iter().map(|voxel| voxel.normal).filter(|normal| normal.dot(up) > cone).collect();
@@ -37,5 +47,8 @@ mod tests {
         let up = refined_up(&voxels, guess);
         assert!(up.angle_between(DVec3::Z).to_degrees() < 0.5, "{up}");
         assert_eq!(refined_up(&voxels[..50], guess), guess);
+        // A camera that hangs upside down guesses the opposite.
+        let up = refined_up(&voxels, -guess);
+        assert!(up.angle_between(DVec3::Z).to_degrees() < 0.5, "{up}");
     }
 }
