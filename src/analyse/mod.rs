@@ -77,6 +77,8 @@ pub use times::Times;
 pub use tone::Band as ToneBand;
 pub use written::{check_folder, check_writable};
 
+use std::time::Instant;
+
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -87,7 +89,7 @@ use depths::Depths;
 use eye::Eye;
 use findings::Gained;
 use gain::{GAPS, Gains, Pair};
-use progress::Passes;
+use progress::{Passes, by_the_clock};
 use shutter::{Said, Shutter};
 use state::State;
 use tone::Toned;
@@ -116,6 +118,7 @@ pub fn analyse(
     let frames = recording.frame_count();
     let mut passes = Passes { path: 0, exposure: frames };
     let mut times = Times::default();
+    let begun = Instant::now();
     let registration = registration::register(recording, camera, threads, part, &mut times, &mut |done, of| {
         passes.path = of;
         told(passes.progress(Stage::Path, done))
@@ -159,6 +162,7 @@ pub fn analyse(
         depth_later_s: later_s,
         exposed: exposed.as_ref().map_or(&[][..], |exposed| &exposed.runs),
     };
+    let passes_took = begun.elapsed();
     told(passes.progress(Stage::Sharpness, 0))?;
     let spread = times.of(times::SHARPNESS, || sharpness::of_recording(recording, &eye, taken, &known, threads))?;
     told(passes.progress(Stage::Light, 0))?;
@@ -175,7 +179,10 @@ pub fn analyse(
                 up: recording.up.unwrap_or_else(|| held_up(states)),
                 threads,
             };
-            part.stage(|| light::of_recording(&known, None, &mut times))?
+            let work = || part.stage(|| light::of_recording(&known, None, &mut times));
+            by_the_clock(work, &mut |elapsed| {
+                told(passes.progress(Stage::Light, passes.light_after(elapsed, passes_took)))
+            })??
         }
         false => Err("where the camera was is not known".to_owned()),
     };

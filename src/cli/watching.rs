@@ -157,6 +157,7 @@ impl Agreed {
     fn of(from: &LiveFrom, args: &PicturesArgs, profiled: Option<&Camera>) -> Result<Self> {
         let opened = live::open(from, profiled)?;
         warn(args.quiet, &opened.said);
+        opened.camera.given.warnings.iter().for_each(|warning| warn(args.quiet, warning));
         // Whoever needs a lens that is not known says so himself.
         let heard = opened.lens.iter().filter(|lens| lens.camera.geometry.is_some() || profiled.is_some());
         heard.for_each(|lens| warn(args.quiet, &lens.told));

@@ -128,6 +128,7 @@ impl Opened {
         let (width, height) = (given.delivered.width, given.delivered.height);
         let mut recording = Recording::arriving(&given.name, width, height, self.interval_s, poses.up());
         recording.has_floor = poses.has_floor();
+        recording.warnings.clone_from(&given.warnings);
         self.lens.iter().for_each(|lens| recording.expect(&lens.camera));
         recording
     }

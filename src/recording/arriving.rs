@@ -10,6 +10,7 @@ use super::parts::Pictures;
 use super::{Recording, own};
 use crate::camera::Geometry;
 use crate::frame::FrameExposure;
+use crate::source::video::Presentation;
 use crate::tracking::PoseTrack;
 
 impl Recording {
@@ -42,6 +43,7 @@ impl Recording {
             has_frame_cameras: true,
             given_cameras: None,
             pictures: Arc::new(Pictures::Stills(Vec::new())),
+            presentation: Presentation::default(),
             depth: None,
             depth_later_s: 0.0,
         }

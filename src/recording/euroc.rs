@@ -20,7 +20,7 @@ use super::{OpenOptions, RecordingError};
 use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
 use crate::tracking::text::{self, TextError};
-use crate::tracking::tum::{PoseNotes, ascends, unit_quaternion};
+use crate::tracking::tum::{PoseNotes, ascends, is_lost, unit_quaternion};
 use crate::words::quoted;
 
 const PICTURES: &str = "cam0/data.csv";
@@ -144,14 +144,15 @@ fn parse_poses(text: &str, file: &Path, truth_from_camera: &Placed) -> Result<(P
         for (field, name) in fields.iter_mut().zip(["p_x", "p_y", "p_z", "q_w", "q_x", "q_y", "q_z"]) {
             *field = text::pose_number(&mut rest, name).map_err(refuse)?;
         }
-        if fields.iter().any(|field| !field.is_finite()) {
+        let [px, py, pz, qw, qx, qy, qz] = fields;
+        let (shift_m, turn) = (DVec3::new(px, py, pz), DQuat::from_xyzw(qx, qy, qz, qw));
+        if is_lost(shift_m, turn) {
             odd.count_lost(format!("line {line}"));
             continue;
         }
-        let [px, py, pz, qw, qx, qy, qz] = fields;
-        let (turn, norm_error) = unit_quaternion(DQuat::from_xyzw(qx, qy, qz, qw)).map_err(refuse)?;
+        let (turn, norm_error) = unit_quaternion(turn).map_err(refuse)?;
         odd.note(norm_error, format!("line {line}"));
-        let camera = Placed { turn, shift_m: DVec3::new(px, py, pz) }.after(truth_from_camera);
+        let camera = Placed { turn, shift_m }.after(truth_from_camera);
         poses.push((time_s, Pose::from_camera_in_world(camera.shift_m, camera.turn)));
     }
     let warnings = odd.warnings(file, poses.len());
@@ -331,6 +332,9 @@ mod tests {
         assert!(poses("2,0,0,0,1,0,0,0\n2,0,0,0,1,0,0,0").contains("line 2: the time stands twice"));
         assert!(poses("2,0,0,0,1,0,0").contains("line 1: q_z is missing"));
         assert!(poses("2,0,0,0,2,0,0,0").contains("the quaternion has length 2"));
+        let none = Placed { turn: DQuat::IDENTITY, shift_m: DVec3::ZERO };
+        let lost = parse_poses("2,0,0,0,0,0,0,0\n3,0,0,0,1,0,0,0", Path::new("data.csv"), &none).unwrap();
+        assert!(lost.0.len() == 1 && lost.1[0].contains("has no rotation (first at line 1)"), "{lost:?}");
         assert!(parse_pictures("7", Path::new("data.csv")).unwrap_err().to_string().contains("name is missing"));
         assert!(parse_pictures("7,a\n6,b", Path::new("data.csv")).unwrap_err().to_string().contains("runs backwards"));
     }

@@ -131,6 +131,8 @@ pub struct Recording {
     /// See [`Recording::set_cameras`].
     given_cameras: Option<Arc<[Option<Geometry>]>>,
     pictures: Arc<Pictures>,
+    /// See [`Recording::presentation`].
+    presentation: Presentation,
     depth: Option<Arc<Depth>>,
     /// Added to the depth maps' times, seconds.
     depth_later_s: f64,
@@ -217,7 +219,12 @@ impl Recording {
 
     /// Whether there is one at a path, by the files that tell one. Nothing in them is read.
     pub fn is_at(path: &Path) -> bool {
-        find(path).is_ok()
+        Self::refusal_at(path).is_none()
+    }
+
+    /// Why there is none at a path, and what would make one; `None` if there is one.
+    pub fn refusal_at(path: &Path) -> Option<RecordingError> {
+        find(path).err()
     }
 
     /// Seconds from a frame to the next.
@@ -236,12 +243,9 @@ impl Recording {
         (!is_steady).then(|| Arc::clone(&self.timestamps_s))
     }
 
-    /// How a video's pictures are meant to be shown.
+    /// How the pictures are meant to be shown: as a video says it, or as the EXIF of all stills does.
     pub fn presentation(&self) -> Presentation {
-        match &*self.pictures {
-            Pictures::Stills(_) => Presentation::default(),
-            Pictures::Video(video, _) => video.presentation,
-        }
+        self.presentation
     }
 
     /// The share of the virtual layer that is seen in a frame, 0 to 1: below 1 where live let it fade.

@@ -12,7 +12,7 @@ use super::depth::{DepthFiles, Stored};
 use super::parts::{
     Format, NOMINAL_FPS, Parts, Pictures, equirectangular, file_or_in_folder, geometry_from, track_from,
 };
-use super::rigid::{NOT_RIGID, rigid};
+use super::rigid::{NOT_RIGID, is_lost, rigid};
 use super::{OpenOptions, RecordingError, listing};
 use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
@@ -48,7 +48,8 @@ struct Transforms {
 #[derive(Deserialize)]
 struct FrameEntry {
     file_path: String,
-    #[serde(deserialize_with = "matrix_rows")]
+    /// Empty where the frame has none.
+    #[serde(default, deserialize_with = "matrix_rows")]
     transform_matrix: Vec<Vec<f64>>,
     depth_file_path: Option<String>,
     #[serde(flatten)]
@@ -70,13 +71,13 @@ enum NotFiniteToken {
     Token,
 }
 
-/// The rows of a matrix, NaN for all numbers that are not finite.
+/// The rows of a matrix, NaN for all numbers that are not finite; none for `null`.
 fn matrix_rows<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Vec<f64>>, D::Error> {
     let number = |entry| match entry {
         MatrixEntry::Number(number) => number,
         MatrixEntry::NotFinite(NotFiniteToken::Token) => f64::NAN,
     };
-    let rows = Vec::<Vec<MatrixEntry>>::deserialize(from)?;
+    let rows = Option::<Vec<Vec<MatrixEntry>>>::deserialize(from)?.unwrap_or_default();
     Ok(rows.into_iter().map(|row| row.into_iter().map(number).collect()).collect())
 }
 
@@ -142,7 +143,7 @@ impl Camera {
             _ => match still::read_header(file) {
                 Ok(header) => (header.width.into(), header.height.into()),
                 // Its frame is left out.
-                Err(error) if still::is_of_another_kind(&error) => return Ok(None),
+                Err(error) if still::is_no_picture(&error) => return Ok(None),
                 Err(error) => return Err(error.to_string()),
             },
         };
@@ -248,7 +249,7 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         depths.extend(frame.depth_file_path.map(|name| (time_s, folder.join(name))));
         files.push(picture);
     }
-    let is_frame = |file: &PathBuf| !still::read_header(file).is_err_and(|error| still::is_of_another_kind(&error));
+    let is_frame = |file: &PathBuf| !still::read_header(file).is_err_and(|error| still::is_no_picture(&error));
     let lacks_focal_length = geometries.iter().zip(&files).any(|(geometry, file)| geometry.is_none() && is_frame(file));
     let mut parts = Parts::new(folder, Pictures::Stills(files), timestamps_s);
     parts.up = Some(DVec3::Z);
@@ -282,15 +283,19 @@ fn picture_file(folder: &Path, name: &str) -> PathBuf {
     ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"].into_iter().map(with).find(|file| file.exists()).unwrap_or(file)
 }
 
-/// The pose of a camera-to-world matrix (3 or 4 rows of 4) with OpenGL's axes. `None` if it is not finite.
+/// The pose of a camera-to-world matrix (3 or 4 rows of 4) with OpenGL's axes. `None` if it is lost: empty, not finite or
+/// without a rotation.
 fn pose(matrix: &[Vec<f64>], metres_per_unit: f64) -> Result<Option<Pose>, String> {
+    if matrix.is_empty() {
+        return Ok(None);
+    }
     let wrong = || "transform_matrix must have 4 rows of 4 numbers, the last 0 0 0 1".to_owned();
     let rows: Vec<[f64; 4]> =
         matrix.iter().map(|row| row.as_slice().try_into()).collect::<Result<_, _>>().map_err(|_| wrong())?;
     if !matches!(rows.len(), 3 | 4) {
         return Err(wrong());
     }
-    if !rows.iter().flatten().all(|value| value.is_finite()) {
+    if is_lost(&rows) {
         return Ok(None);
     }
     let (a, b, c) = match rows.as_slice() {
@@ -334,6 +339,17 @@ mod tests {
         assert!(with(0, 0, 1.02) && with(0, 0, -1.0) && with(0, 1, 0.05));
         assert!(pose(&good[..2], 1.0).is_err());
         assert!(pose(&[vec![1.0; 3], vec![1.0; 3], vec![1.0; 3]], 1.0).is_err());
+    }
+
+    #[test]
+    fn a_matrix_of_zeros_or_none_is_a_lost_pose() {
+        let zeros = [[0.0; 4]; 4].map(row);
+        assert!(pose(&zeros, 1.0).unwrap().is_none());
+        for entry in ["", r#", "transform_matrix": null"#, r#", "transform_matrix": []"#] {
+            let json = format!(r#"{{"frames": [{{"file_path": "a"{entry}}}]}}"#);
+            let t = parse(&json, Path::new("t.json")).unwrap();
+            assert!(pose(&t.frames[0].transform_matrix, 1.0).unwrap().is_none(), "{json}");
+        }
     }
 
     #[test]

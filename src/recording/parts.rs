@@ -15,8 +15,9 @@ use crate::frame::{FrameExposure, FrameLens, PhotoSettings};
 use crate::params::{ParamError, Params, Value};
 use crate::pose::Pose;
 use crate::source::exif::{self, Exif};
+use crate::source::orientation::Orientation;
 use crate::source::still::{self, Header};
-use crate::source::video::Video;
+use crate::source::video::{Presentation, Video};
 use crate::tracking::{PoseTrack, default_max_gap_s, median_interval_s};
 use crate::words;
 
@@ -202,7 +203,11 @@ impl Parts {
             warnings.extend(odd);
             depth = Some(Arc::new(found));
         }
-        let photos = photo_settings(&self.pictures, &mut warnings);
+        let (photos, orientation) = photo_settings(&self.pictures, &mut warnings);
+        let presentation = match &self.pictures {
+            Pictures::Stills(_) => Presentation { orientation, ..Presentation::default() },
+            Pictures::Video(video, _) => video.presentation,
+        };
         let exposures = listed.into_iter().map(Option::unwrap_or_default).zip(photos);
         let lenses =
             of_frames.iter().flatten().map(|camera| camera.lens).chain(std::iter::repeat(FrameLens::default()));
@@ -237,6 +242,7 @@ impl Parts {
             exposure: exposure.collect(),
             warnings,
             pictures: Arc::new(self.pictures),
+            presentation,
             depth,
             depth_later_s: 0.0,
         })
@@ -248,14 +254,14 @@ impl Parts {
         RecordingError::content(&self.path, "the recording has no frames")
     }
 
-    /// Leaves out pictures whose file is of a kind that is not read, unless all are, and returns the headers of the others.
+    /// Leaves out pictures whose file is of a kind that is not read or damaged, unless all are, and returns the headers of the others.
     fn headers(&mut self, files: &[PathBuf]) -> Result<Vec<Header>, RecordingError> {
         let named = |error| listing::named_in(&self.described_by, error, files.iter());
         let (mut headers, mut kept, mut unread) = (Vec::new(), vec![true; files.len()], Vec::new());
         for (file, kept) in files.iter().zip(&mut kept) {
             match still::read_header(file) {
                 Ok(header) => headers.push(header),
-                Err(error) if still::is_of_another_kind(&error) => {
+                Err(error) if still::is_no_picture(&error) => {
                     *kept = false;
                     unread.push(error);
                 }
@@ -346,9 +352,12 @@ pub fn equirectangular(width: u32, height: u32) -> Result<Geometry, String> {
     geometry_from(LensModel::Equirectangular, &sizes).map_err(|e| e.to_string())
 }
 
-/// The EXIF settings of each picture, followed by endless empty ones. Damaged EXIF is left out with a warning; so is an
-/// orientation.
-fn photo_settings(pictures: &Pictures, warnings: &mut Vec<String>) -> impl Iterator<Item = PhotoSettings> + use<> {
+/// The EXIF settings of each picture, followed by endless empty ones, and the orientation in which all of them are to be
+/// shown. Damaged EXIF is left out with a warning. An orientation is warned about and not applied.
+fn photo_settings(
+    pictures: &Pictures,
+    warnings: &mut Vec<String>,
+) -> (impl Iterator<Item = PhotoSettings> + use<>, Orientation) {
     let files: &[PathBuf] = match pictures {
         Pictures::Stills(files) => files,
         Pictures::Video(..) => &[],
@@ -362,21 +371,26 @@ fn photo_settings(pictures: &Pictures, warnings: &mut Vec<String>) -> impl Itera
         warnings.push(format!("{}: {first}; such data is left out, in {number}", file.display()));
     }
     let mut turned = photos.iter().filter_map(|(file, exif)| Some((file, exif.orientation?)));
+    let mut common = Orientation::default();
     if let Some((file, orientation)) = turned.next() {
-        let turn = match orientation {
-            3 => "turned by 180°",
-            6 => "turned by 90° clockwise",
-            8 => "turned by 90° counter-clockwise",
-            _ => "mirrored",
-        };
+        let shown = Orientation::of_exif(orientation);
         let number = words::count(1 + turned.count(), "picture");
+        let are_alike = photos.iter().all(|(_, exif)| exif.orientation == Some(orientation));
+        let output = match are_alike {
+            true => "a .mp4 that is written says so too, and players show it so; a .mkv has no such mark",
+            false => "a video that is written has no such mark, since others are to be shown differently",
+        };
         warnings.push(format!(
-            "{}: says it should be shown {turn} (EXIF orientation {orientation}); read as stored, in {number} that say so",
+            "{}: says it should be shown {shown} (EXIF orientation {orientation}); read as stored, in {number} that say \
+             so; {output}",
             file.display()
         ));
+        if are_alike {
+            common = shown;
+        }
     }
     let settings: Vec<PhotoSettings> = photos.into_iter().map(|(_, exif)| exif.settings).collect();
-    settings.into_iter().chain(std::iter::repeat(PhotoSettings::default()))
+    (settings.into_iter().chain(std::iter::repeat(PhotoSettings::default())), common)
 }
 
 /// The geometry of all frames that have one; `None` if they differ.

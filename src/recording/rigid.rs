@@ -7,6 +7,12 @@ use crate::tracking::tum::LARGEST_NORM_ERROR;
 /// The error for other matrices; follows the name.
 pub const NOT_RIGID: &str = "is not a turn and a shift (unit axes at right angles, right-handed)";
 
+/// Whether a transform is a lost pose, as trackers write it: not finite, or without a rotation.
+pub fn is_lost(rows: &[[f64; 4]]) -> bool {
+    let rotation = rows.iter().take(3).flat_map(|[x, y, z, _]| [*x, *y, *z]);
+    !rows.iter().flatten().all(|value| value.is_finite()) || rotation.into_iter().all(|value| value == 0.0)
+}
+
 /// Rotation and translation of three rows of a transform. `None` if it scales, shears, mirrors or is not finite.
 pub fn rigid([a, b, c]: [[f64; 4]; 3]) -> Option<(DMat3, DVec3)> {
     let column = |i: usize| DVec3::new(a[i], b[i], c[i]);

@@ -15,7 +15,7 @@ use glam::{DQuat, DVec3};
 
 use super::depth::{DepthFiles, Stored};
 use super::parts::{Format, NOMINAL_FPS, Parts, Pictures, geometry_from, track_from};
-use super::rigid::{NOT_RIGID, rigid};
+use super::rigid::{NOT_RIGID, is_lost, rigid};
 use super::{OpenOptions, RecordingError, listing};
 use crate::camera::{Geometry, LensModel};
 use crate::depth::DepthCamera;
@@ -134,9 +134,12 @@ fn camera(file: &Path, focal_px: f64) -> Result<Geometry, RecordingError> {
     geometry_from(LensModel::Opencv, &values).map_err(|e| RecordingError::content(file, e))
 }
 
-/// The colour camera's pose, from the depth camera's in the world. `None` if it is not finite: the data set's way of saying
-/// that tracking was lost.
+/// The colour camera's pose, from the depth camera's in the world. `None` if tracking was lost: the file is empty, or the
+/// matrix is not finite or without a rotation.
 fn parse_pose(text: &str, file: &Path) -> Result<Option<Pose>, RecordingError> {
+    if text::records(text).next().is_none() {
+        return Ok(None);
+    }
     let mut rows = [[0.0; 4]; 4];
     let mut records = text::records(text);
     for row in &mut rows {
@@ -148,7 +151,7 @@ fn parse_pose(text: &str, file: &Path) -> Result<Option<Pose>, RecordingError> {
         }
         text::end(rest).map_err(refuse)?;
     }
-    if rows.iter().flatten().any(|value| !value.is_finite()) {
+    if is_lost(&rows) {
         return Ok(None);
     }
     let [a, b, c, last] = rows;
@@ -182,17 +185,18 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_that_is_not_finite_is_lost() {
-        for lost in ["-inf", "nan", "inf"] {
-            let row = format!("{lost} {lost} {lost} {lost}\n");
-            assert!(parse_pose(&row.repeat(4), Path::new("a.pose.txt")).unwrap().is_none(), "{lost}");
+    fn a_pose_that_is_not_finite_or_without_rotation_or_empty_is_lost() {
+        let of_rows = |value: &str| format!("{value} {value} {value} {value}\n").repeat(4);
+        let lost = [of_rows("-inf"), of_rows("nan"), of_rows("inf"), of_rows("0")];
+        let zeros = "0 0 0 0\n0 0 0 0\n0 0 0 0\n0 0 0 1\n".to_owned();
+        for text in lost.into_iter().chain([zeros, String::new(), "\n".to_owned()]) {
+            assert!(parse_pose(&text, Path::new("a.pose.txt")).unwrap().is_none(), "{text}");
         }
     }
 
     #[test]
     fn refusals_name_file_and_line() {
         for (text, said) in [
-            ("", "a.pose.txt, line 1: column 1 is missing"),
             ("1 0 0 0\n0 1 0\n0 0 1 0\n0 0 0 1", "a.pose.txt, line 2: column 4 is missing"),
             ("1 0 0 0\n0 1 0 x\n0 0 1 0\n0 0 0 1", "line 2: column 4 is `x`; a finite number"),
             ("1 0 0 0 0\n", "line 1: there is more than expected: `0`"),

@@ -19,7 +19,7 @@ use crate::params::ParamError;
 use crate::pose::Pose;
 use crate::source::video::{self, Overrides};
 use crate::tracking::text::{self, TextError};
-use crate::tracking::tum::{PoseNotes, unit_quaternion};
+use crate::tracking::tum::{PoseNotes, is_lost, unit_quaternion};
 use crate::words::{count, number, quoted};
 
 const ODOMETRY: &str = "odometry.csv";
@@ -194,15 +194,15 @@ fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<Line>, Vec<String>), T
         for (field, name) in fields.iter_mut().zip(["x", "y", "z", "qx", "qy", "qz", "qw"]) {
             *field = any(name)?;
         }
-        let pose = if fields.iter().all(|field| field.is_finite()) {
-            let [x, y, z, qx, qy, qz, qw] = fields;
-            let turn = DQuat::from_xyzw(qx, qy, qz, qw);
-            let (turn, norm_error) = unit_quaternion(turn).map_err(|e| refuse(format!("columns qx to qw: {e}")))?;
-            odd.note(norm_error, format!("line {at}"));
-            Some(Pose::from_camera_in_world(DVec3::new(x, y, z), turn))
-        } else {
+        let [x, y, z, qx, qy, qz, qw] = fields;
+        let (at_m, turn) = (DVec3::new(x, y, z), DQuat::from_xyzw(qx, qy, qz, qw));
+        let pose = if is_lost(at_m, turn) {
             odd.count_lost(format!("line {at}"));
             None
+        } else {
+            let (turn, norm_error) = unit_quaternion(turn).map_err(|e| refuse(format!("columns qx to qw: {e}")))?;
+            odd.note(norm_error, format!("line {at}"));
+            Some(Pose::from_camera_in_world(at_m, turn))
         };
         let intrinsics = match own_intrinsics {
             true => Some([value("fx")?, value("fy")?, value("cx")?, value("cy")?]),
@@ -278,6 +278,13 @@ mod tests {
             warnings[0].contains("1 of 2 poses is not finite or has no rotation (first at line 3)"),
             "{warnings:?}"
         );
+    }
+
+    #[test]
+    fn quaternion_of_zeros_is_a_lost_pose() {
+        let text = format!("{HEAD}\n1, 000000, 0, 0, 0, 0, 0, 0, 0");
+        let (lines, warnings) = parse_odometry(&text, Path::new(ODOMETRY)).unwrap();
+        assert!(lines[0].pose.is_none() && warnings[0].contains("has no rotation (first at line 2)"), "{warnings:?}");
     }
 
     #[test]

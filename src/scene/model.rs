@@ -286,7 +286,12 @@ impl Reader<'_> {
         let bad = |key: &str, found: &dyn std::fmt::Display, accepted: &str| {
             gltf.bad(format!("{what} → {key}"), found, accepted)
         };
-        let color = Vec3::from(light.color.unwrap_or([1.0; 3])) * light.intensity.unwrap_or(1.0);
+        let color = match *light.color {
+            [] => Vec3::ONE,
+            [red, green, blue] => Vec3::new(red, green, blue),
+            _ => return Err(bad("color", &format!("{} numbers", light.color.len()), "red, green and blue")),
+        };
+        let color = color * light.intensity.unwrap_or(1.0);
         if !color.is_finite() || color.min_element() < 0.0 {
             return Err(bad("color · intensity", &color, "0 or more"));
         }

@@ -8,6 +8,8 @@ use super::schema::Node;
 
 /// Depth of nesting.
 const MAX_DEPTH: usize = 512;
+/// The last row of a matrix is at most so far from 0, 0, 0, 1. Ignoring it moves a point by that share of its distance.
+const MAX_LAST_ROW_ERROR: f64 = 1e-4;
 
 /// The nodes of the file's scene.
 pub(super) struct Tree {
@@ -116,7 +118,8 @@ fn local(gltf: &Gltf, node: &Node, index: usize) -> Result<DAffine3, SceneError>
             return Err(not_finite("matrix"));
         }
         let last = matrix.row(3);
-        if !last.abs_diff_eq(glam::DVec4::W, 1e-6) {
+        // Exporters round.
+        if !last.abs_diff_eq(glam::DVec4::W, MAX_LAST_ROW_ERROR) {
             return Err(gltf.bad(format!("nodes[{index}].matrix"), format!("last row {last}"), "0, 0, 0, 1"));
         }
         return Ok(DAffine3::from_mat4(matrix));

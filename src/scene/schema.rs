@@ -352,7 +352,9 @@ pub(super) struct Lights {
 pub(super) struct Light {
     #[serde(rename = "type", default)]
     pub kind: String,
-    pub color: Option<[f32; 3]>,
+    /// Linear red, green and blue; white if empty.
+    #[serde(default, deserialize_with = "list::<_, _, { FEW }>")]
+    pub color: Vec<f32>,
     pub intensity: Option<f32>,
     pub range: Option<f32>,
     #[serde(default)]

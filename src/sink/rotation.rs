@@ -1,12 +1,14 @@
-//! The turn by which an MP4's picture is to be shown: the matrix in its track header. ffmpeg's options for it changed from
+//! The orientation in which an MP4's picture is to be shown: the matrix in its track header. ffmpeg's options for it changed from
 //! version to version, so it is written into the finished file. Source: ISO/IEC 14496-12, 6.2.2 and 8.3.2.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// Writes the rotation, counter-clockwise, of pictures of this size into the first track's header.
-pub fn write(file: &Path, rotation_deg: f64, size: (u32, u32)) -> io::Result<()> {
+use crate::source::orientation::Orientation;
+
+/// Writes the orientation of pictures of this size into the first track's header.
+pub fn write(file: &Path, orientation: Orientation, size: (u32, u32)) -> io::Result<()> {
     let mut file = File::options().read(true).write(true).open(file)?;
     let end = file.seek(SeekFrom::End(0))?;
     let (from, to) = find(&mut file, b"moov", 0, end)?;
@@ -18,7 +20,7 @@ pub fn write(file: &Path, rotation_deg: f64, size: (u32, u32)) -> io::Result<()>
     // Version and flags, times of 4 or 8 bytes, layer, group and volume precede it.
     let at = from + if version[0] == 1 { 52 } else { 40 };
     file.seek(SeekFrom::Start(at))?;
-    file.write_all(&matrix(rotation_deg, size))
+    file.write_all(&matrix(orientation, size))
 }
 
 /// Where a box's content begins and ends, among the boxes from `at` to `end`.
@@ -43,21 +45,21 @@ fn find(file: &mut File, name: &[u8; 4], mut at: u64, end: u64) -> io::Result<(u
         }
         at = next;
     }
-    Err(io::Error::other("ffmpeg wrote no track header to put the rotation in"))
+    Err(io::Error::other("ffmpeg wrote no track header to put the orientation in"))
 }
 
 /// The rows of `[x y 1] · [a b u; c d v; tx ty w]`: a, b, c, d, tx, ty as 16.16, u, v, w as 2.30 fixed point numbers.
-fn matrix(rotation_deg: f64, (width, height): (u32, u32)) -> Vec<u8> {
-    let (sin, cos) = (-rotation_deg).to_radians().sin_cos();
+fn matrix(orientation: Orientation, (width, height): (u32, u32)) -> Vec<u8> {
+    let [a, b, c, d] = orientation.matrix();
     let [width, height] = [width, height].map(f64::from);
     let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
-    // The turned picture begins at the origin.
+    // The picture that is shown begins at the origin.
     let least = |of: &dyn Fn(f64, f64) -> f64| corners.iter().map(|(x, y)| of(*x, *y)).fold(f64::INFINITY, f64::min);
-    let tx = -least(&|x, y| cos * x - sin * y);
-    let ty = -least(&|x, y| sin * x + cos * y);
+    let tx = -least(&|x, y| a * x + c * y);
+    let ty = -least(&|x, y| b * x + d * y);
     let fixed = |value: f64| (value * 65536.0).round() as i32;
     let one = 1 << 30;
-    let values = [fixed(cos), fixed(sin), 0, fixed(-sin), fixed(cos), 0, fixed(tx), fixed(ty), one];
+    let values = [fixed(a), fixed(b), 0, fixed(c), fixed(d), 0, fixed(tx), fixed(ty), one];
     values.into_iter().flat_map(i32::to_be_bytes).collect()
 }
 
@@ -66,15 +68,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_quarter_turn_is_the_matrix_that_players_expect() {
-        let values = |rotation_deg| -> Vec<i32> {
-            let bytes = matrix(rotation_deg, (96, 64));
+    fn turned_and_mirrored_pictures_have_the_matrix_that_players_expect() {
+        let values_of = |orientation| -> Vec<i32> {
+            let bytes = matrix(orientation, (96, 64));
             bytes.chunks_exact(4).map(|b| i32::from_be_bytes([b[0], b[1], b[2], b[3]])).collect()
         };
+        let values = |rotation_deg| values_of(Orientation { is_mirrored: false, rotation_deg });
         let one = 1 << 30;
         // Clockwise: (x, y) is shown at (64 - y, x).
         assert_eq!(values(-90.0), [0, 65536, 0, -65536, 0, 0, 64 << 16, 0, one]);
         assert_eq!(values(90.0), [0, -65536, 0, 65536, 0, 0, 0, 96 << 16, one]);
         assert_eq!(values(180.0), [-65536, 0, 0, 0, -65536, 0, 96 << 16, 64 << 16, one]);
+        let mirrored = |rotation_deg| values_of(Orientation { is_mirrored: true, rotation_deg });
+        assert_eq!(mirrored(0.0), [-65536, 0, 0, 0, 65536, 0, 96 << 16, 0, one]);
+        assert_eq!(mirrored(180.0), [65536, 0, 0, 0, -65536, 0, 0, 64 << 16, one]);
+        // Transposed: (x, y) is shown at (y, x).
+        assert_eq!(mirrored(90.0), [0, 65536, 0, 65536, 0, 0, 0, 0, one]);
     }
 }

@@ -10,6 +10,7 @@ use super::atomic::Partial;
 use super::{Sink, SinkError, SinkOptions, little_endian, rotation, timed};
 use crate::pixels::Pixels;
 use crate::source::ffmpeg::{self, Running};
+use crate::source::orientation::Orientation;
 use crate::source::video::{CONVERSION_FLAGS, ColorMatrix};
 use crate::unfinished::MadeFolder;
 
@@ -94,6 +95,15 @@ fn is_mkv(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("mkv"))
 }
 
+/// The option's name of a transfer function. ffprobe calls two of them by the standard's name.
+fn transfer_option(name: &'static str) -> &'static str {
+    match name {
+        "bt470m" => "gamma22",
+        "bt470bg" => "gamma28",
+        other => other,
+    }
+}
+
 fn arguments(options: &SinkOptions, partial: &Path, mkv: bool) -> Vec<OsString> {
     let SinkOptions { fps, lossless, width, height, bits, presentation, .. } = *options;
     let is_timed = options.times_s.is_some();
@@ -113,7 +123,7 @@ fn arguments(options: &SinkOptions, partial: &Path, mkv: bool) -> Vec<OsString> 
     // Chroma at half resolution needs even sizes, and the picture's size must not change for that.
     let chroma = if width % 2 == 0 && height % 2 == 0 { "yuv420p" } else { "yuv444p" };
     // Steps of 8 bits are seen where they span a high dynamic range.
-    let depth = if presentation.hdr().is_some() && bits == 16 { "10le" } else { "" };
+    let depth = if presentation.is_hdr() && bits == 16 { "10le" } else { "" };
     // By default setsar rounds to a ratio of numbers up to 100.
     let aspect =
         presentation.pixel_aspect.map(|(width, height)| format!("setsar={width}/{height}:max={}", width.max(height)));
@@ -134,7 +144,8 @@ fn arguments(options: &SinkOptions, partial: &Path, mkv: bool) -> Vec<OsString> 
     }
     let usual = (!lossless).then_some(tag);
     text.extend(presentation.primaries.or(usual).into_iter().flat_map(|name| ["-color_primaries", name]));
-    text.extend(presentation.transfer.or(usual).into_iter().flat_map(|name| ["-color_trc", name]));
+    let transfer = presentation.transfer.or(usual).map(transfer_option);
+    text.extend(transfer.into_iter().flat_map(|name| ["-color_trc", name]));
     if is_timed {
         text.extend(["-vsync", "vfr", "-enc_time_base", "1:90000"]);
         if !(lossless && bits == 16) {
@@ -182,9 +193,9 @@ impl Sink for VideoSink {
             return Err(self.refuse(ENDED_EARLY));
         }
         let Self { path, partial, made, options, .. } = *self;
-        let rotation_deg = options.presentation.rotation_deg;
-        if rotation_deg != 0.0 && !is_mkv(&path) {
-            rotation::write(partial.path(), rotation_deg, (options.width, options.height))
+        let orientation = options.presentation.orientation;
+        if orientation != Orientation::default() && !is_mkv(&path) {
+            rotation::write(partial.path(), orientation, (options.width, options.height))
                 .map_err(|source| SinkError::of_writing(&path, source))?;
         }
         partial.finish(options.force).map_err(|source| SinkError::of_writing(&path, source))?;

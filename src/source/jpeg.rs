@@ -4,7 +4,7 @@
 //! decoded: a scan is complete if it has every block that the header promises. Source: ITU-T T.81 (Huffman codes: annex
 //! C and F.2.2; scans and restarts: annex B and E; progressive scans: annex G).
 //!
-//! Arithmetic coding, lossless and hierarchical files, and 12 bits are not supported: [`unsupported`] refuses them.
+//! Arithmetic coding, lossless and hierarchical files, JPEG-LS, and 12 bits are not supported: [`unsupported`] refuses them.
 //! Not checked: whether a progressive file that ends between two scans should have had more of them.
 
 /// How a complete picture ends.
@@ -34,6 +34,7 @@ pub fn unsupported(marker: u8, bits: u8) -> Option<String> {
     let (kind, convert) = match marker {
         0xc9..=0xcb | 0xcd..=0xcf => ("an arithmetic-coded JPEG", "jpegtran -optimize FILE.jpg > NEW.jpg"),
         0xc3 | 0xc7 => ("a lossless JPEG", "ffmpeg -i FILE.jpg NEW.png"),
+        0xf7 => ("a JPEG-LS picture", "ffmpeg -i FILE.jpg NEW.png"),
         0xc5 | 0xc6 => ("a hierarchical JPEG", "magick FILE.jpg NEW.png"),
         _ if bits == 8 => return None,
         _ => ("a JPEG of more than 8 bits", "djpeg FILE.jpg > NEW.ppm; ffmpeg -i NEW.ppm NEW.png"),
@@ -66,6 +67,7 @@ pub fn check(bytes: &[u8]) -> Result<Ending, String> {
             },
             0xc0..=0xc2 => return Ok(Ending::Marked),
             0xc4 => file.tables(segment).ok_or_else(|| DAMAGED.to_owned())?,
+            0xdb => file.quantizations(segment).ok_or_else(|| DAMAGED.to_owned())?,
             0xdd => file.restart_every = segment.first_chunk().map_or(0, |n| usize::from(u16::from_be_bytes(*n))),
             0xda if scans == MOST_SCANS => {
                 return Err(format!("the JPEG has more than {MOST_SCANS} scans; save it anew"));
@@ -80,11 +82,13 @@ pub fn check(bytes: &[u8]) -> Result<Ending, String> {
     file.end(Ending::Unmarked)
 }
 
-/// Whether a marker begins a frame header (SOF): C0 to CF without DHT, JPG and DAC.
+/// Whether a marker begins a frame header (SOF): C0 to CF without DHT, JPG and DAC; F7 of JPEG-LS (ITU-T T.87, annex C).
 pub fn is_frame(marker: u8) -> bool {
-    matches!(marker, 0xc0..=0xcf) && !matches!(marker, 0xc4 | 0xc8 | 0xcc)
+    matches!(marker, 0xc0..=0xcf | 0xf7) && !matches!(marker, 0xc4 | 0xc8 | 0xcc)
 }
 
+const NO_QUANTIZATION: &str = "the JPEG has no quantisation tables (an abbreviated file, whose tables are in another one): \
+                               extract the pictures anew, with their tables";
 const DAMAGED: &str = "the JPEG is damaged: its codes stand for nothing";
 
 fn truncated(how: &str) -> String {
@@ -111,11 +115,15 @@ struct File<'a> {
     components: Vec<Component>,
     /// Tables for DC differences, and for the AC coefficients.
     huffman: [[Option<Table>; 4]; 2],
+    /// Which quantisation tables are defined.
+    quantized: [bool; 4],
     restart_every: usize,
 }
 
 struct Component {
     id: u8,
+    /// Its quantisation table.
+    quantization: u8,
     /// Blocks per unit, across and down.
     sampling: [usize; 2],
     /// Whether a scan contained its DC coefficients.
@@ -141,7 +149,7 @@ impl File<'_> {
         let count = usize::from(*segment.get(5)?);
         for part in segment.get(6..6 + 3 * count)?.chunks_exact(3) {
             let sampling = [usize::from(part[1] >> 4), usize::from(part[1] & 15)];
-            let component = Component { id: part[0], sampling, seen: false, known: Vec::new() };
+            let component = Component { id: part[0], quantization: part[2], sampling, seen: false, known: Vec::new() };
             self.components.push(component);
         }
         let fits = self.components.iter().all(|c| c.sampling.iter().all(|s| (1..=4).contains(s)));
@@ -167,6 +175,15 @@ impl File<'_> {
             *self.huffman.get_mut(usize::from(kind >> 4))?.get_mut(usize::from(kind & 15))? =
                 Some(Table::new(lengths, symbols)?);
             segment = rest.get(count..)?;
+        }
+        Some(())
+    }
+
+    /// T.81, B.2.4.1: precision and destination, then 64 values of one or two bytes.
+    fn quantizations(&mut self, mut segment: &[u8]) -> Option<()> {
+        while let Some((&kind, rest)) = segment.split_first() {
+            *self.quantized.get_mut(usize::from(kind & 15))? = true;
+            segment = rest.get(if kind >> 4 == 0 { 64 } else { 128 }..)?;
         }
         Some(())
     }
@@ -197,6 +214,9 @@ impl File<'_> {
         let mut chosen = Vec::new();
         for part in parts.chunks_exact(2) {
             let index = self.components.iter().position(|c| c.id == part[0]).ok_or_else(damaged)?;
+            if self.quantized.get(usize::from(self.components[index].quantization)) != Some(&true) {
+                return Err(NO_QUANTIZATION.to_owned());
+            }
             chosen.push((index, [usize::from(part[1] >> 4), usize::from(part[1] & 15)]));
         }
         let units = self.units();

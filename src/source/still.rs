@@ -28,19 +28,12 @@ pub fn is_still(start: &[u8]) -> bool {
     start.starts_with(PNG_SIGNATURE) || start.starts_with(JPEG_SIGNATURE)
 }
 
-/// Whether a picture could not be read because its file is of another kind, or a pointer of Git LFS, rather than missing or
-/// damaged.
-pub fn is_of_another_kind(error: &SourceError) -> bool {
+/// Whether an error of [`read_header`] is about what is in a file: it is of another kind, damaged, or a pointer of Git LFS,
+/// rather than missing or closed to us.
+pub fn is_no_picture(error: &SourceError) -> bool {
     match error {
         SourceError::Read { source, .. } => plain::is_lfs_pointer(source),
-        SourceError::Content { file, .. } => {
-            let mut start = Vec::new();
-            let longest = PNG_SIGNATURE.len() as u64;
-            let read = plain::open(file).and_then(|opened| opened.take(longest).read_to_end(&mut start));
-            // An interrupted copy leaves an empty file, or one of zeros.
-            let is_damaged = start.len() < PNG_SIGNATURE.len() || start.iter().all(|byte| *byte == 0);
-            read.is_ok() && !is_damaged && !is_still(&start)
-        }
+        SourceError::Content { .. } => true,
         _ => false,
     }
 }
@@ -261,14 +254,15 @@ mod tests {
     use std::path::PathBuf;
 
     #[test]
-    fn empty_or_zeroed_file_is_damaged_and_not_of_another_kind() {
+    fn file_without_a_picture_is_told_from_a_missing_one() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("f.png");
         let heic = *b"\0\0\0\x18ftypheic";
-        for (bytes, is_of_another) in [(&heic[..], true), (&[], false), (&heic[..5], false), (&[0; 64], false)] {
+        for bytes in [&heic[..], &[], b"x\n", &[0; 64], PNG_SIGNATURE] {
             std::fs::write(&file, bytes).unwrap();
-            assert_eq!(is_of_another_kind(&read_header(&file).unwrap_err()), is_of_another, "{bytes:?}");
+            assert!(is_no_picture(&read_header(&file).unwrap_err()), "{bytes:?}");
         }
+        assert!(!is_no_picture(&read_header(&folder.path().join("missing.png")).unwrap_err()));
     }
 
     fn png(bytes: &[u8], width: u32, height: u32, color: Color) -> Vec<u8> {

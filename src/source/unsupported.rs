@@ -32,7 +32,7 @@ const DEPTH_TIFF: &str = "python3 -c \"import cv2, numpy; numpy.save('FILE.npy',
 const DEPTH_PPM: &str = "python3 -c \"import cv2, numpy; numpy.save('FILE.npy', cv2.imread('FILE.pgm', -1))\"";
 
 /// Camera raw files begin as TIFF files, so that only their names tell them.
-static KINDS: [Kind; 12] = [
+static KINDS: [Kind; 13] = [
     Kind {
         name: "HEIC",
         endings: &["heic", "heif", "hif"],
@@ -94,6 +94,15 @@ static KINDS: [Kind; 12] = [
         endings: &["jp2", "j2k"],
         is_begun_by: |start| start.starts_with(b"\0\0\0\x0cjP  ") || start.starts_with(b"\xff\x4f\xff\x51"),
         convert: "ffmpeg -i FILE.jp2 FILE.png",
+        convert_depth: None,
+        is_picture: true,
+    },
+    Kind {
+        name: "JPEG-LS",
+        endings: &["jls"],
+        // What stands before its frame header is a JPEG's.
+        is_begun_by: |start| start.starts_with(b"\xff\xd8\xff\xf7"),
+        convert: "ffmpeg -i FILE.jls FILE.png",
         convert_depth: None,
         is_picture: true,
     },
@@ -205,6 +214,7 @@ mod tests {
             (b"\x76\x2f\x31\x01", "f.exr", "OpenEXR"),
             (b"\x93NUMPY\x01", "f.npy", "a NumPy array"),
             (b"II*\0", "f.tif", "TIFF"),
+            (b"\xff\xd8\xff\xf7\0\x0b", "f.JLS", "JPEG-LS"),
             (b"RIFF\0\0\0\0WEBP", "f.webp", "WebP"),
         ] {
             assert_eq!(by_content(start).unwrap().name, name);

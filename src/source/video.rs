@@ -10,8 +10,9 @@ use serde::{Deserialize, Serialize};
 
 use super::ffmpeg::{self, FfmpegError};
 use super::index::{Entry, Index};
+use super::orientation::Orientation;
 use super::{SourceError, file as plain, unsupported};
-use crate::words::fixed;
+use crate::words::{fixed, quoted};
 
 /// Advice about a damaged file.
 pub(super) const MEND: &str =
@@ -68,60 +69,90 @@ pub struct Overrides {
 /// How a file's pictures are meant to be shown, as far as the file says it. Nothing of it is applied when they are read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Presentation {
-    /// Counter-clockwise, degrees.
-    pub rotation_deg: f64,
+    pub orientation: Orientation,
     /// Width to height of a pixel. `None` if it is square.
     pub pixel_aspect: Option<(u32, u32)>,
-    /// ffmpeg's names of the transfer function and the primaries.
+    /// ffprobe's names of the transfer function and the primaries.
     pub transfer: Option<&'static str>,
     pub primaries: Option<&'static str>,
 }
 
-const TRANSFERS: [&str; 9] = [
-    "bt709",
-    "smpte170m",
-    "smpte240m",
-    "linear",
-    "iec61966-2-1",
-    "bt2020-10",
-    "bt2020-12",
-    "smpte2084",
-    "arib-std-b67",
+/// Each with what people call it, where it is far from the response of a usual camera.
+const TRANSFERS: [(&str, Option<&str>); 16] = [
+    ("bt709", None),
+    ("smpte170m", None),
+    ("smpte240m", None),
+    ("bt470m", None),
+    ("iec61966-2-1", None),
+    ("iec61966-2-4", None),
+    ("bt2020-10", None),
+    ("bt2020-12", None),
+    ("smpte2084", Some("PQ (high dynamic range)")),
+    ("arib-std-b67", Some("HLG (high dynamic range)")),
+    ("linear", Some("linear light")),
+    ("log100", Some("a logarithmic scale of 100:1")),
+    ("log316", Some("a logarithmic scale of 316:1")),
+    ("bt470bg", Some("a gamma of 2.8")),
+    ("smpte428", Some("a gamma of 2.6 (digital cinema)")),
+    ("bt1361e", Some("the extended gamut of BT.1361")),
 ];
-const PRIMARIES: [&str; 8] = ["bt709", "bt470m", "bt470bg", "smpte170m", "smpte240m", "bt2020", "smpte431", "smpte432"];
+const PRIMARIES: [&str; 10] =
+    ["bt709", "bt470m", "bt470bg", "smpte170m", "smpte240m", "film", "bt2020", "smpte428", "smpte431", "smpte432"];
+/// ffprobe's names of a tag that says nothing.
+const UNSAID: [&str; 3] = ["unknown", "unspecified", "reserved"];
+
+/// The tag of that name among those that can be written again.
+fn known(names: impl IntoIterator<Item = &'static str>, text: Option<&str>) -> Option<&'static str> {
+    names.into_iter().find(|name| text == Some(*name))
+}
 
 impl Presentation {
     fn of(stream: &ProbedStream) -> Self {
-        let known = |names: &[&'static str], text: &Option<String>| {
-            names.iter().copied().find(|name| text.as_deref() == Some(*name))
-        };
         let aspect = stream.sample_aspect_ratio.as_deref().and_then(|text| text.split_once(':'));
         let aspect = aspect.and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
         Self {
-            rotation_deg: stream.side_data_list.iter().find_map(|side| side.rotation).unwrap_or(0.0),
+            orientation: stream.side_data_list.iter().find_map(SideData::orientation).unwrap_or_default(),
             pixel_aspect: aspect.filter(|(width, height)| *width > 0 && *height > 0 && width != height),
-            transfer: known(&TRANSFERS, &stream.color_transfer),
-            primaries: known(&PRIMARIES, &stream.color_primaries),
+            transfer: known(TRANSFERS.map(|(name, _)| name), stream.color_transfer.as_deref()),
+            primaries: known(PRIMARIES, stream.color_primaries.as_deref()),
         }
     }
 
-    /// The name of a transfer function of high dynamic range, for people.
-    pub fn hdr(&self) -> Option<&'static str> {
-        match self.transfer {
-            Some("arib-std-b67") => Some("HLG"),
-            Some("smpte2084") => Some("PQ"),
-            _ => None,
-        }
+    /// Whether its transfer function is one of high dynamic range.
+    pub fn is_hdr(&self) -> bool {
+        matches!(self.transfer, Some("arib-std-b67" | "smpte2084"))
+    }
+
+    /// What people call a transfer function that is not a usual camera's.
+    fn unusual_transfer(&self) -> Option<&'static str> {
+        TRANSFERS.iter().find(|(name, _)| self.transfer == Some(*name))?.1
+    }
+
+    /// What pictures that are recorded of it, without its tags, do not say. `None` if that is nothing.
+    pub fn lost_without_tags(&self) -> Option<String> {
+        let shown =
+            (self.orientation != Orientation::default()).then(|| format!("should be shown {}", self.orientation));
+        let pixels = self.pixel_aspect.map(|(width, height)| format!("has pixels of {width}:{height}"));
+        let transfer = self.unusual_transfer().map(|transfer| format!("is in {transfer}"));
+        let primaries = self.primaries.filter(|name| *name == "bt2020").map(|name| format!("has the primaries {name}"));
+        let lost: Vec<String> = [shown, pixels, transfer, primaries].into_iter().flatten().collect();
+        (!lost.is_empty()).then(|| {
+            format!(
+                "says that it {}; pictures recorded of it do not keep that, and their code values are taken for the \
+                 camera's usual ones: name the video in a recording.toml instead ([frames] video)",
+                lost.join(" and ")
+            )
+        })
     }
 
     /// What is not applied, a sentence each.
     fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
-        if self.rotation_deg != 0.0 {
-            let angle = self.rotation_deg;
+        if self.orientation != Orientation::default() {
+            let shown = self.orientation;
             warnings.push(format!(
-                "says it should be shown turned by {angle}°; it is read as stored; a .mp4 that is written says so too, and \
-                 players turn it; a .mkv has no such mark, and players show it as stored: write a .mp4"
+                "says it should be shown {shown}; it is read as stored; a .mp4 that is written says so too, and players show \
+                 it so; a .mkv has no such mark, and players show it as stored: write a .mp4"
             ));
         }
         if let Some((width, height)) = self.pixel_aspect {
@@ -130,15 +161,62 @@ impl Presentation {
                  too (the camera's fx_px and fy_px differ by that)"
             ));
         }
-        if let Some(hdr) = self.hdr() {
+        if let Some(transfer) = self.unusual_transfer() {
+            let name = self.transfer.unwrap_or_default();
+            let to_do = match self.is_hdr() {
+                true => {
+                    "convert it first: ffmpeg -i FILE -vf zscale=t=linear:npl=100,tonemap=hable,zscale=p=bt709:t=bt709:\
+                     m=bt709:r=tv,format=yuv420p -crf 12 NEW.mp4"
+                }
+                false => "give the profile a response of that kind ([camera.response]), or convert it first",
+            };
             warnings.push(format!(
-                "is in {hdr} (high dynamic range); its code values are taken for the camera's usual ones, so that the light \
-                 on objects is wrong, and a video that is written is tagged {hdr} too; convert it first: ffmpeg -i FILE -vf \
-                 zscale=t=linear:npl=100,tonemap=hable,zscale=p=bt709:t=bt709:m=bt709:r=tv,format=yuv420p -crf 12 NEW.mp4"
+                "is in {transfer}; its code values are taken for the camera's usual ones, so that the light on objects is \
+                 wrong, and a video that is written is tagged {name} too; {to_do}"
             ));
         }
         warnings
     }
+}
+
+impl ProbedStream {
+    /// Tags that cannot be written again, a sentence each.
+    fn unknown_tags(&self, presentation: &Presentation) -> Vec<String> {
+        let tags = [
+            ("transfer function", &self.color_transfer, presentation.transfer),
+            ("primaries", &self.color_primaries, presentation.primaries),
+        ];
+        let unknown = tags.into_iter().filter_map(|(what, said, known)| {
+            let said = said.as_deref().filter(|said| known.is_none() && !UNSAID.contains(said))?;
+            Some(format!(
+                "is tagged with the {what} {}, which is not known; a video that is written has the usual tag",
+                quoted(said)
+            ))
+        });
+        unknown.collect()
+    }
+}
+
+impl SideData {
+    /// By the display matrix, else by the angle alone.
+    fn orientation(&self) -> Option<Orientation> {
+        let of_angle = |rotation_deg| Orientation { is_mirrored: false, rotation_deg };
+        match self.displaymatrix.as_deref().and_then(display_matrix) {
+            Some(matrix) => Orientation::of_matrix(matrix),
+            None => self.rotation.map(of_angle),
+        }
+    }
+}
+
+/// The left upper part of a display matrix, as ffprobe writes it: three lines `number: a b u`.
+fn display_matrix(text: &str) -> Option<[f64; 4]> {
+    let row = |line: &str| -> Option<[f64; 2]> {
+        let mut words = line.split_once(':')?.1.split_whitespace();
+        Some([words.next()?.parse().ok()?, words.next()?.parse().ok()?])
+    };
+    let mut rows = text.trim().lines().map(row);
+    let ([a, b], [c, d]) = (rows.next()??, rows.next()??);
+    Some([a, b, c, d])
 }
 
 /// A video file that has been probed.
@@ -165,6 +243,8 @@ struct Probe {
     streams: Vec<ProbedStream>,
     #[serde(default)]
     packets: Vec<Packet>,
+    #[serde(default)]
+    format: Container,
 }
 
 #[derive(Deserialize)]
@@ -198,12 +278,20 @@ struct Tags {
 #[derive(Deserialize)]
 struct SideData {
     rotation: Option<f64>,
+    displaymatrix: Option<String>,
+}
+
+#[derive(Default, Deserialize)]
+struct Container {
+    #[serde(default)]
+    format_name: String,
 }
 
 #[derive(Deserialize)]
 struct Packet {
     pts: Option<i64>,
     pts_time: Option<String>,
+    dts_time: Option<String>,
     flags: Option<String>,
 }
 
@@ -239,7 +327,8 @@ pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
     }
     let entries = "stream=width,height,pix_fmt,color_range,color_space,color_transfer,color_primaries,\
                    sample_aspect_ratio,avg_frame_rate,time_base,field_order,nb_frames:\
-                   stream_tags=DURATION:stream_side_data=rotation:packet=pts,pts_time,flags";
+                   stream_tags=DURATION:stream_side_data=rotation,displaymatrix:packet=pts,pts_time,dts_time,flags:\
+                   format=format_name";
     let mut arguments: Vec<OsString> =
         ["-v", "error", "-select_streams", "v:0", "-show_entries", entries, "-of", "json"].map(OsString::from).into();
     arguments.extend(ffmpeg::input(file));
@@ -272,7 +361,7 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     else {
         return Err(refuse("ffprobe finds no picture size or pixel format in it".to_owned()));
     };
-    whole(stream, &probe.packets).map_err(refuse)?;
+    whole(stream, &probe.packets, &probe.format).map_err(refuse)?;
     let matrix = match (overrides.matrix, stream.color_space.as_deref()) {
         _ if is_rgb(format) => ColorMatrix::Rgb,
         (Some(given), _) => given,
@@ -293,8 +382,12 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
         _ => ColorRange::Limited,
     };
     let presentation = Presentation::of(stream);
-    let mut warnings: Vec<String> =
-        presentation.warnings().iter().map(|warning| format!("{}: {warning}", file.display())).collect();
+    let mut warnings: Vec<String> = presentation
+        .warnings()
+        .iter()
+        .chain(&stream.unknown_tags(&presentation))
+        .map(|warning| format!("{}: {warning}", file.display()))
+        .collect();
     if matches!(stream.field_order.as_deref(), Some("tt" | "bb" | "tb" | "bt")) {
         warnings.push(format!("{}: is interlaced; its fields are not separated", file.display()));
     }
@@ -313,20 +406,25 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
 }
 
 /// Checks that there are as many frames as the container promises: by their number (MP4), or by when the last one ends
-/// (Matroska; more than two and a half frames short is too little, since containers round).
-fn whole(stream: &ProbedStream, packets: &[Packet]) -> Result<(), String> {
+/// (Matroska, AVI; more than two and a half frames short is too little, since containers round). An AVI's number counts
+/// the empty chunks that ffmpeg writes between frames, so it is a length.
+fn whole(stream: &ProbedStream, packets: &[Packet], container: &Container) -> Result<(), String> {
     const WHAT_TO_DO: &str = "is it truncated? Copy it anew from where it came, or cut it off there: \
                               ffmpeg -i FILE -c copy NEW.mkv";
     let there = packets.len();
-    if let Some(promised) = stream.nb_frames.as_deref().and_then(|n| n.parse::<usize>().ok())
-        && there < promised
-    {
+    let promised = stream.nb_frames.as_deref().and_then(|n| n.parse::<usize>().ok());
+    let is_avi = container.format_name == "avi";
+    if let Some(promised) = promised.filter(|promised| !is_avi && there < *promised) {
         return Err(format!("holds {there} frames, and its index has {promised}: {WHAT_TO_DO}"));
     }
-    let promised_s = stream.tags.as_ref().and_then(|tags| seconds(tags.duration.as_deref()?));
-    let interval_s = stream.avg_frame_rate.as_deref().and_then(ratio).map(|fps| 1.0 / fps);
-    let times = packets.iter().filter_map(|p| p.pts_time.as_deref()?.parse::<f64>().ok());
-    let last_s = times.fold(f64::NEG_INFINITY, f64::max);
+    let slot_s = stream.avg_frame_rate.as_deref().and_then(ratio).map(|fps| 1.0 / fps);
+    let times: Vec<f64> = times(packets, |_| true).into_iter().flatten().collect();
+    let last_s = times.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let of_tags = || stream.tags.as_ref().and_then(|tags| seconds(tags.duration.as_deref()?));
+    let (promised_s, interval_s) = match is_avi {
+        true => (promised.zip(slot_s).map(|(count, slot_s)| count as f64 * slot_s), mean_interval_s(&times)),
+        false => (of_tags(), slot_s),
+    };
     if let (Some(promised_s), Some(interval_s)) = (promised_s, interval_s)
         && last_s.is_finite()
         && promised_s - (last_s + interval_s) > 2.5 * interval_s
@@ -341,9 +439,27 @@ fn whole(stream: &ProbedStream, packets: &[Packet]) -> Result<(), String> {
     Ok(())
 }
 
+/// From one time to the next. `None` of fewer than two.
+fn mean_interval_s(times_s: &[f64]) -> Option<f64> {
+    let first_s = times_s.iter().copied().fold(f64::INFINITY, f64::min);
+    let last_s = times_s.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    (times_s.len() > 1).then(|| (last_s - first_s) / (times_s.len() - 1) as f64)
+}
+
 /// `hours:minutes:seconds` in seconds.
 fn seconds(text: &str) -> Option<f64> {
     text.split(':').try_fold(0.0, |sum, part| Some(60.0 * sum + part.trim().parse::<f64>().ok()?))
+}
+
+/// The times of the packets that are wanted, as they say when they are shown. Where none does (an AVI of a codec that
+/// stores frames in another order), as they say when they are decoded: frames are shown in as even steps.
+fn times(packets: &[Packet], is_wanted: impl Fn(&Packet) -> bool) -> Vec<Option<f64>> {
+    let has_shown = packets.iter().any(|packet| packet.pts_time.is_some());
+    let time = |packet: &Packet| {
+        let text = if has_shown { &packet.pts_time } else { &packet.dts_time };
+        text.as_deref()?.parse().ok()
+    };
+    packets.iter().filter(|packet| is_wanted(packet)).map(time).collect()
 }
 
 /// When each frame is shown: counted if a rate is given, otherwise as the packets say.
@@ -354,8 +470,7 @@ fn timestamps(
     file: &Path,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<f64>, SourceError> {
-    let times: Vec<Option<f64>> =
-        packets.iter().filter(|p| p.is_shown()).map(|p| p.pts_time.as_deref()?.parse().ok()).collect();
+    let times = times(packets, Packet::is_shown);
     if times.is_empty() {
         return Err(SourceError::content(file, "holds no frames"));
     }
@@ -448,21 +563,76 @@ mod tests {
             "color_primaries": "bt2020", "sample_aspect_ratio": "16:15", "side_data_list": [{"rotation": -90}]"#;
         let v = parse(stream, ONE, &Overrides::default()).unwrap();
         let expected = Presentation {
-            rotation_deg: -90.0,
+            orientation: Orientation { is_mirrored: false, rotation_deg: -90.0 },
             pixel_aspect: Some((16, 15)),
             transfer: Some("smpte2084"),
             primaries: Some("bt2020"),
         };
         assert_eq!(v.presentation, expected);
-        for said in ["v.mkv: says it should be shown turned by -90°", "not square but 16:15", "v.mkv: is in PQ (high"]
+        for said in
+            ["v.mkv: says it should be shown turned by 90° clockwise", "not square but 16:15", "v.mkv: is in PQ (high"]
         {
             assert!(v.warnings.iter().any(|w| w.contains(said)), "{said}: {:?}", v.warnings);
         }
         for plain in ["1:1", "0:1", "N/A"] {
-            let stream = format!(r#""pix_fmt": "yuv420p", "color_transfer": "odd", "sample_aspect_ratio": "{plain}""#);
+            let stream =
+                format!(r#""pix_fmt": "yuv420p", "color_transfer": "unknown", "sample_aspect_ratio": "{plain}""#);
             let v = parse(&stream, ONE, &Overrides::default()).unwrap();
             assert_eq!((v.presentation, v.warnings.len()), (Presentation::default(), 0), "{plain}");
         }
+    }
+
+    #[test]
+    fn mirrored_video_is_told_from_a_turned_one() {
+        // As ffprobe writes them: the angle alone does not tell that the picture is mirrored.
+        for (matrix, rotation, shown) in [
+            ([-65536, 0, 0, 65536], -180, "mirrored left to right"),
+            ([65536, 0, 0, -65536], 0, "mirrored top to bottom"),
+            ([0, 65536, 65536, 0], -90, "mirrored left to right and then turned by 90° counter-clockwise"),
+            ([0, 65536, -65536, 0], -90, "turned by 90° clockwise"),
+        ] {
+            let [a, b, c, d] = matrix;
+            let text =
+                format!(r"\n00000000: {a:>12} {b:>12} 0\n00000001: {c:>12} {d:>12} 0\n00000002: 0 0 1073741824\n");
+            let sides = format!(r#"[{{"displaymatrix": "{text}", "rotation": {rotation}}}]"#);
+            let v = parse(&format!(r#""pix_fmt": "yuv420p", "side_data_list": {sides}"#), ONE, &Overrides::default());
+            let v = v.unwrap();
+            assert_eq!(v.presentation.orientation, Orientation::of_matrix(matrix.map(f64::from)).unwrap());
+            let told = format!("v.mkv: says it should be shown {shown}; it is read as stored");
+            assert!(v.warnings.iter().any(|warning| warning.starts_with(&told)), "{:?}", v.warnings);
+        }
+    }
+
+    #[test]
+    fn transfer_function_far_from_a_cameras_is_told_and_one_that_is_not_known_too() {
+        let told = |name: &str| {
+            let stream = format!(r#""pix_fmt": "yuv420p", "color_transfer": "{name}""#);
+            let v = parse(&stream, ONE, &Overrides::default()).unwrap();
+            (v.presentation.transfer.map(str::to_owned), v.warnings.join("; "))
+        };
+        for (name, said) in [
+            ("log100", "is in a logarithmic scale of 100:1; its code values"),
+            ("bt470bg", "is in a gamma of 2.8; "),
+            ("smpte428", "is in a gamma of 2.6 (digital cinema); "),
+            ("linear", "is in linear light; its code values are taken for the camera's usual ones"),
+        ] {
+            let (kept, warning) = told(name);
+            assert!(kept.as_deref() == Some(name) && warning.contains(said), "{name}: {kept:?} {warning}");
+            assert!(
+                warning.contains("[camera.response]") && warning.contains(&format!("tagged {name} too")),
+                "{warning}"
+            );
+        }
+        let hlg = Presentation { transfer: Some("arib-std-b67"), ..Presentation::default() };
+        let lost = hlg.lost_without_tags().unwrap();
+        assert!(
+            lost.starts_with("says that it is in HLG (high dynamic range); pictures recorded of it do not"),
+            "{lost}"
+        );
+        assert_eq!(Presentation::default().lost_without_tags(), None);
+        let (kept, warning) = told("odd");
+        assert!(kept.is_none() && warning.contains("the transfer function odd, which is not known"), "{warning}");
+        assert_eq!(told("bt709"), (Some("bt709".to_owned()), String::new()));
     }
 
     #[test]
@@ -494,6 +664,25 @@ mod tests {
             assert!(lasting(whole).is_ok(), "{whole}");
         }
         assert!(parse(&stream(r#""nb_frames": "2""#), packets, &given).is_ok());
+    }
+
+    /// As `ffmpeg -c copy` makes it of x264's frames: an empty chunk after each, and no time at which it is shown.
+    #[test]
+    fn avi_with_empty_chunks_is_whole_and_keeps_its_frames_times() {
+        let avi = |count: usize| {
+            let packets = (0..count).map(|i| format!(r#"{{"dts": {}, "dts_time": "{:.6}"}}"#, 2 * i, i as f64 / 30.0));
+            let json = format!(
+                r#"{{"format": {{"format_name": "avi"}}, "packets": [{}], "streams": [{{"width": 64, "height": 48,
+                "pix_fmt": "yuv420p", "avg_frame_rate": "60/1", "nb_frames": "24"}}]}}"#,
+                packets.collect::<Vec<_>>().join(", ")
+            );
+            parse_probe(json.as_bytes(), Path::new("v.avi"), &Overrides::default()).map_err(|e| e.to_string())
+        };
+        let times_s = avi(12).unwrap().timestamps_s;
+        assert_eq!(times_s.len(), 12);
+        assert!(times_s.iter().enumerate().all(|(i, time_s)| (time_s - i as f64 / 30.0).abs() < 1e-6), "{times_s:?}");
+        let error = avi(9).unwrap_err();
+        assert!(error.starts_with("v.avi: ends after 0.300 s (9 frames), and says that it lasts 0.400 s"), "{error}");
     }
 
     proptest! {

@@ -9,6 +9,7 @@ use super::buffer::{Buffer, Held, Taken};
 use super::error::SampleError;
 use super::freed::{self, D1};
 use super::lens::LensState;
+use super::offset::BEHIND_S;
 use super::packet::{Encoding, Packet};
 use super::report::{Heard, Report, Source};
 use super::sample::Sample;
@@ -270,7 +271,11 @@ impl Receiver {
                 self.report.aside.entry(Heard::OddTime).and_modify(|number| *number -= 1);
             }
             Taken::Stepped { by_s, odd, behind, late, repeated } => {
-                self.report.stepped(by_s);
+                // Where the offset stays, one stamp alone was ahead of the others.
+                match by_s.abs() < BEHIND_S {
+                    true => self.report.aside(Heard::OddTime),
+                    false => self.report.stepped(by_s),
+                }
                 (0..late).for_each(|_| self.report.aside(Heard::Late));
                 (0..repeated).for_each(|_| self.report.aside(Heard::Repeated));
                 self.report.aside.entry(Heard::OddTime).and_modify(|number| *number -= odd as u64);

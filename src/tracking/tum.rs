@@ -115,12 +115,17 @@ fn parse_line(record: &str) -> Result<Option<(Line, f64)>, String> {
     text::end(rest)?;
     let [tx, ty, tz, qx, qy, qz, qw] = fields;
     let rotation = DQuat::from_xyzw(qx, qy, qz, qw);
-    // Trackers write a lost pose as `nan`, or with a quaternion of zeros.
-    if fields.iter().any(|field| !field.is_finite()) || rotation.to_array() == [0.0; 4] {
+    let position_m = DVec3::new(tx, ty, tz);
+    if is_lost(position_m, rotation) {
         return Ok(None);
     }
     let (_, norm_error) = unit_quaternion(rotation)?;
-    Ok(Some((Line { time_s, position_m: DVec3::new(tx, ty, tz), rotation }, norm_error)))
+    Ok(Some((Line { time_s, position_m, rotation }, norm_error)))
+}
+
+/// Whether a pose is lost, as trackers write it: `nan`, or a quaternion of zeros.
+pub fn is_lost(position_m: DVec3, rotation: DQuat) -> bool {
+    !position_m.is_finite() || !rotation.is_finite() || rotation.to_array() == [0.0; 4]
 }
 
 /// The quaternion normalised, and how far its length was from 1; refused beyond [`LARGEST_NORM_ERROR`].

@@ -56,7 +56,8 @@ impl Running {
         drop(asked(|| Stream::with_buffers(&device, Type::VideoCapture, BUFFERS)).map_err(|error| why(&path, error))?);
         let exposure_s = exposure(&device);
         let name = name_of(number);
-        let given = Given { name: name.clone(), delivered, rate_hz, has_exposure: exposure_s.is_some() };
+        let given =
+            Given { name: name.clone(), delivered, rate_hz, has_exposure: exposure_s.is_some(), warnings: Vec::new() };
         let device = Some(device);
         Ok((Self { number, name, wanted: *wanted, delivered, rate_hz, exposure_s, device }, given))
     }

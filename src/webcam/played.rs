@@ -28,7 +28,9 @@ impl Played {
         let delivered = Delivered { layout, width, height, stride: 3 * width as usize, range, matrix };
         let rate_hz = median_interval_s(&video.timestamps_s).map(|s| 1.0 / s);
         let name = file.display().to_string();
-        let given = Given { name, delivered, rate_hz, has_exposure: false };
+        let lost = video.presentation.lost_without_tags();
+        let warnings = lost.map(|lost| format!("{name}: {lost}")).into_iter().collect();
+        let given = Given { name, delivered, rate_hz, has_exposure: false, warnings };
         Ok((Self { video, frames, delivered }, given))
     }
 

@@ -32,4 +32,6 @@ pub struct Given {
     pub rate_hz: Option<f64>,
     /// Whether its pictures say how long they were exposed.
     pub has_exposure: bool,
+    /// What its pictures do not keep of a video that stands in for it, a sentence each.
+    pub warnings: Vec<String>,
 }

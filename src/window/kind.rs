@@ -35,20 +35,25 @@ impl Kind {
         match (of_profile, scene::document::read(path)) {
             (Ok(()), _) => Self::Profile,
             (_, Ok(_)) => Self::Scene,
-            // Recordings too are described by such files.
-            _ if Recording::is_at(path) => Self::Recording,
-            (Err(no_profile), Err(no_scene)) => Self::Neither(format!(
-                "{}: neither a recording's folder, nor a model, nor a profile ({no_profile}), nor a scene ({no_scene})",
-                path.display()
-            )),
+            (Err(no_profile), Err(no_scene)) => match Recording::refusal_at(path) {
+                // Recordings too are described by such files.
+                None => Self::Recording,
+                Some(_) if path.extension().is_some_and(|ending| ending == "toml") => Self::Neither(format!(
+                    "{}: neither a recording's folder, nor a model, nor a profile ({no_profile}), nor a scene ({no_scene})",
+                    path.display()
+                )),
+                Some(refusal) => {
+                    Self::Neither(format!("{refusal}; or a model (.glb, .gltf), a profile or a scene (.toml)"))
+                }
+            },
         }
     }
 }
 
-/// A text with a file's name in place of its path.
+/// An error's text with a file's name in place of the path that it begins with. Commands in it keep the path.
 fn by_name(path: &Path, text: &str) -> String {
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
-    text.replace(&path.display().to_string(), &name)
+    text.strip_prefix(&path.display().to_string()).map_or_else(|| text.to_owned(), |rest| format!("{name}{rest}"))
 }
 
 #[cfg(test)]
@@ -73,5 +78,37 @@ mod tests {
         std::fs::write(&cut, "").unwrap();
         assert!(matches!(Kind::of(&cut), Kind::Neither(why) if why.starts_with("kaputt.glb is empty (0 bytes)")));
         assert!(matches!(kind("no/where.toml"), Kind::Neither(why) if why.contains("no/where.toml")));
+    }
+
+    #[test]
+    fn refusal_of_an_unreadable_capture_names_the_program_that_converts_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let why = |name: &str| match Kind::of(&folder.path().join(name)) {
+            Kind::Neither(why) => why,
+            other => panic!("{name}: {other:?}"),
+        };
+        for (file, command) in [
+            ("colmap/sparse/0/images.bin", "colmap model_converter --output_type TXT"),
+            ("arkit/ARposes.txt", "ns-process-data video"),
+            ("heic/still.heic", "heif-convert"),
+        ] {
+            let path = folder.path().join(file);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, "").unwrap();
+            let why = why(file.split('/').next().unwrap());
+            assert!(why.contains(command) && why.ends_with("a profile or a scene (.toml)"), "{why}");
+        }
+        assert!(why("heic/still.heic").contains("is HEIC, which is not read; convert it: heif-convert"));
+    }
+
+    #[test]
+    fn command_in_a_refusal_keeps_the_models_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("draco.gltf");
+        std::fs::write(&file, r#"{"asset": {"version": "2.0"}, "extensionsRequired": ["KHR_draco_mesh_compression"]}"#)
+            .unwrap();
+        let Kind::Neither(why) = Kind::of(&file) else { panic!() };
+        let command = format!("gltf-transform copy {} ", file.display());
+        assert!(why.starts_with("draco.gltf: ") && why.contains(&command), "{why}");
     }
 }

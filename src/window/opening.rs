@@ -24,13 +24,13 @@ pub struct Refused {
     pub why: String,
     /// A profile says what is lacking.
     pub lacks_camera: bool,
-    /// The profile is for pictures of another size.
-    pub is_other_size: bool,
+    /// The profile does not fit the recording.
+    pub is_unfit_profile: bool,
 }
 
 impl Refused {
     fn plain(error: &dyn std::fmt::Display) -> Self {
-        Self { why: without_options(&error.to_string()), lacks_camera: false, is_other_size: false }
+        Self { why: without_options(&error.to_string()), lacks_camera: false, is_unfit_profile: false }
     }
 
     fn of_shot(recording: &Path, error: &ShotError) -> Self {
@@ -39,21 +39,29 @@ impl Refused {
         // A scene's error names the scene.
         let is_scenes = matches!(error, ShotError::Scene(_));
         let why = if is_scenes { why } else { format!("{}: not opened: {why}", recording.display()) };
-        Self { why, lacks_camera, is_other_size: false }
+        Self { why, lacks_camera, is_unfit_profile: false }
     }
 
-    /// Refuses a profile that is for pictures of another size than the recording's.
-    fn other_size(project: &Project, profile: &Path) -> Result<(), Self> {
-        let Err(ShotError::Size { camera, frames }) = project.shot().geometry_at(0) else { return Ok(()) };
+    /// Refuses a profile for pictures of another size than the recording's. Where `has_camera`, a profile without a camera
+    /// would replace the camera that is open, and is refused too.
+    fn unfit_profile(project: &Project, profile: &Path, has_camera: bool) -> Result<(), Self> {
         let name = profile.file_name().unwrap_or(profile.as_os_str()).to_string_lossy();
-        let (width, height) = frames;
-        let sizes = size_text(camera, frames);
         let recording = &project.shot().recording.name;
-        let why = format!(
-            "{sizes}: {name} was not opened for {recording}. Choose a profile for {width}x{height}, or calibrate this \
-             camera."
-        );
-        Err(Self { why, lacks_camera: false, is_other_size: true })
+        let why = match project.shot().geometry_at(0) {
+            Err(ShotError::Size { camera, frames }) => {
+                let (sizes, (width, height)) = (size_text(camera, frames), frames);
+                format!(
+                    "{sizes}: {name} was not opened for {recording}. Choose a profile for {width}x{height}, or calibrate \
+                     this camera."
+                )
+            }
+            Err(ShotError::NoCamera { .. } | ShotError::PartOfCamera { .. }) if has_camera => format!(
+                "{name} lacks the camera's focal length or principal point: it was not opened for {recording}, whose \
+                 camera is known. Write them into its table [camera.intrinsics], or choose a profile that has them."
+            ),
+            _ => return Ok(()),
+        };
+        Err(Self { why, lacks_camera: false, is_unfit_profile: true })
     }
 }
 
@@ -78,17 +86,24 @@ pub struct Opening {
 }
 
 impl Opening {
-    /// `wake` is called from the thread when it is over. Work that was left goes into what is opened.
-    pub fn begin(opened: Opened, left: Option<Left>, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
-        Self::of(opened, left, None, None, wake)
+    /// `wake` is called from the thread when it is over. Work that was left goes into what is opened. `has_camera`: the same
+    /// recording is open, and its camera is known.
+    pub fn begin(
+        opened: Opened,
+        left: Option<Left>,
+        has_camera: bool,
+        wake: impl FnOnce() + Send + 'static,
+    ) -> std::io::Result<Self> {
+        Self::of(opened, left, has_camera, None, None, wake)
     }
 
     /// A recording that is open already is not opened again. `again` has the values that were given
-    /// with files that are read again; undo reverts that, so a profile of another size is not
-    /// refused there.
+    /// with files that are read again; undo reverts that, so an unfit profile is not refused
+    /// there.
     fn of(
         opened: Opened,
         left: Option<Left>,
+        has_camera: bool,
         again: Option<Vec<String>>,
         open_already: Option<Arc<Recording>>,
         wake: impl FnOnce() + Send + 'static,
@@ -104,7 +119,7 @@ impl Opening {
             if let Some(Work { edit, history, .. }) = work {
                 project.restore(edit, history).map_err(|error| Refused::plain(&error))?;
             } else if let Some(profile) = wanted.profile.as_deref().filter(|_| !is_again && wanted.camera.is_none()) {
-                Refused::other_size(&project, profile)?;
+                Refused::unfit_profile(&project, profile, has_camera)?;
             }
             Ok((Box::new(project), camera))
         })?;
@@ -114,7 +129,7 @@ impl Opening {
     /// Reads the files that are open again; a camera goes on.
     pub fn again(project: &Project, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
         let recording = Some(&project.shot().recording).filter(|recording| recording.is_arriving()).cloned();
-        Self::of(Opened::of(project), None, Some(project.shot().sets().to_vec()), recording, wake)
+        Self::of(Opened::of(project), None, false, Some(project.shot().sets().to_vec()), recording, wake)
     }
 
     /// Whether work that was left goes into it.
@@ -130,7 +145,7 @@ impl Opening {
     pub fn take(self) -> Result<Done, Box<Self>> {
         let Some(project) = self.errand.take() else { return Err(Box::new(self)) };
         let project = project
-            .map_err(|why| Refused { why, lacks_camera: false, is_other_size: false })
+            .map_err(|why| Refused { why, lacks_camera: false, is_unfit_profile: false })
             .and_then(|project| project);
         Ok(Done { opened: self.opened, project, left: self.left, is_again: self.is_again })
     }
@@ -153,7 +168,7 @@ fn open_camera(opened: &Opened, from: &LiveFrom) -> Result<(Project, Option<live
                 break other.map_err(|error| {
                     let lacks_camera = matches!(error, live::LiveError::NoCamera);
                     let why = format!("{}: not opened: {}", from.name(), without_options(&error.to_string()));
-                    Refused { why, lacks_camera, is_other_size: false }
+                    Refused { why, lacks_camera, is_unfit_profile: false }
                 })?;
             }
         }

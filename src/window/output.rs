@@ -214,8 +214,7 @@ fn queue(ui: &mut Ui, jobs: &mut Jobs) {
 }
 
 pub fn percent(share: f64, begun: Instant, stage: Option<Stage>) -> String {
-    // The search for lamps reports nothing until it ends.
-    let rest = left(share, begun.elapsed()).filter(|_| stage != Some(Stage::Light));
+    let rest = left(share, begun.elapsed());
     let rest = rest.map(|left| format!(", {} left", duration(left.as_secs_f64()))).unwrap_or_default();
     let stage = stage.map(|stage| format!("{}, ", stage.name())).unwrap_or_default();
     format!("{stage}{:.0} %{rest}", 100.0 * share)
@@ -254,11 +253,12 @@ mod tests {
     }
 
     #[test]
-    fn progress_names_the_part_and_promises_no_time_for_the_last() {
+    fn progress_names_the_part_and_the_time_left() {
         let begun = Instant::now().checked_sub(std::time::Duration::from_secs(10)).unwrap();
-        assert_eq!(percent(0.84, begun, Some(Stage::Light)), "light, 84 %");
-        let path = percent(0.5, begun, Some(Stage::Path));
-        assert!(path.starts_with("camera path, 50 %, ") && path.ends_with(" s left"), "{path}");
+        for (stage, name) in [(Stage::Path, "camera path, 50 %, "), (Stage::Light, "light, 50 %, ")] {
+            let text = percent(0.5, begun, Some(stage));
+            assert!(text.starts_with(name) && text.ends_with(" s left"), "{text}");
+        }
         assert!(percent(0.5, begun, None).starts_with("50 %, "));
     }
 

@@ -93,7 +93,7 @@ impl Start {
 
     fn begin(&mut self, ctx: &egui::Context, opened: Opened, left: Option<Left>) {
         let wake = ctx.clone();
-        match Opening::begin(opened, left, move || wake.request_repaint()) {
+        match Opening::begin(opened, left, false, move || wake.request_repaint()) {
             Ok(opening) => self.opening = Some(opening),
             Err(error) => {
                 self.told = Some(MessageWindow::new(format!("No thread can be started that opens it: {error}")))

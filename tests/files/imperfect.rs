@@ -10,6 +10,7 @@ use image::{ImageBuffer, Luma};
 use locard::pixels::Pixels;
 use locard::recording::{OpenOptions, Recording};
 use locard::sink::SinkOptions;
+use locard::source::orientation::Orientation;
 use locard::source::still;
 use locard::source::video::Presentation;
 
@@ -249,10 +250,21 @@ fn a_picture_of_another_kind_under_the_name_of_a_jpeg_costs_itself_alone() {
         assert!(refused(folder).contains(said), "{}", refused(folder));
         assert!(refused(&folder.join("transforms.json")).contains(said));
     }
-    // A picture that is damaged is refused as before.
+    // One that is damaged, and one that is no picture at all.
     pictures(folder, &names);
-    fs::write(folder.join("images/f2.jpg"), b"\xff\xd8\xff\xe0\0").unwrap();
-    assert!(refused(folder).contains("f2.jpg: the JPEG is truncated"), "{}", refused(folder));
+    let damaged: [(&[u8], &str); 3] = [
+        (b"\xff\xd8\xff\xe0\0", "f2.jpg: the JPEG is truncated"),
+        (b"x\n", "f2.jpg: is neither a PNG nor a JPEG"),
+        (b"", "f2.jpg: is neither a PNG nor a JPEG"),
+    ];
+    for (bytes, said) in damaged {
+        fs::write(folder.join("images/f2.jpg"), bytes).unwrap();
+        for r in [open(folder), open(&folder.join("transforms.json"))] {
+            assert_eq!(times(&r), [0.0, 1.0, 3.0, 4.0]);
+            assert_eq!(told(&r, "1 of 5 pictures is not read and left out (first: "), 1, "{:?}", r.warnings);
+            assert_eq!(told(&r, said), 1, "{:?}", r.warnings);
+        }
+    }
 }
 
 #[test]
@@ -295,6 +307,7 @@ fn jpegs_of_other_kinds_are_not_supported_rather_than_damaged() {
         (0xc9, 8, "is an arithmetic-coded JPEG, which is not supported; convert it: jpegtran"),
         (0xc1, 12, "is a JPEG of more than 8 bits, which is not supported"),
         (0xc5, 8, "is a hierarchical JPEG, which is not supported"),
+        (0xf7, 8, "is a JPEG-LS picture, which is not supported; convert it: ffmpeg"),
     ] {
         let bytes = jpeg_of_kind(marker, bits);
         fs::write(&file, &bytes).unwrap();
@@ -329,29 +342,63 @@ fn jpegs_without_huffman_tables_have_the_standards() {
 }
 
 #[test]
-fn an_exif_orientation_is_told_once() {
+fn jpeg_without_quantisation_tables_is_told_by_inspect_and_by_what_decodes_it() {
     let temp = tempfile::tempdir().unwrap();
-    pictures(temp.path(), &["f0.jpg", "f1.jpg", "f2.jpg"]);
+    let file = temp.path().join("f.jpg");
+    pictures(temp.path(), &["f.jpg"]);
+    let mut bytes = fs::read(temp.path().join("images/f.jpg")).unwrap();
+    while let Some(at) = bytes.windows(2).position(|pair| pair == [0xff, 0xdb]) {
+        let length = usize::from(u16::from_be_bytes([bytes[at + 2], bytes[at + 3]]));
+        bytes.drain(at..at + 2 + length);
+    }
+    fs::write(&file, &bytes).unwrap();
+    for error in [still::check_end(&file), still::read_pixels(&file).map(drop)] {
+        let error = error.unwrap_err().to_string();
+        assert!(error.contains("f.jpg: the JPEG has no quantisation tables (an abbreviated file"), "{error}");
+    }
+}
+
+/// Pictures with an EXIF orientation each.
+fn oriented(folder: &Path, orientations: &[(&str, u8)]) -> Recording {
+    let names: Vec<&str> = orientations.iter().map(|(name, _)| *name).collect();
+    pictures(folder, &names);
     // A little-endian TIFF header, and one entry: Orientation, SHORT, 1 value.
     let exif = |orientation: u8| {
         let entry = [0x12, 1, 3, 0, 1, 0, 0, 0, orientation, 0, 0, 0];
         [&b"Exif\0\0II*\0\x08\0\0\0\x01\0"[..], &entry, &[0; 4]].concat()
     };
-    for (name, orientation) in [("f0.jpg", 1), ("f1.jpg", 6), ("f2.jpg", 6)] {
-        let file = temp.path().join("images").join(name);
+    for (name, orientation) in orientations {
+        let file = folder.join("images").join(name);
         let bytes = fs::read(&file).unwrap();
-        let exif = exif(orientation);
+        let exif = exif(*orientation);
         let head = [0xff, 0xd8, 0xff, 0xe1, 0, exif.len() as u8 + 2];
         fs::write(&file, [&head[..], &exif, &bytes[2..]].concat()).unwrap();
     }
-    let r = open(&describe(temp.path(), "[frames]\nimages = \"images\"\nfps = 30.0\n"));
-    assert_eq!(
-        told(&r, "f1.jpg: says it should be shown turned by 90° clockwise (EXIF orientation 6)"),
-        1,
-        "{:?}",
-        r.warnings
-    );
-    assert_eq!(told(&r, "2 pictures"), 1, "{:?}", r.warnings);
+    open(&describe(folder, "[frames]\nimages = \"images\"\nfps = 30.0\n"))
+}
+
+#[test]
+fn an_exif_orientation_is_told_once() {
+    let temp = tempfile::tempdir().unwrap();
+    let r = oriented(temp.path(), &[("f0.jpg", 1), ("f1.jpg", 6), ("f2.jpg", 6)]);
+    let said = "f1.jpg: says it should be shown turned by 90° clockwise (EXIF orientation 6)";
+    assert_eq!(told(&r, said), 1, "{:?}", r.warnings);
+    assert_eq!(told(&r, "2 pictures that say so; a video that is written has no such mark"), 1, "{:?}", r.warnings);
+    assert_eq!(r.presentation().orientation, Orientation::default());
+}
+
+#[test]
+fn stills_of_one_orientation_give_it_to_the_video_that_is_written() {
+    for exif in [6, 4] {
+        let temp = tempfile::tempdir().unwrap();
+        let r = oriented(temp.path(), &[("f0.jpg", exif), ("f1.jpg", exif)]);
+        let presentation = r.presentation();
+        assert_eq!(presentation.orientation, Orientation::of_exif(exif.into()));
+        assert_eq!(told(&r, "a .mp4 that is written says so too"), 1, "{:?}", r.warnings);
+        let changed = SinkOptions { presentation, ..options(32, 16, 8) };
+        let video = written(&temp.path().join("a.mp4"), changed);
+        assert_eq!(video.presentation().orientation, presentation.orientation);
+    }
 }
 
 fn written(file: &Path, changed: SinkOptions) -> Recording {
@@ -383,7 +430,8 @@ fn frames_keep_their_times_in_every_kind_of_video() {
 #[test]
 fn a_turned_video_names_the_output_that_stays_upright() {
     let temp = tempfile::tempdir().unwrap();
-    let presentation = Presentation { rotation_deg: 90.0, ..Presentation::default() };
+    let orientation = Orientation { is_mirrored: false, rotation_deg: 90.0 };
+    let presentation = Presentation { orientation, ..Presentation::default() };
     for (name, is_turned) in [("a.mp4", 1), ("a.mkv", 0)] {
         let r = written(&temp.path().join(name), SinkOptions { presentation, lossless: false, ..options(32, 16, 8) });
         assert_eq!(
@@ -403,15 +451,17 @@ fn frames_at_one_time_all_stay_in_the_video() {
 
 #[test]
 fn a_video_says_how_it_is_to_be_shown() {
-    for (rotation_deg, aspect) in [(-90.0, (16, 15)), (90.0, (160, 117)), (180.0, (99, 160))] {
+    for (is_mirrored, rotation_deg, aspect) in
+        [(false, -90.0, (16, 15)), (false, 180.0, (99, 160)), (true, 0.0, (16, 15)), (true, 90.0, (160, 117))]
+    {
         let temp = tempfile::tempdir().unwrap();
-        let presentation = Presentation { rotation_deg, pixel_aspect: Some(aspect), ..Presentation::default() };
+        let orientation = Orientation { is_mirrored, rotation_deg };
+        let presentation = Presentation { orientation, pixel_aspect: Some(aspect), ..Presentation::default() };
         let changed = SinkOptions { presentation, lossless: false, ..options(32, 16, 8) };
         let r = written(&temp.path().join("a.mp4"), changed);
         let found = r.presentation();
-        assert_eq!((found.rotation_deg.abs(), found.pixel_aspect), (rotation_deg.abs(), Some(aspect)));
-        assert!(rotation_deg == 180.0 || found.rotation_deg == rotation_deg, "{found:?}");
-        assert_eq!(told(&r, "should be shown turned by"), 1, "{:?}", r.warnings);
+        assert_eq!((found.orientation, found.pixel_aspect), (orientation, Some(aspect)));
+        assert_eq!(told(&r, &format!("should be shown {orientation}; ")), 1, "{:?}", r.warnings);
     }
 }
 

@@ -64,6 +64,20 @@ fn a_video_is_recorded_as_a_camera_is() {
 }
 
 #[test]
+fn video_in_high_dynamic_range_in_a_cameras_place_is_told_as_what_is_not_kept() {
+    let temp = tempfile::tempdir().unwrap();
+    let (video, site) = (temp.path().join("hlg.mp4"), temp.path().join("site"));
+    let mut ffmpeg = Command::new("ffmpeg");
+    ffmpeg.args(["-v", "error", "-f", "lavfi", "-i", "testsrc=s=64x48:d=0.4:r=5", "-pix_fmt", "yuv420p"]);
+    assert!(ffmpeg.args(["-color_trc", "arib-std-b67"]).arg(&video).status().unwrap().success());
+    let output = locard(&["record", "--camera", text(&video), "--pose", "none", "--frames", "1", "-o", text(&site)]);
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{told}");
+    let said = "hlg.mp4: says that it is in HLG (high dynamic range); pictures recorded of it do not keep that";
+    assert_eq!(told.matches(said).count(), 1, "{told}");
+}
+
+#[test]
 fn live_pictures_are_those_of_the_recording() {
     let temp = tempfile::tempdir().unwrap();
     let video = video();

@@ -105,6 +105,30 @@ fn opentrackio_there_and_back_in_both_encodings() {
     }
 }
 
+/// The stamp of the first sample is ahead, and the sample is given out before those after it show that.
+#[test]
+fn first_sample_stamped_ahead_is_odd_and_no_step_of_the_clock() {
+    let mut receiver = Receiver::new(Listen::parse("opentrackio://?wait_s=0.02").unwrap());
+    let from = SocketAddr::from(([127, 0, 0, 1], 4000));
+    for i in 0..300_u32 {
+        let now_s = 0.01 * f64::from(i);
+        let stamp_s = 50.0 + now_s + if i == 0 { 0.1 } else { 0.0 };
+        let sample = format!(
+            r#"{{"protocol": {{"name": "OpenTrackIO", "version": [1, 0, 1]}}, "sourceId": "urn:uuid:1", "sourceNumber": 1,
+            "timing": {{"sequenceNumber": {i}, "sampleTimestamp": {{"seconds": {}, "nanoseconds": {:.0}}}}},
+            "transforms": [{{"translation": {{"x": 0, "y": 0, "z": 1}}, "rotation": {{"pan": 0, "tilt": 0, "roll": 0}},
+            "id": "Camera"}}]}}"#,
+            stamp_s.floor(),
+            1e9 * stamp_s.fract()
+        );
+        packets(Encoding::Json, i as u16, sample.as_bytes()).iter().for_each(|p| receiver.take(p, from, now_s));
+        while receiver.next(now_s).is_some() {}
+    }
+    let report = receiver.report();
+    assert_eq!((report.steps, report.jumps, report.count(Heard::OddTime)), (0, 0, 1), "{report:?}");
+    assert!(report.poses > 290, "{report:?}");
+}
+
 #[test]
 fn freed_there_and_back() {
     let (heard, poses) = sent("freed://127.0.0.1:0", |at| format!("freed://{at}?number=3"), 60);

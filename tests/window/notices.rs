@@ -137,6 +137,36 @@ fn a_profile_of_another_size_is_refused_with_both_sizes() {
 }
 
 #[test]
+fn a_profile_without_a_camera_does_not_replace_one_that_has_it() {
+    let temp = tempfile::tempdir().unwrap();
+    let recording = without_camera(temp.path());
+    let good = demo().join("camera.toml").canonicalize().unwrap();
+    let given = Given { profile: Some(good.clone()), ..Given::default() };
+    let mut window = window(Project::open(&recording, &OpenOptions::default(), &given).unwrap(), SIZE);
+    let bare = temp.path().join("noise.toml");
+    std::fs::write(&bare, "version = 1\n[noise]\nscale = 2.0\n").unwrap();
+    drop_file(&mut window, bare.clone());
+    until(&mut window, |app| app.problem().is_some());
+    let problem = window.state().problem().unwrap().to_owned();
+    assert!(
+        problem.starts_with("noise.toml lacks the camera's focal length or principal point: it was not"),
+        "{problem}"
+    );
+    assert_eq!(window.state().project().profile, Some(good));
+    assert!(window.state().project().shot().geometry_at(0).is_ok());
+}
+
+#[test]
+fn a_profile_without_a_camera_is_opened_where_no_camera_is_known() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut window = window_with_problem(open(&without_camera(temp.path())));
+    let bare = temp.path().join("noise.toml");
+    std::fs::write(&bare, "version = 1\n[noise]\nscale = 2.0\n").unwrap();
+    drop_file(&mut window, bare.clone());
+    until(&mut window, |app| app.project().profile.as_ref() == Some(&bare));
+}
+
+#[test]
 fn a_profile_after_a_refusal_is_opened_for_the_recording_that_was_refused() {
     let temp = tempfile::tempdir().unwrap();
     let good = demo().join("camera.toml").canonicalize().unwrap();

@@ -31,6 +31,23 @@ fn high_dynamic_range_is_told_as_the_recording_opens() {
     assert!(said.contains("HLG") && has(&window, &said), "{said}");
 }
 
+#[test]
+fn start_page_names_the_folder_of_the_recording_that_is_open() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("case 7/walk");
+    std::fs::create_dir_all(&folder).unwrap();
+    filmed(&folder.join("a.mp4"), &[]);
+    std::fs::write(folder.join("recording.toml"), "version = 1\nname = \"demo\"\n[frames]\nvideo = \"a.mp4\"\n")
+        .unwrap();
+    let given = Given { profile: Some(demo().join("camera.toml")), ..Given::default() };
+    let project = Project::open(&folder, &OpenOptions::default(), &given).unwrap();
+    let mut window = window_without_picture(project);
+    window.state_mut().show_start(true);
+    window.run_steps(3);
+    assert!(has(&window, "case 7/walk is open. Open another one, or press ? for the keys."));
+    assert!(has(&window, "Continue with case 7/walk"));
+}
+
 /// Only what stands around the picture is looked at.
 fn window_without_picture(project: Project) -> Harness<'static, App> {
     let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0));

@@ -16,6 +16,7 @@ use super::super::question::Answer;
 use super::super::recent::Opened;
 use super::super::saving::{self, Agreed, Saved, Step};
 use super::super::session::Session;
+use super::super::titles;
 use super::super::watch::Change;
 use super::{Keeper, Shown, Then, Turn};
 use locard_engine::live;
@@ -204,10 +205,10 @@ impl Keeper {
         }
         self.changed_on_disk(ctx, session);
         if self.shows_start {
-            let recording = &session.project.shot().recording;
-            let behind = match saving::is_demonstration(&recording.path) {
+            let name = titles::of_recording(&session.project);
+            let behind = match saving::is_demonstration(&session.project.shot().recording.path) {
                 true => dialogs::Behind::Demonstration,
-                false => dialogs::Behind::Recording(&recording.name),
+                false => dialogs::Behind::Recording(&name),
             };
             match dialogs::start(ctx, self.recent.shown(ctx), behind) {
                 Some(dialogs::Start::Open) => self.open(&session.project),
@@ -296,8 +297,10 @@ impl Keeper {
         if opened.camera.is_some() {
             session.let_camera_go();
         }
+        let is_open = opened.recording == Opened::of(&session.project).recording;
+        let has_camera = is_open && !session.lacks_camera();
         let wake = ctx.clone();
-        self.begun(session, Opening::begin(opened, left, move || wake.request_repaint()));
+        self.begun(session, Opening::begin(opened, left, has_camera, move || wake.request_repaint()));
     }
 
     fn begun(&mut self, session: &mut Session, opening: std::io::Result<Opening>) {
@@ -343,7 +346,7 @@ impl Keeper {
                 self.left.extend(done.left);
                 None
             }
-            Err(Refused { why, is_other_size: true, .. }) => {
+            Err(Refused { why, is_unfit_profile: true, .. }) => {
                 session.wrong(why.clone());
                 self.refused_profile = Some(why);
                 // The next profile is for the recording that was refused, which may be another one

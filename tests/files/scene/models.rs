@@ -27,7 +27,7 @@ fn transforms_of_nested_nodes_multiply() {
     model.json["nodes"] = json!([
         { "mesh": 0, "rotation": [0.0, 0.0, 0.5f64.sqrt(), 0.5f64.sqrt()], "scale": [1, 2, 1] },
         { "children": [0], "translation": [10, 0, 0] },
-        { "children": [1], "matrix": [-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 5, 1] },
+        { "children": [1], "matrix": [-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 5, 0.99999] },
     ]);
     assert_eq!(model.corners(), [[-10.0, 0.0, 5.0], [-10.0, 2.0, 5.0], [-8.0, 0.0, 5.0]]);
     let scene = model.load().unwrap();

@@ -1,0 +1,85 @@
+//! How a picture is meant to be shown: mirrored and turned, as a video's display matrix or a still's EXIF says it.
+
+use std::fmt;
+
+/// Nothing of it is applied when pictures are read. The default is the picture as stored.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Orientation {
+    /// Left and right are exchanged, before the picture is turned.
+    pub is_mirrored: bool,
+    /// Counter-clockwise, degrees.
+    pub rotation_deg: f64,
+}
+
+impl Orientation {
+    /// Of the matrix `[a, b, c, d]` by which (x, y) is shown at (a·x + c·y, b·x + d·y), y downwards. `None` if it is singular.
+    pub fn of_matrix([a, b, c, d]: [f64; 4]) -> Option<Self> {
+        let determinant = a * d - b * c;
+        let rotation_deg = (100.0 * c.atan2(d).to_degrees()).round() / 100.0;
+        (determinant != 0.0).then_some(Self { is_mirrored: determinant < 0.0, rotation_deg })
+    }
+
+    /// Of an EXIF orientation, 1 to 8. Source: CIPA DC-008 (Exif 2.32), 4.6.4.
+    pub fn of_exif(orientation: u32) -> Self {
+        let rotation_deg = match orientation {
+            3 | 4 => 180.0,
+            5 | 8 => 90.0,
+            6 | 7 => -90.0,
+            _ => 0.0,
+        };
+        Self { is_mirrored: matches!(orientation, 2 | 4 | 5 | 7), rotation_deg }
+    }
+
+    /// The matrix of [`Orientation::of_matrix`].
+    pub fn matrix(self) -> [f64; 4] {
+        let (sin, cos) = (-self.rotation_deg).to_radians().sin_cos();
+        let x = if self.is_mirrored { -1.0 } else { 1.0 };
+        [x * cos, x * sin, -sin, cos]
+    }
+}
+
+/// Follows "shown".
+impl fmt::Display for Orientation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { is_mirrored, rotation_deg } = *self;
+        let angle = rotation_deg.abs();
+        match (is_mirrored, angle) {
+            (true, 0.0) => return f.write_str("mirrored left to right"),
+            (true, 180.0) => return f.write_str("mirrored top to bottom"),
+            (true, _) => f.write_str("mirrored left to right and then ")?,
+            (false, _) => {}
+        }
+        let way = if rotation_deg < 0.0 { "clockwise" } else { "counter-clockwise" };
+        match angle {
+            180.0 => f.write_str("turned by 180°"),
+            _ => write!(f, "turned by {angle}° {way}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn matrices_worked_by_hand_and_those_of_exif_are_the_same_orientations() {
+        // A pixel at (x, y) is shown at (-x, y), (-x, -y), (x, -y), (y, x), (-y, x), (-y, -x) and (y, -x).
+        for (exif, matrix, shown) in [
+            (2, [-1.0, 0.0, 0.0, 1.0], "mirrored left to right"),
+            (3, [-1.0, 0.0, 0.0, -1.0], "turned by 180°"),
+            (4, [1.0, 0.0, 0.0, -1.0], "mirrored top to bottom"),
+            (5, [0.0, 1.0, 1.0, 0.0], "mirrored left to right and then turned by 90° counter-clockwise"),
+            (6, [0.0, 1.0, -1.0, 0.0], "turned by 90° clockwise"),
+            (7, [0.0, -1.0, -1.0, 0.0], "mirrored left to right and then turned by 90° clockwise"),
+            (8, [0.0, -1.0, 1.0, 0.0], "turned by 90° counter-clockwise"),
+        ] {
+            let orientation = Orientation::of_exif(exif);
+            assert_eq!(Orientation::of_matrix(matrix), Some(orientation), "{exif}");
+            let off = orientation.matrix().iter().zip(matrix).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(off < 1e-12 && orientation.to_string() == shown, "{orientation}");
+        }
+        assert_eq!(Orientation::of_exif(1), Orientation::default());
+        assert_eq!(Orientation::of_matrix([1.0, 0.0, 0.0, 1.0]), Some(Orientation::default()));
+        assert_eq!(Orientation::of_matrix([0.0; 4]), None);
+    }
+}
