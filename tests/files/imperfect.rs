@@ -508,13 +508,14 @@ fn composited(folder: &Path, more: &[&str]) -> Recording {
 fn a_composite_keeps_the_times_and_tags_of_its_recording() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path();
-    let presentation = Presentation { rotation_deg: 90.0, pixel_aspect: Some((16, 15)), ..Presentation::default() };
+    let orientation = Orientation { is_mirrored: true, rotation_deg: 90.0 };
+    let presentation = Presentation { orientation, pixel_aspect: Some((16, 15)), ..Presentation::default() };
     let times_s = [0.0, 0.1, 0.1333, 0.4];
     let changed = SinkOptions { presentation, times_s: Some(times_s.into()), ..options(32, 16, 8) };
     written(&folder.join("a.mp4"), changed);
     describe_resting(folder, "video = \"a.mp4\"");
     let r = composited(folder, &[]);
-    assert_eq!((r.presentation().rotation_deg, r.presentation().pixel_aspect), (90.0, Some((16, 15))));
+    assert_eq!((r.presentation().orientation, r.presentation().pixel_aspect), (orientation, Some((16, 15))));
     for (time_s, expected_s) in r.timestamps_s.iter().zip(times_s) {
         assert!((time_s - expected_s).abs() < 2e-4, "{:?}", r.timestamps_s);
     }
