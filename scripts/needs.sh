@@ -39,6 +39,8 @@ need_packages() {
     command -v c++ >/dev/null || missing+=(g++)
     has_libclang || missing+=(libclang-dev)
     command -v python3 >/dev/null || missing+=(python3)
+    # scripts/hygiene installs its tools into a virtual environment.
+    python3 -c 'import ensurepip' 2>/dev/null || missing+=(python3-venv)
     [ ${#missing[@]} -eq 0 ] && return
 
     if ! command -v apt-get >/dev/null; then

@@ -16,8 +16,7 @@ use locard::tracking::PoseTrack;
 
 static GPU: LazyLock<Mutex<Gpu>> = LazyLock::new(|| Mutex::new(Gpu::open().expect("tests need a graphics adapter")));
 
-/// The only device of a test process. A test locks it while it draws: software drivers use all
-/// cores.
+/// The only device of a test process. A test locks it while it draws.
 pub fn gpu() -> MutexGuard<'static, Gpu> {
     GPU.lock().unwrap_or_else(|e| e.into_inner())
 }

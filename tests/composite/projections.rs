@@ -95,6 +95,7 @@ fn centroid(image: &LinearImage, around: DVec2, reach: f64) -> Option<DVec2> {
     (weight > 2.0).then(|| sum / weight)
 }
 
+// Slow: renders a marker for each of many directions in every projection.
 #[test]
 fn marks_land_where_the_formula_says_in_every_projection() {
     // In the camera's axes: all about the axis, on seams and corners of the cube, behind.

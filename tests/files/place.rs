@@ -181,6 +181,7 @@ fn a_point_that_two_frames_show_is_placed_on_and_three_points_give_a_plane() {
     assert!(refused(&["inspect", "recordings/demo", "--frame", "30", "--pick", "3,4+99:5,6"]).contains("99"));
 }
 
+// Slow: starts the program many times.
 #[test]
 fn what_stands_wrong_is_told_and_a_preview_shows_it() {
     let temp = tempfile::tempdir().unwrap();
