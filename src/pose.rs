@@ -62,6 +62,11 @@ impl Pose {
     }
 }
 
+/// What the cameras had above them on the mean, unit length; z without any. `world_from_camera`: one rotation per camera.
+pub fn held_up(world_from_camera: impl Iterator<Item = DQuat>) -> DVec3 {
+    world_from_camera.map(|rotation| rotation * DVec3::NEG_Y).sum::<DVec3>().normalize_or(DVec3::Z)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -90,5 +95,14 @@ mod tests {
         let half = a.interpolate(&b, 0.5);
         assert!((half.position_in_world_m() - DVec3::new(1.0, 0.0, 0.0)).length() < 1e-12);
         assert!(half.world_from_camera_rotation().angle_between(DQuat::from_rotation_z(0.5)) < 1e-9);
+    }
+
+    #[test]
+    fn held_up_is_the_mean_of_the_cameras_own() {
+        // Rolled by 10° to either side of a camera whose y points along −z.
+        let level = DQuat::from_rotation_x(-0.5 * std::f64::consts::PI);
+        let rolled = [-10.0, 10.0].map(|deg: f64| level * DQuat::from_rotation_z(deg.to_radians()));
+        assert!((held_up(rolled.into_iter()) - DVec3::Z).length() < 1e-12);
+        assert_eq!(held_up(std::iter::empty()), DVec3::Z);
     }
 }

@@ -31,7 +31,7 @@ pub struct FoundLight {
     pub place_m: Option<[f64; 3]>,
     pub middle_m: Option<[f64; 3]>,
     pub up: Option<[f64; 3]>,
-    /// The recording does not say where up is: it is what cameras had above them.
+    /// Up was estimated: the cameras' own up, refined by level surfaces.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub guessed_up: bool,
     /// The share of all directions, and of those above the horizon, of which anything was seen.

@@ -79,10 +79,11 @@ pub use written::{check_folder, check_writable};
 
 use std::time::Instant;
 
-use glam::DVec3;
+use glam::DQuat;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Geometry;
+use crate::pose::held_up;
 use crate::recording::Recording;
 use across::OfPair;
 use depths::Depths;
@@ -169,6 +170,7 @@ pub fn analyse(
     let light = match is_placed {
         true => {
             let factors = artefact::filled(&gains_of);
+            let rotation = |state: &State| DQuat::from_mat3(&state.world_from_camera.matrix3);
             let known = light::Known {
                 recording,
                 eye: &eye,
@@ -176,7 +178,7 @@ pub fn analyse(
                 states,
                 later_s,
                 gains: &factors,
-                up: recording.up.unwrap_or_else(|| held_up(states)),
+                up: recording.up.unwrap_or_else(|| held_up(states.iter().flatten().map(rotation))),
                 threads,
             };
             let work = || part.stage(|| light::of_recording(&known, None, &mut times));
@@ -198,12 +200,6 @@ pub fn analyse(
     let told_of = told_of.ok_or(no_gain);
     let found = artefact::Found { gain: told_of, gains: &gains_of, across, exposed, spread, tone, light };
     Ok((Analysis::new(recording, camera, &registration, found), times))
-}
-
-/// What cameras had above them, where nobody says where up is.
-fn held_up(states: &[Option<State>]) -> DVec3 {
-    let above = |state: &State| state.world_from_camera.transform_vector3(DVec3::NEG_Y);
-    states.iter().flatten().map(above).sum::<DVec3>().normalize_or(DVec3::Z)
 }
 
 /// What one more pass over the recording gives.

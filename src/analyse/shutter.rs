@@ -5,9 +5,9 @@
 //! differ, has its least value at the exposure. The recording's is the median of the frames that say it clearly, unless a run of
 //! them differs by more than a fifth. It is refused where too few do: a camera at rest, or one that moves evenly.
 //!
-//! What is found is the exposure that explains the blur by the motion that is known. Where frames lie far apart and no pose
-//! between them, that motion is a mean over two intervals, slower than the camera's, and the exposure comes out longer by as
-//! much: the blur that it draws is right. Without times the exposure is a share of the nominal interval.
+//! The estimate is the exposure that explains the blur by the known motion. If frames are far apart without poses between
+//! them, that motion is a mean over two intervals and too slow, and the exposure comes out too long. Rendered blur still
+//! matches, because the two errors cancel. Without timestamps the exposure is a fraction of the nominal interval.
 //!
 //! Not modelled: exposures that differ between the two frames of a pair. A frame is compared with slower ones, whose blur says
 //! little, so it is mostly its own that is found.

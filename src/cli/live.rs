@@ -16,7 +16,7 @@ use locard_engine::live::{Came, Live, Next, Tracking, Writer};
 use locard_engine::recording::recorder::{Recorder, discard};
 use locard_engine::shot::{Given, Shot, ShotError};
 use locard_engine::sink::{self, OutPath, Sink, SinkError, SinkOptions};
-use locard_engine::source::video::Presentation;
+use locard_engine::source::presentation::Presentation;
 use locard_engine::unfinished::MadeFolder;
 use locard_engine::webcam::monotonic_s;
 use locard_engine::words::{count, fixed};

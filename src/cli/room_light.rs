@@ -128,11 +128,12 @@ pub fn run(args: &Args) -> Result<()> {
     let mut corrected = None;
     if !args.white.is_empty() {
         let upward = own::upward(&lighting, place, turned).light();
-        let (correction, about) = white::correction(&shot, &args.white, &lighting, upward, light.between)?;
-        // A person's own panorama is not written anew.
-        let correction = if args.environment.is_some() { correction.untinted() } else { correction };
+        // The user's own panorama is not written anew, so that its colours stay.
+        let keeps_colours = args.environment.is_some();
+        let (correction, about) =
+            white::correction(&shot, &args.white, &lighting, (upward, light.between), keeps_colours)?;
         correction.apply(&mut file.light);
-        corrected = Environment::of(&correction.tinted(&around.rgb));
+        corrected = Some(Environment::of(&correction.tinted(&around.rgb)).context("the corrected panorama")?);
         lines.extend(about);
     }
     let around = corrected.as_ref().unwrap_or(around);

@@ -10,7 +10,7 @@ use super::parts::Pictures;
 use super::{Recording, own};
 use crate::camera::Geometry;
 use crate::frame::FrameExposure;
-use crate::source::video::Presentation;
+use crate::source::presentation::Presentation;
 use crate::tracking::PoseTrack;
 
 impl Recording {

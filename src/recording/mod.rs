@@ -44,7 +44,7 @@ pub use frames::Frames;
 use crate::camera::Geometry;
 use crate::frame::{FrameExposure, SeenBrightness, interval_s};
 use crate::pose::Pose;
-use crate::source::video::Presentation;
+use crate::source::presentation::Presentation;
 use crate::source::{SourceError, still, unsupported};
 use crate::tracking::{NoPose, PoseTrack};
 use depth::Depth;

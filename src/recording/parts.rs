@@ -16,8 +16,9 @@ use crate::params::{ParamError, Params, Value};
 use crate::pose::Pose;
 use crate::source::exif::{self, Exif};
 use crate::source::orientation::Orientation;
+use crate::source::presentation::Presentation;
 use crate::source::still::{self, Header};
-use crate::source::video::{Presentation, Video};
+use crate::source::video::Video;
 use crate::tracking::{PoseTrack, default_max_gap_s, median_interval_s};
 use crate::words;
 

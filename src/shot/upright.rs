@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::Shot;
-use crate::pose::Pose;
+use crate::pose::held_up;
 
 /// Surfaces that lean by less from what cameras had above them are floors and tables (cosine of 50°: people look down at them).
 const LEVEL: f64 = 0.643;
@@ -14,17 +14,17 @@ impl Shot {
         self.scene.up_in_world.or(self.recording.up)
     }
 
-    /// What the cameras had above them on the mean, unit length; z without any.
+    /// Up by how the recording's cameras were held ([`held_up`]).
     pub fn held_up(&self) -> DVec3 {
-        let above = |(_, pose): &(f64, Pose)| pose.world_from_camera_rotation() * DVec3::NEG_Y;
-        self.recording.track.poses().iter().map(above).sum::<DVec3>().normalize_or(DVec3::Z)
+        held_up(self.recording.track.poses().iter().map(|(_, pose)| pose.world_from_camera_rotation()))
     }
 
-    /// Up for the first object of a scene on a surface whose normal faces the camera: the normal, if the surface is level or
-    /// seen by a camera that is mounted upside down, else what cameras had above them. Unit length.
+    /// Up for the first object of a scene on a surface with this normal: the normal on its upper side, if the surface is nearly
+    /// level, else [`Shot::held_up`]. Unit length.
     pub fn up_on(&self, normal: Option<DVec3>) -> DVec3 {
         let held = self.held_up();
-        normal.filter(|normal| normal.dot(held).abs() > LEVEL).unwrap_or(held)
+        let upper = normal.map(|normal| if normal.dot(held) < 0.0 { -normal } else { normal });
+        upper.filter(|normal| normal.dot(held) > LEVEL).unwrap_or(held)
     }
 }
 
@@ -42,10 +42,9 @@ mod tests {
         assert_eq!(shot.up(), Some(DVec3::Z));
         let held = shot.held_up();
         assert!((0.7..0.99).contains(&held.z), "{held}");
-        // A camera that hangs upside down sees the floor's upper side, too: that is where things stand.
         let lean = DVec3::new(0.02, 0.01, 1.0).normalize();
         for normal in [lean, -lean] {
-            assert_eq!(shot.up_on(Some(normal)), normal);
+            assert_eq!(shot.up_on(Some(normal)), lean);
         }
         assert_eq!([shot.up_on(Some(held.any_orthonormal_vector())), shot.up_on(None)], [held, held]);
     }

@@ -10,7 +10,7 @@ use super::render::Picture;
 use super::{Format, SimulateError, Simulation};
 use crate::pixels::Pixels;
 use crate::sink::{self, OutPath, Sink, SinkOptions};
-use crate::source::video::Presentation;
+use crate::source::presentation::Presentation;
 use crate::tracking::PoseTrack;
 
 pub const CODES_PER_METRE: f64 = 1000.0;

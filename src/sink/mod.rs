@@ -18,7 +18,7 @@ use std::sync::Arc;
 use self::atomic::Place;
 use crate::pixels::{Codes, Pixels};
 use crate::source::ffmpeg::FfmpegError;
-use crate::source::video::Presentation;
+use crate::source::presentation::Presentation;
 use crate::words::reason;
 
 /// Where finished frames go, in order.

@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     fn plain() -> SinkOptions {
-        let presentation = crate::source::video::Presentation::default();
+        let presentation = crate::source::presentation::Presentation::default();
         SinkOptions {
             force: false,
             fps: 30.0,

@@ -10,6 +10,7 @@ mod index;
 pub mod jpeg;
 pub mod jpeg_tables;
 pub mod orientation;
+pub mod presentation;
 pub mod still;
 pub mod unsupported;
 pub mod video;

@@ -10,9 +10,9 @@ use serde::{Deserialize, Serialize};
 
 use super::ffmpeg::{self, FfmpegError};
 use super::index::{Entry, Index};
-use super::orientation::Orientation;
+use super::presentation::{Presentation, ProbedPresentation};
 use super::{SourceError, file as plain, unsupported};
-use crate::words::{fixed, quoted};
+use crate::words::{count, fixed};
 
 /// Advice about a damaged file.
 pub(super) const MEND: &str =
@@ -66,159 +66,6 @@ pub struct Overrides {
     pub matrix: Option<ColorMatrix>,
 }
 
-/// How a file's pictures are meant to be shown, as far as the file says it. Nothing of it is applied when they are read.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Presentation {
-    pub orientation: Orientation,
-    /// Width to height of a pixel. `None` if it is square.
-    pub pixel_aspect: Option<(u32, u32)>,
-    /// ffprobe's names of the transfer function and the primaries.
-    pub transfer: Option<&'static str>,
-    pub primaries: Option<&'static str>,
-}
-
-/// Each with what people call it, where it is far from the response of a usual camera.
-const TRANSFERS: [(&str, Option<&str>); 16] = [
-    ("bt709", None),
-    ("smpte170m", None),
-    ("smpte240m", None),
-    ("bt470m", None),
-    ("iec61966-2-1", None),
-    ("iec61966-2-4", None),
-    ("bt2020-10", None),
-    ("bt2020-12", None),
-    ("smpte2084", Some("PQ (high dynamic range)")),
-    ("arib-std-b67", Some("HLG (high dynamic range)")),
-    ("linear", Some("linear light")),
-    ("log100", Some("a logarithmic scale of 100:1")),
-    ("log316", Some("a logarithmic scale of 316:1")),
-    ("bt470bg", Some("a gamma of 2.8")),
-    ("smpte428", Some("a gamma of 2.6 (digital cinema)")),
-    ("bt1361e", Some("the extended gamut of BT.1361")),
-];
-const PRIMARIES: [&str; 10] =
-    ["bt709", "bt470m", "bt470bg", "smpte170m", "smpte240m", "film", "bt2020", "smpte428", "smpte431", "smpte432"];
-/// ffprobe's names of a tag that says nothing.
-const UNSAID: [&str; 3] = ["unknown", "unspecified", "reserved"];
-
-/// The tag of that name among those that can be written again.
-fn known(names: impl IntoIterator<Item = &'static str>, text: Option<&str>) -> Option<&'static str> {
-    names.into_iter().find(|name| text == Some(*name))
-}
-
-impl Presentation {
-    fn of(stream: &ProbedStream) -> Self {
-        let aspect = stream.sample_aspect_ratio.as_deref().and_then(|text| text.split_once(':'));
-        let aspect = aspect.and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
-        Self {
-            orientation: stream.side_data_list.iter().find_map(SideData::orientation).unwrap_or_default(),
-            pixel_aspect: aspect.filter(|(width, height)| *width > 0 && *height > 0 && width != height),
-            transfer: known(TRANSFERS.map(|(name, _)| name), stream.color_transfer.as_deref()),
-            primaries: known(PRIMARIES, stream.color_primaries.as_deref()),
-        }
-    }
-
-    /// Whether its transfer function is one of high dynamic range.
-    pub fn is_hdr(&self) -> bool {
-        matches!(self.transfer, Some("arib-std-b67" | "smpte2084"))
-    }
-
-    /// What people call a transfer function that is not a usual camera's.
-    fn unusual_transfer(&self) -> Option<&'static str> {
-        TRANSFERS.iter().find(|(name, _)| self.transfer == Some(*name))?.1
-    }
-
-    /// What pictures that are recorded of it, without its tags, do not say. `None` if that is nothing.
-    pub fn lost_without_tags(&self) -> Option<String> {
-        let shown =
-            (self.orientation != Orientation::default()).then(|| format!("should be shown {}", self.orientation));
-        let pixels = self.pixel_aspect.map(|(width, height)| format!("has pixels of {width}:{height}"));
-        let transfer = self.unusual_transfer().map(|transfer| format!("is in {transfer}"));
-        let primaries = self.primaries.filter(|name| *name == "bt2020").map(|name| format!("has the primaries {name}"));
-        let lost: Vec<String> = [shown, pixels, transfer, primaries].into_iter().flatten().collect();
-        (!lost.is_empty()).then(|| {
-            format!(
-                "says that it {}; pictures recorded of it do not keep that, and their code values are taken for the \
-                 camera's usual ones: name the video in a recording.toml instead ([frames] video)",
-                lost.join(" and ")
-            )
-        })
-    }
-
-    /// What is not applied, a sentence each.
-    fn warnings(&self) -> Vec<String> {
-        let mut warnings = Vec::new();
-        if self.orientation != Orientation::default() {
-            let shown = self.orientation;
-            warnings.push(format!(
-                "says it should be shown {shown}; it is read as stored; a .mp4 that is written says so too, and players show \
-                 it so; a .mkv has no such mark, and players show it as stored: write a .mp4"
-            ));
-        }
-        if let Some((width, height)) = self.pixel_aspect {
-            warnings.push(format!(
-                "its pixels are not square but {width}:{height}; they are read as stored, and a video that is written says so \
-                 too (the camera's fx_px and fy_px differ by that)"
-            ));
-        }
-        if let Some(transfer) = self.unusual_transfer() {
-            let name = self.transfer.unwrap_or_default();
-            let to_do = match self.is_hdr() {
-                true => {
-                    "convert it first: ffmpeg -i FILE -vf zscale=t=linear:npl=100,tonemap=hable,zscale=p=bt709:t=bt709:\
-                     m=bt709:r=tv,format=yuv420p -crf 12 NEW.mp4"
-                }
-                false => "give the profile a response of that kind ([camera.response]), or convert it first",
-            };
-            warnings.push(format!(
-                "is in {transfer}; its code values are taken for the camera's usual ones, so that the light on objects is \
-                 wrong, and a video that is written is tagged {name} too; {to_do}"
-            ));
-        }
-        warnings
-    }
-}
-
-impl ProbedStream {
-    /// Tags that cannot be written again, a sentence each.
-    fn unknown_tags(&self, presentation: &Presentation) -> Vec<String> {
-        let tags = [
-            ("transfer function", &self.color_transfer, presentation.transfer),
-            ("primaries", &self.color_primaries, presentation.primaries),
-        ];
-        let unknown = tags.into_iter().filter_map(|(what, said, known)| {
-            let said = said.as_deref().filter(|said| known.is_none() && !UNSAID.contains(said))?;
-            Some(format!(
-                "is tagged with the {what} {}, which is not known; a video that is written has the usual tag",
-                quoted(said)
-            ))
-        });
-        unknown.collect()
-    }
-}
-
-impl SideData {
-    /// By the display matrix, else by the angle alone.
-    fn orientation(&self) -> Option<Orientation> {
-        let of_angle = |rotation_deg| Orientation { is_mirrored: false, rotation_deg };
-        match self.displaymatrix.as_deref().and_then(display_matrix) {
-            Some(matrix) => Orientation::of_matrix(matrix),
-            None => self.rotation.map(of_angle),
-        }
-    }
-}
-
-/// The left upper part of a display matrix, as ffprobe writes it: three lines `number: a b u`.
-fn display_matrix(text: &str) -> Option<[f64; 4]> {
-    let row = |line: &str| -> Option<[f64; 2]> {
-        let mut words = line.split_once(':')?.1.split_whitespace();
-        Some([words.next()?.parse().ok()?, words.next()?.parse().ok()?])
-    };
-    let mut rows = text.trim().lines().map(row);
-    let ([a, b], [c, d]) = (rows.next()??, rows.next()??);
-    Some([a, b, c, d])
-}
-
 /// A video file that has been probed.
 #[derive(Clone, Debug)]
 pub struct Video {
@@ -257,15 +104,12 @@ struct ProbedStream {
     pix_fmt: Option<String>,
     color_range: Option<String>,
     color_space: Option<String>,
-    color_transfer: Option<String>,
-    color_primaries: Option<String>,
-    sample_aspect_ratio: Option<String>,
     avg_frame_rate: Option<String>,
     /// The unit of the packets' `pts`, seconds.
     time_base: Option<String>,
     field_order: Option<String>,
-    #[serde(default)]
-    side_data_list: Vec<SideData>,
+    #[serde(flatten)]
+    presentation: ProbedPresentation,
 }
 
 #[derive(Deserialize)]
@@ -273,12 +117,6 @@ struct Tags {
     /// The time when the stream ends, hours:minutes:seconds (Matroska).
     #[serde(rename = "DURATION")]
     duration: Option<String>,
-}
-
-#[derive(Deserialize)]
-struct SideData {
-    rotation: Option<f64>,
-    displaymatrix: Option<String>,
 }
 
 #[derive(Default, Deserialize)]
@@ -381,11 +219,11 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
         _ if format.starts_with("yuvj") || format.starts_with("gray") || is_rgb(format) => ColorRange::Full,
         _ => ColorRange::Limited,
     };
-    let presentation = Presentation::of(stream);
+    let presentation = Presentation::of(&stream.presentation);
     let mut warnings: Vec<String> = presentation
         .warnings()
         .iter()
-        .chain(&stream.unknown_tags(&presentation))
+        .chain(&stream.presentation.unknown_tags(&presentation))
         .map(|warning| format!("{}: {warning}", file.display()))
         .collect();
     if matches!(stream.field_order.as_deref(), Some("tt" | "bb" | "tb" | "bt")) {
@@ -422,7 +260,7 @@ fn whole(stream: &ProbedStream, packets: &[Packet], container: &Container) -> Re
     let last_s = times.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let of_tags = || stream.tags.as_ref().and_then(|tags| seconds(tags.duration.as_deref()?));
     let (promised_s, interval_s) = match is_avi {
-        true => (promised.zip(slot_s).map(|(count, slot_s)| count as f64 * slot_s), mean_interval_s(&times)),
+        true => (promised.zip(slot_s).map(|(count, slot_s)| count as f64 * slot_s), mean_interval_s(&times).or(slot_s)),
         false => (of_tags(), slot_s),
     };
     if let (Some(promised_s), Some(interval_s)) = (promised_s, interval_s)
@@ -431,8 +269,9 @@ fn whole(stream: &ProbedStream, packets: &[Packet], container: &Container) -> Re
     {
         let end_s = last_s + interval_s;
         return Err(format!(
-            "ends after {} s ({there} frames), and says that it lasts {} s: {WHAT_TO_DO}",
+            "ends after {} s ({}), and says that it lasts {} s: {WHAT_TO_DO}",
             fixed(end_s, 3),
+            count(there, "frame"),
             fixed(promised_s, 3)
         ));
     }
@@ -519,6 +358,7 @@ fn more_than_8_bits(format: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::orientation::Orientation;
     use super::*;
     use proptest::prelude::*;
 
@@ -681,6 +521,7 @@ mod tests {
         let times_s = avi(12).unwrap().timestamps_s;
         assert_eq!(times_s.len(), 12);
         assert!(times_s.iter().enumerate().all(|(i, time_s)| (time_s - i as f64 / 30.0).abs() < 1e-6), "{times_s:?}");
+        assert!(avi(1).unwrap_err().contains("ends after 0.017 s (1 frame)"));
         let error = avi(9).unwrap_err();
         assert!(error.starts_with("v.avi: ends after 0.300 s (9 frames), and says that it lasts 0.400 s"), "{error}");
     }

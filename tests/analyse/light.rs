@@ -289,7 +289,8 @@ fn by_lamps_and_a_panorama(folder: &tempfile::TempDir, found: &Analysis) {
     assert_eq!((table.environment_rotation_deg, table.lamp.len()), (Some(30.0), 0));
     // White paper says the rest, by the same key.
     let intensity = table.environment_intensity.unwrap();
-    asked(&["--environment", sky.to_str().unwrap(), "--turn", "30", "--white", "6:267,139"]);
+    let told = asked(&["--environment", sky.to_str().unwrap(), "--turn", "30", "--white", "6:267,139"]);
+    assert!(told.contains("by colour 1.00, 1.00, 1.00"), "its colours stay: {told}");
     let factor = written().environment_intensity.unwrap() / intensity;
     assert!((0.4..2.5).contains(&factor) && factor != 1.0, "{factor}");
     assert!(denied(&["--environment", &at("none.hdr")]).contains("none.hdr"));

@@ -6,7 +6,7 @@ use locard::frame::Frame;
 use locard::pixels::Pixels;
 use locard::recording::{OpenOptions, Recording};
 use locard::sink::{self, OutPath, SinkOptions};
-use locard::source::video::Presentation;
+use locard::source::presentation::Presentation;
 
 /// A picture with pseudo-random codes, which differ in every frame.
 pub fn picture(frame: usize, width: u32, height: u32, bits: u32) -> Pixels {

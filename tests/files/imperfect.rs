@@ -11,8 +11,8 @@ use locard::pixels::Pixels;
 use locard::recording::{OpenOptions, Recording};
 use locard::sink::SinkOptions;
 use locard::source::orientation::Orientation;
+use locard::source::presentation::Presentation;
 use locard::source::still;
-use locard::source::video::Presentation;
 
 /// Pictures of 8×6 px in `images/` under these names.
 fn pictures(folder: &Path, names: &[&str]) {

@@ -1,5 +1,4 @@
-//! The directions of the panorama that nobody saw, so that it gives the light that is known at its
-//! centre.
+//! Fills unseen texels of the panorama so that its upward irradiance equals the white level.
 //!
 //! The irradiance of matt surfaces follows E(n)/E(up) = 0.4 + 0.6·(1 + n·up)/2, as measured on
 //! pillars, cartons, books and paper on walls (0.55 to 0.85 of E(up) where n is level). Radiance
@@ -23,8 +22,8 @@ pub fn even(white: [f64; 3]) -> Vec<[f32; 3]> {
     (0..WIDTH * HEIGHT).map(|n| white.map(|white| (at(n) * white) as f32)).collect()
 }
 
-/// What was seen, with light above the horizon so that matt white that faces up shows `white`, and
-/// the median of what was seen below it. `None` where the seen part contradicts the white level.
+/// The panorama with unseen texels filled: above the horizon so that matt white that faces up shows
+/// `white`, below it with the median of all seen texels. `None` where the seen part contradicts the white level.
 pub fn filled(seen: &Seen, white: [f64; 3]) -> Option<Vec<[f32; 3]>> {
     let by_seen = upward(&seen.iter().map(|light| light.unwrap_or_default()).collect::<Vec<_>>());
     let is_open = |n: &usize| seen[*n].is_none() && direction(*n).y > 0.0;

@@ -18,7 +18,7 @@ pub struct RoomLight {
     /// The panorama's centre, in free space over it.
     pub middle_m: [f64; 3],
     pub up: [f64; 3],
-    /// Whether up is only what cameras had above them.
+    /// Whether up was estimated: the cameras' own up, refined by level surfaces.
     pub is_up_guessed: bool,
     /// Of all directions, and of those above the horizon.
     pub seen_share: f64,

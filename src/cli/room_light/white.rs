@@ -41,18 +41,19 @@ pub struct Correction {
 
 /// The correction that the picks imply, and lines about it. Several picks have their geometric
 /// mean. `upward`: what white matt that looks up shows; `between`: factors between which the
-/// footage says that the light lies.
+/// footage says that the light lies; `keeps_colours`: only the brightness is corrected.
 pub fn correction(
     shot: &Shot,
     picks: &[ReferencePick],
     lighting: &Lighting,
-    upward: Vec3,
-    between: Option<[f64; 2]>,
+    (upward, between): (Vec3, Option<[f64; 2]>),
+    keeps_colours: bool,
 ) -> Result<(Correction, Vec<(&'static str, String)>)> {
     let whites = shot.white_at(picks, lighting).map_err(|(n, error)| anyhow!(error).context(named(&picks[n])))?;
     let mut lines: Vec<_> = picks.iter().zip(&whites).map(|(pick, white)| ("white", about(pick, white))).collect();
     let factors: Vec<[f64; 3]> = whites.iter().map(|white| white.factors).collect();
     let (correction, [low, high]) = together(&factors);
+    let correction = if keeps_colours { correction.untinted() } else { correction };
     let Correction { scale, tint } = correction;
     let times = |by: f64| fixed(by, 2);
     let colours = tint.map(times).join(", ");
