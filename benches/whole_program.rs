@@ -17,7 +17,7 @@ use locard::gpu::Gpu;
 use locard::recording::{OpenOptions, Recording, RecordingError};
 use locard::sink::raw::RawSink;
 use locard::sink::{Sink, SinkOptions};
-use locard::source::video::Presentation;
+use locard::source::presentation::Presentation;
 
 const WIDTH: u32 = 640;
 const HEIGHT: u32 = 480;
