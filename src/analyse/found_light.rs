@@ -49,6 +49,9 @@ pub struct FoundLight {
     pub halves_deg: Option<f64>,
     /// Why no lamp is claimed.
     pub no_lamp: Option<String>,
+    /// Why environment.hdr is even light instead of what was seen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub no_panorama: Option<String>,
     /// SHA-256 of environment.hdr, hexadecimal.
     pub panorama: Option<String>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -85,6 +88,7 @@ impl FoundLight {
             halves_explain: light.and_then(|light| light.halves_explain).map(|share| short([share])[0]),
             halves_deg: light.and_then(|light| light.halves_deg).map(|deg| short([deg])[0]),
             no_lamp: light.and_then(|light| light.no_lamp.clone()),
+            no_panorama: light.and_then(|light| light.no_panorama.clone()),
             panorama: around.map(Environment::fingerprint),
             lamps: light.map_or(Vec::new(), |light| light.lamps.iter().map(lamp).collect()),
         }
@@ -124,7 +128,7 @@ impl FoundLight {
                 height: around.height,
                 rgb: Arc::clone(&around.rgb),
                 map_from_world,
-                intensity: 1.0,
+                color: Vec3::ONE,
             }),
         })
     }
@@ -152,6 +156,9 @@ impl FoundLight {
             ),
         };
         let mut lines = vec![("light", light)];
+        lines.extend(
+            self.no_panorama.iter().map(|why| ("panorama", format!("even light instead of what was seen: {why}"))),
+        );
         let halves = self.halves_deg.zip(self.halves_explain).map_or(String::new(), |(deg, share)| {
             format!(
                 "; halves of the frames {}° apart, each explains {} % of the other or more",

@@ -24,8 +24,8 @@ pub struct Stop {
     pub is_alone: bool,
 }
 
-/// Poses by time, strictly ascending. Half a `usual_s` before the first frame and after the last the camera moves on as there,
-/// so that their exposures lie within. Across more than `most_s` there is nothing. Frames of one time give the first's pose. `way`: what
+/// Poses by time, strictly ascending. For one `usual_s` before the first frame and after the last the camera moves on as there,
+/// so that their exposures and their depth's moments lie within. Across more than `most_s` there is nothing. Frames of one time give the first's pose. `way`: what
 /// is followed between the frames, if it is the recorded one.
 pub fn poses(stops: &[Stop], usual_s: f64, most_s: f64, way: Option<&RecordedWay<'_>>) -> Vec<(f64, Pose)> {
     let mut out: Vec<(f64, Pose)> = Vec::new();
@@ -42,13 +42,13 @@ pub fn poses(stops: &[Stop], usual_s: f64, most_s: f64, way: Option<&RecordedWay
         followed.unwrap_or_else(|| on(stop, by_s))
     };
     let steps = |within_s: f64| way.map_or(PER_INTERVAL, |way| way.steps(within_s).max(PER_INTERVAL));
-    let half = steps(usual_s) / 2;
+    let beyond = steps(usual_s);
     let step_s = usual_s / steps(usual_s) as f64;
     for (n, stop) in stops.iter().enumerate() {
         let is_joined = |a: &Stop, b: &Stop| b.time_s - a.time_s <= most_s;
         let before = n.checked_sub(1).map(|b| &stops[b]);
         if before.is_none_or(|before| !is_joined(before, stop)) {
-            (1..=half).rev().for_each(|k| put(stop.time_s - k as f64 * step_s, beside(stop, -(k as f64) * step_s)));
+            (1..=beyond).rev().for_each(|k| put(stop.time_s - k as f64 * step_s, beside(stop, -(k as f64) * step_s)));
         }
         put(stop.time_s, stop.state.world_from_camera);
         match stops.get(n + 1).filter(|next| is_joined(stop, next)) {
@@ -73,7 +73,7 @@ pub fn poses(stops: &[Stop], usual_s: f64, most_s: f64, way: Option<&RecordedWay
                     put(stop.time_s + share * interval_s, at);
                 }
             }
-            None => (1..=half).for_each(|k| put(stop.time_s + k as f64 * step_s, beside(stop, k as f64 * step_s))),
+            None => (1..=beyond).for_each(|k| put(stop.time_s + k as f64 * step_s, beside(stop, k as f64 * step_s))),
         }
     }
     out
@@ -98,11 +98,10 @@ mod tests {
     fn a_way_goes_through_its_stops_and_a_little_beyond() {
         let stops = [stop(0.0, 0.0, 1.0, false), stop(0.1, 0.1, 1.0, false), stop(0.9, 5.0, 2.0, false)];
         let track = PoseTrack::new(poses(&stops, 0.1, 0.3, None), 0.1).unwrap();
-        for (time_s, expected) in [(-0.05, -0.05), (0.0, 0.0), (0.0625, 0.0625), (0.15, 0.15), (0.85, 4.9), (0.95, 5.1)]
-        {
+        for (time_s, expected) in [(-0.1, -0.1), (0.0, 0.0), (0.0625, 0.0625), (0.2, 0.2), (0.8, 4.8), (1.0, 5.2)] {
             assert!((x(&track, time_s) - expected).abs() < 1e-12, "{time_s}: {}", x(&track, time_s));
         }
-        assert!(track.at(0.5).is_err() && track.at(-0.06).is_err());
+        assert!(track.at(0.5).is_err() && track.at(-0.11).is_err());
     }
 
     #[test]

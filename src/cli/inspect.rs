@@ -353,5 +353,5 @@ fn one_frame(args: &Args, shot: Shot, frame: usize, out: &mut impl Write) -> Res
     pose?;
     let metres_per_unit = args.metres_per_unit.or(recording.kind.is_metric().then_some(1.0));
     let asked = Asked { picks: &args.picks, distance_m: args.distance, metres_per_unit };
-    pick::show(&Picker::new(&shot, frame, args.plane)?, &asked, out)
+    pick::show(&Picker::new(&shot, frame, args.plane, Shot::surface_at)?, &asked, out)
 }

@@ -86,19 +86,24 @@ impl Picked {
     }
 }
 
+/// Finds the surface at a place of a frame's picture, px.
+pub type SurfaceAt = fn(&Shot, &Frame, DVec2) -> Result<Surface, SurfaceError>;
+
 /// Finds points in a frame of a recording.
 pub struct Picker<'a> {
     pub shot: &'a Shot,
     pub frame: usize,
     /// Overrides depth.
     pub plane: Option<[f64; 4]>,
+    surface_at: SurfaceAt,
     picture: OnceCell<Frame>,
 }
 
 impl<'a> Picker<'a> {
-    pub fn new(shot: &'a Shot, frame: usize, plane: Option<[f64; 4]>) -> Result<Self> {
+    /// `surface_at`: [`Shot::surface_at`] to measure, [`Shot::placement_surface`] to place something.
+    pub fn new(shot: &'a Shot, frame: usize, plane: Option<[f64; 4]>, surface_at: SurfaceAt) -> Result<Self> {
         super::check_frame(frame, shot.recording.frame_count())?;
-        Ok(Self { shot, frame, plane, picture: OnceCell::new() })
+        Ok(Self { shot, frame, plane, surface_at, picture: OnceCell::new() })
     }
 
     pub fn find(&self, pick: &Pick) -> Result<Picked> {
@@ -131,7 +136,7 @@ impl<'a> Picker<'a> {
         if let Some(floor) = self.shot.floor().filter(|_| picture.depth.is_none()) {
             return on(floor.numbers());
         }
-        let surface = self.shot.surface_at(picture, pick.at_px)?;
+        let surface = (self.surface_at)(self.shot, picture, pick.at_px)?;
         Ok(Picked { point_m: surface.point_m, known: Known::Depth(surface) })
     }
 }

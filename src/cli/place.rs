@@ -90,7 +90,7 @@ pub fn run(args: &Args) -> Result<()> {
         true => scene::document::read(&args.scene)?,
         false => Document::new(SceneFile::default()).context("a new scene")?,
     };
-    let picked = Picker::new(&shot, args.frame, args.plane)?.find(&args.at)?;
+    let picked = Picker::new(&shot, args.frame, args.plane, Shot::placement_surface)?.find(&args.at)?;
     let mut file = document.value().clone();
     let file_up = file.up;
     // Nothing stands yet that would turn with it.

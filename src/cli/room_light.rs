@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail};
 use glam::Vec3;
 
 use super::tell;
-use locard_engine::analyse::{Analysis, Environment, beside, panorama_beside};
+use locard_engine::analyse::{Analysis, beside, panorama_beside};
 use locard_engine::export::Inputs;
 use locard_engine::recording::OpenOptions;
 use locard_engine::scene::document::{LightTable, Up};
@@ -125,18 +125,12 @@ pub fn run(args: &Args) -> Result<()> {
             light.put_into(&mut file, path, name).map_err(anyhow::Error::msg)?;
         }
     }
-    let mut corrected = None;
     if !args.white.is_empty() {
         let upward = own::upward(&lighting, place, turned).light();
-        // The user's own panorama is not written anew, so that its colours stay.
-        let keeps_colours = args.environment.is_some();
-        let (correction, about) =
-            white::correction(&shot, &args.white, &lighting, (upward, light.between), keeps_colours)?;
+        let (correction, about) = white::correction(&shot, &args.white, &lighting, (upward, light.between))?;
         correction.apply(&mut file.light);
-        corrected = Some(Environment::of(&correction.tinted(&around.rgb)).context("the corrected panorama")?);
         lines.extend(about);
     }
-    let around = corrected.as_ref().unwrap_or(around);
     document.set(file).context("the scene file")?;
     if args.environment.is_none() {
         write_atomically(&hdr, true, |out| out.write_all(&around.hdr))?;

@@ -59,7 +59,7 @@ pub fn sharp(map: &EnvironmentMap) -> Level {
 
 fn of_size(map: &EnvironmentMap, width: u32, height: u32) -> Level {
     let mut level = resampled((map.width, map.height, &map.rgb), width, height);
-    level.2.iter_mut().for_each(|texel| *texel *= map.intensity);
+    level.2.iter_mut().for_each(|texel| *texel *= map.color);
     level
 }
 
@@ -160,7 +160,7 @@ mod tests {
             height,
             rgb: std::sync::Arc::new(rgb),
             map_from_world: glam::Quat::IDENTITY,
-            intensity: 1.0,
+            color: Vec3::ONE,
         }
     }
 

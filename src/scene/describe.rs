@@ -64,7 +64,11 @@ pub fn describe(scene: &Scene) -> Description {
         Environment::Uniform(c) if c.x == c.y && c.y == c.z => format!("{} from everywhere", light(c.x)),
         Environment::Uniform(c) => format!("{} from everywhere", c.to_array().map(light).join(" ")),
         Environment::Map(map) => {
-            let factor = if map.intensity == 1.0 { String::new() } else { format!(", times {}", light(map.intensity)) };
+            let factor = match map.color {
+                Vec3::ONE => String::new(),
+                Vec3 { x, y, z } if x == y && y == z => format!(", times {}", light(x)),
+                color => format!(", times {}", color.to_array().map(light).join(" ")),
+            };
             format!("a panorama of {}x{} px{factor}", map.width, map.height)
         }
     };

@@ -180,6 +180,7 @@ pub struct LightTable {
     /// A panorama, relative to the scene file.
     pub environment: Option<String>,
     pub environment_intensity: Option<f64>,
+    pub environment_color: Option<Color>,
     pub environment_rotation_deg: Option<f64>,
     /// The panorama's, where that is another than the scene's.
     pub environment_up: Option<Up>,

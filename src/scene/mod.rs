@@ -4,6 +4,7 @@
 //! takes them to the world, including the change of axes.
 
 mod bytes;
+mod correction;
 mod describe;
 pub mod document;
 mod edit;
@@ -37,6 +38,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 
+pub use correction::LightCorrection;
 pub use describe::{Description, ObjectDescription, TextureDescription, bounds_m, describe, odd_size};
 pub use document::{Document, Entry, Gauge, SceneFile, Thing};
 pub use edit::Stance;
@@ -103,7 +105,7 @@ impl Scene {
         let shared = |a: &Arc<Mesh>, b: &Arc<Mesh>| Arc::ptr_eq(a, b) || a == b;
         let around = match (&self.lighting.environment, &other.lighting.environment) {
             (Environment::Map(a), Environment::Map(b)) if Arc::ptr_eq(&a.rgb, &b.rgb) => {
-                let placed = |map: &EnvironmentMap| (map.width, map.height, map.map_from_world, map.intensity);
+                let placed = |map: &EnvironmentMap| (map.width, map.height, map.map_from_world, map.color);
                 placed(a) == placed(b)
             }
             (a, b) => a == b,
@@ -326,8 +328,8 @@ pub struct EnvironmentMap {
     pub rgb: Arc<Vec<[f32; 3]>>,
     /// Takes a direction in the world to the panorama's axes: glTF's, y up, −z in the middle.
     pub map_from_world: glam::Quat,
-    /// Factor on the radiance.
-    pub intensity: f32,
+    /// Factor on the radiance: red, green, blue.
+    pub color: Vec3,
 }
 
 impl Default for Lighting {
@@ -368,7 +370,7 @@ mod tests {
             height: 1,
             rgb: Arc::new(vec![[1.0; 3]; 2]),
             map_from_world: glam::Quat::IDENTITY,
-            intensity: 1.0,
+            color: Vec3::ONE,
         };
         let scene = Scene {
             meshes: vec![Arc::new(Mesh { vertices: Vec::new(), indices: Vec::new(), material: 0 })],
@@ -396,7 +398,7 @@ mod tests {
             ("another mesh", &|scene| scene.meshes.push(scene.meshes[0].clone())),
             ("no panorama", &|scene| scene.lighting.environment = Environment::Uniform(Vec3::ONE)),
             ("panorama", &|scene| around(scene, EnvironmentMap { rgb: Arc::new(vec![[2.0; 3]; 2]), ..map.clone() })),
-            ("brighter panorama", &|scene| around(scene, EnvironmentMap { intensity: 2.0, ..map.clone() })),
+            ("brighter panorama", &|scene| around(scene, EnvironmentMap { color: Vec3::splat(2.0), ..map.clone() })),
         ];
         for (resource, change) in resources {
             assert!(!is_the_same(change), "{resource}");

@@ -247,6 +247,7 @@ fn environment(
     let Some(name) = &light.environment else {
         let unused = [
             ("environment_intensity", light.environment_intensity.is_some()),
+            ("environment_color", light.environment_color.is_some()),
             ("environment_rotation_deg", light.environment_rotation_deg.is_some()),
             ("environment_up", light.environment_up.is_some()),
         ];
@@ -259,8 +260,9 @@ fn environment(
     if light.ambient.is_some() {
         return Err(SceneError::bad(file, "light", "environment and ambient", "one of them"));
     }
-    let intensity = light.environment_intensity.unwrap_or(1.0) as f32;
-    positive(file, "light.environment_intensity", Vec3::splat(intensity))?;
+    let color = light.environment_color.map_or(Vec3::ONE, Vec3::from);
+    let color = color * light.environment_intensity.unwrap_or(1.0) as f32;
+    let color = positive(file, "light.environment_color · environment_intensity", color)?;
     let degrees = light.environment_rotation_deg.unwrap_or(0.0);
     if !degrees.is_finite() {
         return Err(SceneError::bad(file, "light.environment_rotation_deg", degrees, "a finite number"));
@@ -284,5 +286,5 @@ fn environment(
     let up = light.environment_up.map_or(Ok(world_up), |up| up.axis(file, "light.environment_up"))?;
     let world_from_map = DQuat::from_axis_angle(up, degrees.to_radians()) * turn_up(DVec3::Y, up);
     let map_from_world = world_from_map.conjugate().as_quat().normalize();
-    Ok(Some(Environment::Map(EnvironmentMap { width, height, rgb, map_from_world, intensity })))
+    Ok(Some(Environment::Map(EnvironmentMap { width, height, rgb, map_from_world, color })))
 }

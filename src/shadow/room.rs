@@ -405,7 +405,7 @@ mod tests {
             height: 32,
             rgb: (0..64 * 32).map(window).collect::<Vec<_>>().into(),
             map_from_world: Quat::IDENTITY,
-            intensity: 1.0,
+            color: Vec3::ONE,
         };
         let lighting = Lighting { environment: Environment::Map(map), ..Lighting::default() };
         let scene_of = |lighting: &Lighting| scene(lighting.clone(), DVec2::ZERO);

@@ -118,7 +118,7 @@ impl Around {
             }
             Environment::Map(map) => {
                 let mut level = resampled((map.width, map.height, &map.rgb), WIDTH, HEIGHT);
-                level.2.iter_mut().for_each(|texel| *texel *= map.intensity);
+                level.2.iter_mut().for_each(|texel| *texel *= map.color);
                 Self { level, world_from_map: Mat3::from_quat(map.map_from_world).transpose() }
             }
         }
@@ -395,7 +395,7 @@ mod tests {
             height: 8,
             rgb: rgb.into(),
             map_from_world: glam::Quat::from_rotation_x(0.3),
-            intensity: 2.0,
+            color: Vec3::splat(2.0),
         };
         let far = Around::new(&Environment::Map(map)).everywhere();
         let solid: f32 = far.iter().map(|far| far.solid_sr).sum();

@@ -1,8 +1,8 @@
 //! The real surface below each object: on it its shadow falls.
 //!
 //! Depth of a few frames, spread over the recording, makes points of the room. A plane through those around an object's foot
-//! is what it stands on (RANSAC, Fischler and Bolles 1981, then least squares). It is one and the same for all frames, so that
-//! nothing flickers. A foot within `SNAP_M` of it stands on it: a gap of the sensor's error would be a line of light.
+//! is what it stands on (RANSAC, Fischler and Bolles 1981, then least squares), or the dominant plane of the room that explains
+//! them as well (room_planes.rs). It is one and the same for all frames, so that nothing flickers. A foot within `SNAP_M` of it stands on it: a gap of the sensor's error would be a line of light.
 //!
 //! Where depth says nothing, it is the floor that the recording knows, or else the level plane through the foot.
 
@@ -10,10 +10,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::{DVec2, DVec3};
 
-use super::Shot;
 use super::facets::facets;
 use super::planes::{Point, agreed};
 use super::points::FittedPlane;
+use super::room_planes::{AROUND_M, RoomPlanes};
+use super::{Shot, Surface, SurfaceError};
 use crate::analyse::KnownBy;
 use crate::camera::Geometry;
 use crate::compositor::Compositor;
@@ -57,7 +58,7 @@ struct Known {
     looks: Vec<Look>,
     /// The first frame's camera, by which `points` were seen.
     camera: Option<Geometry>,
-    points: Vec<Point>,
+    measured: RoomPoints,
     /// Of the points, once it is asked for.
     room: Option<Arc<Room>>,
     last: Last,
@@ -81,6 +82,24 @@ impl Look {
         let DepthMap { width, height, depth_m, .. } = map;
         let depth_m = grid(*width, *height, across).map(|(x, y)| depth_m[(y * width + x) as usize]).collect();
         Self { frame, pose, width: *width, height: *height, across, depth_m }
+    }
+}
+
+/// Measured points of a room, and the dominant planes among them.
+#[derive(Debug, Default)]
+pub struct RoomPoints {
+    pub points: Vec<Point>,
+    planes: RoomPlanes,
+}
+
+impl RoomPoints {
+    fn of(points: Vec<Point>) -> Self {
+        Self { planes: RoomPlanes::of(&points), points }
+    }
+
+    /// Points at most so far from a place, metres.
+    fn around(&self, at_m: DVec3, within_m: f64) -> Vec<Point> {
+        self.points.iter().filter(|point| point.at_m.distance(at_m) < within_m).copied().collect()
     }
 }
 
@@ -115,23 +134,15 @@ impl Shot {
             return self.scene.objects.clone();
         }
         let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let camera = self.given_geometry_at(0);
-        let known = known.get_or_insert_with(|| {
-            let looks = self.looks();
-            Known { points: self.seen(&looks), looks, camera: camera.clone(), room: None, last: Last::default() }
-        });
-        if known.camera != camera {
-            (known.points, known.camera) = (self.seen(&known.looks), camera);
-            (known.room, known.last) = (None, Last::default());
-        }
+        let known = self.known(&mut known);
         if !known.last.is_of(&self.scene) {
             known.last = Last::default();
         }
         // While one thing is moved, the others' floors are known.
         let with_floor = |object: &Object| {
             let new = || {
-                let support = self.support_of(object, &known.points).map(|(support, _)| support);
-                let facets = support.map(|support| facets(&self.scene, object, &support, &known.points));
+                let support = self.support_of(object, &known.measured).map(|(support, _)| support);
+                let facets = support.map(|support| facets(&self.scene, object, &support, &known.measured.points));
                 Object { support, facets: facets.unwrap_or_default(), ..object.clone() }
             };
             known.last.found(object).unwrap_or_else(new)
@@ -140,6 +151,41 @@ impl Shot {
         let Scene { meshes, up_in_world, objects, .. } = &*self.scene;
         known.last = Last { meshes: meshes.clone(), up: *up_in_world, asked: objects.clone(), found: found.clone() };
         found
+    }
+
+    /// What is known of the room by the camera as it is now. The recording's depth is read on first use.
+    fn known<'a>(&self, known: &'a mut Option<Known>) -> &'a mut Known {
+        let camera = self.given_geometry_at(0);
+        let known = known.get_or_insert_with(|| {
+            let looks = self.looks();
+            let measured = RoomPoints::of(self.seen(&looks));
+            Known { measured, looks, camera: camera.clone(), room: None, last: Last::default() }
+        });
+        if known.camera != camera {
+            (known.measured, known.camera) = (RoomPoints::of(self.seen(&known.looks)), camera);
+            (known.room, known.last) = (None, Last::default());
+        }
+        known
+    }
+
+    /// The surface at a place of a frame's picture, as [`Shot::surface_at`] measures it, moved onto the dominant plane of the room
+    /// that explains it as well: what things are placed on. `share`, `sigma_m` remain those of the frame's own depth.
+    pub fn placement_surface(&self, frame: &Frame, at_px: DVec2) -> Result<Surface, SurfaceError> {
+        let surface = self.surface_at(frame, at_px)?;
+        let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let measured = &self.known(&mut known).measured;
+        let around = measured.around(surface.point_m, AROUND_M);
+        let normal = surface.normal_in_world;
+        let local = FittedPlane { normal, d_m: normal.dot(surface.point_m), off_m: surface.sigma_m, most_m: 0.0 };
+        let plane = measured.planes.settled(local, surface.point_m, &around);
+        let met = self.support_on_plane(frame.index, at_px, plane.numbers());
+        Ok(met.map_or(surface, |Support { point_m, normal }| Surface { point_m, normal_in_world: normal, ..surface }))
+    }
+
+    /// Up by the room's largest level surface, where depth shows one ([`RoomPlanes::up`]).
+    pub(super) fn up_of_room(&self, guess: DVec3) -> Option<DVec3> {
+        let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);
+        self.known(&mut known).measured.planes.up(guess)
     }
 
     /// Makes a compositor of the scene as it is now.
@@ -163,27 +209,28 @@ impl Shot {
             return None;
         }
         let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = known.as_mut().filter(|known| !known.points.is_empty())?;
+        let known = known.as_mut().filter(|known| !known.measured.points.is_empty())?;
         let of = |points: &[Point]| Arc::new(Room::of(points.iter().map(|point| point.at_m)));
-        Some(known.room.get_or_insert_with(|| of(&known.points)).clone())
+        Some(known.room.get_or_insert_with(|| of(&known.measured.points)).clone())
     }
 
-    /// Real things, whatever lights them: of the depth of frames spread over the recording, which is read anew.
+    /// Real things, whatever lights them. The recording's depth is read on first use.
     pub(super) fn solids(&self) -> Room {
-        Room::of(self.depth_points().iter().map(|point| point.at_m))
+        let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);
+        Room::of(self.known(&mut known).measured.points.iter().map(|point| point.at_m))
     }
 
     /// Points of the room, read anew.
-    pub(super) fn depth_points(&self) -> Vec<Point> {
-        self.seen(&self.looks())
+    pub(super) fn room_points(&self) -> RoomPoints {
+        RoomPoints::of(self.seen(&self.looks()))
     }
 
     /// What an object stands on, and where that is known from.
-    pub(super) fn support_of(&self, object: &Object, points: &[Point]) -> Option<(Support, KnownBy)> {
+    pub(super) fn support_of(&self, object: &Object, measured: &RoomPoints) -> Option<(Support, KnownBy)> {
         let floor = self.floor();
         let up = self.up()?;
         let foot = Foot::of(&self.scene, object, up)?;
-        let carried = foot.carried(points).map(|plane| (plane, KnownBy::Depth));
+        let carried = foot.carried(measured).map(|plane| (plane, KnownBy::Depth));
         let known = carried.or_else(|| {
             let is_near = |plane: &FittedPlane| foot.height_m(plane).abs() < BELOW_M;
             floor.filter(is_near).map(|plane| (plane, KnownBy::Recording))
@@ -199,7 +246,8 @@ impl Shot {
         let depth = frame.depth.as_ref()?;
         let look = Look::new(frame.index, self.measured_from(frame, depth).ok()?, depth, ACROSS_ALONE);
         let foot = Foot::of(&self.scene, object, up)?;
-        foot.carried(&self.seen(&[look])).map(|plane| foot.height_m(&plane))
+        foot.carried(&RoomPoints { points: self.seen(&[look]), ..RoomPoints::default() })
+            .map(|plane| foot.height_m(&plane))
     }
 }
 
@@ -308,15 +356,16 @@ impl Foot {
     }
 
     /// The plane of the points around that carries it: one that is near, or else one that it floats over.
-    fn carried(&self, points: &[Point]) -> Option<FittedPlane> {
-        self.carried_by(points, -NEAR_M..NEAR_M).or_else(|| self.carried_by(points, -BELOW_M..-NEAR_M))
+    fn carried(&self, measured: &RoomPoints) -> Option<FittedPlane> {
+        self.carried_by(measured, -NEAR_M..NEAR_M).or_else(|| self.carried_by(measured, -BELOW_M..-NEAR_M))
     }
 
     /// The plane that most of the points around agree on, among those in a range of heights over the foot, metres.
-    fn carried_by(&self, points: &[Point], heights_m: std::ops::Range<f64>) -> Option<FittedPlane> {
+    fn carried_by(&self, measured: &RoomPoints, heights_m: std::ops::Range<f64>) -> Option<FittedPlane> {
         let around_m = (AROUND * self.radius_m).clamp(LEAST_AROUND_M, MOST_AROUND_M);
         let foot = self.lowest(self.up);
-        let near: Vec<Point> = points
+        let near: Vec<Point> = measured
+            .points
             .iter()
             .filter(|point| {
                 let (off, height) = (point.at_m - foot, (point.at_m - foot).dot(self.up));
@@ -324,8 +373,9 @@ impl Foot {
             })
             .copied()
             .collect();
-        let plane = agreed(&near, |normal| normal.dot(self.up).abs() >= LEVEL)?;
-        Some(plane.facing(self.up))
+        let plane = agreed(&near, |normal| normal.dot(self.up).abs() >= LEVEL)?.facing(self.up);
+        let below_foot_m = foot - (plane.normal.dot(foot) - plane.d_m) / plane.normal.dot(self.up) * self.up;
+        Some(measured.planes.settled(plane, below_foot_m, &near).facing(self.up))
     }
 }
 
@@ -351,7 +401,7 @@ mod tests {
 
     #[test]
     fn a_thing_stands_on_the_table_and_not_on_the_box_beside_it() {
-        let plane = foot(0.004).carried_by(&room(), -NEAR_M..NEAR_M).unwrap();
+        let plane = foot(0.004).carried_by(&RoomPoints::of(room()), -NEAR_M..NEAR_M).unwrap();
         assert!(plane.normal.z > 0.999 && plane.d_m.abs() < 0.002, "{plane:?}");
         // Its foot is four millimetres over what was measured: the plane goes to the foot.
         let support = foot(0.004).on(&plane);
@@ -381,7 +431,7 @@ mod tests {
             .map(|i| DVec3::new(0.01, (i % 30) as f64 * 0.005 - 0.07, (i / 30) as f64 * 0.003 - 0.05))
             .map(|at_m| Point { at_m, off_m: 0.003, eye_m: DVec3::X })
             .collect();
-        assert!(foot(0.0).carried_by(&wall, -NEAR_M..NEAR_M).is_none());
-        assert!(foot(0.0).carried_by(&room()[..20], -NEAR_M..NEAR_M).is_none());
+        assert!(foot(0.0).carried_by(&RoomPoints::of(wall), -NEAR_M..NEAR_M).is_none());
+        assert!(foot(0.0).carried_by(&RoomPoints::of(room()[..20].to_vec()), -NEAR_M..NEAR_M).is_none());
     }
 }

@@ -10,14 +10,14 @@ impl Shot {
     /// read.
     pub fn grounds(&self) -> Vec<Ground> {
         let Some(up) = self.up() else { return Vec::new() };
-        let points = self.depth_points();
+        let measured = self.room_points();
         let of = |object: &Object| {
-            let (support, known_by) = self.support_of(object, &points)?;
+            let (support, known_by) = self.support_of(object, &measured)?;
             let points_m: Vec<_> = object.points_m(&self.scene).collect();
             let mut ground = Ground::new(&object.name, (known_by, &support), up, &points_m);
             // What only hides throws no shadow.
             if !object.parts.is_empty() {
-                let facets = facets(&self.scene, object, &support, &points);
+                let facets = facets(&self.scene, object, &support, &measured.points);
                 facets.iter().for_each(|facet| ground.take(facet, up, &points_m));
             }
             Some(ground)

@@ -23,6 +23,7 @@ mod planes;
 mod points;
 mod preview;
 mod reduced;
+mod room_planes;
 mod seen;
 mod standing;
 mod stream;

@@ -1,12 +1,11 @@
-//! Which way is up where neither recording nor scene says it: by how people hold cameras, and by what a first thing stands on.
+//! Which way is up where neither recording nor scene says it: by the room's largest level surface, by what a first object
+//! stands on, or by how people hold cameras.
 
 use glam::DVec3;
 
 use super::Shot;
+use super::room_planes::NEARLY_LEVEL;
 use crate::pose::held_up;
-
-/// Surfaces that lean by less from what cameras had above them are floors and tables (cosine of 50°: people look down at them).
-const LEVEL: f64 = 0.643;
 
 impl Shot {
     /// The world's up as the recording and the scene say it.
@@ -19,13 +18,17 @@ impl Shot {
         held_up(self.recording.track.poses().iter().map(|(_, pose)| pose.world_from_camera_rotation()))
     }
 
-    /// Up for the first object of a scene on a surface with this normal: the normal on its upper side, if the surface is nearly
-    /// level, else [`Shot::held_up`]. Unit length.
+    /// Up for the first object of a scene on a surface with this normal, which faces the camera: the normal of the largest level
+    /// surface that depth shows, or the surface's own if it is nearly level, else [`Shot::held_up`]. Cameras see floors from
+    /// above: a normal against the camera's own up means that it hangs upside down. Unit length.
     pub fn up_on(&self, normal: Option<DVec3>) -> DVec3 {
         let held = self.held_up();
-        let upper = normal.map(|normal| if normal.dot(held) < 0.0 { -normal } else { normal });
-        upper.filter(|normal| normal.dot(held) > LEVEL).unwrap_or(held)
+        self.up_of_room(held).unwrap_or_else(|| up_on_surface(normal, held))
     }
+}
+
+fn up_on_surface(normal: Option<DVec3>, held: DVec3) -> DVec3 {
+    normal.filter(|normal| normal.dot(held).abs() > NEARLY_LEVEL).unwrap_or(held)
 }
 
 #[cfg(test)]
@@ -36,16 +39,26 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn a_floor_is_level_and_a_wall_is_not() {
+    fn up_is_the_normal_of_a_floor_and_not_of_a_wall() {
+        let held = DVec3::new(0.0, 0.5, 0.866);
+        let lean = DVec3::new(0.02, 0.01, 1.0).normalize();
+        // A camera upside down sees the floor, too.
+        for normal in [lean, -lean] {
+            assert_eq!(up_on_surface(Some(normal), held), normal);
+        }
+        assert_eq!([up_on_surface(Some(held.any_orthonormal_vector()), held), up_on_surface(None, held)], [held, held]);
+    }
+
+    #[test]
+    fn up_of_the_demonstration_is_across_its_floor_whatever_is_clicked() {
         let shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given::default()).unwrap();
         // Its z is up, and its camera looks down by some 30°.
         assert_eq!(shot.up(), Some(DVec3::Z));
         let held = shot.held_up();
         assert!((0.7..0.99).contains(&held.z), "{held}");
-        let lean = DVec3::new(0.02, 0.01, 1.0).normalize();
-        for normal in [lean, -lean] {
-            assert_eq!(shot.up_on(Some(normal)), lean);
+        for normal in [None, Some(DVec3::new(0.1, -0.1, 1.0).normalize()), Some(DVec3::X)] {
+            let up = shot.up_on(normal);
+            assert!(up.angle_between(DVec3::Z).to_degrees() < 0.5, "{normal:?}: {up}");
         }
-        assert_eq!([shot.up_on(Some(held.any_orthonormal_vector())), shot.up_on(None)], [held, held]);
     }
 }

@@ -22,6 +22,18 @@ pub fn row(ui: &mut Ui, label: &str, called: &str, value: &mut f64, speed: f64, 
     response.drag_stopped() || response.lost_focus()
 }
 
+/// A button of that colour that opens a picker. How bright the brightest of the three is stays.
+pub fn color_picker(ui: &mut Ui, called: &str, rgb: &mut [f64; 3]) {
+    let most = Some(rgb.iter().copied().fold(0.0, f64::max)).filter(|most| *most > 0.0).unwrap_or(1.0);
+    let mut hue = rgb.map(|c| (c / most) as f32);
+    let response = ui.color_edit_button_rgb(&mut hue);
+    response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, true, called));
+    let brightest = hue.into_iter().fold(0.0, f32::max);
+    if response.changed() && brightest > 0.0 {
+        *rgb = hue.map(|c| rounded(most * f64::from(c / brightest)));
+    }
+}
+
 /// Where the pass is kept in which Esc was pressed last.
 fn escaped() -> Id {
     Id::unique("esc in a field")

@@ -52,7 +52,7 @@ impl Finder {
             (Some(_), _) => None,
             (None, Some(plane)) => shot.support_on_plane(frame.index, at_px, plane.numbers()).ok(),
             (None, None) => {
-                let surface = shot.surface_at(frame, at_px).ok()?;
+                let surface = shot.placement_surface(frame, at_px).ok()?;
                 Some(Support { point_m: surface.point_m, normal: surface.normal_in_world })
             }
         }
@@ -80,7 +80,7 @@ impl Finder {
             self.told = Some(format!("The point is known within {within}"));
             return Ok(Click::Point(Support { point_m: found.point_m, normal: up }));
         }
-        match shot.surface_at(frame, at_px) {
+        match shot.placement_surface(frame, at_px) {
             Ok(surface) => Ok(Click::Point(Support { point_m: surface.point_m, normal: surface.normal_in_world })),
             Err(SurfaceError::NoDepth { .. }) => {
                 self.first = Some(view);

@@ -1,25 +1,34 @@
-//! The lamps: those that the scene has, one more, and the light that the footage was found to have, to be edited.
+//! The scene's light, to be edited: matched to a white thing, its lamps, and one more.
 
 use std::sync::Arc;
 
-use eframe::egui::{self, RichText, Ui, vec2};
+use eframe::egui::{self, Ui, vec2};
 use glam::{DVec2, DVec3};
 
 use super::Project;
-use super::fields::{rounded, row};
+use super::fields::{color_picker, rounded, row};
 use super::finder::Finder;
+use super::room_light;
 use super::theme;
 use super::things;
 use locard_engine::frame::Frame;
 use locard_engine::scene::document::{Color, LampTable};
 use locard_engine::scene::{Scene, Thing, bounds_m};
-use locard_engine::words::count;
+use locard_engine::shot::View;
 
-/// What is being done with the lamps.
+/// What the next click in the picture is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pick {
+    /// The place of one more lamp.
+    Lamp,
+    /// Something white to which the light is matched.
+    White,
+}
+
+/// The panel of the scene's light.
 #[derive(Default)]
 pub struct Lamps {
-    /// The next click in the picture says where one more is.
-    picks: bool,
+    pick: Option<Pick>,
 }
 
 /// How high above the scene's middle a lamp hangs of which nothing else is said, m.
@@ -27,13 +36,21 @@ const ABOVE_M: f64 = 1.0;
 const ABOVE: &str = "No depth here: the lamp hangs 1 m above the scene's middle.";
 
 impl Lamps {
-    /// Whether the next click in the picture is for a lamp.
+    /// Whether the next click in the picture is for the light.
     pub fn is_picking(&self) -> bool {
-        self.picks
+        self.pick.is_some()
+    }
+
+    /// What to click on.
+    pub fn prompt(&self) -> &'static str {
+        match self.pick {
+            Some(Pick::White) => "Click on white paper or paint in the light. Esc ends it",
+            _ => "Click where the lamp shall be. Esc ends it",
+        }
     }
 
     pub fn cancel(&mut self) {
-        self.picks = false;
+        self.pick = None;
     }
 
     /// Shows the list and the controls of what is selected. Gives back what is to be said.
@@ -48,8 +65,18 @@ impl Lamps {
             return None;
         }
         ui.separator();
+        ui.strong("Light");
+        let has_depth = frame.is_some_and(|frame| frame.depth.is_some());
+        let mut told = room_light::show(ui, project);
+        if has_depth {
+            let is_picking = self.pick == Some(Pick::White);
+            let hint = "Then click on white paper or paint: all light becomes as bright and gets the colour that it shows there.";
+            let matched = egui::Button::selectable(is_picking, "Match white").frame_when_inactive(true);
+            if ui.add(matched).on_hover_text(hint).clicked() {
+                self.pick = (!is_picking).then_some(Pick::White);
+            }
+        }
         ui.strong("Lamps");
-        let mut told = found(ui, project);
         for (n, lamp) in project.edit().scene.light.lamp.clone().iter().enumerate() {
             let thing = Thing::Lamp(n);
             ui.horizontal(|ui| {
@@ -66,18 +93,17 @@ impl Lamps {
                 }
             });
         }
-        let has_depth = frame.is_some_and(|frame| frame.depth.is_some());
         let hint = if has_depth {
             "Then click where it shall be; where no depth is, it hangs 1 m above the scene's middle."
         } else {
             "1 m above the scene's middle, to be moved from there."
         };
-        let add = egui::Button::selectable(self.picks, "Add lamp").frame_when_inactive(true);
+        let add = egui::Button::selectable(self.pick == Some(Pick::Lamp), "Add lamp").frame_when_inactive(true);
         if ui.add(add).on_hover_text(hint).clicked() {
             // Without a camera the picture shows why no lamp can be placed.
             let has_camera = frame.is_some_and(|frame| project.shot().eye(frame.index).is_ok());
             if has_depth || !has_camera {
-                self.picks = !self.picks;
+                self.pick = (self.pick != Some(Pick::Lamp)).then_some(Pick::Lamp);
             } else {
                 let added = self.add(project, above_middle(project), selected);
                 told = Some(added.map_or_else(|why| why, |()| ABOVE.to_owned()));
@@ -101,7 +127,8 @@ impl Lamps {
         told
     }
 
-    /// Puts one more where the frame shows a surface, so that it touches it. Gives what is to be said.
+    /// Takes a click in the picture: matches the light to a white thing, or puts one more lamp where the frame shows a surface, so
+    /// that it touches it. Returns a message.
     pub fn pick(
         &mut self,
         project: &mut Project,
@@ -110,6 +137,11 @@ impl Lamps {
         at_px: DVec2,
         selected: &mut Option<Thing>,
     ) -> Result<Option<String>, String> {
+        if self.pick == Some(Pick::White) {
+            let matched = project.match_white(View { frame: frame.index, at_px })?;
+            self.pick = None;
+            return Ok(Some(matched));
+        }
         match finder.look(project.shot(), frame, at_px) {
             Some(support) => {
                 let radius_m = 0.5 * LampTable::default().wide_m();
@@ -124,20 +156,10 @@ impl Lamps {
     }
 
     fn add(&mut self, project: &mut Project, at_m: DVec3, selected: &mut Option<Thing>) -> Result<(), String> {
-        self.picks = false;
+        self.pick = None;
         *selected = Some(project.add_lamp(at_m)?);
         Ok(())
     }
-}
-
-/// Where the scene has no light of its own and the footage's is known: says so, and takes it into the scene.
-fn found(ui: &mut Ui, project: &mut Project) -> Option<String> {
-    let light = project.found_light()?;
-    let lamps = if light.lamps.is_empty() { "no lamps".to_owned() } else { count(light.lamps.len(), "lamp") };
-    ui.label(RichText::new(format!("Light from the footage: panorama, {lamps}.")).weak());
-    let hint = "Writes that light into the scene, where it can be changed. `locard light` does the same.";
-    let is_taken = ui.button("Copy to scene and edit").on_hover_text(hint).clicked();
-    if is_taken { project.take_found_light().err() } else { None }
 }
 
 /// Above the middle of the box around all things; above the world's origin where there are none.
@@ -169,7 +191,7 @@ fn fields(ui: &mut Ui, project: &mut Project, n: usize, lamp: &LampTable) -> Opt
             done |= row(ui, color, &format!("lamp {color}"), value, speed(most), "");
         }
         ui.label("colour").on_hover_text("What white matt that faces it shows at 1 m, times the intensity");
-        picker(ui, &mut rgb);
+        color_picker(ui, "lamp colour", &mut rgb);
         ui.end_row();
         done |= row(ui, "diameter", "lamp diameter", &mut wide_m, 0.002, " m");
     });
@@ -197,18 +219,6 @@ fn fields(ui: &mut Ui, project: &mut Project, n: usize, lamp: &LampTable) -> Opt
         project.close_step();
     }
     wrong
-}
-
-/// A button of that colour that opens a picker. How bright the brightest of the three is stays.
-fn picker(ui: &mut Ui, rgb: &mut [f64; 3]) {
-    let most = Some(rgb.iter().copied().fold(0.0, f64::max)).filter(|most| *most > 0.0).unwrap_or(1.0);
-    let mut hue = rgb.map(|c| (c / most) as f32);
-    let response = ui.color_edit_button_rgb(&mut hue);
-    response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, true, "lamp colour"));
-    let brightest = hue.into_iter().fold(0.0, f32::max);
-    if response.changed() && brightest > 0.0 {
-        *rgb = hue.map(|c| rounded(most * f64::from(c / brightest)));
-    }
 }
 
 #[cfg(test)]

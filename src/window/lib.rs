@@ -88,6 +88,7 @@ mod reader;
 mod reasons;
 mod recent;
 mod restart;
+mod room_light;
 mod row_widths;
 mod saving;
 mod session;

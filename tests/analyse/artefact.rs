@@ -25,6 +25,7 @@ fn an_interrupted_analysis_goes_on_where_it_was() {
         });
         (heard, done.map(drop))
     };
+    // Its progress goes by the clock.
     leave_out_light(&shot, &whole);
     leave_out_light(&shot, &analysis);
     let (all, done) = heard(&shot, &whole, usize::MAX);

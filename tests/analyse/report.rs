@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::footage::{demo, demo_by_tier, leave_out_light};
+use crate::footage::{demo, demo_by_tier, leave_out_light_by_tier};
 use crate::program::{refused, said};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -129,7 +129,7 @@ fn a_page_says_what_was_found_and_a_profile_takes_what_belongs_to_the_camera() {
     let new = folder.path().join("new.toml");
     let given = Given { profile: Some(profile.clone()), ..Given::default() };
     let shot = Shot::open(Path::new(site), &OpenOptions::default(), &given).unwrap();
-    leave_out_light(&shot, &folder.path().join("a<b>&\"c.analysis"));
+    leave_out_light_by_tier(&shot, &folder.path().join("a<b>&\"c.analysis"));
     said(&["analyse", site, "--profile", profile_at, "--accept", new.to_str().unwrap()]);
     assert_eq!(std::fs::read_to_string(&new).unwrap(), written);
 }

@@ -173,11 +173,15 @@ pub fn analysed_by_tier(shot: &Shot, threads: usize) -> Analysis {
     found
 }
 
-/// In the fast tier: makes the next analysis of a shot, written to `folder`, leave out the room's
-/// light.
+/// Makes the next analysis of a shot, written to `folder`, leave out the room's light.
 pub fn leave_out_light(shot: &Shot, folder: &Path) {
+    with_taken(shot, |camera, taken| drop(part_without_light(folder, shot, camera, taken)));
+}
+
+/// [`leave_out_light`] in the fast tier.
+pub fn leave_out_light_by_tier(shot: &Shot, folder: &Path) {
     if !is_full() {
-        with_taken(shot, |camera, taken| drop(part_without_light(folder, shot, camera, taken)));
+        leave_out_light(shot, folder);
     }
 }
 

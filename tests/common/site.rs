@@ -13,11 +13,11 @@ version = 1
 [[objects]]
 model = "MODELS/knife.gltf"
 size_m = 0.25
-position_m = [0.45, 0.55, 0.75]
+position_m = [0.45, 0.55, 0.8]
 [[objects]]
 model = "MODELS/dagger.gltf"
 size_m = 0.3
-position_m = [0.25, 0.35, 0.75]
+position_m = [0.25, 0.35, 0.8]
 rotation_deg = [0, 0, 50]
 [light]
 ambient = 0.6

@@ -220,7 +220,7 @@ fn the_environment_stands_behind_and_shows_through_in_part() {
         height,
         rgb: std::sync::Arc::new(rgb),
         map_from_world: glam::Quat::IDENTITY,
-        intensity: 0.5,
+        color: glam::Vec3::splat(0.5),
     };
     let mut scene = marks(&[DVec3::NEG_Z], 0.04, 1.0);
     scene.lighting = Lighting { environment: Environment::Map(map), ..Lighting::default() };

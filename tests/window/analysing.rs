@@ -98,7 +98,7 @@ fn footage_is_analysed_and_taken_over_where_one_is() {
     let before = shown(&window);
     assert!(before == composited(&site, 0.5));
 
-    footage::leave_out_light(window.state().project().shot(), &analysis);
+    footage::leave_out_light_by_tier(window.state().project().shot(), &analysis);
     press(&mut window, "Analyse");
     shows(&mut window, "Analysing the footage");
     until(&mut window, all_over);

@@ -26,6 +26,9 @@ const HANDLES_INSET: f64 = 104.0;
 
 const NO_SHADOWS: [&str; 2] = ["shadow.cast=false", "shadow.on_things=false"];
 
+/// An edge of the simulated site's paper on the floor, and a part of it without print.
+const PAPER_M: [DVec3; 2] = [DVec3::new(-0.1296, 0.6968, 0.0), DVec3::new(-0.1888, 0.7872, 0.0)];
+
 const SIZE: egui::Vec2 = egui::vec2(1400.0, 1000.0);
 
 fn open() -> Harness<'static, App> {
@@ -284,6 +287,80 @@ fn with_light(analysis: &mut Analysis) {
 
 const FOUND_LIGHT: &str = "middle_m = [0.1, 0.0, 0.1]\nup = [0.0, 0.0, 1.0]\nwhite_level = [0.6, 0.6, 0.6]\n\
     [[lamps]]\nat_m = [-0.2783, 0.2778, 2.349]\nshown_at_1_m = [5.4049, 5.1358, 4.6338]\n";
+
+/// A simulated site whose analysis has found a light, and a scene of one marker without light.
+fn analysed_site() -> (tempfile::TempDir, Project) {
+    let folder = footage::demo_by_tier(4, &Flaws::default(), 4);
+    let shot = footage::opened(&folder);
+    let mut found = footage::analysed_by_tier(&shot, 2);
+    with_light(&mut found);
+    found.write(&folder.path().join("site.analysis"), &shot.recording).unwrap();
+    let file = folder.path().join("case.toml");
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
+    let scene = format!("version = 1\nup = \"z\"\n[[objects]]\nmodel = {model:?}\nposition_m = [0.0, 0.12, 0.0]\n");
+    std::fs::write(&file, scene).unwrap();
+    let given = Given { scene: Some(file), sets: NO_SHADOWS.map(str::to_owned).to_vec(), ..Given::default() };
+    let project = Project::open(&folder.path().join("site"), &OpenOptions::default(), &given).unwrap();
+    (folder, project)
+}
+
+#[test]
+fn light_is_matched_to_white_paper_as_the_command_does_and_undone() {
+    let (_folder, project) = analysed_site();
+    let mut window = window(project, SIZE);
+    let first = shown(&window);
+    window.get_by_label("Match white").click();
+    window.run_steps(2);
+    assert!(has(&window, "Click on white paper or paint in the light. Esc ends it"));
+    // The edge of the paper cannot tell; the next click counts.
+    let [edge, paper] = PAPER_M.map(|at_m| on_screen(&window, seen(&window, at_m).unwrap()));
+    click_at(&mut window, edge);
+    assert!(window.state().project().edit().scene.light.says_none());
+    click_at(&mut window, paper);
+    settle(&mut window);
+    assert_eq!(steps(&window), ["opened", "light: matched to white"]);
+    let light = window.state().project().edit().scene.light.clone();
+    let factor = light.environment_intensity.unwrap();
+    assert!((0.3..3.0).contains(&factor) && factor != 1.0, "{light:?}");
+    assert_eq!(light.lamp[0].intensity, Some(factor), "all of it alike");
+    assert!(shown(&window) != first);
+    undo(&mut window);
+    assert!(window.state().project().edit().scene.light.says_none() && shown(&window) == first);
+}
+
+#[test]
+fn panorama_even_light_and_suns_are_edited_step_by_step() {
+    let (_folder, project) = analysed_site();
+    let mut window = window(project, SIZE);
+    window.get_by_label("Copy to scene and edit").click();
+    window.run_steps(2);
+    settle(&mut window);
+    let light = |window: &Harness<'_, App>| window.state().project().edit().scene.light.clone();
+    let found = shown(&window);
+    for (label, value) in [("panorama brightness", 0.5), ("panorama turn", 90.0)] {
+        window.get_by_role_and_label(Role::Slider, label).set_value_accesskit(value);
+        window.run_steps(2);
+    }
+    settle(&mut window);
+    let edited = light(&window);
+    assert_eq!((edited.environment_intensity, edited.environment_rotation_deg), (Some(0.5), Some(90.0)));
+    assert!(shown(&window) != found);
+    window.get_by_label("Even light").click();
+    window.run_steps(2);
+    settle(&mut window);
+    let even = light(&window);
+    assert!(even.environment.is_none() && even.ambient.is_some() && even.lamp == edited.lamp, "{even:?}");
+    window.get_by_label("Add sun").click();
+    window.run_steps(2);
+    // Its height over the horizon is z.
+    window.get_by_role_and_label(Role::Slider, "sun 1 height").set_value_accesskit(30.0);
+    window.run_steps(2);
+    settle(&mut window);
+    assert!((light(&window).sun[0].towards[2] - 0.5).abs() < 1e-3, "{:?}", light(&window).sun);
+    window.get_by_label("Delete sun").click();
+    window.run_steps(2);
+    assert_eq!(light(&window), even);
+}
 
 #[test]
 fn the_light_that_was_found_is_taken_into_the_scene_and_saved_with_its_panorama() {

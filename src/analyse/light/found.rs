@@ -25,6 +25,8 @@ pub struct RoomLight {
     pub seen_above_share: f64,
     /// Row by row, without the lamps.
     pub panorama: Vec<[f32; 3]>,
+    /// Why it is even light instead of what was seen.
+    pub no_panorama: Option<String>,
     pub lamps: Vec<FoundLamp>,
     /// What white matt that looks up shows at the place, and factors between which it lies.
     pub white_level: [f64; 3],

@@ -4,7 +4,7 @@
 //! Frames' points with measured depth make surfaces ([`voxels`]) and a panorama ([`panorama`])
 //! around a point in free space ([`free_space`]) over the largest support ([`support`]). Lamps and
 //! their shares of the light follow from how bright the surfaces are ([`search`], [`lit`]). The
-//! white level scales all of it ([`white_level`]), or says why it cannot be claimed; then the light
+//! white level scales all of it ([`mod@white_level`]), or says why it cannot be claimed; then the light
 //! is even, as bright as the camera's exposure says ([`exposure`]). Unseen directions of the
 //! panorama are filled so that it gives the white level ([`fill`]). After Debevec 1998 and Weber &
 //! Cipolla 2001, in spirit.
@@ -80,7 +80,7 @@ pub fn of_recording(
     let is_guess = known.recording.up.is_none() && given.is_none();
     let up = if is_guess { up::refined_up(&survey, known.up) } else { known.up };
     let Some(place) = times.of(times::LIGHT, || place(&views, &survey, up)) else {
-        return Ok(Err("no frame with a pose has depth".to_owned()));
+        return Ok(Err("no frame with a pose has depth that shows surfaces".to_owned()));
     };
     drop(views);
     let centre = free_space::centre(&survey, up, place);
@@ -166,12 +166,14 @@ fn room_light(at: &Location, seen: &Seen, solved: &Solved, level: &WhiteLevel) -
     };
     let without_lamps: Seen =
         seen.iter().enumerate().map(|(n, light)| light.filter(|light| !is_lamp(n, light))).collect();
-    let panorama = match level.unclaimed {
-        None => fill::filled(&without_lamps, ambient),
-        Some(_) => None,
-    };
     let (seen_share, seen_above_share) = seen_share(seen);
     let luminance = relative_luminance(level.white);
+    let between = level.between.map(|end| end / luminance);
+    let (panorama, no_panorama) = match (level.unclaimed, fill::filled(&without_lamps, ambient, between)) {
+        (Some(_), _) => (even, None),
+        (None, Ok(panorama)) => (panorama, None),
+        (None, Err(why)) => (even, Some(why)),
+    };
     RoomLight {
         place_m: at.place.to_array(),
         middle_m: at.centre.to_array(),
@@ -179,10 +181,11 @@ fn room_light(at: &Location, seen: &Seen, solved: &Solved, level: &WhiteLevel) -
         is_up_guessed: at.is_guess,
         seen_share,
         seen_above_share,
-        panorama: panorama.unwrap_or(even),
+        panorama,
+        no_panorama,
         lamps,
         white_level: level.white,
-        between: level.between.map(|end| end / luminance),
+        between,
         unclaimed: level.unclaimed.map(|why| why.to_string()),
         explained: solved.verdict.explained,
         halves_explain: solved.verdict.halves.map(|halves| halves.explained),

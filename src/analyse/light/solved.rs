@@ -4,7 +4,7 @@
 //! half of the frames finds by itself lowers what is left of the other half by a fifth, too. Where
 //! two lamps are about as bright, the halves may find one lamp each, far from the other's: how far
 //! apart they see it is reported, and refuses nothing. Reflectance and light share a factor here;
-//! it follows from the white level ([`white_level`](super::white_level)). Not modelled: lamps that
+//! it follows from the white level ([`white_level`](mod@super::white_level)). Not modelled: lamps that
 //! hang so low that they light one side of the room alone.
 
 use glam::DVec3;

@@ -285,15 +285,20 @@ pub fn white_level_by_lamps(patches: &[Patch], up: DVec3, place: DVec3, exposure
     if values.len() < FEWEST_UPWARD {
         values = of(&|_| true);
     }
-    let mut level = |share: f64| kaplan_meier(&mut values, share).map(|(value, _)| f64::from(value) / WHITE);
-    let (whitest, [low, high]) = (level(WHITEST)?, [level(WHITEST_BETWEEN[0])?, level(WHITEST_BETWEEN[1])?]);
+    let mut level =
+        |share: f64| kaplan_meier(&mut values, share).map(|(value, is_bound)| (f64::from(value) / WHITE, is_bound));
+    let (whitest, is_bound) = level(WHITEST)?;
+    let [low, high] = [level(WHITEST_BETWEEN[0])?.0, level(WHITEST_BETWEEN[1])?.0];
     let off = (whitest / exposure.level).ln();
     if !(whitest > 0.0 && off.abs() < LAMPS_AGREE.ln()) {
         return None;
     }
-    let white = (whitest.ln() - EXPOSURE_WEIGHT * off).exp();
+    let (white, farthest) = match is_bound {
+        true => (exposure.level.clamp(whitest, BEYOND * whitest), FARTHEST_BEYOND * whitest),
+        false => ((whitest.ln() - EXPOSURE_WEIGHT * off).exp(), 0.0),
+    };
     let tint = colour(patches, up, place, (f64::INFINITY, WHITE * white), exposure.neutral);
-    let between = [(low / LOOSE).min(white / LOOSE), (high * LOOSE).max(white * LOOSE)];
+    let between = [(low / LOOSE).min(white / LOOSE), (high * LOOSE).max(white * LOOSE).max(farthest)];
     Some(WhiteLevel { white: coloured(tint, white), between, unclaimed: None })
 }
 
@@ -404,5 +409,13 @@ mod tests {
         assert!(is_about(found.white[1], white) && found.unclaimed.is_none(), "{found:?}");
         assert!(is_about(found.between[0], 1.0 / 1.1) && is_about(found.between[1], 1.1 * white), "{found:?}");
         assert!(by_lamps(2.1).is_none() && by_lamps(0.49).is_none());
+        // Clipped, they are lower bounds: the exposure counts up to 1.4 times them.
+        let mut clipped = desk(20);
+        clipped.iter_mut().take(20).for_each(|patch| patch.is_bound = true);
+        for (level, white) in [(0.7, 1.0), (1.3, 1.3), (1.9, 1.4)] {
+            let exposure = Exposure { level, ..EXPOSURE };
+            let found = white_level_by_lamps(&clipped, DVec3::Z, DVec3::ZERO, &exposure).unwrap();
+            assert!(is_about(found.white[1], white) && is_about(found.between[1], 1.6), "{level}: {found:?}");
+        }
     }
 }

@@ -73,7 +73,7 @@ impl App {
             }
         }
         if is_for_lamp {
-            seen.tell("Click where the lamp shall be. Esc ends it");
+            seen.tell(self.lamps.prompt());
             if seen.pointed.is_some() {
                 ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
             }

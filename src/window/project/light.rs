@@ -1,13 +1,18 @@
-//! How the scene is lit: lamps of its own, and the light that an analysis found, taken into the scene to be edited.
+//! How the scene is lit: its own light, matched to a white thing, and the light that an analysis found, taken into the scene to be
+//! edited.
 
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
 use super::Project;
-use locard_engine::analyse::{ENVIRONMENT, FILE_NAME, FoundLight};
-use locard_engine::scene::{LitBy, SceneFile, Thing, relative};
-use locard_engine::shot::AnalysisState;
+use crate::room_light::even;
+use locard_engine::analyse::{ENVIRONMENT, FILE_NAME, FoundLight, WHITE};
+use locard_engine::scene::document::LightTable;
+use locard_engine::scene::{LightCorrection, Lighting, LitBy, SceneFile, Support, Thing, relative};
+use locard_engine::shadow::{Room, on_white};
+use locard_engine::shot::{AnalysisState, ReferencePick, View};
+use locard_engine::words::fixed;
 
 impl Project {
     /// The light that an analysis found and that lights the scene, because the scene says none of its own.
@@ -20,12 +25,54 @@ impl Project {
         Some((folder, findings.light.as_ref().filter(|light| light.panorama.is_some())?))
     }
 
-    /// Writes the light that was found into the scene, as `locard light` does. Its panorama is the analysis' own until the scene is
-    /// saved; then a copy lies beside its file.
-    pub fn take_found_light(&mut self) -> Result<(), String> {
+    /// Writes the light that lights the scene into its file: the one that was found, as `locard light` does, or the default one. A
+    /// found panorama is the analysis' own until the scene is saved; then a copy lies beside its file.
+    pub fn take_light(&mut self) -> Result<(), String> {
+        let title = if self.found_light().is_some() { "light: as it was found" } else { "light: to be edited" };
         let mut scene = self.edit().scene.clone();
         self.say_light(&mut scene)?;
-        self.change_scene("light: as it was found", |now| *now = scene).map_err(|error| error.to_string())?;
+        self.set_light(title, scene)
+    }
+
+    /// Matches all light to a place of the picture that is white, and reports by how much.
+    pub fn match_white(&mut self, view: View) -> Result<String, String> {
+        let mut scene = self.edit().scene.clone();
+        self.say_light(&mut scene)?;
+        if scene.light.says_none() {
+            return Err("The scene is lit by lights inside its models, which cannot be matched.".to_owned());
+        }
+        let lighting = self.load(&scene).map_err(|error| error.to_string())?.lighting;
+        let pick = ReferencePick { view, reflectance: WHITE };
+        let whites = self.shot.white_at(&[pick], &lighting).map_err(|(_, error)| error.to_string())?;
+        let factors: Vec<[f64; 3]> = whites.iter().map(|white| white.factors).collect();
+        let (correction, [low, high]) = LightCorrection::mean_of(&factors);
+        correction.apply(&mut scene.light);
+        self.set_light("light: matched to white", scene)?;
+        let two = |value: f64| fixed(value, 2);
+        Ok(format!(
+            "All light is {} times as bright (between {} and {}), by colour {}.",
+            two(correction.scale),
+            two(low),
+            two(high),
+            correction.tint.map(two).join(", ")
+        ))
+    }
+
+    /// Replaces the panorama by light from everywhere that is as bright from above.
+    pub fn even_light(&mut self) -> Result<(), String> {
+        let surroundings =
+            Lighting { environment: self.shot.scene.lighting.environment.clone(), ..Lighting::default() };
+        let from_above = Support { point_m: DVec3::ZERO, normal: self.up() };
+        let upward = on_white(&surroundings, &Room::default(), &from_above);
+        let mut scene = self.edit().scene.clone();
+        let LightTable { white_lx, sun, lamp, .. } = scene.light;
+        scene.light = LightTable { white_lx, sun, lamp, ..even(upward.far) };
+        self.set_light("light: even", scene)
+    }
+
+    /// One step of the history.
+    fn set_light(&mut self, title: &str, scene: SceneFile) -> Result<(), String> {
+        self.change_scene(title, |now| *now = scene).map_err(|error| error.to_string())?;
         self.close_step();
         Ok(())
     }
@@ -37,9 +84,13 @@ impl Project {
         self.say_light(&mut scene)?;
         let lamp = scene.add_lamp(at_m);
         let what = format!("{}: added", scene.title(lamp));
-        self.change_scene(&what, |now| *now = scene).map_err(|error| error.to_string())?;
-        self.close_step();
+        self.set_light(&what, scene)?;
         Ok(lamp)
+    }
+
+    /// Whether nothing but lights inside models lights the scene.
+    pub fn is_lit_by_models(&self) -> bool {
+        self.edit().scene.light.says_none() && self.shot.scene.lit_by == LitBy::Models
     }
 
     /// Says in a scene how it is lit, where it does not.

@@ -96,7 +96,7 @@ impl Project {
     }
 
     /// Loads a scene, with marked boxes in place of models that cannot be read.
-    fn load(&mut self, scene: &SceneFile) -> Result<Scene, SceneError> {
+    pub(super) fn load(&mut self, scene: &SceneFile) -> Result<Scene, SceneError> {
         let path = self.scene_path();
         let up = self.shot.recording.up;
         scene::load_file_with(scene, &path, up, &mut self.models, MissingModels::StandIn)

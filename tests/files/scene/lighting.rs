@@ -156,12 +156,13 @@ fn a_panorama_stands_on_the_world_s_up() {
     std::fs::write(folder.path().join("room.hdr"), &hdr).unwrap();
     let path = folder.path().join("scene.toml");
     let text = "version = 1\nup = 'z'\nobjects = [{ model = 'triangle.glb' }]\n[light]\nenvironment = 'room.hdr'\n\
-                    environment_intensity = 0.5\nenvironment_rotation_deg = 90"
+                    environment_intensity = 0.5\nenvironment_color = [1, 0.5, 2]\n\
+                    environment_rotation_deg = 90"
         .to_owned();
     std::fs::write(&path, &text).unwrap();
     let scene = load(&path, None).unwrap();
     let Environment::Map(map) = &scene.lighting.environment else { panic!("no map") };
-    assert_eq!((map.width, map.height, map.intensity), (2, 1, 0.5));
+    assert_eq!((map.width, map.height, map.color), (2, 1, Vec3::new(0.5, 0.25, 1.0)));
     assert_eq!(**map.rgb, [[1.0, 0.5, 0.25], [0.5, 0.25, 0.125]]);
     assert!((map.map_from_world * Vec3::Z).abs_diff_eq(Vec3::Y, 1e-6));
     // Unturned, the panorama's middle, -z, is the world's +y; a quarter turn takes it to -x.

@@ -1,0 +1,198 @@
+//! Dominant planes of the room: floor, tables, walls, and which way is up by them.
+//!
+//! A small neighbourhood tilts with the sensor's waves, a systematic error of millimetres over
+//! centimetres, and a ledge mixes two surfaces. A plane that is seen over a metre is known to a
+//! tenth of a degree. So a local fit gives way to a dominant plane that explains nearly as many of
+//! the points around.
+//!
+//! The planes are found one after another, each among the points of no earlier one (sequential
+//! RANSAC; Fischler and Bolles 1981). The three points of a sample lie in one cell of a coarse grid,
+//! so that small tables are found in large rooms (Myatt et al. 2002, NAPSAC).
+//!
+//! Not modelled: planes that end. A table's plane goes on beyond its rim.
+
+use std::collections::HashMap;
+
+use glam::{DVec3, IVec3};
+
+use super::planes::{Point, pick};
+use super::points::{FittedPlane, plane_through};
+
+/// Planes of a room, at most, and the smallest share of its points that makes one.
+const MAX_PLANES: usize = 8;
+const MIN_SHARE: f64 = 0.015;
+/// Samples that are tried for each plane, and points that they are compared by.
+const SAMPLES: usize = 600;
+const COMPARED: usize = 2048;
+/// Side of the cells that hold a sample's points, m.
+const CELL_M: f64 = 0.4;
+/// Share of a local fit's points that a dominant plane has to explain to replace it, and share of
+/// all points around.
+const NEARLY_AS_MANY: f64 = 0.85;
+const MIN_EXPLAINED: f64 = 0.3;
+/// Points around a place on a surface, m.
+pub const AROUND_M: f64 = 0.1;
+/// Surfaces that lean by less from the cameras' own up are floors and tables (cosine of 50°: people
+/// look down at them).
+pub const NEARLY_LEVEL: f64 = 0.643;
+/// The camera is upside down if surfaces that face against the guess have this many times the
+/// points of those that face along it.
+const UPSIDE_DOWN: usize = 4;
+
+/// The planes of a room, the largest first, each with its number of points. Normals face the
+/// cameras that saw them.
+#[derive(Clone, Debug, Default)]
+pub struct RoomPlanes(Vec<(FittedPlane, usize)>);
+
+impl RoomPlanes {
+    pub fn of(points: &[Point]) -> Self {
+        let min_points = ((MIN_SHARE * points.len() as f64) as usize).max(3);
+        let (mut rest, mut planes) = (points.to_vec(), Vec::new());
+        while planes.len() < MAX_PLANES && rest.len() >= min_points {
+            let Some(plane) = largest(&rest) else { break };
+            let (members, others): (Vec<Point>, Vec<Point>) =
+                rest.into_iter().partition(|point| point.is_on(plane.normal, plane.d_m));
+            if members.len() < min_points {
+                break;
+            }
+            let towards_cameras: DVec3 =
+                members.iter().map(|point| (point.eye_m - point.at_m).normalize_or_zero()).sum();
+            planes.push((plane.facing(towards_cameras), members.len()));
+            rest = others;
+        }
+        planes.sort_by_key(|(_, members)| std::cmp::Reverse(*members));
+        Self(planes)
+    }
+
+    /// The dominant plane that explains nearly as many of the points around a place as a local fit
+    /// does, and passes the place as closely as they are measured; or else the local fit.
+    pub fn settled(&self, local: FittedPlane, at_m: DVec3, around: &[Point]) -> FittedPlane {
+        let explained = |plane: &FittedPlane| around.iter().filter(|p| p.is_on(plane.normal, plane.d_m)).count();
+        let mean_error_m = around.iter().map(|point| point.off_m).sum::<f64>() / around.len().max(1) as f64;
+        let least = (NEARLY_AS_MANY * explained(&local) as f64).max(MIN_EXPLAINED * around.len() as f64).max(1.0);
+        let passes = |plane: &FittedPlane| (plane.normal.dot(at_m) - plane.d_m).abs() < mean_error_m;
+        let candidates = self.0.iter().map(|(plane, _)| plane).filter(|plane| passes(plane));
+        let counted = candidates.map(|plane| (explained(plane), plane)).filter(|(count, _)| *count as f64 >= least);
+        counted.max_by_key(|(count, _)| *count).map_or(local, |(_, plane)| plane.facing(local.normal))
+    }
+
+    /// Up by the largest level surface, where the cameras' own up is a guess. Cameras see floors and
+    /// tables rather than ceilings, so that surfaces against the guess mean that they hang upside
+    /// down. `None` where nothing level is seen.
+    pub fn up(&self, guess: DVec3) -> Option<DVec3> {
+        let level = |up: DVec3| self.0.iter().filter(move |(plane, _)| plane.normal.dot(up) > NEARLY_LEVEL);
+        let count = |up: DVec3| level(up).map(|(_, members)| members).sum::<usize>();
+        let up = if count(-guess) > UPSIDE_DOWN * count(guess) { -guess } else { guess };
+        level(up).max_by_key(|(_, members)| *members).map(|(plane, _)| plane.normal)
+    }
+}
+
+/// The plane that most points agree on.
+fn largest(points: &[Point]) -> Option<FittedPlane> {
+    let mut cells: HashMap<IVec3, Vec<usize>> = HashMap::new();
+    for (n, point) in points.iter().enumerate() {
+        cells.entry((point.at_m / CELL_M).floor().as_ivec3()).or_default().push(n);
+    }
+    let compared: Vec<&Point> = points.iter().step_by(points.len().div_ceil(COMPARED).max(1)).collect();
+    let mut best: Option<(usize, DVec3, f64)> = None;
+    for n in 0..SAMPLES {
+        let a = points[pick(3 * n, points.len())].at_m;
+        let cell = &cells[&(a / CELL_M).floor().as_ivec3()];
+        let [b, c] = [1, 2].map(|k| points[cell[pick(3 * n + k, cell.len())]].at_m);
+        let Some(normal) = (b - a).cross(c - a).try_normalize() else { continue };
+        let count = compared.iter().filter(|point| point.is_on(normal, normal.dot(a))).count();
+        if best.is_none_or(|(most, ..)| count > most) {
+            best = Some((count, normal, normal.dot(a)));
+        }
+    }
+    let (_, mut normal, mut d_m) = best?;
+    let mut fitted = None;
+    for _ in 0..4 {
+        let members: Vec<DVec3> = points.iter().filter(|p| p.is_on(normal, d_m)).map(|p| p.at_m).collect();
+        let plane = plane_through(&members).ok()?.facing(normal);
+        (normal, d_m, fitted) = (plane.normal, plane.d_m, Some(plane));
+    }
+    fitted
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EYE_M: DVec3 = DVec3::new(0.0, -1.0, 1.2);
+
+    /// Measured with 5 mm of error.
+    fn point(at_m: DVec3) -> Point {
+        Point { at_m, off_m: 0.005, eye_m: EYE_M }
+    }
+
+    /// A floor of 2 m by 2 m with waves of 4 mm, 0.5 m long, every 2 cm, and a wall behind it.
+    fn room() -> Vec<Point> {
+        let wave = |x: f64| 0.004 * (std::f64::consts::TAU * x / 0.5).sin();
+        let at = |n: i32| 0.02 * f64::from(n) - 1.0;
+        let floor = (0..10_000).map(|n| (at(n % 100), at(n / 100))).map(|(x, y)| DVec3::new(x, y, wave(x)));
+        let wall = (0..4000).map(|n| DVec3::new(at(n % 100), 1.0, 0.02 * f64::from(n / 100)));
+        floor.chain(wall).map(point).collect()
+    }
+
+    fn around(points: &[Point], at_m: DVec3) -> Vec<Point> {
+        points.iter().filter(|point| point.at_m.distance(at_m) < AROUND_M).copied().collect()
+    }
+
+    fn local_fit(points: &[Point]) -> FittedPlane {
+        plane_through(&points.iter().map(|point| point.at_m).collect::<Vec<_>>()).unwrap().facing(DVec3::Z)
+    }
+
+    #[test]
+    fn floor_and_wall_are_the_rooms_planes() {
+        let RoomPlanes(planes) = RoomPlanes::of(&room());
+        let [(floor, on_floor), (wall, on_wall)] = planes[..] else { panic!("{planes:?}") };
+        assert!(floor.normal.z > 0.99999 && floor.d_m.abs() < 1e-3 && on_floor >= 10_000, "{floor:?} {on_floor}");
+        assert!(wall.normal.y < -0.9999 && on_wall > 3500, "{wall:?} {on_wall}");
+    }
+
+    #[test]
+    fn local_tilt_of_a_wave_gives_way_to_the_floor() {
+        let room = room();
+        let planes = RoomPlanes::of(&room);
+        // On the wave's steepest place: 0.004·2π/0.5 is a slope of 2.9°.
+        let near = around(&room, DVec3::ZERO);
+        let local = local_fit(&near);
+        assert!(local.normal.angle_between(DVec3::Z).to_degrees() > 2.0, "{local:?}");
+        let settled = planes.settled(local, DVec3::ZERO, &near);
+        assert!(settled.normal.angle_between(DVec3::Z).to_degrees() < 0.2, "{settled:?}");
+    }
+
+    #[test]
+    fn book_and_ramp_keep_their_own_planes() {
+        let mut room = room();
+        // 2 cm high and 14 cm wide, and a ramp of 12°.
+        let is_on_book = |at: &DVec3| at.x.abs() < 0.07 && at.y.abs() < 0.07;
+        room.iter_mut().filter(|p| is_on_book(&p.at_m)).for_each(|p| p.at_m.z = 0.02);
+        let planes = RoomPlanes::of(&room);
+        let near = around(&room, DVec3::new(0.0, 0.0, 0.02));
+        let book = FittedPlane { normal: DVec3::Z, d_m: 0.02, off_m: 0.0, most_m: 0.0 };
+        assert_eq!(planes.settled(book, DVec3::new(0.0, 0.0, 0.02), &near), book);
+        let is_on_ramp = |at: &DVec3| (at.x - 0.5).abs() < 0.2 && at.y.abs() < 0.2;
+        room.iter_mut()
+            .filter(|p| is_on_ramp(&p.at_m))
+            .for_each(|p| p.at_m.z = (p.at_m.x - 0.5) * 12f64.to_radians().tan());
+        let near = around(&room, DVec3::new(0.5, 0.0, 0.0));
+        let ramp = local_fit(&near);
+        assert_eq!(planes.settled(ramp, DVec3::new(0.5, 0.0, 0.0), &near), ramp);
+    }
+
+    #[test]
+    fn up_is_the_largest_level_planes_normal_even_for_a_camera_upside_down() {
+        let planes = RoomPlanes::of(&room());
+        for lean_deg in [-40f64, 0.0, 30.0] {
+            let guess = DVec3::new(lean_deg.to_radians().sin(), 0.0, lean_deg.to_radians().cos());
+            for guess in [guess, -guess] {
+                let up = planes.up(guess).unwrap();
+                assert!(up.angle_between(DVec3::Z).to_degrees() < 0.2, "{guess}: {up}");
+            }
+        }
+        let wall: Vec<Point> = room().into_iter().filter(|point| point.at_m.y == 1.0).collect();
+        assert_eq!(RoomPlanes::of(&wall).up(DVec3::Z), None);
+    }
+}
