@@ -21,6 +21,8 @@ use super::points::{FittedPlane, plane_through};
 /// Planes of a room, at most, and the smallest share of its points that makes one.
 const MAX_PLANES: usize = 8;
 const MIN_SHARE: f64 = 0.015;
+/// Points of a room that planes are fitted to, at most.
+const MAX_POINTS: usize = 20_000;
 /// Samples that are tried for each plane, and points that they are compared by.
 const SAMPLES: usize = 600;
 const COMPARED: usize = 2048;
@@ -46,8 +48,10 @@ pub struct RoomPlanes(Vec<(FittedPlane, usize)>);
 
 impl RoomPlanes {
     pub fn of(points: &[Point]) -> Self {
-        let min_points = ((MIN_SHARE * points.len() as f64) as usize).max(3);
-        let (mut rest, mut planes) = (points.to_vec(), Vec::new());
+        let step = points.len().div_ceil(MAX_POINTS).max(1);
+        let mut rest: Vec<Point> = points.iter().step_by(step).copied().collect();
+        let min_points = ((MIN_SHARE * rest.len() as f64) as usize).max(3);
+        let mut planes = Vec::new();
         while planes.len() < MAX_PLANES && rest.len() >= min_points {
             let Some(plane) = largest(&rest) else { break };
             let (members, others): (Vec<Point>, Vec<Point>) =
@@ -65,7 +69,8 @@ impl RoomPlanes {
     }
 
     /// The dominant plane that explains nearly as many of the points around a place as a local fit
-    /// does, and passes the place as closely as they are measured; or else the local fit.
+    /// does, and passes the place as closely as they are measured, moved along its normal to their
+    /// median: a rug on the floor is a few millimetres higher. Or else the local fit.
     pub fn settled(&self, local: FittedPlane, at_m: DVec3, around: &[Point]) -> FittedPlane {
         let explained = |plane: &FittedPlane| around.iter().filter(|p| p.is_on(plane.normal, plane.d_m)).count();
         let mean_error_m = around.iter().map(|point| point.off_m).sum::<f64>() / around.len().max(1) as f64;
@@ -73,7 +78,12 @@ impl RoomPlanes {
         let passes = |plane: &FittedPlane| (plane.normal.dot(at_m) - plane.d_m).abs() < mean_error_m;
         let candidates = self.0.iter().map(|(plane, _)| plane).filter(|plane| passes(plane));
         let counted = candidates.map(|plane| (explained(plane), plane)).filter(|(count, _)| *count as f64 >= least);
-        counted.max_by_key(|(count, _)| *count).map_or(local, |(_, plane)| plane.facing(local.normal))
+        let Some((_, plane)) = counted.max_by_key(|(count, _)| *count) else { return local };
+        let on = around.iter().filter(|point| point.is_on(plane.normal, plane.d_m));
+        let mut offsets_m: Vec<f64> = on.map(|point| plane.normal.dot(point.at_m)).collect();
+        offsets_m.sort_by(f64::total_cmp);
+        let d_m = offsets_m.get(offsets_m.len() / 2).copied().unwrap_or(plane.d_m);
+        FittedPlane { d_m, ..*plane }.facing(local.normal)
     }
 
     /// Up by the largest level surface, where the cameras' own up is a guess. Cameras see floors and
@@ -161,6 +171,11 @@ mod tests {
         assert!(local.normal.angle_between(DVec3::Z).to_degrees() > 2.0, "{local:?}");
         let settled = planes.settled(local, DVec3::ZERO, &near);
         assert!(settled.normal.angle_between(DVec3::Z).to_degrees() < 0.2, "{settled:?}");
+        assert!(settled.d_m.abs() < 1e-3, "{settled:?}");
+        // A rug of 3 mm belongs to the floor's plane, and keeps its height.
+        let rug: Vec<Point> = near.iter().map(|p| Point { at_m: p.at_m.with_z(0.003), ..*p }).collect();
+        let settled = planes.settled(local_fit(&rug), DVec3::new(0.0, 0.0, 0.003), &rug);
+        assert!((settled.d_m - 0.003).abs() < 5e-4, "{settled:?}");
     }
 
     #[test]

@@ -85,7 +85,9 @@ fn fields(ui: &mut Ui, project: &mut Project) -> Option<String> {
         Some(n) => format!("sun {}: deleted", n + 1),
         None => "light: changed".to_owned(),
     };
-    removed.into_iter().for_each(|n| drop(light.sun.remove(n)));
+    if let Some(n) = removed {
+        light.sun.remove(n);
+    }
     // Without any light a file would get the default light.
     if light.says_none() {
         light.ambient = Some(Color::Grey(0.0));
