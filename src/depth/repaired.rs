@@ -26,6 +26,9 @@ const AROUND: f64 = 1.0 / 20.0;
 /// How far around them edges are smoothed: as far as `matte` looks.
 const SEEN_PX: i32 = matte::FARTHEST_PX;
 
+/// In darker light the shares of two surfaces are those of the pixel's area.
+const DARKEST: f32 = 1e-4;
+
 /// The inputs for repairing a frame's depth.
 #[derive(Clone, Copy)]
 pub struct Repair<'a> {
@@ -69,12 +72,14 @@ pub struct Wanted {
     pub objects: Vec<(Rect, f32)>,
     /// Here all depths are asked for.
     pub all_of: Rect,
+    /// The part of it in which shadows fall on real surfaces: the mattes of all edges are asked for.
+    pub receiver: Rect,
 }
 
 impl Wanted {
     /// All of a rectangle.
     pub fn all(rect: Rect) -> Self {
-        Self { objects: vec![(rect, f32::INFINITY)], all_of: rect }
+        Self { objects: vec![(rect, f32::INFINITY)], all_of: rect, receiver: Rect::new(0, 0, 0, 0) }
     }
 
     fn objects_only(&self) -> Self {
@@ -109,6 +114,35 @@ pub struct Repaired {
     pub depth_m: Vec<f32>,
     /// Over the part of it where things are drawn.
     pub shared: Vec<Shared>,
+    /// Over [`Wanted::receiver`].
+    pub receiver: Vec<SecondSurface>,
+}
+
+/// The surface of a pixel at an edge that the map does not have there.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SecondSurface {
+    /// Its share of the pixel's light, for each colour.
+    pub light_share: [f32; 3],
+    /// m; 0 where the pixel shows one surface alone.
+    pub depth_m: f32,
+}
+
+impl SecondSurface {
+    /// Of a pixel that shows I = α·F + (1 − α)·B: the farther surface's share of the light is (1 − α)·B/I, with B = I − α·(F − B).
+    fn of(shared: &Shared, depth_m: f32, look: [f32; 3]) -> Self {
+        if shared.near_m >= shared.far_m {
+            return Self::default();
+        }
+        let far = |c: usize| {
+            let (light, rest) = (look[c] * look[c], 1.0 - shared.share);
+            if light < DARKEST { rest } else { (rest * (1.0 - shared.fringe[c] / light)).clamp(0.0, 1.0) }
+        };
+        let far = [far(0), far(1), far(2)];
+        if depth_m == shared.near_m {
+            return Self { light_share: far, depth_m: shared.far_m };
+        }
+        Self { light_share: far.map(|share| 1.0 - share), depth_m: shared.near_m }
+    }
 }
 
 impl<'a> Repair<'a> {
@@ -143,10 +177,41 @@ impl<'a> Repair<'a> {
         let smear = Smear::new(self.rays.geometry(), self.frame, self.shutter, region);
         let within = drawn.moved(-region.x0, -region.y0);
         let shared = matte::shares(&depth_m, &looks, width, &smear, within, &wanted.objects_only().before_m(drawn, 0));
+        let receiver = self.second_surfaces((&depth_m, &looks, region), &smear, (&shared, drawn), wanted.receiver);
         let mut out = all.part(&measured_m, around);
         depth_m.iter_mut().for_each(|z| *z = known_m(*z));
         put(&mut out, around, &depth_m, region);
-        Repaired { depth_m: out, shared }
+        Repaired { depth_m: out, shared, receiver }
+    }
+
+    /// The second surfaces of pixels in `part`. `shared` has the mattes that are known already, over `drawn`.
+    fn second_surfaces(
+        &self,
+        (depth_m, looks, region): (&[f32], &[[f32; 3]], Rect),
+        smear: &Smear,
+        (shared, drawn): (&[Shared], Rect),
+        part: Rect,
+    ) -> Vec<SecondSurface> {
+        if part.is_empty() {
+            return Vec::new();
+        }
+        let known = |x: i32, y: i32| {
+            let at = drawn
+                .contains(x, y)
+                .then(|| (y - drawn.y0) as usize * drawn.width() as usize + (x - drawn.x0) as usize)?;
+            Some(shared[at]).filter(|shared| shared.near_m < shared.far_m)
+        };
+        let places = || (part.y0..part.y1).flat_map(|y| (part.x0..part.x1).map(move |x| (x, y)));
+        let before_m: Vec<f32> =
+            places().map(|(x, y)| if known(x, y).is_some() { 0.0 } else { f32::INFINITY }).collect();
+        let width = region.width() as usize;
+        let within = part.moved(-region.x0, -region.y0);
+        let others = matte::shares(depth_m, looks, width, smear, within, &before_m);
+        let second = |((x, y), other): ((i32, i32), &Shared)| {
+            let at = (y - region.y0) as usize * width + (x - region.x0) as usize;
+            SecondSurface::of(&known(x, y).unwrap_or(*other), depth_m[at], looks[at])
+        };
+        places().zip(&others).map(second).collect()
     }
 
     /// The rectangle and its surroundings, as far as the picture goes.
@@ -261,7 +326,7 @@ mod tests {
         let (pixels, depth, _) = screen();
         let (drawn, nothing) = (Rect::new(50, 20, 110, 100), Rect::new(0, 0, 0, 0));
         for object_m in [0.5f32, 1.5, 3.0] {
-            let wanted = Wanted { objects: vec![(drawn, object_m)], all_of: nothing };
+            let wanted = Wanted { objects: vec![(drawn, object_m)], all_of: nothing, receiver: nothing };
             let [all, some] =
                 [Wanted::all(drawn), wanted].map(|wanted| repaired(&pixels, &depth, drawn, &wanted).shared);
             let hidden = |s: &Shared| match () {
@@ -279,7 +344,7 @@ mod tests {
             [Rect::new(-9, 0, -3, 1), Rect::new(12, 0, 15, 1), Rect::new(0, -9, 4, -5)].map(|rect| (rect, 9.0));
         let mut objects = vec![(Rect::new(1, 0, 3, 1), 2.0), (Rect::new(2, 0, 9, 1), 1.0)];
         objects.extend(beside);
-        let wanted = Wanted { objects, all_of: Rect::new(0, 1, 1, 2) };
+        let wanted = Wanted { objects, all_of: Rect::new(0, 1, 1, 2), receiver: Rect::new(0, 0, 0, 0) };
         let inf = f32::INFINITY;
         assert_eq!(wanted.before_m(Rect::new(0, 0, 4, 2), 0), [0.0, 2.0, 2.0, 1.0, inf, 0.0, 0.0, 0.0]);
         assert_eq!(wanted.before_m(Rect::new(0, 0, 4, 2), 1), [inf, inf, 2.0, 2.0, inf, inf, 2.0, 2.0]);

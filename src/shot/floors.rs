@@ -14,15 +14,16 @@ use super::Shot;
 use super::facets::facets;
 use super::planes::{Point, agreed};
 use super::points::FittedPlane;
+use super::radiance::radiance_of;
 use crate::analyse::KnownBy;
-use crate::camera::Geometry;
+use crate::camera::{Geometry, Response};
 use crate::compositor::Compositor;
 use crate::frame::Frame;
 use crate::gpu::Gpu;
 use crate::pixels::DepthMap;
 use crate::pose::Pose;
 use crate::scene::{LitBy, Mesh, Object, Scene, Support};
-use crate::shadow::Room;
+use crate::shadow::{LazyRadiance, Room};
 use crate::source::ahead::Ahead;
 
 /// Frames whose depth is looked at, and points across each.
@@ -60,6 +61,8 @@ struct Known {
     points: Vec<Point>,
     /// Of the points, once it is asked for.
     room: Option<Arc<Room>>,
+    /// Of surfaces, by the response of the camera.
+    radiance: Option<(Response, Arc<LazyRadiance>)>,
     last: Last,
 }
 
@@ -118,11 +121,12 @@ impl Shot {
         let camera = self.given_geometry_at(0);
         let known = known.get_or_insert_with(|| {
             let looks = self.looks();
-            Known { points: self.seen(&looks), looks, camera: camera.clone(), room: None, last: Last::default() }
+            let points = self.seen(&looks);
+            Known { points, looks, camera: camera.clone(), room: None, radiance: None, last: Last::default() }
         });
         if known.camera != camera {
             (known.points, known.camera) = (self.seen(&known.looks), camera);
-            (known.room, known.last) = (None, Last::default());
+            (known.room, known.radiance, known.last) = (None, None, Last::default());
         }
         if !known.last.is_of(&self.scene) {
             known.last = Last::default();
@@ -147,6 +151,7 @@ impl Shot {
         let scene = Scene { objects: self.objects(), ..Scene::clone(&self.scene) };
         let mut compositor = Compositor::new(gpu, scene);
         compositor.stand_in(self.room());
+        compositor.set_surface_radiance(self.surface_radiance());
         compositor
     }
 
@@ -154,6 +159,26 @@ impl Shot {
     pub(super) fn place_in(&self, compositor: &mut Compositor) {
         compositor.place(&self.objects());
         compositor.stand_in(self.room());
+        compositor.set_surface_radiance(self.surface_radiance());
+    }
+
+    /// How bright surfaces are in frames that do not clip there. `None` where the frames' gains are not known.
+    fn surface_radiance(&self) -> Option<Arc<LazyRadiance>> {
+        let is_analysed = self.recording.exposure.iter().any(|exposure| exposure.seen.is_some());
+        if !is_analysed || !self.settings.shadow.cast {
+            return None;
+        }
+        let response = self.camera().response;
+        let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = known.as_mut().filter(|known| !known.points.is_empty())?;
+        if known.radiance.as_ref().is_none_or(|(of, _)| *of != response) {
+            let (recording, rig) = (self.recording.clone(), self.rig.clone());
+            let frames = known.looks.iter().map(|look| look.frame).collect();
+            let of = response.clone();
+            let lazy = LazyRadiance::new(Box::new(move || radiance_of(&recording, &rig, &of, frames)));
+            known.radiance = Some((response, Arc::new(lazy)));
+        }
+        known.radiance.as_ref().map(|(_, radiance)| radiance.clone())
     }
 
     /// Real things, where it is known where light comes from: of a light that is guessed nothing can be stopped.
