@@ -14,12 +14,13 @@
 //!   V'_c/V_c = max over channels of min(1, L̂·s/V).
 //!
 //! Cameras compress light below their white. So L̂ rises from V to its value between the codes 240 and 250 of 255, and channels
-//! become alike over the same range.
+//! become alike over the same range. On a saturated colour L̂ would change the hue from the lit part to the shaded one, for only
+//! one or two of its channels clip: it rises to its value as the least channel rises from 200 to 240. Below that V stands for L.
 //!
 //! The result is written as a fraction of the recorded light that is removed. Mixing, noise and layer files use it as that of any
 //! other pixel.
 //!
-//! Not modelled: the colour of a clipped surface in a shadow; a surface that clips in every frame and is brighter than its largest
+//! Not modelled: the colour of a clipped surface in a shadow; saturated colours of which a channel clips; a surface that clips in every frame and is brighter than its largest
 //! lower bound, whose shadow is too dark; the radiance of photographs that sum frames and of recordings without depth or without an
 //! analysis, where V is the only bound.
 
@@ -37,6 +38,8 @@ use super::shade::Shaded;
 
 /// Codes, as shares of the largest one, from which on a channel is near the camera's white, and from which on it clips.
 const SHOULDER: f32 = 240.0 / 255.0;
+/// Least channel, as a share of the largest code, below which a clipped colour is saturated.
+const SATURATED: f32 = 200.0 / 255.0;
 pub const WHITE: f32 = 250.0 / 255.0;
 /// Largest ratio of the true radiance to the recorded light. Brighter surfaces are lamps, which take no shadow either.
 const MAX_EXCESS: f32 = 16.0;
@@ -146,10 +149,12 @@ impl ClippedLight {
             let radiance = radiance.and_then(|((known, pose), sampler)| known.at((x, y), &pose, picture, sampler));
             let far = codes.map(|code| clipping(code as f32 / max_code as f32));
             let texel = &mut excess[(y - rect.y0) as usize * rect.width() as usize + (x - rect.x0) as usize];
+            let least = codes.into_iter().min().unwrap_or(0) as f32 / max_code as f32;
+            let pale = ((least - SATURATED) / (SHOULDER - SATURATED)).clamp(0.0, 1.0);
             for c in (0..3).filter(|c| far[*c] > 0.0) {
                 let own = light[(codes[c].max(first) - first) as usize];
                 let true_light = radiance.map_or(own, |radiance| radiance[c].clamp(own, MAX_EXCESS * own));
-                texel[c] = 1.0 + far[c] * (true_light / own - 1.0);
+                texel[c] = 1.0 + pale * far[c] * (true_light / own - 1.0);
             }
             texel[3] = far[0].min(far[1]).min(far[2]);
         }
@@ -209,8 +214,8 @@ mod tests {
         Response { curve: Curve::Linear, ..Response::default() }
     }
 
+    /// At one pixel that is not grey, at column 3 of row 2.
     fn light_of(codes: [u8; 3], known: Option<&KnownRadiance<'_>>) -> Option<ClippedLight> {
-        // One pixel that is not grey, at column 3 of row 2.
         let pixel = |i: usize| if i == 2 * 8 + 3 { codes } else { [90; 3] };
         let pixels = Pixels::from_u8(8, 6, (0..48).flat_map(pixel).collect()).unwrap();
         ClippedLight::new(&pixels, &linear(), &Geometry::pinhole(8, 6, 8.0), &[PICTURE], known)
@@ -237,7 +242,7 @@ mod tests {
         let brightness = SeenBrightness { factors: [1.5, 1.2, 1.0], usual_s: None, across: Across([1.0; NODES]) };
         let depth_m = vec![1.0; 48];
         let rays = Rays::new(&Geometry::pinhole(8, 6, 8.0));
-        let known = |x_m: f64| {
+        let known = |codes: [u8; 3], x_m: f64| {
             let pose_at = move |_| Pose::from_camera_in_world(DVec3::X * x_m, glam::DQuat::IDENTITY);
             let known = KnownRadiance {
                 radiance: &radiance,
@@ -246,12 +251,15 @@ mod tests {
                 pose_at: &pose_at,
                 brightness,
             };
-            light_of([255, 245, 251], Some(&known)).unwrap().excess[0]
+            light_of(codes, Some(&known)).unwrap().excess[0]
         };
         // Twice as bright there as the factors say. The green counts by half; the blue's radiance is below its code.
         let expected = [3.6, 1.0 + 0.5 * (2.16 * 255.0 / 245.0 - 1.0), 1.0];
-        let found = known(0.0);
+        let found = known([255, 245, 251], 0.0);
         assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 1e-3), "{found:?} {expected:?}");
-        assert_eq!(known(-0.9)[..3], [1.0; 3]);
+        assert_eq!(known([255, 245, 251], -0.9)[..3], [1.0; 3]);
+        // Half as pale, and a saturated colour.
+        let [half, none] = [220, 180].map(|blue| known([255, 245, blue], 0.0)[0]);
+        assert!((half - 2.3).abs() < 1e-3 && none == 1.0, "{half} {none}");
     }
 }

@@ -181,16 +181,21 @@ fn shadow_on_a_floor_that_always_clips_is_grey_and_the_lightest_that_its_channel
 }
 
 #[test]
-fn channel_that_clips_alone_has_its_own_radiance_and_the_others_keep_their_ratio() {
+fn colour_of_which_a_channel_clips_keeps_its_hue_unless_it_is_pale() {
     let ratios = ratios(Vec3::splat(0.3));
-    let codes: Vec<u8> = (0..WIDTH * HEIGHT).flat_map(|_| [255, 200, 120]).collect();
-    let known = radiance([1.2, 0.1, 0.1]);
-    let done = made(scene(Vec3::splat(0.3)), &settings(), frame(codes, floor_m(), 1.0), Some(known));
-    for i in free(&done) {
-        let ratio = ratios[i].map(f64::from);
-        let expected = [encode(1.2 * ratio[0]), encode(decode(200.0) * ratio[1]), encode(decode(120.0) * ratio[2])];
-        for (found, expected) in pixel(&done, i).into_iter().zip(expected) {
-            assert!((f64::from(found) - expected).abs() <= 0.7, "{i}: {found} {expected}");
+    let of = |codes: [u8; 3]| {
+        let codes: Vec<u8> = (0..WIDTH * HEIGHT).flat_map(|_| codes).collect();
+        made(scene(Vec3::splat(0.3)), &settings(), frame(codes, floor_m(), 1.0), Some(radiance([1.2, 0.1, 0.1])))
+    };
+    for (codes, red) in [([255u8, 200, 120], 1.0), ([255, 240, 240], 1.2)] {
+        let done = of(codes);
+        for i in free(&done) {
+            let light = [red, decode(f64::from(codes[1])), decode(f64::from(codes[2]))];
+            for c in 0..3 {
+                let expected = encode(light[c] * f64::from(ratios[i][c]));
+                let found = pixel(&done, i)[c];
+                assert!((f64::from(found) - expected).abs() <= 0.7, "{codes:?}, {i}: {found} {expected}");
+            }
         }
     }
 }
