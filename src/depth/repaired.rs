@@ -195,23 +195,28 @@ impl<'a> Repair<'a> {
         if part.is_empty() {
             return Vec::new();
         }
-        let known = |x: i32, y: i32| {
-            let at = drawn
-                .contains(x, y)
-                .then(|| (y - drawn.y0) as usize * drawn.width() as usize + (x - drawn.x0) as usize)?;
-            Some(shared[at]).filter(|shared| shared.near_m < shared.far_m)
-        };
-        let places = || (part.y0..part.y1).flat_map(|y| (part.x0..part.x1).map(move |x| (x, y)));
-        let before_m: Vec<f32> =
-            places().map(|(x, y)| if known(x, y).is_some() { 0.0 } else { f32::INFINITY }).collect();
-        let width = region.width() as usize;
+        let (columns, width) = (part.width() as usize, region.width() as usize);
+        let at = |rect: &Rect, x: i32, y: i32| (y - rect.y0) as usize * rect.width() as usize + (x - rect.x0) as usize;
+        // What is known needs no second matte.
+        let both = part.intersection(&drawn);
+        let places = (both.y0..both.y1.max(both.y0)).flat_map(|y| (both.x0..both.x1).map(move |x| (x, y)));
+        let known = places.filter_map(|(x, y)| {
+            let shared = &shared[at(&drawn, x, y)];
+            (shared.near_m < shared.far_m).then_some((at(&part, x, y), shared))
+        });
+        let known: Vec<_> = known.collect();
+        let mut before_m = vec![f32::INFINITY; columns * part.height() as usize];
+        known.iter().for_each(|(at, _)| before_m[*at] = 0.0);
         let within = part.moved(-region.x0, -region.y0);
-        let others = matte::shares(depth_m, looks, width, smear, within, &before_m);
-        let second = |((x, y), other): ((i32, i32), &Shared)| {
-            let at = (y - region.y0) as usize * width + (x - region.x0) as usize;
-            SecondSurface::of(&known(x, y).unwrap_or(*other), depth_m[at], looks[at])
-        };
-        places().zip(&others).map(second).collect()
+        let mut mattes = matte::shares(depth_m, looks, width, smear, within, &before_m);
+        known.iter().for_each(|(at, shared)| mattes[*at] = **shared);
+        let mut out = Vec::with_capacity(mattes.len());
+        for (y, mattes) in (part.y0..).zip(mattes.chunks_exact(columns)) {
+            let first = at(&region, part.x0, y);
+            let there = depth_m[first..].iter().zip(&looks[first..]);
+            out.extend(mattes.iter().zip(there).map(|(matte, (z, look))| SecondSurface::of(matte, *z, *look)));
+        }
+        out
     }
 
     /// The rectangle and its surroundings, as far as the picture goes.
@@ -336,6 +341,35 @@ mod tests {
             };
             assert!(all.iter().map(hidden).eq(some.iter().map(hidden)), "{object_m}");
         }
+    }
+
+    #[test]
+    fn second_surface_of_an_edge_pixel_has_its_share_of_the_light_by_hand() {
+        // I = 0.25·0.1 + 0.75·0.4 = 0.325 of light, of which 0.3 are the farther surface's.
+        let matte = Shared { near_m: 1.0, far_m: 2.0, share: 0.25, fringe: [0.25 * (0.1 - 0.4); 3] };
+        let look = [0.325f32.sqrt(); 3];
+        let far = SecondSurface::of(&matte, 1.0, look);
+        assert!((far.light_share[0] - 0.3 / 0.325).abs() < 1e-5 && far.depth_m == 2.0, "{far:?}");
+        let near = SecondSurface::of(&matte, 2.0, look);
+        assert!((near.light_share[1] - 0.025 / 0.325).abs() < 1e-5 && near.depth_m == 1.0, "{near:?}");
+        // In the dark by area, and nothing where there is one surface.
+        assert_eq!(SecondSurface::of(&matte, 1.0, [0.0; 3]).light_share, [0.75; 3]);
+        assert_eq!(SecondSurface::of(&Shared { far_m: 1.0, ..matte }, 1.0, look), SecondSurface::default());
+    }
+
+    #[test]
+    fn second_surfaces_are_the_same_whether_their_mattes_are_known_already_or_not() {
+        let (pixels, mut depth, inside) = screen();
+        depth.depth_m = (0..WIDTH * HEIGHT).map(|i| if inside(i) { 1.0 } else { 2.0 }).collect();
+        let (whole, part) = (Rect::full(160, 120), Rect::new(20, 10, 100, 80));
+        let nothing = Rect::new(0, 0, 0, 0);
+        let of = |object: Rect| {
+            let wanted = Wanted { objects: vec![(object, 9.0)], all_of: part, receiver: part };
+            repaired(&pixels, &depth, whole, &wanted).receiver
+        };
+        let (alone, beside) = (of(nothing), of(Rect::new(35, 20, 60, 60)));
+        assert!(alone.len() == 80 * 70 && alone.iter().filter(|second| second.depth_m > 0.0).count() > 200);
+        assert_eq!(alone, beside);
     }
 
     #[test]

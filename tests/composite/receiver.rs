@@ -221,25 +221,26 @@ fn clipped_pixels_beyond_the_shadow_keep_their_bits_and_without_a_shadow_all_do(
 
 #[test]
 fn shadow_ends_at_a_nearer_thing_by_the_share_that_the_thing_has_of_each_pixel() {
-    // A dark card before the left of the shadow. It ends within column 54 and has 0.4 of it.
-    let (card_ends, card, floor) = (54.4, 0.03, 0.5);
-    let share = |i: usize| (card_ends - (i as u32 % WIDTH) as f64).clamp(0.0, 1.0);
-    let light = |i: usize, ratio: f64| share(i) * card + (1.0 - share(i)) * floor * ratio;
-    let codes = (0..(WIDTH * HEIGHT) as usize).flat_map(|i| [encode(light(i, 1.0)).round() as u8; 3]).collect();
-    let floor_m = floor_m();
-    let depth_m = floor_m.iter().enumerate().map(|(i, z)| if share(i) > 0.5 { 0.8 * z } else { *z }).collect();
-    let ratios = ratios(Vec3::splat(0.3));
-    let done = made(scene(Vec3::splat(0.3)), &settings(), frame(codes, depth_m, 1.0), None);
-    let (mut worst, mut count) = (0.0f64, 0);
-    for i in free(&done) {
-        let ratio = f64::from(ratios[i][1]);
-        if (50..60).contains(&(i as u32 % WIDTH)) && ratio < 0.85 {
-            let off = (f64::from(pixel(&done, i)[1]) - encode(light(i, ratio))).abs();
-            (worst, count) = (worst.max(off), count + 1);
+    // A card before the left of the shadow, darker than the floor or brighter. It ends within column 54 and has 0.4 of it.
+    for (card, floor) in [(0.03, 0.5), (0.6, 0.15)] {
+        let share = |i: usize| (54.4 - f64::from(i as u32 % WIDTH)).clamp(0.0, 1.0);
+        let light = |i: usize, ratio: f64| share(i) * card + (1.0 - share(i)) * floor * ratio;
+        let codes = (0..(WIDTH * HEIGHT) as usize).flat_map(|i| [encode(light(i, 1.0)).round() as u8; 3]).collect();
+        let depth_m = floor_m().iter().enumerate().map(|(i, z)| if share(i) > 0.5 { 0.8 * z } else { *z }).collect();
+        let ratios = ratios(Vec3::splat(0.3));
+        let done = made(scene(Vec3::splat(0.3)), &settings(), frame(codes, depth_m, 1.0), None);
+        let (mut worst, mut count) = (0.0f64, 0);
+        for i in free(&done) {
+            let ratio = f64::from(ratios[i][1]);
+            if (50..60).contains(&(i as u32 % WIDTH)) && ratio < 0.85 {
+                let off = (f64::from(pixel(&done, i)[1]) - encode(light(i, ratio))).abs();
+                (worst, count) = (worst.max(off), count + 1);
+            }
         }
+        println!("{worst:.2} codes at most at {count} pixels");
+        assert!(count > 60, "{count}");
+        // Without the mixed pixels' second surface it is 3.9 codes at the dark card. What is left is the light of the two sides,
+        // which the matte knows to a per cent.
+        assert!(worst <= 2.0, "{worst} codes beside a card of {card}");
     }
-    println!("{worst:.2} codes at most at {count} pixels");
-    assert!(count > 60, "{count}");
-    // The matte knows the card's and the floor's light to a few per cent.
-    assert!(worst <= 4.0, "{worst} codes");
 }
