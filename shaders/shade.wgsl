@@ -3,11 +3,14 @@
 // computed at the corners of cells of the picture. In between it is interpolated: before the division it is nearly linear.
 // @import shared/half
 override has_depth: bool = false;   // of the real scene
+override has_matte: bool = false;   // second surfaces of pixels at the edges of real things
 
 const MOMENTS: u32 = 4u;
 // How far apart the four places are at which a pixel's depth is asked, against those in the pixel: a sensor's edges are torn
 // by two pixels.
 const BESIDE_PX: f32 = 6.0;
+// Depths that differ by more than this factor belong to two surfaces.
+const JUMP: f32 = 1.04;
 
 // A shadow ends where it is too faint to be seen. On sRGB white, 8-bit codes change by 112 per unit of light: less than
 // half a code below FAINT. It fades in up to VISIBLE, where it is worth less than two.
@@ -18,8 +21,10 @@ struct Shade {
     in_picture: vec2<f32>,   // where the part begins
     part_px: vec2<f32>,      // its size
     in_depth: vec2<f32>,     // where it begins in the depth
+    in_matte: vec2<f32>,     // and in the matte
     per_texel: vec2<f32>,    // 1 / the atlas's size
     depth_size: vec2<i32>,   // of the depth; its texture may be larger
+    matte_size: vec2<i32>,   // of the matte
     size: vec2<i32>,         // of the grid of rays, nodes
     per_step: f32,           // steps of the grid per pixel
     round_px: f32,           // width of a picture whose rims meet, else 0
@@ -58,6 +63,8 @@ struct Turn { x: vec4<f32>, y: vec4<f32>, z: vec4<f32> }
 @group(0) @binding(5) var<storage, read> pieces: array<Piece>;
 @group(0) @binding(6) var<storage, read> turns: array<Turn>;
 @group(0) @binding(7) var between: sampler;
+// A pixel's second surface: its share of each colour's light, and its depth, m; 0 where there is none.
+@group(0) @binding(8) var matte: texture_2d<f32>;
 
 // The rays at the corners of a cell of their grid, and the cell.
 struct Cell { upper: array<vec4<f32>, 2>, lower: array<vec4<f32>, 2>, corner: vec2<f32> }
@@ -90,22 +97,56 @@ fn beside(moment: u32) -> vec2<f32> {
     return turned[moment];
 }
 
-// How far what is really seen around a pixel is the floor: 1 within the tolerance of it, 0 beyond three times that. `nearness` is
-// 1 over the floor's own depth there. Where nothing was measured it is what things stand on, and nothing beside them.
+// How far a depth is the floor: 1 within the tolerance of it, 0 beyond three times that. `nearness` is 1 over the floor's own depth.
+fn floor_at(real_m: f32, nearness: f32, chart: Chart) -> f32 {
+    let near_m = max(shade.tolerance_m, shade.per_depth2 / max(nearness * nearness, 1e-6));
+    let per_off = 0.5 * chart.height_m / near_m;
+    return select(clamp(1.5 - per_off * abs(real_m * nearness - 1.0), 0.0, 1.0), chart.unmeasured, real_m <= 0.0);
+}
+
+fn depth_at(at_px: vec2<f32>) -> f32 {
+    return textureLoad(real_depth, clamp(vec2<i32>(floor(at_px)), vec2<i32>(0), shade.depth_size - 1), 0).x;
+}
+
+// How far what is really seen around a pixel is the floor. Where nothing was measured it is what things stand on, and nothing
+// beside them.
 fn floor_around(at_px: vec2<f32>, nearness: f32, chart: Chart) -> f32 {
     if !has_depth {
         return chart.unmeasured;
     }
-    let near_m = max(shade.tolerance_m, shade.per_depth2 / max(nearness * nearness, 1e-6));
-    let per_off = 0.5 * chart.height_m / near_m;
     var share = 0.0;
     for (var i = 0u; i < MOMENTS; i++) {
-        let p = clamp(vec2<i32>(floor(at_px + BESIDE_PX * beside(i))), vec2<i32>(0), shade.depth_size - 1);
-        let real_m = textureLoad(real_depth, p, 0).x;
-        let within = 1.5 - per_off * abs(real_m * nearness - 1.0);
-        share += select(clamp(within, 0.0, 1.0), chart.unmeasured, real_m <= 0.0);
+        share += floor_at(depth_at(at_px + BESIDE_PX * beside(i)), nearness, chart);
     }
     return share / f32(MOMENTS);
+}
+
+// The same of the surface alone that is seen in the pixel, a sensor's noise being averaged.
+fn floor_of_surface(at_px: vec2<f32>, nearness: f32, chart: Chart) -> f32 {
+    let own_m = depth_at(at_px);
+    var share = floor_at(own_m, nearness, chart);
+    var count = 1.0;
+    for (var i = 0u; i < MOMENTS; i++) {
+        let real_m = depth_at(at_px + BESIDE_PX * beside(i));
+        if max(real_m, own_m) <= JUMP * min(real_m, own_m) {
+            share += floor_at(real_m, nearness, chart);
+            count += 1.0;
+        }
+    }
+    return share / count;
+}
+
+// The share of each colour's light in a pixel that comes from the floor.
+fn light_of_floor(at_px: vec2<f32>, nearness: f32, chart: Chart) -> vec3<f32> {
+    if has_matte {
+        let q = vec2<i32>(floor(at_px + shade.in_matte));
+        if all(q >= vec2<i32>(0)) && all(q < shade.matte_size) {
+            let own = vec3<f32>(floor_of_surface(at_px + shade.in_depth, nearness, chart));
+            let second = textureLoad(matte, q, 0);
+            return mix(own, vec3<f32>(floor_at(second.w, nearness, chart)), select(vec3<f32>(0.0), second.rgb, second.w > 0.0));
+        }
+    }
+    return vec3<f32>(floor_around(at_px + shade.in_depth, nearness, chart));
 }
 
 struct Corner {
@@ -167,7 +208,7 @@ fn main(corner: Corner) -> @location(0) vec4<f32> {
     // Pieces reach beyond it.
     let at = corner.at.xy + shade.in_picture;
     taken *= f32(all(at > chart.rect_px.xy) && all(at < chart.rect_px.zw));
-    taken *= floor_around(corner.at.xy + shade.in_depth, nearness / f32(MOMENTS), chart);
+    taken *= light_of_floor(corner.at.xy, nearness / f32(MOMENTS), chart);
     let share = clamp(shade.strength * shade.presence * taken, vec3<f32>(-1.0), vec3<f32>(1.0));
     return rounded_to_half(vec4<f32>(share, 0.0));
 }

@@ -1,5 +1,7 @@
 //! The second phase: what real things hide, and when it is cut off.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use super::behind_real::{Before, deep_within};
@@ -8,12 +10,15 @@ use super::plan::{Plan, Sight};
 use super::shade::dark;
 use super::{Job, RealDepth, Settings};
 use crate::camera::Geometry;
-use crate::depth::{LastRepair, Proxies, RayCache, Rays, Repair, Seen, Shared, Wanted, measured_from, neighbours};
+use crate::depth::{
+    LastRepair, Proxies, RayCache, Rays, Repair, Repaired, SecondSurface, Seen, Shared, Wanted, measured_from,
+    neighbours,
+};
 use crate::effects::Moment;
-use crate::gpu::{Recorder, Texture};
+use crate::gpu::{Recorder, Texture, half_texels};
 use crate::pixels::Rect;
 use crate::pose::Pose;
-use crate::render::{Placed, grid_depth, real_depth};
+use crate::render::{COLOR, Placed, grid_depth, real_depth};
 
 /// The real scene's depth (metres, 0 unknown), over the drawn rectangle where nothing else is said.
 #[derive(Debug, Default)]
@@ -25,6 +30,10 @@ pub struct Hidden {
     /// The depth itself, of everything that is known, and its rectangle: around what is drawn and what is shaded. `None` where
     /// nothing is shaded.
     pub real: Option<(Texture, Rect)>,
+    /// The same as plain values.
+    pub repaired: Option<(Arc<Repaired>, Rect)>,
+    /// The second surface of pixels at edges, where a shadow is dark.
+    pub matte: Option<(Texture, Rect)>,
     /// Why the frame's depth hides nothing although it exists and is asked for.
     pub nothing_because: Option<String>,
     /// Whether edges are torn because the neighbours were not asked.
@@ -34,7 +43,7 @@ pub struct Hidden {
 /// What is known from picture to picture.
 #[derive(Debug, Default)]
 pub struct Known {
-    rays: RayCache,
+    pub rays: RayCache,
     last: LastRepair,
     /// Models that stand in for real things.
     pub proxies: Proxies,
@@ -96,8 +105,19 @@ impl Hidden {
         let deep = deep_within(&farthest, drawn.width() as usize, reach_px);
         let before = Before::new(recorder, &repaired.shared, drawn);
         let first = Some((real_depth(recorder, &deep, drawn), None));
-        Self { first, real, then: Some((after, before)), nothing_because, is_rough }
+        let matte = (!dark.is_empty()).then(|| (receiver_matte(recorder, &repaired.receiver, dark), dark));
+        let repaired = Some((repaired, around));
+        Self { first, real, repaired, matte, then: Some((after, before)), nothing_because, is_rough }
     }
+}
+
+/// Uploads the second surfaces of a rectangle's pixels: their share of each colour's light, and their depth.
+fn receiver_matte(recorder: &Recorder, receiver: &[SecondSurface], rect: Rect) -> Texture {
+    let texel = |of: &SecondSurface| [of.light_share[0], of.light_share[1], of.light_share[2], of.depth_m];
+    let texels: Vec<[f32; 4]> = receiver.iter().map(texel).collect();
+    let texture = recorder.pool.lend_to_write(&recorder.gpu, (rect.width(), rect.height()), COLOR);
+    texture.write(&recorder.gpu, rect.width(), rect.height(), &half_texels(&texels));
+    texture
 }
 
 /// Where a point of the world is seen by the pose of its row, and its depth.
@@ -117,5 +137,5 @@ fn wanted(sight: &Sight, places: &Places, dark: Rect, rays: &Rays) -> Wanted {
         let others: Vec<_> = turned(-width).chain(turned(width)).collect();
         objects.extend(others);
     }
-    Wanted { objects, all_of: dark }
+    Wanted { objects, all_of: dark, receiver: dark }
 }

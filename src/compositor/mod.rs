@@ -4,6 +4,7 @@
 //! effects), mix (mix.rs).
 
 mod behind_real;
+mod clipped;
 mod hide;
 mod job;
 mod mix;
@@ -29,8 +30,9 @@ use crate::gpu::{Gpu, GpuError, PartTime, Readback, ReadbackSet, Recorder, Timed
 use crate::pixels::{LayerImage, Rect};
 use crate::render::{Layer, Occlusion, Renderer, View};
 use crate::scene::{Object, Scene};
-use crate::shadow::{Chart, Lightmaps, Room, Shadows};
+use crate::shadow::{Chart, LazyRadiance, Lightmaps, Room, Shadows};
 
+pub use clipped::WHITE;
 pub use hide::seen_by_row;
 pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target, exposure_time_s};
 pub use mix::module as mixed_module;
@@ -38,6 +40,7 @@ pub use plan::poses_within_s;
 pub use run::{IN_FLIGHT, Input, Run, RunError, Stream};
 pub use settings::{Depth, ON, Settings, SettingsError, Shade};
 
+use clipped::KnownRadiance;
 use hide::Hidden;
 use mix::{Piece, Sent, mix};
 use paste::{fill_noise, paste, paste_fringe, paste_layer, paste_shade};
@@ -52,6 +55,7 @@ pub struct Compositor {
     lightmaps: Lightmaps,
     recorder: Recorder,
     depth: hide::Known,
+    radiance: Option<Arc<LazyRadiance>>,
     readbacks: ReadbackSet,
     may_be_rough: bool,
 }
@@ -121,6 +125,7 @@ impl Compositor {
             renderer: Renderer::new(&gpu, scene),
             recorder: Recorder::new(gpu),
             depth: hide::Known::default(),
+            radiance: None,
             readbacks: ReadbackSet::default(),
             may_be_rough: false,
         }
@@ -151,6 +156,11 @@ impl Compositor {
     /// Real things take light from the floors from the next frame on, which virtual ones do not take a second time.
     pub fn stand_in(&mut self, room: Option<Arc<Room>>) {
         self.shadows.stand_in(room);
+    }
+
+    /// Sets how bright the room's surfaces are where a frame shows them clipped. It holds from the next frame on.
+    pub fn set_surface_radiance(&mut self, radiance: Option<Arc<LazyRadiance>>) {
+        self.radiance = radiance;
     }
 
     pub fn gpu(&self) -> &Gpu {
@@ -246,10 +256,24 @@ impl Compositor {
             shutter: sight.shutter,
             part: places.shaded,
             depth: hidden.real.as_ref().map(|(depth, rect)| (depth, *rect)),
+            matte: hidden.matte.as_ref().map(|(matte, rect)| (matte, *rect)),
             settings: &settings.shadow,
             presence: job.frame.presence,
         };
         let shaded = shade::shade(&mut self.recorder, &sight.shades, &asked);
+        let pose_at = |offset_s| sight.keys.pose_at(offset_s);
+        let rays = self.depth.rays.of(job.picture);
+        let known = self.radiance.as_deref().zip(hidden.repaired.as_ref()).zip(job.frame.exposure.seen);
+        let known = known.map(|((radiance, (repaired, rect)), brightness)| KnownRadiance {
+            radiance,
+            depth_m: (&repaired.depth_m, *rect),
+            rays,
+            pose_at: &pose_at,
+            brightness,
+        });
+        let camera_light = (&job.frame.pixels, &camera.response, job.picture);
+        let shaded = shaded
+            .map(|shaded| clipped::bounded(&mut self.recorder, shaded, places.shaded, camera_light, known.as_ref()));
         let shade = shaded.as_ref().map(|shaded| &shaded.texture);
         self.recorder.part("objects");
         let mut layer = self.renderer.draw(&mut self.recorder, &view, &plan.samples);

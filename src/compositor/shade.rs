@@ -6,9 +6,12 @@
 //! picture; H·r is interpolated over them, as far as rays are straight there. The driver interpolates by a triangle's place in the
 //! part that is made, so two parts of a picture may differ in a share's last bit.
 //!
-//! A real thing that stands on or before the floor is not darkened: only what depth shows within a tolerance of the plane is.
+//! A real thing that stands on or before the floor is not darkened: only what depth shows within a tolerance of the plane is. At
+//! the thing's edge a pixel shows I = α·F + (1 − α)·B, with the matte α by which it hides virtual things too (depth/matte.rs). The
+//! shadow takes its share of (1 − α)·B alone.
 //!
-//! Not modelled: the lens's blur of a shadow's edge beyond a pixel's width.
+//! Not modelled: the lens's blur of a shadow's edge beyond a pixel's width; mattes where the shadow takes less than a twentieth of
+//! the light, where depth is taken as it was measured; edges of things lower than the step in depth that counts as an edge.
 
 use std::sync::Arc;
 
@@ -54,8 +57,10 @@ crate::uniform! {
         in_picture: [f32; 2],
         part_px: [f32; 2],
         in_depth: [f32; 2],
+        in_matte: [f32; 2],
         per_texel: [f32; 2],
         depth_size: [i32; 2],
+        matte_size: [i32; 2],
         size: [i32; 2],
         per_step: f32,
         round_px: f32,
@@ -298,6 +303,9 @@ pub struct Asked<'a> {
     pub part: Rect,
     /// The real scene's depth over a rectangle around that part, metres, 0 where unknown.
     pub depth: Option<(&'a Texture, Rect)>,
+    /// Second surfaces of the pixels of a rectangle: their share of each colour's light, and their depth, 0 where there is one
+    /// surface alone.
+    pub matte: Option<(&'a Texture, Rect)>,
     pub settings: &'a Shade,
     /// The share of the virtual layer that is seen.
     pub presence: f64,
@@ -358,12 +366,15 @@ pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Optio
         return None;
     }
     let around = asked.depth.map_or(part, |(_, rect)| rect);
+    let matte = asked.matte.map_or(Rect::new(part.x0, part.y0, part.x0, part.y0), |(_, rect)| rect);
     let uniform = ShadeUniform {
         in_picture: [part.x0 as f32, part.y0 as f32],
         part_px: [part.width() as f32, part.height() as f32],
         in_depth: [(part.x0 - around.x0) as f32, (part.y0 - around.y0) as f32],
+        in_matte: [(part.x0 - matte.x0) as f32, (part.y0 - matte.y0) as f32],
         per_texel: atlas.size.map(|side| (side as f32).recip()),
         depth_size: [around.width() as i32, around.height() as i32],
+        matte_size: [matte.width() as i32, matte.height() as i32],
         size: rays.size.map(|side| side as i32),
         per_step: 1.0 / STEP_PX as f32,
         round_px: if geometry.is_round() { geometry.intrinsics.width_px as f32 } else { 0.0 },
@@ -380,10 +391,12 @@ pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Optio
         [bytemuck::cast_slice(&charts), bytemuck::cast_slice(&pieces), bytemuck::cast_slice(&turns)]
             .map(|bytes| recorder.storage(bytes));
     let entry = Entry::over("seen", "main").choose("has_depth", asked.depth.is_some());
+    let entry = entry.choose("has_matte", asked.matte.is_some());
     let pass = recorder.pass(Shader::Shade, entry).uniform("shade", &uniform).texture("rays", &rays.texture);
     let pass = pass.texture("atlas", &atlas.texture).buffer("charts", charts);
     let pass = pass.buffer("pieces", pieces).buffer("turns", turns);
     let pass = pass.texture("real_depth", asked.depth.map_or(&rays.texture, |(depth, _)| depth));
+    let pass = pass.texture("matte", asked.matte.map_or(&rays.texture, |(matte, _)| matte));
     let pass = pass.tiles(count).blend(OF_WHAT_IS_LEFT);
     let [texture] = pass.draw([COLOR], (part.width(), part.height()));
     Some(Shaded { texture, pieces: drawn })

@@ -1,7 +1,8 @@
 //! Criteria that separate surfaces from each other.
 
 /// Neighbouring depths that differ by more than this factor belong to two surfaces. A floor seen under 15° from 4 m
-/// changes by 1 % from row to row. `JUMP` of shaders/real_part.wgsl is the same.
+/// changes by 1 % from row to row. `JUMP` of shaders/real_part.wgsl and shaders/shade.wgsl
+/// is the same.
 pub const JUMP: f32 = 1.04;
 
 /// Whether two neighbouring depths belong to two surfaces. What is unknown is 0, and so a step to anything else.
@@ -20,9 +21,11 @@ mod tests {
 
     #[test]
     fn the_shader_tells_surfaces_apart_alike() {
-        let shader = include_str!("../../shaders/real_part.wgsl");
-        let line = shader.lines().find_map(|line| line.strip_prefix("const JUMP: f32 = ")).unwrap();
-        assert_eq!(line.trim_end_matches(';').parse::<f32>().unwrap(), JUMP);
+        let shaders = [include_str!("../../shaders/real_part.wgsl"), include_str!("../../shaders/shade.wgsl")];
+        for shader in shaders {
+            let line = shader.lines().find_map(|line| line.strip_prefix("const JUMP: f32 = ")).unwrap();
+            assert_eq!(line.trim_end_matches(';').parse::<f32>().unwrap(), JUMP);
+        }
     }
 
     #[test]

@@ -117,7 +117,7 @@ mod tests {
             neighbours: &neighbours,
         };
         let whole = Rect::full(96, 64);
-        let wanted = Wanted { objects: vec![(whole, farthest_m)], all_of: whole };
+        let wanted = Wanted { objects: vec![(whole, farthest_m)], all_of: whole, receiver: whole };
         last.over(frame, &repair, [whole; 3], &wanted, may_be_rough)
     }
 

@@ -49,7 +49,7 @@ pub use moment::{RayCache, Rays, measured_from, seen_at_frame};
 pub use of_frame::{agreed_at_frame, neighbours};
 pub use proxies::{FAR_M, Proxies, Seen, known_m};
 pub use registered::{DepthCamera, enlarged, holes, is_same_view};
-pub use repaired::{Neighbour, Repair, Repaired, Wanted};
+pub use repaired::{Neighbour, Repair, Repaired, SecondSurface, Wanted};
 pub use surfaces::Surfaces;
 
 /// A structured-light sensor's error at 1 m, metres; it grows with the distance's square (Khoshelham and Elberink 2012).

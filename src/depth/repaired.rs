@@ -26,6 +26,9 @@ const AROUND: f64 = 1.0 / 20.0;
 /// How far around them edges are smoothed: as far as `matte` looks.
 const SEEN_PX: i32 = matte::FARTHEST_PX;
 
+/// In darker light the shares of two surfaces are those of the pixel's area.
+const DARKEST: f32 = 1e-4;
+
 /// The inputs for repairing a frame's depth.
 #[derive(Clone, Copy)]
 pub struct Repair<'a> {
@@ -69,12 +72,14 @@ pub struct Wanted {
     pub objects: Vec<(Rect, f32)>,
     /// Here all depths are asked for.
     pub all_of: Rect,
+    /// The part of it in which shadows fall on real surfaces: the mattes of all edges are asked for.
+    pub receiver: Rect,
 }
 
 impl Wanted {
     /// All of a rectangle.
     pub fn all(rect: Rect) -> Self {
-        Self { objects: vec![(rect, f32::INFINITY)], all_of: rect }
+        Self { objects: vec![(rect, f32::INFINITY)], all_of: rect, receiver: Rect::new(0, 0, 0, 0) }
     }
 
     fn objects_only(&self) -> Self {
@@ -109,6 +114,35 @@ pub struct Repaired {
     pub depth_m: Vec<f32>,
     /// Over the part of it where things are drawn.
     pub shared: Vec<Shared>,
+    /// Over [`Wanted::receiver`].
+    pub receiver: Vec<SecondSurface>,
+}
+
+/// The surface of a pixel at an edge that the map does not have there.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SecondSurface {
+    /// Its share of the pixel's light, for each colour.
+    pub light_share: [f32; 3],
+    /// m; 0 where the pixel shows one surface alone.
+    pub depth_m: f32,
+}
+
+impl SecondSurface {
+    /// Of a pixel that shows I = α·F + (1 − α)·B: the farther surface's share of the light is (1 − α)·B/I, with B = I − α·(F − B).
+    fn of(shared: &Shared, depth_m: f32, look: [f32; 3]) -> Self {
+        if shared.near_m >= shared.far_m {
+            return Self::default();
+        }
+        let far = |c: usize| {
+            let (light, rest) = (look[c] * look[c], 1.0 - shared.share);
+            if light < DARKEST { rest } else { (rest * (1.0 - shared.fringe[c] / light)).clamp(0.0, 1.0) }
+        };
+        let far = [far(0), far(1), far(2)];
+        if depth_m == shared.near_m {
+            return Self { light_share: far, depth_m: shared.far_m };
+        }
+        Self { light_share: far.map(|share| 1.0 - share), depth_m: shared.near_m }
+    }
 }
 
 impl<'a> Repair<'a> {
@@ -143,10 +177,46 @@ impl<'a> Repair<'a> {
         let smear = Smear::new(self.rays.geometry(), self.frame, self.shutter, region);
         let within = drawn.moved(-region.x0, -region.y0);
         let shared = matte::shares(&depth_m, &looks, width, &smear, within, &wanted.objects_only().before_m(drawn, 0));
+        let receiver = self.second_surfaces((&depth_m, &looks, region), &smear, (&shared, drawn), wanted.receiver);
         let mut out = all.part(&measured_m, around);
         depth_m.iter_mut().for_each(|z| *z = known_m(*z));
         put(&mut out, around, &depth_m, region);
-        Repaired { depth_m: out, shared }
+        Repaired { depth_m: out, shared, receiver }
+    }
+
+    /// The second surfaces of pixels in `part`. `shared` has the mattes that are known already, over `drawn`.
+    fn second_surfaces(
+        &self,
+        (depth_m, looks, region): (&[f32], &[[f32; 3]], Rect),
+        smear: &Smear,
+        (shared, drawn): (&[Shared], Rect),
+        part: Rect,
+    ) -> Vec<SecondSurface> {
+        if part.is_empty() {
+            return Vec::new();
+        }
+        let (columns, width) = (part.width() as usize, region.width() as usize);
+        let at = |rect: &Rect, x: i32, y: i32| (y - rect.y0) as usize * rect.width() as usize + (x - rect.x0) as usize;
+        // What is known needs no second matte.
+        let both = part.intersection(&drawn);
+        let places = (both.y0..both.y1.max(both.y0)).flat_map(|y| (both.x0..both.x1).map(move |x| (x, y)));
+        let known = places.filter_map(|(x, y)| {
+            let shared = &shared[at(&drawn, x, y)];
+            (shared.near_m < shared.far_m).then_some((at(&part, x, y), shared))
+        });
+        let known: Vec<_> = known.collect();
+        let mut before_m = vec![f32::INFINITY; columns * part.height() as usize];
+        known.iter().for_each(|(at, _)| before_m[*at] = 0.0);
+        let within = part.moved(-region.x0, -region.y0);
+        let mut mattes = matte::shares(depth_m, looks, width, smear, within, &before_m);
+        known.iter().for_each(|(at, shared)| mattes[*at] = **shared);
+        let mut out = Vec::with_capacity(mattes.len());
+        for (y, mattes) in (part.y0..).zip(mattes.chunks_exact(columns)) {
+            let first = at(&region, part.x0, y);
+            let there = depth_m[first..].iter().zip(&looks[first..]);
+            out.extend(mattes.iter().zip(there).map(|(matte, (z, look))| SecondSurface::of(matte, *z, *look)));
+        }
+        out
     }
 
     /// The rectangle and its surroundings, as far as the picture goes.
@@ -261,7 +331,7 @@ mod tests {
         let (pixels, depth, _) = screen();
         let (drawn, nothing) = (Rect::new(50, 20, 110, 100), Rect::new(0, 0, 0, 0));
         for object_m in [0.5f32, 1.5, 3.0] {
-            let wanted = Wanted { objects: vec![(drawn, object_m)], all_of: nothing };
+            let wanted = Wanted { objects: vec![(drawn, object_m)], all_of: nothing, receiver: nothing };
             let [all, some] =
                 [Wanted::all(drawn), wanted].map(|wanted| repaired(&pixels, &depth, drawn, &wanted).shared);
             let hidden = |s: &Shared| match () {
@@ -274,12 +344,41 @@ mod tests {
     }
 
     #[test]
+    fn second_surface_of_an_edge_pixel_has_its_share_of_the_light_by_hand() {
+        // I = 0.25·0.1 + 0.75·0.4 = 0.325 of light, of which 0.3 are the farther surface's.
+        let matte = Shared { near_m: 1.0, far_m: 2.0, share: 0.25, fringe: [0.25 * (0.1 - 0.4); 3] };
+        let look = [0.325f32.sqrt(); 3];
+        let far = SecondSurface::of(&matte, 1.0, look);
+        assert!((far.light_share[0] - 0.3 / 0.325).abs() < 1e-5 && far.depth_m == 2.0, "{far:?}");
+        let near = SecondSurface::of(&matte, 2.0, look);
+        assert!((near.light_share[1] - 0.025 / 0.325).abs() < 1e-5 && near.depth_m == 1.0, "{near:?}");
+        // In the dark by area, and nothing where there is one surface.
+        assert_eq!(SecondSurface::of(&matte, 1.0, [0.0; 3]).light_share, [0.75; 3]);
+        assert_eq!(SecondSurface::of(&Shared { far_m: 1.0, ..matte }, 1.0, look), SecondSurface::default());
+    }
+
+    #[test]
+    fn second_surfaces_are_the_same_whether_their_mattes_are_known_already_or_not() {
+        let (pixels, mut depth, inside) = screen();
+        depth.depth_m = (0..WIDTH * HEIGHT).map(|i| if inside(i) { 1.0 } else { 2.0 }).collect();
+        let (whole, part) = (Rect::full(160, 120), Rect::new(20, 10, 100, 80));
+        let nothing = Rect::new(0, 0, 0, 0);
+        let of = |object: Rect| {
+            let wanted = Wanted { objects: vec![(object, 9.0)], all_of: part, receiver: part };
+            repaired(&pixels, &depth, whole, &wanted).receiver
+        };
+        let (alone, beside) = (of(nothing), of(Rect::new(35, 20, 60, 60)));
+        assert!(alone.len() == 80 * 70 && alone.iter().filter(|second| second.depth_m > 0.0).count() > 200);
+        assert_eq!(alone, beside);
+    }
+
+    #[test]
     fn where_it_is_wanted_by_hand() {
         let beside =
             [Rect::new(-9, 0, -3, 1), Rect::new(12, 0, 15, 1), Rect::new(0, -9, 4, -5)].map(|rect| (rect, 9.0));
         let mut objects = vec![(Rect::new(1, 0, 3, 1), 2.0), (Rect::new(2, 0, 9, 1), 1.0)];
         objects.extend(beside);
-        let wanted = Wanted { objects, all_of: Rect::new(0, 1, 1, 2) };
+        let wanted = Wanted { objects, all_of: Rect::new(0, 1, 1, 2), receiver: Rect::new(0, 0, 0, 0) };
         let inf = f32::INFINITY;
         assert_eq!(wanted.before_m(Rect::new(0, 0, 4, 2), 0), [0.0, 2.0, 2.0, 1.0, inf, 0.0, 0.0, 0.0]);
         assert_eq!(wanted.before_m(Rect::new(0, 0, 4, 2), 1), [inf, inf, 2.0, 2.0, inf, inf, 2.0, 2.0]);

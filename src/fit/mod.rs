@@ -5,6 +5,7 @@
 
 pub mod band;
 pub mod homography;
+pub mod quantile;
 pub mod robust;
 mod stand;
 pub mod twist;

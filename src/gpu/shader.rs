@@ -47,6 +47,7 @@ shaders! {
     BehindReal = "behind_real",
     Blur = "blur",
     ChromaticAberration = "chromatic_aberration",
+    Clipped = "clipped",
     Composite = "composite",
     CompositeRecorded = "composite_recorded",
     CompositeReal = "composite_real",

@@ -10,7 +10,8 @@
 //! - `casters`: the triangles that stand on it. `outline`: the edges of their shadows. `mask`: where 32 rays at
 //!   a time are stopped. `spread`: how blurred a ray's shadow is.
 //! - `room`: what real things keep from the floor already. `dimmed`: what they keep from virtual things.
-//! - `on_white`: what a white surface of the room shows by all that light.
+//! - `on_white`: what a white surface of the room shows by all that light. `radiance`: how bright surfaces are that a frame shows
+//!   clipped.
 //! - `extent`: how far the shadow is worth drawing. `chart`: the shares on the floor, as a picture of it.
 //! - `within`: where a chart on a real thing beside the object counts.
 //! - `group`: which things share a chart. `shadows`: the charts that are known already. `kept`: how they are found again; `known`:
@@ -43,6 +44,7 @@ mod lightmaps;
 mod mask;
 mod on_white;
 mod outline;
+mod radiance;
 mod room;
 mod shadows;
 mod skin;
@@ -54,6 +56,7 @@ pub use chart::{Chart, Part, Shares};
 pub use floor::Floor;
 pub use lightmaps::Lightmaps;
 pub use on_white::{OnWhite, on_white};
+pub use radiance::{LazyRadiance, Sampler, SurfaceRadiance, SurfaceSample};
 pub use room::Room;
 pub use shadows::Shadows;
 pub use within::TOLERANCE_M;

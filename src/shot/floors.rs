@@ -13,17 +13,18 @@ use glam::{DVec2, DVec3};
 use super::facets::facets;
 use super::planes::{Point, agreed};
 use super::points::FittedPlane;
+use super::radiance::radiance_of;
 use super::room_planes::{AROUND_M, RoomPlanes};
 use super::{Shot, Surface, SurfaceError};
 use crate::analyse::KnownBy;
-use crate::camera::Geometry;
+use crate::camera::{Geometry, Response};
 use crate::compositor::Compositor;
 use crate::frame::Frame;
 use crate::gpu::Gpu;
 use crate::pixels::DepthMap;
 use crate::pose::Pose;
 use crate::scene::{LitBy, Mesh, Object, Scene, Support};
-use crate::shadow::Room;
+use crate::shadow::{LazyRadiance, Room};
 use crate::source::ahead::Ahead;
 
 /// Frames whose depth is looked at, and points across each.
@@ -61,6 +62,8 @@ struct Known {
     measured: RoomPoints,
     /// Of the points, once it is asked for.
     room: Option<Arc<Room>>,
+    /// Of surfaces, by the response of the camera.
+    radiance: Option<(Response, Arc<LazyRadiance>)>,
     last: Last,
 }
 
@@ -159,11 +162,11 @@ impl Shot {
         let known = known.get_or_insert_with(|| {
             let looks = self.looks();
             let measured = RoomPoints::of(self.seen(&looks));
-            Known { measured, looks, camera: camera.clone(), room: None, last: Last::default() }
+            Known { measured, looks, camera: camera.clone(), room: None, radiance: None, last: Last::default() }
         });
         if known.camera != camera {
             (known.measured, known.camera) = (RoomPoints::of(self.seen(&known.looks)), camera);
-            (known.room, known.last) = (None, Last::default());
+            (known.room, known.radiance, known.last) = (None, None, Last::default());
         }
         known
     }
@@ -193,6 +196,7 @@ impl Shot {
         let scene = Scene { objects: self.objects(), ..Scene::clone(&self.scene) };
         let mut compositor = Compositor::new(gpu, scene);
         compositor.stand_in(self.room());
+        compositor.set_surface_radiance(self.surface_radiance());
         compositor
     }
 
@@ -200,6 +204,26 @@ impl Shot {
     pub(super) fn place_in(&self, compositor: &mut Compositor) {
         compositor.place(&self.objects());
         compositor.stand_in(self.room());
+        compositor.set_surface_radiance(self.surface_radiance());
+    }
+
+    /// How bright surfaces are in frames that do not clip there. `None` where the frames' gains are not known.
+    fn surface_radiance(&self) -> Option<Arc<LazyRadiance>> {
+        let is_analysed = self.recording.exposure.iter().any(|exposure| exposure.seen.is_some());
+        if !is_analysed || !self.settings.shadow.cast {
+            return None;
+        }
+        let response = self.camera().response;
+        let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = known.as_mut().filter(|known| !known.measured.points.is_empty())?;
+        if known.radiance.as_ref().is_none_or(|(of, _)| *of != response) {
+            let (recording, rig) = (self.recording.clone(), self.rig.clone());
+            let frames = known.looks.iter().map(|look| look.frame).collect();
+            let of = response.clone();
+            let lazy = LazyRadiance::new(Box::new(move || radiance_of(&recording, &rig, &of, frames)));
+            known.radiance = Some((response, Arc::new(lazy)));
+        }
+        known.radiance.as_ref().map(|(_, radiance)| radiance.clone())
     }
 
     /// Real things, where it is known where light comes from: of a light that is guessed nothing can be stopped.

@@ -22,6 +22,7 @@ mod pick;
 mod planes;
 mod points;
 mod preview;
+mod radiance;
 mod reduced;
 mod room_planes;
 mod seen;

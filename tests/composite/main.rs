@@ -50,6 +50,7 @@ mod photo_scene;
 mod pictures;
 mod projections;
 mod real;
+mod receiver;
 mod sensed;
 mod shaders;
 mod shading;

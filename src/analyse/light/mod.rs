@@ -23,7 +23,6 @@ mod lit;
 #[cfg(test)]
 mod lit_room;
 mod panorama;
-mod quantile;
 mod sample;
 mod search;
 mod solved;

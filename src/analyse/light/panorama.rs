@@ -7,8 +7,8 @@ use std::f64::consts::PI;
 
 use glam::{DQuat, DVec3, Vec2, Vec3};
 
-use super::quantile::{Censored, kaplan_meier};
 use super::sample::Sample;
+use crate::fit::quantile::{Censored, kaplan_meier};
 use crate::render::panorama;
 
 pub const WIDTH: usize = 256;

@@ -10,8 +10,8 @@ use std::collections::HashMap;
 
 use glam::{DMat3, DVec3, Vec3};
 
-use super::quantile::{Censored, kaplan_meier};
 use super::sample::{Sample, luminance, relative_luminance};
+use crate::fit::quantile::{Censored, kaplan_meier};
 use crate::rows::over_rows;
 
 /// A cube's side, m.

@@ -16,9 +16,9 @@ use std::fmt;
 use glam::DVec3;
 
 use super::exposure::Exposure;
-use super::quantile::{Censored, kaplan_meier};
 use super::sample::relative_luminance;
 use super::voxels::{SIDE_M, Voxel};
+use crate::fit::quantile::{Censored, kaplan_meier};
 
 /// Where lamps are known, the quantile of the room's reflectances that is taken for white, and
 /// those of its interval, each loosened by a factor. Fewer upward-facing voxels leave the rest of

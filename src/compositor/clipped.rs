@@ -1,0 +1,265 @@
+//! Shadows on receiver pixels that clip.
+//!
+//! A code at the camera's white is a lower bound of the light: L ≥ V, with V the light that the code stands for. The shadow ratio s
+//! scales the true radiance L, and what the camera shows clips again:
+//!
+//!   V' = min(V, L̂·s),   L̂ = max(V, g·R).
+//!
+//! R is the radiance of the place in frames that do not clip there ([`SurfaceRadiance`](crate::shadow::SurfaceRadiance)), g this frame's gain. Where R is a bound
+//! itself, or unknown, L̂ is the largest known lower bound.
+//!
+//! The camera's white has no colour of its own: three clipped channels show neither the surface's nor the light's. So a pixel of
+//! which all channels clip is darkened as little as its channels allow, and alike:
+//!
+//!   V'_c/V_c = max over channels of min(1, L̂·s/V).
+//!
+//! Cameras compress light below their white. So L̂ rises from V to its value between the codes 240 and 250 of 255, and channels
+//! become alike over the same range. On a saturated colour L̂ would change the hue from the lit part to the shaded one, for only
+//! one or two of its channels clip: it rises to its value as the least channel rises from 200 to 240. Below that V stands for L.
+//!
+//! The result is written as a fraction of the recorded light that is removed. Mixing, noise and layer files use it as that of any
+//! other pixel.
+//!
+//! Not modelled: the colour of a clipped surface in a shadow; saturated colours of which a channel clips; a surface that clips in every frame and is brighter than its largest
+//! lower bound, whose shadow is too dark; the radiance of photographs that sum frames and of recordings without depth or without an
+//! analysis, where V is the only bound.
+
+use super::touched::touched;
+use crate::camera::{Geometry, Response};
+use crate::depth::Rays;
+use crate::frame::SeenBrightness;
+use crate::gpu::{Entry, Recorder, Shader, half_texels};
+use crate::pixels::{Codes, Pixels, Rect};
+use crate::pose::Pose;
+use crate::render::COLOR;
+use crate::shadow::{LazyRadiance, Sampler};
+
+use super::shade::Shaded;
+
+/// Codes, as shares of the largest one, from which on a channel is near the camera's white, and from which on it clips.
+const SHOULDER: f32 = 240.0 / 255.0;
+/// Least channel, as a share of the largest code, below which a clipped colour is saturated.
+const SATURATED: f32 = 200.0 / 255.0;
+pub const WHITE: f32 = 250.0 / 255.0;
+/// Largest ratio of the true radiance to the recorded light. Brighter surfaces are lamps, which take no shadow either.
+const MAX_EXCESS: f32 = 16.0;
+
+crate::uniform! {
+    struct Clipped { part_px: [f32; 2], in_light: [i32; 2], light_size: [i32; 2] }
+}
+
+/// What is known of the radiance of a frame's surfaces.
+pub struct KnownRadiance<'a> {
+    pub radiance: &'a LazyRadiance,
+    /// The frame's depth over a rectangle of its picture, m, 0 where unknown.
+    pub depth_m: (&'a [f32], Rect),
+    pub rays: &'a Rays,
+    /// The camera's pose at a time from the middle row's, s.
+    pub pose_at: &'a dyn Fn(f64) -> Pose,
+    pub brightness: SeenBrightness,
+}
+
+/// The clipped light of a part of the picture.
+struct ClippedLight {
+    rect: Rect,
+    /// True radiance by the recorded light, 0 where a channel does not clip; and how far all of them clip.
+    excess: Vec<[f32; 4]>,
+}
+
+/// Bounds what shadows remove from clipped pixels of `part`. Without any there is nothing to do.
+pub fn bounded(
+    recorder: &mut Recorder,
+    shaded: Shaded,
+    part: Rect,
+    (pixels, response, geometry): (&Pixels, &Response, &Geometry),
+    known: Option<&KnownRadiance<'_>>,
+) -> Shaded {
+    let rects = touched(part, &shaded.pieces);
+    let Some(light) = ClippedLight::new(pixels, response, geometry, &rects, known) else { return shaded };
+    let size = (light.rect.width(), light.rect.height());
+    let texture = recorder.pool.lend_to_write(&recorder.gpu, size, COLOR);
+    texture.write(&recorder.gpu, size.0, size.1, &half_texels(&light.excess));
+    let uniform = Clipped {
+        part_px: [part.width() as f32, part.height() as f32],
+        in_light: [part.x0 - light.rect.x0, part.y0 - light.rect.y0],
+        light_size: [size.0 as i32, size.1 as i32],
+    };
+    let in_part = |rect: &Rect| [rect.x0 - part.x0, rect.y0 - part.y0, rect.x1 - part.x0, rect.y1 - part.y0];
+    let quads: Vec<[i32; 4]> = rects.iter().map(in_part).collect();
+    let list = recorder.storage(bytemuck::cast_slice(&quads));
+    let pass = recorder.pass(Shader::Clipped, Entry::over("part", "main")).uniform("clipped", &uniform);
+    let pass = pass.texture("shade", &shaded.texture).texture("excess", &texture).buffer("parts", list);
+    let [texture] = pass.tiles(quads.len() as u32).draw([COLOR], (part.width(), part.height()));
+    Shaded { texture, ..shaded }
+}
+
+/// How far a code, as a share of the largest one, clips: 0 to 1.
+fn clipping(code: f32) -> f32 {
+    ((code - SHOULDER) / (WHITE - SHOULDER)).clamp(0.0, 1.0)
+}
+
+impl ClippedLight {
+    /// Of the pixels of some rectangles. `None` if none clips.
+    fn new(
+        pixels: &Pixels,
+        response: &Response,
+        geometry: &Geometry,
+        rects: &[Rect],
+        known: Option<&KnownRadiance<'_>>,
+    ) -> Option<Self> {
+        let picture = Rect::full(pixels.width, pixels.height);
+        let beyond = if geometry.is_round() { pixels.width as i32 } else { 0 };
+        let seen = Rect { x0: picture.x0 - beyond, x1: picture.x1 + beyond, ..picture };
+        let rects: Vec<Rect> = rects.iter().map(|rect| rect.intersection(&seen)).collect();
+        let max_code = pixels.max_code();
+        let first = (SHOULDER * max_code as f32).round() as u32 + 1;
+        let clips = |x: i32, y: i32| {
+            let codes = pixels.at(x.rem_euclid(picture.x1) as u32, y as u32);
+            codes.iter().any(|code| *code >= first).then_some(codes)
+        };
+        // The rectangle around all of them.
+        let mut found: Vec<(i32, i32, [u32; 3])> = Vec::new();
+        for rect in rects.iter().filter(|rect| !rect.is_empty()) {
+            for y in rect.y0..rect.y1 {
+                if has_code_from(pixels, y, *rect, first, beyond > 0) {
+                    found.extend((rect.x0..rect.x1).filter_map(|x| Some((x, y, clips(x, y)?))));
+                }
+            }
+        }
+        let around = |rect: Rect, &(x, y, _): &(i32, i32, _)| rect.union(&Rect::new(x, y, x + 1, y + 1));
+        let rect = found.iter().fold(Rect::new(0, 0, 0, 0), around);
+        if rect.is_empty() {
+            return None;
+        }
+        let light: Vec<f32> =
+            (first..=max_code).map(|code| response.decode(f64::from(code) / f64::from(max_code)) as f32).collect();
+        let mut excess = vec![[0.0f32; 4]; rect.width() as usize * rect.height() as usize];
+        if let Some(known) = known {
+            let rows = rect.intersection(&picture);
+            known.rays.prepare(rows.y0..rows.y1);
+        }
+        let (mut row, mut sampler) = (None, known.map(|known| known.radiance.sampler()));
+        for (x, y, codes) in found {
+            let pose = match row {
+                Some((at, pose)) if at == y => pose,
+                _ => known.map(|known| (known.pose_at)(geometry.row_time_s(f64::from(y) + 0.5))),
+            };
+            row = Some((y, pose));
+            let radiance = known.zip(pose).zip(sampler.as_mut());
+            let radiance = radiance.and_then(|((known, pose), sampler)| known.at((x, y), &pose, picture, sampler));
+            let far = codes.map(|code| clipping(code as f32 / max_code as f32));
+            let texel = &mut excess[(y - rect.y0) as usize * rect.width() as usize + (x - rect.x0) as usize];
+            let least = codes.into_iter().min().unwrap_or(0) as f32 / max_code as f32;
+            let pale = ((least - SATURATED) / (SHOULDER - SATURATED)).clamp(0.0, 1.0);
+            for c in (0..3).filter(|c| far[*c] > 0.0) {
+                let own = light[(codes[c].max(first) - first) as usize];
+                let true_light = radiance.map_or(own, |radiance| radiance[c].clamp(own, MAX_EXCESS * own));
+                texel[c] = 1.0 + pale * far[c] * (true_light / own - 1.0);
+            }
+            texel[3] = far[0].min(far[1]).min(far[2]);
+        }
+        Some(Self { rect, excess })
+    }
+}
+
+/// Whether a row of a rectangle may have a code of at least `first`. A picture whose rims meet is not searched beforehand.
+fn has_code_from(pixels: &Pixels, y: i32, rect: Rect, first: u32, is_round: bool) -> bool {
+    if is_round {
+        return true;
+    }
+    let start = 3 * (y as usize * pixels.width as usize + rect.x0 as usize);
+    let length = 3 * rect.width() as usize;
+    // A maximum is found many at a time.
+    match &pixels.codes {
+        Codes::U8(codes) => {
+            u32::from(codes[start..start + length].iter().fold(0, |most, code| most.max(*code))) >= first
+        }
+        Codes::U16(codes) => {
+            u32::from(codes[start..start + length].iter().fold(0, |most, code| most.max(*code))) >= first
+        }
+    }
+}
+
+impl KnownRadiance<'_> {
+    /// The radiance that a pixel has in this frame, or a lower bound of it: linear. `None` where nothing is known.
+    fn at(&self, (x, y): (i32, i32), pose: &Pose, picture: Rect, sampler: &mut Sampler<'_>) -> Option<[f32; 3]> {
+        let (depth_m, rect) = self.depth_m;
+        if !rect.contains(x, y) || !picture.contains(x, y) {
+            return None;
+        }
+        let z = depth_m[(y - rect.y0) as usize * rect.width() as usize + (x - rect.x0) as usize];
+        let ray = self.rays.row(y as usize)?.get(x as usize)?;
+        let point = ray.map(|along| f64::from(z * along));
+        let radiance = (z > 0.0 && point.iter().all(|p| p.is_finite()))
+            .then(|| sampler.at(pose.inverse_transform_point(point.into())))??;
+        let share = |at: i32, size: i32| (at as f32 + 0.5) / size as f32;
+        let here = self.brightness.across.at([share(x, picture.x1), share(y, picture.y1)]).exp2();
+        let gain = self.brightness.factors.map(|factor| factor as f32 * here);
+        Some(std::array::from_fn(|c| gain[c] * radiance[c]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::camera::Curve;
+    use crate::frame::{Across, NODES};
+    use crate::shadow::{SurfaceRadiance, SurfaceSample};
+
+    const PICTURE: Rect = Rect { x0: 0, y0: 0, x1: 8, y1: 6 };
+
+    fn linear() -> Response {
+        Response { curve: Curve::Linear, ..Response::default() }
+    }
+
+    /// At one pixel that is not grey, at column 3 of row 2.
+    fn light_of(codes: [u8; 3], known: Option<&KnownRadiance<'_>>) -> Option<ClippedLight> {
+        let pixel = |i: usize| if i == 2 * 8 + 3 { codes } else { [90; 3] };
+        let pixels = Pixels::from_u8(8, 6, (0..48).flat_map(pixel).collect()).unwrap();
+        ClippedLight::new(&pixels, &linear(), &Geometry::pinhole(8, 6, 8.0), &[PICTURE], known)
+    }
+
+    #[test]
+    fn clipped_light_without_other_frames_is_the_code_itself_by_hand() {
+        assert!(light_of([240; 3], None).is_none());
+        let found = light_of([255, 245, 100], None).unwrap();
+        assert_eq!((found.rect, found.excess.as_slice()), (Rect::new(3, 2, 4, 3), [[1.0, 1.0, 0.0, 0.0]].as_slice()));
+        assert_eq!(light_of([255, 250, 251], None).unwrap().excess, [[1.0; 4]]);
+        let half = light_of([255, 245, 251], None).unwrap().excess[0];
+        assert!((half[3] - 0.5).abs() < 1e-5, "{half:?}");
+    }
+
+    #[test]
+    fn clipped_light_known_from_other_frames_is_their_radiance_times_the_gain() {
+        // A wall at 1 m that shows (1.2, 0.9, 0.3) in the usual frame, and one corner of it nobody saw.
+        let places =
+            (-50..50).flat_map(|x| (-50..50).map(move |y| DVec3::new(0.01 * f64::from(x), 0.01 * f64::from(y), 1.0)));
+        let sample = |at_m: DVec3| SurfaceSample { at_m, light: [1.2, 0.9, 0.3], is_clipped: [false; 3] };
+        let samples: Vec<_> = places.filter(|at| at.x > -0.3).map(sample).collect();
+        let radiance = LazyRadiance::new(Box::new(|| SurfaceRadiance::of(samples.into_iter())));
+        let brightness = SeenBrightness { factors: [1.5, 1.2, 1.0], usual_s: None, across: Across([1.0; NODES]) };
+        let depth_m = vec![1.0; 48];
+        let rays = Rays::new(&Geometry::pinhole(8, 6, 8.0));
+        let known = |codes: [u8; 3], x_m: f64| {
+            let pose_at = move |_| Pose::from_camera_in_world(DVec3::X * x_m, glam::DQuat::IDENTITY);
+            let known = KnownRadiance {
+                radiance: &radiance,
+                depth_m: (&depth_m, PICTURE),
+                rays: &rays,
+                pose_at: &pose_at,
+                brightness,
+            };
+            light_of(codes, Some(&known)).unwrap().excess[0]
+        };
+        // Twice as bright there as the factors say. The green counts by half; the blue's radiance is below its code.
+        let expected = [3.6, 1.0 + 0.5 * (2.16 * 255.0 / 245.0 - 1.0), 1.0];
+        let found = known([255, 245, 251], 0.0);
+        assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 1e-3), "{found:?} {expected:?}");
+        assert_eq!(known([255, 245, 251], -0.9)[..3], [1.0; 3]);
+        // Half as pale, and a saturated colour.
+        let [half, none] = [220, 180].map(|blue| known([255, 245, blue], 0.0)[0]);
+        assert!((half - 2.3).abs() < 1e-3 && none == 1.0, "{half} {none}");
+    }
+}

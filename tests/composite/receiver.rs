@@ -1,0 +1,246 @@
+//! Shadows on receivers that clip and at the edges of real things, beside scenes of known radiance.
+
+use std::sync::Arc;
+
+use crate::gpu;
+use glam::{DAffine3, DQuat, DVec2, DVec3, Vec3};
+use locard::camera::{Camera, Geometry};
+use locard::compositor::{Composited, Compositor, Job, Settings, Target};
+use locard::frame::{Across, Frame, FrameExposure, SeenBrightness};
+use locard::params::Value;
+use locard::pixels::{DepthMap, Pixels};
+use locard::pose::Pose;
+use locard::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Sun, Support, Vertex};
+use locard::shadow::{LazyRadiance, SurfaceRadiance, SurfaceSample};
+use locard::tracking::PoseTrack;
+
+const WIDTH: u32 = 160;
+const HEIGHT: u32 = 120;
+/// Half sides of the box, metres.
+const HALF: DVec3 = DVec3::new(0.04, 0.03, 0.05);
+
+/// A white box on the plane z = 0. The light that is left in its shadow has the colour of `sky`.
+fn scene(sky: Vec3) -> Scene {
+    let corner = |i: usize| {
+        let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
+        let position = (HALF * DVec3::new(sign(0), sign(1), sign(2))).as_vec3().to_array();
+        Vertex { position, normal: [0.0, 0.0, 1.0], tangent: [0.0; 4], uv0: [0.0; 2], uv1: [0.0; 2], color: [1.0; 4] }
+    };
+    let sides = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
+    let indices = sides.iter().flat_map(|[a, b, c, d]| [*a, *b, *c, *a, *c, *d]).collect();
+    let sun = Sun {
+        towards_light_in_world: Vec3::new(0.5, 0.3, 0.8).normalize(),
+        color: Vec3::splat(0.8),
+        diameter_rad: 0.3,
+    };
+    let object = Object {
+        name: "box".to_owned(),
+        parts: vec![Part { mesh: 0, world_from_mesh: DAffine3::from_translation(HALF.z * DVec3::Z) }],
+        support: Some(Support { point_m: DVec3::ZERO, normal: DVec3::Z }),
+        ..Object::default()
+    };
+    Scene {
+        meshes: vec![Arc::new(Mesh { vertices: (0..8).map(corner).collect(), indices, material: 0 })],
+        materials: vec![Material { double_sided: true, ..Material::default() }],
+        objects: vec![object],
+        lighting: Lighting { suns: vec![sun], points: Vec::new(), environment: Environment::Uniform(sky) },
+        ..Scene::default()
+    }
+}
+
+fn geometry() -> Geometry {
+    gpu::pinhole(WIDTH, HEIGHT, 165.0)
+}
+
+fn camera() -> Camera {
+    gpu::camera(&geometry(), 0.0)
+}
+
+/// From half a metre away, looking down at the box.
+fn pose() -> Pose {
+    let eye = DVec3::new(0.1, -0.45, 0.4);
+    let forward = -eye.normalize();
+    let right = forward.cross(DVec3::Z).normalize();
+    Pose::from_camera_in_world(eye, DQuat::from_mat3(&glam::DMat3::from_cols(right, forward.cross(right), forward)))
+}
+
+fn decode(code: f64) -> f64 {
+    let c = code / 255.0;
+    if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+}
+
+fn encode(light: f64) -> f64 {
+    let light = light.clamp(0.0, 1.0);
+    255.0 * if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// The floor's depth along each pixel's ray, metres.
+fn floor_m() -> Vec<f32> {
+    let depth = |i: u32| {
+        let ray = geometry().unproject(DVec2::new(f64::from(i % WIDTH) + 0.5, f64::from(i / WIDTH) + 0.5)).unwrap();
+        (-pose().position_in_world_m().z / (pose().world_from_camera_rotation() * ray).z) as f32
+    };
+    (0..WIDTH * HEIGHT).map(depth).collect()
+}
+
+/// A frame that is as bright as `gain` by the analysis.
+fn frame(codes: Vec<u8>, depth_m: Vec<f32>, gain: f64) -> Frame {
+    let seen = SeenBrightness { factors: [gain; 3], usual_s: None, across: Across::default() };
+    Frame {
+        depth: Some(DepthMap { width: WIDTH, height: HEIGHT, depth_m, timestamp_s: 0.0 }),
+        exposure: FrameExposure { seen: Some(seen), ..FrameExposure::default() },
+        ..gpu::frame(0, 0.0, Pixels::from_u8(WIDTH, HEIGHT, codes).unwrap())
+    }
+}
+
+/// The radiance of the floor in the frame of usual brightness.
+fn radiance(light: [f32; 3]) -> Arc<LazyRadiance> {
+    let places = (-60..60).flat_map(|x| (-60..60).map(move |y| 0.01 * DVec3::new(f64::from(x), f64::from(y), 0.0)));
+    let sample = move |at_m: DVec3| SurfaceSample { at_m, light, is_clipped: [false; 3] };
+    Arc::new(LazyRadiance::new(Box::new(move || SurfaceRadiance::of(places.map(sample)))))
+}
+
+fn made(scene: Scene, settings: &Settings, frame: Frame, radiance: Option<Arc<LazyRadiance>>) -> Composited {
+    let track = PoseTrack::new(vec![(-1.0, pose()), (1.0, pose())], 3.0).unwrap();
+    let (camera, geometry) = (camera(), geometry());
+    let mut compositor = Compositor::new(gpu::gpu().clone(), scene);
+    compositor.set_surface_radiance(radiance);
+    let job = Job::of_frame(frame, &camera, settings, &geometry, &track, 1.0 / 30.0).unwrap();
+    let pending = compositor.submit(Job { want_layer: true, ..job }, &camera, settings, Target::Pixels).unwrap();
+    compositor.collect(pending).unwrap()
+}
+
+/// The floor's shadow alone.
+fn settings() -> Settings {
+    gpu::settings(&[("shadow", "on_things", Value::Bool(false)), ("exposure", "follow", Value::Bool(false))])
+}
+
+/// Pixels away from the box, by number.
+fn free(done: &Composited) -> Vec<usize> {
+    let rgba = &done.layer.as_ref().unwrap().rgba;
+    let touched = |x: i32, y: i32| {
+        let inside = x >= 0 && y >= 0 && x < WIDTH as i32 && y < HEIGHT as i32;
+        inside && rgba[(y * WIDTH as i32 + x) as usize][3] > 0.0
+    };
+    let is_free = |i: &usize| {
+        let (x, y) = ((*i as u32 % WIDTH) as i32, (*i as u32 / WIDTH) as i32);
+        !(-2..=2).any(|dy| (-2..=2).any(|dx| touched(x + dx, y + dy)))
+    };
+    (0..rgba.len()).filter(is_free).collect()
+}
+
+/// The shadow ratio at each pixel, of a grey floor.
+fn ratios(sky: Vec3) -> Vec<[f32; 3]> {
+    let grey = frame(vec![150; 3 * (WIDTH * HEIGHT) as usize], floor_m(), 1.0);
+    made(scene(sky), &settings(), grey, None).layer.unwrap().left
+}
+
+fn white() -> Vec<u8> {
+    vec![255; 3 * (WIDTH * HEIGHT) as usize]
+}
+
+fn pixel(done: &Composited, i: usize) -> [u8; 3] {
+    done.pixels.codes.eight_bit().unwrap()[3 * i..3 * i + 3].try_into().unwrap()
+}
+
+#[test]
+fn shadow_on_a_clipped_floor_of_known_radiance_is_what_a_camera_shows() {
+    let ratios = ratios(Vec3::splat(0.3));
+    // 0.65 in the usual frame, and this one is exposed twice as long.
+    let done = made(scene(Vec3::splat(0.3)), &settings(), frame(white(), floor_m(), 2.0), Some(radiance([0.65; 3])));
+    let (mut worst, mut dark, mut kept, mut whole) = (0.0f64, 0, 0, 0);
+    for i in free(&done) {
+        let expected = encode(1.3 * f64::from(ratios[i][1]));
+        worst = worst.max((f64::from(pixel(&done, i)[1]) - expected).abs());
+        dark += usize::from(expected < 230.0);
+        // Without the radiance they would be darker by more than 10 codes.
+        kept += usize::from(expected > 254.99 && ratios[i][1] < 0.9);
+        whole += usize::from(ratios[i] == [1.0; 3]);
+    }
+    println!("{worst:.2} codes at most, {dark} pixels dark, {kept} kept white in the shadow, {whole} beyond it");
+    assert!(dark > 100 && kept > 60 && whole > 2000, "{dark} {kept} {whole}");
+    // Rounding, 16-bit floats, and the three channels' ratios are not quite equal.
+    assert!(worst <= 1.5, "{worst} codes");
+}
+
+#[test]
+fn shadow_on_a_floor_that_always_clips_is_grey_and_the_lightest_that_its_channels_allow() {
+    let sky = Vec3::new(0.2, 0.3, 0.6);
+    let ratios = ratios(sky);
+    let done = made(scene(sky), &settings(), frame(white(), floor_m(), 1.0), None);
+    let (mut worst, mut coloured) = (0.0f64, 0);
+    for i in free(&done) {
+        let [r, g, b] = pixel(&done, i);
+        assert_eq!([g, b], [r; 2]);
+        let lightest = ratios[i].iter().fold(0.0f32, |most, ratio| most.max(*ratio));
+        worst = worst.max((f64::from(r) - encode(f64::from(lightest))).abs());
+        coloured += usize::from(ratios[i][2] > ratios[i][0] + 0.1);
+    }
+    assert!(coloured > 200, "the shadow has a colour on a grey floor: {coloured}");
+    assert!(worst <= 0.6, "{worst} codes");
+}
+
+#[test]
+fn colour_of_which_a_channel_clips_keeps_its_hue_unless_it_is_pale() {
+    let ratios = ratios(Vec3::splat(0.3));
+    let of = |codes: [u8; 3]| {
+        let codes: Vec<u8> = (0..WIDTH * HEIGHT).flat_map(|_| codes).collect();
+        made(scene(Vec3::splat(0.3)), &settings(), frame(codes, floor_m(), 1.0), Some(radiance([1.2, 0.1, 0.1])))
+    };
+    for (codes, red) in [([255u8, 200, 120], 1.0), ([255, 240, 240], 1.2)] {
+        let done = of(codes);
+        for i in free(&done) {
+            let light = [red, decode(f64::from(codes[1])), decode(f64::from(codes[2]))];
+            for c in 0..3 {
+                let expected = encode(light[c] * f64::from(ratios[i][c]));
+                let found = pixel(&done, i)[c];
+                assert!((f64::from(found) - expected).abs() <= 0.7, "{codes:?}, {i}: {found} {expected}");
+            }
+        }
+    }
+}
+
+#[test]
+fn clipped_pixels_beyond_the_shadow_keep_their_bits_and_without_a_shadow_all_do() {
+    let code = |i: u32| 225 + (i.wrapping_mul(2_654_435_761) >> 27) as u8 % 31;
+    let codes: Vec<u8> = (0..3 * WIDTH * HEIGHT).map(code).collect();
+    let dim = radiance([0.3; 3]);
+    let done = made(scene(Vec3::splat(0.3)), &settings(), frame(codes.clone(), floor_m(), 1.0), Some(dim.clone()));
+    let left = &done.layer.as_ref().unwrap().left;
+    let ratios = ratios(Vec3::splat(0.3));
+    let beyond: Vec<usize> = free(&done).into_iter().filter(|i| ratios[*i] == [1.0; 3]).collect();
+    assert!(beyond.len() > 2000);
+    for i in beyond {
+        assert_eq!((&pixel(&done, i)[..], left[i]), (&codes[3 * i..3 * i + 3], [1.0; 3]), "{i}");
+    }
+    let mut empty = scene(Vec3::splat(0.3));
+    empty.objects[0].parts.clear();
+    let done = made(empty, &settings(), frame(codes.clone(), floor_m(), 1.0), Some(dim));
+    assert_eq!(done.pixels.codes.eight_bit().unwrap(), codes);
+}
+
+#[test]
+fn shadow_ends_at_a_nearer_thing_by_the_share_that_the_thing_has_of_each_pixel() {
+    // A card before the left of the shadow, darker than the floor or brighter. It ends within column 54 and has 0.4 of it.
+    for (card, floor) in [(0.03, 0.5), (0.6, 0.15)] {
+        let share = |i: usize| (54.4 - f64::from(i as u32 % WIDTH)).clamp(0.0, 1.0);
+        let light = |i: usize, ratio: f64| share(i) * card + (1.0 - share(i)) * floor * ratio;
+        let codes = (0..(WIDTH * HEIGHT) as usize).flat_map(|i| [encode(light(i, 1.0)).round() as u8; 3]).collect();
+        let depth_m = floor_m().iter().enumerate().map(|(i, z)| if share(i) > 0.5 { 0.8 * z } else { *z }).collect();
+        let ratios = ratios(Vec3::splat(0.3));
+        let done = made(scene(Vec3::splat(0.3)), &settings(), frame(codes, depth_m, 1.0), None);
+        let (mut worst, mut count) = (0.0f64, 0);
+        for i in free(&done) {
+            let ratio = f64::from(ratios[i][1]);
+            if (50..60).contains(&(i as u32 % WIDTH)) && ratio < 0.85 {
+                let off = (f64::from(pixel(&done, i)[1]) - encode(light(i, ratio))).abs();
+                (worst, count) = (worst.max(off), count + 1);
+            }
+        }
+        println!("{worst:.2} codes at most at {count} pixels");
+        assert!(count > 60, "{count}");
+        // Without the mixed pixels' second surface it is 3.9 codes at the dark card. What is left is the light of the two sides,
+        // which the matte knows to a per cent.
+        assert!(worst <= 2.0, "{worst} codes beside a card of {card}");
+    }
+}
