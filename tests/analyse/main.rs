@@ -25,6 +25,7 @@ mod tier;
 
 mod artefact;
 mod beside_real;
+mod clock;
 mod evidence;
 mod flaws;
 mod found;
