@@ -58,6 +58,7 @@ mod written;
 pub use accept::{Accepted, Outcome, accept};
 pub use across::Fitted;
 pub use artefact::{Analysis, AnalysisError, ENVIRONMENT, FILE_NAME, beside, digest};
+pub(crate) use blurred::unit_noise;
 pub(crate) use eye::is_same;
 pub use findings::Findings;
 pub use found_light::{Environment, FOUND_LAMP_M, FoundLight};

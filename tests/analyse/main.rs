@@ -37,3 +37,4 @@ mod report;
 mod simulate;
 mod simulate_flaws;
 mod truth;
+mod verified;
