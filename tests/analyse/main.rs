@@ -31,6 +31,7 @@ mod flaws;
 mod found;
 mod light;
 mod occlusion;
+mod plain;
 mod real_shadow;
 mod registration;
 mod report;
