@@ -37,5 +37,6 @@ mod registration;
 mod report;
 mod simulate;
 mod simulate_flaws;
+mod stale;
 mod truth;
 mod verified;
