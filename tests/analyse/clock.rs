@@ -139,6 +139,7 @@ fn delay_of_pictures_that_are_stored_a_quarter_turned_is_found() {
 }
 
 /// Poses of a camera that goes another way.
+// Slow: a simulated site is lit.
 #[test]
 fn pictures_that_move_otherwise_than_the_poses_have_no_delay() {
     let clip = Clip::new(Motion::Dolly, sway);

@@ -103,6 +103,7 @@ fn off_ln(found: &Analysis) -> f64 {
     (off.iter().map(|off| (off - mean).powi(2)).sum::<f64>() / off.len() as f64).sqrt()
 }
 
+// Slow: twenty frames are analysed.
 #[test]
 fn gain_is_followed_where_refused_poses_stand_well_enough_for_it() {
     // The camera stands so far from what was tracked that its place is refused. From frame to frame that changes little.
@@ -117,7 +118,8 @@ fn gain_is_followed_where_refused_poses_stand_well_enough_for_it() {
     assert!(!found.refinement(Some(0.1)).seen.is_empty());
 }
 
-/// The camera's exposure jumps by a half, and by another way of the camera it does not.
+/// Steady light first, then light that jumps.
+// Slow: twenty frames are analysed twice.
 #[test]
 fn gain_of_poses_that_are_another_recordings_is_followed_only_where_it_is_large() {
     let folder = demo_by_tier(20, &Flaws::default(), 4);

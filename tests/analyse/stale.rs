@@ -44,6 +44,7 @@ fn opened_in_metres(model: &Path) -> Shot {
     Shot::open(model, &options, &Given::default()).unwrap()
 }
 
+// Slow: two analyses and a composite by the program.
 #[test]
 fn an_analysis_of_a_model_holds_for_any_length_of_its_unit() {
     let temp = tempfile::tempdir().unwrap();
