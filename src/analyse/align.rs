@@ -5,6 +5,15 @@
 //!
 //!   r = I_j(π(T_j⁻¹ T_i E x)) − a·I_i(x) − b,   weight 1 / (1 + (r/2σ)²),   σ = 1.4826·MAD + 0.5 codes
 //!
+//! A link counts if the pictures correlate by 0.7 of what noise leaves of the correlation
+//! ([`noise_level`](super::noise_level)):
+//!
+//!   correlation > min(0.7, max(0.7·√((1 − n₁²/v₁)(1 − n₂²/v₂)), √((p + 3·√(2p)) / (N/5))))
+//!
+//! v are the variances of the points' brightness in the two pictures, n² those of their noise. The last term is chance: p = 8
+//! parameters explain p/N' of the variance of N' independent values, with a standard deviation of √(2p)/N'. Neighbouring points
+//! err alike, so that five of the N points count as one. Contrast far above the noise leaves 0.7.
+//!
 //! Not modelled: blur that differs, what shines, what moves (the weights hear it less), what is hidden but by less than the
 //! depth's own error.
 
@@ -13,6 +22,7 @@ use nalgebra::{Matrix6, SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
 use super::eye::{Eye, is_same};
+use super::noise_level::expected_correlation;
 use super::robust::scatter;
 use super::state::seen;
 use super::view::View;
@@ -27,9 +37,14 @@ const FRONT_M: f64 = 0.15;
 const LEAST_POINTS: usize = 150;
 const LEAST_SEEN: usize = 120;
 const LEAST_SEEN_SHARE: f64 = 0.15;
-/// A link counts from this overlap and this correlation on.
+/// A link counts from this overlap on, and from this share of the expected correlation.
 const LEAST_OVERLAP: f64 = 0.25;
 const LEAST_CORRELATION: f64 = 0.7;
+/// Noise takes much of a correlation of which it leaves less than this share.
+const FAINT: f64 = 0.85;
+/// Points that count as one independent value, and how many standard deviations above its mean chance may be.
+const POINTS_ALIKE: f64 = 5.0;
+const CHANCE_SIGMAS: f64 = 3.0;
 /// A step below this is the last of its level, px of the level's root.
 const STILL_PX: f64 = 0.02;
 
@@ -46,6 +61,8 @@ pub struct Link {
     /// Mean of JᵀJ of the points' places: eᵀ·metric·e is the mean square displacement, px².
     pub metric: Matrix6<f64>,
     pub correlation: f64,
+    /// The least correlation with which it counts.
+    pub least_correlation: f64,
     /// Share of the points that the other frame shows.
     pub overlap: f64,
     /// Of the readout time, s: information and slope of the loss with all else marginalised. Only if it was asked for.
@@ -59,7 +76,7 @@ struct PlainLink {
     e: Vec<f64>,
     information: Vec<f64>,
     metric: Vec<f64>,
-    alike: [f64; 2],
+    alike: [f64; 3],
     readout: Option<(f64, f64)>,
 }
 
@@ -70,7 +87,7 @@ impl From<Link> for PlainLink {
             e: link.e.as_slice().to_vec(),
             information: link.information.as_slice().to_vec(),
             metric: link.metric.as_slice().to_vec(),
-            alike: [link.correlation, link.overlap],
+            alike: [link.correlation, link.least_correlation, link.overlap],
             readout: link.readout,
         }
     }
@@ -80,7 +97,8 @@ impl From<PlainLink> for Link {
     fn from(plain: PlainLink) -> Self {
         let matrix =
             |values: Vec<f64>| Matrix6::from_iterator(values.into_iter().chain(std::iter::repeat(0.0)).take(36));
-        let ([from, to], [correlation, overlap]) = (plain.frames, plain.alike);
+        let [from, to] = plain.frames;
+        let [correlation, least_correlation, overlap] = plain.alike;
         Self {
             from,
             to,
@@ -88,6 +106,7 @@ impl From<PlainLink> for Link {
             information: matrix(plain.information),
             metric: matrix(plain.metric),
             correlation,
+            least_correlation,
             overlap,
             readout: plain.readout,
         }
@@ -96,7 +115,12 @@ impl From<PlainLink> for Link {
 
 impl Link {
     pub fn is_good(&self) -> bool {
-        self.correlation > LEAST_CORRELATION && self.overlap > LEAST_OVERLAP
+        self.correlation > self.least_correlation && self.overlap > LEAST_OVERLAP
+    }
+
+    /// Whether noise takes much of the correlation, so that little contrast can be why it does not count.
+    pub fn is_faint(&self) -> bool {
+        self.least_correlation < FAINT * LEAST_CORRELATION
     }
 
     /// Root mean square displacement that a twist in `from`'s axes makes, px.
@@ -106,6 +130,13 @@ impl Link {
 }
 
 const N: usize = 8;
+
+/// Of the pictures that a link joins, each by the variances of its brightness and of its noise.
+fn least_correlation(of: [(f64, f64); 2], points: usize) -> f64 {
+    let parameters = N as f64;
+    let chance = (parameters + CHANCE_SIGMAS * (2.0 * parameters).sqrt()) * POINTS_ALIKE / points as f64;
+    (LEAST_CORRELATION * expected_correlation(of)).max(chance.sqrt()).min(LEAST_CORRELATION)
+}
 
 /// Aligns `from` to `to`, from the level `coarsest` on (at most the coarsest there is), and says what the readout lacks if
 /// `asks_readout`. `None` if too few of its points are seen there.
@@ -156,6 +187,10 @@ pub fn align(eye: &Eye, from: &View, to: &View, coarsest: usize, asks_readout: b
         information,
         metric: sums.metric,
         correlation: sums.correlation,
+        least_correlation: least_correlation(
+            [(sums.variance[0], to.levels[level].noise), (sums.variance[1], gain * gain * from.levels[level].noise)],
+            sums.count,
+        ),
         overlap: sums.count as f64 / points as f64,
         readout: match asks_readout {
             true => Some(seen.readout(from, to, level, &(j_from_i * e), gain, shift, sums.sigma)?),
@@ -177,6 +212,8 @@ struct Sums {
     metric: Matrix6<f64>,
     sigma: f64,
     correlation: f64,
+    /// Of the brightness of `to`, and of the model of it.
+    variance: [f64; 2],
     count: usize,
 }
 
@@ -285,13 +322,15 @@ impl Seen {
         }
         let count = self.points.len();
         let [n, x, y, xx, yy, xy] = moments;
-        let spread = ((xx / n - (x / n).powi(2)) * (yy / n - (y / n).powi(2))).max(1e-12).sqrt();
+        let variance = [xx / n - (x / n).powi(2), yy / n - (y / n).powi(2)];
+        let spread = (variance[0] * variance[1]).max(1e-12).sqrt();
         Sums {
             h: SMatrix::from_fn(|k, m| if m <= k { h[k][m] } else { h[m][k] }),
             g: SVector::from(g),
             metric: Matrix6::from_fn(|k, m| if m <= k { metric[k][m] } else { metric[m][k] }) / count as f64,
             sigma,
             correlation: (xy / n - x / n * (y / n)) / spread,
+            variance,
             count,
         }
     }

@@ -8,6 +8,7 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use super::across::{Fitted, MOST_EV};
+use super::dependencies::Dependencies;
 use super::findings::{Findings, Gained, Registered, Sharpness, Shuttered, Tone};
 use super::found_light::{Environment, FoundLight};
 use super::inputs;
@@ -41,7 +42,7 @@ pub const STANDING: &str = "standing.toml";
 /// All that may lie in its folder.
 pub const FILES: [&str; 8] = [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, STANDING, times::FILE];
 /// Another version is made anew.
-pub const VERSION: u32 = 9;
+pub const VERSION: u32 = 10;
 
 /// An analysis.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,7 +58,7 @@ pub struct Analysis {
     pub gains: Vec<[f64; 3]>,
     /// One per frame: how much brighter than that its parts are. Empty if the footage does not tell.
     pub across: Vec<Across>,
-    /// Links that took no part in the poses, and by how much these miss them. Empty if there are none.
+    /// Links that were held out of the poses' fit, and by how much these miss them. Empty if there are none.
     pub held_out: Vec<Missed>,
     /// The light of the room around what was looked at, without its lamps; `None` if the footage does not tell.
     pub environment: Option<Environment>,
@@ -145,6 +146,8 @@ impl Analysis {
             version: VERSION,
             recording: inputs::fingerprint(recording),
             frames: recording.frame_count(),
+            left_out: Vec::new(),
+            made_with: Dependencies::of(recording),
             registration: Registered { pose_lines: lines.len(), ..Registered::of(registration) },
             gain_why: gain.as_ref().err().cloned(),
             gain: gain.ok(),
@@ -261,7 +264,7 @@ impl Analysis {
             let lines: String = self.held_out.iter().map(line).collect();
             files.push((
                 LINKS,
-                format!("# from to recorded refined: px by which poses miss links that took no part\n{lines}")
+                format!("# from to recorded refined: px by which poses miss the alignment of held-out pairs\n{lines}")
                     .into_bytes(),
             ));
         }

@@ -109,8 +109,17 @@ fn noise_of(codes: Plane, index: usize, profile: &NoiseProfile, response: &Respo
             (profile.sigma(1, code) / 255.0 / slope) as f32
         })
         .collect();
-    let (width, height) = (codes.width, codes.height);
-    let seed = scattered(index as u64);
+    let plane = unit_noise(codes.width, codes.height, index as u64, profile.neighbour_correlation);
+    // Of the smooth picture's codes: noise has no say in how noisy it is.
+    let smooth = codes.filtered(&gaussian(1.5));
+    let values = plane.values.iter().zip(&smooth.values).map(|(n, code)| n * table[code.clamp(0.0, 255.0) as usize]);
+    Plane { values: values.collect(), ..codes }
+}
+
+/// Noise of variance 1 whose neighbours along rows and columns correlate by so much: white noise through (a, 1, a). It follows
+/// from the seed alone.
+pub fn unit_noise(width: usize, height: usize, seed: u64, neighbour_correlation: [f64; 2]) -> Plane {
+    let seed = scattered(seed);
     let mut white = vec![0.0f32; width * height];
     for (i, value) in white.iter_mut().enumerate() {
         // Four uniform numbers: variance 4/12.
@@ -123,12 +132,8 @@ fn noise_of(codes: Plane, index: usize, profile: &NoiseProfile, response: &Respo
         let whole = (1.0 + 2.0 * a * a).sqrt();
         [(1.0 / whole) as f32, (a / whole) as f32]
     };
-    let [x, y] = profile.neighbour_correlation.map(axis);
-    let plane = filtered_by(&Plane { width, height, values: white }, x, y);
-    // Of the smooth picture's codes: noise has no say in how noisy it is.
-    let smooth = codes.filtered(&gaussian(1.5));
-    let values = plane.values.iter().zip(&smooth.values).map(|(n, code)| n * table[code.clamp(0.0, 255.0) as usize]);
-    Plane { width, height, values: values.collect() }
+    let [x, y] = neighbour_correlation.map(axis);
+    filtered_by(&Plane { width, height, values: white }, x, y)
 }
 
 /// Three taps along rows, three along columns.

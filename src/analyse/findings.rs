@@ -5,6 +5,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 use super::across::Fitted;
+use super::dependencies::Dependencies;
 use super::depth_clock::DepthLater;
 use super::found_light::FoundLight;
 use super::global::Global;
@@ -21,6 +22,10 @@ const REFINED: &str = "refined";
 /// They are right.
 const RIGHT: &str = "right";
 const REFUSED: &str = "refused";
+const KEPT: &str = "kept";
+/// What the agreement with held-out pairs says, and what it does not.
+const HELD_OUT_MEANS: &str =
+    "how well alignments agree with each other; `locard verify` measures what slides in the picture";
 
 /// `analysis.toml`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,6 +37,11 @@ pub struct Findings {
     pub frames: usize,
     /// Why nothing is known of the gain. Above the tables, as TOML has it.
     pub gain_why: Option<String>,
+    /// Estimates that do not hold for the recording as it was opened, and what to do; a sentence for each reason.
+    #[serde(skip)]
+    pub left_out: Vec<String>,
+    #[serde(default)]
+    pub made_with: Dependencies,
     pub registration: Registered,
     pub gain: Option<Gained>,
     /// How it differs across the picture; `None` where that cannot be said.
@@ -53,7 +63,8 @@ pub struct Registered {
     pub why: Option<String>,
     pub links: usize,
     pub missing_links: usize,
-    /// What links that took no part say is wrong, median, px.
+    /// How far the alignment of frame pairs that were held out of the fit is from the poses, median, px. The alignment's own bias
+    /// is in both, so that this is less than the poses' error in the picture.
     pub recorded_px: Option<f64>,
     pub refined_px: Option<f64>,
     /// Where poses are kept and motion is not: by how much what is seen moves otherwise within half a frame's interval, root mean
@@ -231,6 +242,28 @@ impl Registered {
         self.poses == REFUSED
     }
 
+    /// Recorded poses of which nothing is known, and why.
+    pub fn kept(why: String) -> Self {
+        Self {
+            poses: KEPT.to_owned(),
+            why: Some(why),
+            links: 0,
+            missing_links: 0,
+            recorded_px: None,
+            refined_px: None,
+            motion_px: None,
+            clock_s: None,
+            clock_sigma_s: None,
+            hand_eye_turn_deg: None,
+            hand_eye_way_m: None,
+            readout_sigma_s: None,
+            depth_later_s: 0.0,
+            depth_later_sigma_s: None,
+            pose_lines: 0,
+            link_lines: 0,
+        }
+    }
+
     /// Whether they were found to be right.
     pub fn is_right(&self) -> bool {
         self.poses == RIGHT
@@ -240,7 +273,7 @@ impl Registered {
         let (poses, why) = match &found.verdict {
             Verdict::Refined => (REFINED, None),
             Verdict::Right => (RIGHT, None),
-            Verdict::Kept(why) => ("kept", Some(why.clone())),
+            Verdict::Kept(why) => (KEPT, Some(why.clone())),
             Verdict::Refused(why) => (REFUSED, Some(why.clone())),
         };
         let global = |of: fn(&Global) -> f64| found.global.as_ref().map(of);
@@ -332,9 +365,17 @@ impl fmt::Display for Registered {
         let px = |value: Option<f64>| value.map_or("unknown".to_owned(), |px| format!("{} px", fixed(px, 2)));
         let (recorded, refined) = (px(self.recorded_px), px(self.refined_px));
         match self.poses.as_str() {
-            REFINED => write!(f, "refined: links that took no part miss by {refined}, {recorded} as recorded"),
+            REFINED => write!(
+                f,
+                "refined: they agree with the alignment of held-out frame pairs to {refined}, the recorded ones to {recorded} \
+                 ({HELD_OUT_MEANS})"
+            ),
             RIGHT => {
-                write!(f, "kept as recorded: links that took no part miss by {recorded}, {refined} if refined")
+                write!(
+                    f,
+                    "kept as recorded: they agree with the alignment of held-out frame pairs to {recorded}, refined ones to \
+                     {refined} ({HELD_OUT_MEANS})"
+                )
             }
             _ => write!(f, "kept as recorded: {}", self.why.as_deref().unwrap_or("nothing can be said")),
         }

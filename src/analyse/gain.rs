@@ -5,6 +5,9 @@
 //!
 //!   least Σ w·ρ_Cauchy(ℓ_ij − (g_j − g_i); 0.01),   w⁻² = 0.003² + 20·MAD²/n + (0.0005·gap)²
 //!
+//! Poses that registration refused are unsure. There a pair counts if its places match and the same pictures, compared pixel by
+//! pixel as if the camera rested, either do not match, which confirms the poses, or say the same gain, which then depends on no pose.
+//!
 //! Only flat places count, so that blur and places that are off do little. The response's exponent cancels out of what is done
 //! with the result: ratios are taken and given back by one curve. What differs across the picture is `across`'s. Not modelled:
 //! lamps that flicker, what moves and fills the frame.
@@ -48,6 +51,12 @@ const LEAST_LANDMARKS: usize = 50;
 const MOST_LANDMARKS: usize = 4000;
 /// Places are the same things if their ratios scatter by less than this share of their light, or by less than this, ln.
 const MATCHED: (f64, f64) = (0.5, 0.05);
+/// The gain of a pair depends on no pose if a camera at rest says the same within this, ln, or within so many σ.
+const SAME_AT_REST: f64 = 0.005;
+const SAME_AT_REST_SIGMAS: f64 = 2.0;
+/// So many pairs confirm unsure poses, and this share of those that could contradict them.
+const LEAST_CONFIRMING: usize = 12;
+const CONFIRMING: f64 = 0.75;
 /// Cauchy's scale, ln.
 const SCALE: f64 = 0.01;
 const ROUNDS: usize = 30;
@@ -98,19 +107,32 @@ pub struct Tried {
     pub few: usize,
     /// What lies where the poses say is not alike.
     pub unlike: usize,
+    /// Of unsure poses: it is alike, and without the poses it is not; and the gain depends on them.
+    pub confirming: usize,
+    pub unsure: usize,
 }
 
 impl Tried {
+    /// Whether the places that pictures have in common confirm unsure poses: they match by them and not without them.
+    pub fn confirms_poses(&self) -> bool {
+        let of = (self.confirming + self.unlike) as f64;
+        self.confirming >= LEAST_CONFIRMING && self.confirming as f64 >= CONFIRMING * of
+    }
+
     /// Why nothing is known where no pair tells anything.
     pub fn why(&self) -> String {
-        let Self { pairs, few, unlike } = self;
+        let Self { pairs, few, unlike, unsure, .. } = self;
         if *pairs == 0 {
             return "no frames could be compared".to_owned();
         }
         let few = format!(
             "{few} have fewer than {LEAST_POINTS} flat places with depth, or {LEAST_LANDMARKS} landmarks, in common"
         );
-        format!("of {} of frames {few}, {unlike} do not match where the poses say", count(*pairs, "pair"))
+        let unsure = match unsure {
+            0 => String::new(),
+            _ => format!(", {unsure} say another gain by other poses, and these are not sure"),
+        };
+        format!("of {} of frames {few}, {unlike} do not match where the poses say{unsure}", count(*pairs, "pair"))
     }
 }
 
@@ -121,6 +143,8 @@ pub struct Gains<'a> {
     response: Response,
     threads: usize,
     gaps: &'a [usize],
+    /// Whether registration refused the poses.
+    is_unsure: bool,
     window: VecDeque<Seen>,
     pub pairs: Vec<Pair>,
     /// What they say of the response, and of single places.
@@ -129,21 +153,34 @@ pub struct Gains<'a> {
     pub tried: Tried,
 }
 
-type Comparison = Result<(Pair, Vec<Toned>, Option<OfPair>), Unknown>;
+/// What a pair says.
+struct Compared {
+    pair: Pair,
+    toned: Vec<Toned>,
+    across: Option<OfPair>,
+    /// Whether places match by the poses and not without them.
+    confirms: bool,
+}
+
+type Comparison = Result<Compared, Unknown>;
 
 /// Why a pair tells nothing.
 enum Unknown {
     Few,
     Unlike,
+    /// The gain depends on poses that are unsure.
+    Unsure,
 }
 
 impl<'a> Gains<'a> {
-    pub fn new(eye: &'a Eye, response: &Response, gaps: &'a [usize], threads: usize) -> Self {
+    /// `is_unsure`: whether registration refused the poses.
+    pub fn new(eye: &'a Eye, response: &Response, gaps: &'a [usize], is_unsure: bool, threads: usize) -> Self {
         Self {
             eye,
             response: response.clone(),
             threads,
             gaps,
+            is_unsure,
             window: VecDeque::new(),
             pairs: Vec::new(),
             toned: Vec::new(),
@@ -166,12 +203,14 @@ impl<'a> Gains<'a> {
         for (_, compared) in found {
             self.tried.pairs += 1;
             match compared {
-                Ok((pair, toned, across)) => {
+                Ok(Compared { pair, toned, across, confirms }) => {
+                    self.tried.confirming += usize::from(confirms);
                     self.pairs.push(pair);
                     self.toned.extend(toned);
                     self.across.extend(across);
                 }
                 Err(Unknown::Few) => self.tried.few += 1,
+                Err(Unknown::Unsure) => self.tried.unsure += 1,
                 Err(Unknown::Unlike) => self.tried.unlike += 1,
             }
         }
@@ -252,8 +291,8 @@ impl<'a> Gains<'a> {
     }
 
     /// Places that both frames show, by depth: in one and in the other.
-    fn by_depth(&self, from: &Seen, to: &Seen) -> Vec<(Spot, Spot)> {
-        let motion = to.state.world_from_camera.inverse() * from.state.world_from_camera;
+    fn by_depth(&self, from: &Seen, to: &Seen, to_state: &State) -> Vec<(Spot, Spot)> {
+        let motion = to_state.world_from_camera.inverse() * from.state.world_from_camera;
         let (w, h) = (to.colours[0].width, to.colours[0].height);
         let scale = (1usize << self.halvings()) as f64;
         let pair = |point: &Point| {
@@ -261,7 +300,7 @@ impl<'a> Gains<'a> {
             if there.z <= 0.0 {
                 return None;
             }
-            let (at, far) = seen(&self.eye.geometry, there, &to.state.twist, None, 2)?;
+            let (at, far) = seen(&self.eye.geometry, there, &to_state.twist, None, 2)?;
             let (x, y) = ((at.x - 0.5) / scale, (at.y - 0.5) / scale);
             if !(x >= 2.0 && y >= 2.0 && x < w as f64 - 3.0 && y < h as f64 - 3.0) {
                 return None;
@@ -279,26 +318,31 @@ impl<'a> Gains<'a> {
 
     fn compared(&self, from: &Seen, to: &Seen) -> Comparison {
         let mut places = by_landmarks(from, to);
+        // What a recording recognised lies where it is by no pose.
+        let mut is_unsure = false;
         if places.len() < LEAST_LANDMARKS {
-            places = self.by_depth(from, to);
+            is_unsure = self.is_unsure;
+            places = self.by_depth(from, to, &to.state);
             if places.len() < LEAST_POINTS {
                 return Err(Unknown::Few);
             }
         }
-        let ratios: Vec<[f64; 3]> =
-            places.iter().map(|(from, to)| [0, 1, 2].map(|c| to.light[c] - from.light[c])).collect();
-        let gap = from.index.abs_diff(to.index) as f64;
-        let mut green: Vec<f64> = places.iter().map(|(from, _)| from.light[1]).collect();
-        let most = MATCHED.1.max(MATCHED.0 * scatter(&mut green).1);
-        let (mut ratio, mut sigma) = ([0.0; 3], [0.0; 3]);
-        for c in 0..3 {
-            let (middle, spread) = scatter(&mut ratios.iter().map(|of| of[c]).collect::<Vec<_>>());
-            if spread > most {
-                return Err(Unknown::Unlike);
+        let (ratios, Ratio { ratio, sigma }) = ratio(&places, from.index.abs_diff(to.index))?;
+        let mut confirms = false;
+        if is_unsure {
+            // As if the camera rested: each pixel by itself.
+            let at_rest = self.by_depth(from, to, &from.state);
+            match ratio_if_any(&at_rest, from.index.abs_diff(to.index)) {
+                None => return Err(Unknown::Few),
+                Some(Err(_)) => confirms = true,
+                Some(Ok(other)) => {
+                    let is_same =
+                        |c: usize| (other.ratio[c] - ratio[c]).abs() < SAME_AT_REST.max(SAME_AT_REST_SIGMAS * sigma[c]);
+                    if !(0..3).all(is_same) {
+                        return Err(Unknown::Unsure);
+                    }
+                }
             }
-            ratio[c] = middle;
-            sigma[c] =
-                (0.003f64.powi(2) + 20.0 * spread * spread / places.len() as f64 + (0.0005 * gap).powi(2)).sqrt();
         }
         let mean = |of: &[f64; 3]| of.iter().sum::<f64>() / 3.0;
         let is_asked = |gap: usize| across::GAPS.contains(&gap) || across::HELD_OUT.contains(&gap);
@@ -313,8 +357,39 @@ impl<'a> Gains<'a> {
         });
         let codes = places.iter().map(|(from, to)| [0, 1, 2].map(|c| 0.5 * (from.codes[c] + to.codes[c])));
         let toned = tone::of_pair(to.index, codes.zip(ratios.iter().copied()), ratio);
-        Ok((Pair { from: from.index, to: to.index, ratio, sigma }, toned, across))
+        let pair = Pair { from: from.index, to: to.index, ratio, sigma };
+        Ok(Compared { pair, toned, across, confirms })
     }
+}
+
+/// ln of light from one frame to another, with one standard deviation of each.
+struct Ratio {
+    ratio: [f64; 3],
+    sigma: [f64; 3],
+}
+
+/// By places that two frames `gap` apart have in common: of each place, and the median. Refused where places are not alike.
+fn ratio(places: &[(Spot, Spot)], gap: usize) -> Result<(Vec<[f64; 3]>, Ratio), Unknown> {
+    let ratios: Vec<[f64; 3]> =
+        places.iter().map(|(from, to)| [0, 1, 2].map(|c| to.light[c] - from.light[c])).collect();
+    let mut green: Vec<f64> = places.iter().map(|(from, _)| from.light[1]).collect();
+    let most = MATCHED.1.max(MATCHED.0 * scatter(&mut green).1);
+    let (mut ratio, mut sigma) = ([0.0; 3], [0.0; 3]);
+    for c in 0..3 {
+        let (middle, spread) = scatter(&mut ratios.iter().map(|of| of[c]).collect::<Vec<_>>());
+        if spread > most {
+            return Err(Unknown::Unlike);
+        }
+        ratio[c] = middle;
+        sigma[c] =
+            (0.003f64.powi(2) + 20.0 * spread * spread / places.len() as f64 + (0.0005 * gap as f64).powi(2)).sqrt();
+    }
+    Ok((ratios, Ratio { ratio, sigma }))
+}
+
+/// The same of places that may be too few: `None`.
+fn ratio_if_any(places: &[(Spot, Spot)], gap: usize) -> Option<Result<Ratio, Unknown>> {
+    (places.len() >= LEAST_POINTS).then(|| ratio(places, gap).map(|(_, ratio)| ratio))
 }
 
 /// Places that were recognised in both frames.

@@ -12,7 +12,8 @@ use crate::recording::Recording;
 const END_BYTES: u64 = 4096;
 
 /// SHA-256 over the recording's files, hexadecimal: their names, lengths and contents (of pictures the ends), the frames'
-/// times, the poses, how depth is stored, and what was recognised. A recording in another folder is the same recording. A file
+/// times, the poses in the format's unit, how depth is stored, and what was recognised. Of poses whose unit's length is given
+/// beside the files, positions count to the precision of an `f32`: what multiplying and dividing by that length leaves of them. A recording in another folder is the same recording. A file
 /// that cannot be read counts as empty.
 pub fn fingerprint(recording: &Recording) -> String {
     let mut hash = Sha256::new();
@@ -22,7 +23,14 @@ pub fn fingerprint(recording: &Recording) -> String {
     number(recording.time_offset_s.to_bits(), &mut hash);
     for (time_s, pose) in recording.track.poses() {
         let (q, p) = (pose.rotation, pose.translation_m);
-        [*time_s, q.x, q.y, q.z, q.w, p.x, p.y, p.z].into_iter().for_each(|v| number(v.to_bits(), &mut hash));
+        [*time_s, q.x, q.y, q.z, q.w].into_iter().for_each(|v| number(v.to_bits(), &mut hash));
+        for metres in p.to_array() {
+            let bits = match recording.kind.is_metric() {
+                true => metres.to_bits(),
+                false => u64::from(((metres / recording.metres_per_unit) as f32).to_bits()),
+            };
+            number(bits, &mut hash);
+        }
     }
     hash.update(recording.depth_stored());
     for landmark in (0..recording.frame_count()).flat_map(|frame| recording.landmarks(frame)) {

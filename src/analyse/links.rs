@@ -11,6 +11,7 @@ use super::eye::Eye;
 use super::reading::frames;
 use super::state::State;
 use super::view::View;
+use crate::camera::NoiseProfile;
 use crate::pixels::Pixels;
 use crate::recording::{Recording, RecordingError};
 use crate::rows::over_rows;
@@ -52,6 +53,8 @@ impl Pass<'_> {
 pub struct Links {
     pub good: Vec<Link>,
     pub refused: usize,
+    /// So many of those in which noise takes much of the correlation.
+    pub faint: usize,
     /// One per frame: whether its picture has the code values of the one before. Only if it was asked for.
     pub repeats: Vec<bool>,
     /// How long it waited for pictures.
@@ -62,12 +65,14 @@ pub struct Links {
 /// `states`: one per frame; frames without one are left out. `seen` is told how far it is, and
 /// ends it by `false`. The result depends on
 /// neither `threads` nor time.
+#[expect(clippy::too_many_arguments)]
 pub fn links(
     eye: &Eye,
     recording: &Recording,
     states: &[Option<State>],
     depths: &mut Depths<'_>,
     pass: Pass<'_>,
+    noise: Option<&NoiseProfile>,
     threads: usize,
     seen: &mut dyn FnMut(usize) -> bool,
 ) -> Result<Links, RecordingError> {
@@ -98,7 +103,7 @@ pub fn links(
             let state = states[frame.index].filter(|_| pass.needs(frame.index));
             *view = state.map(|state| {
                 let depth = swept.take().unwrap_or_else(|| measured(eye, frame, &state, later_s));
-                View::new(eye, frame, state, depth, pass.finest)
+                View::new(eye, frame, state, depth, pass.finest, noise)
             });
         });
         window.extend(views.into_iter().filter_map(|(.., view)| view));
@@ -124,7 +129,10 @@ pub fn links(
         for (_, link) in tasks {
             match link {
                 Some(link) if link.is_good() => found.good.push(link),
-                _ => found.refused += 1,
+                other => {
+                    found.refused += 1;
+                    found.faint += usize::from(other.is_some_and(|link| link.is_faint()));
+                }
             }
         }
         while window.front().is_some_and(|view| view.index + reach <= last) {

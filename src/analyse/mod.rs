@@ -13,6 +13,7 @@ mod boxes;
 mod carried;
 mod clocks;
 mod cross_blur;
+mod dependencies;
 mod depth_clock;
 mod depths;
 mod edges;
@@ -32,6 +33,7 @@ mod links;
 mod lit_anew;
 mod mesh;
 mod moving;
+mod noise_level;
 mod part;
 mod path;
 mod progress;
@@ -44,6 +46,7 @@ mod robust;
 mod sharpness;
 mod shutter;
 mod spread;
+mod stale;
 mod state;
 mod sweep;
 mod taken;
@@ -58,6 +61,7 @@ mod written;
 pub use accept::{Accepted, Outcome, accept};
 pub use across::Fitted;
 pub use artefact::{Analysis, AnalysisError, ENVIRONMENT, FILE_NAME, beside, digest};
+pub(crate) use blurred::unit_noise;
 pub(crate) use eye::is_same;
 pub use findings::Findings;
 pub use found_light::{Environment, FOUND_LAMP_M, FoundLight};
@@ -100,6 +104,8 @@ const HELD_OUT: [usize; 3] = [3, 7, 13];
 
 /// Frames whose light differs by less, ln, root mean square, are equally bright.
 const STEADY: f64 = 0.01;
+/// The same by refused poses that nothing confirms. Small gains of neighbouring frames are then wrong by up to ln 0.003 each.
+const STEADY_BY_UNSURE_POSES: f64 = 0.1;
 
 /// Gains that leave more than this share of what they explain, root mean square, are not the camera's: frames that show other
 /// places than their poses say differ as well.
@@ -120,37 +126,38 @@ pub fn analyse(
     let mut passes = Passes { path: 0, exposure: frames };
     let mut times = Times::default();
     let begun = Instant::now();
-    let registration = registration::register(recording, camera, threads, part, &mut times, &mut |done, of| {
-        passes.path = of;
-        told(passes.progress(Stage::Path, done))
-    })?;
+    let registration =
+        registration::register(recording, camera, taken.noise, threads, part, &mut times, &mut |done, of| {
+            passes.path = of;
+            told(passes.progress(Stage::Path, done))
+        })?;
     let mut seen_by = camera.clone();
     seen_by.intrinsics.readout_time_s = registration.readout_s;
     let eye = sweep::eye_of(seen_by, recording, &registration.states);
-    let is_placed = !matches!(registration.verdict, Verdict::Refused(_));
-    let later_s = registration.depth_later_s();
+    let is_refused = matches!(registration.verdict, Verdict::Refused(_));
+    // A clock of depth that was found by refused poses is none.
+    let later_s = if is_refused { 0.0 } else { registration.depth_later_s() };
     let states = registration.states.as_slice();
-    // Poses that are another recording's would compare other things.
-    let compared = match is_placed {
-        true => part.stage(|| {
-            compared(recording, &eye, taken, (states, later_s), threads, &mut times, &mut |n| {
-                told(passes.progress(Stage::Exposure, n))
-            })
-        })?,
-        false => Compared::default(),
-    };
+    let compared = part.stage(|| {
+        compared(recording, &eye, taken, (states, later_s), is_refused, threads, &mut times, &mut |n| {
+            told(passes.progress(Stage::Exposure, n))
+        })
+    })?;
+    // Registration fails for reasons that leave the poses good enough for brightness, blur and light.
+    let is_placed = !is_refused || compared.tried.confirms_poses();
     let (used, held_out): (Vec<Pair>, Vec<Pair>) =
         compared.pairs.iter().partition(|pair| GAPS.contains(&(pair.to - pair.from)));
     let found = times.of(times::GAIN, || gain::solve(&used, frames));
+    let steady = if is_placed { STEADY } else { STEADY_BY_UNSURE_POSES };
     let told_of = gain::left(&held_out, &found).map(|(recorded, left)| Gained {
         pairs: used.len(),
         recorded,
         left,
         range_ev: range_ev(&found),
-        is_followed: recorded > STEADY && left < EXPLAINED * recorded,
+        is_followed: recorded > steady && left < EXPLAINED * recorded,
     });
     let gains_of = if told_of.as_ref().is_some_and(|gain| gain.is_followed) { found } else { Vec::new() };
-    let across = match gains_of.is_empty() {
+    let across = match gains_of.is_empty() || !is_placed {
         true => None,
         false => times.of(times::GAIN, || across::solve(&compared.across, frames)),
     };
@@ -193,11 +200,12 @@ pub fn analyse(
         (true, true) => Err("frames are equally bright".to_owned()),
         (false, _) => Err("where the camera was is not known".to_owned()),
     };
-    let no_gain = match is_placed {
-        true => compared.tried.why(),
-        false => "where the camera was is not known".to_owned(),
+    let told_of = match told_of {
+        Some(gain) if !is_placed && !gain.is_followed => {
+            Err("the poses were refused, and without them the pictures do not tell it".to_owned())
+        }
+        told_of => told_of.ok_or_else(|| compared.tried.why()),
     };
-    let told_of = told_of.ok_or(no_gain);
     let found = artefact::Found { gain: told_of, gains: &gains_of, across, exposed, spread, tone, light };
     Ok((Analysis::new(recording, camera, &registration, found), times))
 }
@@ -212,18 +220,20 @@ struct Compared {
     tried: gain::Tried,
 }
 
-/// `states`: one per frame, with what is added to the depth maps' times, s.
+/// `states`: one per frame, with what is added to the depth maps' times, s. `is_unsure`: whether registration refused them.
+#[expect(clippy::too_many_arguments)]
 fn compared(
     recording: &Recording,
     eye: &Eye,
     taken: &Taken<'_>,
     (states, later_s): (&[Option<State>], f64),
+    is_unsure: bool,
     threads: usize,
     times: &mut Times,
     told: &mut dyn FnMut(usize) -> Result<(), Interrupted>,
 ) -> Result<Compared, RegistrationError> {
     let gaps: Vec<usize> = GAPS.into_iter().chain(HELD_OUT).collect();
-    let mut gains = Gains::new(eye, taken.response, &gaps, threads);
+    let mut gains = Gains::new(eye, taken.response, &gaps, is_unsure, threads);
     let (times_s, interval_s) = (&recording.timestamps_s, recording.frame_interval_s);
     let mut shutter = Shutter::new(eye, taken.response, taken.noise, states, times_s, interval_s, threads);
     let mut depths = Depths::new(eye, recording, states, later_s, threads)?;

@@ -12,6 +12,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 
+use super::dependencies::Dependencies;
 use super::inputs;
 use super::taken::Taken;
 use crate::camera::Geometry;
@@ -116,7 +117,8 @@ fn bound(recording: &Recording, camera: &Geometry, taken: &Taken<'_>) -> String 
     let mut hash = Sha256::new();
     let program = (env!("CARGO_PKG_VERSION"), super::artefact::VERSION);
     hash.update(inputs::fingerprint(recording));
-    hash.update(format!("{program:?} {camera:?} {:?} {:?}", taken.response, taken.noise));
+    let made_with = Dependencies::of(recording);
+    hash.update(format!("{program:?} {camera:?} {made_with:?} {:?} {:?}", taken.response, taken.noise));
     hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 

@@ -36,7 +36,7 @@ pub struct Registration {
     pub global: Option<Global>,
     pub links: usize,
     pub missing: usize,
-    /// What links that took no part say is wrong, median, px: as recorded and refined.
+    /// How far links that were held out of the fit are from the poses, median, px: as recorded and refined.
     pub held_out_px: Option<(f64, f64)>,
     /// Where poses are kept and the pictures tell another motion: by how much what is seen moves otherwise within half a frame's
     /// interval, px.
@@ -47,7 +47,7 @@ pub struct Registration {
     pub repeats: Vec<bool>,
 }
 
-/// By how much poses miss a link that took no part.
+/// By how much poses miss a link that was held out of the fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Missed {
     pub from: usize,

@@ -2,7 +2,7 @@
 //!
 //! In turn: clocks, readout and depth's delay on a few links; seven numbers that are wrong in all poses alike ([`clocks`]); a
 //! graph of links between frames 1 to 20 apart; once more with the motion by the refined poses, which recorded jitter spoils.
-//! Then a gate: links that took no part (3 and 7 apart) say how much was wrong and how much still is. Held-out links share the
+//! Then a gate: links that are held out of the fit (3 and 7 apart) say how much was wrong and how much still is. They share the
 //! aligner's own bias and flatter small corrections, so poses that are nearly right are kept as they were recorded, bit for bit.
 //!
 //! Where no depth was measured, poses stay, and only the motion is the pictures' ([`moving`]).
@@ -24,7 +24,7 @@ use super::state::State;
 use super::times::{self, Times};
 use super::track::MOST_INTERVALS;
 use super::working::Work;
-use crate::camera::Geometry;
+use crate::camera::{Geometry, NoiseProfile};
 use crate::fit::twist::{self, Twist};
 use crate::recording::Recording;
 
@@ -42,10 +42,11 @@ const GAINED: f64 = 0.3;
 const WRONG_PX: f64 = 0.75;
 const MISSING: f64 = 0.25;
 
-/// `told(done, of)`: how far it is, in frames; an error ends it.
+/// `noise`: the camera's, if that was calibrated. `told(done, of)`: how far it is, in frames; an error ends it.
 pub fn register(
     recording: &Recording,
     geometry: &Geometry,
+    noise: Option<&NoiseProfile>,
     threads: usize,
     part: &mut Part,
     times: &mut Times,
@@ -62,12 +63,12 @@ pub fn register(
         if !(recording.kind.is_metric() && recording.kind.has_times()) {
             return Ok(as_recorded(Verdict::Kept(WHY.to_owned())));
         }
-        let mut work = Work { recording, threads, part, done: 0, whole: frames, times, told };
+        let mut work = Work { recording, noise, threads, part, done: 0, whole: frames, times, told };
         return moving::kept(&mut work, geometry, WHY);
     }
     let [every, again_every] = [CLOCK_FRAMES, AGAIN_FRAMES].map(|most| frames.div_ceil(most));
     let whole = ROUNDS * frames.div_ceil(every) + AGAIN * frames.div_ceil(again_every) + 2 * frames;
-    let mut work = Work { recording, threads, part, done: 0, whole, times, told };
+    let mut work = Work { recording, noise, threads, part, done: 0, whole, times, told };
     let mut known = Known::new(geometry, frames);
     let mut found = as_recorded(Verdict::Right);
     let given_s = geometry.intrinsics.readout_time_s;
@@ -97,8 +98,11 @@ pub fn register(
     (found.links, found.missing) = (linked.good.len(), linked.refused);
     if linked.refused as f64 > MISSING * (linked.good.len() + linked.refused) as f64 {
         let share = 100.0 * linked.refused as f64 / (linked.good.len() + linked.refused) as f64;
+        // Links between pictures of little contrast say nothing of the poses.
+        let faint =
+            if 2 * linked.faint > linked.refused { "the pictures' contrast is hardly above their noise, " } else { "" };
         let why = format!(
-            "{share:.0} % of the links between frames do not fit (at most {:.0} %): the poses, the focal length or the depth are not this \
+            "{share:.0} % of the links between frames do not fit (at most {:.0} %): {faint}the poses, the focal length or the depth are not this \
              recording's, its frames are not in their order, or something that fills much of the picture moves",
             100.0 * MISSING
         );
@@ -112,7 +116,7 @@ pub fn register(
     // 3. What jitter has hidden.
     clocks::again(&mut work, &mut known, &mut found, &refined, given_s)?;
 
-    // 4. Once more from there, with links that take no part.
+    // 4. Once more from there, with links that are held out of the fit.
     let again = Pass { rare: (&HELD_OUT, held_out_every), coarsest: 1, finest: 0, ..first };
     let eye = Eye::new(known.geometry.clone());
     let linked = work.links(times::AGAIN, &eye, &refined, known.depth_later_s, again)?;
@@ -132,7 +136,10 @@ pub fn register(
     found.held_out_px = Some((recorded_px, refined_px));
     if refined_px > WRONG_PX {
         return refused(
-            format!("links that took no part still miss by {refined_px:.2} px, more than {WRONG_PX}"),
+            format!(
+                "refined poses agree with the alignment of held-out frame pairs to {refined_px:.2} px only; at most {WRONG_PX} px \
+                 is accepted"
+            ),
             found,
         );
     }

@@ -189,7 +189,9 @@ impl Said {
         if self.looked == 0 {
             return Err("the camera's motion is too even: blur does not differ between frames".to_owned());
         }
-        let clear: Vec<Heard> = self.heard.iter().copied().filter(|heard| heard.clear > CLEAR).collect();
+        let mut clear: Vec<Heard> = self.heard.iter().copied().filter(|heard| heard.clear > CLEAR).collect();
+        // A frame that is compared with later ones is heard after its neighbours.
+        clear.sort_by_key(|heard| heard.frame);
         if clear.len() < LEAST_CLEAR {
             return Err(format!(
                 "{} of {} frames looked at say it clearly; {LEAST_CLEAR} are needed",

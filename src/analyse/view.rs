@@ -4,9 +4,10 @@ use glam::{DVec2, DVec3};
 
 use super::carried;
 use super::eye::Eye;
+use super::noise_level::{flattest_variance, luma_variance, share_kept};
 use super::pyramid::{Plane, gaussian};
 use super::state::{State, moved};
-use crate::camera::Geometry;
+use crate::camera::{Geometry, NoiseProfile};
 use crate::frame::Frame;
 
 /// Points at most, by level; coarser levels have the last.
@@ -16,6 +17,10 @@ const BLOCK: [usize; 3] = [32, 16, 8];
 /// A point's slope is above this multiple of the mean around it, plus this, codes per px of the level.
 const STEEPER: f32 = 1.5;
 const STEEP: f32 = 1.2;
+/// Where fewer points are as steep and the picture's mean slope is below this, codes per px of the level, contrast is low all over.
+/// There a slope above the multiple of the mean alone is enough.
+const ENOUGH_POINTS: usize = 600;
+const LOW_SLOPE: f32 = 2.0 * STEEP / STEEPER;
 /// No point lies nearer to the level's rim, px.
 const RIM: usize = 4;
 /// From this code on (of 255) a channel may be clipped.
@@ -42,6 +47,8 @@ pub struct Point {
 pub struct Level {
     pub picture: Plane,
     pub points: Vec<Point>,
+    /// Variance of the picture's noise, codes²; 0 where it is not known.
+    pub noise: f64,
 }
 
 #[derive(Debug)]
@@ -55,11 +62,20 @@ pub struct View {
 }
 
 impl View {
-    /// `depth`: at the frame's moment, in its picture. Levels below `finest` have no points.
-    pub fn new(eye: &Eye, frame: &Frame, state: State, depth: Vec<f32>, finest: usize) -> Self {
+    /// `depth`: at the frame's moment, in its picture. Levels below `finest` have no points. `noise`: the camera's, if
+    /// that was calibrated.
+    pub fn new(
+        eye: &Eye,
+        frame: &Frame,
+        state: State,
+        depth: Vec<f32>,
+        finest: usize,
+        noise: Option<&NoiseProfile>,
+    ) -> Self {
         let (width, _) = eye.size();
         let is_usable = usable(frame, &depth, width);
         let mut picture = Plane::of(&frame.pixels);
+        let luma = noise.map(|profile| (profile, luma_variance(profile, &frame.pixels)));
         let mut levels = Vec::new();
         for level in 0..eye.levels() {
             let next = picture.halved();
@@ -68,7 +84,10 @@ impl View {
             }
             let points =
                 if level < finest { Vec::new() } else { points(eye, &picture, level, &depth, &is_usable, &state) };
-            levels.push(Level { picture, points });
+            let by_profile = luma.map(|(profile, variance)| variance * share_kept(profile, level));
+            let by_blocks = if level < finest { None } else { flattest_variance(&picture) };
+            let noise = by_blocks.map_or(0.0, |by_blocks| by_profile.unwrap_or(by_blocks).min(by_blocks));
+            levels.push(Level { picture, points, noise });
             picture = next;
         }
         Self { index: frame.index, state, depth, levels }
@@ -94,15 +113,18 @@ fn points(eye: &Eye, picture: &Plane, level: usize, depth: &[f32], is_usable: &[
     let side = BLOCK[level.min(BLOCK.len() - 1)];
     let means = block_means(&slope, w, side);
     let across = w.div_ceil(side);
-    let mut found = Vec::new();
-    for y in RIM..h.saturating_sub(RIM) {
-        for x in RIM..w.saturating_sub(RIM) {
-            let i = y * w + x;
+    let steeper_by = |more: f32| -> Vec<usize> {
+        let places = (RIM..h.saturating_sub(RIM)).flat_map(|y| (RIM..w.saturating_sub(RIM)).map(move |x| (x, y)));
+        let is_steep = |(x, y): &(usize, usize)| {
             let mean = means[(y / side) * across + x / side];
-            if slope[i] > STEEPER * mean + STEEP && is_usable[y * scale * width + x * scale] {
-                found.push(i);
-            }
-        }
+            slope[y * w + x] > STEEPER * mean + more && is_usable[y * scale * width + x * scale]
+        };
+        places.filter(is_steep).map(|(x, y)| y * w + x).collect()
+    };
+    let mut found = steeper_by(STEEP);
+    let mean_slope = slope.iter().sum::<f32>() / slope.len().max(1) as f32;
+    if found.len() < ENOUGH_POINTS && mean_slope < LOW_SLOPE {
+        found = steeper_by(0.0);
     }
     let most = MOST[level.min(MOST.len() - 1)];
     if found.len() > most {

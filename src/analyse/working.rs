@@ -12,6 +12,7 @@ use super::reading;
 use super::registered::RegistrationError;
 use super::state::State;
 use super::times::{self, Times};
+use crate::camera::NoiseProfile;
 use crate::recording::{Recording, RecordingError};
 
 /// Frames that are looked at for depth's clock.
@@ -19,6 +20,8 @@ const DEPTH_FRAMES: usize = 200;
 
 pub struct Work<'a> {
     pub recording: &'a Recording,
+    /// The camera's, if that was calibrated.
+    pub noise: Option<&'a NoiseProfile>,
     pub threads: usize,
     pub part: &'a mut Part,
     /// Frames looked at, and all that will be.
@@ -38,13 +41,13 @@ impl Work<'_> {
         depth_later_s: f64,
         pass: Pass<'_>,
     ) -> Result<Links, RegistrationError> {
-        let Self { recording, threads, part, done, whole, times, told } = self;
+        let Self { recording, noise, threads, part, done, whole, times, told } = self;
         let frames = recording.frame_count().div_ceil(pass.every);
         let found = part.stage(|| -> Result<Links, RegistrationError> {
             let begun = Instant::now();
             let mut ended = Ok(());
             let mut depths = Depths::new(eye, recording, states, depth_later_s, *threads)?;
-            let found = links(eye, recording, states, &mut depths, pass, *threads, &mut |seen: usize| {
+            let found = links(eye, recording, states, &mut depths, pass, *noise, *threads, &mut |seen: usize| {
                 ended = told(*done + (seen + 1) * frames / recording.frame_count(), *whole);
                 ended.is_ok()
             })?;

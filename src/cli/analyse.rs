@@ -36,6 +36,9 @@ pub struct Args {
     /// Set a parameter of the camera, as in --set camera.fx_px=520
     #[arg(long = "set", value_name = "TABLE.NAME=VALUE")]
     sets: Vec<String>,
+    /// Length of a nerfstudio or COLMAP unit
+    #[arg(long, default_value_t = 1.0, value_name = "M")]
+    metres_per_unit: f64,
     /// The folder of what is found; otherwise beside the recording, of its name with .analysis, where `composite` finds it
     #[arg(short = 'o', long = "output", value_name = "DIR")]
     output: Option<PathBuf>,
@@ -60,11 +63,17 @@ pub struct Args {
     quiet: bool,
 }
 
+impl Args {
+    fn options(&self) -> OpenOptions {
+        self.skip.over(OpenOptions { metres_per_unit: self.metres_per_unit, ..OpenOptions::default() })
+    }
+}
+
 pub fn run(args: &Args) -> Result<()> {
     let start = Instant::now();
     let given =
         Given { profile: args.profile.clone(), sets: args.sets.clone(), analysis: Analysed::No, ..Given::default() };
-    let shot = Shot::open(&args.recording, &args.skip.over(OpenOptions::default()), &given)?;
+    let shot = Shot::open(&args.recording, &args.options(), &given)?;
     let folder = args.output.clone().unwrap_or_else(|| beside(&shot.recording.path));
     for text in &shot.recording.warnings {
         warn(args.quiet, text);
@@ -159,7 +168,7 @@ fn grounds(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<Ground>> {
     let (profile, sets) = (args.profile.clone(), args.sets.clone());
     let analysis = Analysed::At(folder.to_owned());
     let given = Given { profile, sets, scene: Some(scene.to_owned()), analysis, ..Given::default() };
-    let shot = Shot::open(&args.recording, &args.skip.over(OpenOptions::default()), &given)?;
+    let shot = Shot::open(&args.recording, &args.options(), &given)?;
     shot.scene.warnings.iter().for_each(|text| warn(args.quiet, text));
     if shot.up().is_none() {
         warn(
@@ -200,6 +209,7 @@ pub fn make(shot: &Shot, folder: &Path, force: bool, quiet: bool) -> Result<(Ana
     if !force
         && let Ok(there) = Analysis::read(folder)
         && there.fits(&shot.recording, &shot.geometry_at(0)?).is_ok()
+        && there.is_current(&shot.recording)
     {
         tell(quiet, &format!("{}: was there and fits; --force makes it anew", folder.display()));
         return Ok((there, Times::kept(folder)));

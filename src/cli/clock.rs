@@ -32,8 +32,8 @@ pub fn line(shot: &Shot) -> Result<String, ShotError> {
         before = now.map(|now| (time_s, now));
     }
     let offset_s = recording.time_offset_s;
-    let turned = |from_s: f64, to_s: f64| recording.track.turn_between(from_s + offset_s, to_s + offset_s);
-    Ok(match estimate(&motions, turned, REACH_S) {
+    let moved = |from_s: f64, to_s: f64| recording.track.motion_between(from_s + offset_s, to_s + offset_s);
+    Ok(match estimate(&motions, moved, REACH_S) {
         Ok(found) => {
             let milliseconds = |s: f64| fixed(1e3 * s, 1);
             let fit = if found.delay_s.abs() <= 2.0 * found.sigma_s {
@@ -47,8 +47,15 @@ pub fn line(shot: &Shot) -> Result<String, ShotError> {
                     fixed(recording.time_offset_s, 4)
                 )
             };
+            let quarters = match found.quarters {
+                0 => String::new(),
+                quarters => format!(
+                    "; the poses' camera is turned by {}° about its optical axis against the pictures",
+                    90 * quarters
+                ),
+            };
             format!(
-                "clock      {fit}; ± {} ms by {}, likeness {}",
+                "clock      {fit}; ± {} ms by {}, likeness {}{quarters}",
                 milliseconds(found.sigma_s),
                 count(found.motions, "motion"),
                 fixed(found.likeness, 2)

@@ -13,7 +13,7 @@ use locard_engine::gpu::Gpu;
 use locard_engine::recording::OpenOptions;
 use locard_engine::report::{self, Slid};
 use locard_engine::shot::{Analysed, AnalysisState, Given, Shot};
-use locard_engine::verify::{Plan, Verified, real_px, verify};
+use locard_engine::verify::{Displaced, Plan, Verified, real_px, verify};
 use locard_engine::words::{count, fixed};
 
 #[derive(clap::Args)]
@@ -137,8 +137,8 @@ fn say(
     let most = |of: Option<(f64, f64)>, most: f64| Some(of.is_some_and(|(median, _)| median <= most));
     line(
         "registration",
-        most(now.displaced_px, MOST_PX),
-        &|v| two(v.displaced_px, "px", "90 %"),
+        most(now.displaced.map(|displaced| displaced.px), MOST_PX),
+        &|v| v.displaced.as_ref().map_or("unknown".to_owned(), displaced),
         &format!("at most {MOST_PX} px"),
     )?;
     line(
@@ -176,6 +176,20 @@ fn say(
         }
     }
     if failed.is_empty() { Ok(()) } else { bail!("{}: {} fail", args.recording.display(), failed.join(" and ")) }
+}
+
+/// What poses miss by, what was measured, and the measurement's floor.
+fn displaced(found: &Displaced) -> String {
+    let px = |px: f64| fixed(px, 2);
+    let (median, ninety, measured) = (px(found.px.0), px(found.px.1), px(found.measured.0));
+    match found.floor {
+        Some((floor, _)) => format!(
+            "{median} px (± {}, 90 % {ninety}; measured {measured}, of which noise makes {})",
+            px(found.sigma_px),
+            px(floor)
+        ),
+        None => format!("{median} px (90 % {ninety}, noise's part unknown without the camera's noise)"),
+    }
 }
 
 /// What slides over twenty frames, and what got worse.

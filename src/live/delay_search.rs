@@ -115,7 +115,7 @@ impl DelaySearch {
         let poses = self.poses.iter().copied().collect();
         // Only poses that ascend were kept.
         let track = PoseTrack::new(poses, self.max_gap_s).unwrap_or_default();
-        match estimate(&motions, |from_s, to_s| track.turn_between(from_s, to_s), REACH_S)? {
+        match estimate(&motions, |from_s, to_s| track.motion_between(from_s, to_s), REACH_S)? {
             Delay { sigma_s, .. } if sigma_s > SURE_S => Err(Unknown::Unsure { sigma_s }),
             found => Ok(found),
         }

@@ -327,7 +327,7 @@ mod tests {
     fn what_is_found_is_taken_from_the_poses_and_told() {
         let following = Following::default();
         let mut found = delayed_by(following, None);
-        let delay = Delay { delay_s: 0.08, sigma_s: 0.001, likeness: 0.9, ratio: 1.0, motions: 90 };
+        let delay = Delay { delay_s: 0.08, sigma_s: 0.001, likeness: 0.9, ratio: 1.0, quarters: 0, motions: 90 };
         found.take(Ok(delay));
         let told = found.told().unwrap();
         assert!(told.starts_with("the poses' delay is found: --delay -0.0800 ± 0.0010 s"), "{told}");

@@ -62,7 +62,7 @@ pub fn correction(source: &Source<'_>) -> Result<Figure, ReportError> {
 }
 
 pub fn links(source: &Source<'_>) -> Result<Figure, ReportError> {
-    let title = "Links that took no part";
+    let title = "Held-out frame pairs";
     let registered = &source.analysis.findings.registration;
     let missed = &source.analysis.held_out;
     if missed.is_empty() {
@@ -90,8 +90,9 @@ pub fn links(source: &Source<'_>) -> Result<Figure, ReportError> {
     Ok(Figure {
         title,
         caption: format!(
-            "{} of frames 3 and 7 apart, aligned by brightness and kept out of the fit: by how much poses miss each. Median and \
-             90 % as recorded: {}; {}: {}.",
+            "{} of frames 3 and 7 apart, aligned by brightness and held out of the fit: by how much poses miss each alignment. What \
+             all alignments err by alike is not in it: what slides in the picture stands below. Median and 90 % as recorded: \
+             {}; {}: {}.",
             count(missed.len(), "pair"),
             median_and_most(|m| m.recorded_px),
             if registered.is_refined() { "refined" } else { "if they were refined" },

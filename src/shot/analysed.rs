@@ -67,6 +67,7 @@ pub fn take(recording: &mut Recording, rig: &Rig, given: &Given) -> Result<Loade
     }
     match fitting(&folder, recording, rig) {
         Ok(analysis) => {
+            let analysis = analysis.without_stale(recording);
             let analysis = if given.recorded_poses { analysis.without_registration() } else { analysis };
             refine(recording, &analysis);
             let light = analysis.lighting().map(Arc::new);

@@ -222,17 +222,26 @@ impl Shot {
 
     /// Takes the scene's unit and world, and gives it the light of the footage where it has none. What was said when the recording was opened overrides the scene file's unit.
     fn follow_scene(&mut self) {
-        lit::light(&mut self.scene, &self.given_light, self.found_light.as_deref());
         let by_scene = self.scene.metres_per_unit.filter(|_| self.opened_unit_m == 1.0);
         let wanted_m = by_scene.unwrap_or(self.opened_unit_m);
         if wanted_m != self.recording.metres_per_unit && !self.recording.kind.is_metric() {
             Arc::make_mut(&mut self.recording).rescale(wanted_m);
             self.floors = Arc::default();
         }
+        let found_light = self.found_light.as_deref().filter(|_| self.has_light_of_its_unit());
+        lit::light(&mut self.scene, &self.given_light, found_light);
         let held = self.scene.gauge.and_then(|g| self.recording.held_at(g.frame, g.time_s, &g.pose()?));
         if let Some(track) = held {
             Arc::make_mut(&mut self.recording).track = track;
             self.floors = Arc::default();
+        }
+    }
+
+    /// Whether the light of the footage was found with the length that the recording's unit has now.
+    fn has_light_of_its_unit(&self) -> bool {
+        match &self.analysis {
+            AnalysisState::Used(_, findings) => findings.is_light_of_unit(self.recording.metres_per_unit),
+            _ => true,
         }
     }
 

@@ -18,6 +18,8 @@ pub enum Note {
     Scene(String),
     /// What `locard analyse` found is there and not used: where, and why.
     Analysis(PathBuf, String),
+    /// Estimates of it that do not hold for the recording as it was opened.
+    StaleEstimates(PathBuf, String),
     /// Frames without a pose, which are passed through.
     MissingPoses(String),
     /// The frames' exposure is unknown. `has_times`: whether their times mean anything.
@@ -76,6 +78,7 @@ impl fmt::Display for Note {
             Self::Analysis(folder, problem) => {
                 write!(f, "{} is not used: {problem}; analyse the recording again", folder.display())
             }
+            Self::StaleEstimates(folder, which) => write!(f, "{}: {which}", folder.display()),
             Self::UnknownExposure { has_times } => {
                 f.write_str(match has_times {
                     true => "nothing says how long the frames were exposed: half the frame interval is taken, at most 1/60 s",
@@ -161,6 +164,7 @@ impl Shot {
     pub fn notes(&self, range: Range<usize>) -> Vec<Note> {
         let mut notes: Vec<_> = self.recording.warnings.iter().cloned().map(Note::Recording).collect();
         notes.extend(self.unfit_analysis());
+        notes.extend(self.stale_estimates());
         notes.extend(self.recording.missing_poses(range).map(Note::MissingPoses));
         notes.extend(self.scene.warnings.iter().cloned().map(Note::Scene));
         let holds = self.recording.metres_per_unit;
@@ -183,6 +187,19 @@ impl Shot {
             AnalysisState::Unfit(folder, problem) => Some(Note::Analysis(folder.clone(), problem.clone())),
             _ => None,
         }
+    }
+
+    /// Estimates of the analysis in use that do not hold for the recording as it is now.
+    pub fn stale_estimates(&self) -> Vec<Note> {
+        let AnalysisState::Used(folder, findings) = &self.analysis else { return Vec::new() };
+        let of_unit = (!self.has_light_of_its_unit()).then(|| {
+            let (was, is) = (number(findings.made_with.metres_per_unit), number(self.recording.metres_per_unit));
+            format!(
+                "light left out, found with a unit of {was} m, which is {is} m now: analyse the recording again with \
+                 --metres-per-unit {is}"
+            )
+        });
+        findings.left_out.iter().cloned().chain(of_unit).map(|why| Note::StaleEstimates(folder.clone(), why)).collect()
     }
 
     /// Whether nothing says how long the frames were exposed, though it might matter.

@@ -11,6 +11,8 @@ use super::random::mix;
 pub enum Finish {
     /// Plank floor, plastered walls, white ceiling, by the room's face.
     Room,
+    /// Plain concrete on every face.
+    Concrete,
     Paint,
     Cardboard,
     Carpet,
@@ -38,7 +40,7 @@ pub fn gloss(finish: Finish) -> (f64, f64) {
         Finish::Rubber => (0.03, 0.6),
         Finish::Paint | Finish::Socket => (0.03, 0.7),
         Finish::Cardboard => (0.012, 0.9),
-        Finish::Carpet | Finish::Paper => (0.0, 1.0),
+        Finish::Carpet | Finish::Paper | Finish::Concrete => (0.0, 1.0),
     }
 }
 
@@ -118,6 +120,15 @@ fn floor(p: DVec2, size: DVec2) -> Surface {
     Surface { albedo, gloss: (1.0 - gap) * (0.35 + 0.75 * worn) * (1.0 + 0.6 * pool) }
 }
 
+/// Blotches, trowel marks and sand. A picture of it at a few millimetres a pixel has a standard deviation of 3 codes.
+fn concrete(p: DVec2) -> Surface {
+    let blotch = fractal(p * 6.0, 3, 131) - 0.5;
+    let trowel = fractal(p * 40.0, 3, 132) - 0.5;
+    let sand = noise(p * 190.0, 133) - 0.5;
+    let shade = 1.0 + 0.18 * blotch + 0.215 * trowel + 0.08 * sand;
+    Surface { albedo: DVec3::new(0.36, 0.355, 0.34) * shade, gloss: 0.0 }
+}
+
 fn plaster(p: DVec2) -> Surface {
     let blotch = fractal(p * 1.7, 4, 61);
     let roller = fractal(p * 55.0, 3, 62);
@@ -195,6 +206,7 @@ pub fn surface(finish: Finish, face: usize, uv: DVec2, size: DVec2) -> Surface {
         Finish::Room if face == 4 => floor(p, size),
         Finish::Room if face == 5 => Surface { albedo: DVec3::splat(0.8), gloss: 0.0 },
         Finish::Room => plaster(p),
+        Finish::Concrete => concrete(p),
         Finish::Paint => {
             let dirt = fractal(p * DVec2::new(4.0, 30.0), 3, 101) * (1.0 - smooth(0.0, 0.05, p.y));
             let groove = if face < 4 && (p.y - size.y + 0.016).abs() < 0.0022 { 0.55 } else { 1.0 };
@@ -256,5 +268,24 @@ pub fn surface(finish: Finish, face: usize, uv: DVec2, size: DVec2) -> Surface {
             };
             Surface { albedo: DVec3::new(0.76, 0.755, 0.72) * shade, gloss: shade }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn concrete_has_a_contrast_of_three_codes() {
+        // Pixels of 4 mm, each the mean of 16 places, as a code of the response 1/2.2.
+        let pixel = |x: u32, y: u32| {
+            let place = |i: u32| 1e-3 * DVec2::new(f64::from(4 * x + i % 4), f64::from(4 * y + i / 4));
+            let albedo = (0..16).map(|i| concrete(place(i)).albedo.y).sum::<f64>() / 16.0;
+            255.0 * albedo.powf(1.0 / 2.2)
+        };
+        let codes: Vec<f64> = (0..200 * 200).map(|i| pixel(i % 200, i / 200)).collect();
+        let mean = codes.iter().sum::<f64>() / codes.len() as f64;
+        let sigma = (codes.iter().map(|code| (code - mean).powi(2)).sum::<f64>() / codes.len() as f64).sqrt();
+        assert!((2.5..3.5).contains(&sigma), "{sigma}");
     }
 }

@@ -83,7 +83,7 @@ mod tests {
 
     /// From 1 m above the card, along a row of the picture: at x / z, what comes back.
     fn row(errors: &DepthErrors, is_own: bool) -> Vec<(f64, Returned)> {
-        let mut site = Site::new(Detail { texture_m: 0.05, light_m: 0.4 }, vec![USUAL], None, None, 2);
+        let mut site = Site::new(Detail { texture_m: 0.05, light_m: 0.4 }, vec![USUAL], (None, None), None, 2);
         site.evidence = Some(Evidence::new(&card()));
         let along = |n: i32| {
             let u = 1e-3 * (f64::from(n) + 0.5);

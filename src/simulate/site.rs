@@ -6,6 +6,7 @@
 
 use glam::{DVec2, DVec3};
 
+use super::Ground;
 use super::chart::Chart;
 use super::evidence::{Around, Evidence};
 use super::finish::{Finish, gloss, surface};
@@ -88,6 +89,9 @@ fn brightest([r, g, b, _]: [f32; 4]) -> f32 {
 /// The light of a blank site.
 const BLANK: [f32; 3] = [0.2; 3];
 
+/// An empty room whose floor fills the view of every motion, m.
+const HALL: Shape = Shape::Room { min: DVec3::new(-3.2, -3.2, 0.0), max: DVec3::new(3.2, 3.2, 2.5) };
+
 /// The contents of the room: world axes, z up, metres. The floor within 0.5 m of the origin is free, except for the
 /// stool's legs from 0.38 m on.
 fn inventory(moved: Option<u64>) -> Vec<(Shape, Finish)> {
@@ -133,16 +137,21 @@ fn inventory(moved: Option<u64>) -> Vec<(Shape, Finish)> {
 }
 
 impl Site {
-    /// Sets up the site and computes its light. `moved`: by a seed, what stands about is somewhere else. `board`: a self-luminous
+    /// Sets up the site and computes its light. `moved`: by a seed, what stands about is somewhere else. `ground`: if it is none of
+    /// planks, with things on them. `board`: a self-luminous
     /// flat panel, with the light on its chart. It neither lights nor shades anything.
     pub fn new(
         detail: Detail,
         lamps: Vec<Lamp>,
-        moved: Option<u64>,
+        (moved, ground): (Option<u64>, Option<Ground>),
         board: Option<(Shape, Chart)>,
         threads: usize,
     ) -> Self {
-        let things = inventory(moved).into_iter().map(|(shape, finish)| Thing::new(shape, Some(finish), Vec::new()));
+        let contents = match ground {
+            None => inventory(moved),
+            Some(Ground::Concrete) => vec![(HALL, Finish::Concrete)],
+        };
+        let things = contents.into_iter().map(|(shape, finish)| Thing::new(shape, Some(finish), Vec::new()));
         let mut site = Self { things: things.collect(), lamps, person: None, evidence: None, is_blank: false };
         let light: Vec<_> = site.things.iter().map(|thing| site.lit(thing, detail, threads)).collect();
         for (thing, light) in site.things.iter_mut().zip(light) {
@@ -160,7 +169,12 @@ impl Site {
         let chart = |face| {
             let size = thing.shape.face_size_m(face);
             // Walls and ceiling that no camera path sees can be coarse.
-            let coarse = if finish == Finish::Room && matches!(face, 1 | 2 | 5) { 8.0 } else { 1.0 };
+            let is_unseen = match finish {
+                Finish::Room => matches!(face, 1 | 2 | 5),
+                Finish::Concrete => face != 4,
+                _ => false,
+            };
+            let coarse = if is_unseen { 8.0 } else { 1.0 };
             let arriving = Chart::filled(
                 cells(size.x, detail.light_m * coarse),
                 cells(size.y, detail.light_m * coarse),
@@ -422,7 +436,13 @@ mod tests {
     fn what_lies_on_the_floor_gets_the_light_that_the_floor_gets() {
         // Lamps beside walls and below the ceiling, which are bright there.
         for (lamps, seed) in [(2, 2), (2, 14)] {
-            let site = Site::new(Detail { texture_m: 0.02, light_m: 0.1 }, scattered(lamps, seed), Some(seed), None, 2);
+            let site = Site::new(
+                Detail { texture_m: 0.02, light_m: 0.1 },
+                scattered(lamps, seed),
+                (Some(seed), None),
+                None,
+                2,
+            );
             let (down, above) = (-DVec3::Z, DVec3::Z);
             let (floor, hit) = site.nearest(above, down).unwrap();
             let [r, g, b, _] = site.arriving(floor, hit.face, hit.uv);

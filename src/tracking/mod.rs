@@ -7,7 +7,8 @@ pub mod text;
 pub mod tum;
 pub mod turn;
 
-use glam::{DQuat, DVec3};
+use delay::PoseMotion;
+use glam::DQuat;
 
 use crate::pose::Pose;
 use crate::words::fixed;
@@ -167,12 +168,15 @@ impl PoseTrack {
         }
     }
 
-    /// How the camera turns from one time to another: along the axis in the camera's axes, radians. `None` where either has no
-    /// pose.
-    pub fn turn_between(&self, from_s: f64, to_s: f64) -> Option<DVec3> {
+    /// How the camera turns and travels from one time to another, in the camera's axes. `None` where either has no pose.
+    pub fn motion_between(&self, from_s: f64, to_s: f64) -> Option<PoseMotion> {
         let (from, to) = (self.at(from_s).ok()?, self.at(to_s).ok()?);
         // world_from_to⁻¹ · world_from_from.
-        Some((to.world_from_camera_rotation().inverse() * from.world_from_camera_rotation()).to_scaled_axis())
+        let to_from_world = to.world_from_camera_rotation().inverse();
+        Some(PoseMotion {
+            turn: (to_from_world * from.world_from_camera_rotation()).to_scaled_axis(),
+            shift: to_from_world * (from.position_in_world_m() - to.position_in_world_m()),
+        })
     }
 
     /// Like [`PoseTrack::at`], but before the track's start, after its end and inside a gap it is the nearest pose: for
@@ -195,6 +199,8 @@ impl PoseTrack {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
 
     fn track() -> PoseTrack {

@@ -1,11 +1,12 @@
 //! Whether virtual things behave as real ones in a recording: frames of it, as things, put into other frames of it.
 //!
 //! Through the whole pipeline, with what was recorded and with what was found out ([`crate::analyse`]). A place is judged by the
-//! phase correlation of patches, brightness by the luma of small areas, so that noise and blur, which the thing's own picture
+//! phase correlation of patches, less what that reads of exact poses ([`floor`]), brightness by the luma of small areas, so that noise and blur, which the thing's own picture
 //! has already, do not count. Those effects are off. Motion blur and sharpness are judged each by itself.
 
 mod blur;
 mod error;
+mod floor;
 mod sharpness;
 mod twin;
 
@@ -13,12 +14,15 @@ use std::sync::Arc;
 
 pub use blur::{Blur, blur};
 pub use error::VerifyError;
+pub use floor::Displaced;
 pub use sharpness::{real_px, sharpness_px};
 pub use twin::twin;
 
+use floor::with_noise;
+
 use crate::gpu::Gpu;
 use crate::measure::Grey;
-use crate::measure::displacement::{DisplacementOptions, displacements};
+use crate::measure::displacement::{DisplacementOptions, Displacements, displacements};
 use crate::shot::Shot;
 
 /// Patches must be much larger than what they are displaced by, which may be 10 px, px.
@@ -51,8 +55,8 @@ impl Default for Plan {
 pub struct Verified {
     /// Pairs of frames that told something.
     pub pairs: usize,
-    /// Lengths of the patches' displacements, px: median and 90 %.
-    pub displaced_px: Option<(f64, f64)>,
+    /// Lengths of the patches' displacements.
+    pub displaced: Option<Displaced>,
     /// Of the pairs' median differences of luma the median and the largest, 8-bit codes.
     pub brighter_codes: Option<(f64, f64)>,
     /// `None` where the camera is nowhere fast.
@@ -69,39 +73,49 @@ pub fn verify(gpu: &Gpu, by: &Shot, plan: Plan, mut seen: impl FnMut(usize, usiz
     let count = shot.recording.frame_count();
     let from: Vec<usize> = (0..count).step_by(plan.every.max(1)).collect();
     let steps = from.len() + blur::PAIRS;
+    let noise = by.camera().noise;
     let mut compositor = shot.compositor(gpu.clone());
-    let (mut displaced, mut brighter, mut pairs) = (Vec::new(), Vec::new(), 0);
+    let (mut displaced, mut at_rest, mut brighter, mut pairs) = (Vec::new(), Vec::new(), Vec::new(), 0);
+    let options = DisplacementOptions { patch_px: PATCH_PX, step_px: PATCH_PX / 2, ..Default::default() };
+    let lengths = |found: &Displacements| -> Vec<f64> {
+        found.patches.iter().map(|patch| patch.displacement_px[0].hypot(patch.displacement_px[1])).collect()
+    };
     for (done, n) in from.iter().enumerate() {
         seen(done, steps);
         let frame = shot.read(*n)?;
         let Some(scene) = twin(&shot, &frame) else { continue };
         compositor.set_scene(scene.clone());
         shot.scene = Arc::new(scene);
+        if let Some(profile) = &noise
+            && let Some(made) = shot.frames(&mut compositor, *n..n + 1, true, 1)?.next().transpose()?
+            && let Some(layer) = made.layer
+        {
+            let mask: Vec<bool> = layer.rgba.iter().map(|p| p[3] > 0.999).collect();
+            let seed = 2 * *n as u64;
+            let real = with_noise(&Grey::luma(&frame.pixels), profile, seed);
+            let made = with_noise(&Grey::luma(&made.pixels), profile, seed + 1);
+            at_rest.extend(lengths(&displacements(&real, &made, Some(&mask), &options)?));
+        }
         for to in [n.checked_sub(plan.gap), Some(n + plan.gap)].into_iter().flatten().filter(|to| *to < count) {
             let real = shot.read(to)?.pixels;
             let Some(made) = shot.frames(&mut compositor, to..to + 1, true, 1)?.next().transpose()? else { continue };
             let Some(layer) = made.layer else { continue };
             let mask: Vec<bool> = layer.rgba.iter().map(|p| p[3] > 0.999).collect();
             let (real, made) = (Grey::luma(&real), Grey::luma(&made.pixels));
-            let options = DisplacementOptions { patch_px: PATCH_PX, step_px: PATCH_PX / 2, ..Default::default() };
             let found = displacements(&real, &made, Some(&mask), &options)?;
             if found.patches.len() >= LEAST_PATCHES {
-                let length = |patch: &crate::measure::displacement::PatchDisplacement| {
-                    patch.displacement_px[0].hypot(patch.displacement_px[1])
-                };
-                displaced.extend(found.patches.iter().map(length));
+                displaced.extend(lengths(&found));
                 pairs += 1;
             }
             brighter.extend(difference(&real, &made, &mask));
         }
     }
-    displaced.sort_by(f64::total_cmp);
     brighter.sort_by(f64::total_cmp);
-    let at = |values: &[f64], share: f64| values.get(((values.len() as f64 - 1.0) * share).round() as usize).copied();
+    let middle = brighter.get(((brighter.len() as f64 - 1.0) * 0.5).round() as usize).copied();
     Ok(Verified {
         pairs,
-        displaced_px: at(&displaced, 0.5).zip(at(&displaced, 0.9)),
-        brighter_codes: at(&brighter, 0.5).zip(brighter.last().copied()),
+        displaced: Displaced::of(&mut displaced, &mut at_rest),
+        brighter_codes: middle.zip(brighter.last().copied()),
         blur: blur(by, &mut compositor, &mut |done| seen(from.len() + done, steps))?,
         sharpness_px: sharpness_px(by, &mut compositor)?,
     })

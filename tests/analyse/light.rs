@@ -11,7 +11,7 @@ use glam::DVec3;
 use locard::analyse::{Analysis, FoundLight};
 use locard::recording::OpenOptions;
 use locard::scene::{self, Environment, LitBy};
-use locard::shot::{Analysed, Given, Shot};
+use locard::shot::{Analysed, AnalysisState, Given, Shot};
 use locard::simulate::{Flaws, Options, Simulation, run};
 
 fn options(lamps: u32, site: u32) -> Options {
@@ -144,6 +144,27 @@ fn a_scene_without_light_takes_that_of_the_footage_and_one_with_light_keeps_its_
     assert!(refused(&["light", site, "-o", new.to_str().unwrap()]).contains("light"));
     std::fs::remove_dir_all(&analysis).unwrap();
     assert!(refused(&["light", site, "-o", "other.toml"]).contains("locard analyse"));
+}
+
+#[test]
+fn light_found_with_another_up_is_left_out_and_the_rest_is_used() {
+    let (folder, found) = analysed_demo();
+    let site = folder.path().join("site");
+    let open = || Shot::open(&site, &OpenOptions::default(), &Given::default()).unwrap();
+    assert!(open().stale_estimates().is_empty());
+    let description = site.join("recording.toml");
+    let text = std::fs::read_to_string(&description).unwrap();
+    assert!(text.contains("up = [0.0, 0.0, 1.0]"), "{text}");
+    std::fs::write(&description, text.replace("up = [0.0, 0.0, 1.0]", "up = [0.0, 0.6, 0.8]")).unwrap();
+    let shot = open();
+    let AnalysisState::Used(_, used) = &shot.analysis else { panic!("{:?}", shot.analysis) };
+    let notes: Vec<String> = shot.stale_estimates().iter().map(ToString::to_string).collect();
+    assert!(notes.len() == 1 && notes[0].contains("light left out, found with another up"), "{notes:?}");
+    assert!(notes[0].contains("analyse the recording again"), "{notes:?}");
+    let found = found.findings;
+    assert_eq!((&used.gain, &used.spread, &used.shutter), (&found.gain, &found.spread, &found.shutter));
+    assert!(used.light.as_ref().unwrap().panorama.is_none());
+    assert_eq!(shot.scene.lighting.points.len(), 0);
 }
 
 /// The demo's first frames with their analysis beside them.

@@ -25,14 +25,18 @@ mod tier;
 
 mod artefact;
 mod beside_real;
+mod clock;
 mod evidence;
 mod flaws;
 mod found;
 mod light;
 mod occlusion;
+mod plain;
 mod real_shadow;
 mod registration;
 mod report;
 mod simulate;
 mod simulate_flaws;
+mod stale;
 mod truth;
+mod verified;

@@ -1,0 +1,70 @@
+//! What `verify` reads of poses that are exact, and of poses with a known error.
+
+use std::fs;
+use std::ops::ControlFlow;
+
+use crate::footage::opened;
+use crate::gpu::gpu;
+use glam::DQuat;
+use locard::pose::Pose;
+use locard::recording::write::{Line, trajectory};
+use locard::simulate::{self, Detail, Flaws, Motion, Options, Simulation};
+use locard::verify::{Displaced, Plan, verify};
+
+const FOCAL_PX: f64 = 260.0;
+const FPS: f64 = 30.0;
+/// Frames between those that are compared.
+const GAP: usize = 4;
+
+/// A camera at rest, as `site` in a folder of its own.
+fn at_rest() -> tempfile::TempDir {
+    let options = Options {
+        width_px: 320,
+        height_px: 240,
+        focal_px: FOCAL_PX,
+        samples: 8,
+        frames: 9,
+        fps: FPS,
+        motion: Motion::Static,
+        ..Options::default()
+    };
+    let detail = Detail { light_m: 0.15, ..Detail::for_focal_px(FOCAL_PX) };
+    let folder = tempfile::tempdir().unwrap();
+    let simulation = || Simulation::flawed_with_detail(&options, &Flaws::default(), detail, 2);
+    simulate::write(&folder.path().join("site"), false, simulation, &mut |_, _| ControlFlow::Continue(())).unwrap();
+    folder
+}
+
+/// Turns the recorded camera about its down axis, so that things move by so much in [`GAP`] frames, px.
+fn turn_poses(folder: &tempfile::TempDir, by_px: f64) {
+    let track = opened(folder).recording.track.clone();
+    let turned = |(time_s, pose): &(f64, Pose)| {
+        let turn = DQuat::from_rotation_y(by_px / FOCAL_PX * time_s * FPS / GAP as f64);
+        Line::new(
+            *time_s,
+            &Pose::from_camera_in_world(pose.position_in_world_m(), pose.world_from_camera_rotation() * turn),
+        )
+    };
+    let lines: Vec<Line> = track.poses().iter().map(turned).collect();
+    fs::write(folder.path().join("site/groundtruth.txt"), trajectory(&lines)).unwrap();
+}
+
+fn displaced(folder: &tempfile::TempDir) -> Displaced {
+    let gpu = gpu();
+    let found = verify(&gpu, &opened(folder), Plan { every: GAP, gap: GAP }, |_, _| {}).unwrap();
+    println!("{:?}", found.displaced);
+    found.displaced.unwrap()
+}
+
+// Slow: frames are drawn as things, and a simulated site is lit.
+#[test]
+fn exact_poses_read_nothing_and_an_error_of_a_pixel_reads_a_pixel() {
+    let folder = at_rest();
+    let exact = displaced(&folder);
+    // A median of displacements is never 0, but what is left of it without the floor may be.
+    assert!(exact.measured.0 > 0.03 && exact.floor.is_some(), "{exact:?}");
+    assert!(exact.px.0 <= 2.0 * exact.sigma_px && exact.px.0 < 0.5 * exact.measured.0.max(0.1), "{exact:?}");
+    turn_poses(&folder, 1.0);
+    let moved = displaced(&folder);
+    assert!((moved.px.0 - 1.0).abs() < 0.1, "{moved:?}");
+}
