@@ -97,11 +97,15 @@ fn beside(moment: u32) -> vec2<f32> {
     return turned[moment];
 }
 
-// How far a depth is the floor: 1 within the tolerance of it, 0 beyond three times that. `nearness` is 1 over the floor's own depth.
+// Behind a stand-in model, where nothing was measured (depth/proxies.rs), m.
+const FAR_M = 1e4;
+
+// Receiver weight of a depth sample: 1 within the tolerance of the floor, 0 beyond three times that. `nearness` is 1 over the
+// floor's own depth.
 fn floor_at(real_m: f32, nearness: f32, chart: Chart) -> f32 {
     let near_m = max(shade.tolerance_m, shade.per_depth2 / max(nearness * nearness, 1e-6));
     let per_off = 0.5 * chart.height_m / near_m;
-    return select(clamp(1.5 - per_off * abs(real_m * nearness - 1.0), 0.0, 1.0), chart.unmeasured, real_m <= 0.0);
+    return select(clamp(1.5 - per_off * abs(real_m * nearness - 1.0), 0.0, 1.0), chart.unmeasured, real_m <= 0.0 || real_m >= FAR_M);
 }
 
 fn depth_at(at_px: vec2<f32>) -> f32 {

@@ -11,7 +11,7 @@
 //! - The camera's noise profile: σ² of luma at the picture's codes, times Σᵢⱼ wᵢ wⱼ ρ(i − j) along both axes for the weights w of
 //!   the level's smoothing.
 //! - The variance of the flattest blocks of the level, each without its own plane: a wall's noise, or a plain floor's noise and
-//!   texture.
+//!   texture. Without a profile it counts up to `MAX_WITHOUT_PROFILE`.
 
 use super::pyramid::{Plane, gaussian};
 use crate::camera::{NoiseProfile, correlations, variance_left};
@@ -26,6 +26,8 @@ const BLOCK: usize = 16;
 const FLATTEST: f64 = 0.1;
 /// Blocks whose mean lies outside may be clipped, codes.
 const UNCLIPPED: (f32, f32) = (4.0, 250.0);
+/// Largest noise variance of any level that is believed without a profile, codes²: on gravel the flattest blocks are texture.
+pub const MAX_WITHOUT_PROFILE: f64 = 4.0;
 /// Binomial weights of one halving (Burt and Adelson 1983).
 const HALVING: [f32; 5] = [1.0 / 16.0, 4.0 / 16.0, 6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
 

@@ -24,7 +24,7 @@ struct Stale {
 }
 
 impl Findings {
-    /// Whether depth in metres, or a light, was found with another unit than this, m.
+    /// Whether the light, if any was found, holds for this length of the recording's unit, m.
     pub fn is_light_of_unit(&self, metres_per_unit: f64) -> bool {
         let now = Dependencies { metres_per_unit, ..self.made_with.clone() };
         self.made_with.is_metric || self.made_with.has_unit_of(&now) || !self.has_light()
@@ -47,7 +47,7 @@ impl Findings {
             stale.push(Stale {
                 registration: self.is_registered(),
                 shutter: self.shutter.as_ref().is_some_and(|shutter| !shutter.runs.is_empty()),
-                why: "whether frames have times of their own".to_owned(),
+                why: "other frame times than the recording has now: analyse the recording again".to_owned(),
                 ..none.clone()
             });
         }

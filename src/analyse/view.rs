@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 
 use super::carried;
 use super::eye::Eye;
-use super::noise_level::{flattest_variance, luma_variance, share_kept};
+use super::noise_level::{MAX_WITHOUT_PROFILE, flattest_variance, luma_variance, share_kept};
 use super::pyramid::{Plane, gaussian};
 use super::state::{State, moved};
 use crate::camera::{Geometry, NoiseProfile};
@@ -86,7 +86,7 @@ impl View {
                 if level < finest { Vec::new() } else { points(eye, &picture, level, &depth, &is_usable, &state) };
             let by_profile = luma.map(|(profile, variance)| variance * share_kept(profile, level));
             let by_blocks = if level < finest { None } else { flattest_variance(&picture) };
-            let noise = by_blocks.map_or(0.0, |by_blocks| by_profile.unwrap_or(by_blocks).min(by_blocks));
+            let noise = by_blocks.map_or(0.0, |by_blocks| by_profile.unwrap_or(MAX_WITHOUT_PROFILE).min(by_blocks));
             levels.push(Level { picture, points, noise });
             picture = next;
         }

@@ -33,6 +33,8 @@ pub enum Unknown {
     NoDelay(#[from] NoDelay),
     #[error("it is known within ± {:.0} ms only", 1e3 * sigma_s)]
     Unsure { sigma_s: f64 },
+    #[error("the poses' camera is turned by {degrees}° about its optical axis against the pictures")]
+    Turned { degrees: u32 },
 }
 
 /// Pictures and poses of the last seconds.
@@ -117,6 +119,7 @@ impl DelaySearch {
         let track = PoseTrack::new(poses, self.max_gap_s).unwrap_or_default();
         match estimate(&motions, |from_s, to_s| track.motion_between(from_s, to_s), REACH_S)? {
             Delay { sigma_s, .. } if sigma_s > SURE_S => Err(Unknown::Unsure { sigma_s }),
+            Delay { quarters, .. } if quarters != 0 => Err(Unknown::Turned { degrees: 90 * quarters }),
             found => Ok(found),
         }
     }
@@ -229,7 +232,7 @@ mod tests {
                     assert!(sigma_s > SURE_S);
                     is_unsure = true;
                 }
-                Err(Unknown::NoDelay(_)) => {}
+                Err(Unknown::NoDelay(_) | Unknown::Turned { .. }) => {}
             }
         }
         assert!(is_unsure);

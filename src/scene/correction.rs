@@ -50,9 +50,9 @@ impl LightCorrection {
     }
 }
 
-/// As many digits as a person reads.
+/// Four significant digits.
 fn rounded(value: f64) -> f64 {
-    format!("{value:.4}").parse().unwrap_or(value)
+    format!("{value:.3e}").parse().unwrap_or(value)
 }
 
 #[cfg(test)]
@@ -96,6 +96,10 @@ mod tests {
         let lamps: Vec<_> = light.lamp.iter().map(|lamp| (lamp.intensity, lamp.color)).collect();
         let expected = [(1.1, [2.0, 1.0, 0.5]), (2.2, [4.0, 1.0, 0.5])];
         assert_eq!(lamps, expected.map(|(intensity, color)| (Some(intensity), Some(Color::Rgb(color)))));
+        // A panorama in cd/m² has a small factor.
+        let mut bright = LightTable { environment_intensity: Some(0.00004), ..light.clone() };
+        LightCorrection { scale: 1.2, tint: [1.0; 3] }.apply(&mut bright);
+        assert_eq!(bright.environment_intensity, Some(0.000048));
         // Even light has no intensity of its own.
         let mut even = LightTable { ambient: Some(Color::Grey(0.5)), ..LightTable::default() };
         correction.apply(&mut even);

@@ -32,9 +32,10 @@ impl AnalyseError {
 }
 
 impl Shot {
-    /// The recording as it was recorded, seen by the camera as it is now, without anything in it.
+    /// The recording as it was recorded, in the unit and seen by the camera as they are now, without anything in it.
     pub fn as_recorded(&self) -> Self {
         let mut recording = self.recorded.as_ref().clone();
+        recording.rescale(self.recording.metres_per_unit);
         recording.set_cameras(|own| self.rig.geometry_over(own));
         let (recording, scene) = (Arc::new(recording), Arc::<Scene>::default());
         let analysis = AnalysisState::Left;
@@ -92,9 +93,11 @@ impl Shot {
             scene: Path::new(""),
             sets: &self.sets,
         };
+        let mut recording = self.recorded.as_ref().clone();
+        recording.rescale(self.recording.metres_per_unit);
+        let analysis = analysis.without_stale(&recording);
         let follows = follows(&analysis, sources)?;
         Arc::make_mut(&mut self.baseline).follow(follows.clone());
-        let mut recording = self.recorded.as_ref().clone();
         refine(&mut recording, &analysis);
         recording.set_cameras(|own| self.rig.geometry_over(own));
         self.recording = Arc::new(recording);

@@ -46,6 +46,8 @@ const BELOW_M: f64 = 1.0;
 const SNAP_M: f64 = 0.015;
 /// A surface that is steeper is no ground: cosine of 40°.
 const LEVEL: f64 = 0.766;
+/// Largest distance between a measured place and where its ray meets a dominant plane, by the measurement's error.
+const MAX_MOVE: f64 = 3.0;
 /// Normals are told apart in steps of this, which is less than they are known to: where a thing is moved over a desk, its floor is
 /// tilted as before, and what was worked out of its shadow holds.
 const NORMAL_STEP: f64 = 1.0 / 512.0;
@@ -59,12 +61,20 @@ struct Known {
     looks: Vec<Look>,
     /// The first frame's camera, by which `points` were seen.
     camera: Option<Geometry>,
-    measured: RoomPoints,
+    measured: Arc<RoomPoints>,
     /// Of the points, once it is asked for.
     room: Option<Arc<Room>>,
     /// Of surfaces, by the response of the camera.
     radiance: Option<(Response, Arc<LazyRadiance>)>,
     last: Last,
+}
+
+impl Known {
+    /// The points as solids.
+    fn solids(&mut self) -> Arc<Room> {
+        let points = &self.measured.points;
+        self.room.get_or_insert_with(|| Arc::new(Room::of(points.iter().map(|point| point.at_m)))).clone()
+    }
 }
 
 /// What a frame's depth map says at the places of a grid ([`grid`]): all that is read for it. A lens that is changed looks through
@@ -86,6 +96,13 @@ impl Look {
         let depth_m = grid(*width, *height, across).map(|(x, y)| depth_m[(y * width + x) as usize]).collect();
         Self { frame, pose, width: *width, height: *height, across, depth_m }
     }
+}
+
+/// Whether the first read of the recording's depth is waited for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Scan {
+    Awaited,
+    IfReady,
 }
 
 /// Measured points of a room, and the dominant planes among them.
@@ -161,11 +178,11 @@ impl Shot {
         let camera = self.given_geometry_at(0);
         let known = known.get_or_insert_with(|| {
             let looks = self.looks();
-            let measured = RoomPoints::of(self.seen(&looks));
+            let measured = Arc::new(RoomPoints::of(self.seen(&looks)));
             Known { measured, looks, camera: camera.clone(), room: None, radiance: None, last: Last::default() }
         });
         if known.camera != camera {
-            (known.measured, known.camera) = (RoomPoints::of(self.seen(&known.looks)), camera);
+            (known.measured, known.camera) = (Arc::new(RoomPoints::of(self.seen(&known.looks))), camera);
             (known.room, known.radiance, known.last) = (None, None, Last::default());
         }
         known
@@ -174,21 +191,48 @@ impl Shot {
     /// The surface at a place of a frame's picture, as [`Shot::surface_at`] measures it, moved onto the dominant plane of the room
     /// that explains it as well: what things are placed on. `share`, `sigma_m` remain those of the frame's own depth.
     pub fn placement_surface(&self, frame: &Frame, at_px: DVec2) -> Result<Surface, SurfaceError> {
+        self.placed(frame, at_px, Scan::Awaited)
+    }
+
+    /// [`Shot::placement_surface`] for a preview: as measured until the recording's depth has been read.
+    pub fn placement_preview(&self, frame: &Frame, at_px: DVec2) -> Result<Surface, SurfaceError> {
+        self.placed(frame, at_px, Scan::IfReady)
+    }
+
+    fn placed(&self, frame: &Frame, at_px: DVec2, scan: Scan) -> Result<Surface, SurfaceError> {
         let surface = self.surface_at(frame, at_px)?;
-        let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let measured = &self.known(&mut known).measured;
+        let Some(measured) = self.room_scan(scan) else { return Ok(surface) };
         let around = measured.around(surface.point_m, AROUND_M);
         let normal = surface.normal_in_world;
         let local = FittedPlane { normal, d_m: normal.dot(surface.point_m), off_m: surface.sigma_m, most_m: 0.0 };
-        let plane = measured.planes.settled(local, surface.point_m, &around);
-        let met = self.support_on_plane(frame.index, at_px, plane.numbers());
-        Ok(met.map_or(surface, |Support { point_m, normal }| Surface { point_m, normal_in_world: normal, ..surface }))
+        let plane = measured.planes.settled(local, surface.point_m, &around, |along| along.dot(normal).abs() > LEVEL);
+        let Ok(Support { point_m, normal }) = self.support_on_plane(frame.index, at_px, plane.numbers()) else {
+            return Ok(surface);
+        };
+        // At a grazing angle a plane that is a little off is met far away.
+        let error_m = Point::new(surface.point_m, surface.depth_m, surface.point_m).off_m;
+        let is_near = point_m.distance(surface.point_m) < MAX_MOVE * error_m;
+        Ok(if is_near { Surface { point_m, normal_in_world: normal, ..surface } } else { surface })
     }
 
     /// Up by the room's largest level surface, where depth shows one ([`RoomPlanes::up`]).
-    pub(super) fn up_of_room(&self, guess: DVec3) -> Option<DVec3> {
-        let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);
-        self.known(&mut known).measured.planes.up(guess)
+    pub(super) fn up_of_room(&self, guess: DVec3, scan: Scan) -> Option<DVec3> {
+        self.room_scan(scan)?.planes.up(guess)
+    }
+
+    /// Measured points and planes of the room. `None` if they are not ready and nobody waits for them.
+    fn room_scan(&self, scan: Scan) -> Option<Arc<RoomPoints>> {
+        match scan {
+            Scan::Awaited => {
+                let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);
+                Some(self.known(&mut known).measured.clone())
+            }
+            Scan::IfReady => {
+                let known = self.floors.0.try_lock().ok()?;
+                let camera = self.given_geometry_at(0);
+                known.as_ref().filter(|known| known.camera == camera).map(|known| known.measured.clone())
+            }
+        }
     }
 
     /// Makes a compositor of the scene as it is now.
@@ -234,14 +278,13 @@ impl Shot {
         }
         let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);
         let known = known.as_mut().filter(|known| !known.measured.points.is_empty())?;
-        let of = |points: &[Point]| Arc::new(Room::of(points.iter().map(|point| point.at_m)));
-        Some(known.room.get_or_insert_with(|| of(&known.measured.points)).clone())
+        Some(known.solids())
     }
 
     /// Real things, whatever lights them. The recording's depth is read on first use.
-    pub(super) fn solids(&self) -> Room {
+    pub(super) fn solids(&self) -> Arc<Room> {
         let mut known = self.floors.0.lock().unwrap_or_else(PoisonError::into_inner);
-        Room::of(self.known(&mut known).measured.points.iter().map(|point| point.at_m))
+        self.known(&mut known).solids()
     }
 
     /// Points of the room, read anew.
@@ -399,7 +442,8 @@ impl Foot {
             .collect();
         let plane = agreed(&near, |normal| normal.dot(self.up).abs() >= LEVEL)?.facing(self.up);
         let below_foot_m = foot - (plane.normal.dot(foot) - plane.d_m) / plane.normal.dot(self.up) * self.up;
-        Some(measured.planes.settled(plane, below_foot_m, &near).facing(self.up))
+        let is_ground = |normal: DVec3| normal.dot(self.up).abs() >= LEVEL;
+        Some(measured.planes.settled(plane, below_foot_m, &near, is_ground).facing(self.up))
     }
 }
 

@@ -140,6 +140,13 @@ impl Shot {
             baseline.rig.set_text(text, &mut baseline.settings)?;
         }
         let recorded = Arc::new(recording.clone());
+        let scene = match &given.scene {
+            Some(path) => scene::load_with(path, recording.up, given.missing_models)?,
+            None => Scene::default(),
+        };
+        let opened_unit_m = recording.metres_per_unit;
+        // Estimates depend on the unit.
+        recording.rescale(unit_m(&scene, opened_unit_m));
         let LoadedAnalysis { state, light: found_light, analysis } = analysed::take(&mut recording, &rig, given)?;
         if let Some(analysis) = &analysis {
             let all = Sources { profiles: &profiles, of_scene: &of_scene, scene: scene_file, sets: &given.sets };
@@ -147,11 +154,6 @@ impl Shot {
             baseline.follow(follows(analysis, Sources { of_scene: &ShotSettings::default(), ..all })?);
         }
         recording.set_cameras(|own| rig.geometry_over(own));
-        let scene = match &given.scene {
-            Some(path) => scene::load_with(path, recording.up, given.missing_models)?,
-            None => Scene::default(),
-        };
-        let opened_unit_m = recording.metres_per_unit;
         let (recording, scene) = (Arc::new(recording), Arc::new(scene));
         let mut shot = Self {
             recording,
@@ -222,8 +224,7 @@ impl Shot {
 
     /// Takes the scene's unit and world, and gives it the light of the footage where it has none. What was said when the recording was opened overrides the scene file's unit.
     fn follow_scene(&mut self) {
-        let by_scene = self.scene.metres_per_unit.filter(|_| self.opened_unit_m == 1.0);
-        let wanted_m = by_scene.unwrap_or(self.opened_unit_m);
+        let wanted_m = unit_m(&self.scene, self.opened_unit_m);
         if wanted_m != self.recording.metres_per_unit && !self.recording.kind.is_metric() {
             Arc::make_mut(&mut self.recording).rescale(wanted_m);
             self.floors = Arc::default();
@@ -330,4 +331,9 @@ impl Shot {
     fn is_plain(&self) -> bool {
         self.settings.on().next().is_none()
     }
+}
+
+/// Length of a recording's unit, m: the scene's, unless another one was given when the recording was opened.
+fn unit_m(scene: &Scene, opened_unit_m: f64) -> f64 {
+    scene.metres_per_unit.filter(|_| opened_unit_m == 1.0).unwrap_or(opened_unit_m)
 }

@@ -11,7 +11,7 @@
 //!
 //! Not modelled: planes that end. A table's plane goes on beyond its rim.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use glam::{DVec3, IVec3};
 
@@ -26,8 +26,12 @@ const MAX_POINTS: usize = 20_000;
 /// Samples that are tried for each plane, and points that they are compared by.
 const SAMPLES: usize = 600;
 const COMPARED: usize = 2048;
-/// Side of the cells that hold a sample's points, m.
+/// Pieces that are looked at, with those that are too small.
+const MAX_PIECES: usize = 24;
+/// Side of the cells that hold a sample's points, and of those by which a plane's points are
+/// connected, m.
 const CELL_M: f64 = 0.4;
+const LINK_M: f64 = 0.1;
 /// Share of a local fit's points that a dominant plane has to explain to replace it, and share of
 /// all points around.
 const NEARLY_AS_MANY: f64 = 0.85;
@@ -38,8 +42,10 @@ pub const AROUND_M: f64 = 0.1;
 /// look down at them).
 pub const NEARLY_LEVEL: f64 = 0.643;
 /// The camera is upside down if surfaces that face against the guess have this many times the
-/// points of those that face along it.
+/// points of those that face along it, and the largest of all is one of them within 30° (a cosine):
+/// a wall before a camera that looks down leans farther.
 const UPSIDE_DOWN: usize = 4;
+pub const OVERHEAD: f64 = 0.866;
 
 /// The planes of a room, the largest first, each with its number of points. Normals face the
 /// cameras that saw them.
@@ -52,17 +58,18 @@ impl RoomPlanes {
         let mut rest: Vec<Point> = points.iter().step_by(step).copied().collect();
         let min_points = ((MIN_SHARE * rest.len() as f64) as usize).max(3);
         let mut planes = Vec::new();
-        while planes.len() < MAX_PLANES && rest.len() >= min_points {
-            let Some(plane) = largest(&rest) else { break };
-            let (members, others): (Vec<Point>, Vec<Point>) =
-                rest.into_iter().partition(|point| point.is_on(plane.normal, plane.d_m));
-            if members.len() < min_points {
+        for _ in 0..MAX_PIECES {
+            if planes.len() == MAX_PLANES || rest.len() < min_points {
                 break;
             }
-            let towards_cameras: DVec3 =
-                members.iter().map(|point| (point.eye_m - point.at_m).normalize_or_zero()).sum();
-            planes.push((plane.facing(towards_cameras), members.len()));
-            rest = others;
+            let Some((plane, members)) = largest(&rest) else { break };
+            if members.len() >= min_points {
+                let towards_cameras: DVec3 =
+                    members.iter().map(|n| (rest[*n].eye_m - rest[*n].at_m).normalize_or_zero()).sum();
+                planes.push((plane.facing(towards_cameras), members.len()));
+            }
+            let members: HashSet<usize> = members.into_iter().collect();
+            rest = rest.into_iter().enumerate().filter(|(n, _)| !members.contains(n)).map(|(_, point)| point).collect();
         }
         planes.sort_by_key(|(_, members)| std::cmp::Reverse(*members));
         Self(planes)
@@ -70,15 +77,23 @@ impl RoomPlanes {
 
     /// The dominant plane that explains nearly as many of the points around a place as a local fit
     /// does, and passes the place as closely as they are measured, moved along its normal to their
-    /// median: a rug on the floor is a few millimetres higher. Or else the local fit.
-    pub fn settled(&self, local: FittedPlane, at_m: DVec3, around: &[Point]) -> FittedPlane {
+    /// median: a rug on the floor is a few millimetres higher. Or else the local fit. Normals that are
+    /// not accepted, to either side, are left out.
+    pub fn settled(
+        &self,
+        local: FittedPlane,
+        at_m: DVec3,
+        around: &[Point],
+        accepts: impl Fn(DVec3) -> bool,
+    ) -> FittedPlane {
         let explained = |plane: &FittedPlane| around.iter().filter(|p| p.is_on(plane.normal, plane.d_m)).count();
         let mean_error_m = around.iter().map(|point| point.off_m).sum::<f64>() / around.len().max(1) as f64;
         let least = (NEARLY_AS_MANY * explained(&local) as f64).max(MIN_EXPLAINED * around.len() as f64).max(1.0);
         let passes = |plane: &FittedPlane| (plane.normal.dot(at_m) - plane.d_m).abs() < mean_error_m;
-        let candidates = self.0.iter().map(|(plane, _)| plane).filter(|plane| passes(plane));
+        let candidates = self.0.iter().map(|(plane, _)| plane).filter(|plane| passes(plane) && accepts(plane.normal));
         let counted = candidates.map(|plane| (explained(plane), plane)).filter(|(count, _)| *count as f64 >= least);
-        let Some((_, plane)) = counted.max_by_key(|(count, _)| *count) else { return local };
+        // Of planes that explain as many, the largest.
+        let Some((_, plane)) = counted.rev().max_by_key(|(count, _)| *count) else { return local };
         let on = around.iter().filter(|point| point.is_on(plane.normal, plane.d_m));
         let mut offsets_m: Vec<f64> = on.map(|point| plane.normal.dot(point.at_m)).collect();
         offsets_m.sort_by(f64::total_cmp);
@@ -92,13 +107,16 @@ impl RoomPlanes {
     pub fn up(&self, guess: DVec3) -> Option<DVec3> {
         let level = |up: DVec3| self.0.iter().filter(move |(plane, _)| plane.normal.dot(up) > NEARLY_LEVEL);
         let count = |up: DVec3| level(up).map(|(_, members)| members).sum::<usize>();
-        let up = if count(-guess) > UPSIDE_DOWN * count(guess) { -guess } else { guess };
+        let is_overhead = self.0.first().is_some_and(|(plane, _)| plane.normal.dot(-guess) > OVERHEAD);
+        let is_upside_down = is_overhead && count(-guess) > UPSIDE_DOWN * count(guess);
+        let up = if is_upside_down { -guess } else { guess };
         level(up).max_by_key(|(_, members)| *members).map(|(plane, _)| plane.normal)
     }
 }
 
-/// The plane that most points agree on.
-fn largest(points: &[Point]) -> Option<FittedPlane> {
+/// The plane that most points agree on, fitted to its largest connected piece: strays far away would
+/// tilt a small table's. And that piece's points, by number.
+fn largest(points: &[Point]) -> Option<(FittedPlane, Vec<usize>)> {
     let mut cells: HashMap<IVec3, Vec<usize>> = HashMap::new();
     for (n, point) in points.iter().enumerate() {
         cells.entry((point.at_m / CELL_M).floor().as_ivec3()).or_default().push(n);
@@ -118,11 +136,40 @@ fn largest(points: &[Point]) -> Option<FittedPlane> {
     let (_, mut normal, mut d_m) = best?;
     let mut fitted = None;
     for _ in 0..4 {
-        let members: Vec<DVec3> = points.iter().filter(|p| p.is_on(normal, d_m)).map(|p| p.at_m).collect();
-        let plane = plane_through(&members).ok()?.facing(normal);
-        (normal, d_m, fitted) = (plane.normal, plane.d_m, Some(plane));
+        let on = (0..points.len()).filter(|n| points[*n].is_on(normal, d_m));
+        let members = largest_piece(points, on);
+        let places: Vec<DVec3> = members.iter().map(|n| points[*n].at_m).collect();
+        let plane = plane_through(&places).ok()?.facing(normal);
+        (normal, d_m, fitted) = (plane.normal, plane.d_m, Some((plane, members)));
     }
     fitted
+}
+
+/// The largest set of points, by number, whose cells touch.
+fn largest_piece(points: &[Point], members: impl Iterator<Item = usize>) -> Vec<usize> {
+    let mut cells: HashMap<IVec3, Vec<usize>> = HashMap::new();
+    for n in members {
+        cells.entry((points[n].at_m / LINK_M).floor().as_ivec3()).or_default().push(n);
+    }
+    let mut keys: Vec<IVec3> = cells.keys().copied().collect();
+    keys.sort_by_key(|cell| cell.to_array());
+    let mut best = Vec::new();
+    for start in keys {
+        let (mut piece, mut open) = (cells.remove(&start).unwrap_or_default(), vec![start]);
+        while let Some(cell) = open.pop() {
+            let around = (0..27).map(|k| cell + IVec3::new(k % 3, k / 3 % 3, k / 9) - 1);
+            for next in around {
+                if let Some(more) = cells.remove(&next) {
+                    piece.extend(more);
+                    open.push(next);
+                }
+            }
+        }
+        if piece.len() > best.len() {
+            best = piece;
+        }
+    }
+    best
 }
 
 #[cfg(test)]
@@ -169,13 +216,27 @@ mod tests {
         let near = around(&room, DVec3::ZERO);
         let local = local_fit(&near);
         assert!(local.normal.angle_between(DVec3::Z).to_degrees() > 2.0, "{local:?}");
-        let settled = planes.settled(local, DVec3::ZERO, &near);
+        let settled = planes.settled(local, DVec3::ZERO, &near, |_| true);
         assert!(settled.normal.angle_between(DVec3::Z).to_degrees() < 0.2, "{settled:?}");
         assert!(settled.d_m.abs() < 1e-3, "{settled:?}");
         // A rug of 3 mm belongs to the floor's plane, and keeps its height.
         let rug: Vec<Point> = near.iter().map(|p| Point { at_m: p.at_m.with_z(0.003), ..*p }).collect();
-        let settled = planes.settled(local_fit(&rug), DVec3::new(0.0, 0.0, 0.003), &rug);
+        let settled = planes.settled(local_fit(&rug), DVec3::new(0.0, 0.0, 0.003), &rug, |_| true);
         assert!((settled.d_m - 0.003).abs() < 5e-4, "{settled:?}");
+    }
+
+    #[test]
+    fn small_table_is_not_tilted_by_strays_at_its_height() {
+        let mut room = room();
+        let at = |n: i32| 0.02 * f64::from(n) - 0.2;
+        let table = (0..400).map(|n| point(DVec3::new(at(n % 20), at(n / 20), 0.4)));
+        // As many on a cupboard 1 m away, up to 4 cm higher.
+        let cupboard = (0..400).map(|n| point(DVec3::new(0.9, at(n % 20), 0.4 + 1e-4 * f64::from(n))));
+        room.extend(table.chain(cupboard));
+        let RoomPlanes(planes) = RoomPlanes::of(&room);
+        let table = planes.iter().find(|(plane, _)| plane.normal.z > 0.99 && (plane.d_m - 0.4).abs() < 0.01);
+        let tilt_deg = table.unwrap().0.normal.angle_between(DVec3::Z).to_degrees();
+        assert!(tilt_deg < 0.1, "{tilt_deg}");
     }
 
     #[test]
@@ -187,14 +248,14 @@ mod tests {
         let planes = RoomPlanes::of(&room);
         let near = around(&room, DVec3::new(0.0, 0.0, 0.02));
         let book = FittedPlane { normal: DVec3::Z, d_m: 0.02, off_m: 0.0, most_m: 0.0 };
-        assert_eq!(planes.settled(book, DVec3::new(0.0, 0.0, 0.02), &near), book);
+        assert_eq!(planes.settled(book, DVec3::new(0.0, 0.0, 0.02), &near, |_| true), book);
         let is_on_ramp = |at: &DVec3| (at.x - 0.5).abs() < 0.2 && at.y.abs() < 0.2;
         room.iter_mut()
             .filter(|p| is_on_ramp(&p.at_m))
             .for_each(|p| p.at_m.z = (p.at_m.x - 0.5) * 12f64.to_radians().tan());
         let near = around(&room, DVec3::new(0.5, 0.0, 0.0));
         let ramp = local_fit(&near);
-        assert_eq!(planes.settled(ramp, DVec3::new(0.5, 0.0, 0.0), &near), ramp);
+        assert_eq!(planes.settled(ramp, DVec3::new(0.5, 0.0, 0.0), &near, |_| true), ramp);
     }
 
     #[test]
@@ -206,6 +267,11 @@ mod tests {
                 let up = planes.up(guess).unwrap();
                 assert!(up.angle_between(DVec3::Z).to_degrees() < 0.2, "{guess}: {up}");
             }
+        }
+        // A camera that looks down by 45° to 65° at floor and wall: its up leans towards the wall.
+        for pitch_deg in [45f64, 55.0, 65.0] {
+            let guess = DVec3::new(0.0, pitch_deg.to_radians().sin(), pitch_deg.to_radians().cos());
+            assert!(planes.up(guess).is_none_or(|up| up.z > 0.9999), "{pitch_deg}: {:?}", planes.up(guess));
         }
         let wall: Vec<Point> = room().into_iter().filter(|point| point.at_m.y == 1.0).collect();
         assert_eq!(RoomPlanes::of(&wall).up(DVec3::Z), None);

@@ -4,7 +4,8 @@
 use glam::DVec3;
 
 use super::Shot;
-use super::room_planes::NEARLY_LEVEL;
+use super::floors::Scan;
+use super::room_planes::{NEARLY_LEVEL, OVERHEAD};
 use crate::pose::held_up;
 
 impl Shot {
@@ -23,12 +24,19 @@ impl Shot {
     /// above: a normal against the camera's own up means that it hangs upside down. Unit length.
     pub fn up_on(&self, normal: Option<DVec3>) -> DVec3 {
         let held = self.held_up();
-        self.up_of_room(held).unwrap_or_else(|| up_on_surface(normal, held))
+        self.up_of_room(held, Scan::Awaited).unwrap_or_else(|| up_on_surface(normal, held))
+    }
+
+    /// [`Shot::up_on`] for a preview: without the room's surfaces until the recording's depth has been read.
+    pub fn up_preview(&self, normal: Option<DVec3>) -> DVec3 {
+        let held = self.held_up();
+        self.up_of_room(held, Scan::IfReady).unwrap_or_else(|| up_on_surface(normal, held))
     }
 }
 
 fn up_on_surface(normal: Option<DVec3>, held: DVec3) -> DVec3 {
-    normal.filter(|normal| normal.dot(held).abs() > NEARLY_LEVEL).unwrap_or(held)
+    let is_ground = |normal: &DVec3| normal.dot(held) > NEARLY_LEVEL || normal.dot(held) < -OVERHEAD;
+    normal.filter(is_ground).unwrap_or(held)
 }
 
 #[cfg(test)]
@@ -42,11 +50,13 @@ mod tests {
     fn up_is_the_normal_of_a_floor_and_not_of_a_wall() {
         let held = DVec3::new(0.0, 0.5, 0.866);
         let lean = DVec3::new(0.02, 0.01, 1.0).normalize();
-        // A camera upside down sees the floor, too.
+        // A camera upside down sees the floor, too; a wall 55° against its up is none.
         for normal in [lean, -lean] {
             assert_eq!(up_on_surface(Some(normal), held), normal);
         }
         assert_eq!([up_on_surface(Some(held.any_orthonormal_vector()), held), up_on_surface(None, held)], [held, held]);
+        let wall = DVec3::new(0.0, -0.819, 0.574);
+        assert_eq!(up_on_surface(Some(wall), DVec3::Y), DVec3::Y);
     }
 
     #[test]

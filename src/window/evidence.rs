@@ -356,7 +356,7 @@ struct Laying {
 impl Laying {
     /// As the scene file has it then.
     fn lay(&self, shot: &Shot, frame: usize, support: &Support, file: &Path) -> Result<PlacedModel, SceneError> {
-        let up = self.up.unwrap_or_else(|| shot.up_on(Some(support.normal)));
+        let up = self.up.unwrap_or_else(|| shot.up_preview(Some(support.normal)));
         let heading = shot.facing(frame, support.point_m, up, self.turned_deg);
         lay(&relative(&self.model, file), file, support, self.posture, heading, up, None)
     }

@@ -52,7 +52,7 @@ impl Finder {
             (Some(_), _) => None,
             (None, Some(plane)) => shot.support_on_plane(frame.index, at_px, plane.numbers()).ok(),
             (None, None) => {
-                let surface = shot.placement_surface(frame, at_px).ok()?;
+                let surface = shot.placement_preview(frame, at_px).ok()?;
                 Some(Support { point_m: surface.point_m, normal: surface.normal_in_world })
             }
         }

@@ -68,7 +68,7 @@ impl Lamps {
         ui.strong("Light");
         let has_depth = frame.is_some_and(|frame| frame.depth.is_some());
         let mut told = room_light::show(ui, project);
-        if has_depth {
+        if has_depth && !project.is_lit_by_models() {
             let is_picking = self.pick == Some(Pick::White);
             let hint = "Then click on white paper or paint: all light becomes as bright and gets the colour that it shows there.";
             let matched = egui::Button::selectable(is_picking, "Match white").frame_when_inactive(true);

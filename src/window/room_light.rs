@@ -11,6 +11,8 @@ use locard_engine::words::count;
 /// A sun that is added stands this high above the horizon, and white matt that faces it shows this.
 const NEW_SUN_DEG: f64 = 55.0;
 const NEW_SUN_INTENSITY: f64 = 0.6;
+/// Even light keeps its colour down to this.
+const MIN_BRIGHTNESS: f64 = 1e-4;
 
 /// Shows the controls of the light that the scene's file has, or offers to write it there. Returns
 /// an error to be shown.
@@ -69,7 +71,7 @@ fn fields(ui: &mut Ui, project: &mut Project) -> Option<String> {
             let mut brightness = brightest(*ambient);
             done |= row(ui, "brightness", "even light brightness", &mut brightness, 0.005, "");
             if brightness != brightest(*ambient) {
-                *ambient = of_brightness(*ambient, brightness.max(0.0));
+                *ambient = of_brightness(*ambient, brightness.max(MIN_BRIGHTNESS));
             }
         }
         for (n, sun) in light.sun.iter_mut().enumerate() {

@@ -75,6 +75,13 @@ fn an_analysis_of_a_model_holds_for_any_length_of_its_unit() {
     said(&["analyse", path, "--metres-per-unit", &unit, "--force"]);
     assert_eq!(made_with(unit_of_analysis()), UNIT_M);
     assert!(opened_in_metres(&site).stale_estimates().is_empty());
+    // A scene may say the unit, and the window analyses with it.
+    let scene = temp.path().join("scene.toml");
+    fs::write(&scene, format!("version = 1\nmetres_per_unit = {UNIT_M}\n")).unwrap();
+    let given = Given { scene: Some(scene), ..Given::default() };
+    let by_scene = Shot::open(&site, &OpenOptions::default(), &given).unwrap();
+    assert_eq!([&by_scene, &by_scene.as_recorded()].map(|shot| shot.recording.metres_per_unit), [UNIT_M; 2]);
+    assert!(by_scene.stale_estimates().is_empty(), "{:?}", by_scene.stale_estimates());
     // Another pose is another recording.
     let images = fs::read_to_string(site.join("images.txt")).unwrap();
     let (first, rest) = images.split_once('\n').unwrap();

@@ -28,17 +28,19 @@ pub fn even(white: [f64; 3]) -> Vec<[f32; 3]> {
 ///
 /// # Errors
 ///
-/// A channel would need a factor outside of `between`, the interval of the white level: the panorama
-/// contradicts it. The reason.
-pub fn filled(seen: &Seen, white: [f64; 3], between: [f64; 2]) -> Result<Vec<[f32; 3]>, String> {
+/// With `by_lamps`, which white shows besides, a channel would miss the whole white level by a factor
+/// outside of `between`, its interval: the panorama contradicts it. The reason.
+pub fn filled(seen: &Seen, white: [f64; 3], by_lamps: [f64; 3], between: [f64; 2]) -> Result<Vec<[f32; 3]>, String> {
     let by_seen = upward(&seen.iter().map(|light| light.unwrap_or_default()).collect::<Vec<_>>());
     let is_open = |n: &usize| seen[*n].is_none() && direction(*n).y > 0.0;
     let open: f64 = (0..seen.len()).filter(is_open).map(|n| direction(n).y * solid_sr(n) / PI).sum();
     let above = [0, 1, 2].map(|c| ((white[c] - by_seen[c]) / open.max(LEAST_OPEN)).clamp(0.0, MOST_FILL * white[c]));
     // What white shows under the filled panorama, by what it is to show.
     let ratio = [0, 1, 2].map(|c| (by_seen[c] + above[c] * open) / white[c].max(f64::MIN_POSITIVE));
-    if let Some(ratio) = ratio.into_iter().find(|ratio| !(between[0]..=between[1]).contains(ratio)) {
-        return Err(format!("its light from above is {ratio:.2} times the white level"));
+    let of_all =
+        [0, 1, 2].map(|c| (ratio[c] * white[c] + by_lamps[c]) / (white[c] + by_lamps[c]).max(f64::MIN_POSITIVE));
+    if let Some(ratio) = of_all.into_iter().find(|ratio| !(between[0]..=between[1]).contains(ratio)) {
+        return Err(format!("white that looks up would show {ratio:.2} times the white level by it"));
     }
     let below = [0, 1, 2].map(|c| {
         let mut known: Vec<f64> = seen.iter().flatten().map(|light| f64::from(light[c])).collect();
@@ -83,7 +85,7 @@ mod tests {
             false => half(n).then_some([0.3; 3]),
         };
         let seen: Seen = (0..WIDTH * HEIGHT).map(light).collect();
-        let rgb = filled(&seen, [1.0; 3], EXACT).unwrap();
+        let rgb = filled(&seen, [1.0; 3], [0.0; 3], EXACT).unwrap();
         assert!((shown(&rgb, DVec3::Y) - 1.0).abs() < 1e-3);
         assert!((rgb[WIDTH - 1][1] - 1.8).abs() < 0.01, "{:?}", rgb[WIDTH - 1]);
         assert_eq!(rgb[WIDTH * HEIGHT - 1][1], 0.3, "median of as many of 0.2 as of 0.3, the upper one");
@@ -93,15 +95,17 @@ mod tests {
     fn panorama_that_misses_the_white_level_is_scaled_within_its_interval_or_refused() {
         // All of the sky is seen and sends 1.2.
         let seen: Seen = (0..WIDTH * HEIGHT).map(|_| Some([1.2; 3])).collect();
-        let rgb = filled(&seen, [1.0; 3], [0.8, 1.25]).unwrap();
+        let rgb = filled(&seen, [1.0; 3], [0.0; 3], [0.8, 1.25]).unwrap();
         assert!((shown(&rgb, DVec3::Y) - 1.0).abs() < 1e-3 && (rgb[0][1] - 1.0).abs() < 2e-3, "{:?}", rgb[0]);
-        let refused = filled(&seen, [1.0; 3], [0.8, 1.15]).unwrap_err();
+        let refused = filled(&seen, [1.0; 3], [0.0; 3], [0.8, 1.15]).unwrap_err();
         assert!(refused.contains("1.20 times"), "{refused}");
+        // Of 4 in all, 3 by lamps, it misses a twentieth.
+        assert!(filled(&seen, [1.0; 3], [3.0; 3], [0.8, 1.15]).is_ok());
         // An eighth of it is open; four times the white level from there sends half of it.
         let narrow: Seen = (0..WIDTH * HEIGHT).map(|n| (n % WIDTH >= WIDTH / 8).then_some([0.0; 3])).collect();
-        let refused = filled(&narrow, [1.0; 3], [0.8, 1.25]).unwrap_err();
+        let refused = filled(&narrow, [1.0; 3], [0.0; 3], [0.8, 1.25]).unwrap_err();
         assert!(refused.contains("0.50 times"), "{refused}");
-        let rgb = filled(&narrow, [1.0; 3], [0.4, 1.25]).unwrap();
+        let rgb = filled(&narrow, [1.0; 3], [0.0; 3], [0.4, 1.25]).unwrap();
         assert!((shown(&rgb, DVec3::Y) - 1.0).abs() < 1e-3, "{}", shown(&rgb, DVec3::Y));
     }
 }

@@ -168,7 +168,9 @@ fn room_light(at: &Location, seen: &Seen, solved: &Solved, level: &WhiteLevel) -
     let (seen_share, seen_above_share) = seen_share(seen);
     let luminance = relative_luminance(level.white);
     let between = level.between.map(|end| end / luminance);
-    let (panorama, no_panorama) = match (level.unclaimed, fill::filled(&without_lamps, ambient, between)) {
+    let by_lamps = [0, 1, 2].map(|c| (level.white[c] - ambient[c]).max(0.0));
+    let filled = fill::filled(&without_lamps, ambient, by_lamps, between);
+    let (panorama, no_panorama) = match (level.unclaimed, filled) {
         (Some(_), _) => (even, None),
         (None, Ok(panorama)) => (panorama, None),
         (None, Err(why)) => (even, Some(why)),

@@ -272,7 +272,7 @@ impl Handles {
         let reached = {
             let shot = project.shot();
             let surface = |at_px: DVec2| {
-                let surface = frame.depth.as_ref().and_then(|_| shot.placement_surface(frame, at_px).ok())?;
+                let surface = frame.depth.as_ref().and_then(|_| shot.placement_preview(frame, at_px).ok())?;
                 Some(maths::Plane { point_m: surface.point_m, normal: surface.normal_in_world })
             };
             running.tool.reach(running.pointer, |px| eye.ray(px), surface)

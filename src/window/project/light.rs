@@ -42,6 +42,10 @@ impl Project {
             return Err("The scene is lit by lights inside its models, which cannot be matched.".to_owned());
         }
         let lighting = self.load(&scene).map_err(|error| error.to_string())?.lighting;
+        if lighting.points.len() > scene.light.lamp.len() || lighting.suns.len() > scene.light.sun.len() {
+            return Err("Lights inside models light the scene, too, and cannot be matched: change the others by hand."
+                .to_owned());
+        }
         let pick = ReferencePick { view, reflectance: WHITE };
         let whites = self.shot.white_at(&[pick], &lighting).map_err(|(_, error)| error.to_string())?;
         let factors: Vec<[f64; 3]> = whites.iter().map(|white| white.factors).collect();
@@ -90,7 +94,7 @@ impl Project {
 
     /// Whether nothing but lights inside models lights the scene.
     pub fn is_lit_by_models(&self) -> bool {
-        self.edit().scene.light.says_none() && self.shot.scene.lit_by == LitBy::Models
+        self.found_light().is_none() && self.edit().scene.light.says_none() && self.shot.scene.lit_by == LitBy::Models
     }
 
     /// Says in a scene how it is lit, where it does not.

@@ -4,6 +4,17 @@ use super::*;
 use crate::program;
 
 #[test]
+fn scene_that_changed_alone_is_unsaved_until_it_is_undone() {
+    let mut project = project(None, Some(Path::new(DEMO_SCENE)));
+    assert!(project.is_saved());
+    project.change_scene("one away", |scene| _ = scene.objects.remove(0)).unwrap();
+    project.close_step();
+    assert!(!project.is_saved());
+    project.undo();
+    assert!(project.is_saved());
+}
+
+#[test]
 fn the_demonstration_is_not_written_to_and_a_scene_moves_with_its_models() {
     let temp = tempfile::tempdir().unwrap();
     let before = std::fs::read_to_string(DEMO_SCENE).unwrap();
