@@ -42,10 +42,12 @@ pub const AROUND_M: f64 = 0.1;
 /// look down at them).
 pub const NEARLY_LEVEL: f64 = 0.643;
 /// The camera is upside down if surfaces that face against the guess have this many times the
-/// points of those that face along it, and the largest of all is one of them within 30° (a cosine):
-/// a wall before a camera that looks down leans farther.
+/// points of those that face along it, and the largest of all is one of them: within 30° (a cosine),
+/// or if no other surface that may be the ground of an upright camera has a quarter of its points. A
+/// wall before a camera that looks down steeply faces against the guess, too.
 const UPSIDE_DOWN: usize = 4;
 pub const OVERHEAD: f64 = 0.866;
+const MAYBE_GROUND: f64 = 0.3;
 
 /// The planes of a room, the largest first, each with its number of points. Normals face the
 /// cameras that saw them.
@@ -107,7 +109,13 @@ impl RoomPlanes {
     pub fn up(&self, guess: DVec3) -> Option<DVec3> {
         let level = |up: DVec3| self.0.iter().filter(move |(plane, _)| plane.normal.dot(up) > NEARLY_LEVEL);
         let count = |up: DVec3| level(up).map(|(_, members)| members).sum::<usize>();
-        let is_overhead = self.0.first().is_some_and(|(plane, _)| plane.normal.dot(-guess) > OVERHEAD);
+        let is_overhead = self.0.first().is_some_and(|(largest, members)| {
+            let against = largest.normal.dot(-guess);
+            let may_be_ground = |(plane, count): &(FittedPlane, usize)| {
+                plane.normal.dot(guess) > MAYBE_GROUND && UPSIDE_DOWN * count > *members
+            };
+            against > OVERHEAD || (against > NEARLY_LEVEL && !self.0.iter().any(may_be_ground))
+        });
         let is_upside_down = is_overhead && count(-guess) > UPSIDE_DOWN * count(guess);
         let up = if is_upside_down { -guess } else { guess };
         level(up).max_by_key(|(_, members)| *members).map(|(plane, _)| plane.normal)
