@@ -112,8 +112,7 @@ fn depth_at(at_px: vec2<f32>) -> f32 {
     return textureLoad(real_depth, clamp(vec2<i32>(floor(at_px)), vec2<i32>(0), shade.depth_size - 1), 0).x;
 }
 
-// How far what is really seen around a pixel is the floor. Where nothing was measured it is what things stand on, and nothing
-// beside them.
+// Receiver weight of the depth around a pixel. Where nothing was measured, the support plane receives and facets do not.
 fn floor_around(at_px: vec2<f32>, nearness: f32, chart: Chart) -> f32 {
     if !has_depth {
         return chart.unmeasured;
@@ -125,7 +124,7 @@ fn floor_around(at_px: vec2<f32>, nearness: f32, chart: Chart) -> f32 {
     return share / f32(MOMENTS);
 }
 
-// The same of the surface alone that is seen in the pixel, a sensor's noise being averaged.
+// Receiver weight of the pixel's own surface, averaged over the sensor's noise.
 fn floor_of_surface(at_px: vec2<f32>, nearness: f32, chart: Chart) -> f32 {
     let own_m = depth_at(at_px);
     var share = floor_at(own_m, nearness, chart);

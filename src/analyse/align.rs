@@ -5,7 +5,7 @@
 //!
 //!   r = I_j(π(T_j⁻¹ T_i E x)) − a·I_i(x) − b,   weight 1 / (1 + (r/2σ)²),   σ = 1.4826·MAD + 0.5 codes
 //!
-//! A link counts if the pictures correlate by 0.7 of what noise leaves of the correlation
+//! A link is accepted if the correlation of its pictures exceeds 0.7 times the one that noise allows
 //! ([`noise_level`](super::noise_level)):
 //!
 //!   correlation > min(0.7, max(0.7·√((1 − n₁²/v₁)(1 − n₂²/v₂)), √((p + 3·√(2p)) / (N/5))))

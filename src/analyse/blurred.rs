@@ -116,8 +116,8 @@ fn noise_of(codes: Plane, index: usize, profile: &NoiseProfile, response: &Respo
     Plane { values: values.collect(), ..codes }
 }
 
-/// Noise of variance 1 whose neighbours along rows and columns correlate by so much: white noise through (a, 1, a). It follows
-/// from the seed alone.
+/// Noise of unit variance with the given correlation of neighbours along rows and along columns: white noise filtered by
+/// (a, 1, a). Depends on the seed alone.
 pub fn unit_noise(width: usize, height: usize, seed: u64, neighbour_correlation: [f64; 2]) -> Plane {
     let seed = scattered(seed);
     let mut white = vec![0.0f32; width * height];

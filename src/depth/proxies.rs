@@ -9,7 +9,8 @@ use glam::{DVec2, DVec3};
 
 use crate::pixels::Rect;
 
-/// Depth where a picture has no sensor and no model stands: so far away that nothing is hidden.
+/// Depth where a picture has no sensor and no model stands: so far away that nothing is hidden. `FAR_M` of
+/// shaders/shade.wgsl is the same.
 pub const FAR_M: f32 = 1e4;
 /// Sides of triangles that are drawn, px at most. Between their corners a lens bends by less than a tenth of a pixel.
 const SIDE_PX: f64 = 16.0;

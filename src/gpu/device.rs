@@ -1,7 +1,7 @@
 //! Finding an adapter and opening it.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use wgpu::{Backends, DeviceType};
@@ -84,6 +84,13 @@ fn report(adapter: &wgpu::Adapter) -> AdapterReport {
     }
 }
 
+/// Keeps the first adapter, and with it the drivers, to the end of the process. A thread that dropped the last reference while the
+/// process exits would unload libraries whose exit handlers are running, which crashes.
+fn keep_drivers(adapter: &wgpu::Adapter) {
+    static FIRST: OnceLock<wgpu::Adapter> = OnceLock::new();
+    FIRST.get_or_init(|| adapter.clone());
+}
+
 /// Discrete before integrated before software.
 fn ranked(backends: Backends) -> Vec<wgpu::Adapter> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
@@ -153,6 +160,7 @@ impl Gpu {
     /// drawn with it can be shown without leaving it. From now on its uncaptured errors come here ([`Gpu::check`]); by
     /// default they would end the program.
     pub fn adopt(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
+        keep_drivers(adapter);
         let timestamps = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
         let failure = Arc::new(Mutex::new(None));
         let [of_a_call, of_the_device] = [(); 2].map(|()| Arc::clone(&failure));

@@ -118,22 +118,20 @@ impl RoomPlanes {
         });
         let is_upside_down = is_overhead && count(-guess) > UPSIDE_DOWN * count(guess);
         let up = if is_upside_down { -guess } else { guess };
-        level(up).max_by_key(|(_, members)| *members).map(|(plane, _)| plane.normal)
+        // They are sorted by size.
+        level(up).next().map(|(plane, _)| plane.normal)
     }
 }
 
 /// The plane that most points agree on, fitted to its largest connected piece: strays far away would
 /// tilt a small table's. And that piece's points, by number.
 fn largest(points: &[Point]) -> Option<(FittedPlane, Vec<usize>)> {
-    let mut cells: HashMap<IVec3, Vec<usize>> = HashMap::new();
-    for (n, point) in points.iter().enumerate() {
-        cells.entry((point.at_m / CELL_M).floor().as_ivec3()).or_default().push(n);
-    }
+    let cells = by_cell(points, 0..points.len(), CELL_M);
     let compared: Vec<&Point> = points.iter().step_by(points.len().div_ceil(COMPARED).max(1)).collect();
     let mut best: Option<(usize, DVec3, f64)> = None;
     for n in 0..SAMPLES {
         let a = points[pick(3 * n, points.len())].at_m;
-        let cell = &cells[&(a / CELL_M).floor().as_ivec3()];
+        let cell = &cells[&cell_of(a, CELL_M)];
         let [b, c] = [1, 2].map(|k| points[cell[pick(3 * n + k, cell.len())]].at_m);
         let Some(normal) = (b - a).cross(c - a).try_normalize() else { continue };
         let count = compared.iter().filter(|point| point.is_on(normal, normal.dot(a))).count();
@@ -155,10 +153,7 @@ fn largest(points: &[Point]) -> Option<(FittedPlane, Vec<usize>)> {
 
 /// The largest set of points, by number, whose cells touch.
 fn largest_piece(points: &[Point], members: impl Iterator<Item = usize>) -> Vec<usize> {
-    let mut cells: HashMap<IVec3, Vec<usize>> = HashMap::new();
-    for n in members {
-        cells.entry((points[n].at_m / LINK_M).floor().as_ivec3()).or_default().push(n);
-    }
+    let mut cells = by_cell(points, members, LINK_M);
     let mut keys: Vec<IVec3> = cells.keys().copied().collect();
     keys.sort_by_key(|cell| cell.to_array());
     let mut best = Vec::new();
@@ -178,6 +173,19 @@ fn largest_piece(points: &[Point], members: impl Iterator<Item = usize>) -> Vec<
         }
     }
     best
+}
+
+fn cell_of(at_m: DVec3, side_m: f64) -> IVec3 {
+    (at_m / side_m).floor().as_ivec3()
+}
+
+/// Points, by number, in the cells of a grid.
+fn by_cell(points: &[Point], members: impl Iterator<Item = usize>, side_m: f64) -> HashMap<IVec3, Vec<usize>> {
+    let mut cells: HashMap<IVec3, Vec<usize>> = HashMap::new();
+    for n in members {
+        cells.entry(cell_of(points[n].at_m, side_m)).or_default().push(n);
+    }
+    cells
 }
 
 #[cfg(test)]

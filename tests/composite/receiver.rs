@@ -3,14 +3,15 @@
 use std::sync::Arc;
 
 use crate::gpu;
-use glam::{DAffine3, DQuat, DVec2, DVec3, Vec3};
+use crate::shadow::box_scene;
+use glam::{DQuat, DVec2, DVec3, Vec3};
 use locard::camera::{Camera, Geometry};
 use locard::compositor::{Composited, Compositor, Job, Settings, Target};
 use locard::frame::{Across, Frame, FrameExposure, SeenBrightness};
 use locard::params::Value;
 use locard::pixels::{DepthMap, Pixels};
 use locard::pose::Pose;
-use locard::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Sun, Support, Vertex};
+use locard::scene::{Environment, Lighting, Scene, Sun};
 use locard::shadow::{LazyRadiance, SurfaceRadiance, SurfaceSample};
 use locard::tracking::PoseTrack;
 
@@ -21,31 +22,12 @@ const HALF: DVec3 = DVec3::new(0.04, 0.03, 0.05);
 
 /// A white box on the plane z = 0. The light that is left in its shadow has the colour of `sky`.
 fn scene(sky: Vec3) -> Scene {
-    let corner = |i: usize| {
-        let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
-        let position = (HALF * DVec3::new(sign(0), sign(1), sign(2))).as_vec3().to_array();
-        Vertex { position, normal: [0.0, 0.0, 1.0], tangent: [0.0; 4], uv0: [0.0; 2], uv1: [0.0; 2], color: [1.0; 4] }
-    };
-    let sides = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
-    let indices = sides.iter().flat_map(|[a, b, c, d]| [*a, *b, *c, *a, *c, *d]).collect();
     let sun = Sun {
         towards_light_in_world: Vec3::new(0.5, 0.3, 0.8).normalize(),
         color: Vec3::splat(0.8),
         diameter_rad: 0.3,
     };
-    let object = Object {
-        name: "box".to_owned(),
-        parts: vec![Part { mesh: 0, world_from_mesh: DAffine3::from_translation(HALF.z * DVec3::Z) }],
-        support: Some(Support { point_m: DVec3::ZERO, normal: DVec3::Z }),
-        ..Object::default()
-    };
-    Scene {
-        meshes: vec![Arc::new(Mesh { vertices: (0..8).map(corner).collect(), indices, material: 0 })],
-        materials: vec![Material { double_sided: true, ..Material::default() }],
-        objects: vec![object],
-        lighting: Lighting { suns: vec![sun], points: Vec::new(), environment: Environment::Uniform(sky) },
-        ..Scene::default()
-    }
+    box_scene(HALF, Lighting { suns: vec![sun], points: Vec::new(), environment: Environment::Uniform(sky) })
 }
 
 fn geometry() -> Geometry {

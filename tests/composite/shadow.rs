@@ -29,16 +29,16 @@ fn lighting() -> Lighting {
     Lighting { suns: vec![sun], points: Vec::new(), environment: Environment::Uniform(Vec3::new(0.3, 0.35, 0.5)) }
 }
 
-/// A box that stands on the plane z = 0.
-fn scene() -> Scene {
+/// A box of these half sides, m, that stands on the plane z = 0.
+pub fn box_scene(half_m: DVec3, lighting: Lighting) -> Scene {
     let corner = |i: usize| {
         let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
-        let position = (HALF * DVec3::new(sign(0), sign(1), sign(2))).as_vec3().to_array();
+        let position = (half_m * DVec3::new(sign(0), sign(1), sign(2))).as_vec3().to_array();
         Vertex { position, normal: [0.0, 0.0, 1.0], tangent: [0.0; 4], uv0: [0.0; 2], uv1: [0.0; 2], color: [1.0; 4] }
     };
     let sides = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
     let indices = sides.iter().flat_map(|[a, b, c, d]| [*a, *b, *c, *a, *c, *d]).collect();
-    let on = DAffine3::from_translation(HALF.z * DVec3::Z);
+    let on = DAffine3::from_translation(half_m.z * DVec3::Z);
     let object = Object {
         name: "box".to_owned(),
         parts: vec![Part { mesh: 0, world_from_mesh: on }],
@@ -49,9 +49,13 @@ fn scene() -> Scene {
         meshes: vec![Arc::new(Mesh { vertices: (0..8).map(corner).collect(), indices, material: 0 })],
         materials: vec![Material { double_sided: true, ..Material::default() }],
         objects: vec![object],
-        lighting: lighting(),
+        lighting,
         ..Scene::default()
     }
+}
+
+fn scene() -> Scene {
+    box_scene(HALF, lighting())
 }
 
 fn geometry() -> Geometry {
