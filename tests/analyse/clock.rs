@@ -1,5 +1,7 @@
 //! The delay between pictures and poses of simulated cameras that travel, turn by 90° or are held upright.
 
+use std::sync::OnceLock;
+
 use glam::DVec3;
 use locard::camera::Intrinsics;
 use locard::pixels::Pixels;
@@ -22,25 +24,37 @@ struct Clip {
     track: PoseTrack,
 }
 
+/// Simulates four frames, a second apart: the path that clips are cut from.
+fn simulate(motion: Motion) -> Simulation {
+    let options = Options {
+        width_px: 160,
+        height_px: 120,
+        focal_px: 130.0,
+        frames: 4,
+        fps: 1.0,
+        readout_time_s: 0.0,
+        k1: 0.0,
+        k2: 0.0,
+        p1: 0.0,
+        p2: 0.0,
+        motion,
+        ..Options::default()
+    };
+    let detail = Detail { light_m: 0.2, ..Detail::for_focal_px(options.focal_px) };
+    Simulation::flawed_with_detail(&options, &Flaws::default(), detail, 2).unwrap()
+}
+
+/// Returns the simulation of a motion. Lighting its site takes most of a test's time, so tests share it.
+fn simulation(motion: Motion) -> &'static Simulation {
+    static PAN: OnceLock<Simulation> = OnceLock::new();
+    static DOLLY: OnceLock<Simulation> = OnceLock::new();
+    let shared = if motion == Motion::Pan { &PAN } else { &DOLLY };
+    shared.get_or_init(|| simulate(motion))
+}
+
 impl Clip {
     fn new(motion: Motion, at: impl Fn(f64) -> f64) -> Self {
-        // Four frames, a second apart: the way that clips are cut from.
-        let options = Options {
-            width_px: 160,
-            height_px: 120,
-            focal_px: 130.0,
-            frames: 4,
-            fps: 1.0,
-            readout_time_s: 0.0,
-            k1: 0.0,
-            k2: 0.0,
-            p1: 0.0,
-            p2: 0.0,
-            motion,
-            ..Options::default()
-        };
-        let detail = Detail { light_m: 0.2, ..Detail::for_focal_px(options.focal_px) };
-        let simulation = Simulation::flawed_with_detail(&options, &Flaws::default(), detail, 2).unwrap();
+        let simulation = simulation(motion);
         let speed = if motion == Motion::Pan { PAN_RAD_PER_S } else { DOLLY_M_PER_S };
         let on_way_s = |time_s: f64| simulation.timestamp_s(0) + 1.5 + at(time_s) / speed;
         let picture = |n: usize| {

@@ -2,16 +2,27 @@
 
 use std::fs;
 use std::ops::ControlFlow;
+use std::path::Path;
 
+use crate::fixture;
 use crate::footage::{analysed, analysed_by_tier, demo_by_tier, opened, pairs_off_px, whole};
-use crate::tier::fast_or_full;
+use crate::program::copied;
+use crate::tier::{fast_or_full, is_full};
 use locard::analyse::Analysis;
 use locard::simulate::{self, Detail, Flaws, Ground, Options, Simulation};
 use locard::tracking::PoseTrack;
 use locard::tracking::tum::read_trajectory;
 
-/// A camera that is carried over plain concrete, as `site` in a folder of its own.
-fn concrete(flaws: &Flaws) -> tempfile::TempDir {
+/// Simulates a camera that is carried over plain concrete, with the poses of a phone's tracker. Copies the recording to `site`
+/// in a temporary folder.
+fn concrete() -> tempfile::TempDir {
+    let made = fixture::once("concrete", &[], is_full(), |to| simulate_concrete(&to.join("site")));
+    let folder = tempfile::tempdir().unwrap();
+    copied(&made.join("site"), &folder.path().join("site"));
+    folder
+}
+
+fn simulate_concrete(to: &Path) {
     let (width_px, height_px, focal_px) = fast_or_full((320, 240, 260.0), (640, 480, 520.0));
     let options = Options {
         ground: Some(Ground::Concrete),
@@ -24,16 +35,10 @@ fn concrete(flaws: &Flaws) -> tempfile::TempDir {
         speed: 0.5,
         ..Options::default()
     };
-    let folder = tempfile::tempdir().unwrap();
+    let flaws = Flaws { jitter_mm: 1.0, jitter_deg: 0.1, drift_mm: 10.0, drift_deg: 1.0, ..Flaws::default() };
     let detail = Detail { light_m: 0.2, ..Detail::for_focal_px(focal_px) };
-    let simulation = || Simulation::flawed_with_detail(&options, flaws, detail, 2);
-    simulate::write(&folder.path().join("site"), false, simulation, &mut |_, _| ControlFlow::Continue(())).unwrap();
-    folder
-}
-
-/// What a phone's tracker does to poses.
-fn tracked() -> Flaws {
-    Flaws { jitter_mm: 1.0, jitter_deg: 0.1, drift_mm: 10.0, drift_deg: 1.0, ..Flaws::default() }
+    let simulation = || Simulation::flawed_with_detail(&options, &flaws, detail, 2);
+    simulate::write(to, false, simulation, &mut |_, _| ControlFlow::Continue(())).unwrap();
 }
 
 fn true_track(folder: &tempfile::TempDir) -> PoseTrack {
@@ -53,7 +58,7 @@ fn reverse_poses(folder: &tempfile::TempDir) {
 // Slow: a simulated site is lit and analysed.
 #[test]
 fn poses_over_plain_concrete_are_refined() {
-    let folder = concrete(&tracked());
+    let folder = concrete();
     let shot = opened(&folder);
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
@@ -69,7 +74,7 @@ fn poses_over_plain_concrete_are_refined() {
 // Slow: a simulated site is lit and analysed.
 #[test]
 fn poses_of_another_way_over_plain_concrete_are_refused() {
-    let folder = concrete(&tracked());
+    let folder = concrete();
     reverse_poses(&folder);
     let found = analysed_by_tier(&opened(&folder), 2);
     println!("{}", found.findings);

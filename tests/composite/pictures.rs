@@ -10,6 +10,7 @@ use std::process::Command;
 /// `scripts/hashes`. With another driver or processor nothing is compared, and the fast tier makes
 /// nothing. To store intended changes:
 /// `scripts/hashes target/release/locard FOLDER --size small && cp FOLDER/hashes.txt tests/pictures/`.
+// Slow: sixteen composites and renderings by the program, where the table's processor runs.
 #[test]
 fn pictures_layers_and_reports_keep_their_bits() {
     // Without the real recordings the script leaves their cases out.
