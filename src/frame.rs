@@ -2,7 +2,10 @@
 
 use std::sync::Arc;
 
+use glam::Vec3;
+
 use crate::pixels::{DepthMap, Pixels};
+use crate::pose::Pose;
 
 /// A frame as the camera delivered it. Never changed in place.
 #[derive(Clone, Debug)]
@@ -20,6 +23,8 @@ pub struct Frame {
     pub presence: f64,
     /// What the recording's neighbouring frames saw, in order; none unless they were asked for.
     pub beside: Vec<Arc<Beside>>,
+    /// Surfaces that the whole recording measured, where it was analysed.
+    pub surfels: Arc<[Surfel]>,
 }
 
 /// Another frame of the recording, as far as it says where things stand.
@@ -30,6 +35,40 @@ pub struct Beside {
     pub timestamp_s: f64,
     pub pixels: Pixels,
     pub depth: DepthMap,
+}
+
+/// Side of the voxels of which surfels are the means, m.
+pub const SURFEL_SPACING_M: f64 = 0.02;
+
+/// A piece of a surface of the room, as several frames measured it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surfel {
+    /// In the recording's world.
+    pub position_m: Vec3,
+    /// Unit length, on the side from which it was seen.
+    pub normal: Vec3,
+    /// Square roots of linear light, as the frame of usual brightness shows it.
+    pub sqrt_color: [f32; 3],
+}
+
+impl Surfel {
+    /// Its numbers: position, normal, colour.
+    pub fn to_array(&self) -> [f32; 9] {
+        let (position, normal) = (self.position_m.to_array(), self.normal.to_array());
+        std::array::from_fn(|n| [position, normal, self.sqrt_color][n / 3][n % 3])
+    }
+
+    pub fn from_array(numbers: [f32; 9]) -> Self {
+        let three = |first: usize| [numbers[first], numbers[first + 1], numbers[first + 2]];
+        Self { position_m: three(0).into(), normal: three(3).into(), sqrt_color: three(6) }
+    }
+
+    /// The same in another world.
+    pub fn in_world(&self, world_from_other: &Pose) -> Self {
+        let position_m = world_from_other.inverse_transform_point(self.position_m.as_dvec3()).as_vec3();
+        let normal = (world_from_other.rotation.conjugate() * self.normal.as_dvec3()).as_vec3();
+        Self { position_m, normal, ..*self }
+    }
 }
 
 /// Seconds from a frame to the next, from their timestamps if the next one's is known. Otherwise, at a recording's end
@@ -151,6 +190,26 @@ pub struct PhotoSettings {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+    use crate::tracking::PoseTrack;
+    use glam::{DQuat, DVec3};
+
+    #[test]
+    fn surfel_in_another_world_is_where_the_camera_of_that_world_sees_it() {
+        let surfel = Surfel::from_array([0.3, -0.2, 1.5, 0.6, 0.0, -0.8, 0.1, 0.2, 0.3]);
+        assert_eq!(Surfel::from_array(surfel.to_array()), surfel);
+        let world_from_other =
+            Pose::new(DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -0.8, 0.2), DVec3::new(0.4, 1.0, -2.0));
+        let camera = Pose::new(DQuat::from_rotation_z(0.7), DVec3::new(0.1, 0.2, 0.3));
+        let moved_camera = PoseTrack::new(vec![(0.0, camera), (1.0, camera)], 2.0).unwrap().in_world(&world_from_other);
+        let (moved, moved_camera) = (surfel.in_world(&world_from_other), moved_camera.at(0.5).unwrap());
+        let seen = |camera: &Pose, of: &Surfel| {
+            (camera.transform_point(of.position_m.as_dvec3()), camera.rotation * of.normal.as_dvec3())
+        };
+        let (before, after) = (seen(&camera, &surfel), seen(&moved_camera, &moved));
+        assert!(before.0.abs_diff_eq(after.0, 1e-6) && before.1.abs_diff_eq(after.1, 1e-6), "{before:?} {after:?}");
+    }
+
     #[test]
     fn the_newest_frames_interval_is_the_usual_one() {
         let interval = |index| super::interval_s(&[1.0, 1.5, 1.75], index, 0.04);

@@ -1,15 +1,16 @@
-//! What an analysis found, as a folder: `analysis.toml`, and beside it `frames.txt`, `across.txt`, `poses.txt`, `links.txt` and the
-//! light of the room as `environment.hdr`. Frames read it and nothing else of the recording's neighbours, so any range of frames
-//! keeps its bits.
+//! What an analysis found, as a folder: `analysis.toml`, and beside it `frames.txt`, `across.txt`, `poses.txt`, `links.txt`, the
+//! light of the room as `environment.hdr` and its surfaces as `surfels.ply`. Frames read it and nothing else of the recording's
+//! neighbours, so any range of frames keeps its bits.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use super::across::{Fitted, MOST_EV};
 use super::dependencies::Dependencies;
-use super::findings::{Findings, Gained, Registered, Sharpness, Shuttered, Tone};
+use super::findings::{Findings, Fused, Gained, Registered, Sharpness, Shuttered, Tone};
 use super::found_light::{Environment, FoundLight};
 use super::inputs;
 use super::light::RoomLight;
@@ -17,12 +18,13 @@ use super::recorded_way::{RecordedWay, moves_as_recorded};
 use super::registered::{Missed, Registration, Verdict};
 use super::shutter::Exposed;
 use super::spread::PointSpread;
+use super::surfel_file::SurfelMap;
 use super::times;
 use super::tone::Band;
 use super::track::{self, Stop};
 use crate::camera::Geometry;
 use crate::document::{self, Document};
-use crate::frame::{Across, NODES_ACROSS, NODES_DOWN, SeenBrightness};
+use crate::frame::{Across, NODES_ACROSS, NODES_DOWN, SeenBrightness, Surfel};
 use crate::recording::{Recording, Refinement};
 use crate::scene::Lighting;
 use crate::sink::SinkError;
@@ -39,10 +41,11 @@ const POSES: &str = "poses.txt";
 const LINKS: &str = "links.txt";
 pub const ENVIRONMENT: &str = "environment.hdr";
 pub const STANDING: &str = "standing.toml";
+const SURFELS: &str = "surfels.ply";
 /// All that may lie in its folder.
-pub const FILES: [&str; 8] = [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, STANDING, times::FILE];
+pub const FILES: [&str; 9] = [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, SURFELS, STANDING, times::FILE];
 /// Another version is made anew.
-pub const VERSION: u32 = 10;
+pub const VERSION: u32 = 11;
 
 /// An analysis.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,6 +65,8 @@ pub struct Analysis {
     pub held_out: Vec<Missed>,
     /// The light of the room around what was looked at, without its lamps; `None` if the footage does not tell.
     pub environment: Option<Environment>,
+    /// The surfaces that the depth maps show together; `None` without a depth sensor, or if the poses do not tell.
+    pub surfels: Option<SurfelMap>,
 }
 
 /// What was found besides where the camera was.
@@ -74,6 +79,7 @@ pub struct Found<'a> {
     pub spread: Result<PointSpread, String>,
     pub tone: Result<Vec<Band>, String>,
     pub light: Result<RoomLight, String>,
+    pub surfels: Vec<Surfel>,
 }
 
 /// Why there is no analysis.
@@ -114,7 +120,8 @@ pub fn digest(folder: &Path) -> Option<String> {
 
 impl Analysis {
     pub fn new(recording: &Recording, camera: &Geometry, registration: &Registration, found: Found<'_>) -> Self {
-        let Found { gain, gains, across, exposed, spread, tone, light } = found;
+        let Found { gain, gains, across, exposed, spread, tone, light, surfels } = found;
+        let surfels = SurfelMap::of(&surfels);
         let (across, fitted) = across.unzip();
         let across = across.filter(|_| fitted.is_some_and(|fitted| fitted.is_followed)).unwrap_or_default();
         let mut camera = camera.clone();
@@ -156,12 +163,13 @@ impl Analysis {
             spread: Some(Sharpness::of(spread)),
             tone: Some(Tone::of(tone)),
             light: Some(FoundLight::of(&light, environment.as_ref())),
+            surfels: surfels.as_ref().map(Fused::of),
             camera,
         };
         // They ascend.
         let track = track_of(&lines).ok().filter(|_| !lines.is_empty());
         let (gains, held_out) = (filled(gains), registration.held_out.clone());
-        Self { findings, track, lines, gains, across, held_out, environment }
+        Self { findings, track, lines, gains, across, held_out, environment, surfels }
     }
 
     /// The track, if it shows another place than the recorded one.
@@ -169,9 +177,11 @@ impl Analysis {
         self.track.as_ref().filter(|_| self.findings.registration.is_refined())
     }
 
-    /// The same, but for where the camera was and what follows from that: the readout time and when depth was measured.
+    /// The same, but for where the camera was and what follows from that: the readout time, when depth was measured, and surfels by
+    /// other poses than the recorded ones.
     pub fn without_registration(self) -> Self {
-        Self { track: None, ..self }
+        let surfels = self.surfels.filter(|_| self.track.is_none());
+        Self { track: None, surfels, ..self }
     }
 
     pub fn read(folder: &Path) -> Result<Self, AnalysisError> {
@@ -225,7 +235,14 @@ impl Analysis {
             }
             None => None,
         };
-        Ok(Self { findings, track, lines, gains, across, held_out, environment })
+        let surfels = match &findings.surfels {
+            Some(fused) => {
+                let path = folder.join(SURFELS);
+                Some(SurfelMap::read(&path, &fused.sha256).map_err(|problem| content(&path, problem))?)
+            }
+            None => None,
+        };
+        Ok(Self { findings, track, lines, gains, across, held_out, environment, surfels })
     }
 
     /// The files, by name.
@@ -269,6 +286,7 @@ impl Analysis {
             ));
         }
         files.extend(self.environment.as_ref().map(|around| (ENVIRONMENT, around.hdr.to_vec())));
+        files.extend(self.surfels.as_ref().map(|map| (SURFELS, map.ply.to_vec())));
         // Last, since it tells an analysis.
         files.push((FILE_NAME, format!("{head}{document}").into_bytes()));
         Ok(files)
@@ -292,6 +310,7 @@ impl Analysis {
             depth_later_s: if self.track.is_some() { registered.depth_later_s } else { 0.0 },
             seen: self.gains.iter().enumerate().map(seen).collect(),
             blurred_s: self.findings.shutter.as_ref().map_or(Vec::new(), |shutter| shutter.of_frames()),
+            surfels: self.surfels.as_ref().map_or_else(Arc::default, |map| Arc::clone(&map.surfels)),
         }
     }
 

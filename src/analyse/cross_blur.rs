@@ -250,6 +250,7 @@ mod tests {
             exposure: FrameExposure::default(),
             presence: 1.0,
             beside: Vec::new(),
+            surfels: Default::default(),
         };
         // What is seen moves against the camera.
         let way = DVec3::new(-flow.x, -flow.y, 0.0) * WALL_M / FOCAL_PX;

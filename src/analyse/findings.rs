@@ -12,6 +12,7 @@ use super::global::Global;
 use super::registered::{Registration, SURE_READOUT_S, Verdict};
 use super::shutter::{Exposed, Run};
 use super::spread::PointSpread;
+use super::surfel_file::SurfelMap;
 use super::tone::Band;
 use crate::camera::Geometry;
 use crate::fit::twist;
@@ -51,6 +52,9 @@ pub struct Findings {
     /// Advice: nothing follows from it.
     pub tone: Option<Tone>,
     pub light: Option<FoundLight>,
+    /// `None` without surfels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub surfels: Option<Fused>,
     /// For which it was made. Its readout time is the one that was found.
     pub camera: Geometry,
 }
@@ -85,6 +89,21 @@ pub struct Registered {
     pub pose_lines: usize,
     #[serde(default)]
     pub link_lines: usize,
+}
+
+/// The surfaces that all depth maps show together.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fused {
+    pub count: usize,
+    /// Of their file, hexadecimal.
+    pub sha256: String,
+}
+
+impl Fused {
+    pub fn of(map: &SurfelMap) -> Self {
+        Self { count: map.surfels.len(), sha256: map.fingerprint() }
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -440,6 +459,9 @@ impl Findings {
         lines.extend(self.spread.iter().map(|spread| ("spread", spread.to_string())));
         lines.extend(self.tone.iter().map(|tone| ("tone", tone.to_string())));
         lines.extend(self.light.iter().flat_map(FoundLight::lines));
+        lines.extend(self.surfels.iter().map(|fused| {
+            ("surfaces", format!("{} surfels of the room, where the depth of single frames has holes", fused.count))
+        }));
         lines
     }
 }

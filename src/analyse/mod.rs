@@ -20,6 +20,7 @@ mod edges;
 mod eye;
 mod findings;
 mod found_light;
+mod fusion;
 mod gain;
 mod global;
 mod graph;
@@ -48,6 +49,7 @@ mod shutter;
 mod spread;
 mod stale;
 mod state;
+mod surfel_file;
 mod sweep;
 mod taken;
 mod times;
@@ -87,6 +89,7 @@ use glam::DQuat;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Geometry;
+use crate::frame::Surfel;
 use crate::pose::held_up;
 use crate::recording::Recording;
 use across::OfPair;
@@ -174,27 +177,34 @@ pub fn analyse(
     told(passes.progress(Stage::Sharpness, 0))?;
     let spread = times.of(times::SHARPNESS, || sharpness::of_recording(recording, &eye, taken, &known, threads))?;
     told(passes.progress(Stage::Light, 0))?;
-    let light = match is_placed {
+    let factors = artefact::filled(&gains_of);
+    let rotation = |state: &State| DQuat::from_mat3(&state.world_from_camera.matrix3);
+    let known = light::Known {
+        recording,
+        eye: &eye,
+        response: taken.response,
+        states,
+        later_s,
+        gains: &factors,
+        up: recording.up.unwrap_or_else(|| held_up(states.iter().flatten().map(rotation))),
+        threads,
+    };
+    let (light, surfels) = match is_placed {
         true => {
-            let factors = artefact::filled(&gains_of);
-            let rotation = |state: &State| DQuat::from_mat3(&state.world_from_camera.matrix3);
-            let known = light::Known {
-                recording,
-                eye: &eye,
-                response: taken.response,
-                states,
-                later_s,
-                gains: &factors,
-                up: recording.up.unwrap_or_else(|| held_up(states.iter().flatten().map(rotation))),
-                threads,
+            let work = || -> Result<_, RegistrationError> {
+                let surfels = match is_refused {
+                    true => Vec::new(),
+                    false => part.stage(|| fusion::surfels(&known, &mut times))?,
+                };
+                Ok((part.stage(|| light::of_recording(&known, None, &mut times))?, surfels))
             };
-            let work = || part.stage(|| light::of_recording(&known, None, &mut times));
             by_the_clock(work, &mut |elapsed| {
                 told(passes.progress(Stage::Light, passes.light_after(elapsed, passes_took)))
             })??
         }
-        false => Err("where the camera was is not known".to_owned()),
+        false => (Err("where the camera was is not known".to_owned()), Vec::new()),
     };
+    let surfels: Vec<Surfel> = surfels.into_iter().map(Surfel::from_array).collect();
     let tone = match (is_placed, gains_of.is_empty()) {
         (true, false) => tone::bands(&compared.toned),
         (true, true) => Err("frames are equally bright".to_owned()),
@@ -206,7 +216,7 @@ pub fn analyse(
         }
         told_of => told_of.ok_or_else(|| compared.tried.why()),
     };
-    let found = artefact::Found { gain: told_of, gains: &gains_of, across, exposed, spread, tone, light };
+    let found = artefact::Found { gain: told_of, gains: &gains_of, across, exposed, spread, tone, light, surfels };
     Ok((Analysis::new(recording, camera, &registration, found), times))
 }
 

@@ -73,6 +73,7 @@ pub fn drawn_spread_px(camera: &Geometry, response: &Response, pixels: Pixels, t
         exposure: FrameExposure::default(),
         presence: 1.0,
         beside: Vec::new(),
+        surfels: Default::default(),
     };
     spreads.add(&frame, &Motion { state: &state, depth: &[], exposure_s: 0.0 });
     spreads.finish().ok().map(|spread| spread.sigma_px)

@@ -5,6 +5,7 @@
 //! | gain, gain across the picture, tone, point spread | the recording's files and the camera |
 //! | exposure | also whether the frames have times |
 //! | poses, clocks, readout | also the length of the recording's unit, where depth is in metres, and whether the frames have times |
+//! | surfels | as the poses |
 //! | light | also that length, and up |
 
 use super::artefact::Analysis;
@@ -18,6 +19,7 @@ use crate::words::number;
 #[derive(Clone, Debug, PartialEq)]
 struct Stale {
     registration: bool,
+    surfels: bool,
     shutter: bool,
     light: bool,
     why: String,
@@ -41,11 +43,12 @@ impl Findings {
 
     fn stale(&self, now: &Dependencies) -> Vec<Stale> {
         let then = &self.made_with;
-        let none = Stale { registration: false, shutter: false, light: false, why: String::new() };
+        let none = Stale { registration: false, surfels: false, shutter: false, light: false, why: String::new() };
         let mut stale = Vec::new();
         if then.has_times != now.has_times {
             stale.push(Stale {
                 registration: self.is_registered(),
+                surfels: self.surfels.is_some(),
                 shutter: self.shutter.as_ref().is_some_and(|shutter| !shutter.runs.is_empty()),
                 why: "other frame times than the recording has now: analyse the recording again".to_owned(),
                 ..none.clone()
@@ -56,6 +59,7 @@ impl Findings {
             let option = if now.is_metric { String::new() } else { format!(" with --metres-per-unit {is}") };
             stale.push(Stale {
                 registration: self.is_registered(),
+                surfels: self.surfels.is_some(),
                 light: self.has_light(),
                 why: format!("a unit of {was} m, which is {is} m now: analyse the recording again{option}"),
                 ..none.clone()
@@ -68,7 +72,7 @@ impl Findings {
                 ..none
             });
         }
-        stale.retain(|stale| stale.registration || stale.shutter || stale.light);
+        stale.retain(|stale| stale.registration || stale.surfels || stale.shutter || stale.light);
         stale
     }
 }
@@ -82,12 +86,20 @@ impl Analysis {
     /// The same without the estimates that no longer hold. [`Findings::left_out`] states which, why, and what to do.
     pub fn without_stale(mut self, recording: &Recording) -> Self {
         for stale in self.findings.stale(&Dependencies::of(recording)) {
-            let names = [(stale.registration, "poses"), (stale.shutter, "exposure"), (stale.light, "light")];
+            let names = [
+                (stale.registration, "poses"),
+                (stale.surfels, "surfaces"),
+                (stale.shutter, "exposure"),
+                (stale.light, "light"),
+            ];
             let names: Vec<&str> = names.iter().filter(|(is_stale, _)| *is_stale).map(|(_, name)| *name).collect();
-            let why = format!("{} left out, found with {}", names.join(" and "), stale.why);
+            let why = format!("{} left out, found with {}", names.join(", "), stale.why);
             if stale.registration {
                 self = self.without_registration();
                 self.findings.registration = Registered::kept(why.clone());
+            }
+            if stale.surfels {
+                (self.surfels, self.findings.surfels) = (None, None);
             }
             if stale.shutter {
                 self.findings.shutter = Some(Shuttered::of(Err(why.clone()), None));
@@ -115,9 +127,9 @@ mod tests {
             json!({ "poses": "refined", "links": 9, "missing_links": 0, "depth_later_s": 0.0, "pose_lines": 3 });
         let run = json!({ "from": 0, "to": 20, "exposure_s": 0.01, "sigma_s": 0.001, "heard": 8 });
         let found = json!({
-            "version": 10, "recording": "", "frames": 20, "registration": registration, "camera": camera,
+            "version": 11, "recording": "", "frames": 20, "registration": registration, "camera": camera,
             "gain": { "pairs": 3, "recorded": 0.1, "left": 0.01, "range_ev": 1.0, "is_followed": true },
-            "shutter": { "runs": [run] }, "light": { "claimed": true, "panorama": "00" },
+            "shutter": { "runs": [run] }, "surfels": { "count": 1, "sha256": "00" }, "light": { "claimed": true, "panorama": "00" },
             "made_with": { "metres_per_unit": 0.5, "is_metric": false, "has_times": false, "up": [0.0, 0.0, 1.0] },
         });
         serde_json::from_value(found).unwrap()
@@ -131,6 +143,7 @@ mod tests {
         let of = |now: Dependencies| {
             let stale = found.stale(&now);
             assert_eq!(stale.len(), 1, "{stale:?}");
+            assert_eq!(stale[0].surfels, stale[0].registration, "both follow the poses");
             ((stale[0].registration, stale[0].shutter, stale[0].light), stale[0].why.clone())
         };
         let (stale, why) = of(Dependencies { metres_per_unit: 0.4, ..same.clone() });
@@ -142,7 +155,11 @@ mod tests {
         assert_eq!(of(Dependencies { is_metric: true, ..same.clone() }).0, (true, false, true));
         // Without depth nothing was found by a length, and the unit may be any.
         let registration = Registered::kept("there is no depth to align them by".to_owned());
-        let without = Findings { registration, light: None, ..found.clone() };
-        assert!(without.stale(&Dependencies { metres_per_unit: 0.4, up: None, ..same }).is_empty());
+        let without = Findings { registration, light: None, surfels: None, ..found.clone() };
+        let shorter = Dependencies { metres_per_unit: 0.4, up: None, ..same };
+        assert!(without.stale(&shorter).is_empty());
+        // Surfels of poses that nothing was aligned by.
+        let surfels = Findings { surfels: found.surfels.clone(), ..without };
+        assert!(surfels.stale(&shorter).iter().any(|stale| stale.surfels && !stale.registration));
     }
 }

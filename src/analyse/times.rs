@@ -26,6 +26,7 @@ pub const DEPTHS: &str = "each frame's depth";
 pub const GAIN: &str = "gain";
 pub const EXPOSURE: &str = "exposure";
 pub const SHARPNESS: &str = "sharpness";
+pub const SURFACES: &str = "surfaces of the room";
 pub const LIGHT: &str = "light";
 
 /// Wall time by part, in the order in which the parts began.

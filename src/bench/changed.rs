@@ -153,6 +153,7 @@ impl Parameter {
                     exposure,
                     presence: 1.0,
                     beside: Vec::new(),
+                    surfels: Default::default(),
                 };
                 let start = Instant::now();
                 let job = Job::of_frame(frame, &camera, &held.settings, &geometry, &load.track, INTERVAL_S)?;

@@ -249,7 +249,16 @@ fn median_of(
     let frame = || {
         index += 1;
         let (pixels, depth, exposure) = (pixels.clone(), depth.cloned(), FrameExposure::default());
-        Frame { index, timestamp_s: 0.0, pixels, depth, exposure, presence: 1.0, beside: beside.clone() }
+        Frame {
+            index,
+            timestamp_s: 0.0,
+            pixels,
+            depth,
+            exposure,
+            presence: 1.0,
+            beside: beside.clone(),
+            surfels: Default::default(),
+        }
     };
     median_ms(frame, |frame| {
         let job = Job::of_frame(frame, camera, settings, geometry, track, INTERVAL_S)?;

@@ -89,7 +89,8 @@ impl Hidden {
         let (frame, neighbours, planes) = (&frame, &neighbours, &sight.planes);
         let seen = |point: DVec3| seen_by_row(job.picture, |time_s| sight.keys.pose_at(time_s), point);
         let proxies = (!proxies.is_empty()).then_some((&*proxies, &seen as &dyn Fn(DVec3) -> Seen));
-        let repair = Repair { rays, measured, frame, shutter, pixels, response, planes, proxies, neighbours };
+        let surfels = &job.frame.surfels[..];
+        let repair = Repair { rays, measured, frame, shutter, pixels, response, planes, proxies, neighbours, surfels };
         // Where a shadow is faint, what it lies on is judged by what was measured.
         let dark = dark(&sight.shades).intersection(&places.shaded);
         let asked = wanted(sight, places, dark, rays);

@@ -6,7 +6,7 @@ use super::contact::Plane;
 use super::proxies::Proxies;
 use super::repaired::{Repair, Repaired, Wanted};
 use crate::camera::{Geometry, Response};
-use crate::frame::{Beside, Frame};
+use crate::frame::{Beside, Frame, Surfel};
 use crate::pixels::Rect;
 use crate::pose::Pose;
 
@@ -20,6 +20,7 @@ struct Key {
     index: usize,
     /// The very same ones only where they were read with the same frame.
     beside: Vec<Arc<Beside>>,
+    surfels: Arc<[Surfel]>,
     geometry: Geometry,
     response: Response,
     poses: Vec<Pose>,
@@ -46,7 +47,7 @@ impl LastRepair {
         }
         let [around, near, drawn] = rects;
         if may_be_rough && repair.measured.is_some() {
-            let alone = Repair { neighbours: &[], ..*repair };
+            let alone = Repair { neighbours: &[], surfels: &[], ..*repair };
             return (Arc::new(alone.over(around, near, drawn, wanted)), true);
         }
         let repaired = Arc::new(repair.over(around, near, drawn, wanted));
@@ -63,6 +64,7 @@ impl Key {
         Self {
             index: frame.index,
             beside: frame.beside.clone(),
+            surfels: Arc::clone(&frame.surfels),
             geometry: repair.rays.geometry().clone(),
             response: repair.response.clone(),
             poses: own.into_iter().chain(measured).chain(theirs).collect(),
@@ -76,10 +78,11 @@ impl Key {
 
 impl PartialEq for Key {
     fn eq(&self, other: &Self) -> bool {
-        let Self { index, beside, geometry, response, poses, planes, proxies, rects, wanted } = self;
+        let Self { index, beside, surfels, geometry, response, poses, planes, proxies, rects, wanted } = self;
         *index == other.index
             && beside.len() == other.beside.len()
             && beside.iter().zip(&other.beside).all(|(a, b)| Arc::ptr_eq(a, b))
+            && Arc::ptr_eq(surfels, &other.surfels)
             && *geometry == other.geometry
             && *response == other.response
             && *poses == other.poses
@@ -97,7 +100,7 @@ mod tests {
     use crate::depth::{Neighbour, Rays, Seen};
     use crate::frame::FrameExposure;
     use crate::pixels::{DepthMap, Pixels};
-    use glam::{DQuat, DVec3};
+    use glam::{DQuat, DVec3, Vec3};
 
     /// A thing at 1 m before a wall at 2 m that a frame's own map shows one column too narrow.
     fn repaired(last: &mut LastRepair, frame: &Frame, may_be_rough: bool, farthest_m: f32) -> (Arc<Repaired>, bool) {
@@ -115,6 +118,7 @@ mod tests {
             planes: &[],
             proxies: None,
             neighbours: &neighbours,
+            surfels: &frame.surfels,
         };
         let whole = Rect::full(96, 64);
         let wanted = Wanted { objects: vec![(whole, farthest_m)], all_of: whole, receiver: whole };
@@ -137,6 +141,7 @@ mod tests {
             exposure: FrameExposure::default(),
             presence: 1.0,
             beside: [2, 3, 5].map(|index| Arc::new(beside(index))).to_vec(),
+            surfels: Arc::default(),
         }
     }
 
@@ -190,7 +195,9 @@ mod tests {
             planes: &planes[0],
             proxies: Some((&proxies[0], seen)),
             neighbours: &neighbours[0],
+            surfels: &here.surfels,
         };
+        let surfel = Surfel { position_m: Vec3::Z, normal: Vec3::NEG_Z, sqrt_color: [0.5; 3] };
         let rects = [Rect::full(96, 64); 3];
         let wanted = Wanted::all(rects[0]);
         let key = Key::new(&here, &repair, rects, &wanted);
@@ -211,6 +218,8 @@ mod tests {
         ] {
             assert!(key != Key::new(&here, &other, rects, &wanted), "{input}");
         }
+        let remembered = Frame { surfels: vec![surfel].into(), ..here.clone() };
+        assert!(key != Key::new(&remembered, &repair, rects, &wanted), "surfels");
         let smaller = Rect::new(0, 0, 95, 64);
         assert!(key != Key::new(&here, &repair, [rects[0], rects[1], smaller], &wanted), "rectangles");
         assert!(key != Key::new(&here, &repair, rects, &Wanted::all(smaller)), "wanted depth");

@@ -1,13 +1,14 @@
 //! Depth in a recording's pictures, as plain values.
 //!
-//! A frame's depth is `Repair::over` (`repaired`): `moment`, `vote`, `proxies`, `mended` (`holes`, then `edges`), `smooth`, `contact`,
+//! A frame's depth is `Repair::over` (`repaired`): `moment`, `vote`, `surfels`, `proxies`, `mended` (`holes`, then `edges`), `smooth`, `contact`,
 //! `matte`, in this order. Effects call nothing here. They say that they read depth (`Effect::reads_geometry`), act on real things
 //! (`Effect::on_real`), and how far they reach; the compositor hides and cuts off by that (compositor/hide.rs).
 //!
 //! - `registered`: a sensor's map of another size, or from another camera, in the frames' picture.
 //! - `moment`: a sensor's map, carried to the moment at which a frame was taken, for a part of the picture.
 //! - `carry`: its points, as another pose sees them. `looks`: colours, as they are compared here.
-//! - `vote`: what several frames' maps say of one's. `of_frame`: so of a whole frame, at its moment.
+//! - `vote`: what several frames' maps say of one's. `surfels`: depth of the whole recording, where they have none.
+//!   `of_frame`: both for a whole frame, at its moment.
 //! - `holes`: depth where the sensor measured none. `edges`: edges moved to the picture's, `likeness`: whose
 //!   pixels near them look like. `behind`: what is behind them. `mended`: holes filled and edges moved. `smooth`: moved edges made
 //!   even. `apart`: what parts two surfaces.
@@ -39,6 +40,7 @@ mod repaired;
 mod smear;
 mod smooth;
 mod surfaces;
+mod surfels;
 mod vote;
 
 pub use contact::Plane;

@@ -1,4 +1,5 @@
-//! All of a frame's depth at its own moment. Where its map is doubtful, its neighbours vote.
+//! All of a frame's depth at its own moment. Where its map is doubtful, its neighbours vote; where it stays unknown, the
+//! recording's surfels fill it.
 
 use super::looks::Looks;
 use super::repaired::Neighbour;
@@ -38,13 +39,15 @@ pub fn agreed_at_frame(
     let mut depth_m = rays.reproject(depth, &measured, &taken, whole);
     let neighbours = neighbours(frame, rays.geometry(), from);
     let voters: Vec<_> = neighbours.iter().map(|neighbour| neighbour.voter(response)).collect();
-    if !voters.is_empty() {
+    if !voters.is_empty() || !frame.surfels.is_empty() {
         let (of_frame, pixels) = (Looks::new(&frame.pixels, response), &frame.pixels);
         let width = pixels.width.max(1) as usize;
         let mut looks = vec![[0.0; 3]; pixels.width as usize * pixels.height as usize];
         looks.chunks_mut(width).zip(0..).for_each(|(row, y)| of_frame.along(0, y, row));
         let before_m = vec![f32::INFINITY; depth_m.len()];
-        vote::Own { rays, pose: taken, part: whole, looks: &looks, before_m: &before_m }.agreed(&mut depth_m, &voters);
+        let own = vote::Own { rays, pose: taken, part: whole, looks: &looks, before_m: &before_m };
+        own.agreed(&mut depth_m, &voters);
+        own.fill_unknown(&mut depth_m, &frame.surfels);
     }
     Some(depth_m)
 }
@@ -54,10 +57,10 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::frame::FrameExposure;
+    use crate::frame::{FrameExposure, SURFEL_SPACING_M, Surfel};
     use crate::pixels::Pixels;
     use crate::pose::Pose;
-    use glam::{DQuat, DVec3};
+    use glam::{DQuat, DVec3, Vec3};
 
     /// A wall at 2 m; a camera that moves along it; a hole in the frame's own map. The neighbours know the wall, but for one that
     /// has no pose and says something else.
@@ -85,11 +88,20 @@ mod tests {
             exposure: FrameExposure::default(),
             presence: 1.0,
             beside: Vec::new(),
+            surfels: Arc::default(),
         };
         let seen = |frame: &Frame| agreed_at_frame(frame, &own, &rays, (&track, 0.0), &Response::default()).unwrap();
         assert_eq!(seen(&frame)[20 * 96 + 50], 0.0);
         frame.beside = vec![beside(0, -0.5, 2.0), beside(2, 0.5, 2.0), beside(3, 2.0, 1.0)];
         assert_eq!(neighbours(&frame, &geometry, (&track, 0.0)).len(), 2);
+        let depth_m = seen(&frame);
+        assert!(depth_m.iter().all(|z| (z - 2.0).abs() < 1e-3), "{:?}", &depth_m[20 * 96..][..96]);
+        // Without neighbours the surfels of a wall of the same grey fill the hole.
+        frame.beside.clear();
+        let at = |n: i32| SURFEL_SPACING_M as f32 * n as f32;
+        let places = (-80..80).flat_map(|x| (-60..60).map(move |y| Vec3::new(at(x), at(y), 2.0)));
+        let sqrt_color = [Response::default().decode(120.0 / 255.0).sqrt() as f32; 3];
+        frame.surfels = places.map(|position_m| Surfel { position_m, normal: Vec3::NEG_Z, sqrt_color }).collect();
         let depth_m = seen(&frame);
         assert!(depth_m.iter().all(|z| (z - 2.0).abs() < 1e-3), "{:?}", &depth_m[20 * 96..][..96]);
         // A map of another size is nobody's.

@@ -15,7 +15,7 @@ use super::proxies::{FAR_M, Proxies, Seen, known_m};
 use super::smear::Smear;
 use super::{Rays, mended, smooth, vote};
 use crate::camera::Response;
-use crate::frame::Beside;
+use crate::frame::{Beside, Surfel};
 use crate::pixels::{DepthMap, Pixels, Rect};
 use crate::pose::Pose;
 use crate::rows::{over_rows, processors};
@@ -47,6 +47,8 @@ pub struct Repair<'a> {
     pub proxies: Option<(&'a Proxies, &'a dyn Fn(DVec3) -> Seen)>,
     /// Frames that help where the map is doubtful.
     pub neighbours: &'a [Neighbour<'a>],
+    /// Surfaces that the whole recording measured.
+    pub surfels: &'a [Surfel],
 }
 
 /// Another frame, and the poses at which its map was measured and its picture was taken.
@@ -247,10 +249,14 @@ impl<'a> Repair<'a> {
         out
     }
 
-    /// Replaces what is doubtful in a part of the map by what the neighbours say. Which of its pixels are sure.
+    /// Replaces what is doubtful in a part of the map by what the neighbours say, and what is unknown then by the recording's
+    /// surfels. Which of its pixels are sure.
     fn agree(&self, depth_m: &mut [f32], looks: &[[f32; 3]], part: Rect, before_m: &[f32]) -> Vec<bool> {
         let voters: Vec<_> = self.neighbours.iter().map(|neighbour| neighbour.voter(self.response)).collect();
-        vote::Own { rays: self.rays, pose: *self.frame, part, looks, before_m }.agreed(depth_m, &voters)
+        let own = vote::Own { rays: self.rays, pose: *self.frame, part, looks, before_m };
+        let is_sure = own.agreed(depth_m, &voters);
+        own.fill_unknown(depth_m, self.surfels);
+        is_sure
     }
 }
 
@@ -268,6 +274,8 @@ fn put(values: &mut [f32], rect: Rect, others: &[f32], other: Rect) {
 mod tests {
     use super::*;
     use crate::camera::{Curve, Distortion, Geometry, Intrinsics};
+    use crate::frame::SURFEL_SPACING_M;
+    use glam::Vec3;
 
     const WIDTH: usize = 160;
     const HEIGHT: usize = 120;
@@ -303,12 +311,46 @@ mod tests {
     }
 
     fn repaired(pixels: &Pixels, depth: &DepthMap, rect: Rect, wanted: &Wanted) -> Repaired {
+        repaired_with(&[], pixels, depth, rect, wanted)
+    }
+
+    fn repaired_with(surfels: &[Surfel], pixels: &Pixels, depth: &DepthMap, rect: Rect, wanted: &Wanted) -> Repaired {
         let (rays, pose) = (camera(), Pose::IDENTITY);
         let response = Response { curve: Curve::Srgb, ..Default::default() };
         let shutter = [&pose; 2];
         let (measured, frame, response) = (Some((depth, &pose)), &pose, &response);
-        Repair { rays: &rays, measured, frame, shutter, pixels, response, proxies: None, neighbours: &[], planes: &[] }
-            .over(rect, rect, rect, wanted)
+        Repair {
+            rays: &rays,
+            measured,
+            frame,
+            shutter,
+            pixels,
+            response,
+            proxies: None,
+            neighbours: &[],
+            planes: &[],
+            surfels,
+        }
+        .over(rect, rect, rect, wanted)
+    }
+
+    #[test]
+    fn screen_that_no_frame_measured_is_whole_by_surfels() {
+        let (pixels, mut depth, inside) = screen();
+        (0..WIDTH * HEIGHT).filter(|i| inside(*i)).for_each(|i| depth.depth_m[i] = 0.0);
+        let response = Response { curve: Curve::Srgb, ..Default::default() };
+        let sqrt_color = Looks::new(&pixels, &response).at(80, 60);
+        let at = |n: i32| SURFEL_SPACING_M as f32 * n as f32;
+        let places = (-40..40).flat_map(|x| (-40..40).map(move |y| Vec3::new(at(x), at(y), 1.0)));
+        let surfels: Vec<Surfel> =
+            places.map(|position_m| Surfel { position_m, normal: Vec3::NEG_Z, sqrt_color }).collect();
+        let rect = Rect::full(WIDTH as u32, HEIGHT as u32);
+        let near = |surfels: &[Surfel]| {
+            let found = repaired_with(surfels, &pixels, &depth, rect, &Wanted::all(rect)).depth_m;
+            let is_near = |i: &usize| (found[*i] - 1.0).abs() < 0.1;
+            (0..WIDTH * HEIGHT).filter(|i| inside(*i) == is_near(i)).count() as f64 / (WIDTH * HEIGHT) as f64
+        };
+        assert!(near(&surfels) > 0.98 && near(&[]) < 0.8, "{} {}", near(&surfels), near(&[]));
     }
 
     #[test]

@@ -197,13 +197,13 @@ fn tiles(part: Rect, full: Rect) -> impl Iterator<Item = Rect> {
     })
 }
 
-/// What voters are asked for.
-struct Asked {
-    /// The doubtful pixels of the part, in turn.
-    places: Vec<u32>,
+/// Pixels of a part whose depth is asked for.
+pub(super) struct Asked {
+    /// Their indices in the part, ascending.
+    pub(super) places: Vec<u32>,
     /// Which of them each pixel of the part is, and the one beyond the last; [`NOBODY`] if it is none.
     ranks: Vec<u32>,
-    /// Least and most of the frame's colours around each doubtful pixel.
+    /// Least and most of the frame's colours around each of them.
     ranges: Vec<[[f32; 3]; 2]>,
     /// Whether there is one in a block of the part, row by row.
     blocks: Vec<bool>,
@@ -214,7 +214,7 @@ struct Asked {
 const NOBODY: u32 = u32::MAX;
 
 impl Asked {
-    fn new(doubtful: &[bool], looks: &[[f32; 3]], width: usize) -> Self {
+    pub(super) fn new(doubtful: &[bool], looks: &[[f32; 3]], width: usize) -> Self {
         let height = doubtful.len() / width;
         let in_row = width.div_ceil(BLOCK_PX);
         let mut blocks = vec![false; in_row * height.div_ceil(BLOCK_PX)];
@@ -248,16 +248,21 @@ impl Asked {
         Self { places, ranks, ranges, blocks, in_row }
     }
 
-    /// Whether a rectangle of the part holds doubtful pixels, or nearly so.
-    fn within(&self, rect: Rect) -> bool {
+    /// Position of a pixel of the part among those that are asked for; `None` if it is not.
+    pub(super) fn rank(&self, pixel: usize) -> Option<usize> {
+        self.ranks.get(pixel).filter(|rank| **rank != NOBODY).map(|rank| *rank as usize)
+    }
+
+    /// Whether a rectangle of the part holds some of them, or nearly so.
+    pub(super) fn within(&self, rect: Rect) -> bool {
         let block = |at: i32| at as usize / BLOCK_PX;
         !rect.is_empty()
             && (block(rect.y0)..=block(rect.y1 - 1))
                 .any(|y| self.blocks[y * self.in_row..][block(rect.x0)..=block(rect.x1 - 1)].contains(&true))
     }
 
-    /// Whether the frame shows this colour at or beside one of the doubtful pixels.
-    fn shows(&self, n: usize, looks: [f32; 3]) -> bool {
+    /// Whether the frame shows this colour at or beside one of them.
+    pub(super) fn shows(&self, n: usize, looks: [f32; 3]) -> bool {
         let [low, high] = self.ranges[n];
         // What is clipped may have been anything brighter.
         (0..3).all(|c| looks[c] > low[c] - ALIKE && (looks[c] < high[c] + ALIKE || high[c] > TELLING.end))
@@ -292,7 +297,7 @@ fn most(heard: &mut Vec<f32>) -> (f32, bool) {
 }
 
 /// By how much a voter's colours are to be multiplied, by the median of those that are seen twice.
-fn gain(compared: &[([f32; 3], [f32; 3])]) -> [f32; 3] {
+pub(super) fn gain(compared: &[([f32; 3], [f32; 3])]) -> [f32; 3] {
     [0, 1, 2].map(|c| {
         let tells = |(own, other): &&([f32; 3], [f32; 3])| TELLING.contains(&own[c]) && TELLING.contains(&other[c]);
         let mut ratios: Vec<f32> = compared.iter().filter(tells).map(|(own, other)| own[c] / other[c]).collect();

@@ -216,6 +216,7 @@ impl Intake {
             exposure,
             presence: 1.0,
             beside: Vec::new(),
+            surfels: Arc::default(),
         };
         self.frames += 1;
         let needs_s = within_s(&frame);

@@ -149,6 +149,7 @@ pub fn take(
             exposure: standpoint.exposure,
             presence: standpoint.presence,
             beside: Vec::new(),
+            surfels: Default::default(),
         };
         let job = Job {
             frame,

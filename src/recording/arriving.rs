@@ -46,6 +46,8 @@ impl Recording {
             presentation: Presentation::default(),
             depth: None,
             depth_later_s: 0.0,
+            surfels: Arc::default(),
+            surfels_unit_m: 1.0,
         }
     }
 

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::parts::Pictures;
 use super::{Recording, RecordingError};
-use crate::frame::{Frame, FrameExposure};
+use crate::frame::{Frame, FrameExposure, Surfel};
 use crate::pixels::{DepthMap, Pixels};
 use crate::source::ahead::Ahead;
 use crate::source::decoding::VideoFrames;
@@ -28,6 +28,7 @@ pub struct Frames {
     exposure: Arc<[FrameExposure]>,
     pictures: Arc<Pictures>,
     depth_later_s: f64,
+    surfels: Arc<[Surfel]>,
 }
 
 #[derive(Debug)]
@@ -110,6 +111,7 @@ impl Frames {
             exposure: Arc::clone(&recording.exposure),
             pictures: Arc::clone(&recording.pictures),
             depth_later_s: recording.depth_later_s,
+            surfels: recording.surfels(),
         })
     }
 
@@ -137,6 +139,7 @@ impl Frames {
             exposure: self.exposure.get(index).copied().unwrap_or_default(),
             presence: self.presence.get(index).copied().unwrap_or(1.0),
             beside: Vec::new(),
+            surfels: Arc::clone(&self.surfels),
         })
     }
 }

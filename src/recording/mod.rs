@@ -42,7 +42,7 @@ pub use frame_camera::FrameCamera;
 pub use frames::Frames;
 
 use crate::camera::Geometry;
-use crate::frame::{FrameExposure, SeenBrightness, interval_s};
+use crate::frame::{FrameExposure, SeenBrightness, Surfel, interval_s};
 use crate::pose::Pose;
 use crate::source::presentation::Presentation;
 use crate::source::{SourceError, still, unsupported};
@@ -136,6 +136,9 @@ pub struct Recording {
     depth: Option<Arc<Depth>>,
     /// Added to the depth maps' times, seconds.
     depth_later_s: f64,
+    /// [`Refinement::surfels`], and the length of the unit by which they were found.
+    surfels: Arc<[Surfel]>,
+    surfels_unit_m: f64,
 }
 
 /// A place of the room that was recognised in a frame, as structure from motion does.
@@ -158,6 +161,8 @@ pub struct Refinement {
     pub seen: Vec<SeenBrightness>,
     /// [`FrameExposure::blurred_s`], one per frame, or empty.
     pub blurred_s: Vec<f64>,
+    /// Surfaces that its depth maps show together, in the world of the track.
+    pub surfels: Arc<[Surfel]>,
 }
 
 impl Recording {
@@ -188,12 +193,13 @@ impl Recording {
             exposure.iter_mut().zip(&by.blurred_s).for_each(|(frame, s)| frame.blurred_s = Some(*s));
         }
         self.exposure = exposure.into();
+        (self.surfels, self.surfels_unit_m) = (Arc::clone(&by.surfels), self.metres_per_unit);
     }
 
-    /// The track in a world in which the camera stands where `pose` says in a frame that was taken at `time_s`. `None` if it
-    /// stands there already (within 1e-9 m and rad), and if this is not the frame that is meant: it was taken at another time,
+    /// The world, as world_from_other, in which the camera stands where `pose` says in a frame that was taken at `time_s`. `None`
+    /// if it stands there already (within 1e-9 m and rad), and if this is not the frame that is meant: it was taken at another time,
     /// or stands farther away than poses are wrong by.
-    pub fn held_at(&self, frame: usize, time_s: f64, pose: &Pose) -> Option<PoseTrack> {
+    pub fn held_at(&self, frame: usize, time_s: f64, pose: &Pose) -> Option<Pose> {
         const MOST_WRONG_M: f64 = 0.3;
         const MOST_WRONG_RAD: f64 = 0.2;
         let now = self.pose_at_frame(frame).ok().filter(|_| self.timestamps_s[frame] == time_s)?;
@@ -205,8 +211,19 @@ impl Recording {
         }
         // world_from_other = camera_from_world⁻¹ · camera_from_other.
         let back = now.world_from_camera_rotation();
-        let world_from_other = Pose::new(back * pose.rotation, now.inverse_transform_point(pose.translation_m));
-        Some(self.track.in_world(&world_from_other))
+        Some(Pose::new(back * pose.rotation, now.inverse_transform_point(pose.translation_m)))
+    }
+
+    /// Surfaces of the room. Empty while the unit has another length than they were found by: depth is in metres by itself, so
+    /// that its points lie elsewhere then.
+    pub fn surfels(&self) -> Arc<[Surfel]> {
+        if self.metres_per_unit == self.surfels_unit_m { Arc::clone(&self.surfels) } else { Arc::default() }
+    }
+
+    /// Expresses the track and the surfels in another world.
+    pub fn move_to_world(&mut self, world_from_other: &Pose) {
+        self.track = self.track.in_world(world_from_other);
+        self.surfels = self.surfels.iter().map(|surfel| surfel.in_world(world_from_other)).collect();
     }
 
     /// Takes another length for the format's unit, above 0. A recording in metres stays as it is.

@@ -246,6 +246,8 @@ impl Parts {
             presentation,
             depth,
             depth_later_s: 0.0,
+            surfels: Arc::default(),
+            surfels_unit_m: 1.0,
         })
     }
 }

@@ -135,6 +135,7 @@ mod tests {
             exposure: FrameExposure::default(),
             presence: 1.0,
             beside: Vec::new(),
+            surfels: Default::default(),
         }
     }
 

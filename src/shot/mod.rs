@@ -232,8 +232,8 @@ impl Shot {
         let found_light = self.found_light.as_deref().filter(|_| self.has_light_of_its_unit());
         lit::light(&mut self.scene, &self.given_light, found_light);
         let held = self.scene.gauge.and_then(|g| self.recording.held_at(g.frame, g.time_s, &g.pose()?));
-        if let Some(track) = held {
-            Arc::make_mut(&mut self.recording).track = track;
+        if let Some(world_from_other) = held {
+            Arc::make_mut(&mut self.recording).move_to_world(&world_from_other);
             self.floors = Arc::default();
         }
     }

@@ -29,7 +29,8 @@ impl Reduced {
         let pixels = Pixels { width, height, codes };
         let Frame { index, timestamp_s, exposure, presence, .. } = *frame;
         // Its own depth is enough for a picture that a person sees for a moment.
-        Self { frame: Frame { index, timestamp_s, pixels, depth, exposure, presence, beside: Vec::new() }, by }
+        let (beside, surfels) = Default::default();
+        Self { frame: Frame { index, timestamp_s, pixels, depth, exposure, presence, beside, surfels }, by }
     }
 
     pub fn by(&self) -> u32 {

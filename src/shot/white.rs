@@ -235,7 +235,16 @@ mod tests {
         let places = (0..480).flat_map(|y| (0..640).map(move |x| (x, y)));
         let pixels = Pixels::from_u8(640, 480, places.flat_map(|(x, y)| code(x, y)).collect()).unwrap();
         let exposure = FrameExposure { seen, ..FrameExposure::default() };
-        Frame { index: 0, timestamp_s: 0.0, pixels, depth: None, exposure, presence: 1.0, beside: Vec::new() }
+        Frame {
+            index: 0,
+            timestamp_s: 0.0,
+            pixels,
+            depth: None,
+            exposure,
+            presence: 1.0,
+            beside: Vec::new(),
+            surfels: Default::default(),
+        }
     }
 
     fn linear() -> Response {

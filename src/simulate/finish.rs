@@ -13,6 +13,12 @@ pub enum Finish {
     Room,
     /// Plain concrete on every face.
     Concrete,
+    /// White laminate on the floor's face, plaster on the others.
+    Desk,
+    /// Black glass and plastic, of which little of a depth sensor's light comes back.
+    Screen,
+    /// Rows of grey keys in a light frame.
+    Keyboard,
     Paint,
     Cardboard,
     Carpet,
@@ -40,7 +46,8 @@ pub fn gloss(finish: Finish) -> (f64, f64) {
         Finish::Rubber => (0.03, 0.6),
         Finish::Paint | Finish::Socket => (0.03, 0.7),
         Finish::Cardboard => (0.012, 0.9),
-        Finish::Carpet | Finish::Paper | Finish::Concrete => (0.0, 1.0),
+        Finish::Desk | Finish::Screen => (0.02, 0.5),
+        Finish::Carpet | Finish::Paper | Finish::Concrete | Finish::Keyboard => (0.0, 1.0),
     }
 }
 
@@ -129,6 +136,23 @@ fn concrete(p: DVec2) -> Surface {
     Surface { albedo: DVec3::new(0.36, 0.355, 0.34) * shade, gloss: 0.0 }
 }
 
+/// Nearly white, with a faint grain along x and rings that cups left.
+fn laminate(p: DVec2) -> Surface {
+    let grain = fractal(p * DVec2::new(9.0, 120.0), 3, 143) - 0.5;
+    let cell = (p / 0.4).floor();
+    let ring_at = (cell + 0.5) * 0.4 + 0.1 * (hash(cell.x as i64, cell.y as i64, 144) - 0.5);
+    let ring = 1.0 - smooth(0.0015, 0.003, ((p - ring_at).length() - 0.038).abs());
+    Surface { albedo: DVec3::new(0.80, 0.79, 0.77) * (1.0 + 0.05 * grain - 0.12 * ring), gloss: 1.0 }
+}
+
+fn keyboard(face: usize, p: DVec2, size: DVec2) -> Surface {
+    const KEY_M: f64 = 0.019;
+    let from_rim = p.min(size - p).min_element();
+    let in_key = (p / KEY_M).fract_gl() * KEY_M;
+    let is_key = face == 5 && from_rim > 0.012 && in_key.min_element() > 0.002 && in_key.max_element() < 0.017;
+    Surface { albedo: if is_key { DVec3::new(0.2, 0.2, 0.21) } else { DVec3::new(0.55, 0.54, 0.51) }, gloss: 0.0 }
+}
+
 fn plaster(p: DVec2) -> Surface {
     let blotch = fractal(p * 1.7, 4, 61);
     let roller = fractal(p * 55.0, 3, 62);
@@ -207,6 +231,10 @@ pub fn surface(finish: Finish, face: usize, uv: DVec2, size: DVec2) -> Surface {
         Finish::Room if face == 5 => Surface { albedo: DVec3::splat(0.8), gloss: 0.0 },
         Finish::Room => plaster(p),
         Finish::Concrete => concrete(p),
+        Finish::Desk if face == 4 => laminate(p),
+        Finish::Desk => plaster(p),
+        Finish::Screen => Surface { albedo: DVec3::splat(0.009) * (0.9 + 0.2 * fractal(p * 20.0, 2, 141)), gloss: 1.0 },
+        Finish::Keyboard => keyboard(face, p, size),
         Finish::Paint => {
             let dirt = fractal(p * DVec2::new(4.0, 30.0), 3, 101) * (1.0 - smooth(0.0, 0.05, p.y));
             let groove = if face < 4 && (p.y - size.y + 0.016).abs() < 0.0022 { 0.55 } else { 1.0 };

@@ -88,10 +88,12 @@ crate::choices! {
 }
 
 crate::choices! {
-    /// The ground of the site, if not planks.
+    /// The ground of the site and what stands on it, if not planks with the demonstration's things.
     pub enum Ground {
         /// Plain concrete, on which nothing stands.
         Concrete = "concrete",
+        /// A white desk with a black screen, a cup and a keyboard.
+        Desk = "desk",
     }
 }
 
@@ -125,7 +127,7 @@ crate::params! {
         "depth values per metre" depth_scale: f64 = 250.0, "1/m", 10.0..=10000.0;
         "lamps by the seed of the site, out of the camera's view; none: the demonstration's one" lamps: Option<u32> = None, "1", 1.0..=3.0;
         "seed of the site: where its lamps are and where things stand; none: the demonstration's" site: Option<u32> = None, "1", 0.0..=1000000000.0;
-        "concrete: plain concrete on all sides, with a contrast of 3 codes, on which nothing stands; none: the demonstration's planks and things" ground: Option<Ground> = None;
+        "concrete: plain concrete on all sides, with a contrast of 3 codes, on which nothing stands; desk: a white desk, which clips with a gain of 1.6, a black screen, a cup and a keyboard; none: the demonstration's planks and things" ground: Option<Ground> = None;
         "whether the known board stands in the site" board: bool = false;
         "width of the depth pictures, of the frames' shape; none: the frames' own, in Stray Scanner's layout up to 256" depth_width_px: Option<u32> = None, "px", 8.0..=4096.0;
         "how far left of the frames' camera a depth camera of its own stands; none: depth is of the frames' view" depth_beside_mm: Option<f64> = None, "mm", -1000.0..=1000.0;

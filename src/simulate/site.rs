@@ -136,6 +136,23 @@ fn inventory(moved: Option<u64>) -> Vec<(Shape, Finish)> {
     all
 }
 
+/// A desk that fills the view, with what stands on it behind the origin.
+fn desk() -> Vec<(Shape, Finish)> {
+    let v = DVec3::new;
+    let block = |centre, size: DVec3, yaw_rad| Shape::Block { centre, half: 0.5 * size, yaw_rad };
+    vec![
+        (HALL, Finish::Desk),
+        (block(v(0.05, 0.42, 0.05), v(0.06, 0.03, 0.1), 0.08), Finish::Screen),
+        (block(v(0.05, 0.42, 0.006), v(0.26, 0.18, 0.012), 0.08), Finish::Screen),
+        (block(v(0.05, 0.4, 0.25), v(0.54, 0.035, 0.33), 0.08), Finish::Screen),
+        (block(v(0.46, 0.2, 0.012), v(0.4, 0.14, 0.024), -0.5), Finish::Keyboard),
+        (
+            Shape::Tub { base: v(-0.33, 0.22, 0.0), bottom_radius: 0.032, top_radius: 0.04, height: 0.095 },
+            Finish::Plastic,
+        ),
+    ]
+}
+
 impl Site {
     /// Sets up the site and computes its light. `moved`: by a seed, what stands about is somewhere else. `ground`: if it is none of
     /// planks, with things on them. `board`: a self-luminous
@@ -150,6 +167,7 @@ impl Site {
         let contents = match ground {
             None => inventory(moved),
             Some(Ground::Concrete) => vec![(HALL, Finish::Concrete)],
+            Some(Ground::Desk) => desk(),
         };
         let things = contents.into_iter().map(|(shape, finish)| Thing::new(shape, Some(finish), Vec::new()));
         let mut site = Self { things: things.collect(), lamps, person: None, evidence: None, is_blank: false };
@@ -171,7 +189,7 @@ impl Site {
             // Walls and ceiling that no camera path sees can be coarse.
             let is_unseen = match finish {
                 Finish::Room => matches!(face, 1 | 2 | 5),
-                Finish::Concrete => face != 4,
+                Finish::Concrete | Finish::Desk => face != 4,
                 _ => false,
             };
             let coarse = if is_unseen { 8.0 } else { 1.0 };

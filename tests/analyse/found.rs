@@ -12,7 +12,7 @@ use crate::tier::{fast_or_full, is_full};
 use locard::analyse::{Analysis, beside};
 use locard::camera::{Camera, CameraExposure};
 use locard::compositor::exposure_time_s;
-use locard::frame::{Frame, FrameExposure};
+use locard::frame::{Frame, FrameExposure, SURFEL_SPACING_M, Surfel};
 use locard::params::Value;
 use locard::recording::{OpenOptions, Recording};
 use locard::shot::{Analysed, Given, Shot};
@@ -40,6 +40,11 @@ fn exact_poses_are_kept_and_steady_light_is_not_followed() {
     // Whatever is drawn by it has the bits that it has without.
     let refined = found.refinement(Some(0.1));
     assert!(refined.track.is_none() && refined.depth_later_s == 0.0 && refined.seen.is_empty());
+    // The floor is z = 0, and no other surface is as large.
+    let surfels = &refined.surfels;
+    let is_floor = |surfel: &&Surfel| surfel.position_m.z.abs() < 0.005 && surfel.normal.z > 0.99;
+    let (floor, m2) = (surfels.iter().filter(is_floor).count(), SURFEL_SPACING_M.powi(2));
+    assert!(floor as f64 * m2 > 1.0 && 3 * floor > surfels.len(), "{floor} of {}", surfels.len());
     // Few of these frames' neighbours move otherwise.
     let shutter = found.findings.shutter.as_ref().unwrap();
     assert!(shutter.runs.is_empty() && shutter.why.as_ref().unwrap().contains("say it clearly"), "{shutter:?}");
@@ -58,6 +63,8 @@ fn all_but_registration_is_followed(site: &Path) {
     let readout_s = |shot: &Shot| shot.given_geometry_at(2).unwrap().intrinsics.readout_time_s;
     assert_eq!(readout_s(&left), readout_s(&recorded));
     assert_eq!(left.recording.exposure, found.recording.exposure);
+    let surfels = |shot: &Shot| shot.read(2).unwrap().surfels.len();
+    assert!(surfels(&found) > 1000 && surfels(&left) == 0, "they lie where the refined poses put them");
     let picture = |more: &[&str]| {
         let out = tempfile::tempdir().unwrap();
         let at = out.path().join("out");

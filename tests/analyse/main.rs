@@ -29,6 +29,7 @@ mod clock;
 mod evidence;
 mod flaws;
 mod found;
+mod fused;
 mod light;
 mod occlusion;
 mod plain;

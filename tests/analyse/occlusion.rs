@@ -1,7 +1,12 @@
 //! Where evidence ends behind real things: beside the picture's own edge, and from frame to frame.
 
+use std::fs;
+use std::path::Path;
+
 use crate::found;
-use glam::DVec2;
+use crate::program::said;
+use glam::{DVec2, DVec3};
+use locard::analyse::Analysis;
 use locard::compositor::exposure_time_s;
 use locard::depth::{Neighbour, Rays, Repair, Shared, Wanted, measured_from};
 use locard::pixels::Rect;
@@ -46,6 +51,7 @@ fn hides(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
         planes: &[],
         proxies: None,
         neighbours: &beside.collect::<Vec<_>>(),
+        surfels: &frame.surfels,
     };
     let whole = Rect::full(WIDTH as u32, HEIGHT as u32);
     let hidden = |s: &Shared| match (EVIDENCE_M > s.near_m + TOLERANCE_M, EVIDENCE_M > s.far_m + TOLERANCE_M) {
@@ -102,6 +108,73 @@ fn beside_px(hidden: &[f64], light: &[f64], at: DVec2, normal: DVec2) -> Option<
     let half = 0.5 * (mean(&light[largest..largest + side]) + mean(&light[largest - side..largest]));
     let seen = passes(&light, half, largest as f64).filter(|_| step(largest).abs() > 0.15)?;
     Some(STEP_PX * (passes(&hidden, 0.5, seen)? - seen))
+}
+
+/// The black screen without its rim: a plane through a point with a normal, and a rectangle of y and z on it. World axes, m.
+const SCREEN: [DVec3; 2] = [DVec3::new(0.4846, 0.888, 1.0722), DVec3::new(0.991, 0.085, 0.1032)];
+const SCREEN_Y_M: [f64; 2] = [0.67, 1.15];
+const SCREEN_Z_M: [f64; 2] = [0.95, 1.22];
+/// A marker of 42 cm stands 18 cm behind it.
+const BEHIND: &str = "version = 1\nup = \"z\"\n[[objects]]\nmodel = \"MODEL\"\nsize_m = 0.42\n\
+    position_m = [0.3, 0.888, 0.88]\nrotation_deg = [0, 0, 85]\n";
+/// Frames in which the screen fills much of the picture.
+const BEHIND_FRAMES: std::ops::Range<usize> = 20..36;
+/// Codes by which a pixel that shows it differs from the camera's.
+const SHOWN: u8 = 40;
+
+/// Places all over the screen.
+fn screen() -> impl Iterator<Item = DVec3> {
+    let [at, normal] = SCREEN;
+    let along = |[low, high]: [f64; 2], n: usize| low + (high - low) * n as f64 / 40.0;
+    (0..=40).flat_map(move |i| (0..=40).map(move |j| (along(SCREEN_Y_M, i), along(SCREEN_Z_M, j)))).map(
+        move |(y, z)| {
+            let x = at.x - (normal.y * (y - at.y) + normal.z * (z - at.z)) / normal.x;
+            DVec3::new(x, y, z)
+        },
+    )
+}
+
+#[test]
+#[ignore = "full tier: analyses a whole real recording; depth::repaired has a screen without depth in its place"]
+fn screen_missed_by_seven_frames_occludes_with_surfels() {
+    let Some((mut shot, found)) = found::kinect() else { return };
+    let temp = tempfile::tempdir().unwrap();
+    let at = |name: &str| temp.path().join(name);
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
+    fs::write(at("behind.toml"), BEHIND.replace("MODEL", model.to_str().unwrap())).unwrap();
+    shot.take_analysis(at("used"), found.clone()).unwrap();
+    // Of all places of the screen that are seen, the share that shows what stands behind it.
+    let shown_share = |name: &str, analysis: &Analysis| {
+        analysis.write(&at(name), &shot.recording).unwrap();
+        let [recording, scene, analysis, out] =
+            [shot.recording.path.clone(), at("behind.toml"), at(name), at(&format!("{name}.out"))];
+        let paths = [&recording, &scene, &analysis, &out].map(|path| path.to_str().unwrap().to_owned());
+        let [recording, scene, analysis, to] = paths.each_ref().map(String::as_str);
+        let frames = format!("{}..{}", BEHIND_FRAMES.start, BEHIND_FRAMES.end);
+        let options = ["--profile", "profiles/tum-fr1.toml", "--set", "shadow.cast=false", "--frames", &frames];
+        let files = ["composite", recording, "--scene", scene, "--analysis", analysis, "-o", to];
+        said(&[&files[..], &options].concat());
+        let (mut seen, mut shown) = (0.0, 0.0);
+        for frame in BEHIND_FRAMES {
+            let composite = image::open(out.join(format!("frame_{frame:06}.png"))).unwrap().into_rgb8();
+            let (pixels, geometry) = (shot.read(frame).unwrap().pixels, shot.geometry_at(frame).unwrap());
+            let pose = shot.recording.pose_at_frame(frame).unwrap();
+            for at in screen().filter_map(|place| geometry.project(pose.transform_point(place))) {
+                let (x, y) = (at.x as u32, at.y as u32);
+                if at.min_element() >= 0.0 && x < WIDTH as u32 && y < HEIGHT as u32 {
+                    let codes = composite.get_pixel(x, y).0.into_iter().zip(pixels.eight_bits_at(x, y));
+                    seen += 1.0;
+                    shown += f64::from(u8::from(codes.into_iter().any(|(a, b)| a.abs_diff(b) > SHOWN)));
+                }
+            }
+        }
+        shown / seen
+    };
+    let mut alone = found.clone();
+    (alone.surfels, alone.findings.surfels) = (None, None);
+    let (with, without) = (shown_share("with", found), shown_share("without", &alone));
+    println!("{:.2} % of the screen shows it, {:.2} % without the surfels", 100.0 * with, 100.0 * without);
+    assert!(without > 0.01 && with < 0.2 * without, "{with} {without}");
 }
 
 #[test]

@@ -8,7 +8,7 @@ use crate::columns::columns;
 use crate::simulate::small;
 use glam::{DQuat, DVec3};
 use locard::camera::Response;
-use locard::simulate::{self, DepthSensorModel, Flaws, Layout, Motion, Options, Simulation};
+use locard::simulate::{self, DepthSensorModel, Flaws, Ground, Layout, Motion, Options, Simulation};
 use locard::tracking::tum::read_trajectory;
 
 fn made(out: &Path, options: &Options, flaws: &Flaws) {
@@ -97,6 +97,34 @@ fn flaws_are_as_large_as_asked_and_the_truth_lies_beside() {
     // `--force` knows the truth as its own.
     made(&few, &options, &Flaws::default());
     assert!(!few.join("truth").exists());
+}
+
+#[test]
+fn white_desk_clips_and_its_black_screen_has_hardly_any_depth() {
+    let options = Options {
+        width_px: 160,
+        height_px: 120,
+        focal_px: 130.0,
+        samples: 4,
+        gain: 1.6,
+        frames: 1,
+        motion: Motion::Static,
+        ground: Some(Ground::Desk),
+        ..small()
+    };
+    let flaws = Flaws { depth_sensor: Some(DepthSensorModel::Kinect), ..Flaws::default() };
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("desk");
+    made(&out, &options, &flaws);
+    let picture = image::open(out.join("rgb/00000.png")).unwrap().into_rgb8();
+    let depth = image::open(out.join("depth/00000.png")).unwrap().into_luma16();
+    let is_black = |codes: &[u8; 3]| codes.iter().all(|code| *code < 60);
+    let clipped = picture.pixels().filter(|pixel| pixel.0.contains(&255)).count();
+    let screen = picture.pixels().filter(|pixel| is_black(&pixel.0)).count();
+    let both = picture.pixels().zip(depth.pixels());
+    let measured = both.filter(|(pixel, z)| is_black(&pixel.0) && z.0[0] > 0).count();
+    println!("{clipped} of {} px clip, {screen} are black, {measured} of these have depth", 160 * 120);
+    assert!(clipped > 160 * 120 / 8 && screen > 500 && 10 * measured < 3 * screen, "{clipped} {screen} {measured}");
 }
 
 /// Somebody who walks covers about a fifth of the picture, and nothing else is another.

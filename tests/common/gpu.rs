@@ -43,6 +43,7 @@ pub fn frame(index: usize, timestamp_s: f64, pixels: Pixels) -> Frame {
         exposure: FrameExposure::default(),
         presence: 1.0,
         beside: Vec::new(),
+        surfels: Default::default(),
     }
 }
 

@@ -9,7 +9,7 @@ use super::super::depths::measured;
 use super::super::eye::Eye;
 use super::super::reading::frames;
 use super::super::registered::RegistrationError;
-use super::super::state::{State, moved};
+use super::super::state::{State, moved, seen};
 use super::super::times::{self, Times};
 use super::sample::Sample;
 use super::voxels::{Voxel, Voxels};
@@ -28,6 +28,8 @@ const SMOOTH_PX: usize = 3;
 const SMOOTH: f32 = 0.05;
 /// From this code on, of 255, a colour is clipped.
 const CLIPPED: u32 = 250;
+/// Columns of a coarse depth map, about.
+const COARSE_COLUMNS: usize = 160;
 
 /// One frame's points, and how bright it is as a whole.
 pub struct FrameView {
@@ -39,6 +41,43 @@ pub struct FrameView {
     pub gain: [f64; 3],
     /// Mean linear light of the whole picture, as the frame of usual brightness would show it.
     pub mean: [f64; 3],
+    pub depth: CoarseDepth,
+}
+
+/// A frame's depth at pixels that are spread evenly over it.
+pub struct CoarseDepth {
+    state: State,
+    columns: usize,
+    step_px: usize,
+    /// m; 0 where unknown or near an edge.
+    depth_m: Vec<f32>,
+}
+
+impl CoarseDepth {
+    /// Of a whole map. `is_smooth`: whether no edge is near.
+    pub fn new(state: State, width: usize, depth_m: &[f32], is_smooth: &[bool]) -> Self {
+        let step_px = width.div_ceil(COARSE_COLUMNS).max(1);
+        // The middle of each cell, or the last pixel of a narrower one.
+        let middles = |count: usize| (0..count).step_by(step_px).map(move |at| (at + step_px / 2).min(count - 1));
+        let known = |i: usize| if is_smooth[i] { depth_m[i] } else { 0.0 };
+        let height = depth_m.len() / width;
+        let coarse_m = middles(height).flat_map(|y| middles(width).map(move |x| y * width + x)).map(known).collect();
+        Self { state, columns: width.div_ceil(step_px), step_px, depth_m: coarse_m }
+    }
+
+    /// The measured depth at the pixel where the frame sees a point of the world, and the point's own, m. `None` without a
+    /// measurement.
+    pub fn measured_and_expected_m(&self, eye: &Eye, point: DVec3) -> Option<(f64, f64)> {
+        let in_camera = self.state.world_from_camera.inverse().transform_point3(point);
+        if in_camera.z <= 0.0 {
+            return None;
+        }
+        let (at, expected_m) = seen(&eye.geometry, in_camera, &self.state.twist, None, 2)?;
+        let cell = |px: f64| (px >= 0.0).then_some(px as usize / self.step_px);
+        let (x, y) = (cell(at.x)?, cell(at.y)?);
+        let measured_m = *self.depth_m.get(y * self.columns + x).filter(|z| x < self.columns && **z > 0.0)?;
+        Some((f64::from(measured_m), expected_m))
+    }
 }
 
 /// What is known of the recording.
@@ -148,6 +187,7 @@ impl Known<'_> {
             half: (2 * frame.index / self.recording.frame_count().max(1)).min(1),
             gain,
             mean: [0, 1, 2].map(|c| sum[c] / count.max(1) as f64 / gain[c]),
+            depth: CoarseDepth::new(state, width, &depth, &is_smooth),
         })
     }
 }
@@ -193,6 +233,7 @@ mod tests {
                 exposure: FrameExposure::default(),
                 presence: 1.0,
                 beside: Vec::new(),
+                surfels: Default::default(),
             };
             let seen = known.view(&frame).unwrap();
             let samples = &seen.samples;

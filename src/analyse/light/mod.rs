@@ -35,10 +35,11 @@ mod white_level;
 use glam::DVec3;
 
 pub use found::{FoundLamp, RoomLight};
-pub use gather::Known;
+pub use gather::{CoarseDepth, Known};
 pub use given::Given;
 pub use lit::MOST_LAMPS;
 pub use panorama::{HEIGHT, WIDTH};
+pub use voxels::{Voxel, Voxels};
 pub use white_level::WHITE;
 
 use super::registered::RegistrationError;
@@ -49,8 +50,7 @@ use gather::FrameView;
 use panorama::{Seen, Splat, direction, seen_share};
 use sample::relative_luminance;
 use solved::{Shares, Solved, Verdict, solve};
-use voxels::{Voxel, Voxels};
-use white_level::{Patch, WhiteLevel, white_level, white_level_by_lamps};
+use white_level::{Patch, WhiteLevel, patches, white_level, white_level_by_lamps};
 
 /// Surfaces by which lamps are sought, at most.
 const MOST: usize = 60_000;
@@ -138,9 +138,7 @@ fn levelled(
     (place, up): (DVec3, DVec3),
     exposure: &Exposure,
 ) -> (Solved, WhiteLevel) {
-    let patches = |solved: &Solved| -> Vec<Patch> {
-        voxels.iter().map(|voxel| Patch::of(voxel, solved.relative(voxel.at, voxel.normal, place))).collect()
-    };
+    let patches = |solved: &Solved| patches(voxels, |voxel| solved.relative(voxel.at, voxel.normal, place));
     if solved.lamps.is_empty() {
         let level = white_level(&patches(&solved), up, place, exposure);
         return (solved, level);

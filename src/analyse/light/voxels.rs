@@ -12,11 +12,12 @@ use glam::{DMat3, DVec3, Vec3};
 
 use super::sample::{Sample, luminance, relative_luminance};
 use crate::fit::quantile::{Censored, kaplan_meier};
+use crate::frame::SURFEL_SPACING_M;
 use crate::rows::over_rows;
 
 /// A cube's side, m.
-pub const SIDE_M: f64 = 0.02;
-/// Cubes at most, and frames whose light is kept of each, for each half.
+pub const SIDE_M: f64 = SURFEL_SPACING_M;
+/// Cubes at most for the light, and frames whose light is kept of each, for each half.
 const MOST: usize = 200_000;
 const KEPT: usize = 6;
 /// Depth that was measured from farther away is no surface of 2 cm, m.
@@ -96,10 +97,18 @@ impl Voxel {
     }
 }
 
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Voxels {
     index: HashMap<Key, u32>,
     cubes: Vec<Cube>,
+    /// Largest number of cubes.
+    limit: usize,
+}
+
+impl Default for Voxels {
+    fn default() -> Self {
+        Self::with_limit(MOST)
+    }
 }
 
 fn key(at: Vec3) -> Key {
@@ -107,6 +116,10 @@ fn key(at: Vec3) -> Key {
 }
 
 impl Voxels {
+    pub fn with_limit(limit: usize) -> Self {
+        Self { index: HashMap::new(), cubes: Vec::new(), limit }
+    }
+
     /// One frame's samples, seen from `eye`; `half`: 0 in the first half of the frames, 1 in the second.
     pub fn add(&mut self, samples: &[Sample], eye: Vec3, half: usize) {
         let mut touched = Vec::new();
@@ -114,7 +127,7 @@ impl Voxels {
             let key = key(sample.at);
             let at = match self.index.get(&key) {
                 Some(at) => *at as usize,
-                None if self.cubes.len() < MOST => {
+                None if self.cubes.len() < self.limit => {
                     self.index.insert(key, self.cubes.len() as u32);
                     self.cubes.push(Cube::default());
                     self.cubes.len() - 1

@@ -27,6 +27,9 @@ const WHITEST: f64 = 0.995;
 const WHITEST_BETWEEN: [f64; 2] = [0.99, 0.999];
 const LOOSE: f64 = 1.1;
 const FEWEST_UPWARD: usize = 400;
+/// Surfaces that get a smaller share of the place's light, by shadow, distance or turn, are no measure of white: there an error of
+/// a lamp's position multiplies the reflectance most.
+const MIN_RELATIVE_LIGHT: f64 = 0.2;
 /// Largest factor between the white level that lamps imply and the exposure's.
 const LAMPS_AGREE: f64 = 2.0;
 /// Reflectance of the brightest neutral surfaces, and the largest of any matt one.
@@ -86,6 +89,14 @@ pub struct Patch {
     pub code: [f64; 3],
     /// Luminance of its brightest spot, as it would be at the place.
     pub brightest: f64,
+}
+
+/// Surfaces as the light at the place would show them. `relative`: the light on a voxel by the light at the place. Those that get
+/// little are left out.
+pub fn patches(voxels: &[Voxel], relative: impl Fn(&Voxel) -> f64) -> Vec<Patch> {
+    let lit =
+        voxels.iter().map(|voxel| (voxel, relative(voxel))).filter(|(_, relative)| *relative > MIN_RELATIVE_LIGHT);
+    lit.map(|(voxel, relative)| Patch::of(voxel, relative)).collect()
 }
 
 impl Patch {
@@ -325,6 +336,17 @@ mod tests {
     fn desk(white: usize) -> Vec<Patch> {
         let at = |n: usize| DVec3::new(0.02 * (n % 25) as f64 - 0.25, 0.02 * (n / 25) as f64 - 0.4, 0.0);
         (0..1000).map(|n| patch(at(n), if n < white { 0.8 } else { 0.3 })).collect()
+    }
+
+    #[test]
+    fn surfaces_in_deep_shadow_are_no_measure_of_white() {
+        // A desk of 0.8, of which 1 % lies in a shadow that is said to be ten times as deep as it is.
+        let voxels: Vec<Voxel> = desk(1000).iter().map(|p| Voxel::of_surface(p.at, p.normal, [0.8; 3])).collect();
+        let relative = |voxel: &Voxel| if voxel.at.x > 0.229 && voxel.at.y > 0.1 { 0.1 } else { 1.0 };
+        let lit = patches(&voxels, relative);
+        assert_eq!(lit.len(), 986);
+        let level = white_level_by_lamps(&lit, DVec3::Z, DVec3::ZERO, &EXPOSURE).unwrap();
+        assert!((relative_luminance(level.white) - 1.0).abs() < 1e-6, "{level:?}");
     }
 
     fn level(patches: &[Patch], exposure: &Exposure) -> WhiteLevel {
