@@ -191,7 +191,6 @@ pub struct PhotoSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tracking::PoseTrack;
     use glam::{DQuat, DVec3};
 
     #[test]
@@ -201,8 +200,10 @@ mod tests {
         let world_from_other =
             Pose::new(DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -0.8, 0.2), DVec3::new(0.4, 1.0, -2.0));
         let camera = Pose::new(DQuat::from_rotation_z(0.7), DVec3::new(0.1, 0.2, 0.3));
-        let moved_camera = PoseTrack::new(vec![(0.0, camera), (1.0, camera)], 2.0).unwrap().in_world(&world_from_other);
-        let (moved, moved_camera) = (surfel.in_world(&world_from_other), moved_camera.at(0.5).unwrap());
+        // camera_from_other = camera_from_world · world_from_other.
+        let turn = camera.rotation * world_from_other.rotation;
+        let moved_camera = Pose::new(turn, camera.transform_point(world_from_other.translation_m));
+        let moved = surfel.in_world(&world_from_other);
         let seen = |camera: &Pose, of: &Surfel| {
             (camera.transform_point(of.position_m.as_dvec3()), camera.rotation * of.normal.as_dvec3())
         };
