@@ -1,4 +1,4 @@
-//! What an analysis found, as a folder: `analysis.toml`, and beside it `frames.txt`, `across.txt`, `poses.txt`, `links.txt`, the
+//! An analysis as a folder: `analysis.toml`, and beside it `frames.txt`, `across.txt`, `poses.txt`, `links.txt`, the
 //! light of the room as `environment.hdr` and its surfaces as `surfels.ply`. Frames read it and nothing else of the recording's
 //! neighbours, so any range of frames keeps its bits.
 
@@ -65,7 +65,7 @@ pub struct Analysis {
     pub held_out: Vec<Missed>,
     /// The light of the room around what was looked at, without its lamps; `None` if the footage does not tell.
     pub environment: Option<Environment>,
-    /// The surfaces that the depth maps show together; `None` without a depth sensor, or if the poses do not tell.
+    /// The surfaces that the depth maps show together; `None` without a depth sensor, or if the poses were refused.
     pub surfels: Option<SurfelMap>,
 }
 
@@ -177,8 +177,8 @@ impl Analysis {
         self.track.as_ref().filter(|_| self.findings.registration.is_refined())
     }
 
-    /// The same, but for where the camera was and what follows from that: the readout time, when depth was measured, and surfels by
-    /// other poses than the recorded ones.
+    /// Drops the refined poses and everything that depends on them: the readout time, the delay of depth, and surfels that they
+    /// placed.
     pub fn without_registration(self) -> Self {
         let surfels = self.surfels.filter(|_| self.track.is_none());
         Self { track: None, surfels, ..self }

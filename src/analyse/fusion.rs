@@ -100,6 +100,7 @@ mod tests {
         assert!(is_left_out(&[1.0, 1.0, 2.0], 1.0), "once of three times");
         assert!(!is_left_out(&[0.0; 4], 1.0), "nothing was measured");
     }
+
     #[test]
     fn coarse_depth_is_that_of_the_pixel_at_which_a_point_is_seen() {
         const SIZE: (u32, u32) = (1290, 480);

@@ -189,20 +189,16 @@ pub fn analyse(
         up: recording.up.unwrap_or_else(|| held_up(states.iter().flatten().map(rotation))),
         threads,
     };
-    let (light, surfels) = match is_placed {
-        true => {
-            let work = || -> Result<_, RegistrationError> {
-                let surfels = match is_refused {
-                    true => Vec::new(),
-                    false => part.stage(|| fusion::surfels(&known, &mut times))?,
-                };
-                Ok((part.stage(|| light::of_recording(&known, None, &mut times))?, surfels))
-            };
-            by_the_clock(work, &mut |elapsed| {
-                told(passes.progress(Stage::Light, passes.light_after(elapsed, passes_took)))
-            })??
-        }
-        false => (Err("where the camera was is not known".to_owned()), Vec::new()),
+    let (light, surfels) = if is_placed {
+        let work = || -> Result<_, RegistrationError> {
+            let surfels = if is_refused { Vec::new() } else { part.stage(|| fusion::surfels(&known, &mut times))? };
+            Ok((part.stage(|| light::of_recording(&known, None, &mut times))?, surfels))
+        };
+        by_the_clock(work, &mut |elapsed| {
+            told(passes.progress(Stage::Light, passes.light_after(elapsed, passes_took)))
+        })??
+    } else {
+        (Err("where the camera was is not known".to_owned()), Vec::new())
     };
     let surfels: Vec<Surfel> = surfels.into_iter().map(Surfel::from_array).collect();
     let tone = match (is_placed, gains_of.is_empty()) {

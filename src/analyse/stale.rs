@@ -129,7 +129,8 @@ mod tests {
         let found = json!({
             "version": 11, "recording": "", "frames": 20, "registration": registration, "camera": camera,
             "gain": { "pairs": 3, "recorded": 0.1, "left": 0.01, "range_ev": 1.0, "is_followed": true },
-            "shutter": { "runs": [run] }, "surfels": { "count": 1, "sha256": "00" }, "light": { "claimed": true, "panorama": "00" },
+            "shutter": { "runs": [run] }, "light": { "claimed": true, "panorama": "00" },
+            "surfels": { "count": 1, "sha256": "00" },
             "made_with": { "metres_per_unit": 0.5, "is_metric": false, "has_times": false, "up": [0.0, 0.0, 1.0] },
         });
         serde_json::from_value(found).unwrap()

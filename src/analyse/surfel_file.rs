@@ -38,7 +38,7 @@ impl SurfelMap {
         hex(&Sha256::digest(&self.ply))
     }
 
-    /// Reads the file whose fingerprint is known.
+    /// Reads a file and checks its SHA-256.
     pub fn read(path: &Path, fingerprint: &str) -> Result<Self, String> {
         let ply = file::read(path, MAX_FILE_BYTES).map_err(|error| reason(&error))?;
         let surfels = decode(&ply).filter(|_| hex(&Sha256::digest(&ply)) == fingerprint);

@@ -20,8 +20,8 @@
 //! The result is written as a fraction of the recorded light that is removed. Mixing, noise and layer files use it as that of any
 //! other pixel.
 //!
-//! Not modelled: the colour of a clipped surface in a shadow; the true radiance of saturated colours of which a channel clips; a
-//! surface that clips in every frame and is brighter than its largest lower bound, whose shadow is too dark; the radiance of
+//! Not modelled: the colour of a clipped surface in a shadow; the true radiance of saturated colours of which a channel clips; the
+//! radiance above its largest lower bound of a surface that clips in every frame, which makes its shadow too dark; the radiance of
 //! photographs that sum frames and of recordings without depth or without an analysis, where V is the only bound.
 
 use super::touched::touched;

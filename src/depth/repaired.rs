@@ -249,8 +249,8 @@ impl<'a> Repair<'a> {
         out
     }
 
-    /// Replaces what is doubtful in a part of the map by what the neighbours say, and what is unknown then by the recording's
-    /// surfels. Which of its pixels are sure.
+    /// Replaces unreliable depth of a part by the consensus of the neighbours, and depth that is still unknown by surfels. Returns
+    /// which pixels are reliable.
     fn agree(&self, depth_m: &mut [f32], looks: &[[f32; 3]], part: Rect, before_m: &[f32]) -> Vec<bool> {
         let voters: Vec<_> = self.neighbours.iter().map(|neighbour| neighbour.voter(self.response)).collect();
         let own = vote::Own { rays: self.rays, pose: *self.frame, part, looks, before_m };

@@ -1,17 +1,18 @@
 //! Depth from the surfaces of the whole recording, where a frame and its neighbours have none.
 //!
-//! A sensor sees only a few places of a black screen, and other ones in each frame. All seven frames of a vote can miss a part of
-//! it that earlier ones measured. An analysis fuses the maps of the recording into surfels, oriented discs (Pfister et al. 2000;
-//! Keller et al. 2013). Here they are splatted into a frame, at pixels whose depth is unknown after the vote: a disc at p with
+//! A depth sensor measures only a few places of a black screen, and different ones in each frame. All seven frames of a vote can
+//! miss a part of it that earlier ones measured. An analysis fuses the maps of the recording into surfels, oriented discs (Pfister et al. 2000;
+//! Keller et al. 2013). This module splats them into pixels of a frame whose depth is unknown after the vote. A disc at p with
 //! normal n meets a pixel's ray r at the depth d = n·p / n·r, if |d·r − p| is at most its radius. The nearest disc wins.
 //!
 //! Things move. The depth of a surfel is used only if the pixel has its colour, in light that is made alike as in the vote.
 //!
-//! Not modelled: times of rows; cameras whose picture fits no plane in front of them.
+//! Not modelled: rolling shutter; cameras that see 180° or more.
 
 use glam::{DVec2, DVec3, Vec3};
 
-use super::vote::{Asked, Own, gain};
+use super::requested::{RequestedPixels, gain};
+use super::vote::Own;
 use crate::frame::{SURFEL_SPACING_M, Surfel};
 use crate::pixels::{Rect, floor};
 
@@ -48,19 +49,19 @@ impl Own<'_> {
         }
         self.rays.prepare(seen.y0..seen.y1);
         let splats: Vec<Splat> = surfels.iter().filter_map(|surfel| self.splat(surfel, seen)).collect();
-        let asked = Asked::new(&is_unknown, self.looks, self.part.width() as usize);
+        let requested = RequestedPixels::new(&is_unknown, self.looks, self.part.width() as usize);
         // Depth and index of the nearest disc at each pixel.
-        let mut nearest = vec![(f32::INFINITY, usize::MAX); asked.places.len()];
+        let mut nearest = vec![(f32::INFINITY, usize::MAX); requested.places.len()];
         for (index, splat) in splats.iter().enumerate() {
             let rect = splat.rect().intersection(&seen);
-            if !asked.within(rect.moved(-self.part.x0, -self.part.y0)) {
+            if !requested.within(rect.moved(-self.part.x0, -self.part.y0)) {
                 continue;
             }
             for y in rect.y0..rect.y1 {
                 let Some(rays) = self.rays.row(y as usize) else { continue };
                 let row = (y - self.part.y0) as usize * self.part.width() as usize;
                 for x in rect.x0..rect.x1 {
-                    let Some(n) = asked.rank(row + (x - self.part.x0) as usize) else { continue };
+                    let Some(n) = requested.rank(row + (x - self.part.x0) as usize) else { continue };
                     if let Some(z) = splat.depth_m(Vec3::from(rays[x as usize])).filter(|z| *z < nearest[n].0) {
                         nearest[n] = (z, index);
                     }
@@ -68,9 +69,9 @@ impl Own<'_> {
             }
         }
         let gain = gain(&self.color_pairs(&splats, depth_m));
-        for (n, (at, (z, index))) in asked.places.iter().zip(nearest).enumerate() {
+        for (n, (at, (z, index))) in requested.places.iter().zip(nearest).enumerate() {
             let Some(splat) = splats.get(index) else { continue };
-            if asked.shows(n, [0, 1, 2].map(|c| gain[c] * splat.sqrt_color[c])) {
+            if requested.shows(n, [0, 1, 2].map(|c| gain[c] * splat.sqrt_color[c])) {
                 depth_m[*at as usize] = z;
             }
         }
@@ -98,7 +99,7 @@ impl Own<'_> {
         (!splat.rect().intersection(&rect).is_empty()).then_some(splat)
     }
 
-    /// Colours of the frame and of surfels that it shows: those whose depth it has at their pixel.
+    /// Pairs of the frame's colour and a surfel's, where the depth map agrees with the surfel.
     fn color_pairs(&self, splats: &[Splat], depth_m: &[f32]) -> Vec<([f32; 3], [f32; 3])> {
         let pair = |splat: &Splat| {
             let [x, y] = splat.center_px.as_vec2().to_array().map(floor);
@@ -162,7 +163,7 @@ mod tests {
         depth_m
     }
 
-    /// Columns of the middle row whose depth is known.
+    /// Columns of the middle row with known depth.
     fn known(depth_m: &[f32]) -> Vec<usize> {
         (0..WIDTH).filter(|x| depth_m[HEIGHT / 2 * WIDTH + x] > 0.0).collect()
     }
@@ -230,9 +231,9 @@ mod tests {
 
     #[test]
     fn surfels_far_outside_the_picture_are_left_out() {
-        // Beside the camera its polynomial takes them to 1e9 px and more.
+        // Beside the camera, at up to 8e10 px.
         let beside =
-            |x: f32| Surfel { position_m: Vec3::new(x, 0.1, 1e-3), normal: Vec3::NEG_X, sqrt_color: [DARK; 3] };
+            |x: f32| Surfel { position_m: Vec3::new(x, 0.1, 1e-6), normal: Vec3::NEG_X, sqrt_color: [DARK; 3] };
         let surfels: Vec<Surfel> = wall().into_iter().chain([0.2, 1.0, 1e3].map(beside)).collect();
         assert_eq!(filled(&surfels, Pose::IDENTITY, 1.0), filled(&wall(), Pose::IDENTITY, 1.0));
     }

@@ -7,7 +7,7 @@
 //!
 //! Things move. A neighbour's point counts only if it has the colour that the frame shows there, in light that is made alike:
 //! cameras change their exposure and white balance from frame to frame. And where the frame's own map is not doubtful,
-//! nobody else is asked.
+//! no other map votes.
 //!
 //! Not modelled: points that look alike and move; lenses that change from frame to frame.
 
@@ -18,6 +18,7 @@ use super::apart::{JUMP, is_step};
 use super::carry::{Carry, LANES, Over, Points, Tile};
 use super::looks::Looks;
 use super::moment::BEYOND_PX;
+use super::requested::{NOT_REQUESTED, RequestedPixels, gain};
 use crate::pixels::{DepthMap, Rect};
 use crate::pose::Pose;
 use crate::rows::{over_rows, processors};
@@ -26,17 +27,10 @@ use crate::rows::{over_rows, processors};
 const DOUBTFUL: f64 = super::edges::MOST_OFF;
 /// What lies between the corners of a tile of points lands between them, but for this, px: a lens bends.
 const BENT_PX: i32 = 2;
-/// Side of the blocks in which it is known whether any pixel is doubtful, px.
-const BLOCK_PX: usize = 8;
-/// So many doubtful pixels are worked on at a time.
-const TOGETHER: usize = 256;
-/// Colours (square roots of light) are alike within this of the range of the pixels around: noise, and the blur of motion.
-const ALIKE: f32 = 0.06;
-/// Every so many pixels colours are compared to find how much brighter a voter's picture is, and the fewest that tell.
+/// Doubtful pixels that a thread works on at a time.
+const PIXELS_PER_BLOCK: usize = 256;
+/// Stride of the pixels whose colours are compared to find how much brighter a voter's picture is.
 const EVERY: i32 = 8;
-const FEWEST: usize = 24;
-/// A ratio of colours that are darker or brighter tells nothing.
-const TELLING: std::ops::Range<f32> = 0.12..0.97;
 /// Depths on which voters agree differ by less than this factor.
 const AGREE: f32 = 1.0 + 0.5 * (JUMP - 1.0);
 /// What is agreed upon is sure where at least so many are heard, the frame's own map included, and this share of them agrees.
@@ -68,7 +62,7 @@ pub struct Own<'a> {
 
 impl Own<'_> {
     /// Replaces what is doubtful of the part's `depth_m` (0 where unknown) by what most say. Which pixels are sure because
-    /// nearly all say the same; those that are not doubtful are not asked.
+    /// nearly all say the same; those that are not doubtful are not requested.
     pub fn agreed(&self, depth_m: &mut [f32], voters: &[Voter<'_>]) -> Vec<bool> {
         let mut is_sure = vec![false; depth_m.len()];
         if voters.is_empty() || depth_m.is_empty() {
@@ -77,8 +71,8 @@ impl Own<'_> {
         let width = self.part.width() as usize;
         let reach_px = (DOUBTFUL * f64::from(self.rays.geometry().intrinsics.width_px)).round() as usize;
         let doubtful = doubtful(depth_m, width, reach_px, self.before_m);
-        let asked = Asked::new(&doubtful, self.looks, width);
-        if asked.places.is_empty() {
+        let requested = RequestedPixels::new(&doubtful, self.looks, width);
+        if requested.places.is_empty() {
             return is_sure;
         }
         let source = self.part.grown(BEYOND_PX).intersection(&self.rays.full());
@@ -92,7 +86,7 @@ impl Own<'_> {
         std::thread::scope(|scope| {
             let carry = || {
                 while let Some((told, voter)) = work.lock().ok().and_then(|mut work| work.next()) {
-                    *told = self.carried(voter, source, &asked);
+                    *told = self.carried(voter, source, &requested);
                 }
             };
             for _ in 1..processors().min(voters.len()) {
@@ -100,17 +94,17 @@ impl Own<'_> {
             }
             carry();
         });
-        let mut agreed = vec![(0.0, false); asked.places.len()];
-        over_rows(&mut agreed, TOGETHER, processors(), |block, of_block| {
+        let mut agreed = vec![(0.0, false); requested.places.len()];
+        over_rows(&mut agreed, PIXELS_PER_BLOCK, processors(), |block, of_block| {
             let mut heard = Vec::with_capacity(voters.len() + 1);
-            for (n, agreed) in (block * TOGETHER..).zip(of_block) {
+            for (n, agreed) in (block * PIXELS_PER_BLOCK..).zip(of_block) {
                 heard.clear();
-                heard.push(depth_m[asked.places[n] as usize]);
+                heard.push(depth_m[requested.places[n] as usize]);
                 heard.extend(told.iter().map(|told| told[n]));
                 *agreed = most(&mut heard);
             }
         });
-        for (i, agreed) in asked.places.iter().zip(agreed) {
+        for (i, agreed) in requested.places.iter().zip(agreed) {
             (depth_m[*i as usize], is_sure[*i as usize]) = agreed;
         }
         is_sure
@@ -118,8 +112,8 @@ impl Own<'_> {
 
     /// A voter's depth at each pixel that is asked for, m; negative where it looks otherwise than the frame does, 0 where it says
     /// nothing.
-    fn carried(&self, voter: &Voter<'_>, source: Rect, asked: &Asked) -> Vec<f32> {
-        let mut out = vec![0.0f32; asked.places.len()];
+    fn carried(&self, voter: &Voter<'_>, source: Rect, requested: &RequestedPixels) -> Vec<f32> {
+        let mut out = vec![0.0f32; requested.places.len()];
         let (geometry, full) = (self.rays.geometry(), self.rays.full());
         if (voter.depth.width, voter.depth.height) != (full.width(), full.height()) || voter.looks.size() != full {
             return out;
@@ -131,9 +125,9 @@ impl Own<'_> {
             let Some(tile) = Tile::of(rect, voter.depth, ray) else { continue };
             // Whether its points may land where the frame is doubtful.
             let here = Over::new(&tile, &here);
-            let is_asked = here
-                .around(BENT_PX)
-                .is_none_or(|around| asked.within(around.intersection(&self.part).moved(-self.part.x0, -self.part.y0)));
+            let is_asked = here.around(BENT_PX).is_none_or(|around| {
+                requested.within(around.intersection(&self.part).moved(-self.part.x0, -self.part.y0))
+            });
             if !is_asked {
                 continue;
             }
@@ -143,18 +137,18 @@ impl Own<'_> {
                 let landed = here.land(voter.depth, y, rays);
                 // The pixel in which each lies, and no more: points that covered the pixels around would widen what is near. What
                 // one voter leaves open others fill.
-                let at = landed.pixels(self.part).map(|place| asked.ranks[place]);
-                if at == [NOBODY; LANES] {
+                let at = landed.pixels(self.part).map(|place| requested.ranks[place]);
+                if at == [NOT_REQUESTED; LANES] {
                     continue;
                 }
                 let shown = there.land(voter.depth, y, rays).pixels(full);
-                for lane in (0..LANES).filter(|&lane| at[lane] != NOBODY) {
+                for lane in (0..LANES).filter(|&lane| at[lane] != NOT_REQUESTED) {
                     let (n, z) = (at[lane] as usize, landed.depth_m[lane]);
                     // Of several points at a pixel the nearest stays.
                     if (out[n] == 0.0 || z < out[n].abs())
                         && let Some(looks) = voter.looks.nth(shown[lane])
                     {
-                        out[n] = if asked.shows(n, [0, 1, 2].map(|c| gain[c] * looks[c])) { z } else { -z };
+                        out[n] = if requested.shows(n, [0, 1, 2].map(|c| gain[c] * looks[c])) { z } else { -z };
                     }
                 }
             }
@@ -197,78 +191,6 @@ fn tiles(part: Rect, full: Rect) -> impl Iterator<Item = Rect> {
     })
 }
 
-/// Pixels of a part whose depth is asked for.
-pub(super) struct Asked {
-    /// Their indices in the part, ascending.
-    pub(super) places: Vec<u32>,
-    /// Which of them each pixel of the part is, and the one beyond the last; [`NOBODY`] if it is none.
-    ranks: Vec<u32>,
-    /// Least and most of the frame's colours around each of them.
-    ranges: Vec<[[f32; 3]; 2]>,
-    /// Whether there is one in a block of the part, row by row.
-    blocks: Vec<bool>,
-    in_row: usize,
-}
-
-/// No pixel that is asked for.
-const NOBODY: u32 = u32::MAX;
-
-impl Asked {
-    pub(super) fn new(doubtful: &[bool], looks: &[[f32; 3]], width: usize) -> Self {
-        let height = doubtful.len() / width;
-        let in_row = width.div_ceil(BLOCK_PX);
-        let mut blocks = vec![false; in_row * height.div_ceil(BLOCK_PX)];
-        let (mut places, mut ranks) = (Vec::new(), vec![NOBODY; doubtful.len() + 1]);
-        for (y, row) in doubtful.chunks_exact(width).enumerate() {
-            for (x, piece) in row.chunks(BLOCK_PX).enumerate().filter(|(_, piece)| piece.contains(&true)) {
-                blocks[y / BLOCK_PX * in_row + x] = true;
-                let first = y * width + x * BLOCK_PX;
-                for i in (first..).zip(piece).filter(|(_, is_doubtful)| **is_doubtful).map(|(i, _)| i) {
-                    ranks[i] = places.len() as u32;
-                    places.push(i as u32);
-                }
-            }
-        }
-        let mut ranges = vec![[[0.0; 3]; 2]; places.len()];
-        over_rows(&mut ranges, TOGETHER, processors(), |n, ranges| {
-            for (range, i) in ranges.iter_mut().zip(&places[n * TOGETHER..]) {
-                let (x, y) = (*i as usize % width, *i as usize / width);
-                let (mut low, mut high) = ([f32::INFINITY; 3], [0.0f32; 3]);
-                for y in y.saturating_sub(1)..(y + 2).min(height) {
-                    for there in &looks[y * width + x.saturating_sub(1)..y * width + (x + 2).min(width)] {
-                        for c in 0..3 {
-                            low[c] = low[c].min(there[c]);
-                            high[c] = high[c].max(there[c]);
-                        }
-                    }
-                }
-                *range = [low, high];
-            }
-        });
-        Self { places, ranks, ranges, blocks, in_row }
-    }
-
-    /// Position of a pixel of the part among those that are asked for; `None` if it is not.
-    pub(super) fn rank(&self, pixel: usize) -> Option<usize> {
-        self.ranks.get(pixel).filter(|rank| **rank != NOBODY).map(|rank| *rank as usize)
-    }
-
-    /// Whether a rectangle of the part holds some of them, or nearly so.
-    pub(super) fn within(&self, rect: Rect) -> bool {
-        let block = |at: i32| at as usize / BLOCK_PX;
-        !rect.is_empty()
-            && (block(rect.y0)..=block(rect.y1 - 1))
-                .any(|y| self.blocks[y * self.in_row..][block(rect.x0)..=block(rect.x1 - 1)].contains(&true))
-    }
-
-    /// Whether the frame shows this colour at or beside one of them.
-    pub(super) fn shows(&self, n: usize, looks: [f32; 3]) -> bool {
-        let [low, high] = self.ranges[n];
-        // What is clipped may have been anything brighter.
-        (0..3).all(|c| looks[c] > low[c] - ALIKE && (looks[c] < high[c] + ALIKE || high[c] > TELLING.end))
-    }
-}
-
 /// What most agree on, the nearest of what as many do, and whether it is sure. The frame's own value comes first, and stays where
 /// it is among them.
 fn most(heard: &mut Vec<f32>) -> (f32, bool) {
@@ -294,19 +216,6 @@ fn most(heard: &mut Vec<f32>) -> (f32, bool) {
         Some(median) => (*median, is_sure(best)),
         None => (0.0, false),
     }
-}
-
-/// By how much a voter's colours are to be multiplied, by the median of those that are seen twice.
-pub(super) fn gain(compared: &[([f32; 3], [f32; 3])]) -> [f32; 3] {
-    [0, 1, 2].map(|c| {
-        let tells = |(own, other): &&([f32; 3], [f32; 3])| TELLING.contains(&own[c]) && TELLING.contains(&other[c]);
-        let mut ratios: Vec<f32> = compared.iter().filter(tells).map(|(own, other)| own[c] / other[c]).collect();
-        if ratios.len() < FEWEST {
-            return 1.0;
-        }
-        let middle = ratios.len() / 2;
-        *ratios.select_nth_unstable_by(middle, f32::total_cmp).1
-    })
 }
 
 /// Where a map is unknown or has an edge that matters, and around.
@@ -459,15 +368,15 @@ mod tests {
         let whole = Rect::full(WIDTH as u32, HEIGHT as u32);
         let own =
             Own { rays: &rays, pose: at(0.06, -0.1), part: whole, looks: &looks, before_m: &[9.0; WIDTH * HEIGHT] };
-        let asked = |doubtful: &dyn Fn(usize) -> bool| {
+        let requested = |doubtful: &dyn Fn(usize) -> bool| {
             let doubtful: Vec<bool> = (0..WIDTH * HEIGHT).map(doubtful).collect();
-            Asked::new(&doubtful, &looks, WIDTH)
+            RequestedPixels::new(&doubtful, &looks, WIDTH)
         };
-        let all = own.carried(&voter, whole, &asked(&|_| true));
+        let all = own.carried(&voter, whole, &requested(&|_| true));
         assert!(all.iter().filter(|z| **z != 0.0).count() > 2000);
         for (x0, y0) in [(0, 0), (20, 30), (50, 10), (88, 60), (33, 47)] {
             let inside = move |i: usize| (x0..x0 + 8).contains(&(i % WIDTH)) && (y0..y0 + 5).contains(&(i / WIDTH));
-            let some = own.carried(&voter, whole, &asked(&inside));
+            let some = own.carried(&voter, whole, &requested(&inside));
             let of_all: Vec<f32> = (0..all.len()).filter(|i| inside(*i)).map(|i| all[i]).collect();
             assert_eq!(some, of_all, "{x0} {y0}");
         }
@@ -475,7 +384,7 @@ mod tests {
         for part in [Rect::new(-7, 5, 60, 50), Rect::new(30, 20, 110, 70)] {
             let of_part = vec![[0.5; 3]; part.width() as usize * part.height() as usize];
             let own = Own { part, looks: &of_part, ..own };
-            let everywhere = Asked::new(&vec![true; of_part.len()], &of_part, part.width() as usize);
+            let everywhere = RequestedPixels::new(&vec![true; of_part.len()], &of_part, part.width() as usize);
             let found = own.carried(&voter, whole, &everywhere);
             for (n, z) in found.iter().enumerate() {
                 let (x, y) = (part.x0 + n as i32 % part.width() as i32, part.y0 + n as i32 / part.width() as i32);

@@ -17,7 +17,7 @@ use crate::rows::over_rows;
 
 /// A cube's side, m.
 pub const SIDE_M: f64 = SURFEL_SPACING_M;
-/// Cubes at most for the light, and frames whose light is kept of each, for each half.
+/// Largest number of voxels for the light, and of frame means that a voxel keeps of each half of the recording.
 const MOST: usize = 200_000;
 const KEPT: usize = 6;
 /// Depth that was measured from farther away is no surface of 2 cm, m.

@@ -1,0 +1,105 @@
+//! Pixels of a frame whose depth is requested of other sources, and whether these show the same colours there.
+
+use crate::pixels::Rect;
+use crate::rows::{over_rows, processors};
+
+/// Side of the blocks in which requested pixels are registered, px.
+const BLOCK_PX: usize = 8;
+/// Pixels that a thread works on at a time.
+const PIXELS_PER_BLOCK: usize = 256;
+/// Largest distance of a matching colour (square root of light) from the range of the pixels around: noise and motion blur.
+const COLOR_TOLERANCE: f32 = 0.06;
+/// Fewest pairs of colours that give a factor between two pictures, and the colours whose ratio is reliable.
+const MIN_PAIRS: usize = 24;
+const RELIABLE_COLORS: std::ops::Range<f32> = 0.12..0.97;
+
+/// Pixels of a part of the frame whose depth is requested.
+pub struct RequestedPixels {
+    /// Their indices in the part, ascending.
+    pub places: Vec<u32>,
+    /// Position of each pixel of the part among them, and of one beyond the last; [`NOT_REQUESTED`] for others.
+    pub ranks: Vec<u32>,
+    /// Lowest and highest of the frame's colours in the 3×3 pixels around each of them.
+    ranges: Vec<[[f32; 3]; 2]>,
+    /// Whether a block of the part contains one, row by row.
+    blocks: Vec<bool>,
+    in_row: usize,
+}
+
+/// Rank of a pixel that is not requested.
+pub const NOT_REQUESTED: u32 = u32::MAX;
+
+impl RequestedPixels {
+    pub fn new(is_requested: &[bool], looks: &[[f32; 3]], width: usize) -> Self {
+        let height = is_requested.len() / width;
+        let in_row = width.div_ceil(BLOCK_PX);
+        let mut blocks = vec![false; in_row * height.div_ceil(BLOCK_PX)];
+        let (mut places, mut ranks) = (Vec::new(), vec![NOT_REQUESTED; is_requested.len() + 1]);
+        for (y, row) in is_requested.chunks_exact(width).enumerate() {
+            for (x, piece) in row.chunks(BLOCK_PX).enumerate().filter(|(_, piece)| piece.contains(&true)) {
+                blocks[y / BLOCK_PX * in_row + x] = true;
+                let first = y * width + x * BLOCK_PX;
+                for i in (first..).zip(piece).filter(|(_, is_requested)| **is_requested).map(|(i, _)| i) {
+                    ranks[i] = places.len() as u32;
+                    places.push(i as u32);
+                }
+            }
+        }
+        let mut ranges = vec![[[0.0; 3]; 2]; places.len()];
+        over_rows(&mut ranges, PIXELS_PER_BLOCK, processors(), |n, ranges| {
+            for (range, i) in ranges.iter_mut().zip(&places[n * PIXELS_PER_BLOCK..]) {
+                let (x, y) = (*i as usize % width, *i as usize / width);
+                let (mut low, mut high) = ([f32::INFINITY; 3], [0.0f32; 3]);
+                for y in y.saturating_sub(1)..(y + 2).min(height) {
+                    for there in &looks[y * width + x.saturating_sub(1)..y * width + (x + 2).min(width)] {
+                        for c in 0..3 {
+                            low[c] = low[c].min(there[c]);
+                            high[c] = high[c].max(there[c]);
+                        }
+                    }
+                }
+                *range = [low, high];
+            }
+        });
+        Self { places, ranks, ranges, blocks, in_row }
+    }
+
+    /// Position of a pixel of the part among those that are requested; `None` if it is not.
+    pub fn rank(&self, pixel: usize) -> Option<usize> {
+        self.ranks.get(pixel).filter(|rank| **rank != NOT_REQUESTED).map(|rank| *rank as usize)
+    }
+
+    /// Whether a rectangle of the part may contain some of them: exact to a block.
+    pub fn within(&self, rect: Rect) -> bool {
+        let block = |at: i32| at as usize / BLOCK_PX;
+        !rect.is_empty()
+            && (block(rect.y0)..=block(rect.y1 - 1))
+                .any(|y| self.blocks[y * self.in_row..][block(rect.x0)..=block(rect.x1 - 1)].contains(&true))
+    }
+
+    /// Whether the frame shows this colour at or beside one of them.
+    pub fn shows(&self, n: usize, looks: [f32; 3]) -> bool {
+        let [low, high] = self.ranges[n];
+        // What is clipped may have been anything brighter.
+        (0..3).all(|c| {
+            looks[c] > low[c] - COLOR_TOLERANCE
+                && (looks[c] < high[c] + COLOR_TOLERANCE || high[c] > RELIABLE_COLORS.end)
+        })
+    }
+}
+
+/// Factor on the other picture's colours that makes them match the frame's: the median ratio of pairs (frame, other), for each
+/// channel. 1 with too few pairs.
+pub fn gain(compared: &[([f32; 3], [f32; 3])]) -> [f32; 3] {
+    [0, 1, 2].map(|c| {
+        let tells = |(own, other): &&([f32; 3], [f32; 3])| {
+            RELIABLE_COLORS.contains(&own[c]) && RELIABLE_COLORS.contains(&other[c])
+        };
+        let mut ratios: Vec<f32> = compared.iter().filter(tells).map(|(own, other)| own[c] / other[c]).collect();
+        if ratios.len() < MIN_PAIRS {
+            return 1.0;
+        }
+        let middle = ratios.len() / 2;
+        *ratios.select_nth_unstable_by(middle, f32::total_cmp).1
+    })
+}
