@@ -176,7 +176,7 @@ for site in range(first, last + 1):
 
     simulate("empty", False, 0)
     simulate("there", True, 0)
-    run("analyse", "-q", here / "empty")
+    run("analyse", "-q", "--force", here / "empty")
     (here / "guessed.toml").write_text(objects(site) + GUESSED)
     parts = {"all": ("evidence.toml", [])} | (PARTS if with_parts else {})
     line = []
@@ -191,7 +191,7 @@ for site in range(first, last + 1):
         noises.append(ratios)
         line.append(f"sigma {ratios[0]:.3f} of the camera's {sigma[0]:.2f} codes on the evidence, {ratios[1]:.3f} over the box")
     light = tomllib.loads((here / "empty.analysis/analysis.toml").read_text()).get("light", {})
-    print(f"site {site:2}: {', '.join(line)}; {len(light.get('lamps', []))} lamps found", flush=True)
+    print(f"site {site:2}: {', '.join(line)}; {sum(lamp['diameter_m'] < 1 for lamp in light.get('lamps', []))} lamps found", flush=True)
 for name, found in all_parts.items():
     print(f"{name}: mean FLIP {np.mean(found):.4f}, worst {max(found):.4f}" + (" (0.06 wanted)" if name == "all" else " without it"))
 if noises:

@@ -32,7 +32,7 @@ for site in range(first, last + 1):
     if not path.exists():
         sets = [text for name, value in settings.items() for text in ("--set", f"{name}={value}")]
         subprocess.run([program, "simulate", "-q", "-o", path, *sets], check=True)
-    subprocess.run([program, "analyse", "-q", path], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([program, "analyse", "-q", "--force", path], check=True, stdout=subprocess.DEVNULL)
     truth = tomllib.loads((path / "truth.toml").read_text())["light"]
     light = tomllib.loads((folder / f"s{site}.analysis" / "analysis.toml").read_text())["light"]
     place = light["place_m"]
@@ -42,7 +42,8 @@ for site in range(first, last + 1):
     # The truth is told for one point; lamps follow their distance, all other light is taken to be alike at the place.
     true_white = mean(truth["upward"]) + sum(shown(*lamp, place) - shown(*lamp, truth["at_m"]) for lamp in truth_lamps)
     lamps = sorted(truth_lamps, key=lambda lamp: -shown(*lamp, place))
-    found = [lamp["at_m"] for lamp in light.get("lamps", [])]
+    # Without the wide lamps of bounce light.
+    found = [lamp["at_m"] for lamp in light.get("lamps", []) if lamp["diameter_m"] < 1]
     deg = [min((off_deg(way(at, place), way(f, place)) for f in found), default=math.inf) for at, _ in lamps]
     white = mean(light["white_level"])
     ratio, (low, high) = white / true_white, light["between"]

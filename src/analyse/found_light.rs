@@ -13,9 +13,6 @@ use super::light::{FoundLamp, HEIGHT, RoomLight, WIDTH};
 use crate::scene::{self, EnvironmentMap, Lighting, PointLight, upright};
 use crate::words::fixed;
 
-/// How wide a lamp is taken to be that nobody saw, m: between a bulb in its shade and a panel in the ceiling.
-pub const FOUND_LAMP_M: f64 = 0.25;
-
 /// `[light]`. Linear light, red, green and blue: 1 is white matt that shows as the camera's white.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -61,6 +58,8 @@ pub struct FoundLight {
 /// No lamp of a room is farther away, m, or shows more at 1 m: the sun through a window is near 10⁴.
 const FARTHEST_M: f64 = 1e4;
 const BRIGHTEST: f64 = 1e6;
+/// Nor wider, m.
+const WIDEST_M: f64 = 100.0;
 
 /// Numbers that people read have so many digits.
 fn short<const N: usize>(values: [f64; N]) -> [f64; N] {
@@ -72,7 +71,11 @@ impl FoundLight {
         let light = found.as_ref().ok();
         let [seen, seen_above] = [|l: &RoomLight| l.seen_share, |l: &RoomLight| l.seen_above_share]
             .map(|of| light.map(|l| short([of(l)])[0]));
-        let lamp = |lamp: &FoundLamp| FoundLamp { at_m: short(lamp.at_m), shown_at_1_m: short(lamp.shown_at_1_m) };
+        let lamp = |lamp: &FoundLamp| FoundLamp {
+            at_m: short(lamp.at_m),
+            shown_at_1_m: short(lamp.shown_at_1_m),
+            diameter_m: lamp.diameter_m,
+        };
         Self {
             claimed: light.is_some_and(|light| light.unclaimed.is_none()),
             why: found.as_ref().map_or_else(|why| Some(why.clone()), |light| light.unclaimed.clone()),
@@ -98,10 +101,11 @@ impl FoundLight {
     pub fn check(&self) -> Result<(), String> {
         for (n, lamp) in self.lamps.iter().enumerate() {
             let is_near = lamp.at_m.iter().all(|v| v.abs() <= FARTHEST_M);
-            if !(is_near && lamp.shown_at_1_m.iter().all(|v| (0.0..=BRIGHTEST).contains(v))) {
+            let is_bright = lamp.shown_at_1_m.iter().all(|v| (0.0..=BRIGHTEST).contains(v));
+            if !(is_near && is_bright && (0.0..=WIDEST_M).contains(&lamp.diameter_m)) {
                 return Err(format!(
-                    "light.lamps, lamp {}: at_m from -{FARTHEST_M} to {FARTHEST_M} and shown_at_1_m from 0 to {BRIGHTEST} are \
-                     expected",
+                    "light.lamps, lamp {}: at_m from -{FARTHEST_M} to {FARTHEST_M}, shown_at_1_m from 0 to {BRIGHTEST} and \
+                     diameter_m from 0 to {WIDEST_M} are expected",
                     n + 1
                 ));
             }
@@ -116,7 +120,7 @@ impl FoundLight {
         let point = |lamp: &FoundLamp| PointLight {
             position_in_world_m: lamp.at_m.into(),
             color: Vec3::from_array(lamp.shown_at_1_m.map(|v| v.max(0.0) as f32)),
-            diameter_m: FOUND_LAMP_M as f32,
+            diameter_m: lamp.diameter_m as f32,
             range_m: f32::INFINITY,
             spot: None,
         };
@@ -168,7 +172,8 @@ impl FoundLight {
         });
         for lamp in &self.lamps {
             let (at, shown) = (all(lamp.at_m), all(lamp.shown_at_1_m));
-            lines.push(("lamp", format!("at {at} m, shows {shown} at 1 m{halves}")));
+            let wide_m = lamp.diameter_m;
+            lines.push(("lamp", format!("at {at} m, {wide_m} m wide, shows {shown} at 1 m{halves}")));
         }
         lines.extend(self.no_lamp.iter().map(|why| ("lamp", format!("none claimed: {why}"))));
         lines
@@ -234,7 +239,7 @@ mod tests {
     #[test]
     fn no_lamp_is_beyond_the_room_or_brighter_than_the_sun() {
         let checked = |at_m: [f64; 3], shown: f64| {
-            let lamps = vec![FoundLamp { at_m, shown_at_1_m: [1.0, shown, 1.0] }];
+            let lamps = vec![FoundLamp { at_m, shown_at_1_m: [1.0, shown, 1.0], diameter_m: 0.25 }];
             FoundLight { lamps, ..FoundLight::of(&Err("nothing".to_owned()), None) }.check()
         };
         assert!(checked([0.3, -2.0, 2.4], 5.0).is_ok() && checked([1e4, 0.0, 0.0], 0.0).is_ok());

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::found_light::{FOUND_LAMP_M, FoundLight};
+use super::found_light::FoundLight;
 use super::light::FoundLamp;
 use crate::scene::SceneFile;
 use crate::scene::document::{Color, LampTable, LightTable, Up};
@@ -38,7 +38,7 @@ impl FoundLight {
             at_m: lamp.at_m,
             color: Some(Color::Rgb(lamp.shown_at_1_m)),
             intensity: None,
-            diameter_m: Some(FOUND_LAMP_M),
+            diameter_m: Some(lamp.diameter_m),
         };
         self.lamps.iter().map(lamp).collect()
     }
@@ -58,7 +58,7 @@ mod tests {
     fn a_scene_gets_lamps_to_edit_and_with_another_up_the_panorama_keeps_its_own() {
         let found = FoundLight {
             up: Some([0.0, 0.0, 1.0]),
-            lamps: vec![FoundLamp { at_m: [1.0, 2.0, 2.4], shown_at_1_m: [5.0, 4.0, 3.0] }],
+            lamps: vec![FoundLamp { at_m: [1.0, 2.0, 2.4], shown_at_1_m: [5.0, 4.0, 3.0], diameter_m: 0.25 }],
             ..FoundLight::of(&Err(String::new()), None)
         };
         let put = |scene: &mut SceneFile| found.put_into(scene, Path::new("a.toml"), "a-light.hdr".to_owned());

@@ -66,10 +66,10 @@ pub use artefact::{Analysis, AnalysisError, ENVIRONMENT, FILE_NAME, beside, dige
 pub(crate) use blurred::unit_noise;
 pub(crate) use eye::is_same;
 pub use findings::Findings;
-pub use found_light::{Environment, FOUND_LAMP_M, FoundLight};
+pub use found_light::{Environment, FoundLight};
 pub use ground::{Ground, KnownBy, write_grounds};
 pub use interrupted::Interrupted;
-pub use light::{FoundLamp, MOST_LAMPS, WHITE};
+pub use light::{FoundLamp, LAMP_M, MOST_LAMPS, WHITE};
 pub use light_table::panorama_beside;
 pub use lit_anew::lit_anew;
 pub use part::Part;

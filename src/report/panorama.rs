@@ -90,7 +90,7 @@ mod tests {
         let around = Environment { width: 64, height: 32, rgb: rgb.into(), hdr: [].into() };
         // 45° above what lies in the panorama's middle: upright's −z is that.
         let towards = upright(DVec3::Z) * DVec3::new(0.0, 1.0, -1.0);
-        let lamp = FoundLamp { at_m: (2.0 * towards + DVec3::X).to_array(), shown_at_1_m: [1.0; 3] };
+        let lamp = FoundLamp { at_m: (2.0 * towards + DVec3::X).to_array(), shown_at_1_m: [1.0; 3], diameter_m: 0.25 };
         let [x, y] = seen_from(&lamp, DVec3::X, DVec3::Z, &around);
         assert!((x - 32.0).abs() < 1e-3 && (y - 8.0).abs() < 1e-3, "{x} {y}");
         let rgb = drawn(&around, &[[x, y], [0.0, 24.0]]);

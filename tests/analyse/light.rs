@@ -90,7 +90,9 @@ fn a_scene_without_light_takes_that_of_the_footage_and_one_with_light_keeps_its_
     let site = folder.path().join("site");
     let analysis = folder.path().join("site.analysis");
     let light = found.findings.light.as_ref().unwrap();
-    assert_eq!(light.lamps.len(), 1, "{light:?}");
+    // The lamp, and the bounce light around it.
+    assert_eq!(light.lamps.iter().map(|lamp| lamp.diameter_m).collect::<Vec<_>>(), [0.25, 1.6], "{light:?}");
+    assert_eq!(light.lamps[0].at_m, light.lamps[1].at_m);
 
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
     let written = |name: &str, light: &str| {
@@ -106,7 +108,7 @@ fn a_scene_without_light_takes_that_of_the_footage_and_one_with_light_keeps_its_
     };
     let taken = lit(&bare, Analysed::Beside);
     let lighting = &taken.scene.lighting;
-    assert!(lighting.suns.is_empty() && lighting.points.len() == 1, "{lighting:?}");
+    assert!(lighting.suns.is_empty() && lighting.points.len() == 2, "{lighting:?}");
     assert_eq!(lighting.points[0].position_in_world_m, DVec3::from(light.lamps[0].at_m));
     assert!(matches!(&lighting.environment, Environment::Map(map) if (map.width, map.height) == (256, 128)));
     // Nobody lit it but by a guess; a scene that says its light keeps it.
@@ -291,8 +293,11 @@ fn by_lamps_and_a_panorama(folder: &tempfile::TempDir, found: &Analysis) {
     assert!(DVec3::from(lamps[0].at_m).distance(place) < 1e-3, "{lamps:?} {place}\n{told}");
     let color = |lamp: &scene::document::LampTable| glam::Vec3::from(lamp.color.unwrap()).element_sum();
     let real = DVec3::from(light.lamps[0].at_m);
-    assert!(lamps.len() == 2 && DVec3::from(lamps[1].at_m).distance(real) < 1e-3, "{lamps:?}");
-    assert!(color(&lamps[1]) > 3.0 * color(&lamps[0]), "{lamps:?}");
+    let [bulbs, bounced]: [Vec<&scene::document::LampTable>; 2] =
+        [false, true].map(|is_wide| lamps.iter().filter(|lamp| (lamp.wide_m() > 1.0) == is_wide).collect());
+    assert!(bulbs.len() == 2 && DVec3::from(bulbs[1].at_m).distance(real) < 1e-3, "{lamps:?}");
+    assert!(bounced.len() == 1 && DVec3::from(bounced[0].at_m).distance(real) < 1e-3, "{lamps:?}");
+    assert!(color(bulbs[1]) > 3.0 * color(bulbs[0]), "{lamps:?}");
     // By depth, and by two frames; what is nonsense is refused.
     asked(&["--lamp", "6:240,58"]);
     let by_depth = DVec3::from(written().lamp[0].at_m);

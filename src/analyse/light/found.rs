@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Diameter of a lamp that nobody saw, m: between a bulb in its shade and a panel in the ceiling.
+pub const LAMP_M: f64 = 0.25;
+
 /// A lamp, as if it shone evenly into all directions: as bright at the place as it is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FoundLamp {
@@ -9,6 +12,13 @@ pub struct FoundLamp {
     pub at_m: [f64; 3],
     /// What a white matt surface that faces it shows at 1 m, linear: red, green, blue.
     pub shown_at_1_m: [f64; 3],
+    /// m: [`LAMP_M`], or wider for the light that surfaces near a lamp reflect.
+    #[serde(default = "lamp_m")]
+    pub diameter_m: f64,
+}
+
+fn lamp_m() -> f64 {
+    LAMP_M
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -101,14 +101,22 @@ mod tests {
         let lamps = [DVec3::new(0.8, -0.5, 1.9), DVec3::new(-0.7, 0.4, 2.1)];
         let found = solved(&lamps, &lamps[..1], &lamps[1..]);
         assert_eq!(found.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), lamps);
-        for lamp in scaled(&found, &lamps).lamps {
-            assert!((lamp.shown_at_1_m[1] / 2.0 - 1.0).abs() < 0.1, "{lamp:?}");
+        let of_all = scaled(&found, &lamps).lamps;
+        for at in lamps {
+            let of_one = of_all.iter().filter(|lamp| DVec3::from(lamp.at_m) == at).map(|lamp| lamp.shown_at_1_m[1]);
+            let shown: Vec<f64> = of_one.collect();
+            assert!((shown.iter().sum::<f64>() / 2.0 - 1.0).abs() < 0.1, "{of_all:?}");
+            // There is no bounce light: up to a third is mistaken for it where there are few shadows.
+            assert!(shown[0] > 2.0 / 1.5, "{of_all:?}");
         }
         // It is off.
         let dark = DVec3::new(1.2, 1.0, 1.5);
         let found = solved(&lamps[1..], &[dark], &lamps[1..]);
         assert_eq!(found.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), [dark, lamps[1]]);
-        let shown = scaled(&found, &lamps[1..]).lamps.iter().map(|lamp| lamp.shown_at_1_m[1]).collect::<Vec<_>>();
-        assert!(shown[0] < 0.1 * shown[1], "{shown:?}");
+        let of_all = scaled(&found, &lamps[1..]).lamps;
+        let shown = |at: DVec3| -> f64 {
+            of_all.iter().filter(|lamp| DVec3::from(lamp.at_m) == at).map(|lamp| lamp.shown_at_1_m[1]).sum()
+        };
+        assert!(shown(dark) < 0.1 * shown(lamps[1]), "{of_all:?}");
     }
 }

@@ -1,18 +1,20 @@
 //! How surfaces are lit by lamps whose places are given: light from around, from above, and each lamp's brightness.
 //!
-//!   B = ρ_m·(a + b(1 + n_z)/2 + Σ I_k·V·cos θ/d²)
+//!   B = ρ_m·(a + b(1 + n_z)/2 + Σ I_k·V·cos θ/d² + Σ J_k·mean(V·cos θ/d²))
 //!
-//! ρ_m is one reflectance for each material m, a bin of chroma. In turn: ln ρ_m is the median of what the light leaves of ln B;
-//! a, b and I_k ≥ 0 follow from least squares of ln B by Gauss and Newton, weighted by Cauchy's w = 1/(1 + (r/0.25)²). The score is
-//! Cauchy's mean loss. Not modelled: light that surfaces throw onto each other, but as light from around; surfaces that shine.
+//! ρ_m is one reflectance for each material m, a bin of chroma. The last sum is bounce light: what the wall, the ceiling or the
+//! shade near lamp k reflects. It comes from all around the lamp, so that its shadows are soft; the mean is over places around
+//! it ([`bounce`](super::bounce)). In turn: ln ρ_m is the median of what the light leaves of ln B; a, b, I_k and J_k ≥ 0 follow
+//! from least squares of ln B by Gauss and Newton, weighted by Cauchy's w = 1/(1 + (r/0.25)²). The score is Cauchy's mean
+//! loss. Not modelled: other indirect light, but as light from around; surfaces that shine.
 
 use glam::DVec3;
 
 /// Cauchy's scale, ln.
 const SCALE: f64 = 0.25;
-/// Lamps at most, and unknowns.
+/// Largest number of lamps, and of unknowns.
 pub const MOST_LAMPS: usize = 3;
-const MOST: usize = 2 + MOST_LAMPS;
+const MOST: usize = 2 + 2 * MOST_LAMPS;
 /// Sweeps over the unknowns.
 const SWEEPS: usize = 60;
 
@@ -34,6 +36,8 @@ pub struct Light {
     pub above: f64,
     /// Of each lamp: what white that faces it shows at 1 m.
     pub lamps: [f64; MOST_LAMPS],
+    /// Bounce light of each lamp, as if all of it came from the lamp's place.
+    pub bounce: [f64; MOST_LAMPS],
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -79,19 +83,30 @@ pub fn sorted(mut points: Vec<Point>) -> Vec<Point> {
     points
 }
 
-/// `points` are [`sorted`]; `shares`: one for each. `lamps`: how many of them count.
+/// `points` are [`sorted`]; `shares`: one for each, of ambient light and of `lamps`.
 pub fn fit(points: &[Point], shares: &[Shares], lamps: usize, rounds: usize) -> Fit {
+    fit_sources(points, shares, lamps, lamps, rounds)
+}
+
+/// As [`fit`]; each lamp's bounce light has a share, too, in the lamps' order and after all of them.
+pub fn fit_with_bounce(points: &[Point], shares: &[Shares], lamps: usize, rounds: usize) -> Fit {
+    fit_sources(points, shares, lamps, 2 * lamps, rounds)
+}
+
+fn fit_sources(points: &[Point], shares: &[Shares], lamps: usize, sources: usize, rounds: usize) -> Fit {
     // A count that the compiler knows: twice as fast.
-    match lamps {
-        0 => fit_to::<2>(points, shares, rounds),
-        1 => fit_to::<3>(points, shares, rounds),
-        2 => fit_to::<4>(points, shares, rounds),
-        _ => fit_to::<MOST>(points, shares, rounds),
+    match sources {
+        0 => fit_to::<2>(points, shares, lamps, rounds),
+        1 => fit_to::<3>(points, shares, lamps, rounds),
+        2 => fit_to::<4>(points, shares, lamps, rounds),
+        3 => fit_to::<5>(points, shares, lamps, rounds),
+        4 => fit_to::<6>(points, shares, lamps, rounds),
+        _ => fit_to::<MOST>(points, shares, lamps, rounds),
     }
 }
 
 /// Of the first `COUNT` unknowns.
-fn fit_to<const COUNT: usize>(points: &[Point], shares: &[Shares], rounds: usize) -> Fit {
+fn fit_to<const COUNT: usize>(points: &[Point], shares: &[Shares], lamps: usize, rounds: usize) -> Fit {
     let materials = points.last().map_or(0, |point| point.material + 1);
     let mut reflectance = vec![0.0; materials];
     let mut x = [0.0; MOST];
@@ -138,8 +153,9 @@ fn fit_to<const COUNT: usize>(points: &[Point], shares: &[Shares], rounds: usize
     let loss = |(point, left): (&Point, &f64)| (1.0 + ((left - reflectance[point.material]) / SCALE).powi(2)).ln();
     let score = points.iter().zip(&left).map(loss).sum::<f64>() / points.len().max(1) as f64;
     let mut light = Light { around: x[0], above: x[1], ..Light::default() };
-    light.lamps.copy_from_slice(&x[2..]);
-    light.lamps[COUNT - 2..].fill(0.0);
+    let (direct, bounce) = x[2..COUNT].split_at(lamps);
+    light.lamps[..direct.len()].copy_from_slice(direct);
+    light.bounce[..bounce.len()].copy_from_slice(bounce);
     Fit { light, reflectance, score }
 }
 

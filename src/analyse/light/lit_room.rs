@@ -3,12 +3,17 @@
 use glam::DVec3;
 
 use super::blocked::Blocked;
-use super::lit::{Place, of_lamp};
+use super::lit::Place;
 use super::voxels::Voxel;
 
 /// A floor and a white box on it, each in 2 cm, lit in the two halves of the frames by lamps, shadows and all; a pattern of
 /// ± 10 % on it.
 pub fn room(lamps: [&[DVec3]; 2]) -> (Vec<Voxel>, Vec<DVec3>) {
+    room_with_discs(lamps, 0.0)
+}
+
+/// As [`room`], where a share of each lamp's light comes from a level disc of 1.6 m around it.
+pub fn room_with_discs(lamps: [&[DVec3]; 2], share: f64) -> (Vec<Voxel>, Vec<DVec3>) {
     let mut surfaces = Vec::new();
     for i in 0..80 {
         for j in 0..80 {
@@ -33,9 +38,17 @@ pub fn room(lamps: [&[DVec3]; 2]) -> (Vec<Voxel>, Vec<DVec3>) {
     let lit = |(n, (at, normal, albedo)): (usize, &(DVec3, DVec3, DVec3))| {
         let pattern = 1.0 + 0.1 * (7.0 * n as f64).sin();
         let by = |lamps: &[DVec3]| {
+            let from = |lamp: DVec3| 2.0 * blocked.of_lamp(*at, *normal, &Place { at: lamp, along: None });
+            // On rings of the same area, as many places on each.
+            let on_disc = |n: usize| {
+                let (radius, turn) = (0.8 * ((n / 8) as f64 / 5.0 + 0.1).sqrt(), (n % 8) as f64 + 0.3 * (n / 8) as f64);
+                let (sin, cos) = (turn * std::f64::consts::TAU / 8.0).sin_cos();
+                DVec3::new(radius * cos, radius * sin, 0.0)
+            };
             let shown = |lamp: &DVec3| {
-                let place = Place { at: *lamp, along: None };
-                if blocked.is_blocked(*at, *normal, *lamp) { 0.0 } else { 2.0 * of_lamp(*at, *normal, &place) }
+                let spread =
+                    if share > 0.0 { (0..40).map(|n| from(*lamp + on_disc(n))).sum::<f64>() / 40.0 } else { 0.0 };
+                (1.0 - share) * from(*lamp) + share * spread
             };
             let direct: f64 = lamps.iter().map(shown).sum();
             Some((pattern * *albedo * (0.15 + direct)).as_vec3().to_array())

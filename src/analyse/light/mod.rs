@@ -13,6 +13,7 @@
 //! light that changes, another white level at another place.
 
 mod blocked;
+mod bounce;
 mod exposure;
 mod fill;
 mod found;
@@ -34,7 +35,7 @@ mod white_level;
 
 use glam::DVec3;
 
-pub use found::{FoundLamp, RoomLight};
+pub use found::{FoundLamp, LAMP_M, RoomLight};
 pub use gather::{CoarseDepth, Known};
 pub use given::Given;
 pub use lit::MOST_LAMPS;

@@ -5,7 +5,9 @@ use std::sync::OnceLock;
 use glam::{DVec3, USizeVec3};
 
 use super::blocked::Blocked;
-use super::lit::{Fit, MOST_LAMPS, Place, Point, Shares, ambient, fit, of_lamp};
+use super::bounce::mean_share;
+use super::lit::{Fit, MOST_LAMPS, Place, Point, Shares, ambient, fit, fit_with_bounce, of_lamp};
+use super::surfaces::PATCH_M;
 use crate::rows::over_rows;
 
 /// Cells of the grid are so wide, m.
@@ -159,6 +161,28 @@ impl Search<'_> {
 
     pub fn with(&self, lamps: &[Place], rounds: usize) -> Fit {
         fit(self.points, &self.shares(self.points, lamps), lamps.len(), rounds)
+    }
+
+    /// The mean share of a lamp over a patch, by the middles of its quarters: a shadow's edge within the patch is not taken for a
+    /// soft shadow.
+    fn share_of_patch(&self, point: &Point, lamp: &Place) -> f64 {
+        let (x, y) = point.normal.any_orthonormal_pair();
+        let quarter_m = 0.25 * PATCH_M;
+        let middles = [x + y, x - y, y - x, -x - y].map(|way| Point { at: point.at + quarter_m * way, ..*point });
+        middles.iter().map(|middle| self.share(middle, lamp)).sum::<f64>() / middles.len() as f64
+    }
+
+    /// As [`Self::with`], with the lamps' bounce light.
+    pub fn with_bounce(&self, lamps: &[Place], rounds: usize) -> Fit {
+        let points = self.points;
+        let mut shares: Vec<Shares> = points.iter().map(|point| ambient(point.normal, self.room.up)).collect();
+        over_rows(&mut shares, 1, self.threads, |n, shares| {
+            for (k, lamp) in lamps.iter().enumerate() {
+                shares[0][2 + k] = self.share_of_patch(&points[n], lamp);
+                shares[0][2 + lamps.len() + k] = mean_share(lamp, |place| self.share(&points[n], place));
+            }
+        });
+        fit_with_bounce(points, &shares, lamps.len(), rounds)
     }
 
     pub fn lamps(&self, most: usize) -> Found {

@@ -10,7 +10,8 @@
 use glam::DVec3;
 
 use super::blocked::Blocked;
-use super::found::FoundLamp;
+use super::bounce::{self, mean_share};
+use super::found::{FoundLamp, LAMP_M};
 use super::lit::{Light, MOST_LAMPS, Place, of_lamp};
 use super::search::Search;
 use super::surfaces::{Of, points, room};
@@ -108,9 +109,9 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads
 pub fn light(voxels: &[Voxel], search: &Search<'_>, lamps: &[Place]) -> (Light, [Light; 3]) {
     let colours = [0, 1, 2].map(|c| {
         let points = points(voxels, 2, Of::Colour(c));
-        Search { points: &points, ..*search }.with(lamps, ROUNDS).light
+        Search { points: &points, ..*search }.with_bounce(lamps, ROUNDS).light
     });
-    (search.with(lamps, ROUNDS).light, colours)
+    (search.with_bounce(lamps, ROUNDS).light, colours)
 }
 
 impl Solved {
@@ -136,35 +137,48 @@ impl Solved {
         if self.lamps.is_empty() {
             return 1.0;
         }
-        let by_lamps: f64 = self.by_lamps(|lamp| self.blocked.of_lamp(at, normal, lamp), &self.luminance);
+        let by_lamps: f64 = self.by_lamps(&|lamp| self.blocked.of_lamp(at, normal, lamp), &self.luminance);
         let ambient = self.luminance.around + 0.5 * (1.0 + normal.dot(self.up)) * self.luminance.above;
         ((ambient + by_lamps) / self.upward(place, &self.luminance)).max(LEAST_LIGHT)
     }
 
-    fn by_lamps(&self, share: impl Fn(&Place) -> f64, light: &Light) -> f64 {
-        self.lamps.iter().zip(light.lamps).map(|(lamp, shown)| share(lamp) * shown).sum()
+    fn by_lamps(&self, share: &impl Fn(&Place) -> f64, light: &Light) -> f64 {
+        let direct: f64 = self.lamps.iter().zip(light.lamps).map(|(lamp, shown)| share(lamp) * shown).sum();
+        let bounced = |(lamp, shown): (&Place, f64)| if shown > 0.0 { mean_share(lamp, share) * shown } else { 0.0 };
+        direct + self.lamps.iter().zip(light.bounce).map(bounced).sum::<f64>()
     }
 
     fn upward(&self, place: DVec3, light: &Light) -> f64 {
-        (light.around + light.above + self.by_lamps(|lamp| of_lamp(place, self.up, lamp), light)).max(LEAST_LIGHT)
+        (light.around + light.above + self.by_lamps(&|lamp| of_lamp(place, self.up, lamp), light)).max(LEAST_LIGHT)
     }
 
     /// Scaled to the white level of the place.
     pub fn at(&self, place: DVec3, white: [f64; 3]) -> Shares {
         let scale = [0, 1, 2].map(|c| white[c] / self.upward(place, &self.colours[c]));
+        let of_even = |lamp: &Place| of_lamp(place, self.up, &Place { along: None, ..*lamp });
         // A panel shines less to its sides: as an even lamp it is as bright at the place.
         let aside = |lamp: &Place| match lamp.along {
             Some(along) => along.dot((place - lamp.at).normalize_or_zero()).max(0.0),
             None => 1.0,
         };
-        let lamp = |(k, lamp): (usize, &Place)| FoundLamp {
-            at_m: lamp.at.to_array(),
-            shown_at_1_m: [0, 1, 2].map(|c| scale[c] * aside(lamp) * self.colours[c].lamps[k]),
-        };
-        Shares {
-            ambient: [0, 1, 2].map(|c| scale[c] * (self.colours[c].around + self.colours[c].above)),
-            lamps: self.lamps.iter().enumerate().map(lamp).collect(),
+        let (mut lamps, mut ambient) = (Vec::new(), white);
+        for (k, lamp) in self.lamps.iter().enumerate() {
+            let at_m = lamp.at.to_array();
+            let shown_at_1_m = [0, 1, 2].map(|c| scale[c] * aside(lamp) * self.colours[c].lamps[k]);
+            let mut found = vec![FoundLamp { at_m, shown_at_1_m, diameter_m: LAMP_M }];
+            let share = mean_share(lamp, |on_sphere| of_lamp(place, self.up, on_sphere));
+            let bounced = [0, 1, 2].map(|c| scale[c] * share * self.colours[c].bounce[k]);
+            if bounced[1] > bounce::MIN_SHARE * white[1] && of_even(lamp) > bounce::MIN_EVEN {
+                let shown_at_1_m = bounced.map(|upward| upward / of_even(lamp));
+                found.push(FoundLamp { at_m, shown_at_1_m, diameter_m: bounce::DIAMETER_M });
+            }
+            for (c, rest) in ambient.iter_mut().enumerate() {
+                let upward = found.iter().map(|lamp| lamp.shown_at_1_m[c]).sum::<f64>() * of_even(lamp);
+                *rest = (*rest - upward).max(0.0);
+            }
+            lamps.extend(found);
         }
+        Shares { ambient, lamps }
     }
 }
 
@@ -182,7 +196,7 @@ fn told_by_halves(halves: &[Search; 2], place: DVec3) -> Option<Halves> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::lit_room::room;
+    use super::super::lit_room::{room, room_with_discs};
     use super::*;
 
     const UP: DVec3 = DVec3::Z;
@@ -209,6 +223,26 @@ mod tests {
         // Twice as far away, and behind the box.
         let relative = found.relative(PLACE - DVec3::Z * (lamp.z), UP, PLACE);
         assert!(relative < 0.6, "{relative}");
+    }
+
+    #[test]
+    fn bounce_light_around_a_lamp_is_told_from_its_own() {
+        let lamp = DVec3::new(-0.6, 0.5, 2.0);
+        let (voxels, solid) = room_with_discs([&[lamp]; 2], 0.5);
+        let found = solve(&voxels, &solid, PLACE, UP, 2);
+        let by_lamp = 2.0 * of_lamp(PLACE, UP, &Place { at: lamp, along: None });
+        let Shares { ambient, lamps } = found.at(PLACE, [0.15 + by_lamp; 3]);
+        assert_eq!(lamps.iter().map(|lamp| lamp.diameter_m).collect::<Vec<_>>(), [0.25, 1.6]);
+        // By hand each is half of the lamp's light, and the rest stays ambient.
+        let upward = lamps.iter().map(|lamp| {
+            lamp.shown_at_1_m[1] * of_lamp(PLACE, UP, &Place { at: lamp.at_m.into(), along: None }) / by_lamp
+        });
+        let upward: Vec<f64> = upward.collect();
+        assert!(upward.iter().all(|share| (share - 0.5).abs() < 0.25), "{upward:?}");
+        assert!((ambient[1] - 0.15).abs() < 0.04, "{ambient:?}");
+        // A bare lamp has next to none.
+        let bare = solved([&[lamp]; 2]).at(PLACE, [0.15 + by_lamp; 3]).lamps;
+        assert!(bare.len() == 1 || bare[1].shown_at_1_m[1] < 0.1 * bare[0].shown_at_1_m[1], "{bare:?}");
     }
 
     // Slow: lamps are searched in all frames and in each half of them.

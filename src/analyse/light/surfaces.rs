@@ -24,7 +24,7 @@ const HIGH_M: f64 = 3.2;
 const LOW_M: f64 = 0.4;
 
 /// Neighbours of one material and one direction are one patch, this wide, m: the pattern on a surface is no light on it.
-const PATCH_M: f64 = 0.08;
+pub const PATCH_M: f64 = 0.08;
 /// A patch of fewer is the sensor's noise.
 const FEWEST_VOXELS: usize = 3;
 
