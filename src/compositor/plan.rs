@@ -11,6 +11,7 @@ use crate::gpu::{Gpu, TexturePool};
 use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::render::{Footprint, Renderer, SamplePlan, Shutter, ViewKeys, largest_sum_px};
+use crate::scene::Scene;
 use crate::shadow::Chart;
 
 /// The parts of the scene in view while the shutter is open.
@@ -40,13 +41,19 @@ impl Sight {
         let footprint = renderer.footprint(job.picture, &keys, shutter);
         let objects = motions(renderer, job.picture, &keys.middle(), &pose_at(time_s + job.interval_s));
         let shades = seen(charts, job.picture, &keys);
-        let mut planes: Vec<Plane> = Vec::new();
-        for support in renderer.scene().objects.iter().filter_map(|object| object.support) {
-            let plane = support.normal.try_normalize().map(|normal| Plane { point_m: support.point_m, normal });
-            planes.extend(plane.filter(|plane| !planes.contains(plane)));
-        }
+        let planes = support_planes(renderer.scene());
         Self { shutter, keys, footprint, objects, shades, planes }
     }
+}
+
+/// The planes on which a scene's objects stand, each once.
+pub fn support_planes(scene: &Scene) -> Vec<Plane> {
+    let mut planes: Vec<Plane> = Vec::new();
+    for support in scene.objects.iter().filter_map(|object| object.support) {
+        let plane = support.normal.try_normalize().map(|normal| Plane { point_m: support.point_m, normal });
+        planes.extend(plane.filter(|plane| !planes.contains(plane)));
+    }
+    planes
 }
 
 fn shutter(settings: &Settings, exposure_time_s: f64, readout_time_s: f64, summed_to_s: f64) -> Shutter {

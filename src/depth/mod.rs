@@ -44,7 +44,7 @@ mod surfaces;
 mod surfels;
 mod vote;
 
-pub use contact::Plane;
+pub use contact::{Plane, flatten};
 pub use grid::DepthGrid;
 pub use last_repair::LastRepair;
 pub use matte::Shared;

@@ -14,7 +14,7 @@ use glam::DVec3;
 use super::Framing;
 use crate::camera::{Geometry, Response};
 use crate::compositor::seen_by_row;
-use crate::depth::{DepthGrid, Proxies, Rays, Seen, agreed_at_frame};
+use crate::depth::{DepthGrid, Plane, Proxies, Rays, Seen, agreed_at_frame, flatten};
 use crate::frame::Frame;
 use crate::pixels::DepthMap;
 use crate::tracking::PoseTrack;
@@ -31,6 +31,8 @@ pub struct Hiding<'a> {
     /// Stands for that of a frame without one.
     depth: &'a DepthMap,
     proxies: &'a Proxies,
+    /// On which objects stand.
+    planes: &'a [Plane],
 }
 
 /// Where a recording's camera sees a point at a time on the poses' clock; nowhere where it has no poses.
@@ -45,9 +47,9 @@ impl<'a> Hiding<'a> {
         (track, time_offset_s): (&'a PoseTrack, f64),
         framing: &'a Framing,
         response: &'a Response,
-        (depth, proxies): (&'a DepthMap, &'a Proxies),
+        (depth, proxies, planes): (&'a DepthMap, &'a Proxies, &'a [Plane]),
     ) -> Self {
-        Self { rays: Rays::new(recorded), recorded, track, time_offset_s, framing, response, depth, proxies }
+        Self { rays: Rays::new(recorded), recorded, track, time_offset_s, framing, response, depth, proxies, planes }
     }
 
     /// A frame's depth over the photograph; `None` if it is not known when it was measured from where.
@@ -57,6 +59,9 @@ impl<'a> Hiding<'a> {
         let from = (self.track, self.time_offset_s);
         let mut depth_m = agreed_at_frame(frame, depth, &self.rays, from, self.response)?;
         let then = (self.track, self.time_offset_s + frame.timestamp_s);
+        if let Ok(pose) = then.0.at(then.1) {
+            flatten(&mut depth_m, &self.rays, &pose, self.rays.full(), self.planes);
+        }
         self.proxies.put(&mut depth_m, self.rays.full(), |point| seen_in(self.recorded, then, point));
         DepthGrid::of_frame(
             &frame.pixels,

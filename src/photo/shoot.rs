@@ -100,9 +100,10 @@ impl Shoot<'_> {
         } else {
             let by_depth = self.frame.depth.as_ref().filter(|_| shot.settings.depth.occlusion);
             let from = (&recording.track, recording.time_offset_s);
-            let proxies = self.compositor.proxies();
-            let by_depth =
-                by_depth.map(|depth| Hiding::new(&self.whole, from, framing, &self.camera.response, (depth, &proxies)));
+            let (proxies, planes) = (self.compositor.proxies(), self.compositor.support_planes());
+            let by_depth = by_depth.map(|depth| {
+                Hiding::new(&self.whole, from, framing, &self.camera.response, (depth, &proxies, &planes))
+            });
             for (frame, weight) in recording.frames_beside(range)?.zip(weights) {
                 let frame = frame?;
                 let time_s = frame.timestamp_s - self.frame.timestamp_s;

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use crate::camera::{Camera, Capture, FilmUsed, Geometry, Opening, Summed};
 use crate::compositor::{Compositor, Job, RealDepth, Settings, SubmitError, Target};
-use crate::depth::{DepthGrid, FAR_M, Proxies, Surfaces};
+use crate::depth::{DepthGrid, FAR_M, Rays, Surfaces, flatten};
 use crate::effects::depth_of_field::WIDEST_PX;
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::GpuError;
@@ -114,12 +114,8 @@ pub fn take(
         let circle = |z: f64| opening.circle_px(framing.geometry.intrinsics.fx_px, z).abs();
         circle(f64::from(least_m)).max(circle(f64::INFINITY))
     });
-    let proxies = compositor.proxies();
     let is_measured = measured_m.is_some();
-    let depth_m: Option<Cow<'_, [f32]>> = match proxies.is_empty() {
-        true => measured_m.map(Cow::from),
-        false => Some(with(&proxies, measured_m.map(<[f32]>::to_vec), standpoint).into()),
-    };
+    let depth_m = real_depth_m(compositor, standpoint);
     let grid =
         depth_m.as_deref().filter(|_| circles_px > 0.0 || standpoint.settings.depth.occlusion).and_then(|depth_m| {
             let recorded = &standpoint.recorded.intrinsics;
@@ -175,13 +171,22 @@ pub fn take(
     Ok(Taken { pixels: Pixels { width, height, codes: Codes::U8(out) }, shows_objects })
 }
 
-/// A recorded picture's depth with what stands in for real things. Where there was no sensor it is far away.
-fn with(proxies: &Proxies, depth_m: Option<Vec<f32>>, standpoint: &Standpoint<'_>) -> Vec<f32> {
-    let i = &standpoint.recorded.intrinsics;
-    let whole = Rect::full(i.width_px, i.height_px);
-    let mut depth_m = depth_m.unwrap_or_else(|| vec![FAR_M; i.width_px as usize * i.height_px as usize]);
+/// The recorded picture's depth at the frame's moment with the planes on which objects stand, and with proxies.
+fn real_depth_m<'a>(compositor: &Compositor, standpoint: &Standpoint<'a>) -> Option<Cow<'a, [f32]>> {
+    let size = &standpoint.recorded.intrinsics;
+    let whole = Rect::full(size.width_px, size.height_px);
     let from = (standpoint.track, standpoint.timestamp_s + standpoint.time_offset_s);
-    proxies.put(&mut depth_m, whole, |point| seen_in(standpoint.recorded, from, point));
+    let mut depth_m = standpoint.depth_m.map(Cow::from);
+    let planes = compositor.support_planes();
+    if let (Some(measured_m), Ok(pose), false) = (&mut depth_m, from.0.at(from.1), planes.is_empty()) {
+        flatten(measured_m.to_mut(), &Rays::new(standpoint.recorded), &pose, whole, &planes);
+    }
+    let proxies = compositor.proxies();
+    if !proxies.is_empty() {
+        let far = || Cow::from(vec![FAR_M; size.width_px as usize * size.height_px as usize]);
+        let all_m = depth_m.get_or_insert_with(far).to_mut();
+        proxies.put(all_m, whole, |point| seen_in(standpoint.recorded, from, point));
+    }
     depth_m
 }
 
