@@ -43,7 +43,7 @@ for site in range(first, last + 1):
     true_white = mean(truth["upward"]) + sum(shown(*lamp, place) - shown(*lamp, truth["at_m"]) for lamp in truth_lamps)
     lamps = sorted(truth_lamps, key=lambda lamp: -shown(*lamp, place))
     # Without the wide lamps of bounce light.
-    found = [lamp["at_m"] for lamp in light.get("lamps", []) if lamp["diameter_m"] < 1]
+    found = [lamp["at_m"] for lamp in light.get("lamps", []) if lamp["diameter_m"] < 1.0]
     deg = [min((off_deg(way(at, place), way(f, place)) for f in found), default=math.inf) for at, _ in lamps]
     white = mean(light["white_level"])
     ratio, (low, high) = white / true_white, light["between"]

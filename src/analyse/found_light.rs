@@ -58,8 +58,8 @@ pub struct FoundLight {
 /// No lamp of a room is farther away, m, or shows more at 1 m: the sun through a window is near 10⁴.
 const FARTHEST_M: f64 = 1e4;
 const BRIGHTEST: f64 = 1e6;
-/// Nor wider, m.
-const WIDEST_M: f64 = 100.0;
+/// Largest accepted lamp diameter, m.
+const MAX_DIAMETER_M: f64 = 100.0;
 
 /// Numbers that people read have so many digits.
 fn short<const N: usize>(values: [f64; N]) -> [f64; N] {
@@ -102,10 +102,10 @@ impl FoundLight {
         for (n, lamp) in self.lamps.iter().enumerate() {
             let is_near = lamp.at_m.iter().all(|v| v.abs() <= FARTHEST_M);
             let is_bright = lamp.shown_at_1_m.iter().all(|v| (0.0..=BRIGHTEST).contains(v));
-            if !(is_near && is_bright && (0.0..=WIDEST_M).contains(&lamp.diameter_m)) {
+            if !(is_near && is_bright && (0.0..=MAX_DIAMETER_M).contains(&lamp.diameter_m)) {
                 return Err(format!(
                     "light.lamps, lamp {}: at_m from -{FARTHEST_M} to {FARTHEST_M}, shown_at_1_m from 0 to {BRIGHTEST} and \
-                     diameter_m from 0 to {WIDEST_M} are expected",
+                     diameter_m from 0 to {MAX_DIAMETER_M} are expected",
                     n + 1
                 ));
             }
@@ -172,8 +172,10 @@ impl FoundLight {
         });
         for lamp in &self.lamps {
             let (at, shown) = (all(lamp.at_m), all(lamp.shown_at_1_m));
-            let wide_m = lamp.diameter_m;
-            lines.push(("lamp", format!("at {at} m, {wide_m} m wide, shows {shown} at 1 m{halves}")));
+            lines.push(match lamp.is_bounce() {
+                false => ("lamp", format!("at {at} m, shows {shown} at 1 m{halves}")),
+                true => ("bounce", format!("of the lamp at {at} m, {} m wide, shows {shown} at 1 m", lamp.diameter_m)),
+            });
         }
         lines.extend(self.no_lamp.iter().map(|why| ("lamp", format!("none claimed: {why}"))));
         lines

@@ -28,7 +28,12 @@ pub fn lit_anew(
         return Ok(Err("nothing was found of the room's light".to_owned()));
     };
     let eye = Eye::new(analysis.findings.camera.clone());
-    let found: Vec<DVec3> = was.iter().flat_map(|light| &light.lamps).map(|lamp| lamp.at_m.into()).collect();
+    let found: Vec<DVec3> = was
+        .iter()
+        .flat_map(|light| &light.lamps)
+        .filter(|lamp| !lamp.is_bounce())
+        .map(|lamp| lamp.at_m.into())
+        .collect();
     // Maps of a recording that follows refined poses say their time themselves.
     let later_s = if analysis.track.is_some() { 0.0 } else { analysis.findings.registration.depth_later_s };
     let known = Known {

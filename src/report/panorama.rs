@@ -29,7 +29,8 @@ pub fn panorama(source: &Source<'_>) -> Result<Figure, ReportError> {
         return Ok(Figure::left_out(title, why.unwrap_or_else(|| "it was not looked for".to_owned())));
     };
     let (middle_m, up) = (light.middle_m.map_or(DVec3::ZERO, DVec3::from), light.up.map_or(DVec3::Z, DVec3::from));
-    let lamps: Vec<_> = light.lamps.iter().map(|lamp| seen_from(lamp, middle_m, up, around)).collect();
+    let lamps = light.lamps.iter().filter(|lamp| !lamp.is_bounce());
+    let lamps: Vec<_> = lamps.map(|lamp| seen_from(lamp, middle_m, up, around)).collect();
     let (width, height) = (ENLARGED * around.width, ENLARGED * around.height);
     let picture = png_uri(&drawn(around, &lamps), width, height)?;
     let percent = |share: Option<f64>| fixed(100.0 * share.unwrap_or_default(), 0);

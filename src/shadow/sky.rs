@@ -253,11 +253,15 @@ impl Sky {
                 range_m: point.range_m,
                 spot: point.spot.map(|(axis, angles)| (turn * axis, angles)),
                 radius_m: 0.5 * point.diameter_m,
-                points_m: disc(LAMP).map(|at| at_m + 0.5 * point.diameter_m * (aside * at.x + over * at.y)).collect(),
+                // A part of a wide one is below the horizon.
+                points_m: disc(LAMP)
+                    .map(|at| at_m + 0.5 * point.diameter_m * (aside * at.x + over * at.y))
+                    .filter(|point_m| at_m.z <= 0.0 || point_m.z > 0.0)
+                    .collect(),
             }
         });
         let light = rays.iter().map(|ray| ray.light).sum();
-        let (lamps, hidden) = lamps.partition(|lamp| lamp.at_m.z > lamp.radius_m);
+        let (lamps, hidden) = lamps.partition(|lamp| lamp.at_m.z > 0.0 && !lamp.points_m.is_empty());
         let behind = far.map(|far| Arc::new(Behind { far: behind(far, &lighting.suns, turn), lamps: hidden }));
         Self { rays, lamps, light, behind }
     }

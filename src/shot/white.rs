@@ -15,7 +15,7 @@ use glam::{DVec3, Vec3};
 use super::{Shot, SurfaceError, View};
 use crate::camera::Response;
 use crate::frame::Frame;
-use crate::scene::{Lighting, Support};
+use crate::scene::{Lighting, PointLight, Support};
 use crate::shadow::{OnWhite, on_white};
 
 /// The patch reaches so far around the place, px of 640 across.
@@ -37,6 +37,8 @@ pub const FACTORS: [f64; 2] = [0.125, 8.0];
 const MOST_TINT: f64 = 3.0;
 /// A lamp of which some is seen counts as half a shadow where it brings at least this share of the light.
 const MATTERS: f32 = 0.05;
+/// Lamps wider than this have penumbrae that are as even as the light of an open sky, m.
+const SMOOTH_PENUMBRA_M: f64 = 1.0;
 
 /// A place in a frame's picture where a neutral matt surface of known reflectance is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -122,7 +124,7 @@ impl Shot {
             }
             let support = Support { point_m: surface.point_m, normal: surface.normal_in_world };
             let comes = on_white(lighting, &room, &support);
-            let factors = factors(shown, *reflectance, &comes)?;
+            let factors = factors(shown, *reflectance, &comes, &lighting.points)?;
             Ok(White { factors, point_m: support.point_m, normal: support.normal, shown, comes })
         };
         picks.iter().enumerate().map(|(n, pick)| of(pick).map_err(|error| (n, error))).collect()
@@ -130,10 +132,11 @@ impl Shot {
 }
 
 /// B / (ρ·W) of each channel.
-fn factors(shown: [f64; 3], reflectance: f64, comes: &OnWhite) -> Result<[f64; 3], WhiteError> {
+fn factors(shown: [f64; 3], reflectance: f64, comes: &OnWhite, lamps: &[PointLight]) -> Result<[f64; 3], WhiteError> {
     let light = comes.light();
     for (n, (by, seen)) in comes.lamps.iter().enumerate() {
-        let matters = mean(*by) > MATTERS * mean(light + *by);
+        let is_wide = lamps.get(n).is_some_and(|lamp| f64::from(lamp.diameter_m) > SMOOTH_PENUMBRA_M);
+        let matters = !is_wide && mean(*by) > MATTERS * mean(light + *by);
         if matters && *seen > 0.0 && *seen < 1.0 {
             return Err(WhiteError::HalfShadow { lamp: n + 1, percent: 100.0 * f64::from(*seen) });
         }
@@ -259,29 +262,31 @@ mod tests {
         let is_about = |found: [f64; 3], expected: [f64; 3]| {
             assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?} {expected:?}");
         };
-        is_about(factors([0.78, 0.72, 0.51], 0.8, &comes).unwrap(), [1.5, 1.2, 0.75]);
+        is_about(factors([0.78, 0.72, 0.51], 0.8, &comes, &[]).unwrap(), [1.5, 1.2, 0.75]);
         // A grey card of 0.3.
-        is_about(factors([0.195, 0.225, 0.255], 0.3, &comes).unwrap(), [1.0; 3]);
+        is_about(factors([0.195, 0.225, 0.255], 0.3, &comes, &[]).unwrap(), [1.0; 3]);
         // Behind something it has the sky's alone.
         let hidden = OnWhite { lamps: vec![(lamp.0, 0.0)], ..comes.clone() };
-        is_about(factors([0.32, 0.72, 0.48], 0.8, &hidden).unwrap(), [1.0, 1.8, 1.0]);
+        is_about(factors([0.32, 0.72, 0.48], 0.8, &hidden, &[]).unwrap(), [1.0, 1.8, 1.0]);
         let half = OnWhite { lamps: vec![(lamp.0, 0.5)], ..comes.clone() };
-        assert!(matches!(factors([0.72; 3], 0.8, &half), Err(WhiteError::HalfShadow { lamp: 1, .. })));
+        assert!(matches!(factors([0.72; 3], 0.8, &half, &[]), Err(WhiteError::HalfShadow { lamp: 1, .. })));
         // A lamp that hardly counts may be half seen.
         let weak = OnWhite { lamps: vec![lamp, (Vec3::splat(0.02), 0.5)], ..comes };
-        assert!(factors([0.72; 3], 0.8, &weak).is_ok());
+        assert!(factors([0.72; 3], 0.8, &weak, &[]).is_ok());
         let dark = OnWhite { far: Vec3::ZERO, lamps: Vec::new() };
-        assert!(matches!(factors([0.72; 3], 0.8, &dark), Err(WhiteError::Unlit)));
+        assert!(matches!(factors([0.72; 3], 0.8, &dark, &[]), Err(WhiteError::Unlit)));
     }
 
     #[test]
     fn factors_that_no_white_implies_are_refused() {
         let comes = OnWhite { far: Vec3::ONE, lamps: Vec::new() };
         for shown in [0.8 * 0.12, 0.8 * 8.1] {
-            assert!(matches!(factors([shown; 3], 0.8, &comes), Err(WhiteError::Implausible { .. })), "{shown}");
+            assert!(matches!(factors([shown; 3], 0.8, &comes, &[]), Err(WhiteError::Implausible { .. })), "{shown}");
         }
-        assert!(factors([0.8 * 0.13; 3], 0.8, &comes).is_ok() && factors([0.8 * 7.9; 3], 0.8, &comes).is_ok());
-        let red = factors([0.9, 0.28, 0.6], 0.8, &comes);
+        assert!(
+            factors([0.8 * 0.13; 3], 0.8, &comes, &[]).is_ok() && factors([0.8 * 7.9; 3], 0.8, &comes, &[]).is_ok()
+        );
+        let red = factors([0.9, 0.28, 0.6], 0.8, &comes, &[]);
         assert!(matches!(red, Err(WhiteError::Coloured { ratio }) if (ratio - 0.9 / 0.28).abs() < 1e-9), "{red:?}");
     }
 

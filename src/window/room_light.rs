@@ -44,7 +44,8 @@ pub fn show(ui: &mut Ui, project: &mut Project) -> Option<String> {
 fn offer(ui: &mut Ui, project: &mut Project) -> Option<String> {
     let (text, button) = match project.found_light() {
         Some(light) => {
-            let lamps = if light.lamps.is_empty() { "no lamps".to_owned() } else { count(light.lamps.len(), "lamp") };
+            let lamps = light.lamps.iter().filter(|lamp| !lamp.is_bounce()).count();
+            let lamps = if lamps == 0 { "no lamps".to_owned() } else { count(lamps, "lamp") };
             (format!("Light from the footage: panorama, {lamps}."), "Copy to scene and edit")
         }
         None => ("Default light: nothing says how the room is lit.".to_owned(), "Edit light"),

@@ -91,7 +91,7 @@ fn a_scene_without_light_takes_that_of_the_footage_and_one_with_light_keeps_its_
     let analysis = folder.path().join("site.analysis");
     let light = found.findings.light.as_ref().unwrap();
     // The lamp, and the bounce light around it.
-    assert_eq!(light.lamps.iter().map(|lamp| lamp.diameter_m).collect::<Vec<_>>(), [0.25, 1.6], "{light:?}");
+    assert_eq!(light.lamps.iter().map(|lamp| lamp.is_bounce()).collect::<Vec<_>>(), [false, true], "{light:?}");
     assert_eq!(light.lamps[0].at_m, light.lamps[1].at_m);
 
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");

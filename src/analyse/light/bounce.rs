@@ -1,47 +1,67 @@
-//! Bounce light: what the unseen wall, ceiling or shade near a lamp reflects.
+//! Bounce light: a lamp's light reflected by the unseen wall, ceiling or shade beside it.
 //!
-//! Surfaces near a lamp are brighter by it than all others, E ∝ 1/d², and nearly all of their reflected light comes from within a
-//! distance of a few d. So it reaches a place from about the lamp's direction, as the lamp's own light does, but from tens of
-//! degrees around it: its shadows are soft. It is modelled as a second, wide lamp at the lamp's place. Not modelled: where those
-//! surfaces are, and that one of them may be seen.
+//! It reaches a surface from within tens of degrees of the lamp, so its shadows are soft. It is modelled as a second lamp of
+//! 1.6 m diameter at the same place. cos θ/d² is harmonic in the lamp's position, so that as long as the whole sphere of
+//! [`places`] is over a surface's horizon, the mean over it is the share of its centre. Not modelled: the position of the
+//! reflecting surfaces; reflecting surfaces that are in view, whose light the panorama has as well.
 
 use glam::DVec3;
 
+use super::blocked::Blocked;
 use super::lit::Place;
 
-/// Diameter of the wide lamp, m.
+/// Diameter of the second lamp, m.
 pub const DIAMETER_M: f64 = 1.6;
-/// Bounce light that is a smaller share of all light at the place is left to the light from around.
+/// Smallest share of the white level that is written as bounce light; less is left to the ambient light.
 pub const MIN_SHARE: f64 = 0.02;
-/// A lamp that gives white which looks up less than this, by what it shows at 1 m, is at the horizon: its bounce light is left out,
-/// too.
-pub const MIN_EVEN: f64 = 1e-3;
-/// Places by which its shares are averaged: on a sphere whose projection has the disc's second moment, r²/2 = (2/3)·R².
-const PLACES: usize = 16;
+/// Radius R of the sphere whose projection has the second moment of the lamp's disc of radius r: (2/3)·R² = r²/2, m.
 const RADIUS_M: f64 = 0.5 * DIAMETER_M * 0.866_025_403_784_438_6;
-/// π(3 − √5), rad: the angle between successive places of a Fibonacci sphere.
+const SPHERE_SAMPLES: usize = 16;
+/// π(3 − √5), rad: the angle between successive points of a Fibonacci sphere.
 const GOLDEN_RAD: f64 = 2.399_963_229_728_653;
 
-/// The mean of a share over the sphere around a lamp.
-pub fn mean_share(lamp: &Place, share: impl Fn(&Place) -> f64) -> f64 {
+/// Samples of the sphere around a lamp that are visible from the lamp: none lies behind a measured wall.
+pub fn places(lamp: &Place, blocked: &Blocked) -> Vec<Place> {
     let on_sphere = |n: usize| {
-        let z = 1.0 - (2 * n + 1) as f64 / PLACES as f64;
+        let z = 1.0 - (2 * n + 1) as f64 / SPHERE_SAMPLES as f64;
         let (sin, cos) = (GOLDEN_RAD * n as f64).sin_cos();
         let across = (1.0 - z * z).sqrt();
         Place { at: lamp.at + RADIUS_M * DVec3::new(across * cos, across * sin, z), along: None }
     };
-    (0..PLACES).map(|n| share(&on_sphere(n))).sum::<f64>() / PLACES as f64
+    let is_visible = |place: &Place| !blocked.is_blocked(lamp.at, DVec3::ZERO, place.at);
+    let visible: Vec<Place> = (0..SPHERE_SAMPLES).map(on_sphere).filter(is_visible).collect();
+    if visible.is_empty() { vec![Place { along: None, ..*lamp }] } else { visible }
+}
+
+/// The mean share of a lamp's [`places`].
+pub fn mean_share(places: &[Place], share: impl Fn(&Place) -> f64) -> f64 {
+    places.iter().map(share).sum::<f64>() / places.len().max(1) as f64
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::lit::of_lamp;
     use super::*;
 
     #[test]
-    fn half_of_a_sphere_that_is_hidden_shows_half() {
-        let lamp = Place { at: DVec3::new(1.0, 2.0, 3.0), along: None };
-        let share = |place: &Place| if place.at.z > 3.0 { 1.0 } else { 0.0 };
-        assert_eq!(mean_share(&lamp, share), 0.5);
-        assert!((mean_share(&lamp, |place| place.at.distance(lamp.at)) - RADIUS_M).abs() < 1e-12);
+    fn mean_share_of_a_sphere_over_the_horizon_is_that_of_its_centre() {
+        let lamp = Place { at: DVec3::new(1.0, 0.5, 2.0), along: None };
+        let all = places(&lamp, &Blocked::new(&[]));
+        assert_eq!(all.len(), SPHERE_SAMPLES);
+        assert!(all.iter().all(|place| (place.at.distance(lamp.at) - RADIUS_M).abs() < 1e-12));
+        let of = |place: &Place| of_lamp(DVec3::ZERO, DVec3::Z, place);
+        assert!((mean_share(&all, of) / of(&lamp) - 1.0).abs() < 0.02, "{} {}", mean_share(&all, of), of(&lamp));
+    }
+
+    #[test]
+    fn samples_behind_a_measured_ceiling_are_left_out() {
+        let ceiling: Vec<DVec3> =
+            (0..6400).map(|n| DVec3::new(0.03 * (n % 80) as f64 - 1.2, 0.03 * (n / 80) as f64 - 1.2, 2.5)).collect();
+        let lamp = Place { at: DVec3::new(0.0, 0.0, 2.2), along: None };
+        let visible = places(&lamp, &Blocked::new(&ceiling));
+        // Cells of 4 cm are looked at.
+        assert!(visible.iter().all(|place| place.at.z < 2.54), "{visible:?}");
+        // By hand (1 + 0.3/0.693)/2 = 0.72 of the sphere's area.
+        assert!((10..=12).contains(&visible.len()), "{}", visible.len());
     }
 }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Diameter of a lamp that nobody saw, m: between a bulb in its shade and a panel in the ceiling.
+/// Assumed diameter of an unseen lamp, m: between a shaded bulb and a ceiling panel.
 pub const LAMP_M: f64 = 0.25;
 
 /// A lamp, as if it shone evenly into all directions: as bright at the place as it is.
@@ -12,13 +12,20 @@ pub struct FoundLamp {
     pub at_m: [f64; 3],
     /// What a white matt surface that faces it shows at 1 m, linear: red, green, blue.
     pub shown_at_1_m: [f64; 3],
-    /// m: [`LAMP_M`], or wider for the light that surfaces near a lamp reflect.
+    /// Diameter, m; larger than [`LAMP_M`] for bounce light.
     #[serde(default = "lamp_m")]
     pub diameter_m: f64,
 }
 
 fn lamp_m() -> f64 {
     LAMP_M
+}
+
+impl FoundLamp {
+    /// Whether it is the bounce light of a lamp at the same place.
+    pub fn is_bounce(&self) -> bool {
+        self.diameter_m > LAMP_M
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

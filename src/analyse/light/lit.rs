@@ -2,9 +2,8 @@
 //!
 //!   B = ρ_m·(a + b(1 + n_z)/2 + Σ I_k·V·cos θ/d² + Σ J_k·mean(V·cos θ/d²))
 //!
-//! ρ_m is one reflectance for each material m, a bin of chroma. The last sum is bounce light: what the wall, the ceiling or the
-//! shade near lamp k reflects. It comes from all around the lamp, so that its shadows are soft; the mean is over places around
-//! it ([`bounce`](super::bounce)). In turn: ln ρ_m is the median of what the light leaves of ln B; a, b, I_k and J_k ≥ 0 follow
+//! ρ_m is one reflectance for each material m, a bin of chroma. The last sum is bounce light, with a mean over places around
+//! lamp k ([`bounce`](super::bounce)). In turn: ln ρ_m is the median of what the light leaves of ln B; a, b, I_k and J_k ≥ 0 follow
 //! from least squares of ln B by Gauss and Newton, weighted by Cauchy's w = 1/(1 + (r/0.25)²). The score is Cauchy's mean
 //! loss. Not modelled: other indirect light, but as light from around; surfaces that shine.
 
@@ -12,9 +11,10 @@ use glam::DVec3;
 
 /// Cauchy's scale, ln.
 const SCALE: f64 = 0.25;
-/// Largest number of lamps, and of unknowns.
+/// Largest number of lamps.
 pub const MOST_LAMPS: usize = 3;
-const MOST: usize = 2 + 2 * MOST_LAMPS;
+/// Largest number of unknowns.
+pub const MAX_UNKNOWNS: usize = 2 + 2 * MOST_LAMPS;
 /// Sweeps over the unknowns.
 const SWEEPS: usize = 60;
 
@@ -49,11 +49,11 @@ pub struct Fit {
 }
 
 /// What each unknown gives a surface.
-pub type Shares = [f64; MOST];
+pub type Shares = [f64; MAX_UNKNOWNS];
 
 /// Of what comes from around and above.
 pub fn ambient(normal: DVec3, up: DVec3) -> Shares {
-    let mut shares = [0.0; MOST];
+    let mut shares = [0.0; MAX_UNKNOWNS];
     (shares[0], shares[1]) = (1.0, 0.5 * (1.0 + normal.dot(up)));
     shares
 }
@@ -83,12 +83,12 @@ pub fn sorted(mut points: Vec<Point>) -> Vec<Point> {
     points
 }
 
-/// `points` are [`sorted`]; `shares`: one for each, of ambient light and of `lamps`.
+/// `points` are [`sorted`]; `shares`: one for each. Columns: around, above, `lamps`.
 pub fn fit(points: &[Point], shares: &[Shares], lamps: usize, rounds: usize) -> Fit {
     fit_sources(points, shares, lamps, lamps, rounds)
 }
 
-/// As [`fit`]; each lamp's bounce light has a share, too, in the lamps' order and after all of them.
+/// Fits direct and bounce light. Columns: around, above, all direct, all bounce.
 pub fn fit_with_bounce(points: &[Point], shares: &[Shares], lamps: usize, rounds: usize) -> Fit {
     fit_sources(points, shares, lamps, 2 * lamps, rounds)
 }
@@ -101,7 +101,7 @@ fn fit_sources(points: &[Point], shares: &[Shares], lamps: usize, sources: usize
         2 => fit_to::<4>(points, shares, lamps, rounds),
         3 => fit_to::<5>(points, shares, lamps, rounds),
         4 => fit_to::<6>(points, shares, lamps, rounds),
-        _ => fit_to::<MOST>(points, shares, lamps, rounds),
+        _ => fit_to::<MAX_UNKNOWNS>(points, shares, lamps, rounds),
     }
 }
 
@@ -109,14 +109,14 @@ fn fit_sources(points: &[Point], shares: &[Shares], lamps: usize, sources: usize
 fn fit_to<const COUNT: usize>(points: &[Point], shares: &[Shares], lamps: usize, rounds: usize) -> Fit {
     let materials = points.last().map_or(0, |point| point.material + 1);
     let mut reflectance = vec![0.0; materials];
-    let mut x = [0.0; MOST];
+    let mut x = [0.0; MAX_UNKNOWNS];
     (x[0], x[1]) = (0.5, 0.5);
-    // As bright as everything else together.
-    for k in 2..COUNT {
+    // Each lamp is as bright as everything else together, and has no bounce light.
+    for k in 2..2 + lamps {
         let mean = shares.iter().map(|s| s[k]).sum::<f64>() / shares.len().max(1) as f64;
         x[k] = if mean > 0.0 { 1.0 / mean } else { 0.0 };
     }
-    let sum = |x: &[f64; MOST], s: &Shares| x[..COUNT].iter().zip(s).map(|(x, s)| x * s).sum::<f64>().max(1e-9);
+    let sum = |x: &[f64; MAX_UNKNOWNS], s: &Shares| x[..COUNT].iter().zip(s).map(|(x, s)| x * s).sum::<f64>().max(1e-9);
     let mut lit: Vec<f64> = shares.iter().map(|s| sum(&x, s)).collect();
     // What light leaves of each point's ln, and room for those of a material.
     let (mut left, mut of_material) = (vec![0.0; points.len()], Vec::new());
@@ -126,7 +126,7 @@ fn fit_to<const COUNT: usize>(points: &[Point], shares: &[Shares], lamps: usize,
     for _ in 0..rounds {
         unlit(&lit, &mut left);
         medians(points, &left, &mut reflectance, &mut of_material);
-        let (mut normal, mut right) = ([[0.0; MOST]; MOST], [0.0; MOST]);
+        let (mut normal, mut right) = ([[0.0; MAX_UNKNOWNS]; MAX_UNKNOWNS], [0.0; MAX_UNKNOWNS]);
         for (n, (point, s)) in points.iter().zip(shares).enumerate() {
             let off = left[n] - reflectance[point.material];
             let w = 1.0 / (1.0 + (off / SCALE).powi(2));
@@ -172,7 +172,12 @@ fn medians(points: &[Point], left: &[f64], reflectance: &mut [f64], of_material:
 }
 
 /// Least squares with no unknown below 0, by Gauss and Seidel: `normal` has its lower half.
-fn not_negative(normal: &[[f64; MOST]; MOST], right: &[f64; MOST], count: usize, x: &mut [f64; MOST]) {
+fn not_negative(
+    normal: &[[f64; MAX_UNKNOWNS]; MAX_UNKNOWNS],
+    right: &[f64; MAX_UNKNOWNS],
+    count: usize,
+    x: &mut [f64; MAX_UNKNOWNS],
+) {
     /// A share of the diagonal that holds what nothing tells.
     const HELD: f64 = 1e-9;
     for _ in 0..SWEEPS {

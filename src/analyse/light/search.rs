@@ -5,8 +5,8 @@ use std::sync::OnceLock;
 use glam::{DVec3, USizeVec3};
 
 use super::blocked::Blocked;
-use super::bounce::mean_share;
-use super::lit::{Fit, MOST_LAMPS, Place, Point, Shares, ambient, fit, fit_with_bounce, of_lamp};
+use super::bounce::{self, mean_share};
+use super::lit::{Fit, MOST_LAMPS, Place, Point, Shares, ambient, fit, of_lamp};
 use super::surfaces::PATCH_M;
 use crate::rows::over_rows;
 
@@ -163,8 +163,7 @@ impl Search<'_> {
         fit(self.points, &self.shares(self.points, lamps), lamps.len(), rounds)
     }
 
-    /// The mean share of a lamp over a patch, by the middles of its quarters: a shadow's edge within the patch is not taken for a
-    /// soft shadow.
+    /// Averages over the middles of a patch's quarters, because a hard shadow edge inside it would look like a penumbra.
     fn share_of_patch(&self, point: &Point, lamp: &Place) -> f64 {
         let (x, y) = point.normal.any_orthonormal_pair();
         let quarter_m = 0.25 * PATCH_M;
@@ -172,17 +171,18 @@ impl Search<'_> {
         middles.iter().map(|middle| self.share(middle, lamp)).sum::<f64>() / middles.len() as f64
     }
 
-    /// As [`Self::with`], with the lamps' bounce light.
-    pub fn with_bounce(&self, lamps: &[Place], rounds: usize) -> Fit {
-        let points = self.points;
-        let mut shares: Vec<Shares> = points.iter().map(|point| ambient(point.normal, self.room.up)).collect();
+    /// Of ambient light, of all lamps, and of their bounce light.
+    pub fn shares_with_bounce(&self, lamps: &[Place]) -> Vec<Shares> {
+        let spheres: Vec<Vec<Place>> = lamps.iter().map(|lamp| bounce::places(lamp, self.blocked)).collect();
+        let mut shares: Vec<Shares> = self.points.iter().map(|point| ambient(point.normal, self.room.up)).collect();
         over_rows(&mut shares, 1, self.threads, |n, shares| {
-            for (k, lamp) in lamps.iter().enumerate() {
-                shares[0][2 + k] = self.share_of_patch(&points[n], lamp);
-                shares[0][2 + lamps.len() + k] = mean_share(lamp, |place| self.share(&points[n], place));
+            let point = &self.points[n];
+            for (k, (lamp, sphere)) in lamps.iter().zip(&spheres).enumerate() {
+                shares[0][2 + k] = self.share_of_patch(point, lamp);
+                shares[0][2 + lamps.len() + k] = mean_share(sphere, |place| self.share(point, place));
             }
         });
-        fit_with_bounce(points, &shares, lamps.len(), rounds)
+        shares
     }
 
     pub fn lamps(&self, most: usize) -> Found {

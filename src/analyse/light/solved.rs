@@ -12,7 +12,8 @@ use glam::DVec3;
 use super::blocked::Blocked;
 use super::bounce::{self, mean_share};
 use super::found::{FoundLamp, LAMP_M};
-use super::lit::{Light, MOST_LAMPS, Place, of_lamp};
+use super::lit::{self, Light, MOST_LAMPS, Place, fit, fit_with_bounce, of_lamp};
+use super::sample::relative_luminance;
 use super::search::Search;
 use super::surfaces::{Of, points, room};
 use super::voxels::Voxel;
@@ -29,6 +30,8 @@ const LEAST_LIGHT: f64 = 1e-6;
 /// Lamps, and their light and that from around and above in unknown units.
 pub struct Solved {
     pub lamps: Vec<Place>,
+    /// Of each lamp, the places of its bounce light.
+    spheres: Vec<Vec<Place>>,
     luminance: Light,
     colours: [Light; 3],
     blocked: Blocked,
@@ -101,17 +104,38 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads
     if verdict.no_lamp.is_some() {
         return Solved::without_lamps(verdict, up);
     }
-    let (luminance, colours) = light(voxels, &search, &found.lamps);
-    Solved { lamps: found.lamps, luminance, colours, blocked, up, verdict }
+    let light = light(voxels, &search, &found.lamps);
+    Solved::new(found.lamps, light, blocked, up, verdict)
 }
 
-/// The light with lamps whose places are known: of luminance and of each colour.
+/// The light with lamps whose places are known: of luminance and of each colour. How a lamp's light is parted into direct and
+/// bounce light follows from luminance, so that both have one colour.
 pub fn light(voxels: &[Voxel], search: &Search<'_>, lamps: &[Place]) -> (Light, [Light; 3]) {
+    let shares = search.shares_with_bounce(lamps);
+    let luminance = fit_with_bounce(search.points, &shares, lamps.len(), ROUNDS).light;
+    let together: Vec<lit::Shares> = shares
+        .iter()
+        .map(|shares| {
+            let mut together = [0.0; lit::MAX_UNKNOWNS];
+            together[..2].copy_from_slice(&shares[..2]);
+            for k in 0..lamps.len() {
+                together[2 + k] =
+                    luminance.lamps[k] * shares[2 + k] + luminance.bounce[k] * shares[2 + lamps.len() + k];
+            }
+            together
+        })
+        .collect();
     let colours = [0, 1, 2].map(|c| {
+        // The same surfaces in the same order: materials do not depend on the colour.
         let points = points(voxels, 2, Of::Colour(c));
-        Search { points: &points, ..*search }.with_bounce(lamps, ROUNDS).light
+        let mut light = fit(&points, &together, lamps.len(), ROUNDS).light;
+        for k in 0..lamps.len() {
+            light.bounce[k] = light.lamps[k] * luminance.bounce[k];
+            light.lamps[k] *= luminance.lamps[k];
+        }
+        light
     });
-    (search.with_bounce(lamps, ROUNDS).light, colours)
+    (luminance, colours)
 }
 
 impl Solved {
@@ -122,13 +146,14 @@ impl Solved {
         up: DVec3,
         verdict: Verdict,
     ) -> Self {
-        Self { lamps, luminance, colours, blocked, up, verdict }
+        let spheres = lamps.iter().map(|lamp| bounce::places(lamp, &blocked)).collect();
+        Self { lamps, spheres, luminance, colours, blocked, up, verdict }
     }
 
     /// Light from around and above alone.
     pub fn without_lamps(verdict: Verdict, up: DVec3) -> Self {
         let even = Light { around: 1.0, ..Light::default() };
-        Self { lamps: Vec::new(), luminance: even, colours: [even; 3], blocked: Blocked::new(&[]), up, verdict }
+        Self::new(Vec::new(), (even, [even; 3]), Blocked::new(&[]), up, verdict)
     }
 
     /// The light on a surface by that on one which looks up at the place with nothing in the way.
@@ -144,8 +169,9 @@ impl Solved {
 
     fn by_lamps(&self, share: &impl Fn(&Place) -> f64, light: &Light) -> f64 {
         let direct: f64 = self.lamps.iter().zip(light.lamps).map(|(lamp, shown)| share(lamp) * shown).sum();
-        let bounced = |(lamp, shown): (&Place, f64)| if shown > 0.0 { mean_share(lamp, share) * shown } else { 0.0 };
-        direct + self.lamps.iter().zip(light.bounce).map(bounced).sum::<f64>()
+        let bounced =
+            |(sphere, shown): (&Vec<Place>, f64)| if shown > 0.0 { mean_share(sphere, share) * shown } else { 0.0 };
+        direct + self.spheres.iter().zip(light.bounce).map(bounced).sum::<f64>()
     }
 
     fn upward(&self, place: DVec3, light: &Light) -> f64 {
@@ -155,29 +181,33 @@ impl Solved {
     /// Scaled to the white level of the place.
     pub fn at(&self, place: DVec3, white: [f64; 3]) -> Shares {
         let scale = [0, 1, 2].map(|c| white[c] / self.upward(place, &self.colours[c]));
-        let of_even = |lamp: &Place| of_lamp(place, self.up, &Place { along: None, ..*lamp });
+        let of_even = |at: DVec3| of_lamp(place, self.up, &Place { at, along: None });
         // A panel shines less to its sides: as an even lamp it is as bright at the place.
         let aside = |lamp: &Place| match lamp.along {
             Some(along) => along.dot((place - lamp.at).normalize_or_zero()).max(0.0),
             None => 1.0,
         };
-        let (mut lamps, mut ambient) = (Vec::new(), white);
-        for (k, lamp) in self.lamps.iter().enumerate() {
-            let at_m = lamp.at.to_array();
-            let shown_at_1_m = [0, 1, 2].map(|c| scale[c] * aside(lamp) * self.colours[c].lamps[k]);
-            let mut found = vec![FoundLamp { at_m, shown_at_1_m, diameter_m: LAMP_M }];
-            let share = mean_share(lamp, |on_sphere| of_lamp(place, self.up, on_sphere));
-            let bounced = [0, 1, 2].map(|c| scale[c] * share * self.colours[c].bounce[k]);
-            if bounced[1] > bounce::MIN_SHARE * white[1] && of_even(lamp) > bounce::MIN_EVEN {
-                let shown_at_1_m = bounced.map(|upward| upward / of_even(lamp));
-                found.push(FoundLamp { at_m, shown_at_1_m, diameter_m: bounce::DIAMETER_M });
+        let direct = self.lamps.iter().enumerate().map(|(k, lamp)| FoundLamp {
+            at_m: lamp.at.to_array(),
+            shown_at_1_m: [0, 1, 2].map(|c| scale[c] * aside(lamp) * self.colours[c].lamps[k]),
+            diameter_m: LAMP_M,
+        });
+        let bounce = self.lamps.iter().zip(&self.spheres).enumerate().map(|(k, (lamp, sphere))| {
+            // Both are the same unless a part of the sphere is below the horizon; its lamp is never brighter than it is.
+            let share = mean_share(sphere, |on_sphere| of_lamp(place, self.up, on_sphere)) / of_even(lamp.at);
+            let even_share = if share < 1.0 { share } else { 1.0 };
+            FoundLamp {
+                at_m: lamp.at.to_array(),
+                shown_at_1_m: [0, 1, 2].map(|c| scale[c] * even_share * self.colours[c].bounce[k]),
+                diameter_m: bounce::DIAMETER_M,
             }
-            for (c, rest) in ambient.iter_mut().enumerate() {
-                let upward = found.iter().map(|lamp| lamp.shown_at_1_m[c]).sum::<f64>() * of_even(lamp);
-                *rest = (*rest - upward).max(0.0);
-            }
-            lamps.extend(found);
-        }
+        });
+        let upward = |lamp: &FoundLamp| lamp.shown_at_1_m.map(|shown| shown * of_even(lamp.at_m.into()));
+        let least = bounce::MIN_SHARE * relative_luminance(white);
+        let lamps: Vec<FoundLamp> =
+            direct.chain(bounce.filter(|lamp| relative_luminance(upward(lamp)) > least)).collect();
+        let by_lamps = |c: usize| lamps.iter().map(|lamp| upward(lamp)[c]).sum::<f64>();
+        let ambient = [0, 1, 2].map(|c| (white[c] - by_lamps(c)).max(0.0));
         Shares { ambient, lamps }
     }
 }
@@ -225,15 +255,16 @@ mod tests {
         assert!(relative < 0.6, "{relative}");
     }
 
+    // Slow: lamps are searched in two rooms.
     #[test]
-    fn bounce_light_around_a_lamp_is_told_from_its_own() {
+    fn bounce_and_direct_light_are_separated() {
         let lamp = DVec3::new(-0.6, 0.5, 2.0);
         let (voxels, solid) = room_with_discs([&[lamp]; 2], 0.5);
         let found = solve(&voxels, &solid, PLACE, UP, 2);
         let by_lamp = 2.0 * of_lamp(PLACE, UP, &Place { at: lamp, along: None });
         let Shares { ambient, lamps } = found.at(PLACE, [0.15 + by_lamp; 3]);
-        assert_eq!(lamps.iter().map(|lamp| lamp.diameter_m).collect::<Vec<_>>(), [0.25, 1.6]);
-        // By hand each is half of the lamp's light, and the rest stays ambient.
+        assert_eq!(lamps.iter().map(FoundLamp::is_bounce).collect::<Vec<_>>(), [false, true]);
+        // By hand each is half of the lamp's light, and the rest stays ambient. The room's disc is level, that of the model is not.
         let upward = lamps.iter().map(|lamp| {
             lamp.shown_at_1_m[1] * of_lamp(PLACE, UP, &Place { at: lamp.at_m.into(), along: None }) / by_lamp
         });
