@@ -117,7 +117,7 @@ pub fn run(args: &Args) -> Result<()> {
             let (table, lit, line) = own::light(panorama, args.turn, lamps, (&file, path), turned, wanted)?;
             (file.light, lighting) = (table, lit);
             let mut told = 0..kept;
-            lines.retain(|(what, _)| *what != "lamp" || told.next().is_some());
+            lines.retain(|(what, _)| *what != "bounce" && (*what != "lamp" || told.next().is_some()));
             lines.push(("panorama", line));
         }
         None => {

@@ -7,6 +7,7 @@ use super::Shot;
 use super::floors::Scan;
 use super::room_planes::{NEARLY_LEVEL, OVERHEAD};
 use crate::pose::held_up;
+use crate::scene::Environment;
 
 impl Shot {
     /// The world's up as the recording and the scene say it.
@@ -19,18 +20,26 @@ impl Shot {
         held_up(self.recording.track.poses().iter().map(|(_, pose)| pose.world_from_camera_rotation()))
     }
 
-    /// Up for the first object of a scene on a surface with this normal, which faces the camera: the normal of the largest level
-    /// surface that depth shows, or the surface's own if it is nearly level, else [`Shot::held_up`]. Cameras see floors from
+    /// Up of the light that an analysis found.
+    fn found_up(&self) -> Option<DVec3> {
+        match &self.found_light.as_ref()?.environment {
+            Environment::Map(map) => (map.map_from_world.as_dquat().inverse() * DVec3::Y).try_normalize(),
+            _ => None,
+        }
+    }
+
+    /// Up for the first object of a scene on a surface with this normal, which faces the camera: the analysis's estimate, or the
+    /// normal of the largest level surface that depth shows, or the surface's own if it is nearly level, else [`Shot::held_up`]. Cameras see floors from
     /// above: a normal against the camera's own up means that it hangs upside down. Unit length.
     pub fn up_on(&self, normal: Option<DVec3>) -> DVec3 {
         let held = self.held_up();
-        self.up_of_room(held, Scan::Awaited).unwrap_or_else(|| up_on_surface(normal, held))
+        self.found_up().or_else(|| self.up_of_room(held, Scan::Awaited)).unwrap_or_else(|| up_on_surface(normal, held))
     }
 
     /// [`Shot::up_on`] for a preview: without the room's surfaces until the recording's depth has been read.
     pub fn up_preview(&self, normal: Option<DVec3>) -> DVec3 {
         let held = self.held_up();
-        self.up_of_room(held, Scan::IfReady).unwrap_or_else(|| up_on_surface(normal, held))
+        self.found_up().or_else(|| self.up_of_room(held, Scan::IfReady)).unwrap_or_else(|| up_on_surface(normal, held))
     }
 }
 
@@ -43,8 +52,11 @@ fn up_on_surface(normal: Option<DVec3>, held: DVec3) -> DVec3 {
 mod tests {
     use super::*;
     use crate::recording::OpenOptions;
+    use crate::scene::{EnvironmentMap, Lighting};
     use crate::shot::Given;
+    use glam::{DQuat, Vec3};
     use std::path::Path;
+    use std::sync::Arc;
 
     #[test]
     fn up_is_the_normal_of_a_floor_and_not_of_a_wall() {
@@ -57,6 +69,24 @@ mod tests {
         assert_eq!([up_on_surface(Some(held.any_orthonormal_vector()), held), up_on_surface(None, held)], [held, held]);
         let wall = DVec3::new(0.0, -0.819, 0.574);
         assert_eq!(up_on_surface(Some(wall), DVec3::Y), DVec3::Y);
+    }
+
+    #[test]
+    fn up_that_an_analysis_found_wins_over_what_cameras_had_above_them() {
+        let mut shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given::default()).unwrap();
+        let up = DVec3::new(0.6, 0.0, -0.8);
+        let map = EnvironmentMap {
+            width: 2,
+            height: 1,
+            rgb: Arc::new(vec![[1.0; 3]; 2]),
+            map_from_world: DQuat::from_rotation_arc(up, DVec3::Y).as_quat(),
+            color: Vec3::ONE,
+        };
+        let lighting = Lighting { environment: Environment::Map(map), ..Lighting::default() };
+        shot.found_light = Some(Arc::new(lighting));
+        for found in [shot.up_on(None), shot.up_preview(Some(DVec3::Z))] {
+            assert!(found.angle_between(up).to_degrees() < 0.01, "{found}");
+        }
     }
 
     #[test]

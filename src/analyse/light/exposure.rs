@@ -12,6 +12,9 @@ use super::sample::{Sample, relative_luminance};
 
 /// Mean linear light of a picture by what matt white shows in it: 0.17 to 0.45 in real rooms.
 const MEAN_BY_WHITE: f64 = 0.25;
+/// Largest mean linear light of a metered picture: a brighter one shows white things, or is overexposed, and its mean does not
+/// imply a brighter white.
+const MAX_METERED: f64 = 0.45;
 /// A point is near the place within this, m.
 const NEAR_M: f64 = 0.8;
 /// Darker pictures tell nothing, linear.
@@ -52,7 +55,11 @@ pub fn by_exposure(frames: &[Metered]) -> Exposure {
         _ => frame.points as f64 / points as f64,
     };
     let mean = |of: &dyn Fn(&Metered) -> f64| frames.iter().map(|frame| weight(frame) * of(frame)).sum::<f64>();
-    let level = mean(&|frame| (relative_luminance(frame.mean).max(DARKEST) / MEAN_BY_WHITE).ln()).exp();
+    let metered = |frame: &Metered| {
+        let shown = relative_luminance([0, 1, 2].map(|c| frame.gain[c] * frame.mean[c]));
+        relative_luminance(frame.mean).max(DARKEST) * (MAX_METERED / shown.max(DARKEST)).min(1.0)
+    };
+    let level = mean(&|frame| (metered(frame) / MEAN_BY_WHITE).ln()).exp();
     let [red, green, blue] = [0, 1, 2].map(|c| (-mean(&|frame| frame.gain[c].ln())).exp());
     Exposure { level, neutral: [red / green, 1.0, blue / green] }
 }
@@ -74,6 +81,9 @@ mod tests {
         // Neither sees it: √(0.4·1.6) = 0.8.
         let unseen = by_exposure(&[Metered { points: 0, ..dark }, Metered { points: 0, ..bright }]);
         assert!((unseen.level - 0.8).abs() < 1e-9, "{unseen:?}");
+        // Overexposed by hand: a mean of 0.9 counts as 0.45, in the frame of usual brightness 0.225.
+        let over = by_exposure(&[Metered { points: 9, gain: [2.0; 3], mean: [0.45; 3] }]);
+        assert!((over.level - 0.9).abs() < 1e-9, "{over:?}");
         assert_eq!(by_exposure(&[]), Exposure { level: 1.0, neutral: [1.0; 3] });
     }
 }

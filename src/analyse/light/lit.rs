@@ -15,6 +15,8 @@ const SCALE: f64 = 0.25;
 pub const MOST_LAMPS: usize = 3;
 /// Largest number of unknowns.
 pub const MAX_UNKNOWNS: usize = 2 + 2 * MOST_LAMPS;
+/// Neighbours of one material and one direction are one patch, this wide, m: the pattern on a surface is no light on it.
+pub const PATCH_M: f64 = 0.08;
 /// Sweeps over the unknowns.
 const SWEEPS: usize = 60;
 

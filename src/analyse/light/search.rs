@@ -6,8 +6,7 @@ use glam::{DVec3, USizeVec3};
 
 use super::blocked::Blocked;
 use super::bounce::{self, mean_share};
-use super::lit::{Fit, MOST_LAMPS, Place, Point, Shares, ambient, fit, of_lamp};
-use super::surfaces::PATCH_M;
+use super::lit::{Fit, MOST_LAMPS, PATCH_M, Place, Point, Shares, ambient, fit, of_lamp};
 use crate::rows::over_rows;
 
 /// Cells of the grid are so wide, m.

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::lit::{Point, sorted};
+use super::lit::{PATCH_M, Point, sorted};
 use super::sample::luminance;
 use super::search::Room;
 use super::voxels::Voxel;
@@ -23,8 +23,6 @@ const HIGH_M: f64 = 3.2;
 /// Not nearer to the lowest part than this, m.
 const LOW_M: f64 = 0.4;
 
-/// Neighbours of one material and one direction are one patch, this wide, m: the pattern on a surface is no light on it.
-pub const PATCH_M: f64 = 0.08;
 /// A patch of fewer is the sensor's noise.
 const FEWEST_VOXELS: usize = 3;
 

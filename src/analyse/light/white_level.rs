@@ -29,7 +29,7 @@ const LOOSE: f64 = 1.1;
 const FEWEST_UPWARD: usize = 400;
 /// Surfaces that get a smaller share of the place's light, by shadow, distance or turn, are no measure of white: there an error of
 /// a lamp's position multiplies the reflectance most.
-const MIN_RELATIVE_LIGHT: f64 = 0.2;
+const MIN_RELATIVE_LIGHT: f64 = 0.5;
 /// Largest factor between the white level that lamps imply and the exposure's.
 const LAMPS_AGREE: f64 = 2.0;
 /// Reflectance of the brightest neutral surfaces, and the largest of any matt one.
