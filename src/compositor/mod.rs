@@ -20,10 +20,7 @@ mod touched;
 
 use std::sync::Arc;
 
-use glam::DVec3;
-
 use crate::camera::{Camera, Response};
-use crate::depth::{Plane, Proxies};
 use crate::effects::LayerRun;
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PartTime, Readback, ReadbackSet, Recorder, Timed};
@@ -165,19 +162,6 @@ impl Compositor {
 
     pub fn gpu(&self) -> &Gpu {
         &self.recorder.gpu
-    }
-
-    /// What stands in for real things, as it is placed.
-    pub fn proxies(&self) -> Proxies {
-        let scene = self.renderer.scene();
-        let real = scene.objects.iter().filter(|object| object.occluder);
-        let corners: Vec<DVec3> = real.flat_map(|object| object.points_m(scene)).collect();
-        Proxies { triangles: corners.as_chunks().0.to_vec() }
-    }
-
-    /// The planes on which objects stand.
-    pub fn support_planes(&self) -> Vec<Plane> {
-        plan::support_planes(self.renderer.scene())
     }
 
     /// Has the next frame's parts timed by the GPU, if it has a clock ([`Pending::times`]).

@@ -1,10 +1,12 @@
 //! A frame's first phase: what is in view, which effects act, where work takes place.
 
+use glam::DVec3;
+
 use super::places::{Asked, Places};
 use super::shade::{Seen, around, seen};
-use super::{Job, RealDepth, Settings, SubmitError, exposure_time_s};
+use super::{Compositor, Job, RealDepth, Settings, SubmitError, exposure_time_s};
 use crate::camera::{Camera, Geometry};
-use crate::depth::{DepthGrid, Plane, Surfaces};
+use crate::depth::{DepthGrid, Plane, Proxies, Surfaces};
 use crate::effects::{Effect, Moment, ObjectMotion, OnReal, Reach};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, TexturePool};
@@ -43,6 +45,21 @@ impl Sight {
         let shades = seen(charts, job.picture, &keys);
         let planes = support_planes(renderer.scene());
         Self { shutter, keys, footprint, objects, shades, planes }
+    }
+}
+
+impl Compositor {
+    /// What stands in for real things, as it is placed.
+    pub fn proxies(&self) -> Proxies {
+        let scene = self.renderer.scene();
+        let real = scene.objects.iter().filter(|object| object.occluder);
+        let corners: Vec<DVec3> = real.flat_map(|object| object.points_m(scene)).collect();
+        Proxies { triangles: corners.as_chunks().0.to_vec() }
+    }
+
+    /// The planes on which objects stand.
+    pub fn support_planes(&self) -> Vec<Plane> {
+        support_planes(self.renderer.scene())
     }
 }
 

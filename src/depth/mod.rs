@@ -8,7 +8,7 @@
 //! - `moment`: a sensor's map, carried to the moment at which a frame was taken, for a part of the picture.
 //! - `carry`: its points, as another pose sees them. `looks`: colours, as they are compared here.
 //! - `vote`: consensus of several frames' maps. `surfels`: depth fused from the whole recording, where the consensus has none.
-//!   `requested`: the pixels for which both are asked. `of_frame`: both for a whole frame, at its moment.
+//!   `requested`: the pixels that both fill. `of_frame`: runs both on a whole frame, at its time.
 //! - `holes`: depth where the sensor measured none. `edges`: edges moved to the picture's, `likeness`: whose
 //!   pixels near them look like. `behind`: what is behind them. `mended`: holes filled and edges moved. `smooth`: moved edges made
 //!   even. `apart`: what parts two surfaces.

@@ -1,4 +1,4 @@
-//! Pixels of a frame whose depth is requested of other sources, and whether these show the same colours there.
+//! Pixels whose depth is requested from other frames or surfels, and the colour test that accepts an answer.
 
 use crate::pixels::Rect;
 use crate::rows::{over_rows, processors};
@@ -9,7 +9,7 @@ const BLOCK_PX: usize = 8;
 const PIXELS_PER_BLOCK: usize = 256;
 /// Largest distance of a matching colour (square root of light) from the range of the pixels around: noise and motion blur.
 const COLOR_TOLERANCE: f32 = 0.06;
-/// Fewest pairs of colours that give a factor between two pictures, and the colours whose ratio is reliable.
+/// Minimum number of colour pairs for an estimate of the gain between two pictures, and the range of reliable colours.
 const MIN_PAIRS: usize = 24;
 const RELIABLE_COLORS: std::ops::Range<f32> = 0.12..0.97;
 
@@ -80,7 +80,7 @@ impl RequestedPixels {
     /// Whether the frame shows this colour at or beside one of them.
     pub fn shows(&self, n: usize, looks: [f32; 3]) -> bool {
         let [low, high] = self.ranges[n];
-        // What is clipped may have been anything brighter.
+        // A clipped channel is only a lower bound.
         (0..3).all(|c| {
             looks[c] > low[c] - COLOR_TOLERANCE
                 && (looks[c] < high[c] + COLOR_TOLERANCE || high[c] > RELIABLE_COLORS.end)

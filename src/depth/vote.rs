@@ -29,7 +29,7 @@ const DOUBTFUL: f64 = super::edges::MOST_OFF;
 const BENT_PX: i32 = 2;
 /// Doubtful pixels that a thread works on at a time.
 const PIXELS_PER_BLOCK: usize = 256;
-/// Stride of the pixels whose colours are compared to find how much brighter a voter's picture is.
+/// Pixel stride of the colour samples that estimate a voter's gain.
 const EVERY: i32 = 8;
 /// Depths on which voters agree differ by less than this factor.
 const AGREE: f32 = 1.0 + 0.5 * (JUMP - 1.0);

@@ -31,7 +31,7 @@ pub struct Hiding<'a> {
     /// Stands for that of a frame without one.
     depth: &'a DepthMap,
     proxies: &'a Proxies,
-    /// On which objects stand.
+    /// Support planes of the scene's objects.
     planes: &'a [Plane],
 }
 

@@ -219,7 +219,7 @@ fn a_wall_hides_an_object_only_by_more_than_the_tolerance() {
     assert_eq!([0.5, 1.5].map(|share| shown(share * tolerance_m)), [20 * 50, 0]);
 }
 
-/// A board on a table whose measured depth waves by 12 mm: without the table's plane the waves hide pieces of it.
+/// A table measured with a ripple of 12 mm amplitude hides parts of a board that lies on it, unless its plane is known.
 #[test]
 fn flat_thing_on_a_table_that_was_measured_in_waves_is_seen_whole() {
     const GREY: u8 = 60;

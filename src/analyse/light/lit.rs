@@ -2,8 +2,8 @@
 //!
 //!   B = ρ_m·(a + b(1 + n_z)/2 + Σ I_k·V·cos θ/d² + Σ J_k·mean(V·cos θ/d²))
 //!
-//! ρ_m is one reflectance for each material m, a bin of chroma. The last sum is bounce light, with a mean over places around
-//! lamp k ([`bounce`](super::bounce)). In turn: ln ρ_m is the median of what the light leaves of ln B; a, b, I_k and J_k ≥ 0 follow
+//! ρ_m is one reflectance for each material m, a bin of chroma. The last sum is bounce light, averaged over positions around
+//! lamp k ([`bounce`](super::bounce)). Two steps alternate: ln ρ_m is the median of what the light leaves of ln B; a, b, I_k and J_k ≥ 0 follow
 //! from least squares of ln B by Gauss and Newton, weighted by Cauchy's w = 1/(1 + (r/0.25)²). The score is Cauchy's mean
 //! loss. Not modelled: other indirect light, but as light from around; surfaces that shine.
 
