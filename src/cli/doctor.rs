@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 
 use locard_engine::gpu::{Gpu, adapters};
 use locard_engine::source::ffmpeg;
-use locard_engine::webcam;
+use locard_engine::webcam::{self, CameraError, DriverName, Listed};
 
 /// How to control the choice of an adapter.
 pub const HELP: &str = "\
@@ -53,32 +53,40 @@ pub fn run() -> Result<()> {
     Ok(())
 }
 
-/// The cameras, with what they offer or why they cannot be used. It is no fault of the machine to have none.
+/// The cameras of each driver, with what they offer or why they cannot be used. It is no fault of the machine to have none.
 fn cameras(out: &mut impl Write) -> Result<()> {
-    let cameras = match webcam::cameras() {
-        Ok(cameras) => cameras,
-        Err(error) => return Ok(writeln!(out, "camera    {error}")?),
-    };
-    if cameras.is_empty() {
-        writeln!(out, "camera    none: no /dev/video* takes pictures (plug one in; a video may stand in for one)")?;
+    let drivers = webcam::cameras();
+    if drivers.is_empty() {
+        writeln!(out, "camera    {}", CameraError::NotBuilt)?;
     }
-    for camera in cameras {
-        writeln!(out, "camera    {} {} ({})", camera.number, camera.name, camera.path.display())?;
-        match camera.modes {
-            Ok(modes) => {
-                modes
-                    .iter()
-                    .filter(|mode| mode.layout.is_some())
-                    .try_for_each(|mode| writeln!(out, "          {mode}"))?;
-                let other: BTreeSet<&str> =
-                    modes.iter().filter(|mode| mode.layout.is_none()).map(|mode| mode.code.as_str()).collect();
-                if !other.is_empty() {
-                    let other: Vec<&str> = other.into_iter().collect();
-                    writeln!(out, "          not read here: {}", other.join(", "))?;
-                }
-            }
-            Err(problem) => writeln!(out, "          {problem}")?,
+    let has_none =
+        |(_, cameras): &(DriverName, Result<Vec<Listed>, CameraError>)| cameras.as_ref().is_ok_and(Vec::is_empty);
+    if !drivers.is_empty() && drivers.iter().all(has_none) {
+        writeln!(out, "camera    none takes pictures (plug one in; a video may stand in for one)")?;
+    }
+    for (driver, cameras) in drivers {
+        match cameras {
+            Ok(cameras) => cameras.iter().try_for_each(|camera| listed(out, camera))?,
+            Err(error) => writeln!(out, "camera    driver {driver}: {error}")?,
         }
+    }
+    Ok(())
+}
+
+fn listed(out: &mut impl Write, camera: &Listed) -> Result<()> {
+    let Listed { driver, number, name, place, modes } = camera;
+    writeln!(out, "camera    {number} {name} ({place}; driver {driver})")?;
+    match modes {
+        Ok(modes) => {
+            modes.iter().filter(|mode| mode.layout.is_some()).try_for_each(|mode| writeln!(out, "          {mode}"))?;
+            let other: BTreeSet<&str> =
+                modes.iter().filter(|mode| mode.layout.is_none()).map(|mode| mode.code.as_str()).collect();
+            if !other.is_empty() {
+                let other: Vec<&str> = other.into_iter().collect();
+                writeln!(out, "          not read here: {}", other.join(", "))?;
+            }
+        }
+        Err(problem) => writeln!(out, "          {problem}")?,
     }
     Ok(())
 }

@@ -10,7 +10,7 @@ use locard_engine::camera::Camera;
 use locard_engine::live::{self, Added, Asked, LiveError, LiveFrom, Next, Opened, Watched};
 use locard_engine::recording::recorder::About;
 use locard_engine::source::video::{ColorMatrix, ColorRange};
-use locard_engine::webcam::Layout;
+use locard_engine::webcam::{DriverName, Layout};
 use locard_engine::words::{count, fixed};
 
 #[derive(clap::Args)]
@@ -34,13 +34,16 @@ pub struct CameraArgs {
 /// What a camera is asked for.
 #[derive(clap::Args)]
 pub struct PicturesArgs {
+    /// Which driver reads the camera: v4l2 (Linux; the default there) or nokhwa
+    #[arg(long, value_parser = driver)]
+    driver: Option<DriverName>,
     /// Size of the pictures, px; the profile's, else 640x480
     #[arg(long, value_name = "WxH", value_parser = Asked::size_of)]
     size: Option<(u32, u32)>,
     /// Pictures a second; 30 without it
     #[arg(long, value_name = "HZ", value_parser = Asked::rate_of)]
     rate: Option<f64>,
-    /// How the camera delivers them: rgb, yuyv, nv12 or mjpeg; without it, the best that comes at this size and rate
+    /// How the camera delivers them: rgb, yuyv, nv12, mjpeg or grey; without it, the best that comes at this size and rate
     #[arg(long, value_parser = layout)]
     format: Option<Layout>,
     /// The span of Y' that the camera uses, instead of what its driver says: limited (16 to 235) or full
@@ -70,8 +73,8 @@ impl CameraArgs {
 
 impl PicturesArgs {
     fn asked(&self) -> Asked {
-        let &Self { size, rate: rate_hz, format: layout, range, matrix, .. } = self;
-        Asked { size, rate_hz, layout, range, matrix, ..Asked::default() }
+        let &Self { driver, size, rate: rate_hz, format: layout, range, matrix, .. } = self;
+        Asked { driver, size, rate_hz, layout, range, matrix, ..Asked::default() }
     }
 
     /// Whether it is to end by itself.
@@ -83,6 +86,7 @@ impl PicturesArgs {
     /// An option that only a camera takes, if one is given.
     pub fn given(&self) -> Option<&'static str> {
         let options = [
+            ("--driver", self.driver.is_some()),
             ("--size", self.size.is_some()),
             ("--rate", self.rate.is_some()),
             ("--format", self.format.is_some()),
@@ -103,6 +107,10 @@ fn seconds(text: &str) -> Result<f64, String> {
 fn layout(text: &str) -> Result<Layout, String> {
     Layout::of_name(text)
         .ok_or_else(|| format!("{text} is refused: accepted are {}", Layout::PREFERRED.map(Layout::name).join(", ")))
+}
+
+fn driver(text: &str) -> Result<DriverName, String> {
+    DriverName::of_name(text).ok_or_else(|| format!("{text} is refused: accepted are v4l2, nokhwa"))
 }
 
 fn range(text: &str) -> Result<ColorRange, String> {
@@ -237,7 +245,11 @@ impl Watching {
             (not_recorded, "more than the disk could take"),
         ];
         let told: Vec<String> = parts.iter().filter(|(n, _)| *n > 0).map(|(n, why)| format!("{n} {why}")).collect();
-        if told.is_empty() { "none dropped".to_owned() } else { format!("dropped: {}", told.join(", ")) }
+        let dropped = if told.is_empty() { "none dropped".to_owned() } else { format!("dropped: {}", told.join(", ")) };
+        match drops.arrival_timed {
+            0 => dropped,
+            n => format!("{dropped}; {n} with the time of arrival, for the driver's was implausible"),
+        }
     }
 
     /// Why there is no frame, and what to do.

@@ -8,12 +8,14 @@ use serde::{Deserialize, Serialize};
 use super::delayed::Added;
 use crate::source::video::{ColorMatrix, ColorRange};
 use crate::tracking::smooth::LONGEST_S;
-use crate::webcam::Layout;
+use crate::webcam::{DriverName, Layout};
 
 /// What is asked for beyond a camera and a source; nothing need be.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(default)]
 pub struct Asked {
+    /// Of a camera; this system's default without it.
+    pub driver: Option<DriverName>,
     /// Width and height, px; otherwise the profile's, or 640x480.
     pub size: Option<(u32, u32)>,
     /// Pictures a second; 30 without it.
@@ -107,6 +109,7 @@ mod tests {
     #[test]
     fn all_that_is_asked_for_is_kept_and_older_lists_are_read() {
         let asked = Asked {
+            driver: Some(DriverName::Nokhwa),
             size: Some((1280, 720)),
             rate_hz: Some(29.97),
             layout: Some(Layout::Nv12),

@@ -76,13 +76,13 @@ fn hear_lens(poses: &mut dyn PoseSource, url: &str, size_px: (u32, u32), interva
 /// Opens a camera by its number or device, or a video in its place, and its poses ([`open_poses`]). Without a size it is the
 /// profile's.
 pub fn open(from: &LiveFrom, profiled: Option<&Camera>) -> Result<Opened, LiveError> {
-    let Asked { size, rate_hz, layout, range, matrix, delay, smooth_s } = from.asked;
+    let Asked { driver, size, rate_hz, layout, range, matrix, delay, smooth_s } = from.asked;
     let mut poses = delayed(open_poses(&from.poses, profiled, smooth_s)?, delay, profiled)?;
     let geometry = profiled.and_then(|camera| camera.geometry.as_ref());
     let profile_px = geometry.map(|geometry| (geometry.intrinsics.width_px, geometry.intrinsics.height_px));
     let usual = Wanted::default();
     let size = size.or(profile_px).unwrap_or(usual.size);
-    let wanted = Wanted { size, rate_hz: rate_hz.unwrap_or(usual.rate_hz), layout, range, matrix };
+    let wanted = Wanted { driver, size, rate_hz: rate_hz.unwrap_or(usual.rate_hz), layout, range, matrix };
     let camera = webcam::open(&from.camera, &wanted)?;
     let given = &camera.given;
     let rate_hz = given.rate_hz.unwrap_or(wanted.rate_hz);
@@ -94,6 +94,7 @@ pub fn open(from: &LiveFrom, profiled: Option<&Camera>) -> Result<Opened, LiveEr
     let layout = wanted.layout.map_or(String::new(), |layout| format!("{layout} "));
     let asked = format!("{}x{} {layout}at {} Hz", wanted.size.0, wanted.size.1, hz(wanted.rate_hz));
     let said = if as_asked { gives } else { format!("{gives}; asked for was {asked}") };
+    let said = format!("{said}; {}", given.notes());
     let (size_px, interval_s) = ((given.delivered.width, given.delivered.height), 1.0 / rate_hz);
     let lens = poses.says_lens().then(|| hear_lens(&mut *poses, &from.poses, size_px, interval_s));
     Ok(Opened { interval_s, camera, poses, said, lens })

@@ -8,6 +8,7 @@ pub mod ffmpeg;
 pub mod file;
 mod index;
 pub mod jpeg;
+pub mod jpeg_end;
 pub mod jpeg_tables;
 pub mod orientation;
 pub mod presentation;

@@ -26,6 +26,7 @@ pub use assemble::{Assembler, Assembly};
 pub use buffer::{Buffer, Held, Released, Taken};
 pub use error::{PacketError, SampleError, StreamError};
 pub use lens::{LensError, LensState};
+pub use offset::ClockOffset;
 pub use open_lens::OpenLens;
 pub use packet::{Encoding, MOST_PAYLOAD, Packet, packets};
 pub use poses::Poses;

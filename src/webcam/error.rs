@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use super::driver_name::DriverName;
+use super::list::Mode;
 use crate::source::SourceError;
 
 #[derive(Debug, thiserror::Error)]
@@ -10,22 +12,40 @@ pub enum CameraError {
     None { asked: String, found: Vec<String> },
     #[error("{}: there is no such file; a video's file is expected, or a camera's number or device: there {}", path.display(), are(found))]
     NoFile { path: PathBuf, found: Vec<String> },
-    #[error("{}: may not be opened: {}", path.display(), advice)]
-    Permission { path: PathBuf, advice: String },
-    #[error("{}: another program uses it; end that one, then try again", path.display())]
-    Busy { path: PathBuf },
-    #[error("{}: takes no pictures", path.display())]
-    TakesNone { path: PathBuf },
-    #[error("{}: gives no {}; it has {}", path.display(), asked, if has.is_empty() { "nothing that is read here" } else { has })]
-    Layout { path: PathBuf, asked: String, has: String },
-    #[error("{}: {problem}", path.display())]
-    Driver { path: PathBuf, problem: String },
-    #[error("cameras are read on Linux, by programs built with the feature `camera`; name a video's file")]
-    NotHere,
+    #[error("{camera}: may not be opened: {advice}")]
+    Permission { camera: String, advice: String },
+    #[error("{camera}: another program uses it; end that one, then try again")]
+    Busy { camera: String },
+    #[error("{camera}: takes no pictures")]
+    TakesNone { camera: String },
+    #[error("{camera}: gives no {asked}; it has {}", if has.is_empty() { "nothing that is read here" } else { has })]
+    Layout { camera: String, asked: String, has: String },
+    #[error("{camera}: {problem}")]
+    Driver { camera: String, problem: String },
+    #[error("{camera}: its driver has not answered for {seconds} s; unplug it, or end the program that uses it")]
+    NoAnswer { camera: String, seconds: f64 },
+    #[error("this program was built without cameras; build it with the feature `camera`, or name a video's file")]
+    NotBuilt,
+    #[error("the driver {asked} is not on this system; leave --driver out, or choose {here}")]
+    NoDriver { asked: DriverName, here: DriverName },
+    #[error(
+        "this program may not use cameras; allow it (System Settings, Privacy & Security, Camera: the terminal \
+             that it is started from), then start it anew"
+    )]
+    NotAllowed,
     #[error("a thread for the camera could not be started: {0}")]
     Thread(std::io::Error),
     #[error(transparent)]
     Source(#[from] SourceError),
+}
+
+impl CameraError {
+    /// No mode of those that are offered has the layout.
+    pub fn layout(camera: &str, asked: &str, offered: &[Mode]) -> Self {
+        let mut has: Vec<&str> = offered.iter().map(|mode| mode.code.as_str()).collect();
+        has.dedup();
+        Self::Layout { camera: camera.to_owned(), asked: asked.to_owned(), has: has.join(", ") }
+    }
 }
 
 fn are(found: &[String]) -> String {

@@ -1,8 +1,8 @@
 //! The cameras of this machine.
 
 use std::fmt;
-use std::path::PathBuf;
 
+use super::driver_name::DriverName;
 use super::picture::Layout;
 use crate::words::fixed;
 
@@ -41,9 +41,11 @@ impl fmt::Display for Mode {
 /// A camera, or a device that may be one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Listed {
+    pub driver: DriverName,
     /// By which `--camera` names it.
     pub number: usize,
-    pub path: PathBuf,
+    /// Its device, or what the system calls it beside its name.
+    pub place: String,
     pub name: String,
     /// Its modes, or why they are not known.
     pub modes: Result<Vec<Mode>, String>,

@@ -1,27 +1,36 @@
 //! Cameras of this machine: pictures as the driver delivers them, with its times. A video may stand in for one.
 //!
-//! A camera has a thread of its own, which puts each picture where the next one replaces it ([`Newest`]): whoever takes
-//! them gets the newest, and is told how many were dropped.
+//! A [`Driver`](driver::Driver) lists and opens cameras; there are three. Behind it all cameras go the same way: a
+//! session puts each picture where the next one replaces it ([`Newest`]), watches for stalls, and reopens a camera that
+//! was unplugged. Whoever takes the pictures gets the newest, and learns how many were dropped.
 
+mod buffer;
+mod camera_id;
+mod choose;
 mod clock;
-#[cfg(all(feature = "camera", target_os = "linux"))]
-mod device;
-#[cfg(all(feature = "camera", target_os = "linux"))]
-mod encoding;
+mod driver;
+mod driver_name;
 mod error;
+mod frame_clock;
 mod list;
-#[cfg(all(feature = "camera", target_os = "linux"))]
-mod negotiate;
 mod newest;
+#[cfg(feature = "camera")]
+mod nokhwa;
 mod open;
 mod picture;
 mod played;
+mod session;
+#[cfg(test)]
+mod session_tests;
+#[cfg(all(feature = "camera", target_os = "linux"))]
+mod v4l2;
 mod wanted;
 
 pub use clock::monotonic_s;
+pub use driver_name::DriverName;
 pub use error::CameraError;
 pub use list::{Listed, Mode};
 pub use newest::{Drops, Newest, Putter, Taken};
 pub use open::{Camera, cameras, open};
 pub use picture::{Delivered, Layout, Picture, PictureError};
-pub use wanted::{Given, Wanted};
+pub use wanted::{Assumed, Given, TimeSource, Wanted};

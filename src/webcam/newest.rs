@@ -3,15 +3,17 @@
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Pictures that were never taken.
+/// Pictures that were never taken, and those whose time is doubtful.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Drops {
     /// Replaced by a newer one before they were taken: we are too slow.
     pub replaced: u64,
     /// Lost before they came, by the driver's count.
     pub lost: u64,
-    /// Marked as damaged by the driver.
+    /// Marked as damaged by the driver, or of another size than agreed.
     pub damaged: u64,
+    /// Delivered with the time of their arrival, for an implausible stamp. No drops.
+    pub arrival_timed: u64,
 }
 
 impl Drops {
@@ -114,6 +116,7 @@ impl<T> Putter<T> {
         drops.replaced += add.replaced;
         drops.lost += add.lost;
         drops.damaged += add.damaged;
+        drops.arrival_timed += add.arrival_timed;
     }
 
     /// Says why nothing comes; the next picture takes it back.
@@ -156,7 +159,7 @@ mod tests {
         (1..=4).for_each(|i| putter.put(i));
         assert_eq!((now(&newest), now(&newest)), (Taken::New(4), Taken::Nothing));
         putter.count(Drops { lost: 2, damaged: 1, ..Drops::default() });
-        assert_eq!(newest.drops(), Drops { replaced: 3, lost: 2, damaged: 1 });
+        assert_eq!(newest.drops(), Drops { replaced: 3, lost: 2, damaged: 1, arrival_timed: 0 });
         assert_eq!(newest.drops().all(), 6);
         putter.gone("unplugged".to_owned());
         assert_eq!(now(&newest), Taken::Gone("unplugged".to_owned()));

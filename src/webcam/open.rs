@@ -1,71 +1,93 @@
-//! The cameras that there are, and one by what a person calls it.
+//! The cameras of all drivers, and one by what a person calls it.
 
 use std::path::Path;
+use std::sync::{Arc, mpsc};
 
+use super::camera_id;
+use super::driver::Driver;
+use super::driver_name::DriverName;
 use super::error::CameraError;
 use super::list::Listed;
-use super::newest::{Newest, Putter};
+use super::newest::Newest;
 use super::picture::Picture;
 use super::played::Played;
+use super::session::{Limits, Session};
 use super::wanted::{Given, Wanted};
-use crate::source::video::Overrides;
-
-/// Puts pictures until nobody takes them any more.
-type Run = Box<dyn FnOnce(&Putter<Picture>) + Send>;
 
 /// A camera that has agreed on what it gives, and is not started.
 pub struct Camera {
     pub given: Given,
-    run: Run,
+    session: Session,
 }
 
 impl Camera {
+    pub(super) fn open(
+        driver: Arc<dyn Driver>,
+        id: &str,
+        wanted: &Wanted,
+        limits: Limits,
+    ) -> Result<Self, CameraError> {
+        driver.prepare()?;
+        let (session, given) = Session::open(driver, id, wanted, limits)?;
+        Ok(Self { given, session })
+    }
+
     /// Has it deliver, until what is given here is dropped. A video begins now.
     pub fn start(self) -> Result<Newest<Picture>, CameraError> {
         let (putter, newest) = Newest::new();
         let thread = std::thread::Builder::new().name("camera".to_owned());
-        thread.spawn(move || (self.run)(&putter)).map_err(CameraError::Thread)?;
+        thread.spawn(move || self.session.run(&putter)).map_err(CameraError::Thread)?;
         Ok(newest)
     }
 }
 
-/// The cameras, by their numbers. Devices that take no pictures are left out.
-pub fn cameras() -> Result<Vec<Listed>, CameraError> {
-    #[cfg(all(feature = "camera", target_os = "linux"))]
-    {
-        Ok(super::negotiate::cameras())
+/// The driver of a name, if it is built and on this system.
+fn driver(name: DriverName) -> Result<Arc<dyn Driver>, CameraError> {
+    match name {
+        DriverName::Played => Ok(Arc::new(Played)),
+        #[cfg(feature = "camera")]
+        DriverName::Nokhwa => Ok(Arc::new(super::nokhwa::Nokhwa)),
+        #[cfg(all(feature = "camera", target_os = "linux"))]
+        DriverName::V4l2 => Ok(Arc::new(super::v4l2::V4l2)),
+        #[cfg(not(all(feature = "camera", target_os = "linux")))]
+        _ if !cfg!(feature = "camera") => Err(CameraError::NotBuilt),
+        #[cfg(not(all(feature = "camera", target_os = "linux")))]
+        _ => Err(CameraError::NoDriver { asked: name, here: DriverName::HERE[0] }),
     }
-    #[cfg(not(all(feature = "camera", target_os = "linux")))]
-    {
-        Err(CameraError::NotHere)
-    }
+}
+
+/// The cameras of each driver on this system, the default driver first. Devices that take no pictures are left out.
+pub fn cameras() -> Vec<(DriverName, Result<Vec<Listed>, CameraError>)> {
+    let of = |name: &DriverName| (*name, driver(*name).and_then(|driver| listed(*name, driver, Limits::default())));
+    DriverName::HERE.iter().map(of).collect()
+}
+
+/// A driver's cameras, if it answers in time. A thread that does not return is left behind.
+pub(super) fn listed(name: DriverName, driver: Arc<dyn Driver>, limits: Limits) -> Result<Vec<Listed>, CameraError> {
+    let (to_us, answer) = mpsc::channel();
+    let list = move || drop(to_us.send(driver.cameras()));
+    std::thread::Builder::new().name("cameras".to_owned()).spawn(list).map_err(CameraError::Thread)?;
+    let seconds = limits.opening.as_secs_f64();
+    let silent = |_| Err(CameraError::NoAnswer { camera: format!("the driver {name}"), seconds });
+    answer.recv_timeout(limits.opening).unwrap_or_else(silent)
 }
 
 /// Opens a camera by its number, by its device (`/dev/video0`), or a video in its place by its file.
 pub fn open(asked: &str, wanted: &Wanted) -> Result<Camera, CameraError> {
-    #[cfg(all(feature = "camera", target_os = "linux"))]
-    if let Some(number) = super::device::number(asked) {
-        let path = super::negotiate::path_of(number);
-        if !path.exists() {
-            return Err(CameraError::None { asked: asked.to_owned(), found: super::negotiate::names() });
-        }
-        let (running, given) = super::device::Running::open(number, wanted)?;
-        return Ok(Camera { given, run: Box::new(move |putter| running.run(putter)) });
-    }
-    if asked.parse::<usize>().is_ok() {
-        return Err(CameraError::NotHere);
+    if camera_id::number(asked).is_some() {
+        let name = wanted.driver.or(DriverName::HERE.first().copied()).ok_or(CameraError::NotBuilt)?;
+        return Camera::open(driver(name)?, asked, wanted, Limits::default());
     }
     let file = Path::new(asked);
     if !file.exists() {
-        let found = cameras().unwrap_or_default();
+        let found = cameras().into_iter().filter_map(|(_, cameras)| cameras.ok()).next().unwrap_or_default();
         let found = found.into_iter().map(|camera| format!("{} ({})", camera.number, camera.name)).collect();
         // What looks like a file's name was meant as one.
-        return Err(match file.extension().is_some() || asked.contains(std::path::MAIN_SEPARATOR) {
-            true => CameraError::NoFile { path: file.to_owned(), found },
-            false => CameraError::None { asked: asked.to_owned(), found },
+        return Err(if file.extension().is_some() || asked.contains(std::path::MAIN_SEPARATOR) {
+            CameraError::NoFile { path: file.to_owned(), found }
+        } else {
+            CameraError::None { asked: asked.to_owned(), found }
         });
     }
-    let overrides = Overrides { range: wanted.range, matrix: wanted.matrix, ..Overrides::default() };
-    let (played, given) = Played::open(file, &overrides)?;
-    Ok(Camera { given, run: Box::new(move |putter| played.run(putter)) })
+    Camera::open(driver(DriverName::Played)?, asked, wanted, Limits::default())
 }

@@ -22,11 +22,29 @@ pub enum Layout {
     Mjpeg,
     /// R, G, B.
     Rgb,
+    /// Y' alone.
+    Grey,
 }
 
 impl Layout {
-    /// Without loss first, then by how little of the colour's resolution is lost.
-    pub const PREFERRED: [Self; 4] = [Self::Rgb, Self::Yuyv, Self::Nv12, Self::Mjpeg];
+    /// Without loss first, then by how little of the colour's resolution is lost; without colour last.
+    pub const PREFERRED: [Self; 5] = [Self::Rgb, Self::Yuyv, Self::Nv12, Self::Mjpeg, Self::Grey];
+
+    /// Whether a range and a matrix have to be known.
+    pub fn is_ycbcr(self) -> bool {
+        matches!(self, Self::Yuyv | Self::Nv12 | Self::Grey)
+    }
+
+    /// Bytes of a row without padding; of JPEG nothing.
+    pub fn row_bytes(self, width: u32) -> usize {
+        let width = width as usize;
+        match self {
+            Self::Yuyv => 2 * width,
+            Self::Nv12 | Self::Grey => width,
+            Self::Rgb => 3 * width,
+            Self::Mjpeg => 0,
+        }
+    }
 
     /// As people write it.
     pub fn name(self) -> &'static str {
@@ -35,6 +53,7 @@ impl Layout {
             Self::Nv12 => "nv12",
             Self::Mjpeg => "mjpeg",
             Self::Rgb => "rgb",
+            Self::Grey => "grey",
         }
     }
 
@@ -55,7 +74,7 @@ pub struct Delivered {
     pub layout: Layout,
     pub width: u32,
     pub height: u32,
-    /// Bytes from row to row; of JPEG nothing.
+    /// Bytes from row to row. 0 of JPEG, and of a buffer that does not hold such rows.
     pub stride: usize,
     /// Of Y'CbCr. JPEG's is always full and BT.601 (JFIF).
     pub range: ColorRange,
@@ -65,13 +84,14 @@ pub struct Delivered {
 impl fmt::Display for Delivered {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}x{} {}", self.width, self.height, self.layout)?;
+        let range = if self.range == ColorRange::Full { "full" } else { "limited" };
         let matrix = match self.matrix {
+            _ if self.layout == Layout::Grey => return write!(f, " ({range} range)"),
             ColorMatrix::Rgb => return Ok(()),
             ColorMatrix::Bt601 => "BT.601",
             ColorMatrix::Bt709 => "BT.709",
             ColorMatrix::Bt2020 => "BT.2020",
         };
-        let range = if self.range == ColorRange::Full { "full" } else { "limited" };
         write!(f, " ({matrix}, {range} range)")
     }
 }
@@ -105,7 +125,12 @@ impl Picture {
         let codes = match layout {
             Layout::Yuyv => table().yuyv(&self.bytes, width, height, stride),
             Layout::Nv12 => table().nv12(&self.bytes, width, height, stride),
-            Layout::Rgb => rgb(&self.bytes, width, height, stride),
+            Layout::Rgb => rows(&self.bytes, 3 * width as usize, height, stride).map(|rows| rows.concat()),
+            Layout::Grey => rows(&self.bytes, width as usize, height, stride).map(|rows| {
+                let codes = rows.into_iter().flatten();
+                let table = table();
+                codes.flat_map(|code| table.rgb([*code, 128, 128])).collect()
+            }),
             Layout::Mjpeg => {
                 let pixels = still::decode_pixels(&self.bytes).map_err(PictureError)?;
                 if (pixels.width, pixels.height) != (width, height) || pixels.max_code() != 255 {
@@ -120,16 +145,12 @@ impl Picture {
     }
 }
 
-fn rgb(bytes: &[u8], width: u32, height: u32, stride: usize) -> Option<Vec<u8>> {
-    let length = 3 * width as usize;
+/// Rows of `length` bytes, `stride` bytes apart. `None` if there are not enough bytes.
+fn rows(bytes: &[u8], length: usize, height: u32, stride: usize) -> Option<Vec<&[u8]>> {
     if stride < length {
         return None;
     }
-    let mut codes = Vec::with_capacity(length * height as usize);
-    for row in 0..height as usize {
-        codes.extend(bytes.get(row * stride..row * stride + length)?);
-    }
-    Some(codes)
+    (0..height as usize).map(|row| bytes.get(row * stride..row * stride + length)).collect()
 }
 
 #[cfg(test)]
@@ -150,6 +171,12 @@ mod tests {
         let yuyv = picture(Layout::Yuyv, 4, &[1, 128, 2, 128, 3, 128, 4, 128]).pixels().unwrap();
         let nv12 = picture(Layout::Nv12, 2, &[1, 2, 3, 4, 128, 128]).pixels().unwrap();
         assert_eq!((yuyv.at(1, 1), &nv12), ([4; 3], &yuyv));
+        let grey = picture(Layout::Grey, 3, &[1, 2, 0, 3, 4]).pixels().unwrap();
+        assert_eq!(grey, yuyv);
+        let mut limited = picture(Layout::Grey, 2, &[16, 126, 235, 255]);
+        limited.delivered.range = ColorRange::Limited;
+        let codes = limited.pixels().unwrap();
+        assert_eq!([(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| codes.at(x, y)[1]), [0, 128, 255, 255]);
     }
 
     #[test]

@@ -1,59 +1,89 @@
-//! A video that stands in for a camera: played at its rate, its newest picture first, as a camera would.
+//! A video in place of a camera, played once at its own rate.
 
 use std::path::Path;
 use std::time::Duration;
 
 use super::clock::monotonic_s;
-use super::newest::Putter;
-use super::picture::{Delivered, Layout, Picture};
-use super::wanted::Given;
+use super::driver::{Capture, Driver, Sample, Stamp};
+use super::driver_name::DriverName;
+use super::error::CameraError;
+use super::list::Listed;
+use super::picture::{Delivered, Layout};
+use super::wanted::{Assumed, Given, TimeSource, Wanted};
 use crate::pixels::{Codes, eight_bits};
-use crate::source::SourceError;
 use crate::source::decoding::VideoFrames;
 use crate::source::video::{ColorMatrix, ColorRange, Overrides, Video, probe};
 use crate::tracking::median_interval_s;
 
-pub struct Played {
+/// Video files. The id is a file's path.
+pub struct Played;
+
+struct PlayedCapture {
     video: Video,
     frames: VideoFrames,
     delivered: Delivered,
+    next: usize,
+    /// When the first picture came, s.
+    first_s: Option<f64>,
 }
 
-impl Played {
-    pub fn open(file: &Path, overrides: &Overrides) -> Result<(Self, Given), SourceError> {
-        let video = probe(file, overrides)?;
+impl Driver for Played {
+    fn cameras(&self) -> Result<Vec<Listed>, CameraError> {
+        Ok(Vec::new())
+    }
+
+    fn find(&self, id: &str, _: &str) -> Option<String> {
+        Some(id.to_owned())
+    }
+
+    fn open(&self, id: &str, wanted: &Wanted) -> Result<(Box<dyn Capture>, Given), CameraError> {
+        let overrides = Overrides { range: wanted.range, matrix: wanted.matrix, ..Overrides::default() };
+        let video = probe(Path::new(id), &overrides)?;
         let frames = video.read(0..video.timestamps_s.len())?;
         let (width, height) = (video.width, video.height);
         let (layout, range, matrix) = (Layout::Rgb, ColorRange::Full, ColorMatrix::Rgb);
-        let delivered = Delivered { layout, width, height, stride: 3 * width as usize, range, matrix };
-        let rate_hz = median_interval_s(&video.timestamps_s).map(|s| 1.0 / s);
-        let name = file.display().to_string();
+        let delivered = Delivered { layout, width, height, stride: layout.row_bytes(width), range, matrix };
+        let name = id.to_owned();
         let lost = video.presentation.lost_without_tags();
-        let warnings = lost.map(|lost| format!("{name}: {lost}")).into_iter().collect();
-        let given = Given { name, delivered, rate_hz, has_exposure: false, warnings };
-        Ok((Self { video, frames, delivered }, given))
+        let given = Given {
+            driver: DriverName::Played,
+            delivered,
+            rate_hz: median_interval_s(&video.timestamps_s).map(|s| 1.0 / s),
+            times: TimeSource::File,
+            has_exposure: false,
+            assumed: Assumed::default(),
+            warnings: lost.map(|lost| format!("{name}: {lost}")).into_iter().collect(),
+            name,
+        };
+        Ok((Box::new(PlayedCapture { video, frames, delivered, next: 0, first_s: None }), given))
     }
 
-    /// Plays it once. Its first picture is at `first_s` of the monotonic clock.
-    pub fn run(self, putter: &Putter<Picture>) {
-        let Self { video, frames, delivered } = self;
-        let mut first_s = None;
-        for (pixels, at_s) in frames.zip(&video.timestamps_s) {
-            let pixels = match pixels {
-                Ok(pixels) => pixels,
-                Err(error) => return putter.gone(error.to_string()),
-            };
-            let time_s = *first_s.get_or_insert_with(monotonic_s) + at_s;
-            let bytes = match pixels.codes {
-                Codes::U8(codes) => codes,
-                Codes::U16(codes) => codes.into_iter().map(eight_bits).collect(),
-            };
-            let picture = Picture { delivered, bytes, time_s, exposure_s: None };
-            putter.rest(Duration::from_secs_f64((time_s - monotonic_s()).max(0.0)));
-            if putter.is_over() {
-                return;
-            }
-            putter.put(picture);
-        }
+    fn is_live(&self) -> bool {
+        false
+    }
+}
+
+impl Capture for PlayedCapture {
+    /// Waits until the next picture is due. The first one is due at once.
+    fn next(&mut self) -> Result<Option<Sample>, String> {
+        let at_s = self.video.timestamps_s.get(self.next).copied();
+        let Some((pixels, at_s)) = self.frames.next().zip(at_s) else { return Ok(None) };
+        self.next += 1;
+        let pixels = pixels.map_err(|error| error.to_string())?;
+        let bytes = match pixels.codes {
+            Codes::U8(codes) => codes,
+            Codes::U16(codes) => codes.into_iter().map(eight_bits).collect(),
+        };
+        let time_s = *self.first_s.get_or_insert_with(monotonic_s) + at_s;
+        std::thread::sleep(Duration::from_secs_f64((time_s - monotonic_s()).max(0.0)));
+        Ok(Some(Sample {
+            delivered: self.delivered,
+            bytes,
+            stamp: Stamp::Exact(time_s),
+            arrived_s: monotonic_s(),
+            exposure_s: None,
+            lost: 0,
+            is_damaged: false,
+        }))
     }
 }

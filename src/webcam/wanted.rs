@@ -1,11 +1,16 @@
 //! What is asked of a camera, and what it gives.
 
+use std::fmt;
+
+use super::driver_name::DriverName;
 use super::picture::{Delivered, Layout};
 use crate::source::video::{ColorMatrix, ColorRange};
 
 /// A camera gives what comes nearest to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wanted {
+    /// `None`: this system's default. Not used for a file.
+    pub driver: Option<DriverName>,
     /// Width and height, px.
     pub size: (u32, u32),
     /// Pictures a second.
@@ -19,19 +24,68 @@ pub struct Wanted {
 
 impl Default for Wanted {
     fn default() -> Self {
-        Self { size: (640, 480), rate_hz: 30.0, layout: None, range: None, matrix: None }
+        Self { driver: None, size: (640, 480), rate_hz: 30.0, layout: None, range: None, matrix: None }
+    }
+}
+
+/// Where the times of a camera's pictures come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TimeSource {
+    /// The driver's monotonic stamps.
+    Driver,
+    /// The driver's wall-clock stamps, converted to the monotonic clock.
+    WallClock,
+    /// Stamps by a clock of unknown origin, whose offset is estimated from arrivals.
+    CameraClock,
+    /// The time stamps of a video file.
+    File,
+}
+
+impl fmt::Display for TimeSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Driver => "times from the driver, or of arrival where it has none",
+            Self::WallClock => "times from the driver's wall clock, or of arrival where it has none",
+            Self::CameraClock => "times from the camera's clock, set by the earliest arrivals",
+            Self::File => "times from the file",
+        })
     }
 }
 
 /// What a camera gives.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Given {
+    pub driver: DriverName,
     pub name: String,
     pub delivered: Delivered,
     /// Pictures a second, as its driver says.
     pub rate_hz: Option<f64>,
+    pub times: TimeSource,
     /// Whether its pictures say how long they were exposed.
     pub has_exposure: bool,
+    /// Which of range and matrix the driver does not state and nobody set, so that they are assumed.
+    pub assumed: Assumed,
     /// What its pictures do not keep of a video that stands in for it, a sentence each.
     pub warnings: Vec<String>,
+}
+
+/// Properties of Y'CbCr that are assumed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Assumed {
+    pub range: bool,
+    pub matrix: bool,
+}
+
+impl Given {
+    /// Driver, times and assumptions, for a person.
+    pub fn notes(&self) -> String {
+        let Assumed { range, matrix } = self.assumed;
+        let assumed = match (range, matrix) {
+            (true, true) => "; range and matrix are assumed (--range, --matrix)",
+            (true, false) => "; the range is assumed (--range)",
+            (false, true) => "; the matrix is assumed (--matrix)",
+            (false, false) => "",
+        };
+        format!("driver {}, {}{assumed}", self.driver, self.times)
+    }
 }

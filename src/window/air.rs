@@ -9,7 +9,7 @@ use super::errand::Errand;
 use super::question::{self, DialogKeys, default_button};
 use super::recent::Opened;
 use locard_engine::live::{Added, Asked, LiveFrom};
-use locard_engine::webcam;
+use locard_engine::webcam::{self, DriverName};
 use locard_engine::words::{number, shown};
 
 /// Where poses come from.
@@ -96,7 +96,7 @@ impl Air {
             _ => (Poses::Stream, String::new(), from.poses.clone()),
         };
         Self {
-            camera: from.camera.clone(),
+            camera: named(asked.driver, &from.camera),
             is_chosen: true,
             poses,
             board,
@@ -311,8 +311,9 @@ impl Air {
         let delay = typed(&self.delay).filter(|_| is(Poses::Stream)).map(|text| Asked::delay_of(&text)).transpose()?;
         let smoothing = typed(&self.smoothing).filter(|_| is(Poses::Tags));
         let smooth_s = smoothing.map(|text| Asked::smoothing_of(&text)).transpose()?;
-        let asked = Asked { size, rate_hz, delay: delay.unwrap_or_default(), smooth_s, ..self.asked };
-        let from = LiveFrom { asked, ..LiveFrom::new(self.camera.trim(), &poses) }.absolute();
+        let (driver, camera) = DriverName::split(self.camera.trim());
+        let asked = Asked { driver, size, rate_hz, delay: delay.unwrap_or_default(), smooth_s, ..self.asked };
+        let from = LiveFrom { asked, ..LiveFrom::new(camera, &poses) }.absolute();
         let scene = self.scene.clone().filter(|_| self.with_scene);
         Ok(Opened::camera(from, typed(&self.profile).map(PathBuf::from), scene))
     }
@@ -322,13 +323,33 @@ fn text_field(name: &str) -> egui::WidgetInfo {
     egui::WidgetInfo::labeled(egui::Role::TextInput, true, name)
 }
 
+/// The cameras of all drivers. Those of a driver that is not the default have its name before them.
 fn cameras() -> Result<Found, String> {
-    let found = webcam::cameras().map_err(|error| error.to_string())?;
-    if found.is_empty() {
-        return Err("No camera was found; a video's file can stand in for one.".to_owned());
+    let drivers = webcam::cameras();
+    let default = drivers.first().map(|(driver, _)| *driver);
+    let mut found = Found::new();
+    let mut problem = None;
+    for (driver, cameras) in drivers {
+        match cameras {
+            Ok(cameras) => found.extend(cameras.iter().map(|camera| {
+                let text = format!("{}: {}", camera.number, shown(&camera.name));
+                if Some(driver) == default {
+                    (camera.number.to_string(), text)
+                } else {
+                    (named(Some(driver), &camera.number.to_string()), format!("{text} ({driver})"))
+                }
+            })),
+            Err(error) => problem = Some(error.to_string()),
+        }
     }
-    Ok(found
-        .iter()
-        .map(|camera| (camera.number.to_string(), format!("{}: {}", camera.number, shown(&camera.name))))
-        .collect())
+    match problem {
+        Some(problem) if found.is_empty() => Err(problem),
+        _ if found.is_empty() => Err("No camera was found; a video's file can stand in for one.".to_owned()),
+        _ => Ok(found),
+    }
+}
+
+/// A camera with its driver, if it is not the default one; [`DriverName::split`] reads it.
+fn named(driver: Option<DriverName>, camera: &str) -> String {
+    driver.map_or_else(|| camera.to_owned(), |driver| format!("{driver}:{camera}"))
 }

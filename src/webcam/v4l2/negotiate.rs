@@ -1,11 +1,6 @@
 //! Video4Linux: finding a camera, and agreeing with it on size, rate and layout.
-//!
-//! Through the `v4l` crate, and not through nokhwa above it: nokhwa loses the length of a JPEG picture, the driver's own
-//! time and count, the colour range, and every rate that is not whole; and it waits without end for a camera that has
-//! stopped.
 
 use std::io::{self, ErrorKind};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
 use v4l::capability::Flags;
@@ -16,20 +11,24 @@ use v4l::video::Capture;
 use v4l::video::capture::Parameters;
 use v4l::{Device, Format, FourCC, Fraction};
 
-use super::encoding;
-use super::error::CameraError;
-use super::list::{Listed, Mode};
-use super::picture::{Delivered, Layout};
-use super::wanted::Wanted;
+use super::{encoding, permission};
 use crate::source::video::{ColorMatrix, ColorRange};
+use crate::webcam::choose;
+use crate::webcam::driver_name::DriverName;
+use crate::webcam::error::CameraError;
+use crate::webcam::list::{Listed, Mode};
+use crate::webcam::picture::{Delivered, Layout};
+use crate::webcam::session::guarded;
+use crate::webcam::wanted::Wanted;
 use crate::words::{quoted, reason};
 
-const CODES: [(Layout, &[u8; 4]); 5] = [
+const CODES: [(Layout, &[u8; 4]); 6] = [
     (Layout::Yuyv, b"YUYV"),
     (Layout::Nv12, b"NV12"),
     (Layout::Mjpeg, b"MJPG"),
     (Layout::Mjpeg, b"JPEG"),
     (Layout::Rgb, b"RGB3"),
+    (Layout::Grey, b"GREY"),
 ];
 /// Sizes and rates that a driver may list, each: no camera has more.
 const MOST_LISTED: usize = 200;
@@ -38,10 +37,9 @@ fn layout_of(code: FourCC) -> Option<Layout> {
     CODES.into_iter().find(|(_, known)| **known == code.repr).map(|(layout, _)| layout)
 }
 
-/// What the driver answers, which the crate below refuses by a panic where it does not know it.
+/// Queries the driver. The `v4l` crate panics at values that it does not define; they become errors.
 pub fn asked<T>(ask: impl FnOnce() -> io::Result<T>) -> io::Result<T> {
-    let refused = |_| Err(io::Error::other("its driver's answer is not understood"));
-    catch_unwind(AssertUnwindSafe(ask)).unwrap_or_else(refused)
+    guarded(ask).unwrap_or_else(|_| Err(io::Error::other("its driver's answer is not understood")))
 }
 
 /// The numbers of the system's video devices, ascending.
@@ -88,7 +86,7 @@ fn listed(number: usize) -> Option<Listed> {
         Ok(device) => modes(&device).map_err(|error| why(&path, error).to_string()),
         Err(error) => Err(error.to_string()),
     };
-    Some(Listed { number, name: name_of(number), path, modes })
+    Some(Listed { driver: DriverName::V4l2, number, name: name_of(number), place: path.display().to_string(), modes })
 }
 
 /// Opens a device.
@@ -98,37 +96,18 @@ pub fn open(path: &Path) -> Result<Device, CameraError> {
 
 /// A system's error in words.
 pub fn why(path: &Path, error: io::Error) -> CameraError {
-    let path = path.to_owned();
+    let camera = path.display().to_string();
     match error.kind() {
-        ErrorKind::PermissionDenied => CameraError::Permission { advice: advice(&path), path },
-        ErrorKind::ResourceBusy => CameraError::Busy { path },
-        ErrorKind::NotFound => CameraError::None { asked: path.display().to_string(), found: names() },
-        _ => CameraError::Driver { path, problem: reason(&error) },
+        ErrorKind::PermissionDenied => CameraError::Permission { advice: permission::advice(path), camera },
+        ErrorKind::ResourceBusy => CameraError::Busy { camera },
+        ErrorKind::NotFound => CameraError::None { asked: camera, found: names() },
+        _ => CameraError::Driver { camera, problem: reason(&error) },
     }
 }
 
 /// The cameras that there are, for a message.
 pub fn names() -> Vec<String> {
     cameras().into_iter().map(|camera| format!("{} ({})", camera.number, camera.name)).collect()
-}
-
-/// Who may open a device, by its group.
-fn advice(path: &Path) -> String {
-    use std::os::unix::fs::MetadataExt;
-    let gid = std::fs::metadata(path).map(|metadata| metadata.gid()).ok();
-    let groups = std::fs::read_to_string("/etc/group").unwrap_or_default();
-    let named = |line: &str| {
-        let mut parts = line.split(':');
-        let name = parts.next()?.to_owned();
-        (parts.nth(1)?.parse().ok() == gid).then_some(name).filter(|_| gid.is_some())
-    };
-    // Nobody should be of root's group for a camera.
-    match groups.lines().find_map(named).filter(|_| gid != Some(0)) {
-        Some(group) => {
-            format!("the group {group} may, and you are not of it; `sudo usermod -aG {group} $USER`, then log in anew")
-        }
-        None => "only root may; whoever looks after this machine can give it to the group video".to_owned(),
-    }
 }
 
 /// Everything that a camera offers.
@@ -165,57 +144,44 @@ fn rate(interval: Fraction) -> Option<f64> {
     (rate_hz.is_finite() && rate_hz > 0.0).then_some(rate_hz)
 }
 
+/// The interval of a rate, to a thousandth of a hertz, in lowest terms: some drivers keep the fraction as it is, and other
+/// programs expect 1/30.
+fn interval(rate_hz: f64) -> Fraction {
+    let millihertz = (1000.0 * rate_hz).round().max(1.0) as u32;
+    let gcd = |mut a: u32, mut b: u32| {
+        while b > 0 {
+            (a, b) = (b, a % b);
+        }
+        a
+    };
+    let divisor = gcd(1000, millihertz);
+    Fraction::new(1000 / divisor, millihertz / divisor)
+}
+
 /// Has a camera take what comes nearest to what is wanted. Gives what it agreed to, and the rate, Hz.
 pub fn agree(device: &Device, path: &Path, wanted: &Wanted) -> Result<(Delivered, Option<f64>), CameraError> {
     let failed = |error| why(path, error);
     if !takes_pictures(device) {
-        return Err(CameraError::TakesNone { path: path.to_owned() });
+        return Err(CameraError::TakesNone { camera: path.display().to_string() });
     }
     let offered = modes(device).map_err(failed)?;
-    let layout = chosen(&offered, wanted).ok_or_else(|| {
-        let mut has: Vec<&str> = offered.iter().map(|mode| mode.code.as_str()).collect();
-        has.dedup();
-        CameraError::Layout { path: path.to_owned(), asked: names_of(wanted.layout), has: has.join(", ") }
-    })?;
+    let refused = || CameraError::layout(&path.display().to_string(), &choose::names(wanted.layout), &offered);
+    let layout = choose::layout(&offered, wanted).ok_or_else(refused)?;
     let formats = asked(|| device.enum_formats()).map_err(failed)?;
     let code = formats.iter().map(|format| format.fourcc).find(|code| layout_of(*code) == Some(layout));
     let (width, height) = wanted.size;
     let format = Format::new(width, height, code.unwrap_or(FourCC::new(b"YUYV")));
     let format = asked(|| device.set_format(&format)).map_err(failed)?;
-    // In units of a millisecond of a picture, so that 29.97 is told from 30.
-    let interval = Fraction::new(1000, (1000.0 * wanted.rate_hz).round().max(1.0) as u32);
+    let interval = interval(wanted.rate_hz);
     // Some drivers have no rates.
     let rate_hz = asked(|| device.set_params(&Parameters::new(interval))).ok().and_then(|p| rate(p.interval));
     let layout = layout_of(format.fourcc).ok_or_else(|| CameraError::Layout {
-        path: path.to_owned(),
+        camera: path.display().to_string(),
         asked: layout.to_string(),
         has: quoted(format.fourcc.str().unwrap_or("????")),
     })?;
     let ycbcr_enc = encoding::stated(device).unwrap_or(encoding::DEFAULT);
     Ok((delivered(&format, ycbcr_enc, layout, wanted), rate_hz))
-}
-
-fn names_of(asked: Option<Layout>) -> String {
-    asked.map_or_else(|| Layout::PREFERRED.map(Layout::name).join(", "), |layout| layout.to_string())
-}
-
-/// The layout that was asked for, or the best of those that come in this size at this rate, else of all.
-fn chosen(offered: &[Mode], wanted: &Wanted) -> Option<Layout> {
-    let has = |layout: Layout, fits: &dyn Fn(&Mode) -> bool| {
-        offered.iter().any(|mode| mode.layout == Some(layout) && fits(mode))
-    };
-    if let Some(layout) = wanted.layout {
-        return has(layout, &|_| true).then_some(layout);
-    }
-    let fits = |mode: &Mode| {
-        let [least, most] = mode.sizes;
-        let (w, h) = wanted.size;
-        let in_size = (least.0..=most.0).contains(&w) && (least.1..=most.1).contains(&h);
-        // A rate of 30 is met by 29.97.
-        in_size && (mode.rates_hz.is_empty() || mode.rates_hz.iter().any(|rate| *rate > 0.99 * wanted.rate_hz))
-    };
-    let of = |fits: &dyn Fn(&Mode) -> bool| Layout::PREFERRED.into_iter().find(|layout| has(*layout, fits));
-    of(&fits).or_else(|| of(&|_| true))
 }
 
 /// A range that the driver leaves open follows from its colour space (V4L2_MAP_QUANTIZATION_DEFAULT of the kernel's
@@ -229,7 +195,7 @@ fn delivered(format: &Format, ycbcr_enc: u32, layout: Layout, wanted: &Wanted) -
     let (matrix, range) = match layout {
         Layout::Rgb => (ColorMatrix::Rgb, ColorRange::Full),
         Layout::Mjpeg => (ColorMatrix::Bt601, ColorRange::Full),
-        Layout::Yuyv | Layout::Nv12 => (wanted.matrix.unwrap_or(matrix), wanted.range.unwrap_or(range)),
+        Layout::Yuyv | Layout::Nv12 | Layout::Grey => (wanted.matrix.unwrap_or(matrix), wanted.range.unwrap_or(range)),
     };
     let Format { width, height, stride, .. } = *format;
     Delivered { layout, width, height, stride: stride as usize, range, matrix }
@@ -239,25 +205,13 @@ fn delivered(format: &Format, ycbcr_enc: u32, layout: Layout, wanted: &Wanted) -
 mod tests {
     use super::*;
 
-    fn mode(layout: Layout, size: (u32, u32), rates_hz: &[f64]) -> Mode {
-        Mode { code: String::new(), layout: Some(layout), sizes: [size; 2], rates_hz: rates_hz.to_vec() }
-    }
-
     #[test]
-    fn what_is_chosen_is_as_fast_as_asked() {
-        // A webcam as they are: raw at 30 only when small.
-        let offered = [
-            mode(Layout::Yuyv, (640, 480), &[30.0, 15.0]),
-            mode(Layout::Yuyv, (1280, 720), &[10.0]),
-            mode(Layout::Mjpeg, (1280, 720), &[29.97]),
-        ];
-        let of = |size, layout| chosen(&offered, &Wanted { size, layout, ..Wanted::default() });
-        assert_eq!(of((640, 480), None), Some(Layout::Yuyv));
-        assert_eq!(of((1280, 720), None), Some(Layout::Mjpeg));
-        assert_eq!(of((1280, 720), Some(Layout::Yuyv)), Some(Layout::Yuyv));
-        assert_eq!(of((640, 480), Some(Layout::Nv12)), None);
-        // Nothing fits: the nearest of all.
-        assert_eq!(of((99, 99), None), Some(Layout::Yuyv));
+    fn interval_is_in_lowest_terms() {
+        let of = |rate_hz| {
+            let Fraction { numerator, denominator } = interval(rate_hz);
+            (numerator, denominator)
+        };
+        assert_eq!([30.0, 12.5, 29.97, 0.0].map(of), [(1, 30), (2, 25), (100, 2997), (1000, 1)]);
     }
 
     #[test]

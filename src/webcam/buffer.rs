@@ -1,0 +1,86 @@
+//! The rows in a buffer whose driver states neither their stride nor the length of a JPEG file.
+
+use super::picture::{Delivered, Layout};
+use crate::source::jpeg_end;
+
+/// Some drivers round buffers up to whole memory pages, bytes.
+const PAGE: usize = 4096;
+/// Longest padding of a row, bytes: rows begin at multiples of it at most.
+const MAX_ROW_PADDING: usize = 256;
+
+/// Cuts a buffer to its picture and finds the stride.
+///
+/// Rows without padding are tried first, then rows that divide the buffer evenly, then padding behind the last row. For
+/// any other length the stride is 0, and [`Picture::pixels`](super::Picture::pixels) reports the buffer as damaged. So
+/// it does with a JPEG file that has no end, which is left as it is.
+pub fn fit(delivered: Delivered, mut bytes: Vec<u8>) -> (Delivered, Vec<u8>) {
+    if delivered.layout == Layout::Mjpeg {
+        let length = jpeg_end::length(&bytes).unwrap_or(bytes.len());
+        bytes.truncate(length);
+        return (delivered, bytes);
+    }
+    let stride = stride(&delivered, bytes.len()).unwrap_or(0);
+    bytes.truncate((stride * rows(&delivered)).max(if stride == 0 { bytes.len() } else { 0 }));
+    (Delivered { stride, ..delivered }, bytes)
+}
+
+/// Rows of all planes.
+fn rows(delivered: &Delivered) -> usize {
+    let height = delivered.height as usize;
+    if delivered.layout == Layout::Nv12 { height + height.div_ceil(2) } else { height }
+}
+
+fn stride(delivered: &Delivered, length: usize) -> Option<usize> {
+    let (rows, row) = (rows(delivered), delivered.layout.row_bytes(delivered.width));
+    let whole = rows * row;
+    if length == whole {
+        return Some(row);
+    }
+    let is_stride = |stride: usize| {
+        let is_aligned = delivered.layout != Layout::Yuyv || stride.is_multiple_of(2);
+        is_aligned && (row..=row + MAX_ROW_PADDING).contains(&stride)
+    };
+    if rows > 0 && length.is_multiple_of(rows) && is_stride(length / rows) {
+        return Some(length / rows);
+    }
+    (length == whole.next_multiple_of(PAGE)).then_some(row)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::video::{ColorMatrix, ColorRange};
+    use crate::webcam::Picture;
+
+    fn fitted(layout: Layout, (width, height): (u32, u32), length: usize) -> (usize, usize) {
+        let (range, matrix) = (ColorRange::Limited, ColorMatrix::Bt601);
+        let delivered = Delivered { layout, width, height, stride: 0, range, matrix };
+        let (delivered, bytes) = fit(delivered, vec![128; length]);
+        let is_whole = delivered.stride > 0;
+        let picture = Picture { delivered, bytes, time_s: 0.0, exposure_s: None };
+        assert_eq!(picture.pixels().is_ok(), is_whole, "{layout} {width}x{height} of {length} bytes");
+        (delivered.stride, picture.bytes.len())
+    }
+
+    #[test]
+    fn stride_follows_from_length_and_height() {
+        let vga = (640, 480);
+        assert_eq!(fitted(Layout::Yuyv, vga, 614_400), (1280, 614_400));
+        assert_eq!(fitted(Layout::Yuyv, vga, 480 * 1344), (1344, 480 * 1344));
+        assert_eq!(fitted(Layout::Nv12, vga, 720 * 640), (640, 720 * 640));
+        assert_eq!(fitted(Layout::Nv12, vga, 720 * 704), (704, 720 * 704));
+        assert_eq!(fitted(Layout::Rgb, (2, 2), 14), (7, 14));
+        assert_eq!(fitted(Layout::Grey, (5, 3), 24), (8, 24));
+        // 153,600 bytes in 38 pages.
+        assert_eq!(fitted(Layout::Yuyv, (320, 240), 38 * 4096), (640, 153_600));
+    }
+
+    #[test]
+    fn buffers_of_any_other_length_are_damaged() {
+        let vga = (640, 480);
+        for length in [0, 1, 614_399, 614_401, 480 * 1281, 480 * 2560, 614_400 + 4096] {
+            assert_eq!(fitted(Layout::Yuyv, vga, length), (0, length));
+        }
+        assert_eq!(fitted(Layout::Nv12, vga, 640 * 480), (0, 640 * 480));
+    }
+}

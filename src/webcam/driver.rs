@@ -1,0 +1,67 @@
+//! A camera driver: lists cameras, opens one, and delivers its pictures one at a time.
+//!
+//! [`Session`](super::session::Session) runs a driver on a thread of its own. It watches for stalls, reopens a camera
+//! that was unplugged, and counts dropped pictures, for all drivers alike.
+
+use super::error::CameraError;
+use super::list::Listed;
+use super::picture::Delivered;
+use super::wanted::{Given, Wanted};
+
+/// When a picture was taken, as its driver stamps it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Stamp {
+    Missing,
+    /// Seconds of [`super::monotonic_s`]; replaced by the arrival if implausible.
+    Monotonic(f64),
+    /// Seconds since 1970 by the system's wall clock.
+    Wall(f64),
+    /// Seconds by a clock of unknown origin.
+    Relative(f64),
+    /// Seconds of [`super::monotonic_s`], accepted without a check.
+    Exact(f64),
+}
+
+/// A picture from a driver, before its time is converted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sample {
+    pub delivered: Delivered,
+    pub bytes: Vec<u8>,
+    pub stamp: Stamp,
+    /// When it arrived, seconds of [`super::monotonic_s`].
+    pub arrived_s: f64,
+    pub exposure_s: Option<f64>,
+    /// Pictures lost before it, by the driver's count.
+    pub lost: u64,
+    /// The driver marked it as damaged.
+    pub is_damaged: bool,
+}
+
+pub trait Driver: Send + Sync {
+    /// Called before a camera is opened, on the thread that opens it.
+    fn prepare(&self) -> Result<(), CameraError> {
+        Ok(())
+    }
+
+    /// The cameras, with their modes.
+    fn cameras(&self) -> Result<Vec<Listed>, CameraError>;
+
+    /// The present id of a camera that had an id and a name when it was opened; the same id is preferred. `None`: it is
+    /// unplugged.
+    fn find(&self, id: &str, name: &str) -> Option<String>;
+
+    /// Opens a camera by its id. Called on the camera's thread; may block without end.
+    fn open(&self, id: &str, wanted: &Wanted) -> Result<(Box<dyn Capture>, Given), CameraError>;
+
+    /// False for a file: pictures may be far apart, and after a failure it is not reopened.
+    fn is_live(&self) -> bool {
+        true
+    }
+}
+
+/// An open camera. It stays on the thread that opened it.
+pub trait Capture {
+    /// Waits for the next picture; may block without end. `None`: there will be no more. An error ends the capture, and
+    /// its text follows the camera's name: "… stopped: it was unplugged".
+    fn next(&mut self) -> Result<Option<Sample>, String>;
+}

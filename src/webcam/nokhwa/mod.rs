@@ -1,0 +1,128 @@
+//! The driver of cameras on macOS and Windows, and a second one on Linux: the nokhwa crate.
+//!
+//! It delivers pictures with the wall-clock time of their capture. Range, matrix, counts and error flags do not reach
+//! its interface. [`System`] holds the differences between the systems; docs/live.md lists them.
+
+mod capture;
+mod errors;
+mod modes;
+mod system;
+
+use std::sync::mpsc;
+use std::time::Duration;
+
+use ::nokhwa::utils::{ApiBackend, CameraFormat, CameraIndex, RequestedFormat, RequestedFormatType, Resolution};
+
+use self::capture::NokhwaCapture;
+use self::system::System;
+use super::camera_id::number;
+use super::choose;
+use super::driver::{Capture, Driver};
+use super::driver_name::DriverName;
+use super::error::CameraError;
+use super::list::Listed;
+use super::picture::{Delivered, Layout};
+use super::wanted::{Assumed, Given, TimeSource, Wanted};
+use crate::source::video::{ColorMatrix, ColorRange};
+use crate::words::quoted;
+
+/// The person may think for so long about whether the program may use cameras.
+const PERMISSION_LIMIT: Duration = Duration::from_secs(60);
+
+/// A camera's id is its number or, on Linux, the path of its device.
+pub struct Nokhwa;
+
+/// A camera's number and name.
+struct Found {
+    number: usize,
+    name: String,
+    place: String,
+}
+
+fn found() -> Result<Vec<Found>, CameraError> {
+    let query = ::nokhwa::query(ApiBackend::Auto).map_err(|error| errors::camera_error("nokhwa", &error))?;
+    let camera = |info: &::nokhwa::utils::CameraInfo| {
+        let number = info.index().as_index().ok()? as usize;
+        Some(Found { number, name: quoted(info.human_name().trim()), place: quoted(info.description().trim()) })
+    };
+    let mut found: Vec<Found> = query.iter().filter_map(camera).collect();
+    found.sort_by_key(|camera| camera.number);
+    Ok(found)
+}
+
+impl Driver for Nokhwa {
+    /// Asks for the permission to use cameras, where the system has one (macOS).
+    fn prepare(&self) -> Result<(), CameraError> {
+        let (to_us, answer) = mpsc::channel();
+        ::nokhwa::nokhwa_initialize(move |may| _ = to_us.send(may));
+        if answer.recv_timeout(PERMISSION_LIMIT).unwrap_or(false) { Ok(()) } else { Err(CameraError::NotAllowed) }
+    }
+
+    fn cameras(&self) -> Result<Vec<Listed>, CameraError> {
+        let listed = |camera: Found| {
+            let modes = match modes::offered(camera.number) {
+                Ok(modes) => Ok(modes),
+                Err(error) if errors::takes_no_pictures(&error) => return None,
+                Err(error) => Err(errors::camera_error(&camera.name, &error).to_string()),
+            };
+            let Found { number, name, place } = camera;
+            Some(Listed { driver: DriverName::Nokhwa, number, name, place, modes })
+        };
+        Ok(found()?.into_iter().filter_map(listed).collect())
+    }
+
+    fn find(&self, id: &str, name: &str) -> Option<String> {
+        let cameras = found().ok()?;
+        let mut by_name = cameras.iter().filter(|camera| camera.name == name);
+        let same = by_name.clone().find(|camera| Some(camera.number) == number(id));
+        same.or_else(|| by_name.next()).map(|camera| camera.number.to_string())
+    }
+
+    fn open(&self, id: &str, wanted: &Wanted) -> Result<(Box<dyn Capture>, Given), CameraError> {
+        let cameras = found()?;
+        let names = || cameras.iter().map(|camera| format!("{} ({})", camera.number, camera.name)).collect();
+        let camera = cameras.iter().find(|camera| Some(camera.number) == number(id));
+        let none = || CameraError::None { asked: id.to_owned(), found: names() };
+        let Found { number, name, .. } = camera.ok_or_else(none)?;
+        let refused = |error| errors::camera_error(name, &error);
+        let offered = modes::offered(*number).map_err(refused)?;
+        let mode = choose::exact(&offered, wanted)
+            .ok_or_else(|| CameraError::layout(name, &choose::names(wanted.layout), &offered))?;
+        let (width, height) = mode.size;
+        let format = system::format_of(mode.layout);
+        let exact = CameraFormat::new(Resolution::new(width, height), format, mode.rate_hz as u32);
+        let formats = [format];
+        let request = RequestedFormat::with_formats(RequestedFormatType::Exact(exact), &formats);
+        let camera = ::nokhwa::Camera::new(CameraIndex::Index(*number as u32), request).map_err(refused)?;
+        let delivered = delivered(mode.layout, mode.size, wanted);
+        let capture = NokhwaCapture::new(camera, exact, delivered, System::HERE).map_err(refused)?;
+        let is_ycbcr = mode.layout.is_ycbcr();
+        let has_matrix = is_ycbcr && mode.layout != Layout::Grey;
+        let given = Given {
+            driver: DriverName::Nokhwa,
+            name: name.clone(),
+            delivered,
+            rate_hz: Some(mode.rate_hz),
+            times: if System::HERE == System::Windows { TimeSource::CameraClock } else { TimeSource::WallClock },
+            has_exposure: false,
+            assumed: Assumed {
+                range: is_ycbcr && wanted.range.is_none(),
+                matrix: has_matrix && wanted.matrix.is_none(),
+            },
+            warnings: Vec::new(),
+        };
+        Ok((Box::new(capture), given))
+    }
+}
+
+/// Y'CbCr is assumed to be BT.601 in limited range, unless the request says otherwise.
+fn delivered(layout: Layout, (width, height): (u32, u32), wanted: &Wanted) -> Delivered {
+    let (matrix, range) = match layout {
+        Layout::Rgb => (ColorMatrix::Rgb, ColorRange::Full),
+        Layout::Mjpeg => (ColorMatrix::Bt601, ColorRange::Full),
+        Layout::Yuyv | Layout::Nv12 | Layout::Grey => {
+            (wanted.matrix.unwrap_or(ColorMatrix::Bt601), wanted.range.unwrap_or(ColorRange::Limited))
+        }
+    };
+    Delivered { layout, width, height, stride: layout.row_bytes(width), range, matrix }
+}

@@ -1,0 +1,240 @@
+//! A camera's life, for every driver: opening, stalls, reopening after it was unplugged, drops and times.
+//!
+//! A driver may block without end, so each capture has a thread of its own. The session waits for its pictures, and
+//! leaves behind a thread that does not return.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, SyncSender};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use super::driver::{Capture, Driver, Sample};
+use super::error::CameraError;
+use super::frame_clock::FrameClock;
+use super::newest::{Drops, Putter};
+use super::picture::{Delivered, Picture};
+use super::wanted::{Given, Wanted};
+
+/// How long a driver may take.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Without a picture for so long, a camera counts as stalled.
+    pub picture: Duration,
+    /// From the call to the open camera. Media Foundation takes seconds.
+    pub opening: Duration,
+    /// Between two attempts to reopen a camera.
+    pub retry: Duration,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { picture: Duration::from_secs(2), opening: Duration::from_secs(15), retry: Duration::from_millis(500) }
+    }
+}
+
+/// Threads that may be blocked in the driver at once. With more of them the camera is not reopened.
+pub const MAX_BLOCKED_THREADS: usize = 4;
+/// How often a waiting session checks that its pictures are still taken.
+const CHECK_EVERY: Duration = Duration::from_millis(100);
+
+/// Runs a call into a driver. A panic becomes an error.
+pub fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(call)).map_err(|_| "its driver broke down".to_owned())
+}
+
+/// What a capture's thread reports.
+enum Event {
+    Opened(Given),
+    Refused(CameraError),
+    Sample(Sample),
+    /// The last picture came.
+    Over,
+    Failed(String),
+}
+
+/// A capture on its thread. Dropped, it lets the thread end after its next picture.
+struct Worker {
+    events: Receiver<Event>,
+    /// Dropped without a message, the capture is closed again.
+    start: SyncSender<()>,
+    thread: JoinHandle<()>,
+}
+
+impl Worker {
+    /// Opens a camera on a thread of its own. A thread that does not answer in time is added to `blocked`.
+    fn open(
+        driver: &Arc<dyn Driver>,
+        id: &str,
+        wanted: &Wanted,
+        limit: Duration,
+        blocked: &mut Vec<JoinHandle<()>>,
+    ) -> Result<(Self, Given), CameraError> {
+        let (to_session, events) = mpsc::sync_channel(1);
+        let (start, started) = mpsc::sync_channel(1);
+        let (driver, id, wanted) = (Arc::clone(driver), id.to_owned(), *wanted);
+        let named = std::thread::Builder::new().name("capture".to_owned());
+        let of_thread = id.clone();
+        let work = move || work(&*driver, &of_thread, &wanted, &to_session, &started);
+        let thread = named.spawn(work).map_err(CameraError::Thread)?;
+        let worker = Self { events, start, thread };
+        match worker.events.recv_timeout(limit) {
+            Ok(Event::Opened(given)) => Ok((worker, given)),
+            Ok(Event::Refused(error)) => Err(error),
+            _ => {
+                blocked.push(worker.thread);
+                Err(CameraError::NoAnswer { camera: id, seconds: limit.as_secs_f64() })
+            }
+        }
+    }
+}
+
+/// A capture's thread: opens it, waits for the start, and reports its pictures until nobody receives them.
+fn work(driver: &dyn Driver, id: &str, wanted: &Wanted, events: &SyncSender<Event>, started: &Receiver<()>) {
+    let broken = |problem| Err(CameraError::Driver { camera: id.to_owned(), problem });
+    let mut capture: Box<dyn Capture> = match guarded(|| driver.open(id, wanted)).unwrap_or_else(broken) {
+        Ok((capture, given)) => {
+            if events.send(Event::Opened(given)).is_err() {
+                return close(capture);
+            }
+            capture
+        }
+        Err(error) => return drop(events.send(Event::Refused(error))),
+    };
+    if started.recv().is_err() {
+        return close(capture);
+    }
+    let last = loop {
+        match guarded(|| capture.next()) {
+            Ok(Ok(Some(sample))) => {
+                if events.send(Event::Sample(sample)).is_err() {
+                    return close(capture);
+                }
+            }
+            Ok(Ok(None)) => break Event::Over,
+            Ok(Err(problem)) | Err(problem) => break Event::Failed(problem),
+        }
+    };
+    // Another capture of the same camera may follow at once.
+    close(capture);
+    let _ = events.send(last);
+}
+
+fn close(capture: Box<dyn Capture>) {
+    let _ = guarded(|| drop(capture));
+}
+
+/// A camera that is open, and delivers from [`Session::run`] on.
+pub struct Session {
+    driver: Arc<dyn Driver>,
+    id: String,
+    wanted: Wanted,
+    given: Given,
+    limits: Limits,
+    worker: Option<Worker>,
+    /// Threads that were left behind in the driver.
+    blocked: Vec<JoinHandle<()>>,
+    clock: FrameClock,
+}
+
+impl Session {
+    pub fn open(
+        driver: Arc<dyn Driver>,
+        id: &str,
+        wanted: &Wanted,
+        limits: Limits,
+    ) -> Result<(Self, Given), CameraError> {
+        let mut blocked = Vec::new();
+        let (worker, given) = Worker::open(&driver, id, wanted, limits.opening, &mut blocked)?;
+        let session = Self {
+            driver,
+            id: id.to_owned(),
+            wanted: *wanted,
+            given: given.clone(),
+            limits,
+            worker: Some(worker),
+            blocked,
+            clock: FrameClock::default(),
+        };
+        Ok((session, given))
+    }
+
+    /// Delivers until nobody takes pictures any more. A camera that stops is waited for, and reopened.
+    pub fn run(mut self, putter: &Putter<Picture>) {
+        while !putter.is_over() {
+            let worker = self.worker.take().map_or_else(|| self.reopened(), Ok);
+            match worker.and_then(|worker| self.deliver(worker, putter)) {
+                Ok(()) => return,
+                Err(problem) => putter.gone(problem),
+            }
+            if !self.driver.is_live() {
+                return;
+            }
+            putter.rest(self.limits.retry);
+        }
+    }
+
+    /// Opens the camera again under its present id. It has to deliver what it delivered before.
+    fn reopened(&mut self) -> Result<Worker, String> {
+        let name = &self.given.name;
+        self.blocked.retain(|thread| !thread.is_finished());
+        if self.blocked.len() >= MAX_BLOCKED_THREADS {
+            let count = self.blocked.len();
+            return Err(format!("{name}: {count} attempts wait for its driver; unplug it, or start anew"));
+        }
+        let find = || self.driver.find(&self.id, name);
+        let id = guarded(find)?.ok_or_else(|| format!("{name} is unplugged"))?;
+        let opened = Worker::open(&self.driver, &id, &self.wanted, self.limits.opening, &mut self.blocked);
+        let (worker, given) = opened.map_err(|error| error.to_string())?;
+        if given.delivered != self.given.delivered {
+            let (now, before) = (given.delivered, self.given.delivered);
+            return Err(format!("{name} gives {now} now, and gave {before} before"));
+        }
+        self.id = id;
+        Ok(worker)
+    }
+
+    /// Puts a capture's pictures until nobody takes them, or the last one came.
+    fn deliver(&mut self, worker: Worker, putter: &Putter<Picture>) -> Result<(), String> {
+        let name = self.given.name.clone();
+        // A thread that has ended is noticed below.
+        let _ = worker.start.send(());
+        let mut last = Instant::now();
+        while !putter.is_over() {
+            match worker.events.recv_timeout(CHECK_EVERY.min(self.limits.picture)) {
+                Ok(Event::Sample(sample)) => {
+                    last = Instant::now();
+                    self.put(sample, putter);
+                }
+                Ok(Event::Over) => return Ok(()),
+                Ok(Event::Failed(problem)) if self.driver.is_live() => {
+                    return Err(format!("{name} stopped: {problem}"));
+                }
+                Ok(Event::Failed(problem)) => return Err(problem),
+                Ok(Event::Opened(_) | Event::Refused(_)) => {}
+                Err(RecvTimeoutError::Disconnected) => return Err(format!("{name} stopped: its driver broke down")),
+                Err(RecvTimeoutError::Timeout) => {
+                    if self.driver.is_live() && last.elapsed() >= self.limits.picture {
+                        self.blocked.push(worker.thread);
+                        let seconds = self.limits.picture.as_secs_f64();
+                        return Err(format!("{name} stopped: no picture came for {seconds} s"));
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn put(&mut self, sample: Sample, putter: &Putter<Picture>) {
+        let Sample { delivered, bytes, stamp, arrived_s, exposure_s, lost, is_damaged } = sample;
+        let of = |delivered: &Delivered| (delivered.layout, delivered.width, delivered.height);
+        let is_damaged = is_damaged || of(&delivered) != of(&self.given.delivered);
+        let implausible = self.clock.implausible;
+        let time_s = self.clock.time_s(stamp, arrived_s);
+        let arrival_timed = self.clock.implausible - implausible;
+        putter.count(Drops { lost, damaged: u64::from(is_damaged), arrival_timed, ..Drops::default() });
+        if !is_damaged {
+            putter.put(Picture { delivered, bytes, time_s, exposure_s });
+        }
+    }
+}
