@@ -1,6 +1,6 @@
 //! Files that are either complete or absent.
 
-use std::fs::{File, Permissions};
+use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -82,7 +82,7 @@ impl Partial {
         {
             use std::os::unix::fs::PermissionsExt;
             // Like any file: subject to the umask.
-            builder.permissions(Permissions::from_mode(0o666));
+            builder.permissions(std::fs::Permissions::from_mode(0o666));
         }
         let folder = folder_of(&target).unwrap_or(Path::new("."));
         let (file, unfinished) = Unfinished::begin(|| {
@@ -239,7 +239,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("scene.toml");
         std::fs::write(&path, "mine").unwrap();
-        let set = |mode| std::fs::set_permissions(&path, Permissions::from_mode(mode)).unwrap();
+        let set = |mode| std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
         set(0o640);
         write_atomically(&path, true, |w| w.write_all(b"new")).unwrap();
         assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o640);

@@ -4,8 +4,8 @@ const START: u8 = 0xd8;
 const END: u8 = 0xd9;
 const SCAN: u8 = 0xda;
 
-/// Bytes from the start marker to behind the end marker. End markers inside a segment (a thumbnail) are skipped. `None` if
-/// the file is damaged or has no end marker.
+/// Bytes from the start marker to behind the end marker. End markers inside a segment (a thumbnail)
+/// are skipped. `None` if the file is damaged or has no end marker.
 pub fn length(buffer: &[u8]) -> Option<usize> {
     if buffer.get(..2)? != [0xff, START] {
         return None;

@@ -10,9 +10,10 @@ const MAX_ROW_PADDING: usize = 256;
 
 /// Cuts a buffer to its picture and finds the stride.
 ///
-/// Rows without padding are tried first, then rows that divide the buffer evenly, then padding behind the last row. For
-/// any other length the stride is 0, and [`Picture::pixels`](super::Picture::pixels) reports the buffer as damaged. So
-/// it does with a JPEG file that has no end, which is left as it is.
+/// Rows without padding are tried first, then rows that divide the buffer evenly, then padding
+/// behind the last row. For any other length the stride is 0, and
+/// [`Picture::pixels`](super::Picture::pixels) reports the buffer as damaged. So it does with a
+/// JPEG file that has no end, which is left as it is.
 pub fn fit(delivered: Delivered, mut bytes: Vec<u8>) -> (Delivered, Vec<u8>) {
     if delivered.layout == Layout::Mjpeg {
         let length = jpeg_end::length(&bytes).unwrap_or(bytes.len());

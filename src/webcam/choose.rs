@@ -4,7 +4,8 @@ use super::list::Mode;
 use super::picture::Layout;
 use super::wanted::Wanted;
 
-/// The layout that was requested, or the best of those that come in this size at this rate, else of all.
+/// The layout that was requested, or the best of those that come in this size at this rate, else of
+/// all.
 pub fn layout(offered: &[Mode], wanted: &Wanted) -> Option<Layout> {
     let has = |layout: Layout, fits: &dyn Fn(&Mode) -> bool| {
         offered.iter().any(|mode| mode.layout == Some(layout) && fits(mode))
@@ -32,8 +33,8 @@ pub struct ExactMode {
     pub rate_hz: f64,
 }
 
-/// The mode nearest to the request, of modes of single sizes: layout first, then size, then rate. Of two rates equally
-/// near, the faster one.
+/// The mode nearest to the request, of modes of single sizes: layout first, then size, then rate.
+/// Of two rates equally near, the faster one.
 pub fn exact(offered: &[Mode], wanted: &Wanted) -> Option<ExactMode> {
     let layout = layout(offered, wanted)?;
     let of_layout = offered.iter().filter(|mode| mode.layout == Some(layout) && !mode.rates_hz.is_empty());

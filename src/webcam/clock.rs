@@ -2,8 +2,8 @@
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// Seconds of the system's monotonic clock: CLOCK_MONOTONIC on Linux, by which V4L2 drivers stamp their pictures.
-/// Elsewhere, seconds since the first call.
+/// Seconds of the system's monotonic clock: CLOCK_MONOTONIC on Linux, by which V4L2 drivers stamp
+/// their pictures. Elsewhere, seconds since the first call.
 pub fn monotonic_s() -> f64 {
     #[cfg(target_os = "linux")]
     {
@@ -21,7 +21,8 @@ pub fn monotonic_s() -> f64 {
 const SIMULTANEOUS_S: f64 = 1e-4;
 const MAX_READINGS: usize = 5;
 
-/// The wall clock (seconds since 1970) minus the monotonic clock. Of several readings the one that took least time.
+/// The wall clock (seconds since 1970) minus the monotonic clock. Of several readings the one that
+/// took least time.
 pub fn wall_offset_s() -> f64 {
     let mut best = (f64::INFINITY, 0.0);
     for _ in 0..MAX_READINGS {

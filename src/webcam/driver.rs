@@ -1,7 +1,7 @@
 //! A camera driver: lists cameras, opens one, and delivers its pictures one at a time.
 //!
-//! [`Session`](super::session::Session) runs a driver on a thread of its own. It watches for stalls, reopens a camera
-//! that was unplugged, and counts dropped pictures, for all drivers alike.
+//! [`Session`](super::session::Session) runs a driver on a thread of its own. It watches for
+//! stalls, reopens a camera that was unplugged, and counts dropped pictures, for all drivers alike.
 
 use super::error::CameraError;
 use super::list::Listed;
@@ -13,6 +13,7 @@ use super::wanted::{Given, Wanted};
 pub enum Stamp {
     Missing,
     /// Seconds of [`super::monotonic_s`]; replaced by the arrival if implausible.
+    #[cfg_attr(not(target_os = "linux"), expect(dead_code, reason = "the driver v4l2 stamps so"))]
     Monotonic(f64),
     /// Seconds since 1970 by the system's wall clock.
     Wall(f64),
@@ -46,8 +47,8 @@ pub trait Driver: Send + Sync {
     /// The cameras, with their modes.
     fn cameras(&self) -> Result<Vec<Listed>, CameraError>;
 
-    /// The present id of a camera that had an id and a name when it was opened; the same id is preferred. `None`: it is
-    /// unplugged.
+    /// The present id of a camera that had an id and a name when it was opened; the same id is
+    /// preferred. `None`: it is unplugged.
     fn find(&self, id: &str, name: &str) -> Option<String>;
 
     /// Opens a camera by its id. Called on the camera's thread; may block without end.
@@ -61,7 +62,7 @@ pub trait Driver: Send + Sync {
 
 /// An open camera. It stays on the thread that opened it.
 pub trait Capture {
-    /// Waits for the next picture; may block without end. `None`: there will be no more. An error ends the capture, and
-    /// its text follows the camera's name: "… stopped: it was unplugged".
+    /// Waits for the next picture; may block without end. `None`: there will be no more. An error
+    /// ends the capture, and its text follows the camera's name: "… stopped: it was unplugged".
     fn next(&mut self) -> Result<Option<Sample>, String>;
 }

@@ -28,8 +28,8 @@ impl Default for FrameClock {
 impl FrameClock {
     /// The time of a picture that arrived at a time, both in seconds of the monotonic clock.
     ///
-    /// A stamp is implausible if it is later than the arrival, more than [`MAX_AGE_S`] earlier, or not later than the
-    /// picture before. Such a picture has the time of its arrival.
+    /// A stamp is implausible if it is later than the arrival, more than [`MAX_AGE_S`] earlier, or
+    /// not later than the picture before. Such a picture has the time of its arrival.
     pub fn time_s(&mut self, stamp: Stamp, arrived_s: f64) -> f64 {
         self.with_wall_offset_s(stamp, arrived_s, wall_offset_s)
     }
@@ -58,8 +58,8 @@ impl FrameClock {
         time_s
     }
 
-    /// A picture is never delivered before it is taken, so the smallest difference between arrival and stamp of the last
-    /// seconds is nearest to the offset of the camera's clock.
+    /// A picture is never delivered before it is taken, so the smallest difference between arrival
+    /// and stamp of the last seconds is nearest to the offset of the camera's clock.
     fn relative_s(&mut self, time_s: f64, arrived_s: f64) -> f64 {
         let has_jumped =
             |estimate_s: f64| !((arrived_s - time_s - estimate_s).abs() <= MAX_CLOCK_STEP_S && time_s.is_finite());

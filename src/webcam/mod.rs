@@ -1,8 +1,10 @@
-//! Cameras of this machine: pictures as the driver delivers them, with its times. A video may stand in for one.
+//! Cameras of this machine: pictures as the driver delivers them, with its times. A video may stand
+//! in for one.
 //!
-//! A [`Driver`](driver::Driver) lists and opens cameras; there are three. Behind it all cameras go the same way: a
-//! session puts each picture where the next one replaces it ([`Newest`]), watches for stalls, and reopens a camera that
-//! was unplugged. Whoever takes the pictures gets the newest, and learns how many were dropped.
+//! A [`Driver`](driver::Driver) lists and opens cameras; there are three. Behind it all cameras go
+//! the same way: a session puts each picture where the next one replaces it ([`Newest`]), watches
+//! for stalls, and reopens a camera that was unplugged. Whoever takes the pictures gets the newest,
+//! and learns how many were dropped.
 
 mod buffer;
 mod camera_id;

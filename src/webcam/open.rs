@@ -56,7 +56,8 @@ fn driver(name: DriverName) -> Result<Arc<dyn Driver>, CameraError> {
     }
 }
 
-/// The cameras of each driver on this system, the default driver first. Devices that take no pictures are left out.
+/// The cameras of each driver on this system, the default driver first. Devices that take no
+/// pictures are left out.
 pub fn cameras() -> Vec<(DriverName, Result<Vec<Listed>, CameraError>)> {
     let of = |name: &DriverName| (*name, driver(*name).and_then(|driver| listed(*name, driver, Limits::default())));
     DriverName::HERE.iter().map(of).collect()
@@ -72,7 +73,8 @@ pub(super) fn listed(name: DriverName, driver: Arc<dyn Driver>, limits: Limits) 
     answer.recv_timeout(limits.opening).unwrap_or_else(silent)
 }
 
-/// Opens a camera by its number, by its device (`/dev/video0`), or a video in its place by its file.
+/// Opens a camera by its number, by its device (`/dev/video0`), or a video in its place by its
+/// file.
 pub fn open(asked: &str, wanted: &Wanted) -> Result<Camera, CameraError> {
     if camera_id::number(asked).is_some() {
         let name = wanted.driver.or(DriverName::HERE.first().copied()).ok_or(CameraError::NotBuilt)?;

@@ -1,7 +1,8 @@
-//! A camera's life, for every driver: opening, stalls, reopening after it was unplugged, drops and times.
+//! A camera's life, for every driver: opening, stalls, reopening after it was unplugged, drops and
+//! times.
 //!
-//! A driver may block without end, so each capture has a thread of its own. The session waits for its pictures, and
-//! leaves behind a thread that does not return.
+//! A driver may block without end, so each capture has a thread of its own. The session waits for
+//! its pictures, and leaves behind a thread that does not return.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -62,7 +63,8 @@ struct Worker {
 }
 
 impl Worker {
-    /// Opens a camera on a thread of its own. A thread that does not answer in time is added to `blocked`.
+    /// Opens a camera on a thread of its own. A thread that does not answer in time is added to
+    /// `blocked`.
     fn open(
         driver: &Arc<dyn Driver>,
         id: &str,
@@ -89,7 +91,8 @@ impl Worker {
     }
 }
 
-/// A capture's thread: opens it, waits for the start, and reports its pictures until nobody receives them.
+/// A capture's thread: opens it, waits for the start, and reports its pictures until nobody
+/// receives them.
 fn work(driver: &dyn Driver, id: &str, wanted: &Wanted, events: &SyncSender<Event>, started: &Receiver<()>) {
     let broken = |problem| Err(CameraError::Driver { camera: id.to_owned(), problem });
     let mut capture: Box<dyn Capture> = match guarded(|| driver.open(id, wanted)).unwrap_or_else(broken) {
@@ -159,7 +162,8 @@ impl Session {
         Ok((session, given))
     }
 
-    /// Delivers until nobody takes pictures any more. A camera that stops is waited for, and reopened.
+    /// Delivers until nobody takes pictures any more. A camera that stops is waited for, and
+    /// reopened.
     pub fn run(mut self, putter: &Putter<Picture>) {
         while !putter.is_over() {
             let worker = self.worker.take().map_or_else(|| self.reopened(), Ok);

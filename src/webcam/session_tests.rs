@@ -40,7 +40,8 @@ enum Step {
 
 /// What a call of `Driver::open` does.
 enum Opening {
-    /// Follows the steps; without one it blocks. The sender's receiver is told when the capture is closed.
+    /// Follows the steps; without one it blocks. The sender's receiver is told when the capture is
+    /// closed.
     Steps(Receiver<Step>, Sender<()>, Delivered),
     Refuse,
     Panic,

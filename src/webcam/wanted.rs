@@ -63,7 +63,8 @@ pub struct Given {
     pub times: TimeSource,
     /// Whether its pictures say how long they were exposed.
     pub has_exposure: bool,
-    /// Which of range and matrix the driver does not state and nobody set, so that they are assumed.
+    /// Which of range and matrix the driver does not state and nobody set, so that they are
+    /// assumed.
     pub assumed: Assumed,
     /// What its pictures do not keep of a video that stands in for it, a sentence each.
     pub warnings: Vec<String>,

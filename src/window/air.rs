@@ -353,3 +353,15 @@ fn cameras() -> Result<Found, String> {
 fn named(driver: Option<DriverName>, camera: &str) -> String {
     driver.map_or_else(|| camera.to_owned(), |driver| format!("{driver}:{camera}"))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn camera_of_the_dialog_names_its_driver() {
+        for (driver, camera) in [(None, "0"), (Some(DriverName::Nokhwa), "1"), (None, "video.mp4")] {
+            assert_eq!(DriverName::split(&named(driver, camera)), (driver, camera));
+        }
+    }
+}

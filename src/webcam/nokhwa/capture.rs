@@ -1,5 +1,7 @@
 //! Pictures from a camera of nokhwa.
 
+use std::sync::{Mutex, PoisonError};
+
 use nokhwa::utils::CameraFormat;
 use nokhwa::{Camera, NokhwaError};
 
@@ -10,17 +12,46 @@ use crate::webcam::clock::monotonic_s;
 use crate::webcam::driver::{Capture, Sample};
 use crate::webcam::picture::Delivered;
 
-/// An open camera. It is read as soon as a picture comes, for on macOS nokhwa returns the oldest of the pictures that
-/// wait and discards the others.
+/// The numbers of the cameras that this program has open.
+static OPEN: Mutex<Vec<usize>> = Mutex::new(Vec::new());
+
+/// Whether this program has a camera open. To list its modes would set one.
+pub fn is_open(number: usize) -> bool {
+    OPEN.lock().unwrap_or_else(PoisonError::into_inner).contains(&number)
+}
+
+/// A number's entry among those that are open.
+struct OpenNumber(usize);
+
+impl OpenNumber {
+    fn new(number: usize) -> Self {
+        OPEN.lock().unwrap_or_else(PoisonError::into_inner).push(number);
+        Self(number)
+    }
+}
+
+impl Drop for OpenNumber {
+    fn drop(&mut self) {
+        let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(at) = open.iter().position(|number| *number == self.0) {
+            open.swap_remove(at);
+        }
+    }
+}
+
+/// An open camera. It is read as soon as a picture comes, for on macOS nokhwa returns the oldest of
+/// the pictures that wait and discards the others.
 pub struct NokhwaCapture {
     camera: Camera,
     format: CameraFormat,
     delivered: Delivered,
     system: System,
+    _number: OpenNumber,
 }
 
 impl NokhwaCapture {
     pub fn new(
+        number: usize,
         mut camera: Camera,
         format: CameraFormat,
         delivered: Delivered,
@@ -29,7 +60,7 @@ impl NokhwaCapture {
         if system.opens_stream_early() {
             camera.open_stream()?;
         }
-        Ok(Self { camera, format, delivered, system })
+        Ok(Self { camera, format, delivered, system, _number: OpenNumber::new(number) })
     }
 }
 
@@ -52,5 +83,22 @@ impl Capture for NokhwaCapture {
             lost: 0,
             is_damaged: !is_agreed,
         }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn camera_is_open_while_one_capture_holds_its_number() {
+        // No machine has as many cameras.
+        let number = usize::MAX;
+        let (first, second) = (OpenNumber::new(number), OpenNumber::new(number));
+        assert!(is_open(number) && !is_open(number - 1));
+        drop(first);
+        assert!(is_open(number));
+        drop(second);
+        assert!(!is_open(number));
     }
 }

@@ -43,7 +43,8 @@ fn advice() -> &'static str {
     }
 }
 
-/// Whether a device has no formats of pictures: on Linux metadata and outputs are devices of their own.
+/// Whether a device has no formats of pictures: on Linux metadata and outputs are devices of their
+/// own.
 pub fn takes_no_pictures(error: &NokhwaError) -> bool {
     matches!(error, NokhwaError::GetPropertyError { property, .. } if property == "FrameFormat")
 }

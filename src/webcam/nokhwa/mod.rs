@@ -1,7 +1,8 @@
 //! The driver of cameras on macOS and Windows, and a second one on Linux: the nokhwa crate.
 //!
-//! It delivers pictures with the wall-clock time of their capture. Range, matrix, counts and error flags do not reach
-//! its interface. [`System`] holds the differences between the systems; docs/live.md lists them.
+//! It delivers pictures with the wall-clock time of their capture. Range, matrix, counts and error
+//! flags do not reach its interface. [`System`] holds the differences between the systems;
+//! docs/live.md lists them.
 
 mod capture;
 mod errors;
@@ -60,10 +61,14 @@ impl Driver for Nokhwa {
 
     fn cameras(&self) -> Result<Vec<Listed>, CameraError> {
         let listed = |camera: Found| {
-            let modes = match modes::offered(camera.number) {
-                Ok(modes) => Ok(modes),
-                Err(error) if errors::takes_no_pictures(&error) => return None,
-                Err(error) => Err(errors::camera_error(&camera.name, &error).to_string()),
+            let modes = if capture::is_open(camera.number) {
+                Err(format!("{}: is open in this program", camera.name))
+            } else {
+                match modes::offered(camera.number) {
+                    Ok(modes) => Ok(modes),
+                    Err(error) if errors::takes_no_pictures(&error) => return None,
+                    Err(error) => Err(errors::camera_error(&camera.name, &error).to_string()),
+                }
             };
             let Found { number, name, place } = camera;
             Some(Listed { driver: DriverName::Nokhwa, number, name, place, modes })
@@ -95,7 +100,7 @@ impl Driver for Nokhwa {
         let request = RequestedFormat::with_formats(RequestedFormatType::Exact(exact), &formats);
         let camera = ::nokhwa::Camera::new(CameraIndex::Index(*number as u32), request).map_err(refused)?;
         let delivered = delivered(mode.layout, mode.size, wanted);
-        let capture = NokhwaCapture::new(camera, exact, delivered, System::HERE).map_err(refused)?;
+        let capture = NokhwaCapture::new(*number, camera, exact, delivered, System::HERE).map_err(refused)?;
         let is_ycbcr = mode.layout.is_ycbcr();
         let has_matrix = is_ycbcr && mode.layout != Layout::Grey;
         let given = Given {

@@ -18,14 +18,15 @@ pub fn offered(number: usize) -> Result<Vec<Mode>, NokhwaError> {
 
 /// The camera's formats in AVFoundation's order, rates ascending within each.
 ///
-/// `nokhwa::Camera::new` sets a mode before it can list any, and may abort the process; see [`without_aborts`].
+/// `nokhwa::Camera::new` sets a mode before it can list any, and may abort the process; see
+/// [`without_aborts`].
 #[cfg(target_os = "macos")]
 fn formats(index: CameraIndex) -> Result<Vec<CameraFormat>, NokhwaError> {
     nokhwa_bindings_macos::AVCaptureDevice::new(&index)?.supported_formats()
 }
 
-/// Not by `Camera::compatible_camera_formats`, which covers two formats on Windows, and fails with the first one that
-/// the camera does not have.
+/// Not by `Camera::compatible_camera_formats`, which covers two formats on Windows, and fails with
+/// the first one that the camera does not have.
 #[cfg(not(target_os = "macos"))]
 fn formats(index: CameraIndex) -> Result<Vec<CameraFormat>, NokhwaError> {
     use nokhwa::utils::{RequestedFormat, RequestedFormatType};
@@ -62,10 +63,11 @@ fn modes(system: System, offered: &[CameraFormat]) -> Vec<Mode> {
 
 /// For each size the last of AVFoundation's formats, at its highest rate.
 ///
-/// nokhwa-bindings-macos 0.2.4 takes the last format of the requested size, whatever its pixel format, with the first rate
-/// range of any format of that size that ends at the requested rate. If the range belongs to another format, AVFoundation
-/// throws an exception that aborts the process. The highest rate of the last format is always that format's own. The stream
-/// has this rate, whichever was requested: it is set again when the stream is opened.
+/// nokhwa-bindings-macos 0.2.4 takes the last format of the requested size, whatever its pixel
+/// format, and the last rate range of any format of that size that ends at the requested rate. If
+/// the range belongs to another format, AVFoundation throws an exception that aborts the process.
+/// The highest rate of the last format is always that format's own. The stream has this rate,
+/// whichever was requested: it is set again when the stream is opened.
 fn without_aborts(offered: &[CameraFormat]) -> Vec<CameraFormat> {
     let mut last = BTreeMap::new();
     for format in offered {
@@ -113,7 +115,8 @@ mod tests {
     #[test]
     fn on_macos_only_the_last_formats_own_highest_rate_is_offered() {
         let (hd, small) = ((1280, 720), (320, 240));
-        // As AVFoundation lists a webcam: 720p raw at 10 Hz after 720p at 30 Hz, 480p last as JPEG, 240p last in grey.
+        // As AVFoundation lists a webcam: 720p raw at 10 Hz after 720p at 30 Hz, 480p last as JPEG,
+        // 240p last in grey.
         let offered = formats(&[
             (YUYV, hd, 5),
             (YUYV, hd, 30),

@@ -23,8 +23,9 @@ impl System {
         Self::Linux
     };
 
-    /// The formats that are read. On macOS nokhwa requests the pixel format of the camera's mode from AVFoundation,
-    /// which converts to YUYV and RGB, but throws an exception for its codes of JPEG and grey.
+    /// The formats that are read. On macOS nokhwa requests the pixel format of the camera's mode
+    /// from AVFoundation, which converts to YUYV and RGB, but throws an exception for its codes of
+    /// JPEG and grey.
     pub fn formats(self) -> &'static [FrameFormat] {
         use FrameFormat::{GRAY, MJPEG, NV12, RAWRGB, YUYV};
         match self {
@@ -33,8 +34,8 @@ impl System {
         }
     }
 
-    /// nokhwa's time of a picture. On Windows it is counted from the moment at which the stream was selected, as if the
-    /// camera's clock had been 0 then: its origin is unknown.
+    /// nokhwa's time of a picture. On Windows it is counted from the moment at which the stream was
+    /// selected, as if the camera's clock had been 0 then: its origin is unknown.
     pub fn stamp(self, captured: Option<Duration>) -> Stamp {
         match (captured, self) {
             (None, _) => Stamp::Missing,
@@ -43,8 +44,9 @@ impl System {
         }
     }
 
-    /// Whether a stream is opened with the camera. On Linux that reserves buffers, and fails if another program has
-    /// them; pictures come from the first request on. Elsewhere it starts the camera, whose pictures would queue.
+    /// Whether a stream is opened with the camera. On Linux that reserves buffers, and fails if
+    /// another program has them; pictures come from the first request on. Elsewhere it starts the
+    /// camera, whose pictures would queue.
     pub fn opens_stream_early(self) -> bool {
         self == Self::Linux
     }

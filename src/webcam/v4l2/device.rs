@@ -24,8 +24,8 @@ use crate::webcam::wanted::{Assumed, Given, TimeSource, Wanted};
 const EXPOSURE_EVERY: Duration = Duration::from_millis(500);
 /// Buffers at the driver: one is filled, one waits.
 const BUFFERS: u32 = 4;
-/// `linux/v4l2-controls.h`: V4L2_CID_EXPOSURE_AUTO, of which 1 is by hand and 2 with the shutter by hand, and
-/// V4L2_CID_EXPOSURE_ABSOLUTE, in units of 100 µs.
+/// `linux/v4l2-controls.h`: V4L2_CID_EXPOSURE_AUTO, of which 1 is by hand and 2 with the shutter by
+/// hand, and V4L2_CID_EXPOSURE_ABSOLUTE, in units of 100 µs.
 const EXPOSURE_AUTO: u32 = 0x009a_0901;
 const EXPOSURE: u32 = 0x009a_0902;
 
@@ -112,8 +112,9 @@ impl Capture for V4l2Capture {
 }
 
 impl Stamps {
-    /// Pictures lost since the one before, by the driver's count. A count that goes back has begun anew, and one that leaps
-    /// by more pictures than came in the time says nothing: v4l2loopback's first picture is always its number 0.
+    /// Pictures lost since the one before, by the driver's count. A count that goes back has begun
+    /// anew, and one that leaps by more pictures than came in the time says nothing: v4l2loopback's
+    /// first picture is always its number 0.
     fn lost(&mut self, sequence: u32, time_s: f64) -> u64 {
         let Some((before, before_s)) = self.before.replace((sequence, time_s)) else { return 0 };
         let lost = f64::from(sequence.checked_sub(before).unwrap_or(1).saturating_sub(1));
@@ -129,7 +130,8 @@ fn stamp(metadata: &Metadata) -> Stamp {
     if is_monotonic { Stamp::Monotonic(sec as f64 + 1e-6 * usec as f64) } else { Stamp::Missing }
 }
 
-/// How long the shutter is open, seconds, where somebody has set it. One that the camera sets itself is not reliably told.
+/// How long the shutter is open, seconds, where somebody has set it. One that the camera sets
+/// itself is not reliably told.
 fn exposure(device: &Device) -> Option<f64> {
     let value = |id| match asked(|| device.control(id)).ok()?.value {
         Value::Integer(value) => Some(value),

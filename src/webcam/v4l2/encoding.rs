@@ -1,7 +1,9 @@
-//! The Y'CbCr encoding of a camera's pictures: the driver's `ycbcr_enc`, else the default of its colour space.
+//! The Y'CbCr encoding of a camera's pictures: the driver's `ycbcr_enc`, else the default of its
+//! colour space.
 //!
-//! The kernel's videodev2.h has the numbers and the defaults (V4L2_YCBCR_ENC_*, V4L2_MAP_YCBCR_ENC_DEFAULT). Not modelled:
-//! SMPTE 240M, whose matrix is that of BT.709 within 0.015, and constant luminance of BT.2020.
+//! The kernel's videodev2.h has the numbers and the defaults (V4L2_YCBCR_ENC_*,
+//! V4L2_MAP_YCBCR_ENC_DEFAULT). Not modelled: SMPTE 240M, whose matrix is that of BT.709 within
+//! 0.015, and constant luminance of BT.2020.
 
 use v4l::Device;
 use v4l::buffer::Type;
@@ -17,8 +19,9 @@ pub const DEFAULT: u32 = 0;
 /// Reads `ycbcr_enc` of the current format, which the `v4l` crate drops.
 #[expect(unsafe_code, reason = "no safe interface of the driver has this field")]
 pub fn stated(device: &Device) -> std::io::Result<u32> {
-    // SAFETY: `v4l2_format` is plain data of C, valid as zeros. The ioctl writes one of it, which outlives the call. For a
-    // format of a capture device `pix` is the member in use, and each member of its union is the same u32.
+    // SAFETY: `v4l2_format` is plain data of C, valid as zeros. The ioctl writes one of it, which
+    // outlives the call. For a format of a capture device `pix` is the member in use, and each
+    // member of its union is the same u32.
     unsafe {
         let mut format: v4l2_format = std::mem::zeroed();
         format.type_ = Type::VideoCapture as u32;

@@ -37,7 +37,8 @@ fn layout_of(code: FourCC) -> Option<Layout> {
     CODES.into_iter().find(|(_, known)| **known == code.repr).map(|(layout, _)| layout)
 }
 
-/// Queries the driver. The `v4l` crate panics at values that it does not define; they become errors.
+/// Queries the driver. The `v4l` crate panics at values that it does not define; they become
+/// errors.
 pub fn asked<T>(ask: impl FnOnce() -> io::Result<T>) -> io::Result<T> {
     guarded(ask).unwrap_or_else(|_| Err(io::Error::other("its driver's answer is not understood")))
 }
@@ -144,8 +145,8 @@ fn rate(interval: Fraction) -> Option<f64> {
     (rate_hz.is_finite() && rate_hz > 0.0).then_some(rate_hz)
 }
 
-/// The interval of a rate, to a thousandth of a hertz, in lowest terms: some drivers keep the fraction as it is, and other
-/// programs expect 1/30.
+/// The interval of a rate, to a thousandth of a hertz, in lowest terms: some drivers keep the
+/// fraction as it is, and other programs expect 1/30.
 fn interval(rate_hz: f64) -> Fraction {
     let millihertz = (1000.0 * rate_hz).round().max(1.0) as u32;
     let gcd = |mut a: u32, mut b: u32| {
@@ -158,7 +159,8 @@ fn interval(rate_hz: f64) -> Fraction {
     Fraction::new(1000 / divisor, millihertz / divisor)
 }
 
-/// Has a camera take what comes nearest to what is wanted. Gives what it agreed to, and the rate, Hz.
+/// Has a camera take what comes nearest to what is wanted. Gives what it agreed to, and the rate,
+/// Hz.
 pub fn agree(device: &Device, path: &Path, wanted: &Wanted) -> Result<(Delivered, Option<f64>), CameraError> {
     let failed = |error| why(path, error);
     if !takes_pictures(device) {
@@ -184,8 +186,8 @@ pub fn agree(device: &Device, path: &Path, wanted: &Wanted) -> Result<(Delivered
     Ok((delivered(&format, ycbcr_enc, layout, wanted), rate_hz))
 }
 
-/// A range that the driver leaves open follows from its colour space (V4L2_MAP_QUANTIZATION_DEFAULT of the kernel's
-/// videodev2.h).
+/// A range that the driver leaves open follows from its colour space (V4L2_MAP_QUANTIZATION_DEFAULT
+/// of the kernel's videodev2.h).
 fn delivered(format: &Format, ycbcr_enc: u32, layout: Layout, wanted: &Wanted) -> Delivered {
     let matrix = encoding::matrix(ycbcr_enc, format.colorspace);
     let range = match (format.quantization, format.colorspace) {
