@@ -10,10 +10,10 @@ use super::wanted::{Given, Wanted};
 
 /// When a picture was taken, as its driver stamps it.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(dead_code, reason = "v4l2 alone has monotonic stamps, and a file alone exact ones")]
 pub enum Stamp {
     Missing,
     /// Seconds of [`super::monotonic_s`]; replaced by the arrival if implausible.
-    #[cfg_attr(not(target_os = "linux"), expect(dead_code, reason = "the driver v4l2 stamps so"))]
     Monotonic(f64),
     /// Seconds since 1970 by the system's wall clock.
     Wall(f64),

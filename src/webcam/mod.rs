@@ -6,8 +6,10 @@
 //! for stalls, and reopens a camera that was unplugged. Whoever takes the pictures gets the newest,
 //! and learns how many were dropped.
 
+#[cfg(any(test, feature = "camera"))]
 mod buffer;
 mod camera_id;
+#[cfg(any(test, feature = "camera"))]
 mod choose;
 mod clock;
 mod driver;
