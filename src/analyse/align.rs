@@ -129,6 +129,16 @@ impl Link {
     }
 }
 
+/// Why two frames have no link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LinkFailure {
+    /// Too few textured points with depth lie in both frames: blank surfaces, blur, or no overlap by
+    /// the poses. It is no evidence against the poses.
+    FewPoints,
+    /// The points' depth differs, or no motion aligns their brightness.
+    Mismatch,
+}
+
 const N: usize = 8;
 
 /// Of the pictures that a link joins, each by the variances of its brightness and of its noise.
@@ -139,8 +149,8 @@ fn least_correlation(of: [(f64, f64); 2], points: usize) -> f64 {
 }
 
 /// Aligns `from` to `to`, from the level `coarsest` on (at most the coarsest there is), and says what the readout lacks if
-/// `asks_readout`. `None` if too few of its points are seen there.
-pub fn align(eye: &Eye, from: &View, to: &View, coarsest: usize, asks_readout: bool) -> Option<Link> {
+/// `asks_readout`.
+pub fn align(eye: &Eye, from: &View, to: &View, coarsest: usize, asks_readout: bool) -> Result<Link, LinkFailure> {
     let j_from_i = to.state.world_from_camera.inverse() * from.state.world_from_camera;
     let mut e = DAffine3::IDENTITY;
     let (mut gain, mut shift) = (1.0, 0.0);
@@ -151,19 +161,24 @@ pub fn align(eye: &Eye, from: &View, to: &View, coarsest: usize, asks_readout: b
         if points.is_empty() && level == 0 {
             continue;
         }
+        // A blank surface has few points at coarse levels, and may have enough at finer ones.
         if points.len() < LEAST_POINTS {
-            return None;
+            if last.is_none() {
+                continue;
+            }
+            return Err(LinkFailure::FewPoints);
         }
+        let is_first_level = last.is_none();
         let mut rows = vec![f32::NAN; points.len()];
         for step in 0..STEPS[level.min(STEPS.len() - 1)] {
-            let is_first = step == 0 && level == coarsest;
+            let is_first = step == 0 && is_first_level;
             let seen = Seen::new(eye, from, to, level, &(j_from_i * e), &mut rows)?;
             let sums = seen.sums(from, level, gain, shift, is_first);
             let mut h = sums.h;
             for k in 0..N {
                 h[(k, k)] *= 1.0 + 1e-6;
             }
-            let d = h.cholesky()?.solve(&sums.g);
+            let d = h.cholesky().ok_or(LinkFailure::Mismatch)?.solve(&sums.g);
             let by = Twist::from_iterator(d.iter().take(6).copied());
             e *= twist::exp(&-by);
             gain = (gain + d[6]).clamp(0.4, 2.5);
@@ -175,12 +190,19 @@ pub fn align(eye: &Eye, from: &View, to: &View, coarsest: usize, asks_readout: b
             }
         }
     }
-    let (level, sums, seen) = last?;
+    let (level, sums, seen) = last.ok_or(LinkFailure::FewPoints)?;
     let (pose, light) = (sums.h.fixed_view::<6, 6>(0, 0), sums.h.fixed_view::<2, 2>(6, 6));
     let across = sums.h.fixed_view::<6, 2>(0, 6);
-    let information = (pose - across * light.try_inverse()? * across.transpose()) / sums.sigma.powi(2);
+    let light = light.try_inverse().ok_or(LinkFailure::Mismatch)?;
+    let information = (pose - across * light * across.transpose()) / sums.sigma.powi(2);
     let points = from.levels[level].points.len();
-    Some(Link {
+    let readout = if asks_readout {
+        let readout = seen.readout(from, to, level, &(j_from_i * e), gain, shift, sums.sigma);
+        Some(readout.ok_or(LinkFailure::Mismatch)?)
+    } else {
+        None
+    };
+    Ok(Link {
         from: from.index,
         to: to.index,
         e: twist::log(&e),
@@ -192,10 +214,7 @@ pub fn align(eye: &Eye, from: &View, to: &View, coarsest: usize, asks_readout: b
             sums.count,
         ),
         overlap: sums.count as f64 / points as f64,
-        readout: match asks_readout {
-            true => Some(seen.readout(from, to, level, &(j_from_i * e), gain, shift, sums.sigma)?),
-            false => None,
-        },
+        readout,
     })
 }
 
@@ -219,13 +238,21 @@ struct Sums {
 
 impl Seen {
     /// `rows`: for each point the height at which it was seen last, px, NaN if it was not.
-    fn new(eye: &Eye, from: &View, to: &View, level: usize, j_from_i: &DAffine3, rows: &mut [f32]) -> Option<Self> {
+    fn new(
+        eye: &Eye,
+        from: &View,
+        to: &View,
+        level: usize,
+        j_from_i: &DAffine3,
+        rows: &mut [f32],
+    ) -> Result<Self, LinkFailure> {
         let (width, height) = eye.size();
         let (right, bottom) = (width as f64 - RIM, height as f64 - RIM);
         let picture = &to.levels[level].picture;
         let scale = 1.0 / f64::from(1u32 << level);
         let all = &from.levels[level].points;
         let mut points = Vec::with_capacity(all.len());
+        let mut in_view = 0;
         for (n, point) in all.iter().enumerate() {
             let there = j_from_i.transform_point3(point.at);
             if there.z <= FRONT_M {
@@ -238,6 +265,7 @@ impl Seen {
             if !(at.x > RIM && at.x < right && at.y > RIM && at.y < bottom) {
                 continue;
             }
+            in_view += 1;
             let depth = f64::from(to.depth[at.y as usize * width + at.x as usize]);
             if depth > 0.0 && !is_same(depth, far, eye.slack_m(far)) {
                 continue;
@@ -248,7 +276,13 @@ impl Seen {
             }
         }
         let least = LEAST_SEEN.max((LEAST_SEEN_SHARE * all.len() as f64) as usize);
-        (points.len() >= least).then_some(Self { points })
+        if in_view < least {
+            Err(LinkFailure::FewPoints)
+        } else if points.len() < least {
+            Err(LinkFailure::Mismatch)
+        } else {
+            Ok(Self { points })
+        }
     }
 
     /// As if the readout time were one more unknown: of it, with the other eight marginalised, information and slope.

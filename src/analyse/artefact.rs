@@ -45,7 +45,7 @@ const SURFELS: &str = "surfels.ply";
 /// All that may lie in its folder.
 pub const FILES: [&str; 9] = [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, SURFELS, STANDING, times::FILE];
 /// Another version is made anew.
-pub const VERSION: u32 = 12;
+pub const VERSION: u32 = 13;
 
 /// An analysis.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,6 +2,7 @@
 
 use super::eye::Eye;
 use super::global::{self, Global};
+use super::link_blur::assumed_exposure_s;
 use super::links::Pass;
 use super::registered::{Registration, RegistrationError, SURE_READOUT_S, recorded};
 use super::robust::median;
@@ -80,6 +81,7 @@ pub fn first(
 ) -> Result<Option<String>, RegistrationError> {
     let recording = work.recording;
     let every = recording.frame_count().div_ceil(CLOCK_FRAMES);
+    let exposure_s = assumed_exposure_s(recording.frame_interval_s);
     let mut asks_px = 0.0;
     for round in 0..ROUNDS {
         // After the first, what is left is small.
@@ -106,7 +108,8 @@ pub fn first(
             known.repeats.clone_from(&linked.repeats);
             asks_px = median(&mut linked.good.iter().map(|link| link.displaced_px(&link.e)).collect::<Vec<_>>());
         }
-        let global = global::global(&linked.good, &states, true).filter(|_| linked.good.len() >= LEAST_LINKS);
+        let global =
+            global::global(&linked.good, &states, true, exposure_s).filter(|_| linked.good.len() >= LEAST_LINKS);
         let Some(global) = global else {
             let fit = linked.good.len();
             let links = (fit, fit + linked.refused, LEAST_LINKS);
@@ -119,7 +122,14 @@ pub fn first(
         found.global = Some(Global { hand_eye: known.hand_eye, clock_s: known.clock_s, ..global });
         known.follow(global::readout(&linked.good), DAMPED, found);
     }
-    Ok(found.global.as_ref().filter(|_| asks_px > RIGHT_PX).and_then(out_of_place))
+    if let Some(reason) = found.global.as_ref().filter(|_| asks_px > RIGHT_PX).and_then(out_of_place) {
+        return Ok(Some(reason));
+    }
+    if let Some(global) = found.global.as_mut().filter(|global| !global.is_hand_eye_significant()) {
+        global.hand_eye = Twist::zeros();
+        known.hand_eye = Twist::zeros();
+    }
+    Ok(None)
 }
 
 /// Recorded jitter makes the readout look short; refined poses have none. `given_s`: what the camera's profile says.

@@ -15,7 +15,7 @@ use super::spread::PointSpread;
 use super::surfel_file::SurfelMap;
 use super::tone::Band;
 use crate::camera::Geometry;
-use crate::fit::twist;
+use crate::fit::twist::{self, Twist};
 use crate::words::fixed;
 
 /// The poses were replaced.
@@ -296,6 +296,7 @@ impl Registered {
             Verdict::Refused(why) => (REFUSED, Some(why.clone())),
         };
         let global = |of: fn(&Global) -> f64| found.global.as_ref().map(of);
+        let hand_eye = found.global.map(|global| global.hand_eye).filter(|by| *by != Twist::zeros());
         Self {
             poses: poses.to_owned(),
             why,
@@ -306,8 +307,8 @@ impl Registered {
             motion_px: found.motion_px,
             clock_s: global(|g| g.clock_s),
             clock_sigma_s: global(|g| g.clock_sigma_s),
-            hand_eye_turn_deg: found.global.map(|g| twist::turn(&g.hand_eye).to_array().map(f64::to_degrees)),
-            hand_eye_way_m: found.global.map(|g| twist::way(&g.hand_eye).to_array()),
+            hand_eye_turn_deg: hand_eye.map(|by| twist::turn(&by).to_array().map(f64::to_degrees)),
+            hand_eye_way_m: hand_eye.map(|by| twist::way(&by).to_array()),
             readout_sigma_s: found.readout_sigma_s,
             depth_later_s: found.depth_later_s(),
             depth_later_sigma_s: found.depth.map(|DepthLater { sigma_s, .. }| sigma_s),

@@ -8,6 +8,11 @@
 //! Poses that registration refused are unsure. There a pair counts if its places match and the same pictures, compared pixel by
 //! pixel as if the camera rested, either do not match, which confirms the poses, or say the same gain, which then depends on no pose.
 //!
+//! The places of a pair are the same things if their log ratios scatter by less than half of their light's own scatter s. Both
+//! scatters contain the noise n of the smoothed pictures, which has no part in that comparison:
+//!
+//!   scatter² < max(0.05, ½·√(s² − n²))² + (1.2·√2·n)²
+//!
 //! Only flat places count, so that blur and places that are off do little. The response's exponent cancels out of what is done
 //! with the result: ratios are taken and given back by one curve. What differs across the picture is `across`'s. Not modelled:
 //! lamps that flicker, what moves and fills the frame.
@@ -19,12 +24,14 @@ use serde::{Deserialize, Serialize};
 
 use super::across::{self, OfPair};
 use super::eye::Eye;
+use super::noise_level::{MAX_WITHOUT_PROFILE, flattest_variance, share_kept};
 use super::pyramid::{Plane, gaussian};
 use super::robust::{median, scatter};
 use super::state::{State, moved, seen};
+use super::taken::Taken;
 use super::tone::{self, Toned};
 use super::view::scattered;
-use crate::camera::Response;
+use crate::camera::{NoiseProfile, Response};
 use crate::fit::band::Band;
 use crate::frame::Frame;
 use crate::recording::Landmark;
@@ -51,6 +58,8 @@ const LEAST_LANDMARKS: usize = 50;
 const MOST_LANDMARKS: usize = 4000;
 /// Places are the same things if their ratios scatter by less than this share of their light, or by less than this, ln.
 const MATCHED: (f64, f64) = (0.5, 0.05);
+/// Tolerance of the noise that is known, as a factor of its σ.
+const NOISE_TOLERANCE: f64 = 1.2;
 /// The gain of a pair depends on no pose if a camera at rest says the same within this, ln, or within so many σ.
 const SAME_AT_REST: f64 = 0.005;
 const SAME_AT_REST_SIGMAS: f64 = 2.0;
@@ -67,6 +76,8 @@ struct Seen {
     state: State,
     /// Red, green, blue, codes of 255.
     colours: [Plane; 3],
+    /// σ of the noise in `colours`, codes of 255.
+    noise: [f64; 3],
     depth: Vec<f32>,
     points: Vec<Point>,
     /// Ascending in number.
@@ -141,6 +152,7 @@ pub struct Gains<'a> {
     eye: &'a Eye,
     /// ln of light by code of 255, and the light of a code.
     response: Response,
+    noise: Option<NoiseProfile>,
     threads: usize,
     gaps: &'a [usize],
     /// Whether registration refused the poses.
@@ -174,10 +186,11 @@ enum Unknown {
 
 impl<'a> Gains<'a> {
     /// `is_unsure`: whether registration refused the poses.
-    pub fn new(eye: &'a Eye, response: &Response, gaps: &'a [usize], is_unsure: bool, threads: usize) -> Self {
+    pub fn new(eye: &'a Eye, taken: &Taken<'_>, gaps: &'a [usize], is_unsure: bool, threads: usize) -> Self {
         Self {
             eye,
-            response: response.clone(),
+            response: taken.response.clone(),
+            noise: taken.noise.cloned(),
             threads,
             gaps,
             is_unsure,
@@ -235,6 +248,7 @@ impl<'a> Gains<'a> {
             }
             plane.filtered(&gaussian(BLUR_PX))
         });
+        let noise = [0, 1, 2].map(|channel| self.noise_sigma(&colours[channel], channel, halvings));
         let (w, h) = (colours[0].width, colours[0].height);
         let (width, _) = self.eye.size();
         let scale = 1usize << halvings;
@@ -279,7 +293,18 @@ impl<'a> Gains<'a> {
         };
         let mut landmarks: Vec<_> = landmarks.iter().filter_map(landmark).collect();
         landmarks.sort_by_key(|(number, _)| *number);
-        Seen { index: frame.index, state, colours, depth: small, points, landmarks }
+        Seen { index: frame.index, state, colours, noise, depth: small, points, landmarks }
+    }
+
+    /// Upper bound on the noise of a small, smoothed picture, codes: see [`noise_level`](super::noise_level). Its profile is
+    /// smoothed by the halvings or by the blur alone, whichever is known of it.
+    fn noise_sigma(&self, plane: &Plane, channel: usize, halvings: usize) -> f64 {
+        let Some(by_blocks) = flattest_variance(plane) else { return 0.0 };
+        let by_profile = self.noise.as_ref().map(|profile| {
+            let mean = plane.values.iter().map(|v| f64::from(*v)).sum::<f64>() / plane.values.len().max(1) as f64;
+            profile.sigma(channel, mean).powi(2) * share_kept(profile, halvings)
+        });
+        by_profile.unwrap_or(MAX_WITHOUT_PROFILE).min(by_blocks).sqrt()
     }
 
     fn spot(&self, at: [f32; 2], codes: [f32; 3]) -> Spot {
@@ -316,6 +341,14 @@ impl<'a> Gains<'a> {
         from.points.iter().filter_map(pair).collect()
     }
 
+    /// σ of ln light of the places by their pictures' noise, root mean square of the two frames, at the median code.
+    fn log_noise(&self, places: &[(Spot, Spot)], of: [&Seen; 2], channel: usize) -> f64 {
+        let mut codes: Vec<f64> = places.iter().map(|(from, _)| f64::from(from.codes[channel])).collect();
+        let code = median(&mut codes) as f32;
+        let per_code = 0.5 * (self.light(code + 1.0) - self.light(code - 1.0));
+        per_code * of.map(|seen| seen.noise[channel]).into_iter().fold(0.0, f64::hypot) / 2f64.sqrt()
+    }
+
     fn compared(&self, from: &Seen, to: &Seen) -> Comparison {
         let mut places = by_landmarks(from, to);
         // What a recording recognised lies where it is by no pose.
@@ -327,12 +360,15 @@ impl<'a> Gains<'a> {
                 return Err(Unknown::Few);
             }
         }
-        let (ratios, Ratio { ratio, sigma }) = ratio(&places, from.index.abs_diff(to.index))?;
+        let gap = from.index.abs_diff(to.index);
+        // Where poses are unsure, places that differ by no more than noise say nothing: a plain floor looks the same everywhere.
+        let noise = if is_unsure { [0.0; 3] } else { [0, 1, 2].map(|c| self.log_noise(&places, [from, to], c)) };
+        let (ratios, Ratio { ratio, sigma }) = ratio(&places, noise, gap)?;
         let mut confirms = false;
         if is_unsure {
             // As if the camera rested: each pixel by itself.
             let at_rest = self.by_depth(from, to, &from.state);
-            match ratio_if_any(&at_rest, from.index.abs_diff(to.index)) {
+            match ratio_if_any(&at_rest, noise, gap) {
                 None => return Err(Unknown::Few),
                 Some(Err(_)) => confirms = true,
                 Some(Ok(other)) => {
@@ -369,15 +405,16 @@ struct Ratio {
 }
 
 /// By places that two frames `gap` apart have in common: of each place, and the median. Refused where places are not alike.
-fn ratio(places: &[(Spot, Spot)], gap: usize) -> Result<(Vec<[f64; 3]>, Ratio), Unknown> {
+/// `noise`: σ of a place's ln light by the pictures' noise, for each colour.
+fn ratio(places: &[(Spot, Spot)], noise: [f64; 3], gap: usize) -> Result<(Vec<[f64; 3]>, Ratio), Unknown> {
     let ratios: Vec<[f64; 3]> =
         places.iter().map(|(from, to)| [0, 1, 2].map(|c| to.light[c] - from.light[c])).collect();
     let mut green: Vec<f64> = places.iter().map(|(from, _)| from.light[1]).collect();
-    let most = MATCHED.1.max(MATCHED.0 * scatter(&mut green).1);
+    let texture = (scatter(&mut green).1.powi(2) - noise[1].powi(2)).max(0.0).sqrt();
     let (mut ratio, mut sigma) = ([0.0; 3], [0.0; 3]);
     for c in 0..3 {
         let (middle, spread) = scatter(&mut ratios.iter().map(|of| of[c]).collect::<Vec<_>>());
-        if spread > most {
+        if spread > MATCHED.1.max(MATCHED.0 * texture).hypot(NOISE_TOLERANCE * 2f64.sqrt() * noise[c]) {
             return Err(Unknown::Unlike);
         }
         ratio[c] = middle;
@@ -388,8 +425,8 @@ fn ratio(places: &[(Spot, Spot)], gap: usize) -> Result<(Vec<[f64; 3]>, Ratio), 
 }
 
 /// The same of places that may be too few: `None`.
-fn ratio_if_any(places: &[(Spot, Spot)], gap: usize) -> Option<Result<Ratio, Unknown>> {
-    (places.len() >= LEAST_POINTS).then(|| ratio(places, gap).map(|(_, ratio)| ratio))
+fn ratio_if_any(places: &[(Spot, Spot)], noise: [f64; 3], gap: usize) -> Option<Result<Ratio, Unknown>> {
+    (places.len() >= LEAST_POINTS).then(|| ratio(places, noise, gap).map(|(_, ratio)| ratio))
 }
 
 /// Places that were recognised in both frames.
@@ -462,4 +499,28 @@ pub fn left(pairs: &[Pair], gains: &[Option<[f64; 3]>]) -> Option<(f64, f64)> {
         }
     }
     (count > 0).then(|| ((without / f64::from(count)).sqrt(), (with / f64::from(count)).sqrt()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::blurred::unit_noise;
+    use super::*;
+
+    /// Places of one brightness, ln, each with noise of its own in both frames.
+    fn places(noise: f64, step: f64) -> Vec<(Spot, Spot)> {
+        let spot = |light: f64| Spot { at: [0.0; 2], light: [light; 3], codes: [110.0; 3] };
+        let noises = unit_noise(800, 1, 1, [0.0; 2]).values;
+        let pair = |of: &[f32]| (spot(noise * f64::from(of[0])), spot(step + noise * f64::from(of[1])));
+        noises.chunks(2).map(pair).collect()
+    }
+
+    #[test]
+    fn noise_that_is_known_does_not_hide_the_gain() {
+        // √2 · 0.06 is more than 0.05, and than half of the light's own scatter.
+        let of = places(0.06, 0.3);
+        let (_, found) = ratio(&of, [0.06; 3], 1).unwrap_or_else(|_| panic!("refused"));
+        assert!((found.ratio[1] - 0.3).abs() < 3.0 * found.sigma[1] && found.sigma[1] < 0.03, "{:?}", found.ratio);
+        assert!(ratio(&of, [0.0; 3], 1).is_err(), "unknown noise is what does not match");
+        assert!(ratio(&of, [0.03; 3], 1).is_err(), "twice the noise that is known");
+    }
 }

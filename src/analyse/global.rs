@@ -4,11 +4,13 @@
 //!
 //!   e_ij = (1 − A)·c + δ·(ξ_i − A·ξ_j),   A = Ad(T_i⁻¹ T_j)
 //!
-//! Least squares over all links, reweighted, in the metric of displacements in the picture.
+//! Least squares over all links, reweighted, in the metric of displacements in the picture. Links between frames whose blur differs
+//! count less ([`link_blur`](super::link_blur)).
 
 use nalgebra::{SMatrix, SVector};
 
 use super::align::Link;
+use super::link_blur;
 use super::robust::median;
 use super::state::State;
 use crate::fit::twist::{self, Twist};
@@ -22,6 +24,9 @@ const UNSEEN_PX: f64 = 0.02;
 /// deviation, m, rad and s.
 const BELIEVED: [f64; 7] = [0.05, 0.05, 0.05, 0.1, 0.1, 0.1, 0.05];
 
+/// Error of a link between sharp frames, px.
+const SHARP_PX: f64 = 0.2;
+
 /// Seven numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Global {
@@ -34,12 +39,23 @@ pub struct Global {
     pub clock_sigma_s: f64,
 }
 
+/// χ² of six numbers that chance exceeds once in 1000 times.
+const SIGNIFICANT_CHI_SQUARE: f64 = 22.46;
+
+impl Global {
+    /// Whether the camera's place differs from where the poses say by more than chance.
+    pub fn is_hand_eye_significant(&self) -> bool {
+        let off = self.hand_eye.zip_map(&self.hand_eye_sigma, |off, sigma| (off / sigma.max(1e-9)).powi(2));
+        off.sum() > SIGNIFICANT_CHI_SQUARE
+    }
+}
+
 type Seven = SVector<f64, 7>;
 
 /// `None` without links.
-pub fn global(links: &[Link], states: &[Option<State>], has_body: bool) -> Option<Global> {
+pub fn global(links: &[Link], states: &[Option<State>], has_body: bool, exposure_s: f64) -> Option<Global> {
     let frames = states.len().max(1);
-    let terms: Vec<(&Link, SMatrix<f64, 6, 7>)> = links
+    let terms: Vec<(&Link, SMatrix<f64, 6, 7>, f64)> = links
         .iter()
         .filter_map(|link| {
             let (i, j) = (states[link.from]?, states[link.to]?);
@@ -49,16 +65,17 @@ pub fn global(links: &[Link], states: &[Option<State>], has_body: bool) -> Optio
                 b.fixed_view_mut::<6, 6>(0, 0).copy_from(&(nalgebra::Matrix6::identity() - a));
             }
             b.set_column(6, &(i.twist - a * j.twist));
-            Some((link, b))
+            let by_blur = link_blur::error_px(link, [&i, &j], &a, exposure_s);
+            Some((link, b, 1.0 / (1.0 + (by_blur / SHARP_PX).powi(2))))
         })
         .collect();
     let solve = |without: Option<usize>| -> Option<(Seven, Seven)> {
-        let kept: Vec<_> = terms.iter().filter(|(link, _)| Some(link.from * PARTS / frames) != without).collect();
-        let mut weights = vec![1.0; kept.len()];
+        let kept: Vec<_> = terms.iter().filter(|(link, ..)| Some(link.from * PARTS / frames) != without).collect();
+        let mut weights: Vec<f64> = kept.iter().map(|(.., by_blur)| *by_blur).collect();
         let (mut x, mut unseen) = (Seven::zeros(), Seven::zeros());
         for _ in 0..ROUNDS {
             let (mut h, mut g) = (SMatrix::<f64, 7, 7>::zeros(), Seven::zeros());
-            for ((link, b), w) in kept.iter().zip(&weights) {
+            for ((link, b, _), w) in kept.iter().zip(&weights) {
                 let by = b.transpose() * link.metric * *w;
                 h += by * b;
                 g += by * link.e;
@@ -69,9 +86,10 @@ pub fn global(links: &[Link], states: &[Option<State>], has_body: bool) -> Optio
                 unseen[k] = UNSEEN_PX * (count / h[(k, k)]).sqrt();
             }
             x = h.cholesky()?.solve(&g);
-            let off: Vec<f64> = kept.iter().map(|(link, b)| link.displaced_px(&(link.e - b * x))).collect();
+            let off: Vec<f64> = kept.iter().map(|(link, b, _)| link.displaced_px(&(link.e - b * x))).collect();
             let usual = median(&mut off.clone()).max(1e-6);
-            weights = off.iter().map(|off| 1.0 / (1.0 + (off / (2.0 * usual)).powi(2))).collect();
+            let weight = |(off, (.., by_blur)): (&f64, &&(_, _, f64))| by_blur / (1.0 + (off / (2.0 * usual)).powi(2));
+            weights = off.iter().zip(&kept).map(weight).collect();
         }
         Some((x, unseen))
     };
@@ -113,4 +131,21 @@ pub fn readout(links: &[Link]) -> Option<(f64, f64)> {
         sigma = spread.sqrt() / sums.1;
     }
     Some((mean, sigma))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hand_eye_within_its_uncertainty_is_chance() {
+        let of = |sigmas: f64| Global {
+            hand_eye: Twist::repeat(0.001 * sigmas),
+            clock_s: 0.0,
+            hand_eye_sigma: Twist::repeat(0.001),
+            clock_sigma_s: 0.0,
+        };
+        // Six numbers of 1.9 σ: χ² = 21.7, of 2 σ: 24.
+        assert!(!of(1.9).is_hand_eye_significant() && of(2.0).is_hand_eye_significant());
+    }
 }

@@ -2,12 +2,18 @@
 //!
 //! A link measures e_ij = c_i − A·c_j, A = Ad(T_i⁻¹ T_j), with the information H/50: neighbouring points err alike, so
 //! thousands of them know less than as many that do not. Cauchy's weights on the displacement in the picture, of scale
-//! max(median, 0.15 px); links beyond six scales are left out. Each frame is held to its recorded pose by 1 cm and 0.5°.
+//! max(median, 0.15 px); links beyond six scales are left out. Blur that differs adds to a link's variance
+//! ([`link_blur`](super::link_blur)).
+//!
+//! Each frame is held to its recorded pose by 1 cm and 0.5°, and then, in a second solution, also by the displacement m that the
+//! first one makes, the median over all frames: metric/m². That is the recorded poses' own error, against which links that are
+//! worse have nothing to say.
 //! Links reach a few frames, so the equations form a band, solved by Cholesky in time linear in the frames.
 
 use nalgebra::Matrix6;
 
 use super::align::Link;
+use super::link_blur;
 use super::robust::median;
 use super::state::State;
 use crate::fit::band::Band;
@@ -22,13 +28,33 @@ const HELD_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 
 /// One correction per frame, in its camera's axes; `held_at` for a frame without links. `held_at`: one per frame, the correction
 /// that leads back to the recorded pose. `None` if the equations have no solution.
-pub fn solve(links: &[Link], states: &[Option<State>], held_at: &[Twist]) -> Option<Vec<Twist>> {
+pub fn solve(links: &[Link], states: &[Option<State>], held_at: &[Twist], exposure_s: f64) -> Option<Vec<Twist>> {
+    let metric = links.iter().map(|link| link.metric).sum::<Matrix6<f64>>() / links.len().max(1) as f64;
+    let first = solve_held(links, states, held_at, &Matrix6::zeros(), exposure_s)?;
+    let mut moved_px: Vec<f64> = (first.iter().zip(held_at))
+        .map(|(by, held)| {
+            let moved = by - held;
+            (moved.transpose() * metric * moved)[0].max(0.0).sqrt()
+        })
+        .collect();
+    let error_px = median(&mut moved_px).max(LEAST_SCALE_PX);
+    solve_held(links, states, held_at, &(metric / error_px.powi(2)), exposure_s)
+}
+
+/// With another information that holds each frame.
+fn solve_held(
+    links: &[Link],
+    states: &[Option<State>],
+    held_at: &[Twist],
+    by_metric: &Matrix6<f64>,
+    exposure_s: f64,
+) -> Option<Vec<Twist>> {
     let count = states.len();
     let band = links.iter().map(|link| link.from.abs_diff(link.to)).max().unwrap_or(0);
     let held = Matrix6::from_diagonal(&twist::twist(
         glam::DVec3::splat(HELD_M.powi(-2)),
         glam::DVec3::splat(HELD_RAD.powi(-2)),
-    ));
+    )) + by_metric;
     let adjoints: Vec<Matrix6<f64>> = links
         .iter()
         .map(|link| {
@@ -36,7 +62,18 @@ pub fn solve(links: &[Link], states: &[Option<State>], held_at: &[Twist]) -> Opt
             Some(twist::adjoint(&(i.world_from_camera.inverse() * j.world_from_camera)))
         })
         .collect::<Option<_>>()?;
-    let mut weights = vec![1.0; links.len()];
+    let links_per_frame = 2.0 * links.len() as f64 / count.max(1) as f64;
+    let blurred: Vec<f64> = links
+        .iter()
+        .zip(&adjoints)
+        .map(|(link, a)| {
+            let (Some(i), Some(j)) = (states[link.from], states[link.to]) else { return 1.0 };
+            let by_blur = links_per_frame * link_blur::error_px(link, [&i, &j], a, exposure_s).powi(2);
+            let own = link.information.try_inverse().map_or(0.0, |inverse| ALIKE * (link.metric * inverse).trace());
+            own / (own + by_blur).max(1e-12)
+        })
+        .collect();
+    let mut weights = blurred.clone();
     let mut corrections = held_at.to_vec();
     for _ in 0..ROUNDS {
         let mut equations = Band::new(6 * count, 6 * band + 5);
@@ -64,7 +101,7 @@ pub fn solve(links: &[Link], states: &[Option<State>], held_at: &[Twist]) -> Opt
         let residuals_px: Vec<f64> = links.iter().zip(&adjoints).map(left).collect();
         let scale = median(&mut residuals_px.clone()).max(LEAST_SCALE_PX);
         let weight = |off: f64| if off > BEYOND * scale { 0.0 } else { 1.0 / (1.0 + (off / (2.0 * scale)).powi(2)) };
-        weights = residuals_px.iter().map(|off| weight(*off)).collect();
+        weights = residuals_px.iter().zip(&blurred).map(|(off, blurred)| weight(*off) * blurred).collect();
     }
     Some(corrections)
 }
@@ -81,4 +118,52 @@ fn add(equations: &mut Band, row: usize, column: usize, block: &Matrix6<f64>) {
 
 fn add_right(equations: &mut Band, frame: usize, values: &Twist) {
     values.iter().enumerate().for_each(|(k, value)| equations.add_right(6 * frame + k, *value));
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, DVec3};
+
+    use super::super::link_blur::tests::link;
+    use super::*;
+
+    /// Frames at rest, each linked with the next two, of which one moves fast. Their recorded poses lack 1 mm by turns, which links
+    /// see; links of the fast frame err by `error_m` besides.
+    fn corrections_m(fast_m_per_s: f64, error_m: f64) -> Vec<f64> {
+        const FAST: usize = 6;
+        let along = |m: f64| twist::twist(DVec3::X * m, DVec3::ZERO);
+        let lacking = |n: usize| if n.is_multiple_of(2) { 0.5e-3 } else { -0.5e-3 };
+        let state = |n: usize| {
+            let twist = if n == FAST { along(fast_m_per_s) } else { Twist::zeros() };
+            Some(State { world_from_camera: DAffine3::IDENTITY, twist })
+        };
+        let states: Vec<_> = (0..12).map(state).collect();
+        let pairs = (0..12).flat_map(|from| [from + 1, from + 2].map(|to| (from, to))).filter(|(_, to)| *to < 12);
+        let links: Vec<Link> = pairs
+            .map(|(from, to)| {
+                let error = [(from, 1.0), (to, -1.0)]
+                    .into_iter()
+                    .find(|(n, _)| *n == FAST)
+                    .map_or(0.0, |(_, sign)| sign * error_m);
+                link(from, to, along(lacking(from) - lacking(to) + error))
+            })
+            .collect();
+        let found = solve(&links, &states, &[Twist::zeros(); 12], 0.01).unwrap();
+        found.iter().enumerate().map(|(n, by)| by[0] - lacking(n)).collect()
+    }
+
+    #[test]
+    fn sharp_links_are_followed() {
+        let left_m = corrections_m(0.0, 0.0);
+        assert!(left_m.iter().all(|m| m.abs() < 0.1e-3), "{left_m:?}");
+    }
+
+    #[test]
+    fn blurred_frame_stays_near_its_recorded_pose() {
+        // Blur of 20 px, and links that err by 2 px, 4 mm.
+        let (sharp, blurred) = (corrections_m(0.0, 4e-3), corrections_m(4.0, 4e-3));
+        assert!(sharp[6].abs() > 2e-3, "links that nothing makes doubtful are believed: {sharp:?}");
+        assert!(blurred[6].abs() < 1e-3, "{blurred:?}");
+        assert!((0..12).filter(|n| *n != 6).all(|n| blurred[n].abs() < 0.3e-3), "{blurred:?}");
+    }
 }

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
-use super::align::{Link, align};
+use super::align::{Link, LinkFailure, align};
 use super::depths::{Depths, measured};
 use super::eye::Eye;
 use super::reading::frames;
@@ -53,6 +53,9 @@ impl Pass<'_> {
 pub struct Links {
     pub good: Vec<Link>,
     pub refused: usize,
+    /// Number of those whose frames share too few textured points to be compared.
+    #[serde(default)]
+    pub few_points: usize,
     /// So many of those in which noise takes much of the correlation.
     pub faint: usize,
     /// One per frame: whether its picture has the code values of the one before. Only if it was asked for.
@@ -115,10 +118,10 @@ pub fn links(
             for (gap, every) in pass.gaps.iter().map(|gap| (gap, pass.every)).chain(rare) {
                 let Some(old) = index.checked_sub(*gap).and_then(at) else { continue };
                 if (index - gap).is_multiple_of(every) {
-                    tasks.push(((old, new), None));
+                    tasks.push(((old, new), Err(LinkFailure::FewPoints)));
                 }
                 if pass.back.contains(gap) && index.is_multiple_of(pass.every) {
-                    tasks.push(((new, old), None));
+                    tasks.push(((new, old), Err(LinkFailure::FewPoints)));
                 }
             }
         }
@@ -128,10 +131,11 @@ pub fn links(
         });
         for (_, link) in tasks {
             match link {
-                Some(link) if link.is_good() => found.good.push(link),
+                Ok(link) if link.is_good() => found.good.push(link),
                 other => {
                     found.refused += 1;
-                    found.faint += usize::from(other.is_some_and(|link| link.is_faint()));
+                    found.few_points += usize::from(matches!(other, Err(LinkFailure::FewPoints)));
+                    found.faint += usize::from(other.is_ok_and(|link| link.is_faint()));
                 }
             }
         }

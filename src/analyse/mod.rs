@@ -30,6 +30,7 @@ mod interrupted;
 mod judging;
 mod light;
 mod light_table;
+mod link_blur;
 mod links;
 mod lit_anew;
 mod mesh;
@@ -239,7 +240,7 @@ fn compared(
     told: &mut dyn FnMut(usize) -> Result<(), Interrupted>,
 ) -> Result<Compared, RegistrationError> {
     let gaps: Vec<usize> = GAPS.into_iter().chain(HELD_OUT).collect();
-    let mut gains = Gains::new(eye, taken.response, &gaps, is_unsure, threads);
+    let mut gains = Gains::new(eye, taken, &gaps, is_unsure, threads);
     let (times_s, interval_s) = (&recording.timestamps_s, recording.frame_interval_s);
     let mut shutter = Shutter::new(eye, taken.response, taken.noise, states, times_s, interval_s, threads);
     let mut depths = Depths::new(eye, recording, states, later_s, threads)?;

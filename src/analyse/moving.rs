@@ -11,6 +11,7 @@ use super::align::Link;
 use super::clocks::RIGHT_PX;
 use super::graph;
 use super::judging::repeated;
+use super::link_blur::assumed_exposure_s;
 use super::links::Pass;
 use super::path;
 use super::recorded_way::are_far_apart;
@@ -54,7 +55,9 @@ pub fn kept(work: &mut Work<'_>, geometry: &Geometry, why: &str) -> Result<Regis
         return Ok(found);
     }
     let none = vec![Twist::zeros(); seen.len()];
-    let Some(by) = work.times.of(times::GRAPH, || graph::solve(&linked.good, &seen, &none)) else { return Ok(found) };
+    let exposure_s = assumed_exposure_s(work.recording.frame_interval_s);
+    let by = work.times.of(times::GRAPH, || graph::solve(&linked.good, &seen, &none, exposure_s));
+    let Some(by) = by else { return Ok(found) };
     let corrected: Vec<_> = seen.iter().zip(&by).map(|(state, by)| state.map(|state| state.corrected(by))).collect();
     let moving = path::with_motion(&recording.timestamps_s, &corrected, MOST_INTERVALS * recording.frame_interval_s);
     let is_linked = linked_frames(&linked.good, seen.len());

@@ -13,6 +13,7 @@ use super::eye::Eye;
 use super::graph;
 use super::interrupted::Interrupted;
 use super::judging::{asked, in_gauge, judged, repeated};
+use super::link_blur::assumed_exposure_s;
 use super::links::Pass;
 use super::moving;
 use super::part::Part;
@@ -96,8 +97,22 @@ pub fn register(
     let eye = Eye::new(known.geometry.clone());
     let linked = work.links(times::LINKS, &eye, &start, known.depth_later_s, first)?;
     (found.links, found.missing) = (linked.good.len(), linked.refused);
-    if linked.refused as f64 > MISSING * (linked.good.len() + linked.refused) as f64 {
-        let share = 100.0 * linked.refused as f64 / (linked.good.len() + linked.refused) as f64;
+    let whole = linked.good.len() + linked.refused;
+    let comparable = whole - linked.few_points;
+    let mismatched = linked.refused - linked.few_points;
+    let share = 100.0 * linked.refused as f64 / whole.max(1) as f64;
+    if linked.refused as f64 > MISSING * whole as f64 && mismatched as f64 <= MISSING * comparable as f64 {
+        let why = format!(
+            "{share:.0} % of the links between frames cannot be made (at most {:.0} %): where the poses put them, {} pairs of \
+             frames share too little that has texture and depth; blank surfaces, much blur or steps between frames do that. \
+             Of the others {:.0} % fit",
+            100.0 * MISSING,
+            linked.few_points,
+            100.0 * linked.good.len() as f64 / comparable.max(1) as f64
+        );
+        return refused(why, found);
+    }
+    if linked.refused as f64 > MISSING * whole as f64 {
         // Links between pictures of little contrast say nothing of the poses.
         let faint =
             if 2 * linked.faint > linked.refused { "the pictures' contrast is hardly above their noise, " } else { "" };
@@ -174,7 +189,8 @@ fn solved(
     held_at: &[Twist],
 ) -> Option<Vec<Option<State>>> {
     let recording = work.recording;
-    let by = work.times.of(times::GRAPH, || graph::solve(links, states, held_at))?;
+    let exposure_s = assumed_exposure_s(recording.frame_interval_s);
+    let by = work.times.of(times::GRAPH, || graph::solve(links, states, held_at, exposure_s))?;
     let corrected: Vec<_> = states.iter().zip(&by).map(|(state, by)| state.map(|state| state.corrected(by))).collect();
     if moves_as_recorded(recording) {
         return Some(corrected);

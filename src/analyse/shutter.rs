@@ -54,10 +54,12 @@ const LEAST_CLEAR: usize = 4;
 /// Runs differ by more than this share, and have at least so many frames.
 const DIFFERENT: f64 = 0.2;
 const LEAST_RUN: usize = 3;
+const SIGNIFICANT_SIGMAS: f64 = 3.0;
 /// Sharp frames are exposed for so long at least, s: what a median of them errs by.
 const SHORTEST_S: f64 = ALIKE_S;
-/// What a run costs, ln: as much as three frames that are off by a tenth.
-const EACH_RUN: f64 = 0.3;
+/// Cost of a run: that of so many frames which are off by their own scatter, or by a tenth where they scatter less.
+const FRAMES_PER_RUN: f64 = 3.0;
+const MIN_SCATTER_LN: f64 = 0.1;
 /// σ of a median by that of one value.
 const OF_MEDIAN: f64 = 1.2533;
 /// What all frames of a recording err by alike, which their scatter does not tell: by share, and s. Simulated recordings from 5 to
@@ -317,14 +319,17 @@ fn is_near(eye: &Eye, a: &State, b: &State) -> bool {
 }
 
 /// One run, unless rows of frames differ: the parts that have the least Σ|ln s − median| and a cost for each, none shorter than
-/// [`LEAST_RUN`]. Neighbours that differ by less than a fifth are one.
+/// [`LEAST_RUN`]. Neighbours that differ by less than a fifth, or by less than 3 σ, are one.
 fn runs(clear: &[Heard], frames: usize) -> Vec<Run> {
     let mut ends = parted(clear);
     let part = |ends: &[usize], n: usize| &clear[if n == 0 { 0 } else { ends[n - 1] }..ends[n]];
-    while let Some(n) = (1..ends.len()).find(|n| {
-        let (a, b) = (middle(part(&ends, n - 1)).0, middle(part(&ends, *n)).0);
-        (a - b).abs() < DIFFERENT * a.min(b)
-    }) {
+    let scatter = successive_scatter(clear);
+    let is_same = |a: &[Heard], b: &[Heard]| {
+        let step = (middle(a).0 / middle(b).0).ln().abs();
+        let sigma = OF_MEDIAN * scatter * (1.0 / a.len() as f64 + 1.0 / b.len() as f64).sqrt();
+        step < DIFFERENT.ln_1p().max(SIGNIFICANT_SIGMAS * sigma)
+    };
+    while let Some(n) = (1..ends.len()).find(|n| is_same(part(&ends, n - 1), part(&ends, *n))) {
         ends.remove(n - 1);
     }
     let border = |n: usize| (clear[ends[n] - 1].frame + clear[ends[n]].frame).div_ceil(2);
@@ -349,12 +354,13 @@ fn parted(clear: &[Heard]) -> Vec<usize> {
         let middle = median(&mut values);
         values.iter().map(|value| (value - middle).abs()).sum::<f64>()
     };
+    let run_cost = FRAMES_PER_RUN * successive_scatter(clear).max(MIN_SCATTER_LN);
     // Of the first n frames: the least cost, and where its last part begins.
     let mut best = vec![(f64::INFINITY, 0); clear.len() + 1];
     best[0] = (0.0, 0);
     for to in LEAST_RUN..=clear.len() {
         for from in 0..=to - LEAST_RUN {
-            let whole = best[from].0 + EACH_RUN + cost(from, to);
+            let whole = best[from].0 + run_cost + cost(from, to);
             if whole < best[to].0 {
                 best[to] = (whole, from);
             }
@@ -366,6 +372,13 @@ fn parted(clear: &[Heard]) -> Vec<usize> {
     }
     ends.reverse();
     ends
+}
+
+/// One standard deviation of ln s, by 1.4826·median |difference|/√2 of successive frames: few steps between runs do not move it.
+fn successive_scatter(clear: &[Heard]) -> f64 {
+    let ln = |heard: &Heard| heard.exposure_s.max(1e-6).ln();
+    let mut steps: Vec<f64> = clear.windows(2).map(|pair| (ln(&pair[1]) - ln(&pair[0])).abs()).collect();
+    1.4826 * median(&mut steps) / 2f64.sqrt()
 }
 
 /// The median, and one standard deviation by 1.4826·MAD, s.
@@ -410,6 +423,23 @@ mod tests {
         // Halfway between the frames 26 and 34, 58 and 66.
         assert_eq!(ends, [(0, 30), (30, 62), (62, 100)]);
         assert!((found[1].exposure_s - 0.0201).abs() < 1e-4 && (found[2].exposure_s - 0.0101).abs() < 1e-4);
+    }
+
+    #[test]
+    fn scattered_samples_are_one_run() {
+        // Of a plain floor at 1/60 s; by a fixed cost frames 9 to 15 would be a run of 28 ms.
+        let times_ms = [19.1, 18.3, 20.8, 19.0, 28.8, 18.3, 27.8, 12.4, 17.8, 16.3, 17.3];
+        let all: Vec<Heard> = times_ms.iter().enumerate().map(|(n, ms)| heard(2 * n, *ms)).collect();
+        let found = runs(&all, 24);
+        assert_eq!((found.len(), found[0].exposure_s), (1, 0.0183));
+        // Of another: runs of 15.5 and 19.1 ms.
+        let times_ms = [15.5, 14.6, 16.5, 14.9, 14.0, 24.5, 9.8, 18.1, 15.8, 18.8, 25.8, 19.1];
+        let others: Vec<Heard> = times_ms.iter().enumerate().map(|(n, ms)| heard(2 * n, *ms)).collect();
+        assert_eq!(runs(&others, 24).len(), 1);
+        // Steps of 2, 1, 2 and 1 between runs are the noise of samples that step all the time.
+        let steps = [1.0, 2.0, 1.0, 2.0, 1.0].map(|ms: f64| 10.0 * ms);
+        let all: Vec<Heard> = steps.iter().enumerate().map(|(n, ms)| heard(n, *ms)).collect();
+        assert!((successive_scatter(&all) - 1.4826 * 2f64.ln() / 2f64.sqrt()).abs() < 1e-12);
     }
 
     #[test]

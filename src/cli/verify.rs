@@ -13,7 +13,7 @@ use locard_engine::gpu::Gpu;
 use locard_engine::recording::OpenOptions;
 use locard_engine::report::{self, Slid};
 use locard_engine::shot::{Analysed, AnalysisState, Given, Shot};
-use locard_engine::verify::{Displaced, Plan, Verified, real_px, verify};
+use locard_engine::verify::{Brightness, Displaced, Plan, Verified, real_px, verify};
 use locard_engine::words::{count, fixed};
 
 #[derive(clap::Args)]
@@ -130,21 +130,19 @@ fn say(
         }
         Ok(())
     };
-    let two = |of: Option<(f64, f64)>, unit: &str, second: &str| match of {
-        Some((median, worst)) => format!("{} {unit} ({second} {})", fixed(median, 2), fixed(worst, 2)),
-        None => "unknown".to_owned(),
-    };
-    let most = |of: Option<(f64, f64)>, most: f64| Some(of.is_some_and(|(median, _)| median <= most));
     line(
         "registration",
-        most(now.displaced.map(|displaced| displaced.px), MOST_PX),
-        &|v| v.displaced.as_ref().map_or("unknown".to_owned(), displaced),
+        match now.displaced {
+            Some(displaced) => Some(displaced.px.0 <= MOST_PX),
+            None => (now.unmatched > 0).then_some(false),
+        },
+        &|v| v.displaced.as_ref().map_or_else(|| unmeasured(v), displaced),
         &format!("at most {MOST_PX} px"),
     )?;
     line(
         "gain",
-        most(now.brighter_codes, MOST_CODES),
-        &|v| two(v.brighter_codes, "codes", "worst pair"),
+        now.brightness.map(|brightness| brightness.codes.0 <= MOST_CODES),
+        &|v| v.brightness.as_ref().map_or_else(|| "unknown, no area is flat".to_owned(), brightness),
         &format!("at most {MOST_CODES} codes"),
     )?;
     let blur = |v: &Verified| match &v.blur {
@@ -156,7 +154,7 @@ fn say(
                 fixed(b.length_px, 1)
             )
         }
-        None => "unknown, the camera is nowhere fast".to_owned(),
+        None => "unknown, the camera is nowhere fast over texture above the noise".to_owned(),
     };
     let (low, high) = BLUR;
     let passes = now.blur.map(|b| b.ratio >= low && b.ratio <= high);
@@ -189,6 +187,26 @@ fn displaced(found: &Displaced) -> String {
             px(floor)
         ),
         None => format!("{median} px (90 % {ninety}, noise's part unknown without the camera's noise)"),
+    }
+}
+
+/// What gain misses by, what was measured, and the measurement's floor.
+fn brightness(found: &Brightness) -> String {
+    let codes = |codes: f64| fixed(codes, 2);
+    let (median, most, measured) = (codes(found.codes.0), codes(found.codes.1), codes(found.measured.0));
+    match found.floor {
+        Some(floor) => {
+            format!("{median} codes (worst pair {most}; measured {measured}, of which noise makes {})", codes(floor))
+        }
+        None => format!("{median} codes (worst pair {most}, noise's part unknown without the camera's noise)"),
+    }
+}
+
+/// Why no displacement was measured.
+fn unmeasured(found: &Verified) -> String {
+    match found.unmatched {
+        0 => "unknown, too little texture above the noise".to_owned(),
+        pairs => format!("unknown, {} with texture do not match", count(pairs, "pair")),
     }
 }
 

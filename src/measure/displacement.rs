@@ -6,11 +6,15 @@
 //! over the low frequencies, W = |C| (noise-weighted least squares of the phases, for small errors). The second
 //! picture's patch is then resampled at that shift (bicubic), so that the window does not pull towards 0. This repeats
 //! until no shift remains.
+//!
+//! The standard error is that of the least-squares shift between the two aligned patches ([`standard_error`]), which a
+//! straight edge leaves without bound along itself.
 
 use super::{Grey, MeasureError, check_mask};
+use glam::{DMat2, DVec2};
 use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlanner};
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 /// Which patches are used, and which are trusted.
@@ -24,13 +28,22 @@ pub struct DisplacementOptions {
     pub min_contrast: f64,
     /// Patches whose phases agree less are not trusted, 0 to 1.
     pub min_confidence: f64,
+    /// Patches with a larger standard error along their weakest direction are not trusted, pixels.
+    pub max_sigma_px: f64,
     /// Share of a patch that must lie in the mask, 0 to 1.
     pub min_mask_share: f64,
 }
 
 impl Default for DisplacementOptions {
     fn default() -> Self {
-        Self { patch_px: 32, step_px: 16, min_contrast: 2.0, min_confidence: 0.75, min_mask_share: 0.95 }
+        Self {
+            patch_px: 32,
+            step_px: 16,
+            min_contrast: 2.0,
+            min_confidence: 0.75,
+            max_sigma_px: 0.4,
+            min_mask_share: 0.95,
+        }
     }
 }
 
@@ -43,6 +56,8 @@ pub struct PatchDisplacement {
     pub displacement_px: [f64; 2],
     /// How well the phases agree, weighted: 0 to 1.
     pub confidence: f64,
+    /// Standard error along the weakest direction, pixels.
+    pub sigma_px: f64,
 }
 
 /// The displacements of all patches.
@@ -174,9 +189,15 @@ impl Correlator {
         if confidence < options.min_confidence || shift[0].hypot(shift[1]) > 0.5 * self.side as f64 {
             return Told::Doubtful;
         }
+        let here = resampled(a, x as f64, y as f64, self.side);
+        let there = resampled(b, x as f64 + shift[0], y as f64 + shift[1], self.side);
+        let sigma_px = standard_error(&here, &there, &self.window, self.side);
+        if sigma_px > options.max_sigma_px {
+            return Told::Doubtful;
+        }
         let half = 0.5 * self.side as f64;
         let centre_px = [x as f64 + half, y as f64 + half];
-        Told::Displaced(PatchDisplacement { centre_px, displacement_px: shift, confidence })
+        Told::Displaced(PatchDisplacement { centre_px, displacement_px: shift, confidence, sigma_px })
     }
 
     /// The windowed patch's spectrum, and its weighted standard deviation.
@@ -257,6 +278,86 @@ impl Correlator {
         let agreement = terms.iter().map(|&(wx, wy, phase, w)| w * (phase - wx * d[0] - wy * d[1]).cos()).sum::<f64>();
         (d, agreement / total)
     }
+}
+
+/// Standard error of the shift between two aligned patches along its weakest direction, pixels; infinite where their texture does
+/// not define a shift.
+///
+/// Both are smoothed (binomial, σ 1 px), to the frequencies that the phases use. With window w, slopes ∇a and ∇b, and the
+/// difference r, least squares (Lucas and Kanade 1981) has the covariance of unequal variances (White 1980)
+///
+///   J⁻¹ S J⁻¹,   J = Σ w²·sym(∇a ∇bᵀ),   S = κ·Σ w⁴ r²·sym(∇a ∇bᵀ)
+///
+/// Noise of the two pictures is independent and vanishes from ∇a ∇bᵀ, so that an edge with noise has no slope along itself.
+/// Neighbouring r correlate by ρ: along each axis κ = Σ exp(−d²/2L²) ≈ √(2π)·L with ρ = exp(−1/2L²), so κ = √(−π/ln ρ).
+/// It is the true error where r is noise, and up to twice the error where blur or depth leave structure in r.
+fn standard_error(a: &[f64], b: &[f64], window: &[f64], side: usize) -> f64 {
+    let (a, b) = (smoothed(a, side), as_bright_as(a, b, window));
+    let b = smoothed(&b, side);
+    let slopes = |of: &[f64], p: usize| DVec2::new(of[p + 1] - of[p - 1], of[p + side] - of[p - side]) / 2.0;
+    let (mut information, mut scatter) = (DMat2::ZERO, DMat2::ZERO);
+    let (mut power, mut lagged) = (0.0, DVec2::ZERO);
+    for y in 3..side - 3 {
+        for x in 3..side - 3 {
+            let p = y * side + x;
+            let (of_a, of_b) = (slopes(&a, p), slopes(&b, p));
+            let w = window[p] * window[p];
+            let rest = |p: usize| a[p] - b[p];
+            let (xx, yy) = (of_a.x * of_b.x, of_a.y * of_b.y);
+            let xy = 0.5 * (of_a.x * of_b.y + of_a.y * of_b.x);
+            let both = DMat2::from_cols_array(&[xx, xy, xy, yy]);
+            information += w * both;
+            scatter += (w * rest(p)).powi(2) * both;
+            power += w * rest(p).powi(2);
+            lagged += w * rest(p) * DVec2::new(rest(p + 1), rest(p + side));
+        }
+    }
+    let [weak, _] = eigenvalues(information);
+    if weak.is_nan() || weak <= 0.0 {
+        return f64::INFINITY;
+    }
+    let rho = (lagged / power.max(1e-12)).clamp(DVec2::splat(0.01), DVec2::splat(0.99));
+    let alike = |rho: f64| (-PI / rho.ln()).sqrt().max(1.0);
+    let alike = alike(rho.x) * alike(rho.y);
+    let inverse = information.inverse();
+    let [_, variance] = eigenvalues(alike * (inverse * scatter * inverse));
+    variance.max(0.0).sqrt()
+}
+
+/// `b` with the brightness and contrast of `a`, by weighted least squares.
+fn as_bright_as(a: &[f64], b: &[f64], window: &[f64]) -> Vec<f64> {
+    let weight: f64 = window.iter().sum();
+    let mean = |of: &[f64]| of.iter().zip(window).map(|(v, w)| v * w).sum::<f64>() / weight;
+    let (mean_a, mean_b) = (mean(a), mean(b));
+    let (mut both, mut own) = (0.0, 0.0);
+    for ((a, b), w) in a.iter().zip(b).zip(window) {
+        both += w * (a - mean_a) * (b - mean_b);
+        own += w * (b - mean_b).powi(2);
+    }
+    let gain = both / own.max(1e-12);
+    b.iter().map(|b| mean_a + gain * (b - mean_b)).collect()
+}
+
+/// Binomial smoothing of five pixels along both axes; two pixels at the rim stay as they are.
+fn smoothed(patch: &[f64], side: usize) -> Vec<f64> {
+    let pass = |of: &[f64], step: usize, inside: &dyn Fn(usize) -> bool| -> Vec<f64> {
+        let at = |p: usize| {
+            if !inside(p) {
+                return of[p];
+            }
+            (of[p - 2 * step] + of[p + 2 * step] + 4.0 * (of[p - step] + of[p + step]) + 6.0 * of[p]) / 16.0
+        };
+        (0..of.len()).map(at).collect()
+    };
+    let along = pass(patch, 1, &|p| (2..side - 2).contains(&(p % side)));
+    pass(&along, side, &|p| (2..side - 2).contains(&(p / side)))
+}
+
+/// Of a symmetric matrix, the smaller first.
+fn eigenvalues(m: DMat2) -> [f64; 2] {
+    let middle = 0.5 * (m.x_axis.x + m.y_axis.y);
+    let half = (0.5 * (m.x_axis.x - m.y_axis.y)).hypot(m.x_axis.y);
+    [middle - half, middle + half]
 }
 
 /// Spectrum of `a` times the conjugate of `b`'s: its phase rises with the frequency times the shift from a to b.

@@ -4,16 +4,25 @@
 //! ([`twin`](super::twin())), exposed for several multiples of what the pipeline would expose for. Blur takes fine detail away: the
 //! multiple at which the virtual picture has as much of it as the real one says how much too short its blur is. Detail is the
 //! power of luma between two Gaussians, by the square of its mean; it does not change when things lie beside their place.
-//! What drawing a picture again loses, and its noise, is told by the slow frame put into itself, and taken off. Its own blur is
+//! What drawing a picture again loses is told by the slow frame put into itself, and taken off. Its own blur is
 //! in the virtual picture too: at a share of 0.3 it makes that longer by 4 %.
+//!
+//! The camera's noise is detail, too. With the profile's power N in the band, the kept share k of drawing, and the powers R of
+//! the real picture, M₀ of the virtual one without blur and M of it with blur, the multiple is sought at which
+//!
+//!   M·(1 − kN/M₀) = k·(R − N)
+//!
+//! since the slow frame's noise is blurred with its texture. Areas count if M·(1 − kN/M₀) ≥ 2·kN at the pipeline's own exposure.
 
 use std::sync::Arc;
 
 use glam::DVec3;
 
 use super::error::VerifyError;
+use super::floor::luma_sigma;
 use super::twin::twin;
-use crate::analyse::{Plane, gaussian};
+use crate::analyse::{Plane, gaussian, unit_noise};
+use crate::camera::NoiseProfile;
 use crate::compositor::{Compositor, exposure_time_s};
 use crate::params::Value;
 use crate::shot::Shot;
@@ -34,6 +43,10 @@ const AREA_PX: usize = 64;
 const AREAS: usize = 12;
 /// Fewer areas say nothing.
 const LEAST_AREAS: usize = 10;
+/// Smallest power of an area's detail as the pipeline blurs it, by the noise's.
+const MIN_SIGNAL_TO_NOISE: f64 = 2.0;
+/// Side of the field by which the noise's power in the band is measured, px.
+const NOISE_FIELD_PX: usize = 256;
 
 /// How long virtual blur is by real blur.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,6 +70,7 @@ pub fn blur(
     for effect in ["exposure", "motion_blur"] {
         let _ = shot.settings.switch(effect, true);
     }
+    let noise = shot.camera().noise.map(BandNoise::new);
     let (mut ratios, mut lengths) = (Vec::new(), Vec::new());
     for (done, (fast, slow, length_px)) in chosen(&shot).into_iter().enumerate() {
         seen(done);
@@ -66,6 +80,9 @@ pub fn blur(
         let Some(kept) = kept(&shot, compositor, slow)? else { continue };
         let real = band(&Plane::of(&shot.read(fast)?.pixels));
         let usual_s = exposure_s(&shot, fast)?;
+        let mut still = shot.clone();
+        let _ = still.settings.switch("motion_blur", false);
+        let Some((unblurred, _)) = drawn(still, compositor, fast)? else { continue };
         let mut made = Vec::new();
         for by in TRIED {
             let deg = 360.0 * by * usual_s / shot.interval_s(fast);
@@ -76,7 +93,7 @@ pub fn blur(
             }
             made.extend(drawn(shot, compositor, fast)?.map(|(band, whole)| Made { by, band, whole }));
         }
-        let told = areas(&real, kept, &made);
+        let told = areas(&real, kept, &unblurred, &made, noise.as_ref());
         if !told.is_empty() {
             lengths.push(length_px);
         }
@@ -99,8 +116,7 @@ fn exposure_s(shot: &Shot, n: usize) -> Result<f64, VerifyError> {
 /// Fast frames, each with the slowest near it, and the fast one's blur, px; the longest first.
 fn chosen(shot: &Shot) -> Vec<(usize, usize, f64)> {
     let count = shot.recording.frame_count();
-    let exposure_s = |n: usize| exposure_s(shot, n).ok().filter(|s| *s > 0.0);
-    let ways: Vec<Option<f64>> = (0..count).map(|n| way_px(shot, n, exposure_s(n)?)).collect();
+    let ways: Vec<Option<f64>> = (0..count).map(|n| frame_px(shot, n)).collect();
     let mut found = Vec::new();
     for fast in 0..count {
         let Some(way) = ways[fast].filter(|way| *way >= FAST_PX) else { continue };
@@ -111,6 +127,11 @@ fn chosen(shot: &Shot) -> Vec<(usize, usize, f64)> {
     found.sort_by(|a, b| b.2.total_cmp(&a.2).then(a.0.cmp(&b.0)));
     found.truncate(PAIRS);
     found
+}
+
+/// Length of a frame's motion blur, px. `None` where exposure or poses are not known.
+pub fn frame_px(shot: &Shot, n: usize) -> Option<f64> {
+    way_px(shot, n, exposure_s(shot, n).ok().filter(|s| *s > 0.0)?)
 }
 
 /// How far what the camera sees moves during an exposure, root mean square of five places, px.
@@ -155,13 +176,19 @@ struct Made {
     whole: Vec<bool>,
 }
 
-/// Of the areas with most detail: virtual blur by real blur.
-fn areas(real: &Band, kept: f64, made: &[Made]) -> Vec<f64> {
+/// Of the areas with most detail: virtual blur by real blur. `unblurred`: the virtual picture without motion blur.
+fn areas(real: &Band, kept: f64, unblurred: &Band, made: &[Made], noise: Option<&BandNoise>) -> Vec<f64> {
     let Some(sharpest) = made.first() else { return Vec::new() };
     let masks: Vec<&[bool]> = made.iter().map(|made| made.whole.as_slice()).collect();
     let ratio = |(x, y): (usize, usize)| {
-        let powers: Vec<(f64, f64)> = made.iter().map(|made| (made.by, made.band.power(x, y))).collect();
-        crossing(&powers, kept * real.power(x, y)).map(|by| 1.0 / by)
+        let noise = noise.map_or(0.0, |noise| noise.power(real, x, y));
+        let texture = (1.0 - kept * noise / unblurred.power(x, y).max(1e-12)).max(0.0);
+        let powers: Vec<(f64, f64)> = made.iter().map(|made| (made.by, texture * made.band.power(x, y))).collect();
+        let usual = powers.iter().find(|(by, _)| *by == 1.0)?.1;
+        if usual < MIN_SIGNAL_TO_NOISE * kept * noise {
+            return None;
+        }
+        crossing(&powers, kept * (real.power(x, y) - noise).max(1e-12)).map(|by| 1.0 / by)
     };
     places(&sharpest.band, &masks).into_iter().filter_map(ratio).collect()
 }
@@ -202,6 +229,28 @@ fn crossing(powers: &[(f64, f64)], value: f64) -> Option<f64> {
     Some((a.0.ln() + share * (b.0 / a.0).ln()).exp())
 }
 
+/// The camera's noise in a [`Band`].
+struct BandNoise {
+    profile: NoiseProfile,
+    /// Variance of noise of variance 1 between the two Gaussians.
+    share: f64,
+}
+
+impl BandNoise {
+    fn new(profile: NoiseProfile) -> Self {
+        let field = band(&unit_noise(NOISE_FIELD_PX, NOISE_FIELD_PX, 0, profile.neighbour_correlation));
+        let share = field.values.iter().map(|v| f64::from(*v).powi(2)).sum::<f64>() / field.values.len() as f64;
+        Self { profile, share }
+    }
+
+    /// The noise's part of [`Band::power`].
+    fn power(&self, of: &Band, x: usize, y: usize) -> f64 {
+        let code = of.mean_code(x, y);
+        let area = (AREA_PX * AREA_PX) as f64;
+        area * self.share * (luma_sigma(&self.profile, code) / code).powi(2)
+    }
+}
+
 /// Luma between two Gaussians, and its mean.
 struct Band {
     width: usize,
@@ -213,10 +262,19 @@ struct Band {
 impl Band {
     /// Of an area, by the square of its mean.
     fn power(&self, x: usize, y: usize) -> f64 {
-        let rows = || (y..y + AREA_PX).map(|y| y * self.width + x..y * self.width + x + AREA_PX);
-        let power: f64 = rows().flat_map(|row| &self.values[row]).map(|v| f64::from(*v).powi(2)).sum();
-        let sum: f64 = rows().flat_map(|row| &self.mean[row]).map(|v| f64::from(*v)).sum();
-        power / (sum / (AREA_PX * AREA_PX) as f64).max(1.0).powi(2)
+        let power: f64 = self.rows(x, y).flat_map(|row| &self.values[row]).map(|v| f64::from(*v).powi(2)).sum();
+        power / self.mean_code(x, y).powi(2)
+    }
+
+    /// Of an area, codes; 1 or more.
+    fn mean_code(&self, x: usize, y: usize) -> f64 {
+        let sum: f64 = self.rows(x, y).flat_map(|row| &self.mean[row]).map(|v| f64::from(*v)).sum();
+        (sum / (AREA_PX * AREA_PX) as f64).max(1.0)
+    }
+
+    fn rows(&self, x: usize, y: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
+        let width = self.width;
+        (y..y + AREA_PX).map(move |y| y * width + x..y * width + x + AREA_PX)
     }
 }
 
@@ -229,6 +287,7 @@ fn band(luma: &Plane) -> Band {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::NoiseBin;
 
     #[test]
     fn a_value_is_met_between_two_multiples() {
@@ -258,11 +317,31 @@ mod tests {
         // The power of detail is inverse to the exposure; drawing keeps four fifths of it.
         let drawn = 0.8;
         let made = TRIED.map(|by| Made { by, band: detail(drawn / by), whole: vec![true; PIXELS] });
+        let unblurred = detail(4.0);
         // A frame whose real exposure is that multiple of the virtual picture's.
         for exposure in [0.625, 1.0, 1.6] {
-            let ratios = areas(&detail(1.0 / exposure), drawn, &made);
+            let ratios = areas(&detail(1.0 / exposure), drawn, &unblurred, &made, None);
             assert_eq!(ratios.len(), 1);
             assert!((ratios[0] * exposure - 1.0).abs() < 1e-4, "{} for {exposure}", ratios[0]);
         }
+        // Noise of power 0.2 in the real picture; the slow frame's is blurred with its texture.
+        let noise = |power: f64| {
+            let bins = vec![NoiseBin { code: 1.0, sigma: 1.0 }];
+            let profile = NoiseProfile {
+                bins: [bins.clone(), bins.clone(), bins],
+                channel_correlation: [1.0; 3],
+                neighbour_correlation: [0.0; 2],
+            };
+            BandNoise { profile, share: power }
+        };
+        let made = TRIED.map(|by| Made { by, band: detail(drawn * 1.05 / by), whole: vec![true; PIXELS] });
+        let unblurred = detail(drawn * 4.2);
+        let by_noise =
+            |exposure: f64, power| areas(&detail(1.0 / exposure + 0.2), drawn, &unblurred, &made, Some(&noise(power)));
+        for exposure in [0.625, 1.0, 1.6] {
+            let ratios = by_noise(exposure, 0.2);
+            assert!((ratios[0] * exposure - 1.0).abs() < 1e-4, "{ratios:?} for {exposure}");
+        }
+        assert!(by_noise(1.0, 0.6).is_empty(), "blurred detail of power 0.9 is not twice the noise");
     }
 }

@@ -28,7 +28,7 @@ pub fn with_noise(picture: &Grey, profile: &NoiseProfile, seed: u64) -> Grey {
 }
 
 /// σ of luma where all channels have one code.
-fn luma_sigma(profile: &NoiseProfile, code: f64) -> f64 {
+pub fn luma_sigma(profile: &NoiseProfile, code: f64) -> f64 {
     let [r, g, b] = [0, 1, 2].map(|c| LUMA[c] * profile.sigma(c, code));
     let [red_green, red_blue, green_blue] = profile.channel_correlation;
     let across = red_green * r * g + red_blue * r * b + green_blue * g * b;

@@ -1,8 +1,9 @@
 //! Whether virtual things behave as real ones in a recording: frames of it, as things, put into other frames of it.
 //!
-//! Through the whole pipeline, with what was recorded and with what was found out ([`crate::analyse`]). A place is judged by the
-//! phase correlation of patches, less what that reads of exact poses ([`floor`]), brightness by the luma of small areas, so that noise and blur, which the thing's own picture
-//! has already, do not count. Those effects are off. Motion blur and sharpness are judged each by itself.
+//! Through the whole pipeline, with what was recorded and with what was found out ([`crate::analyse`]). Registration is measured
+//! by the phase correlation of patches, brightness by the luma of small flat areas, both less what noise makes of two frames at
+//! rest ([`floor`]). Noise and blur, which the thing's own picture has already, are off. Motion blur and sharpness are judged each
+//! by itself.
 
 mod blur;
 mod error;
@@ -18,11 +19,13 @@ pub use floor::Displaced;
 pub use sharpness::{real_px, sharpness_px};
 pub use twin::twin;
 
-use floor::with_noise;
+use floor::{luma_sigma, with_noise};
 
+use crate::camera::NoiseProfile;
 use crate::gpu::Gpu;
 use crate::measure::Grey;
 use crate::measure::displacement::{DisplacementOptions, Displacements, displacements};
+use crate::pixels::Pixels;
 use crate::shot::Shot;
 
 /// Patches must be much larger than what they are displaced by, which may be 10 px, px.
@@ -32,6 +35,8 @@ const AREA: i64 = 2;
 /// An area is flat if its luma's standard deviation is below this, and tells nothing above this mean, codes.
 const FLAT: f64 = 4.0;
 const CLIPPED: f64 = 235.0;
+/// A patch counts if its contrast is this many times the noise's σ.
+const MIN_CONTRAST_TO_NOISE: f64 = 2.0;
 /// A pair with fewer patches tells nothing of places.
 const LEAST_PATCHES: usize = 4;
 
@@ -50,15 +55,40 @@ impl Default for Plan {
     }
 }
 
+/// Differences of flat areas' luma, 8-bit codes: of each pair of frames the median.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Brightness {
+    /// The median and the largest of the pairs, as measured.
+    pub measured: (f64, f64),
+    /// What noise makes of two frames at rest, median. `None` where the camera's noise is not known.
+    pub floor: Option<f64>,
+    /// Without the floor, in quadrature: median and largest.
+    pub codes: (f64, f64),
+}
+
+impl Brightness {
+    fn of(measured: &mut [f64], at_rest: &mut [f64]) -> Option<Self> {
+        measured.sort_by(f64::total_cmp);
+        at_rest.sort_by(f64::total_cmp);
+        let middle = |of: &[f64]| of.get(of.len() / 2).copied();
+        let (median, most) = (middle(measured)?, *measured.last()?);
+        let floor = middle(at_rest);
+        let without = |codes: f64| (codes.powi(2) - floor.unwrap_or(0.0).powi(2)).max(0.0).sqrt();
+        Some(Self { measured: (median, most), floor, codes: (without(median), without(most)) })
+    }
+}
+
 /// How far virtual is from real.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Verified {
     /// Pairs of frames that told something.
     pub pairs: usize,
+    /// Pairs that have texture above the noise of which too little matches.
+    pub unmatched: usize,
     /// Lengths of the patches' displacements.
     pub displaced: Option<Displaced>,
-    /// Of the pairs' median differences of luma the median and the largest, 8-bit codes.
-    pub brighter_codes: Option<(f64, f64)>,
+    /// `None` where no area is flat.
+    pub brightness: Option<Brightness>,
     /// `None` where the camera is nowhere fast.
     pub blur: Option<Blur>,
     /// σ of drawn edges, px.
@@ -71,18 +101,20 @@ pub fn verify(gpu: &Gpu, by: &Shot, plan: Plan, mut seen: impl FnMut(usize, usiz
     shot.settings.plain();
     let _ = shot.settings.switch("exposure", true);
     let count = shot.recording.frame_count();
-    let from: Vec<usize> = (0..count).step_by(plan.every.max(1)).collect();
+    let from = stillest(&shot, plan.every.max(1));
     let steps = from.len() + blur::PAIRS;
     let noise = by.camera().noise;
     let mut compositor = shot.compositor(gpu.clone());
-    let (mut displaced, mut at_rest, mut brighter, mut pairs) = (Vec::new(), Vec::new(), Vec::new(), 0);
-    let options = DisplacementOptions { patch_px: PATCH_PX, step_px: PATCH_PX / 2, ..Default::default() };
+    let (mut displaced, mut at_rest) = (Vec::new(), Vec::new());
+    let (mut brighter, mut brighter_at_rest) = (Vec::new(), Vec::new());
+    let (mut pairs, mut unmatched) = (0, 0);
     let lengths = |found: &Displacements| -> Vec<f64> {
         found.patches.iter().map(|patch| patch.displacement_px[0].hypot(patch.displacement_px[1])).collect()
     };
     for (done, n) in from.iter().enumerate() {
         seen(done, steps);
         let frame = shot.read(*n)?;
+        let options = patch_options(&frame.pixels, noise.as_ref());
         let Some(scene) = twin(&shot, &frame) else { continue };
         compositor.set_scene(scene.clone());
         shot.scene = Arc::new(scene);
@@ -95,6 +127,7 @@ pub fn verify(gpu: &Gpu, by: &Shot, plan: Plan, mut seen: impl FnMut(usize, usiz
             let real = with_noise(&Grey::luma(&frame.pixels), profile, seed);
             let made = with_noise(&Grey::luma(&made.pixels), profile, seed + 1);
             at_rest.extend(lengths(&displacements(&real, &made, Some(&mask), &options)?));
+            brighter_at_rest.extend(difference(&real, &made, &mask));
         }
         for to in [n.checked_sub(plan.gap), Some(n + plan.gap)].into_iter().flatten().filter(|to| *to < count) {
             let real = shot.read(to)?.pixels;
@@ -106,19 +139,39 @@ pub fn verify(gpu: &Gpu, by: &Shot, plan: Plan, mut seen: impl FnMut(usize, usiz
             if found.patches.len() >= LEAST_PATCHES {
                 displaced.extend(lengths(&found));
                 pairs += 1;
+            } else if found.patches.len() + found.doubtful >= LEAST_PATCHES {
+                unmatched += 1;
             }
             brighter.extend(difference(&real, &made, &mask));
         }
     }
-    brighter.sort_by(f64::total_cmp);
-    let middle = brighter.get(((brighter.len() as f64 - 1.0) * 0.5).round() as usize).copied();
     Ok(Verified {
         pairs,
+        unmatched,
         displaced: Displaced::of(&mut displaced, &mut at_rest),
-        brighter_codes: middle.zip(brighter.last().copied()),
+        brightness: Brightness::of(&mut brighter, &mut brighter_at_rest),
         blur: blur(by, &mut compositor, &mut |done| seen(from.len() + done, steps))?,
         sharpness_px: sharpness_px(by, &mut compositor)?,
     })
+}
+
+/// Patches whose contrast is well above the camera's noise.
+fn patch_options(pixels: &Pixels, noise: Option<&NoiseProfile>) -> DisplacementOptions {
+    let usual = DisplacementOptions { patch_px: PATCH_PX, step_px: PATCH_PX / 2, ..Default::default() };
+    let luma = Grey::luma(pixels).values;
+    let mean = luma.iter().sum::<f64>() / luma.len().max(1) as f64;
+    let sigma = noise.map_or(0.0, |profile| luma_sigma(profile, mean));
+    DisplacementOptions { min_contrast: usual.min_contrast.max(MIN_CONTRAST_TO_NOISE * sigma), ..usual }
+}
+
+/// Of each `every` frames the one with the shortest motion blur: a thing's own blur displaces its edges.
+fn stillest(shot: &Shot, every: usize) -> Vec<usize> {
+    let blur_px: Vec<f64> = (0..shot.recording.frame_count()).map(|n| blur::frame_px(shot, n).unwrap_or(0.0)).collect();
+    let of_part = |(part, px): (usize, &[f64])| {
+        let least = (0..px.len()).min_by(|a, b| px[*a].total_cmp(&px[*b]))?;
+        Some(part * every + least)
+    };
+    blur_px.chunks(every).enumerate().filter_map(of_part).collect()
 }
 
 /// The median of |difference| of flat areas' luma where `mask` holds, codes. `None` where it holds nowhere.
@@ -147,4 +200,21 @@ fn difference(real: &Grey, made: &Grey, mask: &[bool]) -> Option<f64> {
     }
     off.sort_by(f64::total_cmp);
     off.get(off.len() / 2).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_is_taken_off_brightness_in_quadrature() {
+        let found = Brightness::of(&mut [1.5, 1.3, 2.5], &mut [1.2, 0.9, 1.3]).unwrap();
+        assert_eq!((found.measured, found.floor), ((1.5, 2.5), Some(1.2)));
+        // √(1.5² − 1.2²), and √(2.5² − 1.2²).
+        assert!((found.codes.0 - 0.9).abs() < 1e-12 && (found.codes.1 - 4.81f64.sqrt()).abs() < 1e-12);
+        let unknown = Brightness::of(&mut [1.5], &mut []).unwrap();
+        assert_eq!((unknown.codes, unknown.floor), ((1.5, 1.5), None));
+        assert_eq!(Brightness::of(&mut [1.0], &mut [2.0]).unwrap().codes, (0.0, 0.0));
+        assert_eq!(Brightness::of(&mut [], &mut [1.0]), None);
+    }
 }

@@ -2,7 +2,7 @@
 
 use crate::tier;
 use locard::measure::Grey;
-use locard::measure::displacement::{DisplacementOptions, displacements};
+use locard::measure::displacement::{DisplacementOptions, PatchDisplacement, displacements};
 
 fn hash(mut x: u64) -> f64 {
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -86,6 +86,29 @@ fn flat_patches_and_those_outside_the_mask_tell_nothing() {
     let left: Vec<bool> = (0..SIZE * SIZE).map(|i| i % SIZE < 64).collect();
     let found = displacements(&a, &b, Some(&left), &options).unwrap();
     assert!(found.masked == 28 && found.patches.iter().all(|p| p.centre_px[0] <= 48.0), "{found:?}");
+}
+
+#[test]
+fn standard_error_covers_the_error_and_a_straight_edge_is_not_trusted() {
+    let options = DisplacementOptions::default();
+    let (a, b) = (picture([0.0; 2], 4.0, 1), picture([0.3, 0.2], 4.0, 2));
+    let found = displacements(&a, &b, None, &options).unwrap();
+    let in_sigmas = |p: &PatchDisplacement| (p.displacement_px[0] - 0.3).hypot(p.displacement_px[1] - 0.2) / p.sigma_px;
+    let mut errors: Vec<f64> = found.patches.iter().map(in_sigmas).collect();
+    errors.sort_by(f64::total_cmp);
+    let (middle, most) = (errors[errors.len() / 2], errors[errors.len() * 9 / 10]);
+    println!("{middle} {most} {}", errors.len());
+    // Of two Gaussian numbers with the larger one's σ each: 1.18 and 2.15.
+    assert!((0.5..1.5).contains(&middle) && most < 3.0, "{middle} {most}");
+    // Nothing but noise says where along itself an edge lies.
+    let edge = |seed: u64| {
+        let value = |i: usize| 30.0 + 6.0 * ((i % SIZE) as f64 - 60.0).clamp(0.0, 8.0);
+        let values = (0..SIZE * SIZE).map(|i| value(i) + 2.0 * noise(seed * 100_000 + i as u64)).collect();
+        Grey::new(SIZE, SIZE, values).unwrap()
+    };
+    let found = displacements(&edge(1), &edge(2), None, &options).unwrap();
+    let with_texture = found.patches.len() + found.doubtful;
+    assert!(with_texture > 20 && 20 * found.patches.len() <= with_texture, "chance passes one in twenty: {found:?}");
 }
 
 #[test]
