@@ -110,7 +110,11 @@ fn layout(text: &str) -> Result<Layout, String> {
 }
 
 fn driver(text: &str) -> Result<DriverName, String> {
-    DriverName::of_name(text).ok_or_else(|| format!("{text} is refused: accepted are v4l2, nokhwa"))
+    let names: Vec<&str> = DriverName::AVAILABLE.iter().map(|driver| driver.name()).collect();
+    DriverName::of_name(text).ok_or_else(|| match names.as_slice() {
+        [] => format!("{text} is refused: this program was built without cameras"),
+        _ => format!("{text} is refused: accepted are {}", names.join(", ")),
+    })
 }
 
 fn range(text: &str) -> Result<ColorRange, String> {
@@ -248,7 +252,7 @@ impl Watching {
         let dropped = if told.is_empty() { "none dropped".to_owned() } else { format!("dropped: {}", told.join(", ")) };
         match drops.arrival_timed {
             0 => dropped,
-            n => format!("{dropped}; {n} with the time of arrival, for the driver's was implausible"),
+            n => format!("{dropped}; {n} with a time from their arrival, for the driver's was implausible"),
         }
     }
 

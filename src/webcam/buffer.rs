@@ -20,8 +20,10 @@ pub fn fit(delivered: Delivered, mut bytes: Vec<u8>) -> (Delivered, Vec<u8>) {
         bytes.truncate(length);
         return (delivered, bytes);
     }
-    let stride = stride(&delivered, bytes.len()).unwrap_or(0);
-    bytes.truncate((stride * rows(&delivered)).max(if stride == 0 { bytes.len() } else { 0 }));
+    let Some(stride) = stride(&delivered, bytes.len()) else {
+        return (Delivered { stride: 0, ..delivered }, bytes);
+    };
+    bytes.truncate(stride * rows(&delivered));
     (Delivered { stride, ..delivered }, bytes)
 }
 
@@ -38,7 +40,8 @@ fn stride(delivered: &Delivered, length: usize) -> Option<usize> {
         return Some(row);
     }
     let is_stride = |stride: usize| {
-        let is_aligned = delivered.layout != Layout::Yuyv || stride.is_multiple_of(2);
+        // YUYV and the second plane of NV12 hold pairs of bytes.
+        let is_aligned = !matches!(delivered.layout, Layout::Yuyv | Layout::Nv12) || stride.is_multiple_of(2);
         is_aligned && (row..=row + MAX_ROW_PADDING).contains(&stride)
     };
     if rows > 0 && length.is_multiple_of(rows) && is_stride(length / rows) {
@@ -82,6 +85,8 @@ mod tests {
         for length in [0, 1, 614_399, 614_401, 480 * 1281, 480 * 2560, 614_400 + 4096] {
             assert_eq!(fitted(Layout::Yuyv, vga, length), (0, length));
         }
-        assert_eq!(fitted(Layout::Nv12, vga, 640 * 480), (0, 640 * 480));
+        for length in [640 * 480, 720 * 641] {
+            assert_eq!(fitted(Layout::Nv12, vga, length), (0, length));
+        }
     }
 }

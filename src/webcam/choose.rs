@@ -4,6 +4,15 @@ use super::list::Mode;
 use super::picture::Layout;
 use super::wanted::Wanted;
 
+/// The rates of 24000/1001, 30000/1001, 60000/1001 and 120000/1001 Hz, as a driver that lists whole
+/// numbers truncates them.
+const TRUNCATED_NTSC_HZ: [f64; 4] = [23.0, 29.0, 59.0, 119.0];
+
+/// The rate that a driver means: 30 for 29.
+fn nominal_hz(listed_hz: f64) -> f64 {
+    if TRUNCATED_NTSC_HZ.contains(&listed_hz) { listed_hz + 1.0 } else { listed_hz }
+}
+
 /// The layout that was requested, or the best of those that come in this size at this rate, else of
 /// all.
 pub fn layout(offered: &[Mode], wanted: &Wanted) -> Option<Layout> {
@@ -17,8 +26,7 @@ pub fn layout(offered: &[Mode], wanted: &Wanted) -> Option<Layout> {
         let [least, most] = mode.sizes;
         let (w, h) = wanted.size;
         let in_size = (least.0..=most.0).contains(&w) && (least.1..=most.1).contains(&h);
-        // A rate of 30 is met by 29.97, and by 29 where a driver lists whole numbers.
-        let is_met = |rate: &f64| *rate > 0.99 * wanted.rate_hz || *rate == (0.999 * wanted.rate_hz).floor();
+        let is_met = |rate: &f64| nominal_hz(*rate) > 0.99 * wanted.rate_hz;
         in_size && (mode.rates_hz.is_empty() || mode.rates_hz.iter().any(is_met))
     };
     let of = |fits: &dyn Fn(&Mode) -> bool| Layout::PREFERRED.into_iter().find(|layout| has(*layout, fits));
@@ -83,6 +91,20 @@ mod tests {
         // A driver that truncates 29.97.
         let truncated = [mode(Layout::Yuyv, (640, 480), &[5.0]), mode(Layout::Mjpeg, (640, 480), &[29.0])];
         assert_eq!(super::layout(&truncated, &Wanted::default()), Some(Layout::Mjpeg));
+    }
+
+    #[test]
+    fn truncated_rates_meet_the_ntsc_rates_alone() {
+        let is_met = |listed_hz, rate_hz| {
+            let offered = [mode(Layout::Yuyv, (640, 480), &[listed_hz]), mode(Layout::Mjpeg, (640, 480), &[1000.0])];
+            super::layout(&offered, &Wanted { rate_hz, ..Wanted::default() }) == Some(Layout::Yuyv)
+        };
+        for (listed_hz, rate_hz) in [(23.0, 24.0), (29.0, 30.0), (29.0, 29.97), (59.0, 60.0), (119.0, 120.0)] {
+            assert!(is_met(listed_hz, rate_hz), "{listed_hz} meets {rate_hz}");
+        }
+        for (listed_hz, rate_hz) in [(24.0, 25.0), (14.0, 15.0), (28.0, 30.0), (49.0, 50.0)] {
+            assert!(!is_met(listed_hz, rate_hz), "{listed_hz} does not meet {rate_hz}");
+        }
     }
 
     #[test]

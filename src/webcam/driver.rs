@@ -48,7 +48,7 @@ pub trait Driver: Send + Sync {
     fn cameras(&self) -> Result<Vec<Listed>, CameraError>;
 
     /// The present id of a camera that had an id and a name when it was opened; the same id is
-    /// preferred. `None`: it is unplugged.
+    /// preferred. `None`: it is unplugged. Called on the camera's thread; may block without end.
     fn find(&self, id: &str, name: &str) -> Option<String>;
 
     /// Opens a camera by its id. Called on the camera's thread; may block without end.

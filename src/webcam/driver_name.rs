@@ -18,7 +18,7 @@ pub enum DriverName {
 
 impl DriverName {
     /// The drivers of cameras on this system, the default first.
-    pub const HERE: &'static [Self] = if !cfg!(feature = "camera") {
+    pub const AVAILABLE: &'static [Self] = if !cfg!(feature = "camera") {
         &[]
     } else if cfg!(target_os = "linux") {
         &[Self::V4l2, Self::Nokhwa]

@@ -16,6 +16,8 @@ pub enum CameraError {
     Permission { camera: String, advice: String },
     #[error("{camera}: another program uses it; end that one, then try again")]
     Busy { camera: String },
+    #[error("{camera} is unplugged")]
+    Unplugged { camera: String },
     #[error("{camera}: takes no pictures")]
     TakesNone { camera: String },
     #[error("{camera}: gives no {asked}; it has {}", if has.is_empty() { "nothing that is read here" } else { has })]

@@ -15,13 +15,15 @@ pub struct FrameClock {
     offset: ClockOffset,
     /// The time of the last picture, s.
     last_s: f64,
-    /// Pictures with an implausible stamp, which have the time of their arrival.
+    /// From the last plausible stamp to the arrival, s.
+    delay_s: f64,
+    /// Pictures with an implausible stamp, whose time follows from their arrival.
     pub implausible: u64,
 }
 
 impl Default for FrameClock {
     fn default() -> Self {
-        Self { offset: ClockOffset::default(), last_s: f64::NEG_INFINITY, implausible: 0 }
+        Self { offset: ClockOffset::default(), last_s: f64::NEG_INFINITY, delay_s: 0.0, implausible: 0 }
     }
 }
 
@@ -29,7 +31,8 @@ impl FrameClock {
     /// The time of a picture that arrived at a time, both in seconds of the monotonic clock.
     ///
     /// A stamp is implausible if it is later than the arrival, more than [`MAX_AGE_S`] earlier, or
-    /// not later than the picture before. Such a picture has the time of its arrival.
+    /// not later than the picture before. The time of such a picture is its arrival minus the delay
+    /// of the last plausible stamp. A picture without a stamp has the time of its arrival.
     pub fn time_s(&mut self, stamp: Stamp, arrived_s: f64) -> f64 {
         self.with_wall_offset_s(stamp, arrived_s, wall_offset_s)
     }
@@ -47,10 +50,13 @@ impl FrameClock {
             is_recent && time_s > self.last_s
         };
         let time_s = match stamped_s {
-            Some(time_s) if is_plausible(time_s) => time_s,
+            Some(time_s) if is_plausible(time_s) => {
+                self.delay_s = arrived_s - time_s;
+                time_s
+            }
             Some(_) => {
                 self.implausible += 1;
-                arrived_s
+                (arrived_s - self.delay_s).max(self.last_s.next_up())
             }
             None => arrived_s,
         };
@@ -58,16 +64,16 @@ impl FrameClock {
         time_s
     }
 
-    /// A picture is never delivered before it is taken, so the smallest difference between arrival
-    /// and stamp of the last seconds is nearest to the offset of the camera's clock.
+    /// A picture is never delivered before it is taken, so the smallest differences between arrival
+    /// and stamp are nearest to the offset of the camera's clock. The third smallest difference of
+    /// the last seconds is used: up to two outliers do not move it.
     fn relative_s(&mut self, time_s: f64, arrived_s: f64) -> f64 {
-        let has_jumped =
-            |estimate_s: f64| !((arrived_s - time_s - estimate_s).abs() <= MAX_CLOCK_STEP_S && time_s.is_finite());
-        if self.offset.estimate_s().is_some_and(has_jumped) {
-            self.offset = ClockOffset::default();
-        }
         if !time_s.is_finite() {
             return f64::NAN;
+        }
+        let has_jumped = |estimate_s: f64| (arrived_s - time_s - estimate_s).abs() > MAX_CLOCK_STEP_S;
+        if self.offset.estimate_s().is_some_and(has_jumped) {
+            self.offset = ClockOffset::default();
         }
         self.offset.add(time_s, arrived_s);
         let offset_s = self.offset.estimate_s().unwrap_or(arrived_s - time_s);
@@ -99,19 +105,51 @@ mod tests {
     }
 
     #[test]
-    fn implausible_stamps_are_replaced_by_the_arrival() {
+    fn implausible_stamps_are_replaced_by_the_arrival_minus_the_last_delay() {
         use Stamp::{Monotonic, Wall};
         let (times, implausible) = times([
             (Monotonic(100.1), 100.0),
             (Monotonic(90.9), 101.0),
             (Wall(0.0), 102.0),
             (Monotonic(f64::NAN), 103.0),
-            (Monotonic(103.9), 104.0),
+            (Monotonic(103.5), 104.0),
             // Before the last one.
-            (Monotonic(103.8), 105.0),
+            (Monotonic(103.4), 105.0),
             (Wall(1e9 + 1e6), 106.0),
         ]);
-        assert_eq!((times, implausible), (vec![100.0, 101.0, 102.0, 103.0, 103.9, 105.0, 106.0], 6));
+        assert_eq!((times, implausible), (vec![100.0, 101.0, 102.0, 103.0, 103.5, 104.5, 105.5], 6));
+    }
+
+    #[test]
+    fn stamps_are_used_again_after_one_that_is_implausible() {
+        // 120 Hz, 20 ms from the stamp to the arrival: longer than the interval.
+        let taken_s = |i: u32| 100.0 + f64::from(i) / 120.0;
+        let stamps = (0..60).map(|i| {
+            let stamp_s = if i == 30 { taken_s(i) + 5.0 } else { taken_s(i) };
+            (Stamp::Monotonic(stamp_s), taken_s(i) + 0.02)
+        });
+        let (times, implausible) = times(stamps);
+        assert_eq!(implausible, 1);
+        for (i, time_s) in (0..60).zip(times) {
+            let tolerance_s = if i == 30 { 1e-9 } else { 0.0 };
+            assert!((time_s - taken_s(i)).abs() <= tolerance_s, "{i}: {time_s}, {} is expected", taken_s(i));
+        }
+    }
+
+    #[test]
+    fn relative_clock_keeps_its_offset_over_a_stamp_that_is_no_number() {
+        // The first arrivals are early; the later ones alone would give another offset.
+        let stamps = (0..40).map(|i| {
+            let taken_s = 100.0 + 0.1 * f64::from(i);
+            let stamp_s = if i == 20 { f64::NAN } else { taken_s };
+            (Stamp::Relative(stamp_s), taken_s + if i < 10 { 0.01 } else { 0.02 })
+        });
+        let (times, implausible) = times(stamps);
+        assert_eq!(implausible, 1);
+        for (i, time_s) in (0..40).zip(times) {
+            let expected_s = 100.01 + 0.1 * f64::from(i);
+            assert!((time_s - expected_s).abs() < 1e-9, "{i}: {time_s}, {expected_s} is expected");
+        }
     }
 
     /// Pictures every 0.1 s, taken at the whole tenths, with arrivals held up by 10, 30 or 20 ms.
@@ -143,7 +181,8 @@ mod tests {
             assert!(times.windows(2).all(|pair| pair[0] < pair[1]), "{name}: {times:?}");
             for (i, time_s) in (0..60).zip(times) {
                 let (taken_s, arrived_s) = held_up(i);
-                assert!((taken_s..=arrived_s).contains(&time_s), "{name}, {i}: {time_s} of {taken_s} to {arrived_s}");
+                let expected_s = taken_s - 1e-9..=arrived_s;
+                assert!(expected_s.contains(&time_s), "{name}, {i}: {time_s} of {taken_s} to {arrived_s}");
             }
         }
     }

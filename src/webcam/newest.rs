@@ -12,7 +12,7 @@ pub struct Drops {
     pub lost: u64,
     /// Marked as damaged by the driver, or of another size than agreed.
     pub damaged: u64,
-    /// Delivered with the time of their arrival, for an implausible stamp. No drops.
+    /// Delivered with a time from their arrival, for an implausible stamp. No drops.
     pub arrival_timed: u64,
 }
 

@@ -11,7 +11,7 @@ use super::list::Listed;
 use super::newest::Newest;
 use super::picture::Picture;
 use super::played::Played;
-use super::session::{Limits, Session};
+use super::session::{Limits, Session, guarded};
 use super::wanted::{Given, Wanted};
 
 /// A camera that has agreed on what it gives, and is not started.
@@ -52,37 +52,47 @@ fn driver(name: DriverName) -> Result<Arc<dyn Driver>, CameraError> {
         #[cfg(not(all(feature = "camera", target_os = "linux")))]
         _ if !cfg!(feature = "camera") => Err(CameraError::NotBuilt),
         #[cfg(not(all(feature = "camera", target_os = "linux")))]
-        _ => Err(CameraError::NoDriver { asked: name, here: DriverName::HERE[0] }),
+        _ => Err(CameraError::NoDriver { asked: name, here: DriverName::AVAILABLE[0] }),
     }
 }
 
 /// The cameras of each driver on this system, the default driver first. Devices that take no
 /// pictures are left out.
 pub fn cameras() -> Vec<(DriverName, Result<Vec<Listed>, CameraError>)> {
-    let of = |name: &DriverName| (*name, driver(*name).and_then(|driver| listed(*name, driver, Limits::default())));
-    DriverName::HERE.iter().map(of).collect()
+    let of = |name: &DriverName| (*name, cameras_of(*name));
+    DriverName::AVAILABLE.iter().map(of).collect()
+}
+
+fn cameras_of(name: DriverName) -> Result<Vec<Listed>, CameraError> {
+    listed(name, driver(name)?, Limits::default())
 }
 
 /// A driver's cameras, if it answers in time. A thread that does not return is left behind.
 pub(super) fn listed(name: DriverName, driver: Arc<dyn Driver>, limits: Limits) -> Result<Vec<Listed>, CameraError> {
-    let (to_us, answer) = mpsc::channel();
-    let list = move || drop(to_us.send(driver.cameras()));
+    let (sender, answer) = mpsc::channel();
+    let camera = format!("the driver {name}");
+    let broken = |problem| CameraError::Driver { camera: camera.clone(), problem };
+    let list = move || drop(sender.send(guarded(|| driver.cameras())));
     std::thread::Builder::new().name("cameras".to_owned()).spawn(list).map_err(CameraError::Thread)?;
     let seconds = limits.opening.as_secs_f64();
-    let silent = |_| Err(CameraError::NoAnswer { camera: format!("the driver {name}"), seconds });
-    answer.recv_timeout(limits.opening).unwrap_or_else(silent)
+    match answer.recv_timeout(limits.opening) {
+        Ok(cameras) => cameras.unwrap_or_else(|problem| Err(broken(problem))),
+        Err(_) => Err(CameraError::NoAnswer { camera, seconds }),
+    }
 }
 
 /// Opens a camera by its number, by its device (`/dev/video0`), or a video in its place by its
 /// file.
 pub fn open(asked: &str, wanted: &Wanted) -> Result<Camera, CameraError> {
     if camera_id::number(asked).is_some() {
-        let name = wanted.driver.or(DriverName::HERE.first().copied()).ok_or(CameraError::NotBuilt)?;
+        let name = wanted.driver.or(DriverName::AVAILABLE.first().copied()).ok_or(CameraError::NotBuilt)?;
         return Camera::open(driver(name)?, asked, wanted, Limits::default());
     }
     let file = Path::new(asked);
     if !file.exists() {
-        let found = cameras().into_iter().filter_map(|(_, cameras)| cameras.ok()).next().unwrap_or_default();
+        // The default driver alone: another one may change a camera's mode to list it.
+        let default = DriverName::AVAILABLE.first().map(|name| cameras_of(*name));
+        let found = default.and_then(Result::ok).unwrap_or_default();
         let found = found.into_iter().map(|camera| format!("{} ({})", camera.number, camera.name)).collect();
         // What looks like a file's name was meant as one.
         return Err(if file.extension().is_some() || asked.contains(std::path::MAIN_SEPARATOR) {

@@ -20,7 +20,9 @@ use super::wanted::{Given, Wanted};
 /// How long a driver may take.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Without a picture for so long, a camera counts as stalled.
+    /// From the start to the first picture. On macOS and Windows the stream begins then.
+    pub first_picture: Duration,
+    /// Between two pictures. Without one for so long, a camera counts as stalled.
     pub picture: Duration,
     /// From the call to the open camera. Media Foundation takes seconds.
     pub opening: Duration,
@@ -30,7 +32,12 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { picture: Duration::from_secs(2), opening: Duration::from_secs(15), retry: Duration::from_millis(500) }
+        Self {
+            first_picture: Duration::from_secs(15),
+            picture: Duration::from_secs(2),
+            opening: Duration::from_secs(15),
+            retry: Duration::from_millis(500),
+        }
     }
 }
 
@@ -44,13 +51,46 @@ pub fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
     catch_unwind(AssertUnwindSafe(call)).map_err(|_| "its driver broke down".to_owned())
 }
 
+/// The camera that a capture's thread opens.
+#[derive(Clone)]
+struct Request {
+    id: String,
+    /// The camera's name, if it was open before: it is looked up first, for it may have another id.
+    name: Option<String>,
+    wanted: Wanted,
+}
+
+/// A camera that was opened, with its present id.
+struct Agreement {
+    id: String,
+    given: Given,
+}
+
+impl Request {
+    /// The camera, for a message.
+    fn camera(&self) -> String {
+        self.name.as_ref().unwrap_or(&self.id).clone()
+    }
+
+    fn open(&self, driver: &dyn Driver) -> Result<(Box<dyn Capture>, Agreement), CameraError> {
+        let id = match &self.name {
+            Some(name) => driver.find(&self.id, name),
+            None => Some(self.id.clone()),
+        };
+        let id = id.ok_or_else(|| CameraError::Unplugged { camera: self.camera() })?;
+        let (capture, given) = driver.open(&id, &self.wanted)?;
+        Ok((capture, Agreement { id, given }))
+    }
+}
+
 /// What a capture's thread reports.
 enum Event {
-    Opened(Given),
+    Opened(Agreement),
     Refused(CameraError),
     Sample(Sample),
     /// The last picture came.
     Over,
+    /// The capture has failed, and is being closed. Its thread ends afterwards.
     Failed(String),
 }
 
@@ -67,37 +107,35 @@ impl Worker {
     /// `blocked`.
     fn open(
         driver: &Arc<dyn Driver>,
-        id: &str,
-        wanted: &Wanted,
+        request: &Request,
         limit: Duration,
         blocked: &mut Vec<JoinHandle<()>>,
-    ) -> Result<(Self, Given), CameraError> {
+    ) -> Result<(Self, Agreement), CameraError> {
         let (to_session, events) = mpsc::sync_channel(1);
         let (start, started) = mpsc::sync_channel(1);
-        let (driver, id, wanted) = (Arc::clone(driver), id.to_owned(), *wanted);
+        let (driver, of_thread) = (Arc::clone(driver), request.clone());
         let named = std::thread::Builder::new().name("capture".to_owned());
-        let of_thread = id.clone();
-        let work = move || work(&*driver, &of_thread, &wanted, &to_session, &started);
+        let work = move || work(&*driver, &of_thread, &to_session, &started);
         let thread = named.spawn(work).map_err(CameraError::Thread)?;
         let worker = Self { events, start, thread };
         match worker.events.recv_timeout(limit) {
-            Ok(Event::Opened(given)) => Ok((worker, given)),
+            Ok(Event::Opened(agreement)) => Ok((worker, agreement)),
             Ok(Event::Refused(error)) => Err(error),
             _ => {
                 blocked.push(worker.thread);
-                Err(CameraError::NoAnswer { camera: id, seconds: limit.as_secs_f64() })
+                Err(CameraError::NoAnswer { camera: request.camera(), seconds: limit.as_secs_f64() })
             }
         }
     }
 }
 
-/// A capture's thread: opens it, waits for the start, and reports its pictures until nobody
-/// receives them.
-fn work(driver: &dyn Driver, id: &str, wanted: &Wanted, events: &SyncSender<Event>, started: &Receiver<()>) {
-    let broken = |problem| Err(CameraError::Driver { camera: id.to_owned(), problem });
-    let mut capture: Box<dyn Capture> = match guarded(|| driver.open(id, wanted)).unwrap_or_else(broken) {
-        Ok((capture, given)) => {
-            if events.send(Event::Opened(given)).is_err() {
+/// A capture's thread: finds the camera and opens it, waits for the start, and reports its pictures
+/// until nobody receives them.
+fn work(driver: &dyn Driver, request: &Request, events: &SyncSender<Event>, started: &Receiver<()>) {
+    let broken = |problem| Err(CameraError::Driver { camera: request.camera(), problem });
+    let mut capture: Box<dyn Capture> = match guarded(|| request.open(driver)).unwrap_or_else(broken) {
+        Ok((capture, agreement)) => {
+            if events.send(Event::Opened(agreement)).is_err() {
                 return close(capture);
             }
             capture
@@ -118,9 +156,9 @@ fn work(driver: &dyn Driver, id: &str, wanted: &Wanted, events: &SyncSender<Even
             Ok(Err(problem)) | Err(problem) => break Event::Failed(problem),
         }
     };
-    // Another capture of the same camera may follow at once.
-    close(capture);
+    // Reported first: closing may block without end.
     let _ = events.send(last);
+    close(capture);
 }
 
 fn close(capture: Box<dyn Capture>) {
@@ -148,10 +186,11 @@ impl Session {
         limits: Limits,
     ) -> Result<(Self, Given), CameraError> {
         let mut blocked = Vec::new();
-        let (worker, given) = Worker::open(&driver, id, wanted, limits.opening, &mut blocked)?;
+        let request = Request { id: id.to_owned(), name: None, wanted: *wanted };
+        let (worker, Agreement { id, given }) = Worker::open(&driver, &request, limits.opening, &mut blocked)?;
         let session = Self {
             driver,
-            id: id.to_owned(),
+            id,
             wanted: *wanted,
             given: given.clone(),
             limits,
@@ -186,10 +225,9 @@ impl Session {
             let count = self.blocked.len();
             return Err(format!("{name}: {count} attempts wait for its driver; unplug it, or start anew"));
         }
-        let find = || self.driver.find(&self.id, name);
-        let id = guarded(find)?.ok_or_else(|| format!("{name} is unplugged"))?;
-        let opened = Worker::open(&self.driver, &id, &self.wanted, self.limits.opening, &mut self.blocked);
-        let (worker, given) = opened.map_err(|error| error.to_string())?;
+        let request = Request { id: self.id.clone(), name: Some(name.clone()), wanted: self.wanted };
+        let opened = Worker::open(&self.driver, &request, self.limits.opening, &mut self.blocked);
+        let (worker, Agreement { id, given }) = opened.map_err(|error| error.to_string())?;
         if given.delivered != self.given.delivered {
             let (now, before) = (given.delivered, self.given.delivered);
             return Err(format!("{name} gives {now} now, and gave {before} before"));
@@ -204,32 +242,53 @@ impl Session {
         // A thread that has ended is noticed below.
         let _ = worker.start.send(());
         let mut last = Instant::now();
+        let mut limit = self.limits.first_picture;
+        let mut has_damaged = false;
         while !putter.is_over() {
-            match worker.events.recv_timeout(CHECK_EVERY.min(self.limits.picture)) {
+            match worker.events.recv_timeout(CHECK_EVERY.min(limit)) {
                 Ok(Event::Sample(sample)) => {
-                    last = Instant::now();
-                    self.put(sample, putter);
+                    has_damaged = !self.put(sample, putter);
+                    if !has_damaged {
+                        last = Instant::now();
+                        limit = self.limits.picture;
+                    }
                 }
                 Ok(Event::Over) => return Ok(()),
                 Ok(Event::Failed(problem)) if self.driver.is_live() => {
+                    self.wait_for_close(worker, putter);
                     return Err(format!("{name} stopped: {problem}"));
                 }
                 Ok(Event::Failed(problem)) => return Err(problem),
-                Ok(Event::Opened(_) | Event::Refused(_)) => {}
+                Ok(Event::Opened(_) | Event::Refused(_)) | Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return Err(format!("{name} stopped: its driver broke down")),
-                Err(RecvTimeoutError::Timeout) => {
-                    if self.driver.is_live() && last.elapsed() >= self.limits.picture {
-                        self.blocked.push(worker.thread);
-                        let seconds = self.limits.picture.as_secs_f64();
-                        return Err(format!("{name} stopped: no picture came for {seconds} s"));
-                    }
-                }
+            }
+            if self.driver.is_live() && last.elapsed() >= limit {
+                self.blocked.push(worker.thread);
+                let seconds = limit.as_secs_f64();
+                let kind = if has_damaged { "undamaged picture" } else { "picture" };
+                return Err(format!("{name} stopped: no {kind} came for {seconds} s"));
             }
         }
         Ok(())
     }
 
-    fn put(&mut self, sample: Sample, putter: &Putter<Picture>) {
+    /// Waits until a capture that failed is closed, as another one of the same camera may follow at
+    /// once. A thread that does not end in time is left behind.
+    fn wait_for_close(&mut self, worker: Worker, putter: &Putter<Picture>) {
+        let begun = Instant::now();
+        let limit = self.limits.picture;
+        while !putter.is_over() {
+            match worker.events.recv_timeout(CHECK_EVERY.min(limit)) {
+                Err(RecvTimeoutError::Disconnected) => return,
+                Err(RecvTimeoutError::Timeout) if begun.elapsed() >= limit => break,
+                _ => {}
+            }
+        }
+        self.blocked.push(worker.thread);
+    }
+
+    /// Puts an undamaged picture. Returns whether it did.
+    fn put(&mut self, sample: Sample, putter: &Putter<Picture>) -> bool {
         let Sample { delivered, bytes, stamp, arrived_s, exposure_s, lost, is_damaged } = sample;
         let of = |delivered: &Delivered| (delivered.layout, delivered.width, delivered.height);
         let is_damaged = is_damaged || of(&delivered) != of(&self.given.delivered);
@@ -240,5 +299,6 @@ impl Session {
         if !is_damaged {
             putter.put(Picture { delivered, bytes, time_s, exposure_s });
         }
+        !is_damaged
     }
 }

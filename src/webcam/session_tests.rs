@@ -27,13 +27,16 @@ const DELIVERED: Delivered = Delivered {
 /// No test waits for longer than this.
 const DEADLINE: Duration = Duration::from_secs(20);
 /// Patient limits: only what the driver does counts.
-const PATIENT: Limits = Limits { picture: DEADLINE, opening: DEADLINE, retry: Duration::ZERO };
-const IMPATIENT: Limits = Limits { picture: Duration::from_millis(30), ..PATIENT };
+const PATIENT: Limits = Limits { first_picture: DEADLINE, picture: DEADLINE, opening: DEADLINE, retry: Duration::ZERO };
+const SHORT: Duration = Duration::from_millis(30);
+const IMPATIENT: Limits = Limits { first_picture: SHORT, picture: SHORT, ..PATIENT };
 
 /// What a capture does next.
 enum Step {
     Deliver(Sample),
     Fail(&'static str),
+    /// Fails, and closing the capture blocks until the test drops its end.
+    FailAndBlock(&'static str),
     Panic,
     End,
 }
@@ -58,10 +61,12 @@ struct TestDriver {
 struct TestCapture {
     steps: Receiver<Step>,
     closed: Sender<()>,
+    closing_blocks: bool,
 }
 
 impl Drop for TestCapture {
     fn drop(&mut self) {
+        while self.closing_blocks && self.steps.recv().is_ok() {}
         let _ = self.closed.send(());
     }
 }
@@ -71,6 +76,10 @@ impl Capture for TestCapture {
         match self.steps.recv() {
             Ok(Step::Deliver(sample)) => Ok(Some(sample)),
             Ok(Step::Fail(problem)) => Err(problem.to_owned()),
+            Ok(Step::FailAndBlock(problem)) => {
+                self.closing_blocks = true;
+                Err(problem.to_owned())
+            }
             Ok(Step::Panic) => panic!("a driver's assertion"),
             Ok(Step::End) | Err(_) => Ok(None),
         }
@@ -79,7 +88,8 @@ impl Capture for TestCapture {
 
 impl Driver for TestDriver {
     fn cameras(&self) -> Result<Vec<Listed>, CameraError> {
-        drop(self.openings.lock().unwrap().recv());
+        let opening = self.openings.lock().unwrap().recv();
+        assert!(!matches!(opening, Ok(Opening::Panic)), "a driver's assertion");
         Ok(Vec::new())
     }
 
@@ -102,7 +112,7 @@ impl Driver for TestDriver {
                     assumed: Assumed::default(),
                     warnings: Vec::new(),
                 };
-                Ok((Box::new(TestCapture { steps, closed }), given))
+                Ok((Box::new(TestCapture { steps, closed, closing_blocks: false }), given))
             }
             Ok(Opening::Panic) => panic!("a driver's assertion"),
             Ok(Opening::Refuse) | Err(_) => Err(CameraError::Busy { camera: "eye".to_owned() }),
@@ -225,11 +235,47 @@ fn stalled_camera_is_reported_and_reopened_and_its_thread_left_behind() {
     steps.send(Step::Deliver(sample(3))).unwrap();
     assert!(closed.recv_timeout(DEADLINE).is_ok());
     again.send(Step::Deliver(sample(4))).unwrap();
-    let codes = std::iter::from_fn(|| match newest.take(Instant::now() + Duration::from_millis(5)) {
-        Taken::New(picture) => Some(picture.bytes[0]),
-        _ => None,
-    });
-    assert!(!codes.take(2).any(|code| code == 3));
+    assert_eq!(code(&newest), 4);
+}
+
+#[test]
+fn first_picture_has_a_limit_of_its_own() {
+    let (newest, (steps, _closed), _controls) = started(Limits { first_picture: DEADLINE, ..IMPATIENT });
+    assert_eq!(newest.take(Instant::now() + 3 * SHORT), Taken::Nothing);
+    steps.send(Step::Deliver(sample(1))).unwrap();
+    assert_eq!(code(&newest), 1);
+    assert_eq!(gone(&newest), "eye stopped: no picture came for 0.03 s");
+}
+
+#[test]
+fn camera_that_delivers_damaged_pictures_alone_is_reported() {
+    let (newest, (steps, _closed), _controls) = started(IMPATIENT);
+    let deadline = Instant::now() + DEADLINE;
+    let why = loop {
+        let damaged = Sample { is_damaged: true, ..sample(1) };
+        let _ = steps.send(Step::Deliver(damaged));
+        match newest.take(Instant::now() + Duration::from_millis(5)) {
+            Taken::Gone(why) => break why,
+            Taken::Nothing if Instant::now() < deadline => {}
+            other => panic!("{other:?}; a camera that is gone is expected"),
+        }
+    };
+    assert_eq!(why, "eye stopped: no undamaged picture came for 0.03 s");
+    assert!(newest.drops().damaged > 0);
+}
+
+#[test]
+fn failure_is_reported_though_closing_blocks() {
+    let (newest, (steps, _closed), _controls) = started(Limits { first_picture: DEADLINE, ..IMPATIENT });
+    steps.send(Step::FailAndBlock("it was unplugged")).unwrap();
+    assert_eq!(gone(&newest), "eye stopped: it was unplugged");
+    // A file.
+    let (driver, controls) = Controls::new(false);
+    let (steps, _closed) = controls.capture(DELIVERED);
+    steps.send(Step::FailAndBlock("frame 3 is damaged")).unwrap();
+    let newest = Camera::open(driver, "a.mkv", &Wanted::default(), PATIENT).unwrap().start().unwrap();
+    assert_eq!(newest.take(Instant::now() + DEADLINE), Taken::Gone("frame 3 is damaged".to_owned()));
+    assert_eq!(newest.take(Instant::now() + DEADLINE), Taken::Ended);
 }
 
 #[test]
@@ -287,6 +333,10 @@ fn camera_that_does_not_open_is_an_error() {
     let (driver, _controls) = Controls::new(true);
     let error = listed(DriverName::Nokhwa, driver, silent).unwrap_err().to_string();
     assert!(error.starts_with("the driver nokhwa: its driver has not answered for 0.03 s"), "{error}");
+    let (driver, controls) = Controls::new(true);
+    controls.openings.send(Opening::Panic).unwrap();
+    let error = listed(DriverName::Nokhwa, driver, PATIENT).unwrap_err().to_string();
+    assert_eq!(error, "the driver nokhwa: its driver broke down");
 }
 
 #[test]

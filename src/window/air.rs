@@ -21,16 +21,28 @@ enum Poses {
     None,
 }
 
-/// The cameras that were found: what each is called for `locard live`, and for people.
-type Found = Vec<(String, String)>;
+/// A camera in the list.
+#[derive(Debug)]
+struct CameraEntry {
+    /// As [`DriverName::split`] reads it.
+    camera: String,
+    /// Its number and name, and its driver if that is not the default one.
+    label: String,
+}
+
+/// The cameras of all drivers.
+#[derive(Debug, Default)]
+struct CameraList {
+    entries: Vec<CameraEntry>,
+    /// Why cameras are missing.
+    why: Option<String>,
+}
 
 /// See above.
 #[derive(Debug)]
 pub struct Air {
-    looking: Option<Errand<Result<Found, String>>>,
-    found: Found,
-    /// Why none was found.
-    why: Option<String>,
+    looking: Option<Errand<CameraList>>,
+    found: CameraList,
     camera: String,
     /// A person has said which.
     is_chosen: bool,
@@ -66,8 +78,7 @@ impl Air {
         let wake = ctx.clone();
         Self {
             looking: Errand::begin("cameras", move || wake.request_repaint(), cameras).ok(),
-            found: Vec::new(),
-            why: None,
+            found: CameraList::default(),
             camera: "0".to_owned(),
             is_chosen: false,
             poses: Poses::default(),
@@ -116,20 +127,9 @@ impl Air {
 
     /// With what was chosen and typed before.
     pub fn restored(self, before: Self) -> Self {
-        let Self { scene, with_scene, looking, found, why, .. } = self;
+        let Self { scene, with_scene, looking, found, .. } = self;
         let profile = if before.profile.is_empty() { self.profile } else { before.profile.clone() };
-        Self {
-            scene,
-            with_scene,
-            looking,
-            found,
-            why,
-            profile,
-            is_chosen: true,
-            refused: None,
-            chooser: None,
-            ..before
-        }
+        Self { scene, with_scene, looking, found, profile, is_chosen: true, refused: None, chooser: None, ..before }
     }
 
     /// As it was answered, with why nothing came of it.
@@ -141,14 +141,10 @@ impl Air {
     pub fn show(&mut self, ctx: &Context) -> Option<Option<Opened>> {
         if let Some(done) = self.looking.as_ref().and_then(Errand::take) {
             self.looking = None;
-            match done.and_then(|found| found) {
-                Ok(found) => {
-                    if let Some((first, _)) = found.first().filter(|_| !self.is_chosen) {
-                        self.camera.clone_from(first);
-                    }
-                    self.found = found;
-                }
-                Err(why) => self.why = Some(why),
+            let failed = |why| CameraList { entries: Vec::new(), why: Some(why) };
+            self.found = done.unwrap_or_else(failed);
+            if let Some(first) = self.found.entries.first().filter(|_| !self.is_chosen) {
+                self.camera.clone_from(&first.camera);
             }
         }
         if let Some((named, mut chooser)) = self.chooser.take() {
@@ -195,13 +191,13 @@ impl Air {
         let width = 330.0;
         let label = ui.label("Camera");
         ui.vertical(|ui| {
-            for (name, text) in &self.found {
-                ui.radio_value(&mut self.camera, name.clone(), text);
+            for CameraEntry { camera, label } in &self.found.entries {
+                ui.radio_value(&mut self.camera, camera.clone(), label);
             }
             if self.looking.is_some() {
                 ui.spinner();
             }
-            if let Some(why) = &self.why {
+            if let Some(why) = &self.found.why {
                 ui.add(egui::Label::new(why).wrap());
             }
             let field = egui::TextEdit::singleline(&mut self.camera).desired_width(width);
@@ -324,29 +320,30 @@ fn text_field(name: &str) -> egui::WidgetInfo {
 }
 
 /// The cameras of all drivers. Those of a driver that is not the default have its name before them.
-fn cameras() -> Result<Found, String> {
+fn cameras() -> CameraList {
     let drivers = webcam::cameras();
     let default = drivers.first().map(|(driver, _)| *driver);
-    let mut found = Found::new();
-    let mut problem = None;
+    let mut entries = Vec::new();
+    let mut problems = Vec::new();
     for (driver, cameras) in drivers {
         match cameras {
-            Ok(cameras) => found.extend(cameras.iter().map(|camera| {
-                let text = format!("{}: {}", camera.number, shown(&camera.name));
+            Ok(cameras) => entries.extend(cameras.iter().map(|camera| {
+                let number = camera.number.to_string();
+                let label = format!("{number}: {}", shown(&camera.name));
                 if Some(driver) == default {
-                    (camera.number.to_string(), text)
+                    CameraEntry { camera: number, label }
                 } else {
-                    (named(Some(driver), &camera.number.to_string()), format!("{text} ({driver})"))
+                    CameraEntry { camera: named(Some(driver), &number), label: format!("{label} ({driver})") }
                 }
             })),
-            Err(error) => problem = Some(error.to_string()),
+            Err(error) => problems.push(error.to_string()),
         }
     }
-    match problem {
-        Some(problem) if found.is_empty() => Err(problem),
-        _ if found.is_empty() => Err("No camera was found; a video's file can stand in for one.".to_owned()),
-        _ => Ok(found),
+    if entries.is_empty() && problems.is_empty() {
+        problems.push("No camera was found; a video's file can stand in for one.".to_owned());
     }
+    let why = (!problems.is_empty()).then(|| problems.join("\n"));
+    CameraList { entries, why }
 }
 
 /// A camera with its driver, if it is not the default one; [`DriverName::split`] reads it.

@@ -29,6 +29,9 @@ pub fn camera_error(camera: &str, error: &NokhwaError) -> CameraError {
     let mut problem = error.to_string();
     if problem.contains("not whole number") {
         problem.push_str("; nokhwa reads whole rates alone: set one at the camera, or choose --driver v4l2");
+    } else if has_unsupported_format(error) {
+        "it is set to a format that nokhwa does not read: set another one at the camera, or choose --driver v4l2"
+            .clone_into(&mut problem);
     } else if problem.contains("Failed to Fufill") {
         "nokhwa finds no format that is read here, at a whole rate".clone_into(&mut problem);
     }
@@ -43,10 +46,20 @@ fn advice() -> &'static str {
     }
 }
 
+/// Whether a camera is set to a format that nokhwa does not read (Linux). It takes pictures all the
+/// same.
+fn has_unsupported_format(error: &NokhwaError) -> bool {
+    matches!(
+        error,
+        NokhwaError::GetPropertyError { property, error } if property == "FrameFormat" && error == "unsupported"
+    )
+}
+
 /// Whether a device has no formats of pictures: on Linux metadata and outputs are devices of their
 /// own.
 pub fn takes_no_pictures(error: &NokhwaError) -> bool {
-    matches!(error, NokhwaError::GetPropertyError { property, .. } if property == "FrameFormat")
+    let has_no_formats = matches!(error, NokhwaError::GetPropertyError { property, .. } if property == "FrameFormat");
+    has_no_formats && !has_unsupported_format(error)
 }
 
 /// Why no further picture comes, behind "the camera stopped: ".
@@ -71,12 +84,19 @@ mod tests {
         assert!(matches!(camera_error("c", &open_error("odd (os error 161)")), CameraError::Driver { .. }));
         let rate = camera_error("c", &open_error("Framerate not whole number: 30000 / 1001")).to_string();
         assert!(rate.ends_with("or choose --driver v4l2"), "{rate}");
-        let none =
-            NokhwaError::GetPropertyError { property: "CameraFormat".to_owned(), error: "Failed to Fufill".to_owned() };
+        let property = |property: &str, error: &str| NokhwaError::GetPropertyError {
+            property: property.to_owned(),
+            error: error.to_owned(),
+        };
+        let none = property("CameraFormat", "Failed to Fufill");
         assert_eq!(
             camera_error("c", &none).to_string(),
             "c: nokhwa finds no format that is read here, at a whole rate"
         );
+        let unsupported = property("FrameFormat", "unsupported");
+        assert!(!takes_no_pictures(&unsupported));
+        assert!(camera_error("c", &unsupported).to_string().ends_with("or choose --driver v4l2"));
+        assert!(takes_no_pictures(&property("FrameFormat", "Invalid argument (os error 22)")));
         let gone = NokhwaError::ReadFrameError("No such device (os error 19)".to_owned());
         assert_eq!(stopped(&gone), "it was unplugged");
         assert_eq!(stopped(&NokhwaError::ReadFrameError("odd".to_owned())), "Could not capture frame: odd");

@@ -1,8 +1,8 @@
 //! The driver of cameras on macOS and Windows, and a second one on Linux: the nokhwa crate.
 //!
-//! It delivers pictures with the wall-clock time of their capture. Range, matrix, counts and error
-//! flags do not reach its interface. [`System`] holds the differences between the systems;
-//! docs/live.md lists them.
+//! Its time stamps are wall-clock times, or on Windows of unknown origin. Range, matrix, counts and
+//! error flags are not available. [`System`] holds the differences between the systems; docs/live.md
+//! lists them.
 
 mod capture;
 mod errors;
@@ -27,26 +27,26 @@ use super::wanted::{Assumed, Given, TimeSource, Wanted};
 use crate::source::video::{ColorMatrix, ColorRange};
 use crate::words::quoted;
 
-/// The person may think for so long about whether the program may use cameras.
+/// Time limit for the user's answer to the camera permission prompt.
 const PERMISSION_LIMIT: Duration = Duration::from_secs(60);
 
 /// A camera's id is its number or, on Linux, the path of its device.
 pub struct Nokhwa;
 
 /// A camera's number and name.
-struct Found {
+struct CameraEntry {
     number: usize,
     name: String,
     place: String,
 }
 
-fn found() -> Result<Vec<Found>, CameraError> {
+fn found() -> Result<Vec<CameraEntry>, CameraError> {
     let query = ::nokhwa::query(ApiBackend::Auto).map_err(|error| errors::camera_error("nokhwa", &error))?;
     let camera = |info: &::nokhwa::utils::CameraInfo| {
         let number = info.index().as_index().ok()? as usize;
-        Some(Found { number, name: quoted(info.human_name().trim()), place: quoted(info.description().trim()) })
+        Some(CameraEntry { number, name: quoted(info.human_name().trim()), place: quoted(info.description().trim()) })
     };
-    let mut found: Vec<Found> = query.iter().filter_map(camera).collect();
+    let mut found: Vec<CameraEntry> = query.iter().filter_map(camera).collect();
     found.sort_by_key(|camera| camera.number);
     Ok(found)
 }
@@ -54,13 +54,13 @@ fn found() -> Result<Vec<Found>, CameraError> {
 impl Driver for Nokhwa {
     /// Asks for the permission to use cameras, where the system has one (macOS).
     fn prepare(&self) -> Result<(), CameraError> {
-        let (to_us, answer) = mpsc::channel();
-        ::nokhwa::nokhwa_initialize(move |may| _ = to_us.send(may));
+        let (sender, answer) = mpsc::channel();
+        ::nokhwa::nokhwa_initialize(move |may| _ = sender.send(may));
         if answer.recv_timeout(PERMISSION_LIMIT).unwrap_or(false) { Ok(()) } else { Err(CameraError::NotAllowed) }
     }
 
     fn cameras(&self) -> Result<Vec<Listed>, CameraError> {
-        let listed = |camera: Found| {
+        let listed = |camera: CameraEntry| {
             let modes = if capture::is_open(camera.number) {
                 Err(format!("{}: is open in this program", camera.name))
             } else {
@@ -70,7 +70,7 @@ impl Driver for Nokhwa {
                     Err(error) => Err(errors::camera_error(&camera.name, &error).to_string()),
                 }
             };
-            let Found { number, name, place } = camera;
+            let CameraEntry { number, name, place } = camera;
             Some(Listed { driver: DriverName::Nokhwa, number, name, place, modes })
         };
         Ok(found()?.into_iter().filter_map(listed).collect())
@@ -88,7 +88,7 @@ impl Driver for Nokhwa {
         let names = || cameras.iter().map(|camera| format!("{} ({})", camera.number, camera.name)).collect();
         let camera = cameras.iter().find(|camera| Some(camera.number) == number(id));
         let none = || CameraError::None { asked: id.to_owned(), found: names() };
-        let Found { number, name, .. } = camera.ok_or_else(none)?;
+        let CameraEntry { number, name, .. } = camera.ok_or_else(none)?;
         let refused = |error| errors::camera_error(name, &error);
         let offered = modes::offered(*number).map_err(refused)?;
         let mode = choose::exact(&offered, wanted)
@@ -100,7 +100,7 @@ impl Driver for Nokhwa {
         let request = RequestedFormat::with_formats(RequestedFormatType::Exact(exact), &formats);
         let camera = ::nokhwa::Camera::new(CameraIndex::Index(*number as u32), request).map_err(refused)?;
         let delivered = delivered(mode.layout, mode.size, wanted);
-        let capture = NokhwaCapture::new(*number, camera, exact, delivered, System::HERE).map_err(refused)?;
+        let capture = NokhwaCapture::new(*number, camera, exact, delivered, System::CURRENT).map_err(refused)?;
         let is_ycbcr = mode.layout.is_ycbcr();
         let has_matrix = is_ycbcr && mode.layout != Layout::Grey;
         let given = Given {
@@ -108,7 +108,7 @@ impl Driver for Nokhwa {
             name: name.clone(),
             delivered,
             rate_hz: Some(mode.rate_hz),
-            times: if System::HERE == System::Windows { TimeSource::CameraClock } else { TimeSource::WallClock },
+            times: if System::CURRENT == System::Windows { TimeSource::CameraClock } else { TimeSource::WallClock },
             has_exposure: false,
             assumed: Assumed {
                 range: is_ycbcr && wanted.range.is_none(),

@@ -13,7 +13,7 @@ const MAX_RATE_HZ: u32 = 1000;
 
 /// Lists a camera's modes. On Linux and Windows this opens the camera for a moment.
 pub fn offered(number: usize) -> Result<Vec<Mode>, NokhwaError> {
-    Ok(modes(System::HERE, &formats(CameraIndex::Index(number as u32))?))
+    Ok(modes(System::CURRENT, &formats(CameraIndex::Index(number as u32))?))
 }
 
 /// The camera's formats in AVFoundation's order, rates ascending within each.
@@ -30,7 +30,7 @@ fn formats(index: CameraIndex) -> Result<Vec<CameraFormat>, NokhwaError> {
 #[cfg(not(target_os = "macos"))]
 fn formats(index: CameraIndex) -> Result<Vec<CameraFormat>, NokhwaError> {
     use nokhwa::utils::{RequestedFormat, RequestedFormatType};
-    let formats = System::HERE.formats();
+    let formats = System::CURRENT.formats();
     let any = RequestedFormat::with_formats(RequestedFormatType::None, formats);
     let mut camera = nokhwa::Camera::new(index, any)?;
     let mut offered = Vec::new();

@@ -1,4 +1,4 @@
-//! What nokhwa 0.10.11 does differently on each system.
+//! Differences of nokhwa 0.10.11 between operating systems.
 
 use std::time::Duration;
 
@@ -15,7 +15,7 @@ pub enum System {
 }
 
 impl System {
-    pub const HERE: Self = if cfg!(target_os = "macos") {
+    pub const CURRENT: Self = if cfg!(target_os = "macos") {
         Self::MacOs
     } else if cfg!(windows) {
         Self::Windows

@@ -17,9 +17,14 @@ use crate::webcam::driver_name::DriverName;
 use crate::webcam::error::CameraError;
 use crate::webcam::list::Listed;
 use crate::webcam::picture::Delivered;
-use crate::webcam::session::Limits;
 use crate::webcam::wanted::{Assumed, Given, TimeSource, Wanted};
 
+/// Limits of the driver's wait for a picture. They are below those of [`Limits::default`], so that
+/// the driver reports a stall first.
+///
+/// [`Limits::default`]: crate::webcam::session::Limits::default
+const FIRST_PICTURE_LIMIT: Duration = Duration::from_millis(14_500);
+const PICTURE_LIMIT: Duration = Duration::from_millis(1500);
 /// How often the exposure is read.
 const EXPOSURE_EVERY: Duration = Duration::from_millis(500);
 /// Buffers at the driver: one is filled, one waits.
@@ -69,8 +74,7 @@ impl Driver for V4l2 {
         let (delivered, rate_hz) = agree(&device, &path, wanted)?;
         // Another program that takes pictures is found here.
         let stream = asked(|| Stream::with_buffers(&device, Type::VideoCapture, BUFFERS));
-        let mut stream = stream.map_err(|error| why(&path, error))?;
-        stream.set_timeout(Limits::default().picture);
+        let stream = stream.map_err(|error| why(&path, error))?;
         let exposure_s = exposure(&device);
         let given = Given {
             driver: DriverName::V4l2,
@@ -94,7 +98,9 @@ impl Capture for V4l2Capture {
             self.exposure_read = Some(Instant::now());
             self.exposure_s = exposure(&self.device).or(self.exposure_s);
         }
-        let (bytes, metadata) = self.stream.next().map_err(|error| stopped(&error))?;
+        let limit = if self.stamps.before.is_none() { FIRST_PICTURE_LIMIT } else { PICTURE_LIMIT };
+        self.stream.set_timeout(limit);
+        let (bytes, metadata) = self.stream.next().map_err(|error| stopped(&error, limit))?;
         let arrived_s = monotonic_s();
         let lost = self.stamps.lost(metadata.sequence, arrived_s);
         // Drivers that do not say it have filled all.
@@ -143,9 +149,9 @@ fn exposure(device: &Device) -> Option<f64> {
     value(EXPOSURE).filter(|ticks| (1..=600_000).contains(ticks)).map(|ticks| 1e-4 * ticks as f64)
 }
 
-fn stopped(error: &io::Error) -> String {
+fn stopped(error: &io::Error, limit: Duration) -> String {
     match error.kind() {
-        io::ErrorKind::TimedOut => format!("no picture came for {} s", Limits::default().picture.as_secs()),
+        io::ErrorKind::TimedOut => format!("no picture came for {} s", limit.as_secs_f64()),
         // ENODEV: unplugged.
         _ if error.raw_os_error() == Some(19) => "it was unplugged".to_owned(),
         _ => crate::words::reason(error),
