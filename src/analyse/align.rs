@@ -132,8 +132,8 @@ impl Link {
 /// Why two frames have no link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkFailure {
-    /// Too few textured points with depth lie in both frames: blank surfaces, blur, or no overlap by
-    /// the poses. It is no evidence against the poses.
+    /// Too few textured points with depth lie in both frames: blank surfaces, blur, or poses
+    /// without overlap.
     FewPoints,
     /// The points' depth differs, or no motion aligns their brightness.
     Mismatch,
@@ -377,4 +377,47 @@ fn weight(residual: f64, sigma: f64) -> f64 {
 /// 1.4826 · median |r − median r|, and the rounding of codes.
 fn sigma(residuals: &[f64]) -> f64 {
     scatter(&mut residuals.to_vec()).1 + 0.5
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DAffine3;
+
+    use super::super::state::State;
+    use super::*;
+    use crate::camera::Geometry;
+    use crate::frame::{Frame, FrameExposure};
+    use crate::pixels::Pixels;
+
+    /// A wall at rest, with waves of a contrast or blank.
+    fn view(eye: &Eye, index: usize, contrast: f64, depth_m: f32) -> View {
+        let (width, height) = (320, 240);
+        let code = |i: u32| {
+            let (x, y) = (f64::from(i % width), f64::from(i / width));
+            let wave = (0.31 * x).sin() * (0.23 * y + 0.05 * x).cos() + (0.11 * x + 0.17 * y).sin();
+            [(120.0 + contrast * wave).round() as u8; 3]
+        };
+        let frame = Frame {
+            index,
+            timestamp_s: 0.0,
+            pixels: Pixels::from_u8(width, height, (0..width * height).flat_map(code).collect()).unwrap(),
+            depth: None,
+            exposure: FrameExposure::default(),
+            presence: 1.0,
+            beside: Vec::new(),
+            surfels: Default::default(),
+        };
+        let state = State { world_from_camera: DAffine3::IDENTITY, twist: Twist::zeros() };
+        View::new(eye, &frame, state, vec![depth_m; (width * height) as usize], 0, None)
+    }
+
+    #[test]
+    fn blank_frames_share_few_points_and_another_depth_is_a_mismatch() {
+        let eye = Eye::new(Geometry::pinhole(320, 240, 260.0));
+        let link = |from: &View, to: &View| align(&eye, from, to, usize::MAX, false).map(|link| link.is_good());
+        let (here, there) = (view(&eye, 0, 30.0, 2.0), view(&eye, 1, 30.0, 2.0));
+        assert_eq!(link(&here, &there), Ok(true));
+        assert_eq!(link(&view(&eye, 0, 0.0, 2.0), &there), Err(LinkFailure::FewPoints));
+        assert_eq!(link(&here, &view(&eye, 1, 30.0, 1.0)), Err(LinkFailure::Mismatch));
+    }
 }

@@ -125,6 +125,7 @@ pub fn first(
     if let Some(reason) = found.global.as_ref().filter(|_| asks_px > RIGHT_PX).and_then(out_of_place) {
         return Ok(Some(reason));
     }
+    // The clock stays as it was found beside the offset: alone it takes up part of what the offset explained.
     if let Some(global) = found.global.as_mut().filter(|global| !global.is_hand_eye_significant()) {
         global.hand_eye = Twist::zeros();
         known.hand_eye = Twist::zeros();

@@ -361,7 +361,7 @@ impl<'a> Gains<'a> {
             }
         }
         let gap = from.index.abs_diff(to.index);
-        // Where poses are unsure, places that differ by no more than noise say nothing: a plain floor looks the same everywhere.
+        // Unsure poses get no allowance for noise: a plain floor looks alike everywhere.
         let noise = if is_unsure { [0.0; 3] } else { [0, 1, 2].map(|c| self.log_noise(&places, [from, to], c)) };
         let (ratios, Ratio { ratio, sigma }) = ratio(&places, noise, gap)?;
         let mut confirms = false;

@@ -6,8 +6,8 @@
 //! ([`link_blur`](super::link_blur)).
 //!
 //! Each frame is held to its recorded pose by 1 cm and 0.5°, and then, in a second solution, also by the displacement m that the
-//! first one makes, the median over all frames: metric/m². That is the recorded poses' own error, against which links that are
-//! worse have nothing to say.
+//! first one makes, the median over all linked frames: metric/m². It estimates the error of the recorded poses; less accurate
+//! links do not move them.
 //! Links reach a few frames, so the equations form a band, solved by Cholesky in time linear in the frames.
 
 use nalgebra::Matrix6;
@@ -31,8 +31,11 @@ const HELD_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 pub fn solve(links: &[Link], states: &[Option<State>], held_at: &[Twist], exposure_s: f64) -> Option<Vec<Twist>> {
     let metric = links.iter().map(|link| link.metric).sum::<Matrix6<f64>>() / links.len().max(1) as f64;
     let first = solve_held(links, states, held_at, &Matrix6::zeros(), exposure_s)?;
-    let mut moved_px: Vec<f64> = (first.iter().zip(held_at))
-        .map(|(by, held)| {
+    let mut is_linked = vec![false; states.len()];
+    links.iter().for_each(|link| (is_linked[link.from], is_linked[link.to]) = (true, true));
+    let mut moved_px: Vec<f64> = (first.iter().zip(held_at).zip(is_linked))
+        .filter(|(_, is_linked)| *is_linked)
+        .map(|((by, held), _)| {
             let moved = by - held;
             (moved.transpose() * metric * moved)[0].max(0.0).sqrt()
         })
@@ -68,8 +71,9 @@ fn solve_held(
         .zip(&adjoints)
         .map(|(link, a)| {
             let (Some(i), Some(j)) = (states[link.from], states[link.to]) else { return 1.0 };
+            let Some(inverse) = link.information.try_inverse() else { return 1.0 };
+            let own = ALIKE * (link.metric * inverse).trace();
             let by_blur = links_per_frame * link_blur::error_px(link, [&i, &j], a, exposure_s).powi(2);
-            let own = link.information.try_inverse().map_or(0.0, |inverse| ALIKE * (link.metric * inverse).trace());
             own / (own + by_blur).max(1e-12)
         })
         .collect();

@@ -102,13 +102,15 @@ pub fn register(
     let mismatched = linked.refused - linked.few_points;
     let share = 100.0 * linked.refused as f64 / whole.max(1) as f64;
     if linked.refused as f64 > MISSING * whole as f64 && mismatched as f64 <= MISSING * comparable as f64 {
+        let others = match comparable {
+            0 => String::new(),
+            _ => format!(". Of the others {:.0} % fit", 100.0 * linked.good.len() as f64 / comparable as f64),
+        };
         let why = format!(
             "{share:.0} % of the links between frames cannot be made (at most {:.0} %): where the poses put them, {} pairs of \
-             frames share too little that has texture and depth; blank surfaces, much blur or steps between frames do that. \
-             Of the others {:.0} % fit",
+             frames share too little that has texture and depth; blank surfaces, much blur or steps between frames do that{others}",
             100.0 * MISSING,
-            linked.few_points,
-            100.0 * linked.good.len() as f64 / comparable.max(1) as f64
+            linked.few_points
         );
         return refused(why, found);
     }

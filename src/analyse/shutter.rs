@@ -57,7 +57,7 @@ const LEAST_RUN: usize = 3;
 const SIGNIFICANT_SIGMAS: f64 = 3.0;
 /// Sharp frames are exposed for so long at least, s: what a median of them errs by.
 const SHORTEST_S: f64 = ALIKE_S;
-/// Cost of a run: that of so many frames which are off by their own scatter, or by a tenth where they scatter less.
+/// Cost of one more run, in frames that deviate by the samples' scatter (at least a tenth).
 const FRAMES_PER_RUN: f64 = 3.0;
 const MIN_SCATTER_LN: f64 = 0.1;
 /// σ of a median by that of one value.

@@ -133,10 +133,10 @@ fn say(
     line(
         "registration",
         match now.displaced {
-            Some(displaced) => Some(displaced.px.0 <= MOST_PX),
+            Some(displaced) => Some(now.unmatched <= now.pairs && displaced.px.0 <= MOST_PX),
             None => (now.unmatched > 0).then_some(false),
         },
-        &|v| v.displaced.as_ref().map_or_else(|| unmeasured(v), displaced),
+        &registration,
         &format!("at most {MOST_PX} px"),
     )?;
     line(
@@ -186,7 +186,7 @@ fn displaced(found: &Displaced) -> String {
             px(found.sigma_px),
             px(floor)
         ),
-        None => format!("{median} px (90 % {ninety}, noise's part unknown without the camera's noise)"),
+        None => format!("{median} px (90 % {ninety}, noise's part not measured)"),
     }
 }
 
@@ -198,15 +198,19 @@ fn brightness(found: &Brightness) -> String {
         Some(floor) => {
             format!("{median} codes (worst pair {most}; measured {measured}, of which noise makes {})", codes(floor))
         }
-        None => format!("{median} codes (worst pair {most}, noise's part unknown without the camera's noise)"),
+        None => format!("{median} codes (worst pair {most}, noise's part not measured)"),
     }
 }
 
-/// Why no displacement was measured.
-fn unmeasured(found: &Verified) -> String {
-    match found.unmatched {
-        0 => "unknown, too little texture above the noise".to_owned(),
-        pairs => format!("unknown, {} with texture do not match", count(pairs, "pair")),
+/// The displacement, or why none was measured, and the pairs that do not match.
+fn registration(found: &Verified) -> String {
+    let verb = if found.unmatched == 1 { "does" } else { "do" };
+    let unmatched = format!("{} with texture {verb} not match", count(found.unmatched, "pair"));
+    match (&found.displaced, found.unmatched) {
+        (Some(px), 0) => displaced(px),
+        (Some(px), _) => format!("{}; {unmatched}", displaced(px)),
+        (None, 0) => "unknown, too little texture above the noise".to_owned(),
+        (None, _) => format!("unknown, {unmatched}"),
     }
 }
 

@@ -64,7 +64,7 @@ pub struct PatchDisplacement {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Displacements {
     pub patches: Vec<PatchDisplacement>,
-    /// Patches left out: outside the mask, without contrast, not trusted.
+    /// Patches left out: outside the mask; without contrast, or without texture in some direction; not trusted.
     pub masked: usize,
     pub flat: usize,
     pub doubtful: usize,
@@ -193,7 +193,7 @@ impl Correlator {
         let there = resampled(b, x as f64 + shift[0], y as f64 + shift[1], self.side);
         let sigma_px = standard_error(&here, &there, &self.window, self.side);
         if sigma_px > options.max_sigma_px {
-            return Told::Doubtful;
+            return Told::Flat;
         }
         let half = 0.5 * self.side as f64;
         let centre_px = [x as f64 + half, y as f64 + half];
@@ -286,7 +286,7 @@ impl Correlator {
 /// Both are smoothed (binomial, σ 1 px), to the frequencies that the phases use. With window w, slopes ∇a and ∇b, and the
 /// difference r, least squares (Lucas and Kanade 1981) has the covariance of unequal variances (White 1980)
 ///
-///   J⁻¹ S J⁻¹,   J = Σ w²·sym(∇a ∇bᵀ),   S = κ·Σ w⁴ r²·sym(∇a ∇bᵀ)
+///   J⁻¹ S J⁻¹,   J = Σ w²·sym(∇a ∇bᵀ),   S = κ·½·Σ w⁴ r²·(∇a ∇aᵀ + ∇b ∇bᵀ)
 ///
 /// Noise of the two pictures is independent and vanishes from ∇a ∇bᵀ, so that an edge with noise has no slope along itself.
 /// Neighbouring r correlate by ρ: along each axis κ = Σ exp(−d²/2L²) ≈ √(2π)·L with ρ = exp(−1/2L²), so κ = √(−π/ln ρ).
@@ -303,11 +303,9 @@ fn standard_error(a: &[f64], b: &[f64], window: &[f64], side: usize) -> f64 {
             let (of_a, of_b) = (slopes(&a, p), slopes(&b, p));
             let w = window[p] * window[p];
             let rest = |p: usize| a[p] - b[p];
-            let (xx, yy) = (of_a.x * of_b.x, of_a.y * of_b.y);
-            let xy = 0.5 * (of_a.x * of_b.y + of_a.y * of_b.x);
-            let both = DMat2::from_cols_array(&[xx, xy, xy, yy]);
-            information += w * both;
-            scatter += (w * rest(p)).powi(2) * both;
+            let outer = |u: DVec2, v: DVec2| DMat2::from_cols(u * v.x, u * v.y);
+            information += 0.5 * w * (outer(of_a, of_b) + outer(of_b, of_a));
+            scatter += 0.5 * (w * rest(p)).powi(2) * (outer(of_a, of_a) + outer(of_b, of_b));
             power += w * rest(p).powi(2);
             lagged += w * rest(p) * DVec2::new(rest(p + 1), rest(p + side));
         }
@@ -317,11 +315,11 @@ fn standard_error(a: &[f64], b: &[f64], window: &[f64], side: usize) -> f64 {
         return f64::INFINITY;
     }
     let rho = (lagged / power.max(1e-12)).clamp(DVec2::splat(0.01), DVec2::splat(0.99));
-    let alike = |rho: f64| (-PI / rho.ln()).sqrt().max(1.0);
-    let alike = alike(rho.x) * alike(rho.y);
+    let correlation_length = |rho: f64| (-PI / rho.ln()).sqrt().max(1.0);
+    let kappa = correlation_length(rho.x) * correlation_length(rho.y);
     let inverse = information.inverse();
-    let [_, variance] = eigenvalues(alike * (inverse * scatter * inverse));
-    variance.max(0.0).sqrt()
+    let [_, variance] = eigenvalues(kappa * (inverse * scatter * inverse));
+    variance.sqrt()
 }
 
 /// `b` with the brightness and contrast of `a`, by weighted least squares.

@@ -59,10 +59,12 @@ pub struct Blur {
     pub length_px: f64,
 }
 
-/// `None` where no frame is fast beside a slow one, or their pictures lack detail. `seen` is told of each of up to [`PAIRS`] pairs.
+/// `None` where no frame is fast beside a slow one, or their pictures lack detail. `blur_px`: of each
+/// frame ([`lengths_px`]). `seen` is called before each of up to [`PAIRS`] pairs.
 pub fn blur(
     shot: &Shot,
     compositor: &mut Compositor,
+    blur_px: &[Option<f64>],
     seen: &mut dyn FnMut(usize),
 ) -> Result<Option<Blur>, VerifyError> {
     let mut shot = shot.clone();
@@ -72,7 +74,7 @@ pub fn blur(
     }
     let noise = shot.camera().noise.map(BandNoise::new);
     let (mut ratios, mut lengths) = (Vec::new(), Vec::new());
-    for (done, (fast, slow, length_px)) in chosen(&shot).into_iter().enumerate() {
+    for (done, (fast, slow, length_px)) in chosen(blur_px).into_iter().enumerate() {
         seen(done);
         let Some(scene) = twin(&shot, &shot.read(slow)?) else { continue };
         compositor.set_scene(scene.clone());
@@ -114,9 +116,8 @@ fn exposure_s(shot: &Shot, n: usize) -> Result<f64, VerifyError> {
 }
 
 /// Fast frames, each with the slowest near it, and the fast one's blur, px; the longest first.
-fn chosen(shot: &Shot) -> Vec<(usize, usize, f64)> {
-    let count = shot.recording.frame_count();
-    let ways: Vec<Option<f64>> = (0..count).map(|n| frame_px(shot, n)).collect();
+fn chosen(ways: &[Option<f64>]) -> Vec<(usize, usize, f64)> {
+    let count = ways.len();
     let mut found = Vec::new();
     for fast in 0..count {
         let Some(way) = ways[fast].filter(|way| *way >= FAST_PX) else { continue };
@@ -129,9 +130,10 @@ fn chosen(shot: &Shot) -> Vec<(usize, usize, f64)> {
     found
 }
 
-/// Length of a frame's motion blur, px. `None` where exposure or poses are not known.
-pub fn frame_px(shot: &Shot, n: usize) -> Option<f64> {
-    way_px(shot, n, exposure_s(shot, n).ok().filter(|s| *s > 0.0)?)
+/// Length of each frame's motion blur, px. `None` where exposure or poses are not known.
+pub fn lengths_px(shot: &Shot) -> Vec<Option<f64>> {
+    let length_px = |n| way_px(shot, n, exposure_s(shot, n).ok().filter(|s| *s > 0.0)?);
+    (0..shot.recording.frame_count()).map(length_px).collect()
 }
 
 /// How far what the camera sees moves during an exposure, root mean square of five places, px.

@@ -60,7 +60,7 @@ impl Default for Plan {
 pub struct Brightness {
     /// The median and the largest of the pairs, as measured.
     pub measured: (f64, f64),
-    /// What noise makes of two frames at rest, median. `None` where the camera's noise is not known.
+    /// What noise makes of two frames at rest, median. `None` without the camera's noise, or where no area counts at rest.
     pub floor: Option<f64>,
     /// Without the floor, in quadrature: median and largest.
     pub codes: (f64, f64),
@@ -101,7 +101,8 @@ pub fn verify(gpu: &Gpu, by: &Shot, plan: Plan, mut seen: impl FnMut(usize, usiz
     shot.settings.plain();
     let _ = shot.settings.switch("exposure", true);
     let count = shot.recording.frame_count();
-    let from = stillest(&shot, plan.every.max(1));
+    let blur_px = blur::lengths_px(&shot);
+    let from = least_blurred(&blur_px, plan.every.max(1));
     let steps = from.len() + blur::PAIRS;
     let noise = by.camera().noise;
     let mut compositor = shot.compositor(gpu.clone());
@@ -150,7 +151,7 @@ pub fn verify(gpu: &Gpu, by: &Shot, plan: Plan, mut seen: impl FnMut(usize, usiz
         unmatched,
         displaced: Displaced::of(&mut displaced, &mut at_rest),
         brightness: Brightness::of(&mut brighter, &mut brighter_at_rest),
-        blur: blur(by, &mut compositor, &mut |done| seen(from.len() + done, steps))?,
+        blur: blur(by, &mut compositor, &blur_px, &mut |done| seen(from.len() + done, steps))?,
         sharpness_px: sharpness_px(by, &mut compositor)?,
     })
 }
@@ -164,14 +165,11 @@ fn patch_options(pixels: &Pixels, noise: Option<&NoiseProfile>) -> DisplacementO
     DisplacementOptions { min_contrast: usual.min_contrast.max(MIN_CONTRAST_TO_NOISE * sigma), ..usual }
 }
 
-/// Of each `every` frames the one with the shortest motion blur: a thing's own blur displaces its edges.
-fn stillest(shot: &Shot, every: usize) -> Vec<usize> {
-    let blur_px: Vec<f64> = (0..shot.recording.frame_count()).map(|n| blur::frame_px(shot, n).unwrap_or(0.0)).collect();
-    let of_part = |(part, px): (usize, &[f64])| {
-        let least = (0..px.len()).min_by(|a, b| px[*a].total_cmp(&px[*b]))?;
-        Some(part * every + least)
-    };
-    blur_px.chunks(every).enumerate().filter_map(of_part).collect()
+/// Of each `every` frames the one with the shortest motion blur, by each frame's, px: a thing's own blur displaces its edges.
+fn least_blurred(blur_px: &[Option<f64>], every: usize) -> Vec<usize> {
+    let px = |n: usize| blur_px[n].unwrap_or(f64::INFINITY);
+    let parts = (0..blur_px.len()).step_by(every).map(|from| from..(from + every).min(blur_px.len()));
+    parts.filter_map(|part| part.min_by(|a, b| px(*a).total_cmp(&px(*b)))).collect()
 }
 
 /// The median of |difference| of flat areas' luma where `mask` holds, codes. `None` where it holds nowhere.
@@ -205,6 +203,13 @@ fn difference(real: &Grey, made: &Grey, mask: &[bool]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn least_blurred_frames_have_a_known_blur() {
+        let px = [Some(3.0), None, Some(2.0), None, None, Some(0.0), Some(1.0)];
+        assert_eq!(least_blurred(&px, 3), [2, 5, 6]);
+        assert_eq!(least_blurred(&[None; 4], 2), [0, 2], "the first where nothing is known");
+    }
 
     #[test]
     fn noise_is_taken_off_brightness_in_quadrature() {

@@ -235,7 +235,7 @@ fn analysis(folder: &Path, project: &Project) -> Analysis {
     geometry.intrinsics.readout_time_s = 0.0125;
     let frames = project.shot().recording.frame_count();
     let text = format!(
-        "version = 12\nrecording = \"\"\nframes = {frames}\n[registration]\nposes = \"refined\"\nlinks = 0\n\
+        "version = 13\nrecording = \"\"\nframes = {frames}\n[registration]\nposes = \"refined\"\nlinks = 0\n\
          missing_links = 0\ndepth_later_s = 0.0\npose_lines = {count}\n[spread]\nsigma_px = 0.75\n"
     );
     let mut table: toml::Table = text.parse().unwrap();
