@@ -32,7 +32,6 @@ use super::taken::Taken;
 use super::tone::{self, Toned};
 use super::view::scattered;
 use crate::camera::{NoiseProfile, Response};
-use crate::fit::band::Band;
 use crate::frame::Frame;
 use crate::recording::Landmark;
 use crate::rows::over_rows;
@@ -66,9 +65,6 @@ const SAME_AT_REST_SIGMAS: f64 = 2.0;
 /// So many pairs confirm unsure poses, and this share of those that could contradict them.
 const LEAST_CONFIRMING: usize = 12;
 const CONFIRMING: f64 = 0.75;
-/// Cauchy's scale, ln.
-const SCALE: f64 = 0.01;
-const ROUNDS: usize = 30;
 
 /// What is kept of a frame for comparing it.
 struct Seen {
@@ -439,66 +435,6 @@ fn by_landmarks(from: &Seen, to: &Seen) -> Vec<(Spot, Spot)> {
         }
     }
     places
-}
-
-/// ln of each frame's gain: 0 is the recording's median, for each colour. `None` where a frame took part in no pair.
-pub fn solve(pairs: &[Pair], frames: usize) -> Vec<Option<[f64; 3]>> {
-    let mut is_linked = vec![false; frames];
-    pairs.iter().for_each(|pair| (is_linked[pair.from], is_linked[pair.to]) = (true, true));
-    let each = [0, 1, 2].map(|channel| of_channel(pairs, frames, channel));
-    let middle = each.clone().map(|values| {
-        let mut linked: Vec<f64> =
-            values.iter().zip(&is_linked).filter(|(_, linked)| **linked).map(|(g, _)| *g).collect();
-        median(&mut linked)
-    });
-    (0..frames).map(|n| is_linked[n].then(|| [0, 1, 2].map(|c| each[c][n] - middle[c]))).collect()
-}
-
-/// By a band of equations, of all frames at once.
-fn of_channel(pairs: &[Pair], frames: usize, channel: usize) -> Vec<f64> {
-    /// Holds the mean, which no pair tells, and frames without pairs.
-    const HELD: f64 = 1e-3;
-    let width = pairs.iter().map(|pair| pair.from.abs_diff(pair.to)).max().unwrap_or(0);
-    let mut gains = vec![0.0; frames];
-    for _ in 0..ROUNDS {
-        let mut equations = Band::new(frames, width);
-        for frame in 0..frames {
-            equations.add(frame, frame, HELD);
-        }
-        for pair in pairs {
-            let (i, j) = (pair.from, pair.to);
-            let off = pair.ratio[channel] - (gains[j] - gains[i]);
-            let w = pair.sigma[channel].powi(-2) / (1.0 + (off / SCALE).powi(2));
-            equations.add(i, i, w);
-            equations.add(j, j, w);
-            equations.add(i.max(j), i.min(j), -w);
-            equations.add_right(j, w * pair.ratio[channel]);
-            equations.add_right(i, -w * pair.ratio[channel]);
-        }
-        // The diagonal outweighs each row.
-        let Some(next) = equations.solved() else { return gains };
-        let moved = next.iter().zip(&gains).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        gains = next;
-        if moved < 1e-7 {
-            break;
-        }
-    }
-    gains
-}
-
-/// Root mean square of what pairs say beyond the gains, and of what they say without them, over all colours, ln.
-pub fn left(pairs: &[Pair], gains: &[Option<[f64; 3]>]) -> Option<(f64, f64)> {
-    let (mut with, mut without, mut count) = (0.0, 0.0, 0);
-    for pair in pairs {
-        if let (Some(i), Some(j)) = (gains[pair.from], gains[pair.to]) {
-            for c in 0..3 {
-                with += (pair.ratio[c] - (j[c] - i[c])).powi(2);
-                without += pair.ratio[c].powi(2);
-                count += 1;
-            }
-        }
-    }
-    (count > 0).then(|| ((without / f64::from(count)).sqrt(), (with / f64::from(count)).sqrt()))
 }
 
 #[cfg(test)]

@@ -22,6 +22,7 @@ mod findings;
 mod found_light;
 mod fusion;
 mod gain;
+mod gain_graph;
 mod global;
 mod graph;
 mod ground;
@@ -151,9 +152,9 @@ pub fn analyse(
     let is_placed = !is_refused || compared.tried.confirms_poses();
     let (used, held_out): (Vec<Pair>, Vec<Pair>) =
         compared.pairs.iter().partition(|pair| GAPS.contains(&(pair.to - pair.from)));
-    let found = times.of(times::GAIN, || gain::solve(&used, frames));
+    let found = times.of(times::GAIN, || gain_graph::solve(&used, frames));
     let steady = if is_placed { STEADY } else { STEADY_BY_UNSURE_POSES };
-    let told_of = gain::left(&held_out, &found).map(|(recorded, left)| Gained {
+    let told_of = gain_graph::left(&held_out, &found).map(|(recorded, left)| Gained {
         pairs: used.len(),
         recorded,
         left,
