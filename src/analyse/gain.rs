@@ -8,8 +8,9 @@
 //! Poses that registration refused are unsure. There a pair counts if its places match and the same pictures, compared pixel by
 //! pixel as if the camera rested, either do not match, which confirms the poses, or say the same gain, which then depends on no pose.
 //!
-//! The places of a pair are the same things if their log ratios scatter by less than half of their light's own scatter s. Both
-//! scatters contain the noise n of the smoothed pictures, which has no part in that comparison:
+//! The places of a pair are the same things if their log ratios scatter by less than half of their
+//! light's own scatter s. Both scatters contain the noise n of the smoothed pictures, which has no
+//! part in that comparison:
 //!
 //!   scatter² < max(0.05, ½·√(s² − n²))² + (1.2·√2·n)²
 //!
@@ -24,7 +25,7 @@ use serde::{Deserialize, Serialize};
 
 use super::across::{self, OfPair};
 use super::eye::Eye;
-use super::noise_level::{MAX_WITHOUT_PROFILE, flattest_variance, share_kept};
+use super::noise_level::{share_kept, variance_bound};
 use super::pyramid::{Plane, gaussian};
 use super::robust::{median, scatter};
 use super::state::{State, moved, seen};
@@ -292,15 +293,14 @@ impl<'a> Gains<'a> {
         Seen { index: frame.index, state, colours, noise, depth: small, points, landmarks }
     }
 
-    /// Upper bound on the noise of a small, smoothed picture, codes: see [`noise_level`](super::noise_level). Its profile is
-    /// smoothed by the halvings or by the blur alone, whichever is known of it.
+    /// Upper bound on the noise of a small, smoothed picture, codes ([`noise_level`](super::noise_level)).
+    /// The profile's bound ignores the blur that follows the halvings.
     fn noise_sigma(&self, plane: &Plane, channel: usize, halvings: usize) -> f64 {
-        let Some(by_blocks) = flattest_variance(plane) else { return 0.0 };
         let by_profile = self.noise.as_ref().map(|profile| {
             let mean = plane.values.iter().map(|v| f64::from(*v)).sum::<f64>() / plane.values.len().max(1) as f64;
             profile.sigma(channel, mean).powi(2) * share_kept(profile, halvings)
         });
-        by_profile.unwrap_or(MAX_WITHOUT_PROFILE).min(by_blocks).sqrt()
+        variance_bound(by_profile, plane).sqrt()
     }
 
     fn spot(&self, at: [f32; 2], codes: [f32; 3]) -> Spot {
@@ -337,7 +337,8 @@ impl<'a> Gains<'a> {
         from.points.iter().filter_map(pair).collect()
     }
 
-    /// σ of ln light of the places by their pictures' noise, root mean square of the two frames, at the median code.
+    /// σ of ln light of the places by their pictures' noise, root mean square of the two frames, at
+    /// the median code.
     fn log_noise(&self, places: &[(Spot, Spot)], of: [&Seen; 2], channel: usize) -> f64 {
         let mut codes: Vec<f64> = places.iter().map(|(from, _)| f64::from(from.codes[channel])).collect();
         let code = median(&mut codes) as f32;

@@ -1,4 +1,4 @@
-//! The gains of all frames at once, from those of pairs of frames: formula in [`gain`](super::gain).
+//! The gains of all frames from the gains of pairs, by robust least squares ([`gain`](super::gain)).
 
 use super::gain::Pair;
 use super::robust::median;
@@ -8,7 +8,7 @@ use crate::fit::band::Band;
 const SCALE: f64 = 0.01;
 const ROUNDS: usize = 30;
 
-/// ln of each frame's gain: 0 is the recording's median, for each colour. `None` where a frame took part in no pair.
+/// ln of each frame's gain, by colour; the recording's median is 0. `None` for frames without pairs.
 pub fn solve(pairs: &[Pair], frames: usize) -> Vec<Option<[f64; 3]>> {
     let mut is_linked = vec![false; frames];
     pairs.iter().for_each(|pair| (is_linked[pair.from], is_linked[pair.to]) = (true, true));
@@ -21,9 +21,9 @@ pub fn solve(pairs: &[Pair], frames: usize) -> Vec<Option<[f64; 3]>> {
     (0..frames).map(|n| is_linked[n].then(|| [0, 1, 2].map(|c| each[c][n] - middle[c]))).collect()
 }
 
-/// By a band of equations, of all frames at once.
+/// The gains in one colour, by banded normal equations.
 fn of_channel(pairs: &[Pair], frames: usize, channel: usize) -> Vec<f64> {
-    /// Holds the mean, which no pair tells, and frames without pairs.
+    /// Weight of the prior at 0. It fixes the mean, which pairs leave open, and frames without pairs.
     const HELD: f64 = 1e-3;
     let width = pairs.iter().map(|pair| pair.from.abs_diff(pair.to)).max().unwrap_or(0);
     let mut gains = vec![0.0; frames];
@@ -53,7 +53,7 @@ fn of_channel(pairs: &[Pair], frames: usize, channel: usize) -> Vec<f64> {
     gains
 }
 
-/// Root mean square of what pairs say beyond the gains, and of what they say without them, over all colours, ln.
+/// Root mean square of the pairs' log ratios without and with the gains subtracted, over all colours.
 pub fn left(pairs: &[Pair], gains: &[Option<[f64; 3]>]) -> Option<(f64, f64)> {
     let (mut with, mut without, mut count) = (0.0, 0.0, 0);
     for pair in pairs {

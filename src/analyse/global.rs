@@ -4,8 +4,8 @@
 //!
 //!   e_ij = (1 − A)·c + δ·(ξ_i − A·ξ_j),   A = Ad(T_i⁻¹ T_j)
 //!
-//! Least squares over all links, reweighted, in the metric of displacements in the picture. Links between frames whose blur differs
-//! count less ([`link_blur`](super::link_blur)).
+//! Iteratively reweighted least squares over all links, in px of displacement. Links between frames
+//! that differ in motion blur have less weight ([`link_blur`](super::link_blur)).
 
 use nalgebra::{SMatrix, SVector};
 
@@ -39,8 +39,8 @@ pub struct Global {
     pub clock_sigma_s: f64,
 }
 
-/// Sum of six squared t numbers that chance exceeds once in 1000 times: of 7 degrees of freedom ([`PARTS`] of the jackknife), two
-/// pairs of which correlate by 0.9, by simulation.
+/// Sum of six squared t numbers that chance exceeds once in 1000 times: of 7 degrees of freedom
+/// ([`PARTS`] of the jackknife), two pairs of which correlate by 0.9, by simulation.
 const SIGNIFICANT_SQUARES: f64 = 74.0;
 
 impl Global {

@@ -1,14 +1,14 @@
 //! The corrections of all frames at once, from their links and from what was recorded.
 //!
-//! A link measures e_ij = c_i − A·c_j, A = Ad(T_i⁻¹ T_j), with the information H/50: neighbouring points err alike, so
-//! thousands of them know less than as many that do not. Cauchy's weights on the displacement in the picture, of scale
-//! max(median, 0.15 px); links beyond six scales are left out. Blur that differs adds to a link's variance
-//! ([`link_blur`](super::link_blur)).
+//! A link measures e_ij = c_i − A·c_j, A = Ad(T_i⁻¹ T_j), with the information H/50: neighbouring
+//! points err alike, so thousands of them know less than as many that do not. Cauchy's weights on
+//! the displacement in the picture, of scale max(median, 0.15 px); links beyond six scales are left
+//! out. Blur that differs adds to a link's variance ([`link_blur`](super::link_blur)).
 //!
-//! Each frame is held to its recorded pose by 1 cm and 0.5°, and then, in a second solution, also by the displacement m that the
-//! first one makes, the median over all linked frames: metric/m². It estimates the error of the recorded poses; less accurate
-//! links do not move them.
-//! Links reach a few frames, so the equations form a band, solved by Cholesky in time linear in the frames.
+//! Each frame is held to its recorded pose by 1 cm and 0.5°, and then, in a second solution, also
+//! by the displacement m that the first one makes, the median over all linked frames: metric/m². It
+//! estimates the error of the recorded poses; less accurate links do not move them. Links reach a
+//! few frames, so the equations form a band, solved by Cholesky in time linear in the frames.
 
 use nalgebra::Matrix6;
 
@@ -131,8 +131,8 @@ mod tests {
     use super::super::link_blur::tests::link;
     use super::*;
 
-    /// Frames at rest, each linked with the next two, of which one moves fast. Their recorded poses lack 1 mm by turns, which links
-    /// see; links of the fast frame err by `error_m` besides.
+    /// Frames at rest, each linked with the next two, of which one moves fast. Their recorded poses
+    /// lack 1 mm by turns, which links see; links of the fast frame err by `error_m` besides.
     fn corrections_m(fast_m_per_s: f64, error_m: f64) -> Vec<f64> {
         const FAST: usize = 6;
         let along = |m: f64| twist::twist(DVec3::X * m, DVec3::ZERO);

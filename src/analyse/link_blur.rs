@@ -1,12 +1,14 @@
-//! How much less is known of an alignment because the two pictures differ in motion blur.
+//! Alignment error caused by a difference in motion blur between the two pictures.
 //!
-//! A row's exposure t moves the picture along its motion field by t·ξ. Blur kernels are symmetric about their middle, so
-//! that equal motions forth and back blur alike; the length by which two frames' kernels differ is
+//! A row's exposure t moves the picture along its motion field by t·ξ. Blur kernels are symmetric
+//! about their middle, so that equal motions forth and back blur alike; the length by which two
+//! frames' kernels differ is
 //!
 //!   L = t·min(|ξᵢ − A·ξⱼ|, |ξᵢ + A·ξⱼ|),   A = Ad(T_i⁻¹ T_j),   |ξ|² = ξᵀ·metric·ξ
 //!
-//! A blurred frame's links err by about 0.04·L, all of them alike. (Simulated concrete and desks with exact poses and
-//! 2 to 45 px of blur.) The variance of n alike errors does not fall with n, hence n·(0.04·L)² for each.
+//! The error is about 0.04·L (simulated concrete and desks with exact poses and 2 to 45 px of blur).
+//! All n links of a blurred frame share it. Their mean does not reduce a shared error, so each link
+//! gets the variance n·(0.04·L)².
 
 use nalgebra::Matrix6;
 
@@ -14,12 +16,12 @@ use super::align::Link;
 use super::state::State;
 use crate::fit::twist::Twist;
 
-/// Error of an alignment by the length by which its frames' blur differs.
+/// Alignment error per difference in blur length.
 const ERROR_BY_LENGTH: f64 = 0.04;
 /// Largest assumed exposure, s; half a frame's interval if that is shorter.
 const MAX_EXPOSURE_S: f64 = 1.0 / 60.0;
 
-/// What is assumed of the exposure before it is measured, s.
+/// Exposure time assumed before it is estimated, s.
 pub fn assumed_exposure_s(frame_interval_s: f64) -> f64 {
     (0.5 * frame_interval_s).min(MAX_EXPOSURE_S)
 }

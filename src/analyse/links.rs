@@ -53,7 +53,7 @@ impl Pass<'_> {
 pub struct Links {
     pub good: Vec<Link>,
     pub refused: usize,
-    /// Number of those whose frames share too few textured points to be compared.
+    /// Number of those that fail by [`LinkFailure::FewPoints`].
     #[serde(default)]
     pub few_points: usize,
     /// So many of those in which noise takes much of the correlation.

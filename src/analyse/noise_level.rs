@@ -27,7 +27,7 @@ const FLATTEST: f64 = 0.1;
 /// Blocks whose mean lies outside may be clipped, codes.
 const UNCLIPPED: (f32, f32) = (4.0, 250.0);
 /// Largest noise variance of any level that is believed without a profile, codes²: on gravel the flattest blocks are texture.
-pub const MAX_WITHOUT_PROFILE: f64 = 4.0;
+const MAX_WITHOUT_PROFILE: f64 = 4.0;
 /// Binomial weights of one halving (Burt and Adelson 1983).
 const HALVING: [f32; 5] = [1.0 / 16.0, 4.0 / 16.0, 6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
 
@@ -70,8 +70,14 @@ fn smoothing(level: usize) -> Vec<f32> {
     weights
 }
 
+/// The smaller of the two upper bounds on a picture's noise variance, codes². 0 where no block is
+/// free of clipping.
+pub fn variance_bound(by_profile: Option<f64>, picture: &Plane) -> f64 {
+    flattest_variance(picture).map_or(0.0, |by_blocks| by_profile.unwrap_or(MAX_WITHOUT_PROFILE).min(by_blocks))
+}
+
 /// Upper bound on the noise variance of a level, codes², by its flattest blocks. `None` where no block is free of clipping.
-pub fn flattest_variance(picture: &Plane) -> Option<f64> {
+fn flattest_variance(picture: &Plane) -> Option<f64> {
     let (across, down) = (picture.width / BLOCK, picture.height / BLOCK);
     let blocks = (0..down).flat_map(|y| (0..across).map(move |x| (BLOCK * x, BLOCK * y)));
     let mut found: Vec<f64> = blocks.filter_map(|(x, y)| about_its_plane(picture, x, y)).collect();

@@ -374,7 +374,8 @@ fn parted(clear: &[Heard]) -> Vec<usize> {
     ends
 }
 
-/// One standard deviation of ln s, by 1.4826·median |difference|/√2 of successive frames: few steps between runs do not move it.
+/// One standard deviation of ln s, by 1.4826·median |difference|/√2 of successive frames: few steps
+/// between runs do not move it.
 fn successive_scatter(clear: &[Heard]) -> f64 {
     let ln = |heard: &Heard| heard.exposure_s.max(1e-6).ln();
     let mut steps: Vec<f64> = clear.windows(2).map(|pair| (ln(&pair[1]) - ln(&pair[0])).abs()).collect();

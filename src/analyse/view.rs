@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 
 use super::carried;
 use super::eye::Eye;
-use super::noise_level::{MAX_WITHOUT_PROFILE, flattest_variance, luma_variance, share_kept};
+use super::noise_level::{luma_variance, share_kept, variance_bound};
 use super::pyramid::{Plane, gaussian};
 use super::state::{State, moved};
 use crate::camera::{Geometry, NoiseProfile};
@@ -85,8 +85,7 @@ impl View {
             let points =
                 if level < finest { Vec::new() } else { points(eye, &picture, level, &depth, &is_usable, &state) };
             let by_profile = luma.map(|(profile, variance)| variance * share_kept(profile, level));
-            let by_blocks = if level < finest { None } else { flattest_variance(&picture) };
-            let noise = by_blocks.map_or(0.0, |by_blocks| by_profile.unwrap_or(MAX_WITHOUT_PROFILE).min(by_blocks));
+            let noise = if level < finest { 0.0 } else { variance_bound(by_profile, &picture) };
             levels.push(Level { picture, points, noise });
             picture = next;
         }

@@ -53,7 +53,8 @@ pub fn run() -> Result<()> {
     Ok(())
 }
 
-/// The cameras of each driver, with what they offer or why they cannot be used. It is no fault of the machine to have none.
+/// The cameras of each driver, with what they offer or why they cannot be used. It is no fault of
+/// the machine to have none.
 fn cameras(out: &mut impl Write) -> Result<()> {
     let drivers = webcam::cameras();
     if drivers.is_empty() {

@@ -43,7 +43,8 @@ pub struct PicturesArgs {
     /// Pictures a second; 30 without it
     #[arg(long, value_name = "HZ", value_parser = Asked::rate_of)]
     rate: Option<f64>,
-    /// How the camera delivers them: rgb, yuyv, nv12, mjpeg or grey; without it, the best that comes at this size and rate
+    /// How the camera delivers them: rgb, yuyv, nv12, mjpeg or grey; without it, the best that
+    /// comes at this size and rate
     #[arg(long, value_parser = layout)]
     format: Option<Layout>,
     /// The span of Y' that the camera uses, instead of what its driver says: limited (16 to 235) or full

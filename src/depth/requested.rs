@@ -1,4 +1,5 @@
-//! Pixels whose depth is requested from other frames or surfels, and the colour test that accepts an answer.
+//! Pixels whose depth is requested from other frames or surfels, and the colour test that accepts
+//! an answer.
 
 use crate::pixels::Rect;
 use crate::rows::{over_rows, processors};
@@ -9,7 +10,8 @@ const BLOCK_PX: usize = 8;
 const PIXELS_PER_BLOCK: usize = 256;
 /// Largest distance of a matching colour (square root of light) from the range of the pixels around: noise and motion blur.
 const COLOR_TOLERANCE: f32 = 0.06;
-/// Minimum number of colour pairs for an estimate of the gain between two pictures, and the range of reliable colours.
+/// Minimum number of colour pairs for an estimate of the gain between two pictures, and the range
+/// of reliable colours.
 const MIN_PAIRS: usize = 24;
 const RELIABLE_COLORS: std::ops::Range<f32> = 0.12..0.97;
 

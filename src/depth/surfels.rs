@@ -1,9 +1,11 @@
 //! Depth from the surfaces of the whole recording, where a frame and its neighbours have none.
 //!
-//! A depth sensor measures only a few places of a black screen, and different ones in each frame. All seven frames of a vote can
-//! miss a part of it that earlier ones measured. An analysis fuses the maps of the recording into surfels, oriented discs (Pfister et al. 2000;
-//! Keller et al. 2013). This module splats them into the pixels that the vote left without depth. A disc at p with
-//! normal n meets a pixel's ray r at the depth d = n·p / n·r, if |d·r − p| is at most its radius. The nearest disc wins.
+//! A depth sensor measures only a few places of a black screen, and different ones in each frame.
+//! All seven frames of a vote can miss a part of it that earlier ones measured. An analysis fuses
+//! the maps of the recording into surfels, oriented discs (Pfister et al. 2000; Keller et al.
+//! 2013). This module splats them into the pixels that the vote left without depth. A disc at p
+//! with normal n meets a pixel's ray r at the depth d = n·p / n·r, if |d·r − p| is at most its
+//! radius. The nearest disc wins.
 //!
 //! Things move. The depth of a surfel is used only if the pixel has its colour, in light that is made alike as in the vote.
 //!

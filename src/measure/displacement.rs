@@ -7,8 +7,8 @@
 //! picture's patch is then resampled at that shift (bicubic), so that the window does not pull towards 0. This repeats
 //! until no shift remains.
 //!
-//! The standard error is that of the least-squares shift between the two aligned patches ([`standard_error`]), which a
-//! straight edge leaves without bound along itself.
+//! The standard error is that of the least-squares shift between the two aligned patches
+//! ([`standard_error`]). Along a straight edge it is unbounded.
 
 use super::{Grey, MeasureError, check_mask};
 use glam::{DMat2, DVec2};
@@ -64,7 +64,8 @@ pub struct PatchDisplacement {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Displacements {
     pub patches: Vec<PatchDisplacement>,
-    /// Patches left out: outside the mask; without contrast, or without texture in some direction; not trusted.
+    /// Patches left out: outside the mask; without contrast, or without texture in some direction;
+    /// not trusted.
     pub masked: usize,
     pub flat: usize,
     pub doubtful: usize,
@@ -280,17 +281,19 @@ impl Correlator {
     }
 }
 
-/// Standard error of the shift between two aligned patches along its weakest direction, pixels; infinite where their texture does
-/// not define a shift.
+/// Standard error of the shift between two aligned patches along its weakest direction, pixels;
+/// infinite where their texture does not define a shift.
 ///
-/// Both are smoothed (binomial, σ 1 px), to the frequencies that the phases use. With window w, slopes ∇a and ∇b, and the
-/// difference r, least squares (Lucas and Kanade 1981) has the covariance of unequal variances (White 1980)
+/// Both are smoothed (binomial, σ 1 px), to the frequencies that the phases use. With window w,
+/// slopes ∇a and ∇b, and the difference r, least squares (Lucas and Kanade 1981) has the covariance
+/// of unequal variances (White 1980)
 ///
 ///   J⁻¹ S J⁻¹,   J = Σ w²·sym(∇a ∇bᵀ),   S = κ·½·Σ w⁴ r²·(∇a ∇aᵀ + ∇b ∇bᵀ)
 ///
-/// Noise of the two pictures is independent and vanishes from ∇a ∇bᵀ, so that an edge with noise has no slope along itself.
-/// Neighbouring r correlate by ρ: along each axis κ = Σ exp(−d²/2L²) ≈ √(2π)·L with ρ = exp(−1/2L²), so κ = √(−π/ln ρ).
-/// It is the true error where r is noise, and up to twice the error where blur or depth leave structure in r.
+/// Noise of the two pictures is independent and vanishes from ∇a ∇bᵀ, so that an edge with noise
+/// has no slope along itself. Neighbouring r correlate by ρ: along each axis κ = Σ exp(−d²/2L²) ≈
+/// √(2π)·L with ρ = exp(−1/2L²), so κ = √(−π/ln ρ). The result is the true error where r is noise,
+/// and up to twice the error where blur or depth leave structure in r.
 fn standard_error(a: &[f64], b: &[f64], window: &[f64], side: usize) -> f64 {
     let (a, b) = (smoothed(a, side), as_bright_as(a, b, window));
     let b = smoothed(&b, side);

@@ -28,9 +28,10 @@ impl Shot {
         }
     }
 
-    /// Up for the first object of a scene on a surface with this normal, which faces the camera: the analysis's estimate, or the
-    /// normal of the largest level surface that depth shows, or the surface's own if it is nearly level, else [`Shot::held_up`]. Cameras see floors from
-    /// above: a normal against the camera's own up means that it hangs upside down. Unit length.
+    /// Up for the first object of a scene on a surface with this normal, which faces the camera:
+    /// the analysis's estimate, or the normal of the largest level surface that depth shows, or the
+    /// surface's own if it is nearly level, else [`Shot::held_up`]. Cameras see floors from above:
+    /// a normal against the camera's own up means that it hangs upside down. Unit length.
     pub fn up_on(&self, normal: Option<DVec3>) -> DVec3 {
         let held = self.held_up();
         self.found_up().or_else(|| self.up_of_room(held, Scan::Awaited)).unwrap_or_else(|| up_on_surface(normal, held))

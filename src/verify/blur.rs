@@ -1,18 +1,21 @@
 //! Whether virtual things are blurred by the camera's motion as much as real ones.
 //!
-//! A frame in which the camera moves fast is compared with a slow one near it, which is put into it as a thing
-//! ([`twin`](super::twin())), exposed for several multiples of what the pipeline would expose for. Blur takes fine detail away: the
-//! multiple at which the virtual picture has as much of it as the real one says how much too short its blur is. Detail is the
-//! power of luma between two Gaussians, by the square of its mean; it does not change when things lie beside their place.
-//! What drawing a picture again loses is told by the slow frame put into itself, and taken off. Its own blur is
-//! in the virtual picture too: at a share of 0.3 it makes that longer by 4 %.
+//! A frame in which the camera moves fast is compared with a slow one near it, which is put into it
+//! as a thing ([`twin`](super::twin())), exposed for several multiples of what the pipeline would
+//! expose for. Blur takes fine detail away: the multiple at which the virtual picture has as much
+//! of it as the real one says how much too short its blur is. Detail is the power of luma between
+//! two Gaussians, by the square of its mean; it does not change when things lie beside their place.
+//! What drawing a picture again loses is told by the slow frame put into itself, and taken off. Its
+//! own blur is in the virtual picture too: at a share of 0.3 it makes that longer by 4 %.
 //!
-//! The camera's noise is detail, too. With the profile's power N in the band, the kept share k of drawing, and the powers R of
-//! the real picture, M₀ of the virtual one without blur and M of it with blur, the multiple is sought at which
+//! The camera's noise is detail, too. With the profile's power N in the band, the kept share k of
+//! drawing, and the powers R of the real picture, M₀ of the virtual one without blur and M of it
+//! with blur, the multiple is sought at which
 //!
 //!   M·(1 − kN/M₀) = k·(R − N)
 //!
-//! since the slow frame's noise is blurred with its texture. Areas count if M·(1 − kN/M₀) ≥ 2·kN at the pipeline's own exposure.
+//! since the slow frame's noise is blurred with its texture. Areas count if M·(1 − kN/M₀) ≥ 2·kN at
+//! the pipeline's own exposure.
 
 use std::sync::Arc;
 
@@ -178,7 +181,8 @@ struct Made {
     whole: Vec<bool>,
 }
 
-/// Of the areas with most detail: virtual blur by real blur. `unblurred`: the virtual picture without motion blur.
+/// Of the areas with most detail: virtual blur by real blur. `unblurred`: the virtual picture
+/// without motion blur.
 fn areas(real: &Band, kept: f64, unblurred: &Band, made: &[Made], noise: Option<&BandNoise>) -> Vec<f64> {
     let Some(sharpest) = made.first() else { return Vec::new() };
     let masks: Vec<&[bool]> = made.iter().map(|made| made.whole.as_slice()).collect();

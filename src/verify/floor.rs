@@ -40,7 +40,8 @@ pub fn luma_sigma(profile: &NoiseProfile, code: f64) -> f64 {
 pub struct Displaced {
     /// As measured: median and 90 %.
     pub measured: (f64, f64),
-    /// The floor, median and 90 %, as two frames at rest would measure. `None` without the camera's noise, or where no patch counts at rest.
+    /// The floor, median and 90 %, as two frames at rest would measure. `None` without the camera's
+    /// noise, or where no patch counts at rest.
     pub floor: Option<(f64, f64)>,
     /// Without the floor: median and 90 %. As measured where the floor is not known.
     pub px: (f64, f64),

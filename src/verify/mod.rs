@@ -1,9 +1,10 @@
 //! Whether virtual things behave as real ones in a recording: frames of it, as things, put into other frames of it.
 //!
-//! Through the whole pipeline, with what was recorded and with what was found out ([`crate::analyse`]). Registration is measured
-//! by the phase correlation of patches, brightness by the luma of small flat areas, both less what noise makes of two frames at
-//! rest ([`floor`]). Noise and blur, which the thing's own picture has already, are off. Motion blur and sharpness are judged each
-//! by itself.
+//! Through the whole pipeline, with what was recorded and with what was found out
+//! ([`crate::analyse`]). Registration is measured by the phase correlation of patches, brightness
+//! by the luma of small flat areas, both less what noise makes of two frames at rest ([`floor`]).
+//! Noise and blur, which the thing's own picture has already, are off. Motion blur and sharpness
+//! are judged each by itself.
 
 mod blur;
 mod error;
@@ -60,7 +61,8 @@ impl Default for Plan {
 pub struct Brightness {
     /// The median and the largest of the pairs, as measured.
     pub measured: (f64, f64),
-    /// What noise makes of two frames at rest, median. `None` without the camera's noise, or where no area counts at rest.
+    /// What noise makes of two frames at rest, median. `None` without the camera's noise, or where
+    /// no area counts at rest.
     pub floor: Option<f64>,
     /// Without the floor, in quadrature: median and largest.
     pub codes: (f64, f64),
@@ -165,7 +167,8 @@ fn patch_options(pixels: &Pixels, noise: Option<&NoiseProfile>) -> DisplacementO
     DisplacementOptions { min_contrast: usual.min_contrast.max(MIN_CONTRAST_TO_NOISE * sigma), ..usual }
 }
 
-/// Of each `every` frames the one with the shortest motion blur, by each frame's, px: a thing's own blur displaces its edges.
+/// Of each `every` frames the one with the shortest motion blur, by each frame's, px: a thing's own
+/// blur displaces its edges.
 fn least_blurred(blur_px: &[Option<f64>], every: usize) -> Vec<usize> {
     let px = |n: usize| blur_px[n].unwrap_or(f64::INFINITY);
     let parts = (0..blur_px.len()).step_by(every).map(|from| from..(from + every).min(blur_px.len()));

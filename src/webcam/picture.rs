@@ -27,7 +27,8 @@ pub enum Layout {
 }
 
 impl Layout {
-    /// Without loss first, then by how little of the colour's resolution is lost; without colour last.
+    /// Without loss first, then by how little of the colour's resolution is lost; without colour
+    /// last.
     pub const PREFERRED: [Self; 5] = [Self::Rgb, Self::Yuyv, Self::Nv12, Self::Mjpeg, Self::Grey];
 
     /// Whether a range and a matrix have to be known.

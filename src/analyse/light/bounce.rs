@@ -1,9 +1,10 @@
 //! Bounce light: a lamp's light reflected by the unseen wall, ceiling or shade beside it.
 //!
-//! It reaches a surface from within tens of degrees of the lamp, so its shadows are soft. It is modelled as a second lamp of
-//! 1.6 m diameter at the same place. cos θ/d² is harmonic in the lamp's position, so that as long as the whole sphere of
-//! [`places`] is over a surface's horizon, the mean over it is the share of its centre. Not modelled: the position of the
-//! reflecting surfaces. If they are in view, their light is counted twice, because the panorama has it too.
+//! It reaches a surface from within tens of degrees of the lamp, so its shadows are soft. It is
+//! modelled as a second lamp of 1.6 m diameter at the same place. cos θ/d² is harmonic in the
+//! lamp's position, so that as long as the whole sphere of [`places`] is over a surface's horizon,
+//! the mean over it is the share of its centre. Not modelled: the position of the reflecting
+//! surfaces. If they are in view, their light is counted twice, because the panorama has it too.
 
 use glam::DVec3;
 
@@ -14,7 +15,8 @@ use super::lit::Place;
 pub const DIAMETER_M: f64 = 1.6;
 /// Smallest share of the white level that is written as bounce light; less is left to the ambient light.
 pub const MIN_SHARE: f64 = 0.02;
-/// Sphere radius R, m. Its projection and the lamp's disc of radius r have equal second moments: (2/3)·R² = r²/2.
+/// Sphere radius R, m. Its projection and the lamp's disc of radius r have equal second moments:
+/// (2/3)·R² = r²/2.
 const RADIUS_M: f64 = 0.5 * DIAMETER_M * 0.866_025_403_784_438_6;
 const SPHERE_SAMPLES: usize = 16;
 /// π(3 − √5), rad: the angle between successive points of a Fibonacci sphere.

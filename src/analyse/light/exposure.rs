@@ -12,8 +12,8 @@ use super::sample::{Sample, relative_luminance};
 
 /// Mean linear light of a picture by what matt white shows in it: 0.17 to 0.45 in real rooms.
 const MEAN_BY_WHITE: f64 = 0.25;
-/// Largest mean linear light of a metered picture: a brighter one shows white things, or is overexposed, and its mean does not
-/// imply a brighter white.
+/// Largest mean linear light of a metered picture: a brighter one shows white things, or is
+/// overexposed, and its mean does not imply a brighter white.
 const MAX_METERED: f64 = 0.45;
 /// A point is near the place within this, m.
 const NEAR_M: f64 = 0.8;
@@ -81,7 +81,8 @@ mod tests {
         // Neither sees it: √(0.4·1.6) = 0.8.
         let unseen = by_exposure(&[Metered { points: 0, ..dark }, Metered { points: 0, ..bright }]);
         assert!((unseen.level - 0.8).abs() < 1e-9, "{unseen:?}");
-        // Overexposed by hand: a mean of 0.9 counts as 0.45, in the frame of usual brightness 0.225.
+        // Overexposed by hand: a mean of 0.9 counts as 0.45, in the frame of usual brightness
+        // 0.225.
         let over = by_exposure(&[Metered { points: 9, gain: [2.0; 3], mean: [0.45; 3] }]);
         assert!((over.level - 0.9).abs() < 1e-9, "{over:?}");
         assert_eq!(by_exposure(&[]), Exposure { level: 1.0, neutral: [1.0; 3] });

@@ -2,10 +2,11 @@
 //!
 //!   B = ρ_m·(a + b(1 + n_z)/2 + Σ I_k·V·cos θ/d² + Σ J_k·mean(V·cos θ/d²))
 //!
-//! ρ_m is one reflectance for each material m, a bin of chroma. The last sum is bounce light, averaged over positions around
-//! lamp k ([`bounce`](super::bounce)). Two steps alternate: ln ρ_m is the median of what the light leaves of ln B; a, b, I_k and J_k ≥ 0 follow
-//! from least squares of ln B by Gauss and Newton, weighted by Cauchy's w = 1/(1 + (r/0.25)²). The score is Cauchy's mean
-//! loss. Not modelled: other indirect light, but as light from around; surfaces that shine.
+//! ρ_m is one reflectance for each material m, a bin of chroma. The last sum is bounce light,
+//! averaged over positions around lamp k ([`bounce`](super::bounce)). Two steps alternate: ln ρ_m
+//! is the median residual of ln B; a, b, I_k and J_k ≥ 0 follow from Gauss-Newton least squares of
+//! ln B, weighted by Cauchy's w = 1/(1 + (r/0.25)²). The score is Cauchy's
+//! mean loss. Not modelled: other indirect light, but as light from around; surfaces that shine.
 
 use glam::DVec3;
 
@@ -15,7 +16,8 @@ const SCALE: f64 = 0.25;
 pub const MOST_LAMPS: usize = 3;
 /// Largest number of unknowns.
 pub const MAX_UNKNOWNS: usize = 2 + 2 * MOST_LAMPS;
-/// Neighbours of one material and one direction are one patch, this wide, m: the pattern on a surface is no light on it.
+/// Neighbours of one material and one direction are one patch, this wide, m: the pattern on a
+/// surface is no light on it.
 pub const PATCH_M: f64 = 0.08;
 /// Sweeps over the unknowns.
 const SWEEPS: usize = 60;

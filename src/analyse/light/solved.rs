@@ -108,8 +108,9 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads
     Solved::new(found.lamps, light, blocked, up, verdict)
 }
 
-/// Fits the light of lamps at known positions, for luminance and for each colour channel. The ratio of a lamp's bounce to its
-/// direct light follows from luminance, so that both have the same colour.
+/// Fits the light of lamps at known positions, for luminance and for each colour channel. The ratio
+/// of a lamp's bounce to its direct light follows from luminance, so that both have the same
+/// colour.
 pub fn light(voxels: &[Voxel], search: &Search<'_>, lamps: &[Place]) -> (Light, [Light; 3]) {
     let shares = search.shares_with_bounce(lamps);
     let luminance = fit_with_bounce(search.points, &shares, lamps.len(), ROUNDS).light;
@@ -193,7 +194,8 @@ impl Solved {
             diameter_m: LAMP_M,
         });
         let bounce = self.lamps.iter().zip(&self.spheres).enumerate().map(|(k, (lamp, sphere))| {
-            // 1 while the sphere is above the horizon. Clamped, because it diverges for a lamp at the horizon.
+            // 1 while the sphere is above the horizon. Clamped, because it diverges for a lamp at
+            // the horizon.
             let share = mean_share(sphere, |on_sphere| of_lamp(place, self.up, on_sphere)) / of_even(lamp.at);
             let even_share = if share < 1.0 { share } else { 1.0 };
             FoundLamp {

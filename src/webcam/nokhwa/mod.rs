@@ -1,8 +1,8 @@
 //! The driver of cameras on macOS and Windows, and a second one on Linux: the nokhwa crate.
 //!
 //! Its time stamps are wall-clock times, or on Windows of unknown origin. Range, matrix, counts and
-//! error flags are not available. [`System`] holds the differences between the systems; docs/live.md
-//! lists them.
+//! error flags are not available. [`System`] holds the differences between the systems;
+//! docs/live.md lists them.
 
 mod capture;
 mod errors;
