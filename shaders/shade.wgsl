@@ -100,12 +100,22 @@ fn beside(moment: u32) -> vec2<f32> {
 // Behind a stand-in model, where nothing was measured (depth/proxies.rs), m.
 const FAR_M = 1e4;
 
-// Receiver weight of a depth sample: 1 within the tolerance of the floor, 0 beyond three times that. `nearness` is 1 over the
-// floor's own depth.
-fn floor_at(real_m: f32, nearness: f32, chart: Chart) -> f32 {
+// The floor at a pixel, as depth is compared with it.
+struct FloorDepth {
+    nearness: f32,           // 1 over its own depth, 1/m
+    per_off: f32,            // of the tolerance, by how far 1 is exceeded
+    unmeasured: f32,         // receiver weight where nothing was measured
+}
+
+fn floor_depth(nearness: f32, chart: Chart) -> FloorDepth {
     let near_m = max(shade.tolerance_m, shade.per_depth2 / max(nearness * nearness, 1e-6));
-    let per_off = 0.5 * chart.height_m / near_m;
-    return select(clamp(1.5 - per_off * abs(real_m * nearness - 1.0), 0.0, 1.0), chart.unmeasured, real_m <= 0.0 || real_m >= FAR_M);
+    return FloorDepth(nearness, 0.5 * chart.height_m / near_m, chart.unmeasured);
+}
+
+// Receiver weight of a depth sample: 1 within the tolerance of the floor, 0 beyond three times that.
+fn floor_at(real_m: f32, receiver: FloorDepth) -> f32 {
+    let weight = clamp(1.5 - receiver.per_off * abs(real_m * receiver.nearness - 1.0), 0.0, 1.0);
+    return select(weight, receiver.unmeasured, real_m <= 0.0 || real_m >= FAR_M);
 }
 
 fn depth_at(at_px: vec2<f32>) -> f32 {
@@ -113,26 +123,26 @@ fn depth_at(at_px: vec2<f32>) -> f32 {
 }
 
 // Receiver weight of the depth around a pixel. Where nothing was measured, the support plane receives and facets do not.
-fn floor_around(at_px: vec2<f32>, nearness: f32, chart: Chart) -> f32 {
+fn floor_around(at_px: vec2<f32>, receiver: FloorDepth) -> f32 {
     if !has_depth {
-        return chart.unmeasured;
+        return receiver.unmeasured;
     }
     var share = 0.0;
     for (var i = 0u; i < MOMENTS; i++) {
-        share += floor_at(depth_at(at_px + BESIDE_PX * beside(i)), nearness, chart);
+        share += floor_at(depth_at(at_px + BESIDE_PX * beside(i)), receiver);
     }
     return share / f32(MOMENTS);
 }
 
 // Receiver weight of the pixel's own surface, averaged over the sensor's noise.
-fn floor_of_surface(at_px: vec2<f32>, nearness: f32, chart: Chart) -> f32 {
+fn floor_of_surface(at_px: vec2<f32>, receiver: FloorDepth) -> f32 {
     let own_m = depth_at(at_px);
-    var share = floor_at(own_m, nearness, chart);
+    var share = floor_at(own_m, receiver);
     var count = 1.0;
     for (var i = 0u; i < MOMENTS; i++) {
         let real_m = depth_at(at_px + BESIDE_PX * beside(i));
         if max(real_m, own_m) <= JUMP * min(real_m, own_m) {
-            share += floor_at(real_m, nearness, chart);
+            share += floor_at(real_m, receiver);
             count += 1.0;
         }
     }
@@ -140,16 +150,16 @@ fn floor_of_surface(at_px: vec2<f32>, nearness: f32, chart: Chart) -> f32 {
 }
 
 // The share of each colour's light in a pixel that comes from the floor.
-fn light_of_floor(at_px: vec2<f32>, nearness: f32, chart: Chart) -> vec3<f32> {
+fn light_of_floor(at_px: vec2<f32>, receiver: FloorDepth) -> vec3<f32> {
     if has_matte {
         let q = vec2<i32>(floor(at_px + shade.in_matte));
         if all(q >= vec2<i32>(0)) && all(q < shade.matte_size) {
-            let own = vec3<f32>(floor_of_surface(at_px + shade.in_depth, nearness, chart));
+            let own = vec3<f32>(floor_of_surface(at_px + shade.in_depth, receiver));
             let second = textureLoad(matte, q, 0);
-            return mix(own, vec3<f32>(floor_at(second.w, nearness, chart)), select(vec3<f32>(0.0), second.rgb, second.w > 0.0));
+            return mix(own, vec3<f32>(floor_at(second.w, receiver)), select(vec3<f32>(0.0), second.rgb, second.w > 0.0));
         }
     }
-    return vec3<f32>(floor_around(at_px + shade.in_depth, nearness, chart));
+    return vec3<f32>(floor_around(at_px + shade.in_depth, receiver));
 }
 
 struct Corner {
@@ -211,7 +221,10 @@ fn main(corner: Corner) -> @location(0) vec4<f32> {
     // Pieces reach beyond it.
     let at = corner.at.xy + shade.in_picture;
     taken *= f32(all(at > chart.rect_px.xy) && all(at < chart.rect_px.zw));
-    taken *= light_of_floor(corner.at.xy, nearness / f32(MOMENTS), chart);
+    // Depth is read only where there is a shadow.
+    if any(taken != vec3<f32>(0.0)) {
+        taken *= light_of_floor(corner.at.xy, floor_depth(nearness / f32(MOMENTS), chart));
+    }
     let share = clamp(shade.strength * shade.presence * taken, vec3<f32>(-1.0), vec3<f32>(1.0));
     return rounded_to_half(vec4<f32>(share, 0.0));
 }

@@ -121,6 +121,13 @@ impl Distortion {
         (d.z > 0.0).then(|| self.distort(d.truncate() / d.z, valid_radius))
     }
 
+    /// Whether the camera is a pinhole.
+    #[inline]
+    pub fn is_none(&self) -> bool {
+        let Self { model, k1, k2, k3, p1, p2, .. } = self;
+        *model == LensModel::Opencv && [k1, k2, k3, p1, p2].into_iter().all(|coefficient| *coefficient == 0.0)
+    }
+
     /// Where a direction would land even if the lens does not see it: a fisheye's curve continues along its tangent.
     /// For `opencv`, only directions in front of the camera are meaningful.
     pub fn carried(&self, direction: DVec3, valid_radius: f64) -> DVec2 {
@@ -160,14 +167,14 @@ impl Distortion {
     /// is distorted and continued outwards along its own ray with the rim's slope. The map thus stays one to one, and
     /// nothing outside comes back into the picture.
     pub fn distort(&self, p: DVec2, valid_radius: f64) -> DVec2 {
-        let r = p.length();
         if self.is_equirectangular() {
             return longitude_latitude(p.extend(1.0));
         }
         if self.is_fisheye() {
-            return p.normalize_or_zero() * self.fisheye(r.atan(), valid_radius);
+            return p.normalize_or_zero() * self.fisheye(p.length().atan(), valid_radius);
         }
-        if r > valid_radius {
+        if p.length_squared() > valid_radius * valid_radius {
+            let r = p.length();
             let direction = p / r;
             return self.polynomial(direction * valid_radius)
                 + direction * (self.slope(valid_radius) * (r - valid_radius));

@@ -93,7 +93,12 @@ impl Geometry {
 
     /// Where a point in front of the camera (OpenCV axes, metres) lands, px. `None` at or behind the camera's plane, z
     /// ≤ 0; for a fisheye, outside its field of view.
+    #[inline]
     pub fn project(&self, point_in_camera: DVec3) -> Option<DVec2> {
+        if self.distortion.is_none() {
+            let z = point_in_camera.z;
+            return (z > 0.0).then(|| self.raster_px(point_in_camera.truncate() / z));
+        }
         self.distortion.project(point_in_camera, self.valid_radius).map(|d| self.raster_px(d))
     }
 

@@ -32,6 +32,7 @@ use crate::gpu::{Entry, Recorder, Shader, half_texels};
 use crate::pixels::{Codes, Pixels, Rect};
 use crate::pose::Pose;
 use crate::render::COLOR;
+use crate::rows::{over_rows, processors};
 use crate::shadow::{LazyRadiance, Sampler};
 
 use super::shade::Shaded;
@@ -55,7 +56,7 @@ pub struct KnownRadiance<'a> {
     pub depth_m: (&'a [f32], Rect),
     pub rays: &'a Rays,
     /// The camera's pose at a time from the middle row's, s.
-    pub pose_at: &'a dyn Fn(f64) -> Pose,
+    pub pose_at: &'a (dyn Fn(f64) -> Pose + Sync),
     pub brightness: SeenBrightness,
 }
 
@@ -110,7 +111,8 @@ impl ClippedLight {
         let picture = Rect::full(pixels.width, pixels.height);
         let beyond = if geometry.is_round() { pixels.width as i32 } else { 0 };
         let seen = Rect { x0: picture.x0 - beyond, x1: picture.x1 + beyond, ..picture };
-        let rects: Vec<Rect> = rects.iter().map(|rect| rect.intersection(&seen)).collect();
+        let rects: Vec<Rect> =
+            rects.iter().map(|rect| rect.intersection(&seen)).filter(|rect| !rect.is_empty()).collect();
         let max_code = pixels.max_code();
         let first = (SHOULDER * max_code as f32).round() as u32 + 1;
         let clips = |x: i32, y: i32| {
@@ -118,16 +120,13 @@ impl ClippedLight {
             codes.iter().any(|code| *code >= first).then_some(codes)
         };
         // The rectangle around all of them.
-        let mut found: Vec<(i32, i32, [u32; 3])> = Vec::new();
-        for rect in rects.iter().filter(|rect| !rect.is_empty()) {
-            for y in rect.y0..rect.y1 {
-                if has_code_from(pixels, y, *rect, first, beyond > 0) {
-                    found.extend((rect.x0..rect.x1).filter_map(|x| Some((x, y, clips(x, y)?))));
-                }
-            }
-        }
-        let around = |rect: Rect, &(x, y, _): &(i32, i32, _)| rect.union(&Rect::new(x, y, x + 1, y + 1));
-        let rect = found.iter().fold(Rect::new(0, 0, 0, 0), around);
+        let rows = rects.iter().flat_map(|rect| (rect.y0..rect.y1).map(move |y| (*rect, y)));
+        let searched = rows.filter(|(rect, y)| has_code_from(pixels, *y, *rect, first, beyond > 0));
+        let rect = searched.fold(Rect::new(0, 0, 0, 0), |around, (rect, y)| {
+            let clips = |x: &i32| clips(*x, y).is_some();
+            let ends = (rect.x0..rect.x1).find(clips).zip((rect.x0..rect.x1).rfind(clips));
+            ends.map_or(around, |(x0, x1)| around.union(&Rect::new(x0, y, x1 + 1, y + 1)))
+        });
         if rect.is_empty() {
             return None;
         }
@@ -138,26 +137,28 @@ impl ClippedLight {
             let rows = rect.intersection(&picture);
             known.rays.prepare(rows.y0..rows.y1);
         }
-        let (mut row, mut sampler) = (None, known.map(|known| known.radiance.sampler()));
-        for (x, y, codes) in found {
-            let pose = match row {
-                Some((at, pose)) if at == y => pose,
-                _ => known.map(|known| (known.pose_at)(geometry.row_time_s(f64::from(y) + 0.5))),
-            };
-            row = Some((y, pose));
-            let radiance = known.zip(pose).zip(sampler.as_mut());
-            let radiance = radiance.and_then(|((known, pose), sampler)| known.at((x, y), &pose, picture, sampler));
-            let far = codes.map(|code| clipping(code as f32 / max_code as f32));
-            let texel = &mut excess[(y - rect.y0) as usize * rect.width() as usize + (x - rect.x0) as usize];
-            let least = codes.into_iter().min().unwrap_or(0) as f32 / max_code as f32;
-            let pale = ((least - SATURATED) / (SHOULDER - SATURATED)).clamp(0.0, 1.0);
-            for c in (0..3).filter(|c| far[*c] > 0.0) {
-                let own = light[(codes[c].max(first) - first) as usize];
-                let true_light = radiance.map_or(own, |radiance| radiance[c].clamp(own, MAX_EXCESS * own));
-                texel[c] = 1.0 + pale * far[c] * (true_light / own - 1.0);
+        over_rows(&mut excess, rect.width() as usize, processors(), |row, excess| {
+            let y = rect.y0 + row as i32;
+            let mut known = known.map(|known| {
+                let pose = (known.pose_at)(geometry.row_time_s(f64::from(y) + 0.5));
+                (known, pose, known.radiance.sampler())
+            });
+            let columns = rects.iter().filter(|rect| (rect.y0..rect.y1).contains(&y)).flat_map(|rect| rect.x0..rect.x1);
+            for (x, codes) in columns.filter_map(|x| Some((x, clips(x, y)?))) {
+                let radiance =
+                    known.as_mut().and_then(|(known, pose, sampler)| known.at((x, y), pose, picture, sampler));
+                let far = codes.map(|code| clipping(code as f32 / max_code as f32));
+                let least = codes.into_iter().min().unwrap_or(0) as f32 / max_code as f32;
+                let pale = ((least - SATURATED) / (SHOULDER - SATURATED)).clamp(0.0, 1.0);
+                let texel = &mut excess[(x - rect.x0) as usize];
+                for c in (0..3).filter(|c| far[*c] > 0.0) {
+                    let own = light[(codes[c].max(first) - first) as usize];
+                    let true_light = radiance.map_or(own, |radiance| radiance[c].clamp(own, MAX_EXCESS * own));
+                    texel[c] = 1.0 + pale * far[c] * (true_light / own - 1.0);
+                }
+                texel[3] = far[0].min(far[1]).min(far[2]);
             }
-            texel[3] = far[0].min(far[1]).min(far[2]);
-        }
+        });
         Some(Self { rect, excess })
     }
 }

@@ -153,7 +153,8 @@ impl Samples {
 pub struct DepthCamera {
     geometry: Geometry,
     colour_from_depth: Pose,
-    /// Through the pixel centres, scaled so that depth × ray is the point; NaN where there is none.
+    /// Through the pixel centres, in the axes of the camera that takes the frames, scaled so that depth × ray is the point from the
+    /// depth camera's centre; NaN where there is none.
     rays: OnceLock<Vec<DVec3>>,
 }
 
@@ -191,7 +192,7 @@ impl DepthCamera {
         let rays = self.rays.get_or_init(|| self.rays(samples.width, samples.height));
         let is_round = colour.is_round();
         let seen = |ray: DVec3, w: f32| {
-            let point = self.colour_from_depth.transform_point(ray / f64::from(w));
+            let point = ray * f64::from(w).recip() + self.colour_from_depth.translation_m;
             let at_px = colour.project(point)?;
             let told = if is_round { point.length() } else { point.z };
             Some(Corner { at_px, w: told.recip() })
@@ -225,7 +226,8 @@ impl DepthCamera {
 
     fn rays(&self, width: usize, height: usize) -> Vec<DVec3> {
         let centre = |i: usize| DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-        (0..width * height).map(|i| self.geometry.depth_ray(centre(i)).unwrap_or(DVec3::NAN)).collect()
+        let turn = self.colour_from_depth.rotation;
+        (0..width * height).map(|i| turn * self.geometry.depth_ray(centre(i)).unwrap_or(DVec3::NAN)).collect()
     }
 }
 
@@ -269,17 +271,26 @@ impl Canvas {
         if !is_drawn {
             return;
         }
-        // The first and the last pixel whose centre lies between.
-        let first = |low: f64| (low - 0.5).ceil().max(0.0) as usize;
-        let end = |high: f64, side: usize| ((high - 0.5).floor() + 1.0).clamp(0.0, side as f64) as usize;
+        // The first pixel whose centre lies between, and the one after the last. The conversion to an integer, which rounds towards
+        // zero, is an instruction. A call of `ceil` costs more than the pixels of most triangles.
+        let first = |low: f64| {
+            let at = (low - 0.5).max(0.0);
+            (at as usize).saturating_add(usize::from((at as usize as f64) < at))
+        };
+        let end =
+            |high: f64, side: usize| if high < 0.5 { 0 } else { ((high - 0.5) as usize).saturating_add(1).min(side) };
+        let columns = first(low.x)..end(high.x, self.width);
+        let (to_b_px, to_c_px) = (b.at_px - a.at_px, c.at_px - a.at_px);
+        // Rounding must not leave a seam between two triangles.
+        let (sign, size) = (area.signum(), area.abs());
+        let (least, most) = (-1e-9 * size, size + 1e-9 * size);
         for y in first(low.y)..end(high.y, self.height) {
-            for x in first(low.x)..end(high.x, self.width) {
-                let at = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
-                let to_b = (at - a.at_px).perp_dot(c.at_px - a.at_px) / area;
-                let to_c = (b.at_px - a.at_px).perp_dot(at - a.at_px) / area;
-                // Rounding must not leave a seam between two triangles.
-                if to_b >= -1e-9 && to_c >= -1e-9 && to_b + to_c <= 1.0 + 1e-9 {
-                    let w = (a.w + to_b * (b.w - a.w) + to_c * (c.w - a.w)) as f32;
+            for x in columns.clone() {
+                let at = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - a.at_px;
+                // The areas over two sides, for the third is the whole one without them.
+                let (over_b, over_c) = (sign * at.perp_dot(to_c_px), sign * to_b_px.perp_dot(at));
+                if over_b >= least && over_c >= least && over_b + over_c <= most {
+                    let w = (a.w + over_b / size * (b.w - a.w) + over_c / size * (c.w - a.w)) as f32;
                     let nearest = &mut self.nearest[y * self.width + x];
                     *nearest = nearest.max(w);
                 }

@@ -11,12 +11,13 @@
 //!
 //! Not modelled: rolling shutter; cameras that see 180° or more.
 
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec2, Vec3, Vec4};
 
 use super::requested::{RequestedPixels, gain};
 use super::vote::Own;
 use crate::frame::{SURFEL_SPACING_M, Surfel};
 use crate::pixels::{Rect, floor};
+use crate::rows::{over_rows, processors};
 
 /// Radius of a disc, m: half of a voxel's diagonal.
 const RADIUS_M: f32 = 0.87 * SURFEL_SPACING_M as f32;
@@ -29,7 +30,11 @@ const MIN_COSINE: f32 = 0.05;
 /// Largest distance of a disc's centre from the picture's part, px.
 const MAX_OUTSIDE_PX: i32 = 128;
 
+/// Surfels that a thread works on at a time.
+const SURFELS_PER_BLOCK: usize = 1024;
+
 /// A surfel as a camera sees it.
+#[derive(Clone)]
 struct Splat {
     /// In the camera's axes, m.
     position_m: Vec3,
@@ -50,7 +55,17 @@ impl Own<'_> {
             return;
         }
         self.rays.prepare(seen.y0..seen.y1);
-        let splats: Vec<Splat> = surfels.iter().filter_map(|surfel| self.splat(surfel, seen)).collect();
+        let frustum = self.frustum(seen);
+        let is_near = |surfel: &&Surfel| {
+            let at_m = surfel.position_m.extend(1.0);
+            frustum.iter().all(|side| side.dot(at_m) > -1.1 * RADIUS_M)
+        };
+        let mut blocks = vec![Vec::new(); surfels.len().div_ceil(SURFELS_PER_BLOCK)];
+        over_rows(&mut blocks, 1, processors(), |n, block| {
+            let surfels = surfels[n * SURFELS_PER_BLOCK..].iter().take(SURFELS_PER_BLOCK);
+            block[0] = surfels.filter(is_near).filter_map(|surfel| self.splat(surfel, seen)).collect();
+        });
+        let splats: Vec<Splat> = blocks.into_iter().flatten().collect();
         let requested = RequestedPixels::new(&is_unknown, self.looks, self.part.width() as usize);
         // Depth and index of the nearest disc at each pixel.
         let mut nearest = vec![(f32::INFINITY, usize::MAX); requested.places.len()];
@@ -77,6 +92,29 @@ impl Own<'_> {
                 depth_m[*at as usize] = z;
             }
         }
+    }
+
+    /// Planes through the camera around all rays of a rectangle: inner unit normal in the world, and offset of the plane, m.
+    fn frustum(&self, rect: Rect) -> [Vec4; 4] {
+        let (mut low, mut high) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
+        for ray in (rect.y0..rect.y1)
+            .filter_map(|y| self.rays.row(y as usize))
+            .flat_map(|row| &row[rect.x0 as usize..rect.x1 as usize])
+        {
+            // Rays have z = 1, or NaN. The minimum of NaN and a number is the number.
+            low = Vec2::new(low.x.min(ray[0]), low.y.min(ray[1]));
+            high = Vec2::new(high.x.max(ray[0]), high.y.max(ray[1]));
+        }
+        let sides = [
+            Vec3::new(1.0, 0.0, -low.x),
+            Vec3::new(-1.0, 0.0, high.x),
+            Vec3::new(0.0, 1.0, -low.y),
+            Vec3::new(0.0, -1.0, high.y),
+        ];
+        sides.map(|side| {
+            let normal = side.normalize().as_dvec3();
+            (self.pose.rotation.inverse() * normal).extend(normal.dot(self.pose.translation_m)).as_vec4()
+        })
     }
 
     /// `None` if the surfel's disc does not touch the rectangle or is not seen from its front.

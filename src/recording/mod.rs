@@ -389,6 +389,11 @@ impl Recording {
         }
     }
 
+    /// The same recording without its depth maps, which reading its frames then saves.
+    pub fn without_depth(&self) -> Self {
+        Self { depth: None, ..self.clone() }
+    }
+
     /// Streams the frames of a half-open range in order, decoded ahead on separate threads. Memory does not depend on
     /// the range's length. An error ends the stream.
     pub fn frames(&self, range: Range<usize>) -> Result<Frames, RecordingError> {

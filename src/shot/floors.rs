@@ -6,6 +6,7 @@
 //!
 //! Where depth says nothing, it is the floor that the recording knows, or else the level plane through the foot.
 
+use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::{DVec2, DVec3};
@@ -14,22 +15,17 @@ use super::facets::facets;
 use super::planes::{Point, agreed};
 use super::points::FittedPlane;
 use super::radiance::radiance_of;
-use super::room_planes::{AROUND_M, RoomPlanes};
+use super::room_planes::AROUND_M;
+use super::room_points::{DepthSamples, RoomPoints};
 use super::{Shot, Surface, SurfaceError};
 use crate::analyse::KnownBy;
 use crate::camera::{Geometry, Response};
 use crate::compositor::Compositor;
 use crate::frame::Frame;
 use crate::gpu::Gpu;
-use crate::pixels::DepthMap;
-use crate::pose::Pose;
 use crate::scene::{LitBy, Mesh, Object, Scene, Support};
 use crate::shadow::{LazyRadiance, Room};
-use crate::source::ahead::Ahead;
 
-/// Frames whose depth is looked at, and points across each.
-const FRAMES: usize = 24;
-const ACROSS: u32 = 96;
 /// Points across a frame that is looked at alone.
 const ACROSS_ALONE: u32 = 320;
 /// Points of an object's foot: this near to its lowest, as a share of its size and metres.
@@ -58,7 +54,7 @@ pub struct Floors(Mutex<Option<Known>>);
 
 #[derive(Debug)]
 struct Known {
-    looks: Vec<Look>,
+    samples: Vec<DepthSamples>,
     /// The first frame's camera, by which `points` were seen.
     camera: Option<Geometry>,
     measured: Arc<RoomPoints>,
@@ -77,50 +73,11 @@ impl Known {
     }
 }
 
-/// What a frame's depth map says at the places of a grid ([`grid`]): all that is read for it. A lens that is changed looks through
-/// the same places.
-#[derive(Debug)]
-struct Look {
-    frame: usize,
-    pose: Pose,
-    width: u32,
-    height: u32,
-    across: u32,
-    /// Metres; 0 where nothing was measured.
-    depth_m: Vec<f32>,
-}
-
-impl Look {
-    fn new(frame: usize, pose: Pose, map: &DepthMap, across: u32) -> Self {
-        let DepthMap { width, height, depth_m, .. } = map;
-        let depth_m = grid(*width, *height, across).map(|(x, y)| depth_m[(y * width + x) as usize]).collect();
-        Self { frame, pose, width: *width, height: *height, across, depth_m }
-    }
-}
-
 /// Whether the first read of the recording's depth is waited for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Scan {
     Awaited,
     IfReady,
-}
-
-/// Measured points of a room, and the dominant planes among them.
-#[derive(Debug, Default)]
-pub struct RoomPoints {
-    pub points: Vec<Point>,
-    planes: RoomPlanes,
-}
-
-impl RoomPoints {
-    fn of(points: Vec<Point>) -> Self {
-        Self { planes: RoomPlanes::of(&points), points }
-    }
-
-    /// Points at most so far from a place, metres.
-    fn around(&self, at_m: DVec3, within_m: f64) -> Vec<Point> {
-        self.points.iter().filter(|point| point.at_m.distance(at_m) < within_m).copied().collect()
-    }
 }
 
 /// What was found for the objects that were last asked for.
@@ -177,12 +134,12 @@ impl Shot {
     fn known<'a>(&self, known: &'a mut Option<Known>) -> &'a mut Known {
         let camera = self.given_geometry_at(0);
         let known = known.get_or_insert_with(|| {
-            let looks = self.looks();
-            let measured = Arc::new(RoomPoints::of(self.seen(&looks)));
-            Known { measured, looks, camera: camera.clone(), room: None, radiance: None, last: Last::default() }
+            let samples = self.depth_samples();
+            let measured = Arc::new(RoomPoints::new(self.points_by_frame(&samples)));
+            Known { measured, samples, camera: camera.clone(), room: None, radiance: None, last: Last::default() }
         });
         if known.camera != camera {
-            (known.measured, known.camera) = (Arc::new(RoomPoints::of(self.seen(&known.looks))), camera);
+            (known.measured, known.camera) = (Arc::new(RoomPoints::new(self.points_by_frame(&known.samples))), camera);
             (known.room, known.radiance, known.last) = (None, None, Last::default());
         }
         known
@@ -215,7 +172,7 @@ impl Shot {
         Ok(if is_near { Surface { point_m, normal_in_world: normal, ..surface } } else { surface })
     }
 
-    /// Up by the room's largest level surface, where depth shows one ([`RoomPlanes::up`]).
+    /// Up by the room's largest level surface, where depth shows one ([`super::room_planes::RoomPlanes::up`]).
     pub(super) fn up_of_room(&self, guess: DVec3, scan: Scan) -> Option<DVec3> {
         self.room_scan(scan)?.planes.up(guess)
     }
@@ -262,9 +219,8 @@ impl Shot {
         let known = known.as_mut().filter(|known| !known.measured.points.is_empty())?;
         if known.radiance.as_ref().is_none_or(|(of, _)| *of != response) {
             let (recording, rig) = (self.recording.clone(), self.rig.clone());
-            let frames = known.looks.iter().map(|look| look.frame).collect();
-            let of = response.clone();
-            let lazy = LazyRadiance::new(Box::new(move || radiance_of(&recording, &rig, &of, frames)));
+            let (of, measured) = (response.clone(), known.measured.clone());
+            let lazy = LazyRadiance::new(Box::new(move || radiance_of(&recording, &rig, &of, &measured)));
             known.radiance = Some((response, Arc::new(lazy)));
         }
         known.radiance.as_ref().map(|(_, radiance)| radiance.clone())
@@ -289,7 +245,7 @@ impl Shot {
 
     /// Points of the room, read anew.
     pub(super) fn room_points(&self) -> RoomPoints {
-        RoomPoints::of(self.seen(&self.looks()))
+        RoomPoints::new(self.points_by_frame(&self.depth_samples()))
     }
 
     /// What an object stands on, and where that is known from.
@@ -311,68 +267,11 @@ impl Shot {
     /// How high an object's lowest point is over the level plane that a frame's depth shows vertically below it, metres.
     pub(super) fn over_depth_m(&self, frame: &Frame, object: &Object, up: DVec3) -> Option<f64> {
         let depth = frame.depth.as_ref()?;
-        let look = Look::new(frame.index, self.measured_from(frame, depth).ok()?, depth, ACROSS_ALONE);
+        let samples = DepthSamples::new(frame.index, self.measured_from(frame, depth).ok()?, depth, ACROSS_ALONE);
         let foot = Foot::of(&self.scene, object, up)?;
-        foot.carried(&RoomPoints { points: self.seen(&[look]), ..RoomPoints::default() })
-            .map(|plane| foot.height_m(&plane))
+        let points = self.points_by_frame(&[samples]).into_iter().flat_map(|(_, points)| points).collect();
+        foot.carried(&RoomPoints { points, ..RoomPoints::default() }).map(|plane| foot.height_m(&plane))
     }
-}
-
-impl Shot {
-    /// Depth of frames spread over the recording. None where it has no depth, or none that can be read: what is wrong with a
-    /// file is told when its frame is.
-    fn looks(&self) -> Vec<Look> {
-        let recording = &self.recording;
-        let count = recording.frame_count();
-        if !recording.has_depth() || count == 0 {
-            return Vec::new();
-        }
-        let taken = count.min(FRAMES);
-        let number = move |n: usize| (2 * n + 1) * count / (2 * taken);
-        let of = recording.clone();
-        let Ok(maps) = Ahead::new(0..taken, move |n| of.depth_at(number(n))) else { return Vec::new() };
-        let look = |(n, map)| {
-            let Ok(Ok(Some(map @ DepthMap { timestamp_s, .. }))) = map else { return None };
-            let pose = recording.track.at(timestamp_s + recording.time_offset_s).ok()?;
-            Some(Look::new(number(n), pose, &map, ACROSS))
-        };
-        maps.enumerate().filter_map(look).collect()
-    }
-
-    /// Points of the room, as the camera saw them in looks at as many places each.
-    fn seen(&self, looks: &[Look]) -> Vec<Point> {
-        let mut points = Vec::new();
-        // Mostly one lens saw all.
-        let mut rays: Option<(Geometry, Vec<Option<DVec3>>)> = None;
-        for Look { frame, pose, width, height, across, depth_m } in looks {
-            let Some(geometry) = self.given_geometry_at(*frame) else { continue };
-            let i = &geometry.intrinsics;
-            if (*width, *height) != (i.width_px, i.height_px) {
-                continue;
-            }
-            let (_, rays) = match rays.take().filter(|(of, _)| *of == geometry) {
-                Some(same) => rays.insert(same),
-                None => {
-                    let middle = |(x, y)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-                    let through = grid(*width, *height, *across).map(|at| geometry.depth_ray(middle(at))).collect();
-                    rays.insert((geometry, through))
-                }
-            };
-            for (z, ray) in depth_m.iter().map(|z| f64::from(*z)).zip(rays.iter()) {
-                if let (true, Some(ray)) = (z > 0.0 && z.is_finite(), ray) {
-                    points.push(Point::new(pose.inverse_transform_point(z * *ray), z, pose.position_in_world_m()));
-                }
-            }
-        }
-        points
-    }
-}
-
-/// The pixels of a depth map that are looked at, row by row: about so many across.
-fn grid(width: u32, height: u32, across: u32) -> impl Iterator<Item = (u32, u32)> {
-    let step = (width / across).max(1);
-    let columns = move || (step / 2..width).step_by(step as usize);
-    (step / 2..height).step_by(step as usize).flat_map(move |y| columns().map(move |x| (x, y)))
 }
 
 /// The lowest part of an object.
@@ -428,7 +327,7 @@ impl Foot {
     }
 
     /// The plane that most of the points around agree on, among those in a range of heights over the foot, metres.
-    fn carried_by(&self, measured: &RoomPoints, heights_m: std::ops::Range<f64>) -> Option<FittedPlane> {
+    fn carried_by(&self, measured: &RoomPoints, heights_m: Range<f64>) -> Option<FittedPlane> {
         let around_m = (AROUND * self.radius_m).clamp(LEAST_AROUND_M, MOST_AROUND_M);
         let foot = self.lowest(self.up);
         let near: Vec<Point> = measured
@@ -469,7 +368,7 @@ mod tests {
 
     #[test]
     fn a_thing_stands_on_the_table_and_not_on_the_box_beside_it() {
-        let plane = foot(0.004).carried_by(&RoomPoints::of(room()), -NEAR_M..NEAR_M).unwrap();
+        let plane = foot(0.004).carried_by(&RoomPoints::new(vec![(0, room())]), -NEAR_M..NEAR_M).unwrap();
         assert!(plane.normal.z > 0.999 && plane.d_m.abs() < 0.002, "{plane:?}");
         // Its foot is four millimetres over what was measured: the plane goes to the foot.
         let support = foot(0.004).on(&plane);
@@ -499,7 +398,7 @@ mod tests {
             .map(|i| DVec3::new(0.01, (i % 30) as f64 * 0.005 - 0.07, (i / 30) as f64 * 0.003 - 0.05))
             .map(|at_m| Point { at_m, off_m: 0.003, eye_m: DVec3::X })
             .collect();
-        assert!(foot(0.0).carried_by(&RoomPoints::of(wall), -NEAR_M..NEAR_M).is_none());
-        assert!(foot(0.0).carried_by(&RoomPoints::of(room()[..20].to_vec()), -NEAR_M..NEAR_M).is_none());
+        assert!(foot(0.0).carried_by(&RoomPoints::new(vec![(0, wall)]), -NEAR_M..NEAR_M).is_none());
+        assert!(foot(0.0).carried_by(&RoomPoints::new(vec![(0, room()[..20].to_vec())]), -NEAR_M..NEAR_M).is_none());
     }
 }

@@ -25,6 +25,7 @@ mod preview;
 mod radiance;
 mod reduced;
 mod room_planes;
+mod room_points;
 mod seen;
 mod standing;
 mod stream;

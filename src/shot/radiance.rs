@@ -1,13 +1,16 @@
-//! Samples of surface radiance: points with measured depth, seen in the pictures of frames spread over the recording.
+//! Samples of surface radiance: measured points of frames spread over the recording, with the light that those frames' pictures
+//! show there.
 //!
 //! Depth and picture of a frame have different moments, and rows have poses of their own. So each point is projected into the
 //! picture by the pose of the row in which it is seen.
 
 use std::sync::Arc;
 
+use glam::{DVec2, DVec3};
+
+use super::room_points::RoomPoints;
 use crate::camera::{Geometry, Response};
 use crate::compositor::{WHITE, seen_by_row};
-use crate::depth::measured_from;
 use crate::frame::Frame;
 use crate::pose::Pose;
 use crate::profile::Rig;
@@ -15,62 +18,104 @@ use crate::recording::Recording;
 use crate::shadow::{SurfaceRadiance, SurfaceSample};
 use crate::source::ahead::Ahead;
 
-/// Samples across a frame.
-const ACROSS: u32 = 128;
 /// Beyond this distance samples are farther apart than cells of [`SurfaceRadiance`], and depth is known less well, m.
-const FARTHEST_M: f64 = 4.0;
+const MAX_DISTANCE_M: f64 = 4.0;
 
-/// Radiance of surfaces by some frames of a recording. Frames without depth, pose or gain, and frames that cannot be read, tell
-/// nothing.
-pub fn radiance_of(recording: &Arc<Recording>, rig: &Rig, response: &Response, frames: Vec<usize>) -> SurfaceRadiance {
-    let of = recording.clone();
-    let count = frames.len();
-    let read = move |n: usize| of.frames(frames[n]..frames[n] + 1).ok()?.next()?.ok();
-    let Ok(read) = Ahead::new(0..count, read) else { return SurfaceRadiance::default() };
-    let samples = read.filter_map(|frame| frame.ok().flatten()).flat_map(|frame| {
-        let geometry = rig.geometry_over(recording.geometry_at_frame(frame.index));
-        geometry.map_or_else(Vec::new, |geometry| samples(&frame, &geometry, response, recording))
-    });
-    SurfaceRadiance::of(samples)
+/// Radiance of the surfaces on which points were measured. Frames without pose or gain, and pictures that cannot be read,
+/// contribute no samples.
+pub fn radiance_of(
+    recording: &Recording,
+    rig: &Rig,
+    response: &Response,
+    measured: &Arc<RoomPoints>,
+) -> SurfaceRadiance {
+    let (pictures, rig, response, measured) =
+        (recording.without_depth(), rig.clone(), response.clone(), measured.clone());
+    let count = measured.frames.len();
+    let samples_of = move |n: usize| {
+        let (frame, range) = &measured.frames[n];
+        let frame = pictures.frames(*frame..frame + 1).ok()?.next()?.ok()?;
+        let geometry = rig.geometry_over(pictures.geometry_at_frame(frame.index))?;
+        let points = measured.points[range.clone()].iter();
+        let near = points.filter(|point| point.at_m.distance(point.eye_m) < MAX_DISTANCE_M).map(|point| point.at_m);
+        Some(samples(near, &frame, &geometry, &response, &pictures))
+    };
+    let Ok(samples) = Ahead::new(0..count, samples_of) else { return SurfaceRadiance::default() };
+    SurfaceRadiance::of(samples.filter_map(|of_frame| of_frame.ok().flatten()).flatten())
 }
 
-fn samples(frame: &Frame, geometry: &Geometry, response: &Response, recording: &Recording) -> Vec<SurfaceSample> {
-    let (Some(depth), Some(brightness)) = (&frame.depth, frame.exposure.seen) else { return Vec::new() };
-    let (track, offset_s) = (&recording.track, recording.time_offset_s);
-    let Ok(measured) = measured_from(depth, geometry, track, offset_s) else { return Vec::new() };
-    let taken_s = frame.timestamp_s + offset_s;
-    if track.at(taken_s).is_err() {
+/// Samples of the points that a frame's picture shows.
+fn samples(
+    points_m: impl Iterator<Item = DVec3>,
+    frame: &Frame,
+    geometry: &Geometry,
+    response: &Response,
+    recording: &Recording,
+) -> Vec<SurfaceSample> {
+    let Some(brightness) = frame.exposure.seen else { return Vec::new() };
+    let taken_s = frame.timestamp_s + recording.time_offset_s;
+    if recording.track.at(taken_s).is_err() {
         return Vec::new();
     }
-    let pose_at = |time_s: f64| track.at_or_nearest(taken_s + time_s).unwrap_or(Pose::IDENTITY);
+    let poses = RowPoses::new(geometry, |time_s| recording.track.at_or_nearest(taken_s + time_s));
     let pixels = &frame.pixels;
     let (max_code, light) = (pixels.max_code(), response.table(pixels.max_code()));
-    let step = (depth.width / ACROSS).max(1) as usize;
-    let mut samples = Vec::new();
-    for y in (step as u32 / 2..depth.height).step_by(step) {
-        for x in (step as u32 / 2..depth.width).step_by(step) {
-            let z = f64::from(depth.depth_m[(y * depth.width + x) as usize]);
-            if !(z > 0.0 && z < FARTHEST_M) {
-                continue;
-            }
-            let Some(ray) = geometry.depth_ray(glam::DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)) else {
-                continue;
-            };
-            let at_m = measured.inverse_transform_point(z * ray);
-            let Some((at_px, _)) = seen_by_row(geometry, pose_at, at_m) else { continue };
-            if !(at_px.x >= 0.0 && at_px.y >= 0.0)
-                || at_px.x >= f64::from(pixels.width)
-                || at_px.y >= f64::from(pixels.height)
-            {
-                continue;
-            }
-            let codes = pixels.at(at_px.x as u32, at_px.y as u32);
-            let share = [at_px.x as f32 / pixels.width as f32, at_px.y as f32 / pixels.height as f32];
-            let here = f64::from(brightness.across.at(share)).exp2();
-            let usual = |c: usize| (light[codes[c] as usize] / (brightness.factors[c] * here)) as f32;
-            let is_clipped = codes.map(|code| code as f32 >= WHITE * max_code as f32);
-            samples.push(SurfaceSample { at_m, light: [usual(0), usual(1), usual(2)], is_clipped });
+    let sample = |at_m: DVec3| {
+        let (at_px, _) = seen_by_row(geometry, |time_s| poses.at(time_s), at_m)?;
+        let size_px = DVec2::new(f64::from(pixels.width), f64::from(pixels.height));
+        if !(at_px.cmpge(DVec2::ZERO).all() && at_px.cmplt(size_px).all()) {
+            return None;
         }
+        let codes = pixels.at(at_px.x as u32, at_px.y as u32);
+        let here = f64::from(brightness.across.at((at_px / size_px).as_vec2().to_array())).exp2();
+        let usual = |c: usize| (light[codes[c] as usize] / (brightness.factors[c] * here)) as f32;
+        let is_clipped = codes.map(|code| code as f32 >= WHITE * max_code as f32);
+        Some(SurfaceSample { at_m, light: [usual(0), usual(1), usual(2)], is_clipped })
+    };
+    points_m.filter_map(sample).collect()
+}
+
+/// Poses at the moments at which a picture's rows are read.
+struct RowPoses {
+    /// From one readout time before the middle row to one after it.
+    poses: Vec<Pose>,
+    per_s: f64,
+}
+
+impl RowPoses {
+    fn new(geometry: &Geometry, pose_at: impl Fn(f64) -> Option<Pose>) -> Self {
+        let (readout_s, rows) = (geometry.intrinsics.readout_time_s, geometry.intrinsics.height_px);
+        let pose_at = |time_s: f64| pose_at(time_s).unwrap_or(Pose::IDENTITY);
+        if !(readout_s > 0.0 && rows > 0) {
+            return Self { poses: vec![pose_at(0.0)], per_s: 0.0 };
+        }
+        let per_s = f64::from(rows) / readout_s;
+        Self { poses: (0..=2 * rows).map(|n| pose_at((f64::from(n) - f64::from(rows)) / per_s)).collect(), per_s }
     }
-    samples
+
+    /// The pose of the row that is read nearest to a time from the middle row's, s.
+    fn at(&self, time_s: f64) -> Pose {
+        let middle = (self.poses.len() / 2) as f64;
+        self.poses[((middle + time_s * self.per_s).round().max(0.0) as usize).min(self.poses.len() - 1)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn row_poses_are_those_of_the_nearest_row() {
+        let mut geometry = Geometry::pinhole(8, 4, 8.0);
+        geometry.intrinsics.readout_time_s = 0.04;
+        let at = |time_s: f64| Pose::from_camera_in_world(DVec3::X * time_s, glam::DQuat::IDENTITY);
+        let poses = RowPoses::new(&geometry, |time_s| Some(at(time_s)));
+        let x_m = |time_s: f64| poses.at(time_s).position_in_world_m().x;
+        for (time_s, expected) in [(0.0, 0.0), (0.012, 0.01), (-0.016, -0.02), (0.04, 0.04), (-0.04, -0.04)] {
+            assert!((x_m(time_s) - expected).abs() < 1e-12, "{time_s}");
+        }
+        geometry.intrinsics.readout_time_s = 0.0;
+        let poses = RowPoses::new(&geometry, |time_s| Some(at(time_s + 1.0)));
+        assert_eq!(poses.at(0.0).position_in_world_m().x, 1.0);
+    }
 }

@@ -1,0 +1,147 @@
+//! Measured points of the room: samples of the depth maps of frames spread over the recording.
+//!
+//! Depth is read once. Points follow from it by the camera, so that a changed lens needs no other read.
+
+use std::ops::Range;
+
+use glam::{DVec2, DVec3};
+
+use super::Shot;
+use super::planes::Point;
+use super::room_planes::RoomPlanes;
+use crate::camera::Geometry;
+use crate::pixels::DepthMap;
+use crate::pose::Pose;
+use crate::source::ahead::Ahead;
+
+/// Number of frames whose depth maps are sampled.
+const FRAMES: usize = 24;
+/// Number of samples across a map.
+const SAMPLES_ACROSS: u32 = 96;
+
+/// Samples of a frame's depth map on a grid of pixels ([`grid`]).
+#[derive(Debug)]
+pub struct DepthSamples {
+    frame: usize,
+    pose: Pose,
+    width: u32,
+    height: u32,
+    across: u32,
+    /// Row by row, m; 0 where unknown.
+    depth_m: Vec<f32>,
+}
+
+impl DepthSamples {
+    /// `pose`: the camera's at the moment of the map; `across`: the approximate number of columns.
+    pub fn new(frame: usize, pose: Pose, map: &DepthMap, across: u32) -> Self {
+        let DepthMap { width, height, depth_m, .. } = map;
+        let depth_m = grid(*width, *height, across).map(|(x, y)| depth_m[(y * width + x) as usize]).collect();
+        Self { frame, pose, width: *width, height: *height, across, depth_m }
+    }
+}
+
+/// Measured points of a room, and the dominant planes among them.
+#[derive(Debug, Default)]
+pub struct RoomPoints {
+    pub points: Vec<Point>,
+    /// The frames with whose depth they were measured, and which of the points each has.
+    pub frames: Vec<(usize, Range<usize>)>,
+    pub planes: RoomPlanes,
+}
+
+impl RoomPoints {
+    pub fn new(by_frame: Vec<(usize, Vec<Point>)>) -> Self {
+        let mut end = 0;
+        let range = |(frame, points): &(usize, Vec<Point>)| {
+            let start = end;
+            end += points.len();
+            (*frame, start..end)
+        };
+        let frames = by_frame.iter().map(range).collect();
+        let points: Vec<Point> = by_frame.into_iter().flat_map(|(_, points)| points).collect();
+        Self { planes: RoomPlanes::of(&points), points, frames }
+    }
+
+    /// Points at most `within_m` away from a place.
+    pub fn around(&self, at_m: DVec3, within_m: f64) -> Vec<Point> {
+        self.points.iter().filter(|point| point.at_m.distance(at_m) < within_m).copied().collect()
+    }
+}
+
+impl Shot {
+    /// Samples of the depth of frames spread over the recording. Empty without readable depth: an unreadable file is reported when
+    /// its frame is read.
+    pub(super) fn depth_samples(&self) -> Vec<DepthSamples> {
+        let recording = &self.recording;
+        let count = recording.frame_count();
+        if !recording.has_depth() || count == 0 {
+            return Vec::new();
+        }
+        let taken = count.min(FRAMES);
+        let number = move |n: usize| (2 * n + 1) * count / (2 * taken);
+        let of = recording.clone();
+        let Ok(maps) = Ahead::new(0..taken, move |n| of.depth_at(number(n))) else { return Vec::new() };
+        let samples = |(n, map)| {
+            let Ok(Ok(Some(map @ DepthMap { timestamp_s, .. }))) = map else { return None };
+            let pose = recording.track.at(timestamp_s + recording.time_offset_s).ok()?;
+            Some(DepthSamples::new(number(n), pose, &map, SAMPLES_ACROSS))
+        };
+        maps.enumerate().filter_map(samples).collect()
+    }
+
+    /// Points by frame, through the camera as it is now. Samples of another size than the camera's picture are skipped.
+    pub(super) fn points_by_frame(&self, samples: &[DepthSamples]) -> Vec<(usize, Vec<Point>)> {
+        let mut by_frame = Vec::new();
+        // The rays of the last frame's camera: mostly all frames have the same one.
+        let mut rays: Option<(Geometry, Vec<Option<DVec3>>)> = None;
+        for DepthSamples { frame, pose, width, height, across, depth_m } in samples {
+            let Some(geometry) = self.given_geometry_at(*frame) else { continue };
+            let i = &geometry.intrinsics;
+            if (*width, *height) != (i.width_px, i.height_px) {
+                continue;
+            }
+            let (_, rays) = match rays.take().filter(|(of, _)| *of == geometry) {
+                Some(same) => rays.insert(same),
+                None => {
+                    let middle = |(x, y)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+                    let through = grid(*width, *height, *across).map(|at| geometry.depth_ray(middle(at))).collect();
+                    rays.insert((geometry, through))
+                }
+            };
+            let point = |(z, ray): (f64, &Option<DVec3>)| {
+                let at_m = pose.inverse_transform_point(z * ray.filter(|_| z > 0.0 && z.is_finite())?);
+                Some(Point::new(at_m, z, pose.position_in_world_m()))
+            };
+            let depth_m = depth_m.iter().map(|z| f64::from(*z));
+            by_frame.push((*frame, depth_m.zip(rays.iter()).filter_map(point).collect()));
+        }
+        by_frame
+    }
+}
+
+/// The pixels of a depth map that are sampled, row by row: about `across` in a row.
+fn grid(width: u32, height: u32, across: u32) -> impl Iterator<Item = (u32, u32)> {
+    let step = (width / across).max(1);
+    let columns = move || (step / 2..width).step_by(step as usize);
+    (step / 2..height).step_by(step as usize).flat_map(move |y| columns().map(move |x| (x, y)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_of_frames_are_found_by_their_ranges() {
+        let point = |x: f64| Point::new(DVec3::new(x, 0.0, 0.0), 1.0, DVec3::Z);
+        let room = RoomPoints::new(vec![(3, vec![point(0.0), point(1.0)]), (5, vec![]), (9, vec![point(2.0)])]);
+        assert_eq!(room.frames, [(3, 0..2), (5, 2..2), (9, 2..3)]);
+        assert_eq!(room.points[room.frames[2].1.clone()].iter().map(|p| p.at_m.x).collect::<Vec<_>>(), [2.0]);
+        assert_eq!(room.around(DVec3::X, 0.5).len(), 1);
+    }
+
+    #[test]
+    fn grid_samples_the_middle_of_each_step() {
+        assert_eq!(grid(9, 7, 3).collect::<Vec<_>>(), [(1, 1), (4, 1), (7, 1), (1, 4), (4, 4), (7, 4)]);
+        assert_eq!(grid(2, 1, 96).collect::<Vec<_>>(), [(0, 0), (1, 0)]);
+    }
+}
