@@ -100,11 +100,11 @@ fn beside(moment: u32) -> vec2<f32> {
 // Behind a stand-in model, where nothing was measured (depth/proxies.rs), m.
 const FAR_M = 1e4;
 
-// The floor at a pixel, as depth is compared with it.
+// What a depth sample at a pixel is compared with: the receiver's plane.
 struct FloorDepth {
-    nearness: f32,           // 1 over its own depth, 1/m
-    per_off: f32,            // of the tolerance, by how far 1 is exceeded
-    unmeasured: f32,         // receiver weight where nothing was measured
+    nearness: f32,           // inverse depth of the plane, 1/m
+    per_off: f32,            // receiver weight lost per unit of relative depth difference
+    unmeasured: f32,         // receiver weight of a pixel without depth
 }
 
 fn floor_depth(nearness: f32, chart: Chart) -> FloorDepth {

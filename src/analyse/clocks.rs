@@ -125,8 +125,8 @@ pub fn first(
     if let Some(reason) = found.global.as_ref().filter(|_| asks_px > RIGHT_PX).and_then(out_of_place) {
         return Ok(Some(reason));
     }
-    // The clock offset keeps its jointly estimated value. Estimated alone, it absorbs part of what
-    // the hand-eye offset explained.
+    // The clock offset keeps the value of the joint estimate: without a hand-eye offset in the fit it
+    // would be biased.
     if let Some(global) = found.global.as_mut().filter(|global| !global.is_hand_eye_significant()) {
         global.hand_eye = Twist::zeros();
         known.hand_eye = Twist::zeros();

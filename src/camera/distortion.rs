@@ -121,7 +121,7 @@ impl Distortion {
         (d.z > 0.0).then(|| self.distort(d.truncate() / d.z, valid_radius))
     }
 
-    /// Whether the camera is a pinhole.
+    /// Whether there is no distortion: the camera is a pinhole.
     #[inline]
     pub fn is_none(&self) -> bool {
         let Self { model, k1, k2, k3, p1, p2, .. } = self;

@@ -53,8 +53,8 @@ pub fn run() -> Result<()> {
     Ok(())
 }
 
-/// The cameras of each driver, with what they offer or why they cannot be used. It is no fault of
-/// the machine to have none.
+/// Prints each driver's cameras with their modes, or the error that opening gave. A machine without
+/// cameras is not reported as a problem.
 fn cameras(out: &mut impl Write) -> Result<()> {
     let drivers = webcam::cameras();
     if drivers.is_empty() {

@@ -271,8 +271,8 @@ impl Canvas {
         if !is_drawn {
             return;
         }
-        // The first pixel whose centre lies between, and the one after the last. The conversion to an integer, which rounds towards
-        // zero, is an instruction. A call of `ceil` costs more than the pixels of most triangles.
+        // Range of the pixels whose centres the bounding box contains. Truncation by `as` is one
+        // instruction; on the baseline target `ceil` is a function call, slower than most triangles.
         let first = |low: f64| {
             let at = (low - 0.5).max(0.0);
             (at as usize).saturating_add(usize::from((at as usize as f64) < at))
@@ -282,15 +282,16 @@ impl Canvas {
         let columns = first(low.x)..end(high.x, self.width);
         let (to_b_px, to_c_px) = (b.at_px - a.at_px, c.at_px - a.at_px);
         // Rounding must not leave a seam between two triangles.
-        let (sign, size) = (area.signum(), area.abs());
-        let (least, most) = (-1e-9 * size, size + 1e-9 * size);
+        let (sign, whole) = (area.signum(), area.abs());
+        let tolerance = 1e-9 * whole;
         for y in first(low.y)..end(high.y, self.height) {
             for x in columns.clone() {
                 let at = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - a.at_px;
-                // The areas over two sides, for the third is the whole one without them.
-                let (over_b, over_c) = (sign * at.perp_dot(to_c_px), sign * to_b_px.perp_dot(at));
-                if over_b >= least && over_c >= least && over_b + over_c <= most {
-                    let w = (a.w + over_b / size * (b.w - a.w) + over_c / size * (c.w - a.w)) as f32;
+                // Twice the areas of the sub-triangles opposite to b and c: unnormalised barycentric
+                // coordinates. They are divided by the whole area only inside the triangle.
+                let (area_b, area_c) = (sign * at.perp_dot(to_c_px), sign * to_b_px.perp_dot(at));
+                if area_b >= -tolerance && area_c >= -tolerance && area_b + area_c <= whole + tolerance {
+                    let w = (a.w + area_b / whole * (b.w - a.w) + area_c / whole * (c.w - a.w)) as f32;
                     let nearest = &mut self.nearest[y * self.width + x];
                     *nearest = nearest.max(w);
                 }

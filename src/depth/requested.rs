@@ -1,5 +1,5 @@
-//! Pixels whose depth is requested from other frames or surfels, and the colour test that accepts
-//! an answer.
+//! Pixels to be filled with depth from other frames or surfels, and the colour test for accepting
+//! it.
 
 use crate::pixels::Rect;
 use crate::rows::{over_rows, processors};

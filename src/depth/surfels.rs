@@ -30,6 +30,8 @@ const MIN_COSINE: f32 = 0.05;
 /// Largest distance of a disc's centre from the picture's part, px.
 const MAX_OUTSIDE_PX: i32 = 128;
 
+/// Largest distance of a disc's centre outside the frustum, m: its radius, and the rounding of 32-bit positions.
+const FRUSTUM_MARGIN_M: f32 = 1.1 * RADIUS_M;
 /// Surfels that a thread works on at a time.
 const SURFELS_PER_BLOCK: usize = 1024;
 
@@ -58,7 +60,7 @@ impl Own<'_> {
         let frustum = self.frustum(seen);
         let is_near = |surfel: &&Surfel| {
             let at_m = surfel.position_m.extend(1.0);
-            frustum.iter().all(|side| side.dot(at_m) > -1.1 * RADIUS_M)
+            frustum.iter().all(|side| side.dot(at_m) > -FRUSTUM_MARGIN_M)
         };
         let mut blocks = vec![Vec::new(); surfels.len().div_ceil(SURFELS_PER_BLOCK)];
         over_rows(&mut blocks, 1, processors(), |n, block| {
@@ -94,7 +96,8 @@ impl Own<'_> {
         }
     }
 
-    /// Planes through the camera around all rays of a rectangle: inner unit normal in the world, and offset of the plane, m.
+    /// Side planes of the view frustum of a rectangle: inward unit normal in the world (x, y, z) and signed distance of
+    /// the world's origin, m (w).
     fn frustum(&self, rect: Rect) -> [Vec4; 4] {
         let (mut low, mut high) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
         for ray in (rect.y0..rect.y1)

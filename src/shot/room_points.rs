@@ -14,7 +14,7 @@ use crate::pixels::DepthMap;
 use crate::pose::Pose;
 use crate::source::ahead::Ahead;
 
-/// Number of frames whose depth maps are sampled.
+/// Number of depth maps to sample.
 const FRAMES: usize = 24;
 /// Number of samples across a map.
 const SAMPLES_ACROSS: u32 = 96;
@@ -44,7 +44,7 @@ impl DepthSamples {
 #[derive(Debug, Default)]
 pub struct RoomPoints {
     pub points: Vec<Point>,
-    /// The frames with whose depth they were measured, and which of the points each has.
+    /// Frame index and its range in `points`.
     pub frames: Vec<(usize, Range<usize>)>,
     pub planes: RoomPlanes,
 }
@@ -92,7 +92,7 @@ impl Shot {
     /// Points by frame, through the camera as it is now. Samples of another size than the camera's picture are skipped.
     pub(super) fn points_by_frame(&self, samples: &[DepthSamples]) -> Vec<(usize, Vec<Point>)> {
         let mut by_frame = Vec::new();
-        // The rays of the last frame's camera: mostly all frames have the same one.
+        // Rays of the previous frame's camera, which most recordings share between all frames.
         let mut rays: Option<(Geometry, Vec<Option<DVec3>>)> = None;
         for DepthSamples { frame, pose, width, height, across, depth_m } in samples {
             let Some(geometry) = self.given_geometry_at(*frame) else { continue };

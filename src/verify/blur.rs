@@ -1,12 +1,12 @@
 //! Whether virtual things are blurred by the camera's motion as much as real ones.
 //!
-//! A frame in which the camera moves fast is compared with a slow one near it, which is put into it
-//! as a thing ([`twin`](super::twin())), exposed for several multiples of what the pipeline would
-//! expose for. Blur takes fine detail away: the multiple at which the virtual picture has as much
-//! of it as the real one says how much too short its blur is. Detail is the power of luma between
-//! two Gaussians, by the square of its mean; it does not change when things lie beside their place.
-//! What drawing a picture again loses is told by the slow frame put into itself, and taken off. Its
-//! own blur is in the virtual picture too: at a share of 0.3 it makes that longer by 4 %.
+//! A slow frame is composited as an object ([`twin`](super::twin())) into a fast one near it, at
+//! several multiples of the pipeline's exposure time. Blur attenuates fine detail, so the multiple
+//! at which virtual and real detail are equal is the ratio of real to virtual blur. Detail is the
+//! band power of luma between two Gaussians over the squared mean luma; it does not depend on
+//! registration. Resampling attenuates detail, too: compositing the slow frame into itself measures
+//! by how much, and the result is corrected. The slow frame's own motion blur remains in the virtual
+//! picture: 0.3 of the fast frame's lengthens it by 4 %.
 //!
 //! The camera's noise is detail, too. With the profile's power N in the band, the kept share k of
 //! drawing, and the powers R of the real picture, M₀ of the virtual one without blur and M of it

@@ -1,10 +1,10 @@
 //! Whether virtual things behave as real ones in a recording: frames of it, as things, put into other frames of it.
 //!
-//! Through the whole pipeline, with what was recorded and with what was found out
-//! ([`crate::analyse`]). Registration is measured by the phase correlation of patches, brightness
-//! by the luma of small flat areas, both less what noise makes of two frames at rest ([`floor`]).
-//! Noise and blur, which the thing's own picture has already, are off. Motion blur and sharpness
-//! are judged each by itself.
+//! The whole pipeline runs, with the recorded values and with the estimates of an analysis
+//! ([`crate::analyse`]). Registration is measured by phase correlation of patches, brightness by the
+//! luma of small flat areas. From both the noise floor is subtracted, which is the result for two
+//! frames at rest ([`floor`]). Noise and blur are off, because the source frame already contains
+//! them. Motion blur and sharpness have measurements of their own.
 
 mod blur;
 mod error;
