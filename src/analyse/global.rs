@@ -5,7 +5,7 @@
 //!   e_ij = (1 − A)·c + δ·(ξ_i − A·ξ_j),   A = Ad(T_i⁻¹ T_j)
 //!
 //! Iteratively reweighted least squares over all links, in px of displacement. Links between frames
-//! that differ in motion blur have less weight ([`link_blur`](super::link_blur)).
+//! that differ in motion blur have less weight ([`link_blur`]).
 
 use nalgebra::{SMatrix, SVector};
 

@@ -3,7 +3,7 @@
 //! A link measures e_ij = c_i − A·c_j, A = Ad(T_i⁻¹ T_j), with the information H/50: neighbouring
 //! points err alike, so thousands of them know less than as many that do not. Cauchy's weights on
 //! the displacement in the picture, of scale max(median, 0.15 px); links beyond six scales are left
-//! out. Blur that differs adds to a link's variance ([`link_blur`](super::link_blur)).
+//! out. Blur that differs adds to a link's variance ([`link_blur`]).
 //!
 //! Each frame is held to its recorded pose by 1 cm and 0.5°, and then, in a second solution, also
 //! by the displacement m that the first one makes, the median over all linked frames: metric/m². It
