@@ -8,6 +8,7 @@ struct Blur {
     side_px: i32,         // of a tile
     exposure_s: f32,
     threshold_px: f32,    // shortest blur that is drawn
+    longest_px: f32,      // the layer's margin is half of this
 }
 @group(0) @binding(0) var<uniform> blur: Blur;
 @group(0) @binding(1) var fastest: texture_2d<f32>;
@@ -41,14 +42,24 @@ fn drawn_motion(motion: vec2<f32>, dominant: vec2<f32>) -> vec2<f32> {
     return select(motion, vec2<f32>(0.0), still);
 }
 
-// The shutter's box along a motion: a tap for each pixel of the major axis, the end taps weighted by how much of them
-// the box covers.
+// The share of a motion that lies within the layer's margin. Beyond it nothing is drawn.
+fn share_within(motion: vec2<f32>) -> f32 {
+    return min(1.0, blur.longest_px / max(length(motion), 1e-6));
+}
+
+// Longest distance that is sampled tap by tap, in taps. One tap of so many changes an 8-bit code by at most 1, so that
+// a longer motion needs no more of them. It occurs where the camera passes close to a surface.
+const MAX_TAPS: f32 = 256.0;
+
+// The shutter's box along a motion: a tap for each pixel of the major axis, at most MAX_TAPS, the end taps weighted by
+// how much of them the box covers. `half` is half the number of taps.
 struct Line { step: vec2<f32>, half: f32, taps: i32 }
 
 fn line_along(motion: vec2<f32>) -> Line {
     let major = max(max(abs(motion.x), abs(motion.y)), 1e-6);
-    let half = 0.5 * major;
-    return Line(motion / major, half, i32(ceil(half - 0.5)));
+    let length = min(major, MAX_TAPS);
+    let half = 0.5 * length;
+    return Line(motion / length, half, i32(ceil(half - 0.5)));
 }
 
 fn tap_weight(line: Line, k: f32) -> f32 {
@@ -65,7 +76,9 @@ fn mean_of(sum: vec4<f32>, weight: f32) -> vec4<f32> {
 // The sum over the shutter, and its weight, where everything that passes has one motion: the pixel's own.
 fn one_motion(p: vec2<i32>, own: vec4<f32>, dominant: vec2<f32>, wanted: bool) -> Sum {
     let x = vec2<f32>(p);
-    let line = line_along(drawn_motion(select(dominant, own.zw * blur.exposure_s, own.x > 0.0), dominant));
+    let motion = drawn_motion(select(dominant, own.zw * blur.exposure_s, own.x > 0.0), dominant);
+    let within = share_within(motion);
+    let line = line_along(within * motion);
     let center = tap_weight(line, 0.0);
     var sum = center * color_between(x);
     var weight = center;
@@ -79,7 +92,7 @@ fn one_motion(p: vec2<i32>, own: vec4<f32>, dominant: vec2<f32>, wanted: bool) -
         sum += both * (color_between(x + away) + color_between(x - away));
         weight += 2.0 * both;
     }
-    return Sum(sum, weight);
+    return Sum(sum, weight / within);
 }
 
 // Whether the surface met by going back along `motion` (px over the whole shutter) really comes from there: within
@@ -126,7 +139,8 @@ fn surface_at(x: vec2<f32>, own: vec4<f32>, dominant: vec2<f32>, moment: f32, x_
     }
     // Whole pixels of the major axis: what lies between them belongs to another tap.
     let color = color_between(select(vec2<f32>(source.x, round(source.y)), vec2<f32>(round(source.x), source.y), x_major));
-    return select(vec4<f32>(0.0), color, there);
+    let is_drawn = all(source > vec2<f32>(-1.0)) && all(source < vec2<f32>(blur.size));
+    return select(vec4<f32>(0.0), color, there && is_drawn);
 }
 
 fn many_motions(p: vec2<i32>, own: vec4<f32>, dominant: vec2<f32>, wanted: bool) -> Sum {

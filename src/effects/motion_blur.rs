@@ -14,7 +14,8 @@
 //!   by it.
 //!
 //! Not modelled by `velocity`: what a surface hides at the middle of the exposure and shows at its ends (its
-//! neighbourhood stands in for it), and curved motion within one exposure.
+//! neighbourhood stands in for it), curved motion within one exposure, and surfaces that enter the picture from farther
+//! away than half of its diagonal.
 
 use super::{Case, Effect, EffectError, LayerRun, Moment, OnReal, Reach};
 use crate::camera::accumulation::{self, MOST_STEPS};
@@ -53,6 +54,7 @@ crate::uniform! {
         side_px: i32,
         exposure_s: f32,
         threshold_px: f32,
+        longest_px: f32,
     }
 }
 
@@ -63,9 +65,12 @@ impl MotionBlur {
         if slow && self.method == Method::Velocity { Method::Reference } else { self.method }
     }
 
-    /// The longest blur of this frame, px.
+    /// The longest blur of this frame, px: at most the picture's diagonal. What is faster, because the camera passes
+    /// close to it, is drawn as far as half of that from where it is in the middle of the exposure.
     fn longest_px(moment: &Moment<'_>) -> f32 {
-        moment.fastest_px_per_s * moment.capture.exposure_time_s as f32
+        let intrinsics = &moment.picture.intrinsics;
+        let diagonal_px = (intrinsics.width_px as f32).hypot(intrinsics.height_px as f32);
+        (moment.fastest_px_per_s * moment.capture.exposure_time_s as f32).min(diagonal_px)
     }
 
     /// Half of that and a margin: how far blurred light lies from where it comes from, px.
@@ -212,7 +217,8 @@ impl Effect for MotionBlur {
         let [near] = pass.texture("first", &fastest).texture("second", &range).draw([COLOR], tiles);
 
         let texel = [layer.color.width, layer.color.height].map(|side| 1.0 / side as f32);
-        let blur = Blur { size, texel, side_px, exposure_s, threshold_px: self.threshold_px };
+        let (threshold_px, longest_px) = (self.threshold_px, Self::longest_px(moment));
+        let blur = Blur { size, texel, side_px, exposure_s, threshold_px, longest_px };
         let mut pass = |entry, format| {
             let pass = recorder.pass(Shader::MotionBlur, entry).uniform("blur", &blur).texture("fastest", &near);
             let [out] =

@@ -23,7 +23,7 @@ use glam::DVec3;
 
 use super::error::VerifyError;
 use super::floor::luma_sigma;
-use super::twin::twin;
+use super::twin::{in_front_of, twin};
 use crate::analyse::{Plane, gaussian, unit_noise};
 use crate::camera::NoiseProfile;
 use crate::compositor::{Compositor, exposure_time_s};
@@ -79,7 +79,10 @@ pub fn blur(
     let (mut ratios, mut lengths) = (Vec::new(), Vec::new());
     for (done, (fast, slow, length_px)) in chosen(blur_px).into_iter().enumerate() {
         seen(done);
+        let time_s = shot.recording.timestamps_s[fast] + shot.recording.time_offset_s;
+        let Ok(pose) = shot.recording.track.at(time_s) else { continue };
         let Some(scene) = twin(&shot, &shot.read(slow)?) else { continue };
+        let scene = in_front_of(scene, &pose);
         compositor.set_scene(scene.clone());
         shot.scene = Arc::new(scene);
         let Some(kept) = kept(&shot, compositor, slow)? else { continue };

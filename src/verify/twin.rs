@@ -5,11 +5,12 @@
 
 use std::sync::Arc;
 
-use glam::{DAffine3, DVec2};
+use glam::{DAffine3, DVec2, DVec3};
 
 use crate::camera::{Curve, Response};
 use crate::depth::seen_at_frame;
 use crate::frame::{Across, Frame};
+use crate::pose::Pose;
 use crate::scene::{Material, Mesh, Object, Part, Scene, Texture, TextureUse, Vertex, Wrap};
 use crate::shot::Shot;
 
@@ -18,6 +19,8 @@ const STEP: u32 = 2;
 /// Corners farther apart in depth, by share, are not joined.
 const JUMP: f32 = 0.03;
 const NEAREST_M: f32 = 0.1;
+/// Shortest distance along the optical axis of [`in_front_of`], m.
+const MIN_DISTANCE_M: f64 = 0.2;
 
 /// `None` where nothing says where the frame, its depth or its camera is.
 pub fn twin(shot: &Shot, frame: &Frame) -> Option<Scene> {
@@ -88,6 +91,28 @@ pub fn twin(shot: &Shot, frame: &Frame) -> Option<Scene> {
     })
 }
 
+/// Without the triangles that a camera has closer than `MIN_DISTANCE_M` before it, or behind it: a depth camera measures
+/// nothing there, and their motion blur would span the picture.
+pub fn in_front_of(mut scene: Scene, camera_from_world: &Pose) -> Scene {
+    for mesh in &mut scene.meshes {
+        let mesh = Arc::make_mut(mesh);
+        let is_far = |i: &u32| {
+            let position = mesh.vertices[*i as usize].position;
+            camera_from_world.transform_point(DVec3::from_array(position.map(f64::from))).z > MIN_DISTANCE_M
+        };
+        mesh.indices = mesh
+            .indices
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .filter(|corners| corners.iter().all(is_far))
+            .flatten()
+            .copied()
+            .collect();
+    }
+    scene
+}
+
 /// The frame's light, as textures have it.
 fn picture(frame: &Frame, response: &Response) -> Texture {
     let textures = Response { curve: Curve::Srgb, ..Response::default() };
@@ -106,5 +131,19 @@ fn picture(frame: &Frame, response: &Response) -> Texture {
         wrap: [Wrap::Clamp; 2],
         smooth: true,
         mipmaps: false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn triangles_close_to_the_camera_are_removed() {
+        let at = |z: f32| Vertex { position: [0.0, 0.0, z], ..bytemuck::Zeroable::zeroed() };
+        let vertices = [-1.0, 0.1, 0.3, 2.0].map(at).to_vec();
+        let mesh = Mesh { vertices, indices: vec![2, 3, 2, 1, 2, 3, 0, 3, 2, 3, 3, 2], material: 0 };
+        let scene = Scene { meshes: vec![Arc::new(mesh)], ..Scene::default() };
+        assert_eq!(in_front_of(scene, &Pose::IDENTITY).meshes[0].indices, [2, 3, 2, 3, 3, 2]);
     }
 }

@@ -223,6 +223,18 @@ fn accumulation_lies_where_the_camera_saw_the_thing() {
 }
 
 #[test]
+fn blur_longer_than_the_picture_keeps_its_coverage() {
+    let geometry = gpu::pinhole(320, 240, FOCAL_PX);
+    let length_px = 1000.0;
+    let layer = blurred(&geometry, [length_px, 0.0], "velocity").layer.unwrap();
+    // The board, 120 px wide, covers each pixel for 12 % of the exposure.
+    for x in (64..256).step_by(8) {
+        let found = f64::from(layer.rgba[120 * 320 + x][3]);
+        assert!((found - 120.0 / length_px).abs() < 1.0 / 255.0, "{x}: {found}");
+    }
+}
+
+#[test]
 fn a_diagonal_blur_is_the_mean_over_the_shutter() {
     let (width, height) = fast_or_full((160, 120), (320, 240));
     let geometry = gpu::pinhole(width, height, FOCAL_PX);
