@@ -12,8 +12,8 @@ use super::warn;
 use locard_engine::export::Inputs;
 use locard_engine::recording::OpenOptions;
 use locard_engine::scene::document::Up;
-use locard_engine::scene::{self, Document, Heading, Posture, SceneFile};
-use locard_engine::shot::{Given, LEVEL, Shot};
+use locard_engine::scene::{self, Document, Heading, LEVEL, Posture, SceneFile};
+use locard_engine::shot::{Given, Shot};
 use locard_engine::sink::{self, atomic::write_atomically};
 use locard_engine::words::{fixed, number, shown};
 
@@ -152,7 +152,10 @@ pub fn run(args: &Args) -> Result<()> {
         )?,
     }
     if support.normal.dot(up) < LEVEL && !args.flat {
-        writeln!(out, "odd        the surface is steep, and it stands upright: --flat lays it against a wall")?;
+        writeln!(
+            out,
+            "odd        the surface is steep: it stands upright and touches it, at this height; --flat lays it against a wall"
+        )?;
     }
     if is_guessed {
         let up = up.to_array().map(|n| fixed(n, 4)).join(", ");

@@ -47,12 +47,15 @@ impl Facet {
 
 /// A surface that is level within this is taken for level.
 const LEVEL_DEG: f64 = 2.0;
+/// Cosine of the tilt from which a surface is steep, 40°.
+pub const LEVEL: f64 = 0.766;
 /// Of a number that is written, m and 1.
 const DIGITS: f64 = 1e4;
 
 /// Where a scene file has to put a model so that it rests on a surface. `model` is its path as the scene file `file` names it.
-/// It is turned about the world's up; flat on a slope about the slope's normal. `size_m` is its largest extent, where it is not
-/// as large as the model.
+/// It is turned about the world's up; flat on a slope about the slope's normal. Upright at a steep surface it is moved
+/// horizontally until it touches the surface from outside. `size_m` is its largest extent, where it is not as large as
+/// the model.
 pub fn lay(
     model: &str,
     file: &Path,
@@ -84,18 +87,29 @@ pub fn lay(
         size_m,
         ..PlacedModel::default()
     };
-    let is_level = support.normal.dot(world_up) > LEVEL_DEG.to_radians().cos();
-    if posture == Posture::Upright || is_level {
+    let slope = support.normal.dot(world_up);
+    let parts = scene.objects.first().map(|object| object.parts.as_slice()).unwrap_or_default();
+    let extent_m = bounds(&scene, parts, DAffine3::IDENTITY).map(|(low, high)| (high - low).max_element());
+    let factor = size_m.zip(extent_m).map_or(1.0, |(size_m, extent_m)| size_m / extent_m);
+    // The smallest distance of the turned model's origin-centred vertices along a direction of the world.
+    let below = |turn: DQuat, along: DVec3| {
+        let model_from_world = DMat3::from_quat(turn * turn_up(axis, world_up)).transpose();
+        factor * lowest(&scene, parts, model_from_world * along).unwrap_or(0.0)
+    };
+    let turn = DQuat::from_axis_angle(world_up, heading_deg.to_radians());
+    if posture == Posture::Upright && slope < LEVEL {
+        let Some(outwards) = support.normal.reject_from(world_up).try_normalize() else { return Ok(laid) };
+        // Its lowest vertex is at the height of the point.
+        let depth_m = slope * below(turn, world_up) - below(turn, support.normal);
+        let position = support.point_m + depth_m.max(0.0) / support.normal.dot(outwards) * outwards;
+        return Ok(PlacedModel { position_m: Some(position.to_array().map(round)), ..laid });
+    }
+    if posture == Posture::Upright || slope > LEVEL_DEG.to_radians().cos() {
         return Ok(laid);
     }
     // Turned on the level, then tilted with it onto the slope.
-    let turn = turn_up(world_up, support.normal) * DQuat::from_axis_angle(world_up, heading_deg.to_radians());
-    let linear = DMat3::from_quat(turn * turn_up(axis, world_up));
-    let parts = scene.objects.first().map(|object| object.parts.as_slice()).unwrap_or_default();
-    let below = lowest(&scene, parts, linear.transpose() * support.normal).unwrap_or(0.0);
-    let extent_m = bounds(&scene, parts, DAffine3::IDENTITY).map(|(low, high)| (high - low).max_element());
-    let factor = size_m.zip(extent_m).map_or(1.0, |(size_m, extent_m)| size_m / extent_m);
-    let position = support.point_m - factor * below * support.normal;
+    let turn = turn_up(world_up, support.normal) * turn;
+    let position = support.point_m - below(turn, support.normal) * support.normal;
     let quaternion = turn.to_array().map(|n| (n * 1e6).round() / 1e6);
     Ok(PlacedModel {
         ground: false,
@@ -241,8 +255,23 @@ mod tests {
             assert!(off_m.abs() < 2e-4 && above - below < most_m, "{below} {above}");
         }
         let (_, _, scene, placed) = laid("marker-1.glb", &slope, Posture::Upright, 0.0);
-        assert_eq!(placed.heading_deg, None);
+        assert_eq!((placed.heading_deg, placed.position_m), (None, Some(slope.point_m.to_array())));
         let up = scene.objects[0].parts[0].world_from_mesh.transform_vector3(DVec3::Y);
         assert!(up.normalize().abs_diff_eq(DVec3::Z, 1e-9), "{up}");
+    }
+
+    #[test]
+    fn upright_at_a_steep_surface_touches_it_from_outside() {
+        let file = installed::source_folder().join(FILE);
+        for normal in [DVec3::new(0.0, -1.0, 0.0), DVec3::new(0.48, -0.64, 0.6), DVec3::new(0.0, -0.8, -0.6)] {
+            let wall = Support { point_m: DVec3::new(1.0, 2.0, 0.5), normal };
+            for size_m in [None, Some(0.3)] {
+                let heading = Heading::Deg(35.0);
+                let placed = lay("marker-1.glb", &file, &wall, Posture::Upright, heading, DVec3::Z, size_m).unwrap();
+                let (low, _, scene, _) = loaded(placed, &file);
+                let below = lowest(&scene, &scene.objects[0].parts, normal).unwrap() - normal.dot(wall.point_m);
+                assert!(below.abs() < 2e-4 && (low.z - 0.5).abs() < 1e-4, "{normal}: {below}, {low}");
+            }
+        }
     }
 }

@@ -23,7 +23,7 @@ use crate::camera::{Geometry, Response};
 use crate::compositor::Compositor;
 use crate::frame::Frame;
 use crate::gpu::Gpu;
-use crate::scene::{LitBy, Mesh, Object, Scene, Support};
+use crate::scene::{LEVEL, LitBy, Mesh, Object, Scene, Support};
 use crate::shadow::{LazyRadiance, Room};
 
 /// Points across a frame that is looked at alone.
@@ -40,8 +40,6 @@ const NEAR_M: f64 = 0.06;
 const BELOW_M: f64 = 1.0;
 /// Closer to the surface than this, a foot stands on it, metres.
 const SNAP_M: f64 = 0.015;
-/// A surface that is steeper is no ground: cosine of 40°.
-const LEVEL: f64 = 0.766;
 /// Largest distance between a measured place and where its ray meets a dominant plane, by the measurement's error.
 const MAX_MOVE: f64 = 3.0;
 /// Normals are told apart in steps of this, which is less than they are known to: where a thing is moved over a desk, its floor is

@@ -61,7 +61,7 @@ pub use pick::{Hit, nearest};
 pub use points::{FittedPlane, metres_per_unit, plane_through};
 pub use reduced::Reduced;
 pub use seen::SeenObject;
-pub use standing::{LEVEL, Standing};
+pub use standing::Standing;
 pub use stream::Composites;
 pub use surface::{Surface, SurfaceError};
 pub use tilt::Tilt;

@@ -15,7 +15,7 @@ use glam::{DVec2, DVec3};
 use super::pick::nearest_of;
 use super::{Eye, Ray, Shot};
 use crate::frame::Frame;
-use crate::scene::Scene;
+use crate::scene::{LEVEL, Scene};
 
 /// How an object stands on the surface that a frame's depth shows under it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,8 +41,6 @@ const DEEPEST: f64 = 1.0;
 const BESIDE: f64 = 3.0;
 const EVERY_PX: usize = 2;
 const FEWEST_LEVEL: f64 = 0.02;
-/// A surface that is steeper is no ground, as the cosine of its tilt: 40°.
-pub const LEVEL: f64 = 0.766;
 /// Less of a neighbourhood on one plane is no surface.
 const LEAST_ON_IT: f64 = 0.4;
 /// So many points of the foot that touch a surface make it stand there: one may be a stray measurement.
