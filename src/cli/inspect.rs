@@ -8,6 +8,7 @@ use glam::DVec3;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
+use super::analysis::Analysis;
 use super::pick::{self, Asked, Pick, Picker, numbers};
 use super::skip::Skip;
 use super::{clock, listen, progress_of};
@@ -50,6 +51,8 @@ pub struct Args {
     /// Compare the pictures' motion with the poses': how far apart their clocks are. Decodes every frame
     #[arg(long, conflicts_with = "frame")]
     clock: bool,
+    #[command(flatten)]
+    analysis: Analysis,
     #[command(flatten)]
     skip: Skip,
     /// How long a stream is listened to, from its first pose on
@@ -187,8 +190,9 @@ fn recording(args: &Args) -> Result<()> {
     let metres_per_unit = args.metres_per_unit.unwrap_or(1.0);
     let options = args.skip.over(OpenOptions { metres_per_unit, ..OpenOptions::default() });
     // Reads the profiles: a given one overrides the recording's own.
-    let given = Given { profile: args.profile.clone(), ..Given::default() };
-    let shot = Shot::open(&args.what, &options, &given)?;
+    let given = Given { profile: args.profile.clone(), analysis: args.analysis.asked(), ..Given::default() };
+    let recording = Recording::open(&args.what, &options)?;
+    let (shot, ()) = args.analysis.open(recording, &given, false, |_| Ok(()))?;
     let mut out = std::io::stdout().lock();
     if let Some(frame) = args.frame {
         return one_frame(args, shot, frame, &mut out);

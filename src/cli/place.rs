@@ -7,10 +7,11 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail};
 use glam::DVec3;
 
+use super::analysis::Analysis;
 use super::pick::{Known, Pick, Picker, numbers};
 use super::warn;
 use locard_engine::export::Inputs;
-use locard_engine::recording::OpenOptions;
+use locard_engine::recording::{OpenOptions, Recording};
 use locard_engine::scene::document::Up;
 use locard_engine::scene::{self, Document, Heading, LEVEL, Posture, SceneFile};
 use locard_engine::shot::{Given, Shot};
@@ -57,6 +58,8 @@ pub struct Args {
     /// Length of a nerfstudio or COLMAP unit
     #[arg(long, value_name = "M", default_value_t = 1.0)]
     metres_per_unit: f64,
+    #[command(flatten)]
+    analysis: Analysis,
 }
 
 pub fn run(args: &Args) -> Result<()> {
@@ -76,8 +79,10 @@ pub fn run(args: &Args) -> Result<()> {
     let options = OpenOptions { metres_per_unit: args.metres_per_unit, ..OpenOptions::default() };
     // A scene file may say how long the recording's unit is.
     let scene = args.scene.exists().then(|| args.scene.clone());
-    let given = Given { profile: args.profile.clone(), scene, ..Given::default() };
-    let mut shot = Shot::open(&args.recording, &options, &given)?;
+    let analysis = args.analysis.asked();
+    let given = Given { profile: args.profile.clone(), scene, analysis, ..Given::default() };
+    let recording = Recording::open(&args.recording, &options)?;
+    let (mut shot, ()) = args.analysis.open(recording, &given, false, |_| Ok(()))?;
     // It would have moved the camera.
     if let Some(note) = shot.unfit_analysis() {
         warn(false, &note.to_string());
