@@ -53,6 +53,10 @@ const MOST_SHARE: f64 = 0.5;
 /// Largest ratio of the top within 1.5 times the radius to the top within the radius.
 const WIDER: f64 = 1.5;
 const MOST_GROWTH: f64 = 1.4;
+/// Largest factor between two parts of the frames in the luminance of the top, as far as the interval reaches upwards,
+/// and the least area that both must have seen.
+const MAX_DISPARITY: f64 = 1.35;
+const LEAST_SHARED_M2: f64 = 0.01;
 /// Largest factor between top/0.8 and the exposure, unclipped and clipped.
 const AGREE: f64 = 1.5;
 const AGREE_CLIPPED: f64 = 2.0;
@@ -85,6 +89,9 @@ pub struct Patch {
     /// Linear light as it would be at the place, and whether any channel is a lower bound.
     pub light: [f64; 3],
     pub is_bound: bool,
+    /// The same by the first and by the second half of the frames, and without the brightest third of them. `None`
+    /// where too few frames saw it.
+    pub parts: [Option<[f64; 3]>; 3],
     /// Linear light as the frames themselves show it.
     pub code: [f64; 3],
     /// Luminance of its brightest spot, as it would be at the place.
@@ -107,6 +114,7 @@ impl Patch {
             normal: voxel.normal,
             light: voxel.median.map(|light| f64::from(light) / relative),
             is_bound: voxel.is_bound.contains(&true),
+            parts: voxel.light.map(|light| light.map(|light| light.map(|channel| f64::from(channel) / relative))),
             code: voxel.code.map(f64::from),
             brightest: f64::from(voxel.brightest) / relative,
         }
@@ -126,6 +134,7 @@ pub enum Unclaimed {
     Ground,
     Scrap,
     Varies { growth: f64 },
+    Differs { factor: f64 },
     Disagrees { factor: f64 },
 }
 
@@ -141,6 +150,9 @@ impl fmt::Display for Unclaimed {
             Self::Scrap => write!(f, "what is brightest is too small an area"),
             Self::Varies { growth } => {
                 write!(f, "the light varies: half as far again it is {growth:.1} times as bright")
+            }
+            Self::Differs { factor } => {
+                write!(f, "parts of the frames show the brightest surfaces {factor:.1} times as bright as others do")
             }
             Self::Disagrees { factor } => {
                 write!(f, "the brightest surfaces and the camera's exposure disagree by a factor of {factor:.1}")
@@ -170,6 +182,21 @@ struct Top {
     /// Share of the upward-facing surfaces.
     share: f64,
     growth: f64,
+    /// Largest factor between two parts of the frames, in the median of the surfaces that both saw.
+    disparity: f64,
+}
+
+/// The largest median factor by which two parts of the frames differ in the luminance of the same surfaces; 1 where they share
+/// too few.
+fn disparity(at_top: &[&Patch]) -> f64 {
+    let factor = |a: &dyn Fn(&Patch) -> Option<[f64; 3]>, b: &dyn Fn(&Patch) -> Option<[f64; 3]>| {
+        let ln = |patch: &&Patch| Some((relative_luminance(a(patch)?) / relative_luminance(b(patch)?).max(1e-6)).ln());
+        let shared: Vec<f64> = at_top.iter().filter(|patch| !patch.is_bound).filter_map(ln).collect();
+        if area_m2(shared.len()) < LEAST_SHARED_M2 { 1.0 } else { median(shared).abs().exp() }
+    };
+    let halves = factor(&|patch| patch.parts[0], &|patch| patch.parts[1]);
+    let without_brightest = factor(&|patch| patch.parts[2], &|patch| Some(patch.light));
+    halves.max(without_brightest)
 }
 
 impl Top {
@@ -194,6 +221,7 @@ impl Top {
             saturation: median(saturations.collect()),
             share: at_top.len() as f64 / near.len() as f64,
             growth: wider / luminance,
+            disparity: disparity(&at_top),
         })
     }
 
@@ -213,6 +241,7 @@ impl Top {
             Self { is_bound: false, share, .. } if *share > MOST_SHARE => Some(Unclaimed::Ground),
             Self { is_bound: false, share, .. } if *share < LEAST_SHARE => Some(Unclaimed::Scrap),
             Self { growth, .. } if *growth > MOST_GROWTH => Some(Unclaimed::Varies { growth: *growth }),
+            Self { disparity, .. } if *disparity > MAX_DISPARITY => Some(Unclaimed::Differs { factor: *disparity }),
             _ if disagreement > agrees => Some(Unclaimed::Disagrees { factor: disagreement }),
             _ => None,
         }
@@ -328,7 +357,15 @@ mod tests {
     const EXPOSURE: Exposure = Exposure { level: 1.0, neutral: [1.0; 3] };
 
     fn patch(at: DVec3, light: f64) -> Patch {
-        Patch { at, normal: DVec3::Z, light: [light; 3], is_bound: false, code: [light; 3], brightest: light }
+        Patch {
+            at,
+            normal: DVec3::Z,
+            light: [light; 3],
+            is_bound: false,
+            parts: [None; 3],
+            code: [light; 3],
+            brightest: light,
+        }
     }
 
     /// 1000 voxels of 2 cm that face up within 0.5 m, of which `white` show 0.8 and the others 0.3,
@@ -394,6 +431,14 @@ mod tests {
         let beyond = (0..200).map(|n| patch(DVec3::new(1.0, 0.001 * f64::from(n), 0.0), 1.6));
         let sunlit = why(&desk(200).into_iter().chain(beyond).collect::<Vec<_>>(), 1.0);
         assert!(matches!(sunlit, Some(Unclaimed::Varies { growth }) if is_about(growth, 2.0)), "{sunlit:?}");
+        // All 200 were seen by both halves, by one of them twice as bright; or one third of the frames saw mirrored light.
+        let seen_as = |parts: [Option<[f64; 3]>; 3]| desk(200).into_iter().map(move |patch| Patch { parts, ..patch });
+        for (parts, by) in [([0.6, 1.2, 0.8], 2.0), ([0.8, 0.8, 0.5], 1.6)] {
+            let differing = why(&seen_as(parts.map(|light| Some([light; 3]))).collect::<Vec<_>>(), 1.0);
+            assert!(matches!(differing, Some(Unclaimed::Differs { factor }) if is_about(factor, by)), "{differing:?}");
+        }
+        let alike = [0.75, 0.85, 0.8].map(|light| Some([light; 3]));
+        assert_eq!(why(&seen_as(alike).collect::<Vec<_>>(), 1.0), None);
         let dark = why(&desk(200), 0.5);
         assert!(matches!(dark, Some(Unclaimed::Disagrees { factor }) if is_about(factor, 2.0)), "{dark:?}");
     }
