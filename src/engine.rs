@@ -5,9 +5,11 @@
 //! follow that sentence; ARCHITECTURE.md has the rest.
 
 // 0: plain values
+pub mod digest;
 pub mod document;
 pub mod frame;
 pub mod installed;
+pub mod memo;
 pub mod params;
 pub mod pixels;
 pub mod pose;

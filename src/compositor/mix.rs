@@ -150,7 +150,7 @@ pub fn mix(
         gamma: camera.response.gamma as f32,
         presence: job.frame.presence as f32,
     };
-    let sigma = recorder.kept(Sigma(camera.noise.clone()), sigma);
+    let sigma = recorder.memoized(Sigma(camera.noise.clone()), sigma);
     let changed = touched(shown, changed);
     let out = recorder.pool.lend(&recorder.gpu, size, sent.texture.format);
     if changed != [shown] {

@@ -325,8 +325,8 @@ pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Optio
         return None;
     }
     let Asked { geometry, part, settings, .. } = *asked;
-    let atlas = recorder.kept_few(Together(seen.iter().map(|s| s.chart.shares.clone()).collect()), Atlas::new);
-    let rays = recorder.kept_few(geometry.clone(), Rays::new);
+    let atlas = recorder.memoized_large(Together(seen.iter().map(|s| s.chart.shares.clone()).collect()), Atlas::new);
+    let rays = recorder.memoized_large(geometry.clone(), Rays::new);
     let piece_px = rays.piece_px;
     let (mut charts, mut pieces, mut turns) = (Vec::new(), Vec::new(), Vec::new());
     for (seen, in_atlas) in seen.iter().zip(&atlas.places) {

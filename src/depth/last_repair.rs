@@ -7,12 +7,19 @@ use super::proxies::Proxies;
 use super::repaired::{Repair, Repaired, Wanted};
 use crate::camera::{Geometry, Response};
 use crate::frame::{Beside, Frame, Surfel};
+use crate::memo::Memo;
 use crate::pixels::Rect;
 use crate::pose::Pose;
 
 /// Only what neighbours helped with is kept: it takes longest, and they tell one reading of a frame from another.
-#[derive(Debug, Default)]
-pub struct LastRepair(Option<(Key, Arc<Repaired>)>);
+#[derive(Debug)]
+pub struct LastRepair(Memo<Key, Arc<Repaired>>);
+
+impl Default for LastRepair {
+    fn default() -> Self {
+        Self(Memo::new(1))
+    }
+}
 
 /// All that a repair depends on.
 #[derive(Debug)]
@@ -34,7 +41,7 @@ impl LastRepair {
     /// What [`Repair::over`] gives for a frame; its rectangles are `around`, `near` and `drawn`. Where it may be rough and is not
     /// known, no neighbour is asked. The second value is whether it is rough.
     pub fn over(
-        &mut self,
+        &self,
         frame: &Frame,
         repair: &Repair<'_>,
         rects: [Rect; 3],
@@ -42,8 +49,8 @@ impl LastRepair {
         may_be_rough: bool,
     ) -> (Arc<Repaired>, bool) {
         let key = Key::new(frame, repair, rects, wanted);
-        if let Some((_, known)) = self.0.as_ref().filter(|(of, _)| *of == key) {
-            return (known.clone(), false);
+        if let Some(known) = self.0.get(&key) {
+            return (known, false);
         }
         let [around, near, drawn] = rects;
         if may_be_rough && repair.measured.is_some() {
@@ -51,7 +58,9 @@ impl LastRepair {
             return (Arc::new(alone.over(around, near, drawn, wanted)), true);
         }
         let repaired = Arc::new(repair.over(around, near, drawn, wanted));
-        self.0 = (!key.beside.is_empty()).then(|| (key, repaired.clone()));
+        if !key.beside.is_empty() {
+            self.0.insert(key, repaired.clone());
+        }
         (repaired, false)
     }
 }
@@ -103,7 +112,7 @@ mod tests {
     use glam::{DQuat, DVec3, Vec3};
 
     /// A thing at 1 m before a wall at 2 m that a frame's own map shows one column too narrow.
-    fn repaired(last: &mut LastRepair, frame: &Frame, may_be_rough: bool, farthest_m: f32) -> (Arc<Repaired>, bool) {
+    fn repaired(last: &LastRepair, frame: &Frame, may_be_rough: bool, farthest_m: f32) -> (Arc<Repaired>, bool) {
         let (rays, pose) = (Rays::new(&Geometry::pinhole(96, 64, 80.0)), Pose::IDENTITY);
         let depth = frame.depth.as_ref().unwrap();
         let neighbour = |frame| Neighbour { frame, measured: pose, taken: pose };
@@ -147,29 +156,29 @@ mod tests {
 
     #[test]
     fn the_same_is_not_made_twice_and_anything_else_is() {
-        let (mut last, here) = (LastRepair::default(), frame());
-        let (first, is_rough) = repaired(&mut last, &here, false, 9.0);
+        let (last, here) = (LastRepair::default(), frame());
+        let (first, is_rough) = repaired(&last, &here, false, 9.0);
         assert!(!is_rough);
         // Also where it might be rough, and for a copy of the frame.
         for may_be_rough in [false, true] {
-            let (again, is_rough) = repaired(&mut last, &here.clone(), may_be_rough, 9.0);
+            let (again, is_rough) = repaired(&last, &here.clone(), may_be_rough, 9.0);
             assert!(Arc::ptr_eq(&first, &again) && !is_rough);
         }
-        assert!(!Arc::ptr_eq(&first, &repaired(&mut last, &here, false, 8.0).0));
-        assert!(!Arc::ptr_eq(&first, &repaired(&mut last, &Frame { index: 5, ..here.clone() }, false, 9.0).0));
+        assert!(!Arc::ptr_eq(&first, &repaired(&last, &here, false, 8.0).0));
+        assert!(!Arc::ptr_eq(&first, &repaired(&last, &Frame { index: 5, ..here.clone() }, false, 9.0).0));
         // The same neighbours, read anew.
-        let (again, _) = repaired(&mut last, &frame(), false, 9.0);
+        let (again, _) = repaired(&last, &frame(), false, 9.0);
         assert!(!Arc::ptr_eq(&first, &again) && first == again);
     }
 
     #[test]
     fn a_rough_one_asks_nobody_and_is_not_kept() {
-        let (mut last, here) = (LastRepair::default(), frame());
-        let (rough, is_rough) = repaired(&mut last, &here, true, 9.0);
+        let (last, here) = (LastRepair::default(), frame());
+        let (rough, is_rough) = repaired(&last, &here, true, 9.0);
         assert!(is_rough);
         let alone = Frame { beside: Vec::new(), ..here.clone() };
-        assert_eq!(rough, repaired(&mut last, &alone, false, 9.0).0);
-        let (whole, is_rough) = repaired(&mut last, &here, false, 9.0);
+        assert_eq!(rough, repaired(&last, &alone, false, 9.0).0);
+        let (whole, is_rough) = repaired(&last, &here, false, 9.0);
         assert!(!is_rough && whole != rough);
     }
 

@@ -124,7 +124,7 @@ impl Effect for Vignetting {
         let moment = run.moment;
         let params = Self { image_circle_px: None, ..self.clone() };
         let of = Of { geometry: moment.picture.clone(), opening: moment.capture.opening, params };
-        let grid = run.recorder.kept_few(of, Grid::new);
+        let grid = run.recorder.memoized_large(of, Grid::new);
         let i = &moment.picture.intrinsics;
         let [across, down] = grid.cells.map(|cells| cells as f32);
         let uniform = Uniform {

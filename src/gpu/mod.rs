@@ -5,7 +5,6 @@
 
 mod device;
 mod interface;
-mod kept;
 mod pass;
 mod pipelines;
 mod readback;
@@ -25,7 +24,6 @@ pub use recorder::Recorder;
 #[cfg(test)]
 pub use shader::constant;
 pub use shader::{Shader, module};
-pub use shared::Known;
 pub use texture::{Pyramid, Texture, TexturePool, half_texels};
 pub use timing::{PartTime, Stamps, Timed};
 pub use uniform::{Bytes, Packed, Uniform, constants};

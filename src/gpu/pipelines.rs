@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::interface::{Global, Interface, layouts};
-use super::shared::Known;
 use super::{Gpu, Shader, shader};
+use crate::memo::Memo;
 
 /// A module's entry points, and the values of its `override`s. A pipeline is made for each choice: a method, a feature.
 /// Numbers that change are uniforms.
@@ -65,24 +65,30 @@ struct Drawn {
     blend: Option<wgpu::BlendState>,
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Pipelines {
-    modules: Known<Vec<Shader>, Module>,
-    drawn: Known<Drawn, Made<wgpu::RenderPipeline>>,
-    computed: Known<(Vec<Shader>, &'static str), Made<wgpu::ComputePipeline>>,
+    modules: Memo<Vec<Shader>, Arc<Module>>,
+    drawn: Memo<Drawn, Arc<Made<wgpu::RenderPipeline>>>,
+    computed: Memo<(Vec<Shader>, &'static str), Arc<Made<wgpu::ComputePipeline>>>,
+}
+
+impl Default for Pipelines {
+    fn default() -> Self {
+        Self { modules: Memo::unbounded(), drawn: Memo::unbounded(), computed: Memo::unbounded() }
+    }
 }
 
 impl Pipelines {
     /// The module of some files, named after the first. `tail` is appended when the module is made, and must depend
     /// only on the files.
     pub fn module(&self, gpu: &Gpu, shaders: &[Shader], tail: impl FnOnce() -> String) -> Arc<Module> {
-        self.modules.get(shaders.to_vec(), |shaders| {
+        self.modules.get_or_insert_with(shaders.to_vec(), |shaders| {
             let text = shader::module(shaders) + &tail();
             let label = shaders.first().map_or("", |shader| shader.name());
             let interface = Interface::new(label, &text);
             let source = wgpu::ShaderSource::Wgsl(text.into());
             let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(label), source });
-            Module { label, interface, module }
+            Arc::new(Module { label, interface, module })
         })
     }
 
@@ -96,7 +102,7 @@ impl Pipelines {
         blend: Option<wgpu::BlendState>,
     ) -> Arc<Made<wgpu::RenderPipeline>> {
         let key = Drawn { module: shaders.to_vec(), entry: entry.clone(), formats: formats.to_vec(), blend };
-        self.drawn.get(key, |_| {
+        self.drawn.get_or_insert_with(key, |_| {
             let globals = module.interface.globals(&[entry.vertex, entry.fragment]);
             let (groups, layout) = layouts(&gpu.device, module.label, &globals);
             let constants = entry.constants();
@@ -127,7 +133,7 @@ impl Pipelines {
                 multiview_mask: None,
                 cache: None,
             });
-            Made { pipeline, groups, globals }
+            Arc::new(Made { pipeline, groups, globals })
         })
     }
 
@@ -138,7 +144,7 @@ impl Pipelines {
         module: &Module,
         entry: &'static str,
     ) -> Arc<Made<wgpu::ComputePipeline>> {
-        self.computed.get((shaders.to_vec(), entry), |_| {
+        self.computed.get_or_insert_with((shaders.to_vec(), entry), |_| {
             let globals = module.interface.globals(&[entry]);
             let (groups, layout) = layouts(&gpu.device, module.label, &globals);
             let pipeline = gpu.compute_pipeline(&wgpu::ComputePipelineDescriptor {
@@ -149,7 +155,7 @@ impl Pipelines {
                 compilation_options: Default::default(),
                 cache: None,
             });
-            Made { pipeline, groups, globals }
+            Arc::new(Made { pipeline, groups, globals })
         })
     }
 }

@@ -2,12 +2,17 @@
 
 use std::sync::Arc;
 
-use super::kept::{FEW, Kept, MANY};
 use super::pipelines::Pipelines;
 use super::readback::{Readback, ReadbackSet};
+use super::shared::Shared;
 use super::timing::{Stamps, Timed, Timer};
 use super::uniform::{Bytes, Uniforms};
 use super::{Gpu, Texture, TexturePool};
+use crate::memo::Memo;
+
+/// Largest number of memoized values of a kind, which is the types of key and value; and of values of several megabytes.
+const VALUES: usize = 64;
+const LARGE_VALUES: usize = 4;
 
 /// Records passes, and keeps what outlasts a frame: textures, uniforms, cached values; pipelines are the device's.
 #[derive(Debug)]
@@ -18,7 +23,7 @@ pub struct Recorder {
     pub(super) linear: wgpu::Sampler,
     pub(super) pipelines: Arc<Pipelines>,
     uniforms: Uniforms,
-    kept: Kept,
+    memos: Shared,
     encoder: Option<wgpu::CommandEncoder>,
     parts: Vec<wgpu::SubmissionIndex>,
     timer: Option<Timer>,
@@ -40,7 +45,7 @@ impl Recorder {
             pool: TexturePool::default(),
             pipelines,
             uniforms: Uniforms::default(),
-            kept: Kept::default(),
+            memos: Shared::default(),
             encoder: None,
             parts: Vec::new(),
             timer: None,
@@ -70,24 +75,24 @@ impl Recorder {
         self.uniforms.push(&self.gpu, bytes, 4)
     }
 
-    /// The cached value of a key, made if there is none. The key's type says what it is.
-    pub fn kept<K, V>(&mut self, key: K, make: impl FnOnce(&Gpu, &K) -> V) -> V
+    /// The memoized value of a key. The types of key and value say what it is.
+    pub fn memoized<K, V>(&mut self, key: K, make: impl FnOnce(&Gpu, &K) -> V) -> V
     where
         K: PartialEq + Send + Sync + 'static,
         V: Clone + Send + Sync + 'static,
     {
         let gpu = &self.gpu;
-        self.kept.get(MANY, key, |key| make(gpu, key))
+        self.memos.get(|| Memo::new(VALUES)).get_or_insert_with(key, |key| make(gpu, key))
     }
 
-    /// The same for values of several megabytes, of which only a few are kept.
-    pub fn kept_few<K, V>(&mut self, key: K, make: impl FnOnce(&Gpu, &K) -> V) -> V
+    /// [`Recorder::memoized`] for values of several megabytes, of which few are kept.
+    pub fn memoized_large<K, V>(&mut self, key: K, make: impl FnOnce(&Gpu, &K) -> V) -> V
     where
         K: PartialEq + Send + Sync + 'static,
         V: Clone + Send + Sync + 'static,
     {
         let gpu = &self.gpu;
-        self.kept.get(FEW, key, |key| make(gpu, key))
+        self.memos.get(|| Memo::new(LARGE_VALUES)).get_or_insert_with(key, |key| make(gpu, key))
     }
 
     /// Submits what was recorded to the GPU.

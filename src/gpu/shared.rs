@@ -3,7 +3,6 @@
 use std::any::{Any, TypeId};
 use std::collections::HashMap;
 use std::fmt;
-use std::hash::Hash;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Values by their types.
@@ -30,27 +29,6 @@ impl fmt::Debug for Shared {
     }
 }
 
-/// Values by their keys. Nobody waits for what somebody else makes: two may make the same, and the first one stays.
-#[derive(Debug)]
-pub struct Known<K, V>(Mutex<HashMap<K, Arc<V>>>);
-
-impl<K, V> Default for Known<K, V> {
-    fn default() -> Self {
-        Self(Mutex::default())
-    }
-}
-
-impl<K: Eq + Hash, V> Known<K, V> {
-    pub fn get(&self, key: K, make: impl FnOnce(&K) -> V) -> Arc<V> {
-        let all = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = all().get(&key) {
-            return known.clone();
-        }
-        let made = Arc::new(make(&key));
-        all().entry(key).or_insert(made).clone()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -63,12 +41,5 @@ mod tests {
         assert_eq!(*Shared::default().get(|| 3u32), 3);
         shared.forget();
         assert_eq!((*first, *shared.get(|| 4u32)), (1, 4));
-    }
-
-    #[test]
-    fn a_value_is_made_once_for_its_key() {
-        let known = Known::default();
-        let values = [known.get('a', |_| 1), known.get('b', |_| 2), known.get('a', |_| 3)];
-        assert_eq!(values.map(|value| *value), [1, 2, 1]);
     }
 }

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use super::light::{MAX_POINTS, MAX_SUNS};
 use super::unwrap::Corner;
-use crate::gpu::{Gpu, Known, Shader};
+use crate::gpu::{Gpu, Shader};
+use crate::memo::Memo;
 use crate::scene::{Alpha, Environment, Lighting, Material};
 
 pub const COLOR: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
@@ -126,7 +127,7 @@ pub struct Pipelines {
     pub frame_layout: wgpu::BindGroupLayout,
     pub material_layout: wgpu::BindGroupLayout,
     pub lightmap_layout: wgpu::BindGroupLayout,
-    made: Known<(Variant, Writes), wgpu::RenderPipeline>,
+    made: Memo<(Variant, Writes), Arc<wgpu::RenderPipeline>>,
 }
 
 impl Pipelines {
@@ -145,13 +146,13 @@ impl Pipelines {
             frame_layout,
             material_layout,
             lightmap_layout,
-            made: Known::default(),
+            made: Memo::unbounded(),
         }
     }
 
     /// The pipeline of a variant, created if it is missing.
     pub fn get(&self, gpu: &Gpu, variant: Variant, writes: Writes) -> Arc<wgpu::RenderPipeline> {
-        self.made.get((variant, writes), |(variant, writes)| self.make(gpu, variant, *writes))
+        self.made.get_or_insert_with((variant, writes), |(variant, writes)| Arc::new(self.make(gpu, variant, *writes)))
     }
 
     fn make(&self, gpu: &Gpu, variant: &Variant, writes: Writes) -> wgpu::RenderPipeline {

@@ -38,6 +38,8 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 
+use crate::digestible;
+
 pub use correction::LightCorrection;
 pub use describe::{Description, ObjectDescription, TextureDescription, bounds_m, describe, odd_size};
 pub use document::{Document, Entry, Gauge, SceneFile, Thing};
@@ -309,6 +311,11 @@ pub struct PointLight {
     pub range_m: f32,
     /// Direction of a spot's axis in the world and its inner and outer angle from it, radians.
     pub spot: Option<(Vec3, Vec2)>,
+}
+
+digestible! {
+    Sun { towards_light_in_world, color, diameter_rad }
+    PointLight { position_in_world_m, color, diameter_m, range_m, spot }
 }
 
 /// Light from everywhere.

@@ -5,8 +5,8 @@ use std::ops::Range;
 
 use glam::{DAffine3, Vec2, Vec3};
 
-use super::known::Telling;
 use super::skin::Skin;
+use crate::digest::{Digester, Digestible};
 use crate::scene::{Alpha, Scene, Vertex};
 
 /// Less opaque than this on the whole, a surface lets light through.
@@ -23,6 +23,16 @@ pub struct Casters {
     pub colors: Vec<Vec3>,
     /// Of the triangles of each part, in turn.
     pub parts: Vec<Range<usize>>,
+}
+
+impl Digestible for Casters {
+    fn digest(&self, into: &mut Digester) {
+        let Self { corners, triangles, colors, parts } = self;
+        into.add_numbers(corners);
+        into.add_numbers(triangles);
+        into.add_numbers(colors);
+        into.add(parts);
+    }
 }
 
 impl Casters {
@@ -54,13 +64,6 @@ impl Casters {
     pub fn middle_and_front(&self, triangle: usize) -> (Vec3, Vec3) {
         let [a, b, c] = self.triangles[triangle].map(|i| self.corners[i as usize]);
         ((a + b + c) / 3.0, (b - a).cross(c - a).normalize_or_zero())
-    }
-
-    pub fn tell(&self, telling: &mut Telling) {
-        telling.all(&self.corners);
-        telling.all(&self.triangles);
-        telling.all(&self.colors);
-        telling.small(&self.parts);
     }
 
     /// What of it is not below the floor: triangles that go through it end there.

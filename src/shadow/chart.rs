@@ -9,13 +9,14 @@ use super::bounce::{Bounce, Ground};
 use super::casters::Casters;
 use super::extent::Extent;
 use super::floor::Floor;
-use super::known::Telling;
 use super::mask::{Mask, Sums, jitter};
 use super::outline::Outline;
 use super::room::Stops;
 use super::sky::{CLASSES, Lamp, Ray, Sky, class};
 use super::spread::spread;
 use super::within::Within;
+use crate::digest::{Digester, Digestible};
+use crate::digestible;
 use crate::rows::{over_rows, processors};
 
 /// The most texels along a side.
@@ -96,14 +97,7 @@ pub struct Real<'a> {
     pub within: Option<&'a Within>,
 }
 
-impl Real<'_> {
-    pub fn tell(&self, telling: &mut Telling) {
-        telling.small(&(self.stops.is_some(), self.within));
-        if let Some(stops) = self.stops {
-            stops.tell(telling);
-        }
-    }
-}
+digestible! { Real<'_> { stops, within } }
 
 /// Shares on a floor in the world.
 #[derive(Clone, Debug)]
@@ -112,6 +106,20 @@ pub struct Chart {
     pub shares: Arc<Shares>,
     /// What they are on is a real thing beside the object, not what it stands on.
     pub is_beside: bool,
+}
+
+/// What a place on it receives: its shares' summaries follow from `taken`.
+impl Digestible for Chart {
+    fn digest(&self, into: &mut Digester) {
+        let Self { floor, shares, is_beside: _ } = self;
+        let Shares { low_m, texel_m, width, height, taken, shown: _, dark: _, blocks: _ } = &**shares;
+        into.add(floor);
+        into.add(low_m);
+        into.add(texel_m);
+        into.add(width);
+        into.add(height);
+        into.add_numbers(taken);
+    }
 }
 
 impl PartialEq for Chart {
@@ -348,13 +356,6 @@ impl Shares {
 }
 
 impl Chart {
-    /// All that a place on it is told.
-    pub fn tell(&self, telling: &mut Telling) {
-        let Shares { low_m, texel_m, width, height, taken, .. } = &*self.shares;
-        telling.all(taken);
-        telling.small(&(&self.floor, low_m, texel_m, width, height));
-    }
-
     /// The corners of the chart in the world.
     pub fn at(&self, across: f64, down: f64) -> DVec3 {
         let shares = &self.shares;

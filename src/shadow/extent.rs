@@ -3,6 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use super::sky::Sky;
+use crate::digestible;
 
 /// The share of the light that is not missed, once the chart's rim has faded it out: less than a code of a mid-grey floor.
 const LEAST: f32 = 0.005;
@@ -18,6 +19,8 @@ pub struct Extent {
     pub low: Vec2,
     pub high: Vec2,
 }
+
+digestible! { Extent { low, high } }
 
 impl Extent {
     pub fn union(self, other: Self) -> Self {

@@ -2,6 +2,7 @@
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
+use crate::digestible;
 use crate::scene::Support;
 
 /// x and y lie in the plane, z points out of it. Metres.
@@ -11,6 +12,8 @@ pub struct Floor {
     /// World from floor: the columns are its x, its y and its normal.
     pub axes: DMat3,
 }
+
+digestible! { Floor { origin_m, axes } }
 
 impl Floor {
     /// `normal` of unit length. The axes depend on it alone.

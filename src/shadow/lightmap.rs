@@ -25,8 +25,8 @@ use glam::{DVec3, Mat3, Vec3};
 use super::bvh::{Bundle, Bvh, RAYS};
 use super::casters::Casters;
 use super::chart::Chart;
-use super::known::Telling;
 use super::sky::{Far, disc, on_surface};
+use crate::digest::{Digester, Digestible};
 use crate::render::{Lightmap, Place, Unwrapped};
 use crate::rows::{over_rows, processors};
 use crate::scene::{Lighting, PointLight};
@@ -63,15 +63,18 @@ pub struct Among<'a> {
     pub most: [usize; 2],
 }
 
-impl Among<'_> {
-    /// All that rays find.
-    pub fn tell(&self, telling: &mut Telling) {
+impl Digestible for Among<'_> {
+    fn digest(&self, into: &mut Digester) {
         let Self { origin_m, casters, far, lighting, floors, most } = self;
-        casters.tell(telling);
-        let far = far.iter().flat_map(|far| [far.towards, far.light, Vec3::splat(far.solid_sr)]);
-        telling.all(&far.collect::<Vec<_>>());
-        floors.iter().for_each(|chart| chart.tell(telling));
-        telling.small(&(origin_m, &lighting.suns, &lighting.points, most));
+        // `far` is the environment's light.
+        let Lighting { environment: _, suns, points } = lighting;
+        into.add(origin_m);
+        into.add(casters);
+        into.add(*far);
+        into.add(suns);
+        into.add(points);
+        into.add(*floors);
+        into.add_numbers(most);
     }
 }
 
@@ -244,14 +247,18 @@ impl Reaching {
     }
 }
 
-impl Surface<'_> {
-    pub fn tell(&self, telling: &mut Telling) {
-        let Unwrapped { corners, indices, side } = self.unwrapped;
-        telling.all(corners);
-        telling.all(indices);
-        telling.small(&(side, self.place, self.double_sided));
+impl Digestible for Surface<'_> {
+    fn digest(&self, into: &mut Digester) {
+        let Self { unwrapped: Unwrapped { corners, indices, side }, place, double_sided } = self;
+        into.add_numbers(corners);
+        into.add_numbers(indices);
+        into.add(side);
+        into.add(place);
+        into.add(double_sided);
     }
+}
 
+impl Surface<'_> {
     fn spot(&self, place: &Place, turned: f32) -> Spot {
         let matrix = self.place.matrix3.as_mat3();
         let own = &self.unwrapped.indices[3 * place.triangle as usize..][..3];
@@ -431,8 +438,8 @@ impl<'a> Room<'a> {
 #[cfg(test)]
 mod tests {
     use super::super::floor::Floor;
-    use super::super::known::Telling;
     use super::*;
+    use crate::digest::Digest;
     use crate::scene::Sun;
     use glam::{DAffine3, Vec2};
     use std::sync::Arc;
@@ -451,18 +458,18 @@ mod tests {
     }
 
     impl Inputs {
-        fn told(&self) -> Telling {
+        fn digest(&self) -> Digest {
             let Self { casters, far, lighting, floors, origin_m, unwrapped, place, double_sided } = self;
             let among = Among { origin_m: *origin_m, casters, far, lighting, floors, most: [1, 3] };
-            let mut telling = Telling::default();
-            among.tell(&mut telling);
-            Surface { unwrapped, place: *place, double_sided: *double_sided }.tell(&mut telling);
-            telling
+            let mut digester = Digester::default();
+            digester.add(&among);
+            digester.add(&Surface { unwrapped, place: *place, double_sided: *double_sided });
+            digester.finish()
         }
     }
 
     #[test]
-    fn whatever_a_lightmap_depends_on_is_told_to_the_last_bit() {
+    fn any_input_of_a_lightmap_changes_its_digest() {
         let lamp = PointLight {
             position_in_world_m: DVec3::Z,
             color: Vec3::ONE,
@@ -489,7 +496,7 @@ mod tests {
             place: DAffine3::IDENTITY,
             double_sided: false,
         };
-        assert!(first.told().is(&first.clone().told()));
+        assert_eq!(first.digest(), first.clone().digest());
         let changes: [fn(&mut Inputs); 17] = [
             |i| i.casters.corners[1].x = 1.0f32.next_up(),
             |i| i.casters.triangles[0] = [0, 2, 1],
@@ -512,7 +519,7 @@ mod tests {
         for (n, change) in changes.into_iter().enumerate() {
             let mut other = first.clone();
             change(&mut other);
-            assert!(!other.told().is(&first.told()), "change {n}");
+            assert_ne!(other.digest(), first.digest(), "change {n}");
         }
     }
 

@@ -10,10 +10,11 @@ use glam::{DAffine3, DVec3};
 
 use super::casters::Casters;
 use super::chart::{Chart, Shares};
-use super::kept::{Kept, Steps, from_steps, step, steps};
-use super::known::{Known, Telling};
 use super::lightmap::{Among, Room, Surface, lightmap};
 use super::sky::{Around, Far};
+use super::steps::{Steps, from_steps, step, steps};
+use crate::digest::{Digest, Digester};
+use crate::memo::Memo;
 use crate::render::{Lightmap, MAX_POINTS, MAX_SUNS, Unwrapped};
 use crate::scene::{Lighting, Object, Part, PointLight, Scene};
 
@@ -24,7 +25,7 @@ const KEPT: usize = 256;
 
 /// For all compositors: of forty things with three parts each. A map has at most 128² texels in ten layers, 2.6 MB; most are a tenth
 /// of that.
-static KNOWN: Known<Lightmap> = Known::new(128);
+static LIGHTMAPS: Memo<Digest, Arc<Lightmap>> = Memo::new(128);
 
 /// Works out lightmaps, and keeps them.
 #[derive(Debug)]
@@ -32,7 +33,7 @@ pub struct Lightmaps {
     lighting: Lighting,
     /// Made when it is first asked for.
     far: Option<Vec<Far>>,
-    kept: Kept<Key, Arc<Lightmap>>,
+    kept: Memo<Key, Arc<Lightmap>>,
     last: Option<Last>,
 }
 
@@ -79,7 +80,7 @@ struct Thing<'a> {
 impl Lightmaps {
     /// For scenes of these meshes and this light.
     pub fn new(scene: &Scene) -> Self {
-        Self { lighting: scene.lighting.clone(), far: None, kept: Kept::new(KEPT), last: None }
+        Self { lighting: scene.lighting.clone(), far: None, kept: Memo::new(KEPT), last: None }
     }
 
     /// The same meshes are lit otherwise from now on. Until lightmaps are worked out anew, the last ones are rough ones, if as many suns
@@ -170,7 +171,7 @@ impl Lightmaps {
         };
         let parts = own.object.parts.iter();
         let asked: Vec<_> = parts.map(|part| (unwrapped.get(part.mesh).filter(|u| u.side > 0), key(part))).collect();
-        let mut maps: Vec<_> = asked.iter().map(|(surface, key)| surface.and_then(|_| self.kept.found(key))).collect();
+        let mut maps: Vec<_> = asked.iter().map(|(surface, key)| surface.and_then(|_| self.kept.get(key))).collect();
         let lacks = |(map, (surface, _)): (&Option<_>, &(Option<_>, Key))| map.is_none() && surface.is_some();
         if !maps.iter().zip(&asked).any(lacks) {
             return maps;
@@ -181,18 +182,18 @@ impl Lightmaps {
         let (lighting, most) = (&self.lighting, [MAX_SUNS, MAX_POINTS]);
         let among = Among { origin_m, casters: &casters, far, lighting, floors: charts, most };
         let room = LazyCell::new(|| Room::new(&among));
-        let mut telling = Telling::default();
-        among.tell(&mut telling);
+        let mut digester = Digester::default();
+        digester.add(&among);
         for (map, (unwrapped, key)) in maps.iter_mut().zip(asked) {
             let (None, Some(unwrapped)) = (&map, unwrapped) else { continue };
             let (mesh, place) = &key.part;
             let material = scene.materials.get(scene.meshes[*mesh].material);
             let double_sided = material.is_some_and(|material| material.double_sided);
             let surface = Surface { unwrapped, place: from_steps(place), double_sided };
-            let mut telling = telling.clone();
-            surface.tell(&mut telling);
-            let made = KNOWN.of(telling, || lightmap(&surface, &room));
-            self.kept.keep(key, made.clone());
+            let mut digester = digester.clone();
+            digester.add(&surface);
+            let made = LIGHTMAPS.get_or_insert_with(digester.finish(), |_| Arc::new(lightmap(&surface, &room)));
+            self.kept.insert(key, made.clone());
             *map = Some(made);
         }
         maps

@@ -36,8 +36,6 @@ mod dimmed;
 mod extent;
 mod floor;
 mod group;
-mod kept;
-mod known;
 mod last;
 mod lightmap;
 mod lightmaps;
@@ -50,6 +48,7 @@ mod shadows;
 mod skin;
 mod sky;
 mod spread;
+mod steps;
 mod within;
 
 pub use chart::{Chart, Part, Shares};

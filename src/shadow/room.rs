@@ -16,9 +16,9 @@ use glam::{DVec3, IVec3, Vec2, Vec3};
 
 use super::extent::Extent;
 use super::floor::Floor;
-use super::known::Telling;
 use super::mask::jitter;
 use super::sky::{Lamp, Ray, Sky, Source};
+use crate::digest::{Digester, Digestible};
 
 /// Side of a solid, and of the cells of a floor in which its shadow is told, metres.
 const SIDE_M: f32 = 0.02;
@@ -106,15 +106,21 @@ struct Laid {
     near: f32,
 }
 
-impl Stops {
-    pub fn tell(&self, telling: &mut Telling) {
-        telling.small(&(self.low_m, self.columns, self.rows, self.lamps.len()));
-        for words in std::iter::once(&self.rays).chain(&self.lamps) {
-            telling.small(&words.len());
-            words.iter().for_each(|words| telling.all(words));
+impl Digestible for Stops {
+    fn digest(&self, into: &mut Digester) {
+        let Self { low_m, columns, rows, rays, lamps } = self;
+        into.add(low_m);
+        into.add(columns);
+        into.add(rows);
+        into.add(&lamps.len());
+        for words in std::iter::once(rays).chain(lamps) {
+            into.add(&words.len());
+            words.iter().for_each(|words| into.add_numbers(words));
         }
     }
+}
 
+impl Stops {
     /// On an extent of a floor; nothing where no light is stopped.
     pub fn of(room: &Room, floor: &Floor, extent: Extent, sky: &Sky) -> Option<Arc<Self>> {
         let from_world = floor.floor_from_world();

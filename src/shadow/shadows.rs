@@ -13,12 +13,13 @@ use super::dimmed;
 use super::extent::Extent;
 use super::floor::Floor;
 use super::group::Group;
-use super::kept::{Kept, Steps, from_steps, steps};
-use super::known::{Known, Telling};
 use super::last::Last;
 use super::room::{ABOVE_M, Room, Stops};
 use super::sky::{Around, Far, Ray, Sky, rays};
+use super::steps::{Steps, from_steps, steps};
 use super::within::Within;
+use crate::digest::{Digest, Digester};
+use crate::memo::Memo;
 use crate::render::Lightmap;
 use crate::scene::{Lighting, Object, Scene};
 
@@ -28,7 +29,7 @@ const KEPT: usize = 128;
 const KEPT_STOPS: usize = 128;
 
 /// For all compositors: at most 5 MB each. A scene with more charts makes them anew.
-static KNOWN: Known<Shares> = Known::new(32);
+static CHARTS: Memo<Digest, Arc<Shares>> = Memo::new(32);
 
 /// Works out charts, and keeps them.
 #[derive(Debug)]
@@ -36,16 +37,16 @@ pub struct Shadows {
     lighting: Lighting,
     around: Around,
     /// Far light by the floor's axes.
-    rays: Kept<DMat3, Arc<[Ray]>>,
+    rays: Memo<DMat3, Arc<[Ray]>>,
     /// From everywhere, made when it is first asked for.
     far: Option<Arc<[Far]>>,
-    extents: Kept<Key, Extent>,
-    charts: Kept<Key, Arc<Shares>>,
+    extents: Memo<Key, Extent>,
+    charts: Memo<Key, Arc<Shares>>,
     /// Rough ones.
-    sketches: Kept<Key, Arc<Shares>>,
+    sketches: Memo<Key, Arc<Shares>>,
     /// Real things, and what they stop on floors of whole charts.
     room: Option<Arc<Room>>,
-    stops: Kept<(Floor, Key), Option<Arc<Stops>>>,
+    stops: Memo<(Floor, Key), Option<Arc<Stops>>>,
     last: Option<Last>,
     dimmed: Option<Dimmed>,
 }
@@ -83,8 +84,8 @@ impl Shadows {
 
     fn under(scene: &Scene, around: Around) -> Self {
         let lighting = scene.lighting.clone();
-        let charts = Kept::new(KEPT);
-        let (rays, extents, sketches) = (Kept::new(KEPT), Kept::new(KEPT), Kept::new(KEPT));
+        let charts = Memo::new(KEPT);
+        let (rays, extents, sketches) = (Memo::new(KEPT), Memo::new(KEPT), Memo::new(KEPT));
         Self {
             around,
             lighting,
@@ -94,7 +95,7 @@ impl Shadows {
             charts,
             sketches,
             room: None,
-            stops: Kept::new(KEPT_STOPS),
+            stops: Memo::new(KEPT_STOPS),
             last: None,
             dimmed: None,
         }
@@ -103,7 +104,7 @@ impl Shadows {
     /// Real things stop light, too, from now on.
     pub fn stand_in(&mut self, room: Option<Arc<Room>>) {
         if self.room != room {
-            (self.room, self.stops) = (room, Kept::new(KEPT_STOPS));
+            (self.room, self.stops) = (room, Memo::new(KEPT_STOPS));
             (self.last, self.dimmed) = (None, None);
         }
     }
@@ -187,12 +188,12 @@ impl Shadows {
         let (extent, sky) = (self.extent(scene, key.clone())?, key.sky.rough());
         let stops = self.room.as_ref().and_then(|room| Stops::of(room, floor, extent, &sky));
         let key = Key { stops, ..key };
-        if let Some(shares) = self.sketches.found(&key) {
+        if let Some(shares) = self.sketches.get(&key) {
             return Some(shares);
         }
         let casters = Casters::of(scene, key.placed()).on_floor();
         let shares = Arc::new(Shares::rough(&casters, extent, &sky, key.real()));
-        self.sketches.keep(key, shares.clone());
+        self.sketches.insert(key, shares.clone());
         Some(shares)
     }
 
@@ -257,13 +258,13 @@ impl Shadows {
     }
 
     fn extent(&mut self, scene: &Scene, key: Key) -> Option<Extent> {
-        if let Some(known) = self.extents.found(&key) {
+        if let Some(known) = self.extents.get(&key) {
             return Some(known);
         }
         let (low, high, height) = Casters::of(scene, key.placed()).on_floor().bounds()?;
         let extent = Extent::of(low, high, height, &key.sky);
         let extent = key.within.as_ref().map_or(extent, |within| within.clip(extent, Extent { low, high }));
-        self.extents.keep(key, extent);
+        self.extents.insert(key, extent);
         Some(extent)
     }
 
@@ -286,45 +287,47 @@ impl Shadows {
 
     fn whole(&mut self, scene: &Scene, floor: &Floor, key: Key, extent: Extent) -> Arc<Shares> {
         let key = Key { stops: self.stops(floor, &key, extent), ..key };
-        if let Some(shares) = self.charts.found(&key) {
+        if let Some(shares) = self.charts.get(&key) {
             return shares;
         }
         let casters = Casters::of(scene, key.placed()).on_floor();
-        let mut telling = Telling::default();
-        casters.tell(&mut telling);
-        key.real().tell(&mut telling);
-        telling.small(&(extent, &key.sky));
-        let shares = KNOWN.of(telling, || Shares::new(&casters, extent, &key.sky, key.real()));
-        self.charts.keep(key, shares.clone());
+        let mut digester = Digester::default();
+        digester.add(&casters);
+        digester.add(&key.real());
+        digester.add(&extent);
+        digester.add(&key.sky);
+        let shares = CHARTS
+            .get_or_insert_with(digester.finish(), |_| Arc::new(Shares::new(&casters, extent, &key.sky, key.real())));
+        self.charts.insert(key, shares.clone());
         shares
     }
 
     /// The whole chart on a floor of which a key says all but what real things stop there, if it is known.
     fn known(&mut self, floor: &Floor, key: &Key) -> Option<Arc<Shares>> {
         let stops = match self.room {
-            Some(_) => self.stops.found(&(*floor, key.clone()))?,
+            Some(_) => self.stops.get(&(*floor, key.clone()))?,
             None => None,
         };
-        self.charts.found(&Key { stops, ..key.clone() })
+        self.charts.get(&Key { stops, ..key.clone() })
     }
 
     /// What real things stop on a floor, of which a key says all else.
     fn stops(&mut self, floor: &Floor, key: &Key, extent: Extent) -> Option<Arc<Stops>> {
         let room = self.room.clone()?;
         let place = (*floor, key.clone());
-        if let Some(known) = self.stops.found(&place) {
+        if let Some(known) = self.stops.get(&place) {
             return known;
         }
         let stops = Stops::of(&room, floor, extent, &key.sky);
-        self.stops.keep(place, stops.clone());
+        self.stops.insert(place, stops.clone());
         stops
     }
 
     /// `within`: of a facet's floor.
     fn key(&mut self, floor: &Floor, parts: &Parts, within: Option<Arc<Within>>) -> Key {
-        let rays = self.rays.found(&floor.axes).unwrap_or_else(|| {
+        let rays = self.rays.get(&floor.axes).unwrap_or_else(|| {
             let rays = rays(&self.lighting, &self.around, floor);
-            self.rays.keep(floor.axes, rays.clone());
+            self.rays.insert(floor.axes, rays.clone());
             rays
         });
         let far = within.as_ref().map(|_| self.far.get_or_insert_with(|| self.around.everywhere().into()).clone());

@@ -13,6 +13,8 @@ use glam::{DVec3, Mat3, Vec2, Vec3};
 
 use super::floor::Floor;
 use super::mask::SPREAD;
+use crate::digest::{Digester, Digestible};
+use crate::digestible;
 use crate::render::panorama::{Level, direction, direction_at, resampled, solid_sr};
 use crate::scene::{Environment, Lighting, Sun};
 
@@ -101,6 +103,20 @@ pub struct Sky {
 pub struct Behind {
     pub far: Vec<Far>,
     pub lamps: Vec<Lamp>,
+}
+
+digestible! {
+    Ray { slope, light, angle_rad, source }
+    Far { towards, light, solid_sr }
+    Lamp { at_m, color, range_m, spot, radius_m, points_m }
+    Sky { rays, lamps, light, behind }
+    Behind { far, lamps }
+}
+
+impl Digestible for Source {
+    fn digest(&self, into: &mut Digester) {
+        into.add(&(*self as u8));
+    }
 }
 
 /// A scene's surrounding light in the size in which it is looked at: made once for all floors.

@@ -9,6 +9,7 @@ use glam::{DVec2, DVec3, Vec2, Vec3};
 
 use super::extent::Extent;
 use super::floor::Floor;
+use crate::digestible;
 use crate::scene::{Facet, Object, Support};
 
 /// Over this its rectangle's sides fade out, metres.
@@ -37,6 +38,12 @@ struct Rectangle {
 struct Surface {
     height: Vec3,
     rectangle: Option<Rectangle>,
+}
+
+digestible! {
+    Within { own, before }
+    Rectangle { x, y, low, high }
+    Surface { height, rectangle }
 }
 
 impl Within {

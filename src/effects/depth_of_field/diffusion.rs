@@ -103,7 +103,8 @@ pub fn run(run: &mut LayerRun<'_>, params: &DepthOfField, opening: &Opening, lay
     // Keyed by what they depend on, and nothing else.
     let DepthOfField { shape, rim, gaussian_px, largest_radius_px: most_px, .. } = *params;
     let of_operators = DepthOfField { shape, rim, gaussian_px, largest_radius_px: most_px, ..DepthOfField::default() };
-    let operators = run.recorder.kept_few(Of { params: of_operators, opening: *opening, largest_radius_px }, texture);
+    let operators =
+        run.recorder.memoized_large(Of { params: of_operators, opening: *opening, largest_radius_px }, texture);
     let pass = run.recorder.pass(Shader::DepthOfFieldDiffusion, "blur_factors").uniform("lens", &lens);
     let [factors] = pass.texture("geometry", &layer.geometry).draw([COLOR], layer.size);
     let wang = Wang {

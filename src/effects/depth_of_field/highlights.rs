@@ -70,7 +70,7 @@ struct List;
 
 /// The list of lights found, and their number, for the shader that draws them.
 pub fn list(recorder: &mut Recorder) -> wgpu::Buffer {
-    recorder.kept(List, |gpu, _| storage(gpu, HEAD_BYTES + MOST * BYTES))
+    recorder.memoized(List, |gpu, _| storage(gpu, HEAD_BYTES + MOST * BYTES))
 }
 
 /// Cache key of the buffers for this many cells: what is left of each block, and how many stand out.
@@ -88,7 +88,7 @@ pub fn find(
     let cells = (layer.size.0.div_ceil(CELL_PX), layer.size.1.div_ceil(CELL_PX));
     let count = u64::from(cells.0.max(1)) * u64::from(cells.1.max(1));
     // Rounded up, so that a moving object's rectangle does not make new buffers each frame.
-    let [left, numbers] = recorder.kept(Cells(count.next_power_of_two()), |gpu, Cells(count)| {
+    let [left, numbers] = recorder.memoized(Cells(count.next_power_of_two()), |gpu, Cells(count)| {
         [storage(gpu, 4 * BLOCKS * count), storage(gpu, 4 * count)]
     });
     for (entry, groups) in [("find", (cells.0.div_ceil(8), cells.1.div_ceil(8))), ("list", (1, 1))] {

@@ -169,7 +169,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
 
     let gathering = Gathering {
         lens,
-        aperture: run.recorder.kept(Blades::of(opening), image::buffer),
+        aperture: run.recorder.memoized(Blades::of(opening), image::buffer),
         tiles: needed,
         count,
         corners,

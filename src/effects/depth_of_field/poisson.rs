@@ -72,7 +72,7 @@ pub fn run(run: &mut LayerRun<'_>, points: usize, opening: &Opening, layer: Laye
     let tiling = Tiling::coarse(layer.size, reach_px(run.moment));
     let lens = Lens::new(run, opening, &layer, tiling, largest_radius_px(run.moment), 0);
     let around = surroundings(run, &lens, &layer, tiling);
-    let discs = run.recorder.kept(Discs(points), discs);
+    let discs = run.recorder.memoized(Discs(points), discs);
     let pass =
         run.recorder.pass(Shader::DepthOfFieldPoisson, "first").uniform("lens", &lens).buffer("discs", discs.clone());
     let pass =

@@ -150,7 +150,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
             sums = pass.draw([COLOR; 3], size);
             continue;
         }
-        let kernel = run.recorder.kept(Of { blades: Blades::of(opening), slice }, |_, of| {
+        let kernel = run.recorder.memoized(Of { blades: Blades::of(opening), slice }, |_, of| {
             let circle_px = f64::from(of.slice.signum()) * diameter_px(of.slice);
             Kernel::new(&Aperture::of(&of.blades.opening()), circle_px)
         });

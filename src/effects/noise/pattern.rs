@@ -119,7 +119,7 @@ impl Pattern {
         let [x, y, z] = self.key;
         let white = White { key: [x, y, z, 0], origin: [lattice.x0 - 1, lattice.y0 - 1] };
         let around = (lattice.width() + 2, lattice.height() + 2);
-        let table = recorder.kept(Quantiles, quantiles);
+        let table = recorder.memoized(Quantiles, quantiles);
         let pass = recorder.pass(Shader::NoiseWhite, "main").uniform("white", &white);
         let [white] = pass.texture("normal_table", &table).draw([FORMAT], around);
 

@@ -1,0 +1,88 @@
+//! Memoized results: values of pure functions by their keys, the least recently used evicted first.
+//!
+//! A key holds all that its value depends on, exactly. Where that is much, it is a
+//! [`Digest`](crate::digest::Digest). Keys are compared one after another: a memo is for values that
+//! take far longer to compute than some hundred comparisons.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Values by their keys. Clones of a value are handed out, so that large ones stand in an `Arc`.
+#[derive(Debug)]
+pub struct Memo<K, V> {
+    /// Largest number of entries.
+    capacity: usize,
+    /// The most recently used last.
+    entries: Mutex<Vec<(K, V)>>,
+}
+
+impl<K, V> Memo<K, V> {
+    pub const fn new(capacity: usize) -> Self {
+        Self { capacity, entries: Mutex::new(Vec::new()) }
+    }
+
+    /// Keeps every value.
+    pub const fn unbounded() -> Self {
+        Self::new(usize::MAX)
+    }
+
+    /// A thread that panicked left no entry half-written.
+    fn entries(&self) -> MutexGuard<'_, Vec<(K, V)>> {
+        self.entries.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<K: PartialEq, V: Clone> Memo<K, V> {
+    /// The value of a key, which then counts as most recently used.
+    pub fn get(&self, key: &K) -> Option<V> {
+        let mut entries = self.entries();
+        let at = entries.iter().position(|(known, _)| known == key)?;
+        entries[at..].rotate_left(1);
+        entries.last().map(|(_, value)| value.clone())
+    }
+
+    /// Returns the value that is kept: the first one of a key.
+    pub fn insert(&self, key: K, value: V) -> V {
+        if let Some(known) = self.get(&key) {
+            return known;
+        }
+        let mut entries = self.entries();
+        if entries.len() >= self.capacity {
+            entries.remove(0);
+        }
+        entries.push((key, value.clone()));
+        value
+    }
+
+    /// The value of a key, computed if it is not known. Nobody waits for what another thread computes: two may compute
+    /// the same, and the first one stays.
+    pub fn get_or_insert_with(&self, key: K, compute: impl FnOnce(&K) -> V) -> V {
+        self.get(&key).unwrap_or_else(|| {
+            let value = compute(&key);
+            self.insert(key, value)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn least_recently_used_value_is_evicted() {
+        let memo = Memo::new(2);
+        memo.insert(1, 'a');
+        memo.insert(2, 'b');
+        assert_eq!(memo.get(&1), Some('a'));
+        memo.insert(3, 'c');
+        assert_eq!([1, 2, 3].map(|key| memo.get(&key)), [Some('a'), None, Some('c')]);
+    }
+
+    #[test]
+    fn a_value_is_computed_once_and_the_first_one_stays() {
+        let memo = Memo::unbounded();
+        let values = [memo.get_or_insert_with('a', |_| 1), memo.get_or_insert_with('a', |_| unreachable!())];
+        assert_eq!((values, memo.insert('a', 2), memo.insert('b', 3)), ([1, 1], 1, 3));
+        // A value that another one needs.
+        assert_eq!(memo.get_or_insert_with('c', |_| 10 * memo.get_or_insert_with('d', |_| 4)), 40);
+    }
+}
