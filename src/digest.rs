@@ -1,6 +1,6 @@
 //! Digests of what a result depends on: SHA-256 over every field, to the last bit.
 //!
-//! [`digestible!`](crate::digestible) names all fields of a struct, so that a field that is added and
+//! `digestible!` names all fields of a struct, so that a field that is added and
 //! forgotten there does not compile.
 
 use std::ops::Range;
@@ -47,7 +47,6 @@ pub trait Digestible {
 }
 
 /// Implements [`Digestible`] for structs by all of their fields.
-#[macro_export]
 macro_rules! digestible {
     ($($name:ty { $($field:ident),* $(,)? })*) => {
         $(impl $crate::digest::Digestible for $name {
@@ -58,6 +57,8 @@ macro_rules! digestible {
         })*
     };
 }
+
+pub(crate) use digestible;
 
 macro_rules! numbers {
     ($($name:ty),*) => {

@@ -190,8 +190,9 @@ struct Nothing;
 pub fn gather(recorder: &mut Recorder, view: &View<'_>, sides: &[(SideView, Layer)], no_depth: &Texture, out: &Layer) {
     const COLORS: [&str; 6] = ["color0", "color1", "color2", "color3", "color4", "color5"];
     const GEOMETRIES: [&str; 6] = ["geometry0", "geometry1", "geometry2", "geometry3", "geometry4", "geometry5"];
-    let nothing = recorder
-        .memoized(Nothing, |gpu, _| [COLOR, GEOMETRY].map(|format| Texture::new(gpu, "nothing drawn", 1, 1, format, 1)));
+    let nothing = recorder.memoized(Nothing, |gpu, _| {
+        [COLOR, GEOMETRY].map(|format| Texture::new(gpu, "nothing drawn", 1, 1, format, 1))
+    });
     let fisheye = view.geometry.distortion.model == LensModel::OpencvFisheye;
     let mut pass = recorder
         .pass(Shader::Around, Entry::from("main").choose("fisheye", fisheye))

@@ -38,7 +38,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 
-use crate::digestible;
+use crate::digest::digestible;
 
 pub use correction::LightCorrection;
 pub use describe::{Description, ObjectDescription, TextureDescription, bounds_m, describe, odd_size};

@@ -15,8 +15,7 @@ use super::room::Stops;
 use super::sky::{CLASSES, Lamp, Ray, Sky, class};
 use super::spread::spread;
 use super::within::Within;
-use crate::digest::{Digester, Digestible};
-use crate::digestible;
+use crate::digest::{Digester, Digestible, digestible};
 use crate::rows::{over_rows, processors};
 
 /// The most texels along a side.

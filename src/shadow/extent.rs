@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use super::sky::Sky;
-use crate::digestible;
+use crate::digest::digestible;
 
 /// The share of the light that is not missed, once the chart's rim has faded it out: less than a code of a mid-grey floor.
 const LEAST: f32 = 0.005;

@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
-use crate::digestible;
+use crate::digest::digestible;
 use crate::scene::Support;
 
 /// x and y lie in the plane, z points out of it. Metres.

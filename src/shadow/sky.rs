@@ -13,8 +13,7 @@ use glam::{DVec3, Mat3, Vec2, Vec3};
 
 use super::floor::Floor;
 use super::mask::SPREAD;
-use crate::digest::{Digester, Digestible};
-use crate::digestible;
+use crate::digest::{Digester, Digestible, digestible};
 use crate::render::panorama::{Level, direction, direction_at, resampled, solid_sr};
 use crate::scene::{Environment, Lighting, Sun};
 

@@ -9,7 +9,7 @@ use glam::{DVec2, DVec3, Vec2, Vec3};
 
 use super::extent::Extent;
 use super::floor::Floor;
-use crate::digestible;
+use crate::digest::digestible;
 use crate::scene::{Facet, Object, Support};
 
 /// Over this its rectangle's sides fade out, metres.
