@@ -1,5 +1,5 @@
 // The share of the real light that virtual things take, at each pixel (src/compositor/shade.rs): where the pixel's ray meets a
-// floor, by the pose of its row at several moments of the exposure, its chart is looked up. Where rays meet the floor is
+// floor, by the pose of its row at several moments of the exposure, its shadow map is looked up. Where rays meet the floor is
 // computed at the corners of cells of the picture. In between it is interpolated: before the division it is nearly linear.
 // @import shared/half
 override has_depth: bool = false;   // of the real scene
@@ -35,7 +35,7 @@ struct Shade {
     piece_px: i32,           // side of a piece
 }
 
-struct Chart {
+struct ShadowMap {
     rect_px: vec4<f32>,      // where in the picture it can be seen: x0, y0, x1, y1
     in_atlas: vec2<f32>,
     size: vec2<f32>,         // texels
@@ -45,21 +45,21 @@ struct Chart {
     unused1: f32,
 }
 
-// A piece of the picture where a chart can be seen.
+// A piece of the picture where a shadow map can be seen.
 struct Piece {
     at_px: vec2<i32>,
-    chart: u32,
+    shadow_map: u32,
     turn: u32,               // the first of its upper line's MOMENTS turns; those of its lower line follow
 }
 
-// From a ray to (x/t, y/t, 1/t): texels of the chart, and how many rays long the way to the floor is.
+// From a ray to (x/t, y/t, 1/t): texels of the shadow map, and how many rays long the way to the floor is.
 struct Turn { x: vec4<f32>, y: vec4<f32>, z: vec4<f32> }
 
 @group(0) @binding(0) var<uniform> shade: Shade;
 @group(0) @binding(1) var rays: texture_2d<f32>;
 @group(0) @binding(2) var atlas: texture_2d<f32>;
 @group(0) @binding(3) var real_depth: texture_2d<f32>;
-@group(0) @binding(4) var<storage, read> charts: array<Chart>;
+@group(0) @binding(4) var<storage, read> shadow_maps: array<ShadowMap>;
 @group(0) @binding(5) var<storage, read> pieces: array<Piece>;
 @group(0) @binding(6) var<storage, read> turns: array<Turn>;
 @group(0) @binding(7) var between: sampler;
@@ -107,9 +107,9 @@ struct FloorDepth {
     unmeasured: f32,         // receiver weight of a pixel without depth
 }
 
-fn floor_depth(nearness: f32, chart: Chart) -> FloorDepth {
+fn floor_depth(nearness: f32, shadow_map: ShadowMap) -> FloorDepth {
     let near_m = max(shade.tolerance_m, shade.per_depth2 / max(nearness * nearness, 1e-6));
-    return FloorDepth(nearness, 0.5 * chart.height_m / near_m, chart.unmeasured);
+    return FloorDepth(nearness, 0.5 * shadow_map.height_m / near_m, shadow_map.unmeasured);
 }
 
 // Receiver weight of a depth sample: 1 within the tolerance of the floor, 0 beyond three times that.
@@ -164,7 +164,7 @@ fn light_of_floor(at_px: vec2<f32>, receiver: FloorDepth) -> vec3<f32> {
 
 struct Corner {
     @builtin(position) at: vec4<f32>,
-    @location(0) @interpolate(flat) chart: u32,
+    @location(0) @interpolate(flat) shadow_map: u32,
     // For each moment what its turn makes of the ray, and 1 where there is a ray.
     @location(1) @interpolate(linear) first: vec4<f32>,
     @location(2) @interpolate(linear) second: vec4<f32>,
@@ -192,7 +192,7 @@ fn seen(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u
     let turn = piece.turn + corner.y * MOMENTS;
     return Corner(
         vec4<f32>(at, 0.0, 1.0),
-        piece.chart,
+        piece.shadow_map,
         turned(cell, place + beside(0u), turns[turn]),
         turned(cell, place + beside(1u), turns[turn + 1u]),
         turned(cell, place + beside(2u), turns[turn + 2u]),
@@ -200,18 +200,18 @@ fn seen(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u
     );
 }
 
-// What is left by all charts is the product of what each leaves: the pass blends by D + (1 − D)·d.
+// What is left by all shadow maps is the product of what each leaves: the pass blends by D + (1 − D)·d.
 @fragment
 fn main(corner: Corner) -> @location(0) vec4<f32> {
-    let chart = charts[corner.chart];
+    let shadow_map = shadow_maps[corner.shadow_map];
     let turned = array<vec4<f32>, MOMENTS>(corner.first, corner.second, corner.third, corner.fourth);
     var taken = vec3<f32>(0.0);
     var nearness = 0.0;
     for (var moment = 0u; moment < MOMENTS; moment++) {
         let found = turned[moment];
         let texel = found.xy / max(found.z, 1e-9);
-        let is_on = found.w > 0.999 && found.z > 1e-6 && all(texel > vec2<f32>(0.0)) && all(texel < chart.size);
-        let inside = chart.in_atlas + clamp(texel, vec2<f32>(0.5), chart.size - 0.5);
+        let is_on = found.w > 0.999 && found.z > 1e-6 && all(texel > vec2<f32>(0.0)) && all(texel < shadow_map.size);
+        let inside = shadow_map.in_atlas + clamp(texel, vec2<f32>(0.5), shadow_map.size - 0.5);
         let share = textureSampleLevel(atlas, between, inside * shade.per_texel, 0.0).rgb;
         taken += select(vec3<f32>(0.0), share, is_on);
         nearness += found.z;
@@ -220,10 +220,10 @@ fn main(corner: Corner) -> @location(0) vec4<f32> {
     taken *= smoothstep(FAINT, VISIBLE, max(abs(taken.r), max(abs(taken.g), abs(taken.b))));
     // Pieces reach beyond it.
     let at = corner.at.xy + shade.in_picture;
-    taken *= f32(all(at > chart.rect_px.xy) && all(at < chart.rect_px.zw));
+    taken *= f32(all(at > shadow_map.rect_px.xy) && all(at < shadow_map.rect_px.zw));
     // Depth is read only where there is a shadow.
     if any(taken != vec3<f32>(0.0)) {
-        taken *= light_of_floor(corner.at.xy, floor_depth(nearness / f32(MOMENTS), chart));
+        taken *= light_of_floor(corner.at.xy, floor_depth(nearness / f32(MOMENTS), shadow_map));
     }
     let share = clamp(shade.strength * shade.presence * taken, vec3<f32>(-1.0), vec3<f32>(1.0));
     return rounded_to_half(vec4<f32>(share, 0.0));

@@ -27,7 +27,7 @@ use crate::gpu::{Gpu, GpuError, PartTime, Readback, ReadbackSet, Recorder, Timed
 use crate::pixels::{LayerImage, Rect};
 use crate::render::{Layer, Occlusion, Renderer, View};
 use crate::scene::{Object, Scene};
-use crate::shadow::{Chart, LazyRadiance, Lightmaps, Room, Shadows};
+use crate::shadow::{LazyRadiance, Lightmaps, Room, ShadowMap, Shadows};
 
 pub use clipped::WHITE;
 pub use hide::seen_by_row;
@@ -205,8 +205,8 @@ impl Compositor {
         if job.frame.presence <= 0.0 && !job.capture.whole {
             return Ok(self.untouched(job, stats, target));
         }
-        let (charts, mut is_rough) = self.shaded(&settings.shadow, may_be_rough);
-        let sight = Sight::new(&self.renderer, charts, &job, settings);
+        let (shadow_maps, mut is_rough) = self.shaded(&settings.shadow, may_be_rough);
+        let sight = Sight::new(&self.renderer, shadow_maps, &job, settings);
         let moment = moment(&job, camera, settings, &sight);
         let plan = Plan::new(self.gpu(), &job, camera, settings, &moment, &sight)?;
         stats.fastest_px_per_s = sight.footprint.fastest_px_per_s;
@@ -354,15 +354,15 @@ impl Compositor {
     }
 
     /// What things take of the floors' light, and whether any of it is rough. The renderer is told what they take of each other's.
-    fn shaded(&mut self, settings: &Shade, may_be_rough: bool) -> (Vec<Chart>, bool) {
+    fn shaded(&mut self, settings: &Shade, may_be_rough: bool) -> (Vec<ShadowMap>, bool) {
         let (gpu, strength) = (&self.recorder.gpu, settings.strength);
         if !settings.cast || strength <= 0.0 {
             self.renderer.light_by(gpu, &[], strength);
             return (Vec::new(), false);
         }
-        let (charts, mut is_rough) = match may_be_rough {
+        let (shadow_maps, mut is_rough) = match may_be_rough {
             true => self.shadows.sketched(self.renderer.scene()),
-            false => (self.shadows.charts(self.renderer.scene()), false),
+            false => (self.shadows.shadow_maps(self.renderer.scene()), false),
         };
         let lightmaps = match (settings.on_things, may_be_rough) {
             (false, _) => self.shadows.dimmed(self.renderer.scene()),
@@ -375,12 +375,13 @@ impl Compositor {
                 self.renderer.unwrap(gpu);
                 let dimmed = self.shadows.dimmed(self.renderer.scene());
                 // What lies beside things throws nothing onto them.
-                let below: Vec<Chart> = charts.iter().filter(|chart| !chart.is_beside).cloned().collect();
+                let below: Vec<ShadowMap> =
+                    shadow_maps.iter().filter(|shadow_map| !shadow_map.is_beside).cloned().collect();
                 self.lightmaps.of(self.renderer.scene(), self.renderer.unwrapped(), &below, &dimmed)
             }
         };
         self.renderer.light_by(gpu, &lightmaps, strength);
-        (charts, is_rough)
+        (shadow_maps, is_rough)
     }
 
     /// Passes a frame through to which nothing is added.

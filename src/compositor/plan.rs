@@ -14,7 +14,7 @@ use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::render::{Footprint, Renderer, SamplePlan, Shutter, ViewKeys, largest_sum_px};
 use crate::scene::Scene;
-use crate::shadow::Chart;
+use crate::shadow::ShadowMap;
 
 /// The parts of the scene in view while the shutter is open.
 #[derive(Debug)]
@@ -30,8 +30,8 @@ pub struct Sight {
 }
 
 impl Sight {
-    /// `charts`: the shadows on what the objects stand on.
-    pub fn new(renderer: &Renderer, charts: Vec<Chart>, job: &Job<'_>, settings: &Settings) -> Self {
+    /// `shadow_maps`: the shadows on what the objects stand on.
+    pub fn new(renderer: &Renderer, shadow_maps: Vec<ShadowMap>, job: &Job<'_>, settings: &Settings) -> Self {
         let capture = &job.capture;
         let exposure_time_s = capture.exposure_time_s;
         let summed_to_s = capture.summed.iter().map(|f| f.time_s.abs() + 0.5 * (f.exposure_s - exposure_time_s));
@@ -42,7 +42,7 @@ impl Sight {
         let keys = ViewKeys::new(shutter, |offset_s| pose_at(time_s + offset_s));
         let footprint = renderer.footprint(job.picture, &keys, shutter);
         let objects = motions(renderer, job.picture, &keys.middle(), &pose_at(time_s + job.interval_s));
-        let shades = seen(charts, job.picture, &keys);
+        let shades = seen(shadow_maps, job.picture, &keys);
         let planes = support_planes(renderer.scene());
         Self { shutter, keys, footprint, objects, shades, planes }
     }

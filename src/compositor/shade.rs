@@ -1,8 +1,8 @@
 //! The share of the real light that virtual things take, at each pixel of a frame.
 //!
-//! A chart (shadow/) lies on a plane. A pixel's ray meets the plane where a linear map of the ray says, one for each row, since
+//! A shadow map (shadow/) lies on a plane. A pixel's ray meets the plane where a linear map of the ray says, one for each row, since
 //! rows have poses of their own, and moment of the exposure. So the shader only multiplies: [u/t, v/t, 1/t] = H·r, with u, v in
-//! texels of the chart and t the way along the ray. H is made here, in double precision, for lines between pieces of the
+//! texels of the shadow map and t the way along the ray. H is made here, in double precision, for lines between pieces of the
 //! picture; H·r is interpolated over them, as far as rays are straight there. The driver interpolates by a triangle's place in the
 //! part that is made, so two parts of a picture may differ in a share's last bit.
 //!
@@ -25,22 +25,22 @@ use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::render::{COLOR, Shutter, ViewKeys};
 use crate::rows::{over_rows, processors};
-use crate::shadow::{Chart, Part, Shares, TOLERANCE_M};
+use crate::shadow::{Part, ShadowMap, ShadowTexture, TOLERANCE_M};
 
 /// Moments of an exposure; the same as in shaders/shade.wgsl.
 const MOMENTS: usize = 4;
 /// Pixels between two rays of the grid: between them a lens bends rays by less than a thousandth of a pixel.
 const STEP_PX: u32 = 8;
-/// Sides of the pieces in which a chart is drawn, px: the largest within which rays are straight to `STRAIGHT_PX`. The least is a
+/// Sides of the pieces in which a shadow map is drawn, px: the largest within which rays are straight to `STRAIGHT_PX`. The least is a
 /// cell of the grid.
 const PIECES_PX: [i32; 3] = [32, 16, STEP_PX as i32];
 const STRAIGHT_PX: f64 = 0.1;
-/// Points along each side of a chart by which its place in the picture is found.
+/// Points along each side of a shadow map by which its place in the picture is found.
 const ALONG: usize = 8;
 /// What lies within [`TOLERANCE_M`] of the floor is the floor; farther away, within three times the error of a structured-light
 /// sensor, 1/m.
 const PER_DEPTH2: f32 = 3.0 * SENSOR_ERROR as f32;
-/// D + (1 − D)·d: what one chart takes of what the others leave.
+/// D + (1 − D)·d: what one shadow map takes of what the others leave.
 const OF_WHAT_IS_LEFT: wgpu::BlendState = wgpu::BlendState {
     color: wgpu::BlendComponent {
         src_factor: wgpu::BlendFactor::OneMinusDst,
@@ -49,7 +49,7 @@ const OF_WHAT_IS_LEFT: wgpu::BlendState = wgpu::BlendState {
     },
     alpha: wgpu::BlendComponent::REPLACE,
 };
-/// The widest atlas of charts, texels.
+/// The widest atlas of shadow maps, texels.
 const WIDEST: u32 = 4096;
 
 crate::uniform! {
@@ -72,7 +72,7 @@ crate::uniform! {
     }
 }
 
-/// `Chart` in shaders/shade.wgsl.
+/// `ShadowMap` in shaders/shade.wgsl.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 struct ChartUniform {
@@ -89,14 +89,14 @@ struct ChartUniform {
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 struct PieceUniform {
     at_px: [i32; 2],
-    chart: u32,
+    shadow_map: u32,
     turn: u32,
 }
 
-/// A chart in a picture.
+/// A shadow map in a picture.
 #[derive(Clone, Debug)]
 pub struct Seen {
-    chart: Chart,
+    shadow_map: ShadowMap,
     /// Where it can be while the shutter is open, and where it is dark.
     rect: Rect,
     dark: Rect,
@@ -104,18 +104,18 @@ pub struct Seen {
     height_m: f64,
 }
 
-/// The charts that can be seen in a picture.
-pub fn seen(charts: Vec<Chart>, geometry: &Geometry, keys: &ViewKeys) -> Vec<Seen> {
+/// The shadow maps that can be seen in a picture.
+pub fn seen(shadow_maps: Vec<ShadowMap>, geometry: &Geometry, keys: &ViewKeys) -> Vec<Seen> {
     let i = &geometry.intrinsics;
     let picture = Rect::full(i.width_px, i.height_px);
-    let place = |chart: Chart| {
-        let height_m = chart.floor.height_m(keys.middle().position_in_world_m());
-        let [rect, dark] = [chart.shares.shown, chart.shares.dark]
-            .map(|part| rect_of(&chart, part, geometry, keys).map(|rect| rect.intersection(&picture)));
+    let place = |shadow_map: ShadowMap| {
+        let height_m = shadow_map.floor.height_m(keys.middle().position_in_world_m());
+        let [rect, dark] = [shadow_map.shares.shown, shadow_map.shares.dark]
+            .map(|part| rect_of(&shadow_map, part, geometry, keys).map(|rect| rect.intersection(&picture)));
         let (rect, dark) = (rect?, dark.unwrap_or(Rect::new(0, 0, 0, 0)));
-        (height_m > 0.0 && !rect.is_empty()).then_some(Seen { chart, rect, dark, height_m })
+        (height_m > 0.0 && !rect.is_empty()).then_some(Seen { shadow_map, rect, dark, height_m })
     };
-    charts.into_iter().filter_map(place).collect()
+    shadow_maps.into_iter().filter_map(place).collect()
 }
 
 /// The rectangle around all of them.
@@ -128,16 +128,16 @@ pub fn dark(seen: &[Seen]) -> Rect {
     seen.iter().fold(Rect::new(0, 0, 0, 0), |all, seen| all.union(&seen.dark))
 }
 
-/// Where a part of a chart can be in the picture. All of the picture if some of it is beside or behind the camera; `None` if all
+/// Where a part of a shadow map can be in the picture. All of the picture if some of it is beside or behind the camera; `None` if all
 /// is, or if there is nothing.
-fn rect_of(chart: &Chart, part: Part, geometry: &Geometry, keys: &ViewKeys) -> Option<Rect> {
+fn rect_of(shadow_map: &ShadowMap, part: Part, geometry: &Geometry, keys: &ViewKeys) -> Option<Rect> {
     let (poses, _) = keys.sampled();
     if part.is_empty() {
         return None;
     }
     let sides = (0..=ALONG).map(|n| n as f64 / ALONG as f64);
     let at = |x: f64, y: f64| part.low + (part.high - part.low) * DVec2::new(x, y);
-    let places = sides.clone().flat_map(|y| sides.clone().map(move |x| at(x, y))).map(|at| chart.at(at.x, at.y));
+    let places = sides.clone().flat_map(|y| sides.clone().map(move |x| at(x, y))).map(|at| shadow_map.at(at.x, at.y));
     let (mut low, mut high, mut lost, mut found) = (DVec2::INFINITY, DVec2::NEG_INFINITY, geometry.is_round(), false);
     for point in places {
         for pose in &poses {
@@ -169,8 +169,8 @@ struct Atlas {
     places: Vec<[u32; 2]>,
 }
 
-/// By identity: charts that were worked out once are not compared again.
-struct Together(Vec<Arc<Shares>>);
+/// By identity: shadow maps that were worked out once are not compared again.
+struct Together(Vec<Arc<ShadowTexture>>);
 
 impl PartialEq for Together {
     fn eq(&self, other: &Self) -> bool {
@@ -179,25 +179,28 @@ impl PartialEq for Together {
 }
 
 impl Atlas {
-    /// Rows of charts, each row as high as its highest. What does not fit into the device's largest texture is left out.
-    fn new(gpu: &Gpu, Together(charts): &Together) -> Self {
+    /// Rows of shadow maps, each row as high as its highest. What does not fit into the device's largest texture is left out.
+    fn new(gpu: &Gpu, Together(shadow_maps): &Together) -> Self {
         let most = gpu.max_side_px();
         let (mut places, mut at, mut row) = (Vec::new(), [0, 0], 0);
         let (mut width, mut height) = (1, 1);
-        for chart in charts {
-            if at[0] + chart.width > WIDEST.min(most) {
+        for shadow_map in shadow_maps {
+            if at[0] + shadow_map.width > WIDEST.min(most) {
                 (at, row) = ([0, at[1] + row], 0);
             }
             places.push(at);
-            (width, height, row) =
-                (width.max(at[0] + chart.width), height.max(at[1] + chart.height), row.max(chart.height));
-            at[0] += chart.width;
+            (width, height, row) = (
+                width.max(at[0] + shadow_map.width),
+                height.max(at[1] + shadow_map.height),
+                row.max(shadow_map.height),
+            );
+            at[0] += shadow_map.width;
         }
         let height = height.min(most);
         let texture = Texture::new(gpu, "shadows", width, height, COLOR, 1);
         let mut texels = vec![[0.0f32; 4]; width as usize * height as usize];
-        for (chart, [x, y]) in charts.iter().zip(&places) {
-            for (row, shares) in (*y..height).zip(chart.taken.chunks_exact(chart.width as usize)) {
+        for (shadow_map, [x, y]) in shadow_maps.iter().zip(&places) {
+            for (row, shares) in (*y..height).zip(shadow_map.taken.chunks_exact(shadow_map.width as usize)) {
                 let start = row as usize * width as usize + *x as usize;
                 let out = &mut texels[start..start + shares.len()];
                 out.iter_mut().zip(shares).for_each(|(out, [r, g, b])| *out = [*r, *g, *b, 0.0]);
@@ -247,8 +250,8 @@ impl Rays {
     }
 }
 
-/// Whether a piece of the picture shows none of a chart's shadow. `turns` are those of its upper and its lower line.
-fn is_bare(shares: &Shares, rays: &Rays, at_px: [i32; 2], turns: &[[[f32; 4]; 3]]) -> bool {
+/// Whether a piece of the picture shows none of a shadow map's shadow. `turns` are those of its upper and its lower line.
+fn is_bare(shares: &ShadowTexture, rays: &Rays, at_px: [i32; 2], turns: &[[[f32; 4]; 3]]) -> bool {
     let side = rays.piece_px;
     let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
     for (turns, y) in turns.chunks(MOMENTS).zip([at_px[1], at_px[1] + side]) {
@@ -319,46 +322,47 @@ pub struct Shaded {
     pub pieces: Vec<Rect>,
 }
 
-/// Records the pass, over `part`. `None` where no chart is in it.
+/// Records the pass, over `part`. `None` where no shadow map is in it.
 pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Option<Shaded> {
     if seen.is_empty() || asked.part.is_empty() {
         return None;
     }
     let Asked { geometry, part, settings, .. } = *asked;
-    let atlas = recorder.memoized_large(Together(seen.iter().map(|s| s.chart.shares.clone()).collect()), Atlas::new);
+    let atlas =
+        recorder.memoized_large(Together(seen.iter().map(|s| s.shadow_map.shares.clone()).collect()), Atlas::new);
     let rays = recorder.memoized_large(geometry.clone(), Rays::new);
     let piece_px = rays.piece_px;
-    let (mut charts, mut pieces, mut turns) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut shadow_maps, mut pieces, mut turns) = (Vec::new(), Vec::new(), Vec::new());
     for (seen, in_atlas) in seen.iter().zip(&atlas.places) {
         let rect = seen.rect.intersection(&part);
-        let shares = &seen.chart.shares;
+        let shares = &seen.shadow_map.shares;
         if !rect.is_empty() && in_atlas[1] + shares.height <= atlas.size[1] {
             // Pieces lie at the same places of the picture whichever part of it is asked for.
             let first = rect.y0.div_euclid(piece_px) * piece_px;
             let mut lines = Vec::new();
             for y in (first..rect.y1).step_by(piece_px as usize) {
                 let first = turns.len();
-                turns.extend((0..MOMENTS).map(|moment| turn(&seen.chart, asked, y, moment)));
+                turns.extend((0..MOMENTS).map(|moment| turn(&seen.shadow_map, asked, y, moment)));
                 lines.push((y, first));
             }
             let last = rect.y1 + (piece_px - rect.y1.rem_euclid(piece_px)) % piece_px;
-            turns.extend((0..MOMENTS).map(|moment| turn(&seen.chart, asked, last, moment)));
+            turns.extend((0..MOMENTS).map(|moment| turn(&seen.shadow_map, asked, last, moment)));
             let x0 = rect.x0.div_euclid(piece_px) * piece_px;
             for (y, first) in lines {
-                let [chart, turn] = [charts.len(), first].map(|index| index as u32);
+                let [shadow_map, turn] = [shadow_maps.len(), first].map(|index| index as u32);
                 let both = &turns[first..first + 2 * MOMENTS];
                 let along = (x0..rect.x1).step_by(piece_px as usize).map(|x| [x, y]);
                 let shown = along.filter(|at_px| !is_bare(shares, &rays, *at_px, both));
-                pieces.extend(shown.map(|at_px| PieceUniform { at_px, chart, turn }));
+                pieces.extend(shown.map(|at_px| PieceUniform { at_px, shadow_map, turn }));
             }
         }
         let all = seen.rect;
-        charts.push(ChartUniform {
+        shadow_maps.push(ChartUniform {
             rect_px: [all.x0, all.y0, all.x1, all.y1].map(|edge| edge as f32),
             in_atlas: in_atlas.map(|at| at as f32),
             size: [shares.width as f32, shares.height as f32],
             height_m: seen.height_m as f32,
-            unmeasured: f32::from(u8::from(!seen.chart.is_beside)),
+            unmeasured: f32::from(u8::from(!seen.shadow_map.is_beside)),
             unused: [0.0; 2],
         });
     }
@@ -387,13 +391,13 @@ pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Optio
     let count = pieces.len() as u32;
     let rect = |[x, y]: [i32; 2]| Rect::new(x, y, x + piece_px, y + piece_px);
     let drawn = pieces.iter().map(|piece| rect(piece.at_px)).collect();
-    let [charts, pieces, turns] =
-        [bytemuck::cast_slice(&charts), bytemuck::cast_slice(&pieces), bytemuck::cast_slice(&turns)]
+    let [shadow_maps, pieces, turns] =
+        [bytemuck::cast_slice(&shadow_maps), bytemuck::cast_slice(&pieces), bytemuck::cast_slice(&turns)]
             .map(|bytes| recorder.storage(bytes));
     let entry = Entry::over("seen", "main").choose("has_depth", asked.depth.is_some());
     let entry = entry.choose("has_matte", asked.matte.is_some());
     let pass = recorder.pass(Shader::Shade, entry).uniform("shade", &uniform).texture("rays", &rays.texture);
-    let pass = pass.texture("atlas", &atlas.texture).buffer("charts", charts);
+    let pass = pass.texture("atlas", &atlas.texture).buffer("shadow_maps", shadow_maps);
     let pass = pass.buffer("pieces", pieces).buffer("turns", turns);
     let pass = pass.texture("real_depth", asked.depth.map_or(&rays.texture, |(depth, _)| depth));
     let pass = pass.texture("matte", asked.matte.map_or(&rays.texture, |(matte, _)| matte));
@@ -402,22 +406,22 @@ pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Optio
     Some(Shaded { texture, pieces: drawn })
 }
 
-/// From a ray in the camera's axes to the chart, for the line above a row of the picture at a moment of its exposure.
-fn turn(chart: &Chart, asked: &Asked<'_>, row: i32, moment: usize) -> [[f32; 4]; 3] {
+/// From a ray in the camera's axes to the shadow map, for the line above a row of the picture at a moment of its exposure.
+fn turn(shadow_map: &ShadowMap, asked: &Asked<'_>, row: i32, moment: usize) -> [[f32; 4]; 3] {
     let Asked { geometry, keys, shutter, .. } = *asked;
     let down = f64::from(row) / f64::from(geometry.intrinsics.height_px) - 0.5;
     let within = (moment as f64 + 0.5) / MOMENTS as f64 - 0.5;
     let (rotation, eye) = keys.at(down * shutter.readout_time_s + within * shutter.exposure_time_s);
     let pose = Pose::from_camera_in_world(eye + keys.origin_in_world_m, rotation.inverse());
-    homography(chart, &pose).to_cols_array_2d().map(|[x, y, z]| [x as f32, y as f32, z as f32, 0.0])
+    homography(shadow_map, &pose).to_cols_array_2d().map(|[x, y, z]| [x as f32, y as f32, z as f32, 0.0])
 }
 
 /// The transpose of H: its columns are the three things that a ray is multiplied with.
 ///
 /// A ray r from the eye e meets the floor at e + t·R·r, where its height h + t·(n·R·r) is 0: 1/t = −(n·R·r)/h. Along an axis a
-/// of the floor, from the chart's corner c: (a·(e − o) − c)/t + a·R·r.
-fn homography(chart: &Chart, pose: &Pose) -> DMat3 {
-    let (floor, shares) = (&chart.floor, &chart.shares);
+/// of the floor, from the shadow map's corner c: (a·(e − o) − c)/t + a·R·r.
+fn homography(shadow_map: &ShadowMap, pose: &Pose) -> DMat3 {
+    let (floor, shares) = (&shadow_map.floor, &shadow_map.shares);
     let eye = pose.position_in_world_m();
     let world_from_camera = DMat3::from_quat(pose.world_from_camera_rotation());
     // Row vectors: aᵀR is Rᵀa.
@@ -451,15 +455,15 @@ mod tests {
     }
 
     #[test]
-    fn a_ray_meets_the_chart_where_the_point_is() {
+    fn ray_meets_the_shadow_map_at_the_point() {
         let floor = Floor::new(DVec3::new(0.2, -0.1, 0.5), DVec3::new(0.1, -0.9, 0.2).normalize());
-        let shares = Shares::empty(Vec2::new(-0.3, -0.2), 0.002, 400, 300);
-        let chart = Chart { floor, shares: Arc::new(shares), is_beside: false };
+        let shares = ShadowTexture::empty(Vec2::new(-0.3, -0.2), 0.002, 400, 300);
+        let shadow_map = ShadowMap { floor, shares: Arc::new(shares), is_beside: false };
         let pose = Pose::from_camera_in_world(
             DVec3::new(0.3, -1.2, -0.4),
             DQuat::from_scaled_axis(DVec3::new(-0.9, 0.2, 0.1)),
         );
-        let h = homography(&chart, &pose);
+        let h = homography(&shadow_map, &pose);
         for place in [DVec2::new(0.1, 0.05), DVec2::new(-0.25, 0.3)] {
             let point = pose.transform_point(floor.at(place));
             let ray = point / point.z;

@@ -9,7 +9,7 @@
 //! - of the floor, which fills the lower share (1 − n_z)/2 of the view: the floor's light times a middle reflectance, less what
 //!   the thing itself takes from it before the surface.
 //!
-//! A facet ends. Far light and lamps behind it reach a surface past its rectangle ([`Within::hides`]), and of what a surface sees behind
+//! A facet ends. Far light and lamps behind it reach a surface past its rectangle ([`ReceiverMask::hides`]), and of what a surface sees behind
 //! the plane the facet fills that much less.
 //!
 //! Not modelled: what things take of each other's light; the floor's own colour; light that is thrown to and fro more often;
@@ -19,23 +19,23 @@ use std::ops::Range;
 
 use glam::{Vec2, Vec3};
 
-use super::casters::Casters;
 use super::mask::{jitter, spans};
-use super::sky::{Behind, Far, Sky, disc};
+use super::occluders::Occluders;
+use super::receiver_mask::ReceiverMask;
+use super::sky::{Behind, EnvSample, Sky, disc};
 use super::spread::spread;
-use super::within::Within;
 use crate::rows::{over_rows, processors};
 
 /// Directions in which the floor looks.
 const DIRECTIONS: usize = 64;
-/// Texels of a chart for each of the light that comes back: it changes slowly.
+/// Texels of a shadow map for each of the light that comes back: it changes slowly.
 const COARSER: u32 = 3;
 /// What floors throw back: of concrete, wood and carpets 0.1 to 0.6.
 const FLOOR: f32 = 0.35;
 /// Nothing is hit.
 const NONE: u32 = u32::MAX;
 
-/// A piece of floor, as a chart shows it.
+/// A piece of floor, as a shadow map shows it.
 pub struct Ground<'a> {
     pub low_m: Vec2,
     pub texel_m: f32,
@@ -49,7 +49,7 @@ pub struct Ground<'a> {
     pub over: f32,
 }
 
-/// Light that comes back onto a chart's floor, as a white matt surface shows it; coarser than the chart.
+/// Light that comes back onto a shadow map's floor, as a white matt surface shows it; coarser than the shadow map.
 #[derive(Debug)]
 pub struct Bounce {
     width: usize,
@@ -58,14 +58,14 @@ pub struct Bounce {
 }
 
 impl Bounce {
-    pub fn new(ground: &Ground<'_>, casters: &Casters, sky: &Sky, within: Option<&Within>) -> Self {
+    pub fn new(ground: &Ground<'_>, occluders: &Occluders, sky: &Sky, within: Option<&ReceiverMask>) -> Self {
         let [width, height] = [ground.width, ground.height].map(|side| side.div_ceil(COARSER) as usize);
-        let faces: Vec<Face> = (0..casters.triangles.len()).map(|n| Face::of(casters, n, sky, within)).collect();
+        let faces: Vec<Face> = (0..occluders.triangles.len()).map(|n| Face::of(occluders, n, sky, within)).collect();
         let mut light = vec![Vec3::ZERO; width * height];
         let rows = height.div_ceil(processors()).max(1);
         over_rows(&mut light, width * rows, processors(), |band, light| {
             let first = band * rows;
-            let lit = Lit { ground, casters, sky, faces: &faces, width };
+            let lit = Lit { ground, occluders, sky, faces: &faces, width };
             lit.fill(light, first..first + light.len() / width);
         });
         // Each direction stands for a patch: of a disc of radius 1 the share of one.
@@ -74,7 +74,7 @@ impl Bounce {
         Self { width, height, light }
     }
 
-    /// At a texel of the chart.
+    /// At a texel of the shadow map.
     pub fn at(&self, x: usize, y: usize) -> Vec3 {
         let place = |at: usize| ((at as f32 + 0.5) / COARSER as f32 - 0.5).max(0.0);
         let (across, down) = (place(x), place(y));
@@ -107,8 +107,8 @@ struct Face {
 }
 
 impl Face {
-    fn of(casters: &Casters, triangle: usize, sky: &Sky, within: Option<&Within>) -> Self {
-        let [a, b, c] = casters.triangles[triangle].map(|i| casters.corners[i as usize]);
+    fn of(occluders: &Occluders, triangle: usize, sky: &Sky, within: Option<&ReceiverMask>) -> Self {
+        let [a, b, c] = occluders.triangles[triangle].map(|i| occluders.corners[i as usize]);
         let normal = (b - a).cross(c - a).normalize_or_zero();
         let far = sky.rays.iter().map(|ray| ray.light * normal.dot(ray.slope.extend(1.0)).max(0.0)).sum();
         let own = Self { normal, far, filled: 1.0 };
@@ -119,9 +119,9 @@ impl Face {
     }
 
     /// With light from behind a facet that goes past it.
-    fn beside(self, behind: &Behind, within: &Within, from: Vec3) -> Self {
+    fn beside(self, behind: &Behind, within: &ReceiverMask, from: Vec3) -> Self {
         let (mut seen, mut filled, mut far) = (0.0, 0.0, self.far);
-        for Far { towards, light, solid_sr } in behind.far.iter().copied() {
+        for EnvSample { towards, light, solid_sr } in behind.far.iter().copied() {
             let cosine = self.normal.dot(towards).max(0.0);
             let is_hidden = within.hides(from, towards);
             seen += cosine * solid_sr;
@@ -137,7 +137,7 @@ impl Face {
 /// What is looked at from the floor.
 struct Lit<'a> {
     ground: &'a Ground<'a>,
-    casters: &'a Casters,
+    occluders: &'a Occluders,
     sky: &'a Sky,
     faces: &'a [Face],
     width: usize,
@@ -152,9 +152,9 @@ impl Lit<'_> {
             let jitter = jitter(n);
             nearest.fill((f32::INFINITY, NONE));
             places.clear();
-            let corners = self.casters.corners.iter();
+            let corners = self.occluders.corners.iter();
             places.extend(corners.map(|c| (c.truncate() - slope * c.z - self.ground.low_m) / side_m + jitter));
-            for (triangle, corners) in (0..).zip(&self.casters.triangles) {
+            for (triangle, corners) in (0..).zip(&self.occluders.triangles) {
                 self.nearer(&mut nearest, &rows, &places, triangle, corners);
             }
             for (i, (height_m, triangle)) in nearest.iter().enumerate().filter(|(_, (_, n))| *n != NONE) {
@@ -176,7 +176,7 @@ impl Lit<'_> {
         corners: &[u32; 3],
     ) {
         let [a, b, c] = corners.map(|i| places[i as usize]);
-        let heights = corners.map(|i| self.casters.corners[i as usize].z);
+        let heights = corners.map(|i| self.occluders.corners[i as usize].z);
         let area = (b - a).perp_dot(c - a);
         if area == 0.0 {
             return;
@@ -208,7 +208,7 @@ impl Lit<'_> {
         let before_m = (point_m + normal * point_m.z).truncate();
         let left = 1.0 - (self.ground.taken)(before_m);
         let floor = FLOOR * 0.5 * (1.0 - normal.z) * filled * left * self.sky.light_at(before_m);
-        self.casters.colors[triangle] * (far + lamps + floor)
+        self.occluders.colors[triangle] * (far + lamps + floor)
     }
 }
 
@@ -216,10 +216,10 @@ impl Lit<'_> {
 mod tests {
     use super::*;
     use crate::scene::{Environment, Lighting};
-    use crate::shadow::chart::Real;
     use crate::shadow::extent::Extent;
+    use crate::shadow::shadow_map::Real;
     use crate::shadow::sky::{Around, rays};
-    use crate::shadow::{Floor, Shares};
+    use crate::shadow::{Floor, ShadowTexture};
     use glam::DVec3;
 
     const HEIGHT_M: f32 = 2.0;
@@ -230,14 +230,14 @@ mod tests {
         let floor = Floor::new(DVec3::ZERO, DVec3::Z);
         let sky = Sky::new(&lighting, rays(&lighting, &Around::new(&lighting.environment), &floor), &floor, None);
         let corner = |x: f32, z: f32| Vec3::new(x, 0.0, z);
-        let casters = Casters {
+        let occluders = Occluders {
             corners: vec![corner(-9.0, 0.0), corner(9.0, 0.0), corner(9.0, HEIGHT_M), corner(-9.0, HEIGHT_M)],
             triangles: vec![[0, 1, 2], [0, 2, 3]],
             colors: vec![Vec3::splat(reflectance); 2],
-            ..Casters::default()
+            ..Occluders::default()
         };
         let extent = Extent { low: Vec2::splat(-5.0), high: Vec2::splat(5.0) };
-        let shares = Shares::new(&casters, extent, &sky, Real::default());
+        let shares = ShadowTexture::new(&occluders, extent, &sky, Real::default());
         shares.at_texel(shares.texel_of(Vec2::new(0.0, -distance_m)).as_dvec2()).y
     }
 

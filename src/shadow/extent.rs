@@ -5,7 +5,7 @@ use glam::{Vec2, Vec3};
 use super::sky::Sky;
 use crate::digest::digestible;
 
-/// The share of the light that is not missed, once the chart's rim has faded it out: less than a code of a mid-grey floor.
+/// The share of the light that is not missed, once the shadow map's rim has faded it out: less than a code of a mid-grey floor.
 const LEAST: f32 = 0.005;
 /// Places beside the box at which its shadow is looked for, in heights.
 const BESIDE: [f32; 19] =

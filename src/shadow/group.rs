@@ -1,4 +1,4 @@
-//! Things on one floor whose shadows may meet share a chart: where two shadows fall together, light that is gone is not taken twice.
+//! Things on one floor whose shadows may meet share a shadow map: where two shadows fall together, light that is gone is not taken twice.
 
 use glam::{Mat3, Vec3};
 

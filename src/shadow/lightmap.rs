@@ -4,7 +4,7 @@
 //! Things stand still, so that is worked out once, for each texel of a thing's lightmap (render/unwrap.rs):
 //!
 //! - of the surroundings the share a = Σ light·cos θ of the rays that meet nothing, over all rays; a ray that goes down onto a
-//!   floor brings what the things' shadow leaves there (the chart);
+//!   floor brings what the things' shadow leaves there (the shadow map);
 //! - the light b that is thrown back by what the other rays meet: its colour times the light E on it, b = Σ ρ·E·cos θ·Δω/π. E is
 //!   asked once for a part's triangles that lie together and face the same way, in the middle of the first of them;
 //! - of each sun and lamp the share of its disc that is seen.
@@ -23,9 +23,9 @@ use std::sync::OnceLock;
 use glam::{DVec3, Mat3, Vec3};
 
 use super::bvh::{Bundle, Bvh, RAYS};
-use super::casters::Casters;
-use super::chart::Chart;
-use super::sky::{Far, disc, on_surface};
+use super::occluders::Occluders;
+use super::shadow_map::ShadowMap;
+use super::sky::{EnvSample, disc, on_surface};
 use crate::digest::{Digester, Digestible};
 use crate::render::{Lightmap, Place, Unwrapped};
 use crate::rows::{over_rows, processors};
@@ -55,21 +55,21 @@ const OPEN: [f32; 4] = [1.0; 4];
 /// The things in which a part stands, around a place of the world.
 pub struct Among<'a> {
     pub origin_m: DVec3,
-    pub casters: &'a Casters,
-    pub far: &'a [Far],
+    pub occluders: &'a Occluders,
+    pub far: &'a [EnvSample],
     pub lighting: &'a Lighting,
-    pub floors: &'a [Chart],
+    pub floors: &'a [ShadowMap],
     /// So many suns and lamps are drawn.
     pub most: [usize; 2],
 }
 
 impl Digestible for Among<'_> {
     fn digest(&self, into: &mut Digester) {
-        let Self { origin_m, casters, far, lighting, floors, most } = self;
+        let Self { origin_m, occluders, far, lighting, floors, most } = self;
         // `far` is the environment's light.
         let Lighting { environment: _, suns, points } = lighting;
         into.add(origin_m);
-        into.add(casters);
+        into.add(occluders);
         into.add(*far);
         into.add(suns);
         into.add(points);
@@ -114,7 +114,7 @@ pub struct Room<'a> {
     lit_as: Vec<u32>,
 }
 
-/// A part's surface, placed as its casters are.
+/// A part's surface, placed as its occluders are.
 pub struct Surface<'a> {
     pub unwrapped: &'a Unwrapped,
     /// From the mesh's axes.
@@ -275,18 +275,18 @@ impl Surface<'_> {
 }
 
 /// Those of a patch that are asked for all of it.
-fn few(patch: &[Far]) -> impl Iterator<Item = &Far> {
+fn few(patch: &[EnvSample]) -> impl Iterator<Item = &EnvSample> {
     patch.iter().skip(ASKED_OF / 2).step_by(ASKED_OF)
 }
 
 /// For each of a part's triangles the first of those that get the same light.
-fn lit_as(casters: &Casters, part: Range<usize>) -> impl Iterator<Item = u32> {
-    let corners = casters.triangles[part.clone()].iter().flatten().map(|i| casters.corners[*i as usize]);
+fn lit_as(occluders: &Occluders, part: Range<usize>) -> impl Iterator<Item = u32> {
+    let corners = occluders.triangles[part.clone()].iter().flatten().map(|i| occluders.corners[*i as usize]);
     let (low, high) = corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), c| (l.min(c), h.max(c)));
     let per_cell = CELLS / (high - low).max_element().max(1e-9);
     let mut firsts = HashMap::new();
     part.map(move |triangle| {
-        let (middle, front) = casters.middle_and_front(triangle);
+        let (middle, front) = occluders.middle_and_front(triangle);
         let cell = ((middle - low) * per_cell).floor().as_ivec3();
         *firsts.entry((cell, (WAYS * front).round().as_ivec3())).or_insert(triangle as u32)
     })
@@ -299,9 +299,9 @@ fn cofactors(m: Mat3) -> Mat3 {
 
 impl<'a> Room<'a> {
     pub fn new(among: &'a Among<'a>) -> Self {
-        let (casters, lighting) = (among.casters, among.lighting);
+        let (occluders, lighting) = (among.occluders, among.lighting);
         let size =
-            casters.corners.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), c| (l.min(*c), h.max(*c)));
+            occluders.corners.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), c| (l.min(*c), h.max(*c)));
         let disc_around = |towards: Vec3, radius: f32| -> Vec<Vec3> {
             let (aside, over) = towards.any_orthonormal_pair();
             disc(DISC).map(|at| radius * (aside * at.x + over * at.y)).collect()
@@ -321,13 +321,13 @@ impl<'a> Room<'a> {
         let few = among.far.chunks(RAYS * ASKED_OF).map(|patch| Bundle::new(few(patch).map(|far| far.towards)));
         Self {
             among,
-            bvh: Bvh::new(&casters.corners, &casters.triangles),
+            bvh: Bvh::new(&occluders.corners, &occluders.triangles),
             far: among.far.chunks(RAYS).map(|far| Bundle::new(far.iter().map(|far| far.towards))).collect(),
             few: few.collect(),
             lights,
             beside_m: BESIDE * (size.1 - size.0).max_element().max(1e-6),
-            lit: casters.triangles.iter().map(|_| OnceLock::new()).collect(),
-            lit_as: casters.parts.iter().flat_map(|part| lit_as(casters, part.clone())).collect(),
+            lit: occluders.triangles.iter().map(|_| OnceLock::new()).collect(),
+            lit_as: occluders.parts.iter().flat_map(|part| lit_as(occluders, part.clone())).collect(),
         }
     }
 
@@ -376,13 +376,13 @@ impl<'a> Room<'a> {
     /// What a ray that meets nothing finds of its light where it meets a floor.
     fn left_on_floors(&self, from: Vec3, towards: Vec3) -> Vec3 {
         let mut left = Vec3::ONE;
-        for chart in self.among.floors {
-            let normal = chart.floor.normal();
+        for shadow_map in self.among.floors {
+            let normal = shadow_map.floor.normal();
             let down = -normal.dot(towards.as_dvec3());
             let at = self.among.origin_m + from.as_dvec3();
-            let height = chart.floor.height_m(at);
+            let height = shadow_map.floor.height_m(at);
             if down > 1e-6 && height > 0.0 {
-                left *= (Vec3::ONE - chart.taken_at(at + towards.as_dvec3() * (height / down))).max(Vec3::ZERO);
+                left *= (Vec3::ONE - shadow_map.taken_at(at + towards.as_dvec3() * (height / down))).max(Vec3::ZERO);
             }
         }
         left
@@ -390,17 +390,17 @@ impl<'a> Room<'a> {
 
     /// How bright a triangle is seen along a ray.
     fn thrown(&self, triangle: u32, towards: Vec3) -> Vec3 {
-        let casters = self.among.casters;
+        let occluders = self.among.occluders;
         // Inside of things it is dark.
-        if casters.middle_and_front(triangle as usize).1.dot(towards) >= 0.0 {
+        if occluders.middle_and_front(triangle as usize).1.dot(towards) >= 0.0 {
             return Vec3::ZERO;
         }
         let first = self.lit_as[triangle as usize] as usize;
         let light = self.lit[first].get_or_init(|| {
-            let (middle, front) = casters.middle_and_front(first);
+            let (middle, front) = occluders.middle_and_front(first);
             self.light_on(middle, front)
         });
-        casters.colors[triangle as usize] * *light
+        occluders.colors[triangle as usize] * *light
     }
 
     /// All light on a white matt place, but for what things throw.
@@ -410,7 +410,7 @@ impl<'a> Room<'a> {
         // A quarter of the rays says which share of it all is open: E = E_all · Σ open / Σ asked.
         let (mut all, mut asked, mut open) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
         for (patch, bundle) in self.among.far.chunks(RAYS * ASKED_OF).zip(&self.few) {
-            let light = |far: &Far| far.light * far.towards.dot(normal).max(0.0);
+            let light = |far: &EnvSample| far.light * far.towards.dot(normal).max(0.0);
             let brought: Vec3 = patch.iter().map(light).sum();
             if brought == Vec3::ZERO {
                 continue;
@@ -447,10 +447,10 @@ mod tests {
     /// All that a lightmap depends on.
     #[derive(Clone)]
     struct Inputs {
-        casters: Casters,
-        far: Vec<Far>,
+        occluders: Occluders,
+        far: Vec<EnvSample>,
         lighting: Lighting,
-        floors: Vec<Chart>,
+        floors: Vec<ShadowMap>,
         origin_m: DVec3,
         unwrapped: Unwrapped,
         place: DAffine3,
@@ -459,8 +459,8 @@ mod tests {
 
     impl Inputs {
         fn digest(&self) -> Digest {
-            let Self { casters, far, lighting, floors, origin_m, unwrapped, place, double_sided } = self;
-            let among = Among { origin_m: *origin_m, casters, far, lighting, floors, most: [1, 3] };
+            let Self { occluders, far, lighting, floors, origin_m, unwrapped, place, double_sided } = self;
+            let among = Among { origin_m: *origin_m, occluders, far, lighting, floors, most: [1, 3] };
             let mut digester = Digester::default();
             digester.add(&among);
             digester.add(&Surface { unwrapped, place: *place, double_sided: *double_sided });
@@ -478,19 +478,25 @@ mod tests {
             spot: None,
         };
         let sun = Sun { towards_light_in_world: Vec3::Z, color: Vec3::ONE, diameter_rad: 0.01 };
-        let shares = crate::shadow::Shares::new(
-            &Casters::default(),
+        let shares = crate::shadow::ShadowTexture::new(
+            &Occluders::default(),
             super::super::extent::Extent { low: Vec2::ZERO, high: Vec2::ONE },
             &super::super::sky::Sky::new(&Lighting::default(), Arc::new([]), &Floor::new(DVec3::ZERO, DVec3::Z), None),
-            super::super::chart::Real::default(),
+            super::super::shadow_map::Real::default(),
         );
-        let chart = Chart { floor: Floor::new(DVec3::ZERO, DVec3::Z), shares: Arc::new(shares), is_beside: false };
+        let shadow_map =
+            ShadowMap { floor: Floor::new(DVec3::ZERO, DVec3::Z), shares: Arc::new(shares), is_beside: false };
         let corners = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
         let first = Inputs {
-            casters: Casters { corners, triangles: vec![[0, 1, 2]], colors: vec![Vec3::ONE], parts: vec![0..1, 1..1] },
-            far: vec![Far { towards: Vec3::Z, light: Vec3::ONE, solid_sr: 1.0 }],
+            occluders: Occluders {
+                corners,
+                triangles: vec![[0, 1, 2]],
+                colors: vec![Vec3::ONE],
+                parts: vec![0..1, 1..1],
+            },
+            far: vec![EnvSample { towards: Vec3::Z, light: Vec3::ONE, solid_sr: 1.0 }],
             lighting: Lighting { suns: vec![sun], points: vec![lamp], ..Lighting::default() },
-            floors: vec![chart],
+            floors: vec![shadow_map],
             origin_m: DVec3::ZERO,
             unwrapped: Unwrapped { corners: Vec::new(), indices: vec![0, 1, 2], side: 16 },
             place: DAffine3::IDENTITY,
@@ -498,10 +504,10 @@ mod tests {
         };
         assert_eq!(first.digest(), first.clone().digest());
         let changes: [fn(&mut Inputs); 17] = [
-            |i| i.casters.corners[1].x = 1.0f32.next_up(),
-            |i| i.casters.triangles[0] = [0, 2, 1],
-            |i| i.casters.colors[0].y = 0.5,
-            |i| i.casters.parts[0] = 0..0,
+            |i| i.occluders.corners[1].x = 1.0f32.next_up(),
+            |i| i.occluders.triangles[0] = [0, 2, 1],
+            |i| i.occluders.colors[0].y = 0.5,
+            |i| i.occluders.parts[0] = 0..0,
             |i| i.far[0].light.z = 1.0f32.next_down(),
             |i| i.far[0].solid_sr = 2.0,
             |i| i.lighting.suns[0].diameter_rad = 0.02,
@@ -532,8 +538,8 @@ mod tests {
         corners.swap(10, 11);
         corners.extend(corners.clone());
         let triangles: Vec<[u32; 3]> = (0..8).map(|n| [3 * n, 3 * n + 1, 3 * n + 2]).collect();
-        let casters = Casters { corners, triangles, parts: vec![0..4, 4..8], ..Casters::default() };
-        let all: Vec<u32> = casters.parts.iter().flat_map(|part| lit_as(&casters, part.clone())).collect();
+        let occluders = Occluders { corners, triangles, parts: vec![0..4, 4..8], ..Occluders::default() };
+        let all: Vec<u32> = occluders.parts.iter().flat_map(|part| lit_as(&occluders, part.clone())).collect();
         assert_eq!(all, [0, 0, 2, 3, 4, 4, 6, 7]);
     }
 }

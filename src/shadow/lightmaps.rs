@@ -8,10 +8,10 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
 
-use super::casters::Casters;
-use super::chart::{Chart, Shares};
 use super::lightmap::{Among, Room, Surface, lightmap};
-use super::sky::{Around, Far};
+use super::occluders::Occluders;
+use super::shadow_map::{ShadowMap, ShadowTexture};
+use super::sky::{Around, EnvSample};
 use super::steps::{Steps, from_steps, step, steps};
 use crate::digest::{Digest, Digester};
 use crate::memo::Memo;
@@ -32,7 +32,7 @@ static LIGHTMAPS: Memo<Digest, Arc<Lightmap>> = Memo::new(128);
 pub struct Lightmaps {
     lighting: Lighting,
     /// Made when it is first asked for.
-    far: Option<Vec<Far>>,
+    far: Option<Vec<EnvSample>>,
     kept: Memo<Key, Arc<Lightmap>>,
     last: Option<Last>,
 }
@@ -41,7 +41,7 @@ pub struct Lightmaps {
 #[derive(Debug)]
 struct Last {
     objects: Vec<Object>,
-    charts: Vec<Chart>,
+    shadow_maps: Vec<ShadowMap>,
     dimmed: Vec<Option<Arc<Lightmap>>>,
     found: Vec<Option<Arc<Lightmap>>>,
     /// In a light that is another now.
@@ -52,7 +52,7 @@ struct Last {
 #[derive(Clone, Debug, PartialEq)]
 struct Key {
     part: (usize, Steps),
-    casters: Vec<(usize, Steps)>,
+    occluders: Vec<(usize, Steps)>,
     floors: Vec<Floor>,
     lamps: Vec<[i64; 3]>,
 }
@@ -61,7 +61,7 @@ struct Key {
 #[derive(Clone, Debug)]
 struct Floor {
     place: Steps,
-    shares: Arc<Shares>,
+    shares: Arc<ShadowTexture>,
 }
 
 impl PartialEq for Floor {
@@ -92,17 +92,20 @@ impl Lightmaps {
     }
 
     /// One for each part of each object, in turn, as they are placed; `None` where nothing takes any light. `unwrapped` are the
-    /// scene's meshes, `charts` what its objects take of the floors' light, `dimmed` what real things leave of lamps' light for each
+    /// scene's meshes, `shadow_maps` what its objects take of the floors' light, `dimmed` what real things leave of lamps' light for each
     /// part, or nothing.
     pub fn of(
         &mut self,
         scene: &Scene,
         unwrapped: &[Unwrapped],
-        charts: &[Chart],
+        shadow_maps: &[ShadowMap],
         dimmed: &[Option<Arc<Lightmap>>],
     ) -> Vec<Option<Arc<Lightmap>>> {
         let is_same = |last: &&Last| {
-            !last.is_of_before && last.objects == scene.objects && last.charts == charts && last.dimmed == dimmed
+            !last.is_of_before
+                && last.objects == scene.objects
+                && last.shadow_maps == shadow_maps
+                && last.dimmed == dimmed
         };
         if let Some(last) = self.last.as_ref().filter(is_same) {
             return last.found.clone();
@@ -111,7 +114,7 @@ impl Lightmaps {
         let mut found = Vec::new();
         for object in &scene.objects {
             let own = things.iter().find(|thing| std::ptr::eq(thing.object, object));
-            let maps = own.map(|own| self.of_thing(scene, unwrapped, charts, own, &things));
+            let maps = own.map(|own| self.of_thing(scene, unwrapped, shadow_maps, own, &things));
             found.extend(maps.unwrap_or_else(|| vec![None; object.parts.len()]));
         }
         for (map, dim) in found.iter_mut().zip(dimmed) {
@@ -121,7 +124,7 @@ impl Lightmaps {
         }
         self.last = Some(Last {
             objects: scene.objects.clone(),
-            charts: charts.to_vec(),
+            shadow_maps: shadow_maps.to_vec(),
             dimmed: dimmed.to_vec(),
             found: found.clone(),
             is_of_before: false,
@@ -146,26 +149,26 @@ impl Lightmaps {
         &mut self,
         scene: &Scene,
         unwrapped: &[Unwrapped],
-        charts: &[Chart],
+        shadow_maps: &[ShadowMap],
         own: &Thing<'_>,
         things: &[Thing<'_>],
     ) -> Vec<Option<Arc<Lightmap>>> {
         let origin_m = own.object.world_from_model.translation;
         let near = things.iter().filter(|thing| std::ptr::eq(thing.object, own.object) || thing.reaches(own));
-        let casters: Vec<_> = near
+        let occluders: Vec<_> = near
             .flat_map(|thing| &thing.object.parts)
             .map(|part| (part.mesh, steps(&around(origin_m, &part.world_from_mesh))))
             .collect();
-        let floor = |chart: &Chart| {
-            let place = DAffine3 { matrix3: chart.floor.axes, translation: chart.floor.origin_m };
-            Floor { place: steps(&around(origin_m, &place)), shares: chart.shares.clone() }
+        let floor = |shadow_map: &ShadowMap| {
+            let place = DAffine3 { matrix3: shadow_map.floor.axes, translation: shadow_map.floor.origin_m };
+            Floor { place: steps(&around(origin_m, &place)), shares: shadow_map.shares.clone() }
         };
-        let floors: Vec<_> = charts.iter().map(floor).collect();
+        let floors: Vec<_> = shadow_maps.iter().map(floor).collect();
         let lamp = |lamp: &PointLight| (lamp.position_in_world_m - origin_m).to_array().map(step);
         let lamps: Vec<_> = self.lighting.points.iter().map(lamp).collect();
         let key = |part: &Part| Key {
             part: (part.mesh, steps(&around(origin_m, &part.world_from_mesh))),
-            casters: casters.clone(),
+            occluders: occluders.clone(),
             floors: floors.clone(),
             lamps: lamps.clone(),
         };
@@ -177,10 +180,10 @@ impl Lightmaps {
             return maps;
         }
         // All parts of a thing stand in one room.
-        let casters = Casters::of(scene, casters.iter().map(|(mesh, steps)| (*mesh, from_steps(steps))));
+        let occluders = Occluders::of(scene, occluders.iter().map(|(mesh, steps)| (*mesh, from_steps(steps))));
         let far = self.far.get_or_insert_with(|| Around::new(&self.lighting.environment).everywhere());
         let (lighting, most) = (&self.lighting, [MAX_SUNS, MAX_POINTS]);
-        let among = Among { origin_m, casters: &casters, far, lighting, floors: charts, most };
+        let among = Among { origin_m, occluders: &occluders, far, lighting, floors: shadow_maps, most };
         let room = LazyCell::new(|| Room::new(&among));
         let mut digester = Digester::default();
         digester.add(&among);

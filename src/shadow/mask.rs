@@ -16,14 +16,14 @@ pub const SPREAD: Vec2 = Vec2::new(0.754_877_7, 0.569_840_3);
 /// The reach of a row without steps.
 const NO_STEPS: (usize, usize) = (usize::MAX, 0);
 
-/// Rows of a chart, as bits.
+/// Rows of a shadow map, as bits.
 #[derive(Debug)]
 pub struct Mask {
     pub bits: Vec<u32>,
     width: usize,
     rows: Range<usize>,
     cast: Cast,
-    /// How many more layers begin than end at each texel. Rows are a texel longer than the chart's. All are 0 between calls of `stop`.
+    /// How many more layers begin than end at each texel. Rows are a texel longer than the shadow map's. All are 0 between calls of `stop`.
     steps: Vec<i32>,
     /// Of each row, the first texel with a step and the last.
     reach: Vec<(usize, usize)>,
@@ -136,10 +136,10 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shadow::casters::Casters;
+    use crate::shadow::occluders::Occluders;
 
     fn outline(corners: &[Vec3], triangles: &[[u32; 3]]) -> Outline {
-        Outline::of(&Casters { corners: corners.to_vec(), triangles: triangles.to_vec(), ..Casters::default() })
+        Outline::of(&Occluders { corners: corners.to_vec(), triangles: triangles.to_vec(), ..Occluders::default() })
     }
 
     /// Whether a place lies in one of the triangles, as they lie on the floor.
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn what_reaches_beyond_the_chart_or_has_no_shadow_harms_nothing() {
+    fn triangles_beyond_the_shadow_map_are_clipped() {
         let corners = [Vec3::new(-1e9, -5.0, 0.0), Vec3::new(1e9, -5.0, 0.0), Vec3::new(0.0, 1e9, 0.0)];
         let outline = outline(&corners, &[[0, 1, 2]]);
         let mut mask = Mask::new(4, 0..4);

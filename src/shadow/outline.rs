@@ -9,7 +9,7 @@ use std::collections::HashMap;
 
 use glam::{Vec2, Vec3};
 
-use super::casters::Casters;
+use super::occluders::Occluders;
 
 #[derive(Debug)]
 pub struct Outline {
@@ -36,8 +36,8 @@ pub struct Cast {
 }
 
 impl Outline {
-    pub fn of(casters: &Casters) -> Self {
-        let mut at_place = HashMap::with_capacity(casters.corners.len());
+    pub fn of(occluders: &Occluders) -> Self {
+        let mut at_place = HashMap::with_capacity(occluders.corners.len());
         let mut corners = Vec::new();
         // Adding 0 makes −0 and 0 one.
         let one_of_place = |corner: &Vec3| {
@@ -46,8 +46,8 @@ impl Outline {
                 corners.len() as u32 - 1
             })
         };
-        let numbers: Vec<u32> = casters.corners.iter().map(one_of_place).collect();
-        let triangles: Vec<[u32; 3]> = casters.triangles.iter().map(|t| t.map(|i| numbers[i as usize])).collect();
+        let numbers: Vec<u32> = occluders.corners.iter().map(one_of_place).collect();
+        let triangles: Vec<[u32; 3]> = occluders.triangles.iter().map(|t| t.map(|i| numbers[i as usize])).collect();
         let edges = edges(&triangles);
         Self { corners, triangles, edges }
     }

@@ -86,7 +86,7 @@ fn cell_of(point_m: DVec3) -> IVec3 {
 
 /// Which rays, and which points of lamps, real things stop on the way to places of a floor.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Stops {
+pub struct OccluderMask {
     low_m: Vec2,
     columns: usize,
     rows: usize,
@@ -106,7 +106,7 @@ struct Laid {
     near: f32,
 }
 
-impl Digestible for Stops {
+impl Digestible for OccluderMask {
     fn digest(&self, into: &mut Digester) {
         let Self { low_m, columns, rows, rays, lamps } = self;
         into.add(low_m);
@@ -120,7 +120,7 @@ impl Digestible for Stops {
     }
 }
 
-impl Stops {
+impl OccluderMask {
     /// On an extent of a floor; nothing where no light is stopped.
     pub fn of(room: &Room, floor: &Floor, extent: Extent, sky: &Sky) -> Option<Arc<Self>> {
         let from_world = floor.floor_from_world();
@@ -294,7 +294,7 @@ mod tests {
     use super::*;
     use crate::scene::Support;
     use crate::scene::{Environment, EnvironmentMap, Lighting, Material, Object, Part, PointLight, Scene, Sun};
-    use crate::shadow::{Chart, Shadows};
+    use crate::shadow::{ShadowMap, Shadows};
     use glam::{DAffine3, DVec2, Quat};
 
     /// A black box of 8 × 8 × 10 cm on the floor z = 0.
@@ -322,14 +322,14 @@ mod tests {
         Arc::new(Room::of(points.map(point)))
     }
 
-    fn chart(scene: &Scene, room: Option<Arc<Room>>) -> Chart {
+    fn shadow_map(scene: &Scene, room: Option<Arc<Room>>) -> ShadowMap {
         let mut shadows = Shadows::new(scene);
         shadows.stand_in(room);
-        shadows.charts(scene).remove(0)
+        shadows.shadow_maps(scene).remove(0)
     }
 
-    /// The difference between two charts around a place: on the mean, and at most.
-    fn apart(a: &Chart, b: &Chart, middle: DVec2) -> [f32; 2] {
+    /// The difference between two shadow maps around a place: on the mean, and at most.
+    fn apart(a: &ShadowMap, b: &ShadowMap, middle: DVec2) -> [f32; 2] {
         let places = (-12..=12).flat_map(|x| (-12..=12).map(move |y| 0.01 * DVec2::new(x.into(), y.into())));
         let off = |place: DVec2| {
             let at = (middle + place).extend(0.0);
@@ -366,8 +366,9 @@ mod tests {
         let lights = [(sky(vec![sun()], Vec::new()), 0.001, 0.03), (sky(Vec::new(), vec![lamp(2.4)]), 0.003, 0.08)];
         for (lighting, mean_off, most_off) in lights {
             let behind = scene(lighting, DVec2::ZERO);
-            let (alone, twice) = (chart(&scene(sky(Vec::new(), Vec::new()), DVec2::ZERO), None), chart(&behind, None));
-            let once = chart(&behind, Some(wall()));
+            let (alone, twice) =
+                (shadow_map(&scene(sky(Vec::new(), Vec::new()), DVec2::ZERO), None), shadow_map(&behind, None));
+            let once = shadow_map(&behind, Some(wall()));
             // Another light's shadow reaches less far: its texels have another size, which shows at the thing's foot, and it
             // fades out nearer.
             let [mean, most] = apart(&once, &alone, DVec2::ZERO);
@@ -381,21 +382,21 @@ mod tests {
     fn a_white_thing_throws_back_no_light_that_is_stopped_and_in_front_of_the_wall_nothing_is() {
         let lighting = sky(vec![sun()], Vec::new());
         let white = |lighting: &Lighting| colored(lighting.clone(), DVec2::ZERO, 0.8);
-        let alone = chart(&white(&sky(Vec::new(), Vec::new())), None);
-        let [mean, _] = apart(&chart(&white(&lighting), Some(wall())), &alone, DVec2::ZERO);
+        let alone = shadow_map(&white(&sky(Vec::new(), Vec::new())), None);
+        let [mean, _] = apart(&shadow_map(&white(&lighting), Some(wall())), &alone, DVec2::ZERO);
         assert!(mean < 0.002, "{mean}");
-        // There its light comes unhindered: not even the chart is another one.
+        // There its light comes unhindered: not even the shadow map is another one.
         let front = scene(lighting, DVec2::new(2.0, 0.0));
-        assert_eq!(chart(&front, Some(wall())).shares, chart(&front, None).shares);
+        assert_eq!(shadow_map(&front, Some(wall())).shares, shadow_map(&front, None).shares);
     }
 
     #[test]
     fn where_a_real_shadow_ends_the_virtual_one_begins() {
         // The wall is 2 m high: its shadow's edge lies at 1.2 − 2 · 0.78/0.6 = −1.4 m, below the thing's western side.
         let edge = scene(sky(vec![sun()], Vec::new()), DVec2::new(-1.4, 0.0));
-        let (once, all) = (chart(&edge, Some(wall())), chart(&edge, None));
-        let alone = chart(&scene(sky(Vec::new(), Vec::new()), DVec2::new(-1.4, 0.0)), None);
-        let at = |chart: &Chart, x: f64| chart.taken_at(DVec3::new(x, 0.0, 0.0)).x;
+        let (once, all) = (shadow_map(&edge, Some(wall())), shadow_map(&edge, None));
+        let alone = shadow_map(&scene(sky(Vec::new(), Vec::new()), DVec2::new(-1.4, 0.0)), None);
+        let at = |shadow_map: &ShadowMap, x: f64| shadow_map.taken_at(DVec3::new(x, 0.0, 0.0)).x;
         // East of the edge the sun is gone already, west of it the thing takes it; within two solids between.
         assert!((at(&once, -1.35) - at(&alone, -1.35)).abs() < 0.01, "{} {}", at(&once, -1.35), at(&alone, -1.35));
         assert!((at(&once, -1.47) - at(&all, -1.47)).abs() < 0.01, "{} {}", at(&once, -1.47), at(&all, -1.47));
@@ -425,10 +426,13 @@ mod tests {
             directions.flat_map(|towards| [2.0 * towards, 2.001 * towards]).collect()
         };
         let room = Arc::new(Room::of(around.into_iter()));
-        assert_eq!(chart(&scene_of(&lighting), Some(room.clone())).shares, chart(&scene_of(&lighting), None).shares);
+        assert_eq!(
+            shadow_map(&scene_of(&lighting), Some(room.clone())).shares,
+            shadow_map(&scene_of(&lighting), None).shares
+        );
         // A lamp that hangs at the room's own wall.
         let lit = sky(Vec::new(), vec![PointLight { position_in_world_m: DVec3::new(1.2, 0.0, 1.6), ..lamp(0.0) }]);
-        assert_eq!(chart(&scene_of(&lit), Some(room)).shares, chart(&scene_of(&lit), None).shares);
+        assert_eq!(shadow_map(&scene_of(&lit), Some(room)).shares, shadow_map(&scene_of(&lit), None).shares);
     }
 
     #[test]

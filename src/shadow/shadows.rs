@@ -1,37 +1,37 @@
-//! The charts of a scene's things, and those that are known already.
+//! The shadow maps of a scene's things, and those that are known already.
 //!
-//! A chart depends on how a group's things stand to each other and to the light. So it is the same one wherever a thing is moved to
+//! A shadow map depends on how a group's things stand to each other and to the light. So it is the same one wherever a thing is moved to
 //! on a plane, as long as all light comes from far away.
 
 use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
-use super::casters::Casters;
-use super::chart::{Chart, Real, Shares};
 use super::dimmed;
 use super::extent::Extent;
 use super::floor::Floor;
 use super::group::Group;
 use super::last::Last;
-use super::room::{ABOVE_M, Room, Stops};
-use super::sky::{Around, Far, Ray, Sky, rays};
+use super::occluders::Occluders;
+use super::receiver_mask::ReceiverMask;
+use super::room::{ABOVE_M, OccluderMask, Room};
+use super::shadow_map::{Real, ShadowMap, ShadowTexture};
+use super::sky::{Around, EnvSample, Ray, Sky, rays};
 use super::steps::{Steps, from_steps, steps};
-use super::within::Within;
 use crate::digest::{Digest, Digester};
 use crate::memo::Memo;
 use crate::render::Lightmap;
 use crate::scene::{Lighting, Object, Scene};
 
-/// So many charts are kept, the ones used last.
+/// So many shadow maps are kept, the ones used last.
 const KEPT: usize = 128;
 /// Of what real things stop so many: a thing and its facets need five.
 const KEPT_STOPS: usize = 128;
 
-/// For all compositors: at most 5 MB each. A scene with more charts makes them anew.
-static CHARTS: Memo<Digest, Arc<Shares>> = Memo::new(32);
+/// For all compositors: at most 5 MB each. A scene with more shadow maps makes them anew.
+static CHARTS: Memo<Digest, Arc<ShadowTexture>> = Memo::new(32);
 
-/// Works out charts, and keeps them.
+/// Works out shadow maps, and keeps them.
 #[derive(Debug)]
 pub struct Shadows {
     lighting: Lighting,
@@ -39,14 +39,14 @@ pub struct Shadows {
     /// Far light by the floor's axes.
     rays: Memo<DMat3, Arc<[Ray]>>,
     /// From everywhere, made when it is first asked for.
-    far: Option<Arc<[Far]>>,
+    far: Option<Arc<[EnvSample]>>,
     extents: Memo<Key, Extent>,
-    charts: Memo<Key, Arc<Shares>>,
+    shadow_maps: Memo<Key, Arc<ShadowTexture>>,
     /// Rough ones.
-    sketches: Memo<Key, Arc<Shares>>,
-    /// Real things, and what they stop on floors of whole charts.
+    sketches: Memo<Key, Arc<ShadowTexture>>,
+    /// Real things, and what they stop on floors of whole shadow maps.
     room: Option<Arc<Room>>,
-    stops: Memo<(Floor, Key), Option<Arc<Stops>>>,
+    stops: Memo<(Floor, Key), Option<Arc<OccluderMask>>>,
     last: Option<Last>,
     dimmed: Option<Dimmed>,
 }
@@ -54,15 +54,15 @@ pub struct Shadows {
 /// The objects whose light was asked for last, and the lightmaps of their parts.
 type Dimmed = (Vec<Object>, Vec<Option<Arc<Lightmap>>>);
 
-/// All that an extent or a chart depends on but the scene's meshes.
+/// All that an extent or a shadow map depends on but the scene's meshes.
 #[derive(Clone, Debug, PartialEq)]
 struct Key {
     sky: Arc<Sky>,
     parts: Vec<(usize, Steps)>,
     /// What real things stop there: a matter of the place in the world.
-    stops: Option<Arc<Stops>>,
+    stops: Option<Arc<OccluderMask>>,
     /// Of a facet.
-    within: Option<Arc<Within>>,
+    within: Option<Arc<ReceiverMask>>,
 }
 
 /// A thing's or a group's parts, placed in the world.
@@ -84,7 +84,7 @@ impl Shadows {
 
     fn under(scene: &Scene, around: Around) -> Self {
         let lighting = scene.lighting.clone();
-        let charts = Memo::new(KEPT);
+        let shadow_maps = Memo::new(KEPT);
         let (rays, extents, sketches) = (Memo::new(KEPT), Memo::new(KEPT), Memo::new(KEPT));
         Self {
             around,
@@ -92,7 +92,7 @@ impl Shadows {
             rays,
             far: None,
             extents,
-            charts,
+            shadow_maps,
             sketches,
             room: None,
             stops: Memo::new(KEPT_STOPS),
@@ -120,54 +120,54 @@ impl Shadows {
         maps
     }
 
-    /// The charts of the scene's objects as they are placed.
-    pub fn charts(&mut self, scene: &Scene) -> Vec<Chart> {
-        if let Some(charts) = self.last.as_ref().and_then(|last| last.of(&scene.objects)) {
-            return charts;
+    /// The shadow maps of the scene's objects as they are placed.
+    pub fn shadow_maps(&mut self, scene: &Scene) -> Vec<ShadowMap> {
+        if let Some(shadow_maps) = self.last.as_ref().and_then(|last| last.of(&scene.objects)) {
+            return shadow_maps;
         }
         let groups = self.groups(scene);
         let order = by_place(scene);
-        let mut charts = Vec::new();
+        let mut shadow_maps = Vec::new();
         for group in groups {
             let shared: Vec<usize> = order.iter().copied().filter(|index| group.objects.contains(index)).collect();
-            charts.extend(self.chart(scene, &shared).map(|chart| (chart, shared)));
+            shadow_maps.extend(self.shadow_map(scene, &shared).map(|shadow_map| (shadow_map, shared)));
         }
         for (floor, key) in self.beside(scene) {
             let shares = self.extent(scene, key.clone()).map(|extent| self.whole(scene, &floor, key, extent));
-            charts.extend(shares.map(|shares| (Chart { floor, shares, is_beside: true }, Vec::new())));
+            shadow_maps.extend(shares.map(|shares| (ShadowMap { floor, shares, is_beside: true }, Vec::new())));
         }
-        let last = self.last.insert(Last::new(scene.objects.clone(), charts));
-        last.charts()
+        let last = self.last.insert(Last::new(scene.objects.clone(), shadow_maps));
+        last.shadow_maps()
     }
 
-    /// The same, soon. Where only floors have moved, and not far, as when a lens is changed, the last charts go with them. Otherwise
+    /// The same, soon. Where only floors have moved, and not far, as when a lens is changed, the last shadow maps go with them. Otherwise
     /// those that are not known yet are rough ones of each thing alone, and light is taken twice where two of their shadows meet. The
     /// second value is whether any is rough.
-    pub fn sketched(&mut self, scene: &Scene) -> (Vec<Chart>, bool) {
+    pub fn sketched(&mut self, scene: &Scene) -> (Vec<ShadowMap>, bool) {
         if let Some(last) = &self.last {
-            if let Some(charts) = last.of(&scene.objects) {
-                return (charts, false);
+            if let Some(shadow_maps) = last.of(&scene.objects) {
+                return (shadow_maps, false);
             }
-            if let Some(charts) = last.on_floors_of(scene) {
-                return (charts, true);
+            if let Some(shadow_maps) = last.on_floors_of(scene) {
+                return (shadow_maps, true);
             }
         }
         let order = by_place(scene);
-        let (mut charts, mut is_rough) = (Vec::new(), false);
+        let (mut shadow_maps, mut is_rough) = (Vec::new(), false);
         for group in self.groups(scene) {
             let members: Vec<usize> = order.iter().copied().filter(|index| group.objects.contains(index)).collect();
             let known = self.keyed(scene, &members).and_then(|(floor, key)| {
                 let shares = self.known(&floor, &key)?;
-                Some(Chart { floor, shares, is_beside: false })
+                Some(ShadowMap { floor, shares, is_beside: false })
             });
             is_rough |= known.is_none();
             match known {
-                Some(chart) => charts.push(chart),
+                Some(shadow_map) => shadow_maps.push(shadow_map),
                 None => {
                     let keyed: Vec<_> = members.iter().filter_map(|index| self.keyed(scene, &[*index])).collect();
                     for (floor, key) in keyed {
                         let shares = self.sketch(scene, &floor, key);
-                        charts.extend(shares.map(|shares| Chart { floor, shares, is_beside: false }));
+                        shadow_maps.extend(shares.map(|shares| ShadowMap { floor, shares, is_beside: false }));
                     }
                 }
             }
@@ -175,29 +175,29 @@ impl Shadows {
         for (floor, key) in self.beside(scene) {
             is_rough |= self.known(&floor, &key).is_none();
             let shares = self.sketch(scene, &floor, key);
-            charts.extend(shares.map(|shares| Chart { floor, shares, is_beside: true }));
+            shadow_maps.extend(shares.map(|shares| ShadowMap { floor, shares, is_beside: true }));
         }
-        (charts, is_rough)
+        (shadow_maps, is_rough)
     }
 
     /// The whole shares, if they are known, or rough ones.
-    fn sketch(&mut self, scene: &Scene, floor: &Floor, key: Key) -> Option<Arc<Shares>> {
+    fn sketch(&mut self, scene: &Scene, floor: &Floor, key: Key) -> Option<Arc<ShadowTexture>> {
         if let Some(shares) = self.known(floor, &key) {
             return Some(shares);
         }
         let (extent, sky) = (self.extent(scene, key.clone())?, key.sky.rough());
-        let stops = self.room.as_ref().and_then(|room| Stops::of(room, floor, extent, &sky));
+        let stops = self.room.as_ref().and_then(|room| OccluderMask::of(room, floor, extent, &sky));
         let key = Key { stops, ..key };
         if let Some(shares) = self.sketches.get(&key) {
             return Some(shares);
         }
-        let casters = Casters::of(scene, key.placed()).on_floor();
-        let shares = Arc::new(Shares::rough(&casters, extent, &sky, key.real()));
+        let occluders = Occluders::of(scene, key.placed()).on_floor();
+        let shares = Arc::new(ShadowTexture::rough(&occluders, extent, &sky, key.real()));
         self.sketches.insert(key, shares.clone());
         Some(shares)
     }
 
-    /// The facets of all objects that take light: each with its floor, and what its chart depends on. Things do not share these: where
+    /// The facets of all objects that take light: each with its floor, and what its shadow map depends on. Things do not share these: where
     /// two shadows meet on a facet, light that both stop is taken twice.
     fn beside(&mut self, scene: &Scene) -> Vec<(Floor, Key)> {
         let mut all = Vec::new();
@@ -207,7 +207,7 @@ impl Shadows {
                 let Some(floor) = parts.first().and_then(|first| Floor::below(&facet.plane, &first.1)) else {
                     continue;
                 };
-                let mut key = self.key(&floor, &parts, Some(Arc::new(Within::new(object, n, &floor))));
+                let mut key = self.key(&floor, &parts, Some(Arc::new(ReceiverMask::new(object, n, &floor))));
                 if let Some(room) = &self.room {
                     key.sky = without_walled(key.sky, room, &floor, scene, object);
                 }
@@ -217,7 +217,7 @@ impl Shadows {
         all
     }
 
-    /// The floor that objects share, and what a chart of them depends on.
+    /// The floor that objects share, and what a shadow map of them depends on.
     fn keyed(&mut self, scene: &Scene, objects: &[usize]) -> Option<(Floor, Key)> {
         let all = objects.iter().map(|i| &scene.objects[*i]);
         let support = all.clone().next()?.support?;
@@ -261,14 +261,14 @@ impl Shadows {
         if let Some(known) = self.extents.get(&key) {
             return Some(known);
         }
-        let (low, high, height) = Casters::of(scene, key.placed()).on_floor().bounds()?;
+        let (low, high, height) = Occluders::of(scene, key.placed()).on_floor().bounds()?;
         let extent = Extent::of(low, high, height, &key.sky);
         let extent = key.within.as_ref().map_or(extent, |within| within.clip(extent, Extent { low, high }));
         self.extents.insert(key, extent);
         Some(extent)
     }
 
-    fn chart(&mut self, scene: &Scene, objects: &[usize]) -> Option<Chart> {
+    fn shadow_map(&mut self, scene: &Scene, objects: &[usize]) -> Option<ShadowMap> {
         let (floor, key) = self.keyed(scene, objects)?;
         let mut extent: Option<Extent> = None;
         let mut rest = key.parts.as_slice();
@@ -282,49 +282,50 @@ impl Shadows {
             };
         }
         let shares = self.whole(scene, &floor, key, extent?);
-        Some(Chart { floor, shares, is_beside: false })
+        Some(ShadowMap { floor, shares, is_beside: false })
     }
 
-    fn whole(&mut self, scene: &Scene, floor: &Floor, key: Key, extent: Extent) -> Arc<Shares> {
+    fn whole(&mut self, scene: &Scene, floor: &Floor, key: Key, extent: Extent) -> Arc<ShadowTexture> {
         let key = Key { stops: self.stops(floor, &key, extent), ..key };
-        if let Some(shares) = self.charts.get(&key) {
+        if let Some(shares) = self.shadow_maps.get(&key) {
             return shares;
         }
-        let casters = Casters::of(scene, key.placed()).on_floor();
+        let occluders = Occluders::of(scene, key.placed()).on_floor();
         let mut digester = Digester::default();
-        digester.add(&casters);
+        digester.add(&occluders);
         digester.add(&key.real());
         digester.add(&extent);
         digester.add(&key.sky);
-        let shares = CHARTS
-            .get_or_insert_with(digester.finish(), |_| Arc::new(Shares::new(&casters, extent, &key.sky, key.real())));
-        self.charts.insert(key, shares.clone());
+        let shares = CHARTS.get_or_insert_with(digester.finish(), |_| {
+            Arc::new(ShadowTexture::new(&occluders, extent, &key.sky, key.real()))
+        });
+        self.shadow_maps.insert(key, shares.clone());
         shares
     }
 
-    /// The whole chart on a floor of which a key says all but what real things stop there, if it is known.
-    fn known(&mut self, floor: &Floor, key: &Key) -> Option<Arc<Shares>> {
+    /// The whole shadow map on a floor of which a key says all but what real things stop there, if it is known.
+    fn known(&mut self, floor: &Floor, key: &Key) -> Option<Arc<ShadowTexture>> {
         let stops = match self.room {
             Some(_) => self.stops.get(&(*floor, key.clone()))?,
             None => None,
         };
-        self.charts.get(&Key { stops, ..key.clone() })
+        self.shadow_maps.get(&Key { stops, ..key.clone() })
     }
 
     /// What real things stop on a floor, of which a key says all else.
-    fn stops(&mut self, floor: &Floor, key: &Key, extent: Extent) -> Option<Arc<Stops>> {
+    fn stops(&mut self, floor: &Floor, key: &Key, extent: Extent) -> Option<Arc<OccluderMask>> {
         let room = self.room.clone()?;
         let place = (*floor, key.clone());
         if let Some(known) = self.stops.get(&place) {
             return known;
         }
-        let stops = Stops::of(&room, floor, extent, &key.sky);
+        let stops = OccluderMask::of(&room, floor, extent, &key.sky);
         self.stops.insert(place, stops.clone());
         stops
     }
 
     /// `within`: of a facet's floor.
-    fn key(&mut self, floor: &Floor, parts: &Parts, within: Option<Arc<Within>>) -> Key {
+    fn key(&mut self, floor: &Floor, parts: &Parts, within: Option<Arc<ReceiverMask>>) -> Key {
         let rays = self.rays.get(&floor.axes).unwrap_or_else(|| {
             let rays = rays(&self.lighting, &self.around, floor);
             self.rays.insert(floor.axes, rays.clone());
@@ -414,9 +415,9 @@ mod tests {
         }
     }
 
-    fn only(chart: Vec<Chart>) -> Chart {
-        assert_eq!(chart.len(), 1);
-        chart.into_iter().next().unwrap()
+    fn only(shadow_map: Vec<ShadowMap>) -> ShadowMap {
+        assert_eq!(shadow_map.len(), 1);
+        shadow_map.into_iter().next().unwrap()
     }
 
     fn even_sky() -> Lighting {
@@ -434,7 +435,7 @@ mod tests {
     fn under_an_even_sky_it_is_what_many_rays_find() {
         let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
         let scene = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
-        let chart = only(Shadows::new(&scene).charts(&scene));
+        let shadow_map = only(Shadows::new(&scene).shadow_maps(&scene));
         let mut worst = 0.0f64;
         for at in [(0.045, 0.0), (0.06, 0.02), (0.0, 0.04), (0.1, -0.05), (-0.15, 0.1), (0.0, 0.25), (0.02, 0.01)] {
             // Evenly over the cosine: a disc, raised to the hemisphere.
@@ -446,13 +447,13 @@ mod tests {
                 meets(DVec3::new(at.0, at.1, 0.0), towards)
             });
             let truth = stopped.count() as f64 / count as f64;
-            let found = chart.taken_at(floor.at(glam::DVec2::new(at.0, at.1)));
+            let found = shadow_map.taken_at(floor.at(glam::DVec2::new(at.0, at.1)));
             assert!(found.abs_diff_eq(Vec3::splat(found.x), 1e-4), "a grey sky: {found}");
             worst = worst.max((f64::from(found.x) - truth).abs());
         }
         // 512 rays: an edge between two of them is 1/512; a code of a mid-grey floor is 0.009.
         assert!(worst < 0.008, "{worst}");
-        assert_eq!(chart.taken_at(floor.at(glam::DVec2::new(3.0, 0.0))), Vec3::ZERO);
+        assert_eq!(shadow_map.taken_at(floor.at(glam::DVec2::new(3.0, 0.0))), Vec3::ZERO);
     }
 
     #[test]
@@ -468,8 +469,8 @@ mod tests {
         };
         let lighting = Lighting { points: vec![lamp], ..even_sky() };
         let scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
-        let chart = only(Shadows::new(&scene).charts(&scene));
-        let at = |x: f64, y: f64| chart.taken_at(floor.at(glam::DVec2::new(x, y)));
+        let shadow_map = only(Shadows::new(&scene).shadow_maps(&scene));
+        let at = |x: f64, y: f64| shadow_map.taken_at(floor.at(glam::DVec2::new(x, y)));
         // From 0.6 m the top at 0.1 m is thrown outwards by 0.6/0.5: its edge lies at 0.048 m, blurred by the lamp.
         let (inside, outside) = (at(0.043, 0.0), at(0.056, 0.0));
         assert!(inside.x > outside.x + 0.2, "{inside} {outside}");
@@ -481,7 +482,7 @@ mod tests {
     fn what_is_shown_holds_all_that_is_worth_it_and_what_is_dark_lies_within() {
         let floor = Floor::new(DVec3::ZERO, DVec3::Z);
         let scene = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
-        let shares = only(Shadows::new(&scene).charts(&scene)).shares;
+        let shares = only(Shadows::new(&scene).shadow_maps(&scene)).shares;
         let size = glam::DVec2::new(shares.width.into(), shares.height.into());
         let outside = |part: crate::shadow::Part, least: f32| {
             shares.taken.iter().enumerate().any(|(i, taken)| {
@@ -500,19 +501,20 @@ mod tests {
     }
 
     #[test]
-    fn a_sketch_is_nearly_the_chart_and_what_is_known_is_no_sketch() {
+    fn approximate_map_is_close_to_the_final_one_which_is_reused() {
         let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
         let sun =
             Sun { towards_light_in_world: Vec3::new(0.4, -0.8, 0.3).normalize(), color: Vec3::ONE, diameter_rad: 0.3 };
         let apart = scene(Lighting { suns: vec![sun], ..even_sky() }, &floor, &[(0.0, 0.0, 0.0), (1.5, 0.0, 0.3)]);
         let mut shadows = Shadows::new(&apart);
         let (rough, is_rough) = shadows.sketched(&apart);
-        let exact = shadows.charts(&apart);
+        let exact = shadows.shadow_maps(&apart);
         assert!(is_rough && rough.len() == exact.len());
         let (mut off, mut dark, mut count) = (0.0, 0.0, 0.0);
         for (x, y) in (-20..=20).flat_map(|x| (-20..=20).map(move |y| (0.01 * f64::from(x), 0.01 * f64::from(y)))) {
             let at = floor.at(glam::DVec2::new(x, y));
-            let [rough, exact] = [&rough, &exact].map(|all| all.iter().map(|chart| chart.taken_at(at).x).sum::<f32>());
+            let [rough, exact] =
+                [&rough, &exact].map(|all| all.iter().map(|shadow_map| shadow_map.taken_at(at).x).sum::<f32>());
             (off, dark, count) = (off + (rough - exact).abs(), dark + exact, count + 1.0);
         }
         assert!(dark / count > 0.05 && off < 0.15 * dark, "{off} of {dark}");
@@ -520,21 +522,25 @@ mod tests {
         assert_eq!(shadows.sketched(&apart), (exact.clone(), false));
         let mut moved = apart.clone();
         moved.objects[1].move_by(DAffine3::from_translation(floor.axes * DVec3::new(0.3, 0.1, 0.0)));
-        let (charts, is_rough) = shadows.sketched(&moved);
-        assert!(!is_rough && charts.len() == 2);
-        // Where things come close, each keeps the chart that it has alone.
+        let (shadow_maps, is_rough) = shadows.sketched(&moved);
+        assert!(!is_rough && shadow_maps.len() == 2);
+        // Where things come close, each keeps the shadow map that it has alone.
         moved.objects[1].move_by(DAffine3::from_translation(floor.axes * DVec3::new(-1.68, -0.1, 0.0)));
-        let (charts, is_rough) = shadows.sketched(&moved);
-        assert!(is_rough && charts.len() == 2 && shadows.charts(&moved).len() == 1);
-        assert!(charts.iter().all(|chart| exact.iter().any(|known| Arc::ptr_eq(&known.shares, &chart.shares))));
+        let (shadow_maps, is_rough) = shadows.sketched(&moved);
+        assert!(is_rough && shadow_maps.len() == 2 && shadows.shadow_maps(&moved).len() == 1);
+        assert!(
+            shadow_maps
+                .iter()
+                .all(|shadow_map| exact.iter().any(|known| Arc::ptr_eq(&known.shares, &shadow_map.shares)))
+        );
     }
 
     #[test]
-    fn a_sketch_of_a_floor_that_moves_a_little_is_the_last_chart_on_it() {
+    fn floor_that_moves_a_little_reuses_the_last_map() {
         let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
         let scene = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
         let mut shadows = Shadows::new(&scene);
-        let exact = only(shadows.charts(&scene));
+        let exact = only(shadows.shadow_maps(&scene));
         let moved = |tilt: f64, up_m: f64| {
             let mut moved = scene.clone();
             let (point_m, normal) = (floor.origin_m + up_m * DVec3::Z, (DVec3::Z + tilt * DVec3::X).normalize());
@@ -553,7 +559,7 @@ mod tests {
         bare.objects[0].shadowless = true;
         assert_eq!(shadows.sketched(&bare).0, []);
         // A whole one is of the floor as it is.
-        assert!(!Arc::ptr_eq(&only(shadows.charts(&moved(0.1, 0.0))).shares, &exact.shares));
+        assert!(!Arc::ptr_eq(&only(shadows.shadow_maps(&moved(0.1, 0.0))).shares, &exact.shares));
     }
 
     #[test]
@@ -570,17 +576,21 @@ mod tests {
         let [left, right] = [-0.5, 0.5].map(|x| of(Lighting { points: vec![lamp(x)], ..even_sky() }));
         let dark = of(Lighting { points: vec![lamp(0.5)], ..Lighting::default() });
         let mut shadows = Shadows::new(&left);
-        let first = shadows.charts(&left);
+        let first = shadows.shadow_maps(&left);
         // Charts are compared by whether they are the very same.
-        let shares = |charts: Vec<Chart>| charts.iter().map(|chart| Shares::clone(&chart.shares)).collect::<Vec<_>>();
+        let shares = |shadow_maps: Vec<ShadowMap>| {
+            shadow_maps.iter().map(|shadow_map| ShadowTexture::clone(&shadow_map.shares)).collect::<Vec<_>>()
+        };
         for scene in [&right, &dark, &left] {
             shadows.light_by(scene);
             let (rough, is_rough) = shadows.sketched(scene);
             assert!(is_rough && shares(rough) == shares(Shadows::new(scene).sketched(scene).0));
-            assert!(shares(shadows.charts(scene)) == shares(Shadows::new(scene).charts(scene)));
+            assert!(shares(shadows.shadow_maps(scene)) == shares(Shadows::new(scene).shadow_maps(scene)));
         }
         let first = shares(first);
-        assert!(shares(shadows.charts(&left)) == first && shares(Shadows::new(&right).charts(&right)) != first);
+        assert!(
+            shares(shadows.shadow_maps(&left)) == first && shares(Shadows::new(&right).shadow_maps(&right)) != first
+        );
     }
 
     #[test]
@@ -590,32 +600,33 @@ mod tests {
         let sun = Sun { towards_light_in_world: towards, color: Vec3::ONE, diameter_rad: 0.01 };
         let lighting = Lighting { suns: vec![sun], points: Vec::new(), environment: Environment::Uniform(Vec3::ZERO) };
         let scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
-        let chart = only(Shadows::new(&scene).charts(&scene));
-        let at = |x: f64, y: f64| chart.taken_at(floor.at(glam::DVec2::new(x, y))).x;
+        let shadow_map = only(Shadows::new(&scene).shadow_maps(&scene));
+        let at = |x: f64, y: f64| shadow_map.taken_at(floor.at(glam::DVec2::new(x, y))).x;
         // 0.1 m high under 45°: from −0.04 m to −0.14.
         assert!(at(-0.135, 0.0) > 0.99 && at(-0.145, 0.0) < 0.01, "{} {}", at(-0.135, 0.0), at(-0.145, 0.0));
         assert!(at(-0.1, 0.027) > 0.99 && at(-0.1, 0.033) < 0.01 && at(0.05, 0.0) < 0.01);
     }
 
     #[test]
-    fn things_whose_shadows_meet_share_a_chart_and_take_no_light_twice() {
+    fn objects_whose_shadows_meet_share_a_shadow_map() {
         let floor = Floor::new(DVec3::ZERO, DVec3::Z);
         let both = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0), (0.12, 0.0, 0.4)]);
-        let chart = only(Shadows::new(&both).charts(&both));
+        let shadow_map = only(Shadows::new(&both).shadow_maps(&both));
         let alone = |n: usize| {
             let one = Scene { objects: vec![both.objects[n].clone()], ..both.clone() };
-            only(Shadows::new(&one).charts(&one))
+            only(Shadows::new(&one).shadow_maps(&one))
         };
         let between = floor.at(glam::DVec2::new(0.06, 0.0));
-        let [together, left, right] = [&chart, &alone(0), &alone(1)].map(|chart| chart.taken_at(between).x);
+        let [together, left, right] =
+            [&shadow_map, &alone(0), &alone(1)].map(|shadow_map| shadow_map.taken_at(between).x);
         // They stand to different sides: what one takes the other does not.
         assert!((together - left - right).abs() < 0.03 && together < 1.0, "{together} {left} {right}");
         let apart = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0), (5.0, 0.0, 0.4)]);
-        assert_eq!(Shadows::new(&apart).charts(&apart).len(), 2);
+        assert_eq!(Shadows::new(&apart).shadow_maps(&apart).len(), 2);
         let shadowless = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
         let object = Object { shadowless: true, ..shadowless.objects[0].clone() };
         let shadowless = Scene { objects: vec![object], ..shadowless };
-        assert!(Shadows::new(&shadowless).charts(&shadowless).is_empty());
+        assert!(Shadows::new(&shadowless).shadow_maps(&shadowless).is_empty());
     }
 
     #[test]
@@ -633,19 +644,19 @@ mod tests {
         let mut shadows = Shadows::new(&scene);
         let (sketch, is_rough) = shadows.sketched(&scene);
         assert!(is_rough && sketch.len() == 2);
-        let charts = shadows.charts(&scene);
-        assert_eq!((charts.len(), charts.iter().filter(|chart| chart.is_beside).count()), (2, 1));
-        assert_eq!(shadows.sketched(&scene), (charts.clone(), false));
-        let wall = charts.iter().find(|chart| chart.is_beside).unwrap();
-        let rough = sketch.iter().find(|chart| chart.is_beside).unwrap();
+        let shadow_maps = shadows.shadow_maps(&scene);
+        assert_eq!((shadow_maps.len(), shadow_maps.iter().filter(|shadow_map| shadow_map.is_beside).count()), (2, 1));
+        assert_eq!(shadows.sketched(&scene), (shadow_maps.clone(), false));
+        let wall = shadow_maps.iter().find(|shadow_map| shadow_map.is_beside).unwrap();
+        let rough = sketch.iter().find(|shadow_map| shadow_map.is_beside).unwrap();
         // The same box stands as near to a floor that lies there, which ends nowhere.
         let mut lying = scene.clone();
         (lying.objects[0].support, lying.objects[0].facets) = (Some(plane), Vec::new());
-        let lying = only(Shadows::new(&lying).charts(&lying));
+        let lying = only(Shadows::new(&lying).shadow_maps(&lying));
         let at = |y: f64, z: f64| DVec3::new(plane.point_m.x, y, z);
         let (mut dark, mut off) = (0.0f32, 0.0f32);
         for (y, z) in (-10..=10).flat_map(|y| (3..10).map(move |z| (0.01 * f64::from(y), 0.02 * f64::from(z)))) {
-            let [found, wanted] = [wall, &lying].map(|chart| chart.taken_at(at(y, z)).x);
+            let [found, wanted] = [wall, &lying].map(|shadow_map| shadow_map.taken_at(at(y, z)).x);
             (dark, off) = (dark.max(found), off.max((found - wanted).abs()));
             assert!((rough.taken_at(at(y, z)).x - found).abs() < 0.3);
         }
@@ -655,11 +666,11 @@ mod tests {
         assert!(lying.taken_at(at(0.0, 0.01)).x > 0.3, "{}", lying.taken_at(at(0.0, 0.01)));
         assert_eq!([wall.taken_at(at(0.0, 0.01)), wall.taken_at(at(0.32, 0.1))], [Vec3::ZERO; 2]);
         // On the floor the box takes what it took without a wall, and shadowless nothing on either.
-        let ground = charts.iter().find(|chart| !chart.is_beside).unwrap();
+        let ground = shadow_maps.iter().find(|shadow_map| !shadow_map.is_beside).unwrap();
         scene.objects[0].facets.clear();
-        assert_eq!(only(Shadows::new(&scene).charts(&scene)).shares, ground.shares);
+        assert_eq!(only(Shadows::new(&scene).shadow_maps(&scene)).shares, ground.shares);
         (scene.objects[0].facets, scene.objects[0].shadowless) = (vec![facet], true);
-        assert_eq!(Shadows::new(&scene).charts(&scene), []);
+        assert_eq!(Shadows::new(&scene).shadow_maps(&scene), []);
     }
 
     /// A red box, and 4 cm to its right a wall of 0.2 m that faces it, in the light of a lamp.
@@ -680,7 +691,7 @@ mod tests {
     fn on_the_wall(scene: &Scene, room: Option<Room>) -> Vec3 {
         let mut shadows = Shadows::new(scene);
         shadows.stand_in(room.map(Arc::new));
-        let wall = shadows.charts(scene).into_iter().find(|chart| chart.is_beside).unwrap();
+        let wall = shadows.shadow_maps(scene).into_iter().find(|shadow_map| shadow_map.is_beside).unwrap();
         wall.taken_at(scene.objects[0].facets[0].plane.point_m - 0.03 * DVec3::Z)
     }
 
@@ -728,15 +739,15 @@ mod tests {
     }
 
     #[test]
-    fn moved_on_its_floor_it_has_the_chart_that_a_new_one_would_have() {
+    fn object_moved_on_its_floor_has_the_map_of_a_new_one() {
         let floor = Floor::new(DVec3::new(0.1, 0.2, 0.3), DVec3::new(0.1, 0.2, 0.9).normalize());
         let mut shadows = Shadows::new(&scene(even_sky(), &floor, &[]));
         let at = |x: f64, y: f64| scene(even_sky(), &floor, &[(x, y, 0.7)]);
-        let first = only(shadows.charts(&at(0.0, 0.0)));
-        let moved = only(shadows.charts(&at(0.731, -0.25)));
+        let first = only(shadows.shadow_maps(&at(0.0, 0.0)));
+        let moved = only(shadows.shadow_maps(&at(0.731, -0.25)));
         assert!(Arc::ptr_eq(&first.shares, &moved.shares), "it was worked out again");
         let scene = at(0.731, -0.25);
-        assert_eq!(*only(Shadows::new(&scene).charts(&scene)).shares, *moved.shares);
+        assert_eq!(*only(Shadows::new(&scene).shadow_maps(&scene)).shares, *moved.shares);
         let beside = moved.taken_at(floor.at(glam::DVec2::new(0.731, -0.25) + Vec2::new(0.0, 0.06).as_dvec2()));
         assert!(beside.x > 0.05, "{beside}");
         assert_eq!(first.taken_at(floor.at(glam::DVec2::new(0.731, -0.25))), Vec3::ZERO);

@@ -66,7 +66,7 @@ pub struct Ray {
 
 /// Light from far away, from a part of the sphere around.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Far {
+pub struct EnvSample {
     /// In the world, or in a floor's axes.
     pub towards: Vec3,
     /// What a white matt surface shows that faces it.
@@ -100,13 +100,13 @@ pub struct Sky {
 /// Light that comes from behind a facet, in its floor's axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Behind {
-    pub far: Vec<Far>,
+    pub far: Vec<EnvSample>,
     pub lamps: Vec<Lamp>,
 }
 
 digestible! {
     Ray { slope, light, angle_rad, source }
-    Far { towards, light, solid_sr }
+    EnvSample { towards, light, solid_sr }
     Lamp { at_m, color, range_m, spot, radius_m, points_m }
     Sky { rays, lamps, light, behind }
     Behind { far, lamps }
@@ -157,7 +157,7 @@ impl Around {
     }
 
     /// Rays from everywhere, half of them by their brightness and half evenly: what throws light may stand before the dark.
-    pub fn everywhere(&self) -> Vec<Far> {
+    pub fn everywhere(&self) -> Vec<EnvSample> {
         let texels = || (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
         let bright =
             |(x, y): (u32, u32)| self.level.2[(y * WIDTH + x) as usize].element_sum() * solid_sr(y, WIDTH, HEIGHT);
@@ -166,7 +166,8 @@ impl Around {
             (radiance * (solid_sr / PI), radiance.element_sum() * solid_sr / all + solid_sr / (4.0 * PI))
         };
         let strata = self.strata(EVERYWHERE, weighed);
-        let far = |s: Stratum| Far { towards: self.world_from_map * s.towards, light: s.light, solid_sr: s.solid_sr };
+        let far =
+            |s: Stratum| EnvSample { towards: self.world_from_map * s.towards, light: s.light, solid_sr: s.solid_sr };
         strata.into_iter().map(far).collect()
     }
 
@@ -256,7 +257,7 @@ pub fn rays(lighting: &Lighting, around: &Around, floor: &Floor) -> Arc<[Ray]> {
 
 impl Sky {
     /// `rays`: what [`rays`] gives for floors of these axes. `far`: of a facet, the light from everywhere.
-    pub fn new(lighting: &Lighting, rays: Arc<[Ray]>, floor: &Floor, far: Option<&[Far]>) -> Self {
+    pub fn new(lighting: &Lighting, rays: Arc<[Ray]>, floor: &Floor, far: Option<&[EnvSample]>) -> Self {
         let floor_from_world = floor.floor_from_world();
         let turn = floor_from_world.matrix3.as_mat3();
         let lamps = lighting.points.iter().map(|point| {
@@ -330,10 +331,10 @@ impl Sky {
 }
 
 /// Far light that comes from below a floor, in its axes.
-fn behind(far: &[Far], suns: &[Sun], floor_from_world: Mat3) -> Vec<Far> {
-    let sun = |sun: &Sun| Far { towards: sun.towards_light_in_world, light: sun.color, solid_sr: 0.0 };
+fn behind(far: &[EnvSample], suns: &[Sun], floor_from_world: Mat3) -> Vec<EnvSample> {
+    let sun = |sun: &Sun| EnvSample { towards: sun.towards_light_in_world, light: sun.color, solid_sr: 0.0 };
     let all = far.iter().copied().chain(suns.iter().map(sun));
-    let turned = all.map(|far| Far { towards: floor_from_world * far.towards, ..far });
+    let turned = all.map(|far| EnvSample { towards: floor_from_world * far.towards, ..far });
     turned.filter(|far| far.towards.z < 0.0).collect()
 }
 

@@ -14,7 +14,7 @@ use crate::rows::{over_rows, processors};
 /// Twice as many texels make no difference: blurs are cut here.
 const WIDEST: f32 = 64.0;
 
-/// Blurs values of a chart, row by row, each by `angle_rad` times its distance from the nearest of the texels that `stands_on` names,
+/// Blurs values of a shadow map, row by row, each by `angle_rad` times its distance from the nearest of the texels that `stands_on` names,
 /// over which things are `over` texels high at least.
 pub fn spread(values: &mut [Vec3], width: usize, stands_on: &[bool], over: f32, angle_rad: f32) {
     if width == 0 || !stands_on.contains(&true) {
@@ -39,7 +39,7 @@ fn boxed(values: &mut [Vec3], width: usize, reach: impl Fn(usize) -> f32 + Sync)
             sums[(y + 1) * (width + 1) + x + 1] = sums[y * (width + 1) + x + 1] + along;
         }
     }
-    // Beyond the chart there is none.
+    // Beyond the shadow map there is none.
     let mean = |x: usize, y: usize, side: usize| {
         let (x0, x1) = (x.saturating_sub(side), (x + side + 1).min(width));
         let (y0, y1) = (y.saturating_sub(side), (y + side + 1).min(height));
@@ -112,7 +112,7 @@ mod tests {
         let named: Vec<bool> = (0..width * height).map(|i| i % width == 0).collect();
         let mut even = vec![Vec3::splat(0.25); width * height];
         spread(&mut even, width, &named, 0.0, 0.1);
-        // Away from the chart's rim.
+        // Away from the shadow map's rim.
         assert!(
             (0..width * height)
                 .filter(|i| i % width < 120 && (20..80).contains(&(i / width)))

@@ -19,7 +19,7 @@ const REACH: f64 = 1.5;
 const LEAST_REACH_M: f64 = 0.1;
 const MOST_REACH_M: f64 = 0.5;
 /// Lower than this over what the object stands on is that, metres: there its own shadow is drawn (`TOLERANCE_M` of
-/// shadow/within.rs, twice).
+/// shadow/receiver_mask.rs, twice).
 const ABOVE_M: f64 = 0.03;
 /// A piece is as large as this in both directions, metres, and so much of its rectangle was seen, in cells.
 const LEAST_M: f64 = 0.04;

@@ -1,4 +1,4 @@
-//! Shadows on the real surfaces that things stand on: against the chart itself, pixel by pixel, and what must not happen.
+//! Shadows on the real surfaces that things stand on: against the shadow map itself, pixel by pixel, and what must not happen.
 
 use std::sync::Arc;
 
@@ -114,9 +114,9 @@ fn encode(light: f64) -> f64 {
 }
 
 #[test]
-fn each_pixel_of_the_floor_is_as_dark_as_the_chart_says_and_all_others_are_the_camera_s() {
+fn shaded_pixels_follow_the_shadow_map_and_all_others_stay() {
     let done = made(Settings::default(), &camera(), grey_frame(), scene());
-    let chart = &Shadows::new(&scene()).charts(&scene())[0];
+    let shadow_map = &Shadows::new(&scene()).shadow_maps(&scene())[0];
     let layer = done.layer.as_ref().unwrap();
     let (mut worst, mut shaded, mut free, mut darkest) = (0.0f64, 0, 0, 255.0f64);
     for (i, out) in done.pixels.codes.eight_bit().unwrap().chunks_exact(3).enumerate() {
@@ -130,7 +130,7 @@ fn each_pixel_of_the_floor_is_as_dark_as_the_chart_says_and_all_others_are_the_c
             continue;
         }
         let places: Vec<Vec3> =
-            on_floor(x, y).map(|place| place.map_or(Vec3::ZERO, |place| chart.taken_at(place))).collect();
+            on_floor(x, y).map(|place| place.map_or(Vec3::ZERO, |place| shadow_map.taken_at(place))).collect();
         let taken = faded(places.iter().sum::<Vec3>() / 4.0);
         if layer.left[i] == [1.0; 3] {
             free += 1;

@@ -6,25 +6,25 @@ use std::sync::Arc;
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
 use super::bounce::{Bounce, Ground};
-use super::casters::Casters;
 use super::extent::Extent;
 use super::floor::Floor;
 use super::mask::{Mask, Sums, jitter};
+use super::occluders::Occluders;
 use super::outline::Outline;
-use super::room::Stops;
+use super::receiver_mask::ReceiverMask;
+use super::room::OccluderMask;
 use super::sky::{CLASSES, Lamp, Ray, Sky, class};
 use super::spread::spread;
-use super::within::Within;
 use crate::digest::{Digester, Digestible, digestible};
 use crate::rows::{over_rows, processors};
 
 /// The most texels along a side.
 const MOST: f32 = 640.0;
-/// Texels along the longest side of the thing itself, where the chart has room for them.
+/// Texels along the longest side of the thing itself, where the shadow map has room for them.
 const ACROSS: f32 = 160.0;
 /// No texel is smaller, metres.
 const FINEST_M: f32 = 0.00025;
-/// The rim over which a shadow ends, as a share of the chart's sides.
+/// The rim over which a shadow ends, as a share of the shadow map's sides.
 const RIM: f32 = 0.08;
 /// A smaller share is none: a third of a code of a bright floor. From twice that on it is what it is.
 const NOTHING: f32 = 0.003;
@@ -36,12 +36,12 @@ const BLOCK: usize = 16;
 const AT_A_TIME: usize = 32;
 /// So much of the far light there is everywhere, where real things stop the most: a divisor that is no noise.
 const DARKEST: f32 = 1e-6;
-/// A rough chart has texels as much larger.
+/// A rough shadow map has texels as much larger.
 const ROUGHER: f32 = 3.0;
 
 /// The shares, without a place in the world.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Shares {
+pub struct ShadowTexture {
     /// Where the first texel's corner lies, in the floor's axes, metres.
     pub low_m: Vec2,
     pub texel_m: f32,
@@ -56,7 +56,7 @@ pub struct Shares {
     blocks: Vec<bool>,
 }
 
-/// A part of a chart, in shares of its sides; without any size if it is empty.
+/// A part of a shadow map, in shares of its sides; without any size if it is empty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
     pub low: DVec2,
@@ -91,27 +91,27 @@ struct Gone {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Real<'a> {
     /// What real things stop of the sky's light.
-    pub stops: Option<&'a Stops>,
-    /// Where the chart counts, if not everywhere.
-    pub within: Option<&'a Within>,
+    pub stops: Option<&'a OccluderMask>,
+    /// Where the shadow map counts, if not everywhere.
+    pub within: Option<&'a ReceiverMask>,
 }
 
 digestible! { Real<'_> { stops, within } }
 
 /// Shares on a floor in the world.
 #[derive(Clone, Debug)]
-pub struct Chart {
+pub struct ShadowMap {
     pub floor: Floor,
-    pub shares: Arc<Shares>,
+    pub shares: Arc<ShadowTexture>,
     /// What they are on is a real thing beside the object, not what it stands on.
     pub is_beside: bool,
 }
 
 /// What a place on it receives: its shares' summaries follow from `taken`.
-impl Digestible for Chart {
+impl Digestible for ShadowMap {
     fn digest(&self, into: &mut Digester) {
         let Self { floor, shares, is_beside: _ } = self;
-        let Shares { low_m, texel_m, width, height, taken, shown: _, dark: _, blocks: _ } = &**shares;
+        let ShadowTexture { low_m, texel_m, width, height, taken, shown: _, dark: _, blocks: _ } = &**shares;
         into.add(floor);
         into.add(low_m);
         into.add(texel_m);
@@ -121,32 +121,32 @@ impl Digestible for Chart {
     }
 }
 
-impl PartialEq for Chart {
+impl PartialEq for ShadowMap {
     fn eq(&self, other: &Self) -> bool {
         self.floor == other.floor && Arc::ptr_eq(&self.shares, &other.shares) && self.is_beside == other.is_beside
     }
 }
 
-impl Shares {
+impl ShadowTexture {
     /// Of all that stands in an extent of a floor.
-    pub fn new(casters: &Casters, extent: Extent, sky: &Sky, real: Real<'_>) -> Self {
-        Self::of_texels(casters, extent, sky, real, 1.0)
+    pub fn new(occluders: &Occluders, extent: Extent, sky: &Sky, real: Real<'_>) -> Self {
+        Self::of_texels(occluders, extent, sky, real, 1.0)
     }
 
     /// The same with larger texels: with a [`Sky::rough`] one in a twentieth of the time.
-    pub fn rough(casters: &Casters, extent: Extent, sky: &Sky, real: Real<'_>) -> Self {
-        Self::of_texels(casters, extent, sky, real, ROUGHER)
+    pub fn rough(occluders: &Occluders, extent: Extent, sky: &Sky, real: Real<'_>) -> Self {
+        Self::of_texels(occluders, extent, sky, real, ROUGHER)
     }
 
     /// With texels larger by a factor.
-    fn of_texels(casters: &Casters, extent: Extent, sky: &Sky, real: Real<'_>, larger: f32) -> Self {
+    fn of_texels(occluders: &Occluders, extent: Extent, sky: &Sky, real: Real<'_>, larger: f32) -> Self {
         let Real { stops, within } = real;
         let size = extent.high - extent.low;
-        let thing = casters.bounds().map_or(size.max_element(), |(low, high, _)| (high - low).max_element());
+        let thing = occluders.bounds().map_or(size.max_element(), |(low, high, _)| (high - low).max_element());
         let texel_m = larger * (thing / ACROSS).max(size.max_element() / MOST).max(FINEST_M);
         let (width, height) = ((size.x / texel_m).ceil().max(1.0) as u32, (size.y / texel_m).ceil().max(1.0) as u32);
         let mut gone = vec![Gone::default(); width as usize * height as usize];
-        let outline = Outline::of(casters);
+        let outline = Outline::of(occluders);
         let mut shares = Self::empty(extent.low, texel_m, width, height);
         // A band of rows for each thread; what is in it depends on nothing else.
         let rows = (height as usize).div_ceil(processors()).max(1);
@@ -154,7 +154,7 @@ impl Shares {
             let first = band * rows;
             shares.fill(gone, first..first + gone.len() / width as usize, &outline, sky, stops);
         });
-        let lowest_m = casters.corners.iter().map(|corner| corner.z).fold(f32::INFINITY, f32::min);
+        let lowest_m = occluders.corners.iter().map(|corner| corner.z).fold(f32::INFINITY, f32::min);
         let over = if lowest_m > texel_m && lowest_m.is_finite() { lowest_m / texel_m } else { 0.0 };
         let stands_on: Vec<bool> = gone.iter().map(|gone| gone.from_above).collect();
         let mut lacks: Vec<Vec3> = gone.iter().map(|gone| gone.of_class[0]).collect();
@@ -173,10 +173,10 @@ impl Shares {
         let Self { low_m, texel_m, width, height, .. } = shares;
         // What real things stop is not thrown back.
         // Below the first one's origin; on a facet, behind the middle of all.
-        let among = within.and_then(|_| casters.bounds()).map_or(Vec2::ZERO, |(low, high, _)| 0.5 * (low + high));
+        let among = within.and_then(|_| occluders.bounds()).map_or(Vec2::ZERO, |(low, high, _)| 0.5 * (low + high));
         let left = stops.map(|stops| stops.left(sky, among));
         let ground = Ground { low_m, texel_m, width, height, taken: &at, stands_on: &stands_on, over };
-        let bounce = Bounce::new(&ground, casters, left.as_ref().unwrap_or(sky), within);
+        let bounce = Bounce::new(&ground, occluders, left.as_ref().unwrap_or(sky), within);
         let mut taken = std::mem::take(&mut shares.taken);
         over_rows(&mut taken, width as usize, processors(), |y, row| {
             for (x, taken) in row.iter_mut().enumerate() {
@@ -250,7 +250,7 @@ impl Shares {
         (place_m - self.low_m) / self.texel_m
     }
 
-    fn fill(&self, gone: &mut [Gone], rows: Range<usize>, outline: &Outline, sky: &Sky, stops: Option<&Stops>) {
+    fn fill(&self, gone: &mut [Gone], rows: Range<usize>, outline: &Outline, sky: &Sky, stops: Option<&OccluderMask>) {
         let (width, rows_from) = (self.width as usize, rows.start);
         gone.iter_mut().for_each(|gone| gone.all = sky.light);
         let mut mask = Mask::new(width, rows.clone());
@@ -326,7 +326,7 @@ impl Shares {
         self.low_m + self.texel_m * (Vec2::new(x as f32, y as f32) + 0.5)
     }
 
-    /// 1 within the chart, smoothly 0 at its outermost texels.
+    /// 1 within the shadow map, smoothly 0 at its outermost texels.
     fn rim(&self, x: usize, y: usize) -> f32 {
         let towards = |at: usize, side: u32| {
             let from_edge = (at as f32).min(side as f32 - 1.0 - at as f32) / (RIM * side as f32);
@@ -336,7 +336,7 @@ impl Shares {
         towards(x, self.width) * towards(y, self.height)
     }
 
-    /// Interpolated at a place in texels, as the shader does; 0 beyond the chart.
+    /// Interpolated at a place in texels, as the shader does; 0 beyond the shadow map.
     pub fn at_texel(&self, at: DVec2) -> Vec3 {
         let size = DVec2::new(self.width.into(), self.height.into());
         if at.cmplt(DVec2::ZERO).any() || at.cmpgt(size).any() {
@@ -354,8 +354,8 @@ impl Shares {
     }
 }
 
-impl Chart {
-    /// The corners of the chart in the world.
+impl ShadowMap {
+    /// The corners of the shadow map in the world.
     pub fn at(&self, across: f64, down: f64) -> DVec3 {
         let shares = &self.shares;
         let size = Vec2::new(shares.width as f32, shares.height as f32).as_dvec2() * f64::from(shares.texel_m);

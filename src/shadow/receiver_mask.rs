@@ -1,4 +1,4 @@
-//! Where a chart on a facet counts: within its rectangle, and not where another real surface has a shadow of its own.
+//! Where a shadow map on a facet counts: within its rectangle, and not where another real surface has a shadow of its own.
 //!
 //! Near a corner of the room a pixel is as far from one plane as from the other, within what depth is known to, and light would be
 //! taken twice. So what lies near a surface that comes before is left to that one, by the weight that it has there
@@ -19,7 +19,7 @@ pub const TOLERANCE_M: f32 = 0.015;
 
 /// In the axes of a facet's floor.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Within {
+pub struct ReceiverMask {
     own: Rectangle,
     before: Vec<Surface>,
 }
@@ -41,12 +41,12 @@ struct Surface {
 }
 
 digestible! {
-    Within { own, before }
+    ReceiverMask { own, before }
     Rectangle { x, y, low, high }
     Surface { height, rectangle }
 }
 
-impl Within {
+impl ReceiverMask {
     /// Of an object's facet by its number.
     pub fn new(object: &Object, facet: usize, floor: &Floor) -> Self {
         let before = object.facets[..facet].iter().map(|facet| Surface {
@@ -57,7 +57,7 @@ impl Within {
         Self { own: Rectangle::new(&object.facets[facet], floor), before: support.chain(before).collect() }
     }
 
-    /// 1 where the chart counts, 0 where it does not.
+    /// 1 where the shadow map counts, 0 where it does not.
     pub fn share(&self, place_m: Vec2) -> f32 {
         let left = |surface: &Surface| {
             let height_m = counted(surface.height, place_m).abs();
@@ -72,7 +72,7 @@ impl Within {
         towards.z < 0.0 && self.own.share((from - towards * (from.z / towards.z)).truncate()) > 0.5
     }
 
-    /// What of an extent is in the rectangle or in `under`, where the object is, and a rim around for a chart to fade out over.
+    /// What of an extent is in the rectangle or in `under`, where the object is, and a rim around for a shadow map to fade out over.
     pub fn clip(&self, extent: Extent, under: Extent) -> Extent {
         let own = self.own.around().union(under);
         let rim = 0.1 * (own.high - own.low);
@@ -145,7 +145,7 @@ mod tests {
     fn a_wall_counts_within_its_rectangle_and_not_near_the_floor_nor_near_what_comes_before() {
         let object = corner();
         let floor = Floor::new(DVec3::new(0.2, -0.05, 0.3), DVec3::NEG_X);
-        let within = Within::new(&object, 1, &floor);
+        let within = ReceiverMask::new(&object, 1, &floor);
         let share = |y: f64, z: f64| {
             let place = floor.floor_from_world().transform_point3(DVec3::new(0.2, y, z));
             assert!(place.z.abs() < 1e-12);
@@ -165,7 +165,7 @@ mod tests {
     fn an_extent_is_cut_to_the_rectangle_and_to_where_the_object_is() {
         let object = corner();
         let floor = Floor::new(DVec3::new(0.2, -0.05, 0.3), DVec3::NEG_X);
-        let within = Within::new(&object, 1, &floor);
+        let within = ReceiverMask::new(&object, 1, &floor);
         let at = |y: f64, z: f64| floor.floor_from_world().transform_point3(DVec3::new(0.2, y, z)).truncate().as_vec2();
         let around = |a: Vec2, b: Vec2| Extent { low: a.min(b), high: a.max(b) };
         let wide = Extent { low: Vec2::splat(-9.0), high: Vec2::splat(9.0) };

@@ -15,7 +15,7 @@ const OPAQUE: f32 = 0.5;
 const ON_FLOOR_M: f32 = 5e-4;
 
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Casters {
+pub struct Occluders {
     /// Metres. On a floor, z is the height over it.
     pub corners: Vec<Vec3>,
     pub triangles: Vec<[u32; 3]>,
@@ -25,7 +25,7 @@ pub struct Casters {
     pub parts: Vec<Range<usize>>,
 }
 
-impl Digestible for Casters {
+impl Digestible for Occluders {
     fn digest(&self, into: &mut Digester) {
         let Self { corners, triangles, colors, parts } = self;
         into.add_numbers(corners);
@@ -35,7 +35,7 @@ impl Digestible for Casters {
     }
 }
 
-impl Casters {
+impl Occluders {
     /// The parts' meshes, as indices into [`Scene::meshes`], with their places.
     pub fn of(scene: &Scene, parts: impl IntoIterator<Item = (usize, DAffine3)>) -> Self {
         let mut all = Self::default();
@@ -126,9 +126,9 @@ mod tests {
     use super::*;
 
     /// Two triangles that share an edge, a part each.
-    fn sheet(heights: [f32; 4]) -> Casters {
+    fn sheet(heights: [f32; 4]) -> Occluders {
         let [a, b, c, d] = heights;
-        Casters {
+        Occluders {
             corners: vec![
                 Vec3::new(0.0, 0.0, a),
                 Vec3::new(1.0, 0.0, b),
