@@ -1,4 +1,4 @@
-//! The triangles of what stands on a floor, in the floor's axes, or of what stands around a place.
+//! Triangles that cast shadows: above a receiver plane, in its axes, or around a point.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -9,19 +9,19 @@ use super::skin::Skin;
 use crate::digest::{Digester, Digestible};
 use crate::scene::{Alpha, Scene, Vertex};
 
-/// Less opaque than this on the whole, a surface lets light through.
+/// Surfaces of a lower opacity do not block light.
 const OPAQUE: f32 = 0.5;
-/// So far below a floor something is on it, m: no foot is even.
+/// Depth below the plane down to which a vertex counts as on it, m: feet are uneven.
 const ON_FLOOR_M: f32 = 5e-4;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Occluders {
-    /// Metres. On a floor, z is the height over it.
+    /// Vertices, m. Over a receiver plane z is the height.
     pub corners: Vec<Vec3>,
     pub triangles: Vec<[u32; 3]>,
-    /// The share of light that each triangle throws back.
+    /// Albedo of each triangle.
     pub colors: Vec<Vec3>,
-    /// Of the triangles of each part, in turn.
+    /// Range of triangles of each part.
     pub parts: Vec<Range<usize>>,
 }
 

@@ -1,9 +1,8 @@
-//! Where a shadow map on a facet counts: within its rectangle, and not where another real surface has a shadow of its own.
+//! Where a shadow map on a facet applies: within its rectangle, except where another real surface has a shadow map of its own.
 //!
-//! Near a corner of the room a pixel is as far from one plane as from the other, within what depth is known to, and light would be
-//! taken twice. So what lies near a surface that comes before is left to that one, by the weight that it has there
-//! (`floor_around` in shaders/shade.wgsl). Beyond 1.9 m, where depth is known less well than `TOLERANCE_M`, both count over a part of the
-//! way.
+//! Near a corner of the room a pixel is equally close to two planes, within the error of depth, and would be darkened twice.
+//! Points near a surface of higher priority therefore belong to that one, by its weight there (`floor_around` in
+//! shaders/shade.wgsl). Beyond 1.9 m, where depth is less certain than `TOLERANCE_M`, both apply in a part of the transition.
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
@@ -12,19 +11,19 @@ use super::floor::Floor;
 use crate::digest::digestible;
 use crate::scene::{Facet, Object, Support};
 
-/// Over this its rectangle's sides fade out, metres.
+/// Width over which the rectangle's sides fade out, m.
 const FADE_M: f32 = 0.01;
-/// As far from a surface as this it counts wholly, three times as far not at all, metres.
+/// Distance from a surface up to which it applies fully, m; at three times the distance it no longer applies.
 pub const TOLERANCE_M: f32 = 0.015;
 
-/// In the axes of a facet's floor.
+/// In the axes of the facet's plane.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReceiverMask {
     own: Rectangle,
-    before: Vec<Surface>,
+    prior: Vec<Surface>,
 }
 
-/// A rectangle in a plane: x is counted by `x.truncate() · place + x.z`, and so is y.
+/// A rectangle in the plane, with coordinates x = `x.truncate() · place + x.z` and y alike.
 #[derive(Clone, Debug, PartialEq)]
 struct Rectangle {
     x: Vec3,
@@ -33,7 +32,7 @@ struct Rectangle {
     high: Vec2,
 }
 
-/// Another surface: its height below a place, counted alike, and where it is.
+/// A surface of higher priority: a point's height above it, as such a linear function, and its rectangle.
 #[derive(Clone, Debug, PartialEq)]
 struct Surface {
     height: Vec3,
@@ -41,30 +40,30 @@ struct Surface {
 }
 
 digestible! {
-    ReceiverMask { own, before }
+    ReceiverMask { own, prior }
     Rectangle { x, y, low, high }
     Surface { height, rectangle }
 }
 
 impl ReceiverMask {
-    /// Of an object's facet by its number.
+    /// For a facet of an object by its index.
     pub fn new(object: &Object, facet: usize, floor: &Floor) -> Self {
-        let before = object.facets[..facet].iter().map(|facet| Surface {
+        let prior = object.facets[..facet].iter().map(|facet| Surface {
             height: height(&facet.plane, floor),
             rectangle: Some(Rectangle::new(facet, floor)),
         });
         let support = object.support.iter().map(|support| Surface { height: height(support, floor), rectangle: None });
-        Self { own: Rectangle::new(&object.facets[facet], floor), before: support.chain(before).collect() }
+        Self { own: Rectangle::new(&object.facets[facet], floor), prior: support.chain(prior).collect() }
     }
 
-    /// 1 where the shadow map counts, 0 where it does not.
+    /// Weight of the shadow map at a point, 0 to 1.
     pub fn share(&self, place_m: Vec2) -> f32 {
         let left = |surface: &Surface| {
             let height_m = counted(surface.height, place_m).abs();
             let near = (1.5 - 0.5 * height_m / TOLERANCE_M).clamp(0.0, 1.0);
             1.0 - near * surface.rectangle.as_ref().map_or(1.0, |rectangle| rectangle.share(place_m))
         };
-        self.own.share(place_m) * self.before.iter().map(left).product::<f32>()
+        self.own.share(place_m) * self.prior.iter().map(left).product::<f32>()
     }
 
     /// Whether the facet is seen from a place before it, in the floor's axes.

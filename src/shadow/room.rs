@@ -84,13 +84,13 @@ fn cell_of(point_m: DVec3) -> IVec3 {
     (point_m / f64::from(SIDE_M)).floor().as_ivec3()
 }
 
-/// Which rays, and which points of lamps, real things stop on the way to places of a floor.
+/// Which rays, and which points of lamps, real objects block on the way to cells of a plane.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OccluderMask {
     low_m: Vec2,
     columns: usize,
     rows: usize,
-    /// Of each 32 rays a word for each cell, row by row; nothing where none of them is stopped anywhere.
+    /// For each 32 rays a bit mask for each cell, by row; empty where none of them is blocked in any cell.
     rays: Vec<Vec<u32>>,
     /// The same of each lamp's points.
     lamps: Vec<Vec<Vec<u32>>>,
@@ -121,7 +121,7 @@ impl Digestible for OccluderMask {
 }
 
 impl OccluderMask {
-    /// On an extent of a floor; nothing where no light is stopped.
+    /// Over an extent of a plane. `None` if no light is blocked.
     pub fn of(room: &Room, floor: &Floor, extent: Extent, sky: &Sky) -> Option<Arc<Self>> {
         let from_world = floor.floor_from_world();
         let solids = room.solids_m.iter().map(|solid_m| from_world.transform_point3(*solid_m).as_vec3());

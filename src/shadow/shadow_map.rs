@@ -1,4 +1,4 @@
-//! A picture of a floor: the share of the light that the things on it take, for each colour.
+//! The shadow of a group of objects on a receiver plane, as a texture: D = 1 − E_with / E_without for each colour channel.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -18,45 +18,45 @@ use super::spread::spread;
 use crate::digest::{Digester, Digestible, digestible};
 use crate::rows::{over_rows, processors};
 
-/// The most texels along a side.
-const MOST: f32 = 640.0;
-/// Texels along the longest side of the thing itself, where the shadow map has room for them.
-const ACROSS: f32 = 160.0;
-/// No texel is smaller, metres.
-const FINEST_M: f32 = 0.00025;
-/// The rim over which a shadow ends, as a share of the shadow map's sides.
-const RIM: f32 = 0.08;
-/// A smaller share is none: a third of a code of a bright floor. From twice that on it is what it is.
-const NOTHING: f32 = 0.003;
-/// What is dark enough to show what it lies on.
-const DARK: f32 = 0.05;
-/// Side of the blocks of texels in which it is known whether there is any shadow.
-const BLOCK: usize = 16;
-/// Rays that one mask holds.
-const AT_A_TIME: usize = 32;
-/// So much of the far light there is everywhere, where real things stop the most: a divisor that is no noise.
-const DARKEST: f32 = 1e-6;
-/// A rough shadow map has texels as much larger.
-const ROUGHER: f32 = 3.0;
+/// Largest side of a texture, texels.
+const MAX_SIDE_TEXELS: f32 = 640.0;
+/// Texels along the longest side of the object itself, if the texture has room for them.
+const OBJECT_SIDE_TEXELS: f32 = 160.0;
+/// Smallest texel, m.
+const MIN_TEXEL_M: f32 = 0.00025;
+/// Width of the border over which the shadow fades out, as a share of the texture's sides.
+const FADE_WIDTH: f32 = 0.08;
+/// Smaller shares become 0: a third of an 8-bit code on a bright plane. Shares from twice this on stay as they are.
+const MIN_VISIBLE_SHARE: f32 = 0.003;
+/// Smallest share at which the shadow's exact outline on the real surface matters.
+const DARK_SHARE: f32 = 0.05;
+/// Side of the blocks for which it is stored whether they hold any shadow.
+const BLOCK_TEXELS: usize = 16;
+/// Rays in one bit mask.
+const RAYS_PER_MASK: usize = 32;
+/// Smallest share of the distant light that is divided by, where real objects block nearly all of it.
+const MIN_FAR_LIGHT: f32 = 1e-6;
+/// Ratio of a preview's texel to a final one's.
+const PREVIEW_TEXEL_FACTOR: f32 = 3.0;
 
-/// The shares, without a place in the world.
+/// D over a rectangle of the plane, without its place in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShadowTexture {
-    /// Where the first texel's corner lies, in the floor's axes, metres.
+    /// Outer corner of the first texel, in the plane's axes, m.
     pub low_m: Vec2,
     pub texel_m: f32,
     pub width: u32,
     pub height: u32,
-    /// 1 where all of the light is taken, 0 where none is, below 0 where things throw back more than they take. Row by row.
+    /// D by row: 1 without light, 0 without shadow, below 0 where objects reflect more light onto the plane than they block.
     pub taken: Vec<[f32; 3]>,
-    /// Where there are any, and where they are dark.
+    /// Bounds of D ≠ 0, and of D above the dark share.
     pub shown: Part,
     pub dark: Part,
-    /// Whether there are any in each block, row by row.
+    /// Whether each block holds any shadow, by row.
     blocks: Vec<bool>,
 }
 
-/// A part of a shadow map, in shares of its sides; without any size if it is empty.
+/// A rectangle of a texture, relative to its sides; of size 0 if it is empty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
     pub low: DVec2,
@@ -71,43 +71,43 @@ impl Part {
     }
 }
 
-/// A share that is worth drawing.
+/// Soft threshold at the smallest visible share.
 fn worth(share: f32) -> f32 {
-    share * (share.abs() / NOTHING - 1.0).clamp(0.0, 1.0)
+    share * (share.abs() / MIN_VISIBLE_SHARE - 1.0).clamp(0.0, 1.0)
 }
 
-/// The light that a texel lacks.
+/// Irradiance that is blocked at a texel.
 #[derive(Clone, Debug, Default)]
 struct Gone {
-    /// By the class of the rays.
+    /// By class of rays.
     of_class: [Vec3; CLASSES],
-    /// All that there would be.
+    /// Irradiance without the objects.
     all: Vec3,
-    /// Whether something stands over it.
+    /// Whether an object is vertically above.
     from_above: bool,
 }
 
-/// What is real around a floor.
+/// Real surroundings of a receiver plane.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Real<'a> {
-    /// What real things stop of the sky's light.
+    /// Rays that real objects block. `None` for none.
     pub stops: Option<&'a OccluderMask>,
-    /// Where the shadow map counts, if not everywhere.
+    /// Where the shadow map applies. `None` for everywhere.
     pub within: Option<&'a ReceiverMask>,
 }
 
 digestible! { Real<'_> { stops, within } }
 
-/// Shares on a floor in the world.
+/// A shadow texture on a plane in the world.
 #[derive(Clone, Debug)]
 pub struct ShadowMap {
     pub floor: Floor,
     pub shares: Arc<ShadowTexture>,
-    /// What they are on is a real thing beside the object, not what it stands on.
+    /// The plane belongs to a real object beside, not to the support.
     pub is_beside: bool,
 }
 
-/// What a place on it receives: its shares' summaries follow from `taken`.
+/// Bounds and blocks follow from `taken`.
 impl Digestible for ShadowMap {
     fn digest(&self, into: &mut Digester) {
         let Self { floor, shares, is_beside: _ } = self;
@@ -135,7 +135,7 @@ impl ShadowTexture {
 
     /// The same with larger texels: with a [`Sky::rough`] one in a twentieth of the time.
     pub fn rough(occluders: &Occluders, extent: Extent, sky: &Sky, real: Real<'_>) -> Self {
-        Self::of_texels(occluders, extent, sky, real, ROUGHER)
+        Self::of_texels(occluders, extent, sky, real, PREVIEW_TEXEL_FACTOR)
     }
 
     /// With texels larger by a factor.
@@ -143,7 +143,7 @@ impl ShadowTexture {
         let Real { stops, within } = real;
         let size = extent.high - extent.low;
         let thing = occluders.bounds().map_or(size.max_element(), |(low, high, _)| (high - low).max_element());
-        let texel_m = larger * (thing / ACROSS).max(size.max_element() / MOST).max(FINEST_M);
+        let texel_m = larger * (thing / OBJECT_SIDE_TEXELS).max(size.max_element() / MAX_SIDE_TEXELS).max(MIN_TEXEL_M);
         let (width, height) = ((size.x / texel_m).ceil().max(1.0) as u32, (size.y / texel_m).ceil().max(1.0) as u32);
         let mut gone = vec![Gone::default(); width as usize * height as usize];
         let outline = Outline::of(occluders);
@@ -184,14 +184,15 @@ impl ShadowTexture {
                     None => sky.light_at(shares.place_m(x, y)),
                     Some(_) => gone[y * width as usize + x].all,
                 };
-                let given = bounce.at(x, y) / all.max(sky.light.max(Vec3::splat(1e-12)) * DARKEST) * shares.rim(x, y);
+                let given =
+                    bounce.at(x, y) / all.max(sky.light.max(Vec3::splat(1e-12)) * MIN_FAR_LIGHT) * shares.rim(x, y);
                 let share = (Vec3::from(*taken) - given).max(Vec3::NEG_ONE);
                 let share = share * within.map_or(1.0, |within| within.share(shares.place_m(x, y)));
                 *taken = share.to_array().map(worth);
             }
         });
         shares.taken = taken;
-        [shares.shown, shares.dark] = [0.0, DARK].map(|least| shares.beyond(least));
+        [shares.shown, shares.dark] = [0.0, DARK_SHARE].map(|least| shares.beyond(least));
         shares.blocks = shares.blocks();
         shares
     }
@@ -204,11 +205,11 @@ impl ShadowTexture {
 
     fn blocks(&self) -> Vec<bool> {
         let width = self.width as usize;
-        let in_row = width.div_ceil(BLOCK);
-        let mut blocks = vec![false; in_row * (self.height as usize).div_ceil(BLOCK)];
+        let in_row = width.div_ceil(BLOCK_TEXELS);
+        let mut blocks = vec![false; in_row * (self.height as usize).div_ceil(BLOCK_TEXELS)];
         for (y, row) in self.taken.chunks_exact(width).enumerate() {
-            for (x, texels) in row.chunks(BLOCK).enumerate() {
-                blocks[y / BLOCK * in_row + x] |= texels.iter().any(|taken| *taken != [0.0; 3]);
+            for (x, texels) in row.chunks(BLOCK_TEXELS).enumerate() {
+                blocks[y / BLOCK_TEXELS * in_row + x] |= texels.iter().any(|taken| *taken != [0.0; 3]);
             }
         }
         blocks
@@ -216,14 +217,14 @@ impl ShadowTexture {
 
     /// Whether there is no shadow between two places, in texels, also where it is interpolated.
     pub fn is_none_between(&self, low: DVec2, high: DVec2) -> bool {
-        let block = |at: f64| (at.max(0.0) / BLOCK as f64) as usize;
-        let last = |side: u32| (side as usize).div_ceil(BLOCK).saturating_sub(1);
+        let block = |at: f64| (at.max(0.0) / BLOCK_TEXELS as f64) as usize;
+        let last = |side: u32| (side as usize).div_ceil(BLOCK_TEXELS).saturating_sub(1);
         let range = |low: f64, high: f64, side: u32| {
             let (first, end) = (block(low - 1.0), block(high + 1.0).min(last(side)));
             if high + 1.0 < 0.0 || low - 1.0 > f64::from(side) { 0..0 } else { first..end + 1 }
         };
         let (columns, rows) = (range(low.x, high.x, self.width), range(low.y, high.y, self.height));
-        let in_row = (self.width as usize).div_ceil(BLOCK);
+        let in_row = (self.width as usize).div_ceil(BLOCK_TEXELS);
         !rows.into_iter().any(|y| self.blocks[y * in_row..][columns.clone()].contains(&true))
     }
 
@@ -256,10 +257,10 @@ impl ShadowTexture {
         let mut mask = Mask::new(width, rows.clone());
         mask.stop(0, outline, |c| Some(self.texel_of(c.truncate())));
         gone.iter_mut().zip(&mask.bits).for_each(|(gone, word)| gone.from_above = *word != 0);
-        for (n, rays) in sky.rays.chunks(AT_A_TIME).enumerate() {
+        for (n, rays) in sky.rays.chunks(RAYS_PER_MASK).enumerate() {
             mask.clear();
             for (bit, ray) in (0..).zip(rays) {
-                let jitter = jitter(n * AT_A_TIME + bit as usize);
+                let jitter = jitter(n * RAYS_PER_MASK + bit as usize);
                 mask.stop(bit, outline, |c| Some(self.texel_of(c.truncate() - ray.slope * c.z) + jitter));
             }
             if let Some(stops) = stops.filter(|stops| stops.stops_rays(n)) {
@@ -302,10 +303,10 @@ impl ShadowTexture {
         real: impl Fn(usize, usize) -> u32,
     ) -> Vec<[f32; 2]> {
         let mut counts = vec![[0u32; 2]; mask.bits.len()];
-        for (n, points) in lamp.points_m.chunks(AT_A_TIME).enumerate() {
+        for (n, points) in lamp.points_m.chunks(RAYS_PER_MASK).enumerate() {
             mask.clear();
             for (bit, point) in (0..).zip(points) {
-                let jitter = jitter(n * AT_A_TIME + bit as usize);
+                let jitter = jitter(n * RAYS_PER_MASK + bit as usize);
                 mask.stop(bit, outline, |c| {
                     let below = point.z - c.z;
                     let along = c.z / below;
@@ -329,7 +330,7 @@ impl ShadowTexture {
     /// 1 within the shadow map, smoothly 0 at its outermost texels.
     fn rim(&self, x: usize, y: usize) -> f32 {
         let towards = |at: usize, side: u32| {
-            let from_edge = (at as f32).min(side as f32 - 1.0 - at as f32) / (RIM * side as f32);
+            let from_edge = (at as f32).min(side as f32 - 1.0 - at as f32) / (FADE_WIDTH * side as f32);
             let t = from_edge.clamp(0.0, 1.0);
             t * t * (3.0 - 2.0 * t)
         };

@@ -1,12 +1,12 @@
-//! How much light a triangle throws back, on the mean.
+//! Mean albedo of triangles, textures included.
 //!
-//! Not modelled: in which directions. What shines is counted as matt of the same colour.
+//! Not modelled: directional reflection. Glossy surfaces count as matt ones of the same colour.
 
 use glam::{Vec2, Vec3, Vec4};
 
 use crate::scene::{Material, Mesh, Scene, Texture, TextureUse, Wrap};
 
-/// Places in a triangle at which its texture is looked up, as shares of the second and the third corner.
+/// Barycentric coordinates of the texture samples in a triangle: weights of the second and the third vertex.
 const PLACES: [Vec2; 7] = [
     Vec2::new(0.333, 0.333),
     Vec2::new(0.1, 0.1),
