@@ -3,7 +3,7 @@
 //! A thing in focus hides whole pixels: all points of the lens see it through each of them. A blurred object behind it
 //! is hidden there. Next to it, the object is as blurred as if nothing stood in front of it. So the object is drawn
 //! behind the edge as far as its blur reaches, blurred, and cut off afterwards: by the share of each pixel that the thing
-//! has (`depth::Shared`).
+//! has (`depth::MattePixel`).
 //!
 //! A pixel at the edge shows I = α·F + (1 − α)·B of the thing's light F and of B behind it. With an object of light V and
 //! coverage A between the two it shows α·F + (1 − α)·(V + (1 − A)·B). What the layer is left with is V' = (1 − α)·V and
@@ -13,7 +13,7 @@
 //!
 //! Not modelled: real things that are blurred themselves by the lens (the recording shows them as it saw them).
 
-use crate::depth::Shared;
+use crate::depth::MattePixel;
 use crate::gpu::{Recorder, Shader, Texture, half_texels};
 use crate::pixels::Rect;
 use crate::render::{COLOR, GEOMETRY, Layer};
@@ -31,7 +31,7 @@ pub struct Before {
 }
 
 impl Before {
-    pub fn new(recorder: &Recorder, shared: &[Shared], drawn: Rect) -> Self {
+    pub fn new(recorder: &Recorder, shared: &[MattePixel], drawn: Rect) -> Self {
         let texels: Vec<[f32; 4]> = shared.iter().map(|s| [s.near_m, s.far_m, s.share, 0.0]).collect();
         let fringe: Vec<[f32; 4]> = shared.iter().map(|s| [s.fringe[0], s.fringe[1], s.fringe[2], 0.0]).collect();
         let size = (drawn.width(), drawn.height());

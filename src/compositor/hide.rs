@@ -11,7 +11,7 @@ use super::shade::dark;
 use super::{Job, RealDepth, Settings};
 use crate::camera::Geometry;
 use crate::depth::{
-    LastRepair, Proxies, RayCache, Rays, Repair, Repaired, SecondSurface, Seen, Shared, Wanted, measured_from,
+    LastRepair, MattePixel, Proxies, RayCache, Rays, Repair, Repaired, SecondSurface, Seen, Wanted, measured_from,
     neighbours,
 };
 use crate::effects::Moment;
@@ -102,7 +102,7 @@ impl Hidden {
         let after = plan.active.iter().rposition(|effect| effect.on_real().blurs()).map_or(0, |last| last + 1);
         let look_px = plan.active[..after].iter().map(|effect| effect.reach(moment));
         let reach_px = look_px.map(|reach| reach.look_px.max(reach.spread_px)).sum::<f32>().ceil() as usize;
-        let farthest: Vec<f32> = repaired.shared.iter().map(|shared: &Shared| shared.far_m).collect();
+        let farthest: Vec<f32> = repaired.shared.iter().map(|shared: &MattePixel| shared.far_m).collect();
         let deep = deep_within(&farthest, drawn.width() as usize, reach_px);
         let before = Before::new(recorder, &repaired.shared, drawn);
         let first = Some((real_depth(recorder, &deep, drawn), None));

@@ -4,7 +4,7 @@
 //! al. 1998). The surface next to an edge is continued behind it, pixel by pixel, each the mean of the known pixels
 //! around it.
 
-use super::apart::JUMP;
+use super::discontinuity::JUMP;
 
 /// Depth and linear light behind, row by row. Where nothing can be uncovered they are the surface's own. They are
 /// synthesised up to `reach_px` in from an edge.

@@ -11,7 +11,7 @@
 
 use glam::DVec3;
 
-use super::apart::JUMP;
+use super::discontinuity::JUMP;
 use super::{Rays, SENSOR_ERROR};
 use crate::pixels::Rect;
 use crate::pose::Pose;

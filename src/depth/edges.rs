@@ -14,7 +14,7 @@
 //! Not modelled: edges that are off by more than the range of doubt; edges between things of one colour (they stay
 //! where they were measured); slits within the shade of their own sides.
 
-use super::apart::{JUMP, apart, is_step};
+use super::discontinuity::{JUMP, color_distance, is_step};
 use super::likeness::otherness;
 use super::nearest_edge::{distances_px, each_edge};
 
@@ -44,7 +44,7 @@ const ON_PICTURE: f32 = 0.5;
 
 /// Whether the map's edges are away from the picture's. Only edges with an edge of the picture within `reach_px` count;
 /// fewer than half of them are right on it.
-pub fn are_off(depth_m: &[f32], looks: &[[f32; 3]], width: usize, reach_px: usize) -> bool {
+pub fn are_off(depth_m: &[f32], sqrt_colors: &[[f32; 3]], width: usize, reach_px: usize) -> bool {
     let height = depth_m.len() / width.max(1);
     let (mut all, mut on_picture) = (0usize, 0usize);
     each_edge(depth_m, width, is_step, |[i, beside], _| {
@@ -54,7 +54,7 @@ pub fn are_off(depth_m: &[f32], looks: &[[f32; 3]], width: usize, reach_px: usiz
             return;
         }
         let first = i - reach_px * step;
-        let parted = |n: usize| apart(&looks[first + n * step], &looks[first + (n + 1) * step]);
+        let parted = |n: usize| color_distance(&sqrt_colors[first + n * step], &sqrt_colors[first + (n + 1) * step]);
         let most = (0..=2 * reach_px).map(parted).fold(0.0, f32::max);
         if most > PARTED {
             all += 1;
@@ -76,15 +76,21 @@ pub enum Known {
 }
 
 /// The map with its edges moved to the picture's. It is doubted up to `reach_px` from them, less where it is sure, and where it
-/// was guessed. `looks`: square roots of light.
-pub fn on_colors(depth_m: &[f32], known: &[Known], looks: &[[f32; 3]], width: usize, reach_px: usize) -> Vec<f32> {
+/// was guessed. `sqrt_colors`: square roots of light.
+pub fn on_colors(
+    depth_m: &[f32],
+    known: &[Known],
+    sqrt_colors: &[[f32; 3]],
+    width: usize,
+    reach_px: usize,
+) -> Vec<f32> {
     let mut out = depth_m.to_vec();
     let reach_px = reach_px.max(1) as f32;
     let within_px = SEEN * reach_px;
     // Ways begin a little farther away than anything is doubted.
     let begins_px = within_px + 2.0;
     let from_edge = distances_px(depth_m, width, begins_px, is_step);
-    let other = otherness(depth_m, looks, width, reach_px, within_px);
+    let other = otherness(depth_m, sqrt_colors, width, reach_px, within_px);
     let doubt = |i: usize| {
         let near_edge = |reach_px: f32| DOUBT * (1.0 - from_edge[i] / reach_px).max(0.0);
         let by_map = match known[i] {
@@ -111,7 +117,7 @@ pub fn on_colors(depth_m: &[f32], known: &[Known], looks: &[[f32; 3]], width: us
                 if way >= cost[n] {
                     return;
                 }
-                let all = way + (apart(&looks[i], &looks[n]) - NOISE).max(0.0);
+                let all = way + (color_distance(&sqrt_colors[i], &sqrt_colors[n]) - NOISE).max(0.0);
                 if all < cost[n] {
                     cost[n] = all;
                     // The depth measured there, if it belongs to the surface that spreads.
@@ -208,15 +214,16 @@ impl Around {
 }
 
 /// Nearer surfaces, widened by one pixel. A pixel on an edge shows both surfaces and is given to the nearer one, so
-/// that it neither glows in the blurred background nor is blurred away. With `looks`, only pixels that look like a
+/// that it neither glows in the blurred background nor is blurred away. With `sqrt_colors`, only pixels that look like a
 /// mixture of the two are changed: those that the camera's sharpening made darker or brighter than both are not.
-pub fn widened(depth_m: &[f32], looks: Option<&[[f32; 3]]>, width: usize) -> Vec<f32> {
+pub fn widened(depth_m: &[f32], sqrt_colors: Option<&[[f32; 3]]>, width: usize) -> Vec<f32> {
     let height = depth_m.len() / width.max(1);
     // `near` and `far` are the neighbours on either side.
     let is_mixed = |i: usize, near: usize, far: Option<usize>| {
-        let Some((looks, far)) = looks.zip(far) else { return true };
-        let both = apart(&looks[near], &looks[far]);
-        apart(&looks[i], &looks[near]) <= both && apart(&looks[i], &looks[far]) <= both
+        let Some((sqrt_colors, far)) = sqrt_colors.zip(far) else { return true };
+        let both = color_distance(&sqrt_colors[near], &sqrt_colors[far]);
+        color_distance(&sqrt_colors[i], &sqrt_colors[near]) <= both
+            && color_distance(&sqrt_colors[i], &sqrt_colors[far]) <= both
     };
     let own = |i: usize| {
         let (x, y) = (i % width, i / width);
@@ -251,23 +258,23 @@ mod tests {
     #[test]
     fn a_ragged_edge_goes_where_the_colours_part() {
         let (width, height) = (48, 32);
-        let looks = parted(width, height);
+        let sqrt_colors = parted(width, height);
         // Off by 1 to 5 px, in either direction.
         let depth = stepped(width, height, |y| [15, 18, 23, 25, 21, 16][y / 2 % 6]);
-        assert!(are_off(&depth, &looks, width, 8));
-        let out = on_colors(&depth, &vec![Known::Measured; depth.len()], &looks, width, 8);
+        assert!(are_off(&depth, &sqrt_colors, width, 8));
+        let out = on_colors(&depth, &vec![Known::Measured; depth.len()], &sqrt_colors, width, 8);
         assert_eq!(out, stepped(width, height, |_| 20));
-        let wide = widened(&out, Some(&looks), width);
+        let wide = widened(&out, Some(&sqrt_colors), width);
         assert_eq!((wide[5 * width + 19], wide[5 * width + 20], wide[5 * width + 21]), (1.0, 1.0, 3.0));
     }
 
     #[test]
     fn edges_are_compared_with_the_pictures() {
         let (width, height) = (48, 32);
-        let looks = parted(width, height);
+        let sqrt_colors = parted(width, height);
         let depth = stepped(width, height, |_| 20);
-        assert!(!are_off(&depth, &looks, width, 8));
-        assert!(are_off(&stepped(width, height, |_| 22), &looks, width, 8));
+        assert!(!are_off(&depth, &sqrt_colors, width, 8));
+        assert!(are_off(&stepped(width, height, |_| 22), &sqrt_colors, width, 8));
         // The picture gives no evidence.
         assert!(!are_off(&depth, &vec![[0.3; 3]; depth.len()], width, 8));
         assert!(!are_off(&[], &[], 0, 8));
@@ -302,10 +309,10 @@ mod tests {
         let (width, height) = (48, 32);
         let is_leg = |i: usize| !(16..30).contains(&(i % width));
         let is_dark = |i: usize| is_leg(i) || i / width % 4 < 2;
-        let looks: Vec<_> = (0..width * height).map(|i| [if is_dark(i) { 0.2 } else { 0.6 }; 3]).collect();
+        let sqrt_colors: Vec<_> = (0..width * height).map(|i| [if is_dark(i) { 0.2 } else { 0.6 }; 3]).collect();
         let depth: Vec<f32> = (0..width * height).map(|i| if is_leg(i) { 1.0 } else { 3.0 }).collect();
         let lost = |known: Known| {
-            let out = on_colors(&depth, &vec![known; depth.len()], &looks, width, 8);
+            let out = on_colors(&depth, &vec![known; depth.len()], &sqrt_colors, width, 8);
             (0..depth.len()).filter(|&i| out[i] < depth[i]).count()
         };
         // Of a dark row up to 4 px beside either leg.
@@ -318,9 +325,9 @@ mod tests {
         // A dark post 3 px wide, measured 1 px away from where it is seen.
         let (width, height) = (48, 32);
         let post = |first: usize| move |i: usize| (first..first + 3).contains(&(i % width));
-        let looks: Vec<_> = (0..width * height).map(|i| [if post(20)(i) { 0.2 } else { 0.8 }; 3]).collect();
+        let sqrt_colors: Vec<_> = (0..width * height).map(|i| [if post(20)(i) { 0.2 } else { 0.8 }; 3]).collect();
         let depth: Vec<f32> = (0..width * height).map(|i| if post(21)(i) { 1.0 } else { 3.0 }).collect();
-        let out = on_colors(&depth, &vec![Known::Measured; depth.len()], &looks, width, 6);
+        let out = on_colors(&depth, &vec![Known::Measured; depth.len()], &sqrt_colors, width, 6);
         let wanted: Vec<f32> = (0..width * height).map(|i| if post(20)(i) { 1.0 } else { 3.0 }).collect();
         assert_eq!(out, wanted);
     }

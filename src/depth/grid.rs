@@ -3,7 +3,7 @@
 use super::proxies::known_m;
 use glam::DVec2;
 
-use super::{edges, mended, smooth};
+use super::{edges, inpaint, smooth};
 use crate::camera::{Framed, Intrinsics, Response};
 use crate::pixels::{Pixels, Rect};
 
@@ -87,15 +87,15 @@ impl DepthGrid {
         };
         let mut depth_m: Vec<f32> = places().map(measured).collect();
         let light: Vec<[f32; 3]> = places().map(seen).collect();
-        let looks: Vec<[f32; 3]> = light.iter().map(|l| l.map(|c| c.max(0.0).sqrt())).collect();
+        let sqrt_colors: Vec<[f32; 3]> = light.iter().map(|l| l.map(|c| c.max(0.0).sqrt())).collect();
         let columns = width as usize;
         // A map whose edges are on the picture's hides exactly to the pixel and needs no widening.
         let step = framed.step * enlargement;
-        let is_widened = is_measured && mended::complete(&mut depth_m, &[], &looks, columns, recorded, step)?;
+        let is_widened = is_measured && inpaint::inpaint(&mut depth_m, &[], &sqrt_colors, columns, recorded, step)?;
         if is_widened {
             let everywhere = vec![f32::INFINITY; depth_m.len()];
-            smooth::smooth(&mut depth_m, &looks, columns, &everywhere);
-            depth_m = edges::widened(&depth_m, Some(&looks), columns);
+            smooth::smooth(&mut depth_m, &sqrt_colors, columns, &everywhere);
+            depth_m = edges::widened(&depth_m, Some(&sqrt_colors), columns);
         }
         Some(Self { width, height, enlargement, depth_m, light, is_widened })
     }

@@ -13,7 +13,7 @@
 //! continue through them). Smoothness counts little between pixels that look different (as in the colourisation of
 //! Levin et al. 2004). So a dark thing takes the depth measured on it, as a whole, and not that of its surroundings.
 
-use super::apart::{JUMP, apart};
+use super::discontinuity::{JUMP, color_distance};
 
 /// Longest distance between a sensor's projector and its camera, metres: 75 mm in the Kinect, 95 mm in the widest
 /// hand-held one.
@@ -28,10 +28,10 @@ const BETWEEN_THINGS: f32 = 1e-3;
 const ROUNDS: usize = 80;
 const OVER: f32 = 1.7;
 
-/// Fills the gaps (0 and values that are not distances) of a map, row by row. `looks`: square roots of its picture's
+/// Fills the gaps (0 and values that are not distances) of a map, row by row. `sqrt_colors`: square roots of its picture's
 /// light. `focal_px`: focal length in its pixels. Returns which pixels are in a shade. `None` if nothing was measured
 /// at all.
-pub fn fill(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize, focal_px: f32) -> Option<Vec<bool>> {
+pub fn fill(depth_m: &mut [f32], sqrt_colors: &[[f32; 3]], width: usize, focal_px: f32) -> Option<Vec<bool>> {
     let known: Vec<bool> = depth_m.iter().map(|z| z.is_finite() && *z > 0.0).collect();
     if width == 0 || !known.contains(&true) {
         return None;
@@ -60,7 +60,7 @@ pub fn fill(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize, focal_px: f32
     let is_fixed: Vec<bool> = known.iter().zip(&is_shade).map(|(known, shade)| *known || *shade).collect();
     if is_fixed.contains(&false) {
         let values = depth_m.iter().zip(&is_fixed).map(|(z, fixed)| if *fixed { z.recip() } else { 0.0 }).collect();
-        let smooth = Grid { width, values, is_fixed: is_fixed.clone(), looks: looks.to_vec() }.relaxed();
+        let smooth = Grid { width, values, is_fixed: is_fixed.clone(), sqrt_colors: sqrt_colors.to_vec() }.relaxed();
         // A smooth map stays within the range of what it is fixed to, but rounding may not.
         let measured = || depth_m.iter().zip(&is_fixed).filter(|(_, fixed)| **fixed).map(|(z, _)| *z);
         let range = [measured().fold(f32::INFINITY, f32::min), measured().fold(0.0, f32::max)];
@@ -103,7 +103,7 @@ struct Grid {
     width: usize,
     values: Vec<f32>,
     is_fixed: Vec<bool>,
-    looks: Vec<[f32; 3]>,
+    sqrt_colors: Vec<[f32; 3]>,
 }
 
 impl Grid {
@@ -131,23 +131,27 @@ impl Grid {
     fn half(&self) -> Self {
         let height = self.values.len() / self.width;
         let (w, h) = (self.width.div_ceil(2), height.div_ceil(2));
-        let mut half =
-            Self { width: w, values: vec![0.0; w * h], is_fixed: vec![false; w * h], looks: vec![[0.0; 3]; w * h] };
-        for (i, ((value, fixed), looks)) in
-            half.values.iter_mut().zip(&mut half.is_fixed).zip(&mut half.looks).enumerate()
+        let mut half = Self {
+            width: w,
+            values: vec![0.0; w * h],
+            is_fixed: vec![false; w * h],
+            sqrt_colors: vec![[0.0; 3]; w * h],
+        };
+        for (i, ((value, fixed), sqrt_colors)) in
+            half.values.iter_mut().zip(&mut half.is_fixed).zip(&mut half.sqrt_colors).enumerate()
         {
             let (x, y) = (2 * (i % w), 2 * (i / w));
             let (mut stay, mut all) = (0.0f32, 0.0f32);
             for n in (y..(y + 2).min(height)).flat_map(|y| (x..(x + 2).min(self.width)).map(move |x| (x, y))) {
                 let n = n.1 * self.width + n.0;
-                (0..3).for_each(|c| looks[c] += self.looks[n][c]);
+                (0..3).for_each(|c| sqrt_colors[c] += self.sqrt_colors[n][c]);
                 all += 1.0;
                 if self.is_fixed[n] {
                     *value += self.values[n];
                     stay += 1.0;
                 }
             }
-            *looks = looks.map(|l| l / all.max(1.0));
+            *sqrt_colors = sqrt_colors.map(|l| l / all.max(1.0));
             if stay > 0.0 {
                 (*value, *fixed) = (*value / stay, true);
             }
@@ -186,7 +190,7 @@ impl Links {
                     place[other] = pixels.len() as u32;
                     pixels.push(other as u32);
                 }
-                let apart = apart(&grid.looks[i], &grid.looks[other]) / COLOR_SIGMA;
+                let apart = color_distance(&grid.sqrt_colors[i], &grid.sqrt_colors[other]) / COLOR_SIGMA;
                 (place[other], BETWEEN_THINGS + (-0.5 * apart * apart).exp())
             };
             beside.push([
@@ -261,7 +265,7 @@ mod tests {
         // A black square at 1 m in front of a grey wall at 2 m; 12 of its pixels were measured.
         let (width, height) = (96, 80);
         let inside = |i: usize| (20..80).contains(&(i % width)) && (10..70).contains(&(i / width));
-        let looks: Vec<_> = (0..width * height).map(|i| if inside(i) { BLACK } else { GREY }).collect();
+        let sqrt_colors: Vec<_> = (0..width * height).map(|i| if inside(i) { BLACK } else { GREY }).collect();
         let mut depth: Vec<f32> = (0..width * height)
             .map(|i| match inside(i) {
                 false => 2.0,
@@ -269,7 +273,7 @@ mod tests {
                 true => 0.0,
             })
             .collect();
-        assert!(fill(&mut depth, &looks, width, 100.0).is_some());
+        assert!(fill(&mut depth, &sqrt_colors, width, 100.0).is_some());
         for (i, z) in depth.iter().enumerate() {
             let wanted = if inside(i) { 1.0 } else { 2.0 };
             assert!((z / wanted - 1.0).abs() < 0.1, "{} {}: {z}", i % width, i / width);

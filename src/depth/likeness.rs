@@ -7,7 +7,7 @@
 //! then little is said.
 
 use super::nearest_edge::edges;
-use super::padded::padded;
+use super::pad::pad;
 use crate::rows::{over_rows, processors};
 
 /// Places around a pixel at which surfaces are looked at, and how far they lie, in ranges of doubt.
@@ -26,12 +26,12 @@ const LANES: usize = 16;
 
 /// For each pixel of the map that is nearer than `within_px` to an edge: ln of how much likelier its colour is on the other
 /// surface than on the one that the map gives it. 0 where it is not, or where nothing can be said: that a colour fits makes no
-/// depth right, since where three surfaces meet one of them may look alike. `looks`: square roots of light; `reach_px`: the range of
+/// depth right, since where three surfaces meet one of them may look alike. `sqrt_colors`: square roots of light; `reach_px`: the range of
 /// doubt.
-pub fn otherness(depth_m: &[f32], looks: &[[f32; 3]], width: usize, reach_px: f32, within_px: f32) -> Vec<f32> {
+pub fn otherness(depth_m: &[f32], sqrt_colors: &[[f32; 3]], width: usize, reach_px: f32, within_px: f32) -> Vec<f32> {
     let edges = edges(depth_m, width, within_px.max(CERTAIN * reach_px));
     let is_certain = |i: usize| edges[i].distance_px >= CERTAIN * reach_px;
-    let around = Around::new(depth_m, looks, width, is_certain, AROUND * reach_px);
+    let around = Around::new(depth_m, sqrt_colors, width, is_certain, AROUND * reach_px);
     let mut out = vec![0.0; depth_m.len()];
     over_rows(&mut out, width, processors(), |y, row| {
         for (n, lns) in row.chunks_mut(LANES).enumerate() {
@@ -43,13 +43,13 @@ pub fn otherness(depth_m: &[f32], looks: &[[f32; 3]], width: usize, reach_px: f3
             }
             // What parts the two surfaces: the square of their geometric mean.
             let mut parts_m2 = [0.0; LANES];
-            let mut own_looks = [[0.0; LANES]; 3];
+            let mut own_sqrt_colors = [[0.0; LANES]; 3];
             for lane in (0..LANES).filter(|lane| asked[*lane]) {
                 let [near_m, far_m] = edges[first + lane].both_m(depth_m[first + lane]);
                 parts_m2[lane] = near_m * far_m;
-                (0..3).for_each(|c| own_looks[c][lane] = looks[first + lane][c]);
+                (0..3).for_each(|c| own_sqrt_colors[c][lane] = sqrt_colors[first + lane][c]);
             }
-            let [far, near] = around.shown(x, y, &own_looks, &parts_m2);
+            let [far, near] = around.shown(x, y, &own_sqrt_colors, &parts_m2);
             for lane in (0..LANES).filter(|lane| asked[*lane]) {
                 if far.all[lane] >= FEWEST && near.all[lane] >= FEWEST {
                     let [far, near] = [&far, &near].map(|of| UNSEEN + of.alike[lane] / of.all[lane]);
@@ -75,7 +75,7 @@ struct Shown {
 struct Around {
     wide: usize,
     rim: usize,
-    looks: [Vec<f32>; 3],
+    sqrt_colors: [Vec<f32>; 3],
     /// 1 where a pixel shows one surface, else 0.
     certain: Vec<f32>,
     depth_m: Vec<f32>,
@@ -85,18 +85,18 @@ struct Around {
 impl Around {
     fn new(
         depth_m: &[f32],
-        looks: &[[f32; 3]],
+        sqrt_colors: &[[f32; 3]],
         width: usize,
         is_certain: impl Fn(usize) -> bool + Sync,
         radius_px: f32,
     ) -> Self {
         let rim = radius_px.ceil() as usize + 1;
         let wide = width + 2 * rim + LANES;
-        let filled = |of: &(dyn Fn(usize) -> f32 + Sync)| padded(depth_m.len(), width, rim, wide, of);
+        let filled = |of: &(dyn Fn(usize) -> f32 + Sync)| pad(depth_m.len(), width, rim, wide, of);
         Self {
             wide,
             rim,
-            looks: [0, 1, 2].map(|c| filled(&|i| looks[i][c])),
+            sqrt_colors: [0, 1, 2].map(|c| filled(&|i| sqrt_colors[i][c])),
             certain: filled(&|i| f32::from(u8::from(is_certain(i)))),
             depth_m: filled(&|i| depth_m[i]),
             places: places(radius_px),
@@ -104,10 +104,10 @@ impl Around {
     }
 
     /// The farther and the nearer surface around pixels of a row, from `x` on.
-    fn shown(&self, x: usize, y: usize, own_looks: &[[f32; LANES]; 3], parts_m2: &[f32; LANES]) -> [Shown; 2] {
+    fn shown(&self, x: usize, y: usize, own_sqrt_colors: &[[f32; LANES]; 3], parts_m2: &[f32; LANES]) -> [Shown; 2] {
         let [mut far, mut near] = [Shown::default(), Shown::default()];
         let middle = (y + self.rim) * self.wide + x + self.rim;
-        let [own_r, own_g, own_b] = own_looks;
+        let [own_r, own_g, own_b] = own_sqrt_colors;
         for [dx, dy] in &self.places {
             let start = middle.wrapping_add_signed(*dy as isize * self.wide as isize + *dx as isize);
             let lanes = |of: &Vec<f32>| -> [f32; LANES] { std::array::from_fn(|n| of[start..start + LANES][n]) };
@@ -115,7 +115,7 @@ impl Around {
             if certain == [0.0; LANES] {
                 continue;
             }
-            let ([r, g, b], depth_m) = ([0, 1, 2].map(|c| lanes(&self.looks[c])), lanes(&self.depth_m));
+            let ([r, g, b], depth_m) = ([0, 1, 2].map(|c| lanes(&self.sqrt_colors[c])), lanes(&self.depth_m));
             for n in 0..LANES {
                 let (r, g, b) = (r[n] - own_r[n], g[n] - own_g[n], b[n] - own_b[n]);
                 let unlike = 1.0 + (r * r + g * g + b * b) / (ALIKE * ALIKE);
@@ -150,11 +150,11 @@ mod tests {
 
     /// What row 28 looks like: a thing at 1 m up to a row before a desk at 1.2 m that a map shows from row 24 on.
     fn other(thing: impl Fn(usize) -> f32, desk: impl Fn(usize) -> f32, ends: usize) -> f32 {
-        let looks: Vec<_> = (0..WIDTH * HEIGHT)
+        let sqrt_colors: Vec<_> = (0..WIDTH * HEIGHT)
             .map(|i| [if i / WIDTH < ends { thing(i % WIDTH) } else { desk(i % WIDTH) }; 3])
             .collect();
         let depth: Vec<f32> = (0..WIDTH * HEIGHT).map(|i| if i / WIDTH < 24 { 1.0 } else { 1.2 }).collect();
-        otherness(&depth, &looks, WIDTH, 4.0, 8.0)[28 * WIDTH + 32]
+        otherness(&depth, &sqrt_colors, WIDTH, 4.0, 8.0)[28 * WIDTH + 32]
     }
 
     #[test]
@@ -175,10 +175,10 @@ mod tests {
     fn nothing_is_said_of_what_is_far_from_edges_or_too_narrow_to_be_known() {
         let is_post = |i: usize| (20..24).contains(&(i % WIDTH));
         let depth: Vec<f32> = (0..WIDTH * HEIGHT).map(|i| if is_post(i) { 1.0 } else { 2.0 }).collect();
-        let looks: Vec<_> = (0..depth.len()).map(|i| [if is_post(i) { 0.1 } else { 0.8 }; 3]).collect();
-        assert!(otherness(&depth, &looks, WIDTH, 4.0, 8.0).iter().all(|ln| *ln == 0.0));
+        let sqrt_colors: Vec<_> = (0..depth.len()).map(|i| [if is_post(i) { 0.1 } else { 0.8 }; 3]).collect();
+        assert!(otherness(&depth, &sqrt_colors, WIDTH, 4.0, 8.0).iter().all(|ln| *ln == 0.0));
         let wide: Vec<f32> = (0..WIDTH * HEIGHT).map(|i| if i % WIDTH < 32 { 1.0 } else { 2.0 }).collect();
-        let said = otherness(&wide, &looks, WIDTH, 4.0, 8.0);
+        let said = otherness(&wide, &sqrt_colors, WIDTH, 4.0, 8.0);
         assert!((0..said.len()).all(|i| said[i] == 0.0 || (24..40).contains(&(i % WIDTH))));
         assert!(otherness(&[], &[], 0, 8.0, 8.0).is_empty());
     }

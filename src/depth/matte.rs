@@ -64,7 +64,7 @@ const UNEVEN: f32 = 0.08;
 
 /// What a pixel shows of two surfaces. Where there is one, `near_m` is `far_m` and `share` is 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shared {
+pub struct MattePixel {
     /// Depth of the nearer and of the farther surface, m; 0 if unknown.
     pub near_m: f32,
     pub far_m: f32,
@@ -78,7 +78,7 @@ pub struct Shared {
 struct Seen<'a> {
     depth_m: &'a [f32],
     /// Square roots of light.
-    looks: &'a [[f32; 3]],
+    sqrt_colors: &'a [[f32; 3]],
     edges: Vec<Edge>,
     width: usize,
     height: usize,
@@ -88,40 +88,40 @@ struct Seen<'a> {
     places: Places,
 }
 
-/// The mattes of a part's pixels, row by row, where a surface is nearer than `before_m`. The
-/// map's edges lie on the picture's; `looks` are square roots of its light.
+/// The mattes of a part's pixels, row by row, where a surface is nearer than `max_depth_m`. The
+/// map's edges lie on the picture's; `sqrt_colors` are square roots of its light.
 pub fn shares(
     depth_m: &[f32],
-    looks: &[[f32; 3]],
+    sqrt_colors: &[[f32; 3]],
     width: usize,
     smear: &Smear,
     part: Rect,
-    before_m: &[f32],
-) -> Vec<Shared> {
+    max_depth_m: &[f32],
+) -> Vec<MattePixel> {
     let columns = part.width() as usize;
     let at = |x: usize, y: usize| (part.y0 as usize + y) * width + part.x0 as usize + x;
-    let unshared = |z: f32| Shared { near_m: z, far_m: z, share: 1.0, fringe: [0.0; 3] };
+    let unshared = |z: f32| MattePixel { near_m: z, far_m: z, share: 1.0, fringe: [0.0; 3] };
     let row = |y: usize| depth_m[at(0, y)..][..columns].iter().map(|z| unshared(*z));
-    let mut out: Vec<Shared> = (0..part.height() as usize).flat_map(row).collect();
+    let mut out: Vec<MattePixel> = (0..part.height() as usize).flat_map(row).collect();
     // All that is looked at.
     let whole = Rect::full(width as u32, (depth_m.len() / width.max(1)) as u32);
     let near = part.grown(FARTHEST_PX + FARTHEST_EDGE_PX as i32 + STEP_WORTH_PX).intersection(&whole);
-    let (depth_m, looks) = (&whole.part(depth_m, near), &whole.part(looks, near));
+    let (depth_m, sqrt_colors) = (&whole.part(depth_m, near), &whole.part(sqrt_colors, near));
     let [width, height] = [near.width() as usize, near.height() as usize];
     let edges = edges(depth_m, width, FARTHEST_EDGE_PX);
     let Some(nearest_m) = edges.iter().filter(|e| e.distance_px < 1.0).map(|e| e.near_m).reduce(f32::min) else {
         return out;
     };
     let corner = [near.x0 as usize, near.y0 as usize];
-    let seen = Seen { depth_m, looks, edges, width, height, smear, corner, places: Places::new() };
+    let seen = Seen { depth_m, sqrt_colors, edges, width, height, smear, corner, places: Places::new() };
     let first = [(part.x0 - near.x0) as usize, (part.y0 - near.y0) as usize];
     let reach_px = BESIDE_PX + 0.5 * smear.longest_px(nearest_m).min(LONGEST_PX);
     over_rows(&mut out, columns, processors(), |y, row| {
         let start = (first[1] + y) * width + first[0];
-        let row = row.iter_mut().zip(&seen.edges[start..]).zip(&depth_m[start..]).zip(&before_m[y * columns..]);
-        for (x, (((shared, edge), z), before_m)) in row.enumerate() {
+        let row = row.iter_mut().zip(&seen.edges[start..]).zip(&depth_m[start..]).zip(&max_depth_m[y * columns..]);
+        for (x, (((shared, edge), z), max_depth_m)) in row.enumerate() {
             if edge.distance_px <= reach_px
-                && edge.near_m.min(*z) < *before_m
+                && edge.near_m.min(*z) < *max_depth_m
                 && let Some(found) = seen.shared(&seen.pixel(first[0] + x, first[1] + y))
             {
                 *shared = found;
@@ -209,7 +209,7 @@ impl Seen<'_> {
         (both_m[0] > 0.0 && all > 0.0).then(|| near / all)
     }
 
-    fn shared(&self, at: &Pixel) -> Option<Shared> {
+    fn shared(&self, at: &Pixel) -> Option<MattePixel> {
         let i = at.i;
         if self.edges[i].distance_px > BESIDE_PX + 0.5 * at.far_px {
             return None;
@@ -220,14 +220,14 @@ impl Seen<'_> {
         let spread2 = MISPLACED_PX * MISPLACED_PX + at.far_px * at.far_px / 12.0;
         let distance_px = self.edges[i].distance_px;
         let map_variance = 0.25 * (-0.5 * distance_px * distance_px / spread2).exp();
-        let [r, g, b] = self.looks[i];
+        let [r, g, b] = self.sqrt_colors[i];
         let light = [r * r, g * g, b * b];
         let [near, far] = self.sides(at, both_m);
-        let Some(far) = far else { return Some(Shared { near_m, far_m, share: expected, fringe: [0.0; 3] }) };
+        let Some(far) = far else { return Some(MattePixel { near_m, far_m, share: expected, fringe: [0.0; 3] }) };
         // A thing too thin to show its own light: what the pixel shows stands for it.
         let Some(near) = near else {
             let fringe = fringe(expected, light, light, far.light, 0.0);
-            return Some(Shared { near_m, far_m, share: expected, fringe });
+            return Some(MattePixel { near_m, far_m, share: expected, fringe });
         };
         let (near_light, far_light) = (Vec3::from(near.light), Vec3::from(far.light));
         let apart = near_light - far_light;
@@ -240,7 +240,7 @@ impl Seen<'_> {
         // What is hidden whole stays the camera's to the last bit.
         let share = if (LEAST..=1.0 - LEAST).contains(&share) { share } else { share.round() };
         let fringe = fringe(share, light, near.light, far.light, near.variance.sqrt());
-        Some(Shared { near_m, far_m, share, fringe })
+        Some(MattePixel { near_m, far_m, share, fringe })
     }
 
     /// How the two sides look around a pixel, where any of them is seen.
@@ -264,7 +264,7 @@ impl Seen<'_> {
             let certain = (self.edges[q].distance_px * per_margin).clamp(UNCERTAIN, 1.0);
             let weight = if is_side { weight * certain * certain } else { 0.0 };
             // Added to both sides, to one of them as nothing: a branch could not be predicted.
-            let light = Vec3::from(self.looks[q]).extend(1.0);
+            let light = Vec3::from(self.sqrt_colors[q]).extend(1.0);
             near.add(light * light, if is_far { 0.0 } else { weight });
             far.add(light * light, if is_far { weight } else { 0.0 });
         }
@@ -335,10 +335,10 @@ mod tests {
     const FAR: [f32; 3] = [0.7, 0.5, 0.3];
 
     /// A thing at 1 m before a wall at 2 m. It ends at `edge_px`, in the map `off` pixels beside.
-    fn found(near: [f32; 3], edge_px: f32, off: i32, moved_px: f64) -> Vec<Shared> {
+    fn found(near: [f32; 3], edge_px: f32, off: i32, moved_px: f64) -> Vec<MattePixel> {
         let covered = |x: usize| (edge_px - x as f32).clamp(0.0, 1.0);
         let light = |x: usize| [0, 1, 2].map(|c| covered(x) * near[c] + (1.0 - covered(x)) * FAR[c]);
-        let looks: Vec<_> = (0..WIDTH * HEIGHT).map(|i| light(i % WIDTH).map(f32::sqrt)).collect();
+        let sqrt_colors: Vec<_> = (0..WIDTH * HEIGHT).map(|i| light(i % WIDTH).map(f32::sqrt)).collect();
         let ends = edge_px.round() as i32 + off;
         let depth: Vec<f32> =
             (0..WIDTH * HEIGHT).map(|i| if ((i % WIDTH) as i32) < ends { 1.0 } else { 2.0 }).collect();
@@ -347,10 +347,10 @@ mod tests {
         let half_m = 0.5 * moved_px / 100.0;
         let camera = Geometry::pinhole(WIDTH as u32, HEIGHT as u32, 100.0);
         let smear = Smear::new(&camera, &at(0.0), [&at(-half_m), &at(half_m)], whole);
-        let all = shares(&depth, &looks, WIDTH, &smear, whole, &[9.0; WIDTH * HEIGHT]);
+        let all = shares(&depth, &sqrt_colors, WIDTH, &smear, whole, &[9.0; WIDTH * HEIGHT]);
         // A part is a part of the whole.
         let part = Rect::new(9, 7, 50, 40);
-        assert_eq!(shares(&depth, &looks, WIDTH, &smear, part, &[9.0; WIDTH * HEIGHT]), whole.part(&all, part));
+        assert_eq!(shares(&depth, &sqrt_colors, WIDTH, &smear, part, &[9.0; WIDTH * HEIGHT]), whole.part(&all, part));
         all
     }
 
@@ -364,23 +364,23 @@ mod tests {
                 if (x / 17 + y / 13).is_multiple_of(3) { 1.0 + 0.1 * ((x / 17 + 5 * (y / 13)) % 7) as f32 } else { 3.0 }
             })
             .collect();
-        let looks: Vec<[f32; 3]> =
+        let sqrt_colors: Vec<[f32; 3]> =
             depth.iter().enumerate().map(|(i, z)| [0.2 * z, 0.4, (i % 29) as f32 / 40.0]).collect();
         let camera = Geometry::pinhole(width as u32, height as u32, 200.0);
         let at = |turn: f64| Pose::from_camera_in_world(DVec3::ZERO, DQuat::from_rotation_z(turn));
         let (all, part) = (Rect::full(width as u32, height as u32), Rect::new(100, 80, 130, 110));
         assert!(!part.grown(FARTHEST_PX + FARTHEST_EDGE_PX as i32 + STEP_WORTH_PX).contains(0, 0));
-        let before_m = vec![9.0; width * height];
+        let max_depth_m = vec![9.0; width * height];
         for turned in [0.0, 0.3] {
             let smear = Smear::new(&camera, &at(0.0), [&at(-turned), &at(turned)], all);
-            let whole = shares(&depth, &looks, width, &smear, all, &before_m);
-            let of_part = shares(&depth, &looks, width, &smear, part, &before_m[..30 * 30]);
+            let whole = shares(&depth, &sqrt_colors, width, &smear, all, &max_depth_m);
+            let of_part = shares(&depth, &sqrt_colors, width, &smear, part, &max_depth_m[..30 * 30]);
             assert_eq!(of_part, all.part(&whole, part), "{turned}");
             assert!(of_part.iter().filter(|shared| shared.near_m < shared.far_m).count() > 100);
         }
     }
 
-    fn row(all: &[Shared]) -> &[Shared] {
+    fn row(all: &[MattePixel]) -> &[MattePixel] {
         &all[HEIGHT / 2 * WIDTH..][..WIDTH]
     }
 
@@ -417,7 +417,7 @@ mod tests {
     #[test]
     fn where_both_look_alike_the_map_decides_along_the_way_of_the_camera() {
         let still = found(FAR, 30.0, 0, 0.0);
-        let shares = |all: &[Shared]| [26, 29, 30, 33].map(|x| row(all)[x].share);
+        let shares = |all: &[MattePixel]| [26, 29, 30, 33].map(|x| row(all)[x].share);
         let is = |found: [f32; 4], expected: [f32; 4], within: f32| {
             assert!(found.iter().zip(expected).all(|(f, e)| (f - e).abs() < within), "{found:?}");
         };

@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 
 use glam::DVec2;
 
-use super::carry::{Carry, LANES, Points};
+use super::reprojection::{LANES, Points, Reprojection};
 use crate::camera::{Geometry, Intrinsics};
 use crate::pixels::{DepthMap, Rect, floor};
 use crate::pose::Pose;
@@ -159,14 +159,14 @@ impl Rays {
             return out;
         }
         self.prepare(source.y0..source.y1);
-        let carry = Carry::new(&self.geometry, measured, frame);
+        let reprojection = Reprojection::new(&self.geometry, measured, frame);
         // Of the upper left of four pixels.
         let inner = Rect { x1: rect.x1 - 1, y1: rect.y1 - 1, ..rect };
         for y in source.y0..source.y1 {
             let Some(rays) = self.row(y as usize) else { continue };
             let rays = &rays[source.x0 as usize..source.x1 as usize];
             for (x, (piece, rays)) in (source.x0..).step_by(LANES).zip(row(y).chunks(LANES).zip(rays.chunks(LANES))) {
-                let landed = carry.land(&Points::of(piece, rays));
+                let landed = reprojection.reproject(&Points::of(piece, rays));
                 for lane in (0..piece.len()).filter(|&lane| landed.depth_m[lane] > 0.0) {
                     let told = landed.depth_m[lane];
                     if still {

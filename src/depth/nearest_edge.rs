@@ -1,6 +1,6 @@
 //! The edge of a depth map that matters at each pixel: the nearest one, and of several close ones the largest step.
 
-use super::apart::is_step;
+use super::discontinuity::is_step;
 
 /// A step by a factor e counts as much as being so much nearer, px; at most so much.
 const PER_STEP_PX: f32 = 10.0;

@@ -1,8 +1,8 @@
 //! All of a frame's depth at its own moment. Where its map is doubtful, its neighbours vote; where it stays unknown, the
 //! recording's surfels fill it.
 
-use super::looks::Looks;
 use super::repaired::Neighbour;
+use super::sqrt_colors::SqrtColors;
 use super::{Rays, measured_from, vote};
 use crate::camera::{Geometry, Response};
 use crate::frame::{Beside, Frame};
@@ -40,12 +40,13 @@ pub fn agreed_at_frame(
     let neighbours = neighbours(frame, rays.geometry(), from);
     let voters: Vec<_> = neighbours.iter().map(|neighbour| neighbour.voter(response)).collect();
     if !voters.is_empty() || !frame.surfels.is_empty() {
-        let (of_frame, pixels) = (Looks::new(&frame.pixels, response), &frame.pixels);
+        let (of_frame, pixels) = (SqrtColors::new(&frame.pixels, response), &frame.pixels);
         let width = pixels.width.max(1) as usize;
-        let mut looks = vec![[0.0; 3]; pixels.width as usize * pixels.height as usize];
-        looks.chunks_mut(width).zip(0..).for_each(|(row, y)| of_frame.along(0, y, row));
-        let before_m = vec![f32::INFINITY; depth_m.len()];
-        let own = vote::Own { rays, pose: taken, part: whole, looks: &looks, before_m: &before_m };
+        let mut sqrt_colors = vec![[0.0; 3]; pixels.width as usize * pixels.height as usize];
+        sqrt_colors.chunks_mut(width).zip(0..).for_each(|(row, y)| of_frame.along(0, y, row));
+        let max_depth_m = vec![f32::INFINITY; depth_m.len()];
+        let own =
+            vote::TargetView { rays, pose: taken, part: whole, sqrt_colors: &sqrt_colors, max_depth_m: &max_depth_m };
         own.agreed(&mut depth_m, &voters);
         own.fill_unknown(&mut depth_m, &frame.surfels);
     }

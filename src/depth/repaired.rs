@@ -2,18 +2,18 @@
 //!
 //! Depth that hides an object must have no gaps. A sensor sees only a few places of a black screen, different ones in
 //! each frame, and between them the object behind it would show. So gaps are filled and edges moved to the picture's
-//! (`mended`), as for a photograph, but only around the objects.
+//! (`inpaint`), as for a photograph, but only around the objects.
 //!
 //! Not modelled: gaps depend only on what was measured within a twentieth of the picture's width around the objects.
 
 use glam::DVec3;
 
 use super::contact::{self, Plane};
-use super::looks::Looks;
-use super::matte::{self, Shared};
+use super::matte::{self, MattePixel};
 use super::proxies::{FAR_M, Proxies, Seen, known_m};
 use super::smear::Smear;
-use super::{Rays, mended, smooth, vote};
+use super::sqrt_colors::SqrtColors;
+use super::{Rays, inpaint, smooth, vote};
 use crate::camera::Response;
 use crate::frame::{Beside, Surfel};
 use crate::pixels::{DepthMap, Pixels, Rect};
@@ -63,7 +63,7 @@ impl<'a> Neighbour<'a> {
     /// With what its colours are by the camera's response.
     pub fn voter(&self, response: &Response) -> vote::Voter<'a> {
         let Self { frame, measured, taken } = *self;
-        vote::Voter { depth: &frame.depth, measured, taken, looks: Looks::new(&frame.pixels, response) }
+        vote::Voter { depth: &frame.depth, measured, taken, sqrt_colors: SqrtColors::new(&frame.pixels, response) }
     }
 }
 
@@ -90,8 +90,8 @@ impl Wanted {
 
     /// The depth up to which each pixel of a rectangle, or what is within `reach_px` of it, is asked for, row by row; 0 where
     /// it is not.
-    fn before_m(&self, rect: Rect, reach_px: i32) -> Vec<f32> {
-        let mut before_m = vec![0.0f32; rect.width() as usize * rect.height() as usize];
+    fn max_depth_m(&self, rect: Rect, reach_px: i32) -> Vec<f32> {
+        let mut max_depth_m = vec![0.0f32; rect.width() as usize * rect.height() as usize];
         let all_of = [(self.all_of, f32::INFINITY)];
         for (wanted, farthest_m) in self.objects.iter().chain(&all_of).filter(|(wanted, _)| !wanted.is_empty()) {
             let part = wanted.grown(reach_px).intersection(&rect);
@@ -101,11 +101,11 @@ impl Wanted {
             let part = part.moved(-rect.x0, -rect.y0);
             for y in part.y0..part.y1 {
                 let start = y as usize * rect.width() as usize;
-                let row = &mut before_m[start..][part.x0 as usize..part.x1 as usize];
-                row.iter_mut().for_each(|before_m| *before_m = before_m.max(*farthest_m));
+                let row = &mut max_depth_m[start..][part.x0 as usize..part.x1 as usize];
+                row.iter_mut().for_each(|max_depth_m| *max_depth_m = max_depth_m.max(*farthest_m));
             }
         }
-        before_m
+        max_depth_m
     }
 }
 
@@ -115,7 +115,7 @@ pub struct Repaired {
     /// Of what most of a pixel shows, m; 0 where nothing was measured and nothing repaired.
     pub depth_m: Vec<f32>,
     /// Over the part of it where things are drawn.
-    pub shared: Vec<Shared>,
+    pub shared: Vec<MattePixel>,
     /// Over [`Wanted::receiver`].
     pub receiver: Vec<SecondSurface>,
 }
@@ -131,7 +131,7 @@ pub struct SecondSurface {
 
 impl SecondSurface {
     /// Of a pixel that shows I = α·F + (1 − α)·B: the farther surface's share of the light is (1 − α)·B/I, with B = I − α·(F − B).
-    fn of(shared: &Shared, depth_m: f32, look: [f32; 3]) -> Self {
+    fn of(shared: &MattePixel, depth_m: f32, look: [f32; 3]) -> Self {
         if shared.near_m >= shared.far_m {
             return Self::default();
         }
@@ -158,10 +158,10 @@ impl<'a> Repair<'a> {
             Some((depth, measured)) => self.rays.reproject(depth, measured, self.frame, all),
             None => vec![0.0; all.width() as usize * all.height() as usize],
         };
-        let looks = self.looks(region);
+        let sqrt_colors = self.sqrt_colors(region);
         let (mut depth_m, width) = (all.part(&measured_m, region), region.width() as usize);
-        let before_m = wanted.before_m(region, SEEN_PX);
-        let is_sure = self.agree(&mut depth_m, &looks, region, &before_m);
+        let max_depth_m = wanted.max_depth_m(region, SEEN_PX);
+        let is_sure = self.agree(&mut depth_m, &sqrt_colors, region, &max_depth_m);
         if let Some((proxies, seen)) = self.proxies {
             proxies.put(&mut depth_m, region, seen);
         }
@@ -171,15 +171,17 @@ impl<'a> Repair<'a> {
         // Where nothing was measured, nothing hides. Without a sensor, models' edges are where they are.
         let recorded = &self.rays.geometry().intrinsics;
         if self.measured.is_some()
-            && mended::complete(&mut depth_m, &is_sure, &looks, width, recorded, 1.0) == Some(true)
+            && inpaint::inpaint(&mut depth_m, &is_sure, &sqrt_colors, width, recorded, 1.0) == Some(true)
         {
-            smooth::smooth(&mut depth_m, &looks, width, &before_m);
+            smooth::smooth(&mut depth_m, &sqrt_colors, width, &max_depth_m);
         }
         contact::flatten(&mut depth_m, self.rays, self.frame, region, self.planes);
         let smear = Smear::new(self.rays.geometry(), self.frame, self.shutter, region);
         let within = drawn.moved(-region.x0, -region.y0);
-        let shared = matte::shares(&depth_m, &looks, width, &smear, within, &wanted.objects_only().before_m(drawn, 0));
-        let receiver = self.second_surfaces((&depth_m, &looks, region), &smear, (&shared, drawn), wanted.receiver);
+        let shared =
+            matte::shares(&depth_m, &sqrt_colors, width, &smear, within, &wanted.objects_only().max_depth_m(drawn, 0));
+        let receiver =
+            self.second_surfaces((&depth_m, &sqrt_colors, region), &smear, (&shared, drawn), wanted.receiver);
         let mut out = all.part(&measured_m, around);
         depth_m.iter_mut().for_each(|z| *z = known_m(*z));
         put(&mut out, around, &depth_m, region);
@@ -189,9 +191,9 @@ impl<'a> Repair<'a> {
     /// The second surfaces of pixels in `part`. `shared` has the mattes that are known already, over `drawn`.
     fn second_surfaces(
         &self,
-        (depth_m, looks, region): (&[f32], &[[f32; 3]], Rect),
+        (depth_m, sqrt_colors, region): (&[f32], &[[f32; 3]], Rect),
         smear: &Smear,
-        (shared, drawn): (&[Shared], Rect),
+        (shared, drawn): (&[MattePixel], Rect),
         part: Rect,
     ) -> Vec<SecondSurface> {
         if part.is_empty() {
@@ -207,15 +209,15 @@ impl<'a> Repair<'a> {
             (shared.near_m < shared.far_m).then_some((at(&part, x, y), shared))
         });
         let known: Vec<_> = known.collect();
-        let mut before_m = vec![f32::INFINITY; columns * part.height() as usize];
-        known.iter().for_each(|(at, _)| before_m[*at] = 0.0);
+        let mut max_depth_m = vec![f32::INFINITY; columns * part.height() as usize];
+        known.iter().for_each(|(at, _)| max_depth_m[*at] = 0.0);
         let within = part.moved(-region.x0, -region.y0);
-        let mut mattes = matte::shares(depth_m, looks, width, smear, within, &before_m);
+        let mut mattes = matte::shares(depth_m, sqrt_colors, width, smear, within, &max_depth_m);
         known.iter().for_each(|(at, shared)| mattes[*at] = **shared);
         let mut out = Vec::with_capacity(mattes.len());
         for (y, mattes) in (part.y0..).zip(mattes.chunks_exact(columns)) {
             let first = at(&region, part.x0, y);
-            let there = depth_m[first..].iter().zip(&looks[first..]);
+            let there = depth_m[first..].iter().zip(&sqrt_colors[first..]);
             out.extend(mattes.iter().zip(there).map(|(matte, (z, look))| SecondSurface::of(matte, *z, *look)));
         }
         out
@@ -233,27 +235,27 @@ impl<'a> Repair<'a> {
     }
 
     /// Square roots of light, row by row. Beyond the picture the rim continues.
-    fn looks(&self, region: Rect) -> Vec<[f32; 3]> {
+    fn sqrt_colors(&self, region: Rect) -> Vec<[f32; 3]> {
         let (width, height) = (self.pixels.width as i32, self.pixels.height as i32);
-        let looks = Looks::new(self.pixels, self.response);
+        let sqrt_colors = SqrtColors::new(self.pixels, self.response);
         let round = self.rays.geometry().is_round();
         let column = |x: i32| if round { x.rem_euclid(width) } else { x.clamp(0, width - 1) };
         let mut out = vec![[0.0; 3]; region.width() as usize * region.height() as usize];
-        over_rows(&mut out, region.width() as usize, processors(), |row, looks_there| {
+        over_rows(&mut out, region.width() as usize, processors(), |row, out| {
             let y = (region.y0 + row as i32).clamp(0, height - 1);
             if region.x0 >= 0 && region.x1 <= width {
-                return looks.along(region.x0 as u32, y as u32, looks_there);
+                return sqrt_colors.along(region.x0 as u32, y as u32, out);
             }
-            (region.x0..).zip(looks_there).for_each(|(x, there)| *there = looks.at(column(x) as u32, y as u32));
+            (region.x0..).zip(out).for_each(|(x, there)| *there = sqrt_colors.at(column(x) as u32, y as u32));
         });
         out
     }
 
     /// Replaces unreliable depth of a part by the consensus of the neighbours, and depth that is still unknown by surfels. Returns
     /// which pixels are reliable.
-    fn agree(&self, depth_m: &mut [f32], looks: &[[f32; 3]], part: Rect, before_m: &[f32]) -> Vec<bool> {
+    fn agree(&self, depth_m: &mut [f32], sqrt_colors: &[[f32; 3]], part: Rect, max_depth_m: &[f32]) -> Vec<bool> {
         let voters: Vec<_> = self.neighbours.iter().map(|neighbour| neighbour.voter(self.response)).collect();
-        let own = vote::Own { rays: self.rays, pose: *self.frame, part, looks, before_m };
+        let own = vote::TargetView { rays: self.rays, pose: *self.frame, part, sqrt_colors, max_depth_m };
         let is_sure = own.agreed(depth_m, &voters);
         own.fill_unknown(depth_m, self.surfels);
         is_sure
@@ -339,7 +341,7 @@ mod tests {
         let (pixels, mut depth, inside) = screen();
         (0..WIDTH * HEIGHT).filter(|i| inside(*i)).for_each(|i| depth.depth_m[i] = 0.0);
         let response = Response { curve: Curve::Srgb, ..Default::default() };
-        let sqrt_color = Looks::new(&pixels, &response).at(80, 60);
+        let sqrt_color = SqrtColors::new(&pixels, &response).at(80, 60);
         let at = |n: i32| SURFEL_SPACING_M as f32 * n as f32;
         let places = (-40..40).flat_map(|x| (-40..40).map(move |y| Vec3::new(at(x), at(y), 1.0)));
         let surfels: Vec<Surfel> =
@@ -376,7 +378,7 @@ mod tests {
             let wanted = Wanted { objects: vec![(drawn, object_m)], all_of: nothing, receiver: nothing };
             let [all, some] =
                 [Wanted::all(drawn), wanted].map(|wanted| repaired(&pixels, &depth, drawn, &wanted).shared);
-            let hidden = |s: &Shared| match () {
+            let hidden = |s: &MattePixel| match () {
                 () if object_m > s.far_m => 1.0,
                 () if object_m > s.near_m => s.share,
                 () => 0.0,
@@ -388,7 +390,7 @@ mod tests {
     #[test]
     fn second_surface_of_an_edge_pixel_has_its_share_of_the_light_by_hand() {
         // I = 0.25·0.1 + 0.75·0.4 = 0.325 of light, of which 0.3 are the farther surface's.
-        let matte = Shared { near_m: 1.0, far_m: 2.0, share: 0.25, fringe: [0.25 * (0.1 - 0.4); 3] };
+        let matte = MattePixel { near_m: 1.0, far_m: 2.0, share: 0.25, fringe: [0.25 * (0.1 - 0.4); 3] };
         let look = [0.325f32.sqrt(); 3];
         let far = SecondSurface::of(&matte, 1.0, look);
         assert!((far.light_share[0] - 0.3 / 0.325).abs() < 1e-5 && far.depth_m == 2.0, "{far:?}");
@@ -396,7 +398,7 @@ mod tests {
         assert!((near.light_share[1] - 0.025 / 0.325).abs() < 1e-5 && near.depth_m == 1.0, "{near:?}");
         // In the dark by area, and nothing where there is one surface.
         assert_eq!(SecondSurface::of(&matte, 1.0, [0.0; 3]).light_share, [0.75; 3]);
-        assert_eq!(SecondSurface::of(&Shared { far_m: 1.0, ..matte }, 1.0, look), SecondSurface::default());
+        assert_eq!(SecondSurface::of(&MattePixel { far_m: 1.0, ..matte }, 1.0, look), SecondSurface::default());
     }
 
     #[test]
@@ -422,9 +424,9 @@ mod tests {
         objects.extend(beside);
         let wanted = Wanted { objects, all_of: Rect::new(0, 1, 1, 2), receiver: Rect::new(0, 0, 0, 0) };
         let inf = f32::INFINITY;
-        assert_eq!(wanted.before_m(Rect::new(0, 0, 4, 2), 0), [0.0, 2.0, 2.0, 1.0, inf, 0.0, 0.0, 0.0]);
-        assert_eq!(wanted.before_m(Rect::new(0, 0, 4, 2), 1), [inf, inf, 2.0, 2.0, inf, inf, 2.0, 2.0]);
-        assert_eq!(wanted.objects_only().before_m(Rect::new(2, 1, 4, 2), 0), [0.0; 2]);
+        assert_eq!(wanted.max_depth_m(Rect::new(0, 0, 4, 2), 0), [0.0, 2.0, 2.0, 1.0, inf, 0.0, 0.0, 0.0]);
+        assert_eq!(wanted.max_depth_m(Rect::new(0, 0, 4, 2), 1), [inf, inf, 2.0, 2.0, inf, inf, 2.0, 2.0]);
+        assert_eq!(wanted.objects_only().max_depth_m(Rect::new(2, 1, 4, 2), 0), [0.0; 2]);
     }
 
     #[test]

@@ -32,7 +32,7 @@ pub struct RequestedPixels {
 pub const NOT_REQUESTED: u32 = u32::MAX;
 
 impl RequestedPixels {
-    pub fn new(is_requested: &[bool], looks: &[[f32; 3]], width: usize) -> Self {
+    pub fn new(is_requested: &[bool], sqrt_colors: &[[f32; 3]], width: usize) -> Self {
         let height = is_requested.len() / width;
         let in_row = width.div_ceil(BLOCK_PX);
         let mut blocks = vec![false; in_row * height.div_ceil(BLOCK_PX)];
@@ -53,7 +53,7 @@ impl RequestedPixels {
                 let (x, y) = (*i as usize % width, *i as usize / width);
                 let (mut low, mut high) = ([f32::INFINITY; 3], [0.0f32; 3]);
                 for y in y.saturating_sub(1)..(y + 2).min(height) {
-                    for there in &looks[y * width + x.saturating_sub(1)..y * width + (x + 2).min(width)] {
+                    for there in &sqrt_colors[y * width + x.saturating_sub(1)..y * width + (x + 2).min(width)] {
                         for c in 0..3 {
                             low[c] = low[c].min(there[c]);
                             high[c] = high[c].max(there[c]);
@@ -80,12 +80,12 @@ impl RequestedPixels {
     }
 
     /// Whether the frame shows this colour at or beside one of them.
-    pub fn shows(&self, n: usize, looks: [f32; 3]) -> bool {
+    pub fn shows(&self, n: usize, sqrt_colors: [f32; 3]) -> bool {
         let [low, high] = self.ranges[n];
         // A clipped channel is only a lower bound.
         (0..3).all(|c| {
-            looks[c] > low[c] - COLOR_TOLERANCE
-                && (looks[c] < high[c] + COLOR_TOLERANCE || high[c] > RELIABLE_COLORS.end)
+            sqrt_colors[c] > low[c] - COLOR_TOLERANCE
+                && (sqrt_colors[c] < high[c] + COLOR_TOLERANCE || high[c] > RELIABLE_COLORS.end)
         })
     }
 }

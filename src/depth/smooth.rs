@@ -6,7 +6,7 @@
 //! surfaces' names). A straight edge becomes straight. A thin thing stays, since what looks like it is the thing.
 
 use super::nearest_edge::{Edge, edges};
-use super::padded::padded;
+use super::pad::pad;
 use crate::rows::{over_rows, processors};
 
 /// Pixels around that decide: so many to each side, with this σ, px.
@@ -24,18 +24,18 @@ const UNCERTAIN: f32 = 0.15;
 /// Pixels this far from an edge may change, px.
 const REACH_PX: f32 = 4.0;
 
-/// Smooths edges of `depth_m`, row by row. `looks` are square roots of its picture's light, and `before_m` is up to which depth
+/// Smooths edges of `depth_m`, row by row. `sqrt_colors` are square roots of its picture's light, and `max_depth_m` is up to which depth
 /// each pixel matters.
-pub fn smooth(depth_m: &mut [f32], looks: &[[f32; 3]], width: usize, before_m: &[f32]) {
+pub fn smooth(depth_m: &mut [f32], sqrt_colors: &[[f32; 3]], width: usize, max_depth_m: &[f32]) {
     let edges = edges(depth_m, width, CERTAIN_PX.max(REACH_PX + 1.0));
-    let around = Around::new(depth_m, looks, &edges, width);
+    let around = Around::new(depth_m, sqrt_colors, &edges, width);
     let places = places();
     over_rows(depth_m, width, processors(), |y, row| {
         for (x, z) in row.iter_mut().enumerate() {
             let edge = &edges[y * width + x];
-            if edge.distance_px <= REACH_PX && edge.near_m.min(*z) < before_m[y * width + x] {
+            if edge.distance_px <= REACH_PX && edge.near_m.min(*z) < max_depth_m[y * width + x] {
                 let both_m = edge.both_m(*z);
-                let is_near = around.balance(x, y, looks[y * width + x], both_m, &places) > 0.0;
+                let is_near = around.balance(x, y, sqrt_colors[y * width + x], both_m, &places) > 0.0;
                 *z = if is_near { both_m[0] } else { both_m[1] };
             }
         }
@@ -55,32 +55,39 @@ fn places() -> Vec<[f32; LANES]> {
 /// What decides, each quantity by itself, so that a row of a window is a few vectors. Beyond the map nothing is certain.
 struct Around {
     wide: usize,
-    looks: [Vec<f32>; 3],
+    sqrt_colors: [Vec<f32>; 3],
     certain: Vec<f32>,
     depth_m: Vec<f32>,
 }
 
 impl Around {
-    fn new(depth_m: &[f32], looks: &[[f32; 3]], edges: &[Edge], width: usize) -> Self {
+    fn new(depth_m: &[f32], sqrt_colors: &[[f32; 3]], edges: &[Edge], width: usize) -> Self {
         let wide = width + LANES;
-        let filled = |of: &(dyn Fn(usize) -> f32 + Sync)| padded(depth_m.len(), width, AROUND, wide, of);
+        let filled = |of: &(dyn Fn(usize) -> f32 + Sync)| pad(depth_m.len(), width, AROUND, wide, of);
         Self {
             wide,
-            looks: [0, 1, 2].map(|c| filled(&|i| looks[i][c])),
+            sqrt_colors: [0, 1, 2].map(|c| filled(&|i| sqrt_colors[i][c])),
             certain: filled(&|i| (edges[i].distance_px / CERTAIN_PX).clamp(UNCERTAIN, 1.0)),
             depth_m: filled(&|i| depth_m[i]),
         }
     }
 
     /// Positive where more around a pixel belongs to the nearer of two surfaces.
-    fn balance(&self, x: usize, y: usize, looks: [f32; 3], [near_m, far_m]: [f32; 2], places: &[[f32; LANES]]) -> f32 {
+    fn balance(
+        &self,
+        x: usize,
+        y: usize,
+        sqrt_colors: [f32; 3],
+        [near_m, far_m]: [f32; 2],
+        places: &[[f32; LANES]],
+    ) -> f32 {
         let mut sums = [0.0f32; LANES];
         for (row, place) in places.iter().enumerate() {
             let start = (y + row) * self.wide + x;
-            let [r, g, b] = [0, 1, 2].map(|c| &self.looks[c][start..start + LANES]);
+            let [r, g, b] = [0, 1, 2].map(|c| &self.sqrt_colors[c][start..start + LANES]);
             let (certain, depth_m) = (&self.certain[start..start + LANES], &self.depth_m[start..start + LANES]);
             for (n, sum) in sums.iter_mut().enumerate() {
-                let (r, g, b) = (r[n] - looks[0], g[n] - looks[1], b[n] - looks[2]);
+                let (r, g, b) = (r[n] - sqrt_colors[0], g[n] - sqrt_colors[1], b[n] - sqrt_colors[2]);
                 let unlike = 1.0 + (r * r + g * g + b * b) / (ALIKE * ALIKE);
                 let weight = (UNLIKE + 1.0 / (unlike * unlike)) * certain[n] * place[n];
                 *sum += if depth_m[n] * depth_m[n] < near_m * far_m { weight } else { -weight };
@@ -115,9 +122,9 @@ mod tests {
     fn a_thin_thing_stays() {
         // A dark post 3 px wide before a bright wall.
         let post = |x: usize, _| (20..23).contains(&x);
-        let looks: Vec<_> = (0..WIDTH * 40).map(|i| [if post(i % WIDTH, 0) { 0.2 } else { 0.8 }; 3]).collect();
+        let sqrt_colors: Vec<_> = (0..WIDTH * 40).map(|i| [if post(i % WIDTH, 0) { 0.2 } else { 0.8 }; 3]).collect();
         let mut depth = stepped(post);
-        smooth(&mut depth, &looks, WIDTH, &ALL);
+        smooth(&mut depth, &sqrt_colors, WIDTH, &ALL);
         assert_eq!(depth, stepped(post));
     }
 }

@@ -14,7 +14,7 @@
 use glam::{DVec2, DVec3, Vec2, Vec3, Vec4};
 
 use super::requested::{RequestedPixels, gain};
-use super::vote::Own;
+use super::vote::TargetView;
 use crate::frame::{SURFEL_SPACING_M, Surfel};
 use crate::pixels::{Rect, floor};
 use crate::rows::{over_rows, processors};
@@ -46,10 +46,10 @@ struct Splat {
     radius_px: f64,
 }
 
-impl Own<'_> {
+impl TargetView<'_> {
     /// Replaces unknown depths of the part (0) by those of surfels of the pixels' colour.
     pub fn fill_unknown(&self, depth_m: &mut [f32], surfels: &[Surfel]) {
-        let unknown = depth_m.iter().zip(self.before_m).map(|(z, before_m)| *z <= 0.0 && *before_m > 0.0);
+        let unknown = depth_m.iter().zip(self.max_depth_m).map(|(z, max_depth_m)| *z <= 0.0 && *max_depth_m > 0.0);
         let is_unknown: Vec<bool> = unknown.collect();
         let seen = self.part.intersection(&self.rays.full());
         let sees_around = self.rays.geometry().sees_around();
@@ -68,7 +68,7 @@ impl Own<'_> {
             block[0] = surfels.filter(is_near).filter_map(|surfel| self.splat(surfel, seen)).collect();
         });
         let splats: Vec<Splat> = blocks.into_iter().flatten().collect();
-        let requested = RequestedPixels::new(&is_unknown, self.looks, self.part.width() as usize);
+        let requested = RequestedPixels::new(&is_unknown, self.sqrt_colors, self.part.width() as usize);
         // Depth and index of the nearest disc at each pixel.
         let mut nearest = vec![(f32::INFINITY, usize::MAX); requested.places.len()];
         for (index, splat) in splats.iter().enumerate() {
@@ -148,7 +148,7 @@ impl Own<'_> {
             let [x, y] = splat.center_px.as_vec2().to_array().map(floor);
             let row = self.part.contains(x, y).then(|| (y - self.part.y0) as usize * self.part.width() as usize)?;
             let (at, z) = (row + (x - self.part.x0) as usize, splat.position_m.z);
-            ((depth_m[at] - z).abs() < DEPTH_TOLERANCE * z).then(|| (self.looks[at], splat.sqrt_color))
+            ((depth_m[at] - z).abs() < DEPTH_TOLERANCE * z).then(|| (self.sqrt_colors[at], splat.sqrt_color))
         };
         splats.iter().filter_map(pair).collect()
     }
@@ -194,15 +194,16 @@ mod tests {
     /// pictures as bright as `light`; after the surfels.
     fn filled(surfels: &[Surfel], pose: Pose, light: f32) -> Vec<f32> {
         let column = |i: usize| i % WIDTH;
-        let looks: Vec<[f32; 3]> = (0..WIDTH * HEIGHT)
+        let sqrt_colors: Vec<[f32; 3]> = (0..WIDTH * HEIGHT)
             .map(|i| [light * if (50..60).contains(&column(i)) { BRIGHT } else { DARK }; 3])
             .collect();
         let mut depth_m: Vec<f32> =
             (0..WIDTH * HEIGHT).map(|i| if (40..60).contains(&column(i)) { 0.0 } else { 1.0 }).collect();
         let rays = Rays::new(&Geometry::pinhole(WIDTH as u32, HEIGHT as u32, 80.0));
         let part = Rect::full(WIDTH as u32, HEIGHT as u32);
-        let before_m = [9.0; WIDTH * HEIGHT];
-        Own { rays: &rays, pose, part, looks: &looks, before_m: &before_m }.fill_unknown(&mut depth_m, surfels);
+        let max_depth_m = [9.0; WIDTH * HEIGHT];
+        TargetView { rays: &rays, pose, part, sqrt_colors: &sqrt_colors, max_depth_m: &max_depth_m }
+            .fill_unknown(&mut depth_m, surfels);
         depth_m
     }
 

@@ -14,11 +14,11 @@
 use std::sync::Mutex;
 
 use super::Rays;
-use super::apart::{JUMP, is_step};
-use super::carry::{Carry, LANES, Over, Points, Tile};
-use super::looks::Looks;
+use super::discontinuity::{JUMP, is_step};
 use super::moment::BEYOND_PX;
+use super::reprojection::{LANES, Over, Points, Reprojection, Tile};
 use super::requested::{NOT_REQUESTED, RequestedPixels, gain};
+use super::sqrt_colors::SqrtColors;
 use crate::pixels::{DepthMap, Rect};
 use crate::pose::Pose;
 use crate::rows::{over_rows, processors};
@@ -44,23 +44,23 @@ pub struct Voter<'a> {
     pub measured: Pose,
     pub taken: Pose,
     /// Its picture's.
-    pub looks: Looks<'a>,
+    pub sqrt_colors: SqrtColors<'a>,
 }
 
 /// The frame whose depth is doubtful.
-pub struct Own<'a> {
+pub struct TargetView<'a> {
     pub rays: &'a Rays,
     /// At which its picture was taken.
     pub pose: Pose,
     /// The part of its picture that is looked at.
     pub part: Rect,
     /// Square roots of the part's light, row by row.
-    pub looks: &'a [[f32; 3]],
+    pub sqrt_colors: &'a [[f32; 3]],
     /// Up to which depth each of its pixels matters, metres.
-    pub before_m: &'a [f32],
+    pub max_depth_m: &'a [f32],
 }
 
-impl Own<'_> {
+impl TargetView<'_> {
     /// Replaces what is doubtful of the part's `depth_m` (0 where unknown) by what most say. Which pixels are sure because
     /// nearly all say the same; those that are not doubtful are not requested.
     pub fn agreed(&self, depth_m: &mut [f32], voters: &[Voter<'_>]) -> Vec<bool> {
@@ -70,8 +70,8 @@ impl Own<'_> {
         }
         let width = self.part.width() as usize;
         let reach_px = (DOUBTFUL * f64::from(self.rays.geometry().intrinsics.width_px)).round() as usize;
-        let doubtful = doubtful(depth_m, width, reach_px, self.before_m);
-        let requested = RequestedPixels::new(&doubtful, self.looks, width);
+        let doubtful = doubtful(depth_m, width, reach_px, self.max_depth_m);
+        let requested = RequestedPixels::new(&doubtful, self.sqrt_colors, width);
         if requested.places.is_empty() {
             return is_sure;
         }
@@ -84,15 +84,15 @@ impl Own<'_> {
         let mut told: Vec<Vec<f32>> = vec![Vec::new(); voters.len()];
         let work = Mutex::new(told.iter_mut().zip(voters));
         std::thread::scope(|scope| {
-            let carry = || {
+            let reprojection = || {
                 while let Some((told, voter)) = work.lock().ok().and_then(|mut work| work.next()) {
                     *told = self.carried(voter, source, &requested);
                 }
             };
             for _ in 1..processors().min(voters.len()) {
-                let _ = std::thread::Builder::new().spawn_scoped(scope, carry);
+                let _ = std::thread::Builder::new().spawn_scoped(scope, reprojection);
             }
-            carry();
+            reprojection();
         });
         let mut agreed = vec![(0.0, false); requested.places.len()];
         over_rows(&mut agreed, PIXELS_PER_BLOCK, processors(), |block, of_block| {
@@ -115,10 +115,11 @@ impl Own<'_> {
     fn carried(&self, voter: &Voter<'_>, source: Rect, requested: &RequestedPixels) -> Vec<f32> {
         let mut out = vec![0.0f32; requested.places.len()];
         let (geometry, full) = (self.rays.geometry(), self.rays.full());
-        if (voter.depth.width, voter.depth.height) != (full.width(), full.height()) || voter.looks.size() != full {
+        if (voter.depth.width, voter.depth.height) != (full.width(), full.height()) || voter.sqrt_colors.size() != full
+        {
             return out;
         }
-        let [here, there] = [&self.pose, &voter.taken].map(|pose| Carry::new(geometry, &voter.measured, pose));
+        let [here, there] = [&self.pose, &voter.taken].map(|pose| Reprojection::new(geometry, &voter.measured, pose));
         let gain = gain(&self.compared(voter, source, &here, &there));
         for rect in tiles(source, full) {
             let ray = |x: i32, y: i32| Some(self.rays.row(y as usize)?[x as usize]);
@@ -134,21 +135,21 @@ impl Own<'_> {
             let there = Over::new(&tile, &there);
             for y in rect.y0..rect.y1 {
                 let Some(rays) = self.rays.row(y as usize) else { continue };
-                let landed = here.land(voter.depth, y, rays);
+                let landed = here.reproject(voter.depth, y, rays);
                 // The pixel in which each lies, and no more: points that covered the pixels around would widen what is near. What
                 // one voter leaves open others fill.
                 let at = landed.pixels(self.part).map(|place| requested.ranks[place]);
                 if at == [NOT_REQUESTED; LANES] {
                     continue;
                 }
-                let shown = there.land(voter.depth, y, rays).pixels(full);
+                let shown = there.reproject(voter.depth, y, rays).pixels(full);
                 for lane in (0..LANES).filter(|&lane| at[lane] != NOT_REQUESTED) {
                     let (n, z) = (at[lane] as usize, landed.depth_m[lane]);
                     // Of several points at a pixel the nearest stays.
                     if (out[n] == 0.0 || z < out[n].abs())
-                        && let Some(looks) = voter.looks.nth(shown[lane])
+                        && let Some(sqrt_colors) = voter.sqrt_colors.nth(shown[lane])
                     {
-                        out[n] = if requested.shows(n, [0, 1, 2].map(|c| gain[c] * looks[c])) { z } else { -z };
+                        out[n] = if requested.shows(n, [0, 1, 2].map(|c| gain[c] * sqrt_colors[c])) { z } else { -z };
                     }
                 }
             }
@@ -161,8 +162,8 @@ impl Own<'_> {
         &self,
         voter: &Voter<'_>,
         source: Rect,
-        here: &Carry<'_>,
-        there: &Carry<'_>,
+        here: &Reprojection<'_>,
+        there: &Reprojection<'_>,
     ) -> Vec<([f32; 3], [f32; 3])> {
         let (mut compared, full) = (Vec::new(), self.rays.full());
         for y in (source.y0..source.y1).filter(|y| y % EVERY == 0) {
@@ -172,10 +173,14 @@ impl Own<'_> {
             for places in places.chunks(LANES) {
                 let mut points = Points::default();
                 places.iter().enumerate().for_each(|(lane, &x)| points.set(lane, row[x], rays[x]));
-                let (landed, shown) = (here.land(&points).pixels(self.part), there.land(&points).pixels(full));
+                let (landed, shown) =
+                    (here.reproject(&points).pixels(self.part), there.reproject(&points).pixels(full));
                 let both = landed.into_iter().zip(shown);
-                compared
-                    .extend(both.filter_map(|(own, theirs)| self.looks.get(own).copied().zip(voter.looks.nth(theirs))));
+                compared.extend(
+                    both.filter_map(|(own, theirs)| {
+                        self.sqrt_colors.get(own).copied().zip(voter.sqrt_colors.nth(theirs))
+                    }),
+                );
             }
         }
         compared
@@ -219,7 +224,7 @@ fn most(heard: &mut Vec<f32>) -> (f32, bool) {
 }
 
 /// Where a map is unknown or has an edge that matters, and around.
-fn doubtful(depth_m: &[f32], width: usize, reach_px: usize, before_m: &[f32]) -> Vec<bool> {
+fn doubtful(depth_m: &[f32], width: usize, reach_px: usize, max_depth_m: &[f32]) -> Vec<bool> {
     let height = depth_m.len() / width;
     // Whether pixels and those beside them belong to two surfaces, a whole row of them at a time: vectors.
     let mark = |torn: &mut [u8], [a, a_before]: [&[f32]; 2], [b, b_before]: [&[f32]; 2]| {
@@ -232,7 +237,7 @@ fn doubtful(depth_m: &[f32], width: usize, reach_px: usize, before_m: &[f32]) ->
     // Along rows, then all rows' sums at once downwards.
     let mut along = vec![0u8; depth_m.len()];
     over_rows(&mut along, width, processors(), |y, along| {
-        let row = |y: usize| [depth_m, before_m].map(|of| &of[y * width..(y + 1) * width]);
+        let row = |y: usize| [depth_m, max_depth_m].map(|of| &of[y * width..(y + 1) * width]);
         let (own, mut torn) = (row(y), vec![0u8; width]);
         let (left, right) = (own.map(|of| &of[..width - 1]), own.map(|of| &of[1..]));
         mark(&mut torn[..width - 1], left, right);
@@ -255,7 +260,7 @@ fn doubtful(depth_m: &[f32], width: usize, reach_px: usize, before_m: &[f32]) ->
         if y + reach_px < height {
             sums.iter_mut().zip(row(y + reach_px)).for_each(|(sum, n)| *sum += u16::from(*n));
         }
-        let matters = before_m[y * width..].iter().map(|before_m| *before_m > 0.0);
+        let matters = max_depth_m[y * width..].iter().map(|max_depth_m| *max_depth_m > 0.0);
         out.iter_mut().zip(sums.iter().zip(matters)).for_each(|(out, (sum, matters))| *out = *sum > 0 && matters);
         if y >= reach_px {
             sums.iter_mut().zip(row(y - reach_px)).for_each(|(sum, n)| *sum -= u16::from(*n));
@@ -305,20 +310,27 @@ mod tests {
         };
         let (rays, response) = (Rays::new(&Geometry::pinhole(WIDTH as u32, HEIGHT as u32, 80.0)), Response::default());
         let (own, theirs) = (picture(40), picture(voters_code));
-        let looks = Looks::new(&own, &response);
-        let looks: Vec<_> = (0..WIDTH * HEIGHT).map(|i| looks.at((i % WIDTH) as u32, (i / WIDTH) as u32)).collect();
+        let sqrt_colors = SqrtColors::new(&own, &response);
+        let sqrt_colors: Vec<_> =
+            (0..WIDTH * HEIGHT).map(|i| sqrt_colors.at((i % WIDTH) as u32, (i / WIDTH) as u32)).collect();
         let maps: Vec<DepthMap> = ends.iter().map(|end| map(*end)).collect();
         let voter = |depth| Voter {
             depth,
             measured: Pose::IDENTITY,
             taken: Pose::IDENTITY,
-            looks: Looks::new(&theirs, &response),
+            sqrt_colors: SqrtColors::new(&theirs, &response),
         };
         let voters: Vec<_> = maps.iter().map(voter).collect();
         let mut depth_m = map(own_end).depth_m;
         let part = Rect::full(WIDTH as u32, HEIGHT as u32);
-        Own { rays: &rays, pose: Pose::IDENTITY, part, looks: &looks, before_m: &[9.0; WIDTH * HEIGHT] }
-            .agreed(&mut depth_m, &voters);
+        TargetView {
+            rays: &rays,
+            pose: Pose::IDENTITY,
+            part,
+            sqrt_colors: &sqrt_colors,
+            max_depth_m: &[9.0; WIDTH * HEIGHT],
+        }
+        .agreed(&mut depth_m, &voters);
         depth_m
     }
 
@@ -362,15 +374,20 @@ mod tests {
             depth: &depth,
             measured: at(0.0, 0.0),
             taken: at(0.01, 0.02),
-            looks: Looks::new(&pixels, &response),
+            sqrt_colors: SqrtColors::new(&pixels, &response),
         };
-        let looks = vec![[0.5; 3]; WIDTH * HEIGHT];
+        let sqrt_colors = vec![[0.5; 3]; WIDTH * HEIGHT];
         let whole = Rect::full(WIDTH as u32, HEIGHT as u32);
-        let own =
-            Own { rays: &rays, pose: at(0.06, -0.1), part: whole, looks: &looks, before_m: &[9.0; WIDTH * HEIGHT] };
+        let own = TargetView {
+            rays: &rays,
+            pose: at(0.06, -0.1),
+            part: whole,
+            sqrt_colors: &sqrt_colors,
+            max_depth_m: &[9.0; WIDTH * HEIGHT],
+        };
         let requested = |doubtful: &dyn Fn(usize) -> bool| {
             let doubtful: Vec<bool> = (0..WIDTH * HEIGHT).map(doubtful).collect();
-            RequestedPixels::new(&doubtful, &looks, WIDTH)
+            RequestedPixels::new(&doubtful, &sqrt_colors, WIDTH)
         };
         let all = own.carried(&voter, whole, &requested(&|_| true));
         assert!(all.iter().filter(|z| **z != 0.0).count() > 2000);
@@ -383,7 +400,7 @@ mod tests {
         // A part of the picture, also one that goes on beyond it, is told the same depths.
         for part in [Rect::new(-7, 5, 60, 50), Rect::new(30, 20, 110, 70)] {
             let of_part = vec![[0.5; 3]; part.width() as usize * part.height() as usize];
-            let own = Own { part, looks: &of_part, ..own };
+            let own = TargetView { part, sqrt_colors: &of_part, ..own };
             let everywhere = RequestedPixels::new(&vec![true; of_part.len()], &of_part, part.width() as usize);
             let found = own.carried(&voter, whole, &everywhere);
             for (n, z) in found.iter().enumerate() {
@@ -400,11 +417,11 @@ mod tests {
         for (width, height) in [(31, 23), (1, 40), (40, 1)] {
             let depth_m: Vec<f32> =
                 (0..width * height).map(|i| [1.0, 1.02, 1.1, 0.0, 2.0][(i * 7 / 23 + i % width / 11) % 5]).collect();
-            let before_m: Vec<f32> = (0..width * height).map(|i| [0.0, 1.5, 9.0][i / 5 % 3]).collect();
+            let max_depth_m: Vec<f32> = (0..width * height).map(|i| [0.0, 1.5, 9.0][i / 5 % 3]).collect();
             let place = |i: usize| (i % width, i / width);
             let is_torn = |a: usize, b: usize| {
                 let (near, far) = (depth_m[a].min(depth_m[b]), depth_m[a].max(depth_m[b]));
-                near < before_m[a].max(before_m[b]) && (near <= 0.0 || far > JUMP * near)
+                near < max_depth_m[a].max(max_depth_m[b]) && (near <= 0.0 || far > JUMP * near)
             };
             let all = 0..width * height;
             let step = |a: usize, b: usize| {
@@ -419,8 +436,8 @@ mod tests {
                     ax.abs_diff(bx) <= reach && ay.abs_diff(by) <= reach
                 };
                 let expected: Vec<bool> =
-                    all.clone().map(|a| before_m[a] > 0.0 && torn.iter().any(|b| near(a, *b))).collect();
-                assert_eq!(doubtful(&depth_m, width, reach, &before_m), expected, "{width} {height} {reach}");
+                    all.clone().map(|a| max_depth_m[a] > 0.0 && torn.iter().any(|b| near(a, *b))).collect();
+                assert_eq!(doubtful(&depth_m, width, reach, &max_depth_m), expected, "{width} {height} {reach}");
             }
         }
     }

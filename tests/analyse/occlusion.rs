@@ -8,7 +8,7 @@ use crate::program::said;
 use glam::{DVec2, DVec3};
 use locard::analyse::Analysis;
 use locard::compositor::exposure_time_s;
-use locard::depth::{Neighbour, Rays, Repair, Shared, Wanted, measured_from};
+use locard::depth::{MattePixel, Neighbour, Rays, Repair, Wanted, measured_from};
 use locard::pixels::Rect;
 use locard::shot::Shot;
 
@@ -54,7 +54,7 @@ fn hides(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
         surfels: &frame.surfels,
     };
     let whole = Rect::full(WIDTH as u32, HEIGHT as u32);
-    let hidden = |s: &Shared| match (EVIDENCE_M > s.near_m + TOLERANCE_M, EVIDENCE_M > s.far_m + TOLERANCE_M) {
+    let hidden = |s: &MattePixel| match (EVIDENCE_M > s.near_m + TOLERANCE_M, EVIDENCE_M > s.far_m + TOLERANCE_M) {
         (_, true) => 1.0,
         (true, false) => f64::from(s.share),
         _ => 0.0,

@@ -1,17 +1,17 @@
-//! Criteria that separate surfaces from each other.
+//! When neighbouring pixels show two surfaces.
 
 /// Neighbouring depths that differ by more than this factor belong to two surfaces. A floor seen under 15° from 4 m
 /// changes by 1 % from row to row. `JUMP` of shaders/real_part.wgsl and shaders/shade.wgsl
 /// is the same.
 pub const JUMP: f32 = 1.04;
 
-/// Whether two neighbouring depths belong to two surfaces. What is unknown is 0, and so a step to anything else.
+/// Whether two neighbouring depths belong to two surfaces. Unknown depth is 0, a step to any other.
 pub fn is_step(a_m: f32, b_m: f32) -> bool {
     a_m.max(b_m) > JUMP * a_m.min(b_m)
 }
 
-/// The difference of two colours (square roots of light).
-pub fn apart(a: &[f32; 3], b: &[f32; 3]) -> f32 {
+/// Euclidean distance of two colours (square roots of light).
+pub fn color_distance(a: &[f32; 3], b: &[f32; 3]) -> f32 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
 }
 
@@ -36,6 +36,6 @@ mod tests {
 
     #[test]
     fn colours_by_hand() {
-        assert_eq!(apart(&[0.1, 0.5, 0.2], &[0.1, 0.2, 0.6]), 0.5);
+        assert_eq!(color_distance(&[0.1, 0.5, 0.2], &[0.1, 0.2, 0.6]), 0.5);
     }
 }

@@ -1,12 +1,11 @@
-//! Points of a depth map as another pose of the camera sees them, many at a time.
+//! Reprojection of depth maps into another pose of the camera, 16 points at a time.
 //!
-//! A frame asks this of millions of points. So it is done in single precision, which is exact to a thousandth of a pixel, and
-//! in loops without branches, which become vector instructions. What a lens bends farther than its formula is valid is asked
-//! of the exact camera.
+//! A frame needs millions of points. Single precision is exact to a thousandth of a pixel, and loops without branches compile
+//! to vector instructions. Points outside the validity of the distortion formula go through the exact camera model.
 //!
-//! Where a whole tile of a map is carried, only its corners are, at the nearest and the farthest of its depths, and what lies
-//! between is interpolated: at one depth a place in one picture is a smooth function of that in the other, and along a ray it
-//! is nearly linear in inverse depth. The tile's middle says whether both hold.
+//! Of a tile of a map only the corners are reprojected, at its nearest and its farthest depth; other points are interpolated. At
+//! one depth the new position is a smooth function of the old one, and along a ray it is nearly linear in inverse depth. The
+//! tile's centre verifies both.
 
 use glam::{DVec3, Mat3, Vec2, Vec3};
 
@@ -14,15 +13,15 @@ use crate::camera::{Distortion, Geometry, LensModel};
 use crate::pixels::{DepthMap, Rect, floor, floor_of_small};
 use crate::pose::Pose;
 
-/// So many points at a time.
+/// Number of points in a vector.
 pub const LANES: usize = 16;
 
-/// Interpolated places are off by less at a tile's middle, px.
+/// Largest interpolation error at a tile's centre, px.
 const STRAIGHT_PX: f32 = 0.1;
 /// A tile's probes: its four corners and its middle, each at the nearest and at the farthest depth, and the middle between.
 const PROBES: usize = 11;
 
-/// Points in a camera's axes, metres.
+/// Points in camera coordinates, m.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Points {
     x: [f32; LANES],
@@ -31,18 +30,18 @@ pub struct Points {
     known: [bool; LANES],
 }
 
-/// Where points land in the picture, and their depths there.
+/// Image positions and depths of reprojected points.
 #[derive(Clone, Copy, Debug)]
-pub struct Landed {
+pub struct Reprojected {
     pub x_px: [f32; LANES],
     pub y_px: [f32; LANES],
-    /// Metres; 0 where a point is not seen.
+    /// m; 0 for points that are not visible.
     pub depth_m: [f32; LANES],
 }
 
-impl Landed {
-    /// The pixels of a rectangle in which they lie, counted row by row; one beyond the last for a point that is not seen or lies
-    /// outside. Without a branch: vectors.
+impl Reprojected {
+    /// Row-major indices of their pixels in a rectangle; one past the last for points that are not visible or outside. Without
+    /// branches, for vector instructions.
     pub fn pixels(&self, of: Rect) -> [usize; LANES] {
         let [x0, x1, y0, y1] = [of.x0, of.x1, of.y0, of.y1].map(|edge| edge as f32);
         let [width, height] = [of.width() as i32, of.height() as i32];
@@ -57,7 +56,7 @@ impl Landed {
 }
 
 impl Points {
-    /// Of a piece of a map's row, and the rays through its pixels.
+    /// From a part of a map's row and the rays of its pixels.
     pub fn of(depth_m: &[f32], rays: &[[f32; 3]]) -> Self {
         let mut points = Self::default();
         for (lane, (z, ray)) in depth_m.iter().zip(rays).take(LANES).enumerate() {
@@ -66,7 +65,7 @@ impl Points {
         points
     }
 
-    /// Makes one of them what is `depth_m` away along a ray; unknown if that is no distance.
+    /// Sets a point at `depth_m` along a ray; unknown if that is not positive.
     pub fn set(&mut self, lane: usize, depth_m: f32, ray: [f32; 3]) {
         let known = depth_m > 0.0 && ray[2].is_finite();
         let z = if known { depth_m } else { 0.0 };
@@ -78,8 +77,8 @@ impl Points {
     }
 }
 
-/// From one pose of a camera to the picture from another.
-pub struct Carry<'a> {
+/// From the axes of one camera pose to the picture from another.
+pub struct Reprojection<'a> {
     geometry: &'a Geometry,
     turn: Mat3,
     shift_m: Vec3,
@@ -87,13 +86,13 @@ pub struct Carry<'a> {
     middle_px: Vec2,
     radial: [f32; 3],
     tangential: Vec2,
-    /// Up to this squared radius the formula in single precision is valid. Negative: nowhere.
+    /// Squared radius up to which the formula is valid; negative for nowhere.
     valid2: f32,
     /// Depths are distances from the camera.
     around: bool,
 }
 
-impl<'a> Carry<'a> {
+impl<'a> Reprojection<'a> {
     pub fn new(geometry: &'a Geometry, from: &Pose, to: &Pose) -> Self {
         let carried = |point: DVec3| to.transform_point(from.inverse_transform_point(point));
         let origin = carried(DVec3::ZERO);
@@ -113,11 +112,11 @@ impl<'a> Carry<'a> {
         }
     }
 
-    /// Where points land. The lens's formula is that of camera/distortion.rs.
-    pub fn land(&self, points: &Points) -> Landed {
+    /// The distortion formula is that of camera/distortion.rs.
+    pub fn reproject(&self, points: &Points) -> Reprojected {
         let Self { turn, shift_m, focal_px, middle_px, radial: [k1, k2, k3], valid2, .. } = *self;
         let Vec2 { x: p1, y: p2 } = self.tangential;
-        let mut landed = Landed { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
+        let mut landed = Reprojected { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
         let mut left = [false; LANES];
         for (n, left) in left.iter_mut().enumerate() {
             let (x, y, z) = (points.x[n], points.y[n], points.z[n]);
@@ -230,9 +229,9 @@ where
 
 /// Where a tile's points land.
 pub struct Over<'a> {
-    carry: &'a Carry<'a>,
+    reprojection: &'a Reprojection<'a>,
     tile: &'a Tile,
-    landed: Landed,
+    landed: Reprojected,
     straight: Option<Straight>,
 }
 
@@ -245,23 +244,23 @@ struct Straight {
 }
 
 impl<'a> Over<'a> {
-    pub fn new(tile: &'a Tile, carry: &'a Carry<'a>) -> Self {
-        let landed = carry.land(&tile.probes);
-        let mut over = Self { carry, tile, landed, straight: None };
+    pub fn new(tile: &'a Tile, reprojection: &'a Reprojection<'a>) -> Self {
+        let landed = reprojection.reproject(&tile.probes);
+        let mut over = Self { reprojection, tile, landed, straight: None };
         over.straight = over.straight();
         over
     }
 
     fn straight(&self) -> Option<Straight> {
-        let Self { carry, tile, landed, .. } = self;
-        if carry.around || landed.depth_m[..PROBES].contains(&0.0) {
+        let Self { reprojection, tile, landed, .. } = self;
+        if reprojection.around || landed.depth_m[..PROBES].contains(&0.0) {
             return None;
         }
         let place = |n: usize| Vec2::new(landed.x_px[n], landed.y_px[n]);
         let [across, down] = [tile.rect.width(), tile.rect.height()].map(|side| (side.max(2) as f32 - 1.0).recip());
         let near = Bilinear::of([0, 2, 4, 6].map(place), across, down);
         let farther = Bilinear::of([1, 3, 5, 7].map(|n| place(n) - place(n - 1)), across, down);
-        let stretch = [0, 2, 4, 6].map(|n| (landed.depth_m[n] - carry.shift_m.z) / tile.nearest_m);
+        let stretch = [0, 2, 4, 6].map(|n| (landed.depth_m[n] - reprojection.shift_m.z) / tile.nearest_m);
         let (x, y) = Tile::middle(tile.rect);
         let at = |of: &Bilinear<Vec2>| {
             let (first, step) = of.row(y as f32);
@@ -288,24 +287,24 @@ impl<'a> Over<'a> {
     }
 
     /// Where a row of the tile lands. `rays` are those through the row's pixels.
-    pub fn land(&self, map: &DepthMap, y: i32, rays: &[[f32; 3]]) -> Landed {
+    pub fn reproject(&self, map: &DepthMap, y: i32, rays: &[[f32; 3]]) -> Reprojected {
         let Tile { rect, per_nearest, per_range, .. } = *self.tile;
         let depth_m = row_of(map, rect, y);
         let Some(Straight { near, farther, stretch }) = &self.straight else {
-            return self.carry.land(&Points::of(depth_m, &rays[rect.x0 as usize..rect.x1 as usize]));
+            return self.reprojection.reproject(&Points::of(depth_m, &rays[rect.x0 as usize..rect.x1 as usize]));
         };
         let mut here_m = [0.0f32; LANES];
         here_m.iter_mut().zip(depth_m).for_each(|(here, z)| *here = if *z > 0.0 { *z } else { 0.0 });
         let down = (y - rect.y0) as f32;
         let ((near, near_step), (more, more_step), (stretch, stretch_step)) =
             (near.row(down), farther.row(down), stretch.row(down));
-        let mut landed = Landed { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
+        let mut landed = Reprojected { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
         for (n, z) in here_m.iter().enumerate() {
             let x = n as f32;
             let share = (1.0 / z - per_nearest) * per_range;
             landed.x_px[n] = near.x + near_step.x * x + (more.x + more_step.x * x) * share;
             landed.y_px[n] = near.y + near_step.y * x + (more.y + more_step.y * x) * share;
-            let there_m = z * (stretch + stretch_step * x) + self.carry.shift_m.z;
+            let there_m = z * (stretch + stretch_step * x) + self.reprojection.shift_m.z;
             landed.depth_m[n] = if *z > 0.0 { there_m.max(0.0) } else { 0.0 };
         }
         landed
@@ -322,7 +321,7 @@ mod tests {
     fn points_lie_in_pixels() {
         let at =
             [(-0.1, 0.0), (0.0, 0.0), (3.999, 2.999), (4.0, 1.0), (1.5, 3.0), (2.0, 1.0), (1e9, 0.0), (f32::NAN, 1.0)];
-        let mut landed = Landed { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
+        let mut landed = Reprojected { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
         for (n, (x, y)) in at.into_iter().enumerate() {
             (landed.x_px[n], landed.y_px[n], landed.depth_m[n]) = (x, y, 1.0);
         }
@@ -341,11 +340,11 @@ mod tests {
         let to = Pose::from_camera_in_world(DVec3::new(0.32, 0.08, -0.21), DQuat::from_rotation_x(0.04));
         for distortion in [k, Distortion::default(), fisheye] {
             let geometry = Geometry::new(i.clone(), distortion);
-            let carry = Carry::new(&geometry, &from, &to);
+            let reprojection = Reprojection::new(&geometry, &from, &to);
             // A little beyond the corners, too.
             for y in -6..=6 {
                 let rays: Vec<_> = (-7..=7).map(|x| [0.1 * x as f32, 0.1 * y as f32, 1.0]).collect();
-                let landed = carry.land(&Points::of(&[1.7; 15], &rays));
+                let landed = reprojection.reproject(&Points::of(&[1.7; 15], &rays));
                 for (n, ray) in rays.iter().enumerate() {
                     let point = 1.7 * DVec3::from(ray.map(f64::from));
                     let seen = to.transform_point(from.inverse_transform_point(point));
@@ -361,7 +360,7 @@ mod tests {
                 &[0.0, -1.0, f32::NAN, 1.0],
                 &[[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [f32::NAN; 3]],
             );
-            assert_eq!(carry.land(&nothing).depth_m, [0.0; LANES]);
+            assert_eq!(reprojection.reproject(&nothing).depth_m, [0.0; LANES]);
         }
     }
 }

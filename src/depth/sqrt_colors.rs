@@ -1,26 +1,26 @@
-//! A picture's colours as depth compares them: square roots of light, in which noise is about the same everywhere.
+//! Square roots of linear light, the colours in which pictures are compared: shot noise is nearly uniform in them.
 
 use crate::camera::Response;
 use crate::pixels::{Codes, Pixels, Rect};
 
-/// Only the first bits of codes are decoded: finer differences are noise here.
+/// Bits of a code that are decoded: finer differences are noise.
 const BITS: u32 = 10;
 
-pub struct Looks<'a> {
+pub struct SqrtColors<'a> {
     pixels: &'a Pixels,
     of_code: Vec<f32>,
-    /// Bits of a code that are left out.
-    over: u32,
+    /// Low bits of a code that are dropped.
+    dropped_bits: u32,
 }
 
-impl<'a> Looks<'a> {
+impl<'a> SqrtColors<'a> {
     pub fn new(pixels: &'a Pixels, response: &Response) -> Self {
-        let (bits, over) = match pixels.codes {
+        let (bits, dropped_bits) = match pixels.codes {
             Codes::U8(_) => (8, 0),
             Codes::U16(_) => (BITS, 16 - BITS),
         };
         let light = response.table((1 << bits) - 1).into_iter();
-        Self { pixels, of_code: light.map(|light| light.max(0.0).sqrt() as f32).collect(), over }
+        Self { pixels, of_code: light.map(|light| light.max(0.0).sqrt() as f32).collect(), dropped_bits }
     }
 
     /// The picture.
@@ -34,26 +34,26 @@ impl<'a> Looks<'a> {
         let codes = 3 * (y as usize * self.pixels.width as usize + x as usize)..;
         match &self.pixels.codes {
             Codes::U8(all) => {
-                let look = |code: u8| self.of_code[usize::from(code)];
+                let sqrt = |code: u8| self.of_code[usize::from(code)];
                 let codes = all[codes].as_chunks().0.iter();
-                codes.zip(out).for_each(|(&[r, g, b], looks)| *looks = [look(r), look(g), look(b)]);
+                codes.zip(out).for_each(|(&[r, g, b], out)| *out = [sqrt(r), sqrt(g), sqrt(b)]);
             }
             Codes::U16(all) => {
-                let look = |code: u16| self.of_code[usize::from(code >> self.over)];
+                let sqrt = |code: u16| self.of_code[usize::from(code >> self.dropped_bits)];
                 let codes = all[codes].as_chunks().0.iter();
-                codes.zip(out).for_each(|(&[r, g, b], looks)| *looks = [look(r), look(g), look(b)]);
+                codes.zip(out).for_each(|(&[r, g, b], out)| *out = [sqrt(r), sqrt(g), sqrt(b)]);
             }
         }
     }
 
     /// At a pixel of the picture.
     pub fn at(&self, x: u32, y: u32) -> [f32; 3] {
-        let look = |code: u32| self.of_code[(code >> self.over) as usize];
+        let sqrt = |code: u32| self.of_code[(code >> self.dropped_bits) as usize];
         let [r, g, b] = self.pixels.at(x, y);
-        [look(r), look(g), look(b)]
+        [sqrt(r), sqrt(g), sqrt(b)]
     }
 
-    /// The same by its number, row by row; `None` beyond the last.
+    /// By row-major index; `None` past the last.
     pub fn nth(&self, i: usize) -> Option<[f32; 3]> {
         match &self.pixels.codes {
             Codes::U8(all) => {
@@ -61,9 +61,9 @@ impl<'a> Looks<'a> {
                 Some([self.of_code[usize::from(*r)], self.of_code[usize::from(*g)], self.of_code[usize::from(*b)]])
             }
             Codes::U16(all) => {
-                let look = |code: u16| self.of_code[usize::from(code >> self.over)];
+                let sqrt = |code: u16| self.of_code[usize::from(code >> self.dropped_bits)];
                 let [r, g, b] = all.as_chunks::<3>().0.get(i)?;
-                Some([look(*r), look(*g), look(*b)])
+                Some([sqrt(*r), sqrt(*g), sqrt(*b)])
             }
         }
     }
@@ -79,14 +79,17 @@ mod tests {
         let eight = codes.iter().map(|code| (code >> 8) as u8).collect();
         let pictures = [Pixels::from_u8(5, 4, eight).unwrap(), Pixels::from_u16(5, 4, codes).unwrap()];
         for pixels in &pictures {
-            let looks = Looks::new(pixels, &Response::default());
+            let sqrt_colors = SqrtColors::new(pixels, &Response::default());
             for (x, y) in (0..4).flat_map(|y| (0..5).map(move |x| (x, y))) {
                 let mut row = vec![[0.0; 3]; 5 - x as usize];
-                looks.along(x, y, &mut row);
-                assert_eq!((row[0], looks.nth((y * 5 + x) as usize)), (looks.at(x, y), Some(looks.at(x, y))));
-                assert_eq!(row.last(), Some(&looks.at(4, y)));
+                sqrt_colors.along(x, y, &mut row);
+                assert_eq!(
+                    (row[0], sqrt_colors.nth((y * 5 + x) as usize)),
+                    (sqrt_colors.at(x, y), Some(sqrt_colors.at(x, y)))
+                );
+                assert_eq!(row.last(), Some(&sqrt_colors.at(4, y)));
             }
-            assert_eq!(looks.nth(20), None);
+            assert_eq!(sqrt_colors.nth(20), None);
         }
     }
 }
