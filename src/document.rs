@@ -8,7 +8,7 @@ use toml_edit::visit_mut::{VisitMut, visit_table_mut};
 use toml_edit::{ArrayOfTables, DocumentMut, Formatted, Item, Table, TableLike, Value};
 
 use crate::params::{self, Params};
-use crate::words::brief;
+use crate::text::brief;
 
 /// A problem with a text: where it is, and what was expected. Displays as one line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -5,17 +5,17 @@
 //! follow that sentence; ARCHITECTURE.md has the rest.
 
 // 0: plain values
+pub mod assets;
+pub mod cleanup;
 pub mod digest;
 pub mod document;
 pub mod frame;
-pub mod installed;
 pub mod memo;
+pub mod parallel;
 pub mod params;
 pub mod pixels;
 pub mod pose;
-pub mod rows;
-pub mod unfinished;
-pub mod words;
+pub mod text;
 
 // 1: physics without GPU or files; least-squares fits and poses
 pub mod camera;

@@ -9,7 +9,7 @@ mod declare;
 use std::collections::BTreeMap;
 use std::fmt;
 
-use crate::words::{number, quoted};
+use crate::text::{number, quoted};
 
 /// A parameter's value between text and field. Files spell out the word `none`, because some formats cannot store a
 /// missing value.

@@ -7,7 +7,7 @@ use crate::camera::{CameraExposure, Intrinsics};
 use crate::effects::point_spread::measuring;
 use crate::params::Params;
 use crate::profile::Document;
-use crate::words::count;
+use crate::text::count;
 
 /// Times are written to this part of a second, lengths to that of a pixel: finer than they are known.
 const OF_SECOND: f64 = 1e5;

@@ -29,10 +29,10 @@ use crate::recording::{Recording, Refinement};
 use crate::scene::Lighting;
 use crate::sink::SinkError;
 use crate::source::file::{self, MOST_DOCUMENT};
-use crate::tracking::text::{self, TextError};
+use crate::text::{fixed, reason};
+use crate::tracking::records::{self, TextError};
 use crate::tracking::tum::{Line, parse_lines, write_trajectory};
 use crate::tracking::{NotAscending, PoseTrack, median_interval_s};
-use crate::words::{fixed, reason};
 
 pub const FILE_NAME: &str = "analysis.toml";
 const FRAMES: &str = "frames.txt";
@@ -204,7 +204,7 @@ impl Analysis {
         let (mut lines, mut track) = (Vec::new(), None);
         if findings.registration.is_refined() || findings.registration.motion_px.is_some() {
             let path = folder.join(POSES);
-            lines = parse_lines(&text::read(&path)?, &path)?.0;
+            lines = parse_lines(&records::read(&path)?, &path)?.0;
             whole(lines.len(), findings.registration.pose_lines, "poses").map_err(|problem| content(&path, problem))?;
             track = Some(track_of(&lines).map_err(|error| content(&path, error.to_string()))?);
         }
@@ -380,10 +380,10 @@ fn whole(found: usize, written: usize, of: &str) -> Result<(), String> {
 
 fn read_gains(path: &Path, frames: usize) -> Result<Vec<[f64; 3]>, AnalysisError> {
     read_frames(path, frames, |rest| {
-        text::number(rest, "timestamp")?;
+        records::number(rest, "timestamp")?;
         let mut gain = [0.0; 3];
         for (gain, name) in gain.iter_mut().zip(["red", "green", "blue"]) {
-            *gain = text::number(rest, name)?;
+            *gain = records::number(rest, name)?;
             if *gain <= 0.0 {
                 return Err(format!("{name} is {gain}; a factor above 0 is expected"));
             }
@@ -396,7 +396,7 @@ fn read_across(path: &Path, frames: usize) -> Result<Vec<Across>, AnalysisError>
     read_frames(path, frames, |rest| {
         let mut across = Across::default();
         for node in &mut across.0 {
-            let stops = text::number(rest, "stops")?;
+            let stops = records::number(rest, "stops")?;
             if stops.abs() > MOST_EV {
                 return Err(format!("{stops} stops; from -{MOST_EV} to {MOST_EV} are expected"));
             }
@@ -412,14 +412,14 @@ fn read_frames<T>(
     frames: usize,
     of: impl Fn(&mut &str) -> Result<T, String>,
 ) -> Result<Vec<T>, AnalysisError> {
-    let whole = text::read_listing(path)?;
+    let whole = records::read_listing(path)?;
     let mut all = Vec::new();
-    for (at, record) in text::records(&whole) {
+    for (at, record) in records::records(&whole) {
         let wrong = |problem: String| TextError::line(path, at, problem);
         let mut rest = record;
-        let number = text::number(&mut rest, "frame").map_err(wrong)?;
+        let number = records::number(&mut rest, "frame").map_err(wrong)?;
         let one = of(&mut rest).map_err(wrong)?;
-        text::end(rest).map_err(wrong)?;
+        records::end(rest).map_err(wrong)?;
         if number != all.len() as f64 {
             return Err(wrong(format!("frame {number} stands where {} is expected", all.len())).into());
         }
@@ -433,16 +433,16 @@ fn read_frames<T>(
 }
 
 fn read_links(path: &Path, frames: usize) -> Result<Vec<Missed>, AnalysisError> {
-    let whole = text::read_listing(path)?;
+    let whole = records::read_listing(path)?;
     let mut links = Vec::new();
-    for (at, record) in text::records(&whole) {
+    for (at, record) in records::records(&whole) {
         let wrong = |problem: String| TextError::line(path, at, problem);
         let mut rest = record;
         let mut numbers = [0.0; 4];
         for (number, name) in numbers.iter_mut().zip(["from", "to", "recorded", "refined"]) {
-            *number = text::number(&mut rest, name).map_err(wrong)?;
+            *number = records::number(&mut rest, name).map_err(wrong)?;
         }
-        text::end(rest).map_err(wrong)?;
+        records::end(rest).map_err(wrong)?;
         let [from, to, recorded_px, refined_px] = numbers;
         let is_frame = |n: f64| n >= 0.0 && n.fract() == 0.0 && n < frames as f64;
         if !(is_frame(from) && is_frame(to) && recorded_px >= 0.0 && refined_px >= 0.0) {

@@ -18,7 +18,7 @@ pub fn rays(geometry: &Geometry) -> Vec<[f32; 3]> {
     let i = &geometry.intrinsics;
     let (width, height) = (i.width_px as usize, i.height_px as usize);
     let mut rays = vec![[f32::NAN; 3]; width * height];
-    crate::rows::over_rows(&mut rays, width, crate::rows::processors(), |y, row| {
+    crate::parallel::over_rows(&mut rays, width, crate::parallel::processors(), |y, row| {
         for (x, ray) in row.iter_mut().enumerate() {
             if let Some(found) = geometry.depth_ray(DVec2::new(x as f64 + 0.5, y as f64 + 0.5)) {
                 *ray = found.as_vec3().to_array();

@@ -13,7 +13,7 @@ use super::pyramid::{Plane, gaussian};
 use super::state::{State, moved, seen};
 use crate::fit::twist;
 use crate::frame::Frame;
-use crate::rows::over_rows;
+use crate::parallel::over_rows;
 
 /// Offsets that are tried, seconds.
 const STEP_S: f64 = 0.005;

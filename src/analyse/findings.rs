@@ -16,7 +16,7 @@ use super::surfel_file::SurfelMap;
 use super::tone::Band;
 use crate::camera::Geometry;
 use crate::fit::twist::{self, Twist};
-use crate::words::fixed;
+use crate::text::fixed;
 
 /// The poses were replaced.
 const REFINED: &str = "refined";

@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 use super::inputs::hex;
 use super::light::{FoundLamp, HEIGHT, RoomLight, WIDTH};
 use crate::scene::{self, EnvironmentMap, Lighting, PointLight, upright};
-use crate::words::fixed;
+use crate::text::fixed;
 
 /// `[light]`. Linear light, red, green and blue: 1 is white matt that shows as the camera's white.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -210,7 +210,7 @@ impl Environment {
     pub fn read(file: &Path, fingerprint: &str) -> Result<Self, String> {
         /// Larger is none of ours, bytes.
         const MOST: u64 = 1 << 22;
-        let hdr = crate::source::file::read(file, MOST).map_err(|error| crate::words::reason(&error))?;
+        let hdr = crate::source::file::read(file, MOST).map_err(|error| crate::text::reason(&error))?;
         let (width, height, rgb) = scene::panorama_of(&hdr)?;
         let read = Self { width, height, rgb: Arc::new(rgb), hdr: hdr.into() };
         if fingerprint != read.fingerprint() {

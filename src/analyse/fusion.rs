@@ -11,7 +11,7 @@ use super::light::{CoarseDepth, Known, Voxel, Voxels};
 use super::registered::RegistrationError;
 use super::times::{self, Times};
 use crate::frame::Surfel;
-use crate::rows::over_rows;
+use crate::parallel::over_rows;
 
 /// Frames that must have seen a voxel.
 const MIN_FRAMES: u32 = 2;

@@ -34,9 +34,9 @@ use super::tone::{self, Toned};
 use super::view::scattered;
 use crate::camera::{NoiseProfile, Response};
 use crate::frame::Frame;
+use crate::parallel::over_rows;
 use crate::recording::Landmark;
-use crate::rows::over_rows;
-use crate::words::count;
+use crate::text::count;
 
 /// Distances between compared frames.
 pub const GAPS: [usize; 6] = [1, 2, 5, 10, 20, 40];

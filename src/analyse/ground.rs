@@ -14,7 +14,7 @@ use super::artefact::{AnalysisError, STANDING};
 use crate::document::Document;
 use crate::scene::{Facet, Support};
 use crate::sink::atomic::write_atomically;
-use crate::words::{count, fixed, shown};
+use crate::text::{count, fixed, shown};
 
 /// A smaller height over a plane is none, metres.
 const NONE_M: f64 = 5e-5;

@@ -12,9 +12,9 @@ use super::reading::frames;
 use super::state::State;
 use super::view::View;
 use crate::camera::NoiseProfile;
+use crate::parallel::over_rows;
 use crate::pixels::Pixels;
 use crate::recording::{Recording, RecordingError};
-use crate::rows::over_rows;
 
 /// Frames that are made ready together, per thread.
 const BATCH: usize = 4;

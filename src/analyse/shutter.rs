@@ -27,7 +27,7 @@ use super::state::State;
 use crate::camera::{NoiseProfile, Response};
 use crate::fit::twist::Twist;
 use crate::frame::Frame;
-use crate::rows::over_rows;
+use crate::parallel::over_rows;
 
 /// Frames are looked at one in so many, but at least and at most so many.
 const EVERY: usize = 8;

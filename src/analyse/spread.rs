@@ -20,8 +20,8 @@ use crate::camera::Response;
 use crate::fit::twist;
 use crate::frame::Frame;
 use crate::measure::spread::{Sample, Step, fit};
+use crate::parallel::over_rows;
 use crate::pixels::Pixels;
-use crate::rows::over_rows;
 
 /// Green.
 const CHANNEL: usize = 1;

@@ -13,7 +13,7 @@ use super::dependencies::Dependencies;
 use super::findings::{Findings, Registered, Shuttered};
 use super::found_light::FoundLight;
 use crate::recording::Recording;
-use crate::words::number;
+use crate::text::number;
 
 /// Estimates that were found with something else than what holds now, and why.
 #[derive(Clone, Debug, PartialEq)]

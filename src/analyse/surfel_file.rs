@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use super::inputs::hex;
 use crate::frame::Surfel;
 use crate::source::file;
-use crate::words::reason;
+use crate::text::reason;
 
 /// Larger files are refused, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 24;

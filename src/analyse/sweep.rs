@@ -18,8 +18,8 @@ use super::robust::median;
 use super::state::State;
 use crate::camera::Geometry;
 use crate::frame::Frame;
+use crate::parallel::over_rows;
 use crate::recording::{Frames, Recording, RecordingError};
-use crate::rows::over_rows;
 
 /// Pictures are halved until they are not wider than this, px.
 const WIDEST: usize = 200;

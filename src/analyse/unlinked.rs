@@ -7,7 +7,7 @@ use super::state::State;
 use crate::camera::Geometry;
 use crate::pixels::{DepthMap, Pixels};
 use crate::recording::{Recording, RecordingError};
-use crate::words::{fixed, number};
+use crate::text::{fixed, number};
 
 /// Every so many pixels are looked at, each way.
 const EVERY: u32 = 4;

@@ -4,11 +4,11 @@ use std::io::{ErrorKind, Write};
 use std::path::Path;
 
 use super::artefact::{Analysis, AnalysisError, FILE_NAME, FILES, STANDING};
+use crate::cleanup::MadeFolder;
 use crate::recording::Recording;
 use crate::sink::atomic::write_atomically;
 use crate::sink::check_file;
-use crate::unfinished::MadeFolder;
-use crate::words::{reason, shown};
+use crate::text::{reason, shown};
 
 /// Refuses a file, and a folder that holds something that no analysis has; what an interrupted one left is none.
 pub fn check_folder(folder: &Path) -> Result<(), AnalysisError> {

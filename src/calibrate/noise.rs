@@ -16,7 +16,7 @@ use super::warning::Warning;
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::pixels::Pixels;
 use crate::source::SourceError;
-use crate::words::count;
+use crate::text::count;
 use std::path::PathBuf;
 
 /// How to calibrate.

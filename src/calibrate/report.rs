@@ -2,7 +2,7 @@
 
 use super::bins::BinReport;
 use super::noise::{NoiseCalibration, SceneMotion};
-use crate::words::count;
+use crate::text::count;
 use std::fmt;
 
 fn cell(bin: &BinReport) -> String {

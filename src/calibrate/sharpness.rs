@@ -10,7 +10,7 @@ use crate::measure::Grey;
 use crate::measure::across::across;
 use crate::measure::slanted::{EdgeError, SlantedEdge, slanted_edge};
 use crate::pixels::{Pixels, Rect};
-use crate::words::fixed;
+use crate::text::fixed;
 
 /// The table and parameter that the width is for.
 pub const PARAMETER: (&str, &str) = ("point_spread", "sigma_px");

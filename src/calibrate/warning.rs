@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::words::count;
+use crate::text::count;
 
 /// Something odd about what was measured. Displays as a line for a person.
 #[derive(Clone, Debug, PartialEq)]

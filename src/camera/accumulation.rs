@@ -10,7 +10,7 @@
 //! ε. When the frames are drawn is decided elsewhere: effects/motion_blur.rs puts their mean time at the middle of the
 //! exposure.
 
-use crate::words::number;
+use crate::text::number;
 
 /// ε of vSLRcam (14): the weight of the oldest frame.
 pub const LEAST_WEIGHT: f64 = 1.0 / 50.0;

@@ -2,7 +2,7 @@
 
 use super::Geometry;
 use super::thin_lens::{ThinLens, ThinLensError};
-use crate::words::number;
+use crate::text::number;
 
 crate::params! {
     /// The lens, as far as it is known. Without an opening the camera is a pinhole.

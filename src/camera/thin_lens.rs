@@ -13,7 +13,7 @@
 //! single one), diffraction, aberrations, and that f-numbers of real lenses are nominal.
 
 use super::Intrinsics;
-use crate::words::number;
+use crate::text::number;
 
 /// A lens with an opening and a focus. Distances are measured from the lens along its axis, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]

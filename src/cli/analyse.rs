@@ -21,7 +21,7 @@ use locard_engine::shot::{Analysed, Given, Note, Shot};
 use locard_engine::sink;
 use locard_engine::sink::atomic::write_atomically;
 use locard_engine::source::file;
-use locard_engine::words::{count, fixed, number};
+use locard_engine::text::{count, fixed, number};
 
 /// A page is shorter, bytes.
 const MOST_PAGE: u64 = 64 << 20;

@@ -19,7 +19,7 @@ use locard_engine::calibrate::{
 };
 use locard_engine::export::Inputs;
 use locard_engine::sink::atomic::write_atomically;
-use locard_engine::words::count;
+use locard_engine::text::count;
 
 #[derive(clap::Args)]
 pub struct Args {

@@ -3,9 +3,9 @@
 use anyhow::Result;
 
 use locard_engine::shot::{Shot, ShotError};
+use locard_engine::text::{count, fixed, shown};
 use locard_engine::tracking::delay::{Motion, REACH_S, estimate};
 use locard_engine::tracking::turn::Reduced;
-use locard_engine::words::{count, fixed, shown};
 
 /// Frames further apart, in usual intervals, are not compared.
 const MOST_INTERVALS: f64 = 2.5;

@@ -16,7 +16,7 @@ use locard_engine::gpu::Gpu;
 use locard_engine::recording::{OpenOptions, Recording};
 use locard_engine::shot::{Given, Note, Shot};
 use locard_engine::sink::{self, OutPath};
-use locard_engine::words::count;
+use locard_engine::text::count;
 
 #[derive(clap::Args)]
 pub struct Args {

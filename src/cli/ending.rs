@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::Context;
 
 use super::{FAILED, say};
-use locard_engine::unfinished::undo_all;
+use locard_engine::cleanup::undo_all;
 
 /// Whether the first request to end is left to the command, and whether it has come.
 static GENTLY: AtomicBool = AtomicBool::new(false);

@@ -23,7 +23,7 @@ use locard_engine::recording::{OpenOptions, Recording, Registration, Repeats};
 use locard_engine::shot::{AnalysisState, Given, Shot, ShotError};
 use locard_engine::source::file::{self, MOST_DOCUMENT};
 use locard_engine::stream::Protocol;
-use locard_engine::words::{count, fixed, reason, short, shown, shown_unit};
+use locard_engine::text::{count, fixed, reason, short, shown, shown_unit};
 
 #[derive(clap::Args)]
 pub struct Args {

@@ -9,7 +9,7 @@ use glam::DVec3;
 use super::pick::triple;
 use super::tell;
 use locard_engine::stream::{Clock, LensState, Poses, Report, Tracked};
-use locard_engine::words::{count, fixed, shown};
+use locard_engine::text::{count, fixed, shown};
 
 /// How long the first datagram is waited for, seconds.
 const PATIENCE_S: f64 = 10.0;

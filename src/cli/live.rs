@@ -10,6 +10,7 @@ use super::record::folder_for;
 use super::watching::{Agreed, CameraArgs, Watching};
 use super::which::Which;
 use super::{is_closed_stdout, say, warn};
+use locard_engine::cleanup::MadeFolder;
 use locard_engine::compositor::Composited;
 use locard_engine::gpu::Gpu;
 use locard_engine::live::{Came, Live, Next, Tracking, Writer};
@@ -17,9 +18,8 @@ use locard_engine::recording::recorder::{Recorder, discard};
 use locard_engine::shot::{Given, Shot, ShotError};
 use locard_engine::sink::{self, OutPath, Sink, SinkError, SinkOptions};
 use locard_engine::source::presentation::Presentation;
-use locard_engine::unfinished::MadeFolder;
+use locard_engine::text::{count, fixed};
 use locard_engine::webcam::monotonic_s;
-use locard_engine::words::{count, fixed};
 
 #[derive(clap::Args)]
 pub struct Args {

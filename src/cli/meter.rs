@@ -10,7 +10,7 @@ use locard_engine::camera::exposure::{ExposureSettings, scene_ev};
 use locard_engine::camera::metering::{Limits, Metered, Mode, iso_for, meter};
 use locard_engine::camera::stops;
 use locard_engine::shot::{Known, SceneLight, USUAL_ISO};
-use locard_engine::words::short;
+use locard_engine::text::short;
 
 /// From this share of clipped pixels on, the picture's mean says too little.
 const CLIPPED: f64 = 0.01;

@@ -38,10 +38,10 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use locard_engine::cleanup::undo_all;
 use locard_engine::export::ExportError;
 use locard_engine::sink::SinkError;
-use locard_engine::unfinished::undo_all;
-use locard_engine::words::{reason, shown};
+use locard_engine::text::{reason, shown};
 
 #[cfg(not(feature = "window"))]
 const WITHOUT_WINDOW: &str = "this program was built without its window: `cargo build --release` builds it with one";
@@ -220,7 +220,7 @@ fn check_frame(frame: usize, count: usize) -> anyhow::Result<()> {
         Some(last) if frame > last => {
             anyhow::bail!(
                 "--frame {frame}: the recording has {}, numbered 0 to {last}",
-                locard_engine::words::count(count, "frame")
+                locard_engine::text::count(count, "frame")
             )
         }
         None => anyhow::bail!("--frame {frame}: the recording has no frames"),

@@ -8,7 +8,7 @@ use serde_json::json;
 use locard_engine::compositor::{ON, Settings};
 use locard_engine::params::{Params, Value};
 use locard_engine::profile::Rig;
-use locard_engine::words::shown_unit;
+use locard_engine::text::shown_unit;
 
 #[derive(clap::Args)]
 pub struct Args {

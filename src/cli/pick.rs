@@ -11,7 +11,7 @@ use locard_engine::scene::Support;
 use locard_engine::shot::{
     FittedPlane, Shot, Surface, SurfaceError, Triangulated, View, metres_per_unit, plane_through,
 };
-use locard_engine::words::{fixed, number};
+use locard_engine::text::{fixed, number};
 
 /// A place in a frame's picture, and where other frames show the same point.
 #[derive(Clone, Debug, PartialEq)]

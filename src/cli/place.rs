@@ -16,7 +16,7 @@ use locard_engine::scene::document::Up;
 use locard_engine::scene::{self, Document, Heading, LEVEL, Posture, SceneFile};
 use locard_engine::shot::{Given, Shot};
 use locard_engine::sink::{self, atomic::write_atomically};
-use locard_engine::words::{fixed, number, shown};
+use locard_engine::text::{fixed, number, shown};
 
 #[derive(clap::Args)]
 pub struct Args {

@@ -7,12 +7,12 @@ use anyhow::{Context, Result, bail};
 
 use super::warn;
 use super::watching::{Agreed, CameraArgs};
+use locard_engine::cleanup::MadeFolder;
 use locard_engine::live::{Came, Intake, Next, Writer};
 use locard_engine::profile::Rig;
 use locard_engine::recording::recorder::{Recorder, discard};
-use locard_engine::unfinished::MadeFolder;
+use locard_engine::text::count;
 use locard_engine::webcam::monotonic_s;
-use locard_engine::words::count;
 
 #[derive(clap::Args)]
 pub struct Args {

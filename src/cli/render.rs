@@ -14,7 +14,7 @@ use locard_engine::pose::Pose;
 use locard_engine::render::{Projection, Renderer, Still, limits, take_still};
 use locard_engine::scene::{Environment, Scene};
 use locard_engine::sink::picture;
-use locard_engine::words::short;
+use locard_engine::text::short;
 
 #[derive(clap::Args)]
 pub struct Args {

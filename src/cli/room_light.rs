@@ -19,7 +19,7 @@ use locard_engine::scene::{self, Document, SceneFile};
 use locard_engine::shot::{Analysed, AnalysisState, Given, ReferencePick, Shot};
 use locard_engine::sink;
 use locard_engine::sink::atomic::write_atomically;
-use locard_engine::words::shown;
+use locard_engine::text::shown;
 
 #[derive(clap::Args)]
 pub struct Args {

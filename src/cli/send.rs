@@ -12,7 +12,7 @@ use locard_engine::pose::Pose;
 use locard_engine::recording::OpenOptions;
 use locard_engine::shot::{Given, Shot};
 use locard_engine::stream::{LensState, Protocol, Sender};
-use locard_engine::words::{count, fixed};
+use locard_engine::text::{count, fixed};
 
 #[derive(clap::Args)]
 pub struct Args {

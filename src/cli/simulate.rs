@@ -11,7 +11,7 @@ use super::{progress, tell};
 use locard_engine::params::{Params, Value};
 use locard_engine::scene;
 use locard_engine::simulate::{self, Flaws, Options, Simulation};
-use locard_engine::words::{count, shown_unit};
+use locard_engine::text::{count, shown_unit};
 
 #[derive(clap::Args)]
 pub struct Args {

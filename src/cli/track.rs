@@ -13,7 +13,7 @@ use locard_engine::profile::Rig;
 use locard_engine::source::file::{self, MOST_DOCUMENT};
 use locard_engine::source::video::{Overrides, probe};
 use locard_engine::tags::{Board, Paper, Parts, Sheet, check, record, track};
-use locard_engine::words::{count, reason};
+use locard_engine::text::{count, reason};
 
 #[derive(clap::Args)]
 pub struct Args {

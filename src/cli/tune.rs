@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Result, anyhow};
 
-use locard_engine::installed;
+use locard_engine::assets;
 use locard_engine::recording::OpenOptions;
 use locard_engine::shot::Given;
 use locard_window::{self, DEMO, DEMO_SCENE, First, Measure, Project};
@@ -32,12 +32,12 @@ pub fn run(args: Args) -> Result<()> {
     let started = Instant::now();
     let Args { recording, mut scene, profile, metres_per_unit, measure } = args;
     let is_demo = recording.is_none();
-    let demo = installed::find(DEMO);
+    let demo = assets::find(DEMO);
     if is_demo && !measure && demo.is_none() {
         return opened(locard_window::open(First { start: true, ..First::default() }));
     }
     if is_demo {
-        scene = scene.or_else(|| Some(installed::path(DEMO_SCENE)));
+        scene = scene.or_else(|| Some(assets::path(DEMO_SCENE)));
     }
     let recording = recording.or(demo).unwrap_or_else(|| DEMO.into());
     let new_profile = profile.clone().filter(|path| !path.exists());

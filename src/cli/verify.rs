@@ -13,8 +13,8 @@ use locard_engine::gpu::Gpu;
 use locard_engine::recording::OpenOptions;
 use locard_engine::report::{self, Slid};
 use locard_engine::shot::{Analysed, AnalysisState, Given, Shot};
+use locard_engine::text::{count, fixed};
 use locard_engine::verify::{Brightness, Displaced, Plan, Verified, real_px, verify};
-use locard_engine::words::{count, fixed};
 
 #[derive(clap::Args)]
 pub struct Args {

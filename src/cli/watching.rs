@@ -10,8 +10,8 @@ use locard_engine::camera::Camera;
 use locard_engine::live::{self, Added, Asked, LiveError, LiveFrom, Next, Opened, Watched};
 use locard_engine::recording::recorder::About;
 use locard_engine::source::video::{ColorMatrix, ColorRange};
+use locard_engine::text::{count, fixed};
 use locard_engine::webcam::{DriverName, Layout};
-use locard_engine::words::{count, fixed};
 
 #[derive(clap::Args)]
 pub struct CameraArgs {

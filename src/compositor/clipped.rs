@@ -29,10 +29,10 @@ use crate::camera::{Geometry, Response};
 use crate::depth::Rays;
 use crate::frame::SeenBrightness;
 use crate::gpu::{Entry, Recorder, Shader, half_texels};
+use crate::parallel::{over_rows, processors};
 use crate::pixels::{Codes, Pixels, Rect};
 use crate::pose::Pose;
 use crate::render::COLOR;
-use crate::rows::{over_rows, processors};
 use crate::shadow::{LazyRadiance, Sampler};
 
 use super::shade::Shaded;

@@ -21,10 +21,10 @@ use super::settings::Shade;
 use crate::camera::Geometry;
 use crate::depth::SENSOR_ERROR;
 use crate::gpu::{Entry, Gpu, Recorder, Shader, Texture, half_texels};
+use crate::parallel::{over_rows, processors};
 use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::render::{COLOR, Shutter, ViewKeys};
-use crate::rows::{over_rows, processors};
 use crate::shadow::{Part, ShadowMap, ShadowTexture, TOLERANCE_M};
 
 /// Moments of an exposure; the same as in shaders/shade.wgsl.

@@ -13,9 +13,9 @@ use glam::DVec3;
 
 use super::discontinuity::JUMP;
 use super::{Rays, SENSOR_ERROR};
+use crate::parallel::{over_rows, processors};
 use crate::pixels::Rect;
 use crate::pose::Pose;
-use crate::rows::{over_rows, processors};
 
 /// What lies this near to a plane is the plane, metres, or three times the sensor's error if that is more.
 const WITHIN_M: f32 = 0.015;

@@ -8,7 +8,7 @@
 
 use super::nearest_edge::edges;
 use super::pad::pad;
-use crate::rows::{over_rows, processors};
+use crate::parallel::{over_rows, processors};
 
 /// Places around a pixel at which surfaces are looked at, and how far they lie, in ranges of doubt.
 const PLACES: usize = 96;

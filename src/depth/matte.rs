@@ -20,8 +20,8 @@ use glam::{Vec3, Vec4};
 
 use super::nearest_edge::{Edge, MOST_PX, edges, is_near};
 use super::smear::Smear;
+use crate::parallel::{over_rows, processors};
 use crate::pixels::{Rect, floor_of_small};
-use crate::rows::{over_rows, processors};
 
 /// How far an edge that was moved to the picture's is still off, σ in px.
 const MISPLACED_PX: f32 = 1.5;

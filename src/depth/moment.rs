@@ -11,9 +11,9 @@ use glam::DVec2;
 
 use super::reprojection::{LANES, Points, Reprojection};
 use crate::camera::{Geometry, Intrinsics};
+use crate::parallel::{over_rows, processors};
 use crate::pixels::{DepthMap, Rect, floor};
 use crate::pose::Pose;
-use crate::rows::{over_rows, processors};
 use crate::tracking::PoseTrack;
 
 /// How far outside a part of the picture points are looked at that may move into it, px.

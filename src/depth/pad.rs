@@ -1,7 +1,7 @@
 //! A quantity of a map's pixels within a rim, so that what is asked about a pixel's surroundings needs no question about the map's
 //! own rim.
 
-use crate::rows::{over_rows, processors};
+use crate::parallel::{over_rows, processors};
 
 /// Of `count` pixels in rows of `width`: `of` each, with `rim` zeros above and below, and on the left; on the right as many as make
 /// rows `wide`.

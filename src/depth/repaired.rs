@@ -16,9 +16,9 @@ use super::sqrt_colors::SqrtColors;
 use super::{Rays, inpaint, smooth, vote};
 use crate::camera::Response;
 use crate::frame::{Beside, Surfel};
+use crate::parallel::{over_rows, processors};
 use crate::pixels::{DepthMap, Pixels, Rect};
 use crate::pose::Pose;
-use crate::rows::{over_rows, processors};
 
 /// How far around the objects the map is read, as a share of the picture's width. Also the step by which that region
 /// grows, so that an object that moves from frame to frame reads the same region.

@@ -1,8 +1,8 @@
 //! Pixels to be filled with depth from other frames or surfels, and the colour test for accepting
 //! it.
 
+use crate::parallel::{over_rows, processors};
 use crate::pixels::Rect;
-use crate::rows::{over_rows, processors};
 
 /// Side of the blocks in which requested pixels are registered, px.
 const BLOCK_PX: usize = 8;

@@ -7,7 +7,7 @@
 
 use super::nearest_edge::{Edge, edges};
 use super::pad::pad;
-use crate::rows::{over_rows, processors};
+use crate::parallel::{over_rows, processors};
 
 /// Pixels around that decide: so many to each side, with this σ, px.
 const AROUND: usize = 5;

@@ -16,8 +16,8 @@ use glam::{DVec2, DVec3, Vec2, Vec3, Vec4};
 use super::requested::{RequestedPixels, gain};
 use super::vote::TargetView;
 use crate::frame::{SURFEL_SPACING_M, Surfel};
+use crate::parallel::{over_rows, processors};
 use crate::pixels::{Rect, floor};
-use crate::rows::{over_rows, processors};
 
 /// Radius of a disc, m: half of a voxel's diagonal.
 const RADIUS_M: f32 = 0.87 * SURFEL_SPACING_M as f32;

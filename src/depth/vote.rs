@@ -19,9 +19,9 @@ use super::moment::BEYOND_PX;
 use super::reprojection::{LANES, Over, Points, Reprojection, Tile};
 use super::requested::{NOT_REQUESTED, RequestedPixels, gain};
 use super::sqrt_colors::SqrtColors;
+use crate::parallel::{over_rows, processors};
 use crate::pixels::{DepthMap, Rect};
 use crate::pose::Pose;
-use crate::rows::{over_rows, processors};
 
 /// Within this share of the picture's width of an edge or a hole a map is doubtful: as far as it may be off.
 const DOUBTFUL: f64 = super::edges::MOST_OFF;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::shot::ShotError;
 use crate::sink::SinkError;
-use crate::words::reason;
+use crate::text::reason;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {

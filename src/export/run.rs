@@ -7,11 +7,11 @@ use std::sync::mpsc;
 use super::Export;
 use super::error::ExportError;
 use crate::analyse;
+use crate::cleanup::MadeFolder;
 use crate::compositor::{Composited, Compositor, FrameStats, IN_FLIGHT};
 use crate::shot::{AnalysisState, Composites, Note, Shot, Tally};
 use crate::sink::atomic::write_atomically;
 use crate::sink::{self, Sink, SinkError, SinkOptions, exr, is_stdout};
-use crate::unfinished::MadeFolder;
 
 /// What was done. It is as small for a long recording as for a short one.
 #[derive(Clone, Debug, Default, PartialEq)]

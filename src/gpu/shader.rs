@@ -5,7 +5,7 @@
 
 use std::borrow::Cow;
 
-use crate::installed;
+use crate::assets;
 
 /// Lists the files below shaders/.
 macro_rules! shaders {
@@ -83,7 +83,7 @@ impl Shader {
     /// The file's text, without its imports.
     pub fn text(self) -> Cow<'static, str> {
         if cfg!(development) {
-            let file = installed::source_folder().join("shaders").join(self.name()).with_extension("wgsl");
+            let file = assets::source_folder().join("shaders").join(self.name()).with_extension("wgsl");
             // Missing if the program runs outside the folder where it was built.
             if let Ok(text) = std::fs::read_to_string(file) {
                 return text.into();

@@ -14,9 +14,9 @@ use crate::camera::Camera;
 use crate::pixels::Pixels;
 use crate::pose::Pose;
 use crate::stream::LensState;
+use crate::text::{count, fixed};
 use crate::tracking::delay::{Delay, NoDelay};
 use crate::tracking::turn::Reduced;
-use crate::words::{count, fixed};
 
 /// What is added to the time of each pose.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]

@@ -8,7 +8,7 @@ use crate::frame::FrameLens;
 use crate::profile::Rig;
 use crate::recording::{FrameCamera, can_say};
 use crate::stream::LensState;
-use crate::words::fixed;
+use crate::text::fixed;
 
 /// What is kept, whatever the times say: a tracker of 1 kHz for four seconds.
 const MOST: usize = 4096;

@@ -12,8 +12,8 @@ use super::error::LiveError;
 use super::source::PoseSource;
 use crate::pose::Pose;
 use crate::stream::{LensState, Poses, Protocol, Report};
+use crate::text::fixed;
 use crate::webcam::monotonic_s;
-use crate::words::fixed;
 
 /// Poses that are kept while a lens is waited for.
 const EARLY: usize = 256;

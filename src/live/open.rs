@@ -19,8 +19,8 @@ use crate::profile::Rig;
 use crate::recording::recorder::About;
 use crate::recording::{FrameCamera, Recording};
 use crate::stream::Protocol;
+use crate::text::{fixed, shown};
 use crate::webcam::{self, Wanted};
-use crate::words::{fixed, shown};
 
 /// The camera that a profile describes. `poses` are those that are wanted: tags need a whole camera, if the profile has any.
 pub fn profiled(path: &Path, poses: &str) -> Result<Camera, LiveError> {

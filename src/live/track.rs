@@ -12,9 +12,9 @@ use std::collections::VecDeque;
 use super::motion::{LOOKS_BACK_S, Motion};
 use super::presence::{FADE_S, WHOLE_S};
 use crate::pose::Pose;
+use crate::text::{fixed, short};
 use crate::tracking::PoseTrack;
 use crate::tracking::tum::Line;
-use crate::words::{fixed, short};
 
 /// A pose this near a frame counts as its own: [`PoseTrack`] allows for rounding by a microsecond.
 const NEAR_S: f64 = 2e-6;

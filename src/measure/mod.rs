@@ -17,7 +17,7 @@ use crate::pixels::Pixels;
 pub enum MeasureError {
     #[error("the pictures are {a} and {b}; both must have one size")]
     Sizes { a: String, b: String },
-    #[error("{what} has {} where {expected} are expected", crate::words::count(*found, "value"))]
+    #[error("{what} has {} where {expected} are expected", crate::text::count(*found, "value"))]
     Length { what: &'static str, found: usize, expected: usize },
     #[error("one picture has 8, the other 16 bits a channel; give both with one depth")]
     Depths,

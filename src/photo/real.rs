@@ -4,8 +4,8 @@
 use std::ops::Range;
 
 use crate::camera::{Framed, Response, correlations, variance_left};
+use crate::parallel::{over_rows, processors};
 use crate::pixels::{Codes, Pixels};
-use crate::rows::{over_rows, processors};
 
 /// Real pixels at the photograph's size, 16 bits.
 #[derive(Clone, Debug)]

@@ -20,7 +20,7 @@ use crate::frame::Frame;
 use crate::pixels::Rect;
 use crate::shot::{Shot, USUAL_ISO};
 use crate::sink::photograph::Notes;
-use crate::words::short;
+use crate::text::short;
 
 /// Timestamps from this value on (2001-09-09) are seconds since 1970.
 const EPOCH_S: f64 = 1e9;

@@ -23,7 +23,7 @@ use crate::document::{self as text, Problem};
 use crate::frame::FrameLens;
 use crate::params::{ParamError, Params, Value};
 use crate::source::file::{self, MOST_DOCUMENT};
-use crate::words::{quoted, reason};
+use crate::text::{quoted, reason};
 
 /// A camera as tables of parameters, before it is put together.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -2,7 +2,7 @@
 
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::document::numbers as numbers_of;
-use crate::words::{count, number, quoted};
+use crate::text::{count, number, quoted};
 use toml::{Table, Value};
 
 const SIGMAS: [&str; 3] = ["sigma_r", "sigma_g", "sigma_b"];

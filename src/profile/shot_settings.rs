@@ -10,7 +10,7 @@ use super::{ProfileError, Rig, noise};
 use crate::camera::NoiseProfile;
 use crate::compositor::{ON, Settings};
 use crate::params::{Kind, Params, Value};
-use crate::words::quoted;
+use crate::text::quoted;
 
 const NOISE: &str = "camera.noise";
 /// Table and key whose value [`NONE`] removes the camera's noise.

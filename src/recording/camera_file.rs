@@ -11,9 +11,9 @@ use crate::camera::{Distortion, Geometry, Intrinsics};
 use crate::document;
 use crate::params::{Params, Value};
 use crate::pose::Pose;
-use crate::tracking::text;
+use crate::text::quoted;
+use crate::tracking::records;
 use crate::tracking::tum::unit_quaternion;
-use crate::words::quoted;
 
 /// Where a thing stands in other axes.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
@@ -43,7 +43,7 @@ const WHOLE: [&str; 6] = ["width_px", "height_px", "fx_px", "fy_px", "cx_px", "c
 /// The geometry in a file's table `[camera]`, with `[camera.distortion]` if it has one. Its other tables are a profile's,
 /// and are not looked at.
 pub fn read(file: &Path) -> Result<Geometry, RecordingError> {
-    parse(&text::read_description(file)?).map_err(|problem| RecordingError::content(file, problem))
+    parse(&records::read_description(file)?).map_err(|problem| RecordingError::content(file, problem))
 }
 
 fn parse(text: &str) -> Result<Geometry, String> {

@@ -6,8 +6,8 @@ use crate::camera::exposure::LONGEST_S;
 use crate::camera::{CameraExposure, Geometry, Lens, LensModel};
 use crate::frame::FrameLens;
 use crate::params::{Params, Value};
-use crate::tracking::text::{self, TextError};
-use crate::words::number;
+use crate::text::number;
+use crate::tracking::records::{self, TextError};
 
 use super::frame_camera::FrameCamera;
 use super::parts::geometry_from;
@@ -55,14 +55,14 @@ pub fn parse_cameras(text: &str, list: &Path) -> Result<Vec<(f64, FrameCamera)>,
                 rest = after;
                 Ok(None)
             }
-            _ => text::number(&mut rest, name).map(Some),
+            _ => records::number(&mut rest, name).map(Some),
         };
         let of_geometry: Vec<Option<f64>> = GEOMETRY.iter().map(|name| value(name)).collect::<Result<_, _>>()?;
         let mut of_lens = [None; 4];
         for (found, name) in of_lens.iter_mut().zip(LENS) {
             *found = value(name)?;
         }
-        text::end(rest)?;
+        records::end(rest)?;
         let known: Vec<(&str, f64)> =
             GEOMETRY.into_iter().zip(&of_geometry).filter_map(|(name, value)| Some((name, (*value)?))).collect();
         let geometry = match known.len() {

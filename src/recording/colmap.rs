@@ -15,9 +15,9 @@ use super::{Landmark, OpenOptions, RecordingError, listing};
 use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
 use crate::source::unsupported;
-use crate::tracking::text::{self, TextError};
+use crate::text::quoted;
+use crate::tracking::records::{self, TextError};
 use crate::tracking::tum::{PoseNotes, unit_quaternion};
-use crate::words::quoted;
 
 const MODELS: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV (with k4 = k5 = k6 = 0), \
                       SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE";
@@ -60,9 +60,9 @@ struct Image {
 fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let path = if path.is_dir() { path } else { model };
     let cameras_file = model.join(CAMERAS);
-    let cameras = parse_cameras(&text::read(&cameras_file)?, &cameras_file)?;
+    let cameras = parse_cameras(&records::read(&cameras_file)?, &cameras_file)?;
     let images_file = model.join(IMAGES);
-    let (images, odd) = parse_images(&text::read(&images_file)?, &images_file, options.metres_per_unit)?;
+    let (images, odd) = parse_images(&records::read(&images_file)?, &images_file, options.metres_per_unit)?;
     let folder = image_folder(model, path, &images)?;
     let registered: BTreeMap<&str, &Image> = images.iter().map(|image| (image.name.as_str(), image)).collect();
     let (names, unread) = frame_names(&folder, &registered)?;
@@ -101,7 +101,7 @@ fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, Recor
 
 fn parse_cameras(text: &str, file: &Path) -> Result<BTreeMap<u32, Geometry>, TextError> {
     let mut cameras = BTreeMap::new();
-    for (line, record) in text::records(text) {
+    for (line, record) in records::records(text) {
         let (id, geometry) = parse_camera(record).map_err(|problem| TextError::line(file, line, problem))?;
         if cameras.insert(id, geometry).is_some() {
             return Err(TextError::line(file, line, format!("camera {id} stands twice")));
@@ -112,15 +112,15 @@ fn parse_cameras(text: &str, file: &Path) -> Result<BTreeMap<u32, Geometry>, Tex
 
 fn parse_camera(mut record: &str) -> Result<(u32, Geometry), String> {
     let id = whole(&mut record, "CAMERA_ID")?;
-    let model = text::word(&mut record);
-    let width = text::number(&mut record, "WIDTH")?;
-    let height = text::number(&mut record, "HEIGHT")?;
+    let model = records::word(&mut record);
+    let width = records::number(&mut record, "WIDTH")?;
+    let height = records::number(&mut record, "HEIGHT")?;
     let names = camera_parameters(model).ok_or_else(|| {
         format!("the camera model `{}` is not supported; accepted are {MODELS}; {UNDISTORT}", quoted(model))
     })?;
     let mut values = vec![("width_px", width), ("height_px", height)];
     for name in names {
-        let value = text::number(&mut record, name)?;
+        let value = records::number(&mut record, name)?;
         match *name {
             "f" => values.extend([("fx_px", value), ("fy_px", value)]),
             // These are in a denominator.
@@ -131,7 +131,7 @@ fn parse_camera(mut record: &str) -> Result<(u32, Geometry), String> {
             name => values.push((name, value)),
         }
     }
-    text::end(record)?;
+    records::end(record)?;
     let lens = if model.ends_with("_FISHEYE") { LensModel::OpencvFisheye } else { LensModel::Opencv };
     geometry_from(lens, &values).map(|geometry| (id, geometry)).map_err(|e| e.to_string())
 }
@@ -182,7 +182,7 @@ fn parse_image(record: &str, line: usize, metres_per_unit: f64) -> Result<(Image
     let _: u32 = whole(&mut rest, "IMAGE_ID")?;
     let mut fields = [0.0; 7];
     for (field, name) in fields.iter_mut().zip(["QW", "QX", "QY", "QZ", "TX", "TY", "TZ"]) {
-        *field = text::number(&mut rest, name)?;
+        *field = records::number(&mut rest, name)?;
     }
     let [qw, qx, qy, qz, tx, ty, tz] = fields;
     let (rotation, norm_error) = unit_quaternion(DQuat::from_xyzw(qx, qy, qz, qw))?;
@@ -207,7 +207,7 @@ fn landmarks(points: &str) -> Option<Vec<Landmark>> {
 }
 
 fn whole(rest: &mut &str, name: &str) -> Result<u32, String> {
-    let found = text::word(rest);
+    let found = records::word(rest);
     found.parse().map_err(|_| format!("{name} is `{}`; a whole number is needed", quoted(found)))
 }
 

@@ -12,7 +12,7 @@ use crate::pixels::DepthMap;
 use crate::source::SourceError;
 use crate::source::depth_map::{self, Header};
 use crate::source::still;
-use crate::words::count;
+use crate::text::count;
 
 /// How depth pictures are stored, and what they see.
 #[derive(Debug)]
@@ -88,7 +88,7 @@ fn unreadable(number: usize, all: usize, first: &str) -> String {
 
 /// The warning that floating-point depth is read by the format's usual unit.
 fn unsure_unit(file: &Path, codes_per_metre: f64, metres_by: &str) -> String {
-    let unit = crate::words::number(1.0 / codes_per_metre);
+    let unit = crate::text::number(1.0 / codes_per_metre);
     format!(
         "{}: holds floating-point depth, and the recording does not give its unit: {unit} m is taken; if it is in metres, \
          {metres_by}",

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use crate::source::SourceError;
-use crate::tracking::text::TextError;
-use crate::words::number;
+use crate::text::number;
+use crate::tracking::records::TextError;
 
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {

@@ -19,9 +19,9 @@ use super::rigid::{NOT_RIGID, rigid};
 use super::{OpenOptions, RecordingError};
 use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
-use crate::tracking::text::{self, TextError};
+use crate::text::quoted;
+use crate::tracking::records::{self, TextError};
 use crate::tracking::tum::{PoseNotes, ascends, is_lost, unit_quaternion};
-use crate::words::quoted;
 
 const PICTURES: &str = "cam0/data.csv";
 /// Folders of ground truth with full poses, in the order in which they are tried: of EuRoC, of TUM VI, of a Vicon system.
@@ -46,8 +46,8 @@ fn find(path: &Path) -> Option<PathBuf> {
 
 fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let (list, sensor) = (mav.join(PICTURES), mav.join("cam0/sensor.yaml"));
-    let pictures = parse_pictures(&text::read(&list)?, &list)?;
-    let sensor_text = text::read_description(&sensor)?;
+    let pictures = parse_pictures(&records::read(&list)?, &list)?;
+    let sensor_text = records::read_description(&sensor)?;
     let camera = Yaml { keys: parse_yaml(&sensor_text), file: &sensor };
     let (geometry, body_from_camera) = (camera.geometry()?, camera.body_from_sensor()?);
 
@@ -65,14 +65,14 @@ fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     // Unless stated otherwise, the ground truth is that of the body itself.
     let body_from_truth = match truth_sensor.exists() {
         true => {
-            let text = text::read_description(&truth_sensor)?;
+            let text = records::read_description(&truth_sensor)?;
             described_by.push(truth_sensor.clone());
             Yaml { keys: parse_yaml(&text), file: &truth_sensor }.body_from_sensor()?
         }
         false => Placed { turn: DQuat::IDENTITY, shift_m: DVec3::ZERO },
     };
     let truth_from_camera = body_from_truth.inverse().after(&body_from_camera);
-    let (poses, odd) = parse_poses(&text::read(truth)?, truth, &truth_from_camera)?;
+    let (poses, odd) = parse_poses(&records::read(truth)?, truth, &truth_from_camera)?;
 
     let folder = list.parent().unwrap_or(Path::new("")).join("data");
     let (times_s, names): (Vec<f64>, Vec<String>) = pictures.into_iter().unzip();
@@ -116,7 +116,7 @@ fn seconds(nanoseconds: &str, name: &str) -> Result<f64, String> {
 
 fn parse_pictures(text: &str, list: &Path) -> Result<Vec<(f64, String)>, TextError> {
     let mut pictures: Vec<(f64, String)> = Vec::new();
-    for (line, record) in text::records(text) {
+    for (line, record) in records::records(text) {
         let refuse = |problem: String| TextError::line(list, line, problem);
         let (time, name) = record.split_once(',').unwrap_or((record, ""));
         let time_s = seconds(time, "timestamp").map_err(refuse)?;
@@ -133,7 +133,7 @@ type Poses = Vec<(f64, Pose)>;
 
 fn parse_poses(text: &str, file: &Path, truth_from_camera: &Placed) -> Result<(Poses, Vec<String>), TextError> {
     let (mut poses, mut odd) = (Poses::new(), PoseNotes::default());
-    for (line, record) in text::records(text) {
+    for (line, record) in records::records(text) {
         let refuse = |problem: String| TextError::line(file, line, problem);
         let (time, rest) = record.split_once(',').unwrap_or((record, ""));
         let time_s = seconds(time, "timestamp").map_err(refuse)?;
@@ -142,7 +142,7 @@ fn parse_poses(text: &str, file: &Path, truth_from_camera: &Placed) -> Result<(P
         let spaced = rest.replace(',', " ");
         let (mut rest, mut fields) = (spaced.as_str(), [0.0; 7]);
         for (field, name) in fields.iter_mut().zip(["p_x", "p_y", "p_z", "q_w", "q_x", "q_y", "q_z"]) {
-            *field = text::pose_number(&mut rest, name).map_err(refuse)?;
+            *field = records::pose_number(&mut rest, name).map_err(refuse)?;
         }
         let [px, py, pz, qw, qx, qy, qz] = fields;
         let (shift_m, turn) = (DVec3::new(px, py, pz), DQuat::from_xyzw(qx, qy, qz, qw));

@@ -7,13 +7,13 @@ use super::RecordingError;
 use crate::camera::exposure::LONGEST_S;
 use crate::frame::FrameExposure;
 use crate::source::SourceError;
-use crate::tracking::text::{self, TextError};
-use crate::words::{self, number, quoted, reason};
+use crate::text::{self, number, quoted, reason};
+use crate::tracking::records::{self, TextError};
 
 /// Reads a list of `timestamp filename` lines: times in seconds, files relative to the list.
 pub fn read_pictures(list: &Path) -> Result<Vec<(f64, PathBuf)>, TextError> {
     let folder = list.parent().unwrap_or(Path::new(""));
-    let names = parse_pictures(&text::read(list)?, list)?;
+    let names = parse_pictures(&records::read(list)?, list)?;
     Ok(names.into_iter().map(|(time_s, name)| (time_s, folder.join(name))).collect())
 }
 
@@ -105,13 +105,13 @@ pub fn parse_exposures(text: &str, list: &Path) -> Result<Vec<(f64, FrameExposur
     by_time(text, list, |mut rest| {
         let time_s = Some(number_above_zero(&mut rest, "exposure_time_s", LONGEST_S)?);
         let gain = if rest.trim().is_empty() { None } else { Some(number_above_zero(&mut rest, "gain", MOST_GAIN)?) };
-        text::end(rest)?;
+        records::end(rest)?;
         Ok(FrameExposure { time_s, gain, ..FrameExposure::default() })
     })
 }
 
 fn number_above_zero(rest: &mut &str, name: &str, most: f64) -> Result<f64, String> {
-    match text::number(rest, name)? {
+    match records::number(rest, name)? {
         value if value > 0.0 && value <= most => Ok(value),
         value => Err(format!("{name} is {}; accepted is above 0, at most {most}", number(value))),
     }
@@ -124,9 +124,9 @@ pub(super) fn by_time<T>(
     mut parse: impl FnMut(&str) -> Result<T, String>,
 ) -> Result<Vec<(f64, T)>, TextError> {
     let mut entries: Vec<(f64, T)> = Vec::new();
-    for (line, mut rest) in text::records(text) {
+    for (line, mut rest) in records::records(text) {
         let refuse = |problem: String| TextError::line(list, line, problem);
-        let time_s = text::number(&mut rest, "timestamp").map_err(refuse)?;
+        let time_s = records::number(&mut rest, "timestamp").map_err(refuse)?;
         if let Some((before_s, _)) = entries.last().filter(|before| time_s < before.0) {
             return Err(refuse(format!("the time runs backwards: {} after {}", number(time_s), number(*before_s))));
         }
@@ -171,19 +171,19 @@ pub fn named_in<'a>(
     let missing = if is_missing { all.filter(|file| !file.exists()).count() } else { 0 };
     let counted = match missing {
         0 => String::new(),
-        1 => format!(" (1 of {} is missing; --skip-missing leaves it out)", words::count(count, "picture")),
-        _ => format!(" ({missing} of {} are missing; --skip-missing leaves them out)", words::count(count, "picture")),
+        1 => format!(" (1 of {} is missing; --skip-missing leaves it out)", text::count(count, "picture")),
+        _ => format!(" ({missing} of {} are missing; --skip-missing leaves them out)", text::count(count, "picture")),
     };
     let problem = format!("cannot be read: {}{counted}", reason(source));
     for list in lists {
-        let text = text::read(list).unwrap_or_default();
+        let text = records::read(list).unwrap_or_default();
         // The name follows a time.
         let name = |record: &str| {
             let rest = record.split_once([' ', '\t', ','])?.1;
             Some(rest.rsplit_once(PRESENCE).map_or(rest, |(name, _)| name).trim().to_owned())
         };
         let names = |record: &str| name(record).is_some_and(|name| !name.is_empty() && file.ends_with(name));
-        if let Some((line, _)) = text::records(&text).find(|(_, record)| names(record)) {
+        if let Some((line, _)) = records::records(&text).find(|(_, record)| names(record)) {
             return TextError::line(list, line, format!("{}: {problem}", file.display())).into();
         }
     }
@@ -209,7 +209,7 @@ pub fn missing_numbers(files: &[PathBuf]) -> Option<String> {
     Some(format!(
         "pictures are missing by their numbers, in {} (first: {} is followed by {}): those behind come too early by \
          what is missing",
-        words::count(count, "place"),
+        text::count(count, "place"),
         name(first),
         name(first + 1)
     ))

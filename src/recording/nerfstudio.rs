@@ -17,9 +17,9 @@ use super::{OpenOptions, RecordingError, listing};
 use crate::camera::{Geometry, LensModel};
 use crate::pose::Pose;
 use crate::source::still;
-use crate::tracking::text;
+use crate::text::quoted;
+use crate::tracking::records;
 use crate::tracking::tum::PoseNotes;
-use crate::words::quoted;
 
 const FILE_NAME: &str = "transforms.json";
 
@@ -225,7 +225,7 @@ fn with_not_finite_quoted(json: &str) -> Cow<'_, str> {
 }
 
 fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
-    let Transforms { camera, mut frames, depth_unit_scale_factor } = parse(&text::read_listing(file)?, file)?;
+    let Transforms { camera, mut frames, depth_unit_scale_factor } = parse(&records::read_listing(file)?, file)?;
     let folder = file.parent().unwrap_or(Path::new(""));
     // The order in the file is whatever suited its writer; the names have the camera's order.
     frames.sort_by(|a, b| listing::natural_order(&a.file_path, &b.file_path));

@@ -16,9 +16,9 @@ use crate::document;
 use crate::pose::Pose;
 use crate::source::unsupported;
 use crate::source::video::{self, ColorMatrix, ColorRange, Overrides};
-use crate::tracking::text;
+use crate::text::number;
+use crate::tracking::records;
 use crate::tracking::tum::{Trajectory, parse_trajectory};
-use crate::words::number;
 
 pub const FILE_NAME: &str = "recording.toml";
 
@@ -187,14 +187,14 @@ fn above_zero(name: &str, value: Option<f64>) -> Result<(), String> {
 }
 
 fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
-    let description = parse(&text::read_description(file)?, file)?;
+    let description = parse(&records::read_description(file)?, file)?;
     let folder = file.parent().unwrap_or(Path::new(""));
     // What was written until the power went may end in the middle of a line.
     let mut unended = Vec::new();
     let is_live = description.live.is_some();
     let mut read = |path: &Path| -> Result<String, RecordingError> {
-        let mut text = text::read(path)?;
-        if is_live && let Some(line) = text::drop_unended(&mut text) {
+        let mut text = records::read(path)?;
+        if is_live && let Some(line) = records::drop_unended(&mut text) {
             unended.push(format!("{}: the last line, {line}, has no end, and is left out", path.display()));
         }
         Ok(text)

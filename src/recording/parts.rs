@@ -19,8 +19,8 @@ use crate::source::orientation::Orientation;
 use crate::source::presentation::Presentation;
 use crate::source::still::{self, Header};
 use crate::source::video::Video;
+use crate::text;
 use crate::tracking::{PoseTrack, default_max_gap_s, median_interval_s};
-use crate::words;
 
 /// The rate assumed for frames without a clock.
 pub const NOMINAL_FPS: f64 = 30.0;
@@ -187,7 +187,7 @@ impl Parts {
         let mut associated = |what: &str, missing: usize| {
             if missing > 0 {
                 warnings
-                    .push(format!("no {what} within {} s for {missing} of {count} frames", words::fixed(reach_s, 4)));
+                    .push(format!("no {what} within {} s for {missing} of {count} frames", text::fixed(reach_s, 4)));
             }
         };
         let listed: Vec<Option<FrameExposure>> =
@@ -276,7 +276,7 @@ impl Parts {
                 return Err(named(unread.swap_remove(0)));
             }
             let are = if unread.len() == 1 { "is" } else { "are" };
-            let all = words::count(files.len(), "picture");
+            let all = text::count(files.len(), "picture");
             self.warnings.push(format!("{} of {all} {are} not read and left out (first: {first})", unread.len()));
             self.keep(&kept);
         }
@@ -309,7 +309,7 @@ impl Parts {
                 "left out because most pictures are {}: {} of {} (first: {} is {}); a recording of their own takes them",
                 text(&common),
                 headers.len() - often(&common),
-                words::count(files.len(), "picture"),
+                text::count(files.len(), "picture"),
                 file.display(),
                 text(header)
             ));
@@ -370,14 +370,14 @@ fn photo_settings(
     let photos: Vec<(&PathBuf, Exif)> = files.iter().map(|file| (file, read(file))).collect();
     let mut damaged = photos.iter().filter_map(|(file, exif)| Some((file, exif.damage.as_ref()?)));
     if let Some((file, first)) = damaged.next() {
-        let number = words::count(1 + damaged.count(), "picture");
+        let number = text::count(1 + damaged.count(), "picture");
         warnings.push(format!("{}: {first}; such data is left out, in {number}", file.display()));
     }
     let mut turned = photos.iter().filter_map(|(file, exif)| Some((file, exif.orientation?)));
     let mut common = Orientation::default();
     if let Some((file, orientation)) = turned.next() {
         let shown = Orientation::of_exif(orientation);
-        let number = words::count(1 + turned.count(), "picture");
+        let number = text::count(1 + turned.count(), "picture");
         let are_alike = photos.iter().all(|(_, exif)| exif.orientation == Some(orientation));
         let output = match are_alike {
             true => "a .mp4 that is written says so too, and players show it so; a .mkv has no such mark",
@@ -410,9 +410,9 @@ fn irregular_intervals(timestamps_s: &[f64], usual_s: f64) -> Option<String> {
     let interval_s = timestamps_s[first + 1] - timestamps_s[first];
     Some(format!(
         "time from frame to frame far from the usual {} s: {} (first: {} s between frames {first} and {})",
-        words::fixed(usual_s, 4),
-        words::count(count, "interval"),
-        words::fixed(interval_s, 4),
+        text::fixed(usual_s, 4),
+        text::count(count, "interval"),
+        text::fixed(interval_s, 4),
         first + 1
     ))
 }

@@ -18,7 +18,7 @@ use super::write::{
 };
 use super::{FrameCamera, RecordingError, listing};
 use crate::frame::FrameExposure;
-use crate::words::reason;
+use crate::text::reason;
 
 /// Lines follow their pictures after so much of the frames' time, seconds.
 const HELD_S: f64 = 0.5;

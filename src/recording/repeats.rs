@@ -8,7 +8,7 @@ use super::{Recording, RecordingError};
 use crate::pixels::Pixels;
 use crate::source::ahead::Ahead;
 use crate::source::still;
-use crate::words::count;
+use crate::text::count;
 
 /// Frames at which something stands as in the frame before.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

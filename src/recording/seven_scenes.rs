@@ -21,7 +21,7 @@ use crate::camera::{Geometry, LensModel};
 use crate::depth::DepthCamera;
 use crate::pose::Pose;
 use crate::source::still;
-use crate::tracking::text::{self, TextError};
+use crate::tracking::records::{self, TextError};
 use crate::tracking::tum::PoseNotes;
 
 pub static FORMAT: Format = Format {
@@ -70,7 +70,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         let pose = beside(file, ".pose.txt");
         // A frame whose tracking was lost may have none.
         if pose.exists() {
-            match parse_pose(&text::read(&pose)?, &pose)? {
+            match parse_pose(&records::read(&pose)?, &pose)? {
                 Some(found) => poses.push((*time_s, found)),
                 None => odd.count_lost(pose.file_name().unwrap_or_default().to_string_lossy().into_owned()),
             }
@@ -137,19 +137,19 @@ fn camera(file: &Path, focal_px: f64) -> Result<Geometry, RecordingError> {
 /// The colour camera's pose, from the depth camera's in the world. `None` if tracking was lost: the file is empty, or the
 /// matrix is not finite or without a rotation.
 fn parse_pose(text: &str, file: &Path) -> Result<Option<Pose>, RecordingError> {
-    if text::records(text).next().is_none() {
+    if records::records(text).next().is_none() {
         return Ok(None);
     }
     let mut rows = [[0.0; 4]; 4];
-    let mut records = text::records(text);
+    let mut records = records::records(text);
     for row in &mut rows {
         let (line, mut rest) = records.next().unwrap_or((text.lines().count().max(1), ""));
         let refuse =
             |problem: String| TextError::line(file, line, format!("{problem} (a pose is four rows of four numbers)"));
         for (value, column) in row.iter_mut().zip(["column 1", "column 2", "column 3", "column 4"]) {
-            *value = text::pose_number(&mut rest, column).map_err(refuse)?;
+            *value = records::pose_number(&mut rest, column).map_err(refuse)?;
         }
-        text::end(rest).map_err(refuse)?;
+        records::end(rest).map_err(refuse)?;
     }
     if is_lost(&rows) {
         return Ok(None);

@@ -18,9 +18,9 @@ use crate::camera::{Geometry, LensModel};
 use crate::params::ParamError;
 use crate::pose::Pose;
 use crate::source::video::{self, Overrides};
-use crate::tracking::text::{self, TextError};
+use crate::text::{count, number, quoted};
+use crate::tracking::records::{self, TextError};
 use crate::tracking::tum::{PoseNotes, is_lost, unit_quaternion};
-use crate::words::{count, number, quoted};
 
 const ODOMETRY: &str = "odometry.csv";
 const MATRIX: &str = "camera_matrix.csv";
@@ -37,9 +37,9 @@ pub static FORMAT: Format = Format {
 
 fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let odometry = folder.join(ODOMETRY);
-    let mut list = text::read(&odometry)?;
+    let mut list = records::read(&odometry)?;
     // A phone that ran out of power, or of room, leaves a part of a line.
-    let unended = if list.contains('\n') { text::drop_unended(&mut list) } else { None };
+    let unended = if list.contains('\n') { records::drop_unended(&mut list) } else { None };
     let (lines, odd) = parse_odometry(&list, &odometry)?;
     let video = video::probe(&folder.join("rgb.mp4"), &Overrides::default())?;
     let frames = lines.len().min(video.timestamps_s.len());
@@ -61,7 +61,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let of_all = match lines.iter().any(|line| line.intrinsics.is_none()) {
         true => {
             described_by.push(matrix.clone());
-            Some(parse_matrix(&text::read(&matrix)?, &matrix)?)
+            Some(parse_matrix(&records::read(&matrix)?, &matrix)?)
         }
         false => None,
     };
@@ -153,7 +153,7 @@ struct Line {
 const COLUMNS: [&str; 9] = ["timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw"];
 
 fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<Line>, Vec<String>), TextError> {
-    let mut records = text::records(text);
+    let mut records = records::records(text);
     let (at, header) = records.next().unwrap_or((1, ""));
     let names: Vec<&str> = header.split(',').map(str::trim).collect();
     let column = |name: &str| names.iter().position(|n| *n == name);
@@ -217,7 +217,7 @@ fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<Line>, Vec<String>), T
 /// fx, fy, cx, cy of a 3×3 matrix, row by row.
 fn parse_matrix(text: &str, file: &Path) -> Result<[f64; 4], TextError> {
     let mut rows = [[0.0; 3]; 3];
-    let mut records = text::records(text);
+    let mut records = records::records(text);
     for row in &mut rows {
         let (at, record) = records.next().unwrap_or((text.lines().count().max(1), ""));
         let finite = |field: &str| field.trim().parse().ok().filter(|n: &f64| n.is_finite());

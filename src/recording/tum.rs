@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::depth::{DepthFiles, Stored};
 use super::parts::{Format, Parts, Pictures, file_or_in_folder, folder_of, track_from};
 use super::{OpenOptions, RecordingError, listing};
-use crate::tracking::text;
+use crate::tracking::records;
 use crate::tracking::tum::parse_trajectory;
 
 const FRAME_LIST: &str = "rgb.txt";
@@ -31,7 +31,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let mut parts = Parts::new(folder, Pictures::Stills(files), timestamps_s);
     parts.up = Some(DVec3::Z);
     let file = folder.join("groundtruth.txt");
-    let trajectory = parse_trajectory(&text::read(&file)?, &file)?;
+    let trajectory = parse_trajectory(&records::read(&file)?, &file)?;
     parts.warnings.extend(trajectory.warnings);
     parts.track = track_from(trajectory.poses, options.max_gap_s, &file)?;
     let depth_list = folder.join("depth.txt");

@@ -7,7 +7,7 @@ use super::irradiance::irradiance_over_pi;
 use super::panorama::{Level, blurred_levels};
 use crate::gpu::{Gpu, half_texels};
 use crate::scene::{Environment, Lighting};
-use crate::words::count;
+use crate::text::count;
 
 pub const MAX_SUNS: usize = 4;
 pub const MAX_POINTS: usize = 8;

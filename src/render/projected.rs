@@ -14,9 +14,9 @@ use super::view::{NEAR_M, Shutter, View, ViewKeys};
 use crate::camera::Geometry;
 use crate::camera::curved::Curved;
 use crate::gpu::{Gpu, GpuError, ReadbackSet, Recorder};
+use crate::parallel::{over_rows, processors};
 use crate::pixels::{LinearImage, Rect};
 use crate::pose::Pose;
-use crate::rows::{over_rows, processors};
 use crate::scene::Environment;
 
 /// How places in a picture correspond to directions in front of the camera.

@@ -8,8 +8,8 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 
 use crate::camera::curved::Curved;
 use crate::camera::{Distortion, Geometry, Intrinsics};
+use crate::parallel::{over_rows, processors};
 use crate::pixels::{LinearImage, Rect};
-use crate::rows::{over_rows, processors};
 
 /// Texels of a face beyond its 90°, on each side.
 const MARGIN_PX: u32 = 2;

@@ -12,7 +12,7 @@ use plotters::style::{FontFamily, FontStyle};
 use serde::Serialize;
 
 use super::ReportError;
-use crate::words::short;
+use crate::text::short;
 
 /// Places are whole units of the drawing, so it is drawn twice as large as it is shown at most.
 const WIDTH: u32 = 1840;

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::analyse::Findings;
-use crate::words::fixed;
+use crate::text::fixed;
 
 /// What became of what was recorded or given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

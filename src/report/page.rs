@@ -11,7 +11,7 @@ use super::chart::Ink;
 use super::estimates::{Estimate, Mark, estimates};
 use super::{MADE_BY, ReportError, Source};
 use crate::analyse::Ground;
-use crate::words::{count, fixed, shown};
+use crate::text::{count, fixed, shown};
 
 /// A figure, or why it is not there.
 #[derive(Clone, Debug, Serialize)]

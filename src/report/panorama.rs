@@ -9,7 +9,7 @@ use crate::analyse::{Environment, FoundLamp};
 use crate::camera::Response;
 use crate::render::panorama::place_of;
 use crate::scene::upright;
-use crate::words::{count, fixed};
+use crate::text::{count, fixed};
 
 /// One texel becomes so many across.
 const ENLARGED: u32 = 3;

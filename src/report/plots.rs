@@ -6,7 +6,7 @@ use super::page::{Body, Figure};
 use super::slide::{LATER, Slid, median_px, slides, worse};
 use super::{ReportError, Source};
 use crate::analyse::{EDGES_STEP_PX, Missed, ToneBand};
-use crate::words::{count, fixed, short};
+use crate::text::{count, fixed, short};
 
 /// Heights of plots, units of a drawing that is 1840 wide.
 const TALL: u32 = 480;

@@ -15,8 +15,8 @@ use crate::depth::seen_at_frame;
 use crate::frame::Frame;
 use crate::measure::Grey;
 use crate::measure::displacement::{DisplacementOptions, displacements};
+use crate::parallel::{over_rows, processors};
 use crate::pose::Pose;
-use crate::rows::{over_rows, processors};
 
 /// So many frames later.
 pub const LATER: [usize; 4] = [5, 10, 20, 40];

@@ -8,7 +8,7 @@ use super::page::{Body, Cell, Figure};
 use super::places::{Place, flat, textured};
 use super::tile::Tile;
 use super::{ReportError, Source};
-use crate::words::fixed;
+use crate::text::fixed;
 
 /// Size of a tile, px.
 const SIDE: usize = 64;

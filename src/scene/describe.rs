@@ -6,7 +6,7 @@ use glam::{DAffine3, DVec3, Vec3};
 use serde::Serialize;
 
 use super::{Environment, Object, Scene, overlaps, place};
-use crate::words::{count, fixed, number, shown};
+use crate::text::{count, fixed, number, shown};
 
 /// Beyond these extents a model is probably not in metres.
 const LARGE_M: f64 = 10.0;

@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-use crate::words::{brief, reason, shown};
+use crate::text::{brief, reason, shown};
 
 /// Why a scene cannot be used. Each error names the file, the place in it, what was found and what is accepted.
 #[derive(Debug, thiserror::Error)]

@@ -164,14 +164,14 @@ fn flattest(scene: &Scene) -> Axis {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::installed;
+    use crate::assets;
     use crate::scene::{SceneFile, load_file};
 
     const FILE: &str = "scenes/new.toml";
 
     /// The corners of the box of what was laid, and its transform.
     fn laid(model: &str, support: &Support, posture: Posture, heading_deg: f64) -> (DVec3, DVec3, Scene, PlacedModel) {
-        let file = installed::source_folder().join(FILE);
+        let file = assets::source_folder().join(FILE);
         let placed = lay(model, &file, support, posture, Heading::Deg(heading_deg), DVec3::Z, None).unwrap();
         loaded(placed, &file)
     }
@@ -208,7 +208,7 @@ mod tests {
 
     #[test]
     fn what_is_laid_faces_whoever_looks() {
-        let (file, level) = (installed::source_folder().join(FILE), Support { point_m: DVec3::ZERO, normal: DVec3::Z });
+        let (file, level) = (assets::source_folder().join(FILE), Support { point_m: DVec3::ZERO, normal: DVec3::Z });
         let looks = DVec3::new(-3.0, 4.0, 1.0);
         for (model, posture, front) in [
             ("marker-1.glb", Posture::Upright, DVec3::Z),
@@ -242,7 +242,7 @@ mod tests {
     fn on_a_slope_flat_things_lie_on_it_and_markers_stand() {
         let normal = DVec3::new(0.0, -0.6, 0.8);
         let slope = Support { point_m: DVec3::new(1.0, 2.0, 0.5), normal };
-        let file = installed::source_folder().join(FILE);
+        let file = assets::source_folder().join(FILE);
         let heading = || Heading::Deg(45.0);
         let sized = lay("l-scale.glb", &file, &slope, Posture::Flat, heading(), DVec3::Z, Some(1.0)).unwrap();
         let as_it_is = lay("l-scale.glb", &file, &slope, Posture::Flat, heading(), DVec3::Z, None).unwrap();
@@ -262,7 +262,7 @@ mod tests {
 
     #[test]
     fn upright_at_a_steep_surface_touches_it_from_outside() {
-        let file = installed::source_folder().join(FILE);
+        let file = assets::source_folder().join(FILE);
         for normal in [DVec3::new(0.0, -1.0, 0.0), DVec3::new(0.48, -0.64, 0.6), DVec3::new(0.0, -0.8, -0.6)] {
             let wall = Support { point_m: DVec3::new(1.0, 2.0, 0.5), normal };
             for size_m in [None, Some(0.3)] {

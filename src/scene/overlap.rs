@@ -11,7 +11,7 @@
 use glam::{DVec2, DVec3};
 
 use super::{Object, Scene};
-use crate::words::{millimetres, shown};
+use crate::text::{millimetres, shown};
 
 /// Two objects that share volume.
 #[derive(Clone, Debug, PartialEq)]

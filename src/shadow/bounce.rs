@@ -24,7 +24,7 @@ use super::occluders::Occluders;
 use super::receiver_mask::ReceiverMask;
 use super::sky::{Behind, EnvSample, Sky, disc};
 use super::spread::spread;
-use crate::rows::{over_rows, processors};
+use crate::parallel::{over_rows, processors};
 
 /// Directions in which the floor looks.
 const DIRECTIONS: usize = 64;

@@ -27,8 +27,8 @@ use super::occluders::Occluders;
 use super::shadow_map::ShadowMap;
 use super::sky::{EnvSample, disc, on_surface};
 use crate::digest::{Digester, Digestible};
+use crate::parallel::{over_rows, processors};
 use crate::render::{Lightmap, Place, Unwrapped};
-use crate::rows::{over_rows, processors};
 use crate::scene::{Lighting, PointLight};
 
 /// Points of a sun's or a lamp's disc.

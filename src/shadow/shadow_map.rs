@@ -16,7 +16,7 @@ use super::room::OccluderMask;
 use super::sky::{CLASSES, Lamp, Ray, Sky, class};
 use super::spread::spread;
 use crate::digest::{Digester, Digestible, digestible};
-use crate::rows::{over_rows, processors};
+use crate::parallel::{over_rows, processors};
 
 /// Largest side of a texture, texels.
 const MAX_SIDE_TEXELS: f32 = 640.0;

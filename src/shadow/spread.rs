@@ -9,7 +9,7 @@
 
 use glam::{DVec3, Vec3};
 
-use crate::rows::{over_rows, processors};
+use crate::parallel::{over_rows, processors};
 
 /// Twice as many texels make no difference: blurs are cut here.
 const WIDEST: f32 = 64.0;

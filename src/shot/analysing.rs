@@ -10,8 +10,8 @@ use crate::analyse::{
 };
 use crate::compositor::exposure_time_s;
 use crate::frame::{Frame, FrameExposure};
+use crate::parallel::processors;
 use crate::profile::ShotSettings;
-use crate::rows::processors;
 use crate::scene::Scene;
 
 /// Why footage was not analysed.

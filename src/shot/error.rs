@@ -10,8 +10,8 @@ use crate::params::Value;
 use crate::profile::{ProfileError, SetError};
 use crate::recording::RecordingError;
 use crate::scene::SceneError;
+use crate::text::count;
 use crate::tracking::NoPose;
-use crate::words::count;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ShotError {

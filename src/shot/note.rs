@@ -8,7 +8,7 @@ use super::{AnalysisState, Shot, Standing};
 use crate::compositor::FrameStats;
 use crate::frame::Frame;
 use crate::scene::{odd_size, overlaps};
-use crate::words::{count, millimetres, number, shown};
+use crate::text::{count, millimetres, number, shown};
 
 /// Something odd or unknown. Displays as a line for a person.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,8 +5,8 @@ use super::{Shot, ShotError};
 use crate::camera::{Capture, Framed, NoiseBin, NoiseProfile, correlations, variance_left};
 use crate::compositor::{Compositor, Job, Pending, Target};
 use crate::frame::Frame;
+use crate::parallel::{over_rows, processors};
 use crate::pixels::{Codes, DepthMap, Pixels};
-use crate::rows::{over_rows, processors};
 
 /// A frame of which each pixel is the mean of a square of the camera's.
 #[derive(Clone, Debug)]

@@ -14,8 +14,8 @@ use crate::frame::Frame;
 use crate::pixels::DepthMap;
 use crate::pose::Pose;
 use crate::scene::Support;
+use crate::text::number;
 use crate::tracking::NoPose;
-use crate::words::number;
 
 /// The neighbourhood's radius as a share of the picture's width.
 const RADIUS: f64 = 1.0 / 40.0;

@@ -7,7 +7,7 @@
 use glam::{DMat3, DVec2, DVec3};
 
 use super::{Eye, Shot, SurfaceError};
-use crate::words::{fixed, number};
+use crate::text::{fixed, number};
 
 /// A place in a frame's picture.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 
-use crate::rows::over_rows;
+use crate::parallel::over_rows;
 
 /// A grid over a face's chart, interpolated linearly between cell centres.
 #[derive(Clone, Debug)]

@@ -45,8 +45,8 @@ use glam::{DQuat, DVec2, DVec3};
 use crate::camera::{Distortion, Geometry, Intrinsics, LensModel, Response};
 use crate::scene::Scene;
 use crate::sink::SinkError;
+use crate::text::reason;
 use crate::tracking::{NotAscending, PoseTrack};
-use crate::words::reason;
 
 use evidence::Evidence;
 use person::Person;
@@ -204,7 +204,7 @@ impl Simulation {
 
     /// The same of a recording of which something is wrong.
     pub fn flawed(options: &Options, flaws: &Flaws) -> Result<Self, SimulateError> {
-        let threads = crate::rows::processors();
+        let threads = crate::parallel::processors();
         Self::flawed_with_detail(options, flaws, Detail::for_focal_px(geometry(options).intrinsics.fx_px), threads)
     }
 

@@ -8,7 +8,7 @@ use tempfile::TempDir;
 
 use super::SimulateError;
 use super::written::Written;
-use crate::unfinished::{MadeFolder, Undo, Unfinished};
+use crate::cleanup::{MadeFolder, Undo, Unfinished};
 
 /// An unfinished recording, in a hidden folder next to its final place.
 pub struct Output {

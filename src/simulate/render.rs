@@ -8,7 +8,7 @@ use crate::tracking::PoseTrack;
 use super::SimulateError;
 use super::random::Random;
 use super::site::Site;
-use crate::rows::over_rows;
+use crate::parallel::over_rows;
 
 /// A picture before sensor and file: linear light (1 is camera white, brighter not clipped), and depth (z in the
 /// camera's axes, metres; in a 360° picture the distance) at pixel centres in the middle of each row's exposure. Both

@@ -10,7 +10,7 @@ use crate::camera::{NoiseBin, NoiseProfile, Response};
 
 use super::random::Random;
 use super::render::Picture;
-use crate::rows::over_rows;
+use crate::parallel::over_rows;
 
 /// σ of the green channel's integer codes at 8, 24, … 248 for a noise scale of 1.
 const SIGMA: [f64; 16] = [1.5, 2.0, 2.5, 2.9, 3.2, 3.4, 3.5, 3.5, 3.4, 3.25, 3.05, 2.85, 2.6, 2.35, 2.1, 1.9];

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
 use super::SinkError;
-use crate::unfinished::{MadeFolder, Undo, Unfinished};
+use crate::cleanup::{MadeFolder, Undo, Unfinished};
 
 /// Where an output goes.
 #[derive(Clone, Debug, PartialEq, Eq)]

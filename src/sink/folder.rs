@@ -7,8 +7,8 @@ use image::{ExtendedColorType, ImageEncoder};
 
 use super::atomic::write_atomically;
 use super::{Sink, SinkError, SinkOptions, of_image};
+use crate::cleanup::MadeFolder;
 use crate::pixels::{Codes, Pixels};
-use crate::unfinished::MadeFolder;
 
 /// The name of a frame's file.
 pub fn frame_name(frame_index: usize) -> String {

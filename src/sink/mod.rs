@@ -19,7 +19,7 @@ use self::atomic::Place;
 use crate::pixels::{Codes, Pixels};
 use crate::source::ffmpeg::FfmpegError;
 use crate::source::presentation::Presentation;
-use crate::words::reason;
+use crate::text::reason;
 
 /// Where finished frames go, in order.
 pub trait Sink {

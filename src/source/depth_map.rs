@@ -216,7 +216,7 @@ fn npy_header(bytes: &[u8]) -> Result<Array, String> {
         let after = text.split_once(&format!("'{key}'"))?.1;
         Some(after.trim_start().strip_prefix(':')?.trim_start())
     };
-    let unclear = || format!("its header is unclear: {}", crate::words::quoted(text.trim()));
+    let unclear = || format!("its header is unclear: {}", crate::text::quoted(text.trim()));
     let kind = value("descr").and_then(|text| text.strip_prefix('\'')?.split('\'').next()).ok_or_else(unclear)?;
     let is_by_columns = value("fortran_order").ok_or_else(unclear)?.starts_with("True");
     let sides = value("shape").and_then(|text| text.strip_prefix('(')?.split(')').next()).ok_or_else(unclear)?;
@@ -247,7 +247,7 @@ fn npy_values(bytes: &[u8]) -> Result<(Header, Vec<f64>), String> {
         "u4" => numbers(data, wanted, is_big_endian, |b| f64::from(u32::from_le_bytes(b))),
         "i4" => numbers(data, wanted, is_big_endian, |b| f64::from(i32::from_le_bytes(b))),
         other => {
-            let kind = crate::words::quoted(other);
+            let kind = crate::text::quoted(other);
             return Err(format!("holds numbers of the type {kind}; accepted are f2, f4, f8, u1, u2, u4, i2 and i4"));
         }
     };

@@ -7,8 +7,8 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
-use crate::unfinished::{Undo, Unfinished};
-use crate::words::reason;
+use crate::cleanup::{Undo, Unfinished};
+use crate::text::reason;
 
 /// Number of message lines kept: the first ones name the cause.
 const KEPT_LINES: usize = 4;

@@ -19,7 +19,7 @@ pub mod yuv;
 
 use std::path::{Path, PathBuf};
 
-use crate::words::reason;
+use crate::text::reason;
 
 /// Why there are no pixels.
 #[derive(Debug, thiserror::Error)]

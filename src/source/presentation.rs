@@ -4,7 +4,7 @@
 use serde::Deserialize;
 
 use super::orientation::Orientation;
-use crate::words::quoted;
+use crate::text::quoted;
 
 /// What ffprobe says of it.
 #[derive(Deserialize)]

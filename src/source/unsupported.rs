@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use crate::words::count;
+use crate::text::count;
 
 /// The formats of depth pictures that are decoded, for people.
 pub const DEPTH_FORMATS: &str = "16-bit grey PNG, OpenEXR and NumPy arrays (.npy)";

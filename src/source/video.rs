@@ -12,7 +12,7 @@ use super::ffmpeg::{self, FfmpegError};
 use super::index::{Entry, Index};
 use super::presentation::{Presentation, ProbedPresentation};
 use super::{SourceError, file as plain, unsupported};
-use crate::words::{count, fixed};
+use crate::text::{count, fixed};
 
 /// Advice about a damaged file.
 pub(super) const MEND: &str =

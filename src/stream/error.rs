@@ -2,7 +2,7 @@
 
 use std::net::SocketAddr;
 
-use crate::words::{quoted, reason};
+use crate::text::{quoted, reason};
 
 /// A datagram that is no OpenTrackIO packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, thiserror::Error)]

@@ -100,7 +100,7 @@ impl D1 {
             let number = (value_m * LENGTH_PER_M).round();
             let most = f64::from((1 << 23) - 1);
             if !(-most..=most).contains(&number) {
-                let value = format!("{} m", crate::words::short(value_m));
+                let value = format!("{} m", crate::text::short(value_m));
                 return Err(SampleError::FreedRange { what, value, most: "131.07 m" });
             }
             Ok(number as i32)

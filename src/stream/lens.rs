@@ -42,7 +42,7 @@ pub enum LensError {
     Missing(&'static str),
     #[error("its distortion has no inverse on the sensor")]
     Distortion,
-    #[error("its distortion is of the model {}, which is not known here", crate::words::quoted(.0))]
+    #[error("its distortion is of the model {}, which is not known here", crate::text::quoted(.0))]
     Model(String),
     #[error("{0}")]
     Param(Box<ParamError>),
@@ -218,7 +218,7 @@ impl LensState {
 impl fmt::Display for LensState {
     /// What is known, in a line.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        use crate::words::short;
+        use crate::text::short;
         let some = |value: Option<f64>, before: &str, unit: &str| value.map(|v| format!("{before}{}{unit}", short(v)));
         let direction = |lens: &OpenLens| lens.model().to_owned();
         let said = [
@@ -227,7 +227,7 @@ impl fmt::Display for LensState {
             some(self.f_stop, "f/", ""),
             some(self.t_stop, "T", ""),
             some(self.entrance_pupil_m, "entrance pupil at ", " m"),
-            self.distortion.as_ref().map(direction).or_else(|| self.other_model.as_deref().map(crate::words::quoted)),
+            self.distortion.as_ref().map(direction).or_else(|| self.other_model.as_deref().map(crate::text::quoted)),
             self.sensor_mm.map(|v| format!("sensor {}x{} mm", short(v.x), short(v.y))),
             self.sensor_px.map(|[w, h]| format!("{w}x{h} px")),
             some(self.frame_rate_hz, "", " frames a second"),

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 
-use crate::words::count;
+use crate::text::count;
 
 /// Who sends: a machine, and which of its streams. A program that is started anew comes from another port, so the port
 /// is no part of it.
@@ -29,7 +29,7 @@ impl Source {
 impl fmt::Display for Source {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(id) = &self.id {
-            write!(f, "{} ", crate::words::quoted(id))?;
+            write!(f, "{} ", crate::text::quoted(id))?;
         }
         if let Some(number) = self.number {
             write!(f, "number {number} ")?;

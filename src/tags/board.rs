@@ -9,7 +9,7 @@ use serde::Deserialize;
 use super::family::Family;
 use crate::document;
 use crate::source::file::{self, MOST_DOCUMENT};
-use crate::words::{number, quoted, reason};
+use crate::text::{number, quoted, reason};
 
 /// Tags that stand still beside each other. Their axes are the world's: metres, z up out of the sheet that is lying, x to
 /// its right, y to its top.

@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 use super::board::Board;
 use super::continuity::Chosen;
 use super::track::Track;
+use crate::cleanup::{MadeFolder, Undo, Unfinished};
 use crate::recording::RecordingError;
 use crate::recording::write::{self, CameraFile, Description, FILE_NAME, FrameFiles, Line, PoseFile};
 use crate::source::video::Video;
-use crate::unfinished::{MadeFolder, Undo, Unfinished};
-use crate::words::reason;
+use crate::text::reason;
 
 const POSES: &str = "poses.txt";
 const COVARIANCE: &str = "covariance.txt";

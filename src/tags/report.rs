@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::sight::repeated;
 use super::track::Track;
-use crate::words::{count, fixed};
+use crate::text::{count, fixed};
 
 /// Runs of lost frames that are told one by one.
 const MOST_TOLD: usize = 20;
@@ -51,11 +51,7 @@ impl fmt::Display for Track {
             fixed(turn.to_degrees(), 3)
         )?;
         if let Some(tau_s) = self.smoothed_s {
-            writeln!(
-                f,
-                "smoothed   by a line through the poses around each, {} s to 1/e",
-                crate::words::number(tau_s)
-            )?;
+            writeln!(f, "smoothed   by a line through the poses around each, {} s to 1/e", crate::text::number(tau_s))?;
         }
         let lost = self.lost();
         for (run, why) in lost.iter().take(MOST_TOLD) {

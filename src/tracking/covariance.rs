@@ -1,6 +1,6 @@
 //! How sure poses are, as text beside their trajectory.
 
-use crate::words::number;
+use crate::text::number;
 
 /// The covariance of a pose: of a turn about the camera's axes (x, y, z; rad), then of the world's origin in them (x, y, z; m).
 #[derive(Clone, Copy, Debug, PartialEq)]

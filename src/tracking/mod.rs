@@ -2,8 +2,8 @@
 
 pub mod covariance;
 pub mod delay;
+pub mod records;
 pub mod smooth;
-pub mod text;
 pub mod tum;
 pub mod turn;
 
@@ -11,7 +11,7 @@ use delay::PoseMotion;
 use glam::DQuat;
 
 use crate::pose::Pose;
-use crate::words::fixed;
+use crate::text::fixed;
 
 /// Sums of times in seconds since 1970 are rounded by up to 2.4e-7 s each: a pose this near counts as being at that
 /// time.

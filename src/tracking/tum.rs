@@ -7,10 +7,10 @@ use std::path::Path;
 
 use glam::{DQuat, DVec3};
 
-use super::text::{self, TextError};
+use super::records::{self, TextError};
 use super::{PoseTrack, default_max_gap_s};
 use crate::pose::Pose;
-use crate::words::number;
+use crate::text::number;
 
 /// A quaternion whose length is further from 1 than this is refused.
 pub const LARGEST_NORM_ERROR: f64 = 1e-2;
@@ -65,7 +65,7 @@ pub struct Trajectory {
 
 /// Reads a trajectory. If `max_gap_s` is `None`, [`default_max_gap_s`] applies.
 pub fn read_trajectory(path: &Path, max_gap_s: Option<f64>) -> Result<PoseTrack, TextError> {
-    let trajectory = parse_trajectory(&text::read(path)?, path)?;
+    let trajectory = parse_trajectory(&records::read(path)?, path)?;
     let max_gap_s = max_gap_s.unwrap_or_else(|| default_max_gap_s(trajectory.poses.iter().map(|p| p.0)));
     PoseTrack::new(trajectory.poses, max_gap_s).map_err(|e| TextError::line(path, 0, e))
 }
@@ -82,7 +82,7 @@ pub fn parse_trajectory(text: &str, file: &Path) -> Result<Trajectory, TextError
 pub fn parse_lines(text: &str, file: &Path) -> Result<(Vec<Line>, Vec<String>), TextError> {
     let mut lines: Vec<Line> = Vec::new();
     let mut odd = PoseNotes::default();
-    for (at, record) in text::records(text) {
+    for (at, record) in records::records(text) {
         let Some((line, norm_error)) = parse_line(record).map_err(|problem| TextError::line(file, at, problem))? else {
             odd.count_lost(format!("line {at}"));
             continue;
@@ -108,11 +108,11 @@ fn parse_line(record: &str) -> Result<Option<(Line, f64)>, String> {
     let mut rest = record;
     let mut fields = [0.0; 7];
     let refuse = |problem| format!("{problem} (a pose is `timestamp tx ty tz qx qy qz qw`)");
-    let time_s = text::number(&mut rest, "timestamp").map_err(refuse)?;
+    let time_s = records::number(&mut rest, "timestamp").map_err(refuse)?;
     for (field, name) in fields.iter_mut().zip(["tx", "ty", "tz", "qx", "qy", "qz", "qw"]) {
-        *field = text::pose_number(&mut rest, name).map_err(refuse)?;
+        *field = records::pose_number(&mut rest, name).map_err(refuse)?;
     }
-    text::end(rest)?;
+    records::end(rest)?;
     let [tx, ty, tz, qx, qy, qz, qw] = fields;
     let rotation = DQuat::from_xyzw(qx, qy, qz, qw);
     let position_m = DVec3::new(tx, ty, tz);

@@ -11,8 +11,8 @@ use super::error::VerifyError;
 use crate::analyse::{Taken, drawn_spread_px, footage_spread_px, still_frames};
 use crate::compositor::{Compositor, exposure_time_s};
 use crate::frame::Frame;
+use crate::parallel::processors;
 use crate::pose::Pose;
-use crate::rows::processors;
 use crate::scene::{Material, Mesh, Object, Part, Scene, Vertex};
 use crate::shot::Shot;
 

@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::driver_name::DriverName;
 use super::picture::Layout;
-use crate::words::fixed;
+use crate::text::fixed;
 
 /// A size in which a camera gives pictures.
 #[derive(Clone, Debug, PartialEq)]

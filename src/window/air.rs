@@ -9,8 +9,8 @@ use super::errand::Errand;
 use super::question::{self, DialogKeys, default_button};
 use super::recent::Opened;
 use locard_engine::live::{Added, Asked, LiveFrom};
+use locard_engine::text::{number, shown};
 use locard_engine::webcam::{self, DriverName};
-use locard_engine::words::{number, shown};
 
 /// Where poses come from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use eframe::egui::{self, Color32, RichText, Stroke, Ui};
 use super::session::{PAST_S, Session, Told};
 use super::timeline;
 use locard_engine::live::{Status, Tracking};
-use locard_engine::words::{count, without_options};
+use locard_engine::text::{count, without_options};
 
 /// What is asked of the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

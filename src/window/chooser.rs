@@ -21,7 +21,7 @@ use self::listed::{Entry, Listing};
 use self::making::Making;
 use super::errand::Errand;
 use super::question::{self, Answer, Choices, DialogKeys};
-use locard_engine::words::reason;
+use locard_engine::text::reason;
 
 pub use self::disk::{Begin, Chosen};
 pub use self::listed::Seeks;

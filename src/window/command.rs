@@ -5,7 +5,7 @@ use std::path::Path;
 use super::project::Project;
 use locard_engine::params::{Params, Value};
 use locard_engine::profile::ShotSettings;
-use locard_engine::words::number;
+use locard_engine::text::number;
 
 /// A line for a shell, and what has to be done before it is run.
 #[derive(Clone, Debug, PartialEq)]

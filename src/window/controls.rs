@@ -12,7 +12,7 @@ use locard_engine::camera::stops::{self, Step, Stop};
 use locard_engine::compositor::ON;
 use locard_engine::params::{Kind, Spec, Value, title};
 use locard_engine::shot::Note;
-use locard_engine::words::without_options;
+use locard_engine::text::without_options;
 
 /// What is looked for, and which groups are open.
 #[derive(Clone, Debug, Default)]

@@ -10,7 +10,7 @@ use super::question::{Answer, Choices, as_dialog, ask, modal};
 use super::recent::Opened;
 use super::saving::ProfileOwner;
 use super::titles::distinct;
-use locard_engine::words::count;
+use locard_engine::text::count;
 
 /// What ends or is lost if the window is closed, or something else is opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

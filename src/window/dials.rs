@@ -8,7 +8,7 @@ use super::fields::{has_just_opened, parse_number, typed};
 use locard_engine::camera::Film;
 use locard_engine::camera::stops::{self, Step, Stop, StopError};
 use locard_engine::photo::{Bracket, Focus, Wanted};
-use locard_engine::words::without_options;
+use locard_engine::text::without_options;
 
 /// As they are typed; empty for what the camera chooses.
 #[derive(Clone, Debug, Default)]
@@ -141,8 +141,8 @@ fn stop(read: Result<f64, StopError>) -> Result<f64, String> {
 fn number(text: &str, least: f64, most: f64) -> Result<f64, String> {
     let accepted = format!(
         "{text} is refused: accepted is {} to {}",
-        locard_engine::words::number(least),
-        locard_engine::words::number(most)
+        locard_engine::text::number(least),
+        locard_engine::text::number(most)
     );
     parse_number(text).filter(|number| (least..=most).contains(number)).ok_or(accepted)
 }
@@ -161,7 +161,7 @@ fn read<T>(dial: &str, text: &str, parse: impl FnOnce(&str) -> Result<T, String>
 fn bare(text: &str) -> String {
     let text = text.trim().replace(',', ".");
     let text = text.trim_start_matches("f/").trim_start_matches("ISO").trim_end_matches('s').trim();
-    text.parse::<f64>().map_or_else(|_| text.to_owned(), locard_engine::words::number)
+    text.parse::<f64>().map_or_else(|_| text.to_owned(), locard_engine::text::number)
 }
 
 /// A field to type into, with the values that a camera has.

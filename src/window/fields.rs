@@ -2,7 +2,7 @@
 
 use eframe::egui::{self, Context, Id, Ui};
 
-use locard_engine::words::number;
+use locard_engine::text::number;
 
 /// A number to drag or to type, with four digits behind the point; `called` names it to those who do not see it.
 pub fn numeric(ui: &mut Ui, called: &str, value: &mut f64, speed: f64, unit: &str) -> egui::Response {

@@ -9,7 +9,7 @@ use super::picture::{Seen, plate};
 use locard_engine::frame::Frame;
 use locard_engine::scene::Support;
 use locard_engine::shot::{FittedPlane, Shot, SurfaceError, View};
-use locard_engine::words::fixed;
+use locard_engine::text::fixed;
 
 /// Finds points of the world, one after another.
 #[derive(Clone, Debug, Default)]

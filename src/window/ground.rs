@@ -11,7 +11,7 @@ use super::picture::Seen;
 use locard_engine::frame::Frame;
 use locard_engine::scene::SceneFile;
 use locard_engine::shot::{metres_per_unit, plane_through};
-use locard_engine::words::fixed;
+use locard_engine::text::fixed;
 
 /// What points are picked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -16,7 +16,7 @@ use locard_engine::gpu::{Gpu, GpuError};
 use locard_engine::photo::{PhotoError, TakeError, Told, Wanted};
 use locard_engine::shot::{Shot, ShotError};
 use locard_engine::sink::folder::write_frame;
-use locard_engine::words::{count, without_options};
+use locard_engine::text::{count, without_options};
 
 /// What is to be done.
 #[derive(Clone, Debug, PartialEq)]

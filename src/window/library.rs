@@ -8,9 +8,9 @@ use std::thread::Builder;
 use eframe::egui::{self, Color32, ColorImage, FocusDirection, Id, Key, TextureHandle, Ui, vec2};
 use glam::DVec3;
 
+use locard_engine::assets;
 use locard_engine::camera::{Distortion, Geometry, Intrinsics, Response};
 use locard_engine::gpu::Gpu;
-use locard_engine::installed;
 use locard_engine::pixels::LinearImage;
 use locard_engine::pose::Pose;
 use locard_engine::render::{Projection, Renderer, Still, take_still};
@@ -60,7 +60,7 @@ impl Library {
         if self.looked_in.as_ref() == Some(&folder) {
             return;
         }
-        let folders = [folder.clone(), installed::path("scenes")];
+        let folders = [folder.clone(), assets::path("scenes")];
         let mut found: Vec<PathBuf> = folders
             .iter()
             .filter_map(|folder| std::fs::read_dir(folder).ok())
@@ -86,7 +86,7 @@ impl Library {
         self.take_drawn(ui.ctx());
         if self.models.is_empty() {
             let folders: Vec<String> =
-                installed::folders().iter().map(|folder| folder.join("scenes").display().to_string()).collect();
+                assets::folders().iter().map(|folder| folder.join("scenes").display().to_string()).collect();
             let text =
                 format!("No .glb beside the scene file, nor in {}. Drop one into the window.", folders.join(", "));
             ui.add(egui::Label::new(text).wrap());

@@ -5,7 +5,7 @@ use eframe::egui::{RichText, Ui};
 use super::plots::{self, Axes};
 use super::session::Session;
 use locard_engine::shot::AnalysisState;
-use locard_engine::words::fixed;
+use locard_engine::text::fixed;
 
 /// Colours that are told apart, for red, green and blue.
 const COLORS: [(usize, &str); 3] = [(5, "red"), (2, "green"), (0, "blue")];

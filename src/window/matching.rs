@@ -23,7 +23,7 @@ use locard_engine::camera::NoiseProfile;
 use locard_engine::measure::slanted::{FEWEST_PX, SlantedEdge};
 use locard_engine::pixels::{Pixels, Rect};
 use locard_engine::recording::Recording;
-use locard_engine::words::fixed;
+use locard_engine::text::fixed;
 
 /// A patch's mean code values, 8 bits, by frame.
 type Series = Result<Vec<[f64; 3]>, String>;

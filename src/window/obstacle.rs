@@ -4,7 +4,7 @@ use std::sync::{Arc, Weak};
 
 use locard_engine::recording::Recording;
 use locard_engine::shot::{Shot, ShotError, SurfaceError};
-use locard_engine::words::without_options;
+use locard_engine::text::without_options;
 
 /// Why a frame shows no evidence and takes none.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -12,8 +12,8 @@ use super::recent::Opened;
 use locard_engine::live::{self, LiveFrom};
 use locard_engine::recording::{OpenOptions, Recording};
 use locard_engine::shot::{Given, ShotError};
+use locard_engine::text::without_options;
 use locard_engine::webcam::CameraError;
-use locard_engine::words::without_options;
 
 /// A project, with the camera of which it is.
 pub type Fresh = (Box<Project>, Option<live::Opened>);

@@ -15,7 +15,7 @@ use locard_engine::analyse::Stage;
 use locard_engine::export::Export;
 use locard_engine::photo::Wanted;
 use locard_engine::sink::OutPath;
-use locard_engine::words::count;
+use locard_engine::text::count;
 
 /// Which frames are exported.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -8,7 +8,7 @@ use super::plots::Of;
 use locard_engine::compositor::exposure_time_s;
 use locard_engine::frame::Frame;
 use locard_engine::shot::{Shot, SurfaceError};
-use locard_engine::words::fixed;
+use locard_engine::text::fixed;
 
 /// A place of the picture, as far as it is known.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,7 +1,7 @@
 //! What calibration says, in the words of the window: there are no options here, and a scene is a place that was picked.
 
 use locard_engine::calibrate::{CalibrateError, PickedError, Warning};
-use locard_engine::words::{count, fixed, without_options};
+use locard_engine::text::{count, fixed, without_options};
 
 /// Why noise is not known.
 pub fn of_noise(error: &CalibrateError) -> String {

@@ -5,8 +5,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use eframe::egui_wgpu::RenderState;
 
+use locard_engine::cleanup::undo_all;
 use locard_engine::gpu::Gpu;
-use locard_engine::unfinished::undo_all;
 
 /// Says to the program that is started when that was, in seconds since 1970.
 const AGAIN: &str = "LOCARD_STARTED_AGAIN_S";

@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 use super::Project;
 use super::fields::{color_picker, rounded, row};
 use locard_engine::scene::document::{Color, LightTable, SunTable};
-use locard_engine::words::count;
+use locard_engine::text::count;
 
 /// A sun that is added stands this high above the horizon, and white matt that faces it shows this.
 const NEW_SUN_DEG: f64 = 55.0;

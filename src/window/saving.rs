@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::camera_values::CameraValueTarget;
 use super::project::Project;
 use super::watch::{Change, Watch};
-use locard_engine::installed;
+use locard_engine::assets;
 
 /// The demonstration, which opens without a recording. It is not written to by a mere Save.
 pub const DEMO: &str = "recordings/demo";
@@ -77,12 +77,12 @@ fn profile_step(project: &Project, agreed: Agreed<'_>, changed: impl Fn(&Path) -
 
 /// Whether that is the demonstration's recording.
 pub fn is_demonstration(recording: &Path) -> bool {
-    installed::is_supplied(recording, DEMO)
+    assets::is_supplied(recording, DEMO)
 }
 
 /// Whether that is the scene file of the demonstration.
 pub fn is_demo(scene: &Path) -> bool {
-    installed::is_supplied(scene, DEMO_SCENE)
+    assets::is_supplied(scene, DEMO_SCENE)
 }
 
 /// The owner of a profile that others use, too.
@@ -93,7 +93,7 @@ pub enum ProfileOwner {
 }
 
 pub fn profile_owner(project: &Project, profile: &Path) -> Option<ProfileOwner> {
-    if installed::is_supplied_profile(profile) {
+    if assets::is_supplied_profile(profile) {
         return Some(ProfileOwner::Program);
     }
     let profile = profile.canonicalize().ok()?;

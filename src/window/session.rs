@@ -24,7 +24,7 @@ use locard_engine::compositor::FrameStats;
 use locard_engine::frame::Frame;
 use locard_engine::pixels::Pixels;
 use locard_engine::shot::ShotError;
-use locard_engine::words::without_options;
+use locard_engine::text::without_options;
 
 /// A picture that takes longer than this at full size is made smaller while something changes, so that it takes about
 /// so long as the second; but not so small that its longer side has fewer pixels.

@@ -26,7 +26,7 @@ use super::question::Answer;
 use super::recent::{Opened, Recent};
 use super::saving::DEMO;
 use super::theme;
-use locard_engine::installed;
+use locard_engine::assets;
 
 /// Something that was opened, with the work that is taken up in it.
 type Begun = (Turn, Option<Left>);
@@ -75,7 +75,7 @@ impl Start {
             left: Vec::new(),
             looking,
             chooser: None,
-            places: installed::folders(),
+            places: assets::folders(),
             air: None,
             aired: None,
             opening: None,

@@ -7,7 +7,7 @@ use glam::{DQuat, DVec3};
 use super::Project;
 use locard_engine::scene::{Entry, SceneError, Stance};
 use locard_engine::shot::Tilt;
-use locard_engine::words::{fixed, millimetres};
+use locard_engine::text::{fixed, millimetres};
 
 /// A rotation that keeps the world's up within this is upright: cosine of half a degree.
 const UPRIGHT: f64 = 0.99996;

@@ -105,12 +105,12 @@ pub fn show(ui: &mut Ui, player: &mut Player, told: &Told) {
         }
         let pace = match player.pace {
             Pace::EveryFrame | Pace::Arriving => "every frame".to_owned(),
-            Pace::Recorded(speed) => format!("{}×", locard_engine::words::number(speed)),
+            Pace::Recorded(speed) => format!("{}×", locard_engine::text::number(speed)),
         };
         let combo = egui::ComboBox::from_id_salt("pace").width(92.0).selected_text(pace);
         let response = combo.show_ui(ui, |ui| {
             for speed in [0.1, 0.25, 0.5, 1.0, 2.0] {
-                let text = format!("{}×", locard_engine::words::number(speed));
+                let text = format!("{}×", locard_engine::text::number(speed));
                 ui.selectable_value(&mut player.pace, Pace::Recorded(speed), text);
             }
             ui.selectable_value(&mut player.pace, Pace::EveryFrame, "every frame");

@@ -6,7 +6,7 @@ use eframe::egui::{self, RichText, Ui};
 
 use super::plots::Of;
 use locard_engine::gpu::PartTime;
-use locard_engine::words::fixed;
+use locard_engine::text::fixed;
 
 /// So many pictures are looked at: one alone jumps.
 const PICTURES: usize = 15;

@@ -4,7 +4,7 @@ use std::sync::{Arc, Weak};
 
 use super::project::Project;
 use locard_engine::recording::Recording;
-use locard_engine::words::without_options;
+use locard_engine::text::without_options;
 
 /// The warnings, with the ones that need every frame's pose cached.
 #[derive(Debug, Default)]

@@ -5,7 +5,7 @@
 #![allow(dead_code, reason = "each test file uses some of it")]
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
-use locard::rows::{over_rows, processors};
+use locard::parallel::{over_rows, processors};
 
 /// A pinhole camera of 640 by 480 px with Brown and Conrady's distortion, and the codes of sRGB.
 #[derive(Clone, Copy, Debug)]

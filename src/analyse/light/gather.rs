@@ -15,8 +15,8 @@ use super::sample::Sample;
 use super::voxels::{Voxel, Voxels};
 use crate::camera::Response;
 use crate::frame::Frame;
+use crate::parallel::over_rows;
 use crate::recording::Recording;
-use crate::rows::over_rows;
 
 /// Frames whose light is gathered, and those of the survey before.
 const MOST_FRAMES: usize = 120;

@@ -7,7 +7,7 @@ use glam::{DVec3, USizeVec3};
 use super::blocked::Blocked;
 use super::bounce::{self, mean_share};
 use super::lit::{Fit, MOST_LAMPS, PATCH_M, Place, Point, Shares, ambient, fit, of_lamp};
-use crate::rows::over_rows;
+use crate::parallel::over_rows;
 
 /// Cells of the grid are so wide, m.
 const GRID_M: f64 = 0.35;

@@ -13,7 +13,7 @@ use glam::{DMat3, DVec3, Vec3};
 use super::sample::{Sample, luminance, relative_luminance};
 use crate::fit::quantile::{Censored, kaplan_meier};
 use crate::frame::SURFEL_SPACING_M;
-use crate::rows::over_rows;
+use crate::parallel::over_rows;
 
 /// A cube's side, m.
 pub const SIDE_M: f64 = SURFEL_SPACING_M;

@@ -6,7 +6,7 @@ use super::seen::{Seen, Target};
 use crate::camera::Response;
 use crate::pixels::Pixels;
 use crate::tags::{self, DetectError, Detector, Found, Grey, refined_of_any_lens};
-use crate::words::count;
+use crate::text::count;
 
 /// A single tag's four corners fit nearly any camera.
 const LEAST_TAGS: usize = 2;

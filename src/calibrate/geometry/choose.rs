@@ -10,7 +10,7 @@ use super::parameter::Parameter;
 use super::solve::{Fit, finish, fit};
 use crate::calibrate::board::{Board, Seen, Target};
 use crate::camera::{Geometry, LensModel};
-use crate::words::{count, fixed};
+use crate::text::{count, fixed};
 
 /// Why there is no calibration.
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]

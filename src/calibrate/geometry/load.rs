@@ -9,11 +9,11 @@ use super::calibrated::{NamedView, Refused};
 use crate::calibrate::board::{Search, Seen, Slanted, Wanted};
 use crate::calibrate::is_picture;
 use crate::camera::Response;
-use crate::rows::{over_rows, processors};
+use crate::parallel::{over_rows, processors};
 use crate::source::file::is_lfs_pointer;
 use crate::source::video::{Overrides, Video, probe};
 use crate::source::{SourceError, still, unsupported};
-use crate::words::reason;
+use crate::text::reason;
 
 /// About this many frames of a video are searched, evenly spaced.
 const MOST_SEARCHED: usize = 180;

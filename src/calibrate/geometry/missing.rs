@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3};
 use super::parameter::Parameter;
 use crate::calibrate::board::Seen;
 use crate::fit::Stand;
-use crate::words::{count, fixed};
+use crate::text::{count, fixed};
 
 /// A corner of the picture is seen if a board's corner lies in this share of its width and height.
 const CORNER: f64 = 0.25;

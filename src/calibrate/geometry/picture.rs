@@ -6,7 +6,7 @@ use image::{Rgb, RgbImage};
 use super::calibrated::Calibrated;
 use crate::pixels::{Codes, Pixels};
 use crate::sink::lettering::{Style, line, width_px, write};
-use crate::words::{count, fixed, number};
+use crate::text::{count, fixed, number};
 
 /// Width of the longer side, px; the legend stands below.
 const LONGEST_PX: f64 = 1400.0;

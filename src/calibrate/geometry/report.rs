@@ -7,7 +7,7 @@ use super::missing::{distance, tilt_deg};
 use super::parameter::Parameter;
 use crate::calibrate::board::Target;
 use crate::params::Field;
-use crate::words::{count, fixed, millimetres};
+use crate::text::{count, fixed, millimetres};
 
 impl Parameter {
     /// As many digits behind the point as two of the deviation take.

@@ -9,7 +9,7 @@ use locard_engine::profile::Document;
 use locard_engine::sink;
 use locard_engine::source::file::{self, MOST_DOCUMENT};
 use locard_engine::source::{SourceError, still, unsupported};
-use locard_engine::words::reason;
+use locard_engine::text::reason;
 
 /// A profile that is to be extended, and whether it is there already.
 pub fn existing(path: &Path) -> Result<(bool, Document)> {

@@ -22,7 +22,7 @@ use locard_engine::recording::OpenOptions;
 use locard_engine::shot::{Given, Shot};
 use locard_engine::sink::atomic::write_atomically;
 use locard_engine::source::still;
-use locard_engine::words::{fixed, number};
+use locard_engine::text::{fixed, number};
 
 #[derive(clap::Args)]
 pub struct Args {

@@ -12,7 +12,7 @@ use locard_engine::calibrate::board::{Search, Wanted};
 use locard_engine::calibrate::geometry::{LensOptions, Look, Taking};
 use locard_engine::camera::Response;
 use locard_engine::live::Next;
-use locard_engine::words::{count, fixed};
+use locard_engine::text::{count, fixed};
 
 /// Watches a camera until nothing is missing, or until somebody ends it.
 pub fn taken(

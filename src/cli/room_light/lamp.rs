@@ -5,10 +5,10 @@ use glam::{DVec2, DVec3, Vec3};
 
 use crate::cli::pick::{numbers, of_view, view};
 use locard_engine::analyse::{self, Analysis, Environment, FoundLight, MOST_LAMPS};
-use locard_engine::rows::processors;
+use locard_engine::parallel::processors;
 use locard_engine::shadow::OnWhite;
 use locard_engine::shot::{Shot, SurfaceError, View};
-use locard_engine::words::number;
+use locard_engine::text::number;
 
 /// How far away a lamp may be, m.
 const NEAREST_M: f64 = 0.1;

@@ -8,7 +8,7 @@ use glam::{DVec3, Vec3};
 use locard_engine::scene::document::{LampTable, LightTable};
 use locard_engine::scene::{self, Lighting, SceneFile, Support};
 use locard_engine::shadow::{OnWhite, Room, on_white};
-use locard_engine::words::fixed;
+use locard_engine::text::fixed;
 
 /// White matt that looks up, at a place of the world where nothing hides anything.
 pub fn upward(lighting: &Lighting, at_m: DVec3, up: DVec3) -> OnWhite {

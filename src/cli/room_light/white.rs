@@ -7,7 +7,7 @@ use crate::cli::pick::{of_view, triple, view};
 use locard_engine::analyse::WHITE;
 use locard_engine::scene::{LightCorrection, Lighting};
 use locard_engine::shot::{ReferencePick, Shot, White};
-use locard_engine::words::{fixed, number};
+use locard_engine::text::{fixed, number};
 
 /// Reflectances of matt surfaces that are accepted: black cloth reflects 0.03, fresh snow 0.9.
 const REFLECTANCES: [f64; 2] = [0.02, 0.95];

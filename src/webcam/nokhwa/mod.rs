@@ -25,7 +25,7 @@ use super::list::Listed;
 use super::picture::{Delivered, Layout};
 use super::wanted::{Assumed, Given, TimeSource, Wanted};
 use crate::source::video::{ColorMatrix, ColorRange};
-use crate::words::quoted;
+use crate::text::quoted;
 
 /// Time limit for the user's answer to the camera permission prompt.
 const PERMISSION_LIMIT: Duration = Duration::from_secs(60);

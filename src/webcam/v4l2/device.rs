@@ -154,7 +154,7 @@ fn stopped(error: &io::Error, limit: Duration) -> String {
         io::ErrorKind::TimedOut => format!("no picture came for {} s", limit.as_secs_f64()),
         // ENODEV: unplugged.
         _ if error.raw_os_error() == Some(19) => "it was unplugged".to_owned(),
-        _ => crate::words::reason(error),
+        _ => crate::text::reason(error),
     }
 }
 

@@ -13,6 +13,7 @@ use v4l::{Device, Format, FourCC, Fraction};
 
 use super::{encoding, permission};
 use crate::source::video::{ColorMatrix, ColorRange};
+use crate::text::{quoted, reason};
 use crate::webcam::choose;
 use crate::webcam::driver_name::DriverName;
 use crate::webcam::error::CameraError;
@@ -20,7 +21,6 @@ use crate::webcam::list::{Listed, Mode};
 use crate::webcam::picture::{Delivered, Layout};
 use crate::webcam::session::guarded;
 use crate::webcam::wanted::Wanted;
-use crate::words::{quoted, reason};
 
 const CODES: [(Layout, &[u8; 4]); 6] = [
     (Layout::Yuyv, b"YUYV"),

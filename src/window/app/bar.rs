@@ -5,7 +5,7 @@ use eframe::egui::{self, Color32, Ui};
 use super::super::session::FROZEN;
 use super::super::titles;
 use super::App;
-use locard_engine::words::shown;
+use locard_engine::text::shown;
 
 /// The share of the window's width that a recording's name may take.
 const NAME_SHARE: f32 = 0.16;

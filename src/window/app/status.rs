@@ -5,7 +5,7 @@ use eframe::egui::{self, Align, Color32, Label, Layout, RichText, Sense, Ui};
 use super::super::list::sign;
 use super::super::message::MessageWindow;
 use super::App;
-use locard_engine::words::count;
+use locard_engine::text::count;
 
 /// Tooltip of the message.
 const HINT: &str = "Click to read and copy the whole message";

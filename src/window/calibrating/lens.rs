@@ -10,7 +10,7 @@ use super::views::{Told, Views};
 use locard_engine::calibrate::geometry::{Calibrated, Coverage, Look, Parameter};
 use locard_engine::frame::Frame;
 use locard_engine::params::Value;
-use locard_engine::words::{fixed, without_options};
+use locard_engine::text::{fixed, without_options};
 
 /// Fewer views leave the principal point open.
 const FEWEST: usize = 3;

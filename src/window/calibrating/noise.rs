@@ -21,7 +21,7 @@ use locard_engine::camera::NoiseProfile;
 use locard_engine::frame::Frame;
 use locard_engine::pixels::Rect;
 use locard_engine::shot::Shot;
-use locard_engine::words::fixed;
+use locard_engine::text::fixed;
 
 /// Frames at rest beyond this many tell little more.
 const MOST_FRAMES: usize = 30;

@@ -15,7 +15,7 @@ use locard_engine::measure::slanted::{FEWEST_PX, SlantedEdge};
 use locard_engine::params::Value;
 use locard_engine::pixels::Rect;
 use locard_engine::shot::Shot;
-use locard_engine::words::fixed;
+use locard_engine::text::fixed;
 
 /// Each edge with the way that it moved, px.
 type Edges = Vec<Result<(SlantedEdge, [f64; 2]), Refused>>;

@@ -6,7 +6,7 @@ use eframe::egui::Context;
 
 use super::super::errand::Errand;
 use locard_engine::recording::{OpenOptions, Recording};
-use locard_engine::words::{count, fixed, without_options};
+use locard_engine::text::{count, fixed, without_options};
 
 /// Of one recording at a time.
 #[derive(Debug, Default)]

@@ -7,7 +7,7 @@ use std::path::{Component, Path, PathBuf};
 use super::listed::Seeks;
 use locard_engine::photo::series_there;
 use locard_engine::recording::Recording;
-use locard_engine::words::reason;
+use locard_engine::text::reason;
 
 /// Where a dialog may begin, and what else it offers.
 #[derive(Clone, Debug, Default)]

@@ -8,7 +8,7 @@ use eframe::egui::Context;
 use super::super::errand::Errand;
 use super::Chooser;
 use super::disk::{Chosen, Entered, Taken};
-use locard_engine::words::reason;
+use locard_engine::text::reason;
 
 /// Something that was entered, of which the disk has not said yet what it is.
 #[derive(Debug)]

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use locard_engine::recording::Recording;
-use locard_engine::words::reason;
+use locard_engine::text::reason;
 
 /// What is looked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! Amounts: as they are typed while something is moved, and as they are told.
 
 use super::super::fields::parse_number;
-use locard_engine::words::number;
+use locard_engine::text::number;
 
 /// What an amount is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -13,7 +13,7 @@ use super::super::recent::Opened;
 use super::super::saving::{self, Step};
 use super::super::session::Session;
 use super::{Keeper, Purpose, Then};
-use locard_engine::installed;
+use locard_engine::assets;
 use locard_engine::scene::is_model;
 
 impl Keeper {
@@ -34,7 +34,7 @@ impl Keeper {
     ) {
         // By their names: the disk is asked later, and not here.
         let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        let is_called = |path: &Path, other: &str| whole(path) == whole(&installed::path(other));
+        let is_called = |path: &Path, other: &str| whole(path) == whole(&assets::path(other));
         let own = match purpose {
             Purpose::OpenProfile | Purpose::SaveProfile => project.profile.clone(),
             Purpose::OpenScene | Purpose::SaveScene => {
@@ -68,7 +68,7 @@ impl Keeper {
             },
         };
         let places = match purpose {
-            Purpose::OpenProfile => vec![("Locard's profiles", installed::path(saving::PROFILES))],
+            Purpose::OpenProfile => vec![("Locard's profiles", assets::path(saving::PROFILES))],
             _ => Vec::new(),
         };
         self.chooser = Some((purpose, Chooser::new(title, seeks, Begin { places, ..begin })));

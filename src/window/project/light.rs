@@ -12,7 +12,7 @@ use locard_engine::scene::document::LightTable;
 use locard_engine::scene::{LightCorrection, Lighting, LitBy, SceneFile, Support, Thing, relative};
 use locard_engine::shadow::{Room, on_white};
 use locard_engine::shot::{AnalysisState, ReferencePick, View};
-use locard_engine::words::fixed;
+use locard_engine::text::fixed;
 
 impl Project {
     /// The light that an analysis found and that lights the scene, because the scene says none of its own.

@@ -179,7 +179,7 @@ impl Session {
         {
             let name = path.display();
             match why {
-                None => self.say(format!("Recorded {}: {name}", locard_engine::words::count(*frames, "frame"))),
+                None => self.say(format!("Recorded {}: {name}", locard_engine::text::count(*frames, "frame"))),
                 Some(why) if *frames == 0 => self.wrong(format!("{name}: {why}; nothing was recorded")),
                 Some(why) => self.wrong(format!("{name}: {why}; the recording is whole up to there")),
             }

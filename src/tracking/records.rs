@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use crate::source::file::{self, MOST_DOCUMENT, MOST_LISTING, MOST_TEXT};
-use crate::words::{quoted, reason};
+use crate::text::{quoted, reason};
 
 /// A text file cannot be read or does not contain what it should.
 #[derive(Debug, thiserror::Error)]
