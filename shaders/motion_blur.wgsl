@@ -42,13 +42,14 @@ fn drawn_motion(motion: vec2<f32>, dominant: vec2<f32>) -> vec2<f32> {
     return select(motion, vec2<f32>(0.0), still);
 }
 
-// The share of a motion that lies within the layer's margin. Beyond it nothing is drawn.
+// The share of a motion that lies within the layer's margin. Beyond it nothing is drawn, so that a surface larger than
+// the margin becomes translucent.
 fn share_within(motion: vec2<f32>) -> f32 {
     return min(1.0, blur.longest_px / max(length(motion), 1e-6));
 }
 
-// Longest distance that is sampled tap by tap, in taps. One tap of so many changes an 8-bit code by at most 1, so that
-// a longer motion needs no more of them. It occurs where the camera passes close to a surface.
+// Largest number of taps. Motions of more pixels occur where the camera passes close to a surface. They are sampled
+// every few pixels: a step of at most 1/128 of the light's range. Small bright objects become dots.
 const MAX_TAPS: f32 = 256.0;
 
 // The shutter's box along a motion: a tap for each pixel of the major axis, at most MAX_TAPS, the end taps weighted by
@@ -151,9 +152,10 @@ fn many_motions(p: vec2<i32>, own: vec4<f32>, dominant: vec2<f32>, wanted: bool)
     var weight = 0.0;
     let taps = select(-1, line.taps, wanted);
     for (var k = -taps; k <= taps; k++) {
+        let moment = f32(k) / (2.0 * line.half);
         let w = tap_weight(line, abs(f32(k)));
         weight += w;
-        sum += w * surface_at(vec2<f32>(p), own, motion, f32(k) / (2.0 * line.half), x_major);
+        sum += w * surface_at(vec2<f32>(p), own, motion, moment, x_major);
     }
     return Sum(sum, weight);
 }
@@ -181,7 +183,8 @@ fn passing(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
     }
     var nearest = vec4<f32>(0.0);
     let tile = tile_at(p);
-    let line = line_along(drawn_motion(tile.motion, tile.motion));
+    let motion = drawn_motion(tile.motion, tile.motion);
+    let line = line_along(share_within(motion) * motion);
     let taps = select(-1, line.taps, tile.kind > 0.5);
     // Everything that a sample between pixels can touch: four pixels across for each column (row) of the major axis.
     let across = select(vec2<i32>(1, 0), vec2<i32>(0, 1), abs(tile.motion.x) >= abs(tile.motion.y));

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DMat3, DVec2, DVec3, Vec2, Vec3};
 use sha2::Digest as _;
 
-/// Equal for equal values, and else different.
+/// SHA-256 of a value's fields.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Digest([u8; 32]);
 
@@ -21,7 +21,7 @@ impl Digest {
     }
 }
 
-/// Takes values one after another. A clone has taken what the original had.
+/// Incremental digest. A clone continues from the same state.
 #[derive(Clone, Debug, Default)]
 pub struct Digester(sha2::Sha256);
 
@@ -41,7 +41,7 @@ impl Digester {
     }
 }
 
-/// A value that can be told from every other one of its type.
+/// A value with a digest over all of its fields.
 pub trait Digestible {
     fn digest(&self, into: &mut Digester);
 }

@@ -17,6 +17,7 @@ pub struct Memo<K, V> {
 
 impl<K, V> Memo<K, V> {
     pub const fn new(capacity: usize) -> Self {
+        assert!(capacity > 0, "a memo without entries");
         Self { capacity, entries: Mutex::new(Vec::new()) }
     }
 
@@ -34,18 +35,15 @@ impl<K, V> Memo<K, V> {
 impl<K: PartialEq, V: Clone> Memo<K, V> {
     /// The value of a key, which then counts as most recently used.
     pub fn get(&self, key: &K) -> Option<V> {
-        let mut entries = self.entries();
-        let at = entries.iter().position(|(known, _)| known == key)?;
-        entries[at..].rotate_left(1);
-        entries.last().map(|(_, value)| value.clone())
+        used(&mut self.entries(), key)
     }
 
     /// Returns the value that is kept: the first one of a key.
     pub fn insert(&self, key: K, value: V) -> V {
-        if let Some(known) = self.get(&key) {
+        let mut entries = self.entries();
+        if let Some(known) = used(&mut entries, &key) {
             return known;
         }
-        let mut entries = self.entries();
         if entries.len() >= self.capacity {
             entries.remove(0);
         }
@@ -61,6 +59,13 @@ impl<K: PartialEq, V: Clone> Memo<K, V> {
             self.insert(key, value)
         })
     }
+}
+
+/// The value of a key among entries, which becomes the last of them.
+fn used<K: PartialEq, V: Clone>(entries: &mut [(K, V)], key: &K) -> Option<V> {
+    let at = entries.iter().rposition(|(known, _)| known == key)?;
+    entries[at..].rotate_left(1);
+    entries.last().map(|(_, value)| value.clone())
 }
 
 #[cfg(test)]

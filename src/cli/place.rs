@@ -159,7 +159,7 @@ pub fn run(args: &Args) -> Result<()> {
     if support.normal.dot(up) < LEVEL && !args.flat {
         writeln!(
             out,
-            "odd        the surface is steep: it stands upright and touches it, at this height; --flat lays it against a wall"
+            "odd        the surface is steep: the model stands upright, its foot at the picked height; --flat lays it against a wall"
         )?;
     }
     if is_guessed {

@@ -75,7 +75,7 @@ crate::uniform! {
 /// `ShadowMap` in shaders/shade.wgsl.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-struct ChartUniform {
+struct ShadowMapUniform {
     rect_px: [f32; 4],
     in_atlas: [f32; 2],
     size: [f32; 2],
@@ -110,7 +110,7 @@ pub fn seen(shadow_maps: Vec<ShadowMap>, geometry: &Geometry, keys: &ViewKeys) -
     let picture = Rect::full(i.width_px, i.height_px);
     let place = |shadow_map: ShadowMap| {
         let height_m = shadow_map.floor.height_m(keys.middle().position_in_world_m());
-        let [rect, dark] = [shadow_map.shares.shown, shadow_map.shares.dark]
+        let [rect, dark] = [shadow_map.texture.shown, shadow_map.texture.dark]
             .map(|part| rect_of(&shadow_map, part, geometry, keys).map(|rect| rect.intersection(&picture)));
         let (rect, dark) = (rect?, dark.unwrap_or(Rect::new(0, 0, 0, 0)));
         (height_m > 0.0 && !rect.is_empty()).then_some(Seen { shadow_map, rect, dark, height_m })
@@ -160,7 +160,7 @@ fn rect_of(shadow_map: &ShadowMap, part: Part, geometry: &Geometry, keys: &ViewK
     found.then(|| if lost { whole } else { rect.grown(2) })
 }
 
-/// Charts beside each other in one texture.
+/// Shadow textures packed into one.
 #[derive(Clone, Debug)]
 struct Atlas {
     texture: Texture,
@@ -329,13 +329,13 @@ pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Optio
     }
     let Asked { geometry, part, settings, .. } = *asked;
     let atlas =
-        recorder.memoized_large(Together(seen.iter().map(|s| s.shadow_map.shares.clone()).collect()), Atlas::new);
+        recorder.memoized_large(Together(seen.iter().map(|s| s.shadow_map.texture.clone()).collect()), Atlas::new);
     let rays = recorder.memoized_large(geometry.clone(), Rays::new);
     let piece_px = rays.piece_px;
     let (mut shadow_maps, mut pieces, mut turns) = (Vec::new(), Vec::new(), Vec::new());
     for (seen, in_atlas) in seen.iter().zip(&atlas.places) {
         let rect = seen.rect.intersection(&part);
-        let shares = &seen.shadow_map.shares;
+        let shares = &seen.shadow_map.texture;
         if !rect.is_empty() && in_atlas[1] + shares.height <= atlas.size[1] {
             // Pieces lie at the same places of the picture whichever part of it is asked for.
             let first = rect.y0.div_euclid(piece_px) * piece_px;
@@ -357,7 +357,7 @@ pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Optio
             }
         }
         let all = seen.rect;
-        shadow_maps.push(ChartUniform {
+        shadow_maps.push(ShadowMapUniform {
             rect_px: [all.x0, all.y0, all.x1, all.y1].map(|edge| edge as f32),
             in_atlas: in_atlas.map(|at| at as f32),
             size: [shares.width as f32, shares.height as f32],
@@ -421,7 +421,7 @@ fn turn(shadow_map: &ShadowMap, asked: &Asked<'_>, row: i32, moment: usize) -> [
 /// A ray r from the eye e meets the floor at e + t·R·r, where its height h + t·(n·R·r) is 0: 1/t = −(n·R·r)/h. Along an axis a
 /// of the floor, from the shadow map's corner c: (a·(e − o) − c)/t + a·R·r.
 fn homography(shadow_map: &ShadowMap, pose: &Pose) -> DMat3 {
-    let (floor, shares) = (&shadow_map.floor, &shadow_map.shares);
+    let (floor, shares) = (&shadow_map.floor, &shadow_map.texture);
     let eye = pose.position_in_world_m();
     let world_from_camera = DMat3::from_quat(pose.world_from_camera_rotation());
     // Row vectors: aᵀR is Rᵀa.
@@ -458,7 +458,7 @@ mod tests {
     fn ray_meets_the_shadow_map_at_the_point() {
         let floor = Floor::new(DVec3::new(0.2, -0.1, 0.5), DVec3::new(0.1, -0.9, 0.2).normalize());
         let shares = ShadowTexture::empty(Vec2::new(-0.3, -0.2), 0.002, 400, 300);
-        let shadow_map = ShadowMap { floor, shares: Arc::new(shares), is_beside: false };
+        let shadow_map = ShadowMap { floor, texture: Arc::new(shares), is_beside: false };
         let pose = Pose::from_camera_in_world(
             DVec3::new(0.3, -1.2, -0.4),
             DQuat::from_scaled_axis(DVec3::new(-0.9, 0.2, 0.1)),

@@ -1,4 +1,4 @@
-//! When neighbouring pixels show two surfaces.
+//! Depth discontinuities and colour distance.
 
 /// Neighbouring depths that differ by more than this factor belong to two surfaces. A floor seen under 15° from 4 m
 /// changes by 1 % from row to row. `JUMP` of shaders/real_part.wgsl and shaders/shade.wgsl

@@ -11,7 +11,8 @@ use crate::memo::Memo;
 use crate::pixels::Rect;
 use crate::pose::Pose;
 
-/// Only what neighbours helped with is kept: it takes longest, and they tell one reading of a frame from another.
+/// Memo of the last result with neighbours. Such results take longest, and their neighbours identify one reading of a
+/// frame. Its frames stay in memory until the next such result.
 #[derive(Debug)]
 pub struct LastRepair(Memo<Key, Arc<Repaired>>);
 

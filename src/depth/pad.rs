@@ -1,5 +1,4 @@
-//! A quantity of a map's pixels within a rim, so that what is asked about a pixel's surroundings needs no question about the map's
-//! own rim.
+//! Zero padding of a map, so that window filters need no bounds checks.
 
 use crate::parallel::{over_rows, processors};
 

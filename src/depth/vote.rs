@@ -84,15 +84,15 @@ impl TargetView<'_> {
         let mut told: Vec<Vec<f32>> = vec![Vec::new(); voters.len()];
         let work = Mutex::new(told.iter_mut().zip(voters));
         std::thread::scope(|scope| {
-            let reprojection = || {
+            let work_off = || {
                 while let Some((told, voter)) = work.lock().ok().and_then(|mut work| work.next()) {
                     *told = self.carried(voter, source, &requested);
                 }
             };
             for _ in 1..processors().min(voters.len()) {
-                let _ = std::thread::Builder::new().spawn_scoped(scope, reprojection);
+                let _ = std::thread::Builder::new().spawn_scoped(scope, work_off);
             }
-            reprojection();
+            work_off();
         });
         let mut agreed = vec![(0.0, false); requested.places.len()];
         over_rows(&mut agreed, PIXELS_PER_BLOCK, processors(), |block, of_block| {

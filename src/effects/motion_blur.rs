@@ -65,8 +65,8 @@ impl MotionBlur {
         if slow && self.method == Method::Velocity { Method::Reference } else { self.method }
     }
 
-    /// The longest blur of this frame, px: at most the picture's diagonal. What is faster, because the camera passes
-    /// close to it, is drawn as far as half of that from where it is in the middle of the exposure.
+    /// The longest blur of this frame, px: at most the picture's diagonal. Of a faster surface, close to the camera, only
+    /// the part of its path within half of that is drawn.
     fn longest_px(moment: &Moment<'_>) -> f32 {
         let intrinsics = &moment.picture.intrinsics;
         let diagonal_px = (intrinsics.width_px as f32).hypot(intrinsics.height_px as f32);

@@ -1,4 +1,4 @@
-//! What there is once for a device, and what was made already.
+//! One value of each type, shared by all clones.
 
 use std::any::{Any, TypeId};
 use std::collections::HashMap;

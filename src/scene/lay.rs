@@ -45,8 +45,8 @@ impl Facet {
     }
 }
 
-/// A surface that is level within this is taken for level.
-const LEVEL_DEG: f64 = 2.0;
+/// Largest tilt of a surface on which flat models lie exactly level.
+const MAX_LEVEL_TILT_DEG: f64 = 2.0;
 /// Cosine of the tilt from which a surface is steep, 40°.
 pub const LEVEL: f64 = 0.766;
 /// Of a number that is written, m and 1.
@@ -54,7 +54,7 @@ const DIGITS: f64 = 1e4;
 
 /// Where a scene file has to put a model so that it rests on a surface. `model` is its path as the scene file `file` names it.
 /// It is turned about the world's up; flat on a slope about the slope's normal. Upright at a steep surface it is moved
-/// horizontally until it touches the surface from outside. `size_m` is its largest extent, where it is not as large as
+/// horizontally until it touches the surface from outside; below a ceiling it stays at the point. `size_m` is its largest extent, where it is not as large as
 /// the model.
 pub fn lay(
     model: &str,
@@ -97,14 +97,14 @@ pub fn lay(
         factor * lowest(&scene, parts, model_from_world * along).unwrap_or(0.0)
     };
     let turn = DQuat::from_axis_angle(world_up, heading_deg.to_radians());
-    if posture == Posture::Upright && slope < LEVEL {
+    if posture == Posture::Upright && slope.abs() < LEVEL {
         let Some(outwards) = support.normal.reject_from(world_up).try_normalize() else { return Ok(laid) };
         // Its lowest vertex is at the height of the point.
         let depth_m = slope * below(turn, world_up) - below(turn, support.normal);
-        let position = support.point_m + depth_m.max(0.0) / support.normal.dot(outwards) * outwards;
+        let position = support.point_m + depth_m / support.normal.dot(outwards) * outwards;
         return Ok(PlacedModel { position_m: Some(position.to_array().map(round)), ..laid });
     }
-    if posture == Posture::Upright || slope > LEVEL_DEG.to_radians().cos() {
+    if posture == Posture::Upright || slope > MAX_LEVEL_TILT_DEG.to_radians().cos() {
         return Ok(laid);
     }
     // Turned on the level, then tilted with it onto the slope.
@@ -273,5 +273,8 @@ mod tests {
                 assert!(below.abs() < 2e-4 && (low.z - 0.5).abs() < 1e-4, "{normal}: {below}, {low}");
             }
         }
+        let ceiling = Support { point_m: DVec3::new(1.0, 2.0, 0.5), normal: DVec3::new(0.0, 0.035, -1.0).normalize() };
+        let placed = lay("marker-1.glb", &file, &ceiling, Posture::Upright, Heading::Deg(0.0), DVec3::Z, None).unwrap();
+        assert_eq!(placed.position_m, Some(ceiling.point_m.to_array()));
     }
 }

@@ -485,7 +485,7 @@ mod tests {
             super::super::shadow_map::Real::default(),
         );
         let shadow_map =
-            ShadowMap { floor: Floor::new(DVec3::ZERO, DVec3::Z), shares: Arc::new(shares), is_beside: false };
+            ShadowMap { floor: Floor::new(DVec3::ZERO, DVec3::Z), texture: Arc::new(shares), is_beside: false };
         let corners = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
         let first = Inputs {
             occluders: Occluders {
@@ -515,7 +515,7 @@ mod tests {
             |i| i.lighting.points[0].spot = Some(Default::default()),
             |i| i.lighting.points[0].range_m = 9.0,
             |i| i.floors[0].floor.origin_m.y = 1.0,
-            |i| Arc::make_mut(&mut i.floors[0].shares).taken[0][1] += 0.5,
+            |i| Arc::make_mut(&mut i.floors[0].texture).taken[0][1] += 0.5,
             |i| i.floors.clear(),
             |i| i.origin_m.z = 1e-9,
             |i| i.unwrapped.side = 17,

@@ -61,12 +61,12 @@ struct Key {
 #[derive(Clone, Debug)]
 struct Floor {
     place: Steps,
-    shares: Arc<ShadowTexture>,
+    texture: Arc<ShadowTexture>,
 }
 
 impl PartialEq for Floor {
     fn eq(&self, other: &Self) -> bool {
-        self.place == other.place && Arc::ptr_eq(&self.shares, &other.shares)
+        self.place == other.place && Arc::ptr_eq(&self.texture, &other.texture)
     }
 }
 
@@ -161,7 +161,7 @@ impl Lightmaps {
             .collect();
         let floor = |shadow_map: &ShadowMap| {
             let place = DAffine3 { matrix3: shadow_map.floor.axes, translation: shadow_map.floor.origin_m };
-            Floor { place: steps(&around(origin_m, &place)), shares: shadow_map.shares.clone() }
+            Floor { place: steps(&around(origin_m, &place)), texture: shadow_map.texture.clone() }
         };
         let floors: Vec<_> = shadow_maps.iter().map(floor).collect();
         let lamp = |lamp: &PointLight| (lamp.position_in_world_m - origin_m).to_array().map(step);

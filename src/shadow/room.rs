@@ -387,7 +387,7 @@ mod tests {
         assert!(mean < 0.002, "{mean}");
         // There its light comes unhindered: not even the shadow map is another one.
         let front = scene(lighting, DVec2::new(2.0, 0.0));
-        assert_eq!(shadow_map(&front, Some(wall())).shares, shadow_map(&front, None).shares);
+        assert_eq!(shadow_map(&front, Some(wall())).texture, shadow_map(&front, None).texture);
     }
 
     #[test]
@@ -427,12 +427,12 @@ mod tests {
         };
         let room = Arc::new(Room::of(around.into_iter()));
         assert_eq!(
-            shadow_map(&scene_of(&lighting), Some(room.clone())).shares,
-            shadow_map(&scene_of(&lighting), None).shares
+            shadow_map(&scene_of(&lighting), Some(room.clone())).texture,
+            shadow_map(&scene_of(&lighting), None).texture
         );
         // A lamp that hangs at the room's own wall.
         let lit = sky(Vec::new(), vec![PointLight { position_in_world_m: DVec3::new(1.2, 0.0, 1.6), ..lamp(0.0) }]);
-        assert_eq!(shadow_map(&scene_of(&lit), Some(room)).shares, shadow_map(&scene_of(&lit), None).shares);
+        assert_eq!(shadow_map(&scene_of(&lit), Some(room)).texture, shadow_map(&scene_of(&lit), None).texture);
     }
 
     #[test]

@@ -102,16 +102,16 @@ digestible! { Real<'_> { stops, within } }
 #[derive(Clone, Debug)]
 pub struct ShadowMap {
     pub floor: Floor,
-    pub shares: Arc<ShadowTexture>,
+    pub texture: Arc<ShadowTexture>,
     /// The plane belongs to a real object beside, not to the support.
     pub is_beside: bool,
 }
 
-/// Bounds and blocks follow from `taken`.
+/// Bounds and blocks follow from `taken`; `is_beside` does not change the light.
 impl Digestible for ShadowMap {
     fn digest(&self, into: &mut Digester) {
-        let Self { floor, shares, is_beside: _ } = self;
-        let ShadowTexture { low_m, texel_m, width, height, taken, shown: _, dark: _, blocks: _ } = &**shares;
+        let Self { floor, texture, is_beside: _ } = self;
+        let ShadowTexture { low_m, texel_m, width, height, taken, shown: _, dark: _, blocks: _ } = &**texture;
         into.add(floor);
         into.add(low_m);
         into.add(texel_m);
@@ -123,7 +123,7 @@ impl Digestible for ShadowMap {
 
 impl PartialEq for ShadowMap {
     fn eq(&self, other: &Self) -> bool {
-        self.floor == other.floor && Arc::ptr_eq(&self.shares, &other.shares) && self.is_beside == other.is_beside
+        self.floor == other.floor && Arc::ptr_eq(&self.texture, &other.texture) && self.is_beside == other.is_beside
     }
 }
 
@@ -356,9 +356,9 @@ impl ShadowTexture {
 }
 
 impl ShadowMap {
-    /// The corners of the shadow map in the world.
+    /// World position at coordinates relative to the texture's sides.
     pub fn at(&self, across: f64, down: f64) -> DVec3 {
-        let shares = &self.shares;
+        let shares = &self.texture;
         let size = Vec2::new(shares.width as f32, shares.height as f32).as_dvec2() * f64::from(shares.texel_m);
         self.floor.at(shares.low_m.as_dvec2() + size * DVec2::new(across, down))
     }
@@ -366,6 +366,6 @@ impl ShadowMap {
     /// The share of the light that is taken at a point of the floor.
     pub fn taken_at(&self, point: DVec3) -> Vec3 {
         let place = self.floor.floor_from_world().transform_point3(point).truncate();
-        self.shares.at_texel((place - self.shares.low_m.as_dvec2()) / f64::from(self.shares.texel_m))
+        self.texture.at_texel((place - self.texture.low_m.as_dvec2()) / f64::from(self.texture.texel_m))
     }
 }

@@ -29,7 +29,7 @@ const KEPT: usize = 128;
 const KEPT_STOPS: usize = 128;
 
 /// For all compositors: at most 5 MB each. A scene with more shadow maps makes them anew.
-static CHARTS: Memo<Digest, Arc<ShadowTexture>> = Memo::new(32);
+static SHADOW_TEXTURES: Memo<Digest, Arc<ShadowTexture>> = Memo::new(32);
 
 /// Works out shadow maps, and keeps them.
 #[derive(Debug)]
@@ -41,7 +41,7 @@ pub struct Shadows {
     /// From everywhere, made when it is first asked for.
     far: Option<Arc<[EnvSample]>>,
     extents: Memo<Key, Extent>,
-    shadow_maps: Memo<Key, Arc<ShadowTexture>>,
+    textures: Memo<Key, Arc<ShadowTexture>>,
     /// Rough ones.
     sketches: Memo<Key, Arc<ShadowTexture>>,
     /// Real things, and what they stop on floors of whole shadow maps.
@@ -84,7 +84,7 @@ impl Shadows {
 
     fn under(scene: &Scene, around: Around) -> Self {
         let lighting = scene.lighting.clone();
-        let shadow_maps = Memo::new(KEPT);
+        let textures = Memo::new(KEPT);
         let (rays, extents, sketches) = (Memo::new(KEPT), Memo::new(KEPT), Memo::new(KEPT));
         Self {
             around,
@@ -92,7 +92,7 @@ impl Shadows {
             rays,
             far: None,
             extents,
-            shadow_maps,
+            textures,
             sketches,
             room: None,
             stops: Memo::new(KEPT_STOPS),
@@ -133,8 +133,8 @@ impl Shadows {
             shadow_maps.extend(self.shadow_map(scene, &shared).map(|shadow_map| (shadow_map, shared)));
         }
         for (floor, key) in self.beside(scene) {
-            let shares = self.extent(scene, key.clone()).map(|extent| self.whole(scene, &floor, key, extent));
-            shadow_maps.extend(shares.map(|shares| (ShadowMap { floor, shares, is_beside: true }, Vec::new())));
+            let texture = self.extent(scene, key.clone()).map(|extent| self.whole(scene, &floor, key, extent));
+            shadow_maps.extend(texture.map(|texture| (ShadowMap { floor, texture, is_beside: true }, Vec::new())));
         }
         let last = self.last.insert(Last::new(scene.objects.clone(), shadow_maps));
         last.shadow_maps()
@@ -157,8 +157,8 @@ impl Shadows {
         for group in self.groups(scene) {
             let members: Vec<usize> = order.iter().copied().filter(|index| group.objects.contains(index)).collect();
             let known = self.keyed(scene, &members).and_then(|(floor, key)| {
-                let shares = self.known(&floor, &key)?;
-                Some(ShadowMap { floor, shares, is_beside: false })
+                let texture = self.known(&floor, &key)?;
+                Some(ShadowMap { floor, texture, is_beside: false })
             });
             is_rough |= known.is_none();
             match known {
@@ -166,35 +166,35 @@ impl Shadows {
                 None => {
                     let keyed: Vec<_> = members.iter().filter_map(|index| self.keyed(scene, &[*index])).collect();
                     for (floor, key) in keyed {
-                        let shares = self.sketch(scene, &floor, key);
-                        shadow_maps.extend(shares.map(|shares| ShadowMap { floor, shares, is_beside: false }));
+                        let texture = self.sketch(scene, &floor, key);
+                        shadow_maps.extend(texture.map(|texture| ShadowMap { floor, texture, is_beside: false }));
                     }
                 }
             }
         }
         for (floor, key) in self.beside(scene) {
             is_rough |= self.known(&floor, &key).is_none();
-            let shares = self.sketch(scene, &floor, key);
-            shadow_maps.extend(shares.map(|shares| ShadowMap { floor, shares, is_beside: true }));
+            let texture = self.sketch(scene, &floor, key);
+            shadow_maps.extend(texture.map(|texture| ShadowMap { floor, texture, is_beside: true }));
         }
         (shadow_maps, is_rough)
     }
 
-    /// The whole shares, if they are known, or rough ones.
+    /// The whole texture, if they are known, or rough ones.
     fn sketch(&mut self, scene: &Scene, floor: &Floor, key: Key) -> Option<Arc<ShadowTexture>> {
-        if let Some(shares) = self.known(floor, &key) {
-            return Some(shares);
+        if let Some(texture) = self.known(floor, &key) {
+            return Some(texture);
         }
         let (extent, sky) = (self.extent(scene, key.clone())?, key.sky.rough());
         let stops = self.room.as_ref().and_then(|room| OccluderMask::of(room, floor, extent, &sky));
         let key = Key { stops, ..key };
-        if let Some(shares) = self.sketches.get(&key) {
-            return Some(shares);
+        if let Some(texture) = self.sketches.get(&key) {
+            return Some(texture);
         }
         let occluders = Occluders::of(scene, key.placed()).on_floor();
-        let shares = Arc::new(ShadowTexture::rough(&occluders, extent, &sky, key.real()));
-        self.sketches.insert(key, shares.clone());
-        Some(shares)
+        let texture = Arc::new(ShadowTexture::rough(&occluders, extent, &sky, key.real()));
+        self.sketches.insert(key, texture.clone());
+        Some(texture)
     }
 
     /// The facets of all objects that take light: each with its floor, and what its shadow map depends on. Things do not share these: where
@@ -281,14 +281,14 @@ impl Shadows {
                 (a, b) => a.or(b),
             };
         }
-        let shares = self.whole(scene, &floor, key, extent?);
-        Some(ShadowMap { floor, shares, is_beside: false })
+        let texture = self.whole(scene, &floor, key, extent?);
+        Some(ShadowMap { floor, texture, is_beside: false })
     }
 
     fn whole(&mut self, scene: &Scene, floor: &Floor, key: Key, extent: Extent) -> Arc<ShadowTexture> {
         let key = Key { stops: self.stops(floor, &key, extent), ..key };
-        if let Some(shares) = self.shadow_maps.get(&key) {
-            return shares;
+        if let Some(texture) = self.textures.get(&key) {
+            return texture;
         }
         let occluders = Occluders::of(scene, key.placed()).on_floor();
         let mut digester = Digester::default();
@@ -296,11 +296,11 @@ impl Shadows {
         digester.add(&key.real());
         digester.add(&extent);
         digester.add(&key.sky);
-        let shares = CHARTS.get_or_insert_with(digester.finish(), |_| {
+        let texture = SHADOW_TEXTURES.get_or_insert_with(digester.finish(), |_| {
             Arc::new(ShadowTexture::new(&occluders, extent, &key.sky, key.real()))
         });
-        self.shadow_maps.insert(key, shares.clone());
-        shares
+        self.textures.insert(key, texture.clone());
+        texture
     }
 
     /// The whole shadow map on a floor of which a key says all but what real things stop there, if it is known.
@@ -309,7 +309,7 @@ impl Shadows {
             Some(_) => self.stops.get(&(*floor, key.clone()))?,
             None => None,
         };
-        self.shadow_maps.get(&Key { stops, ..key.clone() })
+        self.textures.get(&Key { stops, ..key.clone() })
     }
 
     /// What real things stop on a floor, of which a key says all else.
@@ -482,7 +482,7 @@ mod tests {
     fn what_is_shown_holds_all_that_is_worth_it_and_what_is_dark_lies_within() {
         let floor = Floor::new(DVec3::ZERO, DVec3::Z);
         let scene = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
-        let shares = only(Shadows::new(&scene).shadow_maps(&scene)).shares;
+        let shares = only(Shadows::new(&scene).shadow_maps(&scene)).texture;
         let size = glam::DVec2::new(shares.width.into(), shares.height.into());
         let outside = |part: crate::shadow::Part, least: f32| {
             shares.taken.iter().enumerate().any(|(i, taken)| {
@@ -531,7 +531,7 @@ mod tests {
         assert!(
             shadow_maps
                 .iter()
-                .all(|shadow_map| exact.iter().any(|known| Arc::ptr_eq(&known.shares, &shadow_map.shares)))
+                .all(|shadow_map| exact.iter().any(|known| Arc::ptr_eq(&known.texture, &shadow_map.texture)))
         );
     }
 
@@ -549,17 +549,17 @@ mod tests {
         };
         let (sketch, is_rough) = shadows.sketched(&moved(0.1, -0.02));
         let sketch = only(sketch);
-        assert!(is_rough && Arc::ptr_eq(&sketch.shares, &exact.shares));
+        assert!(is_rough && Arc::ptr_eq(&sketch.texture, &exact.texture));
         assert!(sketch.floor.normal().x > 0.09 && (sketch.floor.origin_m.z - 0.98).abs() < 0.01, "{:?}", sketch.floor);
         for (tilt, up_m) in [(0.3, 0.0), (0.0, -0.05)] {
             let (sketch, is_rough) = shadows.sketched(&moved(tilt, up_m));
-            assert!(is_rough && !Arc::ptr_eq(&only(sketch).shares, &exact.shares), "{tilt} {up_m}");
+            assert!(is_rough && !Arc::ptr_eq(&only(sketch).texture, &exact.texture), "{tilt} {up_m}");
         }
         let mut bare = moved(0.1, 0.0);
         bare.objects[0].shadowless = true;
         assert_eq!(shadows.sketched(&bare).0, []);
         // A whole one is of the floor as it is.
-        assert!(!Arc::ptr_eq(&only(shadows.shadow_maps(&moved(0.1, 0.0))).shares, &exact.shares));
+        assert!(!Arc::ptr_eq(&only(shadows.shadow_maps(&moved(0.1, 0.0))).texture, &exact.texture));
     }
 
     #[test]
@@ -577,9 +577,9 @@ mod tests {
         let dark = of(Lighting { points: vec![lamp(0.5)], ..Lighting::default() });
         let mut shadows = Shadows::new(&left);
         let first = shadows.shadow_maps(&left);
-        // Charts are compared by whether they are the very same.
+        // Shadow maps are compared by whether they are the very same.
         let shares = |shadow_maps: Vec<ShadowMap>| {
-            shadow_maps.iter().map(|shadow_map| ShadowTexture::clone(&shadow_map.shares)).collect::<Vec<_>>()
+            shadow_maps.iter().map(|shadow_map| ShadowTexture::clone(&shadow_map.texture)).collect::<Vec<_>>()
         };
         for scene in [&right, &dark, &left] {
             shadows.light_by(scene);
@@ -668,7 +668,7 @@ mod tests {
         // On the floor the box takes what it took without a wall, and shadowless nothing on either.
         let ground = shadow_maps.iter().find(|shadow_map| !shadow_map.is_beside).unwrap();
         scene.objects[0].facets.clear();
-        assert_eq!(only(Shadows::new(&scene).shadow_maps(&scene)).shares, ground.shares);
+        assert_eq!(only(Shadows::new(&scene).shadow_maps(&scene)).texture, ground.texture);
         (scene.objects[0].facets, scene.objects[0].shadowless) = (vec![facet], true);
         assert_eq!(Shadows::new(&scene).shadow_maps(&scene), []);
     }
@@ -745,9 +745,9 @@ mod tests {
         let at = |x: f64, y: f64| scene(even_sky(), &floor, &[(x, y, 0.7)]);
         let first = only(shadows.shadow_maps(&at(0.0, 0.0)));
         let moved = only(shadows.shadow_maps(&at(0.731, -0.25)));
-        assert!(Arc::ptr_eq(&first.shares, &moved.shares), "it was worked out again");
+        assert!(Arc::ptr_eq(&first.texture, &moved.texture), "it was worked out again");
         let scene = at(0.731, -0.25);
-        assert_eq!(*only(Shadows::new(&scene).shadow_maps(&scene)).shares, *moved.shares);
+        assert_eq!(*only(Shadows::new(&scene).shadow_maps(&scene)).texture, *moved.texture);
         let beside = moved.taken_at(floor.at(glam::DVec2::new(0.731, -0.25) + Vec2::new(0.0, 0.06).as_dvec2()));
         assert!(beside.x > 0.05, "{beside}");
         assert_eq!(first.taken_at(floor.at(glam::DVec2::new(0.731, -0.25))), Vec3::ZERO);

@@ -23,7 +23,7 @@ use glam::DVec3;
 
 use super::error::VerifyError;
 use super::floor::luma_sigma;
-use super::twin::{in_front_of, twin};
+use super::twin::{twin, without_near_triangles};
 use crate::analyse::{Plane, gaussian, unit_noise};
 use crate::camera::NoiseProfile;
 use crate::compositor::{Compositor, exposure_time_s};
@@ -80,9 +80,9 @@ pub fn blur(
     for (done, (fast, slow, length_px)) in chosen(blur_px).into_iter().enumerate() {
         seen(done);
         let time_s = shot.recording.timestamps_s[fast] + shot.recording.time_offset_s;
-        let Ok(pose) = shot.recording.track.at(time_s) else { continue };
+        let (Ok(pose), Ok(geometry)) = (shot.recording.track.at(time_s), shot.geometry_at(fast)) else { continue };
         let Some(scene) = twin(&shot, &shot.read(slow)?) else { continue };
-        let scene = in_front_of(scene, &pose);
+        let scene = if geometry.sees_around() { scene } else { without_near_triangles(scene, &pose) };
         compositor.set_scene(scene.clone());
         shot.scene = Arc::new(scene);
         let Some(kept) = kept(&shot, compositor, slow)? else { continue };

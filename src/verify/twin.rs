@@ -19,7 +19,7 @@ const STEP: u32 = 2;
 /// Corners farther apart in depth, by share, are not joined.
 const JUMP: f32 = 0.03;
 const NEAREST_M: f32 = 0.1;
-/// Shortest distance along the optical axis of [`in_front_of`], m.
+/// Shortest distance along the optical axis of [`without_near_triangles`], m.
 const MIN_DISTANCE_M: f64 = 0.2;
 
 /// `None` where nothing says where the frame, its depth or its camera is.
@@ -91,9 +91,9 @@ pub fn twin(shot: &Shot, frame: &Frame) -> Option<Scene> {
     })
 }
 
-/// Without the triangles that a camera has closer than `MIN_DISTANCE_M` before it, or behind it: a depth camera measures
-/// nothing there, and their motion blur would span the picture.
-pub fn in_front_of(mut scene: Scene, camera_from_world: &Pose) -> Scene {
+/// Removes triangles nearer to a camera than `MIN_DISTANCE_M` along its optical axis, or behind it. Depth cameras measure
+/// nothing there, and the motion blur of such triangles would span the picture. For pictures that fit a plane.
+pub fn without_near_triangles(mut scene: Scene, camera_from_world: &Pose) -> Scene {
     for mesh in &mut scene.meshes {
         let mesh = Arc::make_mut(mesh);
         let is_far = |i: &u32| {
@@ -144,6 +144,6 @@ mod tests {
         let vertices = [-1.0, 0.1, 0.3, 2.0].map(at).to_vec();
         let mesh = Mesh { vertices, indices: vec![2, 3, 2, 1, 2, 3, 0, 3, 2, 3, 3, 2], material: 0 };
         let scene = Scene { meshes: vec![Arc::new(mesh)], ..Scene::default() };
-        assert_eq!(in_front_of(scene, &Pose::IDENTITY).meshes[0].indices, [2, 3, 2, 3, 3, 2]);
+        assert_eq!(without_near_triangles(scene, &Pose::IDENTITY).meshes[0].indices, [2, 3, 2, 3, 3, 2]);
     }
 }

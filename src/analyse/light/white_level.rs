@@ -53,10 +53,10 @@ const MOST_SHARE: f64 = 0.5;
 /// Largest ratio of the top within 1.5 times the radius to the top within the radius.
 const WIDER: f64 = 1.5;
 const MOST_GROWTH: f64 = 1.4;
-/// Largest factor between two parts of the frames in the luminance of the top, as far as the interval reaches upwards,
-/// and the least area that both must have seen.
+/// Largest ratio of an unclipped top's luminance between parts of the frames: e^[`UPWARDS`].
 const MAX_DISPARITY: f64 = 1.35;
-const LEAST_SHARED_M2: f64 = 0.01;
+/// Smallest area seen in both parts, m².
+const MIN_SHARED_M2: f64 = 0.01;
 /// Largest factor between top/0.8 and the exposure, unclipped and clipped.
 const AGREE: f64 = 1.5;
 const AGREE_CLIPPED: f64 = 2.0;
@@ -89,8 +89,8 @@ pub struct Patch {
     /// Linear light as it would be at the place, and whether any channel is a lower bound.
     pub light: [f64; 3],
     pub is_bound: bool,
-    /// The same by the first and by the second half of the frames, and without the brightest third of them. `None`
-    /// where too few frames saw it.
+    /// Light by the first half of the frames, by the second, and by all: 34 % quantiles by luminance, that is medians
+    /// without the brightest third. `None` where too few frames saw it.
     pub parts: [Option<[f64; 3]>; 3],
     /// Linear light as the frames themselves show it.
     pub code: [f64; 3],
@@ -190,9 +190,12 @@ struct Top {
 /// too few.
 fn disparity(at_top: &[&Patch]) -> f64 {
     let factor = |a: &dyn Fn(&Patch) -> Option<[f64; 3]>, b: &dyn Fn(&Patch) -> Option<[f64; 3]>| {
-        let ln = |patch: &&Patch| Some((relative_luminance(a(patch)?) / relative_luminance(b(patch)?).max(1e-6)).ln());
+        let ln = |patch: &&Patch| {
+            let [a, b] = [a(patch)?, b(patch)?].map(|light| relative_luminance(light).max(1e-6));
+            Some((a / b).ln())
+        };
         let shared: Vec<f64> = at_top.iter().filter(|patch| !patch.is_bound).filter_map(ln).collect();
-        if area_m2(shared.len()) < LEAST_SHARED_M2 { 1.0 } else { median(shared).abs().exp() }
+        if area_m2(shared.len()) < MIN_SHARED_M2 { 1.0 } else { median(shared).abs().exp() }
     };
     let halves = factor(&|patch| patch.parts[0], &|patch| patch.parts[1]);
     let without_brightest = factor(&|patch| patch.parts[2], &|patch| Some(patch.light));
@@ -241,7 +244,9 @@ impl Top {
             Self { is_bound: false, share, .. } if *share > MOST_SHARE => Some(Unclaimed::Ground),
             Self { is_bound: false, share, .. } if *share < LEAST_SHARE => Some(Unclaimed::Scrap),
             Self { growth, .. } if *growth > MOST_GROWTH => Some(Unclaimed::Varies { growth: *growth }),
-            Self { disparity, .. } if *disparity > MAX_DISPARITY => Some(Unclaimed::Differs { factor: *disparity }),
+            Self { is_bound: false, disparity, .. } if *disparity > MAX_DISPARITY => {
+                Some(Unclaimed::Differs { factor: *disparity })
+            }
             _ if disagreement > agrees => Some(Unclaimed::Disagrees { factor: disagreement }),
             _ => None,
         }
