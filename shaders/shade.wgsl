@@ -100,7 +100,7 @@ fn beside(moment: u32) -> vec2<f32> {
 // Behind a stand-in model, where nothing was measured (depth/proxies.rs), m.
 const FAR_M = 1e4;
 
-// What a depth sample at a pixel is compared with: the receiver's plane.
+// The receiver plane at a pixel, with which depth samples are compared.
 struct FloorDepth {
     nearness: f32,           // inverse depth of the plane, 1/m
     per_off: f32,            // receiver weight lost per unit of relative depth difference
@@ -200,7 +200,7 @@ fn seen(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u
     );
 }
 
-// What is left by all shadow maps is the product of what each leaves: the pass blends by D + (1 − D)·d.
+// Transmittances 1 − d of overlapping shadow maps multiply: the pass blends by D + (1 − D)·d.
 @fragment
 fn main(corner: Corner) -> @location(0) vec4<f32> {
     let shadow_map = shadow_maps[corner.shadow_map];

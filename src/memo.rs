@@ -51,8 +51,8 @@ impl<K: PartialEq, V: Clone> Memo<K, V> {
         value
     }
 
-    /// The value of a key, computed if it is not known. Nobody waits for what another thread computes: two may compute
-    /// the same, and the first one stays.
+    /// The value of a key, computed if it is missing. The memo is not locked during the computation: two threads may compute
+    /// the same value, and the first one stays.
     pub fn get_or_insert_with(&self, key: K, compute: impl FnOnce(&K) -> V) -> V {
         self.get(&key).unwrap_or_else(|| {
             let value = compute(&key);

@@ -13,7 +13,7 @@ use super::warn;
 use locard_engine::export::Inputs;
 use locard_engine::recording::{OpenOptions, Recording};
 use locard_engine::scene::document::Up;
-use locard_engine::scene::{self, Document, Heading, LEVEL, Posture, SceneFile};
+use locard_engine::scene::{self, Document, Heading, MIN_SUPPORT_COSINE, Posture, SceneFile};
 use locard_engine::shot::{Given, Shot};
 use locard_engine::sink::{self, atomic::write_atomically};
 use locard_engine::text::{fixed, number, shown};
@@ -156,7 +156,7 @@ pub fn run(args: &Args) -> Result<()> {
             found.off_px
         )?,
     }
-    if support.normal.dot(up) < LEVEL && !args.flat {
+    if support.normal.dot(up) < MIN_SUPPORT_COSINE && !args.flat {
         writeln!(
             out,
             "odd        the surface is steep: the model stands upright, its foot at the picked height; --flat lays it against a wall"

@@ -30,7 +30,7 @@ pub struct Sight {
 }
 
 impl Sight {
-    /// `shadow_maps`: the shadows on what the objects stand on.
+    /// `shadow_maps`: those of the planes on which the objects stand.
     pub fn new(renderer: &Renderer, shadow_maps: Vec<ShadowMap>, job: &Job<'_>, settings: &Settings) -> Self {
         let capture = &job.capture;
         let exposure_time_s = capture.exposure_time_s;

@@ -1,10 +1,10 @@
 //! The share of the real light that virtual things take, at each pixel of a frame.
 //!
-//! A shadow map (shadow/) lies on a plane. A pixel's ray meets the plane where a linear map of the ray says, one for each row, since
-//! rows have poses of their own, and moment of the exposure. So the shader only multiplies: [u/t, v/t, 1/t] = H·r, with u, v in
-//! texels of the shadow map and t the way along the ray. H is made here, in double precision, for lines between pieces of the
-//! picture; H·r is interpolated over them, as far as rays are straight there. The driver interpolates by a triangle's place in the
-//! part that is made, so two parts of a picture may differ in a share's last bit.
+//! A shadow map (shadow/) lies on a plane. The intersection of a pixel's ray r with it is a homography of the ray:
+//! [u/t, v/t, 1/t] = H·r, with u, v in texels of the shadow map and t the distance along the ray. Each row has a pose of its own, and
+//! so has each sample of the exposure. H is computed here in double precision for the edges between tiles of the picture; H·r is
+//! interpolated across tiles in which rays are straight enough. Drivers interpolate relative to the region that is drawn, so that
+//! two regions of a picture may differ in the last bit.
 //!
 //! A real thing that stands on or before the floor is not darkened: only what depth shows within a tolerance of the plane is. At
 //! the thing's edge a pixel shows I = α·F + (1 − α)·B, with the matte α by which it hides virtual things too (depth/matte.rs). The
@@ -40,7 +40,7 @@ const ALONG: usize = 8;
 /// What lies within [`TOLERANCE_M`] of the floor is the floor; farther away, within three times the error of a structured-light
 /// sensor, 1/m.
 const PER_DEPTH2: f32 = 3.0 * SENSOR_ERROR as f32;
-/// D + (1 − D)·d: what one shadow map takes of what the others leave.
+/// D + (1 − D)·d: transmittances 1 − d of overlapping shadow maps multiply.
 const OF_WHAT_IS_LEFT: wgpu::BlendState = wgpu::BlendState {
     color: wgpu::BlendComponent {
         src_factor: wgpu::BlendFactor::OneMinusDst,
@@ -179,7 +179,7 @@ impl PartialEq for Together {
 }
 
 impl Atlas {
-    /// Rows of shadow maps, each row as high as its highest. What does not fit into the device's largest texture is left out.
+    /// Packs shadow textures in rows, each as high as its highest texture. Those beyond the device's largest size are left out.
     fn new(gpu: &Gpu, Together(shadow_maps): &Together) -> Self {
         let most = gpu.max_side_px();
         let (mut places, mut at, mut row) = (Vec::new(), [0, 0], 0);

@@ -75,7 +75,7 @@ impl Recorder {
         self.uniforms.push(&self.gpu, bytes, 4)
     }
 
-    /// The memoized value of a key. The types of key and value say what it is.
+    /// Returns the memoized value of a key. Each pair of key and value types has a memo of its own.
     pub fn memoized<K, V>(&mut self, key: K, make: impl FnOnce(&Gpu, &K) -> V) -> V
     where
         K: PartialEq + Send + Sync + 'static,

@@ -47,8 +47,8 @@ impl Facet {
 
 /// Largest tilt of a surface on which flat models lie exactly level.
 const MAX_LEVEL_TILT_DEG: f64 = 2.0;
-/// Cosine of the tilt from which a surface is steep, 40°.
-pub const LEVEL: f64 = 0.766;
+/// Cosine of the largest tilt at which a surface supports upright objects, 40°.
+pub const MIN_SUPPORT_COSINE: f64 = 0.766;
 /// Of a number that is written, m and 1.
 const DIGITS: f64 = 1e4;
 
@@ -97,7 +97,7 @@ pub fn lay(
         factor * lowest(&scene, parts, model_from_world * along).unwrap_or(0.0)
     };
     let turn = DQuat::from_axis_angle(world_up, heading_deg.to_radians());
-    if posture == Posture::Upright && slope.abs() < LEVEL {
+    if posture == Posture::Upright && slope.abs() < MIN_SUPPORT_COSINE {
         let Some(outwards) = support.normal.reject_from(world_up).try_normalize() else { return Ok(laid) };
         // Its lowest vertex is at the height of the point.
         let depth_m = slope * below(turn, world_up) - below(turn, support.normal);

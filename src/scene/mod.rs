@@ -46,7 +46,7 @@ pub use document::{Document, Entry, Gauge, SceneFile, Thing};
 pub use edit::Stance;
 pub use error::SceneError;
 pub use heading::Heading;
-pub use lay::{Facet, LEVEL, Posture, Support, lay, relative};
+pub use lay::{Facet, MIN_SUPPORT_COSINE, Posture, Support, lay, relative};
 pub use load::{load, load_file, load_file_with, load_with};
 pub use missing::MissingFile;
 pub use model::is_model;

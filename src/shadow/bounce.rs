@@ -9,8 +9,8 @@
 //! - of the floor, which fills the lower share (1 − n_z)/2 of the view: the floor's light times a middle reflectance, less what
 //!   the thing itself takes from it before the surface.
 //!
-//! A facet ends. Far light and lamps behind it reach a surface past its rectangle ([`ReceiverMask::hides`]), and of what a surface sees behind
-//! the plane the facet fills that much less.
+//! A facet is finite. Distant light and lamps behind it reach a surface past its rectangle ([`ReceiverMask::hides`]), and it covers
+//! less of the surface's view behind the plane accordingly.
 //!
 //! Not modelled: what things take of each other's light; the floor's own colour; light that is thrown to and fro more often;
 //! mirrors.

@@ -1,4 +1,4 @@
-//! Things on one floor whose shadows may meet share a shadow map: where two shadows fall together, light that is gone is not taken twice.
+//! Objects on one plane whose shadows may overlap share a shadow map, so that blocked light is subtracted once.
 
 use glam::{Mat3, Vec3};
 

@@ -1,7 +1,7 @@
-//! The shadow maps of a scene's things, and those that are known already.
+//! The shadow maps of a scene's objects, memoized.
 //!
-//! A shadow map depends on how a group's things stand to each other and to the light. So it is the same one wherever a thing is moved to
-//! on a plane, as long as all light comes from far away.
+//! A shadow map depends on the arrangement of a group's objects and on the light. If all light is distant, it stays the same wherever
+//! the group is moved on its plane.
 
 use std::sync::Arc;
 
@@ -23,15 +23,15 @@ use crate::memo::Memo;
 use crate::render::Lightmap;
 use crate::scene::{Lighting, Object, Scene};
 
-/// So many shadow maps are kept, the ones used last.
+/// Number of memoized shadow textures.
 const KEPT: usize = 128;
 /// Of what real things stop so many: a thing and its facets need five.
 const KEPT_STOPS: usize = 128;
 
-/// For all compositors: at most 5 MB each. A scene with more shadow maps makes them anew.
+/// Shared by all compositors. A texture has at most 5 MB.
 static SHADOW_TEXTURES: Memo<Digest, Arc<ShadowTexture>> = Memo::new(32);
 
-/// Works out shadow maps, and keeps them.
+/// Computes and memoizes shadow maps.
 #[derive(Debug)]
 pub struct Shadows {
     lighting: Lighting,

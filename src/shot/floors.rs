@@ -23,7 +23,7 @@ use crate::camera::{Geometry, Response};
 use crate::compositor::Compositor;
 use crate::frame::Frame;
 use crate::gpu::Gpu;
-use crate::scene::{LEVEL, LitBy, Mesh, Object, Scene, Support};
+use crate::scene::{LitBy, MIN_SUPPORT_COSINE, Mesh, Object, Scene, Support};
 use crate::shadow::{LazyRadiance, Room};
 
 /// Points across a frame that is looked at alone.
@@ -160,7 +160,9 @@ impl Shot {
         let around = measured.around(surface.point_m, AROUND_M);
         let normal = surface.normal_in_world;
         let local = FittedPlane { normal, d_m: normal.dot(surface.point_m), off_m: surface.sigma_m, most_m: 0.0 };
-        let plane = measured.planes.settled(local, surface.point_m, &around, |along| along.dot(normal).abs() > LEVEL);
+        let plane = measured
+            .planes
+            .settled(local, surface.point_m, &around, |along| along.dot(normal).abs() > MIN_SUPPORT_COSINE);
         let Ok(Support { point_m, normal }) = self.support_on_plane(frame.index, at_px, plane.numbers()) else {
             return Ok(surface);
         };
@@ -337,9 +339,9 @@ impl Foot {
             })
             .copied()
             .collect();
-        let plane = agreed(&near, |normal| normal.dot(self.up).abs() >= LEVEL)?.facing(self.up);
+        let plane = agreed(&near, |normal| normal.dot(self.up).abs() >= MIN_SUPPORT_COSINE)?.facing(self.up);
         let below_foot_m = foot - (plane.normal.dot(foot) - plane.d_m) / plane.normal.dot(self.up) * self.up;
-        let is_ground = |normal: DVec3| normal.dot(self.up).abs() >= LEVEL;
+        let is_ground = |normal: DVec3| normal.dot(self.up).abs() >= MIN_SUPPORT_COSINE;
         Some(measured.planes.settled(plane, below_foot_m, &near, is_ground).facing(self.up))
     }
 }

@@ -15,7 +15,7 @@ use glam::{DVec2, DVec3};
 use super::pick::nearest_of;
 use super::{Eye, Ray, Shot};
 use crate::frame::Frame;
-use crate::scene::{LEVEL, Scene};
+use crate::scene::{MIN_SUPPORT_COSINE, Scene};
 
 /// How an object stands on the surface that a frame's depth shows under it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,7 +105,7 @@ impl Shot {
             let Ok(surface) = self.surface_at(frame, at) else { continue };
             let off_m = (*foot - surface.point_m).dot(surface.normal_in_world);
             let known_m = LEAST_M.max(LEAST_SHARE * surface.depth_m).max(LEAST_SIGMA * surface.sigma_m);
-            if surface.normal_in_world.dot(up) < LEVEL || surface.share < LEAST_ON_IT {
+            if surface.normal_in_world.dot(up) < MIN_SUPPORT_COSINE || surface.share < LEAST_ON_IT {
                 uneven.take(off_m, known_m);
                 continue;
             }
