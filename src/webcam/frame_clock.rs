@@ -32,22 +32,25 @@ impl FrameClock {
     ///
     /// A stamp is implausible if it is later than the arrival, more than [`MAX_AGE_S`] earlier, or
     /// not later than the picture before. The time of such a picture is its arrival minus the delay
-    /// of the last plausible stamp. A picture without a stamp has the time of its arrival.
+    /// of the last plausible stamp. A picture without a stamp, or with an implausible one of a clock
+    /// that the driver does not name, has the time of its arrival.
     pub fn time_s(&mut self, stamp: Stamp, arrived_s: f64) -> f64 {
         self.with_wall_offset_s(stamp, arrived_s, wall_offset_s)
     }
 
     fn with_wall_offset_s(&mut self, stamp: Stamp, arrived_s: f64, wall_offset_s: impl Fn() -> f64) -> f64 {
+        let last_s = self.last_s;
+        let is_plausible = |time_s: f64| {
+            let is_recent = (arrived_s - MAX_AGE_S..=arrived_s).contains(&time_s);
+            is_recent && time_s > last_s
+        };
         let stamped_s = match stamp {
             Stamp::Exact(time_s) => return time_s,
             Stamp::Missing => None,
             Stamp::Monotonic(time_s) => Some(time_s),
+            Stamp::UnnamedClock(time_s) => Some(time_s).filter(|&time_s| is_plausible(time_s)),
             Stamp::Wall(time_s) => Some(time_s - wall_offset_s()),
             Stamp::Relative(time_s) => Some(self.relative_s(time_s, arrived_s)),
-        };
-        let is_plausible = |time_s: f64| {
-            let is_recent = (arrived_s - MAX_AGE_S..=arrived_s).contains(&time_s);
-            is_recent && time_s > self.last_s
         };
         let time_s = match stamped_s {
             Some(time_s) if is_plausible(time_s) => {
@@ -118,6 +121,18 @@ mod tests {
             (Wall(1e9 + 1e6), 106.0),
         ]);
         assert_eq!((times, implausible), (vec![100.0, 101.0, 102.0, 103.0, 103.5, 104.5, 105.5], 6));
+    }
+
+    #[test]
+    fn stamps_of_an_unnamed_clock_are_used_where_they_are_plausible_and_never_counted() {
+        use Stamp::UnnamedClock;
+        let (times, implausible) = times([
+            (UnnamedClock(99.98), 100.0),
+            (UnnamedClock(101.5), 101.0),
+            (UnnamedClock(7.0), 102.0),
+            (UnnamedClock(102.96), 103.0),
+        ]);
+        assert_eq!((times, implausible), (vec![99.98, 101.0, 102.0, 102.96], 0));
     }
 
     #[test]

@@ -129,11 +129,12 @@ impl Stamps {
     }
 }
 
-/// The driver's time, unless it is by another clock.
+/// The driver's time. Stamps that are flagged as unknown or copied are monotonic in most drivers.
 fn stamp(metadata: &Metadata) -> Stamp {
     let Timestamp { sec, usec } = metadata.timestamp;
+    let time_s = sec as f64 + 1e-6 * usec as f64;
     let is_monotonic = (metadata.flags & Flags::TIMESTAMP_MASK) == Flags::TIMESTAMP_MONOTONIC;
-    if is_monotonic { Stamp::Monotonic(sec as f64 + 1e-6 * usec as f64) } else { Stamp::Missing }
+    if is_monotonic { Stamp::Monotonic(time_s) } else { Stamp::UnnamedClock(time_s) }
 }
 
 /// How long the shutter is open, seconds, where somebody has set it. One that the camera sets
@@ -175,10 +176,11 @@ mod tests {
     }
 
     #[test]
-    fn stamp_of_another_clock_is_left_out() {
+    fn stamp_without_the_monotonic_flag_is_of_an_unnamed_clock() {
         let of = |flags| stamp(&Metadata { flags, timestamp: Timestamp::new(99, 500_000), ..Metadata::default() });
         assert_eq!(of(Flags::TIMESTAMP_MONOTONIC), Stamp::Monotonic(99.5));
         assert_eq!(of(Flags::TIMESTAMP_MONOTONIC | Flags::TSTAMP_SRC_SOE), Stamp::Monotonic(99.5));
-        assert_eq!(of(Flags::TIMESTAMP_COPY), Stamp::Missing);
+        assert_eq!(of(Flags::TIMESTAMP_COPY), Stamp::UnnamedClock(99.5));
+        assert_eq!(of(Flags::empty()), Stamp::UnnamedClock(99.5));
     }
 }
