@@ -66,7 +66,7 @@ pub fn run(args: &Args) -> Result<()> {
 /// Opens the camera here, so that what is wrong with it is said before there is a window.
 #[cfg(feature = "window")]
 fn in_window(args: &Args) -> Result<()> {
-    use locard_window::{self, First, Project};
+    use locard_window::{self, InitialContent, Project};
 
     if args.camera.pictures.ends() || args.which.is_asked() || args.force || args.lossless {
         bail!("--frames, --seconds, --only, --without, --lossless and --force go with --headless");
@@ -77,7 +77,12 @@ fn in_window(args: &Args) -> Result<()> {
     let mut project = Project::of(agreed.opened.recording(), 1.0, &given)?;
     project.camera = Some(args.camera.from().absolute());
     let (camera, record) = (Some(agreed.opened), args.record.clone());
-    super::tune::opened(locard_window::open(First { project: Some(project), camera, record, ..First::default() }))
+    super::tune::opened(locard_window::open(InitialContent {
+        project: Some(project),
+        camera,
+        record,
+        ..InitialContent::default()
+    }))
 }
 
 #[cfg(not(feature = "window"))]

@@ -8,7 +8,7 @@ use anyhow::{Result, anyhow};
 use locard_engine::assets;
 use locard_engine::recording::OpenOptions;
 use locard_engine::shot::Given;
-use locard_window::{self, DEMO, DEMO_SCENE, First, Measure, Project};
+use locard_window::{self, DEMO, DEMO_SCENE, InitialContent, Measure, Project};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -34,7 +34,7 @@ pub fn run(args: Args) -> Result<()> {
     let is_demo = recording.is_none();
     let demo = assets::find(DEMO);
     if is_demo && !measure && demo.is_none() {
-        return opened(locard_window::open(First { start: true, ..First::default() }));
+        return opened(locard_window::open(InitialContent { start: true, ..InitialContent::default() }));
     }
     if is_demo {
         scene = scene.or_else(|| Some(assets::path(DEMO_SCENE)));
@@ -48,7 +48,12 @@ pub fn run(args: Args) -> Result<()> {
         project.profile = Some(path);
     }
     let measure = measure.then(|| Measure::new(started, project.shot())).transpose()?;
-    opened(locard_window::open(First { project: Some(project), start: is_demo, measure, ..First::default() }))
+    opened(locard_window::open(InitialContent {
+        project: Some(project),
+        start: is_demo,
+        measure,
+        ..InitialContent::default()
+    }))
 }
 
 pub fn opened(ended: Result<(), locard_window::Error>) -> Result<()> {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use eframe::egui::{self, Label, RichText, Ui, WidgetInfo};
 
-use super::jobs::{Entry, Jobs, State, Task};
+use super::jobs::{Job, JobEntry, JobState, Jobs};
 use super::output::percent;
 use super::progress;
 use super::project::Project;
@@ -61,19 +61,19 @@ impl Analysing {
     pub fn begin(&mut self, project: &Project, jobs: &mut Jobs) {
         let shot = project.shot();
         let folder = beside(&shot.recording.path);
-        let entry = jobs.add(folder.display().to_string(), &shot.as_recorded(), Task::Analyse(folder.clone()));
+        let entry = jobs.add(folder.display().to_string(), &shot.as_recorded(), Job::Analyse(folder.clone()));
         self.0 = Some(Begun { entry, recording: Arc::clone(&shot.recording), folder });
     }
 
     /// Something of the queue is over: what was found is taken over, if that is what it was.
     pub fn ended(&mut self, entry: usize, jobs: &mut Jobs, session: &mut Session) {
         let Some(begun) = self.0.take_if(|begun| begun.entry == entry) else { return };
-        let Some(found) = jobs.entries.get_mut(entry).and_then(|entry| entry.found.take()) else { return };
+        let Some(found) = jobs.entries.get_mut(entry).and_then(|entry| entry.analysis.take()) else { return };
         // Something else may be open by now.
         if begun.is_of(&session.project)
-            && let Err(error) = session.project.take_analysis(begun.folder, *found)
+            && let Err(error) = session.project.adopt_analysis(begun.folder, *found)
         {
-            session.wrong(error.to_string());
+            session.show_error(error.to_string());
         }
     }
 
@@ -90,7 +90,7 @@ impl Begun {
     }
 }
 
-fn under_way(ui: &mut Ui, entry: &mut Entry) {
+fn under_way(ui: &mut Ui, entry: &mut JobEntry) {
     ui.horizontal(|ui| {
         let cancel = ui.button("Cancel");
         cancel.widget_info(|| WidgetInfo::labeled(egui::Role::Button, true, "Cancel the analysis"));
@@ -98,9 +98,9 @@ fn under_way(ui: &mut Ui, entry: &mut Entry) {
             entry.cancel();
         }
         match &entry.state {
-            State::Running { share, begun, stage } => {
-                let text = format!("Analysing: {}", percent(*share, *begun, *stage));
-                progress::bar(ui, "Analysing the footage", *share as f32, Some(text));
+            JobState::Running { progress, begun, stage } => {
+                let text = format!("Analysing: {}", percent(*progress, *begun, *stage));
+                progress::bar(ui, "Analysing the footage", *progress as f32, Some(text));
             }
             _ => _ = ui.weak("Analysed as soon as what is being exported is done"),
         }

@@ -4,7 +4,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::background::Ticket;
-use super::reasons;
+use super::calibration_messages;
 use locard_engine::calibrate::sharpness;
 use locard_engine::calibrate::{NoiseOptions, NoisePoint, drawn_noise, moving};
 use locard_engine::camera::Response;
@@ -97,7 +97,7 @@ pub fn analyse(bench: &Bench, gpu: &Gpu, shot: &Shot, frame: &Frame, wanted: &Wa
     if wanted.noise && !ticket.is_cancelled() {
         let options = NoiseOptions { min_independent: NEEDED, ..NoiseOptions::default() };
         let real = moving::from_frames(std::slice::from_ref(&frame.pixels), &options);
-        found.real = Some(real.map(|real| real.points()).map_err(|error| reasons::of_noise(&error)));
+        found.real = Some(real.map(|real| real.points()).map_err(|error| calibration_messages::noise_error(&error)));
     }
     if !(wanted.noise || wanted.histograms || wanted.edges[1].is_some()) {
         return found;

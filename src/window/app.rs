@@ -1,9 +1,9 @@
-//! The window: one frame of it is one call of [`App::ui`](eframe::App::ui).
+//! The main window. One call of [`App::ui`](eframe::App::ui) is one frame of the window.
 
-mod acts;
 mod bar;
+mod input;
 mod panels;
-mod seen;
+mod picture;
 mod status;
 
 use std::path::{Path, PathBuf};
@@ -13,14 +13,12 @@ use eframe::egui_wgpu::RenderState;
 use glam::DVec2;
 
 use self::panels::PanelTabs;
-use super::autosave::Left;
+use super::autosave::RecoverableWork;
 use super::camera;
-use super::errand::let_go;
+use super::documents::{DocumentSwitch, Documents};
 use super::evidence::Evidence;
 use super::fit;
-use super::hand::Hand;
 use super::handles::Handles;
-use super::keeper::{Keeper, Turn};
 use super::keys;
 use super::lamps::Lamps;
 use super::measure::Measure;
@@ -31,10 +29,12 @@ use super::picture::View;
 use super::placed::Placed;
 use super::player::Player;
 use super::project::Project;
-use super::recent::At;
+use super::recent::ViewState;
+use super::region_picker::RegionPicker;
 use super::session::Session;
 use super::side::Side;
 use super::steered::Steered;
+use super::task::drop_in_background;
 use super::theme;
 use super::timeline::{self, Held, Told};
 use super::titles;
@@ -50,41 +50,42 @@ pub struct App {
     side: Side,
     evidence: Evidence,
     lamps: Lamps,
-    hand: Hand,
+    region_picker: RegionPicker,
     handles: Handles,
-    keeper: Keeper,
+    documents: Documents,
     window: RenderState,
     shows_keys: bool,
     shows_history: bool,
-    /// The notice that the camera is missing was closed.
+    /// The user closed the notice that the camera is missing.
     hides_obstacle: bool,
-    /// Why the last click in the picture had no effect.
+    /// Reason why the last click in the picture had no effect.
     refusal: Option<Refusal>,
     panel_tabs: PanelTabs,
     nearest_pose: NearestPose,
     warnings: Warnings,
-    /// The window's title as it was set last.
+    /// The window's current title.
     title: String,
     placed: Option<Placed>,
     steered: Steered,
     measure: Option<Measure>,
     held: Held,
-    /// Something had the keyboard when the last frame of the window ended.
+    /// A field had the keyboard focus at the end of the last frame of the window.
     was_typing: bool,
 }
 
 impl App {
-    /// Takes the window's device.
+    /// Uses the window's graphics device.
     pub fn new(
         context: &eframe::CreationContext<'_>,
         project: Project,
         camera: Option<live::Opened>,
     ) -> Result<Self, String> {
         theme::install(&context.egui_ctx);
-        Self::begin(&context.egui_ctx, painter::of_window(context)?, project, camera)
+        Self::begin(&context.egui_ctx, painter::take_over(context)?, project, camera)
     }
 
-    /// In a window that has its painter already. The project is a recording's, or that of a camera, which starts now.
+    /// For a window that already has its painter. The project belongs to a recording or to a
+    /// camera, which starts now.
     pub fn begin(
         ctx: &egui::Context,
         window: RenderState,
@@ -97,9 +98,9 @@ impl App {
             side: Side::default(),
             evidence: Evidence::default(),
             lamps: Lamps::default(),
-            hand: Hand::default(),
+            region_picker: RegionPicker::default(),
             handles: Handles::default(),
-            keeper: Keeper::default(),
+            documents: Documents::default(),
             window,
             shows_keys: false,
             shows_history: false,
@@ -117,49 +118,50 @@ impl App {
         })
     }
 
-    /// Works the window by itself, prints what it costs, and closes it.
+    /// Runs the measurement without a user, prints the costs, and closes the window.
     pub fn measured(self, measure: Measure) -> Self {
         Self { measure: Some(measure), ..self }
     }
 
-    /// Keeps work in a folder of the user's, and offers what a crash has left there.
-    pub fn keep_in(&mut self, folder: &Path) {
-        self.keeper.keep_in(folder, &mut self.session);
+    /// Stores state in the user's folder, and offers work to recover from there.
+    pub fn set_state_folder(&mut self, folder: &Path) {
+        self.documents.set_state_folder(folder, &mut self.session);
     }
 
-    /// Goes on where one was, with the work that was left there.
-    pub fn go_on(&mut self, at: At, left: Option<Left>) {
+    /// Restores the view of a document, and adopts recovered work.
+    pub fn restore_view(&mut self, at: ViewState, left: Option<RecoverableWork>) {
         if !self.session.is_live() {
             self.session.player.seek(at.frame);
         }
         self.view.look_at(at.zoom, at.centre);
         if let Some(left) = left {
-            self.keeper.take_up(left);
+            self.documents.adopt_recovery(left);
         }
     }
 
-    /// Where one is.
-    fn at(&self) -> At {
-        At { frame: self.session.player.frame(), zoom: self.view.zoom, centre: self.view.centre.into() }
+    /// Current frame and view.
+    fn view_state(&self) -> ViewState {
+        ViewState { frame: self.session.player.frame(), zoom: self.view.zoom, centre: self.view.centre.into() }
     }
 
-    /// Shows the page that says what can be opened.
+    /// Opens or closes the welcome page.
     pub fn show_start(&mut self, shows: bool) {
-        self.keeper.shows_start = shows;
+        self.documents.is_start_open = shows;
     }
 
-    /// Records what comes from the camera into a new folder.
+    /// Records frames of the camera into a new folder.
     pub fn record(&mut self, folder: PathBuf) {
         self.session.record(folder);
     }
 
-    /// How the program starts anew where the graphics device is lost; `restart` says why it did not.
-    pub fn restarts_by(&mut self, restart: fn() -> String) {
-        self.keeper.restarts_by = Some(restart);
+    /// Sets the function that restarts the program after the graphics device was lost; it returns
+    /// an error message.
+    pub fn restart_with(&mut self, restart: fn() -> String) {
+        self.documents.restart_with = Some(restart);
     }
 
-    pub fn keeper(&self) -> &Keeper {
-        &self.keeper
+    pub fn documents(&self) -> &Documents {
+        &self.documents
     }
 
     pub fn project(&self) -> &Project {
@@ -182,29 +184,29 @@ impl App {
         &self.session.viewer
     }
 
-    /// The thing that is selected in the list and in the picture.
+    /// The selected object or lamp.
     pub fn selected(&self) -> Option<Thing> {
         self.evidence.selected
     }
 
-    /// The outline of what the next click would place, px of the picture, while something is placed.
+    /// Outline of the object that the next click would place, px of the picture.
     pub fn previewed(&self) -> Option<&[Vec<DVec2>]> {
         self.evidence.previewed()
     }
 
-    /// Where a place of the picture, px, is on the screen.
+    /// Position of a pixel of the picture on the screen.
     pub fn on_screen(&self, at_px: egui::Vec2) -> Option<egui::Pos2> {
         self.placed.map(|placed| placed.screen(at_px))
     }
 
-    /// What is wrong, as the window says it.
+    /// The displayed error.
     pub fn problem(&self) -> Option<&str> {
         self.session.problem()
     }
 
-    /// What was done, as the window says it.
-    pub fn said(&self) -> Option<&str> {
-        self.session.said()
+    /// The displayed message.
+    pub fn message(&self) -> Option<&str> {
+        self.session.message()
     }
 
     /// The window's title.
@@ -212,43 +214,43 @@ impl App {
         &self.title
     }
 
-    /// Whether the picture that is shown is finished, and is that of all that is set now.
+    /// True if the displayed picture is finished and has the current content at full quality.
     pub fn is_settled(&self) -> bool {
         self.session.is_settled()
     }
 
-    /// The number of the frame whose picture is shown.
+    /// Index of the displayed frame.
     pub fn shown_frame(&self) -> Option<usize> {
         self.session.frame().map(|frame| frame.index)
     }
 
-    /// Files, dialogs, exports. What was opened meanwhile takes the place of what is open.
-    fn keep(&mut self, ctx: &egui::Context) {
+    /// Runs files, dialogs and exports. Switches to another document once it is open.
+    fn update_documents(&mut self, ctx: &egui::Context) {
         if let Some(missing) = self.evidence.locates.take() {
-            self.keeper.choose_missing(&self.session.project, missing);
+            self.documents.choose_missing(&self.session.project, missing);
         }
-        let turn = self.keeper.work(ctx, &mut self.session);
-        if let Some(model) = self.keeper.take_model() {
+        let turn = self.documents.update(ctx, &mut self.session);
+        if let Some(model) = self.documents.take_model() {
             self.evidence.drop(model);
         }
-        let Some(Turn { project, camera, at }) = turn else { return };
-        self.keeper.leaves(&self.session.project, self.at());
+        let Some(DocumentSwitch { project, camera, at }) = turn else { return };
+        self.documents.remember_document(&self.session.project, self.view_state());
         match session(&self.window, ctx, project, camera) {
             Ok(session) => {
-                // Its threads end when what they decode and draw is done.
-                let_go(std::mem::replace(&mut self.session, session));
-                (self.view, self.evidence, self.hand) = Default::default();
+                // Its threads end after their current decoding and drawing.
+                drop_in_background(std::mem::replace(&mut self.session, session));
+                (self.view, self.evidence, self.region_picker) = Default::default();
                 (self.handles, self.side, self.lamps) = Default::default();
                 (self.hides_obstacle, self.refusal) = Default::default();
                 self.panel_tabs = self.panel_tabs.reopened();
-                self.go_on(at, None);
-                self.keeper.turned(&self.session);
+                self.restore_view(at, None);
+                self.documents.document_switched(&self.session);
             }
-            Err(why) => self.session.wrong(why),
+            Err(why) => self.session.show_error(why),
         }
     }
 
-    /// Names in the window's title what is open.
+    /// Shows the open document in the window's title.
     fn set_title(&mut self, ctx: &egui::Context) {
         let title = titles::of_window(&self.session.project);
         if title != self.title {
@@ -260,7 +262,7 @@ impl App {
     fn windows(&mut self, ctx: &egui::Context) {
         keys::show(ctx, &mut self.shows_keys);
         let mut chosen = None;
-        // Below the bar, beside the evidence.
+        // Below the bar, beside the evidence panel.
         let history = egui::Window::new("History").default_pos([212.0, 48.0]).default_width(240.0);
         history.open(&mut self.shows_history).show(ctx, |ui| {
             egui::ScrollArea::vertical().max_height(360.0).stick_to_bottom(true).show(ui, |ui| {
@@ -294,7 +296,7 @@ fn session(
 
 impl eframe::App for App {
     fn on_exit(&mut self) {
-        self.keeper.leaves(&self.session.project, self.at());
+        self.documents.remember_document(&self.session.project, self.view_state());
     }
 
     fn clear_color(&self, visuals: &egui::Visuals) -> [f32; 4] {
@@ -305,13 +307,14 @@ impl eframe::App for App {
         let ctx = ui.ctx().clone();
         fit::to_screen(&ctx);
         self.input(&ctx);
-        self.session.take(&ctx);
+        self.session.poll(&ctx);
         if self.measure.as_mut().is_some_and(|measure| measure.step(&mut self.session, &mut self.view, &ctx)) {
-            self.keeper.close_without_asking();
+            self.documents.close_without_asking();
             self.measure = None;
             ctx.send_viewport_cmd(egui::ViewportCommand::Close);
         }
-        // The window is cleared to the panels' colour: to fill them again would cost more than all else in them.
+        // The window is cleared to the panels' colour: filling them again would cost more than all
+        // of their content.
         let panel = egui::Frame::side_top_panel(ui.style()).fill(egui::Color32::TRANSPARENT);
         egui::Panel::top("bar").frame(panel).show(ui, |ui| self.bar(ui));
         egui::Panel::bottom("status").frame(panel).show(ui, |ui| self.status(ui));
@@ -319,7 +322,7 @@ impl eframe::App for App {
             ui.add_space(3.0);
             let session = &mut self.session;
             let times_s = &session.project.shot().recording.timestamps_s;
-            // From the first frame on: a recording's own clock may count from 1970.
+            // Relative to the first frame, because a recording's clock may count from 1970.
             let of = |frame: usize| times_s.get(frame).copied().unwrap_or(0.0);
             let time_s = of(session.player.frame()) - of(0);
             if session.is_live() {
@@ -331,7 +334,7 @@ impl eframe::App for App {
                 timeline::show(ui, &mut session.player, &told);
             }
             if let Some(asked) = camera::buttons(ui, session) {
-                self.keeper.of_camera(ui.ctx(), session, asked);
+                self.documents.handle_camera_request(ui.ctx(), session, asked);
             }
             ui.add_space(2.0);
         });
@@ -341,10 +344,10 @@ impl eframe::App for App {
         }
         egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| self.picture(ui));
         self.windows(&ctx);
-        self.keep(&ctx);
+        self.update_documents(&ctx);
         self.set_title(&ctx);
-        if !self.keeper.holds_picture() {
-            self.session.make(&ctx);
+        if !self.documents.defers_rendering() {
+            self.session.request_pictures(&ctx);
         }
         self.was_typing = ctx.egui_wants_keyboard_input();
     }

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use eframe::egui::Context;
 
-use super::errand::Errand;
+use super::task::BackgroundTask;
 
 /// What work knows of whoever waits for it.
 #[derive(Clone, Debug, Default)]
@@ -31,7 +31,7 @@ impl Ticket {
 struct Running<K, T> {
     key: K,
     ticket: Ticket,
-    errand: Errand<T>,
+    task: BackgroundTask<T>,
 }
 
 /// What is worked on, and what came of it last. A key says what was asked for.
@@ -66,8 +66,8 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
         self.broken = None;
         let (ticket, ctx) = (Ticket::default(), ctx.clone());
         let of_work = ticket.clone();
-        match Errand::begin("window work", move || ctx.request_repaint(), move || work(&of_work)) {
-            Ok(errand) => self.running = Some(Running { key, ticket, errand }),
+        match BackgroundTask::spawn("window work", move || ctx.request_repaint(), move || work(&of_work)) {
+            Ok(task) => self.running = Some(Running { key, ticket, task }),
             Err(error) => self.broken = Some((key, format!("no thread can be had for it: {error}"))),
         }
     }
@@ -81,7 +81,7 @@ impl<K: PartialEq, T: Send + 'static> Background<K, T> {
     }
 
     fn look(&mut self) {
-        let Some(result) = self.running.as_ref().and_then(|running| running.errand.take()) else { return };
+        let Some(result) = self.running.as_ref().and_then(|running| running.task.take()) else { return };
         let Some(Running { key, ticket, .. }) = self.running.take() else { return };
         match result {
             Ok(result) if !ticket.is_cancelled() => self.last = Some((key, result)),

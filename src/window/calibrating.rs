@@ -12,7 +12,7 @@ use eframe::egui::{self, RichText, Ui};
 use self::lens::Lens;
 use self::noise::Noise;
 use self::sharpness::Sharpness;
-use super::hand::Hand;
+use super::region_picker::RegionPicker;
 use super::session::Session;
 use locard_engine::calibrate::NoisePoint;
 use locard_engine::pixels::Rect;
@@ -47,16 +47,16 @@ impl Calibrating {
         self.sharpness.rest();
     }
 
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) {
-        self.noise.answers(session, hand);
-        self.sharpness.answers(session, hand);
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, picker: &mut RegionPicker) {
+        self.noise.answers(session, picker);
+        self.sharpness.answers(session, picker);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             let open = |title: &str| egui::CollapsingHeader::new(RichText::new(title).strong()).default_open(true);
             open("Lens, from a board").show(ui, |ui| self.lens.show(ui, session));
             ui.separator();
-            open("Noise, from plain places").show(ui, |ui| self.noise.show(ui, session, hand));
+            open("Noise, from plain places").show(ui, |ui| self.noise.show(ui, session, picker));
             ui.separator();
-            open("Sharpness, from edges").show(ui, |ui| self.sharpness.show(ui, session, hand));
+            open("Sharpness, from edges").show(ui, |ui| self.sharpness.show(ui, session, picker));
         });
     }
 }

@@ -2,7 +2,7 @@
 
 use eframe::egui::{self, Color32, RichText, Stroke, Ui};
 
-use super::session::{PAST_S, Session, Told};
+use super::session::{LiveStatus, RECENT_S, Session};
 use super::timeline;
 use locard_engine::live::{Status, Tracking};
 use locard_engine::text::{count, without_options};
@@ -27,7 +27,7 @@ const LIGHT: Color32 = Color32::from_rgb(222, 54, 54);
 
 /// In place of the time line, while the camera is shown.
 pub fn show(ui: &mut Ui, session: &Session) {
-    let Some(told) = session.told() else { return };
+    let Some(told) = session.live_status() else { return };
     strip(ui, session);
     ui.add_space(3.0);
     ui.horizontal(|ui| {
@@ -39,7 +39,7 @@ pub fn show(ui: &mut Ui, session: &Session) {
 
 /// What can be done with the camera; nothing where there is none.
 pub fn buttons(ui: &mut Ui, session: &Session) -> Option<Asked> {
-    let told = session.told()?;
+    let told = session.live_status()?;
     let mut asked = None;
     ui.horizontal(|ui| {
         let mut button = |ui: &mut Ui, enabled: bool, text: &str, hint: &str, what: Asked| {
@@ -74,12 +74,12 @@ fn strip(ui: &mut Ui, session: &Session) {
     let (rect, response) =
         ui.allocate_exact_size(egui::vec2(ui.available_width(), timeline::HEIGHT), egui::Sense::hover());
     let Some(camera) = session.camera() else { return };
-    let (past, now_s) = camera.past();
+    let (past, now_s) = camera.recent();
     let painter = ui.painter().with_clip_rect(rect);
     painter.rect_filled(rect, 0.0, ui.visuals().extreme_bg_color);
     let good = ui.visuals().selection.bg_fill;
     for shown in past {
-        let x = rect.max.x - rect.width() * ((now_s - shown.taken_s) / PAST_S) as f32;
+        let x = rect.max.x - rect.width() * ((now_s - shown.taken_s) / RECENT_S) as f32;
         let height = rect.height() * (shown.latency_s / LATE_S).min(1.0) as f32;
         let color = match shown.tracking {
             Tracking::Tracked => good,
@@ -89,7 +89,7 @@ fn strip(ui: &mut Ui, session: &Session) {
         painter.vline(x, (rect.max.y - height)..=rect.max.y, Stroke::new(2.0, color));
     }
     response.on_hover_text(format!(
-        "The last {PAST_S:.0} s: a line for each picture, as high as it was late ({:.0} ms is the whole height); orange where \
+        "The last {RECENT_S:.0} s: a line for each picture, as high as it was late ({:.0} ms is the whole height); orange where \
          its pose was predicted, red where there was none",
         1e3 * LATE_S
     ));
@@ -123,7 +123,7 @@ fn ended_text(has_picture: bool) -> &'static str {
     }
 }
 
-fn how_it_goes(ui: &mut Ui, session: &Session, told: &Told) {
+fn how_it_goes(ui: &mut Ui, session: &Session, told: &LiveStatus) {
     let status = &told.status;
     if told.is_freezing {
         ui.spinner();

@@ -98,7 +98,7 @@ impl Controls {
                 Some((spec, value, origin, idle))
             };
             let all = params.specs().into_iter().filter(wanted).filter_map(with_value);
-            all.filter(|(_, _, origin, _)| !self.changed_only || *origin == Origin::Person).collect()
+            all.filter(|(_, _, origin, _)| !self.changed_only || *origin == Origin::User).collect()
         };
         if specs.is_empty() {
             return None;
@@ -150,8 +150,8 @@ impl Controls {
                     unknown_exposure(ui, &note);
                 }
                 for (spec, value, origin, idle) in specs {
-                    let opened = project.opened(table, spec.name);
-                    let is_pinned = origin != Origin::Person && project.is_pinned(table, spec.name);
+                    let opened = project.baseline_value(table, spec.name);
+                    let is_pinned = origin != Origin::User && project.is_pinned(table, spec.name);
                     let origin = if is_pinned { Origin::Scene } else { origin };
                     let asked = control(ui, table, &spec, &value, origin, idle.as_deref(), opened);
                     let Some(Asked { to, resets, is_done }) = asked else { continue };
@@ -216,7 +216,7 @@ fn control(
     ui.horizontal(|ui| {
         mark(ui, origin);
         let text = RichText::new(spec.words());
-        let text = if origin == Origin::Person { text.strong() } else { text };
+        let text = if origin == Origin::User { text.strong() } else { text };
         let text = if idle.is_some() { text.weak() } else { text };
         let left = egui::Layout::left_to_right(egui::Align::Center);
         let beside = ui.spacing().item_spacing.x;
@@ -425,7 +425,7 @@ fn mark(ui: &mut Ui, origin: Origin) {
     let (rect, response) = ui.allocate_exact_size(egui::vec2(8.0, 18.0), egui::Sense::hover());
     let color = Color32::from_rgb(230, 159, 0);
     match origin {
-        Origin::Person => _ = ui.painter().circle_filled(rect.center(), 3.0, color),
+        Origin::User => _ = ui.painter().circle_filled(rect.center(), 3.0, color),
         Origin::File | Origin::Scene => {
             let stroke = egui::Stroke::new(1.2, ui.visuals().text_color());
             ui.painter().circle_stroke(rect.center(), 2.6, stroke);
@@ -433,7 +433,7 @@ fn mark(ui: &mut Ui, origin: Origin) {
         Origin::Default => {}
     }
     let says = match origin {
-        Origin::Person => "You have changed it",
+        Origin::User => "You have changed it",
         Origin::File => "As the recording or a profile says",
         Origin::Scene => "Kept by the scene, as the profile has it. Double-click the name to follow the profile",
         Origin::Default => "Its default",

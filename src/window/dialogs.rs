@@ -1,32 +1,32 @@
-//! Questions, and what is told all of: each a few plain sentences and the buttons that answer.
+//! The questions of the window and the welcome page.
 
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use eframe::egui::{self, Context, RichText};
 
-use super::autosave::Work;
+use super::autosave::UnsavedWork;
 use super::question::{Answer, Choices, as_dialog, ask, modal};
-use super::recent::Opened;
+use super::recent::DocumentRef;
 use super::saving::ProfileOwner;
 use super::titles::distinct;
 use locard_engine::text::count;
 
-/// What ends or is lost if the window is closed, or something else is opened.
+/// Consequences of closing the window or opening another document.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Ending {
-    /// The window is closed, else something else is opened.
+pub struct Consequences {
+    /// The window is closed; else another document is opened.
     pub closes: bool,
-    /// There are changes that are not saved.
+    /// There are unsaved changes.
     pub is_changed: bool,
-    /// Something is being exported, or analysed.
+    /// An export or analysis is running.
     pub is_busy: bool,
     /// A camera is being recorded.
     pub is_recording: bool,
 }
 
-impl Ending {
-    /// Whether nothing ends and nothing is lost.
+impl Consequences {
+    /// True if nothing ends or is lost.
     pub fn is_harmless(&self) -> bool {
         !(self.is_changed || self.is_recording || self.closes && self.is_busy)
     }
@@ -34,9 +34,9 @@ impl Ending {
 
 const RECORDED: &str = "The camera is being recorded. The recording ends here, and is whole.";
 
-/// Before the window is closed, or something else is opened.
-pub fn before_it_is_lost(ctx: &Context, ending: Ending) -> Option<Answer> {
-    let Ending { closes, is_changed, is_busy, is_recording } = ending;
+/// Asks before the window is closed or another document is opened.
+pub fn confirm_discard(ctx: &Context, consequences: Consequences) -> Option<Answer> {
+    let Consequences { closes, is_changed, is_busy, is_recording } = consequences;
     let is_busy = closes && is_busy;
     if !is_changed {
         let (title, answer) = match (is_recording, closes) {
@@ -57,9 +57,10 @@ pub fn before_it_is_lost(ctx: &Context, ending: Ending) -> Option<Answer> {
             }
         });
     }
-    let labels = match closes {
-        true => ["Save and close", "Close without saving", "Cancel"],
-        false => ["Save", "Go on without saving", "Cancel"],
+    let labels = if closes {
+        ["Save and close", "Close without saving", "Cancel"]
+    } else {
+        ["Save", "Go on without saving", "Cancel"]
     };
     ask(ctx, "Save changes?", Choices { labels, default: Answer::Yes }, |ui| {
         ui.label("The changes since the last save are lost otherwise.");
@@ -72,16 +73,16 @@ pub fn before_it_is_lost(ctx: &Context, ending: Ending) -> Option<Answer> {
     })
 }
 
-/// A file that is about to be written was changed by somebody else.
-pub fn whether_to_replace(ctx: &Context, path: &Path) -> Option<Answer> {
+/// A file to write was changed by another program.
+pub fn confirm_overwrite(ctx: &Context, path: &Path) -> Option<Answer> {
     let choices = Choices { labels: ["Save mine", "Read theirs", "Cancel"], default: Answer::Cancel };
     ask(ctx, "Replace what somebody else has written?", choices, |ui| {
         ui.label(format!("{} was changed on disk since it was opened here.", path.display()));
     })
 }
 
-/// A profile is about to be written for the first time that others use too.
-pub fn whether_to_write(ctx: &Context, path: &Path, owner: Option<ProfileOwner>) -> Option<Answer> {
+/// A shared profile is about to be written for the first time.
+pub fn confirm_shared_profile(ctx: &Context, path: &Path, owner: Option<ProfileOwner>) -> Option<Answer> {
     let (title, name) = match owner {
         Some(ProfileOwner::Program) => ("Change the supplied profile?", "the program"),
         Some(ProfileOwner::Recording) => ("Change the recording's profile?", "the recording"),
@@ -93,9 +94,9 @@ pub fn whether_to_write(ctx: &Context, path: &Path, owner: Option<ProfileOwner>)
     })
 }
 
-/// A file that is open was changed by somebody else.
-pub fn changed_on_disk(ctx: &Context, path: &Path, is_changed: bool) -> Option<Answer> {
-    // It appears by itself: an Enter that ends typing elsewhere must not replace unsaved changes.
+/// An open file was changed by another program.
+pub fn offer_reload(ctx: &Context, path: &Path, is_changed: bool) -> Option<Answer> {
+    // It appears without a user action: Enter in another field must not discard changes.
     let choices = Choices { labels: ["Read it again", "Keep what is here", ""], default: Answer::No };
     ask(ctx, "A file was changed on disk", choices, |ui| {
         ui.label(format!("{} was changed by another program.", path.display()));
@@ -105,12 +106,15 @@ pub fn changed_on_disk(ctx: &Context, path: &Path, is_changed: bool) -> Option<A
     })
 }
 
-/// Work that a crash left.
-pub fn left(ctx: &Context, work: &Work) -> Option<Answer> {
+/// Work recovered from a crash.
+pub fn offer_recovery(ctx: &Context, work: &UnsavedWork) -> Option<Answer> {
     let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let choices = Choices { labels: ["Restore", "Discard", "Not now"], default: Answer::Yes };
     ask(ctx, "Restore unsaved work?", choices, |ui| {
-        ui.label(format!("Locard ended {} with changes that were not saved.", ago(now_s.saturating_sub(work.at_s))));
+        ui.label(format!(
+            "Locard ended {} with changes that were not saved.",
+            time_ago(now_s.saturating_sub(work.at_s))
+        ));
         ui.add_space(4.0);
         egui::Grid::new("work").num_columns(2).spacing([12.0, 4.0]).show(ui, |ui| {
             let mut line = |what: &str, path: Option<&Path>| {
@@ -130,8 +134,8 @@ pub fn left(ctx: &Context, work: &Work) -> Option<Answer> {
     })
 }
 
-/// How long ago, as people say it.
-fn ago(seconds: u64) -> String {
+/// Time elapsed, in words.
+fn time_ago(seconds: u64) -> String {
     match seconds {
         0..90 => "a moment ago".to_owned(),
         90..5400 => format!("{} minutes ago", (seconds + 30) / 60),
@@ -140,8 +144,8 @@ fn ago(seconds: u64) -> String {
     }
 }
 
-/// Says that something is being opened.
-pub fn opening(ctx: &Context, what: &Path) {
+/// Shows that a document is being opened.
+pub fn show_opening(ctx: &Context, what: &Path) {
     modal(ctx, "opening", "Opening", |ui| {
         ui.set_width(360.0);
         ui.horizontal(|ui| {
@@ -151,44 +155,48 @@ pub fn opening(ctx: &Context, what: &Path) {
     });
 }
 
-/// What is chosen on the start page.
+/// Choice on the welcome page.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Start {
+pub enum StartChoice {
     Open,
     Camera,
-    Recent(Box<Opened>),
-    Leave,
+    Recent(Box<DocumentRef>),
+    Continue,
 }
 
-/// What is behind the start page.
+/// The content behind the welcome page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Behind<'a> {
+pub enum StartBackground<'a> {
     Demonstration,
     /// A recording of that name.
     Recording(&'a str),
-    /// Nothing: no demonstration lies in any of these places.
+    /// Nothing: the demonstration is in none of these places.
     Nothing(&'a [PathBuf]),
 }
 
-/// The page of a start without a recording.
-pub fn start<'a>(ctx: &Context, recent: impl Iterator<Item = (&'a Opened, bool)>, behind: Behind<'_>) -> Option<Start> {
+/// The welcome page.
+pub fn show_start<'a>(
+    ctx: &Context,
+    recent: impl Iterator<Item = (&'a DocumentRef, bool)>,
+    behind: StartBackground<'_>,
+) -> Option<StartChoice> {
     let (mut chosen, mut is_open) = (None, true);
     let page = egui::Window::new("Welcome").collapsible(false).resizable(false).default_width(420.0);
     let page = match behind {
-        Behind::Nothing(_) => page.anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO),
+        StartBackground::Nothing(_) => page.anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO),
         _ => page.open(&mut is_open).default_pos([250.0, 90.0]),
     };
     let page = page.show(ctx, |ui| {
         let (text, stay) = match behind {
-            Behind::Demonstration => (
+            StartBackground::Demonstration => (
                 "This is the demonstration. Move a slider, drag the picture, press ? for the keys.".to_owned(),
                 Some("Continue with the demo".to_owned()),
             ),
-            Behind::Recording(name) => (
+            StartBackground::Recording(name) => (
                 format!("{name} is open. Open another one, or press ? for the keys."),
                 Some(format!("Continue with {name}")),
             ),
-            Behind::Nothing(_) => {
+            StartBackground::Nothing(_) => {
                 ("Open a recording: the frames of a camera with its poses. Press ? for the keys.".to_owned(), None)
             }
         };
@@ -196,18 +204,18 @@ pub fn start<'a>(ctx: &Context, recent: impl Iterator<Item = (&'a Opened, bool)>
         ui.add_space(6.0);
         ui.horizontal(|ui| {
             if ui.button("Open a recording…").clicked() {
-                chosen = Some(Start::Open);
+                chosen = Some(StartChoice::Open);
             }
             if ui.button("Live camera…").clicked() {
-                chosen = Some(Start::Camera);
+                chosen = Some(StartChoice::Camera);
             }
             if stay.is_some_and(|stay| ui.button(stay).clicked()) {
-                chosen = Some(Start::Leave);
+                chosen = Some(StartChoice::Continue);
             }
         });
         ui.add_space(6.0);
         ui.add(egui::Label::new(RichText::new(CAN_BE_DROPPED).weak()).wrap());
-        if let Behind::Nothing(places) = behind {
+        if let StartBackground::Nothing(places) = behind {
             let places: Vec<String> = places.iter().map(|place| place.display().to_string()).collect();
             let text = format!(
                 "The demonstration lies in the program's folder, and is not there. It was looked for at {}.",
@@ -229,17 +237,17 @@ pub fn start<'a>(ctx: &Context, recent: impl Iterator<Item = (&'a Opened, bool)>
                 let button = ui.add_enabled(is_there, egui::Button::selectable(false, text).truncate());
                 let button = button.on_hover_text(files(opened));
                 if button.on_disabled_hover_text("It is no longer there").clicked() {
-                    chosen = Some(Start::Recent(Box::new(opened.clone())));
+                    chosen = Some(StartChoice::Recent(Box::new(opened.clone())));
                 }
             }
         });
     });
     as_dialog(ctx, page.as_ref());
-    chosen.or((!is_open).then_some(Start::Leave))
+    chosen.or((!is_open).then_some(StartChoice::Continue))
 }
 
-/// The whole paths of a recording, its scene and its profile, a line each.
-fn files(opened: &Opened) -> String {
+/// The full paths of a recording, its scene and its profile, one per line.
+fn files(opened: &DocumentRef) -> String {
     let with = [("Scene", &opened.scene), ("Profile", &opened.profile)];
     let with = with.into_iter().filter_map(|(what, path)| Some(format!("\n{what}: {}", path.as_ref()?.display())));
     format!("Recording: {}", opened.recording.display()) + &with.collect::<String>()
@@ -250,11 +258,11 @@ const CAN_BE_DROPPED: &str = "A recording's folder, a profile, a scene (.toml) o
 
 #[cfg(test)]
 mod tests {
-    use super::ago;
+    use super::time_ago;
 
     #[test]
-    fn time_that_has_passed_is_said_as_people_do() {
-        let said = [5, 100, 3000, 7200, 200_000].map(ago);
-        assert_eq!(said, ["a moment ago", "2 minutes ago", "50 minutes ago", "2 hours ago", "2 days ago"]);
+    fn elapsed_time_is_given_in_words() {
+        let message = [5, 100, 3000, 7200, 200_000].map(time_ago);
+        assert_eq!(message, ["a moment ago", "2 minutes ago", "50 minutes ago", "2 hours ago", "2 days ago"]);
     }
 }

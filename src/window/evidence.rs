@@ -14,10 +14,10 @@ use super::handles::{Ghost, Plane, Would};
 use super::library::{Library, name};
 use super::list;
 use super::missing;
+use super::object_actions;
 use super::picture::Seen;
-use super::things;
+use super::scene_checks::SceneChecks;
 use super::tilt;
-use super::wrongs::Wrongs;
 use locard_engine::frame::Frame;
 use locard_engine::gpu::Gpu;
 use locard_engine::scene::document::{PlacedModel, Up};
@@ -31,7 +31,7 @@ pub struct Evidence {
     library: Library,
     /// What they are placed on.
     pub ground: Ground,
-    wrongs: Wrongs,
+    scene_checks: SceneChecks,
     /// The model that the next click places.
     placing: Option<PathBuf>,
     ghost: Ghost,
@@ -139,8 +139,8 @@ impl Evidence {
         }
         ui.separator();
         self.locates = missing::show(ui, project);
-        self.wrongs.look(project, frame, ui.ctx());
-        told = list::show(ui, project, &self.wrongs, &mut self.selected).or(told);
+        self.scene_checks.update(project, frame, ui.ctx());
+        told = list::show(ui, project, &self.scene_checks, &mut self.selected).or(told);
         let scene = project.edit().scene.clone();
         let renaming = self.renaming.take();
         let was_typing = renaming.is_some();
@@ -149,7 +149,7 @@ impl Evidence {
             told = self.selected(ui, project, &scene, entry, renaming).or(told);
             let object = scene.entries().iter().position(|other| *other == entry);
             let version = project.scene_version();
-            if let Some(tilt) = object.and_then(|object| self.wrongs.tilt(version, object)) {
+            if let Some(tilt) = object.and_then(|object| self.scene_checks.tilt(version, object)) {
                 told = tilt::show(ui, project, entry, &tilt).or(told);
             }
         }
@@ -184,7 +184,7 @@ impl Evidence {
             && field.lost_focus()
             && is_taken_back(ui.ctx())
         {
-            project.take_back(&renamed(&renaming.before));
+            project.remove_open_step(&renamed(&renaming.before));
             return None;
         }
         let is_renamed = field.changed();
@@ -232,13 +232,13 @@ impl Evidence {
         wrong = switches(ui, project, entry).or(wrong);
         ui.horizontal(|ui| {
             if ui.button("Duplicate").on_hover_text("Shift+D, and move it").clicked() {
-                wrong = things::duplicate(project, &mut self.selected);
+                wrong = object_actions::duplicate(project, &mut self.selected);
             }
             if ui.button(if scene.is_hidden(entry) { "Show" } else { "Hide" }).on_hover_text("H").clicked() {
-                wrong = things::hide(project, self.selected);
+                wrong = object_actions::hide(project, self.selected);
             }
             if ui.button("Delete").on_hover_text("Del").clicked() {
-                wrong = things::delete(project, &mut self.selected);
+                wrong = object_actions::delete(project, &mut self.selected);
             }
         });
         wrong
@@ -281,8 +281,8 @@ impl Evidence {
             Click::Again(_) => return Ok(()),
         };
         let posture = if self.lies_flat { Posture::Flat } else { Posture::Upright };
-        let says_no_up = project.says_no_up();
-        let up = if says_no_up { project.shot().up_on(Some(support.normal)) } else { project.up() };
+        let is_up_undefined = project.is_up_undefined();
+        let up = if is_up_undefined { project.shot().up_on(Some(support.normal)) } else { project.up() };
         let laying = Laying { model: model.clone(), posture, turned_deg, up: Some(up) };
         let placed = laying.lay(project.shot(), frame.index, &support, &project.scene_path());
         let placed = placed.map_err(|e| e.to_string())?;
@@ -290,7 +290,7 @@ impl Evidence {
         let gauge = project.shot().gauge(frame.index);
         let put = |scene: &mut SceneFile| {
             scene.gauge = scene.gauge.or(gauge);
-            scene.up = scene.up.or(says_no_up.then(|| Up::Direction(up.to_array())));
+            scene.up = scene.up.or(is_up_undefined.then(|| Up::Direction(up.to_array())));
             scene.objects.push(placed);
         };
         project.change_scene(&what, put).map_err(|e| e.to_string())?;
@@ -315,7 +315,7 @@ impl Evidence {
             version: project.version(),
         };
         let posture = if lies_flat { Posture::Flat } else { Posture::Upright };
-        let up = (!project.says_no_up()).then(|| project.up());
+        let up = (!project.is_up_undefined()).then(|| project.up());
         let laying = Laying { model, posture, turned_deg, up };
         let (finder, of_scene) = (self.ground.finder.clone(), file.clone());
         self.ghost.show(seen, would, project.shot(), frame, file, move |shot, frame| {

@@ -1,27 +1,27 @@
-//! What was done, step by step, and back.
+//! Undo history.
 
 use std::sync::Arc;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// Steps that are kept. Each is a few kilobytes.
-const MOST: usize = 500;
+/// Largest number of steps. Each has a few kilobytes.
+const MAX_STEPS: usize = 500;
 
-/// States of a value, each with what led to it. They are shared with a [`Record`] of them.
+/// States of a value with the names of the changes. They are shared with a [`Record`].
 #[derive(Clone, Debug)]
 pub struct History<T> {
-    /// The first is what was opened.
+    /// The first step is the opened state.
     steps: Vec<(String, Arc<T>)>,
     at: usize,
     /// The uncommitted change.
-    tried: Option<T>,
-    /// Grows with every change of the steps or of the current one.
+    uncommitted: Option<T>,
+    /// Increases with every change of the steps or of the current one.
     revision: u64,
-    /// Whether the step that was made last still grows: a slider is being dragged.
+    /// True while changes extend the last step, during a slider drag.
     is_open: bool,
 }
 
-/// The steps of a history as a file keeps them, the oldest first.
+/// The steps of a history in a file, the oldest first.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 #[serde(bound(serialize = "T: Serialize", deserialize = "T: Deserialize<'de>"))]
@@ -66,34 +66,40 @@ impl<T> Record<T> {
 
 impl<T: Clone + PartialEq> History<T> {
     pub fn new(opened: T) -> Self {
-        Self { steps: vec![("opened".to_owned(), Arc::new(opened))], at: 0, tried: None, revision: 0, is_open: false }
+        Self {
+            steps: vec![("opened".to_owned(), Arc::new(opened))],
+            at: 0,
+            uncommitted: None,
+            revision: 0,
+            is_open: false,
+        }
     }
 
-    pub fn now(&self) -> &T {
-        self.tried.as_ref().unwrap_or(&self.steps[self.at].1)
+    pub fn current(&self) -> &T {
+        self.uncommitted.as_ref().unwrap_or(&self.steps[self.at].1)
     }
 
     /// The current step, without the uncommitted change.
-    pub fn kept(&self) -> &T {
+    pub fn committed(&self) -> &T {
         &self.steps[self.at].1
     }
 
-    /// Grows with every change of the steps or of the current one, and not with an uncommitted
+    /// Increases with every change of the steps or of the current one, not with an uncommitted
     /// change.
     pub fn revision(&self) -> u64 {
         self.revision
     }
 
-    /// Whether there is an uncommitted change.
-    pub fn is_trying(&self) -> bool {
-        self.tried.is_some()
+    /// True if there is an uncommitted change.
+    pub fn has_uncommitted(&self) -> bool {
+        self.uncommitted.is_some()
     }
 
-    /// The newest `most` steps, or older ones where the current step would not be among them. An
-    /// uncommitted change is no step. The values are shared, not copied.
-    pub fn record(&self, most: usize) -> Record<T> {
-        let first = self.steps.len().saturating_sub(most).min(self.at);
-        let last = self.steps.len().min(first + most);
+    /// The newest `most` steps, or older ones if necessary to include the current step. An
+    /// uncommitted change is not included. The values are shared, not copied.
+    pub fn record(&self, max_steps: usize) -> Record<T> {
+        let first = self.steps.len().saturating_sub(max_steps).min(self.at);
+        let last = self.steps.len().min(first + max_steps);
         Record { steps: self.steps[first..last].to_vec(), at: self.at - first }
     }
 
@@ -108,7 +114,7 @@ impl<T: Clone + PartialEq> History<T> {
         if steps.is_empty() {
             return;
         }
-        self.tried = None;
+        self.uncommitted = None;
         self.revision += 1;
         self.steps.drain(self.at + 1..);
         self.at = (self.steps.len() + at).saturating_sub(usize::from(is_repeated));
@@ -116,30 +122,33 @@ impl<T: Clone + PartialEq> History<T> {
         self.is_open = false;
     }
 
-    /// What holds now, until it is kept or dropped. The steps stay as they are.
-    pub fn try_on(&mut self, value: T) {
-        self.tried = Some(value);
+    /// Sets an uncommitted value. The steps stay as they are.
+    pub fn set_uncommitted(&mut self, value: T) {
+        self.uncommitted = Some(value);
     }
 
-    /// Takes back what was tried.
-    pub fn drop_tried(&mut self) {
-        self.tried = None;
+    /// Discards the uncommitted value.
+    pub fn discard_uncommitted(&mut self) {
+        self.uncommitted = None;
     }
 
-    /// Makes what was tried a step of its own. `false` where that changes nothing.
-    pub fn keep_tried(&mut self, what: &str) -> bool {
-        let Some(tried) = self.tried.take().filter(|tried| *tried != *self.steps[self.at].1) else { return false };
+    /// Commits the uncommitted value as a step. Returns false if it changes nothing.
+    pub fn commit(&mut self, what: &str) -> bool {
+        let Some(uncommitted) = self.uncommitted.take().filter(|uncommitted| *uncommitted != *self.steps[self.at].1)
+        else {
+            return false;
+        };
         self.close();
-        self.change(what, tried);
+        self.change(what, uncommitted);
         self.close();
         true
     }
 
-    /// A change. What was undone before is forgotten. As long as the step is open, changes of the same name are one step;
-    /// [`History::close`] ends it.
+    /// Adds a change and discards undone steps. While the last step is open, changes of the same
+    /// name extend it; [`History::close`] ends that.
     pub fn change(&mut self, what: &str, to: T) {
-        self.tried = None;
-        if to == *self.now() {
+        self.uncommitted = None;
+        if to == *self.current() {
             return;
         }
         self.revision += 1;
@@ -148,7 +157,7 @@ impl<T: Clone + PartialEq> History<T> {
             Some((name, value)) if self.is_open && self.at > 0 && name == what => *value = Arc::new(to),
             _ => {
                 self.steps.push((what.to_owned(), Arc::new(to)));
-                if self.steps.len() > MOST {
+                if self.steps.len() > MAX_STEPS {
                     self.steps.remove(1);
                 }
                 self.at = self.steps.len() - 1;
@@ -157,8 +166,8 @@ impl<T: Clone + PartialEq> History<T> {
         self.is_open = true;
     }
 
-    /// Takes the step away that is still open, if it has that name: it is as if it had not been begun. `false` without one.
-    pub fn take_back(&mut self, what: &str) -> bool {
+    /// Removes the last step if it is open and has that name. Returns false otherwise.
+    pub fn remove_open_step(&mut self, what: &str) -> bool {
         let is_it = self.is_open && self.at > 0 && self.at + 1 == self.steps.len() && self.steps[self.at].0 == what;
         if is_it {
             self.steps.pop();
@@ -169,30 +178,30 @@ impl<T: Clone + PartialEq> History<T> {
         is_it
     }
 
-    /// Changes every step alike, where it is not the person's doing.
-    pub fn each(&mut self, change: impl Fn(&mut T)) {
+    /// Changes all steps alike, for a change that the user did not make.
+    pub fn change_all(&mut self, change: impl Fn(&mut T)) {
         self.revision += 1;
         let steps = self.steps.iter_mut().map(|(_, value)| Arc::make_mut(value));
-        steps.chain(&mut self.tried).for_each(change);
+        steps.chain(&mut self.uncommitted).for_each(change);
     }
 
-    /// The next change is a step of its own.
+    /// Ends the open step: the next change is a new one.
     pub fn close(&mut self) {
         self.is_open = false;
     }
 
-    /// Takes back a step. Gives its name, `None` where nothing is left to take back.
+    /// Undoes a step. Returns its name, or `None` at the first step.
     pub fn undo(&mut self) -> Option<&str> {
-        self.drop_tried();
+        self.discard_uncommitted();
         self.close();
         self.at = self.at.checked_sub(1)?;
         self.revision += 1;
         Some(&self.steps[self.at + 1].0)
     }
 
-    /// Does again what was undone last.
+    /// Redoes the last undone step.
     pub fn redo(&mut self) -> Option<&str> {
-        self.drop_tried();
+        self.discard_uncommitted();
         self.close();
         let (name, _) = self.steps.get(self.at + 1)?;
         self.at += 1;
@@ -200,15 +209,15 @@ impl<T: Clone + PartialEq> History<T> {
         Some(name)
     }
 
-    /// Goes to a step by its place in [`History::names`].
+    /// Moves to a step by its index in [`History::names`].
     pub fn go_to(&mut self, step: usize) {
-        self.drop_tried();
+        self.discard_uncommitted();
         self.close();
         self.at = step.min(self.steps.len() - 1);
         self.revision += 1;
     }
 
-    /// Each step's name, the oldest first, and the place of the one that holds now.
+    /// The names of all steps, the oldest first, and the index of the current one.
     pub fn names(&self) -> (impl ExactSizeIterator<Item = &str>, usize) {
         (self.steps.iter().map(|(name, _)| name.as_str()), self.at)
     }
@@ -227,7 +236,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_drag_is_one_step_and_a_new_change_forgets_what_was_undone() {
+    fn drag_is_one_step_and_a_new_change_discards_undone_steps() {
         let mut history = History::new(0);
         for value in 1..=5 {
             history.change("noise.scale", value);
@@ -239,9 +248,9 @@ mod tests {
         assert_eq!(history.names().0.collect::<Vec<_>>(), ["opened", "noise.scale", "noise.scale", "blur"]);
         assert_eq!(history.undo(), Some("blur"));
         assert_eq!(history.undo(), Some("noise.scale"));
-        assert_eq!(*history.now(), 5);
+        assert_eq!(*history.current(), 5);
         assert_eq!(history.redo(), Some("noise.scale"));
-        assert_eq!(*history.now(), 6);
+        assert_eq!(*history.current(), 6);
         history.go_to(0);
         assert!(!history.can_undo() && history.can_redo() && history.undo().is_none());
         history.change("other", 9);
@@ -250,40 +259,42 @@ mod tests {
     }
 
     #[test]
-    fn a_step_that_is_taken_back_was_never_begun() {
+    fn removed_open_step_leaves_no_trace() {
         let mut history = History::new(0);
         history.change("one", 1);
         history.close();
-        assert!(!history.take_back("one") && *history.now() == 1, "it is closed");
+        assert!(!history.remove_open_step("one") && *history.current() == 1, "it is closed");
         history.change("two", 2);
         history.change("two", 3);
-        assert!(!history.take_back("one") && history.take_back("two") && !history.take_back("two"));
-        assert_eq!((*history.now(), history.names().0.collect::<Vec<_>>()), (1, vec!["opened", "one"]));
+        assert!(
+            !history.remove_open_step("one") && history.remove_open_step("two") && !history.remove_open_step("two")
+        );
+        assert_eq!((*history.current(), history.names().0.collect::<Vec<_>>()), (1, vec!["opened", "one"]));
         history.change("one", 4);
         assert_eq!(history.undo(), Some("one"), "what was before stays closed");
-        assert_eq!(*history.now(), 1);
+        assert_eq!(*history.current(), 1);
     }
 
     #[test]
-    fn what_is_tried_is_no_step_until_it_is_kept() {
+    fn uncommitted_value_is_no_step_until_it_is_committed() {
         let mut history = History::new(0);
         history.change("one", 1);
         history.undo();
-        history.try_on(7);
-        history.try_on(8);
-        assert!(*history.now() == 8 && history.can_redo() && history.names().0.len() == 2);
-        // Dropped, all is as it was: what was undone can be done again.
-        history.drop_tried();
-        assert!(*history.now() == 0 && history.can_redo());
-        history.try_on(0);
-        assert!(!history.keep_tried("nothing") && history.can_redo());
-        history.try_on(9);
-        assert!(history.keep_tried("moved") && *history.now() == 9);
+        history.set_uncommitted(7);
+        history.set_uncommitted(8);
+        assert!(*history.current() == 8 && history.can_redo() && history.names().0.len() == 2);
+        // Discarding it keeps the undone steps.
+        history.discard_uncommitted();
+        assert!(*history.current() == 0 && history.can_redo());
+        history.set_uncommitted(0);
+        assert!(!history.commit("nothing") && history.can_redo());
+        history.set_uncommitted(9);
+        assert!(history.commit("moved") && *history.current() == 9);
         history.change("moved", 10);
         assert_eq!(history.names().0.collect::<Vec<_>>(), ["opened", "moved", "moved"]);
-        history.try_on(11);
+        history.set_uncommitted(11);
         assert_eq!(history.undo(), Some("moved"));
-        assert_eq!(*history.now(), 9);
+        assert_eq!(*history.current(), 9);
     }
 
     #[test]
@@ -291,69 +302,71 @@ mod tests {
         let mut history = History::new(0);
         let mut last = history.revision();
         let mut has_grown = |history: &History<i32>| std::mem::replace(&mut last, history.revision()) < last;
-        history.try_on(7);
-        history.drop_tried();
+        history.set_uncommitted(7);
+        history.discard_uncommitted();
         history.change("one", 0);
         assert!(!has_grown(&history));
         for value in 1..=2 {
             history.change("one", value);
             assert!(has_grown(&history), "also where an open step changes in place");
         }
-        assert!(history.take_back("one") && has_grown(&history));
-        history.try_on(3);
-        assert!(history.is_trying() && history.keep_tried("two") && !history.is_trying() && has_grown(&history));
+        assert!(history.remove_open_step("one") && has_grown(&history));
+        history.set_uncommitted(3);
+        assert!(
+            history.has_uncommitted() && history.commit("two") && !history.has_uncommitted() && has_grown(&history)
+        );
         assert!(history.undo().is_some() && has_grown(&history));
         assert!(history.redo().is_some() && has_grown(&history));
         history.go_to(0);
         assert!(has_grown(&history));
         history.restore(Record { steps: vec![("three".to_owned(), Arc::new(5))], at: 0 });
         assert!(has_grown(&history));
-        history.each(|value| *value += 1);
+        history.change_all(|value| *value += 1);
         assert!(has_grown(&history));
     }
 
     #[test]
-    fn a_record_restores_steps_with_undo_and_redo() {
+    fn record_restores_steps_with_undo_and_redo() {
         let mut history = History::new(0);
         for value in 1..=5 {
             history.change(&value.to_string(), value);
         }
         history.undo();
-        history.try_on(9);
+        history.set_uncommitted(9);
         let record = history.record(50);
         assert_eq!((record.steps.len(), record.at), (6, 4), "what is tried is no step");
         let mut restored = History::new(0);
         restored.restore(record.clone());
         let names = restored.names().0.map(str::to_owned).collect::<Vec<_>>();
-        assert_eq!((names.join(" "), *restored.now()), ("opened 1 2 3 4 5".to_owned(), 4));
+        assert_eq!((names.join(" "), *restored.current()), ("opened 1 2 3 4 5".to_owned(), 4));
         assert_eq!(restored.redo(), Some("5"));
         assert_eq!(restored.undo(), Some("5"));
         assert_eq!(restored.undo(), Some("4"));
-        // The files were saved since: the state before stays a step.
+        // If the files were saved since then, the previous state remains a step.
         let mut saved = History::new(7);
         saved.restore(record);
-        assert_eq!((saved.names().0.len(), *saved.now()), (7, 4));
+        assert_eq!((saved.names().0.len(), *saved.current()), (7, 4));
         saved.restore(Record::default());
-        assert_eq!(*saved.now(), 4, "nothing was recorded");
+        assert_eq!(*saved.current(), 4, "nothing was recorded");
     }
 
     #[test]
-    fn a_record_shares_its_values_and_is_written_as_plain_ones() {
+    fn record_shares_its_values_and_serializes_them_plainly() {
         let mut history = History::new(0);
         history.change("one", 1);
         let record = history.record(50);
         let shared = record.steps.iter().zip(&history.steps).all(|((_, one), (_, other))| Arc::ptr_eq(one, other));
         assert!(shared);
-        // A change in every step leaves the record as it was.
-        history.each(|value| *value += 10);
-        assert_eq!((*record.steps[1].1, *history.now()), (1, 11));
+        // A change of all steps does not affect the record.
+        history.change_all(|value| *value += 10);
+        assert_eq!((*record.steps[1].1, *history.current()), (1, 11));
         let text = serde_json::to_string(&record).unwrap();
         assert_eq!(text, r#"{"steps":[["opened",0],["one",1]],"at":1}"#);
         assert_eq!(serde_json::from_str::<Record<i32>>(&text).unwrap(), record);
     }
 
     #[test]
-    fn a_record_is_bounded_and_keeps_the_step_that_holds() {
+    fn record_is_bounded_and_includes_the_current_step() {
         let mut history = History::new(0);
         for value in 1..=100 {
             history.change(&value.to_string(), value);
@@ -371,13 +384,13 @@ mod tests {
     }
 
     #[test]
-    fn the_oldest_steps_go_and_what_was_opened_stays() {
+    fn oldest_steps_are_dropped_and_the_opened_state_stays() {
         let mut history = History::new(0);
-        for value in 1..=2 * MOST {
+        for value in 1..=2 * MAX_STEPS {
             history.change(&value.to_string(), value);
         }
-        assert_eq!((history.names().0.len(), *history.now()), (MOST, 2 * MOST));
+        assert_eq!((history.names().0.len(), *history.current()), (MAX_STEPS, 2 * MAX_STEPS));
         history.go_to(0);
-        assert_eq!(*history.now(), 0);
+        assert_eq!(*history.current(), 0);
     }
 }

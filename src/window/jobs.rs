@@ -1,5 +1,6 @@
-//! Work in the background, one after the other: exports, photographs, snapshots, the footage analysed. Each is done with what was set when it was
-//! begun, on a thread and a device of their own, so that the window goes on meanwhile.
+//! The job queue: exports, photographs, snapshots and analyses, one after another. Each job uses
+//! the settings at the time it was queued, and runs on a thread and device of its own, so that the
+//! window stays responsive.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -18,9 +19,9 @@ use locard_engine::shot::{Shot, ShotError};
 use locard_engine::sink::folder::write_frame;
 use locard_engine::text::{count, without_options};
 
-/// What is to be done.
+/// A kind of job.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Task {
+pub enum Job {
     Export(Export),
     Photograph(Wanted),
     /// One frame as a PNG file.
@@ -29,28 +30,28 @@ pub enum Task {
         path: PathBuf,
         force: bool,
     },
-    /// The recording as it was recorded, into a folder.
+    /// Analyses the recording as recorded, into a folder.
     Analyse(PathBuf),
 }
 
-/// How far it is.
+/// Progress of a job.
 #[derive(Clone, Debug, PartialEq)]
-pub enum State {
+pub enum JobState {
     Waiting,
     Running {
-        /// Of all, 0 to 1.
-        share: f64,
+        /// Completed share, 0 to 1.
+        progress: f64,
         begun: Instant,
-        /// Of an analysis.
+        /// Stage of an analysis.
         stage: Option<Stage>,
     },
-    /// With what there is to say.
+    /// With a message.
     Done(String),
     Failed(String),
     Cancelled,
 }
 
-impl State {
+impl JobState {
     pub fn is_over(&self) -> bool {
         !matches!(self, Self::Waiting | Self::Running { .. })
     }
@@ -58,52 +59,51 @@ impl State {
 
 /// One line of the queue.
 #[derive(Clone, Debug)]
-pub struct Entry {
+pub struct JobEntry {
     pub name: String,
-    pub state: State,
-    /// What was odd about it.
+    pub state: JobState,
+    /// Warnings.
     pub notes: Vec<String>,
-    /// By an analysis, until it is taken.
-    pub found: Option<Box<Analysis>>,
-    /// Off the list that is shown.
+    /// Result of an analysis, until it is taken.
+    pub analysis: Option<Box<Analysis>>,
+    /// Removed from the displayed list.
     pub is_hidden: bool,
     cancelled: Arc<AtomicBool>,
 }
 
-impl Entry {
+impl JobEntry {
     pub fn cancel(&mut self) {
         self.cancelled.store(true, Ordering::Release);
-        if self.state == State::Waiting {
-            self.state = State::Cancelled;
+        if self.state == JobState::Waiting {
+            self.state = JobState::Cancelled;
         }
     }
 }
 
-/// How much longer something takes that has come that far, if the rest goes on alike. Nothing is said before a second, or
-/// before a hundredth is done.
-pub fn left(share: f64, since: Duration) -> Option<Duration> {
-    let told = share >= 0.01 && since >= Duration::from_secs(1);
-    told.then(|| since.mul_f64(((1.0 - share) / share).max(0.0)))
+/// Remaining time by linear extrapolation. `None` in the first second and below one percent.
+pub fn remaining_time(progress: f64, since: Duration) -> Option<Duration> {
+    let is_known = progress >= 0.01 && since >= Duration::from_secs(1);
+    is_known.then(|| since.mul_f64(((1.0 - progress) / progress).max(0.0)))
 }
 
-struct Job {
+struct QueuedJob {
     number: usize,
     shot: Box<Shot>,
-    task: Task,
+    job: Job,
     cancelled: Arc<AtomicBool>,
 }
 
-enum News {
-    State(State),
+enum JobEvent {
+    State(JobState),
     Note(String),
-    Found(Box<Analysis>),
+    Analysis(Box<Analysis>),
 }
 
-/// The queue.
+/// The job queue.
 pub struct Jobs {
-    pub entries: Vec<Entry>,
-    jobs: Option<Sender<Job>>,
-    news: Receiver<(usize, News)>,
+    pub entries: Vec<JobEntry>,
+    jobs: Option<Sender<QueuedJob>>,
+    events: Receiver<(usize, JobEvent)>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -114,77 +114,81 @@ impl std::fmt::Debug for Jobs {
 }
 
 impl Jobs {
-    /// `wake` is called from the thread whenever there is something new.
+    /// `wake` is called from the thread for every event.
     pub fn new(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
-        let (jobs, to_do) = channel::<Job>();
-        let (send, news) = channel();
+        let (jobs, queue) = channel::<QueuedJob>();
+        let (send, events) = channel();
         let thread = std::thread::Builder::new().name("export".to_owned()).spawn(move || {
-            // Opened by the first that needs it: a window alone does with its own.
+            // Opened by the first job that needs it; without jobs the window's device suffices.
             let mut gpu: Option<Gpu> = None;
-            for job in to_do {
-                let tell = |news: News| {
-                    // The window may be gone, and its jobs with it.
-                    let _ = send.send((job.number, news));
+            for queued in queue {
+                let send_event = |event: JobEvent| {
+                    // The window may be gone.
+                    let _ = send.send((queued.number, event));
                     wake();
                 };
-                let state =
-                    if job.cancelled.load(Ordering::Acquire) { State::Cancelled } else { done(&job, &mut gpu, &tell) };
-                // An error of the device is its later work's too.
+                let state = if queued.cancelled.load(Ordering::Acquire) {
+                    JobState::Cancelled
+                } else {
+                    run(&queued, &mut gpu, &send_event)
+                };
+                // A device with an error would also fail later jobs.
                 gpu = gpu.filter(|gpu| gpu.check().is_ok());
-                tell(News::State(state));
+                send_event(JobEvent::State(state));
             }
         })?;
-        Ok(Self { entries: Vec::new(), jobs: Some(jobs), news, thread: Some(thread) })
+        Ok(Self { entries: Vec::new(), jobs: Some(jobs), events, thread: Some(thread) })
     }
 
-    /// Begins something with a shot as it is now, after all that waits. Gives its place among the entries.
-    pub fn add(&mut self, name: String, shot: &Shot, task: Task) -> usize {
+    /// Queues a job with a snapshot of the shot. Returns its index among the entries.
+    pub fn add(&mut self, name: String, shot: &Shot, job: Job) -> usize {
         let cancelled = Arc::new(AtomicBool::new(false));
         let number = self.entries.len();
-        let job = Job { number, shot: Box::new(shot.clone()), task, cancelled: Arc::clone(&cancelled) };
-        let sent = self.jobs.as_ref().is_some_and(|jobs| jobs.send(job).is_ok());
-        let state = if sent { State::Waiting } else { State::Failed("the thread that exports has ended".to_owned()) };
-        self.entries.push(Entry { name, state, notes: Vec::new(), found: None, is_hidden: false, cancelled });
+        let queued = QueuedJob { number, shot: Box::new(shot.clone()), job, cancelled: Arc::clone(&cancelled) };
+        let sent = self.jobs.as_ref().is_some_and(|jobs| jobs.send(queued).is_ok());
+        let state =
+            if sent { JobState::Waiting } else { JobState::Failed("the thread that exports has ended".to_owned()) };
+        self.entries.push(JobEntry { name, state, notes: Vec::new(), analysis: None, is_hidden: false, cancelled });
         number
     }
 
-    /// Takes what is new. Gives the entries that are over since.
+    /// Handles new events. Returns the entries that have ended since.
     pub fn take(&mut self) -> Vec<usize> {
-        let mut over = Vec::new();
+        let mut ended = Vec::new();
         loop {
-            let (number, news) = match self.news.try_recv() {
-                Ok(news) => news,
-                Err(TryRecvError::Empty) => return over,
+            let (number, event) = match self.events.try_recv() {
+                Ok(event) => event,
+                Err(TryRecvError::Empty) => return ended,
                 Err(TryRecvError::Disconnected) => {
-                    // It has ended in the middle of something.
+                    // The thread ended during a job.
                     for (number, entry) in
                         self.entries.iter_mut().enumerate().filter(|(_, entry)| !entry.state.is_over())
                     {
-                        entry.state = State::Failed("the thread that exports has ended".to_owned());
-                        over.push(number);
+                        entry.state = JobState::Failed("the thread that exports has ended".to_owned());
+                        ended.push(number);
                     }
-                    return over;
+                    return ended;
                 }
             };
             let Some(entry) = self.entries.get_mut(number) else { continue };
-            match news {
-                News::State(state) => {
-                    over.extend(state.is_over().then_some(number));
+            match event {
+                JobEvent::State(state) => {
+                    ended.extend(state.is_over().then_some(number));
                     entry.state = state;
                 }
-                News::Note(note) => entry.notes.push(note),
-                News::Found(found) => entry.found = Some(found),
+                JobEvent::Note(note) => entry.notes.push(note),
+                JobEvent::Analysis(found) => entry.analysis = Some(found),
             }
         }
     }
 
-    /// Whether anything is still to be done.
+    /// True if any job is unfinished.
     pub fn is_busy(&self) -> bool {
         self.entries.iter().any(|entry| !entry.state.is_over())
     }
 
     pub fn cancel_all(&mut self) {
-        self.entries.iter_mut().for_each(Entry::cancel);
+        self.entries.iter_mut().for_each(JobEntry::cancel);
     }
 }
 
@@ -198,13 +202,13 @@ impl Drop for Jobs {
     }
 }
 
-/// Why something was not done.
-enum End {
+/// Why a job was not completed.
+enum JobFailure {
     Cancelled,
     Failed(String),
 }
 
-impl From<ExportError> for End {
+impl From<ExportError> for JobFailure {
     fn from(error: ExportError) -> Self {
         if matches!(error, ExportError::Cancelled) {
             Self::Cancelled
@@ -214,7 +218,7 @@ impl From<ExportError> for End {
     }
 }
 
-impl From<PhotoError> for End {
+impl From<PhotoError> for JobFailure {
     fn from(error: PhotoError) -> Self {
         match error {
             PhotoError::Take(TakeError::Cancelled) => Self::Cancelled,
@@ -223,35 +227,37 @@ impl From<PhotoError> for End {
     }
 }
 
-impl From<ShotError> for End {
+impl From<ShotError> for JobFailure {
     fn from(error: ShotError) -> Self {
         Self::Failed(without_options(&error.to_string()))
     }
 }
 
-fn done(job: &Job, gpu: &mut Option<Gpu>, tell: &dyn Fn(News)) -> State {
+fn run(queued: &QueuedJob, gpu: &mut Option<Gpu>, send_event: &dyn Fn(JobEvent)) -> JobState {
     let begun = Instant::now();
-    tell(News::State(State::Running { share: 0.0, begun, stage: None }));
-    let goes_on_at = |share: f64, stage: Option<Stage>| {
-        tell(News::State(State::Running { share, begun, stage }));
-        !job.cancelled.load(Ordering::Acquire)
+    send_event(JobEvent::State(JobState::Running { progress: 0.0, begun, stage: None }));
+    let report_stage = |progress: f64, stage: Option<Stage>| {
+        send_event(JobEvent::State(JobState::Running { progress, begun, stage }));
+        !queued.cancelled.load(Ordering::Acquire)
     };
-    let goes_on = |share: f64| goes_on_at(share, None);
-    let note = |text: String| tell(News::Note(by_dials(&text)));
-    let done = match &job.task {
-        Task::Export(export) => exported(&job.shot, export, gpu, &goes_on, &note),
-        Task::Photograph(wanted) => photographed(&job.shot, wanted, gpu, &goes_on, &note),
-        Task::Snapshot { frame, path, force } => snapped(&job.shot, *frame, path, *force, gpu),
-        Task::Analyse(folder) => analysed(&job.shot, folder, &goes_on_at, &|found| tell(News::Found(found))),
+    let report = |progress: f64| report_stage(progress, None);
+    let note = |text: String| send_event(JobEvent::Note(by_dials(&text)));
+    let done = match &queued.job {
+        Job::Export(export) => export_frames(&queued.shot, export, gpu, &report, &note),
+        Job::Photograph(wanted) => take_photographs(&queued.shot, wanted, gpu, &report, &note),
+        Job::Snapshot { frame, path, force } => take_snapshot(&queued.shot, *frame, path, *force, gpu),
+        Job::Analyse(folder) => {
+            analyse_recording(&queued.shot, folder, &report_stage, &|found| send_event(JobEvent::Analysis(found)))
+        }
     };
     match done {
-        Ok(said) => State::Done(said),
-        Err(End::Cancelled) => State::Cancelled,
-        Err(End::Failed(why)) => State::Failed(why),
+        Ok(summary) => JobState::Done(summary),
+        Err(JobFailure::Cancelled) => JobState::Cancelled,
+        Err(JobFailure::Failed(why)) => JobState::Failed(why),
     }
 }
 
-fn opened(gpu: &mut Option<Gpu>) -> Result<Gpu, GpuError> {
+fn open_gpu(gpu: &mut Option<Gpu>) -> Result<Gpu, GpuError> {
     if gpu.is_none() {
         *gpu = Some(Gpu::open()?);
     }
@@ -261,18 +267,18 @@ fn opened(gpu: &mut Option<Gpu>) -> Result<Gpu, GpuError> {
     }
 }
 
-fn exported(
+fn export_frames(
     shot: &Shot,
     export: &Export,
     gpu: &mut Option<Gpu>,
-    goes_on: &dyn Fn(f64) -> bool,
+    report: &dyn Fn(f64) -> bool,
     note: &dyn Fn(String),
-) -> Result<String, End> {
+) -> Result<String, JobFailure> {
     shot.check(export.range.clone())?;
     export.check(&Inputs::of(shot))?;
-    let odd = shot.notes(export.range.clone()).into_iter().chain(shot.standing_notes(export.range.clone()));
-    odd.for_each(|odd| note(odd.to_string()));
-    let gpu = opened(gpu).map_err(|error| End::Failed(error.to_string()))?;
+    let warnings = shot.notes(export.range.clone()).into_iter().chain(shot.standing_notes(export.range.clone()));
+    warnings.for_each(|warning| note(warning.to_string()));
+    let gpu = open_gpu(gpu).map_err(|error| JobFailure::Failed(error.to_string()))?;
     let mut compositor = shot.compositor(gpu);
     compositor.warnings().into_iter().for_each(note);
     let begun = Instant::now();
@@ -280,42 +286,42 @@ fn exported(
     let mut drawn = 0;
     let done = export.run(shot, &mut compositor, |_| {
         drawn += 1;
-        goes_on(drawn as f64 / all as f64)
+        report(drawn as f64 / all as f64)
     })?;
-    done.notes().into_iter().for_each(|odd| note(odd.to_string()));
+    done.notes().into_iter().for_each(|warning| note(warning.to_string()));
     Ok(format!("{} in {:.1} s", count(done.frames(), "frame"), begun.elapsed().as_secs_f64()))
 }
 
-fn photographed(
+fn take_photographs(
     shot: &Shot,
     wanted: &Wanted,
     gpu: &mut Option<Gpu>,
-    goes_on: &dyn Fn(f64) -> bool,
+    report: &dyn Fn(f64) -> bool,
     note: &dyn Fn(String),
-) -> Result<String, End> {
+) -> Result<String, JobFailure> {
     shot.check_files()?;
-    let (mut said, mut written) = (Vec::new(), Vec::new());
+    let (mut summary, mut written) = (Vec::new(), Vec::new());
     let mut reached = 0.0;
-    let done = wanted.take(shot.clone(), || opened(gpu), &mut |told| {
-        match told {
+    let done = wanted.take(shot.clone(), || open_gpu(gpu), &mut |event| {
+        match event {
             Told::Warning(text) => note(text),
             Told::Taking { number, of, share } => reached = ((number - 1) as f64 + share) / of as f64,
             Told::Written { path, settings } => {
                 written.push(path);
-                said.extend((!settings.is_empty()).then_some(settings));
+                summary.extend((!settings.is_empty()).then_some(settings));
             }
         }
-        goes_on(reached)
+        report(reached)
     });
-    match done.map_err(End::from) {
-        Ok(()) => Ok(said.join("; ")),
-        Err(End::Failed(why)) => Err(End::Failed(format!("{why}{}", stays(&written)))),
+    match done.map_err(JobFailure::from) {
+        Ok(()) => Ok(summary.join("; ")),
+        Err(JobFailure::Failed(why)) => Err(JobFailure::Failed(format!("{why}{}", finished_files(&written)))),
         Err(cancelled) => Err(cancelled),
     }
 }
 
-/// What is there of a series that has failed.
-fn stays(written: &[PathBuf]) -> String {
+/// The files of an interrupted series that were finished.
+fn finished_files(written: &[PathBuf]) -> String {
     let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     match written {
         [] => String::new(),
@@ -324,36 +330,45 @@ fn stays(written: &[PathBuf]) -> String {
     }
 }
 
-fn snapped(shot: &Shot, frame: usize, path: &Path, force: bool, gpu: &mut Option<Gpu>) -> Result<String, End> {
+fn take_snapshot(
+    shot: &Shot,
+    frame: usize,
+    path: &Path,
+    force: bool,
+    gpu: &mut Option<Gpu>,
+) -> Result<String, JobFailure> {
     shot.check(frame..frame + 1)?;
     Inputs::of(shot).check_file(path)?;
-    let failed = |error: GpuError| End::Failed(error.to_string());
-    let mut compositor = shot.compositor(opened(gpu).map_err(failed)?);
+    let failed = |error: GpuError| JobFailure::Failed(error.to_string());
+    let mut compositor = shot.compositor(open_gpu(gpu).map_err(failed)?);
     let pending = shot.clone().picture(&mut compositor, frame, Target::Pixels)?;
     let done = compositor.collect(pending).map_err(failed)?;
-    write_frame(path, &done.pixels, force).map_err(|error| End::Failed(without_options(&error.to_string())))?;
+    write_frame(path, &done.pixels, force).map_err(|error| JobFailure::Failed(without_options(&error.to_string())))?;
     Ok(format!("frame {frame}"))
 }
 
-fn analysed(
+fn analyse_recording(
     shot: &Shot,
     folder: &Path,
-    goes_on: &dyn Fn(f64, Option<Stage>) -> bool,
-    found: &dyn Fn(Box<Analysis>),
-) -> Result<String, End> {
-    let told = &mut |Progress { done, of, stage }: Progress| {
-        if goes_on(done as f64 / of as f64, Some(stage)) { Ok(()) } else { Err(Interrupted) }
+    report: &dyn Fn(f64, Option<Stage>) -> bool,
+    take_analysis: &dyn Fn(Box<Analysis>),
+) -> Result<String, JobFailure> {
+    let report_progress = &mut |Progress { done, of, stage }: Progress| {
+        if report(done as f64 / of as f64, Some(stage)) { Ok(()) } else { Err(Interrupted) }
     };
-    shot.analyse(folder, told).map_err(|error| match error.is_interrupted() {
-        true => End::Cancelled,
-        false => End::Failed(without_options(&error.to_string())),
+    shot.analyse(folder, report_progress).map_err(|error| {
+        if error.is_interrupted() {
+            JobFailure::Cancelled
+        } else {
+            JobFailure::Failed(without_options(&error.to_string()))
+        }
     })?;
-    // As it is read when the recording is opened the next time.
-    let there = Analysis::read(folder).map_err(|error| End::Failed(error.to_string()))?;
-    let said = there.findings.lines().into_iter().map(|(name, text)| format!("{name} {text}"));
-    let said = said.collect::<Vec<_>>().join("; ");
-    found(Box::new(there));
-    Ok(said)
+    // Read in the same way as when the recording is opened.
+    let found = Analysis::read(folder).map_err(|error| JobFailure::Failed(error.to_string()))?;
+    let summary = found.findings.lines().into_iter().map(|(name, text)| format!("{name} {text}"));
+    let summary = summary.collect::<Vec<_>>().join("; ");
+    take_analysis(Box::new(found));
+    Ok(summary)
 }
 
 #[cfg(test)]
@@ -361,17 +376,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_finished_of_a_series_is_told() {
+    fn message_of_a_failed_series_lists_its_finished_files() {
         let paths = |n: usize| (1..=n).map(|n| PathBuf::from(format!("/a/s-{n}.png"))).collect::<Vec<_>>();
-        let told = [0, 1, 3].map(|n| stays(&paths(n)));
-        assert_eq!(told, ["", ". s-1.png is finished, and stays", ". s-1.png to s-3.png are finished, and stay"]);
+        let messages = [0, 1, 3].map(|n| finished_files(&paths(n)));
+        assert_eq!(messages, ["", ". s-1.png is finished, and stays", ". s-1.png to s-3.png are finished, and stay"]);
     }
 
     #[test]
-    fn the_rest_takes_as_long_as_what_is_done() {
+    fn remaining_time_is_extrapolated_linearly() {
         let s = Duration::from_secs;
-        assert_eq!(left(0.25, s(10)), Some(s(30)));
-        assert_eq!(left(1.0, s(10)), Some(s(0)));
-        assert_eq!((left(0.0, s(10)), left(0.5, Duration::from_millis(10))), (None, None));
+        assert_eq!(remaining_time(0.25, s(10)), Some(s(30)));
+        assert_eq!(remaining_time(1.0, s(10)), Some(s(0)));
+        assert_eq!((remaining_time(0.0, s(10)), remaining_time(0.5, Duration::from_millis(10))), (None, None));
     }
 }

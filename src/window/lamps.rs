@@ -8,9 +8,9 @@ use glam::{DVec2, DVec3};
 use super::Project;
 use super::fields::{color_picker, rounded, row};
 use super::finder::Finder;
+use super::object_actions;
 use super::room_light;
 use super::theme;
-use super::things;
 use locard_engine::frame::Frame;
 use locard_engine::scene::document::{Color, LampTable};
 use locard_engine::scene::{Scene, Thing, bounds_m};
@@ -117,10 +117,10 @@ impl Lamps {
             told = fields(ui, project, n, &lamp).or(told);
             ui.horizontal(|ui| {
                 if ui.button("Duplicate").on_hover_text("Shift+D, and move it").clicked() {
-                    told = things::duplicate(project, selected);
+                    told = object_actions::duplicate(project, selected);
                 }
                 if ui.button("Delete").on_hover_text("Del").clicked() {
-                    told = things::delete(project, selected);
+                    told = object_actions::delete(project, selected);
                 }
             });
         }

@@ -3,12 +3,12 @@
 use eframe::egui::{self, RichText, Stroke, Ui, vec2};
 
 use super::Project;
+use super::scene_checks::SceneChecks;
 use super::tilt;
-use super::wrongs::Wrongs;
 use locard_engine::scene::Thing;
 
 /// Shows the list. A click selects, the box at the left shows and hides. Gives what went wrong.
-pub fn show(ui: &mut Ui, project: &mut Project, wrongs: &Wrongs, selected: &mut Option<Thing>) -> Option<String> {
+pub fn show(ui: &mut Ui, project: &mut Project, checks: &SceneChecks, selected: &mut Option<Thing>) -> Option<String> {
     let (scene, version) = (project.edit().scene.clone(), project.scene_version());
     let mut switched = None;
     egui::ScrollArea::vertical().max_height(220.0).auto_shrink([false, true]).show(ui, |ui| {
@@ -29,8 +29,8 @@ pub fn show(ui: &mut Ui, project: &mut Project, wrongs: &Wrongs, selected: &mut 
                 if ui.selectable_label(is_selected, text).clicked() {
                     *selected = (!is_selected).then_some(entry.into());
                 }
-                let mut told: Vec<String> = wrongs.of(version, object).map(ToString::to_string).collect();
-                told.extend(wrongs.tilt(version, object).and_then(|tilt| tilt::text(project, entry, &tilt)));
+                let mut told: Vec<String> = checks.notes(version, object).map(ToString::to_string).collect();
+                told.extend(checks.tilt(version, object).and_then(|tilt| tilt::text(project, entry, &tilt)));
                 if project.shot().scene.objects.get(object).is_some_and(|object| object.is_missing) {
                     sign(ui, &format!("{name}: model missing")).on_hover_text("A marked box stands in for its model");
                 }
@@ -41,7 +41,7 @@ pub fn show(ui: &mut Ui, project: &mut Project, wrongs: &Wrongs, selected: &mut 
         }
     });
     let object = selected.and_then(|selected| scene.entries().iter().position(|entry| selected == (*entry).into()));
-    for note in object.into_iter().flat_map(|object| wrongs.of(version, object)) {
+    for note in object.into_iter().flat_map(|object| checks.notes(version, object)) {
         ui.label(RichText::new(note.to_string()).small().color(ui.visuals().warn_fg_color));
     }
     let (entry, hidden, title) = switched?;

@@ -9,12 +9,12 @@ use glam::DVec2;
 use super::analysis::{Analysis, Bench, HISTOGRAM_BINS, Refused, Wanted, analyse};
 use super::background::{Background, Ticket};
 use super::controls::unknown_exposure;
-use super::hand::{self, Hand, Purpose, Question};
 use super::light as footage_light;
 use super::picture::{Seen, plate};
 use super::plots::{self, Axes, Of};
 use super::pointer::Pointed;
 use super::progress;
+use super::region_picker::{self, RegionPicker, RegionPrompt, RegionPurpose};
 use super::session::Session;
 use super::theme::SMALLEST;
 use super::times;
@@ -79,11 +79,11 @@ impl Matching {
         &mut self,
         ui: &mut Ui,
         session: &mut Session,
-        hand: &mut Hand,
+        picker: &mut RegionPicker,
         pointed: Option<DVec2>,
         picked: Option<&[Vec<NoisePoint>; 3]>,
     ) {
-        self.answers(hand);
+        self.answers(picker);
         let mut wanted = Wanted::default();
         ui.horizontal(|ui| {
             plots::choose_channel(ui, &mut self.channel);
@@ -105,14 +105,14 @@ impl Matching {
             let good = "Good: neither side has darker blacks or brighter whites than the light explains.";
             wanted.histograms = section(ui, "Brightness", false, good, |ui| self.histograms(ui));
             let good = "Good: both curves rise alike, and the widths agree within their uncertainty.";
-            if section(ui, "Edges", false, good, |ui| self.edges(ui, hand)) {
+            if section(ui, "Edges", false, good, |ui| self.edges(ui, picker)) {
                 wanted.edges = self.edges;
                 wanted.edges_of = light(self.edges_of);
             }
             let good = "Good: real edges near the pointer look as long and as soft as this says.";
             section(ui, "Blur at the pointer", true, good, |ui| blur(ui, session, pointed));
             let good = "Good: a flat line, or exposure that follows it. Steps are the camera's automatic exposure.";
-            if !section(ui, "A patch over the frames", false, good, |ui| self.patch(ui, session, hand)) {
+            if !section(ui, "A patch over the frames", false, good, |ui| self.patch(ui, session, picker)) {
                 self.brightness.rest();
             }
             let good = "Good: what you see. Objects follow it where the effect Exposure is on and told to follow.";
@@ -120,7 +120,7 @@ impl Matching {
             let good = "Good: no effect takes long that changes nothing you see.";
             section(ui, "Time by effect", false, good, |ui| {
                 if session.viewer.gpu().timestamps {
-                    session.want_times();
+                    session.request_times();
                     times::show(ui, session.times());
                 } else {
                     ui.weak("This graphics device has no clock.");
@@ -136,11 +136,14 @@ impl Matching {
         self.brightness.rest();
     }
 
-    fn answers(&mut self, hand: &mut Hand) {
-        for (edge, purpose) in self.edges.iter_mut().zip([Purpose::RealEdge, Purpose::VirtualEdge]) {
-            *edge = hand.answer(purpose).and_then(|places| hand::rect(&places)).or(*edge);
+    fn answers(&mut self, picker: &mut RegionPicker) {
+        for (edge, purpose) in self.edges.iter_mut().zip([RegionPurpose::RealEdge, RegionPurpose::VirtualEdge]) {
+            *edge = picker.take_region(purpose).and_then(|places| region_picker::pixel_rect(&places)).or(*edge);
         }
-        self.patch = hand.answer(Purpose::Patch).and_then(|places| hand::rect(&places)).or(self.patch);
+        self.patch = picker
+            .take_region(RegionPurpose::Patch)
+            .and_then(|places| region_picker::pixel_rect(&places))
+            .or(self.patch);
     }
 
     /// Has the picture looked at, if there is something new in it.
@@ -238,13 +241,13 @@ impl Matching {
         }
     }
 
-    fn edges(&mut self, ui: &mut Ui, hand: &mut Hand) {
+    fn edges(&mut self, ui: &mut Ui, picker: &mut RegionPicker) {
         ui.horizontal(|ui| {
-            let edge = |purpose, hint| Question { purpose, hint, least_px: FEWEST_PX, repeats: false };
+            let edge = |purpose, hint| RegionPrompt { purpose, hint, min_side_px: FEWEST_PX, repeats: false };
             let hint = GOOD_EDGE;
-            hand.button(ui, "Pick a real edge", edge(Purpose::RealEdge, hint));
+            picker.button(ui, "Pick a real edge", edge(RegionPurpose::RealEdge, hint));
             let hint = "Drag a rectangle that one straight edge of something virtual crosses from side to side, between two plain parts";
-            hand.button(ui, "Pick a virtual edge", edge(Purpose::VirtualEdge, hint));
+            picker.button(ui, "Pick a virtual edge", edge(RegionPurpose::VirtualEdge, hint));
         });
         if self.edges != [None; 2] {
             ui.horizontal(|ui| plots::choose_luma_or_channel(ui, &mut self.edges_of));
@@ -282,9 +285,13 @@ impl Matching {
         refused(ui, out);
     }
 
-    fn patch(&mut self, ui: &mut Ui, session: &Session, hand: &mut Hand) {
+    fn patch(&mut self, ui: &mut Ui, session: &Session, picker: &mut RegionPicker) {
         let hint = "Drag a rectangle: its mean brightness is followed through the frames";
-        hand.button(ui, "Pick a patch", Question { purpose: Purpose::Patch, hint, least_px: 1, repeats: false });
+        picker.button(
+            ui,
+            "Pick a patch",
+            RegionPrompt { purpose: RegionPurpose::Patch, hint, min_side_px: 1, repeats: false },
+        );
         let Some(patch) = self.patch.filter(|_| !session.is_live()) else { return };
         let recording = Arc::clone(&session.project.shot().recording);
         self.brightness.want(ui.ctx(), patch, move |ticket| means(&recording, patch, ticket));

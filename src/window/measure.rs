@@ -1,5 +1,5 @@
 //! What the window costs, measured in the window itself: the first picture, painting, playing, dragging, and the time from
-//! a changed parameter to the picture that shows it. A picture may be rough first (`Made::is_rough`).
+//! a changed parameter to the picture that shows it. A picture may be rough first (`RenderKey::is_approximate`).
 
 use std::collections::VecDeque;
 use std::f64::consts::PI;
@@ -169,7 +169,7 @@ impl Measure {
                 {
                     let per_s = (session.pictures() - pictures) as f64 / begun.elapsed().as_secs_f64();
                     println!("dragging evidence      {per_s:.1} pictures/s");
-                    session.project.drop_tried();
+                    session.project.discard_uncommitted();
                     self.begun = None;
                     self.steps.pop_front();
                     ctx.request_repaint();
@@ -178,13 +178,13 @@ impl Measure {
                     // Once round in two seconds, 5 cm from where it stands.
                     let mut scene = session.project.edit().scene.clone();
                     let entry = Entry { object: 0, instance: scene.entries().first().and_then(|first| first.instance) };
-                    let was = session.project.history().kept().scene.stance(entry);
+                    let was = session.project.history().committed().scene.stance(entry);
                     if let Some(was) = was {
                         let (sin, cos) = (PI * begun.elapsed().as_secs_f64()).sin_cos();
                         let position_m = was.position_m + 0.05 * DVec3::new(cos, sin, 0.0);
                         scene.put(entry, &Stance { position_m, ..was });
-                        if let Err(error) = session.project.try_scene(scene) {
-                            session.wrong(error.to_string());
+                        if let Err(error) = session.project.set_uncommitted_scene(scene) {
+                            session.show_error(error.to_string());
                         }
                     }
                     ctx.request_repaint();

@@ -4,11 +4,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::autosave::{Left, Work};
-use super::errand::Errand;
+use super::autosave::{RecoverableWork, UnsavedWork};
 use super::obstacle::size_text;
 use super::project::Project;
-use super::recent::Opened;
+use super::recent::DocumentRef;
+use super::task::BackgroundTask;
 use locard_engine::live::{self, LiveFrom};
 use locard_engine::recording::{OpenOptions, Recording};
 use locard_engine::shot::{Given, ShotError};
@@ -68,10 +68,10 @@ impl Refused {
 /// What came of it.
 #[derive(Debug)]
 pub struct Done {
-    pub opened: Opened,
+    pub opened: DocumentRef,
     pub project: Result<Fresh, Refused>,
     /// Work that is taken up with it.
-    pub left: Option<Left>,
+    pub recoverable: Option<RecoverableWork>,
     /// They are the files that are open.
     pub is_again: bool,
 }
@@ -79,62 +79,62 @@ pub struct Done {
 /// Something is being opened.
 #[derive(Debug)]
 pub struct Opening {
-    opened: Opened,
-    left: Option<Left>,
+    opened: DocumentRef,
+    recoverable: Option<RecoverableWork>,
     is_again: bool,
-    errand: Errand<Result<Fresh, Refused>>,
+    task: BackgroundTask<Result<Fresh, Refused>>,
 }
 
 impl Opening {
     /// `wake` is called from the thread when it is over. Work that was left goes into what is opened. `has_camera`: the same
     /// recording is open, and its camera is known.
     pub fn begin(
-        opened: Opened,
-        left: Option<Left>,
+        opened: DocumentRef,
+        recoverable: Option<RecoverableWork>,
         has_camera: bool,
         wake: impl FnOnce() + Send + 'static,
     ) -> std::io::Result<Self> {
-        Self::of(opened, left, has_camera, None, None, wake)
+        Self::of(opened, recoverable, has_camera, None, None, wake)
     }
 
     /// A recording that is open already is not opened again. `again` has the values that were given
     /// with files that are read again; undo reverts that, so an unfit profile is not refused
     /// there.
     fn of(
-        opened: Opened,
-        left: Option<Left>,
+        opened: DocumentRef,
+        recoverable: Option<RecoverableWork>,
         has_camera: bool,
         again: Option<Vec<String>>,
         open_already: Option<Arc<Recording>>,
         wake: impl FnOnce() + Send + 'static,
     ) -> std::io::Result<Self> {
         let (wanted, is_again, sets) = (opened.clone(), again.is_some(), again.unwrap_or_default());
-        let work = left.as_ref().map(|left| Work::clone(&left.work));
-        let errand = Errand::begin("opening", wake, move || {
+        let work = recoverable.as_ref().map(|recoverable| UnsavedWork::clone(&recoverable.work));
+        let task = BackgroundTask::spawn("opening", wake, move || {
             let (mut project, camera) = match (&wanted.camera, open_already) {
                 (_, Some(recording)) => (put_to(Recording::clone(&recording), &wanted, sets)?, None),
                 (Some(from), None) => open_camera(&wanted, from)?,
                 (None, None) => (open(&wanted, sets)?, None),
             };
-            if let Some(Work { edit, history, .. }) = work {
+            if let Some(UnsavedWork { edit, history, .. }) = work {
                 project.restore(edit, history).map_err(|error| Refused::plain(&error))?;
             } else if let Some(profile) = wanted.profile.as_deref().filter(|_| !is_again && wanted.camera.is_none()) {
                 Refused::unfit_profile(&project, profile, has_camera)?;
             }
             Ok((Box::new(project), camera))
         })?;
-        Ok(Self { opened, left, is_again, errand })
+        Ok(Self { opened, recoverable, is_again, task })
     }
 
     /// Reads the files that are open again; a camera goes on.
     pub fn again(project: &Project, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
         let recording = Some(&project.shot().recording).filter(|recording| recording.is_arriving()).cloned();
-        Self::of(Opened::of(project), None, false, Some(project.shot().sets().to_vec()), recording, wake)
+        Self::of(DocumentRef::of(project), None, false, Some(project.shot().sets().to_vec()), recording, wake)
     }
 
     /// Whether work that was left goes into it.
     pub fn takes_up(&self) -> bool {
-        self.left.is_some()
+        self.recoverable.is_some()
     }
 
     pub fn what(&self) -> &Path {
@@ -143,11 +143,11 @@ impl Opening {
 
     /// What came of it, once it is there.
     pub fn take(self) -> Result<Done, Box<Self>> {
-        let Some(project) = self.errand.take() else { return Err(Box::new(self)) };
+        let Some(project) = self.task.take() else { return Err(Box::new(self)) };
         let project = project
             .map_err(|why| Refused { why, lacks_camera: false, is_unfit_profile: false })
             .and_then(|project| project);
-        Ok(Done { opened: self.opened, project, left: self.left, is_again: self.is_again })
+        Ok(Done { opened: self.opened, project, recoverable: self.recoverable, is_again: self.is_again })
     }
 }
 
@@ -155,7 +155,7 @@ impl Opening {
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Opens a camera; it is not started.
-fn open_camera(opened: &Opened, from: &LiveFrom) -> Result<(Project, Option<live::Opened>), Refused> {
+fn open_camera(opened: &DocumentRef, from: &LiveFrom) -> Result<(Project, Option<live::Opened>), Refused> {
     let profiled = opened.profile.as_deref().map(|path| live::profiled(path, &from.poses)).transpose();
     let profiled = profiled.map_err(|error| Refused::plain(&error))?;
     let begun = Instant::now();
@@ -177,7 +177,7 @@ fn open_camera(opened: &Opened, from: &LiveFrom) -> Result<(Project, Option<live
 }
 
 /// A camera's recording with what is put to it.
-fn put_to(recording: Recording, opened: &Opened, sets: Vec<String>) -> Result<Project, Refused> {
+fn put_to(recording: Recording, opened: &DocumentRef, sets: Vec<String>) -> Result<Project, Refused> {
     let given = Given { profile: opened.profile.clone(), sets, scene: opened.scene.clone(), ..Given::default() };
     let mut project =
         Project::of(recording, 1.0, &given).map_err(|error| Refused::of_shot(&opened.recording, &error))?;
@@ -186,7 +186,7 @@ fn put_to(recording: Recording, opened: &Opened, sets: Vec<String>) -> Result<Pr
 }
 
 /// Opens what is there. A profile that is not there is one that will be made.
-fn open(opened: &Opened, sets: Vec<String>) -> Result<Project, Refused> {
+fn open(opened: &DocumentRef, sets: Vec<String>) -> Result<Project, Refused> {
     let there = |path: &Option<std::path::PathBuf>| path.clone().filter(|path| path.exists());
     let given = Given { profile: there(&opened.profile), sets, scene: there(&opened.scene), ..Given::default() };
     let options = OpenOptions { metres_per_unit: opened.metres_per_unit, ..OpenOptions::default() };

@@ -9,7 +9,7 @@ use eframe::egui::{self, RichText, Ui};
 
 use super::dials::Dials;
 use super::fields::typed;
-use super::jobs::{Jobs, State, Task, left};
+use super::jobs::{Job, JobState, Jobs, remaining_time};
 use super::progress;
 use locard_engine::analyse::Stage;
 use locard_engine::export::Export;
@@ -63,14 +63,14 @@ impl Ask {
     }
 
     /// What is done, at the place that a person chose. `force`: what is there may be replaced.
-    pub fn task(self, path: PathBuf, force: bool) -> Task {
+    pub fn task(self, path: PathBuf, force: bool) -> Job {
         match self {
-            Self::Folder(range) => Task::Export(Export { force, ..Export::new(range, OutPath::Folder(path)) }),
+            Self::Folder(range) => Job::Export(Export { force, ..Export::new(range, OutPath::Folder(path)) }),
             Self::Video { range, lossless } => {
-                Task::Export(Export { force, lossless, ..Export::new(range, OutPath::Video(path)) })
+                Job::Export(Export { force, lossless, ..Export::new(range, OutPath::Video(path)) })
             }
-            Self::Photograph(wanted) => Task::Photograph(Wanted { output: path, force, ..*wanted }),
-            Self::Snapshot(frame) => Task::Snapshot { frame, path, force },
+            Self::Photograph(wanted) => Job::Photograph(Wanted { output: path, force, ..*wanted }),
+            Self::Snapshot(frame) => Job::Snapshot { frame, path, force },
         }
     }
 }
@@ -193,13 +193,13 @@ fn queue(ui: &mut Ui, jobs: &mut Jobs) {
             ui.add(egui::Label::new(&entry.name).truncate()).on_hover_text(&entry.name);
         });
         match &entry.state {
-            State::Waiting => _ = ui.weak("waits"),
-            State::Cancelled => _ = ui.weak("cancelled"),
-            State::Running { share, begun, stage } => {
-                progress::bar(ui, &entry.name, *share as f32, Some(percent(*share, *begun, *stage)));
+            JobState::Waiting => _ = ui.weak("waits"),
+            JobState::Cancelled => _ = ui.weak("cancelled"),
+            JobState::Running { progress, begun, stage } => {
+                progress::bar(ui, &entry.name, *progress as f32, Some(percent(*progress, *begun, *stage)));
             }
-            State::Done(said) => _ = ui.label(format!("done: {said}")),
-            State::Failed(why) => {
+            JobState::Done(said) => _ = ui.label(format!("done: {said}")),
+            JobState::Failed(why) => {
                 let text = RichText::new(why).color(ui.visuals().error_fg_color);
                 ui.add(egui::Label::new(text).wrap().selectable(true));
             }
@@ -214,7 +214,7 @@ fn queue(ui: &mut Ui, jobs: &mut Jobs) {
 }
 
 pub fn percent(share: f64, begun: Instant, stage: Option<Stage>) -> String {
-    let rest = left(share, begun.elapsed());
+    let rest = remaining_time(share, begun.elapsed());
     let rest = rest.map(|left| format!(", {} left", duration(left.as_secs_f64()))).unwrap_or_default();
     let stage = stage.map(|stage| format!("{}, ", stage.name())).unwrap_or_default();
     format!("{stage}{:.0} %{rest}", 100.0 * share)

@@ -1,9 +1,9 @@
-//! Paints the window again only where it changed. While a recording plays, the panels beside it stand still; on a software
-//! driver their letters cost more than the picture.
+//! Repaints only the damaged areas of the window. During playback the panels beside the picture do
+//! not change; with a software driver their text costs more than the picture.
 //!
-//! The window is kept as a texture. What egui wants to be painted is compared, shape by shape, with what was painted last;
-//! the shapes that meet a changed area are drawn there, and the texture is copied to the screen. What is on the screen is bit
-//! for bit what painting all would give.
+//! The window is retained in a texture. The shapes of a frame are compared with those of the last
+//! one, the shapes that overlap a damaged area are drawn there, and the texture is copied to the
+//! screen. The result is bit-identical to a full repaint.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -16,26 +16,26 @@ use eframe::egui_wgpu::{
 };
 
 use super::canvas::fullscreen;
-use super::changes::{Areas, changes, extent};
+use super::damage::{Damage, add_damage, extent};
 use locard_engine::gpu::Shader;
 
-/// Takes over the painting of a window that is being opened. It has to be there before egui's first frame, with which the
-/// letters come.
-pub fn of_window(context: &CreationContext<'_>) -> Result<RenderState, String> {
+/// Takes over the painting of a new window. It must be installed before egui's first frame, which
+/// uploads the font texture.
+pub fn take_over(context: &CreationContext<'_>) -> Result<RenderState, String> {
     let window = context.wgpu_render_state.as_ref().ok_or("the window has no device that Locard can draw with")?;
     Ok(install(&context.egui_ctx, window))
 }
 
-/// Its textures and callbacks belong to the renderer of the state that comes back.
+/// Textures and callbacks belong to the renderer of the returned state.
 fn install(ctx: &Context, window: &RenderState) -> RenderState {
-    let kept = Kept::new(window);
-    let window = kept.window.clone();
-    ctx.add_plugin(Painter(Arc::new(Mutex::new(kept))));
+    let retained = RetainedWindow::new(window);
+    let window = retained.window.clone();
+    ctx.add_plugin(Painter(Arc::new(Mutex::new(retained))));
     window
 }
 
-/// Puts one callback in the place of all shapes.
-struct Painter(Arc<Mutex<Kept>>);
+/// Replaces all shapes by one paint callback.
+struct Painter(Arc<Mutex<RetainedWindow>>);
 
 impl eframe::egui::Plugin for Painter {
     fn debug_name(&self) -> &'static str {
@@ -44,27 +44,27 @@ impl eframe::egui::Plugin for Painter {
 
     fn output_hook(&mut self, ctx: &Context, output: &mut FullOutput) {
         let screen = ctx.viewport_rect();
-        let ground = ctx.global_style().visuals.panel_fill;
-        let ground = Shape::rect_filled(screen.expand(1.0), CornerRadius::ZERO, ground.to_opaque());
-        let ground = ClippedShape::new(Rect::EVERYTHING, ground);
-        let mut shapes = vec![ground];
+        let background = ctx.global_style().visuals.panel_fill;
+        let background = Shape::rect_filled(screen.expand(1.0), CornerRadius::ZERO, background.to_opaque());
+        let background = ClippedShape::new(Rect::EVERYTHING, background);
+        let mut shapes = vec![background];
         shapes.append(&mut output.shapes);
-        let mut kept = lock(&self.0);
-        kept.textures.append(std::mem::take(&mut output.textures_delta));
-        kept.wanted = Some(shapes);
-        let painting = Painting { ctx: ctx.clone(), kept: Arc::clone(&self.0) };
+        let mut retained = lock(&self.0);
+        retained.textures.append(std::mem::take(&mut output.textures_delta));
+        retained.next_shapes = Some(shapes);
+        let painting = PaintCallback { ctx: ctx.clone(), retained: Arc::clone(&self.0) };
         let shape = Shape::Callback(Callback::new_paint_callback(screen, painting));
         output.shapes = vec![ClippedShape::new(Rect::EVERYTHING, shape)];
     }
 }
 
-/// Stands for all that a frame of the window wants painted.
-struct Painting {
+/// The callback that paints a frame of the window.
+struct PaintCallback {
     ctx: Context,
-    kept: Arc<Mutex<Kept>>,
+    retained: Arc<Mutex<RetainedWindow>>,
 }
 
-impl CallbackTrait for Painting {
+impl CallbackTrait for PaintCallback {
     fn prepare(
         &self,
         _: &wgpu::Device,
@@ -73,41 +73,41 @@ impl CallbackTrait for Painting {
         _: &mut wgpu::CommandEncoder,
         _: &mut CallbackResources,
     ) -> Vec<wgpu::CommandBuffer> {
-        lock(&self.kept).paint(&self.ctx, screen);
+        lock(&self.retained).paint(&self.ctx, screen);
         Vec::new()
     }
 
     fn paint(&self, info: PaintCallbackInfo, pass: &mut wgpu::RenderPass<'static>, _: &CallbackResources) {
-        let kept = lock(&self.kept);
-        let Some(picture) = &kept.picture else { return };
+        let retained = lock(&self.retained);
+        let Some(picture) = &retained.picture else { return };
         let [width, height] = info.screen_size_px;
         pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
         pass.set_scissor_rect(0, 0, width, height);
-        pass.set_pipeline(&kept.copy);
+        pass.set_pipeline(&retained.copy);
         pass.set_bind_group(0, &picture.bound, &[]);
         pass.draw(0..3, 0..1);
     }
 }
 
-/// The window as it was painted last.
-struct Kept {
+/// The last painted frame of the window.
+struct RetainedWindow {
     window: RenderState,
     copy: wgpu::RenderPipeline,
-    picture: Option<Picture>,
+    picture: Option<WindowTexture>,
     pixels_per_point: f32,
     shapes: Vec<ClippedShape>,
-    /// What the next painting shall show.
-    wanted: Option<Vec<ClippedShape>>,
+    /// Shapes to paint next.
+    next_shapes: Option<Vec<ClippedShape>>,
     textures: TexturesDelta,
 }
 
-struct Picture {
+struct WindowTexture {
     size: [u32; 2],
     view: wgpu::TextureView,
     bound: wgpu::BindGroup,
 }
 
-impl Kept {
+impl RetainedWindow {
     fn new(window: &RenderState) -> Self {
         let device = &window.device;
         // Dithering would change the picture's code values.
@@ -116,32 +116,32 @@ impl Kept {
         let copy = fullscreen(window, Shader::Copy, "main");
         let textures = TexturesDelta::default();
         let window = RenderState { renderer: Arc::new(RwLock::new(renderer)), ..window.clone() };
-        Self { window, copy, picture: None, pixels_per_point: 0.0, shapes: Vec::new(), wanted: None, textures }
+        Self { window, copy, picture: None, pixels_per_point: 0.0, shapes: Vec::new(), next_shapes: None, textures }
     }
 
-    /// Paints what is new; gives where that was, points.
+    /// Paints the damaged areas and returns them, points.
     fn paint(&mut self, ctx: &Context, screen: &ScreenDescriptor) -> Vec<Rect> {
         let ppp = screen.pixels_per_point;
         let [width, height] = screen.size_in_pixels;
-        let shapes = self.wanted.take().unwrap_or_else(|| self.shapes.clone());
+        let shapes = self.next_shapes.take().unwrap_or_else(|| self.shapes.clone());
         let mut textures = std::mem::take(&mut self.textures);
-        // Letters keep their places in the font's texture until it is made anew.
+        // Glyphs keep their places in the font texture until it is replaced.
         let has_new_font = |textures: &TexturesDelta| {
             textures.set.get(&TextureId::default()).is_some_and(|set| set.iter().any(|delta| delta.is_whole()))
         };
         let fits = self.picture.as_ref().is_some_and(|picture| picture.size == screen.size_in_pixels);
         let whole = !fits || self.pixels_per_point != ppp || has_new_font(&textures);
         let all = Rect::from_min_max(pos2(0.0, 0.0), pos2(width as f32 / ppp, height as f32 / ppp));
-        let mut areas = Areas::new(all, ppp);
+        let mut areas = Damage::new(all, ppp);
         if whole {
             areas.add(all);
         } else {
-            // What a texture of the user's shows may have changed.
+            // The content of user textures may have changed.
             let has_new_texels = |id: TextureId| match id {
                 TextureId::Managed(_) => id != TextureId::default() && textures.set.contains_key(&id),
                 TextureId::User(_) => true,
             };
-            changes(&self.shapes, &shapes, has_new_texels, &mut areas);
+            add_damage(&self.shapes, &shapes, has_new_texels, &mut areas);
         }
         let mut renderer = self.window.renderer.write();
         let (device, queue) = (&self.window.device, &self.window.queue);
@@ -152,9 +152,9 @@ impl Kept {
         if !areas.is_empty() {
             let picture = match self.picture.take().filter(|_| fits) {
                 Some(picture) => picture,
-                None => Picture::new(&self.window, &self.copy, screen.size_in_pixels),
+                None => WindowTexture::new(&self.window, &self.copy, screen.size_in_pixels),
             };
-            let jobs = ctx.tessellate(within(&shapes, &areas, ppp), ppp);
+            let jobs = ctx.tessellate(clip_to_areas(&shapes, &areas, ppp), ppp);
             let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("window") });
             let before = renderer.update_buffers(device, queue, &mut encoder, &jobs, screen);
             let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -171,25 +171,26 @@ impl Kept {
             queue.submit(before.into_iter().chain([encoder.finish()]));
             self.picture = Some(picture);
         }
-        // Development builds end where a delta is dropped that was not dealt with.
+        // Debug builds panic if an unhandled delta is dropped.
         textures.free.drain().for_each(|id| renderer.free_texture(&id));
         (self.shapes, self.pixels_per_point) = (shapes, ppp);
         areas
     }
 }
 
-impl Drop for Kept {
-    /// A window may close before it has painted what it was handed.
+impl Drop for RetainedWindow {
+    /// A window may close before it has painted its last output.
     fn drop(&mut self) {
         self.textures.clear();
     }
 }
 
-/// The shapes that meet an area, cut to it. What a callback covers is not drawn below it: all of ours are opaque.
-fn within(shapes: &[ClippedShape], areas: &[Rect], ppp: f32) -> Vec<ClippedShape> {
+/// Clips shapes to the areas. Shapes below a callback's area are left out, because all callbacks
+/// are opaque.
+fn clip_to_areas(shapes: &[ClippedShape], areas: &[Rect], ppp: f32) -> Vec<ClippedShape> {
     let extents: Vec<Rect> = shapes.iter().map(extent).collect();
     let covers: Vec<(usize, Rect)> =
-        shapes.iter().enumerate().filter_map(|(n, of)| Some((n, cover(of, ppp)?))).collect();
+        shapes.iter().enumerate().filter_map(|(n, of)| Some((n, covered_pixels(of, ppp)?))).collect();
     let mut parts = areas.to_vec();
     for (_, cover) in &covers {
         parts = parts.iter().flat_map(|part| split(*part, *cover)).collect();
@@ -207,14 +208,14 @@ fn within(shapes: &[ClippedShape], areas: &[Rect], ppp: f32) -> Vec<ClippedShape
 }
 
 /// The whole pixels that a callback covers.
-fn cover(shape: &ClippedShape, ppp: f32) -> Option<Rect> {
+fn covered_pixels(shape: &ClippedShape, ppp: f32) -> Option<Rect> {
     let Shape::Callback(callback) = &shape.shape else { return None };
     let rect = callback.rect.intersect(shape.clip_rect);
     let (least, most) = ((rect.min.to_vec2() * ppp).ceil() / ppp, (rect.max.to_vec2() * ppp).floor() / ppp);
     Some(Rect::from_min_max(least.to_pos2(), most.to_pos2())).filter(Rect::is_positive)
 }
 
-/// A rectangle as those that lie in another one or beside it.
+/// Splits a rectangle into its part inside of another one and the parts outside.
 fn split(rect: Rect, by: Rect) -> Vec<Rect> {
     let inside = rect.intersect(by);
     if !inside.is_positive() {
@@ -230,7 +231,7 @@ fn split(rect: Rect, by: Rect) -> Vec<Rect> {
     parts.into_iter().filter(Rect::is_positive).collect()
 }
 
-impl Picture {
+impl WindowTexture {
     fn new(window: &RenderState, copy: &wgpu::RenderPipeline, size: [u32; 2]) -> Self {
         let texture = window.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("window"),
@@ -254,7 +255,7 @@ impl Picture {
     }
 }
 
-/// A painting that panicked has told so.
+/// A panic in a painting has been reported.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -279,7 +280,8 @@ mod tests {
         state.expect("an adapter")
     }
 
-    /// A window with what a window has: letters, rounded controls, things behind one another, a picture of its own.
+    /// A window with typical content: text, rounded controls, overlapping shapes and windows, a
+    /// texture.
     fn ui(ui: &mut egui::Ui, step: u32, picture: &mut Option<egui::TextureHandle>) {
         egui::Panel::left("left").show(ui, |ui| {
             (0..12).for_each(|n| drop(ui.label(format!("a line that stands still, {n}"))));
@@ -309,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn an_area_is_split_into_what_lies_in_a_cover_and_what_does_not() {
+    fn area_is_split_at_the_edges_of_a_cover() {
         let rect = |x0: f32, y0: f32, x1: f32, y1: f32| Rect::from_min_max(pos2(x0, y0), pos2(x1, y1));
         let cover = rect(10.0, 10.0, 50.0, 40.0);
         assert_eq!(split(rect(60.0, 0.0, 70.0, 90.0), cover), [rect(60.0, 0.0, 70.0, 90.0)]);
@@ -322,12 +324,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_painted_in_part_is_what_painting_all_gives() {
+    fn partial_repaint_equals_a_full_repaint() {
         let window = window();
         let gpu = Gpu::adopt(&window.adapter, window.device.clone(), window.queue.clone());
         let ctx = Context::default();
-        let kept = Arc::new(Mutex::new(Kept::new(&window)));
-        ctx.add_plugin(Painter(Arc::clone(&kept)));
+        let retained = Arc::new(Mutex::new(RetainedWindow::new(&window)));
+        ctx.add_plugin(Painter(Arc::clone(&retained)));
         let mut picture = None;
         let mut parts = Vec::new();
         for step in 0..14 {
@@ -339,23 +341,24 @@ mod tests {
             let output = ctx.run_ui(input, |root| ui(root, step, &mut picture));
             assert_eq!(output.shapes.len(), 1, "one callback stands for all");
             assert_eq!(output.pixels_per_point, pixels_per_point);
-            let mut kept = lock(&kept);
+            let mut retained = lock(&retained);
             let mut paint = || {
-                let areas = kept.paint(&ctx, &screen);
-                let texture = kept.picture.as_ref().expect("a picture").view.texture().clone();
+                let areas = retained.paint(&ctx, &screen);
+                let texture = retained.picture.as_ref().expect("a picture").view.texture().clone();
                 (areas, texture)
             };
             let (areas, texture) = paint();
             parts.push(areas.iter().map(Rect::area).sum::<f32>() / size.x / size.y);
             let in_part = read_back(&gpu, &texture).expect("texels");
             assert_eq!(paint().0, [], "nothing is new");
-            kept.picture = None;
-            let whole = kept.paint(&ctx, &screen);
+            retained.picture = None;
+            let whole = retained.paint(&ctx, &screen);
             assert_eq!(whole.len(), 1);
-            let texture = kept.picture.as_ref().expect("a picture").view.texture();
+            let texture = retained.picture.as_ref().expect("a picture").view.texture();
             assert!(read_back(&gpu, texture).expect("texels") == in_part, "step {step} differs");
         }
-        // The first, another height, another scale; the others move a circle, a line, a number.
+        // The first step, another height and another scale repaint everything; the others move a
+        // circle, a line, a number.
         for whole in [0, 10, 12] {
             assert_eq!(parts[whole], 1.0, "{parts:?}");
         }

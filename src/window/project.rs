@@ -1,10 +1,11 @@
-//! What a person edits: a shot's camera, settings and scene, as plain values with a past, and the files that keep them.
+//! The edited state of a shot (camera, settings and scene) with its undo history, and the files
+//! that store it.
 
-mod found;
-mod kept;
+mod analysis;
 mod light;
 mod locate;
 mod save;
+mod save_targets;
 mod scene;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -23,29 +24,29 @@ use locard_engine::scene::{self as scenes, MissingModels, Models, SceneFile};
 use locard_engine::shot::{Given, Shot, ShotError};
 use locard_engine::tracking::PoseTrack;
 
-pub use kept::ProfileScope;
-pub use save::{Draft, SaveError, Written};
+pub use save::{Draft, SaveError, WrittenFile};
+pub use save_targets::ProfileScope;
 
-/// Everything that a change changes, and that undo brings back.
+/// The state that edits change and undo restores.
 #[derive(Clone, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
 pub struct Edit {
     pub rig: Rig,
     pub settings: Settings,
     pub scene: SceneFile,
-    /// What it is compared with.
-    pub other: Option<Box<Other>>,
-    /// Parameters, as `table.name`, that the scene's own settings no longer keep at a value that
-    /// equals the profile's.
+    /// The A/B comparison variant.
+    pub other: Option<Box<Variant>>,
+    /// Parameters, as `table.name`, that the scene's own settings no longer pin to a value equal to
+    /// the profile's.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     pub unpinned: BTreeSet<String>,
 }
 
-/// Another camera and other settings, to compare with. One of the two is called A, and stands at the left.
+/// The variant of an A/B comparison: another camera and other settings. A is shown on the left.
 #[derive(Clone, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
-pub struct Other {
+pub struct Variant {
     pub rig: Rig,
     pub settings: Settings,
-    /// Whether this one is A, and B is edited.
+    /// True if the variant is A and B is edited.
     pub is_a: bool,
 }
 
@@ -54,8 +55,8 @@ impl Edit {
         Look { rig: &self.rig, settings: &self.settings }
     }
 
-    /// Whether the same would be saved.
-    fn saves_like(&self, other: &Self) -> bool {
+    /// True if saving both writes the same values.
+    fn has_same_saved_values(&self, other: &Self) -> bool {
         self.rig == other.rig
             && self.settings == other.settings
             && self.scene == other.scene
@@ -63,60 +64,60 @@ impl Edit {
     }
 }
 
-/// Where a parameter's value comes from.
+/// Source of a parameter's value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
     Default,
     /// The recording or a profile.
     File,
-    /// The scene's own settings, though a file or the default gives the same value.
+    /// Pinned by the scene's own settings, although a file or the default has the same value.
     Scene,
-    Person,
+    User,
 }
 
-/// A shot with the past of its edits.
+/// A shot with the history of its edits.
 #[derive(Debug)]
 pub struct Project {
     shot: Shot,
     history: History<Edit>,
-    /// By the recording, the profiles and the analysis, without the scene's own settings.
-    opened: Edit,
+    /// State by the recording, the profiles and the analysis, without the scene's own settings.
+    baseline: Edit,
     saved: Edit,
-    /// The settings that the scene file has, and whether it should have others.
-    of_scene: ShotSettings,
+    /// Settings in the scene file, and whether they are out of date.
+    scene_settings: ShotSettings,
     scene_is_stale: bool,
-    /// Settings that the scene file had until they were unpinned: undo brings them back.
+    /// Settings that were in the scene file until they were unpinned; undo restores them.
     unpinned: ShotSettings,
-    /// Settings of the scene file that [`Given::sets`] overrides. The file keeps them.
+    /// Settings of the scene file that [`Given::sets`] overrides. They remain in the file.
     overridden: ShotSettings,
-    /// As it is where nobody says anything.
+    /// State without any file.
     defaults: Edit,
     pub profile: Option<PathBuf>,
     pub scene: Option<PathBuf>,
-    /// Of the recording, as it was opened.
+    /// Unit of the recording as it was opened.
     pub metres_per_unit: f64,
-    /// Where its frames come from as long as the recording is still arriving.
+    /// Source of the frames while the recording is still arriving.
     pub camera: Option<LiveFrom>,
     scene_text: Option<scenes::Document>,
-    /// What the shot's scene was loaded from.
-    loaded: SceneFile,
-    /// Of the scenes so far.
+    /// The description that the shot's scene was loaded from.
+    loaded_scene: SceneFile,
+    /// Cache of all models loaded so far.
     models: Models,
-    /// Why the scene is not that of all that is set.
+    /// Why the shot's scene differs from the edited one.
     problem: Option<String>,
-    /// Grows with every change, so that it is known whether a picture is still what is set.
+    /// Increases with every change; identifies the content of a picture.
     version: u64,
-    /// Grows with every change of what the scene consists of.
+    /// Increases with every change of the scene's content.
     scene_version: u64,
-    /// The version at which what is compared with changed last, and what that is.
-    other_version: u64,
-    other: Option<Box<Other>>,
-    /// How the files were when they were read or written.
+    /// The version of the last change of the variant, and the variant at that version.
+    variant_version: u64,
+    other: Option<Box<Variant>>,
+    /// State of the files when they were last read or written.
     stamps: BTreeMap<PathBuf, Stamp>,
 }
 
 impl Project {
-    /// Opens a recording and what is given with it, as [`Shot::open`].
+    /// Opens a recording with the given files, as [`Shot::open`].
     pub fn open(recording: &Path, options: &OpenOptions, given: &Given) -> Result<Self, ShotError> {
         let before = stamp(recording);
         let mut project = Self::of(Recording::open(recording, options)?, options.metres_per_unit, given)?;
@@ -124,19 +125,19 @@ impl Project {
         Ok(project)
     }
 
-    /// Like [`Project::open`], for a recording that is open.
+    /// Like [`Project::open`], for a recording that is already open.
     pub fn of(recording: Recording, metres_per_unit: f64, given: &Given) -> Result<Self, ShotError> {
-        // Before they are read: what is changed in between is noticed.
+        // Taken before reading, so that a change in between is noticed.
         let files = [given.profile.as_deref(), given.scene.as_deref()].into_iter().flatten();
         let stamps: BTreeMap<_, _> = files.map(|path| (path.to_owned(), stamp(path))).collect();
         let shot = Shot::of(recording, &Given { missing_models: MissingModels::StandIn, ..given.clone() })?;
-        // A model alone stands where its own coordinates put it, which no scene file can say.
+        // A model that is opened alone keeps its own coordinates, which no scene file can express.
         let is_file = |path: &&PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
         let scene_text = given.scene.as_ref().filter(is_file).map(|path| scenes::document::read(path)).transpose()?;
         let mut scene = scene_text.as_ref().map_or_else(SceneFile::default, |text| text.value().clone());
-        // Settings are edited with camera and effects; `scene_draft` rebuilds this table.
-        let of_scene = std::mem::take(&mut scene.settings);
-        let of_scene = ShotSettings::read(&of_scene, given.scene.as_deref().unwrap_or(Path::new("")))?;
+        // Settings are edited with the camera and effects; `scene_draft` rebuilds this table.
+        let scene_settings = std::mem::take(&mut scene.settings);
+        let scene_settings = ShotSettings::read(&scene_settings, given.scene.as_deref().unwrap_or(Path::new("")))?;
         let edit = Edit {
             rig: shot.rig.clone(),
             settings: shot.settings.clone(),
@@ -148,10 +149,10 @@ impl Project {
         let opened = Edit { rig: baseline.rig.clone(), settings: baseline.settings.clone(), ..edit.clone() };
         Ok(Self {
             history: History::new(edit.clone()),
-            opened,
+            baseline: opened,
             saved: edit.clone(),
-            overridden: of_scene.overridden(edit.look()),
-            of_scene,
+            overridden: scene_settings.overridden(edit.look()),
+            scene_settings,
             scene_is_stale: false,
             unpinned: ShotSettings::default(),
             defaults: Edit {
@@ -166,60 +167,60 @@ impl Project {
             metres_per_unit,
             camera: None,
             scene_text,
-            loaded: edit.scene.clone(),
+            loaded_scene: edit.scene.clone(),
             models: Models::default(),
             problem: None,
             shot,
             version: 0,
             scene_version: 0,
-            other_version: 0,
+            variant_version: 0,
             other: None,
             stamps,
         })
     }
 
-    /// How a file was before it was read, or after it was written; `None` for one that was not there.
+    /// State of a file before it was read or after it was written; `None` if it did not exist.
     pub fn stamp(&self, path: &Path) -> Stamp {
         self.stamps.get(path).copied().flatten()
     }
 
-    /// What is composited now.
+    /// The shot to composite.
     pub fn shot(&self) -> &Shot {
         &self.shot
     }
 
     pub fn edit(&self) -> &Edit {
-        self.history.now()
+        self.history.current()
     }
 
-    /// Whether it stands on a camera's last seconds.
+    /// True for the frozen last seconds of a camera.
     pub fn is_frozen(&self) -> bool {
         self.camera.is_some() && !self.shot.recording.is_arriving()
     }
 
-    /// A frame has come, with its camera and the poses that are known now ([`Recording::arrive`]).
+    /// Adds a frame with its camera, and updates the poses known so far ([`Recording::arrive`]).
     pub fn arrive(&mut self, frame: usize, timestamp_s: f64, track: PoseTrack, camera: Option<Geometry>) {
         Arc::make_mut(&mut self.shot.recording).arrive(frame, timestamp_s, track, camera);
     }
 
-    /// Goes on with another recording by the same camera, in the same world.
-    pub fn stand_on(&mut self, recording: Arc<Recording>) {
+    /// Continues with another recording by the same camera in the same world.
+    pub fn replace_recording(&mut self, recording: Arc<Recording>) {
         self.stamps.insert(recording.path.clone(), stamp(&recording.path));
         self.shot.recording = recording;
         self.version += 1;
     }
 
-    /// Each change gives another number.
+    /// Changes with every edit.
     pub fn version(&self) -> u64 {
         self.version
     }
 
-    /// Each change of what is compared with gives another number.
-    pub fn other_version(&self) -> u64 {
-        self.other_version
+    /// Changes with every change of the variant.
+    pub fn variant_version(&self) -> u64 {
+        self.variant_version
     }
 
-    /// Each change of the scene's models or light gives another number.
+    /// Changes with the scene's models or light.
     pub fn scene_version(&self) -> u64 {
         self.scene_version
     }
@@ -228,51 +229,51 @@ impl Project {
         &self.history
     }
 
-    /// Why the picture is not that of all that is set.
+    /// Why the picture does not show the current state.
     pub fn problem(&self) -> Option<&str> {
         self.problem.as_deref()
     }
 
-    /// As the files say it.
+    /// The state in the files.
     pub fn saved(&self) -> &Edit {
         &self.saved
     }
 
     pub fn is_saved(&self) -> bool {
-        self.edit().saves_like(&self.saved) && !self.scene_is_stale
+        self.edit().has_same_saved_values(&self.saved) && !self.scene_is_stale
     }
 
     /// Like [`Project::is_saved`], without the uncommitted change.
-    pub fn is_kept_saved(&self) -> bool {
-        self.history.kept().saves_like(&self.saved) && !self.scene_is_stale
+    pub fn is_committed_saved(&self) -> bool {
+        self.history.committed().has_same_saved_values(&self.saved) && !self.scene_is_stale
     }
 
-    /// Whether the scene file lacks settings that have changed places with a profile's.
+    /// True if the settings in the scene file are out of date since a profile was written.
     pub fn scene_is_stale(&self) -> bool {
         self.scene_is_stale
     }
 
-    /// Ends a drag: the next change is a step of its own.
+    /// Ends a drag: the next change is a new history step.
     pub fn close_step(&mut self) {
         self.history.close();
     }
 
-    /// Takes away the step of that name that is still open. Gives whether there was one.
-    pub fn take_back(&mut self, what: &str) -> bool {
-        let done = self.history.take_back(what);
+    /// Removes the open history step of that name. Returns false if there is none.
+    pub fn remove_open_step(&mut self, what: &str) -> bool {
+        let done = self.history.remove_open_step(what);
         if done {
-            self.follow();
+            self.update_shot();
         }
         done
     }
 
-    /// Sets one parameter of the camera or of an effect.
+    /// Sets a parameter of the camera or an effect.
     pub fn set(&mut self, table: &str, name: &str, value: &Value) -> Result<(), ParamError> {
         self.set_in(self.edit().clone(), table, name, value)
     }
 
-    /// Sets one parameter, as [`Project::set`]. If the value equals the profile's, the scene's own
-    /// settings no longer have it.
+    /// Like [`Project::set`]. If the value equals the profile's, it is removed from the scene's own
+    /// settings.
     pub fn reset(&mut self, table: &str, name: &str, value: &Value) -> Result<(), ParamError> {
         let mut edit = self.edit().clone();
         if self.is_pinned(table, name) {
@@ -290,8 +291,9 @@ impl Project {
             }
         }
         if table == edit.rig.exposure.table() {
-            // As with `--set`, an exposure that the user or the scene sets overrides each frame's own.
-            let by_files = self.opened.settings.overrule_recorded_exposure;
+            // As with `--set`, an exposure that the user or the scene sets overrides each frame's
+            // own.
+            let by_files = self.baseline.settings.overrule_recorded_exposure;
             edit.settings.overrule_recorded_exposure = by_files;
             let is_set = self.settings_of(edit.look(), &edit.unpinned).has_table(table);
             edit.settings.overrule_recorded_exposure = by_files || is_set;
@@ -302,7 +304,7 @@ impl Project {
         Ok(())
     }
 
-    /// Sets the camera's noise, as one step.
+    /// Sets the camera's noise in one step.
     pub fn set_noise(&mut self, noise: NoiseProfile) {
         let mut edit = self.edit().clone();
         edit.rig.noise = Some(noise);
@@ -310,7 +312,7 @@ impl Project {
         self.close_step();
     }
 
-    /// Sets the camera's focal lengths, principal point and distortion, as one step.
+    /// Sets the camera's focal lengths, principal point and distortion in one step.
     pub fn set_geometry(&mut self, geometry: &Geometry) {
         let mut edit = self.edit().clone();
         edit.rig.set_geometry(geometry);
@@ -318,7 +320,7 @@ impl Project {
         self.close_step();
     }
 
-    /// A parameter's value.
+    /// Value of a parameter.
     pub fn value(&self, table: &str, name: &str) -> Option<Value> {
         value(self.edit(), table, name)
     }
@@ -332,27 +334,27 @@ impl Project {
         }
     }
 
-    /// Switches an effect as the recording and the profile have it, and out of the scene's own
-    /// settings, as one step.
+    /// Resets an effect's switch to the recording's and profile's state, and removes it from the
+    /// scene's own settings, in one step.
     pub fn reset_switch(&mut self, effect: &str) -> Result<(), ParamError> {
-        let on = self.opened.settings.is_on(effect);
+        let on = self.baseline.settings.is_on(effect);
         self.reset(effect, ON, &Value::Bool(on))?;
         self.close_step();
         Ok(())
     }
 
-    /// Begins to compare what is set now (A) with the same that is changed from here on (B), or ends it; what is edited then
-    /// stays.
+    /// Starts an A/B comparison with the current state as A and B edited from here on, or ends it
+    /// and keeps the edited state.
     pub fn compare(&mut self, on: bool) {
         let mut edit = self.edit().clone();
-        let copy = Other { rig: edit.rig.clone(), settings: edit.settings.clone(), is_a: true };
+        let copy = Variant { rig: edit.rig.clone(), settings: edit.settings.clone(), is_a: true };
         edit.other = on.then(|| Box::new(copy));
         self.change(if on { "A and B compared" } else { "comparing ended" }, edit);
         self.close_step();
     }
 
-    /// Edits the other one of A and B.
-    pub fn exchange(&mut self) {
+    /// Exchanges the edited state and the variant.
+    pub fn swap_variant(&mut self) {
         let mut edit = self.edit().clone();
         let Some(other) = &mut edit.other else { return };
         std::mem::swap(&mut edit.rig, &mut other.rig);
@@ -363,7 +365,7 @@ impl Project {
         self.close_step();
     }
 
-    /// Makes the other one of A and B like the one that is edited.
+    /// Copies the edited state to the variant.
     pub fn copy_to_other(&mut self) {
         let mut edit = self.edit().clone();
         let Some(other) = &mut edit.other else { return };
@@ -373,8 +375,8 @@ impl Project {
         self.close_step();
     }
 
-    /// What is compared with, as a shot.
-    pub fn other_shot(&self) -> Option<Shot> {
+    /// The shot of the variant.
+    pub fn variant_shot(&self) -> Option<Shot> {
         let other = self.edit().other.as_ref()?;
         let mut shot = self.shot.clone();
         (shot.rig, shot.settings) = (other.rig.clone(), other.settings.clone());
@@ -384,14 +386,14 @@ impl Project {
     }
 
     /// The value by the recording, the profiles and the analysis.
-    pub fn opened(&self, table: &str, name: &str) -> Option<Value> {
-        value(&self.opened, table, name)
+    pub fn baseline_value(&self, table: &str, name: &str) -> Option<Value> {
+        value(&self.baseline, table, name)
     }
 
     pub fn origin(&self, table: &str, name: &str) -> Origin {
-        let (now, opened) = (value(self.edit(), table, name), self.opened(table, name));
+        let (now, opened) = (value(self.edit(), table, name), self.baseline_value(table, name));
         if now != opened {
-            Origin::Person
+            Origin::User
         } else if now != value(&self.defaults, table, name) {
             Origin::File
         } else {
@@ -401,35 +403,35 @@ impl Project {
 
     fn change(&mut self, what: &str, to: Edit) {
         self.history.change(what, to);
-        self.follow();
+        self.update_shot();
     }
 
-    /// Gives the name of what was taken back.
+    /// Returns the name of the undone step.
     pub fn undo(&mut self) -> Option<String> {
         let name = self.history.undo().map(str::to_owned);
-        self.follow();
+        self.update_shot();
         name
     }
 
     pub fn redo(&mut self) -> Option<String> {
         let name = self.history.redo().map(str::to_owned);
-        self.follow();
+        self.update_shot();
         name
     }
 
-    /// Goes to a step of the history.
+    /// Moves to a step of the history.
     pub fn go_to(&mut self, step: usize) {
         self.history.go_to(step);
-        self.follow();
+        self.update_shot();
     }
 }
 
-/// A parameter as files and `--set` name it.
+/// A parameter's name in files and for `--set`.
 fn full_name(table: &str, name: &str) -> String {
     format!("{table}.{name}")
 }
 
-/// Every table of parameters, in the order of the light.
+/// All parameter tables, in the order of the light path.
 pub fn tables<'a>(rig: &'a Rig, settings: &'a Settings) -> Vec<&'a dyn Params> {
     rig.tables().into_iter().chain(settings.tables()).collect()
 }

@@ -30,7 +30,7 @@ pub fn show(ui: &mut Ui, project: &mut Project) -> Option<String> {
         let even = "The same light from everywhere, as bright from above as the panorama.";
         let has_panorama = project.edit().scene.light.environment.is_some();
         if has_panorama && ui.button("Even light").on_hover_text(even).clicked() {
-            wrong = project.even_light().err();
+            wrong = project.make_light_uniform().err();
         }
         if ui.button("Add sun").clicked() {
             wrong = wrong.or(add_sun(project).err());
@@ -53,7 +53,7 @@ fn offer(ui: &mut Ui, project: &mut Project) -> Option<String> {
     ui.label(RichText::new(text).weak());
     let hint = "Writes that light into the scene, where it can be changed.";
     let is_taken = ui.button(button).on_hover_text(hint).clicked();
-    if is_taken { project.take_light().err() } else { None }
+    if is_taken { project.adopt_light().err() } else { None }
 }
 
 fn fields(ui: &mut Ui, project: &mut Project) -> Option<String> {

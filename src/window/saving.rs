@@ -1,4 +1,4 @@
-//! Saving, step by step: what is written, and what has to be asked before.
+//! The steps of saving: files to write, and questions to ask before.
 
 use std::path::{Path, PathBuf};
 
@@ -7,85 +7,87 @@ use super::project::Project;
 use super::watch::{Change, Watch};
 use locard_engine::assets;
 
-/// The demonstration, which opens without a recording. It is not written to by a mere Save.
+/// The demonstration, which opens without a recording. Save does not overwrite it.
 pub const DEMO: &str = "recordings/demo";
 pub const DEMO_SCENE: &str = "scenes/demo.toml";
-/// The profiles that come with the program.
+/// The supplied profiles.
 pub const PROFILES: &str = "profiles";
 
-/// What comes next.
+/// Next step of a save.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Step {
+pub enum SaveStep {
     /// A name is needed.
     NameScene,
     NameProfile,
-    /// Values of the camera are changed: in its profile, or with the scene?
-    AskCamera,
-    /// A profile was opened that is others' too, and is not yet agreed to be written.
-    AskFirst(PathBuf),
-    /// A file was changed by somebody else since it was read.
-    AskWhether(PathBuf),
+    /// Asks whether changed camera values go into the profile or the scene.
+    AskCameraValues,
+    /// A shared profile whose overwriting is not approved yet.
+    AskSharedProfile(PathBuf),
+    /// A file that another program has changed since it was read.
+    AskOverwrite(PathBuf),
     WriteScene(PathBuf),
     WriteProfile(PathBuf),
-    Saved,
+    Done,
 }
 
-/// What a person has agreed to.
+/// Answers of the user.
 #[derive(Clone, Copy, Debug)]
-pub struct Agreed<'a> {
-    /// Files that were chosen by name, or are allowed to be replaced.
+pub struct Approvals<'a> {
+    /// Files that may be overwritten.
     pub replaced: &'a [PathBuf],
-    /// Profiles of others that may be written.
+    /// Shared profiles that may be overwritten.
     pub shared: &'a [PathBuf],
-    /// Where changed values of the camera go.
+    /// Where changed camera values are saved.
     pub camera: Option<CameraValueTarget>,
 }
 
 /// The next step.
-pub fn next(project: &Project, watch: Option<&Watch>, agreed: Agreed<'_>) -> Step {
-    let has = |paths: &[PathBuf], path: &Path| paths.iter().any(|agreed| agreed == path);
+pub fn next_step(project: &Project, watch: Option<&Watch>, approvals: Approvals<'_>) -> SaveStep {
+    let has = |paths: &[PathBuf], path: &Path| paths.iter().any(|approvals| approvals == path);
     let changed = |path: &Path| {
         let change = watch.and_then(|watch| watch.change(path));
-        change == Some(Change::Changed) && !has(agreed.replaced, path)
+        change == Some(Change::Changed) && !has(approvals.replaced, path)
     };
-    // A model that is opened alone has no scene file. Values that its profile does not take cannot
-    // be saved.
-    let asks = if project.can_place() { project.camera_is_changed() } else { project.profile_is_changed() };
-    match agreed.camera.filter(|_| asks) {
-        None if asks => return Step::AskCamera,
-        Some(CameraValueTarget::Profile) => return profile_step(project, agreed, changed),
+    // A model that is opened alone has no scene file. Values that its profile does not accept
+    // cannot be saved.
+    let has_changes = if project.can_place() { project.camera_is_changed() } else { project.profile_is_changed() };
+    match approvals.camera.filter(|_| has_changes) {
+        None if has_changes => return SaveStep::AskCameraValues,
+        Some(CameraValueTarget::Profile) => return profile_step(project, approvals, changed),
         _ => {}
     }
     if project.scene_is_changed() {
-        return match project.scene.clone().filter(|path| !is_demo(path) || has(agreed.replaced, path)) {
-            None => Step::NameScene,
-            Some(path) if changed(&path) => Step::AskWhether(path),
-            Some(path) => Step::WriteScene(path),
+        return match project.scene.clone().filter(|path| !is_demo(path) || has(approvals.replaced, path)) {
+            None => SaveStep::NameScene,
+            Some(path) if changed(&path) => SaveStep::AskOverwrite(path),
+            Some(path) => SaveStep::WriteScene(path),
         };
     }
-    Step::Saved
+    SaveStep::Done
 }
 
-fn profile_step(project: &Project, agreed: Agreed<'_>, changed: impl Fn(&Path) -> bool) -> Step {
+fn profile_step(project: &Project, approvals: Approvals<'_>, changed: impl Fn(&Path) -> bool) -> SaveStep {
     match project.profile.clone() {
-        None => Step::NameProfile,
-        Some(path) if profile_owner(project, &path).is_some() && !agreed.shared.contains(&path) => Step::AskFirst(path),
-        Some(path) if changed(&path) => Step::AskWhether(path),
-        Some(path) => Step::WriteProfile(path),
+        None => SaveStep::NameProfile,
+        Some(path) if profile_owner(project, &path).is_some() && !approvals.shared.contains(&path) => {
+            SaveStep::AskSharedProfile(path)
+        }
+        Some(path) if changed(&path) => SaveStep::AskOverwrite(path),
+        Some(path) => SaveStep::WriteProfile(path),
     }
 }
 
-/// Whether that is the demonstration's recording.
+/// True for the demonstration's recording.
 pub fn is_demonstration(recording: &Path) -> bool {
     assets::is_supplied(recording, DEMO)
 }
 
-/// Whether that is the scene file of the demonstration.
+/// True for the demonstration's scene.
 pub fn is_demo(scene: &Path) -> bool {
     assets::is_supplied(scene, DEMO_SCENE)
 }
 
-/// The owner of a profile that others use, too.
+/// Owner of a profile that is also used elsewhere.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProfileOwner {
     Program,
@@ -103,22 +105,23 @@ pub fn profile_owner(project: &Project, profile: &Path) -> Option<ProfileOwner> 
 
 /// A file that was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Saved {
+pub struct SavedFile {
     pub what: &'static str,
     pub path: PathBuf,
 }
 
-/// The message at the end of saving: what was written, and the names of changes that no file keeps.
-pub fn ended(written: &[Saved], unsavable: &[String]) -> String {
+/// The message at the end of a save: the written files, and the names of changes that no file
+/// stores.
+pub fn end_message(written: &[SavedFile], unsavable: &[String]) -> String {
     if unsavable.is_empty() {
-        return told(written);
+        return summary(written);
     }
-    let saved = if written.is_empty() { String::new() } else { format!("{}. ", told(written)) };
+    let saved = if written.is_empty() { String::new() } else { format!("{}. ", summary(written)) };
     format!("{saved}Not saved without a scene: {}", unsavable.join(", "))
 }
 
-/// Says what was written, by name; the folder once where it is one.
-pub fn told(written: &[Saved]) -> String {
+/// Lists the written files by name, with their folder once if it is the same.
+pub fn summary(written: &[SavedFile]) -> String {
     let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let Some(first) = written.first() else { return "Nothing has changed since it was saved".to_owned() };
     let folder = whole(&first.path).parent().map(Path::to_owned).unwrap_or_default();
@@ -136,18 +139,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_written_is_named() {
+    fn summary_names_the_written_files() {
         let [scene, profile, other] =
             [("scene", "/a/desk.toml"), ("profile", "/a/mine.toml"), ("profile", "/b/mine.toml")]
-                .map(|(what, path)| Saved { what, path: path.into() });
-        assert_eq!(told(&[scene.clone(), profile]), "Saved the scene desk.toml and the profile mine.toml, in /a");
-        assert_eq!(told(&[scene, other.clone()]), "Saved the scene /a/desk.toml and the profile /b/mine.toml");
-        assert_eq!(told(&[other]), "Saved the profile mine.toml, in /b");
-        assert_eq!(told(&[]), "Nothing has changed since it was saved");
+                .map(|(what, path)| SavedFile { what, path: path.into() });
+        assert_eq!(summary(&[scene.clone(), profile]), "Saved the scene desk.toml and the profile mine.toml, in /a");
+        assert_eq!(summary(&[scene, other.clone()]), "Saved the scene /a/desk.toml and the profile /b/mine.toml");
+        assert_eq!(summary(&[other]), "Saved the profile mine.toml, in /b");
+        assert_eq!(summary(&[]), "Nothing has changed since it was saved");
         let names = ["Exposure time".to_owned(), "Film speed".to_owned()];
-        assert_eq!(ended(&[], &names), "Not saved without a scene: Exposure time, Film speed");
-        let saved = Saved { what: "profile", path: "/b/mine.toml".into() };
+        assert_eq!(end_message(&[], &names), "Not saved without a scene: Exposure time, Film speed");
+        let saved = SavedFile { what: "profile", path: "/b/mine.toml".into() };
         let expected = "Saved the profile mine.toml, in /b. Not saved without a scene: Exposure time";
-        assert_eq!(ended(&[saved], &names[..1]), expected);
+        assert_eq!(end_message(&[saved], &names[..1]), expected);
     }
 }

@@ -1,7 +1,8 @@
-//! A recording that is open: what a person edits, where it stands, and its pictures as they are decoded and composited.
+//! An open recording: the edited project, the playback position, and the decoded and composited
+//! pictures.
 
 mod live;
-mod past;
+mod recent_frames;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -11,9 +12,9 @@ use eframe::egui;
 use eframe::egui_wgpu::RenderState;
 
 use self::live::Live;
-pub use self::live::{FROZEN, Told};
-pub use self::past::PAST_S;
-use super::maker::{Finished, Made, Wants};
+pub use self::live::{FROZEN, LiveStatus};
+pub use self::recent_frames::RECENT_S;
+use super::frame_renderer::{RenderKey, RenderOutputs, RenderResult};
 use super::obstacle::camera_text;
 use super::player::{Pace, Player};
 use super::project::Project;
@@ -26,91 +27,91 @@ use locard_engine::pixels::Pixels;
 use locard_engine::shot::ShotError;
 use locard_engine::text::without_options;
 
-/// A picture that takes longer than this at full size is made smaller while something changes, so that it takes about
-/// so long as the second; but not so small that its longer side has fewer pixels.
-const SLOW_S: f64 = 0.08;
-const WANTED_S: f64 = 0.05;
-const LEAST_PX: u32 = 640;
-/// When nothing has changed for so long, the picture is made at full size.
-const QUIET: Duration = Duration::from_millis(250);
+/// A picture that takes longer than this at full size is reduced during changes to take about
+/// `TARGET_RENDER_S`. Its longer side does not fall below `MIN_REDUCED_SIDE_PX`.
+const SLOW_RENDER_S: f64 = 0.08;
+const TARGET_RENDER_S: f64 = 0.05;
+const MIN_REDUCED_SIDE_PX: u32 = 640;
+/// Time without changes after which the picture is rendered at full size.
+const FULL_SIZE_DELAY: Duration = Duration::from_millis(250);
 
-/// A picture that is shown.
+/// The displayed picture.
 #[derive(Debug)]
-struct Now {
-    made: Made,
+struct DisplayedPicture {
+    key: RenderKey,
     frame: Arc<Frame>,
-    /// `None` where it could not be composited.
+    /// `None` if compositing failed.
     stats: Option<FrameStats>,
     codes: Option<Arc<Pixels>>,
 }
 
-/// The code values of the picture that is shown.
+/// Code values of the displayed picture.
 #[derive(Clone, Debug)]
 pub struct ShownCodes {
     pub frame: Arc<Frame>,
-    /// The project's when it was begun.
+    /// Project version at the time of the request.
     pub version: u64,
     /// Of the composite, 8 bits each.
     pub pixels: Arc<Pixels>,
 }
 
-/// A recording that is open.
+/// An open recording.
 pub struct Session {
     pub project: Project,
     pub player: Player,
     pub viewer: Viewer,
-    /// `None` where no thread can be had for them.
+    /// `None` if no thread could be started for them.
     pub thumbnails: Option<Thumbnails>,
-    /// Nothing more is made.
+    /// Rendering has ended.
     ended: bool,
-    /// The picture that was begun last, and the last one of what is compared with.
-    begun: Option<Made>,
-    begun_other: Option<Made>,
-    now: Option<Now>,
-    wants: Wants,
-    wants_other: bool,
-    /// When something new was last wanted.
-    changed: Option<Instant>,
-    /// What pictures at full size take, seconds; 0 as long as that is not known.
-    full_s: f64,
-    /// When it was last asked which frame is due, while it plays.
-    clock: Option<Instant>,
-    /// When pictures of the last second were finished.
-    finished: VecDeque<Instant>,
+    /// The last requested picture, and that of the A/B variant.
+    requested: Option<RenderKey>,
+    requested_variant: Option<RenderKey>,
+    displayed: Option<DisplayedPicture>,
+    outputs: RenderOutputs,
+    requests_variant: bool,
+    /// Time of the last change of the requested content.
+    last_change: Option<Instant>,
+    /// Render time at full size, s; 0 while unknown.
+    full_size_s: f64,
+    /// Last update of the playback clock.
+    last_tick: Option<Instant>,
+    /// Completion times of pictures in the last second.
+    finish_times: VecDeque<Instant>,
     pictures: u64,
     times: Times,
-    /// The device is gone, and with it every picture.
+    /// The device is lost, and all pictures with it.
     is_lost: bool,
-    /// Why the picture that was made last is none.
+    /// Error of the last picture.
     picture_problem: Option<String>,
-    /// The picture that was tried again, because the device failed at it.
-    tried_again: Option<Made>,
-    /// What was told last.
+    /// The picture that was requested again after a device error.
+    retried: Option<RenderKey>,
+    /// The last message.
     message: Option<Message>,
-    /// A camera in place of a recording.
+    /// A live camera that replaces the recording.
     live: Option<Live>,
 }
 
-/// What was done, or went wrong.
+/// A report of success or failure.
 #[derive(Debug)]
 struct Message {
     text: String,
-    is_wrong: bool,
-    /// The project's version and the frame when it was told: it goes when something else is done.
-    told_at: (u64, usize),
-    /// By the window's clock, once it was shown.
+    is_error: bool,
+    /// Project version and frame at the time of the message: it disappears after the next action.
+    shown_at: (u64, usize),
+    /// Time of the window's clock at which it was first shown.
     since_s: Option<f64>,
 }
 
-/// A message that was told a moment ago.
+/// A message that has just been shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NewMessage<'a> {
     pub text: &'a str,
-    pub is_wrong: bool,
+    pub is_error: bool,
 }
 
-/// As long as this a message can be read, whatever is done.
-const READ_S: f64 = 4.0;
+/// Shortest time for which a message stays visible, s.
+const MIN_MESSAGE_S: f64 = 4.0;
 
 impl Session {
     pub fn new(window: RenderState, ctx: &egui::Context, project: Project) -> Result<Self, String> {
@@ -126,185 +127,199 @@ impl Session {
             viewer,
             thumbnails,
             ended: false,
-            begun: None,
-            begun_other: None,
-            now: None,
-            wants: Wants::default(),
-            wants_other: false,
-            changed: None,
-            full_s: 0.0,
-            clock: None,
-            finished: VecDeque::new(),
+            requested: None,
+            requested_variant: None,
+            displayed: None,
+            outputs: RenderOutputs::default(),
+            requests_variant: false,
+            last_change: None,
+            full_size_s: 0.0,
+            last_tick: None,
+            finish_times: VecDeque::new(),
             pictures: 0,
             times: Times::default(),
             is_lost: false,
             picture_problem: None,
-            tried_again: None,
+            retried: None,
             message: None,
             live: None,
         };
         if !warnings.is_empty() {
-            session.say(warnings);
+            session.show_message(warnings);
         }
         Ok(session)
     }
 
-    /// The frame that is shown.
+    /// The displayed frame.
     pub fn frame(&self) -> Option<&Arc<Frame>> {
-        self.now.as_ref().map(|now| &now.frame)
+        self.displayed.as_ref().map(|displayed| &displayed.frame)
     }
 
-    /// Why no frame is shown yet.
-    pub fn lacking(&self) -> &'static str {
-        let camera = self.told().filter(|_| self.is_live() && self.newest().is_none());
-        without_picture(camera.map(|told| told.status.is_over), self.picture_problem.is_some())
+    /// Why no frame is displayed yet.
+    pub fn placeholder(&self) -> &'static str {
+        let camera = self.live_status().filter(|_| self.is_live() && self.newest().is_none());
+        placeholder_text(camera.map(|camera| camera.status.is_over), self.picture_problem.is_some())
     }
 
-    /// What is known of the picture that is shown.
+    /// Statistics of the displayed picture.
     pub fn stats(&self) -> Option<&FrameStats> {
-        self.now.as_ref()?.stats.as_ref()
+        self.displayed.as_ref()?.stats.as_ref()
     }
 
-    /// From now on until the window's next frame code values come with the pictures.
-    pub fn want_codes(&mut self) {
-        self.wants.codes = true;
+    /// Requests code values with the pictures until the next frame of the window.
+    pub fn request_codes(&mut self) {
+        self.outputs.codes = true;
     }
 
-    /// From now on until the window's next frame the GPU's times come with the pictures.
-    pub fn want_times(&mut self) {
-        self.wants.times = true;
+    /// Requests GPU times with the pictures until the next frame of the window.
+    pub fn request_times(&mut self) {
+        self.outputs.times = true;
     }
 
-    /// The GPU's time for each part of the pictures that came last.
+    /// GPU time of each part of the latest pictures.
     pub fn times(&self) -> &Times {
         &self.times
     }
 
-    /// From now on until the window's next frame a picture of what is compared with is made, too.
-    pub fn want_other(&mut self) {
-        self.wants_other = true;
+    /// Requests a picture of the A/B variant until the next frame of the window.
+    pub fn request_variant(&mut self) {
+        self.requests_variant = true;
     }
 
-    fn wanted_other(&self) -> Option<Made> {
-        Some(Made { version: self.project.other_version(), is_other: true, is_rough: false, ..self.begun? })
+    fn variant_key(&self) -> Option<RenderKey> {
+        Some(RenderKey {
+            version: self.project.variant_version(),
+            is_variant: true,
+            is_approximate: false,
+            ..self.requested?
+        })
     }
 
-    /// The code values of the picture that is shown, if somebody wanted them.
+    /// Code values of the displayed picture, if they were requested.
     pub fn codes(&self) -> Option<ShownCodes> {
-        let now = self.now.as_ref()?;
-        let pixels = Arc::clone(now.codes.as_ref()?);
-        Some(ShownCodes { frame: Arc::clone(&now.frame), version: now.made.version, pixels })
+        let displayed = self.displayed.as_ref()?;
+        let pixels = Arc::clone(displayed.codes.as_ref()?);
+        Some(ShownCodes { frame: Arc::clone(&displayed.frame), version: displayed.key.version, pixels })
     }
 
-    /// Pictures that were finished.
+    /// Number of finished pictures.
     pub fn pictures(&self) -> u64 {
         self.pictures
     }
 
-    /// Whether the graphics device is gone. Only a new start brings another.
+    /// True if the graphics device is lost. Only a restart creates another.
     pub fn is_lost(&self) -> bool {
         self.is_lost
     }
 
-    /// Whether the camera of the frame is unknown or incomplete: a profile is missing.
+    /// True if the camera of the frame is unknown or incomplete, for lack of a profile.
     pub fn lacks_camera(&self) -> bool {
         let camera = self.project.shot().geometry_at(self.player.frame());
         matches!(camera, Err(ShotError::NoCamera { .. } | ShotError::PartOfCamera { .. }))
     }
 
-    /// Pictures that were finished in the last second.
+    /// Number of pictures finished in the last second.
     pub fn pictures_per_s(&self) -> f64 {
-        self.finished.len() as f64
+        self.finish_times.len() as f64
     }
 
-    /// Tells what was done.
-    pub fn say(&mut self, text: impl Into<String>) {
-        self.tell(&text.into(), false);
+    /// Shows a message.
+    pub fn show_message(&mut self, text: impl Into<String>) {
+        self.set_message(&text.into(), false);
     }
 
-    pub fn said(&self) -> Option<&str> {
-        self.message.as_ref().filter(|message| !message.is_wrong).map(|message| message.text.as_str())
+    pub fn message(&self) -> Option<&str> {
+        self.message.as_ref().filter(|message| !message.is_error).map(|message| message.text.as_str())
     }
 
-    /// Tells what is wrong.
-    pub fn wrong(&mut self, text: impl Into<String>) {
-        self.tell(&text.into(), true);
+    /// Shows an error message.
+    pub fn show_error(&mut self, text: impl Into<String>) {
+        self.set_message(&text.into(), true);
     }
 
-    fn tell(&mut self, text: &str, is_wrong: bool) {
-        let told_at = (self.project.version(), self.player.frame());
-        self.message = Some(Message { text: without_options(text), is_wrong, told_at, since_s: None });
+    fn set_message(&mut self, text: &str, is_error: bool) {
+        let shown_at = (self.project.version(), self.player.frame());
+        self.message = Some(Message { text: without_options(text), is_error, shown_at, since_s: None });
     }
 
-    /// The message that was told last, as long as it is new at a time of the window's clock.
+    /// The last message, if it is still new at a time of the window's clock.
     pub fn new_message(&self, now_s: f64) -> Option<NewMessage<'_>> {
         let message = self.message.as_ref()?;
-        let is_new = message.since_s.is_none_or(|since_s| now_s - since_s < READ_S);
-        is_new.then_some(NewMessage { text: &message.text, is_wrong: message.is_wrong })
+        let is_new = message.since_s.is_none_or(|since_s| now_s - since_s < MIN_MESSAGE_S);
+        is_new.then_some(NewMessage { text: &message.text, is_error: message.is_error })
     }
 
-    /// Takes away a message that has been read, once something else is done.
-    fn forget(&mut self, ctx: &egui::Context) {
+    /// Removes a message that had time to be read, after another action.
+    fn expire_message(&mut self, ctx: &egui::Context) {
         let (now_s, done) = (ctx.input(|i| i.time), (self.project.version(), self.player.frame()));
         let Some(message) = &mut self.message else { return };
         let since_s = *message.since_s.get_or_insert(now_s);
-        let left_s = READ_S - (now_s - since_s);
+        let left_s = MIN_MESSAGE_S - (now_s - since_s);
         if left_s > 0.0 {
             ctx.request_repaint_after(Duration::from_secs_f64(left_s));
-        } else if message.told_at != done {
+        } else if message.shown_at != done {
             self.message = None;
         }
     }
 
     pub fn problem(&self) -> Option<&str> {
-        let told = self.message.as_ref().filter(|message| message.is_wrong).map(|message| message.text.as_str());
+        let message = self.message.as_ref().filter(|message| message.is_error).map(|message| message.text.as_str());
         let picture = self.picture_problem.as_deref();
-        // What to do about a device that is gone says more than that a picture failed.
-        let own = if self.is_lost { told.or(picture) } else { picture.or(told) };
+        // Advice about a lost device is more useful than the error of a picture.
+        let own = if self.is_lost { message.or(picture) } else { picture.or(message) };
         self.project.problem().or(own)
     }
 
-    fn wanted(&self) -> Made {
-        Made { frame: self.player.frame(), version: self.project.version(), is_other: false, by: 1, is_rough: false }
-    }
-
-    /// By which factor the picture that is shown is smaller than the camera's, because it had to come soon.
-    pub fn reduced_by(&self) -> u32 {
-        self.now.as_ref().map_or(1, |now| now.made.by)
-    }
-
-    /// The same for the next one, if it is new. What plays frame by frame is not in haste.
-    fn reduction(&self) -> u32 {
-        let recording = &self.project.shot().recording;
-        match self.player.playing && self.player.pace == Pace::EveryFrame {
-            true => 1,
-            false => reduction(self.full_s, recording.width.max(recording.height)),
+    fn current_key(&self) -> RenderKey {
+        RenderKey {
+            frame: self.player.frame(),
+            version: self.project.version(),
+            is_variant: false,
+            reduction: 1,
+            is_approximate: false,
         }
     }
 
-    /// Whether the picture that is shown is of another frame than the one that is chosen, which cannot be shown.
+    /// Reduction factor of the displayed picture.
+    pub fn reduced_by(&self) -> u32 {
+        self.displayed.as_ref().map_or(1, |displayed| displayed.key.reduction)
+    }
+
+    /// Reduction factor of the next picture with new content. Playback of every frame is always at
+    /// full size.
+    fn reduction(&self) -> u32 {
+        let recording = &self.project.shot().recording;
+        if self.player.playing && self.player.pace == Pace::EveryFrame {
+            1
+        } else {
+            reduction(self.full_size_s, recording.width.max(recording.height))
+        }
+    }
+
+    /// True if the selected frame cannot be shown and another one is displayed.
     pub fn is_stale(&self) -> bool {
-        let is_other = self.now.as_ref().is_some_and(|now| now.frame.index != self.player.frame());
-        is_other && self.picture_problem.is_some() && self.viewer.under_way() == 0
+        let is_other = self.displayed.as_ref().is_some_and(|displayed| displayed.frame.index != self.player.frame());
+        is_other && self.picture_problem.is_some() && self.viewer.in_flight() == 0
     }
 
-    /// Whether the picture that is shown is that of all that is set now, be it rough.
+    /// True if the displayed picture has the current content, at any quality.
     pub fn is_shown(&self) -> bool {
-        self.now.as_ref().is_some_and(|now| now.made.shows_as(&self.wanted()))
+        self.displayed.as_ref().is_some_and(|displayed| displayed.key.has_content_of(&self.current_key()))
     }
 
-    /// Whether the picture that is shown is that of all that is set now, is whole, and nothing is under way.
+    /// True if the displayed picture has the current content at full quality and nothing is in
+    /// flight.
     pub fn is_settled(&self) -> bool {
-        let is_shown = self.now.as_ref().is_some_and(|now| now.made == self.wanted());
-        is_shown && self.viewer.under_way() == 0
+        let is_shown = self.displayed.as_ref().is_some_and(|displayed| displayed.key == self.current_key());
+        is_shown && self.viewer.in_flight() == 0
     }
 
-    /// Takes what was made. To be called first in a frame of the window; never waits.
-    pub fn take(&mut self, ctx: &egui::Context) {
+    /// Takes finished work. Called first in a frame of the window; never blocks.
+    pub fn poll(&mut self, ctx: &egui::Context) {
         self.take_finished();
-        self.take_arrived(ctx);
-        self.forget(ctx);
-        // A device says that it is lost when it is looked after; the window's own shapes would break off without it.
+        self.poll_camera(ctx);
+        self.expire_message(ctx);
+        // Polling makes the device report its loss. Without it, egui's own drawing would panic.
         let gpu = self.viewer.gpu();
         self.is_lost |= gpu.poll().and(gpu.check()).is_err_and(|failure| failure.is_lost());
         if let Some(thumbnails) = &mut self.thumbnails {
@@ -312,27 +327,27 @@ impl Session {
         }
     }
 
-    /// Has made what is due now. To be called last in a frame of the window, so that what a person changed in it is made while
-    /// it is painted; never waits.
-    pub fn make(&mut self, ctx: &egui::Context) {
-        self.keep_time();
-        // What is dragged shows soonest where nothing else is under way; what plays is made ahead.
+    /// Requests due pictures. Called last in a frame of the window, so that rendering overlaps with
+    /// painting; never blocks.
+    pub fn request_pictures(&mut self, ctx: &egui::Context) {
+        self.advance_clock();
+        // During drags only one picture is in flight, for low latency; playback renders ahead.
         let most = if self.player.playing { 2 } else { 1 };
-        while self.viewer.under_way() < most && self.begin() {
-            self.begin_other();
+        while self.viewer.in_flight() < most && self.request_next() {
+            self.request_variant_picture();
             if self.player.playing {
                 self.player.advance(0.0, true);
             }
         }
-        if self.viewer.under_way() == 0 {
-            self.begin_other();
+        if self.viewer.in_flight() == 0 {
+            self.request_variant_picture();
         }
-        (self.wants, self.wants_other) = (Wants::default(), false);
-        // A picture that is under way wakes the window when it is finished.
-        if self.begun.is_some_and(|begun| begun.is_hasty()) && !self.player.playing {
-            ctx.request_repaint_after(QUIET);
+        (self.outputs, self.requests_variant) = (RenderOutputs::default(), false);
+        // A picture in flight wakes the window when it is finished.
+        if self.requested.is_some_and(|requested| requested.is_reduced()) && !self.player.playing {
+            ctx.request_repaint_after(FULL_SIZE_DELAY);
         }
-        if let Some(due_s) = self.player.due_in_s().filter(|_| self.viewer.under_way() == 0) {
+        if let Some(due_s) = self.player.due_in_s().filter(|_| self.viewer.in_flight() == 0) {
             ctx.request_repaint_after(Duration::from_secs_f64(due_s.max(0.001)));
         }
     }
@@ -341,24 +356,25 @@ impl Session {
         let instant = Instant::now();
         loop {
             match self.viewer.take() {
-                Ok(Some(Finished { made, frame, picture, took })) => {
-                    let (stats, codes, is_rough) = match picture {
+                Ok(Some(RenderResult { key, frame, picture, elapsed })) => {
+                    let (stats, codes, is_approximate) = match picture {
                         Ok(picture) => {
-                            if !made.is_other {
+                            if !key.is_variant {
                                 self.picture_problem = None;
-                                self.times.add(made.by, picture.times);
+                                self.times.add(key.reduction, picture.times);
                             }
-                            (Some(picture.stats), picture.codes, picture.is_rough)
+                            (Some(picture.stats), picture.codes, picture.is_approximate)
                         }
                         Err(error) => {
                             self.is_lost |= matches!(&error, ShotError::Gpu { source, .. } if source.is_lost());
                             self.picture_problem = Some(camera_text(&error));
-                            // What the device could not do for lack of time or memory may go the next time.
+                            // A failure for lack of time or memory may succeed at the second
+                            // attempt.
                             let is_devices = matches!(&error, ShotError::Gpu { .. });
-                            if is_devices && !self.is_lost && self.tried_again != Some(made) {
-                                (self.tried_again, self.begun) = (Some(made), None);
+                            if is_devices && !self.is_lost && self.retried != Some(key) {
+                                (self.retried, self.requested) = (Some(key), None);
                             }
-                            // What the window's own thread did wrong is over with this picture.
+                            // An error of the window's own thread ends with this picture.
                             self.is_lost |= self.viewer.gpu().take_failure().is_some_and(|failure| failure.is_lost());
                             (None, None, false)
                         }
@@ -367,31 +383,33 @@ impl Session {
                         self.player.play(false);
                         continue;
                     };
-                    if made.is_other {
+                    if key.is_variant {
                         continue;
                     }
                     if let Some(live) = &mut self.live {
-                        live.shown(frame.timestamp_s);
+                        live.frame_displayed(frame.timestamp_s);
                     }
-                    // Shadows that were known already are not rough.
-                    let shown = Made { is_rough, ..made };
-                    if self.begun == Some(made) {
-                        self.begun = Some(shown);
+                    // Cached shadows are not approximate.
+                    let shown = RenderKey { is_approximate, ..key };
+                    if self.requested == Some(key) {
+                        self.requested = Some(shown);
                     }
-                    self.now = Some(Now { made: shown, frame, stats, codes });
-                    self.finished.push_back(instant);
+                    self.displayed = Some(DisplayedPicture { key: shown, frame, stats, codes });
+                    self.finish_times.push_back(instant);
                     self.pictures += 1;
-                    // The first one makes pipelines, too, and one that stands waits for its shadows.
-                    if made.by == 1 && self.pictures > 1 && (made.is_rough || self.player.playing) {
-                        let took_s = took.as_secs_f64();
-                        self.full_s = if self.full_s == 0.0 { took_s } else { 0.5 * (self.full_s + took_s) };
+                    // The first picture includes creating pipelines, and a still picture waits for
+                    // its shadows.
+                    if key.reduction == 1 && self.pictures > 1 && (key.is_approximate || self.player.playing) {
+                        let elapsed_s = elapsed.as_secs_f64();
+                        self.full_size_s =
+                            if self.full_size_s == 0.0 { elapsed_s } else { 0.5 * (self.full_size_s + elapsed_s) };
                     }
                 }
                 Ok(None) => break,
                 Err(()) => return self.end("drawing has ended"),
             }
         }
-        self.finished.retain(|finished| instant.duration_since(*finished).as_secs_f64() < 1.0);
+        self.finish_times.retain(|finished| instant.duration_since(*finished).as_secs_f64() < 1.0);
     }
 
     fn end(&mut self, why: &str) {
@@ -399,62 +417,65 @@ impl Session {
         self.picture_problem.get_or_insert_with(|| format!("{why}: save your work and open it again"));
     }
 
-    fn keep_time(&mut self) {
+    fn advance_clock(&mut self) {
         if !self.player.playing {
-            self.clock = None;
+            self.last_tick = None;
             return;
         }
         let instant = Instant::now();
-        let passed_s = self.clock.map_or(0.0, |before| instant.duration_since(before).as_secs_f64());
-        self.clock = Some(instant);
-        let is_begun = self.begun.is_some_and(|begun| begun.frame == self.player.frame());
-        self.player.advance(passed_s, is_begun);
+        let passed_s = self.last_tick.map_or(0.0, |before| instant.duration_since(before).as_secs_f64());
+        self.last_tick = Some(instant);
+        let is_requested = self.requested.is_some_and(|requested| requested.frame == self.player.frame());
+        self.player.advance(passed_s, is_requested);
     }
 
-    /// Begins the due frame's picture, if there is something new in it.
-    fn begin(&mut self) -> bool {
-        let wanted = self.wanted();
-        let lacks_codes = self.wants.codes && self.is_settled() && self.stats().is_some() && self.codes().is_none();
-        let begun = self.begun.filter(|begun| begun.shows_as(&wanted));
-        let is_quiet = !self.player.playing && self.changed.is_none_or(|changed| changed.elapsed() >= QUIET);
-        let was_hasty = begun.is_some_and(|begun| begun.is_hasty()) && is_quiet && self.viewer.under_way() == 0;
-        if self.ended || self.is_lost || begun.is_some() && !lacks_codes && !was_hasty {
+    /// Requests the picture of the due frame if its content is new.
+    fn request_next(&mut self) -> bool {
+        let current_key = self.current_key();
+        let lacks_codes = self.outputs.codes && self.is_settled() && self.stats().is_some() && self.codes().is_none();
+        let requested = self.requested.filter(|requested| requested.has_content_of(&current_key));
+        let is_quiet =
+            !self.player.playing && self.last_change.is_none_or(|last_change| last_change.elapsed() >= FULL_SIZE_DELAY);
+        let was_reduced =
+            requested.is_some_and(|requested| requested.is_reduced()) && is_quiet && self.viewer.in_flight() == 0;
+        if self.ended || self.is_lost || requested.is_some() && !lacks_codes && !was_reduced {
             return false;
         }
-        // A camera's first frame is still to come.
+        // Waits for the first frame of a camera.
         if self.is_live() && self.newest().is_none() {
             return false;
         }
-        let by = if begun.is_some() { 1 } else { self.reduction() };
-        if begun.is_none() {
-            self.changed = Some(Instant::now());
+        let reduction = if requested.is_some() { 1 } else { self.reduction() };
+        if requested.is_none() {
+            self.last_change = Some(Instant::now());
         }
-        // What plays has its shadows after its first picture.
-        let is_rough = begun.is_none() && !self.player.playing;
-        let made = Made { by, is_rough, ..wanted };
-        self.viewer.begin(made, self.project.shot().clone(), self.newest(), self.wants);
-        self.begun = Some(made);
+        // During playback, shadows follow after the first picture.
+        let is_approximate = requested.is_none() && !self.player.playing;
+        let key = RenderKey { reduction, is_approximate, ..current_key };
+        self.viewer.begin(key, self.project.shot().clone(), self.newest(), self.outputs);
+        self.requested = Some(key);
         true
     }
 
-    /// Begins a picture of what is compared with, of the frame that was begun last.
-    fn begin_other(&mut self) {
-        let Some(wanted) = self.wanted_other().filter(|_| self.wants_other && !self.ended && !self.is_lost) else {
+    /// Requests a picture of the A/B variant for the last requested frame.
+    fn request_variant_picture(&mut self) {
+        let Some(variant_key) = self.variant_key().filter(|_| self.requests_variant && !self.ended && !self.is_lost)
+        else {
             return;
         };
-        if self.begun_other == Some(wanted) {
+        if self.requested_variant == Some(variant_key) {
             return;
         }
-        if let Some(shot) = self.project.other_shot() {
-            self.viewer.begin(wanted, shot, self.newest(), Wants::default());
-            self.begun_other = Some(wanted);
+        if let Some(shot) = self.project.variant_shot() {
+            self.viewer.begin(variant_key, shot, self.newest(), RenderOutputs::default());
+            self.requested_variant = Some(variant_key);
         }
     }
 }
 
-/// Why there is no picture. `is_over`: whether a camera that has given no frame has ended; `None`
-/// where there is a frame. `has_failed`: its picture could not be made.
-fn without_picture(is_over: Option<bool>, has_failed: bool) -> &'static str {
+/// Text in place of a picture. `is_over`: whether a camera without a first frame has ended; `None`
+/// if there is a frame. `has_failed`: rendering failed.
+fn placeholder_text(is_over: Option<bool>, has_failed: bool) -> &'static str {
     match is_over {
         Some(true) => "The video has ended without a picture",
         Some(false) => "Waiting for the camera's first picture",
@@ -463,10 +484,13 @@ fn without_picture(is_over: Option<bool>, has_failed: bool) -> &'static str {
     }
 }
 
-/// The factor, a power of two, by which pictures that take so long at full size are made smaller.
-fn reduction(full_s: f64, side_px: u32) -> u32 {
+/// Reduction factor, a power of two, for a render time at full size.
+fn reduction(full_size_s: f64, side_px: u32) -> u32 {
     let mut by = 1;
-    while full_s > SLOW_S && full_s / f64::from(by * by) > WANTED_S && side_px / (2 * by) >= LEAST_PX {
+    while full_size_s > SLOW_RENDER_S
+        && full_size_s / f64::from(by * by) > TARGET_RENDER_S
+        && side_px / (2 * by) >= MIN_REDUCED_SIDE_PX
+    {
         by *= 2;
     }
     by
@@ -474,22 +498,22 @@ fn reduction(full_s: f64, side_px: u32) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use super::{reduction, without_picture};
+    use super::{placeholder_text, reduction};
 
     #[test]
-    fn a_picture_is_promised_only_where_it_comes() {
-        assert_eq!(without_picture(Some(true), false), "The video has ended without a picture");
-        assert_eq!(without_picture(Some(false), false), "Waiting for the camera's first picture");
-        assert_eq!(without_picture(None, true), "This frame cannot be shown");
-        assert_eq!(without_picture(None, false), "The first picture is being made");
+    fn placeholder_text_matches_the_reason() {
+        assert_eq!(placeholder_text(Some(true), false), "The video has ended without a picture");
+        assert_eq!(placeholder_text(Some(false), false), "Waiting for the camera's first picture");
+        assert_eq!(placeholder_text(None, true), "This frame cannot be shown");
+        assert_eq!(placeholder_text(None, false), "The first picture is being made");
     }
 
     #[test]
-    fn what_is_quick_or_small_is_never_made_smaller() {
+    fn fast_or_small_pictures_are_not_reduced() {
         assert_eq!(reduction(0.0, 3840), 1, "not known yet");
         assert_eq!(reduction(0.07, 3840), 1);
         assert_eq!(reduction(3.0, 640), 1);
-        // A quarter of 0.19 s is less than 0.05 s, of 0.21 s it is not.
+        // A quarter of 0.19 s is below 0.05 s, a quarter of 0.21 s is not.
         assert_eq!(reduction(0.19, 3840), 2);
         assert_eq!(reduction(0.21, 3840), 4);
         assert_eq!(reduction(9.0, 3840), 4, "960 px; 480 are too few");

@@ -5,9 +5,9 @@ use glam::DVec2;
 
 use super::calibrating::Calibrating;
 use super::controls::Controls;
-use super::hand::Hand;
 use super::matching::{self, Matching};
 use super::picture::Seen;
+use super::region_picker::RegionPicker;
 use super::session::Session;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -31,11 +31,11 @@ pub struct Side {
 
 impl Side {
     /// Shows the tab that is chosen. Values that are refused are given back as text.
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) -> Option<String> {
-        fixed(ui, |ui| self.within(ui, session, hand))
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, picker: &mut RegionPicker) -> Option<String> {
+        fixed(ui, |ui| self.within(ui, session, picker))
     }
 
-    fn within(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) -> Option<String> {
+    fn within(&mut self, ui: &mut Ui, session: &mut Session, picker: &mut RegionPicker) -> Option<String> {
         // Whatever tab is shown: a person holds a board.
         self.calibrating.look(session);
         let before = self.tab;
@@ -47,7 +47,7 @@ impl Side {
         ui.separator();
         if self.tab != before {
             // What another tab asks for goes with it.
-            hand.cancel();
+            picker.cancel();
         }
         if self.tab != Tab::Match {
             self.matching.rest();
@@ -62,9 +62,9 @@ impl Side {
             }
             Tab::Match => {
                 let picked = self.calibrating.points();
-                self.matching.show(ui, session, hand, self.pointed, picked);
+                self.matching.show(ui, session, picker, self.pointed, picked);
             }
-            Tab::Calibrate => self.calibrating.show(ui, session, hand),
+            Tab::Calibrate => self.calibrating.show(ui, session, picker),
         }
         None
     }

@@ -7,29 +7,29 @@ use eframe::egui::{self, Ui};
 use eframe::egui_wgpu::RenderState;
 
 use super::actions::{self, Action};
-use super::air::Air;
 use super::app::App;
-use super::autosave::Left;
-use super::chooser::{Begin, Chooser, Chosen, Seeks};
+use super::autosave::RecoverableWork;
+use super::camera_dialog::CameraDialog;
+use super::chooser::{Chooser, ChooserMode, ChooserResult, StartLocation};
 use super::dialogs;
-use super::errand::Errand;
+use super::documents::DocumentSwitch;
 use super::fit;
-use super::habits::{Habits, Use};
-use super::keeper::Turn;
 use super::keys;
 use super::kind::Kind;
-use super::looking::Looking;
 use super::message::MessageWindow;
 use super::opening::Opening;
 use super::painter;
+use super::preferences::{FolderUse, Preferences};
 use super::question::Answer;
-use super::recent::{Opened, Recent};
+use super::recent::{DocumentRef, Recent};
+use super::recovery_search::RecoverySearch;
 use super::saving::DEMO;
+use super::task::BackgroundTask;
 use super::theme;
 use locard_engine::assets;
 
 /// Something that was opened, with the work that is taken up in it.
-type Begun = (Turn, Option<Left>);
+type Begun = (DocumentSwitch, Option<RecoverableWork>);
 
 /// See above.
 pub struct Start {
@@ -37,18 +37,18 @@ pub struct Start {
     /// Where work is kept.
     folder: Option<PathBuf>,
     recent: Recent,
-    habits: Habits,
-    left: Vec<Left>,
-    looking: Option<Looking>,
+    preferences: Preferences,
+    recoverable: Vec<RecoverableWork>,
+    recovery_search: Option<RecoverySearch>,
     chooser: Option<Chooser>,
     /// Where the demonstration was looked for.
     places: Vec<PathBuf>,
-    air: Option<Air>,
+    camera_dialog: Option<CameraDialog>,
     /// As it was answered last.
-    aired: Option<Air>,
+    last_camera_dialog: Option<CameraDialog>,
     opening: Option<Opening>,
     /// What was dropped, and what it is.
-    looked_at: Option<(PathBuf, Errand<Kind>)>,
+    looked_at: Option<(PathBuf, BackgroundTask<Kind>)>,
     told: Option<MessageWindow>,
     shows_keys: bool,
     /// What became of it.
@@ -61,23 +61,24 @@ impl Start {
         let ctx = &context.egui_ctx;
         theme::install(ctx);
         // From the first frame on: it keeps the textures that egui hands over once.
-        let window = painter::of_window(context)?;
+        let window = painter::take_over(context)?;
         let read = |name: &str| folder.map(|folder| folder.join(name));
-        let habits = read("habits.json").map_or_else(Habits::default, Habits::read);
-        ctx.set_theme(habits.theme());
+        let preferences = read("habits.json").map_or_else(Preferences::default, Preferences::read);
+        ctx.set_theme(preferences.theme());
         let wake = ctx.clone();
-        let looking = read("work").and_then(|work| Looking::begin(work, move || wake.request_repaint()).ok());
+        let recovery_search =
+            read("work").and_then(|work| RecoverySearch::begin(work, move || wake.request_repaint()).ok());
         Ok(Self {
             window,
             folder: folder.map(Path::to_owned),
             recent: read("recent.json").map_or_else(Recent::default, Recent::read),
-            habits,
-            left: Vec::new(),
-            looking,
+            preferences,
+            recoverable: Vec::new(),
+            recovery_search,
             chooser: None,
             places: assets::folders(),
-            air: None,
-            aired: None,
+            camera_dialog: None,
+            last_camera_dialog: None,
             opening: None,
             looked_at: None,
             told: None,
@@ -91,9 +92,9 @@ impl Start {
         self.app.as_deref()
     }
 
-    fn begin(&mut self, ctx: &egui::Context, opened: Opened, left: Option<Left>) {
+    fn begin(&mut self, ctx: &egui::Context, opened: DocumentRef, recoverable: Option<RecoverableWork>) {
         let wake = ctx.clone();
-        match Opening::begin(opened, left, false, move || wake.request_repaint()) {
+        match Opening::begin(opened, recoverable, false, move || wake.request_repaint()) {
             Ok(opening) => self.opening = Some(opening),
             Err(error) => {
                 self.told = Some(MessageWindow::new(format!("No thread can be started that opens it: {error}")))
@@ -103,8 +104,8 @@ impl Start {
 
     fn drop(&mut self, ctx: &egui::Context, path: PathBuf) {
         let (wake, dropped) = (ctx.clone(), path.clone());
-        match Errand::begin("looking", move || wake.request_repaint(), move || Kind::of(&dropped)) {
-            Ok(looking) => self.looked_at = Some((path, looking)),
+        match BackgroundTask::spawn("looking", move || wake.request_repaint(), move || Kind::of(&dropped)) {
+            Ok(recovery_search) => self.looked_at = Some((path, recovery_search)),
             Err(error) => {
                 self.told = Some(MessageWindow::new(format!("No thread can be started that opens it: {error}")))
             }
@@ -112,9 +113,9 @@ impl Start {
     }
 
     fn chooses(&mut self) {
-        let last = self.habits.folder(Use::Recording).map(Path::to_owned);
-        let begin = Begin::within(last.into_iter().chain(std::env::home_dir()));
-        self.chooser = Some(Chooser::new("Open a recording", Seeks::Recording, begin));
+        let last = self.preferences.folder(FolderUse::Recording).map(Path::to_owned);
+        let begin = StartLocation::within(last.into_iter().chain(std::env::home_dir()));
+        self.chooser = Some(Chooser::new("Open a recording", ChooserMode::Recording, begin));
     }
 
     /// One frame of the window. Gives what was opened.
@@ -125,7 +126,7 @@ impl Start {
         if let Some((path, kind)) = self.looked_at.take() {
             match kind.take() {
                 None => self.looked_at = Some((path, kind)),
-                Some(Ok(Kind::Recording)) => self.begin(ctx, Opened::recording(path), None),
+                Some(Ok(Kind::Recording)) => self.begin(ctx, DocumentRef::recording(path), None),
                 Some(Ok(Kind::Neither(why)) | Err(why)) => self.told = Some(MessageWindow::new(why)),
                 Some(Ok(Kind::Scene | Kind::Profile | Kind::Model)) => {
                     let why = format!("{}: open a recording first, then drop it again", path.display());
@@ -136,18 +137,21 @@ impl Start {
         if let Some(opening) = self.opening.take() {
             match opening.take() {
                 Err(opening) => {
-                    dialogs::opening(ctx, opening.what());
+                    dialogs::show_opening(ctx, opening.what());
                     self.opening = Some(*opening);
                 }
                 Ok(done) => match done.project {
                     Ok((project, camera)) => {
-                        return Some((Turn { project: *project, camera, at: done.opened.at }, done.left));
+                        return Some((
+                            DocumentSwitch { project: *project, camera, at: done.opened.at },
+                            done.recoverable,
+                        ));
                     }
                     Err(refused) => {
-                        self.left.extend(done.left);
+                        self.recoverable.extend(done.recoverable);
                         // The dialog is there again, with all that was typed.
-                        match self.aired.take().filter(|_| done.opened.camera.is_some()) {
-                            Some(air) => self.air = Some(air.refused(refused.why)),
+                        match self.last_camera_dialog.take().filter(|_| done.opened.camera.is_some()) {
+                            Some(camera_dialog) => self.camera_dialog = Some(camera_dialog.with_error(refused.why)),
                             None => self.told = Some(MessageWindow::new(refused.why)),
                         }
                     }
@@ -158,36 +162,36 @@ impl Start {
         if let Some(chooser) = &mut self.chooser {
             match chooser.show(ctx) {
                 None => {}
-                Some(Chosen::Nothing) => self.chooser = None,
-                Some(Chosen::Path { path, .. }) => {
+                Some(ChooserResult::Cancelled) => self.chooser = None,
+                Some(ChooserResult::Path { path, .. }) => {
                     self.chooser = None;
-                    self.habits.used(Use::Recording, &path);
+                    self.preferences.remember_folder(FolderUse::Recording, &path);
                     self.drop(ctx, path);
                 }
             }
             return None;
         }
-        if let Some(air) = &mut self.air {
-            match air.show(ctx) {
+        if let Some(camera_dialog) = &mut self.camera_dialog {
+            match camera_dialog.show(ctx) {
                 Some(Some(opened)) => {
-                    self.aired = self.air.take();
+                    self.last_camera_dialog = self.camera_dialog.take();
                     self.begin(ctx, opened, None);
                 }
-                Some(None) => self.air = None,
+                Some(None) => self.camera_dialog = None,
                 None => {}
             }
             return None;
         }
-        if let Some(left) = self.looking.as_mut().and_then(Looking::take) {
-            (self.left, self.looking) = (left, None);
+        if let Some(recoverable) = self.recovery_search.as_mut().and_then(RecoverySearch::take) {
+            (self.recoverable, self.recovery_search) = (recoverable, None);
         }
-        if let Some(left) = self.left.pop() {
-            match dialogs::left(ctx, &left.work) {
-                Some(Answer::Yes) => self.begin(ctx, left.opened(), Some(left)),
-                Some(Answer::No) => left.throw_away(),
+        if let Some(recoverable) = self.recoverable.pop() {
+            match dialogs::offer_recovery(ctx, &recoverable.work) {
+                Some(Answer::Yes) => self.begin(ctx, recoverable.document(), Some(recoverable)),
+                Some(Answer::No) => recoverable.discard(),
                 // It stays where it is, and is offered at the next start.
-                Some(Answer::Cancel) => drop(left),
-                None => self.left.push(left),
+                Some(Answer::Cancel) => drop(recoverable),
+                None => self.recoverable.push(recoverable),
             }
             return None;
         }
@@ -203,11 +207,11 @@ impl Start {
         }
         keys::show(ctx, &mut self.shows_keys);
         let places: Vec<PathBuf> = self.places.iter().map(|folder| folder.join(DEMO)).collect();
-        match dialogs::start(ctx, self.recent.shown(ctx), dialogs::Behind::Nothing(&places)) {
-            Some(dialogs::Start::Open) => self.chooses(),
-            Some(dialogs::Start::Camera) => self.air = Some(Air::new(ctx, None, None)),
-            Some(dialogs::Start::Recent(opened)) => self.begin(ctx, *opened, None),
-            Some(dialogs::Start::Leave) | None => {}
+        match dialogs::show_start(ctx, self.recent.entries(ctx), dialogs::StartBackground::Nothing(&places)) {
+            Some(dialogs::StartChoice::Open) => self.chooses(),
+            Some(dialogs::StartChoice::Camera) => self.camera_dialog = Some(CameraDialog::new(ctx, None, None)),
+            Some(dialogs::StartChoice::Recent(opened)) => self.begin(ctx, *opened, None),
+            Some(dialogs::StartChoice::Continue) | None => {}
         }
         if let Some(message) = &mut self.told
             && message.show(ctx)
@@ -230,15 +234,15 @@ impl eframe::App for Start {
         let ctx = ui.ctx().clone();
         fit::to_screen(&ctx);
         egui::CentralPanel::default().show(ui, |_| ());
-        let Some((turn, left)) = self.show(&ctx) else { return };
+        let Some((turn, recoverable)) = self.show(&ctx) else { return };
         match App::begin(&ctx, self.window.clone(), turn.project, turn.camera) {
             Ok(mut app) => {
                 // What is left is the tuner's to offer from now on.
-                (self.left, self.looking, self.recent) = (Vec::new(), None, Recent::default());
+                (self.recoverable, self.recovery_search, self.recent) = (Vec::new(), None, Recent::default());
                 if let Some(folder) = &self.folder {
-                    app.keep_in(folder);
+                    app.set_state_folder(folder);
                 }
-                app.go_on(turn.at, left);
+                app.restore_view(turn.at, recoverable);
                 self.app = Some(Box::new(app));
                 ctx.request_repaint();
             }

@@ -7,7 +7,7 @@ use eframe::egui::TextureId;
 use eframe::egui_wgpu::RenderState;
 
 use super::canvas;
-use super::maker::{FORMAT, Finished, Made, Maker, Order, Wants};
+use super::frame_renderer::{FORMAT, FrameRenderer, RenderKey, RenderOutputs, RenderRequest, RenderResult};
 use locard_engine::frame::Frame;
 use locard_engine::gpu::Gpu;
 use locard_engine::pixels::{Codes, Pixels, eight_bits};
@@ -28,7 +28,7 @@ pub struct Shown {
 pub struct Viewer {
     gpu: Gpu,
     window: RenderState,
-    maker: Maker,
+    renderer: FrameRenderer,
     /// One picture is shown while others are drawn, in order; the rest is free.
     shown: Option<Shown>,
     /// The picture that it is compared with.
@@ -44,8 +44,17 @@ impl Viewer {
     pub fn new(window: RenderState, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
         let gpu = Gpu::adopt(&window.adapter, window.device.clone(), window.queue.clone());
         canvas::prepare(&window);
-        let maker = Maker::new(&gpu, wake)?;
-        Ok(Self { gpu, window, maker, shown: None, other: None, drawn: VecDeque::new(), free: Vec::new(), plain: None })
+        let renderer = FrameRenderer::new(&gpu, wake)?;
+        Ok(Self {
+            gpu,
+            window,
+            renderer,
+            shown: None,
+            other: None,
+            drawn: VecDeque::new(),
+            free: Vec::new(),
+            plain: None,
+        })
     }
 
     pub fn gpu(&self) -> &Gpu {
@@ -57,8 +66,8 @@ impl Viewer {
     }
 
     /// How many pictures are not finished.
-    pub fn under_way(&self) -> usize {
-        self.maker.under_way()
+    pub fn in_flight(&self) -> usize {
+        self.renderer.in_flight()
     }
 
     /// The composite that was finished last; `None` where it failed.
@@ -92,21 +101,21 @@ impl Viewer {
         &self.plain.insert((frame.index, plain)).1
     }
 
-    /// Begins a frame's composite as all is set in the shot; `given` is a camera's frame.
-    pub fn begin(&mut self, made: Made, shot: Shot, given: Option<Arc<Frame>>, wants: Wants) {
+    /// Begins a frame's composite as all is set in the shot; `live_frame` is a camera's frame.
+    pub fn begin(&mut self, key: RenderKey, shot: Shot, live_frame: Option<Arc<Frame>>, outputs: RenderOutputs) {
         let size = (shot.recording.width, shot.recording.height);
-        let picture = fitting(&self.window, self.free.pop(), size, made.by);
+        let picture = fitting(&self.window, self.free.pop(), size, key.reduction);
         let texture = picture.texture.clone();
         self.drawn.push_back(picture);
-        self.maker.make(Order { made, shot, given, texture, wants });
+        self.renderer.make(RenderRequest { key, shot, live_frame, texture, outputs });
     }
 
     /// The next picture that is finished, which is shown from now on; `Err` where nothing more will come.
-    pub fn take(&mut self) -> Result<Option<Finished>, ()> {
-        let finished = self.maker.take()?;
+    pub fn take(&mut self) -> Result<Option<RenderResult>, ()> {
+        let finished = self.renderer.take()?;
         if let Some(finished) = &finished {
             let drawn = self.drawn.pop_front();
-            let place = if finished.made.is_other { &mut self.other } else { &mut self.shown };
+            let place = if finished.key.is_variant { &mut self.other } else { &mut self.shown };
             let (now, failed) = if finished.picture.is_ok() { (drawn, None) } else { (None, drawn) };
             self.free.extend(std::mem::replace(place, now).into_iter().chain(failed));
         }
@@ -134,8 +143,8 @@ fn free(window: &RenderState, picture: &Shown) {
 }
 
 /// A picture of that size, its texture smaller by a factor: the one that was there where it fits.
-fn fitting(window: &RenderState, before: Option<Shown>, size: (u32, u32), by: u32) -> Shown {
-    let (width, height) = ((size.0 / by).max(1), (size.1 / by).max(1));
+fn fitting(window: &RenderState, before: Option<Shown>, size: (u32, u32), reduction: u32) -> Shown {
+    let (width, height) = ((size.0 / reduction).max(1), (size.1 / reduction).max(1));
     if let Some(before) = before {
         if before.size == size && (before.texture.width(), before.texture.height()) == (width, height) {
             return before;

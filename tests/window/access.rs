@@ -69,7 +69,7 @@ fn the_library_is_walked_by_keys() {
     settle(&mut window);
     press(&mut window, Key::ArrowDown);
     press(&mut window, Key::Enter);
-    assert_eq!(window.state().project().edit().scene.entries().len(), before + 1, "{:?}", window.state().said());
+    assert_eq!(window.state().project().edit().scene.entries().len(), before + 1, "{:?}", window.state().message());
 }
 
 /// Whether there is a dialog of that name.

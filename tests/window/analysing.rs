@@ -17,7 +17,7 @@ use locard::params::Value;
 use locard::recording::OpenOptions;
 use locard::shot::{AnalysisState, Given, Shot};
 use locard::simulate::{self, Flaws, Options};
-use locard::window::{App, DEMO_SCENE, Project, State};
+use locard::window::{App, DEMO_SCENE, JobState, Project};
 
 /// Number of frames, and the frame that is shown.
 fn frames() -> usize {
@@ -63,7 +63,7 @@ fn open(site: &Path) -> Harness<'static, App> {
 }
 
 fn all_over(app: &App) -> bool {
-    app.keeper().jobs().is_some_and(|jobs| !jobs.is_busy() && jobs.entries.iter().all(|entry| entry.state.is_over()))
+    app.documents().jobs().is_some_and(|jobs| !jobs.is_busy() && jobs.entries.iter().all(|entry| entry.state.is_over()))
 }
 
 fn press(window: &mut Harness<'_, App>, label: &str) {
@@ -104,12 +104,12 @@ fn footage_is_analysed_and_taken_over_where_one_is() {
     until(&mut window, all_over);
     settle(&mut window);
     let app = window.state();
-    let entries = &app.keeper().jobs().unwrap().entries;
-    assert!(matches!(&entries[0].state, State::Done(said) if said.contains("poses refined")), "{entries:?}");
+    let entries = &app.documents().jobs().unwrap().entries;
+    assert!(matches!(&entries[0].state, JobState::Done(said) if said.contains("poses refined")), "{entries:?}");
     assert!(!has(&window, "Analyse") && !has(&window, "The analysis of this footage is not used"));
     let AnalysisState::Used(at, findings) = &app.project().shot().analysis else { panic!("it is not used") };
     assert!(at.canonicalize().unwrap() == analysis.canonicalize().unwrap() && findings.registration.is_refined());
-    assert!(app.said().unwrap().contains("poses refined"), "{:?}", app.said());
+    assert!(app.message().unwrap().contains("poses refined"), "{:?}", app.message());
 
     // The frame, what is set and the past have stayed; it is drawn as the program draws it.
     assert_eq!((app.player().frame(), app.project().value("noise", "scale")), (frame(), Some(Value::Number(0.5))));
@@ -151,7 +151,7 @@ fn an_analysis_that_is_cancelled_leaves_all_as_it_was() {
     press(&mut window, "Cancel the analysis");
     until(&mut window, all_over);
     let app = window.state();
-    assert_eq!(app.keeper().jobs().unwrap().entries[0].state, State::Cancelled);
+    assert_eq!(app.documents().jobs().unwrap().entries[0].state, JobState::Cancelled);
     assert_eq!(app.project().shot().analysis, AnalysisState::Absent);
     assert!(!site.with_file_name("site.analysis").exists());
     window.run_steps(3);

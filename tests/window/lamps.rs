@@ -181,7 +181,7 @@ fn a_lamp_in_the_picture_goes_where_the_pointer_goes() {
     assert_eq!(window.state().project().edit().scene.stance(LAMP).unwrap().size, Size::LargestM(0.08));
     let before = window.state().project().edit().clone();
     press_key(&mut window, Key::R);
-    assert!(window.state().said().is_some_and(|said| said.contains("nothing to turn")));
+    assert!(window.state().message().is_some_and(|said| said.contains("nothing to turn")));
     types(&mut window, "45");
     press_key(&mut window, Key::Enter);
     press_key(&mut window, Key::H);

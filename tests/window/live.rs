@@ -137,7 +137,7 @@ fn what_is_recorded_while_it_is_seen_gives_the_same_pictures() {
     for (frame, codes) in seen {
         assert!(codes == composited(&shot, frame), "frame {frame}");
     }
-    assert!(window.state().said().unwrap().starts_with("Recorded "), "{:?}", window.state().said());
+    assert!(window.state().message().unwrap().starts_with("Recorded "), "{:?}", window.state().message());
 }
 
 #[test]

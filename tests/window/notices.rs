@@ -183,7 +183,7 @@ fn a_profile_after_a_refusal_is_opened_for_the_recording_that_was_refused() {
     }]);
     std::fs::write(state.join("recent.json"), stale.to_string()).unwrap();
     let mut window = window(open(&demo()), SIZE);
-    window.state_mut().keep_in(&state);
+    window.state_mut().set_state_folder(&state);
     window.state_mut().show_start(true);
     window.run_steps(3);
     press(&mut window, "garage");
@@ -268,7 +268,7 @@ fn warnings_of_a_recording_stay_in_view_and_a_click_shows_them_whole() {
     }
     window.state_mut().project_mut().switch("noise", false);
     window.run_steps(3);
-    assert!(window.state().said().is_none() && has(&window, "2 warnings"));
+    assert!(window.state().message().is_none() && has(&window, "2 warnings"));
     press(&mut window, "2 warnings");
     assert!(is_dialog(&window, "Message") && window.query_all_by_label_contains(hlg).count() > 0);
 }

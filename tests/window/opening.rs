@@ -27,7 +27,7 @@ fn high_dynamic_range_is_told_as_the_recording_opens() {
     let project = Project::open(folder.path(), &OpenOptions::default(), &given).unwrap();
     let mut window = window_without_picture(project);
     window.run_steps(2);
-    let said = window.state().said().unwrap().to_owned();
+    let said = window.state().message().unwrap().to_owned();
     assert!(said.contains("HLG") && has(&window, &said), "{said}");
 }
 

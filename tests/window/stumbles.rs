@@ -286,7 +286,7 @@ fn it_opens_again_where_it_was_left() {
     let other = temp.path().join("other");
     program::copied(&demo(), &other);
     let mut window = open();
-    window.state_mut().keep_in(&temp.path().join("state"));
+    window.state_mut().set_state_folder(&temp.path().join("state"));
     window.state_mut().player_mut().seek(demo_frame(20));
     settle(&mut window);
     window.state_mut().view.zoom = Some(4.0);

@@ -179,7 +179,7 @@ fn what_is_saved_opens_again_and_comments_stay() {
     window.get_by_role_and_label(Role::CheckBox, "Camera: lens: Focus distance is given").click();
     settle(&mut window);
     let project = window.state().project();
-    assert!(!project.is_saved() && project.origin("noise", "scale") == Origin::Person);
+    assert!(!project.is_saved() && project.origin("noise", "scale") == Origin::User);
     window.state_mut().project_mut().save_profile(&profile).unwrap();
     assert!(window.state().project().is_saved());
     let saved = std::fs::read_to_string(&profile).unwrap();

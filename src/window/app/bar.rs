@@ -7,11 +7,12 @@ use super::super::titles;
 use super::App;
 use locard_engine::text::shown;
 
-/// The share of the window's width that a recording's name may take.
+/// Largest share of the window's width for the recording's name.
 const NAME_SHARE: f32 = 0.16;
 
 impl App {
-    /// The recording's folder with the one above it, cut where it is long, so that the buttons beside it keep their places.
+    /// The recording's folder and its parent. Long names are elided so that the buttons keep their
+    /// places.
     fn recording_name(&self, ui: &mut Ui) {
         let name = shown(&titles::of_recording(&self.session.project));
         let room = NAME_SHARE * ui.ctx().content_rect().width();
@@ -26,17 +27,19 @@ impl App {
         ui.horizontal_wrapped(|ui| {
             self.recording_name(ui);
             if self.session.is_live() {
-                // As long as the name of what is frozen is, so that nothing beside it moves.
+                // Reserves the width of the suffix of a frozen recording, so that nothing beside it
+                // moves.
                 let room = egui::RichText::new(FROZEN).strong().color(egui::Color32::TRANSPARENT);
                 ui.label(room);
             }
-            // It keeps its room, so that nothing beside it moves.
-            let unsaved_mark = egui::RichText::new("•").color(match self.session.project.is_saved() {
-                true => egui::Color32::TRANSPARENT,
-                false => ui.visuals().strong_text_color(),
+            // Always laid out, so that nothing beside it moves.
+            let unsaved_mark = egui::RichText::new("•").color(if self.session.project.is_saved() {
+                egui::Color32::TRANSPARENT
+            } else {
+                ui.visuals().strong_text_color()
             });
             ui.label(unsaved_mark);
-            self.keeper.menu(ui, &mut self.session);
+            self.documents.menu(ui, &mut self.session);
             ui.separator();
             let (undo, redo) = (self.session.project.history().can_undo(), self.session.project.history().can_redo());
             if ui.add_enabled(undo, egui::Button::new("Undo")).on_hover_text("Ctrl+Z").clicked() {
@@ -48,9 +51,9 @@ impl App {
             ui.toggle_value(&mut self.shows_history, "History");
             let unsaved = !self.session.project.is_saved();
             if ui.add_enabled(unsaved, egui::Button::new("Save")).on_hover_text("Ctrl+S").clicked() {
-                self.keeper.save();
+                self.documents.save();
             }
-            ui.toggle_value(&mut self.keeper.shows_output, "Export").on_hover_text("Ctrl+E");
+            ui.toggle_value(&mut self.documents.is_output_open, "Export").on_hover_text("Ctrl+E");
             ui.separator();
             if ui.selectable_label(self.view.zoom.is_none(), "Fit").on_hover_text("F").clicked() {
                 self.view.zoom = None;
@@ -71,7 +74,7 @@ impl App {
                 for (name, is_edited) in [("A", !edits_b), ("B", edits_b)] {
                     let label = ui.selectable_label(is_edited, name).on_hover_text("Shift+B: edit the other one");
                     if label.clicked() && !is_edited {
-                        self.session.project.exchange();
+                        self.session.project.swap_variant();
                     }
                 }
                 let text = if edits_b { "B to A" } else { "A to B" };

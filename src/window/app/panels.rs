@@ -39,8 +39,8 @@ pub struct PanelTabs {
 }
 
 impl PanelTabs {
-    /// Shows the evidence as soon as a model is being placed or a file of the scene is missing: the
-    /// controls for it are there.
+    /// Shows the evidence tab when placing a model starts or a scene file is missing: their
+    /// controls are there.
     fn follow(&mut self, is_placing: bool, is_missing: bool) {
         if is_placing && !self.was_placing || is_missing && !self.was_missing {
             self.shown = PanelTab::Evidence;
@@ -54,12 +54,12 @@ impl PanelTabs {
     }
 }
 
-/// How the panels share a window's width.
+/// Layout of the panels for a window's width.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum PanelLayout {
-    /// Both at widths that the user drags, together up to `both`.
+    /// Both, with widths set by the user, together at most `both`.
     Resizable { both: f32 },
-    /// Both, as wide as there is room.
+    /// Both, as wide as the space allows.
     Fixed { left: f32, right: f32 },
     /// One at a time.
     Single { width: f32 },
@@ -80,18 +80,18 @@ impl PanelLayout {
 }
 
 impl App {
-    /// State of the evidence that holds whether or not its panel is shown.
+    /// Updates evidence state that does not depend on whether its panel is shown.
     pub(super) fn update_evidence(&mut self) {
         let project = &self.session.project;
         self.evidence.update_selection(project);
-        // The request that was begun last holds.
+        // The newest request wins.
         if self.evidence.is_busy() {
             self.lamps.cancel();
         }
         self.panel_tabs.follow(self.evidence.is_placing(), missing::is_any_needed(project));
     }
 
-    /// Shows the panels. Each layout has panels of its own, which keep their dragged widths.
+    /// Shows the panels. Each layout has separate panels, which remember their widths.
     pub(super) fn panels(&mut self, ui: &mut Ui, frame: Frame) {
         match PanelLayout::of(ui.ctx().content_rect().width()) {
             PanelLayout::Resizable { both } => {
@@ -133,10 +133,10 @@ impl App {
         let frame = session.frame().cloned();
         let gpu = session.viewer.gpu();
         let (evidence, lamps) = (&mut self.evidence, &mut self.lamps);
-        let wrong = fixed(ui, |ui| {
+        let error = fixed(ui, |ui| {
             let scrolled = egui::ScrollArea::vertical().show(ui, |ui| {
                 let of_evidence = evidence.show(ui, &mut session.project, gpu, frame.as_ref());
-                // The request that was begun last holds.
+                // The newest request wins.
                 if evidence.is_busy() {
                     lamps.cancel();
                 }
@@ -148,16 +148,16 @@ impl App {
             });
             scrolled.inner
         });
-        if let Some(wrong) = wrong {
-            self.session.say(wrong);
+        if let Some(error) = error {
+            self.session.show_message(error);
         }
     }
 
     /// Settings, plots and calibration, with the offer to analyse the footage above them.
     fn adjustments_panel(&mut self, ui: &mut Ui) {
-        self.keeper.offers(ui, &mut self.session);
-        if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.hand) {
-            self.session.say(refused);
+        self.documents.show_analysis_offer(ui, &mut self.session);
+        if let Some(refused) = self.side.show(ui, &mut self.session, &mut self.region_picker) {
+            self.session.show_message(refused);
         }
     }
 }

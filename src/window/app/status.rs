@@ -8,11 +8,10 @@ use super::App;
 use locard_engine::text::count;
 
 /// Tooltip of the message.
-const HINT: &str = "Click to read and copy the whole message";
+const TOOLTIP: &str = "Click to read and copy the whole message";
 
 impl App {
-    /// Shows the status bar. It has its height without a message too, so that nothing above it
-    /// moves.
+    /// Shows the status bar. Its height is constant, so that nothing above it moves.
     pub(super) fn status(&mut self, ui: &mut Ui) {
         let height = ui.text_style_height(&egui::TextStyle::Body);
         let size = egui::vec2(ui.available_width(), height);
@@ -21,15 +20,15 @@ impl App {
             self.warning_mark(ui);
             let Some((text, color)) = self.status_text(ui) else { return };
             let label = Label::new(RichText::new(&text).color(color)).truncate().show_tooltip_when_elided(false);
-            // Not selectable: a part of the cut text is of no use.
+            // Not selectable, because the text may be cut off.
             let response = ui.add(label.selectable(false).sense(Sense::click()));
-            if response.on_hover_cursor(egui::CursorIcon::PointingHand).on_hover_text(HINT).clicked() {
-                self.keeper.message = Some(MessageWindow::new(text));
+            if response.on_hover_cursor(egui::CursorIcon::PointingHand).on_hover_text(TOOLTIP).clicked() {
+                self.documents.message = Some(MessageWindow::new(text));
             }
         });
     }
 
-    /// Shows a mark as long as a recording with warnings is open. A click shows them whole.
+    /// Shows a mark while the recording has warnings. A click shows them in full.
     fn warning_mark(&mut self, ui: &mut Ui) {
         let warnings = self.warnings.of(&self.session.project);
         if warnings.is_empty() {
@@ -40,25 +39,25 @@ impl App {
         let label = Label::new(RichText::new(mark).color(ui.visuals().warn_fg_color));
         let response = ui.add(label.selectable(false).sense(Sense::click())) | sign;
         if response.on_hover_cursor(egui::CursorIcon::PointingHand).on_hover_text(&text).clicked() {
-            self.keeper.message = Some(MessageWindow::new(text));
+            self.documents.message = Some(MessageWindow::new(text));
         }
         ui.separator();
     }
 
-    /// The text and its colour. A new message covers a lasting problem until it has been read.
+    /// The text and its colour. A new message covers a persistent problem until it has been read.
     fn status_text(&self, ui: &Ui) -> Option<(String, Color32)> {
         let visuals = ui.visuals();
         if let Some(new) = self.session.new_message(ui.input(|i| i.time)) {
-            let color = if new.is_wrong { visuals.error_fg_color } else { visuals.text_color() };
+            let color = if new.is_error { visuals.error_fg_color } else { visuals.text_color() };
             return Some((new.text.to_owned(), color));
         }
         if let Some(problem) = self.session.problem() {
             return Some((problem.to_owned(), visuals.error_fg_color));
         }
-        if let Some(said) = self.session.said() {
-            return Some((said.to_owned(), visuals.weak_text_color()));
+        if let Some(message) = self.session.message() {
+            return Some((message.to_owned(), visuals.weak_text_color()));
         }
-        // The panel of a live camera reports it.
+        // A live camera's panel reports it instead.
         let stats = self.session.stats().filter(|_| !self.session.is_live())?;
         let why = stats.no_pose.as_ref()?;
         Some((format!("No camera position for this frame; evidence hidden ({why})"), visuals.warn_fg_color))

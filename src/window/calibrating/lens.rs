@@ -79,7 +79,7 @@ impl Lens {
         self.found = None;
         match Views::begin(size, &session.project.edit().rig.response, move || wake.request_repaint()) {
             Ok(views) => self.views = Some(views),
-            Err(why) => session.wrong(why),
+            Err(why) => session.show_error(why),
         }
     }
 
@@ -110,7 +110,7 @@ impl Lens {
         match parts::take_or_leave(ui, "camera", is_taken) {
             Some(true) => {
                 session.project.set_geometry(&calibrated.geometry);
-                session.say(
+                session.show_message(
                     "Taken: the camera that was measured. Save it, and open the camera again: its tags are read with it then",
                 );
             }

@@ -6,12 +6,12 @@ use std::sync::Arc;
 use eframe::egui::{self, DragValue, RichText, Ui};
 
 use super::super::background::{Background, Ticket};
+use super::super::calibration_messages;
 use super::super::fields::typed;
-use super::super::hand::{Hand, Purpose, Question};
 use super::super::matching::curve;
 use super::super::plots::{self, Axes, Of};
 use super::super::progress;
-use super::super::reasons;
+use super::super::region_picker::{RegionPicker, RegionPrompt, RegionPurpose};
 use super::super::session::Session;
 use super::parts::{self, Asked, Picked, Verdict};
 use locard_engine::calibrate::{
@@ -106,22 +106,22 @@ impl Noise {
     }
 
     /// Takes what was picked.
-    pub fn answers(&mut self, session: &Session, hand: &mut Hand) {
-        if let Some(picked) = parts::answer(hand, Purpose::PlainPlace, session) {
+    pub fn answers(&mut self, session: &Session, picker: &mut RegionPicker) {
+        if let Some(picked) = parts::answer(picker, RegionPurpose::PlainPlace, session) {
             self.places.push(picked);
             self.verdicts.push(Verdict::Waits);
         }
     }
 
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) {
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, picker: &mut RegionPicker) {
         parts::aside(ui, "Pick places of one colour, dark ones and bright ones: paper, walls, a table.");
-        let wanted = Question {
-            purpose: Purpose::PlainPlace,
+        let wanted = RegionPrompt {
+            purpose: RegionPurpose::PlainPlace,
             hint: "Drag rectangles over places of one colour, without shadows or texture",
-            least_px: least_px(self.motion()),
+            min_side_px: least_px(self.motion()),
             repeats: true,
         };
-        hand.button(ui, "Pick plain places", wanted);
+        picker.button(ui, "Pick plain places", wanted);
         self.frames(ui, session);
         if self.places.is_empty() {
             return;
@@ -227,7 +227,7 @@ impl Noise {
         ui.label(RichText::new(text).small());
         let used = self.verdicts.iter().enumerate().filter(|(_, verdict)| matches!(verdict, Verdict::Good(_)));
         let used: Vec<usize> = used.map(|(n, _)| n + 1).collect();
-        found.warnings.iter().for_each(|warning| parts::aside(ui, reasons::odd(warning, &used)));
+        found.warnings.iter().for_each(|warning| parts::aside(ui, calibration_messages::noise_warning(warning, &used)));
         if let Some(over) = present.as_ref().and_then(|present| far_over(&found.points, present)) {
             let text = format!(
                 "These places show {} times the noise that the present profile has there. Texture, shadows and dirt count as noise \
@@ -239,7 +239,7 @@ impl Noise {
         match parts::take_or_leave(ui, "noise", is_taken) {
             Some(true) => {
                 session.project.set_noise(found.profile.clone());
-                session.say("Taken: the noise that was measured");
+                session.show_message("Taken: the noise that was measured");
             }
             Some(false) => {
                 self.places.clear();
@@ -274,7 +274,7 @@ fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseOf, ticket: &Ticket) -> Fo
     };
     let noise = match found.noise {
         Err(PickedError::NoneFit) => None,
-        noise => Some(noise.map_err(|error| reasons::of_places(&error))),
+        noise => Some(noise.map_err(|error| calibration_messages::picked_error(&error))),
     };
     Found { verdicts: (0..of.places.len()).map(verdict).collect(), noise }
 }
@@ -297,7 +297,7 @@ fn read(shot: &Shot, shown: &Frame, of: &NoiseOf, ticket: &Ticket) -> Result<Vec
         let pixels = &read.as_ref().unwrap_or(shown).pixels;
         for (place, picked) in places.iter_mut().zip(&of.places) {
             if of.motion == SceneMotion::Resting || picked.frame == *frame {
-                place.add(pixels).map_err(|error| reasons::of_places(&error))?;
+                place.add(pixels).map_err(|error| calibration_messages::picked_error(&error))?;
             }
         }
         ticket.done((n + 1) as f64 / wanted.len() as f64);

@@ -2,7 +2,7 @@
 
 use eframe::egui::{self, Align, Layout, RichText, Ui, vec2};
 
-use super::super::hand::{self, Hand, Purpose};
+use super::super::region_picker::{self, RegionPicker, RegionPurpose};
 use super::super::session::Session;
 use locard_engine::pixels::Rect;
 
@@ -14,8 +14,8 @@ pub struct Picked {
 }
 
 /// The place of the frame that is shown which was asked for, if it was picked now.
-pub fn answer(hand: &mut Hand, purpose: Purpose, session: &Session) -> Option<Picked> {
-    let at = hand.answer(purpose).and_then(|places| hand::rect(&places))?;
+pub fn answer(picker: &mut RegionPicker, purpose: RegionPurpose, session: &Session) -> Option<Picked> {
+    let at = picker.take_region(purpose).and_then(|places| region_picker::pixel_rect(&places))?;
     Some(Picked { frame: session.frame()?.index, at })
 }
 

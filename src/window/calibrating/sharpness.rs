@@ -4,10 +4,10 @@ use eframe::egui::{RichText, Ui};
 
 use super::super::analysis::{self, Refused, moved_px};
 use super::super::background::{Background, Ticket};
-use super::super::hand::{Hand, Purpose, Question};
 use super::super::matching::{GOOD_EDGE, draw_edge, light, refused, width_of};
 use super::super::plots::{self, Axes, Of};
 use super::super::progress;
+use super::super::region_picker::{RegionPicker, RegionPrompt, RegionPurpose};
 use super::super::session::Session;
 use super::parts::{self, Asked, Picked, Verdict};
 use locard_engine::calibrate::sharpness::{self, PARAMETER, together};
@@ -45,17 +45,18 @@ impl Sharpness {
     }
 
     /// Takes what was picked.
-    pub fn answers(&mut self, session: &Session, hand: &mut Hand) {
-        if let Some(picked) = parts::answer(hand, Purpose::Edge, session) {
+    pub fn answers(&mut self, session: &Session, picker: &mut RegionPicker) {
+        if let Some(picked) = parts::answer(picker, RegionPurpose::Edge, session) {
             self.edges.push(picked);
             self.verdicts.push(Verdict::Waits);
         }
     }
 
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hand: &mut Hand) {
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, picker: &mut RegionPicker) {
         parts::aside(ui, "Pick straight edges between two plain places, in focus, best while the camera rests.");
-        let wanted = Question { purpose: Purpose::Edge, hint: GOOD_EDGE, least_px: FEWEST_PX, repeats: true };
-        hand.button(ui, "Pick edges", wanted);
+        let wanted =
+            RegionPrompt { purpose: RegionPurpose::Edge, hint: GOOD_EDGE, min_side_px: FEWEST_PX, repeats: true };
+        picker.button(ui, "Pick edges", wanted);
         if self.edges.is_empty() {
             return;
         }
@@ -130,9 +131,9 @@ impl Sharpness {
             Some(true) => match session.project.set(table, name, &taken) {
                 Ok(()) => {
                     session.project.close_step();
-                    session.say("Taken: the sharpness that was measured");
+                    session.show_message("Taken: the sharpness that was measured");
                 }
-                Err(error) => session.say(error.to_string()),
+                Err(error) => session.show_message(error.to_string()),
             },
             Some(false) => {
                 self.edges.clear();

@@ -1,161 +1,167 @@
-//! What the disk is asked when a dialog opens, and when something is entered in it. Each of these may take its time, and is
-//! done on a thread of its own.
+//! Disk access of the chooser when it opens and when a path is entered. Each operation may be slow
+//! and runs on a background thread.
 
 use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
 
-use super::listed::Seeks;
+use super::listing::ChooserMode;
 use locard_engine::photo::series_there;
 use locard_engine::recording::Recording;
 use locard_engine::text::reason;
 
-/// Where a dialog may begin, and what else it offers.
+/// Candidates for the start folder, and further folders to offer.
 #[derive(Clone, Debug, Default)]
-pub struct Begin {
-    /// The first of them that is there; else what is there of the first one.
+pub struct StartLocation {
+    /// The first existing folder is used; else the nearest existing parent of the first one.
     pub folders: Vec<PathBuf>,
-    /// The name that is proposed for a new file.
+    /// Proposed name of a new file.
     pub name: String,
-    /// What a folder is called, and where it is; those that are not there are left out.
+    /// Labelled folders; missing ones are left out.
     pub places: Vec<(&'static str, PathBuf)>,
 }
 
-impl Begin {
-    /// In the folder of a file, with its name.
+impl StartLocation {
+    /// The folder and name of a file.
     pub fn at(file: &Path) -> Self {
         let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
         let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         Self { folders: file.parent().map(Path::to_owned).into_iter().collect(), name, places: Vec::new() }
     }
 
-    /// In the first of these that is there.
+    /// The first existing folder.
     pub fn within(folders: impl IntoIterator<Item = PathBuf>) -> Self {
         Self { folders: folders.into_iter().collect(), ..Self::default() }
     }
 
-    /// Asks the disk.
-    pub fn found(self) -> Begun {
-        let there = self.folders.iter().find(|folder| folder.is_dir()).cloned();
+    /// Checks the candidates on disk.
+    pub fn resolve(self) -> ResolvedStart {
+        let existing = self.folders.iter().find(|folder| folder.is_dir()).cloned();
         let of_first = || self.folders.first()?.ancestors().find(|folder| folder.is_dir()).map(Path::to_owned);
-        let folder = there.or_else(of_first).or_else(std::env::home_dir).unwrap_or_default();
-        // The folders above it are shown.
+        let folder = existing.or_else(of_first).or_else(std::env::home_dir).unwrap_or_default();
+        // The parent folders are displayed.
         let has_parents = folder.components().any(|part| part == Component::ParentDir);
         let folder = folder.canonicalize().ok().filter(|_| has_parents).unwrap_or(folder);
-        let places = self.places.into_iter().filter_map(|(called, folder)| {
-            Some((called, folder.canonicalize().ok().filter(|folder| folder.is_dir())?))
-        });
-        Begun { folder, places: places.collect() }
+        let places = self
+            .places
+            .into_iter()
+            .filter_map(|(label, folder)| Some((label, folder.canonicalize().ok().filter(|folder| folder.is_dir())?)));
+        ResolvedStart { folder, places: places.collect() }
     }
 }
 
-/// Where it begins.
+/// The resolved start folder.
 #[derive(Clone, Debug)]
-pub struct Begun {
+pub struct ResolvedStart {
     pub folder: PathBuf,
     pub places: Vec<(&'static str, PathBuf)>,
 }
 
-/// How it ended.
+/// Result of the dialog.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Chosen {
+pub enum ChooserResult {
     Path {
         path: PathBuf,
-        /// What is there may be replaced: it was asked.
+        /// The user confirmed the replacement of existing files.
         replaces: bool,
     },
-    Nothing,
+    Cancelled,
 }
 
-impl Chosen {
-    pub fn free(path: PathBuf) -> Self {
+impl ChooserResult {
+    pub fn new_path(path: PathBuf) -> Self {
         Self::Path { path, replaces: false }
     }
 }
 
-/// What was entered.
+/// An entry to check on disk.
 #[derive(Clone, Debug)]
-pub struct Entered {
-    pub seeks: Seeks,
-    /// The folder that is shown.
+pub struct EnteredPath {
+    pub mode: ChooserMode,
+    /// The displayed folder.
     pub folder: PathBuf,
-    /// What is meant; `None` where nothing is typed.
+    /// Entered path; `None` if the field is empty.
     pub path: Option<PathBuf>,
-    /// The only one in the list whose name has what is typed.
+    /// The only list entry that contains the typed text.
     pub only: Option<PathBuf>,
 }
 
-/// What comes of it.
+/// Outcome of an entry.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Taken {
-    /// It is chosen.
+pub enum EntryOutcome {
+    /// The path is chosen.
     Path(PathBuf),
-    /// It is shown.
+    /// The folder is to be displayed.
     Folder(PathBuf),
-    /// It is to be asked whether it may be replaced, with the files that are there of a series.
-    Asks { path: PathBuf, there: Vec<PathBuf> },
-    /// It is not accepted.
-    Told(String),
+    /// Replacement needs confirmation, possibly of the existing files of a series.
+    ConfirmReplace { path: PathBuf, existing: Vec<PathBuf> },
+    /// The entry is rejected with a message.
+    Rejected(String),
 }
 
-impl Entered {
-    /// Asks the disk.
-    pub fn taken(self) -> Taken {
-        let Self { seeks, folder, path, only } = self;
+impl EnteredPath {
+    /// Checks the entry on disk.
+    pub fn check(self) -> EntryOutcome {
+        let Self { mode, folder, path, only } = self;
         let Some(path) = path else {
-            return match seeks {
-                Seeks::NewFolder | Seeks::EmptyFolder => taken(seeks, folder),
-                Seeks::Recording if Recording::is_at(&folder) => taken(seeks, folder),
-                Seeks::Recording => {
-                    Taken::Told("There is no recording in this folder: go to one that is marked".to_owned())
+            return match mode {
+                ChooserMode::NewFolder | ChooserMode::EmptyFolder => outcome(mode, folder),
+                ChooserMode::Recording if Recording::is_at(&folder) => outcome(mode, folder),
+                ChooserMode::Recording => {
+                    EntryOutcome::Rejected("There is no recording in this folder: go to one that is marked".to_owned())
                 }
-                _ => Taken::Told("Choose a file, or type its name".to_owned()),
+                _ => EntryOutcome::Rejected("Choose a file, or type its name".to_owned()),
             };
         };
-        if seeks.is_new() || path.exists() {
-            return taken(seeks, path);
+        if mode.is_new() || path.exists() {
+            return outcome(mode, path);
         }
-        only.map_or_else(|| Taken::Told(format!("There is no {}", path.display())), |only| taken(seeks, only))
+        only.map_or_else(
+            || EntryOutcome::Rejected(format!("There is no {}", path.display())),
+            |only| outcome(mode, only),
+        )
     }
 }
 
-fn taken(seeks: Seeks, path: PathBuf) -> Taken {
-    match seeks {
-        Seeks::Recording if path.is_dir() && !Recording::is_at(&path) => Taken::Folder(path),
-        Seeks::File(_) | Seeks::NewFile(_) | Seeks::NewSeries(_) if path.is_dir() => Taken::Folder(path),
-        Seeks::File(_) | Seeks::Recording => Taken::Path(path),
-        Seeks::NewFile(endings) | Seeks::NewSeries(endings) => {
+fn outcome(mode: ChooserMode, path: PathBuf) -> EntryOutcome {
+    match mode {
+        ChooserMode::Recording if path.is_dir() && !Recording::is_at(&path) => EntryOutcome::Folder(path),
+        ChooserMode::File(_) | ChooserMode::NewFile(_) | ChooserMode::NewSeries(_) if path.is_dir() => {
+            EntryOutcome::Folder(path)
+        }
+        ChooserMode::File(_) | ChooserMode::Recording => EntryOutcome::Path(path),
+        ChooserMode::NewFile(endings) | ChooserMode::NewSeries(endings) => {
             let path = match path.extension() {
                 Some(_) => path,
                 None => path.with_extension(endings.first().unwrap_or(&"")),
             };
-            let is_series = matches!(seeks, Seeks::NewSeries(_));
-            let there = if is_series { series_there(&path) } else { Vec::new() };
-            match if is_series { there.is_empty() } else { !path.exists() } {
-                true => Taken::Path(path),
-                false => Taken::Asks { path, there },
-            }
+            let is_series = matches!(mode, ChooserMode::NewSeries(_));
+            let existing = if is_series { series_there(&path) } else { Vec::new() };
+            let is_free = if is_series { existing.is_empty() } else { !path.exists() };
+            if is_free { EntryOutcome::Path(path) } else { EntryOutcome::ConfirmReplace { path, existing } }
         }
-        Seeks::NewFolder | Seeks::EmptyFolder => {
+        ChooserMode::NewFolder | ChooserMode::EmptyFolder => {
             let is_free = !std::fs::read_dir(&path).is_ok_and(|mut entries| entries.next().is_some());
-            match seeks {
-                _ if is_free => Taken::Path(path),
-                Seeks::EmptyFolder => Taken::Told(format!("There are files in {}: name a new folder", path.display())),
-                _ => Taken::Asks { path, there: Vec::new() },
+            match mode {
+                _ if is_free => EntryOutcome::Path(path),
+                ChooserMode::EmptyFolder => {
+                    EntryOutcome::Rejected(format!("There are files in {}: name a new folder", path.display()))
+                }
+                _ => EntryOutcome::ConfirmReplace { path, existing: Vec::new() },
             }
         }
     }
 }
 
-/// Makes a folder, to be shown then.
-pub fn make(folder: PathBuf) -> Taken {
+/// Creates a folder, to be displayed.
+pub fn make(folder: PathBuf) -> EntryOutcome {
     match std::fs::create_dir(&folder) {
-        Ok(()) => Taken::Folder(folder),
+        Ok(()) => EntryOutcome::Folder(folder),
         Err(error) => {
             let why = match error.kind() {
                 ErrorKind::AlreadyExists => "it is there already; choose another name".to_owned(),
                 _ => reason(&error),
             };
-            Taken::Told(format!("{} is not made: {why}", folder.display()))
+            EntryOutcome::Rejected(format!("{} is not made: {why}", folder.display()))
         }
     }
 }
@@ -165,29 +171,29 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_begins_in_the_first_folder_that_is_there() {
+    fn start_folder_is_the_first_existing_one() {
         let temp = tempfile::tempdir().unwrap();
         let here = temp.path().canonicalize().unwrap();
         let inner = here.join("in");
         std::fs::create_dir(&inner).unwrap();
-        let found = |folders: &[&Path]| Begin::within(folders.iter().map(|f| f.to_path_buf())).found().folder;
+        let found = |folders: &[&Path]| StartLocation::within(folders.iter().map(|f| f.to_path_buf())).resolve().folder;
         assert_eq!(found(&[&here.join("gone"), &inner, &here]), inner);
         assert_eq!(found(&[&here.join("gone/too"), &here.join("none")]), here, "what is there of the first");
-        let at = Begin::at(&inner.join("mine.toml"));
-        assert_eq!((at.name.as_str(), at.clone().found().folder), ("mine.toml", inner.clone()));
+        let at = StartLocation::at(&inner.join("mine.toml"));
+        assert_eq!((at.name.as_str(), at.clone().resolve().folder), ("mine.toml", inner.clone()));
         let places = vec![("there", inner.join("../in")), ("gone", here.join("gone"))];
-        assert_eq!(Begin { places, ..at }.found().places, [("there", inner)]);
+        assert_eq!(StartLocation { places, ..at }.resolve().places, [("there", inner)]);
     }
 
     #[test]
-    fn a_folder_is_made_once() {
+    fn existing_folder_is_not_created_again() {
         let temp = tempfile::tempdir().unwrap();
         let made = temp.path().join("case 7");
-        assert_eq!(make(made.clone()), Taken::Folder(made.clone()));
+        assert_eq!(make(made.clone()), EntryOutcome::Folder(made.clone()));
         assert!(made.is_dir());
         std::fs::write(made.join("kept"), "").unwrap();
-        let Taken::Told(why) = make(made.clone()) else { panic!("it is there already") };
+        let EntryOutcome::Rejected(why) = make(made.clone()) else { panic!("it is there already") };
         assert!(why.contains("case 7 is not made: ") && made.join("kept").exists(), "{why}");
-        assert!(matches!(make(temp.path().join("no/such")), Taken::Told(_)));
+        assert!(matches!(make(temp.path().join("no/such")), EntryOutcome::Rejected(_)));
     }
 }

@@ -1,60 +1,60 @@
-//! What becomes of a name or a path that is entered: the disk says it.
+//! Checks an entered name or path on disk.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use eframe::egui::Context;
 
-use super::super::errand::Errand;
+use super::super::task::BackgroundTask;
 use super::Chooser;
-use super::disk::{Chosen, Entered, Taken};
+use super::disk::{ChooserResult, EnteredPath, EntryOutcome};
 use locard_engine::text::reason;
 
-/// Something that was entered, of which the disk has not said yet what it is.
+/// An entry that is being checked.
 #[derive(Debug)]
-pub struct Entering {
-    taken: Errand<Taken>,
+pub struct PendingEntry {
+    outcome: BackgroundTask<EntryOutcome>,
     since: Instant,
-    /// What stood in the field: what is typed meanwhile is meant for what comes then.
+    /// Text of the field at the time of the entry. Text typed since then applies to the result.
     name: String,
-    /// And was entered, too.
+    /// The text typed since then was entered too.
     again: bool,
 }
 
-/// A disk that takes longer is told.
-const PATIENCE: Duration = Duration::from_millis(300);
+/// A message is shown for a slower disk.
+const SLOW_DISK: Duration = Duration::from_millis(300);
 
-impl Entering {
+impl PendingEntry {
     pub fn is_slow(&self) -> bool {
-        self.since.elapsed() >= PATIENCE
+        self.since.elapsed() >= SLOW_DISK
     }
 }
 
 impl Chooser {
-    /// Has the disk asked what was entered.
-    pub(super) fn ask(&mut self, ctx: &Context, ask: impl FnOnce() -> Taken + Send + 'static) {
+    /// Starts checking an entry.
+    pub(super) fn start_entry(&mut self, ctx: &Context, check: impl FnOnce() -> EntryOutcome + Send + 'static) {
         let wake = ctx.clone();
-        match Errand::begin("chooser", move || wake.request_repaint(), ask) {
-            Ok(taken) => {
+        match BackgroundTask::spawn("chooser", move || wake.request_repaint(), check) {
+            Ok(outcome) => {
                 let (since, name) = (Instant::now(), self.name.clone());
-                self.entering = Some(Entering { taken, since, name, again: false });
+                self.pending_entry = Some(PendingEntry { outcome, since, name, again: false });
             }
-            Err(error) => self.told = Some(reason(&error)),
+            Err(error) => self.message = Some(reason(&error)),
         }
     }
 
-    /// Takes what the disk said.
-    pub(super) fn asked(&mut self, ctx: &Context) -> Option<Chosen> {
-        let entering = self.entering.as_ref()?;
-        let Some(taken) = entering.taken.take() else {
-            ctx.request_repaint_after(PATIENCE.saturating_sub(entering.since.elapsed()));
+    /// Handles the result of the check.
+    pub(super) fn poll_entry(&mut self, ctx: &Context) -> Option<ChooserResult> {
+        let entering = self.pending_entry.as_ref()?;
+        let Some(outcome) = entering.outcome.take() else {
+            ctx.request_repaint_after(SLOW_DISK.saturating_sub(entering.since.elapsed()));
             return None;
         };
-        let Entering { name, again, .. } = self.entering.take()?;
+        let PendingEntry { name, again, .. } = self.pending_entry.take()?;
         let typed = (self.name != name).then(|| self.name.clone());
-        let chosen = self.settle(taken.unwrap_or_else(Taken::Told));
+        let chosen = self.apply_outcome(outcome.unwrap_or_else(EntryOutcome::Rejected));
         if let Some(typed) = typed {
-            (self.name, self.is_typed, self.wants_keys) = (typed, true, false);
+            (self.name, self.is_typed, self.wants_focus) = (typed, true, false);
             if again {
                 self.enter(ctx);
             }
@@ -62,79 +62,81 @@ impl Chooser {
         chosen
     }
 
-    fn settle(&mut self, taken: Taken) -> Option<Chosen> {
-        match taken {
-            Taken::Path(path) => return Some(Chosen::free(path)),
-            Taken::Folder(folder) => {
-                // A name that is proposed for a new file is kept by whoever goes into a folder that is made for it.
-                if self.makes.is_none() {
+    fn apply_outcome(&mut self, outcome: EntryOutcome) -> Option<ChooserResult> {
+        match outcome {
+            EntryOutcome::Path(path) => return Some(ChooserResult::new_path(path)),
+            EntryOutcome::Folder(folder) => {
+                // A proposed file name is kept when the user enters a folder that was created for
+                // it.
+                if self.new_folder.is_none() {
                     self.name.clear();
                 }
-                self.go(folder);
+                self.show_folder(folder);
             }
-            Taken::Asks { path, there } => self.replaces = Some((path, there)),
-            Taken::Told(why) => self.told = Some(why),
+            EntryOutcome::ConfirmReplace { path, existing } => self.replace_candidate = Some((path, existing)),
+            EntryOutcome::Rejected(why) => self.message = Some(why),
         }
         None
     }
 
     pub(super) fn enter(&mut self, ctx: &Context) {
-        match &mut self.entering {
+        match &mut self.pending_entry {
             Some(entering) => entering.again = self.name != entering.name,
             None => {
-                self.told = None;
-                let entered = self.entered();
-                self.ask(ctx, move || entered.taken());
+                self.message = None;
+                let entry = self.typed_entry();
+                self.start_entry(ctx, move || entry.check());
             }
         }
     }
 
-    /// Enters one of the list.
+    /// Enters an item of the list.
     pub(super) fn enter_path(&mut self, ctx: &Context, path: PathBuf) {
-        let entered = Entered { path: Some(path), only: None, ..self.entered() };
-        self.ask(ctx, move || entered.taken());
+        let entry = EnteredPath { path: Some(path), only: None, ..self.typed_entry() };
+        self.start_entry(ctx, move || entry.check());
     }
 
-    /// What is typed, or the only thing that is left of the list by it.
-    fn entered(&self) -> Entered {
-        let (typed, (folder, part)) = (self.name.trim(), self.looks_in());
+    /// The typed path, or the only list item that matches it.
+    fn typed_entry(&self) -> EnteredPath {
+        let (typed, (folder, part)) = (self.name.trim(), self.displayed_folder());
         let part = if self.is_typed { part } else { typed.to_lowercase() };
-        let listed = self.listed.iter().filter(|listing| listing.folder == folder);
+        let listed = self.listing.iter().filter(|listing| listing.folder == folder);
         let entries = listed.flat_map(|listing| listing.entries.iter().flatten());
         let mut like = entries.filter(|entry| entry.name.to_lowercase().contains(&part));
         let only = like.next().map(|entry| folder.join(&entry.name)).filter(|_| like.next().is_none());
-        let path = (!typed.is_empty()).then(|| self.meant(typed));
-        Entered { seeks: self.seeks, folder: self.folder.clone(), path, only }
+        let path = (!typed.is_empty()).then(|| self.resolve(typed));
+        EnteredPath { mode: self.mode, folder: self.folder.clone(), path, only }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::disk::Begin;
-    use super::super::listed::{Listing, Seeks};
+    use super::super::disk::StartLocation;
+    use super::super::listing::{ChooserMode, Listing};
     use super::*;
 
     #[test]
-    fn what_is_typed_is_a_name_a_path_or_a_part() {
+    fn typed_text_is_a_name_a_path_or_a_filter() {
         let temp = tempfile::tempdir().unwrap();
         std::fs::create_dir(temp.path().join("in")).unwrap();
         for file in ["mine.toml", "other.toml"] {
             std::fs::write(temp.path().join(file), "").unwrap();
         }
         let endings: &[&str] = &["toml"];
-        let mut open = Chooser::new("Open", Seeks::File(endings), Begin::within([temp.path().to_owned()]));
+        let mut open =
+            Chooser::new("Open", ChooserMode::File(endings), StartLocation::within([temp.path().to_owned()]));
         let enter = |chooser: &mut Chooser| {
-            let taken = chooser.entered().taken();
-            chooser.settle(taken)
+            let outcome = chooser.typed_entry().check();
+            chooser.apply_outcome(outcome)
         };
         let mut type_in = |text: &str| {
             (open.name, open.is_typed) = (text.to_owned(), true);
-            let (folder, _) = open.looks_in();
-            open.listed = Some(Listing::of(folder, open.seeks));
+            let (folder, _) = open.displayed_folder();
+            open.listing = Some(Listing::of(folder, open.mode));
             (enter(&mut open), open.folder.clone())
         };
         let (here, within) = (temp.path().to_owned(), temp.path().join("in"));
-        let at = |name: &str| Some(Chosen::free(temp.path().join(name)));
+        let at = |name: &str| Some(ChooserResult::new_path(temp.path().join(name)));
         let whole = |name: &str| temp.path().join(name).display().to_string();
         assert_eq!(type_in("mine.toml"), (at("mine.toml"), here.clone()));
         assert_eq!(type_in("oth").0, at("other.toml"));
@@ -142,26 +144,30 @@ mod tests {
         assert_eq!(type_in(&whole("oth")).0, at("other.toml"), "a part of a name in another folder");
         assert_eq!([type_in("nothing").0, type_in("toml").0, type_in("").0], [None, None, None]);
         assert_eq!(type_in("in"), (None, within.clone()));
-        assert_eq!(type_in("../mine.toml").0, Some(Chosen::free(within.join("../mine.toml"))));
+        assert_eq!(type_in("../mine.toml").0, Some(ChooserResult::new_path(within.join("../mine.toml"))));
         assert_eq!(type_in(&whole("")), (None, PathBuf::from(whole(""))));
-        assert!(open.told.is_none() && open.wants_keys && open.name.is_empty());
+        assert!(open.message.is_none() && open.wants_focus && open.name.is_empty());
         (open.name, open.is_typed) = ("nothing".to_owned(), true);
-        assert!(enter(&mut open).is_none() && open.told.is_some());
+        assert!(enter(&mut open).is_none() && open.message.is_some());
 
-        let mut save = Chooser::new("Save", Seeks::NewFile(endings), Begin::at(&temp.path().join("mine.toml")));
+        let mut save =
+            Chooser::new("Save", ChooserMode::NewFile(endings), StartLocation::at(&temp.path().join("mine.toml")));
         assert_eq!(save.name, "mine.toml");
         assert_eq!(enter(&mut save), None);
-        assert_eq!(save.replaces, Some((temp.path().join("mine.toml"), Vec::new())), "it asks");
+        assert_eq!(save.replace_candidate, Some((temp.path().join("mine.toml"), Vec::new())), "it asks");
         save.name = "new".to_owned();
         assert_eq!(enter(&mut save), at("new.toml"));
 
-        // Of a series it is its own files that count, not the one that would be a single photograph.
-        let begin = Begin::at(&temp.path().join("a.jpg"));
-        let mut series = Chooser::new("Write", Seeks::NewSeries(&["jpg", "png"]), begin);
+        // For a series, its own files are checked, not the file of a single photograph.
+        let begin = StartLocation::at(&temp.path().join("a.jpg"));
+        let mut series = Chooser::new("Write", ChooserMode::NewSeries(&["jpg", "png"]), begin);
         std::fs::write(temp.path().join("a.jpg"), "").unwrap();
         assert_eq!(enter(&mut series), at("a.jpg"));
         std::fs::write(temp.path().join("a-2.jpg"), "").unwrap();
-        let there = vec![temp.path().join("a-2.jpg")];
-        assert_eq!((enter(&mut series), &series.replaces), (None, &Some((temp.path().join("a.jpg"), there))));
+        let existing = vec![temp.path().join("a-2.jpg")];
+        assert_eq!(
+            (enter(&mut series), &series.replace_candidate),
+            (None, &Some((temp.path().join("a.jpg"), existing)))
+        );
     }
 }

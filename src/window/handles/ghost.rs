@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use eframe::egui::{Pos2, vec2};
 use glam::DVec2;
 
-use super::super::errand::Errand;
 use super::super::picture::Seen;
+use super::super::task::BackgroundTask;
 use super::draw;
 use super::look::{Border, border};
 use locard_engine::frame::Frame;
@@ -32,7 +32,7 @@ pub struct Would {
 #[derive(Debug, Default)]
 pub struct Ghost {
     models: Arc<Mutex<Models>>,
-    running: Option<(Would, Errand<Border>)>,
+    running: Option<(Would, BackgroundTask<Border>)>,
     shown: Option<(Would, Border)>,
 }
 
@@ -52,10 +52,10 @@ impl Ghost {
         file: PathBuf,
         laid: impl FnOnce(&Shot, &Frame) -> Option<PlacedModel> + Send + 'static,
     ) {
-        if let Some((of, errand)) = self.running.take() {
-            match errand.take() {
+        if let Some((of, task)) = self.running.take() {
+            match task.take() {
                 Some(border) => self.shown = border.ok().map(|border| (of, border)),
-                None => self.running = Some((of, errand)),
+                None => self.running = Some((of, task)),
             }
         }
         let is_known = self.shown.as_ref().is_some_and(|(of, _)| *of == would);
@@ -71,8 +71,9 @@ impl Ghost {
                 let eye = shot.eye(frame.index).ok()?;
                 Some(border(&eye, &scene, scene.objects.first()?))
             };
-            let errand = Errand::begin("ghost", move || wake.request_repaint(), move || find().unwrap_or_default());
-            self.running = errand.ok().map(|errand| (would.clone(), errand));
+            let task =
+                BackgroundTask::spawn("ghost", move || wake.request_repaint(), move || find().unwrap_or_default());
+            self.running = task.ok().map(|task| (would.clone(), task));
         }
         let Some((_, border)) = self.shown.as_ref().filter(|(of, _)| of.model == would.model) else { return };
         let screen = |px: &DVec2| seen.placed.screen(vec2(px.x as f32, px.y as f32));

@@ -280,7 +280,7 @@ impl Handles {
         let mut scene = running.base.clone();
         running.reached(reached.stance).iter().for_each(|stance| scene.put(running.thing, stance));
         // What does not load is not shown, and it stays where it was.
-        let tried = project.try_scene(scene).map_err(|error| Err(error.to_string())).err();
+        let tried = project.set_uncommitted_scene(scene).map_err(|error| Err(error.to_string())).err();
         if running.tool.kind == Kind::Move {
             let scene = &project.shot().scene;
             let object = object_of(project, running.thing).and_then(|of| scene.objects.get(of));
@@ -301,7 +301,7 @@ impl Handles {
             (true, false) => format!("{title}: duplicated, {done}"),
             (false, _) => format!("{title}: {done}"),
         };
-        let is_kept = project.keep_tried(&what);
+        let is_kept = project.commit(&what);
         tried.or(is_kept.then_some(Ok(what)))
     }
 
@@ -309,7 +309,7 @@ impl Handles {
     fn cancel(&mut self, project: &mut Project, selected: &mut Option<Thing>) {
         self.pressed = None;
         if let Some(running) = self.running.take() {
-            project.drop_tried();
+            project.discard_uncommitted();
             *selected = Some(running.selected_before);
         }
     }

@@ -1,5 +1,5 @@
-//! How the scene is lit: its own light, matched to a white thing, and the light that an analysis found, taken into the scene to be
-//! edited.
+//! The scene's lighting: adopting the lighting found by an analysis, and matching it to a white
+//! reference.
 
 use std::path::{Path, PathBuf};
 
@@ -15,29 +15,31 @@ use locard_engine::shot::{AnalysisState, ReferencePick, View};
 use locard_engine::text::fixed;
 
 impl Project {
-    /// The light that an analysis found and that lights the scene, because the scene says none of its own.
+    /// Lighting from the analysis, which applies because the scene has none of its own.
     pub fn found_light(&self) -> Option<&FoundLight> {
-        self.found().map(|(_, light)| light).filter(|_| self.edit().scene.light.says_none())
+        self.analysis_light().map(|(_, light)| light).filter(|_| self.edit().scene.light.says_none())
     }
 
-    fn found(&self) -> Option<(&Path, &FoundLight)> {
+    fn analysis_light(&self) -> Option<(&Path, &FoundLight)> {
         let AnalysisState::Used(folder, findings) = &self.shot.analysis else { return None };
         Some((folder, findings.light.as_ref().filter(|light| light.panorama.is_some())?))
     }
 
-    /// Writes the light that lights the scene into its file: the one that was found, as `locard light` does, or the default one. A
-    /// found panorama is the analysis' own until the scene is saved; then a copy lies beside its file.
-    pub fn take_light(&mut self) -> Result<(), String> {
+    /// Writes the current lighting into the scene: the lighting from the analysis, as `locard
+    /// light` does, or the default one. The panorama stays in the analysis' folder until the scene
+    /// is saved; then a copy is placed beside the scene file.
+    pub fn adopt_light(&mut self) -> Result<(), String> {
         let title = if self.found_light().is_some() { "light: as it was found" } else { "light: to be edited" };
         let mut scene = self.edit().scene.clone();
-        self.say_light(&mut scene)?;
+        self.write_current_light(&mut scene)?;
         self.set_light(title, scene)
     }
 
-    /// Matches all light to a place of the picture that is white, and reports by how much.
+    /// Matches brightness and colour of all light to a white place of the picture. Returns a message
+    /// with the factors.
     pub fn match_white(&mut self, view: View) -> Result<String, String> {
         let mut scene = self.edit().scene.clone();
-        self.say_light(&mut scene)?;
+        self.write_current_light(&mut scene)?;
         if scene.light.says_none() {
             return Err("The scene is lit by lights inside its models, which cannot be matched.".to_owned());
         }
@@ -62,8 +64,8 @@ impl Project {
         ))
     }
 
-    /// Replaces the panorama by light from everywhere that is as bright from above.
-    pub fn even_light(&mut self) -> Result<(), String> {
+    /// Replaces the panorama by uniform light that is as bright from above.
+    pub fn make_light_uniform(&mut self) -> Result<(), String> {
         let surroundings =
             Lighting { environment: self.shot.scene.lighting.environment.clone(), ..Lighting::default() };
         let from_above = Support { point_m: DVec3::ZERO, normal: self.up() };
@@ -74,39 +76,39 @@ impl Project {
         self.set_light("light: even", scene)
     }
 
-    /// One step of the history.
+    /// Changes the lighting in one step of the history.
     fn set_light(&mut self, title: &str, scene: SceneFile) -> Result<(), String> {
         self.change_scene(title, |now| *now = scene).map_err(|error| error.to_string())?;
         self.close_step();
         Ok(())
     }
 
-    /// Adds a lamp to the light that the scene is in. Where the file says none, it says that light first: what was seen stays as it
-    /// is but for the lamp.
+    /// Adds a lamp. If the file has no lighting, the current lighting is written first, so that
+    /// only the lamp changes the picture.
     pub fn add_lamp(&mut self, at_m: DVec3) -> Result<Thing, String> {
         let mut scene = self.edit().scene.clone();
-        self.say_light(&mut scene)?;
+        self.write_current_light(&mut scene)?;
         let lamp = scene.add_lamp(at_m);
         let what = format!("{}: added", scene.title(lamp));
         self.set_light(&what, scene)?;
         Ok(lamp)
     }
 
-    /// Whether nothing but lights inside models lights the scene.
+    /// True if only lights inside models light the scene.
     pub fn is_lit_by_models(&self) -> bool {
         self.found_light().is_none() && self.edit().scene.light.says_none() && self.shot.scene.lit_by == LitBy::Models
     }
 
-    /// Says in a scene how it is lit, where it does not.
-    fn say_light(&self, scene: &mut SceneFile) -> Result<(), String> {
+    /// Writes the current lighting into a scene that has none.
+    fn write_current_light(&self, scene: &mut SceneFile) -> Result<(), String> {
         if !scene.light.says_none() {
             return Ok(());
         }
-        if let Some((folder, light)) = self.found() {
+        if let Some((folder, light)) = self.analysis_light() {
             let file = self.scene_path();
             return light.put_into(scene, &file, relative(&folder.join(ENVIRONMENT), &file));
         }
-        // Lights that models bring go on shining.
+        // Lights inside models keep shining.
         if self.shot.scene.lit_by != LitBy::Models {
             scene.light.say_guessed(self.up());
         }
@@ -114,7 +116,7 @@ impl Project {
     }
 }
 
-/// The panorama that a scene file names, if it is an analysis' own: another analysis would replace it.
+/// The scene's panorama if it belongs to an analysis, where another analysis would replace it.
 pub fn panorama_of_analysis(scene: &SceneFile, file: &Path) -> Option<PathBuf> {
     let panorama = file.parent().unwrap_or(Path::new("")).join(scene.light.environment.as_ref()?);
     let is_analysis = panorama.file_name()? == ENVIRONMENT && panorama.with_file_name(FILE_NAME).exists();

@@ -1,13 +1,13 @@
-//! The files that keep a project. What is to be written is put together as plain values, so that another thread reads and
-//! writes it.
+//! The files that store a project. Drafts are plain values, so that another thread can read and
+//! write the files.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::super::kind::Kind;
 use super::super::watch::{Stamp, stamp};
-use super::kept::{ForProfile, ProfileScope};
 use super::light::panorama_of_analysis;
+use super::save_targets::{ProfileScope, ProfileValues};
 use super::{Edit, Project, tables};
 use locard_engine::analyse::panorama_beside;
 use locard_engine::compositor::{ON, Settings};
@@ -19,7 +19,7 @@ use locard_engine::sink::SinkError;
 use locard_engine::sink::atomic::write_atomically;
 use locard_engine::source::file::{self, MOST_DOCUMENT};
 
-/// Why something was not saved.
+/// Why saving failed.
 #[derive(Debug, thiserror::Error)]
 pub enum SaveError {
     #[error(transparent)]
@@ -34,17 +34,17 @@ pub enum SaveError {
     Changed(PathBuf),
 }
 
-/// A file that is to be written, as all is set at this moment.
+/// A file to write, with the state at this moment.
 #[derive(Debug)]
 pub struct Draft {
     path: PathBuf,
-    /// The file must still be so; `None`: it is written over whatever is there.
+    /// Required state of the file; with `None` it is overwritten in any state.
     known: Option<Stamp>,
-    what: What,
+    content: DraftContent,
 }
 
 #[derive(Debug)]
-enum What {
+enum DraftContent {
     Profile(Box<ProfileDraft>),
     Scene(Box<SceneDraft>),
 }
@@ -52,11 +52,11 @@ enum What {
 #[derive(Debug)]
 struct ProfileDraft {
     recording: Arc<Recording>,
-    /// What is set at this moment, and what the profile is to give.
+    /// The state at this moment, and the state that the profile results in.
     edit: Edit,
-    by_profile: Edit,
-    values: ForProfile,
-    /// By an analysis, and not the camera's own.
+    resulting_edit: Edit,
+    values: ProfileValues,
+    /// Results of an analysis, which do not belong to the camera.
     found: Vec<Follows>,
     from: Option<PathBuf>,
 }
@@ -64,7 +64,7 @@ struct ProfileDraft {
 #[derive(Debug)]
 struct SceneDraft {
     text: String,
-    /// Without its settings, which stand beside it.
+    /// Without its settings, which are stored separately.
     scene: SceneFile,
     settings: ShotSettings,
     edit: Edit,
@@ -72,7 +72,7 @@ struct SceneDraft {
     panorama: Option<Panorama>,
 }
 
-/// An analysis' panorama that a scene is lit by, and where the scene has it for itself once it is saved.
+/// The panorama of an analysis that lights the scene, and the copy that a saved scene refers to.
 #[derive(Debug)]
 struct Panorama {
     from: PathBuf,
@@ -80,7 +80,8 @@ struct Panorama {
 }
 
 impl Panorama {
-    /// Beside the scene's file, of its name. What lies there and is another panorama stays.
+    /// A file beside the scene file, named after it. A different panorama that already exists is
+    /// not replaced.
     fn of(scene: &SceneFile, file: &Path) -> Option<Self> {
         let from = panorama_of_analysis(scene, file)?;
         let to = panorama_beside(file);
@@ -91,14 +92,14 @@ impl Panorama {
         Some(Self { from, to })
     }
 
-    /// Has a scene name its own, if it names the analysis'.
+    /// Makes a scene refer to the copy if it refers to the analysis' panorama.
     fn put_into(&self, scene: &mut SceneFile, file: &Path) {
         if panorama_of_analysis(scene, file).as_ref() == Some(&self.from) {
             scene.light.environment = self.to.file_name().map(|name| name.to_string_lossy().into_owned());
         }
     }
 
-    /// Gives the file where it was not there before.
+    /// Returns the file if it did not exist before.
     fn write(&self) -> Result<Option<&Path>, SaveError> {
         let failed = |error: std::io::Error| SaveError::Text {
             path: self.from.clone(),
@@ -114,68 +115,69 @@ impl Panorama {
 }
 
 fn read_panorama(path: &Path) -> std::io::Result<Vec<u8>> {
-    /// Larger is no analysis', bytes.
-    const MOST: u64 = 1 << 22;
-    file::read(path, MOST)
+    /// Largest panorama of an analysis, bytes.
+    const MAX_BYTES: u64 = 1 << 22;
+    file::read(path, MAX_BYTES)
 }
 
 /// A file that has been written.
 #[derive(Debug)]
-pub struct Written {
+pub struct WrittenFile {
     pub path: PathBuf,
     stamp: Stamp,
-    what: What,
+    content: DraftContent,
 }
 
-impl Written {
-    /// What it is, in words.
-    pub fn what(&self) -> &'static str {
-        match self.what {
-            What::Profile(_) => "profile",
-            What::Scene(_) => "scene",
+impl WrittenFile {
+    /// Kind of file, for messages.
+    pub fn kind(&self) -> &'static str {
+        match self.content {
+            DraftContent::Profile(_) => "profile",
+            DraftContent::Scene(_) => "scene",
         }
     }
 }
 
 impl Draft {
-    /// Refuses to be written over what another program has written since a file was looked at.
+    /// Refuses to overwrite changes by another program since the file was read.
     pub fn unless_changed(self, known: Stamp) -> Self {
         Self { known: Some(known), ..self }
     }
 
-    /// Writes the file: it is whole, or as it was.
-    pub fn write(self) -> Result<Written, SaveError> {
-        let Self { path, known, what } = self;
+    /// Writes the file completely, or leaves it as it was.
+    pub fn write(self) -> Result<WrittenFile, SaveError> {
+        let Self { path, known, content } = self;
         if known.is_some_and(|known| stamp(&path) != known) {
             return Err(SaveError::Changed(path));
         }
-        let text = match &what {
-            What::Profile(draft) => {
-                // A new file is a copy of the profile that is open.
+        let text = match &content {
+            DraftContent::Profile(draft) => {
+                // A new file starts as a copy of the open profile.
                 let from = draft.from.as_ref().filter(|from| !path.exists() && from.exists());
-                profile_text(&draft.recording, &draft.by_profile, from.unwrap_or(&path), &draft.found)?
+                profile_text(&draft.recording, &draft.resulting_edit, from.unwrap_or(&path), &draft.found)?
             }
-            What::Scene(_) if belongs_to_another(&path) => {
+            DraftContent::Scene(_) if is_other_kind(&path) => {
                 let reason = "the file is no scene, and is kept: choose another name".to_owned();
                 return Err(SaveError::Text { path, reason });
             }
-            What::Scene(draft) => draft.text.clone(),
+            DraftContent::Scene(draft) => draft.text.clone(),
         };
-        let panorama = if let What::Scene(draft) = &what { draft.panorama.as_ref() } else { None };
+        let panorama = if let DraftContent::Scene(draft) = &content { draft.panorama.as_ref() } else { None };
         let made = panorama.map(Panorama::write).transpose()?.flatten();
         let written = write_atomically(&path, true, |writer| std::io::Write::write_all(writer, text.as_bytes()));
         written.inspect_err(|_| made.into_iter().for_each(|made| _ = std::fs::remove_file(made)))?;
-        Ok(Written { stamp: stamp(&path), path, what })
+        Ok(WrittenFile { stamp: stamp(&path), path, content })
     }
 }
 
-/// Whether a file that is there is no scene, but a profile or a recording's description.
-fn belongs_to_another(path: &Path) -> bool {
+/// True if an existing file is a profile or a recording's description instead of a scene.
+fn is_other_kind(path: &Path) -> bool {
     matches!(Kind::of(path), Kind::Recording | Kind::Profile) && scene::document::read(path).is_err()
 }
 
-/// What differs from the recording's own camera and from the profile's text is set in that text. Where the recording has no
-/// camera, the text has all of one. Values that are as an analysis `found` them are left out.
+/// Sets the values in the profile's text that differ from the recording's own camera and from that
+/// text. For a recording without a camera the text includes a complete one. Values equal to those
+/// `found` by an analysis are left out.
 fn profile_text(recording: &Recording, edit: &Edit, path: &Path, found: &[Follows]) -> Result<String, SaveError> {
     let (mut rig, mut settings) = (Rig::default(), Settings::default());
     if let Some(own) = &recording.camera_profile {
@@ -184,25 +186,24 @@ fn profile_text(recording: &Recording, edit: &Edit, path: &Path, found: &[Follow
     if let Some(geometry) = &recording.geometry {
         rig.lay_over(geometry);
     }
-    let mut document = match path.exists() {
-        true => {
-            let failed = |source| ProfileError::Read { path: path.to_owned(), source };
-            let bytes = file::read(path, MOST_DOCUMENT).map_err(failed)?;
-            let text = String::from_utf8(bytes).map_err(|_| SaveError::Text {
-                path: path.to_owned(),
-                reason: "the file is no text, so no profile: nothing was saved".to_owned(),
-            })?;
-            rig.read_text(&text, path, &mut settings)?;
-            profile::Document::parse(&text, path)?
-        }
-        false => profile::Document::new(""),
+    let mut document = if path.exists() {
+        let failed = |source| ProfileError::Read { path: path.to_owned(), source };
+        let bytes = file::read(path, MOST_DOCUMENT).map_err(failed)?;
+        let text = String::from_utf8(bytes).map_err(|_| SaveError::Text {
+            path: path.to_owned(),
+            reason: "the file is no text, so no profile: nothing was saved".to_owned(),
+        })?;
+        rig.read_text(&text, path, &mut settings)?;
+        profile::Document::parse(&text, path)?
+    } else {
+        profile::Document::new("")
     };
-    // What is as it is by default makes the camera whole all the same.
+    // A complete camera also includes values equal to the default.
     let whole = edit.rig.missing_keys().is_empty();
     for name in rig.missing_keys().into_iter().filter(|_| whole && edit.rig.gives_geometry()) {
         document.set_param(&edit.rig.intrinsics, name);
     }
-    // A profile cannot say that its exposure overrides each frame's own.
+    // A profile cannot express that its exposure overrides each frame's own.
     settings.overrule_recorded_exposure = edit.settings.overrule_recorded_exposure;
     let changes = ShotSettings::between(Look { rig: &rig, settings: &settings }, edit.look());
     for params in tables(&edit.rig, &edit.settings) {
@@ -226,35 +227,36 @@ fn profile_text(recording: &Recording, edit: &Edit, path: &Path, found: &[Follow
 }
 
 impl Project {
-    /// Values to be written into a profile, whose comments and other keys stay. A new file is made
-    /// where there is none.
+    /// Values to write into a profile, whose comments and other keys stay. A missing file is
+    /// created.
     pub fn profile_draft(&self, path: &Path, scope: ProfileScope) -> Draft {
-        let values = self.for_profile(scope);
+        let values = self.profile_values(scope);
         let draft = ProfileDraft {
             recording: Arc::clone(&self.shot.recording),
             edit: self.edit().clone(),
-            by_profile: self.by_profile(&values),
+            resulting_edit: self.resulting_edit(&values),
             values,
             found: self.shot.baseline().found.clone(),
             from: self.profile.clone(),
         };
-        Draft { path: path.to_owned(), known: None, what: What::Profile(Box::new(draft)) }
+        Draft { path: path.to_owned(), known: None, content: DraftContent::Profile(Box::new(draft)) }
     }
 
-    /// The whole camera and all settings as a profile's text, to be put together on another thread.
+    /// Returns a function that formats the whole camera and all settings as a profile, for another
+    /// thread.
     pub fn profile_text(&self) -> impl FnOnce() -> Result<String, SaveError> + Send + 'static {
         let (recording, edit) = (Arc::clone(&self.shot.recording), self.edit().clone());
         let path = self.profile.clone().unwrap_or_default();
         move || profile_text(&recording, &edit, &path, &[])
     }
 
-    /// The scene file, whose comments and order stay. In another folder it names the same models.
+    /// The scene file with its comments and order. In another folder it refers to the same models.
     pub fn scene_draft(&mut self, path: &Path) -> Result<Draft, SaveError> {
         let from = self.scene_path();
-        let mut scene = moved(&self.edit().scene, &from, path);
-        // Whoever wrote it into the file meant it.
+        let mut scene = relocated(&self.edit().scene, &from, path);
+        // A panorama that the file already named is kept on purpose.
         let panorama = Panorama::of(&scene, path)
-            .filter(|_| scene.light.environment != moved(&self.saved.scene, &from, path).light.environment);
+            .filter(|_| scene.light.environment != relocated(&self.saved.scene, &from, path).light.environment);
         if let Some(panorama) = &panorama {
             panorama.put_into(&mut scene, path);
         }
@@ -273,61 +275,61 @@ impl Project {
             }
         };
         let draft = SceneDraft { text, scene, settings, edit: self.edit().clone(), from, panorama };
-        Ok(Draft { path: path.to_owned(), known: None, what: What::Scene(Box::new(draft)) })
+        Ok(Draft { path: path.to_owned(), known: None, content: DraftContent::Scene(Box::new(draft)) })
     }
 
-    /// A draft has been written: from now on this is what is saved.
-    pub fn written(&mut self, written: Written) {
-        let Written { path, stamp, what } = written;
+    /// Marks a written draft as the saved state.
+    pub fn written(&mut self, written: WrittenFile) {
+        let WrittenFile { path, stamp, content } = written;
         self.stamps.insert(path.clone(), stamp);
-        match what {
-            What::Profile(draft) => {
-                self.profile_took(&draft.values, &draft.edit);
+        match content {
+            DraftContent::Profile(draft) => {
+                self.mark_profile_written(&draft.values, &draft.edit);
                 self.shot.profile_written(&path, &draft.values.of_opened);
                 let own = self.shot_settings();
                 self.shot.set_settings_of_scene(&own);
                 self.profile = Some(path);
             }
-            What::Scene(draft) => {
+            DraftContent::Scene(draft) => {
                 let SceneDraft { scene, settings, edit, from, panorama, .. } = *draft;
-                let named = self.loaded.file_names().map(str::to_owned).collect::<Vec<_>>();
+                let named = self.loaded_scene.file_names().map(str::to_owned).collect::<Vec<_>>();
                 let follow = |scene: &mut SceneFile| {
-                    *scene = moved(scene, &from, &path);
+                    *scene = relocated(scene, &from, &path);
                     panorama.iter().for_each(|panorama| panorama.put_into(scene, &path));
                 };
-                self.history.each(|edit| follow(&mut edit.scene));
-                [&mut self.opened.scene, &mut self.loaded].into_iter().for_each(follow);
-                self.scene_took(settings, &edit);
+                self.history.change_all(|edit| follow(&mut edit.scene));
+                [&mut self.baseline.scene, &mut self.loaded_scene].into_iter().for_each(follow);
+                self.mark_scene_written(settings, &edit);
                 self.saved = Edit { scene, other: self.saved.other.take(), ..edit };
-                self.move_missing(&from, &named, &path);
+                self.relocate_missing(&from, &named, &path);
                 self.scene = Some(path);
             }
         }
     }
 
-    /// The scene file has moved: missing files are named as it names them now. `named` has the
-    /// names that the file had.
-    fn move_missing(&mut self, from: &Path, named: &[String], to: &Path) {
+    /// Updates the names of missing files after the scene file has moved. `named` has the previous
+    /// names.
+    fn relocate_missing(&mut self, from: &Path, named: &[String], to: &Path) {
         if self.shot.scene.missing.is_empty() {
             return;
         }
         let beside = |file: &Path, name: &str| file.parent().unwrap_or(Path::new("")).join(name);
         for missing in &mut Arc::make_mut(&mut self.shot.scene).missing {
-            let mut names = named.iter().zip(self.loaded.file_names());
+            let mut names = named.iter().zip(self.loaded_scene.file_names());
             if let Some((_, now)) = names.find(|(before, _)| beside(from, before) == missing.file) {
                 missing.file = beside(to, now);
             }
         }
     }
 
-    /// Writes all that is set into a profile, and waits for it.
+    /// Writes all values into a profile, synchronously.
     pub fn save_profile(&mut self, path: &Path) -> Result<(), SaveError> {
         let written = self.profile_draft(path, ProfileScope::All).write()?;
         self.written(written);
         Ok(())
     }
 
-    /// Writes the scene file, and waits for it.
+    /// Writes the scene file, synchronously.
     pub fn save_scene(&mut self, path: &Path) -> Result<(), SaveError> {
         let written = self.scene_draft(path)?.write()?;
         self.written(written);
@@ -335,8 +337,8 @@ impl Project {
     }
 }
 
-/// A scene whose file moves: its models and its panorama are the same files.
-fn moved(scene: &SceneFile, from: &Path, to: &Path) -> SceneFile {
+/// A scene for a moved scene file, which refers to the same models and panorama.
+fn relocated(scene: &SceneFile, from: &Path, to: &Path) -> SceneFile {
     let folder = |path: &Path| std::path::absolute(path).ok().and_then(|path| Some(path.parent()?.to_owned()));
     let mut scene = scene.clone();
     let (Some(old), Some(new)) = (folder(from), folder(to)) else { return scene };

@@ -1,5 +1,5 @@
-//! A camera in place of a recording. Its frames are shown as they come; frozen, its last seconds are a recording like any
-//! other, and the camera goes on behind it.
+//! A live camera in place of a recording. Its frames are displayed as they arrive. When frozen, its
+//! last seconds become a recording and the camera keeps running in the background.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -7,12 +7,12 @@ use std::sync::Arc;
 use eframe::egui;
 use eframe::egui_wgpu::RenderState;
 
-use super::super::errand::{Errand, let_go};
 use super::super::player::Player;
 use super::super::project::Project;
+use super::super::task::{BackgroundTask, drop_in_background};
 use super::super::thumbnails::Thumbnails;
 use super::Session;
-use super::past::{Past, Shown};
+use super::recent_frames::{RecentFrame, RecentFrames};
 use locard_engine::camera::Geometry;
 use locard_engine::frame::Frame;
 use locard_engine::live::{Feed, Opened, Status, Tracking, Writer};
@@ -21,115 +21,116 @@ use locard_engine::recording::{OpenOptions, Recording};
 use locard_engine::tracking::PoseTrack;
 use locard_engine::webcam::monotonic_s;
 
-/// Stands behind the name of what is frozen.
+/// Suffix of the name of a frozen recording.
 pub const FROZEN: &str = ", frozen";
 
-enum State {
+enum LiveState {
     Showing,
     /// The last seconds are being written.
-    Freezing(Errand<Result<Recording, String>>),
+    Freezing(BackgroundTask<Result<Recording, String>>),
     Frozen,
 }
 
-/// The newest frame, with what it is composited with.
-struct Newest {
+/// The newest frame and the data it is composited with.
+struct NewestFrame {
     frame: Arc<Frame>,
     tracking: Tracking,
     track: PoseTrack,
     geometry: Option<Geometry>,
 }
 
-/// A camera, and how far it is.
+/// A camera and its state.
 pub struct Live {
     feed: Feed,
-    state: State,
-    /// What the project stands on while the camera is shown.
-    arriving: Arc<Recording>,
-    seen: Option<Newest>,
-    /// The project's version that the feed follows.
-    followed: Option<u64>,
-    past: Past,
+    state: LiveState,
+    /// The project's recording while the camera is displayed.
+    live_recording: Arc<Recording>,
+    newest: Option<NewestFrame>,
+    /// Project version that the feed has.
+    feed_version: Option<u64>,
+    recent: RecentFrames,
     status: Status,
-    /// Frames that nobody took, and those among them that nobody wanted: it was frozen.
-    replaced: u64,
-    unwanted: u64,
-    is_recording: Option<PathBuf>,
+    /// Frames dropped by the feed, and those among them that were dropped because the picture was
+    /// frozen.
+    dropped: u64,
+    dropped_while_frozen: u64,
+    recording_folder: Option<PathBuf>,
     /// The last seconds are being copied.
-    keeping: Option<Errand<Result<PathBuf, String>>>,
+    copying: Option<BackgroundTask<Result<PathBuf, String>>>,
 }
 
-/// What is said of a camera.
+/// Status of a camera.
 #[derive(Clone, Debug)]
-pub struct Told {
+pub struct LiveStatus {
     pub status: Status,
     pub tracking: Tracking,
-    /// Frames for which the window was too slow; they are recorded all the same.
+    /// Frames for which the window was too slow; they are recorded nevertheless.
     pub not_shown: u64,
-    /// From when pictures were taken until they were composited, the median of the last second.
+    /// Latency from capture to compositing, median of the last second.
     pub latency_s: Option<f64>,
     pub is_freezing: bool,
 }
 
 impl Live {
-    /// A picture was composited, which was taken at a time of the camera's clock.
-    pub(super) fn shown(&mut self, taken_s: f64) {
-        if matches!(self.state, State::Showing) {
-            self.past.show(taken_s, monotonic_s());
+    /// Called for a composited picture; `taken_s` is its capture time by the camera's clock.
+    pub(super) fn frame_displayed(&mut self, taken_s: f64) {
+        if matches!(self.state, LiveState::Showing) {
+            self.recent.finish(taken_s, monotonic_s());
         }
     }
 
-    /// The pictures that were shown in the last seconds, and the time that it is now by their clock.
-    pub fn past(&self) -> (impl Iterator<Item = &Shown>, f64) {
-        (self.past.shown(), monotonic_s())
+    /// The pictures of the last seconds, and the current time of the same clock.
+    pub fn recent(&self) -> (impl Iterator<Item = &RecentFrame>, f64) {
+        (self.recent.displayed(), monotonic_s())
     }
 
-    fn told(&self) -> Told {
-        Told {
+    fn live_status(&self) -> LiveStatus {
+        LiveStatus {
             status: self.status.clone(),
-            tracking: self.seen.as_ref().map_or(Tracking::Lost, |seen| seen.tracking),
-            not_shown: self.replaced - self.unwanted,
-            latency_s: self.past.latency_s(monotonic_s()),
-            is_freezing: matches!(self.state, State::Freezing(_)),
+            tracking: self.newest.as_ref().map_or(Tracking::Lost, |seen| seen.tracking),
+            not_shown: self.dropped - self.dropped_while_frozen,
+            latency_s: self.recent.latency_s(monotonic_s()),
+            is_freezing: matches!(self.state, LiveState::Freezing(_)),
         }
     }
 }
 
 impl Session {
-    /// Of a camera, which starts now. The project is of its [`Opened::recording`].
+    /// Opens a session for a camera, which starts now. The project has its [`Opened::recording`].
     pub fn live(window: RenderState, ctx: &egui::Context, project: Project, camera: Opened) -> Result<Self, String> {
         let mut session = Self::new(window, ctx, project)?;
         let (wake, shot) = (ctx.clone(), session.project.shot());
         let feed = Feed::start(camera, shot, move || wake.request_repaint()).map_err(|error| error.to_string())?;
         session.live = Some(Live {
             feed,
-            state: State::Showing,
-            arriving: Arc::clone(&shot.recording),
-            seen: None,
-            followed: None,
-            past: Past::default(),
+            state: LiveState::Showing,
+            live_recording: Arc::clone(&shot.recording),
+            newest: None,
+            feed_version: None,
+            recent: RecentFrames::default(),
             status: Status::default(),
-            replaced: 0,
-            unwanted: 0,
-            is_recording: None,
-            keeping: None,
+            dropped: 0,
+            dropped_while_frozen: 0,
+            recording_folder: None,
+            copying: None,
         });
         (session.player, session.thumbnails) = (Player::arriving(), None);
         Ok(session)
     }
 
-    /// Whether what is shown comes from a camera, now.
+    /// True while frames of the camera are displayed.
     pub fn is_live(&self) -> bool {
-        self.live.as_ref().is_some_and(|live| !matches!(live.state, State::Frozen))
+        self.live.as_ref().is_some_and(|live| !matches!(live.state, LiveState::Frozen))
     }
 
-    /// Whether what is shown are a camera's last seconds, and it can be seen again.
+    /// True while the camera's last seconds are displayed and it can be resumed.
     pub fn is_frozen(&self) -> bool {
         self.live.is_some() && !self.is_live()
     }
 
-    /// Whether the camera is being recorded, or its last frames are still to be written.
+    /// True while the camera is recorded or its last frames are still being written.
     pub fn is_recording(&self) -> bool {
-        self.live.as_ref().is_some_and(|live| live.is_recording.is_some())
+        self.live.as_ref().is_some_and(|live| live.recording_folder.is_some())
     }
 
     /// The camera, if there is one.
@@ -137,205 +138,205 @@ impl Session {
         self.live.as_ref()
     }
 
-    /// What is said of the camera, if there is one.
-    pub fn told(&self) -> Option<Told> {
-        self.live.as_ref().map(Live::told)
+    /// Status of the camera, if there is one.
+    pub fn live_status(&self) -> Option<LiveStatus> {
+        self.live.as_ref().map(Live::live_status)
     }
 
-    /// The camera's newest frame, while it is shown.
+    /// The newest frame of the camera, while it is displayed.
     pub fn newest(&self) -> Option<Arc<Frame>> {
-        self.live.as_ref().filter(|_| self.is_live())?.seen.as_ref().map(|seen| Arc::clone(&seen.frame))
+        self.live.as_ref().filter(|_| self.is_live())?.newest.as_ref().map(|seen| Arc::clone(&seen.frame))
     }
 
-    /// Takes what has come from the camera. Never waits.
-    pub(super) fn take_arrived(&mut self, ctx: &egui::Context) {
+    /// Takes new frames and messages from the camera. Never blocks.
+    pub(super) fn poll_camera(&mut self, ctx: &egui::Context) {
         let Some(live) = &mut self.live else { return };
         let before = std::mem::replace(&mut live.status, live.feed.status());
         let replaced = live.feed.replaced();
-        if !matches!(live.state, State::Showing) {
-            live.unwanted += replaced - live.replaced;
+        if !matches!(live.state, LiveState::Showing) {
+            live.dropped_while_frozen += replaced - live.dropped;
         }
-        live.replaced = replaced;
+        live.dropped = replaced;
         let version = self.project.version();
-        if live.followed != Some(version) && matches!(live.state, State::Showing) {
+        if live.feed_version != Some(version) && matches!(live.state, LiveState::Showing) {
             live.feed.follow(self.project.shot());
-            live.followed = Some(version);
+            live.feed_version = Some(version);
         }
-        // What is not taken is replaced by what is newer.
-        if matches!(live.state, State::Showing)
-            && self.viewer.under_way() < 2
+        // Frames that are not taken are replaced by newer ones.
+        if matches!(live.state, LiveState::Showing)
+            && self.viewer.in_flight() < 2
             && let Some(seen) = live.feed.take()
         {
             let (tracking, geometry) = (seen.arrived.tracking, seen.arrived.geometry);
             let frame = Arc::new(seen.arrived.frame);
-            live.past.begin(frame.timestamp_s, tracking);
-            live.seen = Some(Newest { frame, tracking, track: seen.track, geometry });
+            live.recent.start(frame.timestamp_s, tracking);
+            live.newest = Some(NewestFrame { frame, tracking, track: seen.track, geometry });
             self.show_newest();
         }
         let Some(live) = &mut self.live else { return };
         let status = live.status.clone();
         if status.written != before.written
-            && let (Some((frames, why)), Some(path)) = (&status.written, live.is_recording.take())
+            && let (Some((frames, why)), Some(path)) = (&status.written, live.recording_folder.take())
         {
             let name = path.display();
             match why {
-                None => self.say(format!("Recorded {}: {name}", locard_engine::text::count(*frames, "frame"))),
-                Some(why) if *frames == 0 => self.wrong(format!("{name}: {why}; nothing was recorded")),
-                Some(why) => self.wrong(format!("{name}: {why}; the recording is whole up to there")),
+                None => self.show_message(format!("Recorded {}: {name}", locard_engine::text::count(*frames, "frame"))),
+                Some(why) if *frames == 0 => self.show_error(format!("{name}: {why}; nothing was recorded")),
+                Some(why) => self.show_error(format!("{name}: {why}; the recording is whole up to there")),
             }
         }
         if status.no_poses != before.no_poses
             && let Some(why) = &status.no_poses
         {
-            self.wrong(why.clone());
+            self.show_error(why.clone());
         }
         if status.told != before.told
             && let Some(text) = &status.told
         {
-            self.say(text.clone());
+            self.show_message(text.clone());
         }
-        self.take_frozen(ctx);
+        self.poll_freezing(ctx);
         let Some(live) = &mut self.live else { return };
-        let Some(kept) = live.keeping.as_ref().and_then(Errand::take) else { return };
-        live.keeping = None;
-        match kept.and_then(|kept| kept) {
-            Ok(path) => self.say(format!("Kept: {}", path.display())),
-            Err(why) => self.wrong(format!("Not kept: {why}")),
+        let Some(copied) = live.copying.as_ref().and_then(BackgroundTask::take) else { return };
+        live.copying = None;
+        match copied.and_then(|copied| copied) {
+            Ok(path) => self.show_message(format!("Kept: {}", path.display())),
+            Err(why) => self.show_error(format!("Not kept: {why}")),
         }
     }
 
-    /// Stands on the frame that came last.
+    /// Moves the project to the newest frame.
     fn show_newest(&mut self) {
-        let Some(Newest { frame, track, geometry, .. }) = self.live.as_ref().and_then(|live| live.seen.as_ref()) else {
+        let Some(NewestFrame { frame, track, geometry, .. }) = self.live.as_ref().and_then(|live| live.newest.as_ref())
+        else {
             return;
         };
         self.project.arrive(frame.index, frame.timestamp_s, track.clone(), geometry.clone());
         self.player.arrive(frame.index);
     }
 
-    /// The last seconds are a recording: it is shown.
-    fn take_frozen(&mut self, ctx: &egui::Context) {
+    /// Shows the frozen recording once it is written.
+    fn poll_freezing(&mut self, ctx: &egui::Context) {
         let Some(live) = &mut self.live else { return };
-        let State::Freezing(errand) = &live.state else { return };
-        let Some(done) = errand.take() else { return };
+        let LiveState::Freezing(task) = &live.state else { return };
+        let Some(done) = task.take() else { return };
         match done.and_then(|recording| recording) {
             Ok(recording) => {
-                live.state = State::Frozen;
+                live.state = LiveState::Frozen;
                 let recording = Arc::new(recording);
-                self.stand_on(ctx, recording);
+                self.replace_recording(ctx, recording);
                 self.player.step(isize::MAX);
             }
             Err(why) => {
-                live.state = State::Showing;
+                live.state = LiveState::Showing;
                 self.player.playing = true;
-                self.wrong(format!("Not frozen: {why}"));
+                self.show_error(format!("Not frozen: {why}"));
             }
         }
     }
 
-    /// Shows another recording of the same camera.
-    fn stand_on(&mut self, ctx: &egui::Context, recording: Arc<Recording>) {
-        self.player = match recording.is_arriving() {
-            true => Player::arriving(),
-            false => Player::new(&recording.timestamps_s),
-        };
+    /// Replaces the recording by another one of the same camera.
+    fn replace_recording(&mut self, ctx: &egui::Context, recording: Arc<Recording>) {
+        self.player = if recording.is_arriving() { Player::arriving() } else { Player::new(&recording.timestamps_s) };
         self.thumbnails =
             (!recording.is_arriving()).then(|| Thumbnails::new(Arc::clone(&recording), ctx).ok()).flatten();
-        self.project.stand_on(recording);
+        self.project.replace_recording(recording);
     }
 
-    /// Has the camera's last seconds written into a new folder of `folder`, and shows them then.
+    /// Writes the camera's last seconds into a new folder of `folder`, and shows them when done.
     pub fn freeze(&mut self, ctx: &egui::Context, folder: &Path) {
-        let Some(live) = self.live.as_mut().filter(|live| matches!(live.state, State::Showing)) else { return };
-        let Some(until_s) = live.seen.as_ref().map(|seen| seen.frame.timestamp_s) else { return };
+        let Some(live) = self.live.as_mut().filter(|live| matches!(live.state, LiveState::Showing)) else { return };
+        let Some(until_s) = live.newest.as_ref().map(|seen| seen.frame.timestamp_s) else { return };
         let (latest, mut about) = (live.feed.latest(until_s), live.feed.about.clone());
-        // The camera is shown again, and what it shows by now has not come yet.
+        // The camera was just resumed, and none of its displayed frames have arrived yet.
         if latest.frames() == 0 {
             return;
         }
-        let name = live.arriving.name.clone();
+        let name = live.live_recording.name.clone();
         let (folder, draft, wake) = (folder.to_owned(), self.project.profile_text(), ctx.clone());
-        let begun = Errand::begin(
+        let spawned = BackgroundTask::spawn(
             "freezing",
             move || wake.request_repaint(),
             move || {
                 about.profile = Some(draft().map_err(|error| error.to_string())?);
-                let folder = fresh(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+                let folder = new_folder(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
                 latest.write(&folder, &about).map_err(|error| error.to_string())?;
                 let mut recording =
                     Recording::open(&folder, &OpenOptions::default()).map_err(|error| error.to_string())?;
                 recording.name = format!("{name}{FROZEN}");
-                // The project has it, with what was changed since: what is saved is what differs from its own files.
+                // The project already has the profile, with later changes; only differences from
+                // its own files are saved.
                 recording.camera_profile = None;
                 Ok(recording)
             },
         );
-        match begun {
-            Ok(errand) => {
-                live.state = State::Freezing(errand);
+        match spawned {
+            Ok(task) => {
+                live.state = LiveState::Freezing(task);
                 self.player.playing = false;
             }
-            Err(error) => self.wrong(format!("no thread can be started that freezes it: {error}")),
+            Err(error) => self.show_error(format!("no thread can be started that freezes it: {error}")),
         }
     }
 
-    /// Copies the recording that is shown into a new folder.
-    pub fn keep(&mut self, ctx: &egui::Context, to: PathBuf) {
+    /// Copies the displayed recording into a new folder.
+    pub fn copy_recording(&mut self, ctx: &egui::Context, to: PathBuf) {
         let from = self.project.shot().recording.path.clone();
         let Some(live) = &mut self.live else { return };
         let wake = ctx.clone();
-        let begun = Errand::begin(
+        let spawned = BackgroundTask::spawn(
             "keeping",
             move || wake.request_repaint(),
             move || {
-                let copied = match std::fs::read_dir(&to).is_ok_and(|mut entries| entries.next().is_some()) {
-                    true => return Err(format!("{}: exists already; name a new folder", to.display())),
-                    false => copy(&from, &to),
+                let copied = if std::fs::read_dir(&to).is_ok_and(|mut entries| entries.next().is_some()) {
+                    return Err(format!("{}: exists already; name a new folder", to.display()));
+                } else {
+                    copy_folder(&from, &to)
                 };
                 copied.map(|()| to.clone()).map_err(|error| format!("{}: {error}", to.display()))
             },
         );
-        match begun {
-            Ok(errand) => live.keeping = Some(errand),
-            Err(error) => self.wrong(format!("no thread can be started that copies it: {error}")),
+        match spawned {
+            Ok(task) => live.copying = Some(task),
+            Err(error) => self.show_error(format!("no thread can be started that copies it: {error}")),
         }
     }
 
-    /// Ends the camera, and what it records. What it showed last stays.
-    pub fn let_camera_go(&mut self) {
-        // What it records may still have to be written.
-        self.live.take().into_iter().for_each(let_go);
+    /// Closes the camera and its recording. The last picture stays.
+    pub fn close_camera(&mut self) {
+        // Recorded frames may still have to be written.
+        self.live.take().into_iter().for_each(drop_in_background);
         self.player.play(false);
     }
 
-    /// Shows the camera again.
+    /// Resumes the camera.
     pub fn go_live(&mut self, ctx: &egui::Context) {
         if !self.is_frozen() {
             return;
         }
         let Some(live) = &mut self.live else { return };
-        (live.state, live.followed) = (State::Showing, None);
-        let arriving = Arc::clone(&live.arriving);
-        self.stand_on(ctx, arriving);
-        // A camera that has ended gives no other one.
+        (live.state, live.feed_version) = (LiveState::Showing, None);
+        let live_recording = Arc::clone(&live.live_recording);
+        self.replace_recording(ctx, live_recording);
+        // A camera that has ended delivers no other frame.
         self.show_newest();
     }
 
-    /// Records what comes from now on into a new folder.
+    /// Records frames from now on into a new folder.
     pub fn record(&mut self, folder: PathBuf) {
         let Some(live) = &mut self.live else { return };
         let mut about = live.feed.about.clone();
-        let begun = self.project.profile_text()().map_err(|error| error.to_string()).and_then(|profile| {
+        let spawned = self.project.profile_text()().map_err(|error| error.to_string()).and_then(|profile| {
             about.profile = Some(profile);
             let recorder = Recorder::create(&folder, &about).map_err(|error| error.to_string())?;
             Writer::new(recorder).map_err(|error| error.to_string())
         });
-        match begun {
+        match spawned {
             Ok(writer) => {
                 live.feed.record(writer);
-                live.is_recording = Some(folder);
+                live.recording_folder = Some(folder);
             }
-            Err(why) => self.wrong(why),
+            Err(why) => self.show_error(why),
         }
     }
 
@@ -346,32 +347,33 @@ impl Session {
     }
 }
 
-/// So many frozen recordings are kept.
-const KEPT: usize = 5;
+/// Largest number of frozen recordings on disk.
+const MAX_FROZEN_RECORDINGS: usize = 5;
 
-/// A folder that is not there yet; the oldest of those before it are removed.
-fn fresh(folder: &Path) -> std::io::Result<PathBuf> {
+/// A new folder name. The oldest frozen recordings are removed.
+fn new_folder(folder: &Path) -> std::io::Result<PathBuf> {
     std::fs::create_dir_all(folder)?;
     let mut there: Vec<PathBuf> = std::fs::read_dir(folder)?.flatten().map(|entry| entry.path()).collect();
     there.retain(|path| path.join("recording.toml").is_file());
     there.sort();
     let number = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix("frozen-")?.parse::<u64>().ok();
     let last = there.iter().filter_map(number).max().unwrap_or(0);
-    for old in there.iter().take((there.len() + 1).saturating_sub(KEPT)) {
+    for old in there.iter().take((there.len() + 1).saturating_sub(MAX_FROZEN_RECORDINGS)) {
         std::fs::remove_dir_all(old)?;
     }
     Ok(folder.join(format!("frozen-{:06}", last + 1)))
 }
 
-/// A folder with all that is in it.
-fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
+/// Copies a folder recursively.
+fn copy_folder(from: &Path, to: &Path) -> std::io::Result<()> {
     std::fs::create_dir_all(to)?;
     for entry in std::fs::read_dir(from)? {
         let entry = entry?;
         let to = to.join(entry.file_name());
-        match entry.file_type()?.is_dir() {
-            true => copy(&entry.path(), &to)?,
-            false => _ = std::fs::copy(entry.path(), to)?,
+        if entry.file_type()?.is_dir() {
+            copy_folder(&entry.path(), &to)?
+        } else {
+            _ = std::fs::copy(entry.path(), to)?
         }
     }
     Ok(())

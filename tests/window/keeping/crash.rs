@@ -6,8 +6,8 @@ use crate::tier::{fast_or_full, is_full};
 /// A window whose recovery file lies in `state` and that does not restart, after one edit.
 fn edited_window(state: &Path) -> Harness<'static, App> {
     let mut window = plain();
-    window.state_mut().keep_in(state);
-    window.state_mut().restarts_by(|| "a test does not start anew".to_owned());
+    window.state_mut().set_state_folder(state);
+    window.state_mut().restart_with(|| "a test does not start anew".to_owned());
     window.run_steps(2);
     set(&mut window, "noise", "scale", 0.25);
     window
@@ -25,7 +25,7 @@ fn a_lost_device_is_told_and_the_work_is_left_for_the_new_start() {
     set(&mut window, "noise", "scale", 0.5);
     window.run_steps(5);
     drop(window);
-    let left = Left::found(&temp.path().join("work"));
+    let left = RecoverableWork::find_in(&temp.path().join("work"));
     assert!(left.len() == 1 && left[0].work.edit == edit);
 }
 
@@ -34,7 +34,7 @@ fn leave(folder: &Path, project: &Project, frame: usize) {
     let place = folder.join("work");
     std::fs::create_dir_all(&place).unwrap();
     let (scene, profile) = (project.scene.as_deref(), project.profile.as_deref());
-    let mut work = Work::new(&project.shot().recording.path, 1.0, profile, scene, project.edit().clone())
+    let mut work = UnsavedWork::new(&project.shot().recording.path, 1.0, profile, scene, project.edit().clone())
         .with_history(project.history().record(50));
     work.frame = frame;
     std::fs::write(place.join("1.json"), serde_json::to_string(&work).unwrap()).unwrap();
@@ -63,7 +63,7 @@ fn work_that_a_crash_left_is_offered_and_taken_up() {
     lost.change_scene("one away", |scene| _ = scene.objects.remove(0)).unwrap();
     leave(temp.path(), &lost, demo_frame(12));
     let mut window = demo();
-    window.state_mut().keep_in(temp.path());
+    window.state_mut().set_state_folder(temp.path());
     shows(&mut window, "Restore");
     press(&mut window, "Restore");
     until(&mut window, |app| app.project().edit() == lost.edit());
@@ -79,7 +79,7 @@ fn work_that_a_crash_left_is_offered_and_taken_up() {
 
     // It was opened lately, and the start page says so.
     let mut window = demonstration();
-    window.state_mut().keep_in(temp.path());
+    window.state_mut().set_state_folder(temp.path());
     window.state_mut().show_start(true);
     window.run_steps(3);
     // With its folder in the fast tier, where the reduced demonstration is another recording of that name.
@@ -92,10 +92,10 @@ fn work_that_a_crash_left_is_offered_and_taken_up() {
     drop(window);
     leave(temp.path(), &lost, 0);
     let mut window = demo();
-    window.state_mut().keep_in(temp.path());
+    window.state_mut().set_state_folder(temp.path());
     shows(&mut window, "Discard");
     press(&mut window, "Discard");
-    assert!(Left::found(&temp.path().join("work")).is_empty());
+    assert!(RecoverableWork::find_in(&temp.path().join("work")).is_empty());
 }
 
 #[test]
@@ -109,7 +109,7 @@ fn restored_work_has_the_history_that_led_to_it() {
     lost.undo();
     leave(temp.path(), &lost, 0);
     let mut window = plain();
-    window.state_mut().keep_in(temp.path());
+    window.state_mut().set_state_folder(temp.path());
     shows(&mut window, "Restore");
     // The default.
     window.key_press(Key::Enter);
@@ -130,7 +130,7 @@ fn restored_work_has_the_history_that_led_to_it() {
 fn an_edit_from_before_a_press_is_written_while_the_button_is_down() {
     let temp = tempfile::tempdir().unwrap();
     let mut window = plain();
-    window.state_mut().keep_in(temp.path());
+    window.state_mut().set_state_folder(temp.path());
     window.run_steps(2);
     set(&mut window, "noise", "scale", 2.0);
     let picture = window.get_by_role_and_label(Role::Image, "picture").rect();
@@ -148,13 +148,13 @@ fn an_edit_from_before_a_press_is_written_while_the_button_is_down() {
 fn a_drag_that_a_crash_ends_is_not_in_the_recovery_file() {
     let temp = tempfile::tempdir().unwrap();
     let mut window = plain();
-    window.state_mut().keep_in(temp.path());
+    window.state_mut().set_state_folder(temp.path());
     worked::search(&mut window, "noise scale");
     set(&mut window, "noise", "scale", 2.0);
     let work = || {
         let files = std::fs::read_dir(temp.path().join("work")).unwrap().map(|entry| entry.unwrap().path());
         let text = files.filter(|path| is_work(path)).find_map(|path| std::fs::read_to_string(path).ok())?;
-        Some(serde_json::from_str::<Work>(&text).unwrap())
+        Some(serde_json::from_str::<UnsavedWork>(&text).unwrap())
     };
     let scale = |project: &Project| match project.value("noise", "scale") {
         Some(Value::Number(scale)) => scale,
@@ -184,11 +184,11 @@ fn a_lost_device_in_the_middle_of_a_move_leaves_the_scene_before_it() {
     let before = window.state().project().edit().clone();
     let mut scene = before.scene.clone();
     scene.add_lamp(glam::DVec3::Z);
-    window.state_mut().project_mut().try_scene(scene).unwrap();
+    window.state_mut().project_mut().set_uncommitted_scene(scene).unwrap();
     window.state().viewer().gpu().device.destroy();
     until(&mut window, |app| app.problem().is_some_and(|problem| problem.contains("graphics device was lost")));
     drop(window);
-    let left = Left::found(&temp.path().join("work"));
+    let left = RecoverableWork::find_in(&temp.path().join("work"));
     assert!(left.len() == 1 && left[0].work.edit == before);
 }
 
@@ -202,7 +202,7 @@ fn the_picture_waits_for_what_is_asked_of_work_that_was_left() {
     let builder = Harness::builder().with_size(egui::vec2(1280.0, 720.0)).renderer(Device::new());
     let mut window = builder.build_eframe(move |context| {
         let mut app = App::new(context, project, None).unwrap();
-        app.keep_in(&folder);
+        app.set_state_folder(&folder);
         app
     });
     // It is asked in the first frame, and nothing is drawn meanwhile.
@@ -212,7 +212,7 @@ fn the_picture_waits_for_what_is_asked_of_work_that_was_left() {
     while begun.elapsed() < wait {
         window.step();
         let viewer = window.state().viewer();
-        assert!(viewer.composite().is_none() && viewer.under_way() == 0);
+        assert!(viewer.composite().is_none() && viewer.in_flight() == 0);
     }
     press(&mut window, "Not now");
     settle(&mut window);
@@ -230,7 +230,7 @@ fn edits_until_it_is_killed() {
     let mut autosave = Autosave::begin(&folder.join("work")).unwrap();
     let begun = Instant::now();
     let model = std::path::absolute("scenes/marker-1.glb").unwrap().to_str().unwrap().to_owned();
-    autosave.keep(project.version(), begun, || None);
+    autosave.update(project.version(), begun, || None);
     for n in 1..u32::MAX {
         project.set("noise", "scale", &Value::Number(f64::from(n % 64) / 8.0)).unwrap();
         project.close_step();
@@ -240,11 +240,12 @@ fn edits_until_it_is_killed() {
         // Time passes as fast as it edits.
         let now = begun + Duration::from_secs(3 * u64::from(n));
         let edit = project.edit().clone();
-        autosave.keep(project.version(), now, || None);
+        autosave.update(project.version(), now, || None);
         // Nothing more has changed for a while.
         let now = now + Duration::from_secs(1);
-        autosave
-            .keep(project.version(), now, || Some(Work::new(Path::new(DEMO), 1.0, Some(&profile), Some(&scene), edit)));
+        autosave.update(project.version(), now, || {
+            Some(UnsavedWork::new(Path::new(DEMO), 1.0, Some(&profile), Some(&scene), edit))
+        });
         project.save_profile(&profile).unwrap();
         project.save_scene(&scene).unwrap();
         while n == 1 && !std::fs::read_dir(folder.join("work")).unwrap().any(|entry| is_work(&entry.unwrap().path())) {
@@ -277,7 +278,7 @@ fn killed_twenty_times_it_offers_the_work_back_and_the_files_are_whole() {
         assert!(edited.is_some());
         editing.kill().unwrap();
         editing.wait().unwrap();
-        let mut found = Left::found(&work);
+        let mut found = RecoverableWork::find_in(&work);
         assert_eq!(found.len(), 1, "run {run}");
         let left = found.pop().unwrap();
         let objects = left.work.edit.scene.objects.len();
@@ -288,7 +289,7 @@ fn killed_twenty_times_it_offers_the_work_back_and_the_files_are_whole() {
         let mut taken_up = project(Some(&profile), Some(&scene));
         taken_up.restore(left.work.edit.clone(), Record::default()).unwrap();
         assert!(taken_up.edit() == &left.work.edit);
-        left.throw_away();
+        left.discard();
         assert_eq!(count(&work), 0, "run {run}");
     }
 }
@@ -300,7 +301,7 @@ fn question_about_unsaved_work_counts_each_instance() {
     lost.set("noise", "scale", &Value::Number(0.25)).unwrap();
     leave(temp.path(), &lost, 0);
     let mut window = plain();
-    window.state_mut().keep_in(temp.path());
+    window.state_mut().set_state_folder(temp.path());
     shows(&mut window, "Restore");
     let placed = lost.shot().scene.objects.len();
     assert!(placed > lost.edit().scene.objects.len() && has(&window, &format!("{placed} objects")));

@@ -34,9 +34,9 @@ fn exports_are_what_was_set_when_they_were_begun() {
     press(&mut window, "Pictures…");
     choose(&mut window, &temp.path().join("file/out"));
     until(&mut window, all_over);
-    let entries = &window.state().keeper().jobs().unwrap().entries;
-    assert!(matches!(&entries[2].state, State::Failed(why) if why.contains("file/out")), "{:?}", entries[2]);
-    assert!(entries[..2].iter().all(|entry| matches!(entry.state, State::Done(_))), "{entries:?}");
+    let entries = &window.state().documents().jobs().unwrap().entries;
+    assert!(matches!(&entries[2].state, JobState::Failed(why) if why.contains("file/out")), "{:?}", entries[2]);
+    assert!(entries[..2].iter().all(|entry| matches!(entry.state, JobState::Done(_))), "{entries:?}");
 
     // Cancelled, a video leaves nothing.
     press(&mut window, &format!("all {} frames", demo_frame(72)));
@@ -45,7 +45,7 @@ fn exports_are_what_was_set_when_they_were_begun() {
     choose(&mut window, &video);
     press(&mut window, &format!("Cancel {}", video.display()));
     until(&mut window, all_over);
-    assert_eq!(window.state().keeper().jobs().unwrap().entries[3].state, State::Cancelled);
+    assert_eq!(window.state().documents().jobs().unwrap().entries[3].state, JobState::Cancelled);
     let mut names: Vec<_> = std::fs::read_dir(temp.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     names.sort();
     assert_eq!(names, ["file", "out", "quiet.png"]);
@@ -77,8 +77,8 @@ fn a_photograph_from_the_window_is_that_of_the_program() {
     let taken = temp.path().join("taken.png");
     choose(&mut window, &taken);
     until(&mut window, all_over);
-    let state = window.state().keeper().jobs().unwrap().entries[0].state.clone();
-    assert!(matches!(&state, State::Done(said) if said.contains("f/4")), "{state:?}");
+    let state = window.state().documents().jobs().unwrap().entries[0].state.clone();
+    assert!(matches!(&state, JobState::Done(said) if said.contains("f/4")), "{state:?}");
     let by_program = temp.path().join("program.png");
     let dials = ["--aperture", "4", "--lux", "300", "--width", "320", "--set", "noise.scale=0.5"];
     let recording = worked::demo();
@@ -171,7 +171,7 @@ fn a_series_asks_for_its_own_files() {
     // Cancelled, those that are finished stay.
     press(&mut window, &format!("Cancel the series s-1.png … in {}", temp.path().display()));
     until(&mut window, all_over);
-    assert_eq!(window.state().keeper().jobs().unwrap().entries[0].state, State::Cancelled);
+    assert_eq!(window.state().documents().jobs().unwrap().entries[0].state, JobState::Cancelled);
     assert!(picture(&there).len() > 64 && picture(&temp.path().join("s-1.png")).len() > 64);
     assert!(!temp.path().join("s-sheet.png").exists());
 }

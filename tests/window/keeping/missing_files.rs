@@ -6,7 +6,7 @@ use locard::export::Export;
 use locard::photo::Wanted;
 use locard::scene::SceneFile;
 use locard::sink::OutPath;
-use locard::window::{Jobs, Task};
+use locard::window::{Job, Jobs};
 
 /// In the picture of the demonstration's first frame.
 const PLACE: [f64; 3] = [0.1046, -0.0958, 0.0];
@@ -167,9 +167,9 @@ fn exports_and_photographs_with_a_stand_in_are_refused() {
     let project = project(None, Some(&case.scene));
     let out = |name: &str| case.folder.path().join(name);
     let tasks = [
-        Task::Export(Export::new(0..1, OutPath::Folder(out("frames")))),
-        Task::Photograph(Wanted::new(0, out("photo.png"))),
-        Task::Snapshot { frame: 0, path: out("frame.png"), force: false },
+        Job::Export(Export::new(0..1, OutPath::Folder(out("frames")))),
+        Job::Photograph(Wanted::new(0, out("photo.png"))),
+        Job::Snapshot { frame: 0, path: out("frame.png"), force: false },
     ];
     let mut jobs = Jobs::new(|| {}).unwrap();
     for task in tasks {
@@ -181,7 +181,7 @@ fn exports_and_photographs_with_a_stand_in_are_refused() {
         std::thread::sleep(Duration::from_millis(5));
     }
     for entry in &jobs.entries {
-        assert!(matches!(&entry.state, State::Failed(why) if why.contains("knife.glb")), "{entry:?}");
+        assert!(matches!(&entry.state, JobState::Failed(why) if why.contains("knife.glb")), "{entry:?}");
     }
     assert!(["frames", "photo.png", "frame.png"].iter().all(|name| !out(name).exists()));
 }

@@ -24,7 +24,10 @@ use locard::pixels::Pixels;
 use locard::recording::OpenOptions;
 use locard::scene::document::PlacedModel;
 use locard::shot::{Given, Shot};
-use locard::window::{App, Autosave, DEMO, DEMO_SCENE, Left, ProfileScope, Project, Record, State, Work, command_line};
+use locard::window::{
+    App, Autosave, DEMO, DEMO_SCENE, JobState, ProfileScope, Project, Record, RecoverableWork, UnsavedWork,
+    command_line,
+};
 
 fn project(profile: Option<&Path>, scene: Option<&Path>) -> Project {
     let given = Given { profile: profile.map(Into::into), scene: scene.map(Into::into), ..Given::default() };
@@ -91,7 +94,7 @@ fn answer(window: &mut Harness<'_, App>, path: &Path, button: &str) {
 }
 
 fn all_over(app: &App) -> bool {
-    app.keeper().jobs().is_some_and(|jobs| !jobs.is_busy() && jobs.entries.iter().all(|entry| entry.state.is_over()))
+    app.documents().jobs().is_some_and(|jobs| !jobs.is_busy() && jobs.entries.iter().all(|entry| entry.state.is_over()))
 }
 
 fn press(window: &mut Harness<'_, App>, label: &str) {

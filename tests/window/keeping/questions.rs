@@ -73,15 +73,15 @@ fn esc_leaves_unsaved_work_for_the_next_start() {
     lost.set("noise", "scale", &Value::Number(0.25)).unwrap();
     let place = temp.path().join("work");
     std::fs::create_dir_all(&place).unwrap();
-    let work = Work::new(&worked::demo(), 1.0, None, None, lost.edit().clone());
+    let work = UnsavedWork::new(&worked::demo(), 1.0, None, None, lost.edit().clone());
     std::fs::write(place.join("1.json"), serde_json::to_string(&work).unwrap()).unwrap();
     let mut window = window(project(None, None), egui::vec2(1280.0, 720.0));
-    window.state_mut().keep_in(temp.path());
+    window.state_mut().set_state_folder(temp.path());
     shows(&mut window, "Restore unsaved work?");
     press_key(&mut window, Key::Escape);
     assert!(!has(&window, "Restore unsaved work?") && window.state().project().is_saved());
     drop(window);
-    assert_eq!(Left::found(&place).len(), 1);
+    assert_eq!(RecoverableWork::find_in(&place).len(), 1);
 }
 
 #[test]
@@ -120,7 +120,7 @@ fn recent_recordings_of_one_name_are_told_apart_by_their_folders() {
     let list = serde_json::json!([entry("a"), entry("b")]);
     std::fs::write(state.join("recent.json"), list.to_string()).unwrap();
     let mut window = window(project(None, None), egui::vec2(1280.0, 720.0));
-    window.state_mut().keep_in(&state);
+    window.state_mut().set_state_folder(&state);
     window.state_mut().show_start(true);
     window.run_steps(3);
     assert!(has(&window, "a/room") && has(&window, "b/room"));

@@ -97,7 +97,7 @@ fn saving_names_what_it_wrote_and_asks_before_others_profiles() {
     let given = Given { profile: Some(own.clone()), scene: Some(scene.clone()), ..Given::default() };
     let project = Project::open(&recording, &OpenOptions::default(), &given).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 900.0));
-    window.state_mut().keep_in(&temp.path().join("state"));
+    window.state_mut().set_state_folder(&temp.path().join("state"));
     let save = |window: &mut Harness<'_, App>| {
         window.key_press_modifiers(Modifiers::COMMAND, Key::S);
         window.run_steps(3);
@@ -148,7 +148,7 @@ fn a_new_scene_is_saved_with_its_recording_in_a_folder_that_is_made() {
     std::fs::create_dir(&state).unwrap();
     let habits = format!("{{\"folders\": {{\"scene\": {elsewhere:?}}}}}");
     std::fs::write(state.join("habits.json"), habits).unwrap();
-    window.state_mut().keep_in(&state);
+    window.state_mut().set_state_folder(&state);
     let model = std::fs::canonicalize("scenes/marker-1.glb").unwrap().display().to_string();
     let placed = PlacedModel { model, ..PlacedModel::default() };
     window.state_mut().project_mut().change_scene("placed", |scene| scene.objects.push(placed)).unwrap();
@@ -205,7 +205,7 @@ fn the_dialog_keeps_the_keyboard_and_begins_where_one_was() {
     std::fs::create_dir_all(&folder).unwrap();
     std::fs::write(folder.join("mine.toml"), "version = 1\n[noise]\nscale = 0.5\n").unwrap();
     let mut window = plain();
-    window.state_mut().keep_in(&temp.path().join("state"));
+    window.state_mut().set_state_folder(&temp.path().join("state"));
     let begin = |window: &mut Harness<'_, App>| {
         press(window, "File");
         press(window, "Open a profile…");
@@ -241,8 +241,8 @@ fn the_dialog_keeps_the_keyboard_and_begins_where_one_was() {
     assert!(theme != egui::ThemePreference::System);
     drop(window);
     let mut window = plain();
-    window.state_mut().keep_in(&temp.path().join("state"));
-    assert_eq!(window.state().keeper().theme(), theme);
+    window.state_mut().set_state_folder(&temp.path().join("state"));
+    assert_eq!(window.state().documents().theme(), theme);
     begin(&mut window);
     shows(&mut window, "mine.toml");
     // Those of the program are one click away.

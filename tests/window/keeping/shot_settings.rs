@@ -124,7 +124,7 @@ fn profile_saved_under_a_name_takes_all_and_the_scene_follows() {
     std::fs::write(&case.scene, format!("{SCENE}\n[settings.noise]\nscale = 0.75\n")).unwrap();
     let mut project = case.project();
     assert_eq!(
-        (number(&project, "noise", "scale"), project.opened("noise", "scale")),
+        (number(&project, "noise", "scale"), project.baseline_value("noise", "scale")),
         (0.75, Some(Value::Number(0.5)))
     );
     project.set("noise", "scale", &Value::Number(2.0)).unwrap();
@@ -250,13 +250,13 @@ fn readout_time_saved_to_the_profile_stays_over_an_analysis() {
     let mut project = case.project();
     let folder = case.profile.with_file_name("found");
     let found = analysis(&folder, &project);
-    project.take_analysis(folder, found).unwrap();
+    project.adopt_analysis(folder, found).unwrap();
     assert_eq!(number(&project, "camera", "readout_time_s"), 0.0125);
     project.set("camera", "readout_time_s", &Value::Number(0.02)).unwrap();
     save_camera(&mut project, &case.profile);
     assert!(case.texts()[0].contains("readout_time_s = 0.02"), "{}", case.texts()[0]);
     // The analysis overrides the profile: the scene has to keep it.
-    assert_eq!(project.opened("camera", "readout_time_s"), Some(Value::Number(0.0125)));
+    assert_eq!(project.baseline_value("camera", "readout_time_s"), Some(Value::Number(0.0125)));
     assert!(!project.is_saved() && project.scene_is_changed());
     project.save_scene(&case.scene).unwrap();
     assert!(project.is_saved() && case.texts()[1].contains("[settings.camera]\nreadout_time_s = 0.02\n"));
@@ -273,10 +273,10 @@ fn analysis_leaves_the_settings_of_the_scene_and_of_a_profile_that_was_saved_sin
     let found = analysis(&folder, &project);
     project.set("point_spread", "sigma_px", &Value::Number(1.5)).unwrap();
     save_camera(&mut project, &case.profile.with_file_name("other.toml"));
-    project.take_analysis(folder, found).unwrap();
+    project.adopt_analysis(folder, found).unwrap();
     let names = [("camera", "readout_time_s"), ("point_spread", "sigma_px")];
     assert_eq!(names.map(|(table, name)| number(&project, table, name)), [0.01, 1.5]);
-    assert_eq!(project.opened("point_spread", "sigma_px"), Some(Value::Number(1.5)));
+    assert_eq!(project.baseline_value("point_spread", "sigma_px"), Some(Value::Number(1.5)));
     assert_eq!(project.shot().baseline().found.len(), 1);
 }
 
@@ -287,7 +287,7 @@ fn save_without_a_scene_ends_and_names_what_no_file_keeps() {
     let mut project = project(Some(&case.profile), Some(model));
     let folder = case.profile.with_file_name("found");
     let found = analysis(&folder, &project);
-    project.take_analysis(folder, found).unwrap();
+    project.adopt_analysis(folder, found).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 900.0));
     set(&mut window, "camera.exposure", "time_s", 0.02);
     set(&mut window, "camera", "readout_time_s", 0.02);
@@ -295,15 +295,15 @@ fn save_without_a_scene_ends_and_names_what_no_file_keeps() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.run_steps(3);
     press(&mut window, "Save to the profile");
-    until(&mut window, |app| app.said().is_some_and(|said| said.contains("Not saved without a scene: ")));
-    let said = window.state().said().unwrap().to_owned();
+    until(&mut window, |app| app.message().is_some_and(|said| said.contains("Not saved without a scene: ")));
+    let said = window.state().message().unwrap().to_owned();
     assert!(said.starts_with("Saved the profile mine.toml") && said.contains("eadout"), "{said}");
     let profile = &case.texts()[0];
     assert!(profile.contains("scale = 0.25") && !profile.contains("time_s"), "{profile}");
     // Once more it is said at once, and nothing is written.
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.run_steps(3);
-    let said = window.state().said().unwrap();
+    let said = window.state().message().unwrap();
     assert!(said.contains("Not saved without a scene: ") && !has(&window, "Save to the profile"), "{said}");
 }
 
@@ -316,7 +316,7 @@ fn values_read_again_from_a_profile_count_for_the_exposure() {
     let mut project = case.project();
     assert_eq!((project.shot().taken(0).iso, project.shot().taken(0).f_number), (Some(400.0), Some(8.0)));
     std::fs::write(&case.profile, exposure(800)).unwrap();
-    project.read_again(case.project());
+    project.adopt_files(case.project());
     assert_eq!((project.shot().taken(0).iso, project.shot().taken(0).f_number), (Some(800.0), Some(8.0)));
     assert_eq!(project.shot().baseline().rig.exposure.iso, Some(800.0));
     // Without the scene's own value the profile's holds.
@@ -377,7 +377,7 @@ fn setting_of_the_scene_that_is_overridden_for_the_session_stays_in_its_file() {
     let line = command_line(&project, 0);
     assert!(line.text.contains("--set noise.scale=2 --set camera.lens.f_number=4"), "{line:?}");
     // Read again, they still override the scene.
-    project.read_again(open());
+    project.adopt_files(open());
     assert_eq!(number(&project, "noise", "scale"), 2.0);
     // Values that the user sets replace the scene's.
     project.set("noise", "scale", &Value::Number(3.0)).unwrap();

@@ -1,10 +1,11 @@
-//! What calibration says, in the words of the window: there are no options here, and a scene is a place that was picked.
+//! Messages about calibration for the window, which has no command-line options and in which each
+//! picked place is a scene.
 
 use locard_engine::calibrate::{CalibrateError, PickedError, Warning};
 use locard_engine::text::{count, fixed, without_options};
 
-/// Why noise is not known.
-pub fn of_noise(error: &CalibrateError) -> String {
+/// Why the noise could not be measured.
+pub fn noise_error(error: &CalibrateError) -> String {
     use CalibrateError as E;
     match error {
         E::NoFrames => "no frame could be read".to_owned(),
@@ -17,13 +18,13 @@ pub fn of_noise(error: &CalibrateError) -> String {
         E::Stopped => "it was ended before it was done".to_owned(),
         E::Bins { .. } | E::MeansMixed | E::MeansCount { .. } => without_options(&error.to_string()),
         E::TooFew { channel, needed, best } => {
-            format!("{} too few pixels of one brightness, in {}", samples(*best, *needed), named(channel))
+            format!("{} too few pixels of one brightness, in {}", samples(*best, *needed), channel_name(channel))
         }
         E::Textured { channel, needed, best, .. } => {
             let samples = samples(*best, *needed);
             format!(
                 "texture is almost everywhere in this frame, above all in {}: {samples} plain pixels",
-                named(channel)
+                channel_name(channel)
             )
         }
         E::CameraMoves { percent, .. } => format!(
@@ -37,20 +38,20 @@ pub fn of_noise(error: &CalibrateError) -> String {
         }
         E::Read { path, reason } => format!("{}: {reason}", path.display()),
         E::Picture(error) => without_options(&error.to_string()),
-        E::InFile { path, source } => format!("{}: {}", path.display(), of_noise(source)),
+        E::InFile { path, source } => format!("{}: {}", path.display(), noise_error(source)),
     }
 }
 
-/// Why picked places give no noise.
-pub fn of_places(error: &PickedError) -> String {
+/// Why the noise could not be measured from picked places.
+pub fn picked_error(error: &PickedError) -> String {
     match error {
-        PickedError::Calibrate(error) => of_noise(error),
+        PickedError::Calibrate(error) => noise_error(error),
         other => other.to_string(),
     }
 }
 
-/// What is odd about the noise of picked places. `used`: the numbers of those that count, from 1.
-pub fn odd(warning: &Warning, used: &[usize]) -> String {
+/// A warning about noise from picked places. `used`: numbers of the places that count, from 1.
+pub fn noise_warning(warning: &Warning, used: &[usize]) -> String {
     use Warning as W;
     // Each place is a scene of its own.
     let place = |scene: &usize| match scene.checked_sub(1).and_then(|n| used.get(n)) {
@@ -79,13 +80,13 @@ pub fn odd(warning: &Warning, used: &[usize]) -> String {
         ),
         W::Filled { channel, filled, bins, .. } => format!(
             "{}: {filled} of {} had too few pixels, and follow their neighbours",
-            named(channel),
+            channel_name(channel),
             count(*bins, "intensity range")
         ),
         W::OffMean { channel, code, off } => {
             format!(
                 "{}: at code {} the frames lie {} beside their mean",
-                named(channel),
+                channel_name(channel),
                 fixed(*code, 0),
                 fixed(*off, 1)
             )
@@ -100,8 +101,8 @@ pub fn odd(warning: &Warning, used: &[usize]) -> String {
     }
 }
 
-/// A channel as the buttons call it.
-fn named(channel: &str) -> &str {
+/// Name of a channel, as on the buttons.
+fn channel_name(channel: &str) -> &str {
     match channel {
         "R" => "red",
         "G" => "green",
@@ -110,7 +111,7 @@ fn named(channel: &str) -> &str {
     }
 }
 
-/// How many independent samples there are, and how many are needed.
+/// Number of independent samples and the required number.
 fn samples(best: f64, needed: f64) -> String {
     format!("{} of the {} that are needed:", fixed(best, 0), fixed(needed, 0))
 }
@@ -120,7 +121,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_speaks_of_options_or_scenes() {
+    fn messages_mention_neither_options_nor_scenes() {
         let (channel, path) = ("G", std::path::PathBuf::from("/r/frame.png"));
         let textured = || CalibrateError::Textured { channel, needed: 300.0, best: 41.6, frames: 1 };
         let errors = [
@@ -147,15 +148,17 @@ mod tests {
             Warning::Texture,
             Warning::Jpeg,
         ];
-        let told = errors.iter().map(of_noise).chain(warnings.iter().map(|warning| odd(warning, &[1, 4])));
-        for text in told {
-            let is_plain =
-                !["--", "scene", "given", "picture of the", " G", " bins"].iter().any(|odd| text.contains(odd));
+        let message =
+            errors.iter().map(noise_error).chain(warnings.iter().map(|warning| noise_warning(warning, &[1, 4])));
+        for text in message {
+            let is_plain = !["--", "scene", "given", "picture of the", " G", " bins"]
+                .iter()
+                .any(|noise_warning| text.contains(noise_warning));
             assert!(is_plain, "{text}");
         }
-        // The second place that counts is the fourth that was picked.
-        assert!(odd(&warnings[3], &[1, 4]).starts_with("plain 4: its brightness varies by 0.50 codes"));
-        let told = of_places(&PickedError::Calibrate(textured()));
-        assert!(told.contains("green") && told.contains("42 of the 300 that are needed"), "{told}");
+        // The second place that counts is the fourth one picked.
+        assert!(noise_warning(&warnings[3], &[1, 4]).starts_with("plain 4: its brightness varies by 0.50 codes"));
+        let message = picked_error(&PickedError::Calibrate(textured()));
+        assert!(message.contains("green") && message.contains("42 of the 300 that are needed"), "{message}");
     }
 }

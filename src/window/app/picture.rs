@@ -1,4 +1,4 @@
-//! The picture, and what is done in it.
+//! The central panel: the picture and the interaction with it.
 
 use eframe::egui::{self, Ui};
 use glam::DVec2;
@@ -12,32 +12,32 @@ use super::App;
 use locard_engine::frame::Frame;
 
 impl App {
-    /// The picture, and what is done in it.
+    /// Shows the picture and handles the interaction with it.
     pub(super) fn picture(&mut self, ui: &mut Ui) {
         let frame = self.session.frame().cloned();
-        let asked = self.hand.asks_for();
-        let is_picking = self.evidence.ground.is_picking() && asked.is_none();
-        let is_placing = self.evidence.is_placing() && asked.is_none() && !is_picking;
-        let is_for_lamp = self.lamps.is_picking() && asked.is_none() && !is_picking && !is_placing;
+        let region_purpose = self.region_picker.active_purpose();
+        let is_picking = self.evidence.ground.is_picking() && region_purpose.is_none();
+        let is_placing = self.evidence.is_placing() && region_purpose.is_none() && !is_picking;
+        let is_for_lamp = self.lamps.is_picking() && region_purpose.is_none() && !is_picking && !is_placing;
         let taken = Taken {
-            clicks: is_placing || is_picking || is_for_lamp || asked.is_some(),
-            drags: asked.is_some() || is_placing || self.handles.takes_drags(),
+            clicks: is_placing || is_picking || is_for_lamp || region_purpose.is_some(),
+            drags: region_purpose.is_some() || is_placing || self.handles.takes_drags(),
         };
         let other = self.session.project.edit().other.as_ref();
         let compared = other.map(|other| Compared { edits_a: !other.is_a });
         if compared.is_some() && self.view.wipe.is_some() {
-            self.session.want_other();
+            self.session.request_variant();
         }
-        let lacking = if frame.is_none() { self.session.lacking() } else { "" };
+        let placeholder = if frame.is_none() { self.session.placeholder() } else { "" };
         let viewer = &mut self.session.viewer;
-        let seen = picture::show(ui, &mut self.view, viewer, frame.as_deref().ok_or(lacking), compared, taken);
+        let seen = picture::show(ui, &mut self.view, viewer, frame.as_deref().ok_or(placeholder), compared, taken);
         self.placed = seen.as_ref().map(|seen| seen.placed);
         let (Some(mut seen), Some(frame)) = (seen, frame) else { return };
         self.steered.over(&mut seen);
         let obstacle = Obstacle::of(self.session.project.shot(), frame.index);
         let wants_place = is_placing || is_picking || is_for_lamp;
         if wants_place && obstacle.is_some() {
-            // The notice says why; a click has no effect.
+            // The notice explains the obstacle; a click has no effect.
             seen.clicked = None;
             seen.response.ctx.set_cursor_icon(egui::CursorIcon::NotAllowed);
         }
@@ -47,17 +47,17 @@ impl App {
         }
         self.codes(&seen, &frame);
         self.side.over_picture(&seen, frame.index, self.session.player.playing);
-        self.hand.work(&seen);
+        self.region_picker.update(&seen);
         let over = Over {
             seen: &seen,
             view: &self.view,
             frame: &frame,
-            is_free: !is_placing && !is_picking && !is_for_lamp && asked.is_none(),
+            is_free: !is_placing && !is_picking && !is_for_lamp && region_purpose.is_none(),
             is_hidden: self.view.plain || (self.session.player.playing && !self.session.is_live()),
         };
         match self.handles.show(&over, &mut self.session.project, &mut self.evidence.selected) {
-            Some(Ok(done)) => self.session.say(done),
-            Some(Err(wrong)) => self.session.say(wrong),
+            Some(Ok(done)) => self.session.show_message(done),
+            Some(Err(error)) => self.session.show_message(error),
             None => {}
         }
         self.notice(ui, &seen, obstacle.as_ref(), frame.index, wants_place);
@@ -68,8 +68,8 @@ impl App {
         if is_picking {
             let at = seen.clicked.map(|at| DVec2::new(at.x.into(), at.y.into()));
             match at.map_or(Ok(None), |at| self.evidence.ground.click(&self.session.project, &frame, at)) {
-                Ok(said) => said.into_iter().for_each(|said| self.session.say(said)),
-                Err(wrong) => self.refuse(&seen, wrong),
+                Ok(message) => message.into_iter().for_each(|message| self.session.show_message(message)),
+                Err(error) => self.refuse(&seen, error),
             }
         }
         if is_for_lamp {
@@ -80,8 +80,8 @@ impl App {
             if let Some(at) = seen.clicked.map(|at| DVec2::new(at.x.into(), at.y.into())) {
                 let (project, selected) = (&mut self.session.project, &mut self.evidence.selected);
                 match self.lamps.pick(project, &self.evidence.ground.finder, &frame, at, selected) {
-                    Ok(said) => said.into_iter().for_each(|said| self.session.say(said)),
-                    Err(wrong) => self.refuse(&seen, wrong),
+                    Ok(message) => message.into_iter().for_each(|message| self.session.show_message(message)),
+                    Err(error) => self.refuse(&seen, error),
                 }
             }
         }
@@ -94,40 +94,45 @@ impl App {
             let clicked = seen.clicked.map(|at| DVec2::new(at.x.into(), at.y.into()));
             if let Some(at) = turned.or(clicked) {
                 match self.evidence.place(&mut self.session.project, &frame, at) {
-                    Ok(()) => {
-                        self.evidence.ground.finder.told.take().into_iter().for_each(|told| self.session.say(told))
-                    }
-                    Err(wrong) => self.refuse(&seen, wrong),
+                    Ok(()) => self
+                        .evidence
+                        .ground
+                        .finder
+                        .told
+                        .take()
+                        .into_iter()
+                        .for_each(|told| self.session.show_message(told)),
+                    Err(error) => self.refuse(&seen, error),
                 }
             }
         }
         self.refusal = self.refusal.take().filter(|refusal| refusal.show(&seen));
     }
 
-    /// Reports why a click had no effect, where it was clicked.
+    /// Shows at the click why it had no effect.
     fn refuse(&mut self, seen: &Seen, why: String) {
         if let Some(at_px) = seen.clicked.or(seen.pointed) {
             self.refusal = Some(Refusal::new(seen, at_px, why.clone()));
         }
-        self.session.say(why);
+        self.session.show_message(why);
     }
 
-    /// Shows over the picture why a profile was refused, or why nothing can be placed.
+    /// Shows a notice over the picture: a refused profile, or an obstacle to placement.
     fn notice(&mut self, ui: &mut Ui, seen: &Seen, obstacle: Option<&Obstacle>, frame: usize, wants_place: bool) {
-        let refused = self.keeper.refused_profile.clone();
+        let refused = self.documents.refused_profile.clone();
         let refused = refused.map(|text| Notice { text, remedy: Some(Remedy::ChooseProfile), can_be_closed: true });
         let Some(notice) = refused.or_else(|| self.obstacle_notice(obstacle?, frame, wants_place)) else { return };
         match notice::show(ui, seen.painter.clip_rect(), &notice) {
-            Some(NoticeButton::Remedy(Remedy::ChooseProfile)) => self.keeper.choose_profile(&self.session.project),
+            Some(NoticeButton::Remedy(Remedy::ChooseProfile)) => self.documents.choose_profile(&self.session.project),
             Some(NoticeButton::Remedy(Remedy::GoToFrame(frame))) => self.session.player.seek(frame),
-            Some(NoticeButton::Close) if self.keeper.refused_profile.is_some() => self.keeper.close_refusal(),
+            Some(NoticeButton::Close) if self.documents.refused_profile.is_some() => self.documents.close_refusal(),
             Some(NoticeButton::Close) => self.hides_obstacle = true,
             None => {}
         }
     }
 
-    /// The notice of an obstacle. That of a missing pose is shown only while a place is picked, any
-    /// other one until it is closed.
+    /// The notice of an obstacle. A missing pose is only reported while a place is picked; other
+    /// obstacles until the notice is closed.
     fn obstacle_notice(&mut self, obstacle: &Obstacle, frame: usize, wants_place: bool) -> Option<Notice> {
         let (text, remedy) = match obstacle {
             Obstacle::Camera(_) | Obstacle::Other(_) if self.hides_obstacle && !wants_place => return None,
@@ -142,14 +147,14 @@ impl App {
         Some(Notice { text, remedy, can_be_closed: !wants_place })
     }
 
-    /// Code values at the pointer and in pixels that are large enough.
+    /// Shows code values in the loupe, and inside of pixels that are large enough on the screen.
     pub(super) fn codes(&mut self, seen: &Seen, frame: &Frame) {
         let ppp = seen.response.ctx.pixels_per_point();
         let numbers = seen.placed.scale * ppp >= loupe::NUMBERS_FROM;
         if !numbers && !self.view.loupe {
             return;
         }
-        self.session.want_codes();
+        self.session.request_codes();
         let codes = self.session.codes().filter(|codes| codes.frame.index == frame.index);
         if numbers {
             loupe::numbers(seen, seen.camera, &frame.pixels, ppp);

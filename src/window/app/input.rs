@@ -1,4 +1,4 @@
-//! What keys and files that are dropped do.
+//! Handles keys and dropped files.
 
 use eframe::egui::{self, Key};
 
@@ -6,8 +6,8 @@ use super::super::actions::{self, Action};
 use super::super::camera::Asked;
 use super::super::fields;
 use super::super::handles::Handles;
+use super::super::object_actions;
 use super::super::theme;
-use super::super::things;
 use super::App;
 
 impl App {
@@ -17,10 +17,10 @@ impl App {
         let zoom = self.view.zoom.or(self.placed.map(|placed| placed.scale * ctx.pixels_per_point()));
         match action {
             Action::Play | Action::Camera if is_live => {
-                self.keeper.of_camera(ctx, &mut self.session, Asked::Freeze);
+                self.documents.handle_camera_request(ctx, &mut self.session, Asked::Freeze);
             }
-            Action::Camera => self.keeper.of_camera(ctx, &mut self.session, Asked::Live),
-            // There is no other frame than the newest.
+            Action::Camera => self.documents.handle_camera_request(ctx, &mut self.session, Asked::Live),
+            // A live camera only has its newest frame.
             Action::Step(_) | Action::LoopFrom | Action::LoopTo | Action::LoopAll if is_live => {}
             Action::Play => player.play(!player.playing),
             Action::Step(by) => player.step(by),
@@ -29,7 +29,7 @@ impl App {
             Action::LoopAll => player.set_range(0..player.count()),
             Action::Wipe => self.view.wipe = if self.view.wipe.is_some() { None } else { Some(0.5) },
             Action::Compare => self.compare(),
-            Action::Exchange => self.session.project.exchange(),
+            Action::Exchange => self.session.project.swap_variant(),
             Action::Loupe => self.view.loupe = !self.view.loupe,
             Action::Alone => self.view.alone = !self.view.alone,
             Action::Fit => self.view.zoom = None,
@@ -38,9 +38,9 @@ impl App {
             Action::Smaller => zoom.into_iter().for_each(|zoom| self.view.zoom_to(zoom * 0.5)),
             Action::Undo => self.undo(),
             Action::Redo => self.redo(),
-            Action::Save => self.keeper.save(),
-            Action::Open => self.keeper.open(&self.session.project),
-            Action::Export => self.keeper.shows_output = !self.keeper.shows_output,
+            Action::Save => self.documents.save(),
+            Action::Open => self.documents.open(&self.session.project),
+            Action::Export => self.documents.is_output_open = !self.documents.is_output_open,
             Action::Theme => theme::exchange(ctx),
             Action::Begin(what) => {
                 if !is_live {
@@ -51,33 +51,34 @@ impl App {
             Action::Nudge(right, up) => {
                 let frame = self.session.frame().map(|frame| frame.index);
                 if let (Some(frame), Some(entry)) = (frame, self.evidence.selected)
-                    && let Err(wrong) = Handles::nudge(&mut self.session.project, frame, entry, right, up)
+                    && let Err(error) = Handles::nudge(&mut self.session.project, frame, entry, right, up)
                 {
-                    self.session.say(wrong);
+                    self.session.show_message(error);
                 }
             }
             Action::Hide => {
-                if let Some(wrong) = things::hide(&mut self.session.project, self.evidence.selected) {
-                    self.session.say(wrong);
+                if let Some(error) = object_actions::hide(&mut self.session.project, self.evidence.selected) {
+                    self.session.show_message(error);
                 }
             }
             Action::Delete => {
-                if let Some(wrong) = things::delete(&mut self.session.project, &mut self.evidence.selected) {
-                    self.session.say(wrong);
+                if let Some(error) = object_actions::delete(&mut self.session.project, &mut self.evidence.selected) {
+                    self.session.show_message(error);
                 }
             }
             Action::Keys => self.shows_keys = !self.shows_keys,
             Action::Leave => {
-                // What was begun first, then what is open.
-                let was_begun = self.hand.asks_for().is_some() || self.evidence.is_busy() || self.lamps.is_picking();
-                self.hand.cancel();
+                // Cancels a started action first, then closes windows.
+                let was_active =
+                    self.region_picker.active_purpose().is_some() || self.evidence.is_busy() || self.lamps.is_picking();
+                self.region_picker.cancel();
                 self.evidence.cancel();
                 self.lamps.cancel();
                 let was_open = self.shows_keys || self.shows_history;
-                if !was_begun && !(self.keeper.close_windows() | was_open) {
+                if !was_active && !(self.documents.close_windows() | was_open) {
                     self.evidence.selected = None;
                 }
-                if !was_begun {
+                if !was_active {
                     (self.shows_keys, self.shows_history) = (false, false);
                 }
             }
@@ -88,12 +89,12 @@ impl App {
         if self.was_typing && ctx.input(|i| i.key_pressed(Key::Escape)) {
             fields::take_back(ctx);
         }
-        // All keys are the dialog's that is open.
-        if self.keeper.is_asking() || ctx.memory(|memory| memory.top_modal_layer().is_some()) {
+        // An open dialog receives all keys.
+        if self.documents.is_dialog_open() || ctx.memory(|memory| memory.top_modal_layer().is_some()) {
             return;
         }
-        let is_asked = self.evidence.is_placing() || self.evidence.ground.is_picking() || self.lamps.is_picking();
-        match self.session.frame().filter(|_| is_asked && !ctx.egui_wants_keyboard_input()) {
+        let needs_point = self.evidence.is_placing() || self.evidence.ground.is_picking() || self.lamps.is_picking();
+        match self.session.frame().filter(|_| needs_point && !ctx.egui_wants_keyboard_input()) {
             Some(frame) => {
                 let size = egui::vec2(frame.pixels.width as f32, frame.pixels.height as f32);
                 self.steered.keys(ctx, size);
@@ -106,11 +107,11 @@ impl App {
         }
         self.view.plain = !ctx.egui_wants_keyboard_input() && ctx.input(|i| i.key_down(Key::Backslash));
         for file in ctx.input(|i| i.raw.dropped_files.clone()) {
-            self.keeper.dropped(ctx, file.path().to_owned(), &mut self.session);
+            self.documents.open_file(ctx, file.path().to_owned(), &mut self.session);
         }
     }
 
-    /// Begins or ends to compare two settings.
+    /// Starts or ends the A/B comparison.
     pub(super) fn compare(&mut self) {
         let begins = self.session.project.edit().other.is_none();
         self.session.project.compare(begins);
@@ -119,13 +120,13 @@ impl App {
 
     pub(super) fn undo(&mut self) {
         if let Some(name) = self.session.project.undo() {
-            self.session.say(format!("Undone: {name}"));
+            self.session.show_message(format!("Undone: {name}"));
         }
     }
 
     pub(super) fn redo(&mut self) {
         if let Some(name) = self.session.project.redo() {
-            self.session.say(format!("Redone: {name}"));
+            self.session.show_message(format!("Redone: {name}"));
         }
     }
 }

@@ -1,9 +1,9 @@
-//! What was found of the footage while a person works.
+//! Adopts the results of an analysis that ran while the project was open.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use super::kept::settings_of_scene;
+use super::save_targets::settings_of_scene;
 use super::{Edit, Project, full_name};
 use locard_engine::analyse::Analysis;
 use locard_engine::compositor::Settings;
@@ -11,12 +11,12 @@ use locard_engine::profile::{Look, Rig};
 use locard_engine::shot::{Follows, ShotError};
 
 impl Project {
-    /// Goes on with an analysis of the recording. Scene, history and settings stay. The values that
-    /// were found replace those of the recording and the profiles in every step, which is no change
-    /// to be saved. Values that the scene or the user sets stay.
-    pub fn take_analysis(&mut self, folder: PathBuf, analysis: Analysis) -> Result<(), ShotError> {
+    /// Continues with an analysis of the recording. Scene, history and settings stay. The results
+    /// replace the values of the recording and the profiles in every step, which is not an unsaved
+    /// change. Values set by the scene or the user stay.
+    pub fn adopt_analysis(&mut self, folder: PathBuf, analysis: Analysis) -> Result<(), ShotError> {
         let follows = self.shot.take_analysis(folder, analysis)?;
-        let (opened, pins) = (self.opened.clone(), self.pins(&BTreeSet::new()));
+        let (opened, pins) = (self.baseline.clone(), self.pins(&BTreeSet::new()));
         let follow_in = |rig: &mut Rig, settings: &mut Settings, unpinned: &BTreeSet<String>| {
             let pins = pins.filtered(|table, name| !unpinned.contains(&full_name(table, name)));
             let own = settings_of_scene(opened.look(), &pins, Look { rig, settings });
@@ -28,13 +28,13 @@ impl Project {
                 follow_in(&mut other.rig, &mut other.settings, &edit.unpinned);
             }
         };
-        self.history.each(follow);
+        self.history.change_all(follow);
         follow(&mut self.saved);
-        Follows::apply(&follows, &mut self.opened.rig, &mut self.opened.settings);
-        // What stands wrong, and what is compared with, are others by other poses.
+        Follows::apply(&follows, &mut self.baseline.rig, &mut self.baseline.settings);
+        // Other poses change the placement checks and the variant.
         self.scene_version += 1;
-        self.other_version = self.version + 1;
-        self.follow();
+        self.variant_version = self.version + 1;
+        self.update_shot();
         Ok(())
     }
 }

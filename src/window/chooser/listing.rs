@@ -1,28 +1,28 @@
-//! What a folder holds of what is looked for.
+//! The relevant entries of a folder.
 
 use std::path::{Path, PathBuf};
 
 use locard_engine::recording::Recording;
 use locard_engine::text::reason;
 
-/// What is looked for.
+/// What the chooser selects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Seeks {
-    /// A file with one of these endings.
+pub enum ChooserMode {
+    /// An existing file with one of these extensions.
     File(&'static [&'static str]),
-    /// A recording: a folder, or a file of one.
+    /// A recording: a folder, or a file in one.
     Recording,
-    /// A file that may be new; the first ending is added where there is none.
+    /// A file that may be new. The first extension is added to a name without one.
     NewFile(&'static [&'static str]),
     /// A name for a series of photographs, as [`NewFile`](Self::NewFile).
     NewSeries(&'static [&'static str]),
     /// A folder that may be new.
     NewFolder,
-    /// The same, and nothing may be in it.
+    /// A folder that is new or empty.
     EmptyFolder,
 }
 
-impl Seeks {
+impl ChooserMode {
     pub fn is_new(self) -> bool {
         matches!(self, Self::NewFile(_) | Self::NewSeries(_) | Self::NewFolder | Self::EmptyFolder)
     }
@@ -46,28 +46,28 @@ pub struct Entry {
     pub is_recording: bool,
 }
 
-/// A folder, and what is in it.
+/// A folder and its entries.
 #[derive(Clone, Debug)]
 pub struct Listing {
     pub folder: PathBuf,
-    /// The folder itself is one.
+    /// The folder itself is a recording.
     pub is_recording: bool,
     pub entries: Result<Vec<Entry>, String>,
 }
 
 impl Listing {
-    /// Reads a folder, which may take its time.
-    pub fn of(folder: PathBuf, seeks: Seeks) -> Self {
-        let is_recording = seeks == Seeks::Recording && Recording::is_at(&folder);
-        Self { is_recording, entries: listed(&folder, seeks), folder }
+    /// Reads a folder, which may be slow.
+    pub fn of(folder: PathBuf, mode: ChooserMode) -> Self {
+        let is_recording = mode == ChooserMode::Recording && Recording::is_at(&folder);
+        Self { is_recording, entries: list_folder(&folder, mode), folder }
     }
 
-    /// One that could not be read.
+    /// A folder that could not be read.
     pub fn failed(folder: PathBuf, why: String) -> Self {
         Self { folder, is_recording: false, entries: Err(why) }
     }
 
-    /// The recording that a name in it means; none: the folder itself.
+    /// The recording of that name; for an empty name the folder itself.
     pub fn recording(&self, name: &str) -> Option<PathBuf> {
         if name.is_empty() {
             return self.is_recording.then(|| self.folder.clone());
@@ -77,17 +77,17 @@ impl Listing {
     }
 }
 
-/// Folders first, then the files that are looked for; no hidden ones.
-fn listed(folder: &Path, seeks: Seeks) -> Result<Vec<Entry>, String> {
+/// Folders, then matching files, without hidden ones.
+fn list_folder(folder: &Path, mode: ChooserMode) -> Result<Vec<Entry>, String> {
     let mut entries: Vec<Entry> = std::fs::read_dir(folder)
         .map_err(|error| reason(&error))?
         .flatten()
         .filter_map(|entry| {
             let name = entry.file_name().to_str().filter(|name| !name.starts_with('.'))?.to_owned();
-            // Through links.
+            // Follows links.
             let is_folder = std::fs::metadata(entry.path()).is_ok_and(|there| there.is_dir());
-            let is_recording = seeks == Seeks::Recording && is_folder && Recording::is_at(&entry.path());
-            (is_folder || seeks.shows(&entry.path())).then_some(Entry { name, is_folder, is_recording })
+            let is_recording = mode == ChooserMode::Recording && is_folder && Recording::is_at(&entry.path());
+            (is_folder || mode.shows(&entry.path())).then_some(Entry { name, is_folder, is_recording })
         })
         .collect();
     entries.sort_by_key(|entry| (!entry.is_folder, entry.name.to_lowercase()));
@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn folders_come_first_and_files_of_the_wrong_kind_do_not_come() {
+    fn listing_has_folders_first_and_only_matching_files() {
         let temp = tempfile::tempdir().unwrap();
         for folder in ["b", "A", ".hidden"] {
             std::fs::create_dir(temp.path().join(folder)).unwrap();
@@ -107,16 +107,16 @@ mod tests {
         for file in ["z.toml", "a.TOML", "c.png", ".d.toml"] {
             std::fs::write(temp.path().join(file), "").unwrap();
         }
-        let names = |seeks| listed(temp.path(), seeks).unwrap().into_iter().map(|e| e.name).collect::<Vec<_>>();
-        assert_eq!(names(Seeks::File(&["toml"])), ["A", "b", "a.TOML", "z.toml"]);
-        assert_eq!(names(Seeks::NewFolder), ["A", "b"]);
-        assert!(listed(&temp.path().join("nowhere"), Seeks::NewFolder).unwrap_err().contains("no such"));
-        let recordings = listed(Path::new("recordings"), Seeks::Recording).unwrap();
+        let names = |mode| list_folder(temp.path(), mode).unwrap().into_iter().map(|e| e.name).collect::<Vec<_>>();
+        assert_eq!(names(ChooserMode::File(&["toml"])), ["A", "b", "a.TOML", "z.toml"]);
+        assert_eq!(names(ChooserMode::NewFolder), ["A", "b"]);
+        assert!(list_folder(&temp.path().join("nowhere"), ChooserMode::NewFolder).unwrap_err().contains("no such"));
+        let recordings = list_folder(Path::new("recordings"), ChooserMode::Recording).unwrap();
         assert!(recordings.iter().any(|entry| entry.name == "demo" && entry.is_recording));
-        let here = Listing::of("recordings".into(), Seeks::Recording);
+        let here = Listing::of("recordings".into(), ChooserMode::Recording);
         assert_eq!(here.recording("demo"), Some("recordings/demo".into()));
         assert_eq!([here.recording("dem"), here.recording("")], [None, None]);
-        let within = Listing::of("recordings/demo".into(), Seeks::Recording);
+        let within = Listing::of("recordings/demo".into(), ChooserMode::Recording);
         assert_eq!(within.recording(""), Some("recordings/demo".into()));
     }
 }

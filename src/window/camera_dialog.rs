@@ -1,18 +1,18 @@
-//! Asks for a camera, and where its poses come from.
+//! The dialog that opens a live camera and selects the source of its poses.
 
 use std::path::{Path, PathBuf};
 
 use eframe::egui::{self, Context, Ui};
 
-use super::chooser::{Begin, Chooser, Chosen, Seeks};
-use super::errand::Errand;
+use super::chooser::{Chooser, ChooserMode, ChooserResult, StartLocation};
 use super::question::{self, DialogKeys, default_button};
-use super::recent::Opened;
+use super::recent::DocumentRef;
+use super::task::BackgroundTask;
 use locard_engine::live::{Added, Asked, LiveFrom};
 use locard_engine::text::{number, shown};
 use locard_engine::webcam::{self, DriverName};
 
-/// Where poses come from.
+/// Source of poses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Poses {
     #[default]
@@ -24,9 +24,9 @@ enum Poses {
 /// A camera in the list.
 #[derive(Debug)]
 struct CameraEntry {
-    /// As [`DriverName::split`] reads it.
+    /// In the form that [`DriverName::split`] parses.
     camera: String,
-    /// Its number and name, and its driver if that is not the default one.
+    /// Number, name, and the driver if it is not the default one.
     label: String,
 }
 
@@ -34,18 +34,18 @@ struct CameraEntry {
 #[derive(Debug, Default)]
 struct CameraList {
     entries: Vec<CameraEntry>,
-    /// Why cameras are missing.
-    why: Option<String>,
+    /// Errors of drivers whose cameras are missing.
+    errors: Option<String>,
 }
 
-/// See above.
+/// The dialog with its entries.
 #[derive(Debug)]
-pub struct Air {
-    looking: Option<Errand<CameraList>>,
-    found: CameraList,
+pub struct CameraDialog {
+    listing_task: Option<BackgroundTask<CameraList>>,
+    cameras: CameraList,
     camera: String,
-    /// A person has said which.
-    is_chosen: bool,
+    /// The user has selected a camera.
+    is_camera_chosen: bool,
     poses: Poses,
     board: String,
     address: String,
@@ -54,33 +54,33 @@ pub struct Air {
     rate: String,
     delay: String,
     smoothing: String,
-    /// What is asked for beyond that: it was named on the command line.
+    /// Further request options, from the command line.
     asked: Asked,
     scene: Option<PathBuf>,
     with_scene: bool,
-    /// Why what was asked for last was not opened.
-    refused: Option<String>,
-    /// A file is being chosen, in place of the dialog.
-    chooser: Option<(Named, Chooser)>,
+    /// Error of the last attempt to open a camera.
+    error: Option<String>,
+    /// A file chooser that covers the dialog.
+    chooser: Option<(FileField, Chooser)>,
 }
 
-/// A file that can be named.
+/// A field that names a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Named {
+enum FileField {
     Video,
     Board,
     Profile,
 }
 
-impl Air {
-    /// Proposes a profile, and a scene.
+impl CameraDialog {
+    /// Proposes a profile and a scene.
     pub fn new(ctx: &Context, profile: Option<PathBuf>, scene: Option<PathBuf>) -> Self {
         let wake = ctx.clone();
         Self {
-            looking: Errand::begin("cameras", move || wake.request_repaint(), cameras).ok(),
-            found: CameraList::default(),
+            listing_task: BackgroundTask::spawn("cameras", move || wake.request_repaint(), cameras).ok(),
+            cameras: CameraList::default(),
             camera: "0".to_owned(),
-            is_chosen: false,
+            is_camera_chosen: false,
             poses: Poses::default(),
             board: String::new(),
             address: "opentrackio://127.0.0.1:55555".to_owned(),
@@ -92,13 +92,13 @@ impl Air {
             asked: Asked::default(),
             with_scene: scene.is_some(),
             scene,
-            refused: None,
+            error: None,
             chooser: None,
         }
     }
 
-    /// As a camera was opened.
-    pub fn of(self, from: &LiveFrom) -> Self {
+    /// Fills the dialog with the settings of an open camera.
+    pub fn with_source(self, from: &LiveFrom) -> Self {
         let asked = from.asked;
         let (poses, board, address) = match from.poses.split_once(':') {
             Some(("tags", board)) => (Poses::Tags, board.to_owned(), self.address.clone()),
@@ -107,8 +107,8 @@ impl Air {
             _ => (Poses::Stream, String::new(), from.poses.clone()),
         };
         Self {
-            camera: named(asked.driver, &from.camera),
-            is_chosen: true,
+            camera: camera_name(asked.driver, &from.camera),
+            is_camera_chosen: true,
             poses,
             board,
             address,
@@ -125,39 +125,49 @@ impl Air {
         }
     }
 
-    /// With what was chosen and typed before.
-    pub fn restored(self, before: Self) -> Self {
-        let Self { scene, with_scene, looking, found, .. } = self;
+    /// Restores the entries of an earlier dialog.
+    pub fn with_entries_of(self, before: Self) -> Self {
+        let Self { scene, with_scene, listing_task, cameras, .. } = self;
         let profile = if before.profile.is_empty() { self.profile } else { before.profile.clone() };
-        Self { scene, with_scene, looking, found, profile, is_chosen: true, refused: None, chooser: None, ..before }
+        Self {
+            scene,
+            with_scene,
+            listing_task,
+            cameras,
+            profile,
+            is_camera_chosen: true,
+            error: None,
+            chooser: None,
+            ..before
+        }
     }
 
-    /// As it was answered, with why nothing came of it.
-    pub fn refused(self, why: String) -> Self {
-        Self { refused: Some(why), is_chosen: true, chooser: None, ..self }
+    /// Shows the dialog again with the reason why the camera was not opened.
+    pub fn with_error(self, why: String) -> Self {
+        Self { error: Some(why), is_camera_chosen: true, chooser: None, ..self }
     }
 
-    /// What is to be opened; `Some(None)` where it is left.
-    pub fn show(&mut self, ctx: &Context) -> Option<Option<Opened>> {
-        if let Some(done) = self.looking.as_ref().and_then(Errand::take) {
-            self.looking = None;
-            let failed = |why| CameraList { entries: Vec::new(), why: Some(why) };
-            self.found = done.unwrap_or_else(failed);
-            if let Some(first) = self.found.entries.first().filter(|_| !self.is_chosen) {
+    /// Returns the document to open, or `Some(None)` if the dialog was cancelled.
+    pub fn show(&mut self, ctx: &Context) -> Option<Option<DocumentRef>> {
+        if let Some(done) = self.listing_task.as_ref().and_then(BackgroundTask::take) {
+            self.listing_task = None;
+            let failed = |errors| CameraList { entries: Vec::new(), errors: Some(errors) };
+            self.cameras = done.unwrap_or_else(failed);
+            if let Some(first) = self.cameras.entries.first().filter(|_| !self.is_camera_chosen) {
                 self.camera.clone_from(&first.camera);
             }
         }
-        if let Some((named, mut chooser)) = self.chooser.take() {
+        if let Some((file_field, mut chooser)) = self.chooser.take() {
             match chooser.show(ctx) {
-                None => self.chooser = Some((named, chooser)),
-                Some(Chosen::Nothing) => {}
-                Some(Chosen::Path { path, .. }) => *self.named(named) = path.display().to_string(),
+                None => self.chooser = Some((file_field, chooser)),
+                Some(ChooserResult::Cancelled) => {}
+                Some(ChooserResult::Path { path, .. }) => *self.text_of(file_field) = path.display().to_string(),
             }
             return None;
         }
         let mut answer = None;
         let keys = DialogKeys::of(ctx, "air");
-        // Read before the body: a field gives up the focus on Enter.
+        // Checked before the body: a field loses the focus on Enter.
         let has_focus = ctx.memory(|memory| memory.focused().is_some());
         let modal = question::modal(ctx, "air", "Live camera", |ui| {
             ui.set_width(460.0);
@@ -165,24 +175,24 @@ impl Air {
             ui.add_space(4.0);
             egui::Grid::new("air").num_columns(2).spacing([12.0, 8.0]).show(ui, |ui| self.fields(ui));
             ui.add_space(10.0);
-            let opened = self.opened();
-            if let Some(why) = opened.as_ref().err().or(self.refused.as_ref()) {
-                ui.colored_label(ui.visuals().error_fg_color, why);
+            let document = self.document();
+            if let Some(error) = document.as_ref().err().or(self.error.as_ref()) {
+                ui.colored_label(ui.visuals().error_fg_color, error);
             }
             ui.horizontal(|ui| {
-                let start = ui.add_enabled_ui(opened.is_ok(), |ui| default_button(ui, "Start", true)).inner;
+                let start = ui.add_enabled_ui(document.is_ok(), |ui| default_button(ui, "Start", true)).inner;
                 let is_cancelled = ui.button("Cancel").clicked();
-                // A focused field or button has Enter for itself.
+                // Enter belongs to a focused field or button.
                 let is_entered = keys.enter && !has_focus;
-                if let Some(opened) = opened.ok().filter(|_| start.clicked() || is_entered) {
-                    answer = Some(Some(opened));
+                if let Some(document) = document.ok().filter(|_| start.clicked() || is_entered) {
+                    answer = Some(Some(document));
                 }
                 if is_cancelled {
                     answer = Some(None);
                 }
             });
         });
-        // Consumes Esc. A click beside the dialog is no answer.
+        // Consumes Esc. A click beside the dialog does not close it.
         let _ = modal.should_close();
         answer.or(keys.escape.then_some(None))
     }
@@ -191,20 +201,20 @@ impl Air {
         let width = 330.0;
         let label = ui.label("Camera");
         ui.vertical(|ui| {
-            for CameraEntry { camera, label } in &self.found.entries {
+            for CameraEntry { camera, label } in &self.cameras.entries {
                 ui.radio_value(&mut self.camera, camera.clone(), label);
             }
-            if self.looking.is_some() {
+            if self.listing_task.is_some() {
                 ui.spinner();
             }
-            if let Some(why) = &self.found.why {
-                ui.add(egui::Label::new(why).wrap());
+            if let Some(errors) = &self.cameras.errors {
+                ui.add(egui::Label::new(errors).wrap());
             }
             let field = egui::TextEdit::singleline(&mut self.camera).desired_width(width);
             ui.add(field)
                 .labelled_by(label.id)
                 .on_hover_text("Its number or device, or a video that is played in its place");
-            self.choice(ui, Named::Video, "Choose a video…");
+            self.chooser_button(ui, FileField::Video, "Choose a video…");
         });
         ui.end_row();
         let label = ui.label("Pictures");
@@ -224,7 +234,7 @@ impl Air {
                 let hint = "The board's file; empty for the sheet that `locard board` prints";
                 let field = egui::TextEdit::singleline(&mut self.board).desired_width(width).hint_text("locard board");
                 ui.add(field).on_hover_text(hint).widget_info(|| text_field("Board"));
-                self.choice(ui, Named::Board, "Choose a board…");
+                self.chooser_button(ui, FileField::Board, "Choose a board…");
                 ui.horizontal(|ui| {
                     ui.label("smoothed over");
                     let field = egui::TextEdit::singleline(&mut self.smoothing).desired_width(50.0).hint_text("0");
@@ -256,7 +266,7 @@ impl Air {
             let field =
                 egui::TextEdit::singleline(&mut self.profile).desired_width(width).hint_text("a file; empty: none");
             ui.add(field).labelled_by(label.id).on_hover_text(hint);
-            self.choice(ui, Named::Profile, "Choose a profile…");
+            self.chooser_button(ui, FileField::Profile, "Choose a profile…");
         });
         ui.end_row();
         if let Some(scene) = &self.scene {
@@ -267,33 +277,33 @@ impl Air {
         }
     }
 
-    fn named(&mut self, named: Named) -> &mut String {
-        match named {
-            Named::Video => &mut self.camera,
-            Named::Board => &mut self.board,
-            Named::Profile => &mut self.profile,
+    fn text_of(&mut self, file_field: FileField) -> &mut String {
+        match file_field {
+            FileField::Video => &mut self.camera,
+            FileField::Board => &mut self.board,
+            FileField::Profile => &mut self.profile,
         }
     }
 
-    /// A button that has a file chosen.
-    fn choice(&mut self, ui: &mut Ui, named: Named, title: &'static str) {
+    /// A button that opens a file chooser for a field.
+    fn chooser_button(&mut self, ui: &mut Ui, file_field: FileField, title: &'static str) {
         if !ui.small_button(title).clicked() {
             return;
         }
-        let seeks = match named {
-            Named::Video => Seeks::File(&["mp4", "mkv", "mov", "webm", "avi"]),
-            Named::Board | Named::Profile => Seeks::File(&["toml"]),
+        let mode = match file_field {
+            FileField::Video => ChooserMode::File(&["mp4", "mkv", "mov", "webm", "avi"]),
+            FileField::Board | FileField::Profile => ChooserMode::File(&["toml"]),
         };
-        // Beside what is named already.
-        let known = [self.named(named).clone(), self.profile.clone(), self.board.clone(), self.camera.clone()];
+        // Starts in the folder of a file that is already named.
+        let known = [self.text_of(file_field).clone(), self.profile.clone(), self.board.clone(), self.camera.clone()];
         let files = known.iter().map(|text| PathBuf::from(text.trim())).filter(|path| path.is_absolute());
         let folders = files.filter_map(|file| file.parent().map(Path::to_owned)).chain(std::env::home_dir());
-        let begin = Begin::within(folders.collect::<Vec<_>>());
-        self.chooser = Some((named, Chooser::new(title.trim_end_matches('…'), seeks, begin)));
+        let begin = StartLocation::within(folders.collect::<Vec<_>>());
+        self.chooser = Some((file_field, Chooser::new(title.trim_end_matches('…'), mode, begin)));
     }
 
-    /// What is to be opened, or what was typed that cannot be.
-    fn opened(&self) -> Result<Opened, String> {
+    /// The document to open, or an error in the entries.
+    fn document(&self) -> Result<DocumentRef, String> {
         let typed = |text: &str| Some(text.trim().to_owned()).filter(|text| !text.is_empty());
         let poses = match self.poses {
             Poses::Tags => typed(&self.board).map_or_else(|| "tags".to_owned(), |board| format!("tags:{board}")),
@@ -302,7 +312,7 @@ impl Air {
         };
         let size = typed(&self.size).map(|text| Asked::size_of(&text)).transpose()?;
         let rate_hz = typed(&self.rate).map(|text| Asked::rate_of(&text)).transpose()?;
-        // What belongs to other poses than are chosen is left out.
+        // Ignores entries of the pose sources that are not selected.
         let is = |poses: Poses| self.poses == poses;
         let delay = typed(&self.delay).filter(|_| is(Poses::Stream)).map(|text| Asked::delay_of(&text)).transpose()?;
         let smoothing = typed(&self.smoothing).filter(|_| is(Poses::Tags));
@@ -311,7 +321,7 @@ impl Air {
         let asked = Asked { driver, size, rate_hz, delay: delay.unwrap_or_default(), smooth_s, ..self.asked };
         let from = LiveFrom { asked, ..LiveFrom::new(camera, &poses) }.absolute();
         let scene = self.scene.clone().filter(|_| self.with_scene);
-        Ok(Opened::camera(from, typed(&self.profile).map(PathBuf::from), scene))
+        Ok(DocumentRef::camera(from, typed(&self.profile).map(PathBuf::from), scene))
     }
 }
 
@@ -319,7 +329,8 @@ fn text_field(name: &str) -> egui::WidgetInfo {
     egui::WidgetInfo::labeled(egui::Role::TextInput, true, name)
 }
 
-/// The cameras of all drivers. Those of a driver that is not the default have its name before them.
+/// The cameras of all drivers. The name of a driver other than the default one precedes its
+/// cameras.
 fn cameras() -> CameraList {
     let drivers = webcam::cameras();
     let default = drivers.first().map(|(driver, _)| *driver);
@@ -333,7 +344,7 @@ fn cameras() -> CameraList {
                 if Some(driver) == default {
                     CameraEntry { camera: number, label }
                 } else {
-                    CameraEntry { camera: named(Some(driver), &number), label: format!("{label} ({driver})") }
+                    CameraEntry { camera: camera_name(Some(driver), &number), label: format!("{label} ({driver})") }
                 }
             })),
             Err(error) => problems.push(error.to_string()),
@@ -342,12 +353,12 @@ fn cameras() -> CameraList {
     if entries.is_empty() && problems.is_empty() {
         problems.push("No camera was found; a video's file can stand in for one.".to_owned());
     }
-    let why = (!problems.is_empty()).then(|| problems.join("\n"));
-    CameraList { entries, why }
+    let errors = (!problems.is_empty()).then(|| problems.join("\n"));
+    CameraList { entries, errors }
 }
 
-/// A camera with its driver, if it is not the default one; [`DriverName::split`] reads it.
-fn named(driver: Option<DriverName>, camera: &str) -> String {
+/// A camera, preceded by its driver if that is not the default one, for [`DriverName::split`].
+fn camera_name(driver: Option<DriverName>, camera: &str) -> String {
     driver.map_or_else(|| camera.to_owned(), |driver| format!("{driver}:{camera}"))
 }
 
@@ -356,9 +367,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn camera_of_the_dialog_names_its_driver() {
+    fn camera_name_includes_its_driver() {
         for (driver, camera) in [(None, "0"), (Some(DriverName::Nokhwa), "1"), (None, "video.mp4")] {
-            assert_eq!(DriverName::split(&named(driver, camera)), (driver, camera));
+            assert_eq!(DriverName::split(&camera_name(driver, camera)), (driver, camera));
         }
     }
 }

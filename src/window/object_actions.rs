@@ -1,12 +1,12 @@
-//! What is done to what is selected, by buttons and by keys alike.
+//! Actions on the selected object or lamp, for buttons and keys.
 
 use super::Project;
 use locard_engine::scene::Thing;
 
-/// A second one is this far to the side, m.
-const ASIDE_M: f64 = 0.1;
+/// Offset of a duplicate to the side, m.
+const DUPLICATE_OFFSET_M: f64 = 0.1;
 
-/// Puts a second one beside what is selected, which is selected then. Gives back what went wrong.
+/// Duplicates the selection beside it and selects the copy. Returns an error message.
 pub fn duplicate(project: &mut Project, selected: &mut Option<Thing>) -> Option<String> {
     let thing = (*selected)?;
     let what = format!("{}: duplicated", project.edit().scene.title(thing));
@@ -14,7 +14,7 @@ pub fn duplicate(project: &mut Project, selected: &mut Option<Thing>) -> Option<
     let done = project.change_scene(&what, |scene| {
         copy = scene.duplicate(thing);
         if let Some((copy, mut stance)) = copy.and_then(|copy| Some((copy, scene.stance(copy)?))) {
-            stance.position_m.x += ASIDE_M;
+            stance.position_m.x += DUPLICATE_OFFSET_M;
             scene.put(copy, &stance);
         }
     });
@@ -25,7 +25,7 @@ pub fn duplicate(project: &mut Project, selected: &mut Option<Thing>) -> Option<
     done.err().map(|e| e.to_string())
 }
 
-/// Leaves what is selected out of the picture, or shows it again. Gives back what went wrong.
+/// Hides or shows the selected object. Returns an error message.
 pub fn hide(project: &mut Project, selected: Option<Thing>) -> Option<String> {
     let entry = match selected? {
         Thing::Object(entry) => entry,
@@ -39,7 +39,7 @@ pub fn hide(project: &mut Project, selected: Option<Thing>) -> Option<String> {
     done.err().map(|e| e.to_string())
 }
 
-/// Takes away what is selected. Gives back what went wrong.
+/// Deletes the selection. Returns an error message.
 pub fn delete(project: &mut Project, selected: &mut Option<Thing>) -> Option<String> {
     let thing = selected.take()?;
     let what = format!("{}: deleted", project.edit().scene.title(thing));

@@ -1,0 +1,295 @@
+//! The File menu, file dialogs, and the handling of chosen paths.
+
+use std::path::{Path, PathBuf};
+
+use eframe::egui;
+
+use super::super::camera::Asked;
+use super::super::camera_dialog::CameraDialog;
+use super::super::chooser::{Chooser, ChooserMode, ChooserResult, StartLocation};
+use super::super::command;
+use super::super::project::Project;
+use super::super::recent::DocumentRef;
+use super::super::saving::{self, SaveStep};
+use super::super::session::Session;
+use super::{ChooserPurpose, Documents, PendingAction};
+use locard_engine::assets;
+use locard_engine::scene::is_model;
+
+impl Documents {
+    pub fn open(&mut self, project: &Project) {
+        self.choose(project, ChooserPurpose::Open, "Open a recording", ChooserMode::Recording, None);
+    }
+
+    /// Opens a dialog for a path. It starts at the open file of that kind; for a new scene or
+    /// profile in the recording's folder; for a missing file where the scene expects it; else in
+    /// the last used folder or beside the recording, with a proposed name.
+    pub(super) fn choose(
+        &mut self,
+        project: &Project,
+        purpose: ChooserPurpose,
+        title: &str,
+        mode: ChooserMode,
+        proposed: Option<&str>,
+    ) {
+        // Compares names only: reading the disk may block.
+        let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let is_called = |path: &Path, other: &str| whole(path) == whole(&assets::path(other));
+        let own = match purpose {
+            ChooserPurpose::OpenProfile | ChooserPurpose::SaveProfile => project.profile.clone(),
+            ChooserPurpose::OpenScene | ChooserPurpose::SaveScene => {
+                project.scene.clone().filter(|scene| !is_called(scene, saving::DEMO_SCENE))
+            }
+            ChooserPurpose::Open
+            | ChooserPurpose::Locate(_)
+            | ChooserPurpose::Output(_)
+            | ChooserPurpose::Record
+            | ChooserPurpose::KeepFrozen => None,
+        };
+        let recording = whole(&project.shot().recording.path);
+        let parent = recording.parent().map(Path::to_owned);
+        // The demonstration's folder belongs to the program, and a camera has none.
+        let is_own =
+            !is_called(&recording, saving::DEMO) && !project.is_frozen() && !project.shot().recording.is_arriving();
+        let beside = parent.clone().filter(|_| is_own);
+        let last = self.preferences.folder(purpose.folder_use()).map(Path::to_owned);
+        // Files of a recording are in its folder or beside it.
+        let folders = match &purpose {
+            ChooserPurpose::Locate(missing) => expected_folders(&whole(missing), &whole(&project.scene_path())),
+            _ => Vec::new(),
+        };
+        let others = match purpose {
+            ChooserPurpose::SaveScene | ChooserPurpose::SaveProfile if is_own => [Some(recording), parent, last],
+            ChooserPurpose::Open => [beside, last, parent],
+            _ => [last, beside, None],
+        };
+        let folders = folders.into_iter().chain(others.into_iter().flatten());
+        let begin = match &own {
+            Some(own) => StartLocation::at(own),
+            None => StartLocation {
+                name: proposed.unwrap_or_default().to_owned(),
+                ..StartLocation::within(folders.chain(std::env::home_dir()))
+            },
+        };
+        let places = match purpose {
+            ChooserPurpose::OpenProfile => vec![("Locard's profiles", assets::path(saving::PROFILES))],
+            _ => Vec::new(),
+        };
+        self.chooser = Some((purpose, Chooser::new(title, mode, StartLocation { places, ..begin })));
+    }
+
+    /// Opens a dialog for a profile of the open recording.
+    pub fn choose_profile(&mut self, project: &Project) {
+        self.choose(project, ChooserPurpose::OpenProfile, "Open a profile", ChooserMode::File(&["toml"]), None);
+    }
+
+    /// Opens a dialog to locate a missing file of the scene.
+    pub fn choose_missing(&mut self, project: &Project, missing: PathBuf) {
+        let title = format!("Locate {}", missing.file_name().unwrap_or_default().to_string_lossy());
+        let mode = ChooserMode::File(if is_model(&missing) { &["glb", "gltf"] } else { &["hdr", "exr"] });
+        self.choose(project, ChooserPurpose::Locate(missing), &title, mode, None);
+    }
+
+    pub(super) fn name_scene(&mut self, project: &Project) {
+        let mode = ChooserMode::NewFile(&["toml"]);
+        self.choose(project, ChooserPurpose::SaveScene, "Save the scene as", mode, Some("scene.toml"));
+    }
+
+    pub(super) fn name_profile(&mut self, project: &Project) {
+        let mode = ChooserMode::NewFile(&["toml"]);
+        self.choose(project, ChooserPurpose::SaveProfile, "Save the profile as", mode, Some("profile.toml"));
+    }
+
+    /// The File menu.
+    pub fn menu(&mut self, ui: &mut egui::Ui, session: &mut Session) {
+        let project = &session.project;
+        let mut chosen = None;
+        ui.menu_button("File", |ui| {
+            let mut item = |ui: &mut egui::Ui, enabled: bool, text: &str| {
+                let clicked = ui.add_enabled(enabled, egui::Button::new(text)).clicked();
+                if clicked {
+                    ui.close();
+                    chosen = Some(text.to_owned());
+                }
+            };
+            item(ui, true, "Open a recording…");
+            item(ui, true, "Live camera…");
+            item(ui, true, "Open a scene…");
+            item(ui, true, "Open a profile…");
+            ui.separator();
+            item(ui, !project.is_saved(), "Save");
+            item(ui, project.can_place(), "Save the scene as…");
+            item(ui, true, "Save the profile as…");
+            ui.separator();
+            item(ui, true, "Export and photograph…");
+            item(ui, true, "Copy command line");
+            ui.separator();
+            item(ui, true, "Home");
+            ui.menu_button("Theme", |ui| {
+                let mut theme = ui.ctx().options(|options| options.theme_preference);
+                for (one, name) in [
+                    (egui::ThemePreference::System, "as the system"),
+                    (egui::ThemePreference::Light, "light"),
+                    (egui::ThemePreference::Dark, "dark"),
+                ] {
+                    if ui.radio_value(&mut theme, one, name).clicked() {
+                        ui.ctx().set_theme(theme);
+                        ui.close();
+                    }
+                }
+            });
+        });
+        let project = &session.project;
+        match chosen.as_deref() {
+            Some("Open a recording…") => self.open(project),
+            Some("Live camera…") => self.show_camera_dialog(ui.ctx(), project),
+            Some("Open a scene…") => {
+                let mode = ChooserMode::File(&["toml", "glb", "gltf"]);
+                self.choose(project, ChooserPurpose::OpenScene, "Open a scene", mode, None);
+            }
+            Some("Open a profile…") => self.choose_profile(project),
+            Some("Save") => self.save(),
+            Some("Save the scene as…") => {
+                self.name_scene(project);
+            }
+            Some("Save the profile as…") => {
+                self.name_profile(project);
+            }
+            Some("Export and photograph…") => self.is_output_open = true,
+            Some("Copy command line") => copy_command(ui.ctx(), session),
+            Some("Home") => self.is_start_open = true,
+            _ => {}
+        }
+    }
+
+    /// Opens the camera dialog with the open profile and scene.
+    pub fn show_camera_dialog(&mut self, ctx: &egui::Context, project: &Project) {
+        let scene = project.scene.clone().filter(|scene| !saving::is_demo(scene));
+        // Restores the last request, which may have been refused.
+        let camera_dialog = CameraDialog::new(ctx, project.profile.clone(), scene);
+        self.camera_dialog = Some(match (self.last_camera_dialog.take(), &project.camera) {
+            (Some(before), _) => camera_dialog.with_entries_of(before),
+            (None, Some(from)) => camera_dialog.with_source(from),
+            (None, None) => camera_dialog,
+        });
+    }
+
+    /// Handles a button of the camera panel.
+    pub fn handle_camera_request(&mut self, ctx: &egui::Context, session: &mut Session, asked: Asked) {
+        let mode = ChooserMode::EmptyFolder;
+        match asked {
+            Asked::Freeze => {
+                let folder = self.folder.clone().unwrap_or_else(|| std::env::temp_dir().join("locard"));
+                session.freeze(ctx, &folder.join("live"));
+            }
+            Asked::Live => session.go_live(ctx),
+            Asked::Record => {
+                self.choose(
+                    &session.project,
+                    ChooserPurpose::Record,
+                    "Record into a new folder",
+                    mode,
+                    Some("recording"),
+                );
+            }
+            Asked::Stop => session.stop_recording(),
+            Asked::Keep => {
+                self.choose(
+                    &session.project,
+                    ChooserPurpose::KeepFrozen,
+                    "Keep it in a new folder",
+                    mode,
+                    Some("recording"),
+                );
+            }
+        }
+    }
+
+    pub(super) fn show_chooser(&mut self, ctx: &egui::Context, session: &mut Session) {
+        let Some((purpose, mut chooser)) = self.chooser.take() else { return };
+        match chooser.show(ctx) {
+            None => self.chooser = Some((purpose, chooser)),
+            Some(ChooserResult::Cancelled) => {
+                // Cancels the action that was to follow the save.
+                (self.approved_files, self.pending) = (None, None);
+            }
+            Some(ChooserResult::Path { path, replaces }) => self.handle_choice(ctx, purpose, path, replaces, session),
+        }
+    }
+
+    pub(super) fn handle_choice(
+        &mut self,
+        ctx: &egui::Context,
+        purpose: ChooserPurpose,
+        path: PathBuf,
+        replaces: bool,
+        session: &mut Session,
+    ) {
+        self.preferences.remember_folder(purpose.folder_use(), &path);
+        match purpose {
+            ChooserPurpose::Open => self.open_file(ctx, path, session),
+            ChooserPurpose::OpenProfile => self.open_profile(path, session),
+            ChooserPurpose::OpenScene => {
+                self.pending = Some(PendingAction::Open(
+                    Box::new(DocumentRef { scene: Some(path), ..DocumentRef::of(&session.project) }),
+                    None,
+                ));
+            }
+            ChooserPurpose::Locate(missing) => match session.project.locate(&missing, &path) {
+                Ok(said) => session.show_message(said),
+                Err(error) => session.show_error(error),
+            },
+            ChooserPurpose::SaveProfile => {
+                // The user named this profile, which approves it.
+                self.approved_profiles.push(path.clone());
+                self.write(ctx, session, &SaveStep::WriteProfile(path), true);
+            }
+            ChooserPurpose::SaveScene => self.write(ctx, session, &SaveStep::WriteScene(path), true),
+            ChooserPurpose::Record => session.record(path),
+            ChooserPurpose::KeepFrozen => session.copy_recording(ctx, path),
+            ChooserPurpose::Output(ask) => {
+                let name = ask.name(&path);
+                self.ensure_queue(ctx);
+                match &mut self.jobs {
+                    Some(jobs) => _ = jobs.add(name, session.project.shot(), ask.task(path, replaces)),
+                    None => session.show_error("no thread can be started that exports"),
+                }
+                self.is_output_open = true;
+            }
+        }
+    }
+}
+
+fn copy_command(ctx: &egui::Context, session: &mut Session) {
+    let line = command::composite(&session.project, session.player.frame());
+    ctx.copy_text(line.text);
+    session.show_message(if line.before.is_empty() {
+        "The command line is in the clipboard".to_owned()
+    } else {
+        format!("The command line is in the clipboard. {}", line.before.join(" "))
+    });
+}
+
+/// Folders to search for a missing file, most likely first: its own folder, the folders above it up
+/// to the scene's, and the scene's.
+fn expected_folders(missing: &Path, scene: &Path) -> Vec<PathBuf> {
+    let of_scene = scene.parent().unwrap_or(Path::new(""));
+    let above = missing.ancestors().skip(1);
+    let within = above.enumerate().take_while(|(at, folder)| *at == 0 || folder.starts_with(of_scene));
+    within.map(|(_, folder)| folder).chain([of_scene]).map(Path::to_owned).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn missing_file_is_looked_for_where_the_scene_expects_it() {
+        let folders = |missing: &str| expected_folders(Path::new(missing), Path::new("/case/scene.toml"));
+        let [own, above, of_scene] = ["/case/models/new", "/case/models", "/case"].map(PathBuf::from);
+        assert_eq!(folders("/case/models/new/knife.glb"), [own, above, of_scene.clone(), of_scene.clone()]);
+        assert_eq!(folders("/other/disk/knife.glb"), [PathBuf::from("/other/disk"), of_scene.clone()]);
+        let beside = ["/case/../models", "/case/..", "/case"].map(PathBuf::from);
+        assert_eq!(folders("/case/../models/knife.glb")[..3], beside);
+    }
+}

@@ -1,0 +1,243 @@
+//! Renders pictures on background threads, so that the window never blocks. One thread decodes,
+//! plans and records; another waits for the GPU. Up to two pictures are in flight: one is drawn
+//! while the next is recorded.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::thread::{Builder, JoinHandle};
+use std::time::{Duration, Instant};
+
+use super::reader::Reader;
+use locard_engine::compositor::{Compositor, FrameStats, Pending, Target};
+use locard_engine::frame::Frame;
+use locard_engine::gpu::{Gpu, GpuError, PartTime, read_back};
+use locard_engine::pixels::Pixels;
+use locard_engine::scene::Scene;
+use locard_engine::shot::{Reduced, Shot, ShotError};
+
+/// Contains code values, as the window expects of a texture.
+pub const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+
+/// Identifies a rendered picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RenderKey {
+    pub frame: usize,
+    /// [`Project::version`](super::Project::version), or the version of the variant.
+    pub version: u64,
+    /// Renders the A/B comparison variant.
+    pub is_variant: bool,
+    /// Reduction factor of the size; 1 for full size.
+    pub reduction: u32,
+    /// Requested: shadows and real edges may be approximate. Rendered: they are.
+    pub is_approximate: bool,
+}
+
+impl RenderKey {
+    /// True if both have the same content, regardless of size and quality.
+    pub fn has_content_of(&self, other: &Self) -> bool {
+        let whole = |key: &Self| Self { reduction: 1, is_approximate: false, ..*key };
+        whole(self) == whole(other)
+    }
+
+    /// True if size or quality is reduced.
+    pub fn is_reduced(&self) -> bool {
+        self.reduction > 1 || self.is_approximate
+    }
+}
+
+/// A picture to render.
+#[derive(Debug)]
+pub struct RenderRequest {
+    pub key: RenderKey,
+    /// Snapshot of all settings.
+    pub shot: Shot,
+    /// A frame of a live camera. If `None`, the recording's frame is decoded.
+    pub live_frame: Option<Arc<Frame>>,
+    /// Destination, of the picture's size.
+    pub texture: wgpu::Texture,
+    pub outputs: RenderOutputs,
+}
+
+/// Additional outputs of a render.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct RenderOutputs {
+    /// The code values.
+    pub codes: bool,
+    /// GPU time of each part.
+    pub times: bool,
+}
+
+/// A rendered picture or an error.
+#[derive(Debug)]
+pub struct RenderResult {
+    pub key: RenderKey,
+    /// `None` if the frame could not be decoded.
+    pub frame: Option<Arc<Frame>>,
+    pub picture: Result<RenderedPicture, ShotError>,
+    /// Time since the request was started.
+    pub elapsed: Duration,
+}
+
+#[derive(Debug)]
+pub struct RenderedPicture {
+    pub stats: FrameStats,
+    /// Shadows or real edges are approximate.
+    pub is_approximate: bool,
+    /// 8 bits each, as displayed.
+    pub codes: Option<Arc<Pixels>>,
+    /// Empty if not requested, or if the device has no timestamps.
+    pub times: Vec<PartTime>,
+}
+
+/// Renders pictures in the order of the requests.
+#[derive(Debug)]
+pub struct FrameRenderer {
+    requests: Option<Sender<RenderRequest>>,
+    finished: Receiver<RenderResult>,
+    threads: Vec<JoinHandle<()>>,
+    in_flight: usize,
+}
+
+impl FrameRenderer {
+    /// `wake` is called from a thread whenever a picture is finished.
+    pub fn new(gpu: &Gpu, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+        let (requests, incoming) = channel::<RenderRequest>();
+        let (submissions, submitted) =
+            channel::<(RenderRequest, Instant, Option<Arc<Frame>>, Result<Pending, ShotError>)>();
+        let (done, finished) = channel();
+        let renderer_gpu = gpu.clone();
+        let renderer = Builder::new().name("window maker".to_owned()).spawn(move || {
+            let Ok(first) = incoming.recv() else { return };
+            let mut scene = Arc::clone(&first.shot.scene);
+            let mut compositor = first.shot.compositor(renderer_gpu.clone());
+            let mut reader = Reader::new(Arc::clone(&first.shot.recording));
+            // Reduced frame, reused while the same frame is rendered repeatedly.
+            let mut reduced: Option<(Arc<Frame>, Reduced)> = None;
+            for request in std::iter::once(first).chain(incoming) {
+                let started = Instant::now();
+                if !Arc::ptr_eq(&scene, &request.shot.scene) {
+                    scene = Arc::clone(&request.shot.scene);
+                    compositor.set_scene(Scene::clone(&scene));
+                }
+                let view = request.texture.create_view(&Default::default());
+                let target = Target::View(&view, FORMAT);
+                if request.outputs.times {
+                    compositor.time_next();
+                }
+                if request.key.is_approximate {
+                    compositor.may_be_rough();
+                }
+                if !reader.is_of(&request.shot.recording) {
+                    reader = Reader::new(Arc::clone(&request.shot.recording));
+                }
+                let frame = request
+                    .live_frame
+                    .clone()
+                    .map_or_else(|| reader.frame(request.key.frame, request.key.is_approximate), Ok);
+                let (frame, pending) = match frame {
+                    Ok(frame) => {
+                        let submit = || {
+                            if request.key.reduction > 1 {
+                                return submit_reduced(&request, &frame, &mut reduced, &mut compositor, target);
+                            }
+                            request.shot.geometry_at(frame.index).and_then(|geometry| {
+                                request.shot.submit(&mut compositor, Frame::clone(&frame), &geometry, target, false)
+                            })
+                        };
+                        let failed = |source| ShotError::Gpu { frame: request.key.frame, source };
+                        let pending = renderer_gpu.apart(submit).map_err(failed).and_then(|pending| pending);
+                        (Some(frame), pending)
+                    }
+                    Err(error) => (None, Err(error.into())),
+                };
+                if submissions.send((request, started, frame, pending)).is_err() {
+                    return;
+                }
+            }
+        })?;
+        let waiter_gpu = gpu.clone();
+        let waiter = Builder::new().name("window waiter".to_owned()).spawn(move || {
+            for (request, started, frame, pending) in submitted {
+                let picture = pending.and_then(|pending| {
+                    let failed = |source| ShotError::Gpu { frame: request.key.frame, source };
+                    waiter_gpu
+                        .apart(|| await_picture(&waiter_gpu, &request, &pending))
+                        .and_then(|done| done)
+                        .map_err(failed)
+                });
+                let key = request.key;
+                let elapsed = started.elapsed();
+                if done.send(RenderResult { key, frame, picture, elapsed }).is_err() {
+                    return;
+                }
+                wake();
+            }
+        })?;
+        Ok(Self { requests: Some(requests), finished, threads: vec![renderer, waiter], in_flight: 0 })
+    }
+
+    /// Number of unfinished pictures.
+    pub fn in_flight(&self) -> usize {
+        self.in_flight
+    }
+
+    /// Starts a picture. Its texture must not be shown until it is finished.
+    pub fn make(&mut self, request: RenderRequest) {
+        // If the thread has ended, `take` reports it.
+        if self.requests.as_ref().is_some_and(|requests| requests.send(request).is_ok()) {
+            self.in_flight += 1;
+        }
+    }
+
+    /// The next finished picture; `Err` if the threads have ended.
+    pub fn take(&mut self) -> Result<Option<RenderResult>, ()> {
+        match self.finished.try_recv() {
+            Ok(finished) => {
+                self.in_flight -= 1;
+                Ok(Some(finished))
+            }
+            Err(TryRecvError::Empty) => Ok(None),
+            Err(TryRecvError::Disconnected) => Err(()),
+        }
+    }
+}
+
+/// Submits a frame at reduced size. The reduced frame is cached: during a drag the same frame is
+/// rendered repeatedly.
+fn submit_reduced(
+    request: &RenderRequest,
+    frame: &Arc<Frame>,
+    cache: &mut Option<(Arc<Frame>, Reduced)>,
+    compositor: &mut Compositor,
+    target: Target<'_>,
+) -> Result<Pending, ShotError> {
+    let is_of = |(of, reduced): &(Arc<Frame>, Reduced)| Arc::ptr_eq(of, frame) && reduced.by() == request.key.reduction;
+    let cache = match cache.take().filter(is_of) {
+        Some(same) => cache.insert(same),
+        None => cache.insert((Arc::clone(frame), Reduced::new(frame, request.key.reduction))),
+    };
+    request.shot.submit_reduced(compositor, &cache.1, target)
+}
+
+fn await_picture(gpu: &Gpu, request: &RenderRequest, pending: &Pending) -> Result<RenderedPicture, GpuError> {
+    pending.await_drawn(gpu)?;
+    gpu.check()?;
+    let codes = if request.outputs.codes && request.key.reduction == 1 {
+        let texels = read_back(gpu, &request.texture)?;
+        let codes = texels.chunks_exact(4).flat_map(|texel| [texel[0], texel[1], texel[2]]).collect();
+        Pixels::from_u8(request.texture.width(), request.texture.height(), codes).map(Arc::new)
+    } else {
+        None
+    };
+    let is_approximate = pending.is_rough();
+    Ok(RenderedPicture { stats: pending.stats().clone(), is_approximate, codes, times: pending.times(gpu)? })
+}
+
+impl Drop for FrameRenderer {
+    fn drop(&mut self) {
+        drop(self.requests.take());
+        for thread in self.threads.drain(..) {
+            let _ = thread.join();
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! Checks the placement of objects on a background thread.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::thread::Builder;
+use std::time::{Duration, Instant};
+
+use eframe::egui;
+
+use super::Project;
+use locard_engine::frame::Frame;
+use locard_engine::shot::{Note, Tilt, Wrong};
+
+/// Scene version and frame index of a check.
+type CheckedState = (u64, usize);
+
+/// Delay after the last change before a check starts: the machine is busy during drags and
+/// playback.
+const SETTLE_TIME: Duration = Duration::from_millis(400);
+
+/// Notes on objects, and the tilted surfaces below them.
+#[derive(Default)]
+struct CheckResults {
+    wrongs: Vec<Wrong>,
+    tilts: Vec<Tilt>,
+}
+
+/// Placement checks for the list of evidence.
+#[derive(Default)]
+pub struct SceneChecks {
+    running: Option<(CheckedState, Receiver<CheckResults>)>,
+    /// The state to check, and since when it has been current.
+    pending: Option<(CheckedState, Instant)>,
+    results: Option<(CheckedState, CheckResults)>,
+}
+
+impl SceneChecks {
+    /// Starts a check when the scene or the frame has changed, and takes its result. Never blocks.
+    pub fn update(&mut self, project: &Project, frame: Option<&Arc<Frame>>, ctx: &egui::Context) {
+        let version = project.scene_version();
+        // Objects are identified by their index, and another scene numbers them differently.
+        self.results = self.results.take().filter(|((state, _), _)| *state == version);
+        if let Some((state, results)) = &self.running {
+            match results.try_recv() {
+                Ok(checks) => self.results = Some((*state, checks)),
+                Err(TryRecvError::Empty) => return,
+                // The thread panicked and would do so again: no results for this state.
+                Err(TryRecvError::Disconnected) => self.results = Some((*state, CheckResults::default())),
+            }
+            self.running = None;
+        }
+        let Some(frame) = frame else { return };
+        let state = (version, frame.index);
+        if self.results.as_ref().is_some_and(|(known, _)| *known == state) {
+            return;
+        }
+        let since = match self.pending {
+            Some((pending, since)) if pending == state => since.elapsed(),
+            _ => {
+                self.pending = Some((state, Instant::now()));
+                Duration::ZERO
+            }
+        };
+        if since < SETTLE_TIME {
+            ctx.request_repaint_after(SETTLE_TIME - since);
+            return;
+        }
+        let (done, results) = channel();
+        let (shot, frame, ctx) = (project.shot().clone(), Arc::clone(frame), ctx.clone());
+        let spawned = Builder::new().name("window wrongs".to_owned()).spawn(move || {
+            if done.send(CheckResults { wrongs: shot.wrongs(&frame), tilts: shot.tilts() }).is_ok() {
+                ctx.request_repaint();
+            }
+        });
+        if spawned.is_ok() {
+            self.running = Some((state, results));
+        }
+    }
+
+    /// The results for a version of the scene.
+    fn checks(&self, version: u64) -> Option<&CheckResults> {
+        self.results.as_ref().filter(|((state, _), _)| *state == version).map(|(_, checks)| checks)
+    }
+
+    /// Notes on an object of a version of the scene.
+    pub fn notes(&self, version: u64, object: usize) -> impl Iterator<Item = &Note> {
+        let all = self.checks(version).into_iter().flat_map(|checks| &checks.wrongs);
+        all.filter(move |wrong| wrong.objects.contains(&object)).map(|wrong| &wrong.note)
+    }
+
+    /// The tilted surface below an object of a version of the scene.
+    pub fn tilt(&self, version: u64, object: usize) -> Option<Tilt> {
+        self.checks(version)?.tilts.iter().find(|tilt| tilt.object == object).copied()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use glam::DVec3;
+
+    use super::*;
+    use locard_engine::recording::OpenOptions;
+    use locard_engine::scene::Support;
+    use locard_engine::shot::Given;
+
+    #[test]
+    fn results_for_an_older_scene_are_dropped_while_a_check_runs() {
+        let mut project =
+            Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given::default()).unwrap();
+        let support = Support { point_m: DVec3::ZERO, normal: DVec3::Z };
+        let checks = || {
+            let tilt = Tilt { object: 0, support, degrees: 3.0, gap_m: 0.01 };
+            CheckResults { tilts: vec![tilt], ..CheckResults::default() }
+        };
+        let state = (project.scene_version(), 0);
+        let (done, running) = channel();
+        let mut scene_checks =
+            SceneChecks { running: Some((state, running)), pending: None, results: Some((state, checks())) };
+        let ctx = egui::Context::default();
+        scene_checks.update(&project, None, &ctx);
+        assert!(scene_checks.tilt(state.0, 0).is_some());
+        project.change_scene("lamp", |scene| _ = scene.add_lamp(DVec3::Z)).unwrap();
+        let version = project.scene_version();
+        assert!(version != state.0 && scene_checks.tilt(version, 0).is_none(), "changed since the last look");
+        scene_checks.update(&project, None, &ctx);
+        assert!(scene_checks.results.is_none(), "the check still runs");
+        done.send(checks()).unwrap();
+        scene_checks.update(&project, None, &ctx);
+        assert!(scene_checks.tilt(version, 0).is_none(), "the check was of the older scene");
+    }
+}
