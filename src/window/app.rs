@@ -333,8 +333,8 @@ impl eframe::App for App {
                 ui.add_space(3.0);
                 timeline::show(ui, &mut session.player, &told);
             }
-            if let Some(asked) = camera::buttons(ui, session) {
-                self.documents.handle_camera_request(ui.ctx(), session, asked);
+            if let Some(request) = camera::buttons(ui, session) {
+                self.documents.handle_camera_request(ui.ctx(), session, request);
             }
             ui.add_space(2.0);
         });

@@ -71,7 +71,7 @@ enum PendingAction {
 /// A loaded document and the reference it was loaded from.
 #[derive(Debug)]
 struct LoadedDocument {
-    opened: DocumentRef,
+    document: DocumentRef,
     project: Box<Project>,
     recoverable: Option<RecoverableWork>,
 }
@@ -120,7 +120,7 @@ pub struct Documents {
     /// The camera dialog as the user last confirmed it.
     last_camera_dialog: Option<CameraDialog>,
     /// The user's folder for state between sessions.
-    folder: Option<PathBuf>,
+    state_folder: Option<PathBuf>,
     opening: Option<Opening>,
     /// Dropped files and the task that determines the kind of each.
     dropped_files: Vec<(PathBuf, BackgroundTask<Kind>)>,
@@ -161,7 +161,7 @@ impl Documents {
     pub fn set_state_folder(&mut self, folder: &Path, session: &mut Session) {
         self.recent = Recent::read(folder.join("recent.json"));
         self.preferences = Preferences::read(folder.join("habits.json"));
-        self.folder = Some(folder.to_owned());
+        self.state_folder = Some(folder.to_owned());
         let work = folder.join("work");
         match Autosave::begin(&work) {
             Ok(autosave) => self.autosave = Some(autosave),
@@ -384,12 +384,12 @@ impl Documents {
 
     /// Shows the export window, and reports finished jobs.
     fn show_output(&mut self, ctx: &egui::Context, session: &mut Session) {
-        for over in self.jobs.iter_mut().flat_map(Jobs::take).collect::<Vec<_>>() {
+        for index in self.jobs.iter_mut().flat_map(Jobs::take).collect::<Vec<_>>() {
             let Some(jobs) = &mut self.jobs else { continue };
-            self.analysing.ended(over, jobs, session);
-            let Some(entry) = jobs.entries.get(over) else { continue };
+            self.analysing.ended(index, jobs, session);
+            let Some(entry) = jobs.entries.get(index) else { continue };
             match &entry.state {
-                JobState::Done(said) => session.show_message(format!("Written {}: {said}", entry.name)),
+                JobState::Done(summary) => session.show_message(format!("Written {}: {summary}", entry.name)),
                 // The error already names the file, or one in the folder.
                 JobState::Failed(why) if why.starts_with(&entry.name) => session.show_error(why.clone()),
                 JobState::Failed(why) => session.show_error(format!("{}: {why}", entry.name)),
@@ -447,27 +447,27 @@ impl Documents {
     /// True if rendering can wait. The first picture keeps the graphics device busy, which would
     /// delay the question about recoverable work; and recovery replaces the picture.
     pub fn defers_rendering(&self) -> bool {
-        let takes_up = self.opening.as_ref().is_some_and(Opening::takes_up);
-        let takes_up = takes_up
+        let recovers = self.opening.as_ref().is_some_and(Opening::recovers);
+        let recovers = recovers
             || match &self.pending {
                 Some(PendingAction::Open(_, recoverable)) => recoverable.is_some(),
-                Some(PendingAction::Show(shown)) => shown.recoverable.is_some(),
+                Some(PendingAction::Show(loaded)) => loaded.recoverable.is_some(),
                 Some(PendingAction::Close) | None => false,
             };
-        !self.recoverable.is_empty() || takes_up
+        !self.recoverable.is_empty() || recovers
     }
 
     /// True while a dialog needs an answer.
     pub fn is_dialog_open(&self) -> bool {
-        let show_questions = self.chooser.is_some()
+        let is_open = self.chooser.is_some()
             || self.overwrite_question.is_some()
             || self.pending.is_some()
             || self.opening.is_some();
-        let show_questions = show_questions
+        let is_open = is_open
             || self.shared_profile_question.is_some()
             || self.asks_camera_values
             || self.camera_dialog.is_some();
-        show_questions || !self.recoverable.is_empty()
+        is_open || !self.recoverable.is_empty()
     }
 
     /// Closes the window and discards unsaved changes.

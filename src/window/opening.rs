@@ -68,7 +68,7 @@ impl Refused {
 /// What came of it.
 #[derive(Debug)]
 pub struct Done {
-    pub opened: DocumentRef,
+    pub document: DocumentRef,
     pub project: Result<Fresh, Refused>,
     /// Work that is taken up with it.
     pub recoverable: Option<RecoverableWork>,
@@ -79,7 +79,7 @@ pub struct Done {
 /// Something is being opened.
 #[derive(Debug)]
 pub struct Opening {
-    opened: DocumentRef,
+    document: DocumentRef,
     recoverable: Option<RecoverableWork>,
     is_again: bool,
     task: BackgroundTask<Result<Fresh, Refused>>,
@@ -89,26 +89,26 @@ impl Opening {
     /// `wake` is called from the thread when it is over. Work that was left goes into what is opened. `has_camera`: the same
     /// recording is open, and its camera is known.
     pub fn begin(
-        opened: DocumentRef,
+        document: DocumentRef,
         recoverable: Option<RecoverableWork>,
         has_camera: bool,
         wake: impl FnOnce() + Send + 'static,
     ) -> std::io::Result<Self> {
-        Self::of(opened, recoverable, has_camera, None, None, wake)
+        Self::of(document, recoverable, has_camera, None, None, wake)
     }
 
     /// A recording that is open already is not opened again. `again` has the values that were given
     /// with files that are read again; undo reverts that, so an unfit profile is not refused
     /// there.
     fn of(
-        opened: DocumentRef,
+        document: DocumentRef,
         recoverable: Option<RecoverableWork>,
         has_camera: bool,
         again: Option<Vec<String>>,
         open_already: Option<Arc<Recording>>,
         wake: impl FnOnce() + Send + 'static,
     ) -> std::io::Result<Self> {
-        let (wanted, is_again, sets) = (opened.clone(), again.is_some(), again.unwrap_or_default());
+        let (wanted, is_again, sets) = (document.clone(), again.is_some(), again.unwrap_or_default());
         let work = recoverable.as_ref().map(|recoverable| UnsavedWork::clone(&recoverable.work));
         let task = BackgroundTask::spawn("opening", wake, move || {
             let (mut project, camera) = match (&wanted.camera, open_already) {
@@ -123,7 +123,7 @@ impl Opening {
             }
             Ok((Box::new(project), camera))
         })?;
-        Ok(Self { opened, recoverable, is_again, task })
+        Ok(Self { document, recoverable, is_again, task })
     }
 
     /// Reads the files that are open again; a camera goes on.
@@ -133,12 +133,12 @@ impl Opening {
     }
 
     /// Whether work that was left goes into it.
-    pub fn takes_up(&self) -> bool {
+    pub fn recovers(&self) -> bool {
         self.recoverable.is_some()
     }
 
     pub fn what(&self) -> &Path {
-        &self.opened.recording
+        &self.document.recording
     }
 
     /// What came of it, once it is there.
@@ -147,7 +147,7 @@ impl Opening {
         let project = project
             .map_err(|why| Refused { why, lacks_camera: false, is_unfit_profile: false })
             .and_then(|project| project);
-        Ok(Done { opened: self.opened, project, recoverable: self.recoverable, is_again: self.is_again })
+        Ok(Done { document: self.document, project, recoverable: self.recoverable, is_again: self.is_again })
     }
 }
 
@@ -155,8 +155,8 @@ impl Opening {
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Opens a camera; it is not started.
-fn open_camera(opened: &DocumentRef, from: &LiveFrom) -> Result<(Project, Option<live::Opened>), Refused> {
-    let profiled = opened.profile.as_deref().map(|path| live::profiled(path, &from.poses)).transpose();
+fn open_camera(document: &DocumentRef, from: &LiveFrom) -> Result<(Project, Option<live::Opened>), Refused> {
+    let profiled = document.profile.as_deref().map(|path| live::profiled(path, &from.poses)).transpose();
     let profiled = profiled.map_err(|error| Refused::plain(&error))?;
     let begun = Instant::now();
     let camera = loop {
@@ -173,25 +173,25 @@ fn open_camera(opened: &DocumentRef, from: &LiveFrom) -> Result<(Project, Option
             }
         }
     };
-    Ok((put_to(camera.recording(), opened, Vec::new())?, Some(camera)))
+    Ok((put_to(camera.recording(), document, Vec::new())?, Some(camera)))
 }
 
 /// A camera's recording with what is put to it.
-fn put_to(recording: Recording, opened: &DocumentRef, sets: Vec<String>) -> Result<Project, Refused> {
-    let given = Given { profile: opened.profile.clone(), sets, scene: opened.scene.clone(), ..Given::default() };
+fn put_to(recording: Recording, document: &DocumentRef, sets: Vec<String>) -> Result<Project, Refused> {
+    let given = Given { profile: document.profile.clone(), sets, scene: document.scene.clone(), ..Given::default() };
     let mut project =
-        Project::of(recording, 1.0, &given).map_err(|error| Refused::of_shot(&opened.recording, &error))?;
-    project.camera.clone_from(&opened.camera);
+        Project::of(recording, 1.0, &given).map_err(|error| Refused::of_shot(&document.recording, &error))?;
+    project.camera.clone_from(&document.camera);
     Ok(project)
 }
 
 /// Opens what is there. A profile that is not there is one that will be made.
-fn open(opened: &DocumentRef, sets: Vec<String>) -> Result<Project, Refused> {
+fn open(document: &DocumentRef, sets: Vec<String>) -> Result<Project, Refused> {
     let there = |path: &Option<std::path::PathBuf>| path.clone().filter(|path| path.exists());
-    let given = Given { profile: there(&opened.profile), sets, scene: there(&opened.scene), ..Given::default() };
-    let options = OpenOptions { metres_per_unit: opened.metres_per_unit, ..OpenOptions::default() };
-    let project = Project::open(&opened.recording, &options, &given);
-    let mut project = project.map_err(|error| Refused::of_shot(&opened.recording, &error))?;
-    project.profile.clone_from(&opened.profile);
+    let given = Given { profile: there(&document.profile), sets, scene: there(&document.scene), ..Given::default() };
+    let options = OpenOptions { metres_per_unit: document.metres_per_unit, ..OpenOptions::default() };
+    let project = Project::open(&document.recording, &options, &given);
+    let mut project = project.map_err(|error| Refused::of_shot(&document.recording, &error))?;
+    project.profile.clone_from(&document.profile);
     Ok(project)
 }

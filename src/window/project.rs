@@ -111,7 +111,7 @@ pub struct Project {
     scene_version: u64,
     /// The version of the last change of the variant, and the variant at that version.
     variant_version: u64,
-    other: Option<Box<Variant>>,
+    last_variant: Option<Box<Variant>>,
     /// State of the files when they were last read or written.
     stamps: BTreeMap<PathBuf, Stamp>,
 }
@@ -174,7 +174,7 @@ impl Project {
             version: 0,
             scene_version: 0,
             variant_version: 0,
-            other: None,
+            last_variant: None,
             stamps,
         })
     }

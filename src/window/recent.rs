@@ -56,15 +56,15 @@ impl DocumentRef {
 
     /// The open document with the default view.
     pub fn of(project: &Project) -> Self {
-        let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        let (scene, profile) = (project.scene.as_deref().map(whole), project.profile.as_deref().map(whole));
+        let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let (scene, profile) = (project.scene.as_deref().map(absolute), project.profile.as_deref().map(absolute));
         match project.camera.clone().filter(|_| project.shot().recording.is_arriving()) {
             Some(from) => Self::camera(from, profile, scene),
             None => Self {
                 scene,
                 profile,
                 metres_per_unit: project.metres_per_unit,
-                ..Self::recording(whole(&project.shot().recording.path))
+                ..Self::recording(absolute(&project.shot().recording.path))
             },
         }
     }
@@ -144,15 +144,15 @@ impl Recent {
         if let Some(list) = self.writer.as_ref().and_then(|writer| writer.lists.try_iter().last()) {
             self.list = list;
         }
-        if let Some(gone) = self.check_task.as_ref().and_then(BackgroundTask::take) {
-            (self.missing, self.check_task) = (gone.unwrap_or_default(), None);
+        if let Some(removed) = self.check_task.as_ref().and_then(BackgroundTask::take) {
+            (self.missing, self.check_task) = (removed.unwrap_or_default(), None);
         }
         if self.check_task.is_none() && self.last_check.is_none_or(|looked| looked.elapsed() >= CHECK_INTERVAL) {
             let recordings = self.list.iter().filter(|opened| opened.camera.is_none());
             let (wake, paths) = (ctx.clone(), recordings.map(|opened| opened.recording.clone()));
             let paths: Vec<PathBuf> = paths.collect();
-            let gone = move || paths.into_iter().filter(|path| !path.exists()).collect();
-            self.check_task = BackgroundTask::spawn("recent there", move || wake.request_repaint(), gone).ok();
+            let removed = move || paths.into_iter().filter(|path| !path.exists()).collect();
+            self.check_task = BackgroundTask::spawn("recent there", move || wake.request_repaint(), removed).ok();
             self.last_check = Some(Instant::now());
         }
         self.list.iter().map(|opened| (opened, !self.missing.contains(&opened.recording)))

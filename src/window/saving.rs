@@ -106,7 +106,7 @@ pub fn profile_owner(project: &Project, profile: &Path) -> Option<ProfileOwner> 
 /// A file that was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SavedFile {
-    pub what: &'static str,
+    pub kind: &'static str,
     pub path: PathBuf,
 }
 
@@ -122,13 +122,13 @@ pub fn end_message(written: &[SavedFile], unsavable: &[String]) -> String {
 
 /// Lists the written files by name, with their folder once if it is the same.
 pub fn summary(written: &[SavedFile]) -> String {
-    let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let Some(first) = written.first() else { return "Nothing has changed since it was saved".to_owned() };
-    let folder = whole(&first.path).parent().map(Path::to_owned).unwrap_or_default();
-    let is_one = written.iter().all(|file| whole(&file.path).parent() == Some(&folder));
+    let folder = absolute(&first.path).parent().map(Path::to_owned).unwrap_or_default();
+    let is_one = written.iter().all(|file| absolute(&file.path).parent() == Some(&folder));
     let named = written.iter().map(|file| {
-        let name = file.path.file_name().filter(|_| is_one).map_or_else(|| whole(&file.path), PathBuf::from);
-        format!("the {} {}", file.what, name.display())
+        let name = file.path.file_name().filter(|_| is_one).map_or_else(|| absolute(&file.path), PathBuf::from);
+        format!("the {} {}", file.kind, name.display())
     });
     let end = if is_one { format!(", in {}", folder.display()) } else { String::new() };
     format!("Saved {}{end}", named.collect::<Vec<_>>().join(" and "))
@@ -142,14 +142,14 @@ mod tests {
     fn summary_names_the_written_files() {
         let [scene, profile, other] =
             [("scene", "/a/desk.toml"), ("profile", "/a/mine.toml"), ("profile", "/b/mine.toml")]
-                .map(|(what, path)| SavedFile { what, path: path.into() });
+                .map(|(kind, path)| SavedFile { kind, path: path.into() });
         assert_eq!(summary(&[scene.clone(), profile]), "Saved the scene desk.toml and the profile mine.toml, in /a");
         assert_eq!(summary(&[scene, other.clone()]), "Saved the scene /a/desk.toml and the profile /b/mine.toml");
         assert_eq!(summary(&[other]), "Saved the profile mine.toml, in /b");
         assert_eq!(summary(&[]), "Nothing has changed since it was saved");
         let names = ["Exposure time".to_owned(), "Film speed".to_owned()];
         assert_eq!(end_message(&[], &names), "Not saved without a scene: Exposure time, Film speed");
-        let saved = SavedFile { what: "profile", path: "/b/mine.toml".into() };
+        let saved = SavedFile { kind: "profile", path: "/b/mine.toml".into() };
         let expected = "Saved the profile mine.toml, in /b. Not saved without a scene: Exposure time";
         assert_eq!(end_message(&[saved], &names[..1]), expected);
     }

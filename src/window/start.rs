@@ -49,7 +49,7 @@ pub struct Start {
     opening: Option<Opening>,
     /// What was dropped, and what it is.
     looked_at: Option<(PathBuf, BackgroundTask<Kind>)>,
-    told: Option<MessageWindow>,
+    message: Option<MessageWindow>,
     shows_keys: bool,
     /// What became of it.
     app: Option<Box<App>>,
@@ -81,7 +81,7 @@ impl Start {
             last_camera_dialog: None,
             opening: None,
             looked_at: None,
-            told: None,
+            message: None,
             shows_keys: false,
             app: None,
         })
@@ -92,12 +92,12 @@ impl Start {
         self.app.as_deref()
     }
 
-    fn begin(&mut self, ctx: &egui::Context, opened: DocumentRef, recoverable: Option<RecoverableWork>) {
+    fn begin(&mut self, ctx: &egui::Context, document: DocumentRef, recoverable: Option<RecoverableWork>) {
         let wake = ctx.clone();
-        match Opening::begin(opened, recoverable, false, move || wake.request_repaint()) {
+        match Opening::begin(document, recoverable, false, move || wake.request_repaint()) {
             Ok(opening) => self.opening = Some(opening),
             Err(error) => {
-                self.told = Some(MessageWindow::new(format!("No thread can be started that opens it: {error}")))
+                self.message = Some(MessageWindow::new(format!("No thread can be started that opens it: {error}")))
             }
         }
     }
@@ -107,7 +107,7 @@ impl Start {
         match BackgroundTask::spawn("looking", move || wake.request_repaint(), move || Kind::of(&dropped)) {
             Ok(recovery_search) => self.looked_at = Some((path, recovery_search)),
             Err(error) => {
-                self.told = Some(MessageWindow::new(format!("No thread can be started that opens it: {error}")))
+                self.message = Some(MessageWindow::new(format!("No thread can be started that opens it: {error}")))
             }
         }
     }
@@ -127,10 +127,10 @@ impl Start {
             match kind.take() {
                 None => self.looked_at = Some((path, kind)),
                 Some(Ok(Kind::Recording)) => self.begin(ctx, DocumentRef::recording(path), None),
-                Some(Ok(Kind::Neither(why)) | Err(why)) => self.told = Some(MessageWindow::new(why)),
+                Some(Ok(Kind::Neither(why)) | Err(why)) => self.message = Some(MessageWindow::new(why)),
                 Some(Ok(Kind::Scene | Kind::Profile | Kind::Model)) => {
                     let why = format!("{}: open a recording first, then drop it again", path.display());
-                    self.told = Some(MessageWindow::new(why));
+                    self.message = Some(MessageWindow::new(why));
                 }
             }
         }
@@ -143,16 +143,16 @@ impl Start {
                 Ok(done) => match done.project {
                     Ok((project, camera)) => {
                         return Some((
-                            DocumentSwitch { project: *project, camera, at: done.opened.at },
+                            DocumentSwitch { project: *project, camera, at: done.document.at },
                             done.recoverable,
                         ));
                     }
                     Err(refused) => {
                         self.recoverable.extend(done.recoverable);
                         // The dialog is there again, with all that was typed.
-                        match self.last_camera_dialog.take().filter(|_| done.opened.camera.is_some()) {
+                        match self.last_camera_dialog.take().filter(|_| done.document.camera.is_some()) {
                             Some(camera_dialog) => self.camera_dialog = Some(camera_dialog.with_error(refused.why)),
-                            None => self.told = Some(MessageWindow::new(refused.why)),
+                            None => self.message = Some(MessageWindow::new(refused.why)),
                         }
                     }
                 },
@@ -173,9 +173,9 @@ impl Start {
         }
         if let Some(camera_dialog) = &mut self.camera_dialog {
             match camera_dialog.show(ctx) {
-                Some(Some(opened)) => {
+                Some(Some(document)) => {
                     self.last_camera_dialog = self.camera_dialog.take();
-                    self.begin(ctx, opened, None);
+                    self.begin(ctx, document, None);
                 }
                 Some(None) => self.camera_dialog = None,
                 None => {}
@@ -198,7 +198,7 @@ impl Start {
         for action in actions::pressed(ctx, false) {
             match action {
                 Action::Keys => self.shows_keys = !self.shows_keys,
-                Action::Leave => (self.shows_keys, self.told) = (false, None),
+                Action::Leave => (self.shows_keys, self.message) = (false, None),
                 Action::Open => self.chooses(),
                 Action::Theme => theme::exchange(ctx),
                 // There is nothing open that the others act on.
@@ -210,13 +210,13 @@ impl Start {
         match dialogs::show_start(ctx, self.recent.entries(ctx), dialogs::StartBackground::Nothing(&places)) {
             Some(dialogs::StartChoice::Open) => self.chooses(),
             Some(dialogs::StartChoice::Camera) => self.camera_dialog = Some(CameraDialog::new(ctx, None, None)),
-            Some(dialogs::StartChoice::Recent(opened)) => self.begin(ctx, *opened, None),
+            Some(dialogs::StartChoice::Recent(document)) => self.begin(ctx, *document, None),
             Some(dialogs::StartChoice::Continue) | None => {}
         }
-        if let Some(message) = &mut self.told
+        if let Some(message) = &mut self.message
             && message.show(ctx)
         {
-            self.told = None;
+            self.message = None;
         }
         None
     }
@@ -246,7 +246,7 @@ impl eframe::App for Start {
                 self.app = Some(Box::new(app));
                 ctx.request_repaint();
             }
-            Err(why) => self.told = Some(MessageWindow::new(why)),
+            Err(why) => self.message = Some(MessageWindow::new(why)),
         }
     }
 

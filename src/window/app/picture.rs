@@ -18,9 +18,9 @@ impl App {
         let region_purpose = self.region_picker.active_purpose();
         let is_picking = self.evidence.ground.is_picking() && region_purpose.is_none();
         let is_placing = self.evidence.is_placing() && region_purpose.is_none() && !is_picking;
-        let is_for_lamp = self.lamps.is_picking() && region_purpose.is_none() && !is_picking && !is_placing;
+        let is_placing_lamp = self.lamps.is_picking() && region_purpose.is_none() && !is_picking && !is_placing;
         let taken = Taken {
-            clicks: is_placing || is_picking || is_for_lamp || region_purpose.is_some(),
+            clicks: is_placing || is_picking || is_placing_lamp || region_purpose.is_some(),
             drags: region_purpose.is_some() || is_placing || self.handles.takes_drags(),
         };
         let other = self.session.project.edit().other.as_ref();
@@ -35,8 +35,8 @@ impl App {
         let (Some(mut seen), Some(frame)) = (seen, frame) else { return };
         self.steered.over(&mut seen);
         let obstacle = Obstacle::of(self.session.project.shot(), frame.index);
-        let wants_place = is_placing || is_picking || is_for_lamp;
-        if wants_place && obstacle.is_some() {
+        let needs_place = is_placing || is_picking || is_placing_lamp;
+        if needs_place && obstacle.is_some() {
             // The notice explains the obstacle; a click has no effect.
             seen.clicked = None;
             seen.response.ctx.set_cursor_icon(egui::CursorIcon::NotAllowed);
@@ -52,7 +52,7 @@ impl App {
             seen: &seen,
             view: &self.view,
             frame: &frame,
-            is_free: !is_placing && !is_picking && !is_for_lamp && region_purpose.is_none(),
+            is_free: !is_placing && !is_picking && !is_placing_lamp && region_purpose.is_none(),
             is_hidden: self.view.plain || (self.session.player.playing && !self.session.is_live()),
         };
         match self.handles.show(&over, &mut self.session.project, &mut self.evidence.selected) {
@@ -60,8 +60,8 @@ impl App {
             Some(Err(error)) => self.session.show_message(error),
             None => {}
         }
-        self.notice(ui, &seen, obstacle.as_ref(), frame.index, wants_place);
-        if wants_place && obstacle.is_some() {
+        self.notice(ui, &seen, obstacle.as_ref(), frame.index, needs_place);
+        if needs_place && obstacle.is_some() {
             return;
         }
         self.evidence.ground.paint(&seen, &self.session.project, frame.index);
@@ -72,7 +72,7 @@ impl App {
                 Err(error) => self.refuse(&seen, error),
             }
         }
-        if is_for_lamp {
+        if is_placing_lamp {
             seen.tell(self.lamps.prompt());
             if seen.pointed.is_some() {
                 ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
@@ -118,10 +118,10 @@ impl App {
     }
 
     /// Shows a notice over the picture: a refused profile, or an obstacle to placement.
-    fn notice(&mut self, ui: &mut Ui, seen: &Seen, obstacle: Option<&Obstacle>, frame: usize, wants_place: bool) {
+    fn notice(&mut self, ui: &mut Ui, seen: &Seen, obstacle: Option<&Obstacle>, frame: usize, needs_place: bool) {
         let refused = self.documents.refused_profile.clone();
         let refused = refused.map(|text| Notice { text, remedy: Some(Remedy::ChooseProfile), can_be_closed: true });
-        let Some(notice) = refused.or_else(|| self.obstacle_notice(obstacle?, frame, wants_place)) else { return };
+        let Some(notice) = refused.or_else(|| self.obstacle_notice(obstacle?, frame, needs_place)) else { return };
         match notice::show(ui, seen.painter.clip_rect(), &notice) {
             Some(NoticeButton::Remedy(Remedy::ChooseProfile)) => self.documents.choose_profile(&self.session.project),
             Some(NoticeButton::Remedy(Remedy::GoToFrame(frame))) => self.session.player.seek(frame),
@@ -133,18 +133,18 @@ impl App {
 
     /// The notice of an obstacle. A missing pose is only reported while a place is picked; other
     /// obstacles until the notice is closed.
-    fn obstacle_notice(&mut self, obstacle: &Obstacle, frame: usize, wants_place: bool) -> Option<Notice> {
+    fn obstacle_notice(&mut self, obstacle: &Obstacle, frame: usize, needs_place: bool) -> Option<Notice> {
         let (text, remedy) = match obstacle {
-            Obstacle::Camera(_) | Obstacle::Other(_) if self.hides_obstacle && !wants_place => return None,
+            Obstacle::Camera(_) | Obstacle::Other(_) if self.hides_obstacle && !needs_place => return None,
             Obstacle::Camera(text) => (text.clone(), Some(Remedy::ChooseProfile)),
             Obstacle::Other(text) => (text.clone(), None),
-            Obstacle::NoPose if !wants_place => return None,
+            Obstacle::NoPose if !needs_place => return None,
             Obstacle::NoPose => {
                 let nearest = self.nearest_pose.of(&self.session.project.shot().recording, frame);
                 (obstacle::no_pose_text(nearest).to_owned(), nearest.map(Remedy::GoToFrame))
             }
         };
-        Some(Notice { text, remedy, can_be_closed: !wants_place })
+        Some(Notice { text, remedy, can_be_closed: !needs_place })
     }
 
     /// Shows code values in the loupe, and inside of pixels that are large enough on the screen.

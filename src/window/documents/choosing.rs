@@ -33,12 +33,12 @@ impl Documents {
         proposed: Option<&str>,
     ) {
         // Compares names only: reading the disk may block.
-        let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        let is_called = |path: &Path, other: &str| whole(path) == whole(&assets::path(other));
-        let own = match purpose {
+        let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let is_asset = |path: &Path, other: &str| absolute(path) == absolute(&assets::path(other));
+        let open_path = match purpose {
             ChooserPurpose::OpenProfile | ChooserPurpose::SaveProfile => project.profile.clone(),
             ChooserPurpose::OpenScene | ChooserPurpose::SaveScene => {
-                project.scene.clone().filter(|scene| !is_called(scene, saving::DEMO_SCENE))
+                project.scene.clone().filter(|scene| !is_asset(scene, saving::DEMO_SCENE))
             }
             ChooserPurpose::Open
             | ChooserPurpose::Locate(_)
@@ -46,16 +46,16 @@ impl Documents {
             | ChooserPurpose::Record
             | ChooserPurpose::KeepFrozen => None,
         };
-        let recording = whole(&project.shot().recording.path);
+        let recording = absolute(&project.shot().recording.path);
         let parent = recording.parent().map(Path::to_owned);
         // The demonstration's folder belongs to the program, and a camera has none.
         let is_own =
-            !is_called(&recording, saving::DEMO) && !project.is_frozen() && !project.shot().recording.is_arriving();
+            !is_asset(&recording, saving::DEMO) && !project.is_frozen() && !project.shot().recording.is_arriving();
         let beside = parent.clone().filter(|_| is_own);
         let last = self.preferences.folder(purpose.folder_use()).map(Path::to_owned);
         // Files of a recording are in its folder or beside it.
         let folders = match &purpose {
-            ChooserPurpose::Locate(missing) => expected_folders(&whole(missing), &whole(&project.scene_path())),
+            ChooserPurpose::Locate(missing) => expected_folders(&absolute(missing), &absolute(&project.scene_path())),
             _ => Vec::new(),
         };
         let others = match purpose {
@@ -64,8 +64,8 @@ impl Documents {
             _ => [last, beside, None],
         };
         let folders = folders.into_iter().chain(others.into_iter().flatten());
-        let begin = match &own {
-            Some(own) => StartLocation::at(own),
+        let begin = match &open_path {
+            Some(open_path) => StartLocation::at(open_path),
             None => StartLocation {
                 name: proposed.unwrap_or_default().to_owned(),
                 ..StartLocation::within(folders.chain(std::env::home_dir()))
@@ -175,11 +175,11 @@ impl Documents {
     }
 
     /// Handles a button of the camera panel.
-    pub fn handle_camera_request(&mut self, ctx: &egui::Context, session: &mut Session, asked: Asked) {
+    pub fn handle_camera_request(&mut self, ctx: &egui::Context, session: &mut Session, request: Asked) {
         let mode = ChooserMode::EmptyFolder;
-        match asked {
+        match request {
             Asked::Freeze => {
-                let folder = self.folder.clone().unwrap_or_else(|| std::env::temp_dir().join("locard"));
+                let folder = self.state_folder.clone().unwrap_or_else(|| std::env::temp_dir().join("locard"));
                 session.freeze(ctx, &folder.join("live"));
             }
             Asked::Live => session.go_live(ctx),
@@ -236,7 +236,7 @@ impl Documents {
                 ));
             }
             ChooserPurpose::Locate(missing) => match session.project.locate(&missing, &path) {
-                Ok(said) => session.show_message(said),
+                Ok(message) => session.show_message(message),
                 Err(error) => session.show_error(error),
             },
             ChooserPurpose::SaveProfile => {

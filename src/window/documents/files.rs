@@ -24,8 +24,8 @@ use locard_engine::live;
 impl Documents {
     /// Determines the kind of a dropped or chosen file, which decides how it is opened.
     pub fn open_file(&mut self, ctx: &egui::Context, path: PathBuf, session: &mut Session) {
-        let (wake, dropped_files) = (ctx.clone(), path.clone());
-        match BackgroundTask::spawn("looking", move || wake.request_repaint(), move || Kind::of(&dropped_files)) {
+        let (wake, dropped) = (ctx.clone(), path.clone());
+        match BackgroundTask::spawn("looking", move || wake.request_repaint(), move || Kind::of(&dropped)) {
             Ok(kind_task) => self.dropped_files.push((path, kind_task)),
             Err(error) => session.show_error(format!("no thread can be started that opens it: {error}")),
         }
@@ -57,8 +57,8 @@ impl Documents {
     /// Opens a profile for the open recording, or for one that could not be opened without a
     /// profile.
     pub(super) fn open_profile(&mut self, path: PathBuf, session: &Session) {
-        let opened = self.failed_document.clone().unwrap_or_else(|| DocumentRef::of(&session.project));
-        self.pending = Some(PendingAction::Open(Box::new(DocumentRef { profile: Some(path), ..opened }), None));
+        let document = self.failed_document.clone().unwrap_or_else(|| DocumentRef::of(&session.project));
+        self.pending = Some(PendingAction::Open(Box::new(DocumentRef { profile: Some(path), ..document }), None));
     }
 
     /// Starts writing the current state into a file. `chosen`: the user has just named it in a
@@ -73,10 +73,10 @@ impl Documents {
             SaveStep::WriteProfile(path) => (path, Ok(project.profile_draft(path, scope))),
             _ => return,
         };
-        let is_agreed = chosen || self.approved_files.as_ref().is_some_and(|approvals| approvals.contains(path));
+        let is_approved = chosen || self.approved_files.as_ref().is_some_and(|approvals| approvals.contains(path));
         let (known, wake) = (project.stamp(path), ctx.clone());
         let spawned = draft.map_err(|error| error.to_string()).and_then(|draft| {
-            let draft = if is_agreed { draft } else { draft.unless_changed(known) };
+            let draft = if is_approved { draft } else { draft.unless_changed(known) };
             let spawned = BackgroundTask::spawn("saving", move || wake.request_repaint(), move || draft.write());
             spawned.map_err(|error| format!("no thread can be started that writes it: {error}"))
         });
@@ -99,13 +99,13 @@ impl Documents {
         match done {
             Ok(Ok(written)) => {
                 let path = written.path.clone();
-                let what = written.kind();
+                let kind = written.kind();
                 session.project.written(written);
-                self.saved_files.retain(|saved| saved.what != what);
-                self.saved_files.push(SavedFile { what, path: path.clone() });
+                self.saved_files.retain(|saved| saved.kind != kind);
+                self.saved_files.push(SavedFile { kind, path: path.clone() });
                 session.show_message(saving::end_message(&self.saved_files, &session.project.unsavable_changes()));
                 self.recent.add(DocumentRef::of(&session.project));
-                self.ignored_changes.retain(|passed| *passed != path);
+                self.ignored_changes.retain(|ignored| *ignored != path);
                 if let Some(watch) = &mut self.watch {
                     watch.known(&path, session.project.stamp(&path));
                 }
@@ -150,7 +150,7 @@ impl Documents {
         if let Some(camera_dialog) = &mut self.camera_dialog {
             if let Some(answer) = camera_dialog.show(ctx) {
                 self.last_camera_dialog = self.camera_dialog.take();
-                self.pending = answer.map(|opened| PendingAction::Open(Box::new(opened), None));
+                self.pending = answer.map(|document| PendingAction::Open(Box::new(document), None));
             }
             return;
         }
@@ -221,7 +221,9 @@ impl Documents {
             match dialogs::show_start(ctx, self.recent.entries(ctx), behind) {
                 Some(dialogs::StartChoice::Open) => self.open(&session.project),
                 Some(dialogs::StartChoice::Camera) => self.show_camera_dialog(ctx, &session.project),
-                Some(dialogs::StartChoice::Recent(opened)) => self.pending = Some(PendingAction::Open(opened, None)),
+                Some(dialogs::StartChoice::Recent(document)) => {
+                    self.pending = Some(PendingAction::Open(document, None))
+                }
                 Some(dialogs::StartChoice::Continue) => self.is_start_open = false,
                 None => {}
             }
@@ -230,32 +232,32 @@ impl Documents {
 
     /// Runs the pending action once nothing is lost by it.
     fn run_pending(&mut self, ctx: &egui::Context, session: &mut Session) {
-        let Some(then) = self.pending.take() else {
+        let Some(action) = self.pending.take() else {
             self.confirmed_recording_end = false;
             return;
         };
         // Files are opened before the question, so that unreadable ones are refused first. A camera
         // can only be opened after the current one has been closed.
-        let then = match then {
-            PendingAction::Open(opened, recoverable) if opened.camera.is_none() => {
-                return self.start_opening(ctx, session, *opened, recoverable);
+        let action = match action {
+            PendingAction::Open(document, recoverable) if document.camera.is_none() => {
+                return self.start_opening(ctx, session, *document, recoverable);
             }
-            then => then,
+            action => action,
         };
-        let consequences = self.consequences(session, matches!(then, PendingAction::Close));
+        let consequences = self.consequences(session, matches!(action, PendingAction::Close));
         let answer =
             if consequences.is_harmless() { Some(Answer::No) } else { dialogs::confirm_discard(ctx, consequences) };
-        match (answer, then) {
-            (None, then) => self.pending = Some(then),
+        match (answer, action) {
+            (None, action) => self.pending = Some(action),
             (Some(Answer::Cancel), _) => {}
-            (Some(Answer::Yes), then) => {
+            (Some(Answer::Yes), action) => {
                 self.save();
                 // It may share files with the save, and is opened again.
-                let then = match then {
-                    PendingAction::Show(shown) => PendingAction::Open(Box::new(shown.opened), shown.recoverable),
-                    then => then,
+                let action = match action {
+                    PendingAction::Show(loaded) => PendingAction::Open(Box::new(loaded.document), loaded.recoverable),
+                    action => action,
                 };
-                (self.pending, self.confirmed_recording_end) = (Some(then), true);
+                (self.pending, self.confirmed_recording_end) = (Some(action), true);
             }
             (Some(Answer::No), PendingAction::Close) => {
                 self.may_close = true;
@@ -264,10 +266,10 @@ impl Documents {
                 }
                 ctx.send_viewport_cmd(egui::ViewportCommand::Close);
             }
-            (Some(Answer::No), PendingAction::Open(opened, recoverable)) => {
-                self.start_opening(ctx, session, *opened, recoverable)
+            (Some(Answer::No), PendingAction::Open(document, recoverable)) => {
+                self.start_opening(ctx, session, *document, recoverable)
             }
-            (Some(Answer::No), PendingAction::Show(shown)) => self.confirmed_document = Some(shown),
+            (Some(Answer::No), PendingAction::Show(loaded)) => self.confirmed_document = Some(loaded),
         }
     }
 
@@ -306,17 +308,17 @@ impl Documents {
         &mut self,
         ctx: &egui::Context,
         session: &mut Session,
-        opened: DocumentRef,
+        document: DocumentRef,
         recoverable: Option<RecoverableWork>,
     ) {
         // A camera can only be open in one program and one window.
-        if opened.camera.is_some() {
+        if document.camera.is_some() {
             session.close_camera();
         }
-        let is_open = opened.recording == DocumentRef::of(&session.project).recording;
+        let is_open = document.recording == DocumentRef::of(&session.project).recording;
         let has_camera = is_open && !session.lacks_camera();
         let wake = ctx.clone();
-        self.set_opening(session, Opening::begin(opened, recoverable, has_camera, move || wake.request_repaint()));
+        self.set_opening(session, Opening::begin(document, recoverable, has_camera, move || wake.request_repaint()));
     }
 
     fn set_opening(&mut self, session: &mut Session, opening: std::io::Result<Opening>) {
@@ -328,8 +330,8 @@ impl Documents {
 
     /// Handles a finished opening task.
     pub(super) fn poll_opening(&mut self, ctx: &egui::Context, session: &mut Session) -> Option<DocumentSwitch> {
-        if let Some(shown) = self.confirmed_document.take() {
-            return Some(self.switch_to(*shown, None));
+        if let Some(loaded) = self.confirmed_document.take() {
+            return Some(self.switch_to(*loaded, None));
         }
         let done = match self.opening.take()?.take() {
             Ok(done) => done,
@@ -348,16 +350,16 @@ impl Documents {
                 None
             }
             Ok((project, camera)) => {
-                let shown = LoadedDocument { opened: done.opened, project, recoverable: done.recoverable };
+                let loaded = LoadedDocument { document: done.document, project, recoverable: done.recoverable };
                 if camera.is_none() && !self.consequences(session, false).is_harmless() {
-                    self.pending = Some(PendingAction::Show(Box::new(shown)));
+                    self.pending = Some(PendingAction::Show(Box::new(loaded)));
                     ctx.request_repaint();
                     return None;
                 }
-                Some(self.switch_to(shown, camera))
+                Some(self.switch_to(loaded, camera))
             }
             // Shows the dialog again with its entries.
-            Err(Refused { why, .. }) if done.opened.camera.is_some() && self.last_camera_dialog.is_some() => {
+            Err(Refused { why, .. }) if done.document.camera.is_some() && self.last_camera_dialog.is_some() => {
                 self.camera_dialog = self.last_camera_dialog.take().map(|camera_dialog| camera_dialog.with_error(why));
                 self.recoverable.extend(done.recoverable);
                 None
@@ -367,19 +369,20 @@ impl Documents {
                 self.refused_profile = Some(why);
                 // The next profile is for the refused recording, which may differ from the open
                 // one.
-                let is_open = done.opened.recording == DocumentRef::of(&session.project).recording;
-                self.failed_document = Some(DocumentRef { profile: None, ..done.opened }).filter(|_| !is_open);
+                let is_open = done.document.recording == DocumentRef::of(&session.project).recording;
+                self.failed_document = Some(DocumentRef { profile: None, ..done.document }).filter(|_| !is_open);
                 self.recoverable.extend(done.recoverable);
                 None
             }
             Err(Refused { why, lacks_camera, .. }) => {
-                let lacks_profile = lacks_camera && done.opened.profile.is_none();
-                let then = if lacks_profile { ". Choose a camera profile for it: File, Open a profile…" } else { "" };
-                session.show_error(format!("{why}{then}"));
+                let lacks_profile = lacks_camera && done.document.profile.is_none();
+                let advice =
+                    if lacks_profile { ". Choose a camera profile for it: File, Open a profile…" } else { "" };
+                session.show_error(format!("{why}{advice}"));
                 self.failed_document = if lacks_profile {
-                    Some(done.opened)
+                    Some(done.document)
                 } else {
-                    self.failed_document.take().filter(|waiting| waiting.recording == done.opened.recording)
+                    self.failed_document.take().filter(|waiting| waiting.recording == done.document.recording)
                 };
                 self.recoverable.extend(done.recoverable);
                 None
@@ -388,12 +391,12 @@ impl Documents {
     }
 
     /// Replaces the open document.
-    fn switch_to(&mut self, shown: LoadedDocument, camera: Option<live::Opened>) -> DocumentSwitch {
-        let LoadedDocument { opened, project, recoverable } = shown;
+    fn switch_to(&mut self, loaded: LoadedDocument, camera: Option<live::Opened>) -> DocumentSwitch {
+        let LoadedDocument { document, project, recoverable } = loaded;
         if let Some(recoverable) = recoverable {
             self.adopt_recovery(recoverable);
         }
         (self.is_start_open, self.failed_document, self.refused_profile) = (false, None, None);
-        DocumentSwitch { project: *project, camera, at: opened.at }
+        DocumentSwitch { project: *project, camera, at: document.at }
     }
 }

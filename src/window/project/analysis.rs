@@ -17,19 +17,19 @@ impl Project {
     pub fn adopt_analysis(&mut self, folder: PathBuf, analysis: Analysis) -> Result<(), ShotError> {
         let follows = self.shot.take_analysis(folder, analysis)?;
         let (opened, pins) = (self.baseline.clone(), self.pins(&BTreeSet::new()));
-        let follow_in = |rig: &mut Rig, settings: &mut Settings, unpinned: &BTreeSet<String>| {
+        let apply_to = |rig: &mut Rig, settings: &mut Settings, unpinned: &BTreeSet<String>| {
             let pins = pins.filtered(|table, name| !unpinned.contains(&full_name(table, name)));
             let own = settings_of_scene(opened.look(), &pins, Look { rig, settings });
             Follows::apply(follows.iter().filter(|found| !own.has(found.table, found.name)), rig, settings);
         };
-        let follow = |edit: &mut Edit| {
-            follow_in(&mut edit.rig, &mut edit.settings, &edit.unpinned);
+        let apply_to_edit = |edit: &mut Edit| {
+            apply_to(&mut edit.rig, &mut edit.settings, &edit.unpinned);
             if let Some(other) = &mut edit.other {
-                follow_in(&mut other.rig, &mut other.settings, &edit.unpinned);
+                apply_to(&mut other.rig, &mut other.settings, &edit.unpinned);
             }
         };
-        self.history.change_all(follow);
-        follow(&mut self.saved);
+        self.history.change_all(apply_to_edit);
+        apply_to_edit(&mut self.saved);
         Follows::apply(&follows, &mut self.baseline.rig, &mut self.baseline.settings);
         // Other poses change the placement checks and the variant.
         self.scene_version += 1;

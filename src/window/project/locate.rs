@@ -16,17 +16,17 @@ impl Project {
         }
         self.load_changed(&scene).map_err(|error| error.to_string())?;
         let folder = found.parent().unwrap_or(Path::new(""));
-        let siblings: Vec<PathBuf> = self.shot().scene.missing.iter().map(|other| other.file.clone()).collect();
+        let missing_files: Vec<PathBuf> = self.shot().scene.missing.iter().map(|other| other.file.clone()).collect();
         let mut more = 0;
-        for other in siblings.iter().filter(|other| *other != missing) {
+        for other in missing_files.iter().filter(|other| *other != missing) {
             let Some(there) = other.file_name().map(|name| folder.join(name)) else { continue };
             // An existing but unreadable file stays as it is.
             if !there.is_file() || there.canonicalize().ok() == other.canonicalize().ok() {
                 continue;
             }
-            let mut with_it = scene.clone();
-            if replace_file(&mut with_it, &scene_file, other, &there) && self.load_changed(&with_it).is_ok() {
-                scene = with_it;
+            let mut candidate = scene.clone();
+            if replace_file(&mut candidate, &scene_file, other, &there) && self.load_changed(&candidate).is_ok() {
+                scene = candidate;
                 more += 1;
             }
         }

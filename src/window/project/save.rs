@@ -163,9 +163,9 @@ impl Draft {
             DraftContent::Scene(draft) => draft.text.clone(),
         };
         let panorama = if let DraftContent::Scene(draft) = &content { draft.panorama.as_ref() } else { None };
-        let made = panorama.map(Panorama::write).transpose()?.flatten();
+        let document = panorama.map(Panorama::write).transpose()?.flatten();
         let written = write_atomically(&path, true, |writer| std::io::Write::write_all(writer, text.as_bytes()));
-        written.inspect_err(|_| made.into_iter().for_each(|made| _ = std::fs::remove_file(made)))?;
+        written.inspect_err(|_| document.into_iter().for_each(|document| _ = std::fs::remove_file(document)))?;
         Ok(WrittenFile { stamp: stamp(&path), path, content })
     }
 }
@@ -199,8 +199,8 @@ fn profile_text(recording: &Recording, edit: &Edit, path: &Path, found: &[Follow
         profile::Document::new("")
     };
     // A complete camera also includes values equal to the default.
-    let whole = edit.rig.missing_keys().is_empty();
-    for name in rig.missing_keys().into_iter().filter(|_| whole && edit.rig.gives_geometry()) {
+    let is_complete = edit.rig.missing_keys().is_empty();
+    for name in rig.missing_keys().into_iter().filter(|_| is_complete && edit.rig.gives_geometry()) {
         document.set_param(&edit.rig.intrinsics, name);
     }
     // A profile cannot express that its exposure overrides each frame's own.
@@ -209,8 +209,8 @@ fn profile_text(recording: &Recording, edit: &Edit, path: &Path, found: &[Follow
     for params in tables(&edit.rig, &edit.settings) {
         let table = params.table();
         for spec in params.specs().into_iter().filter(|spec| changes.has(table, spec.name)) {
-            let is_here = |found: &&Follows| (found.table, found.name) == (table, spec.name);
-            if found.iter().find(is_here).map(|found| &found.value) != params.get(spec.name).as_ref() {
+            let is_same_param = |found: &&Follows| (found.table, found.name) == (table, spec.name);
+            if found.iter().find(is_same_param).map(|found| &found.value) != params.get(spec.name).as_ref() {
                 document.set_param(params, spec.name);
             }
         }
@@ -263,15 +263,15 @@ impl Project {
         let failed =
             |error: &dyn std::fmt::Display| SaveError::Text { path: path.to_owned(), reason: error.to_string() };
         let settings = self.file_settings(self.edit());
-        let whole = SceneFile { settings: settings.to_toml(), ..scene.clone() };
+        let with_settings = SceneFile { settings: settings.to_toml(), ..scene.clone() };
         let text = match &mut self.scene_text {
             Some(text) => {
-                text.set(whole).map_err(|e| failed(&e))?;
+                text.set(with_settings).map_err(|e| failed(&e))?;
                 text.to_string()
             }
             None => {
-                let made = scene::Document::new(whole).map_err(|e| failed(&e))?;
-                self.scene_text.insert(made).to_string()
+                let document = scene::Document::new(with_settings).map_err(|e| failed(&e))?;
+                self.scene_text.insert(document).to_string()
             }
         };
         let draft = SceneDraft { text, scene, settings, edit: self.edit().clone(), from, panorama };
@@ -285,7 +285,7 @@ impl Project {
         match content {
             DraftContent::Profile(draft) => {
                 self.mark_profile_written(&draft.values, &draft.edit);
-                self.shot.profile_written(&path, &draft.values.of_opened);
+                self.shot.profile_written(&path, &draft.values.from_baseline);
                 let own = self.shot_settings();
                 self.shot.set_settings_of_scene(&own);
                 self.profile = Some(path);
@@ -293,12 +293,12 @@ impl Project {
             DraftContent::Scene(draft) => {
                 let SceneDraft { scene, settings, edit, from, panorama, .. } = *draft;
                 let named = self.loaded_scene.file_names().map(str::to_owned).collect::<Vec<_>>();
-                let follow = |scene: &mut SceneFile| {
+                let relocate = |scene: &mut SceneFile| {
                     *scene = relocated(scene, &from, &path);
                     panorama.iter().for_each(|panorama| panorama.put_into(scene, &path));
                 };
-                self.history.change_all(|edit| follow(&mut edit.scene));
-                [&mut self.baseline.scene, &mut self.loaded_scene].into_iter().for_each(follow);
+                self.history.change_all(|edit| relocate(&mut edit.scene));
+                [&mut self.baseline.scene, &mut self.loaded_scene].into_iter().for_each(relocate);
                 self.mark_scene_written(settings, &edit);
                 self.saved = Edit { scene, other: self.saved.other.take(), ..edit };
                 self.relocate_missing(&from, &named, &path);

@@ -32,8 +32,8 @@ pub enum ProfileScope {
 #[derive(Clone, Debug)]
 pub struct ProfileValues {
     /// Relative to [`Project::saved`], and relative to the state without the scene.
-    pub of_saved: ShotSettings,
-    pub of_opened: ShotSettings,
+    pub from_saved: ShotSettings,
+    pub from_baseline: ShotSettings,
 }
 
 /// The scene file's own settings for a camera and effects: differences from `opened`, and settings
@@ -166,12 +166,12 @@ impl Project {
     pub(super) fn profile_values(&self, scope: ProfileScope) -> ProfileValues {
         match scope {
             ProfileScope::All => ProfileValues {
-                of_saved: self.accepted_by_profile(&self.unsaved()),
-                of_opened: self.accepted_by_profile(&self.shot_settings()),
+                from_saved: self.accepted_by_profile(&self.unsaved()),
+                from_baseline: self.accepted_by_profile(&self.shot_settings()),
             },
             ProfileScope::Camera => {
                 let of_camera = self.unsaved_of_camera();
-                ProfileValues { of_saved: of_camera.clone(), of_opened: of_camera }
+                ProfileValues { from_saved: of_camera.clone(), from_baseline: of_camera }
             }
         }
     }
@@ -179,14 +179,14 @@ impl Project {
     /// The camera and settings that the written profile results in.
     pub(super) fn resulting_edit(&self, values: &ProfileValues) -> Edit {
         let mut edit = self.baseline.clone();
-        apply_values(&values.of_opened, &mut edit);
+        apply_values(&values.from_baseline, &mut edit);
         edit
     }
 
     /// Called when values have been written into the profile; `edit` is the state of that moment.
     pub(super) fn mark_profile_written(&mut self, values: &ProfileValues, edit: &Edit) {
-        apply_values(&values.of_saved, &mut self.saved);
-        apply_values(&values.of_opened, &mut self.baseline);
+        apply_values(&values.from_saved, &mut self.saved);
+        apply_values(&values.from_baseline, &mut self.baseline);
         // The profile does not override these values, so differences stay in the scene.
         let overriding = self.shot.baseline().found.iter().filter(|found| found.overrides_profiles());
         Follows::apply(overriding, &mut self.baseline.rig, &mut self.baseline.settings);

@@ -142,8 +142,8 @@ impl Project {
         self.shot.rig = edit.rig.clone();
         self.shot.settings = edit.settings.clone();
         self.version += 1;
-        if self.other != edit.other {
-            self.other = edit.other.clone();
+        if self.last_variant != edit.other {
+            self.last_variant = edit.other.clone();
             self.variant_version = self.version;
         }
     }

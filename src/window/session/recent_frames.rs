@@ -8,7 +8,7 @@ use locard_engine::live::Tracking;
 /// Length of the history, s.
 pub const RECENT_S: f64 = 10.0;
 /// Window of the median latency, s.
-const FIGURES_S: f64 = 1.0;
+const LATENCY_WINDOW_S: f64 = 1.0;
 /// Largest number of frames in flight, with a margin: failed pictures are not reported.
 const MAX_PENDING_FRAMES: usize = 8;
 
@@ -41,9 +41,9 @@ impl RecentFrames {
     /// Moves a frame from in flight to displayed. A frame that is composited again, after a change
     /// of settings, counts once.
     pub fn finish(&mut self, taken_s: f64, now_s: f64) {
-        let Some(at) = self.in_flight.iter().position(|(begun_s, _)| *begun_s == taken_s) else { return };
-        let (_, tracking) = self.in_flight[at];
-        self.in_flight.drain(..=at);
+        let Some(index) = self.in_flight.iter().position(|(taken_at_s, _)| *taken_at_s == taken_s) else { return };
+        let (_, tracking) = self.in_flight[index];
+        self.in_flight.drain(..=index);
         self.displayed.push_back(RecentFrame { taken_s, latency_s: now_s - taken_s, tracking });
         self.displayed.retain(|displayed| displayed.taken_s > taken_s - RECENT_S);
     }
@@ -54,7 +54,7 @@ impl RecentFrames {
 
     /// Median latency from capture to compositing over the last second, s.
     pub fn latency_s(&self, now_s: f64) -> Option<f64> {
-        let last = self.displayed.iter().filter(|displayed| displayed.taken_s > now_s - FIGURES_S);
+        let last = self.displayed.iter().filter(|displayed| displayed.taken_s > now_s - LATENCY_WINDOW_S);
         let mut latencies: Vec<f64> = last.map(|displayed| displayed.latency_s).collect();
         latencies.sort_by(f64::total_cmp);
         latencies.get(latencies.len() / 2).copied()
