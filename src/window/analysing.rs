@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use eframe::egui::{self, Label, RichText, Ui, WidgetInfo};
 
-use super::jobs::{Job, JobEntry, JobState, Jobs};
+use super::jobs::{JobEntry, JobKind, JobState, Jobs};
 use super::output::percent;
 use super::progress;
 use super::project::Project;
@@ -61,7 +61,7 @@ impl Analysing {
     pub fn begin(&mut self, project: &Project, jobs: &mut Jobs) {
         let shot = project.shot();
         let folder = beside(&shot.recording.path);
-        let entry = jobs.add(folder.display().to_string(), &shot.as_recorded(), Job::Analyse(folder.clone()));
+        let entry = jobs.add(folder.display().to_string(), &shot.as_recorded(), JobKind::Analyse(folder.clone()));
         self.0 = Some(Begun { entry, recording: Arc::clone(&shot.recording), folder });
     }
 

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
-use super::history::Record;
+use super::history::HistoryRecord;
 use super::project::Edit;
 use super::recent::{DocumentRef, ViewState};
 use super::session_lock::SessionFiles;
@@ -47,7 +47,7 @@ pub struct UnsavedWork {
     pub edit: Edit,
     /// The last [`HISTORY_STEPS`] steps that led to `edit`, and the undone steps after it.
     #[serde(default)]
-    pub history: Record<Edit>,
+    pub history: HistoryRecord<Edit>,
 }
 
 /// Largest number of history steps in a recovery file. Steps are dropped if the file would exceed
@@ -80,12 +80,12 @@ impl UnsavedWork {
             frame: 0,
             camera: None,
             edit,
-            history: Record::default(),
+            history: HistoryRecord::default(),
         }
     }
 
     /// Adds the undo history.
-    pub fn with_history(self, history: Record<Edit>) -> Self {
+    pub fn with_history(self, history: HistoryRecord<Edit>) -> Self {
         Self { history, ..self }
     }
 
@@ -433,7 +433,7 @@ mod tests {
     fn recovery_file_contains_as_many_steps_as_fit() {
         let mut work = work(0);
         let steps = (0..16).map(|n| (n.to_string(), Arc::new(work.edit.clone()))).collect();
-        work = work.with_history(Record { steps, at: 15 });
+        work = work.with_history(HistoryRecord { steps, at: 15 });
         let alone = serde_json::to_string(&work.edit).unwrap().len() as u64;
         let text = work.to_json(8 * alone).unwrap();
         let read: UnsavedWork = serde_json::from_str(&text).unwrap();
@@ -452,7 +452,7 @@ mod tests {
         let mut edit = work.edit.clone();
         edit.scene.light.environment = Some("hall.hdr".to_owned());
         let shared = Arc::new(edit);
-        work = work.with_history(Record { steps: vec![("lit".to_owned(), Arc::clone(&shared))], at: 0 });
+        work = work.with_history(HistoryRecord { steps: vec![("lit".to_owned(), Arc::clone(&shared))], at: 0 });
         let read: UnsavedWork = serde_json::from_str(&work.to_json(MOST_LISTING).unwrap()).unwrap();
         let written = read.history.steps[0].1.scene.light.environment.clone().unwrap();
         assert!(Path::new(&written).is_absolute(), "{written}");

@@ -14,7 +14,7 @@ use locard_engine::webcam::{self, DriverName};
 
 /// Source of poses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Poses {
+enum PoseChoice {
     #[default]
     Tags,
     Stream,
@@ -46,7 +46,7 @@ pub struct CameraDialog {
     camera: String,
     /// The user has selected a camera.
     is_camera_chosen: bool,
-    poses: Poses,
+    poses: PoseChoice,
     board: String,
     address: String,
     profile: String,
@@ -81,7 +81,7 @@ impl CameraDialog {
             cameras: CameraList::default(),
             camera: "0".to_owned(),
             is_camera_chosen: false,
-            poses: Poses::default(),
+            poses: PoseChoice::default(),
             board: String::new(),
             address: "opentrackio://127.0.0.1:55555".to_owned(),
             profile: profile.map_or(String::new(), |path| path.display().to_string()),
@@ -101,10 +101,10 @@ impl CameraDialog {
     pub fn with_source(self, from: &LiveFrom) -> Self {
         let asked = from.asked;
         let (poses, board, address) = match from.poses.split_once(':') {
-            Some(("tags", board)) => (Poses::Tags, board.to_owned(), self.address.clone()),
-            _ if from.poses == "tags" => (Poses::Tags, String::new(), self.address.clone()),
-            _ if from.poses == "none" => (Poses::None, String::new(), self.address.clone()),
-            _ => (Poses::Stream, String::new(), from.poses.clone()),
+            Some(("tags", board)) => (PoseChoice::Tags, board.to_owned(), self.address.clone()),
+            _ if from.poses == "tags" => (PoseChoice::Tags, String::new(), self.address.clone()),
+            _ if from.poses == "none" => (PoseChoice::None, String::new(), self.address.clone()),
+            _ => (PoseChoice::Stream, String::new(), from.poses.clone()),
         };
         Self {
             camera: camera_name(asked.driver, &from.camera),
@@ -229,8 +229,8 @@ impl CameraDialog {
         ui.end_row();
         ui.label("Poses");
         ui.vertical(|ui| {
-            ui.radio_value(&mut self.poses, Poses::Tags, "from printed tags in the picture");
-            if self.poses == Poses::Tags {
+            ui.radio_value(&mut self.poses, PoseChoice::Tags, "from printed tags in the picture");
+            if self.poses == PoseChoice::Tags {
                 let hint = "The board's file; empty for the sheet that `locard board` prints";
                 let field = egui::TextEdit::singleline(&mut self.board).desired_width(width).hint_text("locard board");
                 ui.add(field).on_hover_text(hint).widget_info(|| text_field("Board"));
@@ -243,8 +243,8 @@ impl CameraDialog {
                     ui.label("s");
                 });
             }
-            ui.radio_value(&mut self.poses, Poses::Stream, "from a stream");
-            if self.poses == Poses::Stream {
+            ui.radio_value(&mut self.poses, PoseChoice::Stream, "from a stream");
+            if self.poses == PoseChoice::Stream {
                 let field = egui::TextEdit::singleline(&mut self.address).desired_width(width);
                 let hint = "opentrackio://HOST:PORT, freed://HOST:PORT, or file:RECORDING";
                 ui.add(field).on_hover_text(hint).widget_info(|| text_field("Address"));
@@ -257,7 +257,7 @@ impl CameraDialog {
                     ui.label("s, or auto");
                 });
             }
-            ui.radio_value(&mut self.poses, Poses::None, "none: the picture alone");
+            ui.radio_value(&mut self.poses, PoseChoice::None, "none: the picture alone");
         });
         ui.end_row();
         let label = ui.label("Profile");
@@ -306,16 +306,17 @@ impl CameraDialog {
     fn document(&self) -> Result<DocumentRef, String> {
         let typed = |text: &str| Some(text.trim().to_owned()).filter(|text| !text.is_empty());
         let poses = match self.poses {
-            Poses::Tags => typed(&self.board).map_or_else(|| "tags".to_owned(), |board| format!("tags:{board}")),
-            Poses::Stream => self.address.trim().to_owned(),
-            Poses::None => "none".to_owned(),
+            PoseChoice::Tags => typed(&self.board).map_or_else(|| "tags".to_owned(), |board| format!("tags:{board}")),
+            PoseChoice::Stream => self.address.trim().to_owned(),
+            PoseChoice::None => "none".to_owned(),
         };
         let size = typed(&self.size).map(|text| Asked::size_of(&text)).transpose()?;
         let rate_hz = typed(&self.rate).map(|text| Asked::rate_of(&text)).transpose()?;
         // Ignores entries of the pose sources that are not selected.
-        let is = |poses: Poses| self.poses == poses;
-        let delay = typed(&self.delay).filter(|_| is(Poses::Stream)).map(|text| Asked::delay_of(&text)).transpose()?;
-        let smoothing = typed(&self.smoothing).filter(|_| is(Poses::Tags));
+        let is = |poses: PoseChoice| self.poses == poses;
+        let delay =
+            typed(&self.delay).filter(|_| is(PoseChoice::Stream)).map(|text| Asked::delay_of(&text)).transpose()?;
+        let smoothing = typed(&self.smoothing).filter(|_| is(PoseChoice::Tags));
         let smooth_s = smoothing.map(|text| Asked::smoothing_of(&text)).transpose()?;
         let (driver, camera) = DriverName::split(self.camera.trim());
         let asked = Asked { driver, size, rate_hz, delay: delay.unwrap_or_default(), smooth_s, ..self.asked };

@@ -17,7 +17,7 @@ use eframe::egui::{self, Key, Ui};
 
 use self::disk::ResolvedStart;
 use self::entering::PendingEntry;
-use self::listing::{Entry, Listing};
+use self::listing::{FolderEntry, Listing};
 use self::new_folder::NewFolderForm;
 use self::recording_summary::RecordingSummary;
 use super::question::{self, Answer, Choices, DialogKeys};
@@ -40,7 +40,7 @@ pub struct Chooser {
     summary: RecordingSummary,
     /// The folder that is being listed.
     listing_task: Option<(PathBuf, BackgroundTask<Listing>)>,
-    begin: Option<StartLocation>,
+    start_location: Option<StartLocation>,
     /// The task that resolves the start folder.
     start_task: Option<BackgroundTask<ResolvedStart>>,
     pending_entry: Option<PendingEntry>,
@@ -56,17 +56,17 @@ pub struct Chooser {
 }
 
 impl Chooser {
-    pub fn new(title: &str, mode: ChooserMode, begin: StartLocation) -> Self {
+    pub fn new(title: &str, mode: ChooserMode, start_location: StartLocation) -> Self {
         Self {
             title: title.to_owned(),
             mode,
-            folder: begin.folders.first().cloned().unwrap_or_default(),
-            name: if mode.is_new() { begin.name.clone() } else { String::new() },
+            folder: start_location.folders.first().cloned().unwrap_or_default(),
+            name: if mode.is_new() { start_location.name.clone() } else { String::new() },
             is_typed: false,
             listing: None,
             summary: RecordingSummary::default(),
             listing_task: None,
-            begin: Some(begin),
+            start_location: Some(start_location),
             start_task: None,
             pending_entry: None,
             new_folder: None,
@@ -79,9 +79,9 @@ impl Chooser {
 
     /// Resolves the start folder.
     fn resolve_start(&mut self, ctx: &egui::Context) {
-        if let Some(begin) = self.begin.take() {
+        if let Some(start_location) = self.start_location.take() {
             let wake = ctx.clone();
-            match BackgroundTask::spawn("chooser", move || wake.request_repaint(), move || begin.resolve()) {
+            match BackgroundTask::spawn("chooser", move || wake.request_repaint(), move || start_location.resolve()) {
                 Ok(start_task) => self.start_task = Some(start_task),
                 Err(error) => self.message = Some(reason(&error)),
             }
@@ -118,16 +118,16 @@ impl Chooser {
     /// The displayed folder, and the filter of its names. A typed path leads to its own folder.
     fn displayed_folder(&self) -> (PathBuf, String) {
         let typed = if self.is_typed { self.name.trim() } else { "" };
-        let part = |text: &str| if self.mode.is_new() { String::new() } else { text.to_lowercase() };
+        let filter = |text: &str| if self.mode.is_new() { String::new() } else { text.to_lowercase() };
         if !typed.contains(std::path::is_separator) && typed != "~" {
-            return (self.folder.clone(), part(typed));
+            return (self.folder.clone(), filter(typed));
         }
         let path = self.resolve(typed);
         if typed.ends_with(std::path::is_separator) || typed == "~" {
             return (path, String::new());
         }
         let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        (path.parent().map_or_else(|| path.clone(), Path::to_owned), part(&name))
+        (path.parent().map_or_else(|| path.clone(), Path::to_owned), filter(&name))
     }
 
     /// Starts listing the displayed folder if necessary, and takes the result.
@@ -226,10 +226,10 @@ impl Chooser {
         let most = (ui.ctx().content_rect().height() - 260.0).clamp(120.0, 320.0);
         let height = (most / (row + gap)).floor() * (row + gap) - gap;
         let area = egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height).auto_shrink(false);
-        let (folder, part) = self.displayed_folder();
+        let (folder, filter) = self.displayed_folder();
         let entries = match &self.listing {
             Some(Listing { folder: listing, entries: Ok(entries), .. }) if *listing == folder => {
-                entries.iter().filter(|entry| entry.name.to_lowercase().contains(&part)).cloned().collect::<Vec<_>>()
+                entries.iter().filter(|entry| entry.name.to_lowercase().contains(&filter)).cloned().collect::<Vec<_>>()
             }
             other => {
                 let text = match other {
@@ -243,7 +243,8 @@ impl Chooser {
             }
         };
         if entries.is_empty() {
-            let text = if part.is_empty() { "Nothing here that can be opened" } else { "Nothing here is called that" };
+            let text =
+                if filter.is_empty() { "Nothing here that can be opened" } else { "Nothing here is called that" };
             let text = if self.mode.is_new() { "Nothing is here yet" } else { text };
             area.show(ui, |ui| ui.weak(text));
             return;
@@ -253,7 +254,7 @@ impl Chooser {
         });
     }
 
-    fn entry(&mut self, ui: &mut Ui, folder: &Path, entry: &Entry) {
+    fn entry(&mut self, ui: &mut Ui, folder: &Path, entry: &FolderEntry) {
         let sign = if entry.is_recording { "   recording" } else { "" };
         let slash = if entry.is_folder { "/" } else { "" };
         let response = ui.selectable_label(self.name == entry.name, format!("{}{slash}{sign}", entry.name));

@@ -95,9 +95,9 @@ impl Damage {
             return;
         }
         let ppp = self.pixels_per_point;
-        let least = vec2(area.min.x * ppp, area.min.y * ppp).floor() / ppp;
-        let most = vec2(area.max.x * ppp, area.max.y * ppp).ceil() / ppp;
-        self.areas.push(Rect::from_min_max(pos2(least.x, least.y), pos2(most.x, most.y)));
+        let min = vec2(area.min.x * ppp, area.min.y * ppp).floor() / ppp;
+        let max = vec2(area.max.x * ppp, area.max.y * ppp).ceil() / ppp;
+        self.areas.push(Rect::from_min_max(pos2(min.x, min.y), pos2(max.x, max.y)));
     }
 
     /// Merges the areas into few disjoint ones.
@@ -114,10 +114,10 @@ impl Damage {
 
 /// Merges areas that overlap or whose union is larger by at most `slack`, points².
 fn merge_overlapping(areas: Vec<Rect>, slack: f32) -> Vec<Rect> {
-    let is_joined = |a: Rect, b: Rect| a.intersect(b).is_positive() || (a | b).area() <= a.area() + b.area() + slack;
+    let should_merge = |a: Rect, b: Rect| a.intersect(b).is_positive() || (a | b).area() <= a.area() + b.area() + slack;
     let mut out: Vec<Rect> = Vec::new();
     for mut area in areas {
-        while let Some(at) = out.iter().position(|other| is_joined(*other, area)) {
+        while let Some(at) = out.iter().position(|other| should_merge(*other, area)) {
             area |= out.swap_remove(at);
         }
         out.push(area);

@@ -227,17 +227,18 @@ pub fn show_start<'a>(
         if recent.is_empty() {
             return;
         }
-        let paths: Vec<&Path> = recent.iter().map(|(opened, _)| opened.recording.as_path()).collect();
+        let paths: Vec<&Path> = recent.iter().map(|(document, _)| document.recording.as_path()).collect();
         ui.separator();
         ui.strong("Recent");
         egui::ScrollArea::vertical().max_height(240.0).show(ui, |ui| {
-            for ((opened, is_there), name) in recent.into_iter().zip(distinct(&paths)) {
-                let of = opened.scene.as_ref().and_then(|scene| scene.file_name()).map(|scene| scene.to_string_lossy());
+            for ((document, is_there), name) in recent.into_iter().zip(distinct(&paths)) {
+                let of =
+                    document.scene.as_ref().and_then(|scene| scene.file_name()).map(|scene| scene.to_string_lossy());
                 let text = of.map_or_else(|| name.clone(), |scene| format!("{name}   {scene}"));
                 let button = ui.add_enabled(is_there, egui::Button::selectable(false, text).truncate());
-                let button = button.on_hover_text(files(opened));
+                let button = button.on_hover_text(files(document));
                 if button.on_disabled_hover_text("It is no longer there").clicked() {
-                    chosen = Some(StartChoice::Recent(Box::new(opened.clone())));
+                    chosen = Some(StartChoice::Recent(Box::new(document.clone())));
                 }
             }
         });
@@ -247,10 +248,10 @@ pub fn show_start<'a>(
 }
 
 /// The full paths of a recording, its scene and its profile, one per line.
-fn files(opened: &DocumentRef) -> String {
-    let with = [("Scene", &opened.scene), ("Profile", &opened.profile)];
+fn files(document: &DocumentRef) -> String {
+    let with = [("Scene", &document.scene), ("Profile", &document.profile)];
     let with = with.into_iter().filter_map(|(what, path)| Some(format!("\n{what}: {}", path.as_ref()?.display())));
-    format!("Recording: {}", opened.recording.display()) + &with.collect::<String>()
+    format!("Recording: {}", document.recording.display()) + &with.collect::<String>()
 }
 
 const CAN_BE_DROPPED: &str = "A recording's folder, a profile, a scene (.toml) or a model (.glb, .gltf) can be dropped into \

@@ -7,7 +7,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 /// Largest number of steps. Each has a few kilobytes.
 const MAX_STEPS: usize = 500;
 
-/// States of a value with the names of the changes. They are shared with a [`Record`].
+/// States of a value with the names of the changes. They are shared with a [`HistoryRecord`].
 #[derive(Clone, Debug)]
 pub struct History<T> {
     /// The first step is the opened state.
@@ -25,7 +25,7 @@ pub struct History<T> {
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 #[serde(bound(serialize = "T: Serialize", deserialize = "T: Deserialize<'de>"))]
-pub struct Record<T> {
+pub struct HistoryRecord<T> {
     #[serde(serialize_with = "write_steps", deserialize_with = "read_steps")]
     pub steps: Vec<(String, Arc<T>)>,
     /// Index of the current step.
@@ -41,13 +41,13 @@ fn read_steps<'de, T: Deserialize<'de>, D: Deserializer<'de>>(from: D) -> Result
     Ok(steps.into_iter().map(|(name, value)| (name, Arc::new(value))).collect())
 }
 
-impl<T> Default for Record<T> {
+impl<T> Default for HistoryRecord<T> {
     fn default() -> Self {
         Self { steps: Vec::new(), at: 0 }
     }
 }
 
-impl<T> Record<T> {
+impl<T> HistoryRecord<T> {
     /// Removes the older half of the steps before the current one, or else the newer half of the
     /// steps after it. Returns false if only the current one is left.
     pub fn halve(&mut self) -> bool {
@@ -97,15 +97,15 @@ impl<T: Clone + PartialEq> History<T> {
 
     /// The newest `most` steps, or older ones if necessary to include the current step. An
     /// uncommitted change is not included. The values are shared, not copied.
-    pub fn record(&self, max_steps: usize) -> Record<T> {
+    pub fn record(&self, max_steps: usize) -> HistoryRecord<T> {
         let first = self.steps.len().saturating_sub(max_steps).min(self.at);
         let last = self.steps.len().min(first + max_steps);
-        Record { steps: self.steps[first..last].to_vec(), at: self.at - first }
+        HistoryRecord { steps: self.steps[first..last].to_vec(), at: self.at - first }
     }
 
     /// Appends recorded steps after the current one. A first step that equals it is not repeated.
-    pub fn restore(&mut self, record: Record<T>) {
-        let Record { mut steps, at } = record;
+    pub fn restore(&mut self, record: HistoryRecord<T>) {
+        let HistoryRecord { mut steps, at } = record;
         let at = at.min(steps.len().saturating_sub(1));
         let is_repeated = steps.first().is_some_and(|(_, first)| *first == self.steps[self.at].1);
         if is_repeated {
@@ -319,7 +319,7 @@ mod tests {
         assert!(history.redo().is_some() && has_grown(&history));
         history.go_to(0);
         assert!(has_grown(&history));
-        history.restore(Record { steps: vec![("three".to_owned(), Arc::new(5))], at: 0 });
+        history.restore(HistoryRecord { steps: vec![("three".to_owned(), Arc::new(5))], at: 0 });
         assert!(has_grown(&history));
         history.change_all(|value| *value += 1);
         assert!(has_grown(&history));
@@ -346,7 +346,7 @@ mod tests {
         let mut saved = History::new(7);
         saved.restore(record);
         assert_eq!((saved.names().0.len(), *saved.current()), (7, 4));
-        saved.restore(Record::default());
+        saved.restore(HistoryRecord::default());
         assert_eq!(*saved.current(), 4, "nothing was recorded");
     }
 
@@ -362,7 +362,7 @@ mod tests {
         assert_eq!((*record.steps[1].1, *history.current()), (1, 11));
         let text = serde_json::to_string(&record).unwrap();
         assert_eq!(text, r#"{"steps":[["opened",0],["one",1]],"at":1}"#);
-        assert_eq!(serde_json::from_str::<Record<i32>>(&text).unwrap(), record);
+        assert_eq!(serde_json::from_str::<HistoryRecord<i32>>(&text).unwrap(), record);
     }
 
     #[test]
@@ -371,7 +371,7 @@ mod tests {
         for value in 1..=100 {
             history.change(&value.to_string(), value);
         }
-        let values = |record: &Record<i32>| record.steps.iter().map(|(_, value)| **value).collect::<Vec<_>>();
+        let values = |record: &HistoryRecord<i32>| record.steps.iter().map(|(_, value)| **value).collect::<Vec<_>>();
         let newest = history.record(3);
         assert_eq!((values(&newest), newest.at), (vec![98, 99, 100], 2));
         history.go_to(10);

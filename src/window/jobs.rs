@@ -21,7 +21,7 @@ use locard_engine::text::{count, without_options};
 
 /// A kind of job.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Job {
+pub enum JobKind {
     Export(Export),
     Photograph(Wanted),
     /// One frame as a PNG file.
@@ -89,7 +89,7 @@ pub fn remaining_time(progress: f64, since: Duration) -> Option<Duration> {
 struct QueuedJob {
     number: usize,
     shot: Box<Shot>,
-    job: Job,
+    kind: JobKind,
     cancelled: Arc<AtomicBool>,
 }
 
@@ -141,10 +141,10 @@ impl Jobs {
     }
 
     /// Queues a job with a snapshot of the shot. Returns its index among the entries.
-    pub fn add(&mut self, name: String, shot: &Shot, job: Job) -> usize {
+    pub fn add(&mut self, name: String, shot: &Shot, kind: JobKind) -> usize {
         let cancelled = Arc::new(AtomicBool::new(false));
         let number = self.entries.len();
-        let queued = QueuedJob { number, shot: Box::new(shot.clone()), job, cancelled: Arc::clone(&cancelled) };
+        let queued = QueuedJob { number, shot: Box::new(shot.clone()), kind, cancelled: Arc::clone(&cancelled) };
         let sent = self.jobs.as_ref().is_some_and(|jobs| jobs.send(queued).is_ok());
         let state =
             if sent { JobState::Waiting } else { JobState::Failed("the thread that exports has ended".to_owned()) };
@@ -242,11 +242,11 @@ fn run(queued: &QueuedJob, gpu: &mut Option<Gpu>, send_event: &dyn Fn(JobEvent))
     };
     let report = |progress: f64| report_stage(progress, None);
     let note = |text: String| send_event(JobEvent::Note(by_dials(&text)));
-    let done = match &queued.job {
-        Job::Export(export) => export_frames(&queued.shot, export, gpu, &report, &note),
-        Job::Photograph(wanted) => take_photographs(&queued.shot, wanted, gpu, &report, &note),
-        Job::Snapshot { frame, path, force } => take_snapshot(&queued.shot, *frame, path, *force, gpu),
-        Job::Analyse(folder) => {
+    let done = match &queued.kind {
+        JobKind::Export(export) => export_frames(&queued.shot, export, gpu, &report, &note),
+        JobKind::Photograph(wanted) => take_photographs(&queued.shot, wanted, gpu, &report, &note),
+        JobKind::Snapshot { frame, path, force } => take_snapshot(&queued.shot, *frame, path, *force, gpu),
+        JobKind::Analyse(folder) => {
             analyse_recording(&queued.shot, folder, &report_stage, &|found| send_event(JobEvent::Analysis(found)))
         }
     };

@@ -117,12 +117,12 @@ pub use app::App;
 pub use autosave::{Autosave, RecoverableWork, UnsavedWork};
 pub use command::{Line, composite as command_line};
 pub use eframe::Error;
-pub use history::{History, Record};
-pub use jobs::{Job, JobState, Jobs};
+pub use history::{History, HistoryRecord};
+pub use jobs::{JobKind, JobState, Jobs};
 pub use measure::Measure;
 pub use picture::View;
 pub use player::{Pace, Player};
-pub use project::{Draft, Edit, Origin, ProfileScope, Project, SaveError, Variant, WrittenFile};
+pub use project::{ComparisonVariant, Draft, Edit, Origin, ProfileScope, Project, SaveError, WrittenFile};
 pub use saving::{DEMO, DEMO_SCENE};
 pub use start::Start;
 

@@ -9,7 +9,7 @@ use eframe::egui::{self, RichText, Ui};
 
 use super::dials::Dials;
 use super::fields::typed;
-use super::jobs::{Job, JobState, Jobs, remaining_time};
+use super::jobs::{JobKind, JobState, Jobs, remaining_time};
 use super::progress;
 use locard_engine::analyse::Stage;
 use locard_engine::export::Export;
@@ -63,14 +63,14 @@ impl Ask {
     }
 
     /// What is done, at the place that a person chose. `force`: what is there may be replaced.
-    pub fn task(self, path: PathBuf, force: bool) -> Job {
+    pub fn job(self, path: PathBuf, force: bool) -> JobKind {
         match self {
-            Self::Folder(range) => Job::Export(Export { force, ..Export::new(range, OutPath::Folder(path)) }),
+            Self::Folder(range) => JobKind::Export(Export { force, ..Export::new(range, OutPath::Folder(path)) }),
             Self::Video { range, lossless } => {
-                Job::Export(Export { force, lossless, ..Export::new(range, OutPath::Video(path)) })
+                JobKind::Export(Export { force, lossless, ..Export::new(range, OutPath::Video(path)) })
             }
-            Self::Photograph(wanted) => Job::Photograph(Wanted { output: path, force, ..*wanted }),
-            Self::Snapshot(frame) => Job::Snapshot { frame, path, force },
+            Self::Photograph(wanted) => JobKind::Photograph(Wanted { output: path, force, ..*wanted }),
+            Self::Snapshot(frame) => JobKind::Snapshot { frame, path, force },
         }
     }
 }

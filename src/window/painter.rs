@@ -79,12 +79,12 @@ impl CallbackTrait for PaintCallback {
 
     fn paint(&self, info: PaintCallbackInfo, pass: &mut wgpu::RenderPass<'static>, _: &CallbackResources) {
         let retained = lock(&self.retained);
-        let Some(picture) = &retained.picture else { return };
+        let Some(texture) = &retained.texture else { return };
         let [width, height] = info.screen_size_px;
         pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
         pass.set_scissor_rect(0, 0, width, height);
-        pass.set_pipeline(&retained.copy);
-        pass.set_bind_group(0, &picture.bound, &[]);
+        pass.set_pipeline(&retained.copy_pipeline);
+        pass.set_bind_group(0, &texture.bind_group, &[]);
         pass.draw(0..3, 0..1);
     }
 }
@@ -92,8 +92,8 @@ impl CallbackTrait for PaintCallback {
 /// The last painted frame of the window.
 struct RetainedWindow {
     window: RenderState,
-    copy: wgpu::RenderPipeline,
-    picture: Option<WindowTexture>,
+    copy_pipeline: wgpu::RenderPipeline,
+    texture: Option<WindowTexture>,
     pixels_per_point: f32,
     shapes: Vec<ClippedShape>,
     /// Shapes to paint next.
@@ -104,7 +104,7 @@ struct RetainedWindow {
 struct WindowTexture {
     size: [u32; 2],
     view: wgpu::TextureView,
-    bound: wgpu::BindGroup,
+    bind_group: wgpu::BindGroup,
 }
 
 impl RetainedWindow {
@@ -113,10 +113,18 @@ impl RetainedWindow {
         // Dithering would change the picture's code values.
         let options = RendererOptions { dithering: false, ..Default::default() };
         let renderer = Renderer::new(device, window.target_format, options);
-        let copy = fullscreen(window, Shader::Copy, "main");
+        let copy_pipeline = fullscreen(window, Shader::Copy, "main");
         let textures = TexturesDelta::default();
         let window = RenderState { renderer: Arc::new(RwLock::new(renderer)), ..window.clone() };
-        Self { window, copy, picture: None, pixels_per_point: 0.0, shapes: Vec::new(), next_shapes: None, textures }
+        Self {
+            window,
+            copy_pipeline,
+            texture: None,
+            pixels_per_point: 0.0,
+            shapes: Vec::new(),
+            next_shapes: None,
+            textures,
+        }
     }
 
     /// Paints the damaged areas and returns them, points.
@@ -129,7 +137,7 @@ impl RetainedWindow {
         let has_new_font = |textures: &TexturesDelta| {
             textures.set.get(&TextureId::default()).is_some_and(|set| set.iter().any(|delta| delta.is_whole()))
         };
-        let fits = self.picture.as_ref().is_some_and(|picture| picture.size == screen.size_in_pixels);
+        let fits = self.texture.as_ref().is_some_and(|texture| texture.size == screen.size_in_pixels);
         let whole = !fits || self.pixels_per_point != ppp || has_new_font(&textures);
         let all = Rect::from_min_max(pos2(0.0, 0.0), pos2(width as f32 / ppp, height as f32 / ppp));
         let mut areas = Damage::new(all, ppp);
@@ -150,9 +158,9 @@ impl RetainedWindow {
         }
         let areas = areas.merged();
         if !areas.is_empty() {
-            let picture = match self.picture.take().filter(|_| fits) {
-                Some(picture) => picture,
-                None => WindowTexture::new(&self.window, &self.copy, screen.size_in_pixels),
+            let texture = match self.texture.take().filter(|_| fits) {
+                Some(texture) => texture,
+                None => WindowTexture::new(&self.window, &self.copy_pipeline, screen.size_in_pixels),
             };
             let jobs = ctx.tessellate(clip_to_areas(&shapes, &areas, ppp), ppp);
             let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("window") });
@@ -160,7 +168,7 @@ impl RetainedWindow {
             let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("window"),
                 color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                    view: &picture.view,
+                    view: &texture.view,
                     depth_slice: None,
                     resolve_target: None,
                     ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store },
@@ -169,7 +177,7 @@ impl RetainedWindow {
             });
             renderer.render(&mut pass.forget_lifetime(), &jobs, screen);
             queue.submit(before.into_iter().chain([encoder.finish()]));
-            self.picture = Some(picture);
+            self.texture = Some(texture);
         }
         // Debug builds panic if an unhandled delta is dropped.
         textures.free.drain().for_each(|id| renderer.free_texture(&id));
@@ -232,7 +240,7 @@ fn split(rect: Rect, by: Rect) -> Vec<Rect> {
 }
 
 impl WindowTexture {
-    fn new(window: &RenderState, copy: &wgpu::RenderPipeline, size: [u32; 2]) -> Self {
+    fn new(window: &RenderState, copy_pipeline: &wgpu::RenderPipeline, size: [u32; 2]) -> Self {
         let texture = window.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("window"),
             size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
@@ -246,12 +254,12 @@ impl WindowTexture {
             view_formats: &[],
         });
         let view = texture.create_view(&Default::default());
-        let bound = window.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        let bind_group = window.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("window"),
-            layout: &copy.get_bind_group_layout(0),
+            layout: &copy_pipeline.get_bind_group_layout(0),
             entries: &[wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(&view) }],
         });
-        Self { size, view, bound }
+        Self { size, view, bind_group }
     }
 }
 
@@ -282,7 +290,7 @@ mod tests {
 
     /// A window with typical content: text, rounded controls, overlapping shapes and windows, a
     /// texture.
-    fn ui(ui: &mut egui::Ui, step: u32, picture: &mut Option<egui::TextureHandle>) {
+    fn ui(ui: &mut egui::Ui, step: u32, texture: &mut Option<egui::TextureHandle>) {
         egui::Panel::left("left").show(ui, |ui| {
             (0..12).for_each(|n| drop(ui.label(format!("a line that stands still, {n}"))));
         });
@@ -298,10 +306,10 @@ mod tests {
         if step >= 7 {
             let texels = egui::ColorImage::filled([4, 4], Color32::from_gray(40 * (step / 3) as u8));
             let options = Default::default();
-            let picture = picture.get_or_insert_with(|| ui.ctx().load_texture("picture", texels.clone(), options));
-            picture.set(texels, options);
+            let texture = texture.get_or_insert_with(|| ui.ctx().load_texture("picture", texels.clone(), options));
+            texture.set(texels, options);
             painter.image(
-                picture.id(),
+                texture.id(),
                 Rect::from_min_size(pos2(330.0, 20.0), vec2(40.0, 40.0)),
                 Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0)),
                 Color32::WHITE,
@@ -330,7 +338,7 @@ mod tests {
         let ctx = Context::default();
         let retained = Arc::new(Mutex::new(RetainedWindow::new(&window)));
         ctx.add_plugin(Painter(Arc::clone(&retained)));
-        let mut picture = None;
+        let mut texture = None;
         let mut parts = Vec::new();
         for step in 0..14 {
             let (pixels_per_point, height) = (if step < 12 { 1.0 } else { 1.5 }, if step < 10 { 220 } else { 240 });
@@ -338,23 +346,23 @@ mod tests {
             let size = vec2(400.0, height as f32) / pixels_per_point;
             let mut input = RawInput { screen_rect: Some(Rect::from_min_size(Pos2::ZERO, size)), ..Default::default() };
             input.viewports.entry(input.viewport_id).or_default().native_pixels_per_point = Some(pixels_per_point);
-            let output = ctx.run_ui(input, |root| ui(root, step, &mut picture));
+            let output = ctx.run_ui(input, |root| ui(root, step, &mut texture));
             assert_eq!(output.shapes.len(), 1, "one callback stands for all");
             assert_eq!(output.pixels_per_point, pixels_per_point);
             let mut retained = lock(&retained);
             let mut paint = || {
                 let areas = retained.paint(&ctx, &screen);
-                let texture = retained.picture.as_ref().expect("a picture").view.texture().clone();
+                let texture = retained.texture.as_ref().expect("a picture").view.texture().clone();
                 (areas, texture)
             };
             let (areas, texture) = paint();
             parts.push(areas.iter().map(Rect::area).sum::<f32>() / size.x / size.y);
             let in_part = read_back(&gpu, &texture).expect("texels");
             assert_eq!(paint().0, [], "nothing is new");
-            retained.picture = None;
+            retained.texture = None;
             let whole = retained.paint(&ctx, &screen);
             assert_eq!(whole.len(), 1);
-            let texture = retained.picture.as_ref().expect("a picture").view.texture();
+            let texture = retained.texture.as_ref().expect("a picture").view.texture();
             assert!(read_back(&gpu, texture).expect("texels") == in_part, "step {step} differs");
         }
         // The first step, another height and another scale repaint everything; the others move a

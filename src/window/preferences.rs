@@ -20,7 +20,7 @@ pub enum FolderUse {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
-enum Theme {
+enum StoredTheme {
     Light,
     Dark,
     #[default]
@@ -30,7 +30,7 @@ enum Theme {
 #[derive(Clone, Debug, Default, Deserialize, Serialize)]
 #[serde(default)]
 struct StoredPreferences {
-    theme: Theme,
+    theme: StoredTheme,
     folders: BTreeMap<FolderUse, PathBuf>,
 }
 
@@ -49,18 +49,18 @@ impl Preferences {
 
     pub fn theme(&self) -> ThemePreference {
         match self.stored.theme {
-            Theme::Light => ThemePreference::Light,
-            Theme::Dark => ThemePreference::Dark,
-            Theme::System => ThemePreference::System,
+            StoredTheme::Light => ThemePreference::Light,
+            StoredTheme::Dark => ThemePreference::Dark,
+            StoredTheme::System => ThemePreference::System,
         }
     }
 
     /// Stores the theme.
     pub fn set_theme(&mut self, theme: ThemePreference) {
         let theme = match theme {
-            ThemePreference::Light => Theme::Light,
-            ThemePreference::Dark => Theme::Dark,
-            ThemePreference::System => Theme::System,
+            ThemePreference::Light => StoredTheme::Light,
+            ThemePreference::Dark => StoredTheme::Dark,
+            ThemePreference::System => StoredTheme::System,
         };
         self.change(|stored| stored.theme = theme);
     }

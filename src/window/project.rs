@@ -34,7 +34,7 @@ pub struct Edit {
     pub settings: Settings,
     pub scene: SceneFile,
     /// The A/B comparison variant.
-    pub other: Option<Box<Variant>>,
+    pub other: Option<Box<ComparisonVariant>>,
     /// Parameters, as `table.name`, that the scene's own settings no longer pin to a value equal to
     /// the profile's.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
@@ -43,7 +43,7 @@ pub struct Edit {
 
 /// The variant of an A/B comparison: another camera and other settings. A is shown on the left.
 #[derive(Clone, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
-pub struct Variant {
+pub struct ComparisonVariant {
     pub rig: Rig,
     pub settings: Settings,
     /// True if the variant is A and B is edited.
@@ -111,7 +111,7 @@ pub struct Project {
     scene_version: u64,
     /// The version of the last change of the variant, and the variant at that version.
     variant_version: u64,
-    last_variant: Option<Box<Variant>>,
+    last_variant: Option<Box<ComparisonVariant>>,
     /// State of the files when they were last read or written.
     stamps: BTreeMap<PathBuf, Stamp>,
 }
@@ -347,7 +347,7 @@ impl Project {
     /// and keeps the edited state.
     pub fn compare(&mut self, on: bool) {
         let mut edit = self.edit().clone();
-        let copy = Variant { rig: edit.rig.clone(), settings: edit.settings.clone(), is_a: true };
+        let copy = ComparisonVariant { rig: edit.rig.clone(), settings: edit.settings.clone(), is_a: true };
         edit.other = on.then(|| Box::new(copy));
         self.change(if on { "A and B compared" } else { "comparing ended" }, edit);
         self.close_step();

@@ -71,30 +71,30 @@ impl DocumentRef {
 }
 
 /// Moves a document to the front of a list.
-fn move_to_front(list: &mut Vec<DocumentRef>, opened: DocumentRef) {
-    list.retain(|other| other.recording != opened.recording);
-    list.insert(0, opened);
+fn move_to_front(list: &mut Vec<DocumentRef>, document: DocumentRef) {
+    list.retain(|other| other.recording != document.recording);
+    list.insert(0, document);
     list.truncate(MAX_ENTRIES);
 }
 
 /// Writes the list on a background thread.
 #[derive(Debug)]
-struct Writer {
+struct RecentWriter {
     updates: Option<Sender<DocumentRef>>,
     /// The lists as written; other windows add to the same file.
     lists: Receiver<Vec<DocumentRef>>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Writer {
+impl RecentWriter {
     /// `None` if no thread could be started.
     fn begin(file: PathBuf) -> Option<Self> {
         let ((updates, incoming), (sender, lists)) = (channel(), channel());
         let thread = Builder::new().name("recent".to_owned()).spawn(move || {
-            for opened in incoming {
+            for document in incoming {
                 // Another window may have changed the file.
                 let mut list = state::read(&file);
-                move_to_front(&mut list, opened);
+                move_to_front(&mut list, document);
                 // A failure to write the list is ignored.
                 state::keep(&file, &list);
                 let _ = sender.send(list);
@@ -104,7 +104,7 @@ impl Writer {
     }
 }
 
-impl Drop for Writer {
+impl Drop for RecentWriter {
     fn drop(&mut self) {
         drop(self.updates.take());
         if let Some(thread) = self.thread.take() {
@@ -116,7 +116,7 @@ impl Drop for Writer {
 /// The list in a file. Without a file it starts empty and is not stored.
 #[derive(Debug, Default)]
 pub struct Recent {
-    writer: Option<Writer>,
+    writer: Option<RecentWriter>,
     list: Vec<DocumentRef>,
     /// Documents that no longer exist.
     missing: Vec<PathBuf>,
@@ -127,15 +127,15 @@ pub struct Recent {
 impl Recent {
     pub fn read(file: PathBuf) -> Self {
         let list = state::read(&file);
-        Self { writer: Writer::begin(file), list, ..Self::default() }
+        Self { writer: RecentWriter::begin(file), list, ..Self::default() }
     }
 
     /// Moves a document to the front.
-    pub fn add(&mut self, opened: DocumentRef) {
+    pub fn add(&mut self, document: DocumentRef) {
         if let Some(updates) = self.writer.as_ref().and_then(|writer| writer.updates.as_ref()) {
-            let _ = updates.send(opened.clone());
+            let _ = updates.send(document.clone());
         }
-        move_to_front(&mut self.list, opened);
+        move_to_front(&mut self.list, document);
     }
 
     /// The documents, each with whether it exists as far as known: the check runs in the
@@ -144,18 +144,19 @@ impl Recent {
         if let Some(list) = self.writer.as_ref().and_then(|writer| writer.lists.try_iter().last()) {
             self.list = list;
         }
-        if let Some(removed) = self.check_task.as_ref().and_then(BackgroundTask::take) {
-            (self.missing, self.check_task) = (removed.unwrap_or_default(), None);
+        if let Some(missing) = self.check_task.as_ref().and_then(BackgroundTask::take) {
+            (self.missing, self.check_task) = (missing.unwrap_or_default(), None);
         }
-        if self.check_task.is_none() && self.last_check.is_none_or(|looked| looked.elapsed() >= CHECK_INTERVAL) {
-            let recordings = self.list.iter().filter(|opened| opened.camera.is_none());
-            let (wake, paths) = (ctx.clone(), recordings.map(|opened| opened.recording.clone()));
+        if self.check_task.is_none() && self.last_check.is_none_or(|last_check| last_check.elapsed() >= CHECK_INTERVAL)
+        {
+            let recordings = self.list.iter().filter(|document| document.camera.is_none());
+            let (wake, paths) = (ctx.clone(), recordings.map(|document| document.recording.clone()));
             let paths: Vec<PathBuf> = paths.collect();
-            let removed = move || paths.into_iter().filter(|path| !path.exists()).collect();
-            self.check_task = BackgroundTask::spawn("recent there", move || wake.request_repaint(), removed).ok();
+            let missing = move || paths.into_iter().filter(|path| !path.exists()).collect();
+            self.check_task = BackgroundTask::spawn("recent there", move || wake.request_repaint(), missing).ok();
             self.last_check = Some(Instant::now());
         }
-        self.list.iter().map(|opened| (opened, !self.missing.contains(&opened.recording)))
+        self.list.iter().map(|document| (document, !self.missing.contains(&document.recording)))
     }
 }
 
@@ -167,22 +168,22 @@ mod tests {
     fn newest_entry_is_first_and_entries_are_unique() {
         let temp = tempfile::tempdir().unwrap();
         let file = temp.path().join("new/recent.json");
-        let opened = |n: usize| DocumentRef {
+        let document = |n: usize| DocumentRef {
             profile: Some("/p.toml".into()),
             at: ViewState { frame: n, ..ViewState::default() },
             ..DocumentRef::recording(format!("/r/{n}").into())
         };
         let mut recent = Recent::read(file.clone());
         let mut other = Recent::read(file.clone());
-        (0..MAX_ENTRIES).for_each(|n| recent.add(opened(n)));
+        (0..MAX_ENTRIES).for_each(|n| recent.add(document(n)));
         drop(recent);
         // It has not read what the first one added.
-        other.add(opened(99));
-        other.add(opened(5));
+        other.add(document(99));
+        other.add(document(5));
         drop(other);
         let list = Recent::read(file.clone()).list;
-        assert_eq!((list.len(), &list[0], &list[1]), (MAX_ENTRIES, &opened(5), &opened(99)));
-        assert_eq!(list.iter().filter(|o| **o == opened(5)).count(), 1);
+        assert_eq!((list.len(), &list[0], &list[1]), (MAX_ENTRIES, &document(5), &document(99)));
+        assert_eq!(list.iter().filter(|o| **o == document(5)).count(), 1);
         std::fs::write(&file, "no list").unwrap();
         assert!(Recent::read(file).list.is_empty());
     }

@@ -40,10 +40,10 @@ impl RecoverySearch {
             let started = Instant::now();
             while !cancelled.load(Ordering::Acquire) && started.elapsed() < SEARCH_TIME {
                 sleep(POLL_INTERVAL);
-                let left = RecoverableWork::find_in(&folder);
-                if !left.is_empty() {
+                let found_work = RecoverableWork::find_in(&folder);
+                if !found_work.is_empty() {
                     // If the receiver is gone, the work can be found again.
-                    let _ = sender.send(left);
+                    let _ = sender.send(found_work);
                     return wake();
                 }
             }
@@ -96,11 +96,11 @@ mod tests {
         assert!(wakes.recv_timeout(3 * POLL_INTERVAL).is_err() && search.take().is_none());
         drop(held);
         wakes.recv_timeout(SEARCH_TIME).unwrap();
-        let left = search.take().unwrap();
-        assert!(left.len() == 1 && *left[0].work == work);
+        let found_work = search.take().unwrap();
+        assert!(found_work.len() == 1 && *found_work[0].work == work);
         // Unlocked work is found before the first frame of the window.
-        drop(left);
+        drop(found_work);
         let mut search = RecoverySearch::begin(temp.path().to_owned(), || unreachable!()).unwrap();
-        assert!(search.take().is_some_and(|left| left.len() == 1));
+        assert!(search.take().is_some_and(|found_work| found_work.len() == 1));
     }
 }

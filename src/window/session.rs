@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use eframe::egui;
 use eframe::egui_wgpu::RenderState;
 
-use self::live::Live;
+use self::live::LiveCamera;
 pub use self::live::{FROZEN, LiveStatus};
 pub use self::recent_frames::RECENT_S;
 use super::frame_renderer::{RenderKey, RenderOutputs, RenderResult};
@@ -89,7 +89,7 @@ pub struct Session {
     /// The last message.
     message: Option<Message>,
     /// A live camera that replaces the recording.
-    live: Option<Live>,
+    live: Option<LiveCamera>,
 }
 
 /// A report of success or failure.

@@ -85,11 +85,11 @@ impl SessionFiles {
     pub fn remove(&self) {
         let _ = fs::remove_file(&self.work_file);
         // Files whose writing was interrupted.
-        let begins = self.work_file.file_stem().map(|name| format!(".{}.partial-", name.to_string_lossy()));
+        let partial_prefix = self.work_file.file_stem().map(|name| format!(".{}.partial-", name.to_string_lossy()));
         let entries = self.work_file.parent().and_then(|folder| fs::read_dir(folder).ok());
         for entry in entries.into_iter().flatten().flatten() {
             let name = entry.file_name().to_string_lossy().into_owned();
-            if begins.as_ref().is_some_and(|begins| name.starts_with(begins)) {
+            if partial_prefix.as_ref().is_some_and(|partial_prefix| name.starts_with(partial_prefix)) {
                 let _ = fs::remove_file(entry.path());
             }
         }

@@ -16,7 +16,7 @@ use locard::recording::OpenOptions;
 use locard::scene::{LitBy, SceneFile, Size, Thing, load_file};
 use locard::shot::{AnalysisState, Given};
 use locard::simulate::Flaws;
-use locard::window::{App, Project, Record};
+use locard::window::{App, HistoryRecord, Project};
 
 const LAMP: Thing = Thing::Lamp(0);
 /// Where the demonstration's scene has it: above the picture.
@@ -91,7 +91,7 @@ fn text(window: &mut Harness<'_, App>) -> String {
         &Given { scene: Some("scenes/demo.toml".into()), ..Given::default() },
     )
     .unwrap();
-    project.restore(window.state().project().edit().clone(), Record::default()).unwrap();
+    project.restore(window.state().project().edit().clone(), HistoryRecord::default()).unwrap();
     project.save_scene(&file).unwrap();
     std::fs::read_to_string(&file).unwrap()
 }

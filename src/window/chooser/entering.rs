@@ -18,10 +18,10 @@ pub struct PendingEntry {
     /// Text of the field at the time of the entry. Text typed since then applies to the result.
     name: String,
     /// The text typed since then was entered too.
-    again: bool,
+    was_entered_again: bool,
 }
 
-/// A message is shown for a slower disk.
+/// Delay after which a message reports a slow disk.
 const SLOW_DISK: Duration = Duration::from_millis(300);
 
 impl PendingEntry {
@@ -37,7 +37,7 @@ impl Chooser {
         match BackgroundTask::spawn("chooser", move || wake.request_repaint(), check) {
             Ok(outcome) => {
                 let (since, name) = (Instant::now(), self.name.clone());
-                self.pending_entry = Some(PendingEntry { outcome, since, name, again: false });
+                self.pending_entry = Some(PendingEntry { outcome, since, name, was_entered_again: false });
             }
             Err(error) => self.message = Some(reason(&error)),
         }
@@ -50,12 +50,12 @@ impl Chooser {
             ctx.request_repaint_after(SLOW_DISK.saturating_sub(entering.since.elapsed()));
             return None;
         };
-        let PendingEntry { name, again, .. } = self.pending_entry.take()?;
+        let PendingEntry { name, was_entered_again, .. } = self.pending_entry.take()?;
         let typed = (self.name != name).then(|| self.name.clone());
         let chosen = self.apply_outcome(outcome.unwrap_or_else(EntryOutcome::Rejected));
         if let Some(typed) = typed {
             (self.name, self.is_typed, self.wants_focus) = (typed, true, false);
-            if again {
+            if was_entered_again {
                 self.enter(ctx);
             }
         }
@@ -81,7 +81,7 @@ impl Chooser {
 
     pub(super) fn enter(&mut self, ctx: &Context) {
         match &mut self.pending_entry {
-            Some(entering) => entering.again = self.name != entering.name,
+            Some(entering) => entering.was_entered_again = self.name != entering.name,
             None => {
                 self.message = None;
                 let entry = self.typed_entry();
@@ -98,12 +98,12 @@ impl Chooser {
 
     /// The typed path, or the only list item that matches it.
     fn typed_entry(&self) -> EnteredPath {
-        let (typed, (folder, part)) = (self.name.trim(), self.displayed_folder());
-        let part = if self.is_typed { part } else { typed.to_lowercase() };
+        let (typed, (folder, filter)) = (self.name.trim(), self.displayed_folder());
+        let filter = if self.is_typed { filter } else { typed.to_lowercase() };
         let listed = self.listing.iter().filter(|listing| listing.folder == folder);
         let entries = listed.flat_map(|listing| listing.entries.iter().flatten());
-        let mut like = entries.filter(|entry| entry.name.to_lowercase().contains(&part));
-        let only = like.next().map(|entry| folder.join(&entry.name)).filter(|_| like.next().is_none());
+        let mut matches = entries.filter(|entry| entry.name.to_lowercase().contains(&filter));
+        let only = matches.next().map(|entry| folder.join(&entry.name)).filter(|_| matches.next().is_none());
         let path = (!typed.is_empty()).then(|| self.resolve(typed));
         EnteredPath { mode: self.mode, folder: self.folder.clone(), path, only }
     }

@@ -40,7 +40,7 @@ impl ChooserMode {
 }
 
 #[derive(Clone, Debug)]
-pub struct Entry {
+pub struct FolderEntry {
     pub name: String,
     pub is_folder: bool,
     pub is_recording: bool,
@@ -52,7 +52,7 @@ pub struct Listing {
     pub folder: PathBuf,
     /// The folder itself is a recording.
     pub is_recording: bool,
-    pub entries: Result<Vec<Entry>, String>,
+    pub entries: Result<Vec<FolderEntry>, String>,
 }
 
 impl Listing {
@@ -78,8 +78,8 @@ impl Listing {
 }
 
 /// Folders, then matching files, without hidden ones.
-fn list_folder(folder: &Path, mode: ChooserMode) -> Result<Vec<Entry>, String> {
-    let mut entries: Vec<Entry> = std::fs::read_dir(folder)
+fn list_folder(folder: &Path, mode: ChooserMode) -> Result<Vec<FolderEntry>, String> {
+    let mut entries: Vec<FolderEntry> = std::fs::read_dir(folder)
         .map_err(|error| reason(&error))?
         .flatten()
         .filter_map(|entry| {
@@ -87,7 +87,7 @@ fn list_folder(folder: &Path, mode: ChooserMode) -> Result<Vec<Entry>, String> {
             // Follows links.
             let is_folder = std::fs::metadata(entry.path()).is_ok_and(|there| there.is_dir());
             let is_recording = mode == ChooserMode::Recording && is_folder && Recording::is_at(&entry.path());
-            (is_folder || mode.shows(&entry.path())).then_some(Entry { name, is_folder, is_recording })
+            (is_folder || mode.shows(&entry.path())).then_some(FolderEntry { name, is_folder, is_recording })
         })
         .collect();
     entries.sort_by_key(|entry| (!entry.is_folder, entry.name.to_lowercase()));

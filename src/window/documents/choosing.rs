@@ -251,7 +251,7 @@ impl Documents {
                 let name = ask.name(&path);
                 self.ensure_queue(ctx);
                 match &mut self.jobs {
-                    Some(jobs) => _ = jobs.add(name, session.project.shot(), ask.task(path, replaces)),
+                    Some(jobs) => _ = jobs.add(name, session.project.shot(), ask.job(path, replaces)),
                     None => session.show_error("no thread can be started that exports"),
                 }
                 self.is_output_open = true;

@@ -69,17 +69,17 @@ struct SceneDraft {
     settings: ShotSettings,
     edit: Edit,
     from: PathBuf,
-    panorama: Option<Panorama>,
+    panorama: Option<PanoramaCopy>,
 }
 
 /// The panorama of an analysis that lights the scene, and the copy that a saved scene refers to.
 #[derive(Debug)]
-struct Panorama {
+struct PanoramaCopy {
     from: PathBuf,
     to: PathBuf,
 }
 
-impl Panorama {
+impl PanoramaCopy {
     /// A file beside the scene file, named after it. A different panorama that already exists is
     /// not replaced.
     fn of(scene: &SceneFile, file: &Path) -> Option<Self> {
@@ -163,7 +163,7 @@ impl Draft {
             DraftContent::Scene(draft) => draft.text.clone(),
         };
         let panorama = if let DraftContent::Scene(draft) = &content { draft.panorama.as_ref() } else { None };
-        let document = panorama.map(Panorama::write).transpose()?.flatten();
+        let document = panorama.map(PanoramaCopy::write).transpose()?.flatten();
         let written = write_atomically(&path, true, |writer| std::io::Write::write_all(writer, text.as_bytes()));
         written.inspect_err(|_| document.into_iter().for_each(|document| _ = std::fs::remove_file(document)))?;
         Ok(WrittenFile { stamp: stamp(&path), path, content })
@@ -255,7 +255,7 @@ impl Project {
         let from = self.scene_path();
         let mut scene = relocated(&self.edit().scene, &from, path);
         // A panorama that the file already named is kept on purpose.
-        let panorama = Panorama::of(&scene, path)
+        let panorama = PanoramaCopy::of(&scene, path)
             .filter(|_| scene.light.environment != relocated(&self.saved.scene, &from, path).light.environment);
         if let Some(panorama) = &panorama {
             panorama.put_into(&mut scene, path);

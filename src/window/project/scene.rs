@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::super::history::Record;
+use super::super::history::HistoryRecord;
 use super::{Edit, Project};
 use locard_engine::scene::{self, MissingModels, Scene, SceneError, SceneFile};
 
@@ -56,7 +56,7 @@ impl Project {
 
     /// Restores unsaved work and its history after the state of the files. Without a history the
     /// work is one step. A scene that fails to load is refused, and nothing changes.
-    pub fn restore(&mut self, edit: Edit, history: Record<Edit>) -> Result<(), SceneError> {
+    pub fn restore(&mut self, edit: Edit, history: HistoryRecord<Edit>) -> Result<(), SceneError> {
         let loaded = self.load(&edit.scene)?;
         self.show_loaded(loaded, &edit.scene);
         self.history.restore(history);

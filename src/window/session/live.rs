@@ -40,7 +40,7 @@ struct NewestFrame {
 }
 
 /// A camera and its state.
-pub struct Live {
+pub struct LiveCamera {
     feed: Feed,
     state: LiveState,
     /// The project's recording while the camera is displayed.
@@ -71,7 +71,7 @@ pub struct LiveStatus {
     pub is_freezing: bool,
 }
 
-impl Live {
+impl LiveCamera {
     /// Called for a composited picture; `taken_s` is its capture time by the camera's clock.
     pub(super) fn frame_displayed(&mut self, taken_s: f64) {
         if matches!(self.state, LiveState::Showing) {
@@ -101,7 +101,7 @@ impl Session {
         let mut session = Self::new(window, ctx, project)?;
         let (wake, shot) = (ctx.clone(), session.project.shot());
         let feed = Feed::start(camera, shot, move || wake.request_repaint()).map_err(|error| error.to_string())?;
-        session.live = Some(Live {
+        session.live = Some(LiveCamera {
             feed,
             state: LiveState::Showing,
             live_recording: Arc::clone(&shot.recording),
@@ -134,13 +134,13 @@ impl Session {
     }
 
     /// The camera, if there is one.
-    pub fn camera(&self) -> Option<&Live> {
+    pub fn camera(&self) -> Option<&LiveCamera> {
         self.live.as_ref()
     }
 
     /// Status of the camera, if there is one.
     pub fn live_status(&self) -> Option<LiveStatus> {
-        self.live.as_ref().map(Live::live_status)
+        self.live.as_ref().map(LiveCamera::live_status)
     }
 
     /// The newest frame of the camera, while it is displayed.

@@ -287,7 +287,7 @@ fn killed_twenty_times_it_offers_the_work_back_and_the_files_are_whole() {
         assert!((1..=5).contains(&saved.edit().scene.objects.len()));
         // What is kept opens again.
         let mut taken_up = project(Some(&profile), Some(&scene));
-        taken_up.restore(left.work.edit.clone(), Record::default()).unwrap();
+        taken_up.restore(left.work.edit.clone(), HistoryRecord::default()).unwrap();
         assert!(taken_up.edit() == &left.work.edit);
         left.discard();
         assert_eq!(count(&work), 0, "run {run}");

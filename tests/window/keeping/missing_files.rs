@@ -6,7 +6,7 @@ use locard::export::Export;
 use locard::photo::Wanted;
 use locard::scene::SceneFile;
 use locard::sink::OutPath;
-use locard::window::{Job, Jobs};
+use locard::window::{JobKind, Jobs};
 
 /// In the picture of the demonstration's first frame.
 const PLACE: [f64; 3] = [0.1046, -0.0958, 0.0];
@@ -167,9 +167,9 @@ fn exports_and_photographs_with_a_stand_in_are_refused() {
     let project = project(None, Some(&case.scene));
     let out = |name: &str| case.folder.path().join(name);
     let tasks = [
-        Job::Export(Export::new(0..1, OutPath::Folder(out("frames")))),
-        Job::Photograph(Wanted::new(0, out("photo.png"))),
-        Job::Snapshot { frame: 0, path: out("frame.png"), force: false },
+        JobKind::Export(Export::new(0..1, OutPath::Folder(out("frames")))),
+        JobKind::Photograph(Wanted::new(0, out("photo.png"))),
+        JobKind::Snapshot { frame: 0, path: out("frame.png"), force: false },
     ];
     let mut jobs = Jobs::new(|| {}).unwrap();
     for task in tasks {

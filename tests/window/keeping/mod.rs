@@ -25,7 +25,7 @@ use locard::recording::OpenOptions;
 use locard::scene::document::PlacedModel;
 use locard::shot::{Given, Shot};
 use locard::window::{
-    App, Autosave, DEMO, DEMO_SCENE, JobState, ProfileScope, Project, Record, RecoverableWork, UnsavedWork,
+    App, Autosave, DEMO, DEMO_SCENE, HistoryRecord, JobState, ProfileScope, Project, RecoverableWork, UnsavedWork,
     command_line,
 };
 
