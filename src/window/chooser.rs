@@ -100,8 +100,8 @@ impl Chooser {
 
     /// Shows another folder. The name of a new file stays.
     fn show_folder(&mut self, folder: PathBuf) {
-        let is_kept = self.mode.is_new() && !self.name.ends_with(std::path::is_separator);
-        let name = Path::new(&self.name).file_name().filter(|_| is_kept);
+        let keeps_name = self.mode.is_new() && !self.name.ends_with(std::path::is_separator);
+        let name = Path::new(&self.name).file_name().filter(|_| keeps_name);
         self.name = name.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         (self.folder, self.is_typed, self.message, self.wants_focus) = (folder, false, None, true);
         (self.start_task, self.new_folder) = (None, None);
@@ -223,8 +223,8 @@ impl Chooser {
     fn entries(&mut self, ui: &mut Ui) {
         let text = ui.text_style_height(&egui::TextStyle::Button) + 2.0 * ui.spacing().button_padding.y;
         let (row, gap) = (text.max(ui.spacing().interact_size.y), ui.spacing().item_spacing.y);
-        let most = (ui.ctx().content_rect().height() - 260.0).clamp(120.0, 320.0);
-        let height = (most / (row + gap)).floor() * (row + gap) - gap;
+        let max_height = (ui.ctx().content_rect().height() - 260.0).clamp(120.0, 320.0);
+        let height = (max_height / (row + gap)).floor() * (row + gap) - gap;
         let area = egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height).auto_shrink(false);
         let (folder, filter) = self.displayed_folder();
         let entries = match &self.listing {

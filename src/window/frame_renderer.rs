@@ -35,8 +35,8 @@ pub struct RenderKey {
 impl RenderKey {
     /// True if both have the same content, regardless of size and quality.
     pub fn has_content_of(&self, other: &Self) -> bool {
-        let whole = |key: &Self| Self { reduction: 1, is_approximate: false, ..*key };
-        whole(self) == whole(other)
+        let at_full_quality = |key: &Self| Self { reduction: 1, is_approximate: false, ..*key };
+        at_full_quality(self) == at_full_quality(other)
     }
 
     /// True if size or quality is reduced.

@@ -138,10 +138,10 @@ impl RetainedWindow {
             textures.set.get(&TextureId::default()).is_some_and(|set| set.iter().any(|delta| delta.is_whole()))
         };
         let fits = self.texture.as_ref().is_some_and(|texture| texture.size == screen.size_in_pixels);
-        let whole = !fits || self.pixels_per_point != ppp || has_new_font(&textures);
+        let full_repaint = !fits || self.pixels_per_point != ppp || has_new_font(&textures);
         let all = Rect::from_min_max(pos2(0.0, 0.0), pos2(width as f32 / ppp, height as f32 / ppp));
         let mut areas = Damage::new(all, ppp);
-        if whole {
+        if full_repaint {
             areas.add(all);
         } else {
             // The content of user textures may have changed.
@@ -219,8 +219,8 @@ fn clip_to_areas(shapes: &[ClippedShape], areas: &[Rect], ppp: f32) -> Vec<Clipp
 fn covered_pixels(shape: &ClippedShape, ppp: f32) -> Option<Rect> {
     let Shape::Callback(callback) = &shape.shape else { return None };
     let rect = callback.rect.intersect(shape.clip_rect);
-    let (least, most) = ((rect.min.to_vec2() * ppp).ceil() / ppp, (rect.max.to_vec2() * ppp).floor() / ppp);
-    Some(Rect::from_min_max(least.to_pos2(), most.to_pos2())).filter(Rect::is_positive)
+    let (min, max) = ((rect.min.to_vec2() * ppp).ceil() / ppp, (rect.max.to_vec2() * ppp).floor() / ppp);
+    Some(Rect::from_min_max(min.to_pos2(), max.to_pos2())).filter(Rect::is_positive)
 }
 
 /// Splits a rectangle into its part inside of another one and the parts outside.
@@ -360,15 +360,15 @@ mod tests {
             let in_part = read_back(&gpu, &texture).expect("texels");
             assert_eq!(paint().0, [], "nothing is new");
             retained.texture = None;
-            let whole = retained.paint(&ctx, &screen);
-            assert_eq!(whole.len(), 1);
+            let full_repaint = retained.paint(&ctx, &screen);
+            assert_eq!(full_repaint.len(), 1);
             let texture = retained.texture.as_ref().expect("a picture").view.texture();
             assert!(read_back(&gpu, texture).expect("texels") == in_part, "step {step} differs");
         }
         // The first step, another height and another scale repaint everything; the others move a
         // circle, a line, a number.
-        for whole in [0, 10, 12] {
-            assert_eq!(parts[whole], 1.0, "{parts:?}");
+        for full_repaint in [0, 10, 12] {
+            assert_eq!(parts[full_repaint], 1.0, "{parts:?}");
         }
         assert!(parts[2..5].iter().all(|part| (0.05..0.6).contains(part)), "{parts:?}");
     }

@@ -72,8 +72,8 @@ impl Preferences {
 
     /// Stores the folder of a chosen path.
     pub fn remember_folder(&mut self, of: FolderUse, path: &Path) {
-        let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        if let Some(folder) = whole.parent() {
+        let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        if let Some(folder) = absolute.parent() {
             self.change(|stored| _ = stored.folders.insert(of, folder.to_owned()));
         }
     }

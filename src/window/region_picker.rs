@@ -128,7 +128,7 @@ fn size_text(prompt: &RegionPrompt, corners: [DVec2; 2]) -> String {
     let (width, height) = pixel_rect(&corners).map_or((0, 0), |rect| (rect.width(), rect.height()));
     match prompt.min_side_px {
         0 | 1 => format!("{width} × {height} px"),
-        least => format!("{width} × {height} px; {least} × {least} and more are needed"),
+        min => format!("{width} × {height} px; {min} × {min} and more are needed"),
     }
 }
 

@@ -332,8 +332,8 @@ impl Session {
     pub fn request_pictures(&mut self, ctx: &egui::Context) {
         self.advance_clock();
         // During drags only one picture is in flight, for low latency; playback renders ahead.
-        let most = if self.player.playing { 2 } else { 1 };
-        while self.viewer.in_flight() < most && self.request_next() {
+        let max_in_flight = if self.player.playing { 2 } else { 1 };
+        while self.viewer.in_flight() < max_in_flight && self.request_next() {
             self.request_variant_picture();
             if self.player.playing {
                 self.player.advance(0.0, true);

@@ -45,9 +45,9 @@ impl Chooser {
 
     /// Handles the result of the check.
     pub(super) fn poll_entry(&mut self, ctx: &Context) -> Option<ChooserResult> {
-        let entering = self.pending_entry.as_ref()?;
-        let Some(outcome) = entering.outcome.take() else {
-            ctx.request_repaint_after(SLOW_DISK.saturating_sub(entering.since.elapsed()));
+        let pending = self.pending_entry.as_ref()?;
+        let Some(outcome) = pending.outcome.take() else {
+            ctx.request_repaint_after(SLOW_DISK.saturating_sub(pending.since.elapsed()));
             return None;
         };
         let PendingEntry { name, was_entered_again, .. } = self.pending_entry.take()?;
@@ -81,7 +81,7 @@ impl Chooser {
 
     pub(super) fn enter(&mut self, ctx: &Context) {
         match &mut self.pending_entry {
-            Some(entering) => entering.was_entered_again = self.name != entering.name,
+            Some(pending) => pending.was_entered_again = self.name != pending.name,
             None => {
                 self.message = None;
                 let entry = self.typed_entry();
@@ -137,15 +137,15 @@ mod tests {
         };
         let (here, within) = (temp.path().to_owned(), temp.path().join("in"));
         let at = |name: &str| Some(ChooserResult::new_path(temp.path().join(name)));
-        let whole = |name: &str| temp.path().join(name).display().to_string();
+        let full_path = |name: &str| temp.path().join(name).display().to_string();
         assert_eq!(type_in("mine.toml"), (at("mine.toml"), here.clone()));
         assert_eq!(type_in("oth").0, at("other.toml"));
-        assert_eq!(type_in(&whole("mine.toml")).0, at("mine.toml"));
-        assert_eq!(type_in(&whole("oth")).0, at("other.toml"), "a part of a name in another folder");
+        assert_eq!(type_in(&full_path("mine.toml")).0, at("mine.toml"));
+        assert_eq!(type_in(&full_path("oth")).0, at("other.toml"), "a part of a name in another folder");
         assert_eq!([type_in("nothing").0, type_in("toml").0, type_in("").0], [None, None, None]);
         assert_eq!(type_in("in"), (None, within.clone()));
         assert_eq!(type_in("../mine.toml").0, Some(ChooserResult::new_path(within.join("../mine.toml"))));
-        assert_eq!(type_in(&whole("")), (None, PathBuf::from(whole(""))));
+        assert_eq!(type_in(&full_path("")), (None, PathBuf::from(full_path(""))));
         assert!(open.message.is_none() && open.wants_focus && open.name.is_empty());
         (open.name, open.is_typed) = ("nothing".to_owned(), true);
         assert!(enter(&mut open).is_none() && open.message.is_some());

@@ -284,7 +284,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn missing_file_is_looked_for_where_the_scene_expects_it() {
+    fn missing_file_is_searched_where_the_scene_expects_it() {
         let folders = |missing: &str| expected_folders(Path::new(missing), Path::new("/case/scene.toml"));
         let [own, above, of_scene] = ["/case/models/new", "/case/models", "/case"].map(PathBuf::from);
         assert_eq!(folders("/case/models/new/knife.glb"), [own, above, of_scene.clone(), of_scene.clone()]);

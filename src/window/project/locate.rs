@@ -19,13 +19,13 @@ impl Project {
         let missing_files: Vec<PathBuf> = self.shot().scene.missing.iter().map(|other| other.file.clone()).collect();
         let mut more = 0;
         for other in missing_files.iter().filter(|other| *other != missing) {
-            let Some(there) = other.file_name().map(|name| folder.join(name)) else { continue };
+            let Some(replacement) = other.file_name().map(|name| folder.join(name)) else { continue };
             // An existing but unreadable file stays as it is.
-            if !there.is_file() || there.canonicalize().ok() == other.canonicalize().ok() {
+            if !replacement.is_file() || replacement.canonicalize().ok() == other.canonicalize().ok() {
                 continue;
             }
             let mut candidate = scene.clone();
-            if replace_file(&mut candidate, &scene_file, other, &there) && self.load_changed(&candidate).is_ok() {
+            if replace_file(&mut candidate, &scene_file, other, &replacement) && self.load_changed(&candidate).is_ok() {
                 scene = candidate;
                 more += 1;
             }

@@ -87,7 +87,7 @@ impl LiveCamera {
     fn live_status(&self) -> LiveStatus {
         LiveStatus {
             status: self.status.clone(),
-            tracking: self.newest.as_ref().map_or(Tracking::Lost, |seen| seen.tracking),
+            tracking: self.newest.as_ref().map_or(Tracking::Lost, |newest| newest.tracking),
             not_shown: self.dropped - self.dropped_while_frozen,
             latency_s: self.recent.latency_s(monotonic_s()),
             is_freezing: matches!(self.state, LiveState::Freezing(_)),
@@ -145,7 +145,7 @@ impl Session {
 
     /// The newest frame of the camera, while it is displayed.
     pub fn newest(&self) -> Option<Arc<Frame>> {
-        self.live.as_ref().filter(|_| self.is_live())?.newest.as_ref().map(|seen| Arc::clone(&seen.frame))
+        self.live.as_ref().filter(|_| self.is_live())?.newest.as_ref().map(|newest| Arc::clone(&newest.frame))
     }
 
     /// Takes new frames and messages from the camera. Never blocks.
@@ -165,12 +165,12 @@ impl Session {
         // Frames that are not taken are replaced by newer ones.
         if matches!(live.state, LiveState::Showing)
             && self.viewer.in_flight() < 2
-            && let Some(seen) = live.feed.take()
+            && let Some(newest) = live.feed.take()
         {
-            let (tracking, geometry) = (seen.arrived.tracking, seen.arrived.geometry);
-            let frame = Arc::new(seen.arrived.frame);
+            let (tracking, geometry) = (newest.arrived.tracking, newest.arrived.geometry);
+            let frame = Arc::new(newest.arrived.frame);
             live.recent.start(frame.timestamp_s, tracking);
-            live.newest = Some(NewestFrame { frame, tracking, track: seen.track, geometry });
+            live.newest = Some(NewestFrame { frame, tracking, track: newest.track, geometry });
             self.show_newest();
         }
         let Some(live) = &mut self.live else { return };
@@ -246,7 +246,7 @@ impl Session {
     /// Writes the camera's last seconds into a new folder of `folder`, and shows them when done.
     pub fn freeze(&mut self, ctx: &egui::Context, folder: &Path) {
         let Some(live) = self.live.as_mut().filter(|live| matches!(live.state, LiveState::Showing)) else { return };
-        let Some(until_s) = live.newest.as_ref().map(|seen| seen.frame.timestamp_s) else { return };
+        let Some(until_s) = live.newest.as_ref().map(|newest| newest.frame.timestamp_s) else { return };
         let (latest, mut about) = (live.feed.latest(until_s), live.feed.about.clone());
         // The camera was just resumed, and none of its displayed frames have arrived yet.
         if latest.frames() == 0 {
@@ -353,12 +353,12 @@ const MAX_FROZEN_RECORDINGS: usize = 5;
 /// A new folder name. The oldest frozen recordings are removed.
 fn new_folder(folder: &Path) -> std::io::Result<PathBuf> {
     std::fs::create_dir_all(folder)?;
-    let mut there: Vec<PathBuf> = std::fs::read_dir(folder)?.flatten().map(|entry| entry.path()).collect();
-    there.retain(|path| path.join("recording.toml").is_file());
-    there.sort();
+    let mut existing: Vec<PathBuf> = std::fs::read_dir(folder)?.flatten().map(|entry| entry.path()).collect();
+    existing.retain(|path| path.join("recording.toml").is_file());
+    existing.sort();
     let number = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix("frozen-")?.parse::<u64>().ok();
-    let last = there.iter().filter_map(number).max().unwrap_or(0);
-    for old in there.iter().take((there.len() + 1).saturating_sub(MAX_FROZEN_RECORDINGS)) {
+    let last = existing.iter().filter_map(number).max().unwrap_or(0);
+    for old in existing.iter().take((existing.len() + 1).saturating_sub(MAX_FROZEN_RECORDINGS)) {
         std::fs::remove_dir_all(old)?;
     }
     Ok(folder.join(format!("frozen-{:06}", last + 1)))
