@@ -1,5 +1,6 @@
-//! What of an analysis belongs to the camera, and so to its profile: readout, exposure, sharpness. What belongs to the recording
-//! (poses, gain) or to what tracks the camera (clocks) stays in the analysis.
+//! What of an analysis belongs to the camera, and so to its profile: readout, exposure, sharpness.
+//! What belongs to the recording (poses, gain) or to what tracks the camera (clocks) stays in the
+//! analysis.
 
 use super::findings::{Findings, Sharpness};
 use crate::calibrate::sharpness::PARAMETER;
@@ -9,7 +10,8 @@ use crate::params::Params;
 use crate::profile::Document;
 use crate::text::count;
 
-/// Times are written to this part of a second, lengths to that of a pixel: finer than they are known.
+/// Times are written to this part of a second, lengths to that of a pixel: finer than they are
+/// known.
 const OF_SECOND: f64 = 1e5;
 const OF_PIXEL: f64 = 1e3;
 /// Goes before the exposure time.

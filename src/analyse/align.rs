@@ -1,75 +1,81 @@
-//! Direct alignment of one frame to another: the motion that makes their brightness agree where depth is known.
+//! Direct alignment of two frames: the motion that minimizes their photometric error at points with
+//! depth.
 //!
-//! Inverse compositional Gauss-Newton (Baker and Matthews 2004) over points of frame i with known depth, seen by frame j with
-//! its rows' own times. E, a motion in i's axes, is sought besides a and b, since exposure changes:
+//! Inverse compositional Gauss-Newton (Baker and Matthews 2004) over points of frame i with known
+//! depth, projected into frame j with its rolling shutter. The unknowns are E, a motion in i's
+//! axes, and the gain a and the offset b of brightness:
 //!
 //!   r = I_j(π(T_j⁻¹ T_i E x)) − a·I_i(x) − b,   weight 1 / (1 + (r/2σ)²),   σ = 1.4826·MAD + 0.5 codes
 //!
-//! A link is accepted if the correlation of its pictures exceeds 0.7 times the one that noise allows
-//! ([`noise_level`](super::noise_level)):
+//! A link is accepted if the correlation of its pictures exceeds 0.7 times the one that noise
+//! allows ([`noise_level`](super::noise_level)):
 //!
 //!   correlation > min(0.7, max(0.7·√((1 − n₁²/v₁)(1 − n₂²/v₂)), √((p + 3·√(2p)) / (N/5))))
 //!
-//! v are the variances of the points' brightness in the two pictures, n² those of their noise. The last term is chance: p = 8
-//! parameters explain p/N' of the variance of N' independent values, with a standard deviation of √(2p)/N'. Neighbouring points
-//! err alike, so that five of the N points count as one. Contrast far above the noise leaves 0.7.
+//! v are the variances of the points' brightness in the two pictures, n² those of their noise. The
+//! last term is chance: p = 8 parameters explain p/N' of the variance of N' independent values,
+//! with a standard deviation of √(2p)/N'. Errors of neighbouring points are correlated, so five of
+//! the N points count as one. With contrast far above the noise the limit is 0.7.
 //!
-//! Not modelled: blur that differs, what shines, what moves (the weights hear it less), what is hidden but by less than the
-//! depth's own error.
+//! Not modelled: differences in motion blur, specular reflection, moving objects (the robust
+//! weights reduce their effect), occlusion by less than the depth's own error.
 
 use glam::DAffine3;
 use nalgebra::{Matrix6, SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
-use super::eye::{Eye, is_same};
+use super::camera_model::{CameraModel, is_same_surface};
 use super::noise_level::expected_correlation;
 use super::robust::scatter;
-use super::state::seen;
+use super::state::project_rolling_shutter;
 use super::view::View;
 use crate::fit::twist::{self, Twist};
 
-/// Gauss-Newton steps by level, from the finest.
-const STEPS: [usize; 4] = [5, 6, 8, 8];
-/// A frame shows a point if it lies this far from the rim, px, and in front of the camera by this, m.
-const RIM: f64 = 4.0;
-const FRONT_M: f64 = 0.15;
-/// Fewer points tell nothing.
-const LEAST_POINTS: usize = 150;
-const LEAST_SEEN: usize = 120;
-const LEAST_SEEN_SHARE: f64 = 0.15;
-/// A link counts from this overlap on, and from this share of the expected correlation.
-const LEAST_OVERLAP: f64 = 0.25;
-const LEAST_CORRELATION: f64 = 0.7;
-/// Noise takes much of a correlation of which it leaves less than this share.
-const FAINT: f64 = 0.85;
-/// Points that count as one independent value, and how many standard deviations above its mean chance may be.
-const POINTS_ALIKE: f64 = 5.0;
+/// Gauss-Newton iterations by level, from the finest.
+const ITERATIONS: [usize; 4] = [5, 6, 8, 8];
+/// Smallest distance of a projected point from the picture's edge, px, and from the camera, m.
+const MARGIN_PX: f64 = 4.0;
+const MIN_DEPTH_M: f64 = 0.15;
+/// Smallest number of points in a level.
+const MIN_POINTS: usize = 150;
+/// Smallest number of points that the other frame shows, absolute and by the level's points.
+const MIN_VISIBLE_POINTS: usize = 120;
+const MIN_VISIBLE_SHARE: f64 = 0.15;
+/// Smallest overlap of an accepted link, and its smallest correlation by the expected one.
+const MIN_OVERLAP: f64 = 0.25;
+const MIN_CORRELATION: f64 = 0.7;
+/// A link is noise-limited if noise lowers its smallest correlation to less than this share.
+const NOISE_LIMITED_SHARE: f64 = 0.85;
+/// Number of points that count as one independent value, and standard deviations of chance above
+/// its mean.
+const CORRELATED_POINTS: f64 = 5.0;
 const CHANCE_SIGMAS: f64 = 3.0;
-/// A step below this is the last of its level, px of the level's root.
-const STILL_PX: f64 = 0.02;
+/// Displacement of the last step of a level, px, by the square root of the level's scale.
+const CONVERGED_PX: f64 = 0.02;
 
-/// How one frame fits onto another.
+/// Alignment of one frame to another.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(from = "PlainLink", into = "PlainLink")]
 pub struct Link {
     pub from: usize,
     pub to: usize,
-    /// log E: what corrects the motion between the two that was given, in `from`'s axes.
+    /// log E: the correction of the given motion between the two, in `from`'s axes.
     pub e: Twist,
-    /// Of e: JᵀWJ/σ² with brightness marginalised.
+    /// Information of e: JᵀWJ/σ² with brightness marginalised.
     pub information: Matrix6<f64>,
     /// Mean of JᵀJ of the points' places: eᵀ·metric·e is the mean square displacement, px².
     pub metric: Matrix6<f64>,
     pub correlation: f64,
-    /// The least correlation with which it counts.
+    /// Smallest correlation with which the link is accepted.
     pub least_correlation: f64,
-    /// Share of the points that the other frame shows.
+    /// Fraction of the points that the other frame shows.
     pub overlap: f64,
-    /// Of the readout time, s: information and slope of the loss with all else marginalised. Only if it was asked for.
+    /// Information and gradient of the loss by the readout time, s, with all other unknowns
+    /// marginalised. Only if requested.
     pub readout: Option<(f64, f64)>,
 }
 
-/// The same as numbers, matrices by columns.
+/// A [`Link`] as plain numbers, matrices by columns.
 #[derive(Serialize, Deserialize)]
 struct PlainLink {
     frames: [usize; 2],
@@ -115,15 +121,16 @@ impl From<PlainLink> for Link {
 
 impl Link {
     pub fn is_good(&self) -> bool {
-        self.correlation > self.least_correlation && self.overlap > LEAST_OVERLAP
+        self.correlation > self.least_correlation && self.overlap > MIN_OVERLAP
     }
 
-    /// Whether noise takes much of the correlation, so that little contrast can be why it does not count.
+    /// True if noise accounts for much of the missing correlation, so that low contrast can be the
+    /// reason for a rejection.
     pub fn is_faint(&self) -> bool {
-        self.least_correlation < FAINT * LEAST_CORRELATION
+        self.least_correlation < NOISE_LIMITED_SHARE * MIN_CORRELATION
     }
 
-    /// Root mean square displacement that a twist in `from`'s axes makes, px.
+    /// Root mean square displacement by a twist in `from`'s axes, px.
     pub fn displaced_px(&self, by: &Twist) -> f64 {
         (by.transpose() * self.metric * by)[0].max(0.0).sqrt()
     }
@@ -141,16 +148,22 @@ pub enum LinkFailure {
 
 const N: usize = 8;
 
-/// Of the pictures that a link joins, each by the variances of its brightness and of its noise.
+/// Smallest correlation of an accepted link. `of`: for each picture the variances of its brightness
+/// and of its noise.
 fn least_correlation(of: [(f64, f64); 2], points: usize) -> f64 {
     let parameters = N as f64;
-    let chance = (parameters + CHANCE_SIGMAS * (2.0 * parameters).sqrt()) * POINTS_ALIKE / points as f64;
-    (LEAST_CORRELATION * expected_correlation(of)).max(chance.sqrt()).min(LEAST_CORRELATION)
+    let chance = (parameters + CHANCE_SIGMAS * (2.0 * parameters).sqrt()) * CORRELATED_POINTS / points as f64;
+    (MIN_CORRELATION * expected_correlation(of)).max(chance.sqrt()).min(MIN_CORRELATION)
 }
 
-/// Aligns `from` to `to`, from the level `coarsest` on (at most the coarsest there is), and says what the readout lacks if
-/// `asks_readout`.
-pub fn align(eye: &Eye, from: &View, to: &View, coarsest: usize, asks_readout: bool) -> Result<Link, LinkFailure> {
+/// Aligns `from` to `to`, beginning at the level `coarsest` (at most the coarsest there is).
+pub fn align(
+    model: &CameraModel,
+    from: &View,
+    to: &View,
+    coarsest: usize,
+    estimates_readout: bool,
+) -> Result<Link, LinkFailure> {
     let j_from_i = to.state.world_from_camera.inverse() * from.state.world_from_camera;
     let mut e = DAffine3::IDENTITY;
     let (mut gain, mut shift) = (1.0, 0.0);
@@ -162,7 +175,7 @@ pub fn align(eye: &Eye, from: &View, to: &View, coarsest: usize, asks_readout: b
             continue;
         }
         // A blank surface has few points at coarse levels, and may have enough at finer ones.
-        if points.len() < LEAST_POINTS {
+        if points.len() < MIN_POINTS {
             if last.is_none() {
                 continue;
             }
@@ -170,10 +183,10 @@ pub fn align(eye: &Eye, from: &View, to: &View, coarsest: usize, asks_readout: b
         }
         let is_first_level = last.is_none();
         let mut rows = vec![f32::NAN; points.len()];
-        for step in 0..STEPS[level.min(STEPS.len() - 1)] {
+        for step in 0..ITERATIONS[level.min(ITERATIONS.len() - 1)] {
             let is_first = step == 0 && is_first_level;
-            let seen = Seen::new(eye, from, to, level, &(j_from_i * e), &mut rows)?;
-            let sums = seen.sums(from, level, gain, shift, is_first);
+            let observed = Observations::new(model, from, to, level, &(j_from_i * e), &mut rows)?;
+            let sums = observed.sums(from, level, gain, shift, is_first);
             let mut h = sums.h;
             for k in 0..N {
                 h[(k, k)] *= 1.0 + 1e-6;
@@ -184,20 +197,20 @@ pub fn align(eye: &Eye, from: &View, to: &View, coarsest: usize, asks_readout: b
             gain = (gain + d[6]).clamp(0.4, 2.5);
             shift += d[7];
             let moved_px = (by.transpose() * sums.metric * by)[0].max(0.0).sqrt();
-            last = Some((level, sums, seen));
-            if moved_px < STILL_PX * f64::from(1u32 << level).sqrt() {
+            last = Some((level, sums, observed));
+            if moved_px < CONVERGED_PX * f64::from(1u32 << level).sqrt() {
                 break;
             }
         }
     }
-    let (level, sums, seen) = last.ok_or(LinkFailure::FewPoints)?;
+    let (level, sums, observed) = last.ok_or(LinkFailure::FewPoints)?;
     let (pose, light) = (sums.h.fixed_view::<6, 6>(0, 0), sums.h.fixed_view::<2, 2>(6, 6));
     let across = sums.h.fixed_view::<6, 2>(0, 6);
     let light = light.try_inverse().ok_or(LinkFailure::Mismatch)?;
     let information = (pose - across * light * across.transpose()) / sums.sigma.powi(2);
     let points = from.levels[level].points.len();
-    let readout = if asks_readout {
-        let readout = seen.readout(from, to, level, &(j_from_i * e), gain, shift, sums.sigma);
+    let readout = if estimates_readout {
+        let readout = observed.readout(from, to, level, &(j_from_i * e), gain, shift, sums.sigma);
         Some(readout.ok_or(LinkFailure::Mismatch)?)
     } else {
         None
@@ -218,36 +231,37 @@ pub fn align(eye: &Eye, from: &View, to: &View, coarsest: usize, asks_readout: b
     })
 }
 
-/// The points of a level that the other frame shows, with what it shows there.
-struct Seen {
-    /// Number of the point, brightness there, its row's share of the readout there.
+/// The points of a level that the other frame shows, with its brightness there.
+struct Observations {
+    /// Index of the point, brightness in the other frame, time of the row there as a fraction of
+    /// the readout.
     points: Vec<(usize, f64, f64)>,
 }
 
-/// Of the normal equations for (e, a, b).
-struct Sums {
+/// Normal equations for (e, a, b), and statistics of the residuals.
+struct NormalEquations {
     h: SMatrix<f64, N, N>,
     g: SVector<f64, N>,
     metric: Matrix6<f64>,
     sigma: f64,
     correlation: f64,
-    /// Of the brightness of `to`, and of the model of it.
+    /// Variances of the brightness of `to` and of its prediction.
     variance: [f64; 2],
     count: usize,
 }
 
-impl Seen {
-    /// `rows`: for each point the height at which it was seen last, px, NaN if it was not.
+impl Observations {
+    /// `rows`: for each point its row in the previous iteration, px; NaN if it was not visible.
     fn new(
-        eye: &Eye,
+        model: &CameraModel,
         from: &View,
         to: &View,
         level: usize,
         j_from_i: &DAffine3,
         rows: &mut [f32],
     ) -> Result<Self, LinkFailure> {
-        let (width, height) = eye.size();
-        let (right, bottom) = (width as f64 - RIM, height as f64 - RIM);
+        let (width, height) = model.size();
+        let (right, bottom) = (width as f64 - MARGIN_PX, height as f64 - MARGIN_PX);
         let picture = &to.levels[level].picture;
         let scale = 1.0 / f64::from(1u32 << level);
         let all = &from.levels[level].points;
@@ -255,19 +269,22 @@ impl Seen {
         let mut in_view = 0;
         for (n, point) in all.iter().enumerate() {
             let there = j_from_i.transform_point3(point.at);
-            if there.z <= FRONT_M {
+            if there.z <= MIN_DEPTH_M {
                 continue;
             }
             let near_px = Some(f64::from(rows[n])).filter(|y| !y.is_nan());
             let rounds = if near_px.is_some() { 1 } else { 2 };
-            let Some((at, far)) = seen(&eye.geometry, there, &to.state.twist, near_px, rounds) else { continue };
+            let Some((at, far)) = project_rolling_shutter(&model.geometry, there, &to.state.twist, near_px, rounds)
+            else {
+                continue;
+            };
             rows[n] = at.y as f32;
-            if !(at.x > RIM && at.x < right && at.y > RIM && at.y < bottom) {
+            if !(at.x > MARGIN_PX && at.x < right && at.y > MARGIN_PX && at.y < bottom) {
                 continue;
             }
             in_view += 1;
             let depth = f64::from(to.depth[at.y as usize * width + at.x as usize]);
-            if depth > 0.0 && !is_same(depth, far, eye.slack_m(far)) {
+            if depth > 0.0 && !is_same_surface(depth, far, model.depth_tolerance_m(far)) {
                 continue;
             }
             let (x, y) = (scale * (at.x - 0.5), scale * (at.y - 0.5));
@@ -275,7 +292,7 @@ impl Seen {
                 points.push((n, f64::from(value), at.y / height as f64 - 0.5));
             }
         }
-        let least = LEAST_SEEN.max((LEAST_SEEN_SHARE * all.len() as f64) as usize);
+        let least = MIN_VISIBLE_POINTS.max((MIN_VISIBLE_SHARE * all.len() as f64) as usize);
         if in_view < least {
             Err(LinkFailure::FewPoints)
         } else if points.len() < least {
@@ -285,7 +302,8 @@ impl Seen {
         }
     }
 
-    /// As if the readout time were one more unknown: of it, with the other eight marginalised, information and slope.
+    /// Information and gradient of the readout time as a ninth unknown, with the other eight
+    /// marginalised.
     #[expect(clippy::too_many_arguments)]
     fn readout(
         &self,
@@ -320,7 +338,7 @@ impl Seen {
         Some((information / sigma.powi(2), slope / sigma.powi(2)))
     }
 
-    fn sums(&self, from: &View, level: usize, gain: f64, shift: f64, is_first: bool) -> Sums {
+    fn sums(&self, from: &View, level: usize, gain: f64, shift: f64, is_first: bool) -> NormalEquations {
         let all = &from.levels[level].points;
         let residual = |(n, value, _): &(usize, f64, f64)| value - gain * all[*n].value - shift;
         let residuals: Vec<f64> = self.points.iter().map(residual).collect();
@@ -358,7 +376,7 @@ impl Seen {
         let [n, x, y, xx, yy, xy] = moments;
         let variance = [xx / n - (x / n).powi(2), yy / n - (y / n).powi(2)];
         let spread = (variance[0] * variance[1]).max(1e-12).sqrt();
-        Sums {
+        NormalEquations {
             h: SMatrix::from_fn(|k, m| if m <= k { h[k][m] } else { h[m][k] }),
             g: SVector::from(g),
             metric: Matrix6::from_fn(|k, m| if m <= k { metric[k][m] } else { metric[m][k] }) / count as f64,
@@ -374,7 +392,7 @@ fn weight(residual: f64, sigma: f64) -> f64 {
     1.0 / (1.0 + (residual / (2.0 * sigma)).powi(2))
 }
 
-/// 1.4826 · median |r − median r|, and the rounding of codes.
+/// 1.4826 · median |r − median r|, plus half a code for rounding.
 fn sigma(residuals: &[f64]) -> f64 {
     scatter(&mut residuals.to_vec()).1 + 0.5
 }
@@ -383,14 +401,14 @@ fn sigma(residuals: &[f64]) -> f64 {
 mod tests {
     use glam::DAffine3;
 
-    use super::super::state::State;
+    use super::super::state::CameraState;
     use super::*;
     use crate::camera::Geometry;
     use crate::frame::{Frame, FrameExposure};
     use crate::pixels::Pixels;
 
-    /// A wall at rest, with waves of a contrast or blank.
-    fn view(eye: &Eye, index: usize, contrast: f64, depth_m: f32) -> View {
+    /// A static wall, with waves of a contrast, or blank.
+    fn view(model: &CameraModel, index: usize, contrast: f64, depth_m: f32) -> View {
         let (width, height) = (320, 240);
         let code = |i: u32| {
             let (x, y) = (f64::from(i % width), f64::from(i / width));
@@ -407,17 +425,17 @@ mod tests {
             beside: Vec::new(),
             surfels: Default::default(),
         };
-        let state = State { world_from_camera: DAffine3::IDENTITY, twist: Twist::zeros() };
-        View::new(eye, &frame, state, vec![depth_m; (width * height) as usize], 0, None)
+        let state = CameraState { world_from_camera: DAffine3::IDENTITY, twist: Twist::zeros() };
+        View::new(model, &frame, state, vec![depth_m; (width * height) as usize], 0, None)
     }
 
     #[test]
     fn blank_frames_share_few_points_and_another_depth_is_a_mismatch() {
-        let eye = Eye::new(Geometry::pinhole(320, 240, 260.0));
-        let link = |from: &View, to: &View| align(&eye, from, to, usize::MAX, false).map(|link| link.is_good());
-        let (here, there) = (view(&eye, 0, 30.0, 2.0), view(&eye, 1, 30.0, 2.0));
+        let model = CameraModel::new(Geometry::pinhole(320, 240, 260.0));
+        let link = |from: &View, to: &View| align(&model, from, to, usize::MAX, false).map(|link| link.is_good());
+        let (here, there) = (view(&model, 0, 30.0, 2.0), view(&model, 1, 30.0, 2.0));
         assert_eq!(link(&here, &there), Ok(true));
-        assert_eq!(link(&view(&eye, 0, 0.0, 2.0), &there), Err(LinkFailure::FewPoints));
-        assert_eq!(link(&here, &view(&eye, 1, 30.0, 1.0)), Err(LinkFailure::Mismatch));
+        assert_eq!(link(&view(&model, 0, 0.0, 2.0), &there), Err(LinkFailure::FewPoints));
+        assert_eq!(link(&here, &view(&model, 1, 30.0, 1.0)), Err(LinkFailure::Mismatch));
     }
 }

@@ -1,6 +1,7 @@
-//! An analysis as a folder: `analysis.toml`, and beside it `frames.txt`, `across.txt`, `poses.txt`, `links.txt`, the
-//! light of the room as `environment.hdr` and its surfaces as `surfels.ply`. Frames read it and nothing else of the recording's
-//! neighbours, so any range of frames keeps its bits.
+//! An analysis as a folder: `analysis.toml`, and beside it `frames.txt`, `across.txt`, `poses.txt`,
+//! `links.txt`, the light of the room as `environment.hdr` and its surfaces as `surfels.ply`.
+//! Frames read it and nothing else of the recording's neighbours, so any range of frames keeps its
+//! bits.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -8,20 +9,20 @@ use std::sync::Arc;
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
-use super::across::{Fitted, MOST_EV};
 use super::dependencies::Dependencies;
-use super::findings::{Findings, Fused, Gained, Registered, Sharpness, Shuttered, Tone};
-use super::found_light::{Environment, FoundLight};
+use super::findings::{Findings, GainFindings, PoseFindings, Sharpness, ShutterFindings, SurfelFindings, Tone};
 use super::inputs;
 use super::light::RoomLight;
-use super::recorded_way::{RecordedWay, moves_as_recorded};
-use super::registered::{Missed, Registration, Verdict};
-use super::shutter::Exposed;
+use super::light_findings::{Environment, LightFindings};
+use super::recorded_motion::{RecordedMotion, moves_as_recorded};
+use super::registration_result::{HeldOutResidual, Registration, Verdict};
+use super::shutter::ExposureRuns;
+use super::spatial_gain::{MAX_EV, SpatialGainFit};
 use super::spread::PointSpread;
 use super::surfel_file::SurfelMap;
 use super::times;
 use super::tone::Band;
-use super::track::{self, Stop};
+use super::track::{self, TrackKnot};
 use crate::camera::Geometry;
 use crate::document::{self, Document};
 use crate::frame::{Across, NODES_ACROSS, NODES_DOWN, SeenBrightness, Surfel};
@@ -51,31 +52,35 @@ pub const VERSION: u32 = 13;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Analysis {
     pub findings: Findings,
-    /// In place of the recording's own, by the frames' own times; `None` if that is kept. Where poses are kept and motion is not, it
-    /// goes through the recorded poses of the frames.
+    /// In place of the recording's own, by the frames' own times; `None` if that is kept. Where
+    /// poses are kept and motion is not, it goes through the recorded poses of the frames.
     pub track: Option<PoseTrack>,
     /// The track as it is written, which would not follow from the track to the last bit.
     lines: Vec<Line>,
-    /// One per frame: how much brighter it is than the recording's median, factors on light (red, green, blue). Empty if the
-    /// footage does not tell.
+    /// One per frame: how much brighter it is than the recording's median, factors on light (red,
+    /// green, blue). Empty if the footage does not tell.
     pub gains: Vec<[f64; 3]>,
-    /// One per frame: how much brighter than that its parts are. Empty if the footage does not tell.
+    /// One per frame: how much brighter than that its parts are. Empty if the footage does not
+    /// tell.
     pub across: Vec<Across>,
-    /// Links that were held out of the poses' fit, and by how much these miss them. Empty if there are none.
-    pub held_out: Vec<Missed>,
-    /// The light of the room around what was looked at, without its lamps; `None` if the footage does not tell.
+    /// Links that were held out of the poses' fit, and by how much these miss them. Empty if there
+    /// are none.
+    pub held_out: Vec<HeldOutResidual>,
+    /// The light of the room around what was looked at, without its lamps; `None` if the footage
+    /// does not tell.
     pub environment: Option<Environment>,
-    /// The surfaces that the depth maps show together; `None` without a depth sensor, or if the poses were refused.
+    /// The surfaces that the depth maps show together; `None` without a depth sensor, or if the
+    /// poses were refused.
     pub surfels: Option<SurfelMap>,
 }
 
 /// What was found besides where the camera was.
-pub struct Found<'a> {
-    pub gain: Result<Gained, String>,
+pub struct Estimates<'a> {
+    pub gain: Result<GainFindings, String>,
     /// ln, one per frame, of those that could be compared.
     pub gains: &'a [Option<[f64; 3]>],
-    pub across: Option<(Vec<Across>, Fitted)>,
-    pub exposed: Result<Exposed, String>,
+    pub across: Option<(Vec<Across>, SpatialGainFit)>,
+    pub exposure: Result<ExposureRuns, String>,
     pub spread: Result<PointSpread, String>,
     pub tone: Result<Vec<Band>, String>,
     pub light: Result<RoomLight, String>,
@@ -112,37 +117,38 @@ pub fn beside(recording: &Path) -> PathBuf {
     folder.with_file_name(name)
 }
 
-/// The SHA-256 of a folder's `analysis.toml`, hexadecimal, as `sha256sum` gives it; `None` if it cannot be read.
+/// The SHA-256 of a folder's `analysis.toml`, hexadecimal, as `sha256sum` gives it; `None` if it
+/// cannot be read.
 pub fn digest(folder: &Path) -> Option<String> {
     let text = std::fs::read(folder.join(FILE_NAME)).ok()?;
     Some(inputs::hex(&Sha256::digest(text)))
 }
 
 impl Analysis {
-    pub fn new(recording: &Recording, camera: &Geometry, registration: &Registration, found: Found<'_>) -> Self {
-        let Found { gain, gains, across, exposed, spread, tone, light, surfels } = found;
+    pub fn new(recording: &Recording, camera: &Geometry, registration: &Registration, found: Estimates<'_>) -> Self {
+        let Estimates { gain, gains, across, exposure, spread, tone, light, surfels } = found;
         let surfels = SurfelMap::of(&surfels);
         let (across, fitted) = across.unzip();
         let across = across.filter(|_| fitted.is_some_and(|fitted| fitted.is_followed)).unwrap_or_default();
         let mut camera = camera.clone();
         camera.intrinsics.readout_time_s = registration.readout_s;
         let moves_alone = registration.motion_px.is_some();
-        let stop = |n: usize| {
+        let knot = |n: usize| {
             let state = registration.states[n]?;
-            Some(Stop {
+            Some(TrackKnot {
                 time_s: recording.timestamps_s[n],
                 state,
                 is_alone: moves_alone || registration.repeats.get(n).copied().unwrap_or(false),
             })
         };
         let lines: Vec<Line> = if registration.verdict == Verdict::Refined || moves_alone {
-            let stops: Vec<Stop> = (0..recording.frame_count()).filter_map(stop).collect();
+            let knots: Vec<TrackKnot> = (0..recording.frame_count()).filter_map(knot).collect();
             let usual_s = recording.frame_interval_s;
-            let way = registration.global.filter(|_| !moves_alone && moves_as_recorded(recording)).map(|global| {
-                let later_s = recording.time_offset_s + global.clock_s;
-                RecordedWay { track: &recording.track, later_s, hand_eye: global.hand_eye }
+            let way = registration.rig_offset.filter(|_| !moves_alone && moves_as_recorded(recording)).map(|offset| {
+                let later_s = recording.time_offset_s + offset.clock_s;
+                RecordedMotion { track: &recording.track, later_s, hand_eye: offset.hand_eye }
             });
-            let poses = track::poses(&stops, usual_s, track::MOST_INTERVALS * usual_s, way.as_ref());
+            let poses = track::poses(&knots, usual_s, track::MOST_INTERVALS * usual_s, way.as_ref());
             poses.iter().map(|(time_s, pose)| Line::new(*time_s, pose)).collect()
         } else {
             Vec::new()
@@ -155,20 +161,20 @@ impl Analysis {
             frames: recording.frame_count(),
             left_out: Vec::new(),
             made_with: Dependencies::of(recording),
-            registration: Registered { pose_lines: lines.len(), ..Registered::of(registration) },
+            registration: PoseFindings { pose_lines: lines.len(), ..PoseFindings::of(registration) },
             gain_why: gain.as_ref().err().cloned(),
             gain: gain.ok(),
             across: fitted,
-            shutter: Some(Shuttered::of(exposed, nominal_interval_s)),
+            shutter: Some(ShutterFindings::of(exposure, nominal_interval_s)),
             spread: Some(Sharpness::of(spread)),
             tone: Some(Tone::of(tone)),
-            light: Some(FoundLight::of(&light, environment.as_ref())),
-            surfels: surfels.as_ref().map(Fused::of),
+            light: Some(LightFindings::of(&light, environment.as_ref())),
+            surfels: surfels.as_ref().map(SurfelFindings::of),
             camera,
         };
         // They ascend.
         let track = track_of(&lines).ok().filter(|_| !lines.is_empty());
-        let (gains, held_out) = (filled(gains), registration.held_out.clone());
+        let (gains, held_out) = (gain_factors(gains), registration.held_out.clone());
         Self { findings, track, lines, gains, across, held_out, environment, surfels }
     }
 
@@ -177,8 +183,8 @@ impl Analysis {
         self.track.as_ref().filter(|_| self.findings.registration.is_refined())
     }
 
-    /// Drops the refined poses and everything that depends on them: the readout time, the delay of depth, and surfels that they
-    /// placed.
+    /// Drops the refined poses and everything that depends on them: the readout time, the delay of
+    /// depth, and surfels that they placed.
     pub fn without_registration(self) -> Self {
         let surfels = self.surfels.filter(|_| self.track.is_none());
         Self { track: None, surfels, ..self }
@@ -277,7 +283,7 @@ impl Analysis {
             files.push((ACROSS, (head + &lines).into_bytes()));
         }
         if self.findings.registration.recorded_px.is_some() {
-            let line = |m: &Missed| format!("{} {} {} {}\n", m.from, m.to, m.recorded_px, m.refined_px);
+            let line = |m: &HeldOutResidual| format!("{} {} {} {}\n", m.from, m.to, m.recorded_px, m.refined_px);
             let lines: String = self.held_out.iter().map(line).collect();
             files.push((
                 LINKS,
@@ -359,8 +365,9 @@ struct Version {
     version: u32,
 }
 
-/// Factors on light; a frame that could not be compared lies between its neighbours. Empty if none could.
-pub fn filled(gains: &[Option<[f64; 3]>]) -> Vec<[f64; 3]> {
+/// Factors on light; a frame that could not be compared lies between its neighbours. Empty if none
+/// could.
+pub fn gain_factors(gains: &[Option<[f64; 3]>]) -> Vec<[f64; 3]> {
     let known: Vec<(usize, [f64; 3])> = gains.iter().enumerate().filter_map(|(n, g)| Some((n, (*g)?))).collect();
     let (Some(first), Some(last)) = (known.first(), known.last()) else { return Vec::new() };
     let at = |n: usize| {
@@ -397,8 +404,8 @@ fn read_across(path: &Path, frames: usize) -> Result<Vec<Across>, AnalysisError>
         let mut across = Across::default();
         for node in &mut across.0 {
             let stops = records::number(rest, "stops")?;
-            if stops.abs() > MOST_EV {
-                return Err(format!("{stops} stops; from -{MOST_EV} to {MOST_EV} are expected"));
+            if stops.abs() > MAX_EV {
+                return Err(format!("{stops} stops; from -{MAX_EV} to {MAX_EV} are expected"));
             }
             *node = stops as f32;
         }
@@ -432,7 +439,7 @@ fn read_frames<T>(
     Ok(all)
 }
 
-fn read_links(path: &Path, frames: usize) -> Result<Vec<Missed>, AnalysisError> {
+fn read_links(path: &Path, frames: usize) -> Result<Vec<HeldOutResidual>, AnalysisError> {
     let whole = records::read_listing(path)?;
     let mut links = Vec::new();
     for (at, record) in records::records(&whole) {
@@ -449,7 +456,7 @@ fn read_links(path: &Path, frames: usize) -> Result<Vec<Missed>, AnalysisError> 
             let problem = format!("two of the {frames} frames and two lengths are expected");
             return Err(wrong(problem).into());
         }
-        links.push(Missed { from: from as usize, to: to as usize, recorded_px, refined_px });
+        links.push(HeldOutResidual { from: from as usize, to: to as usize, recorded_px, refined_px });
     }
     Ok(links)
 }

@@ -1,53 +1,55 @@
-//! Two frames of the same things, each blurred by its own motion: by how long an exposure both blurs are explained.
+//! Exposure time by cross-blurring two frames of the same scene, each blurred by its own motion.
 //!
-//! A frame J is the sharp picture blurred along its flow v_J (px/s) for the exposure T, and so is a frame I along v_I. I seen
-//! from J's place is W. Blurring J along v_I and W along v_J for the same s,
+//! A frame J is the sharp picture blurred along its flow v_J (px/s) for the exposure T, and so is a
+//! frame I along v_I. W is I, warped to J. Blurring J along v_I and W along v_J for the same s,
 //!
 //!   A_s = box(J, s·v_I),   B_s = box(W, s·v_J),
 //!
-//! gives two equal pictures at s = T (blurs commute), and at no other s if the flows differ. The curve is the mean over
-//! patches of 1 − (ΣAB)² / (ΣA²·ΣB²), in light, between Gaussians of 1.2 and 3 px. Noise is in A² and in B² but not in AB, and the
-//! more of it the shorter the blur: noise of the camera's σ and correlation, warped and blurred alike, is taken off both.
+//! gives two equal pictures at s = T (blurs commute), and at no other s if the flows differ. The
+//! curve is the mean over patches of 1 − (ΣAB)² / (ΣA²·ΣB²), in linear light, in the band between
+//! Gaussians of 1.2 and 3 px. Noise adds to A² and B² but not to AB, and the more the shorter the
+//! blur. Therefore the energy of synthetic noise with the camera's σ and correlation, warped and
+//! blurred in the same way, is subtracted from both.
 //!
-//! What shift is left between J and W is taken out patch by patch (Lucas and Kanade 1981; symmetric blurs have no phase).
-//! Not modelled: motion that changes during an exposure, flow that changes within 16 px, things that move, a response other
-//! than the camera's own.
+//! Residual shifts between J and W are removed patch by patch (Lucas and Kanade 1981; symmetric
+//! blurs have no phase). Not modelled: motion that changes during an exposure, flow that changes
+//! within 16 px, moving objects, a response that is not the camera's.
 
 use glam::{DMat2, DVec2};
 
-use super::blurred::{Blurred, between};
-use super::boxes::{BLOCK, Block, PIXELS, Tried, boxes, part};
-use super::eye::Eye;
-use super::mesh::Mesh;
+use super::blur_frame::{BlurFrame, band_pass};
+use super::box_blur::{BLOCK, Block, ExposureGrid, PIXELS, box_blurred, sample_block};
+use super::camera_model::CameraModel;
 use super::pyramid::Plane;
 use super::robust::median;
+use super::warp_mesh::WarpMesh;
 
-/// Side of what is judged by one correlation, px.
+/// Side of a patch with one correlation, px.
 const PATCH: usize = 64;
-/// Of a patch's blocks, at least so many must be sound.
-const LEAST_BLOCKS: usize = 10;
-/// A patch counts whose curve falls below this, with at least this share of the median patch's contrast.
-const ALIKE: f64 = 0.35;
-const CONTRAST: f64 = 0.5;
-const LEAST_PATCHES: usize = 4;
-/// Patches of a pair at most: those with most contrast.
-const MOST_PATCHES: usize = 40;
-/// No shift is longer, px.
-const FARTHEST_PX: f64 = 3.0;
+/// Smallest number of valid blocks in a patch.
+const MIN_BLOCKS: usize = 10;
+/// Largest minimum of an accepted patch's curve, and its smallest contrast by the median patch's.
+const MAX_MINIMUM: f64 = 0.35;
+const MIN_CONTRAST: f64 = 0.5;
+const MIN_PATCHES: usize = 4;
+/// Largest number of patches in a pair: those with the most contrast.
+const MAX_PATCHES: usize = 40;
+/// Longest shift of a patch, px.
+const MAX_SHIFT_PX: f64 = 3.0;
 
-/// What a pair says.
+/// Dissimilarity of a pair by exposure.
 #[derive(Clone, Debug)]
 pub struct Curve {
-    /// Mean of 1 − correlation², by exposure tried.
+    /// Mean of 1 − correlation², for each exposure of the grid.
     pub values: Vec<f64>,
     pub patches: usize,
-    /// By how much the flows differ, px/s: √‖Σv_J·v_Jᵀ − Σv_I·v_Iᵀ‖ / n.
-    pub apart: f64,
+    /// Difference of the flows, px/s: √(‖Σv_J·v_Jᵀ − Σv_I·v_Iᵀ‖ / n).
+    pub flow_difference_px_s: f64,
 }
 
 #[derive(Clone, Default)]
-struct Sums {
-    both: Vec<f64>,
+struct PatchSums {
+    ab: Vec<f64>,
     a: Vec<f64>,
     b: Vec<f64>,
     blocks: usize,
@@ -63,107 +65,109 @@ fn dot(a: &Block, b: &Block) -> f64 {
     lanes.iter().map(|v| f64::from(*v)).sum()
 }
 
-/// The pair's curve; `None` where too little of J is seen in I, or looks alike.
-pub fn compared(eye: &Eye, i: &Blurred, j: &Blurred, tried: Tried) -> Option<Curve> {
-    let mut mesh = Mesh::new(eye, i, j);
+/// The pair's curve; `None` where too little of J is visible in I, or too few patches match.
+pub fn compare(model: &CameraModel, i: &BlurFrame, j: &BlurFrame, grid: ExposureGrid) -> Option<Curve> {
+    let mut mesh = WarpMesh::new(model, i, j);
     let (w, h) = (j.light.width, j.light.height);
     let mut patches: Vec<(usize, usize, f64)> = Vec::new();
     for y in (0..(h + 1).saturating_sub(PATCH)).step_by(PATCH) {
         for x in (0..(w + 1).saturating_sub(PATCH)).step_by(PATCH) {
-            let sound = blocks(x, y).filter(|(x, y)| mesh.block(*x, *y).is_some()).count();
-            if sound >= LEAST_BLOCKS {
+            let valid = blocks(x, y).filter(|(x, y)| mesh.block(*x, *y).is_some()).count();
+            if valid >= MIN_BLOCKS {
                 let rows = j.band.values.chunks(w).skip(y).take(PATCH);
                 let power: f32 = rows.map(|row| row[x..x + PATCH].iter().map(|v| v * v).sum::<f32>()).sum();
                 patches.push((x, y, power.into()));
             }
         }
     }
-    if patches.len() < LEAST_PATCHES {
+    if patches.len() < MIN_PATCHES {
         return None;
     }
     patches.sort_by(|a, b| b.2.total_cmp(&a.2).then((a.1, a.0).cmp(&(b.1, b.0))));
-    patches.truncate(MOST_PATCHES);
-    let band = between(&mesh.warped(&i.light));
+    patches.truncate(MAX_PATCHES);
+    let band = band_pass(&mesh.warped(&i.light));
     let shifts: Vec<(DVec2, DVec2)> = patches.iter().filter_map(|p| shift(&mesh, &j.band, &band, p.0, p.1)).collect();
-    if shifts.len() < LEAST_PATCHES {
+    if shifts.len() < MIN_PATCHES {
         return None;
     }
-    mesh.shifted(&shifts);
-    let band = between(&mesh.warped(&i.light));
-    let noise = i.noise.as_ref().map(|noise| between(&mesh.warped(noise)));
-    let (mut own, mut other, mut seen) = (DMat2::ZERO, DMat2::ZERO, 0.0);
+    mesh.apply_shifts(&shifts);
+    let band = band_pass(&mesh.warped(&i.light));
+    let noise = i.noise.as_ref().map(|noise| band_pass(&mesh.warped(noise)));
+    let (mut own, mut other, mut blocks_used) = (DMat2::ZERO, DMat2::ZERO, 0.0);
     let mut all = Vec::new();
     let (mut a, mut b) = (Vec::new(), Vec::new());
     for (x, y, _) in &patches {
-        let none = vec![0.0; tried.count];
-        let mut sums = Sums { both: none.clone(), a: none.clone(), b: none, blocks: 0 };
+        let none = vec![0.0; grid.count];
+        let mut sums = PatchSums { ab: none.clone(), a: none.clone(), b: none, blocks: 0 };
         for (x, y) in blocks(*x, *y) {
             let Some(node) = mesh.block(x, y) else { continue };
-            if boxes(&j.band, x, y, node.other, tried, &mut a).is_none()
-                || boxes(&band, x, y, node.own, tried, &mut b).is_none()
+            if box_blurred(&j.band, x, y, node.other, grid, &mut a).is_none()
+                || box_blurred(&band, x, y, node.own, grid, &mut b).is_none()
             {
                 continue;
             }
-            for s in 0..tried.count {
-                sums.both[s] += dot(&a[s], &b[s]);
+            for s in 0..grid.count {
+                sums.ab[s] += dot(&a[s], &b[s]);
                 sums.a[s] += dot(&a[s], &a[s]);
                 sums.b[s] += dot(&b[s], &b[s]);
             }
             if let (Some(of_j), Some(of_i)) = (&j.noise_band, &noise) {
-                boxes(of_j, x, y, node.other, tried, &mut a)?;
-                boxes(of_i, x, y, node.own, tried, &mut b)?;
-                for s in 0..tried.count {
+                box_blurred(of_j, x, y, node.other, grid, &mut a)?;
+                box_blurred(of_i, x, y, node.own, grid, &mut b)?;
+                for s in 0..grid.count {
                     sums.a[s] -= dot(&a[s], &a[s]);
                     sums.b[s] -= dot(&b[s], &b[s]);
                 }
             }
             sums.blocks += 1;
             let outer = |v: DVec2| DMat2::from_cols(v * v.x, v * v.y);
-            (own, other, seen) = (own + outer(node.own), other + outer(node.other), seen + 1.0);
+            (own, other) = (own + outer(node.own), other + outer(node.other));
+            blocks_used += 1.0;
         }
-        if sums.blocks >= LEAST_BLOCKS {
+        if sums.blocks >= MIN_BLOCKS {
             all.push(sums);
         }
     }
-    judged(&all, tried).map(|(values, patches)| {
-        let off = (own - other) * (1.0 / seen);
-        let apart = off.to_cols_array().iter().map(|v| v * v).sum::<f64>().powf(0.25);
-        Curve { values, patches, apart }
+    mean_curve(&all, grid).map(|(values, patches)| {
+        let difference = (own - other) * (1.0 / blocks_used);
+        let flow_difference_px_s = difference.to_cols_array().iter().map(|v| v * v).sum::<f64>().powf(0.25);
+        Curve { values, patches, flow_difference_px_s }
     })
 }
 
+/// Corners of a patch's blocks.
 fn blocks(x: usize, y: usize) -> impl Iterator<Item = (usize, usize)> {
     const SIDE: usize = PATCH / BLOCK;
     (0..SIDE * SIDE).map(move |n| (x + n % SIDE * BLOCK, y + n / SIDE * BLOCK))
 }
 
-/// The mean over the patches that have contrast and look alike.
-fn judged(all: &[Sums], tried: Tried) -> Option<(Vec<f64>, usize)> {
-    let power = |sums: &Sums| (sums.a[0] * sums.b[0]).max(0.0).sqrt();
+/// The mean curve over the patches with contrast whose curve has a low minimum, and their number.
+fn mean_curve(all: &[PatchSums], grid: ExposureGrid) -> Option<(Vec<f64>, usize)> {
+    let power = |sums: &PatchSums| (sums.a[0] * sums.b[0]).max(0.0).sqrt();
     let mut powers: Vec<f64> = all.iter().map(power).collect();
-    let least = CONTRAST * median(&mut powers);
-    let curve = |sums: &Sums| -> Option<Vec<f64>> {
+    let least = MIN_CONTRAST * median(&mut powers);
+    let curve = |sums: &PatchSums| -> Option<Vec<f64>> {
         let value = |s: usize| {
             let (a, b) = (sums.a[s], sums.b[s]);
-            (a > 0.0 && b > 0.0).then(|| 1.0 - sums.both[s].max(0.0).powi(2) / (a * b))
+            (a > 0.0 && b > 0.0).then(|| 1.0 - sums.ab[s].max(0.0).powi(2) / (a * b))
         };
-        (0..tried.count).map(value).collect()
+        (0..grid.count).map(value).collect()
     };
     let kept: Vec<Vec<f64>> = all
         .iter()
         .filter(|sums| power(sums) > least)
         .filter_map(curve)
-        .filter(|curve| curve.iter().copied().fold(f64::MAX, f64::min) < ALIKE)
+        .filter(|curve| curve.iter().copied().fold(f64::MAX, f64::min) < MAX_MINIMUM)
         .collect();
-    if kept.len() < LEAST_PATCHES {
+    if kept.len() < MIN_PATCHES {
         return None;
     }
     let mean = |s: usize| kept.iter().map(|curve| curve[s]).sum::<f64>() / kept.len() as f64;
-    Some(((0..tried.count).map(mean).collect(), kept.len()))
+    Some(((0..grid.count).map(mean).collect(), kept.len()))
 }
 
-/// How W must be moved to fit J there: the patch's middle, and px.
-fn shift(mesh: &Mesh, j: &Plane, w: &Plane, x: usize, y: usize) -> Option<(DVec2, DVec2)> {
+/// Shift of W that aligns it to J in a patch, px, after the patch's middle.
+fn shift(mesh: &WarpMesh, j: &Plane, w: &Plane, x: usize, y: usize) -> Option<(DVec2, DVec2)> {
     let mut by = DVec2::ZERO;
     let (mut here, mut there) = ([0.0; PIXELS], [0.0; PIXELS]);
     let (mut left, mut right) = ([0.0; PIXELS], [0.0; PIXELS]);
@@ -171,13 +175,15 @@ fn shift(mesh: &Mesh, j: &Plane, w: &Plane, x: usize, y: usize) -> Option<(DVec2
     for _ in 0..4 {
         let (mut xx, mut xy, mut yy, mut gx, mut gy) = (0.0, 0.0, 0.0, 0.0, 0.0);
         for (x, y) in blocks(x, y).filter(|(x, y)| mesh.block(*x, *y).is_some()) {
-            if part(j, x, y, DVec2::ZERO, &mut here).is_none() || part(w, x, y, by, &mut there).is_none() {
+            if sample_block(j, x, y, DVec2::ZERO, &mut here).is_none()
+                || sample_block(w, x, y, by, &mut there).is_none()
+            {
                 continue;
             }
-            part(w, x, y, by - DVec2::X, &mut left)?;
-            part(w, x, y, by + DVec2::X, &mut right)?;
-            part(w, x, y, by - DVec2::Y, &mut up)?;
-            part(w, x, y, by + DVec2::Y, &mut down)?;
+            sample_block(w, x, y, by - DVec2::X, &mut left)?;
+            sample_block(w, x, y, by + DVec2::X, &mut right)?;
+            sample_block(w, x, y, by - DVec2::Y, &mut up)?;
+            sample_block(w, x, y, by + DVec2::Y, &mut down)?;
             for p in 0..PIXELS {
                 let (sx, sy) = (0.5 * (right[p] - left[p]), 0.5 * (down[p] - up[p]));
                 let r = here[p] - there[p];
@@ -200,7 +206,7 @@ fn shift(mesh: &Mesh, j: &Plane, w: &Plane, x: usize, y: usize) -> Option<(DVec2
         }
     }
     let half = (PATCH / 2) as f64;
-    (by.length() < FARTHEST_PX).then(|| (DVec2::new(x as f64 + half, y as f64 + half), by))
+    (by.length() < MAX_SHIFT_PX).then(|| (DVec2::new(x as f64 + half, y as f64 + half), by))
 }
 
 #[cfg(test)]
@@ -208,7 +214,7 @@ mod tests {
     use glam::{DAffine3, DVec3};
 
     use super::*;
-    use crate::analyse::state::State;
+    use crate::analyse::state::CameraState;
     use crate::camera::{Curve as Response_, Geometry, NoiseBin, NoiseProfile, Response};
     use crate::fit::twist;
     use crate::frame::{Frame, FrameExposure};
@@ -217,11 +223,11 @@ mod tests {
     const SIZE: (u32, u32) = (320, 256);
     const FOCAL_PX: f64 = 400.0;
     const WALL_M: f64 = 2.0;
-    const TRIED: Tried = Tried { step_s: 0.001, count: 36 };
+    const TRIED: ExposureGrid = ExposureGrid { step_s: 0.001, count: 36 };
 
-    /// A wall of waves, at 2 m before a camera that does not turn: what it shows blurred while the picture flows for some
-    /// time (s), exactly. A wave's mean over v·T is sin(k·v·T/2) / (k·v·T/2) of it.
-    fn frame(index: usize, flow: DVec2, exposure_s: f64, noise: f64) -> (Frame, State) {
+    /// A wall with waves, 2 m in front of a camera that does not turn, with exact motion blur by a
+    /// flow for an exposure time. The mean of a wave over v·T is sin(k·v·T/2) / (k·v·T/2) of it.
+    fn frame(index: usize, flow: DVec2, exposure_s: f64, noise: f64) -> (Frame, CameraState) {
         let mut draws = scattered_numbers(7);
         let waves: Vec<(DVec2, f64, f64)> = (0..60)
             .map(|_| {
@@ -252,9 +258,9 @@ mod tests {
             beside: Vec::new(),
             surfels: Default::default(),
         };
-        // What is seen moves against the camera.
+        // The picture moves against the camera.
         let way = DVec3::new(-flow.x, -flow.y, 0.0) * WALL_M / FOCAL_PX;
-        (frame, State { world_from_camera: DAffine3::IDENTITY, twist: twist::twist(way, DVec3::ZERO) })
+        (frame, CameraState { world_from_camera: DAffine3::IDENTITY, twist: twist::twist(way, DVec3::ZERO) })
     }
 
     fn scattered_numbers(seed: u64) -> impl FnMut() -> f64 {
@@ -266,49 +272,57 @@ mod tests {
     }
 
     fn curve(own: DVec2, other: DVec2, exposure_s: f64, noise: f64, profile: Option<&NoiseProfile>) -> Option<Curve> {
-        let eye = Eye::new(Geometry::pinhole(SIZE.0, SIZE.1, FOCAL_PX));
+        let model = CameraModel::new(Geometry::pinhole(SIZE.0, SIZE.1, FOCAL_PX));
         let response = Response { curve: Response_::Linear, ..Response::default() };
         let blurred = |index: usize, flow: DVec2| {
             let (frame, state) = frame(index, flow, exposure_s, noise);
             let depth = frame.depth.as_ref().unwrap().depth_m.clone();
-            Blurred::new(&eye, &frame, (state, twist::Twist::zeros()), depth, &response, profile)
+            BlurFrame::new(&model, &frame, (state, twist::Twist::zeros()), depth, &response, profile)
         };
-        compared(&eye, &blurred(0, other), &blurred(1, own), TRIED)
+        compare(&model, &blurred(0, other), &blurred(1, own), TRIED)
     }
 
-    fn least_ms(curve: &Curve) -> f64 {
+    fn minimum_ms(curve: &Curve) -> f64 {
         let v = &curve.values;
         let k = (1..v.len() - 1).min_by(|a, b| v[*a].total_cmp(&v[*b])).unwrap();
         k as f64 + 0.5 * (v[k - 1] - v[k + 1]) / (v[k - 1] - 2.0 * v[k] + v[k + 1])
     }
 
     #[test]
-    fn two_motions_before_a_wall_agree_at_the_exposure() {
+    fn curve_of_two_motions_has_its_minimum_at_the_exposure() {
         for (exposure_s, own, other) in [
             (0.010, DVec2::new(600.0, 0.0), DVec2::new(0.0, 200.0)),
             (0.020, DVec2::new(300.0, 250.0), DVec2::new(0.0, 0.0)),
             (0.005, DVec2::new(0.0, 900.0), DVec2::new(500.0, 0.0)),
         ] {
             let found = curve(own, other, exposure_s, 0.0, None).unwrap();
-            let off = least_ms(&found) / (1e3 * exposure_s) - 1.0;
-            assert!(off.abs() < 0.03, "{exposure_s}: {} ms, {:?}", least_ms(&found), found.values);
-            // By hand: of two flows across each other √‖diag(v², −u²)‖ = ⁴√(v⁴ + u⁴).
+            let error = minimum_ms(&found) / (1e3 * exposure_s) - 1.0;
+            assert!(error.abs() < 0.03, "{exposure_s}: {} ms, {:?}", minimum_ms(&found), found.values);
+            // By hand: for perpendicular flows √‖diag(v², −u²)‖ = ⁴√(v⁴ + u⁴).
             if own.x * own.y == 0.0 {
                 let expected = (own.length().powi(4) + other.length().powi(4)).powf(0.25);
-                assert!((found.apart / expected - 1.0).abs() < 0.01, "{} {expected}", found.apart);
+                assert!(
+                    (found.flow_difference_px_s / expected - 1.0).abs() < 0.01,
+                    "{} {expected}",
+                    found.flow_difference_px_s
+                );
             }
         }
     }
 
     #[test]
-    fn one_motion_twice_says_nothing() {
+    fn curve_of_two_equal_motions_is_flat() {
         let flow = DVec2::new(400.0, 100.0);
         let found = curve(flow, flow, 0.01, 0.0, None).unwrap();
-        assert!(found.apart < 1.0 && found.values.iter().all(|value| *value < 0.01), "{:?}", found.values);
+        assert!(
+            found.flow_difference_px_s < 1.0 && found.values.iter().all(|value| *value < 0.01),
+            "{:?}",
+            found.values
+        );
     }
 
     #[test]
-    fn noise_that_is_known_is_taken_off() {
+    fn known_noise_is_subtracted() {
         // White noise of σ = 0.02, 5.1 codes of 255, in waves of 0.012.
         let (own, other) = (DVec2::new(900.0, 0.0), DVec2::new(0.0, 300.0));
         let bins = vec![NoiseBin { code: 128.0, sigma: 5.1 }];
@@ -319,6 +333,6 @@ mod tests {
         let floor = |curve: &Curve| curve.values.iter().copied().fold(f64::MAX, f64::min);
         assert!(floor(&without) > 0.02, "{:?}", without.values);
         assert!(floor(&with).abs() < 0.25 * floor(&without), "{} {}", floor(&with), floor(&without));
-        assert!((least_ms(&with) - 5.0).abs() < 0.25, "{} ms", least_ms(&with));
+        assert!((minimum_ms(&with) - 5.0).abs() < 0.25, "{} ms", minimum_ms(&with));
     }
 }

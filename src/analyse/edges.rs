@@ -1,9 +1,9 @@
 //! Straight, isolated edges of a picture, the steepest first.
 //!
-//! A ridge of the slope of smoothed light (Canny 1986) is followed along a straight piece: in each row across it the centroid
-//! of the slope, and a line through those.
+//! A ridge of the slope of smoothed light (Canny 1986) is followed along a straight piece: in each
+//! row across it the centroid of the slope, and a line through those.
 
-use super::carried::extreme;
+use super::depth_at_frame::window_extreme;
 use super::pyramid::{Plane, gaussian};
 
 /// Half of the piece of an edge that is looked at, along it and across, px.
@@ -41,8 +41,8 @@ pub struct Line {
     pub offset_px: f32,
 }
 
-/// The edges of a picture of linear light, none of them near a place that `is_clipped`. Edges that `wanted` refuses, given
-/// their middle and normal, are left out before they are looked at.
+/// The edges of a picture of linear light, none of them near a place that `is_clipped`. Edges that
+/// `wanted` refuses, given their middle and normal, are left out before they are looked at.
 pub fn edges(
     light: &Plane,
     is_clipped: &[bool],
@@ -54,7 +54,7 @@ pub fn edges(
     let slope: Vec<f32> = along.values.iter().zip(&down.values).map(|(x, y)| x.hypot(*y)).collect();
     let slope = Plane { width: w, height: h, values: slope };
     let clipped: Vec<f32> = is_clipped.iter().map(|clipped| f32::from(u8::from(*clipped))).collect();
-    let near_clipped = extreme(&clipped, w, ACROSS as usize + 1, f32::max);
+    let near_clipped = window_extreme(&clipped, w, ACROSS as usize + 1, f32::max);
     let mut ridge: Vec<(usize, [f32; 2])> = Vec::new();
     for y in RIM..h.saturating_sub(RIM) {
         for x in RIM..w.saturating_sub(RIM) {

@@ -1,16 +1,16 @@
-//! What an analysis found, in numbers: `analysis.toml`, and the lines in which it is told.
+//! The estimates of an analysis: `analysis.toml`, and their lines of text.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::across::Fitted;
 use super::dependencies::Dependencies;
-use super::depth_clock::DepthLater;
-use super::found_light::FoundLight;
-use super::global::Global;
-use super::registered::{Registration, SURE_READOUT_S, Verdict};
-use super::shutter::{Exposed, Run};
+use super::depth_clock::DepthOffset;
+use super::light_findings::LightFindings;
+use super::registration_result::{MAX_READOUT_SIGMA_S, Registration, Verdict};
+use super::rig_offset::RigOffset;
+use super::shutter::{ExposureRuns, Run};
+use super::spatial_gain::SpatialGainFit;
 use super::spread::PointSpread;
 use super::surfel_file::SurfelMap;
 use super::tone::Band;
@@ -18,14 +18,13 @@ use crate::camera::Geometry;
 use crate::fit::twist::{self, Twist};
 use crate::text::fixed;
 
-/// The poses were replaced.
+/// Values of [`PoseFindings::poses`].
 const REFINED: &str = "refined";
-/// They are right.
 const RIGHT: &str = "right";
 const REFUSED: &str = "refused";
 const KEPT: &str = "kept";
-/// What the agreement with held-out pairs says, and what it does not.
-const HELD_OUT_MEANS: &str =
+/// Explanation of the residuals of held-out pairs.
+const HELD_OUT_EXPLANATION: &str =
     "how well alignments agree with each other; `locard verify` measures what slides in the picture";
 
 /// `analysis.toml`.
@@ -36,129 +35,136 @@ pub struct Findings {
     /// SHA-256 of the recording ([`fingerprint`](super::inputs::fingerprint)).
     pub recording: String,
     pub frames: usize,
-    /// Why nothing is known of the gain. Above the tables, as TOML has it.
+    /// The reason for which there is no gain. It precedes the tables, as TOML requires.
     pub gain_why: Option<String>,
-    /// Estimates that do not hold for the recording as it was opened, and what to do; a sentence for each reason.
+    /// Estimates that do not hold for the recording as it was opened, and a remedy; one sentence
+    /// per reason.
     #[serde(skip)]
     pub left_out: Vec<String>,
     #[serde(default)]
     pub made_with: Dependencies,
-    pub registration: Registered,
-    pub gain: Option<Gained>,
-    /// How it differs across the picture; `None` where that cannot be said.
-    pub across: Option<Fitted>,
-    pub shutter: Option<Shuttered>,
+    pub registration: PoseFindings,
+    pub gain: Option<GainFindings>,
+    /// Gain that varies within the picture; `None` where it is unknown.
+    pub across: Option<SpatialGainFit>,
+    pub shutter: Option<ShutterFindings>,
     pub spread: Option<Sharpness>,
-    /// Advice: nothing follows from it.
+    /// Advice; it is not applied.
     pub tone: Option<Tone>,
-    pub light: Option<FoundLight>,
+    pub light: Option<LightFindings>,
     /// `None` without surfels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub surfels: Option<Fused>,
-    /// For which it was made. Its readout time is the one that was found.
+    pub surfels: Option<SurfelFindings>,
+    /// The camera of the analysis, with the estimated readout time.
     pub camera: Geometry,
 }
 
+/// Result of registration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Registered {
+pub struct PoseFindings {
     /// `refined`, `right`, `kept` or `refused`.
     pub poses: String,
     pub why: Option<String>,
     pub links: usize,
     pub missing_links: usize,
-    /// How far the alignment of frame pairs that were held out of the fit is from the poses, median, px. The alignment's own bias
-    /// is in both, so that this is less than the poses' error in the picture.
+    /// Median residual of held-out frame pairs by recorded and by refined poses, px. The
+    /// alignment's own bias affects poses and alignment alike, so the residual is smaller than the
+    /// poses' error in the picture.
     pub recorded_px: Option<f64>,
     pub refined_px: Option<f64>,
-    /// Where poses are kept and motion is not: by how much what is seen moves otherwise within half a frame's interval, root mean
-    /// square, px.
+    /// If only the motion is refined: root mean square difference of the displacements within half
+    /// a frame interval, px.
     pub motion_px: Option<f64>,
     /// Added to frame times to look up recorded poses, with one standard deviation.
     pub clock_s: Option<f64>,
     pub clock_sigma_s: Option<f64>,
-    /// What recorded poses lack, in the camera's axes.
+    /// Hand-eye offset, appended to recorded poses, in the camera's axes.
     pub hand_eye_turn_deg: Option<[f64; 3]>,
     pub hand_eye_way_m: Option<[f64; 3]>,
     pub readout_sigma_s: Option<f64>,
     /// Added to the depth maps' times.
     pub depth_later_s: f64,
     pub depth_later_sigma_s: Option<f64>,
-    /// So many poses and links lie beside it.
+    /// Numbers of lines in the files of poses and links.
     #[serde(default)]
     pub pose_lines: usize,
     #[serde(default)]
     pub link_lines: usize,
 }
 
-/// The surfaces that all depth maps show together.
+/// Surfels fused from all depth maps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Fused {
+pub struct SurfelFindings {
     pub count: usize,
-    /// Of their file, hexadecimal.
+    /// SHA-256 of their file, hexadecimal.
     pub sha256: String,
 }
 
-impl Fused {
+impl SurfelFindings {
     pub fn of(map: &SurfelMap) -> Self {
         Self { count: map.surfels.len(), sha256: map.fingerprint() }
     }
 }
 
+/// Gain of each frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Gained {
+pub struct GainFindings {
     pub pairs: usize,
-    /// Root mean square of ln of what pairs that took no part see, as recorded and with the gains.
+    /// Root mean square log ratio of held-out pairs, without and with the gains subtracted.
     pub recorded: f64,
     pub left: f64,
-    /// The brightest frame by the darkest, stops.
+    /// Ratio of the brightest to the darkest frame, stops.
     pub range_ev: f64,
-    /// Whether frames differ by more than the footage's noise, and are followed.
+    /// True if frames differ by more than the footage's noise. The gains are then applied.
     pub is_followed: bool,
 }
 
-/// How long frames were exposed, by their motion blur.
+/// Exposure time of the frames, by their motion blur.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Shuttered {
-    /// Why nothing is known.
+pub struct ShutterFindings {
+    /// The reason for which there are no runs.
     pub why: Option<String>,
-    /// Frames that say it clearly: number, and the exposure that each says by itself, s.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub heard: Vec<(usize, f64)>,
-    /// In order; each frame lies in one. Empty if nothing is known.
+    /// Frames with a distinct estimate of their own: number, and exposure, s.
+    #[serde(rename = "heard", default, skip_serializing_if = "Vec::is_empty")]
+    pub samples: Vec<(usize, f64)>,
+    /// In order; each frame lies in one. Empty if the exposure is unknown.
     pub runs: Vec<Run>,
-    /// Interval that the format assumes, s, where it keeps no times: exposures are known as shares of it alone.
+    /// Nominal frame interval of a format without times, s. Exposures are known as fractions of it
+    /// only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub nominal_interval_s: Option<f64>,
 }
 
-/// How sharp the camera is.
+/// Point spread of the camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sharpness {
-    /// Standard deviation of the Gaussian that lens and sensor make, px; `None` where the footage does not tell.
+    /// Standard deviation of the Gaussian point spread of lens and sensor, px; `None` where it is
+    /// unknown.
     pub sigma_px: Option<f64>,
-    /// In two cases of three it lies between these.
+    /// Interval of σ with a confidence of two thirds.
     pub between_px: Option<[f64; 2]>,
-    /// Straight edges that were measured.
+    /// Number of measured straight edges.
     pub edges: Option<usize>,
-    /// So many of them by σ, in steps of [`EDGES_STEP_PX`](super::spread::EDGES_STEP_PX); the last has the wider ones, too.
+    /// Histogram of the edges by σ, with bins of [`EDGE_BIN_PX`](super::spread::EDGE_BIN_PX); the
+    /// last one includes all wider edges.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub edges_by_px: Vec<u32>,
-    /// Why it is not known.
+    /// The reason for which σ is unknown.
     pub why: Option<String>,
 }
 
-/// Whether the response that was assumed is the camera's.
+/// Check of the assumed response against the footage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Tone {
-    /// Why nothing is known.
+    /// The reason for which there are no bands.
     pub why: Option<String>,
-    /// How codes follow light, in order; empty if nothing is known.
+    /// Slopes by code, in order; empty if unknown.
     #[serde(default)]
     pub bands: Vec<Band>,
 }
@@ -171,7 +177,7 @@ impl Tone {
         }
     }
 
-    /// Whether some codes follow light otherwise than the camera's response says.
+    /// True if the slope of a band contradicts the assumed response.
     pub fn differs(&self) -> bool {
         self.bands.iter().any(Band::differs)
     }
@@ -200,19 +206,18 @@ impl fmt::Display for Tone {
     }
 }
 
-impl Shuttered {
-    pub fn of(found: Result<Exposed, String>, nominal_interval_s: Option<f64>) -> Self {
+impl ShutterFindings {
+    pub fn of(found: Result<ExposureRuns, String>, nominal_interval_s: Option<f64>) -> Self {
         match found {
-            Ok(Exposed { runs, heard }) => {
-                let heard = heard.iter().map(|heard| (heard.frame, heard.exposure_s)).collect();
-                Self { why: None, heard, runs, nominal_interval_s }
+            Ok(ExposureRuns { runs, samples }) => {
+                let samples = samples.iter().map(|sample| (sample.frame, sample.exposure_s)).collect();
+                Self { why: None, samples, runs, nominal_interval_s }
             }
-            Err(why) => Self { why: Some(why), heard: Vec::new(), runs: Vec::new(), nominal_interval_s: None },
+            Err(why) => Self { why: Some(why), samples: Vec::new(), runs: Vec::new(), nominal_interval_s: None },
         }
     }
 
-    /// Numbers with the unit in which they are known: milliseconds, or the frame interval where the recording keeps no
-    /// times.
+    /// Numbers with their unit: milliseconds, or the frame interval for recordings without times.
     pub fn shown(&self, numbers: impl Fn(&dyn Fn(f64) -> String) -> String) -> String {
         match self.nominal_interval_s {
             None => format!("{} ms", numbers(&|s| fixed(1e3 * s, 2))),
@@ -222,10 +227,10 @@ impl Shuttered {
 
     fn about(&self, run: &Run) -> String {
         let time = self.shown(|n| format!("{} ± {}", n(run.exposure_s), n(run.sigma_s)));
-        format!("{time}, by the blur of {} frames", run.heard)
+        format!("{time}, by the blur of {} frames", run.samples)
     }
 
-    /// Whether runs follow each other from the first frame to the last.
+    /// Checks that the runs cover all frames without gaps.
     pub fn check(&self, frames: usize) -> Result<(), String> {
         let mut next = 0;
         for run in &self.runs {
@@ -244,24 +249,24 @@ impl Shuttered {
         Ok(())
     }
 
-    /// Of each frame, s; empty if nothing is known.
+    /// The exposure of each frame, s; empty if unknown.
     pub fn of_frames(&self) -> Vec<f64> {
         self.runs.iter().flat_map(|run| (run.from..run.to).map(|_| run.exposure_s)).collect()
     }
 }
 
-impl Registered {
-    /// Whether the poses were replaced.
+impl PoseFindings {
+    /// True if refined poses replace the recorded ones.
     pub fn is_refined(&self) -> bool {
         self.poses == REFINED
     }
 
-    /// Whether they cannot be this recording's.
+    /// True if registration failed.
     pub fn is_refused(&self) -> bool {
         self.poses == REFUSED
     }
 
-    /// Recorded poses of which nothing is known, and why.
+    /// Recorded poses that could not be checked, with the reason.
     pub fn kept(why: String) -> Self {
         Self {
             poses: KEPT.to_owned(),
@@ -283,7 +288,7 @@ impl Registered {
         }
     }
 
-    /// Whether they were found to be right.
+    /// True if the recorded poses are right.
     pub fn is_right(&self) -> bool {
         self.poses == RIGHT
     }
@@ -295,8 +300,8 @@ impl Registered {
             Verdict::Kept(why) => (KEPT, Some(why.clone())),
             Verdict::Refused(why) => (REFUSED, Some(why.clone())),
         };
-        let global = |of: fn(&Global) -> f64| found.global.as_ref().map(of);
-        let hand_eye = found.global.map(|global| global.hand_eye).filter(|by| *by != Twist::zeros());
+        let of_offset = |of: fn(&RigOffset) -> f64| found.rig_offset.as_ref().map(of);
+        let hand_eye = found.rig_offset.map(|offset| offset.hand_eye).filter(|by| *by != Twist::zeros());
         Self {
             poses: poses.to_owned(),
             why,
@@ -305,13 +310,13 @@ impl Registered {
             recorded_px: found.held_out_px.map(|px| px.0),
             refined_px: found.held_out_px.map(|px| px.1),
             motion_px: found.motion_px,
-            clock_s: global(|g| g.clock_s),
-            clock_sigma_s: global(|g| g.clock_sigma_s),
+            clock_s: of_offset(|offset| offset.clock_s),
+            clock_sigma_s: of_offset(|offset| offset.clock_sigma_s),
             hand_eye_turn_deg: hand_eye.map(|by| twist::turn(&by).to_array().map(f64::to_degrees)),
             hand_eye_way_m: hand_eye.map(|by| twist::way(&by).to_array()),
             readout_sigma_s: found.readout_sigma_s,
             depth_later_s: found.depth_later_s(),
-            depth_later_sigma_s: found.depth.map(|DepthLater { sigma_s, .. }| sigma_s),
+            depth_later_sigma_s: found.depth.map(|DepthOffset { sigma_s, .. }| sigma_s),
             pose_lines: 0,
             link_lines: found.held_out.len(),
         }
@@ -345,7 +350,7 @@ impl fmt::Display for Sharpness {
     }
 }
 
-impl fmt::Display for Gained {
+impl fmt::Display for GainFindings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if !self.is_followed {
             return write!(f, "steady within ln {} ({} pairs)", fixed(self.recorded, 4), self.pairs);
@@ -361,7 +366,7 @@ impl fmt::Display for Gained {
     }
 }
 
-impl fmt::Display for Fitted {
+impl fmt::Display for SpatialGainFit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { recorded, left, most_ev, is_followed } = self;
         let (recorded, left) = (fixed(*recorded, 4), fixed(*left, 4));
@@ -380,7 +385,7 @@ impl fmt::Display for Fitted {
     }
 }
 
-impl fmt::Display for Registered {
+impl fmt::Display for PoseFindings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let px = |value: Option<f64>| value.map_or("unknown".to_owned(), |px| format!("{} px", fixed(px, 2)));
         let (recorded, refined) = (px(self.recorded_px), px(self.refined_px));
@@ -388,13 +393,13 @@ impl fmt::Display for Registered {
             REFINED => write!(
                 f,
                 "refined: they agree with the alignment of held-out frame pairs to {refined}, the recorded ones to {recorded} \
-                 ({HELD_OUT_MEANS})"
+                 ({HELD_OUT_EXPLANATION})"
             ),
             RIGHT => {
                 write!(
                     f,
                     "kept as recorded: they agree with the alignment of held-out frame pairs to {recorded}, refined ones to \
-                     {refined} ({HELD_OUT_MEANS})"
+                     {refined} ({HELD_OUT_EXPLANATION})"
                 )
             }
             _ => write!(f, "kept as recorded: {}", self.why.as_deref().unwrap_or("nothing can be said")),
@@ -403,18 +408,18 @@ impl fmt::Display for Registered {
 }
 
 impl Findings {
-    /// The readout time, if rows tell it.
+    /// The estimated readout time, if it is certain.
     pub fn readout_s(&self) -> Option<f64> {
-        let is_sure = self.registration.readout_sigma_s.is_some_and(|sigma_s| sigma_s < SURE_READOUT_S);
+        let is_sure = self.registration.readout_sigma_s.is_some_and(|sigma_s| sigma_s < MAX_READOUT_SIGMA_S);
         (self.registration.is_refined() && is_sure).then_some(self.camera.intrinsics.readout_time_s)
     }
 
-    /// Why nothing is known of how bright frames are.
+    /// The reason for which there is no gain.
     pub fn no_gain(&self) -> &str {
         self.gain_why.as_deref().unwrap_or("too few surfaces are seen twice")
     }
 
-    /// What was found, a line for each, with the name of what it is about.
+    /// One line per estimate, with its name.
     pub fn lines(&self) -> Vec<(&'static str, String)> {
         let r = &self.registration;
         let mut lines = vec![("poses", r.to_string())];
@@ -429,7 +434,7 @@ impl Findings {
             ));
         }
         let ms = |s: f64| fixed(1e3 * s, 1);
-        // Of what was refused nothing is told as if it were found.
+        // Estimates of a failed registration are not listed.
         if let (Some(clock_s), Some(sigma_s), false) = (r.clock_s, r.clock_sigma_s, r.is_refused()) {
             let way = if clock_s < 0.0 { "earlier" } else { "later" };
             lines.push(("clock", format!("poses {} ms {way} fit best, ± {} ms", ms(clock_s.abs()), ms(sigma_s))));
@@ -454,12 +459,12 @@ impl Findings {
             };
             lines.extend(shutter.runs.iter().map(|run| ("exposure", of(run))));
         }
-        let gain = self.gain.as_ref().map(Gained::to_string);
+        let gain = self.gain.as_ref().map(GainFindings::to_string);
         lines.push(("gain", gain.unwrap_or_else(|| format!("unknown: {}", self.no_gain()))));
         lines.extend(self.across.iter().map(|across| ("across", across.to_string())));
         lines.extend(self.spread.iter().map(|spread| ("spread", spread.to_string())));
         lines.extend(self.tone.iter().map(|tone| ("tone", tone.to_string())));
-        lines.extend(self.light.iter().flat_map(FoundLight::lines));
+        lines.extend(self.light.iter().flat_map(LightFindings::lines));
         lines.extend(self.surfels.iter().map(|fused| {
             ("surfaces", format!("{} surfels of the room, where the depth of single frames has holes", fused.count))
         }));

@@ -1,36 +1,40 @@
-//! How bright each frame is of the same things: exposure, gain and white balance that the camera changes by itself.
+//! Gain of each frame: exposure, sensor gain and white balance that the camera changes by itself.
 //!
-//! A point with known depth, or one that a recording itself recognised in its frames, is seen in two of them; the logarithm of its light in one by that in the other is the frames' gain,
-//! for each colour. Of each pair the median ℓ_ij over many points; then all frames at once:
+//! Points are matched between two frames by depth, or by landmarks of the recording. The log ratio
+//! of a point's light is the gain between the frames, for each colour channel. A pair has the
+//! median ℓ_ij over its points. All frames are solved jointly:
 //!
-//!   least Σ w·ρ_Cauchy(ℓ_ij − (g_j − g_i); 0.01),   w⁻² = 0.003² + 20·MAD²/n + (0.0005·gap)²
+//!   min Σ w·ρ_Cauchy(ℓ_ij − (g_j − g_i); 0.01),   w⁻² = 0.003² + 20·MAD²/n + (0.0005·gap)²
 //!
-//! Poses that registration refused are unsure. There a pair counts if its places match and the same pictures, compared pixel by
-//! pixel as if the camera rested, either do not match, which confirms the poses, or say the same gain, which then depends on no pose.
+//! Poses that registration refused are unsure. A pair then needs matching points, and a second
+//! comparison of the same pictures with the camera assumed at rest, pixel by pixel. If the pixels
+//! at rest do not match, the pair confirms the poses. If they match with the same gain, the gain
+//! does not depend on the poses. Otherwise the pair is rejected.
 //!
-//! The places of a pair are the same things if their log ratios scatter by less than half of their
-//! light's own scatter s. Both scatters contain the noise n of the smoothed pictures, which has no
-//! part in that comparison:
+//! The points of a pair match if their log ratios scatter by less than half of the scatter s of
+//! their light. Both scatters contain the noise n of the smoothed pictures, which is taken into
+//! account:
 //!
 //!   scatter² < max(0.05, ½·√(s² − n²))² + (1.2·√2·n)²
 //!
-//! Only flat places count, so that blur and places that are off do little. The response's exponent cancels out of what is done
-//! with the result: ratios are taken and given back by one curve. What differs across the picture is `across`'s. Not modelled:
-//! lamps that flicker, what moves and fills the frame.
+//! Only flat areas are used, which limits the effect of blur and of misalignment. The response's
+//! exponent cancels, because ratios are measured and applied by one curve. Gain that varies within
+//! the picture: [`spatial_gain`]. Not modelled: flickering lamps, moving objects that fill the
+//! frame.
 
 use std::collections::VecDeque;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::across::{self, OfPair};
-use super::eye::Eye;
+use super::camera_model::CameraModel;
+use super::capture_info::CaptureInfo;
 use super::noise_level::{share_kept, variance_bound};
 use super::pyramid::{Plane, gaussian};
 use super::robust::{median, scatter};
-use super::state::{State, moved, seen};
-use super::taken::Taken;
-use super::tone::{self, Toned};
+use super::spatial_gain::{self, SpatialGainPair};
+use super::state::{CameraState, move_point, project_rolling_shutter};
+use super::tone::{self, ToneSample};
 use super::view::scattered;
 use crate::camera::{NoiseProfile, Response};
 use crate::frame::Frame;
@@ -40,63 +44,67 @@ use crate::text::count;
 
 /// Distances between compared frames.
 pub const GAPS: [usize; 6] = [1, 2, 5, 10, 20, 40];
-/// Pictures are halved until they are not wider than this, px.
-const WIDEST: usize = 400;
-/// Points of a frame at most.
-const MOST_POINTS: usize = 8000;
-/// Points count with codes between, of 255, where the picture is flatter than this, codes per px of the small picture.
+/// Largest width of the reduced pictures, px.
+const MAX_WIDTH_PX: usize = 400;
+/// Largest number of points in a frame.
+const MAX_POINTS: usize = 8000;
+/// Range of usable codes, of 255.
 const CODES: (f32, f32) = (15.0, 240.0);
-const FLAT: f32 = 5.0;
-/// σ of the blur over the small picture, px.
+/// Largest gradient of a flat area, codes per px of the reduced picture.
+const MAX_GRADIENT: f32 = 5.0;
+/// σ of the blur of the reduced picture, px.
 const BLUR_PX: f32 = 1.0;
-/// A point is the same surface if depth agrees by this share.
-const SAME: f64 = 0.03;
-/// Fewer points say nothing of a pair; fewer landmarks do not either.
-const LEAST_POINTS: usize = 150;
-const LEAST_LANDMARKS: usize = 50;
-/// Landmarks of a frame at most: the same ones of all.
-const MOST_LANDMARKS: usize = 4000;
-/// Places are the same things if their ratios scatter by less than this share of their light, or by less than this, ln.
-const MATCHED: (f64, f64) = (0.5, 0.05);
-/// Tolerance of the noise that is known, as a factor of its σ.
+/// Largest relative difference between depths of one surface.
+const DEPTH_TOLERANCE: f64 = 0.03;
+/// Smallest numbers of matched points or landmarks in a pair.
+const MIN_POINTS: usize = 150;
+const MIN_LANDMARKS: usize = 50;
+/// Largest number of landmarks in a frame; all frames use the same ones.
+const MAX_LANDMARKS: usize = 4000;
+/// Largest scatter of the log ratios of matching points: by the scatter of their light, and
+/// smallest such limit, ln.
+const MAX_SCATTER: (f64, f64) = (0.5, 0.05);
+/// Tolerance of the known noise, as a factor of its σ.
 const NOISE_TOLERANCE: f64 = 1.2;
-/// The gain of a pair depends on no pose if a camera at rest says the same within this, ln, or within so many σ.
-const SAME_AT_REST: f64 = 0.005;
-const SAME_AT_REST_SIGMAS: f64 = 2.0;
-/// So many pairs confirm unsure poses, and this share of those that could contradict them.
-const LEAST_CONFIRMING: usize = 12;
-const CONFIRMING: f64 = 0.75;
+/// A gain does not depend on the poses if a camera at rest gives the same one within this, ln, or
+/// within this many σ.
+const AT_REST_TOLERANCE_LN: f64 = 0.005;
+const AT_REST_TOLERANCE_SIGMAS: f64 = 2.0;
+/// Smallest number of pairs that confirm unsure poses, and smallest fraction of the pairs that
+/// could contradict them.
+const MIN_CONFIRMING_PAIRS: usize = 12;
+const MIN_CONFIRMING_SHARE: f64 = 0.75;
 
-/// What is kept of a frame for comparing it.
-struct Seen {
+/// A frame as it is compared with others.
+struct GainFrame {
     index: usize,
-    state: State,
+    state: CameraState,
     /// Red, green, blue, codes of 255.
     colours: [Plane; 3],
     /// σ of the noise in `colours`, codes of 255.
     noise: [f64; 3],
     depth: Vec<f32>,
-    points: Vec<Point>,
-    /// Ascending in number.
-    landmarks: Vec<(u64, Spot)>,
+    points: Vec<GainPoint>,
+    /// In ascending order of their numbers.
+    landmarks: Vec<(u64, PixelSample)>,
 }
 
-struct Point {
+struct GainPoint {
+    /// In the camera's axes at the middle row's time, m.
     at: DVec3,
-    spot: Spot,
+    sample: PixelSample,
 }
 
-/// A place of a picture.
 #[derive(Clone, Copy)]
-struct Spot {
-    /// Shares of width and height.
+struct PixelSample {
+    /// Position as fractions of width and height.
     at: [f32; 2],
-    /// ln of light, and codes of 255.
+    /// ln of light, and codes of 255, by channel.
     light: [f64; 3],
     codes: [f32; 3],
 }
 
-/// The logarithm of light from one frame to another.
+/// Log ratio of light between two frames.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Pair {
     pub from: usize,
@@ -107,34 +115,36 @@ pub struct Pair {
     pub sigma: [f64; 3],
 }
 
-/// What pairs of frames were compared, and how many of them tell nothing.
+/// Numbers of compared pairs by result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Tried {
+pub struct PairCounts {
     pub pairs: usize,
-    /// They have too few flat places in common.
+    /// With too few common flat areas.
     pub few: usize,
-    /// What lies where the poses say is not alike.
+    /// With points that do not match.
     pub unlike: usize,
-    /// Of unsure poses: it is alike, and without the poses it is not; and the gain depends on them.
+    /// With unsure poses: the points match by the poses only.
     pub confirming: usize,
+    /// With unsure poses: the gain depends on the poses.
     pub unsure: usize,
 }
 
-impl Tried {
-    /// Whether the places that pictures have in common confirm unsure poses: they match by them and not without them.
+impl PairCounts {
+    /// True if enough pairs confirm unsure poses: their points match by the poses and not without
+    /// them.
     pub fn confirms_poses(&self) -> bool {
-        let of = (self.confirming + self.unlike) as f64;
-        self.confirming >= LEAST_CONFIRMING && self.confirming as f64 >= CONFIRMING * of
+        let decisive = (self.confirming + self.unlike) as f64;
+        self.confirming >= MIN_CONFIRMING_PAIRS && self.confirming as f64 >= MIN_CONFIRMING_SHARE * decisive
     }
 
-    /// Why nothing is known where no pair tells anything.
+    /// The reason for which no gain is known, if no pair has a ratio.
     pub fn why(&self) -> String {
         let Self { pairs, few, unlike, unsure, .. } = self;
         if *pairs == 0 {
             return "no frames could be compared".to_owned();
         }
         let few = format!(
-            "{few} have fewer than {LEAST_POINTS} flat places with depth, or {LEAST_LANDMARKS} landmarks, in common"
+            "{few} have fewer than {MIN_POINTS} flat places with depth, or {MIN_LANDMARKS} landmarks, in common"
         );
         let unsure = match unsure {
             0 => String::new(),
@@ -144,84 +154,90 @@ impl Tried {
     }
 }
 
-/// Compares frames as they come, in order.
+/// Compares frames, which are added in order.
 pub struct Gains<'a> {
-    eye: &'a Eye,
-    /// ln of light by code of 255, and the light of a code.
+    model: &'a CameraModel,
     response: Response,
     noise: Option<NoiseProfile>,
     threads: usize,
     gaps: &'a [usize],
     /// Whether registration refused the poses.
     is_unsure: bool,
-    window: VecDeque<Seen>,
+    window: VecDeque<GainFrame>,
     pub pairs: Vec<Pair>,
-    /// What they say of the response, and of single places.
-    pub toned: Vec<Toned>,
-    pub across: Vec<OfPair>,
-    pub tried: Tried,
+    pub tone_samples: Vec<ToneSample>,
+    pub across: Vec<SpatialGainPair>,
+    pub counts: PairCounts,
 }
 
-/// What a pair says.
-struct Compared {
+/// Result of a pair.
+struct PairComparison {
     pair: Pair,
-    toned: Vec<Toned>,
-    across: Option<OfPair>,
-    /// Whether places match by the poses and not without them.
+    tone_samples: Vec<ToneSample>,
+    across: Option<SpatialGainPair>,
+    /// Whether the points match by the poses and not without them.
     confirms: bool,
 }
 
-type Comparison = Result<Compared, Unknown>;
+type Comparison = Result<PairComparison, PairFailure>;
 
-/// Why a pair tells nothing.
-enum Unknown {
-    Few,
-    Unlike,
-    /// The gain depends on poses that are unsure.
-    Unsure,
+/// Why a pair has no ratio.
+enum PairFailure {
+    /// Too few common flat areas.
+    TooFew,
+    /// The points do not match.
+    Mismatch,
+    /// The gain depends on unsure poses.
+    UnsurePoses,
 }
 
 impl<'a> Gains<'a> {
     /// `is_unsure`: whether registration refused the poses.
-    pub fn new(eye: &'a Eye, taken: &Taken<'_>, gaps: &'a [usize], is_unsure: bool, threads: usize) -> Self {
+    pub fn new(
+        model: &'a CameraModel,
+        capture: &CaptureInfo<'_>,
+        gaps: &'a [usize],
+        is_unsure: bool,
+        threads: usize,
+    ) -> Self {
         Self {
-            eye,
-            response: taken.response.clone(),
-            noise: taken.noise.cloned(),
+            model,
+            response: capture.response.clone(),
+            noise: capture.noise.cloned(),
             threads,
             gaps,
             is_unsure,
             window: VecDeque::new(),
             pairs: Vec::new(),
-            toned: Vec::new(),
+            tone_samples: Vec::new(),
             across: Vec::new(),
-            tried: Tried::default(),
+            counts: PairCounts::default(),
         }
     }
 
-    /// `depth`: at the frame's moment, in its picture. `landmarks`: what the recording recognised in it.
-    pub fn add(&mut self, frame: &Frame, state: State, depth: &[f32], landmarks: &[Landmark]) {
-        let new = self.seen(frame, state, depth, landmarks);
+    /// `depth`: at the frame's time and pixels. `landmarks`: those of the recording in this frame.
+    pub fn add(&mut self, frame: &Frame, state: CameraState, depth: &[f32], landmarks: &[Landmark]) {
+        let new = self.prepared(frame, state, depth, landmarks);
         let window = &self.window;
         let mut found: Vec<(usize, Comparison)> = self
             .gaps
             .iter()
             .filter_map(|gap| window.iter().position(|old| old.index + gap == new.index))
-            .map(|old| (old, Err(Unknown::Few)))
+            .map(|old| (old, Err(PairFailure::TooFew)))
             .collect();
         over_rows(&mut found, 1, self.threads, |_, slot| slot[0].1 = self.compared(&window[slot[0].0], &new));
         for (_, compared) in found {
-            self.tried.pairs += 1;
+            self.counts.pairs += 1;
             match compared {
-                Ok(Compared { pair, toned, across, confirms }) => {
-                    self.tried.confirming += usize::from(confirms);
+                Ok(PairComparison { pair, tone_samples, across, confirms }) => {
+                    self.counts.confirming += usize::from(confirms);
                     self.pairs.push(pair);
-                    self.toned.extend(toned);
+                    self.tone_samples.extend(tone_samples);
                     self.across.extend(across);
                 }
-                Err(Unknown::Few) => self.tried.few += 1,
-                Err(Unknown::Unsure) => self.tried.unsure += 1,
-                Err(Unknown::Unlike) => self.tried.unlike += 1,
+                Err(PairFailure::TooFew) => self.counts.few += 1,
+                Err(PairFailure::UnsurePoses) => self.counts.unsure += 1,
+                Err(PairFailure::Mismatch) => self.counts.unlike += 1,
             }
         }
         let reach = self.gaps.iter().copied().max().unwrap_or(0);
@@ -232,11 +248,11 @@ impl<'a> Gains<'a> {
     }
 
     fn halvings(&self) -> usize {
-        let width = self.eye.size().0;
-        (0..).find(|n| width >> n <= WIDEST).unwrap_or(0)
+        let width = self.model.size().0;
+        (0..).find(|n| width >> n <= MAX_WIDTH_PX).unwrap_or(0)
     }
 
-    fn seen(&self, frame: &Frame, state: State, depth: &[f32], landmarks: &[Landmark]) -> Seen {
+    fn prepared(&self, frame: &Frame, state: CameraState, depth: &[f32], landmarks: &[Landmark]) -> GainFrame {
         let halvings = self.halvings();
         let colours = [0, 1, 2].map(|channel| {
             let mut plane = Plane::of_channel(&frame.pixels, channel);
@@ -247,7 +263,7 @@ impl<'a> Gains<'a> {
         });
         let noise = [0, 1, 2].map(|channel| self.noise_sigma(&colours[channel], channel, halvings));
         let (w, h) = (colours[0].width, colours[0].height);
-        let (width, _) = self.eye.size();
+        let (width, _) = self.model.size();
         let scale = 1usize << halvings;
         let small: Vec<f32> = (0..w * h).map(|i| depth[(i / w) * scale * width + (i % w) * scale]).collect();
         let mut sound = Vec::new();
@@ -257,44 +273,45 @@ impl<'a> Gains<'a> {
                 let is_sound = |plane: &Plane| {
                     let v = &plane.values;
                     let slope = (0.5 * (v[i + 1] - v[i - 1])).hypot(0.5 * (v[i + w] - v[i - w]));
-                    v[i] > CODES.0 && v[i] < CODES.1 && slope < FLAT
+                    v[i] > CODES.0 && v[i] < CODES.1 && slope < MAX_GRADIENT
                 };
                 if small[i] > 0.0 && colours.iter().all(is_sound) {
                     sound.push(i);
                 }
             }
         }
-        if sound.len() > MOST_POINTS {
+        if sound.len() > MAX_POINTS {
             sound.sort_unstable_by_key(|i| (scattered(*i as u64), *i));
-            sound.truncate(MOST_POINTS);
+            sound.truncate(MAX_POINTS);
         }
         let point = |i: usize| {
             let (x, y) = ((i % w) * scale, (i / w) * scale);
-            let there = f64::from(small[i]) * DVec3::from(self.eye.rays[y * width + x].map(f64::from));
-            let at = moved(there, &state.twist, self.eye.geometry.row_time_s(y as f64 + 0.5));
+            let there = f64::from(small[i]) * DVec3::from(self.model.rays[y * width + x].map(f64::from));
+            let at = move_point(there, &state.twist, self.model.geometry.row_time_s(y as f64 + 0.5));
             let codes = [0, 1, 2].map(|c| colours[c].values[i]);
-            Point { at, spot: self.spot([(i % w) as f32 / w as f32, (i / w) as f32 / h as f32], codes) }
+            GainPoint { at, sample: self.sample([(i % w) as f32 / w as f32, (i / w) as f32 / h as f32], codes) }
         };
         let points = sound.into_iter().map(point).collect();
         let mut landmarks: Vec<&Landmark> = landmarks.iter().collect();
-        if landmarks.len() > MOST_LANDMARKS {
+        if landmarks.len() > MAX_LANDMARKS {
             landmarks.sort_unstable_by_key(|landmark| scattered(landmark.number));
-            landmarks.truncate(MOST_LANDMARKS);
+            landmarks.truncate(MAX_LANDMARKS);
         }
         let landmark = |landmark: &&Landmark| {
             let [x, y] = landmark.at_px.map(|px| (px - 0.5) / scale as f32);
             let [red, green, blue] = [0, 1, 2].map(|c| colours[c].at(x, y));
             let codes = [red?, green?, blue?];
             let is_sound = codes.iter().all(|code| *code > CODES.0 && *code < CODES.1);
-            is_sound.then(|| (landmark.number, self.spot([x / w as f32, y / h as f32], codes)))
+            is_sound.then(|| (landmark.number, self.sample([x / w as f32, y / h as f32], codes)))
         };
         let mut landmarks: Vec<_> = landmarks.iter().filter_map(landmark).collect();
         landmarks.sort_by_key(|(number, _)| *number);
-        Seen { index: frame.index, state, colours, noise, depth: small, points, landmarks }
+        GainFrame { index: frame.index, state, colours, noise, depth: small, points, landmarks }
     }
 
-    /// Upper bound on the noise of a small, smoothed picture, codes ([`noise_level`](super::noise_level)).
-    /// The profile's bound ignores the blur that follows the halvings.
+    /// Upper bound on the noise of a reduced, smoothed picture, codes
+    /// ([`noise_level`](super::noise_level)). The profile's bound ignores the blur that follows the
+    /// halvings.
     fn noise_sigma(&self, plane: &Plane, channel: usize, halvings: usize) -> f64 {
         let by_profile = self.noise.as_ref().map(|profile| {
             let mean = plane.values.iter().map(|v| f64::from(*v)).sum::<f64>() / plane.values.len().max(1) as f64;
@@ -303,161 +320,176 @@ impl<'a> Gains<'a> {
         variance_bound(by_profile, plane).sqrt()
     }
 
-    fn spot(&self, at: [f32; 2], codes: [f32; 3]) -> Spot {
-        Spot { at, light: codes.map(|code| self.light(code)), codes }
+    fn sample(&self, at: [f32; 2], codes: [f32; 3]) -> PixelSample {
+        PixelSample { at, light: codes.map(|code| self.light(code)), codes }
     }
 
     fn light(&self, code: f32) -> f64 {
         self.response.decode(f64::from(code) / 255.0).max(1e-9).ln()
     }
 
-    /// Places that both frames show, by depth: in one and in the other.
-    fn by_depth(&self, from: &Seen, to: &Seen, to_state: &State) -> Vec<(Spot, Spot)> {
+    /// Samples of the points that are visible in both frames.
+    fn match_by_depth(
+        &self,
+        from: &GainFrame,
+        to: &GainFrame,
+        to_state: &CameraState,
+    ) -> Vec<(PixelSample, PixelSample)> {
         let motion = to_state.world_from_camera.inverse() * from.state.world_from_camera;
         let (w, h) = (to.colours[0].width, to.colours[0].height);
         let scale = (1usize << self.halvings()) as f64;
-        let pair = |point: &Point| {
+        let pair = |point: &GainPoint| {
             let there = motion.transform_point3(point.at);
             if there.z <= 0.0 {
                 return None;
             }
-            let (at, far) = seen(&self.eye.geometry, there, &to_state.twist, None, 2)?;
+            let (at, far) = project_rolling_shutter(&self.model.geometry, there, &to_state.twist, None, 2)?;
             let (x, y) = ((at.x - 0.5) / scale, (at.y - 0.5) / scale);
             if !(x >= 2.0 && y >= 2.0 && x < w as f64 - 3.0 && y < h as f64 - 3.0) {
                 return None;
             }
             let depth = f64::from(to.depth[y.round() as usize * w + x.round() as usize]);
-            if depth <= 0.0 || (depth - far).abs() > SAME * far + self.eye.slack_m(far) {
+            if depth <= 0.0 || (depth - far).abs() > DEPTH_TOLERANCE * far + self.model.depth_tolerance_m(far) {
                 return None;
             }
             let codes = [0, 1, 2].map(|c| to.colours[c].at(x as f32, y as f32).unwrap_or(0.0));
             let is_sound = codes.iter().all(|code| *code > CODES.0 && *code < CODES.1);
-            is_sound.then(|| (point.spot, self.spot([x as f32 / w as f32, y as f32 / h as f32], codes)))
+            is_sound.then(|| (point.sample, self.sample([x as f32 / w as f32, y as f32 / h as f32], codes)))
         };
         from.points.iter().filter_map(pair).collect()
     }
 
-    /// σ of ln light of the places by their pictures' noise, root mean square of the two frames, at
-    /// the median code.
-    fn log_noise(&self, places: &[(Spot, Spot)], of: [&Seen; 2], channel: usize) -> f64 {
-        let mut codes: Vec<f64> = places.iter().map(|(from, _)| f64::from(from.codes[channel])).collect();
+    /// σ of ln light by the pictures' noise, root mean square of the two frames, at the median
+    /// code.
+    fn log_noise(&self, matches: &[(PixelSample, PixelSample)], of: [&GainFrame; 2], channel: usize) -> f64 {
+        let mut codes: Vec<f64> = matches.iter().map(|(from, _)| f64::from(from.codes[channel])).collect();
         let code = median(&mut codes) as f32;
         let per_code = 0.5 * (self.light(code + 1.0) - self.light(code - 1.0));
         per_code * of.map(|seen| seen.noise[channel]).into_iter().fold(0.0, f64::hypot) / 2f64.sqrt()
     }
 
-    fn compared(&self, from: &Seen, to: &Seen) -> Comparison {
-        let mut places = by_landmarks(from, to);
-        // What a recording recognised lies where it is by no pose.
+    fn compared(&self, from: &GainFrame, to: &GainFrame) -> Comparison {
+        let mut matches = match_by_landmarks(from, to);
+        // Matches by landmarks do not depend on poses.
         let mut is_unsure = false;
-        if places.len() < LEAST_LANDMARKS {
+        if matches.len() < MIN_LANDMARKS {
             is_unsure = self.is_unsure;
-            places = self.by_depth(from, to, &to.state);
-            if places.len() < LEAST_POINTS {
-                return Err(Unknown::Few);
+            matches = self.match_by_depth(from, to, &to.state);
+            if matches.len() < MIN_POINTS {
+                return Err(PairFailure::TooFew);
             }
         }
         let gap = from.index.abs_diff(to.index);
-        // Unsure poses get no allowance for noise: a plain floor looks alike everywhere.
-        let noise = if is_unsure { [0.0; 3] } else { [0, 1, 2].map(|c| self.log_noise(&places, [from, to], c)) };
-        let (ratios, Ratio { ratio, sigma }) = ratio(&places, noise, gap)?;
+        // No allowance for noise with unsure poses: a plain floor matches everywhere.
+        let noise = if is_unsure { [0.0; 3] } else { [0, 1, 2].map(|c| self.log_noise(&matches, [from, to], c)) };
+        let (ratios, Ratio { ratio, sigma }) = ratio(&matches, noise, gap)?;
         let mut confirms = false;
         if is_unsure {
-            // As if the camera rested: each pixel by itself.
-            let at_rest = self.by_depth(from, to, &from.state);
+            // With the camera assumed at rest.
+            let at_rest = self.match_by_depth(from, to, &from.state);
             match ratio_if_any(&at_rest, noise, gap) {
-                None => return Err(Unknown::Few),
+                None => return Err(PairFailure::TooFew),
                 Some(Err(_)) => confirms = true,
                 Some(Ok(other)) => {
-                    let is_same =
-                        |c: usize| (other.ratio[c] - ratio[c]).abs() < SAME_AT_REST.max(SAME_AT_REST_SIGMAS * sigma[c]);
+                    let is_same = |c: usize| {
+                        (other.ratio[c] - ratio[c]).abs()
+                            < AT_REST_TOLERANCE_LN.max(AT_REST_TOLERANCE_SIGMAS * sigma[c])
+                    };
                     if !(0..3).all(is_same) {
-                        return Err(Unknown::Unsure);
+                        return Err(PairFailure::UnsurePoses);
                     }
                 }
             }
         }
         let mean = |of: &[f64; 3]| of.iter().sum::<f64>() / 3.0;
-        let is_asked = |gap: usize| across::GAPS.contains(&gap) || across::HELD_OUT.contains(&gap);
-        let across = is_asked(to.index - from.index).then(|| {
-            let point = |((from, to), of): (&(Spot, Spot), &[f64; 3])| across::Point {
+        let is_used = |gap: usize| spatial_gain::GAPS.contains(&gap) || spatial_gain::HELD_OUT.contains(&gap);
+        let across = is_used(to.index - from.index).then(|| {
+            let sample = |((from, to), of): (&(PixelSample, PixelSample), &[f64; 3])| spatial_gain::RatioSample {
                 from: from.at,
                 to: to.at,
                 ratio: mean(of),
             };
-            let points: Vec<_> = places.iter().zip(&ratios).map(point).collect();
-            across::of_pair(from.index, to.index, &points, mean(&ratio))
+            let samples: Vec<_> = matches.iter().zip(&ratios).map(sample).collect();
+            spatial_gain::of_pair(from.index, to.index, &samples, mean(&ratio))
         });
-        let codes = places.iter().map(|(from, to)| [0, 1, 2].map(|c| 0.5 * (from.codes[c] + to.codes[c])));
-        let toned = tone::of_pair(to.index, codes.zip(ratios.iter().copied()), ratio);
+        let codes = matches.iter().map(|(from, to)| [0, 1, 2].map(|c| 0.5 * (from.codes[c] + to.codes[c])));
+        let tone_samples = tone::of_pair(to.index, codes.zip(ratios.iter().copied()), ratio);
         let pair = Pair { from: from.index, to: to.index, ratio, sigma };
-        Ok(Compared { pair, toned, across, confirms })
+        Ok(PairComparison { pair, tone_samples, across, confirms })
     }
 }
 
-/// ln of light from one frame to another, with one standard deviation of each.
+/// Log ratio of light between two frames, with one standard deviation, by channel.
 struct Ratio {
     ratio: [f64; 3],
     sigma: [f64; 3],
 }
 
-/// By places that two frames `gap` apart have in common: of each place, and the median. Refused where places are not alike.
-/// `noise`: σ of a place's ln light by the pictures' noise, for each colour.
-fn ratio(places: &[(Spot, Spot)], noise: [f64; 3], gap: usize) -> Result<(Vec<[f64; 3]>, Ratio), Unknown> {
+/// Log ratios of the matched samples of two frames `gap` apart, and their median. `noise`: σ of a
+/// sample's ln light by the pictures' noise, by channel.
+fn ratio(
+    matches: &[(PixelSample, PixelSample)],
+    noise: [f64; 3],
+    gap: usize,
+) -> Result<(Vec<[f64; 3]>, Ratio), PairFailure> {
     let ratios: Vec<[f64; 3]> =
-        places.iter().map(|(from, to)| [0, 1, 2].map(|c| to.light[c] - from.light[c])).collect();
-    let mut green: Vec<f64> = places.iter().map(|(from, _)| from.light[1]).collect();
+        matches.iter().map(|(from, to)| [0, 1, 2].map(|c| to.light[c] - from.light[c])).collect();
+    let mut green: Vec<f64> = matches.iter().map(|(from, _)| from.light[1]).collect();
     let texture = (scatter(&mut green).1.powi(2) - noise[1].powi(2)).max(0.0).sqrt();
     let (mut ratio, mut sigma) = ([0.0; 3], [0.0; 3]);
     for c in 0..3 {
         let (middle, spread) = scatter(&mut ratios.iter().map(|of| of[c]).collect::<Vec<_>>());
-        if spread > MATCHED.1.max(MATCHED.0 * texture).hypot(NOISE_TOLERANCE * 2f64.sqrt() * noise[c]) {
-            return Err(Unknown::Unlike);
+        if spread > MAX_SCATTER.1.max(MAX_SCATTER.0 * texture).hypot(NOISE_TOLERANCE * 2f64.sqrt() * noise[c]) {
+            return Err(PairFailure::Mismatch);
         }
         ratio[c] = middle;
         sigma[c] =
-            (0.003f64.powi(2) + 20.0 * spread * spread / places.len() as f64 + (0.0005 * gap as f64).powi(2)).sqrt();
+            (0.003f64.powi(2) + 20.0 * spread * spread / matches.len() as f64 + (0.0005 * gap as f64).powi(2)).sqrt();
     }
     Ok((ratios, Ratio { ratio, sigma }))
 }
 
-/// The same of places that may be too few: `None`.
-fn ratio_if_any(places: &[(Spot, Spot)], noise: [f64; 3], gap: usize) -> Option<Result<Ratio, Unknown>> {
-    (places.len() >= LEAST_POINTS).then(|| ratio(places, noise, gap).map(|(_, ratio)| ratio))
+/// As [`ratio`]; `None` for too few samples.
+fn ratio_if_any(
+    matches: &[(PixelSample, PixelSample)],
+    noise: [f64; 3],
+    gap: usize,
+) -> Option<Result<Ratio, PairFailure>> {
+    (matches.len() >= MIN_POINTS).then(|| ratio(matches, noise, gap).map(|(_, ratio)| ratio))
 }
 
-/// Places that were recognised in both frames.
-fn by_landmarks(from: &Seen, to: &Seen) -> Vec<(Spot, Spot)> {
-    let (mut places, mut others) = (Vec::new(), to.landmarks.iter().peekable());
-    for (number, spot) in &from.landmarks {
+/// Samples of the landmarks that both frames have.
+fn match_by_landmarks(from: &GainFrame, to: &GainFrame) -> Vec<(PixelSample, PixelSample)> {
+    let (mut matches, mut others) = (Vec::new(), to.landmarks.iter().peekable());
+    for (number, sample) in &from.landmarks {
         while others.next_if(|(other, _)| other < number).is_some() {}
         if let Some((_, other)) = others.peek().filter(|(other, _)| other == number) {
-            places.push((*spot, *other));
+            matches.push((*sample, *other));
         }
     }
-    places
+    matches
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::blurred::unit_noise;
+    use super::super::blur_frame::unit_noise;
     use super::*;
 
-    /// Places of one brightness, ln, each with noise of its own in both frames.
-    fn places(noise: f64, step: f64) -> Vec<(Spot, Spot)> {
-        let spot = |light: f64| Spot { at: [0.0; 2], light: [light; 3], codes: [110.0; 3] };
+    /// Samples of one brightness with independent noise in both frames, ln.
+    fn matches(noise: f64, step: f64) -> Vec<(PixelSample, PixelSample)> {
+        let sample = |light: f64| PixelSample { at: [0.0; 2], light: [light; 3], codes: [110.0; 3] };
         let noises = unit_noise(800, 1, 1, [0.0; 2]).values;
-        let pair = |of: &[f32]| (spot(noise * f64::from(of[0])), spot(step + noise * f64::from(of[1])));
+        let pair = |of: &[f32]| (sample(noise * f64::from(of[0])), sample(step + noise * f64::from(of[1])));
         noises.chunks(2).map(pair).collect()
     }
 
     #[test]
-    fn noise_that_is_known_does_not_hide_the_gain() {
+    fn known_noise_does_not_prevent_the_match() {
         // √2 · 0.06 is more than 0.05, and than half of the light's own scatter.
-        let of = places(0.06, 0.3);
+        let of = matches(0.06, 0.3);
         let (_, found) = ratio(&of, [0.06; 3], 1).unwrap_or_else(|_| panic!("refused"));
         assert!((found.ratio[1] - 0.3).abs() < 3.0 * found.sigma[1] && found.sigma[1] < 0.03, "{:?}", found.ratio);
-        assert!(ratio(&of, [0.0; 3], 1).is_err(), "unknown noise is what does not match");
-        assert!(ratio(&of, [0.03; 3], 1).is_err(), "twice the noise that is known");
+        assert!(ratio(&of, [0.0; 3], 1).is_err(), "unknown noise is a mismatch");
+        assert!(ratio(&of, [0.03; 3], 1).is_err(), "twice the known noise");
     }
 }

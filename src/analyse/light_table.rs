@@ -4,18 +4,18 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::found_light::FoundLight;
-use super::light::FoundLamp;
+use super::light::LampEstimate;
+use super::light_findings::LightFindings;
 use crate::scene::SceneFile;
 use crate::scene::document::{Color, LampTable, LightTable, Up};
 
 /// Scenes' ups that differ by less are one: cosine of half a degree.
 const SAME_UP: f64 = 0.99996;
 
-impl FoundLight {
-    /// Lights a scene so, in place of the light that it has; its `white_lx` stays. `panorama` is the name of the panorama's file, as
-    /// the scene's file names it. A scene that does not say where up is gets the panorama's; with one that says another the panorama
-    /// keeps its own.
+impl LightFindings {
+    /// Lights a scene so, in place of the light that it has; its `white_lx` stays. `panorama` is
+    /// the name of the panorama's file, as the scene's file names it. A scene that does not say
+    /// where up is gets the panorama's; with one that says another the panorama keeps its own.
     pub fn put_into(&self, scene: &mut SceneFile, file: &Path, panorama: String) -> Result<(), String> {
         let up = self.up.unwrap_or([0.0, 0.0, 1.0]);
         let mut environment_up = None;
@@ -34,7 +34,7 @@ impl FoundLight {
 
     /// Its lamps, to be edited.
     pub fn lamp_tables(&self) -> Vec<LampTable> {
-        let lamp = |lamp: &FoundLamp| LampTable {
+        let lamp = |lamp: &LampEstimate| LampTable {
             at_m: lamp.at_m,
             color: Some(Color::Rgb(lamp.shown_at_1_m)),
             intensity: None,
@@ -56,10 +56,10 @@ mod tests {
 
     #[test]
     fn a_scene_gets_lamps_to_edit_and_with_another_up_the_panorama_keeps_its_own() {
-        let found = FoundLight {
+        let found = LightFindings {
             up: Some([0.0, 0.0, 1.0]),
-            lamps: vec![FoundLamp { at_m: [1.0, 2.0, 2.4], shown_at_1_m: [5.0, 4.0, 3.0], diameter_m: 0.25 }],
-            ..FoundLight::of(&Err(String::new()), None)
+            lamps: vec![LampEstimate { at_m: [1.0, 2.0, 2.4], shown_at_1_m: [5.0, 4.0, 3.0], diameter_m: 0.25 }],
+            ..LightFindings::of(&Err(String::new()), None)
         };
         let put = |scene: &mut SceneFile| found.put_into(scene, Path::new("a.toml"), "a-light.hdr".to_owned());
         let mut scene = SceneFile::default();

@@ -6,14 +6,14 @@
 //!
 //!   L = t·min(|ξᵢ − A·ξⱼ|, |ξᵢ + A·ξⱼ|),   A = Ad(T_i⁻¹ T_j),   |ξ|² = ξᵀ·metric·ξ
 //!
-//! The error is about 0.04·L (simulated concrete and desks with exact poses and 2 to 45 px of blur).
-//! All n links of a blurred frame share it. Their mean does not reduce a shared error, so each link
-//! gets the variance n·(0.04·L)².
+//! The error is about 0.04·L (simulated concrete and desks with exact poses and 2 to 45 px of
+//! blur). All n links of a blurred frame share it. Their mean does not reduce a shared error, so
+//! each link gets the variance n·(0.04·L)².
 
 use nalgebra::Matrix6;
 
 use super::align::Link;
-use super::state::State;
+use super::state::CameraState;
 use crate::fit::twist::Twist;
 
 /// Alignment error per difference in blur length.
@@ -27,7 +27,7 @@ pub fn assumed_exposure_s(frame_interval_s: f64) -> f64 {
 }
 
 /// One standard deviation of a link's error by blur, px. `to_in_from`: the adjoint A.
-pub fn error_px(link: &Link, [from, to]: [&State; 2], to_in_from: &Matrix6<f64>, exposure_s: f64) -> f64 {
+pub fn error_px(link: &Link, [from, to]: [&CameraState; 2], to_in_from: &Matrix6<f64>, exposure_s: f64) -> f64 {
     let there: Twist = to_in_from * to.twist;
     let forth = link.displaced_px(&(from.twist - there));
     let back = link.displaced_px(&(from.twist + there));
@@ -58,9 +58,9 @@ pub mod tests {
         }
     }
 
-    fn moving(x_m_per_s: f64) -> State {
+    fn moving(x_m_per_s: f64) -> CameraState {
         let twist = twist::twist(DVec3::X * x_m_per_s, DVec3::ZERO);
-        State { world_from_camera: DAffine3::IDENTITY, twist }
+        CameraState { world_from_camera: DAffine3::IDENTITY, twist }
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Which frames are aligned with which, in one pass over the recording.
+//! Aligns pairs of frames in one pass over the recording.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -6,87 +6,89 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 
 use super::align::{Link, LinkFailure, align};
-use super::depths::{Depths, measured};
-use super::eye::Eye;
-use super::reading::frames;
-use super::state::State;
+use super::camera_model::CameraModel;
+use super::depth_source::{DepthSource, measured};
+use super::sparse_frames::frames;
+use super::state::CameraState;
 use super::view::View;
 use crate::camera::NoiseProfile;
 use crate::parallel::over_rows;
 use crate::pixels::Pixels;
 use crate::recording::{Recording, RecordingError};
 
-/// Frames that are made ready together, per thread.
-const BATCH: usize = 4;
+/// Frames that are prepared together, per thread.
+const BATCH_PER_THREAD: usize = 4;
 
-/// What a pass looks at.
+/// The pairs that a pass aligns.
 #[derive(Clone, Copy, Debug)]
 pub struct Pass<'a> {
     /// Distances between linked frames, in frames.
     pub gaps: &'a [usize],
-    /// Those of them at which later frames are aligned to earlier ones too.
-    pub back: &'a [usize],
-    /// More distances, at which only every so many frames are aligned to later ones.
-    pub rare: (&'a [usize], usize),
-    /// Levels of the pictures, from the finest to the coarsest: `usize::MAX` for all.
+    /// Those of the distances at which later frames are also aligned to earlier ones.
+    pub backward_gaps: &'a [usize],
+    /// Additional distances, and the stride of the frames that are aligned to later ones at these.
+    pub sparse: (&'a [usize], usize),
+    /// Coarsest pyramid level; `usize::MAX` for the coarsest there is.
     pub coarsest: usize,
-    /// No finer ones are looked at.
+    /// Finest pyramid level.
     pub finest: usize,
-    /// Whether each link says what the readout time lacks.
-    pub asks_readout: bool,
-    /// Only every so many frames are aligned to later ones.
-    pub every: usize,
-    /// Whether every frame is looked at, to find those that repeat.
+    /// Whether each link has a correction of the readout time.
+    pub estimates_readout: bool,
+    /// Stride of the frames that are aligned to later ones.
+    pub stride: usize,
+    /// Whether all frames are read to find repeated pictures.
     pub finds_repeats: bool,
 }
 
 impl Pass<'_> {
-    /// Whether a frame takes part.
+    /// True if a frame is part of a pair.
     fn needs(&self, index: usize) -> bool {
-        let begins = |gap: &usize| index.checked_sub(*gap).is_some_and(|from| from.is_multiple_of(self.every));
-        index.is_multiple_of(self.every) || self.gaps.iter().chain(self.rare.0).any(begins)
+        let begins = |gap: &usize| index.checked_sub(*gap).is_some_and(|from| from.is_multiple_of(self.stride));
+        index.is_multiple_of(self.stride) || self.gaps.iter().chain(self.sparse.0).any(begins)
     }
 }
 
-/// Aligned frames, in order of `from` of the later frame of each pair; `refused` of them found no match.
+/// Links in the order of the later frame of each pair.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub struct Links {
     pub good: Vec<Link>,
+    /// Number of pairs that could not be aligned, or whose link is not accepted.
     pub refused: usize,
-    /// Number of those that fail by [`LinkFailure::FewPoints`].
+    /// Number of refused pairs with [`LinkFailure::FewPoints`].
     #[serde(default)]
     pub few_points: usize,
-    /// So many of those in which noise takes much of the correlation.
+    /// Number of refused links in which noise accounts for much of the missing correlation.
     pub faint: usize,
-    /// One per frame: whether its picture has the code values of the one before. Only if it was asked for.
+    /// One per frame: whether its picture has the code values of the one before. Empty unless
+    /// requested.
     pub repeats: Vec<bool>,
-    /// How long it waited for pictures.
+    /// Time spent waiting for pictures.
     #[serde(skip)]
     pub waited: Duration,
 }
 
-/// `states`: one per frame; frames without one are left out. `seen` is told how far it is, and
-/// ends it by `false`. The result depends on
-/// neither `threads` nor time.
+/// Aligns the pairs of a pass. `states`: one per frame; frames without one are left out. `go_on`
+/// receives the index of the last frame of each batch, and ends the pass by `false`. The result is
+/// the same for any number of `threads`.
 #[expect(clippy::too_many_arguments)]
 pub fn links(
-    eye: &Eye,
+    model: &CameraModel,
     recording: &Recording,
-    states: &[Option<State>],
-    depths: &mut Depths<'_>,
+    states: &[Option<CameraState>],
+    depths: &mut DepthSource<'_>,
     pass: Pass<'_>,
     noise: Option<&NoiseProfile>,
     threads: usize,
-    seen: &mut dyn FnMut(usize) -> bool,
+    go_on: &mut dyn FnMut(usize) -> bool,
 ) -> Result<Links, RecordingError> {
-    let reach = pass.gaps.iter().chain(pass.rare.0).copied().max().unwrap_or(0);
+    let reach = pass.gaps.iter().chain(pass.sparse.0).copied().max().unwrap_or(0);
     let mut window: VecDeque<View> = VecDeque::new();
     let mut found = Links::default();
     let mut before: Option<Pixels> = None;
     let mut frames = frames(recording, (0..recording.frame_count()).filter(|n| pass.finds_repeats || pass.needs(*n)));
     loop {
         let begun = Instant::now();
-        let batch: Vec<_> = frames.by_ref().take(BATCH * threads.max(1)).collect::<Result<_, _>>()?;
+        let batch: Vec<_> = frames.by_ref().take(BATCH_PER_THREAD * threads.max(1)).collect::<Result<_, _>>()?;
         found.waited += begun.elapsed();
         let (Some(first), Some(last)) = (batch.first(), batch.last()) else { return Ok(found) };
         let (first, last) = (first.index, last.index);
@@ -105,8 +107,8 @@ pub fn links(
             let (frame, swept, view) = &mut slot[0];
             let state = states[frame.index].filter(|_| pass.needs(frame.index));
             *view = state.map(|state| {
-                let depth = swept.take().unwrap_or_else(|| measured(eye, frame, &state, later_s));
-                View::new(eye, frame, state, depth, pass.finest, noise)
+                let depth = swept.take().unwrap_or_else(|| measured(model, frame, &state, later_s));
+                View::new(model, frame, state, depth, pass.finest, noise)
             });
         });
         window.extend(views.into_iter().filter_map(|(.., view)| view));
@@ -114,20 +116,20 @@ pub fn links(
         let mut tasks = Vec::new();
         for index in first..=last {
             let Some(new) = at(index) else { continue };
-            let rare = pass.rare.0.iter().map(|gap| (gap, pass.rare.1));
-            for (gap, every) in pass.gaps.iter().map(|gap| (gap, pass.every)).chain(rare) {
+            let sparse = pass.sparse.0.iter().map(|gap| (gap, pass.sparse.1));
+            for (gap, stride) in pass.gaps.iter().map(|gap| (gap, pass.stride)).chain(sparse) {
                 let Some(old) = index.checked_sub(*gap).and_then(at) else { continue };
-                if (index - gap).is_multiple_of(every) {
+                if (index - gap).is_multiple_of(stride) {
                     tasks.push(((old, new), Err(LinkFailure::FewPoints)));
                 }
-                if pass.back.contains(gap) && index.is_multiple_of(pass.every) {
+                if pass.backward_gaps.contains(gap) && index.is_multiple_of(pass.stride) {
                     tasks.push(((new, old), Err(LinkFailure::FewPoints)));
                 }
             }
         }
         over_rows(&mut tasks, 1, threads, |_, slot| {
             let ((from, to), link) = &mut slot[0];
-            *link = align(eye, &window[*from], &window[*to], pass.coarsest, pass.asks_readout);
+            *link = align(model, &window[*from], &window[*to], pass.coarsest, pass.estimates_readout);
         });
         for (_, link) in tasks {
             match link {
@@ -142,7 +144,7 @@ pub fn links(
         while window.front().is_some_and(|view| view.index + reach <= last) {
             window.pop_front();
         }
-        if !seen(last) {
+        if !go_on(last) {
             return Ok(found);
         }
     }

@@ -1,89 +1,91 @@
-//! What the footage says of itself: where the camera really was, how its clocks and its shutter run, how bright each frame is.
+//! Estimates from the footage: camera poses, clocks, shutter, gain of each frame, sharpness and the
+//! room's light.
 //!
-//! Everything is estimated from the recording alone, with how sure it is, and refused where the footage cannot tell. The result
-//! is an [`Analysis`], a folder of text beside the recording, which frames are composited by ([`crate::shot`]). The design
-//! follows direct visual odometry (Engel 2018) and pose graphs; each file gives its formulas.
+//! Everything is estimated from the recording alone, with its uncertainty, and refused where the
+//! footage is not sufficient. The result is an [`Analysis`], a folder of text beside the recording,
+//! which compositing applies ([`crate::shot`]). The design follows direct visual odometry (Engel
+//! 2018) and pose graphs; each file gives its formulas.
 
 mod accept;
-mod across;
 mod align;
 mod artefact;
-mod blurred;
-mod boxes;
-mod carried;
+mod blur_frame;
+mod box_blur;
+mod camera_model;
+mod capture_info;
+mod checkpoint;
 mod clocks;
 mod cross_blur;
 mod dependencies;
+mod depth_at_frame;
 mod depth_clock;
-mod depths;
+mod depth_source;
 mod edges;
-mod eye;
+mod evaluation;
 mod findings;
-mod found_light;
+mod folder;
 mod fusion;
 mod gain;
 mod gain_graph;
-mod global;
-mod graph;
-mod ground;
 mod inputs;
 mod interrupted;
-mod judging;
 mod light;
+mod light_findings;
 mod light_table;
 mod link_blur;
+mod link_failure;
 mod links;
-mod lit_anew;
-mod mesh;
-mod moving;
+mod motion_only;
 mod noise_level;
-mod part;
-mod path;
+mod pass_runner;
+mod plane_sweep;
+mod pose_graph;
 mod progress;
 mod pyramid;
-mod reading;
-mod recorded_way;
-mod registered;
+mod recorded_motion;
 mod registration;
+mod registration_result;
+mod relight;
+mod rig_offset;
 mod robust;
 mod sharpness;
 mod shutter;
+mod sparse_frames;
+mod spatial_gain;
 mod spread;
 mod stale;
 mod state;
+mod support_report;
 mod surfel_file;
-mod sweep;
-mod taken;
 mod times;
 mod tone;
 mod track;
-mod unlinked;
+mod trajectory;
 mod view;
-mod working;
-mod written;
+mod warp_mesh;
 
 pub use accept::{Accepted, Outcome, accept};
-pub use across::Fitted;
 pub use artefact::{Analysis, AnalysisError, ENVIRONMENT, FILE_NAME, beside, digest};
-pub(crate) use blurred::unit_noise;
-pub(crate) use eye::is_same;
+pub(crate) use blur_frame::unit_noise;
+pub(crate) use camera_model::is_same_surface;
+pub use capture_info::CaptureInfo;
+pub use checkpoint::Checkpoints;
 pub use findings::Findings;
-pub use found_light::{Environment, FoundLight};
-pub use ground::{Ground, KnownBy, write_grounds};
+pub use folder::{check_folder, check_writable};
 pub use interrupted::Interrupted;
-pub use light::{FoundLamp, LAMP_M, MOST_LAMPS, WHITE};
+pub use light::{ASSUMED_LAMP_DIAMETER_M, LampEstimate, MAX_LAMPS, WHITE_REFLECTANCE};
+pub use light_findings::{Environment, LightFindings};
 pub use light_table::panorama_beside;
-pub use lit_anew::lit_anew;
-pub use part::Part;
 pub use progress::{Progress, Stage};
 pub(crate) use pyramid::{Plane, gaussian};
-pub use registered::{Missed, RegistrationError, Verdict};
+pub use registration_result::{HeldOutResidual, RegistrationError, Verdict};
+pub use relight::relight;
 pub use sharpness::{drawn_spread_px, footage_spread_px, still_frames};
-pub use spread::EDGES_STEP_PX;
-pub use taken::Taken;
+pub use spatial_gain::SpatialGainFit;
+pub use spread::EDGE_BIN_PX;
+pub use support_report::{PlaneSource, SupportReport, write_support_reports};
 pub use times::Times;
 pub use tone::Band as ToneBand;
-pub use written::{check_folder, check_writable};
 
 use std::time::Instant;
 
@@ -94,177 +96,186 @@ use crate::camera::Geometry;
 use crate::frame::Surfel;
 use crate::pose::held_up;
 use crate::recording::Recording;
-use across::OfPair;
-use depths::Depths;
-use eye::Eye;
-use findings::Gained;
+use camera_model::CameraModel;
+use depth_source::DepthSource;
+use findings::GainFindings;
 use gain::{GAPS, Gains, Pair};
-use progress::{Passes, by_the_clock};
-use shutter::{Said, Shutter};
-use state::State;
-use tone::Toned;
+use progress::{Passes, with_timed_progress};
+use shutter::{Shutter, ShutterEvidence};
+use spatial_gain::SpatialGainPair;
+use state::CameraState;
+use tone::ToneSample;
 
-/// Distances of pairs by which the gains are judged, frames.
-const HELD_OUT: [usize; 3] = [3, 7, 13];
+/// Distances between the frames of held-out pairs for the gains.
+const HELD_OUT_GAPS: [usize; 3] = [3, 7, 13];
 
-/// Frames whose light differs by less, ln, root mean square, are equally bright.
-const STEADY: f64 = 0.01;
-/// The same by refused poses that nothing confirms. Small gains of neighbouring frames are then wrong by up to ln 0.003 each.
-const STEADY_BY_UNSURE_POSES: f64 = 0.1;
+/// Largest root mean square log ratio of held-out pairs for which frames count as equally bright,
+/// ln.
+const STEADY_LN: f64 = 0.01;
+/// The same for refused poses without confirmation. Gains of neighbouring frames then have errors
+/// of up to ln 0.003 each.
+const STEADY_LN_UNCONFIRMED_POSES: f64 = 0.1;
 
-/// Gains that leave more than this share of what they explain, root mean square, are not the camera's: frames that show other
-/// places than their poses say differ as well.
-const EXPLAINED: f64 = 1.0 / 3.0;
+/// Largest residual of held-out pairs by their log ratio, root mean square. Above it the log ratios
+/// are not gains of the camera: frames with wrong poses show different places, which differ in
+/// brightness, too.
+const MAX_RESIDUAL_SHARE: f64 = 1.0 / 3.0;
 
-/// Analyses a whole recording taken with `camera`. `told` receives the progress; its error ends
-/// the work, and `part` keeps the finished stages. The analysis is the same for any number of
-/// `threads`, bit for bit. The second result is the time of each part.
+/// Analyses a whole recording taken with `camera`. `report` receives the progress; its error ends
+/// the work, and `checkpoints` stores the finished stages. The analysis is the same for any number
+/// of `threads`, bit for bit. The second result has the duration of each part.
 pub fn analyse(
     recording: &Recording,
     camera: &Geometry,
-    taken: &Taken<'_>,
+    capture: &CaptureInfo<'_>,
     threads: usize,
-    part: &mut Part,
-    told: &mut dyn FnMut(Progress) -> Result<(), Interrupted>,
+    checkpoints: &mut Checkpoints,
+    report: &mut dyn FnMut(Progress) -> Result<(), Interrupted>,
 ) -> Result<(Analysis, Times), RegistrationError> {
     let frames = recording.frame_count();
     let mut passes = Passes { path: 0, exposure: frames };
     let mut times = Times::default();
     let begun = Instant::now();
     let registration =
-        registration::register(recording, camera, taken.noise, threads, part, &mut times, &mut |done, of| {
+        registration::register(recording, camera, capture.noise, threads, checkpoints, &mut times, &mut |done, of| {
             passes.path = of;
-            told(passes.progress(Stage::Path, done))
+            report(passes.progress(Stage::Path, done))
         })?;
-    let mut seen_by = camera.clone();
-    seen_by.intrinsics.readout_time_s = registration.readout_s;
-    let eye = sweep::eye_of(seen_by, recording, &registration.states);
+    let mut geometry = camera.clone();
+    geometry.intrinsics.readout_time_s = registration.readout_s;
+    let model = plane_sweep::camera_model_for(geometry, recording, &registration.states);
     let is_refused = matches!(registration.verdict, Verdict::Refused(_));
-    // A clock of depth that was found by refused poses is none.
+    // An offset of depth's clock by refused poses is not used.
     let later_s = if is_refused { 0.0 } else { registration.depth_later_s() };
     let states = registration.states.as_slice();
-    let compared = part.stage(|| {
-        compared(recording, &eye, taken, (states, later_s), is_refused, threads, &mut times, &mut |n| {
-            told(passes.progress(Stage::Exposure, n))
+    let comparison = checkpoints.stage(|| {
+        compare_frames(recording, &model, capture, (states, later_s), is_refused, threads, &mut times, &mut |n| {
+            report(passes.progress(Stage::Exposure, n))
         })
     })?;
-    // Registration fails for reasons that leave the poses good enough for brightness, blur and light.
-    let is_placed = !is_refused || compared.tried.confirms_poses();
+    // Registration can fail for reasons that leave the poses good enough for brightness, blur and
+    // light.
+    let has_poses = !is_refused || comparison.pair_counts.confirms_poses();
     let (used, held_out): (Vec<Pair>, Vec<Pair>) =
-        compared.pairs.iter().partition(|pair| GAPS.contains(&(pair.to - pair.from)));
-    let found = times.of(times::GAIN, || gain_graph::solve(&used, frames));
-    let steady = if is_placed { STEADY } else { STEADY_BY_UNSURE_POSES };
-    let told_of = gain_graph::left(&held_out, &found).map(|(recorded, left)| Gained {
+        comparison.pairs.iter().partition(|pair| GAPS.contains(&(pair.to - pair.from)));
+    let solved = times.of(times::GAIN, || gain_graph::solve(&used, frames));
+    let steady_ln = if has_poses { STEADY_LN } else { STEADY_LN_UNCONFIRMED_POSES };
+    let gain = gain_graph::residuals(&held_out, &solved).map(|(recorded, left)| GainFindings {
         pairs: used.len(),
         recorded,
         left,
-        range_ev: range_ev(&found),
-        is_followed: recorded > steady && left < EXPLAINED * recorded,
+        range_ev: range_ev(&solved),
+        is_followed: recorded > steady_ln && left < MAX_RESIDUAL_SHARE * recorded,
     });
-    let gains_of = if told_of.as_ref().is_some_and(|gain| gain.is_followed) { found } else { Vec::new() };
-    let across = match gains_of.is_empty() || !is_placed {
-        true => None,
-        false => times.of(times::GAIN, || across::solve(&compared.across, frames)),
+    let gains = if gain.as_ref().is_some_and(|gain| gain.is_followed) { solved } else { Vec::new() };
+    let across = if gains.is_empty() || !has_poses {
+        None
+    } else {
+        times.of(times::GAIN, || spatial_gain::solve(&comparison.across, frames))
     };
-    let exposed = match is_placed {
-        true => compared.said.exposed(frames),
-        false => Err("where the camera was is not known".to_owned()),
+    let exposure = if has_poses {
+        comparison.shutter.exposure_runs(frames)
+    } else {
+        Err("where the camera was is not known".to_owned())
     };
-    let known = sharpness::Known {
+    let inputs = sharpness::SharpnessInputs {
         states: &registration.states,
         depth_later_s: later_s,
-        exposed: exposed.as_ref().map_or(&[][..], |exposed| &exposed.runs),
+        exposure_runs: exposure.as_ref().map_or(&[][..], |exposure| &exposure.runs),
     };
     let passes_took = begun.elapsed();
-    told(passes.progress(Stage::Sharpness, 0))?;
-    let spread = times.of(times::SHARPNESS, || sharpness::of_recording(recording, &eye, taken, &known, threads))?;
-    told(passes.progress(Stage::Light, 0))?;
-    let factors = artefact::filled(&gains_of);
-    let rotation = |state: &State| DQuat::from_mat3(&state.world_from_camera.matrix3);
-    let known = light::Known {
+    report(passes.progress(Stage::Sharpness, 0))?;
+    let spread =
+        times.of(times::SHARPNESS, || sharpness::of_recording(recording, &model, capture, &inputs, threads))?;
+    report(passes.progress(Stage::Light, 0))?;
+    let factors = artefact::gain_factors(&gains);
+    let rotation = |state: &CameraState| DQuat::from_mat3(&state.world_from_camera.matrix3);
+    let inputs = light::LightInputs {
         recording,
-        eye: &eye,
-        response: taken.response,
+        model: &model,
+        response: capture.response,
         states,
         later_s,
         gains: &factors,
         up: recording.up.unwrap_or_else(|| held_up(states.iter().flatten().map(rotation))),
         threads,
     };
-    let (light, surfels) = if is_placed {
+    let (light, surfels) = if has_poses {
         let work = || -> Result<_, RegistrationError> {
-            let surfels = if is_refused { Vec::new() } else { part.stage(|| fusion::surfels(&known, &mut times))? };
-            Ok((part.stage(|| light::of_recording(&known, None, &mut times))?, surfels))
+            let surfels =
+                if is_refused { Vec::new() } else { checkpoints.stage(|| fusion::surfels(&inputs, &mut times))? };
+            Ok((checkpoints.stage(|| light::of_recording(&inputs, None, &mut times))?, surfels))
         };
-        by_the_clock(work, &mut |elapsed| {
-            told(passes.progress(Stage::Light, passes.light_after(elapsed, passes_took)))
+        with_timed_progress(work, &mut |elapsed| {
+            report(passes.progress(Stage::Light, passes.light_after(elapsed, passes_took)))
         })??
     } else {
         (Err("where the camera was is not known".to_owned()), Vec::new())
     };
     let surfels: Vec<Surfel> = surfels.into_iter().map(Surfel::from_array).collect();
-    let tone = match (is_placed, gains_of.is_empty()) {
-        (true, false) => tone::bands(&compared.toned),
+    let tone = match (has_poses, gains.is_empty()) {
+        (true, false) => tone::bands(&comparison.tone_samples),
         (true, true) => Err("frames are equally bright".to_owned()),
         (false, _) => Err("where the camera was is not known".to_owned()),
     };
-    let told_of = match told_of {
-        Some(gain) if !is_placed && !gain.is_followed => {
+    let gain = match gain {
+        Some(gain) if !has_poses && !gain.is_followed => {
             Err("the poses were refused, and without them the pictures do not tell it".to_owned())
         }
-        told_of => told_of.ok_or_else(|| compared.tried.why()),
+        gain => gain.ok_or_else(|| comparison.pair_counts.why()),
     };
-    let found = artefact::Found { gain: told_of, gains: &gains_of, across, exposed, spread, tone, light, surfels };
-    Ok((Analysis::new(recording, camera, &registration, found), times))
+    let estimates = artefact::Estimates { gain, gains: &gains, across, exposure, spread, tone, light, surfels };
+    Ok((Analysis::new(recording, camera, &registration, estimates), times))
 }
 
-/// What one more pass over the recording gives.
+/// Comparisons between frames, from one pass over the recording.
 #[derive(Default, Serialize, Deserialize)]
-struct Compared {
+struct FrameComparison {
     pairs: Vec<Pair>,
-    said: Said,
-    toned: Vec<Toned>,
-    across: Vec<OfPair>,
-    tried: gain::Tried,
+    shutter: ShutterEvidence,
+    tone_samples: Vec<ToneSample>,
+    across: Vec<SpatialGainPair>,
+    pair_counts: gain::PairCounts,
 }
 
-/// `states`: one per frame, with what is added to the depth maps' times, s. `is_unsure`: whether registration refused them.
+/// Compares the frames of a recording. `states`: one per frame, and the time that is added to the
+/// depth maps' times, s. `is_unsure`: whether registration refused the states.
 #[expect(clippy::too_many_arguments)]
-fn compared(
+fn compare_frames(
     recording: &Recording,
-    eye: &Eye,
-    taken: &Taken<'_>,
-    (states, later_s): (&[Option<State>], f64),
+    model: &CameraModel,
+    capture: &CaptureInfo<'_>,
+    (states, later_s): (&[Option<CameraState>], f64),
     is_unsure: bool,
     threads: usize,
     times: &mut Times,
-    told: &mut dyn FnMut(usize) -> Result<(), Interrupted>,
-) -> Result<Compared, RegistrationError> {
-    let gaps: Vec<usize> = GAPS.into_iter().chain(HELD_OUT).collect();
-    let mut gains = Gains::new(eye, taken, &gaps, is_unsure, threads);
+    report: &mut dyn FnMut(usize) -> Result<(), Interrupted>,
+) -> Result<FrameComparison, RegistrationError> {
+    let gaps: Vec<usize> = GAPS.into_iter().chain(HELD_OUT_GAPS).collect();
+    let mut gains = Gains::new(model, capture, &gaps, is_unsure, threads);
     let (times_s, interval_s) = (&recording.timestamps_s, recording.frame_interval_s);
-    let mut shutter = Shutter::new(eye, taken.response, taken.noise, states, times_s, interval_s, threads);
-    let mut depths = Depths::new(eye, recording, states, later_s, threads)?;
+    let mut shutter = Shutter::new(model, capture.response, capture.noise, states, times_s, interval_s, threads);
+    let mut depths = DepthSource::new(model, recording, states, later_s, threads)?;
     let mut coming = recording.frames(0..recording.frame_count())?;
     while let Some(frame) = times.of(times::READING, || coming.next()) {
         let frame = frame?;
-        told(frame.index)?;
+        report(frame.index)?;
         if let Some(state) = states[frame.index] {
-            let depth = times.of(times::DEPTHS, || depths.of(eye, &frame, &state))?;
+            let depth = times.of(times::DEPTHS, || depths.of(model, &frame, &state))?;
             times.of(times::GAIN, || gains.add(&frame, state, &depth, recording.landmarks(frame.index)));
             times.of(times::EXPOSURE, || shutter.add(&frame, state, &depth));
         }
     }
-    Ok(Compared {
+    Ok(FrameComparison {
         pairs: gains.pairs,
-        said: shutter.said(),
-        toned: gains.toned,
+        shutter: shutter.evidence(),
+        tone_samples: gains.tone_samples,
         across: gains.across,
-        tried: gains.tried,
+        pair_counts: gains.counts,
     })
 }
 
-/// Of green, the brightest frame by the darkest, stops.
+/// Ratio of the brightest to the darkest frame in green, stops.
 fn range_ev(gains: &[Option<[f64; 3]>]) -> f64 {
     let green = || gains.iter().flatten().map(|g| g[1]);
     let (low, high) = (green().fold(f64::INFINITY, f64::min), green().fold(f64::NEG_INFINITY, f64::max));

@@ -1,17 +1,18 @@
-//! Noise of a frame's brightness at each pyramid level, and the correlation that it leaves of two aligned pictures.
+//! Noise of a frame's brightness at each pyramid level, and the correlation that it leaves of two
+//! aligned pictures.
 //!
-//! Two pictures of one signal of variance s², each with noise of variance n² of its own, correlate by s² / (s² + n²)
-//! where they are perfectly aligned (the classical attenuation of a correlation, Spearman 1904). The variance v = s² + n² of
-//! the aligned points is measured, so that
+//! Two pictures of one signal of variance s², each with noise of variance n² of its own, correlate
+//! by s² / (s² + n²) where they are perfectly aligned (the classical attenuation of a correlation,
+//! Spearman 1904). The variance v = s² + n² of the aligned points is measured, so that
 //!
 //!   ρ = √((1 − n₁²/v₁) · (1 − n₂²/v₂))
 //!
 //! n² is the smaller of two upper bounds:
 //!
-//! - The camera's noise profile: σ² of luma at the picture's codes, times Σᵢⱼ wᵢ wⱼ ρ(i − j) along both axes for the weights w of
-//!   the level's smoothing.
-//! - The variance of the flattest blocks of the level, each without its own plane: a wall's noise, or a plain floor's noise and
-//!   texture. Without a profile it counts up to `MAX_WITHOUT_PROFILE`.
+//! - The camera's noise profile: σ² of luma at the picture's codes, times Σᵢⱼ wᵢ wⱼ ρ(i − j) along
+//!   both axes for the weights w of the level's smoothing.
+//! - The variance of the flattest blocks of the level, each without its own plane: a wall's noise,
+//!   or a plain floor's noise and texture. Without a profile it counts up to `MAX_WITHOUT_PROFILE`.
 
 use super::pyramid::{Plane, gaussian};
 use crate::camera::{NoiseProfile, correlations, variance_left};
@@ -21,17 +22,20 @@ use crate::pixels::Pixels;
 const LUMA: [f64; 3] = [0.299, 0.587, 0.114];
 /// Every so many pixels each way the profile's σ is looked up.
 const STRIDE: u32 = 8;
-/// Side of a block, px of the level, and the share of all blocks that is flatter than the noise's bound.
+/// Side of a block, px of the level, and the share of all blocks that is flatter than the noise's
+/// bound.
 const BLOCK: usize = 16;
 const FLATTEST: f64 = 0.1;
 /// Blocks whose mean lies outside may be clipped, codes.
 const UNCLIPPED: (f32, f32) = (4.0, 250.0);
-/// Largest noise variance of any level that is believed without a profile, codes²: on gravel the flattest blocks are texture.
+/// Largest noise variance of any level that is believed without a profile, codes²: on gravel the
+/// flattest blocks are texture.
 const MAX_WITHOUT_PROFILE: f64 = 4.0;
 /// Binomial weights of one halving (Burt and Adelson 1983).
 const HALVING: [f32; 5] = [1.0 / 16.0, 4.0 / 16.0, 6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
 
-/// Noise variance of luma by a profile, codes² of 255, before any smoothing; mean over the picture's codes.
+/// Noise variance of luma by a profile, codes² of 255, before any smoothing; mean over the
+/// picture's codes.
 pub fn luma_variance(profile: &NoiseProfile, pixels: &Pixels) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for y in (0..pixels.height).step_by(STRIDE as usize) {
@@ -52,7 +56,8 @@ pub fn share_kept(profile: &NoiseProfile, level: usize) -> f64 {
     profile.neighbour_correlation.map(|neighbour| variance_left(&weights, &correlations(neighbour))).iter().product()
 }
 
-/// Weights along one axis of the picture that make a pixel of a level: a Gaussian for the finest, repeated halvings for the others.
+/// Weights along one axis of the picture that make a pixel of a level: a Gaussian for the finest,
+/// repeated halvings for the others.
 fn smoothing(level: usize) -> Vec<f32> {
     if level == 0 {
         let side = gaussian(1.0);
@@ -76,7 +81,8 @@ pub fn variance_bound(by_profile: Option<f64>, picture: &Plane) -> f64 {
     flattest_variance(picture).map_or(0.0, |by_blocks| by_profile.unwrap_or(MAX_WITHOUT_PROFILE).min(by_blocks))
 }
 
-/// Upper bound on the noise variance of a level, codes², by its flattest blocks. `None` where no block is free of clipping.
+/// Upper bound on the noise variance of a level, codes², by its flattest blocks. `None` where no
+/// block is free of clipping.
 fn flattest_variance(picture: &Plane) -> Option<f64> {
     let (across, down) = (picture.width / BLOCK, picture.height / BLOCK);
     let blocks = (0..down).flat_map(|y| (0..across).map(move |x| (BLOCK * x, BLOCK * y)));
@@ -106,7 +112,8 @@ fn about_its_plane(picture: &Plane, left: usize, top: usize) -> Option<f64> {
     Some((left / (count - 3.0)).max(0.0))
 }
 
-/// Expected correlation of two aligned pictures, each given by the variance of its points and the variance of its noise.
+/// Expected correlation of two aligned pictures, each given by the variance of its points and the
+/// variance of its noise.
 pub fn expected_correlation(of: [(f64, f64); 2]) -> f64 {
     of.iter().map(|(variance, noise)| (1.0 - noise / variance.max(1e-12)).max(0.0)).product::<f64>().sqrt()
 }

@@ -6,27 +6,29 @@ use std::time::{Duration, Instant};
 
 use super::interrupted::Interrupted;
 
-/// Frames of a pass that take about as long as the search for lamps, however many frames there are.
-const SEARCH_FRAMES: usize = 150;
-/// From one report by the clock to the next.
-const TICK: Duration = Duration::from_millis(200);
+/// Duration of the search for lamps, in frames of a pass. It does not depend on the length of the
+/// recording.
+const LAMP_SEARCH_FRAMES: usize = 150;
+/// Interval of the reports in [`with_timed_progress`].
+const REPORT_INTERVAL: Duration = Duration::from_millis(200);
 
-/// Progress of an analysis, and the part of it that runs.
+/// Progress of an analysis, and its current stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
-    /// Of `of`, about in proportion to the time that it takes.
+    /// Out of `of`, about proportional to time.
     pub done: usize,
     pub of: usize,
     pub stage: Stage,
 }
 
-/// The parts of an analysis that a user waits for.
+/// The stages of an analysis that are shown to a user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     Path,
     Exposure,
     Sharpness,
-    /// The steps of its search for lamps cannot be counted beforehand: its progress follows the clock.
+    /// The number of steps of its lamp search is not known beforehand. Its progress follows elapsed
+    /// time.
     Light,
 }
 
@@ -41,12 +43,12 @@ impl Stage {
     }
 }
 
-/// The frames that an analysis looks at, by its passes over the recording.
+/// Numbers of frames that the passes over the recording process.
 #[derive(Clone, Copy, Debug)]
 pub struct Passes {
-    /// To find the camera's path.
+    /// Registration.
     pub path: usize,
-    /// To compare the frames' exposures.
+    /// Comparison of frames for gain and exposure.
     pub exposure: usize,
 }
 
@@ -55,22 +57,22 @@ impl Passes {
         self.path + self.exposure
     }
 
-    /// Sharpness takes about a twentieth of the time that the passes take.
+    /// Sharpness takes about a twentieth of the time of the passes.
     fn sharpness(self) -> usize {
         self.frames() / 20
     }
 
-    /// The light takes as much to gather it, and its search for lamps.
+    /// Gathering the light takes a twentieth as well; then lamps are searched.
     fn light(self) -> usize {
-        self.frames() / 20 + SEARCH_FRAMES
+        self.frames() / 20 + LAMP_SEARCH_FRAMES
     }
 
     fn of(self) -> usize {
         self.frames() + self.sharpness() + self.light()
     }
 
-    /// The frames of [`Stage::Light`] after a time, where the passes took `passes_took`. They approach those of the whole
-    /// stage: three quarters are done after the time that is expected.
+    /// Estimated progress of [`Stage::Light`] in frames, if the passes took `passes_took`. It
+    /// approaches the whole stage exponentially, with three quarters at the expected duration.
     pub fn light_after(self, elapsed: Duration, passes_took: Duration) -> usize {
         let share_of_passes = self.light() as f64 / self.frames().max(1) as f64;
         let expected_s = (share_of_passes * passes_took.as_secs_f64()).max(1.0);
@@ -78,7 +80,7 @@ impl Passes {
         (share * self.light() as f64) as usize
     }
 
-    /// After so many frames of a stage.
+    /// The progress after a number of frames of a stage.
     pub fn progress(self, stage: Stage, frames: usize) -> Progress {
         let passes = self.frames();
         let done = match stage {
@@ -91,31 +93,32 @@ impl Passes {
     }
 }
 
-/// Works on a thread of its own, and reports on this one how long it has worked. The work ends before an interruption does.
-pub fn by_the_clock<T: Send>(
+/// Runs `work` on a thread of its own, and calls `report` with the elapsed time on this one. After
+/// an interruption it still waits for `work` to end.
+pub fn with_timed_progress<T: Send>(
     work: impl FnOnce() -> T + Send,
-    told: &mut dyn FnMut(Duration) -> Result<(), Interrupted>,
+    report: &mut dyn FnMut(Duration) -> Result<(), Interrupted>,
 ) -> Result<T, Interrupted> {
     let begun = Instant::now();
     let work = Mutex::new(Some(work));
     let take = || work.lock().unwrap_or_else(PoisonError::into_inner).take().map(|work| work());
     let (sender, done) = channel();
-    let (made, told) = std::thread::scope(|scope| {
+    let (made, report) = std::thread::scope(|scope| {
         let working = std::thread::Builder::new().spawn_scoped(scope, move || drop(sender.send(take())));
         let mut so_far = Ok(());
         // A thread that cannot be spawned, or panics, hangs up; the scope propagates a panic.
         let made = loop {
-            match done.recv_timeout(TICK) {
+            match done.recv_timeout(REPORT_INTERVAL) {
                 Ok(made) => break made,
-                Err(RecvTimeoutError::Timeout) => so_far = so_far.and_then(|()| told(begun.elapsed())),
+                Err(RecvTimeoutError::Timeout) => so_far = so_far.and_then(|()| report(begun.elapsed())),
                 Err(RecvTimeoutError::Disconnected) => break None,
             }
         };
         drop(working);
         (made, so_far)
     });
-    told?;
-    // Where no thread could be had.
+    report?;
+    // If no thread could be spawned, the work runs here.
     made.or_else(take).ok_or(Interrupted)
 }
 
@@ -124,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_last_stages_are_part_of_the_whole() {
+    fn total_includes_the_last_stages() {
         let passes = Passes { path: 300, exposure: 100 };
         let at = |stage, frames| passes.progress(stage, frames).done;
         let order = [at(Stage::Path, 300), at(Stage::Exposure, 100), at(Stage::Sharpness, 0), at(Stage::Light, 0)];
@@ -132,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn light_moves_on_all_the_while_and_never_ends_too_early() {
+    fn light_progress_is_monotonic_and_ends_at_the_total() {
         let passes = Passes { path: 300, exposure: 100 };
         let after = |s: f64| passes.light_after(Duration::from_secs_f64(s), Duration::from_secs(40));
         // 170 frames take 17 s where 400 took 40.
@@ -143,17 +146,17 @@ mod tests {
     }
 
     #[test]
-    fn work_by_the_clock_reports_while_it_works() {
+    fn timed_progress_reports_during_the_work() {
         let mut reports = 0;
-        let work = || std::thread::sleep(3 * TICK);
-        by_the_clock(work, &mut |_| {
+        let work = || std::thread::sleep(3 * REPORT_INTERVAL);
+        with_timed_progress(work, &mut |_| {
             reports += 1;
             Ok(())
         })
         .unwrap();
         assert!(reports > 0);
-        assert_eq!(by_the_clock(|| 7, &mut |_| Ok(())), Ok(7));
-        let interrupted = by_the_clock(|| std::thread::sleep(2 * TICK), &mut |_| Err(Interrupted));
+        assert_eq!(with_timed_progress(|| 7, &mut |_| Ok(())), Ok(7));
+        let interrupted = with_timed_progress(|| std::thread::sleep(2 * REPORT_INTERVAL), &mut |_| Err(Interrupted));
         assert_eq!(interrupted, Err(Interrupted));
     }
 }

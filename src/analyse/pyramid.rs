@@ -32,7 +32,8 @@ impl Plane {
         Self { width: pixels.width as usize, height: pixels.height as usize, values }
     }
 
-    /// Bilinear, at coordinates whose whole numbers are pixel centres; `None` beyond the outermost centres.
+    /// Bilinear, at coordinates whose whole numbers are pixel centres; `None` beyond the outermost
+    /// centres.
     #[inline]
     pub fn at(&self, x: f32, y: f32) -> Option<f32> {
         if !(x >= 0.0 && y >= 0.0) {
@@ -50,7 +51,8 @@ impl Plane {
         Some(a + fy * (b - a))
     }
 
-    /// Convolved along rows and columns with a symmetric kernel: its middle, then one side. Edges repeat.
+    /// Convolved along rows and columns with a symmetric kernel: its middle, then one side. Edges
+    /// repeat.
     pub fn filtered(&self, kernel: &[f32]) -> Self {
         let (w, h) = (self.width, self.height);
         let reach = kernel.len() - 1;
@@ -78,8 +80,8 @@ impl Plane {
         down
     }
 
-    /// Half as large: smoothed by (1 4 6 4 1)/16, then every other pixel from the first (Burt and Adelson 1983). Its pixel k
-    /// stands on this one's pixel 2k.
+    /// Half as large: smoothed by (1 4 6 4 1)/16, then every other pixel from the first (Burt and
+    /// Adelson 1983). Its pixel k stands on this one's pixel 2k.
     pub fn halved(&self) -> Self {
         let smooth = self.filtered(&[6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0]);
         let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));

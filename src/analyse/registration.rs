@@ -1,107 +1,118 @@
-//! Where the camera really was: what was recorded, corrected by the pictures.
+//! Registration: refines the recorded camera poses by direct alignment of the pictures.
 //!
-//! In turn: clocks, readout and depth's delay on a few links; seven numbers that are wrong in all poses alike ([`clocks`]); a
-//! graph of links between frames 1 to 20 apart; once more with the motion by the refined poses, which recorded jitter spoils.
-//! Then a gate: links that are held out of the fit (3 and 7 apart) say how much was wrong and how much still is. They share the
-//! aligner's own bias and flatter small corrections, so poses that are nearly right are kept as they were recorded, bit for bit.
+//! 1. Clock offset, hand-eye offset, readout time and depth's clock, by a few links ([`clocks`]).
+//! 2. A pose graph of links between frames 1 to 20 apart ([`pose_graph`]).
+//! 3. Readout time and depth's clock again, without the bias by recorded jitter.
+//! 4. Links and pose graph again, from the refined poses.
+//! 5. Acceptance by held-out links (frames 3 and 7 apart): their residuals by recorded and by
+//!    refined poses. They share the aligner's own bias and favour small corrections, so poses that
+//!    are nearly right are kept as recorded, bit for bit.
 //!
-//! Where no depth was measured, poses stay, and only the motion is the pictures' ([`moving`]).
+//! Without measured depth the poses stay, and only the motion is refined ([`motion_only`]).
 
 use super::align::Link;
-use super::clocks::{self, AGAIN, AGAIN_FRAMES, CLOCK_FRAMES, Known, RIGHT_PX, ROUNDS};
-use super::eye::Eye;
-use super::graph;
+use super::camera_model::CameraModel;
+use super::checkpoint::Checkpoints;
+use super::clocks::{
+    self, CLOCK_FRAMES, CLOCK_ITERATIONS, REFINED_CLOCK_FRAMES, REFINED_CLOCK_ITERATIONS, RIGHT_PX, SharedParameters,
+};
+use super::evaluation::{align_gauge, copy_repeated_states, held_out_residuals, median_residual_px};
 use super::interrupted::Interrupted;
-use super::judging::{asked, in_gauge, judged, repeated};
 use super::link_blur::assumed_exposure_s;
 use super::links::Pass;
-use super::moving;
-use super::part::Part;
-use super::path;
-use super::recorded_way::moves_as_recorded;
-use super::registered::{Missed, Registration, RegistrationError, Verdict, recorded};
+use super::motion_only;
+use super::pass_runner::PassRunner;
+use super::pose_graph;
+use super::recorded_motion::moves_as_recorded;
+use super::registration_result::{HeldOutResidual, Registration, RegistrationError, Verdict, recorded};
 use super::robust::median;
-use super::state::State;
+use super::state::CameraState;
 use super::times::{self, Times};
 use super::track::MOST_INTERVALS;
-use super::working::Work;
+use super::trajectory;
 use crate::camera::{Geometry, NoiseProfile};
 use crate::fit::twist::{self, Twist};
 use crate::recording::Recording;
 
 /// Distances between linked frames.
-const LINKED: [usize; 5] = [1, 2, 5, 10, 20];
+const LINK_GAPS: [usize; 5] = [1, 2, 5, 10, 20];
 const HELD_OUT: [usize; 2] = [3, 7];
-/// Recordings with more frames are linked sparsely: later frames to earlier ones only where these are so many apart, and one link
-/// in so many is held out.
-const LONG: usize = 1000;
-const LONG_BACK: [usize; 0] = [];
-const LONG_HELD_OUT: usize = 4;
-/// Held-out links must fit better by this share.
-const GAINED: f64 = 0.3;
-/// Refused above this, px, or with so many links missing.
-const WRONG_PX: f64 = 0.75;
-const MISSING: f64 = 0.25;
+/// Recordings with more frames are linked sparsely: without links from later to earlier frames, and
+/// with every fourth held-out link.
+const LONG_RECORDING_FRAMES: usize = 1000;
+const LONG_BACKWARD_GAPS: [usize; 0] = [];
+const LONG_HELD_OUT_STRIDE: usize = 4;
+/// Smallest relative reduction of the held-out residuals by refined poses.
+const MIN_IMPROVEMENT: f64 = 0.3;
+/// Largest held-out residual of refined poses, px, and largest fraction of missing links.
+/// Registration fails above.
+const MAX_HELD_OUT_PX: f64 = 0.75;
+const MAX_MISSING_SHARE: f64 = 0.25;
 
-/// `noise`: the camera's, if that was calibrated. `told(done, of)`: how far it is, in frames; an error ends it.
+/// `noise`: the camera's, if calibrated. `report(done, of)` receives the progress in frames; its
+/// error ends the work.
 pub fn register(
     recording: &Recording,
     geometry: &Geometry,
     noise: Option<&NoiseProfile>,
     threads: usize,
-    part: &mut Part,
+    checkpoints: &mut Checkpoints,
     times: &mut Times,
-    told: &mut dyn FnMut(usize, usize) -> Result<(), Interrupted>,
+    report: &mut dyn FnMut(usize, usize) -> Result<(), Interrupted>,
 ) -> Result<Registration, RegistrationError> {
     let frames = recording.frame_count();
     let as_recorded = |verdict: Verdict| Registration::as_recorded(recording, geometry, verdict);
-    if let Some(why) = unfit(recording, geometry) {
+    if let Some(why) = unsupported(recording, geometry) {
         return Ok(as_recorded(Verdict::Kept(why.to_owned())));
     }
     if !recording.has_depth() {
         const WHY: &str = "there is no depth to align them by";
-        // What poses are wrong by is known in metres and by the time between frames.
+        // Errors of poses are known in metres and by the time between frames.
         if !(recording.kind.is_metric() && recording.kind.has_times()) {
             return Ok(as_recorded(Verdict::Kept(WHY.to_owned())));
         }
-        let mut work = Work { recording, noise, threads, part, done: 0, whole: frames, times, told };
-        return moving::kept(&mut work, geometry, WHY);
+        let mut runner = PassRunner { recording, noise, threads, checkpoints, done: 0, total: frames, times, report };
+        return motion_only::refine_motion(&mut runner, geometry, WHY);
     }
-    let [every, again_every] = [CLOCK_FRAMES, AGAIN_FRAMES].map(|most| frames.div_ceil(most));
-    let whole = ROUNDS * frames.div_ceil(every) + AGAIN * frames.div_ceil(again_every) + 2 * frames;
-    let mut work = Work { recording, noise, threads, part, done: 0, whole, times, told };
-    let mut known = Known::new(geometry, frames);
+    let [stride, refined_stride] = [CLOCK_FRAMES, REFINED_CLOCK_FRAMES].map(|most| frames.div_ceil(most));
+    let clock_frames = CLOCK_ITERATIONS * frames.div_ceil(stride);
+    let refined_clock_frames = REFINED_CLOCK_ITERATIONS * frames.div_ceil(refined_stride);
+    let total = clock_frames + refined_clock_frames + 2 * frames;
+    let mut runner = PassRunner { recording, noise, threads, checkpoints, done: 0, total, times, report };
+    let mut shared = SharedParameters::new(geometry, frames);
     let mut found = as_recorded(Verdict::Right);
     let given_s = geometry.intrinsics.readout_time_s;
     let refused = |why: String, found: Registration| Ok(Registration { verdict: Verdict::Refused(why), ..found });
 
-    // 1. What is wrong in all poses alike.
-    if let Some(why) = clocks::first(&mut work, &mut known, &mut found)? {
+    // 1. Shared parameters.
+    if let Some(why) = clocks::estimate(&mut runner, &mut shared, &mut found)? {
         return refused(why, found);
     }
 
-    // 2. All frames, at once.
-    let (back_gaps, held_out_every): (&[usize], usize) =
-        if frames > LONG { (&LONG_BACK, LONG_HELD_OUT) } else { (&LINKED, 1) };
+    // 2. Pose graph of all frames.
+    let (backward_gaps, held_out_stride): (&[usize], usize) =
+        if frames > LONG_RECORDING_FRAMES { (&LONG_BACKWARD_GAPS, LONG_HELD_OUT_STRIDE) } else { (&LINK_GAPS, 1) };
     let first = Pass {
-        gaps: &LINKED,
-        back: back_gaps,
-        rare: (&[], 1),
+        gaps: &LINK_GAPS,
+        backward_gaps,
+        sparse: (&[], 1),
         coarsest: usize::MAX,
         finest: 1,
-        asks_readout: false,
-        every: 1,
+        estimates_readout: false,
+        stride: 1,
         finds_repeats: false,
     };
-    let start = known.states(recording);
-    let eye = Eye::new(known.geometry.clone());
-    let linked = work.links(times::LINKS, &eye, &start, known.depth_later_s, first)?;
+    let start = shared.states(recording);
+    let model = CameraModel::new(shared.geometry.clone());
+    let linked = runner.links(times::LINKS, &model, &start, shared.depth_later_s, first)?;
     (found.links, found.missing) = (linked.good.len(), linked.refused);
     let whole = linked.good.len() + linked.refused;
     let comparable = whole - linked.few_points;
     let mismatched = linked.refused - linked.few_points;
     let share = 100.0 * linked.refused as f64 / whole.max(1) as f64;
-    if linked.refused as f64 > MISSING * whole as f64 && mismatched as f64 <= MISSING * comparable as f64 {
+    if linked.refused as f64 > MAX_MISSING_SHARE * whole as f64
+        && mismatched as f64 <= MAX_MISSING_SHARE * comparable as f64
+    {
         let others = match comparable {
             0 => String::new(),
             _ => format!(". Of the others {:.0} % fit", 100.0 * linked.good.len() as f64 / comparable as f64),
@@ -109,71 +120,72 @@ pub fn register(
         let why = format!(
             "{share:.0} % of the links between frames cannot be made (at most {:.0} %): where the poses put them, {} pairs of \
              frames share too little that has texture and depth; blank surfaces, much blur or steps between frames do that{others}",
-            100.0 * MISSING,
+            100.0 * MAX_MISSING_SHARE,
             linked.few_points
         );
         return refused(why, found);
     }
-    if linked.refused as f64 > MISSING * whole as f64 {
-        // Links between pictures of little contrast say nothing of the poses.
+    if linked.refused as f64 > MAX_MISSING_SHARE * whole as f64 {
+        // Links between pictures of little contrast are no evidence against the poses.
         let faint =
             if 2 * linked.faint > linked.refused { "the pictures' contrast is hardly above their noise, " } else { "" };
         let why = format!(
             "{share:.0} % of the links between frames do not fit (at most {:.0} %): {faint}the poses, the focal length or the depth are not this \
              recording's, its frames are not in their order, or something that fills much of the picture moves",
-            100.0 * MISSING
+            100.0 * MAX_MISSING_SHARE
         );
         return refused(why, found);
     }
     let none = vec![Twist::zeros(); frames];
-    let Some(refined) = solved(&mut work, &linked.good, &start, &none) else {
+    let Some(refined) = solve(&mut runner, &linked.good, &start, &none) else {
         return refused(NO_SOLUTION.to_owned(), as_recorded(Verdict::Right));
     };
 
-    // 3. What jitter has hidden.
-    clocks::again(&mut work, &mut known, &mut found, &refined, given_s)?;
+    // 3. Readout and depth's clock, without the bias by jitter.
+    clocks::estimate_with_refined_poses(&mut runner, &mut shared, &mut found, &refined, given_s)?;
 
-    // 4. Once more from there, with links that are held out of the fit.
-    let again = Pass { rare: (&HELD_OUT, held_out_every), coarsest: 1, finest: 0, ..first };
-    let eye = Eye::new(known.geometry.clone());
-    let linked = work.links(times::AGAIN, &eye, &refined, known.depth_later_s, again)?;
-    let takes_part = |link: &Link| LINKED.contains(&link.from.abs_diff(link.to));
+    // 4. Pose graph again, with links that are held out of the fit.
+    let again = Pass { sparse: (&HELD_OUT, held_out_stride), coarsest: 1, finest: 0, ..first };
+    let model = CameraModel::new(shared.geometry.clone());
+    let linked = runner.links(times::AGAIN, &model, &refined, shared.depth_later_s, again)?;
+    let takes_part = |link: &Link| LINK_GAPS.contains(&link.from.abs_diff(link.to));
     let (linked, held_out): (Vec<Link>, Vec<Link>) = linked.good.into_iter().partition(takes_part);
-    let by_first: Vec<Twist> = refined.iter().zip(&start).map(|(now, was)| back(now.as_ref(), was.as_ref())).collect();
+    let to_recorded: Vec<Twist> =
+        refined.iter().zip(&start).map(|(now, was)| relative_twist(now.as_ref(), was.as_ref())).collect();
     let used = refined;
-    let Some(refined) = solved(&mut work, &linked, &used, &by_first) else {
+    let Some(refined) = solve(&mut runner, &linked, &used, &to_recorded) else {
         return refused(NO_SOLUTION.to_owned(), as_recorded(Verdict::Right));
     };
 
-    // 5. Is it better?
+    // 5. Acceptance.
     let before = recorded(recording, 0.0);
-    found.held_out = judged(&held_out, &before, &refined, &used);
-    let middle = |of: fn(&Missed) -> f64| median(&mut found.held_out.iter().map(of).collect::<Vec<_>>());
+    found.held_out = held_out_residuals(&held_out, &before, &refined, &used);
+    let middle = |of: fn(&HeldOutResidual) -> f64| median(&mut found.held_out.iter().map(of).collect::<Vec<_>>());
     let (recorded_px, refined_px) = (middle(|missed| missed.recorded_px), middle(|missed| missed.refined_px));
     found.held_out_px = Some((recorded_px, refined_px));
-    if refined_px > WRONG_PX {
+    if refined_px > MAX_HELD_OUT_PX {
         return refused(
             format!(
-                "refined poses agree with the alignment of held-out frame pairs to {refined_px:.2} px only; at most {WRONG_PX} px \
+                "refined poses agree with the alignment of held-out frame pairs to {refined_px:.2} px only; at most {MAX_HELD_OUT_PX} px \
                  is accepted"
             ),
             found,
         );
     }
-    if asked(&linked, &before, &used) >= RIGHT_PX && refined_px <= (1.0 - GAINED) * recorded_px {
-        let refined = in_gauge(&refined, &before, &linked);
+    if median_residual_px(&linked, &before, &used) >= RIGHT_PX && refined_px <= (1.0 - MIN_IMPROVEMENT) * recorded_px {
+        let refined = align_gauge(&refined, &before, &linked);
         found.verdict = Verdict::Refined;
-        found.readout_s = known.geometry.intrinsics.readout_time_s;
-        found.states = repeated(refined, &known.repeats);
-        found.repeats = known.repeats;
+        found.readout_s = shared.geometry.intrinsics.readout_time_s;
+        found.states = copy_repeated_states(refined, &shared.repeats);
+        found.repeats = shared.repeats;
     }
     Ok(found)
 }
 
 const NO_SOLUTION: &str = "the links' equations have no solution";
 
-/// Why poses cannot be checked at all.
-fn unfit(recording: &Recording, geometry: &Geometry) -> Option<&'static str> {
+/// The reason for which poses cannot be checked at all, if there is one.
+fn unsupported(recording: &Recording, geometry: &Geometry) -> Option<&'static str> {
     if geometry.sees_around() {
         return Some("the picture does not fit a plane in front of the camera");
     }
@@ -183,26 +195,30 @@ fn unfit(recording: &Recording, geometry: &Geometry) -> Option<&'static str> {
     None
 }
 
-/// All frames by their links, with the motion that their poses tell. `None` if the equations have no solution.
-fn solved(
-    work: &mut Work<'_>,
+/// Solves the pose graph and derives each frame's motion from the poses. `None` if the equations
+/// have no solution.
+fn solve(
+    runner: &mut PassRunner<'_>,
     links: &[Link],
-    states: &[Option<State>],
-    held_at: &[Twist],
-) -> Option<Vec<Option<State>>> {
-    let recording = work.recording;
+    states: &[Option<CameraState>],
+    prior_mean: &[Twist],
+) -> Option<Vec<Option<CameraState>>> {
+    let recording = runner.recording;
     let exposure_s = assumed_exposure_s(recording.frame_interval_s);
-    let by = work.times.of(times::GRAPH, || graph::solve(links, states, held_at, exposure_s))?;
+    let by = runner.times.of(times::GRAPH, || pose_graph::solve(links, states, prior_mean, exposure_s))?;
     let corrected: Vec<_> = states.iter().zip(&by).map(|(state, by)| state.map(|state| state.corrected(by))).collect();
     if moves_as_recorded(recording) {
         return Some(corrected);
     }
-    // Across longer intervals no motion is concluded.
+    // Motion is not interpolated across longer intervals.
     let gap_s = MOST_INTERVALS * recording.frame_interval_s;
-    Some(path::with_motion(&recording.timestamps_s, &corrected, gap_s))
+    Some(trajectory::with_motion(&recording.timestamps_s, &corrected, gap_s))
 }
 
-fn back(now: Option<&State>, was: Option<&State>) -> Twist {
-    let motion = |(now, was): (&State, &State)| twist::log(&(now.world_from_camera.inverse() * was.world_from_camera));
+/// The motion from the camera's state `now` to `was`, in its own axes; 0 where one is missing.
+fn relative_twist(now: Option<&CameraState>, was: Option<&CameraState>) -> Twist {
+    let motion = |(now, was): (&CameraState, &CameraState)| {
+        twist::log(&(now.world_from_camera.inverse() * was.world_from_camera))
+    };
     now.zip(was).map_or(Twist::zeros(), motion)
 }

@@ -6,7 +6,8 @@ pub fn median(values: &mut [f64]) -> f64 {
     if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(half, f64::total_cmp).1 }
 }
 
-/// The median, and one standard deviation by 1.4826 · median |v − median|, as of a Gaussian. Leaves deviations in their place.
+/// The median, and one standard deviation by 1.4826 · median |v − median|, as of a Gaussian. Leaves
+/// deviations in their place.
 pub fn scatter(values: &mut [f64]) -> (f64, f64) {
     let middle = median(values);
     values.iter_mut().for_each(|value| *value = (*value - middle).abs());

@@ -1,70 +1,73 @@
-//! The point spread of a whole recording, from the frames in which the camera moves least; and that of a drawn picture.
+//! Point spread of a recording, from the frames with the least camera motion, and of a rendered
+//! picture.
 
-use super::depths::Depths;
-use super::eye::Eye;
-use super::registered::recorded;
+use super::camera_model::CameraModel;
+use super::capture_info::CaptureInfo;
+use super::depth_source::DepthSource;
+use super::plane_sweep::camera_model_for;
+use super::registration_result::recorded;
 use super::shutter::Run;
-use super::spread::{Motion, PointSpread, Spreads, chosen};
-use super::state::State;
-use super::sweep::eye_of;
-use super::taken::Taken;
+use super::spread::{EdgeSpreads, FrameMotion, PointSpread, stillest_frames};
+use super::state::CameraState;
 use crate::camera::{Geometry, Response};
 use crate::fit::twist::Twist;
 use crate::frame::{Frame, FrameExposure};
 use crate::pixels::Pixels;
 use crate::recording::{Recording, RecordingError};
 
-/// What is known of how frames were taken.
-pub struct Known<'a> {
+/// Motion and exposure of the frames.
+pub struct SharpnessInputs<'a> {
     /// One per frame.
-    pub states: &'a [Option<State>],
+    pub states: &'a [Option<CameraState>],
     /// Added to the depth maps' times, s.
     pub depth_later_s: f64,
-    /// By the frames' own blur.
-    pub exposed: &'a [Run],
+    /// Exposures by the frames' motion blur.
+    pub exposure_runs: &'a [Run],
 }
 
-/// Or why it is not known.
+/// The point spread, or the reason for which it is unknown.
 pub fn of_recording(
     recording: &Recording,
-    eye: &Eye,
-    taken: &Taken<'_>,
-    known: &Known<'_>,
+    model: &CameraModel,
+    capture: &CaptureInfo<'_>,
+    inputs: &SharpnessInputs<'_>,
     threads: usize,
 ) -> Result<Result<PointSpread, String>, RecordingError> {
-    let mut spreads = Spreads::new(eye, taken.response, if recording.bits > 8 { 0xffff } else { 0xff }, threads);
-    let mut depths = Depths::new(eye, recording, known.states, known.depth_later_s, threads)?;
-    for n in chosen(known.states) {
-        let Some(state) = known.states[n] else { continue };
+    let mut spreads =
+        EdgeSpreads::new(model, capture.response, if recording.bits > 8 { 0xffff } else { 0xff }, threads);
+    let mut depths = DepthSource::new(model, recording, inputs.states, inputs.depth_later_s, threads)?;
+    for n in stillest_frames(inputs.states) {
+        let Some(state) = inputs.states[n] else { continue };
         for frame in recording.frames(n..n + 1)? {
             let mut frame = frame?;
-            let run = known.exposed.iter().find(|run| (run.from..run.to).contains(&n));
+            let run = inputs.exposure_runs.iter().find(|run| (run.from..run.to).contains(&n));
             frame.exposure.blurred_s = run.map(|run| run.exposure_s);
-            let depth = depths.of(eye, &frame, &state)?;
-            spreads.add(&frame, &Motion { state: &state, depth: &depth, exposure_s: (taken.exposure_s)(&frame) });
+            let depth = depths.of(model, &frame, &state)?;
+            spreads
+                .add(&frame, &FrameMotion { state: &state, depth: &depth, exposure_s: (capture.exposure_s)(&frame) });
         }
     }
     Ok(spreads.finish())
 }
 
-/// σ of the recording's own edges by its recorded poses, px, or why it is not known.
+/// σ of the recording's own edges by its recorded poses, px, or the reason for which it is unknown.
 pub fn footage_spread_px(
     recording: &Recording,
     camera: &Geometry,
-    taken: &Taken<'_>,
+    capture: &CaptureInfo<'_>,
     threads: usize,
 ) -> Result<Result<f64, String>, RecordingError> {
     let states = recorded(recording, 0.0);
-    let eye = eye_of(camera.clone(), recording, &states);
-    let known = Known { states: &states, depth_later_s: 0.0, exposed: &[] };
-    Ok(of_recording(recording, &eye, taken, &known, threads)?.map(|spread| spread.sigma_px))
+    let model = camera_model_for(camera.clone(), recording, &states);
+    let inputs = SharpnessInputs { states: &states, depth_later_s: 0.0, exposure_runs: &[] };
+    Ok(of_recording(recording, &model, capture, &inputs, threads)?.map(|spread| spread.sigma_px))
 }
 
-/// σ of the edges of a picture in which nothing moved, px. `None` where it has too few of them.
+/// σ of the edges of a picture without motion, px. `None` for too few edges.
 pub fn drawn_spread_px(camera: &Geometry, response: &Response, pixels: Pixels, threads: usize) -> Option<f64> {
-    let eye = Eye::new(camera.clone());
-    let mut spreads = Spreads::new(&eye, response, pixels.max_code(), threads);
-    let state = State { world_from_camera: glam::DAffine3::IDENTITY, twist: Twist::zeros() };
+    let model = CameraModel::new(camera.clone());
+    let mut spreads = EdgeSpreads::new(&model, response, pixels.max_code(), threads);
+    let state = CameraState { world_from_camera: glam::DAffine3::IDENTITY, twist: Twist::zeros() };
     let frame = Frame {
         index: 0,
         timestamp_s: 0.0,
@@ -75,11 +78,11 @@ pub fn drawn_spread_px(camera: &Geometry, response: &Response, pixels: Pixels, t
         beside: Vec::new(),
         surfels: Default::default(),
     };
-    spreads.add(&frame, &Motion { state: &state, depth: &[], exposure_s: 0.0 });
+    spreads.add(&frame, &FrameMotion { state: &state, depth: &[], exposure_s: 0.0 });
     spreads.finish().ok().map(|spread| spread.sigma_px)
 }
 
-/// The frames in which the camera moves least, of as many parts of the recording.
+/// The frames with the least camera motion, one from each part of the recording.
 pub fn still_frames(recording: &Recording) -> Vec<usize> {
-    chosen(&recorded(recording, 0.0))
+    stillest_frames(&recorded(recording, 0.0))
 }

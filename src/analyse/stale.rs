@@ -10,8 +10,8 @@
 
 use super::artefact::Analysis;
 use super::dependencies::Dependencies;
-use super::findings::{Findings, Registered, Shuttered};
-use super::found_light::FoundLight;
+use super::findings::{Findings, PoseFindings, ShutterFindings};
+use super::light_findings::LightFindings;
 use crate::recording::Recording;
 use crate::text::number;
 
@@ -83,7 +83,8 @@ impl Analysis {
         self.findings.stale(&Dependencies::of(recording)).is_empty()
     }
 
-    /// The same without the estimates that no longer hold. [`Findings::left_out`] states which, why, and what to do.
+    /// The same without the estimates that no longer hold. [`Findings::left_out`] states which,
+    /// why, and what to do.
     pub fn without_stale(mut self, recording: &Recording) -> Self {
         for stale in self.findings.stale(&Dependencies::of(recording)) {
             let names = [
@@ -96,16 +97,16 @@ impl Analysis {
             let why = format!("{} left out, found with {}", names.join(", "), stale.why);
             if stale.registration {
                 self = self.without_registration();
-                self.findings.registration = Registered::kept(why.clone());
+                self.findings.registration = PoseFindings::kept(why.clone());
             }
             if stale.surfels {
                 (self.surfels, self.findings.surfels) = (None, None);
             }
             if stale.shutter {
-                self.findings.shutter = Some(Shuttered::of(Err(why.clone()), None));
+                self.findings.shutter = Some(ShutterFindings::of(Err(why.clone()), None));
             }
             if stale.light {
-                self.findings.light = Some(FoundLight::of(&Err(why.clone()), None));
+                self.findings.light = Some(LightFindings::of(&Err(why.clone()), None));
                 self.environment = None;
             }
             self.findings.left_out.push(why);
@@ -155,7 +156,7 @@ mod tests {
         assert_eq!(of(Dependencies { has_times: true, ..same.clone() }).0, (true, true, false));
         assert_eq!(of(Dependencies { is_metric: true, ..same.clone() }).0, (true, false, true));
         // Without depth nothing was found by a length, and the unit may be any.
-        let registration = Registered::kept("there is no depth to align them by".to_owned());
+        let registration = PoseFindings::kept("there is no depth to align them by".to_owned());
         let without = Findings { registration, light: None, surfels: None, ..found.clone() };
         let shorter = Dependencies { metres_per_unit: 0.4, up: None, ..same };
         assert!(without.stale(&shorter).is_empty());

@@ -1,4 +1,4 @@
-//! Where the camera stood as a frame was taken, how it moved, and where a row by row shutter then sees a point.
+//! Pose and velocity of the camera at a frame, and projection with a rolling shutter.
 
 use glam::{DAffine3, DVec2, DVec3};
 
@@ -7,19 +7,20 @@ use crate::fit::twist::{self, Twist};
 use crate::pose::Pose;
 use crate::tracking::{NoPose, PoseTrack};
 
-/// Half of the time over which a recorded track's motion is taken, seconds.
+/// Half of the interval over which the velocity of a recorded track is averaged, s.
 const HALF_S: f64 = 0.015;
 
-/// At the middle of the middle row's exposure.
+/// Pose and velocity at the middle of the middle row's exposure.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct State {
+pub struct CameraState {
     pub world_from_camera: DAffine3,
-    /// The camera's motion in its own axes, m/s and rad/s: T(t + dt) = T(t)·exp(twist·dt).
+    /// The camera's velocity in its own axes, m/s and rad/s: T(t + dt) = T(t)·exp(twist·dt).
     pub twist: Twist,
 }
 
-impl State {
-    /// By a track, at a time of its clock: ξ = log(T(t − h)⁻¹·T(t + h)) / 2h. At its ends by what is there.
+impl CameraState {
+    /// Pose and velocity of a track at a time of its clock: ξ = log(T(t − h)⁻¹·T(t + h)) / 2h.
+    /// One-sided at the track's ends.
     pub fn of(track: &PoseTrack, time_s: f64) -> Result<Self, NoPose> {
         let here = world_from_camera(&track.at(time_s)?);
         let near = |by_s: f64| track.at(time_s + by_s).ok().map(|pose| (by_s, world_from_camera(&pose)));
@@ -29,12 +30,13 @@ impl State {
         Ok(Self { world_from_camera: here, twist })
     }
 
-    /// Where it is that much later, s, at the same speed.
-    pub fn moved_on(&self, by_s: f64) -> Self {
+    /// The state after a time at constant velocity.
+    pub fn extrapolated(&self, by_s: f64) -> Self {
         Self { world_from_camera: self.world_from_camera * twist::exp(&(self.twist * by_s)), ..*self }
     }
 
-    /// Corrected by a motion in the camera's own axes: T·exp(c). The body moves along: ξ' = Ad(exp(−c))·ξ.
+    /// Corrected by a motion in the camera's own axes: T·exp(c). The velocity is that of the same
+    /// body: ξ' = Ad(exp(−c))·ξ.
     pub fn corrected(&self, by: &Twist) -> Self {
         let twist = twist::adjoint(&twist::exp(&-by)) * self.twist;
         Self { world_from_camera: self.world_from_camera * twist::exp(by), twist }
@@ -50,15 +52,22 @@ pub fn pose(world_from_camera: &DAffine3) -> Pose {
 }
 
 /// exp(ξ·t)·x to second order in t.
-pub fn moved(x: DVec3, twist: &Twist, time_s: f64) -> DVec3 {
+pub fn move_point(x: DVec3, twist: &Twist, time_s: f64) -> DVec3 {
     let w = twist::turn(twist);
     let speed = w.cross(x) + twist::way(twist);
     x + time_s * speed + (0.5 * time_s * time_s) * w.cross(speed)
 }
 
-/// Where a point lands that stands at `x` in the camera's axes at the middle row's time, and its depth there. The row's time
-/// depends on where it lands: `rounds` times one is put into the other, from the height `near_px` on where it is known.
-pub fn seen(geometry: &Geometry, x: DVec3, twist: &Twist, near_px: Option<f64>, rounds: usize) -> Option<(DVec2, f64)> {
+/// Projects a point, given in the camera's axes at the middle row's time, with the rolling shutter.
+/// Returns its pixel and its depth at that row's time. Row and time depend on each other: `rounds`
+/// fixed-point iterations, from the row `near_px` if given.
+pub fn project_rolling_shutter(
+    geometry: &Geometry,
+    x: DVec3,
+    twist: &Twist,
+    near_px: Option<f64>,
+    rounds: usize,
+) -> Option<(DVec2, f64)> {
     if geometry.intrinsics.readout_time_s == 0.0 {
         return Some((geometry.project(x)?, x.z));
     }
@@ -68,8 +77,8 @@ pub fn seen(geometry: &Geometry, x: DVec3, twist: &Twist, near_px: Option<f64>, 
         None => (geometry.project(x)?, x.z),
     };
     for _ in 0..rounds {
-        // The camera moves by exp(ξτ), so what stands still moves by its inverse.
-        let there = moved(x, twist, -geometry.row_time_s(at.y.clamp(-50.0, height + 50.0)));
+        // The camera moves by exp(ξτ), so static points move by its inverse.
+        let there = move_point(x, twist, -geometry.row_time_s(at.y.clamp(-50.0, height + 50.0)));
         (at, far) = (geometry.project(there)?, there.z);
     }
     Some((at, far))

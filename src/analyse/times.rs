@@ -1,5 +1,5 @@
-//! How long the parts of an analysis took: no part of it, since it differs from run to run. It is kept beside it for who looks at it
-//! later.
+//! How long the parts of an analysis took: no part of it, since it differs from run to run. It is
+//! kept beside it for who looks at it later.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;

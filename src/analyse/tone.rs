@@ -1,14 +1,18 @@
-//! Whether the camera's response is the one that was assumed: by how surfaces of different codes follow one change of light.
+//! Whether the camera's response is the one that was assumed: by how surfaces of different codes
+//! follow one change of light.
 //!
-//! Where a camera changes its exposure, the light of everything that two frames show changes by one factor. Decoded by the right
-//! response, dark and bright surfaces tell the same logarithm of it. By a wrong one each code has a slope of its own,
+//! Where a camera changes its exposure, the light of everything that two frames show changes by one
+//! factor. Decoded by the right response, dark and bright surfaces tell the same logarithm of it.
+//! By a wrong one each code has a slope of its own,
 //!
 //!   r(code) = Δ ln L(code) / Δ ln L(middle codes),
 //!
-//! which is 1 everywhere for the right one (the idea of Mitsunaga and Nayar 1999, without their polynomial). A constant exponent
-//! cancels: sRGB and a camera that is a power of it look alike. So this is advice, and nothing follows from it.
+//! which is 1 everywhere for the right one (the idea of Mitsunaga and Nayar 1999, without their
+//! polynomial). A constant exponent cancels: sRGB and a camera that is a power of it look alike. So
+//! this is advice, and nothing follows from it.
 //!
-//! Below code 24 black level and noise decide, above 200 single channels that clip: neither is judged.
+//! Below code 24 black level and noise decide, above 200 single channels that clip: neither is
+//! judged.
 
 use serde::{Deserialize, Serialize};
 
@@ -21,18 +25,20 @@ const BANDS: usize = BORDERS.len() - 1;
 const MIDDLE: [usize; 2] = [2, 3];
 /// Light must change by so much between two frames, ln.
 const LEAST_CHANGE: f64 = 0.2;
-/// Points of a pair in a band, and frames for a band, that say something; bands that do, besides the middle.
+/// Points of a pair in a band, and frames for a band, that say something; bands that do, besides
+/// the middle.
 const LEAST_POINTS: usize = 40;
 const LEAST_FRAMES: usize = 6;
 const LEAST_BANDS: usize = 2;
-/// Responses that differ by less are the same: what simulated recordings with the right response err by is half of it.
+/// Responses that differ by less are the same: what simulated recordings with the right response
+/// err by is half of it.
 const SAME: f64 = 0.15;
 /// And by less than so many σ.
 const SURE: f64 = 3.0;
 
 /// What a pair of frames says of one band.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub struct Toned {
+pub struct ToneSample {
     band: usize,
     /// The later frame.
     frame: usize,
@@ -59,8 +65,9 @@ impl Band {
     }
 }
 
-/// Of points that two frames show: their mean codes, and the ratio of their light by that of the whole pair, ln, for each colour.
-pub fn of_pair(frame: usize, points: impl Iterator<Item = ([f32; 3], [f64; 3])>, whole: [f64; 3]) -> Vec<Toned> {
+/// Of points that two frames show: their mean codes, and the ratio of their light by that of the
+/// whole pair, ln, for each colour.
+pub fn of_pair(frame: usize, points: impl Iterator<Item = ([f32; 3], [f64; 3])>, whole: [f64; 3]) -> Vec<ToneSample> {
     if whole.iter().all(|ln| ln.abs() < LEAST_CHANGE) {
         return Vec::new();
     }
@@ -73,7 +80,7 @@ pub fn of_pair(frame: usize, points: impl Iterator<Item = ([f32; 3], [f64; 3])>,
         }
     }
     let said = slopes.iter_mut().enumerate().filter(|(_, slopes)| slopes.len() >= LEAST_POINTS);
-    said.map(|(band, slopes)| Toned { band, frame, slope: scatter(slopes).0 }).collect()
+    said.map(|(band, slopes)| ToneSample { band, frame, slope: scatter(slopes).0 }).collect()
 }
 
 fn band_of(code: f32) -> Option<usize> {
@@ -81,7 +88,7 @@ fn band_of(code: f32) -> Option<usize> {
 }
 
 /// The bands that say something, in order, or why none does.
-pub fn bands(said: &[Toned]) -> Result<Vec<Band>, String> {
+pub fn bands(said: &[ToneSample]) -> Result<Vec<Band>, String> {
     let of = |band: usize| -> Option<(f64, f64)> {
         let mut slopes: Vec<f64> = said.iter().filter(|toned| toned.band == band).map(|toned| toned.slope).collect();
         let mut frames: Vec<usize> = said.iter().filter(|toned| toned.band == band).map(|toned| toned.frame).collect();
@@ -112,8 +119,9 @@ mod tests {
     use super::*;
     use crate::camera::{Curve, Response};
 
-    /// Grey surfaces seen by a camera of one response in pairs of frames that differ in light, told by another response.
-    fn told(camera: &Response, assumed: &Response, changes: &[f64]) -> Vec<Toned> {
+    /// Grey surfaces seen by a camera of one response in pairs of frames that differ in light, told
+    /// by another response.
+    fn told(camera: &Response, assumed: &Response, changes: &[f64]) -> Vec<ToneSample> {
         let code = |light: f64| (255.0 * camera.encode(light)).round() as f32;
         let light = |code: f32| assumed.decode(f64::from(code) / 255.0).ln();
         let mut all = Vec::new();
@@ -147,8 +155,9 @@ mod tests {
     #[test]
     fn another_response_is_told_by_its_dark_codes() {
         let linear = Response { curve: Curve::Linear, ..Response::default() };
-        // ln of sRGB's light by that of the code: 2.4·c/(c + 0.055), 1.73 about code 36 and 2.11 over the middle bands. Light that
-        // is taken for the code changes by the inverse: 1.22 times as much in the dark, and half as much as it does in truth.
+        // ln of sRGB's light by that of the code: 2.4·c/(c + 0.055), 1.73 about code 36 and 2.11
+        // over the middle bands. Light that is taken for the code changes by the inverse: 1.22
+        // times as much in the dark, and half as much as it does in truth.
         let found = bands(&told(&Response::default(), &linear, &CHANGES.map(|ln| 2.0 * ln))).unwrap();
         assert!((found[0].slope - 1.22).abs() < 0.03 && found[0].differs(), "{found:?}");
         assert!(!found[2].differs() && !found[5].differs(), "{found:?}");

@@ -1,89 +1,89 @@
-//! A frame as the alignment needs it: its brightness at halving sizes, its depth, and points of it that tell where it is.
+//! A frame prepared for alignment: image pyramid, depth, and points with high gradient.
 
 use glam::{DVec2, DVec3};
 
-use super::carried;
-use super::eye::Eye;
+use super::camera_model::CameraModel;
+use super::depth_at_frame;
 use super::noise_level::{luma_variance, share_kept, variance_bound};
 use super::pyramid::{Plane, gaussian};
-use super::state::{State, moved};
+use super::state::{CameraState, move_point};
 use crate::camera::{Geometry, NoiseProfile};
 use crate::frame::Frame;
 
-/// Points at most, by level; coarser levels have the last.
-const MOST: [usize; 4] = [6000, 4000, 2500, 1500];
-/// Sides of the blocks over which a slope is compared with the mean, px of the level.
-const BLOCK: [usize; 3] = [32, 16, 8];
-/// A point's slope is above this multiple of the mean around it, plus this, codes per px of the level.
-const STEEPER: f32 = 1.5;
-const STEEP: f32 = 1.2;
-/// Where fewer points are as steep and the picture's mean slope is below this, codes per px of the level, contrast is low all over.
-/// There a slope above the multiple of the mean alone is enough.
+/// Largest number of points by level, from the finest; coarser levels have the last.
+const MAX_POINTS: [usize; 4] = [6000, 4000, 2500, 1500];
+/// Side of the blocks over which the gradient is averaged, px, by level.
+const BLOCK_PX: [usize; 3] = [32, 16, 8];
+/// Gradient threshold: multiple of the block's mean, plus an offset, codes per px of the level.
+const GRADIENT_FACTOR: f32 = 1.5;
+const GRADIENT_OFFSET: f32 = 1.2;
+/// A level has low contrast if fewer points pass the threshold and its mean gradient is below this,
+/// codes per px. The offset is then dropped.
 const ENOUGH_POINTS: usize = 600;
-const LOW_SLOPE: f32 = 2.0 * STEEP / STEEPER;
-/// No point lies nearer to the level's rim, px.
-const RIM: usize = 4;
-/// From this code on (of 255) a channel may be clipped.
-const CLIPPED: u32 = 250;
-/// Points keep this far from a depth edge, px, and an edge is this share of the depth.
-const FROM_EDGE: usize = 3;
-const EDGE: f32 = 0.05;
+const LOW_GRADIENT: f32 = 2.0 * GRADIENT_OFFSET / GRADIENT_FACTOR;
+/// Smallest distance of a point from the level's edge, px.
+const MARGIN_PX: usize = 4;
+/// Smallest code of 255 at which a channel may be clipped.
+const CLIPPED_CODE: u32 = 250;
+/// Smallest distance of a point from a depth edge, px, and smallest relative depth step of an edge.
+const DEPTH_EDGE_DISTANCE_PX: usize = 3;
+const DEPTH_EDGE_STEP: f32 = 0.05;
 
 #[derive(Clone, Copy, Debug)]
-pub struct Point {
+pub struct AlignPoint {
     /// In the camera's axes at the middle row's time, m.
     pub at: DVec3,
-    /// Codes.
+    /// Brightness, codes.
     pub value: f64,
-    /// How the value seen there follows when the point moves by a twist, codes.
+    /// Derivative of the brightness at the point by a twist, codes.
     pub value_by: [f64; 6],
-    /// How its place follows, px.
+    /// Derivative of the pixel by a twist, px.
     pub place_by: [[f64; 6]; 2],
-    /// Its row's time as a share of the readout time, −½ to ½.
+    /// Time of the row as a fraction of the readout time, −½ to ½.
     pub row: f64,
 }
 
 #[derive(Debug)]
 pub struct Level {
     pub picture: Plane,
-    pub points: Vec<Point>,
-    /// Variance of the picture's noise, codes²; 0 where it is not known.
+    pub points: Vec<AlignPoint>,
+    /// Variance of the picture's noise, codes²; 0 if unknown.
     pub noise: f64,
 }
 
 #[derive(Debug)]
 pub struct View {
     pub index: usize,
-    pub state: State,
-    /// At the frame's moment, m, 0 where unknown.
+    pub state: CameraState,
+    /// At the frame's time, m or the recording's unit; 0 where unknown.
     pub depth: Vec<f32>,
     /// From the finest to the coarsest.
     pub levels: Vec<Level>,
 }
 
 impl View {
-    /// `depth`: at the frame's moment, in its picture. Levels below `finest` have no points. `noise`: the camera's, if
-    /// that was calibrated.
+    /// `depth`: at the frame's time and pixels. Levels finer than `finest` have no points. `noise`:
+    /// the camera's, if calibrated.
     pub fn new(
-        eye: &Eye,
+        model: &CameraModel,
         frame: &Frame,
-        state: State,
+        state: CameraState,
         depth: Vec<f32>,
         finest: usize,
         noise: Option<&NoiseProfile>,
     ) -> Self {
-        let (width, _) = eye.size();
+        let (width, _) = model.size();
         let is_usable = usable(frame, &depth, width);
         let mut picture = Plane::of(&frame.pixels);
         let luma = noise.map(|profile| (profile, luma_variance(profile, &frame.pixels)));
         let mut levels = Vec::new();
-        for level in 0..eye.levels() {
+        for level in 0..model.levels() {
             let next = picture.halved();
             if level == 0 {
                 picture = picture.filtered(&gaussian(1.0));
             }
             let points =
-                if level < finest { Vec::new() } else { points(eye, &picture, level, &depth, &is_usable, &state) };
+                if level < finest { Vec::new() } else { points(model, &picture, level, &depth, &is_usable, &state) };
             let by_profile = luma.map(|(profile, variance)| variance * share_kept(profile, level));
             let noise = if level < finest { 0.0 } else { variance_bound(by_profile, &picture) };
             levels.push(Level { picture, points, noise });
@@ -93,41 +93,49 @@ impl View {
     }
 }
 
-/// Where depth is known away from its edges, and nothing is clipped.
+/// Mask of the pixels with depth, away from depth edges and clipped pixels.
 fn usable(frame: &Frame, depth: &[f32], width: usize) -> Vec<bool> {
     let pixels = &frame.pixels;
-    let most = CLIPPED * (pixels.max_code() / 255);
+    let most = CLIPPED_CODE * (pixels.max_code() / 255);
     let clipped = pixels.each(|c| f32::from(u8::from(c.into_iter().any(|code| code >= most))));
-    let near_clipped = carried::extreme(&clipped, width, 2, |a, b| if a > b { a } else { b });
-    let smooth = carried::smooth(depth, width, FROM_EDGE, EDGE);
+    let near_clipped = depth_at_frame::window_extreme(&clipped, width, 2, |a, b| if a > b { a } else { b });
+    let smooth = depth_at_frame::smooth_mask(depth, width, DEPTH_EDGE_DISTANCE_PX, DEPTH_EDGE_STEP);
     smooth.iter().zip(&near_clipped).map(|(smooth, clipped)| *smooth && *clipped == 0.0).collect()
 }
 
-fn points(eye: &Eye, picture: &Plane, level: usize, depth: &[f32], is_usable: &[bool], state: &State) -> Vec<Point> {
+fn points(
+    model: &CameraModel,
+    picture: &Plane,
+    level: usize,
+    depth: &[f32],
+    is_usable: &[bool],
+    state: &CameraState,
+) -> Vec<AlignPoint> {
     let (w, h) = (picture.width, picture.height);
-    let (width, _) = eye.size();
+    let (width, _) = model.size();
     let scale = 1usize << level;
     let (along, down) = picture.slopes();
     let slope: Vec<f32> = along.values.iter().zip(&down.values).map(|(x, y)| x.hypot(*y)).collect();
-    let side = BLOCK[level.min(BLOCK.len() - 1)];
+    let side = BLOCK_PX[level.min(BLOCK_PX.len() - 1)];
     let means = block_means(&slope, w, side);
     let across = w.div_ceil(side);
     let steeper_by = |more: f32| -> Vec<usize> {
-        let places = (RIM..h.saturating_sub(RIM)).flat_map(|y| (RIM..w.saturating_sub(RIM)).map(move |x| (x, y)));
+        let places = (MARGIN_PX..h.saturating_sub(MARGIN_PX))
+            .flat_map(|y| (MARGIN_PX..w.saturating_sub(MARGIN_PX)).map(move |x| (x, y)));
         let is_steep = |(x, y): &(usize, usize)| {
             let mean = means[(y / side) * across + x / side];
-            slope[y * w + x] > STEEPER * mean + more && is_usable[y * scale * width + x * scale]
+            slope[y * w + x] > GRADIENT_FACTOR * mean + more && is_usable[y * scale * width + x * scale]
         };
         places.filter(is_steep).map(|(x, y)| y * w + x).collect()
     };
-    let mut found = steeper_by(STEEP);
+    let mut found = steeper_by(GRADIENT_OFFSET);
     let mean_slope = slope.iter().sum::<f32>() / slope.len().max(1) as f32;
-    if found.len() < ENOUGH_POINTS && mean_slope < LOW_SLOPE {
+    if found.len() < ENOUGH_POINTS && mean_slope < LOW_GRADIENT {
         found = steeper_by(0.0);
     }
-    let most = MOST[level.min(MOST.len() - 1)];
+    let most = MAX_POINTS[level.min(MAX_POINTS.len() - 1)];
     if found.len() > most {
-        // Those with the smallest hashes of their places: spread evenly, and the same in every run.
+        // The smallest hashes of the positions: an even spread, the same in every run.
         found.sort_unstable_by_key(|i| (scattered(*i as u64), *i));
         found.truncate(most);
         found.sort_unstable();
@@ -136,25 +144,32 @@ fn points(eye: &Eye, picture: &Plane, level: usize, depth: &[f32], is_usable: &[
         let (x, y) = ((i % w) * scale, (i / w) * scale);
         let at = y * width + x;
         let z = f64::from(depth[at]);
-        let ray = DVec3::from(eye.rays[at].map(f64::from));
+        let ray = DVec3::from(model.rays[at].map(f64::from));
         let slope = DVec2::new(along.values[i].into(), down.values[i].into()) / scale as f64;
-        of_place(&eye.geometry, z * ray, y as f64 + 0.5, f64::from(picture.values[i]), slope, state)
+        of_place(&model.geometry, z * ray, y as f64 + 0.5, f64::from(picture.values[i]), slope, state)
     };
     found.into_iter().filter_map(point).collect()
 }
 
-/// A point in the camera's axes at its row's time.
-fn of_place(geometry: &Geometry, there: DVec3, row_px: f64, value: f64, slope: DVec2, state: &State) -> Option<Point> {
+/// The point of a pixel. `there`: its position in the camera's axes at its row's time.
+fn of_place(
+    geometry: &Geometry,
+    there: DVec3,
+    row_px: f64,
+    value: f64,
+    slope: DVec2,
+    state: &CameraState,
+) -> Option<AlignPoint> {
     const STEP_M: f64 = 1e-4;
     let here = geometry.project(there)?;
     let by = |axis: DVec3| Some((geometry.project(there + STEP_M * axis)? - here) / STEP_M);
     let by_place = [by(DVec3::X)?, by(DVec3::Y)?, by(DVec3::Z)?];
-    let at = moved(there, &state.twist, geometry.row_time_s(row_px));
+    let at = move_point(there, &state.twist, geometry.row_time_s(row_px));
     // ẋ = v + ω × x.
     let by_turn = [DVec3::new(0.0, -at.z, at.y), DVec3::new(at.z, 0.0, -at.x), DVec3::new(-at.y, at.x, 0.0)];
     let turned = by_turn.map(|d| d.x * by_place[0] + d.y * by_place[1] + d.z * by_place[2]);
     let columns = [by_place[0], by_place[1], by_place[2], turned[0], turned[1], turned[2]];
-    Some(Point {
+    Some(AlignPoint {
         at,
         value,
         value_by: columns.map(|c| slope.dot(c)),

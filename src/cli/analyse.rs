@@ -10,7 +10,8 @@ use super::calibrate::existing;
 use super::skip::Skip;
 use super::{progress_of, tell, warn};
 use locard_engine::analyse::{
-    Accepted, Analysis, Findings, Ground, Outcome, Progress, Times, accept, beside, check_folder, write_grounds,
+    Accepted, Analysis, Findings, Outcome, Progress, SupportReport, Times, accept, beside, check_folder,
+    write_support_reports,
 };
 use locard_engine::export::{Inputs, resolved};
 use locard_engine::profile::Document;
@@ -91,7 +92,7 @@ pub fn run(args: &Args) -> Result<()> {
     let of_scene = args.scene.as_deref().map(|scene| Ok::<_, anyhow::Error>((scene, grounds(scene, args, &folder)?)));
     let of_scene = of_scene.transpose()?;
     let grounds = of_scene.as_ref().map_or(&[][..], |(_, grounds)| grounds);
-    for (name, text) in grounds.iter().flat_map(Ground::lines) {
+    for (name, text) in grounds.iter().flat_map(SupportReport::lines) {
         writeln!(std::io::stdout().lock(), "{name:<11}{text}")?;
     }
     if let Some(path) = &args.report {
@@ -105,7 +106,7 @@ pub fn run(args: &Args) -> Result<()> {
         tell_accepted(&accepted, &made.findings, shot.recording.time_offset_s)?;
     }
     if let Some((scene, grounds)) = &of_scene {
-        write_grounds(&folder, scene, grounds)?;
+        write_support_reports(&folder, scene, grounds)?;
     }
     let frames = count(shot.recording.frame_count(), "frame");
     tell(args.quiet, &format!("{frames} in {:.1} s: {}", start.elapsed().as_secs_f64(), folder.display()));
@@ -164,7 +165,7 @@ fn check_report(path: &Path, shot: &Shot, folder: &Path) -> Result<()> {
 }
 
 /// What a scene's objects stand on, where the analysis in a folder says that the camera was.
-fn grounds(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<Ground>> {
+fn grounds(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<SupportReport>> {
     let (profile, sets) = (args.profile.clone(), args.sets.clone());
     let analysis = Analysed::At(folder.to_owned());
     let given = Given { profile, sets, scene: Some(scene.to_owned()), analysis, ..Given::default() };
@@ -190,7 +191,7 @@ fn grounds(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<Ground>> {
 fn write_report(
     path: &Path,
     shot: &Shot,
-    (analysis, grounds): (&Analysis, &[Ground]),
+    (analysis, grounds): (&Analysis, &[SupportReport]),
     times: Option<&Times>,
 ) -> Result<()> {
     let camera = shot.geometry_at(0)?;

@@ -6,7 +6,7 @@ use super::Source;
 use super::correction::{recorded, refined};
 use super::places::Place;
 use super::tile::Tile;
-use crate::analyse::is_same;
+use crate::analyse::is_same_surface;
 use crate::frame::Frame;
 use crate::recording::RecordingError;
 
@@ -158,7 +158,7 @@ fn look(source: &Source<'_>, wanted: &Wanted<'_>, of_frame: &[Candidate]) -> Res
 pub fn is_there(frame: &Frame, at: DVec2, far_m: f64) -> bool {
     let depth = frame.depth.as_ref().filter(|map| (map.width, map.height) == (frame.pixels.width, frame.pixels.height));
     let depth_m = depth.and_then(|map| map.depth_m.get(at.y as usize * map.width as usize + at.x as usize));
-    depth_m.is_some_and(|z| *z > 0.0 && is_same(f64::from(*z), far_m, 0.0))
+    depth_m.is_some_and(|z| *z > 0.0 && is_same_surface(f64::from(*z), far_m, 0.0))
 }
 
 /// Twelve of them, evenly by `order`, with the frame it began in and both ends.

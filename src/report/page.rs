@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::chart::Ink;
 use super::estimates::{Estimate, Mark, estimates};
 use super::{MADE_BY, ReportError, Source};
-use crate::analyse::Ground;
+use crate::analyse::SupportReport;
 use crate::text::{count, fixed, shown};
 
 /// A figure, or why it is not there.
@@ -101,7 +101,7 @@ pub fn page(source: &Source<'_>, figures: Vec<Figure>) -> Result<String, ReportE
         reasons: reasons(&estimates),
         estimates,
         figures,
-        lines: findings.lines().into_iter().chain(source.grounds.iter().flat_map(Ground::lines)).collect(),
+        lines: findings.lines().into_iter().chain(source.grounds.iter().flat_map(SupportReport::lines)).collect(),
         whole,
         parts,
     };

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::page::{Body, Figure};
 use super::tile::png_uri;
 use super::{ReportError, Source};
-use crate::analyse::{Environment, FoundLamp};
+use crate::analyse::{Environment, LampEstimate};
 use crate::camera::Response;
 use crate::render::panorama::place_of;
 use crate::scene::upright;
@@ -47,7 +47,7 @@ pub fn panorama(source: &Source<'_>) -> Result<Figure, ReportError> {
 }
 
 /// Where a lamp is in the panorama, texels from the upper left.
-fn seen_from(lamp: &FoundLamp, middle_m: DVec3, up: DVec3, around: &Environment) -> [f64; 2] {
+fn seen_from(lamp: &LampEstimate, middle_m: DVec3, up: DVec3, around: &Environment) -> [f64; 2] {
     let towards = upright(up.normalize_or(DVec3::Z)).conjugate() * (DVec3::from(lamp.at_m) - middle_m);
     place_of(towards.normalize_or(DVec3::Y).as_vec3(), around.width, around.height).as_dvec2().to_array()
 }
@@ -91,7 +91,8 @@ mod tests {
         let around = Environment { width: 64, height: 32, rgb: rgb.into(), hdr: [].into() };
         // 45° above what lies in the panorama's middle: upright's −z is that.
         let towards = upright(DVec3::Z) * DVec3::new(0.0, 1.0, -1.0);
-        let lamp = FoundLamp { at_m: (2.0 * towards + DVec3::X).to_array(), shown_at_1_m: [1.0; 3], diameter_m: 0.25 };
+        let lamp =
+            LampEstimate { at_m: (2.0 * towards + DVec3::X).to_array(), shown_at_1_m: [1.0; 3], diameter_m: 0.25 };
         let [x, y] = seen_from(&lamp, DVec3::X, DVec3::Z, &around);
         assert!((x - 32.0).abs() < 1e-3 && (y - 8.0).abs() < 1e-3, "{x} {y}");
         let rgb = drawn(&around, &[[x, y], [0.0, 24.0]]);

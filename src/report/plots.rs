@@ -5,7 +5,7 @@ use super::correction::{Correction, corrections, usual_depth_m};
 use super::page::{Body, Figure};
 use super::slide::{LATER, Slid, median_px, slides, worse};
 use super::{ReportError, Source};
-use crate::analyse::{EDGES_STEP_PX, Missed, ToneBand};
+use crate::analyse::{EDGE_BIN_PX, HeldOutResidual, ToneBand};
 use crate::text::{count, fixed, short};
 
 /// Heights of plots, units of a drawing that is 1840 wide.
@@ -69,15 +69,15 @@ pub fn links(source: &Source<'_>) -> Result<Figure, ReportError> {
         let why = registered.why.as_deref().unwrap_or("none could be aligned");
         return Ok(Figure::left_out(title, format!("no frames were linked to judge the poses by: {why}")));
     }
-    let of = |px: fn(&Missed) -> f64| {
+    let of = |px: fn(&HeldOutResidual) -> f64| {
         Shape::Dots(missed.iter().map(|m| (0.5 * (m.from + m.to) as f64, px(m).max(0.01))).collect())
     };
-    let share = |px: fn(&Missed) -> f64, share: f64| {
+    let share = |px: fn(&HeldOutResidual) -> f64, share: f64| {
         let mut all: Vec<f64> = missed.iter().map(px).collect();
         all.sort_by(f64::total_cmp);
         fixed(all[((share * all.len() as f64) as usize).min(all.len() - 1)], 2)
     };
-    let median_and_most = |px: fn(&Missed) -> f64| format!("{} px, {} px", share(px, 0.5), share(px, 0.9));
+    let median_and_most = |px: fn(&HeldOutResidual) -> f64| format!("{} px, {} px", share(px, 0.5), share(px, 0.9));
     let chart = Chart {
         across: Across::Frames(source.recording.frame_count()),
         y: "missed by, px".to_owned(),
@@ -160,11 +160,11 @@ pub fn sharpness(source: &Source<'_>) -> Result<Figure, ReportError> {
         let why = spread.and_then(|spread| spread.why.as_deref()).unwrap_or("it was not looked for");
         return Ok(Figure::left_out(title, why.to_owned()));
     };
-    let bar = |(n, edges): (usize, &u32)| (n as f64 * EDGES_STEP_PX, (n + 1) as f64 * EDGES_STEP_PX, f64::from(*edges));
+    let bar = |(n, edges): (usize, &u32)| (n as f64 * EDGE_BIN_PX, (n + 1) as f64 * EDGE_BIN_PX, f64::from(*edges));
     let (own, others): (Vec<_>, Vec<_>) =
         (spread.edges_by_px.iter().enumerate().map(bar)).partition(|(from, to, _)| (*from..*to).contains(&sigma_px));
     let chart = Chart {
-        across: Across::Values("σ, px", 0.0..EDGES_STEP_PX * spread.edges_by_px.len().max(1) as f64),
+        across: Across::Values("σ, px", 0.0..EDGE_BIN_PX * spread.edges_by_px.len().max(1) as f64),
         y: "edges".to_owned(),
         names_across: true,
         is_logarithmic: false,
@@ -262,8 +262,8 @@ pub fn exposure(source: &Source<'_>) -> Result<Figure, ReportError> {
         let (from, to) = (run.from as f64, (run.to - 1) as f64);
         (Ink::Found, Shape::Level { from, to, value: 1e3 * run.exposure_s, sigma: 1e3 * run.sigma_s })
     }));
-    let heard = shutter.heard.iter().map(|(frame, s)| (*frame as f64, 1e3 * s)).collect();
-    shapes.push((Ink::Found, Shape::Dots(heard)));
+    let samples = shutter.samples.iter().map(|(frame, s)| (*frame as f64, 1e3 * s)).collect();
+    shapes.push((Ink::Found, Shape::Dots(samples)));
     let chart = Chart {
         across: Across::Frames(source.recording.frame_count()),
         y: "exposure, ms".to_owned(),

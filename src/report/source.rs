@@ -1,6 +1,6 @@
 //! What a page is made of, and why there is none.
 
-use crate::analyse::{Analysis, Ground, Times};
+use crate::analyse::{Analysis, SupportReport, Times};
 use crate::camera::{Geometry, Response};
 use crate::measure::MeasureError;
 use crate::recording::{Recording, RecordingError};
@@ -16,7 +16,7 @@ pub struct Source<'a> {
     /// Of this recording and camera ([`Analysis::fits`]).
     pub analysis: &'a Analysis,
     /// What a scene's objects stand on, if one was asked for.
-    pub grounds: &'a [Ground],
+    pub grounds: &'a [SupportReport],
     /// How long it took, if that is known.
     pub times: Option<&'a Times>,
 }

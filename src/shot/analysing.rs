@@ -6,7 +6,8 @@ use std::sync::Arc;
 use super::analysed::{AnalysisState, Follows, Sources, follows, refine};
 use super::{Shot, ShotError};
 use crate::analyse::{
-    Analysis, AnalysisError, Interrupted, Part, Progress, RegistrationError, Taken, Times, analyse, check_writable,
+    Analysis, AnalysisError, CaptureInfo, Checkpoints, Interrupted, Progress, RegistrationError, Times, analyse,
+    check_writable,
 };
 use crate::compositor::exposure_time_s;
 use crate::frame::{Frame, FrameExposure};
@@ -53,14 +54,14 @@ impl Shot {
         let camera = self.geometry_at(0)?;
         let rig = self.camera();
         let exposure_s = |frame: &Frame| exposure_time_s(&rig, &self.settings, frame, self.interval_s(frame.index));
-        let taken = Taken { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s };
-        let mut part = Part::of(folder, &self.recording, &camera, &taken);
-        let made = analyse(&self.recording, &camera, &taken, processors(), &mut part, told);
+        let capture = CaptureInfo { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s };
+        let mut checkpoints = Checkpoints::of(folder, &self.recording, &camera, &capture);
+        let made = analyse(&self.recording, &camera, &capture, processors(), &mut checkpoints, told);
         let failed = |source| AnalyseError::Footage { recording: self.recording.path.clone(), source };
         let (made, times) = made.map_err(failed)?;
         made.write(folder, &self.recording)?;
         times.keep(folder);
-        part.finish();
+        checkpoints.finish();
         Ok((made, times))
     }
 

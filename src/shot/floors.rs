@@ -18,7 +18,7 @@ use super::radiance::radiance_of;
 use super::room_planes::AROUND_M;
 use super::room_points::{DepthSamples, RoomPoints};
 use super::{Shot, Surface, SurfaceError};
-use crate::analyse::KnownBy;
+use crate::analyse::PlaneSource;
 use crate::camera::{Geometry, Response};
 use crate::compositor::Compositor;
 use crate::frame::Frame;
@@ -249,18 +249,18 @@ impl Shot {
     }
 
     /// What an object stands on, and where that is known from.
-    pub(super) fn support_of(&self, object: &Object, measured: &RoomPoints) -> Option<(Support, KnownBy)> {
+    pub(super) fn support_of(&self, object: &Object, measured: &RoomPoints) -> Option<(Support, PlaneSource)> {
         let floor = self.floor();
         let up = self.up()?;
         let foot = Foot::of(&self.scene, object, up)?;
-        let carried = foot.carried(measured).map(|plane| (plane, KnownBy::Depth));
+        let carried = foot.carried(measured).map(|plane| (plane, PlaneSource::Depth));
         let known = carried.or_else(|| {
             let is_near = |plane: &FittedPlane| foot.height_m(plane).abs() < BELOW_M;
-            floor.filter(is_near).map(|plane| (plane, KnownBy::Recording))
+            floor.filter(is_near).map(|plane| (plane, PlaneSource::Recording))
         });
         Some(match known {
             Some((plane, known_by)) => (foot.on(&plane.facing(up)), known_by),
-            None => (Support { point_m: foot.lowest(up), normal: up }, KnownBy::Foot),
+            None => (Support { point_m: foot.lowest(up), normal: up }, PlaneSource::Foot),
         })
     }
 

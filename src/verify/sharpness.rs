@@ -8,7 +8,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DQuat, DVec3};
 
 use super::error::VerifyError;
-use crate::analyse::{Taken, drawn_spread_px, footage_spread_px, still_frames};
+use crate::analyse::{CaptureInfo, drawn_spread_px, footage_spread_px, still_frames};
 use crate::compositor::{Compositor, exposure_time_s};
 use crate::frame::Frame;
 use crate::parallel::processors;
@@ -27,8 +27,8 @@ const LIGHT: [f32; 2] = [0.5, 0.1];
 pub fn real_px(shot: &Shot) -> Result<Result<f64, String>, VerifyError> {
     let rig = shot.camera();
     let exposure_s = |frame: &Frame| exposure_time_s(&rig, &shot.settings, frame, shot.interval_s(frame.index));
-    let taken = Taken { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s };
-    Ok(footage_spread_px(&shot.recording, &shot.geometry_at(0)?, &taken, processors())?)
+    let capture = CaptureInfo { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s };
+    Ok(footage_spread_px(&shot.recording, &shot.geometry_at(0)?, &capture, processors())?)
 }
 
 /// σ of drawn edges, px; `None` where no frame has a pose.

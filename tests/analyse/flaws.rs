@@ -9,7 +9,7 @@ use crate::footage::{
 };
 use crate::tier::{fast_or_full, is_full};
 use glam::DVec2;
-use locard::analyse::{Analysis, Fitted};
+use locard::analyse::{Analysis, SpatialGainFit};
 use locard::camera::LensModel;
 use locard::recording::Refinement;
 use locard::shot::Shot;
@@ -148,7 +148,7 @@ fn tone_that_differs_across_the_picture_is_followed_and_otherwise_nothing_is() {
     assert!(!fitted[0].is_followed && even.across.is_empty(), "{:?}", fitted[0]);
     assert!(fitted[1].is_followed && toned.across.len() == 36, "{:?}", fitted[1]);
     // Beyond what the floor's gloss does in both: less than 0.6 of it is left, a third of its variance.
-    let beyond = |of: fn(&Fitted) -> f64| (of(&fitted[1]).powi(2) - of(&fitted[0]).powi(2)).sqrt();
+    let beyond = |of: fn(&SpatialGainFit) -> f64| (of(&fitted[1]).powi(2) - of(&fitted[0]).powi(2)).sqrt();
     let (recorded, left) = (beyond(|fitted| fitted.recorded), beyond(|fitted| fitted.left));
     assert!(recorded > 0.02 && left < 0.6 * recorded, "{recorded} {left}");
 }
@@ -306,7 +306,7 @@ fn exposure_without_poses_between_frames_draws_the_blur_that_is_there() {
     };
     let track = found.track.as_ref().unwrap_or(&shot.recording.track);
     let mut ratios: Vec<f64> = shutter
-        .heard
+        .samples
         .iter()
         .map(|(frame, _)| shot.recording.timestamps_s[*frame])
         .map(|at_s| 60.0 * run.exposure_s * turn(track, at_s, 0.06) / turn(&truth, at_s, 0.008))
@@ -447,7 +447,7 @@ fn gain_across_the_picture_is_followed_where_it_differs() {
     assert!(!fitted[0].is_followed && even.across.is_empty(), "{:?}", fitted[0]);
     assert!(fitted[1].is_followed && toned.across.len() == 24, "{:?}", fitted[1]);
     // The same bar as for the tone that `simulate` has.
-    let beyond = |of: fn(&Fitted) -> f64| (of(&fitted[1]).powi(2) - of(&fitted[0]).powi(2)).max(0.0).sqrt();
+    let beyond = |of: fn(&SpatialGainFit) -> f64| (of(&fitted[1]).powi(2) - of(&fitted[0]).powi(2)).max(0.0).sqrt();
     let (recorded, left) = (beyond(|fitted| fitted.recorded), beyond(|fitted| fitted.left));
     assert!(recorded > 0.02 && left < 0.6 * recorded, "{recorded} {left}");
 }

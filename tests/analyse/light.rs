@@ -8,7 +8,7 @@ use crate::fixture;
 use crate::footage::{analysed, demo, opened};
 use crate::program::{copied, locard, refused, said};
 use glam::DVec3;
-use locard::analyse::{Analysis, FoundLight};
+use locard::analyse::{Analysis, LightFindings};
 use locard::recording::OpenOptions;
 use locard::scene::{self, Environment, LitBy};
 use locard::shot::{Analysed, AnalysisState, Given, Shot};
@@ -53,7 +53,7 @@ fn the_light_of_simulated_sites_is_found_with_lamps_that_are_never_seen() {
 
 /// Checks the light on a surface that faces up against the truth, and the angle between the found and the true lamp
 /// that is brightest there.
-fn check_light(light: &FoundLight, simulation: &Simulation, most_deg: f64, within: f64) {
+fn check_light(light: &LightFindings, simulation: &Simulation, most_deg: f64, within: f64) {
     let place = DVec3::from(light.place_m.unwrap());
     let (white, truth) = (mean(light.white_level.unwrap()), true_white(simulation, place));
     let lamps = simulation.lamps();

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use crate::reduced::Reduction;
 use crate::tier::is_full;
 use glam::DVec2;
-use locard::analyse::{Analysis, Part, Taken, analyse};
+use locard::analyse::{Analysis, CaptureInfo, Checkpoints, analyse};
 use locard::camera::Geometry;
 use locard::compositor::exposure_time_s;
 use locard::frame::Frame;
@@ -68,17 +68,17 @@ pub fn opened_with(folder: &tempfile::TempDir, set: &str) -> Shot {
 }
 
 pub fn analysed(shot: &Shot, threads: usize) -> Analysis {
-    with_taken(shot, |camera, taken| {
-        analyse(&shot.recording, camera, taken, threads, &mut Part::none(), &mut |_| Ok(())).unwrap().0
+    with_capture_info(shot, |camera, capture| {
+        analyse(&shot.recording, camera, capture, threads, &mut Checkpoints::none(), &mut |_| Ok(())).unwrap().0
     })
 }
 
 /// Calls `of` with the geometry, response, noise and exposure of a shot's camera.
-fn with_taken<T>(shot: &Shot, of: impl FnOnce(&Geometry, &Taken<'_>) -> T) -> T {
+fn with_capture_info<T>(shot: &Shot, of: impl FnOnce(&Geometry, &CaptureInfo<'_>) -> T) -> T {
     let camera = shot.geometry_at(0).unwrap();
     let rig = shot.camera();
     let exposure_s = |frame: &Frame| exposure_time_s(&rig, &shot.settings, frame, shot.interval_s(frame.index));
-    of(&camera, &Taken { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s })
+    of(&camera, &CaptureInfo { response: &rig.response, noise: rig.noise.as_ref(), exposure_s: &exposure_s })
 }
 
 /// Reprojects a point of one frame into another frame by a track, with a pose per row (rolling
@@ -163,9 +163,9 @@ pub fn analysed_by_tier(shot: &Shot, threads: usize) -> Analysis {
     }
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("site.analysis");
-    let found = with_taken(shot, |camera, taken| {
-        let mut part = part_without_light(&path, shot, camera, taken);
-        analyse(&shot.recording, camera, taken, threads, &mut part, &mut |_| Ok(())).unwrap().0
+    let found = with_capture_info(shot, |camera, capture| {
+        let mut checkpoints = checkpoints_without_light(&path, shot, camera, capture);
+        analyse(&shot.recording, camera, capture, threads, &mut checkpoints, &mut |_| Ok(())).unwrap().0
     });
     let light = found.findings.light.as_ref().and_then(|light| light.why.as_deref());
     let refusals = [NO_LIGHT, "where the camera was is not known", "no depth was measured"];
@@ -175,7 +175,7 @@ pub fn analysed_by_tier(shot: &Shot, threads: usize) -> Analysis {
 
 /// Makes the next analysis of a shot, written to `folder`, leave out the room's light.
 pub fn leave_out_light(shot: &Shot, folder: &Path) {
-    with_taken(shot, |camera, taken| drop(part_without_light(folder, shot, camera, taken)));
+    with_capture_info(shot, |camera, capture| drop(checkpoints_without_light(folder, shot, camera, capture)));
 }
 
 /// [`leave_out_light`] in the fast tier.
@@ -187,11 +187,11 @@ pub fn leave_out_light_by_tier(shot: &Shot, folder: &Path) {
 
 /// A checkpoint in which the room's light is refused. A stage reads only values of its own type, so
 /// all other stages ignore the stored refusal.
-fn part_without_light(folder: &Path, shot: &Shot, camera: &Geometry, taken: &Taken<'_>) -> Part {
-    let mut part = Part::of(folder, &shot.recording, camera, taken);
+fn checkpoints_without_light(folder: &Path, shot: &Shot, camera: &Geometry, capture: &CaptureInfo<'_>) -> Checkpoints {
+    let mut checkpoints = Checkpoints::of(folder, &shot.recording, camera, capture);
     for _ in 0..STAGES {
-        let refused: Result<Result<(), String>, ()> = part.stage(|| Ok(Err(NO_LIGHT.to_owned())));
+        let refused: Result<Result<(), String>, ()> = checkpoints.stage(|| Ok(Err(NO_LIGHT.to_owned())));
         refused.unwrap().unwrap_err();
     }
-    Part::of(folder, &shot.recording, camera, taken)
+    Checkpoints::of(folder, &shot.recording, camera, capture)
 }

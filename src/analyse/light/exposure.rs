@@ -7,8 +7,8 @@
 
 use glam::DVec3;
 
-use super::gather::FrameView;
-use super::sample::{Sample, relative_luminance};
+use super::gather::FrameSamples;
+use super::sample::{LightSample, relative_luminance};
 
 /// Mean linear light of a picture by what matt white shows in it: 0.17 to 0.45 in real rooms.
 const MEAN_BY_WHITE: f64 = 0.25;
@@ -22,7 +22,7 @@ const DARKEST: f64 = 1e-4;
 
 /// One frame, as the place's light follows from it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Metered {
+pub struct MeteredFrame {
     /// Number of its points near the place.
     pub points: usize,
     pub gain: [f64; 3],
@@ -30,9 +30,9 @@ pub struct Metered {
     pub mean: [f64; 3],
 }
 
-impl Metered {
-    pub fn of(view: &FrameView, place: DVec3) -> Self {
-        let is_near = |sample: &&Sample| f64::from(sample.at.distance(place.as_vec3())) < NEAR_M;
+impl MeteredFrame {
+    pub fn of(view: &FrameSamples, place: DVec3) -> Self {
+        let is_near = |sample: &&LightSample| f64::from(sample.at.distance(place.as_vec3())) < NEAR_M;
         let points = view.samples.iter().filter(is_near).count();
         Self { points, gain: view.gain, mean: view.mean }
     }
@@ -40,7 +40,7 @@ impl Metered {
 
 /// The light at a place by exposure alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Exposure {
+pub struct ExposureLevel {
     /// Luminance that matt white shows.
     pub level: f64,
     /// Colour of neutral things; green is 1.
@@ -48,20 +48,20 @@ pub struct Exposure {
 }
 
 /// Where no frame sees the place, all frames count alike. Of no frame it is the camera's own white.
-pub fn by_exposure(frames: &[Metered]) -> Exposure {
+pub fn exposure_level(frames: &[MeteredFrame]) -> ExposureLevel {
     let points: usize = frames.iter().map(|frame| frame.points).sum();
-    let weight = |frame: &Metered| match points {
+    let weight = |frame: &MeteredFrame| match points {
         0 => 1.0 / frames.len() as f64,
         _ => frame.points as f64 / points as f64,
     };
-    let mean = |of: &dyn Fn(&Metered) -> f64| frames.iter().map(|frame| weight(frame) * of(frame)).sum::<f64>();
-    let metered = |frame: &Metered| {
+    let mean = |of: &dyn Fn(&MeteredFrame) -> f64| frames.iter().map(|frame| weight(frame) * of(frame)).sum::<f64>();
+    let metered = |frame: &MeteredFrame| {
         let shown = relative_luminance([0, 1, 2].map(|c| frame.gain[c] * frame.mean[c]));
         relative_luminance(frame.mean).max(DARKEST) * (MAX_METERED / shown.max(DARKEST)).min(1.0)
     };
     let level = mean(&|frame| (metered(frame) / MEAN_BY_WHITE).ln()).exp();
     let [red, green, blue] = [0, 1, 2].map(|c| (-mean(&|frame| frame.gain[c].ln())).exp());
-    Exposure { level, neutral: [red / green, 1.0, blue / green] }
+    ExposureLevel { level, neutral: [red / green, 1.0, blue / green] }
 }
 
 #[cfg(test)]
@@ -72,19 +72,19 @@ mod tests {
     fn exposure_weighs_frames_by_their_points_near_the_place() {
         // 0.1 / 0.25 = 0.4 by one frame and 0.4 / 0.25 = 1.6 by the other: 0.4^(3/4)·1.6^(1/4) =
         // 0.4·√2.
-        let dark = Metered { points: 300, gain: [2.0, 1.0, 1.0], mean: [0.1; 3] };
-        let bright = Metered { points: 100, gain: [1.0, 1.0, 0.5], mean: [0.4; 3] };
-        let Exposure { level, neutral } = by_exposure(&[dark, bright]);
+        let dark = MeteredFrame { points: 300, gain: [2.0, 1.0, 1.0], mean: [0.1; 3] };
+        let bright = MeteredFrame { points: 100, gain: [1.0, 1.0, 0.5], mean: [0.4; 3] };
+        let ExposureLevel { level, neutral } = exposure_level(&[dark, bright]);
         assert!((level - 0.4 * 2f64.sqrt()).abs() < 1e-9, "{level}");
         let expected = [2f64.powf(-0.75), 1.0, 2f64.powf(0.25)];
         assert!(neutral.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9), "{neutral:?}");
         // Neither sees it: √(0.4·1.6) = 0.8.
-        let unseen = by_exposure(&[Metered { points: 0, ..dark }, Metered { points: 0, ..bright }]);
+        let unseen = exposure_level(&[MeteredFrame { points: 0, ..dark }, MeteredFrame { points: 0, ..bright }]);
         assert!((unseen.level - 0.8).abs() < 1e-9, "{unseen:?}");
         // Overexposed by hand: a mean of 0.9 counts as 0.45, in the frame of usual brightness
         // 0.225.
-        let over = by_exposure(&[Metered { points: 9, gain: [2.0; 3], mean: [0.45; 3] }]);
+        let over = exposure_level(&[MeteredFrame { points: 9, gain: [2.0; 3], mean: [0.45; 3] }]);
         assert!((over.level - 0.9).abs() < 1e-9, "{over:?}");
-        assert_eq!(by_exposure(&[]), Exposure { level: 1.0, neutral: [1.0; 3] });
+        assert_eq!(exposure_level(&[]), ExposureLevel { level: 1.0, neutral: [1.0; 3] });
     }
 }

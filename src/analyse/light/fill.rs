@@ -7,7 +7,7 @@
 
 use std::f64::consts::PI;
 
-use super::panorama::{HEIGHT, Seen, WIDTH, direction, solid_sr, upward};
+use super::panorama::{HEIGHT, PartialPanorama, WIDTH, direction, solid_sr, upward};
 
 const AROUND: f64 = 0.4;
 const ABOVE: f64 = 0.6;
@@ -23,14 +23,19 @@ pub fn even(white: [f64; 3]) -> Vec<[f32; 3]> {
 }
 
 /// The panorama with unseen texels filled: above the horizon so that matt white that faces up shows
-/// `white`, below it with the median of all seen texels. Where even the darkest or the brightest fill
-/// misses `white`, the whole panorama is scaled to it.
+/// `white`, below it with the median of all seen texels. Where even the darkest or the brightest
+/// fill misses `white`, the whole panorama is scaled to it.
 ///
 /// # Errors
 ///
-/// With `by_lamps`, which white shows besides, a channel would miss the whole white level by a factor
-/// outside of `between`, its interval: the panorama contradicts it. The reason.
-pub fn filled(seen: &Seen, white: [f64; 3], by_lamps: [f64; 3], between: [f64; 2]) -> Result<Vec<[f32; 3]>, String> {
+/// With `by_lamps`, which white shows besides, a channel would miss the whole white level by a
+/// factor outside of `between`, its interval: the panorama contradicts it. The reason.
+pub fn filled(
+    seen: &PartialPanorama,
+    white: [f64; 3],
+    by_lamps: [f64; 3],
+    between: [f64; 2],
+) -> Result<Vec<[f32; 3]>, String> {
     let by_seen = upward(&seen.iter().map(|light| light.unwrap_or_default()).collect::<Vec<_>>());
     let is_open = |n: &usize| seen[*n].is_none() && direction(*n).y > 0.0;
     let open: f64 = (0..seen.len()).filter(is_open).map(|n| direction(n).y * solid_sr(n) / PI).sum();
@@ -84,7 +89,7 @@ mod tests {
             true => half(n).then_some([0.2; 3]),
             false => half(n).then_some([0.3; 3]),
         };
-        let seen: Seen = (0..WIDTH * HEIGHT).map(light).collect();
+        let seen: PartialPanorama = (0..WIDTH * HEIGHT).map(light).collect();
         let rgb = filled(&seen, [1.0; 3], [0.0; 3], EXACT).unwrap();
         assert!((shown(&rgb, DVec3::Y) - 1.0).abs() < 1e-3);
         assert!((rgb[WIDTH - 1][1] - 1.8).abs() < 0.01, "{:?}", rgb[WIDTH - 1]);
@@ -94,7 +99,7 @@ mod tests {
     #[test]
     fn panorama_that_misses_the_white_level_is_scaled_within_its_interval_or_refused() {
         // All of the sky is seen and sends 1.2.
-        let seen: Seen = (0..WIDTH * HEIGHT).map(|_| Some([1.2; 3])).collect();
+        let seen: PartialPanorama = (0..WIDTH * HEIGHT).map(|_| Some([1.2; 3])).collect();
         let rgb = filled(&seen, [1.0; 3], [0.0; 3], [0.8, 1.25]).unwrap();
         assert!((shown(&rgb, DVec3::Y) - 1.0).abs() < 1e-3 && (rgb[0][1] - 1.0).abs() < 2e-3, "{:?}", rgb[0]);
         let refused = filled(&seen, [1.0; 3], [0.0; 3], [0.8, 1.15]).unwrap_err();
@@ -102,7 +107,8 @@ mod tests {
         // Of 4 in all, 3 by lamps, it misses a twentieth.
         assert!(filled(&seen, [1.0; 3], [3.0; 3], [0.8, 1.15]).is_ok());
         // An eighth of it is open; four times the white level from there sends half of it.
-        let narrow: Seen = (0..WIDTH * HEIGHT).map(|n| (n % WIDTH >= WIDTH / 8).then_some([0.0; 3])).collect();
+        let narrow: PartialPanorama =
+            (0..WIDTH * HEIGHT).map(|n| (n % WIDTH >= WIDTH / 8).then_some([0.0; 3])).collect();
         let refused = filled(&narrow, [1.0; 3], [0.0; 3], [0.8, 1.25]).unwrap_err();
         assert!(refused.contains("0.50 times"), "{refused}");
         let rgb = filled(&narrow, [1.0; 3], [0.0; 3], [0.4, 1.25]).unwrap();

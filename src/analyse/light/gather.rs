@@ -1,17 +1,18 @@
-//! The points of a recording's frames, by its measured depth, in linear light of the frame of usual brightness.
+//! The points of a recording's frames, by its measured depth, in linear light of the frame of usual
+//! brightness.
 
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
-use super::super::carried::smooth;
-use super::super::depths::measured;
-use super::super::eye::Eye;
-use super::super::reading::frames;
-use super::super::registered::RegistrationError;
-use super::super::state::{State, moved, seen};
+use super::super::camera_model::CameraModel;
+use super::super::depth_at_frame::smooth_mask;
+use super::super::depth_source::measured;
+use super::super::registration_result::RegistrationError;
+use super::super::sparse_frames::frames;
+use super::super::state::{CameraState, move_point, project_rolling_shutter};
 use super::super::times::{self, Times};
-use super::sample::Sample;
+use super::sample::LightSample;
 use super::voxels::{Voxel, Voxels};
 use crate::camera::Response;
 use crate::frame::Frame;
@@ -32,8 +33,8 @@ const CLIPPED: u32 = 250;
 const COARSE_COLUMNS: usize = 160;
 
 /// One frame's points, and how bright it is as a whole.
-pub struct FrameView {
-    pub samples: Vec<Sample>,
+pub struct FrameSamples {
+    pub samples: Vec<LightSample>,
     pub camera_at: Vec3,
     /// 0 in the first half of the recording, 1 in the second.
     pub half: usize,
@@ -46,7 +47,7 @@ pub struct FrameView {
 
 /// A frame's depth at pixels that are spread evenly over it.
 pub struct CoarseDepth {
-    state: State,
+    state: CameraState,
     columns: usize,
     step_px: usize,
     /// m; 0 where unknown or near an edge.
@@ -55,7 +56,7 @@ pub struct CoarseDepth {
 
 impl CoarseDepth {
     /// Of a whole map. `is_smooth`: whether no edge is near.
-    pub fn new(state: State, width: usize, depth_m: &[f32], is_smooth: &[bool]) -> Self {
+    pub fn new(state: CameraState, width: usize, depth_m: &[f32], is_smooth: &[bool]) -> Self {
         let step_px = width.div_ceil(COARSE_COLUMNS).max(1);
         // The middle of each cell, or the last pixel of a narrower one.
         let middles = |count: usize| (0..count).step_by(step_px).map(move |at| (at + step_px / 2).min(count - 1));
@@ -65,14 +66,14 @@ impl CoarseDepth {
         Self { state, columns: width.div_ceil(step_px), step_px, depth_m: coarse_m }
     }
 
-    /// The measured depth at the pixel where the frame sees a point of the world, and the point's own, m. `None` without a
-    /// measurement.
-    pub fn measured_and_expected_m(&self, eye: &Eye, point: DVec3) -> Option<(f64, f64)> {
+    /// The measured depth at the pixel where the frame sees a point of the world, and the point's
+    /// own, m. `None` without a measurement.
+    pub fn measured_and_expected_m(&self, model: &CameraModel, point: DVec3) -> Option<(f64, f64)> {
         let in_camera = self.state.world_from_camera.inverse().transform_point3(point);
         if in_camera.z <= 0.0 {
             return None;
         }
-        let (at, expected_m) = seen(&eye.geometry, in_camera, &self.state.twist, None, 2)?;
+        let (at, expected_m) = project_rolling_shutter(&model.geometry, in_camera, &self.state.twist, None, 2)?;
         let cell = |px: f64| (px >= 0.0).then_some(px as usize / self.step_px);
         let (x, y) = (cell(at.x)?, cell(at.y)?);
         let measured_m = *self.depth_m.get(y * self.columns + x).filter(|z| x < self.columns && **z > 0.0)?;
@@ -81,12 +82,12 @@ impl CoarseDepth {
 }
 
 /// What is known of the recording.
-pub struct Known<'a> {
+pub struct LightInputs<'a> {
     pub recording: &'a Recording,
-    pub eye: &'a Eye,
+    pub model: &'a CameraModel,
     pub response: &'a Response,
     /// One per frame.
-    pub states: &'a [Option<State>],
+    pub states: &'a [Option<CameraState>],
     /// Added to the depth maps' times, s.
     pub later_s: f64,
     /// Factors on light, one per frame; empty if all are alike.
@@ -95,7 +96,7 @@ pub struct Known<'a> {
     pub threads: usize,
 }
 
-impl Known<'_> {
+impl LightInputs<'_> {
     fn chosen(&self, most: usize) -> Vec<usize> {
         let count = self.recording.frame_count();
         let taken = count.min(most);
@@ -104,7 +105,7 @@ impl Known<'_> {
 
     /// A few frames all over the recording, and the room's surfaces by them, one view of each being
     /// enough.
-    pub fn survey(&self, times: &mut Times) -> Result<(Vec<FrameView>, Vec<Voxel>), RegistrationError> {
+    pub fn survey(&self, times: &mut Times) -> Result<(Vec<FrameSamples>, Vec<Voxel>), RegistrationError> {
         let (mut views, mut voxels) = (Vec::new(), Voxels::default());
         self.each(SURVEY_FRAMES, times, &mut |view| {
             voxels.add(&view.samples, view.camera_at, view.half);
@@ -115,11 +116,16 @@ impl Known<'_> {
     }
 
     /// Calls `each` with every frame of the recording, or of [`MOST_FRAMES`] spread over it.
-    pub fn every(&self, times: &mut Times, each: &mut dyn FnMut(FrameView)) -> Result<(), RegistrationError> {
+    pub fn every(&self, times: &mut Times, each: &mut dyn FnMut(FrameSamples)) -> Result<(), RegistrationError> {
         self.each(MOST_FRAMES, times, each)
     }
 
-    fn each(&self, most: usize, times: &mut Times, each: &mut dyn FnMut(FrameView)) -> Result<(), RegistrationError> {
+    fn each(
+        &self,
+        most: usize,
+        times: &mut Times,
+        each: &mut dyn FnMut(FrameSamples),
+    ) -> Result<(), RegistrationError> {
         let wanted = self.chosen(most);
         let mut coming = frames(self.recording, wanted.iter().copied());
         loop {
@@ -146,11 +152,11 @@ impl Known<'_> {
         }
     }
 
-    fn view(&self, frame: &Frame) -> Option<FrameView> {
+    fn view(&self, frame: &Frame) -> Option<FrameSamples> {
         let state = self.states[frame.index]?;
-        let (width, height) = self.eye.size();
-        let depth = measured(self.eye, frame, &state, self.later_s);
-        let is_smooth = smooth(&depth, width, (SMOOTH_PX * width).div_ceil(640).max(1), SMOOTH);
+        let (width, height) = self.model.size();
+        let depth = measured(self.model, frame, &state, self.later_s);
+        let is_smooth = smooth_mask(&depth, width, (SMOOTH_PX * width).div_ceil(640).max(1), SMOOTH);
         let gain = self.gains.get(frame.index).copied().unwrap_or([1.0; 3]);
         let most = frame.pixels.max_code();
         let light: Vec<f64> = (0..=255).map(|code| self.response.decode(f64::from(code) / 255.0)).collect();
@@ -161,19 +167,19 @@ impl Known<'_> {
         let every = ((width * height) as f64 / POINTS as f64).sqrt().round().max(1.0) as usize;
         let (mut samples, mut sum, mut count) = (Vec::new(), [0.0; 3], 0usize);
         for y in (0..height).step_by(every) {
-            let row_s = self.eye.geometry.row_time_s(y as f64 + 0.5);
+            let row_s = self.model.geometry.row_time_s(y as f64 + 0.5);
             for x in (0..width).step_by(every) {
                 let n = y * width + x;
                 let codes = frame.pixels.at(x as u32, y as u32);
                 let code = codes.map(decoded);
                 (0..3).for_each(|c| sum[c] += code[c]);
                 count += 1;
-                let ray = DVec3::from(self.eye.rays[n].map(f64::from));
+                let ray = DVec3::from(self.model.rays[n].map(f64::from));
                 if !(is_smooth[n] && ray.is_finite()) {
                     continue;
                 }
-                let here = moved(f64::from(depth[n]) * ray, &state.twist, row_s);
-                samples.push(Sample {
+                let here = move_point(f64::from(depth[n]) * ray, &state.twist, row_s);
+                samples.push(LightSample {
                     at: state.world_from_camera.transform_point3(here).as_vec3(),
                     light: [0, 1, 2].map(|c| (code[c] / gain[c]) as f32),
                     code: code.map(|code| code as f32),
@@ -181,7 +187,7 @@ impl Known<'_> {
                 });
             }
         }
-        Some(FrameView {
+        Some(FrameSamples {
             samples,
             camera_at: state.world_from_camera.translation.as_vec3(),
             half: (2 * frame.index / self.recording.frame_count().max(1)).min(1),
@@ -209,11 +215,11 @@ mod tests {
     fn sample_light_does_not_depend_on_the_frames_exposure() {
         const SIZE: (u32, u32) = (16, 12);
         let recording = Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap();
-        let eye = Eye::new(Geometry::pinhole(SIZE.0, SIZE.1, 16.0));
-        let still = State { world_from_camera: DAffine3::IDENTITY, twist: Twist::zeros() };
-        let known = Known {
+        let model = CameraModel::new(Geometry::pinhole(SIZE.0, SIZE.1, 16.0));
+        let still = CameraState { world_from_camera: DAffine3::IDENTITY, twist: Twist::zeros() };
+        let inputs = LightInputs {
             recording: &recording,
-            eye: &eye,
+            model: &model,
             response: &Response { curve: Curve::Linear, ..Response::default() },
             states: &[Some(still); 2],
             later_s: 0.0,
@@ -235,10 +241,10 @@ mod tests {
                 beside: Vec::new(),
                 surfels: Default::default(),
             };
-            let seen = known.view(&frame).unwrap();
+            let seen = inputs.view(&frame).unwrap();
             let samples = &seen.samples;
             assert_eq!(samples.len(), count);
-            let is_grey = |sample: &Sample| sample.light.iter().all(|light| (light - 40.0 / 255.0).abs() < 1e-6);
+            let is_grey = |sample: &LightSample| sample.light.iter().all(|light| (light - 40.0 / 255.0).abs() < 1e-6);
             assert!(samples.iter().all(is_grey), "frame {index}: {:?}", samples[0]);
             assert!(seen.mean.iter().all(|mean| (mean - 40.0 / 255.0).abs() < 1e-12), "{:?}", seen.mean);
             assert_eq!(samples[0].code, codes.map(|code| (f64::from(code) / 255.0) as f32));

@@ -3,54 +3,54 @@
 //!
 //! Frames' points with measured depth make surfaces ([`voxels`]) and a panorama ([`panorama`])
 //! around a point in free space ([`free_space`]) over the largest support ([`support`]). Lamps and
-//! their shares of the light follow from how bright the surfaces are ([`search`], [`lit`]). The
-//! white level scales all of it ([`mod@white_level`]), or says why it cannot be claimed; then the light
-//! is even, as bright as the camera's exposure says ([`exposure`]). Unseen directions of the
-//! panorama are filled so that it gives the white level ([`fill`]). After Debevec 1998 and Weber &
-//! Cipolla 2001, in spirit.
+//! their shares of the light follow from how bright the surfaces are ([`lamp_search`],
+//! [`lamp_fit`]). The white level scales all of it ([`mod@white_level`]), or says why it cannot be
+//! claimed; then the light is even, as bright as the camera's exposure says ([`exposure`]). Unseen
+//! directions of the panorama are filled so that it gives the white level ([`fill`]). After Debevec
+//! 1998 and Weber & Cipolla 2001, in spirit.
 //!
 //! Not modelled: windows and other lights with an extent, lamps whose light is coloured by shades,
 //! light that changes, another white level at another place.
 
-mod blocked;
 mod bounce;
 mod exposure;
 mod fill;
-mod found;
 mod free_space;
 mod gather;
-mod given;
-mod lit;
-#[cfg(test)]
-mod lit_room;
+mod known_lamps;
+mod lamp_fit;
+mod lamp_search;
+mod lamp_solution;
+mod occupancy;
 mod panorama;
+mod room_light;
 mod sample;
-mod search;
-mod solved;
 mod support;
 mod surfaces;
-mod up;
+#[cfg(test)]
+mod test_room;
+mod up_direction;
 mod voxels;
 mod white_level;
 
 use glam::DVec3;
 
-pub use found::{FoundLamp, LAMP_M, RoomLight};
-pub use gather::{CoarseDepth, Known};
-pub use given::Given;
-pub use lit::MOST_LAMPS;
+pub use gather::{CoarseDepth, LightInputs};
+pub use known_lamps::KnownLamps;
+pub use lamp_fit::MAX_LAMPS;
 pub use panorama::{HEIGHT, WIDTH};
+pub use room_light::{ASSUMED_LAMP_DIAMETER_M, LampEstimate, RoomLight};
 pub use voxels::{Voxel, Voxels};
-pub use white_level::WHITE;
+pub use white_level::WHITE_REFLECTANCE;
 
-use super::registered::RegistrationError;
+use super::registration_result::RegistrationError;
 use super::times::{self, Times};
 use crate::scene::upright;
-use exposure::{Exposure, Metered, by_exposure};
-use gather::FrameView;
-use panorama::{Seen, Splat, direction, seen_share};
+use exposure::{ExposureLevel, MeteredFrame, exposure_level};
+use gather::FrameSamples;
+use lamp_solution::{LampSolution, LampVerdict, PlaceLight, solve};
+use panorama::{PanoramaBuilder, PartialPanorama, direction, seen_share};
 use sample::relative_luminance;
-use solved::{Shares, Solved, Verdict, solve};
 use white_level::{Patch, WhiteLevel, patches, white_level, white_level_by_lamps};
 
 /// Surfaces by which lamps are sought, at most.
@@ -63,47 +63,48 @@ const BRIGHTER: f32 = 3.0;
 const FEW: usize = 8;
 const LOOSE_BY_FEW: f64 = 1.5;
 
-/// Or why nothing can be said. `given`: lamps that a person has seen, in place of those that are sought.
+/// Or why nothing can be said. `given`: lamps that a person has seen, in place of those that are
+/// sought.
 pub fn of_recording(
-    known: &Known<'_>,
-    given: Option<&Given<'_>>,
+    inputs: &LightInputs<'_>,
+    given: Option<&KnownLamps<'_>>,
     times: &mut Times,
 ) -> Result<Result<RoomLight, String>, RegistrationError> {
-    if !known.recording.has_depth() {
+    if !inputs.recording.has_depth() {
         return Ok(Err("no depth was measured".to_owned()));
     }
-    if known.eye.geometry.sees_around() {
+    if inputs.model.geometry.sees_around() {
         return Ok(Err("the picture does not fit a plane in front of the camera".to_owned()));
     }
-    let (views, survey) = known.survey(times)?;
+    let (views, survey) = inputs.survey(times)?;
     // An analysis keeps the up that it found.
-    let is_guess = known.recording.up.is_none() && given.is_none();
-    let up = if is_guess { up::refined_up(&survey, known.up) } else { known.up };
+    let is_guess = inputs.recording.up.is_none() && given.is_none();
+    let up = if is_guess { up_direction::refined_up(&survey, inputs.up) } else { inputs.up };
     let Some(place) = times.of(times::LIGHT, || place(&views, &survey, up)) else {
         return Ok(Err("no frame with a pose has depth that shows surfaces".to_owned()));
     };
     drop(views);
     let centre = free_space::centre(&survey, up, place);
     let map_from_world = upright(up).conjugate();
-    let (mut voxels, mut splat) = (Voxels::default(), Splat::new(centre.as_vec3(), map_from_world));
+    let (mut voxels, mut panorama) = (Voxels::default(), PanoramaBuilder::new(centre.as_vec3(), map_from_world));
     let mut metered = Vec::new();
-    known.every(times, &mut |seen| {
+    inputs.every(times, &mut |seen| {
         voxels.add(&seen.samples, seen.camera_at, seen.half);
-        splat.add(&seen.samples);
-        metered.push(Metered::of(&seen, place));
+        panorama.add(&seen.samples);
+        metered.push(MeteredFrame::of(&seen, place));
     })?;
     Ok(times.of(times::LIGHT, || {
         let solid: Vec<DVec3> = voxels.solid().collect();
-        let all = voxels.surfaces(2, known.threads);
-        let (chosen, threads) = (&all[..all.len().min(MOST)], known.threads);
+        let all = voxels.surfaces(2, inputs.threads);
+        let (chosen, threads) = (&all[..all.len().min(MOST)], inputs.threads);
         let solved = match given {
-            Some(given) => given::solve(chosen, &solid, up, threads, given)?,
+            Some(given) => known_lamps::solve(chosen, &solid, up, threads, given)?,
             None => solve(chosen, &solid, place, up, threads),
         };
-        let exposure = by_exposure(&metered);
+        let exposure = exposure_level(&metered);
         let (solved, level) = levelled(solved, given.is_some(), &all, (place, up), &exposure);
-        let at = Location { place, centre, up, is_guess: known.recording.up.is_none() };
-        let mut light = room_light(&at, &splat.finish(), &solved, &level);
+        let at = Location { place, centre, up, is_guess: inputs.recording.up.is_none() };
+        let mut light = room_light(&at, &panorama.finish(), &solved, &level);
         if metered.len() < FEW {
             light.between = [light.between[0] / LOOSE_BY_FEW, light.between[1] * LOOSE_BY_FEW];
         }
@@ -112,11 +113,11 @@ pub fn of_recording(
 }
 
 /// The largest support at which a white level can be claimed, or else the largest.
-fn place(views: &[FrameView], survey: &[Voxel], up: DVec3) -> Option<DVec3> {
+fn place(views: &[FrameSamples], survey: &[Voxel], up: DVec3) -> Option<DVec3> {
     let patches: Vec<Patch> = survey.iter().map(|voxel| Patch::of(voxel, 1.0)).collect();
     let is_claimed = |place: &DVec3| {
-        let metered: Vec<Metered> = views.iter().map(|view| Metered::of(view, *place)).collect();
-        white_level(&patches, up, *place, &by_exposure(&metered)).unclaimed.is_none()
+        let metered: Vec<MeteredFrame> = views.iter().map(|view| MeteredFrame::of(view, *place)).collect();
+        white_level(&patches, up, *place, &exposure_level(&metered)).unclaimed.is_none()
     };
     let places = support::places(survey, up);
     places.iter().copied().find(is_claimed).or(places.first().copied())
@@ -133,13 +134,13 @@ struct Location {
 
 /// The white level with lamps, or without them where it contradicts them and nobody has seen them.
 fn levelled(
-    solved: Solved,
+    solved: LampSolution,
     are_seen: bool,
     voxels: &[Voxel],
     (place, up): (DVec3, DVec3),
-    exposure: &Exposure,
-) -> (Solved, WhiteLevel) {
-    let patches = |solved: &Solved| patches(voxels, |voxel| solved.relative(voxel.at, voxel.normal, place));
+    exposure: &ExposureLevel,
+) -> (LampSolution, WhiteLevel) {
+    let patches = |solved: &LampSolution| patches(voxels, |voxel| solved.relative(voxel.at, voxel.normal, place));
     if solved.lamps.is_empty() {
         let level = white_level(&patches(&solved), up, place, exposure);
         return (solved, level);
@@ -148,21 +149,21 @@ fn levelled(
         return (solved, level);
     }
     let why = "white as bright as it implies contradicts the camera's exposure".to_owned();
-    let without = Solved::without_lamps(Verdict { no_lamp: Some(why), ..solved.verdict.clone() }, up);
+    let without = LampSolution::without_lamps(LampVerdict { no_lamp: Some(why), ..solved.verdict.clone() }, up);
     let level = white_level(&patches(&without), up, place, exposure);
     (if are_seen { solved } else { without }, level)
 }
 
-fn room_light(at: &Location, seen: &Seen, solved: &Solved, level: &WhiteLevel) -> RoomLight {
+fn room_light(at: &Location, seen: &PartialPanorama, solved: &LampSolution, level: &WhiteLevel) -> RoomLight {
     let map_from_world = upright(at.up).conjugate();
-    let Shares { ambient, lamps } = solved.at(at.place, level.white);
+    let PlaceLight { ambient, lamps } = solved.at(at.place, level.white);
     let even = fill::even(ambient);
     let towards: Vec<DVec3> =
         lamps.iter().map(|lamp| map_from_world * (DVec3::from(lamp.at_m) - at.centre).normalize_or_zero()).collect();
     let is_lamp = |n: usize, light: &[f32; 3]| {
         towards.iter().any(|to| to.dot(direction(n)) > CUT) && (0..3).any(|c| light[c] > BRIGHTER * even[n][c])
     };
-    let without_lamps: Seen =
+    let without_lamps: PartialPanorama =
         seen.iter().enumerate().map(|(n, light)| light.filter(|light| !is_lamp(n, light))).collect();
     let (seen_share, seen_above_share) = seen_share(seen);
     let luminance = relative_luminance(level.white);

@@ -1,13 +1,15 @@
-//! What was seen around a place, as a panorama: the frames' points with depth, by their direction from there.
+//! What was seen around a place, as a panorama: the frames' points with depth, by their direction
+//! from there.
 //!
-//! Of each texel one mean is kept for each frame; its light is their median, weighted by how many points they are of, and what was
-//! clipped counts as a lower bound. What lies behind something nearer does not count. Single texels between others take their mean.
+//! Of each texel one mean is kept for each frame; its light is their median, weighted by how many
+//! points they are of, and what was clipped counts as a lower bound. What lies behind something
+//! nearer does not count. Single texels between others take their mean.
 
 use std::f64::consts::PI;
 
 use glam::{DQuat, DVec3, Vec2, Vec3};
 
-use super::sample::Sample;
+use super::sample::LightSample;
 use crate::fit::quantile::{Censored, kaplan_meier};
 use crate::render::panorama;
 
@@ -34,14 +36,14 @@ struct Texel {
     now_far_m: f32,
 }
 
-pub struct Splat {
+pub struct PanoramaBuilder {
     middle: Vec3,
     map_from_world: DQuat,
     texels: Vec<Texel>,
 }
 
 /// Linear; `None` where nothing was seen.
-pub type Seen = Vec<Option<[f32; 3]>>;
+pub type PartialPanorama = Vec<Option<[f32; 3]>>;
 
 /// The direction through a texel's centre, in the panorama's axes: y is up, −z in the middle.
 pub fn direction(n: usize) -> DVec3 {
@@ -58,7 +60,7 @@ fn texel_of(d: Vec3) -> usize {
     (y as usize).min(HEIGHT - 1) * WIDTH + (x as usize).min(WIDTH - 1)
 }
 
-impl Splat {
+impl PanoramaBuilder {
     pub fn new(middle: Vec3, map_from_world: DQuat) -> Self {
         let none = Texel {
             far_m: f32::INFINITY,
@@ -73,7 +75,7 @@ impl Splat {
     }
 
     /// One frame's samples.
-    pub fn add(&mut self, samples: &[Sample]) {
+    pub fn add(&mut self, samples: &[LightSample]) {
         let turn = self.map_from_world.as_quat();
         let mut touched = Vec::new();
         for sample in samples {
@@ -103,7 +105,7 @@ impl Splat {
     }
 
     /// What each texel shows.
-    pub fn finish(&self) -> Seen {
+    pub fn finish(&self) -> PartialPanorama {
         let of = |texel: &Texel| -> Option<[f32; 3]> {
             let light = |c: usize| {
                 let mut values: Vec<Censored> =
@@ -112,7 +114,7 @@ impl Splat {
             };
             Some([light(0)?, light(1)?, light(2)?])
         };
-        let mut seen: Seen = self.texels.iter().map(of).collect();
+        let mut seen: PartialPanorama = self.texels.iter().map(of).collect();
         for _ in 0..FILLS {
             seen = filled(&seen);
         }
@@ -141,7 +143,7 @@ impl Texel {
     }
 }
 
-fn filled(seen: &Seen) -> Seen {
+fn filled(seen: &PartialPanorama) -> PartialPanorama {
     let at = |x: i64, y: i64| -> Option<[f32; 3]> {
         let y = usize::try_from(y).ok().filter(|y| *y < HEIGHT)?;
         seen[y * WIDTH + x.rem_euclid(WIDTH as i64) as usize]
@@ -157,7 +159,7 @@ fn filled(seen: &Seen) -> Seen {
 }
 
 /// The share of all directions that was seen, and of those above the horizon.
-pub fn seen_share(seen: &Seen) -> (f64, f64) {
+pub fn seen_share(seen: &PartialPanorama) -> (f64, f64) {
     let sum = |from: usize, to: usize| {
         let of = |n: usize| if seen[n].is_some() { solid_sr(n) } else { 0.0 };
         (from..to).map(of).sum::<f64>()
@@ -188,8 +190,8 @@ mod tests {
 
     #[test]
     fn what_lies_behind_something_nearer_does_not_count() {
-        let mut splat = Splat::new(Vec3::ZERO, DQuat::IDENTITY);
-        let sample = |far_m: f32, light: f32| Sample {
+        let mut splat = PanoramaBuilder::new(Vec3::ZERO, DQuat::IDENTITY);
+        let sample = |far_m: f32, light: f32| LightSample {
             at: -far_m * Vec3::Z,
             light: [light; 3],
             code: [light; 3],

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sample {
+pub struct LightSample {
     /// World axes, m.
     pub at: Vec3,
     /// Linear, as the frame of usual brightness would show it: red, green, blue.

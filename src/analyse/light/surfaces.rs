@@ -1,14 +1,16 @@
-//! What the solver is given: surfaces that were seen well, each of a material, and where lamps may be.
+//! What the solver is given: surfaces that were seen well, each of a material, and where lamps may
+//! be.
 //!
-//! A material is a bin of chroma, ln of red by green and of blue by green. Bins with few surfaces tell nothing and are left out.
+//! A material is a bin of chroma, ln of red by green and of blue by green. Bins with few surfaces
+//! tell nothing and are left out.
 
 use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::lit::{PATCH_M, Point, sorted};
+use super::lamp_fit::{LitPoint, PATCH_M, sorted};
+use super::lamp_search::SearchVolume;
 use super::sample::luminance;
-use super::search::Room;
 use super::voxels::Voxel;
 
 /// A bin's width, ln.
@@ -28,25 +30,25 @@ const FEWEST_VOXELS: usize = 3;
 
 type Bin = [i32; 2];
 /// A surface's place, its normal, and ln of its light.
-type Place = (DVec3, DVec3, f64);
+type PatchSample = (DVec3, DVec3, f64);
 
 /// Which light counts.
 #[derive(Clone, Copy, Debug)]
-pub enum Of {
+pub enum LightChannel {
     Luminance,
     Colour(usize),
 }
 
 /// By the light of one half of the frames (0, 1) or of all (2).
-pub fn points(voxels: &[Voxel], by: usize, of: Of) -> Vec<Point> {
-    let mut patches: BTreeMap<(Bin, [i32; 3], usize), Vec<Place>> = BTreeMap::new();
+pub fn lit_points(voxels: &[Voxel], by: usize, of: LightChannel) -> Vec<LitPoint> {
+    let mut patches: BTreeMap<(Bin, [i32; 3], usize), Vec<PatchSample>> = BTreeMap::new();
     for voxel in voxels.iter().filter(|voxel| !voxel.is_clipped) {
         let Some(light) = voxel.light[by] else { continue };
         let [r, g, b] = light.map(f64::from);
         if r.min(g).min(b) > DARKEST {
             let ln = match of {
-                Of::Luminance => f64::from(luminance(light)).ln(),
-                Of::Colour(c) => f64::from(light[c]).ln(),
+                LightChannel::Luminance => f64::from(luminance(light)).ln(),
+                LightChannel::Colour(c) => f64::from(light[c]).ln(),
             };
             let bin = [(r / g).ln(), (b / g).ln()].map(|v| (v / BIN).round() as i32);
             let cell = (voxel.at / PATCH_M).floor().as_ivec3().to_array();
@@ -56,21 +58,21 @@ pub fn points(voxels: &[Voxel], by: usize, of: Of) -> Vec<Point> {
             patches.entry((bin, cell, towards)).or_default().push((voxel.at, n, ln));
         }
     }
-    let mut materials: BTreeMap<Bin, Vec<Point>> = BTreeMap::new();
+    let mut materials: BTreeMap<Bin, Vec<LitPoint>> = BTreeMap::new();
     for ((bin, ..), of) in patches.iter().filter(|(_, of)| of.len() >= FEWEST_VOXELS) {
         let share = 1.0 / of.len() as f64;
         let at = of.iter().map(|voxel| voxel.0).sum::<DVec3>() * share;
         let normal = of.iter().map(|voxel| voxel.1).sum::<DVec3>().normalize_or_zero();
         let ln = of.iter().map(|voxel| voxel.2).sum::<f64>() * share;
-        materials.entry(*bin).or_default().push(Point { at, normal, ln, material: 0 });
+        materials.entry(*bin).or_default().push(LitPoint { at, normal, ln, material: 0 });
     }
     let kept = materials.into_values().filter(|points| points.len() >= FEWEST);
-    let numbered = |(n, points): (usize, Vec<Point>)| points.into_iter().map(move |p| Point { material: n, ..p });
+    let numbered = |(n, points): (usize, Vec<LitPoint>)| points.into_iter().map(move |p| LitPoint { material: n, ..p });
     sorted(kept.enumerate().flat_map(numbered).collect())
 }
 
 /// Around what was seen.
-pub fn room(solid: &[DVec3], up: DVec3) -> Room {
+pub fn search_volume(solid: &[DVec3], up: DVec3) -> SearchVolume {
     let between = |of: &dyn Fn(&DVec3) -> f64, low: f64, high: f64| {
         let mut values: Vec<f64> = solid.iter().map(of).collect();
         let mut at = |share: f64| {
@@ -93,5 +95,5 @@ pub fn room(solid: &[DVec3], up: DVec3) -> Room {
     } else {
         (low[axis], high[axis]) = (h - HIGH_M, h - LOW_M);
     }
-    Room { low, high, up }
+    SearchVolume { low, high, up }
 }

@@ -10,14 +10,15 @@ use std::collections::HashMap;
 
 use glam::{DMat3, DVec3, Vec3};
 
-use super::sample::{Sample, luminance, relative_luminance};
+use super::sample::{LightSample, luminance, relative_luminance};
 use crate::fit::quantile::{Censored, kaplan_meier};
 use crate::frame::SURFEL_SPACING_M;
 use crate::parallel::over_rows;
 
 /// A cube's side, m.
 pub const SIDE_M: f64 = SURFEL_SPACING_M;
-/// Largest number of voxels for the light, and of frame means that a voxel keeps of each half of the recording.
+/// Largest number of voxels for the light, and of frame means that a voxel keeps of each half of
+/// the recording.
 const MOST: usize = 200_000;
 const KEPT: usize = 6;
 /// Depth that was measured from farther away is no surface of 2 cm, m.
@@ -66,7 +67,8 @@ pub struct Voxel {
     pub at: DVec3,
     /// Unit length, towards where it was seen from.
     pub normal: DVec3,
-    /// By the first half of the frames, by the second, and by all: linear; `None` where too few saw it.
+    /// By the first half of the frames, by the second, and by all: linear; `None` where too few saw
+    /// it.
     pub light: [Option<[f32; 3]>; 3],
     /// The camera's white was reached in most of the frames.
     pub is_clipped: bool,
@@ -120,10 +122,11 @@ impl Voxels {
         Self { index: HashMap::new(), cubes: Vec::new(), limit }
     }
 
-    /// One frame's samples, seen from `eye`; `half`: 0 in the first half of the frames, 1 in the second.
-    pub fn add(&mut self, samples: &[Sample], eye: Vec3, half: usize) {
+    /// One frame's samples, seen from `camera_at`; `half`: 0 in the first half of the frames, 1 in
+    /// the second.
+    pub fn add(&mut self, samples: &[LightSample], camera_at: Vec3, half: usize) {
         let mut touched = Vec::new();
-        for sample in samples.iter().filter(|sample| sample.at.distance(eye) < FARTHEST_M) {
+        for sample in samples.iter().filter(|sample| sample.at.distance(camera_at) < FARTHEST_M) {
             let key = key(sample.at);
             let at = match self.index.get(&key) {
                 Some(at) => *at as usize,
@@ -140,7 +143,7 @@ impl Voxels {
             }
             cube.sum_at += sample.at.as_dvec3();
             cube.count += 1;
-            cube.towards += (eye - sample.at).normalize_or_zero();
+            cube.towards += (camera_at - sample.at).normalize_or_zero();
             for c in 0..3 {
                 cube.now[c] += sample.light[c];
                 cube.now_code[c] += sample.code[c];
@@ -261,7 +264,8 @@ fn lower(means: &[FrameMean]) -> Option<[f32; 3]> {
     light.get(at).copied()
 }
 
-/// The least eigenvalue of a symmetric matrix with its vector, and the middle eigenvalue: by Jacobi's turns.
+/// The least eigenvalue of a symmetric matrix with its vector, and the middle eigenvalue: by
+/// Jacobi's turns.
 fn thinnest(of: DMat3) -> (f64, DVec3, f64) {
     let (mut a, mut v) = (of, DMat3::IDENTITY);
     for _ in 0..12 {

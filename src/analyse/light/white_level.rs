@@ -15,7 +15,7 @@ use std::fmt;
 
 use glam::DVec3;
 
-use super::exposure::Exposure;
+use super::exposure::ExposureLevel;
 use super::sample::relative_luminance;
 use super::voxels::{SIDE_M, Voxel};
 use crate::fit::quantile::{Censored, kaplan_meier};
@@ -27,13 +27,13 @@ const WHITEST: f64 = 0.995;
 const WHITEST_BETWEEN: [f64; 2] = [0.99, 0.999];
 const LOOSE: f64 = 1.1;
 const FEWEST_UPWARD: usize = 400;
-/// Surfaces that get a smaller share of the place's light, by shadow, distance or turn, are no measure of white: there an error of
-/// a lamp's position multiplies the reflectance most.
+/// Surfaces that get a smaller share of the place's light, by shadow, distance or turn, are no
+/// measure of white: there an error of a lamp's position multiplies the reflectance most.
 const MIN_RELATIVE_LIGHT: f64 = 0.5;
 /// Largest factor between the white level that lamps imply and the exposure's.
 const LAMPS_AGREE: f64 = 2.0;
 /// Reflectance of the brightest neutral surfaces, and the largest of any matt one.
-pub const WHITE: f64 = 0.8;
+pub const WHITE_REFLECTANCE: f64 = 0.8;
 const HIGHEST: f64 = 0.9;
 /// Radii around the place that are tried one after another until they hold enough upward-facing
 /// area.
@@ -89,8 +89,8 @@ pub struct Patch {
     /// Linear light as it would be at the place, and whether any channel is a lower bound.
     pub light: [f64; 3],
     pub is_bound: bool,
-    /// Light by the first half of the frames, by the second, and by all: 34 % quantiles by luminance, that is medians
-    /// without the brightest third. `None` where too few frames saw it.
+    /// Light by the first half of the frames, by the second, and by all: 34 % quantiles by
+    /// luminance, that is medians without the brightest third. `None` where too few frames saw it.
     pub parts: [Option<[f64; 3]>; 3],
     /// Linear light as the frames themselves show it.
     pub code: [f64; 3],
@@ -98,8 +98,8 @@ pub struct Patch {
     pub brightest: f64,
 }
 
-/// Surfaces as the light at the place would show them. `relative`: the light on a voxel by the light at the place. Those that get
-/// little are left out.
+/// Surfaces as the light at the place would show them. `relative`: the light on a voxel by the
+/// light at the place. Those that get little are left out.
 pub fn patches(voxels: &[Voxel], relative: impl Fn(&Voxel) -> f64) -> Vec<Patch> {
     let lit =
         voxels.iter().map(|voxel| (voxel, relative(voxel))).filter(|(_, relative)| *relative > MIN_RELATIVE_LIGHT);
@@ -173,7 +173,7 @@ pub struct WhiteLevel {
 
 /// The brightest upward-facing surfaces around a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Top {
+struct BrightestSurfaces {
     radius_m: f64,
     /// Luminance, and whether it is a lower bound.
     luminance: f64,
@@ -186,8 +186,8 @@ struct Top {
     disparity: f64,
 }
 
-/// The largest median factor by which two parts of the frames differ in the luminance of the same surfaces; 1 where they share
-/// too few.
+/// The largest median factor by which two parts of the frames differ in the luminance of the same
+/// surfaces; 1 where they share too few.
 fn disparity(at_top: &[&Patch]) -> f64 {
     let factor = |a: &dyn Fn(&Patch) -> Option<[f64; 3]>, b: &dyn Fn(&Patch) -> Option<[f64; 3]>| {
         let ln = |patch: &&Patch| {
@@ -202,7 +202,7 @@ fn disparity(at_top: &[&Patch]) -> f64 {
     halves.max(without_brightest)
 }
 
-impl Top {
+impl BrightestSurfaces {
     /// `None` where too little faces up.
     fn of(patches: &[Patch], up: DVec3, place: DVec3) -> Option<Self> {
         let upward: Vec<&Patch> = patches.iter().filter(|patch| patch.normal.dot(up) > UPWARD).collect();
@@ -230,7 +230,7 @@ impl Top {
 
     /// W by the top alone.
     fn level(&self) -> f64 {
-        self.luminance / WHITE
+        self.luminance / WHITE_REFLECTANCE
     }
 
     /// The first gate that is closed.
@@ -308,8 +308,8 @@ fn coloured(tint: [f64; 3], luminance: f64) -> [f64; 3] {
 }
 
 /// The white level at a place.
-pub fn white_level(patches: &[Patch], up: DVec3, place: DVec3, exposure: &Exposure) -> WhiteLevel {
-    let top = Top::of(patches, up, place);
+pub fn white_level(patches: &[Patch], up: DVec3, place: DVec3, exposure: &ExposureLevel) -> WhiteLevel {
+    let top = BrightestSurfaces::of(patches, up, place);
     let Some(top) = top else { return unclaimed(None, exposure, Unclaimed::TooFew) };
     if let Some(why) = top.closed(exposure.level) {
         return unclaimed(Some(&top), exposure, why);
@@ -322,7 +322,12 @@ pub fn white_level(patches: &[Patch], up: DVec3, place: DVec3, exposure: &Exposu
 /// The white level where lamps are known. They explain how bright surfaces are beside each other,
 /// so that the whitest of the whole room tell it, each by its brightest spot. `None` where that
 /// contradicts the exposure: a lamp is wrong.
-pub fn white_level_by_lamps(patches: &[Patch], up: DVec3, place: DVec3, exposure: &Exposure) -> Option<WhiteLevel> {
+pub fn white_level_by_lamps(
+    patches: &[Patch],
+    up: DVec3,
+    place: DVec3,
+    exposure: &ExposureLevel,
+) -> Option<WhiteLevel> {
     let of = |faces: &dyn Fn(&&Patch) -> bool| -> Vec<Censored> {
         patches.iter().filter(faces).map(|patch| (patch.brightest as f32, 1.0, patch.is_bound)).collect()
     };
@@ -330,8 +335,9 @@ pub fn white_level_by_lamps(patches: &[Patch], up: DVec3, place: DVec3, exposure
     if values.len() < FEWEST_UPWARD {
         values = of(&|_| true);
     }
-    let mut level =
-        |share: f64| kaplan_meier(&mut values, share).map(|(value, is_bound)| (f64::from(value) / WHITE, is_bound));
+    let mut level = |share: f64| {
+        kaplan_meier(&mut values, share).map(|(value, is_bound)| (f64::from(value) / WHITE_REFLECTANCE, is_bound))
+    };
     let (whitest, is_bound) = level(WHITEST)?;
     let [low, high] = [level(WHITEST_BETWEEN[0])?.0, level(WHITEST_BETWEEN[1])?.0];
     let off = (whitest / exposure.level).ln();
@@ -342,14 +348,14 @@ pub fn white_level_by_lamps(patches: &[Patch], up: DVec3, place: DVec3, exposure
         true => (exposure.level.clamp(whitest, BEYOND * whitest), FARTHEST_BEYOND * whitest),
         false => ((whitest.ln() - EXPOSURE_WEIGHT * off).exp(), 0.0),
     };
-    let tint = colour(patches, up, place, (f64::INFINITY, WHITE * white), exposure.neutral);
+    let tint = colour(patches, up, place, (f64::INFINITY, WHITE_REFLECTANCE * white), exposure.neutral);
     let between = [(low / LOOSE).min(white / LOOSE), (high * LOOSE).max(white * LOOSE).max(farthest)];
     Some(WhiteLevel { white: coloured(tint, white), between, unclaimed: None })
 }
 
 /// By the exposure, raised where the brightest surface would reflect more than any does.
-fn unclaimed(top: Option<&Top>, exposure: &Exposure, why: Unclaimed) -> WhiteLevel {
-    let Exposure { level, neutral } = *exposure;
+fn unclaimed(top: Option<&BrightestSurfaces>, exposure: &ExposureLevel, why: Unclaimed) -> WhiteLevel {
+    let ExposureLevel { level, neutral } = *exposure;
     let white = top.map_or(level, |top| (top.luminance / HIGHEST).clamp(level, LARGEST_RAISE * level));
     let between = [level / UNCLAIMED, UNCLAIMED * white];
     WhiteLevel { white: coloured(neutral, white), between, unclaimed: Some(why) }
@@ -359,7 +365,7 @@ fn unclaimed(top: Option<&Top>, exposure: &Exposure, why: Unclaimed) -> WhiteLev
 mod tests {
     use super::*;
 
-    const EXPOSURE: Exposure = Exposure { level: 1.0, neutral: [1.0; 3] };
+    const EXPOSURE: ExposureLevel = ExposureLevel { level: 1.0, neutral: [1.0; 3] };
 
     fn patch(at: DVec3, light: f64) -> Patch {
         Patch {
@@ -382,7 +388,8 @@ mod tests {
 
     #[test]
     fn surfaces_in_deep_shadow_are_no_measure_of_white() {
-        // A desk of 0.8, of which 1 % lies in a shadow that is said to be ten times as deep as it is.
+        // A desk of 0.8, of which 1 % lies in a shadow that is said to be ten times as deep as it
+        // is.
         let voxels: Vec<Voxel> = desk(1000).iter().map(|p| Voxel::of_surface(p.at, p.normal, [0.8; 3])).collect();
         let relative = |voxel: &Voxel| if voxel.at.x > 0.229 && voxel.at.y > 0.1 { 0.1 } else { 1.0 };
         let lit = patches(&voxels, relative);
@@ -391,7 +398,7 @@ mod tests {
         assert!((relative_luminance(level.white) - 1.0).abs() < 1e-6, "{level:?}");
     }
 
-    fn level(patches: &[Patch], exposure: &Exposure) -> WhiteLevel {
+    fn level(patches: &[Patch], exposure: &ExposureLevel) -> WhiteLevel {
         white_level(patches, DVec3::Z, DVec3::ZERO, exposure)
     }
 
@@ -407,7 +414,7 @@ mod tests {
         assert!(found.white.iter().all(|white| is_about(*white, 1.0)), "{found:?}");
         assert!(is_about(found.between[0], 0.8 / 0.9) && is_about(found.between[1], 0.3f64.exp()), "{found:?}");
         // The exposure says 1.4: 1.4^0.15, and 0.4·ln 1.4 widens the interval.
-        let found = level(&desk(200), &Exposure { level: 1.4, ..EXPOSURE });
+        let found = level(&desk(200), &ExposureLevel { level: 1.4, ..EXPOSURE });
         let (white, wide) = (1.4f64.powf(0.15), 0.3f64.hypot(0.4 * 1.4f64.ln()).exp());
         assert!(is_about(found.white[1], white) && is_about(found.between[1], white * wide), "{found:?}");
     }
@@ -417,7 +424,7 @@ mod tests {
         let mut patches = desk(200);
         patches.iter_mut().take(200).for_each(|patch| patch.is_bound = true);
         for (exposure, white) in [(0.6, 1.0), (1.2, 1.2), (1.9, 1.4)] {
-            let found = level(&patches, &Exposure { level: exposure, ..EXPOSURE });
+            let found = level(&patches, &ExposureLevel { level: exposure, ..EXPOSURE });
             assert!(found.unclaimed.is_none() && is_about(found.white[1], white), "{exposure}: {found:?}");
             assert!(is_about(found.between[0], 0.8 / 0.9) && is_about(found.between[1], 1.6), "{found:?}");
         }
@@ -426,7 +433,7 @@ mod tests {
     #[test]
     fn each_gate_closes_with_its_reason() {
         let why =
-            |patches: &[Patch], exposure: f64| level(patches, &Exposure { level: exposure, ..EXPOSURE }).unclaimed;
+            |patches: &[Patch], exposure: f64| level(patches, &ExposureLevel { level: exposure, ..EXPOSURE }).unclaimed;
         assert_eq!(why(&desk(200)[..600], 1.0), Some(Unclaimed::TooFew));
         assert_eq!(why(&desk(600), 1.0), Some(Unclaimed::Ground));
         assert_eq!(why(&desk(40), 1.0), Some(Unclaimed::Scrap));
@@ -436,7 +443,8 @@ mod tests {
         let beyond = (0..200).map(|n| patch(DVec3::new(1.0, 0.001 * f64::from(n), 0.0), 1.6));
         let sunlit = why(&desk(200).into_iter().chain(beyond).collect::<Vec<_>>(), 1.0);
         assert!(matches!(sunlit, Some(Unclaimed::Varies { growth }) if is_about(growth, 2.0)), "{sunlit:?}");
-        // All 200 were seen by both halves, by one of them twice as bright; or one third of the frames saw mirrored light.
+        // All 200 were seen by both halves, by one of them twice as bright; or one third of the
+        // frames saw mirrored light.
         let seen_as = |parts: [Option<[f64; 3]>; 3]| desk(200).into_iter().map(move |patch| Patch { parts, ..patch });
         for (parts, by) in [([0.6, 1.2, 0.8], 2.0), ([0.8, 0.8, 0.5], 1.6)] {
             let differing = why(&seen_as(parts.map(|light| Some([light; 3]))).collect::<Vec<_>>(), 1.0);
@@ -451,7 +459,7 @@ mod tests {
     #[test]
     fn an_unclaimed_level_is_the_exposure_raised_to_what_no_surface_exceeds() {
         for (exposure, white) in [(2.0, 2.0), (0.7, 0.8 / 0.9), (0.5, 0.75)] {
-            let neutral = Exposure { level: exposure, neutral: [1.2, 1.0, 0.8] };
+            let neutral = ExposureLevel { level: exposure, neutral: [1.2, 1.0, 0.8] };
             let found = level(&desk(600), &neutral);
             assert!(found.unclaimed.is_some() && is_about(relative_luminance(found.white), white), "{found:?}");
             assert!(is_about(found.white[0] / found.white[1], 1.2), "{found:?}");
@@ -474,7 +482,7 @@ mod tests {
         // 20 of 1000 show 0.8 by their brightest spots: W = 1, moved by the exposure of 1.4 as a
         // claim is.
         let by_lamps = |exposure: f64| {
-            white_level_by_lamps(&desk(20), DVec3::Z, DVec3::ZERO, &Exposure { level: exposure, ..EXPOSURE })
+            white_level_by_lamps(&desk(20), DVec3::Z, DVec3::ZERO, &ExposureLevel { level: exposure, ..EXPOSURE })
         };
         let found = by_lamps(1.4).unwrap();
         let white = 1.4f64.powf(0.15);
@@ -485,7 +493,7 @@ mod tests {
         let mut clipped = desk(20);
         clipped.iter_mut().take(20).for_each(|patch| patch.is_bound = true);
         for (level, white) in [(0.7, 1.0), (1.3, 1.3), (1.9, 1.4)] {
-            let exposure = Exposure { level, ..EXPOSURE };
+            let exposure = ExposureLevel { level, ..EXPOSURE };
             let found = white_level_by_lamps(&clipped, DVec3::Z, DVec3::ZERO, &exposure).unwrap();
             assert!(is_about(found.white[1], white) && is_about(found.between[1], 1.6), "{level}: {found:?}");
         }

@@ -4,7 +4,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use glam::{DVec2, DVec3, Vec3};
 
 use crate::cli::pick::{numbers, of_view, view};
-use locard_engine::analyse::{self, Analysis, Environment, FoundLight, MOST_LAMPS};
+use locard_engine::analyse::{self, Analysis, Environment, LightFindings, MAX_LAMPS};
 use locard_engine::parallel::processors;
 use locard_engine::shadow::OnWhite;
 use locard_engine::shot::{Shot, SurfaceError, View};
@@ -82,15 +82,15 @@ impl Pointed {
 }
 
 /// The light of the room with lamps that a person has seen; `None` where there are none. They come first among its lamps.
-pub fn lit_anew(shot: &Shot, found: &Analysis, lamps: &[Pointed]) -> Result<Option<(FoundLight, Environment)>> {
+pub fn lit_anew(shot: &Shot, found: &Analysis, lamps: &[Pointed]) -> Result<Option<(LightFindings, Environment)>> {
     if lamps.is_empty() {
         return Ok(None);
     }
-    if lamps.len() > MOST_LAMPS {
-        bail!("--lamp is given {} times: accepted is up to {MOST_LAMPS}", lamps.len());
+    if lamps.len() > MAX_LAMPS {
+        bail!("--lamp is given {} times: accepted is up to {MAX_LAMPS}", lamps.len());
     }
     let places = lamps.iter().map(|lamp| lamp.place(shot)).collect::<Result<Vec<_>>>()?;
-    let lit = analyse::lit_anew(&shot.recording, &shot.camera().response, found, &places, processors())?;
+    let lit = analyse::relight(&shot.recording, &shot.camera().response, found, &places, processors())?;
     lit.map(Some).map_err(|why| anyhow!("--lamp: the footage does not tell how bright it is: {why}"))
 }
 

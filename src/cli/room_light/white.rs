@@ -4,7 +4,7 @@ use anyhow::{Result, anyhow};
 use glam::Vec3;
 
 use crate::cli::pick::{of_view, triple, view};
-use locard_engine::analyse::WHITE;
+use locard_engine::analyse::WHITE_REFLECTANCE;
 use locard_engine::scene::{LightCorrection, Lighting};
 use locard_engine::shot::{ReferencePick, Shot, White};
 use locard_engine::text::{fixed, number};
@@ -15,7 +15,7 @@ const REFLECTANCES: [f64; 2] = [0.02, 0.95];
 /// From `FRAME:X,Y` or `FRAME:X,Y=REFLECTANCE`.
 pub fn parse(text: &str) -> Result<ReferencePick, String> {
     let (at, reflectance) = match text.split_once('=') {
-        None => (text, WHITE),
+        None => (text, WHITE_REFLECTANCE),
         Some((at, reflectance)) => {
             let is_accepted = |value: &f64| (REFLECTANCES[0]..=REFLECTANCES[1]).contains(value);
             let [least, most] = REFLECTANCES;

@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::Project;
 use crate::room_light::even;
-use locard_engine::analyse::{ENVIRONMENT, FILE_NAME, FoundLight, WHITE};
+use locard_engine::analyse::{ENVIRONMENT, FILE_NAME, LightFindings, WHITE_REFLECTANCE};
 use locard_engine::scene::document::LightTable;
 use locard_engine::scene::{LightCorrection, Lighting, LitBy, SceneFile, Support, Thing, relative};
 use locard_engine::shadow::{Room, on_white};
@@ -16,11 +16,11 @@ use locard_engine::text::fixed;
 
 impl Project {
     /// Lighting from the analysis, which applies because the scene has none of its own.
-    pub fn found_light(&self) -> Option<&FoundLight> {
+    pub fn found_light(&self) -> Option<&LightFindings> {
         self.analysis_light().map(|(_, light)| light).filter(|_| self.edit().scene.light.says_none())
     }
 
-    fn analysis_light(&self) -> Option<(&Path, &FoundLight)> {
+    fn analysis_light(&self) -> Option<(&Path, &LightFindings)> {
         let AnalysisState::Used(folder, findings) = &self.shot.analysis else { return None };
         Some((folder, findings.light.as_ref().filter(|light| light.panorama.is_some())?))
     }
@@ -48,7 +48,7 @@ impl Project {
             return Err("Lights inside models light the scene, too, and cannot be matched: change the others by hand."
                 .to_owned());
         }
-        let pick = ReferencePick { view, reflectance: WHITE };
+        let pick = ReferencePick { view, reflectance: WHITE_REFLECTANCE };
         let whites = self.shot.white_at(&[pick], &lighting).map_err(|(_, error)| error.to_string())?;
         let factors: Vec<[f64; 3]> = whites.iter().map(|white| white.factors).collect();
         let (correction, [low, high]) = LightCorrection::mean_of(&factors);

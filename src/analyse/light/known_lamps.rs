@@ -1,59 +1,61 @@
 //! Lamps at which a person pointed, in place of those that were sought.
 //!
-//! Their places are known, so that nothing is sought: each is taken for a bulb or for a panel that shines down, whichever leaves less
-//! unexplained. Lamps that were found without them stay where they were, as long as they are worth it beside them
-//! ([`search`](super::search)): one that stood for a lamp which is known now no longer is. How bright each is follows from how
-//! surfaces are lit, with the light from around and above, as ever. A lamp at which a person pointed is there, whatever the surfaces say.
+//! Their places are known, so that nothing is sought: each is taken for a bulb or for a panel that
+//! shines down, whichever leaves less unexplained. Lamps that were found without them stay where
+//! they were, as long as they are worth it beside them ([`search`](super::lamp_search)): one that
+//! stood for a lamp which is known now no longer is. How bright each is follows from how surfaces
+//! are lit, with the light from around and above, as ever. A lamp at which a person pointed is
+//! there, whatever the surfaces say.
 
 use glam::DVec3;
 
-use super::blocked::Blocked;
-use super::lit::{MOST_LAMPS, Place};
-use super::search::{APART_M, FINE, Search, WORTH, WORTH_OF_ALL};
-use super::solved::{FEWEST, Solved, TOO_FEW, Verdict, light};
-use super::surfaces::{Of, points, room};
+use super::lamp_fit::{LampSource, MAX_LAMPS};
+use super::lamp_search::{APART_M, FINE, Search, WORTH, WORTH_OF_ALL};
+use super::lamp_solution::{FEWEST, LampSolution, LampVerdict, TOO_FEW, fit_light};
+use super::occupancy::OccupancyGrid;
+use super::surfaces::{LightChannel, lit_points, search_volume};
 use super::voxels::Voxel;
 
 /// Lamps by their places, world axes, m.
 #[derive(Clone, Copy, Debug)]
-pub struct Given<'a> {
-    /// That a person has seen; at most [`MOST_LAMPS`].
+pub struct KnownLamps<'a> {
+    /// That a person has seen; at most [`MAX_LAMPS`].
     pub seen: &'a [DVec3],
     /// That were found without them.
     pub found: &'a [DVec3],
 }
 
-/// As [`solve`](super::solved::solve), without a search.
+/// As [`solve`](super::lamp_solution::solve), without a search.
 pub fn solve(
     voxels: &[Voxel],
     solid: &[DVec3],
     up: DVec3,
     threads: usize,
-    given: &Given<'_>,
-) -> Result<Solved, String> {
-    let points = points(voxels, 2, Of::Luminance);
+    given: &KnownLamps<'_>,
+) -> Result<LampSolution, String> {
+    let points = lit_points(voxels, 2, LightChannel::Luminance);
     if points.len() < FEWEST {
         return Err(TOO_FEW.to_owned());
     }
-    let blocked = Blocked::new(solid);
-    let search = Search { points: &points, blocked: &blocked, room: room(solid, up), threads };
+    let occupancy = OccupancyGrid::new(solid);
+    let search = Search { points: &points, occupancy: &occupancy, volume: search_volume(solid, up), threads };
     let (lamps, explained) = lamps(&search, given);
-    let light = light(voxels, &search, &lamps);
-    Ok(Solved::new(lamps, light, blocked, up, Verdict { explained, ..Verdict::default() }))
+    let light = fit_light(voxels, &search, &lamps);
+    Ok(LampSolution::new(lamps, light, occupancy, up, LampVerdict { explained, ..LampVerdict::default() }))
 }
 
 /// Those that shine, the seen ones first, and what they explain.
-fn lamps(search: &Search<'_>, given: &Given<'_>) -> (Vec<Place>, f64) {
+fn lamps(search: &Search<'_>, given: &KnownLamps<'_>) -> (Vec<LampSource>, f64) {
     let none = search.with(&[], FINE).score;
-    let (mut lamps, mut score): (Vec<Place>, f64) = (Vec::new(), none);
+    let (mut lamps, mut score): (Vec<LampSource>, f64) = (Vec::new(), none);
     let seen = given.seen.iter().map(|at| (*at, true));
     for (at, is_seen) in seen.chain(given.found.iter().map(|at| (*at, false))) {
-        let is_there = |lamp: &Place| lamp.at.distance(at) < APART_M;
-        if lamps.len() == MOST_LAMPS || (!is_seen && lamps.iter().any(is_there)) {
+        let is_there = |lamp: &LampSource| lamp.at.distance(at) < APART_M;
+        if lamps.len() == MAX_LAMPS || (!is_seen && lamps.iter().any(is_there)) {
             continue;
         }
-        let with = [None, Some(-search.room.up)].map(|along| {
-            let more = [&lamps[..], &[Place { at, along }]].concat();
+        let with = [None, Some(-search.volume.up)].map(|along| {
+            let more = [&lamps[..], &[LampSource { at, along }]].concat();
             (search.with(&more, FINE).score, more)
         });
         let [bulb, panel] = with;
@@ -67,22 +69,22 @@ fn lamps(search: &Search<'_>, given: &Given<'_>) -> (Vec<Place>, f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::lit::of_lamp;
-    use super::super::lit_room::room as lit_room;
-    use super::super::solved::Shares;
+    use super::super::lamp_fit::lamp_irradiance;
+    use super::super::lamp_solution::PlaceLight;
+    use super::super::test_room::room as lit_test_room;
     use super::*;
 
     const UP: DVec3 = DVec3::Z;
 
     /// Scaled to what white shows in the middle of the floor.
-    fn scaled(solved: &Solved, lamps: &[DVec3]) -> Shares {
-        let by = |at: &DVec3| 2.0 * of_lamp(DVec3::ZERO, UP, &Place { at: *at, along: None });
+    fn scaled(solved: &LampSolution, lamps: &[DVec3]) -> PlaceLight {
+        let by = |at: &DVec3| 2.0 * lamp_irradiance(DVec3::ZERO, UP, &LampSource { at: *at, along: None });
         solved.at(DVec3::ZERO, [0.15 + lamps.iter().map(by).sum::<f64>(); 3])
     }
 
-    fn solved(lamps: &[DVec3], seen: &[DVec3], found: &[DVec3]) -> Solved {
-        let (voxels, solid) = lit_room([lamps; 2]);
-        solve(&voxels, &solid, UP, 2, &Given { seen, found }).unwrap()
+    fn solved(lamps: &[DVec3], seen: &[DVec3], found: &[DVec3]) -> LampSolution {
+        let (voxels, solid) = lit_test_room([lamps; 2]);
+        solve(&voxels, &solid, UP, 2, &KnownLamps { seen, found }).unwrap()
     }
 
     #[test]
@@ -90,7 +92,7 @@ mod tests {
         let lamp = DVec3::new(-0.6, 0.5, 2.0);
         let found = solved(&[lamp], &[lamp], &[DVec3::new(-0.9, 0.1, 1.7)]);
         assert_eq!(found.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), [lamp]);
-        let Shares { ambient, lamps } = scaled(&found, &[lamp]);
+        let PlaceLight { ambient, lamps } = scaled(&found, &[lamp]);
         assert!((lamps[0].shown_at_1_m[1] / 2.0 - 1.0).abs() < 0.05, "{lamps:?}");
         assert!((ambient[1] - 0.15).abs() < 0.03, "{ambient:?}");
         assert!(found.verdict.explained > 0.5 && found.verdict.no_lamp.is_none(), "{:?}", found.verdict);
@@ -106,7 +108,8 @@ mod tests {
             let of_one = of_all.iter().filter(|lamp| DVec3::from(lamp.at_m) == at).map(|lamp| lamp.shown_at_1_m[1]);
             let shown: Vec<f64> = of_one.collect();
             assert!((shown.iter().sum::<f64>() / 2.0 - 1.0).abs() < 0.1, "{of_all:?}");
-            // There is no bounce light: up to a third is mistaken for it where there are few shadows.
+            // There is no bounce light: up to a third is mistaken for it where there are few
+            // shadows.
             assert!(shown[0] > 2.0 / 1.5, "{of_all:?}");
         }
         // It is off.

@@ -1,9 +1,11 @@
-//! What finished stages of an analysis gave, kept until all of it is written: one that was interrupted goes on where it was.
+//! Checkpoints: results of an analysis's finished stages, by which an interrupted analysis resumes.
 //!
-//! A folder beside the artefact's, of its name with `.part`: a file for each stage, in their order, as CBOR, which keeps numbers to
-//! the last bit. So the files at the end have the bytes that they have without interruption. The folder is bound to everything that
-//! the stages follow from; a folder with another binding is discarded. Each file begins with a SHA-256 of its content, its
-//! stage number and that binding: a stage that is damaged, exchanged or from another folder is computed again.
+//! They lie in a folder beside the artefact's, of its name with `.part`: one file per stage, in
+//! order, as CBOR, which is exact for floating-point numbers. The result of a resumed analysis has
+//! the same bytes as one without interruption. The folder is bound to all inputs of the stages; a
+//! folder with another binding is discarded. Each file begins with a SHA-256 of its content, its
+//! stage number and that binding: a stage that is damaged, exchanged or from another folder is
+//! computed again.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -12,56 +14,58 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 
+use super::capture_info::CaptureInfo;
 use super::dependencies::Dependencies;
 use super::inputs;
-use super::taken::Taken;
 use crate::camera::Geometry;
 use crate::recording::Recording;
 use crate::sink::atomic::write_atomically;
 use crate::source::file;
 
-/// Says what a folder is bound to.
-const BOUND: &str = "bound.txt";
-const STAGE: &str = "stage-";
-/// No stage gives more, bytes.
-const MOST_STAGE: u64 = 1 << 30;
+/// File with the folder's binding.
+const BINDING_FILE: &str = "bound.txt";
+const STAGE_PREFIX: &str = "stage-";
+/// Largest file of a stage, bytes.
+const MAX_STAGE_BYTES: u64 = 1 << 30;
 
 /// Checkpoints of an analysis, one for each finished stage.
 #[derive(Debug, Default)]
-pub struct Part {
-    /// `None`: nothing is kept.
+pub struct Checkpoints {
+    /// `None`: nothing is stored.
     folder: Option<PathBuf>,
-    /// Digest of everything that the stages follow from.
-    bound: String,
+    /// Digest of all inputs of the stages.
+    binding: String,
     stage: usize,
 }
 
-impl Part {
-    /// Nothing is kept.
+impl Checkpoints {
+    /// Stores nothing.
     pub fn none() -> Self {
         Self::default()
     }
 
-    /// Of the analysis that is to lie in `folder`. Where nothing can be kept, an analysis is made all the same.
-    pub fn of(folder: &Path, recording: &Recording, camera: &Geometry, taken: &Taken<'_>) -> Self {
+    /// Checkpoints of the analysis that will be written to `folder`. Where the file system refuses,
+    /// nothing is stored.
+    pub fn of(folder: &Path, recording: &Recording, camera: &Geometry, capture: &CaptureInfo<'_>) -> Self {
         let mut name = folder.file_name().unwrap_or_default().to_owned();
         name.push(".part");
         let folder = folder.with_file_name(name);
-        let bound = bound(recording, camera, taken);
-        let is_bound = file::read_text(&folder.join(BOUND), 1 << 10).is_ok_and(|text| text == bound);
-        let is_there = is_bound || {
+        let binding = binding(recording, camera, capture);
+        let path = folder.join(BINDING_FILE);
+        let is_bound = file::read_text(&path, 1 << 10).is_ok_and(|text| text == binding);
+        let is_usable = is_bound || {
             clear(&folder);
             let made = std::fs::create_dir_all(&folder).is_ok();
-            made && write_atomically(&folder.join(BOUND), true, |out| out.write_all(bound.as_bytes())).is_ok()
+            made && write_atomically(&path, true, |out| out.write_all(binding.as_bytes())).is_ok()
         };
-        Self { folder: Some(folder).filter(|_| is_there), bound, stage: 0 }
+        Self { folder: Some(folder).filter(|_| is_usable), binding, stage: 0 }
     }
 
-    /// The next stage: what it gave before, or what it gives now.
+    /// The result of the next stage: from its checkpoint, or computed by `make` and stored.
     pub fn stage<T: Serialize + DeserializeOwned, E>(&mut self, make: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
         let stage = self.stage;
         self.stage += 1;
-        let path = self.folder.as_ref().map(|folder| folder.join(format!("{STAGE}{stage:02}")));
+        let path = self.folder.as_ref().map(|folder| folder.join(format!("{STAGE_PREFIX}{stage:02}")));
         if let Some(there) = path.as_deref().and_then(|path| self.read(path, stage)) {
             return Ok(there);
         }
@@ -71,7 +75,7 @@ impl Part {
             && ciborium::into_writer(&made, &mut bytes).is_ok()
         {
             let checksum = self.checksum(stage, &bytes);
-            // What cannot be kept is made again.
+            // A stage that cannot be stored is computed again by a resumed analysis.
             let _ = write_atomically(&path, true, |out| out.write_all(&checksum).and_then(|()| out.write_all(&bytes)));
         }
         Ok(made)
@@ -79,7 +83,7 @@ impl Part {
 
     /// A stage's checkpoint; `None` if there is none, or not the one that was written there.
     fn read<T: DeserializeOwned>(&self, path: &Path, stage: usize) -> Option<T> {
-        let file = file::read(path, MOST_STAGE).ok()?;
+        let file = file::read(path, MAX_STAGE_BYTES).ok()?;
         let (checksum, bytes) = file.split_first_chunk::<32>()?;
         let is_intact = *checksum == self.checksum(stage, bytes);
         is_intact.then(|| ciborium::from_reader(bytes).ok())?
@@ -88,12 +92,12 @@ impl Part {
     /// SHA-256 of a stage's content, its number and the folder's binding.
     fn checksum(&self, stage: usize, bytes: &[u8]) -> [u8; 32] {
         let mut hash = Sha256::new();
-        hash.update(format!("{} {stage} ", self.bound));
+        hash.update(format!("{} {stage} ", self.binding));
         hash.update(bytes);
         hash.finalize().into()
     }
 
-    /// The analysis is written: nothing of this is needed any more.
+    /// Removes the checkpoints, after the analysis is written.
     pub fn finish(self) {
         if let Some(folder) = self.folder {
             clear(&folder);
@@ -101,9 +105,9 @@ impl Part {
     }
 }
 
-/// Removes what was kept, and the folder if nothing else is in it.
+/// Removes the checkpoints, and the folder if nothing else is in it.
 fn clear(folder: &Path) {
-    let own = |name: &str| name == BOUND || name.starts_with(STAGE);
+    let own = |name: &str| name == BINDING_FILE || name.starts_with(STAGE_PREFIX);
     for entry in folder.read_dir().into_iter().flatten().flatten() {
         if own(&entry.file_name().to_string_lossy()) {
             let _ = std::fs::remove_file(entry.path());
@@ -112,13 +116,14 @@ fn clear(folder: &Path) {
     let _ = std::fs::remove_dir(folder);
 }
 
-/// SHA-256 of what stages follow from: the recording, the camera, and the program with its version of the format.
-fn bound(recording: &Recording, camera: &Geometry, taken: &Taken<'_>) -> String {
+/// SHA-256 of the inputs of all stages: the recording, the camera, and the program with its version
+/// of the format.
+fn binding(recording: &Recording, camera: &Geometry, capture: &CaptureInfo<'_>) -> String {
     let mut hash = Sha256::new();
     let program = (env!("CARGO_PKG_VERSION"), super::artefact::VERSION);
     hash.update(inputs::fingerprint(recording));
     let made_with = Dependencies::of(recording);
-    hash.update(format!("{program:?} {camera:?} {made_with:?} {:?} {:?}", taken.response, taken.noise));
+    hash.update(format!("{program:?} {camera:?} {made_with:?} {:?} {:?}", capture.response, capture.noise));
     hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
@@ -128,15 +133,15 @@ mod tests {
     use crate::camera::{Curve, NoiseBin, NoiseProfile, Response};
     use crate::recording::OpenOptions;
 
-    fn part(folder: &Path) -> Part {
-        Part { folder: Some(folder.to_owned()), ..Part::default() }
+    fn checkpoints(folder: &Path) -> Checkpoints {
+        Checkpoints { folder: Some(folder.to_owned()), ..Checkpoints::default() }
     }
 
-    /// A folder with two stages, 1 and 2.
+    /// A folder with checkpoints of two stages, whose results are 1 and 2.
     fn two_stages() -> tempfile::TempDir {
         let temp = tempfile::tempdir().unwrap();
-        let mut part = part(temp.path());
-        assert_eq!((part.stage(|| Ok::<u64, ()>(1)), part.stage(|| Ok::<u64, ()>(2))), (Ok(1), Ok(2)));
+        let mut checkpoints = checkpoints(temp.path());
+        assert_eq!((checkpoints.stage(|| Ok::<u64, ()>(1)), checkpoints.stage(|| Ok::<u64, ()>(2))), (Ok(1), Ok(2)));
         temp
     }
 
@@ -149,10 +154,10 @@ mod tests {
             let mut damaged = intact.clone();
             damaged[at] ^= 1;
             std::fs::write(&file, damaged).unwrap();
-            assert_eq!(part(temp.path()).stage(|| Ok::<u64, ()>(9)), Ok(9), "byte {at}");
+            assert_eq!(checkpoints(temp.path()).stage(|| Ok::<u64, ()>(9)), Ok(9), "byte {at}");
         }
         std::fs::write(&file, intact).unwrap();
-        assert_eq!(part(temp.path()).stage(|| Ok::<u64, ()>(9)), Ok(1));
+        assert_eq!(checkpoints(temp.path()).stage(|| Ok::<u64, ()>(9)), Ok(1));
     }
 
     #[test]
@@ -160,37 +165,37 @@ mod tests {
         let temp = two_stages();
         let at = |name: &str| temp.path().join(name);
         std::fs::copy(at("stage-01"), at("stage-00")).unwrap();
-        let mut exchanged = part(temp.path());
+        let mut exchanged = checkpoints(temp.path());
         assert_eq!(exchanged.stage(|| Ok::<u64, ()>(9)), Ok(9));
         assert_eq!(exchanged.stage(|| Ok::<u64, ()>(9)), Ok(2));
-        let mut other = Part { bound: "another".to_owned(), ..part(temp.path()) };
+        let mut other = Checkpoints { binding: "another".to_owned(), ..checkpoints(temp.path()) };
         assert_eq!(other.stage(|| Ok::<u64, ()>(8)), Ok(8));
     }
 
     #[test]
-    fn what_a_stage_gave_comes_back_to_the_last_bit_and_no_further() {
+    fn checkpoints_are_exact_and_end_at_the_interrupted_stage() {
         let temp = tempfile::tempdir().unwrap();
         let folder = temp.path().join("a.part");
         std::fs::create_dir(&folder).unwrap();
         let values = vec![0.1, -1.0 / 3.0, 5e-324, f64::MAX, 2.5];
-        let made: Result<Vec<f64>, ()> = part(&folder).stage(|| Ok(values.clone()));
+        let made: Result<Vec<f64>, ()> = checkpoints(&folder).stage(|| Ok(values.clone()));
         assert_eq!(made, Ok(values.clone()));
-        let mut again = part(&folder);
+        let mut again = checkpoints(&folder);
         let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
         let there: Result<Vec<f64>, ()> = again.stage(|| Err(()));
         assert_eq!(bits(&there.unwrap()), bits(&values));
-        // The second was interrupted, and half a file is none.
+        // The second stage was interrupted, and its truncated file is ignored.
         assert_eq!(again.stage(|| Err::<u32, _>("interrupted")), Err("interrupted"));
         std::fs::write(folder.join("stage-01"), [0x9b]).unwrap();
-        let mut third = part(&folder);
+        let mut third = checkpoints(&folder);
         let _: Result<Vec<f64>, ()> = third.stage(|| Err(()));
         assert_eq!(third.stage(|| Ok::<Vec<f64>, ()>(vec![7.0])), Ok(vec![7.0]));
-        // What is somebody else's stays.
+        // Other files in the folder stay.
         std::fs::write(folder.join("mine"), "").unwrap();
         third.finish();
         let left: Vec<_> = folder.read_dir().unwrap().map(|entry| entry.unwrap().file_name()).collect();
         assert_eq!(left, ["mine"]);
-        assert_eq!(Part::none().stage(|| Ok::<u32, ()>(3)), Ok(3));
+        assert_eq!(Checkpoints::none().stage(|| Ok::<u32, ()>(3)), Ok(3));
     }
 
     #[test]
@@ -198,9 +203,11 @@ mod tests {
         let temp = tempfile::tempdir().unwrap();
         let recording = Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap();
         let analyse = |focal_px: f64, response: &Response, noise: Option<&NoiseProfile>, value: u32| {
-            let taken = Taken { response, noise, exposure_s: &|_| 0.01 };
+            let capture = CaptureInfo { response, noise, exposure_s: &|_| 0.01 };
             let camera = Geometry::pinhole(640, 480, focal_px);
-            Part::of(&temp.path().join("a"), &recording, &camera, &taken).stage(|| Ok::<u32, ()>(value)).unwrap()
+            Checkpoints::of(&temp.path().join("a"), &recording, &camera, &capture)
+                .stage(|| Ok::<u32, ()>(value))
+                .unwrap()
         };
         let srgb = Response::default();
         let gamma = Response { curve: Curve::Gamma, ..srgb };

@@ -1,20 +1,22 @@
 //! The way of the camera through its refined poses.
 //!
-//! Its motion at a frame is the slope of the polynomial through the logarithms of the frames around it, up to two each way.
-//! Between two frames it follows the cubic with the poses and motions of both (Hermite's, in the first one's axes).
+//! Its motion at a frame is the slope of the polynomial through the logarithms of the frames around
+//! it, up to two each way. Between two frames it follows the cubic with the poses and motions of
+//! both (Hermite's, in the first one's axes).
 
 use glam::DAffine3;
 
-use super::state::State;
+use super::state::CameraState;
 use crate::fit::twist::{self, Twist};
 
 /// Frames each way that the motion at a frame follows from.
 const AROUND: usize = 2;
 
-/// The motion at each frame by the poses of those around it that have one. Across more than `max_gap_s` nothing is concluded;
-/// a frame without neighbours keeps its motion.
-pub fn with_motion(times_s: &[f64], states: &[Option<State>], max_gap_s: f64) -> Vec<Option<State>> {
-    let posed: Vec<(usize, State)> = states.iter().enumerate().filter_map(|(n, state)| Some((n, (*state)?))).collect();
+/// The motion at each frame by the poses of those around it that have one. Across more than
+/// `max_gap_s` nothing is concluded; a frame without neighbours keeps its motion.
+pub fn with_motion(times_s: &[f64], states: &[Option<CameraState>], max_gap_s: f64) -> Vec<Option<CameraState>> {
+    let posed: Vec<(usize, CameraState)> =
+        states.iter().enumerate().filter_map(|(n, state)| Some((n, (*state)?))).collect();
     let interval_s = |n: usize| times_s[posed[n + 1].0] - times_s[posed[n].0];
     let is_joined = |n: usize| interval_s(n) > 0.0 && interval_s(n) <= max_gap_s;
     let mut out = states.to_vec();
@@ -25,7 +27,8 @@ pub fn with_motion(times_s: &[f64], states: &[Option<State>], max_gap_s: f64) ->
         if around.is_empty() {
             continue;
         }
-        // d/dt at 0 of Lagrange's polynomial through (0, 0) and the others: Σ x_k · 1/t_k · Π t_m / (t_m − t_k).
+        // d/dt at 0 of Lagrange's polynomial through (0, 0) and the others: Σ x_k · 1/t_k · Π t_m /
+        // (t_m − t_k).
         let at_s = |k: usize| times_s[posed[k].0] - times_s[*frame];
         let inverse = here.world_from_camera.inverse();
         let mut motion = Twist::zeros();
@@ -34,13 +37,13 @@ pub fn with_motion(times_s: &[f64], states: &[Option<State>], max_gap_s: f64) ->
             let weight = others.map(|m| at_s(*m) / (at_s(*m) - at_s(*k))).product::<f64>() / at_s(*k);
             motion += weight * twist::log(&(inverse * posed[*k].1.world_from_camera));
         }
-        out[*frame] = Some(State { twist: motion, ..*here });
+        out[*frame] = Some(CameraState { twist: motion, ..*here });
     }
     out
 }
 
 /// Where the camera is between two frames, `share` of the way in time; they are `interval_s` apart.
-pub fn between(a: &State, b: &State, interval_s: f64, share: f64) -> DAffine3 {
+pub fn between(a: &CameraState, b: &CameraState, interval_s: f64, share: f64) -> DAffine3 {
     let whole = twist::log(&(a.world_from_camera.inverse() * b.world_from_camera));
     // ḣ at the end: exp's differential taken back, to first order 1 + ½ ad(h).
     let (start, end) = (a.twist * interval_s, b.twist * interval_s);
@@ -73,7 +76,7 @@ mod tests {
     #[test]
     fn a_smooth_way_is_found_between_its_poses() {
         let times_s: Vec<f64> = (0..12).map(|i| f64::from(i) / 30.0 + if i % 3 == 0 { 0.004 } else { 0.0 }).collect();
-        let at = |t: &f64| Some(State { world_from_camera: truth(*t), twist: Twist::zeros() });
+        let at = |t: &f64| Some(CameraState { world_from_camera: truth(*t), twist: Twist::zeros() });
         let states = with_motion(&times_s, &times_s.iter().map(at).collect::<Vec<_>>(), 0.1);
         for k in 2..9 {
             let (a, b) = (states[k].unwrap(), states[k + 1].unwrap());
@@ -91,8 +94,9 @@ mod tests {
     #[test]
     fn nothing_is_concluded_across_a_gap() {
         let times_s = [0.0, 0.03, 1.0];
-        let still =
-            |x: f64| Some(State { world_from_camera: DAffine3::from_translation(DVec3::X * x), twist: Twist::zeros() });
+        let still = |x: f64| {
+            Some(CameraState { world_from_camera: DAffine3::from_translation(DVec3::X * x), twist: Twist::zeros() })
+        };
         let states = with_motion(&times_s, &[still(0.0), still(0.03), still(9.0)], 0.1);
         assert!((states[1].unwrap().twist[0] - 1.0).abs() < 1e-9);
         assert_eq!(states[2].unwrap().twist, Twist::zeros());

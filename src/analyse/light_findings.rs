@@ -1,4 +1,5 @@
-//! The room's light as an analysis keeps it: numbers in `analysis.toml`, the panorama as a Radiance file.
+//! The room's light as an analysis keeps it: numbers in `analysis.toml`, the panorama as a Radiance
+//! file.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -9,14 +10,14 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::inputs::hex;
-use super::light::{FoundLamp, HEIGHT, RoomLight, WIDTH};
+use super::light::{HEIGHT, LampEstimate, RoomLight, WIDTH};
 use crate::scene::{self, EnvironmentMap, Lighting, PointLight, upright};
 use crate::text::fixed;
 
 /// `[light]`. Linear light, red, green and blue: 1 is white matt that shows as the camera's white.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct FoundLight {
+pub struct LightFindings {
     /// Whether the white level is claimed. Otherwise it follows from the camera's exposure alone,
     /// and the light is even.
     #[serde(default)]
@@ -40,7 +41,8 @@ pub struct FoundLight {
     pub between: Option<[f64; 2]>,
     /// Of what no lamp leaves unexplained, the share that lamps explain.
     pub explained: Option<f64>,
-    /// Of what no lamp leaves unexplained in one half of the frames, the share that the other half's lamp explains; the lesser.
+    /// Of what no lamp leaves unexplained in one half of the frames, the share that the other
+    /// half's lamp explains; the lesser.
     pub halves_explain: Option<f64>,
     /// How far apart the two halves see the lamp.
     pub halves_deg: Option<f64>,
@@ -52,10 +54,11 @@ pub struct FoundLight {
     /// SHA-256 of environment.hdr, hexadecimal.
     pub panorama: Option<String>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub lamps: Vec<FoundLamp>,
+    pub lamps: Vec<LampEstimate>,
 }
 
-/// No lamp of a room is farther away, m, or shows more at 1 m: the sun through a window is near 10⁴.
+/// No lamp of a room is farther away, m, or shows more at 1 m: the sun through a window is near
+/// 10⁴.
 const FARTHEST_M: f64 = 1e4;
 const BRIGHTEST: f64 = 1e6;
 /// Largest accepted lamp diameter, m.
@@ -66,12 +69,12 @@ fn short<const N: usize>(values: [f64; N]) -> [f64; N] {
     values.map(|value| format!("{value:.4}").parse().unwrap_or(value))
 }
 
-impl FoundLight {
+impl LightFindings {
     pub fn of(found: &Result<RoomLight, String>, around: Option<&Environment>) -> Self {
         let light = found.as_ref().ok();
         let [seen, seen_above] = [|l: &RoomLight| l.seen_share, |l: &RoomLight| l.seen_above_share]
             .map(|of| light.map(|l| short([of(l)])[0]));
-        let lamp = |lamp: &FoundLamp| FoundLamp {
+        let lamp = |lamp: &LampEstimate| LampEstimate {
             at_m: short(lamp.at_m),
             shown_at_1_m: short(lamp.shown_at_1_m),
             diameter_m: lamp.diameter_m,
@@ -117,7 +120,7 @@ impl FoundLight {
     pub fn lighting(&self, around: &Environment) -> Option<Lighting> {
         let up = DVec3::from(self.up?).try_normalize()?;
         let map_from_world = upright(up).conjugate().as_quat().normalize();
-        let point = |lamp: &FoundLamp| PointLight {
+        let point = |lamp: &LampEstimate| PointLight {
             position_in_world_m: lamp.at_m.into(),
             color: Vec3::from_array(lamp.shown_at_1_m.map(|v| v.max(0.0) as f32)),
             diameter_m: lamp.diameter_m as f32,
@@ -241,8 +244,8 @@ mod tests {
     #[test]
     fn no_lamp_is_beyond_the_room_or_brighter_than_the_sun() {
         let checked = |at_m: [f64; 3], shown: f64| {
-            let lamps = vec![FoundLamp { at_m, shown_at_1_m: [1.0, shown, 1.0], diameter_m: 0.25 }];
-            FoundLight { lamps, ..FoundLight::of(&Err("nothing".to_owned()), None) }.check()
+            let lamps = vec![LampEstimate { at_m, shown_at_1_m: [1.0, shown, 1.0], diameter_m: 0.25 }];
+            LightFindings { lamps, ..LightFindings::of(&Err("nothing".to_owned()), None) }.check()
         };
         assert!(checked([0.3, -2.0, 2.4], 5.0).is_ok() && checked([1e4, 0.0, 0.0], 0.0).is_ok());
         for (at_m, shown) in [([0.0, 1e300, 0.0], 1.0), ([0.0; 3], 1e300), ([0.0; 3], -0.1), ([f64::NAN; 3], 1.0)] {

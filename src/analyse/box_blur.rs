@@ -1,4 +1,4 @@
-//! Blocks of a picture, blurred along a flow for many exposures at once.
+//! Box blur of picture blocks along a flow, for a grid of exposures.
 
 use glam::DVec2;
 
@@ -7,9 +7,9 @@ use super::pyramid::Plane;
 /// Side of a block, px.
 pub const BLOCK: usize = 16;
 
-/// The exposures that are tried: 0, step, 2·step, … s.
+/// A grid of exposures: 0, step, 2·step, … s.
 #[derive(Clone, Copy, Debug)]
-pub struct Tried {
+pub struct ExposureGrid {
     pub step_s: f64,
     pub count: usize,
 }
@@ -17,9 +17,9 @@ pub struct Tried {
 pub const PIXELS: usize = BLOCK * BLOCK;
 pub type Block = [f32; PIXELS];
 
-/// A block of a plane, moved by a part of pixels, if all of it is there. Cubic convolution: what is as sharp as its
-/// surroundings after it is moved does not look blurred.
-pub fn part(plane: &Plane, x: usize, y: usize, by: DVec2, out: &mut Block) -> Option<()> {
+/// Samples a block of a plane at a subpixel offset; `None` where it reaches beyond the plane. Cubic
+/// convolution, which hardly blurs.
+pub fn sample_block(plane: &Plane, x: usize, y: usize, by: DVec2, out: &mut Block) -> Option<()> {
     const ROWS: usize = BLOCK + 3;
     let (px, py) = (x as f64 + by.x, y as f64 + by.y);
     let (column, row) = (px.floor(), py.floor());
@@ -27,7 +27,7 @@ pub fn part(plane: &Plane, x: usize, y: usize, by: DVec2, out: &mut Block) -> Op
     if !(column >= 1.0 && row >= 1.0 && column + last < plane.width as f64 && row + last < plane.height as f64) {
         return None;
     }
-    let [a, b, c, d] = weights((px - column) as f32);
+    let [a, b, c, d] = cubic_weights((px - column) as f32);
     let (column, row) = (column as usize - 1, row as usize - 1);
     let mut across = [[0.0f32; BLOCK]; ROWS];
     for (dy, out) in across.iter_mut().enumerate() {
@@ -37,7 +37,7 @@ pub fn part(plane: &Plane, x: usize, y: usize, by: DVec2, out: &mut Block) -> Op
             *out = a * v[dx] + b * v[dx + 1] + c * v[dx + 2] + d * v[dx + 3];
         }
     }
-    let [a, b, c, d] = weights((py - py.floor()) as f32);
+    let [a, b, c, d] = cubic_weights((py - py.floor()) as f32);
     for (dy, out) in out.as_chunks_mut::<BLOCK>().0.iter_mut().enumerate() {
         for (dx, out) in out.iter_mut().enumerate() {
             *out = a * across[dy][dx] + b * across[dy + 1][dx] + c * across[dy + 2][dx] + d * across[dy + 3][dx];
@@ -46,40 +46,49 @@ pub fn part(plane: &Plane, x: usize, y: usize, by: DVec2, out: &mut Block) -> Op
     Some(())
 }
 
-/// Cubic convolution's weights of four values, a fraction beyond the second (Keys 1981, a = −½).
-pub fn weights(f: f32) -> [f32; 4] {
+/// Weights of cubic convolution for four values, at a fraction beyond the second (Keys 1981, a =
+/// −½).
+pub fn cubic_weights(f: f32) -> [f32; 4] {
     let (f2, f3) = (f * f, f * f * f);
     [-0.5 * f3 + f2 - 0.5 * f, 1.5 * f3 - 2.5 * f2 + 1.0, -1.5 * f3 + 2.0 * f2 + 0.5 * f, 0.5 * f3 - 0.5 * f2]
 }
 
-/// A block blurred along a flow (px/s) for each exposure tried: the mean over −s/2 ≤ t ≤ s/2 of the picture at x + v·t. `None`
-/// where the longest reaches beyond the picture.
+/// A block blurred along a flow (px/s) for each exposure s of the grid: the mean over −s/2 ≤ t ≤
+/// s/2 of the picture at x + v·t. `None` where the longest blur reaches beyond the picture.
 ///
-/// yₖ is the mean of the picture at x ± v·k·step. An exposure of 2k steps reaches to yₖ, one of 2k − 1 to half-way before: the
-/// trapezoidal and the midpoint rule, each with its ends' slopes (Euler and Maclaurin), so that a parabola's mean is exact:
+/// yₖ is the mean of the picture at x ± v·k·step. An exposure of 2k steps reaches to yₖ, one of 2k
+/// − 1 to half a step before. Its mean follows from the trapezoidal and the midpoint rule, each
+/// with the end correction of Euler and Maclaurin, so that it is exact for a parabola:
 ///
 ///   2k steps:      (y₀/2 + y₁ + … + yₖ₋₁ + yₖ/2 − (yₖ₊₁ − yₖ₋₁)/24) / k
 ///   2k − 1 steps:  (y₀/2 + y₁ + … + yₖ₋₁ + (yₖ − yₖ₋₁)/24) / (k − ½)
-pub fn boxes(plane: &Plane, x: usize, y: usize, flow: DVec2, tried: Tried, out: &mut Vec<Block>) -> Option<()> {
+pub fn box_blurred(
+    plane: &Plane,
+    x: usize,
+    y: usize,
+    flow: DVec2,
+    grid: ExposureGrid,
+    out: &mut Vec<Block>,
+) -> Option<()> {
     out.clear();
     let mut before = [0.0; PIXELS];
-    part(plane, x, y, DVec2::ZERO, &mut before)?;
+    sample_block(plane, x, y, DVec2::ZERO, &mut before)?;
     out.push(before);
     let mut sum: Block = before.map(|value| 0.5 * value);
     let (mut ahead, mut behind) = ([0.0; PIXELS], [0.0; PIXELS]);
     let mut sample = |k: usize| -> Option<Block> {
-        let by = flow * (k as f64 * tried.step_s);
-        part(plane, x, y, by, &mut ahead)?;
-        part(plane, x, y, -by, &mut behind)?;
+        let by = flow * (k as f64 * grid.step_s);
+        sample_block(plane, x, y, by, &mut ahead)?;
+        sample_block(plane, x, y, -by, &mut behind)?;
         Some(std::array::from_fn(|p| 0.5 * (ahead[p] + behind[p])))
     };
     let mut here = sample(1)?;
     for k in 1.. {
         let steps = k as f32;
-        if out.len() < tried.count {
+        if out.len() < grid.count {
             out.push(std::array::from_fn(|p| (sum[p] + (here[p] - before[p]) / 24.0) / (steps - 0.5)));
         }
-        if out.len() == tried.count {
+        if out.len() == grid.count {
             break;
         }
         let after = sample(k + 1)?;
@@ -94,36 +103,37 @@ pub fn boxes(plane: &Plane, x: usize, y: usize, flow: DVec2, tried: Tried, out: 
 mod tests {
     use super::*;
 
-    /// Blurred along x by 1 px for each step tried, of a picture that is `value(x, y)`; what stands at (24, 24).
+    /// The value at (24, 24) of the picture `value(x, y)`, blurred by `flow` for each exposure of
+    /// the grid.
     fn blurred(value: impl Fn(f32, f32) -> f32, flow: DVec2) -> Vec<f32> {
         let values = (0..48 * 48).map(|i| value((i % 48) as f32, (i / 48) as f32)).collect();
         let plane = Plane { width: 48, height: 48, values };
         let mut out = Vec::new();
-        boxes(&plane, 16, 16, flow, Tried { step_s: 0.001, count: 5 }, &mut out).unwrap();
+        box_blurred(&plane, 16, 16, flow, ExposureGrid { step_s: 0.001, count: 5 }, &mut out).unwrap();
         out.iter().map(|block| block[8 * BLOCK + 8]).collect()
     }
 
     #[test]
-    fn a_parabola_blurred_along_its_bend_worked_by_hand() {
+    fn blurred_parabola_matches_the_analytic_mean() {
         // The mean of x² over ±h is h²/3, over n steps of 1 px n²/12.
         let along = blurred(|x, _| (x - 24.0).powi(2), DVec2::new(1000.0, 0.0));
         for (found, expected) in along.iter().zip([0.0, 1.0 / 12.0, 1.0 / 3.0, 0.75, 4.0 / 3.0]) {
             assert!((found - expected).abs() < 1e-5, "{along:?}");
         }
         assert_eq!(along.len(), 5);
-        // Either way along the flow, and not across it.
+        // The sign of the flow does not matter, and a blur along the other axis has no effect.
         assert_eq!(blurred(|x, _| (x - 24.0).powi(2), DVec2::new(-1000.0, 0.0)), along);
         assert_eq!(blurred(|_, y| (y - 24.0).powi(2), DVec2::new(1000.0, 0.0)), [0.0; 5]);
-        // On a plane a blur does nothing.
+        // A linear ramp does not change.
         let slope = blurred(|x, y| 2.0 * x + y, DVec2::new(700.0, -300.0));
         assert!(slope.iter().all(|value| (value - 72.0).abs() < 1e-4), "{slope:?}");
     }
 
     #[test]
-    fn what_would_reach_beyond_the_picture_is_not_blurred() {
+    fn blur_that_reaches_beyond_the_picture_is_refused() {
         let plane = Plane::new(48, 48, 1.0);
-        let tried = Tried { step_s: 0.001, count: 5 };
-        assert!(boxes(&plane, 16, 16, DVec2::new(9000.0, 0.0), tried, &mut Vec::new()).is_none());
-        assert!(boxes(&plane, 40, 16, DVec2::ZERO, tried, &mut Vec::new()).is_none());
+        let grid = ExposureGrid { step_s: 0.001, count: 5 };
+        assert!(box_blurred(&plane, 16, 16, DVec2::new(9000.0, 0.0), grid, &mut Vec::new()).is_none());
+        assert!(box_blurred(&plane, 40, 16, DVec2::ZERO, grid, &mut Vec::new()).is_none());
     }
 }

@@ -1,4 +1,5 @@
-//! How surfaces are lit by lamps whose places are given: light from around, from above, and each lamp's brightness.
+//! How surfaces are lit by lamps whose places are given: light from around, from above, and each
+//! lamp's brightness.
 //!
 //!   B = ρ_m·(a + b(1 + n_z)/2 + Σ I_k·V·cos θ/d² + Σ J_k·mean(V·cos θ/d²))
 //!
@@ -13,9 +14,9 @@ use glam::DVec3;
 /// Cauchy's scale, ln.
 const SCALE: f64 = 0.25;
 /// Largest number of lamps.
-pub const MOST_LAMPS: usize = 3;
+pub const MAX_LAMPS: usize = 3;
 /// Largest number of unknowns.
-pub const MAX_UNKNOWNS: usize = 2 + 2 * MOST_LAMPS;
+pub const MAX_UNKNOWNS: usize = 2 + 2 * MAX_LAMPS;
 /// Neighbours of one material and one direction are one patch, this wide, m: the pattern on a
 /// surface is no light on it.
 pub const PATCH_M: f64 = 0.08;
@@ -24,7 +25,7 @@ const SWEEPS: usize = 60;
 
 /// A surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Point {
+pub struct LitPoint {
     pub at: DVec3,
     pub normal: DVec3,
     /// ln of its light.
@@ -34,29 +35,29 @@ pub struct Point {
 
 /// What lights surfaces: linear, as white matt shows it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Light {
+pub struct LightFit {
     /// From around and from above.
     pub around: f64,
     pub above: f64,
     /// Of each lamp: what white that faces it shows at 1 m.
-    pub lamps: [f64; MOST_LAMPS],
+    pub lamps: [f64; MAX_LAMPS],
     /// Bounce light of each lamp, as if all of it came from the lamp's place.
-    pub bounce: [f64; MOST_LAMPS],
+    pub bounce: [f64; MAX_LAMPS],
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
-    pub light: Light,
+    pub light: LightFit,
     /// ln of each material's reflectance.
     pub reflectance: Vec<f64>,
     pub score: f64,
 }
 
 /// What each unknown gives a surface.
-pub type Shares = [f64; MAX_UNKNOWNS];
+pub type BasisRow = [f64; MAX_UNKNOWNS];
 
 /// Of what comes from around and above.
-pub fn ambient(normal: DVec3, up: DVec3) -> Shares {
+pub fn ambient(normal: DVec3, up: DVec3) -> BasisRow {
     let mut shares = [0.0; MAX_UNKNOWNS];
     (shares[0], shares[1]) = (1.0, 0.5 * (1.0 + normal.dot(up)));
     shares
@@ -64,14 +65,14 @@ pub fn ambient(normal: DVec3, up: DVec3) -> Shares {
 
 /// A place from which light comes, and into which directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
+pub struct LampSource {
     pub at: DVec3,
     /// A panel that shines along this, by the cosine, instead of a bulb that shines evenly.
     pub along: Option<DVec3>,
 }
 
 /// Of a lamp that nothing hides, on a surface at `at`.
-pub fn of_lamp(at: DVec3, normal: DVec3, lamp: &Place) -> f64 {
+pub fn lamp_irradiance(at: DVec3, normal: DVec3, lamp: &LampSource) -> f64 {
     let to = lamp.at - at;
     let d2 = to.length_squared().max(1e-4);
     let share = normal.dot(to).max(0.0) / (d2 * d2.sqrt());
@@ -82,22 +83,22 @@ pub fn of_lamp(at: DVec3, normal: DVec3, lamp: &Place) -> f64 {
 }
 
 /// Points by material, so that a material's median is over one run of them.
-pub fn sorted(mut points: Vec<Point>) -> Vec<Point> {
+pub fn sorted(mut points: Vec<LitPoint>) -> Vec<LitPoint> {
     points.sort_by_key(|point| point.material);
     points
 }
 
 /// `points` are [`sorted`]; `shares`: one for each. Columns: around, above, `lamps`.
-pub fn fit(points: &[Point], shares: &[Shares], lamps: usize, rounds: usize) -> Fit {
+pub fn fit(points: &[LitPoint], shares: &[BasisRow], lamps: usize, rounds: usize) -> Fit {
     fit_sources(points, shares, lamps, lamps, rounds)
 }
 
 /// Fits direct and bounce light. Columns: around, above, all direct, all bounce.
-pub fn fit_with_bounce(points: &[Point], shares: &[Shares], lamps: usize, rounds: usize) -> Fit {
+pub fn fit_with_bounce(points: &[LitPoint], shares: &[BasisRow], lamps: usize, rounds: usize) -> Fit {
     fit_sources(points, shares, lamps, 2 * lamps, rounds)
 }
 
-fn fit_sources(points: &[Point], shares: &[Shares], lamps: usize, sources: usize, rounds: usize) -> Fit {
+fn fit_sources(points: &[LitPoint], shares: &[BasisRow], lamps: usize, sources: usize, rounds: usize) -> Fit {
     // A count that the compiler knows: twice as fast.
     match sources {
         0 => fit_to::<2>(points, shares, lamps, rounds),
@@ -110,7 +111,7 @@ fn fit_sources(points: &[Point], shares: &[Shares], lamps: usize, sources: usize
 }
 
 /// Of the first `COUNT` unknowns.
-fn fit_to<const COUNT: usize>(points: &[Point], shares: &[Shares], lamps: usize, rounds: usize) -> Fit {
+fn fit_to<const COUNT: usize>(points: &[LitPoint], shares: &[BasisRow], lamps: usize, rounds: usize) -> Fit {
     let materials = points.last().map_or(0, |point| point.material + 1);
     let mut reflectance = vec![0.0; materials];
     let mut x = [0.0; MAX_UNKNOWNS];
@@ -120,7 +121,8 @@ fn fit_to<const COUNT: usize>(points: &[Point], shares: &[Shares], lamps: usize,
         let mean = shares.iter().map(|s| s[k]).sum::<f64>() / shares.len().max(1) as f64;
         x[k] = if mean > 0.0 { 1.0 / mean } else { 0.0 };
     }
-    let sum = |x: &[f64; MAX_UNKNOWNS], s: &Shares| x[..COUNT].iter().zip(s).map(|(x, s)| x * s).sum::<f64>().max(1e-9);
+    let sum =
+        |x: &[f64; MAX_UNKNOWNS], s: &BasisRow| x[..COUNT].iter().zip(s).map(|(x, s)| x * s).sum::<f64>().max(1e-9);
     let mut lit: Vec<f64> = shares.iter().map(|s| sum(&x, s)).collect();
     // What light leaves of each point's ln, and room for those of a material.
     let (mut left, mut of_material) = (vec![0.0; points.len()], Vec::new());
@@ -154,9 +156,9 @@ fn fit_to<const COUNT: usize>(points: &[Point], shares: &[Shares], lamps: usize,
     }
     unlit(&lit, &mut left);
     medians(points, &left, &mut reflectance, &mut of_material);
-    let loss = |(point, left): (&Point, &f64)| (1.0 + ((left - reflectance[point.material]) / SCALE).powi(2)).ln();
+    let loss = |(point, left): (&LitPoint, &f64)| (1.0 + ((left - reflectance[point.material]) / SCALE).powi(2)).ln();
     let score = points.iter().zip(&left).map(loss).sum::<f64>() / points.len().max(1) as f64;
-    let mut light = Light { around: x[0], above: x[1], ..Light::default() };
+    let mut light = LightFit { around: x[0], above: x[1], ..LightFit::default() };
     let (direct, bounce) = x[2..COUNT].split_at(lamps);
     light.lamps[..direct.len()].copy_from_slice(direct);
     light.bounce[..bounce.len()].copy_from_slice(bounce);
@@ -164,7 +166,7 @@ fn fit_to<const COUNT: usize>(points: &[Point], shares: &[Shares], lamps: usize,
 }
 
 /// ln of each material's reflectance: the median of what light leaves of its points.
-fn medians(points: &[Point], left: &[f64], reflectance: &mut [f64], of_material: &mut Vec<f64>) {
+fn medians(points: &[LitPoint], left: &[f64], reflectance: &mut [f64], of_material: &mut Vec<f64>) {
     let mut from = 0;
     for of in points.chunk_by(|a, b| a.material == b.material) {
         of_material.clear();
@@ -198,9 +200,10 @@ mod tests {
     use super::*;
 
     /// A floor of 2 × 2 m and the sides and the top of a box of 40 cm on it, of two materials.
-    fn plane_and_box() -> Vec<Point> {
+    fn plane_and_box() -> Vec<LitPoint> {
         let mut points = Vec::new();
-        let mut add = |at: DVec3, normal: DVec3, material: usize| points.push(Point { at, normal, ln: 0.0, material });
+        let mut add =
+            |at: DVec3, normal: DVec3, material: usize| points.push(LitPoint { at, normal, ln: 0.0, material });
         for i in 0..20 {
             for j in 0..20 {
                 let at = DVec3::new(0.1 * f64::from(i) - 0.95, 0.1 * f64::from(j) - 0.95, 0.0);
@@ -224,30 +227,30 @@ mod tests {
 
     #[test]
     fn what_lights_a_plane_and_a_box_is_found_again_exactly() {
-        let lamp = Place { at: DVec3::new(0.7, -0.3, 1.8), along: None };
+        let lamp = LampSource { at: DVec3::new(0.7, -0.3, 1.8), along: None };
         let (around, above, shown) = (0.2, 0.1, 1.5);
         let mut points = plane_and_box();
         let mut shares = Vec::new();
         for point in &mut points {
             let mut s = ambient(point.normal, DVec3::Z);
-            s[2] = of_lamp(point.at, point.normal, &lamp);
+            s[2] = lamp_irradiance(point.at, point.normal, &lamp);
             point.ln = [0.3f64, 0.6][point.material].ln() + (around * s[0] + above * s[1] + shown * s[2]).ln();
             shares.push(s);
         }
         // In turn goes slowly; real rooms are not told so exactly.
         let fit = fit(&points, &shares, 1, 3000);
-        // Light and reflectance share a factor; everything else is told.
+        // LightFit and reflectance share a factor; everything else is told.
         let light = fit.light;
         assert!((light.lamps[0] / light.around / (shown / around) - 1.0).abs() < 1e-3, "{light:?}");
         assert!((light.above / light.around / (above / around) - 1.0).abs() < 1e-2, "{light:?}");
         assert!((fit.reflectance[1] - fit.reflectance[0] - 2f64.ln()).abs() < 1e-4, "{:?}", fit.reflectance);
         assert!(fit.score < 1e-5, "{}", fit.score);
         // By hand: at 2 m straight below, 1 / 2²; a panel 60° off its axis gives half.
-        let below = Place { at: DVec3::new(0.0, 0.0, 2.0), along: None };
-        assert_eq!(of_lamp(DVec3::ZERO, DVec3::Z, &below), 0.25);
+        let below = LampSource { at: DVec3::new(0.0, 0.0, 2.0), along: None };
+        assert_eq!(lamp_irradiance(DVec3::ZERO, DVec3::Z, &below), 0.25);
         let aside = DVec3::new(2.0 * 60f64.to_radians().tan(), 0.0, 0.0);
-        let panel = Place { along: Some(-DVec3::Z), ..below };
-        let ratio = of_lamp(aside, DVec3::Z, &panel) / of_lamp(aside, DVec3::Z, &below);
+        let panel = LampSource { along: Some(-DVec3::Z), ..below };
+        let ratio = lamp_irradiance(aside, DVec3::Z, &panel) / lamp_irradiance(aside, DVec3::Z, &below);
         assert!((ratio - 0.5).abs() < 1e-9, "{ratio}");
     }
 }

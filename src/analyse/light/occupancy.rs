@@ -1,9 +1,9 @@
-//! Whether something stands between two places: a grid of the room's surfaces, marched through. Most of a room is air, so blocks of
-//! cells in which nothing stands are passed in one step.
+//! Whether something stands between two places: a grid of the room's surfaces, marched through.
+//! Most of a room is air, so blocks of cells in which nothing stands are passed in one step.
 
 use glam::{DVec3, IVec3};
 
-use super::lit::{Place, of_lamp};
+use super::lamp_fit::{LampSource, lamp_irradiance};
 
 /// A cell's side, m.
 const SIDE_M: f64 = 0.04;
@@ -13,11 +13,12 @@ const CLEAR_M: f64 = 0.07;
 const MOST: f64 = 3e8;
 /// Cells along a block's side: two to the power of this.
 const BLOCK: u32 = 3;
-/// A way leaves a block this much sooner than is worked out, in steps, so that rounding passes nothing.
+/// A way leaves a block this much sooner than is worked out, in steps, so that rounding passes
+/// nothing.
 const SOONER: f64 = 1e-6;
 
 #[derive(Clone, Debug)]
-pub struct Blocked {
+pub struct OccupancyGrid {
     low: DVec3,
     side_m: f64,
     size: IVec3,
@@ -31,7 +32,7 @@ fn is_set(bits: &[u64], n: usize) -> bool {
     bits.get(n / 64).is_some_and(|bits| bits >> (n % 64) & 1 == 1)
 }
 
-impl Blocked {
+impl OccupancyGrid {
     pub fn new(solid: &[DVec3]) -> Self {
         let low = solid.iter().copied().fold(DVec3::INFINITY, DVec3::min) - 1e-6;
         let high = solid.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max) + 1e-6;
@@ -75,8 +76,9 @@ impl Blocked {
         (z * self.in_blocks[1] + y) * self.in_blocks[0] + x
     }
 
-    /// From a surface at `from` that looks along `normal` to `to`. Every half of a cell is looked at.
-    pub fn is_blocked(&self, from: DVec3, normal: DVec3, to: DVec3) -> bool {
+    /// From a surface at `from` that looks along `normal` to `to`. Every half of a cell is looked
+    /// at.
+    pub fn is_occluded(&self, from: DVec3, normal: DVec3, to: DVec3) -> bool {
         let begin = from + CLEAR_M * normal;
         let way = to - begin;
         let length = way.length();
@@ -101,7 +103,8 @@ impl Blocked {
         false
     }
 
-    /// The first and the last of up to `most` steps from `start` that are in the box; the last is before the first where none is.
+    /// The first and the last of up to `most` steps from `start` that are in the box; the last is
+    /// before the first where none is.
     fn within(&self, start: DVec3, step: DVec3, most: f64) -> (f64, f64) {
         let (mut first, mut last) = (1.0f64, most.floor());
         for axis in 0..3 {
@@ -116,7 +119,8 @@ impl Blocked {
             first = first.max(enters.min(leaves).ceil());
             last = last.min(enters.max(leaves).floor());
         }
-        // Rounding keeps the order of steps: those between two that are in the box are in it. One that is put onto its rim is not.
+        // Rounding keeps the order of steps: those between two that are in the box are in it. One
+        // that is put onto its rim is not.
         let is_in = |n: f64| {
             let at = start + n * step;
             at.cmpge(DVec3::ZERO).all() && at.cmplt(self.size.as_dvec3()).all()
@@ -130,10 +134,11 @@ impl Blocked {
         (first, last)
     }
 
-    /// Of a lamp, on a surface at `at` that looks along `normal`: nothing if something stands between.
-    pub fn of_lamp(&self, at: DVec3, normal: DVec3, lamp: &Place) -> f64 {
-        let share = of_lamp(at, normal, lamp);
-        if share > 0.0 && self.is_blocked(at, normal, lamp.at) { 0.0 } else { share }
+    /// Of a lamp, on a surface at `at` that looks along `normal`: nothing if something stands
+    /// between.
+    pub fn lamp_irradiance(&self, at: DVec3, normal: DVec3, lamp: &LampSource) -> f64 {
+        let share = lamp_irradiance(at, normal, lamp);
+        if share > 0.0 && self.is_occluded(at, normal, lamp.at) { 0.0 } else { share }
     }
 }
 
@@ -152,7 +157,8 @@ fn leaves(start: DVec3, per_step: DVec3, at: [usize; 3]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Ways within the grid, out of it, into it and past it, against a march that asks for each half of a cell by itself.
+    /// Ways within the grid, out of it, into it and past it, against a march that asks for each
+    /// half of a cell by itself.
     #[test]
     fn ways_are_blocked_where_something_stands_on_them() {
         let mut state = 1u64;
@@ -166,7 +172,7 @@ mod tests {
         let mut heap: Vec<DVec3> = (0..1500).map(|_| place(-0.5, 0.5)).collect();
         heap.extend([DVec3::splat(-1.4), DVec3::splat(1.4)]);
         for (solid, reach) in [(spread, 0.9), (heap, 1.2)] {
-            let grid = Blocked::new(&solid);
+            let grid = OccupancyGrid::new(&solid);
             let mut told = [0, 0];
             for _ in 0..2000 {
                 let (from, to) = (place(-reach, reach), place(-reach, reach));
@@ -176,16 +182,16 @@ mod tests {
                 let steps =
                     (1..=(2.0 * length / SIDE_M) as usize).map(|n| begin + way * (0.5 * SIDE_M / length) * n as f64);
                 let met = steps.filter_map(|at| grid.within_box(at)).any(|at| is_set(&grid.bits, grid.cell(at)));
-                assert_eq!(grid.is_blocked(from, normal, to), met, "{from} {normal} {to}");
+                assert_eq!(grid.is_occluded(from, normal, to), met, "{from} {normal} {to}");
                 told[usize::from(met)] += 1;
             }
             assert!(told.iter().all(|count| *count > 300), "{told:?}");
         }
         // Along an axis, and where nothing is known.
         let wall: Vec<DVec3> = (0..50).map(|n| DVec3::new(0.02 * f64::from(n), 0.0, 0.0)).collect();
-        let grid = Blocked::new(&wall);
-        let up = |x: f64, z: f64| grid.is_blocked(DVec3::new(x, 0.0, -z), DVec3::Z, DVec3::new(x, 0.0, z));
+        let grid = OccupancyGrid::new(&wall);
+        let up = |x: f64, z: f64| grid.is_occluded(DVec3::new(x, 0.0, -z), DVec3::Z, DVec3::new(x, 0.0, z));
         assert_eq!([up(0.5, 1.0), up(-0.5, 1.0), up(1.5, 1.0)], [true, false, false]);
-        assert!(!Blocked::new(&[]).is_blocked(DVec3::ZERO, DVec3::Z, DVec3::ONE));
+        assert!(!OccupancyGrid::new(&[]).is_occluded(DVec3::ZERO, DVec3::Z, DVec3::ONE));
     }
 }

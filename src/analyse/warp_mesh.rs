@@ -1,99 +1,116 @@
-//! Where places of one frame lie in another, and how what is there moves in both: known every few pixels, straight between.
+//! Warp mesh between two frames: positions and flows at nodes every few pixels, linear between.
 
 use glam::{DAffine3, DMat2, DVec2, DVec3};
 
-use super::blurred::{Blurred, halvings};
-use super::boxes::weights;
-use super::eye::{Eye, is_same};
+use super::blur_frame::{BlurFrame, halvings};
+use super::box_blur::cubic_weights;
+use super::camera_model::{CameraModel, is_same_surface};
 use super::pyramid::Plane;
 use super::robust::median;
-use super::state::{State, moved, seen};
+use super::state::{CameraState, move_point, project_rolling_shutter};
 
-/// Distance between the places, px.
+/// Distance between nodes, px.
 const CELL: usize = 8;
-/// Within a block depth differs by less than this share.
-const SMOOTH: f64 = 0.08;
-/// Faster flows are not followed, px/s.
-const FASTEST: f64 = 4000.0;
-/// How far from the rim a place must lie, px.
-const RIM_PX: f64 = 6.0;
-/// The warp's area may change by this share.
-const AREA: f64 = 0.7;
-/// Shifts count that differ from the usual one by less, px; σ over which they are smoothed, px; weight of the usual one.
-const NEAR_PX: f64 = 1.5;
-const SMOOTH_PX: f64 = 60.0;
-const USUAL: f64 = 0.02;
+/// Largest relative depth difference within a block.
+const MAX_BLOCK_DEPTH_STEP: f64 = 0.08;
+/// Largest flow, px/s.
+const MAX_FLOW_PX_S: f64 = 4000.0;
+/// Smallest distance of a valid node from the picture's edge, px.
+const MARGIN_PX: f64 = 6.0;
+/// Largest relative area change of the warp.
+const MAX_AREA_CHANGE: f64 = 0.7;
+/// Shifts of patches: largest difference from the median, px; σ of their smoothing, px; weight of
+/// the median.
+const MAX_SHIFT_DEVIATION_PX: f64 = 1.5;
+const SHIFT_SMOOTHING_PX: f64 = 60.0;
+const MEDIAN_SHIFT_WEIGHT: f64 = 0.02;
 
-/// Where a place of J lies in I, and how both flow there, px of the small pictures.
+/// A node of frame J, px of the reduced pictures.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Node {
+    /// Its position in frame I.
     pub at: DVec2,
+    /// Flow of J, and flow of I in J's axes, px/s.
     pub own: DVec2,
     pub other: DVec2,
+    /// 0 where unknown.
     depth: f64,
-    is_sound: bool,
+    is_valid: bool,
 }
 
-pub struct Mesh {
+pub struct WarpMesh {
     across: usize,
     down: usize,
     nodes: Vec<Node>,
-    /// [`Eye::loose`].
-    loose: f64,
+    /// [`CameraModel::inverse_depth_tolerance`].
+    inverse_depth_tolerance: f64,
 }
 
-impl Mesh {
-    pub fn new(eye: &Eye, i: &Blurred, j: &Blurred) -> Self {
+impl WarpMesh {
+    pub fn new(model: &CameraModel, i: &BlurFrame, j: &BlurFrame) -> Self {
         let (w, h) = (j.light.width, j.light.height);
         let (across, down) = (w / CELL + 1, h / CELL + 1);
-        let scale = 1usize << halvings(eye);
+        let scale = 1usize << halvings(model);
         let i_from_j = i.state.world_from_camera.inverse() * j.state.world_from_camera;
         let node = |n: usize| {
             let (x, y) = ((n % across) * CELL, (n / across) * CELL);
-            Self::node(eye, i, j, &i_from_j, (x, y), scale)
+            Self::node(model, i, j, &i_from_j, (x, y), scale)
         };
-        let mut mesh = Self { across, down, nodes: (0..across * down).map(node).collect(), loose: eye.loose };
-        mesh.turn();
-        mesh.fill();
+        let mut mesh = Self {
+            across,
+            down,
+            nodes: (0..across * down).map(node).collect(),
+            inverse_depth_tolerance: model.inverse_depth_tolerance,
+        };
+        mesh.transform_flow();
+        mesh.extrapolate();
         mesh
     }
 
-    fn node(eye: &Eye, i: &Blurred, j: &Blurred, i_from_j: &DAffine3, (x, y): (usize, usize), scale: usize) -> Node {
+    fn node(
+        model: &CameraModel,
+        i: &BlurFrame,
+        j: &BlurFrame,
+        i_from_j: &DAffine3,
+        (x, y): (usize, usize),
+        scale: usize,
+    ) -> Node {
         let small = scale as f64;
         let none = Node { at: DVec2::new(x as f64, y as f64), ..Node::default() };
         let (x, y) = (x * scale, y * scale);
-        let Some((z, ray)) = depth_near(eye, &j.depth, x, y) else { return none };
+        let Some((z, ray)) = depth_near(model, &j.depth, x, y) else { return none };
         let there = f64::from(z) * DVec3::from(ray.map(f64::from));
         let found = || {
-            let own = flow(eye, there, &j.at_row(eye.geometry.row_time_s(y as f64 + 0.5)))?;
-            let now = i_from_j.transform_point3(moved(there, &j.state.twist, eye.geometry.row_time_s(y as f64 + 0.5)));
+            let own = flow(model, there, &j.at_row(model.geometry.row_time_s(y as f64 + 0.5)))?;
+            let now =
+                i_from_j.transform_point3(move_point(there, &j.state.twist, model.geometry.row_time_s(y as f64 + 0.5)));
             if now.z <= 0.0 {
                 return None;
             }
-            let (at, far) = seen(&eye.geometry, now, &i.state.twist, None, 2)?;
-            let row_s = eye.geometry.row_time_s(at.y);
-            let other = flow(eye, moved(now, &i.state.twist, -row_s), &i.at_row(row_s))?;
+            let (at, far) = project_rolling_shutter(&model.geometry, now, &i.state.twist, None, 2)?;
+            let row_s = model.geometry.row_time_s(at.y);
+            let other = flow(model, move_point(now, &i.state.twist, -row_s), &i.at_row(row_s))?;
             Some((own, at, far, other))
         };
         let Some((own, at, far, other)) = found() else { return none };
-        let (width, height) = eye.size();
-        let margin = RIM_PX * small;
+        let (width, height) = model.size();
+        let margin = MARGIN_PX * small;
         let is_inside = at.x > margin && at.y > margin && at.x < width as f64 - margin && at.y < height as f64 - margin;
         let depth_there = if is_inside { f64::from(i.depth[at.y as usize * width + at.x as usize]) } else { 0.0 };
-        let is_same = depth_there == 0.0 || is_same(depth_there, far, eye.slack_m(far));
+        let is_same = depth_there == 0.0 || is_same_surface(depth_there, far, model.depth_tolerance_m(far));
         let is_clipped =
-            j.is_clipped_near(eye, x as f64, y as f64) || (is_inside && i.is_clipped_near(eye, at.x, at.y));
+            j.is_clipped_near(model, x as f64, y as f64) || (is_inside && i.is_clipped_near(model, at.x, at.y));
         Node {
             at: (at - 0.5) / small,
             own: own / small,
             other: other / small,
             depth: z.into(),
-            is_sound: is_inside && is_same && !is_clipped,
+            is_valid: is_inside && is_same && !is_clipped,
         }
     }
 
-    /// I's flow into J's axes, by the warp's own slope.
-    fn turn(&mut self) {
+    /// Transforms I's flow into J's axes, by the Jacobian of the warp.
+    fn transform_flow(&mut self) {
         let before = self.nodes.clone();
         for n in 0..before.len() {
             let (x, y) = (n % self.across, n / self.across);
@@ -110,19 +127,20 @@ impl Mesh {
             match (along, down) {
                 (Some(along), Some(down)) => {
                     let m = DMat2::from_cols(along / steps_x as f64, down / steps_y as f64);
-                    if (m.determinant() - 1.0).abs() < AREA {
+                    if (m.determinant() - 1.0).abs() < MAX_AREA_CHANGE {
                         node.other = m.inverse() * node.other;
                     } else {
-                        node.is_sound = false;
+                        node.is_valid = false;
                     }
                 }
-                _ => node.is_sound = false,
+                _ => node.is_valid = false,
             }
         }
     }
 
-    /// Where depth is unknown, what is around it goes on: only the Gaussians see it.
-    fn fill(&mut self) {
+    /// Extrapolates positions to nodes without depth. They only affect the band-pass near valid
+    /// nodes.
+    fn extrapolate(&mut self) {
         let place = |n: usize, across: usize| DVec2::new((n % across * CELL) as f64, (n / across * CELL) as f64);
         let mut known: Vec<bool> = self.nodes.iter().map(|node| node.depth > 0.0).collect();
         for _ in 0..self.across.max(self.down) {
@@ -155,7 +173,7 @@ impl Mesh {
         }
     }
 
-    /// The node in the middle of a block, if all nine of it are sound and of one surface.
+    /// The middle node of a block, if all nine of its nodes are valid and on one surface.
     pub fn block(&self, x: usize, y: usize) -> Option<&Node> {
         let (cx, cy) = (x / CELL, y / CELL);
         if cx + 2 >= self.across || cy + 2 >= self.down {
@@ -165,16 +183,17 @@ impl Mesh {
         for dy in 0..3 {
             for dx in 0..3 {
                 let node = &self.nodes[(cy + dy) * self.across + cx + dx];
-                if !node.is_sound {
+                if !node.is_valid {
                     return None;
                 }
                 (near, far) = (near.min(node.depth), far.max(node.depth));
             }
         }
-        (far - near < SMOOTH * near + self.loose * near * near).then(|| &self.nodes[(cy + 1) * self.across + cx + 1])
+        (far - near < MAX_BLOCK_DEPTH_STEP * near + self.inverse_depth_tolerance * near * near)
+            .then(|| &self.nodes[(cy + 1) * self.across + cx + 1])
     }
 
-    /// A plane of I as J would show it.
+    /// A plane of I, warped to J.
     pub fn warped(&self, plane: &Plane) -> Plane {
         let (w, h) = (plane.width, plane.height);
         let mut out = Plane::new(w, h, 0.0);
@@ -196,31 +215,31 @@ impl Mesh {
         out
     }
 
-    /// By the patches' shifts, smoothed.
-    pub fn shifted(&mut self, shifts: &[(DVec2, DVec2)]) {
+    /// Moves the nodes by the patches' shifts, smoothed.
+    pub fn apply_shifts(&mut self, shifts: &[(DVec2, DVec2)]) {
         let middle = |of: fn(&(DVec2, DVec2)) -> f64| {
             let mut values: Vec<f64> = shifts.iter().map(of).collect();
             median(&mut values)
         };
         let usual = DVec2::new(middle(|s| s.1.x), middle(|s| s.1.y));
-        let near: Vec<_> = shifts.iter().filter(|s| (s.1 - usual).length() < NEAR_PX).collect();
+        let near: Vec<_> = shifts.iter().filter(|s| (s.1 - usual).length() < MAX_SHIFT_DEVIATION_PX).collect();
         for n in 0..self.nodes.len() {
             let here = DVec2::new((n % self.across * CELL) as f64, (n / self.across * CELL) as f64);
-            let (mut sum, mut whole) = (USUAL * usual, USUAL);
+            let (mut sum, mut whole) = (MEDIAN_SHIFT_WEIGHT * usual, MEDIAN_SHIFT_WEIGHT);
             for (at, by) in &near {
-                let weight = (-(*at - here).length_squared() / (2.0 * SMOOTH_PX * SMOOTH_PX)).exp();
+                let weight = (-(*at - here).length_squared() / (2.0 * SHIFT_SMOOTHING_PX * SHIFT_SMOOTHING_PX)).exp();
                 sum += weight * *by;
                 whole += weight;
             }
-            // The warp's own slope is nearly one.
+            // The Jacobian of the warp is nearly the identity.
             self.nodes[n].at += sum / whole;
         }
     }
 }
 
-/// The nearest known depth's ray and a median of depth around a pixel; `None` where most is unknown.
-fn depth_near(eye: &Eye, depth: &[f32], x: usize, y: usize) -> Option<(f32, [f32; 3])> {
-    let (width, height) = eye.size();
+/// Median of the depth around a pixel, and the pixel's ray; `None` where most depth is unknown.
+fn depth_near(model: &CameraModel, depth: &[f32], x: usize, y: usize) -> Option<(f32, [f32; 3])> {
+    let (width, height) = model.size();
     let (x, y) = (x.min(width - 1), y.min(height - 1));
     let mut known = [0.0f32; 9];
     let mut count = 0;
@@ -235,20 +254,21 @@ fn depth_near(eye: &Eye, depth: &[f32], x: usize, y: usize) -> Option<(f32, [f32
             }
         }
     }
-    let ray = eye.rays[y * width + x];
+    let ray = model.rays[y * width + x];
     (count >= 5 && ray[0].is_finite()).then(|| {
         known[..count].sort_unstable_by(f32::total_cmp);
         (known[count / 2], ray)
     })
 }
 
-/// Cubic convolution, so that W is nearly as sharp as I is; beyond the rim what is at the rim.
+/// Cubic convolution, which keeps the warped picture nearly as sharp as the original. Positions are
+/// clamped to the picture.
 fn cubic(plane: &Plane, x: f32, y: f32) -> f32 {
     let (w, h) = (plane.width, plane.height);
     let x = x.clamp(1.0, w as f32 - 3.001);
     let y = y.clamp(1.0, h as f32 - 3.001);
     let (column, row) = (x as usize, y as usize);
-    let (wx, wy) = (weights(x - column as f32), weights(y - row as f32));
+    let (wx, wy) = (cubic_weights(x - column as f32), cubic_weights(y - row as f32));
     let mut sum = 0.0;
     for (k, wy) in wy.iter().enumerate() {
         let i = (row + k - 1) * w + column - 1;
@@ -258,10 +278,10 @@ fn cubic(plane: &Plane, x: f32, y: f32) -> f32 {
     sum
 }
 
-/// How what stands at `x` as its row is read moves in the picture, px/s.
-pub fn flow(eye: &Eye, x: DVec3, state: &State) -> Option<DVec2> {
+/// Optical flow of a static point at `x`, given in the camera's axes at its row's time, px/s.
+pub fn flow(model: &CameraModel, x: DVec3, state: &CameraState) -> Option<DVec2> {
     const HALF_S: f64 = 1e-3;
-    let at = |by_s: f64| eye.geometry.project(moved(x, &state.twist, -by_s));
+    let at = |by_s: f64| model.geometry.project(move_point(x, &state.twist, -by_s));
     let flow = (at(HALF_S)? - at(-HALF_S)?) / (2.0 * HALF_S);
-    (flow.is_finite() && flow.length() < FASTEST).then_some(flow)
+    (flow.is_finite() && flow.length() < MAX_FLOW_PX_S).then_some(flow)
 }

@@ -3,28 +3,28 @@
 use serde::{Deserialize, Serialize};
 
 /// Assumed diameter of an unseen lamp, m: between a shaded bulb and a ceiling panel.
-pub const LAMP_M: f64 = 0.25;
+pub const ASSUMED_LAMP_DIAMETER_M: f64 = 0.25;
 
 /// A lamp, as if it shone evenly into all directions: as bright at the place as it is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FoundLamp {
+pub struct LampEstimate {
     /// World axes, m.
     pub at_m: [f64; 3],
     /// What a white matt surface that faces it shows at 1 m, linear: red, green, blue.
     pub shown_at_1_m: [f64; 3],
-    /// Diameter, m; larger than [`LAMP_M`] for bounce light.
+    /// Diameter, m; larger than [`ASSUMED_LAMP_DIAMETER_M`] for bounce light.
     #[serde(default = "lamp_m")]
     pub diameter_m: f64,
 }
 
 fn lamp_m() -> f64 {
-    LAMP_M
+    ASSUMED_LAMP_DIAMETER_M
 }
 
-impl FoundLamp {
+impl LampEstimate {
     /// Whether it is the bounce light of a lamp at the same place.
     pub fn is_bounce(&self) -> bool {
-        self.diameter_m > LAMP_M
+        self.diameter_m > ASSUMED_LAMP_DIAMETER_M
     }
 }
 
@@ -44,7 +44,7 @@ pub struct RoomLight {
     pub panorama: Vec<[f32; 3]>,
     /// Why it is even light instead of what was seen.
     pub no_panorama: Option<String>,
-    pub lamps: Vec<FoundLamp>,
+    pub lamps: Vec<LampEstimate>,
     /// What white matt that looks up shows at the place, and factors between which it lies.
     pub white_level: [f64; 3],
     pub between: [f64; 2],
@@ -52,7 +52,8 @@ pub struct RoomLight {
     pub unclaimed: Option<String>,
     /// By how much the lamps lower what is left unexplained, as a share of it.
     pub explained: f64,
-    /// Of what no lamp leaves unexplained in one half of the frames, the share that the other half's lamp explains; the lesser.
+    /// Of what no lamp leaves unexplained in one half of the frames, the share that the other
+    /// half's lamp explains; the lesser.
     pub halves_explain: Option<f64>,
     /// How far apart the two halves see the lamp, degrees.
     pub halves_deg: Option<f64>,

@@ -1,4 +1,5 @@
-//! How an analysis comes into its folder: the file that tells one goes first and comes last, so that a half-written one is none.
+//! How an analysis comes into its folder: the file that tells one goes first and comes last, so
+//! that a half-written one is none.
 
 use std::io::{ErrorKind, Write};
 use std::path::Path;
@@ -10,7 +11,8 @@ use crate::sink::atomic::write_atomically;
 use crate::sink::check_file;
 use crate::text::{reason, shown};
 
-/// Refuses a file, and a folder that holds something that no analysis has; what an interrupted one left is none.
+/// Refuses a file, and a folder that holds something that no analysis has; what an interrupted one
+/// left is none.
 pub fn check_folder(folder: &Path) -> Result<(), AnalysisError> {
     if folder.exists() && !folder.is_dir() {
         let reason = "a file of that name is there, and an analysis is a folder; move it away, or name another folder (--output)";

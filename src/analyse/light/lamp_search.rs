@@ -1,12 +1,13 @@
-//! Where lamps are: a grid over the room, then descent, and one lamp more as long as that is worth it.
+//! Where lamps are: a grid over the room, then descent, and one lamp more as long as that is worth
+//! it.
 
 use std::sync::OnceLock;
 
 use glam::{DVec3, USizeVec3};
 
-use super::blocked::Blocked;
 use super::bounce::{self, mean_share};
-use super::lit::{Fit, MOST_LAMPS, PATCH_M, Place, Point, Shares, ambient, fit, of_lamp};
+use super::lamp_fit::{BasisRow, Fit, LampSource, LitPoint, MAX_LAMPS, PATCH_M, ambient, fit, lamp_irradiance};
+use super::occupancy::OccupancyGrid;
 use crate::parallel::over_rows;
 
 /// Cells of the grid are so wide, m.
@@ -21,8 +22,8 @@ const FEW: usize = 700;
 const ROUGH: usize = 4;
 const MIDDLING: usize = 8;
 pub const FINE: usize = 20;
-/// A lamp more is kept if the score falls by more than this share, and by this share of what no lamp leaves: less is the pattern on
-/// surfaces.
+/// A lamp more is kept if the score falls by more than this share, and by this share of what no
+/// lamp leaves: less is the pattern on surfaces.
 pub const WORTH: f64 = 0.1;
 pub const WORTH_OF_ALL: f64 = 0.03;
 /// Roughly placed, it has to be worth this share of that, or it is not looked at more closely.
@@ -39,13 +40,13 @@ const BEGUN: usize = 4;
 
 /// Where lamps may be.
 #[derive(Clone, Copy, Debug)]
-pub struct Room {
+pub struct SearchVolume {
     pub low: DVec3,
     pub high: DVec3,
     pub up: DVec3,
 }
 
-impl Room {
+impl SearchVolume {
     /// Cells of the grid along each axis.
     fn counts(&self) -> USizeVec3 {
         ((self.high - self.low) / GRID_M).ceil().max(DVec3::ONE).as_usizevec3()
@@ -63,8 +64,8 @@ impl Room {
 }
 
 #[derive(Clone, Debug)]
-pub struct Found {
-    pub lamps: Vec<Place>,
+pub struct LampSearchResult {
+    pub lamps: Vec<LampSource>,
     pub fit: Fit,
     /// With none, one, two ... lamps.
     pub scores: Vec<f64>,
@@ -73,7 +74,7 @@ pub struct Found {
 /// Cells all over the room, as places of a lamp.
 struct Grid {
     /// Points with which they are tried.
-    few: Vec<Point>,
+    few: Vec<LitPoint>,
     counts: USizeVec3,
     cells: Vec<Cell>,
 }
@@ -121,21 +122,21 @@ impl Grid {
 #[derive(Clone, Copy, Debug)]
 struct Trial {
     cell: usize,
-    place: Place,
+    place: LampSource,
     score: f64,
 }
 
 pub struct Search<'a> {
-    pub points: &'a [Point],
-    pub blocked: &'a Blocked,
-    pub room: Room,
+    pub points: &'a [LitPoint],
+    pub occupancy: &'a OccupancyGrid,
+    pub volume: SearchVolume,
     pub threads: usize,
 }
 
 impl Search<'_> {
-    fn shares(&self, points: &[Point], lamps: &[Place]) -> Vec<Shares> {
-        let of = |point: &Point| {
-            let mut shares = ambient(point.normal, self.room.up);
+    fn shares(&self, points: &[LitPoint], lamps: &[LampSource]) -> Vec<BasisRow> {
+        let of = |point: &LitPoint| {
+            let mut shares = ambient(point.normal, self.volume.up);
             for (k, lamp) in lamps.iter().enumerate() {
                 shares[2 + k] = self.share(point, lamp);
             }
@@ -144,36 +145,37 @@ impl Search<'_> {
         points.iter().map(of).collect()
     }
 
-    fn share(&self, point: &Point, lamp: &Place) -> f64 {
-        self.blocked.of_lamp(point.at, point.normal, lamp)
+    fn share(&self, point: &LitPoint, lamp: &LampSource) -> f64 {
+        self.occupancy.lamp_irradiance(point.at, point.normal, lamp)
     }
 
     /// A grid over the room.
     fn grid(&self) -> Grid {
         let step = self.points.len().div_ceil(FEW).max(1);
-        let few: Vec<Point> = self.points.iter().step_by(step).copied().collect();
-        let mut grid = Grid { few, counts: self.room.counts(), cells: Vec::new() };
+        let few: Vec<LitPoint> = self.points.iter().step_by(step).copied().collect();
+        let mut grid = Grid { few, counts: self.volume.counts(), cells: Vec::new() };
         let count = grid.counts.element_product();
-        grid.cells = (0..count).map(|n| Cell { at: self.room.middle(grid.cell(n)), seen: OnceLock::new() }).collect();
+        grid.cells = (0..count).map(|n| Cell { at: self.volume.middle(grid.cell(n)), seen: OnceLock::new() }).collect();
         grid
     }
 
-    pub fn with(&self, lamps: &[Place], rounds: usize) -> Fit {
+    pub fn with(&self, lamps: &[LampSource], rounds: usize) -> Fit {
         fit(self.points, &self.shares(self.points, lamps), lamps.len(), rounds)
     }
 
-    /// Averages over the middles of a patch's quarters, because a hard shadow edge inside it would look like a penumbra.
-    fn share_of_patch(&self, point: &Point, lamp: &Place) -> f64 {
+    /// Averages over the middles of a patch's quarters, because a hard shadow edge inside it would
+    /// look like a penumbra.
+    fn share_of_patch(&self, point: &LitPoint, lamp: &LampSource) -> f64 {
         let (x, y) = point.normal.any_orthonormal_pair();
         let quarter_m = 0.25 * PATCH_M;
-        let middles = [x + y, x - y, y - x, -x - y].map(|way| Point { at: point.at + quarter_m * way, ..*point });
+        let middles = [x + y, x - y, y - x, -x - y].map(|way| LitPoint { at: point.at + quarter_m * way, ..*point });
         middles.iter().map(|middle| self.share(middle, lamp)).sum::<f64>() / middles.len() as f64
     }
 
     /// Of ambient light, of all lamps, and of their bounce light.
-    pub fn shares_with_bounce(&self, lamps: &[Place]) -> Vec<Shares> {
-        let spheres: Vec<Vec<Place>> = lamps.iter().map(|lamp| bounce::places(lamp, self.blocked)).collect();
-        let mut shares: Vec<Shares> = self.points.iter().map(|point| ambient(point.normal, self.room.up)).collect();
+    pub fn shares_with_bounce(&self, lamps: &[LampSource]) -> Vec<BasisRow> {
+        let spheres: Vec<Vec<LampSource>> = lamps.iter().map(|lamp| bounce::places(lamp, self.occupancy)).collect();
+        let mut shares: Vec<BasisRow> = self.points.iter().map(|point| ambient(point.normal, self.volume.up)).collect();
         over_rows(&mut shares, 1, self.threads, |n, shares| {
             let point = &self.points[n];
             for (k, (lamp, sphere)) in lamps.iter().zip(&spheres).enumerate() {
@@ -184,16 +186,17 @@ impl Search<'_> {
         shares
     }
 
-    pub fn lamps(&self, most: usize) -> Found {
+    pub fn lamps(&self, most: usize) -> LampSearchResult {
         let grid = self.grid();
         let mut found = self.with(&[], FINE);
         let mut scores = vec![found.score];
-        let mut lamps: Vec<Place> = Vec::new();
-        // Where there are two lamps, the best place for one is between them. Other places are kept, so that a second lamp is sought beside
-        // each.
-        let mut kept: Vec<Vec<Place>> = vec![Vec::new()];
-        while lamps.len() < most.min(MOST_LAMPS) {
-            let mut next: Vec<(Vec<Place>, Fit)> = kept.iter().flat_map(|lamps| self.one_more(&grid, lamps)).collect();
+        let mut lamps: Vec<LampSource> = Vec::new();
+        // Where there are two lamps, the best place for one is between them. Other places are kept,
+        // so that a second lamp is sought beside each.
+        let mut kept: Vec<Vec<LampSource>> = vec![Vec::new()];
+        while lamps.len() < most.min(MAX_LAMPS) {
+            let mut next: Vec<(Vec<LampSource>, Fit)> =
+                kept.iter().flat_map(|lamps| self.one_more(&grid, lamps)).collect();
             next.sort_by(|a, b| a.1.score.total_cmp(&b.1.score));
             next.truncate(BEGUN);
             let worth = (WORTH * found.score).max(WORTH_OF_ALL * scores[0]);
@@ -211,12 +214,13 @@ impl Search<'_> {
             }
             (lamps, found) = (best.clone(), better);
         }
-        Found { lamps, fit: found, scores }
+        LampSearchResult { lamps, fit: found, scores }
     }
 
-    /// Moves lamps to where they fit best; then takes each away, the oldest first, and seeks it anew, as long as that lowers the score.
-    fn exchanged(&self, grid: &Grid, lamps: &mut Vec<Place>) -> Fit {
-        let fine = |lamps: &mut Vec<Place>| {
+    /// Moves lamps to where they fit best; then takes each away, the oldest first, and seeks it
+    /// anew, as long as that lowers the score.
+    fn exchanged(&self, grid: &Grid, lamps: &mut Vec<LampSource>) -> Fit {
+        let fine = |lamps: &mut Vec<LampSource>| {
             self.descended(self.points, lamps, FIRST_M / 4.0, LAST_M);
             self.with(lamps, FINE)
         };
@@ -238,13 +242,17 @@ impl Search<'_> {
     }
 
     /// Scores of a bulb and of a panel in each of the cells, beside lamps that are known.
-    fn tried(&self, grid: &Grid, cells: &[usize], lamps: &[Place]) -> Vec<Trial> {
+    fn tried(&self, grid: &Grid, cells: &[usize], lamps: &[LampSource]) -> Vec<Trial> {
         let known = self.shares(&grid.few, lamps);
-        let kinds = [None, Some(-self.room.up)];
+        let kinds = [None, Some(-self.volume.up)];
         let mut trials: Vec<Trial> = cells
             .iter()
             .flat_map(|cell| kinds.map(|along| (*cell, along)))
-            .map(|(cell, along)| Trial { cell, place: Place { at: grid.cells[cell].at, along }, score: f64::INFINITY })
+            .map(|(cell, along)| Trial {
+                cell,
+                place: LampSource { at: grid.cells[cell].at, along },
+                score: f64::INFINITY,
+            })
             .collect();
         over_rows(&mut trials, kinds.len(), self.threads, |_, trials| {
             let cell = &grid.cells[trials[0].cell];
@@ -252,13 +260,13 @@ impl Search<'_> {
                 return;
             }
             // The same points see a bulb and a panel.
-            let bulb = Place { at: cell.at, along: None };
+            let bulb = LampSource { at: cell.at, along: None };
             let seen = cell.seen.get_or_init(|| grid.few.iter().map(|point| self.share(point, &bulb) > 0.0).collect());
             let mut shares = known.clone();
             for trial in trials {
                 for ((point, shares), is_seen) in grid.few.iter().zip(&mut shares).zip(seen) {
                     shares[2 + lamps.len()] =
-                        if *is_seen { of_lamp(point.at, point.normal, &trial.place) } else { 0.0 };
+                        if *is_seen { lamp_irradiance(point.at, point.normal, &trial.place) } else { 0.0 };
                 }
                 trial.score = fit(&grid.few, &shares, lamps.len() + 1, ROUGH).score;
             }
@@ -267,8 +275,8 @@ impl Search<'_> {
     }
 
     /// Places of the grid for one lamp more, the best first.
-    fn candidates(&self, grid: &Grid, lamps: &[Place]) -> Vec<Trial> {
-        let coarse = grid.coarse(self.room.vertical_axis());
+    fn candidates(&self, grid: &Grid, lamps: &[LampSource]) -> Vec<Trial> {
+        let coarse = grid.coarse(self.volume.vertical_axis());
         let mut trials = self.tried(grid, &coarse, lamps);
         trials.sort_by(|a, b| a.score.total_cmp(&b.score));
         let near = trials.iter().filter(|trial| trial.score.is_finite()).take(REFINED);
@@ -281,17 +289,18 @@ impl Search<'_> {
         trials
     }
 
-    /// With one lamp more, all of them moved to where they fit best, roughly: from each of the best places of the grid.
-    fn one_more(&self, grid: &Grid, lamps: &[Place]) -> Vec<(Vec<Place>, Fit)> {
+    /// With one lamp more, all of them moved to where they fit best, roughly: from each of the best
+    /// places of the grid.
+    fn one_more(&self, grid: &Grid, lamps: &[LampSource]) -> Vec<(Vec<LampSource>, Fit)> {
         // The best, and others that are not beside it.
-        let mut begun: Vec<Place> = Vec::new();
+        let mut begun: Vec<LampSource> = Vec::new();
         for Trial { place, score, .. } in self.candidates(grid, lamps) {
-            let is_beside = |b: &Place| b.along == place.along && b.at.distance(place.at) < 2.0 * GRID_M;
+            let is_beside = |b: &LampSource| b.along == place.along && b.at.distance(place.at) < 2.0 * GRID_M;
             if score.is_finite() && begun.len() < BEGUN && !begun.iter().any(is_beside) {
                 begun.push(place);
             }
         }
-        let mut tried: Vec<(Vec<Place>, Option<Fit>)> =
+        let mut tried: Vec<(Vec<LampSource>, Option<Fit>)> =
             begun.iter().map(|at| ([lamps, &[*at]].concat(), None)).collect();
         over_rows(&mut tried, 1, self.threads, |_, slot| {
             let (lamps, fit) = &mut slot[0];
@@ -302,7 +311,7 @@ impl Search<'_> {
     }
 
     /// Moves lamps by steps that halve, as long as the score falls.
-    fn descended(&self, points: &[Point], lamps: &mut [Place], first_m: f64, last_m: f64) {
+    fn descended(&self, points: &[LitPoint], lamps: &mut [LampSource], first_m: f64, last_m: f64) {
         let mut shares = self.shares(points, lamps);
         let mut best = fit(points, &shares, lamps.len(), MIDDLING).score;
         let mut step_m = first_m;
@@ -311,8 +320,8 @@ impl Search<'_> {
             for k in (0..lamps.len()).rev() {
                 for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
                     for way in [step_m, -step_m] {
-                        let at = (lamps[k].at + way * axis).clamp(self.room.low, self.room.high);
-                        let place = Place { at, ..lamps[k] };
+                        let at = (lamps[k].at + way * axis).clamp(self.volume.low, self.volume.high);
+                        let place = LampSource { at, ..lamps[k] };
                         let mut moved = shares.clone();
                         for (point, shares) in points.iter().zip(&mut moved) {
                             shares[2 + k] = self.share(point, &place);

@@ -2,12 +2,12 @@
 
 use glam::DVec3;
 
-use super::blocked::Blocked;
-use super::lit::Place;
+use super::lamp_fit::LampSource;
+use super::occupancy::OccupancyGrid;
 use super::voxels::Voxel;
 
-/// A floor and a white box on it, each in 2 cm, lit in the two halves of the frames by lamps, shadows and all; a pattern of
-/// ± 10 % on it.
+/// A floor and a white box on it, each in 2 cm, lit in the two halves of the frames by lamps,
+/// shadows and all; a pattern of ± 10 % on it.
 pub fn room(lamps: [&[DVec3]; 2]) -> (Vec<Voxel>, Vec<DVec3>) {
     room_with_discs(lamps, 0.0)
 }
@@ -34,11 +34,12 @@ pub fn room_with_discs(lamps: [&[DVec3]; 2], share: f64) -> (Vec<Voxel>, Vec<DVe
         }
     }
     let solid: Vec<DVec3> = surfaces.iter().map(|surface| surface.0).collect();
-    let blocked = Blocked::new(&solid);
+    let occupancy = OccupancyGrid::new(&solid);
     let lit = |(n, (at, normal, albedo)): (usize, &(DVec3, DVec3, DVec3))| {
         let pattern = 1.0 + 0.1 * (7.0 * n as f64).sin();
         let by = |lamps: &[DVec3]| {
-            let from = |lamp: DVec3| 2.0 * blocked.of_lamp(*at, *normal, &Place { at: lamp, along: None });
+            let from =
+                |lamp: DVec3| 2.0 * occupancy.lamp_irradiance(*at, *normal, &LampSource { at: lamp, along: None });
             // On rings of the same area, as many places on each.
             let on_disc = |n: usize| {
                 let (radius, turn) = (0.8 * ((n / 8) as f64 / 5.0 + 0.1).sqrt(), (n % 8) as f64 + 0.3 * (n / 8) as f64);

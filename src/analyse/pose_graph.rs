@@ -1,62 +1,71 @@
-//! The corrections of all frames at once, from their links and from what was recorded.
+//! Pose graph: corrections of all frames, solved jointly from links and recorded poses.
 //!
-//! A link measures e_ij = c_i − A·c_j, A = Ad(T_i⁻¹ T_j), with the information H/50: neighbouring
-//! points err alike, so thousands of them know less than as many that do not. Cauchy's weights on
-//! the displacement in the picture, of scale max(median, 0.15 px); links beyond six scales are left
-//! out. Blur that differs adds to a link's variance ([`link_blur`]).
+//! A link measures e_ij = c_i − A·c_j, A = Ad(T_i⁻¹ T_j), with the information H/50, because errors
+//! of neighbouring points are correlated. Residuals are displacements in the picture, with Cauchy
+//! weights of scale max(median, 0.15 px). Links beyond six scales are rejected. A difference in
+//! motion blur adds to a link's variance ([`link_blur`]).
 //!
-//! Each frame is held to its recorded pose by 1 cm and 0.5°, and then, in a second solution, also
-//! by the displacement m that the first one makes, the median over all linked frames: metric/m². It
-//! estimates the error of the recorded poses; less accurate links do not move them. Links reach a
-//! few frames, so the equations form a band, solved by Cholesky in time linear in the frames.
+//! Each frame has a prior at its recorded pose of 1 cm and 0.5°. A second solution adds the
+//! information metric/m², where m is the median displacement of the linked frames in the first. It
+//! estimates the error of the recorded poses; less accurate links do not move them. Links span a
+//! few frames, so the normal equations are banded. Cholesky solves them in time linear in the
+//! frames.
 
 use nalgebra::Matrix6;
 
 use super::align::Link;
 use super::link_blur;
 use super::robust::median;
-use super::state::State;
+use super::state::CameraState;
 use crate::fit::band::Band;
 use crate::fit::twist::{self, Twist};
 
-const ROUNDS: usize = 6;
-const ALIKE: f64 = 50.0;
-const LEAST_SCALE_PX: f64 = 0.15;
-const BEYOND: f64 = 6.0;
-const HELD_M: f64 = 0.01;
-const HELD_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
+const REWEIGHTINGS: usize = 6;
+/// Number of points that count as one independent value.
+const CORRELATED_POINTS: f64 = 50.0;
+const MIN_SCALE_PX: f64 = 0.15;
+/// Links with residuals of more scales are rejected.
+const MAX_RESIDUAL_SCALES: f64 = 6.0;
+const PRIOR_SIGMA_M: f64 = 0.01;
+const PRIOR_SIGMA_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 
-/// One correction per frame, in its camera's axes; `held_at` for a frame without links. `held_at`: one per frame, the correction
-/// that leads back to the recorded pose. `None` if the equations have no solution.
-pub fn solve(links: &[Link], states: &[Option<State>], held_at: &[Twist], exposure_s: f64) -> Option<Vec<Twist>> {
+/// One correction per frame, in its camera's axes; `prior_mean` for a frame without links.
+/// `prior_mean`: one per frame, the correction that leads back to the recorded pose. `None` if the
+/// equations have no solution.
+pub fn solve(
+    links: &[Link],
+    states: &[Option<CameraState>],
+    prior_mean: &[Twist],
+    exposure_s: f64,
+) -> Option<Vec<Twist>> {
     let metric = links.iter().map(|link| link.metric).sum::<Matrix6<f64>>() / links.len().max(1) as f64;
-    let first = solve_held(links, states, held_at, &Matrix6::zeros(), exposure_s)?;
+    let first = solve_with_prior(links, states, prior_mean, &Matrix6::zeros(), exposure_s)?;
     let mut is_linked = vec![false; states.len()];
     links.iter().for_each(|link| (is_linked[link.from], is_linked[link.to]) = (true, true));
-    let mut moved_px: Vec<f64> = (first.iter().zip(held_at).zip(is_linked))
+    let mut moved_px: Vec<f64> = (first.iter().zip(prior_mean).zip(is_linked))
         .filter(|(_, is_linked)| *is_linked)
-        .map(|((by, held), _)| {
-            let moved = by - held;
+        .map(|((by, prior), _)| {
+            let moved = by - prior;
             (moved.transpose() * metric * moved)[0].max(0.0).sqrt()
         })
         .collect();
-    let error_px = median(&mut moved_px).max(LEAST_SCALE_PX);
-    solve_held(links, states, held_at, &(metric / error_px.powi(2)), exposure_s)
+    let error_px = median(&mut moved_px).max(MIN_SCALE_PX);
+    solve_with_prior(links, states, prior_mean, &(metric / error_px.powi(2)), exposure_s)
 }
 
-/// With another information that holds each frame.
-fn solve_held(
+/// Solves with the information `by_metric` added to each frame's prior.
+fn solve_with_prior(
     links: &[Link],
-    states: &[Option<State>],
-    held_at: &[Twist],
+    states: &[Option<CameraState>],
+    prior_mean: &[Twist],
     by_metric: &Matrix6<f64>,
     exposure_s: f64,
 ) -> Option<Vec<Twist>> {
     let count = states.len();
     let band = links.iter().map(|link| link.from.abs_diff(link.to)).max().unwrap_or(0);
-    let held = Matrix6::from_diagonal(&twist::twist(
-        glam::DVec3::splat(HELD_M.powi(-2)),
-        glam::DVec3::splat(HELD_RAD.powi(-2)),
+    let prior = Matrix6::from_diagonal(&twist::twist(
+        glam::DVec3::splat(PRIOR_SIGMA_M.powi(-2)),
+        glam::DVec3::splat(PRIOR_SIGMA_RAD.powi(-2)),
     )) + by_metric;
     let adjoints: Vec<Matrix6<f64>> = links
         .iter()
@@ -72,21 +81,21 @@ fn solve_held(
         .map(|(link, a)| {
             let (Some(i), Some(j)) = (states[link.from], states[link.to]) else { return 1.0 };
             let Some(inverse) = link.information.try_inverse() else { return 1.0 };
-            let own = ALIKE * (link.metric * inverse).trace();
+            let own = CORRELATED_POINTS * (link.metric * inverse).trace();
             let by_blur = links_per_frame * link_blur::error_px(link, [&i, &j], a, exposure_s).powi(2);
             own / (own + by_blur).max(1e-12)
         })
         .collect();
     let mut weights = blurred.clone();
-    let mut corrections = held_at.to_vec();
-    for _ in 0..ROUNDS {
+    let mut corrections = prior_mean.to_vec();
+    for _ in 0..REWEIGHTINGS {
         let mut equations = Band::new(6 * count, 6 * band + 5);
-        for (frame, at) in held_at.iter().enumerate() {
-            add(&mut equations, frame, frame, &held);
-            add_right(&mut equations, frame, &(held * at));
+        for (frame, at) in prior_mean.iter().enumerate() {
+            add(&mut equations, frame, frame, &prior);
+            add_right(&mut equations, frame, &(prior * at));
         }
         for ((link, a), w) in links.iter().zip(&adjoints).zip(&weights) {
-            let information = link.information * (w / ALIKE);
+            let information = link.information * (w / CORRELATED_POINTS);
             let across = a.transpose() * information;
             add(&mut equations, link.from, link.from, &information);
             add(&mut equations, link.to, link.to, &(across * a));
@@ -103,8 +112,10 @@ fn solve_held(
             link.displaced_px(&(link.e - corrections[link.from] + a * corrections[link.to]))
         };
         let residuals_px: Vec<f64> = links.iter().zip(&adjoints).map(left).collect();
-        let scale = median(&mut residuals_px.clone()).max(LEAST_SCALE_PX);
-        let weight = |off: f64| if off > BEYOND * scale { 0.0 } else { 1.0 / (1.0 + (off / (2.0 * scale)).powi(2)) };
+        let scale = median(&mut residuals_px.clone()).max(MIN_SCALE_PX);
+        let weight = |off: f64| {
+            if off > MAX_RESIDUAL_SCALES * scale { 0.0 } else { 1.0 / (1.0 + (off / (2.0 * scale)).powi(2)) }
+        };
         weights = residuals_px.iter().zip(&blurred).map(|(off, blurred)| weight(*off) * blurred).collect();
     }
     Some(corrections)
@@ -139,7 +150,7 @@ mod tests {
         let lacking = |n: usize| if n.is_multiple_of(2) { 0.5e-3 } else { -0.5e-3 };
         let state = |n: usize| {
             let twist = if n == FAST { along(fast_m_per_s) } else { Twist::zeros() };
-            Some(State { world_from_camera: DAffine3::IDENTITY, twist })
+            Some(CameraState { world_from_camera: DAffine3::IDENTITY, twist })
         };
         let states: Vec<_> = (0..12).map(state).collect();
         let pairs = (0..12).flat_map(|from| [from + 1, from + 2].map(|to| (from, to))).filter(|(_, to)| *to < 12);

@@ -1,8 +1,8 @@
 //! Up where the recording does not say it: a mean shift of a first guess to the normals of level
 //! surfaces.
 //!
-//! Normals face the camera, and cameras see floors and tables rather than ceilings. So a camera that
-//! is mounted upside down is told by normals that lie against the guess.
+//! Normals face the camera, and cameras see floors and tables rather than ceilings. So a camera
+//! that is mounted upside down is told by normals that lie against the guess.
 
 use glam::DVec3;
 

@@ -1,20 +1,21 @@
-//! A depth map as the frame saw its surfaces: from the map's own moment, row by row, to the frame's.
+//! Reprojects a depth map from its own time to the time of a frame, row by row.
 //!
-//! Like [`depth::seen_at_frame`](crate::depth), with what is known here besides: the rows' times, and how late the depth
-//! sensor's clock is. Both cameras are read alike (a Kinect's two sensors are of one kind). Room and lamps stand still.
+//! Like [`depth::seen_at_frame`](crate::depth), with two additions: the row times of the rolling
+//! shutter, and the clock offset of the depth sensor. Both cameras are assumed to have the same
+//! readout (a Kinect's two sensors are of one kind). The scene is assumed to be static.
 
 use glam::{DVec2, DVec3};
 
-use super::state::{State, moved, seen};
+use super::state::{CameraState, move_point, project_rolling_shutter};
 use crate::camera::Geometry;
 use crate::fit::twist;
 use crate::pixels::DepthMap;
 
-/// Nearer than this no sensor measures, m.
-const NEAREST_M: f32 = 0.2;
+/// Smallest depth that a sensor measures, m.
+const MIN_DEPTH_M: f32 = 0.2;
 
-/// The rays through a camera's pixel centres: times a depth it is the point. NaN where there is none.
-pub fn rays(geometry: &Geometry) -> Vec<[f32; 3]> {
+/// Rays of unit depth through the pixel centres. NaN where a pixel has none.
+pub fn pixel_rays(geometry: &Geometry) -> Vec<[f32; 3]> {
     let i = &geometry.intrinsics;
     let (width, height) = (i.width_px as usize, i.height_px as usize);
     let mut rays = vec![[f32::NAN; 3]; width * height];
@@ -28,23 +29,32 @@ pub fn rays(geometry: &Geometry) -> Vec<[f32; 3]> {
     rays
 }
 
-/// Depth at the frame's pixels, m, 0 where unknown. `later_s` is how much later than the frame's middle row the map's was
-/// measured.
-pub fn carried(geometry: &Geometry, rays: &[[f32; 3]], map: &DepthMap, state: &State, later_s: f64) -> Vec<f32> {
+/// Depth at the frame's pixels, m, 0 where unknown. `later_s`: time of the map's middle row minus
+/// that of the frame's.
+pub fn depth_at_frame(
+    geometry: &Geometry,
+    rays: &[[f32; 3]],
+    map: &DepthMap,
+    state: &CameraState,
+    later_s: f64,
+) -> Vec<f32> {
     let (width, height) = (map.width as usize, map.height as usize);
     if later_s == 0.0 {
-        return map.depth_m.iter().map(|z| if *z > NEAREST_M { *z } else { 0.0 }).collect();
+        return map.depth_m.iter().map(|z| if *z > MIN_DEPTH_M { *z } else { 0.0 }).collect();
     }
     let shift = twist::exp(&(later_s * state.twist));
     let mut out = vec![0.0f32; width * height];
     for (i, (z, ray)) in map.depth_m.iter().zip(rays).enumerate() {
-        if !(*z > NEAREST_M && ray[0].is_finite()) {
+        if !(*z > MIN_DEPTH_M && ray[0].is_finite()) {
             continue;
         }
         let point = f64::from(*z) * DVec3::from(ray.map(f64::from));
         let row_s = geometry.row_time_s((i / width) as f64 + 0.5);
-        let here = shift.transform_point3(moved(point, &state.twist, row_s));
-        let Some((at, far)) = seen(geometry, here, &state.twist, Some((i / width) as f64 + 0.5), 1) else { continue };
+        let here = shift.transform_point3(move_point(point, &state.twist, row_s));
+        let Some((at, far)) = project_rolling_shutter(geometry, here, &state.twist, Some((i / width) as f64 + 0.5), 1)
+        else {
+            continue;
+        };
         if at.x >= 0.0 && at.y >= 0.0 && at.x < width as f64 && at.y < height as f64 {
             let (x, y) = (at.x as usize, at.y as usize);
             let texel = &mut out[y * width + x];
@@ -53,11 +63,12 @@ pub fn carried(geometry: &Geometry, rays: &[[f32; 3]], map: &DepthMap, state: &S
             }
         }
     }
-    filled(&out, width)
+    fill_pinholes(&out, width)
 }
 
-/// Single pixels that no point hit between others that were: the nearest of them.
-fn filled(depth: &[f32], width: usize) -> Vec<f32> {
+/// Fills pixels that no point hit if at least 5 of their 8 neighbours have a depth, with the
+/// smallest of these.
+fn fill_pinholes(depth: &[f32], width: usize) -> Vec<f32> {
     let mut out = depth.to_vec();
     let height = depth.len() / width.max(1);
     for y in 1..height.saturating_sub(1) {
@@ -76,17 +87,18 @@ fn filled(depth: &[f32], width: usize) -> Vec<f32> {
     out
 }
 
-/// Where depth is known and no edge of it is near: within `reach` pixels it differs by less than a `share`.
-pub fn smooth(depth: &[f32], width: usize, reach: usize, share: f32) -> Vec<bool> {
-    let largest = extreme(depth, width, reach, |a, b| if a > b { a } else { b });
+/// Mask of the pixels with depth and without a depth edge near: within `reach` pixels depth varies
+/// by less than `share` of it.
+pub fn smooth_mask(depth: &[f32], width: usize, reach: usize, share: f32) -> Vec<bool> {
+    let largest = window_extreme(depth, width, reach, |a, b| if a > b { a } else { b });
     let known: Vec<f32> = depth.iter().map(|z| if *z > 0.0 { *z } else { f32::MAX }).collect();
-    let least = extreme(&known, width, reach, |a, b| if a < b { a } else { b });
+    let least = window_extreme(&known, width, reach, |a, b| if a < b { a } else { b });
     let is_smooth = |((z, high), low): ((&f32, &f32), &f32)| *z > 0.0 && high - low < share * low;
     depth.iter().zip(&largest).zip(&least).map(is_smooth).collect()
 }
 
-/// The largest or smallest value of the square around each pixel.
-pub fn extreme(values: &[f32], width: usize, reach: usize, of: impl Fn(f32, f32) -> f32) -> Vec<f32> {
+/// Maximum or minimum over the square window of half-width `reach` around each pixel.
+pub fn window_extreme(values: &[f32], width: usize, reach: usize, of: impl Fn(f32, f32) -> f32) -> Vec<f32> {
     let height = values.len() / width.max(1);
     let mut across = values.to_vec();
     for (out, row) in across.chunks_mut(width.max(1)).zip(values.chunks(width.max(1))) {

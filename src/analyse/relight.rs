@@ -1,33 +1,33 @@
 //! The light of a room once more, with lamps at which a person pointed.
 //!
-//! An analysis keeps no surfaces. So they are looked at again, by its poses, gains and clocks, as they were for it; what takes time
-//! there, the search for lamps, falls away.
+//! An analysis keeps no surfaces. So they are looked at again, by its poses, gains and clocks, as
+//! they were for it; what takes time there, the search for lamps, falls away.
 
 use glam::DVec3;
 
 use super::artefact::Analysis;
-use super::eye::Eye;
-use super::found_light::{Environment, FoundLight};
-use super::light::{Given, Known, of_recording};
-use super::registered::{RegistrationError, recorded};
+use super::camera_model::CameraModel;
+use super::light::{KnownLamps, LightInputs, of_recording};
+use super::light_findings::{Environment, LightFindings};
+use super::registration_result::{RegistrationError, recorded};
 use super::times::Times;
 use crate::camera::Response;
 use crate::recording::Recording;
 
-/// In place of what was found: its light with lamps at these places, world axes, m, and its panorama; or why nothing can be said.
-/// `recording` follows the analysis already.
-pub fn lit_anew(
+/// In place of what was found: its light with lamps at these places, world axes, m, and its
+/// panorama; or why nothing can be said. `recording` follows the analysis already.
+pub fn relight(
     recording: &Recording,
     response: &Response,
     analysis: &Analysis,
     seen: &[DVec3],
     threads: usize,
-) -> Result<Result<(FoundLight, Environment), String>, RegistrationError> {
+) -> Result<Result<(LightFindings, Environment), String>, RegistrationError> {
     let was = analysis.findings.light.as_ref();
     let Some(up) = was.and_then(|light| DVec3::from(light.up?).try_normalize()) else {
         return Ok(Err("nothing was found of the room's light".to_owned()));
     };
-    let eye = Eye::new(analysis.findings.camera.clone());
+    let model = CameraModel::new(analysis.findings.camera.clone());
     let found: Vec<DVec3> = was
         .iter()
         .flat_map(|light| &light.lamps)
@@ -36,9 +36,9 @@ pub fn lit_anew(
         .collect();
     // Maps of a recording that follows refined poses say their time themselves.
     let later_s = if analysis.track.is_some() { 0.0 } else { analysis.findings.registration.depth_later_s };
-    let known = Known {
+    let inputs = LightInputs {
         recording,
-        eye: &eye,
+        model: &model,
         response,
         states: &recorded(recording, 0.0),
         later_s,
@@ -46,11 +46,11 @@ pub fn lit_anew(
         up,
         threads,
     };
-    let given = Given { seen, found: &found };
-    let light = of_recording(&known, Some(&given), &mut Times::default())?;
+    let given = KnownLamps { seen, found: &found };
+    let light = of_recording(&inputs, Some(&given), &mut Times::default())?;
     let Ok(panorama) = light.as_ref().map(|light| Environment::of(&light.panorama)) else {
         return Ok(Err(light.err().unwrap_or_default()));
     };
     let around = panorama.ok_or_else(|| "its panorama cannot be written".to_owned());
-    Ok(around.map(|around| (FoundLight::of(&light, Some(&around)), around)))
+    Ok(around.map(|around| (LightFindings::of(&light, Some(&around)), around)))
 }

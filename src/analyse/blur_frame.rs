@@ -1,63 +1,65 @@
-//! A frame as its motion blur is looked at: the light of green between two Gaussians, and noise such as is in it.
+//! A frame prepared for the comparison of motion blur: band-passed green light, and synthetic noise
+//! like the camera's.
 
-use super::eye::Eye;
+use super::camera_model::CameraModel;
 use super::pyramid::{Plane, gaussian};
-use super::state::State;
+use super::state::CameraState;
 use super::view::scattered;
 use crate::camera::{NoiseProfile, Response, side_tap};
 use crate::fit::twist::Twist;
 use crate::frame::Frame;
 
-/// Pictures are halved until they are not wider than this, px.
-const WIDEST: usize = 800;
-/// Side of the squares in which something may be clipped, px of the whole picture.
-const SQUARE: usize = 8;
-/// From this code on (of 255) a channel may be clipped.
-const CLIPPED: u32 = 250;
-/// σ of the two Gaussians between which pictures are compared, px.
-const BAND_PX: (f32, f32) = (1.2, 3.0);
+/// Largest width of the reduced pictures, px.
+const MAX_WIDTH_PX: usize = 800;
+/// Side of a cell of the clipping mask, px of the full picture.
+const CLIP_CELL_PX: usize = 8;
+/// Smallest code of 255 at which a channel may be clipped.
+const CLIPPED_CODE: u32 = 250;
+/// σ of the two Gaussians of the band-pass, px.
+const BAND_SIGMAS_PX: (f32, f32) = (1.2, 3.0);
 
-/// One frame, ready to be compared.
+/// A frame prepared for comparison.
 #[derive(Debug)]
-pub struct Blurred {
-    pub state: State,
-    /// How fast its motion changes, m/s² and rad/s².
-    pub change: Twist,
-    /// Light of green, and noise such as is in it.
+pub struct BlurFrame {
+    pub state: CameraState,
+    /// Acceleration, m/s² and rad/s².
+    pub acceleration: Twist,
+    /// Linear light of green, reduced.
     pub light: Plane,
+    /// Synthetic noise; `None` without a noise profile.
     pub noise: Option<Plane>,
-    /// The two between the Gaussians.
+    /// `light` and `noise` after the band-pass.
     pub band: Plane,
     pub noise_band: Option<Plane>,
-    /// At full size.
+    /// At full size, m or the recording's unit; 0 where unknown.
     pub depth: Vec<f32>,
     is_clipped: Vec<bool>,
 }
 
-/// How often the pictures are halved.
-pub fn halvings(eye: &Eye) -> usize {
-    (0..).find(|n| eye.size().0 >> n <= WIDEST).unwrap_or(0)
+/// Number of halvings of the pictures.
+pub fn halvings(model: &CameraModel) -> usize {
+    (0..).find(|n| model.size().0 >> n <= MAX_WIDTH_PX).unwrap_or(0)
 }
 
-impl Blurred {
-    /// `depth`: at the frame's moment, in its picture.
+impl BlurFrame {
+    /// `depth`: at the frame's time and pixels.
     pub fn new(
-        eye: &Eye,
+        model: &CameraModel,
         frame: &Frame,
-        (state, change): (State, Twist),
+        (state, acceleration): (CameraState, Twist),
         depth: Vec<f32>,
         response: &Response,
         noise: Option<&NoiseProfile>,
     ) -> Self {
         let light_of: Vec<f32> =
             response.table(frame.pixels.max_code()).into_iter().map(|light| light as f32).collect();
-        let (width, height) = eye.size();
-        let most = CLIPPED * (frame.pixels.max_code() / 255);
-        let across = width.div_ceil(SQUARE);
-        let mut is_clipped = vec![false; across * height.div_ceil(SQUARE)];
+        let (width, height) = model.size();
+        let most = CLIPPED_CODE * (frame.pixels.max_code() / 255);
+        let across = width.div_ceil(CLIP_CELL_PX);
+        let mut is_clipped = vec![false; across * height.div_ceil(CLIP_CELL_PX)];
         let clipped = frame.pixels.each(|c| c.into_iter().any(|code| code >= most));
         for (i, _) in clipped.iter().enumerate().filter(|(_, clipped)| **clipped) {
-            is_clipped[(i / width / SQUARE) * across + i % width / SQUARE] = true;
+            is_clipped[(i / width / CLIP_CELL_PX) * across + i % width / CLIP_CELL_PX] = true;
         }
         let greens = frame.pixels.each(|c| c[1]);
         let values = greens.iter().map(|g| light_of[*g as usize]).collect();
@@ -65,27 +67,27 @@ impl Blurred {
         let mut noise = noise.map(|profile| {
             let scale = frame.pixels.max_code() as f32 / 255.0;
             let codes = greens.iter().map(|g| *g as f32 / scale).collect();
-            noise_of(Plane { width, height, values: codes }, frame.index, profile, response)
+            synthetic_noise(Plane { width, height, values: codes }, frame.index, profile, response)
         });
-        for _ in 0..halvings(eye) {
+        for _ in 0..halvings(model) {
             light = light.halved();
             noise = noise.map(|noise| noise.halved());
         }
-        let band = between(&light);
-        let noise_band = noise.as_ref().map(between);
-        Self { state, change, light, noise, band, noise_band, depth, is_clipped }
+        let band = band_pass(&light);
+        let noise_band = noise.as_ref().map(band_pass);
+        Self { state, acceleration, light, noise, band, noise_band, depth, is_clipped }
     }
 
-    /// How the camera moves as a row is read, s from the middle one's time.
-    pub fn at_row(&self, row_s: f64) -> State {
-        State { twist: self.state.twist + row_s * self.change, ..self.state }
+    /// The state with the velocity at a row's time, s from the middle row's.
+    pub fn at_row(&self, row_s: f64) -> CameraState {
+        CameraState { twist: self.state.twist + row_s * self.acceleration, ..self.state }
     }
 
-    /// Whether anything may be clipped around a place of the whole picture.
-    pub fn is_clipped_near(&self, eye: &Eye, x: f64, y: f64) -> bool {
-        let (width, height) = eye.size();
-        let (across, down) = (width.div_ceil(SQUARE) as i64, height.div_ceil(SQUARE) as i64);
-        let (cx, cy) = ((x / SQUARE as f64) as i64, (y / SQUARE as f64) as i64);
+    /// True if a pixel near this one of the full picture may be clipped.
+    pub fn is_clipped_near(&self, model: &CameraModel, x: f64, y: f64) -> bool {
+        let (width, height) = model.size();
+        let (across, down) = (width.div_ceil(CLIP_CELL_PX) as i64, height.div_ceil(CLIP_CELL_PX) as i64);
+        let (cx, cy) = ((x / CLIP_CELL_PX as f64) as i64, (y / CLIP_CELL_PX as f64) as i64);
         let inside = |x: i64, y: i64| x >= 0 && y >= 0 && x < across && y < down;
         (-1..=1).any(|dy| {
             (-1..=1).any(|dx| inside(cx + dx, cy + dy) && self.is_clipped[((cy + dy) * across + cx + dx) as usize])
@@ -93,15 +95,16 @@ impl Blurred {
     }
 }
 
-/// What is between the two Gaussians.
-pub fn between(plane: &Plane) -> Plane {
-    let (fine, coarse) = (plane.filtered(&gaussian(BAND_PX.0)), plane.filtered(&gaussian(BAND_PX.1)));
+/// Difference of two Gaussians.
+pub fn band_pass(plane: &Plane) -> Plane {
+    let (fine, coarse) = (plane.filtered(&gaussian(BAND_SIGMAS_PX.0)), plane.filtered(&gaussian(BAND_SIGMAS_PX.1)));
     let values = fine.values.iter().zip(&coarse.values).map(|(a, b)| a - b).collect();
     Plane { values, ..fine }
 }
 
-/// Noise of the camera on a picture of codes, as light: white noise through (a, 1, a), times σ and the response's slope.
-fn noise_of(codes: Plane, index: usize, profile: &NoiseProfile, response: &Response) -> Plane {
+/// Synthetic camera noise on a picture of codes, in linear light: white noise through (a, 1, a),
+/// times σ and the response's slope.
+fn synthetic_noise(codes: Plane, index: usize, profile: &NoiseProfile, response: &Response) -> Plane {
     let table: Vec<f32> = (0..256)
         .map(|code| {
             let code = f64::from(code);
@@ -110,14 +113,14 @@ fn noise_of(codes: Plane, index: usize, profile: &NoiseProfile, response: &Respo
         })
         .collect();
     let plane = unit_noise(codes.width, codes.height, index as u64, profile.neighbour_correlation);
-    // Of the smooth picture's codes: noise has no say in how noisy it is.
+    // By the codes of the smoothed picture, so that σ does not depend on the noise itself.
     let smooth = codes.filtered(&gaussian(1.5));
     let values = plane.values.iter().zip(&smooth.values).map(|(n, code)| n * table[code.clamp(0.0, 255.0) as usize]);
     Plane { values: values.collect(), ..codes }
 }
 
-/// Noise of unit variance with the given correlation of neighbours along rows and along columns: white noise filtered by
-/// (a, 1, a). Depends on the seed alone.
+/// Noise of unit variance with the given correlation of neighbours along rows and along columns:
+/// white noise filtered by (a, 1, a). Depends on the seed alone.
 pub fn unit_noise(width: usize, height: usize, seed: u64, neighbour_correlation: [f64; 2]) -> Plane {
     let seed = scattered(seed);
     let mut white = vec![0.0f32; width * height];

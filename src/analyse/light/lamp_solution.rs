@@ -4,18 +4,18 @@
 //! half of the frames finds by itself lowers what is left of the other half by a fifth, too. Where
 //! two lamps are about as bright, the halves may find one lamp each, far from the other's: how far
 //! apart they see it is reported, and refuses nothing. Reflectance and light share a factor here;
-//! it follows from the white level ([`white_level`](mod@super::white_level)). Not modelled: lamps that
-//! hang so low that they light one side of the room alone.
+//! it follows from the white level ([`white_level`](mod@super::white_level)). Not modelled: lamps
+//! that hang so low that they light one side of the room alone.
 
 use glam::DVec3;
 
-use super::blocked::Blocked;
 use super::bounce::{self, mean_share};
-use super::found::{FoundLamp, LAMP_M};
-use super::lit::{self, Light, MOST_LAMPS, Place, fit, fit_with_bounce, of_lamp};
+use super::lamp_fit::{self, LampSource, LightFit, MAX_LAMPS, fit, fit_with_bounce, lamp_irradiance};
+use super::lamp_search::Search;
+use super::occupancy::OccupancyGrid;
+use super::room_light::{ASSUMED_LAMP_DIAMETER_M, LampEstimate};
 use super::sample::relative_luminance;
-use super::search::Search;
-use super::surfaces::{Of, points, room};
+use super::surfaces::{LightChannel, lit_points, search_volume};
 use super::voxels::Voxel;
 
 /// A lamp is claimed from this share of explanation on.
@@ -24,63 +24,67 @@ const EXPLAINED: f64 = 0.2;
 pub const FEWEST: usize = 200;
 pub const TOO_FEW: &str = "too few surfaces were seen";
 const ROUNDS: usize = 20;
-/// Light is never taken for less, in its own units.
+/// LightFit is never taken for less, in its own units.
 const LEAST_LIGHT: f64 = 1e-6;
 
 /// Lamps, and their light and that from around and above in unknown units.
-pub struct Solved {
-    pub lamps: Vec<Place>,
-    /// Of each lamp, the places of its bounce light.
-    spheres: Vec<Vec<Place>>,
-    luminance: Light,
-    colours: [Light; 3],
-    blocked: Blocked,
+pub struct LampSolution {
+    pub lamps: Vec<LampSource>,
+    /// LightChannel each lamp, the places of its bounce light.
+    spheres: Vec<Vec<LampSource>>,
+    luminance: LightFit,
+    colours: [LightFit; 3],
+    occupancy: OccupancyGrid,
     up: DVec3,
-    pub verdict: Verdict,
+    pub verdict: LampVerdict,
 }
 
 /// How far lamps explain the light of surfaces.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Verdict {
+pub struct LampVerdict {
     pub explained: f64,
-    pub halves: Option<Halves>,
+    pub halves: Option<HalvesCheck>,
     pub no_lamp: Option<String>,
 }
 
 /// The light at a place, of which white matt that looks up shows a known amount.
-pub struct Shares {
+pub struct PlaceLight {
     /// From around and above.
     pub ambient: [f64; 3],
-    pub lamps: Vec<FoundLamp>,
+    pub lamps: Vec<LampEstimate>,
 }
 
 /// What each half of the frames says by itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Halves {
-    /// Of what no lamp leaves unexplained in one half, what the other half's lamp explains: the lesser of the two.
+pub struct HalvesCheck {
+    /// LightChannel what no lamp leaves unexplained in one half, what the other half's lamp
+    /// explains: the lesser of the two.
     pub explained: f64,
     /// How far apart they see the lamp.
     pub apart_deg: f64,
 }
 
 /// Lamps by a search over the room.
-pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads: usize) -> Solved {
-    let blocked = Blocked::new(solid);
-    let room = room(solid, up);
-    let by = |half: usize| points(voxels, half, Of::Luminance);
+pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads: usize) -> LampSolution {
+    let occupancy = OccupancyGrid::new(solid);
+    let volume = search_volume(solid, up);
+    let by = |half: usize| lit_points(voxels, half, LightChannel::Luminance);
     let all = by(2);
     if all.len() < FEWEST {
-        return Solved::without_lamps(Verdict { no_lamp: Some(TOO_FEW.to_owned()), ..Verdict::default() }, up);
+        return LampSolution::without_lamps(
+            LampVerdict { no_lamp: Some(TOO_FEW.to_owned()), ..LampVerdict::default() },
+            up,
+        );
     }
-    let search = Search { points: &all, blocked: &blocked, room, threads };
-    let found = search.lamps(MOST_LAMPS);
+    let search = Search { points: &all, occupancy: &occupancy, volume, threads };
+    let found = search.lamps(MAX_LAMPS);
     let explained = 1.0 - found.fit.score / found.scores[0].max(1e-9);
     let halves = (!found.lamps.is_empty() && explained >= EXPLAINED)
         .then(|| {
             let points = [0, 1].map(by);
-            let searches = points.each_ref().map(|points| Search { points, blocked: &blocked, room, threads });
+            let searches = points.each_ref().map(|points| Search { points, occupancy: &occupancy, volume, threads });
             let are_enough = points.iter().all(|points| points.len() >= FEWEST);
-            if are_enough { told_by_halves(&searches, place) } else { None }
+            if are_enough { check_halves(&searches, place) } else { None }
         })
         .flatten();
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
@@ -91,7 +95,7 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads
             Some(format!("a lamp explains {by} of what light from all around leaves, less than {}", percent(EXPLAINED)))
         }
         None => Some("one half of the frames does not find it by itself".to_owned()),
-        Some(Halves { explained, .. }) if explained < EXPLAINED => {
+        Some(HalvesCheck { explained, .. }) if explained < EXPLAINED => {
             let by = percent(explained.max(0.0));
             Some(format!(
                 "the lamp that one half of the frames finds explains {by} of the other half, less than {}",
@@ -100,24 +104,24 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads
         }
         Some(_) => None,
     };
-    let verdict = Verdict { explained, halves, no_lamp };
+    let verdict = LampVerdict { explained, halves, no_lamp };
     if verdict.no_lamp.is_some() {
-        return Solved::without_lamps(verdict, up);
+        return LampSolution::without_lamps(verdict, up);
     }
-    let light = light(voxels, &search, &found.lamps);
-    Solved::new(found.lamps, light, blocked, up, verdict)
+    let light = fit_light(voxels, &search, &found.lamps);
+    LampSolution::new(found.lamps, light, occupancy, up, verdict)
 }
 
 /// Fits the light of lamps at known positions, for luminance and for each colour channel. The ratio
 /// of a lamp's bounce to its direct light follows from luminance, so that both have the same
 /// colour.
-pub fn light(voxels: &[Voxel], search: &Search<'_>, lamps: &[Place]) -> (Light, [Light; 3]) {
+pub fn fit_light(voxels: &[Voxel], search: &Search<'_>, lamps: &[LampSource]) -> (LightFit, [LightFit; 3]) {
     let shares = search.shares_with_bounce(lamps);
     let luminance = fit_with_bounce(search.points, &shares, lamps.len(), ROUNDS).light;
-    let together: Vec<lit::Shares> = shares
+    let together: Vec<lamp_fit::BasisRow> = shares
         .iter()
         .map(|shares| {
-            let mut together = [0.0; lit::MAX_UNKNOWNS];
+            let mut together = [0.0; lamp_fit::MAX_UNKNOWNS];
             together[..2].copy_from_slice(&shares[..2]);
             for k in 0..lamps.len() {
                 together[2 + k] =
@@ -128,7 +132,7 @@ pub fn light(voxels: &[Voxel], search: &Search<'_>, lamps: &[Place]) -> (Light, 
         .collect();
     let colours = [0, 1, 2].map(|c| {
         // The same surfaces in the same order: materials do not depend on the colour.
-        let points = points(voxels, 2, Of::Colour(c));
+        let points = lit_points(voxels, 2, LightChannel::Colour(c));
         let mut light = fit(&points, &together, lamps.len(), ROUNDS).light;
         for k in 0..lamps.len() {
             light.bounce[k] = light.lamps[k] * luminance.bounce[k];
@@ -139,22 +143,22 @@ pub fn light(voxels: &[Voxel], search: &Search<'_>, lamps: &[Place]) -> (Light, 
     (luminance, colours)
 }
 
-impl Solved {
+impl LampSolution {
     pub fn new(
-        lamps: Vec<Place>,
-        (luminance, colours): (Light, [Light; 3]),
-        blocked: Blocked,
+        lamps: Vec<LampSource>,
+        (luminance, colours): (LightFit, [LightFit; 3]),
+        occupancy: OccupancyGrid,
         up: DVec3,
-        verdict: Verdict,
+        verdict: LampVerdict,
     ) -> Self {
-        let spheres = lamps.iter().map(|lamp| bounce::places(lamp, &blocked)).collect();
-        Self { lamps, spheres, luminance, colours, blocked, up, verdict }
+        let spheres = lamps.iter().map(|lamp| bounce::places(lamp, &occupancy)).collect();
+        Self { lamps, spheres, luminance, colours, occupancy, up, verdict }
     }
 
-    /// Light from around and above alone.
-    pub fn without_lamps(verdict: Verdict, up: DVec3) -> Self {
-        let even = Light { around: 1.0, ..Light::default() };
-        Self::new(Vec::new(), (even, [even; 3]), Blocked::new(&[]), up, verdict)
+    /// LightFit from around and above alone.
+    pub fn without_lamps(verdict: LampVerdict, up: DVec3) -> Self {
+        let even = LightFit { around: 1.0, ..LightFit::default() };
+        Self::new(Vec::new(), (even, [even; 3]), OccupancyGrid::new(&[]), up, verdict)
     }
 
     /// The light on a surface by that on one which looks up at the place with nothing in the way.
@@ -163,59 +167,61 @@ impl Solved {
         if self.lamps.is_empty() {
             return 1.0;
         }
-        let by_lamps: f64 = self.by_lamps(&|lamp| self.blocked.of_lamp(at, normal, lamp), &self.luminance);
+        let by_lamps: f64 = self.by_lamps(&|lamp| self.occupancy.lamp_irradiance(at, normal, lamp), &self.luminance);
         let ambient = self.luminance.around + 0.5 * (1.0 + normal.dot(self.up)) * self.luminance.above;
         ((ambient + by_lamps) / self.upward(place, &self.luminance)).max(LEAST_LIGHT)
     }
 
-    fn by_lamps(&self, share: &impl Fn(&Place) -> f64, light: &Light) -> f64 {
+    fn by_lamps(&self, share: &impl Fn(&LampSource) -> f64, light: &LightFit) -> f64 {
         let direct: f64 = self.lamps.iter().zip(light.lamps).map(|(lamp, shown)| share(lamp) * shown).sum();
-        let bounced =
-            |(sphere, shown): (&Vec<Place>, f64)| if shown > 0.0 { mean_share(sphere, share) * shown } else { 0.0 };
+        let bounced = |(sphere, shown): (&Vec<LampSource>, f64)| {
+            if shown > 0.0 { mean_share(sphere, share) * shown } else { 0.0 }
+        };
         direct + self.spheres.iter().zip(light.bounce).map(bounced).sum::<f64>()
     }
 
-    fn upward(&self, place: DVec3, light: &Light) -> f64 {
-        (light.around + light.above + self.by_lamps(&|lamp| of_lamp(place, self.up, lamp), light)).max(LEAST_LIGHT)
+    fn upward(&self, place: DVec3, light: &LightFit) -> f64 {
+        (light.around + light.above + self.by_lamps(&|lamp| lamp_irradiance(place, self.up, lamp), light))
+            .max(LEAST_LIGHT)
     }
 
     /// Scaled to the white level of the place.
-    pub fn at(&self, place: DVec3, white: [f64; 3]) -> Shares {
+    pub fn at(&self, place: DVec3, white: [f64; 3]) -> PlaceLight {
         let scale = [0, 1, 2].map(|c| white[c] / self.upward(place, &self.colours[c]));
-        let of_even = |at: DVec3| of_lamp(place, self.up, &Place { at, along: None });
+        let of_even = |at: DVec3| lamp_irradiance(place, self.up, &LampSource { at, along: None });
         // A panel shines less to its sides: as an even lamp it is as bright at the place.
-        let aside = |lamp: &Place| match lamp.along {
+        let aside = |lamp: &LampSource| match lamp.along {
             Some(along) => along.dot((place - lamp.at).normalize_or_zero()).max(0.0),
             None => 1.0,
         };
-        let direct = self.lamps.iter().enumerate().map(|(k, lamp)| FoundLamp {
+        let direct = self.lamps.iter().enumerate().map(|(k, lamp)| LampEstimate {
             at_m: lamp.at.to_array(),
             shown_at_1_m: [0, 1, 2].map(|c| scale[c] * aside(lamp) * self.colours[c].lamps[k]),
-            diameter_m: LAMP_M,
+            diameter_m: ASSUMED_LAMP_DIAMETER_M,
         });
         let bounce = self.lamps.iter().zip(&self.spheres).enumerate().map(|(k, (lamp, sphere))| {
             // 1 while the sphere is above the horizon. Clamped, because it diverges for a lamp at
             // the horizon.
-            let share = mean_share(sphere, |on_sphere| of_lamp(place, self.up, on_sphere)) / of_even(lamp.at);
+            let share = mean_share(sphere, |on_sphere| lamp_irradiance(place, self.up, on_sphere)) / of_even(lamp.at);
             let even_share = if share < 1.0 { share } else { 1.0 };
-            FoundLamp {
+            LampEstimate {
                 at_m: lamp.at.to_array(),
                 shown_at_1_m: [0, 1, 2].map(|c| scale[c] * even_share * self.colours[c].bounce[k]),
                 diameter_m: bounce::DIAMETER_M,
             }
         });
-        let upward = |lamp: &FoundLamp| lamp.shown_at_1_m.map(|shown| shown * of_even(lamp.at_m.into()));
+        let upward = |lamp: &LampEstimate| lamp.shown_at_1_m.map(|shown| shown * of_even(lamp.at_m.into()));
         let least = bounce::MIN_SHARE * relative_luminance(white);
-        let lamps: Vec<FoundLamp> =
+        let lamps: Vec<LampEstimate> =
             direct.chain(bounce.filter(|lamp| relative_luminance(upward(lamp)) > least)).collect();
         let by_lamps = |c: usize| lamps.iter().map(|lamp| upward(lamp)[c]).sum::<f64>();
         let ambient = [0, 1, 2].map(|c| (white[c] - by_lamps(c)).max(0.0));
-        Shares { ambient, lamps }
+        PlaceLight { ambient, lamps }
     }
 }
 
 /// Each half's one lamp, tried on the other half. `None` where one half finds none.
-fn told_by_halves(halves: &[Search; 2], place: DVec3) -> Option<Halves> {
+fn check_halves(halves: &[Search; 2], place: DVec3) -> Option<HalvesCheck> {
     let found = halves.each_ref().map(|half| half.lamps(1));
     let at = |half: usize| Some(found[half].lamps.first()?.at - place);
     let apart_deg = at(0)?.angle_between(at(1)?).to_degrees();
@@ -223,18 +229,18 @@ fn told_by_halves(halves: &[Search; 2], place: DVec3) -> Option<Halves> {
         let none = found[half].scores[0].max(1e-9);
         1.0 - halves[half].with(&found[1 - half].lamps, ROUNDS).score / none
     });
-    Some(Halves { explained: explained[0].min(explained[1]), apart_deg })
+    Some(HalvesCheck { explained: explained[0].min(explained[1]), apart_deg })
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::lit_room::{room, room_with_discs};
+    use super::super::test_room::{room, room_with_discs};
     use super::*;
 
     const UP: DVec3 = DVec3::Z;
     const PLACE: DVec3 = DVec3::new(0.0, 0.0, 0.0);
 
-    fn solved(lamps: [&[DVec3]; 2]) -> Solved {
+    fn solved(lamps: [&[DVec3]; 2]) -> LampSolution {
         let (voxels, solid) = room(lamps);
         solve(&voxels, &solid, PLACE, UP, 2)
     }
@@ -248,8 +254,8 @@ mod tests {
         assert!(off_deg < 2.0, "{off_deg}: {}", found.lamps[0].at);
         // Scaled to what white shows at the place, the lamp shows 2 at 1 m and all other light
         // 0.15.
-        let by_lamp = |shown: f64| shown * of_lamp(PLACE, UP, &Place { at: lamp, along: None });
-        let Shares { ambient, lamps } = found.at(PLACE, [0.15 + by_lamp(2.0); 3]);
+        let by_lamp = |shown: f64| shown * lamp_irradiance(PLACE, UP, &LampSource { at: lamp, along: None });
+        let PlaceLight { ambient, lamps } = found.at(PLACE, [0.15 + by_lamp(2.0); 3]);
         assert!((lamps[0].shown_at_1_m[1] / 2.0 - 1.0).abs() < 0.06, "{lamps:?}");
         assert!((ambient[1] - 0.15).abs() < 0.03, "{ambient:?}");
         // Twice as far away, and behind the box.
@@ -263,12 +269,14 @@ mod tests {
         let lamp = DVec3::new(-0.6, 0.5, 2.0);
         let (voxels, solid) = room_with_discs([&[lamp]; 2], 0.5);
         let found = solve(&voxels, &solid, PLACE, UP, 2);
-        let by_lamp = 2.0 * of_lamp(PLACE, UP, &Place { at: lamp, along: None });
-        let Shares { ambient, lamps } = found.at(PLACE, [0.15 + by_lamp; 3]);
-        assert_eq!(lamps.iter().map(FoundLamp::is_bounce).collect::<Vec<_>>(), [false, true]);
-        // By hand each is half of the lamp's light, and the rest stays ambient. The room's disc is level, that of the model is not.
+        let by_lamp = 2.0 * lamp_irradiance(PLACE, UP, &LampSource { at: lamp, along: None });
+        let PlaceLight { ambient, lamps } = found.at(PLACE, [0.15 + by_lamp; 3]);
+        assert_eq!(lamps.iter().map(LampEstimate::is_bounce).collect::<Vec<_>>(), [false, true]);
+        // By hand each is half of the lamp's light, and the rest stays ambient. The room's disc is
+        // level, that of the model is not.
         let upward = lamps.iter().map(|lamp| {
-            lamp.shown_at_1_m[1] * of_lamp(PLACE, UP, &Place { at: lamp.at_m.into(), along: None }) / by_lamp
+            lamp.shown_at_1_m[1] * lamp_irradiance(PLACE, UP, &LampSource { at: lamp.at_m.into(), along: None })
+                / by_lamp
         });
         let upward: Vec<f64> = upward.collect();
         assert!(upward.iter().all(|share| (share - 0.5).abs() < 0.25), "{upward:?}");
@@ -284,7 +292,7 @@ mod tests {
         let lamps = [DVec3::new(0.8, -0.5, 1.9), DVec3::new(-0.7, 0.4, 2.1)];
         let found = solved([&lamps; 2]);
         for lamp in lamps {
-            let off = |place: &Place| (place.at - PLACE).angle_between(lamp - PLACE).to_degrees();
+            let off = |place: &LampSource| (place.at - PLACE).angle_between(lamp - PLACE).to_degrees();
             let least_deg = found.lamps.iter().map(off).fold(f64::INFINITY, f64::min);
             assert!(least_deg < 5.0, "{least_deg}: {:?}", found.lamps);
         }
@@ -301,7 +309,7 @@ mod tests {
         let found = solved([&[]; 2]);
         assert!(found.lamps.is_empty() && found.verdict.explained < EXPLAINED);
         assert!(found.verdict.no_lamp.as_ref().unwrap().contains("explains"));
-        let Shares { ambient, lamps } = found.at(PLACE, [0.3, 0.2, 0.1]);
+        let PlaceLight { ambient, lamps } = found.at(PLACE, [0.3, 0.2, 0.1]);
         assert!(ambient == [0.3, 0.2, 0.1] && lamps.is_empty() && found.relative(UP, UP, PLACE) == 1.0, "{ambient:?}");
     }
 

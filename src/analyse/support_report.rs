@@ -1,7 +1,9 @@
-//! What the objects of a scene stand on, and what beside them takes their shadows, as it is told and written.
+//! What the objects of a scene stand on, and what beside them takes their shadows, as it is told
+//! and written.
 //!
-//! It lies in an analysis' folder as `standing.toml`, for people and for other programs, in the scene's world: by the scene's gauge and
-//! unit that may be another one than the recording's. Compositing works it out anew, since objects are moved.
+//! It lies in an analysis' folder as `standing.toml`, for people and for other programs, in the
+//! scene's world: by the scene's gauge and unit that may be another one than the recording's.
+//! Compositing works it out anew, since objects are moved.
 
 use std::fmt;
 use std::io::Write;
@@ -22,7 +24,7 @@ const NONE_M: f64 = 5e-5;
 /// Where a plane is known from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum KnownBy {
+pub enum PlaneSource {
     /// Most points around agree on it.
     Depth,
     /// The recording says where its floor is.
@@ -33,10 +35,10 @@ pub enum KnownBy {
 
 /// What an object stands on, in the scene's world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Ground {
+pub struct SupportReport {
     /// The object's.
     pub name: String,
-    pub known_by: KnownBy,
+    pub known_by: PlaneSource,
     pub point_m: [f64; 3],
     pub normal: [f64; 3],
     /// Between the plane's normal and up, degrees.
@@ -65,9 +67,9 @@ fn between_deg(a: DVec3, b: DVec3) -> f64 {
     a.dot(b).clamp(-1.0, 1.0).acos().to_degrees()
 }
 
-impl Ground {
+impl SupportReport {
     /// Of an object with these points, where up is.
-    pub fn new(name: &str, (known_by, plane): (KnownBy, &Support), up: DVec3, points_m: &[DVec3]) -> Self {
+    pub fn new(name: &str, (known_by, plane): (PlaneSource, &Support), up: DVec3, points_m: &[DVec3]) -> Self {
         let Support { point_m, normal } = *plane;
         let heights_m = points_m.iter().map(|at_m| normal.dot(*at_m - point_m));
         let height_m = heights_m.reduce(f64::min).unwrap_or_default();
@@ -107,7 +109,7 @@ impl Ground {
     }
 }
 
-impl fmt::Display for Ground {
+impl fmt::Display for SupportReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mm = |length_m: f64| fixed(1e3 * length_m, 1);
         match self.height_m {
@@ -116,9 +118,9 @@ impl fmt::Display for Ground {
             _ => write!(f, "on ")?,
         }
         match self.known_by {
-            KnownBy::Depth => write!(f, "a plane that depth shows")?,
-            KnownBy::Recording => write!(f, "the recording's floor")?,
-            KnownBy::Foot => return write!(f, "a level plane through its foot: no surface is known below it"),
+            PlaneSource::Depth => write!(f, "a plane that depth shows")?,
+            PlaneSource::Recording => write!(f, "the recording's floor")?,
+            PlaneSource::Foot => return write!(f, "a level plane through its foot: no surface is known below it"),
         }
         write!(f, ", {}° from level", fixed(self.tilt_deg, 1))
     }
@@ -136,11 +138,11 @@ impl fmt::Display for Receiver {
 struct Written {
     /// The scene's file, without its folders.
     scene: String,
-    object: Vec<Ground>,
+    object: Vec<SupportReport>,
 }
 
 /// Writes them into an analysis' folder.
-pub fn write_grounds(folder: &Path, scene: &Path, grounds: &[Ground]) -> Result<(), AnalysisError> {
+pub fn write_support_reports(folder: &Path, scene: &Path, grounds: &[SupportReport]) -> Result<(), AnalysisError> {
     let path = folder.join(STANDING);
     let name = scene.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let document = Document::new(Written { scene: name, object: grounds.to_vec() })
@@ -161,11 +163,12 @@ mod tests {
 
     #[test]
     fn a_hovering_box_beside_a_wall_by_hand() {
-        // Corners of a box of 0.1 m, 20 mm over z = 0, and a wall at x = 0.25 that faces it, 0.4 m wide and 0.3 m high.
+        // Corners of a box of 0.1 m, 20 mm over z = 0, and a wall at x = 0.25 that faces it, 0.4 m
+        // wide and 0.3 m high.
         let corner = |n: u32| DVec3::new(f64::from(n & 1), f64::from(n >> 1 & 1), f64::from(n >> 2)) * 0.1;
         let points_m: Vec<DVec3> = (0..8).map(|n| corner(n) + DVec3::new(-0.05, -0.05, 0.02)).collect();
         let floor = Support { point_m: DVec3::new(3.0, 1.0, 0.0), normal: DVec3::Z };
-        let mut ground = Ground::new("box", (KnownBy::Depth, &floor), DVec3::Z, &points_m);
+        let mut ground = SupportReport::new("box", (PlaneSource::Depth, &floor), DVec3::Z, &points_m);
         let plane = Support { point_m: DVec3::new(0.25, 0.0, 0.0), normal: DVec3::NEG_X };
         let (low_m, high_m) = (DVec2::new(-0.2, -0.3), DVec2::new(0.2, 0.0));
         // The other side is −x × y = −z.
@@ -177,7 +180,7 @@ mod tests {
         let [a, b, c, _] = ground.receivers[0].corners_m.map(DVec3::from);
         assert!((b - a).cross(c - a).dot(DVec3::NEG_X) > 0.0, "counter-clockwise");
         ground.height_m = -0.012;
-        ground.known_by = KnownBy::Recording;
+        ground.known_by = PlaneSource::Recording;
         assert_eq!(ground.to_string(), "12.0 mm deep in the recording's floor, 0.0° from level");
     }
 }

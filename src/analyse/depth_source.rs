@@ -1,0 +1,71 @@
+//! Depth of a frame: measured and reprojected to the frame's time, or from neighbouring frames
+//! ([`plane_sweep`](super::plane_sweep)).
+
+use super::camera_model::CameraModel;
+use super::depth_at_frame::depth_at_frame;
+use super::plane_sweep::PlaneSweep;
+use super::state::CameraState;
+use crate::frame::Frame;
+use crate::recording::{Recording, RecordingError};
+
+pub enum DepthSource<'a> {
+    /// `later_s`: added to the maps' times, s.
+    Measured { later_s: f64 },
+    /// Without a depth sensor.
+    Swept(Box<PlaneSweep<'a>>),
+}
+
+impl<'a> DepthSource<'a> {
+    /// `states`: one per frame. Frames must be requested in ascending order.
+    pub fn new(
+        model: &'a CameraModel,
+        recording: &Recording,
+        states: &'a [Option<CameraState>],
+        later_s: f64,
+        threads: usize,
+    ) -> Result<Self, RecordingError> {
+        if recording.has_depth() || model.geometry.sees_around() {
+            return Ok(Self::Measured { later_s });
+        }
+        Ok(Self::Swept(Box::new(PlaneSweep::new(model, recording, states, threads)?)))
+    }
+
+    /// Added to the maps' times, s.
+    pub fn later_s(&self) -> f64 {
+        match self {
+            Self::Measured { later_s } => *later_s,
+            Self::Swept(_) => 0.0,
+        }
+    }
+
+    /// Depth of a frame by plane sweep; `None` for measured depth. Frames must be requested in
+    /// ascending order.
+    pub fn swept(&mut self, frame: usize) -> Result<Option<Vec<f32>>, RecordingError> {
+        match self {
+            Self::Measured { .. } => Ok(None),
+            Self::Swept(sweep) => sweep.depth(frame).map(Some),
+        }
+    }
+
+    /// Depth at the frame's time and pixels, m or the recording's unit; 0 where unknown.
+    pub fn of(&mut self, model: &CameraModel, frame: &Frame, state: &CameraState) -> Result<Vec<f32>, RecordingError> {
+        match self {
+            Self::Measured { later_s } => Ok(measured(model, frame, state, *later_s)),
+            Self::Swept(sweep) => sweep.depth(frame.index),
+        }
+    }
+}
+
+/// The measured depth, reprojected to the frame's time, m; 0 where unknown. `later_s` is added to
+/// the map's time.
+pub fn measured(model: &CameraModel, frame: &Frame, state: &CameraState, later_s: f64) -> Vec<f32> {
+    let (width, height) = model.size();
+    match &frame.depth {
+        Some(map) if (map.width as usize, map.height as usize) == (width, height) => {
+            let later_s = map.timestamp_s + later_s - frame.timestamp_s;
+            let later_s = if later_s.abs() < 1e-4 { 0.0 } else { later_s };
+            depth_at_frame(&model.geometry, &model.rays, map, state, later_s)
+        }
+        _ => vec![0.0; width * height],
+    }
+}
