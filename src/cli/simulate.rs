@@ -60,8 +60,8 @@ pub fn run(args: &Args) -> Result<()> {
     let bar = progress(args.quiet, options.frames as usize);
     let evidence = args.evidence.as_ref().map(|path| scene::load(path, Some(DVec3::Z))).transpose()?;
     let made = || match &evidence {
-        Some(scene) => Simulation::flawed(&options, &flaws)?.with(scene),
-        None => Simulation::flawed(&options, &flaws),
+        Some(scene) => Simulation::with_flaws(&options, &flaws)?.with_evidence(scene),
+        None => Simulation::with_flaws(&options, &flaws),
     };
     let done = simulate::write(output, args.force, made, &mut |done, _| {
         bar.set_position(done as u64);

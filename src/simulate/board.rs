@@ -1,8 +1,8 @@
 //! A known object in the site: a flat, textured, self-luminous board.
 //!
-//! It is either rendered by the simulation (`board = true`) or exported as glTF and put into a simulated recording
-//! without it. Both must show the same: registration, blur and noise of the virtual board are judged by the simulated
-//! one.
+//! The board is either rendered by the simulation (`board = true`) or exported as glTF and placed
+//! into a simulated recording without it. Both must look the same: the simulated board is the
+//! reference for registration, blur and noise of the virtual one.
 
 use std::sync::Arc;
 
@@ -15,12 +15,12 @@ use crate::scene::{Texture, Wrap};
 use super::chart::Chart;
 use super::shapes::Shape;
 
-/// Texels per side; 5 mm each.
+/// Texels per side; each is 5 mm.
 const SIDE: u32 = 64;
-/// Texels per side of a square of the pattern.
+/// Texels per side of a pattern square.
 const SQUARE: u32 = 8;
 
-/// The board's place in the world, and its picture.
+/// World position and texture of the board.
 #[derive(Clone, Debug)]
 pub struct Board {
     /// Upper left, upper right, lower right, lower left as seen from its front; metres, world axes.
@@ -29,7 +29,8 @@ pub struct Board {
     pub texture: Texture,
 }
 
-/// The board: 0.32 m square, above the origin and leaning back, its front towards the camera in every motion.
+/// The board: 0.32 m square, above the origin and leaning back, its front towards the camera in
+/// every motion.
 pub fn board() -> Board {
     let (left, right) = (DVec3::new(-0.16, -0.04, 0.03), DVec3::new(0.16, -0.04, 0.03));
     let up = DVec3::new(0.0, 0.192, 0.256);
@@ -39,7 +40,7 @@ pub fn board() -> Board {
             (1, 1, _) => [200, 60, 50],
             (6, 1, _) => [60, 160, 80],
             (1, 6, _) => [60, 90, 190],
-            // A ramp that shows the response.
+            // A grey ramp that makes the response visible.
             (6, 6, _) => [20 + 24 * (x % SQUARE) as u8; 3],
             (_, _, 0) => [215, 215, 210],
             _ => [40, 40, 45],
@@ -62,16 +63,16 @@ pub fn board() -> Board {
 }
 
 impl Board {
-    /// The point in the world, metres, at a place of the texture, in texels from its upper left corner
-    /// (texel centres at +0.5).
+    /// World position, metres, of texture coordinates in texels from the upper left corner (texel
+    /// centres at +0.5).
     pub fn point_at_texel(&self, texel: DVec2) -> DVec3 {
         let [upper_left, upper_right, _, lower_left] = self.corners_in_world_m;
         let uv = texel / f64::from(SIDE);
         upper_left + (upper_right - upper_left) * uv.x + (lower_left - upper_left) * uv.y
     }
 
-    /// The board for the ray caster: its plane, and its linear light.
-    pub(super) fn shining(&self) -> Option<(Shape, Chart)> {
+    /// The board as a panel with linear emitted light, for the ray caster.
+    pub(super) fn emissive_panel(&self) -> Option<(Shape, Chart)> {
         let [upper_left, upper_right, _, lower_left] = self.corners_in_world_m;
         let response = Response::default();
         let light = |texel: &[u8]| {

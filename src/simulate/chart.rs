@@ -1,10 +1,10 @@
-//! What a surface has at each of its places, as a grid.
+//! Textures over the UV charts of surfaces.
 
 use glam::DVec2;
 
 use crate::parallel::over_rows;
 
-/// A grid over a face's chart, interpolated linearly between cell centres.
+/// A grid over a face's UV chart, interpolated bilinearly between cell centres.
 #[derive(Clone, Debug)]
 pub struct Chart {
     width: usize,
@@ -18,7 +18,7 @@ impl Chart {
         (width > 0 && cells.len() == width * height).then_some(Self { width, height, cells })
     }
 
-    pub fn filled(width: usize, height: usize, threads: usize, value: impl Fn(DVec2) -> [f32; 4] + Sync) -> Self {
+    pub fn from_fn(width: usize, height: usize, threads: usize, value: impl Fn(DVec2) -> [f32; 4] + Sync) -> Self {
         let mut cells = vec![[0.0; 4]; width * height];
         over_rows(&mut cells, width, threads, |y, row| {
             for (x, cell) in row.iter_mut().enumerate() {

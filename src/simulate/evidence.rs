@@ -1,40 +1,42 @@
-//! Things that really are in the site: a scene's objects, for the truth beside what is composited into the empty site.
+//! Objects of a scene as a real part of the site: ground truth for compositing into the empty site.
 //!
-//! Paths are traced (Kajiya 1986): at a point of an object lamps are sampled by their area, matt light by the cosine, gloss by its
-//! own lobe (GGX, Walter et al. 2007). The site's surfaces keep the light of their charts; what the objects take of it and throw
-//! back comes to it. So a picture differs from the empty site's by the objects alone.
+//! Path tracing (Kajiya 1986). At a point of an object, lamps are sampled by area, diffuse light by
+//! the cosine, gloss by its own lobe (GGX, Walter et al. 2007). Surfaces of the site keep the light
+//! of their charts, corrected by the light that objects block and reflect. So a picture differs
+//! from the empty site's by the objects alone.
 //!
-//! The matt part of an object gathers what bounces exactly as the site's surfaces do: from the same 64 directions, and roughly
-//! ([`Around::rough`]). Only gloss shows the room as it is seen. If matt light saw that, too, a white object would be up to 1.4 times as
-//! bright as the white floor under it.
+//! The diffuse part of an object gathers indirect light exactly as the site's surfaces do: from the
+//! same 64 directions and with the coarse model ([`SiteLight::coarse_light`]). Only gloss reflects the
+//! detailed room. With the detailed room in diffuse light as well, a white object would be up to
+//! 1.4 times as bright as the white floor below it.
 //!
-//! Not modelled: normal maps, transparency, light that goes on after the second object.
+//! Not modelled: normal maps, transparency, light beyond the second object.
 
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec2, DVec3, Vec3};
 
-use super::hemisphere::{BOUNCES, about_cosine, axes, on_spiral};
+use super::bvh::{Triangle, TriangleHit, Triangles};
+use super::hemisphere::{GATHER_DIRECTIONS, random_cosine_direction, spiral_direction, tangent_frame};
 use super::lamps::Lamp;
 use super::random::Random;
-use super::triangles::{Touch, Triangle, Triangles};
 use crate::scene::{Alpha, Material, Scene, Texture, TextureUse, Vertex, Wrap};
 
-/// Places on each lamp, directions of matt light onto the site and directions of gloss, a camera ray; a ray that was sent on takes one
-/// each.
-const LAMPS: usize = 8;
-const MATT: usize = 8;
-const GLOSS: usize = 4;
-/// A ray that is so many surfaces away from the camera meets lamps alone.
-const DEEPEST: u32 = 2;
-/// Rays begin so far in front of a surface, metres.
-const OFF_M: f64 = 2e-4;
-/// What a dielectric reflects head-on (glTF).
-const HEAD_ON: f64 = 0.04;
-/// No surface is smoother: its α, the square of the roughness.
-const SMOOTHEST: f64 = 2e-3;
+/// Samples per camera ray: of each lamp, of diffuse light onto the site, and of gloss. Secondary
+/// rays use one of each.
+const LAMP_SAMPLES: usize = 8;
+const DIFFUSE_SAMPLES: usize = 8;
+const SPECULAR_SAMPLES: usize = 4;
+/// Path depth from which rays are tested against lamps only.
+const MAX_PATH_DEPTH: u32 = 2;
+/// Offset of ray origins from the surface, metres.
+const RAY_OFFSET_M: f64 = 2e-4;
+/// Reflectance of dielectrics at normal incidence (glTF).
+const DIELECTRIC_F0: f64 = 0.04;
+/// Smallest α, the square of the roughness.
+const MIN_ALPHA: f64 = 2e-3;
 
-/// A triangle's corners.
+/// A triangle's vertices, vertex normals and material.
 #[derive(Clone, Debug)]
 struct Face {
     corners: [Vertex; 3],
@@ -42,22 +44,22 @@ struct Face {
     material: usize,
 }
 
-/// The site without its objects, as they see it.
-pub trait Around {
+/// Queries of the empty site by its objects.
+pub trait SiteLight {
     fn lamps(&self) -> &[Lamp];
 
-    /// Whether anything of the site stands between `origin` and `origin + to`.
+    /// True if the site blocks the segment from `origin` to `origin + to`.
     fn blocked(&self, origin: DVec3, to: DVec3) -> bool;
 
-    /// How far a ray goes, in lengths of `direction`.
+    /// Distance along a ray, in lengths of `direction`.
     fn distance(&self, origin: DVec3, direction: DVec3) -> f64;
 
-    /// The light along a ray from what is no lamp, without mirror images, where more light arrives at the surface that is met, at
-    /// a place and facing a way, than its chart has.
-    fn matt(&self, origin: DVec3, direction: DVec3, more: &mut dyn FnMut(DVec3, DVec3) -> DVec3) -> DVec3;
+    /// Light along a ray that hits no lamp, without mirror images. `more` returns the additional
+    /// incident light, beyond the chart's, at a position and normal.
+    fn detailed_light(&self, origin: DVec3, direction: DVec3, more: &mut dyn FnMut(DVec3, DVec3) -> DVec3) -> DVec3;
 
-    /// The light along a ray as the charts have it in what was thrown back once, and `more` as above.
-    fn rough(&self, origin: DVec3, direction: DVec3, more: &mut dyn FnMut(DVec3, DVec3) -> DVec3) -> DVec3;
+    /// Light along a ray under the coarse model of indirect light, with `more` as above.
+    fn coarse_light(&self, origin: DVec3, direction: DVec3, more: &mut dyn FnMut(DVec3, DVec3) -> DVec3) -> DVec3;
 }
 
 #[derive(Clone, Debug)]
@@ -68,26 +70,26 @@ pub struct Evidence {
     textures: Vec<Texture>,
 }
 
-/// A point of an object.
-struct Surface {
+/// Material parameters at a point of an object.
+struct ShadingPoint {
     at: DVec3,
     normal: DVec3,
-    matt: DVec3,
-    head_on: DVec3,
+    albedo: DVec3,
+    f0: DVec3,
     alpha: f64,
-    shines: DVec3,
+    emission: DVec3,
 }
 
-/// What the objects do to a surface of the site.
-pub struct Change {
-    /// To the light that arrives, as the radiance of white.
+/// Effect of the objects on a surface of the site.
+pub struct LightChange {
+    /// Change of the incident light, as the radiance of a white surface.
     pub light: DVec3,
-    /// The share of the lamps that they hide.
-    pub hidden: f64,
+    /// Share of the lamps that the objects occlude.
+    pub occluded: f64,
 }
 
 impl Evidence {
-    /// The objects of a scene where it puts them, the site's axes, metres.
+    /// The objects of a scene at their positions there; axes of the site, metres.
     pub fn new(scene: &Scene) -> Self {
         let (mut triangles, mut faces) = (Vec::new(), Vec::new());
         for part in scene.objects.iter().flat_map(|object| &object.parts) {
@@ -110,120 +112,125 @@ impl Evidence {
         }
     }
 
-    /// Where a ray meets an object first.
-    pub fn hit(&self, origin: DVec3, direction: DVec3) -> Option<Touch> {
+    /// Nearest intersection of a ray with an object.
+    pub fn hit(&self, origin: DVec3, direction: DVec3) -> Option<TriangleHit> {
         self.triangles.hit(origin, direction, f64::INFINITY)
     }
 
-    /// Where an object faces at a point of it, and what share of light its matt part throws back.
-    pub fn thrown_back(&self, touch: &Touch, origin: DVec3, direction: DVec3) -> (DVec3, DVec3) {
-        let surface = self.surface(touch, origin, direction);
-        (surface.normal, surface.matt)
+    /// Normal and diffuse albedo at a point of an object.
+    pub fn normal_and_albedo(&self, touch: &TriangleHit, origin: DVec3, direction: DVec3) -> (DVec3, DVec3) {
+        let surface = self.shading_point(touch, origin, direction);
+        (surface.normal, surface.albedo)
     }
 
-    /// The light that an object sends back along a ray.
-    pub fn light(&self, site: &dyn Around, touch: &Touch, origin: DVec3, direction: DVec3) -> DVec3 {
+    /// Light that an object sends back along a ray.
+    pub fn light(&self, site: &dyn SiteLight, touch: &TriangleHit, origin: DVec3, direction: DVec3) -> DVec3 {
         let mut random = Random::new([touch.t.to_bits(), direction.x.to_bits(), direction.y.to_bits(), 0]);
-        self.sent(site, touch, origin, direction, 0, &mut random)
+        self.outgoing(site, touch, origin, direction, 0, &mut random)
     }
 
-    /// What the objects do to a surface of the site at `p`, that faces `n`.
-    pub fn change(&self, site: &dyn Around, p: DVec3, n: DVec3) -> Change {
+    /// Effect of the objects on a surface of the site at `p` with normal `n`.
+    pub fn change(&self, site: &dyn SiteLight, p: DVec3, n: DVec3) -> LightChange {
         let mut random = Random::new([p.x.to_bits(), p.y.to_bits(), p.z.to_bits(), 1]);
-        self.changed(site, p + n * OFF_M, n, 0, &mut random)
+        self.light_change(site, p + n * RAY_OFFSET_M, n, 0, &mut random)
     }
 
-    fn changed(&self, site: &dyn Around, p: DVec3, n: DVec3, deep: u32, random: &mut Random) -> Change {
-        let mut change = Change { light: DVec3::ZERO, hidden: 0.0 };
-        let lamps = if deep == 0 { LAMPS } else { 1 };
+    fn light_change(&self, site: &dyn SiteLight, p: DVec3, n: DVec3, depth: u32, random: &mut Random) -> LightChange {
+        let mut change = LightChange { light: DVec3::ZERO, occluded: 0.0 };
+        let lamps = if depth == 0 { LAMP_SAMPLES } else { 1 };
         for lamp in site.lamps() {
             let each = 1.0 / lamps as f64;
             for k in 0..lamps {
-                let to = lamp.place(k, lamps, random) - p;
-                let share = lamp.share(to, n);
+                let to = lamp.sample_point(k, lamps, random) - p;
+                let share = lamp.white_radiance(to, n);
                 if share > 0.0 && self.triangles.hit(p, to, 1.0).is_some() && !site.blocked(p, to) {
                     change.light -= lamp.radiance * (share * each);
-                    change.hidden += each / site.lamps().len() as f64;
+                    change.occluded += each / site.lamps().len() as f64;
                 }
             }
         }
-        if deep + 1 < DEEPEST {
-            let count = if deep == 0 { MATT } else { 1 };
+        if depth + 1 < MAX_PATH_DEPTH {
+            let count = if depth == 0 { DIFFUSE_SAMPLES } else { 1 };
             for k in 0..count {
-                let direction = about_cosine(n, k, count, random);
+                let direction = random_cosine_direction(n, k, count, random);
                 let far = site.distance(p, direction);
                 if let Some(touch) = self.triangles.hit(p, direction, far) {
-                    let now = self.sent(site, &touch, p, direction, deep + 1, random);
-                    change.light += (now - site.rough(p, direction, &mut |_, _| DVec3::ZERO)) / count as f64;
+                    let now = self.outgoing(site, &touch, p, direction, depth + 1, random);
+                    change.light += (now - site.coarse_light(p, direction, &mut |_, _| DVec3::ZERO)) / count as f64;
                 }
             }
         }
         change
     }
 
-    /// The light along a ray from what is no lamp: by what is seen there, or rough.
-    fn along(
+    /// Light along a ray that hits no lamp, by the detailed or the coarse model.
+    fn incident(
         &self,
-        site: &dyn Around,
+        site: &dyn SiteLight,
         (origin, direction): (DVec3, DVec3),
-        deep: u32,
-        is_seen: bool,
+        depth: u32,
+        is_detailed: bool,
         random: &mut Random,
     ) -> DVec3 {
         let far = site.distance(origin, direction);
         if let Some(touch) = self.triangles.hit(origin, direction, far) {
-            return self.sent(site, &touch, origin, direction, deep, random);
+            return self.outgoing(site, &touch, origin, direction, depth, random);
         }
-        let more = &mut |p, n| self.changed(site, p + n * OFF_M, n, deep, random).light;
-        if is_seen { site.matt(origin, direction, more) } else { site.rough(origin, direction, more) }
+        let more = &mut |p, n| self.light_change(site, p + n * RAY_OFFSET_M, n, depth, random).light;
+        if is_detailed {
+            site.detailed_light(origin, direction, more)
+        } else {
+            site.coarse_light(origin, direction, more)
+        }
     }
 
-    fn sent(
+    fn outgoing(
         &self,
-        site: &dyn Around,
-        touch: &Touch,
+        site: &dyn SiteLight,
+        touch: &TriangleHit,
         origin: DVec3,
         direction: DVec3,
-        deep: u32,
+        depth: u32,
         random: &mut Random,
     ) -> DVec3 {
-        let surface = self.surface(touch, origin, direction);
+        let surface = self.shading_point(touch, origin, direction);
         let (n, to_eye) = (surface.normal, -direction.normalize());
         let p = surface.at;
-        let mut light = surface.shines;
-        let count = if deep == 0 { LAMPS } else { 1 };
+        let mut light = surface.emission;
+        let count = if depth == 0 { LAMP_SAMPLES } else { 1 };
         for lamp in site.lamps() {
             for k in 0..count {
-                let to = lamp.place(k, count, random) - p;
-                // E/π, of which matt white sends back 1 and a lobe f its π-fold.
-                let share = lamp.share(to, n);
+                let to = lamp.sample_point(k, count, random) - p;
+                // E/π. White diffuse reflects 1 of it, a lobe f reflects f·π.
+                let share = lamp.white_radiance(to, n);
                 if share > 0.0 && !site.blocked(p, to) && self.triangles.hit(p, to, 1.0).is_none() {
-                    let lobe = surface.lobe(to.normalize(), to_eye);
-                    light += lamp.radiance * (surface.matt + PI * lobe) * (share / count as f64);
+                    let lobe = surface.specular_brdf(to.normalize(), to_eye);
+                    light += lamp.radiance * (surface.albedo + PI * lobe) * (share / count as f64);
                 }
             }
         }
-        if deep >= DEEPEST {
+        if depth >= MAX_PATH_DEPTH {
             return light;
         }
-        let count = if deep == 0 { BOUNCES } else { 1 };
+        let count = if depth == 0 { GATHER_DIRECTIONS } else { 1 };
         for k in 0..count {
-            let direction = if deep == 0 { on_spiral(n, k, count) } else { about_cosine(n, k, count, random) };
-            light += surface.matt * self.along(site, (p, direction), deep + 1, false, random) / count as f64;
+            let direction =
+                if depth == 0 { spiral_direction(n, k, count) } else { random_cosine_direction(n, k, count, random) };
+            light += surface.albedo * self.incident(site, (p, direction), depth + 1, false, random) / count as f64;
         }
-        let count = if deep == 0 { GLOSS } else { 1 };
+        let count = if depth == 0 { SPECULAR_SAMPLES } else { 1 };
         for _ in 0..count {
-            if let Some((direction, weight)) = surface.mirrored(to_eye, random) {
-                light += weight * self.along(site, (p, direction), deep + 1, true, random) / count as f64;
+            if let Some((direction, weight)) = surface.sample_specular(to_eye, random) {
+                light += weight * self.incident(site, (p, direction), depth + 1, true, random) / count as f64;
             }
         }
         light
     }
 
-    fn surface(&self, touch: &Touch, origin: DVec3, direction: DVec3) -> Surface {
+    fn shading_point(&self, touch: &TriangleHit, origin: DVec3, direction: DVec3) -> ShadingPoint {
         let face = &self.faces[touch.face];
         let material = &self.materials[face.material];
-        let shares = [1.0 - touch.beside.x - touch.beside.y, touch.beside.x, touch.beside.y];
+        let shares = [1.0 - touch.barycentric.x - touch.barycentric.y, touch.barycentric.x, touch.barycentric.y];
         let mixed = |of: fn(&Vertex) -> [f32; 4]| {
             let sum = |channel: usize| {
                 face.corners.iter().zip(shares).map(|(v, share)| f64::from(of(v)[channel]) * share).sum::<f64>()
@@ -245,7 +252,7 @@ impl Evidence {
         let [_, rough, metal, _] = seen(&material.metallic_roughness_texture);
         let (roughness, metallic) = (f64::from(material.roughness) * rough, f64::from(material.metallic) * metal);
         let [er, eg, eb, _] = seen(&material.emissive_texture);
-        let shines = Vec3::from(material.emissive).as_dvec3() * DVec3::new(er, eg, eb);
+        let emission = Vec3::from(material.emissive).as_dvec3() * DVec3::new(er, eg, eb);
 
         let flat = self.triangles.normal(touch.face);
         let towards = |n: DVec3| if n.dot(direction) > 0.0 { -n } else { n };
@@ -253,20 +260,20 @@ impl Evidence {
         let smooth: DVec3 = face.normals.iter().zip(shares).map(|(n, share)| *n * share).sum();
         let smooth = smooth.normalize_or(flat);
         let smooth = if smooth.dot(flat) < 0.0 { -smooth } else { smooth };
-        // A normal that looks away from the eye has no light to send it.
+        // A shading normal that faces away from the eye would receive no light.
         let normal = if smooth.dot(direction) < 0.0 { smooth } else { flat };
-        Surface {
-            at: origin + direction * touch.t + flat * OFF_M,
+        ShadingPoint {
+            at: origin + direction * touch.t + flat * RAY_OFFSET_M,
             normal,
-            matt: if material.unlit { DVec3::ZERO } else { base * ((1.0 - metallic) * (1.0 - HEAD_ON)) },
-            head_on: if material.unlit { DVec3::ZERO } else { DVec3::splat(HEAD_ON).lerp(base, metallic) },
-            alpha: (roughness * roughness).max(SMOOTHEST),
-            shines: if material.unlit { base } else { shines },
+            albedo: if material.unlit { DVec3::ZERO } else { base * ((1.0 - metallic) * (1.0 - DIELECTRIC_F0)) },
+            f0: if material.unlit { DVec3::ZERO } else { DVec3::splat(DIELECTRIC_F0).lerp(base, metallic) },
+            alpha: (roughness * roughness).max(MIN_ALPHA),
+            emission: if material.unlit { base } else { emission },
         }
     }
 
-    /// What they are made of that is not seen as it is.
-    pub fn unseen(scene: &Scene) -> Option<&'static str> {
+    /// The first material feature that cannot be rendered.
+    pub fn unsupported(scene: &Scene) -> Option<&'static str> {
         let any = |is: fn(&Material) -> bool| scene.materials.iter().any(is);
         if any(|material| matches!(material.alpha, Alpha::Blend | Alpha::Mask(_))) {
             Some("transparency")
@@ -278,9 +285,9 @@ impl Evidence {
     }
 }
 
-impl Surface {
+impl ShadingPoint {
     /// F·D·V (Walter et al. 2007 with the height-correlated masking of Heitz 2014, Schlick's F).
-    fn lobe(&self, to_light: DVec3, to_eye: DVec3) -> DVec3 {
+    fn specular_brdf(&self, to_light: DVec3, to_eye: DVec3) -> DVec3 {
         let half = (to_light + to_eye).normalize_or_zero();
         let (nl, nv, nh) = (self.normal.dot(to_light), self.normal.dot(to_eye).max(1e-4), self.normal.dot(half));
         if nl <= 0.0 {
@@ -298,15 +305,16 @@ impl Surface {
     }
 
     fn fresnel(&self, cosine: f64) -> DVec3 {
-        self.head_on + (DVec3::ONE - self.head_on) * (1.0 - cosine.clamp(0.0, 1.0)).powi(5)
+        self.f0 + (DVec3::ONE - self.f0) * (1.0 - cosine.clamp(0.0, 1.0)).powi(5)
     }
 
-    /// A direction by the lobe's normals, and what light from there is multiplied by: f·(n·l) / p, p = D·(n·h) / 4(v·h).
-    fn mirrored(&self, to_eye: DVec3, random: &mut Random) -> Option<(DVec3, DVec3)> {
+    /// A direction sampled by the distribution of normals, and its weight: f·(n·l) / p, p = D·(n·h)
+    /// / 4(v·h).
+    fn sample_specular(&self, to_eye: DVec3, random: &mut Random) -> Option<(DVec3, DVec3)> {
         let (u, turn) = (random.uniform(), TAU * random.uniform());
         let a2 = self.alpha * self.alpha;
         let up = ((1.0 - u) / (1.0 + (a2 - 1.0) * u)).sqrt();
-        let half = axes(self.normal) * DVec2::from_angle(turn).extend(0.0) * (1.0 - up * up).max(0.0).sqrt()
+        let half = tangent_frame(self.normal) * DVec2::from_angle(turn).extend(0.0) * (1.0 - up * up).max(0.0).sqrt()
             + self.normal * up;
         let (vh, nv) = (to_eye.dot(half), self.normal.dot(to_eye).max(1e-4));
         let direction = 2.0 * vh * half - to_eye;
@@ -316,7 +324,7 @@ impl Surface {
     }
 }
 
-/// A texture's value at (u, v), linear between texels.
+/// A texture's value at (u, v), bilinear between texels.
 fn texel(texture: &Texture, used: &TextureUse, uv: DVec2) -> [f64; 4] {
     let at = used.transform.map(|[a, b, c]| f64::from(a) * uv.x + f64::from(b) * uv.y + f64::from(c));
     let size = [texture.width, texture.height].map(i64::from);

@@ -1,4 +1,4 @@
-//! The look of surfaces: procedural reflectance by the place on a face, in metres.
+//! Procedural surface reflectance by position on a face, in metres.
 
 use std::f64::consts::{PI, TAU};
 
@@ -6,16 +6,16 @@ use glam::{DVec2, DVec3};
 
 use super::random::mix;
 
-/// The look of a shape.
+/// Material of a shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Finish {
-    /// Plank floor, plastered walls, white ceiling, by the room's face.
+    /// Plank floor, plastered walls, white ceiling, depending on the room's face.
     Room,
     /// Plain concrete on every face.
     Concrete,
     /// White laminate on the floor's face, plaster on the others.
     Desk,
-    /// Black glass and plastic, of which little of a depth sensor's light comes back.
+    /// Black glass and plastic with a weak return for a depth sensor.
     Screen,
     /// Rows of grey keys in a light frame.
     Keyboard,
@@ -29,15 +29,16 @@ pub enum Finish {
     Socket,
 }
 
-/// A surface at one place: diffuse reflectance (linear R, G, B, 0..1), and its gloss as a factor on the finish's.
+/// Diffuse reflectance (linear R, G, B, 0..1) and gloss at one point; gloss is a factor on the
+/// finish's.
 #[derive(Clone, Copy, Debug)]
-pub struct Surface {
+pub struct Reflectance {
     pub albedo: DVec3,
     pub gloss: f64,
 }
 
-/// How a finish mirrors the lamp: share of light reflected head-on, and the width in metres to which the lamp's image
-/// is blurred in the plane of the ceiling.
+/// Specular parameters of a finish: reflectance at normal incidence, and the width in metres of the
+/// lamp's blurred image in the plane of the ceiling.
 pub fn gloss(finish: Finish) -> (f64, f64) {
     match finish {
         Finish::Room => (0.035, 0.55),
@@ -93,8 +94,9 @@ fn wood(q: DVec2, light: DVec3, dark: DVec3) -> DVec3 {
     light.lerp(dark, darkness.clamp(0.0, 1.0))
 }
 
-/// Oak planks 14 cm wide and 1.1 m long, along x, with a dried stain. `p`: from the room's corner.
-fn floor(p: DVec2, size: DVec2) -> Surface {
+/// Oak planks 14 cm wide and 1.1 m long, along x, with a dried stain. `p` is relative to the room's
+/// corner.
+fn floor(p: DVec2, size: DVec2) -> Reflectance {
     const WIDTH: f64 = 0.14;
     const LENGTH: f64 = 1.1;
     let row = (p.y / WIDTH).floor();
@@ -113,7 +115,7 @@ fn floor(p: DVec2, size: DVec2) -> Surface {
     let scratch = smooth(0.93, 0.99, noise(DVec2::new(p.x * 3.0 + p.y * 9.0, p.y * 120.0 - p.x * 60.0), 48));
     let mut albedo = oak * (0.86 + 0.28 * worn) * (1.0 - 0.8 * gap) + DVec3::splat(0.05 * scratch);
 
-    // A pool with a ragged edge in front of the boxes, and drops around it: one in each cell of 3 cm.
+    // A pool with a ragged edge in front of the boxes, and drops around it: one per cell of 3 cm.
     let from_stain = p - DVec2::new(0.62, size.y - 0.42);
     let ragged = 0.1 * fractal(from_stain * 14.0, 3, 51) + 0.05 * fractal(from_stain * 45.0, 2, 52);
     let pool = 1.0 - smooth(0.1, 0.112, from_stain.length() + ragged);
@@ -124,45 +126,46 @@ fn floor(p: DVec2, size: DVec2) -> Surface {
     let splash =
         if drop_radius > 0.0008 { 1.0 - smooth(-0.001, 0.001, (p - drop_at).length() - drop_radius) } else { 0.0 };
     albedo = albedo.lerp(DVec3::new(0.075, 0.014, 0.01), 0.88 * pool.max(splash));
-    Surface { albedo, gloss: (1.0 - gap) * (0.35 + 0.75 * worn) * (1.0 + 0.6 * pool) }
+    Reflectance { albedo, gloss: (1.0 - gap) * (0.35 + 0.75 * worn) * (1.0 + 0.6 * pool) }
 }
 
-/// Blotches, trowel marks and sand. A picture of it at a few millimetres a pixel has a standard deviation of 3 codes.
-fn concrete(p: DVec2) -> Surface {
+/// Blotches, trowel marks and sand. A picture at a few millimetres per pixel has a standard
+/// deviation of 3 codes.
+fn concrete(p: DVec2) -> Reflectance {
     let blotch = fractal(p * 6.0, 3, 131) - 0.5;
     let trowel = fractal(p * 40.0, 3, 132) - 0.5;
     let sand = noise(p * 190.0, 133) - 0.5;
     let shade = 1.0 + 0.18 * blotch + 0.215 * trowel + 0.08 * sand;
-    Surface { albedo: DVec3::new(0.36, 0.355, 0.34) * shade, gloss: 0.0 }
+    Reflectance { albedo: DVec3::new(0.36, 0.355, 0.34) * shade, gloss: 0.0 }
 }
 
-/// Nearly white, with a faint grain along x and rings that cups left.
-fn laminate(p: DVec2) -> Surface {
+/// Nearly white, with a faint grain along x and ring stains of cups.
+fn laminate(p: DVec2) -> Reflectance {
     let grain = fractal(p * DVec2::new(9.0, 120.0), 3, 143) - 0.5;
     let cell = (p / 0.4).floor();
     let ring_at = (cell + 0.5) * 0.4 + 0.1 * (hash(cell.x as i64, cell.y as i64, 144) - 0.5);
     let ring = 1.0 - smooth(0.0015, 0.003, ((p - ring_at).length() - 0.038).abs());
-    Surface { albedo: DVec3::new(0.80, 0.79, 0.77) * (1.0 + 0.05 * grain - 0.12 * ring), gloss: 1.0 }
+    Reflectance { albedo: DVec3::new(0.80, 0.79, 0.77) * (1.0 + 0.05 * grain - 0.12 * ring), gloss: 1.0 }
 }
 
-fn keyboard(face: usize, p: DVec2, size: DVec2) -> Surface {
+fn keyboard(face: usize, p: DVec2, size: DVec2) -> Reflectance {
     const KEY_M: f64 = 0.019;
     let from_rim = p.min(size - p).min_element();
     let in_key = (p / KEY_M).fract_gl() * KEY_M;
     let is_key = face == 5 && from_rim > 0.012 && in_key.min_element() > 0.002 && in_key.max_element() < 0.017;
-    Surface { albedo: if is_key { DVec3::new(0.2, 0.2, 0.21) } else { DVec3::new(0.55, 0.54, 0.51) }, gloss: 0.0 }
+    Reflectance { albedo: if is_key { DVec3::new(0.2, 0.2, 0.21) } else { DVec3::new(0.55, 0.54, 0.51) }, gloss: 0.0 }
 }
 
-fn plaster(p: DVec2) -> Surface {
+fn plaster(p: DVec2) -> Reflectance {
     let blotch = fractal(p * 1.7, 4, 61);
     let roller = fractal(p * 55.0, 3, 62);
     let pits = smooth(0.8, 0.97, noise(p * 140.0, 63));
     let scuff = smooth(0.55, 0.85, fractal(p * DVec2::new(6.0, 14.0), 4, 64)) * (1.0 - smooth(0.1, 0.9, p.y));
     let shade = 0.87 + 0.12 * blotch + 0.16 * (roller - 0.5) - 0.12 * pits - 0.12 * scuff;
-    Surface { albedo: DVec3::new(0.66, 0.655, 0.60) * shade, gloss: 0.0 }
+    Reflectance { albedo: DVec3::new(0.66, 0.655, 0.60) * shade, gloss: 0.0 }
 }
 
-fn cardboard(face: usize, p: DVec2, size: DVec2) -> Surface {
+fn cardboard(face: usize, p: DVec2, size: DVec2) -> Reflectance {
     let flutes = 0.5 + 0.5 * (TAU * p.x * 140.0).sin();
     let pulp = fractal(p * DVec2::new(90.0, 40.0), 3, 71);
     let mut albedo = DVec3::new(0.47, 0.315, 0.185) * (0.84 + 0.05 * flutes + 0.22 * pulp);
@@ -189,10 +192,10 @@ fn cardboard(face: usize, p: DVec2, size: DVec2) -> Surface {
             albedo *= 0.86;
         }
     }
-    Surface { albedo, gloss }
+    Reflectance { albedo, gloss }
 }
 
-fn carpet(p: DVec2, size: DVec2) -> Surface {
+fn carpet(p: DVec2, size: DVec2) -> Reflectance {
     let edge = p.min(size - p).min_element();
     let knots = noise(p * 260.0, 81) - 0.5;
     let pile = fractal(p * 30.0, 3, 82) - 0.5;
@@ -208,10 +211,10 @@ fn carpet(p: DVec2, size: DVec2) -> Surface {
     } else {
         DVec3::new(0.24, 0.035, 0.035)
     };
-    Surface { albedo: base * (1.0 + 0.9 * knots + 0.45 * pile), gloss: 0.0 }
+    Reflectance { albedo: base * (1.0 + 0.9 * knots + 0.45 * pile), gloss: 0.0 }
 }
 
-fn ball(uv: DVec2) -> Surface {
+fn ball(uv: DVec2) -> Reflectance {
     let ((s, c), (sv, cv)) = ((TAU * uv.x).sin_cos(), (PI * uv.y).sin_cos());
     // Rotated so that the seams are not vertical.
     let n = DVec3::new(sv * c, 0.8 * sv * s - 0.6 * cv, 0.6 * sv * s + 0.8 * cv);
@@ -220,26 +223,28 @@ fn ball(uv: DVec2) -> Surface {
     let pebbles = noise(uv * DVec2::new(260.0, 130.0), 91);
     let worn = fractal(uv * DVec2::new(12.0, 6.0), 3, 92);
     let orange = DVec3::new(0.5, 0.15, 0.04) * (0.72 + 0.24 * pebbles + 0.25 * worn);
-    Surface { albedo: orange.lerp(DVec3::splat(0.02), seam), gloss: 1.0 - 0.7 * seam }
+    Reflectance { albedo: orange.lerp(DVec3::splat(0.02), seam), gloss: 1.0 - 0.7 * seam }
 }
 
-/// The surface at a place of a face: `uv` on its chart, which is `size` metres large.
-pub fn surface(finish: Finish, face: usize, uv: DVec2, size: DVec2) -> Surface {
+/// Reflectance at `uv` of a face's chart, which is `size` metres large.
+pub fn reflectance(finish: Finish, face: usize, uv: DVec2, size: DVec2) -> Reflectance {
     let p = uv * size;
     match finish {
         Finish::Room if face == 4 => floor(p, size),
-        Finish::Room if face == 5 => Surface { albedo: DVec3::splat(0.8), gloss: 0.0 },
+        Finish::Room if face == 5 => Reflectance { albedo: DVec3::splat(0.8), gloss: 0.0 },
         Finish::Room => plaster(p),
         Finish::Concrete => concrete(p),
         Finish::Desk if face == 4 => laminate(p),
         Finish::Desk => plaster(p),
-        Finish::Screen => Surface { albedo: DVec3::splat(0.009) * (0.9 + 0.2 * fractal(p * 20.0, 2, 141)), gloss: 1.0 },
+        Finish::Screen => {
+            Reflectance { albedo: DVec3::splat(0.009) * (0.9 + 0.2 * fractal(p * 20.0, 2, 141)), gloss: 1.0 }
+        }
         Finish::Keyboard => keyboard(face, p, size),
         Finish::Paint => {
             let dirt = fractal(p * DVec2::new(4.0, 30.0), 3, 101) * (1.0 - smooth(0.0, 0.05, p.y));
             let groove = if face < 4 && (p.y - size.y + 0.016).abs() < 0.0022 { 0.55 } else { 1.0 };
             let brush = noise(p * DVec2::new(9.0, 300.0), 102);
-            Surface {
+            Reflectance {
                 albedo: DVec3::new(0.72, 0.71, 0.67) * groove * (0.97 + 0.05 * brush - 0.3 * dirt),
                 gloss: groove,
             }
@@ -249,14 +254,14 @@ pub fn surface(finish: Finish, face: usize, uv: DVec2, size: DVec2) -> Surface {
         Finish::Walnut => {
             let q = if size.x > size.y { p } else { DVec2::new(p.y, p.x) };
             let grain = wood(q + face as f64 * 3.7, DVec3::new(0.2, 0.105, 0.05), DVec3::new(0.055, 0.026, 0.013));
-            Surface { albedo: grain * 1.15, gloss: 1.0 }
+            Reflectance { albedo: grain * 1.15, gloss: 1.0 }
         }
         Finish::Plastic => {
             let rib = if (uv.y - 0.84).abs() < 0.012 || uv.y > 0.965 { 0.7 } else { 1.0 };
             let scratches = fractal(p * DVec2::new(8.0, 160.0), 3, 111);
             let dust = fractal(p * 9.0, 4, 112) * (1.0 - smooth(0.0, 0.35, uv.y));
             let blue = DVec3::new(0.02, 0.105, 0.33) * rib * (0.8 + 0.35 * scratches);
-            Surface { albedo: blue + 0.09 * dust, gloss: 1.0 - 0.5 * dust }
+            Reflectance { albedo: blue + 0.09 * dust, gloss: 1.0 - 0.5 * dust }
         }
         Finish::Rubber => ball(uv),
         Finish::Paper => {
@@ -276,7 +281,7 @@ pub fn surface(finish: Finish, face: usize, uv: DVec2, size: DVec2) -> Surface {
             } else {
                 0.0
             };
-            Surface {
+            Reflectance {
                 albedo: DVec3::new(0.79, 0.785, 0.76) * (0.96 + 0.05 * fractal(p * 20.0, 3, 123)) * (1.0 - ink),
                 gloss: 0.0,
             }
@@ -294,7 +299,7 @@ pub fn surface(finish: Finish, face: usize, uv: DVec2, size: DVec2) -> Surface {
             } else {
                 1.0
             };
-            Surface { albedo: DVec3::new(0.76, 0.755, 0.72) * shade, gloss: shade }
+            Reflectance { albedo: DVec3::new(0.76, 0.755, 0.72) * shade, gloss: shade }
         }
     }
 }
@@ -304,7 +309,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn concrete_has_a_contrast_of_three_codes() {
+    fn concrete_contrast_is_three_codes() {
         // Pixels of 4 mm, each the mean of 16 places, as a code of the response 1/2.2.
         let pixel = |x: u32, y: u32| {
             let place = |i: u32| 1e-3 * DVec2::new(f64::from(4 * x + i % 4), f64::from(4 * y + i / 4));

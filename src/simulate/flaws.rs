@@ -1,35 +1,35 @@
-//! What is wrong with real recordings and not with simulated ones: cameras that change exposure and white balance by
-//! themselves, poses that are off, clocks that disagree, pictures that repeat, people who walk past. Each follows from
-//! [`Flaws::seed`] and a time or a frame's number, so frames do not depend on which others are made. What each does stands
-//! where it is done.
+//! Defects of real recordings, added to simulated ones: automatic exposure and white balance, pose
+//! errors, clock offsets, repeated pictures, people walking past. Each follows from [`Flaws::seed`]
+//! and a time or frame number, so a frame does not depend on which others are rendered. Each is
+//! described where it is implemented.
 //!
-//! Not modelled: an exposure that changes its own duration or the noise; a lens that refocuses.
+//! Not modelled: automatic exposure that changes the exposure time or the noise; autofocus.
 
 use super::path::START_S;
 use super::random::Random;
-use super::wander::{Steps, Walk};
+use super::random_walk::{RandomSteps, SmoothWalk};
 
-/// Between the random numbers of what wanders, s: the exposure, the white balance.
-const EXPOSURE_S: f64 = 0.7;
-const WHITE_BALANCE_S: f64 = 1.0;
+/// Knot intervals of the random walks of exposure and white balance, s.
+const EXPOSURE_KNOT_S: f64 = 0.7;
+const WHITE_BALANCE_KNOT_S: f64 = 1.0;
 
-/// What the random numbers are for: keys beside the seed.
-const EXPOSURE: u64 = 1;
-const STEP: u64 = 2;
-const RED: u64 = 3;
-const BLUE: u64 = 4;
-const REPEAT: u64 = 5;
+/// Keys of the random numbers, in addition to the seed.
+const EXPOSURE_KEY: u64 = 1;
+const STEP_KEY: u64 = 2;
+const RED_KEY: u64 = 3;
+const BLUE_KEY: u64 = 4;
+const REPEAT_KEY: u64 = 5;
 
 crate::choices! {
-    /// A depth sensor whose errors are known.
+    /// A depth sensor with a measured error model.
     pub enum DepthSensorModel {
-        /// Kinect v1: structured light, brought into the frames' view by its driver.
+        /// Kinect v1: structured light, registered to the frames' view by its driver.
         Kinect = "kinect",
     }
 }
 
 crate::params! {
-    /// What is wrong with a recording. By default nothing is.
+    /// Defects of a recording. The default is none.
     pub struct Flaws in "flaws" {
         "how far automatic exposure wanders either way, smoothly, at most" exposure_walk_ev: f64 = 0.0, "EV", 0.0..=5.0;
         "how far automatic exposure jumps, at most" exposure_step_ev: f64 = 0.0, "EV", 0.0..=5.0;
@@ -63,12 +63,12 @@ crate::params! {
 }
 
 impl Flaws {
-    /// Whether the recording says no longer what is true.
+    /// True if the recording deviates from the ground truth.
     pub fn is_any(&self) -> bool {
         Self { seed: 0, ..self.clone() } != Self { seed: 0, ..Self::default() }
     }
 
-    /// Whether the camera changes its exposure, white balance or tone.
+    /// True if the camera changes its exposure, white balance or tone.
     pub fn is_automatic(&self) -> bool {
         self.exposure_walk_ev > 0.0
             || self.exposure_step_ev > 0.0
@@ -76,21 +76,24 @@ impl Flaws {
             || self.local_tone_share > 0.0
     }
 
-    /// Factors on the light at a time: red, green, blue. The exposure's are powers of two, as stops are. Green is what white
-    /// balance leaves alone.
+    /// Gains of red, green and blue at a time. The exposure's are powers of two (stops). White
+    /// balance leaves green unchanged.
     pub fn gains(&self, time_s: f64) -> [f64; 3] {
         let after_s = time_s - START_S;
-        let walk = |what, every_s| Walk::new([self.seed, what], every_s).at(after_s);
-        let steps = Steps { keys: [self.seed, STEP], every_s: self.exposure_steps_per_s.recip() };
-        let stops = self.exposure_walk_ev * walk(EXPOSURE, EXPOSURE_S) + self.exposure_step_ev * steps.at(after_s);
-        let balance = |what| (1.0 + self.white_balance_share).powf(walk(what, WHITE_BALANCE_S));
-        [balance(RED), 1.0, balance(BLUE)].map(|balance| stops.exp2() * balance)
+        let walk = |what, every_s| SmoothWalk::new([self.seed, what], every_s).at(after_s);
+        let steps = RandomSteps { keys: [self.seed, STEP_KEY], interval_s: self.exposure_steps_per_s.recip() };
+        let stops =
+            self.exposure_walk_ev * walk(EXPOSURE_KEY, EXPOSURE_KNOT_S) + self.exposure_step_ev * steps.at(after_s);
+        let balance = |what| (1.0 + self.white_balance_share).powf(walk(what, WHITE_BALANCE_KNOT_S));
+        [balance(RED_KEY), 1.0, balance(BLUE_KEY)].map(|balance| stops.exp2() * balance)
     }
 
-    /// The frame whose picture a frame has: itself, or one before it.
-    pub fn picture_of(&self, frame: usize) -> usize {
-        let repeats =
-            |frame: usize| frame > 0 && Random::new([self.seed, REPEAT, frame as u64, 0]).uniform() < self.repeat_share;
+    /// Index of the frame whose picture this frame shows: itself, or an earlier one if it is
+    /// repeated.
+    pub fn source_frame(&self, frame: usize) -> usize {
+        let repeats = |frame: usize| {
+            frame > 0 && Random::new([self.seed, REPEAT_KEY, frame as u64, 0]).uniform() < self.repeat_share
+        };
         (0..=frame).rev().find(|frame| !repeats(*frame)).unwrap_or(0)
     }
 }
@@ -100,16 +103,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_is_wrong_by_default() {
+    fn default_flaws_change_nothing() {
         let none = Flaws { seed: 9, ..Flaws::default() };
         assert!(!none.is_any() && !none.is_automatic());
         assert_eq!(none.gains(1.7), [1.0; 3]);
-        assert!((0..100).all(|frame| none.picture_of(frame) == frame));
+        assert!((0..100).all(|frame| none.source_frame(frame) == frame));
         assert!(Flaws { depth_later_s: -0.01, ..none }.is_any());
     }
 
     #[test]
-    fn exposure_and_white_balance_stay_within_what_is_asked() {
+    fn exposure_and_white_balance_stay_within_the_requested_range() {
         let flaws = Flaws { exposure_step_ev: 1.5, white_balance_share: 0.1, ..Flaws::default() };
         let gains: Vec<[f64; 3]> = (0..6000).map(|n| flaws.gains(1.0 + 0.01 * f64::from(n))).collect();
         let stops = |of: &[f64; 3]| of[1].log2();
@@ -125,14 +128,14 @@ mod tests {
     }
 
     #[test]
-    fn as_many_pictures_repeat_as_asked() {
+    fn repeated_pictures_have_the_requested_share() {
         let flaws = Flaws { repeat_share: 0.25, ..Flaws::default() };
-        let repeats: Vec<usize> = (0..4000).filter(|frame| flaws.picture_of(*frame) != *frame).collect();
+        let repeats: Vec<usize> = (0..4000).filter(|frame| flaws.source_frame(*frame) != *frame).collect();
         // Standard error 27.
         assert!((repeats.len() as f64 - 1000.0).abs() < 110.0, "{}", repeats.len());
         for frame in repeats {
-            assert_eq!(flaws.picture_of(frame), flaws.picture_of(frame - 1));
+            assert_eq!(flaws.source_frame(frame), flaws.source_frame(frame - 1));
         }
-        assert_eq!(flaws.picture_of(0), 0);
+        assert_eq!(flaws.source_frame(0), 0);
     }
 }

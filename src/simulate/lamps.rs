@@ -1,7 +1,8 @@
-//! The lamps of a site: the demonstration's one, or others by a seed, all above what its camera sees.
+//! Lamps of a site: the demonstration's one, or random ones by seed. All are above the camera's
+//! field of view.
 //!
-//! A panel in the ceiling shines downwards, a bulb evenly into all directions. Not modelled: shades, windows, lamps that stand on
-//! the floor.
+//! A ceiling panel emits downwards, a bulb emits uniformly in all directions. Not modelled: shades,
+//! windows, floor lamps.
 
 use std::f64::consts::{PI, TAU};
 
@@ -9,21 +10,21 @@ use glam::{DVec2, DVec3};
 
 use super::random::Random;
 
-/// Along each side of a panel, and over a bulb.
-const SIDE: usize = 8;
-const AROUND: usize = 16;
-/// A bulb's radius, metres.
-const BULB_M: f64 = 0.05;
-/// What a white surface shows in the middle of a site by its lamps, at least and at most.
-const BRIGHT: (f64, f64) = (0.3, 0.65);
-/// The middle of a site, metres.
-pub const MIDDLE_M: DVec3 = DVec3::new(0.0, 0.0, 0.1);
-/// Random numbers of a site's lamps, beside its seed.
-const LAMPS: u64 = 0x6c61_6d70;
+/// Sample points along each side of a panel.
+const PANEL_POINTS_PER_SIDE: usize = 8;
+const BULB_POINTS: usize = 16;
+/// Radius of a bulb, metres.
+const BULB_RADIUS_M: f64 = 0.05;
+/// Smallest and largest radiance of a white surface in the middle of a site under its lamps.
+const WHITE_RADIANCE_RANGE: (f64, f64) = (0.3, 0.65);
+/// Centre of a site, metres.
+pub const CENTRE_M: DVec3 = DVec3::new(0.0, 0.0, 0.1);
+/// Key of the lamps' random numbers, in addition to the seed.
+const LAMP_KEY: u64 = 0x6c61_6d70;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Form {
-    /// A rectangle that shines downwards: half its extent along x and y, metres.
+pub enum LampShape {
+    /// A rectangle that emits downwards: half extents along x and y, metres.
     Panel([f64; 2]),
     /// A ball.
     Bulb,
@@ -32,21 +33,21 @@ pub enum Form {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lamp {
     pub centre_m: DVec3,
-    pub form: Form,
+    pub shape: LampShape,
     /// Linear; 1 is a fully lit white matt surface at camera white.
     pub radiance: DVec3,
 }
 
-/// The demonstration's: a rectangle in the ceiling.
-pub const USUAL: Lamp = Lamp {
+/// The demonstration's lamp: a rectangle in the ceiling.
+pub const DEMO_LAMP: Lamp = Lamp {
     centre_m: DVec3::new(-0.3, 0.4, 2.49),
-    form: Form::Panel([0.3, 0.15]),
+    shape: LampShape::Panel([0.3, 0.15]),
     radiance: DVec3::new(88.0, 83.0, 74.0),
 };
 
-/// So many lamps by a seed. No two are within half a metre of each other.
-pub fn scattered(count: u32, seed: u64) -> Vec<Lamp> {
-    let mut random = Random::new([seed, LAMPS, u64::from(count), 0]);
+/// Random lamps by seed. No two are within half a metre of each other.
+pub fn random_lamps(count: u32, seed: u64) -> Vec<Lamp> {
+    let mut random = Random::new([seed, LAMP_KEY, u64::from(count), 0]);
     let mut between = |low: f64, high: f64| low + (high - low) * random.uniform();
     let mut lamps: Vec<Lamp> = Vec::new();
     let mut shares = Vec::new();
@@ -56,104 +57,111 @@ pub fn scattered(count: u32, seed: u64) -> Vec<Lamp> {
         let centre_m = DVec3::new(between(-0.9, 1.9), between(-1.9, 0.75), height_m);
         let warm = between(-0.12, 0.12);
         let tint = DVec3::new(1.0 + warm, 1.0, 1.0 - warm);
-        let form = match is_panel {
-            true => Form::Panel([between(0.1, 0.35), between(0.1, 0.35)]),
-            false => Form::Bulb,
+        let shape = match is_panel {
+            true => LampShape::Panel([between(0.1, 0.35), between(0.1, 0.35)]),
+            false => LampShape::Bulb,
         };
         let share = between(0.5, 1.0);
         if lamps.iter().all(|lamp| lamp.centre_m.distance(centre_m) > 0.5) {
-            lamps.push(Lamp { centre_m, form, radiance: tint });
+            lamps.push(Lamp { centre_m, shape, radiance: tint });
             shares.push(share);
         }
     }
-    let whole = between(BRIGHT.0, BRIGHT.1) / shares.iter().sum::<f64>();
+    let whole = between(WHITE_RADIANCE_RANGE.0, WHITE_RADIANCE_RANGE.1) / shares.iter().sum::<f64>();
     for (lamp, share) in lamps.iter_mut().zip(&shares) {
-        lamp.radiance *= whole * share / lamp.share(lamp.centre_m - MIDDLE_M, DVec3::Z);
+        lamp.radiance *= whole * share / lamp.white_radiance(lamp.centre_m - CENTRE_M, DVec3::Z);
     }
     lamps
 }
 
 impl Lamp {
-    /// Places on it, all of them as bright.
+    /// Sample points of equal radiance on the lamp.
     pub fn points(&self) -> Vec<DVec3> {
-        match self.form {
-            Form::Panel(half_m) => {
-                let place = |k: usize, half: f64| half * (2.0 * (k as f64 + 0.5) / SIDE as f64 - 1.0);
-                let on = |i: usize| DVec3::new(place(i % SIDE, half_m[0]), place(i / SIDE, half_m[1]), 0.0);
-                (0..SIDE * SIDE).map(|i| self.centre_m + on(i)).collect()
-            }
-            Form::Bulb => {
+        match self.shape {
+            LampShape::Panel(half_m) => {
+                let place = |k: usize, half: f64| half * (2.0 * (k as f64 + 0.5) / PANEL_POINTS_PER_SIDE as f64 - 1.0);
                 let on = |i: usize| {
-                    let z = 1.0 - (2 * i + 1) as f64 / AROUND as f64;
+                    DVec3::new(
+                        place(i % PANEL_POINTS_PER_SIDE, half_m[0]),
+                        place(i / PANEL_POINTS_PER_SIDE, half_m[1]),
+                        0.0,
+                    )
+                };
+                (0..PANEL_POINTS_PER_SIDE * PANEL_POINTS_PER_SIDE).map(|i| self.centre_m + on(i)).collect()
+            }
+            LampShape::Bulb => {
+                let on = |i: usize| {
+                    let z = 1.0 - (2 * i + 1) as f64 / BULB_POINTS as f64;
                     let (s, c) = (i as f64 / 1.618_033_988_749_895 * TAU).sin_cos();
                     DVec3::new(c, s, 0.0) * (1.0 - z * z).sqrt() + DVec3::Z * z
                 };
-                (0..AROUND).map(|i| self.centre_m + BULB_M * on(i)).collect()
+                (0..BULB_POINTS).map(|i| self.centre_m + BULB_RADIUS_M * on(i)).collect()
             }
         }
     }
 
-    /// A place on it by chance: the `k`-th of `count` that share it evenly.
-    pub fn place(&self, k: usize, count: usize, random: &mut Random) -> DVec3 {
+    /// A random point on the lamp: the `k`-th of `count` stratified samples.
+    pub fn sample_point(&self, k: usize, count: usize, random: &mut Random) -> DVec3 {
         let (along, by) = ((k as f64 + random.uniform()) / count as f64, random.uniform());
-        match self.form {
-            Form::Panel(half_m) => {
+        match self.shape {
+            LampShape::Panel(half_m) => {
                 self.centre_m + DVec3::new((2.0 * along - 1.0) * half_m[0], (2.0 * by - 1.0) * half_m[1], 0.0)
             }
-            Form::Bulb => {
+            LampShape::Bulb => {
                 let z = 1.0 - 2.0 * along;
-                self.centre_m + BULB_M * (DVec2::from_angle(TAU * by) * (1.0 - z * z).max(0.0).sqrt()).extend(z)
+                self.centre_m + BULB_RADIUS_M * (DVec2::from_angle(TAU * by) * (1.0 - z * z).max(0.0).sqrt()).extend(z)
             }
         }
     }
 
-    /// The radiance of a white matt surface with normal `n` under a lamp of radiance 1 at `to`: ∫ cos θ cos θ' / (π r²) dA,
-    /// approximated by the integrand at the lamp's centre times its area.
-    pub fn share(&self, to: DVec3, n: DVec3) -> f64 {
+    /// Radiance of a white diffuse surface with normal `n` under a lamp of radiance 1 at `to`: ∫
+    /// cos θ cos θ' / (π r²) dA, approximated by the integrand at the lamp's centre times its area.
+    pub fn white_radiance(&self, to: DVec3, n: DVec3) -> f64 {
         let r2 = to.length_squared();
-        match self.form {
-            Form::Panel(half_m) => {
+        match self.shape {
+            LampShape::Panel(half_m) => {
                 let area = 4.0 * half_m[0] * half_m[1];
                 (n.dot(to).max(0.0) * to.z.max(0.0)) / (PI * r2 * r2) * area
             }
-            Form::Bulb => n.dot(to).max(0.0) / (r2 * r2.sqrt()) * (BULB_M * BULB_M),
+            LampShape::Bulb => n.dot(to).max(0.0) / (r2 * r2.sqrt()) * (BULB_RADIUS_M * BULB_RADIUS_M),
         }
     }
 
-    /// Half of its extent as it is seen from below, metres.
-    pub fn half_m(&self) -> [f64; 2] {
-        match self.form {
-            Form::Panel(half_m) => half_m,
-            Form::Bulb => [BULB_M; 2],
+    /// Half extents seen from below, metres.
+    pub fn half_extents_m(&self) -> [f64; 2] {
+        match self.shape {
+            LampShape::Panel(half_m) => half_m,
+            LampShape::Bulb => [BULB_RADIUS_M; 2],
         }
     }
 
-    /// How far along a ray it is met, in lengths of `direction`.
+    /// Ray parameter of the intersection, in lengths of `direction`.
     pub fn hit(&self, origin: DVec3, direction: DVec3) -> Option<f64> {
-        match self.form {
-            Form::Panel(half_m) => {
+        match self.shape {
+            LampShape::Panel(half_m) => {
                 let up = (self.centre_m.z - origin.z) / direction.z;
                 let at = origin + direction * up - self.centre_m;
                 (up > 0.0 && at.x.abs() < half_m[0] && at.y.abs() < half_m[1]).then_some(up)
             }
-            Form::Bulb => {
+            LampShape::Bulb => {
                 let to = self.centre_m - origin;
                 let along = to.dot(direction) / direction.length_squared();
-                (along > 0.0 && to.distance(direction * along) < BULB_M).then_some(along)
+                (along > 0.0 && to.distance(direction * along) < BULB_RADIUS_M).then_some(along)
             }
         }
     }
 
-    /// The blurred mirror image in a surface, as a share of its radiance: a Gaussian around the lamp's rectangle, as wide as
-    /// `width`.
-    pub fn mirrored(&self, p: DVec3, mirrored: DVec3, width: f64) -> f64 {
-        let half_m = self.half_m();
+    /// Blurred mirror image in a surface, as a share of the lamp's radiance: a Gaussian of `width`
+    /// around the lamp's rectangle.
+    pub fn reflection(&self, p: DVec3, mirrored: DVec3, width: f64) -> f64 {
+        let half_m = self.half_extents_m();
         if mirrored.z < 1e-3 {
             return 0.0;
         }
         let at = p + mirrored * ((self.centre_m.z - p.z) / mirrored.z) - self.centre_m;
         let beside = DVec2::new((at.x.abs() - half_m[0]).max(0.0), (at.y.abs() - half_m[1]).max(0.0));
-        // The wider the blur, the fainter: the ratio of the lamp's area to the blurred image's.
+        // The wider the blur, the fainter the image: the ratio of the lamp's area to the blurred
+        // image's.
         let spread =
             (2.0 * half_m[0] / (2.0 * half_m[0] + 2.0 * width)) * (2.0 * half_m[1] / (2.0 * half_m[1] + 2.0 * width));
         spread * (-beside.length_squared() / (width * width)).exp()
@@ -165,25 +173,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_seed_gives_lamps_apart_from_each_other_that_are_as_bright_as_they_should_be() {
-        assert_eq!(scattered(3, 7), scattered(3, 7));
+    fn random_lamps_follow_the_seed_and_white_stays_in_range() {
+        assert_eq!(random_lamps(3, 7), random_lamps(3, 7));
         for seed in 0..50 {
             for count in 1..=3 {
-                let lamps = scattered(count, seed);
+                let lamps = random_lamps(count, seed);
                 assert_eq!(lamps.len(), count as usize);
-                let shown = |lamp: &Lamp| lamp.radiance.y * lamp.share(lamp.centre_m - MIDDLE_M, DVec3::Z);
+                let shown = |lamp: &Lamp| lamp.radiance.y * lamp.white_radiance(lamp.centre_m - CENTRE_M, DVec3::Z);
                 let all: f64 = lamps.iter().map(shown).sum();
-                assert!(all > BRIGHT.0 - 1e-9 && all < BRIGHT.1 + 1e-9, "{all}");
+                assert!(all > WHITE_RADIANCE_RANGE.0 - 1e-9 && all < WHITE_RADIANCE_RANGE.1 + 1e-9, "{all}");
             }
         }
     }
 
     #[test]
-    fn a_bulb_lights_as_a_point_does_and_a_panel_as_its_area() {
-        let bulb = Lamp { centre_m: DVec3::Z, form: Form::Bulb, radiance: DVec3::ONE };
-        // E/π of a ball of radius r at d: L·r²/d².
-        assert!((bulb.share(DVec3::Z * 2.0, DVec3::Z) - 0.0025 / 4.0).abs() < 1e-12);
-        let panel = Lamp { form: Form::Panel([0.5, 0.25]), ..bulb };
-        assert!((panel.share(DVec3::Z * 2.0, DVec3::Z) - 0.5 / PI / 4.0).abs() < 1e-12);
+    fn bulb_and_panel_match_their_analytic_irradiance() {
+        let bulb = Lamp { centre_m: DVec3::Z, shape: LampShape::Bulb, radiance: DVec3::ONE };
+        // E/π of a sphere of radius r at d: L·r²/d².
+        assert!((bulb.white_radiance(DVec3::Z * 2.0, DVec3::Z) - 0.0025 / 4.0).abs() < 1e-12);
+        let panel = Lamp { shape: LampShape::Panel([0.5, 0.25]), ..bulb };
+        assert!((panel.white_radiance(DVec3::Z * 2.0, DVec3::Z) - 0.5 / PI / 4.0).abs() < 1e-12);
     }
 }

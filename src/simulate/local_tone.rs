@@ -1,30 +1,31 @@
-//! Tone that differs across a picture, as phones do it: what is dark is brightened with what is around it, what is bright is darkened.
+//! Local tone mapping as in phones: dark regions are brightened, bright regions darkened.
 //!
-//!   light(x) · (whole / around(x))^share
+//! light(x) · (whole / around(x))^share
 //!
-//! `around` is the geometric mean of green light under a Gaussian an eighth of the picture's width wide, `whole` that of all of the
-//! picture. Phones keep edges sharper than that; what they do to a surface follows in the same way from what else the picture shows.
+//! `around` is the geometric mean of green light under a Gaussian with σ of an eighth of the
+//! picture's width, `whole` the geometric mean of the entire picture. Phones preserve edges better;
+//! the dependence of a surface's brightness on the rest of the picture is the same.
 
 use super::render::Picture;
 
-/// Cells across; as many pixels down.
-const CELLS: usize = 32;
+/// Cells across; the cells are square.
+const CELLS_ACROSS: usize = 32;
 /// σ of the Gaussian, cells.
-const SIGMA: f64 = 4.0;
-const DARKEST: f64 = 1e-4;
+const SIGMA_CELLS: f64 = 4.0;
+const MIN_LIGHT: f64 = 1e-4;
 
-/// The picture with that share of its large-scale contrast taken away.
-pub fn toned(mut picture: Picture, share: f64) -> Picture {
+/// Reduces the large-scale contrast of a picture by a share.
+pub fn locally_tone_mapped(mut picture: Picture, share: f64) -> Picture {
     if share == 0.0 {
         return picture;
     }
     let (width, height) = (picture.width as usize, picture.height as usize);
-    let side = width.div_ceil(CELLS);
+    let side = width.div_ceil(CELLS_ACROSS);
     let (columns, rows) = (width.div_ceil(side), height.div_ceil(side));
     let (mut sums, mut counts) = (vec![0.0; columns * rows], vec![0.0; columns * rows]);
     for (i, light) in picture.light.iter().enumerate() {
         let cell = i / width / side * columns + i % width / side;
-        sums[cell] += f64::from(light[1]).max(DARKEST).ln();
+        sums[cell] += f64::from(light[1]).max(MIN_LIGHT).ln();
         counts[cell] += 1.0;
     }
     let whole = sums.iter().sum::<f64>() / counts.iter().sum::<f64>();
@@ -33,7 +34,7 @@ pub fn toned(mut picture: Picture, share: f64) -> Picture {
         let (mut sum, mut weights) = (0.0, 0.0);
         for other in 0..columns * rows {
             let apart = (other % columns).abs_diff(x).pow(2) + (other / columns).abs_diff(y).pow(2);
-            let weight = (-0.5 * apart as f64 / (SIGMA * SIGMA)).exp();
+            let weight = (-0.5 * apart as f64 / (SIGMA_CELLS * SIGMA_CELLS)).exp();
             sum += weight * sums[other];
             weights += weight * counts[other];
         }
@@ -61,18 +62,19 @@ mod tests {
     /// The left half is four times as dark as the right one.
     fn halves() -> Picture {
         let light = (0..320 * 240).map(|i| if i % 320 < 160 { [0.1; 3] } else { [0.4; 3] }).collect();
-        Picture { width: 320, height: 240, light, depth_m: vec![1.0; 320 * 240], most_blur_px: 0.0 }
+        Picture { width: 320, height: 240, light, depth_m: vec![1.0; 320 * 240], max_blur_px: 0.0 }
     }
 
     #[test]
-    fn contrast_falls_by_its_share_and_nothing_else_does() {
+    fn local_tone_reduces_large_scale_contrast_only() {
         let at = |picture: &Picture, x: usize| picture.light[120 * 320 + x][1];
-        let by_half = toned(halves(), 0.5);
-        // Far from the border the surroundings are the half's own: 0.2 · (0.1 / 0.2)^0.5, and the square root of 4 between them.
+        let by_half = locally_tone_mapped(halves(), 0.5);
+        // Far from the border the surroundings are the half itself: 0.2 · (0.1 / 0.2)^0.5, and the
+        // square root of 4 between the halves.
         assert!((at(&by_half, 20) - 0.1414).abs() < 0.003, "{}", at(&by_half, 20));
         assert!((at(&by_half, 300) / at(&by_half, 20) - 2.0).abs() < 0.05);
-        // What is a step stays one.
+        // A step edge stays sharp.
         assert!((at(&by_half, 160) / at(&by_half, 159) - 4.0).abs() < 0.1);
-        assert_eq!(toned(halves(), 0.0).light, halves().light);
+        assert_eq!(locally_tone_mapped(halves(), 0.0).light, halves().light);
     }
 }

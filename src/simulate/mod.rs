@@ -1,42 +1,44 @@
-//! A simulated site: footage about which everything is known, for demonstration and to judge everything else by.
+//! Simulated footage with complete ground truth, for demonstration and as a reference for
+//! everything else.
 //!
-//! Its own small ray caster images the site through a lens with distortion, a rolling shutter and a noisy sensor, and
-//! writes a recording together with its ground truth. [`Flaws`] make it as wrong as real ones are. It shares no rendering,
-//! blur or noise code with what it is used to judge, only plain values.
+//! A small ray caster of its own images the site through a lens with distortion, a rolling shutter
+//! and a noisy sensor, and writes a recording with its ground truth. [`Flaws`] add the defects of
+//! real recordings. The simulation shares no rendering, blur or noise code with the code that it
+//! evaluates, only plain values.
 //!
-//! Not modelled: vignetting, chromatic aberration, mosaic, light that falls on the board or comes from it.
+//! Not modelled: vignetting, chromatic aberration, mosaic, light between the board and the site.
 
 mod board;
+mod bvh;
 mod chart;
+mod correlated_noise;
 mod depth;
 mod depth_errors;
-mod encoded;
+mod edge_errors;
+mod encode;
 mod evidence;
 mod finish;
 mod flaws;
-mod grain;
 mod hemisphere;
 mod lamps;
 mod local_tone;
-mod measured;
-mod mistracked;
+mod manifest;
 mod output;
 mod path;
 mod person;
+mod pose_errors;
 mod random;
+mod random_walk;
 mod render;
-mod returned;
 mod sensor;
+mod sensor_depth;
+mod sensor_return;
 mod shapes;
 mod site;
+mod static_scenes;
 mod stray;
-mod survey;
-mod torn;
-mod triangles;
 mod truth;
-mod wander;
 mod write;
-mod written;
 
 use std::path::PathBuf;
 
@@ -58,11 +60,11 @@ pub use path::{DOLLY_M_PER_S, PAN_RAD_PER_S};
 pub use render::{Picture, Snapshot};
 pub use sensor::Sensor;
 pub use site::Detail;
-pub use survey::{StaticScene, StaticScenes, static_scenes};
+pub use static_scenes::{StaticScene, StaticScenes, static_scenes};
 pub use write::{run, write};
 
 crate::choices! {
-    /// How the simulated camera moves.
+    /// Motion of the simulated camera.
     pub enum Motion {
         /// A walk around the evidence with a hand's tremor and two fast turns.
         Handheld = "handheld",
@@ -75,22 +77,22 @@ crate::choices! {
 }
 
 crate::choices! {
-    /// How frames are stored.
+    /// File format of the frames.
     pub enum Format { Png = "png", Jpg = "jpg" }
 }
 
 crate::choices! {
-    /// How the folder is laid out, if not as our own.
+    /// Layout of the folder, if not Locard's own.
     pub enum Layout {
-        /// As Stray Scanner exports it from a phone.
+        /// Stray Scanner's export from a phone.
         Stray = "stray",
     }
 }
 
 crate::choices! {
-    /// The ground of the site and what stands on it, if not planks with the demonstration's things.
+    /// Ground of the site and the objects on it, if not planks with the demonstration's objects.
     pub enum Ground {
-        /// Plain concrete, on which nothing stands.
+        /// Plain concrete without objects.
         Concrete = "concrete",
         /// A white desk with a black screen, a cup and a keyboard.
         Desk = "desk",
@@ -98,7 +100,7 @@ crate::choices! {
 }
 
 crate::params! {
-    /// What to simulate. The defaults are the demonstration.
+    /// Parameters of a simulation. The defaults are the demonstration.
     pub struct Options in "simulate" {
         "width of the picture" width_px: u32 = 640, "px", 8.0..=4096.0;
         "height of the picture" height_px: u32 = 480, "px", 8.0..=4096.0;
@@ -135,7 +137,7 @@ crate::params! {
     }
 }
 
-/// Why nothing could be simulated.
+/// Errors of a simulation.
 #[derive(Debug, thiserror::Error)]
 pub enum SimulateError {
     #[error("{0} exists already; it is kept unless --force is given")]
@@ -167,20 +169,20 @@ pub enum SimulateError {
     )]
     Lens { x: u32, y: u32 },
     #[error("simulate: a 360° picture (lens = equirectangular) is twice as wide as high; found is {width}x{height}")]
-    Round { width: u32, height: u32 },
+    PanoramaSize { width: u32, height: u32 },
     #[error("simulate.layout = stray: a phone has no such lens; give lens = opencv, and leave depth_beside_mm out")]
-    Phone,
+    UnsupportedPhoneLens,
     #[error("the scene has {0}, which the simulated site's light cannot go through or into; leave such objects out")]
-    Unseen(&'static str),
+    Unsupported(&'static str),
     #[error(transparent)]
     Video(#[from] SinkError),
     #[error("simulate.aperture_diameter_mm: only lens = opencv has an opening; give 0, or that lens")]
-    Opening,
+    NoAperture,
     #[error("simulate.fps: the camera's path has no ascending times: {0}")]
     Path(#[from] NotAscending),
 }
 
-/// A site, a camera and its path, ready to take pictures.
+/// A site, a camera and its trajectory, ready to take pictures.
 #[derive(Clone, Debug)]
 pub struct Simulation {
     options: Options,
@@ -189,32 +191,32 @@ pub struct Simulation {
     lens: render::Lens,
     geometry: Geometry,
     track: PoseTrack,
-    /// What the objects are called that really lie in the site.
+    /// Names of the objects that are a real part of the site.
     evidence: Vec<String>,
     pub sensor: Sensor,
-    /// Number of threads; it affects no result.
+    /// Number of threads. It affects no result.
     pub threads: usize,
 }
 
 impl Simulation {
-    /// Uses as many threads as there are cores, and a site as fine as the lens can see.
+    /// Uses one thread per core, and a site as detailed as the lens resolves.
     pub fn new(options: &Options) -> Result<Self, SimulateError> {
-        Self::flawed(options, &Flaws::default())
+        Self::with_flaws(options, &Flaws::default())
     }
 
-    /// The same of a recording of which something is wrong.
-    pub fn flawed(options: &Options, flaws: &Flaws) -> Result<Self, SimulateError> {
+    /// A simulation with defects.
+    pub fn with_flaws(options: &Options, flaws: &Flaws) -> Result<Self, SimulateError> {
         let threads = crate::parallel::processors();
-        Self::flawed_with_detail(options, flaws, Detail::for_focal_px(geometry(options).intrinsics.fx_px), threads)
+        Self::with_flaws_and_detail(options, flaws, Detail::for_focal_px(geometry(options).intrinsics.fx_px), threads)
     }
 
-    /// Uses a site of the given detail. Computes its light, which takes most of the time.
+    /// Uses a site of the given detail. Computes the site's light, which takes most of the time.
     pub fn with_detail(options: &Options, detail: Detail, threads: usize) -> Result<Self, SimulateError> {
-        Self::flawed_with_detail(options, &Flaws::default(), detail, threads)
+        Self::with_flaws_and_detail(options, &Flaws::default(), detail, threads)
     }
 
-    /// The same of a recording of which something is wrong. Depth does not depend on the detail.
-    pub fn flawed_with_detail(
+    /// Uses a site of the given detail, with defects. Depth does not depend on the detail.
+    pub fn with_flaws_and_detail(
         options: &Options,
         flaws: &Flaws,
         detail: Detail,
@@ -223,23 +225,23 @@ impl Simulation {
         let geometry = geometry(options);
         let Options { width_px: width, height_px: height, .. } = *options;
         if geometry.is_round() && width != 2 * height {
-            return Err(SimulateError::Round { width, height });
+            return Err(SimulateError::PanoramaSize { width, height });
         }
         if options.aperture_diameter_mm > 0.0 && options.lens != LensModel::Opencv {
-            return Err(SimulateError::Opening);
+            return Err(SimulateError::NoAperture);
         }
         let is_phone = options.layout == Some(Layout::Stray);
         if is_phone && (options.lens != LensModel::Opencv || options.depth_beside_mm.is_some()) {
-            return Err(SimulateError::Phone);
+            return Err(SimulateError::UnsupportedPhoneLens);
         }
         let lens = render::Lens::new(geometry.clone())?;
-        let board = if options.board { board().shining() } else { None };
-        let moved = options.site.map(u64::from);
+        let board = if options.board { board().emissive_panel() } else { None };
+        let placement_seed = options.site.map(u64::from);
         let lamps = match options.lamps {
-            Some(count) => lamps::scattered(count, moved.unwrap_or(0)),
-            None => vec![lamps::USUAL],
+            Some(count) => lamps::random_lamps(count, placement_seed.unwrap_or(0)),
+            None => vec![lamps::DEMO_LAMP],
         };
-        let mut site = site::Site::new(detail, lamps, (moved, options.ground), board, threads);
+        let mut site = site::Site::new(detail, lamps, (placement_seed, options.ground), board, threads);
         site.is_blank = flaws.blank;
         site.person = (flaws.person_m_per_s > 0.0).then(|| Person::new(flaws.person_m_per_s, detail.texture_m));
         Ok(Self {
@@ -273,53 +275,55 @@ impl Simulation {
         &self.geometry
     }
 
-    /// The camera's true path at 200 Hz. Between its poses the camera moves as in [`PoseTrack::at`].
+    /// The camera's true trajectory at 200 Hz. Between its poses the camera moves as in
+    /// [`PoseTrack::at`].
     pub fn track(&self) -> &PoseTrack {
         &self.track
     }
 
-    /// The same with the camera rotated in place; `turn` takes its axes to the rotated one's.
+    /// Rotates the camera in place; `turn` takes its axes to the rotated one's.
     pub fn turned(mut self, turn: DQuat) -> Self {
         self.track = self.track.turned(turn);
         self
     }
 
-    /// The same with a scene's objects really in the site, where the scene puts them: z up, metres, the floor at 0. Its light is not
-    /// used.
+    /// Adds a scene's objects as a real part of the site, at their positions in the scene: z up,
+    /// metres, the floor at 0. The scene's light is not used.
     ///
     /// # Errors
-    /// What they are made of that would not be seen as it is: transparency, normal maps.
-    pub fn with(mut self, scene: &Scene) -> Result<Self, SimulateError> {
-        if let Some(what) = Evidence::unseen(scene) {
-            return Err(SimulateError::Unseen(what));
+    /// Materials that the simulation cannot render: transparency, normal maps.
+    pub fn with_evidence(mut self, scene: &Scene) -> Result<Self, SimulateError> {
+        if let Some(what) = Evidence::unsupported(scene) {
+            return Err(SimulateError::Unsupported(what));
         }
         self.site.evidence = Some(Evidence::new(scene));
         self.evidence = scene.objects.iter().map(|object| object.name.clone()).collect();
         Ok(self)
     }
 
-    /// What the objects are called that really lie in the site.
+    /// Names of the objects that are a real part of the site.
     pub fn evidence(&self) -> &[String] {
         &self.evidence
     }
 
-    /// What a white matt surface that looks up shows at a place, linear light: the irradiance from above, by π.
-    pub fn upward(&self, at_m: DVec3) -> DVec3 {
-        self.site.upward(at_m)
+    /// Radiance of a white diffuse surface facing up at a point: the irradiance from above over π.
+    pub fn white_facing_up(&self, at_m: DVec3) -> DVec3 {
+        self.site.white_facing_up(at_m)
     }
 
-    /// The lamps' places, metres, and what a white surface that faces one shows at 1 m straight below it.
+    /// Positions of the lamps, metres, and for each the radiance of a white surface facing it at 1
+    /// m straight below.
     pub fn lamps(&self) -> Vec<(DVec3, DVec3)> {
-        let of = |lamp: &lamps::Lamp| (lamp.centre_m, lamp.radiance * lamp.share(DVec3::Z, DVec3::Z));
+        let of = |lamp: &lamps::Lamp| (lamp.centre_m, lamp.radiance * lamp.white_radiance(DVec3::Z, DVec3::Z));
         self.site.lamps.iter().map(of).collect()
     }
 
-    /// The poses that are recorded of it.
+    /// The recorded poses, with the flaws' errors.
     pub fn recorded_track(&self) -> Result<PoseTrack, NotAscending> {
         self.flaws.recorded(&self.track)
     }
 
-    /// A frame's depth as its sensor measures it, m, row by row; and what it would be without errors.
+    /// A frame's depth as measured by the sensor, m, row by row; and without errors.
     pub fn depths(&self, frame: usize) -> Result<[Vec<f32>; 2], SimulateError> {
         let Some(sensor) = depth::DepthSensor::new(self)? else {
             let exact = self.picture(frame).depth_m;
@@ -330,18 +334,18 @@ impl Simulation {
         Ok([measured.map_or_else(|| exact.depth_m.clone(), |picture| picture.depth_m), exact.depth_m])
     }
 
-    /// How far away is what a frame's picture shows at a place between its pixels' middles, m: exact. `None` where there is nothing.
+    /// Exact depth at a pixel position of a frame, m. `None` where there is no surface.
     pub fn depth_at(&self, frame: usize, at_px: DVec2) -> Option<f64> {
-        // A row is read as a whole.
+        // All pixels of a row are exposed at the same time.
         let time_s = self.timestamp_s(frame) + self.geometry.row_time_s(at_px.y.floor() + 0.5);
         let pose = self.track.at_or_nearest(time_s)?;
         let direction = pose.world_from_camera_rotation() * self.geometry.depth_ray(at_px)?;
-        self.site.met(pose.position_in_world_m(), direction, time_s).map(|met| met.t)
+        self.site.first_hit(pose.position_in_world_m(), direction, time_s).map(|met| met.t)
     }
 
-    /// Factors on the light of a frame's picture: red, green, blue.
+    /// Gains of a frame's picture: red, green, blue.
     pub fn gains(&self, frame: usize) -> [f64; 3] {
-        self.flaws.gains(self.timestamp_s(self.flaws.picture_of(frame))).map(|gain| self.options.gain * gain)
+        self.flaws.gains(self.timestamp_s(self.flaws.source_frame(frame))).map(|gain| self.options.gain * gain)
     }
 
     /// The middle of the middle row's exposure of a frame, seconds.
@@ -349,7 +353,7 @@ impl Simulation {
         path::timestamp_s(&self.options, frame)
     }
 
-    /// How a frame of the recording is taken.
+    /// Snapshot parameters of a recording's frame.
     pub fn snapshot(&self, frame: usize) -> Snapshot {
         Snapshot {
             timestamp_s: self.timestamp_s(frame),
@@ -358,7 +362,8 @@ impl Simulation {
             aperture_diameter_m: 1e-3 * self.options.aperture_diameter_mm,
             focus_distance_m: self.options.focus_distance_m,
             seed: self.options.seed,
-            // A camera at rest sees the same light in every frame; different sample places would look like noise.
+            // A camera at rest sees the same light in every frame; different sample positions would
+            // look like noise.
             frame: if self.options.motion == Motion::Static { 0 } else { frame as u64 },
         }
     }
@@ -377,7 +382,7 @@ impl Simulation {
 fn geometry(options: &Options) -> Geometry {
     let Options { width_px, height_px, focal_px, lens, k1, k2, p1, p2, readout_time_s, .. } = *options;
     let distortion = match lens {
-        // Its export has no place for distortion.
+        // The export has no field for distortion.
         LensModel::Opencv if options.layout == Some(Layout::Stray) => Distortion::default(),
         LensModel::Opencv => Distortion { k1, k2, p1, p2, ..Distortion::default() },
         LensModel::OpencvFisheye => Distortion { model: lens, k1, k2, ..Distortion::default() },
@@ -388,7 +393,7 @@ fn geometry(options: &Options) -> Geometry {
         height_px,
         fx_px: focal_px,
         fy_px: focal_px,
-        // Slightly off the middle, as in real cameras.
+        // Slightly off the centre, as in real cameras.
         cx_px: 0.5 * f64::from(width_px) + 1.75,
         cy_px: 0.5 * f64::from(height_px) - 1.5,
         // The rows of a picture stitched from several sensors have no times of their own.

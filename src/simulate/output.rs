@@ -1,4 +1,5 @@
-//! The folder of a recording, which appears once it is complete, and what may be removed of an older one.
+//! Output folder of a recording. It appears once it is complete; files of an older recording are
+//! removed only if this program wrote them.
 
 use std::fs;
 use std::io;
@@ -7,7 +8,7 @@ use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 use super::SimulateError;
-use super::written::Written;
+use super::manifest::Manifest;
 use crate::cleanup::{MadeFolder, Undo, Unfinished};
 
 /// An unfinished recording, in a hidden folder next to its final place.
@@ -17,14 +18,14 @@ pub struct Output {
     name: String,
     force: bool,
     unfinished: Unfinished,
-    /// The folder that it lies in.
+    /// The parent folder.
     made: MadeFolder,
 }
 
 impl Output {
-    /// Makes the hidden folder, after checking that the recording may appear at `out`.
+    /// Creates the hidden folder, after checking that the recording may appear at `out`.
     pub fn begin(out: &Path, force: bool) -> Result<Self, SimulateError> {
-        // For a link, the folder that it leads to.
+        // The target of a symbolic link.
         let place = out.canonicalize().unwrap_or_else(|_| out.to_owned());
         let within = std::env::current_dir().and_then(fs::canonicalize).is_ok_and(|here| here.starts_with(&place));
         let Some(name) = place.file_name().filter(|_| !within) else {
@@ -52,8 +53,8 @@ impl Output {
         &self.name
     }
 
-    /// An error in the hidden folder, as one in the recording's: the user knows no other.
-    pub fn told(&self, error: SimulateError) -> SimulateError {
+    /// Replaces the hidden folder in an error by the final one, the only path known to the user.
+    pub fn with_final_path(&self, error: SimulateError) -> SimulateError {
         match error {
             SimulateError::Write { path, source } => {
                 let path = path.strip_prefix(self.folder()).map_or(path.clone(), |inner| self.place.join(inner));
@@ -63,11 +64,12 @@ impl Output {
         }
     }
 
-    /// Moves the recording to its place. An older one is removed file by file, so that nothing else is removed with it.
+    /// Moves the recording to its final path. An older one is removed file by file, so that nothing
+    /// else is removed with it.
     pub fn finish(self) -> Result<(), SimulateError> {
         let Self { part, place, name, force, unfinished, made } = self;
         unfinished.finish(|| {
-            // Checked again: it may have changed while the frames were made.
+            // Checked again: the folder may have changed while the frames were rendered.
             check(&place, &place, force)?;
             if !place.exists() {
                 fs::rename(part.path(), &place).map_err(writing(&place))?;
@@ -79,7 +81,7 @@ impl Output {
             let moved = fs::rename(&place, &old)
                 .and_then(|()| fs::rename(part.path(), &place).inspect_err(|_| _ = fs::rename(&old, &place)));
             let removed = moved.map_err(writing(&place)).and_then(|()| remove(&old).map_err(writing(&old)));
-            // Stays if anything is left in it.
+            // Fails if anything is left in it.
             let _ = fs::remove_dir(&around);
             removed
         })?;
@@ -106,7 +108,7 @@ pub fn writing(path: &Path) -> impl FnOnce(io::Error) -> SimulateError {
     move |source| SimulateError::Write { path, source }
 }
 
-/// Checks that a recording may appear at a place; `shown` is the user's name for it.
+/// Checks that a recording may appear at a path; `shown` is the user's name for it.
 fn check(place: &Path, shown: &Path, force: bool) -> Result<(), SimulateError> {
     if fs::symlink_metadata(place).is_err() {
         return Ok(());
@@ -118,7 +120,7 @@ fn check(place: &Path, shown: &Path, force: bool) -> Result<(), SimulateError> {
     if !force {
         return Err(SimulateError::Exists(shown.to_owned()));
     }
-    let Some(written) = Written::of(place) else { return Err(SimulateError::NotSimulated(shown.to_owned())) };
+    let Some(written) = Manifest::of(place) else { return Err(SimulateError::NotSimulated(shown.to_owned())) };
     let Contents { foreign, changed, .. } = contents(place, &written).map_err(writing(place))?;
     let folder = shown.to_owned();
     match (foreign.into_iter().next(), changed.into_iter().next()) {
@@ -134,17 +136,17 @@ fn entries(folder: &Path) -> io::Result<Vec<fs::DirEntry>> {
     Ok(entries)
 }
 
-/// What a folder contains, relative to it.
+/// Contents of a folder, relative to it.
 #[derive(Default)]
 struct Contents {
-    /// As written.
+    /// Unchanged since they were written.
     ours: Vec<PathBuf>,
-    /// Written, and different now.
+    /// Manifest by this program, and modified since.
     changed: Vec<PathBuf>,
     foreign: Vec<PathBuf>,
 }
 
-fn contents(folder: &Path, written: &Written) -> io::Result<Contents> {
+fn contents(folder: &Path, written: &Manifest) -> io::Result<Contents> {
     let mut found = Contents::default();
     let mut sort = |name: String, kind: fs::FileType| {
         let list = match &name {
@@ -167,9 +169,9 @@ fn contents(folder: &Path, written: &Written) -> io::Result<Contents> {
     Ok(found)
 }
 
-/// Removes a recording, but nothing that was added to it or changed in it meanwhile.
+/// Removes a recording, except files that were added or modified since.
 fn remove(folder: &Path) -> io::Result<()> {
-    let written = Written::of(folder).unwrap_or_default();
+    let written = Manifest::of(folder).unwrap_or_default();
     for file in contents(folder, &written)?.ours {
         fs::remove_file(folder.join(file))?;
     }

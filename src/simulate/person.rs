@@ -1,5 +1,5 @@
-//! Somebody who walks to and fro where the evidence lies, in patterned clothes: what moves in a picture and is not the camera.
-//! They shine by themselves like the board, and neither light nor shade anything.
+//! A person in patterned clothes who walks to and fro near the evidence: motion that is not the
+//! camera's. Like the board, the person is self-luminous and neither lights nor shadows anything.
 
 use glam::{DVec2, DVec3};
 
@@ -8,27 +8,27 @@ use super::finish::fractal;
 use super::path::START_S;
 use super::shapes::{Hit, Shape};
 
-/// Shoulder to shoulder, back to front, and tall, m.
+/// Width, depth and height, m.
 const SIZE_M: DVec3 = DVec3::new(0.45, 0.25, 1.75);
-/// They walk along x between two places of the floor, between the camera and what stands at the walls.
-const FROM_M: DVec3 = DVec3::new(-0.5, -0.2, 0.0);
-const WAY_M: f64 = 0.6;
-/// Size of the largest patches of their clothes, m.
+/// Start of the path along x, on the floor between the camera and the objects at the walls.
+const PATH_START_M: DVec3 = DVec3::new(-0.5, -0.2, 0.0);
+const PATH_LENGTH_M: f64 = 0.6;
+/// Size of the largest patches of the clothes, m.
 const PATCH_M: f64 = 0.08;
 
 #[derive(Clone, Debug)]
 pub struct Person {
     speed_m_per_s: f64,
-    /// Standing at the way's beginning.
+    /// At the start of the path.
     shape: Shape,
-    /// One per face: what they shine.
+    /// Emitted light, one per face.
     clothes: Vec<Chart>,
 }
 
 impl Person {
-    /// `texture_m`: cell of the clothes' charts.
+    /// `texture_m`: cell size of the clothes' charts.
     pub fn new(speed_m_per_s: f64, texture_m: f64) -> Self {
-        let centre = FROM_M + DVec3::new(0.0, 0.0, 0.5 * SIZE_M.z);
+        let centre = PATH_START_M + DVec3::new(0.0, 0.0, 0.5 * SIZE_M.z);
         let shape = Shape::Block { centre, half: 0.5 * SIZE_M, yaw_rad: 0.0 };
         let chart = |face: usize| {
             let size = shape.face_size_m(face);
@@ -46,20 +46,20 @@ impl Person {
         Self { speed_m_per_s, shape, clothes }
     }
 
-    /// How far from the way's beginning they are at a time, m.
-    fn gone_m(&self, time_s: f64) -> f64 {
-        let gone = (self.speed_m_per_s * (time_s - START_S)).rem_euclid(2.0 * WAY_M);
-        gone.min(2.0 * WAY_M - gone)
+    /// Distance from the start of the path at a time, m.
+    fn distance_m(&self, time_s: f64) -> f64 {
+        let gone = (self.speed_m_per_s * (time_s - START_S)).rem_euclid(2.0 * PATH_LENGTH_M);
+        gone.min(2.0 * PATH_LENGTH_M - gone)
     }
 
-    /// The linear light that comes from them along a ray, and its distance in lengths of `direction`.
+    /// Linear light from the person along a ray, and its distance in lengths of `direction`.
     pub fn light(&self, origin: DVec3, direction: DVec3, time_s: f64) -> Option<([f32; 3], f64)> {
-        self.met(origin, direction, time_s).map(|(light, hit)| (light, hit.t))
+        self.light_and_hit(origin, direction, time_s).map(|(light, hit)| (light, hit.t))
     }
 
-    /// The same with where the ray meets them. Their clothes throw back that share of light.
-    pub fn met(&self, origin: DVec3, direction: DVec3, time_s: f64) -> Option<([f32; 3], Hit)> {
-        let hit = self.shape.hit(origin - DVec3::new(self.gone_m(time_s), 0.0, 0.0), direction)?;
+    /// The emitted light, which is also the albedo, and the intersection.
+    pub fn light_and_hit(&self, origin: DVec3, direction: DVec3, time_s: f64) -> Option<([f32; 3], Hit)> {
+        let hit = self.shape.hit(origin - DVec3::new(self.distance_m(time_s), 0.0, 0.0), direction)?;
         let [r, g, b, _] = self.clothes.get(hit.face)?.at(hit.uv);
         Some(([r, g, b], hit))
     }
@@ -70,9 +70,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn they_walk_to_and_fro() {
+    fn person_walks_to_and_fro() {
         let person = Person::new(2.0, 0.05);
-        // A metre away, facing +y; their front is at −0.325. From −0.5 they reach 0.1 after 0.3 s.
+        // A metre away, facing +y; the front is at −0.325. From −0.5 the person reaches 0.1 after
+        // 0.3 s.
         let seen = |x: f64, after_s: f64| {
             person.light(DVec3::new(x, -1.325, 1.0), DVec3::Y, START_S + after_s).map(|(_, t)| t)
         };

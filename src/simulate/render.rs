@@ -1,4 +1,4 @@
-//! From the site to linear light: in every pixel, rays through the lens over the shutter.
+//! Renders linear light: rays per pixel, through the lens and over the exposure.
 
 use glam::{DMat3, DVec2, DVec3};
 
@@ -10,46 +10,45 @@ use super::random::Random;
 use super::site::Site;
 use crate::parallel::over_rows;
 
-/// A picture before sensor and file: linear light (1 is camera white, brighter not clipped), and depth (z in the
-/// camera's axes, metres; in a 360° picture the distance) at pixel centres in the middle of each row's exposure. Both
-/// are row by row, 0 where there is nothing.
+/// A picture before sensor and encoding: linear light (1 is camera white, not clipped above), and
+/// depth (z in the camera's axes, metres; in a 360° picture the distance) at pixel centres in the
+/// middle of each row's exposure. Both are row by row, 0 where there is nothing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     pub width: u32,
     pub height: u32,
     pub light: Vec<[f32; 3]>,
     pub depth_m: Vec<f32>,
-    /// The longest path of anything across the picture during one row's exposure, px.
-    pub most_blur_px: f64,
+    /// Longest motion across the picture during one row's exposure, px.
+    pub max_blur_px: f64,
 }
 
-/// How a picture is taken.
+/// Parameters of one picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Snapshot {
     /// The middle of the middle row's exposure, seconds.
     pub timestamp_s: f64,
     pub exposure_time_s: f64,
-    /// Light samples per pixel. A moving pixel takes two for each pixel of its path, if that is more.
+    /// Light samples per pixel. A moving pixel takes two per pixel of its motion, if that is more.
     pub samples: u32,
-    /// 0 for a pinhole; otherwise a thin lens, through all of which a point at the focus distance is seen at the same
-    /// place.
+    /// 0 for a pinhole; otherwise a thin lens focused at `focus_distance_m`.
     pub aperture_diameter_m: f64,
     pub focus_distance_m: f64,
     pub seed: u64,
-    /// A key of the sample positions, together with the seed.
+    /// Key of the sample positions, together with the seed.
     pub frame: u64,
 }
 
-/// Multiples of it (modulo 1) fill an interval evenly, whatever their number.
-const GOLDEN: f64 = 0.618_033_988_749_894_9;
-/// The most samples of a moving pixel.
-const MOST_SAMPLES: f64 = 4096.0;
-/// Poses are evaluated at this interval and interpolated linearly between, seconds.
-const STEP_S: f64 = 0.000_25;
+/// Golden ratio conjugate. Its multiples modulo 1 fill an interval evenly, whatever their number.
+const GOLDEN_RATIO_CONJUGATE: f64 = 0.618_033_988_749_894_9;
+/// Maximum number of samples of a moving pixel.
+const MAX_SAMPLES: f64 = 4096.0;
+/// Interval of evaluated poses, linearly interpolated between, seconds.
+const POSE_INTERVAL_S: f64 = 0.000_25;
 
-/// The rays through the corners of all pixels: at z = 1, or of unit length if the lens sees sideways and back; 0 where
-/// a fisheye sees nothing. Inside a pixel rays are interpolated. The error is below 0.001 px for a lens that bends a
-/// line by 0.6 px per 100 px.
+/// Rays through the corners of all pixels: at z = 1, or of unit length for lenses of 180° or more;
+/// 0 outside a fisheye's image circle. Rays inside a pixel are interpolated. The error is below
+/// 0.001 px for a lens that bends a line by 0.6 px per 100 px.
 #[derive(Clone, Debug)]
 pub struct Lens {
     geometry: Geometry,
@@ -73,15 +72,15 @@ impl Lens {
         Ok(Self { geometry, corners })
     }
 
-    /// Whether a pixel lies entirely within what the lens sees.
-    fn sees(&self, x: usize, y: usize) -> bool {
+    /// True if a pixel lies entirely within the lens's field of view.
+    fn is_in_view(&self, x: usize, y: usize) -> bool {
         let stride = self.geometry.intrinsics.width_px as usize + 1;
         [0, 1, stride, stride + 1].iter().all(|corner| self.corners[y * stride + x + corner] != DVec3::ZERO)
     }
 
-    /// The depth per unit of a ray's parameter: the length in a 360° picture, otherwise the part along the axis, at
-    /// least 0.
-    fn depth_share(&self, ray: DVec3) -> f64 {
+    /// Depth per unit of a ray's parameter: the length in a 360° picture, otherwise the component
+    /// along the axis, at least 0.
+    fn depth_per_t(&self, ray: DVec3) -> f64 {
         match self.geometry.distortion.model {
             LensModel::Opencv => 1.0,
             LensModel::OpencvFisheye => ray.z.max(0.0),
@@ -101,36 +100,36 @@ impl Lens {
 struct Shutter {
     start_s: f64,
     /// Position in the world and `world_from_camera`.
-    stations: Vec<(DVec3, DMat3)>,
+    poses: Vec<(DVec3, DMat3)>,
 }
 
 impl Shutter {
     fn new(track: &PoseTrack, start_s: f64, end_s: f64) -> Self {
-        let steps = ((end_s - start_s) / STEP_S).ceil() as usize + 1;
-        let station = |i: usize| {
-            let pose = track.at_or_nearest(start_s + i as f64 * STEP_S).unwrap_or(crate::pose::Pose::IDENTITY);
+        let steps = ((end_s - start_s) / POSE_INTERVAL_S).ceil() as usize + 1;
+        let pose = |i: usize| {
+            let pose = track.at_or_nearest(start_s + i as f64 * POSE_INTERVAL_S).unwrap_or(crate::pose::Pose::IDENTITY);
             (pose.position_in_world_m(), DMat3::from_quat(pose.world_from_camera_rotation()))
         };
-        Self { start_s, stations: (0..=steps).map(station).collect() }
+        Self { start_s, poses: (0..=steps).map(pose).collect() }
     }
 
     fn between(&self, time_s: f64) -> (usize, f64) {
-        let at = ((time_s - self.start_s) / STEP_S).clamp(0.0, (self.stations.len() - 2) as f64);
+        let at = ((time_s - self.start_s) / POSE_INTERVAL_S).clamp(0.0, (self.poses.len() - 2) as f64);
         (at as usize, at.fract())
     }
 
     /// Origin and direction in the world of a camera ray at a time.
     fn ray(&self, time_s: f64, ray: DVec3) -> (DVec3, DVec3) {
         let (i, f) = self.between(time_s);
-        let ((p0, m0), (p1, m1)) = (self.stations[i], self.stations[i + 1]);
+        let ((p0, m0), (p1, m1)) = (self.poses[i], self.poses[i + 1]);
         (p0.lerp(p1, f), (m0 * ray).lerp(m1 * ray, f))
     }
 
-    /// The same through a point of the opening, metres from its middle along the camera's axes. The ray's z in the
-    /// camera's axes is unchanged.
+    /// Origin and direction in the world of the ray through a point of the aperture, metres from
+    /// its centre along the camera's axes. The ray's z in the camera's axes is unchanged.
     fn ray_through(&self, time_s: f64, ray: DVec3, point_m: DVec2, focus_distance_m: f64) -> (DVec3, DVec3) {
         let (i, f) = self.between(time_s);
-        let ((p0, m0), (p1, m1)) = (self.stations[i], self.stations[i + 1]);
+        let ((p0, m0), (p1, m1)) = (self.poses[i], self.poses[i + 1]);
         let from = point_m.extend(0.0);
         let ray = ray - from / focus_distance_m;
         (p0.lerp(p1, f) + (m0 * from).lerp(m1 * from, f), (m0 * ray).lerp(m1 * ray, f))
@@ -139,11 +138,11 @@ impl Shutter {
     fn to_camera(&self, time_s: f64, point_in_world: DVec3) -> DVec3 {
         let (i, f) = self.between(time_s);
         let local = |(p, m): (DVec3, DMat3)| m.transpose() * (point_in_world - p);
-        local(self.stations[i]).lerp(local(self.stations[i + 1]), f)
+        local(self.poses[i]).lerp(local(self.poses[i + 1]), f)
     }
 }
 
-/// Light and depth of one pixel, and how far it moves.
+/// Light, depth and motion of one pixel.
 #[derive(Clone, Copy, Default)]
 struct Pixel {
     light: [f32; 3],
@@ -151,7 +150,7 @@ struct Pixel {
     blur_px: f64,
 }
 
-/// Takes a picture. The same snapshot gives the same numbers with any number of threads.
+/// Renders a picture. The result does not depend on the number of threads.
 pub fn shoot(site: &Site, lens: &Lens, track: &PoseTrack, snapshot: &Snapshot, threads: usize) -> Picture {
     let g = &lens.geometry;
     let (w, h) = (g.intrinsics.width_px, g.intrinsics.height_px);
@@ -168,22 +167,22 @@ pub fn shoot(site: &Site, lens: &Lens, track: &PoseTrack, snapshot: &Snapshot, t
         height: h,
         light: pixels.iter().map(|p| p.light).collect(),
         depth_m: pixels.iter().map(|p| p.depth_m).collect(),
-        most_blur_px: pixels.iter().map(|p| p.blur_px).fold(0.0, f64::max),
+        max_blur_px: pixels.iter().map(|p| p.blur_px).fold(0.0, f64::max),
     }
 }
 
-/// A ray through a pixel's middle in the middle of its row's exposure, in the world.
+/// The ray through a pixel's centre in the middle of its row's exposure, in the world.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
     pub time_s: f64,
     pub origin: DVec3,
     pub direction: DVec3,
-    /// The camera's own x axis.
+    /// The camera's x axis.
     pub right: DVec3,
 }
 
-/// A value for each pixel by the ray at whose end its depth is; the default where the lens sees nothing.
-pub fn by_rays<T: Clone + Default + Send>(
+/// Evaluates a function for each pixel's central ray; the default outside the lens's field of view.
+pub fn map_central_rays<T: Clone + Default + Send>(
     lens: &Lens,
     track: &PoseTrack,
     snapshot: &Snapshot,
@@ -198,7 +197,7 @@ pub fn by_rays<T: Clone + Default + Send>(
     over_rows(&mut values, w, threads, |y, row| {
         let time_s = snapshot.timestamp_s + lens.geometry.row_time_s(y as f64 + 0.5);
         let right = shutter.ray(time_s, DVec3::X).1;
-        for (x, value) in row.iter_mut().enumerate().filter(|(x, _)| lens.sees(*x, y)) {
+        for (x, value) in row.iter_mut().enumerate().filter(|(x, _)| lens.is_in_view(*x, y)) {
             let (origin, direction) = shutter.ray(time_s, lens.ray(x, y, DVec2::splat(0.5)));
             *value = of(&Ray { time_s, origin, direction, right });
         }
@@ -207,10 +206,10 @@ pub fn by_rays<T: Clone + Default + Send>(
 }
 
 fn expose(site: &Site, lens: &Lens, shutter: &Shutter, snapshot: &Snapshot, x: usize, y: usize) -> Pixel {
-    if !lens.sees(x, y) {
+    if !lens.is_in_view(x, y) {
         return Pixel::default();
     }
-    // A row is read as a whole, at the time of its centre.
+    // All pixels of a row are exposed at the time of its centre.
     let middle_s = snapshot.timestamp_s + lens.geometry.row_time_s(y as f64 + 0.5);
     let centre = lens.ray(x, y, DVec2::splat(0.5));
     let (origin, direction) = shutter.ray(middle_s, centre);
@@ -224,10 +223,11 @@ fn expose(site: &Site, lens: &Lens, shutter: &Shutter, snapshot: &Snapshot, x: u
         }
     });
 
-    // Samples in (x, y, time): time is stratified; x and y follow Roberts' R2 sequence (the generalised golden ratio,
-    // 1.3247…), which together with the strata fills all three evenly, shifted at random in every pixel. Places on the
-    // opening: the radius by the golden ratio, the angle at random.
-    let count = f64::from(snapshot.samples.max(1)).max((2.0 * blur_px).ceil().min(MOST_SAMPLES));
+    // Samples in (x, y, time): time is stratified; x and y follow Roberts' R2 sequence (the
+    // generalised golden ratio, 1.3247…), which together with the strata fills all three evenly,
+    // randomly shifted per pixel. Points on the aperture: the radius by the golden ratio, the angle
+    // random.
+    let count = f64::from(snapshot.samples.max(1)).max((2.0 * blur_px).ceil().min(MAX_SAMPLES));
     let mut random = Random::new([snapshot.seed, snapshot.frame, x as u64, y as u64]);
     let shift = DVec2::new(random.uniform(), random.uniform());
     let mut sum = [0.0f32; 3];
@@ -239,7 +239,7 @@ fn expose(site: &Site, lens: &Lens, shutter: &Shutter, snapshot: &Snapshot, x: u
         let (origin, direction) = if snapshot.aperture_diameter_m > 0.0 {
             // Uniform on the disc: area grows with the radius squared.
             let turn = std::f64::consts::TAU * random.uniform();
-            let radius_m = 0.5 * snapshot.aperture_diameter_m * (GOLDEN * i + shift.x).fract().sqrt();
+            let radius_m = 0.5 * snapshot.aperture_diameter_m * (GOLDEN_RATIO_CONJUGATE * i + shift.x).fract().sqrt();
             shutter.ray_through(time_s, ray, radius_m * DVec2::from_angle(turn), snapshot.focus_distance_m)
         } else {
             shutter.ray(time_s, ray)
@@ -252,7 +252,7 @@ fn expose(site: &Site, lens: &Lens, shutter: &Shutter, snapshot: &Snapshot, x: u
     }
     Pixel {
         light: sum.map(|s| s / count as f32),
-        depth_m: ahead.map_or(0.0, |(_, t)| (t * lens.depth_share(centre)) as f32),
+        depth_m: ahead.map_or(0.0, |(_, t)| (t * lens.depth_per_t(centre)) as f32),
         blur_px,
     }
 }

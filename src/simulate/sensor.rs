@@ -1,10 +1,10 @@
-//! From linear light to integer code values: response, noise, rounding.
+//! Conversion of linear light to integer code values: response, noise, rounding.
 //!
-//! σ is defined where cameras show it, in code values after the response: a table of sixteen bins for each channel,
-//! with its maximum in the mid-tones. The noise is Gaussian. Channels share part of it, and a small kernel spreads it
-//! over neighbours without changing its variance. The table's σ is that of integer codes and includes the rounding's
-//! own variance of 1/12; a profile's σ is before rounding, as a calibration finds it. Near black and white, clipping
-//! removes some noise.
+//! σ is defined in code values after the response, where it is observable: a table of sixteen bins
+//! for each channel, with its maximum in the mid-tones. The noise is Gaussian. Channels share part
+//! of it, and a small kernel spreads it over neighbours without changing its variance. The table's
+//! σ is that of integer codes and includes the rounding variance of 1/12; a profile's σ is before
+//! rounding, as a calibration estimates it. Near black and white, clipping removes some noise.
 
 use crate::camera::{NoiseBin, NoiseProfile, Response};
 
@@ -13,21 +13,21 @@ use super::render::Picture;
 use crate::parallel::over_rows;
 
 /// σ of the green channel's integer codes at 8, 24, … 248 for a noise scale of 1.
-const SIGMA: [f64; 16] = [1.5, 2.0, 2.5, 2.9, 3.2, 3.4, 3.5, 3.5, 3.4, 3.25, 3.05, 2.85, 2.6, 2.35, 2.1, 1.9];
+const GREEN_SIGMA: [f64; 16] = [1.5, 2.0, 2.5, 2.9, 3.2, 3.4, 3.5, 3.5, 3.4, 3.25, 3.05, 2.85, 2.6, 2.35, 2.1, 1.9];
 /// The channels' σ relative to green's.
-const CHANNEL: [f64; 3] = [1.1, 1.0, 1.25];
+const CHANNEL_SIGMA_FACTORS: [f64; 3] = [1.1, 1.0, 1.25];
 /// Variance of rounding to integer code values (Sheppard 1898).
-pub(super) const ROUNDING: f64 = 1.0 / 12.0;
+pub(super) const ROUNDING_VARIANCE: f64 = 1.0 / 12.0;
 
-/// A sensor with known noise.
+/// A sensor with a known noise model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensor {
     pub response: Response,
     /// Factor on the table of σ; 0 is a noise-free sensor.
     pub noise_scale: f64,
-    /// Share of the noise's variance that R, G and B have in common: their correlation.
+    /// Share of the noise variance that is common to R, G and B: their correlation.
     pub channel_correlation: f64,
-    /// Correlation of a pixel with the one to its right and with the one below; at most 0.7.
+    /// Correlation of a pixel with its right and its lower neighbour; at most 0.7.
     pub neighbour_correlation: f64,
     pub seed: u64,
 }
@@ -38,20 +38,21 @@ impl Sensor {
         16.0 * bin as f64 + 8.0
     }
 
-    /// σ of integer codes, including rounding: linear between the bins' centres, constant beyond.
+    /// σ of integer codes, including rounding: interpolated linearly between bin centres, constant
+    /// beyond.
     pub fn rounded_sigma(&self, channel: usize, code: f64) -> f64 {
         let at = ((code - 8.0) / 16.0).clamp(0.0, 15.0);
         let (low, high) = (at as usize, (at as usize + 1).min(15));
-        let sigma = SIGMA[low] + (SIGMA[high] - SIGMA[low]) * at.fract();
-        self.noise_scale * CHANNEL[channel.min(2)] * sigma
+        let sigma = GREEN_SIGMA[low] + (GREEN_SIGMA[high] - GREEN_SIGMA[low]) * at.fract();
+        self.noise_scale * CHANNEL_SIGMA_FACTORS[channel.min(2)] * sigma
     }
 
     /// σ before rounding.
     pub fn sigma(&self, channel: usize, code: f64) -> f64 {
-        (self.rounded_sigma(channel, code).powi(2) - ROUNDING).max(0.0).sqrt()
+        (self.rounded_sigma(channel, code).powi(2) - ROUNDING_VARIANCE).max(0.0).sqrt()
     }
 
-    /// σ before rounding, as a calibration should find it.
+    /// σ before rounding: the expected result of a calibration.
     pub fn profile(&self) -> NoiseProfile {
         let bin = |channel, bin| {
             let code = Self::bin_code(bin);
@@ -64,15 +65,16 @@ impl Sensor {
         }
     }
 
-    /// The noise-free picture in code values, not rounded; three per pixel. `gain`: factor on the light. Beyond white
-    /// the curve continues straight, because it is the noisy value that clips: saturated pixels are quiet.
+    /// The noise-free picture in code values, not rounded; three per pixel. `gain`: factor on the
+    /// light. Above white the curve continues linearly, because clipping applies to the noisy
+    /// value: saturated pixels have little noise.
     pub fn clean(&self, picture: &Picture, gain: f64) -> Vec<f32> {
         self.clean_balanced(picture, [gain; 3])
     }
 
-    /// The same with a factor for each colour. All three clip at camera white, before the response: red and blue are
-    /// amplified by 1.5 to 2.5 before they are white, so a white balance that takes some of that back still finds the
-    /// sensor full.
+    /// The noise-free picture with a gain for each colour. All three clip at camera white, before
+    /// the response: red and blue are amplified by 1.5 to 2.5 for white, so the sensor is still
+    /// saturated where a white balance takes some of that back.
     pub fn clean_balanced(&self, picture: &Picture, gains: [f64; 3]) -> Vec<f32> {
         let steepness = self.response.slope_at_code(1.0);
         let encode = |(light, gain): (&f32, f64)| {
@@ -82,8 +84,8 @@ impl Sensor {
         picture.light.iter().flat_map(|light| light.iter().zip(gains)).map(encode).collect()
     }
 
-    /// Adds the noise of one frame to noise-free code values (three per pixel, `width` pixels per row) and rounds. A
-    /// frame's noise depends only on seed and frame.
+    /// Adds the noise of one frame to noise-free code values (three per pixel, `width` pixels per
+    /// row) and rounds. The noise depends on seed and frame only.
     pub fn sense(&self, clean: &[f32], width: usize, frame: u64, threads: usize) -> Vec<u8> {
         let mut codes = vec![0; clean.len()];
         over_rows(&mut codes, 3 * width, threads, |y, row| {
@@ -121,7 +123,7 @@ impl Sensor {
     }
 }
 
-/// The kernel [a, b, a] with 2a² + b² = 1 (keeps the variance) and 2ab = ρ (the neighbours' correlation):
+/// The kernel [a, b, a] with 2a² + b² = 1 (unit variance) and 2ab = ρ (correlation of neighbours):
 /// 2a⁴ − a² + ρ²/4 = 0.
 fn kernel(rho: f64) -> [f64; 3] {
     let a2 = (1.0 - (1.0 - 2.0 * rho * rho).max(0.0).sqrt()) / 4.0;
@@ -144,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn the_kernel_keeps_variance_and_correlates_as_told() {
+    fn kernel_keeps_variance_and_has_the_requested_correlation() {
         for rho in [0.0, 0.2, 0.4, 0.7] {
             let [a, b, c] = kernel(rho);
             assert!((a * a + b * b + c * c - 1.0).abs() < 1e-12);
@@ -152,10 +154,11 @@ mod tests {
         }
     }
 
-    /// 320×240 of one code, 4 frames: 307,200 values correlated by 0.5 in both directions, worth some 100,000
-    /// independent ones. Their σ is known to 1/√200,000 = 0.22 %, a correlation to 0.003.
+    /// 320×240 of one code, 4 frames: 307,200 values correlated by 0.5 in both directions,
+    /// equivalent to about 100,000 independent ones. Their σ is known to 1/√200,000 = 0.22 %, a
+    /// correlation to 0.003.
     #[test]
-    fn noise_is_what_the_table_says() {
+    fn noise_matches_the_sigma_table() {
         let sensor = sensor();
         for code in [40.0f32, 104.0, 200.3] {
             let clean = vec![code; 3 * 320 * 240];

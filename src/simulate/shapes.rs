@@ -1,14 +1,15 @@
-//! Shapes that a ray can hit: the room, blocks, a tub, balls, flat panels.
+//! Shapes for ray casting: the room, blocks, a tub, balls, flat panels.
 //!
-//! Every shape has faces, and every face a chart (u, v) in [0, 1]². [`Shape::hit`] gives the place on the chart where a
-//! ray lands; [`Shape::point`] takes the chart back to the world.
+//! Every shape has faces, and every face a chart (u, v) in [0, 1]². [`Shape::hit`] returns the
+//! chart coordinates of an intersection; [`Shape::point`] maps chart coordinates to the world.
 
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec2, DVec3};
 
-/// Nearer hits are on the surface that the ray starts from. Metres (for rays of length near 1).
-const NEAREST: f64 = 1e-6;
+/// Smallest ray parameter of a hit: nearer ones are on the ray's own surface. Metres (for rays of
+/// length near 1).
+const MIN_T: f64 = 1e-6;
 
 /// A shape in the world, metres.
 #[derive(Clone, Debug)]
@@ -18,13 +19,13 @@ pub enum Shape {
         min: DVec3,
         max: DVec3,
     },
-    /// Turned by `yaw_rad` about its vertical axis. Faces as for the room.
+    /// Rotated by `yaw_rad` about its vertical axis. Faces as for the room.
     Block {
         centre: DVec3,
         half: DVec3,
         yaw_rad: f64,
     },
-    /// An upright cone frustum without lid, with a thin wall: outside, inside, bottom.
+    /// An upright, open conical frustum with a thin wall: outside, inside, bottom.
     Tub {
         base: DVec3,
         bottom_radius: f64,
@@ -35,7 +36,7 @@ pub enum Shape {
         centre: DVec3,
         radius: f64,
     },
-    /// A parallelogram, seen from both sides: a corner and the two edges from it.
+    /// A parallelogram, visible from both sides: a corner and the two edges from it.
     Panel {
         corner: DVec3,
         u: DVec3,
@@ -43,13 +44,13 @@ pub enum Shape {
     },
 }
 
-/// Where a ray lands: at `origin + t * direction`, on `face`, at `uv` of its chart.
+/// Intersection of a ray: at `origin + t * direction`, on `face`, at `uv` of its chart.
 #[derive(Clone, Copy, Debug)]
 pub struct Hit {
     pub t: f64,
     pub face: usize,
     pub uv: DVec2,
-    /// Unit length, towards the side from which the ray came.
+    /// Unit length, towards the ray's origin.
     pub normal: DVec3,
 }
 
@@ -68,7 +69,7 @@ fn turned(p: DVec3, yaw_rad: f64) -> DVec3 {
     DVec3::new(c * p.x + s * p.y, c * p.y - s * p.x, p.z)
 }
 
-/// Where a ray enters and leaves an axis-aligned box: (t, face) each.
+/// Entry and exit of a ray through an axis-aligned box: (t, face) each.
 fn slabs(origin: DVec3, direction: DVec3, min: DVec3, max: DVec3) -> Option<[(f64, usize); 2]> {
     let (mut enter, mut leave) = ((f64::NEG_INFINITY, 0), (f64::INFINITY, 0));
     for axis in 0..3 {
@@ -87,8 +88,8 @@ fn slabs(origin: DVec3, direction: DVec3, min: DVec3, max: DVec3) -> Option<[(f6
 
 fn box_hit(origin: DVec3, direction: DVec3, min: DVec3, max: DVec3) -> Option<Hit> {
     let [enter, leave] = slabs(origin, direction, min, max)?;
-    let ((t, face), inside) = if enter.0 > NEAREST { (enter, -1.0) } else { (leave, 1.0) };
-    if t <= NEAREST {
+    let ((t, face), inside) = if enter.0 > MIN_T { (enter, -1.0) } else { (leave, 1.0) };
+    if t <= MIN_T {
         return None;
     }
     let axis = face / 2;
@@ -107,7 +108,7 @@ impl Shape {
         }
     }
 
-    /// Length of a face's chart along u and v, metres.
+    /// Extent of a face's chart along u and v, metres.
     pub fn face_size_m(&self, face: usize) -> DVec2 {
         match *self {
             Self::Room { min, max } => {
@@ -127,7 +128,8 @@ impl Shape {
         }
     }
 
-    /// The point and the outward unit normal (inward for the room and the tub's inside) at a place of a face's chart.
+    /// Point and outward unit normal (inward for the room and the tub's inside) at chart
+    /// coordinates of a face.
     pub fn point(&self, face: usize, uv: DVec2) -> (DVec3, DVec3) {
         let on_box = |min: DVec3, max: DVec3| {
             let axis = (face / 2).min(2);
@@ -165,7 +167,7 @@ impl Shape {
         }
     }
 
-    /// A ball around the shape, to rule it out quickly.
+    /// Bounding sphere, for early rejection.
     pub fn bounds(&self) -> (DVec3, f64) {
         match *self {
             Self::Room { min, max } => (0.5 * (min + max), 0.5 * (max - min).length()),
@@ -178,7 +180,7 @@ impl Shape {
         }
     }
 
-    /// The nearest place where a ray lands. From inside a block, the place where it leaves.
+    /// The nearest intersection. From inside a block, the exit.
     pub fn hit(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
         match *self {
             Self::Room { min, max } => box_hit(origin, direction, min, max),
@@ -193,7 +195,7 @@ impl Shape {
                 let o = origin - centre;
                 let (a, b, c) = (direction.length_squared(), o.dot(direction), o.length_squared() - radius * radius);
                 let root = (b * b - a * c).max(-1.0).sqrt();
-                let t = [(-b - root) / a, (-b + root) / a].into_iter().find(|t| *t > NEAREST)?;
+                let t = [(-b - root) / a, (-b + root) / a].into_iter().find(|t| *t > MIN_T)?;
                 let n = (o + direction * t) / radius;
                 let uv = DVec2::new(n.y.atan2(n.x).rem_euclid(TAU) / TAU, n.z.clamp(-1.0, 1.0).acos() / PI);
                 Some(Hit { t, face: 0, uv, normal: if n.dot(direction) > 0.0 { -n } else { n } })
@@ -201,7 +203,7 @@ impl Shape {
             Self::Panel { corner, u, v } => {
                 let n = u.cross(v);
                 let t = n.dot(corner - origin) / n.dot(direction);
-                if !(t > NEAREST && t.is_finite()) {
+                if !(t > MIN_T && t.is_finite()) {
                     return None;
                 }
                 // Cramer's rule in the panel's plane.
@@ -224,11 +226,11 @@ fn tub_hit(o: DVec3, d: DVec3, radius: f64, slope: f64, height: f64) -> Option<H
     let root = (b * b - a * c).sqrt();
     let side = [(-b - root) / a, (-b + root) / a]
         .into_iter()
-        .filter(|t| *t > NEAREST && (0.0..=height).contains(&(o.z + d.z * t)) && radius + slope * (o.z + d.z * t) > 0.0)
+        .filter(|t| *t > MIN_T && (0.0..=height).contains(&(o.z + d.z * t)) && radius + slope * (o.z + d.z * t) > 0.0)
         .min_by(f64::total_cmp);
     let floor = (0.004 - o.z) / d.z;
     let p = o + d * floor;
-    if floor > NEAREST && floor < side.unwrap_or(f64::INFINITY) && p.x.hypot(p.y) <= radius {
+    if floor > MIN_T && floor < side.unwrap_or(f64::INFINITY) && p.x.hypot(p.y) <= radius {
         let uv = DVec2::new(p.x, p.y) / (2.0 * radius) + 0.5;
         return Some(Hit { t: floor, face: 2, uv, normal: DVec3::new(0.0, 0.0, -d.z.signum()) });
     }
@@ -256,9 +258,10 @@ mod tests {
     }
 
     proptest! {
-        /// A ray lands where the face's chart says, on a surface whose normal faces the ray's origin.
+        /// A ray hits where the face's chart predicts, on a surface whose normal faces the ray's
+        /// origin.
         #[test]
-        fn chart_and_ray_agree(
+        fn chart_point_matches_ray_hit(
             (x, y, z) in (-1.9f64..1.9, 0.8f64..2.9, -0.9f64..1.9),
             target in (-0.5f64..0.5, -0.5f64..0.5, -0.3f64..0.5),
         ) {
@@ -276,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn distances_worked_by_hand() {
+    fn hit_distances_match_hand_calculation() {
         let down = |shape: &Shape| shape.hit(DVec3::new(0.0, 0.1, 1.5), DVec3::NEG_Z).map(|h| h.t);
         let all = shapes();
         assert_eq!(down(&all[0]), Some(2.5));

@@ -1,45 +1,45 @@
-//! The site: what stands where, how the lamp lights it, and what light comes along a ray.
+//! The site: its objects, its lighting, and the light along a ray.
 //!
-//! Everything is matt except for a soft mirror image of the lamp. So the light that leaves a surface is computed once,
-//! on a chart per face, and a ray only looks it up. Light: the lamp in the ceiling with its soft shadows, and one
-//! bounce gathered over the hemisphere.
+//! All surfaces are diffuse except for a soft mirror image of the lamp. So the outgoing light is
+//! computed once, on a chart per face, and rays look it up. Light: the lamp in the ceiling with its
+//! soft shadows, and one bounce gathered over the hemisphere.
 
 use glam::{DVec2, DVec3};
 
 use super::Ground;
 use super::chart::Chart;
-use super::evidence::{Around, Evidence};
-use super::finish::{Finish, gloss, surface};
-use super::hemisphere::{BOUNCES, on_spiral};
+use super::evidence::{Evidence, SiteLight};
+use super::finish::{Finish, gloss, reflectance};
+use super::hemisphere::{GATHER_DIRECTIONS, spiral_direction};
 use super::lamps::Lamp;
 use super::person::Person;
 use super::random::Random;
 use super::shapes::{Hit, Shape};
 
-/// Light in addition to the lamp in what bounces, from everywhere.
+/// Uniform ambient light in the indirect light, in addition to the lamp's.
 const AMBIENT: DVec3 = DVec3::new(0.10, 0.115, 0.14);
 
-/// Random numbers of what stands elsewhere, beside its seed.
-const MOVED: u64 = 0x6d6f_7665;
+/// Key of the random placement, in addition to the seed.
+const PLACEMENT_KEY: u64 = 0x6d6f_7665;
 
-/// A shape, its look, and the light that leaves each of its faces.
+/// A shape, its finish, and the light that leaves each of its faces.
 #[derive(Clone, Debug)]
-struct Thing {
+struct SiteObject {
     shape: Shape,
     bounds: (DVec3, f64),
-    /// `None` for something self-luminous that lights nothing else.
+    /// `None` for a self-luminous object that lights nothing else.
     finish: Option<Finish>,
     /// One per face.
     mean_albedo: Vec<DVec3>,
     light: Vec<Chart>,
 }
 
-/// How finely the light is computed.
+/// Resolution of the light computation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Detail {
-    /// Cell of the texture charts, metres.
+    /// Cell size of the texture charts, metres.
     pub texture_m: f64,
-    /// Cell of the light charts, metres.
+    /// Cell size of the light charts, metres.
     pub light_m: f64,
 }
 
@@ -54,52 +54,52 @@ impl Detail {
 /// The whole site with its light.
 #[derive(Clone, Debug)]
 pub struct Site {
-    things: Vec<Thing>,
+    objects: Vec<SiteObject>,
     pub lamps: Vec<Lamp>,
-    /// Somebody who walks in it.
+    /// A person walking in it.
     pub person: Option<Person>,
-    /// What lies in it besides.
+    /// Additional real objects.
     pub evidence: Option<Evidence>,
-    /// Whether all surfaces send the same light, so that only depth tells them apart.
+    /// True if all surfaces emit the same light, so that only depth distinguishes them.
     pub is_blank: bool,
 }
 
-/// What a ray meets first.
+/// First intersection of a ray.
 #[derive(Clone, Copy, Debug)]
-pub struct Met {
-    /// Its distance in lengths of the ray's direction.
+pub struct RayHit {
+    /// Distance in lengths of the ray's direction.
     pub t: f64,
-    /// Unit length, towards where the ray came from.
+    /// Unit length, towards the ray's origin.
     pub normal: DVec3,
-    /// What share of light it throws back to all sides, of its brightest colour.
-    pub thrown_back: f64,
-    /// A number of its own for each face of a thing of the site; one for all evidence, and one for a person.
+    /// Diffuse albedo of the brightest channel.
+    pub albedo: f64,
+    /// Identifier: one per face of a site object, one for all evidence, one for a person.
     pub surface: u32,
 }
 
-/// No shape has more.
-const MOST_FACES: usize = 6;
-const OF_EVIDENCE: u32 = u32::MAX;
-const OF_PERSON: u32 = u32::MAX - 1;
+/// Maximum number of faces of a shape.
+const MAX_FACES: usize = 6;
+const EVIDENCE_SURFACE: u32 = u32::MAX;
+const PERSON_SURFACE: u32 = u32::MAX - 1;
 
-fn brightest([r, g, b, _]: [f32; 4]) -> f32 {
+fn max_channel([r, g, b, _]: [f32; 4]) -> f32 {
     r.max(g).max(b)
 }
 
-/// The light of a blank site.
-const BLANK: [f32; 3] = [0.2; 3];
+/// Emitted light of a blank site.
+const BLANK_LIGHT: [f32; 3] = [0.2; 3];
 
 /// An empty room whose floor fills the view of every motion, m.
-const HALL: Shape = Shape::Room { min: DVec3::new(-3.2, -3.2, 0.0), max: DVec3::new(3.2, 3.2, 2.5) };
+const EMPTY_ROOM: Shape = Shape::Room { min: DVec3::new(-3.2, -3.2, 0.0), max: DVec3::new(3.2, 3.2, 2.5) };
 
-/// The contents of the room: world axes, z up, metres. The floor within 0.5 m of the origin is free, except for the
-/// stool's legs from 0.38 m on.
-fn inventory(moved: Option<u64>) -> Vec<(Shape, Finish)> {
+/// Objects in the room: world axes, z up, metres. The floor within 0.5 m of the origin is free,
+/// except for the stool's legs from 0.38 m on.
+fn inventory(placement_seed: Option<u64>) -> Vec<(Shape, Finish)> {
     let v = DVec3::new;
-    // By how much things stand elsewhere: x, y and yaw.
-    let mut random = Random::new([moved.unwrap_or(0), MOVED, 0, 0]);
+    // Random displacement: x, y and yaw.
+    let mut random = Random::new([placement_seed.unwrap_or(0), PLACEMENT_KEY, 0, 0]);
     let mut by = |m: f64, rad: f64| {
-        let mut either = |most: f64| if moved.is_some() { most * (2.0 * random.uniform() - 1.0) } else { 0.0 };
+        let mut either = |most: f64| if placement_seed.is_some() { most * (2.0 * random.uniform() - 1.0) } else { 0.0 };
         (v(either(m), either(m), 0.0), either(rad))
     };
     let ((boxes, box_yaw), (carpet, carpet_yaw), (tub, _)) = (by(0.15, 0.6), by(0.1, 0.3), by(0.1, 0.0));
@@ -136,12 +136,12 @@ fn inventory(moved: Option<u64>) -> Vec<(Shape, Finish)> {
     all
 }
 
-/// A desk that fills the view, with what stands on it behind the origin.
+/// A desk that fills the view, with objects behind the origin.
 fn desk() -> Vec<(Shape, Finish)> {
     let v = DVec3::new;
     let block = |centre, size: DVec3, yaw_rad| Shape::Block { centre, half: 0.5 * size, yaw_rad };
     vec![
-        (HALL, Finish::Desk),
+        (EMPTY_ROOM, Finish::Desk),
         (block(v(0.05, 0.42, 0.05), v(0.06, 0.03, 0.1), 0.08), Finish::Screen),
         (block(v(0.05, 0.42, 0.006), v(0.26, 0.18, 0.012), 0.08), Finish::Screen),
         (block(v(0.05, 0.4, 0.25), v(0.54, 0.035, 0.33), 0.08), Finish::Screen),
@@ -154,77 +154,77 @@ fn desk() -> Vec<(Shape, Finish)> {
 }
 
 impl Site {
-    /// Sets up the site and computes its light. `moved`: by a seed, what stands about is somewhere else. `ground`: if it is none of
-    /// planks, with things on them. `board`: a self-luminous
-    /// flat panel, with the light on its chart. It neither lights nor shades anything.
+    /// Sets up the site and computes its light. `placement_seed`: seed of other object positions. `ground`:
+    /// replaces the planks and the objects on them. `board`: a self-luminous flat panel, with the
+    /// light on its chart. It neither lights nor shadows anything.
     pub fn new(
         detail: Detail,
         lamps: Vec<Lamp>,
-        (moved, ground): (Option<u64>, Option<Ground>),
+        (placement_seed, ground): (Option<u64>, Option<Ground>),
         board: Option<(Shape, Chart)>,
         threads: usize,
     ) -> Self {
         let contents = match ground {
-            None => inventory(moved),
-            Some(Ground::Concrete) => vec![(HALL, Finish::Concrete)],
+            None => inventory(placement_seed),
+            Some(Ground::Concrete) => vec![(EMPTY_ROOM, Finish::Concrete)],
             Some(Ground::Desk) => desk(),
         };
-        let things = contents.into_iter().map(|(shape, finish)| Thing::new(shape, Some(finish), Vec::new()));
-        let mut site = Self { things: things.collect(), lamps, person: None, evidence: None, is_blank: false };
-        let light: Vec<_> = site.things.iter().map(|thing| site.lit(thing, detail, threads)).collect();
-        for (thing, light) in site.things.iter_mut().zip(light) {
-            thing.light = light;
+        let objects = contents.into_iter().map(|(shape, finish)| SiteObject::new(shape, Some(finish), Vec::new()));
+        let mut site = Self { objects: objects.collect(), lamps, person: None, evidence: None, is_blank: false };
+        let light: Vec<_> = site.objects.iter().map(|object| site.bake(object, detail, threads)).collect();
+        for (object, light) in site.objects.iter_mut().zip(light) {
+            object.light = light;
         }
         // Added last, so that it takes no light from the site.
-        site.things.extend(board.map(|(shape, chart)| Thing::new(shape, None, vec![chart])));
+        site.objects.extend(board.map(|(shape, chart)| SiteObject::new(shape, None, vec![chart])));
         site
     }
 
-    /// The light that leaves a thing's faces.
-    fn lit(&self, thing: &Thing, detail: Detail, threads: usize) -> Vec<Chart> {
-        let Some(finish) = thing.finish else { return Vec::new() };
+    /// Light that leaves an object's faces.
+    fn bake(&self, object: &SiteObject, detail: Detail, threads: usize) -> Vec<Chart> {
+        let Some(finish) = object.finish else { return Vec::new() };
         let cells = |length: f64, cell: f64| ((length / cell).ceil() as usize).clamp(4, 8192);
         let chart = |face| {
-            let size = thing.shape.face_size_m(face);
-            // Walls and ceiling that no camera path sees can be coarse.
+            let size = object.shape.face_size_m(face);
+            // Walls and ceiling outside every camera path can be coarse.
             let is_unseen = match finish {
                 Finish::Room => matches!(face, 1 | 2 | 5),
                 Finish::Concrete | Finish::Desk => face != 4,
                 _ => false,
             };
             let coarse = if is_unseen { 8.0 } else { 1.0 };
-            let arriving = Chart::filled(
+            let incident = Chart::from_fn(
                 cells(size.x, detail.light_m * coarse),
                 cells(size.y, detail.light_m * coarse),
                 threads,
-                |uv| self.arriving(thing, face, uv),
+                |uv| self.incident(object, face, uv),
             );
             let texture_m = detail.texture_m * coarse;
-            Chart::filled(cells(size.x, texture_m), cells(size.y, texture_m), threads, |uv| {
-                let (s, e) = (surface(finish, face, uv, size), arriving.at(uv));
+            Chart::from_fn(cells(size.x, texture_m), cells(size.y, texture_m), threads, |uv| {
+                let (s, e) = (reflectance(finish, face, uv, size), incident.at(uv));
                 let a = s.albedo.as_vec3().max(glam::Vec3::ZERO);
                 [a.x * e[0], a.y * e[1], a.z * e[2], s.gloss as f32 * e[3]]
             })
         };
-        (0..thing.shape.faces()).map(chart).collect()
+        (0..object.shape.faces()).map(chart).collect()
     }
 
-    /// Light arriving at a surface, as the radiance of a white matt surface there, and the share of the lamp that is
-    /// visible from it.
-    fn arriving(&self, thing: &Thing, face: usize, uv: DVec2) -> [f32; 4] {
-        let (p, n) = thing.shape.point(face, uv);
+    /// Incident light at a surface, as the radiance of a white diffuse surface, and the visible
+    /// share of the lamp.
+    fn incident(&self, object: &SiteObject, face: usize, uv: DVec2) -> [f32; 4] {
+        let (p, n) = object.shape.point(face, uv);
         let p = p + n * 2e-4;
         let (direct, seen) = self.direct(p, n);
         let mut bounced = DVec3::ZERO;
-        for i in 0..BOUNCES {
-            let direction = on_spiral(n, i, BOUNCES);
-            bounced += self.rough(p, direction, &mut |_, _| DVec3::ZERO) / BOUNCES as f64;
+        for i in 0..GATHER_DIRECTIONS {
+            let direction = spiral_direction(n, i, GATHER_DIRECTIONS);
+            bounced += self.coarse_light(p, direction, &mut |_, _| DVec3::ZERO) / GATHER_DIRECTIONS as f64;
         }
         let light = direct + bounced;
         [light.x as f32, light.y as f32, light.z as f32, seen as f32]
     }
 
-    /// The lamps' light on a surface, and the share of them that is visible from it.
+    /// Direct light on a surface, and the visible share of the lamps.
     fn direct(&self, p: DVec3, n: DVec3) -> (DVec3, f64) {
         let (mut light, mut seen) = (DVec3::ZERO, 0.0);
         for lamp in &self.lamps {
@@ -232,7 +232,7 @@ impl Site {
             let (mut direct, mut of_it) = (0.0, 0.0);
             for on_lamp in &points {
                 let to = *on_lamp - p;
-                let share = lamp.share(to, n) / points.len() as f64;
+                let share = lamp.white_radiance(to, n) / points.len() as f64;
                 if share > 0.0 && !self.blocked(p, to) {
                     direct += share;
                     of_it += 1.0 / points.len() as f64;
@@ -244,37 +244,39 @@ impl Site {
         (light, seen)
     }
 
-    /// What a white matt surface that looks up shows at a place in the room, if it gets the light that the room's surfaces get.
-    pub fn upward(&self, p: DVec3) -> DVec3 {
+    /// Radiance of a white diffuse surface facing up in the room, under the light that the room's
+    /// surfaces receive.
+    pub fn white_facing_up(&self, p: DVec3) -> DVec3 {
         const RAYS: usize = 16_384;
-        let ray = |i: usize| self.rough(p, on_spiral(DVec3::Z, i, RAYS), &mut |_, _| DVec3::ZERO) / RAYS as f64;
+        let ray =
+            |i: usize| self.coarse_light(p, spiral_direction(DVec3::Z, i, RAYS), &mut |_, _| DVec3::ZERO) / RAYS as f64;
         self.direct(p, DVec3::Z).0 + (0..RAYS).map(ray).sum::<DVec3>()
     }
 
-    fn nearest(&self, origin: DVec3, direction: DVec3) -> Option<(&Thing, Hit)> {
+    fn nearest(&self, origin: DVec3, direction: DVec3) -> Option<(&SiteObject, Hit)> {
         let squared = direction.length_squared();
-        let mut best: Option<(&Thing, Hit)> = None;
-        for thing in &self.things {
-            let to = thing.bounds.0 - origin;
+        let mut best: Option<(&SiteObject, Hit)> = None;
+        for object in &self.objects {
+            let to = object.bounds.0 - origin;
             let along = to.dot(direction);
-            let radius2 = thing.bounds.1 * thing.bounds.1;
+            let radius2 = object.bounds.1 * object.bounds.1;
             let aside2 = to.length_squared() - along * along / squared;
             if aside2 > radius2 || (along < 0.0 && to.length_squared() > radius2) {
                 continue;
             }
-            if let Some(hit) = thing.shape.hit(origin, direction)
+            if let Some(hit) = object.shape.hit(origin, direction)
                 && best.as_ref().is_none_or(|(_, b)| hit.t < b.t)
             {
-                best = Some((thing, hit));
+                best = Some((object, hit));
             }
         }
         best
     }
 
-    /// The linear light (1 is camera white) that comes along a ray at a time, and its distance (in lengths of `direction`);
-    /// `None` outside the room.
+    /// Linear light (1 is camera white) along a ray at a time, and its distance (in lengths of
+    /// `direction`); `None` outside the room.
     pub fn light(&self, origin: DVec3, direction: DVec3, time_s: f64) -> Option<([f32; 3], f64)> {
-        let (thing, hit) = self.nearest(origin, direction)?;
+        let (object, hit) = self.nearest(origin, direction)?;
         let evidence = self.evidence.as_ref();
         let lying = evidence.and_then(|evidence| Some((evidence, evidence.hit(origin, direction)?)));
         let nearest = lying.as_ref().map_or(hit.t, |(_, touch)| touch.t.min(hit.t));
@@ -283,26 +285,26 @@ impl Site {
             return Some(of_person);
         }
         if self.is_blank {
-            return Some((BLANK, nearest));
+            return Some((BLANK_LIGHT, nearest));
         }
         if let Some((evidence, touch)) = lying.filter(|(_, touch)| touch.t < hit.t) {
             return Some((evidence.light(self, &touch, origin, direction).as_vec3().to_array(), touch.t));
         }
-        let [r, g, b, mut visible] = thing.light.get(hit.face)?.at(hit.uv);
+        let [r, g, b, mut visible] = object.light.get(hit.face)?.at(hit.uv);
         let mut light = [r, g, b];
         let p = origin + direction * hit.t;
-        if let (Some(_), Some(evidence)) = (thing.finish, evidence) {
+        if let (Some(_), Some(evidence)) = (object.finish, evidence) {
             let change = evidence.change(self, p, hit.normal);
             if change.light != DVec3::ZERO {
-                let by = (thing.albedo(&hit) * change.light).as_vec3().to_array();
-                // A chart's cell may lie in a shadow's edge already.
+                let by = (object.albedo(&hit) * change.light).as_vec3().to_array();
+                // A chart's cell may already lie in a penumbra.
                 light.iter_mut().zip(by).for_each(|(light, by)| *light = (*light + by).max(0.0));
             }
-            visible = (visible - change.hidden as f32).max(0.0);
+            visible = (visible - change.occluded as f32).max(0.0);
         }
-        if let (Some(finish), true) = (thing.finish, visible > 0.0) {
+        if let (Some(finish), true) = (object.finish, visible > 0.0) {
             for lamp in &self.lamps {
-                let shine = mirrored_lamp(lamp, finish, p, direction.normalize(), hit.normal) * f64::from(visible);
+                let shine = lamp_reflection(lamp, finish, p, direction.normalize(), hit.normal) * f64::from(visible);
                 for (value, lamp) in light.iter_mut().zip(lamp.radiance.to_array()) {
                     *value += (shine * lamp) as f32;
                 }
@@ -311,47 +313,46 @@ impl Site {
         Some((light, hit.t))
     }
 
-    /// What a ray meets first at a time; `None` outside the room.
-    pub fn met(&self, origin: DVec3, direction: DVec3, time_s: f64) -> Option<Met> {
-        let (thing, hit) = self.nearest(origin, direction)?;
-        let number = self.things.iter().position(|other| std::ptr::eq(other, thing)).unwrap_or_default();
-        let thrown_back = match thing.finish {
-            Some(_) => thing.albedo(&hit).max_element(),
-            // What shines by itself throws back as much as it shines.
-            None => thing.light.get(hit.face).map_or(0.0, |chart| f64::from(brightest(chart.at(hit.uv)))),
+    /// First intersection of a ray at a time; `None` outside the room.
+    pub fn first_hit(&self, origin: DVec3, direction: DVec3, time_s: f64) -> Option<RayHit> {
+        let (object, hit) = self.nearest(origin, direction)?;
+        let number = self.objects.iter().position(|other| std::ptr::eq(other, object)).unwrap_or_default();
+        let albedo = match object.finish {
+            Some(_) => object.albedo(&hit).max_element(),
+            // The emitted light of a self-luminous object is also its albedo.
+            None => object.light.get(hit.face).map_or(0.0, |chart| f64::from(max_channel(chart.at(hit.uv)))),
         };
-        let mut met =
-            Met { t: hit.t, normal: hit.normal, thrown_back, surface: (number * MOST_FACES + hit.face) as u32 };
+        let mut met = RayHit { t: hit.t, normal: hit.normal, albedo, surface: (number * MAX_FACES + hit.face) as u32 };
         if let Some(evidence) = &self.evidence
             && let Some(touch) = evidence.hit(origin, direction).filter(|touch| touch.t < met.t)
         {
-            let (normal, matt) = evidence.thrown_back(&touch, origin, direction);
-            met = Met { t: touch.t, normal, thrown_back: matt.max_element(), surface: OF_EVIDENCE };
+            let (normal, matt) = evidence.normal_and_albedo(&touch, origin, direction);
+            met = RayHit { t: touch.t, normal, albedo: matt.max_element(), surface: EVIDENCE_SURFACE };
         }
-        match self.person.as_ref().and_then(|person| person.met(origin, direction, time_s)) {
-            Some(([r, g, b], hit)) if hit.t < met.t => Some(Met {
+        match self.person.as_ref().and_then(|person| person.light_and_hit(origin, direction, time_s)) {
+            Some(([r, g, b], hit)) if hit.t < met.t => Some(RayHit {
                 t: hit.t,
                 normal: hit.normal,
-                thrown_back: brightest([r, g, b, 0.0]).into(),
-                surface: OF_PERSON,
+                albedo: max_channel([r, g, b, 0.0]).into(),
+                surface: PERSON_SURFACE,
             }),
             _ => Some(met),
         }
     }
 
-    /// The light on an object in the room: the light along a ray without the mirror image, the lamp itself if the ray
-    /// meets it, and black for the board, which lights nothing.
+    /// Light on an object in the room along a ray: without the mirror image, the lamp itself if the
+    /// ray hits it, and black for the board, which lights nothing.
     pub fn surroundings(&self, origin: DVec3, direction: DVec3) -> DVec3 {
         let ahead = self.lamps.iter().filter_map(|lamp| Some((lamp.hit(origin, direction)?, lamp.radiance)));
         let far = self.nearest(origin, direction).map_or(f64::INFINITY, |(_, hit)| hit.t);
         match ahead.filter(|(t, _)| far >= *t).min_by(|a, b| a.0.total_cmp(&b.0)) {
             Some((_, radiance)) => radiance,
-            None => self.matt(origin, direction, &mut |_, _| DVec3::ZERO),
+            None => self.detailed_light(origin, direction, &mut |_, _| DVec3::ZERO),
         }
     }
 }
 
-impl Around for Site {
+impl SiteLight for Site {
     fn lamps(&self) -> &[Lamp] {
         &self.lamps
     }
@@ -364,58 +365,60 @@ impl Around for Site {
         self.nearest(origin, direction).map_or(f64::INFINITY, |(_, hit)| hit.t)
     }
 
-    fn matt(&self, origin: DVec3, direction: DVec3, more: &mut dyn FnMut(DVec3, DVec3) -> DVec3) -> DVec3 {
-        let Some((thing, hit)) = self.nearest(origin, direction) else { return DVec3::ZERO };
-        if thing.finish.is_none() {
+    fn detailed_light(&self, origin: DVec3, direction: DVec3, more: &mut dyn FnMut(DVec3, DVec3) -> DVec3) -> DVec3 {
+        let Some((object, hit)) = self.nearest(origin, direction) else { return DVec3::ZERO };
+        if object.finish.is_none() {
             return DVec3::ZERO;
         }
-        let cell = thing.light.get(hit.face).map_or([0.0; 4], |chart| chart.at(hit.uv));
+        let cell = object.light.get(hit.face).map_or([0.0; 4], |chart| chart.at(hit.uv));
         let more = more(origin + direction * hit.t, hit.normal);
-        let albedo = if more == DVec3::ZERO { DVec3::ZERO } else { thing.albedo(&hit) };
+        let albedo = if more == DVec3::ZERO { DVec3::ZERO } else { object.albedo(&hit) };
         DVec3::new(cell[0].into(), cell[1].into(), cell[2].into()) + albedo * more
     }
 
-    fn rough(&self, origin: DVec3, direction: DVec3, more: &mut dyn FnMut(DVec3, DVec3) -> DVec3) -> DVec3 {
-        let Some((thing, hit)) = self.nearest(origin, direction) else { return DVec3::ZERO };
+    fn coarse_light(&self, origin: DVec3, direction: DVec3, more: &mut dyn FnMut(DVec3, DVec3) -> DVec3) -> DVec3 {
+        let Some((object, hit)) = self.nearest(origin, direction) else { return DVec3::ZERO };
         let p = origin + direction * hit.t;
-        thing.rough_light(&hit, &self.lamps, p, more(p, hit.normal))
+        object.coarse_light(&hit, &self.lamps, p, more(p, hit.normal))
     }
 }
 
-/// The lamp's blurred mirror image in a surface, as a share of its radiance. For looks only, not a measured reflection:
-/// Schlick's Fresnel term times a Gaussian around the lamp's rectangle.
-fn mirrored_lamp(lamp: &Lamp, finish: Finish, p: DVec3, direction: DVec3, n: DVec3) -> f64 {
-    let (head_on, width) = gloss(finish);
-    if head_on == 0.0 {
+/// Blurred mirror image of the lamp in a surface, as a share of its radiance. For appearance only,
+/// not a measured reflection: Schlick's Fresnel term times a Gaussian around the lamp's rectangle.
+fn lamp_reflection(lamp: &Lamp, finish: Finish, p: DVec3, direction: DVec3, n: DVec3) -> f64 {
+    let (f0, width) = gloss(finish);
+    if f0 == 0.0 {
         return 0.0;
     }
     let mirrored = direction - 2.0 * direction.dot(n) * n;
-    let fresnel = head_on + (1.0 - head_on) * (1.0 - direction.dot(n).abs()).powi(5);
-    fresnel * lamp.mirrored(p, mirrored, width)
+    let fresnel = f0 + (1.0 - f0) * (1.0 - direction.dot(n).abs()).powi(5);
+    fresnel * lamp.reflection(p, mirrored, width)
 }
 
-impl Thing {
+impl SiteObject {
     fn new(shape: Shape, finish: Option<Finish>, light: Vec<Chart>) -> Self {
         const SIDE: usize = 8;
         let mean = |face| {
             let place = |i: usize| DVec2::new((i % SIDE) as f64 + 0.5, (i / SIDE) as f64 + 0.5) / SIDE as f64;
             let size = shape.face_size_m(face);
-            let albedo = |i| finish.map_or(DVec3::ZERO, |f| surface(f, face, place(i), size).albedo);
+            let albedo = |i| finish.map_or(DVec3::ZERO, |f| reflectance(f, face, place(i), size).albedo);
             (0..SIDE * SIDE).map(albedo).sum::<DVec3>() / (SIDE * SIDE) as f64
         };
         Self { mean_albedo: (0..shape.faces()).map(mean).collect(), bounds: shape.bounds(), shape, finish, light }
     }
 
-    /// What share of light it throws back where a ray met it.
+    /// Diffuse albedo at an intersection.
     fn albedo(&self, hit: &Hit) -> DVec3 {
-        self.finish
-            .map_or(DVec3::ZERO, |finish| surface(finish, hit.face, hit.uv, self.shape.face_size_m(hit.face)).albedo)
+        self.finish.map_or(DVec3::ZERO, |finish| {
+            reflectance(finish, hit.face, hit.uv, self.shape.face_size_m(hit.face)).albedo
+        })
     }
 
-    /// The light that a place sends on to others: its face's mean colour under the unshadowed lamps, and under `more`.
-    fn rough_light(&self, hit: &Hit, lamps: &[Lamp], p: DVec3, more: DVec3) -> DVec3 {
+    /// Coarse outgoing light of a point for indirect light: the face's mean albedo under the
+    /// unshadowed lamps and `more`.
+    fn coarse_light(&self, hit: &Hit, lamps: &[Lamp], p: DVec3, more: DVec3) -> DVec3 {
         let albedo = self.mean_albedo.get(hit.face).copied().unwrap_or_default();
-        let of = |lamp: &Lamp| lamp.radiance * (0.8 * lamp.share(lamp.centre_m - p, hit.normal));
+        let of = |lamp: &Lamp| lamp.radiance * (0.8 * lamp.white_radiance(lamp.centre_m - p, hit.normal));
         albedo * (lamps.iter().map(of).sum::<DVec3>() + AMBIENT + more)
     }
 }
@@ -424,11 +427,11 @@ impl Thing {
 mod tests {
     use std::sync::Arc;
 
-    use super::super::lamps::scattered;
+    use super::super::lamps::random_lamps;
     use super::*;
     use crate::scene::{Material, Mesh, Object, Part, Scene, Vertex};
 
-    /// A square of 4 cm around the origin that looks up, matt, 2 mm over the floor.
+    /// A diffuse square of 4 cm around the origin, facing up, 2 mm above the floor.
     fn card(grey: f32) -> Scene {
         let corner = |x: f32, y: f32| Vertex {
             position: [0.02 * x, 0.02 * y, 0.002],
@@ -451,23 +454,23 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_on_the_floor_gets_the_light_that_the_floor_gets() {
+    fn object_on_the_floor_receives_the_light_of_the_floor() {
         // Lamps beside walls and below the ceiling, which are bright there.
         for (lamps, seed) in [(2, 2), (2, 14)] {
             let site = Site::new(
                 Detail { texture_m: 0.02, light_m: 0.1 },
-                scattered(lamps, seed),
+                random_lamps(lamps, seed),
                 (Some(seed), None),
                 None,
                 2,
             );
             let (down, above) = (-DVec3::Z, DVec3::Z);
             let (floor, hit) = site.nearest(above, down).unwrap();
-            let [r, g, b, _] = site.arriving(floor, hit.face, hit.uv);
+            let [r, g, b, _] = site.incident(floor, hit.face, hit.uv);
             let evidence = Evidence::new(&card(0.5));
             let touch = evidence.hit(above, down).unwrap();
             let shown = evidence.light(&site, &touch, above, down);
-            // Matt half-grey, and a few percent of gloss.
+            // Diffuse 50 % grey, and a few percent of gloss.
             let share = shown / DVec3::new(r.into(), g.into(), b.into());
             assert!(share.min_element() > 0.48 && share.max_element() < 0.53, "site {seed}: {share}");
         }

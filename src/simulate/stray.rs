@@ -1,11 +1,12 @@
-//! A simulated recording as Stray Scanner would export it from a phone ([`crate::recording`] reads it). The video is
-//! H.264 where a phone's is HEVC. Confidence is 2 as far as such a sensor reaches, and 0 beyond.
+//! A simulated recording in Stray Scanner's export format ([`crate::recording`] reads it). The
+//! video is H.264 where a phone's is HEVC. Confidence is 2 within the range of such a sensor, and 0
+//! beyond.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use super::depth::phone_from_site;
-use super::encoded::{confidence_png, depth_png, encoding};
+use super::encode::{confidence_png, depth_png, encoding};
 use super::render::Picture;
 use super::{Format, SimulateError, Simulation};
 use crate::pixels::Pixels;
@@ -14,13 +15,13 @@ use crate::source::presentation::Presentation;
 use crate::tracking::PoseTrack;
 
 pub const CODES_PER_METRE: f64 = 1000.0;
-const REACH_M: f32 = 5.0;
+const MAX_RANGE_M: f32 = 5.0;
 pub const FOLDERS: [&str; 2] = ["depth", "confidence"];
 
-/// A file by its name in the folder.
+/// A file's name relative to the folder, and its bytes.
 pub type NamedFile = (String, Vec<u8>);
 
-/// An export in the making.
+/// An export in progress.
 pub struct Scan {
     video: Box<dyn Sink>,
     file: PathBuf,
@@ -45,7 +46,7 @@ impl Scan {
         Ok(Self { video, file, odometry: "timestamp, frame, x, y, z, qx, qy, qz, qw\n".to_owned() })
     }
 
-    /// Takes a frame, with its pose by `recorded`; gives its depth and how sure that is.
+    /// Adds a frame with its recorded pose; returns its depth and confidence files.
     pub fn add(
         &mut self,
         simulation: &Simulation,
@@ -64,19 +65,19 @@ impl Scan {
             let turn = phone_from_site() * pose.world_from_camera_rotation();
             let numbers = at_m.to_array().into_iter().chain(turn.to_array());
             let numbers: Vec<String> = numbers.map(|number| format!("{number:.9}")).collect();
-            // A text takes whatever is written to it.
+            // Writing to a string cannot fail.
             let _ = writeln!(self.odometry, "{time_s:.6}, {frame:06}, {}", numbers.join(", "));
         }
         let named = |folder: &str| format!("{folder}/{frame:06}.png");
         let [depth_name, confidence_name] = FOLDERS.map(named);
-        let files = (depth_png(depth, CODES_PER_METRE), confidence_png(depth, REACH_M));
+        let files = (depth_png(depth, CODES_PER_METRE), confidence_png(depth, MAX_RANGE_M));
         Ok([
             (depth_name.clone(), files.0.map_err(encoding(&depth_name))?),
             (confidence_name.clone(), files.1.map_err(encoding(&confidence_name))?),
         ])
     }
 
-    /// Ends the video; gives its file, and the rest of the export.
+    /// Ends the video; returns its file, and the remaining files of the export.
     pub fn finish(self, simulation: &Simulation) -> Result<(PathBuf, [NamedFile; 2]), SimulateError> {
         let Self { video, file, odometry } = self;
         video.finish()?;

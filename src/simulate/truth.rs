@@ -1,7 +1,7 @@
-//! What is known of a simulated recording: truth.toml; where the recording itself is wrong, what is true in its place; and
-//! numbers as they are written.
+//! Ground truth of a simulated recording: truth.toml, the true values where the recording is
+//! flawed, and number formatting.
 //!
-//! Names, signs and axes are those of an analysis, so that one can be held against the other key by key.
+//! Names, signs and axes are those of an analysis, so both can be compared key by key.
 
 use glam::DVec3;
 use toml_edit::{DocumentMut, Item, Table, Value};
@@ -14,24 +14,24 @@ use crate::profile;
 use crate::tracking::PoseTrack;
 
 use super::depth::phone_from_site;
-use super::lamps::{MIDDLE_M, USUAL};
-use super::written::{Written, sealed};
+use super::lamps::{CENTRE_M, DEMO_LAMP};
+use super::manifest::{Manifest, sealed};
 use super::{Layout, Simulation, board};
 
-/// Of a recording with flaws.
+/// Ground-truth files of a recording with flaws.
 pub const FOLDER: &str = "truth";
 pub const POSES: &str = "truth/poses.txt";
 pub const FRAMES: &str = "truth/frames.txt";
 
-/// Of one whose depth has a sensor's errors, a list of what it would have without.
+/// List of the error-free depth maps, if the depth has sensor errors.
 pub const DEPTHS: &str = "truth/depth.txt";
 
-/// A frame's exact depth, as that list has it.
+/// File name of a frame's exact depth map.
 pub fn depth_name(frame: usize) -> String {
     format!("depth-{frame:05}.png")
 }
 
-/// The camera's true way in the recording's world, and how bright each frame is.
+/// The camera's true trajectory in the recording's world, and the gains of each frame.
 pub fn files(simulation: &Simulation) -> (PoseTrack, String) {
     let track = match simulation.options().layout {
         Some(Layout::Stray) => simulation.track().in_world(&Pose::new(phone_from_site().inverse(), DVec3::ZERO)),
@@ -39,14 +39,14 @@ pub fn files(simulation: &Simulation) -> (PoseTrack, String) {
     };
     let line = |frame: usize| {
         let [r, g, b] = simulation.gains(frame);
-        let (time_s, picture) = (simulation.timestamp_s(frame), simulation.flaws().picture_of(frame));
+        let (time_s, picture) = (simulation.timestamp_s(frame), simulation.flaws().source_frame(frame));
         format!("{frame} {time_s} {r} {g} {b} {picture}\n")
     };
     let head = "# frame timestamp red green blue: factors on light; then the frame whose picture it has\n";
     (track, (0..simulation.options().frames as usize).fold(head.to_owned(), |text, frame| text + &line(frame)))
 }
 
-/// What analysis.toml says, as it is.
+/// True values of the quantities in analysis.toml.
 fn true_numbers(simulation: &Simulation) -> Table {
     let flaws = simulation.flaws();
     let (way_m, turn) = flaws.hand_eye();
@@ -59,13 +59,13 @@ fn true_numbers(simulation: &Simulation) -> Table {
     let mut table: Table = numbers.into_iter().map(|(name, value)| (name, Value::from(value))).collect();
     let turn_deg = turn.to_array().map(f64::to_degrees);
     for (name, values) in [("hand_eye_way_m", way_m.to_array()), ("hand_eye_turn_deg", turn_deg)] {
-        // None is 0, not −0.
+        // Avoids −0.
         table.insert(name, Item::Value(numbers_in(values.map(|v| v + 0.0), 9)));
     }
     table
 }
 
-/// Where the lamps are and what comes from above, of a site that has its own.
+/// Lamp positions and irradiance from above, of a site with its own lamps.
 fn true_light(simulation: &Simulation) -> Table {
     let lamps = simulation.lamps();
     let all = |of: fn(&(DVec3, DVec3)) -> DVec3| -> Value {
@@ -73,16 +73,16 @@ fn true_light(simulation: &Simulation) -> Table {
         Value::Array(values.collect())
     };
     Table::from_iter([
-        ("at_m", numbers_in(MIDDLE_M.to_array(), 3)),
-        ("upward", numbers_in(simulation.upward(MIDDLE_M).to_array(), 4)),
+        ("at_m", numbers_in(CENTRE_M.to_array(), 3)),
+        ("upward", numbers_in(simulation.white_facing_up(CENTRE_M).to_array(), 4)),
         ("lamps_at_m", all(|lamp| lamp.0)),
         ("lamps_shown_at_1_m", all(|lamp| lamp.1)),
     ])
 }
 
-/// Micrometres, nanoseconds and the like: anything below is rounding noise.
+/// Rounds to a number of decimal digits, such as micrometres and nanoseconds.
 pub fn rounded(value: f64, digits: usize) -> f64 {
-    // Via text, which rounds correctly at every magnitude.
+    // Formatting as text rounds correctly at every magnitude.
     format!("{value:.digits$}").parse().unwrap_or(value)
 }
 
@@ -90,7 +90,7 @@ fn numbers_in(values: impl IntoIterator<Item = f64>, digits: usize) -> Value {
     numbers(values.into_iter().map(|v| rounded(v, digits)))
 }
 
-/// To a thousandth of a code, which is finer than the measurement.
+/// Rounded to a thousandth of a code, finer than the measurement.
 pub fn rounded_noise(noise: &NoiseProfile) -> NoiseProfile {
     let bin = |bin: &NoiseBin| NoiseBin { code: rounded(bin.code, 1), sigma: rounded(bin.sigma, 3) };
     NoiseProfile {
@@ -101,13 +101,13 @@ pub fn rounded_noise(noise: &NoiseProfile) -> NoiseProfile {
 }
 
 /// A table with a comment above it.
-fn said(mut table: Table, comment: &str) -> Item {
+fn commented(mut table: Table, comment: &str) -> Item {
     table.decor_mut().set_prefix(if comment.is_empty() { "\n".to_owned() } else { format!("\n# {comment}\n") });
     Item::Table(table)
 }
 
-/// The text of truth.toml, sealed. `blur`: [`super::Picture::most_blur_px`], one per frame.
-pub fn truth_toml(simulation: &Simulation, blur: &[f64], written: &Written) -> String {
+/// The text of truth.toml, sealed. `blur`: [`super::Picture::max_blur_px`], one per frame.
+pub fn truth_toml(simulation: &Simulation, blur: &[f64], written: &Manifest) -> String {
     let mut text = DocumentMut::new();
     text.insert("version", toml_edit::value(1));
     text.insert("most_blur_px", Item::Value(numbers_in(blur.iter().copied(), 2)));
@@ -124,44 +124,44 @@ pub fn truth_toml(simulation: &Simulation, blur: &[f64], written: &Written) -> S
         }
     }
     let options = simulation.options();
-    text.insert(options.table(), said(table_of(options), ""));
+    text.insert(options.table(), commented(table_of(options), ""));
     let flaws = simulation.flaws();
     if flaws.is_any() {
-        text.insert(flaws.table(), said(table_of(flaws), "What is wrong with it."));
+        text.insert(flaws.table(), commented(table_of(flaws), "What is wrong with it."));
         let comment = "What is true of it, in the words of an analysis; more in truth/.";
-        text.insert("truth", said(true_numbers(simulation), comment));
+        text.insert("truth", commented(true_numbers(simulation), comment));
     }
     match options.lamps {
         None => {
             let values = [
-                ("centre_m", numbers_in(USUAL.centre_m.to_array(), 3)),
-                ("half_size_m", numbers_in(USUAL.half_m(), 3)),
-                ("radiance", numbers_in(USUAL.radiance.to_array(), 3)),
+                ("centre_m", numbers_in(DEMO_LAMP.centre_m.to_array(), 3)),
+                ("half_size_m", numbers_in(DEMO_LAMP.half_extents_m(), 3)),
+                ("radiance", numbers_in(DEMO_LAMP.radiance.to_array(), 3)),
             ];
             let comment =
                 "The only lamp: a rectangle in the ceiling that shines down; linear light, 1 is camera white.";
-            text.insert("lamp", said(values.into_iter().collect(), comment));
+            text.insert("lamp", commented(values.into_iter().collect(), comment));
         }
         Some(_) => {
             text.insert(
                 "light",
-                said(true_light(simulation), "What white matt shows that looks up in the middle; linear light."),
+                commented(true_light(simulation), "What white matt shows that looks up in the middle; linear light."),
             );
         }
     }
     let before_file = profile::noise_table(&rounded_noise(&simulation.sensor.profile()));
-    text.insert("noise_before_file", said(before_file, "σ before rounding and compression."));
+    text.insert("noise_before_file", commented(before_file, "σ before rounding and compression."));
     if !simulation.evidence().is_empty() {
         let names = simulation.evidence().iter().map(Value::from).collect();
         let evidence = Table::from_iter([("objects", Value::Array(names))]);
-        text.insert("evidence", said(evidence, "What really lies in the site."));
+        text.insert("evidence", commented(evidence, "What really lies in the site."));
     }
     if options.board {
         let corners = board().corners_in_world_m.map(|corner| numbers_in(corner.to_array(), 4));
         let board = Table::from_iter([("corners_in_world_m", Value::Array(corners.into_iter().collect()))]);
-        text.insert("board", said(board, ""));
+        text.insert("board", commented(board, ""));
     }
     let comment = "Length, bytes, and crc32 of the other files: what differs is not replaced.";
-    text.insert("files", said(written.table(), comment));
+    text.insert("files", commented(written.table(), comment));
     sealed(&text.to_string())
 }

@@ -1,4 +1,4 @@
-//! The contents of the recording's folder: frames, depth, lists, profile, ground truth.
+//! Contents of the recording's folder: frames, depth, lists, profile, ground truth.
 
 use std::fs;
 use std::ops::ControlFlow;
@@ -19,24 +19,25 @@ use crate::recording::write::{
 use crate::tracking::PoseTrack;
 
 use super::depth::DepthSensor;
-use super::encoded::{self, depth_png, encoding, extension};
-use super::local_tone::toned;
+use super::encode::{self, depth_png, encoding, extension};
+use super::local_tone::locally_tone_mapped;
+use super::manifest::{Manifest, TRUTH};
 use super::output::{Output, writing};
+use super::static_scenes::noise_through_file;
 use super::stray::{self, Scan};
-use super::survey::noise_through_file;
 use super::truth::{self, rounded, rounded_noise, truth_toml};
-use super::written::{TRUTH, Written};
 use super::{Flaws, Format, Layout, Options, SimulateError, Simulation, board};
 
-/// Film speed given in the profile for a noise scale of 1.
+/// ISO speed in the profile for a noise scale of 1.
 const ISO: f64 = 400.0;
-/// Size of the panorama of the site's light, and the position it is taken from, metres.
-const PANORAMA: (u32, u32) = (256, 128);
+/// Size of the panorama of the site's light, px.
+const PANORAMA_SIZE_PX: (u32, u32) = (256, 128);
 const PANORAMA_AT_M: DVec3 = DVec3::new(0.0, 0.0, 0.1);
 
-/// Simulates a recording into the folder `out`, which appears once it is complete. An existing simulated recording is
-/// replaced if `force` is set; any other folder never is, unless it is empty. `progress` is called with (frames done,
-/// total), first with (0, total). If it breaks, the work stops and nothing is left of it.
+/// Simulates a recording into the folder `out`, which appears once it is complete. An existing
+/// simulated recording is replaced if `force` is set; any other folder is kept, unless it is empty.
+/// `progress` is called with (frames done, total), first with (0, total). If it breaks, the work
+/// stops and leaves no files.
 pub fn run(
     out: &Path,
     options: &Options,
@@ -44,10 +45,10 @@ pub fn run(
     force: bool,
     progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<(), SimulateError> {
-    write(out, force, || Simulation::flawed(options, flaws), progress)
+    write(out, force, || Simulation::with_flaws(options, flaws), progress)
 }
 
-/// Like [`run`], of any simulation; it is made once the folder is known to be free.
+/// Writes any simulation like [`run`]. It is built after the folder was checked.
 pub fn write(
     out: &Path,
     force: bool,
@@ -59,7 +60,7 @@ pub fn write(
     if progress(0, simulation.options().frames as usize).is_break() {
         return Err(SimulateError::Stopped);
     }
-    fill(output.folder(), output.name(), &simulation, progress).map_err(|error| output.told(error))?;
+    fill(output.folder(), output.name(), &simulation, progress).map_err(|error| output.with_final_path(error))?;
     output.finish()
 }
 
@@ -71,7 +72,7 @@ fn fill(
 ) -> Result<(), SimulateError> {
     let (options, flaws) = (simulation.options(), simulation.flaws());
     let recorded = simulation.recorded_track()?;
-    let mut written = Written::default();
+    let mut written = Manifest::default();
     let mut save = |name: &str, bytes: &[u8]| {
         let path = folder.join(name);
         written.add(name, bytes);
@@ -89,13 +90,13 @@ fn fill(
     let mut true_depths = Vec::new();
     let mut blur = Vec::new();
     let mut surveyed = Vec::new();
-    let (mut codes, mut most_blur_px) = (Vec::new(), 0.0);
+    let (mut codes, mut max_blur_px) = (Vec::new(), 0.0);
     for frame in 0..frames {
-        let picture = toned(simulation.picture(frame), flaws.local_tone_share);
+        let picture = locally_tone_mapped(simulation.picture(frame), flaws.local_tone_share);
         let clean = simulation.sensor.clean_balanced(&picture, simulation.gains(frame));
-        if flaws.picture_of(frame) == frame {
+        if flaws.source_frame(frame) == frame {
             codes = simulation.sensor.sense(&clean, picture.width as usize, frame as u64, simulation.threads);
-            most_blur_px = picture.most_blur_px;
+            max_blur_px = picture.max_blur_px;
         }
         let exact = sensor.as_ref().map(|sensor| sensor.exact(simulation, frame));
         let exact = exact.as_ref().unwrap_or(&picture);
@@ -114,17 +115,17 @@ fn fill(
         } else {
             let (time_s, extension) = (rounded(simulation.timestamp_s(frame), 6), extension(options.format));
             let (rgb_path, depth_path) = (format!("rgb/{frame:05}.{extension}"), format!("depth/{frame:05}.png"));
-            save(&rgb_path, &encoded::frame(options, &picture, &codes).map_err(encoding(&rgb_path))?)?;
+            save(&rgb_path, &encode::frame(options, &picture, &codes).map_err(encoding(&rgb_path))?)?;
             save(&depth_path, &depth_png(depth, options.depth_scale).map_err(encoding(&depth_path))?)?;
             pictures.push((time_s, rgb_path));
             depths.push((time_s, depth_path));
-            // An instant gathers no light; the profile records that it is one.
+            // A zero exposure gathers no light; the profile still records it.
             let exposure_s = Some(options.exposure_time_s).filter(|time_s| *time_s > 0.0);
-            // A camera that changes it by itself does not say so.
+            // Automatic exposure is not recorded.
             let gain = (!flaws.is_automatic()).then_some(1.0);
             exposures.push((time_s, FrameExposure { time_s: exposure_s, gain, ..FrameExposure::default() }));
         }
-        blur.push(most_blur_px);
+        blur.push(max_blur_px);
         let is_surveyed = !is_scan && options.format == Format::Jpg;
         if is_surveyed && [frames / 6, frames / 2, 5 * frames / 6].contains(&frame) {
             surveyed.push((picture, clean));
@@ -170,7 +171,7 @@ fn fill(
         Some((like, _)) => {
             let pictures: Vec<_> = surveyed.iter().map(|(_, clean)| clean.clone()).collect();
             noise_through_file(simulation, &pictures, |codes| {
-                let file = encoded::frame(options, like, &codes)?;
+                let file = encode::frame(options, like, &codes)?;
                 Ok(image::load_from_memory(&file)?.into_rgb8().into_raw())
             })
             .map_err(encoding("a frame for measuring noise"))?
@@ -191,12 +192,12 @@ fn trajectory(track: &PoseTrack) -> String {
     write::trajectory(&track.poses().iter().map(line).collect::<Vec<_>>())
 }
 
-/// The site's light around the evidence as a Radiance file: equirectangular, row 0 looks up (+z), the middle column
-/// along +y, columns to the right towards +x.
+/// The site's light around the evidence as a Radiance file: equirectangular, row 0 is up (+z), the
+/// middle column along +y, columns to the right towards +x.
 fn panorama(simulation: &Simulation) -> Result<Vec<u8>, ImageError> {
     use std::f64::consts::{PI, TAU};
     const SIDE: u32 = 4;
-    let (w, h) = PANORAMA;
+    let (w, h) = PANORAMA_SIZE_PX;
     let pixel = |i: u32| {
         let mut sum = DVec3::ZERO;
         for k in 0..SIDE * SIDE {
@@ -213,7 +214,7 @@ fn panorama(simulation: &Simulation) -> Result<Vec<u8>, ImageError> {
     Ok(file)
 }
 
-/// The description of a depth camera of its own.
+/// Profile of a separate depth camera.
 const DEPTH_CAMERA: &str = "depth.toml";
 
 fn depth_camera_toml(sensor: &DepthSensor) -> String {

@@ -41,7 +41,7 @@ fn simulate(motion: Motion) -> Simulation {
         ..Options::default()
     };
     let detail = Detail { light_m: 0.2, ..Detail::for_focal_px(options.focal_px) };
-    Simulation::flawed_with_detail(&options, &Flaws::default(), detail, 2).unwrap()
+    Simulation::with_flaws_and_detail(&options, &Flaws::default(), detail, 2).unwrap()
 }
 
 /// Returns the simulation of a motion. Lighting its site takes most of a test's time, so tests share it.

@@ -55,10 +55,10 @@ fn seen(simulation: &Simulation, picture: &Picture, point: DVec3) -> DVec3 {
 #[test]
 fn a_card_shows_the_light_from_above_and_its_shadow_lacks_it() {
     let (bare, high) = (site(), 0.15);
-    let there = bare.clone().with(&card(0.1, high, 0.5)).unwrap();
+    let there = bare.clone().with_evidence(&card(0.1, high, 0.5)).unwrap();
     let [empty, full] = [&bare, &there].map(|simulation| simulation.picture(0));
     // What another sum over all directions says, as matt half-grey and a glossy 4 % of it.
-    let upward = bare.upward(DVec3::new(0.0, 0.0, high));
+    let upward = bare.white_facing_up(DVec3::new(0.0, 0.0, high));
     let shown = seen(&there, &full, DVec3::new(0.0, 0.0, high)) / upward;
     println!("of the light from above a card of 0.5 shows {shown:.3}");
     assert!(shown.min_element() > 0.48 && shown.max_element() < 0.53, "{shown}");
@@ -86,9 +86,9 @@ fn a_card_shows_the_light_from_above_and_its_shadow_lacks_it() {
 #[test]
 fn without_objects_not_a_bit_changes_and_what_light_goes_through_is_refused() {
     let bare = site();
-    assert_eq!(bare.clone().with(&Scene::default()).unwrap().picture(0), bare.picture(0));
+    assert_eq!(bare.clone().with_evidence(&Scene::default()).unwrap().picture(0), bare.picture(0));
     let mut glass = card(0.1, 0.1, 0.5);
     glass.materials[0].alpha = Alpha::Blend;
-    let refused = bare.with(&glass).unwrap_err();
-    assert!(matches!(refused, SimulateError::Unseen("transparency")), "{refused}");
+    let refused = bare.with_evidence(&glass).unwrap_err();
+    assert!(matches!(refused, SimulateError::Unsupported("transparency")), "{refused}");
 }

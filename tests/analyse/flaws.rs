@@ -47,11 +47,11 @@ fn made(options: &Options, flaws: &Flaws) -> tempfile::TempDir {
 /// textures nobody sees, has coarse ones.
 fn simulation(options: &Options, flaws: &Flaws) -> Result<Simulation, SimulateError> {
     if is_full() {
-        return Simulation::flawed(options, flaws);
+        return Simulation::with_flaws(options, flaws);
     }
     let fine = Detail { light_m: 0.15, ..Detail::for_focal_px(options.focal_px) };
     let detail = if flaws.blank { Detail { texture_m: 0.05, ..fine } } else { fine };
-    Simulation::flawed_with_detail(options, flaws, detail, 2)
+    Simulation::with_flaws_and_detail(options, flaws, detail, 2)
 }
 
 fn true_track(folder: &tempfile::TempDir) -> PoseTrack {

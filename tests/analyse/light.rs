@@ -81,7 +81,7 @@ fn by_lamp((at, shown_at_1_m): &(DVec3, DVec3), place: DVec3) -> f64 {
 fn true_white(simulation: &Simulation, place: DVec3) -> f64 {
     let middle = DVec3::new(0.0, 0.0, 0.1);
     let farther = |lamp: &(DVec3, DVec3)| by_lamp(lamp, place) - by_lamp(lamp, middle);
-    mean(simulation.upward(middle).to_array()) + simulation.lamps().iter().map(farther).sum::<f64>()
+    mean(simulation.white_facing_up(middle).to_array()) + simulation.lamps().iter().map(farther).sum::<f64>()
 }
 
 #[test]

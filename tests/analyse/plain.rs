@@ -37,7 +37,7 @@ fn simulate_concrete(to: &Path) {
     };
     let flaws = Flaws { jitter_mm: 1.0, jitter_deg: 0.1, drift_mm: 10.0, drift_deg: 1.0, ..Flaws::default() };
     let detail = Detail { light_m: 0.2, ..Detail::for_focal_px(focal_px) };
-    let simulation = || Simulation::flawed_with_detail(&options, &flaws, detail, 2);
+    let simulation = || Simulation::with_flaws_and_detail(&options, &flaws, detail, 2);
     simulate::write(to, false, simulation, &mut |_, _| ControlFlow::Continue(())).unwrap();
 }
 

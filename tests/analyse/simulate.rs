@@ -222,7 +222,7 @@ fn the_count_of_threads_changes_nothing() {
         (simulation.sensor.sense(&clean, 96, 31, threads), picture)
     };
     let one = of(1);
-    assert!(one.1.most_blur_px > 1.0, "the frame moves");
+    assert!(one.1.max_blur_px > 1.0, "the frame moves");
     for threads in [2, 5] {
         assert!(of(threads) == one, "{threads} threads");
     }

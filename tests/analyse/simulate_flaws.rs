@@ -132,7 +132,7 @@ fn white_desk_clips_and_its_black_screen_has_hardly_any_depth() {
 fn a_person_walks_through_and_a_blank_site_has_nothing_to_see() {
     let options =
         Options { width_px: 160, height_px: 120, focal_px: 130.0, samples: 1, motion: Motion::Static, ..small() };
-    let of = |flaws: Flaws| Simulation::flawed(&options, &flaws).unwrap();
+    let of = |flaws: Flaws| Simulation::with_flaws(&options, &flaws).unwrap();
     let (empty, walked) = (of(Flaws::default()), of(Flaws { person_m_per_s: 6.0, ..Flaws::default() }));
     let mut before = None;
     for frame in 0..3 {

@@ -30,7 +30,7 @@ fn at_rest() -> tempfile::TempDir {
     };
     let detail = Detail { light_m: 0.15, ..Detail::for_focal_px(FOCAL_PX) };
     let folder = tempfile::tempdir().unwrap();
-    let simulation = || Simulation::flawed_with_detail(&options, &Flaws::default(), detail, 2);
+    let simulation = || Simulation::with_flaws_and_detail(&options, &Flaws::default(), detail, 2);
     simulate::write(&folder.path().join("site"), false, simulation, &mut |_, _| ControlFlow::Continue(())).unwrap();
     folder
 }

@@ -1,37 +1,39 @@
-//! Poses as a tracker would write them: of a body that the camera stands beside, with jitter and drift, by its own clock.
+//! Poses as recorded by a tracker: of a body to which the camera is attached, with jitter and
+//! drift, by the tracker's clock.
 
 use glam::{DQuat, DVec3};
 
 use super::flaws::Flaws;
 use super::path::{INTERVAL_S, START_S};
 use super::random::Random;
-use super::wander::Walk;
+use super::random_walk::SmoothWalk;
 use crate::pose::Pose;
 use crate::tracking::{NotAscending, PoseTrack};
 
-/// Between the random numbers of the drift, s.
-const DRIFT_S: f64 = 1.5;
+/// Knot interval of the drift, s.
+const DRIFT_KNOT_S: f64 = 1.5;
 
-/// What the random numbers are for: keys beside the seed.
-const JITTER_WAY: u64 = 16;
-const JITTER_TURN: u64 = 17;
-/// And the five after it.
-const DRIFT: u64 = 18;
-const HAND_EYE: u64 = 24;
+/// Keys of the random numbers, in addition to the seed.
+const JITTER_TRANSLATION_KEY: u64 = 16;
+const JITTER_ROTATION_KEY: u64 = 17;
+/// Also the five keys after this one.
+const DRIFT_KEY: u64 = 18;
+const HAND_EYE_KEY: u64 = 24;
 
 impl Flaws {
-    /// Where the camera stands on what was tracked: its place there, m, and how it is turned in its axes, a rotation vector,
-    /// radians. T(camera) = T(tracked)·this. Directions are the seed's.
+    /// Hand-eye transform: the camera's position on the tracked body, m, and its rotation vector
+    /// there, radians. T(camera) = T(tracked)·this. Directions follow from the seed.
     pub fn hand_eye(&self) -> (DVec3, DVec3) {
-        let direction = |n| normals([self.seed, HAND_EYE, n]).normalize_or(DVec3::X);
+        let direction = |n| normals([self.seed, HAND_EYE_KEY, n]).normalize_or(DVec3::X);
         (1e-3 * self.hand_eye_mm * direction(0), self.hand_eye_deg.to_radians() * direction(1))
     }
 
-    /// The poses that are recorded of a camera's true way. At a pose's own time t
+    /// The recorded poses for a camera's true trajectory. At a pose's own time t
     ///
-    ///   T(tracked, t + later) = T(camera, t) · hand_eye⁻¹ · drift(t) · jitter(t)
+    /// T(tracked, t + later) = T(camera, t) · hand_eye⁻¹ · drift(t) · jitter(t)
     ///
-    /// Drift and jitter are a way and a turn in the body's axes. The way is kept bit for bit where nothing is wrong with it.
+    /// Drift and jitter are a translation and a rotation in the body's axes. Without flaws the
+    /// trajectory is unchanged bit for bit.
     pub fn recorded(&self, truth: &PoseTrack) -> Result<PoseTrack, NotAscending> {
         let is_off = [
             self.jitter_mm,
@@ -50,26 +52,26 @@ impl Flaws {
         let tracked_on_camera = Pose::from_camera_in_world(-(turn.inverse() * at_m), turn.inverse());
         let recorded = |(time_s, pose): &(f64, Pose)| {
             let tracked = on(pose, &tracked_on_camera);
-            (time_s + self.poses_later_s, on(&tracked, &self.off_at(*time_s)))
+            (time_s + self.poses_later_s, on(&tracked, &self.error_at(*time_s)))
         };
         PoseTrack::new(truth.poses().iter().map(recorded).collect(), truth.max_gap_s())
     }
 
-    /// Drift and jitter together.
-    fn off_at(&self, time_s: f64) -> Pose {
-        // Each axis has its share, so that the whole is what was asked.
+    /// Drift and jitter combined.
+    fn error_at(&self, time_s: f64) -> Pose {
+        // Each axis has a share, so that the total is the requested size.
         let share = 3f64.sqrt().recip();
-        let walk = |n: u64| Walk::new([self.seed, DRIFT + n], DRIFT_S).at(time_s - START_S);
+        let walk = |n: u64| SmoothWalk::new([self.seed, DRIFT_KEY + n], DRIFT_KNOT_S).at(time_s - START_S);
         let drift = |n| share * DVec3::new(walk(n), walk(n + 1), walk(n + 2));
         let number = ((time_s - START_S) / INTERVAL_S).round() as i64;
         let jitter = |what| share * normals([self.seed, what, number as u64]);
-        let way_m = 1e-3 * (self.drift_mm * drift(0) + self.jitter_mm * jitter(JITTER_WAY));
-        let turn = self.drift_deg.to_radians() * drift(3) + self.jitter_deg.to_radians() * jitter(JITTER_TURN);
+        let way_m = 1e-3 * (self.drift_mm * drift(0) + self.jitter_mm * jitter(JITTER_TRANSLATION_KEY));
+        let turn = self.drift_deg.to_radians() * drift(3) + self.jitter_deg.to_radians() * jitter(JITTER_ROTATION_KEY);
         Pose::from_camera_in_world(way_m, DQuat::from_scaled_axis(turn))
     }
 }
 
-/// A body that stands at `inner` in the axes of one at `outer`.
+/// Composition: a body at `inner` in the axes of one at `outer`.
 fn on(outer: &Pose, inner: &Pose) -> Pose {
     Pose::from_camera_in_world(
         outer.inverse_transform_point(inner.position_in_world_m()),
@@ -88,7 +90,7 @@ fn normals(keys: [u64; 3]) -> DVec3 {
 mod tests {
     use super::*;
 
-    /// A camera that goes right and turns about its own vertical.
+    /// A camera that moves right and turns about its own vertical.
     fn way() -> PoseTrack {
         let pose = |n: i32| {
             let time_s = START_S + INTERVAL_S * f64::from(n);
@@ -98,7 +100,7 @@ mod tests {
         PoseTrack::new((0..2000).map(pose).collect(), 0.01).unwrap()
     }
 
-    /// How recorded poses are off in the camera's axes: m and radians.
+    /// Errors of the recorded poses in the camera's axes: m and radians.
     fn off(flaws: &Flaws) -> Vec<(DVec3, DVec3)> {
         let truth = way();
         let recorded = flaws.recorded(&truth).unwrap();
@@ -115,13 +117,13 @@ mod tests {
     }
 
     #[test]
-    fn true_poses_stay_as_they_are() {
+    fn poses_without_flaws_are_unchanged() {
         let flaws = Flaws { seed: 5, depth_later_s: 0.02, repeat_share: 0.5, ..Flaws::default() };
         assert_eq!(flaws.recorded(&way()).unwrap(), way());
     }
 
     #[test]
-    fn jitter_is_as_large_as_asked_and_each_pose_has_its_own() {
+    fn jitter_has_the_requested_size_and_is_independent_per_pose() {
         let off = off(&Flaws { jitter_mm: 2.0, jitter_deg: 0.1, ..Flaws::default() });
         // 6000 numbers: standard error 0.9 %.
         assert!((rms(off.iter().map(|o| o.0)) / 2e-3 - 1.0).abs() < 0.05);
@@ -138,12 +140,12 @@ mod tests {
         let most = |of: fn(&(DVec3, DVec3)) -> DVec3| off.iter().map(|o| of(o).length()).fold(0.0, f64::max);
         assert!(most(|o| o.0) > 0.006 && most(|o| o.0) <= 0.02, "{}", most(|o| o.0));
         assert!(most(|o| o.1) > 0.3f64.to_radians() && most(|o| o.1) <= 1f64.to_radians());
-        // A spline's slope: 2 · 20 mm in 1.5 s at most, 0.14 mm in 5 ms.
+        // Slope of a spline: at most 2 · 20 mm in 1.5 s, 0.14 mm in 5 ms.
         assert!(off.windows(2).all(|pair| (pair[1].0 - pair[0].0).length() < 0.14e-3));
     }
 
     #[test]
-    fn the_camera_stands_on_what_was_tracked_where_it_is_said_to() {
+    fn recorded_poses_are_offset_by_the_hand_eye_transform() {
         let flaws = Flaws { hand_eye_mm: 30.0, hand_eye_deg: 2.0, poses_later_s: 0.02, ..Flaws::default() };
         let (at_m, turn) = flaws.hand_eye();
         assert!((at_m.length() - 0.03).abs() < 1e-12 && (turn.length() - 2f64.to_radians()).abs() < 1e-12);

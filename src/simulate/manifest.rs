@@ -1,5 +1,5 @@
-//! What a simulated recording's files were when they were written, so that only those are ever replaced: truth.toml
-//! lists them, and its last line seals it.
+//! Manifest of a simulated recording's files in truth.toml, sealed by its last line: only
+//! unmodified files are ever replaced.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,20 +11,20 @@ use crate::document;
 use crate::source::file::{self, MOST_LISTING};
 
 pub const TRUTH: &str = "truth.toml";
-/// Before the checksum of everything above it.
+/// Prefix of the checksum of all lines above.
 const SEAL: &str = "# crc32 of all lines above: ";
 
 /// Files by name relative to the recording's folder, with `/`.
 #[derive(Debug, Default)]
-pub struct Written(BTreeMap<String, Content>);
+pub struct Manifest(BTreeMap<String, FileDigest>);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Content {
+struct FileDigest {
     bytes: u64,
     crc32: u32,
 }
 
-impl Content {
+impl FileDigest {
     fn of(bytes: &[u8]) -> Self {
         Self { bytes: bytes.len() as u64, crc32: crc32fast::hash(bytes) }
     }
@@ -35,17 +35,18 @@ impl Content {
     }
 }
 
-impl Written {
+impl Manifest {
     pub fn add(&mut self, name: &str, bytes: &[u8]) {
-        self.0.insert(name.to_owned(), Content::of(bytes));
+        self.0.insert(name.to_owned(), FileDigest::of(bytes));
     }
 
     pub fn table(&self) -> Table {
-        let text = |content: &Content| toml_edit::value(format!("{} {:08x}", content.bytes, content.crc32));
+        let text = |content: &FileDigest| toml_edit::value(format!("{} {:08x}", content.bytes, content.crc32));
         self.0.iter().map(|(name, content)| (name.as_str(), text(content))).collect()
     }
 
-    /// The files that a recording's truth.toml lists; `None` if there is none, or if it is not as it was written.
+    /// The files listed in a recording's truth.toml; `None` if there is none, or if it was
+    /// modified.
     pub fn of(folder: &Path) -> Option<Self> {
         #[derive(Deserialize)]
         struct Truth {
@@ -61,30 +62,30 @@ impl Written {
             return None;
         }
         let truth: Truth = document::read(&text).ok()?;
-        let parsed = truth.files.into_iter().map(|(name, content)| Some((name, Content::parse(&content)?)));
+        let parsed = truth.files.into_iter().map(|(name, content)| Some((name, FileDigest::parse(&content)?)));
         parsed.collect::<Option<_>>().map(Self)
     }
 
-    /// Whether a file of this name was written.
+    /// True if a file of this name was written.
     pub fn lists(&self, name: &str) -> bool {
         name == TRUTH || self.0.contains_key(name)
     }
 
-    /// Whether a folder of this name was made for files.
+    /// True if a folder of this name was created for files.
     pub fn lists_folder(&self, name: &str) -> bool {
         self.0.keys().any(|file| file.split_once('/').is_some_and(|(folder, _)| folder == name))
     }
 
-    /// Whether a file is as it was written. The list itself was sealed.
+    /// True if a file is as it was written. The list itself is sealed.
     pub fn is_unchanged(&self, folder: &Path, name: &str) -> bool {
-        let is_same = |content: &Content| {
-            file::read(&folder.join(name), content.bytes).is_ok_and(|bytes| Content::of(&bytes) == *content)
+        let is_same = |content: &FileDigest| {
+            file::read(&folder.join(name), content.bytes).is_ok_and(|bytes| FileDigest::of(&bytes) == *content)
         };
         name == TRUTH || self.0.get(name).is_some_and(is_same)
     }
 }
 
-/// A truth.toml's text with the line that seals it.
+/// The text of a truth.toml with its seal line.
 pub fn sealed(text: &str) -> String {
     format!("{text}{SEAL}{:08x}\n", crc32fast::hash(text.as_bytes()))
 }

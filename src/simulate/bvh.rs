@@ -1,9 +1,10 @@
-//! Where a ray meets triangles first: a tree of boxes, halved at the middle of their longest side.
+//! Nearest ray-triangle intersection by a bounding volume hierarchy with median splits along the
+//! longest axis.
 
 use glam::{DVec2, DVec3};
 
-/// Triangles of a box that is not halved.
-const FEW: usize = 4;
+/// Maximum number of triangles of a leaf.
+const MAX_LEAF_TRIANGLES: usize = 4;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Triangle {
@@ -11,24 +12,24 @@ pub struct Triangle {
     pub sides: [DVec3; 2],
 }
 
-/// A ray's meeting with a triangle.
+/// Intersection of a ray with a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Touch {
+pub struct TriangleHit {
     /// In lengths of the ray's direction.
     pub t: f64,
-    /// Its number as given.
+    /// Index of the triangle in the input.
     pub face: usize,
-    /// Shares of the second and the third corner.
-    pub beside: DVec2,
+    /// Barycentric coordinates of the second and the third corner.
+    pub barycentric: DVec2,
 }
 
 #[derive(Clone, Debug)]
 struct Node {
     low: DVec3,
     high: DVec3,
-    /// Of `order`; a node with children has none.
+    /// Range in `order`; empty for an inner node.
     faces: std::ops::Range<usize>,
-    /// The second child; the first one follows its parent.
+    /// Index of the second child; the first one follows its parent. 0 for a leaf.
     second: usize,
 }
 
@@ -43,11 +44,11 @@ impl Triangles {
     pub fn new(all: Vec<Triangle>) -> Self {
         let order = (0..all.len()).collect();
         let mut made = Self { all, order, nodes: Vec::new() };
-        made.grow(0..made.all.len());
+        made.build(0..made.all.len());
         made
     }
 
-    fn grow(&mut self, range: std::ops::Range<usize>) {
+    fn build(&mut self, range: std::ops::Range<usize>) {
         let bounds = |points: &mut dyn Iterator<Item = DVec3>| {
             points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
         };
@@ -58,7 +59,7 @@ impl Triangles {
         let here = self.nodes.len();
         self.nodes.push(Node { low, high, faces: range.clone(), second: 0 });
         let size = last - first;
-        if range.len() <= FEW || size.max_element() <= 0.0 {
+        if range.len() <= MAX_LEAF_TRIANGLES || size.max_element() <= 0.0 {
             return;
         }
         let axis = (0..3).max_by(|a, b| size[*a].total_cmp(&size[*b])).unwrap_or(0);
@@ -66,49 +67,50 @@ impl Triangles {
         let at = |face: &usize| all[*face].corners().iter().map(|p| p[axis]).sum::<f64>();
         self.order[range.clone()].sort_by(|a, b| at(a).total_cmp(&at(b)).then(a.cmp(b)));
         let half = range.start + range.len() / 2;
-        self.grow(range.start..half);
+        self.build(range.start..half);
         self.nodes[here].second = self.nodes.len();
         self.nodes[here].faces = 0..0;
-        self.grow(half..range.end);
+        self.build(half..range.end);
     }
 
-    /// Perpendicular to a triangle, a unit vector towards where its corners go round counter-clockwise.
+    /// Unit normal of a triangle, towards the side where its corners run counter-clockwise.
     pub fn normal(&self, face: usize) -> DVec3 {
         let [u, v] = self.all[face].sides;
         u.cross(v).normalize_or(DVec3::Z)
     }
 
-    /// The first meeting nearer than `most`.
-    pub fn hit(&self, origin: DVec3, direction: DVec3, most: f64) -> Option<Touch> {
+    /// The nearest intersection closer than `max_t`.
+    pub fn hit(&self, origin: DVec3, direction: DVec3, max_t: f64) -> Option<TriangleHit> {
         let inverse = direction.recip();
-        let mut found: Option<Touch> = None;
-        let mut far = most;
-        let (mut waiting, mut count) = ([0usize; 64], 1);
+        let mut found: Option<TriangleHit> = None;
+        let mut far = max_t;
+        let (mut stack, mut count) = ([0usize; 64], 1);
         if self.all.is_empty() {
             return None;
         }
         while count > 0 {
             count -= 1;
-            let here = waiting[count];
+            let here = stack[count];
             let node = &self.nodes[here];
             let (a, b) = ((node.low - origin) * inverse, (node.high - origin) * inverse);
             let (enters, leaves) = (a.min(b).max_element().max(0.0), a.max(b).min_element().min(far));
-            // A direction along a side of a box makes 0 · ∞: then it is looked into.
+            // A direction parallel to a side of the box may give 0 · ∞ = NaN; the node is then
+            // traversed.
             if enters > leaves {
                 continue;
             }
             if node.second > 0 {
-                waiting[count] = node.second;
-                waiting[count + 1] = here + 1;
+                stack[count] = node.second;
+                stack[count + 1] = here + 1;
                 count += 2;
                 continue;
             }
             for face in &self.order[node.faces.clone()] {
-                if let Some((t, beside)) = self.all[*face].hit(origin, direction)
+                if let Some((t, barycentric)) = self.all[*face].hit(origin, direction)
                     && t < far
                 {
                     far = t;
-                    found = Some(Touch { t, face: *face, beside });
+                    found = Some(TriangleHit { t, face: *face, barycentric });
                 }
             }
         }
@@ -128,9 +130,9 @@ impl Triangle {
         let determinant = u.dot(p);
         let from = origin - self.corner;
         let q = from.cross(u);
-        let beside = DVec2::new(from.dot(p), direction.dot(q)) / determinant;
+        let barycentric = DVec2::new(from.dot(p), direction.dot(q)) / determinant;
         let t = v.dot(q) / determinant;
-        (t > 0.0 && beside.min_element() >= 0.0 && beside.element_sum() <= 1.0).then_some((t, beside))
+        (t > 0.0 && barycentric.min_element() >= 0.0 && barycentric.element_sum() <= 1.0).then_some((t, barycentric))
     }
 }
 
@@ -140,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_tree_finds_what_looking_at_each_finds() {
+    fn bvh_finds_the_same_hits_as_brute_force() {
         let mut random = Random::new([5, 0, 0, 0]);
         let mut place = |size: f64| DVec3::from([0, 1, 2].map(|_| size * (random.uniform() - 0.5)));
         let all: Vec<Triangle> =
@@ -151,27 +153,30 @@ mod tests {
             let origin = place(4.0);
             let direction = place(2.0) - origin;
             let each = all.iter().enumerate().filter_map(|(face, one)| Some((one.hit(origin, direction)?, face)));
-            let first =
-                each.min_by(|a, b| a.0.0.total_cmp(&b.0.0)).map(|((t, beside), face)| Touch { t, face, beside });
+            let first = each.min_by(|a, b| a.0.0.total_cmp(&b.0.0)).map(|((t, barycentric), face)| TriangleHit {
+                t,
+                face,
+                barycentric,
+            });
             assert_eq!(tree.hit(origin, direction, f64::INFINITY), first);
-            if let Some(touch) = first {
+            if let Some(hit) = first {
                 met += 1;
-                assert_eq!(tree.hit(origin, direction, 0.99 * touch.t), None);
+                assert_eq!(tree.hit(origin, direction, 0.99 * hit.t), None);
             }
         }
         assert!(met > 100, "{met}");
     }
 
     #[test]
-    fn a_ray_along_an_axis_meets_a_square_of_two() {
+    fn axis_aligned_ray_hits_a_square_of_two_triangles() {
         let corner = DVec3::new(-1.0, -1.0, 2.0);
         let half = |sides| Triangle { corner, sides };
         let square = Triangles::new(vec![
             half([2.0 * DVec3::X, DVec3::new(2.0, 2.0, 0.0)]),
             half([DVec3::new(2.0, 2.0, 0.0), 2.0 * DVec3::Y]),
         ]);
-        let touch = square.hit(DVec3::new(0.5, -0.5, 0.0), DVec3::Z, f64::INFINITY).unwrap();
-        assert_eq!((touch.t, touch.face, touch.beside), (2.0, 0, DVec2::new(0.5, 0.25)));
+        let hit = square.hit(DVec3::new(0.5, -0.5, 0.0), DVec3::Z, f64::INFINITY).unwrap();
+        assert_eq!((hit.t, hit.face, hit.barycentric), (2.0, 0, DVec2::new(0.5, 0.25)));
         assert_eq!(square.hit(DVec3::new(1.5, 0.0, 0.0), DVec3::Z, f64::INFINITY), None);
         assert_eq!(square.normal(0), DVec3::Z);
         assert_eq!(Triangles::new(Vec::new()).hit(DVec3::ZERO, DVec3::Z, 1.0), None);

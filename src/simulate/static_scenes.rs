@@ -1,23 +1,23 @@
-//! Known noise: what is left of it in a lossy file, and static scenes to calibrate with.
+//! Reference noise: residual noise after lossy encoding, and static scenes for calibration.
 
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::pixels::Pixels;
 
-use super::sensor::ROUNDING;
+use super::sensor::ROUNDING_VARIANCE;
 use super::{Motion, Options, SimulateError, Simulation};
 
-/// Frames of noise that are measured after a lossy file, and their keys: far from any recording's.
-const TAKES: u64 = 12;
-const FIRST_KEY: u64 = 1 << 40;
-/// Fewer values than this give no σ.
-const LEAST_VALUES: f64 = 2000.0;
+/// Number of noise realisations measured after lossy encoding.
+const NOISE_REALISATIONS: u64 = 12;
+const FIRST_NOISE_KEY: u64 = 1 << 40;
+/// Minimum number of values for a σ.
+const MIN_VALUES: f64 = 2000.0;
 
-/// A static scene with noise, and without.
+/// A static scene with and without noise.
 #[derive(Clone, Debug)]
 pub struct StaticScene {
     /// Factor on the light.
     pub gain: f64,
-    /// Noise-free code values, not rounded, three per pixel; above 255 where the light is too bright.
+    /// Noise-free code values, not rounded, three per pixel; above 255 where clipped.
     pub clean: Vec<f32>,
     pub frames: Vec<Pixels>,
 }
@@ -30,8 +30,8 @@ pub struct StaticScenes {
     pub scenes: Vec<StaticScene>,
 }
 
-/// The site from a camera at rest under several exposures (`gains`, factors on the light), with `frames` noisy frames
-/// of each. The motion, frames and format of `options` are ignored.
+/// The site from a camera at rest under several exposures (`gains`, factors on the light), with
+/// `frames` noisy frames each. The motion, frames and format of `options` are ignored.
 pub fn static_scenes(options: &Options, gains: &[f64], frames: usize) -> Result<StaticScenes, SimulateError> {
     let options = Options { motion: Motion::Static, frames: 1, ..options.clone() };
     Ok(Simulation::new(&options)?.static_scenes(gains, frames))
@@ -45,7 +45,7 @@ impl Simulation {
         let scene = |(scene, gain): (usize, &f64)| {
             let clean = self.sensor.clean(&picture, *gain);
             let frame = |frame: usize| {
-                let key = FIRST_KEY + ((scene as u64) << 20) + frame as u64;
+                let key = FIRST_NOISE_KEY + ((scene as u64) << 20) + frame as u64;
                 Pixels::from_u8(width, height, self.sensor.sense(&clean, width as usize, key, self.threads))
             };
             StaticScene { gain: *gain, frames: (0..frames).filter_map(frame).collect(), clean }
@@ -54,14 +54,14 @@ impl Simulation {
     }
 }
 
-/// Sums for the correlation of two quantities.
+/// Running sums for the correlation of two quantities.
 #[derive(Clone, Copy, Default)]
-struct Together {
+struct CorrelationSums {
     products: f64,
     squares: f64,
 }
 
-impl Together {
+impl CorrelationSums {
     fn add(&mut self, a: f64, b: f64) {
         self.products += a * b;
         self.squares += 0.5 * (a * a + b * b);
@@ -72,8 +72,8 @@ impl Together {
     }
 }
 
-/// The noise that is left in files: noise-free pictures (code values, three per pixel) with several frames' noise each
-/// are passed `through_file`, and the result is measured.
+/// Residual noise after encoding: noise-free pictures (code values, three per pixel) with several
+/// noise realisations each are passed `through_file`, and the result is measured.
 pub(super) fn noise_through_file<E>(
     simulation: &Simulation,
     pictures: &[Vec<f32>],
@@ -81,11 +81,12 @@ pub(super) fn noise_through_file<E>(
 ) -> Result<NoiseProfile, E> {
     let width = simulation.geometry().intrinsics.width_px as usize;
     let mut bins = [[(0.0f64, 0.0f64, 0.0f64); 16]; 3];
-    let (mut right, mut below, mut channels) = (Together::default(), Together::default(), [Together::default(); 3]);
+    let (mut right, mut below, mut channels) =
+        (CorrelationSums::default(), CorrelationSums::default(), [CorrelationSums::default(); 3]);
     for (scene, clean) in pictures.iter().enumerate() {
         let mut takes = Vec::new();
-        for take in 0..TAKES {
-            let key = FIRST_KEY + scene as u64 * TAKES + take;
+        for take in 0..NOISE_REALISATIONS {
+            let key = FIRST_NOISE_KEY + scene as u64 * NOISE_REALISATIONS + take;
             takes.push(through_file(simulation.sensor.sense(clean, width, key, simulation.threads))?);
         }
         let n = takes.len() as f64;
@@ -95,7 +96,7 @@ pub(super) fn noise_through_file<E>(
         for take in &takes {
             let off = |i: usize| value(take, i) - mean[i];
             for i in (0..clean.len()).step_by(3) {
-                // Clipped values are not really quiet.
+                // Clipping hides the noise of these values.
                 if (i..i + 3).any(|i| !(12.0..=243.0).contains(&mean[i])) {
                     continue;
                 }
@@ -115,9 +116,9 @@ pub(super) fn noise_through_file<E>(
             }
         }
     }
-    let before_rounding = |variance: f64| (variance - ROUNDING).max(0.0).sqrt();
+    let before_rounding = |variance: f64| (variance - ROUNDING_VARIANCE).max(0.0).sqrt();
     let measured = |channel: &[(f64, f64, f64); 16]| {
-        let full = channel.iter().filter(|bin| bin.0 >= LEAST_VALUES);
+        let full = channel.iter().filter(|bin| bin.0 >= MIN_VALUES);
         let list: Vec<_> =
             full.map(|bin| NoiseBin { code: bin.1 / bin.0, sigma: before_rounding(bin.2 / bin.0) }).collect();
         if list.is_empty() { vec![NoiseBin { code: 128.0, sigma: 0.0 }] } else { list }
@@ -130,7 +131,8 @@ pub(super) fn noise_through_file<E>(
     })
 }
 
-/// σ at the centres of the sixteen bins: linear between the measured values, constant beyond.
+/// σ at the centres of the sixteen bins: interpolated linearly between measured values, constant
+/// beyond.
 fn resampled(measured: &[NoiseBin]) -> Vec<NoiseBin> {
     let sigma = |code: f64| {
         let after = measured.partition_point(|bin| bin.code <= code);
@@ -148,10 +150,10 @@ mod tests {
     use super::super::site::Detail;
     use super::*;
 
-    /// A lossless file must give back the sensor's own table: 3·12·30,000 values in three pictures determine a bin's σ
-    /// to 1 %, a correlation to 0.01.
+    /// A lossless file must reproduce the sensor's own table: 3·12·30,000 values in three pictures
+    /// determine a bin's σ to 1 %, a correlation to 0.01.
     #[test]
-    fn a_lossless_file_leaves_the_noise_as_it_was() {
+    fn lossless_encoding_preserves_the_noise_profile() {
         let options = Options { width_px: 320, height_px: 240, focal_px: 20.0, k1: 0.0, ..Options::default() };
         let simulation = Simulation::with_detail(&options, Detail::for_focal_px(20.0), 2).unwrap();
         let picture = |first: f32| (0..3 * 320 * 240).map(|i| first + (i / 9600) as f32 * 3.0).collect::<Vec<_>>();
@@ -164,11 +166,11 @@ mod tests {
             }
         }
         // Rounding is independent and lowers a correlation by up to 1/12 over 6.
-        for (found, told) in noise.channel_correlation.iter().zip([0.45; 3]) {
-            assert!((found - told).abs() < 0.03, "{found}");
+        for (found, with_final_path) in noise.channel_correlation.iter().zip([0.45; 3]) {
+            assert!((found - with_final_path).abs() < 0.03, "{found}");
         }
-        for (found, told) in noise.neighbour_correlation.iter().zip([0.6; 2]) {
-            assert!((found - told).abs() < 0.03, "{found}");
+        for (found, with_final_path) in noise.neighbour_correlation.iter().zip([0.6; 2]) {
+            assert!((found - with_final_path).abs() < 0.03, "{found}");
         }
     }
 }

@@ -1,10 +1,11 @@
-//! Random numbers of a picture's pixels that are alike where they are near, and means around pixels.
+//! Spatially correlated noise, and Gaussian-weighted local means.
 
 use super::random::Random;
 
-/// Normal numbers of mean 0 and variance 1, one for each pixel, row by row: white ones under a Gaussian of `sigma_px`, with weights
-/// whose squares sum to 1. Two that are d px apart along an axis correlate by exp(−d² / 4σ²): a Gaussian with itself.
-pub fn grain(keys: [u64; 3], width: usize, height: usize, sigma_px: f64) -> Vec<f64> {
+/// Standard normal numbers, one per pixel, row by row: white noise filtered with a Gaussian of
+/// `sigma_px`, whose squared weights sum to 1. Two numbers d px apart along an axis correlate by
+/// exp(−d² / 4σ²), the autocorrelation of the Gaussian.
+pub fn correlated_noise(keys: [u64; 3], width: usize, height: usize, sigma_px: f64) -> Vec<f64> {
     let weights = weights(sigma_px);
     let across = width + weights.len() - 1;
     let down = height + weights.len() - 1;
@@ -17,8 +18,9 @@ pub fn grain(keys: [u64; 3], width: usize, height: usize, sigma_px: f64) -> Vec<
     (0..width * height).map(|i| sum(&rows, i, width)).collect()
 }
 
-/// The mean around each pixel of what is known, under a Gaussian of `sigma_px`; unknown stays unknown.
-pub fn around(values: &[Option<f64>], width: usize, sigma_px: f64) -> Vec<Option<f64>> {
+/// Local mean of the valid values around each pixel, under a Gaussian of `sigma_px`; `None` stays
+/// `None`.
+pub fn gaussian_mean(values: &[Option<f64>], width: usize, sigma_px: f64) -> Vec<Option<f64>> {
     let weights = weights(sigma_px);
     let reach = weights.len() / 2;
     // Sums of weights · values and of weights, along rows, then along columns.
@@ -39,10 +41,10 @@ pub fn around(values: &[Option<f64>], width: usize, sigma_px: f64) -> Vec<Option
     (0..values.len()).map(mean).collect()
 }
 
-/// Of a Gaussian out to 3σ.
+/// Gaussian weights up to 3σ.
 fn weights(sigma_px: f64) -> Vec<f64> {
     let reach = (3.0 * sigma_px).ceil() as i64;
-    // No pixel but its own is nearer than σ = 0 reaches.
+    // At σ = 0 the kernel is the pixel itself.
     let weight = |k: i64| if k == 0 { 1.0 } else { (-0.5 * (k as f64 / sigma_px).powi(2)).exp() };
     let weights: Vec<f64> = (-reach..=reach).map(weight).collect();
     let whole = weights.iter().map(|weight| weight * weight).sum::<f64>().sqrt();
@@ -54,22 +56,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn neighbours_are_as_alike_as_said() {
+    fn noise_has_the_documented_autocorrelation() {
         let (width, height) = (300, 200);
         for sigma in [0.0, 0.4, 1.8] {
-            let values = grain([3, 1, 4], width, height, sigma);
+            let values = correlated_noise([3, 1, 4], width, height, sigma);
             let mean = |of: &dyn Fn(usize) -> f64, step: usize| {
                 let places: Vec<usize> = (0..width * (height - 10)).filter(|i| i % width + step < width).collect();
                 places.iter().map(|i| of(*i)).sum::<f64>() / places.len() as f64
             };
             assert!(mean(&|i| values[i], 0).abs() < 0.08);
-            // Some 57 000 numbers, of which 40 hang together at σ = 1.8: five standard errors are 0.13.
+            // About 57 000 numbers, correlated over 40 at σ = 1.8: five standard errors are 0.13.
             assert!((mean(&|i| values[i] * values[i], 0) - 1.0).abs() < 0.13, "{sigma}");
             for apart in [1, 2, 4] {
                 let expected = if sigma == 0.0 { 0.0 } else { (-0.25 * (apart as f64 / sigma).powi(2)).exp() };
                 let beside = mean(&|i| values[i] * values[i + apart], apart);
                 let below = mean(&|i| values[i] * values[i + apart * width], 0);
-                // A short Gaussian at whole pixels is not quite one.
+                // A narrow Gaussian sampled at whole pixels deviates from the formula.
                 assert!(
                     (beside - expected).abs() < 0.13 && (below - expected).abs() < 0.13,
                     "{sigma} {apart} {beside}"
@@ -77,11 +79,11 @@ mod tests {
             }
         }
         assert_eq!(weights(0.0), [1.0]);
-        assert!(grain([3, 1, 5], 4, 4, 1.0) != grain([3, 1, 4], 4, 4, 1.0), "keys count");
+        assert!(correlated_noise([3, 1, 5], 4, 4, 1.0) != correlated_noise([3, 1, 4], 4, 4, 1.0), "keys count");
     }
 
     #[test]
-    fn a_mean_is_of_what_is_known_around() {
+    fn gaussian_mean_ignores_invalid_values() {
         let width = 20;
         let stripe: Vec<Option<f64>> = (0..width * 12)
             .map(|i| match i % width {
@@ -90,16 +92,18 @@ mod tests {
                 _ => Some(0.0),
             })
             .collect();
-        assert_eq!(around(&stripe, width, 0.0), stripe);
-        let mean = around(&stripe, width, 1.5);
+        assert_eq!(gaussian_mean(&stripe, width, 0.0), stripe);
+        let mean = gaussian_mean(&stripe, width, 1.5);
         assert!((0..mean.len()).all(|i| mean[i].is_some() == (i % width < 15)));
-        // A column under a Gaussian: its highest is 1 / (σ √2π) = 0.266, one beside it is by exp(−1 / 2σ²) less.
+        // A column under a Gaussian: its maximum is 1 / (σ √2π) = 0.266, its neighbour smaller by
+        // exp(−1 / 2σ²).
         for row in [0, 6, 11] {
             let at = |x: usize| mean[row * width + x].unwrap();
             assert!((at(10) - 0.266).abs() < 0.004, "{}", at(10));
             assert!((at(9) / at(10) - 0.801).abs() < 0.004);
         }
-        // 3 px from the unknown, of the weights 1 − Q(2.5 / 1.5) = 0.952 are left; 2 px from the stripe the Gaussian is 0.411.
+        // 3 px from the invalid values, 1 − Q(2.5 / 1.5) = 0.952 of the weights remain; 2 px from
+        // the stripe the Gaussian is 0.411.
         assert!((mean[6 * width + 12].unwrap() / (0.266 * 0.411) - 1.0 / 0.952).abs() < 0.03);
         assert_eq!(mean[6 * width].unwrap(), 0.0);
     }

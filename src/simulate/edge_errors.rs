@@ -1,54 +1,56 @@
-//! Which pixel's surface a pixel of a depth map shows: a sensor compares patches, so things' edges are torn, and near things, whose
-//! patches stand out more, are wider than in the picture. What lies within one surface stays where it is.
+//! Edge errors of depth maps. A sensor matches patches, so depth edges are displaced irregularly,
+//! and near objects, whose patches have more contrast, are dilated. Interiors of surfaces are
+//! unaffected.
 
-use super::returned::Returned;
+use super::sensor_return::SensorReturn;
 
-/// The map before its noise, row by row.
-pub struct Map<'a> {
+/// Depth map before its noise, row by row.
+pub struct DepthMapView<'a> {
     pub width: usize,
     /// m; 0 for none.
     pub depth_m: &'a [f32],
-    pub returned: &'a [Returned],
+    pub sensor_return: &'a [SensorReturn],
     pub has_depth: &'a [bool],
 }
 
-impl Map<'_> {
+impl DepthMapView<'_> {
     fn height(&self) -> usize {
         self.depth_m.len() / self.width.max(1)
     }
 
-    fn is_alike(&self, a: usize, b: usize) -> bool {
-        self.returned[a].surface == self.returned[b].surface && self.has_depth[a] == self.has_depth[b]
+    fn is_same_surface(&self, a: usize, b: usize) -> bool {
+        self.sensor_return[a].surface == self.sensor_return[b].surface && self.has_depth[a] == self.has_depth[b]
     }
 
-    /// The pixel so far from another, at the map's rim the last one.
-    fn beside(&self, i: usize, way_px: [f64; 2]) -> usize {
+    /// Index of the pixel at an offset, clamped to the map.
+    fn pixel_at_offset(&self, i: usize, way_px: [f64; 2]) -> usize {
         let along = |at: usize, way_px: f64, count: usize| {
             (at as f64 + way_px.round()).clamp(0.0, count.saturating_sub(1) as f64) as usize
         };
         along(i / self.width, way_px[1], self.height()) * self.width + along(i % self.width, way_px[0], self.width)
     }
 
-    /// Whose depth pixel `i` shows, where edges there are torn by `way_px` (x, y) and near things are wider by so many pixels.
-    pub fn shown(&self, i: usize, way_px: [f64; 2], wider_px: f64) -> usize {
-        let torn = self.beside(i, way_px);
-        let reach = wider_px.floor() as usize;
-        let (x, y) = (torn % self.width, torn / self.width);
-        let mut shown = torn;
+    /// Index of the pixel whose depth pixel `i` shows, where edges are displaced by `way_px` (x, y)
+    /// and near objects dilated by `dilation_px`.
+    pub fn source_pixel(&self, i: usize, way_px: [f64; 2], dilation_px: f64) -> usize {
+        let jittered = self.pixel_at_offset(i, way_px);
+        let reach = dilation_px.floor() as usize;
+        let (x, y) = (jittered % self.width, jittered / self.width);
+        let mut shown = jittered;
         for other_y in y.saturating_sub(reach)..=(y + reach).min(self.height() - 1) {
             for other_x in x.saturating_sub(reach)..=(x + reach).min(self.width - 1) {
                 let other = other_y * self.width + other_x;
                 let apart = (other_x.abs_diff(x).pow(2) + other_y.abs_diff(y).pow(2)) as f64;
                 let is_nearer = self.has_depth[other] && self.depth_m[other] < self.depth_m[shown];
                 if is_nearer
-                    && apart <= wider_px * wider_px
-                    && self.returned[other].surface != self.returned[torn].surface
+                    && apart <= dilation_px * dilation_px
+                    && self.sensor_return[other].surface != self.sensor_return[jittered].surface
                 {
                     shown = other;
                 }
             }
         }
-        if self.is_alike(i, shown) { i } else { shown }
+        if self.is_same_surface(i, shown) { i } else { shown }
     }
 }
 
@@ -56,22 +58,23 @@ impl Map<'_> {
 mod tests {
     use super::*;
 
-    /// A thing 1 m away in the columns from 20 on, the wall 2 m away, and right before the thing a shade of 4 columns.
-    fn with_map(see: impl Fn(&Map)) {
+    /// An object 1 m away in columns from 20 on, a wall 2 m away, and a shadow of 4 columns
+    /// directly before the object.
+    fn with_map(see: impl Fn(&DepthMapView)) {
         let (width, height) = (40, 30);
         let of = |i: usize| i % width;
         let depth_m: Vec<f32> = (0..width * height).map(|i| if of(i) < 20 { 2.0 } else { 1.0 }).collect();
-        let returned: Vec<Returned> = (0..width * height)
-            .map(|i| Returned { surface: if of(i) < 20 { 1 } else { 2 }, light_per_m2: Some(1.0) })
+        let sensor_return: Vec<SensorReturn> = (0..width * height)
+            .map(|i| SensorReturn { surface: if of(i) < 20 { 1 } else { 2 }, light_per_m2: Some(1.0) })
             .collect();
         let has_depth: Vec<bool> = (0..width * height).map(|i| !(16..20).contains(&of(i))).collect();
-        see(&Map { width, depth_m: &depth_m, returned: &returned, has_depth: &has_depth });
+        see(&DepthMapView { width, depth_m: &depth_m, sensor_return: &sensor_return, has_depth: &has_depth });
     }
 
-    /// Row 10's columns by what they show: w(all), t(hing), and a dot for none.
-    fn row(map: &Map, way_px: [f64; 2], wider_px: f64) -> String {
+    /// Sources of row 10's columns: w(all), t(arget), and a dot for none.
+    fn row(map: &DepthMapView, way_px: [f64; 2], dilation_px: f64) -> String {
         let letter = |x: usize| {
-            let shown = map.shown(10 * map.width + x, way_px, wider_px);
+            let shown = map.source_pixel(10 * map.width + x, way_px, dilation_px);
             match (map.has_depth[shown], map.depth_m[shown] > 1.5) {
                 (false, _) => '.',
                 (true, true) => 'w',
@@ -82,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn edges_go_where_they_are_torn_and_near_things_into_the_shade() {
+    fn edges_are_jittered_and_near_objects_dilated_into_the_shadow() {
         with_map(|map| {
             assert_eq!(row(map, [0.0; 2], 0.0), "wwww....tttt");
             assert_eq!(row(map, [2.0, 0.0], 0.0), "ww....tttttt");
@@ -95,10 +98,10 @@ mod tests {
     }
 
     #[test]
-    fn within_a_surface_and_at_the_rim_nothing_is_amiss() {
+    fn interiors_and_map_borders_are_unchanged() {
         with_map(|map| {
             for i in [0, 39, 29 * 40, 29 * 40 + 39, 15 * 40 + 30] {
-                assert_eq!(map.shown(i, [-3.0, 3.0], 2.0), i);
+                assert_eq!(map.source_pixel(i, [-3.0, 3.0], 2.0), i);
             }
         });
     }
