@@ -13,7 +13,7 @@ pub fn gltf(bytes: &[u8]) {
     match scene::load(&path, None) {
         Ok(scene) => drop(scene::describe(&scene).to_string()),
         // A panic that the loader caught is still a mistake of ours.
-        Err(SceneError::Inside { message, .. }) => panic!("caught inside: {message}"),
+        Err(SceneError::DecoderPanic { message, .. }) => panic!("caught inside: {message}"),
         Err(error) => drop(error.to_string()),
     }
 }

@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 
 use super::inputs::hex;
 use super::light::{HEIGHT, LampEstimate, RoomLight, WIDTH};
-use crate::scene::{self, EnvironmentMap, Lighting, PointLight, upright};
+use crate::scene::{self, EnvironmentMap, Lighting, PointLight, world_from_panorama};
 use crate::text::fixed;
 
 /// `[light]`. Linear light, red, green and blue: 1 is white matt that shows as the camera's white.
@@ -119,7 +119,7 @@ impl LightFindings {
     /// With its panorama. `None` where nothing is known, or nothing that makes sense.
     pub fn lighting(&self, around: &Environment) -> Option<Lighting> {
         let up = DVec3::from(self.up?).try_normalize()?;
-        let map_from_world = upright(up).conjugate().as_quat().normalize();
+        let map_from_world = world_from_panorama(up).conjugate().as_quat().normalize();
         let point = |lamp: &LampEstimate| PointLight {
             position_in_world_m: lamp.at_m.into(),
             color: Vec3::from_array(lamp.shown_at_1_m.map(|v| v.max(0.0) as f32)),
@@ -200,7 +200,7 @@ impl Environment {
         let pixels: Vec<_> = rgb.iter().map(|light| image::Rgb(*light)).collect();
         let mut hdr = Vec::new();
         HdrEncoder::new(&mut hdr).encode(&pixels, WIDTH, HEIGHT).ok()?;
-        let (width, height, rgb) = scene::panorama_of(&hdr).ok()?;
+        let (width, height, rgb) = scene::decode_panorama(&hdr).ok()?;
         Some(Self { width, height, rgb: Arc::new(rgb), hdr: hdr.into() })
     }
 
@@ -214,7 +214,7 @@ impl Environment {
         /// Larger is none of ours, bytes.
         const MOST: u64 = 1 << 22;
         let hdr = crate::source::file::read(file, MOST).map_err(|error| crate::text::reason(&error))?;
-        let (width, height, rgb) = scene::panorama_of(&hdr)?;
+        let (width, height, rgb) = scene::decode_panorama(&hdr)?;
         let read = Self { width, height, rgb: Arc::new(rgb), hdr: hdr.into() };
         if fingerprint != read.fingerprint() {
             return Err("it is not the panorama that was found: analyse the recording again, or give a scene its own \

@@ -18,13 +18,13 @@ use crate::effects::Moment;
 use crate::gpu::{Recorder, Texture, half_texels};
 use crate::pixels::Rect;
 use crate::pose::Pose;
-use crate::render::{COLOR, Placed, grid_depth, real_depth};
+use crate::render::{COLOR, GridPlacement, grid_depth, real_depth};
 
 /// The real scene's depth (metres, 0 unknown), over the drawn rectangle where nothing else is said.
 #[derive(Debug, Default)]
 pub struct Hidden {
     /// Hides objects as they are drawn, and where its pixels lie if they are not the picture's.
-    pub first: Option<(Texture, Option<Placed>)>,
+    pub first: Option<(Texture, Option<GridPlacement>)>,
     /// After how many of the active effects objects are cut off as well, and by what.
     pub then: Option<(usize, Before)>,
     /// The depth itself, of everything that is known, and its rectangle: around what is drawn and what is shaded. `None` where

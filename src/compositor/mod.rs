@@ -132,12 +132,12 @@ impl Compositor {
     pub fn set_scene(&mut self, scene: Scene) {
         // Charts that are known hold for the same things in the same light.
         let before = self.renderer.scene();
-        if !before.is_made_of_the_same(&scene) {
+        if !before.has_same_resources(&scene) {
             self.shadows = Shadows::new(&scene);
             self.lightmaps = Lightmaps::new(&scene);
         } else if before.lighting != scene.lighting {
-            self.shadows.light_by(&scene);
-            self.lightmaps.light_by(&scene);
+            self.shadows.set_lightmaps(&scene);
+            self.lightmaps.set_lightmaps(&scene);
         }
         self.renderer.set_scene(&self.recorder.gpu, scene);
     }
@@ -229,9 +229,9 @@ impl Compositor {
             shutter: sight.shutter,
             depths_m: sight.footprint.depths_m,
             rect: places.drawn,
-            occlusion: hidden.first.as_ref().map(|(depth, on_grid)| Occlusion {
+            occlusion: hidden.first.as_ref().map(|(depth, grid_placement)| Occlusion {
                 depth,
-                on_grid: *on_grid,
+                grid_placement: *grid_placement,
                 tolerance_m,
                 moments: job.real.moments(),
             }),
@@ -357,7 +357,7 @@ impl Compositor {
     fn shaded(&mut self, settings: &Shade, may_be_rough: bool) -> (Vec<ShadowMap>, bool) {
         let (gpu, strength) = (&self.recorder.gpu, settings.strength);
         if !settings.cast || strength <= 0.0 {
-            self.renderer.light_by(gpu, &[], strength);
+            self.renderer.set_lightmaps(gpu, &[], strength);
             return (Vec::new(), false);
         }
         let (shadow_maps, mut is_rough) = match may_be_rough {
@@ -380,7 +380,7 @@ impl Compositor {
                 self.lightmaps.of(self.renderer.scene(), self.renderer.unwrapped(), &below, &dimmed)
             }
         };
-        self.renderer.light_by(gpu, &lightmaps, strength);
+        self.renderer.set_lightmaps(gpu, &lightmaps, strength);
         (shadow_maps, is_rough)
     }
 

@@ -1,4 +1,4 @@
-//! A recording whose frames are still to come.
+//! Recordings of a live camera, whose frames are still to come.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,8 +14,8 @@ use crate::source::presentation::Presentation;
 use crate::tracking::PoseTrack;
 
 impl Recording {
-    /// A recording of our own format without a frame, for what has to be known before the first one comes: camera,
-    /// scene and settings are put to it. 8 bits; frames and poses are the caller's.
+    /// A recording of a live camera before its first frame, to which profile, scene and settings
+    /// can already be applied. It has 8 bits; frames and poses are supplied by the caller.
     pub fn arriving(name: &str, width: u32, height: u32, interval_s: f64, up: Option<DVec3>) -> Self {
         Self {
             name: name.to_owned(),
@@ -51,12 +51,12 @@ impl Recording {
         }
     }
 
-    /// Whether its frames come from a camera, and none can be read again.
+    /// True if the frames come from a live camera, so that none can be read again.
     pub fn is_arriving(&self) -> bool {
         matches!(&*self.pictures, Pictures::Stills(files) if files.is_empty())
     }
 
-    /// Takes the camera that frames are expected to be of, and how they are expected to be exposed, before the first one comes.
+    /// Sets the expected camera and exposure before the first frame.
     pub fn expect(&mut self, FrameCamera { geometry, lens }: &FrameCamera) {
         if geometry.is_some() {
             self.geometries = [geometry.clone()].into();
@@ -66,10 +66,11 @@ impl Recording {
         }
     }
 
-    /// Takes the number, time and camera of the frame that came last, with the poses that are known now. Frames are numbered
-    /// from 0; one that comes again begins anew. Of a camera that is not known, the one before it stays.
+    /// Sets the number, time and camera of the newest frame, and the poses known so far. Frames are
+    /// numbered from 0; a number that is not larger restarts. Without a camera, the previous one
+    /// stays.
     pub fn arrive(&mut self, frame: usize, timestamp_s: f64, track: PoseTrack, camera: Option<Geometry>) {
-        // Frames may have been left out by whoever looks.
+        // The consumer may have skipped frames.
         let mut timestamps_s = self.timestamps_s[..frame.min(self.timestamps_s.len())].to_vec();
         timestamps_s.resize(frame + 1, timestamp_s);
         (self.timestamps_s, self.track) = (timestamps_s.into(), track);

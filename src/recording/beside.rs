@@ -1,7 +1,8 @@
-//! Frames in order, each with what its neighbours saw: a depth map alone is torn at its edges, several agree.
+//! Frames in order, each with the depth of its neighbours: a single depth map has irregular edges,
+//! the consensus of several does not.
 //!
-//! What a frame comes with depends on the recording alone, not on the range in which it is read. A frame that cannot be
-//! read ends the stream where it is wanted itself; as a neighbour it is left out.
+//! A frame's neighbours depend on the recording alone, not on the range in which it is read. An
+//! unreadable frame ends the stream if it was requested; as a neighbour it is skipped.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -10,16 +11,17 @@ use std::sync::Arc;
 use super::{Frames, Recording, RecordingError};
 use crate::frame::{Beside, Frame};
 
-/// So many frames before and after a frame are looked at.
+/// Number of neighbours before and after a frame.
 pub const EACH_WAY: usize = 3;
 
-/// The frames of a range, in order, with their neighbours, as returned by [`Recording::frames_beside`].
+/// The frames of a range, in order, with their neighbours, as returned by
+/// [`Recording::frames_beside`].
 #[derive(Debug)]
 pub struct FramesBeside {
     recording: Recording,
-    /// What is still to be given.
+    /// Frames to return.
     range: Range<usize>,
-    /// What is still to be read.
+    /// Frames to read, neighbours included.
     reading: Range<usize>,
     frames: Frames,
     ready: VecDeque<Result<Frame, RecordingError>>,
@@ -27,13 +29,13 @@ pub struct FramesBeside {
 }
 
 impl Recording {
-    /// Like [`Recording::frames`]; each frame with depth comes with that of its neighbours.
+    /// Like [`Recording::frames`], with the depth of the neighbours for each frame that has depth.
     pub fn frames_beside(&self, range: Range<usize>) -> Result<FramesBeside, RecordingError> {
         let reading = match self.has_depth() && !range.is_empty() {
             true => range.start.saturating_sub(EACH_WAY)..range.end.saturating_add(EACH_WAY).min(self.frame_count()),
             false => range.clone(),
         };
-        // What is wrong with the range itself is told of the range.
+        // Errors of the range refer to the requested range.
         let frames = self.frames(if range.end > self.frame_count() { range.clone() } else { reading.clone() })?;
         let (ready, seen) = (VecDeque::new(), VecDeque::new());
         Ok(FramesBeside { recording: self.clone(), range, reading, frames, ready, seen })
@@ -66,7 +68,7 @@ impl FramesBeside {
         }
     }
 
-    /// Begins anew after a frame that could not be read.
+    /// Restarts decoding after an unreadable frame.
     fn go_on(&mut self) {
         match self.recording.frames(self.reading.clone()) {
             Ok(frames) => self.frames = frames,

@@ -1,4 +1,4 @@
-//! A depth camera of its own, as `recording.toml` describes it: a file with its table `[camera]`, and where it stands.
+//! A separate depth camera in `recording.toml`: a file with the table `[camera]`, and its pose.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use crate::text::quoted;
 use crate::tracking::records;
 use crate::tracking::tum::unit_quaternion;
 
-/// Where a thing stands in other axes.
+/// Pose of a sensor in other axes.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Placement {
@@ -25,7 +25,7 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// Takes points from the thing's axes to the others.
+    /// Transform from the sensor's axes to the others.
     pub fn pose(&self) -> Result<Pose, String> {
         let at_m = DVec3::from_array(self.position_m);
         if !at_m.is_finite() {
@@ -37,11 +37,11 @@ impl Placement {
     }
 }
 
-/// What a camera cannot do without.
+/// Required keys.
 const WHOLE: [&str; 6] = ["width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px"];
 
-/// The geometry in a file's table `[camera]`, with `[camera.distortion]` if it has one. Its other tables are a profile's,
-/// and are not looked at.
+/// The geometry in a file's table `[camera]`, with `[camera.distortion]` if there is one. Other
+/// tables belong to a profile and are ignored.
 pub fn read(file: &Path) -> Result<Geometry, RecordingError> {
     parse(&records::read_description(file)?).map_err(|problem| RecordingError::content(file, problem))
 }
@@ -114,7 +114,7 @@ mod tests {
 
     #[test]
     fn a_placement_takes_points_along() {
-        // 0.1 m to the right, turned by 90° about z: its x is the others' y.
+        // 0.1 m to the right, rotated by 90° about z: its x is the others' y.
         let half = 0.5f64.sqrt();
         let placed = Placement { position_m: [0.1, 0.0, 0.0], quaternion: [0.0, 0.0, half, half] }.pose().unwrap();
         assert!((placed.transform_point(DVec3::new(2.0, 0.0, 1.0)) - DVec3::new(0.1, 2.0, 1.0)).length() < 1e-12);

@@ -1,4 +1,4 @@
-//! A list of cameras by time: what a tracking system said of the lens in each frame's moment.
+//! A list of cameras by time: each frame's lens as reported by a tracking system.
 
 use std::path::Path;
 
@@ -12,21 +12,21 @@ use crate::tracking::records::{self, TextError};
 use super::frame_camera::FrameCamera;
 use super::parts::geometry_from;
 
-/// The columns of a geometry, as a profile names them.
+/// The columns of a geometry, named as in a profile.
 const GEOMETRY: [&str; 12] =
     ["width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px", "film_width_mm", "k1", "k2", "p1", "p2", "k3"];
 /// The columns of the lens.
 const LENS: [&str; 4] = ["f_number", "focus_distance_m", "exposure_s", "iso"];
-/// What is not known.
+/// Placeholder of an unknown value.
 const UNKNOWN: &str = "-";
 
-/// Whether the list can say a geometry.
+/// True if the list can represent a geometry.
 pub fn can_say(geometry: &Geometry) -> bool {
     geometry.distortion.model == LensModel::Opencv && geometry.distortion.k4 == 0.0
 }
 
-/// Cameras by time as text, which [`parse_cameras`] reads back bit for bit, but for a readout time. A geometry that the list
-/// [cannot say](can_say) is left out.
+/// Cameras by time as text. [`parse_cameras`] reads them back bit for bit, except for the readout
+/// time. Geometries that are not [representable](can_say) are left out.
 pub fn write_cameras<'a>(entries: impl IntoIterator<Item = (f64, &'a FrameCamera)>) -> String {
     let head = format!("# timestamp {} {}\n", GEOMETRY.join(" "), LENS.join(" "));
     entries.into_iter().fold(head, |text, (time_s, FrameCamera { geometry, lens })| {
@@ -45,12 +45,12 @@ pub fn write_cameras<'a>(entries: impl IntoIterator<Item = (f64, &'a FrameCamera
     })
 }
 
-/// Reads a list of cameras: `timestamp`, the geometry's twelve numbers, or twelve times `-`, and the lens's four, each of
-/// which may be `-`. Times ascend.
+/// Parses a list of cameras: `timestamp`, the geometry's twelve numbers, or twelve times `-`, and
+/// the lens's four, each of which may be `-`. Times ascend.
 pub fn parse_cameras(text: &str, list: &Path) -> Result<Vec<(f64, FrameCamera)>, TextError> {
     super::listing::by_time(text, list, |mut rest| {
         let mut value = |name: &str| match rest.trim_start().strip_prefix(UNKNOWN) {
-            // Else it is the sign of a number.
+            // Otherwise it is a minus sign.
             Some(after) if after.is_empty() || after.starts_with(char::is_whitespace) => {
                 rest = after;
                 Ok(None)
@@ -76,7 +76,7 @@ pub fn parse_cameras(text: &str, list: &Path) -> Result<Vec<(f64, FrameCamera)>,
     })
 }
 
-/// The lens's numbers in the ranges of a profile.
+/// The lens's numbers, checked against the ranges of a profile.
 fn checked([f_number, focus_distance_m, exposure_s, iso]: [Option<f64>; 4]) -> Result<FrameLens, String> {
     let (mut lens, mut exposure) = (Lens::default(), CameraExposure::default());
     let set = |table: &mut dyn Params, name: &str, value: Option<f64>| {

@@ -22,7 +22,7 @@ use crate::tracking::tum::{PoseNotes, unit_quaternion};
 const MODELS: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV (with k4 = k5 = k6 = 0), \
                       SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE";
 
-/// The way out for every other model.
+/// Advice for unsupported models.
 const UNDISTORT: &str = "make pictures without distortion: colmap image_undistorter --image_path IMAGES --input_path \
                          sparse/0 --output_path NEW, then colmap model_converter --input_path NEW/sparse --output_path \
                          NEW/sparse --output_type TXT";
@@ -30,7 +30,7 @@ const UNDISTORT: &str = "make pictures without distortion: colmap image_undistor
 const CAMERAS: &str = "cameras.txt";
 const IMAGES: &str = "images.txt";
 
-/// Where in a folder a model may be.
+/// Locations of a model in a folder.
 pub const MODELS_AT: [&str; 4] = ["", "colmap", "sparse/0", "sparse"];
 
 pub static FORMAT: Format = Format {
@@ -55,8 +55,8 @@ struct Image {
     line: usize,
 }
 
-/// Opens the model in the folder `model`. `path` is what the user named: that folder, one around it, or one of its
-/// files.
+/// Opens the model in the folder `model`. `path` is the user's argument: that folder, a parent, or
+/// one of its files.
 fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let path = if path.is_dir() { path } else { model };
     let cameras_file = model.join(CAMERAS);
@@ -86,7 +86,7 @@ fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, Recor
     }
     let files = names.iter().map(|name| folder.join(name)).collect();
     let mut parts = Parts::new(path, Pictures::Stills(files), timestamps_s);
-    // An image that was not registered has no pose: its neighbours do not determine it.
+    // An unregistered image has no pose; its neighbours do not determine it.
     parts.track = track_from(poses, options.max_gap_s.or(Some(1.5 / NOMINAL_FPS)), &images_file)?;
     parts.geometries = geometries;
     parts.landmarks = landmarks;
@@ -136,7 +136,7 @@ fn parse_camera(mut record: &str) -> Result<(u32, Geometry), String> {
     geometry_from(lens, &values).map(|geometry| (id, geometry)).map_err(|e| e.to_string())
 }
 
-/// A camera model's parameters in COLMAP's order, by our names. `f` is both focal lengths.
+/// A camera model's parameters in COLMAP's order, with Locard's names. `f` sets both focal lengths.
 fn camera_parameters(model: &str) -> Option<&'static [&'static str]> {
     Some(match model {
         "SIMPLE_PINHOLE" => &["f", "cx_px", "cy_px"],
@@ -152,7 +152,7 @@ fn camera_parameters(model: &str) -> Option<&'static [&'static str]> {
     })
 }
 
-/// Two lines per image: the pose, then the points seen in it, of which there may be none.
+/// Two lines per image: the pose, then the observed points, of which there may be none.
 fn parse_images(text: &str, file: &Path, metres_per_unit: f64) -> Result<(Vec<Image>, Vec<String>), TextError> {
     let (mut images, mut names, mut odd) = (Vec::new(), BTreeSet::new(), PoseNotes::default());
     let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
@@ -192,13 +192,13 @@ fn parse_image(record: &str, line: usize, metres_per_unit: f64) -> Result<(Image
     Ok((Image { name, camera, camera_from_world, landmarks: Vec::new(), line }, norm_error))
 }
 
-/// Points of the model that an image shows. Those that belong to none have the number −1.
+/// Landmarks observed in an image. Points without a landmark have the number −1.
 fn landmarks(points: &str) -> Option<Vec<Landmark>> {
     let mut words = points.split_whitespace();
     let mut landmarks = Vec::new();
     while let Some(x) = words.next() {
         let (y, number) = (words.next()?, words.next()?);
-        // What is no place is left out.
+        // Invalid coordinates are skipped.
         if let (Ok(x), Ok(y), Ok(number)) = (x.parse(), y.parse(), number.parse()) {
             landmarks.push(Landmark { number, at_px: [x, y] });
         }
@@ -229,8 +229,8 @@ fn image_folder(model: &Path, path: &Path, images: &[Image]) -> Result<PathBuf, 
     })
 }
 
-/// The frames: the model's images and the others in the same folders, which have no pose, in the order of their names. And
-/// the pictures there that are not decoded.
+/// The frames: the model's images and further ones in the same folders, which have no pose, in the
+/// order of their names. Also returns the pictures there that cannot be decoded.
 fn frame_names(
     folder: &Path,
     registered: &BTreeMap<&str, &Image>,
@@ -243,7 +243,7 @@ fn frame_names(
             let name = file.file_name().map(|name| inner.join(name).to_string_lossy().into_owned());
             names.extend(name);
         }
-        // One of the model is a frame that cannot be read.
+        // An undecodable image of the model remains a frame and causes an error.
         let is_registered = |file: &PathBuf| names.iter().any(|name| folder.join(name) == *file);
         unread.extend(unsupported::in_folder(&folder.join(inner)).into_iter().filter(|file| !is_registered(file)));
     }

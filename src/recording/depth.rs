@@ -1,4 +1,4 @@
-//! The depth pictures of a recording: which one belongs to a frame, and how it becomes a map of the frame's picture.
+//! Depth pictures of a recording: association with frames, and registration to their picture.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -14,22 +14,24 @@ use crate::source::depth_map::{self, Header};
 use crate::source::still;
 use crate::text::count;
 
-/// How depth pictures are stored, and what they see.
+/// Encoding of depth pictures, and their view.
 #[derive(Debug)]
 pub struct Stored {
     pub codes_per_metre: f64,
-    /// The codes from here on say, like 0, that nothing was measured.
+    /// Smallest code that marks an unmeasured pixel, in addition to 0.
     pub unknown_from: Option<u16>,
-    /// The folder of pictures of the same names that say how sure each depth is: at 0 it counts as not measured.
+    /// Folder of confidence pictures with the same names: pixels with confidence 0 count as not
+    /// measured.
     pub confidence_in: Option<PathBuf>,
-    /// The camera that measured them. `None`: they show the frames' own view, in whatever size.
+    /// The depth camera. `None`: the depth has the frames' view, at any size.
     pub camera: Option<DepthCamera>,
-    /// If `codes_per_metre` is the format's usual one and not the recording's: how the recording gives metres.
+    /// Key or file by which the recording can specify the unit, if `codes_per_metre` is the
+    /// format's default.
     pub metres_by: Option<&'static str>,
 }
 
 impl Stored {
-    /// Registered to the frames, every code a depth but 0.
+    /// Registered to the frames; only code 0 is invalid.
     pub fn plain(codes_per_metre: f64) -> Self {
         Self { codes_per_metre, unknown_from: None, confidence_in: None, camera: None, metres_by: None }
     }
@@ -39,30 +41,30 @@ impl Stored {
     }
 }
 
-/// Depth pictures, ascending in time.
+/// Depth pictures in ascending order of time.
 #[derive(Debug)]
 pub struct DepthFiles {
     pub by_time: Vec<(f64, PathBuf)>,
     pub stored: Stored,
 }
 
-/// How a recording's depth comes into its frames' picture.
+/// Registration of the depth to the frames' picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Registration {
-    /// It has the frames' size and view.
+    /// The depth has the frames' size and view.
     Given,
-    /// It has the frames' view in this size, px.
+    /// The depth has the frames' view at this size, px.
     Enlarged(u32, u32),
-    /// It was measured by a camera of its own, with pictures of this size, px.
+    /// The depth was measured by a separate camera with this size, px.
     OtherCamera(u32, u32),
-    /// It has this size, px, which is no view of the frames: it hides nothing.
+    /// The depth's view is unknown; its size is in px. It is not used for occlusion.
     Unknown(u32, u32),
 }
 
-/// An opened recording's depth.
+/// Depth of an opened recording.
 #[derive(Debug)]
 pub struct Depth {
-    /// For each frame the picture nearest in time: when it was measured, seconds, and its file.
+    /// The nearest picture in time of each frame: time of measurement, seconds, and file.
     of_frame: Vec<Option<(f64, PathBuf)>>,
     confidence: Vec<PathBuf>,
     stored: Stored,
@@ -71,7 +73,8 @@ pub struct Depth {
     undecoded: Mutex<BTreeMap<PathBuf, String>>,
 }
 
-/// Whether an error is that of one picture, whose frame then has no depth. A pipe or a device is refused.
+/// True if an error concerns one picture only, whose frame then has no depth. Pipes and devices are
+/// refused.
 fn is_of_one_picture(error: &SourceError) -> bool {
     match error {
         SourceError::Content { .. } => true,
@@ -80,13 +83,13 @@ fn is_of_one_picture(error: &SourceError) -> bool {
     }
 }
 
-/// The warning that `number` of `all` depth pictures cannot be read, and why the first cannot.
+/// Warning that `number` of `all` depth pictures cannot be read, with the error of the first.
 fn unreadable(number: usize, all: usize, first: &str) -> String {
     let frames = if number == 1 { "its frames have" } else { "their frames have" };
     format!("{number} of {} cannot be read, and {frames} no depth (first: {first})", count(all, "depth picture"))
 }
 
-/// The warning that floating-point depth is read by the format's usual unit.
+/// Warning that the unit of floating-point depth is the format's default.
 fn unsure_unit(file: &Path, codes_per_metre: f64, metres_by: &str) -> String {
     let unit = crate::text::number(1.0 / codes_per_metre);
     format!(
@@ -97,15 +100,16 @@ fn unsure_unit(file: &Path, codes_per_metre: f64, metres_by: &str) -> String {
 }
 
 impl Depth {
-    /// How it is stored, in words that change with it.
+    /// The encoding as text that changes with it, for comparison.
     pub fn stored(&self) -> String {
         let Stored { codes_per_metre, unknown_from, camera, .. } = &self.stored;
         let camera = camera.as_ref().map(|camera| camera.told());
         format!("{codes_per_metre} {unknown_from:?} {camera:?}")
     }
 
-    /// Reads the header of every picture. A frame whose depth picture cannot be read has no depth. `size` is the frames'.
-    /// Also returns warnings about pictures that cannot be read or do not fit the frames.
+    /// Reads the header of every picture. A frame whose depth picture cannot be read has no depth.
+    /// `size` is the frames'. Also returns warnings about pictures that cannot be read or do not
+    /// fit the frames.
     pub fn new(
         mut of_frame: Vec<Option<(f64, PathBuf)>>,
         stored: Stored,
@@ -164,14 +168,14 @@ impl Depth {
         Ok((depth, warnings))
     }
 
-    /// A warning about the pictures that could not be decoded so far.
+    /// Warning about the pictures that could not be decoded so far.
     pub fn undecoded(&self) -> Option<String> {
         let undecoded = self.undecoded.lock().unwrap_or_else(PoisonError::into_inner);
         let all: BTreeSet<&PathBuf> = self.of_frame.iter().flatten().map(|(_, file)| file).collect();
         undecoded.values().next().map(|first| unreadable(undecoded.len(), all.len(), first))
     }
 
-    /// The number of files, and an error for each that ends too early. Their depth counts as not decoded.
+    /// The number of files, and an error for each truncated one. Their depth counts as not decoded.
     pub fn check_ends(&self) -> (usize, Vec<SourceError>) {
         let depth: BTreeSet<&PathBuf> = self.of_frame.iter().flatten().map(|(_, file)| file).collect();
         let (mut count, mut problems) = (0, Vec::new());
@@ -194,13 +198,14 @@ impl Depth {
         self.of_frame.iter().any(Option::is_some)
     }
 
-    /// Every file that is read: depth, and how sure it is.
+    /// All files that are read: depth and confidence.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         self.of_frame.iter().flatten().map(|(_, file)| file).chain(&self.confidence).map(PathBuf::as_path)
     }
 
-    /// A frame's depth in its picture of this `size`; `camera` took it. `None` if there is none, if its picture cannot be
-    /// decoded, or if it was measured by a camera of its own and the frames' is not known.
+    /// A frame's depth registered to its picture of this `size`, taken by `camera`. `None` without
+    /// depth, if its picture cannot be decoded, or if a separate camera measured it and the frames'
+    /// camera is unknown.
     pub fn read(
         &self,
         frame: usize,
@@ -240,7 +245,7 @@ impl Depth {
         })
     }
 
-    /// The map as it was measured, 0 where it says nothing.
+    /// The depth map as measured, 0 where invalid.
     fn measured(&self, file: &Path, time_s: f64) -> Result<DepthMap, SourceError> {
         let codes_per_metre = self.stored.codes_per_metre;
         let mut map = depth_map::read(file, codes_per_metre, time_s)?;

@@ -1,4 +1,4 @@
-//! Why a recording cannot be opened or read.
+//! Errors of recordings.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ pub enum RecordingError {
         path.display()
     )]
     NotARecording { path: PathBuf, found: String, accepted: String },
-    /// A file of a recording does not contain what it should.
+    /// A file of a recording has invalid content.
     #[error("{}: {problem}", file.display())]
     Content { file: PathBuf, problem: String },
     #[error("the option {name} = {} is refused: accepted is {accepted}", number(*found))]
@@ -26,17 +26,18 @@ pub enum RecordingError {
     Range { start: usize, end: usize, count: usize },
 }
 
-/// In place of a problem that would quote a file outside the recording's folder.
+/// Replaces a message that would quote a file outside the recording's folder.
 const FOREIGN: &str = "has unexpected content; it is not quoted because the file lies outside the recording's folder. \
                        Check that the path is the intended one";
 
 impl RecordingError {
-    /// Leaves out the text of a file that lies neither in the folder of the path that was given nor of the one that was
-    /// found there: a recording may name any file, and whoever reads the message need not be allowed to read that one.
+    /// Removes the quoted text of a file that lies neither in the folder of the given path nor in
+    /// that of the recording found there: a recording may reference any file, and the reader of the
+    /// message may lack permission to read it.
     pub(super) fn without_foreign_text(mut self, given: &Path, found: &Path) -> Self {
         let Self::Text(TextError::Line { file, problem, .. }) = &mut self else { return self };
         let Ok(file) = file.canonicalize() else { return self };
-        // A link that was given is meant; one that was found may lead anywhere.
+        // Symbolic links in the given path are intended; those in the recording may lead anywhere.
         let of_given = given.canonicalize().ok().and_then(|given| folder_of(&given).map(Path::to_owned));
         let of_found = folder_of(found).and_then(|folder| folder.canonicalize().ok());
         if !of_given.iter().chain(&of_found).any(|folder| file.starts_with(folder)) {
@@ -50,7 +51,7 @@ impl RecordingError {
     }
 }
 
-/// A folder itself, or the folder that a file lies in.
+/// A folder itself, or the parent folder of a file.
 fn folder_of(path: &Path) -> Option<&Path> {
     if path.is_dir() { Some(path) } else { path.parent() }
 }

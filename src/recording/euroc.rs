@@ -5,8 +5,9 @@
 //! whole numbers. Source: Burri et al., "The EuRoC micro aerial vehicle datasets", IJRR 2016,
 //! <https://projects.asl.ethz.ch/datasets/doku.php?id=kmavvisualinertialdatasets>.
 //!
-//! Only this much of YAML is read: `key: value`, one level of indented keys, lists in brackets. The files contain no
-//! more, and a full YAML parser refuses the header `%YAML:1.0` that OpenCV's tools write.
+//! Only a subset of YAML is parsed: `key: value`, one level of indented keys, lists in brackets.
+//! The files contain no more, and a full YAML parser rejects the header `%YAML:1.0` that OpenCV's
+//! tools write.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -24,7 +25,7 @@ use crate::tracking::records::{self, TextError};
 use crate::tracking::tum::{PoseNotes, ascends, is_lost, unit_quaternion};
 
 const PICTURES: &str = "cam0/data.csv";
-/// Folders of ground truth with full poses, in the order in which they are tried: of EuRoC, of TUM VI, of a Vicon system.
+/// Folders of ground truth with full poses, in order of preference: EuRoC, TUM VI, a Vicon system.
 const TRUTHS: [&str; 3] = ["state_groundtruth_estimate0", "mocap0", "vicon0"];
 
 pub static FORMAT: Format = Format {
@@ -36,7 +37,7 @@ pub static FORMAT: Format = Format {
     open: |mav, _, options| open(mav, options),
 };
 
-/// The folder `mav0`, from itself, its parent, or its camera's list.
+/// The folder `mav0`, given itself, its parent, or its camera's list.
 fn find(path: &Path) -> Option<PathBuf> {
     match path.is_dir() {
         true => [path.join("mav0"), path.to_owned()].into_iter().find(|mav| mav.join(PICTURES).exists()),
@@ -62,7 +63,7 @@ fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     })?;
     let mut described_by = vec![list.clone(), sensor.clone(), truth.clone()];
     let truth_sensor = truth.with_file_name("sensor.yaml");
-    // Unless stated otherwise, the ground truth is that of the body itself.
+    // Without a transform of its own, the ground truth is that of the body.
     let body_from_truth = match truth_sensor.exists() {
         true => {
             let text = records::read_description(&truth_sensor)?;
@@ -87,7 +88,7 @@ fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     Ok(parts)
 }
 
-/// The position and rotation of something in other axes.
+/// A rigid transform between two frames of reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Placed {
     turn: DQuat,
@@ -106,7 +107,7 @@ impl Placed {
     }
 }
 
-/// Whole nanoseconds in seconds, rounded only once.
+/// Nanoseconds as seconds, rounded only once.
 fn seconds(nanoseconds: &str, name: &str) -> Result<f64, String> {
     let found = nanoseconds.trim();
     let refuse = |_| format!("{name} is `{}`; whole nanoseconds are needed", quoted(found));
@@ -138,7 +139,7 @@ fn parse_poses(text: &str, file: &Path, truth_from_camera: &Placed) -> Result<(P
         let (time, rest) = record.split_once(',').unwrap_or((record, ""));
         let time_s = seconds(time, "timestamp").map_err(refuse)?;
         ascends(poses.last().map(|before| before.0), time_s).map_err(refuse)?;
-        // Velocities and the like follow.
+        // Velocities and biases follow.
         let spaced = rest.replace(',', " ");
         let (mut rest, mut fields) = (spaced.as_str(), [0.0; 7]);
         for (field, name) in fields.iter_mut().zip(["p_x", "p_y", "p_z", "q_w", "q_x", "q_y", "q_z"]) {
@@ -159,7 +160,8 @@ fn parse_poses(text: &str, file: &Path, truth_from_camera: &Placed) -> Result<(P
     Ok((poses, warnings))
 }
 
-/// Keys with their lines, from 1, and values; inner keys as `T_BS.data`. Anything that is not `key: value` is skipped.
+/// Keys with their lines, from 1, and values; inner keys as `T_BS.data`. Anything other than `key:
+/// value` is skipped.
 fn parse_yaml(text: &str) -> BTreeMap<String, (usize, String)> {
     let mut keys: BTreeMap<String, (usize, String)> = BTreeMap::new();
     let (mut parent, mut open): (String, Option<String>) = Default::default();
@@ -169,7 +171,7 @@ fn parse_yaml(text: &str) -> BTreeMap<String, (usize, String)> {
         if bare.is_empty() || bare.starts_with(['#', '%']) {
             continue;
         }
-        // A list continues over lines until its bracket closes.
+        // A list may continue over lines until its bracket closes.
         if let Some(value) = open.as_ref().and_then(|key| keys.get_mut(key)) {
             value.1 += bare;
         } else if let Some((key, value)) = bare.split_once(':') {
@@ -239,7 +241,7 @@ impl Yaml<'_> {
         let [width, height] = self.numbers("resolution")?;
         let [fu, fv, cu, cv] = self.numbers("intrinsics")?;
         let distortion: [f64; 4] = self.numbers("distortion_coefficients")?;
-        // EuRoC's pixel centres are at whole numbers, ours half a pixel further.
+        // EuRoC's pixel centres are at whole numbers, Locard's half a pixel further.
         let values = [
             ("width_px", width),
             ("height_px", height),
@@ -259,7 +261,8 @@ mod tests {
     use glam::DVec2;
     use proptest::prelude::*;
 
-    /// Looks along the body's x from 0.1 m in front of it: the picture's x is the body's −y, its y the body's −z.
+    /// Looks along the body's x from 0.1 m in front of it: the picture's x is the body's −y, its y
+    /// the body's −z.
     const SENSOR: &str = "%YAML:1.0\n# a camera\nsensor_type: camera\ncomment: \"cam0: grey\"\nT_BS:\n  cols: 4\n  rows: 4\n  \
         data: [0.0, 0.0, 1.0, 0.1, # along x\n         -1.0, 0.0, 0.0, 0.0,\n         0.0, -1.0, 0.0, 0.0,\n         \
         0.0, 0.0, 0.0, 1.0]\nrate_hz: 20\nresolution: [752, 480]\ncamera_model: pinhole\n\
@@ -274,7 +277,8 @@ mod tests {
     fn a_point_worked_by_hand() {
         let sensor = yaml(SENSOR);
         let camera = sensor.body_from_sensor().unwrap();
-        // The body is at (1, 2, 3), turned by 90° about z: its x is the world's y. So the camera is at (1, 2.1, 3).
+        // The body is at (1, 2, 3), rotated by 90° about z: its x is the world's y. So the camera
+        // is at (1, 2.1, 3).
         let line = "#time, p, q\n1403636579763555584, 1, 2, 3, 0.70710678, 0, 0, 0.70710678, 9, 9, 9\n";
         let (poses, odd) = parse_poses(line, Path::new("data.csv"), &camera).unwrap();
         assert_eq!((poses.len(), odd.len()), (1, 0));
@@ -291,7 +295,7 @@ mod tests {
 
     #[test]
     fn what_the_truth_was_estimated_of_is_taken_off() {
-        // With the same transform for truth and camera, the camera is where the poses are.
+        // With the same transform for ground truth and camera, the camera is at the poses.
         let camera = yaml(SENSOR).body_from_sensor().unwrap();
         let none = camera.inverse().after(&camera);
         assert!(none.shift_m.length() < 1e-12 && none.turn.angle_between(DQuat::IDENTITY) < 1e-6);

@@ -1,4 +1,5 @@
-//! Where a recording is written while it is seen: pictures and lists in a folder, each on the disk before it is counted on.
+//! Storage of a recording in progress: pictures and lists in a folder, each synced to disk before
+//! others refer to it.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Seek, SeekFrom, Write};
@@ -11,15 +12,15 @@ pub const PICTURES: &str = "frames";
 pub enum List {
     Poses,
     Exposure,
-    /// There once a pose's is known.
+    /// Written once the covariance of a pose is known.
     Covariance,
-    /// There where a tracking system says the lens.
+    /// Written if a tracking system reports the lens.
     Cameras,
     Frames,
 }
 
 impl List {
-    /// As they are written: a frame that is listed has what belongs to it.
+    /// In writing order: a listed frame has all its data.
     pub const ALL: [Self; 5] = [Self::Poses, Self::Exposure, Self::Covariance, Self::Cameras, Self::Frames];
 
     pub fn file_name(self) -> &'static str {
@@ -33,16 +34,16 @@ impl List {
     }
 }
 
-/// Where a recording is written: a folder, or in a test one that is full.
+/// Destination of a recording: a folder, or in tests a full disk.
 pub trait Store {
-    /// Writes a new file. What is left of one that fails is removed.
+    /// Writes a new file. A partial file is removed on failure.
     fn file(&mut self, name: &Path, bytes: &[u8]) -> io::Result<()>;
-    /// Removes a file that was written.
+    /// Removes a written file.
     fn remove(&mut self, name: &Path) -> io::Result<()>;
-    /// Appends whole lines to each of [`List::ALL`], and returns once they are on the disk. A list is made with its first
-    /// ones. If that fails, none of them is there.
+    /// Appends whole lines to each of [`List::ALL`], and returns once they are on disk. Lists are
+    /// created with their first lines. On failure, none of the lines is kept.
     fn append(&mut self, lines: [&str; 5]) -> io::Result<()>;
-    /// Returns once all files are on the disk.
+    /// Returns once all files are on disk.
     fn sync(&mut self) -> io::Result<()>;
 }
 
@@ -56,7 +57,7 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// In a folder that exists.
+    /// Storage in an existing folder.
     pub fn new(path: &Path) -> io::Result<Self> {
         Ok(Self { path: path.to_owned(), lists: Default::default(), unsynced: Vec::new() })
     }
@@ -116,7 +117,7 @@ impl Store for Folder {
         for file in self.unsynced.drain(..) {
             file.sync_data()?;
         }
-        // The names of new files. Not every system can.
+        // Syncs the directory entries of new files. Not every system supports this.
         if has_new && cfg!(unix) {
             for folder in [self.path.join(PICTURES), self.path.clone()] {
                 File::open(folder)?.sync_all()?;

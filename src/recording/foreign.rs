@@ -1,4 +1,4 @@
-//! Captures of apps that are recognised and not read, each with the way to a recording.
+//! Captures of apps that are recognised but not supported, each with conversion advice.
 
 use std::path::Path;
 
@@ -45,7 +45,7 @@ static CAPTURES: [Capture; 5] = [
     },
 ];
 
-/// Why a capture is not read, and what to do; `None` if the path is none that is known.
+/// Reason and advice for a capture that is not supported; `None` if the path is no known capture.
 pub fn refusal(path: &Path) -> Option<&'static str> {
     CAPTURES.iter().find(|capture| (capture.is_at)(path)).map(|capture| capture.refusal)
 }

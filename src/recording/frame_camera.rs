@@ -1,12 +1,12 @@
-//! A frame's own camera.
+//! Camera parameters of a single frame.
 
 use crate::camera::Geometry;
 use crate::frame::FrameLens;
 
-/// The camera that took a frame, as far as it is known.
+/// The camera that took a frame, as far as known.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameCamera {
-    /// Without a readout time, which the profile says. Of the model `opencv`.
+    /// Without a readout time, which is in the profile. Of the model `opencv`.
     pub geometry: Option<Geometry>,
     pub lens: FrameLens,
 }

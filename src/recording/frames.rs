@@ -34,20 +34,20 @@ pub struct Frames {
 #[derive(Debug)]
 enum Decoding {
     Stills(Ahead<Result<(Pixels, Option<DepthMap>), SourceError>>),
-    /// ffmpeg decodes the pictures, our own threads the depth.
+    /// ffmpeg decodes the pictures, separate threads the depth.
     Video(Box<KeptFrames>, Ahead<MaybeDepth>),
 }
 
-/// The frames of a video that are not left out.
+/// The frames of a video that are not skipped.
 #[derive(Debug)]
 pub struct KeptFrames {
     decoded: VideoFrames,
-    /// Of those that are decoded, for each whether it is taken.
+    /// For each decoded frame, whether it is returned.
     taken: std::vec::IntoIter<bool>,
 }
 
 impl KeptFrames {
-    /// `kept`: the numbers in the file of the recording's frames; `None` if they are the same.
+    /// `kept`: file indices of the recording's frames; `None` if they are the same.
     pub fn new(video: &Video, kept: Option<&[usize]>, range: Range<usize>) -> Result<Self, SourceError> {
         let kept = kept.and_then(|kept| kept.get(range.clone())).filter(|kept| !kept.is_empty());
         let in_file = kept.map_or(range, |kept| kept[0]..kept[kept.len() - 1] + 1);
@@ -71,7 +71,7 @@ impl Iterator for KeptFrames {
 }
 
 impl Recording {
-    /// A frame's depth alone, as [`Recording::frames`] gives it with the frame.
+    /// The depth of a single frame, as returned by [`Recording::frames`].
     pub fn depth_at(&self, index: usize) -> Result<Option<DepthMap>, RecordingError> {
         let Some(depth) = &self.depth else { return Ok(None) };
         let cameras = self.cameras();

@@ -17,13 +17,14 @@ pub fn read_pictures(list: &Path) -> Result<Vec<(f64, PathBuf)>, TextError> {
     Ok(names.into_iter().map(|(time_s, name)| (time_s, folder.join(name))).collect())
 }
 
-/// A frame of our own format's list: its time, its file, and the share of the virtual layer that is seen in it.
+/// A frame of a native list: time, file, and opacity of the virtual layer.
 pub type ListedFrame<N> = (f64, N, f64);
 
-/// Before the share of the layer, at a line's end.
+/// Prefix of the opacity at a line's end.
 const PRESENCE: &str = " presence=";
 
-/// Reads a list of `timestamp filename` lines, each of which may end with ` presence=0.5`: 0 to 1, and 1 without it.
+/// Parses a list of `timestamp filename` lines, each of which may end with ` presence=0.5`: 0 to 1,
+/// default 1.
 pub fn frames(text: &str, list: &Path) -> Result<Vec<ListedFrame<PathBuf>>, TextError> {
     let folder = list.parent().unwrap_or(Path::new(""));
     let frame = |rest: &str| {
@@ -39,7 +40,7 @@ fn presence(text: &str) -> Result<f64, String> {
     presence.ok_or_else(|| format!("presence is `{}`; accepted is a number from 0 to 1", quoted(text)))
 }
 
-/// Frames as text, which [`frames`] reads back bit for bit. The share of the layer is written where it is not 1.
+/// Frames as text, which [`frames`] reads back bit for bit. The opacity is written if it is not 1.
 pub fn write_frames<'a>(entries: impl IntoIterator<Item = ListedFrame<&'a str>>) -> Result<String, String> {
     let mut text = HEAD.to_owned();
     for (time_s, name, presence) in entries {
@@ -55,7 +56,7 @@ pub fn write_frames<'a>(entries: impl IntoIterator<Item = ListedFrame<&'a str>>)
 const HEAD: &str = "# timestamp filename\n";
 const NO_NAME: &str = "the file's name is missing (a line is `timestamp filename`)";
 
-/// A line without its end.
+/// A line without its line break.
 fn line(time_s: f64, name: &str) -> Result<String, String> {
     if name.is_empty() || name.trim() != name || name.contains(['\n', '\r']) || name.contains(PRESENCE) {
         return Err(format!("a list cannot hold the name \"{}\"", quoted(name)));
@@ -63,8 +64,8 @@ fn line(time_s: f64, name: &str) -> Result<String, String> {
     Ok(format!("{} {name}", number(time_s)))
 }
 
-/// A list of pictures as text, which [`read_pictures`] reads back bit for bit. Fails on a name that cannot be in a
-/// line.
+/// A list of pictures as text, which [`read_pictures`] reads back bit for bit. Fails on a name that
+/// a line cannot contain.
 pub fn write_pictures<'a>(entries: impl IntoIterator<Item = (f64, &'a str)>) -> Result<String, String> {
     write_frames(entries.into_iter().map(|(time_s, name)| (time_s, name, 1.0)))
 }
@@ -83,10 +84,10 @@ fn parse_pictures(text: &str, list: &Path) -> Result<Vec<(f64, String)>, TextErr
     by_time(text, list, |rest| file_name(rest, NO_NAME))
 }
 
-/// No system opens a longer path, bytes.
+/// Maximum length of a path on any system, bytes.
 const LONGEST_NAME: usize = 4096;
 
-/// The name of a file at a line's end, or what is said where it is missing.
+/// The file name at a line's end; `missing` is the error if there is none.
 pub fn file_name(rest: &str, missing: &str) -> Result<String, String> {
     match rest.trim() {
         "" => Err(missing.to_owned()),
@@ -97,7 +98,7 @@ pub fn file_name(rest: &str, missing: &str) -> Result<String, String> {
     }
 }
 
-/// No sensor has more gain: twenty stops.
+/// Maximum gain of a sensor: twenty stops.
 const MOST_GAIN: f64 = 1e6;
 
 /// A list of `timestamp exposure_time_s gain` lines; the gain is optional.
@@ -117,7 +118,7 @@ fn number_above_zero(rest: &mut &str, name: &str, most: f64) -> Result<f64, Stri
     }
 }
 
-/// Lines that begin with a timestamp, which must not run backwards.
+/// Lines that begin with a timestamp; the timestamps must not decrease.
 pub(super) fn by_time<T>(
     text: &str,
     list: &Path,
@@ -160,7 +161,8 @@ pub fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     Ok(files)
 }
 
-/// The error for a missing picture: with the line of the list that names it, if any, and how many of `all` are missing.
+/// The error for a missing picture: with the line of the list that references it, if any, and how
+/// many of `all` are missing.
 pub fn named_in<'a>(
     lists: &[PathBuf],
     error: SourceError,

@@ -1,7 +1,7 @@
-//! Recordings: frames and camera poses on one clock. The format is recognized by the contents.
+//! Recordings: frames and camera poses on one clock. The format is recognised by the contents.
 //!
-//! Each format has its own file, which converts axes, units, pixel centres and times as it reads them.
-//! docs/recordings.md has every convention.
+//! Each format has its own module, which converts axes, units, pixel centres and times while
+//! reading. docs/recordings.md documents every convention.
 
 mod arriving;
 mod beside;
@@ -52,19 +52,20 @@ pub use parts::Format;
 use parts::Pictures;
 pub use repeats::Repeats;
 
-/// Facts that a recording cannot know about itself.
+/// Parameters that a recording does not contain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OpenOptions {
     /// Length of one world unit for nerfstudio and COLMAP, whose scale is arbitrary.
     pub metres_per_unit: f64,
     /// Added to frame times to look up poses, in addition to the recording's own offset, seconds.
     pub time_offset_s: f64,
-    /// The longest interval across which poses are interpolated, seconds. `None`: the recording's own, or three usual
-    /// intervals.
+    /// Maximum interval across which poses are interpolated, seconds. `None`: the recording's own,
+    /// or three usual intervals.
     pub max_gap_s: Option<f64>,
-    /// Leave out frames whose picture has the code values of the one before. Every picture is decoded to find them.
+    /// Skip frames with the same code values as the previous one. Every picture is decoded to find
+    /// them.
     pub skip_duplicates: bool,
-    /// Leave out frames whose picture is missing, instead of refusing the recording.
+    /// Skip frames whose picture is missing, instead of refusing the recording.
     pub skip_missing: bool,
 }
 
@@ -74,7 +75,8 @@ impl Default for OpenOptions {
     }
 }
 
-/// The formats, in the order in which they are tried. A new one is a file of this room and a line here.
+/// The formats, in the order in which they are tried. A new format is a file in this module and a
+/// line here.
 static FORMATS: [&Format; 7] = [
     &own::FORMAT,
     &nerfstudio::FORMAT,
@@ -93,7 +95,8 @@ pub struct Recording {
     pub kind: &'static Format,
     /// The world's up direction, unit length; `None` if the format does not give it.
     pub up: Option<DVec3>,
-    /// Whether the plane through the world's origin, across `up`, is a surface on which things stand.
+    /// True if the plane through the world's origin, perpendicular to `up`, is a supporting
+    /// surface.
     pub has_floor: bool,
     /// Size of every frame, px.
     pub width: u32,
@@ -102,26 +105,27 @@ pub struct Recording {
     pub bits: u32,
     /// One per frame, never descending: the middle of the middle row's exposure.
     pub timestamps_s: Arc<[f64]>,
-    /// One per frame, or empty where all are 1: the share of the virtual layer that is seen ([`crate::frame::Frame::presence`]).
+    /// One per frame, or empty if all are 1: the opacity of the virtual layer
+    /// ([`crate::frame::Frame::presence`]).
     presence: Arc<[f64]>,
-    /// The median interval between frames, or what the recording says; 1/30 s for a single frame.
+    /// The median interval between frames, or the recording's own value; 1/30 s for a single frame.
     pub frame_interval_s: f64,
-    /// Whether [`Recording::interval_s`] is that for every frame: of a camera whose pictures were dropped now and then,
-    /// which opens its shutter no longer for that.
+    /// True if [`Recording::interval_s`] is constant: a camera that occasionally drops pictures
+    /// does not expose longer because of it.
     has_even_intervals: bool,
     pub track: PoseTrack,
-    /// Length of the format's unit by which the track is in metres; 1 where the format is.
+    /// Length of the format's unit by which the track is in metres; 1 for metric formats.
     pub metres_per_unit: f64,
     /// Added to a frame's time to get the track's.
     pub time_offset_s: f64,
-    /// The camera of all frames, if the format knows it and it is the same in all. No format knows film width and
-    /// readout time; they are at their defaults.
+    /// The common camera of all frames, if the format contains it. No format contains film width
+    /// and readout time; they are at their defaults.
     pub geometry: Option<Geometry>,
-    /// Where the camera's profile should be; it is not opened here.
+    /// Expected path of the camera's profile; it is not opened here.
     pub camera_profile: Option<PathBuf>,
     /// One per frame; empty values if unknown.
     pub exposure: Arc<[FrameExposure]>,
-    /// Warnings, each given once, except [`Recording::missing_poses`].
+    /// Warnings without duplicates, except [`Recording::missing_poses`].
     pub warnings: Vec<String>,
     described_by: Vec<PathBuf>,
     geometries: Arc<[Option<Geometry>]>,
@@ -136,24 +140,24 @@ pub struct Recording {
     depth: Option<Arc<Depth>>,
     /// Added to the depth maps' times, seconds.
     depth_later_s: f64,
-    /// [`Refinement::surfels`], and the length of the unit by which they were found.
+    /// [`Refinement::surfels`], and the unit's length at their estimation.
     surfels: Arc<[Surfel]>,
     surfels_unit_m: f64,
 }
 
-/// A place of the room that was recognised in a frame, as structure from motion does.
+/// A landmark observed in a frame, as in structure from motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Landmark {
-    /// The same in all frames that show it.
+    /// Identifies the landmark across frames.
     pub number: u64,
-    /// In the frame, px.
+    /// Position in the frame, px.
     pub at_px: [f32; 2],
 }
 
-/// What pictures say of a recording beyond what was recorded.
+/// Estimates from the pictures that refine a recording.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Refinement {
-    /// In place of the recorded poses, by the frames' own times.
+    /// Replaces the recorded poses, by the frames' own times.
     pub track: Option<PoseTrack>,
     /// Added to the depth maps' times, seconds.
     pub depth_later_s: f64,
@@ -161,13 +165,13 @@ pub struct Refinement {
     pub seen: Vec<SeenBrightness>,
     /// [`FrameExposure::blurred_s`], one per frame, or empty.
     pub blurred_s: Vec<f64>,
-    /// Surfaces that its depth maps show together, in the world of the track.
+    /// Surfaces fused from the depth maps, in the world of the track.
     pub surfels: Arc<[Surfel]>,
 }
 
 impl Recording {
-    /// Opens a recording: a folder, or the file that describes it. Headers of all frames are read, pixels are not.
-    /// Poses that do not cover the frames are a warning, not an error.
+    /// Opens a recording: a folder, or the file that describes it. Headers of all frames are read,
+    /// pixels are not. Poses that do not cover the frames are a warning, not an error.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<Self, RecordingError> {
         check(options)?;
         let (format, at) = find(path)?;
@@ -179,7 +183,7 @@ impl Recording {
         parts.assemble(format, options)
     }
 
-    /// Takes over what was found out about it.
+    /// Applies estimates from the pictures.
     pub fn refine(&mut self, by: &Refinement) {
         if let Some(track) = &by.track {
             (self.track, self.time_offset_s) = (track.clone(), 0.0);
@@ -196,9 +200,10 @@ impl Recording {
         (self.surfels, self.surfels_unit_m) = (Arc::clone(&by.surfels), self.metres_per_unit);
     }
 
-    /// The world, as world_from_other, in which the camera stands where `pose` says in a frame that was taken at `time_s`. `None`
-    /// if it stands there already (within 1e-9 m and rad), and if this is not the frame that is meant: it was taken at another time,
-    /// or stands farther away than poses are wrong by.
+    /// World correction, as world_from_other, that moves the camera to `pose` in the frame taken at
+    /// `time_s`. `None` if the camera is there already (within 1e-9 m and rad), and if this is a
+    /// different frame: it was taken at another time, or its distance exceeds plausible pose
+    /// errors.
     pub fn held_at(&self, frame: usize, time_s: f64, pose: &Pose) -> Option<Pose> {
         const MOST_WRONG_M: f64 = 0.3;
         const MOST_WRONG_RAD: f64 = 0.2;
@@ -214,8 +219,8 @@ impl Recording {
         Some(Pose::new(back * pose.rotation, now.inverse_transform_point(pose.translation_m)))
     }
 
-    /// Surfaces of the room. Empty while the unit has another length than they were found by: depth is in metres by itself, so
-    /// that its points lie elsewhere then.
+    /// Surfaces of the room. Empty if the unit's length differs from that at their estimation:
+    /// depth is metric by itself, so its points would move.
     pub fn surfels(&self) -> Arc<[Surfel]> {
         if self.metres_per_unit == self.surfels_unit_m { Arc::clone(&self.surfels) } else { Arc::default() }
     }
@@ -226,7 +231,7 @@ impl Recording {
         self.surfels = self.surfels.iter().map(|surfel| surfel.in_world(world_from_other)).collect();
     }
 
-    /// Takes another length for the format's unit, above 0. A recording in metres stays as it is.
+    /// Sets the length of the format's unit, above 0. A metric recording is unchanged.
     pub fn rescale(&mut self, metres_per_unit: f64) {
         if !self.kind.is_metric() {
             self.track = self.track.scaled(metres_per_unit / self.metres_per_unit);
@@ -234,23 +239,24 @@ impl Recording {
         }
     }
 
-    /// Whether there is one at a path, by the files that tell one. Nothing in them is read.
+    /// True if there is a recording at a path, by its file names. No file is read.
     pub fn is_at(path: &Path) -> bool {
         Self::refusal_at(path).is_none()
     }
 
-    /// Why there is none at a path, and what would make one; `None` if there is one.
+    /// Reason why a path is no recording, with advice; `None` if it is one.
     pub fn refusal_at(path: &Path) -> Option<RecordingError> {
         find(path).err()
     }
 
-    /// Seconds from a frame to the next.
+    /// Interval from a frame to the next, seconds.
     pub fn interval_s(&self, frame: usize) -> f64 {
         let timestamps_s: &[f64] = if self.has_even_intervals { &[] } else { &self.timestamps_s };
         interval_s(timestamps_s, frame, self.frame_interval_s)
     }
 
-    /// All frames' times, unless those of the range are within 2 ms of a steady rate: containers round to a millisecond or so.
+    /// Times of all frames, unless those of the range are within 2 ms of a constant rate:
+    /// containers round to about a millisecond.
     pub fn times_unless_steady(&self, range: Range<usize>) -> Option<Arc<[f64]>> {
         const TOLERANCE_S: f64 = 2e-3;
         let times_s = self.timestamps_s.get(range)?;
@@ -260,12 +266,12 @@ impl Recording {
         (!is_steady).then(|| Arc::clone(&self.timestamps_s))
     }
 
-    /// How the pictures are meant to be shown: as a video says it, or as the EXIF of all stills does.
+    /// Presentation of the pictures according to the video, or to the EXIF of all stills.
     pub fn presentation(&self) -> Presentation {
         self.presentation
     }
 
-    /// The share of the virtual layer that is seen in a frame, 0 to 1: below 1 where live let it fade.
+    /// Opacity of the virtual layer in a frame, 0 to 1: below 1 where the live mode faded it.
     pub fn presence(&self, frame: usize) -> f64 {
         self.presence.get(frame).copied().unwrap_or(1.0)
     }
@@ -274,13 +280,15 @@ impl Recording {
         self.timestamps_s.len()
     }
 
-    /// The camera's pose at a frame's timestamp. A frame that does not exist counts as after the last pose.
+    /// The camera's pose at a frame's timestamp. A frame index beyond the end counts as after the
+    /// last pose.
     pub fn pose_at_frame(&self, index: usize) -> Result<Pose, NoPose> {
         let time_s = self.timestamps_s.get(index).map_or(f64::INFINITY, |t| t + self.time_offset_s);
         self.track.at(time_s)
     }
 
-    /// How many frames of a range have no pose, and why the first has none; `None` if all have one.
+    /// Number of frames of a range without a pose, with the reason for the first; `None` if all
+    /// have one.
     pub fn missing_poses(&self, range: Range<usize>) -> Option<String> {
         let mut missing = range.clone().filter_map(|i| self.pose_at_frame(i).err().map(|why| (i, why)));
         let (first, why) = missing.next()?;
@@ -288,25 +296,25 @@ impl Recording {
         Some(format!("no pose for {number} of {count} frames (frame {first}: {why}): passed through untouched"))
     }
 
-    /// What was recognised in a frame; nothing where the format keeps no such places.
+    /// Landmarks observed in a frame; empty if the format has none.
     pub fn landmarks(&self, index: usize) -> &[Landmark] {
         self.landmarks.get(index).map_or(&[], Vec::as_slice)
     }
 
-    /// The camera of a frame, even if frames differ; `None` if the format does not know it.
+    /// The camera of a frame, even if frames differ; `None` if unknown.
     pub fn geometry_at_frame(&self, index: usize) -> Option<&Geometry> {
-        // Of what is arriving there is the newest frame alone.
+        // A live recording has the newest frame only.
         let index = if self.is_arriving() { self.geometries.len().saturating_sub(1) } else { index };
         self.geometry.as_ref().or_else(|| self.geometries.get(index)?.as_ref())
     }
 
-    /// Whether frames say themselves which camera and lens took them, as a tracking system said it, and override a profile
-    /// by that: those of a camera that is still to come, and those that were recorded of one.
+    /// True if frames have individual cameras and lenses, reported by a tracking system, which
+    /// override a profile: those of a live camera, and those recorded from one.
     pub fn frames_say_cameras(&self) -> bool {
         self.has_frame_cameras
     }
 
-    /// Every file that is read of the recording, except the camera's profile.
+    /// All files that the recording is read from, except the camera's profile.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         let pictures = match &*self.pictures {
             Pictures::Stills(files) => files,
@@ -315,7 +323,7 @@ impl Recording {
         self.described_by.iter().chain(pictures).map(PathBuf::as_path).chain(self.depth_files())
     }
 
-    /// The files of pictures, a video's own among them, and of depth.
+    /// The files of pictures, including a video's, and of depth.
     pub fn pictures(&self) -> impl Iterator<Item = &Path> {
         let video = match &*self.pictures {
             Pictures::Stills(_) => None,
@@ -324,7 +332,7 @@ impl Recording {
         self.stills().chain(video).chain(self.depth_files())
     }
 
-    /// The folders that contain its pictures, including depth, each once.
+    /// The folders that contain its pictures, including depth, without duplicates.
     pub fn folders(&self) -> BTreeSet<&Path> {
         self.stills().chain(self.depth_files()).filter_map(Path::parent).collect()
     }
@@ -342,8 +350,9 @@ impl Recording {
         self.depth.iter().flat_map(|depth| depth.files())
     }
 
-    /// The number of pictures, including depth, and an error for each whose file ends too early. Pixels are not
-    /// decoded; videos are not checked. [`Recording::undecoded_depth`] then warns about the frames whose depth is missing.
+    /// The number of pictures, including depth, and an error for each truncated file. Pixels are
+    /// not decoded; videos are not checked. [`Recording::undecoded_depth`] then warns about the
+    /// frames whose depth is missing.
     pub fn check_ends(&self) -> (usize, Vec<SourceError>) {
         let stills: BTreeSet<&Path> = self.stills().collect();
         let (of_depth, depth_problems) = self.depth.as_ref().map(|depth| depth.check_ends()).unwrap_or_default();
@@ -355,23 +364,24 @@ impl Recording {
         self.depth.as_ref().is_some_and(|depth| depth.has_any())
     }
 
-    /// A warning about depth pictures that turned out damaged when they were decoded; their frames have no depth.
+    /// A warning about depth pictures that were found damaged when decoded; their frames have no
+    /// depth.
     pub fn undecoded_depth(&self) -> Option<String> {
         self.depth.as_ref()?.undecoded()
     }
 
-    /// How depth is stored, in words that change with it; empty without depth.
+    /// The encoding of depth as text that changes with it; empty without depth.
     pub fn depth_stored(&self) -> String {
         self.depth.as_ref().map_or_else(String::new, |depth| depth.stored())
     }
 
-    /// How the depth comes into the frames' picture; `None` without depth.
+    /// Registration of the depth to the frames' picture; `None` without depth.
     pub fn registration(&self) -> Option<Registration> {
         self.depth.as_ref().filter(|depth| depth.has_any()).map(|depth| depth.registration)
     }
 
-    /// Depth from a camera of its own is seen from the frames' camera: from here on from the one that `given` makes of
-    /// each frame's own.
+    /// Sets the cameras to which the depth of a separate camera is registered: `given` maps each
+    /// frame's own camera to the one used from now on.
     pub fn set_cameras(&mut self, given: impl Fn(Option<&Geometry>) -> Option<Geometry>) {
         if matches!(self.registration(), Some(Registration::OtherCamera(..))) {
             let own = self.cameras();
@@ -380,7 +390,7 @@ impl Recording {
         }
     }
 
-    /// The frames' cameras; a single one if all are alike.
+    /// The frames' cameras; a single one if all are equal.
     fn cameras(&self) -> Arc<[Option<Geometry>]> {
         match (&self.given_cameras, &self.geometry) {
             (Some(given), _) => Arc::clone(given),
@@ -389,13 +399,13 @@ impl Recording {
         }
     }
 
-    /// The same recording without its depth maps, which reading its frames then saves.
+    /// The recording without its depth maps, which makes reading frames cheaper.
     pub fn without_depth(&self) -> Self {
         Self { depth: None, ..self.clone() }
     }
 
-    /// Streams the frames of a half-open range in order, decoded ahead on separate threads. Memory does not depend on
-    /// the range's length. An error ends the stream.
+    /// Streams the frames of a half-open range in order, decoded ahead on separate threads. Memory
+    /// does not depend on the range's length. An error ends the stream.
     pub fn frames(&self, range: Range<usize>) -> Result<Frames, RecordingError> {
         if range.start > range.end || range.end > self.frame_count() {
             return Err(RecordingError::Range { start: range.start, end: range.end, count: self.frame_count() });

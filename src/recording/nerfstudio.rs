@@ -35,7 +35,7 @@ pub static FORMAT: Format = Format {
     open: |file, _, options| open(file, options),
 };
 
-/// Unused keys are ignored: programs add their own.
+/// Unused keys are ignored: other programs add their own.
 #[derive(Deserialize)]
 struct Transforms {
     #[serde(flatten)]
@@ -48,7 +48,7 @@ struct Transforms {
 #[derive(Deserialize)]
 struct FrameEntry {
     file_path: String,
-    /// Empty where the frame has none.
+    /// Empty if the frame has no pose.
     #[serde(default, deserialize_with = "matrix_rows")]
     transform_matrix: Vec<Vec<f64>>,
     depth_file_path: Option<String>,
@@ -56,7 +56,8 @@ struct FrameEntry {
     camera: Camera,
 }
 
-/// A number of a matrix. Only there a number that is not finite has a meaning: the tracker lost the pose.
+/// A number of a matrix. Only in a matrix are non-finite numbers meaningful: the tracker lost the
+/// pose.
 #[derive(Deserialize)]
 #[serde(untagged, expecting = "a matrix of numbers is needed")]
 enum MatrixEntry {
@@ -64,14 +65,14 @@ enum MatrixEntry {
     NotFinite(NotFiniteToken),
 }
 
-/// The string that stands for every number that is not finite.
+/// The string that replaces every non-finite number.
 #[derive(Deserialize)]
 enum NotFiniteToken {
     #[serde(rename = "NaN")]
     Token,
 }
 
-/// The rows of a matrix, NaN for all numbers that are not finite; none for `null`.
+/// The rows of a matrix, NaN for all non-finite numbers; none for `null`.
 fn matrix_rows<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Vec<f64>>, D::Error> {
     let number = |entry| match entry {
         MatrixEntry::Number(number) => number,
@@ -81,7 +82,7 @@ fn matrix_rows<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Vec<f64>>, D::E
     Ok(rows.into_iter().map(|row| row.into_iter().map(number).collect()).collect())
 }
 
-/// Values that may be given for all frames or for one.
+/// Camera parameters, common to all frames or of one frame.
 #[derive(Clone, Deserialize)]
 struct Camera {
     camera_model: Option<String>,
@@ -103,7 +104,7 @@ struct Camera {
 }
 
 impl Camera {
-    /// A frame's own values override those for all.
+    /// A frame's own values override the common ones.
     fn or(self, all: &Self) -> Self {
         Self {
             camera_model: self.camera_model.or_else(|| all.camera_model.clone()),
@@ -125,7 +126,7 @@ impl Camera {
         }
     }
 
-    /// The geometry. A missing size is taken from the picture. `None` without a focal length.
+    /// The geometry. A missing size is that of the picture. `None` without a focal length.
     fn geometry(&self, file: &Path) -> Result<Option<Geometry>, String> {
         let known = || MODELS.iter().chain(&FISHEYES).chain(&ROUND);
         if let Some(model) = self.camera_model.as_deref().filter(|m| !known().any(|k| k == m)) {
@@ -142,7 +143,7 @@ impl Camera {
             (Some(w), Some(h)) => (w, h),
             _ => match still::read_header(file) {
                 Ok(header) => (header.width.into(), header.height.into()),
-                // Its frame is left out.
+                // Its frame is skipped.
                 Err(error) if still::is_no_picture(&error) => return Ok(None),
                 Err(error) => return Err(error.to_string()),
             },
@@ -189,7 +190,7 @@ const MODELS: [&str; 6] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL
 /// nerfstudio's names for OpenCV's fisheye model.
 const FISHEYES: [&str; 2] = ["OPENCV_FISHEYE", "fisheye"];
 
-/// Names for 360° pictures in longitude and latitude.
+/// Names of equirectangular 360° pictures.
 const ROUND: [&str; 2] = ["EQUIRECTANGULAR", "equirectangular"];
 
 fn parse(json: &str, file: &Path) -> Result<Transforms, RecordingError> {
@@ -197,8 +198,8 @@ fn parse(json: &str, file: &Path) -> Result<Transforms, RecordingError> {
     serde_json::from_str(&json).map_err(|e| RecordingError::content(file, e))
 }
 
-/// The text with the string `"NaN"` in place of `NaN`, `Infinity` and `-Infinity` outside strings. Python writes those, and
-/// JSON has no such numbers.
+/// Replaces `NaN`, `Infinity` and `-Infinity` outside strings by the string `"NaN"`. Python writes
+/// them, but JSON does not allow them.
 fn with_not_finite_quoted(json: &str) -> Cow<'_, str> {
     const NOT_FINITE: [&str; 3] = ["NaN", "Infinity", "-Infinity"];
     if !NOT_FINITE.iter().any(|word| json.contains(word)) {
@@ -215,7 +216,7 @@ fn with_not_finite_quoted(json: &str) -> Cow<'_, str> {
             continue;
         }
         is_in_string ^= next == '"';
-        // The character behind a backslash neither ends the string nor escapes another.
+        // The character after a backslash neither ends the string nor escapes another.
         let count = if is_in_string && next == '\\' { 2 } else { 1 };
         let (taken, behind) = rest.split_at(rest.chars().take(count).map(char::len_utf8).sum());
         valid += taken;
@@ -227,7 +228,7 @@ fn with_not_finite_quoted(json: &str) -> Cow<'_, str> {
 fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let Transforms { camera, mut frames, depth_unit_scale_factor } = parse(&records::read_listing(file)?, file)?;
     let folder = file.parent().unwrap_or(Path::new(""));
-    // The order in the file is whatever suited its writer; the names have the camera's order.
+    // The order in the file is arbitrary; the names have the camera's order.
     frames.sort_by(|a, b| listing::natural_order(&a.file_path, &b.file_path));
     let metres_per_code = depth_unit_scale_factor.unwrap_or(1e-3);
     if !(metres_per_code.is_finite() && metres_per_code > 0.0) {
@@ -272,19 +273,19 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     Ok(parts)
 }
 
-/// The picture of a name, whose extension may be left out, as in older synthetic sets.
+/// The picture of a name, whose extension may be omitted, as in older synthetic sets.
 fn picture_file(folder: &Path, name: &str) -> PathBuf {
     let file = folder.join(name);
     if file.exists() {
         return file;
     }
-    // A name may hold dots of its own.
+    // A name may contain further dots.
     let with = |ending: &str| folder.join(format!("{name}.{ending}"));
     ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"].into_iter().map(with).find(|file| file.exists()).unwrap_or(file)
 }
 
-/// The pose of a camera-to-world matrix (3 or 4 rows of 4) with OpenGL's axes. `None` if it is lost: empty, not finite or
-/// without a rotation.
+/// The pose of a camera-to-world matrix (3 or 4 rows of 4) with OpenGL's axes. `None` if it is
+/// lost: empty, non-finite or without a rotation.
 fn pose(matrix: &[Vec<f64>], metres_per_unit: f64) -> Result<Option<Pose>, String> {
     if matrix.is_empty() {
         return Ok(None);
@@ -319,7 +320,7 @@ mod tests {
 
     #[test]
     fn opengl_axes_become_opencv_axes() {
-        // At (1, 2, 3), unturned: looks along world −z, world y is up in the picture.
+        // At (1, 2, 3), unrotated: looks along world −z, world y is up in the picture.
         let m = [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]].map(row);
         for matrix in [&m[..], &m[..3]] {
             let p = pose(matrix, 2.0).unwrap().unwrap().transform_point(DVec3::new(2.5, 5.0, 2.0));

@@ -1,4 +1,5 @@
-//! Our own format: `recording.toml` names everything. docs/recordings.md has every key.
+//! Locard's own format: `recording.toml` references all files. docs/recordings.md documents every
+//! key.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -42,7 +43,7 @@ pub struct Description {
     pub name: Option<String>,
     /// Any length but 0.
     pub up: Option<[f64; 3]>,
-    /// Whether the plane through the world's origin, across `up`, is a surface.
+    /// True if the plane through the world's origin, perpendicular to `up`, is a surface.
     #[serde(default, skip_serializing_if = "is_default")]
     pub floor: bool,
     pub frames: FrameFiles,
@@ -80,9 +81,9 @@ pub struct DepthList {
     pub list: PathBuf,
     /// Code values per metre.
     pub scale: f64,
-    /// The file whose table `[camera]` describes the camera that measured it, unless that is the frames'.
+    /// The file whose table `[camera]` describes the depth camera, if it is not the frames'.
     pub camera: Option<PathBuf>,
-    /// Where that camera stands in the axes of the one that takes the frames; the same place without it.
+    /// Pose of the depth camera in the axes of the frames' camera; identity if missing.
     pub colour_from_depth: Option<Placement>,
 }
 
@@ -92,30 +93,31 @@ pub struct ExposureList {
     pub list: PathBuf,
 }
 
-/// At least one of `profile`, `kind` and `list`; of these `kind` and `list` do not go together.
+/// At least one of `profile`, `kind` and `list`; `kind` and `list` exclude each other.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraFile {
     pub profile: Option<PathBuf>,
     pub kind: Option<CameraKind>,
-    /// The camera and lens of each frame, as a tracking system said it: they override the profile's.
+    /// The camera and lens of each frame, as reported by a tracking system: they override the
+    /// profile's.
     pub list: Option<PathBuf>,
 }
 
-/// Facts that a recording itself may state about its camera.
+/// Kind of camera, if the recording states it.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CameraKind {
     Equirectangular,
 }
 
-/// Facts about a recording that was written while it was seen (recorder.rs).
+/// Metadata of a recording of a live camera (recorder.rs).
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct LiveFacts {
-    /// Seconds from every frame to the next, whatever was dropped between them.
+    /// Nominal interval between frames, seconds, regardless of drops.
     pub interval_s: f64,
-    /// The camera's name, and what it gave.
+    /// Name of the camera.
     pub camera: Option<String>,
     pub delivered: Option<String>,
 }
@@ -124,7 +126,7 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 
-/// Parses the description and checks everything that needs no other files.
+/// Parses the description and checks all rules that need no other files.
 pub fn parse(text: &str, file: &Path) -> Result<Description, RecordingError> {
     let description: Description = document::read(text).map_err(|e| RecordingError::content(file, e))?;
     check(&description).map_err(|problem| RecordingError::content(file, problem))?;
@@ -189,7 +191,7 @@ fn above_zero(name: &str, value: Option<f64>) -> Result<(), String> {
 fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let description = parse(&records::read_description(file)?, file)?;
     let folder = file.parent().unwrap_or(Path::new(""));
-    // What was written until the power went may end in the middle of a line.
+    // After a power cut the file may end in the middle of a line.
     let mut unended = Vec::new();
     let is_live = description.live.is_some();
     let mut read = |path: &Path| -> Result<String, RecordingError> {
@@ -253,7 +255,7 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     Ok(parts)
 }
 
-/// The frames, by whichever key names them.
+/// The frames, by whichever key references them.
 struct OpenedFrames {
     pictures: Pictures,
     timestamps_s: Vec<f64>,
@@ -293,7 +295,8 @@ fn open_frames(
     Ok(OpenedFrames { pictures: Pictures::Stills(files), timestamps_s, presence, warnings: Vec::new() })
 }
 
-/// The pictures of a folder at a steady rate. One that is not decoded is no frame, and keeps its place in time.
+/// The pictures of a folder at a constant rate. An unsupported picture is no frame, but keeps its
+/// place in time.
 fn open_images(folder: &Path, fps: f64) -> Result<OpenedFrames, RecordingError> {
     let mut files = listing::pictures_in(folder)?;
     let unread = unsupported::in_folder(folder);

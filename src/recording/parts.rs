@@ -1,4 +1,4 @@
-//! The parts that every format delivers, and the checks common to all.
+//! Data that every format delivers, and the checks common to all.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -22,27 +22,28 @@ use crate::source::video::Video;
 use crate::text;
 use crate::tracking::{PoseTrack, default_max_gap_s, median_interval_s};
 
-/// The rate assumed for frames without a clock.
+/// The assumed rate of frames without a clock.
 pub const NOMINAL_FPS: f64 = 30.0;
-/// The largest distance in time between a frame and its depth map or exposure, as a share of the frame interval: half,
-/// plus some jitter. At 30 frames per second, where a Kinect's median interval is 0.032 s, this is the 0.02 s that the
-/// TUM benchmark's own association allows.
+/// Maximum time difference between a frame and its depth map or exposure, as a share of the frame
+/// interval: half, plus some jitter. At 30 frames per second, where a Kinect's median interval is
+/// 0.032 s, this is the 0.02 s that the TUM benchmark's own association allows.
 const ASSOCIATION_REACH: f64 = 0.65;
 
-/// A frame and its camera are written with the same time, seconds.
+/// Tolerance of the association of frames and cameras, which have equal times, seconds.
 const SAME_S: f64 = 1e-6;
 
 /// A format of recordings.
 #[derive(Debug)]
 pub struct Format {
     pub(super) name: &'static str,
-    /// How to recognize one, for people.
+    /// Description of its recognition, for messages.
     pub(super) marker: &'static str,
     pub(super) has_times: bool,
     pub(super) is_metric: bool,
-    /// The file or folder of the recording, given a folder or a file in it; `None` if it is not of this format.
+    /// The file or folder of the recording, given a folder or a file in it; `None` if it is not of
+    /// this format.
     pub(super) find: fn(&Path) -> Option<PathBuf>,
-    /// Opens what was found. The second path is the one that the user named.
+    /// Opens a recording that was found. The second path is the user's argument.
     pub(super) open: fn(&Path, &Path, &OpenOptions) -> Result<Parts, RecordingError>,
 }
 
@@ -51,12 +52,12 @@ impl Format {
         self.name
     }
 
-    /// Whether the format says when a picture was taken; otherwise times are nominal.
+    /// True if the format contains picture times; otherwise times are nominal.
     pub fn has_times(&self) -> bool {
         self.has_times
     }
 
-    /// Whether the format's unit is the metre; otherwise it is arbitrary.
+    /// True if the format's unit is the metre; otherwise it is arbitrary.
     pub fn is_metric(&self) -> bool {
         self.is_metric
     }
@@ -79,11 +80,11 @@ pub fn folder_of(file: &Path) -> PathBuf {
     file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned()
 }
 
-/// Where the pixels are.
+/// Source of the pixels.
 #[derive(Debug)]
 pub enum Pictures {
     Stills(Vec<PathBuf>),
-    /// Of some frames only, by their numbers in the file, if any are left out.
+    /// With file indices of the used frames, if any are skipped.
     Video(Video, Option<Vec<usize>>),
 }
 
@@ -97,15 +98,15 @@ pub struct Parts {
     pub pictures: Pictures,
     /// One per frame.
     pub timestamps_s: Vec<f64>,
-    /// One per frame, or empty where all are 1: [`Frame::presence`](crate::frame::Frame::presence).
+    /// One per frame, or empty if all are 1: [`Frame::presence`](crate::frame::Frame::presence).
     pub presence: Vec<f64>,
-    /// From every frame to the next, seconds, where the recording says it.
+    /// Nominal frame interval, seconds, if the recording contains it.
     pub interval_s: Option<f64>,
     pub track: PoseTrack,
     pub time_offset_s: f64,
     /// One per frame, or empty.
     pub geometries: Vec<Option<Geometry>>,
-    /// Ascending in time, where frames say their cameras and lenses.
+    /// Individual cameras and lenses, ascending in time.
     pub cameras: Option<Vec<(f64, FrameCamera)>>,
     /// One list per frame, or empty.
     pub landmarks: Vec<Vec<Landmark>>,
@@ -113,9 +114,9 @@ pub struct Parts {
     /// Ascending in time.
     pub exposure: Vec<(f64, FrameExposure)>,
     pub camera_profile: Option<PathBuf>,
-    /// Whether the frames are 360° pictures, whose camera follows from their size.
+    /// True for 360° pictures, whose camera follows from their size.
     pub equirectangular: bool,
-    /// The files that describe the recording: everything that was read, except pictures.
+    /// All files that were read, except pictures.
     pub described_by: Vec<PathBuf>,
     pub warnings: Vec<String>,
 }
@@ -146,7 +147,7 @@ impl Parts {
         }
     }
 
-    /// Makes the checks that apply to every format and collects warnings.
+    /// Applies the checks common to all formats and collects warnings.
     pub fn assemble(mut self, kind: &'static Format, options: &OpenOptions) -> Result<Recording, RecordingError> {
         if options.skip_missing {
             self.leave_out_missing();
@@ -171,7 +172,7 @@ impl Parts {
         }
         let geometry = match self.equirectangular {
             true => Some(equirectangular(width, height).map_err(|e| RecordingError::content(&self.path, e))?),
-            // A frame without one is not of its neighbours' camera, but of the profile's.
+            // A frame without a geometry uses the profile's camera, not that of its neighbours.
             false if of_frames.is_some() => None,
             false => common_geometry(&self.geometries),
         };
@@ -213,7 +214,7 @@ impl Parts {
         let lenses =
             of_frames.iter().flatten().map(|camera| camera.lens).chain(std::iter::repeat(FrameLens::default()));
         let exposure = exposures.zip(lenses).map(|((listed, photo), lens)| {
-            // The shutter's seconds mean nothing on a nominal clock.
+            // On a nominal clock, exposure times in seconds are meaningless.
             let time_s = listed.time_s.or(photo.time_s.filter(|_| kind.has_times()));
             FrameExposure { time_s, photo, ..listed }.with_lens(lens)
         });
@@ -257,7 +258,8 @@ impl Parts {
         RecordingError::content(&self.path, "the recording has no frames")
     }
 
-    /// Leaves out pictures whose file is of a kind that is not read or damaged, unless all are, and returns the headers of the others.
+    /// Skips pictures of an unsupported type and damaged ones, unless all are, and returns the
+    /// headers of the others.
     fn headers(&mut self, files: &[PathBuf]) -> Result<Vec<Header>, RecordingError> {
         let named = |error| listing::named_in(&self.described_by, error, files.iter());
         let (mut headers, mut kept, mut unread) = (Vec::new(), vec![true; files.len()], Vec::new());
@@ -283,7 +285,8 @@ impl Parts {
         Ok(headers)
     }
 
-    /// The header that most frames share; the others are left out. For stills, the headers of all files are read.
+    /// The most frequent header; frames with others are skipped. For stills, the headers of all
+    /// files are read.
     fn common_header(&mut self) -> Result<Header, RecordingError> {
         let files = match &self.pictures {
             Pictures::Video(Video { width, height, bits, .. }, _) => {
@@ -298,7 +301,7 @@ impl Parts {
             *counts.entry(*header).or_default() += 1;
         }
         let often = |header: &Header| counts.get(header).copied().unwrap_or_default();
-        // Of two that are as frequent, the first one's.
+        // In a tie the first one.
         let Some(common) = headers.iter().rev().max_by_key(|header| often(header)).copied() else {
             return Err(self.without_frames());
         };
@@ -325,7 +328,7 @@ impl Parts {
     }
 }
 
-/// A track of poses; `file` is named in the error if they do not ascend.
+/// A track of poses; the error names `file` if they do not ascend.
 pub fn track_from(poses: Vec<(f64, Pose)>, max_gap_s: Option<f64>, file: &Path) -> Result<PoseTrack, RecordingError> {
     let max_gap_s = max_gap_s.unwrap_or_else(|| default_max_gap_s(poses.iter().map(|p| p.0)));
     PoseTrack::new(poses, max_gap_s).map_err(|e| RecordingError::content(file, e))
@@ -343,7 +346,7 @@ pub fn geometry_from(model: LensModel, values: &[(&str, f64)]) -> Result<Geometr
     Ok(Geometry::new(intrinsics, distortion))
 }
 
-/// The camera of 360° pictures of this size, in longitude and latitude.
+/// The camera of an equirectangular 360° picture of this size.
 pub fn equirectangular(width: u32, height: u32) -> Result<Geometry, String> {
     if u64::from(width) != 2 * u64::from(height) {
         return Err(format!(
@@ -355,8 +358,8 @@ pub fn equirectangular(width: u32, height: u32) -> Result<Geometry, String> {
     geometry_from(LensModel::Equirectangular, &sizes).map_err(|e| e.to_string())
 }
 
-/// The EXIF settings of each picture, followed by endless empty ones, and the orientation in which all of them are to be
-/// shown. Damaged EXIF is left out with a warning. An orientation is warned about and not applied.
+/// The EXIF settings of each picture, followed by endless empty ones, and their common orientation.
+/// Damaged EXIF is skipped with a warning. An orientation is warned about and not applied.
 fn photo_settings(
     pictures: &Pictures,
     warnings: &mut Vec<String>,
@@ -365,7 +368,7 @@ fn photo_settings(
         Pictures::Stills(files) => files,
         Pictures::Video(..) => &[],
     };
-    // A file that cannot be read was refused before.
+    // Unreadable files were refused before.
     let read = |file: &PathBuf| exif::read(file).unwrap_or_default();
     let photos: Vec<(&PathBuf, Exif)> = files.iter().map(|file| (file, read(file))).collect();
     let mut damaged = photos.iter().filter_map(|(file, exif)| Some((file, exif.damage.as_ref()?)));
@@ -396,7 +399,7 @@ fn photo_settings(
     (settings.into_iter().chain(std::iter::repeat(PhotoSettings::default())), common)
 }
 
-/// The geometry of all frames that have one; `None` if they differ.
+/// The common geometry of all frames that have one; `None` if they differ.
 fn common_geometry(geometries: &[Option<Geometry>]) -> Option<Geometry> {
     let mut known = geometries.iter().flatten();
     let first = known.next()?;

@@ -1,9 +1,11 @@
-//! Writes a recording of our own format while it is seen.
+//! Writes a recording in Locard's own format while frames arrive.
 //!
-//! Pictures are files; their lines, the poses' and the exposures' follow together: at once for the first, then at least
-//! every half second of the frames' time. A frame of which something is still to be told waits for it. A line is written after what it names is on the disk, so that a program that is killed and a power cut
-//! cost that half second, and leave at most one line without an end, which the reader drops. If the disk is full, the
-//! recording ends with the last frame whose line finds room.
+//! Pictures are files; their list lines, and those of poses and exposures, are committed together:
+//! at once for the first frame, then at least every half second of the frames' time. A frame with
+//! incomplete data is held back. A line is written after everything it references is on disk, so a
+//! killed program or a power cut costs that half second, and leaves at most one line without an
+//! end, which the reader drops. If the disk is full, the recording ends with the last frame whose
+//! line fits.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -20,34 +22,34 @@ use super::{FrameCamera, RecordingError, listing};
 use crate::frame::FrameExposure;
 use crate::text::reason;
 
-/// Lines follow their pictures after so much of the frames' time, seconds.
+/// Interval of commits in the frames' time, seconds.
 const HELD_S: f64 = 0.5;
-/// And after so many pictures, whatever their times say.
+/// Maximum number of uncommitted frames, whatever their times.
 const MOST_HELD: usize = 64;
 
 const PROFILE: &str = "camera.toml";
 
-/// What is known of a recording before its first frame.
+/// Metadata of a recording before its first frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct About {
-    /// From a frame to the next, seconds.
+    /// Nominal frame interval, seconds.
     pub interval_s: f64,
-    /// Longest interval across which poses are interpolated, seconds.
+    /// Maximum interval across which poses are interpolated, seconds.
     pub max_gap_s: f64,
     pub up: Option<DVec3>,
-    /// Whether the plane through the world's origin, across `up`, is a surface.
+    /// True if the plane through the world's origin, perpendicular to `up`, is a surface.
     pub has_floor: bool,
     pub camera: Option<String>,
     pub delivered: Option<String>,
-    /// Whether every frame has an exposure, else none.
+    /// True if every frame has an exposure, false if none has.
     pub has_exposure: bool,
-    /// Whether frames say their cameras and lenses, those that know them.
+    /// True if frames may have individual cameras and lenses.
     pub has_cameras: bool,
     /// The camera's profile, as text.
     pub profile: Option<String>,
 }
 
-/// Why a recording has ended.
+/// Errors that end a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum RecorderError {
     #[error("{}: exists already, and is kept; name a new folder", path.display())]
@@ -62,18 +64,18 @@ pub enum RecorderError {
     Recording(#[from] RecordingError),
 }
 
-/// A frame whose picture is written, and its line is not.
+/// A frame whose picture is written, but not its list line.
 #[derive(Clone, Debug)]
 struct Held {
     time_s: f64,
     name: String,
     exposure_s: Option<f64>,
-    /// `None` until it is told.
+    /// `None` until it is set.
     presence: Option<f64>,
     camera: Option<FrameCamera>,
 }
 
-/// A recording that is being written. Dropped, it keeps what it has.
+/// A recording in progress. Dropping it commits its contents.
 #[derive(Debug)]
 pub struct Recorder<S: Store> {
     store: S,
@@ -81,21 +83,21 @@ pub struct Recorder<S: Store> {
     frames: usize,
     last_s: f64,
     held: Vec<Held>,
-    /// Whether a frame's line is written.
+    /// True once a frame's line is written.
     has_frames: bool,
-    /// The text of the recording's own file.
+    /// Content of `recording.toml`.
     description: String,
     has_exposure: bool,
     has_cameras: bool,
     poses: Vec<Line>,
     covariances: Vec<Covariance>,
-    /// Whether there are some in their list.
+    /// True once the list of covariances is not empty.
     has_covariances: bool,
     failed: bool,
 }
 
 impl Recorder<Folder> {
-    /// Begins a recording in a new or empty folder.
+    /// Creates a recording in a new or empty folder.
     pub fn create(path: &Path, about: &About) -> Result<Self, RecorderError> {
         let failed = |source| RecorderError::Write { path: path.to_owned(), source };
         if std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()) || path.is_file() {
@@ -111,8 +113,8 @@ impl Recorder<Folder> {
     }
 }
 
-/// Removes what was begun of a recording that has no frame; a folder that was there before stays. What is a recording, and
-/// files that are none of it, are left as they are.
+/// Removes the files of a recording without frames; a folder that existed before is kept.
+/// Recordings, and other files, are not touched.
 pub fn discard(path: &Path, was_there: bool) {
     if path.join(FILE_NAME).exists() {
         return;
@@ -120,10 +122,10 @@ pub fn discard(path: &Path, was_there: bool) {
     for name in List::ALL.map(List::file_name).into_iter().chain([PROFILE]) {
         let _ = std::fs::remove_file(path.join(name));
     }
-    // Pictures of frames that were never listed, too.
+    // Including pictures of frames that were never listed.
     let pictures = std::fs::read_dir(path.join(PICTURES)).into_iter().flatten().flatten();
     pictures.for_each(|picture| _ = std::fs::remove_file(picture.path()));
-    // Only empty folders go.
+    // Fails on folders that are not empty.
     let _ = std::fs::remove_dir(path.join(PICTURES));
     if !was_there {
         let _ = std::fs::remove_dir(path);
@@ -131,8 +133,8 @@ pub fn discard(path: &Path, was_there: bool) {
 }
 
 impl<S: Store> Recorder<S> {
-    /// Begins a recording; `path` is named in errors. The description is written after the first frame: without it there is no
-    /// recording, and with it there is one that opens.
+    /// Begins a recording; `path` is for error messages. The description is written after the first
+    /// frame, so a folder with a description can always be opened.
     pub fn begin(mut store: S, path: &Path, about: &About) -> Result<Self, RecorderError> {
         let failed = |source| RecorderError::Write { path: path.to_owned(), source };
         let description = write::description(about.description())?.to_string();
@@ -163,14 +165,14 @@ impl<S: Store> Recorder<S> {
         })
     }
 
-    /// Frames whose pictures were written.
+    /// Number of written pictures.
     pub fn frames(&self) -> usize {
         self.frames
     }
 
-    /// Adds a frame by its picture's file: a PNG or a JPEG, by its ending. Times ascend. Its presence
-    /// ([`crate::frame::Frame::presence`]) may be [told](Self::settle) later. After an error nothing is written any more,
-    /// and the frames before it stay.
+    /// Adds a frame by its encoded picture: a PNG or a JPEG, by its extension. Times ascend. Its
+    /// presence ([`crate::frame::Frame::presence`]) may be [set](Self::settle) later. After an
+    /// error nothing more is written, and earlier frames are kept.
     pub fn frame(
         &mut self,
         time_s: f64,
@@ -196,7 +198,7 @@ impl<S: Store> Recorder<S> {
         self.commit_if_due()
     }
 
-    /// Tells the presence of the frame of a time, if it is one that waits for it.
+    /// Sets the presence of the pending frame with this time, if there is one.
     pub fn settle(&mut self, time_s: f64, presence: f64) -> Result<(), RecorderError> {
         if let Some(held) = self.held.iter_mut().find(|held| held.time_s == time_s) {
             held.presence.get_or_insert(presence);
@@ -204,7 +206,7 @@ impl<S: Store> Recorder<S> {
         self.commit_if_due()
     }
 
-    /// Tells the camera of the frame of a time, if it is one that waits for its presence. Listed where [`About::has_cameras`].
+    /// Sets the camera of the pending frame with this time. It is listed if [`About::has_cameras`].
     pub fn camera(&mut self, time_s: f64, camera: FrameCamera) {
         if let Some(held) = self.held.iter_mut().find(|held| held.time_s == time_s) {
             held.camera = Some(camera);
@@ -220,22 +222,22 @@ impl<S: Store> Recorder<S> {
         if is_due { self.commit() } else { Ok(()) }
     }
 
-    /// How many of the frames that are held wait for nothing.
+    /// Number of pending frames before the first incomplete one.
     fn settled(&self) -> usize {
         self.held.iter().take_while(|held| held.presence.is_some()).count()
     }
 
-    /// Adds a pose. Times ascend; the caller sees to it.
+    /// Adds a pose. The caller ensures ascending times.
     pub fn pose(&mut self, line: Line) {
         self.poses.push(line);
     }
 
-    /// Adds the covariance of a pose; their list is there once there is one.
+    /// Adds the covariance of a pose; the list is created with the first one.
     pub fn covariance(&mut self, covariance: Covariance) {
         self.covariances.push(covariance);
     }
 
-    /// Writes all that is held, except frames that wait for something.
+    /// Commits everything, except incomplete frames.
     pub fn commit(&mut self) -> Result<(), RecorderError> {
         if self.failed {
             return Ok(());
@@ -260,9 +262,9 @@ impl<S: Store> Recorder<S> {
         Ok(())
     }
 
-    /// Writes the lines of so many frames, and of all poses.
+    /// Writes the lines of a number of frames, and of all poses.
     fn write(&mut self, frames: usize) -> io::Result<()> {
-        // A list's first line is its head.
+        // A list begins with its header line.
         let lists = lists(&self.held[..frames], &self.poses, self.has_exposure)?;
         let [frames, poses, exposures, cameras] =
             lists.each_ref().map(|text| text.split_once('\n').map_or("", |(_, lines)| lines));
@@ -275,8 +277,8 @@ impl<S: Store> Recorder<S> {
         self.store.append([poses, exposures, &covariances, cameras, frames])
     }
 
-    /// Ends a recording on a full disk: what is held is written at the cost of its last pictures, if the lines find no
-    /// room, and of those that wait for something.
+    /// Ends a recording on a full disk: the last pictures, and incomplete frames, are removed until
+    /// the lines fit.
     fn make_room(&mut self) {
         self.failed = true;
         let settled = self.settled();
@@ -289,7 +291,8 @@ impl<S: Store> Recorder<S> {
         self.poses.clear();
     }
 
-    /// Ends the recording, and says how many frames it has. Those that wait for something are as if nothing were to be said.
+    /// Ends the recording, and returns its number of frames. Missing data of incomplete frames is
+    /// omitted.
     pub fn finish(mut self) -> Result<usize, RecorderError> {
         self.end()?;
         Ok(self.frames)
@@ -307,7 +310,7 @@ impl<S: Store> Drop for Recorder<S> {
     }
 }
 
-/// The texts of the first lists, with their heads.
+/// Content of the first lists, with their headers.
 fn lists(frames: &[Held], poses: &[Line], has_exposure: bool) -> io::Result<[String; 4]> {
     let listed = frames.iter().map(|held| (held.time_s, held.name.as_str(), held.presence.unwrap_or(1.0)));
     let listed = listing::write_frames(listed).map_err(io::Error::other)?;

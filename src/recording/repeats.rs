@@ -1,4 +1,4 @@
-//! What stands twice in a recording, and frames that are left out.
+//! Duplicate frames, and removal of frames.
 
 use std::ops::Range;
 
@@ -10,22 +10,22 @@ use crate::source::ahead::Ahead;
 use crate::source::still;
 use crate::text::count;
 
-/// Frames at which something stands as in the frame before.
+/// Indices of frames that repeat a property of the previous frame.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Repeats {
-    /// The picture's code values.
+    /// Equal pictures.
     pub pictures: Vec<usize>,
-    /// The same, and yet the pose is another.
+    /// Equal pictures with different poses.
     pub moved: Vec<usize>,
-    /// The pose, though the picture is another. Empty if the camera rests throughout.
+    /// Equal poses with different pictures. Empty if the camera is at rest throughout.
     pub poses: Vec<usize>,
-    /// The timestamp.
+    /// Equal timestamps.
     pub times: Vec<usize>,
 }
 
 impl Recording {
-    /// Finds what repeats. Every picture is decoded; `each` is called after each. A still picture that cannot be read
-    /// repeats nothing ([`Recording::check_ends`] finds it).
+    /// Finds duplicates. Every picture is decoded; `each` is called after each. An unreadable still
+    /// counts as different ([`Recording::check_ends`] finds it).
     pub fn repeats(&self, mut each: impl FnMut()) -> Result<Repeats, RecordingError> {
         let frames = 0..self.frame_count();
         let mut pictures = Vec::new();
@@ -47,7 +47,8 @@ impl Recording {
     }
 }
 
-/// Calls `found` for each frame, in order, with whether its picture has the code values of the one before.
+/// Calls `found` for each frame, in order, with true if its picture has the code values of the
+/// previous one.
 fn repeating(
     pictures: &Pictures,
     frames: Range<usize>,
@@ -77,7 +78,7 @@ fn repeating(
 }
 
 impl Parts {
-    /// Leaves out the frames whose picture is not there, and depth pictures that are not.
+    /// Removes frames whose picture is missing, and missing depth pictures.
     pub fn leave_out_missing(&mut self) {
         let Pictures::Stills(files) = &self.pictures else { return };
         let there: Vec<bool> = files.iter().map(|file| file.exists()).collect();
@@ -98,7 +99,7 @@ impl Parts {
         }
     }
 
-    /// Leaves out the frames that repeat the one before.
+    /// Removes frames that repeat the previous one.
     pub fn leave_out_repeats(&mut self) -> Result<(), RecordingError> {
         let mut differs = vec![true; self.timestamps_s.len()];
         repeating(&self.pictures, 0..self.timestamps_s.len(), |frame, repeats| differs[frame] = !repeats)?;
@@ -111,7 +112,8 @@ impl Parts {
         Ok(())
     }
 
-    /// Keeps the frames of which `kept` says so. Poses, depth and exposure stay: they belong to times.
+    /// Keeps the frames marked in `kept`. Poses, depth and exposure stay: they are associated by
+    /// time.
     pub(super) fn keep(&mut self, kept: &[bool]) {
         fn retain<T>(values: &mut Vec<T>, kept: &[bool]) {
             let mut kept = kept.iter();
@@ -141,7 +143,7 @@ mod tests {
     #[test]
     fn frames_that_remain_keep_their_own_values() {
         let folder = tempfile::tempdir().unwrap();
-        // The second and the fourth picture repeat the one before.
+        // The second and the fourth picture repeat the previous one.
         let codes = [10, 10, 20, 20, 30];
         let files: Vec<_> = (0..codes.len()).map(|i| folder.path().join(format!("{i}.png"))).collect();
         for (file, code) in files.iter().zip(codes) {

@@ -1,4 +1,4 @@
-//! Matrices that only rotate and translate.
+//! Rigid transforms.
 
 use glam::{DMat3, DVec3};
 
@@ -7,19 +7,20 @@ use crate::tracking::tum::LARGEST_NORM_ERROR;
 /// The error for other matrices; follows the name.
 pub const NOT_RIGID: &str = "is not a turn and a shift (unit axes at right angles, right-handed)";
 
-/// Whether a transform is a lost pose, as trackers write it: not finite, or without a rotation.
+/// True if a transform is a lost pose, as written by trackers: non-finite, or without a rotation.
 pub fn is_lost(rows: &[[f64; 4]]) -> bool {
     let rotation = rows.iter().take(3).flat_map(|[x, y, z, _]| [*x, *y, *z]);
     !rows.iter().flatten().all(|value| value.is_finite()) || rotation.into_iter().all(|value| value == 0.0)
 }
 
-/// Rotation and translation of three rows of a transform. `None` if it scales, shears, mirrors or is not finite.
+/// Rotation and translation of three rows of a transform. `None` if it scales, shears, mirrors or
+/// is not finite.
 pub fn rigid([a, b, c]: [[f64; 4]; 3]) -> Option<(DMat3, DVec3)> {
     let column = |i: usize| DVec3::new(a[i], b[i], c[i]);
     let turn = DMat3::from_cols(column(0), column(1), column(2));
     let off = turn.transpose() * turn - DMat3::IDENTITY;
     let worst = off.to_cols_array().into_iter().map(f64::abs).fold(0.0, f64::max);
-    // Twice the error, since the length is squared. The determinant is NaN if any value is.
+    // Twice the tolerance, since the length is squared. The determinant is NaN if any value is.
     let is_rigid = worst <= 2.0 * LARGEST_NORM_ERROR && turn.determinant() > 0.0 && column(3).is_finite();
     is_rigid.then(|| (turn, column(3)))
 }

@@ -5,9 +5,9 @@
 //! Source: Shotton et al., "Scene coordinate regression forests", CVPR 2013,
 //! <https://www.microsoft.com/en-us/research/project/rgb-d-dataset-7-scenes/>.
 //!
-//! The depth camera's intrinsics are published. Those of the colour camera, and how far it stands beside the depth
-//! camera, are not: a Kinect's usual focal length is taken, and the distance with which edges of depth and colour lie
-//! on each other best.
+//! The depth camera's intrinsics are published. The colour camera's, and its offset from the depth
+//! camera, are not: a Kinect's usual focal length is assumed, and the offset that aligns edges of
+//! depth and colour best.
 
 use std::path::{Path, PathBuf};
 
@@ -27,7 +27,7 @@ use crate::tracking::tum::PoseNotes;
 pub static FORMAT: Format = Format {
     name: "7-Scenes",
     marker: "a 7-Scenes folder (frame-000000.color.png)",
-    // The Kinect's 30 frames a second, although no time is written.
+    // The Kinect's 30 frames a second, although no times are stored.
     has_times: true,
     is_metric: true,
     find: |path| (path.is_dir() && has_picture(path)).then(|| path.to_owned()),
@@ -35,13 +35,13 @@ pub static FORMAT: Format = Format {
 };
 
 const CODES_PER_METRE: f64 = 1000.0;
-/// For pictures of 640×480.
+/// Focal lengths for pictures of 640×480.
 const DEPTH_FOCAL_PX: f64 = 585.0;
 const COLOUR_FOCAL_PX: f64 = 525.0;
-/// Where the colour camera stands in the depth camera's axes: to its right.
+/// Position of the colour camera in the depth camera's axes: to its right.
 const COLOUR_AT_M: DVec3 = DVec3::new(0.025, 0.0, 0.0);
 
-/// `frame-000000`, of the name of a colour picture.
+/// `frame-000000`, from the name of a colour picture.
 fn stem(file: &Path) -> Option<&str> {
     let name = file.file_name()?.to_str()?;
     let stem = [".color.png", ".color.jpg"].into_iter().find_map(|ending| name.strip_suffix(ending))?;
@@ -62,13 +62,13 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         digits.parse::<u32>().map_err(|_| RecordingError::content(file, "its number is too large"))
     };
     let numbers = files.iter().map(number_of).collect::<Result<Vec<u32>, _>>()?;
-    // Frames that are missing keep their time.
+    // Missing frames keep their time.
     let times_s: Vec<f64> = numbers.iter().map(|n| f64::from(n - numbers[0]) / NOMINAL_FPS).collect();
     let (mut poses, mut described_by, mut depths) = (Vec::new(), Vec::new(), Vec::new());
     let mut odd = PoseNotes::default();
     for (file, time_s) in files.iter().zip(&times_s) {
         let pose = beside(file, ".pose.txt");
-        // A frame whose tracking was lost may have none.
+        // A frame with lost tracking may have no pose file.
         if pose.exists() {
             match parse_pose(&records::read(&pose)?, &pose)? {
                 Some(found) => poses.push((*time_s, found)),
@@ -106,7 +106,7 @@ fn colour_from_depth() -> Pose {
     Pose::new(DQuat::IDENTITY, -COLOUR_AT_M)
 }
 
-/// The camera of the first picture that can be read; `None` without any picture.
+/// The camera of the first readable picture; `None` without any picture.
 fn camera_of<'a>(files: impl Iterator<Item = &'a PathBuf>, focal_px: f64) -> Result<Option<Geometry>, RecordingError> {
     let mut problem = None;
     for file in files {
@@ -118,7 +118,7 @@ fn camera_of<'a>(files: impl Iterator<Item = &'a PathBuf>, focal_px: f64) -> Res
     problem.map_or(Ok(None), Err)
 }
 
-/// The camera of a picture, with a focal length that is meant for 640 pixels across.
+/// The camera of a picture, with a focal length that refers to a width of 640 pixels.
 fn camera(file: &Path, focal_px: f64) -> Result<Geometry, RecordingError> {
     let header = still::read_header(file)?;
     let (width, height) = (f64::from(header.width), f64::from(header.height));
@@ -134,8 +134,8 @@ fn camera(file: &Path, focal_px: f64) -> Result<Geometry, RecordingError> {
     geometry_from(LensModel::Opencv, &values).map_err(|e| RecordingError::content(file, e))
 }
 
-/// The colour camera's pose, from the depth camera's in the world. `None` if tracking was lost: the file is empty, or the
-/// matrix is not finite or without a rotation.
+/// The colour camera's pose, from the depth camera's in the world. `None` if tracking was lost: the
+/// file is empty, or the matrix is not finite or without a rotation.
 fn parse_pose(text: &str, file: &Path) -> Result<Option<Pose>, RecordingError> {
     if records::records(text).next().is_none() {
         return Ok(None);
@@ -170,12 +170,13 @@ mod tests {
 
     #[test]
     fn a_point_worked_by_hand() {
-        // The depth camera is at (1, 2, 3) and turned by 90° about z: its x is the world's y. So the colour camera is
-        // at (1, 2.025, 3).
+        // The depth camera is at (1, 2, 3) and rotated by 90° about z: its x is the world's y. So
+        // the colour camera is at (1, 2.025, 3).
         let text = "0 -1 0 1\n1 0 0 2\n0 0 1 3\n0 0 0 1\n";
         let pose = parse_pose(text, Path::new("a.pose.txt")).unwrap().unwrap();
         assert!((pose.position_in_world_m() - DVec3::new(1.0, 2.025, 3.0)).length() < 1e-12);
-        // 2 m ahead of the depth camera, 0.4 m to its right: f·x/z = 525 · 0.375 / 2 right of the picture's middle.
+        // 2 m ahead of the depth camera, 0.4 m to its right: f·x/z = 525 · 0.375 / 2 right of the
+        // picture's centre.
         let in_depth = DVec3::new(0.4, 0.0, 2.0);
         let seen = pose.transform_point(DVec3::new(1.0, 2.4, 5.0));
         assert!((seen - colour_from_depth().transform_point(in_depth)).length() < 1e-12, "{seen}");

@@ -1,11 +1,12 @@
-//! A folder as Stray Scanner exports it from a phone: `rgb.mp4`, `odometry.csv`, `camera_matrix.csv`, `depth/`,
-//! `confidence/`. Frame i is line i of `odometry.csv`: seconds since boot, and the camera in the world with OpenCV's
-//! axes, metres, y up. The principal point is counted from the picture's upper left corner, as ARKit counts it. Depth is
-//! in millimetres, smaller than the video, of the same field of view; where confidence is 0 it counts as not measured.
-//! Source: <https://github.com/strayrobots/scanner>.
+//! A Stray Scanner export from a phone: `rgb.mp4`, `odometry.csv`, `camera_matrix.csv`, `depth/`,
+//! `confidence/`. Frame i is line i of `odometry.csv`: seconds since boot, and the camera in the
+//! world with OpenCV's axes, metres, y up. The principal point is relative to the picture's upper
+//! left corner, as in ARKit. Depth is in millimetres, smaller than the video, with the same field
+//! of view; pixels with confidence 0 count as not measured. Source:
+//! <https://github.com/strayrobots/scanner>.
 //!
-//! Not read: `imu.csv`. The lens's distortion and the sensor's readout time are not in the export: ARKit delivers
-//! pictures that are nearly free of distortion.
+//! Not read: `imu.csv`. The lens's distortion and the sensor's readout time are not in the export:
+//! ARKit delivers pictures that are nearly free of distortion.
 
 use std::path::Path;
 
@@ -38,7 +39,7 @@ pub static FORMAT: Format = Format {
 fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let odometry = folder.join(ODOMETRY);
     let mut list = records::read(&odometry)?;
-    // A phone that ran out of power, or of room, leaves a part of a line.
+    // If the phone ran out of power or storage, the last line is incomplete.
     let unended = if list.contains('\n') { records::drop_unended(&mut list) } else { None };
     let (lines, odd) = parse_odometry(&list, &odometry)?;
     let video = video::probe(&folder.join("rgb.mp4"), &Overrides::default())?;
@@ -79,7 +80,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let mut poses: Vec<(f64, Pose)> = Vec::new();
     let known = || lines.iter().filter_map(|line| Some((line.time_s, line.pose?)));
     for (time_s, pose) in known() {
-        // Of two poses at one time the first stays.
+        // Of two poses at one time the first is kept.
         if poses.last().is_none_or(|before| before.0 < time_s) {
             poses.push((time_s, pose));
         }
@@ -107,7 +108,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     Ok(parts)
 }
 
-/// The depth pictures that are there, and a warning with the first that is not.
+/// Existing depth pictures, and a warning that names the first missing one.
 fn depth_pictures(folder: &Path, lines: &[Line], odometry: &Path) -> (Vec<(f64, std::path::PathBuf)>, Option<String>) {
     let named = |line: &Line| folder.join("depth").join(format!("{}.png", line.name));
     let (there, missing): (Vec<_>, Vec<_>) = lines.iter().partition(|line| named(line).exists());
@@ -139,12 +140,12 @@ fn geometry([fx, fy, cx, cy]: [f64; 4], width: u32, height: u32) -> Result<Geome
 /// A line of `odometry.csv`.
 #[derive(Debug)]
 struct Line {
-    /// Its number in the file, from 1.
+    /// Line number in the file, from 1.
     at: usize,
     time_s: f64,
-    /// Of its pictures, without ending.
+    /// Stem of its pictures' names.
     name: String,
-    /// `None` if the phone had lost its place.
+    /// `None` if tracking was lost.
     pose: Option<Pose>,
     /// fx, fy, cx, cy.
     intrinsics: Option<[f64; 4]>,
@@ -250,7 +251,8 @@ mod tests {
 
     #[test]
     fn a_point_worked_by_hand() {
-        // At (1, 2, 3), turned by 180° about x: the camera's y is the world's −y, which is down, and it looks along −z.
+        // At (1, 2, 3), rotated by 180° about x: the camera's y is the world's −y, which is down,
+        // and it looks along −z.
         let line = format!("{HEAD}\n5021.25, 000007, 1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0\n");
         let lines = parse(&line).unwrap();
         let Line { at, time_s, name, pose, intrinsics } = &lines[0];

@@ -1,5 +1,5 @@
-//! A folder in the TUM RGB-D benchmark's format: `rgb.txt`, `groundtruth.txt`, optionally `depth.txt`. Its world is a
-//! motion-capture room with z up; otherwise its conventions are ours.
+//! A folder in the TUM RGB-D benchmark's format: `rgb.txt`, `groundtruth.txt`, optionally
+//! `depth.txt`. Its world is a motion-capture room with z up; its other conventions are Locard's.
 
 use std::path::Path;
 

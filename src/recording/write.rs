@@ -1,4 +1,4 @@
-//! Recordings as text. The reader of our own format reads back what is written here, number for number.
+//! Recordings as text. The reader of the native format reads back all numbers exactly.
 
 use std::path::Path;
 
@@ -14,7 +14,8 @@ pub use crate::tracking::tum::{Line, write_trajectory as trajectory};
 use super::{RecordingError, own};
 use crate::document::Document;
 
-/// A description as the text of a `recording.toml`. Anything the reader would refuse is refused here.
+/// A description as the text of a `recording.toml`. Returns the errors that the reader would
+/// return.
 pub fn description(description: Description) -> Result<Document<Description>, RecordingError> {
     let file = Path::new(FILE_NAME);
     let document = Document::new(description).map_err(|problem| RecordingError::content(file, problem))?;

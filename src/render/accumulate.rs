@@ -11,26 +11,26 @@ crate::uniform! {
     struct Stride { stride: u32 }
 }
 
-/// An unfinished sum.
+/// A running weighted sum.
 #[derive(Debug)]
-pub struct Sum {
+pub struct WeightedSum {
     stride: u32,
-    /// Red and green, blue and alpha, the nearest's geometry.
+    /// Red and green, blue and alpha, geometry of the nearest sample.
     parts: [wgpu::Buffer; 3],
 }
 
 /// Bytes per pixel of each part.
 const BYTES_PER_PX: u64 = 8;
 
-/// The most pixels that can be summed: limited by the adapter's buffer binding size.
-pub fn largest_area_px(gpu: &Gpu) -> u32 {
+/// Maximum area that can be summed, limited by the adapter's buffer binding size.
+pub fn max_area_px(gpu: &Gpu) -> u32 {
     let limits = gpu.device.limits();
     let bytes = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
     (bytes / BYTES_PER_PX).try_into().unwrap_or(u32::MAX)
 }
 
-impl Sum {
-    /// An empty sum of layers of this size. New buffers are zero.
+impl WeightedSum {
+    /// A zero sum for layers of this size. New buffers are zero-initialised.
     pub fn new(gpu: &Gpu, size: (u32, u32)) -> Self {
         let buffer = || {
             gpu.device.create_buffer(&wgpu::BufferDescriptor {
@@ -59,7 +59,7 @@ impl Sum {
             .dispatch((layer.size.0.div_ceil(8), layer.size.1.div_ceil(8)));
     }
 
-    /// Writes the finished sum into a layer.
+    /// Writes the sum into a layer.
     pub fn finish(&self, recorder: &mut Recorder, out: &Layer) {
         let [red_green, blue_alpha, nearest] = &self.parts;
         recorder

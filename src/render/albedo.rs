@@ -1,32 +1,34 @@
-//! How much light from all around a rough surface reflects in one bounce between its facets: the table that the shader
-//! weights specular light by.
+//! Directional albedo of a rough surface in uniform light, single-scattering: the lookup table that
+//! weights specular light in the shader.
 
 use glam::{DVec2, DVec3};
 
-/// Steps of the table in each direction, as in shaders/raster.wgsl. With 16, interpolated values are off by 0.003 (root
-/// mean square over all angles and roughnesses).
-pub const STEPS: usize = 16;
-const SAMPLES: u32 = 512;
+/// Table size in each direction, as in shaders/raster.wgsl. With 16, interpolated values have an
+/// error of 0.003 (root mean square over all angles and roughnesses).
+pub const TABLE_SIZE: usize = 16;
+const SAMPLES_PER_ENTRY: u32 = 512;
 
-/// Rows from roughness 0 to 1; within a row from grazing to perpendicular view in even steps of √cos. Entries: scale
-/// and bias of F0 (Karis 2013, "Environment BRDF"), and the mean of their sum over all views, weighted by cos, which is
-/// the same for a whole row.
+/// Rows from roughness 0 to 1; within a row from grazing to perpendicular view in equal steps of
+/// √cos. Entries: scale and bias of F0 (Karis 2013, "Environment BRDF"), and the mean of their sum
+/// over all views, weighted by cos, which is constant in a row.
 pub fn table() -> Vec<[f32; 4]> {
-    let step = |i: usize| i as f64 / (STEPS - 1) as f64;
-    let mut table = Vec::with_capacity(STEPS * STEPS);
-    for row in 0..STEPS {
+    let step = |i: usize| i as f64 / (TABLE_SIZE - 1) as f64;
+    let mut table = Vec::with_capacity(TABLE_SIZE * TABLE_SIZE);
+    for row in 0..TABLE_SIZE {
         let roughness = step(row).max(0.03);
-        let entries: Vec<_> = (0..STEPS).map(|i| scale_and_bias(step(i).powi(2).max(1e-3), roughness)).collect();
+        let entries: Vec<_> = (0..TABLE_SIZE).map(|i| scale_and_bias(step(i).powi(2).max(1e-3), roughness)).collect();
         let sum = |i: usize| entries[i].x + entries[i].y;
         // ∫ E 2μ dμ over the steps of √μ, with E linear between them.
-        let mean: f64 = (1..STEPS).map(|i| 0.5 * (sum(i - 1) + sum(i)) * (step(i).powi(4) - step(i - 1).powi(4))).sum();
+        let mean: f64 =
+            (1..TABLE_SIZE).map(|i| 0.5 * (sum(i - 1) + sum(i)) * (step(i).powi(4) - step(i - 1).powi(4))).sum();
         table.extend(entries.iter().map(|e| [e.x as f32, e.y as f32, mean as f32, 0.0]));
     }
     table
 }
 
-/// Reflected share of uniform light as x·F0 + y, seen at this cosine: GGX with Smith's height-correlated shadowing and
-/// Schlick's Fresnel term, as in the shader. Sampled by visible normals (Heitz 2018).
+/// Reflected share of uniform light as x·F0 + y, for a view at this cosine: GGX with Smith's
+/// height-correlated shadowing and Schlick's Fresnel term, as in the shader. Sampled by visible
+/// normals (Heitz 2018).
 fn scale_and_bias(cos: f64, roughness: f64) -> DVec2 {
     let alpha = roughness * roughness;
     let view = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
@@ -36,9 +38,9 @@ fn scale_and_bias(cos: f64, roughness: f64) -> DVec2 {
     let across = DVec3::Y;
     let along = stretched.cross(across);
     let mut sum = DVec2::ZERO;
-    for i in 0..SAMPLES {
-        // Hammersley's points.
-        let radius = ((f64::from(i) + 0.5) / f64::from(SAMPLES)).sqrt();
+    for i in 0..SAMPLES_PER_ENTRY {
+        // Hammersley points.
+        let radius = ((f64::from(i) + 0.5) / f64::from(SAMPLES_PER_ENTRY)).sqrt();
         let angle = f64::from(i.reverse_bits()) * 2f64.powi(-32) * std::f64::consts::TAU;
         let (s, c) = angle.sin_cos();
         let (a, b) = (radius * c, radius * s);
@@ -54,7 +56,7 @@ fn scale_and_bias(cos: f64, roughness: f64) -> DVec2 {
             sum += DVec2::new(1.0 - fresnel, fresnel) * weight;
         }
     }
-    sum / f64::from(SAMPLES)
+    sum / f64::from(SAMPLES_PER_ENTRY)
 }
 
 #[cfg(test)]
@@ -85,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn sampling_agrees_with_quadrature() {
+    fn sampled_albedo_matches_quadrature() {
         for (cos, roughness) in [(1.0, 0.4), (0.6, 0.5), (0.3, 0.8), (1.0, 1.0)] {
             let (sampled, summed) = (scale_and_bias(cos, roughness), by_quadrature(cos, roughness));
             // 512 low-discrepancy points.
@@ -94,16 +96,16 @@ mod tests {
     }
 
     #[test]
-    fn a_mirror_loses_nothing_and_the_roughest_surface_most() {
+    fn mirror_has_albedo_one_and_the_roughest_surface_the_least() {
         let table = table();
-        assert_eq!(table.len(), STEPS * STEPS);
-        let sum = |row: usize, i: usize| table[STEPS * row + i][0] + table[STEPS * row + i][1];
-        assert!((sum(0, STEPS - 1) - 1.0).abs() < 1e-3);
+        assert_eq!(table.len(), TABLE_SIZE * TABLE_SIZE);
+        let sum = |row: usize, i: usize| table[TABLE_SIZE * row + i][0] + table[TABLE_SIZE * row + i][1];
+        assert!((sum(0, TABLE_SIZE - 1) - 1.0).abs() < 1e-3);
         assert!((table[0][2] - 1.0).abs() < 0.01, "{:?}", table[0]);
-        assert!((1..STEPS).all(|row| sum(row, STEPS - 1) <= sum(row - 1, STEPS - 1) + 1e-3));
+        assert!((1..TABLE_SIZE).all(|row| sum(row, TABLE_SIZE - 1) <= sum(row - 1, TABLE_SIZE - 1) + 1e-3));
         // Mean of the quadrature over views, for roughness 1.
         let mean: f64 =
             (0..20).map(|i| (f64::from(i) + 0.5) / 20.0).map(|mu| by_quadrature(mu, 1.0).element_sum() * mu).sum();
-        assert!((f64::from(table[STEPS * STEPS - 1][2]) - mean / 10.0).abs() < 0.01);
+        assert!((f64::from(table[TABLE_SIZE * TABLE_SIZE - 1][2]) - mean / 10.0).abs() < 0.01);
     }
 }

@@ -1,37 +1,38 @@
-//! A camera that sees all around, drawn as views around it: the sides of a cube, each as far as objects reach.
-//! shaders/around.wgsl assembles them into one layer, on which effects and composite work as on any other.
+//! 360° and wide fisheye pictures, drawn as cube map faces, each cropped to the objects.
+//! shaders/around.wgsl assembles them into one layer, on which effects and composite operate as
+//! usual.
 
 use glam::{DVec2, DVec3};
 
-use super::around_bounds::most_px_per_s;
+use super::around_bounds::max_speed_px_per_s;
 use super::pipeline::{COLOR, GEOMETRY};
 use super::plan::Layer;
-use super::resample::{Face, square_view};
+use super::resample::{CubeFace, square_view};
 use super::view::{NEAR_M, Outer, View, ViewKeys};
 use crate::camera::{Geometry, LensModel};
 use crate::gpu::{Entry, Recorder, Shader, Texture};
 use crate::pixels::Rect;
 use crate::pose::Pose;
 
-/// Texels of a view per pixel, along each side, where texels are coarsest.
-const FINER: f64 = 2.0;
-/// Size of a view's 90°, px; limits its memory.
-const LARGEST_VIEW_PX: f64 = 4096.0;
+/// Texels of a face per pixel, along each side, where texels are coarsest.
+const TEXELS_PER_PX: f64 = 2.0;
+/// Maximum face size (90°), px; limits the memory.
+const MAX_FACE_PX: f64 = 4096.0;
 
-/// One side of the cube, as far as objects are in it.
+/// A cube face, cropped to the objects.
 #[derive(Debug)]
-pub struct SideView {
-    face: Face,
+pub struct FaceView {
+    face: CubeFace,
     geometry: Geometry,
     keys: ViewKeys,
     rect: Rect,
 }
 
-/// The finest resolution of the picture, px per radian.
+/// The highest angular resolution of the picture, px per radian.
 fn px_per_rad(geometry: &Geometry) -> f64 {
     let i = &geometry.intrinsics;
     if geometry.is_round() {
-        // Columns near the poles are finer, but show no more detail.
+        // Columns near the poles are denser without showing more detail.
         return i.fy_px.max(i.fx_px);
     }
     let steepest = (0..=100)
@@ -41,10 +42,11 @@ fn px_per_rad(geometry: &Geometry) -> f64 {
 }
 
 fn view_geometry(geometry: &Geometry) -> Geometry {
-    square_view((2.0 * FINER * px_per_rad(geometry)).clamp(32.0, LARGEST_VIEW_PX).ceil() as u32)
+    square_view((2.0 * TEXELS_PER_PX * px_per_rad(geometry)).clamp(32.0, MAX_FACE_PX).ceil() as u32)
 }
 
-/// Whether a box (corners in the camera's axes) lies beyond one of the sides of a pinhole's picture.
+/// True if a box (corners in the camera's axes) lies beyond one of the sides of a pinhole's
+/// picture.
 pub fn out_of_view(geometry: &Geometry, corners: &[DVec3; 8]) -> bool {
     let i = &geometry.intrinsics;
     let (low, high) = (
@@ -58,12 +60,12 @@ pub fn out_of_view(geometry: &Geometry, corners: &[DVec3; 8]) -> bool {
         || beyond(&|c| high.y * c.z - c.y)
 }
 
-impl SideView {
-    /// The views in which some of the boxes (corners in the world) are visible.
+impl FaceView {
+    /// The faces in which any of the boxes (corners in the world) is visible.
     pub fn all(view: &View<'_>, boxes: &[[DVec3; 8]]) -> Vec<Self> {
         let geometry = view_geometry(view.geometry);
         let side = geometry.intrinsics.width_px;
-        Face::ALL
+        CubeFace::ALL
             .into_iter()
             .filter_map(|face| {
                 let turn = face.face_from_camera();
@@ -75,7 +77,7 @@ impl SideView {
             .collect()
     }
 
-    /// The view as it is drawn.
+    /// The view for drawing this face.
     pub fn view<'a>(&'a self, of: &View<'a>) -> View<'a> {
         View {
             geometry: &self.geometry,
@@ -89,7 +91,7 @@ impl SideView {
         }
     }
 
-    /// A layer to draw it into.
+    /// A layer for this face.
     pub fn layer(&self, recorder: &Recorder) -> Layer {
         let size = (self.rect.width(), self.rect.height());
         let lend = |format| recorder.pool.lend(&recorder.gpu, size, format);
@@ -97,7 +99,7 @@ impl SideView {
     }
 }
 
-/// The part of a view that the boxes may touch while the shutter is open.
+/// The part of a face that the boxes may touch during the exposure.
 fn extent(geometry: &Geometry, keys: &ViewKeys, boxes: &[[DVec3; 8]]) -> Rect {
     let side = geometry.intrinsics.width_px;
     let mut rect = Rect::new(0, 0, 0, 0);
@@ -143,13 +145,13 @@ crate::uniform! {
 }
 
 impl AroundUniform {
-    fn new<'a>(view: &View<'_>, sides: impl Iterator<Item = &'a SideView>) -> Self {
+    fn new<'a>(view: &View<'_>, sides: impl Iterator<Item = &'a FaceView>) -> Self {
         let geometry = view.geometry;
         let (i, d) = (&geometry.intrinsics, &geometry.distortion);
         let rect = |r: &Rect| [r.x0 as f32, r.y0 as f32, r.x1 as f32, r.y1 as f32];
         let valid = if geometry.is_round() { 0.0 } else { geometry.valid_radius() };
         let (mut drawn, mut axes) = ([[0.0; 4]; 6], [[[0.0; 4]; 6]; 3]);
-        for face in Face::ALL {
+        for face in CubeFace::ALL {
             for (axis, of) in axes.iter_mut().zip(face.axes()) {
                 axis[face as usize] = of.extend(0.0).as_vec4().to_array();
             }
@@ -170,7 +172,7 @@ impl AroundUniform {
             // The radius of the valid angle, measured horizontally to the right.
             rim_radius: d.carried(DVec3::new(valid.sin(), 0.0, valid.cos()), valid).x as f32,
             step_s: view.shutter.velocity_step_s() as f32,
-            most_px_per_s: most_px_per_s(geometry, view.shutter) as f32,
+            most_px_per_s: max_speed_px_per_s(geometry, view.shutter) as f32,
             view_focal: views.fx_px as f32,
             view_middle: views.cx_px as f32,
             tolerance_m: view.occlusion.map_or(0.0, |occlusion| occlusion.tolerance_m),
@@ -182,15 +184,15 @@ impl AroundUniform {
     }
 }
 
-/// Colour and geometry of an empty view.
+/// Colour and geometry of an empty face.
 #[derive(Clone, Copy, PartialEq)]
-struct Nothing;
+struct EmptyFace;
 
-/// Assembles views: the layer of `view`, from its drawn sides. `no_depth` contains a 0.
-pub fn gather(recorder: &mut Recorder, view: &View<'_>, sides: &[(SideView, Layer)], no_depth: &Texture, out: &Layer) {
+/// Assembles the layer of `view` from its drawn faces. `no_depth` contains a 0.
+pub fn gather(recorder: &mut Recorder, view: &View<'_>, sides: &[(FaceView, Layer)], no_depth: &Texture, out: &Layer) {
     const COLORS: [&str; 6] = ["color0", "color1", "color2", "color3", "color4", "color5"];
     const GEOMETRIES: [&str; 6] = ["geometry0", "geometry1", "geometry2", "geometry3", "geometry4", "geometry5"];
-    let nothing = recorder.memoized(Nothing, |gpu, _| {
+    let nothing = recorder.memoized(EmptyFace, |gpu, _| {
         [COLOR, GEOMETRY].map(|format| Texture::new(gpu, "nothing drawn", 1, 1, format, 1))
     });
     let fisheye = view.geometry.distortion.model == LensModel::OpencvFisheye;
@@ -198,7 +200,7 @@ pub fn gather(recorder: &mut Recorder, view: &View<'_>, sides: &[(SideView, Laye
         .pass(Shader::Around, Entry::from("main").choose("fisheye", fisheye))
         .uniform("around", &AroundUniform::new(view, sides.iter().map(|(side, _)| side)))
         .texture("real_depth", view.occlusion.map_or(no_depth, |occlusion| occlusion.depth));
-    for (face, (color, geometry)) in Face::ALL.into_iter().zip(COLORS.into_iter().zip(GEOMETRIES)) {
+    for (face, (color, geometry)) in CubeFace::ALL.into_iter().zip(COLORS.into_iter().zip(GEOMETRIES)) {
         let drawn = sides.iter().find(|(side, _)| side.face == face).map(|(_, layer)| layer);
         pass = pass.texture(color, drawn.map_or(&nothing[0], |layer| &layer.color));
         pass = pass.texture(geometry, drawn.map_or(&nothing[1], |layer| &layer.geometry));

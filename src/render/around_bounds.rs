@@ -1,32 +1,33 @@
-//! Where the objects can be in a picture that sees all around: a 360° picture, a fisheye of 170° and more.
+//! Bounds of the objects in 360° and wide fisheye pictures (170° and more).
 //!
-//! A box's outline consists of edges, so points along them show where it lies, unless it contains a pole of the picture
-//! (straight up or down in a 360° picture, straight back in a fisheye's). In a 360° picture columns continue beyond its
-//! rims: an object across the seam has one rectangle, which extends over the right rim.
+//! A box's outline consists of edges, so points along them bound its image, unless it contains a
+//! pole of the picture (straight up or down in a 360° picture, straight back in a fisheye's). In a
+//! 360° picture columns continue beyond the borders: an object across the seam has one rectangle,
+//! which extends beyond the right border.
 
 use glam::{DVec2, DVec3};
 
-use super::bounds::{Bounds, Footprint, rotation_speed};
+use super::bounds::{Bounds, Footprint, rotation_speed_px_per_s};
 use super::view::{NEAR_M, Shutter, ViewKeys};
 use crate::camera::Geometry;
 use crate::pixels::Rect;
 use crate::scene::Scene;
 
-/// Points along each edge of a box.
-const STEPS: u32 = 16;
+/// Sample points along each edge of a box.
+const POINTS_PER_EDGE: u32 = 16;
 
-/// The fastest motion reported, px/s. Near the poles of a 360° picture speeds are unbounded and motion is not straight.
-/// Anything that passes an eighth of the picture's width in one exposure is blurred that far.
-pub fn most_px_per_s(geometry: &Geometry, shutter: Shutter) -> f64 {
+/// Maximum reported speed, px/s. Near the poles of a 360° picture speeds are unbounded and motion
+/// is not straight. Blur is limited to an eighth of the picture's width per exposure.
+pub fn max_speed_px_per_s(geometry: &Geometry, shutter: Shutter) -> f64 {
     f64::from(geometry.intrinsics.width_px) / 8.0 / (2.0 * shutter.velocity_step_s())
 }
 
-/// A box's share of the picture.
-struct Seen {
-    /// May lie beyond the picture if the box extends over a rim.
+/// Image bounds of a box.
+struct BoxExtent {
+    /// May lie beyond the picture if the box extends over a border.
     low: DVec2,
     high: DVec2,
-    fastest: f64,
+    max_speed_px_per_s: f64,
 }
 
 /// Points along a box's edges, corners included, in the same order for each box.
@@ -34,13 +35,13 @@ fn along_edges(corners: &[DVec3; 8]) -> impl Iterator<Item = DVec3> {
     (0..8usize).flat_map(move |a| {
         (0..3).filter(move |bit| a >> bit & 1 == 0).flat_map(move |bit| {
             let (from, to) = (corners[a], corners[a | 1 << bit]);
-            (0..=STEPS).map(move |n| from.lerp(to, f64::from(n) / f64::from(STEPS)))
+            (0..=POINTS_PER_EDGE).map(move |n| from.lerp(to, f64::from(n) / f64::from(POINTS_PER_EDGE)))
         })
     })
 }
 
-/// The visible extent of a box (corners in the camera's axes) at moments `dt_s` apart. `None` if it may be anywhere.
-fn seen(geometry: &Geometry, moments: &[[DVec3; 8]], dt_s: f64) -> Option<Seen> {
+/// Bounds of a box (corners in the camera's axes) at moments `dt_s` apart. `None` if unbounded.
+fn box_extent(geometry: &Geometry, moments: &[[DVec3; 8]], dt_s: f64) -> Option<BoxExtent> {
     let poles: &[DVec3] = if geometry.is_round() { &[DVec3::Y, DVec3::NEG_Y] } else { &[DVec3::NEG_Z] };
     for corners in moments {
         let centre = 0.5 * (corners[0] + corners[7]);
@@ -57,26 +58,27 @@ fn seen(geometry: &Geometry, moments: &[[DVec3; 8]], dt_s: f64) -> Option<Seen> 
         along_edges(corners)
             .map(|p| {
                 let at = start + geometry.way_px(start, geometry.carried_px(p));
-                // An edge is curved between two points: it deviates by at most half their distance to each side.
+                // An edge is curved between two points: it deviates by at most half their distance
+                // to each side.
                 let step = last.replace(at).map_or(0.0, |last: DVec2| last.distance(at));
                 (at, step)
             })
             .collect::<Vec<_>>()
     });
     let places: Vec<_> = places.collect();
-    let (mut low, mut high, mut fastest) = (DVec2::INFINITY, DVec2::NEG_INFINITY, 0.0f64);
+    let (mut low, mut high, mut max_speed_px_per_s) = (DVec2::INFINITY, DVec2::NEG_INFINITY, 0.0f64);
     for moment in &places {
         for (n, (at, step)) in moment.iter().enumerate() {
-            let around = if (n as u32).is_multiple_of(STEPS + 1) { 0.0 } else { 0.5 * step };
+            let around = if (n as u32).is_multiple_of(POINTS_PER_EDGE + 1) { 0.0 } else { 0.5 * step };
             (low, high) = (low.min(*at - around), high.max(*at + around));
         }
     }
     for pair in places.windows(2) {
         for ((a, _), (b, _)) in pair[0].iter().zip(&pair[1]) {
-            fastest = fastest.max(a.distance(*b) / dt_s);
+            max_speed_px_per_s = max_speed_px_per_s.max(a.distance(*b) / dt_s);
         }
     }
-    Some(Seen { low: low - 1.0, high: high + 1.0, fastest })
+    Some(BoxExtent { low: low - 1.0, high: high + 1.0, max_speed_px_per_s })
 }
 
 /// The footprint of all parts.
@@ -89,11 +91,11 @@ pub fn footprint_around(
 ) -> Footprint {
     let i = &geometry.intrinsics;
     let (width, height) = (f64::from(i.width_px), f64::from(i.height_px));
-    let most = most_px_per_s(geometry, shutter);
+    let most = max_speed_px_per_s(geometry, shutter);
     let (moments, step_s) = keys.sampled();
-    let (mut nearest, mut farthest, mut fastest) = (f64::INFINITY, NEAR_M, 0.0f64);
+    let (mut nearest, mut farthest, mut max_speed_px_per_s) = (f64::INFINITY, NEAR_M, 0.0f64);
     let mut anywhere = false;
-    let mut all: Vec<Seen> = Vec::new();
+    let mut all: Vec<BoxExtent> = Vec::new();
     for part in scene.objects.iter().flat_map(|o| &o.parts) {
         let Some(b) = bounds[part.mesh] else { continue };
         let corners = b.corners().map(|c| part.world_from_mesh.transform_point3(c));
@@ -103,10 +105,10 @@ pub fn footprint_around(
             nearest = nearest.min((centre.length() - radius).max(NEAR_M));
             farthest = farthest.max(centre.length() + radius);
         }
-        match seen(geometry, &in_camera, step_s) {
-            Some(seen) => {
-                fastest = fastest.max(seen.fastest);
-                all.push(seen);
+        match box_extent(geometry, &in_camera, step_s) {
+            Some(box_extent) => {
+                max_speed_px_per_s = max_speed_px_per_s.max(box_extent.max_speed_px_per_s);
+                all.push(box_extent);
             }
             None => {
                 anywhere = true;
@@ -114,7 +116,11 @@ pub fn footprint_around(
                 if resting {
                     continue;
                 }
-                fastest = fastest.max(if geometry.is_round() { most } else { rotation_speed(geometry, keys) });
+                max_speed_px_per_s = max_speed_px_per_s.max(if geometry.is_round() {
+                    most
+                } else {
+                    rotation_speed_px_per_s(geometry, keys)
+                });
             }
         }
     }
@@ -124,7 +130,7 @@ pub fn footprint_around(
         (low.x, high.x) = shortest_arc(all.iter().map(|s| (s.low.x, s.high.x)), width);
     }
     if anywhere {
-        // The whole picture, and beyond its rims.
+        // The whole picture, and beyond its borders.
         let over = if geometry.is_round() { DVec2::new(0.5 * width, height) } else { DVec2::splat(64.0) };
         (low, high) = (-over, DVec2::new(width, height) + over);
     }
@@ -137,10 +143,11 @@ pub fn footprint_around(
     };
     let parts = if rect.is_empty() { Vec::new() } else { vec![(rect, farthest)] };
     let depths_m = [nearest.min(farthest), farthest];
-    Footprint { rect, fastest_px_per_s: (1.1 * fastest).min(most) as f32, depths_m, parts }
+    Footprint { rect, fastest_px_per_s: (1.1 * max_speed_px_per_s).min(most) as f32, depths_m, parts }
 }
 
-/// The shortest arc of a circle of this length that contains all the given arcs. It starts on the first turn.
+/// The shortest arc of a circle of this length that contains all the given arcs. It starts on the
+/// first turn.
 fn shortest_arc(stretches: impl Iterator<Item = (f64, f64)>, length: f64) -> (f64, f64) {
     let mut arcs: Vec<(f64, f64)> = stretches
         .map(|(low, high)| {
@@ -173,7 +180,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_shortest_arc_by_hand() {
+    fn shortest_arc_matches_hand_calculation() {
         let arc = |list: &[(f64, f64)]| shortest_arc(list.iter().copied(), 100.0);
         assert_eq!(arc(&[(10.0, 20.0), (40.0, 45.0)]), (10.0, 45.0));
         // Shorter across the seam: from 90 to 12 on the next turn.

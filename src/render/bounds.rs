@@ -1,5 +1,5 @@
-//! Where in the picture the objects can be, and how fast they move there. All full-area work stays inside that
-//! rectangle.
+//! Bounds of the objects in the picture, and of their speed. All full-area work is restricted to
+//! that rectangle.
 
 use std::borrow::Cow;
 use std::cell::LazyCell;
@@ -7,25 +7,25 @@ use std::collections::BTreeMap;
 
 use glam::{DVec2, DVec3};
 
-use super::dice::CUT_M;
-use super::in_view::{Extent, before, seen_in};
+use super::dice::CLIP_DEPTH_M;
+use super::in_view::{Extent, clipped_at_near_plane, visible_extent};
 use super::view::{NEAR_M, ViewKeys};
 use crate::camera::{Geometry, LensModel};
 use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::scene::{Part, Scene};
 
-/// The part of a picture that objects can touch.
+/// Picture area that objects can touch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Footprint {
-    /// Whole pixels that objects may touch while the shutter is open; may extend beyond the picture. Empty if nothing
-    /// is in view.
+    /// Pixels that objects may touch during the exposure; may extend beyond the picture. Empty if
+    /// nothing is in view.
     pub rect: Rect,
-    /// An upper bound on the speed of any point of the objects, px/s.
+    /// Upper bound of the speed of any object point, px/s.
     pub fastest_px_per_s: f32,
-    /// The range of depths of all points of the objects while the shutter is open, metres.
+    /// Depth range of all object points during the exposure, metres.
     pub depths_m: [f64; 2],
-    /// Where each part may be, and how far away at most, metres.
+    /// Bounds of each part, and its maximum depth, metres.
     pub parts: Vec<(Rect, f64)>,
 }
 
@@ -55,19 +55,19 @@ impl Bounds {
     }
 }
 
-/// Cells across the longest side of a box.
-const CELLS: f64 = 6.0;
-/// A mesh with at most this many vertices is represented by them.
-const FEW: usize = 512;
+/// Number of cells along the longest side of a box.
+const CELLS_PER_SIDE: f64 = 6.0;
+/// Meshes with at most this many vertices are represented exactly.
+const MAX_EXACT_VERTICES: usize = 512;
 
-/// Points whose convex hull contains all the given points and is hardly larger than theirs: the points themselves if
+/// Points whose convex hull tightly contains that of the given points: the points themselves if
 /// they are few, otherwise the corners of boxes around nearby points.
 pub fn outline(points: &[[f32; 3]]) -> Vec<DVec3> {
     let wide = |p: &[f32; 3]| DVec3::from(p.map(f64::from));
-    let Some(all) = Bounds::of(points.iter().copied()).filter(|_| points.len() > FEW) else {
+    let Some(all) = Bounds::of(points.iter().copied()).filter(|_| points.len() > MAX_EXACT_VERTICES) else {
         return points.iter().map(wide).collect();
     };
-    let side = ((all.high - all.low).max_element() / CELLS).max(f64::MIN_POSITIVE);
+    let side = ((all.high - all.low).max_element() / CELLS_PER_SIDE).max(f64::MIN_POSITIVE);
     let mut cells: BTreeMap<[u32; 3], Bounds> = BTreeMap::new();
     for p in points.iter().map(wide) {
         let cell = ((p - all.low) / side).to_array().map(|v| v as u32);
@@ -80,7 +80,8 @@ pub fn outline(points: &[[f32; 3]]) -> Vec<DVec3> {
     }
 }
 
-/// Normalised coordinates (x/z, y/z) of points seen with a pose; `None` if any is not in front of the camera.
+/// Normalised coordinates (x/z, y/z) of points under a pose; `None` if any is not in front of the
+/// camera.
 fn normalised(points: &[DVec3], pose: &Pose) -> Option<Vec<DVec2>> {
     points
         .iter()
@@ -96,8 +97,8 @@ fn border_px(extent: Extent, geometry: &Geometry) -> impl Iterator<Item = DVec2>
     border(extent, geometry.distortion.model == LensModel::OpencvFisheye).map(|p| geometry.distorted_px(p))
 }
 
-/// The rectangle in the picture that contains a rectangle of normalised coordinates, plus a pixel for curvature between
-/// the border's samples.
+/// The bounding rectangle in the picture of a rectangle of normalised coordinates, plus a pixel for
+/// curvature between the border's samples.
 fn extent_px(extent: Extent, geometry: &Geometry) -> Rect {
     let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
     for d in border_px(extent, geometry) {
@@ -114,48 +115,51 @@ fn extent_px(extent: Extent, geometry: &Geometry) -> Rect {
     .grown(1)
 }
 
-/// Up to this many triangles of a part are cut one by one.
-const MOST_TRIANGLES: usize = 4096;
-/// An outline of more points is replaced by its box, since lines from each point to each are cut.
-const MOST_CUT: usize = 64;
+/// Maximum number of a part's triangles that are clipped individually.
+const MAX_CLIPPED_TRIANGLES: usize = 4096;
+/// Maximum number of outline points before the box is used: clipping is quadratic in them.
+const MAX_CLIPPED_POINTS: usize = 64;
 
-/// Convex hulls that together hold a part, corners in the world: its triangles; if they are many, its outline or box.
-fn hulls(scene: &Scene, part: &Part, outline: &[DVec3]) -> Vec<Vec<DVec3>> {
+/// Convex hulls that together contain a part, corners in the world: its triangles; if they are
+/// many, its outline or box.
+fn convex_hulls(scene: &Scene, part: &Part, outline: &[DVec3]) -> Vec<Vec<DVec3>> {
     let world = |p: DVec3| part.world_from_mesh.transform_point3(p);
-    let few = scene.meshes.get(part.mesh).filter(|mesh| mesh.indices.len() <= 3 * MOST_TRIANGLES);
+    let few = scene.meshes.get(part.mesh).filter(|mesh| mesh.indices.len() <= 3 * MAX_CLIPPED_TRIANGLES);
     if let Some(mesh) = few {
         let corner = |i: &u32| world(DVec3::from(mesh.vertices[*i as usize].position.map(f64::from)));
         return mesh.indices.chunks_exact(3).map(|triangle| triangle.iter().map(corner).collect()).collect();
     }
     let low = outline.iter().fold(DVec3::INFINITY, |m, p| m.min(*p));
     let high = outline.iter().fold(DVec3::NEG_INFINITY, |m, p| m.max(*p));
-    let corners = if outline.len() > MOST_CUT { Bounds { low, high }.corners().to_vec() } else { outline.to_vec() };
+    let corners =
+        if outline.len() > MAX_CLIPPED_POINTS { Bounds { low, high }.corners().to_vec() } else { outline.to_vec() };
     vec![corners.into_iter().map(world).collect()]
 }
 
-/// Farther from the axis than this (x/z, y/z) no lens sees anything: 89.9°.
-const WIDEST: f64 = 1000.0;
+/// Largest normalised coordinate (x/z, y/z) in any lens's field of view: 89.9°.
+const MAX_NORMALISED: f64 = 1000.0;
 
-/// Normalised coordinates that contain all that lands in a rectangle of the picture's plane.
-fn area_of(rect: Rect, geometry: &Geometry) -> Extent {
+/// Normalised coordinates that contain everything imaged into a rectangle of the picture plane.
+fn normalised_extent(rect: Rect, geometry: &Geometry) -> Extent {
     let square = |side: f64| Extent { low: DVec2::splat(-side), high: DVec2::splat(side) };
     let inside = |p: DVec2| rect.grown(1).contains(p.x.floor() as i32, p.y.floor() as i32);
     let holds = |area: &Extent| {
         extent_px(*area, geometry).union(&rect) == extent_px(*area, geometry) && !border_px(*area, geometry).any(inside)
     };
-    let sides = std::iter::successors(Some(0.5), |side| Some(2.0 * side)).take_while(|side| *side < WIDEST);
-    sides.map(square).find(holds).unwrap_or(square(WIDEST))
+    let sides = std::iter::successors(Some(0.5), |side| Some(2.0 * side)).take_while(|side| *side < MAX_NORMALISED);
+    sides.map(square).find(holds).unwrap_or(square(MAX_NORMALISED))
 }
 
-/// The footprint of all parts, by their meshes' outlines. A part at whose plane the camera is, or that passes it, counts
-/// where its part before the camera is seen. What stays farther from the picture than the picture is wide, farther than
-/// any blur, counts as nowhere.
+/// The footprint of all parts, by their meshes' outlines. Of a part that intersects or passes the
+/// camera plane, the portion in front of the camera counts. Parts whose distance from the picture
+/// exceeds the picture's width, beyond the reach of any blur, are ignored.
 ///
-/// Conservative: without distortion, a part's image lies in the rectangle around its outline's image; distortion maps
-/// that rectangle's inside to the inside of its border's image; and poses within the shutter are sampled from key to
-/// key ([`ViewKeys::sampled`]). Between two keys a part lies in the hull of where it is at both.
+/// Conservative: without distortion, a part's image lies in the rectangle around its outline's
+/// image; distortion maps that rectangle's inside to the inside of its border's image; and poses
+/// within the shutter are sampled from key to key ([`ViewKeys::sampled`]). Between two keys a part
+/// lies in the hull of its two positions.
 ///
-/// `middle` is the pose at the middle moment of the whole exposure, of which `keys` may be a part.
+/// `middle` is the pose at the middle of the whole exposure, of which `keys` may be a part.
 pub fn footprint(
     scene: &Scene,
     outlines: &[Cow<'_, [DVec3]>],
@@ -166,7 +170,7 @@ pub fn footprint(
     let i = &geometry.intrinsics;
     let beside_px = i.width_px.max(i.height_px) as i32;
     let around = Rect::full(i.width_px, i.height_px).grown(beside_px);
-    let area = LazyCell::new(|| area_of(around, geometry));
+    let area = LazyCell::new(|| normalised_extent(around, geometry));
     let mut rect = Rect::new(0, 0, 0, 0);
     let mut fastest = 0.0f64;
     let (mut nearest, mut farthest) = (f64::INFINITY, NEAR_M);
@@ -181,26 +185,33 @@ pub fn footprint(
         let simple = seen.as_ref().and_then(|seen| Extent::of(seen.iter().flatten().copied()));
         let simple = simple.map(|extent| extent_px(extent, geometry));
         let cut = || {
-            let hulls = if seen.is_some() { vec![points.clone()] } else { hulls(scene, part, &outlines[part.mesh]) };
+            let convex_hulls =
+                if seen.is_some() { vec![points.clone()] } else { convex_hulls(scene, part, &outlines[part.mesh]) };
             let of_hull = |hull: &Vec<DVec3>| {
-                // What passes the camera is drawn as far as it is before it at the middle moment.
+                // A part that passes the camera is drawn as far as it is in front of it at the
+                // middle moment.
                 let drawn: Vec<_> = match seen {
                     Some(_) => hull.clone(),
                     None => {
                         let hull: Vec<_> = hull.iter().map(|&p| middle.transform_point(p)).collect();
-                        before(&hull, CUT_M).into_iter().map(|p| middle.inverse_transform_point(p)).collect()
+                        clipped_at_near_plane(&hull, CLIP_DEPTH_M)
+                            .into_iter()
+                            .map(|p| middle.inverse_transform_point(p))
+                            .collect()
                     }
                 };
                 let at = |pose: &&Pose| drawn.iter().map(|&p| pose.transform_point(p)).collect::<Vec<_>>();
                 let places: Vec<_> = moments.iter().map(at).collect();
-                let between = places.windows(2.min(places.len())).filter_map(|pair| seen_in(&pair.concat(), *area));
+                let between =
+                    places.windows(2.min(places.len())).filter_map(|pair| visible_extent(&pair.concat(), *area));
                 between.reduce(Extent::union)
             };
-            hulls.iter().filter_map(of_hull).reduce(Extent::union).map(|extent| extent_px(extent, geometry))
+            convex_hulls.iter().filter_map(of_hull).reduce(Extent::union).map(|extent| extent_px(extent, geometry))
         };
         let own = match simple.filter(|own| own.union(&around) == around) {
             Some(own) => Some(own),
-            // What lies before the camera counts as far as it reaches: a long blur may bring it in.
+            // The portion in front of the camera counts, even outside the picture: a long blur may
+            // reach it.
             None => cut().map(|own| simple.map_or(own, |simple| own.union(&simple))),
         };
         let Some(own) = own.filter(|own| !own.intersection(&around).is_empty()) else { continue };
@@ -214,7 +225,7 @@ pub fn footprint(
         farthest = farthest.max(part_farthest);
         parts.push((own, part_farthest));
         let Some(seen) = seen else {
-            fastest = fastest.max(rotation_speed(geometry, keys));
+            fastest = fastest.max(rotation_speed_px_per_s(geometry, keys));
             continue;
         };
         let at_px: Vec<Vec<DVec2>> =
@@ -226,13 +237,14 @@ pub fn footprint(
         }
     }
     let depths_m = [nearest.min(farthest), farthest];
-    // A tenth more for acceleration between the moments.
+    // A margin of 10 % for acceleration between the moments.
     Footprint { rect, fastest_px_per_s: (1.1 * fastest) as f32, depths_m, parts }
 }
 
-/// Points along a rectangle's border, so close together that its image is straight between them. A step is at most
-/// 40 px of an ordinary picture. Towards the sides of a fisheye lengths grow without bound and angles do not, so there a
-/// step is at most 3°: an arc of 500 px radius then lies 0.2 px off its chord.
+/// Points along a rectangle's border, so dense that its image is straight between them. A step is
+/// at most 40 px of an ordinary picture. Towards the sides of a fisheye lengths grow without bound
+/// and angles do not, so there a step is at most 3°: an arc of 500 px radius then deviates by 0.2
+/// px from its chord.
 fn border(Extent { low, high }: Extent, fisheye: bool) -> impl Iterator<Item = DVec2> {
     let wide = (high - low).max_element();
     let steps = if fisheye { 64 } else { (12.0 * wide).clamp(16.0, 512.0) as u32 };
@@ -247,8 +259,8 @@ fn border(Extent { low, high }: Extent, fisheye: bool) -> impl Iterator<Item = D
     })
 }
 
-/// The speed that rotation alone gives to far points in the picture's middle, px/s.
-pub fn rotation_speed(geometry: &Geometry, keys: &ViewKeys) -> f64 {
+/// Image speed of distant points due to rotation, in the picture's centre, px/s.
+pub fn rotation_speed_px_per_s(geometry: &Geometry, keys: &ViewKeys) -> f64 {
     let (Some(first), Some(last)) = (keys.poses.first(), keys.poses.last()) else { return 0.0 };
     let turn = first.rotation.angle_between(last.rotation);
     2.0 * geometry.intrinsics.fx_px * turn / (2.0 * keys.reach_s) + 500.0
@@ -265,7 +277,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn what_lies_beside_and_behind_the_camera_is_nowhere() {
+    fn boxes_beside_and_behind_the_camera_have_an_empty_footprint() {
         let geometry = Geometry::new(Intrinsics::default(), Distortion::default());
         let shutter = Shutter { exposure_time_s: 0.02, readout_time_s: 0.0, beyond_s: 0.0 };
         // Moves and turns like a hand-held camera.
@@ -278,18 +290,19 @@ mod tests {
             let scene = Scene { objects: vec![Object { parts: vec![part], ..Object::default() }], ..Scene::default() };
             footprint(&scene, &[corners.into()], &geometry, &keys, &keys.middle())
         };
-        // Beside the camera, one corner 1 cm in front of its plane: more than 3 m to the side of what is visible there.
+        // Beside the camera, one corner 1 cm in front of its plane: more than 3 m to the side of
+        // the field of view there.
         for at in [DVec3::new(1.0, 0.0, -0.04), DVec3::new(-1.0, 0.4, -0.03), DVec3::new(0.3, 0.0, -1.0)] {
             let found = cube(at, 0.1);
             assert!(found.rect.is_empty() && found.fastest_px_per_s == 0.0, "{at}: {found:?}");
         }
-        // Through the camera's plane, 3 m to the side of what is visible 1 cm before it, and 0.2 m beside the middle
-        // of the picture 0.1 m before it: beside the picture, too.
+        // Through the camera's plane, 3 m to the side of the field of view 1 cm before it, and 0.2
+        // m beside the middle of the picture 0.1 m before it: outside the picture, too.
         for at in [DVec3::new(1.0, 0.0, 0.0), DVec3::new(0.4, 0.0, -0.09)] {
             let found = cube(at, 0.4);
             assert!(found.rect.intersection(&Rect::full(640, 480)).is_empty(), "{at}: {found:?}");
         }
-        // Through the camera's plane and in front of its picture: everywhere.
+        // Through the camera's plane and in front of its picture: unbounded.
         let found = cube(DVec3::new(0.0, 0.0, 0.0), 0.4);
         assert_eq!(found.rect.intersection(&Rect::full(640, 480).grown(64)), Rect::full(640, 480).grown(64));
         // A metre in front, 0.1 m wide: 52.5 px. It moves by rotation and translation: 525 · (0.5 + 0.5 / 0.95), and a
@@ -300,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn an_outline_holds_its_points_and_little_more() {
+    fn outline_contains_its_points_tightly() {
         // A ball of 40 × 40 points and a spike.
         let mut points: Vec<[f32; 3]> = (0..1600)
             .map(|i| {
@@ -319,14 +332,15 @@ mod tests {
                 |points: &mut dyn Iterator<Item = DVec3>| points.map(|p| p.dot(towards)).fold(f64::MIN, f64::max);
             let exact = farthest(&mut points.iter().map(|p| DVec3::from(p.map(f64::from))));
             let told = farthest(&mut outline.iter().copied());
-            // Each side of a cell's box touches a point. A corner is farther by at most the other two sides' share,
-            // 2/√3 of a cell.
-            assert!(told >= exact && told < exact + 1.155 * 2.5 / CELLS, "{towards}: {told}, exact {exact}");
+            // Each side of a cell's box touches a point. A corner is farther by at most the other
+            // two sides' share, 2/√3 of a cell.
+            assert!(told >= exact && told < exact + 1.155 * 2.5 / CELLS_PER_SIDE, "{towards}: {told}, exact {exact}");
         }
     }
 
-    /// A hand that turns and moves, a lens, and boxes around it, from as large as a pen to as large as a table.
-    fn seen_by_a_hand() -> impl Strategy<Value = (Geometry, ViewKeys, DAffine3)> {
+    /// A hand-held camera that turns and moves, a lens, and boxes from the size of a pen to that of
+    /// a table.
+    fn hand_held_view() -> impl Strategy<Value = (Geometry, ViewKeys, DAffine3)> {
         let numbers = |n: usize, most: f64| prop::collection::vec(-most..most, n);
         let lens = prop_oneof![
             Just(Distortion::default()),
@@ -371,11 +385,12 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(1500))]
         #[test]
-        fn a_box_is_seen_nowhere_but_in_its_rectangle((geometry, keys, world_from_box) in seen_by_a_hand()) {
+        fn box_points_project_into_its_footprint((geometry, keys, world_from_box) in hand_held_view()) {
             let by_outline = of_box(&geometry, &keys, world_from_box, Vec::new());
             let by_triangles = of_box(&geometry, &keys, world_from_box, vec![sides()]);
             let picture = Rect::full(640, 480).grown(100);
-            // Points all over its inside, at times all over the exposure: the plastic sequence in four dimensions.
+            // Points throughout its inside and the exposure: the plastic sequence in four
+            // dimensions.
             for n in 0..3000 {
                 let [x, y, z, t] = [1, 2, 3, 4].map(|k| (f64::from(n) * 1.167_303_978_261_418_7f64.powi(-k)).fract() - 0.5);
                 // Half of them lie on its sides.
@@ -390,7 +405,7 @@ mod tests {
                 let p = world_from_box.transform_point3(p);
                 let in_middle = keys.middle().transform_point(p);
                 let p = rotation.normalize() * (p - eye);
-                let is_drawn = p.z >= NEAR_M && in_middle.z >= CUT_M;
+                let is_drawn = p.z >= NEAR_M && in_middle.z >= CLIP_DEPTH_M;
                 let Some(at) = geometry.project(p).filter(|_| is_drawn) else { continue };
                 let (x, y) = (at.x.floor() as i32, at.y.floor() as i32);
                 prop_assert!(!picture.contains(x, y) || found.rect.contains(x, y), "{at} of {p} is not in {found:?}");
@@ -398,14 +413,14 @@ mod tests {
         }
 
         #[test]
-        fn what_lies_beyond_one_of_the_pictures_sides_is_nowhere((_, _, world_from_box) in seen_by_a_hand()) {
+        fn box_beyond_one_side_of_the_picture_is_out_of_view((_, _, world_from_box) in hand_held_view()) {
             let geometry = Geometry::new(Intrinsics::default(), Distortion::default());
             let shutter = Shutter { exposure_time_s: 0.02, readout_time_s: 0.0, beyond_s: 0.0 };
             let keys = ViewKeys::new(shutter, |_| Pose::IDENTITY);
             let found = of_box(&geometry, &keys, world_from_box, Vec::new());
             let unit = Bounds { low: DVec3::splat(-0.5), high: DVec3::splat(0.5) };
             let corners = unit.corners().map(|c| world_from_box.transform_point3(c));
-            // Right and left of it 640 px and more, below and above as many.
+            // 640 px and more to the right and left, and as many below and above.
             let (x, y) = (961.0 / 525.0, 881.0 / 525.0);
             let beyond = [
                 corners.iter().all(|c| c.z < NEAR_M),

@@ -1,33 +1,35 @@
-//! Large triangles cut fine: distortion bends straight edges, and each vertex solves for its own row's time, so the
-//! picture must be straight between vertices to a fraction of a pixel. Triangles that pass the camera are cut at the
-//! near plane, where projection ends.
+//! Subdivision of large triangles. Distortion bends straight edges, and each vertex solves for its
+//! own row's time, so interpolation between vertices must be accurate to a fraction of a pixel.
+//! Triangles that pass the camera are clipped at the near plane, where projection is undefined.
 
 use glam::{DAffine3, DVec2, DVec3};
 
-use super::unwrap::{Corner, Unwrapped};
+use super::unwrap::{LightmapVertex, Unwrapped};
 use super::view::{NEAR_M, ViewKeys};
 use crate::camera::{Geometry, LensModel};
 use crate::scene::Vertex;
 
-/// How far the true image of an edge may lie from the drawn one, px.
+/// Maximum deviation of a drawn edge from its true image, px.
 const TOLERANCE_PX: f64 = 0.05;
-/// Longer edges are always cut, px: an edge through the centre can bend to both sides while its middle is right.
-const LONGEST_PX: f64 = 96.0;
-/// Where triangles that pass the camera are cut, metres before it at the middle moment: at others a point may be nearer.
-pub const CUT_M: f64 = 2.0 * NEAR_M;
-/// Each cut halves an edge, and no picture is wider than 2^12.
-const DEEPEST: u32 = 12;
+/// Edges longer than this are always cut, px: an edge through the centre can bend to both sides
+/// while its middle is exact.
+const MAX_EDGE_PX: f64 = 96.0;
+/// Clip plane of triangles that pass the camera, metres at the middle moment: at other moments a
+/// point may be nearer.
+pub const CLIP_DEPTH_M: f64 = 2.0 * NEAR_M;
+/// Maximum recursion depth: each cut halves an edge, and no picture is wider than 2^12.
+const MAX_CUT_DEPTH: u32 = 12;
 
-/// How much edges bend under a camera, to decide quickly that nothing needs cutting.
+/// Curvature of edges under a camera, for early acceptance of meshes that need no cutting.
 #[derive(Clone, Copy, Debug)]
-pub struct Bend {
-    /// Edges shorter than this are straight enough anywhere in the picture, px.
+pub struct EdgeCurvature {
+    /// Length up to which edges are straight enough anywhere in the picture, px.
     safe_px: f64,
 }
 
-impl Bend {
-    /// Measures the distortion's second derivative over the picture: an edge of length L
-    /// leaves its chord by at most curvature · L² / 8.
+impl EdgeCurvature {
+    /// Measures the distortion's second derivative over the picture: an edge of length L deviates
+    /// from its chord by at most curvature · L² / 8.
     pub fn of(geometry: &Geometry, readout_time_s: f64) -> Self {
         if geometry.distortion.is_identity() && readout_time_s == 0.0 {
             return Self { safe_px: f64::INFINITY };
@@ -37,13 +39,14 @@ impl Bend {
         } else {
             Self::of_opencv(geometry)
         };
-        Self { safe_px: if readout_time_s > 0.0 { by_curvature.min(LONGEST_PX) } else { by_curvature } }
+        Self { safe_px: if readout_time_s > 0.0 { by_curvature.min(MAX_EDGE_PX) } else { by_curvature } }
     }
 
-    /// Radial, since that is where all the bending is: how far the middle of an edge of 8 px lies from its chord's.
+    /// Radial direction only, which is the most curved: deviation of the middle of an 8 px edge
+    /// from its chord.
     fn of_fisheye(geometry: &Geometry) -> f64 {
         let (mut largest, mut steepest) = (0.0f64, 1.0f64);
-        // Up to 89.5° off the axis. An edge that ends beyond was tested up to there.
+        // Up to 89.5° off the axis. An edge that ends beyond is tested up to there.
         for n in 0..200 {
             let theta = f64::from(n) / 200.0 * 89.5f64.to_radians();
             steepest = steepest.max(geometry.distortion.slope(theta.min(geometry.valid_radius())));
@@ -55,8 +58,8 @@ impl Bend {
                 largest = largest.max(middle.distance(at) / 8.0);
             }
         }
-        // 8 px leave the chord by `largest` · 8, so L px leave it by `largest` / 8 · L². An edge judged by its
-        // undistorted length may get longer by the slope.
+        // 8 px deviate by `largest` · 8 from the chord, so L px by `largest` / 8 · L². An edge
+        // judged by its undistorted length may be longer by the slope.
         (8.0 * TOLERANCE_PX / largest.max(1e-9)).sqrt() / steepest
     }
 
@@ -89,7 +92,7 @@ pub fn longest_edge(mesh: &Unwrapped) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// A mesh cut fine for one view; `None` if it can be drawn as it is.
+/// A mesh subdivided for one view; `None` if it can be drawn unchanged.
 pub fn dice(
     mesh: &Unwrapped,
     longest: f64,
@@ -97,21 +100,21 @@ pub fn dice(
     world_from_mesh: &DAffine3,
     geometry: &Geometry,
     keys: &ViewKeys,
-    bend: Bend,
-) -> Option<(Vec<Corner>, Vec<u32>)> {
+    bend: EdgeCurvature,
+) -> Option<(Vec<LightmapVertex>, Vec<u32>)> {
     let pose = keys.middle();
     let nearest = keys
         .poses
         .iter()
         .flat_map(|pose| corners_in_world.iter().map(|&c| pose.transform_point(c).z))
         .fold(f64::INFINITY, f64::min);
-    let crosses = nearest < CUT_M;
+    let crosses = nearest < CLIP_DEPTH_M;
     let scale = world_from_mesh.matrix3;
     let stretch = scale.x_axis.length().max(scale.y_axis.length()).max(scale.z_axis.length());
     if !crosses && longest * stretch * geometry.intrinsics.fx_px / nearest <= bend.safe_px {
         return None;
     }
-    let camera_from_mesh = |c: &Corner| {
+    let camera_from_mesh = |c: &LightmapVertex| {
         pose.transform_point(world_from_mesh.transform_point3(DVec3::from(c.vertex.position.map(f64::from))))
     };
     let mut dicer = Dicer { geometry, safe_px: bend.safe_px, corners: Vec::new() };
@@ -123,7 +126,7 @@ pub fn dice(
                 (corner, camera_from_mesh(&corner))
             })
             .collect();
-        let clipped = clip(&corners, CUT_M);
+        let clipped = clip(&corners, CLIP_DEPTH_M);
         for i in 1..clipped.len().saturating_sub(1) {
             dicer.cut([clipped[0], clipped[i], clipped[i + 1]], 0);
         }
@@ -132,10 +135,10 @@ pub fn dice(
     Some((dicer.corners, indices))
 }
 
-/// With its place in the camera's axes.
-type Placed = (Corner, DVec3);
+/// A vertex with its position in the camera's axes.
+type CameraVertex = (LightmapVertex, DVec3);
 
-fn blend(a: &Placed, b: &Placed, f: f64) -> Placed {
+fn blend(a: &CameraVertex, b: &CameraVertex, f: f64) -> CameraVertex {
     let g = f as f32;
     let mix = |x: f32, y: f32| x + (y - x) * g;
     let (v, w) = (&a.0.vertex, &b.0.vertex);
@@ -148,11 +151,11 @@ fn blend(a: &Placed, b: &Placed, f: f64) -> Placed {
         color: std::array::from_fn(|i| mix(v.color[i], w.color[i])),
     };
     let at = std::array::from_fn(|i| mix(a.0.at[i], b.0.at[i]));
-    (Corner { vertex, at }, a.1.lerp(b.1, f))
+    (LightmapVertex { vertex, at }, a.1.lerp(b.1, f))
 }
 
 /// The part of a triangle beyond the near plane: none, three or four corners.
-fn clip(corners: &[Placed], near: f64) -> Vec<Placed> {
+fn clip(corners: &[CameraVertex], near: f64) -> Vec<CameraVertex> {
     let mut out = Vec::with_capacity(4);
     for (i, a) in corners.iter().enumerate() {
         let b = &corners[(i + 1) % corners.len()];
@@ -169,13 +172,13 @@ fn clip(corners: &[Placed], near: f64) -> Vec<Placed> {
 struct Dicer<'a> {
     geometry: &'a Geometry,
     safe_px: f64,
-    corners: Vec<Corner>,
+    corners: Vec<LightmapVertex>,
 }
 
 impl Dicer<'_> {
-    /// Whether an edge bends too much. Depends only on its two ends, not on their order, so that both triangles at an
-    /// edge cut it alike and no crack opens.
-    fn bends(&self, a: &Placed, b: &Placed) -> bool {
+    /// True if an edge deviates too much. Depends only on its two ends, not on their order, so that
+    /// both adjacent triangles cut it alike and no crack opens.
+    fn needs_cut(&self, a: &CameraVertex, b: &CameraVertex) -> bool {
         let undistorted = |p: DVec3| p.truncate() / p.z;
         let (p, q) = (undistorted(a.1), undistorted(b.1));
         let (at_p, at_q) = (self.geometry.distorted_px(p), self.geometry.distorted_px(q));
@@ -183,14 +186,14 @@ impl Dicer<'_> {
         if length <= self.safe_px {
             return false;
         }
-        // Anything far outside the picture is not seen.
+        // Points far outside the picture are invisible.
         let i = &self.geometry.intrinsics;
         let size = DVec2::new(f64::from(i.width_px), f64::from(i.height_px));
         let (low, high) = (at_p.min(at_q), at_p.max(at_q));
         if low.x > size.x + 256.0 || low.y > size.y + 256.0 || high.x < -256.0 || high.y < -256.0 {
             return false;
         }
-        if length > LONGEST_PX {
+        if length > MAX_EDGE_PX {
             return true;
         }
         [0.25, 0.5, 0.75].iter().any(|&f| {
@@ -199,18 +202,18 @@ impl Dicer<'_> {
         })
     }
 
-    fn cut(&mut self, t: [Placed; 3], depth: u32) {
-        let bends = if depth < DEEPEST {
-            [self.bends(&t[0], &t[1]), self.bends(&t[1], &t[2]), self.bends(&t[2], &t[0])]
+    fn cut(&mut self, t: [CameraVertex; 3], depth: u32) {
+        let needs_cut = if depth < MAX_CUT_DEPTH {
+            [self.needs_cut(&t[0], &t[1]), self.needs_cut(&t[1], &t[2]), self.needs_cut(&t[2], &t[0])]
         } else {
             [false; 3]
         };
         let middle = |i: usize| {
             let (a, b) = (&t[i], &t[(i + 1) % 3]);
-            // The same order from both sides of the edge gives the same bits.
+            // The same order for both triangles of the edge gives the same bits.
             if a.0.vertex.position < b.0.vertex.position { blend(a, b, 0.5) } else { blend(b, a, 0.5) }
         };
-        match bends.iter().filter(|&&b| b).count() {
+        match needs_cut.iter().filter(|&&b| b).count() {
             0 => self.corners.extend(t.map(|c| c.0)),
             3 => {
                 let m = [middle(0), middle(1), middle(2)];
@@ -221,7 +224,7 @@ impl Dicer<'_> {
             }
             _ => {
                 // One edge at a time; the pieces test the others again.
-                let i = bends.iter().position(|&b| b).unwrap_or(0);
+                let i = needs_cut.iter().position(|&b| b).unwrap_or(0);
                 let (a, b, c) = (t[i], t[(i + 1) % 3], t[(i + 2) % 3]);
                 let m = middle(i);
                 self.cut([a, m, c], depth + 1);

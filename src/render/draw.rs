@@ -1,4 +1,4 @@
-//! Drawing a plan's samples and summing them.
+//! Draws a plan's samples and accumulates them.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -6,13 +6,13 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::accumulate::Sum;
-use super::around::{SideView, gather, out_of_view};
+use super::accumulate::WeightedSum;
+use super::around::{FaceView, gather, out_of_view};
 use super::around_bounds::footprint_around;
 use super::bounds::{Footprint, footprint};
-use super::dice::{Bend, dice};
+use super::dice::{EdgeCurvature, dice};
 use super::light::{EnvironmentLight, LightUniform, unsupported};
-use super::lightmap::{Lightmap, LitParts};
+use super::lightmap::{Lightmap, PartLightmaps};
 use super::material::bind_groups;
 use super::meshes::Meshes;
 use super::motion::Motion;
@@ -27,15 +27,15 @@ use crate::pixels::Rect;
 use crate::pose::Pose;
 use crate::scene::{Object, Scene};
 
-/// If the outlines of all parts have more points than this (a millisecond's work), boxes are used instead.
-const MOST_POINTS: usize = 16384;
+/// Maximum number of outline points of all parts (a millisecond's work); beyond it, boxes are used.
+const MAX_OUTLINE_POINTS: usize = 16384;
 
-/// A scene ready to be drawn.
+/// A scene prepared for drawing.
 #[derive(Debug)]
 pub struct Renderer {
     scene: Scene,
     meshes: Meshes,
-    lightmaps: LitParts,
+    lightmaps: PartLightmaps,
     materials: Vec<wgpu::BindGroup>,
     environment: EnvironmentLight,
     pipelines: Arc<Pipelines>,
@@ -49,11 +49,11 @@ struct Draw {
     material: usize,
     variant: Variant,
     diced: Option<(i32, Range<u32>)>,
-    /// Depth of the box's middle, metres: blended parts are drawn back to front.
+    /// Depth of the box's centre, metres, for back-to-front order of blended parts.
     depth_m: f64,
 }
 
-/// The draw calls of a view, the vertices and indices of meshes cut fine for it, and the motion of what is drawn.
+/// Draw calls of a view, vertex and index buffers of subdivided meshes, and motion vectors.
 struct Draws {
     list: Vec<Draw>,
     diced: Option<(wgpu::Buffer, wgpu::Buffer)>,
@@ -63,8 +63,8 @@ struct Draws {
 /// The data shared by all samples of a frame.
 enum Prepared {
     Plane(Draws),
-    /// Views around the camera, with the layers they are drawn into.
-    Around(Vec<(SideView, Layer)>, Vec<Draws>),
+    /// Cube map faces, with their layers.
+    Around(Vec<(FaceView, Layer)>, Vec<Draws>),
 }
 
 impl Renderer {
@@ -73,16 +73,17 @@ impl Renderer {
         Self::with_pipelines(gpu, scene, pipelines)
     }
 
-    /// Replaces the scene. Compiled pipelines are kept, and what was uploaded if it is the same.
+    /// Replaces the scene. Compiled pipelines are kept, and uploaded resources if they are the
+    /// same.
     pub fn set_scene(&mut self, gpu: &Gpu, scene: Scene) {
-        if self.scene.is_made_of_the_same(&scene) {
+        if self.scene.has_same_resources(&scene) {
             self.scene = scene;
         } else {
             *self = Self::with_pipelines(gpu, scene, self.pipelines.clone());
         }
     }
 
-    /// Replaces the objects. They use the scene's meshes; one without parts is not drawn.
+    /// Replaces the objects. They use the scene's meshes; objects without parts are not drawn.
     ///
     /// # Panics
     /// If a part's mesh is not one of the scene's.
@@ -100,7 +101,7 @@ impl Renderer {
             meshes: Meshes::new(gpu, &scene),
             materials: bind_groups(gpu, &pipelines.material_layout, &scene),
             environment: EnvironmentLight::new(gpu, &scene.lighting.environment),
-            lightmaps: LitParts::new(gpu, &pipelines.lightmap_layout),
+            lightmaps: PartLightmaps::new(gpu, &pipelines.lightmap_layout),
             pipelines,
             no_depth: Texture::new(gpu, "no depth", 1, 1, wgpu::TextureFormat::R32Float, 1),
             scene,
@@ -111,33 +112,33 @@ impl Renderer {
         &self.scene
     }
 
-    /// Gives the scene's meshes places for lightmaps, if they have none yet.
+    /// Computes lightmap coordinates for the scene's meshes, if they have none yet.
     pub fn unwrap(&mut self, gpu: &Gpu) {
         self.meshes.unwrap(gpu, &self.scene);
     }
 
-    /// The scene's meshes as they are drawn.
+    /// The scene's meshes as drawn.
     pub fn unwrapped(&self) -> &[Unwrapped] {
         &self.meshes.surfaces
     }
 
-    /// What light reaches each part of each object, in turn, from the next drawing on; none: all that there is. `strength` is how
-    /// much of what is lacking is left out.
-    pub fn light_by(&mut self, gpu: &Gpu, lightmaps: &[Option<Arc<Lightmap>>], strength: f32) {
+    /// Lightmap of each part of each object, in order, for the following draws; none: fully lit.
+    /// `strength` scales the darkening.
+    pub fn set_lightmaps(&mut self, gpu: &Gpu, lightmaps: &[Option<Arc<Lightmap>>], strength: f32) {
         self.lightmaps.take(gpu, &self.pipelines.lightmap_layout, lightmaps, strength);
     }
 
-    /// Features that the scene asks for but that are not drawn.
+    /// Warnings about requested features that are not supported.
     pub fn warnings(&self) -> Vec<String> {
         unsupported(&self.scene.lighting).into_iter().collect()
     }
 
-    /// Where the objects can be while the shutter is open.
+    /// Footprint of the objects during the exposure.
     pub fn footprint(&self, geometry: &Geometry, keys: &ViewKeys, shutter: Shutter) -> Footprint {
         self.footprint_within(geometry, keys, shutter, &keys.middle())
     }
 
-    /// The same for a part of an exposure with this pose in its middle.
+    /// The footprint for a part of an exposure with this pose in its middle.
     fn footprint_within(&self, geometry: &Geometry, keys: &ViewKeys, shutter: Shutter, middle: &Pose) -> Footprint {
         if geometry.sees_around() {
             let bounds: Vec<_> = self.meshes.all.iter().map(|m| m.bounds).collect();
@@ -150,7 +151,7 @@ impl Renderer {
             .all
             .iter()
             .map(|m| match m.bounds {
-                Some(bounds) if points > MOST_POINTS => bounds.corners().to_vec().into(),
+                Some(bounds) if points > MAX_OUTLINE_POINTS => bounds.corners().to_vec().into(),
                 _ => m.outline.as_slice().into(),
             })
             .collect();
@@ -165,13 +166,13 @@ impl Renderer {
         })
     }
 
-    /// Whether anything can be in the picture of a pinhole without distortion: some part's box is not entirely beyond
-    /// one of the picture's sides.
+    /// True if anything can be in the picture of a pinhole without distortion: some part's box is
+    /// not entirely beyond one of the picture's sides.
     pub fn in_view(&self, geometry: &Geometry, pose: &Pose) -> bool {
         self.boxes().any(|corners| !out_of_view(geometry, &corners.map(|c| pose.transform_point(c))))
     }
 
-    /// The middle of each object's bounding box in the world, metres; `None` for an empty object.
+    /// Centre of each object's bounding box in the world, metres; `None` for an empty object.
     pub fn object_centres(&self) -> Vec<Option<DVec3>> {
         self.scene
             .objects
@@ -198,10 +199,11 @@ impl Renderer {
             return out;
         }
         let one = layer(recorder, size);
-        let sum = Sum::new(&recorder.gpu, size);
+        let sum = WeightedSum::new(&recorder.gpu, size);
         let mut held = None;
-        for (i, sample) in Occlusion::in_turn(view.occlusion.as_ref(), &plan.samples).into_iter().enumerate() {
-            let part = self.part_of(view, sample, plan.focus_distance_m, &prepared);
+        for (i, sample) in Occlusion::grouped_by_moment(view.occlusion.as_ref(), &plan.samples).into_iter().enumerate()
+        {
+            let part = self.touched_rect(view, sample, plan.focus_distance_m, &prepared);
             if !part.is_empty() {
                 let one = Layer { size: (part.width(), part.height()), ..one.clone() };
                 let from = ((part.x0 - view.rect.x0) as u32, (part.y0 - view.rect.y0) as u32);
@@ -218,8 +220,9 @@ impl Renderer {
         out
     }
 
-    /// The part of a view that objects may touch in one sample of a plan, rounded to cells of its motion's net.
-    fn part_of(&self, view: &View<'_>, sample: &Sample, focus_distance_m: f64, prepared: &Prepared) -> Rect {
+    /// The rectangle that objects may touch in one sample of a plan, rounded to cells of the motion
+    /// grid.
+    fn touched_rect(&self, view: &View<'_>, sample: &Sample, focus_distance_m: f64, prepared: &Prepared) -> Rect {
         let Prepared::Plane(Draws { motion, .. }) = prepared else { return view.rect };
         let keys = view.keys.around(sample.time_s, view.shutter.readout_time_s);
         let footprint = self.footprint_within(view.geometry, &keys, view.shutter, &view.keys.middle());
@@ -239,9 +242,9 @@ impl Renderer {
             let draws = self.draws(gpu, view);
             return Prepared::Plane(draws);
         }
-        let sides = SideView::all(view, &self.boxes().collect::<Vec<_>>());
+        let sides = FaceView::all(view, &self.boxes().collect::<Vec<_>>());
         let all: Vec<Draws> = sides.iter().map(|side| self.draws(gpu, &side.view(view))).collect();
-        let with_layer = |side: SideView| {
+        let with_layer = |side: FaceView| {
             let layer = side.layer(recorder);
             (side, layer)
         };
@@ -267,10 +270,10 @@ impl Renderer {
         }
     }
 
-    /// The draw calls of a view, opaque ones first, then blended ones back to front, and the buffers of meshes cut fine
-    /// for it.
+    /// Draw calls of a view, opaque ones first, then blended ones back to front, and the buffers of
+    /// subdivided meshes.
     fn draws(&self, gpu: &Gpu, view: &View<'_>) -> Draws {
-        let bend = Bend::of(view.geometry, view.shutter.readout_time_s);
+        let bend = EdgeCurvature::of(view.geometry, view.shutter.readout_time_s);
         let (moments, _) = view.keys.sampled();
         let (mut vertices, mut indices) = (Vec::new(), Vec::new());
         let mut draws = Vec::new();
@@ -279,14 +282,14 @@ impl Renderer {
             let (mesh, unwrapped) = (&self.scene.meshes[part.mesh], &self.meshes.surfaces[part.mesh]);
             let Some(bounds) = gpu_mesh.bounds else { continue };
             let corners = bounds.corners().map(|c| part.world_from_mesh.transform_point3(c));
-            // Most of the views around a camera see nothing of it.
+            // Most cube faces contain nothing.
             let out = |pose: &&Pose| out_of_view(view.geometry, &corners.map(|c| pose.transform_point(c)));
             if view.outer.is_some() && moments.iter().all(out) {
                 continue;
             }
             let cut =
                 || dice(unwrapped, gpu_mesh.longest, &corners, &part.world_from_mesh, view.geometry, view.keys, bend);
-            // Parallel rays keep straight lines straight, even behind the camera.
+            // Orthographic projection preserves straight lines, even behind the camera.
             let diced = view.parallel_to_m.map_or_else(cut, |_| None).map(|(v, i)| {
                 let (base, start) = (vertices.len() as i32, indices.len() as u32);
                 vertices.extend(v);
@@ -302,8 +305,8 @@ impl Renderer {
                 around: view.outer.is_some(),
                 parallel: view.parallel_to_m.is_some(),
                 hidden_by_depth: view.occlusion.is_some(),
-                depth_on_grid: view.occlusion.is_some_and(|occlusion| occlusion.on_grid.is_some()),
-                lightmap: self.lightmaps.is_of(number),
+                depth_on_grid: view.occlusion.is_some_and(|occlusion| occlusion.grid_placement.is_some()),
+                lightmap: self.lightmaps.has_lightmap(number),
                 ..Variant::of(&self.scene.materials[mesh.material], &self.scene.lighting)
             };
             draws.push(Draw {

@@ -1,8 +1,9 @@
-//! The part of a convex hull's image that lies in a rectangle: what an object beside, around or behind the camera has
-//! in the picture.
+//! Clips the image of a convex hull to a rectangle: the visible extent of an object beside, around
+//! or behind the camera.
 //!
-//! The hull is cut at the near plane, where projection ends. In front of it, the image of a convex hull is the convex
-//! hull of its corners' images, a polygon, and that is cut at the rectangle's sides. Both cuts are exact.
+//! The hull is clipped at the near plane, where projection is undefined. In front of it, the image
+//! of a convex hull is the convex hull of its corners' images, a polygon, which is clipped at the
+//! rectangle's sides. Both steps are exact.
 
 use glam::{DVec2, DVec3};
 
@@ -16,7 +17,7 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// The smallest that contains these points; `None` if there are none.
+    /// The bounding rectangle of points; `None` if there are none.
     pub fn of(points: impl IntoIterator<Item = DVec2>) -> Option<Self> {
         points.into_iter().fold(None, |all: Option<Self>, p| {
             Some(all.map_or(Self { low: p, high: p }, |e| Self { low: e.low.min(p), high: e.high.max(p) }))
@@ -28,16 +29,16 @@ impl Extent {
     }
 }
 
-/// The extent of what of the points' hull (in the camera's axes, metres) is seen within `area`.
-pub fn seen_in(points: &[DVec3], area: Extent) -> Option<Extent> {
-    let images = before(points, NEAR_M).iter().map(|p| p.truncate() / p.z).collect();
-    let seen = within(&outline_of(images), area);
+/// The extent within `area` of the visible part of the points' hull (in the camera's axes, metres).
+pub fn visible_extent(points: &[DVec3], area: Extent) -> Option<Extent> {
+    let images = clipped_at_near_plane(points, NEAR_M).iter().map(|p| p.truncate() / p.z).collect();
+    let seen = clipped_to(&convex_hull(images), area);
     Extent::of(seen.into_iter().map(|p| p.clamp(area.low, area.high)))
 }
 
-/// Corners of the part of a hull with z of at least `near_m`, and some points inside it: the points in front of that
-/// plane, and where lines from those to the others meet it.
-pub fn before(points: &[DVec3], near_m: f64) -> Vec<DVec3> {
+/// Corners of the part of a hull with z of at least `near_m`, and some points inside it: the points
+/// in front of that plane, and the intersections of the plane with lines to the others.
+pub fn clipped_at_near_plane(points: &[DVec3], near_m: f64) -> Vec<DVec3> {
     let (mut front, back): (Vec<DVec3>, Vec<DVec3>) = points.iter().partition(|p| p.z >= near_m);
     let meets = |f: &DVec3, b: &DVec3| f.lerp(*b, (f.z - near_m) / (f.z - b.z)).with_z(near_m);
     let crossing: Vec<_> = front.iter().flat_map(|f| back.iter().map(move |b| meets(f, b))).collect();
@@ -45,8 +46,8 @@ pub fn before(points: &[DVec3], near_m: f64) -> Vec<DVec3> {
     front
 }
 
-/// The convex hull's corners, one after another (Andrew 1979, the monotone chain).
-fn outline_of(mut points: Vec<DVec2>) -> Vec<DVec2> {
+/// The convex hull's corners in order (Andrew 1979, the monotone chain).
+fn convex_hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
     points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     let half = |points: &mut dyn Iterator<Item = DVec2>| {
         let mut chain: Vec<DVec2> = Vec::new();
@@ -66,9 +67,9 @@ fn outline_of(mut points: Vec<DVec2>) -> Vec<DVec2> {
     there
 }
 
-/// The corners of a convex polygon's part in a rectangle (Sutherland and Hodgman 1974).
-fn within(polygon: &[DVec2], area: Extent) -> Vec<DVec2> {
-    // How far inside of each side a point lies.
+/// Clips a convex polygon to a rectangle (Sutherland and Hodgman 1974).
+fn clipped_to(polygon: &[DVec2], area: Extent) -> Vec<DVec2> {
+    // Signed distance of a point inside each side.
     let sides: [&dyn Fn(DVec2) -> f64; 4] =
         [&|p| p.x - area.low.x, &|p| area.high.x - p.x, &|p| p.y - area.low.y, &|p| area.high.y - p.y];
     sides.iter().fold(polygon.to_vec(), |polygon, inside| {
@@ -90,7 +91,7 @@ mod tests {
     const AREA: Extent = Extent { low: DVec2::new(-1.0, -0.5), high: DVec2::new(1.0, 0.5) };
 
     fn seen(points: &[[f64; 3]]) -> Option<Extent> {
-        seen_in(&points.iter().copied().map(DVec3::from).collect::<Vec<_>>(), AREA)
+        visible_extent(&points.iter().copied().map(DVec3::from).collect::<Vec<_>>(), AREA)
     }
 
     #[track_caller]
@@ -100,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn hulls_cut_by_hand() {
+    fn visible_extent_matches_hand_calculation() {
         // In front, inside: its own extent. A point, a line.
         is(seen(&[[0.0, 0.0, 2.0], [1.0, 0.5, 2.0], [-0.5, 0.25, 1.0]]), [-0.5, 0.0], [0.5, 0.25]);
         is(seen(&[[0.5, 0.5, 2.0]]), [0.25, 0.25], [0.25, 0.25]);
@@ -112,7 +113,7 @@ mod tests {
         assert_eq!(seen(&[[0.0, 0.0, -1.0], [0.1, 0.0, -1.0], [0.0, 0.1, -2.0]]), None);
         assert_eq!(seen(&[[1.0, 0.0, -1.0], [1.0, 0.1, 0.5], [1.2, 0.0, 0.5]]), None);
         assert_eq!(seen(&[]), None);
-        // From straight ahead through the camera's plane on its right: on to the right side, level.
+        // From straight ahead through the camera's plane on its right: up to the right side, level.
         is(seen(&[[0.0, 0.0, 1.0], [1.0, 0.0, -1.0]]), [0.0, 0.0], [1.0, 0.0]);
         // All around the camera.
         let around: Vec<[f64; 3]> =

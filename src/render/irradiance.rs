@@ -1,4 +1,4 @@
-//! The light of a panorama on matt surfaces: a small picture of irradiance by the surface's direction.
+//! Diffuse lighting by a panorama: an irradiance map by surface normal.
 
 use std::f32::consts::{PI, TAU};
 
@@ -6,57 +6,57 @@ use glam::{Vec3, Vec3A};
 
 use super::panorama::{Level, direction, resampled, solid_sr};
 
-/// A lamp's light ends with a kink where a surface turns away from it: interpolation between texels is off there by up
-/// to a quarter of their distance, 1.2 % of a surface facing the lamp. Columns wrap around. The first and the last row
-/// lie on the poles, since most surfaces face straight up.
+/// A lamp's irradiance has a kink at the terminator: interpolation between texels has an error
+/// there of up to a quarter of their distance, 1.2 % of a surface facing the lamp. Columns wrap
+/// around. The first and the last row lie on the poles, since most surfaces face straight up.
 const WIDTH: u32 = 128;
 const HEIGHT: u32 = WIDTH / 2 + 1;
-/// The panorama is summed in patches, and texels per side of a patch.
-const PATCHES: u32 = 64;
-const PATCH: u32 = 4;
+/// The panorama is summed in patches; texels per side of a patch.
+const PATCHES_ACROSS: u32 = 64;
+const PATCH_TEXELS: u32 = 4;
 
-/// A part of the panorama, as seen from the centre.
+/// A patch of the panorama.
 #[derive(Clone, Copy, Default)]
 struct Patch {
     /// Radiance times solid angle (sr).
     light: Vec3,
-    /// The mean of its directions, weighted by solid angle; not of unit length. A surface that sees the whole patch is
-    /// thus lit by n · middle exactly.
+    /// Mean direction, weighted by solid angle; not normalised. n · middle is thus exact for a
+    /// surface facing the whole patch.
     middle: Vec3,
-    /// The same, also weighted by the light: a lamp is smaller than a patch.
-    middle_of_light: Vec3,
+    /// Mean direction, also weighted by radiance: a lamp is smaller than a patch.
+    light_middle: Vec3,
     solid_sr: f32,
 }
 
 fn patches(panorama: &Level) -> Vec<Patch> {
-    let (width, height) = (PATCHES * PATCH, PATCHES / 2 * PATCH);
+    let (width, height) = (PATCHES_ACROSS * PATCH_TEXELS, PATCHES_ACROSS / 2 * PATCH_TEXELS);
     let (.., texels) = resampled((panorama.0, panorama.1, &panorama.2), width, height);
-    let mut patches = vec![Patch::default(); (PATCHES * PATCHES / 2) as usize];
+    let mut patches = vec![Patch::default(); (PATCHES_ACROSS * PATCHES_ACROSS / 2) as usize];
     let mut brightness = vec![0.0; patches.len()];
     for (i, &texel) in (0..).zip(&texels) {
         let (x, y) = (i % width, i / width);
         let towards = direction(x, y, width, height);
         let solid_sr = solid_sr(y, width, height);
-        let at = (y / PATCH * PATCHES + x / PATCH) as usize;
+        let at = (y / PATCH_TEXELS * PATCHES_ACROSS + x / PATCH_TEXELS) as usize;
         let patch = &mut patches[at];
         patch.light += texel * solid_sr;
         patch.middle += towards * solid_sr;
-        patch.middle_of_light += towards * (texel.element_sum() * solid_sr);
+        patch.light_middle += towards * (texel.element_sum() * solid_sr);
         patch.solid_sr += solid_sr;
         brightness[at] += texel.element_sum() * solid_sr;
     }
     for (patch, brightness) in patches.iter_mut().zip(brightness) {
         patch.middle /= patch.solid_sr;
-        patch.middle_of_light = if brightness > 0.0 { patch.middle_of_light / brightness } else { patch.middle };
+        patch.light_middle = if brightness > 0.0 { patch.light_middle / brightness } else { patch.middle };
     }
     patches
 }
 
-/// Irradiance over π by the direction that a surface faces, in the panorama's axes: the radiance of a white matt
-/// surface. It is the mean of all light weighted by the cosine, so a uniform panorama gives itself.
+/// Irradiance over π by surface normal, in the panorama's axes: the radiance of a white diffuse
+/// surface. It is the cosine-weighted mean of the radiance, so a uniform panorama is reproduced.
 pub fn irradiance_over_pi(panorama: &Level) -> Level {
     let patches = patches(panorama);
-    let lights: Vec<_> = patches.iter().map(|p| (Vec3A::from(p.light), Vec3A::from(p.middle_of_light))).collect();
+    let lights: Vec<_> = patches.iter().map(|p| (Vec3A::from(p.light), Vec3A::from(p.light_middle))).collect();
     let mut texels = Vec::with_capacity((WIDTH * HEIGHT) as usize);
     for y in 0..HEIGHT {
         let (sin, cos) = (y as f32 / (HEIGHT - 1) as f32 * PI).sin_cos();
@@ -64,7 +64,8 @@ pub fn irradiance_over_pi(panorama: &Level) -> Level {
             let (sin_phi, cos_phi) = (((x as f32 + 0.5) / WIDTH as f32 - 0.5) * TAU).sin_cos();
             Vec3::new(sin * sin_phi, cos, -sin * cos_phi)
         };
-        // π, apart from the patches' size. All columns see the same patches, rotated or mirrored.
+        // π, apart from the patches' size. By symmetry all columns have the same patches, rotated
+        // or mirrored.
         let whole: f32 = patches.iter().map(|patch| patch.solid_sr * patch.middle.dot(facing(0)).max(0.0)).sum();
         texels.extend((0..WIDTH).map(|x| {
             let normal = Vec3A::from(facing(x));
@@ -79,7 +80,7 @@ pub fn irradiance_over_pi(panorama: &Level) -> Level {
 mod tests {
     use super::*;
 
-    /// Looked up as in the shader.
+    /// Lookup as in the shader.
     fn seen(level: &Level, n: Vec3) -> Vec3 {
         let (width, height) = (level.0 as usize, level.1 as usize);
         let x = (n.x.atan2(-n.z) / TAU + 0.5) * width as f32 - 0.5;
@@ -107,7 +108,7 @@ mod tests {
         sum / whole
     }
 
-    /// Spread evenly over the sphere, and along the axes.
+    /// Uniform over the sphere, and along the axes.
     fn normals() -> impl Iterator<Item = Vec3> {
         let spiral = (0..300).map(|i| {
             let y = 1.0 - (2.0 * i as f32 + 1.0) / 300.0;
@@ -117,7 +118,8 @@ mod tests {
         spiral.chain(Vec3::AXES.into_iter().flat_map(|a| [a, -a]))
     }
 
-    /// The largest deviation from the integral, relative to the integral or `least`, whichever is larger.
+    /// The largest deviation from the integral, relative to the integral or `least`, whichever is
+    /// larger.
     fn worst(panorama: &Level, least: f32) -> f32 {
         let level = irradiance_over_pi(panorama);
         let off = |n| {
@@ -128,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn an_even_panorama_lights_evenly() {
+    fn uniform_panorama_gives_uniform_irradiance() {
         for (width, height) in [(1, 1), (2, 1), (100, 50), (256, 128)] {
             let (.., texels) = irradiance_over_pi(&panorama(width, height, |_| Vec3::new(0.5, 1.0, 2.0)));
             assert!(texels.iter().all(|t| (*t / Vec3::new(0.5, 1.0, 2.0) - 1.0).abs().max_element() < 1e-5));
@@ -136,9 +138,9 @@ mod tests {
     }
 
     #[test]
-    fn a_cosine_worked_out() {
-        // Radiance max(0, y). Facing up: (1/π) ∫ cos² over the half sphere = 2/3. Facing sideways half of it is seen:
-        // (1/π) ∫ y·x = 2/(3π). Facing down: nothing.
+    fn cosine_panorama_matches_the_analytic_irradiance() {
+        // Radiance max(0, y). Facing up: (1/π) ∫ cos² over the hemisphere = 2/3. Facing sideways
+        // half of it is visible: (1/π) ∫ y·x = 2/(3π). Facing down: nothing.
         let level = irradiance_over_pi(&panorama(256, 128, |d| Vec3::splat(d.y.max(0.0))));
         for (n, expected) in [(Vec3::Y, 2.0 / 3.0), (Vec3::X, 2.0 / (3.0 * PI)), (Vec3::NEG_Y, 0.0)] {
             assert!((seen(&level, n).x - expected).abs() < 1e-3, "{n}: {} {expected}", seen(&level, n));
@@ -146,9 +148,9 @@ mod tests {
     }
 
     #[test]
-    fn a_small_bright_lamp_lights_as_the_integral_says() {
+    fn small_lamp_irradiance_matches_the_integral() {
         for towards in [Vec3::Y, Vec3::new(0.3, 0.9, 0.2), Vec3::new(0.7, -0.1, -0.6), Vec3::new(-0.02, 0.3, 1.0)] {
-            // 6° across. Nine tenths of the light on a surface facing it comes from it.
+            // 6° wide. It contributes nine tenths of the light on a surface facing it.
             let shine = |d: Vec3| if d.angle_between(towards) < 3f32.to_radians() { 1300.0 } else { 0.1 };
             let lit = panorama(256, 128, |d| shine(d) * Vec3::new(1.0, 0.8, 0.5));
             let brightest = truth(&lit, towards.normalize());
@@ -158,10 +160,10 @@ mod tests {
     }
 
     #[test]
-    fn the_demonstrations_light_is_what_the_integral_says() {
+    fn demonstration_panorama_irradiance_matches_the_integral() {
         let scene = crate::scene::load(std::path::Path::new("scenes/demo.toml"), None).unwrap();
         let crate::scene::Environment::Map(map) = scene.lighting.environment else { panic!("a panorama") };
-        let panorama = super::super::panorama::sharp(&map);
+        let panorama = super::super::panorama::full_resolution(&map);
         let off = worst(&panorama, 0.0);
         assert!(off < 0.02, "{off}");
     }

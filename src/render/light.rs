@@ -1,4 +1,5 @@
-//! Lights on the GPU: suns, points, and the environment as pictures of irradiance and blurred panoramas.
+//! Lights on the GPU: suns, points, and the environment as irradiance map and prefiltered
+//! panoramas.
 
 use glam::{DVec3, Mat3, Vec3};
 
@@ -34,15 +35,15 @@ crate::uniform! {
     }
 }
 
-/// The environment, made once per scene.
+/// The environment, uploaded once per scene.
 #[derive(Debug)]
 pub struct EnvironmentLight {
-    /// Panorama blurred for specular light.
+    /// Panorama prefiltered for specular light.
     pub view: wgpu::TextureView,
-    /// The table of render/irradiance.rs.
+    /// The irradiance map of render/irradiance.rs.
     pub irradiance: wgpu::TextureView,
     pub sampler: wgpu::Sampler,
-    /// Colour if there is no panorama.
+    /// Uniform colour without a panorama.
     color: Vec3,
     levels: u32,
     map_from_world: Mat3,
@@ -55,8 +56,8 @@ fn wide(v: Vec3, w: f32) -> [f32; 4] {
 }
 
 impl LightUniform {
-    /// Lights relative to a camera at `origin_in_world_m`; `strength` of what things take of each other's light. Lights beyond the limits are left out; [`unsupported`]
-    /// reports that.
+    /// Lights relative to a camera at `origin_in_world_m`; `strength` scales the occlusion between
+    /// objects. Lights beyond the limits are dropped; [`unsupported`] reports that.
     pub fn new(lighting: &Lighting, environment: &EnvironmentLight, origin_in_world_m: DVec3, strength: f32) -> Self {
         let mut uniform = Self {
             environment: wide(environment.color, environment.levels as f32),
@@ -85,7 +86,7 @@ impl LightUniform {
     }
 }
 
-/// A warning if a scene's lighting exceeds what can be drawn.
+/// A warning if a scene's lighting exceeds the limits.
 pub fn unsupported(lighting: &Lighting) -> Option<String> {
     (lighting.suns.len() > MAX_SUNS || lighting.points.len() > MAX_POINTS).then(|| {
         format!(
@@ -106,7 +107,7 @@ impl EnvironmentLight {
             mipmap_filter: wgpu::MipmapFilterMode::Linear,
             ..Default::default()
         });
-        let steps = albedo::STEPS as u32;
+        let steps = albedo::TABLE_SIZE as u32;
         let table = albedo::table().into_iter().map(|[x, y, z, _]| Vec3::new(x, y, z)).collect();
         let albedo = upload(gpu, "albedo", &[(steps, steps, table)]);
         let (color, levels, irradiance, map_from_world) = match environment {

@@ -1,4 +1,4 @@
-//! The light that reaches each part's surface, on the GPU. What it is worked out from: shadow/lightmap.rs.
+//! Lightmaps of the parts on the GPU. They are computed in shadow/lightmap.rs.
 
 use std::sync::Arc;
 
@@ -9,25 +9,26 @@ use crate::gpu::{Gpu, half_texels};
 pub struct Lightmap {
     /// Texels along each side.
     pub side: u32,
-    /// As shaders/raster.wgsl reads them, each row by row. First the share of the surroundings' light that arrives (r, g, b) and of
-    /// the first light; then the light that other things throw, and the share of the second light; then the shares of four more
-    /// lights each. Suns come before lamps. For a double-sided surface those of its back follow.
+    /// Texels row by row, in the layout of shaders/raster.wgsl. First the share of the
+    /// environment's light that arrives (r, g, b) and of the first light; then the indirect light
+    /// from other objects, and the share of the second light; then the shares of four more lights
+    /// each. Suns come before lamps. For a double-sided surface the layers of its back follow.
     pub layers: Vec<Vec<[f32; 4]>>,
 }
 
-/// Those of a scene's parts, in turn.
+/// Lightmaps of a scene's parts, in order.
 #[derive(Debug)]
-pub struct LitParts {
+pub struct PartLightmaps {
     of_parts: Vec<Option<Arc<Lightmap>>>,
-    known: Vec<(Arc<Lightmap>, wgpu::BindGroup)>,
+    bound: Vec<(Arc<Lightmap>, wgpu::BindGroup)>,
     none: wgpu::BindGroup,
     pub strength: f32,
 }
 
-impl LitParts {
+impl PartLightmaps {
     pub fn new(gpu: &Gpu, layout: &wgpu::BindGroupLayout) -> Self {
         let none = upload(gpu, layout, &Lightmap { side: 1, layers: vec![vec![[1.0; 4]]; 2] });
-        Self { of_parts: Vec::new(), known: Vec::new(), none, strength: 1.0 }
+        Self { of_parts: Vec::new(), bound: Vec::new(), none, strength: 1.0 }
     }
 
     pub fn take(
@@ -45,23 +46,23 @@ impl LitParts {
         if self.of_parts.len() == of_parts.len() && self.of_parts.iter().zip(of_parts).all(is_same) {
             return;
         }
-        self.known.retain(|(known, _)| of_parts.iter().flatten().any(|map| Arc::ptr_eq(map, known)));
+        self.bound.retain(|(bound, _)| of_parts.iter().flatten().any(|map| Arc::ptr_eq(map, bound)));
         for map in of_parts.iter().flatten() {
-            if !self.known.iter().any(|(known, _)| Arc::ptr_eq(map, known)) {
-                self.known.push((map.clone(), upload(gpu, layout, map)));
+            if !self.bound.iter().any(|(bound, _)| Arc::ptr_eq(map, bound)) {
+                self.bound.push((map.clone(), upload(gpu, layout, map)));
             }
         }
         self.of_parts = of_parts.to_vec();
     }
 
-    pub fn is_of(&self, part: usize) -> bool {
+    pub fn has_lightmap(&self, part: usize) -> bool {
         self.of_parts.get(part).is_some_and(Option::is_some)
     }
 
     pub fn of(&self, part: usize) -> &wgpu::BindGroup {
         let map = self.of_parts.get(part).and_then(Option::as_ref);
-        let known = map.and_then(|map| self.known.iter().find(|(known, _)| Arc::ptr_eq(map, known)));
-        known.map_or(&self.none, |(_, group)| group)
+        let bound = map.and_then(|map| self.bound.iter().find(|(bound, _)| Arc::ptr_eq(map, bound)));
+        bound.map_or(&self.none, |(_, group)| group)
     }
 }
 

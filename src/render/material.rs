@@ -49,7 +49,7 @@ fn slots(m: &Material) -> [Option<TextureUse>; 5] {
 
 /// A bind group for each material of a scene.
 pub fn bind_groups(gpu: &Gpu, layout: &wgpu::BindGroupLayout, scene: &Scene) -> Vec<wgpu::BindGroup> {
-    // Without a texture, white is bound: factors then act alone.
+    // A missing texture is replaced by white, so that factors act alone.
     let white = Texture {
         width: 1,
         height: 1,
@@ -132,8 +132,8 @@ fn upload(gpu: &Gpu, texture: &Texture) -> (wgpu::TextureView, wgpu::Sampler) {
     (gpu_texture.create_view(&Default::default()), sampler)
 }
 
-/// Each level is the mean of 2×2 texels of the previous one (3 wide if a side is odd), averaged in linear light for
-/// colours.
+/// Each level is the mean of 2×2 texels of the previous one (3 wide if a side is odd), averaged in
+/// linear light for colours.
 fn mip_chain(texture: &Texture) -> Vec<(u32, u32, Vec<u8>)> {
     let to_linear: Vec<f32> = (0..=255).map(|code| texture.linear(code)).collect();
     let from_linear = |v: f32| {
@@ -188,7 +188,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn mipmaps_average_light_not_codes() {
+    fn mipmaps_average_linear_light() {
         let rgba = vec![255, 255, 255, 255, 0, 0, 0, 255, 255, 255, 255, 255, 0, 0, 0, 255];
         let texture = Texture {
             width: 2,

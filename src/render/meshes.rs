@@ -6,13 +6,13 @@ use glam::DVec3;
 
 use super::bounds::{Bounds, outline};
 use super::dice::longest_edge;
-use super::unwrap::{Corner, Unwrapped, area_of};
+use super::unwrap::{LightmapVertex, Unwrapped, area_of};
 use crate::gpu::Gpu;
 use crate::scene::{Mesh, Part, Scene};
 
-/// Texels along the sides of an object's lightmap, and how small they need not be, metres.
-const LIGHTMAP_SIDE: u32 = 128;
-const FINEST_M: f64 = 0.0015;
+/// Maximum side of an object's lightmap, texels.
+const MAX_LIGHTMAP_SIDE: u32 = 128;
+const MIN_TEXEL_M: f64 = 0.0015;
 
 /// A mesh on the GPU.
 #[derive(Debug)]
@@ -22,19 +22,19 @@ pub struct GpuMesh {
     pub longest: f64,
     pub has_colors: bool,
     pub bounds: Option<Bounds>,
-    /// The mesh lies in its convex hull.
+    /// Points whose convex hull contains the mesh.
     pub outline: Vec<DVec3>,
 }
 
-/// All of them in two buffers.
+/// All meshes in two buffers.
 #[derive(Debug)]
 pub struct Meshes {
     pub all: Vec<GpuMesh>,
-    /// What is in the buffers.
+    /// Contents of the buffers.
     pub surfaces: Vec<Unwrapped>,
     pub vertices: wgpu::Buffer,
     pub indices: wgpu::Buffer,
-    has_places: bool,
+    has_lightmap_coordinates: bool,
 }
 
 impl Meshes {
@@ -50,22 +50,23 @@ impl Meshes {
         };
         let mut all: Vec<GpuMesh> = scene.meshes.iter().zip(&surfaces).map(mesh).collect();
         let [vertices, indices] = uploaded(gpu, &surfaces, &mut all);
-        Self { all, surfaces, vertices, indices, has_places: false }
+        Self { all, surfaces, vertices, indices, has_lightmap_coordinates: false }
     }
 
-    /// Gives them places for lightmaps, if they have none yet. It takes time that only lightmaps are worth.
+    /// Computes lightmap coordinates, if there are none yet. This is expensive, and only needed for
+    /// lightmaps.
     pub fn unwrap(&mut self, gpu: &Gpu, scene: &Scene) {
-        if !self.has_places {
-            self.surfaces = all_unwrapped(scene);
+        if !self.has_lightmap_coordinates {
+            self.surfaces = unwrap_all(scene);
             [self.vertices, self.indices] = uploaded(gpu, &self.surfaces, &mut self.all);
-            self.has_places = true;
+            self.has_lightmap_coordinates = true;
         }
     }
 }
 
-/// Vertices and indices; each mesh is told where it begins.
+/// Uploads vertices and indices, and sets each mesh's offsets.
 fn uploaded(gpu: &Gpu, surfaces: &[Unwrapped], all: &mut [GpuMesh]) -> [wgpu::Buffer; 2] {
-    let (mut vertices, mut indices): (Vec<Corner>, Vec<u32>) = (Vec::new(), Vec::new());
+    let (mut vertices, mut indices): (Vec<LightmapVertex>, Vec<u32>) = (Vec::new(), Vec::new());
     for (surface, mesh) in surfaces.iter().zip(all) {
         let first = indices.len() as u32;
         mesh.base_vertex = vertices.len() as i32;
@@ -82,23 +83,23 @@ fn uploaded(gpu: &Gpu, surfaces: &[Unwrapped], all: &mut [GpuMesh]) -> [wgpu::Bu
     ]
 }
 
-/// A scene's meshes with places for their lightmaps, but for what no light changes: an object's parts share the texels that a lightmap
-/// may have, by their areas.
-fn all_unwrapped(scene: &Scene) -> Vec<Unwrapped> {
+/// A scene's meshes with lightmap coordinates, except unlit ones: the parts of an object share its
+/// lightmap texels in proportion to their areas.
+fn unwrap_all(scene: &Scene) -> Vec<Unwrapped> {
     let area_m2 = |part: &Part| {
         let stretch = part.world_from_mesh.matrix3.determinant().abs().powf(1.0 / 3.0);
         area_of(&scene.meshes[part.mesh]) * stretch * stretch
     };
-    // Of a mesh that no object has yet nothing is known.
-    let mut sides = vec![LIGHTMAP_SIDE; scene.meshes.len()];
+    // The size of a mesh that no object uses yet is unknown.
+    let mut sides = vec![MAX_LIGHTMAP_SIDE; scene.meshes.len()];
     for object in &scene.objects {
         let all: f64 = object.parts.iter().map(area_m2).sum();
         for part in &object.parts {
             let area_m2 = area_m2(part);
-            let shared = f64::from(LIGHTMAP_SIDE) * (area_m2 / all.max(1e-30)).sqrt();
+            let shared = f64::from(MAX_LIGHTMAP_SIDE) * (area_m2 / all.max(1e-30)).sqrt();
             // About half of the square is filled.
-            let finest = (2.0 * area_m2).sqrt() / FINEST_M;
-            sides[part.mesh] = shared.min(finest).ceil().clamp(16.0, LIGHTMAP_SIDE.into()) as u32;
+            let finest = (2.0 * area_m2).sqrt() / MIN_TEXEL_M;
+            sides[part.mesh] = shared.min(finest).ceil().clamp(16.0, MAX_LIGHTMAP_SIDE.into()) as u32;
         }
     }
     let is_lit = |mesh: &Mesh| scene.materials.get(mesh.material).is_none_or(|material| !material.unlit);

@@ -1,4 +1,4 @@
-//! From the scene and a sample plan to the virtual layer.
+//! Renders the scene with a sample plan into the virtual layer.
 
 mod accumulate;
 mod albedo;
@@ -23,15 +23,15 @@ mod resample;
 mod unwrap;
 mod view;
 
-pub use accumulate::largest_area_px as largest_sum_px;
+pub use accumulate::max_area_px as largest_sum_px;
 pub use bounds::Footprint;
 pub use draw::Renderer;
 pub use light::{MAX_POINTS, MAX_SUNS};
 pub use lightmap::Lightmap;
-pub use occlusion::{Occlusion, Placed, grid_depth, real_depth};
+pub use occlusion::{GridPlacement, Occlusion, grid_depth, real_depth};
 pub use pipeline::{COLOR, GEOMETRY};
 pub use plan::{Layer, RealLayer, Sample, SamplePlan};
 pub use projected::{Projection, Still, take_still};
 pub use resample::limits;
-pub use unwrap::{Corner, Place, Unwrapped};
+pub use unwrap::{LightmapVertex, TexelPoint, Unwrapped};
 pub use view::{Shutter, View, ViewKeys};

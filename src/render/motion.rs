@@ -1,13 +1,14 @@
-//! How things at rest move through the picture while the camera moves.
+//! Motion vectors of static objects under a moving camera.
 //!
-//! Rotation moves all depths alike; translation moves them in proportion to 1/z (Longuet-Higgins and Prazdny 1980, "The
-//! interpretation of a moving retinal image"). At every place velocity is V = a + b/z, with z the depth seen there. So
-//! a net of a and b, computed at two depths, has the velocity of everything that can be drawn, and the triangles need
-//! not carry it. It is the velocity through the middle of the lens; that through other points of it is not modelled.
+//! Rotation moves all depths alike; translation moves them in proportion to 1/z (Longuet-Higgins
+//! and Prazdny 1980, "The interpretation of a moving retinal image"). At every pixel the velocity
+//! is V = a + b/z, with z the depth there. So a grid of a and b, computed at two depths, gives the
+//! velocity of everything drawn, and the triangles need no motion vectors. It is the velocity
+//! through the centre of the lens; that through other points of it is not modelled.
 //!
-//! If rows have their own times, a point displaced by dx is met by a row that is read g·dx later, where g is the
-//! gradient of the row's time (s/px). So within a time ds of the exposure dx = V (ds + g·dx), and the velocity dx/ds is
-//! V / (1 − g·V).
+//! With a rolling shutter, a point displaced by dx is exposed by a row that is read g·dx later,
+//! where g is the gradient of the row's time (s/px). So within a time ds of the exposure dx = V (ds
+//! + g·dx), and the velocity dx/ds is V / (1 − g·V).
 //!
 //! V is the chord of the exposure, which is exact at the two depths and nearly linear between them.
 
@@ -17,12 +18,12 @@ use super::view::{NEAR_M, View};
 use crate::gpu::Gpu;
 use crate::pixels::Rect;
 
-/// The net over a rectangle, on the GPU.
+/// The motion grid over a rectangle, on the GPU.
 #[derive(Debug)]
 pub struct Motion {
     /// Side of a cell, px.
     pub side_px: u32,
-    /// The area covered.
+    /// The covered area.
     pub rect: Rect,
     /// Cells across and down; there is one more node in each direction.
     pub cells: (u32, u32),
@@ -44,18 +45,20 @@ struct Node {
 }
 
 impl Motion {
-    /// At the middle of the exposure. 0 for parallel rays, which are used for single pictures only.
+    /// Motion at the middle of the exposure. 0 for orthographic projection, which is used for
+    /// single pictures only.
     pub fn new(gpu: &Gpu, view: &View<'_>) -> Self {
-        // Between nodes h apart, a rotation by ω deviates from linear by h² ω / (4 f), which for this h is f ω / 4096.
-        // A lens with distortion adds as much again. Each cell costs two triangles.
+        // Between nodes h apart, a rotation by ω deviates from linear by h² ω / (4 f), which for
+        // this h is f ω / 4096. A lens with distortion adds as much again. Each cell costs two
+        // triangles.
         let side_px = (view.geometry.intrinsics.fx_px / 32.0).clamp(8.0, 64.0) as u32;
         let cells = (view.rect.width().div_ceil(side_px).max(1), view.rect.height().div_ceil(side_px).max(1));
-        let path = Path::new(view);
-        let rests = view.parallel_to_m.is_some() || path.rests();
+        let path = CameraPath::new(view);
+        let is_static = view.parallel_to_m.is_some() || path.is_static();
         let nodes: Vec<Node> = (0..=cells.1)
             .flat_map(|y| (0..=cells.0).map(move |x| DVec2::new(f64::from(x), f64::from(y)) * f64::from(side_px)))
             .map(|at| {
-                if rests {
+                if is_static {
                     Node::default()
                 } else {
                     path.node(at + DVec2::new(view.rect.x0.into(), view.rect.y0.into()))
@@ -74,7 +77,8 @@ impl Motion {
         Rect::new(down(rect.x0, x), down(rect.y0, y), down(rect.x1 - 1, x) + side, down(rect.y1 - 1, y) + side)
     }
 
-    /// The first cell of a part that starts at a cell, and the number of cells across and down.
+    /// The first cell of a rectangle that starts at a cell, and the number of cells across and
+    /// down.
     pub fn cells_of(&self, part: &Rect) -> ((u32, u32), (u32, u32)) {
         let cell = |from: i32, to: i32| (to - from).max(0) as u32 / self.side_px;
         let first = (cell(self.rect.x0, part.x0), cell(self.rect.y0, part.y0));
@@ -83,7 +87,7 @@ impl Motion {
 }
 
 /// The camera's path, as in shaders/raster.wgsl.
-struct Path<'a> {
+struct CameraPath<'a> {
     view: &'a View<'a>,
     step_s: f64,
     /// Rotation and position at the middle of the exposure, and a step before and after.
@@ -92,19 +96,20 @@ struct Path<'a> {
     depths_m: [f64; 2],
 }
 
-impl<'a> Path<'a> {
+impl<'a> CameraPath<'a> {
     fn new(view: &'a View<'a>) -> Self {
         let step_s = view.shutter.velocity_step_s();
         let moments = [0.0, -step_s, step_s].map(|t| view.keys.at(t));
-        // The objects' depths, at least an octave apart. Nearer than five times the camera's travel a chord is far from
-        // straight, so not that near unless everything is.
+        // The objects' depths, at least an octave apart. At depths below five times the camera's
+        // travel a chord deviates far from the path, so smaller depths are only used if all objects
+        // are that near.
         let travel_m = moments[1].1.distance(moments[2].1);
         let far = view.depths_m[1].max(4.0 * NEAR_M);
         let near = view.depths_m[0].max(5.0 * travel_m).max(2.0 * NEAR_M).min(0.5 * far);
         Self { view, step_s, moments, depths_m: [near, far] }
     }
 
-    fn rests(&self) -> bool {
+    fn is_static(&self) -> bool {
         let keys = self.view.keys;
         keys.poses.iter().all(|pose| *pose == keys.poses[0])
     }
@@ -131,14 +136,15 @@ impl<'a> Path<'a> {
         before.zip(after).map_or(0.0, |(before, after)| after - before)
     }
 
-    /// The ray at z = 1. Where the lens sees nothing, that of the nearest visible place towards the middle.
+    /// The ray at z = 1. Outside the field of view, that of the nearest visible pixel towards the
+    /// centre.
     fn ray(&self, at_px: DVec2) -> Option<DVec3> {
         let i = &self.view.geometry.intrinsics;
         let middle = DVec2::new(i.cx_px, i.cy_px);
         (0..8).find_map(|n| self.view.geometry.unproject(at_px.lerp(middle, 0.05 * f64::from(n))))
     }
 
-    /// V, px/s: the chord from a step before to a step after, seen from the row at that place.
+    /// V, px/s: the chord from a step before to a step after, relative to that pixel's row.
     fn velocity(&self, ray: DVec3, depth_m: f64) -> DVec2 {
         let [now, before, after] = match self.view.shutter.readout_time_s > 0.0 {
             true => {
@@ -155,8 +161,8 @@ impl<'a> Path<'a> {
         (seen(after) - seen(before)) / (2.0 * self.step_s)
     }
 
-    /// When the row is read in which a direction is seen. Far outside the picture, times are limited to those near its
-    /// rims.
+    /// Readout time of the row that images a direction. Far outside the picture, times are clamped
+    /// to those near its border.
     fn row_time_s(&self, direction: DVec3) -> f64 {
         let (geometry, y_px) = match &self.view.outer {
             Some(outer) => (outer.geometry, outer.geometry.carried_px(outer.camera_from_view * direction).y),
@@ -175,8 +181,8 @@ mod tests {
     use crate::pose::Pose;
     use crate::render::{Shutter, ViewKeys};
 
-    /// Velocity at a place and depth by the net's node there, for a camera that moves with `metres_per_s` and turns
-    /// with `radians_per_s` around its own axes.
+    /// Velocity at a pixel and depth by the grid's node there, for a camera that moves with
+    /// `metres_per_s` and turns with `radians_per_s` around its own axes.
     fn velocity(geometry: &Geometry, readout_time_s: f64, going: DVec3, turning: DVec3, at: DVec2, z: f64) -> DVec2 {
         let shutter = Shutter { exposure_time_s: 0.01, readout_time_s, beyond_s: 0.0 };
         let keys =
@@ -191,7 +197,7 @@ mod tests {
             parallel_to_m: None,
             outer: None,
         };
-        let Node { at_infinity, by_nearness, row_time, .. } = Path::new(&view).node(at);
+        let Node { at_infinity, by_nearness, row_time, .. } = CameraPath::new(&view).node(at);
         let [at_infinity, by_nearness, row_time] =
             [at_infinity, by_nearness, row_time].map(|[x, y]| DVec2::new(x.into(), y.into()));
         let v = at_infinity + by_nearness * NEAR_M / z;
@@ -204,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pinhole_s_flow_by_hand() {
+    fn pinhole_flow_matches_hand_calculation() {
         let g = camera(Distortion::default());
         let (still, at) = (DVec3::ZERO, DVec2::new(420.0, 140.0));
         // Ray (0.2, −0.2). Moving right at 1 m/s: −500/z px/s. Moving forward: 500 · 0.2/z outwards.
@@ -212,7 +218,7 @@ mod tests {
             let right = velocity(&g, 0.0, DVec3::X, still, at, z);
             assert!(right.distance(DVec2::new(-500.0 / z, 0.0)) < 0.02, "{z} m: {right}");
             let ahead = velocity(&g, 0.0, DVec3::Z, still, at, z);
-            // The chord over a centimetre of travel is 0.03 % off between the two depths.
+            // The chord over a centimetre of travel deviates by 0.03 % between the two depths.
             assert!(ahead.distance(DVec2::new(100.0 / z, -100.0 / z)) < 0.06, "{z} m: {ahead}");
             // Rotating about y (to the right) by 0.5 rad/s: −500 · 0.5 (1 + x², xy), whatever the depth.
             let turned = velocity(&g, 0.0, still, 0.5 * DVec3::Y, at, z);
@@ -221,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_with_times_of_their_own() {
+    fn rolling_shutter_velocity_accounts_for_row_time() {
         let g = camera(Distortion::default());
         // A point that falls by V px/s is met by rows read V · readout / height later: V / (1 − that).
         let readout_s = 0.02;
@@ -234,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn through_a_lens_that_bends_it_is_what_a_point_does() {
+    fn distorted_velocity_matches_a_projected_point() {
         let g = camera(Distortion { k1: -0.3, k2: 0.1, p1: 1e-3, ..Distortion::default() });
         let (going, turning) = (DVec3::new(0.3, -0.2, 0.5), DVec3::new(0.4, -0.6, 0.9));
         for (at, z) in [((30.5, 40.5), 0.4), ((600.5, 200.5), 1.0), ((320.5, 470.5), 5.0)] {

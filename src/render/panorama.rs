@@ -1,4 +1,4 @@
-//! A panorama as the shader needs it: blurred for specular light. For matt surfaces see render/irradiance.rs.
+//! Panoramas prefiltered for specular light. For diffuse light see render/irradiance.rs.
 
 use std::ops::Range;
 
@@ -6,10 +6,10 @@ use glam::{Mat3, Vec2, Vec3};
 
 use crate::scene::EnvironmentMap;
 
-/// Width of the sharpest panorama for reflections; each level halves it. The roughest, 32 × 16, is as coarse as the
-/// poles allow.
+/// Width of the sharpest level for reflections; each level halves it. The roughest, 32 × 16, is as
+/// coarse as the poles allow.
 const WIDTH: u32 = 512;
-const LEVELS: u32 = 5;
+const ROUGHNESS_LEVELS: u32 = 5;
 const LOBE_SAMPLES: u32 = 192;
 
 /// Width, height, radiance row by row.
@@ -20,15 +20,15 @@ pub fn direction(x: u32, y: u32, width: u32, height: u32) -> Vec3 {
     direction_at(Vec2::new(x as f32, y as f32) + 0.5, width, height)
 }
 
-/// The direction through any place, in texels from the upper left.
+/// The direction at texel coordinates from the upper left.
 pub fn direction_at(place: Vec2, width: u32, height: u32) -> Vec3 {
     let phi = (place.x / width as f32 - 0.5) * std::f32::consts::TAU;
     let theta = place.y / height as f32 * std::f32::consts::PI;
     Vec3::new(theta.sin() * phi.sin(), theta.cos(), -theta.sin() * phi.cos())
 }
 
-/// Where a direction is, in texels from the upper left.
-pub fn place_of(d: Vec3, width: u32, height: u32) -> Vec2 {
+/// Texel coordinates of a direction, from the upper left.
+pub fn texel_coordinates(d: Vec3, width: u32, height: u32) -> Vec2 {
     let x = d.x.atan2(-d.z) / std::f32::consts::TAU + 0.5;
     let y = d.y.clamp(-1.0, 1.0).acos() / std::f32::consts::PI;
     Vec2::new(x * width as f32, y * height as f32)
@@ -40,10 +40,10 @@ pub fn solid_sr(y: u32, width: u32, height: u32) -> f32 {
     (edge(y) - edge(y + 1)) * std::f32::consts::TAU / width as f32
 }
 
-/// Interpolated between the four texels around a direction.
+/// Bilinear interpolation at a direction.
 pub fn at(level: &Level, d: Vec3) -> Vec3 {
     let (width, height, texels) = (level.0 as usize, level.1 as usize, &level.2);
-    let Vec2 { x, y } = place_of(d, level.0, level.1) - 0.5;
+    let Vec2 { x, y } = texel_coordinates(d, level.0, level.1) - 0.5;
     let y = y.clamp(0.0, (height - 1) as f32);
     let (fx, fy) = (x - x.floor(), y - y.floor());
     let (left, top) = ((x.floor() as i64).rem_euclid(width as i64) as usize, y as usize);
@@ -53,7 +53,7 @@ pub fn at(level: &Level, d: Vec3) -> Vec3 {
 }
 
 /// The panorama at its own size.
-pub fn sharp(map: &EnvironmentMap) -> Level {
+pub fn full_resolution(map: &EnvironmentMap) -> Level {
     of_size(map, map.width, map.height)
 }
 
@@ -63,13 +63,14 @@ fn of_size(map: &EnvironmentMap, width: u32, height: u32) -> Level {
     level
 }
 
-/// A picture (width, height, row by row) at a given size. Each texel is the mean of what it covers, weighted by area.
+/// Resamples a picture (width, height, row by row). Each texel is the area-weighted mean of the
+/// covered texels.
 pub fn resampled<T: Copy + Into<Vec3>>(picture: (u32, u32, &[T]), width: u32, height: u32) -> Level {
     let (from_width, from_height, from) = picture;
-    let columns: Vec<_> = (0..width).map(|x| covered(x, width, from_width)).collect();
+    let columns: Vec<_> = (0..width).map(|x| covered_cells(x, width, from_width)).collect();
     let mut texels = Vec::with_capacity((width * height) as usize);
     for y in 0..height {
-        let (rows, row_shares) = covered(y, height, from_height);
+        let (rows, row_shares) = covered_cells(y, height, from_height);
         for (columns, column_shares) in &columns {
             let mut sum = Vec3::ZERO;
             for (row, row_share) in rows.clone().zip(&row_shares) {
@@ -83,8 +84,8 @@ pub fn resampled<T: Copy + Into<Vec3>>(picture: (u32, u32, &[T]), width: u32, he
     (width, height, texels)
 }
 
-/// Which of `from` equal parts the i-th of `to` covers, and the share of each.
-fn covered(i: u32, to: u32, from: u32) -> (Range<usize>, Vec<f32>) {
+/// The cells, of `from` equal ones, that the i-th of `to` covers, and the weight of each.
+fn covered_cells(i: u32, to: u32, from: u32) -> (Range<usize>, Vec<f32>) {
     let (i, to, from) = (u64::from(i), u64::from(to), u64::from(from));
     let (start, end) = (i * from, (i + 1) * from);
     let parts = start / to..end.div_ceil(to);
@@ -92,20 +93,20 @@ fn covered(i: u32, to: u32, from: u32) -> (Range<usize>, Vec<f32>) {
     (parts.start as usize..parts.end as usize, shares)
 }
 
-/// Levels from sharp to fully rough, each half as wide as the previous: the panorama seen in a GGX lobe of roughness
-/// level/(levels − 1), with the eye along the normal (Karis 2013).
+/// Levels from sharp to fully rough, each half as wide as the previous: the panorama filtered with
+/// a GGX lobe of roughness level/(levels − 1), with the eye along the normal (Karis 2013).
 pub fn blurred_levels(map: &EnvironmentMap) -> Vec<Level> {
-    let width = WIDTH.min(map.width.max(1 << (LEVELS - 1)));
+    let width = WIDTH.min(map.width.max(1 << (ROUGHNESS_LEVELS - 1)));
     let mut sources = vec![of_size(map, width, (width / 2).max(1))];
     while let Some((w, h, texels)) = sources.last().filter(|l| l.1 > 1) {
         sources.push(resampled((*w, *h, texels), w / 2, h / 2));
     }
     let mut levels = vec![sources[0].clone()];
-    for level in 1..LEVELS {
+    for level in 1..ROUGHNESS_LEVELS {
         let (w, h) = ((width >> level).max(1), ((width / 2) >> level).max(1));
-        let roughness = level as f32 / (LEVELS - 1) as f32;
+        let roughness = level as f32 / (ROUGHNESS_LEVELS - 1) as f32;
         let taps = taps(roughness.powi(4), width);
-        let texels = (0..w * h).map(|i| seen_in_lobe(&sources, &taps, direction(i % w, i / w, w, h))).collect();
+        let texels = (0..w * h).map(|i| filtered_by_lobe(&sources, &taps, direction(i % w, i / w, w, h))).collect();
         levels.push((w, h, texels));
     }
     levels
@@ -114,15 +115,15 @@ pub fn blurred_levels(map: &EnvironmentMap) -> Vec<Level> {
 /// One sample of a lobe around z.
 struct Tap {
     towards: Vec3,
-    /// The source level in which a texel covers about as much of the panorama as one sample stands for (Křivánek and
-    /// Colbert 2008). Otherwise a lamp that hits one sample in a hundred would leave spots.
+    /// Source level whose texels cover about the solid angle of one sample (Křivánek and Colbert
+    /// 2008). Otherwise a lamp that is hit by one sample in a hundred would leave spots.
     source: usize,
 }
 
 fn taps(a2: f32, width: u32) -> Vec<Tap> {
     let texel = 4.0 * std::f32::consts::PI / (width * width / 2) as f32;
     let tap = |i: u32| {
-        // Hammersley's points.
+        // Hammersley points.
         let e1 = (i as f32 + 0.5) / LOBE_SAMPLES as f32;
         let e2 = i.reverse_bits() as f32 * 2.0f32.powi(-32);
         let cos2 = (1.0 - e1) / (1.0 + (a2 - 1.0) * e1);
@@ -137,7 +138,7 @@ fn taps(a2: f32, width: u32) -> Vec<Tap> {
     (0..LOBE_SAMPLES).map(tap).filter(|tap| tap.towards.z > 0.0).collect()
 }
 
-fn seen_in_lobe(sources: &[Level], taps: &[Tap], normal: Vec3) -> Vec3 {
+fn filtered_by_lobe(sources: &[Level], taps: &[Tap], normal: Vec3) -> Vec3 {
     let frame = Mat3::from_quat(glam::Quat::from_rotation_arc(Vec3::Z, normal));
     let (mut sum, mut weight) = (Vec3::ZERO, 0.0);
     for tap in taps {
@@ -165,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn no_light_is_lost_between_sizes() {
+    fn resampling_preserves_total_light() {
         // One bright texel; sizes that do not divide each other.
         for (x, y) in [(0, 0), (37, 20), (99, 49)] {
             let mut texels = vec![Vec3::ZERO; 100 * 50];
@@ -180,15 +181,16 @@ mod tests {
     }
 
     #[test]
-    fn blurred_panoramas_keep_a_white_sky_white() {
+    fn prefiltering_preserves_a_white_sky() {
         for (_, _, texels) in blurred_levels(&map(|_| 1.0)) {
             assert!(texels.iter().all(|t| (t.x - 1.0).abs() < 1e-4));
         }
     }
 
     #[test]
-    fn a_lamp_is_blurred_without_spots() {
-        // A lamp 8° wide in the middle, on the equator. Single samples that hit it would give up to ten times the peak.
+    fn prefiltered_lamp_has_no_spots() {
+        // A lamp 8° wide in the middle, on the equator. Isolated samples that hit it would give up
+        // to ten times the peak.
         let lamp = Vec3::NEG_Z;
         let source = map(|d| if d.angle_between(lamp) < 4f32.to_radians() { 100.0 } else { 0.0 });
         let levels = blurred_levels(&source);

@@ -1,9 +1,9 @@
-//! The pipelines of shaders/raster.wgsl: one for each combination of features drawn.
+//! The pipelines of shaders/raster.wgsl: one for each combination of features.
 
 use std::sync::Arc;
 
 use super::light::{MAX_POINTS, MAX_SUNS};
-use super::unwrap::Corner;
+use super::unwrap::LightmapVertex;
 use crate::gpu::{Gpu, Shader};
 use crate::memo::Memo;
 use crate::scene::{Alpha, Environment, Lighting, Material};
@@ -12,10 +12,11 @@ pub const COLOR: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 /// The format of shaders/shared/layer.wgsl.
 pub const GEOMETRY: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Uint;
 pub const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-/// Per pixel.
+/// Multisampling, samples per pixel.
 pub const SAMPLES: u32 = 4;
 
-/// The features of a draw call. A feature that is off costs nothing: the shader is compiled without it.
+/// The features of a draw call. Disabled features cost nothing: the shader is compiled without
+/// them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Variant {
     pub double_sided: bool,
@@ -23,7 +24,7 @@ pub struct Variant {
     pub blended: bool,
     pub masked: bool,
     pub unlit: bool,
-    /// Vertices have their own colours.
+    /// Vertices have colours.
     pub colors: bool,
     /// Base colour, metallic-roughness, normals, occlusion, emissive.
     pub textures: [bool; 5],
@@ -31,24 +32,24 @@ pub struct Variant {
     pub suns: u8,
     pub points: u8,
     pub environment_map: bool,
-    /// Rows are read one after another.
+    /// Rolling shutter.
     pub rolling: bool,
     /// OpenCV's fisheye model.
     pub fisheye: bool,
-    /// One view of a picture that sees all around.
+    /// One face of a 360° picture.
     pub around: bool,
-    /// Rays are parallel.
+    /// Orthographic projection.
     pub parallel: bool,
-    /// The real scene's depth is known.
+    /// The depth of the real scene is known.
     pub hidden_by_depth: bool,
-    /// On a grid of its own.
+    /// The depth has its own resolution.
     pub depth_on_grid: bool,
-    /// It is known how much light reaches each place of the surface.
+    /// The part has a lightmap.
     pub lightmap: bool,
 }
 
 impl Variant {
-    /// The features that a material needs under this lighting.
+    /// Features required by a material under this lighting.
     pub fn of(material: &Material, lighting: &Lighting) -> Self {
         let unlit = material.unlit;
         let lit = |texture: bool| texture && !unlit;
@@ -99,16 +100,16 @@ impl Variant {
     }
 }
 
-/// What a pipeline writes.
+/// Outputs of a pipeline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Writes {
-    /// Colour; also depth, unless what is behind shows through.
+    /// Colour; also depth, unless blended.
     Color,
-    /// The depth of blended surfaces, once all colours are there.
+    /// The depth of blended surfaces, in a pass after all colours.
     BlendedDepth,
 }
 
-/// Per object, for its draw calls: the instance attributes of shaders/raster.wgsl.
+/// Per-object data of its draw calls: the instance attributes of shaders/raster.wgsl.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Instance {
@@ -119,7 +120,7 @@ pub struct Instance {
     pub offset_px: [f32; 2],
 }
 
-/// A device's pipelines, each created when it is first needed.
+/// A device's pipelines, each compiled on first use.
 #[derive(Debug)]
 pub struct Pipelines {
     module: wgpu::ShaderModule,
@@ -150,7 +151,7 @@ impl Pipelines {
         }
     }
 
-    /// The pipeline of a variant, created if it is missing.
+    /// The pipeline of a variant, compiled on first use.
     pub fn get(&self, gpu: &Gpu, variant: Variant, writes: Writes) -> Arc<wgpu::RenderPipeline> {
         self.made.get_or_insert_with((variant, writes), |(variant, writes)| Arc::new(self.make(gpu, variant, *writes)))
     }
@@ -175,7 +176,7 @@ impl Pipelines {
                 compilation_options: compilation_options.clone(),
                 buffers: &[
                     Some(wgpu::VertexBufferLayout {
-                        array_stride: size_of::<Corner>() as u64,
+                        array_stride: size_of::<LightmapVertex>() as u64,
                         step_mode: wgpu::VertexStepMode::Vertex,
                         attributes: &corner,
                     }),
@@ -215,7 +216,7 @@ impl Pipelines {
     }
 }
 
-/// Of what is the same in a frame, of a material, of a part.
+/// Layouts of the bind groups per frame, per material and per part.
 fn layouts(gpu: &Gpu) -> [wgpu::BindGroupLayout; 3] {
     use wgpu::{BindGroupLayoutEntry, BindingType, BufferBindingType, ShaderStages};
     let entry = |binding, visibility, ty| BindGroupLayoutEntry { binding, visibility, ty, count: None };
@@ -268,7 +269,7 @@ mod tests {
     use crate::gpu::{Interface, Shader, Uniform};
 
     #[test]
-    fn uniforms_are_laid_out_as_the_shader_reads_them() {
+    fn uniform_layouts_match_the_shader() {
         let globals = Interface::new("raster", &Shader::Raster.module()).globals(&["vertex", "whole"]);
         globals["view"].check_layout(size_of::<ViewUniform>(), ViewUniform::MEMBERS);
         globals["light"].check_layout(size_of::<LightUniform>(), LightUniform::MEMBERS);

@@ -1,15 +1,16 @@
-//! Single pictures of a scene through any camera: a pinhole, parallel rays, and curved projections by cube map.
+//! Single pictures of a scene through any camera: pinhole, orthographic, and curved projections by
+//! cube map.
 //!
-//! All are drawn by the same [`Renderer`], finer than the picture and in tiles, so that memory depends on the picture
-//! and not on what is drawn for it. A curved camera's picture is assembled from up to six pinhole pictures of 90°. Not
-//! modelled: anything a lens does beyond its projection (depth of field, vignetting, motion).
+//! All are drawn by the same [`Renderer`], supersampled and in tiles, so that memory depends on the
+//! picture's size only. A curved camera's picture is resampled from up to six cube faces. Not
+//! modelled: lens effects beyond the projection (depth of field, vignetting, motion).
 
 use glam::{DQuat, DVec2, DVec3};
 
 use super::draw::Renderer;
 use super::panorama;
 use super::plan::SamplePlan;
-use super::resample::{Drawn, Face, Resampler};
+use super::resample::{CubeFace, Drawn, Resampler};
 use super::view::{NEAR_M, Shutter, View, ViewKeys};
 use crate::camera::Geometry;
 use crate::camera::curved::Curved;
@@ -19,12 +20,12 @@ use crate::pixels::{LinearImage, Rect};
 use crate::pose::Pose;
 use crate::scene::Environment;
 
-/// How places in a picture correspond to directions in front of the camera.
+/// Mapping between pixels and directions in front of the camera.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Projection {
-    /// Through one point. A principal point away from the middle makes it off-centre.
+    /// Pinhole. A principal point away from the centre makes it off-axis.
     Perspective(Geometry),
-    /// Parallel rays, with the camera's position in the picture's middle.
+    /// Parallel rays, with the camera's position in the picture's centre.
     Orthographic {
         width_px: u32,
         height_px: u32,
@@ -43,7 +44,8 @@ impl Projection {
         }
     }
 
-    /// The viewing direction (camera's axes, unit length) at a place; `None` if nothing is seen.
+    /// The viewing direction (camera's axes, unit length) at a pixel position; `None` outside the
+    /// field of view.
     pub fn direction(&self, at_px: DVec2) -> Option<DVec3> {
         match self {
             Self::Perspective(g) => g.direction(at_px),
@@ -52,7 +54,7 @@ impl Projection {
         }
     }
 
-    /// Where a point (camera's axes, metres) lands, px.
+    /// The pixel position of a point (camera's axes, metres).
     pub fn project(&self, point_in_camera: DVec3) -> Option<DVec2> {
         match self {
             Self::Perspective(g) => g.project(point_in_camera),
@@ -64,46 +66,47 @@ impl Projection {
     }
 }
 
-/// A single picture to be taken.
+/// Parameters of a single picture.
 #[derive(Clone, Debug)]
 pub struct Still {
     pub projection: Projection,
     pub pose: Pose,
-    /// Whether the environment's picture, if any, is shown behind the objects. Not with parallel rays, which all see
-    /// the same place of it.
+    /// True if the environment map, if any, is visible behind the objects. Not with parallel rays,
+    /// which all have the same direction.
     pub background: bool,
 }
 
-/// Drawn pixels per pixel of the picture, along each side. Each has four samples.
-const FINER: u32 = 2;
-/// Side of the drawn tiles, px. A gigabyte of multisampled targets would be 4600.
+/// Supersampling factor along each side. Each drawn pixel has four samples.
+const SUPERSAMPLING: u32 = 2;
+/// Side of the drawn tiles, px. Multisampled targets of a gigabyte would allow 4600.
 const TILE_PX: i32 = 1024;
 
-/// Takes a picture; it is transparent where neither object nor background is seen.
+/// Renders a picture; it is transparent outside objects and background.
 pub fn take_still(gpu: &Gpu, renderer: &mut Renderer, still: &Still) -> Result<LinearImage, GpuError> {
     let (width, height) = still.projection.size_px();
     let recorder = Recorder::new(gpu.clone());
-    let mut studio = Studio { recorder, renderer, readbacks: ReadbackSet::default() };
+    let mut studio = StillRenderer { recorder, renderer, readbacks: ReadbackSet::default() };
     let mut image = match &still.projection {
         Projection::Perspective(g) => {
-            let fine = g.resized(width * FINER, height * FINER);
-            studio.shrunk(&fine, still.pose, false)?
+            let fine = g.resized(width * SUPERSAMPLING, height * SUPERSAMPLING);
+            studio.downsampled(&fine, still.pose, false)?
         }
         Projection::Orthographic { px_per_m, .. } => {
-            let fine = Geometry::pinhole(width * FINER, height * FINER, px_per_m * f64::from(FINER));
-            studio.shrunk(&fine, still.pose, true)?
+            let fine =
+                Geometry::pinhole(width * SUPERSAMPLING, height * SUPERSAMPLING, px_per_m * f64::from(SUPERSAMPLING));
+            studio.downsampled(&fine, still.pose, true)?
         }
         Projection::Curved(curved) => {
             let resampler = Resampler::new(curved);
             let mut sum = LinearImage::empty(width, height);
-            for face in Face::ALL.into_iter().filter(|face| resampler.needs(*face)) {
+            for face in CubeFace::ALL.into_iter().filter(|face| resampler.needs(*face)) {
                 let turn = face.face_from_camera();
                 let pose = Pose::new(turn * still.pose.rotation, turn * still.pose.translation_m);
                 let geometry = resampler.face_geometry();
                 if !studio.renderer.in_view(&geometry, &pose) {
                     continue;
                 }
-                let drawn = studio.whole(&geometry, pose)?;
+                let drawn = studio.full_resolution(&geometry, pose)?;
                 resampler.add(face, &drawn, &mut sum);
             }
             sum
@@ -112,13 +115,19 @@ pub fn take_still(gpu: &Gpu, renderer: &mut Renderer, still: &Still) -> Result<L
     let background = still.background && !matches!(still.projection, Projection::Orthographic { .. });
     if let (true, Environment::Map(map)) = (background, &renderer.scene().lighting.environment) {
         let turn = map.map_from_world.as_dquat() * still.pose.world_from_camera_rotation();
-        lay_over(&mut image, &still.projection, &panorama::sharp(map), turn);
+        composite_over_panorama(&mut image, &still.projection, &panorama::full_resolution(map), turn);
     }
     Ok(image)
 }
 
-/// Puts a panorama behind a picture. In a partly seeing pixel the panorama shows in that part alone.
-fn lay_over(image: &mut LinearImage, projection: &Projection, map: &panorama::Level, map_from_camera: DQuat) {
+/// Composites a picture over a panorama. In partly visible pixels the panorama appears in the
+/// visible part only.
+fn composite_over_panorama(
+    image: &mut LinearImage,
+    projection: &Projection,
+    map: &panorama::Level,
+    map_from_camera: DQuat,
+) {
     let row_length = image.width as usize;
     // Texels of the map per radian.
     let texels = f64::from(map.0) / std::f64::consts::TAU;
@@ -151,30 +160,31 @@ fn lay_over(image: &mut LinearImage, projection: &Projection, map: &panorama::Le
     });
 }
 
-/// The means of drawing.
-struct Studio<'a> {
+/// Resources for rendering a single picture.
+struct StillRenderer<'a> {
     recorder: Recorder,
     renderer: &'a mut Renderer,
     readbacks: ReadbackSet,
 }
 
-impl Studio<'_> {
-    /// A picture in which each pixel is the mean of `FINER` × `FINER` drawn ones.
-    fn shrunk(&mut self, fine: &Geometry, pose: Pose, parallel: bool) -> Result<LinearImage, GpuError> {
-        let mut image = LinearImage::empty(fine.intrinsics.width_px / FINER, fine.intrinsics.height_px / FINER);
+impl StillRenderer<'_> {
+    /// A picture in which each pixel is the mean of `SUPERSAMPLING` × `SUPERSAMPLING` drawn ones.
+    fn downsampled(&mut self, fine: &Geometry, pose: Pose, parallel: bool) -> Result<LinearImage, GpuError> {
+        let mut image =
+            LinearImage::empty(fine.intrinsics.width_px / SUPERSAMPLING, fine.intrinsics.height_px / SUPERSAMPLING);
         let wide = image.width as usize;
         self.draw(fine, pose, parallel, |y, x0, texels| {
-            let row = &mut image.rgba[y / FINER as usize * wide..][..wide];
+            let row = &mut image.rgba[y / SUPERSAMPLING as usize * wide..][..wide];
             for (x, texel) in (x0..).zip(texels) {
-                (0..4).for_each(|c| row[x / FINER as usize][c] += texel[c].to_f32());
+                (0..4).for_each(|c| row[x / SUPERSAMPLING as usize][c] += texel[c].to_f32());
             }
         })?;
-        image.rgba.iter_mut().flatten().for_each(|sum| *sum /= (FINER * FINER) as f32);
+        image.rgba.iter_mut().flatten().for_each(|sum| *sum /= (SUPERSAMPLING * SUPERSAMPLING) as f32);
         Ok(image)
     }
 
-    /// The drawn pixels themselves.
-    fn whole(&mut self, geometry: &Geometry, pose: Pose) -> Result<Drawn, GpuError> {
+    /// The drawn pixels without downsampling.
+    fn full_resolution(&mut self, geometry: &Geometry, pose: Pose) -> Result<Drawn, GpuError> {
         let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
         let mut rgba = vec![[half::f16::ZERO; 4]; width as usize * height as usize];
         let rect = self.draw(geometry, pose, false, |y, x0, texels| {
@@ -183,8 +193,9 @@ impl Studio<'_> {
         Ok(Drawn { width, rect, rgba })
     }
 
-    /// Draws the objects with a geometry, in tiles, and gives their pixels row by row from above: row, first column,
-    /// pixels. Returns where they are; there is nothing outside. With `parallel`, focal lengths are px per metre.
+    /// Draws the objects in tiles, and passes their pixels to `each`, row by row from above: row,
+    /// first column, pixels. Returns the covered rectangle; it is empty outside. With `parallel`,
+    /// focal lengths are px per metre.
     fn draw(
         &mut self,
         geometry: &Geometry,
@@ -197,8 +208,8 @@ impl Studio<'_> {
         let keys = ViewKeys::new(shutter, |_| pose);
         let footprint = self.renderer.footprint(geometry, &keys, shutter);
         let full = Rect::full(width, height);
-        // Slightly beyond the farthest point. The footprint's rectangle is for rays through one point, so it is not
-        // used here.
+        // Slightly beyond the farthest point. The footprint's rectangle is for a perspective
+        // camera, so it is not used here.
         let parallel_to_m = parallel.then(|| 1.01 * footprint.depths_m[1].max(2.0 * NEAR_M));
         let rect = if parallel { full } else { footprint.rect.intersection(&full) };
         let mut band = Vec::new();
@@ -227,7 +238,7 @@ impl Studio<'_> {
         Ok(rect)
     }
 
-    /// Draws into rows that are `stride` pixels apart.
+    /// Draws into rows with a stride of `stride` pixels.
     fn draw_tile(&mut self, view: &View<'_>, texels: &mut [[half::f16; 4]], stride: usize) -> Result<(), GpuError> {
         let layer = self.renderer.draw(&mut self.recorder, view, &SamplePlan::single());
         let mut readback = self.recorder.read_back(&mut self.readbacks, &layer.color, layer.size);

@@ -1,8 +1,8 @@
-//! A curved camera's picture from the six pictures around it.
+//! Resamples a curved camera's picture from cube faces.
 //!
-//! Each pixel is the mean of places inside it, one for each texel of the faces that it covers and at least nine, each
-//! interpolated between four texels. Faces are drawn slightly wider than 90°, so that no neighbour is needed at their
-//! seams.
+//! Each pixel is the mean of subsamples, one for each covered texel of the faces and at least nine,
+//! each interpolated bilinearly. Faces are drawn slightly wider than 90°, so that no neighbour is
+//! needed at their seams.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
@@ -14,7 +14,7 @@ use crate::pixels::{LinearImage, Rect};
 /// Texels of a face beyond its 90°, on each side.
 const MARGIN_PX: u32 = 2;
 
-/// A pinhole that sees 90° in both directions in `face_px`, with a margin around it.
+/// A pinhole with a field of view of 90° in both directions over `face_px`, plus a margin.
 pub fn square_view(face_px: u32) -> Geometry {
     let (side, half) = (face_px + 2 * MARGIN_PX, 0.5 * f64::from(face_px));
     let centre = half + f64::from(MARGIN_PX);
@@ -29,15 +29,15 @@ pub fn square_view(face_px: u32) -> Geometry {
     };
     Geometry::new(intrinsics, Distortion::default())
 }
-/// Largest side of a face, px: half a gigabyte.
-const LARGEST_FACE_PX: u32 = 8192;
-const SMALLEST_FACE_PX: u32 = 64;
-/// Places per side of a pixel.
-const PLACES: std::ops::RangeInclusive<f64> = 3.0..=32.0;
+/// Maximum side of a face, px: half a gigabyte.
+const MAX_FACE_PX: u32 = 8192;
+const MIN_FACE_PX: u32 = 64;
+/// Subsamples per side of a pixel.
+const SUBSAMPLES_PER_SIDE: std::ops::RangeInclusive<f64> = 3.0..=32.0;
 
-/// A side of the cube around the camera, by viewing direction.
+/// A cube face around the camera, by viewing direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Face {
+pub enum CubeFace {
     Front,
     Back,
     Left,
@@ -46,7 +46,7 @@ pub enum Face {
     Down,
 }
 
-impl Face {
+impl CubeFace {
     pub const ALL: [Self; 6] = [Self::Front, Self::Back, Self::Left, Self::Right, Self::Up, Self::Down];
 
     /// The face's x, y and z axes (right, down, forward) in the camera's.
@@ -68,7 +68,7 @@ impl Face {
         DQuat::from_mat3(&DMat3::from_cols(x, y, z).transpose())
     }
 
-    /// The face that a direction goes through.
+    /// The face that contains a direction.
     fn of(d: DVec3) -> Self {
         let a = d.abs();
         match () {
@@ -97,18 +97,18 @@ impl Face {
     }
 }
 
-/// Makes a picture from faces.
+/// Assembles a picture from faces.
 #[derive(Debug)]
 pub struct Resampler<'a> {
     curved: &'a Curved,
-    /// Size of a face's 90°.
+    /// Size of a face's 90°, px.
     face_px: u32,
-    needed: Vec<Face>,
+    needed: Vec<CubeFace>,
 }
 
-/// The smallest angle between neighbouring pixels, taking the larger of a pixel's two directions (nothing finer can be
-/// seen), and the visible faces.
-fn survey(curved: &Curved) -> (f64, Vec<Face>) {
+/// The smallest angle between neighbouring pixels, taking the larger of a pixel's two directions
+/// (finer detail is not resolved), and the visible faces.
+fn finest_angle_and_faces(curved: &Curved) -> (f64, Vec<CubeFace>) {
     const STEPS: u32 = 96;
     let size = DVec2::new(curved.width_px.into(), curved.height_px.into());
     let mut finest = f64::INFINITY;
@@ -116,7 +116,7 @@ fn survey(curved: &Curved) -> (f64, Vec<Face>) {
     for n in 0..=STEPS * STEPS + 2 * STEPS {
         let at = DVec2::new((n % (STEPS + 1)).into(), (n / (STEPS + 1)).into()) / f64::from(STEPS) * size;
         let Some(d) = curved.unproject(at) else { continue };
-        let face = Face::of(d);
+        let face = CubeFace::of(d);
         if !seen.contains(&face) {
             seen.push(face);
         }
@@ -129,26 +129,26 @@ fn survey(curved: &Curved) -> (f64, Vec<Face>) {
     (finest, seen)
 }
 
-/// If a picture needs larger faces than are drawn to lose no detail: the side wanted and the side drawn, px.
+/// Required and available side of the faces, px, if the available side loses detail.
 pub fn limits(curved: &Curved) -> Option<(u32, u32)> {
-    let wanted = wanted_face_px(curved).ceil() as u32;
-    (wanted > LARGEST_FACE_PX).then_some((wanted, LARGEST_FACE_PX))
+    let wanted = lossless_face_px(curved).ceil() as u32;
+    (wanted > MAX_FACE_PX).then_some((wanted, MAX_FACE_PX))
 }
 
-/// The side of a face that loses no detail of a picture, px.
-fn wanted_face_px(curved: &Curved) -> f64 {
-    // A face is coarsest in its middle: side/2 texels per radian. Two texels per pixel.
-    4.0 / survey(curved).0
+/// Side of a face that preserves all detail of a picture, px.
+fn lossless_face_px(curved: &Curved) -> f64 {
+    // A face is coarsest in its centre: side/2 texels per radian. Two texels per pixel.
+    4.0 / finest_angle_and_faces(curved).0
 }
 
 impl<'a> Resampler<'a> {
     pub fn new(curved: &'a Curved) -> Self {
-        let wanted = wanted_face_px(curved).ceil();
-        let face_px = wanted.clamp(SMALLEST_FACE_PX.into(), LARGEST_FACE_PX.into()) as u32;
-        Self { curved, face_px, needed: survey(curved).1 }
+        let wanted = lossless_face_px(curved).ceil();
+        let face_px = wanted.clamp(MIN_FACE_PX.into(), MAX_FACE_PX.into()) as u32;
+        Self { curved, face_px, needed: finest_angle_and_faces(curved).1 }
     }
 
-    pub fn needs(&self, face: Face) -> bool {
+    pub fn needs(&self, face: CubeFace) -> bool {
         self.needed.contains(&face)
     }
 
@@ -157,7 +157,7 @@ impl<'a> Resampler<'a> {
     }
 
     /// Adds a face's contribution to the picture. All faces together complete it.
-    pub fn add(&self, face: Face, drawn: &Drawn, sum: &mut LinearImage) {
+    pub fn add(&self, face: CubeFace, drawn: &Drawn, sum: &mut LinearImage) {
         let row_length = sum.width as usize;
         let [right, down, forward] = face.axes();
         let half = 0.5 * f64::from(self.face_px);
@@ -171,30 +171,31 @@ impl<'a> Resampler<'a> {
                 let places = match corners {
                     [Some(a), Some(b), Some(c), Some(d)] => {
                         let wide = a.angle_between(b).max(a.angle_between(c)).max(a.angle_between(d));
-                        // No place in the pixel is farther from the corner than `wide`; faces end at 54.7°.
+                        // No subsample of the pixel is farther from the corner than `wide`; faces
+                        // end at 54.7°.
                         if a.angle_between(forward) > 0.96 + 2.0 * wide {
                             continue;
                         }
                         // Directions far from the face's axis do not project onto it.
                         let before = [a, b, c, d].into_iter().all(|d| d.dot(forward) > 0.3);
-                        if before && misses([a, b, c, d].map(place), drawn.rect) {
+                        if before && is_outside([a, b, c, d].map(place), drawn.rect) {
                             continue;
                         }
-                        // At the face's rim, texels are twice as fine.
+                        // At the face's border, texels are twice as fine.
                         (2.0 * wide * half).ceil()
                     }
                     _ => 8.0,
                 };
-                let places = places.clamp(*PLACES.start(), *PLACES.end()) as u32;
+                let places = places.clamp(*SUBSAMPLES_PER_SIDE.start(), *SUBSAMPLES_PER_SIDE.end()) as u32;
                 let mut mean = [0.0f32; 4];
                 for n in 0..places * places {
                     let inside =
                         DVec2::new(f64::from(n % places) + 0.5, f64::from(n / places) + 0.5) / f64::from(places);
                     let Some(d) = self.curved.unproject(at + inside) else { continue };
-                    if Face::of(d) != face {
+                    if CubeFace::of(d) != face {
                         continue;
                     }
-                    let texel = between(drawn, place(d));
+                    let texel = bilinear(drawn, place(d));
                     (0..4).for_each(|c| mean[c] += texel[c]);
                 }
                 let share = 1.0 / (places * places) as f32;
@@ -204,8 +205,9 @@ impl<'a> Resampler<'a> {
     }
 }
 
-/// Whether a pixel with these corners on a face sees nothing that is drawn, allowing a margin of about its own size.
-fn misses(corners: [DVec2; 4], rect: Rect) -> bool {
+/// True if a pixel with these corners on a face is outside the drawn rectangle, with a margin of
+/// about its own size.
+fn is_outside(corners: [DVec2; 4], rect: Rect) -> bool {
     let low = corners.into_iter().fold(DVec2::INFINITY, DVec2::min);
     let high = corners.into_iter().fold(DVec2::NEG_INFINITY, DVec2::max);
     let around = 2.0 + (high - low);
@@ -216,8 +218,8 @@ fn misses(corners: [DVec2; 4], rect: Rect) -> bool {
         || low.y > f64::from(rect.y1)
 }
 
-/// Interpolated between the four texels around a place.
-fn between(drawn: &Drawn, at: DVec2) -> [f32; 4] {
+/// Bilinear interpolation.
+fn bilinear(drawn: &Drawn, at: DVec2) -> [f32; 4] {
     let (width, corner) = (drawn.width as usize, (at - 0.5).floor());
     let f = (at - 0.5 - corner).as_vec2();
     let first = corner.y as usize * width + corner.x as usize;
@@ -225,17 +227,17 @@ fn between(drawn: &Drawn, at: DVec2) -> [f32; 4] {
         [(0, (1.0 - f.x) * (1.0 - f.y)), (1, f.x * (1.0 - f.y)), (width, (1.0 - f.x) * f.y), (width + 1, f.x * f.y)];
     let mut sum = [0.0; 4];
     for (offset, weight) in weights {
-        // The margin contains all places; rounding may exceed it by a negligible amount.
+        // The margin contains all subsamples; rounding may exceed it by a negligible amount.
         let texel = drawn.rgba.get(first + offset).copied().unwrap_or_default();
         (0..4).for_each(|c| sum[c] += texel[c].to_f32() * weight);
     }
     sum
 }
 
-/// A drawn picture, in 16-bit floats as they come from the GPU.
+/// A drawn picture in 16-bit floats, as read back from the GPU.
 pub struct Drawn {
     pub width: u32,
-    /// There is nothing outside it.
+    /// Empty outside this rectangle.
     pub rect: Rect,
     pub rgba: Vec<[half::f16; 4]>,
 }
@@ -247,26 +249,27 @@ mod tests {
     use std::f64::consts::PI;
 
     #[test]
-    fn faces_are_turned_not_mirrored_and_look_where_they_say() {
-        for face in Face::ALL {
+    fn cube_faces_are_rotations_with_the_named_direction() {
+        for face in CubeFace::ALL {
             let [x, y, z] = face.axes();
             assert_eq!(x.cross(y), z, "{face:?}");
-            assert_eq!(Face::of(z), face);
+            assert_eq!(CubeFace::of(z), face);
             assert!((face.face_from_camera() * z - DVec3::Z).length() < 1e-12);
         }
     }
 
     #[test]
-    fn only_faces_that_are_seen_are_drawn_and_as_fine_as_needed() {
+    fn only_visible_faces_are_drawn_at_the_required_resolution() {
         let fisheye = |degrees: f64| Curved {
             curve: Curve::Fisheye { fov_rad: degrees.to_radians() },
             width_px: 180,
             height_px: 180,
         };
-        assert_eq!(Resampler::new(&fisheye(60.0)).needed, [Face::Front]);
+        assert_eq!(Resampler::new(&fisheye(60.0)).needed, [CubeFace::Front]);
         assert_eq!(Resampler::new(&fisheye(180.0)).needed.len(), 5);
-        // 57.3 px per radian along the radius, up to π/2 times that across it far out; in between on diagonals.
-        let wanted = wanted_face_px(&fisheye(180.0));
+        // 57.3 px per radian along the radius, up to π/2 times that across it far out; in between
+        // on diagonals.
+        let wanted = lossless_face_px(&fisheye(180.0));
         assert!((4.0 * 57.29..4.0 * 72.0).contains(&wanted), "{wanted}");
         let all =
             Curved { curve: Curve::Environment { fov_rad: DVec2::new(2.0 * PI, PI) }, width_px: 360, height_px: 180 };

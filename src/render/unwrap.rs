@@ -1,10 +1,10 @@
-//! A mesh's surface laid out flat: each place of it has a place of its own in a square, the lightmap's.
+//! Lightmap unwrapping: assigns each point of a mesh's surface its own position in a square.
 //!
-//! Triangles that hang together and face the same of a box's six sides are laid onto that side as one island. No two of an
-//! island's triangles cover the same texel: one that would begins an island of its own. Islands are packed in rows (shelves),
-//! the highest first, with texels as large as the square allows.
+//! Connected triangles that face the same of a box's six sides are projected onto that side as one
+//! island. No two triangles of an island cover the same texel: a triangle that would starts a new
+//! island. Islands are packed in shelves, highest first, with texels as large as the square allows.
 //!
-//! Not modelled: islands that are turned to fit better; a triangle is foreshortened by up to 1/√3.
+//! Not modelled: rotated islands; foreshortening of a triangle by up to 1/√3.
 
 use std::collections::{HashMap, HashSet};
 
@@ -12,52 +12,53 @@ use glam::{Vec2, Vec3};
 
 use crate::scene::{Mesh, Vertex};
 
-/// So much of the square islands may fill for a first try, by area.
-const FILLED: f32 = 0.7;
-/// Texels grow by this from try to try.
-const LARGER: f32 = 1.1;
-const TRIES: usize = 40;
-/// Texels around an island that belong to it.
-const RIM: i32 = 1;
-/// Of the smallest island with its rim.
-const LEAST_TEXELS: usize = 9;
-/// A texel shows what lies this near to its middle, texels: half its diagonal and what is interpolated with it.
-const NEAR: f32 = 1.5;
+/// Area share of the square filled by the islands in the first attempt.
+const INITIAL_FILL: f32 = 0.7;
+/// Growth of the texel size per attempt.
+const TEXEL_GROWTH: f32 = 1.1;
+const MAX_ATTEMPTS: usize = 40;
+/// Padding around an island, texels.
+const ISLAND_PADDING_TEXELS: i32 = 1;
+/// Area of the smallest island with its padding, texels.
+const MIN_ISLAND_TEXELS: usize = 9;
+/// Distance up to which a texel represents a surface, texels: half its diagonal plus the footprint
+/// of interpolation.
+const COVERAGE_RADIUS_TEXELS: f32 = 1.5;
 
-/// A vertex with its place in the lightmap, as shares of its sides.
+/// A vertex with its lightmap coordinates, relative to the sides.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
-pub struct Corner {
+pub struct LightmapVertex {
     pub vertex: Vertex,
     pub at: [f32; 2],
 }
 
-/// A mesh with a lightmap's places.
+/// A mesh with lightmap coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Unwrapped {
-    pub corners: Vec<Corner>,
+    pub corners: Vec<LightmapVertex>,
     /// Triangle by triangle, in the mesh's order.
     pub indices: Vec<u32>,
-    /// Texels along the lightmap's side. 0: it has none, for there are too many pieces.
+    /// Side of the lightmap, texels. 0 without a lightmap: there are too many islands.
     pub side: u32,
 }
 
-/// What a texel of the lightmap shows.
+/// Surface point of a lightmap texel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
+pub struct TexelPoint {
     pub texel: u32,
     pub triangle: u32,
-    /// Of the triangle's corners.
+    /// Barycentric coordinates.
     pub weights: Vec3,
 }
 
-/// A triangle on the side of the box that it faces.
-struct Face {
+/// A triangle projected onto the box side that it faces.
+struct ProjectedTriangle {
     side: usize,
     flat: [Vec2; 3],
 }
 
-/// Triangles of one side, and the least corner of all.
+/// Connected triangles of one side, and their bounds.
 struct Island {
     triangles: Vec<u32>,
     low: Vec2,
@@ -69,19 +70,19 @@ impl Unwrapped {
     pub fn new(mesh: &Mesh, side: u32) -> Self {
         let faces = faces(mesh);
         let area: f32 = faces.iter().map(|face| 0.5 * doubled_area(&face.flat).abs()).sum();
-        let mut texel = (area / (FILLED * (side * side) as f32)).sqrt();
+        let mut texel = (area / (INITIAL_FILL * (side * side) as f32)).sqrt();
         if texel > 0.0 && texel.is_finite() {
-            let beside = beside(mesh);
-            for _ in 0..TRIES {
-                let islands = islands(&faces, &beside, texel);
-                // With larger texels there are hardly fewer.
-                if islands.len() * LEAST_TEXELS > (side * side) as usize {
+            let adjacency = adjacency(mesh);
+            for _ in 0..MAX_ATTEMPTS {
+                let islands = islands(&faces, &adjacency, texel);
+                // Larger texels hardly reduce the number of islands.
+                if islands.len() * MIN_ISLAND_TEXELS > (side * side) as usize {
                     break;
                 }
-                if let Some(places) = packed(&islands, texel, side) {
+                if let Some(places) = shelf_positions(&islands, texel, side) {
                     return Self::laid_out(mesh, side, &faces, &islands, &places, texel);
                 }
-                texel *= LARGER;
+                texel *= TEXEL_GROWTH;
             }
         }
         Self::none(mesh)
@@ -89,15 +90,22 @@ impl Unwrapped {
 
     /// Without a lightmap.
     pub fn none(mesh: &Mesh) -> Self {
-        let corners = mesh.vertices.iter().map(|vertex| Corner { vertex: *vertex, at: [0.0; 2] });
+        let corners = mesh.vertices.iter().map(|vertex| LightmapVertex { vertex: *vertex, at: [0.0; 2] });
         Self { corners: corners.collect(), indices: mesh.indices.clone(), side: 0 }
     }
 
-    fn laid_out(mesh: &Mesh, side: u32, faces: &[Face], islands: &[Island], places: &[[i32; 2]], texel: f32) -> Self {
+    fn laid_out(
+        mesh: &Mesh,
+        side: u32,
+        faces: &[ProjectedTriangle],
+        islands: &[Island],
+        places: &[[i32; 2]],
+        texel: f32,
+    ) -> Self {
         let (mut corners, mut indices) = (Vec::new(), vec![0u32; mesh.indices.len()]);
         let mut known: HashMap<(u32, usize), u32> = HashMap::new();
         for (n, (island, [x, y])) in islands.iter().zip(places).enumerate() {
-            let origin = Vec2::new((x + RIM) as f32, (y + RIM) as f32);
+            let origin = Vec2::new((x + ISLAND_PADDING_TEXELS) as f32, (y + ISLAND_PADDING_TEXELS) as f32);
             for triangle in &island.triangles {
                 for corner in 0..3 {
                     let index = 3 * *triangle as usize + corner;
@@ -105,7 +113,7 @@ impl Unwrapped {
                     indices[index] = *known.entry((old, n)).or_insert_with(|| {
                         let flat = faces[*triangle as usize].flat[corner];
                         let at = ((flat - island.low) / texel + origin) / side as f32;
-                        corners.push(Corner { vertex: mesh.vertices[old as usize], at: at.to_array() });
+                        corners.push(LightmapVertex { vertex: mesh.vertices[old as usize], at: at.to_array() });
                         corners.len() as u32 - 1
                     });
                 }
@@ -114,23 +122,23 @@ impl Unwrapped {
         Self { corners, indices, side }
     }
 
-    /// The texels that anything is seen of, in order.
-    pub fn places(&self) -> Vec<Place> {
+    /// Surface points of all used texels, in order.
+    pub fn places(&self) -> Vec<TexelPoint> {
         let side = self.side as i32;
-        let mut found: Vec<Option<(f32, Place)>> = vec![None; (side * side) as usize];
+        let mut found: Vec<Option<(f32, TexelPoint)>> = vec![None; (side * side) as usize];
         for (triangle, corners) in (0..).zip(self.indices.chunks_exact(3)) {
             let flat: [Vec2; 3] =
                 std::array::from_fn(|n| Vec2::from(self.corners[corners[n] as usize].at) * side as f32);
             let [a, b, c] = flat;
-            let low = (a.min(b).min(c) - NEAR).floor().as_ivec2().max(glam::IVec2::ZERO);
-            let high = (a.max(b).max(c) + NEAR).ceil().as_ivec2().min(glam::IVec2::splat(side));
+            let low = (a.min(b).min(c) - COVERAGE_RADIUS_TEXELS).floor().as_ivec2().max(glam::IVec2::ZERO);
+            let high = (a.max(b).max(c) + COVERAGE_RADIUS_TEXELS).ceil().as_ivec2().min(glam::IVec2::splat(side));
             for (x, y) in (low.y..high.y).flat_map(|y| (low.x..high.x).map(move |x| (x, y))) {
                 let middle = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
                 let Some(weights) = nearest(middle, &flat) else { continue };
                 let distance = (weights.x * a + weights.y * b + weights.z * c).distance(middle);
                 let texel = (y * side + x) as usize;
-                if distance < NEAR && found[texel].is_none_or(|(least, _)| distance < least) {
-                    found[texel] = Some((distance, Place { texel: texel as u32, triangle, weights }));
+                if distance < COVERAGE_RADIUS_TEXELS && found[texel].is_none_or(|(least, _)| distance < least) {
+                    found[texel] = Some((distance, TexelPoint { texel: texel as u32, triangle, weights }));
                 }
             }
         }
@@ -149,20 +157,20 @@ fn doubled_area([a, b, c]: &[Vec2; 3]) -> f32 {
     (b - a).perp_dot(c - a)
 }
 
-fn faces(mesh: &Mesh) -> Vec<Face> {
+fn faces(mesh: &Mesh) -> Vec<ProjectedTriangle> {
     let at = |i: u32| Vec3::from(mesh.vertices[i as usize].position);
     let face = |t: &[u32]| {
         let corners = [at(t[0]), at(t[1]), at(t[2])];
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
         let axis = normal.abs().max_position();
         let side = 2 * axis + usize::from(normal[axis] < 0.0);
-        Face { side, flat: corners.map(|c| Vec2::new(c[(axis + 1) % 3], c[(axis + 2) % 3])) }
+        ProjectedTriangle { side, flat: corners.map(|c| Vec2::new(c[(axis + 1) % 3], c[(axis + 2) % 3])) }
     };
     mesh.indices.chunks_exact(3).map(face).collect()
 }
 
-/// For each triangle those that share an edge with it, whichever vertices stand there.
-fn beside(mesh: &Mesh) -> Vec<Vec<u32>> {
+/// For each triangle those that share an edge with it, by vertex positions.
+fn adjacency(mesh: &Mesh) -> Vec<Vec<u32>> {
     let mut numbers: HashMap<[u32; 3], u32> = HashMap::new();
     let place = |i: &u32| mesh.vertices[*i as usize].position.map(|c| (c + 0.0).to_bits());
     let mut number = |i: &u32| {
@@ -182,8 +190,8 @@ fn beside(mesh: &Mesh) -> Vec<Vec<u32>> {
     (0..).zip(places.chunks_exact(3)).map(others).collect()
 }
 
-/// Triangles that hang together, side by side, with texels of some size.
-fn islands(faces: &[Face], beside: &[Vec<u32>], texel: f32) -> Vec<Island> {
+/// Connected components of triangles, without overlaps at this texel size.
+fn islands(faces: &[ProjectedTriangle], adjacency: &[Vec<u32>], texel: f32) -> Vec<Island> {
     let mut taken = vec![false; faces.len()];
     let mut islands = Vec::new();
     for first in 0..faces.len() as u32 {
@@ -198,7 +206,7 @@ fn islands(faces: &[Face], beside: &[Vec<u32>], texel: f32) -> Vec<Island> {
             if taken[triangle as usize] || face.side != faces[first as usize].side {
                 continue;
             }
-            let own = middles_within(&face.flat.map(|at| at / texel));
+            let own = covered_texels(&face.flat.map(|at| at / texel));
             if own.iter().any(|texel| covered.contains(texel)) {
                 continue;
             }
@@ -208,15 +216,15 @@ fn islands(faces: &[Face], beside: &[Vec<u32>], texel: f32) -> Vec<Island> {
             for at in face.flat {
                 (island.low, island.high) = (island.low.min(at), island.high.max(at));
             }
-            next.extend(&beside[triangle as usize]);
+            next.extend(&adjacency[triangle as usize]);
         }
         islands.push(island);
     }
     islands
 }
 
-/// The texels whose middles lie within a triangle; those on its edges are nobody's.
-fn middles_within(flat: &[Vec2; 3]) -> Vec<(i32, i32)> {
+/// The texels whose centres lie inside a triangle; centres on its edges are excluded.
+fn covered_texels(flat: &[Vec2; 3]) -> Vec<(i32, i32)> {
     let [a, b, c] = *flat;
     let (low, high) = (a.min(b).min(c).floor().as_ivec2(), a.max(b).max(c).ceil().as_ivec2());
     let area = doubled_area(flat);
@@ -228,9 +236,9 @@ fn middles_within(flat: &[Vec2; 3]) -> Vec<(i32, i32)> {
     texels.filter(is_within).collect()
 }
 
-/// Where each island begins, texels; `None` if they do not fit into the square.
-fn packed(islands: &[Island], texel: f32, side: u32) -> Option<Vec<[i32; 2]>> {
-    let size = |island: &Island| ((island.high - island.low) / texel).ceil().as_ivec2() + 2 * RIM;
+/// Position of each island, texels; `None` if they do not fit into the square.
+fn shelf_positions(islands: &[Island], texel: f32, side: u32) -> Option<Vec<[i32; 2]>> {
+    let size = |island: &Island| ((island.high - island.low) / texel).ceil().as_ivec2() + 2 * ISLAND_PADDING_TEXELS;
     let mut order: Vec<usize> = (0..islands.len()).collect();
     order.sort_by_key(|n| (-size(&islands[*n]).y, *n));
     let (side, mut places) = (side as i32, vec![[0; 2]; islands.len()]);
@@ -250,7 +258,7 @@ fn packed(islands: &[Island], texel: f32, side: u32) -> Option<Vec<[i32; 2]>> {
     Some(places)
 }
 
-/// The place of a triangle that is nearest to a point, by the weights of its corners; `None` if it has no area.
+/// The nearest point of a triangle, as barycentric coordinates; `None` if it has no area.
 fn nearest(at: Vec2, [a, b, c]: &[Vec2; 3]) -> Option<Vec3> {
     let area = doubled_area(&[*a, *b, *c]);
     if area == 0.0 {
@@ -282,7 +290,7 @@ mod tests {
         Mesh { vertices: positions.iter().map(vertex).collect(), indices: indices.to_vec(), material: 0 }
     }
 
-    /// A box of 4 × 2 × 1; each side of two triangles.
+    /// A box of 4 × 2 × 1; each side has two triangles.
     fn cuboid() -> Mesh {
         let corner = |i: u32| [4.0 * (i & 1) as f32, 2.0 * (i >> 1 & 1) as f32, (i >> 2 & 1) as f32];
         let sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
@@ -290,7 +298,7 @@ mod tests {
         mesh(&(0..8).map(corner).collect::<Vec<_>>(), &indices)
     }
 
-    /// A strip that winds around an axis three times, rising: seen along the axis it covers itself.
+    /// A helical strip of three turns: seen along the axis it covers itself.
     fn helix() -> Mesh {
         let (mut positions, mut indices) = (Vec::new(), Vec::new());
         for n in 0..=72u32 {
@@ -305,18 +313,18 @@ mod tests {
     }
 
     #[test]
-    fn a_texel_shows_the_place_of_the_surface_that_is_drawn_there_and_no_two_places_share_one() {
+    fn texels_and_surface_points_correspond_one_to_one() {
         for mesh in [cuboid(), helix()] {
             let unwrapped = Unwrapped::new(&mesh, 64);
             assert_eq!((unwrapped.side, unwrapped.indices.len()), (64, mesh.indices.len()));
-            // Corners are the mesh's own.
+            // Vertices are unchanged.
             for (old, new) in mesh.indices.iter().zip(&unwrapped.indices) {
                 let (old, new) = (&mesh.vertices[*old as usize], &unwrapped.corners[*new as usize]);
                 assert_eq!(*old, new.vertex);
                 assert!(new.at.iter().all(|at| (0.5 / 64.0..=63.5 / 64.0).contains(at)), "{:?}", new.at);
             }
             let places = unwrapped.places();
-            let shown: HashMap<u32, &Place> = places.iter().map(|place| (place.texel, place)).collect();
+            let shown: HashMap<u32, &TexelPoint> = places.iter().map(|place| (place.texel, place)).collect();
             let mut owner: HashMap<u32, usize> = HashMap::new();
             let position = |triangle: usize, weights: Vec3| -> Vec3 {
                 let corner = |n: usize| unwrapped.corners[unwrapped.indices[3 * triangle + n] as usize];
@@ -326,7 +334,7 @@ mod tests {
                 let at: [Vec2; 3] = std::array::from_fn(|n| {
                     64.0 * Vec2::from(unwrapped.corners[unwrapped.indices[3 * triangle + n] as usize].at)
                 });
-                for (x, y) in middles_within(&at) {
+                for (x, y) in covered_texels(&at) {
                     let texel = (64 * y + x) as u32;
                     assert_eq!(*owner.entry(texel).or_insert(triangle), triangle, "two triangles at {x} {y}");
                     let weights = nearest(Vec2::new(x as f32 + 0.5, y as f32 + 0.5), &at).unwrap();
@@ -336,7 +344,7 @@ mod tests {
                 }
             }
             assert!(owner.len() > 64 * 64 / 4, "{} texels are used", owner.len());
-            // What is interpolated at a corner has been made.
+            // All texels used for interpolation at a corner are filled.
             for corner in &unwrapped.corners {
                 let at = (64.0 * Vec2::from(corner.at) - 0.5).floor().as_ivec2();
                 for (x, y) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
@@ -347,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn nearest_by_hand() {
+    fn nearest_point_matches_hand_calculation() {
         let triangle = [Vec2::ZERO, Vec2::new(4.0, 0.0), Vec2::new(0.0, 4.0)];
         assert_eq!(nearest(Vec2::new(1.0, 1.0), &triangle), Some(Vec3::new(0.5, 0.25, 0.25)));
         assert_eq!(nearest(Vec2::new(2.0, -3.0), &triangle), Some(Vec3::new(0.5, 0.5, 0.0)));
@@ -357,10 +365,10 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_area_or_too_many_pieces_has_no_lightmap() {
+    fn degenerate_and_fragmented_meshes_have_no_lightmap() {
         assert_eq!(Unwrapped::new(&mesh(&[[0.0; 3]; 3], &[0, 1, 2]), 64).side, 0);
         assert_eq!(Unwrapped::new(&mesh(&[], &[]), 64).side, 0);
-        // A thousand triangles apart do not fit into 16 texels.
+        // A thousand separate triangles do not fit into 16 texels.
         let positions: Vec<[f32; 3]> =
             (0..3000).map(|i| [(i / 3) as f32 + (i % 3 % 2) as f32, (i % 3 / 2) as f32, 0.0]).collect();
         let apart = mesh(

@@ -1,46 +1,47 @@
-//! The camera for the shader: geometry, and poses around the frame's time.
+//! Camera data for the shader: geometry, and poses around the frame's time.
 
 use glam::{DQuat, DVec3};
 
-use super::occlusion::{Occlusion, Placed};
+use super::occlusion::{GridPlacement, Occlusion};
 use super::plan::Sample;
 use crate::camera::{Geometry, LensModel};
 use crate::pixels::Rect;
 use crate::pose::Pose;
 
-/// The same as in shaders/raster.wgsl.
+/// Maximum number of keys in the shader, as in shaders/raster.wgsl.
 pub const MAX_KEYS: usize = 33;
-/// The longest interval between keys, seconds: for that long a hand moves straight.
-const LONGEST_STEP_S: f64 = 0.008;
-/// The most keys to each side; a minute needs them.
-const MOST_STEPS: usize = 4096;
-/// Nothing nearer is drawn, metres.
+/// Maximum interval between keys, seconds: hand motion is straight for that long.
+const MAX_KEY_INTERVAL_S: f64 = 0.008;
+/// Maximum number of keys on each side; a minute needs them.
+const MAX_KEYS_PER_SIDE: usize = 4096;
+/// Near plane, metres.
 pub const NEAR_M: f64 = 0.01;
 
-/// The times that a frame's light spans.
+/// Exposure and readout times of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shutter {
     pub exposure_time_s: f64,
     pub readout_time_s: f64,
-    /// How far the drawn moments lie before or after the exposure, at most.
+    /// Largest distance of a drawn moment before or after the exposure.
     pub beyond_s: f64,
 }
 
 impl Shutter {
-    /// Half the step over which velocity is measured: to both ends of the exposure, so that the chord of a curved
-    /// motion meets them. A millisecond if there is no exposure.
+    /// Half the time step for velocities: to both ends of the exposure, so that the chord of a
+    /// curved motion meets them. A millisecond without exposure.
     pub fn velocity_step_s(&self) -> f64 {
         if self.exposure_time_s > 0.0 { 0.5 * self.exposure_time_s } else { 5e-4 }
     }
 
-    /// From the frame's timestamp to the farthest moment that a vertex may need.
+    /// Largest offset from the frame's timestamp that a vertex may need.
     pub fn reach_s(&self) -> f64 {
         self.velocity_step_s() + self.beyond_s + self.readout_time_s
     }
 }
 
-/// Poses at even steps around a frame's timestamp, as `camera_from_local`. The local axes are the world's, moved to the
-/// camera's position at the timestamp, so that 32-bit floats suffice wherever the world's origin is.
+/// Poses at equal steps around a frame's timestamp, as `camera_from_local`. The local axes are the
+/// world's, moved to the camera's position at the timestamp, so that 32-bit floats suffice wherever
+/// the world's origin is.
 #[derive(Clone, Debug)]
 pub struct ViewKeys {
     /// The camera's position at the timestamp, metres.
@@ -54,9 +55,9 @@ impl ViewKeys {
     /// Calls `pose_at(offset_s)` for the poses around the timestamp.
     pub fn new(shutter: Shutter, mut pose_at: impl FnMut(f64) -> Pose) -> Self {
         let reach_s = shutter.reach_s();
-        // The shader has MAX_KEYS of them around its moment: as many as a readout needs.
-        let step_s = LONGEST_STEP_S.max(shutter.readout_time_s / (MAX_KEYS / 2 - 1) as f64);
-        let half = ((reach_s / step_s).ceil() as usize).clamp(MAX_KEYS / 2, MOST_STEPS);
+        // The shader receives MAX_KEYS of them around its moment: as many as a readout needs.
+        let step_s = MAX_KEY_INTERVAL_S.max(shutter.readout_time_s / (MAX_KEYS / 2 - 1) as f64);
+        let half = ((reach_s / step_s).ceil() as usize).clamp(MAX_KEYS / 2, MAX_KEYS_PER_SIDE);
         let at = |i: usize| (i as f64 - half as f64) / half as f64 * reach_s;
         let poses: Vec<_> = (0..=2 * half).map(|i| pose_at(at(i))).collect();
         Self { origin_in_world_m: poses[half].position_in_world_m(), poses, reach_s }
@@ -68,8 +69,8 @@ impl ViewKeys {
         Self { origin_in_world_m: self.origin_in_world_m, poses, reach_s }
     }
 
-    /// Poses from the first to the last, close enough that nothing else happens between them, and the seconds between
-    /// two: all keys of a long exposure, five of one during which a hand moves one way.
+    /// Representative poses from the first to the last, and the seconds between two: all keys of a
+    /// long exposure, five of one that is shorter than a change of a hand's direction.
     pub fn sampled(&self) -> (Vec<&Pose>, f64) {
         let last = self.poses.len() - 1;
         let every = if self.poses.len() == MAX_KEYS { last / 4 } else { 1 };
@@ -87,7 +88,7 @@ impl ViewKeys {
         (a.rotation.lerp(b.rotation, x - i), p.lerp(q, x - i))
     }
 
-    /// The same as `camera_from_world`.
+    /// The interpolated `camera_from_world`.
     pub fn pose_at(&self, offset_s: f64) -> Pose {
         let (rotation, position_m) = self.at(offset_s);
         Pose::new(rotation, rotation * -(position_m + self.origin_in_world_m))
@@ -99,26 +100,26 @@ impl ViewKeys {
     }
 }
 
-/// Everything that drawing one frame needs.
+/// Parameters for drawing one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
     pub geometry: &'a Geometry,
     pub keys: &'a ViewKeys,
     pub shutter: Shutter,
-    /// Depths of the objects' nearest and farthest points, metres.
+    /// Depth range of the objects, metres.
     pub depths_m: [f64; 2],
-    /// The area drawn, in raster axes; may extend beyond the picture.
+    /// The drawn area, in raster axes; may extend beyond the picture.
     pub rect: Rect,
-    /// What real things hide; `None` if nothing.
+    /// Occlusion by the real scene; `None` without.
     pub occlusion: Option<Occlusion<'a>>,
-    /// If rays are parallel: how far (m) they reach from the camera's plane. `geometry` then has no distortion, and its
-    /// focal lengths are px per metre.
+    /// Depth range (m) of orthographic views, from the camera's plane. `geometry` then has no
+    /// distortion, and its focal lengths are px per metre.
     pub parallel_to_m: Option<f64>,
-    /// The camera whose picture this view belongs to.
+    /// The camera whose picture this view is a face of.
     pub outer: Option<Outer<'a>>,
 }
 
-/// The camera that a view belongs to.
+/// The camera whose picture a cube face belongs to.
 #[derive(Clone, Copy, Debug)]
 pub struct Outer<'a> {
     pub geometry: &'a Geometry,
@@ -159,15 +160,15 @@ crate::uniform! {
 }
 
 impl ViewUniform {
-    /// `whole` is the rectangle over which the real scene's depth is known.
+    /// `whole` is the rectangle of the real scene's depth map.
     pub fn new(view: &View<'_>, whole: &Rect, sample: &Sample, focus_distance_m: f64) -> Self {
         let tolerance_m = view.occlusion.map_or(0.0, |occlusion| occlusion.tolerance_m);
-        let per_pixel = Placed { first: [whole.x0, whole.y0], per_pixel: 1.0 };
-        let depth = view.occlusion.and_then(|occlusion| occlusion.on_grid).unwrap_or(per_pixel);
+        let per_pixel = GridPlacement { first: [whole.x0, whole.y0], per_pixel: 1.0 };
+        let depth = view.occlusion.and_then(|occlusion| occlusion.grid_placement).unwrap_or(per_pixel);
         let time_s = sample.time_s;
         let View { geometry, keys, shutter, rect, .. } = *view;
         let i = &geometry.intrinsics;
-        // A view of another camera's picture has that camera's lens and rows.
+        // A cube face uses the lens and rows of the picture's camera.
         let camera = view.outer.map_or(geometry, |outer| outer.geometry);
         let d = &camera.distortion;
         let valid = camera.valid_radius();

@@ -7,8 +7,8 @@ use super::tile::png_uri;
 use super::{ReportError, Source};
 use crate::analyse::{Environment, LampEstimate};
 use crate::camera::Response;
-use crate::render::panorama::place_of;
-use crate::scene::upright;
+use crate::render::panorama::texel_coordinates;
+use crate::scene::world_from_panorama;
 use crate::text::{count, fixed};
 
 /// One texel becomes so many across.
@@ -48,8 +48,8 @@ pub fn panorama(source: &Source<'_>) -> Result<Figure, ReportError> {
 
 /// Where a lamp is in the panorama, texels from the upper left.
 fn seen_from(lamp: &LampEstimate, middle_m: DVec3, up: DVec3, around: &Environment) -> [f64; 2] {
-    let towards = upright(up.normalize_or(DVec3::Z)).conjugate() * (DVec3::from(lamp.at_m) - middle_m);
-    place_of(towards.normalize_or(DVec3::Y).as_vec3(), around.width, around.height).as_dvec2().to_array()
+    let towards = world_from_panorama(up.normalize_or(DVec3::Z)).conjugate() * (DVec3::from(lamp.at_m) - middle_m);
+    texel_coordinates(towards.normalize_or(DVec3::Y).as_vec3(), around.width, around.height).as_dvec2().to_array()
 }
 
 /// Eight bits, enlarged, row by row.
@@ -90,7 +90,7 @@ mod tests {
         let rgb: Vec<[f32; 3]> = (0..64 * 32).map(|n| [if n / 64 < 16 { 1.0 } else { 0.214 }; 3]).collect();
         let around = Environment { width: 64, height: 32, rgb: rgb.into(), hdr: [].into() };
         // 45° above what lies in the panorama's middle: upright's −z is that.
-        let towards = upright(DVec3::Z) * DVec3::new(0.0, 1.0, -1.0);
+        let towards = world_from_panorama(DVec3::Z) * DVec3::new(0.0, 1.0, -1.0);
         let lamp =
             LampEstimate { at_m: (2.0 * towards + DVec3::X).to_array(), shown_at_1_m: [1.0; 3], diameter_m: 0.25 };
         let [x, y] = seen_from(&lamp, DVec3::X, DVec3::Z, &around);

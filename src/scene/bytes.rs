@@ -24,7 +24,7 @@ pub(super) fn split_glb<'a>(file: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], O
     let version = u32_at(bytes, 4).ok_or_else(|| incomplete(file, bytes.len(), 12))?;
     let length = u32_at(bytes, 8).ok_or_else(|| incomplete(file, bytes.len(), 12))? as usize;
     if version == 1 {
-        return Err(old_gltf(file, "the GLB version", "glTF 1.0"));
+        return Err(gltf_1_error(file, "the GLB version", "glTF 1.0"));
     }
     if version != 2 {
         return Err(SceneError::bad(file, "the GLB version", version, "2"));
@@ -60,7 +60,7 @@ pub(super) fn shell_quoted(path: &Path) -> String {
 }
 
 /// The error of a file of glTF 1.0.
-pub(super) fn old_gltf(file: &Path, what: &str, found: impl Display) -> SceneError {
+pub(super) fn gltf_1_error(file: &Path, what: &str, found: impl Display) -> SceneError {
     let stem = file.file_stem().unwrap_or_default().to_string_lossy();
     let converted = file.with_file_name(format!("{stem}-2.glb"));
     let (from, to) = (shell_quoted(file), shell_quoted(&converted));
@@ -68,13 +68,13 @@ pub(super) fn old_gltf(file: &Path, what: &str, found: impl Display) -> SceneErr
     SceneError::bad(file, what, found, accepted)
 }
 
-/// Some editors begin UTF-8 with U+FEFF.
+/// Strips U+FEFF, which some editors write at the start of UTF-8 text.
 pub(super) fn without_byte_order_mark(text: &[u8]) -> &[u8] {
     text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
 }
 
-/// First bytes of other files, in lower case, and what to do with such a file.
-const OTHER_KINDS: [(&[u8], &str); 5] = [
+/// Magic bytes of other file formats, in lower case, and advice for such a file.
+const OTHER_FORMATS: [(&[u8], &str); 5] = [
     (b"pk\x03\x04", "a ZIP archive; unpack it"),
     (b"\x1f\x8b", "a gzip file; unpack it"),
     (b"kaydara fbx", "an FBX file; Blender imports it and exports glTF"),
@@ -82,11 +82,11 @@ const OTHER_KINDS: [(&[u8], &str); 5] = [
     (b"<html", "a web page; download the file itself"),
 ];
 
-/// The kind of a file that is no glTF, where its first bytes show it.
-pub(super) fn other_kind(bytes: &[u8]) -> Option<&'static str> {
+/// Advice for a file of another format, recognised by its first bytes.
+pub(super) fn other_format_advice(bytes: &[u8]) -> Option<&'static str> {
     let bytes = without_byte_order_mark(bytes).trim_ascii_start();
     let starts = |start: &[u8]| bytes.get(..start.len()).is_some_and(|head| head.eq_ignore_ascii_case(start));
-    OTHER_KINDS.iter().find(|(start, _)| starts(start)).map(|(_, kind)| *kind)
+    OTHER_FORMATS.iter().find(|(start, _)| starts(start)).map(|(_, kind)| *kind)
 }
 
 fn incomplete(file: &Path, found: usize, needed: usize) -> SceneError {
@@ -98,7 +98,7 @@ fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
     Some(u32::from_le_bytes(four.try_into().ok()?))
 }
 
-/// The bytes that a URI in `file` refers to: a `data:` URI's content, or a file relative to it.
+/// Bytes of a URI in `file`: the content of a `data:` URI, or of a file relative to `file`.
 pub(super) fn resolve(file: &Path, what: &str, uri: &str) -> Result<Vec<u8>, SceneError> {
     let accepted = "a relative file name or a base64 data: URI";
     if let Some(data) = uri.strip_prefix("data:") {
@@ -107,13 +107,13 @@ pub(super) fn resolve(file: &Path, what: &str, uri: &str) -> Result<Vec<u8>, Sce
             .ok_or_else(|| SceneError::bad(file, what, "a data: URI without base64", accepted))?;
         return base64(text).ok_or_else(|| SceneError::bad(file, what, "text that is not base64", accepted));
     }
-    let path = beside(file, uri).ok_or_else(|| SceneError::bad(file, what, format!("{uri:?}"), accepted))?;
+    let path = relative_file(file, uri).ok_or_else(|| SceneError::bad(file, what, format!("{uri:?}"), accepted))?;
     read(&path, Some(file))
 }
 
-/// The file that a relative URI in `file` names; `None` for any other URI. Where there is no such file, a backslash is
-/// a slash, as programs for Windows write it, and `%` is a plain letter.
-pub(super) fn beside(file: &Path, uri: &str) -> Option<PathBuf> {
+/// File of a relative URI in `file`; `None` for any other URI. If there is no such file,
+/// backslashes are treated as slashes, as written by Windows programs, and `%` as a plain letter.
+pub(super) fn relative_file(file: &Path, uri: &str) -> Option<PathBuf> {
     let folder = file.parent().unwrap_or(Path::new(""));
     let name = percent_decoded(uri);
     let spellings = [name.replace('\\', "/"), uri.to_owned()];
@@ -131,7 +131,7 @@ pub(super) fn beside(file: &Path, uri: &str) -> Option<PathBuf> {
     Some(spellings.iter().map(|name| folder.join(name)).find(|path| path.exists()).unwrap_or(plain))
 }
 
-/// Decodes `%20` and the like (RFC 3986, section 2.1).
+/// Decodes percent-encoding such as `%20` (RFC 3986, section 2.1).
 fn percent_decoded(uri: &str) -> Cow<'_, str> {
     if !uri.contains('%') {
         return Cow::Borrowed(uri);
@@ -183,7 +183,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn base64_gives_the_vectors_of_rfc_4648() {
+    fn base64_matches_the_test_vectors_of_rfc_4648() {
         for (text, bytes) in [("", ""), ("Zg==", "f"), ("Zm8=", "fo"), ("Zm9v", "foo"), ("Zm9vYmE=", "fooba")] {
             assert_eq!(base64(text).unwrap(), bytes.as_bytes());
         }
@@ -193,14 +193,14 @@ mod tests {
     }
 
     #[test]
-    fn uri_in_another_spelling_names_the_file_that_is_there() {
+    fn uri_with_other_slashes_or_percent_resolves_to_the_existing_file() {
         let folder = tempfile::tempdir().unwrap();
         let (file, textures) = (folder.path().join("a.gltf"), folder.path().join("textures"));
         std::fs::create_dir(&textures).unwrap();
         for name in ["a b.png", "50%25.png"] {
             std::fs::write(textures.join(name), "").unwrap();
         }
-        let found = |uri| beside(&file, uri);
+        let found = |uri| relative_file(&file, uri);
         assert_eq!(found("textures\\a%20b.png"), Some(textures.join("a b.png")));
         assert_eq!(found("textures/50%25.png"), Some(textures.join("50%25.png")));
         assert_eq!(found("textures\\none.png"), Some(folder.path().join("textures\\none.png")));
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn paths_are_one_word_of_a_shell() {
+    fn shell_quoting_makes_a_path_one_word() {
         for (path, word) in [
             ("models/Möbel_1.glb", "models/Möbel_1.glb"),
             ("a b.glb", "'a b.glb'"),
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn percent_signs_stand_for_bytes() {
+    fn percent_encoding_decodes_to_bytes() {
         assert_eq!(percent_decoded("my%20knife%2.png"), "my knife%2.png");
         assert_eq!(percent_decoded("%C3%A4%"), "ä%");
     }

@@ -1,4 +1,4 @@
-//! Describes a scene's contents for people.
+//! Human-readable description of a scene's contents.
 
 use std::fmt;
 
@@ -8,14 +8,14 @@ use serde::Serialize;
 use super::{Environment, Object, Scene, overlaps, place};
 use crate::text::{count, fixed, number, shown};
 
-/// Beyond these extents a model is probably not in metres.
-const LARGE_M: f64 = 10.0;
-const SMALL_M: f64 = 0.001;
+/// Extents outside this range suggest that a model is not in metres.
+const MAX_USUAL_EXTENT_M: f64 = 10.0;
+const MIN_USUAL_EXTENT_M: f64 = 0.001;
 
-/// More are not listed.
-const MOST_OVERLAPS: usize = 8;
+/// Maximum number of listed overlaps.
+const MAX_LISTED_OVERLAPS: usize = 8;
 
-/// A scene in numbers.
+/// Contents of a scene in numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Description {
     pub objects: Vec<ObjectDescription>,
@@ -24,24 +24,24 @@ pub struct Description {
     pub textures: Vec<TextureDescription>,
     pub suns: usize,
     pub points: usize,
-    /// The surrounding light, in words.
+    /// Text description of the environment light.
     pub environment: String,
-    /// The loader's warnings, then those about sizes.
+    /// Warnings of the loader, then those about sizes.
     pub warnings: Vec<String>,
 }
 
-/// An object in numbers.
+/// Contents of an object in numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ObjectDescription {
     pub name: String,
     pub triangles: usize,
-    /// Left out of the picture.
+    /// Excluded from rendering.
     pub hidden: bool,
-    /// The corners of its bounding box, world axes, metres; `None` if it has no points.
+    /// Corners of the bounding box, world axes, metres; `None` without points.
     pub bounds_in_world_m: Option<[[f64; 3]; 2]>,
 }
 
-/// A texture in numbers.
+/// Size and encoding of a texture.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TextureDescription {
     pub width: u32,
@@ -50,15 +50,15 @@ pub struct TextureDescription {
 }
 
 fn light(value: f32) -> String {
-    // By its own digits, not by those of the same number in more bits.
+    // Formatted as f32: the digits of the f64 would be longer.
     value.to_string().parse().map_or_else(|_| value.to_string(), number)
 }
 
-/// Counts what is in a scene and collects warnings about it.
+/// Counts the contents of a scene and collects warnings about them.
 pub fn describe(scene: &Scene) -> Description {
     let mut warnings = scene.warnings.clone();
     let objects: Vec<_> = scene.objects.iter().map(|object| describe_object(scene, object, &mut warnings)).collect();
-    warnings.extend(overlaps(scene).iter().take(MOST_OVERLAPS).map(|overlap| overlap.told(scene)));
+    warnings.extend(overlaps(scene).iter().take(MAX_LISTED_OVERLAPS).map(|overlap| overlap.message(scene)));
     let environment = match &scene.lighting.environment {
         Environment::Uniform(c) if *c == Vec3::ZERO => "none from around".to_owned(),
         Environment::Uniform(c) if c.x == c.y && c.y == c.z => format!("{} from everywhere", light(c.x)),
@@ -93,7 +93,7 @@ fn describe_object(scene: &Scene, object: &Object, warnings: &mut Vec<String>) -
     match bounds.map(|(low, high)| (high - low).max_element()) {
         None if object.hidden => {}
         None => warnings.push(format!("{}: there is nothing in it to see", object.name)),
-        Some(extent_m) => warnings.extend(oddly_sized(object, extent_m)),
+        Some(extent_m) => warnings.extend(extent_warning(object, extent_m)),
     }
     ObjectDescription {
         name: object.name.clone(),
@@ -103,27 +103,27 @@ fn describe_object(scene: &Scene, object: &Object, warnings: &mut Vec<String>) -
     }
 }
 
-/// The lowest and the highest corner of an object's box along the world's axes, metres.
+/// Minimum and maximum of an object's world-aligned bounding box, metres.
 pub fn bounds_m(scene: &Scene, object: &Object) -> Option<(DVec3, DVec3)> {
     place::bounds(scene, &object.parts, DAffine3::IDENTITY)
 }
 
-/// Says so where an object is so large or so small that its model is hardly in metres.
-pub fn odd_size(scene: &Scene, object: &Object) -> Option<String> {
+/// Warning for an object whose size suggests a unit other than metres.
+pub fn size_warning(scene: &Scene, object: &Object) -> Option<String> {
     let (low, high) = bounds_m(scene, object)?;
-    oddly_sized(object, (high - low).max_element())
+    extent_warning(object, (high - low).max_element())
 }
 
-fn oddly_sized(object: &Object, extent_m: f64) -> Option<String> {
+fn extent_warning(object: &Object, extent_m: f64) -> Option<String> {
     let size = match extent_m {
-        large if large > LARGE_M => format!("{} m", fixed(large, 1)),
-        small if small < SMALL_M => format!("{:.4} mm", small * 1e3),
+        large if large > MAX_USUAL_EXTENT_M => format!("{} m", fixed(large, 1)),
+        small if small < MIN_USUAL_EXTENT_M => format!("{:.4} mm", small * 1e3),
         _ => return None,
     };
     Some(format!("{}: {size} large; is it in metres? (scale, size_m)", object.name))
 }
 
-/// To the millimetre.
+/// Rounded to the millimetre.
 fn metres(value: f64) -> String {
     fixed(value, 3)
 }

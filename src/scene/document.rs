@@ -13,7 +13,7 @@ use crate::source::file as plain;
 /// A scene file and its text. Comments and order are kept when values change.
 pub type Document = document::Document<SceneFile>;
 
-/// Reads a scene file for editing; files that it names are not opened.
+/// Reads a scene file for editing. Referenced files are not opened.
 pub fn read(file: &Path) -> Result<Document, SceneError> {
     let document = parsed(file, Document::parse)?;
     document.value().check(file)?;
@@ -26,7 +26,7 @@ pub fn settings(file: &Path) -> Result<toml::Table, SceneError> {
     if is_scene { Ok(values(file)?.settings) } else { Ok(toml::Table::new()) }
 }
 
-/// Reads the values of a scene file, in a small part of the memory that editing needs.
+/// Reads the values of a scene file, with a fraction of the memory needed for editing.
 pub(super) fn values(file: &Path) -> Result<SceneFile, SceneError> {
     parsed(file, document::read)
 }
@@ -44,7 +44,7 @@ fn parsed<T>(file: &Path, parse: impl FnOnce(&str) -> Result<T, document::Proble
     })
 }
 
-/// Each is drawn by itself, with a motion of its own.
+/// Each object is drawn separately, with its own motion.
 const MAX_OBJECTS: usize = 1 << 14;
 
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
@@ -54,10 +54,10 @@ pub struct SceneFile {
     pub version: u32,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub up: Option<Up>,
-    /// Length of a unit of the recording, if that is not in metres.
+    /// Length of a unit of the recording, if it is not in metres.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub metres_per_unit: Option<f64>,
-    /// In which world the positions are.
+    /// World in which the positions are given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gauge: Option<Gauge>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -69,15 +69,16 @@ pub struct SceneFile {
     pub settings: toml::Table,
 }
 
-/// Where the camera stood in a frame, in the scene's world: a recording whose poses are known better later is moved as a whole
-/// so that they agree, and what was put onto a surface in that frame stays on it.
+/// Camera pose of one frame in the scene's world. If the recording's poses are refined later, the
+/// whole recording is transformed so that they agree, and objects placed on a surface in that frame
+/// stay on it.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gauge {
     pub frame: usize,
-    /// When it was taken: in other recordings this says nothing.
+    /// Time of the frame. It identifies the recording.
     pub time_s: f64,
-    /// The camera's, metres.
+    /// Camera position, metres.
     pub position_m: [f64; 3],
     /// World from camera (OpenCV axes): x, y, z, w.
     pub quaternion: [f64; 4],
@@ -89,7 +90,7 @@ impl Gauge {
         Self { frame, time_s, position_m: pose.position_in_world_m().to_array(), quaternion }
     }
 
-    /// `None` if the numbers make no pose.
+    /// `None` if the numbers are no valid pose.
     pub fn pose(&self) -> Option<Pose> {
         let (position, turn) = (DVec3::from(self.position_m), DQuat::from_array(self.quaternion));
         let is_sound = position.is_finite() && (turn.length() - 1.0).abs() < 1e-3;
@@ -97,24 +98,24 @@ impl Gauge {
     }
 }
 
-/// A model and its placement, once or, by `instances`, several times.
+/// A model and its placement, or several placements by `instances`.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlacedModel {
     /// A `.glb` or `.gltf` file, relative to the scene file.
     pub model: String,
     pub name: Option<String>,
-    /// Left out of the picture, with all its instances.
+    /// Excluded from rendering, with all its instances.
     #[serde(default, skip_serializing_if = "is_default")]
     pub hidden: bool,
-    /// Throws no shadow on the real surface below it.
+    /// Casts no shadow on the real surface below it.
     #[serde(default, skip_serializing_if = "is_default")]
     pub shadowless: bool,
-    /// Stands in for something real: it is not drawn, and hides what is behind it.
+    /// Proxy of a real object: not drawn, occludes the objects behind it.
     #[serde(default, skip_serializing_if = "is_default")]
     pub occluder: bool,
     pub up: Option<Up>,
-    /// Whether the position is that of the model's lowest point.
+    /// True if the position is that of the model's lowest point.
     #[serde(default, skip_serializing_if = "is_default")]
     pub ground: bool,
     pub position_m: Option<[f64; 3]>,
@@ -126,13 +127,13 @@ pub struct PlacedModel {
     pub heading_deg: Option<f64>,
     /// Alternative to `size_m`.
     pub scale: Option<Scale>,
-    /// The largest extent.
+    /// Largest extent of the model.
     pub size_m: Option<f64>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub instances: Vec<Instance>,
 }
 
-/// Anything not given is taken from its object.
+/// Missing values are those of the object.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Instance {
@@ -182,7 +183,7 @@ pub struct LightTable {
     pub environment_intensity: Option<f64>,
     pub environment_color: Option<Color>,
     pub environment_rotation_deg: Option<f64>,
-    /// The panorama's, where that is another than the scene's.
+    /// The panorama's up, if it differs from the scene's.
     pub environment_up: Option<Up>,
     pub ambient: Option<Color>,
     pub white_lx: Option<f64>,
@@ -192,16 +193,16 @@ pub struct LightTable {
     pub lamp: Vec<LampTable>,
 }
 
-/// A lamp that shines evenly into all directions.
+/// An isotropic lamp.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct LampTable {
     /// World axes.
     pub at_m: [f64; 3],
     pub color: Option<Color>,
-    /// What white matt that faces it shows at 1 m, linear; 1 without it.
+    /// Linear radiance of a white diffuse surface facing the lamp at 1 m; default 1.
     pub intensity: Option<f64>,
-    /// Of the lamp itself; a bulb's 0.06 without it.
+    /// Diameter of the lamp itself; default 0.06, a bulb.
     pub diameter_m: Option<f64>,
 }
 
@@ -212,7 +213,7 @@ pub struct SunTable {
     pub towards: [f64; 3],
     pub color: Option<Color>,
     pub intensity: Option<f64>,
-    /// How wide it stands in the sky; the sun's 0.53° without it.
+    /// Angular diameter; default 0.53°, the sun's.
     pub diameter_deg: Option<f64>,
 }
 
@@ -234,7 +235,7 @@ impl Default for SceneFile {
     }
 }
 
-/// Where an object of a loaded scene stands in its scene file.
+/// Position of a loaded object in its scene file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Entry {
     /// Index into [`SceneFile::objects`].
@@ -243,27 +244,27 @@ pub struct Entry {
     pub instance: Option<usize>,
 }
 
-/// What can be taken hold of in a scene file: what is seen in the picture, or what lights it.
+/// An item of a scene file that can be selected: a visible object, or a lamp.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Thing {
+pub enum SceneItem {
     Object(Entry),
     /// Index into [`LightTable::lamp`].
     Lamp(usize),
 }
 
-impl From<Entry> for Thing {
+impl From<Entry> for SceneItem {
     fn from(entry: Entry) -> Self {
         Self::Object(entry)
     }
 }
 
 impl SceneFile {
-    /// The files that it names: the objects' models, then the panorama.
+    /// Referenced files: the objects' models, then the panorama.
     pub fn file_names(&self) -> impl Iterator<Item = &str> {
         self.objects.iter().map(|object| &object.model).chain(&self.light.environment).map(String::as_str)
     }
 
-    /// Like [`Self::file_names`], to be changed.
+    /// Mutable version of [`Self::file_names`].
     pub fn file_names_mut(&mut self) -> impl Iterator<Item = &mut String> {
         self.objects.iter_mut().map(|object| &mut object.model).chain(&mut self.light.environment)
     }
@@ -284,38 +285,38 @@ impl SceneFile {
         self.objects.iter().enumerate().flat_map(of).collect()
     }
 
-    /// Whether a thing is left out of the picture: by its own key, or its object's.
+    /// True if an object is excluded from rendering, by its own key or its parent's.
     pub fn is_hidden(&self, entry: Entry) -> bool {
         self.objects.get(entry.object).is_some_and(|object| {
             object.hidden || entry.instance.and_then(|i| object.instances.get(i)).is_some_and(|i| i.hidden)
         })
     }
 
-    /// Leaves a thing out of the picture, or shows it. Of an object that was hidden with all its instances, the others stay
-    /// hidden by their own keys.
-    pub fn hide(&mut self, entry: Entry, hidden: bool) {
+    /// Excludes an object from rendering, or includes it. If all instances were hidden by the
+    /// parent's key, the others stay hidden by their own keys.
+    pub fn set_hidden(&mut self, entry: Entry, hidden: bool) {
         self.switch(entry, hidden, |object| &mut object.hidden, |instance| &mut instance.hidden);
     }
 
-    /// Whether a thing throws no shadow: by its own key, or its object's.
+    /// True if an object casts no shadow, by its own key or its parent's.
     pub fn is_shadowless(&self, entry: Entry) -> bool {
         self.objects.get(entry.object).is_some_and(|object| {
             object.shadowless || entry.instance.and_then(|i| object.instances.get(i)).is_some_and(|i| i.shadowless)
         })
     }
 
-    /// Takes a thing's shadow, or gives it back, as [`Self::hide`] does.
-    pub fn unshadow(&mut self, entry: Entry, shadowless: bool) {
+    /// Sets whether an object casts no shadow, like [`Self::set_hidden`].
+    pub fn set_shadowless(&mut self, entry: Entry, shadowless: bool) {
         self.switch(entry, shadowless, |object| &mut object.shadowless, |instance| &mut instance.shadowless);
     }
 
-    /// Whether a thing stands in for something real.
-    pub fn is_stand_in(&self, entry: Entry) -> bool {
+    /// True if an object is a proxy of a real object.
+    pub fn is_occluder(&self, entry: Entry) -> bool {
         self.objects.get(entry.object).is_some_and(|object| object.occluder)
     }
 
-    /// Has a thing stand in for something real, with all instances of its object, or be evidence again.
-    pub fn stand_in(&mut self, entry: Entry, occluder: bool) {
+    /// Makes an object with all its instances a proxy of a real object, or evidence again.
+    pub fn set_occluder(&mut self, entry: Entry, occluder: bool) {
         if let Some(object) = self.objects.get_mut(entry.object) {
             object.occluder = occluder;
         }
@@ -341,7 +342,7 @@ impl SceneFile {
         }
     }
 
-    /// Checks what needs no other files. Further rules are checked on loading.
+    /// Checks all rules that need no other files. Further rules are checked on loading.
     pub(super) fn check(&self, file: &Path) -> Result<(), SceneError> {
         let placed = self.placed_count();
         if placed > MAX_OBJECTS {
@@ -375,7 +376,7 @@ fn not_finite(value: &toml::Value) -> Option<(String, f64)> {
     }
 }
 
-/// Which way is up: an axis by its name or any direction.
+/// Up direction: a named axis or any vector.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = r#"expected "x", "y", "z", "-x", "-y", "-z" or [x, y, z]"#)]
 pub enum Up {
@@ -426,7 +427,7 @@ mod tests {
         position_m = [1, 1, 0]\n\n[light]\nambient = 0.5\n";
 
     #[test]
-    fn a_placement_is_moved_and_the_rest_stays() {
+    fn moving_a_placement_preserves_the_rest_of_the_file() {
         let mut document = Document::parse(SCENE).unwrap();
         let mut scene = document.value().clone();
         assert_eq!((scene.up, scene.objects[1].scale), (Some(Up::Named(Axis::Z)), Some(Scale::All(2.0))));
@@ -473,7 +474,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_written_reads_back(
+        fn written_scene_file_reads_back_equal(
             before in prop::collection::vec(placed(), 0..4),
             after in prop::collection::vec(placed(), 0..4),
             sun in prop::option::of([number(), number(), number()]),
@@ -492,7 +493,7 @@ mod tests {
             prop_assert_eq!(read.value(), document.value());
             document.set(scene(after)).unwrap();
             let read = Document::parse(&document.to_string()).unwrap();
-            // The shortest text of a number has every bit of it.
+            // The shortest decimal representation restores every bit.
             prop_assert_eq!(format!("{:?}", read.value()), format!("{:?}", document.value()));
         }
     }

@@ -1,35 +1,36 @@
-//! What is done to one thing of a scene file: where it stands is read, changed and written back to its own entry. `lamp` has
-//! the part of lamps.
+//! Edits of one item of a scene file: its placement is read, changed and written back to its own
+//! entry. `lamp` implements lamps.
 
 use glam::{DQuat, DVec3, EulerRot};
 
-use super::document::{Entry, Instance, PlacedModel, Scale, SceneFile, Thing};
-use super::heading::within_a_turn;
+use super::document::{Entry, Instance, PlacedModel, Scale, SceneFile, SceneItem};
+use super::heading::wrapped_degrees;
 use super::place::Size;
 
-/// Where a thing stands, as its entry says or as it takes it from its object.
+/// Placement of an item, with missing values taken from its object.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stance {
+pub struct ItemPlacement {
     /// World axes, metres.
     pub position_m: DVec3,
-    /// Before the heading.
+    /// Applied before the heading.
     pub rotation: DQuat,
     /// About the world's up, counter-clockwise seen from above.
     pub heading_deg: f64,
     pub size: Size,
 }
 
-/// Of a number that is written, m, ° and 1: no finer than a µm, and without a sum's last bits.
-const DIGITS: f64 = 1e6;
+/// Decimal factor for rounding written numbers, m, ° and 1: to a µm, without the rounding errors of
+/// sums.
+const DECIMAL_ROUNDING: f64 = 1e6;
 
-impl Stance {
-    /// Turned about an axis (unit length) of the world, counter-clockwise seen from its tip. A turn about the world's up
-    /// is one of the heading.
+impl ItemPlacement {
+    /// Rotates counter-clockwise about a world axis (unit length) seen from its tip. A rotation
+    /// about the world's up changes the heading.
     #[must_use]
     pub fn turned(&self, axis: DVec3, degrees: f64, up: DVec3) -> Self {
         if axis.dot(up).abs() > 1.0 - 1e-9 {
             let heading_deg = self.heading_deg + degrees * axis.dot(up).signum();
-            let heading_deg = if degrees == 0.0 { self.heading_deg } else { within_a_turn(heading_deg) };
+            let heading_deg = if degrees == 0.0 { self.heading_deg } else { wrapped_degrees(heading_deg) };
             return Self { heading_deg, ..*self };
         }
         let heading = DQuat::from_axis_angle(up, self.heading_deg.to_radians());
@@ -37,7 +38,7 @@ impl Stance {
         Self { rotation: (heading.conjugate() * turn * heading * self.rotation).normalize(), ..*self }
     }
 
-    /// Larger by factors along the model's own axes. What is told by its largest extent has one for all: the x.
+    /// Scales along the model's own axes. A size given as largest extent is scaled by x alone.
     #[must_use]
     pub fn scaled(&self, factors: DVec3) -> Self {
         let size = match self.size {
@@ -54,7 +55,7 @@ pub(super) fn rotation(degrees: DVec3) -> DQuat {
     DQuat::from_rotation_z(angles.z) * DQuat::from_rotation_y(angles.y) * DQuat::from_rotation_x(angles.x)
 }
 
-/// The keys that say where a thing stands, of an object or of an instance.
+/// Placement keys of an object or an instance.
 struct Keys<'a> {
     position_m: &'a mut Option<[f64; 3]>,
     rotation_deg: &'a mut Option<[f64; 3]>,
@@ -88,11 +89,11 @@ impl SceneFile {
         }
     }
 
-    /// Where a thing stands. `None` if there is no such entry.
-    pub fn stance(&self, of: impl Into<Thing>) -> Option<Stance> {
+    /// Placement of an item. `None` if there is no such entry.
+    pub fn placement(&self, of: impl Into<SceneItem>) -> Option<ItemPlacement> {
         let entry = match of.into() {
-            Thing::Object(entry) => entry,
-            Thing::Lamp(lamp) => return self.lamp_stance(lamp),
+            SceneItem::Object(entry) => entry,
+            SceneItem::Lamp(lamp) => return self.lamp_placement(lamp),
         };
         let (object, instance) = self.entry(entry)?;
         let turned = |degrees: Option<[f64; 3]>, quaternion: Option<[f64; 4]>| {
@@ -109,7 +110,7 @@ impl SceneFile {
         let own_size = instance.and_then(|i| sized(i.scale, i.size_m));
         let rotation = own_rotation.or_else(|| turned(object.rotation_deg, object.quaternion));
         let position = instance.and_then(|i| i.position_m).or(object.position_m).unwrap_or_default();
-        Some(Stance {
+        Some(ItemPlacement {
             position_m: position.into(),
             rotation: rotation.unwrap_or(DQuat::IDENTITY),
             heading_deg: instance.and_then(|i| i.heading_deg).or(object.heading_deg).unwrap_or(0.0),
@@ -117,14 +118,14 @@ impl SceneFile {
         })
     }
 
-    /// Has a thing stand so. Keys whose value stays are left as they are, and so is everything of the object's other
-    /// instances.
-    pub fn put(&mut self, thing: impl Into<Thing>, to: &Stance) {
+    /// Sets the placement of an item. Keys with unchanged values are not rewritten, and other
+    /// instances stay as they are.
+    pub fn put(&mut self, thing: impl Into<SceneItem>, to: &ItemPlacement) {
         let entry = match thing.into() {
-            Thing::Object(entry) => entry,
-            Thing::Lamp(lamp) => return self.put_lamp(lamp, to),
+            SceneItem::Object(entry) => entry,
+            SceneItem::Lamp(lamp) => return self.put_lamp(lamp, to),
         };
-        let Some(from) = self.stance(entry) else { return };
+        let Some(from) = self.placement(entry) else { return };
         let object = &mut self.objects[entry.object];
         let by_quaternion = {
             let own = entry.instance.map(|i| &object.instances[i]);
@@ -137,7 +138,7 @@ impl SceneFile {
             None => keys!(object),
         };
         if to.position_m != from.position_m {
-            *keys.position_m = Some(moved(from.position_m, to.position_m));
+            *keys.position_m = Some(written_position(from.position_m, to.position_m));
         }
         if to.heading_deg != from.heading_deg {
             let heading_deg = rounded(to.heading_deg);
@@ -160,11 +161,12 @@ impl SceneFile {
         }
     }
 
-    /// What a thing is called: by its own name, or its object's and a number; without one as its model's file.
-    pub fn title(&self, of: impl Into<Thing>) -> String {
+    /// Title of an item: its own name, or its object's and a number; without a name the file name
+    /// of its model.
+    pub fn title(&self, of: impl Into<SceneItem>) -> String {
         let entry = match of.into() {
-            Thing::Object(entry) => entry,
-            Thing::Lamp(lamp) => return format!("lamp {}", lamp + 1),
+            SceneItem::Object(entry) => entry,
+            SceneItem::Lamp(lamp) => return format!("lamp {}", lamp + 1),
         };
         let Some((object, instance)) = self.entry(entry) else { return String::new() };
         let name = || object.title();
@@ -175,7 +177,7 @@ impl SceneFile {
         }
     }
 
-    /// Calls it something else; nothing is what it would be called without a name.
+    /// Renames an object. The title that it would have without a name is stored as no name.
     pub fn rename(&mut self, entry: Entry, name: &str) {
         let name = Some(name.to_owned()).filter(|name| !name.trim().is_empty());
         match (self.objects.get_mut(entry.object), entry.instance) {
@@ -189,11 +191,11 @@ impl SceneFile {
         }
     }
 
-    /// Puts a second one in the same place, and gives its entry. A name gets `copy` behind it.
-    pub fn duplicate(&mut self, of: impl Into<Thing>) -> Option<Thing> {
+    /// Duplicates an item in place, and returns the copy. A name gets the suffix `copy`.
+    pub fn duplicate(&mut self, of: impl Into<SceneItem>) -> Option<SceneItem> {
         let entry = match of.into() {
-            Thing::Object(entry) => entry,
-            Thing::Lamp(lamp) => return self.duplicate_lamp(lamp),
+            SceneItem::Object(entry) => entry,
+            SceneItem::Lamp(lamp) => return self.duplicate_lamp(lamp),
         };
         let title = self.title(entry);
         let taken: Vec<String> = self.entries().into_iter().map(|entry| self.title(entry)).collect();
@@ -215,11 +217,11 @@ impl SceneFile {
         }
     }
 
-    /// Takes a thing away. An object goes with the last of its instances.
-    pub fn remove(&mut self, thing: impl Into<Thing>) {
+    /// Removes an item. An object is removed with the last of its instances.
+    pub fn remove(&mut self, thing: impl Into<SceneItem>) {
         let entry = match thing.into() {
-            Thing::Object(entry) => entry,
-            Thing::Lamp(lamp) => return self.remove_lamp(lamp),
+            SceneItem::Object(entry) => entry,
+            SceneItem::Lamp(lamp) => return self.remove_lamp(lamp),
         };
         if self.entry(entry).is_none() {
             return;
@@ -233,24 +235,24 @@ impl SceneFile {
 }
 
 impl PlacedModel {
-    /// Its name, or its model's file without folder and ending.
+    /// Its name, or the file stem of its model.
     pub fn title(&self) -> String {
         let stem = || std::path::Path::new(&self.model).file_stem().unwrap_or_default().to_string_lossy().into_owned();
         self.name.clone().unwrap_or_else(stem)
     }
 }
 
-/// A place as it is written; numbers that stay are left as they are.
-pub(super) fn moved(from: DVec3, to: DVec3) -> [f64; 3] {
+/// A position for writing; unchanged components keep their bits.
+pub(super) fn written_position(from: DVec3, to: DVec3) -> [f64; 3] {
     [0, 1, 2].map(|i| if to[i] != from[i] { rounded(to[i]) } else { from[i] })
 }
 
 pub(super) fn rounded(number: f64) -> f64 {
-    // Plus nothing, since minus nothing reads oddly.
-    (number * DIGITS).round() / DIGITS + 0.0
+    // Adding zero turns −0 into 0.
+    (number * DECIMAL_ROUNDING).round() / DECIMAL_ROUNDING + 0.0
 }
 
-/// To seven digits: a model in millimetres has a scale of 0.001.
+/// Rounded to seven significant digits: a model in millimetres has a scale of 0.001.
 pub(super) fn significant(number: f64) -> f64 {
     format!("{number:.6e}").parse().unwrap_or(number)
 }
@@ -279,27 +281,30 @@ mod tests {
     const KNIFE: Entry = Entry { object: 1, instance: None };
 
     #[test]
-    fn an_instance_takes_from_its_object_and_is_written_by_itself() {
+    fn instance_inherits_from_its_object_and_is_written_separately() {
         let mut file = cases();
-        let first = file.stance(FIRST).unwrap();
+        let first = file.placement(FIRST).unwrap();
         assert_eq!((first.heading_deg, first.size), (10.0, Size::Scale(DVec3::splat(2.0))));
-        assert_eq!(file.stance(LAST).unwrap().size, Size::LargestM(0.02));
-        assert_eq!(file.stance(Entry { object: 0, instance: Some(2) }), None);
+        assert_eq!(file.placement(LAST).unwrap().size, Size::LargestM(0.02));
+        assert_eq!(file.placement(Entry { object: 0, instance: Some(2) }), None);
         let before = file.clone();
         file.put(FIRST, &first);
         assert_eq!(file, before, "what stays is not written");
 
-        file.put(FIRST, &Stance { position_m: DVec3::new(1.0, 2.0 + 0.1 + 0.2, 3.0), ..first.turned(UP, -10.0, UP) });
+        file.put(
+            FIRST,
+            &ItemPlacement { position_m: DVec3::new(1.0, 2.0 + 0.1 + 0.2, 3.0), ..first.turned(UP, -10.0, UP) },
+        );
         let mut expected = before.objects[0].instances[0].clone();
         (expected.position_m, expected.heading_deg) = (Some([1.0, 2.3, 3.0]), Some(0.0));
         assert_eq!(file.objects[0].instances[0], expected);
-        file.put(LAST, &file.stance(LAST).unwrap().scaled(DVec3::splat(1.5)));
+        file.put(LAST, &file.placement(LAST).unwrap().scaled(DVec3::splat(1.5)));
         assert_eq!(file.objects[0].instances[1].size_m, Some(0.03));
-        file.put(KNIFE, &file.stance(KNIFE).unwrap().scaled(DVec3::new(1.0, 0.001, 1.0)));
+        file.put(KNIFE, &file.placement(KNIFE).unwrap().scaled(DVec3::new(1.0, 0.001, 1.0)));
         assert_eq!(file.objects[1].scale, Some(Scale::Each([1.0, 0.001, 1.0])));
-        file.put(KNIFE, &file.stance(KNIFE).unwrap().turned(UP, 200.0, UP));
+        file.put(KNIFE, &file.placement(KNIFE).unwrap().turned(UP, 200.0, UP));
         assert_eq!(file.objects[1].heading_deg, Some(-160.0));
-        file.put(KNIFE, &file.stance(KNIFE).unwrap().turned(-UP, -160.0, UP));
+        file.put(KNIFE, &file.placement(KNIFE).unwrap().turned(-UP, -160.0, UP));
         assert_eq!(file.objects[1].heading_deg, None);
         assert_eq!(
             (&before.objects[0].instances[1].quaternion, before.objects[0].scale),
@@ -308,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_about_any_axis_is_that_turn_in_the_world() {
+    fn rotation_about_any_axis_is_that_rotation_in_the_world() {
         for (entry, axis, degrees) in [
             (FIRST, DVec3::X, 30.0),
             (LAST, DVec3::Y, -75.0),
@@ -317,17 +322,17 @@ mod tests {
         ] {
             let mut file = cases();
             let whole = |file: &SceneFile| {
-                let stance = file.stance(entry).unwrap();
-                DQuat::from_axis_angle(UP, stance.heading_deg.to_radians()) * stance.rotation
+                let placement = file.placement(entry).unwrap();
+                DQuat::from_axis_angle(UP, placement.heading_deg.to_radians()) * placement.rotation
             };
             let before = whole(&file);
-            let turned = file.stance(entry).unwrap().turned(axis, degrees, UP);
+            let turned = file.placement(entry).unwrap().turned(axis, degrees, UP);
             file.put(entry, &turned);
             let by = whole(&file) * before.conjugate();
             // Angles are written to a millionth of a degree.
             let expected = DQuat::from_axis_angle(axis, degrees.to_radians());
             assert!(by.angle_between(expected) < 1e-6, "{entry:?} {axis}: {by}");
-            // A quaternion stays one, angles stay angles.
+            // Rotations keep their representation, quaternion or angles.
             let last = &file.objects[0].instances[1];
             assert!(last.quaternion.is_some() && last.rotation_deg.is_none());
             assert!(file.objects[0].instances[0].rotation_deg.is_some() && file.objects[1].quaternion.is_none());
@@ -335,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn things_are_named_doubled_and_taken_away() {
+    fn items_are_renamed_duplicated_and_removed() {
         let mut file = cases();
         let titles = |file: &SceneFile| file.entries().into_iter().map(|entry| file.title(entry)).collect::<Vec<_>>();
         assert_eq!(titles(&file), ["case 1", "last", "knife"]);

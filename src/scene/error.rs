@@ -1,47 +1,47 @@
-//! The errors of scenes.
+//! Errors of scenes.
 
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use crate::text::{brief, reason, shown};
 
-/// Why a scene cannot be used. Each error names the file, the place in it, what was found and what is accepted.
+/// Error of a scene. Each names the file, the place in it, the value found and the accepted ones.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     /// The file is missing or cannot be read.
     #[error("{}: cannot be read: {}{}", file.display(), reason(source), named_in(needed_by))]
     Read {
         file: PathBuf,
-        /// The file that names this one.
+        /// The file that references this one.
         needed_by: Option<PathBuf>,
         source: std::io::Error,
     },
-    /// Something in the file is not as it must be.
+    /// An invalid value.
     #[error("{}: {what}: found {found}; accepted: {accepted}", file.display())]
-    Bad {
+    Invalid {
         file: PathBuf,
         /// The place, such as `meshes[2].primitives[0].attributes.POSITION` or `line 3`.
         what: String,
         found: String,
         accepted: String,
     },
-    /// The file is cut off.
+    /// The file is truncated.
     #[error("{} is incomplete ({})", file.display(), sizes(*found, *needed))]
     Incomplete { file: PathBuf, found: usize, needed: usize },
     #[error("{} is not a glTF file", file.display())]
     NotGltf { file: PathBuf },
     #[error("{} is empty (0 bytes); a .glb or .gltf file is needed: export or download it again", file.display())]
     Empty { file: PathBuf },
-    /// A library that decodes pictures or text panicked.
+    /// A decoder of pictures or text panicked.
     #[error("{}: reading it failed inside ({message}); the file is probably damaged: export it again", file.display())]
-    Inside { file: PathBuf, message: String },
+    DecoderPanic { file: PathBuf, message: String },
 }
 
 fn named_in(needed_by: &Option<PathBuf>) -> String {
     needed_by.as_ref().map(|file| format!(" (named in {})", file.display())).unwrap_or_default()
 }
 
-/// Two sizes in one unit, the largest in which they differ.
+/// Two sizes in the largest unit that distinguishes them.
 fn sizes(found: usize, needed: usize) -> String {
     let units = [(1_000_000, "MB"), (1000, "kB"), (1, "bytes")];
     let in_unit = |(bytes, name): (usize, &str)| {
@@ -54,10 +54,10 @@ fn sizes(found: usize, needed: usize) -> String {
 
 impl SceneError {
     pub(super) fn bad(file: &Path, what: impl Display, found: impl Display, accepted: impl Display) -> Self {
-        Self::Bad {
+        Self::Invalid {
             file: file.to_owned(),
             what: what.to_string(),
-            // It may be anything from a file.
+            // The text may contain anything from a file.
             found: shown(&brief(&found.to_string())),
             accepted: accepted.to_string(),
         }
@@ -69,7 +69,7 @@ mod tests {
     use super::sizes;
 
     #[test]
-    fn sizes_have_a_unit_in_which_they_differ() {
+    fn sizes_use_the_largest_unit_that_distinguishes_them() {
         let told = [(2000, 73_960), (3, 12), (73_900, 73_960), (1_000_000, 25_000_000)].map(|(a, b)| sizes(a, b));
         assert_eq!(told, ["2 of 74 kB", "3 of 12 bytes", "73900 of 73960 bytes", "1 of 25 MB"]);
     }

@@ -17,8 +17,8 @@ pub(super) const AVIF: &str = "EXT_texture_avif";
 pub(super) const KTX2: &str = "KHR_texture_basisu";
 pub(super) const WEBP: &str = "EXT_texture_webp";
 
-/// Extensions that a command of glTF Transform (`npm install --global @gltf-transform/cli`) writes as plain glTF 2.0:
-/// the command, and what follows the two files.
+/// Extensions that a glTF Transform command (`npm install --global @gltf-transform/cli`) converts
+/// to plain glTF 2.0: the command, and its arguments after the two files.
 const CONVERSIONS: [(&str, &str, &str); 6] = [
     ("KHR_draco_mesh_compression", "copy", ""),
     ("EXT_meshopt_compression", "copy", ""),
@@ -32,7 +32,7 @@ pub(super) fn is_supported(name: &str) -> bool {
     SUPPORTED.contains(&name)
 }
 
-/// What converts a file that uses this extension, as a clause.
+/// Advice for converting a file that uses this extension, as a clause.
 pub(super) fn conversion(name: &str, file: &Path) -> Option<String> {
     let (_, command, options) = CONVERSIONS.iter().find(|(known, ..)| *known == name)?;
     let stem = file.file_stem().unwrap_or_default().to_string_lossy();
@@ -41,7 +41,7 @@ pub(super) fn conversion(name: &str, file: &Path) -> Option<String> {
     Some(format!("`gltf-transform {command} {from} {to}{options}` converts it"))
 }
 
-/// `text`, and what converts the file if something does.
+/// `text`, followed by conversion advice if there is any.
 pub(super) fn with_conversion(text: impl Into<String>, name: &str, file: &Path) -> String {
     let text = text.into();
     conversion(name, file).map_or(text.clone(), |conversion| format!("{text}; {conversion}"))

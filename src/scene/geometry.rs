@@ -1,4 +1,4 @@
-//! Triangles, normals and tangents that a file leaves out.
+//! Triangulation, and computation of missing normals and tangents.
 
 use std::collections::HashMap;
 
@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3, Vec3};
 
 use super::{TextureUse, Vertex};
 
-/// How the vertices of a primitive make triangles (glTF 2.0, section 3.7.2.1).
+/// Primitive topology (glTF 2.0, section 3.7.2.1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Assembly {
     List,
@@ -14,8 +14,8 @@ pub(super) enum Assembly {
     Fan,
 }
 
-/// Three indices per triangle, with the winding of the first. Triangles of a strip or fan that repeat a vertex are left
-/// out: they only join pieces. So are corners of a list that make no whole triangle.
+/// Three indices per triangle, with the winding of the first. Degenerate triangles of strips and
+/// fans, which only join pieces, are removed, as are incomplete triangles at the end of a list.
 pub(super) fn triangles(assembly: Assembly, mut indices: Vec<u32>) -> Vec<u32> {
     let keep = |t: &[u32; 3]| t[0] != t[1] && t[1] != t[2] && t[0] != t[2];
     match assembly {
@@ -37,13 +37,13 @@ pub(super) fn triangles(assembly: Assembly, mut indices: Vec<u32>) -> Vec<u32> {
     }
 }
 
-/// Gives each triangle its own vertices with its plane's normal (glTF 2.0, section 3.7.2.1: a mesh without normals is
-/// flat).
-pub(super) fn flat(vertices: &[Vertex], indices: &[u32]) -> (Vec<Vertex>, Vec<u32>) {
+/// Unshares vertices and sets face normals (glTF 2.0, section 3.7.2.1: a mesh without normals is
+/// flat-shaded).
+pub(super) fn flat_shaded(vertices: &[Vertex], indices: &[u32]) -> (Vec<Vertex>, Vec<u32>) {
     let mut out = Vec::with_capacity(indices.len());
     for triangle in indices.chunks_exact(3) {
         let corners = [0, 1, 2].map(|i| vertices[triangle[i] as usize]);
-        let normal = unit_or(doubled_area(&corners), DVec3::Z).as_vec3().to_array();
+        let normal = unit_or(doubled_area_normal(&corners), DVec3::Z).as_vec3().to_array();
         out.extend(corners.map(|vertex| Vertex { normal, ..vertex }));
     }
     let indices = (0..out.len() as u32).collect();
@@ -54,7 +54,7 @@ pub(super) fn flat(vertices: &[Vertex], indices: &[u32]) -> (Vec<Vertex>, Vec<u3
 pub(super) fn fill_normals(vertices: &mut [Vertex], indices: &[u32]) {
     let mut sums = vec![DVec3::ZERO; vertices.len()];
     for triangle in indices.chunks_exact(3) {
-        let area = doubled_area(&[0, 1, 2].map(|i| vertices[triangle[i] as usize]));
+        let area = doubled_area_normal(&[0, 1, 2].map(|i| vertices[triangle[i] as usize]));
         triangle.iter().for_each(|&i| sums[i as usize] += area);
     }
     for (vertex, sum) in vertices.iter_mut().zip(sums).filter(|(v, _)| v.normal == [0.0; 3]) {
@@ -62,17 +62,18 @@ pub(super) fn fill_normals(vertices: &mut [Vertex], indices: &[u32]) {
     }
 }
 
-/// Sets tangents for a normal map: each triangle's direction of increasing u, weighted by its area, summed at its
-/// vertices and made perpendicular to their normals (Lengyel 2001, *Computing Tangent Space Basis Vectors*). A vertex
-/// where mirrored and unmirrored texture meet is split. MikkTSpace weights by angle and splits more: maps baked for it
-/// are slightly off where a vertex's triangles differ much in direction.
+/// Computes tangents for a normal map: each triangle's direction of increasing u, weighted by area,
+/// summed per vertex and orthogonalized to the normal (Lengyel 2001, *Computing Tangent Space Basis
+/// Vectors*). Vertices between mirrored and unmirrored texture are split. MikkTSpace weights by
+/// angle and splits more: maps baked for it are slightly off where the triangles of a vertex differ
+/// much in direction.
 pub(super) fn tangents(vertices: &mut Vec<Vertex>, indices: &mut [u32], map: &TextureUse) {
     let uv = |v: &Vertex| {
         let [u, v] = if map.uv_set == 0 { v.uv0 } else { v.uv1 };
         let row = |r: [f32; 3]| f64::from(r[0]) * f64::from(u) + f64::from(r[1]) * f64::from(v);
         DVec2::new(row(map.transform[0]), row(map.transform[1]))
     };
-    // One sum for each vertex and side; the first side seen keeps the vertex.
+    // One sum per vertex and handedness; the first handedness keeps the vertex.
     let mut side_of = vec![0i8; vertices.len()];
     let mut split: HashMap<u32, u32> = HashMap::new();
     let mut sums = vec![DVec3::ZERO; vertices.len()];
@@ -113,19 +114,19 @@ fn position(vertex: &Vertex) -> DVec3 {
     Vec3::from(vertex.position).as_dvec3()
 }
 
-/// Points away from the triangle's front; its length is twice the area.
-fn doubled_area(corners: &[Vertex; 3]) -> DVec3 {
+/// Face normal with twice the area as length.
+fn doubled_area_normal(corners: &[Vertex; 3]) -> DVec3 {
     let [a, b, c] = corners.each_ref().map(position);
     (b - a).cross(c - a)
 }
 
 fn unit_or(v: DVec3, other: DVec3) -> DVec3 {
-    // Scaled first: the square of a tiny triangle's area underflows.
+    // Scaled first: the squared area of a tiny triangle underflows.
     let largest = v.abs().max_element();
     if largest > 0.0 && largest.is_finite() { (v / largest).normalize() } else { other }
 }
 
-/// Unit direction and a side of exactly ±1; zero if the file's tangent has no length.
+/// Unit tangent with a handedness of exactly ±1; zero if the file's tangent has no length.
 pub(super) fn unit_tangent([x, y, z, side]: [f32; 4]) -> [f32; 4] {
     match Vec3::new(x, y, z).try_normalize() {
         Some(direction) => direction.extend(if side < 0.0 { -1.0 } else { 1.0 }).to_array(),
@@ -145,7 +146,7 @@ mod tests {
     const PLAIN: TextureUse = TextureUse { texture: 0, uv_set: 0, transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] };
 
     #[test]
-    fn a_strip_keeps_its_winding() {
+    fn strip_keeps_its_winding() {
         // 1-3-5
         // |\|\|   all counter-clockwise
         // 0-2-4
@@ -155,16 +156,16 @@ mod tests {
     }
 
     #[test]
-    fn a_fan_turns_about_its_first_vertex() {
+    fn fan_triangles_share_the_first_vertex() {
         assert_eq!(triangles(Assembly::Fan, vec![9, 1, 2, 3]), [1, 2, 9, 2, 3, 9]);
         assert!(triangles(Assembly::Fan, vec![]).is_empty());
     }
 
     #[test]
-    fn flat_normals_point_to_where_corners_turn_counter_clockwise() {
+    fn flat_normals_follow_counter_clockwise_winding() {
         let tiny = 1e-30; // its squared area is 0 in single precision
         let corners = [[0.0; 3], [tiny, 0.0, 0.0], [0.0, tiny, 0.0]].map(|p| vertex(p, [0.0; 2]));
-        let (vertices, indices) = flat(&corners, &[0, 1, 2, 2, 1, 0]);
+        let (vertices, indices) = flat_shaded(&corners, &[0, 1, 2, 2, 1, 0]);
         assert_eq!(indices, [0, 1, 2, 3, 4, 5]);
         assert_eq!(vertices[0].normal, [0.0, 0.0, 1.0]);
         assert_eq!(vertices[5].normal, [0.0, 0.0, -1.0]);
@@ -197,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vertex_between_mirrored_halves_is_split() {
+    fn vertex_between_mirrored_halves_is_split() {
         let p = [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [-1.0, 0.0]];
         // u grows away from the middle on both sides.
         let mut vertices: Vec<_> = p.map(|[x, y]| vertex([x, y, 0.0], [x.abs(), 1.0 - y])).into();

@@ -1,4 +1,4 @@
-//! Opens a glTF file and reads its buffers; every look-up in it is checked.
+//! Opens a glTF file and reads its buffers with bounds checks.
 
 use std::borrow::Cow;
 use std::cell::{OnceCell, RefCell};
@@ -11,16 +11,16 @@ use super::bytes::{self, MAX_FILE_BYTES};
 use super::schema::{Accessor, ExtensionNames, Head, Root};
 use super::{SceneError, extension, schema};
 
-/// An accessor without a buffer view takes no space in the file, so its length is limited.
+/// Length limit of an accessor without a buffer view, which takes no space in the file.
 const MAX_COUNT_WITHOUT_BYTES: usize = 1 << 20;
 
 /// A glTF file: its JSON and its buffers.
 pub(super) struct Gltf {
     pub file: PathBuf,
     pub json: Root,
-    /// The binary chunk of a GLB container, until it is taken for the first buffer.
+    /// Binary chunk of a GLB container, until it is taken as the first buffer.
     chunk: RefCell<Option<Vec<u8>>>,
-    /// Each is read at its first use.
+    /// Loaded on first use.
     buffers: Vec<OnceCell<Vec<u8>>>,
 }
 
@@ -32,14 +32,14 @@ impl Gltf {
         }
         let (json, chunk) = bytes::split_glb(file, &bytes)?;
         let json = bytes::without_byte_order_mark(json);
-        // The version first: the JSON of another one has other types.
+        // The version is checked first: the JSON of other versions has other types.
         if let Ok(Head { asset }) = serde_json::from_slice(json) {
             check_version(file, &asset.version)?;
         }
         let parsed = serde_json::from_slice(json)
             .or_else(|error| serde_json::from_slice(&with_plain_integers(json)).map_err(|_| error));
         let json: Root = parsed.map_err(|error| {
-            let kind = bytes::other_kind(&bytes);
+            let kind = bytes::other_format_advice(&bytes);
             if kind.is_none() && !json.trim_ascii_start().starts_with(b"{") {
                 return SceneError::NotGltf { file: file.to_owned() };
             }
@@ -53,11 +53,11 @@ impl Gltf {
         Ok(gltf)
     }
 
-    /// The file itself and the files that it names.
+    /// The file itself and all referenced files.
     pub fn files(&self) -> impl Iterator<Item = PathBuf> {
         let images = self.json.images.iter().filter_map(|image| image.uri.as_deref());
         let uris = self.json.buffers.iter().filter_map(|buffer| buffer.uri.as_deref()).chain(images);
-        let named = uris.filter_map(|uri| bytes::beside(&self.file, uri));
+        let named = uris.filter_map(|uri| bytes::relative_file(&self.file, uri));
         std::iter::once(self.file.clone()).chain(named)
     }
 
@@ -84,14 +84,14 @@ impl Gltf {
         Err(self.bad("extensionsRequired", name, accepted))
     }
 
-    /// The error of a part of the file whose content is in an unsupported extension, if it names one.
+    /// Error for content that is only available in an unsupported extension, if there is one.
     pub fn only_in_extension(&self, what: &str, extensions: &ExtensionNames, accepted: &str) -> Result<(), SceneError> {
         let Some(name) = extensions.keys().find(|name| !extension::is_supported(name)) else { return Ok(()) };
         let found = format!("its content in {name} only, which is not supported");
         Err(self.bad(what, found, extension::with_conversion(accepted, name, &self.file)))
     }
 
-    /// The bytes of a buffer, which `what` names.
+    /// Bytes of a buffer; `what` is its place for errors.
     fn buffer(&self, index: usize, what: &str) -> Result<&[u8], SceneError> {
         let buffer = self.get(&self.json.buffers, "buffers", index, what)?;
         if let Some(bytes) = self.buffers[index].get() {
@@ -155,8 +155,8 @@ impl Gltf {
         Ok(rows)
     }
 
-    /// The accessor's elements as numbers; `what` is the place that names it. Missing components up to N are set to
-    /// `fill`. Normalized integers become -1 to 1 (glTF 2.0, section 3.6.2.2).
+    /// The accessor's elements as numbers; `what` is its place for errors. Missing components up to
+    /// N are set to `fill`. Normalized integers become -1 to 1 (glTF 2.0, section 3.6.2.2).
     pub fn numbers<const N: usize>(
         &self,
         index: usize,
@@ -200,12 +200,12 @@ impl Gltf {
         Ok(indices)
     }
 
-    /// The number of elements that an accessor declares; nothing is read.
+    /// Number of elements declared by an accessor, without reading them.
     pub fn count(&self, index: usize, what: &str) -> Result<usize, SceneError> {
         Ok(self.get(&self.json.accessors, "accessors", index, what)?.count)
     }
 
-    /// Whether the file has bytes for an accessor, which otherwise is all zeros.
+    /// True if an accessor has bytes in the file; otherwise all its elements are zero.
     pub fn has_bytes(&self, index: usize, what: &str) -> Result<bool, SceneError> {
         let accessor = self.get(&self.json.accessors, "accessors", index, what)?;
         Ok(accessor.buffer_view.is_some() || accessor.sparse.is_some())
@@ -263,7 +263,7 @@ impl Gltf {
         Ok(())
     }
 
-    /// `count` elements of `size` bytes, `offset` bytes into a view, without the gaps between them.
+    /// `count` elements of `size` bytes, `offset` bytes into a view, tightly packed.
     fn packed(&self, view: usize, offset: usize, count: usize, size: usize, what: &str) -> Result<Vec<u8>, SceneError> {
         let (bytes, stride) = self.view(view, what)?;
         let stride = if stride == 0 { size } else { stride };
@@ -273,7 +273,7 @@ impl Gltf {
         if count == 0 {
             return Ok(Vec::new());
         }
-        // The last element need not be followed by a whole stride.
+        // The last element may lack the padding of its stride.
         let end = (count - 1).checked_mul(stride).and_then(|n| n.checked_add(size)).and_then(|n| n.checked_add(offset));
         let part = end.and_then(|end| bytes.get(offset..end)).ok_or_else(|| {
             let found = format!("{count} elements of {size} bytes, {stride} apart, from byte {offset}");
@@ -295,15 +295,15 @@ fn check_version(file: &Path, version: &Value) -> Result<(), SceneError> {
     let version = version.as_str().map_or_else(|| version.to_string(), str::to_owned);
     match version.split('.').next() {
         Some("2") => Ok(()),
-        Some("1") => Err(bytes::old_gltf(file, "asset.version", format!("glTF {version}"))),
+        Some("1") => Err(bytes::gltf_1_error(file, "asset.version", format!("glTF {version}"))),
         _ => Err(SceneError::bad(file, "asset.version", format!("{version:?}"), "2.0")),
     }
 }
 
-/// JSON in which integers that are written as `4.0` or `4e0` are written as `4`; JSON does not tell them apart
-/// (RFC 8259, section 6), but what reads it here does.
+/// Rewrites integers in the form `4.0` or `4e0` as `4`. JSON does not distinguish them (RFC 8259,
+/// section 6), but the parser does.
 fn with_plain_integers(json: &[u8]) -> Cow<'_, [u8]> {
-    /// Above it not every integer is a number of double precision.
+    /// Largest magnitude up to which every integer is exact in double precision.
     const MAX_EXACT: f64 = 9_007_199_254_740_992.0;
     let mut out = Vec::new();
     let (mut copied, mut at) = (0, 0);
@@ -345,7 +345,7 @@ struct Elements {
     count: usize,
 }
 
-/// Components of an element. Unknown types, which give 1, were already refused by `shapes`.
+/// Number of components of an element. Unknown types (1 here) were already rejected by `shapes`.
 fn components(shape: &str) -> usize {
     match shape {
         "VEC2" => 2,
@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn integers_become_numbers_as_gltf_says() {
+    fn normalized_integers_convert_as_specified_by_gltf() {
         assert_eq!(Component::U8.number(&[255], true), 1.0);
         assert_eq!(Component::I8.number(&[0x80], true), -1.0);
         assert_eq!(Component::I8.number(&[0x80], false), -128.0);

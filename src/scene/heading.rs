@@ -1,74 +1,78 @@
-//! Which way a thing faces: its heading, about the world's up.
+//! Heading of an object: its rotation about the world's up.
 //!
-//! A model's front is its +z, as glTF has it. One that lies on its back is looked at like a page on a table: then its front is
-//! the page's foot, −y.
+//! A model's front is its +z (glTF). A model lying on its back is viewed like a page on a table:
+//! its front is the foot of the page, −y.
 
 use glam::{DQuat, DVec3};
 
 use super::document::{Entry, SceneFile};
-use super::place::turn_up;
+use super::place::shortest_rotation;
 
-/// How a thing is turned when it is laid.
+/// Heading of an object being placed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Heading {
-    /// From how it comes, degrees, counter-clockwise seen from above.
+    /// Relative to the model's default, degrees, counter-clockwise seen from above.
     Deg(f64),
-    /// From facing a direction of the world, whose level part counts; 0 degrees: it faces it.
+    /// Relative to facing the horizontal part of a world direction; 0 degrees faces it.
     Towards { direction: DVec3, turned_deg: f64 },
 }
 
-/// Of a heading that is found, degrees.
-const DIGITS: f64 = 10.0;
-/// What looks up or down more steeply than this has no heading: the sine.
-const STEEP: f64 = 0.05;
+/// Decimal factor for rounding computed headings, degrees.
+const DEGREE_ROUNDING: f64 = 10.0;
+/// Minimum length of the horizontal part of a unit direction that has a heading.
+const MIN_HORIZONTAL_LENGTH: f64 = 0.05;
 
 impl Heading {
-    /// As a scene file has it.
+    /// Value for the scene file.
     pub(super) fn degrees(self, model_up: DVec3, world_up: DVec3) -> f64 {
         match self {
             Self::Deg(degrees) => degrees,
             Self::Towards { direction, turned_deg } => {
-                let unturned = turn_up(model_up, world_up) * front(model_up);
-                let found = turn(unturned, direction, world_up).unwrap_or(0.0);
-                (within_a_turn(found + turned_deg) * DIGITS).round() / DIGITS
+                let unturned = shortest_rotation(model_up, world_up) * model_front(model_up);
+                let found = horizontal_angle_deg(unturned, direction, world_up).unwrap_or(0.0);
+                (wrapped_degrees(found + turned_deg) * DEGREE_ROUNDING).round() / DEGREE_ROUNDING
             }
         }
     }
 }
 
 impl SceneFile {
-    /// How far a thing is turned about the world's up, by its heading and its rotation together: above −180° to 180°. `None` if
-    /// there is no such entry.
+    /// Rotation of an object about the world's up, by heading and rotation combined, in (−180°,
+    /// 180°]. `None` if there is no such entry.
     pub fn heading_deg(&self, entry: Entry, world_up: DVec3) -> Option<f64> {
-        let stance = self.stance(entry)?;
+        let placement = self.placement(entry)?;
         let model_up = match self.objects[entry.object].up {
             Some(up) => up.axis(std::path::Path::new(""), "up").ok()?,
             None => DVec3::Y,
         };
-        let unturned = turn_up(model_up, world_up);
-        let rotated = DQuat::from_axis_angle(world_up, stance.heading_deg.to_radians()) * stance.rotation * unturned;
-        // What looks up or down is told by its side, which is level then.
-        [front(model_up), DVec3::X, model_up]
+        let unturned = shortest_rotation(model_up, world_up);
+        let rotated =
+            DQuat::from_axis_angle(world_up, placement.heading_deg.to_radians()) * placement.rotation * unturned;
+        // If the front is vertical, the side axis, which is then horizontal, is used.
+        [model_front(model_up), DVec3::X, model_up]
             .into_iter()
-            .find_map(|side| turn(unturned * side, rotated * side, world_up))
-            .map(within_a_turn)
+            .find_map(|side| horizontal_angle_deg(unturned * side, rotated * side, world_up))
+            .map(wrapped_degrees)
     }
 }
 
-/// In a model's axes.
-fn front(model_up: DVec3) -> DVec3 {
+/// Front in the model's axes.
+fn model_front(model_up: DVec3) -> DVec3 {
     if model_up.z.abs() > 0.7 { DVec3::NEG_Y } else { DVec3::Z }
 }
 
-/// The turn about `up` that takes one direction's level part to another's, degrees. `None` where one has none.
-fn turn(from: DVec3, to: DVec3, up: DVec3) -> Option<f64> {
-    let level = |v: DVec3| Some(v.normalize_or_zero().reject_from_normalized(up)).filter(|v| v.length() > STEEP);
+/// Angle about `up` between the horizontal parts of two directions, degrees. `None` if one has
+/// none.
+fn horizontal_angle_deg(from: DVec3, to: DVec3, up: DVec3) -> Option<f64> {
+    let level = |v: DVec3| {
+        Some(v.normalize_or_zero().reject_from_normalized(up)).filter(|v| v.length() > MIN_HORIZONTAL_LENGTH)
+    };
     let (from, to) = (level(from)?, level(to)?);
     Some(up.dot(from.cross(to)).atan2(from.dot(to)).to_degrees())
 }
 
-/// Above −180°, up to 180°, as people give it.
-pub(super) fn within_a_turn(degrees: f64) -> f64 {
+/// Wrapped to (−180°, 180°].
+pub(super) fn wrapped_degrees(degrees: f64) -> f64 {
     180.0 - (180.0 - degrees).rem_euclid(360.0)
 }
 
@@ -77,24 +81,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_front_turns_to_whoever_looks() {
-        // Y up to z up: the front comes to look along −y.
+    fn front_faces_the_viewer() {
+        // Y up to z up: the front turns to −y.
         let facing =
             |direction: DVec3, turned_deg| Heading::Towards { direction, turned_deg }.degrees(DVec3::Y, DVec3::Z);
         assert_eq!(facing(DVec3::new(0.0, -3.0, 2.0), 0.0), 0.0);
         assert_eq!(facing(DVec3::new(1.0, 0.0, 9.0), 0.0), 90.0);
         assert_eq!(facing(DVec3::new(0.0, 1.0, 0.5), 0.0), 180.0);
         assert_eq!(facing(DVec3::new(-1.0, -1.0, 0.5), 30.0), -15.0);
-        // On its back its foot does: −y stays −y.
+        // On its back its foot faces −y: −y stays −y.
         let page = Heading::Towards { direction: DVec3::new(1.0, 0.0, 1.0), turned_deg: 0.0 };
         assert_eq!(page.degrees(DVec3::Z, DVec3::Z), 90.0);
-        // From right above there is none.
+        // Seen from directly above there is no heading.
         assert_eq!(facing(DVec3::Z, 0.0), 0.0);
         assert_eq!(Heading::Deg(270.0).degrees(DVec3::Y, DVec3::Z), 270.0);
     }
 
     #[test]
-    fn the_heading_is_that_of_rotation_and_heading_together() {
+    fn heading_combines_rotation_and_heading() {
         let text = "version = 1\n[[objects]]\nmodel = \"a.glb\"\nheading_deg = 10\n\
                     [[objects.instances]]\nrotation_deg = [0, 0, 35]\n\
                     [[objects.instances]]\nrotation_deg = [90, 0, 35]\n\

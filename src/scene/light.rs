@@ -1,25 +1,26 @@
-//! The default light, and the brightness of light in lux.
+//! Default lighting, and photometric scale in lux.
 
 use glam::{DVec2, DVec3, Vec3};
 
 use super::document::{Color, LightTable, SunTable};
 use super::{Environment, Lighting, Sun};
 
-/// Illuminance at which a white matt surface is the camera's white: an office.
+/// Illuminance under which a white diffuse surface is the camera's white: an office.
 pub(super) const DEFAULT_WHITE_LX: f64 = 500.0;
 
-/// The sun's own diameter: 0.53°.
+/// Angular diameter of the sun: 0.53°.
 pub(super) const SUN_RAD: f32 = 0.00925;
 
 /// A bulb's diameter, metres.
-pub(super) const BULB_M: f64 = 0.06;
+pub(super) const BULB_DIAMETER_M: f64 = 0.06;
 
-/// Where nobody said from where the light comes, it comes from half of the sky: no shadow shows a direction that was guessed.
-const GUESSED_RAD: f32 = 1.75;
+/// Angular diameter of the default sun, half of the sky: the shadows have no definite direction,
+/// since it is unknown.
+const DEFAULT_SUN_RAD: f32 = 1.75;
 
-/// The light of a scene that has none of its own.
+/// Lighting of a scene that specifies none.
 pub(super) fn default_lighting(world_up: DVec3) -> Lighting {
-    // 35° off towards the world axis least aligned with up; the first one if equal.
+    // 35° from up, towards the world axis least aligned with up; the first one in a tie.
     let axis = [DVec3::X, DVec3::Y, DVec3::Z]
         .into_iter()
         .reduce(|best, axis| if axis.dot(world_up).abs() < best.dot(world_up).abs() { axis } else { best })
@@ -28,21 +29,21 @@ pub(super) fn default_lighting(world_up: DVec3) -> Lighting {
     let DVec2 { x: up_part, y: side_part } = DVec2::from_angle(35f64.to_radians());
     let towards_light_in_world = (world_up * up_part + sideways * side_part).as_vec3();
     Lighting {
-        suns: vec![Sun { towards_light_in_world, color: Vec3::splat(0.6), diameter_rad: GUESSED_RAD }],
+        suns: vec![Sun { towards_light_in_world, color: Vec3::splat(0.6), diameter_rad: DEFAULT_SUN_RAD }],
         points: Vec::new(),
         environment: Environment::Uniform(Vec3::splat(0.55)),
     }
 }
 
 impl LightTable {
-    /// Whether a scene file says nothing of where light comes from.
-    pub fn says_none(&self) -> bool {
+    /// True if a scene file specifies no light.
+    pub fn is_unspecified(&self) -> bool {
         self.environment.is_none() && self.ambient.is_none() && self.sun.is_empty() && self.lamp.is_empty()
     }
 
-    /// Says in a scene file the light that the scene has as long as it says none.
-    pub fn say_guessed(&mut self, world_up: DVec3) {
-        // f32 has seven digits; the last are its own.
+    /// Writes the default light, which applies if none is specified, to a scene file.
+    pub fn write_default(&mut self, world_up: DVec3) {
+        // f32 has seven digits; further ones are rounding errors.
         let short = |n: f64| (n * 1e4).round() / 1e4;
         let Lighting { suns, environment, .. } = default_lighting(world_up);
         if let Environment::Uniform(color) = environment {
@@ -59,7 +60,7 @@ impl LightTable {
 }
 
 impl Lighting {
-    /// Whether there is no light at all.
+    /// True if there is no light.
     pub(super) fn is_dark(&self) -> bool {
         self.suns.is_empty()
             && self.points.is_empty()
@@ -72,19 +73,22 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::scene::{LitBy, SceneFile, load_file};
+    use crate::scene::{LightingOrigin, SceneFile, load_file};
 
     #[test]
-    fn a_guessed_light_that_is_said_shines_as_before() {
+    fn written_default_light_equals_the_implicit_one() {
         for up in [DVec3::Z, DVec3::NEG_Y, DVec3::new(0.1, 0.2, 0.97).normalize()] {
             let mut file = SceneFile::default();
             let load = |file: &SceneFile| load_file(file, Path::new("scene.toml"), Some(up)).unwrap();
             let unsaid = load(&file);
-            assert!(file.light.says_none());
-            file.light.say_guessed(up);
-            assert!(!file.light.says_none());
+            assert!(file.light.is_unspecified());
+            file.light.write_default(up);
+            assert!(!file.light.is_unspecified());
             let said = load(&file);
-            assert_eq!((unsaid.lit_by, said.lit_by), (LitBy::Nobody, LitBy::Scene));
+            assert_eq!(
+                (unsaid.lighting_origin, said.lighting_origin),
+                (LightingOrigin::Default, LightingOrigin::Scene)
+            );
             assert_eq!(said.lighting.environment, unsaid.lighting.environment);
             let ([is], [was]) = (&said.lighting.suns[..], &unsaid.lighting.suns[..]) else { panic!("one sun") };
             assert!(is.towards_light_in_world.angle_between(was.towards_light_in_world) < 1e-3);

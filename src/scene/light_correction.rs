@@ -4,11 +4,11 @@ use glam::Vec3;
 
 use super::document::{Color, LightTable};
 
-/// Uncertainty of the scale, ln: white things reflect 0.7 to 0.9, and light that was estimated at a
-/// place is off by as much again (docs/light.md).
-const UNCERTAINTY: f64 = 0.17;
+/// Uncertainty of the scale, ln: white surfaces reflect 0.7 to 0.9, and light estimated at a place
+/// has an error of the same size (docs/light.md).
+const SCALE_UNCERTAINTY_LN: f64 = 0.17;
 
-/// One factor, and a colour of geometric mean 1.
+/// A scale, and a tint with geometric mean 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightCorrection {
     pub scale: f64,
@@ -16,18 +16,19 @@ pub struct LightCorrection {
 }
 
 impl LightCorrection {
-    /// The geometric mean of each surface's factors (red, green, blue), and the interval of its scale,
-    /// which holds every surface's own.
+    /// The geometric mean of each surface's factors (red, green, blue), and the interval of the
+    /// scale, which contains every surface's own.
     pub fn mean_of(factors: &[[f64; 3]]) -> (Self, [f64; 2]) {
         let count = factors.len().max(1) as f64;
         let ln = |factors: &[f64; 3]| factors.iter().map(|factor| factor.ln()).sum::<f64>() / 3.0;
         let mean = factors.iter().map(ln).sum::<f64>() / count;
-        let off = factors.iter().map(|factors| (ln(factors) - mean).abs()).fold(UNCERTAINTY, f64::max);
+        let off = factors.iter().map(|factors| (ln(factors) - mean).abs()).fold(SCALE_UNCERTAINTY_LN, f64::max);
         let tint = [0, 1, 2].map(|c| (factors.iter().map(|factors| factors[c].ln()).sum::<f64>() / count - mean).exp());
         (Self { scale: mean.exp(), tint }, [mean - off, mean + off].map(f64::exp))
     }
 
-    /// Multiplies the light of a scene's file: the scale goes into intensities, the tint into colours.
+    /// Multiplies the light of a scene file: the scale goes into intensities, the tint into
+    /// colours.
     pub fn apply(&self, light: &mut LightTable) {
         let scaled = |intensity: Option<f64>| Some(rounded(intensity.unwrap_or(1.0) * self.scale));
         let tinted = |color: Option<Color>, scale: f64| {
@@ -50,7 +51,7 @@ impl LightCorrection {
     }
 }
 
-/// Four significant digits.
+/// Rounded to four significant digits.
 fn rounded(value: f64) -> f64 {
     format!("{value:.3e}").parse().unwrap_or(value)
 }
@@ -64,7 +65,7 @@ mod tests {
     fn correction_by_several_surfaces_is_their_geometric_mean_within_their_spread() {
         let (correction, [low, high]) = LightCorrection::mean_of(&[[1.2; 3]]);
         assert!(
-            (correction.scale - 1.2).abs() < 1e-12 && (high / 1.2 - UNCERTAINTY.exp()).abs() < 1e-9,
+            (correction.scale - 1.2).abs() < 1e-12 && (high / 1.2 - SCALE_UNCERTAINTY_LN.exp()).abs() < 1e-9,
             "{low} {high}"
         );
         // √(0.8 · 1.8) = 1.2, and from 0.8 to 1.8.
@@ -100,7 +101,7 @@ mod tests {
         let mut bright = LightTable { environment_intensity: Some(0.00004), ..light.clone() };
         LightCorrection { scale: 1.2, tint: [1.0; 3] }.apply(&mut bright);
         assert_eq!(bright.environment_intensity, Some(0.000048));
-        // Even light has no intensity of its own.
+        // Uniform light has no intensity of its own.
         let mut even = LightTable { ambient: Some(Color::Grey(0.5)), ..LightTable::default() };
         correction.apply(&mut even);
         assert_eq!((even.ambient, even.environment_intensity), (Some(Color::Rgb([1.1, 0.55, 0.275])), None));

@@ -1,4 +1,4 @@
-//! From a path to a scene.
+//! Loads a scene from a path.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -8,39 +8,41 @@ use glam::DVec3;
 use super::document::SceneFile;
 use super::light::{DEFAULT_WHITE_LX, default_lighting};
 use super::loader::Loader;
-use super::models::MissingModels;
-use super::{Lighting, LitBy, Models, Object, Scene, SceneError, bytes, document, model, scene_file};
+use super::model_cache::MissingModels;
+use super::{Lighting, LightingOrigin, ModelCache, Object, Scene, SceneError, bytes, document, model, scene_file};
 
-/// Reads what is to be put into the room.
+/// Loads a model or a scene file.
 ///
-/// A `.glb` or `.gltf` file is one object whose coordinates are the world's, unchanged. A `.toml` file is a scene file;
-/// docs/scenes.md has its keys. `world_up` is the recording's up, if it has one; a scene file's own `up` overrides it.
+/// A `.glb` or `.gltf` file is one object whose coordinates are the world's, unchanged. A `.toml`
+/// file is a scene file; docs/scenes.md documents its keys. `world_up` is the recording's up, if it
+/// has one; a scene file's own `up` overrides it.
 ///
-/// Without any light a white matt surface facing up shows about 1: ambient 0.55 and a sun of 0.6, 35° off the world's
-/// up. For a model alone with unknown up: ambient 1.
+/// Without any light, a white diffuse surface facing up has a radiance of about 1: ambient 0.55 and
+/// a sun of 0.6, 35° off the world's up. For a model alone with unknown up: ambient 1.
 ///
-/// No input makes it panic or exceed its memory limits: 1 GiB per file, 16384 pixels a side and 2^28 pixels in all
-/// textures, 2^24 vertices, 2^26 indices, 2^20 placed meshes, 2^14 objects.
+/// No input causes a panic or exceeds the memory limits: 1 GiB per file, 16384 pixels a side and
+/// 2^28 pixels in all textures, 2^24 vertices, 2^26 indices, 2^20 placed meshes, 2^14 objects.
 pub fn load(path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneError> {
     load_with(path, world_up, MissingModels::Refuse)
 }
 
-/// Like [`load`]; `missing_models` says whether a missing model refuses the scene.
+/// Like [`load`], with a policy for missing models.
 pub fn load_with(path: &Path, world_up: Option<DVec3>, missing_models: MissingModels) -> Result<Scene, SceneError> {
     guarded(path, || load_unguarded(Loader { missing_models, ..Loader::default() }, path, world_up))
 }
 
-/// Like [`load`], for the contents of a scene file. `path` is where it is or would be; models are found relative to it.
+/// Loads the contents of a scene file. `path` is its (possible) location; models are found relative
+/// to it.
 pub fn load_file(file: &SceneFile, path: &Path, world_up: Option<DVec3>) -> Result<Scene, SceneError> {
-    load_file_with(file, path, world_up, &mut Models::default(), MissingModels::Refuse)
+    load_file_with(file, path, world_up, &mut ModelCache::default(), MissingModels::Refuse)
 }
 
-/// Like [`load_file`]; models that `models` keeps are not read again unless their files have changed.
+/// Like [`load_file`], with a cache: cached models are read again only if their files have changed.
 pub fn load_file_with(
     file: &SceneFile,
     path: &Path,
     world_up: Option<DVec3>,
-    models: &mut Models,
+    models: &mut ModelCache,
     missing_models: MissingModels,
 ) -> Result<Scene, SceneError> {
     let kept = std::mem::take(models);
@@ -53,15 +55,15 @@ pub fn load_file_with(
 }
 
 fn guarded(path: &Path, load: impl FnOnce() -> Result<Scene, SceneError>) -> Result<Scene, SceneError> {
-    // The checks below should leave no panic; this is for what they, or a decoder, miss.
+    // The checks below should prevent any panic; this catches those that they, or a decoder, miss.
     catch_unwind(AssertUnwindSafe(load)).unwrap_or_else(|panic| {
         let message = panic.downcast_ref::<String>().cloned();
         let message = message.or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned())).unwrap_or_default();
-        Err(SceneError::Inside { file: path.to_owned(), message })
+        Err(SceneError::DecoderPanic { file: path.to_owned(), message })
     })
 }
 
-/// The world's up at unit length.
+/// The world's up, normalized.
 fn unit(path: &Path, world_up: Option<DVec3>) -> Result<Option<DVec3>, SceneError> {
     let refused = |up: DVec3| SceneError::bad(path, "the world's up", up, "a vector with a length");
     world_up.map(|up| up.try_normalize().ok_or_else(|| refused(up))).transpose()
@@ -77,10 +79,10 @@ fn load_unguarded(mut loader: Loader, path: &Path, world_up: Option<DVec3>) -> R
             loader.place(path, &model, Object { name, ..Object::default() }, DEFAULT_WHITE_LX)?;
             if loader.scene.lighting.is_dark() {
                 loader.scene.lighting = world_up.map_or_else(Lighting::default, default_lighting);
-                loader.scene.lit_by = LitBy::Nobody;
+                loader.scene.lighting_origin = LightingOrigin::Default;
             } else {
-                loader.scene.lit_by = LitBy::Models;
-                loader.say_dark_ambient(path);
+                loader.scene.lighting_origin = LightingOrigin::Models;
+                loader.warn_of_dark_ambient(path);
             }
         }
         Some("toml") => scene_file::read(&mut loader, &document::values(path)?, path, world_up)?,

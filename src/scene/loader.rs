@@ -1,4 +1,4 @@
-//! The scene as it grows while being read, and its limits.
+//! State of a scene while it is loaded, and its limits.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -6,29 +6,29 @@ use std::rc::Rc;
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::light::{BULB_M, SUN_RAD};
-use super::models::{LightKind, MissingModels, Model, Models};
+use super::light::{BULB_DIAMETER_M, SUN_RAD};
+use super::model_cache::{LightKind, MissingModels, Model, ModelCache};
 use super::{Environment, Lighting, Object, Part, PointLight, Scene, SceneError, Sun};
 
-/// Vertices and indices of a scene together take 1.6 GB.
+/// Vertices and indices of a scene at these limits take 1.6 GB.
 pub(super) const MAX_VERTICES: usize = 1 << 24;
 pub(super) const MAX_INDICES: usize = 1 << 26;
 pub(super) const MAX_PARTS: usize = 1 << 20;
 const MAX_WARNINGS: usize = 100;
 
-/// The scene as it grows, and what counts towards its limits.
+/// The scene while it is loaded, and the counts for its limits.
 pub(super) struct Loader {
     pub scene: Scene,
     pub pixels: u64,
     pub vertices: usize,
     pub indices: usize,
     pub parts: usize,
-    /// The models read so far, by file.
+    /// Models read so far, by file.
     pub models: HashMap<PathBuf, Rc<Model>>,
-    /// What earlier scenes read.
-    pub kept: Models,
+    /// Cache of earlier scenes.
+    pub kept: ModelCache,
     pub missing_models: MissingModels,
-    /// The box that stands in for missing models, once it is made.
+    /// The box in place of missing models, once created.
     pub stand_in: Option<Rc<Model>>,
 }
 
@@ -44,7 +44,7 @@ impl Default for Loader {
             indices: 0,
             parts: 0,
             models: HashMap::new(),
-            kept: Models::default(),
+            kept: ModelCache::default(),
             missing_models: MissingModels::Refuse,
             stand_in: None,
         }
@@ -54,11 +54,11 @@ impl Default for Loader {
 impl Loader {
     /// Adds a warning once, with the name of its file.
     pub fn warn(&mut self, file: &Path, text: String) {
-        self.warn_as_it_is(format!("{}: {text}", file.display()));
+        self.warn_verbatim(format!("{}: {text}", file.display()));
     }
 
     /// Adds a warning once.
-    pub fn warn_as_it_is(&mut self, text: String) {
+    pub fn warn_verbatim(&mut self, text: String) {
         let warnings = &mut self.scene.warnings;
         if warnings.len() < MAX_WARNINGS && !warnings.contains(&text) {
             warnings.push(text);
@@ -68,14 +68,14 @@ impl Loader {
         }
     }
 
-    pub fn say_dark_ambient(&mut self, file: &Path) {
+    pub fn warn_of_dark_ambient(&mut self, file: &Path) {
         if matches!(self.scene.lighting.environment, Environment::Uniform(color) if color == Vec3::ZERO) {
             self.warn(file, "there is no light from around: what lamps and suns do not reach is black".to_owned());
         }
     }
 
-    /// Puts a model into the world as an object, with its lights. `object` has everything but its parts; a hidden one gets none,
-    /// and one that stands in for something real throws no light.
+    /// Adds a model to the scene as an object, with its lights. `object` is complete except for its
+    /// parts. Hidden objects get no parts, and proxies of real objects emit no light.
     pub fn place(&mut self, file: &Path, model: &Model, object: Object, white_lx: f64) -> Result<(), SceneError> {
         let world_from_model = object.world_from_model;
         if object.hidden {
@@ -100,7 +100,8 @@ impl Loader {
         for light in &model.lights {
             let world_from_light = world_from_model * light.model_from_light;
             let towards = world_from_light.transform_vector3(DVec3::Z).normalize().as_vec3();
-            // A white matt surface reflects what it receives: E lux show as E / white_lx.
+            // A white diffuse surface reflects all it receives: E lux have the radiance E /
+            // white_lx.
             let color = light.color / white_lx as f32;
             if !(world_from_light.is_finite() && towards.is_finite() && color.is_finite()) {
                 return Err(SceneError::bad(file, "a light", "numbers too large", "a finite place and brightness"));
@@ -113,7 +114,7 @@ impl Loader {
                 LightKind::Point { range_m, spot } => lighting.points.push(PointLight {
                     position_in_world_m: world_from_light.translation,
                     color,
-                    diameter_m: BULB_M as f32,
+                    diameter_m: BULB_DIAMETER_M as f32,
                     range_m,
                     spot: spot.map(|angles| (-towards, Vec2::from(angles))),
                 }),

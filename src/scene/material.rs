@@ -1,4 +1,4 @@
-//! From glTF materials and textures to ours.
+//! Converts glTF materials and textures.
 
 use super::picture::{self, MAX_PIXELS, Rgba};
 use super::reader::Reader;
@@ -6,7 +6,7 @@ use super::schema::{self, TextureInfo};
 use super::{Alpha, Material, SceneError, Texture, TextureUse, Wrap, bytes};
 
 impl Reader<'_> {
-    /// The index of a material in the scene, read at its first use. `None` is glTF's default.
+    /// Index of a material in the scene, loaded on first use. `None` is glTF's default.
     pub(super) fn material(&mut self, index: Option<usize>, what: &str) -> Result<usize, SceneError> {
         if let Some(&known) = self.materials.get(&index) {
             return Ok(known);
@@ -85,7 +85,7 @@ impl Reader<'_> {
             Some("BLEND") => Ok(Alpha::Blend),
             Some("MASK") => {
                 let cutoff = json.alpha_cutoff.unwrap_or(0.5);
-                // Above 1 everything is cut off, as the file asks.
+                // A cutoff above 1 removes everything, as specified by the file.
                 Ok(Alpha::Mask(self.factor(cutoff, f32::MAX, &format!("{what}.alphaCutoff"))?))
             }
             Some(other) => {
@@ -141,8 +141,8 @@ impl Reader<'_> {
         Ok(Some(TextureUse { texture, uv_set, transform: rows }))
     }
 
-    /// Wrap modes, whether magnification is smooth, whether minification uses mipmaps. An unknown code is the default,
-    /// with a warning.
+    /// Wrap modes, smooth magnification, and mipmapped minification. An unknown code is replaced by
+    /// the default, with a warning.
     fn sampling(&mut self, sampler: &schema::Sampler, what: &str) -> ([Wrap; 2], bool, bool) {
         let mut known = |key: &str, code: Option<u32>, codes: &[u32]| {
             let code = code?;

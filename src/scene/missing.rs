@@ -1,5 +1,5 @@
-//! Files that a scene names and that cannot be read. A marked box stands in for a missing model, so
-//! that the other objects can be shown; nothing is exported with it.
+//! Referenced files that cannot be read. A marked box replaces a missing model, so that the other
+//! objects can be shown; it is never exported.
 
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -8,16 +8,16 @@ use std::sync::Arc;
 use glam::{DAffine3, Vec3};
 
 use super::loader::Loader;
-use super::models::{Lengths, MissingModels, Model};
+use super::model_cache::{MissingModels, Model, SceneCounts};
 use super::{Material, Mesh, Part, SceneError, Size, Texture, TextureUse, Vertex, Wrap};
 
-/// Side of the box where the scene file gives no size, m.
-const BOX_M: f64 = 0.1;
-/// Squares along an edge, and their two colours.
-const SQUARES: u32 = 4;
-const COLOURS: [[u8; 4]; 2] = [[255, 0, 255, 255], [0, 0, 0, 255]];
+/// Side of the box if the scene file gives no size, m.
+const BOX_SIDE_M: f64 = 0.1;
+/// Checks along an edge.
+const CHECKS_PER_SIDE: u32 = 4;
+const CHECK_COLOURS: [[u8; 4]; 2] = [[255, 0, 255, 255], [0, 0, 0, 255]];
 
-/// A file that a scene names and that cannot be read.
+/// A referenced file that cannot be read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MissingFile {
     pub file: PathBuf,
@@ -26,24 +26,23 @@ pub struct MissingFile {
     pub is_needed: bool,
 }
 
-/// The size of a stand-in: its scale would be the model's.
+/// Size of the box: scale factors refer to the missing model.
 pub(super) fn size(of_model: Size) -> Size {
     match of_model {
         Size::LargestM(size_m) => Size::LargestM(size_m),
-        Size::Scale(_) => Size::LargestM(BOX_M),
+        Size::Scale(_) => Size::LargestM(BOX_SIDE_M),
     }
 }
 
 impl Loader {
-    /// Whether a file is known to be missing. Marks it as needed if `is_needed`.
+    /// True if a file is known to be missing. Marks it as needed if `is_needed`.
     pub fn is_missing(&mut self, file: &Path, is_needed: bool) -> bool {
         let known = self.scene.missing.iter_mut().find(|missing| missing.file == file);
         known.map(|missing| missing.is_needed |= is_needed).is_some()
     }
 
-    /// Goes on without a file, or returns the error where the picture needs it and nothing stands
-    /// in.
-    pub fn go_without(&mut self, file: &Path, is_needed: bool, error: SceneError) -> Result<(), SceneError> {
+    /// Records a missing file, or returns the error if it is needed and may not be replaced.
+    pub fn skip_missing(&mut self, file: &Path, is_needed: bool, error: SceneError) -> Result<(), SceneError> {
         if is_needed && self.missing_models == MissingModels::Refuse {
             return Err(error);
         }
@@ -51,15 +50,16 @@ impl Loader {
         Ok(())
     }
 
-    /// Warns of missing models whose objects are all hidden; call it after all objects are read.
+    /// Warns of missing models whose objects are all hidden. To be called after all objects are
+    /// read.
     pub fn warn_of_hidden(&mut self) {
         let hidden = self.scene.missing.iter().filter(|missing| !missing.is_needed);
         let warnings: Vec<_> = hidden.map(|missing| format!("{}; its objects are hidden", missing.problem)).collect();
-        warnings.into_iter().for_each(|warning| self.warn_as_it_is(warning));
+        warnings.into_iter().for_each(|warning| self.warn_verbatim(warning));
     }
 
     /// Removes the data that a model added before it failed to load.
-    pub fn roll_back(&mut self, to: Lengths) {
+    pub fn roll_back(&mut self, to: SceneCounts) {
         let scene = &mut self.scene;
         scene.meshes.truncate(to.meshes);
         scene.materials.truncate(to.materials);
@@ -69,13 +69,13 @@ impl Loader {
         (self.pixels, self.vertices, self.indices) = (to.pixels, to.vertices, to.indices);
     }
 
-    /// The marked box, standing on the model's origin with its y up.
+    /// The marked box, standing on the model's origin with y up.
     pub fn stand_in_box(&mut self) -> Rc<Model> {
         if let Some(made) = &self.stand_in {
             return Rc::clone(made);
         }
         let scene = &mut self.scene;
-        scene.textures.push(checks());
+        scene.textures.push(checkerboard());
         let base_color_texture = Some(TextureUse {
             texture: scene.textures.len() - 1,
             uv_set: 0,
@@ -90,12 +90,12 @@ impl Loader {
     }
 }
 
-fn checks() -> Texture {
-    let texel = |n: u32| COLOURS[((n % SQUARES + n / SQUARES) % 2) as usize];
-    let rgba: Vec<u8> = (0..SQUARES * SQUARES).flat_map(texel).collect();
+fn checkerboard() -> Texture {
+    let texel = |n: u32| CHECK_COLOURS[((n % CHECKS_PER_SIDE + n / CHECKS_PER_SIDE) % 2) as usize];
+    let rgba: Vec<u8> = (0..CHECKS_PER_SIDE * CHECKS_PER_SIDE).flat_map(texel).collect();
     Texture {
-        width: SQUARES,
-        height: SQUARES,
+        width: CHECKS_PER_SIDE,
+        height: CHECKS_PER_SIDE,
         rgba: Arc::new(rgba),
         srgb: true,
         wrap: [Wrap::Clamp; 2],
@@ -133,7 +133,7 @@ fn cube(material: usize) -> Mesh {
 mod tests {
     use super::*;
     use crate::scene::document::PlacedModel;
-    use crate::scene::{Models, Scene, SceneFile, load_file, load_file_with};
+    use crate::scene::{ModelCache, Scene, SceneFile, load_file, load_file_with};
     use glam::DVec3;
 
     fn scene_of(models: &[&str]) -> SceneFile {
@@ -143,11 +143,11 @@ mod tests {
 
     fn load_standing_in(file: &SceneFile) -> Scene {
         let path = Path::new("scenes/any.toml");
-        load_file_with(file, path, Some(DVec3::Z), &mut Models::default(), MissingModels::StandIn).unwrap()
+        load_file_with(file, path, Some(DVec3::Z), &mut ModelCache::default(), MissingModels::StandIn).unwrap()
     }
 
     #[test]
-    fn missing_model_is_a_box_and_the_others_are_as_they_are() {
+    fn missing_model_is_a_box_and_other_objects_are_unchanged() {
         let path = Path::new("scenes/any.toml");
         let file = scene_of(&["none.glb", "marker-1.glb", "none.glb", "Cargo.toml"]);
         let scene = load_standing_in(&file);
@@ -157,7 +157,7 @@ mod tests {
         assert_eq!(files, [(Path::new("scenes/none.glb"), true), (Path::new("scenes/Cargo.toml"), true)]);
         let alone = load_file(&scene_of(&["marker-1.glb"]), path, Some(DVec3::Z)).unwrap();
         assert!(scene.objects[1].points_m(&scene).eq(alone.objects[0].points_m(&alone)));
-        // It stands on its place and is 10 cm high; with a size it has that.
+        // It stands at its position and is 10 cm high; with a size it has that.
         let height_m = |scene: &Scene, object: usize| {
             let z = scene.objects[object].points_m(scene).map(|point| point.z);
             z.fold((f64::MAX, f64::MIN), |(low, high), z| (low.min(z), high.max(z)))
@@ -167,13 +167,13 @@ mod tests {
         let mut sized = file.clone();
         sized.objects[0].size_m = Some(0.5);
         assert!((height_m(&load_standing_in(&sized), 0).1 - 0.5).abs() < 1e-9);
-        // Elsewhere it is an error that names the file.
+        // Other policies return an error that names the file.
         let error = load_file(&file, path, None).unwrap_err().to_string();
         assert!(error.contains("none.glb"), "{error}");
     }
 
     #[test]
-    fn model_that_is_hidden_may_be_missing_anywhere() {
+    fn hidden_model_may_be_missing_under_any_policy() {
         let path = Path::new("scenes/any.toml");
         let mut file = scene_of(&["none.glb", "marker-1.glb"]);
         file.objects[0].hidden = true;
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn model_that_a_visible_object_needs_is_not_said_to_be_hidden() {
+    fn missing_model_of_a_visible_object_is_not_reported_as_hidden() {
         let mut file = scene_of(&["none.glb", "none.glb"]);
         file.objects[0].hidden = true;
         let scene = load_standing_in(&file);
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_panorama_leaves_the_scene_without_it() {
+    fn missing_panorama_is_left_out() {
         let path = Path::new("scenes/any.toml");
         let mut file = scene_of(&["marker-1.glb"]);
         file.light.environment = Some("none.hdr".to_owned());

@@ -1,10 +1,10 @@
-//! Everything that is put into the room: meshes, materials, lights. Plain values; no GPU.
+//! Scene contents to be rendered: meshes, materials, lights. Plain values; no GPU.
 //!
-//! World coordinates are the recording's, metres. A mesh's own coordinates are those of its file; `world_from_mesh`
-//! takes them to the world, including the change of axes.
+//! World coordinates are the recording's, metres. A mesh's own coordinates are those of its file;
+//! `world_from_mesh` transforms them to the world, including the change of axes.
 
 mod bytes;
-mod correction;
+mod cache;
 mod describe;
 pub mod document;
 mod edit;
@@ -13,23 +13,23 @@ mod extension;
 mod geometry;
 mod gltf;
 mod heading;
-mod keep;
 mod lamp;
-mod lay;
 mod light;
+mod light_correction;
 mod load;
 mod loader;
 mod material;
 mod missing;
 mod model;
-mod models;
+mod model_cache;
 mod nodes;
 mod overlap;
 mod panorama;
 mod picture;
 mod place;
 mod reader;
-mod rest;
+mod rest_pose;
+mod resting;
 mod scene_file;
 mod schema;
 
@@ -40,45 +40,45 @@ use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 
 use crate::digest::digestible;
 
-pub use correction::LightCorrection;
-pub use describe::{Description, ObjectDescription, TextureDescription, bounds_m, describe, odd_size};
-pub use document::{Document, Entry, Gauge, SceneFile, Thing};
-pub use edit::Stance;
+pub use describe::{Description, ObjectDescription, TextureDescription, bounds_m, describe, size_warning};
+pub use document::{Document, Entry, Gauge, SceneFile, SceneItem};
+pub use edit::ItemPlacement;
 pub use error::SceneError;
 pub use heading::Heading;
-pub use lay::{Facet, MIN_SUPPORT_COSINE, Posture, Support, lay, relative};
+pub use light_correction::LightCorrection;
 pub use load::{load, load_file, load_file_with, load_with};
 pub use missing::MissingFile;
 pub use model::is_model;
-pub use models::{MissingModels, Models};
+pub use model_cache::{MissingModels, ModelCache};
 pub use overlap::{Overlap, overlaps};
 pub use place::Size;
+pub use resting::{Facet, MIN_SUPPORT_COSINE, Posture, Support, lay, relative};
 
-/// The pixels of a Radiance panorama: width, height, linear light row by row. Otherwise what is wrong with it.
-pub fn panorama_of(hdr: &[u8]) -> Result<(u32, u32, Vec<[f32; 3]>), String> {
+/// Decodes a Radiance panorama: width, height, linear light row by row. The error is a description.
+pub fn decode_panorama(hdr: &[u8]) -> Result<(u32, u32, Vec<[f32; 3]>), String> {
     let panorama::PanoramaPixels { width, height, rgb } =
         panorama::radiance_of(hdr).map_err(|problem| problem.to_string())?;
     Ok((width, height, rgb))
 }
 
-/// How a panorama stands on a world's up: takes its axes (y up, −z in the middle) to the world's.
-pub fn upright(up: DVec3) -> DQuat {
-    place::turn_up(DVec3::Y, up)
+/// Rotation of a panorama's axes (y up, −z in the middle) to a world with the given up.
+pub fn world_from_panorama(up: DVec3) -> DQuat {
+    place::shortest_rotation(DVec3::Y, up)
 }
 
-/// Who said how a scene is lit.
+/// Origin of a scene's lighting.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum LitBy {
-    /// The scene file, by its `[light]`, or whoever made the scene.
+pub enum LightingOrigin {
+    /// The scene file's `[light]`, or the code that built the scene.
     #[default]
     Scene,
-    /// Nobody: the light is guessed.
-    Nobody,
-    /// Its models alone.
+    /// The default lighting.
+    Default,
+    /// Lights of the models only.
     Models,
 }
 
-/// Everything that the renderer draws.
+/// Input of the renderer.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Scene {
     pub meshes: Vec<Arc<Mesh>>,
@@ -86,24 +86,25 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     pub objects: Vec<Object>,
     pub lighting: Lighting,
-    pub lit_by: LitBy,
+    pub lighting_origin: LightingOrigin,
     /// The world's up, if known: a unit vector.
     pub up_in_world: Option<DVec3>,
-    /// How long the recording's unit is by the scene file, metres.
+    /// Length of the recording's unit according to the scene file, metres.
     pub metres_per_unit: Option<f64>,
-    /// Where the camera stands in a frame, in the world that the objects are in, by the scene file.
+    /// Camera pose of a frame in the objects' world, according to the scene file.
     pub gauge: Option<Gauge>,
-    /// Warnings, each given once.
+    /// Warnings without duplicates.
     pub warnings: Vec<String>,
     /// The files that the scene was read from.
     pub files: Vec<PathBuf>,
-    /// Files that cannot be read. A box stands in for each model among them.
+    /// Files that cannot be read. Missing models are replaced by a box.
     pub missing: Vec<MissingFile>,
 }
 
 impl Scene {
-    /// Whether it has the same meshes, materials, pictures and surrounding light, however they are placed and lit.
-    pub fn is_made_of_the_same(&self, other: &Self) -> bool {
+    /// True if meshes, materials, textures and environment are equal, regardless of placement and
+    /// lights.
+    pub fn has_same_resources(&self, other: &Self) -> bool {
         let shared = |a: &Arc<Mesh>, b: &Arc<Mesh>| Arc::ptr_eq(a, b) || a == b;
         let around = match (&self.lighting.environment, &other.lighting.environment) {
             (Environment::Map(a), Environment::Map(b)) if Arc::ptr_eq(&a.rgb, &b.rgb) => {
@@ -120,29 +121,31 @@ impl Scene {
     }
 }
 
-/// One piece of evidence: the unit with its own blur vector.
+/// One piece of evidence: the unit that has its own motion vectors.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Object {
     pub name: String,
-    /// Without any, it is not drawn.
+    /// Drawn meshes.
     pub parts: Vec<Part>,
-    /// The model's own axes in the world. Nothing is drawn by it: each part has its own.
+    /// The model's axes in the world. Rendering uses the transforms of the parts.
     pub world_from_model: DAffine3,
-    /// The place that it was given, world axes, metres: the model's origin, or, put on the ground, the place below it.
+    /// Requested position, world axes, metres: the model's origin, or, on the ground, the point
+    /// below it.
     pub position_m: DVec3,
-    /// What stands in for something real: not drawn, it hides what is behind it. An object has these or `parts`.
+    /// Meshes of a proxy of a real object: not drawn, they occlude. An object has these or `parts`.
     pub hides: Vec<Part>,
-    /// Left out by its scene file; it has no parts then.
+    /// Hidden by its scene file; it has no parts then.
     pub hidden: bool,
-    /// Stands in for something real by its scene file.
+    /// Proxy of a real object by its scene file.
     pub occluder: bool,
-    /// Takes no light from what it stands on.
+    /// Casts no shadow on the surface that supports it.
     pub shadowless: bool,
-    /// Its model cannot be read, and a marked box is drawn in its place.
+    /// The model cannot be read, and a marked box is drawn in its place.
     pub is_missing: bool,
-    /// The real surface below it, on which its shadow falls; `None` if unknown.
+    /// The real surface below the object, which receives its shadow; `None` if unknown.
     pub support: Option<Support>,
-    /// Real things beside it, on which its shadow falls, too. Where two meet the first counts, and the real surface below before both.
+    /// Real planar patches beside the object, which receive its shadow, too. Where two intersect,
+    /// the first takes precedence; the surface below takes precedence over both.
     pub facets: Vec<Facet>,
 }
 
@@ -164,7 +167,7 @@ pub struct Mesh {
     pub material: usize,
 }
 
-/// A corner. Colours are linear.
+/// Vertex attributes. Colours are linear.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Vertex {
@@ -183,7 +186,7 @@ pub struct Vertex {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Alpha {
     Opaque,
-    /// Cut off below this value.
+    /// Alpha cutoff.
     Mask(f32),
     Blend,
 }
@@ -243,7 +246,7 @@ pub struct TextureUse {
     pub transform: [[f32; 3]; 2],
 }
 
-/// How a texture continues beyond its edge.
+/// Wrap mode of a texture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Wrap {
     Repeat,
@@ -257,17 +260,17 @@ pub struct Texture {
     pub width: u32,
     pub height: u32,
     pub rgba: Arc<Vec<u8>>,
-    /// Whether R, G, B are sRGB-encoded (colours) or linear (normals, roughness).
+    /// True if R, G, B are sRGB-encoded (colours), false if linear (normals, roughness).
     pub srgb: bool,
     pub wrap: [Wrap; 2],
     /// False for glTF's NEAREST magnification.
     pub smooth: bool,
-    /// Whether minification uses mipmaps.
+    /// True if minification uses mipmaps.
     pub mipmaps: bool,
 }
 
 impl Texture {
-    /// What a code stands for, 0 to 1 (sRGB: IEC 61966-2-1).
+    /// Decodes a code value, 0 to 1 (sRGB: IEC 61966-2-1).
     pub fn linear(&self, code: u8) -> f32 {
         let value = f32::from(code) / 255.0;
         if !self.srgb {
@@ -280,7 +283,7 @@ impl Texture {
     }
 }
 
-/// The light. Linear 1.0 is the camera's white.
+/// Lights. Linear 1.0 is the camera's white.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lighting {
     pub suns: Vec<Sun>,
@@ -288,14 +291,14 @@ pub struct Lighting {
     pub environment: Environment,
 }
 
-/// Light from one direction.
+/// A directional light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sun {
     /// Unit vector from the scene towards the light, world axes.
     pub towards_light_in_world: Vec3,
-    /// The linear colour that a white matt surface shows when it faces this light.
+    /// Linear radiance of a white diffuse surface facing this light.
     pub color: Vec3,
-    /// How wide it stands in the sky: the wider, the softer are its shadows.
+    /// Angular diameter; it determines the penumbrae.
     pub diameter_rad: f32,
 }
 
@@ -303,13 +306,13 @@ pub struct Sun {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointLight {
     pub position_in_world_m: DVec3,
-    /// The linear colour that a white matt surface shows when it faces this light at 1 m.
+    /// Linear radiance of a white diffuse surface facing this light at 1 m.
     pub color: Vec3,
-    /// Its diameter: the wider, the softer are its shadows.
+    /// Diameter; it determines the penumbrae.
     pub diameter_m: f32,
-    /// There is no light beyond it (KHR_lights_punctual); infinity for no limit.
+    /// Range limit (KHR_lights_punctual); infinity for none.
     pub range_m: f32,
-    /// Direction of a spot's axis in the world and its inner and outer angle from it, radians.
+    /// Axis direction of a spot in the world and its inner and outer angle from it, radians.
     pub spot: Option<(Vec3, Vec2)>,
 }
 
@@ -318,10 +321,10 @@ digestible! {
     PointLight { position_in_world_m, color, diameter_m, range_m, spot }
 }
 
-/// Light from everywhere.
+/// Environment light.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Environment {
-    /// The same radiance from all directions; a white matt surface shows it.
+    /// The same radiance from all directions, which is that of a white diffuse surface.
     Uniform(Vec3),
     Map(EnvironmentMap),
 }
@@ -331,9 +334,9 @@ pub enum Environment {
 pub struct EnvironmentMap {
     pub width: u32,
     pub height: u32,
-    /// Row 0 looks along the panorama's up; column 0 and the last meet behind it.
+    /// Row 0 is the panorama's up; the first and the last column meet behind it.
     pub rgb: Arc<Vec<[f32; 3]>>,
-    /// Takes a direction in the world to the panorama's axes: glTF's, y up, −z in the middle.
+    /// Rotation of world directions to the panorama's axes: glTF's, y up, −z in the middle.
     pub map_from_world: glam::Quat,
     /// Factor on the radiance: red, green, blue.
     pub color: Vec3,
@@ -351,9 +354,9 @@ mod tests {
 
     type Change<'a> = &'a dyn Fn(&mut Scene);
 
-    /// Two pieces of a program, or two moments of one, can each keep a scene and compare them.
+    /// Scenes can be stored and compared by any code and across threads.
     #[test]
-    fn a_scene_and_a_camera_are_plain_values() {
+    fn scene_and_camera_are_plain_values() {
         fn plain<T: Clone + PartialEq + Send + Sync + 'static>(value: T) {
             assert!(value.clone() == value);
         }
@@ -362,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn scene_with_any_other_resource_is_not_made_of_the_same() {
+    fn any_changed_resource_makes_scenes_differ() {
         let texture = Texture {
             width: 1,
             height: 1,
@@ -391,8 +394,8 @@ mod tests {
             let mut other = scene.clone();
             change(&mut other);
             assert!(other != scene, "nothing was changed");
-            let answer = scene.is_made_of_the_same(&other);
-            assert_eq!(other.is_made_of_the_same(&scene), answer, "the order matters");
+            let answer = scene.has_same_resources(&other);
+            assert_eq!(other.has_same_resources(&scene), answer, "the order matters");
             answer
         };
         let around = |scene: &mut Scene, map| scene.lighting.environment = Environment::Map(map);

@@ -1,4 +1,4 @@
-//! From one glTF file to meshes, materials, textures and lights, in the file's own coordinates.
+//! Loads one glTF file: meshes, materials, textures and lights, in the file's own coordinates.
 
 use std::collections::HashMap;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
@@ -12,37 +12,37 @@ use super::extension;
 use super::geometry::{self, Assembly, unit_tangent};
 use super::gltf::{Gltf, place};
 use super::loader::{Loader, MAX_PARTS};
-use super::models::{LightKind, Model, ModelLight};
+use super::model_cache::{LightKind, Model, ModelLight};
 use super::reader::Reader;
-use super::rest::Rest;
+use super::rest_pose::RestPose;
 use super::schema::{Light, Primitive};
 use super::{Mesh, Part, SceneError, Vertex, nodes};
 
-/// Whether a file is a model, by its extension.
+/// True if a file is a model, by its extension.
 pub fn is_model(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb") || e.eq_ignore_ascii_case("gltf"))
 }
 
-/// A model, read at its first use; `needed_by` is the scene file that names it.
+/// A model, loaded on first use; `needed_by` is the scene file that references it.
 pub(super) fn load(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -> Result<Rc<Model>, SceneError> {
     if let Some(known) = loader.models.get(file) {
         return Ok(Rc::clone(known));
     }
-    if let Some(kept) = loader.take_kept(file) {
+    if let Some(kept) = loader.insert_cached(file) {
         loader.models.insert(file.to_owned(), Rc::clone(&kept));
         return Ok(kept);
     }
-    let start = loader.lengths();
+    let start = loader.counts();
     let model = Rc::new(read(loader, file, needed_by)?);
     if model.parts.is_empty() {
         loader.warn(file, "there is nothing in it to see".to_owned());
     }
-    loader.keep(file, &model, start);
+    loader.cache(file, &model, start);
     loader.models.insert(file.to_owned(), Rc::clone(&model));
     Ok(model)
 }
 
-/// Reads a model; `needed_by` is the scene file that names it.
+/// Loads a model; `needed_by` is the scene file that references it.
 fn read(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -> Result<Model, SceneError> {
     let gltf = &Gltf::open(file, needed_by)?;
     loader.scene.files.extend(gltf.files());
@@ -55,17 +55,17 @@ fn read(loader: &mut Loader, file: &Path, needed_by: Option<&Path>) -> Result<Mo
         meshes: HashMap::new(),
         skins: HashMap::new(),
     };
-    reader.say_what_is_ignored();
+    reader.warn_of_ignored_content();
     reader.read()
 }
 
 impl Reader<'_> {
-    /// Warns once, with the file's name.
+    /// Adds a warning once, with the file's name.
     pub fn warn(&mut self, text: String) {
         self.loader.warn(&self.gltf.file, text);
     }
 
-    fn say_what_is_ignored(&mut self) {
+    fn warn_of_ignored_content(&mut self) {
         let json = &self.gltf.json;
         for (kind, count) in [("animation", json.animations.len()), ("a camera", json.cameras.len())] {
             if count > 0 {
@@ -108,7 +108,7 @@ impl Reader<'_> {
                 let light = gltf.get(list, "lights", light.light, &what);
                 match light.and_then(|light| self.light(light, model_from_node, &what)) {
                     Ok(light) => lights.push(light),
-                    Err(error) => self.loader.warn_as_it_is(format!("{error}; this light is left out")),
+                    Err(error) => self.loader.warn_verbatim(format!("{error}; this light is left out")),
                 }
             }
         }
@@ -116,7 +116,7 @@ impl Reader<'_> {
     }
 
     /// The scene's meshes for a mesh of the file, one per primitive.
-    fn mesh(&mut self, index: usize, rest: &Rest<'_>, what: &str) -> Result<Vec<usize>, SceneError> {
+    fn mesh(&mut self, index: usize, rest: &RestPose<'_>, what: &str) -> Result<Vec<usize>, SceneError> {
         let key = (index, rest.key);
         if let Some(known) = self.meshes.get(&key) {
             return Ok(known.clone());
@@ -133,7 +133,12 @@ impl Reader<'_> {
         Ok(meshes)
     }
 
-    fn primitive(&mut self, primitive: &Primitive, rest: &Rest<'_>, what: &str) -> Result<Option<Mesh>, SceneError> {
+    fn primitive(
+        &mut self,
+        primitive: &Primitive,
+        rest: &RestPose<'_>,
+        what: &str,
+    ) -> Result<Option<Mesh>, SceneError> {
         let gltf = self.gltf;
         let assembly = match primitive.mode.unwrap_or(4) {
             4 => Assembly::List,
@@ -163,7 +168,8 @@ impl Reader<'_> {
         }
         let material = self.material(primitive.material, &format!("{what}.material"))?;
         let unlit = self.loader.scene.materials[material].unlit;
-        // Without normals each triangle gets its own vertices, but unlit materials do not use normals.
+        // Without normals, triangles do not share vertices, except for unlit materials, which use
+        // no normals.
         let flat = primitive.attributes.normal.is_none() && !unlit;
         let triangles = if assembly == Assembly::List { corners } else { corners.saturating_mul(3) };
         let made = vertices.max(if flat { triangles } else { 0 });
@@ -181,7 +187,7 @@ impl Reader<'_> {
             return Ok(None);
         }
         if flat {
-            (vertices, indices) = geometry::flat(&vertices, &indices);
+            (vertices, indices) = geometry::flat_shaded(&vertices, &indices);
         } else {
             let missing = vertices.iter().filter(|v| v.normal == [0.0; 3]).count();
             if missing > 0 {
@@ -192,7 +198,7 @@ impl Reader<'_> {
             }
         }
         self.tangents(primitive, material, &mut vertices, &mut indices, what);
-        self.say_missing_uv(primitive, material, what);
+        self.warn_of_missing_uv(primitive, material, what);
         Ok(Some(Mesh { vertices, indices, material }))
     }
 
@@ -219,7 +225,7 @@ impl Reader<'_> {
         Ok(positions.into_iter().enumerate().map(vertex).collect())
     }
 
-    /// An attribute other than the position. A number that is not finite is 0, with a warning.
+    /// An attribute other than the position. Non-finite numbers are replaced by 0, with a warning.
     fn attribute<const N: usize>(
         &mut self,
         index: Option<usize>,
@@ -266,7 +272,7 @@ impl Reader<'_> {
         geometry::tangents(vertices, indices, &map);
     }
 
-    fn say_missing_uv(&mut self, primitive: &Primitive, material: usize, what: &str) {
+    fn warn_of_missing_uv(&mut self, primitive: &Primitive, material: usize, what: &str) {
         let m = &self.loader.scene.materials[material];
         let uses = [
             m.base_color_texture,

@@ -1,7 +1,8 @@
-//! Models and panoramas that were read, kept for the next scene that places the same files.
+//! Cache of models and panoramas for the next scene that references the same files.
 //!
-//! Moving a thing in a window makes a scene sixty times a second; only where things stand differs. What a model has, its
-//! meshes and pictures, is shared between the scenes, and its files are read again once they have changed on disk.
+//! Interactive dragging builds a scene sixty times a second, with only transforms changed. Meshes
+//! and textures are shared between the scenes, and files are read again once they have changed on
+//! disk.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -12,9 +13,9 @@ use glam::{DAffine3, Vec3};
 
 use super::{Material, Mesh, Part, Texture};
 
-/// A model, read only once however often it is placed.
+/// A model, loaded once for all its placements.
 pub(super) struct Model {
-    /// Meshes of the scene, placed in the model.
+    /// Meshes of the scene, with their transforms in the model.
     pub parts: Vec<Part>,
     pub lights: Vec<ModelLight>,
 }
@@ -48,11 +49,11 @@ pub enum MissingModels {
     StandIn,
 }
 
-/// Keeps what was read; for [`super::load_file_with`].
+/// The cache, for [`super::load_file_with`].
 #[derive(Debug, Default)]
-pub struct Models {
-    pub(super) models: HashMap<PathBuf, Kept>,
-    pub(super) panoramas: HashMap<PathBuf, (Stamp, Panorama)>,
+pub struct ModelCache {
+    pub(super) models: HashMap<PathBuf, CachedModel>,
+    pub(super) panoramas: HashMap<PathBuf, (FileStamp, Panorama)>,
 }
 
 /// Linear colours row by row.
@@ -64,32 +65,32 @@ pub(super) struct Panorama {
     pub warning: Option<String>,
 }
 
-/// What tells whether a file is still the same.
+/// Identifies the state of a file on disk.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Stamp {
+pub(super) struct FileStamp {
     pub file: PathBuf,
     modified: Option<SystemTime>,
     length: Option<u64>,
 }
 
-impl Stamp {
+impl FileStamp {
     pub fn of(file: &Path) -> Self {
         let found = std::fs::metadata(file).ok();
         let modified = found.as_ref().and_then(|m| m.modified().ok());
         Self { file: file.to_owned(), modified, length: found.map(|m| m.len()) }
     }
 
-    /// A file that is needed by nothing may be missing, then and now.
+    /// A file may be missing both times.
     pub fn is_fresh(&self) -> bool {
         *self == Self::of(&self.file)
     }
 }
 
-/// Everything of a model as it stands in the scene into which it was read.
+/// A cached model, with indices as in the scene that it was read into.
 #[derive(Clone, Debug)]
-pub(super) struct Kept {
-    pub files: Vec<Stamp>,
-    pub start: Lengths,
+pub(super) struct CachedModel {
+    pub files: Vec<FileStamp>,
+    pub start: SceneCounts,
     pub meshes: Vec<Arc<Mesh>>,
     pub materials: Vec<Material>,
     pub textures: Vec<Texture>,
@@ -101,9 +102,9 @@ pub(super) struct Kept {
     pub indices: usize,
 }
 
-/// How much of everything a scene has.
+/// SceneCounts of a scene's lists, and limit counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Lengths {
+pub(super) struct SceneCounts {
     pub meshes: usize,
     pub materials: usize,
     pub textures: usize,
@@ -114,9 +115,9 @@ pub(super) struct Lengths {
     pub indices: usize,
 }
 
-impl Kept {
-    /// Has its indices count from elsewhere. Meshes are copied only if their materials have other numbers there.
-    pub fn move_to(&mut self, start: Lengths) {
+impl CachedModel {
+    /// Rebases its indices. Meshes are copied only if their material indices change.
+    pub fn rebase(&mut self, start: SceneCounts) {
         let from = std::mem::replace(&mut self.start, start);
         let moved = |index: usize, from: usize, to: usize| index - from + to;
         if start.materials != from.materials {
@@ -146,7 +147,7 @@ impl Kept {
 mod tests {
     use super::*;
     use crate::scene::document::{Instance, PlacedModel};
-    use crate::scene::{Entry, MissingModels, Models, SceneFile, load_file, load_file_with};
+    use crate::scene::{Entry, MissingModels, ModelCache, SceneFile, load_file, load_file_with};
     use glam::DVec3;
 
     fn placed(models: &[&str]) -> SceneFile {
@@ -155,9 +156,9 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_of_kept_models_is_the_same_and_shares_them() {
+    fn cached_scene_is_equal_and_shares_its_meshes() {
         let path = Path::new("scenes/any.toml");
-        let mut models = Models::default();
+        let mut models = ModelCache::default();
         let [a, b, c] = ["marker-1.glb", "l-scale.glb", "cartridge-case-9mm.glb"];
         let first = placed(&[a, b]);
         let scene = load_file_with(&first, path, Some(DVec3::Z), &mut models, MissingModels::Refuse).unwrap();
@@ -165,14 +166,14 @@ mod tests {
         moved.objects[1].position_m = Some([0.5, 0.0, 0.0]);
         let again = load_file_with(&moved, path, Some(DVec3::Z), &mut models, MissingModels::Refuse).unwrap();
         assert!(scene.meshes.iter().zip(&again.meshes).all(|(a, b)| Arc::ptr_eq(a, b)));
-        assert!(again.is_made_of_the_same(&scene) && again != scene);
-        // In another order, with others, and back: as if nothing were kept.
+        assert!(again.has_same_resources(&scene) && again != scene);
+        // In another order, with others, and back: as without a cache.
         for file in [placed(&[b, c, a]), placed(&[c]), moved.clone(), first] {
             let kept = load_file_with(&file, path, Some(DVec3::Z), &mut models, MissingModels::Refuse).unwrap();
             assert!(kept == load_file(&file, path, Some(DVec3::Z)).unwrap(), "{file:?}");
         }
-        assert!(!load_file(&placed(&[a, c]), path, None).unwrap().is_made_of_the_same(&scene));
-        // What goes wrong loses nothing.
+        assert!(!load_file(&placed(&[a, c]), path, None).unwrap().has_same_resources(&scene));
+        // Errors do not invalidate the cache.
         let before = load_file_with(&moved, path, Some(DVec3::Z), &mut models, MissingModels::Refuse).unwrap();
         load_file_with(&placed(&["none.glb"]), path, None, &mut models, MissingModels::Refuse).unwrap_err();
         let again = load_file_with(&moved, path, Some(DVec3::Z), &mut models, MissingModels::Refuse).unwrap();
@@ -180,42 +181,42 @@ mod tests {
     }
 
     #[test]
-    fn a_model_that_changes_on_disk_is_read_again() {
+    fn model_changed_on_disk_is_read_again() {
         let folder = tempfile::tempdir().unwrap();
         let (path, model) = (folder.path().join("scene.toml"), folder.path().join("a.glb"));
         std::fs::copy("scenes/marker-1.glb", &model).unwrap();
-        let mut models = Models::default();
+        let mut models = ModelCache::default();
         let mut load = || load_file_with(&placed(&["a.glb"]), &path, None, &mut models, MissingModels::Refuse);
         let before = load().unwrap();
         std::fs::copy("scenes/l-scale.glb", &model).unwrap();
-        assert!(!load().unwrap().is_made_of_the_same(&before));
+        assert!(!load().unwrap().has_same_resources(&before));
         std::fs::remove_file(&model).unwrap();
         assert!(load().unwrap_err().to_string().contains("a.glb"));
     }
 
     #[test]
-    fn what_is_hidden_keeps_its_place_and_is_not_drawn() {
+    fn hidden_object_keeps_its_position_and_is_not_drawn() {
         let path = Path::new("scenes/any.toml");
         let mut file = placed(&["marker-1.glb", "l-scale.glb"]);
         file.objects[1].instances = vec![Instance::default(), Instance::default()];
         let [marker, first, second] = file.entries()[..] else { panic!("{:?}", file.entries()) };
-        file.hide(marker, true);
-        file.hide(first, true);
+        file.set_hidden(marker, true);
+        file.set_hidden(first, true);
         let hidden = |file: &SceneFile| file.entries().into_iter().map(|e| file.is_hidden(e)).collect::<Vec<_>>();
         assert_eq!(hidden(&file), [true, true, false]);
         let scene = load_file(&file, path, Some(DVec3::Z)).unwrap();
         let drawn: Vec<bool> = scene.objects.iter().map(|object| !object.parts.is_empty()).collect();
         assert_eq!((drawn, scene.objects[0].hidden, scene.warnings.len()), (vec![false, false, true], true, 0));
-        // All of an object, and one of it shown again.
-        file.hide(Entry { instance: None, ..second }, true);
+        // All instances of an object, and one of them shown again.
+        file.set_hidden(Entry { instance: None, ..second }, true);
         assert_eq!(hidden(&file), [true, true, true]);
-        file.hide(second, false);
-        file.hide(marker, false);
+        file.set_hidden(second, false);
+        file.set_hidden(marker, false);
         assert_eq!(hidden(&file), [false, true, false]);
     }
 
     #[test]
-    fn what_stands_in_for_something_real_is_not_drawn_and_gives_no_light() {
+    fn proxy_of_a_real_object_is_not_drawn_and_emits_no_light() {
         let path = Path::new("scenes/any.toml");
         let mut file = placed(&["marker-1.glb", "l-scale.glb"]);
         let drawn = load_file(&file, path, Some(DVec3::Z)).unwrap();
@@ -224,7 +225,7 @@ mod tests {
         let [marker, scale] = &scene.objects[..] else { panic!("{:?}", scene.objects) };
         assert!(!marker.parts.is_empty() && marker.hides.is_empty());
         assert!(scale.parts.is_empty() && scale.occluder && scale.hides == drawn.objects[1].parts);
-        // It can be seen and taken hold of where it stands.
+        // It can still be selected at its position.
         assert_eq!(scale.corners_m(&scene), drawn.objects[1].corners_m(&drawn));
         assert!(scale.points_m(&scene).eq(drawn.objects[1].points_m(&drawn)));
     }

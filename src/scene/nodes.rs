@@ -1,4 +1,4 @@
-//! The tree of a glTF file's nodes.
+//! Node hierarchy of a glTF file.
 
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Mat4, Quat, Vec3};
 
@@ -8,17 +8,18 @@ use super::schema::Node;
 
 /// Depth of nesting.
 const MAX_DEPTH: usize = 512;
-/// The last row of a matrix is at most so far from 0, 0, 0, 1. Ignoring it moves a point by that share of its distance.
+/// Largest accepted deviation of a matrix's last row from 0, 0, 0, 1. Ignoring it moves a point by
+/// that share of its distance.
 const MAX_LAST_ROW_ERROR: f64 = 1e-4;
 
 /// The nodes of the file's scene.
 pub(super) struct Tree {
-    /// Each with its transform in the model, parents before their children.
+    /// Node indices with their transforms in the model, parents before their children.
     pub nodes: Vec<(usize, DAffine3)>,
     pub warnings: Vec<String>,
 }
 
-/// A node that is to be placed.
+/// A node to be visited.
 struct Step {
     index: usize,
     parent: Option<usize>,
@@ -26,8 +27,8 @@ struct Step {
     model_from_parent: DAffine3,
 }
 
-/// Places the nodes of the file's scene. A node with two parents, a cycle or more than 512 levels is an error. Nodes
-/// outside the scene are not checked.
+/// Computes the transforms of the nodes in the file's scene. A node with two parents, a cycle or
+/// more than 512 levels is an error. Nodes outside the scene are not checked.
 pub(super) fn placed(gltf: &Gltf) -> Result<Tree, SceneError> {
     let nodes = &gltf.json.nodes;
     let (roots, place, warnings) = roots(gltf)?;
@@ -58,7 +59,7 @@ pub(super) fn placed(gltf: &Gltf) -> Result<Tree, SceneError> {
             return Err(gltf.bad(format!("nodes[{index}]"), "a place that is not finite", "finite numbers"));
         }
         placed.push((index, model_from_node));
-        // Each node has one parent, so only a file with a node listed twice has more.
+        // Each node has one parent, so only a file that lists a node twice has more entries.
         if open.len() + node.children.len() > 2 * nodes.len() {
             let found = "more children than there are nodes";
             return Err(gltf.bad(children_of(index), found, "one parent for each node"));
@@ -72,7 +73,7 @@ pub(super) fn placed(gltf: &Gltf) -> Result<Tree, SceneError> {
     Ok(Tree { nodes: placed, warnings })
 }
 
-/// The roots of the scene to show, each once, the name of their list, and what is odd about them.
+/// The roots of the default scene without duplicates, the name of their list, and warnings.
 fn roots(gltf: &Gltf) -> Result<(Vec<usize>, String, Vec<String>), SceneError> {
     let json = &gltf.json;
     let mut parents = vec![None; json.nodes.len()];

@@ -1,41 +1,44 @@
-//! Which objects stand inside each other.
+//! Finds objects that intersect each other.
 //!
-//! Two solids share volume where both have an inside along the same line. So the space that both bounding boxes share is
-//! crossed by a grid of lines, along the three axes in turn, and on each line the two insides are compared. A surface's
-//! orientation says whether a line enters or leaves, which gaps and doubled faces survive (winding numbers; Jacobson, Kavan
-//! and Sorkine-Hornung 2013 have them for space). The depth of an overlap is the least, over the axes, of the longest
-//! stretch inside both: things that touch, lie on or lean against each other have none.
+//! The intersection of both bounding boxes is sampled by a grid of lines along each axis in turn,
+//! and the intervals inside both solids are compared on each line. Surface orientation determines
+//! whether a line enters or leaves, which is robust to gaps and duplicate faces (winding numbers;
+//! for volumes see Jacobson, Kavan and Sorkine-Hornung 2013). The depth of an overlap is the
+//! minimum over the axes of the longest interval inside both: objects that touch or lean against
+//! each other have none.
 //!
-//! Not seen: what has no inside (a sheet, an open shell), and what is narrower than the grid's cells.
+//! Not detected: surfaces without an inside (sheets, open shells), and overlaps narrower than the
+//! grid cells.
 
 use glam::{DVec2, DVec3};
 
 use super::{Object, Scene};
 use crate::text::{millimetres, shown};
 
-/// Two objects that share volume.
+/// Two intersecting objects.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Overlap {
     /// Indices into [`Scene::objects`], the lower one first.
     pub objects: [usize; 2],
-    /// How far one would have to be moved along an axis of the world, at least, metres.
+    /// Minimum translation along a world axis that would separate them, metres.
     pub depth_m: f64,
 }
 
 impl Overlap {
-    /// For a person.
-    pub fn told(&self, scene: &Scene) -> String {
+    /// Message for the user.
+    pub fn message(&self, scene: &Scene) -> String {
         let [a, b] = self.objects.map(|object| shown(&scene.objects[object].name));
         format!("{a} and {b} stand inside each other, by {}", millimetres(self.depth_m))
     }
 }
 
-/// Lines across the shared space, along each side.
-const LINES: usize = 48;
-/// A model's corners are rounded, and a place is written to a tenth of a millimetre.
-const TOUCHING_M: f64 = 5e-4;
-/// More pairs of boxes are not looked at.
-const MOST_PAIRS: usize = 4096;
+/// Lines across the intersection of the boxes, per side.
+const LINES_PER_SIDE: usize = 48;
+/// Largest overlap that counts as contact: vertices are rounded, and positions are written to a
+/// tenth of a millimetre.
+const MAX_CONTACT_DEPTH_M: f64 = 5e-4;
+/// Maximum number of tested pairs.
+const MAX_PAIRS: usize = 4096;
 
 type Triangle = [DVec3; 3];
 
@@ -45,17 +48,20 @@ struct Solid {
     triangles: Vec<Triangle>,
 }
 
-/// Every two objects that share volume, in order.
+/// All pairs of intersecting objects, in order.
 pub fn overlaps(scene: &Scene) -> Vec<Overlap> {
     let solids: Vec<Option<Solid>> = scene.objects.iter().map(|object| solid(scene, object)).collect();
     let mut order: Vec<(usize, &Solid)> =
         solids.iter().enumerate().filter_map(|(i, s)| Some((i, s.as_ref()?))).collect();
     order.sort_by(|a, b| a.1.low.x.total_cmp(&b.1.low.x));
     let near = order.iter().enumerate().flat_map(|(n, (i, a))| {
-        order[n + 1..].iter().take_while(|(_, b)| b.low.x < a.high.x - TOUCHING_M).map(move |(j, b)| (*i, *a, *j, *b))
+        order[n + 1..]
+            .iter()
+            .take_while(|(_, b)| b.low.x < a.high.x - MAX_CONTACT_DEPTH_M)
+            .map(move |(j, b)| (*i, *a, *j, *b))
     });
-    let found = near.take(MOST_PAIRS).filter_map(|(i, a, j, b)| {
-        let depth_m = shared(a, b)?;
+    let found = near.take(MAX_PAIRS).filter_map(|(i, a, j, b)| {
+        let depth_m = intersection_depth(a, b)?;
         Some(Overlap { objects: [i.min(j), i.max(j)], depth_m })
     });
     let mut found: Vec<_> = found.collect();
@@ -88,16 +94,16 @@ fn solid(scene: &Scene, object: &Object) -> Option<Solid> {
     low.is_finite().then_some(Solid { low, high, triangles })
 }
 
-/// The depth of what two solids share; `None` if they only touch, or less.
-fn shared(a: &Solid, b: &Solid) -> Option<f64> {
+/// Depth of the intersection of two solids; `None` for contact or separation.
+fn intersection_depth(a: &Solid, b: &Solid) -> Option<f64> {
     let (low, high) = (a.low.max(b.low), a.high.min(b.high));
-    if !(high - low).cmpgt(DVec3::splat(TOUCHING_M)).all() {
+    if !(high - low).cmpgt(DVec3::splat(MAX_CONTACT_DEPTH_M)).all() {
         return None;
     }
     let mut least = f64::INFINITY;
     for axis in 0..3 {
         let longest = along_axis(a, b, low, high, axis);
-        if longest <= TOUCHING_M {
+        if longest <= MAX_CONTACT_DEPTH_M {
             return None;
         }
         least = least.min(longest);
@@ -105,30 +111,34 @@ fn shared(a: &Solid, b: &Solid) -> Option<f64> {
     Some(least)
 }
 
-/// The longest stretch of a line along an axis that is inside both.
+/// Longest interval along an axis that is inside both.
 fn along_axis(a: &Solid, b: &Solid, low: DVec3, high: DVec3, axis: usize) -> f64 {
     let turned = |p: DVec3| DVec3::new(p[(axis + 1) % 3], p[(axis + 2) % 3], p[axis]);
     let (low, high) = (turned(low), turned(high));
-    let step = (high - low).truncate() / LINES as f64;
+    let step = (high - low).truncate() / LINES_PER_SIDE as f64;
     let lines = [a, b].map(|solid| {
-        let mut lines: Vec<Vec<(f64, i32)>> = vec![Vec::new(); LINES * LINES];
+        let mut lines: Vec<Vec<(f64, i32)>> = vec![Vec::new(); LINES_PER_SIDE * LINES_PER_SIDE];
         for triangle in &solid.triangles {
-            cross(triangle.map(turned), low.truncate(), step, &mut lines);
+            add_crossings(triangle.map(turned), low.truncate(), step, &mut lines);
         }
         lines
     });
     let [in_a, in_b] = lines;
-    in_a.into_iter().zip(in_b).map(|(a, b)| longest_shared(&inside(a), &inside(b))).fold(0.0, f64::max)
+    in_a.into_iter()
+        .zip(in_b)
+        .map(|(a, b)| longest_common_interval(&inside_intervals(a), &inside_intervals(b)))
+        .fold(0.0, f64::max)
 }
 
-/// Notes where a triangle crosses lines along z, and whether they enter.
-fn cross([a, b, c]: Triangle, low: DVec2, step: DVec2, lines: &mut [Vec<(f64, i32)>]) {
+/// Records where a triangle crosses lines along z, and whether they enter.
+fn add_crossings([a, b, c]: Triangle, low: DVec2, step: DVec2, lines: &mut [Vec<(f64, i32)>]) {
     let [p, q, r] = [a, b, c].map(|corner| corner.truncate());
     let area = (q - p).perp_dot(r - p);
-    // Lines lie off the middles of their cells, so that none runs along a side that two triangles share.
+    // Lines are offset from the cell centres, so that none runs along an edge shared by two
+    // triangles.
     let first = low + step * DVec2::new(0.4871, 0.5237);
     let from = ((p.min(q).min(r) - first) / step).ceil().max(DVec2::ZERO);
-    let to = ((p.max(q).max(r) - first) / step).floor().min(DVec2::splat(LINES as f64 - 1.0));
+    let to = ((p.max(q).max(r) - first) / step).floor().min(DVec2::splat(LINES_PER_SIDE as f64 - 1.0));
     if area == 0.0 || !(from.cmple(to).all()) {
         return;
     }
@@ -139,15 +149,15 @@ fn cross([a, b, c]: Triangle, low: DVec2, step: DVec2, lines: &mut [Vec<(f64, i3
             let v = (p - r).perp_dot(at - r) / area;
             let w = 1.0 - u - v;
             if u >= 0.0 && v >= 0.0 && w >= 0.0 {
-                // Counter-clockwise seen from +z: its outside is above, and the line leaves.
-                lines[y * LINES + x].push((u * a.z + v * b.z + w * c.z, if area > 0.0 { -1 } else { 1 }));
+                // Counter-clockwise seen from +z: the outside is above, and the line leaves.
+                lines[y * LINES_PER_SIDE + x].push((u * a.z + v * b.z + w * c.z, if area > 0.0 { -1 } else { 1 }));
             }
         }
     }
 }
 
-/// The stretches of a line that are inside. A line that does not leave as often as it enters says nothing.
-fn inside(mut crossings: Vec<(f64, i32)>) -> Vec<[f64; 2]> {
+/// Intervals of a line inside the solid. Unbalanced crossings give none.
+fn inside_intervals(mut crossings: Vec<(f64, i32)>) -> Vec<[f64; 2]> {
     if crossings.iter().map(|(_, way)| way).sum::<i32>() != 0 {
         return Vec::new();
     }
@@ -166,7 +176,7 @@ fn inside(mut crossings: Vec<(f64, i32)>) -> Vec<[f64; 2]> {
     stretches
 }
 
-fn longest_shared(a: &[[f64; 2]], b: &[[f64; 2]]) -> f64 {
+fn longest_common_interval(a: &[[f64; 2]], b: &[[f64; 2]]) -> f64 {
     let pairs = a.iter().flat_map(|a| b.iter().map(move |b| a[1].min(b[1]) - a[0].max(b[0])));
     pairs.fold(0.0, f64::max)
 }
@@ -177,7 +187,7 @@ mod tests {
     use crate::scene::{Mesh, Part, Vertex};
     use glam::{DAffine3, DQuat};
 
-    /// Cubes of 1 m around their origins, each placed.
+    /// Cubes of 1 m around their origins, each with a transform.
     fn cubes(placed: &[DAffine3]) -> Scene {
         let vertex = |i: u32| {
             let side = |bit: u32| if i >> bit & 1 == 1 { 0.5 } else { -0.5 };
@@ -201,11 +211,11 @@ mod tests {
     }
 
     #[test]
-    fn what_shares_volume_is_found_and_how_deep() {
+    fn overlap_depth_is_found_for_intersecting_solids() {
         let found = overlaps(&cubes(&[at(0.0, 0.0, 0.0), at(5.0, 0.0, 0.0), at(0.2, 0.3, 0.9)]));
         assert_eq!(found.iter().map(|o| o.objects).collect::<Vec<_>>(), [[0, 2]]);
         assert!((found[0].depth_m - 0.1).abs() < 1e-9, "{found:?}");
-        // Wholly inside, mirrored, and turned: a bar through a slab, without a corner in it.
+        // Entirely inside, mirrored, and rotated: a bar through a slab, without a vertex in it.
         let inside = overlaps(&cubes(&[at(0.0, 0.0, 0.0), sized([-0.1, 0.2, 0.3], at(0.1, 0.0, 0.0))]));
         assert!((inside[0].depth_m - 0.1).abs() < 1e-9, "{inside:?}");
         let bar = DAffine3::from_quat(DQuat::from_rotation_z(0.7)) * sized([3.0, 0.05, 0.05], at(0.0, 0.0, 0.0));
@@ -214,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn what_touches_shares_nothing() {
+    fn solids_in_contact_do_not_overlap() {
         let turn = DAffine3::from_quat(DQuat::from_rotation_z(std::f64::consts::FRAC_PI_4));
         let beside = turn * at(1.0, 0.0, 0.0) * turn.inverse() * turn;
         let cases = [
@@ -228,7 +238,7 @@ mod tests {
         for placed in cases {
             assert_eq!(overlaps(&cubes(&placed)), [], "{placed:?}");
         }
-        // A shell without a side has no inside.
+        // A shell with a missing side has no inside.
         let mut open = cubes(&[at(0.0, 0.0, 0.0), at(0.2, 0.0, 0.3)]);
         std::sync::Arc::make_mut(&mut open.meshes[0]).indices.truncate(30);
         assert_eq!(overlaps(&open), []);

@@ -1,6 +1,8 @@
-//! Panoramas that light a scene: Radiance HDR (Ward 1991, *Real pixels*; Radiance's *File formats*) and OpenEXR.
+//! Environment panoramas: Radiance HDR (Ward 1991, *Real pixels*; Radiance's *File formats*) and
+//! OpenEXR.
 //!
-//! Not modelled: primaries other than sRGB's (`PRIMARIES`, `chromaticities`), pixels that are not square (`PIXASPECT`).
+//! Not modelled: primaries other than sRGB's (`PRIMARIES`, `chromaticities`), non-square pixels
+//! (`PIXASPECT`).
 
 use std::fmt;
 use std::io::{Cursor, Read};
@@ -16,10 +18,10 @@ use super::{SceneError, bytes};
 
 /// 8192 by 4096.
 const MAX_PIXELS: u64 = 1 << 25;
-/// Bytes of a Radiance header. Renderers write a few lines.
-const MAX_HEADER: usize = 1 << 16;
+/// Maximum size of a Radiance header, bytes. Renderers write a few lines.
+const MAX_HEADER_BYTES: usize = 1 << 16;
 const OPENEXR_SIGNATURE: &[u8] = b"\x76\x2f\x31\x01";
-/// The largest number of half precision stands for infinite light.
+/// The largest half-precision number replaces infinite light.
 const MAX_HALF: f32 = 65504.0;
 
 /// Linear light row by row from the top left.
@@ -29,7 +31,7 @@ pub(super) struct PanoramaPixels {
     pub rgb: Vec<[f32; 3]>,
 }
 
-/// Why a panorama cannot be used.
+/// Error of a panorama.
 pub(super) struct PanoramaError {
     found: String,
     accepted: String,
@@ -47,7 +49,8 @@ impl fmt::Display for PanoramaError {
     }
 }
 
-/// Reads a panorama, finite and nowhere below 0. The text is a warning about values that were not.
+/// Reads a panorama; all values are finite and non-negative. The text is a warning about replaced
+/// values.
 pub(super) fn read(file: &Path, named_in: &Path) -> Result<(PanoramaPixels, Option<String>), SceneError> {
     let bytes = bytes::read(file, Some(named_in))?;
     let decode = if bytes.starts_with(OPENEXR_SIGNATURE) { openexr_of } else { radiance_of };
@@ -78,7 +81,7 @@ fn make_finite(light: &mut PanoramaPixels) -> Option<String> {
     (changed > 0).then(|| format!("{changed} of its values are {what}: 0 is used, and {MAX_HALF} for infinite ones"))
 }
 
-/// The light of a Radiance HDR picture, W/(sr·m²) if its header tells its exposure.
+/// Decodes a Radiance HDR picture, in W/(sr·m²) if its header contains the exposure.
 pub(super) fn radiance_of(bytes: &[u8]) -> Result<PanoramaPixels, PanoramaError> {
     if !bytes.starts_with(b"#?") {
         let found = "a file that does not begin with #?, nor as OpenEXR does";
@@ -91,7 +94,7 @@ pub(super) fn radiance_of(bytes: &[u8]) -> Result<PanoramaPixels, PanoramaError>
             "a whole Radiance .hdr file, its rows from the top",
         )
     };
-    // The decoder knows one of the usual signatures, and leaves the header's factors to us.
+    // The decoder accepts one of the usual signatures, and ignores the header's factors.
     let decoder = HdrDecoder::new((&b"#?RADIANCE\n\n"[..]).chain(pixels)).map_err(failed)?;
     let (width, height) = decoder.dimensions();
     let (width, height) = check_size(width as usize, height as usize)?;
@@ -105,10 +108,10 @@ pub(super) fn radiance_of(bytes: &[u8]) -> Result<PanoramaPixels, PanoramaError>
     Ok(PanoramaPixels { width, height, rgb })
 }
 
-/// The factors by which the pixels were multiplied, and the bytes from the resolution on. Every `EXPOSURE` and
-/// `COLORCORR` counts; lines of pictures that this one was made from are indented.
+/// Combined factors of the header, and the bytes from the resolution on. All `EXPOSURE` and
+/// `COLORCORR` lines apply; indented lines belong to source pictures.
 fn radiance_header(bytes: &[u8]) -> Result<([f64; 3], &[u8]), PanoramaError> {
-    let head = &bytes[..bytes.len().min(MAX_HEADER)];
+    let head = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
     let mut factors = [1.0; 3];
     let mut at = 0;
     while let Some(length) = head[at..].iter().position(|&byte| byte == b'\n') {
@@ -140,14 +143,14 @@ fn radiance_header(bytes: &[u8]) -> Result<([f64; 3], &[u8]), PanoramaError> {
     Err(PanoramaError::new(found, "a header, which ends with one"))
 }
 
-/// `N` numbers above 0.
+/// `N` positive numbers.
 fn positive<const N: usize>(text: &str) -> Option<[f64; N]> {
     let numbers = text.split_whitespace().map(|word| word.parse().ok().filter(|v: &f64| *v > 0.0 && v.is_finite()));
     numbers.collect::<Option<Vec<_>>>()?.try_into().ok()
 }
 
-/// The light of the first part of an OpenEXR picture that has R, G and B. Transparent places are dark, as alpha is
-/// multiplied in.
+/// Decodes the first part of an OpenEXR picture that has R, G and B. Transparent pixels are dark,
+/// as alpha is premultiplied.
 fn openexr_of(bytes: &[u8]) -> Result<PanoramaPixels, PanoramaError> {
     let failed =
         |e: exr::error::Error| PanoramaError::new(format!("bytes that do not decode ({e})"), "a whole .exr file");
@@ -167,7 +170,7 @@ fn openexr_of(bytes: &[u8]) -> Result<PanoramaPixels, PanoramaError> {
     check_size(header.layer_size.0, header.layer_size.1)?;
     let display = header.shared_attributes.display_window;
     let (width, height) = check_size(display.size.0, display.size.1)?;
-    // The pixels need not fill the picture.
+    // The data window may be smaller than the display window.
     let (corner, origin) = (header.own_attributes.layer_position, display.position);
     let along = |at: usize, corner: i32, origin: i32, side: u32| {
         let at = at as i64 + i64::from(corner) - i64::from(origin);

@@ -1,4 +1,4 @@
-//! Decodes textures, after checking their size.
+//! Decodes textures after checking their size.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -9,9 +9,9 @@ use image::{ImageFormat, ImageReader, Limits};
 use super::{SceneError, extension};
 use crate::source::still;
 
-/// Longest side of a texture.
+/// Maximum side of a texture.
 pub(super) const MAX_SIDE_PX: u32 = 16384;
-/// Pixels of all textures of a scene together: as many as one of the largest, 1 GiB.
+/// Maximum number of pixels of all textures of a scene: one of the largest size, 1 GiB.
 pub(super) const MAX_PIXELS: u64 = 1 << 28;
 const KTX2_SIGNATURE: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
 
@@ -71,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_pixels_of_all_textures_are_counted_together() {
+    fn pixel_limit_applies_to_all_textures_together() {
         let mut png = Vec::new();
         let encoder = image::codecs::png::PngEncoder::new(&mut png);
         encoder.write_image(&[9; 64], 4, 4, image::ExtendedColorType::Rgba8).unwrap();

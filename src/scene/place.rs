@@ -1,21 +1,21 @@
-//! Where a model is placed in the world.
+//! Placement of a model in the world.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 
 use super::{Object, Part, Scene};
 
-/// How large a model becomes.
+/// Size of a placed model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Size {
-    /// Factors along the model's own axes.
+    /// Scale factors along the model's own axes.
     Scale(DVec3),
     /// The model's largest extent, metres.
     LargestM(f64),
 }
 
-/// The shortest rotation that takes one unit vector to another. Between opposite ones: half a turn about x, or about z
-/// if they lie along x.
-pub(super) fn turn_up(from: DVec3, to: DVec3) -> DQuat {
+/// The shortest rotation between two unit vectors. For opposite ones: half a turn about x, or about
+/// z if they lie along x.
+pub(super) fn shortest_rotation(from: DVec3, to: DVec3) -> DQuat {
     if from.dot(to) > -1.0 + 1e-12 {
         return DQuat::from_rotation_arc(from, to);
     }
@@ -23,19 +23,19 @@ pub(super) fn turn_up(from: DVec3, to: DVec3) -> DQuat {
     DQuat::from_axis_angle(axis.reject_from_normalized(from).normalize(), std::f64::consts::PI)
 }
 
-/// Everything that determines a model's place, except its size.
+/// Placement of a model without its size.
 pub(super) struct Placement {
     pub world_up: DVec3,
     pub model_up: DVec3,
     pub position_m: DVec3,
     pub rotation: DQuat,
-    /// Whether the position is that of the model's lowest point.
+    /// True if the position is that of the model's lowest point.
     pub ground: bool,
 }
 
 impl Placement {
-    /// position · rotation · rotation of the model's up to the world's · scale. `None` if that is not finite, or if the
-    /// model has no extent to scale by.
+    /// position · rotation · rotation of the model's up to the world's · scale. `None` if that is
+    /// not finite, or if the model has no extent to scale by.
     pub fn world_from_model(&self, scene: &Scene, parts: &[Part], size: Size) -> Option<DAffine3> {
         let scale = match size {
             Size::Scale(scale) => scale,
@@ -44,31 +44,31 @@ impl Placement {
                 DVec3::splat(size_m / (high - low).max_element())
             }
         };
-        let turn = self.rotation * turn_up(self.model_up, self.world_up);
+        let turn = self.rotation * shortest_rotation(self.model_up, self.world_up);
         let matrix3 = DMat3::from_quat(turn) * DMat3::from_diagonal(scale);
         let mut placed = DAffine3 { matrix3, translation: self.position_m };
         if self.ground {
-            let lowest = lowest(scene, parts, matrix3.transpose() * self.world_up)?;
-            placed.translation -= self.world_up * lowest;
+            let min_along = min_along(scene, parts, matrix3.transpose() * self.world_up)?;
+            placed.translation -= self.world_up * min_along;
         }
         (placed.is_finite() && matrix3.determinant() != 0.0).then_some(placed)
     }
 }
 
-/// The smallest dot product of a direction with the points of a model.
-pub(super) fn lowest(scene: &Scene, parts: &[Part], direction: DVec3) -> Option<f64> {
+/// Smallest dot product of a direction with a model's points.
+pub(super) fn min_along(scene: &Scene, parts: &[Part], direction: DVec3) -> Option<f64> {
     points(scene, parts).map(|p| p.dot(direction)).reduce(f64::min)
 }
 
-/// The corners of the box around `parts`, after a further transform; `None` without points.
+/// Bounding box of `parts`, after a further transform; `None` without points.
 pub(super) fn bounds(scene: &Scene, parts: &[Part], world_from_parts: DAffine3) -> Option<(DVec3, DVec3)> {
     let moved = points(scene, parts).map(|p| world_from_parts.transform_point3(p));
     moved.map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))
 }
 
 impl Object {
-    /// The corners of the box around the object along its model's own axes, in the world, metres: bit 0 of an index is x, bit 1
-    /// y, bit 2 z; 0 low, 1 high. `None` without parts.
+    /// Corners of the object's bounding box along its model's own axes, in the world, metres: bit 0
+    /// of an index is x, bit 1 y, bit 2 z; 0 low, 1 high. `None` without parts.
     pub fn corners_m(&self, scene: &Scene) -> Option<[DVec3; 8]> {
         let parts: Vec<Part> = self.placed().copied().collect();
         let (low, high) = bounds(scene, &parts, self.world_from_model.inverse())?;
@@ -79,17 +79,17 @@ impl Object {
         }))
     }
 
-    /// The corners of its triangles in the world, metres.
+    /// Triangle vertices in the world, metres.
     pub fn points_m<'a>(&'a self, scene: &'a Scene) -> impl Iterator<Item = DVec3> + 'a {
         points(scene, self.placed())
     }
 
-    /// Its parts, drawn or not.
+    /// All its parts, drawn or occluding.
     pub fn placed(&self) -> impl Iterator<Item = &Part> {
         self.parts.iter().chain(&self.hides)
     }
 
-    /// Moves it in the world; its meshes stay.
+    /// Transforms it in the world; its meshes stay.
     pub fn move_by(&mut self, by: DAffine3) {
         self.world_from_model = by * self.world_from_model;
         self.position_m = by.transform_point3(self.position_m);
@@ -98,7 +98,7 @@ impl Object {
     }
 }
 
-/// The corners of all triangles, transformed by their parts.
+/// Vertices of all triangles, transformed by their parts.
 fn points<'a>(scene: &'a Scene, parts: impl IntoIterator<Item = &'a Part> + 'a) -> impl Iterator<Item = DVec3> + 'a {
     parts.into_iter().flat_map(|part| {
         let mesh = &scene.meshes[part.mesh];
@@ -114,15 +114,15 @@ mod tests {
     use crate::scene::{Mesh, Vertex};
 
     #[test]
-    fn up_turns_to_up_and_the_front_goes_where_the_page_says() {
+    fn model_up_becomes_world_up_and_the_front_is_as_documented() {
         for (from, to, front) in
             [(DVec3::Y, DVec3::Z, DVec3::NEG_Y), (DVec3::Y, DVec3::Y, DVec3::Z), (DVec3::Y, DVec3::NEG_Y, DVec3::NEG_Z)]
         {
-            let turn = turn_up(from, to);
+            let turn = shortest_rotation(from, to);
             assert!((turn * from).abs_diff_eq(to, 1e-12), "{from} to {to}: {}", turn * from);
             assert!((turn * DVec3::Z).abs_diff_eq(front, 1e-12), "{from} to {to}: {}", turn * DVec3::Z);
         }
-        assert!((turn_up(DVec3::X, DVec3::NEG_X) * DVec3::X).abs_diff_eq(DVec3::NEG_X, 1e-12));
+        assert!((shortest_rotation(DVec3::X, DVec3::NEG_X) * DVec3::X).abs_diff_eq(DVec3::NEG_X, 1e-12));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The state while a glTF file is read into a scene.
+//! State while a glTF file is read into a scene.
 
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -10,13 +10,13 @@ use super::gltf::Gltf;
 use super::loader::Loader;
 use super::picture::Rgba;
 
-/// Uses of an image with the same key share one [`super::Texture`].
+/// Key of an image use: equal keys share one [`super::Texture`].
 pub(super) type TextureKey = (usize, bool, [Wrap; 2], bool, bool);
 
 /// Identity of a mesh's rest pose: its skin, and the node if that has weights of its own.
 pub(super) type RestKey = (Option<usize>, Option<usize>);
 
-/// Reads one file into the scene, and remembers what of it has been read.
+/// Reads one file into the scene, and caches its elements.
 pub(super) struct Reader<'a> {
     pub gltf: &'a Gltf,
     pub loader: &'a mut Loader,

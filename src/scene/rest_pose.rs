@@ -13,9 +13,9 @@ use super::schema::{Attributes, Primitive};
 use super::{SceneError, Vertex};
 
 /// The rest pose of a mesh at a node.
-pub(super) struct Rest<'a> {
+pub(super) struct RestPose<'a> {
     pub key: RestKey,
-    /// Of the morph targets.
+    /// Morph target weights.
     weights: &'a [f32],
     /// `model_from_mesh` of each joint.
     pub skin: Option<Rc<Vec<DAffine3>>>,
@@ -29,21 +29,21 @@ impl<'a> Reader<'a> {
         node: usize,
         model_from_node: &HashMap<usize, DAffine3>,
         what: &str,
-    ) -> Result<Rest<'a>, SceneError> {
+    ) -> Result<RestPose<'a>, SceneError> {
         let gltf = self.gltf;
         let mesh = gltf.get(&gltf.json.meshes, "meshes", mesh, what)?;
         let node_json = &gltf.json.nodes[node];
         let has_own_weights = !node_json.weights.is_empty();
         let weights = if has_own_weights { &node_json.weights } else { &mesh.weights };
         let mut key = (None, has_own_weights.then_some(node));
-        let Some(skin) = node_json.skin else { return Ok(Rest { key, weights, skin: None }) };
+        let Some(skin) = node_json.skin else { return Ok(RestPose { key, weights, skin: None }) };
         if mesh.primitives.iter().any(|p| p.attributes.joints0.is_none() || p.attributes.weights0.is_none()) {
             self.warn(format!("{what} has no JOINTS_0 or WEIGHTS_0: nodes[{node}].skin is ignored"));
-            return Ok(Rest { key, weights, skin: None });
+            return Ok(RestPose { key, weights, skin: None });
         }
         let matrices = self.skin(skin, model_from_node, &format!("nodes[{node}].skin"))?;
         key.0 = matrices.is_some().then_some(skin);
-        Ok(Rest { key, weights, skin: matrices })
+        Ok(RestPose { key, weights, skin: matrices })
     }
 
     /// The joint matrices of a skin: `model_from_joint` times the inverse bind matrix. `None` if a joint is not in the
@@ -82,9 +82,9 @@ impl<'a> Reader<'a> {
     }
 }
 
-impl Rest<'_> {
-    /// Moves the vertices of a primitive to their place at rest. A triangle is turned around if the joints
-    /// of its first vertex mirror it.
+impl RestPose<'_> {
+    /// Applies the rest pose to the vertices of a primitive. A triangle's winding is flipped if the
+    /// joints of its first vertex mirror it.
     pub fn apply(
         &self,
         gltf: &Gltf,
@@ -152,7 +152,7 @@ fn displace(
     Ok(())
 }
 
-/// The joints of a vertex and their weights; unused ones have the weight 0.
+/// Joints of a vertex and their weights; unused ones have weight 0.
 #[derive(Clone, Copy, Default)]
 struct Influence {
     joints: [f32; 8],
@@ -184,7 +184,7 @@ fn influences(gltf: &Gltf, attributes: &Attributes, count: usize, what: &str) ->
     Ok(influences)
 }
 
-/// The mean of the joints' matrices. Without any weight the first joint counts.
+/// The weighted mean of the joint matrices. Without any weight the first joint applies.
 fn blended(
     gltf: &Gltf,
     matrices: &[DAffine3],
@@ -209,12 +209,14 @@ fn blended(
     Ok(DAffine3 { matrix3, translation })
 }
 
-/// Takes a vertex to the model, and returns whether that mirrors it. Its normal and tangent stay of unit length or zero.
+/// Transforms a vertex to the model, and returns true if that mirrors it. Its normal and tangent
+/// stay of unit length or zero.
 fn skinned(vertex: &mut Vertex, model_from_mesh: &DAffine3) -> bool {
     vertex.position = model_from_mesh.transform_point3(Vec3::from(vertex.position).as_dvec3()).as_vec3().to_array();
     let linear = model_from_mesh.matrix3;
     let is_mirrored = linear.determinant() < 0.0;
-    // The cofactors are the inverse transpose times the determinant, and exist without an inverse too.
+    // The cofactor matrix is the inverse transpose times the determinant, and exists for singular
+    // matrices, too.
     let cofactors = DMat3::from_cols(
         linear.y_axis.cross(linear.z_axis),
         linear.z_axis.cross(linear.x_axis),

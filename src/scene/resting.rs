@@ -1,4 +1,4 @@
-//! How a piece of evidence comes to rest on a surface.
+//! Places a model at rest on a surface.
 
 use std::path::{Component, Path};
 
@@ -6,19 +6,19 @@ use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 
 use super::document::{Axis, PlacedModel, Up};
 use super::heading::Heading;
-use super::place::{bounds, lowest, turn_up};
+use super::place::{bounds, min_along, shortest_rotation};
 use super::{Scene, SceneError, load};
 
-/// How a thing rests.
+/// Resting posture of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Posture {
-    /// It stands with its model's up along the world's, whatever the surface does: a marker tent.
+    /// The model's up is vertical, whatever the surface: a marker tent.
     Upright,
-    /// Its flattest side lies on the surface: a scale, a knife, a cartridge case.
+    /// The flattest side lies on the surface: a scale, a knife, a cartridge case.
     Flat,
 }
 
-/// What it rests on.
+/// Supporting plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Support {
     pub point_m: DVec3,
@@ -26,20 +26,22 @@ pub struct Support {
     pub normal: DVec3,
 }
 
-/// A flat piece of a real thing beside an object: a box's side, a wall.
+/// A planar patch of a real object beside an evidence object: a box's side, a wall.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Facet {
     pub plane: Support,
-    /// A side of the rectangle around it: a unit vector in the plane. The other one is normal × along.
+    /// Unit vector in the plane along a side of the bounding rectangle. The other side is normal ×
+    /// along.
     pub along: DVec3,
-    /// The rectangle, from the plane's point, along these sides, metres.
+    /// Minimum of the rectangle, from the plane's point, along these sides, metres.
     pub low_m: DVec2,
     pub high_m: DVec2,
 }
 
 impl Facet {
-    /// Whether a point lies before or behind its rectangle, from the plane's point.
-    pub fn holds(&self, off: DVec3) -> bool {
+    /// True if the projection of a point lies in the rectangle; `off` is relative to the plane's
+    /// point.
+    pub fn contains(&self, off: DVec3) -> bool {
         let at = DVec2::new(self.along.dot(off), self.plane.normal.cross(self.along).dot(off));
         at.cmpge(self.low_m).all() && at.cmple(self.high_m).all()
     }
@@ -49,13 +51,14 @@ impl Facet {
 const MAX_LEVEL_TILT_DEG: f64 = 2.0;
 /// Cosine of the largest tilt at which a surface supports upright objects, 40°.
 pub const MIN_SUPPORT_COSINE: f64 = 0.766;
-/// Of a number that is written, m and 1.
-const DIGITS: f64 = 1e4;
+/// Decimal factor for rounding written numbers, m and 1.
+const DECIMAL_ROUNDING: f64 = 1e4;
 
-/// Where a scene file has to put a model so that it rests on a surface. `model` is its path as the scene file `file` names it.
-/// It is turned about the world's up; flat on a slope about the slope's normal. Upright at a steep surface it is moved
-/// horizontally until it touches the surface from outside; below a ceiling it stays at the point. `size_m` is its largest extent, where it is not as large as
-/// the model.
+/// Placement of a model that makes it rest on a surface. `model` is its path as referenced by the
+/// scene file `file`. The model is rotated about the world's up; flat on a slope about the slope's
+/// normal. Upright at a steep surface it is moved horizontally until it touches the surface from
+/// outside; below a ceiling it stays at the point. `size_m` is its largest extent, if it differs
+/// from the model's.
 pub fn lay(
     model: &str,
     file: &Path,
@@ -68,7 +71,7 @@ pub fn lay(
     let scene = load(&file.parent().unwrap_or(Path::new("")).join(model), None)?;
     let up = match posture {
         Posture::Upright => Axis::Y,
-        Posture::Flat => flattest(&scene),
+        Posture::Flat => thinnest_axis(&scene),
     };
     let axis = if up == Axis::Z {
         DVec3::Z
@@ -91,15 +94,15 @@ pub fn lay(
     let parts = scene.objects.first().map(|object| object.parts.as_slice()).unwrap_or_default();
     let extent_m = bounds(&scene, parts, DAffine3::IDENTITY).map(|(low, high)| (high - low).max_element());
     let factor = size_m.zip(extent_m).map_or(1.0, |(size_m, extent_m)| size_m / extent_m);
-    // The smallest distance of the turned model's origin-centred vertices along a direction of the world.
+    // Minimum of the rotated model's vertices, relative to its origin, along a world direction.
     let below = |turn: DQuat, along: DVec3| {
-        let model_from_world = DMat3::from_quat(turn * turn_up(axis, world_up)).transpose();
-        factor * lowest(&scene, parts, model_from_world * along).unwrap_or(0.0)
+        let model_from_world = DMat3::from_quat(turn * shortest_rotation(axis, world_up)).transpose();
+        factor * min_along(&scene, parts, model_from_world * along).unwrap_or(0.0)
     };
     let turn = DQuat::from_axis_angle(world_up, heading_deg.to_radians());
     if posture == Posture::Upright && slope.abs() < MIN_SUPPORT_COSINE {
         let Some(outwards) = support.normal.reject_from(world_up).try_normalize() else { return Ok(laid) };
-        // Its lowest vertex is at the height of the point.
+        // The lowest vertex is at the height of the point.
         let depth_m = slope * below(turn, world_up) - below(turn, support.normal);
         let position = support.point_m + depth_m / support.normal.dot(outwards) * outwards;
         return Ok(PlacedModel { position_m: Some(position.to_array().map(round)), ..laid });
@@ -107,8 +110,8 @@ pub fn lay(
     if posture == Posture::Upright || slope > MAX_LEVEL_TILT_DEG.to_radians().cos() {
         return Ok(laid);
     }
-    // Turned on the level, then tilted with it onto the slope.
-    let turn = turn_up(world_up, support.normal) * turn;
+    // Rotated on the level, then tilted onto the slope.
+    let turn = shortest_rotation(world_up, support.normal) * turn;
     let position = support.point_m - below(turn, support.normal) * support.normal;
     let quaternion = turn.to_array().map(|n| (n * 1e6).round() / 1e6);
     Ok(PlacedModel {
@@ -120,8 +123,8 @@ pub fn lay(
     })
 }
 
-/// A model's path as a scene file names it: relative to the file where they share a folder's beginning, with slashes; else
-/// absolute.
+/// A model's path as referenced by a scene file: relative to the file if they share a parent
+/// folder, with slashes; otherwise absolute.
 pub fn relative(model: &Path, file: &Path) -> String {
     let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let (mut model, file) = (whole(model), whole(file));
@@ -134,25 +137,25 @@ pub fn relative(model: &Path, file: &Path) -> String {
     let up = std::iter::repeat_n("..".to_owned(), from.len() - shared);
     let down = to[shared..].iter().map(|part| part.as_os_str().to_string_lossy().into_owned());
     let relative = up.chain(down).collect::<Vec<_>>().join("/");
-    // A folder's link leads up from where it points to.
+    // A symbolic link's parent is that of its target.
     let is_elsewhere = match (folder.join(&relative).canonicalize(), model.canonicalize()) {
         (Ok(named), Ok(model)) => named != model,
         (named, model) => folder.is_dir() && named.is_ok() != model.is_ok(),
     };
-    // The root alone is nothing in common.
+    // A common root alone does not count.
     if shared < 2 || is_elsewhere { model.to_string_lossy().into_owned() } else { relative }
 }
 
 fn round(n: f64) -> f64 {
-    (n * DIGITS).round() / DIGITS
+    (n * DECIMAL_ROUNDING).round() / DECIMAL_ROUNDING
 }
 
-/// The model's axis along which it is thinnest; its up where two are alike.
-fn flattest(scene: &Scene) -> Axis {
+/// The axis of the model's smallest extent; its up in a tie.
+fn thinnest_axis(scene: &Scene) -> Axis {
     let parts = scene.objects.first().map(|object| object.parts.as_slice()).unwrap_or_default();
     let Some((low, high)) = bounds(scene, parts, DAffine3::IDENTITY) else { return Axis::Y };
     let size = high - low;
-    // A hundredth more is not thicker.
+    // A difference of less than 1 % counts as a tie.
     let thinnest = 1.01 * size.min_element();
     match () {
         () if size.y <= thinnest => Axis::Y,
@@ -169,7 +172,7 @@ mod tests {
 
     const FILE: &str = "scenes/new.toml";
 
-    /// The corners of the box of what was laid, and its transform.
+    /// Bounding box of the placed model, and its transform.
     fn laid(model: &str, support: &Support, posture: Posture, heading_deg: f64) -> (DVec3, DVec3, Scene, PlacedModel) {
         let file = assets::source_folder().join(FILE);
         let placed = lay(model, &file, support, posture, Heading::Deg(heading_deg), DVec3::Z, None).unwrap();
@@ -207,13 +210,13 @@ mod tests {
     }
 
     #[test]
-    fn what_is_laid_faces_whoever_looks() {
+    fn placed_model_faces_the_viewer() {
         let (file, level) = (assets::source_folder().join(FILE), Support { point_m: DVec3::ZERO, normal: DVec3::Z });
         let looks = DVec3::new(-3.0, 4.0, 1.0);
         for (model, posture, front) in [
             ("marker-1.glb", Posture::Upright, DVec3::Z),
             ("l-scale.glb", Posture::Flat, DVec3::Z),
-            // It lies with its z up: its foot, −y, is towards whoever looks.
+            // It lies with its z up: its foot, −y, is towards the viewer.
             ("cartridge-case-9mm.glb", Posture::Flat, DVec3::NEG_Y),
         ] {
             let heading = Heading::Towards { direction: looks, turned_deg: 0.0 };
@@ -221,13 +224,13 @@ mod tests {
             let scene = SceneFile { objects: vec![placed], ..SceneFile::default() };
             let scene = load_file(&scene, &file, Some(DVec3::Z)).unwrap();
             let front = scene.objects[0].world_from_model.transform_vector3(front).normalize();
-            // Within the tenth of a degree that is written.
+            // Within the written tenth of a degree.
             assert!(front.dot(looks.reject_from(DVec3::Z).normalize()) > 0.1f64.to_radians().cos(), "{model}: {front}");
         }
     }
 
     #[test]
-    fn a_case_lies_a_marker_stands_and_both_touch() {
+    fn flat_and_upright_models_touch_the_surface() {
         let level = Support { point_m: DVec3::new(0.4, -0.3, 0.41), normal: DVec3::Z };
         let (low, high, ..) = laid("cartridge-case-9mm.glb", &level, Posture::Flat, 30.0);
         let size = high - low;
@@ -239,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn on_a_slope_flat_things_lie_on_it_and_markers_stand() {
+    fn on_a_slope_flat_models_lie_and_markers_stand() {
         let normal = DVec3::new(0.0, -0.6, 0.8);
         let slope = Support { point_m: DVec3::new(1.0, 2.0, 0.5), normal };
         let file = assets::source_folder().join(FILE);
@@ -248,9 +251,9 @@ mod tests {
         let as_it_is = lay("l-scale.glb", &file, &slope, Posture::Flat, heading(), DVec3::Z, None).unwrap();
         for (placed, most_m) in [(as_it_is, 0.005), (sized, 0.02)] {
             let (.., scene, _) = loaded(placed, &file);
-            let along = |direction: DVec3| lowest(&scene, &scene.objects[0].parts, direction).unwrap();
+            let along = |direction: DVec3| min_along(&scene, &scene.objects[0].parts, direction).unwrap();
             let [below, above] = [along(normal), -along(-normal)];
-            // It lies on the plane, and is as thin there as a scale is.
+            // It lies on the plane, and is as thin there as a scale.
             let off_m = below - normal.dot(slope.point_m);
             assert!(off_m.abs() < 2e-4 && above - below < most_m, "{below} {above}");
         }
@@ -269,7 +272,7 @@ mod tests {
                 let heading = Heading::Deg(35.0);
                 let placed = lay("marker-1.glb", &file, &wall, Posture::Upright, heading, DVec3::Z, size_m).unwrap();
                 let (low, _, scene, _) = loaded(placed, &file);
-                let below = lowest(&scene, &scene.objects[0].parts, normal).unwrap() - normal.dot(wall.point_m);
+                let below = min_along(&scene, &scene.objects[0].parts, normal).unwrap() - normal.dot(wall.point_m);
                 assert!(below.abs() < 2e-4 && (low.z - 0.5).abs() < 1e-4, "{normal}: {below}, {low}");
             }
         }

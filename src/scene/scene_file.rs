@@ -1,4 +1,4 @@
-//! Puts the contents of a scene file into a scene.
+//! Adds the contents of a scene file to a scene.
 
 use std::path::Path;
 use std::rc::Rc;
@@ -11,12 +11,13 @@ use super::edit;
 use super::light::{DEFAULT_WHITE_LX, SUN_RAD, default_lighting};
 use super::loader::Loader;
 use super::missing;
-use super::models::{MissingModels, Model, Panorama};
+use super::model_cache::{MissingModels, Model, Panorama};
 use super::panorama::PanoramaPixels;
-use super::place::{Placement, Size, turn_up};
-use super::{Environment, EnvironmentMap, LitBy, Object, PointLight, SceneError, Sun, model, panorama};
+use super::place::{Placement, Size, shortest_rotation};
+use super::{Environment, EnvironmentMap, LightingOrigin, Object, PointLight, SceneError, Sun, model, panorama};
 
-/// Puts the contents of a scene file into the loader. `file` is named in errors, and models are found relative to it.
+/// Adds the contents of a scene file to the loader. Errors name `file`, and models are found
+/// relative to it.
 pub(super) fn read(
     loader: &mut Loader,
     scene: &SceneFile,
@@ -61,13 +62,13 @@ pub(super) fn read(
         (Some(environment), _) => loader.scene.lighting.environment = environment,
         (None, true) => {
             loader.scene.lighting = default_lighting(world_up);
-            loader.scene.lit_by = LitBy::Nobody;
+            loader.scene.lighting_origin = LightingOrigin::Default;
         }
         (None, false) if light.sun.is_empty() && light.lamp.is_empty() => {
-            loader.scene.lit_by = LitBy::Models;
-            loader.say_dark_ambient(file);
+            loader.scene.lighting_origin = LightingOrigin::Models;
+            loader.warn_of_dark_ambient(file);
         }
-        (None, false) => loader.say_dark_ambient(file),
+        (None, false) => loader.warn_of_dark_ambient(file),
     }
     Ok(())
 }
@@ -92,7 +93,7 @@ fn place(
     let placement = |instance: Option<&Instance>, name: String, what: &str| -> Result<Object, SceneError> {
         let turned = |rotation_deg, quaternion| rotation(file, what, rotation_deg, quaternion);
         let sized = |scale, size_m| size(file, what, scale, size_m);
-        // Anything an instance does not give is taken from the object.
+        // Missing values of an instance are those of the object.
         let own = instance.map(|i| Ok((turned(i.rotation_deg, i.quaternion)?, sized(i.scale, i.size_m)?)));
         let (own_rotation, own_size) = own.transpose()?.unwrap_or_default();
         let size = own_size.or(sized(object.scale, object.size_m)?).unwrap_or(Size::Scale(DVec3::ONE));
@@ -136,7 +137,7 @@ fn place(
     Ok(())
 }
 
-/// The model of an object. `None` if it cannot be read and the scene can go on without it.
+/// The model of an object. `None` if it cannot be read and may be missing.
 fn model_of(
     loader: &mut Loader,
     file: &Path,
@@ -150,7 +151,7 @@ fn model_of(
     if (stands_in || !is_needed) && loader.is_missing(path, is_needed) {
         return Ok(None);
     }
-    let before = loader.lengths();
+    let before = loader.counts();
     let read = if model::is_model(path) {
         model::load(loader, path, Some(file))
     } else {
@@ -161,7 +162,7 @@ fn model_of(
         Ok(model) => Ok(Some(model)),
         Err(error) => {
             loader.roll_back(before);
-            loader.go_without(path, is_needed, error).map(|()| None)
+            loader.skip_missing(path, is_needed, error).map(|()| None)
         }
     }
 }
@@ -222,8 +223,8 @@ fn read_sun(file: &Path, sun: &SunTable, what: &str) -> Result<Sun, SceneError> 
 fn read_lamp(file: &Path, lamp: &LampTable, what: &str) -> Result<PointLight, SceneError> {
     let color = lamp.color.map_or(Vec3::ONE, Vec3::from) * lamp.intensity.unwrap_or(1.0) as f32;
     let color = positive(file, &format!("{what}.color · intensity"), color)?;
-    let diameter_m = match lamp.wide_m() {
-        wide_m if (0.0..=100.0).contains(&wide_m) => wide_m as f32,
+    let diameter_m = match lamp.diameter_or_default_m() {
+        diameter_or_default_m if (0.0..=100.0).contains(&diameter_or_default_m) => diameter_or_default_m as f32,
         found => return Err(SceneError::bad(file, format!("{what}.diameter_m"), found, "0 to 100")),
     };
     let at_m = lamp.at_m.into();
@@ -274,7 +275,7 @@ fn environment(
     });
     let Panorama { width, height, rgb, warning } = match read {
         Ok(panorama) => panorama,
-        Err(error) => return loader.go_without(&path, true, error).map(|()| None),
+        Err(error) => return loader.skip_missing(&path, true, error).map(|()| None),
     };
     loader.scene.files.push(path.clone());
     if let Some(warning) = warning {
@@ -284,7 +285,7 @@ fn environment(
         loader.warn(&path, format!("{width}×{height} pixels: a whole panorama is twice as wide as high"));
     }
     let up = light.environment_up.map_or(Ok(world_up), |up| up.axis(file, "light.environment_up"))?;
-    let world_from_map = DQuat::from_axis_angle(up, degrees.to_radians()) * turn_up(DVec3::Y, up);
+    let world_from_map = DQuat::from_axis_angle(up, degrees.to_radians()) * shortest_rotation(DVec3::Y, up);
     let map_from_world = world_from_map.conjugate().as_quat().normalize();
     Ok(Some(Environment::Map(EnvironmentMap { width, height, rgb, map_from_world, color })))
 }

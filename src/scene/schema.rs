@@ -1,7 +1,7 @@
-//! glTF 2.0's JSON: the parts that are read, as plain values. Everything else is ignored.
+//! JSON of glTF 2.0: the parts that are used, as plain values. Everything else is ignored.
 //!
-//! Written here rather than taken from a crate: the existing one panics on references out of range and truncates
-//! indices to 32 bits before they can be checked.
+//! Not taken from a crate: the existing one panics on references out of range and truncates indices
+//! to 32 bits before they can be checked.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -11,75 +11,76 @@ use serde::de::{Error, IgnoredAny, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
-/// Entries of the lists whose entries are many in large models, and of the others.
-const MANY: usize = 1 << 20;
-const FEW: usize = 1 << 16;
+/// Maximum lengths of lists that are long in large models, and of other lists.
+const MAX_LONG_LIST: usize = 1 << 20;
+const MAX_LIST: usize = 1 << 16;
 
-/// A list of up to `MOST` entries. An entry of three bytes, `{},`, takes a hundred times that in memory.
-fn list<'de, D: Deserializer<'de>, T: Deserialize<'de>, const MOST: usize>(from: D) -> Result<Vec<T>, D::Error> {
-    struct List<T, const MOST: usize>(PhantomData<T>);
+/// A list of up to `MAX` entries. An entry of three bytes, `{},`, takes a hundred times that in
+/// memory.
+fn list<'de, D: Deserializer<'de>, T: Deserialize<'de>, const MAX: usize>(from: D) -> Result<Vec<T>, D::Error> {
+    struct List<T, const MAX: usize>(PhantomData<T>);
 
-    impl<'de, T: Deserialize<'de>, const MOST: usize> Visitor<'de> for List<T, MOST> {
+    impl<'de, T: Deserialize<'de>, const MAX: usize> Visitor<'de> for List<T, MAX> {
         type Value = Vec<T>;
 
         fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-            write!(f, "a list of up to {MOST} entries")
+            write!(f, "a list of up to {MAX} entries")
         }
 
         fn visit_seq<A: SeqAccess<'de>>(self, mut entries: A) -> Result<Vec<T>, A::Error> {
             let mut list = Vec::new();
             while let Some(entry) = entries.next_element()? {
-                if list.len() == MOST {
-                    return Err(A::Error::custom(format!("a list of more than {MOST} entries")));
+                if list.len() == MAX {
+                    return Err(A::Error::custom(format!("a list of more than {MAX} entries")));
                 }
                 list.push(entry);
             }
             Ok(list)
         }
     }
-    from.deserialize_seq(List::<T, MOST>(PhantomData))
+    from.deserialize_seq(List::<T, MAX>(PhantomData))
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Root {
     pub asset: Asset,
-    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
+    #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub extensions_used: Vec<String>,
-    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
+    #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub extensions_required: Vec<String>,
-    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
+    #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub buffers: Vec<Buffer>,
-    #[serde(deserialize_with = "list::<_, _, { MANY }>")]
+    #[serde(deserialize_with = "list::<_, _, { MAX_LONG_LIST }>")]
     pub buffer_views: Vec<BufferView>,
-    #[serde(deserialize_with = "list::<_, _, { MANY }>")]
+    #[serde(deserialize_with = "list::<_, _, { MAX_LONG_LIST }>")]
     pub accessors: Vec<Accessor>,
-    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
+    #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub images: Vec<Image>,
-    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
+    #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub samplers: Vec<Sampler>,
-    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
+    #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub textures: Vec<Texture>,
-    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
+    #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub materials: Vec<Material>,
-    #[serde(deserialize_with = "list::<_, _, { MANY }>")]
+    #[serde(deserialize_with = "list::<_, _, { MAX_LONG_LIST }>")]
     pub meshes: Vec<Mesh>,
-    #[serde(deserialize_with = "list::<_, _, { MANY }>")]
+    #[serde(deserialize_with = "list::<_, _, { MAX_LONG_LIST }>")]
     pub nodes: Vec<Node>,
-    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
+    #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub scenes: Vec<Scene>,
     pub scene: Option<usize>,
     pub extensions: RootExtensions,
     pub animations: Vec<IgnoredAny>,
-    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
+    #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub skins: Vec<Skin>,
     pub cameras: Vec<IgnoredAny>,
 }
 
-/// The names of extensions, where their content is not read.
+/// Names of extensions whose content is not read.
 pub(super) type ExtensionNames = BTreeMap<String, IgnoredAny>;
 
-/// The start of the file, which any version of glTF has.
+/// Start of the file, common to all versions of glTF.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Head {
@@ -140,7 +141,7 @@ pub(super) struct SparsePart {
     pub buffer_view: usize,
     #[serde(default)]
     pub byte_offset: usize,
-    /// Only the indices have it.
+    /// Present for the indices only.
     pub component_type: Option<u32>,
 }
 
@@ -241,8 +242,8 @@ pub(super) struct TextureTransform {
 #[derive(Debug, Deserialize)]
 pub(super) struct Mesh {
     pub primitives: Vec<Primitive>,
-    /// Of the morph targets, where the node has none.
-    #[serde(default, deserialize_with = "list::<_, _, { FEW }>")]
+    /// Morph target weights, unless the node has its own.
+    #[serde(default, deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub weights: Vec<f32>,
 }
 
@@ -252,7 +253,7 @@ pub(super) struct Primitive {
     pub indices: Option<usize>,
     pub material: Option<usize>,
     pub mode: Option<u32>,
-    #[serde(default, deserialize_with = "list::<_, _, { FEW }>")]
+    #[serde(default, deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub targets: Vec<Target>,
     #[serde(default)]
     pub extensions: ExtensionNames,
@@ -297,8 +298,8 @@ pub(super) struct Node {
     pub children: Vec<usize>,
     pub mesh: Option<usize>,
     pub skin: Option<usize>,
-    /// Of the mesh's morph targets, instead of the mesh's own; empty if the node has none.
-    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
+    /// Morph target weights that override the mesh's; empty if the node has none.
+    #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub weights: Vec<f32>,
     pub matrix: Option<[f32; 16]>,
     pub translation: Option<[f32; 3]>,
@@ -311,7 +312,7 @@ pub(super) struct Node {
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Skin {
-    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
+    #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub joints: Vec<usize>,
     pub inverse_bind_matrices: Option<usize>,
 }
@@ -344,7 +345,7 @@ pub(super) struct RootExtensions {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Lights {
-    #[serde(deserialize_with = "list::<_, _, { FEW }>")]
+    #[serde(deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub lights: Vec<Light>,
 }
 
@@ -353,7 +354,7 @@ pub(super) struct Light {
     #[serde(rename = "type", default)]
     pub kind: String,
     /// Linear red, green and blue; white if empty.
-    #[serde(default, deserialize_with = "list::<_, _, { FEW }>")]
+    #[serde(default, deserialize_with = "list::<_, _, { MAX_LIST }>")]
     pub color: Vec<f32>,
     pub intensity: Option<f32>,
     pub range: Option<f32>,

@@ -28,7 +28,7 @@ use super::shadow_map::ShadowMap;
 use super::sky::{EnvSample, disc, on_surface};
 use crate::digest::{Digester, Digestible};
 use crate::parallel::{over_rows, processors};
-use crate::render::{Lightmap, Place, Unwrapped};
+use crate::render::{Lightmap, TexelPoint, Unwrapped};
 use crate::scene::{Lighting, PointLight};
 
 /// Points of a sun's or a lamp's disc.
@@ -148,7 +148,7 @@ pub fn lightmap(surface: &Surface<'_>, room: &Room<'_>) -> Lightmap {
 /// on one surface and get nearly the same, what reaches is interpolated; what is left is asked too.
 struct Sparsely<'a> {
     room: &'a Room<'a>,
-    places: &'a [Place],
+    places: &'a [TexelPoint],
     spots: &'a [Spot],
     side: i32,
     /// Which place each texel is, where it is one.
@@ -156,7 +156,7 @@ struct Sparsely<'a> {
 }
 
 impl<'a> Sparsely<'a> {
-    fn new(room: &'a Room<'a>, places: &'a [Place], spots: &'a [Spot], side: u32) -> Self {
+    fn new(room: &'a Room<'a>, places: &'a [TexelPoint], spots: &'a [Spot], side: u32) -> Self {
         let mut of_texel = vec![None; (side * side) as usize];
         (0..).zip(places).for_each(|(n, place)| of_texel[place.texel as usize] = Some(n));
         Self { room, places, spots, side: side as i32, of_texel }
@@ -259,7 +259,7 @@ impl Digestible for Surface<'_> {
 }
 
 impl Surface<'_> {
-    fn spot(&self, place: &Place, turned: f32) -> Spot {
+    fn spot(&self, place: &TexelPoint, turned: f32) -> Spot {
         let matrix = self.place.matrix3.as_mat3();
         let own = &self.unwrapped.indices[3 * place.triangle as usize..][..3];
         let corners = [0, 1, 2].map(|n| &self.unwrapped.corners[own[n] as usize].vertex);

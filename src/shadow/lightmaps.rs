@@ -71,7 +71,7 @@ impl PartialEq for Floor {
 }
 
 /// An object with the box around it, metres.
-struct Thing<'a> {
+struct SceneItem<'a> {
     object: &'a Object,
     low: DVec3,
     high: DVec3,
@@ -85,7 +85,7 @@ impl Lightmaps {
 
     /// The same meshes are lit otherwise from now on. Until lightmaps are worked out anew, the last ones are rough ones, if as many suns
     /// and lamps shine.
-    pub fn light_by(&mut self, scene: &Scene) {
+    pub fn set_lightmaps(&mut self, scene: &Scene) {
         let count = |lighting: &Lighting| (lighting.suns.len(), lighting.points.len());
         let last = self.last.take().filter(|_| count(&self.lighting) == count(&scene.lighting));
         *self = Self { last: last.map(|last| Last { is_of_before: true, ..last }), ..Self::new(scene) };
@@ -110,7 +110,8 @@ impl Lightmaps {
         if let Some(last) = self.last.as_ref().filter(is_same) {
             return last.found.clone();
         }
-        let things: Vec<Thing<'_>> = scene.objects.iter().filter_map(|object| Thing::of(scene, object)).collect();
+        let things: Vec<SceneItem<'_>> =
+            scene.objects.iter().filter_map(|object| SceneItem::of(scene, object)).collect();
         let mut found = Vec::new();
         for object in &scene.objects {
             let own = things.iter().find(|thing| std::ptr::eq(thing.object, object));
@@ -150,8 +151,8 @@ impl Lightmaps {
         scene: &Scene,
         unwrapped: &[Unwrapped],
         shadow_maps: &[ShadowMap],
-        own: &Thing<'_>,
-        things: &[Thing<'_>],
+        own: &SceneItem<'_>,
+        things: &[SceneItem<'_>],
     ) -> Vec<Option<Arc<Lightmap>>> {
         let origin_m = own.object.world_from_model.translation;
         let near = things.iter().filter(|thing| std::ptr::eq(thing.object, own.object) || thing.reaches(own));
@@ -203,7 +204,7 @@ impl Lightmaps {
     }
 }
 
-impl<'a> Thing<'a> {
+impl<'a> SceneItem<'a> {
     fn of(scene: &Scene, object: &'a Object) -> Option<Self> {
         let (low, high) =
             object.points_m(scene).fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
@@ -239,7 +240,7 @@ fn around(origin_m: DVec3, place: &DAffine3) -> DAffine3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::Place;
+    use crate::render::TexelPoint;
     use crate::scene::{Environment, Material, Mesh, Sun, Vertex};
     use glam::{DQuat, Vec3};
 
@@ -312,11 +313,11 @@ mod tests {
     }
 
     /// The first part's lightmap, and where in the mesh each of its texels lies, but for those in the corner at the wall.
-    fn first(scene: &Scene) -> (Arc<Lightmap>, Vec<(Vec3, Place)>) {
+    fn first(scene: &Scene) -> (Arc<Lightmap>, Vec<(Vec3, TexelPoint)>) {
         let unwrapped = unwrapped(scene);
         let found = Lightmaps::new(scene).of(scene, &unwrapped, &[], &[]);
         let own = &unwrapped[0];
-        let at = |place: &Place| {
+        let at = |place: &TexelPoint| {
             let corner = |n: usize| own.corners[own.indices[3 * place.triangle as usize + n] as usize].vertex.position;
             (0..3).map(|n| place.weights[n] * Vec3::from(corner(n))).sum::<Vec3>()
         };
@@ -443,15 +444,15 @@ mod tests {
         assert!(least(&alone[0]) == 1.0 && least(&near[0]) < 0.9, "{}", least(&near[0]));
         // Under a sky of another colour it is the one of before until it is asked for; with a lamp more there is none.
         scene.lighting.environment = Environment::Uniform(Vec3::new(0.5, 0.4, 0.3));
-        maps.light_by(&scene);
+        maps.set_lightmaps(&scene);
         assert_eq!(maps.sketched(&scene), (near.clone(), true));
         assert_eq!(maps.of(&scene, &unwrapped, &[], &[]), Lightmaps::new(&scene).of(&scene, &unwrapped, &[], &[]));
         assert!(!maps.sketched(&scene).1);
         let mut lamps = scene.clone();
         lamps.lighting.points.push(lamp(DVec3::new(0.0, 0.0, 3.0)));
-        maps.light_by(&lamps);
+        maps.set_lightmaps(&lamps);
         assert_eq!(maps.sketched(&lamps), (Vec::new(), true));
-        maps.light_by(&scene);
+        maps.set_lightmaps(&scene);
         let near = maps.of(&scene, &unwrapped, &[], &[]);
         // Something without a shadow takes nothing.
         scene.objects[1].shadowless = true;

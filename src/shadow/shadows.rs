@@ -75,7 +75,7 @@ impl Shadows {
     }
 
     /// The same meshes are lit otherwise from now on. What the surroundings are, if they are the same, stays known.
-    pub fn light_by(&mut self, scene: &Scene) {
+    pub fn set_lightmaps(&mut self, scene: &Scene) {
         *self = match self.lighting.environment == scene.lighting.environment {
             true => Self { far: self.far.take(), ..Self::under(scene, self.around.clone()) },
             false => Self::new(scene),
@@ -582,7 +582,7 @@ mod tests {
             shadow_maps.iter().map(|shadow_map| ShadowTexture::clone(&shadow_map.texture)).collect::<Vec<_>>()
         };
         for scene in [&right, &dark, &left] {
-            shadows.light_by(scene);
+            shadows.set_lightmaps(scene);
             let (rough, is_rough) = shadows.sketched(scene);
             assert!(is_rough && shares(rough) == shares(Shadows::new(scene).sketched(scene).0));
             assert!(shares(shadows.shadow_maps(scene)) == shares(Shadows::new(scene).shadow_maps(scene)));

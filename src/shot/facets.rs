@@ -73,7 +73,7 @@ pub fn facets(scene: &Scene, object: &Object, support: &Support, points: &[Point
         let (mut farthest_m, mut pierced) = (0.0f64, false);
         for off in object.points_m(scene).map(|at_m| at_m - point_m) {
             farthest_m = farthest_m.max(normal.dot(off));
-            pierced |= normal.dot(off) < -DEEPEST_M && facet.holds(off);
+            pierced |= normal.dot(off) < -DEEPEST_M && facet.contains(off);
         }
         farthest_m > LEAST_BEFORE_M && !pierced
     };
@@ -84,7 +84,7 @@ pub fn facets(scene: &Scene, object: &Object, support: &Support, points: &[Point
                 && (matches!(other.shape, Some(Shape::Round)) || other.normal.dot(piece.normal).abs() > LEANING)
         };
         let strays = pieces.iter().filter(bent).flat_map(|other| &other.members).chain(&rest);
-        let is_close = |off: &DVec3| facet.plane.normal.dot(*off).abs() < BESIDE_M && facet.holds(*off);
+        let is_close = |off: &DVec3| facet.plane.normal.dot(*off).abs() < BESIDE_M && facet.contains(*off);
         let strays = strays.map(|point| point.at_m - facet.plane.point_m).filter(is_close).count();
         (strays as f64) < STRAYS * piece.members.len() as f64
     };

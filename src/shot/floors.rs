@@ -23,7 +23,7 @@ use crate::camera::{Geometry, Response};
 use crate::compositor::Compositor;
 use crate::frame::Frame;
 use crate::gpu::Gpu;
-use crate::scene::{LitBy, MIN_SUPPORT_COSINE, Mesh, Object, Scene, Support};
+use crate::scene::{LightingOrigin, MIN_SUPPORT_COSINE, Mesh, Object, Scene, Support};
 use crate::shadow::{LazyRadiance, Room};
 
 /// Points across a frame that is looked at alone.
@@ -228,7 +228,7 @@ impl Shot {
 
     /// Real things, where it is known where light comes from: of a light that is guessed nothing can be stopped.
     fn room(&self) -> Option<Arc<Room>> {
-        let is_guessed = self.scene.lit_by == LitBy::Nobody && self.found_light.is_none();
+        let is_guessed = self.scene.lighting_origin == LightingOrigin::Default && self.found_light.is_none();
         if is_guessed || !self.settings.shadow.cast {
             return None;
         }

@@ -2,18 +2,18 @@
 
 use std::sync::Arc;
 
-use crate::scene::{Lighting, LitBy, Scene};
+use crate::scene::{Lighting, LightingOrigin, Scene};
 
 /// Lights a scene as it was `given` or, where nobody said how it is lit, by what was found: lamps that its models bring shine on.
 /// A scene that says its light keeps it.
 pub fn light(scene: &mut Arc<Scene>, given: &Lighting, found: Option<&Lighting>) {
-    if scene.lit_by == LitBy::Scene {
+    if scene.lighting_origin == LightingOrigin::Scene {
         return;
     }
     let lighting = match found {
         None => given.clone(),
         Some(found) => {
-            let brings = scene.lit_by == LitBy::Models;
+            let brings = scene.lighting_origin == LightingOrigin::Models;
             let own = given.points.iter().filter(|_| brings);
             Lighting {
                 suns: if brings { given.suns.clone() } else { Vec::new() },
@@ -55,15 +55,15 @@ mod tests {
     }
 
     /// The lighting of a scene after [`light`].
-    fn lit(lit_by: LitBy, found: Option<&Lighting>) -> Lighting {
-        let mut scene = Arc::new(Scene { lit_by, ..Scene::default() });
+    fn lit(lighting_origin: LightingOrigin, found: Option<&Lighting>) -> Lighting {
+        let mut scene = Arc::new(Scene { lighting_origin, ..Scene::default() });
         light(&mut scene, &given(), found);
         scene.lighting.clone()
     }
 
     #[test]
     fn lamps_and_suns_of_models_stay_in_found_light() {
-        let lighting = lit(LitBy::Models, Some(&found()));
+        let lighting = lit(LightingOrigin::Models, Some(&found()));
         assert_eq!(lighting.points, [lamp(1.0), lamp(2.0), lamp(3.0)]);
         assert_eq!(lighting.suns, given().suns);
         assert_eq!(lighting.environment, found().environment);
@@ -71,8 +71,11 @@ mod tests {
 
     #[test]
     fn found_light_replaces_a_guessed_light_and_leaves_that_of_a_scene_file() {
-        assert_eq!(lit(LitBy::Nobody, Some(&found())), found());
-        assert_eq!(lit(LitBy::Scene, Some(&found())), Lighting::default());
-        assert_eq!([LitBy::Nobody, LitBy::Models].map(|lit_by| lit(lit_by, None)), [given(), given()]);
+        assert_eq!(lit(LightingOrigin::Default, Some(&found())), found());
+        assert_eq!(lit(LightingOrigin::Scene, Some(&found())), Lighting::default());
+        assert_eq!(
+            [LightingOrigin::Default, LightingOrigin::Models].map(|lighting_origin| lit(lighting_origin, None)),
+            [given(), given()]
+        );
     }
 }

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use super::{AnalysisState, Shot, Standing};
 use crate::compositor::FrameStats;
 use crate::frame::Frame;
-use crate::scene::{odd_size, overlaps};
+use crate::scene::{overlaps, size_warning};
 use crate::text::{count, millimetres, number, shown};
 
 /// Something odd or unknown. Displays as a line for a person.
@@ -210,7 +210,8 @@ impl Shot {
     /// Notes on objects that stand inside each other.
     pub fn overlap_notes(&self) -> Vec<Note> {
         let found = overlaps(&self.scene);
-        let mut notes: Vec<_> = found.iter().take(MOST_OVERLAPS).map(|o| Note::Overlap(o.told(&self.scene))).collect();
+        let mut notes: Vec<_> =
+            found.iter().take(MOST_OVERLAPS).map(|o| Note::Overlap(o.message(&self.scene))).collect();
         if found.len() > MOST_OVERLAPS {
             notes.push(Note::MoreOverlaps(found.len() - MOST_OVERLAPS));
         }
@@ -221,9 +222,9 @@ impl Shot {
     pub fn wrongs(&self, frame: &Frame) -> Vec<Wrong> {
         let overlaps = overlaps(&self.scene).into_iter();
         let overlaps =
-            overlaps.map(|o| Wrong { objects: o.objects.to_vec(), note: Note::Overlap(o.told(&self.scene)) });
+            overlaps.map(|o| Wrong { objects: o.objects.to_vec(), note: Note::Overlap(o.message(&self.scene)) });
         let sizes = self.scene.objects.iter().enumerate().filter_map(|(object, of)| {
-            let note = Note::OddSize(odd_size(&self.scene, of)?);
+            let note = Note::OddSize(size_warning(&self.scene, of)?);
             Some(Wrong { objects: vec![object], note })
         });
         let gaps = self.standing(frame).into_iter().filter_map(|Standing { object, gap_m }| {

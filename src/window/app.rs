@@ -41,7 +41,7 @@ use super::titles;
 use super::viewer::Viewer;
 use super::warnings::Warnings;
 use locard_engine::live;
-use locard_engine::scene::Thing;
+use locard_engine::scene::SceneItem;
 
 /// The tuner.
 pub struct App {
@@ -185,7 +185,7 @@ impl App {
     }
 
     /// The selected object or lamp.
-    pub fn selected(&self) -> Option<Thing> {
+    pub fn selected(&self) -> Option<SceneItem> {
         self.evidence.selected
     }
 

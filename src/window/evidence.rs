@@ -21,7 +21,9 @@ use super::tilt;
 use locard_engine::frame::Frame;
 use locard_engine::gpu::Gpu;
 use locard_engine::scene::document::{PlacedModel, Up};
-use locard_engine::scene::{Entry, Posture, SceneError, SceneFile, Size, Stance, Support, Thing, lay, relative};
+use locard_engine::scene::{
+    Entry, ItemPlacement, Posture, SceneError, SceneFile, SceneItem, Size, Support, lay, relative,
+};
 use locard_engine::shot::{Eye, Ray, Shot};
 
 /// What is being done with the evidence.
@@ -43,7 +45,7 @@ pub struct Evidence {
     /// Where it was pressed, px of the picture.
     pressed_px: Option<DVec2>,
     /// In the list and in the picture.
-    pub selected: Option<Thing>,
+    pub selected: Option<SceneItem>,
     renaming: Option<Renaming>,
     /// A missing file of the scene that the user wants to locate.
     pub locates: Option<PathBuf>,
@@ -87,7 +89,7 @@ impl Evidence {
     /// Drops the selection of a thing that the scene no longer has.
     pub fn update_selection(&mut self, project: &Project) {
         let scene = &project.edit().scene;
-        self.selected = self.selected.filter(|selected| scene.stance(*selected).is_some());
+        self.selected = self.selected.filter(|selected| scene.placement(*selected).is_some());
     }
 
     /// Shows the list and the controls of what is selected. Gives back what is to be said.
@@ -144,7 +146,7 @@ impl Evidence {
         let scene = project.edit().scene.clone();
         let renaming = self.renaming.take();
         let was_typing = renaming.is_some();
-        if let Some(Thing::Object(entry)) = self.selected {
+        if let Some(SceneItem::Object(entry)) = self.selected {
             ui.separator();
             told = self.selected(ui, project, &scene, entry, renaming).or(told);
             let object = scene.entries().iter().position(|other| *other == entry);
@@ -168,10 +170,10 @@ impl Evidence {
         entry: Entry,
         renaming: Option<Renaming>,
     ) -> Option<String> {
-        let stance = scene.stance(entry)?;
-        let (title, mut changed, mut done) = (scene.title(entry), stance, false);
+        let placement = scene.placement(entry)?;
+        let (title, mut changed, mut done) = (scene.title(entry), placement, false);
         // What turns it may be its rotation.
-        let faces_deg = scene.heading_deg(entry, project.up()).unwrap_or(stance.heading_deg);
+        let faces_deg = scene.heading_deg(entry, project.up()).unwrap_or(placement.heading_deg);
         let shown_deg = (faces_deg * 10.0).round() / 10.0;
         let mut heading_deg = shown_deg;
         // Undone meanwhile, it has its old name.
@@ -194,24 +196,24 @@ impl Evidence {
                 done |= row(ui, axis, &format!("position {axis}"), value, 0.002, " m");
             }
             done |= row(ui, "heading", "heading", &mut heading_deg, 0.5, " °");
-            done |= size(ui, &stance, &mut changed);
+            done |= size(ui, &placement, &mut changed);
         });
         // To a tenth of a millimetre and of a degree, but only what was touched.
-        let moved = changed.position_m != stance.position_m;
+        let moved = changed.position_m != placement.position_m;
         let rounded = |to: f64, from: f64| if to == from { to } else { (to * 1e4).round() / 1e4 };
         for i in 0..3 {
-            changed.position_m[i] = rounded(changed.position_m[i], stance.position_m[i]);
+            changed.position_m[i] = rounded(changed.position_m[i], placement.position_m[i]);
         }
         if heading_deg != shown_deg {
             let up = project.up();
             changed = changed.turned(up, (heading_deg * 10.0).round() / 10.0 - faces_deg, up);
         }
         let mut wrong = None;
-        if is_renamed || changed != stance {
+        if is_renamed || changed != placement {
             let what = match () {
                 () if is_renamed => renamed(&title),
                 () if moved => format!("{title}: moved"),
-                () if changed.heading_deg != stance.heading_deg => format!("{title}: turned"),
+                () if changed.heading_deg != placement.heading_deg => format!("{title}: turned"),
                 () => format!("{title}: scaled"),
             };
             let change = |scene: &mut SceneFile| {
@@ -392,7 +394,7 @@ fn renamed(before: &str) -> String {
 /// Whether a thing throws a shadow, and whether it is one at all. Gives back what went wrong.
 fn switches(ui: &mut Ui, project: &mut Project, entry: Entry) -> Option<String> {
     let scene = &project.edit().scene;
-    let (title, mut throws, mut is_real) = (scene.title(entry), !scene.is_shadowless(entry), scene.is_stand_in(entry));
+    let (title, mut throws, mut is_real) = (scene.title(entry), !scene.is_shadowless(entry), scene.is_occluder(entry));
     let all = if entry.instance.is_some() { ", with all instances of its object" } else { "" };
     let throwing = ui
         .add_enabled(!is_real, egui::Checkbox::new(&mut throws, "Throws a shadow"))
@@ -402,10 +404,10 @@ fn switches(ui: &mut Ui, project: &mut Project, entry: Entry) -> Option<String> 
     ));
     let done = if throwing.changed() {
         let what = format!("{title}: {}", if throws { "with its shadow" } else { "without its shadow" });
-        project.change_scene(&what, |scene| scene.unshadow(entry, !throws))
+        project.change_scene(&what, |scene| scene.set_shadowless(entry, !throws))
     } else if standing.changed() {
         let what = format!("{title}: {}{all}", if is_real { "stands in for something real" } else { "is evidence" });
-        project.change_scene(&what, |scene| scene.stand_in(entry, is_real))
+        project.change_scene(&what, |scene| scene.set_occluder(entry, is_real))
     } else {
         return None;
     };
@@ -414,10 +416,10 @@ fn switches(ui: &mut Ui, project: &mut Project, entry: Entry) -> Option<String> 
 }
 
 /// The size as the scene file has it: a factor, three, or the largest extent.
-fn size(ui: &mut Ui, stance: &Stance, changed: &mut Stance) -> bool {
+fn size(ui: &mut Ui, placement: &ItemPlacement, changed: &mut ItemPlacement) -> bool {
     // Zero and less are nothing to look at; a mirror image is a matter for the scene file.
     let kept = |to: f64, from: f64| if to != 0.0 && to.signum() == from.signum() { to } else { from };
-    match stance.size {
+    match placement.size {
         Size::LargestM(from) => {
             let mut to = from;
             let done = row(ui, "size", "largest extent", &mut to, 0.001 * from.max(0.01), " m");

@@ -13,7 +13,7 @@ use super::room_light;
 use super::theme;
 use locard_engine::frame::Frame;
 use locard_engine::scene::document::{Color, LampTable};
-use locard_engine::scene::{Scene, Thing, bounds_m};
+use locard_engine::scene::{Scene, SceneItem, bounds_m};
 use locard_engine::shot::View;
 
 /// What the next click in the picture is for.
@@ -59,7 +59,7 @@ impl Lamps {
         ui: &mut Ui,
         project: &mut Project,
         frame: Option<&Arc<Frame>>,
-        selected: &mut Option<Thing>,
+        selected: &mut Option<SceneItem>,
     ) -> Option<String> {
         if !project.can_place() {
             return None;
@@ -78,7 +78,7 @@ impl Lamps {
         }
         ui.strong("Lamps");
         for (n, lamp) in project.edit().scene.light.lamp.clone().iter().enumerate() {
-            let thing = Thing::Lamp(n);
+            let thing = SceneItem::Lamp(n);
             ui.horizontal(|ui| {
                 let (rect, _) = ui.allocate_exact_size(vec2(12.0, 12.0), egui::Sense::hover());
                 ui.painter().circle(
@@ -109,11 +109,11 @@ impl Lamps {
                 told = Some(added.map_or_else(|why| why, |()| ABOVE.to_owned()));
             }
         }
-        if let Some(Thing::Lamp(n)) = *selected
+        if let Some(SceneItem::Lamp(n)) = *selected
             && let Some(lamp) = project.edit().scene.light.lamp.get(n).cloned()
         {
             ui.separator();
-            ui.label(project.edit().scene.title(Thing::Lamp(n)));
+            ui.label(project.edit().scene.title(SceneItem::Lamp(n)));
             told = fields(ui, project, n, &lamp).or(told);
             ui.horizontal(|ui| {
                 if ui.button("Duplicate").on_hover_text("Shift+D, and move it").clicked() {
@@ -135,7 +135,7 @@ impl Lamps {
         finder: &Finder,
         frame: &Frame,
         at_px: DVec2,
-        selected: &mut Option<Thing>,
+        selected: &mut Option<SceneItem>,
     ) -> Result<Option<String>, String> {
         if self.pick == Some(Pick::White) {
             let matched = project.match_white(View { frame: frame.index, at_px })?;
@@ -144,7 +144,7 @@ impl Lamps {
         }
         match finder.look(project.shot(), frame, at_px) {
             Some(support) => {
-                let radius_m = 0.5 * LampTable::default().wide_m();
+                let radius_m = 0.5 * LampTable::default().diameter_or_default_m();
                 self.add(project, support.point_m + radius_m * support.normal, selected)?;
                 Ok(None)
             }
@@ -155,7 +155,7 @@ impl Lamps {
         }
     }
 
-    fn add(&mut self, project: &mut Project, at_m: DVec3, selected: &mut Option<Thing>) -> Result<(), String> {
+    fn add(&mut self, project: &mut Project, at_m: DVec3, selected: &mut Option<SceneItem>) -> Result<(), String> {
         self.pick = None;
         *selected = Some(project.add_lamp(at_m)?);
         Ok(())
@@ -178,7 +178,8 @@ fn fields(ui: &mut Ui, project: &mut Project, n: usize, lamp: &LampTable) -> Opt
     let mut changed = lamp.clone();
     // A picker's colour counts as long as the pointer is down.
     let mut done = ui.input(|i| i.pointer.any_released());
-    let (mut intensity, mut rgb, mut wide_m) = (lamp.intensity.unwrap_or(1.0), lamp.rgb(), lamp.wide_m());
+    let (mut intensity, mut rgb, mut diameter_or_default_m) =
+        (lamp.intensity.unwrap_or(1.0), lamp.rgb(), lamp.diameter_or_default_m());
     egui::Grid::new("lamp").num_columns(2).spacing([8.0, 3.0]).show(ui, |ui| {
         for (axis, value) in ["x", "y", "z"].into_iter().zip(&mut changed.at_m) {
             done |= row(ui, axis, &format!("lamp {axis}"), value, 0.005, " m");
@@ -193,7 +194,7 @@ fn fields(ui: &mut Ui, project: &mut Project, n: usize, lamp: &LampTable) -> Opt
         ui.label("colour").on_hover_text("What white matt that faces it shows at 1 m, times the intensity");
         color_picker(ui, "lamp colour", &mut rgb);
         ui.end_row();
-        done |= row(ui, "diameter", "lamp diameter", &mut wide_m, 0.002, " m");
+        done |= row(ui, "diameter", "lamp diameter", &mut diameter_or_default_m, 0.002, " m");
     });
     // To a tenth of a millimetre, or five digits, but only what was touched.
     let short = |to: f64, from: f64| if to == from { to } else { (to * 1e4).round() / 1e4 };
@@ -207,12 +208,13 @@ fn fields(ui: &mut Ui, project: &mut Project, n: usize, lamp: &LampTable) -> Opt
     if rgb != lamp.rgb() {
         (changed.color, what) = (Some(Color::Rgb(rgb.map(|c| rounded(c.max(0.0))))), Some("colour"));
     }
-    if wide_m != lamp.wide_m() {
-        (changed.diameter_m, what) = (Some(short(wide_m, lamp.wide_m()).max(0.0)), Some("diameter"));
+    if diameter_or_default_m != lamp.diameter_or_default_m() {
+        (changed.diameter_m, what) =
+            (Some(short(diameter_or_default_m, lamp.diameter_or_default_m()).max(0.0)), Some("diameter"));
     }
     let mut wrong = None;
     if let Some(what) = what {
-        let what = format!("{}: {what}", project.edit().scene.title(Thing::Lamp(n)));
+        let what = format!("{}: {what}", project.edit().scene.title(SceneItem::Lamp(n)));
         wrong = project.change_scene(&what, |scene| scene.light.lamp[n] = changed).err().map(|e| e.to_string());
     }
     if done {

@@ -5,10 +5,15 @@ use eframe::egui::{self, RichText, Stroke, Ui, vec2};
 use super::Project;
 use super::scene_checks::SceneChecks;
 use super::tilt;
-use locard_engine::scene::Thing;
+use locard_engine::scene::SceneItem;
 
 /// Shows the list. A click selects, the box at the left shows and hides. Gives what went wrong.
-pub fn show(ui: &mut Ui, project: &mut Project, checks: &SceneChecks, selected: &mut Option<Thing>) -> Option<String> {
+pub fn show(
+    ui: &mut Ui,
+    project: &mut Project,
+    checks: &SceneChecks,
+    selected: &mut Option<SceneItem>,
+) -> Option<String> {
     let (scene, version) = (project.edit().scene.clone(), project.scene_version());
     let mut switched = None;
     egui::ScrollArea::vertical().max_height(220.0).auto_shrink([false, true]).show(ui, |ui| {
@@ -46,7 +51,7 @@ pub fn show(ui: &mut Ui, project: &mut Project, checks: &SceneChecks, selected: 
     }
     let (entry, hidden, title) = switched?;
     let what = format!("{title}: {}", if hidden { "hidden" } else { "shown" });
-    let done = project.change_scene(&what, |scene| scene.hide(entry, hidden));
+    let done = project.change_scene(&what, |scene| scene.set_hidden(entry, hidden));
     project.close_step();
     done.err().map(|e| e.to_string())
 }

@@ -15,7 +15,7 @@ use super::{Pace, Player};
 use locard_engine::compositor::IN_FLIGHT;
 use locard_engine::gpu::Gpu;
 use locard_engine::params::{Kind, Value};
-use locard_engine::scene::{Entry, Stance};
+use locard_engine::scene::{Entry, ItemPlacement};
 use locard_engine::shot::{Shot, ShotError};
 
 /// How long it plays.
@@ -178,11 +178,11 @@ impl Measure {
                     // Once round in two seconds, 5 cm from where it stands.
                     let mut scene = session.project.edit().scene.clone();
                     let entry = Entry { object: 0, instance: scene.entries().first().and_then(|first| first.instance) };
-                    let was = session.project.history().committed().scene.stance(entry);
+                    let was = session.project.history().committed().scene.placement(entry);
                     if let Some(was) = was {
                         let (sin, cos) = (PI * begun.elapsed().as_secs_f64()).sin_cos();
                         let position_m = was.position_m + 0.05 * DVec3::new(cos, sin, 0.0);
-                        scene.put(entry, &Stance { position_m, ..was });
+                        scene.put(entry, &ItemPlacement { position_m, ..was });
                         if let Err(error) = session.project.set_uncommitted_scene(scene) {
                             session.show_error(error.to_string());
                         }

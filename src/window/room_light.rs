@@ -21,7 +21,7 @@ pub fn show(ui: &mut Ui, project: &mut Project) -> Option<String> {
         ui.label(RichText::new("Lights inside the models light the scene.").weak());
         return None;
     }
-    if project.edit().scene.light.says_none() {
+    if project.edit().scene.light.is_unspecified() {
         return offer(ui, project);
     }
     let wrong = fields(ui, project);
@@ -92,7 +92,7 @@ fn fields(ui: &mut Ui, project: &mut Project) -> Option<String> {
         light.sun.remove(n);
     }
     // Without any light a file would get the default light.
-    if light.says_none() {
+    if light.is_unspecified() {
         light.ambient = Some(Color::Grey(0.0));
     }
     let changed = (light != before).then(|| project.change_scene(&what, |scene| scene.light = light).err());

@@ -5,7 +5,7 @@ use eframe::egui::{RichText, Ui};
 use glam::{DQuat, DVec3};
 
 use super::Project;
-use locard_engine::scene::{Entry, SceneError, Stance};
+use locard_engine::scene::{Entry, ItemPlacement, SceneError};
 use locard_engine::shot::Tilt;
 use locard_engine::text::{fixed, millimetres};
 
@@ -15,7 +15,7 @@ const UPRIGHT: f64 = 0.99996;
 /// Whether a thing stands along the world's up.
 fn is_upright(project: &Project, entry: Entry) -> bool {
     let up = project.up();
-    project.edit().scene.stance(entry).is_some_and(|stance| (stance.rotation * up).dot(up) > UPRIGHT)
+    project.edit().scene.placement(entry).is_some_and(|placement| (placement.rotation * up).dot(up) > UPRIGHT)
 }
 
 /// The gap below an upright thing's foot, in words.
@@ -42,10 +42,12 @@ pub fn put_on_surface(project: &mut Project, entry: Entry, tilt: &Tilt) -> Resul
     let (scene, up) = (&project.edit().scene, project.up());
     let is_ground = scene.objects.get(entry.object).is_some_and(|object| object.ground);
     let loaded = &project.shot().scene;
-    let (Some(stance), Some(object)) = (scene.stance(entry), loaded.objects.get(tilt.object)) else { return Ok(()) };
+    let (Some(placement), Some(object)) = (scene.placement(entry), loaded.objects.get(tilt.object)) else {
+        return Ok(());
+    };
     let origin = object.world_from_model.translation;
     let points: Vec<DVec3> = object.points_m(loaded).map(|point| point - origin).collect();
-    let laid = stance_on_surface(&stance, origin, &points, tilt, up, is_ground);
+    let laid = stance_on_surface(&placement, origin, &points, tilt, up, is_ground);
     let what = format!("{}: on the surface", scene.title(entry));
     project.change_scene(&what, |scene| scene.put(entry, &laid))?;
     project.close_step();
@@ -55,13 +57,13 @@ pub fn put_on_surface(project: &mut Project, entry: Entry, tilt: &Tilt) -> Resul
 /// The stance on the surface of a thing with these points, from its origin. `is_ground`: its
 /// position is that of its lowest point.
 fn stance_on_surface(
-    stance: &Stance,
+    placement: &ItemPlacement,
     origin: DVec3,
     points: &[DVec3],
     tilt: &Tilt,
     up: DVec3,
     is_ground: bool,
-) -> Stance {
+) -> ItemPlacement {
     let normal = tilt.support.normal;
     let turn = DQuat::from_rotation_arc(up, normal);
     let (axis, angle) = turn.to_axis_angle();
@@ -70,7 +72,7 @@ fn stance_on_surface(
     let off_m = (tilt.support.point_m - origin).dot(normal) - lowest(normal);
     let placed = origin + up * (off_m / up.dot(normal));
     let position_m = if is_ground { placed + up * lowest(up) } else { placed };
-    Stance { position_m, ..stance.turned(axis, angle.to_degrees(), up) }
+    ItemPlacement { position_m, ..placement.turned(axis, angle.to_degrees(), up) }
 }
 
 #[cfg(test)]
@@ -85,7 +87,7 @@ mod tests {
         let tilt = Tilt { object: 0, support, degrees: 6.4, gap_m: 0.01 };
         let corners = [-0.05, 0.05].map(|x| [-0.03, 0.03].map(|y| [0.0, 0.1].map(|z| DVec3::new(x, y, z))));
         let points: Vec<DVec3> = corners.into_iter().flatten().flatten().collect();
-        let stance = Stance {
+        let placement = ItemPlacement {
             position_m: support.point_m,
             rotation: DQuat::IDENTITY,
             heading_deg: 30.0,
@@ -94,7 +96,7 @@ mod tests {
         let heading = DQuat::from_axis_angle(DVec3::Z, 30f64.to_radians());
         let turned: Vec<DVec3> = points.iter().map(|point| heading * *point).collect();
         for is_ground in [false, true] {
-            let laid = stance_on_surface(&stance, support.point_m, &turned, &tilt, DVec3::Z, is_ground);
+            let laid = stance_on_surface(&placement, support.point_m, &turned, &tilt, DVec3::Z, is_ground);
             let rotation = heading * laid.rotation;
             let low = points.iter().map(|point| (rotation * *point).z).fold(f64::MAX, f64::min);
             let origin = laid.position_m - if is_ground { low * DVec3::Z } else { DVec3::ZERO };

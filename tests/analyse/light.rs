@@ -10,7 +10,7 @@ use crate::program::{copied, locard, refused, said};
 use glam::DVec3;
 use locard::analyse::{Analysis, LightFindings};
 use locard::recording::OpenOptions;
-use locard::scene::{self, Environment, LitBy};
+use locard::scene::{self, Environment, LightingOrigin};
 use locard::shot::{Analysed, AnalysisState, Given, Shot};
 use locard::simulate::{Flaws, Options, Simulation, run};
 
@@ -113,7 +113,7 @@ fn a_scene_without_light_takes_that_of_the_footage_and_one_with_light_keeps_its_
     assert!(matches!(&lighting.environment, Environment::Map(map) if (map.width, map.height) == (256, 128)));
     // Nobody lit it but by a guess; a scene that says its light keeps it.
     let guessed = lit(&bare, Analysed::No);
-    assert_eq!((guessed.scene.lit_by, guessed.scene.lighting.points.len()), (LitBy::Nobody, 0));
+    assert_eq!((guessed.scene.lighting_origin, guessed.scene.lighting.points.len()), (LightingOrigin::Default, 0));
     assert_eq!(lit(&own, Analysed::Beside).scene.lighting, lit(&own, Analysed::No).scene.lighting);
     // The same while a person works, and for the next scene.
     let mut worked = lit(&bare, Analysed::No);
@@ -132,7 +132,7 @@ fn a_scene_without_light_takes_that_of_the_footage_and_one_with_light_keeps_its_
     let text = std::fs::read_to_string(bare).unwrap();
     assert!(text.contains("# the tent") && text.contains("[[light.lamp]]"), "{text}");
     let edited = lit(Path::new(bare), Analysed::No);
-    assert_eq!(edited.scene.lit_by, LitBy::Scene);
+    assert_eq!(edited.scene.lighting_origin, LightingOrigin::Scene);
     let close = edited.scene.lighting.points[0].color - lighting.points[0].color;
     assert!(close.abs().max_element() < 1e-6);
     let (Environment::Map(a), Environment::Map(b)) = (&edited.scene.lighting.environment, &lighting.environment) else {
@@ -293,8 +293,8 @@ fn by_lamps_and_a_panorama(folder: &tempfile::TempDir, found: &Analysis) {
     assert!(DVec3::from(lamps[0].at_m).distance(place) < 1e-3, "{lamps:?} {place}\n{told}");
     let color = |lamp: &scene::document::LampTable| glam::Vec3::from(lamp.color.unwrap()).element_sum();
     let real = DVec3::from(light.lamps[0].at_m);
-    let [bulbs, bounced]: [Vec<&scene::document::LampTable>; 2] =
-        [false, true].map(|is_wide| lamps.iter().filter(|lamp| (lamp.wide_m() > 1.0) == is_wide).collect());
+    let [bulbs, bounced]: [Vec<&scene::document::LampTable>; 2] = [false, true]
+        .map(|is_wide| lamps.iter().filter(|lamp| (lamp.diameter_or_default_m() > 1.0) == is_wide).collect());
     assert!(bulbs.len() == 2 && DVec3::from(bulbs[1].at_m).distance(real) < 1e-3, "{lamps:?}");
     assert!(bounced.len() == 1 && DVec3::from(bounced[0].at_m).distance(real) < 1e-3, "{lamps:?}");
     assert!(color(bulbs[1]) > 3.0 * color(bulbs[0]), "{lamps:?}");

@@ -38,7 +38,7 @@ const REACH_PX: f64 = 12.0;
 
 fn simulation() -> Simulation {
     let flaws = Flaws { depth_sensor: Some(DepthSensorModel::Kinect), ..Flaws::default() };
-    Simulation::flawed_with_detail(&Options::default(), &flaws, CRUDE, 2).unwrap()
+    Simulation::with_flaws_and_detail(&Options::default(), &flaws, CRUDE, 2).unwrap()
 }
 
 /// The demonstration's frames, with depth as it is measured.

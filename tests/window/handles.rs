@@ -7,12 +7,12 @@ use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use glam::{DVec2, DVec3};
 use locard::compositor::Target;
-use locard::scene::{Entry, Size, Stance, Thing};
+use locard::scene::{Entry, ItemPlacement, SceneItem, Size};
 use locard::shot::Shot;
 use locard::window::App;
 
-const MARKER: Thing = Thing::Object(Entry { object: 0, instance: None });
-const CASE: Thing = Thing::Object(Entry { object: 2, instance: Some(0) });
+const MARKER: SceneItem = SceneItem::Object(Entry { object: 0, instance: None });
+const CASE: SceneItem = SceneItem::Object(Entry { object: 2, instance: Some(0) });
 /// Where the demonstration's scene has them.
 const MARKER_AT: [f64; 3] = [0.0, 0.12, 0.0];
 
@@ -35,8 +35,8 @@ fn drag(window: &mut Harness<'_, App>, from: Pos2, to: Pos2) {
     let_go(window, to);
 }
 
-fn stance(window: &Harness<'_, App>, thing: Thing) -> Stance {
-    window.state().project().edit().scene.stance(thing).unwrap()
+fn placement(window: &Harness<'_, App>, thing: SceneItem) -> ItemPlacement {
+    window.state().project().edit().scene.placement(thing).unwrap()
 }
 
 /// The marker, selected by a click on its front.
@@ -95,7 +95,7 @@ fn keys_that_come_between_two_pictures_are_all_heard() {
     }
     window.input_mut().events.extend(pressed(Key::W));
     window.run_steps(5);
-    assert!(stance(&window, MARKER).position_m.abs_diff_eq(DVec3::from(MARKER_AT) + 0.02 * DVec3::X, 1e-12));
+    assert!(placement(&window, MARKER).position_m.abs_diff_eq(DVec3::from(MARKER_AT) + 0.02 * DVec3::X, 1e-12));
     assert_eq!(window.state().view.zoom, None, "the digit is no zoom");
     assert_eq!(steps(&window), ["opened", "marker 1: moved 1 cm", "marker 1: moved 1 cm"]);
     assert!(window.state().view.wipe.is_some(), "the last key is the window's");
@@ -103,7 +103,7 @@ fn keys_that_come_between_two_pictures_are_all_heard() {
     press_key(&mut window, Key::S);
     types(&mut window, "-1");
     press_key(&mut window, Key::Enter);
-    assert!(matches!(stance(&window, MARKER).size, Size::Scale(factor) if factor.min_element() > 0.0));
+    assert!(matches!(placement(&window, MARKER).size, Size::Scale(factor) if factor.min_element() > 0.0));
     // Esc first ends what is under way, then nothing is selected.
     press_key(&mut window, Key::G);
     press_key(&mut window, Key::Escape);
@@ -115,13 +115,13 @@ fn keys_that_come_between_two_pictures_are_all_heard() {
 #[test]
 fn typed_numbers_move_turn_and_scale_exactly_and_each_is_one_step() {
     let mut window = with_marker(0);
-    let before = stance(&window, MARKER);
+    let before = placement(&window, MARKER);
     let first = shown(&window);
     press_key(&mut window, Key::G);
     press_key(&mut window, Key::X);
     types(&mut window, "0,1");
     window.run_steps(2);
-    assert_eq!(stance(&window, MARKER).position_m, DVec3::from(MARKER_AT) + 0.1 * DVec3::X);
+    assert_eq!(placement(&window, MARKER).position_m, DVec3::from(MARKER_AT) + 0.1 * DVec3::X);
     assert_eq!(steps(&window).len(), 1, "it is no step yet");
     // Keys of the window are not asked meanwhile: 1 is a digit, not a zoom.
     assert_eq!(window.state().view.zoom, None);
@@ -129,15 +129,15 @@ fn typed_numbers_move_turn_and_scale_exactly_and_each_is_one_step() {
     settle(&mut window);
     let moved = shown(&window);
     assert!(moved != first);
-    let heading = stance(&window, MARKER).heading_deg;
+    let heading = placement(&window, MARKER).heading_deg;
     press_key(&mut window, Key::R);
     types(&mut window, "45");
     press_key(&mut window, Key::Enter);
-    assert_eq!(stance(&window, MARKER).heading_deg, heading + 45.0);
+    assert_eq!(placement(&window, MARKER).heading_deg, heading + 45.0);
     press_key(&mut window, Key::S);
     types(&mut window, "150%");
     press_key(&mut window, Key::Enter);
-    assert_eq!(stance(&window, MARKER).size, Size::Scale(DVec3::splat(1.5)));
+    assert_eq!(placement(&window, MARKER).size, Size::Scale(DVec3::splat(1.5)));
     let names = ["opened", "marker 1: moved 10 cm", "marker 1: turned 45°", "marker 1: scaled to 150 %"];
     assert_eq!(steps(&window), names);
     // What is shown is what would be composited from the scene file.
@@ -156,7 +156,7 @@ fn typed_numbers_move_turn_and_scale_exactly_and_each_is_one_step() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.step();
     settle(&mut window);
-    assert!(shown(&window) == first && stance(&window, MARKER) == before);
+    assert!(shown(&window) == first && placement(&window, MARKER) == before);
 }
 
 #[test]
@@ -171,7 +171,7 @@ fn it_is_dragged_over_the_surface_and_stays_on_it() {
     assert_eq!(steps(&window).len(), 1, "as long as it is held it is no step");
     window.drop_at(to);
     window.run_steps(2);
-    let position = stance(&window, MARKER).position_m;
+    let position = placement(&window, MARKER).position_m;
     // The floor is z = 0; the sensor's noise is 1.5 mm, and a plane is fitted to a thousand of its depths.
     assert!(position.abs_diff_eq(DVec3::new(-0.1, 0.2, 0.0), 2e-3), "{position}");
     let names = steps(&window);
@@ -182,7 +182,7 @@ fn it_is_dragged_over_the_surface_and_stays_on_it() {
     window.event(Event::ModifiersChanged(Modifiers::COMMAND | Modifiers::SHIFT));
     drag(&mut window, from, to);
     window.event(Event::ModifiersChanged(Modifiers::NONE));
-    let by = stance(&window, MARKER).position_m - position;
+    let by = placement(&window, MARKER).position_m - position;
     assert!((by * 100.0 - (by * 100.0).round()).abs().max_element() < 1e-6 && by.z == 0.0 && by.x > 0.05, "{by}");
 }
 
@@ -267,14 +267,14 @@ fn handles_move_along_their_axis_turn_and_scale() {
     // The arrow of z begins above the marker, which is 107 mm high.
     let up = at(&window, 0, [0.0, 0.12, 0.107]) - egui::vec2(0.0, 30.0);
     drag(&mut window, up, up - egui::vec2(0.0, 60.0));
-    let position = stance(&window, MARKER).position_m;
+    let position = placement(&window, MARKER).position_m;
     assert!(position.x == 0.0 && position.y == 0.12 && position.z > 0.02, "{position}");
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     window.run_steps(2);
     // The handle of the size stands at the upper right, twice as far is twice as large.
     let size = egui::vec2(68.0, -68.0);
     drag(&mut window, centre + size, centre + 2.0 * size);
-    assert_eq!(stance(&window, MARKER).size, Size::Scale(DVec3::splat(2.0)));
+    assert_eq!(placement(&window, MARKER).size, Size::Scale(DVec3::splat(2.0)));
     let names = steps(&window);
     assert_eq!(names.last().unwrap(), "marker 1: scaled to 200 %");
     // With Ctrl turns are in steps of 5°.
@@ -295,7 +295,7 @@ fn handles_move_along_their_axis_turn_and_scale() {
         modifiers: Modifiers::COMMAND,
     });
     window.run_steps(2);
-    assert_eq!(stance(&window, MARKER).heading_deg, 40.0);
+    assert_eq!(placement(&window, MARKER).heading_deg, 40.0);
 }
 
 #[test]
@@ -305,7 +305,7 @@ fn small_steps_copies_and_deleting_by_keys() {
         window.key_press_modifiers(Modifiers::ALT, Key::ArrowRight);
         window.step();
     }
-    let by = stance(&window, MARKER).position_m - DVec3::from(MARKER_AT);
+    let by = placement(&window, MARKER).position_m - DVec3::from(MARKER_AT);
     assert!((by.length() - 3e-3).abs() < 1e-9 && by.abs().max_element() > 2.9e-3, "{by}");
     assert_eq!(steps(&window).len(), 2);
     press_key(&mut window, Key::H);
@@ -322,7 +322,7 @@ fn small_steps_copies_and_deleting_by_keys() {
     press_key(&mut window, Key::Enter);
     let copy = window.state().selected().unwrap();
     assert_eq!(window.state().project().edit().scene.title(copy), "marker 1 copy");
-    assert!((stance(&window, copy).position_m.y - MARKER_AT[1] - by.y + 0.2).abs() < 1e-9);
+    assert!((placement(&window, copy).position_m.y - MARKER_AT[1] - by.y + 0.2).abs() < 1e-9);
     press_key(&mut window, Key::Delete);
     assert!(window.state().project().edit().scene.objects.len() == count && window.state().selected().is_none());
     let names = steps(&window);
@@ -334,7 +334,7 @@ fn small_steps_copies_and_deleting_by_keys() {
 #[test]
 fn a_hand_that_moves_on_as_it_presses_holds_what_it_pressed() {
     let mut window = with_marker(0);
-    let before = stance(&window, MARKER).position_m;
+    let before = placement(&window, MARKER).position_m;
     let from = at(&window, 0, MARKER_AT);
     let to = from + egui::vec2(60.0, 12.0);
     window.hover_at(from);
@@ -348,6 +348,6 @@ fn a_hand_that_moves_on_as_it_presses_holds_what_it_pressed() {
     window.step();
     window.drop_at(to);
     window.run_steps(2);
-    let moved = stance(&window, MARKER).position_m - before;
+    let moved = placement(&window, MARKER).position_m - before;
     assert!(moved.length() > 0.02, "{moved}");
 }

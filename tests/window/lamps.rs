@@ -13,12 +13,12 @@ use egui_kittest::kittest::Queryable;
 use glam::{DVec2, DVec3};
 use locard::analyse::{Analysis, Environment, LightFindings};
 use locard::recording::OpenOptions;
-use locard::scene::{LitBy, SceneFile, Size, Thing, load_file};
+use locard::scene::{LightingOrigin, SceneFile, SceneItem, Size, load_file};
 use locard::shot::{AnalysisState, Given};
 use locard::simulate::Flaws;
 use locard::window::{App, HistoryRecord, Project};
 
-const LAMP: Thing = Thing::Lamp(0);
+const LAMP: SceneItem = SceneItem::Lamp(0);
 /// Where the demonstration's scene has it: above the picture.
 const LAMP_AT: [f64; 3] = [-0.2783, 0.2778, 2.349];
 const MARK_INSET: f64 = 18.0;
@@ -53,8 +53,8 @@ fn seen(window: &Harness<'_, App>, point_m: DVec3) -> Option<DVec2> {
     window.state().project().shot().eye(0).unwrap().project(point_m)
 }
 
-fn at_m(window: &Harness<'_, App>, lamp: Thing) -> DVec3 {
-    window.state().project().edit().scene.stance(lamp).unwrap().position_m
+fn at_m(window: &Harness<'_, App>, lamp: SceneItem) -> DVec3 {
+    window.state().project().edit().scene.placement(lamp).unwrap().position_m
 }
 
 /// Where a way from the middle of the picture comes to within so many points of its rim.
@@ -178,7 +178,7 @@ fn a_lamp_in_the_picture_goes_where_the_pointer_goes() {
     press_key(&mut window, Key::S);
     types(&mut window, "200%");
     press_key(&mut window, Key::Enter);
-    assert_eq!(window.state().project().edit().scene.stance(LAMP).unwrap().size, Size::LargestM(0.08));
+    assert_eq!(window.state().project().edit().scene.placement(LAMP).unwrap().size, Size::LargestM(0.08));
     let before = window.state().project().edit().clone();
     press_key(&mut window, Key::R);
     assert!(window.state().message().is_some_and(|said| said.contains("nothing to turn")));
@@ -208,7 +208,7 @@ fn keys_move_double_and_delete_a_lamp_and_escape_leaves_it() {
     types(&mut window, "1,5");
     press_key(&mut window, Key::Enter);
     settle(&mut window);
-    let copy = Thing::Lamp(1);
+    let copy = SceneItem::Lamp(1);
     assert_eq!(window.state().selected(), Some(copy));
     assert!(at_m(&window, copy).abs_diff_eq(DVec3::from(LAMP_AT) + 1.5 * DVec3::X, 1e-9));
     assert_eq!(at_m(&window, LAMP), DVec3::from(LAMP_AT));
@@ -238,7 +238,10 @@ fn numbers_of_a_lamp_are_typed_and_each_is_a_step() {
         window.run_steps(3);
     }
     let lamp = window.state().project().edit().scene.light.lamp[0].clone();
-    assert_eq!((lamp.intensity, lamp.rgb(), lamp.wide_m(), lamp.at_m[2]), (Some(2.0), [5.4049, 0.0, 4.6338], 1.0, 1.5));
+    assert_eq!(
+        (lamp.intensity, lamp.rgb(), lamp.diameter_or_default_m(), lamp.at_m[2]),
+        (Some(2.0), [5.4049, 0.0, 4.6338], 1.0, 1.5)
+    );
     // Nothing and less does not shine, and is no mistake.
     window.get_by_role_and_label(Role::Slider, "lamp intensity").set_value_accesskit(-3.0);
     window.run_steps(3);
@@ -263,7 +266,7 @@ fn a_lamp_is_added_where_the_picture_is_clicked() {
     window.get_by_label("Add lamp").click();
     window.run_steps(2);
     click_at(&mut window, place);
-    let added = Thing::Lamp(1);
+    let added = SceneItem::Lamp(1);
     assert_eq!((window.state().selected(), steps(&window).last().unwrap().as_str()), (Some(added), "lamp 2: added"));
     // A bulb of 6 cm that touches the floor, z = 0, whose depth is noisy by 1.5 mm.
     assert!(at_m(&window, added).abs_diff_eq(DVec3::new(-0.2, 0.2, 0.03), 4e-3), "{}", at_m(&window, added));
@@ -314,7 +317,7 @@ fn light_is_matched_to_white_paper_as_the_command_does_and_undone() {
     // The edge of the paper cannot tell; the next click counts.
     let [edge, paper] = PAPER_M.map(|at_m| on_screen(&window, seen(&window, at_m).unwrap()));
     click_at(&mut window, edge);
-    assert!(window.state().project().edit().scene.light.says_none());
+    assert!(window.state().project().edit().scene.light.is_unspecified());
     click_at(&mut window, paper);
     settle(&mut window);
     assert_eq!(steps(&window), ["opened", "light: matched to white"]);
@@ -324,7 +327,7 @@ fn light_is_matched_to_white_paper_as_the_command_does_and_undone() {
     assert_eq!(light.lamp[0].intensity, Some(factor), "all of it alike");
     assert!(shown(&window) != first);
     undo(&mut window);
-    assert!(window.state().project().edit().scene.light.says_none() && shown(&window) == first);
+    assert!(window.state().project().edit().scene.light.is_unspecified() && shown(&window) == first);
 }
 
 #[test]
@@ -417,7 +420,7 @@ fn the_light_that_was_found_is_taken_into_the_scene_and_saved_with_its_panorama(
     undo(&mut window);
     assert!(shown(&window) == first && has(&window, "Copy to scene and edit"));
     let again = open();
-    assert!(again.shot().scene.lit_by == LitBy::Scene && again.found_light().is_none());
+    assert!(again.shot().scene.lighting_origin == LightingOrigin::Scene && again.found_light().is_none());
     let again = crate::worked::window(again, egui::vec2(1400.0, 1000.0));
     assert!(shown(&again) == moved);
 }
@@ -439,5 +442,5 @@ fn a_lamp_that_is_added_to_a_guessed_light_leaves_the_rest_as_it_is() {
     assert_eq!(with_another, light);
     project.undo();
     project.undo();
-    assert!(project.edit().scene.light.says_none());
+    assert!(project.edit().scene.light.is_unspecified());
 }

@@ -7,7 +7,7 @@ use eframe::egui::{self, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
 use glam::{DVec2, DVec3};
-use locard::scene::{Entry, Thing};
+use locard::scene::{Entry, SceneItem};
 use locard::window::App;
 
 /// The frame that all of these look at.
@@ -189,7 +189,7 @@ fn what_is_placed_faces_whoever_looks_and_its_heading_is_the_whole_turn() {
     window.run_steps(2);
     for point_m in [[0.1, -0.2, 0.0], [-0.3, -0.3, 0.0]] {
         click(&mut window, point_m);
-        let Some(Thing::Object(entry)) = window.state().selected() else { panic!() };
+        let Some(SceneItem::Object(entry)) = window.state().selected() else { panic!() };
         let to_camera = window.state().project().shot().eye(frame()).unwrap().position_m() - DVec3::from(point_m);
         let off = faces(&window, entry).dot(to_camera.truncate().normalize());
         // The depth is noisy, and a tenth of a degree is written.
@@ -238,7 +238,7 @@ fn a_thing_loses_its_shadow_and_stands_in_for_something_real() {
     let with_both = shown(&window);
     let state = |window: &Harness<'_, App>| {
         let scene = &window.state().project().edit().scene;
-        (scene.is_shadowless(first), scene.is_stand_in(first))
+        (scene.is_shadowless(first), scene.is_occluder(first))
     };
     let press = |window: &mut Harness<'_, App>, label: &str| {
         window.get_by_label(label).click();

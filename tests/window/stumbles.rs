@@ -85,14 +85,14 @@ fn esc_takes_back_what_was_typed() {
     window.key_press(Key::Escape);
     window.run_steps(4);
     assert_eq!((title(&window), steps(&window)), (before, steps_before));
-    let stance = window.state().project().edit().scene.stance(object);
+    let placement = window.state().project().edit().scene.placement(object);
     let at = window.get_by_role_and_label(Role::Slider, "position x").rect().center();
     click_at(&mut window, at);
     window.event(egui::Event::Text("0.5".to_owned()));
     window.run_steps(2);
     window.key_press(Key::Escape);
     window.run_steps(4);
-    assert_eq!(window.state().project().edit().scene.stance(object), stance);
+    assert_eq!(window.state().project().edit().scene.placement(object), placement);
 }
 
 /// Where the handle of the slider of the noise's scale is, 1 of 0 to 8.

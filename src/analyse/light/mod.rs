@@ -45,7 +45,7 @@ pub use white_level::WHITE_REFLECTANCE;
 
 use super::registration_result::RegistrationError;
 use super::times::{self, Times};
-use crate::scene::upright;
+use crate::scene::world_from_panorama;
 use exposure::{ExposureLevel, MeteredFrame, exposure_level};
 use gather::FrameSamples;
 use lamp_solution::{LampSolution, LampVerdict, PlaceLight, solve};
@@ -85,7 +85,7 @@ pub fn of_recording(
     };
     drop(views);
     let centre = free_space::centre(&survey, up, place);
-    let map_from_world = upright(up).conjugate();
+    let map_from_world = world_from_panorama(up).conjugate();
     let (mut voxels, mut panorama) = (Voxels::default(), PanoramaBuilder::new(centre.as_vec3(), map_from_world));
     let mut metered = Vec::new();
     inputs.every(times, &mut |seen| {
@@ -155,7 +155,7 @@ fn levelled(
 }
 
 fn room_light(at: &Location, seen: &PartialPanorama, solved: &LampSolution, level: &WhiteLevel) -> RoomLight {
-    let map_from_world = upright(at.up).conjugate();
+    let map_from_world = world_from_panorama(at.up).conjugate();
     let PlaceLight { ambient, lamps } = solved.at(at.place, level.white);
     let even = fill::even(ambient);
     let towards: Vec<DVec3> =

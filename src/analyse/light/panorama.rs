@@ -56,7 +56,7 @@ pub fn solid_sr(n: usize) -> f64 {
 }
 
 fn texel_of(d: Vec3) -> usize {
-    let Vec2 { x, y } = panorama::place_of(d, WIDTH as u32, HEIGHT as u32);
+    let Vec2 { x, y } = panorama::texel_coordinates(d, WIDTH as u32, HEIGHT as u32);
     (y as usize).min(HEIGHT - 1) * WIDTH + (x as usize).min(WIDTH - 1)
 }
 

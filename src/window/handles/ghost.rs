@@ -13,7 +13,7 @@ use super::draw;
 use super::look::{Border, border};
 use locard_engine::frame::Frame;
 use locard_engine::scene::document::PlacedModel;
-use locard_engine::scene::{MissingModels, Models, SceneFile, load_file_with};
+use locard_engine::scene::{MissingModels, ModelCache, SceneFile, load_file_with};
 use locard_engine::shot::Shot;
 
 /// What a ghost depends on.
@@ -31,7 +31,7 @@ pub struct Would {
 /// See above.
 #[derive(Debug, Default)]
 pub struct Ghost {
-    models: Arc<Mutex<Models>>,
+    models: Arc<Mutex<ModelCache>>,
     running: Option<(Would, BackgroundTask<Border>)>,
     shown: Option<(Would, Border)>,
 }

@@ -10,17 +10,17 @@ use super::look::{Border, feet};
 use super::maths;
 use super::over::Over;
 use super::tool::Held;
-use locard_engine::scene::{Stance, Thing};
+use locard_engine::scene::{ItemPlacement, SceneItem};
 use locard_engine::shot::Eye;
 
 /// The place of a thing in the loaded scene's objects. `None` for a lamp, and for what is not there.
-pub fn object_of(project: &Project, thing: Thing) -> Option<usize> {
+pub fn object_of(project: &Project, thing: SceneItem) -> Option<usize> {
     project.edit().scene.entries().iter().position(|known| thing == (*known).into())
 }
 
 /// Whether a thing is left out of the picture.
-pub fn is_hidden(project: &Project, thing: Thing) -> bool {
-    matches!(thing, Thing::Object(entry) if project.edit().scene.is_hidden(entry))
+pub fn is_hidden(project: &Project, thing: SceneItem) -> bool {
+    matches!(thing, SceneItem::Object(entry) if project.edit().scene.is_hidden(entry))
 }
 
 /// The level axis nearest to a way in the picture, right or up, at a place of the world.
@@ -50,9 +50,11 @@ pub fn marks(over: &Over<'_>, project: &Project, eye: &Eye) -> Vec<Mark> {
 }
 
 /// How far a thing stands from the place that its handles are around: a lamp that is not in the picture has them within it.
-pub fn beyond_m(over: &Over<'_>, project: &Project, eye: &Eye, thing: Thing) -> DVec3 {
-    let (Thing::Lamp(_), Some(stance)) = (thing, project.edit().scene.stance(thing)) else { return DVec3::ZERO };
-    let (visible, at_m) = (over.visible(), stance.position_m);
+pub fn beyond_m(over: &Over<'_>, project: &Project, eye: &Eye, thing: SceneItem) -> DVec3 {
+    let (SceneItem::Lamp(_), Some(placement)) = (thing, project.edit().scene.placement(thing)) else {
+        return DVec3::ZERO;
+    };
+    let (visible, at_m) = (over.visible(), placement.position_m);
     let mark = visible.is_positive().then(|| lamp::mark(eye, at_m, visible, |px| over.screen(px)));
     let there = mark.and_then(|mark| lamp::stand_in(eye, at_m, mark.beyond?, visible, |at| over.px(draw::at(at))));
     there.map_or(DVec3::ZERO, |there| at_m - there)
@@ -63,15 +65,15 @@ pub fn gizmo(
     over: &Over<'_>,
     project: &Project,
     eye: &Eye,
-    thing: Thing,
+    thing: SceneItem,
     beyond_m: DVec3,
     border: &Border,
 ) -> Option<Gizmo> {
-    let stance = project.edit().scene.stance(thing)?;
+    let placement = project.edit().scene.placement(thing)?;
     let covers = |at: DVec2| is_within(over.px(draw::at(at)), border);
     let seen = |point_m: DVec3| eye.project(point_m).map(|px| over.screen(px));
-    let mut gizmo = Gizmo::new(stance.position_m - beyond_m, project.up(), eye.position_m(), seen, covers)?;
-    if matches!(thing, Thing::Lamp(_)) {
+    let mut gizmo = Gizmo::new(placement.position_m - beyond_m, project.up(), eye.position_m(), seen, covers)?;
+    if matches!(thing, SceneItem::Lamp(_)) {
         // It shines alike into all directions.
         gizmo.ring.clear();
     }
@@ -82,36 +84,36 @@ pub fn gizmo(
 pub fn held(
     project: &Project,
     eye: &Eye,
-    thing: Thing,
+    thing: SceneItem,
     beyond_m: DVec3,
     grip: Option<DVec2>,
     anchor: Option<DVec2>,
 ) -> Option<Held> {
     let file = &project.edit().scene;
-    let stance = file.stance(thing)?;
+    let placement = file.placement(thing)?;
     if is_hidden(project, thing) {
         return None;
     }
-    let stance = Stance { position_m: stance.position_m - beyond_m, ..stance };
+    let placement = ItemPlacement { position_m: placement.position_m - beyond_m, ..placement };
     let scene = &project.shot().scene;
     let (own, feet_m, hangs) = match thing {
-        Thing::Object(entry) => {
+        SceneItem::Object(entry) => {
             let object = scene.objects.get(object_of(project, thing)?)?;
             let model = object.world_from_model.matrix3;
             let own = [model.x_axis, model.y_axis, model.z_axis];
             let is_grounded = file.objects[entry.object].ground;
-            let feet_m = if is_grounded { Vec::new() } else { feet(scene, object, stance.position_m) };
+            let feet_m = if is_grounded { Vec::new() } else { feet(scene, object, placement.position_m) };
             ([0, 1, 2].map(|i| own[i].try_normalize().unwrap_or(DVec3::AXES[i])), feet_m, None)
         }
-        Thing::Lamp(_) => (DVec3::AXES, Vec::new(), (eye.position_m() - stance.position_m).try_normalize()),
+        SceneItem::Lamp(_) => (DVec3::AXES, Vec::new(), (eye.position_m() - placement.position_m).try_normalize()),
     };
     let mut held = Held {
-        stance,
+        placement,
         own,
         up: project.up(),
         feet_m,
         hangs,
-        centre_px: eye.project(stance.position_m)?,
+        centre_px: eye.project(placement.position_m)?,
         anchor_px: DVec2::ZERO,
         grip_px: DVec2::ZERO,
     };

@@ -34,11 +34,12 @@ pub fn ball(eye: &Eye, middle_m: DVec3, radius_m: f64) -> Border {
     }
     let share = radius_m / distance_m;
     let towards = to_eye / distance_m;
-    let (circle_m, wide_m) = (middle_m + towards * (share * radius_m), radius_m * (1.0 - share * share).sqrt());
+    let (circle_m, diameter_or_default_m) =
+        (middle_m + towards * (share * radius_m), radius_m * (1.0 - share * share).sqrt());
     let (a, b) = towards.any_orthonormal_pair();
     let on_circle = (0..BALL_SIDES).map(|n| {
         let (sin, cos) = (std::f64::consts::TAU * n as f64 / BALL_SIDES as f64).sin_cos();
-        eye.project(circle_m + wide_m * (a * cos + b * sin))
+        eye.project(circle_m + diameter_or_default_m * (a * cos + b * sin))
     });
     on_circle.collect::<Option<Vec<_>>>().into_iter().collect()
 }

@@ -32,7 +32,7 @@ use self::tool::{Along, Kind, Pointer, Tool};
 use super::Project;
 use super::picture::GRIP;
 use super::theme;
-use locard_engine::scene::{SceneFile, Size, Stance, Thing};
+use locard_engine::scene::{ItemPlacement, SceneFile, SceneItem, Size};
 use locard_engine::shot::Eye;
 
 pub use self::ghost::{Ghost, Would};
@@ -58,10 +58,10 @@ pub enum Begin {
 #[derive(Debug)]
 struct Running {
     tool: Tool,
-    thing: Thing,
+    thing: SceneItem,
     /// The scene that it began from, and what was selected before.
     base: SceneFile,
-    selected_before: Thing,
+    selected_before: SceneItem,
     /// How far it stands from where it is taken hold of ([`beyond_m`]).
     beyond_m: DVec3,
     is_copy: bool,
@@ -73,9 +73,9 @@ struct Running {
 
 impl Running {
     /// Where it stands in the scene when that is reached with what is taken hold of. What it is not moved along stays to the last bit.
-    fn reached(&self, held: Stance) -> Option<Stance> {
-        let from_m = self.base.stance(self.thing)?.position_m;
-        Some(Stance { position_m: from_m + (held.position_m - (from_m - self.beyond_m)), ..held })
+    fn reached(&self, held: ItemPlacement) -> Option<ItemPlacement> {
+        let from_m = self.base.placement(self.thing)?.position_m;
+        Some(ItemPlacement { position_m: from_m + (held.position_m - (from_m - self.beyond_m)), ..held })
     }
 }
 
@@ -84,7 +84,7 @@ impl Running {
 struct Look {
     version: u64,
     frame: usize,
-    thing: Thing,
+    thing: SceneItem,
     border: Border,
 }
 
@@ -130,9 +130,9 @@ impl Handles {
         &mut self,
         over: &Over<'_>,
         project: &mut Project,
-        selected: &mut Option<Thing>,
+        selected: &mut Option<SceneItem>,
     ) -> Option<Result<String, String>> {
-        *selected = selected.filter(|thing| project.edit().scene.stance(*thing).is_some());
+        *selected = selected.filter(|thing| project.edit().scene.placement(*thing).is_some());
         let (begins, strokes) = (self.begins.take(), std::mem::take(&mut self.strokes));
         let Ok(eye) = project.shot().eye(over.frame.index) else {
             self.cancel(project, selected);
@@ -140,7 +140,7 @@ impl Handles {
         };
         let mut refused = None;
         match (begins, *selected, &self.running) {
-            (Some(Begin::Turn), Some(Thing::Lamp(_)), None) => {
+            (Some(Begin::Turn), Some(SceneItem::Lamp(_)), None) => {
                 refused = Some(Err("A lamp shines alike into all directions: there is nothing to turn.".to_owned()));
             }
             (Some(what), Some(thing), None) => self.begin_by_key(what, over, project, &eye, thing, selected),
@@ -164,8 +164,8 @@ impl Handles {
         over: &Over<'_>,
         project: &Project,
         eye: &Eye,
-        thing: Thing,
-        selected: &mut Option<Thing>,
+        thing: SceneItem,
+        selected: &mut Option<SceneItem>,
     ) {
         let pointer = over.seen.response.ctx.input(|i| i.pointer.latest_pos());
         let grip = pointer.map(|at| over.px(at));
@@ -194,7 +194,15 @@ impl Handles {
         *selected = Some(copy.unwrap_or(thing));
     }
 
-    fn begin_by_drag(&mut self, handle: Handle, at: Pos2, over: &Over<'_>, project: &Project, eye: &Eye, thing: Thing) {
+    fn begin_by_drag(
+        &mut self,
+        handle: Handle,
+        at: Pos2,
+        over: &Over<'_>,
+        project: &Project,
+        eye: &Eye,
+        thing: SceneItem,
+    ) {
         let grip = over.px(at);
         // The thing itself goes where the pointer goes, from where it stands; a handle from where it is held.
         let anchor = (handle != Handle::Slide).then_some(grip);
@@ -223,13 +231,13 @@ impl Handles {
 
     /// Moves a thing by a millimetre along the level axis that lies nearest to a direction of the picture: to the right,
     /// or up and so away. One after another are one step.
-    pub fn nudge(project: &mut Project, frame: usize, thing: Thing, right: i8, up: i8) -> Result<(), String> {
+    pub fn nudge(project: &mut Project, frame: usize, thing: SceneItem, right: i8, up: i8) -> Result<(), String> {
         let Ok(eye) = project.shot().eye(frame) else { return Ok(()) };
-        let Some(mut stance) = project.edit().scene.stance(thing) else { return Ok(()) };
-        let Some(along) = level_direction(&eye, stance.position_m, project.up(), right, up) else { return Ok(()) };
-        stance.position_m += along * NUDGE_M;
+        let Some(mut placement) = project.edit().scene.placement(thing) else { return Ok(()) };
+        let Some(along) = level_direction(&eye, placement.position_m, project.up(), right, up) else { return Ok(()) };
+        placement.position_m += along * NUDGE_M;
         let what = format!("{}: moved by keys", project.edit().scene.title(thing));
-        project.change_scene(&what, |scene| scene.put(thing, &stance)).map_err(|error| error.to_string())
+        project.change_scene(&what, |scene| scene.put(thing, &placement)).map_err(|error| error.to_string())
     }
 
     /// Goes on with what is being changed.
@@ -239,7 +247,7 @@ impl Handles {
         project: &mut Project,
         eye: &Eye,
         strokes: Vec<Stroke>,
-        selected: &mut Option<Thing>,
+        selected: &mut Option<SceneItem>,
     ) -> Option<Result<String, String>> {
         let running = self.running.as_mut()?;
         let (at, modifiers, pressed, released, right) = over.seen.response.ctx.input(|i| {
@@ -254,7 +262,7 @@ impl Handles {
         let (mut is_done, mut is_cancelled) = (if running.is_dragged { released } else { pressed }, right);
         for stroke in strokes {
             match stroke {
-                Stroke::Kind(Kind::Turn) if matches!(running.thing, Thing::Lamp(_)) => {}
+                Stroke::Kind(Kind::Turn) if matches!(running.thing, SceneItem::Lamp(_)) => {}
                 Stroke::Kind(kind) => running.tool = running.tool.again(kind, running.pointer.at_px),
                 Stroke::Axis { axis, without } => running.tool.constrain(axis, without),
                 Stroke::Letter(letter) => running.tool.typed.push(letter),
@@ -278,7 +286,7 @@ impl Handles {
             running.tool.reach(running.pointer, |px| eye.ray(px), surface)
         };
         let mut scene = running.base.clone();
-        running.reached(reached.stance).iter().for_each(|stance| scene.put(running.thing, stance));
+        running.reached(reached.placement).iter().for_each(|placement| scene.put(running.thing, placement));
         // What does not load is not shown, and it stays where it was.
         let tried = project.set_uncommitted_scene(scene).map_err(|error| Err(error.to_string())).err();
         if running.tool.kind == Kind::Move {
@@ -295,7 +303,7 @@ impl Handles {
         self.pressed = None;
         let title = project.edit().scene.title(running.thing);
         let done = words::done(&running.tool);
-        let is_in_place = running.base.stance(running.thing) == project.edit().scene.stance(running.thing);
+        let is_in_place = running.base.placement(running.thing) == project.edit().scene.placement(running.thing);
         let what = match (running.is_copy, is_in_place) {
             (true, true) => format!("{title}: duplicated"),
             (true, false) => format!("{title}: duplicated, {done}"),
@@ -306,7 +314,7 @@ impl Handles {
     }
 
     /// Takes back what is being changed: everything is as it was.
-    fn cancel(&mut self, project: &mut Project, selected: &mut Option<Thing>) {
+    fn cancel(&mut self, project: &mut Project, selected: &mut Option<SceneItem>) {
         self.pressed = None;
         if let Some(running) = self.running.take() {
             project.discard_uncommitted();
@@ -315,7 +323,7 @@ impl Handles {
     }
 
     /// Nothing is being changed: what is under the pointer, and what is pressed.
-    fn point(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, selected: &mut Option<Thing>) {
+    fn point(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, selected: &mut Option<SceneItem>) {
         let response = &over.seen.response;
         let (pressed, down, latest, origin) = response.ctx.input(|i| {
             let pointer = &i.pointer;
@@ -348,10 +356,10 @@ impl Handles {
         if let Some(at) = over.seen.clicked.filter(|_| over.is_free && !self.is_spent && !is_on_handle) {
             let at = DVec2::new(at.x.into(), at.y.into());
             let lamps = if over.is_hidden { Vec::new() } else { marks(over, project, eye) };
-            let lamp = lamp::at(&lamps, over.screen(at)).map(Thing::Lamp);
+            let lamp = lamp::at(&lamps, over.screen(at)).map(SceneItem::Lamp);
             let object = || {
                 let hit = eye.object_at(&project.shot().scene, at)?;
-                project.edit().scene.entries().get(hit.object).copied().map(Thing::from)
+                project.edit().scene.entries().get(hit.object).copied().map(SceneItem::from)
             };
             *selected = lamp.or_else(object);
         }
@@ -360,7 +368,14 @@ impl Handles {
         }
     }
 
-    fn handle_at(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, thing: Thing, at: Pos2) -> Option<Handle> {
+    fn handle_at(
+        &mut self,
+        over: &Over<'_>,
+        project: &Project,
+        eye: &Eye,
+        thing: SceneItem,
+        at: Pos2,
+    ) -> Option<Handle> {
         if is_hidden(project, thing) {
             return None;
         }
@@ -371,14 +386,14 @@ impl Handles {
     }
 
     /// The border of a thing, px of the picture.
-    fn border(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, thing: Thing) -> Option<&Border> {
+    fn border(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, thing: SceneItem) -> Option<&Border> {
         let scene = &project.shot().scene;
         let (version, frame) = (project.version(), over.frame.index);
         let is_same = |look: &Look| (look.version, look.frame, look.thing) == (version, frame, thing);
         if !self.look.as_ref().is_some_and(is_same) {
-            let border = match (thing, project.edit().scene.stance(thing)?) {
-                (Thing::Lamp(_), Stance { position_m, size: Size::LargestM(wide_m), .. }) => {
-                    ball(eye, position_m, 0.5 * wide_m)
+            let border = match (thing, project.edit().scene.placement(thing)?) {
+                (SceneItem::Lamp(_), ItemPlacement { position_m, size: Size::LargestM(diameter_or_default_m), .. }) => {
+                    ball(eye, position_m, 0.5 * diameter_or_default_m)
                 }
                 _ => border(eye, scene, scene.objects.get(object_of(project, thing)?)?),
             };
@@ -387,7 +402,7 @@ impl Handles {
         self.look.as_ref().map(|look| &look.border)
     }
 
-    fn paint(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, selected: Option<Thing>) {
+    fn paint(&mut self, over: &Over<'_>, project: &Project, eye: &Eye, selected: Option<SceneItem>) {
         let placed = over.seen.placed;
         let painter = over.seen.painter.with_clip_rect(over.clip());
         self.paint_lamps(over, &painter, project, eye, selected);
@@ -419,15 +434,22 @@ impl Handles {
     }
 
     /// A mark for each lamp, which no picture shows itself.
-    fn paint_lamps(&self, over: &Over<'_>, painter: &Painter, project: &Project, eye: &Eye, selected: Option<Thing>) {
+    fn paint_lamps(
+        &self,
+        over: &Over<'_>,
+        painter: &Painter,
+        project: &Project,
+        eye: &Eye,
+        selected: Option<SceneItem>,
+    ) {
         let marks = marks(over, project, eye);
         let pointer = over.seen.response.hover_pos().filter(|_| over.is_free && self.running.is_none());
         let pointed = pointer.and_then(|at| lamp::at(&marks, DVec2::new(at.x.into(), at.y.into())));
         let scene = &project.edit().scene;
         for (n, (mark, lamp)) in marks.iter().zip(&scene.light.lamp).enumerate() {
-            let is_selected = selected == Some(Thing::Lamp(n));
+            let is_selected = selected == Some(SceneItem::Lamp(n));
             let named = || {
-                let title = scene.title(Thing::Lamp(n));
+                let title = scene.title(SceneItem::Lamp(n));
                 let far_m = DVec3::from(lamp.at_m).distance(eye.position_m());
                 mark.beyond.map_or_else(
                     || title.clone(),

@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 
 use super::amount::{Typed, Unit};
 use super::maths::{Plane, along_axis, along_plane, growth, snapped, turn_about, turn_on_screen, wound};
-use locard_engine::scene::Stance;
+use locard_engine::scene::ItemPlacement;
 use locard_engine::shot::Ray;
 
 /// What is done to a thing.
@@ -58,7 +58,7 @@ pub struct Pointer {
 /// A thing as it is taken hold of.
 #[derive(Clone, Debug)]
 pub struct Held {
-    pub stance: Stance,
+    pub placement: ItemPlacement,
     /// The axes of its model, unit length.
     pub own: [DVec3; 3],
     pub up: DVec3,
@@ -80,7 +80,7 @@ impl Held {
 
     /// The level plane that it stands on.
     pub fn support(&self) -> Plane {
-        Plane { point_m: self.stance.position_m + self.up * self.below_m(self.up), normal: self.up }
+        Plane { point_m: self.placement.position_m + self.up * self.below_m(self.up), normal: self.up }
     }
 }
 
@@ -105,7 +105,7 @@ pub struct Tool {
 /// What a go has come to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reached {
-    pub stance: Stance,
+    pub placement: ItemPlacement,
     /// What it stands on, or stood on.
     pub support: Plane,
 }
@@ -141,7 +141,7 @@ impl Tool {
     pub fn line(&self) -> Option<Vec<DVec3>> {
         let Along::Axis { axis, own } = self.along else { return None };
         let along = self.axis(axis, own);
-        Some((-60..=60).map(|n| self.held.stance.position_m + along * (0.05 * f64::from(n))).collect())
+        Some((-60..=60).map(|n| self.held.placement.position_m + along * (0.05 * f64::from(n))).collect())
     }
 
     /// A key of an axis: the world's, at the second time the thing's own, at the third none. `without`: all but it.
@@ -193,13 +193,13 @@ impl Tool {
         ray: impl Fn(DVec2) -> Option<Ray>,
         surface: impl FnOnce(DVec2) -> Option<Plane>,
     ) -> Reached {
-        let start = self.held.stance;
+        let start = self.held.placement;
         let typed = self.typed.value(self.unit());
         let up = self.held.up;
-        let stance = match self.kind {
+        let placement = match self.kind {
             Kind::Move => {
                 self.follow(pointer, typed, ray, surface);
-                Stance { position_m: start.position_m + self.moved_m, ..start }
+                ItemPlacement { position_m: start.position_m + self.moved_m, ..start }
             }
             Kind::Turn => {
                 let axis = self.turn_axis();
@@ -227,7 +227,7 @@ impl Tool {
                 start.scaled(factors)
             }
         };
-        Reached { stance, support: self.support }
+        Reached { placement, support: self.support }
     }
 
     /// Moves it by what was typed, or to where the pointer is.
@@ -238,7 +238,7 @@ impl Tool {
         ray: impl Fn(DVec2) -> Option<Ray>,
         surface: impl FnOnce(DVec2) -> Option<Plane>,
     ) {
-        let (start, up) = (self.held.stance.position_m, self.held.up);
+        let (start, up) = (self.held.placement.position_m, self.held.up);
         let step = if pointer.snaps { STEP_M } else { FINEST_M };
         let at = self.held.anchor_px + pointer.at_px - self.held.grip_px;
         let standing = self.held.support();
@@ -299,10 +299,10 @@ impl Tool {
     }
 
     fn turn(&mut self, axis: DVec3, pointer: Pointer, ray: impl Fn(DVec2) -> Option<Ray>) -> f64 {
-        let Held { centre_px, grip_px, stance, .. } = self.held;
-        let plane = Plane { point_m: stance.position_m, normal: axis };
+        let Held { centre_px, grip_px, placement, .. } = self.held;
+        let plane = Plane { point_m: placement.position_m, normal: axis };
         let on = |px| ray(px).and_then(|ray| plane.seen_at(&ray));
-        let round = || turn_about(axis, stance.position_m, on(grip_px)?, on(pointer.at_px)?);
+        let round = || turn_about(axis, placement.position_m, on(grip_px)?, on(pointer.at_px)?);
         let by_ring = if self.on_ring { round() } else { None };
         let on_screen = || {
             // What points away from the eye is seen from below.
@@ -347,7 +347,7 @@ mod tests {
 
     /// Stands 1 m above the floor at (1, 0); its origin is 2 cm above its foot. Its own x is the world's y.
     fn held() -> Held {
-        let stance = Stance {
+        let placement = ItemPlacement {
             position_m: DVec3::new(1.0, 0.0, 1.02),
             rotation: DQuat::IDENTITY,
             heading_deg: 90.0,
@@ -357,7 +357,7 @@ mod tests {
         let feet_m = vec![DVec3::new(0.1, 0.0, -0.02), DVec3::new(-0.1, 0.0, -0.01)];
         let px = DVec2::new(100.0, 0.0);
         Held {
-            stance,
+            placement,
             own,
             up: DVec3::Z,
             feet_m,
@@ -382,16 +382,16 @@ mod tests {
     fn without_depth_it_moves_level_and_along_an_axis_by_what_is_typed() {
         let mut tool = Tool::new(Kind::Move, Along::Free, held());
         let reached = tool.reach(pointer(153.2, -4.0), from_above, NO_DEPTH);
-        assert!(reached.stance.position_m.abs_diff_eq(DVec3::new(1.032, 0.04, 1.02), 1e-9), "{reached:?}");
+        assert!(reached.placement.position_m.abs_diff_eq(DVec3::new(1.032, 0.04, 1.02), 1e-9), "{reached:?}");
         assert_eq!((done(&tool), told(&tool)), ("moved 5.12 cm".to_owned(), "Move: 5.12 cm".to_owned()));
         assert_eq!(reached.support, Plane { point_m: DVec3::new(1.0, 0.0, 1.0), normal: DVec3::Z });
         // In whole centimetres.
         let snapping = Pointer { snaps: true, ..pointer(153.2, -4.4) };
         let reached = tool.reach(snapping, from_above, NO_DEPTH);
-        assert!(reached.stance.position_m.abs_diff_eq(DVec3::new(1.03, 0.04, 1.02), 1e-9), "{reached:?}");
+        assert!(reached.placement.position_m.abs_diff_eq(DVec3::new(1.03, 0.04, 1.02), 1e-9), "{reached:?}");
         // Typed: along x where no axis was said, then along its own x, which is the world's y.
         typed(&mut tool, "-0,1");
-        let at = |tool: &mut Tool| tool.reach(pointer(999.0, 7.0), from_above, NO_DEPTH).stance.position_m;
+        let at = |tool: &mut Tool| tool.reach(pointer(999.0, 7.0), from_above, NO_DEPTH).placement.position_m;
         assert!(at(&mut tool).abs_diff_eq(DVec3::new(0.9, 0.0, 1.02), 1e-12));
         assert_eq!(told(&tool), "Move along x: [-0,1]  -10 cm");
         tool.constrain(0, false);
@@ -413,7 +413,7 @@ mod tests {
         let mut tool = Tool::new(Kind::Move, Along::Free, held());
         // The pointer holds it 50 px beside where it stands: 200 px is x = 1.5 m.
         let reached = tool.reach(pointer(200.0, 0.0), from_above, slope);
-        let position = reached.stance.position_m;
+        let position = reached.placement.position_m;
         // Its feet reach 0.1 · 0.6 + 0.02 · 0.8 = 0.076 m below it, against the normal.
         assert!(position.abs_diff_eq(DVec3::new(1.5 - 0.0456, 0.0, 3.125 + 0.0608), 1e-4), "{position}");
         assert!((slope(DVec2::ZERO).unwrap().point_m - position).dot(normal) + 0.076 < 1e-4);
@@ -421,10 +421,10 @@ mod tests {
         // Shift: level, whatever is seen there.
         let level = Pointer { level: true, ..pointer(200.0, 0.0) };
         let reached = tool.reach(level, from_above, slope);
-        assert!(reached.stance.position_m.abs_diff_eq(DVec3::new(1.5, 0.0, 1.02), 1e-9), "{reached:?}");
+        assert!(reached.placement.position_m.abs_diff_eq(DVec3::new(1.5, 0.0, 1.02), 1e-9), "{reached:?}");
         // Whole centimetres from where it began, and on the slope there.
         let snapping = Pointer { snaps: true, ..pointer(200.0, 0.0) };
-        let position = tool.reach(snapping, from_above, slope).stance.position_m;
+        let position = tool.reach(snapping, from_above, slope).placement.position_m;
         assert!(position.abs_diff_eq(DVec3::new(1.45, 0.0, 3.1858 - 0.0044 * 0.75), 2e-4), "{position}");
     }
 
@@ -435,15 +435,15 @@ mod tests {
             || Held { feet_m: Vec::new(), hangs: Some(DVec3::NEG_Y), grip_px: DVec2::new(100.0, -102.0), ..held() };
         let mut tool = Tool::new(Kind::Move, Along::Free, Held { anchor_px: DVec2::new(100.0, -102.0), ..side() });
         // 50 px to the right and 30.04 up, a px a centimetre.
-        let position = tool.reach(pointer(150.0, -132.04), from_the_side, floor).stance.position_m;
+        let position = tool.reach(pointer(150.0, -132.04), from_the_side, floor).placement.position_m;
         assert!(position.abs_diff_eq(DVec3::new(1.5, 0.0, 1.3204), 1e-9), "{position}");
         let snapping = Pointer { snaps: true, ..pointer(150.3, -132.04) };
-        let position = tool.reach(snapping, from_the_side, floor).stance.position_m;
+        let position = tool.reach(snapping, from_the_side, floor).placement.position_m;
         assert!(position.abs_diff_eq(DVec3::new(1.5, 0.0, 1.32), 1e-9), "{position}");
         // Shift: level, which is seen edge-on from the side, so that it stays; from above it follows.
         let level = Pointer { level: true, ..pointer(170.0, -102.0) };
-        assert_eq!(tool.reach(level, from_the_side, floor).stance.position_m, position);
-        let position = tool.reach(level, from_above, floor).stance.position_m;
+        assert_eq!(tool.reach(level, from_the_side, floor).placement.position_m, position);
+        let position = tool.reach(level, from_above, floor).placement.position_m;
         assert!(position.abs_diff_eq(DVec3::new(1.7, 0.0, 1.02), 1e-9), "{position}");
     }
 
@@ -455,16 +455,16 @@ mod tests {
         tool.held = side;
         let reached = tool.reach(pointer(180.0, -25.04), from_the_side, NO_DEPTH);
         // 25.04 px up from where it was taken hold of.
-        assert!(reached.stance.position_m.abs_diff_eq(DVec3::new(1.0, 0.0, 1.2704), 1e-9), "{reached:?}");
+        assert!(reached.placement.position_m.abs_diff_eq(DVec3::new(1.0, 0.0, 1.2704), 1e-9), "{reached:?}");
         assert_eq!(told(&tool), "Move along z: 25.04 cm");
         // Looked along: it stays where it was.
         let same = tool.reach(pointer(300.0, 0.0), from_above, NO_DEPTH);
-        assert_eq!(same.stance, reached.stance);
+        assert_eq!(same.placement, reached.placement);
         // All but x: in the plane that is seen edge-on from above it stays, too; from the side y does not move.
         tool.constrain(1, true);
         assert_eq!(tool.along, Along::Without { axis: 1, own: false });
         let reached = tool.reach(pointer(160.0, -20.0), from_the_side, NO_DEPTH);
-        assert!(reached.stance.position_m.abs_diff_eq(DVec3::new(1.1, 0.0, 1.22), 1e-9), "{reached:?}");
+        assert!(reached.placement.position_m.abs_diff_eq(DVec3::new(1.1, 0.0, 1.22), 1e-9), "{reached:?}");
     }
 
     #[test]
@@ -472,7 +472,7 @@ mod tests {
         let mut tool = Tool::new(Kind::Turn, Along::Free, held());
         let mut turned = |x: f64, y: f64, snaps| {
             let reached = tool.reach(Pointer { snaps, ..pointer(x, y) }, from_above, NO_DEPTH);
-            reached.stance.heading_deg - 90.0
+            reached.placement.heading_deg - 90.0
         };
         // From the right over the top to the left and on to below: 90°, 180°, 270°.
         assert!((turned(100.0, -50.0, false) - 90.0).abs() < 1e-9);
@@ -500,13 +500,13 @@ mod tests {
         // Typed, about the world's x: the heading stays.
         ring.constrain(0, false);
         typed(&mut ring, "45");
-        let stance = ring.reach(pointer(0.0, 0.0), oblique, NO_DEPTH).stance;
-        assert_eq!((stance.heading_deg, told(&ring).as_str()), (90.0, "Turn about x: [45]  45°"));
+        let placement = ring.reach(pointer(0.0, 0.0), oblique, NO_DEPTH).placement;
+        assert_eq!((placement.heading_deg, told(&ring).as_str()), (90.0, "Turn about x: [45]  45°"));
         let heading = DQuat::from_rotation_z(90f64.to_radians());
-        let whole = heading * stance.rotation * DVec3::Y;
+        let whole = heading * placement.rotation * DVec3::Y;
         // Its own y was the world's −x, which the axis leaves; its own x rises.
         assert!(whole.abs_diff_eq(DVec3::NEG_X, 1e-9), "{whole}");
-        let rises = heading * stance.rotation * DVec3::X;
+        let rises = heading * placement.rotation * DVec3::X;
         assert!(rises.abs_diff_eq(DVec3::new(0.0, 0.5f64.sqrt(), 0.5f64.sqrt()), 1e-9), "{rises}");
     }
 
@@ -514,7 +514,7 @@ mod tests {
     fn twice_as_far_is_twice_as_large() {
         let mut tool = Tool::new(Kind::Scale, Along::Free, held());
         let size = |tool: &mut Tool, x: f64, snaps| {
-            tool.reach(Pointer { snaps, ..pointer(x, 0.0) }, from_above, NO_DEPTH).stance.size
+            tool.reach(Pointer { snaps, ..pointer(x, 0.0) }, from_above, NO_DEPTH).placement.size
         };
         assert_eq!(size(&mut tool, 200.0, false), Size::Scale(DVec3::splat(2.0)));
         assert_eq!(size(&mut tool, 161.0, true), Size::Scale(DVec3::splat(1.2)));

@@ -9,7 +9,7 @@ use super::Project;
 use crate::room_light::even;
 use locard_engine::analyse::{ENVIRONMENT, FILE_NAME, LightFindings, WHITE_REFLECTANCE};
 use locard_engine::scene::document::LightTable;
-use locard_engine::scene::{LightCorrection, Lighting, LitBy, SceneFile, Support, Thing, relative};
+use locard_engine::scene::{LightCorrection, Lighting, LightingOrigin, SceneFile, SceneItem, Support, relative};
 use locard_engine::shadow::{Room, on_white};
 use locard_engine::shot::{AnalysisState, ReferencePick, View};
 use locard_engine::text::fixed;
@@ -17,7 +17,7 @@ use locard_engine::text::fixed;
 impl Project {
     /// Lighting from the analysis, which applies because the scene has none of its own.
     pub fn found_light(&self) -> Option<&LightFindings> {
-        self.analysis_light().map(|(_, light)| light).filter(|_| self.edit().scene.light.says_none())
+        self.analysis_light().map(|(_, light)| light).filter(|_| self.edit().scene.light.is_unspecified())
     }
 
     fn analysis_light(&self) -> Option<(&Path, &LightFindings)> {
@@ -40,7 +40,7 @@ impl Project {
     pub fn match_white(&mut self, view: View) -> Result<String, String> {
         let mut scene = self.edit().scene.clone();
         self.write_current_light(&mut scene)?;
-        if scene.light.says_none() {
+        if scene.light.is_unspecified() {
             return Err("The scene is lit by lights inside its models, which cannot be matched.".to_owned());
         }
         let lighting = self.load(&scene).map_err(|error| error.to_string())?.lighting;
@@ -85,7 +85,7 @@ impl Project {
 
     /// Adds a lamp. If the file has no lighting, the current lighting is written first, so that
     /// only the lamp changes the picture.
-    pub fn add_lamp(&mut self, at_m: DVec3) -> Result<Thing, String> {
+    pub fn add_lamp(&mut self, at_m: DVec3) -> Result<SceneItem, String> {
         let mut scene = self.edit().scene.clone();
         self.write_current_light(&mut scene)?;
         let lamp = scene.add_lamp(at_m);
@@ -96,12 +96,14 @@ impl Project {
 
     /// True if only lights inside models light the scene.
     pub fn is_lit_by_models(&self) -> bool {
-        self.found_light().is_none() && self.edit().scene.light.says_none() && self.shot.scene.lit_by == LitBy::Models
+        self.found_light().is_none()
+            && self.edit().scene.light.is_unspecified()
+            && self.shot.scene.lighting_origin == LightingOrigin::Models
     }
 
     /// Writes the current lighting into a scene that has none.
     fn write_current_light(&self, scene: &mut SceneFile) -> Result<(), String> {
-        if !scene.light.says_none() {
+        if !scene.light.is_unspecified() {
             return Ok(());
         }
         if let Some((folder, light)) = self.analysis_light() {
@@ -109,8 +111,8 @@ impl Project {
             return light.put_into(scene, &file, relative(&folder.join(ENVIRONMENT), &file));
         }
         // Lights inside models keep shining.
-        if self.shot.scene.lit_by != LitBy::Models {
-            scene.light.say_guessed(self.up());
+        if self.shot.scene.lighting_origin != LightingOrigin::Models {
+            scene.light.write_default(self.up());
         }
         Ok(())
     }

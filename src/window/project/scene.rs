@@ -110,7 +110,7 @@ impl Project {
         let light = if is_same_panorama { Default::default() } else { scene.light.clone() };
         let objects = scene.objects.iter().filter(|object| is_new(&object.model)).cloned().collect();
         let new = SceneFile { objects, light, ..SceneFile::default() };
-        let names_files = !(new.objects.is_empty() && new.light.says_none());
+        let names_files = !(new.objects.is_empty() && new.light.is_unspecified());
         if names_files && !loaded.missing.is_empty() {
             scene::load_file(&new, &self.scene_path(), None)?;
         }

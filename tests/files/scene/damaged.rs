@@ -54,7 +54,7 @@ fn dealt_with(result: &Result<locard::scene::Scene, SceneError>) -> bool {
                     .iter()
                     .all(|v| v.position.iter().chain(&v.normal).chain(&v.tangent).all(|x| x.is_finite()))
         }),
-        Err(SceneError::Inside { .. }) => false,
+        Err(SceneError::DecoderPanic { .. }) => false,
         Err(_) => true,
     }
 }

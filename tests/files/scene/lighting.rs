@@ -211,7 +211,7 @@ fn panoramas_that_are_too_large_or_cut_off_are_refused() {
 }
 
 /// A triangle lit by a panorama of these bytes, and the panorama's pixels.
-fn lit_by(name: &str, panorama: &[u8]) -> (Result<Scene, String>, Vec<[f32; 3]>) {
+fn lighting_origin(name: &str, panorama: &[u8]) -> (Result<Scene, String>, Vec<[f32; 3]>) {
     let folder = tempfile::tempdir().unwrap();
     write_triangle(folder.path());
     std::fs::write(folder.path().join(name), panorama).unwrap();
@@ -240,7 +240,7 @@ fn radiance_exposure_and_colour_correction_divide_the_light() {
         // A comment, and a line of a picture that this one was made from.
         ("#?RADIANCE\n#EXPOSURE=9\n\tEXPOSURE=9\n\n", [1.0, 0.5, 0.25]),
     ] {
-        let (scene, rgb) = lit_by("room.hdr", &radiance(header));
+        let (scene, rgb) = lighting_origin("room.hdr", &radiance(header));
         assert_eq!(rgb, [first, first.map(|v| v / 2.0)], "{header:?}: {:?}", scene.map(|_| ()));
     }
     for (header, word) in [
@@ -249,7 +249,7 @@ fn radiance_exposure_and_colour_correction_divide_the_light() {
         ("#?RADIANCE\nCOLORCORR=1 2\n\n", "three numbers"),
         ("#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n", "ra_xyze -r"),
     ] {
-        let error = lit_by("room.hdr", &radiance(header)).0.unwrap_err();
+        let error = lighting_origin("room.hdr", &radiance(header)).0.unwrap_err();
         assert!(error.contains("room.hdr") && error.contains(word), "{error}");
     }
 }
@@ -261,7 +261,7 @@ fn radiance_file_of_another_signature_or_line_ending_loads() {
         "#?RGBE\n# made by\nFORMAT=32-bit_rle_rgbe\n\n",
         "#?RADIANCE\r\nFORMAT=32-bit_rle_rgbe\r\n\r\n",
     ] {
-        let (scene, rgb) = lit_by("room.hdr", &radiance(header));
+        let (scene, rgb) = lighting_origin("room.hdr", &radiance(header));
         assert_eq!(rgb, [[1.0, 0.5, 0.25], [0.5, 0.25, 0.125]], "{header:?}: {:?}", scene.map(|_| ()));
     }
 }
@@ -269,7 +269,7 @@ fn radiance_file_of_another_signature_or_line_ending_loads() {
 #[test]
 fn panorama_that_is_a_git_lfs_pointer_is_named_so() {
     let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 123456\n";
-    let error = lit_by("room.hdr", pointer).0.unwrap_err();
+    let error = lighting_origin("room.hdr", pointer).0.unwrap_err();
     assert!(error.contains("room.hdr") && error.contains("`git lfs pull`"), "{error}");
 }
 
@@ -289,7 +289,7 @@ fn openexr(channels: &[&str], window: exr::prelude::IntegerBounds) -> Vec<u8> {
 #[test]
 fn openexr_panorama_fills_its_display_window_and_its_odd_values_are_told() {
     use exr::prelude::IntegerBounds;
-    let (scene, rgb) = lit_by("room.exr", &openexr(&["B", "G", "R"], IntegerBounds::new((-1, 0), (4, 2))));
+    let (scene, rgb) = lighting_origin("room.exr", &openexr(&["B", "G", "R"], IntegerBounds::new((-1, 0), (4, 2))));
     let scene = scene.unwrap();
     let Environment::Map(map) = &scene.lighting.environment else { panic!("no map") };
     assert_eq!((map.width, map.height), (4, 2));
@@ -298,11 +298,11 @@ fn openexr_panorama_fills_its_display_window_and_its_odd_values_are_told() {
     assert_eq!(rgb, expected);
     assert!(scene.warnings.len() == 1 && scene.warnings[0].contains("4 of its values"), "{:?}", scene.warnings);
     let multilayer = openexr(&["View.B", "View.G", "View.R"], IntegerBounds::new((0, 0), (2, 1)));
-    let error = lit_by("room.exr", &multilayer).0.unwrap_err();
+    let error = lighting_origin("room.exr", &multilayer).0.unwrap_err();
     assert!(error.contains("View.R") && error.contains("not MultiLayer"), "{error}");
-    let error = lit_by("room.exr", &multilayer[..40]).0.unwrap_err();
+    let error = lighting_origin("room.exr", &multilayer[..40]).0.unwrap_err();
     assert!(error.contains("room.exr") && error.contains("do not decode"), "{error}");
     let huge = openexr(&["B", "G", "R"], IntegerBounds::new((0, 0), (20_000, 10)));
-    let error = lit_by("room.exr", &huge).0.unwrap_err();
+    let error = lighting_origin("room.exr", &huge).0.unwrap_err();
     assert!(error.contains("20000×10 pixels"), "{error}");
 }

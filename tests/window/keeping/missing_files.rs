@@ -88,7 +88,7 @@ fn hidden_objects_need_no_model_and_new_ones_do() {
     let case = Case::new();
     let mut project = project(None, Some(&case.scene));
     let entry = project.edit().scene.entries()[1];
-    project.change_scene("hidden", |scene| scene.hide(entry, true)).unwrap();
+    project.change_scene("hidden", |scene| scene.set_hidden(entry, true)).unwrap();
     project.shot().check(0..1).unwrap();
     project.save_scene(&case.scene).unwrap();
     let given = Given { scene: Some(case.scene.clone()), ..Given::default() };
