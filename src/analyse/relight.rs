@@ -1,7 +1,7 @@
-//! The light of a room once more, with lamps at which a person pointed.
+//! Estimates the light of a room again, with lamps that a user marked.
 //!
-//! An analysis keeps no surfaces. So they are looked at again, by its poses, gains and clocks, as
-//! they were for it; what takes time there, the search for lamps, falls away.
+//! An analysis stores no surfaces, so they are gathered again by its poses, gains and clocks. The
+//! search for lamps, which takes most of the time, is not needed.
 
 use glam::DVec3;
 
@@ -14,13 +14,13 @@ use super::times::Times;
 use crate::camera::Response;
 use crate::recording::Recording;
 
-/// In place of what was found: its light with lamps at these places, world axes, m, and its
-/// panorama; or why nothing can be said. `recording` follows the analysis already.
+/// The light with lamps at the positions `marked`, world axes, m, and its panorama; or the reason
+/// for which it is unknown. The analysis must be applied to `recording`.
 pub fn relight(
     recording: &Recording,
     response: &Response,
     analysis: &Analysis,
-    seen: &[DVec3],
+    marked: &[DVec3],
     threads: usize,
 ) -> Result<Result<(LightFindings, Environment), String>, RegistrationError> {
     let was = analysis.findings.light.as_ref();
@@ -34,7 +34,7 @@ pub fn relight(
         .filter(|lamp| !lamp.is_bounce())
         .map(|lamp| lamp.at_m.into())
         .collect();
-    // Maps of a recording that follows refined poses say their time themselves.
+    // A recording with refined poses applies the offset of depth's clock itself.
     let later_s = if analysis.track.is_some() { 0.0 } else { analysis.findings.registration.depth_later_s };
     let inputs = LightInputs {
         recording,
@@ -46,7 +46,7 @@ pub fn relight(
         up,
         threads,
     };
-    let given = KnownLamps { seen, found: &found };
+    let given = KnownLamps { marked, found: &found };
     let light = of_recording(&inputs, Some(&given), &mut Times::default())?;
     let Ok(panorama) = light.as_ref().map(|light| Environment::of(&light.panorama)) else {
         return Ok(Err(light.err().unwrap_or_default()));

@@ -13,8 +13,7 @@ use super::occupancy::OccupancyGrid;
 
 /// Diameter of the second lamp, m.
 pub const DIAMETER_M: f64 = 1.6;
-/// Smallest share of the white level that is written as bounce light; less is left to the ambient
-/// light.
+/// Smallest bounce light that is written, by the white level; less is part of the ambient light.
 pub const MIN_SHARE: f64 = 0.02;
 /// Sphere radius R, m. Its projection and the lamp's disc of radius r have equal second moments:
 /// (2/3)·R² = r²/2.
@@ -63,7 +62,7 @@ mod tests {
             (0..6400).map(|n| DVec3::new(0.03 * (n % 80) as f64 - 1.2, 0.03 * (n / 80) as f64 - 1.2, 2.5)).collect();
         let lamp = LampSource { at: DVec3::new(0.0, 0.0, 2.2), along: None };
         let visible = places(&lamp, &OccupancyGrid::new(&ceiling));
-        // Cells of 4 cm are looked at.
+        // Cells are 4 cm wide.
         assert!(visible.iter().all(|place| place.at.z < 2.54), "{visible:?}");
         // By hand (1 + 0.3/0.693)/2 = 0.72 of the sphere's area.
         assert!((10..=12).contains(&visible.len()), "{}", visible.len());

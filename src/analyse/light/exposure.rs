@@ -1,9 +1,9 @@
-//! What the camera's automatic exposure and white balance say of the light at a place.
+//! The light at a place by the camera's automatic exposure and white balance.
 //!
-//! A camera exposes a picture to a mean that hardly depends on the room. The frames that see the
-//! place weigh by how many of their points lie near it: W = exp(Σ w·ln(mean light / 0.25)). Neutral
-//! is the reciprocal of the same frames' gains, since white balance belongs to the frames that see
-//! the place, not to the frame of usual brightness.
+//! A camera exposes a picture to a mean that hardly depends on the room. Frames are weighted by the
+//! number of their points near the place: W = exp(Σ w·ln(mean light / 0.25)). Neutral is the
+//! reciprocal of the gains of the same frames, because white balance belongs to the frames that see
+//! the place and not to the frame of median brightness.
 
 use glam::DVec3;
 
@@ -15,39 +15,40 @@ const MEAN_BY_WHITE: f64 = 0.25;
 /// Largest mean linear light of a metered picture: a brighter one shows white things, or is
 /// overexposed, and its mean does not imply a brighter white.
 const MAX_METERED: f64 = 0.45;
-/// A point is near the place within this, m.
-const NEAR_M: f64 = 0.8;
-/// Darker pictures tell nothing, linear.
-const DARKEST: f64 = 1e-4;
+/// Radius around the place in which points count, m.
+const RADIUS_M: f64 = 0.8;
+/// Smallest mean of a picture, linear.
+const MIN_MEAN: f64 = 1e-4;
 
-/// One frame, as the place's light follows from it.
+/// Exposure of a frame, and its weight for a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeteredFrame {
     /// Number of its points near the place.
     pub points: usize,
     pub gain: [f64; 3],
-    /// Mean linear light of the whole picture by its gain.
+    /// Mean linear light of the whole picture, divided by its gain.
     pub mean: [f64; 3],
 }
 
 impl MeteredFrame {
     pub fn of(view: &FrameSamples, place: DVec3) -> Self {
-        let is_near = |sample: &&LightSample| f64::from(sample.at.distance(place.as_vec3())) < NEAR_M;
+        let is_near = |sample: &&LightSample| f64::from(sample.at.distance(place.as_vec3())) < RADIUS_M;
         let points = view.samples.iter().filter(is_near).count();
         Self { points, gain: view.gain, mean: view.mean }
     }
 }
 
-/// The light at a place by exposure alone.
+/// White level and neutral colour by exposure alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExposureLevel {
-    /// Luminance that matt white shows.
+    /// Luminance of matt white.
     pub level: f64,
-    /// Colour of neutral things; green is 1.
+    /// Colour of neutral surfaces; green is 1.
     pub neutral: [f64; 3],
 }
 
-/// Where no frame sees the place, all frames count alike. Of no frame it is the camera's own white.
+/// If no frame sees the place, all frames have equal weight. Without frames it is the camera's own
+/// white.
 pub fn exposure_level(frames: &[MeteredFrame]) -> ExposureLevel {
     let points: usize = frames.iter().map(|frame| frame.points).sum();
     let weight = |frame: &MeteredFrame| match points {
@@ -57,7 +58,7 @@ pub fn exposure_level(frames: &[MeteredFrame]) -> ExposureLevel {
     let mean = |of: &dyn Fn(&MeteredFrame) -> f64| frames.iter().map(|frame| weight(frame) * of(frame)).sum::<f64>();
     let metered = |frame: &MeteredFrame| {
         let shown = relative_luminance([0, 1, 2].map(|c| frame.gain[c] * frame.mean[c]));
-        relative_luminance(frame.mean).max(DARKEST) * (MAX_METERED / shown.max(DARKEST)).min(1.0)
+        relative_luminance(frame.mean).max(MIN_MEAN) * (MAX_METERED / shown.max(MIN_MEAN)).min(1.0)
     };
     let level = mean(&|frame| (metered(frame) / MEAN_BY_WHITE).ln()).exp();
     let [red, green, blue] = [0, 1, 2].map(|c| (-mean(&|frame| frame.gain[c].ln())).exp());
@@ -69,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn exposure_weighs_frames_by_their_points_near_the_place() {
+    fn frames_are_weighted_by_their_points_near_the_place() {
         // 0.1 / 0.25 = 0.4 by one frame and 0.4 / 0.25 = 1.6 by the other: 0.4^(3/4)·1.6^(1/4) =
         // 0.4·√2.
         let dark = MeteredFrame { points: 300, gain: [2.0, 1.0, 1.0], mean: [0.1; 3] };
@@ -81,8 +82,8 @@ mod tests {
         // Neither sees it: √(0.4·1.6) = 0.8.
         let unseen = exposure_level(&[MeteredFrame { points: 0, ..dark }, MeteredFrame { points: 0, ..bright }]);
         assert!((unseen.level - 0.8).abs() < 1e-9, "{unseen:?}");
-        // Overexposed by hand: a mean of 0.9 counts as 0.45, in the frame of usual brightness
-        // 0.225.
+        // Overexposed, by hand: a mean of 0.9 counts as 0.45, that is 0.225 in the frame of median
+        // brightness.
         let over = exposure_level(&[MeteredFrame { points: 9, gain: [2.0; 3], mean: [0.45; 3] }]);
         assert!((over.level - 0.9).abs() < 1e-9, "{over:?}");
         assert_eq!(exposure_level(&[]), ExposureLevel { level: 1.0, neutral: [1.0; 3] });

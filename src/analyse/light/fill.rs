@@ -9,16 +9,18 @@ use std::f64::consts::PI;
 
 use super::panorama::{HEIGHT, PartialPanorama, WIDTH, direction, solid_sr, upward};
 
-const AROUND: f64 = 0.4;
-const ABOVE: f64 = 0.6;
-/// Unseen light above the horizon is at most this multiple of the white level: more contradicts it.
-const MOST_FILL: f64 = 4.0;
+/// Uniform and elevation-dependent part of the irradiance.
+const UNIFORM_SHARE: f64 = 0.4;
+const ELEVATION_SHARE: f64 = 0.6;
+/// Largest radiance of unseen directions above the horizon, by the white level: more contradicts
+/// it.
+const MAX_FILL: f64 = 4.0;
 /// Smallest projected solid angle that can be filled, by π.
-const LEAST_OPEN: f64 = 1e-6;
+const MIN_OPEN: f64 = 1e-6;
 
-/// Light of no claimed direction.
+/// A panorama that depends on the elevation only.
 pub fn even(white: [f64; 3]) -> Vec<[f32; 3]> {
-    let at = |n: usize| AROUND + 0.5 * ABOVE + 0.75 * ABOVE * direction(n).y;
+    let at = |n: usize| UNIFORM_SHARE + 0.5 * ELEVATION_SHARE + 0.75 * ELEVATION_SHARE * direction(n).y;
     (0..WIDTH * HEIGHT).map(|n| white.map(|white| (at(n) * white) as f32)).collect()
 }
 
@@ -28,8 +30,8 @@ pub fn even(white: [f64; 3]) -> Vec<[f32; 3]> {
 ///
 /// # Errors
 ///
-/// With `by_lamps`, which white shows besides, a channel would miss the whole white level by a
-/// factor outside of `between`, its interval: the panorama contradicts it. The reason.
+/// The reason, if the panorama contradicts the white level: if with `by_lamps`, the lamps' part of
+/// it, a channel would miss the whole white level by a factor outside of `between`, its interval.
 pub fn filled(
     seen: &PartialPanorama,
     white: [f64; 3],
@@ -39,8 +41,8 @@ pub fn filled(
     let by_seen = upward(&seen.iter().map(|light| light.unwrap_or_default()).collect::<Vec<_>>());
     let is_open = |n: &usize| seen[*n].is_none() && direction(*n).y > 0.0;
     let open: f64 = (0..seen.len()).filter(is_open).map(|n| direction(n).y * solid_sr(n) / PI).sum();
-    let above = [0, 1, 2].map(|c| ((white[c] - by_seen[c]) / open.max(LEAST_OPEN)).clamp(0.0, MOST_FILL * white[c]));
-    // What white shows under the filled panorama, by what it is to show.
+    let above = [0, 1, 2].map(|c| ((white[c] - by_seen[c]) / open.max(MIN_OPEN)).clamp(0.0, MAX_FILL * white[c]));
+    // White level by the filled panorama, by the intended one.
     let ratio = [0, 1, 2].map(|c| (by_seen[c] + above[c] * open) / white[c].max(f64::MIN_POSITIVE));
     let of_all =
         [0, 1, 2].map(|c| (ratio[c] * white[c] + by_lamps[c]) / (white[c] + by_lamps[c]).max(f64::MIN_POSITIVE));
@@ -49,7 +51,7 @@ pub fn filled(
     }
     let below = [0, 1, 2].map(|c| {
         let mut known: Vec<f64> = seen.iter().flatten().map(|light| f64::from(light[c])).collect();
-        if known.is_empty() { AROUND * white[c] } else { super::super::robust::median(&mut known) }
+        if known.is_empty() { UNIFORM_SHARE * white[c] } else { super::super::robust::median(&mut known) }
     });
     let unseen = |n: usize| (if direction(n).y > 0.0 { above } else { below }).map(|light| light as f32);
     let scaled = |light: [f32; 3]| [0, 1, 2].map(|c| light[c] / ratio[c] as f32);
@@ -62,10 +64,10 @@ mod tests {
 
     use super::*;
 
-    /// Of a white level that nothing may miss, but for rounding.
+    /// An interval that allows rounding errors only.
     const EXACT: [f64; 2] = [1.0 - 1e-6, 1.0 + 1e-6];
 
-    /// What matt white of this normal shows.
+    /// Light of matt white with this normal.
     fn shown(rgb: &[[f32; 3]], normal: DVec3) -> f64 {
         let of =
             |(n, light): (usize, &[f32; 3])| f64::from(light[1]) * direction(n).dot(normal).max(0.0) * solid_sr(n) / PI;
@@ -104,7 +106,7 @@ mod tests {
         assert!((shown(&rgb, DVec3::Y) - 1.0).abs() < 1e-3 && (rgb[0][1] - 1.0).abs() < 2e-3, "{:?}", rgb[0]);
         let refused = filled(&seen, [1.0; 3], [0.0; 3], [0.8, 1.15]).unwrap_err();
         assert!(refused.contains("1.20 times"), "{refused}");
-        // Of 4 in all, 3 by lamps, it misses a twentieth.
+        // With 3 of 4 by lamps it misses a twentieth.
         assert!(filled(&seen, [1.0; 3], [3.0; 3], [0.8, 1.15]).is_ok());
         // An eighth of it is open; four times the white level from there sends half of it.
         let narrow: PartialPanorama =

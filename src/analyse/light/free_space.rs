@@ -1,50 +1,52 @@
-//! The panorama's centre: a point in free space over the surface that evidence stands on.
+//! The panorama's centre: a point in free space over the support of virtual objects.
 //!
-//! It begins 0.3 m over the support and is pushed along the normals of surfaces that are nearer
-//! than that, by 30 % of the mean of the worst fifth at a time.
+//! It begins 0.3 m over the support and moves along the normals of surfaces that are nearer
+//! than that, by 30 % of the mean of the largest fifth of penetrations per step.
 
 use glam::DVec3;
 
 use super::voxels::{SIDE_M, Voxel};
 
-/// Height over the support, and the distance that is kept from all surfaces, m.
-const OVER_M: f64 = 0.3;
-const KEPT_M: f64 = 0.3;
-/// Cosine with up of a support's normals, and how far around the place it is sought, m.
-const UPWARD: f64 = 0.8;
-const SUPPORT_M: f64 = 0.25;
-/// Least areas of a support and of a surface that pushes, m².
-const SUPPORT_M2: f64 = 0.018;
-const SURFACE_M2: f64 = 0.0045;
-const STEPS: usize = 60;
-const STEP: f64 = 0.3;
-/// A shorter push ends the search, m.
-const STILL_M: f64 = 0.003;
+/// Initial height over the support, and clearance from all surfaces, m.
+const HEIGHT_M: f64 = 0.3;
+const CLEARANCE_M: f64 = 0.3;
+/// Smallest cosine of a support's normals with up, and radius around the place in which it is
+/// searched, m.
+const MIN_UP_COS: f64 = 0.8;
+const SUPPORT_RADIUS_M: f64 = 0.25;
+/// Smallest areas of a support and of a surface that repels, m².
+const MIN_SUPPORT_M2: f64 = 0.018;
+const MIN_SURFACE_M2: f64 = 0.0045;
+const MAX_STEPS: usize = 60;
+const STEP_SHARE: f64 = 0.3;
+/// A shorter push ends the iteration, m.
+const MIN_PUSH_M: f64 = 0.003;
 
 /// `place` is on a support.
 pub fn centre(voxels: &[Voxel], up: DVec3, place: DVec3) -> DVec3 {
     let area_m2 = |count: usize| count as f64 * SIDE_M * SIDE_M;
-    let supports = |voxel: &&Voxel| voxel.at.distance(place) < SUPPORT_M && voxel.normal.dot(up) > UPWARD;
+    let supports = |voxel: &&Voxel| voxel.at.distance(place) < SUPPORT_RADIUS_M && voxel.normal.dot(up) > MIN_UP_COS;
     let mut heights: Vec<f64> = voxels.iter().filter(supports).map(|voxel| up.dot(voxel.at - place)).collect();
-    let support_m = if area_m2(heights.len()) > SUPPORT_M2 { super::super::robust::median(&mut heights) } else { 0.0 };
-    let mut at = place + (support_m + OVER_M) * up;
-    for _ in 0..STEPS {
-        let near = voxels.iter().filter(|voxel| voxel.at.distance(at) < KEPT_M);
+    let support_m =
+        if area_m2(heights.len()) > MIN_SUPPORT_M2 { super::super::robust::median(&mut heights) } else { 0.0 };
+    let mut at = place + (support_m + HEIGHT_M) * up;
+    for _ in 0..MAX_STEPS {
+        let near = voxels.iter().filter(|voxel| voxel.at.distance(at) < CLEARANCE_M);
         let push = |voxel: &Voxel| {
-            let away_m = voxel.normal.dot(at - voxel.at).clamp(-KEPT_M, KEPT_M);
-            (KEPT_M - away_m) * voxel.normal
+            let away_m = voxel.normal.dot(at - voxel.at).clamp(-CLEARANCE_M, CLEARANCE_M);
+            (CLEARANCE_M - away_m) * voxel.normal
         };
         let mut pushes: Vec<DVec3> = near.map(push).collect();
-        if area_m2(pushes.len()) < SURFACE_M2 {
+        if area_m2(pushes.len()) < MIN_SURFACE_M2 {
             break;
         }
         pushes.sort_by(|a, b| b.length_squared().total_cmp(&a.length_squared()));
         let worst = &pushes[..(pushes.len() / 5).max(1)];
         let by = worst.iter().sum::<DVec3>() / worst.len() as f64;
-        if by.length() < STILL_M {
+        if by.length() < MIN_PUSH_M {
             break;
         }
-        at += STEP * by;
+        at += STEP_SHARE * by;
     }
     at
 }

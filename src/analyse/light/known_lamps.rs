@@ -1,17 +1,16 @@
-//! Lamps at which a person pointed, in place of those that were sought.
+//! Lamps that a user marked, in place of a search.
 //!
-//! Their places are known, so that nothing is sought: each is taken for a bulb or for a panel that
-//! shines down, whichever leaves less unexplained. Lamps that were found without them stay where
-//! they were, as long as they are worth it beside them ([`search`](super::lamp_search)): one that
-//! stood for a lamp which is known now no longer is. How bright each is follows from how surfaces
-//! are lit, with the light from around and above, as ever. A lamp at which a person pointed is
-//! there, whatever the surfaces say.
+//! Their positions are known. Each is modelled as a bulb or as a panel that shines down, whichever
+//! has the smaller residual. Lamps of an earlier search stay if they still lower the residual
+//! enough ([`lamp_search`](super::lamp_search)); one that stood for a marked lamp no longer does.
+//! Brightness follows from the light of the surfaces, as after a search. Marked lamps are always
+//! kept.
 
 use glam::DVec3;
 
 use super::lamp_fit::{LampSource, MAX_LAMPS};
-use super::lamp_search::{APART_M, FINE, Search, WORTH, WORTH_OF_ALL};
-use super::lamp_solution::{FEWEST, LampSolution, LampVerdict, TOO_FEW, fit_light};
+use super::lamp_search::{FINAL_ITERATIONS, MIN_GAIN, MIN_GAIN_OF_TOTAL, MIN_LAMP_DISTANCE_M, Search};
+use super::lamp_solution::{LampSolution, LampVerdict, MIN_POINTS, TOO_FEW, fit_light};
 use super::occupancy::OccupancyGrid;
 use super::surfaces::{LightChannel, lit_points, search_volume};
 use super::voxels::Voxel;
@@ -19,9 +18,9 @@ use super::voxels::Voxel;
 /// Lamps by their places, world axes, m.
 #[derive(Clone, Copy, Debug)]
 pub struct KnownLamps<'a> {
-    /// That a person has seen; at most [`MAX_LAMPS`].
-    pub seen: &'a [DVec3],
-    /// That were found without them.
+    /// Marked by a user; at most [`MAX_LAMPS`].
+    pub marked: &'a [DVec3],
+    /// Found by an earlier search.
     pub found: &'a [DVec3],
 }
 
@@ -34,7 +33,7 @@ pub fn solve(
     given: &KnownLamps<'_>,
 ) -> Result<LampSolution, String> {
     let points = lit_points(voxels, 2, LightChannel::Luminance);
-    if points.len() < FEWEST {
+    if points.len() < MIN_POINTS {
         return Err(TOO_FEW.to_owned());
     }
     let occupancy = OccupancyGrid::new(solid);
@@ -44,23 +43,23 @@ pub fn solve(
     Ok(LampSolution::new(lamps, light, occupancy, up, LampVerdict { explained, ..LampVerdict::default() }))
 }
 
-/// Those that shine, the seen ones first, and what they explain.
+/// The accepted lamps, the marked ones first, and the relative reduction of the residual.
 fn lamps(search: &Search<'_>, given: &KnownLamps<'_>) -> (Vec<LampSource>, f64) {
-    let none = search.with(&[], FINE).score;
+    let none = search.with(&[], FINAL_ITERATIONS).score;
     let (mut lamps, mut score): (Vec<LampSource>, f64) = (Vec::new(), none);
-    let seen = given.seen.iter().map(|at| (*at, true));
-    for (at, is_seen) in seen.chain(given.found.iter().map(|at| (*at, false))) {
-        let is_there = |lamp: &LampSource| lamp.at.distance(at) < APART_M;
-        if lamps.len() == MAX_LAMPS || (!is_seen && lamps.iter().any(is_there)) {
+    let marked = given.marked.iter().map(|at| (*at, true));
+    for (at, is_marked) in marked.chain(given.found.iter().map(|at| (*at, false))) {
+        let is_there = |lamp: &LampSource| lamp.at.distance(at) < MIN_LAMP_DISTANCE_M;
+        if lamps.len() == MAX_LAMPS || (!is_marked && lamps.iter().any(is_there)) {
             continue;
         }
         let with = [None, Some(-search.volume.up)].map(|along| {
             let more = [&lamps[..], &[LampSource { at, along }]].concat();
-            (search.with(&more, FINE).score, more)
+            (search.with(&more, FINAL_ITERATIONS).score, more)
         });
         let [bulb, panel] = with;
         let (better, more) = if panel.0 < bulb.0 { panel } else { bulb };
-        if is_seen || score - better > (WORTH * score).max(WORTH_OF_ALL * none) {
+        if is_marked || score - better > (MIN_GAIN * score).max(MIN_GAIN_OF_TOTAL * none) {
             (lamps, score) = (more, better);
         }
     }
@@ -76,19 +75,19 @@ mod tests {
 
     const UP: DVec3 = DVec3::Z;
 
-    /// Scaled to what white shows in the middle of the floor.
+    /// Scaled to the white level in the middle of the floor.
     fn scaled(solved: &LampSolution, lamps: &[DVec3]) -> PlaceLight {
         let by = |at: &DVec3| 2.0 * lamp_irradiance(DVec3::ZERO, UP, &LampSource { at: *at, along: None });
         solved.at(DVec3::ZERO, [0.15 + lamps.iter().map(by).sum::<f64>(); 3])
     }
 
-    fn solved(lamps: &[DVec3], seen: &[DVec3], found: &[DVec3]) -> LampSolution {
+    fn solved(lamps: &[DVec3], marked: &[DVec3], found: &[DVec3]) -> LampSolution {
         let (voxels, solid) = lit_test_room([lamps; 2]);
-        solve(&voxels, &solid, UP, 2, &KnownLamps { seen, found }).unwrap()
+        solve(&voxels, &solid, UP, 2, &KnownLamps { marked, found }).unwrap()
     }
 
     #[test]
-    fn a_lamp_that_is_pointed_at_is_as_bright_as_it_is_and_the_one_that_stood_for_it_goes() {
+    fn marked_lamp_has_its_true_brightness_and_replaces_its_stand_in() {
         let lamp = DVec3::new(-0.6, 0.5, 2.0);
         let found = solved(&[lamp], &[lamp], &[DVec3::new(-0.9, 0.1, 1.7)]);
         assert_eq!(found.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), [lamp]);
@@ -99,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn another_lamp_that_was_found_stays_and_one_that_shines_nothing_is_pointed_at_all_the_same() {
+    fn found_lamp_stays_beside_a_marked_one_and_a_marked_dark_lamp_is_kept() {
         let lamps = [DVec3::new(0.8, -0.5, 1.9), DVec3::new(-0.7, 0.4, 2.1)];
         let found = solved(&lamps, &lamps[..1], &lamps[1..]);
         assert_eq!(found.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), lamps);
@@ -108,11 +107,11 @@ mod tests {
             let of_one = of_all.iter().filter(|lamp| DVec3::from(lamp.at_m) == at).map(|lamp| lamp.shown_at_1_m[1]);
             let shown: Vec<f64> = of_one.collect();
             assert!((shown.iter().sum::<f64>() / 2.0 - 1.0).abs() < 0.1, "{of_all:?}");
-            // There is no bounce light: up to a third is mistaken for it where there are few
-            // shadows.
+            // The room has no bounce light. With few shadows up to a third of the direct light is
+            // mistaken for it.
             assert!(shown[0] > 2.0 / 1.5, "{of_all:?}");
         }
-        // It is off.
+        // This lamp is off.
         let dark = DVec3::new(1.2, 1.0, 1.5);
         let found = solved(&lamps[1..], &[dark], &lamps[1..]);
         assert_eq!(found.lamps.iter().map(|lamp| lamp.at).collect::<Vec<_>>(), [dark, lamps[1]]);

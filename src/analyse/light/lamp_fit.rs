@@ -1,29 +1,29 @@
-//! How surfaces are lit by lamps whose places are given: light from around, from above, and each
-//! lamp's brightness.
+//! Fits the light of surfaces by lamps at given positions: ambient light, its gradient along up,
+//! and each lamp's brightness.
 //!
 //!   B = ρ_m·(a + b(1 + n_z)/2 + Σ I_k·V·cos θ/d² + Σ J_k·mean(V·cos θ/d²))
 //!
 //! ρ_m is one reflectance for each material m, a bin of chroma. The last sum is bounce light,
 //! averaged over positions around lamp k ([`bounce`](super::bounce)). Two steps alternate: ln ρ_m
 //! is the median residual of ln B; a, b, I_k and J_k ≥ 0 follow from Gauss-Newton least squares of
-//! ln B, weighted by Cauchy's w = 1/(1 + (r/0.25)²). The score is Cauchy's
-//! mean loss. Not modelled: other indirect light, but as light from around; surfaces that shine.
+//! ln B with Cauchy weights w = 1/(1 + (r/0.25)²). The score is the mean Cauchy loss. Not modelled:
+//! other indirect light, except as ambient light; glossy surfaces.
 
 use glam::DVec3;
 
-/// Cauchy's scale, ln.
-const SCALE: f64 = 0.25;
+/// Scale of the Cauchy loss, ln.
+const CAUCHY_SCALE_LN: f64 = 0.25;
 /// Largest number of lamps.
 pub const MAX_LAMPS: usize = 3;
 /// Largest number of unknowns.
 pub const MAX_UNKNOWNS: usize = 2 + 2 * MAX_LAMPS;
-/// Neighbours of one material and one direction are one patch, this wide, m: the pattern on a
-/// surface is no light on it.
+/// Width of a patch, m. Voxels of one material and one orientation are averaged over it, so that
+/// texture is not mistaken for light.
 pub const PATCH_M: f64 = 0.08;
-/// Sweeps over the unknowns.
-const SWEEPS: usize = 60;
+/// Sweeps of Gauss-Seidel over the unknowns.
+const GAUSS_SEIDEL_SWEEPS: usize = 60;
 
-/// A surface.
+/// A surface patch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LitPoint {
     pub at: DVec3,
@@ -33,15 +33,15 @@ pub struct LitPoint {
     pub material: usize,
 }
 
-/// What lights surfaces: linear, as white matt shows it.
+/// Fitted light: linear, as the light of matt white.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LightFit {
-    /// From around and from above.
+    /// Uniform ambient light, and ambient light by the cosine with up.
     pub around: f64,
     pub above: f64,
-    /// Of each lamp: what white that faces it shows at 1 m.
+    /// For each lamp: light of white that faces it at 1 m.
     pub lamps: [f64; MAX_LAMPS],
-    /// Bounce light of each lamp, as if all of it came from the lamp's place.
+    /// Bounce light of each lamp, as if all of it came from the lamp's position.
     pub bounce: [f64; MAX_LAMPS],
 }
 
@@ -53,25 +53,25 @@ pub struct Fit {
     pub score: f64,
 }
 
-/// What each unknown gives a surface.
+/// Row of the design matrix: light of a surface by a unit of each unknown.
 pub type BasisRow = [f64; MAX_UNKNOWNS];
 
-/// Of what comes from around and above.
+/// The row of a surface with ambient light only.
 pub fn ambient(normal: DVec3, up: DVec3) -> BasisRow {
     let mut shares = [0.0; MAX_UNKNOWNS];
     (shares[0], shares[1]) = (1.0, 0.5 * (1.0 + normal.dot(up)));
     shares
 }
 
-/// A place from which light comes, and into which directions.
+/// Position and emission of a lamp.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LampSource {
     pub at: DVec3,
-    /// A panel that shines along this, by the cosine, instead of a bulb that shines evenly.
+    /// Axis of a panel with cosine emission; `None` for an isotropic bulb.
     pub along: Option<DVec3>,
 }
 
-/// Of a lamp that nothing hides, on a surface at `at`.
+/// Irradiance by an unoccluded lamp of unit brightness on a surface at `at`.
 pub fn lamp_irradiance(at: DVec3, normal: DVec3, lamp: &LampSource) -> f64 {
     let to = lamp.at - at;
     let d2 = to.length_squared().max(1e-4);
@@ -82,13 +82,14 @@ pub fn lamp_irradiance(at: DVec3, normal: DVec3, lamp: &LampSource) -> f64 {
     }
 }
 
-/// Points by material, so that a material's median is over one run of them.
+/// Sorts points by material, so that each material is a contiguous run.
 pub fn sorted(mut points: Vec<LitPoint>) -> Vec<LitPoint> {
     points.sort_by_key(|point| point.material);
     points
 }
 
-/// `points` are [`sorted`]; `shares`: one for each. Columns: around, above, `lamps`.
+/// Fits direct light. `points` are [`sorted`]; `shares`: one row for each. Columns: around, above,
+/// `lamps`.
 pub fn fit(points: &[LitPoint], shares: &[BasisRow], lamps: usize, rounds: usize) -> Fit {
     fit_sources(points, shares, lamps, lamps, rounds)
 }
@@ -99,7 +100,7 @@ pub fn fit_with_bounce(points: &[LitPoint], shares: &[BasisRow], lamps: usize, r
 }
 
 fn fit_sources(points: &[LitPoint], shares: &[BasisRow], lamps: usize, sources: usize, rounds: usize) -> Fit {
-    // A count that the compiler knows: twice as fast.
+    // A constant number of unknowns is twice as fast.
     match sources {
         0 => fit_to::<2>(points, shares, lamps, rounds),
         1 => fit_to::<3>(points, shares, lamps, rounds),
@@ -110,13 +111,13 @@ fn fit_sources(points: &[LitPoint], shares: &[BasisRow], lamps: usize, sources: 
     }
 }
 
-/// Of the first `COUNT` unknowns.
+/// Fits the first `COUNT` unknowns.
 fn fit_to<const COUNT: usize>(points: &[LitPoint], shares: &[BasisRow], lamps: usize, rounds: usize) -> Fit {
     let materials = points.last().map_or(0, |point| point.material + 1);
     let mut reflectance = vec![0.0; materials];
     let mut x = [0.0; MAX_UNKNOWNS];
     (x[0], x[1]) = (0.5, 0.5);
-    // Each lamp is as bright as everything else together, and has no bounce light.
+    // Initially each lamp is as bright as all other light together, without bounce light.
     for k in 2..2 + lamps {
         let mean = shares.iter().map(|s| s[k]).sum::<f64>() / shares.len().max(1) as f64;
         x[k] = if mean > 0.0 { 1.0 / mean } else { 0.0 };
@@ -124,7 +125,7 @@ fn fit_to<const COUNT: usize>(points: &[LitPoint], shares: &[BasisRow], lamps: u
     let sum =
         |x: &[f64; MAX_UNKNOWNS], s: &BasisRow| x[..COUNT].iter().zip(s).map(|(x, s)| x * s).sum::<f64>().max(1e-9);
     let mut lit: Vec<f64> = shares.iter().map(|s| sum(&x, s)).collect();
-    // What light leaves of each point's ln, and room for those of a material.
+    // ln of each point's reflectance, and a buffer for one material.
     let (mut left, mut of_material) = (vec![0.0; points.len()], Vec::new());
     let unlit = |lit: &[f64], left: &mut [f64]| {
         points.iter().zip(lit).zip(left).for_each(|((point, lit), left)| *left = point.ln - lit.ln());
@@ -135,7 +136,7 @@ fn fit_to<const COUNT: usize>(points: &[LitPoint], shares: &[BasisRow], lamps: u
         let (mut normal, mut right) = ([[0.0; MAX_UNKNOWNS]; MAX_UNKNOWNS], [0.0; MAX_UNKNOWNS]);
         for (n, (point, s)) in points.iter().zip(shares).enumerate() {
             let off = left[n] - reflectance[point.material];
-            let w = 1.0 / (1.0 + (off / SCALE).powi(2));
+            let w = 1.0 / (1.0 + (off / CAUCHY_SCALE_LN).powi(2));
             let wanted = 1.0 + off.clamp(-1.0, 1.0);
             let per_lit = 1.0 / lit[n];
             let slope = s.map(|s| s * per_lit);
@@ -148,7 +149,7 @@ fn fit_to<const COUNT: usize>(points: &[LitPoint], shares: &[BasisRow], lamps: u
             }
         }
         not_negative(&normal, &right, COUNT, &mut x);
-        // Reflectance and light share a factor: all light together stays as it is.
+        // Reflectance and light have a common free factor. It is fixed by a mean light of 1.
         shares.iter().zip(&mut lit).for_each(|(s, lit)| *lit = sum(&x, s));
         let mean = lit.iter().sum::<f64>() / lit.len().max(1) as f64;
         x.iter_mut().for_each(|x| *x /= mean);
@@ -156,7 +157,9 @@ fn fit_to<const COUNT: usize>(points: &[LitPoint], shares: &[BasisRow], lamps: u
     }
     unlit(&lit, &mut left);
     medians(points, &left, &mut reflectance, &mut of_material);
-    let loss = |(point, left): (&LitPoint, &f64)| (1.0 + ((left - reflectance[point.material]) / SCALE).powi(2)).ln();
+    let loss = |(point, left): (&LitPoint, &f64)| {
+        (1.0 + ((left - reflectance[point.material]) / CAUCHY_SCALE_LN).powi(2)).ln()
+    };
     let score = points.iter().zip(&left).map(loss).sum::<f64>() / points.len().max(1) as f64;
     let mut light = LightFit { around: x[0], above: x[1], ..LightFit::default() };
     let (direct, bounce) = x[2..COUNT].split_at(lamps);
@@ -165,7 +168,7 @@ fn fit_to<const COUNT: usize>(points: &[LitPoint], shares: &[BasisRow], lamps: u
     Fit { light, reflectance, score }
 }
 
-/// ln of each material's reflectance: the median of what light leaves of its points.
+/// ln of each material's reflectance: the median over its points.
 fn medians(points: &[LitPoint], left: &[f64], reflectance: &mut [f64], of_material: &mut Vec<f64>) {
     let mut from = 0;
     for of in points.chunk_by(|a, b| a.material == b.material) {
@@ -177,19 +180,20 @@ fn medians(points: &[LitPoint], left: &[f64], reflectance: &mut [f64], of_materi
     }
 }
 
-/// Least squares with no unknown below 0, by Gauss and Seidel: `normal` has its lower half.
+/// Non-negative least squares by projected Gauss-Seidel. `normal`: lower triangle of the normal
+/// matrix.
 fn not_negative(
     normal: &[[f64; MAX_UNKNOWNS]; MAX_UNKNOWNS],
     right: &[f64; MAX_UNKNOWNS],
     count: usize,
     x: &mut [f64; MAX_UNKNOWNS],
 ) {
-    /// A share of the diagonal that holds what nothing tells.
-    const HELD: f64 = 1e-9;
-    for _ in 0..SWEEPS {
+    /// Regularization of unobservable unknowns, by the diagonal.
+    const DAMPING: f64 = 1e-9;
+    for _ in 0..GAUSS_SEIDEL_SWEEPS {
         for i in 0..count {
             let others: f64 = (0..count).filter(|j| *j != i).map(|j| normal[i.max(j)][i.min(j)] * x[j]).sum();
-            let diagonal = normal[i][i] * (1.0 + HELD) + 1e-12;
+            let diagonal = normal[i][i] * (1.0 + DAMPING) + 1e-12;
             x[i] = ((right[i] - others) / diagonal).max(0.0);
         }
     }
@@ -226,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lights_a_plane_and_a_box_is_found_again_exactly() {
+    fn light_of_a_plane_and_a_box_is_recovered() {
         let lamp = LampSource { at: DVec3::new(0.7, -0.3, 1.8), along: None };
         let (around, above, shown) = (0.2, 0.1, 1.5);
         let mut points = plane_and_box();
@@ -237,7 +241,7 @@ mod tests {
             point.ln = [0.3f64, 0.6][point.material].ln() + (around * s[0] + above * s[1] + shown * s[2]).ln();
             shares.push(s);
         }
-        // In turn goes slowly; real rooms are not told so exactly.
+        // The alternation converges slowly; real rooms do not need this accuracy.
         let fit = fit(&points, &shares, 1, 3000);
         // LightFit and reflectance share a factor; everything else is told.
         let light = fit.light;

@@ -1,5 +1,5 @@
-//! Where lamps are: a grid over the room, then descent, and one lamp more as long as that is worth
-//! it.
+//! Searches lamps: a grid over the room, then descent. Lamps are added as long as each lowers the
+//! score enough.
 
 use std::sync::OnceLock;
 
@@ -10,35 +10,35 @@ use super::lamp_fit::{BasisRow, Fit, LampSource, LitPoint, MAX_LAMPS, PATCH_M, a
 use super::occupancy::OccupancyGrid;
 use crate::parallel::over_rows;
 
-/// Cells of the grid are so wide, m.
+/// Width of a grid cell, m.
 const GRID_M: f64 = 0.35;
-/// Of the grid's columns, every `COARSE`th along each horizontal axis is tried first, then the
-/// neighbours of the `REFINED` best cells.
-const COARSE: usize = 2;
-const REFINED: usize = 12;
-/// Points that the grid is tried with.
-const FEW: usize = 700;
-/// Rounds of a fit on the grid, and of one that counts.
-const ROUGH: usize = 4;
-const MIDDLING: usize = 8;
-pub const FINE: usize = 20;
-/// A lamp more is kept if the score falls by more than this share, and by this share of what no
-/// lamp leaves: less is the pattern on surfaces.
-pub const WORTH: f64 = 0.1;
-pub const WORTH_OF_ALL: f64 = 0.03;
-/// Roughly placed, it has to be worth this share of that, or it is not looked at more closely.
-const WORTH_A_LOOK: f64 = 0.5;
-/// A lamp is exchanged if the score falls by more than this share.
-const EXCHANGED: f64 = 0.02;
-/// Steps of the descent, m.
-const FIRST_M: f64 = 0.2;
-const LAST_M: f64 = 0.02;
-/// Lamps are at least so far from each other, m.
-pub const APART_M: f64 = 0.4;
-/// Places of the grid from which the descent begins.
-const BEGUN: usize = 4;
+/// Stride of the grid's columns in the coarse pass, and number of its best cells whose neighbours
+/// are evaluated afterwards.
+const COARSE_STRIDE: usize = 2;
+const REFINED_CELLS: usize = 12;
+/// Number of points in fits on the grid.
+const GRID_POINTS: usize = 700;
+/// Iterations of a fit on the grid, during descent, and of a final one.
+const GRID_ITERATIONS: usize = 4;
+const DESCENT_ITERATIONS: usize = 8;
+pub const FINAL_ITERATIONS: usize = 20;
+/// Smallest reduction of the score by an additional lamp: by the score before, and by the score
+/// without lamps. A smaller one can be due to texture.
+pub const MIN_GAIN: f64 = 0.1;
+pub const MIN_GAIN_OF_TOTAL: f64 = 0.03;
+/// Smallest reduction at an approximate position, by the required one, for a closer search.
+const MIN_APPROXIMATE_GAIN: f64 = 0.5;
+/// Smallest relative reduction of the score for the relocation of a lamp.
+const MIN_RELOCATION_GAIN: f64 = 0.02;
+/// First and last step of the descent, m.
+const FIRST_STEP_M: f64 = 0.2;
+const LAST_STEP_M: f64 = 0.02;
+/// Smallest distance between lamps, m.
+pub const MIN_LAMP_DISTANCE_M: f64 = 0.4;
+/// Number of grid cells from which the descent begins.
+const DESCENT_STARTS: usize = 4;
 
-/// Where lamps may be.
+/// The volume in which lamps are searched.
 #[derive(Clone, Copy, Debug)]
 pub struct SearchVolume {
     pub low: DVec3,
@@ -57,7 +57,7 @@ impl SearchVolume {
         self.low + (cell.as_dvec3() + 0.5) / self.counts().as_dvec3() * (self.high - self.low)
     }
 
-    /// The axis that is nearest to up.
+    /// The axis nearest to up.
     fn vertical_axis(&self) -> usize {
         (0..3).max_by(|a, b| self.up[*a].abs().total_cmp(&self.up[*b].abs())).unwrap_or(2)
     }
@@ -67,13 +67,13 @@ impl SearchVolume {
 pub struct LampSearchResult {
     pub lamps: Vec<LampSource>,
     pub fit: Fit,
-    /// With none, one, two ... lamps.
+    /// Scores with 0, 1, 2 … lamps.
     pub scores: Vec<f64>,
 }
 
-/// Cells all over the room, as places of a lamp.
+/// Grid of candidate positions for a lamp.
 struct Grid {
-    /// Points with which they are tried.
+    /// Points of the fits.
     few: Vec<LitPoint>,
     counts: USizeVec3,
     cells: Vec<Cell>,
@@ -81,8 +81,8 @@ struct Grid {
 
 struct Cell {
     at: DVec3,
-    /// Whether light from here falls on each of the few; worked out when the cell is first tried.
-    seen: OnceLock<Vec<bool>>,
+    /// Whether each of the grid's points is visible from here; computed on first use.
+    visible: OnceLock<Vec<bool>>,
 }
 
 impl Grid {
@@ -95,18 +95,18 @@ impl Grid {
         USizeVec3::new(index % x, index / x % y, index / x / y)
     }
 
-    /// The cells that are tried first.
+    /// Cells of the coarse pass.
     fn coarse(&self, vertical: usize) -> Vec<usize> {
         let is_coarse = |index: &usize| {
             let cell = self.cell(*index);
-            (0..3).all(|axis| axis == vertical || cell[axis] % COARSE == COARSE / 2)
+            (0..3).all(|axis| axis == vertical || cell[axis] % COARSE_STRIDE == COARSE_STRIDE / 2)
         };
         let all = 0..self.cells.len();
         let coarse: Vec<usize> = all.clone().filter(is_coarse).collect();
         if coarse.is_empty() { all.collect() } else { coarse }
     }
 
-    /// A cell and those that touch it.
+    /// A cell and its neighbours.
     fn around(&self, index: usize) -> impl Iterator<Item = usize> {
         let cell = self.cell(index);
         let low = cell.saturating_sub(USizeVec3::ONE);
@@ -118,7 +118,7 @@ impl Grid {
     }
 }
 
-/// A lamp of one kind in a cell, and how well it explains the light.
+/// A lamp of one kind in a cell, and its score.
 #[derive(Clone, Copy, Debug)]
 struct Trial {
     cell: usize,
@@ -151,11 +151,12 @@ impl Search<'_> {
 
     /// A grid over the room.
     fn grid(&self) -> Grid {
-        let step = self.points.len().div_ceil(FEW).max(1);
+        let step = self.points.len().div_ceil(GRID_POINTS).max(1);
         let few: Vec<LitPoint> = self.points.iter().step_by(step).copied().collect();
         let mut grid = Grid { few, counts: self.volume.counts(), cells: Vec::new() };
         let count = grid.counts.element_product();
-        grid.cells = (0..count).map(|n| Cell { at: self.volume.middle(grid.cell(n)), seen: OnceLock::new() }).collect();
+        grid.cells =
+            (0..count).map(|n| Cell { at: self.volume.middle(grid.cell(n)), visible: OnceLock::new() }).collect();
         grid
     }
 
@@ -163,7 +164,7 @@ impl Search<'_> {
         fit(self.points, &self.shares(self.points, lamps), lamps.len(), rounds)
     }
 
-    /// Averages over the middles of a patch's quarters, because a hard shadow edge inside it would
+    /// Mean over the middles of a patch's quarters, because a hard shadow edge inside a patch would
     /// look like a penumbra.
     fn share_of_patch(&self, point: &LitPoint, lamp: &LampSource) -> f64 {
         let (x, y) = point.normal.any_orthonormal_pair();
@@ -172,7 +173,7 @@ impl Search<'_> {
         middles.iter().map(|middle| self.share(middle, lamp)).sum::<f64>() / middles.len() as f64
     }
 
-    /// Of ambient light, of all lamps, and of their bounce light.
+    /// Rows of ambient light, of all lamps, and of their bounce light.
     pub fn shares_with_bounce(&self, lamps: &[LampSource]) -> Vec<BasisRow> {
         let spheres: Vec<Vec<LampSource>> = lamps.iter().map(|lamp| bounce::places(lamp, self.occupancy)).collect();
         let mut shares: Vec<BasisRow> = self.points.iter().map(|point| ambient(point.normal, self.volume.up)).collect();
@@ -188,26 +189,26 @@ impl Search<'_> {
 
     pub fn lamps(&self, most: usize) -> LampSearchResult {
         let grid = self.grid();
-        let mut found = self.with(&[], FINE);
+        let mut found = self.with(&[], FINAL_ITERATIONS);
         let mut scores = vec![found.score];
         let mut lamps: Vec<LampSource> = Vec::new();
-        // Where there are two lamps, the best place for one is between them. Other places are kept,
-        // so that a second lamp is sought beside each.
+        // With two lamps in the room, the best position for one is between them. Therefore several
+        // positions are kept, and a second lamp is searched for each.
         let mut kept: Vec<Vec<LampSource>> = vec![Vec::new()];
         while lamps.len() < most.min(MAX_LAMPS) {
             let mut next: Vec<(Vec<LampSource>, Fit)> =
-                kept.iter().flat_map(|lamps| self.one_more(&grid, lamps)).collect();
+                kept.iter().flat_map(|lamps| self.with_one_more(&grid, lamps)).collect();
             next.sort_by(|a, b| a.1.score.total_cmp(&b.1.score));
-            next.truncate(BEGUN);
-            let worth = (WORTH * found.score).max(WORTH_OF_ALL * scores[0]);
-            // What the first one is worth is told, if only to say that it is too little.
-            let is_worth_a_look = |fit: &Fit| lamps.is_empty() || found.score - fit.score > WORTH_A_LOOK * worth;
-            if next.first().is_none_or(|(_, fit)| !is_worth_a_look(fit)) {
+            next.truncate(DESCENT_STARTS);
+            let worth = (MIN_GAIN * found.score).max(MIN_GAIN_OF_TOTAL * scores[0]);
+            // The score with the first lamp is always recorded, because it is reported.
+            let is_promising = |fit: &Fit| lamps.is_empty() || found.score - fit.score > MIN_APPROXIMATE_GAIN * worth;
+            if next.first().is_none_or(|(_, fit)| !is_promising(fit)) {
                 break;
             }
             kept = next.into_iter().map(|(lamps, _)| lamps).collect();
             let Some(best) = kept.first_mut() else { break };
-            let better = self.exchanged(&grid, best);
+            let better = self.relocate(&grid, best);
             scores.push(better.score);
             if found.score - better.score < worth {
                 break;
@@ -217,32 +218,32 @@ impl Search<'_> {
         LampSearchResult { lamps, fit: found, scores }
     }
 
-    /// Moves lamps to where they fit best; then takes each away, the oldest first, and seeks it
-    /// anew, as long as that lowers the score.
-    fn exchanged(&self, grid: &Grid, lamps: &mut Vec<LampSource>) -> Fit {
+    /// Moves lamps to where they fit best. Then removes each, the oldest first, and searches it
+    /// again, as long as that lowers the score.
+    fn relocate(&self, grid: &Grid, lamps: &mut Vec<LampSource>) -> Fit {
         let fine = |lamps: &mut Vec<LampSource>| {
-            self.descended(self.points, lamps, FIRST_M / 4.0, LAST_M);
-            self.with(lamps, FINE)
+            self.descend(self.points, lamps, FIRST_STEP_M / 4.0, LAST_STEP_M);
+            self.with(lamps, FINAL_ITERATIONS)
         };
         let mut fit = fine(lamps);
         let mut k = 0;
-        // The last one was sought beside the others as they are.
+        // The last one was searched with the others in place.
         while k + 1 < lamps.len() {
             let mut others = lamps.clone();
             others.remove(k);
-            let sought = self.one_more(grid, &others).into_iter().min_by(|a, b| a.1.score.total_cmp(&b.1.score));
+            let sought = self.with_one_more(grid, &others).into_iter().min_by(|a, b| a.1.score.total_cmp(&b.1.score));
             k += 1;
             let Some((mut other, _)) = sought else { continue };
             let better = fine(&mut other);
-            if better.score < (1.0 - EXCHANGED) * fit.score {
+            if better.score < (1.0 - MIN_RELOCATION_GAIN) * fit.score {
                 (*lamps, fit, k) = (other, better, 0);
             }
         }
         fit
     }
 
-    /// Scores of a bulb and of a panel in each of the cells, beside lamps that are known.
-    fn tried(&self, grid: &Grid, cells: &[usize], lamps: &[LampSource]) -> Vec<Trial> {
+    /// Scores of a bulb and of a panel in each of the cells, in addition to given lamps.
+    fn evaluate(&self, grid: &Grid, cells: &[usize], lamps: &[LampSource]) -> Vec<Trial> {
         let known = self.shares(&grid.few, lamps);
         let kinds = [None, Some(-self.volume.up)];
         let mut trials: Vec<Trial> = cells
@@ -256,47 +257,48 @@ impl Search<'_> {
             .collect();
         over_rows(&mut trials, kinds.len(), self.threads, |_, trials| {
             let cell = &grid.cells[trials[0].cell];
-            if lamps.iter().any(|lamp| lamp.at.distance(cell.at) < APART_M) {
+            if lamps.iter().any(|lamp| lamp.at.distance(cell.at) < MIN_LAMP_DISTANCE_M) {
                 return;
             }
-            // The same points see a bulb and a panel.
+            // Visibility is the same for a bulb and a panel.
             let bulb = LampSource { at: cell.at, along: None };
-            let seen = cell.seen.get_or_init(|| grid.few.iter().map(|point| self.share(point, &bulb) > 0.0).collect());
+            let visible =
+                cell.visible.get_or_init(|| grid.few.iter().map(|point| self.share(point, &bulb) > 0.0).collect());
             let mut shares = known.clone();
             for trial in trials {
-                for ((point, shares), is_seen) in grid.few.iter().zip(&mut shares).zip(seen) {
+                for ((point, shares), is_visible) in grid.few.iter().zip(&mut shares).zip(visible) {
                     shares[2 + lamps.len()] =
-                        if *is_seen { lamp_irradiance(point.at, point.normal, &trial.place) } else { 0.0 };
+                        if *is_visible { lamp_irradiance(point.at, point.normal, &trial.place) } else { 0.0 };
                 }
-                trial.score = fit(&grid.few, &shares, lamps.len() + 1, ROUGH).score;
+                trial.score = fit(&grid.few, &shares, lamps.len() + 1, GRID_ITERATIONS).score;
             }
         });
         trials
     }
 
-    /// Places of the grid for one lamp more, the best first.
+    /// Candidate positions of an additional lamp, the best first.
     fn candidates(&self, grid: &Grid, lamps: &[LampSource]) -> Vec<Trial> {
         let coarse = grid.coarse(self.volume.vertical_axis());
-        let mut trials = self.tried(grid, &coarse, lamps);
+        let mut trials = self.evaluate(grid, &coarse, lamps);
         trials.sort_by(|a, b| a.score.total_cmp(&b.score));
-        let near = trials.iter().filter(|trial| trial.score.is_finite()).take(REFINED);
+        let near = trials.iter().filter(|trial| trial.score.is_finite()).take(REFINED_CELLS);
         let mut finer: Vec<usize> = near.flat_map(|trial| grid.around(trial.cell)).collect();
         finer.sort_unstable();
         finer.dedup();
         finer.retain(|cell| coarse.binary_search(cell).is_err());
-        trials.extend(self.tried(grid, &finer, lamps));
+        trials.extend(self.evaluate(grid, &finer, lamps));
         trials.sort_by(|a, b| a.score.total_cmp(&b.score));
         trials
     }
 
-    /// With one lamp more, all of them moved to where they fit best, roughly: from each of the best
-    /// places of the grid.
-    fn one_more(&self, grid: &Grid, lamps: &[LampSource]) -> Vec<(Vec<LampSource>, Fit)> {
-        // The best, and others that are not beside it.
+    /// Adds a lamp at each of the best grid cells, and moves all lamps to where they approximately
+    /// fit best.
+    fn with_one_more(&self, grid: &Grid, lamps: &[LampSource]) -> Vec<(Vec<LampSource>, Fit)> {
+        // The best candidates that are not near each other.
         let mut begun: Vec<LampSource> = Vec::new();
         for Trial { place, score, .. } in self.candidates(grid, lamps) {
             let is_beside = |b: &LampSource| b.along == place.along && b.at.distance(place.at) < 2.0 * GRID_M;
-            if score.is_finite() && begun.len() < BEGUN && !begun.iter().any(is_beside) {
+            if score.is_finite() && begun.len() < DESCENT_STARTS && !begun.iter().any(is_beside) {
                 begun.push(place);
             }
         }
@@ -304,16 +306,16 @@ impl Search<'_> {
             begun.iter().map(|at| ([lamps, &[*at]].concat(), None)).collect();
         over_rows(&mut tried, 1, self.threads, |_, slot| {
             let (lamps, fit) = &mut slot[0];
-            self.descended(&grid.few, lamps, FIRST_M, FIRST_M / 4.0);
-            *fit = Some(self.with(lamps, FINE));
+            self.descend(&grid.few, lamps, FIRST_STEP_M, FIRST_STEP_M / 4.0);
+            *fit = Some(self.with(lamps, FINAL_ITERATIONS));
         });
         tried.into_iter().filter_map(|(lamps, fit)| Some((lamps, fit?))).collect()
     }
 
-    /// Moves lamps by steps that halve, as long as the score falls.
-    fn descended(&self, points: &[LitPoint], lamps: &mut [LampSource], first_m: f64, last_m: f64) {
+    /// Coordinate descent of the lamps' positions, with halving steps.
+    fn descend(&self, points: &[LitPoint], lamps: &mut [LampSource], first_m: f64, last_m: f64) {
         let mut shares = self.shares(points, lamps);
-        let mut best = fit(points, &shares, lamps.len(), MIDDLING).score;
+        let mut best = fit(points, &shares, lamps.len(), DESCENT_ITERATIONS).score;
         let mut step_m = first_m;
         while step_m >= last_m {
             let before = best;
@@ -326,7 +328,7 @@ impl Search<'_> {
                         for (point, shares) in points.iter().zip(&mut moved) {
                             shares[2 + k] = self.share(point, &place);
                         }
-                        let tried = fit(points, &moved, lamps.len(), MIDDLING).score;
+                        let tried = fit(points, &moved, lamps.len(), DESCENT_ITERATIONS).score;
                         if tried < best {
                             (best, shares, lamps[k]) = (tried, moved, place);
                             break;

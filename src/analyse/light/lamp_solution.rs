@@ -21,7 +21,7 @@ use super::voxels::Voxel;
 /// A lamp is claimed from this share of explanation on.
 const EXPLAINED: f64 = 0.2;
 /// Fewer surfaces tell nothing.
-pub const FEWEST: usize = 200;
+pub const MIN_POINTS: usize = 200;
 pub const TOO_FEW: &str = "too few surfaces were seen";
 const ROUNDS: usize = 20;
 /// LightFit is never taken for less, in its own units.
@@ -70,7 +70,7 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads
     let volume = search_volume(solid, up);
     let by = |half: usize| lit_points(voxels, half, LightChannel::Luminance);
     let all = by(2);
-    if all.len() < FEWEST {
+    if all.len() < MIN_POINTS {
         return LampSolution::without_lamps(
             LampVerdict { no_lamp: Some(TOO_FEW.to_owned()), ..LampVerdict::default() },
             up,
@@ -83,7 +83,7 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads
         .then(|| {
             let points = [0, 1].map(by);
             let searches = points.each_ref().map(|points| Search { points, occupancy: &occupancy, volume, threads });
-            let are_enough = points.iter().all(|points| points.len() >= FEWEST);
+            let are_enough = points.iter().all(|points| points.len() >= MIN_POINTS);
             if are_enough { check_halves(&searches, place) } else { None }
         })
         .flatten();

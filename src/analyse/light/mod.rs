@@ -1,13 +1,13 @@
-//! The light of the room by the recording itself: how bright matt white is at a place, what was
-//! seen around it, and lamps that were not seen, by how they light what was.
+//! Estimates the room's light from the recording: the white level at a place, a panorama around it,
+//! and lamps outside the pictures, by their light on visible surfaces.
 //!
 //! Frames' points with measured depth make surfaces ([`voxels`]) and a panorama ([`panorama`])
-//! around a point in free space ([`free_space`]) over the largest support ([`support`]). Lamps and
-//! their shares of the light follow from how bright the surfaces are ([`lamp_search`],
-//! [`lamp_fit`]). The white level scales all of it ([`mod@white_level`]), or says why it cannot be
-//! claimed; then the light is even, as bright as the camera's exposure says ([`exposure`]). Unseen
-//! directions of the panorama are filled so that it gives the white level ([`fill`]). After Debevec
-//! 1998 and Weber & Cipolla 2001, in spirit.
+//! around a point in free space ([`free_space`]) over the largest support ([`support`]). Positions
+//! and brightness of lamps follow from the light of the surfaces ([`lamp_search`], [`lamp_fit`]).
+//! The white level scales all of it ([`mod@white_level`]). If it cannot be claimed, the light is
+//! even and follows the camera's exposure ([`exposure`]). Unseen directions of the panorama are
+//! filled so that it has the white level ([`fill`]). After Debevec 1998 and Weber & Cipolla 2001,
+//! in spirit.
 //!
 //! Not modelled: windows and other lights with an extent, lamps whose light is coloured by shades,
 //! light that changes, another white level at another place.
@@ -53,18 +53,18 @@ use panorama::{PanoramaBuilder, PartialPanorama, direction, seen_share};
 use sample::relative_luminance;
 use white_level::{Patch, WhiteLevel, patches, white_level, white_level_by_lamps};
 
-/// Surfaces by which lamps are sought, at most.
-const MOST: usize = 60_000;
-/// A lamp is cut out of the panorama so far around it, cosine of 8°, where it is brighter than this
-/// multiple of even light.
-const CUT: f64 = 0.990;
-const BRIGHTER: f32 = 3.0;
-/// Fewer frames see too little of how a room is lit: the interval is wider by a factor, each way.
-const FEW: usize = 8;
-const LOOSE_BY_FEW: f64 = 1.5;
+/// Largest number of surfaces in the lamp search.
+const MAX_SURFACES: usize = 60_000;
+/// Lamps are removed from the panorama: cosine of the radius, 8°, and smallest brightness by even
+/// light.
+const LAMP_RADIUS_COS: f64 = 0.990;
+const MIN_LAMP_BRIGHTNESS: f32 = 3.0;
+/// With fewer frames the interval of the white level is wider by a factor, each way.
+const MIN_FRAMES: usize = 8;
+const FEW_FRAMES_FACTOR: f64 = 1.5;
 
-/// Or why nothing can be said. `given`: lamps that a person has seen, in place of those that are
-/// sought.
+/// The room's light, or the reason for which it is unknown. `given`: lamps that a user marked,
+/// which replace the lamp search.
 pub fn of_recording(
     inputs: &LightInputs<'_>,
     given: Option<&KnownLamps<'_>>,
@@ -77,7 +77,7 @@ pub fn of_recording(
         return Ok(Err("the picture does not fit a plane in front of the camera".to_owned()));
     }
     let (views, survey) = inputs.survey(times)?;
-    // An analysis keeps the up that it found.
+    // With marked lamps up is that of an earlier analysis.
     let is_guess = inputs.recording.up.is_none() && given.is_none();
     let up = if is_guess { up_direction::refined_up(&survey, inputs.up) } else { inputs.up };
     let Some(place) = times.of(times::LIGHT, || place(&views, &survey, up)) else {
@@ -96,7 +96,7 @@ pub fn of_recording(
     Ok(times.of(times::LIGHT, || {
         let solid: Vec<DVec3> = voxels.solid().collect();
         let all = voxels.surfaces(2, inputs.threads);
-        let (chosen, threads) = (&all[..all.len().min(MOST)], inputs.threads);
+        let (chosen, threads) = (&all[..all.len().min(MAX_SURFACES)], inputs.threads);
         let solved = match given {
             Some(given) => known_lamps::solve(chosen, &solid, up, threads, given)?,
             None => solve(chosen, &solid, place, up, threads),
@@ -105,8 +105,8 @@ pub fn of_recording(
         let (solved, level) = levelled(solved, given.is_some(), &all, (place, up), &exposure);
         let at = Location { place, centre, up, is_guess: inputs.recording.up.is_none() };
         let mut light = room_light(&at, &panorama.finish(), &solved, &level);
-        if metered.len() < FEW {
-            light.between = [light.between[0] / LOOSE_BY_FEW, light.between[1] * LOOSE_BY_FEW];
+        if metered.len() < MIN_FRAMES {
+            light.between = [light.between[0] / FEW_FRAMES_FACTOR, light.between[1] * FEW_FRAMES_FACTOR];
         }
         Ok(light)
     }))
@@ -123,16 +123,19 @@ fn place(views: &[FrameSamples], survey: &[Voxel], up: DVec3) -> Option<DVec3> {
     places.iter().copied().find(is_claimed).or(places.first().copied())
 }
 
-/// Where the light is known.
+/// The place at which the light is estimated.
 struct Location {
-    /// On the support, and the panorama's centre over it.
+    /// On the support.
     place: DVec3,
+    /// The panorama's centre, over the place.
     centre: DVec3,
     up: DVec3,
+    /// Whether up was estimated.
     is_guess: bool,
 }
 
-/// The white level with lamps, or without them where it contradicts them and nobody has seen them.
+/// The white level with lamps. Without them if it contradicts them and they are not marked by a
+/// user.
 fn levelled(
     solved: LampSolution,
     are_seen: bool,
@@ -161,7 +164,8 @@ fn room_light(at: &Location, seen: &PartialPanorama, solved: &LampSolution, leve
     let towards: Vec<DVec3> =
         lamps.iter().map(|lamp| map_from_world * (DVec3::from(lamp.at_m) - at.centre).normalize_or_zero()).collect();
     let is_lamp = |n: usize, light: &[f32; 3]| {
-        towards.iter().any(|to| to.dot(direction(n)) > CUT) && (0..3).any(|c| light[c] > BRIGHTER * even[n][c])
+        towards.iter().any(|to| to.dot(direction(n)) > LAMP_RADIUS_COS)
+            && (0..3).any(|c| light[c] > MIN_LAMP_BRIGHTNESS * even[n][c])
     };
     let without_lamps: PartialPanorama =
         seen.iter().enumerate().map(|(n, light)| light.filter(|light| !is_lamp(n, light))).collect();

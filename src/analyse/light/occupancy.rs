@@ -1,30 +1,31 @@
-//! Whether something stands between two places: a grid of the room's surfaces, marched through.
-//! Most of a room is air, so blocks of cells in which nothing stands are passed in one step.
+//! Occupancy grid of the room's surfaces, for visibility by ray marching. Most of a room is free
+//! space, so empty blocks of cells are skipped in one step.
 
 use glam::{DVec3, IVec3};
 
 use super::lamp_fit::{LampSource, lamp_irradiance};
 
-/// A cell's side, m.
-const SIDE_M: f64 = 0.04;
-/// Nothing blocks its own neighbourhood: how far from a surface a way begins, m.
-const CLEAR_M: f64 = 0.07;
-/// Cells at most.
-const MOST: f64 = 3e8;
-/// Cells along a block's side: two to the power of this.
-const BLOCK: u32 = 3;
-/// A way leaves a block this much sooner than is worked out, in steps, so that rounding passes
-/// nothing.
-const SOONER: f64 = 1e-6;
+/// Side of a cell, m.
+const CELL_M: f64 = 0.04;
+/// Distance from a surface at which a ray begins, so that the surface does not occlude itself, m.
+const RAY_OFFSET_M: f64 = 0.07;
+/// Largest number of cells.
+const MAX_CELLS: f64 = 3e8;
+/// Binary logarithm of the number of cells along a block's side.
+const BLOCK_LOG2: u32 = 3;
+/// A ray leaves a block earlier by this number of steps, so that rounding errors skip no cell.
+const EXIT_MARGIN_STEPS: f64 = 1e-6;
 
 #[derive(Clone, Debug)]
 pub struct OccupancyGrid {
     low: DVec3,
     side_m: f64,
     size: IVec3,
+    /// One bit per cell: whether it is occupied.
     bits: Vec<u64>,
-    /// Whether anything stands in a block, and blocks along x and y.
+    /// One bit per block: whether any of its cells is occupied.
     blocks: Vec<u64>,
+    /// Number of blocks along x and y.
     in_blocks: [usize; 2],
 }
 
@@ -38,16 +39,16 @@ impl OccupancyGrid {
         let high = solid.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max) + 1e-6;
         if solid.is_empty() {
             let (bits, blocks) = (Vec::new(), Vec::new());
-            return Self { low: DVec3::ZERO, side_m: SIDE_M, size: IVec3::ZERO, bits, blocks, in_blocks: [0; 2] };
+            return Self { low: DVec3::ZERO, side_m: CELL_M, size: IVec3::ZERO, bits, blocks, in_blocks: [0; 2] };
         }
-        let mut side_m = SIDE_M;
+        let mut side_m = CELL_M;
         let cells = |side_m: f64| ((high - low) / side_m).ceil();
-        while cells(side_m).x * cells(side_m).y * cells(side_m).z > MOST {
+        while cells(side_m).x * cells(side_m).y * cells(side_m).z > MAX_CELLS {
             side_m *= 1.25;
         }
         let size = cells(side_m).as_ivec3().max(IVec3::ONE);
         let room_for = |size: IVec3| vec![0; (size.x as usize * size.y as usize * size.z as usize).div_ceil(64)];
-        let of_blocks = (size - 1) / (1 << BLOCK) + 1;
+        let of_blocks = (size - 1) / (1 << BLOCK_LOG2) + 1;
         let in_blocks = [of_blocks.x as usize, of_blocks.y as usize];
         let mut grid = Self { low, side_m, size, bits: room_for(size), blocks: room_for(of_blocks), in_blocks };
         for at in solid {
@@ -60,7 +61,7 @@ impl OccupancyGrid {
         grid
     }
 
-    /// The cell of a place by axis, if it is in the box.
+    /// Indices of the cell of a point by axis; `None` outside the grid.
     fn within_box(&self, at: DVec3) -> Option<[usize; 3]> {
         let c = ((at - self.low) / self.side_m).floor().as_ivec3();
         let is_within = c.cmpge(IVec3::ZERO).all() && c.cmplt(self.size).all();
@@ -72,27 +73,27 @@ impl OccupancyGrid {
     }
 
     fn block(&self, at: [usize; 3]) -> usize {
-        let [x, y, z] = at.map(|n| n >> BLOCK);
+        let [x, y, z] = at.map(|n| n >> BLOCK_LOG2);
         (z * self.in_blocks[1] + y) * self.in_blocks[0] + x
     }
 
-    /// From a surface at `from` that looks along `normal` to `to`. Every half of a cell is looked
-    /// at.
+    /// True if the ray from a surface at `from` with `normal` to `to` is occluded. Steps of half a
+    /// cell.
     pub fn is_occluded(&self, from: DVec3, normal: DVec3, to: DVec3) -> bool {
-        let begin = from + CLEAR_M * normal;
+        let begin = from + RAY_OFFSET_M * normal;
         let way = to - begin;
         let length = way.length();
-        // In cells, half a one at a time.
+        // In cells, with steps of half a cell.
         let start = (begin - self.low) / self.side_m;
         let step = 0.5 * way / length.max(1e-9);
         let (first, last) = self.within(start, step, 2.0 * length / self.side_m);
         let per_step = step.recip();
         let mut n = first;
         while n <= last {
-            // Not below 0, so that what is cut off is the fraction.
+            // Coordinates are not negative, so truncation is the floor.
             let at = (start + n * step).to_array().map(|at| at as usize);
             if !is_set(&self.blocks, self.block(at)) {
-                n = leaves(start, per_step, at).max(n + 1.0);
+                n = last_step_in_block(start, per_step, at).max(n + 1.0);
                 continue;
             }
             if is_set(&self.bits, self.cell(at)) {
@@ -103,8 +104,8 @@ impl OccupancyGrid {
         false
     }
 
-    /// The first and the last of up to `most` steps from `start` that are in the box; the last is
-    /// before the first where none is.
+    /// The first and the last of up to `most` steps from `start` inside the grid; the last is
+    /// before the first if there is none.
     fn within(&self, start: DVec3, step: DVec3, most: f64) -> (f64, f64) {
         let (mut first, mut last) = (1.0f64, most.floor());
         for axis in 0..3 {
@@ -119,8 +120,8 @@ impl OccupancyGrid {
             first = first.max(enters.min(leaves).ceil());
             last = last.min(enters.max(leaves).floor());
         }
-        // Rounding keeps the order of steps: those between two that are in the box are in it. One
-        // that is put onto its rim is not.
+        // Positions are monotonic in the steps despite rounding, so all steps between two inside
+        // are inside. Steps that are rounded onto the border are not.
         let is_in = |n: f64| {
             let at = start + n * step;
             at.cmpge(DVec3::ZERO).all() && at.cmplt(self.size.as_dvec3()).all()
@@ -134,33 +135,32 @@ impl OccupancyGrid {
         (first, last)
     }
 
-    /// Of a lamp, on a surface at `at` that looks along `normal`: nothing if something stands
-    /// between.
+    /// Irradiance by a lamp on a surface at `at` with `normal`; 0 if it is occluded.
     pub fn lamp_irradiance(&self, at: DVec3, normal: DVec3, lamp: &LampSource) -> f64 {
         let share = lamp_irradiance(at, normal, lamp);
         if share > 0.0 && self.is_occluded(at, normal, lamp.at) { 0.0 } else { share }
     }
 }
 
-/// A step that is the last one, or nearly, in the block of a cell.
-fn leaves(start: DVec3, per_step: DVec3, at: [usize; 3]) -> f64 {
+/// The last step in the block of a cell, or a slightly earlier one.
+fn last_step_in_block(start: DVec3, per_step: DVec3, at: [usize; 3]) -> f64 {
     let of_axis = |axis: usize| {
-        let first = at[axis] >> BLOCK << BLOCK;
-        let side = if per_step[axis] > 0.0 { first + (1 << BLOCK) } else { first };
-        // What runs along it never leaves it.
+        let first = at[axis] >> BLOCK_LOG2 << BLOCK_LOG2;
+        let side = if per_step[axis] > 0.0 { first + (1 << BLOCK_LOG2) } else { first };
+        // A ray parallel to a face never crosses it.
         if per_step[axis].is_finite() { (side as f64 - start[axis]) * per_step[axis] } else { f64::INFINITY }
     };
-    ((0..3).map(of_axis).fold(f64::INFINITY, f64::min) - SOONER).floor()
+    ((0..3).map(of_axis).fold(f64::INFINITY, f64::min) - EXIT_MARGIN_STEPS).floor()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Ways within the grid, out of it, into it and past it, against a march that asks for each
-    /// half of a cell by itself.
+    /// Rays within the grid, out of it, into it and past it, against a march that tests every half
+    /// cell.
     #[test]
-    fn ways_are_blocked_where_something_stands_on_them() {
+    fn occlusion_matches_a_march_without_block_skipping() {
         let mut state = 1u64;
         let mut random = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -173,21 +173,21 @@ mod tests {
         heap.extend([DVec3::splat(-1.4), DVec3::splat(1.4)]);
         for (solid, reach) in [(spread, 0.9), (heap, 1.2)] {
             let grid = OccupancyGrid::new(&solid);
-            let mut told = [0, 0];
+            let mut counts = [0, 0];
             for _ in 0..2000 {
                 let (from, to) = (place(-reach, reach), place(-reach, reach));
                 let normal = place(-1.0, 1.0).normalize();
-                let begin = from + CLEAR_M * normal;
+                let begin = from + RAY_OFFSET_M * normal;
                 let (way, length) = (to - begin, (to - begin).length());
                 let steps =
-                    (1..=(2.0 * length / SIDE_M) as usize).map(|n| begin + way * (0.5 * SIDE_M / length) * n as f64);
-                let met = steps.filter_map(|at| grid.within_box(at)).any(|at| is_set(&grid.bits, grid.cell(at)));
-                assert_eq!(grid.is_occluded(from, normal, to), met, "{from} {normal} {to}");
-                told[usize::from(met)] += 1;
+                    (1..=(2.0 * length / CELL_M) as usize).map(|n| begin + way * (0.5 * CELL_M / length) * n as f64);
+                let expected = steps.filter_map(|at| grid.within_box(at)).any(|at| is_set(&grid.bits, grid.cell(at)));
+                assert_eq!(grid.is_occluded(from, normal, to), expected, "{from} {normal} {to}");
+                counts[usize::from(expected)] += 1;
             }
-            assert!(told.iter().all(|count| *count > 300), "{told:?}");
+            assert!(counts.iter().all(|count| *count > 300), "{counts:?}");
         }
-        // Along an axis, and where nothing is known.
+        // Along an axis, and in an empty grid.
         let wall: Vec<DVec3> = (0..50).map(|n| DVec3::new(0.02 * f64::from(n), 0.0, 0.0)).collect();
         let grid = OccupancyGrid::new(&wall);
         let up = |x: f64, z: f64| grid.is_occluded(DVec3::new(x, 0.0, -z), DVec3::Z, DVec3::new(x, 0.0, z));

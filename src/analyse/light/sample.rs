@@ -1,4 +1,4 @@
-//! A place of the room as one frame saw it.
+//! A surface point observed in one frame.
 
 use glam::Vec3;
 
@@ -6,11 +6,11 @@ use glam::Vec3;
 pub struct LightSample {
     /// World axes, m.
     pub at: Vec3,
-    /// Linear, as the frame of usual brightness would show it: red, green, blue.
+    /// Linear light divided by the frame's gain: red, green, blue.
     pub light: [f32; 3],
-    /// Linear, as the frame itself shows it.
+    /// Linear light of the frame itself.
     pub code: [f32; 3],
-    /// Channels in which the camera's white was reached: their light is a lower bound.
+    /// Clipped channels: their light is a lower bound.
     pub clipped: [bool; 3],
 }
 
@@ -19,7 +19,7 @@ pub fn relative_luminance(light: [f64; 3]) -> f64 {
     0.2126 * light[0] + 0.7152 * light[1] + 0.0722 * light[2]
 }
 
-/// The mean of the colours.
+/// Mean of the channels.
 pub fn luminance(light: [f32; 3]) -> f32 {
     (light[0] + light[1] + light[2]) / 3.0
 }

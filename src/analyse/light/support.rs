@@ -1,4 +1,4 @@
-//! Where evidence may stand: the middles of large level surfaces.
+//! Candidate places for virtual objects: the middles of large level surfaces.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,25 +9,26 @@ use super::voxels::{SIDE_M, Voxel};
 
 /// Cells of connected surfaces: sides along the surface and height, m.
 const CELL_M: f64 = 0.1;
-const HEIGHT_M: f64 = 0.05;
-/// Fewer voxels are no part of a surface.
-const FEWEST: usize = 4;
-/// Cosine of a level surface's normal with up.
-const LEVEL: f64 = 0.9;
-/// Supports beside the largest are at least so large, m², and at most so many are.
-const LEAST_M2: f64 = 0.25;
-const MOST: usize = 4;
+const CELL_HEIGHT_M: f64 = 0.05;
+/// Smallest number of voxels in a cell.
+const MIN_VOXELS_PER_CELL: usize = 4;
+/// Smallest cosine of a level surface's normal with up.
+const MIN_LEVEL_COS: f64 = 0.9;
+/// Smallest area of supports besides the largest, m², and largest number of supports.
+const MIN_SUPPORT_M2: f64 = 0.25;
+const MAX_SUPPORTS: usize = 4;
 
-/// A point on each, the largest first; where nothing is level, one in the middle of all surfaces.
+/// A point on each support, the largest first. Without level surfaces, one in the middle of all
+/// surfaces.
 pub fn places(voxels: &[Voxel], up: DVec3) -> Vec<DVec3> {
     let turn = DQuat::from_rotation_arc(up, DVec3::Z);
-    let scale = DVec3::new(CELL_M, CELL_M, HEIGHT_M);
+    let scale = DVec3::new(CELL_M, CELL_M, CELL_HEIGHT_M);
     let mut cells: BTreeMap<[i32; 3], Vec<DVec3>> = BTreeMap::new();
-    for voxel in voxels.iter().filter(|voxel| voxel.normal.dot(up) > LEVEL) {
+    for voxel in voxels.iter().filter(|voxel| voxel.normal.dot(up) > MIN_LEVEL_COS) {
         let cell = ((turn * voxel.at) / scale).floor().as_ivec3();
         cells.entry(cell.to_array()).or_default().push(voxel.at);
     }
-    cells.retain(|_, points| points.len() >= FEWEST);
+    cells.retain(|_, points| points.len() >= MIN_VOXELS_PER_CELL);
     let mut supports: Vec<Vec<DVec3>> = Vec::new();
     let mut unvisited: BTreeSet<[i32; 3]> = cells.keys().copied().collect();
     while let Some(first) = unvisited.pop_first() {
@@ -39,8 +40,8 @@ pub fn places(voxels: &[Voxel], up: DVec3) -> Vec<DVec3> {
         supports.push(support);
     }
     supports.sort_by_key(|support| std::cmp::Reverse(support.len()));
-    let is_large = |support: &Vec<DVec3>| support.len() as f64 * SIDE_M * SIDE_M >= LEAST_M2;
-    let kept = 1 + supports.iter().skip(1).take(MOST - 1).take_while(|support| is_large(support)).count();
+    let is_large = |support: &Vec<DVec3>| support.len() as f64 * SIDE_M * SIDE_M >= MIN_SUPPORT_M2;
+    let kept = 1 + supports.iter().skip(1).take(MAX_SUPPORTS - 1).take_while(|support| is_large(support)).count();
     supports.truncate(kept);
     if supports.is_empty() {
         supports.push(voxels.iter().map(|voxel| voxel.at).collect());
@@ -48,7 +49,7 @@ pub fn places(voxels: &[Voxel], up: DVec3) -> Vec<DVec3> {
     supports.iter().filter_map(|support| middle(support)).collect()
 }
 
-/// The point that is nearest to the median, which may lie beside an L.
+/// The point nearest to the median. The median itself can lie outside of a concave surface.
 fn middle(points: &[DVec3]) -> Option<DVec3> {
     let of = |axis: usize| median(&mut points.iter().map(|at| at[axis]).collect::<Vec<_>>());
     let middle = DVec3::new(of(0), of(1), of(2));

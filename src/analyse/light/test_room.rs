@@ -1,4 +1,4 @@
-//! A room that is lit by lamps which are known, for tests.
+//! A synthetic room with known lamps, for tests.
 
 use glam::DVec3;
 
@@ -6,13 +6,13 @@ use super::lamp_fit::LampSource;
 use super::occupancy::OccupancyGrid;
 use super::voxels::Voxel;
 
-/// A floor and a white box on it, each in 2 cm, lit in the two halves of the frames by lamps,
-/// shadows and all; a pattern of ± 10 % on it.
+/// A floor with a white box, in voxels of 2 cm, with a texture of ± 10 % and shadows. `lamps`:
+/// those of each half of the frames.
 pub fn room(lamps: [&[DVec3]; 2]) -> (Vec<Voxel>, Vec<DVec3>) {
     room_with_discs(lamps, 0.0)
 }
 
-/// As [`room`], where a share of each lamp's light comes from a level disc of 1.6 m around it.
+/// As [`room`], with a part of each lamp's light from a level disc of 1.6 m around it.
 pub fn room_with_discs(lamps: [&[DVec3]; 2], share: f64) -> (Vec<Voxel>, Vec<DVec3>) {
     let mut surfaces = Vec::new();
     for i in 0..80 {
@@ -40,7 +40,7 @@ pub fn room_with_discs(lamps: [&[DVec3]; 2], share: f64) -> (Vec<Voxel>, Vec<DVe
         let by = |lamps: &[DVec3]| {
             let from =
                 |lamp: DVec3| 2.0 * occupancy.lamp_irradiance(*at, *normal, &LampSource { at: lamp, along: None });
-            // On rings of the same area, as many places on each.
+            // Rings of equal area with the same number of samples.
             let on_disc = |n: usize| {
                 let (radius, turn) = (0.8 * ((n / 8) as f64 / 5.0 + 0.1).sqrt(), (n % 8) as f64 + 0.3 * (n / 8) as f64);
                 let (sin, cos) = (turn * std::f64::consts::TAU / 8.0).sin_cos();

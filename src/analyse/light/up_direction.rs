@@ -1,31 +1,30 @@
-//! Up where the recording does not say it: a mean shift of a first guess to the normals of level
+//! Estimates up for recordings without it: mean shift from a first guess to the normals of level
 //! surfaces.
 //!
-//! Normals face the camera, and cameras see floors and tables rather than ceilings. So a camera
-//! that is mounted upside down is told by normals that lie against the guess.
+//! Normals face the camera, and cameras see floors and tables rather than ceilings. A camera that
+//! is mounted upside down is detected by normals opposite to the guess.
 
 use glam::DVec3;
 
 use super::voxels::Voxel;
 
-/// Cones around up in which normals are averaged one after another, cosines of 41° to 14°.
-const CONES: [f64; 8] = [0.75, 0.85, 0.9, 0.94, 0.96, 0.97, 0.97, 0.97];
-/// Fewer normals end the shift.
-const FEWEST: usize = 100;
+/// Cones around up in which normals are averaged, in turn: cosines of 41° to 14°.
+const CONE_COSINES: [f64; 8] = [0.75, 0.85, 0.9, 0.94, 0.96, 0.97, 0.97, 0.97];
+/// Fewer normals end the mean shift.
+const MIN_NORMALS: usize = 100;
 
-/// Normals against the guess are so many times as many as those along it where the camera is upside
-/// down.
-const UPSIDE_DOWN: usize = 4;
+/// Smallest ratio of normals opposite to the guess to those along it for a camera upside down.
+const UPSIDE_DOWN_RATIO: usize = 4;
 
 pub fn refined_up(voxels: &[Voxel], guess: DVec3) -> DVec3 {
-    let count = |up: DVec3| voxels.iter().filter(|voxel| voxel.normal.dot(up) > CONES[0]).count();
+    let count = |up: DVec3| voxels.iter().filter(|voxel| voxel.normal.dot(up) > CONE_COSINES[0]).count();
     let (upright, overhead) = (count(guess), count(-guess));
-    let is_upside_down = overhead > UPSIDE_DOWN * upright && overhead > FEWEST;
+    let is_upside_down = overhead > UPSIDE_DOWN_RATIO * upright && overhead > MIN_NORMALS;
     let mut up = if is_upside_down { -guess } else { guess };
-    for cone in CONES {
+    for cone in CONE_COSINES {
         let within: Vec<DVec3> =
             voxels.iter().map(|voxel| voxel.normal).filter(|normal| normal.dot(up) > cone).collect();
-        if within.len() < FEWEST {
+        if within.len() < MIN_NORMALS {
             break;
         }
         up = within.iter().sum::<DVec3>().normalize_or(up);
@@ -47,7 +46,7 @@ mod tests {
         let up = refined_up(&voxels, guess);
         assert!(up.angle_between(DVec3::Z).to_degrees() < 0.5, "{up}");
         assert_eq!(refined_up(&voxels[..50], guess), guess);
-        // A camera that hangs upside down guesses the opposite.
+        // With a camera upside down the guess is the opposite direction.
         let up = refined_up(&voxels, -guess);
         assert!(up.angle_between(DVec3::Z).to_degrees() < 0.5, "{up}");
     }
