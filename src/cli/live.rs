@@ -13,7 +13,7 @@ use super::{is_closed_stdout, say, warn};
 use locard_engine::cleanup::MadeFolder;
 use locard_engine::compositor::Composited;
 use locard_engine::gpu::Gpu;
-use locard_engine::live::{Came, Live, Next, Tracking, Writer};
+use locard_engine::live::{CaptureEvent, LiveCompositor, PictureOutcome, RecorderThread, Tracking};
 use locard_engine::recording::recorder::{Recorder, discard};
 use locard_engine::shot::{Given, Shot, ShotError};
 use locard_engine::sink::{self, OutPath, Sink, SinkError, SinkOptions};
@@ -107,7 +107,7 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     args.which.apply(&mut shot.settings)?;
     let lacks = |error| match (&agreed.opened.lens, error) {
         (Some(lens), ShotError::NoCamera { .. }) if lens.camera.geometry.is_none() => {
-            anyhow!("{}; give the camera's profile (--profile), or see to the stream", lens.told)
+            anyhow!("{}; give the camera's profile (--profile), or see to the stream", lens.description)
         }
         (_, error) => anyhow::Error::from(error),
     };
@@ -135,11 +135,12 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     let about = agreed.about(profile)?;
     let was_there = args.record.as_ref().is_some_and(|path| path.is_dir());
     let made = args.record.as_deref().map(folder_for).transpose()?;
-    let writer = args.record.as_ref().map(|path| Ok::<_, anyhow::Error>(Writer::new(Recorder::create(path, &about)?)?));
+    let writer =
+        args.record.as_ref().map(|path| Ok::<_, anyhow::Error>(RecorderThread::new(Recorder::create(path, &about)?)?));
     let writer = writer.transpose()?;
     let patience_s = agreed.opened.patience_s();
-    let lenses = agreed.opened.lenses(&shot.rig);
-    let mut live = Live::new(&shot, &mut compositor, about.max_gap_s, patience_s, writer, lenses)?;
+    let lenses = agreed.opened.lens_track(&shot.rig);
+    let mut live = LiveCompositor::new(&shot, &mut compositor, about.max_gap_s, patience_s, writer, lenses)?;
     let mut tally = Tally::default();
     let mut watching = agreed.start()?;
     let done = written(sink, |send| follow(&mut watching, &mut live, &mut tally, args.camera.pictures.quiet, send));
@@ -211,7 +212,7 @@ impl LostTold {
 /// Frames until somebody ends it.
 fn follow(
     watching: &mut Watching,
-    live: &mut Live<'_>,
+    live: &mut LiveCompositor<'_>,
     tally: &mut Tally,
     quiet: bool,
     mut send: impl FnMut(Composited) -> bool,
@@ -229,21 +230,21 @@ fn follow(
         let patience_s = live.due_s().map_or(0.02, |due_s| (due_s - monotonic_s()).clamp(0.0, 0.005));
         if !ended {
             match watching.next(Instant::now() + Duration::from_secs_f64(patience_s)) {
-                Next::Picture(came) => {
-                    let (picture, pixels) = *came;
-                    let came = live.picture(&picture, pixels, monotonic_s());
-                    tally.not_recorded += u64::from(came == Came::NotRecorded);
+                CaptureEvent::Picture(decoded) => {
+                    let (picture, pixels) = *decoded;
+                    let outcome = live.add_picture(&picture, pixels, monotonic_s());
+                    tally.not_recorded += u64::from(outcome == PictureOutcome::NotRecorded);
                     last_s = picture.time_s;
                 }
-                Next::Nothing => {}
-                Next::Ended => ended = true,
+                CaptureEvent::Nothing => {}
+                CaptureEvent::Ended => ended = true,
             }
         }
-        watching.give_poses(|watched| live.take_poses(watched, last_s))?;
+        watching.give_poses(|capture| live.take_poses(capture, last_s))?;
         while let Some(submitted) = live.submit(monotonic_s())? {
             let shown = live.collect(submitted)?;
             let now_s = monotonic_s();
-            tally.times.add(shown.taken_s, now_s - shown.came_s, now_s);
+            tally.times.add(shown.taken_s, now_s - shown.arrived_s, now_s);
             let is_lost = shown.tracking == Tracking::Lost;
             if let Some(text) = tally.lost.next(shown.done.frame, shown.taken_s, is_lost, || watching.lacks()) {
                 warn(quiet, &text);
@@ -252,10 +253,10 @@ fn follow(
                 return Ok(());
             }
         }
-        let failure = live.writer().and_then(Writer::failure);
+        let failure = live.recorder().and_then(RecorderThread::failure);
         if let Some(error) = failure {
             warn(quiet, &format!("{error}; the recording ends here, and is whole; the pictures go on"));
-            live.take_writer();
+            live.take_recorder();
         }
     }
 }

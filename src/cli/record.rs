@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use super::warn;
 use super::watching::{Agreed, CameraArgs};
 use locard_engine::cleanup::MadeFolder;
-use locard_engine::live::{Came, Intake, Next, Writer};
+use locard_engine::live::{CaptureEvent, Intake, PictureOutcome, RecorderThread};
 use locard_engine::profile::Rig;
 use locard_engine::recording::recorder::{Recorder, discard};
 use locard_engine::text::count;
@@ -41,37 +41,37 @@ pub fn run(args: &Args) -> Result<()> {
     if let (Some(lens), None) =
         (agreed.opened.lens.as_ref().filter(|lens| lens.camera.geometry.is_none()), &args.profile)
     {
-        warn(args.camera.pictures.quiet, &lens.told);
+        warn(args.camera.pictures.quiet, &lens.description);
     }
     let about = agreed.about(args.profile.as_deref())?;
     let was_there = args.output.is_dir();
     let made = folder_for(&args.output)?;
-    let writer = Writer::new(Recorder::create(&args.output, &about)?)?;
+    let writer = RecorderThread::new(Recorder::create(&args.output, &about)?)?;
     // As far as an exposure may reach. Even poses from tags have to be waited for there: the next frame's is measured, and what
     // lies between is not predicted then. No farther, or what is found again would rise before it is found.
     let (interval_s, reach_s) = (about.interval_s, 0.5 * about.interval_s);
     let mut rig = args.profile.as_deref().map(Rig::of_file).transpose()?.unwrap_or_default();
     rig.follow_frames();
-    let lenses = agreed.opened.lenses(&rig);
+    let lenses = agreed.opened.lens_track(&rig);
     let patience_s = PATIENCE_S.max(1.5 * interval_s);
-    let mut intake = Intake::new(about.max_gap_s, patience_s, Some(writer)).with_lenses(lenses);
+    let mut intake = Intake::new(about.max_gap_s, patience_s, Some(writer)).with_lens_track(lenses);
     let mut watching = agreed.start()?;
     let (mut not_recorded, mut last_s, mut failure) = (0, f64::NEG_INFINITY, None);
     while failure.is_none() && watching.goes_on(intake.frames()) {
         match watching.next(Instant::now() + Duration::from_millis(50)) {
-            Next::Picture(came) => {
-                let (picture, pixels) = *came;
-                let came = intake.picture(&picture, pixels, |_| (reach_s, reach_s), monotonic_s());
-                not_recorded += u64::from(came == Came::NotRecorded);
+            CaptureEvent::Picture(decoded) => {
+                let (picture, pixels) = *decoded;
+                let outcome = intake.add_picture(&picture, pixels, |_| (reach_s, reach_s), monotonic_s());
+                not_recorded += u64::from(outcome == PictureOutcome::NotRecorded);
                 last_s = picture.time_s;
             }
-            Next::Nothing => {}
-            Next::Ended => break,
+            CaptureEvent::Nothing => {}
+            CaptureEvent::Ended => break,
         }
-        watching.give_poses(|watched| intake.take_poses(watched, last_s))?;
+        watching.give_poses(|capture| intake.take_poses(capture, last_s))?;
         // With its poses a frame's presence is recorded.
         while intake.next(monotonic_s()).is_some() {}
-        failure = intake.writer().and_then(Writer::failure);
+        failure = intake.recorder().and_then(RecorderThread::failure);
     }
     let counts = intake.counts();
     let (kept, ended) = intake.finish().unwrap_or_default();
@@ -90,8 +90,8 @@ pub fn run(args: &Args) -> Result<()> {
     if kept == 0 {
         bail!("{}: nothing was recorded: {}", args.output.display(), watching.nothing());
     }
-    if counts.late + counts.odd > 0 {
-        let (late, odd) = (count(counts.late as usize, "pose"), counts.odd);
+    if counts.late + counts.implausible > 0 {
+        let (late, odd) = (count(counts.late as usize, "pose"), counts.implausible);
         let text = format!("left out: {late} that came too late, and {odd} that no camera can have made");
         warn(args.camera.pictures.quiet, &text);
     }

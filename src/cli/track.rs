@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 
 use super::{progress, tell, warn};
 use locard_engine::compositor::Settings;
-use locard_engine::live::Asked;
+use locard_engine::live::LiveOptions;
 use locard_engine::profile::Rig;
 use locard_engine::source::file::{self, MOST_DOCUMENT};
 use locard_engine::source::video::{Overrides, probe};
@@ -26,7 +26,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     board: Option<PathBuf>,
     /// Smooth the poses by a line through those around each, weighted by this time constant, seconds; without it they are as they are measured
-    #[arg(long, value_name = "S", value_parser = Asked::smoothing_of)]
+    #[arg(long, value_name = "S", value_parser = LiveOptions::parse_time_constant_s)]
     smooth: Option<f64>,
     /// The folder of the recording
     #[arg(short = 'o', long = "output", value_name = "DIR")]

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 
 use super::{ending, say, warn};
 use locard_engine::camera::Camera;
-use locard_engine::live::{self, Added, Asked, LiveError, LiveFrom, Next, Opened, Watched};
+use locard_engine::live::{self, CaptureEvent, DelayMode, LiveCapture, LiveError, LiveInput, LiveOptions, LiveSpec};
 use locard_engine::recording::recorder::About;
 use locard_engine::source::video::{ColorMatrix, ColorRange};
 use locard_engine::text::{count, fixed};
@@ -22,10 +22,10 @@ pub struct CameraArgs {
     #[arg(long, default_value = "none", value_name = "SOURCE")]
     pub pose: String,
     /// Added to the time of each pose, seconds: what the camera is behind. auto: what fits the pictures best, found while they come; the camera has to turn
-    #[arg(long, value_name = "S|auto", default_value = "0", allow_hyphen_values = true, value_parser = Asked::delay_of)]
-    delay: Added,
+    #[arg(long, value_name = "S|auto", default_value = "0", allow_hyphen_values = true, value_parser = LiveOptions::parse_delay)]
+    delay: DelayMode,
     /// Smooth poses from tags by this time constant, seconds: quieter, and as much later; without it they are as they are measured
-    #[arg(long, value_name = "S", value_parser = Asked::smoothing_of)]
+    #[arg(long, value_name = "S", value_parser = LiveOptions::parse_time_constant_s)]
     smooth: Option<f64>,
     #[command(flatten)]
     pub pictures: PicturesArgs,
@@ -38,10 +38,10 @@ pub struct PicturesArgs {
     #[arg(long, value_parser = driver)]
     driver: Option<DriverName>,
     /// Size of the pictures, px; the profile's, else 640x480
-    #[arg(long, value_name = "WxH", value_parser = Asked::size_of)]
+    #[arg(long, value_name = "WxH", value_parser = LiveOptions::parse_size)]
     size: Option<(u32, u32)>,
     /// Pictures a second; 30 without it
-    #[arg(long, value_name = "HZ", value_parser = Asked::rate_of)]
+    #[arg(long, value_name = "HZ", value_parser = LiveOptions::parse_rate_hz)]
     rate: Option<f64>,
     /// How the camera delivers them: rgb, yuyv, nv12, mjpeg or grey; without it, the best that
     /// comes at this size and rate
@@ -66,16 +66,16 @@ pub struct PicturesArgs {
 
 impl CameraArgs {
     /// All that is asked for.
-    pub fn from(&self) -> LiveFrom {
-        let asked = Asked { delay: self.delay, smooth_s: self.smooth, ..self.pictures.asked() };
-        LiveFrom { asked, ..LiveFrom::new(&self.camera, &self.pose) }
+    pub fn from(&self) -> LiveSpec {
+        let options = LiveOptions { delay: self.delay, smooth_s: self.smooth, ..self.pictures.options() };
+        LiveSpec { options, ..LiveSpec::new(&self.camera, &self.pose) }
     }
 }
 
 impl PicturesArgs {
-    fn asked(&self) -> Asked {
+    fn options(&self) -> LiveOptions {
         let &Self { driver, size, rate: rate_hz, format: layout, range, matrix, .. } = self;
-        Asked { driver, size, rate_hz, layout, range, matrix, ..Asked::default() }
+        LiveOptions { driver, size, rate_hz, layout, range, matrix, ..LiveOptions::default() }
     }
 
     /// Whether it is to end by itself.
@@ -137,7 +137,7 @@ fn matrix(text: &str) -> Result<ColorMatrix, String> {
 
 /// A camera that has agreed on what it gives, and where its poses come from.
 pub struct Agreed {
-    pub opened: Opened,
+    pub opened: LiveInput,
     frames: Option<u64>,
     seconds: Option<f64>,
     quiet: bool,
@@ -145,7 +145,7 @@ pub struct Agreed {
 
 /// A camera that is watched until somebody ends it.
 pub struct Watching {
-    watched: Watched,
+    capture: LiveCapture,
     frames: Option<u64>,
     until: Option<Instant>,
     is_gone: bool,
@@ -157,23 +157,23 @@ pub struct Watching {
 impl Agreed {
     /// Opens the camera and its poses. `profile` names the camera's profile, if one is given.
     pub fn open(args: &CameraArgs, profile: Option<&Path>) -> Result<Self> {
-        let profiled = profile.map(|path| live::profiled(path, &args.pose)).transpose()?;
-        Self::of(&args.from(), &args.pictures, profiled.as_ref())
+        let profile_camera = profile.map(|path| live::camera_of_profile(path, &args.pose)).transpose()?;
+        Self::of(&args.from(), &args.pictures, profile_camera.as_ref())
     }
 
     /// Opens a camera of which nobody asks where it is.
     pub fn without_poses(camera: &str, pictures: &PicturesArgs) -> Result<Self> {
-        let from = LiveFrom { asked: pictures.asked(), ..LiveFrom::new(camera, "none") };
+        let from = LiveSpec { options: pictures.options(), ..LiveSpec::new(camera, "none") };
         Self::of(&from, pictures, None)
     }
 
-    fn of(from: &LiveFrom, args: &PicturesArgs, profiled: Option<&Camera>) -> Result<Self> {
-        let opened = live::open(from, profiled)?;
-        warn(args.quiet, &opened.said);
+    fn of(from: &LiveSpec, args: &PicturesArgs, profile_camera: Option<&Camera>) -> Result<Self> {
+        let opened = live::open(from, profile_camera)?;
+        warn(args.quiet, &opened.description);
         opened.camera.given.warnings.iter().for_each(|warning| warn(args.quiet, warning));
         // Whoever needs a lens that is not known says so himself.
-        let heard = opened.lens.iter().filter(|lens| lens.camera.geometry.is_some() || profiled.is_some());
-        heard.for_each(|lens| warn(args.quiet, &lens.told));
+        let heard = opened.lens.iter().filter(|lens| lens.camera.geometry.is_some() || profile_camera.is_some());
+        heard.for_each(|lens| warn(args.quiet, &lens.description));
         let (frames, seconds, quiet) = (args.frames, args.seconds, args.quiet);
         Ok(Self { opened, frames, seconds, quiet })
     }
@@ -187,11 +187,11 @@ impl Agreed {
 
     /// Starts the camera. From here on Ctrl-C ends what is written, and then the program.
     pub fn start(self) -> Result<Watching> {
-        let watched = Watched::new(self.opened.camera.start()?, self.opened.poses);
+        let capture = LiveCapture::new(self.opened.camera.start()?, self.opened.poses);
         ending::gently();
         let began = Instant::now();
         Ok(Watching {
-            watched,
+            capture,
             frames: self.frames,
             until: self.seconds.map(|seconds| began + Duration::from_secs_f64(seconds)),
             is_gone: false,
@@ -210,16 +210,16 @@ impl Watching {
     }
 
     /// The newest picture. Says when the camera goes and when it is back.
-    pub fn next(&mut self, until: Instant) -> Next {
-        let next = self.watched.next(until);
-        let gone = self.watched.gone();
+    pub fn next(&mut self, until: Instant) -> CaptureEvent {
+        let next = self.capture.next(until);
+        let gone = self.capture.outage();
         match gone.filter(|_| !self.is_gone) {
             Some(why) => warn(self.quiet, &format!("{why}; waiting for it")),
             None if self.is_gone && gone.is_none() => warn(self.quiet, "the camera is back"),
             None => {}
         }
         self.is_gone = gone.is_some();
-        if let Some(error) = self.watched.damage().filter(|_| !self.is_damaged) {
+        if let Some(error) = self.capture.decode_error().filter(|_| !self.is_damaged) {
             warn(self.quiet, &format!("{error}; such pictures are left out and counted"));
             self.is_damaged = true;
         }
@@ -227,9 +227,9 @@ impl Watching {
     }
 
     /// Has the poses that have come taken. Says what a person should know of them.
-    pub fn give_poses(&mut self, take: impl FnOnce(&mut Watched) -> Result<(), LiveError>) -> Result<()> {
-        take(&mut self.watched)?;
-        if let Some(text) = self.watched.told() {
+    pub fn give_poses(&mut self, take: impl FnOnce(&mut LiveCapture) -> Result<(), LiveError>) -> Result<()> {
+        take(&mut self.capture)?;
+        if let Some(text) = self.capture.take_message() {
             warn(self.quiet, &text);
         }
         Ok(())
@@ -237,12 +237,12 @@ impl Watching {
 
     /// Why there is no pose now, if that is known.
     pub fn lacks(&self) -> Option<String> {
-        self.watched.lacks()
+        self.capture.no_pose_reason()
     }
 
     /// What was left out, in words. `not_recorded`: for the disk was too slow.
     pub fn drops(&self, not_recorded: u64) -> String {
-        let drops = self.watched.drops();
+        let drops = self.capture.drops();
         let parts = [
             (drops.replaced, "replaced by newer ones"),
             (drops.lost, "lost by the driver"),
@@ -270,7 +270,7 @@ impl Watching {
         if !self.quiet {
             let took = fixed(self.began.elapsed().as_secs_f64(), 1);
             say(&format!("{what}{} in {took} s; {}", count(frames, "frame"), self.drops(not_recorded)));
-            self.watched.closing().into_iter().for_each(|line| say(&line));
+            self.capture.summary().into_iter().for_each(|line| say(&line));
         }
     }
 }

@@ -1,5 +1,6 @@
-//! The delay between a camera's pictures and poses that come beside them, found while both come: of the last seconds, how the
-//! picture moves is compared with how the poses say that the camera turns ([`crate::tracking::delay`]).
+//! Online estimate of the delay between a camera's pictures and external poses. The rotation
+//! between pictures is compared with the rotation of the poses over a sliding window
+//! ([`crate::tracking::delay`]).
 
 use std::collections::VecDeque;
 
@@ -9,118 +10,122 @@ use crate::tracking::PoseTrack;
 use crate::tracking::delay::{Delay, Motion, NoDelay, REACH_S, estimate};
 use crate::tracking::turn::Reduced;
 
-/// The pictures that are compared are of so many seconds: a hand's sway comes back in less.
+/// Length of the sliding window, seconds. The sway of a hand repeats in less.
 const WINDOW_S: f64 = 10.0;
-/// The first try is after so much of it, seconds, and then every so often until the delay is found.
-const FIRST_S: f64 = 3.0;
-const AGAIN_S: f64 = 2.0;
-/// A clock of 50 ppm drifts by half a millisecond in so long, seconds.
-const FOUND_S: f64 = 10.0;
-/// Pictures farther apart than this are not compared, seconds.
-const MOST_APART_S: f64 = 0.25;
-/// What is kept, whatever the times say: pictures at 120 Hz and poses at 2 kHz.
-const MOST_MOTIONS: usize = 1200;
-const MOST_POSES: usize = 24_000;
-/// A delay that is known worse than this is not believed, seconds: a third of a frame of 30 Hz.
-const SURE_S: f64 = 0.01;
-/// A delay that changes by less than this stays, seconds.
-const SAME_S: f64 = 0.002;
+/// Time until the first estimate, and from a failed estimate to the next, seconds.
+const FIRST_ESTIMATE_S: f64 = 3.0;
+const RETRY_S: f64 = 2.0;
+/// Time from a successful estimate to the next, seconds. A clock of 50 ppm drifts by half a
+/// millisecond in it.
+const UPDATE_INTERVAL_S: f64 = 10.0;
+/// Largest interval between two pictures that are compared, seconds.
+const MAX_PICTURE_INTERVAL_S: f64 = 0.25;
+/// Capacities of the window, whatever the time stamps are: pictures at 120 Hz and poses at 2 kHz.
+const MAX_MOTIONS: usize = 1200;
+const MAX_POSES: usize = 24_000;
+/// Largest accepted standard deviation of a delay, seconds: a third of a frame at 30 Hz.
+const MAX_SIGMA_S: f64 = 0.01;
+/// Smaller changes of the delay are ignored, seconds.
+const MIN_CHANGE_S: f64 = 0.002;
 
-/// What was found, or why nothing was.
+/// Reason why the delay is not determined.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum Unknown {
+pub enum DelayError {
     #[error(transparent)]
     NoDelay(#[from] NoDelay),
     #[error("it is known within ± {:.0} ms only", 1e3 * sigma_s)]
-    Unsure { sigma_s: f64 },
+    Uncertain { sigma_s: f64 },
     #[error("the poses' camera is turned by {degrees}° about its optical axis against the pictures")]
-    Turned { degrees: u32 },
+    Rotated { degrees: u32 },
 }
 
-/// Pictures and poses of the last seconds.
+/// Sliding window over pictures and poses.
 #[derive(Debug)]
 pub struct DelaySearch {
     camera: Intrinsics,
     max_gap_s: f64,
-    before: Option<(f64, Reduced)>,
+    previous: Option<(f64, Reduced)>,
     motions: VecDeque<Motion>,
     poses: VecDeque<(f64, Pose)>,
     next_s: f64,
-    found: Option<Delay>,
+    last_delay: Option<Delay>,
 }
 
 impl DelaySearch {
-    /// Poses are interpolated across at most `max_gap_s`.
+    /// Poses are interpolated across gaps of at most `max_gap_s`.
     pub fn new(camera: Intrinsics, max_gap_s: f64) -> Self {
         let (motions, poses) = (VecDeque::new(), VecDeque::new());
-        Self { camera, max_gap_s, before: None, motions, poses, next_s: f64::NAN, found: None }
+        Self { camera, max_gap_s, previous: None, motions, poses, next_s: f64::NAN, last_delay: None }
     }
 
-    /// A pose at a time of its own clock. One that goes back is left out.
-    pub fn pose(&mut self, time_s: f64, pose: &Pose) {
+    /// Adds a pose at a time of the poses' clock. A pose that is not later than the one before is
+    /// ignored.
+    pub fn add_pose(&mut self, time_s: f64, pose: &Pose) {
         if time_s.is_finite() && self.poses.back().is_none_or(|(last_s, _)| time_s > *last_s) {
             self.poses.push_back((time_s, *pose));
         }
         let old = |(pose_s, _): &(f64, Pose)| time_s - pose_s > WINDOW_S + 2.0 * REACH_S;
-        while self.poses.len() > MOST_POSES || self.poses.front().is_some_and(old) {
+        while self.poses.len() > MAX_POSES || self.poses.front().is_some_and(old) {
             self.poses.pop_front();
         }
     }
 
-    /// A picture. Now and then this returns the delay, where it is new, or why it is not known.
-    pub fn picture(&mut self, time_s: f64, picture: Reduced) -> Option<Result<Delay, Unknown>> {
-        if let Some((from_s, before)) = self.before.take().filter(|(from_s, _)| time_s - from_s <= MOST_APART_S)
-            && let Some(turn) = before.turn_to(&picture, &self.camera)
+    /// Adds a picture. Returns a delay that differs from the last one, or the reason for a failed
+    /// estimate; `None` between estimates.
+    pub fn add_picture(&mut self, time_s: f64, picture: Reduced) -> Option<Result<Delay, DelayError>> {
+        if let Some((from_s, previous)) =
+            self.previous.take().filter(|(from_s, _)| time_s - from_s <= MAX_PICTURE_INTERVAL_S)
+            && let Some(turn) = previous.turn_to(&picture, &self.camera)
         {
-            self.motion(Motion { from_s, to_s: time_s, turn });
+            self.add_motion(Motion { from_s, to_s: time_s, turn });
         }
-        self.before = Some((time_s, picture));
-        self.look(time_s)
+        self.previous = Some((time_s, picture));
+        self.update(time_s)
     }
 
-    fn motion(&mut self, motion: Motion) {
+    fn add_motion(&mut self, motion: Motion) {
         self.motions.push_back(motion);
         let old = |first: &Motion| motion.to_s - first.from_s > WINDOW_S;
-        while self.motions.len() > MOST_MOTIONS || self.motions.front().is_some_and(old) {
+        while self.motions.len() > MAX_MOTIONS || self.motions.front().is_some_and(old) {
             self.motions.pop_front();
         }
     }
 
-    fn look(&mut self, time_s: f64) -> Option<Result<Delay, Unknown>> {
+    fn update(&mut self, time_s: f64) -> Option<Result<Delay, DelayError>> {
         if self.next_s.is_nan() {
-            self.next_s = time_s + FIRST_S;
+            self.next_s = time_s + FIRST_ESTIMATE_S;
         }
-        // A clock that was set back begins anew.
-        if time_s < self.next_s - FOUND_S.max(FIRST_S) {
-            (self.next_s, self.before) = (time_s + FIRST_S, None);
+        // The clock was set back: start over.
+        if time_s < self.next_s - UPDATE_INTERVAL_S.max(FIRST_ESTIMATE_S) {
+            (self.next_s, self.previous) = (time_s + FIRST_ESTIMATE_S, None);
             self.motions.clear();
         }
         if time_s < self.next_s {
             return None;
         }
-        let seen = self.estimate();
-        self.next_s = time_s + if seen.is_ok() { FOUND_S } else { AGAIN_S };
-        match (seen, self.found) {
-            (Ok(new), Some(old)) if (new.delay_s - old.delay_s).abs() <= SAME_S.max(2.0 * new.sigma_s) => None,
-            // What was found stays where the camera rests.
+        let result = self.estimate();
+        self.next_s = time_s + if result.is_ok() { UPDATE_INTERVAL_S } else { RETRY_S };
+        match (result, self.last_delay) {
+            (Ok(new), Some(old)) if (new.delay_s - old.delay_s).abs() <= MIN_CHANGE_S.max(2.0 * new.sigma_s) => None,
+            // The last delay stays valid while the camera is at rest.
             (Err(_), Some(_)) => None,
             (Ok(new), _) => {
-                self.found = Some(new);
+                self.last_delay = Some(new);
                 Some(Ok(new))
             }
             (Err(why), None) => Some(Err(why)),
         }
     }
 
-    fn estimate(&self) -> Result<Delay, Unknown> {
+    fn estimate(&self) -> Result<Delay, DelayError> {
         let motions: Vec<Motion> = self.motions.iter().copied().collect();
         let poses = self.poses.iter().copied().collect();
-        // Only poses that ascend were kept.
+        // The poses' times are ascending, so this does not fail.
         let track = PoseTrack::new(poses, self.max_gap_s).unwrap_or_default();
         match estimate(&motions, |from_s, to_s| track.motion_between(from_s, to_s), REACH_S)? {
-            Delay { sigma_s, .. } if sigma_s > SURE_S => Err(Unknown::Unsure { sigma_s }),
-            Delay { quarters, .. } if quarters != 0 => Err(Unknown::Turned { degrees: 90 * quarters }),
-            found => Ok(found),
+            Delay { sigma_s, .. } if sigma_s > MAX_SIGMA_S => Err(DelayError::Uncertain { sigma_s }),
+            Delay { quarters, .. } if quarters != 0 => Err(DelayError::Rotated { degrees: 90 * quarters }),
+            delay => Ok(delay),
         }
     }
 }
@@ -132,33 +137,34 @@ mod tests {
 
     const INTERVAL_S: f64 = 1.0 / 30.0;
 
-    fn looking(t: f64) -> DQuat {
+    fn orientation(t: f64) -> DQuat {
         let sway = |a: f64, b: f64, c: f64| 0.05 * (a * t).sin() + 0.02 * (b * t).cos() + 0.01 * (c * t).sin();
         DQuat::from_scaled_axis(DVec3::new(sway(2.1, 5.3, 11.7), sway(1.7, 4.1, 13.3), 0.5 * sway(3.3, 6.1, 9.7)))
     }
 
-    /// Pictures and poses as they come for so many seconds: the poses' clock is ahead by `delay_s`.
-    fn come(
+    /// Feeds pictures and poses over a span of seconds. The poses' clock is ahead by `delay_s`.
+    /// Returns the results with their times.
+    fn feed(
         search: &mut DelaySearch,
         span_s: [f64; 2],
         delay_s: impl Fn(f64) -> f64,
-        rests: bool,
-    ) -> Vec<(f64, Result<Delay, Unknown>)> {
-        let mut told = Vec::new();
-        let still = |t: f64| if rests { looking(0.0) } else { looking(t) };
+        is_at_rest: bool,
+    ) -> Vec<(f64, Result<Delay, DelayError>)> {
+        let mut results = Vec::new();
+        let orientation_at = |t: f64| if is_at_rest { orientation(0.0) } else { orientation(t) };
         let [first, last] = span_s.map(|s| (s / INTERVAL_S).round() as i32);
         for i in first..last {
             let time_s = INTERVAL_S * f64::from(i);
             for k in 0..3 {
                 let t = time_s + INTERVAL_S / 3.0 * f64::from(k);
-                search.pose(t + delay_s(t), &Pose::from_camera_in_world(DVec3::ZERO, still(t)));
+                search.add_pose(t + delay_s(t), &Pose::from_camera_in_world(DVec3::ZERO, orientation_at(t)));
             }
             let from_s = time_s - INTERVAL_S;
-            let turn = (still(time_s).inverse() * still(from_s)).to_scaled_axis();
-            search.motion(Motion { from_s, to_s: time_s, turn });
-            told.extend(search.look(time_s).map(|found| (time_s, found)));
+            let turn = (orientation_at(time_s).inverse() * orientation_at(from_s)).to_scaled_axis();
+            search.add_motion(Motion { from_s, to_s: time_s, turn });
+            results.extend(search.update(time_s).map(|found| (time_s, found)));
         }
-        told
+        results
     }
 
     fn search() -> DelaySearch {
@@ -166,89 +172,89 @@ mod tests {
     }
 
     #[test]
-    fn a_delay_is_told_once_and_again_when_it_has_changed() {
+    fn changed_delay_is_reported_again() {
         let mut search = search();
-        let told = come(&mut search, [0.0, 40.0], |t| if t < 15.0 { 0.083 } else { -0.04 }, false);
-        let delays: Vec<f64> = told.iter().map(|(_, found)| found.unwrap().delay_s).collect();
-        assert!((told[0].0 - 3.0).abs() < 0.04 && (delays[0] - 0.083).abs() < 2e-3, "{told:?}");
+        let results = feed(&mut search, [0.0, 40.0], |t| if t < 15.0 { 0.083 } else { -0.04 }, false);
+        let delays: Vec<f64> = results.iter().map(|(_, found)| found.unwrap().delay_s).collect();
+        assert!((results[0].0 - 3.0).abs() < 0.04 && (delays[0] - 0.083).abs() < 2e-3, "{results:?}");
         let last = delays.last().unwrap();
-        assert!(delays.len() > 1 && (last + 0.04).abs() < 2e-3, "{told:?}");
+        assert!(delays.len() > 1 && (last + 0.04).abs() < 2e-3, "{results:?}");
     }
 
     #[test]
-    fn a_camera_that_rests_tells_nothing_and_takes_nothing_back() {
+    fn resting_camera_gives_no_delay_and_revokes_none() {
         let mut resting = search();
-        let told = come(&mut resting, [0.0, 10.0], |_| 0.083, true);
+        let results = feed(&mut resting, [0.0, 10.0], |_| 0.083, true);
         assert!(
-            told.len() == 4
-                && told.iter().all(|(_, found)| matches!(found, Err(Unknown::NoDelay(NoDelay::Still { .. })))),
-            "{told:?}"
+            results.len() == 4
+                && results.iter().all(|(_, found)| matches!(found, Err(DelayError::NoDelay(NoDelay::Still { .. })))),
+            "{results:?}"
         );
         let mut moved = search();
-        assert_eq!(come(&mut moved, [0.0, 5.0], |_| 0.083, false).len(), 1);
-        assert_eq!(come(&mut moved, [5.0, 60.0], |_| 0.083, true), []);
+        assert_eq!(feed(&mut moved, [0.0, 5.0], |_| 0.083, false).len(), 1);
+        assert_eq!(feed(&mut moved, [5.0, 60.0], |_| 0.083, true), []);
     }
 
     #[test]
-    fn memory_is_bounded_whatever_comes() {
+    fn window_of_many_samples_stays_within_its_capacity() {
         let mut search = search();
         for i in 0..100_000 {
             let time_s = 1e-5 * f64::from(i);
-            search.pose(time_s, &Pose::IDENTITY);
-            search.motion(Motion { from_s: time_s, to_s: time_s, turn: DVec3::ZERO });
+            search.add_pose(time_s, &Pose::IDENTITY);
+            search.add_motion(Motion { from_s: time_s, to_s: time_s, turn: DVec3::ZERO });
         }
-        assert_eq!((search.poses.len(), search.motions.len()), (MOST_POSES, MOST_MOTIONS));
-        search.pose(f64::NAN, &Pose::IDENTITY);
-        search.pose(0.0, &Pose::IDENTITY);
-        assert_eq!(search.poses.len(), MOST_POSES);
-        come(&mut search, [100.0, 130.0], |_| 0.0, true);
+        assert_eq!((search.poses.len(), search.motions.len()), (MAX_POSES, MAX_MOTIONS));
+        search.add_pose(f64::NAN, &Pose::IDENTITY);
+        search.add_pose(0.0, &Pose::IDENTITY);
+        assert_eq!(search.poses.len(), MAX_POSES);
+        feed(&mut search, [100.0, 130.0], |_| 0.0, true);
         assert!(search.poses.len() < 1100 && search.motions.len() <= 301);
     }
 
     #[test]
-    fn a_delay_that_stays_is_told_once() {
-        let told = come(&mut search(), [0.0, 60.0], |_| 0.083, false);
-        assert_eq!(told.len(), 1, "{told:?}");
+    fn constant_delay_is_reported_once() {
+        let results = feed(&mut search(), [0.0, 60.0], |_| 0.083, false);
+        assert_eq!(results.len(), 1, "{results:?}");
     }
 
     #[test]
-    fn a_clock_that_was_set_back_begins_anew() {
+    fn clock_set_back_restarts_the_search() {
         let mut search = search();
-        assert_eq!(come(&mut search, [100.0, 104.0], |_| 0.0, true).len(), 1);
-        let told = come(&mut search, [0.0, 4.0], |_| 0.0, true);
-        assert!(told.len() == 1 && (told[0].0 - 3.0).abs() < 0.04, "{told:?}");
+        assert_eq!(feed(&mut search, [100.0, 104.0], |_| 0.0, true).len(), 1);
+        let results = feed(&mut search, [0.0, 4.0], |_| 0.0, true);
+        assert!(results.len() == 1 && (results[0].0 - 3.0).abs() < 0.04, "{results:?}");
     }
 
     #[test]
-    fn what_is_known_worse_than_a_third_of_a_frame_is_not_believed() {
-        let mut is_unsure = false;
+    fn delay_less_certain_than_a_third_of_a_frame_is_rejected() {
+        let mut is_uncertain = false;
         for drift in 1..20 {
             let mut search = search();
-            // The poses' clock goes wrong, so that no delay fits all of them.
-            come(&mut search, [0.0, 2.9], |t| 0.004 * f64::from(drift) * t, false);
+            // The poses' clock has a wrong rate, so that no delay fits all poses.
+            feed(&mut search, [0.0, 2.9], |t| 0.004 * f64::from(drift) * t, false);
             match search.estimate() {
-                Ok(found) => assert!(found.sigma_s <= SURE_S, "{found:?}"),
-                Err(Unknown::Unsure { sigma_s }) => {
-                    assert!(sigma_s > SURE_S);
-                    is_unsure = true;
+                Ok(found) => assert!(found.sigma_s <= MAX_SIGMA_S, "{found:?}"),
+                Err(DelayError::Uncertain { sigma_s }) => {
+                    assert!(sigma_s > MAX_SIGMA_S);
+                    is_uncertain = true;
                 }
-                Err(Unknown::NoDelay(_) | Unknown::Turned { .. }) => {}
+                Err(DelayError::NoDelay(_) | DelayError::Rotated { .. }) => {}
             }
         }
-        assert!(is_unsure);
+        assert!(is_uncertain);
     }
 
     #[test]
-    fn pictures_that_are_far_apart_and_poses_that_go_back_are_left_out() {
+    fn distant_pictures_and_poses_out_of_order_are_ignored() {
         let mut search = search();
         for time_s in [5.0, 3.0, 5.0, 6.0] {
-            search.pose(time_s, &Pose::IDENTITY);
+            search.add_pose(time_s, &Pose::IDENTITY);
         }
         assert_eq!(search.poses.iter().map(|(time_s, _)| *time_s).collect::<Vec<f64>>(), [5.0, 6.0]);
         let codes = (0..3 * 320 * 240_u32).map(|n| (n / 3 % 320 / 9 * 37 + n / 960 / 11 * 53) as u8).collect();
         let pixels = crate::pixels::Pixels::from_u8(320, 240, codes).unwrap();
         for (time_s, motions) in [(1.0, 0), (1.03, 1), (2.0, 1), (2.2, 2)] {
-            search.picture(time_s, Reduced::new(&pixels).unwrap());
+            search.add_picture(time_s, Reduced::new(&pixels).unwrap());
             assert_eq!(search.motions.len(), motions, "{time_s}");
         }
     }

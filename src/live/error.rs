@@ -1,4 +1,4 @@
-//! Why nothing can be seen live, or recorded.
+//! Errors of live compositing and recording.
 
 use std::path::PathBuf;
 
@@ -16,9 +16,9 @@ use crate::webcam::CameraError;
 #[derive(Debug, thiserror::Error)]
 pub enum LiveError {
     #[error(
-        "{asked}: gives no poses; accepted are tags, tags:BOARD.toml, opentrackio://…, freed://…, file:RECORDING, none"
+        "{name}: gives no poses; accepted are tags, tags:BOARD.toml, opentrackio://…, freed://…, file:RECORDING, none"
     )]
-    Poses { asked: String },
+    Poses { name: String },
     #[error("{}: the recording has no poses", path.display())]
     NoPoses { path: PathBuf },
     #[error(
@@ -26,7 +26,7 @@ pub enum LiveError {
     )]
     NoCamera,
     #[error("{}: [camera] lacks {}: poses from tags need a whole camera", path.display(), missing.join(", "))]
-    PartOfCamera { path: PathBuf, missing: Vec<&'static str> },
+    IncompleteCamera { path: PathBuf, missing: Vec<&'static str> },
     #[error(transparent)]
     Profile(#[from] ProfileError),
     #[error("a delay is refused: these poses come from the pictures themselves, or there are none; leave --delay out")]

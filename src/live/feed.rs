@@ -1,226 +1,235 @@
-//! A camera that a thread watches: frames with their poses, the newest first, for whoever composites himself.
+//! Capture on a thread of its own: delivers the newest frame with its poses, for callers that
+//! composite themselves.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use super::capture::{CaptureEvent, LiveCapture};
 use super::error::LiveError;
-use super::intake::{Arrived, Came, Intake};
-use super::latest::Latest;
-use super::open::Opened;
-use super::waiting::Counts;
-use super::watched::{Next, Watched};
-use super::writer::Writer;
+use super::frame_queue::LiveCounts;
+use super::intake::{Intake, LiveFrame, PictureOutcome};
+use super::open::LiveInput;
+use super::recorder_thread::RecorderThread;
+use super::replay_buffer::ReplayBuffer;
 use crate::recording::recorder::About;
 use crate::shot::Shot;
 use crate::tracking::PoseTrack;
 use crate::webcam::{Drops, Newest, Putter, Taken, monotonic_s};
 
-/// A frame, and the poses that it is composited with.
+/// A frame and the pose track that it is composited with.
 #[derive(Clone, Debug)]
-pub struct Seen {
-    pub arrived: Arrived,
+pub struct TrackedFrame {
+    pub frame: LiveFrame,
     pub track: PoseTrack,
 }
 
-/// How it goes.
+/// State of the feed.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Status {
-    pub counts: Counts,
-    /// Of the camera; what whoever takes the frames is too slow for stands in [`Feed::replaced`].
+pub struct FeedStatus {
+    pub counts: LiveCounts,
+    /// Dropped pictures of the camera. Frames that the caller is too slow for are counted in
+    /// [`Feed::replaced`].
     pub drops: Drops,
-    /// Pictures that the disk was too slow for.
+    /// Pictures that were left out because the disk was too slow.
     pub not_recorded: u64,
-    /// Frames that are recorded, while it records.
+    /// Number of frames of the recording in progress.
     pub recorded: Option<usize>,
-    /// Why nothing comes for now.
-    pub gone: Option<String>,
-    /// Why there is no pose now.
-    pub lacks: Option<String>,
-    /// What went wrong with the poses; there are none any more.
-    pub no_poses: Option<String>,
-    /// What was told of the poses last ([`PoseSource::told`](super::PoseSource::told)).
-    pub told: Option<String>,
-    /// A recording that is over: how many frames it has, and why it ended if nobody ended it.
-    pub written: Option<(usize, Option<String>)>,
-    /// Nothing will come any more.
+    /// Reason why the camera delivers nothing for now.
+    pub outage: Option<String>,
+    /// Reason why there is no pose for now.
+    pub no_pose_reason: Option<String>,
+    /// Error that ended the pose source.
+    pub pose_error: Option<String>,
+    /// Last message of the pose source
+    /// ([`PoseSource::take_message`](super::PoseSource::take_message)).
+    pub message: Option<String>,
+    /// The last completed recording: its number of frames, and the error if one ended it.
+    pub finished: Option<(usize, Option<String>)>,
+    /// The camera has ended.
     pub is_over: bool,
 }
 
 #[derive(Debug, Default)]
-struct Asked {
-    record: Option<Writer>,
+struct RecordRequest {
+    record: Option<RecorderThread>,
     stop: bool,
 }
 
 #[derive(Debug)]
-struct Shared {
+struct SharedState {
     shot: Shot,
-    status: Status,
-    asked: Asked,
+    status: FeedStatus,
+    request: RecordRequest,
 }
 
-/// A camera at work, with the last ten seconds of it.
+/// A running camera, with its last ten seconds.
 #[derive(Debug)]
 pub struct Feed {
-    /// What its recordings say.
+    /// Metadata of its recordings.
     pub about: About,
-    seen: Option<Newest<Seen>>,
-    shared: Arc<Mutex<Shared>>,
-    latest: Arc<Mutex<Latest>>,
+    frames: Option<Newest<TrackedFrame>>,
+    shared: Arc<Mutex<SharedState>>,
+    replay: Arc<Mutex<ReplayBuffer>>,
     thread: Option<JoinHandle<()>>,
 }
 
 fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
-    // A panic under the lock leaves plain values.
+    // A panic while the lock is held leaves no partial state.
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Feed {
-    /// Starts a camera. How long poses matter to a frame follows from the shot; `wake` is called from the thread when
-    /// there is a frame, or something to be told.
-    pub fn start(opened: Opened, shot: &Shot, wake: impl Fn() + Send + 'static) -> Result<Self, LiveError> {
-        let about = opened.about(None);
-        let latest = Arc::<Mutex<Latest>>::default();
-        let intake = Intake::new(about.max_gap_s, opened.patience_s(), None).keeping(Arc::clone(&latest));
-        let intake = intake.with_lenses(opened.lenses(&shot.rig));
-        let watched = Watched::new(opened.camera.start()?, opened.poses);
-        let (putter, seen) = Newest::new();
-        let (status, asked) = Default::default();
-        let shared = Arc::new(Mutex::new(Shared { shot: shot.clone(), status, asked }));
-        let of_thread = Arc::clone(&shared);
-        let watch = move || watch(watched, intake, &of_thread, &putter, wake);
-        let thread = std::thread::Builder::new().name("live".to_owned()).spawn(watch).map_err(LiveError::Thread)?;
-        Ok(Self { about, seen: Some(seen), shared, latest, thread: Some(thread) })
+    /// Starts a camera. The shot determines the span in which poses matter to a frame. `wake` is
+    /// called on the thread when there is a frame or a change of state to report.
+    pub fn start(input: LiveInput, shot: &Shot, wake: impl Fn() + Send + 'static) -> Result<Self, LiveError> {
+        let about = input.about(None);
+        let replay = Arc::<Mutex<ReplayBuffer>>::default();
+        let intake = Intake::new(about.max_gap_s, input.patience_s(), None).with_replay_buffer(Arc::clone(&replay));
+        let intake = intake.with_lens_track(input.lens_track(&shot.rig));
+        let capture = LiveCapture::new(input.camera.start()?, input.poses);
+        let (putter, frames) = Newest::new();
+        let (status, request) = Default::default();
+        let shared = Arc::new(Mutex::new(SharedState { shot: shot.clone(), status, request }));
+        let thread_state = Arc::clone(&shared);
+        let run = move || run(capture, intake, &thread_state, &putter, wake);
+        let thread = std::thread::Builder::new().name("live".to_owned()).spawn(run).map_err(LiveError::Thread)?;
+        Ok(Self { about, frames: Some(frames), shared, replay, thread: Some(thread) })
     }
 
-    /// From now on as this shot is set.
-    pub fn follow(&self, shot: &Shot) {
+    /// Replaces the shot.
+    pub fn set_shot(&self, shot: &Shot) {
         lock(&self.shared).shot = shot.clone();
     }
 
-    /// The newest frame that was not taken yet. Never waits.
-    pub fn take(&self) -> Option<Seen> {
-        match self.seen.as_ref()?.take(Instant::now()) {
-            Taken::New(seen) => Some(seen),
+    /// The newest frame that was not taken yet. Never blocks.
+    pub fn take(&self) -> Option<TrackedFrame> {
+        match self.frames.as_ref()?.take(Instant::now()) {
+            Taken::New(frame) => Some(frame),
             Taken::Nothing | Taken::Gone(_) | Taken::Ended => None,
         }
     }
 
-    /// Frames that were replaced by newer ones before they were taken here.
+    /// Number of frames that were replaced by newer ones before they were taken.
     pub fn replaced(&self) -> u64 {
-        self.seen.as_ref().map_or(0, |seen| seen.drops().replaced)
+        self.frames.as_ref().map_or(0, |frames| frames.drops().replaced)
     }
 
-    pub fn status(&self) -> Status {
+    pub fn status(&self) -> FeedStatus {
         lock(&self.shared).status.clone()
     }
 
     /// The last ten seconds, up to a frame's time.
-    pub fn latest(&self, until_s: f64) -> Latest {
-        lock(&self.latest).clone().until(until_s)
+    pub fn replay_buffer(&self, until_s: f64) -> ReplayBuffer {
+        lock(&self.replay).clone().until(until_s)
     }
 
-    /// Records from the next picture on. Frames are numbered anew.
-    pub fn record(&self, writer: Writer) {
+    /// Starts a recording with the next picture. Frame numbers start at 0.
+    pub fn record(&self, recorder: RecorderThread) {
         let mut shared = lock(&self.shared);
-        shared.status.written = None;
-        shared.asked = Asked { record: Some(writer), stop: false };
+        shared.status.finished = None;
+        shared.request = RecordRequest { record: Some(recorder), stop: false };
     }
 
-    /// Ends the recording: [`Status::written`] says when it is whole.
+    /// Ends the recording. [`FeedStatus::finished`] is set once it is complete.
     pub fn stop_recording(&self) {
-        lock(&self.shared).asked = Asked { record: None, stop: true };
+        lock(&self.shared).request = RecordRequest { record: None, stop: true };
     }
 }
 
 impl Drop for Feed {
-    /// Ends what is recorded.
+    /// Completes the recording in progress.
     fn drop(&mut self) {
-        self.seen = None;
+        self.frames = None;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
     }
 }
 
-/// How long poses are waited for where no frame waits for any.
-const IDLE_S: f64 = 0.02;
-/// How often it is looked whether a frame's poses have come.
-const LOOKED_EVERY_S: f64 = 0.005;
+/// Poll interval for poses while no frame waits, seconds.
+const IDLE_POLL_S: f64 = 0.02;
+/// Longest poll interval while a frame waits for its poses, seconds.
+const POSE_POLL_S: f64 = 0.005;
 
-fn watch(mut watched: Watched, mut intake: Intake, shared: &Mutex<Shared>, putter: &Putter<Seen>, wake: impl Fn()) {
+fn run(
+    mut capture: LiveCapture,
+    mut intake: Intake,
+    shared: &Mutex<SharedState>,
+    putter: &Putter<TrackedFrame>,
+    wake: impl Fn(),
+) {
     let mut last_s = f64::NEG_INFINITY;
-    let mut status = Status::default();
+    let mut status = FeedStatus::default();
     while !putter.is_over() && !status.is_over {
-        let asked = std::mem::take(&mut lock(shared).asked);
-        if asked.stop {
+        let request = std::mem::take(&mut lock(shared).request);
+        if request.stop {
             intake.stop_recording();
         }
-        if asked.record.is_some() || intake.is_recorded() {
-            status.written = ended(&mut intake).or(status.written);
+        if request.record.is_some() || intake.is_recorded() {
+            status.finished = end_recording(&mut intake).or(status.finished);
             status.recorded = None;
         }
-        if let Some(writer) = asked.record {
-            intake.record(writer);
-            status.written = None;
+        if let Some(recorder) = request.record {
+            intake.record(recorder);
+            status.finished = None;
         }
-        let wait_s = intake.due_s().map_or(IDLE_S, |due_s| (due_s - monotonic_s()).clamp(0.0, LOOKED_EVERY_S));
-        match watched.next(Instant::now() + Duration::from_secs_f64(wait_s)) {
-            Next::Picture(came) => {
-                let (picture, pixels) = *came;
+        let wait_s = intake.due_s().map_or(IDLE_POLL_S, |due_s| (due_s - monotonic_s()).clamp(0.0, POSE_POLL_S));
+        match capture.next(Instant::now() + Duration::from_secs_f64(wait_s)) {
+            CaptureEvent::Picture(decoded) => {
+                let (picture, pixels) = *decoded;
                 let shot = lock(shared).shot.clone();
-                intake.follow(&shot.rig);
-                // Without a camera nothing is drawn, and poses do not matter.
+                intake.set_rig(&shot.rig);
+                // Without a camera geometry nothing is drawn, and poses do not matter.
                 let within_s = |frame: &_| shot.poses_within_s(frame).unwrap_or_default();
-                let came = intake.picture(&picture, pixels, within_s, monotonic_s());
-                status.not_recorded += u64::from(came == Came::NotRecorded);
+                let outcome = intake.add_picture(&picture, pixels, within_s, monotonic_s());
+                status.not_recorded += u64::from(outcome == PictureOutcome::NotRecorded);
                 last_s = picture.time_s;
             }
-            Next::Nothing => {}
-            Next::Ended => status.is_over = intake.due_s().is_none(),
+            CaptureEvent::Nothing => {}
+            CaptureEvent::Ended => status.is_over = intake.due_s().is_none(),
         }
-        if status.no_poses.is_none() {
-            status.no_poses = intake.take_poses(&mut watched, last_s).err().map(|error| error.to_string());
+        if status.pose_error.is_none() {
+            status.pose_error = intake.take_poses(&mut capture, last_s).err().map(|error| error.to_string());
         }
-        status.told = watched.told().or(status.told);
-        let mut is_new = false;
-        while let Some(arrived) = intake.next(monotonic_s()) {
-            putter.put(Seen { arrived, track: intake.track().clone() });
-            is_new = true;
+        status.message = capture.take_message().or(status.message);
+        let mut has_frames = false;
+        while let Some(frame) = intake.next(monotonic_s()) {
+            putter.put(TrackedFrame { frame, track: intake.track().clone() });
+            has_frames = true;
         }
-        let failure = intake.writer().and_then(Writer::failure);
+        let failure = intake.recorder().and_then(RecorderThread::failure);
         if let Some(error) = failure {
             let frames = intake.end_recording().map_or(0, |(frames, _)| frames);
-            (status.written, status.recorded) = (Some((frames, Some(error.to_string()))), None);
-        } else if intake.writer().is_some() {
+            (status.finished, status.recorded) = (Some((frames, Some(error.to_string()))), None);
+        } else if intake.recorder().is_some() {
             status.recorded = Some(intake.frames());
         }
-        (status.counts, status.drops) = (intake.counts(), watched.drops());
-        status.lacks = watched.lacks();
-        status.gone = watched.gone().map(str::to_owned);
+        (status.counts, status.drops) = (intake.counts(), capture.drops());
+        status.no_pose_reason = capture.no_pose_reason();
+        status.outage = capture.outage().map(str::to_owned);
         let mut shared = lock(shared);
-        let is_told = shared.status.gone != status.gone
-            || shared.status.no_poses != status.no_poses
-            || shared.status.told != status.told
-            || shared.status.written != status.written
+        let is_changed = shared.status.outage != status.outage
+            || shared.status.pose_error != status.pose_error
+            || shared.status.message != status.message
+            || shared.status.finished != status.finished
             || status.is_over;
         shared.status.clone_from(&status);
         drop(shared);
-        if is_new || is_told {
+        if has_frames || is_changed {
             wake();
         }
     }
-    let written = ended(&mut intake);
-    if written.is_some() {
+    let finished = end_recording(&mut intake);
+    if finished.is_some() {
         let status = &mut lock(shared).status;
-        (status.written, status.recorded) = (written, None);
+        (status.finished, status.recorded) = (finished, None);
         wake();
     }
 }
 
-/// Ends the recording, if there is one.
-fn ended(intake: &mut Intake) -> Option<(usize, Option<String>)> {
+/// Ends the recording in progress.
+fn end_recording(intake: &mut Intake) -> Option<(usize, Option<String>)> {
     let (frames, error) = intake.end_recording()?;
     Some((frames, error.map(|error| error.to_string())))
 }

@@ -1,15 +1,15 @@
-//! Pictures and poses in; frames that have their poses out.
+//! Takes pictures and poses, records them, and emits frames that have their poses.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::encode::encoded;
+use super::capture::LiveCapture;
 use super::error::LiveError;
-use super::latest::Latest;
-use super::lenses::Lenses;
-use super::track::{PoseTaken, Tracking};
-use super::waiting::{Counts, Ready, Waiting};
-use super::watched::Watched;
-use super::writer::Writer;
+use super::frame_queue::{FrameQueue, LiveCounts, ReleasedFrame};
+use super::lens_track::LensTrack;
+use super::picture_file::picture_file;
+use super::recorder_thread::RecorderThread;
+use super::replay_buffer::ReplayBuffer;
+use super::track::{PoseOutcome, Tracking};
 use crate::camera::Geometry;
 use crate::frame::{Frame, FrameExposure, FrameLens};
 use crate::pixels::Pixels;
@@ -22,191 +22,195 @@ use crate::tracking::PoseTrack;
 use crate::tracking::covariance::Covariance;
 use crate::webcam::Picture;
 
-/// What became of a picture.
+/// Outcome of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Came {
-    Frame,
-    /// The disk is too slow to record it, so that it is left out altogether.
+pub enum PictureOutcome {
+    Accepted,
+    /// Dropped, not composited either: the disk is too slow.
     NotRecorded,
-    /// Not behind the one before it.
-    Backwards,
+    /// Not later than the picture before.
+    OutOfOrder,
 }
 
-/// A frame that need not wait any longer.
+/// A frame whose poses are final.
 #[derive(Clone, Debug)]
-pub struct Arrived {
-    /// With the [presence](Frame::presence) and the [lens](FrameExposure::lens) that are recorded.
+pub struct LiveFrame {
+    /// Has the recorded [presence](Frame::presence) and [lens](FrameExposure::lens).
     pub frame: Frame,
-    /// The camera that took it and is recorded, where a stream says its lens.
+    /// Geometry of the frame's camera, as recorded, if a stream describes the lens.
     pub geometry: Option<Geometry>,
     pub tracking: Tracking,
-    /// How long it waited for its poses, seconds.
+    /// Time that the frame waited for its poses, seconds.
     pub waited_s: f64,
-    /// When its picture came, by the clock that [`Intake::picture`] was told.
-    pub came_s: f64,
+    /// Arrival of the picture: the `now_s` of [`Intake::add_picture`].
+    pub arrived_s: f64,
 }
 
-/// Frames wait for their poses. What goes out is what a recording of it gives, number for number.
+/// Queue of frames that wait for their poses. Emitted frames and poses equal those of the
+/// recording, bit for bit.
 #[derive(Debug)]
 pub struct Intake {
-    waiting: Waiting<(Frame, f64)>,
-    writer: Option<Writer>,
-    latest: Option<Arc<Mutex<Latest>>>,
-    lenses: Option<Lenses>,
+    queue: FrameQueue<(Frame, f64)>,
+    recorder: Option<RecorderThread>,
+    replay: Option<Arc<Mutex<ReplayBuffer>>>,
+    lens_track: Option<LensTrack>,
     frames: usize,
-    /// The last frame of the recording, which may still wait.
+    /// Time of the recording's last frame, which may still wait.
     ends_at_s: Option<f64>,
-    /// The last picture that was taken, and the last frame that went out.
+    /// Times of the last accepted picture and of the last emitted frame.
     last_s: f64,
-    out_s: f64,
+    emitted_s: f64,
 }
 
 impl Intake {
-    /// Poses are interpolated across at most `max_gap_s`; frames wait for theirs at most `patience_s`.
-    pub fn new(max_gap_s: f64, patience_s: f64, writer: Option<Writer>) -> Self {
-        let waiting = Waiting::new(max_gap_s, patience_s);
+    /// Poses are interpolated across at most `max_gap_s`. Frames wait for their poses at most
+    /// `patience_s`.
+    pub fn new(max_gap_s: f64, patience_s: f64, recorder: Option<RecorderThread>) -> Self {
+        let queue = FrameQueue::new(max_gap_s, patience_s);
         let never_s = f64::NEG_INFINITY;
         Self {
-            waiting,
-            writer,
-            latest: None,
-            lenses: None,
+            queue,
+            recorder,
+            replay: None,
+            lens_track: None,
             frames: 0,
             ends_at_s: None,
             last_s: never_s,
-            out_s: never_s,
+            emitted_s: never_s,
         }
     }
 
     /// Keeps the last seconds in memory.
-    pub fn keeping(self, latest: Arc<Mutex<Latest>>) -> Self {
-        Self { latest: Some(latest), ..self }
+    pub fn with_replay_buffer(self, replay: Arc<Mutex<ReplayBuffer>>) -> Self {
+        Self { replay: Some(replay), ..self }
     }
 
-    /// Frames have cameras of their own.
-    pub fn with_lenses(self, lenses: Option<Lenses>) -> Self {
-        Self { lenses, ..self }
+    /// Gives each frame a camera of its own.
+    pub fn with_lens_track(self, lens_track: Option<LensTrack>) -> Self {
+        Self { lens_track, ..self }
     }
 
-    /// From now on what this rig sets overrides what is said of the lens.
-    pub fn follow(&mut self, rig: &Rig) {
-        self.lenses.iter_mut().for_each(|lenses| lenses.follow(rig));
+    /// Sets the rig, whose settings override the stream's lens.
+    pub fn set_rig(&mut self, rig: &Rig) {
+        self.lens_track.iter_mut().for_each(|lens_track| lens_track.set_rig(rig));
     }
 
-    pub fn counts(&self) -> Counts {
-        self.waiting.counts()
+    pub fn counts(&self) -> LiveCounts {
+        self.queue.counts()
     }
 
-    /// Frames that were taken, since the recording began if there is one.
+    /// Number of accepted frames, since the start of the recording if there is one.
     pub fn frames(&self) -> usize {
         self.frames
     }
 
-    pub fn writer(&self) -> Option<&Writer> {
-        self.writer.as_ref()
+    pub fn recorder(&self) -> Option<&RecorderThread> {
+        self.recorder.as_ref()
     }
 
-    /// Takes the recorder away: the rest is not recorded.
-    pub fn take_writer(&mut self) -> Option<Writer> {
-        self.writer.take()
+    /// Takes the recorder out; further frames are not recorded.
+    pub fn take_recorder(&mut self) -> Option<RecorderThread> {
+        self.recorder.take()
     }
 
-    /// Records from the next picture on, which is number 0 from now on.
-    pub fn record(&mut self, writer: Writer) {
-        // The first frames are blurred by what was before them.
-        if let Some(latest) = self.latest() {
-            writer.poses(latest.poses());
+    /// Starts a recording with the next picture, which gets number 0.
+    pub fn record(&mut self, recorder: RecorderThread) {
+        // The motion blur of the first frames needs earlier poses.
+        if let Some(replay) = self.replay() {
+            recorder.poses(replay.poses());
         }
-        (self.writer, self.frames, self.ends_at_s) = (Some(writer), 0, None);
+        (self.recorder, self.frames, self.ends_at_s) = (Some(recorder), 0, None);
     }
 
-    /// Records no picture that comes from now on. The recording is whole, and can be ended, when [`Intake::is_recorded`]: once
-    /// the frames that wait have their poses.
+    /// Stops recording further pictures. The recording is complete, and can be ended, when
+    /// [`Intake::is_recorded`]: once the queued frames have their poses.
     pub fn stop_recording(&mut self) {
-        self.ends_at_s = self.writer.as_ref().map(|_| self.last_s);
+        self.ends_at_s = self.recorder.as_ref().map(|_| self.last_s);
     }
 
     pub fn is_recorded(&self) -> bool {
-        self.ends_at_s.is_some_and(|ends_at_s| self.out_s >= ends_at_s)
+        self.ends_at_s.is_some_and(|ends_at_s| self.emitted_s >= ends_at_s)
     }
 
-    pub fn pose(&mut self, time_s: f64, pose: &Pose) -> PoseTaken {
-        let taken = self.waiting.pose(time_s, pose);
-        if self.waiting.due_s().is_none() {
-            self.give_poses();
+    pub fn add_pose(&mut self, time_s: f64, pose: &Pose) -> PoseOutcome {
+        let outcome = self.queue.add_pose(time_s, pose);
+        if self.queue.due_s().is_none() {
+            self.record_poses();
         }
-        taken
+        outcome
     }
 
-    /// Takes the poses that have come, for frames up to a time, each with how sure it is.
-    pub fn take_poses(&mut self, watched: &mut Watched, last_frame_s: f64) -> Result<(), LiveError> {
-        let carried = watched.carried();
-        for (time_s, pose) in watched.new_poses(last_frame_s)? {
-            watched.lens(time_s).into_iter().for_each(|state| self.lens(time_s, &state));
-            if self.pose(time_s, &pose) == PoseTaken::Added {
-                watched.covariance(time_s).into_iter().for_each(|covariance| self.covariance(covariance));
+    /// Takes the available poses for frames up to a time, with their covariances and lens data.
+    pub fn take_poses(&mut self, capture: &mut LiveCapture, last_frame_s: f64) -> Result<(), LiveError> {
+        let dead_reckoned = capture.take_dead_reckoned();
+        for (time_s, pose) in capture.take_poses(last_frame_s)? {
+            capture.lens(time_s).into_iter().for_each(|state| self.add_lens_state(time_s, &state));
+            if self.add_pose(time_s, &pose) == PoseOutcome::Added {
+                capture.covariance(time_s).into_iter().for_each(|covariance| self.record_covariance(covariance));
             }
         }
-        carried.iter().for_each(|(time_s, pose)| self.waiting.carry(*time_s, pose));
-        self.waiting.told().into_iter().for_each(|text| watched.tell(text));
+        dead_reckoned.iter().for_each(|(time_s, pose)| self.queue.add_dead_reckoned(*time_s, pose));
+        self.queue.take_message().into_iter().for_each(|text| capture.push_message(text));
         Ok(())
     }
 
-    /// Takes what a stream said of its lens with a pose of a time. Without [lenses](Self::with_lenses) it is left out.
-    pub fn lens(&mut self, time_s: f64, state: &Arc<LensState>) {
-        self.lenses.iter_mut().for_each(|lenses| lenses.add(time_s, state));
+    /// Adds the lens data that a stream sent with a pose. Ignored without [lens
+    /// tracking](Self::with_lens_track).
+    pub fn add_lens_state(&mut self, time_s: f64, state: &Arc<LensState>) {
+        self.lens_track.iter_mut().for_each(|lens_track| lens_track.add(time_s, state));
     }
 
-    /// Records and keeps how sure a pose is that was taken.
-    fn covariance(&mut self, covariance: Covariance) {
-        if let Some(writer) = &self.writer {
-            writer.covariance(covariance);
+    /// Records the covariance of an accepted pose.
+    fn record_covariance(&mut self, covariance: Covariance) {
+        if let Some(recorder) = &self.recorder {
+            recorder.covariance(covariance);
         }
-        if let Some(mut latest) = self.latest() {
-            latest.covariance(covariance);
+        if let Some(mut replay) = self.replay() {
+            replay.add_covariance(covariance);
         }
     }
 
-    /// The poses as they are when a frame goes out: what is added later does not change them for it.
+    /// The pose track at the time a frame is emitted. Poses that are added later do not change it
+    /// within the frame.
     pub fn track(&self) -> &PoseTrack {
-        self.waiting.track()
+        self.queue.track()
     }
 
-    /// The last seconds of what was taken, if they are kept.
-    fn latest(&self) -> Option<MutexGuard<'_, Latest>> {
-        // A panic under the lock leaves plain values.
-        self.latest.as_ref().map(|latest| latest.lock().unwrap_or_else(PoisonError::into_inner))
+    /// The replay buffer, if there is one.
+    fn replay(&self) -> Option<MutexGuard<'_, ReplayBuffer>> {
+        // A panic while the lock is held leaves no partial state.
+        self.replay.as_ref().map(|replay| replay.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Takes a picture whose pixels are decoded, and records it. `within_s` says from how long before the frame to how
-    /// long after it poses matter.
-    pub fn picture(
+    /// Adds a decoded picture and records it. `within_s` returns how long before and after the
+    /// frame poses matter, seconds.
+    pub fn add_picture(
         &mut self,
         picture: &Picture,
         pixels: Pixels,
         within_s: impl FnOnce(&Frame) -> (f64, f64),
         now_s: f64,
-    ) -> Came {
+    ) -> PictureOutcome {
         let (time_s, exposure_s) = (picture.time_s, picture.exposure_s);
         if time_s.is_nan() || time_s <= self.last_s {
-            return Came::Backwards;
+            return PictureOutcome::OutOfOrder;
         }
-        if self.writer.is_some() || self.latest.is_some() {
-            let file = Arc::new(encoded(picture, &pixels));
-            let writer = self.writer.as_ref().filter(|_| self.ends_at_s.is_none());
-            if writer.is_some_and(|writer| !writer.frame(time_s, Arc::clone(&file), exposure_s, None)) {
-                return Came::NotRecorded;
+        if self.recorder.is_some() || self.replay.is_some() {
+            let file = Arc::new(picture_file(picture, &pixels));
+            let recorder = self.recorder.as_ref().filter(|_| self.ends_at_s.is_none());
+            if recorder.is_some_and(|recorder| !recorder.frame(time_s, Arc::clone(&file), exposure_s, None)) {
+                return PictureOutcome::NotRecorded;
             }
-            if let Some(mut latest) = self.latest() {
-                latest.frame(time_s, file, exposure_s);
+            if let Some(mut replay) = self.replay() {
+                replay.add_frame(time_s, file, exposure_s);
             }
         }
         self.last_s = time_s;
-        // As the recording's reader finds it.
+        // Equals the metadata that a reader of the recording gets.
         let photo = picture.jpeg().map(|file| exif::settings_of(&file)).unwrap_or_default();
         let exposure = FrameExposure { time_s: exposure_s.or(photo.time_s), photo, ..FrameExposure::default() };
-        // How long poses matter to it must not change any more.
-        let exposure_s = self.lenses.as_ref().and_then(|lenses| lenses.exposure_s(time_s));
+        // Fixed now, because it determines the span in which poses matter.
+        let exposure_s = self.lens_track.as_ref().and_then(|lens_track| lens_track.exposure_s(time_s));
         let exposure = exposure.with_lens(FrameLens { exposure_s, ..FrameLens::default() });
         let frame = Frame {
             index: self.frames,
@@ -219,59 +223,60 @@ impl Intake {
             surfels: Arc::default(),
         };
         self.frames += 1;
-        let needs_s = within_s(&frame);
-        self.waiting.frame((frame, now_s), time_s, needs_s, now_s);
-        Came::Frame
+        let span_s = within_s(&frame);
+        self.queue.push_frame((frame, now_s), time_s, span_s, now_s);
+        PictureOutcome::Accepted
     }
 
-    /// When the next frame will have waited for its poses.
+    /// Deadline of the next frame.
     pub fn due_s(&self) -> Option<f64> {
-        self.waiting.due_s()
+        self.queue.due_s()
     }
 
-    /// The next frame that need not wait any longer.
-    pub fn next(&mut self, now_s: f64) -> Option<Arrived> {
-        let Ready { frame: (mut frame, came_s), tracking, presence, waited_s } = self.waiting.next(now_s)?;
+    /// The next frame whose poses are final.
+    pub fn next(&mut self, now_s: f64) -> Option<LiveFrame> {
+        let ReleasedFrame { frame: (mut frame, arrived_s), tracking, presence, waited_s } = self.queue.next(now_s)?;
         frame.presence = presence;
-        self.give_poses();
-        let mut camera = self.lenses.as_ref().map(|lenses| lenses.at(frame.timestamp_s));
+        self.record_poses();
+        let mut camera = self.lens_track.as_ref().map(|lens_track| lens_track.at(frame.timestamp_s));
         if let Some(camera) = &mut camera {
             camera.lens.exposure_s = frame.exposure.lens.exposure_s;
             frame.exposure = frame.exposure.with_lens(camera.lens);
         }
-        if let Some(writer) = &self.writer {
-            writer.settle(frame.timestamp_s, presence, camera.as_ref());
+        if let Some(recorder) = &self.recorder {
+            recorder.set_presence(frame.timestamp_s, presence, camera.as_ref());
         }
-        self.out_s = frame.timestamp_s;
-        if let Some(mut latest) = self.latest() {
-            latest.settle(frame.timestamp_s, presence, camera.as_ref());
+        self.emitted_s = frame.timestamp_s;
+        if let Some(mut replay) = self.replay() {
+            replay.set_presence(frame.timestamp_s, presence, camera.as_ref());
         }
         let geometry = camera.and_then(|camera| camera.geometry);
-        Some(Arrived { frame, geometry, tracking, waited_s, came_s })
+        Some(LiveFrame { frame, geometry, tracking, waited_s, arrived_s })
     }
 
-    fn give_poses(&mut self) {
-        let new = self.waiting.take_new();
-        if let Some(mut latest) = self.latest() {
-            latest.add_poses(&new);
+    fn record_poses(&mut self) {
+        let new = self.queue.take_unrecorded();
+        if let Some(mut replay) = self.replay() {
+            replay.add_poses(&new);
         }
-        if let Some(writer) = &self.writer {
-            writer.poses(new);
+        if let Some(recorder) = &self.recorder {
+            recorder.poses(new);
         }
     }
 
-    /// Nothing comes any more. What nobody waits for is recorded all the same: how many frames the recording has, if there is
-    /// one, and why it ended earlier if it did.
+    /// Flushes the queue at the end of the input and ends the recording, if there is one. Returns
+    /// its number of frames, and the error if one ended it earlier.
     pub fn finish(mut self) -> Option<(usize, Option<RecorderError>)> {
         while self.next(f64::INFINITY).is_some() {}
         self.end_recording()
     }
 
-    /// Ends the recording, if there is one: how many frames it has, and why it ended earlier if it did.
+    /// Ends the recording, if there is one. Returns its number of frames, and the error if one
+    /// ended it earlier.
     pub fn end_recording(&mut self) -> Option<(usize, Option<RecorderError>)> {
-        self.give_poses();
+        self.record_poses();
         self.ends_at_s = None;
-        self.writer.take().map(Writer::finish)
+        self.recorder.take().map(RecorderThread::finish)
     }
 }
 
@@ -280,15 +285,15 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::live::source::PoseSource;
+    use crate::live::pose_source::PoseSource;
     use crate::recording::recorder::About;
     use crate::webcam::Newest;
 
-    /// Gives poses once, each with how sure it is.
-    struct Given(Vec<f64>);
+    /// Returns its poses once, each with a covariance.
+    struct FixedPoses(Vec<f64>);
 
-    impl PoseSource for Given {
-        fn poses(&mut self, _: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
+    impl PoseSource for FixedPoses {
+        fn take_poses(&mut self, _: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
             Ok(std::mem::take(&mut self.0).into_iter().map(|time_s| (time_s, Pose::IDENTITY)).collect())
         }
         fn up(&self) -> Option<DVec3> {
@@ -300,14 +305,14 @@ mod tests {
     }
 
     #[test]
-    fn only_poses_that_are_taken_have_a_covariance() {
-        let latest = Arc::<Mutex<Latest>>::default();
-        let mut intake = Intake::new(0.1, 0.0, None).keeping(Arc::clone(&latest));
+    fn only_accepted_poses_have_a_covariance() {
+        let replay = Arc::<Mutex<ReplayBuffer>>::default();
+        let mut intake = Intake::new(0.1, 0.0, None).with_replay_buffer(Arc::clone(&replay));
         let (_putter, newest) = Newest::new();
-        // One comes too late, and one that no camera can have made is not there.
-        let mut watched = Watched::new(newest, Box::new(Given(vec![1.0, 0.5, 1.05, f64::NAN])));
-        intake.take_poses(&mut watched, 2.0).unwrap();
-        assert_eq!((intake.counts().poses, intake.counts().late, intake.counts().odd), (2, 1, 1));
+        // One pose is late, and one has a time that is no number.
+        let mut capture = LiveCapture::new(newest, Box::new(FixedPoses(vec![1.0, 0.5, 1.05, f64::NAN])));
+        intake.take_poses(&mut capture, 2.0).unwrap();
+        assert_eq!((intake.counts().poses, intake.counts().late, intake.counts().implausible), (2, 1, 1));
         let pixels = Pixels::from_u8(16, 16, vec![7; 768]).unwrap();
         let temp = tempfile::tempdir().unwrap();
         let about = About {
@@ -321,11 +326,11 @@ mod tests {
             has_cameras: false,
             profile: None,
         };
-        let mut latest = latest.lock().unwrap().clone();
-        latest.frame(1.0, Arc::new(super::super::encode::Encoded::Pixels(pixels)), None);
-        latest.write(&temp.path().join("last"), &about).unwrap();
-        let sure = std::fs::read_to_string(temp.path().join("last/covariance.txt")).unwrap();
-        let times_s: Vec<&str> = sure.lines().skip(2).filter_map(|line| line.split(' ').next()).collect();
+        let mut replay = replay.lock().unwrap().clone();
+        replay.add_frame(1.0, Arc::new(super::super::picture_file::PictureFile::Pixels(pixels)), None);
+        replay.write(&temp.path().join("last"), &about).unwrap();
+        let covariance_text = std::fs::read_to_string(temp.path().join("last/covariance.txt")).unwrap();
+        let times_s: Vec<&str> = covariance_text.lines().skip(2).filter_map(|line| line.split(' ').next()).collect();
         assert_eq!(times_s, ["1", "1.05"]);
     }
 }

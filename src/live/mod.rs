@@ -1,46 +1,49 @@
-//! Frames composited as they come, and recorded so that the recording gives the same pictures.
+//! Live compositing: frames are composited as they arrive, and recorded so that the recording
+//! reproduces the same images.
 //!
-//! [`Waiting`] decides when a frame has its poses: pure, told the time. [`Intake`] records what goes out, and gives out what
-//! it would read back. [`Live`] composites that, frame by frame; [`Feed`] has a camera watched by a thread for whoever
-//! composites himself. [`PoseSource`] is where poses come from.
+//! - [`FrameQueue`] decides when a frame has its poses. It does no I/O; the time is an argument.
+//! - [`Intake`] records each frame and emits it exactly as a reader of the recording gets it.
+//! - [`LiveCompositor`] composites the frames.
+//! - [`Feed`] runs the capture on a thread, for callers that composite themselves.
+//! - [`PoseSource`] supplies the camera poses.
 
-mod asked;
+mod board_check;
+mod capture;
 mod delay_search;
 mod delayed;
-mod encode;
 mod error;
 mod feed;
-mod fitting;
+mod frame_queue;
 mod intake;
-mod latest;
-mod lenses;
-mod listening;
-mod motion;
+mod lens_track;
+mod live_compositor;
+mod motion_predictor;
+mod opacity_fade;
 mod open;
-mod playing;
-mod presence;
-mod source;
-mod stage;
-mod tagged;
+mod options;
+mod picture_file;
+mod pose_source;
+mod recorded_poses;
+mod recorder_thread;
+mod replay_buffer;
+mod stream_poses;
+mod tag_poses;
 mod track;
-mod waiting;
-mod watched;
-mod writer;
 
-pub use asked::{Asked, LiveFrom};
-pub use delay_search::{DelaySearch, Unknown};
-pub use delayed::{Added, delayed};
-pub use encode::{Encoded, encoded};
+pub use capture::{CaptureEvent, LiveCapture};
+pub use delay_search::{DelayError, DelaySearch};
+pub use delayed::{DelayMode, delayed};
 pub use error::LiveError;
-pub use feed::{Feed, Seen, Status};
-pub use intake::{Arrived, Came, Intake};
-pub use latest::Latest;
-pub use lenses::Lenses;
-pub use open::{Opened, StreamLens, open, open_poses, profiled};
-pub use playing::RecordedPoses;
-pub use source::PoseSource;
-pub use stage::{Live, Shown, Submitted};
-pub use track::{LiveTrack, PoseTaken, Tracking};
-pub use waiting::{Counts, Ready, Waiting};
-pub use watched::{Next, Watched};
-pub use writer::Writer;
+pub use feed::{Feed, FeedStatus, TrackedFrame};
+pub use frame_queue::{FrameQueue, LiveCounts, ReleasedFrame};
+pub use intake::{Intake, LiveFrame, PictureOutcome};
+pub use lens_track::LensTrack;
+pub use live_compositor::{InFlightFrame, LiveComposite, LiveCompositor};
+pub use open::{LiveInput, StreamLens, camera_of_profile, open, open_poses};
+pub use options::{LiveOptions, LiveSpec};
+pub use picture_file::{PictureFile, picture_file};
+pub use pose_source::PoseSource;
+pub use recorded_poses::RecordedPoses;
+pub use recorder_thread::RecorderThread;
+pub use replay_buffer::ReplayBuffer;
+pub use track::{LiveTrack, PoseOutcome, Tracking};

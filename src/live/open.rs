@@ -1,18 +1,18 @@
-//! A camera and a source of poses by what a person calls them.
+//! Opens a camera and its pose source by their names.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
 
-use super::asked::{Asked, LiveFrom};
 use super::delayed::delayed;
 use super::error::LiveError;
-use super::lenses::{Lenses, camera_of};
-use super::listening::Streamed;
-use super::playing::RecordedPoses;
-use super::source::PoseSource;
-use super::tagged::TaggedPoses;
+use super::lens_track::{LensTrack, camera_of};
+use super::options::{LiveOptions, LiveSpec};
+use super::pose_source::PoseSource;
+use super::recorded_poses::RecordedPoses;
+use super::stream_poses::StreamPoses;
+use super::tag_poses::TagPoses;
 use crate::camera::Camera;
 use crate::pose::Pose;
 use crate::profile::Rig;
@@ -22,92 +22,92 @@ use crate::stream::Protocol;
 use crate::text::{fixed, shown};
 use crate::webcam::{self, Wanted};
 
-/// The camera that a profile describes. `poses` are those that are wanted: tags need a whole camera, if the profile has any.
-pub fn profiled(path: &Path, poses: &str) -> Result<Camera, LiveError> {
+/// Reads the camera of a profile. Poses from tags need a complete geometry, if the profile has any.
+pub fn camera_of_profile(path: &Path, poses: &str) -> Result<Camera, LiveError> {
     let rig = Rig::of_file(path)?;
     let missing = rig.missing_keys();
     if poses.starts_with("tags") && rig.gives_geometry() && !missing.is_empty() {
-        return Err(LiveError::PartOfCamera { path: path.to_owned(), missing });
+        return Err(LiveError::IncompleteCamera { path: path.to_owned(), missing });
     }
     Ok(rig.camera())
 }
 
-/// A camera that has agreed on what it gives, and where its poses come from.
-pub struct Opened {
+/// A camera with a negotiated format, and its pose source.
+pub struct LiveInput {
     pub camera: webcam::Camera,
     pub poses: Box<dyn PoseSource>,
-    /// From a picture to the next, seconds.
+    /// Frame interval, seconds.
     pub interval_s: f64,
-    /// What the camera gives, and what was asked for where that is something else.
-    pub said: String,
-    /// What was heard of the stream's lens so far, if it is one that says it.
+    /// The camera's format, and the requested one if it differs.
+    pub description: String,
+    /// The stream's lens so far, if the pose source has lens data.
     pub lens: Option<StreamLens>,
 }
 
-/// What is known of a stream's lens before the first picture.
+/// A stream's lens before the first picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StreamLens {
-    /// What it makes of the pictures' camera.
+    /// Camera made from the lens data.
     pub camera: FrameCamera,
-    /// What of it is used, or why it makes no camera.
-    pub told: String,
+    /// Description of the lens, or the reason why it gives no camera.
+    pub description: String,
 }
 
-/// Senders say what stays the same once a second, or a little less often, seconds.
-const LENS_WITHIN_S: f64 = 2.0;
+/// Time limit for the first lens data, seconds. Senders repeat static data about once a second.
+const LENS_TIMEOUT_S: f64 = 2.0;
 
-/// Waits for what a stream says of its lens, for pictures of a size, one every `interval_s`.
-fn hear_lens(poses: &mut dyn PoseSource, url: &str, size_px: (u32, u32), interval_s: f64) -> StreamLens {
-    let until = Instant::now() + Duration::from_secs_f64(LENS_WITHIN_S);
-    let Some(state) = poses.first_lens(size_px, until) else {
-        let why = poses.lacks().map_or_else(String::new, |why| format!(": {why}"));
-        let told = format!("no lens is known from {url} within {LENS_WITHIN_S} s{why}");
-        return StreamLens { camera: FrameCamera::default(), told };
+/// Waits for the stream's lens data, for pictures of a size, one every `interval_s`.
+fn wait_for_lens_data(poses: &mut dyn PoseSource, url: &str, size_px: (u32, u32), interval_s: f64) -> StreamLens {
+    let until = Instant::now() + Duration::from_secs_f64(LENS_TIMEOUT_S);
+    let Some(state) = poses.wait_for_lens(size_px, until) else {
+        let why = poses.no_pose_reason().map_or_else(String::new, |why| format!(": {why}"));
+        let description = format!("no lens is known from {url} within {LENS_TIMEOUT_S} s{why}");
+        return StreamLens { camera: FrameCamera::default(), description };
     };
-    let (camera, told) = camera_of(&state, size_px, interval_s);
-    let told = match (&camera.geometry, told) {
+    let (camera, remark) = camera_of(&state, size_px, interval_s);
+    let description = match (&camera.geometry, remark) {
         (Some(_), None) => format!("the lens is the stream's: {state}"),
-        (Some(_), Some(told)) => format!("the lens is the stream's: {state}; {told}"),
+        (Some(_), Some(remark)) => format!("the lens is the stream's: {state}; {remark}"),
         (None, why) => format!("the stream's lens makes no camera: {}", why.unwrap_or_default()),
     };
-    StreamLens { camera, told }
+    StreamLens { camera, description }
 }
 
-/// Opens a camera by its number or device, or a video in its place, and its poses ([`open_poses`]). Without a size it is the
-/// profile's.
-pub fn open(from: &LiveFrom, profiled: Option<&Camera>) -> Result<Opened, LiveError> {
-    let Asked { driver, size, rate_hz, layout, range, matrix, delay, smooth_s } = from.asked;
-    let mut poses = delayed(open_poses(&from.poses, profiled, smooth_s)?, delay, profiled)?;
-    let geometry = profiled.and_then(|camera| camera.geometry.as_ref());
+/// Opens a camera, or a video in its place, by its number or path, and its poses ([`open_poses`]).
+/// Without a size the profile's is used.
+pub fn open(spec: &LiveSpec, profile_camera: Option<&Camera>) -> Result<LiveInput, LiveError> {
+    let LiveOptions { driver, size, rate_hz, layout, range, matrix, delay, smooth_s } = spec.options;
+    let mut poses = delayed(open_poses(&spec.poses, profile_camera, smooth_s)?, delay, profile_camera)?;
+    let geometry = profile_camera.and_then(|camera| camera.geometry.as_ref());
     let profile_px = geometry.map(|geometry| (geometry.intrinsics.width_px, geometry.intrinsics.height_px));
-    let usual = Wanted::default();
-    let size = size.or(profile_px).unwrap_or(usual.size);
-    let wanted = Wanted { driver, size, rate_hz: rate_hz.unwrap_or(usual.rate_hz), layout, range, matrix };
-    let camera = webcam::open(&from.camera, &wanted)?;
+    let defaults = Wanted::default();
+    let size = size.or(profile_px).unwrap_or(defaults.size);
+    let wanted = Wanted { driver, size, rate_hz: rate_hz.unwrap_or(defaults.rate_hz), layout, range, matrix };
+    let camera = webcam::open(&spec.camera, &wanted)?;
     let given = &camera.given;
     let rate_hz = given.rate_hz.unwrap_or(wanted.rate_hz);
     let hz = |rate: f64| fixed(rate, 2);
-    let gives = format!("{} gives {} at {} Hz", shown(&given.name), given.delivered, hz(rate_hz));
-    let as_asked = (given.delivered.width, given.delivered.height) == wanted.size
+    let delivers = format!("{} gives {} at {} Hz", shown(&given.name), given.delivered, hz(rate_hz));
+    let is_as_requested = (given.delivered.width, given.delivered.height) == wanted.size
         && (rate_hz - wanted.rate_hz).abs() < 0.05
         && wanted.layout.is_none_or(|layout| layout == given.delivered.layout);
     let layout = wanted.layout.map_or(String::new(), |layout| format!("{layout} "));
-    let asked = format!("{}x{} {layout}at {} Hz", wanted.size.0, wanted.size.1, hz(wanted.rate_hz));
-    let said = if as_asked { gives } else { format!("{gives}; asked for was {asked}") };
-    let said = format!("{said}; {}", given.notes());
+    let requested = format!("{}x{} {layout}at {} Hz", wanted.size.0, wanted.size.1, hz(wanted.rate_hz));
+    let description = if is_as_requested { delivers } else { format!("{delivers}; asked for was {requested}") };
+    let description = format!("{description}; {}", given.notes());
     let (size_px, interval_s) = ((given.delivered.width, given.delivered.height), 1.0 / rate_hz);
-    let lens = poses.says_lens().then(|| hear_lens(&mut *poses, &from.poses, size_px, interval_s));
-    Ok(Opened { interval_s, camera, poses, said, lens })
+    let lens = poses.has_lens_data().then(|| wait_for_lens_data(&mut *poses, &spec.poses, size_px, interval_s));
+    Ok(LiveInput { interval_s, camera, poses, description, lens })
 }
 
-impl std::fmt::Debug for Opened {
+impl std::fmt::Debug for LiveInput {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.said)
+        f.write_str(&self.description)
     }
 }
 
-impl Opened {
-    /// What a recording says of its camera and poses; `profile` is the camera's, as text.
+impl LiveInput {
+    /// Metadata of a recording of this camera. `profile` is the profile's text.
     pub fn about(&self, profile: Option<String>) -> About {
         let given = &self.camera.given;
         About {
@@ -123,7 +123,7 @@ impl Opened {
         }
     }
 
-    /// A recording of what is to come, for the camera, the scene and the settings to be put to.
+    /// An empty recording of this camera, to build a shot on.
     pub fn recording(&self) -> Recording {
         let (given, poses) = (&self.camera.given, &self.poses);
         let (width, height) = (given.delivered.width, given.delivered.height);
@@ -134,59 +134,59 @@ impl Opened {
         recording
     }
 
-    /// The frames' cameras under what a rig sets, where a stream says its lens.
-    pub fn lenses(&self, rig: &Rig) -> Option<Lenses> {
+    /// The camera of each frame, if the stream has lens data. The rig's settings override it.
+    pub fn lens_track(&self, rig: &Rig) -> Option<LensTrack> {
         let first = self.lens.as_ref()?.camera.clone();
         let delivered = &self.camera.given.delivered;
-        Some(Lenses::new((delivered.width, delivered.height), self.interval_s, rig.clone(), first))
+        Some(LensTrack::new((delivered.width, delivered.height), self.interval_s, rig.clone(), first))
     }
 
-    /// How long frames wait for their poses at most, seconds.
+    /// Longest time that a frame waits for its poses, seconds.
     pub fn patience_s(&self) -> f64 {
-        if self.poses.are_awaited() { self.interval_s } else { 0.0 }
+        if self.poses.has_latency() { self.interval_s } else { 0.0 }
     }
 }
 
-/// `tags`, `tags:BOARD.toml`, `opentrackio://…`, `freed://…`, `file:RECORDING`, or `none`. Tags are seen by a camera; their poses
-/// alone are smoothed.
+/// Opens a pose source: `tags`, `tags:BOARD.toml`, `opentrackio://…`, `freed://…`, `file:RECORDING`
+/// or `none`. Tags need the camera's geometry. Only their poses can be smoothed.
 pub fn open_poses(
-    asked: &str,
+    name: &str,
     camera: Option<&Camera>,
     smooth_s: Option<f64>,
 ) -> Result<Box<dyn PoseSource>, LiveError> {
-    let board = asked.strip_prefix("tags:").map(Path::new);
-    let is_tags = asked == "tags" || board.is_some();
+    let board = name.strip_prefix("tags:").map(Path::new);
+    let is_tags = name == "tags" || board.is_some();
     if smooth_s.is_some() && !is_tags {
         return Err(LiveError::NoSmoothing);
     }
-    if asked == "none" {
+    if name == "none" {
         return Ok(Box::new(NoPoses));
     }
     if is_tags {
-        return Ok(Box::new(TaggedPoses::open(board, camera.ok_or(LiveError::NoCamera)?, smooth_s)?));
+        return Ok(Box::new(TagPoses::open(board, camera.ok_or(LiveError::NoCamera)?, smooth_s)?));
     }
-    if let Some(path) = asked.strip_prefix("file:") {
+    if let Some(path) = name.strip_prefix("file:") {
         return Ok(Box::new(RecordedPoses::open(Path::new(path))?));
     }
-    match Protocol::of(asked) {
-        Some(_) => Ok(Box::new(Streamed::open(asked)?)),
-        None => Err(LiveError::Poses { asked: asked.to_owned() }),
+    match Protocol::of(name) {
+        Some(_) => Ok(Box::new(StreamPoses::open(name)?)),
+        None => Err(LiveError::Poses { name: name.to_owned() }),
     }
 }
 
 struct NoPoses;
 
 impl PoseSource for NoPoses {
-    fn poses(&mut self, _: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
+    fn take_poses(&mut self, _: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
         Ok(Vec::new())
     }
     fn up(&self) -> Option<DVec3> {
         None
     }
-    fn are_awaited(&self) -> bool {
+    fn has_latency(&self) -> bool {
         false
     }
-    fn has_clock(&self) -> bool {
+    fn has_own_clock(&self) -> bool {
         false
     }
 }
@@ -196,13 +196,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_gives_no_poses_is_refused() {
+    fn unknown_pose_source_is_refused() {
         let error = open_poses("http://x", None, None).err().unwrap().to_string();
         assert!(error.contains("opentrackio://…, freed://…, file:RECORDING, none"), "{error}");
         let error = open_poses("tags", None, None).err().unwrap().to_string();
         assert!(error.contains("--profile"), "{error}");
         let error = open_poses("none", None, Some(0.05)).err().unwrap().to_string();
         assert!(error.contains("for poses from tags; leave --smooth out"), "{error}");
-        assert!(open_poses("none", None, None).unwrap().poses(1e9).unwrap().is_empty());
+        assert!(open_poses("none", None, None).unwrap().take_poses(1e9).unwrap().is_empty());
     }
 }

@@ -1,37 +1,40 @@
-//! The poses that frames are given while they come: real ones, predicted where those are late, none where the camera
-//! is lost.
+//! Poses of live frames: measured ones, predicted ones where those are late, none where tracking is
+//! lost.
 //!
-//! Poses are only ever added behind the last one, and every one is given out to be recorded. So a frame's poses are the
-//! same in the recording, as long as nothing that is added later reaches into the frame: the track must end behind the
-//! frame ([`LiveTrack::reaches`]), or the frame is given up, and then no pose is taken from which the recording's reader
-//! would bridge the gap that the frame is in. Poses behind a gap wait until a frame needs them, for those in it are
-//! predicted, or held still while the evidence fades.
+//! Poses are only appended, and each one is recorded. A frame has the same poses in the recording
+//! as long as no later pose changes them. So the track must end after the frame
+//! ([`LiveTrack::reaches`]). Otherwise the frame is given up, and no pose is accepted from which a
+//! reader of the recording would interpolate across the frame's gap. Poses after a gap are held
+//! back until a frame needs them, because the poses within the gap are predicted, or held still
+//! while the evidence fades.
 
 use std::collections::VecDeque;
 
-use super::motion::{LOOKS_BACK_S, Motion};
-use super::presence::{FADE_S, WHOLE_S};
+use super::motion_predictor::{HISTORY_S, MotionPredictor};
+use super::opacity_fade::{FADE_S, FULL_OPACITY_S};
 use crate::pose::Pose;
 use crate::text::{fixed, short};
 use crate::tracking::PoseTrack;
 use crate::tracking::tum::Line;
 
-/// A pose this near a frame counts as its own: [`PoseTrack`] allows for rounding by a microsecond.
-const NEAR_S: f64 = 2e-6;
-/// A camera that is found is brought where it is so soon behind the last frame, seconds: long before the next one's exposure.
-const BROUGHT_S: f64 = 1e-3;
+/// A pose this close to a frame counts as the frame's own, seconds: [`PoseTrack`] allows for
+/// rounding by a microsecond.
+const TIME_TOLERANCE_S: f64 = 2e-6;
+/// Time after the last frame at which a predicted camera rejoins the measured path, seconds: well
+/// before the next exposure.
+const REJOIN_DELAY_S: f64 = 1e-3;
 
-/// What became of a pose.
+/// Outcome of a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PoseTaken {
+pub enum PoseOutcome {
     Added,
-    /// Frames were composited without it, or by a prediction in its place.
+    /// Frames were composited without it, or with a prediction in its place.
     Late,
-    /// It cannot be used: a number is not finite, or no camera moves so fast.
-    Odd,
+    /// Unusable: a number is not finite, or the motion is faster than any camera's.
+    Implausible,
 }
 
-/// How a frame has its poses.
+/// Origin of a frame's poses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tracking {
     Tracked,
@@ -43,81 +46,84 @@ pub enum Tracking {
 pub struct LiveTrack {
     track: PoseTrack,
     max_gap_s: f64,
-    /// How far beyond the last real pose motion is predicted, seconds.
+    /// Longest prediction after the last measured pose, seconds.
     predict_s: f64,
-    /// The newest poses by which the camera goes on, over [`LOOKS_BACK_S`] or a little more: real ones, and behind them those
-    /// that were carried.
-    seen: Vec<(f64, Pose)>,
-    /// The last real one.
-    real: Option<(f64, Pose)>,
-    /// By how the pictures move, for frames without a real one.
-    carried: VecDeque<(f64, Pose)>,
-    /// The last frame's time, from one to the next, and how long before its time poses matter, seconds.
+    /// Poses of the last [`HISTORY_S`] or slightly more, for the prediction: measured ones,
+    /// followed by dead-reckoned ones.
+    history: Vec<(f64, Pose)>,
+    /// The last measured pose.
+    measured: Option<(f64, Pose)>,
+    /// Poses from the motion of the pictures, for frames without a measured one.
+    dead_reckoned: VecDeque<(f64, Pose)>,
+    /// Time of the last frame, frame interval, and the time before a frame in which poses matter,
+    /// seconds.
     frame_s: f64,
     interval_s: f64,
     reach_s: f64,
-    /// Poses that came behind a gap.
-    ahead: VecDeque<(f64, Pose)>,
+    /// Poses after a gap, held back.
+    held_back: VecDeque<(f64, Pose)>,
     last_s: f64,
-    /// Poses up to here come too late for a frame that was given up.
+    /// Poses up to this time are late, because of a frame that was given up.
     given_up_s: f64,
     is_lost: bool,
-    new: Vec<Line>,
-    /// Poses in a row that agree with each other, up to the last real one; no more than [`MAX_SUPPORT`].
+    unrecorded: Vec<Line>,
+    /// Number of consecutive consistent poses up to the last measured one, at most [`MAX_SUPPORT`].
     support: usize,
-    /// Poses in a row that agree with each other, and not with the last real one.
-    strays: Vec<(f64, Pose)>,
-    told: Option<String>,
-    /// About a stray beside a place that few poses support, until it is known which of the two is left out.
-    doubt: Option<String>,
-    has_told_stray: bool,
-    /// Whether the current place is the first one.
-    is_first_place: bool,
+    /// Consecutive poses that agree with each other, but not with the last measured one.
+    outliers: Vec<(f64, Pose)>,
+    message: Option<String>,
+    /// Message about an outlier while the current path has little support, held until one of the
+    /// two is rejected.
+    pending_rejection: Option<String>,
+    has_reported_rejection: bool,
+    /// True until the camera has been relocated for the first time.
+    is_first_path: bool,
 }
 
-/// Poses that are carried and wait for their frames; as many frames may wait.
-const MOST_CARRIED: usize = 16;
-/// No camera that sees anything is moved or turned faster: m/s, rad/s. A hand's whip pan has 10 rad/s, a car 50 m/s.
-const FASTEST_M_S: f64 = 60.0;
-const FASTEST_RAD_S: f64 = 60.0;
+/// Capacity for dead-reckoned poses that wait for their frames; as many frames may wait.
+const DEAD_RECKONED_CAPACITY: usize = 16;
+/// Largest plausible speeds of a camera, m/s and rad/s. A whip pan by hand has 10 rad/s, a car 50
+/// m/s.
+const MAX_SPEED_M_S: f64 = 60.0;
+const MAX_TURN_RATE_RAD_S: f64 = 60.0;
 
-/// Cap on the support of the current place: eleven consistent poses elsewhere always replace it.
+/// Cap on the support of the current path: eleven consistent poses elsewhere always replace it.
 const MAX_SUPPORT: usize = 10;
 
-/// Whether nobody gets from one pose to another in so many seconds. What a sender makes up would be blurred all over the
-/// picture, at a cost without bounds.
-fn is_wild(from: &Pose, to: &Pose, in_s: f64) -> bool {
+/// True if no camera moves from one pose to the other in this time. Bogus poses would cause motion
+/// blur of unbounded extent and cost.
+fn is_implausible_motion(from: &Pose, to: &Pose, in_s: f64) -> bool {
     let in_s = in_s.max(0.0);
     let moved_m = from.position_in_world_m().distance(to.position_in_world_m());
     let turned = from.world_from_camera_rotation().angle_between(to.world_from_camera_rotation());
-    // Poses of one moment differ by their noise.
-    moved_m > 0.05 + FASTEST_M_S * in_s || turned > 0.05 + FASTEST_RAD_S * in_s
+    // Simultaneous poses differ by their noise.
+    moved_m > 0.05 + MAX_SPEED_M_S * in_s || turned > 0.05 + MAX_TURN_RATE_RAD_S * in_s
 }
 
 impl LiveTrack {
-    /// Interpolates across at most `max_gap_s`, and predicts up to as far, seconds.
+    /// Interpolates across gaps of at most `max_gap_s` and predicts for as long, seconds.
     pub fn new(max_gap_s: f64) -> Self {
         Self {
             track: PoseTrack::growing(max_gap_s),
             max_gap_s,
             predict_s: max_gap_s,
-            seen: Vec::new(),
-            real: None,
-            carried: VecDeque::new(),
+            history: Vec::new(),
+            measured: None,
+            dead_reckoned: VecDeque::new(),
             frame_s: f64::NEG_INFINITY,
             interval_s: 0.0,
             reach_s: 0.0,
-            ahead: VecDeque::new(),
+            held_back: VecDeque::new(),
             last_s: f64::NEG_INFINITY,
             given_up_s: f64::NEG_INFINITY,
             is_lost: true,
-            new: Vec::new(),
+            unrecorded: Vec::new(),
             support: 0,
-            strays: Vec::new(),
-            told: None,
-            doubt: None,
-            has_told_stray: false,
-            is_first_place: true,
+            outliers: Vec::new(),
+            message: None,
+            pending_rejection: None,
+            has_reported_rejection: false,
+            is_first_path: true,
         }
     }
 
@@ -125,215 +131,230 @@ impl LiveTrack {
         &self.track
     }
 
-    /// The poses that were added since this was last asked.
-    pub fn take_new(&mut self) -> Vec<Line> {
-        std::mem::take(&mut self.new)
+    /// Takes the poses that were added since the last call.
+    pub fn take_unrecorded(&mut self) -> Vec<Line> {
+        std::mem::take(&mut self.unrecorded)
     }
 
-    /// Adds a pose that was measured.
-    pub fn add(&mut self, time_s: f64, pose: &Pose) -> PoseTaken {
+    /// Adds a measured pose.
+    pub fn add(&mut self, time_s: f64, pose: &Pose) -> PoseOutcome {
         let numbers = [time_s].into_iter().chain(pose.rotation.to_array()).chain(pose.translation_m.to_array());
         if !numbers.into_iter().all(f64::is_finite) || (pose.rotation.length() - 1.0).abs() > 1e-3 {
-            return PoseTaken::Odd;
+            return PoseOutcome::Implausible;
         }
-        // A late one says nothing of where the camera is by now.
-        if time_s <= self.real_s() {
-            return PoseTaken::Late;
+        // A late pose has no information about the present position.
+        if time_s <= self.measured_s() {
+            return PoseOutcome::Late;
         }
-        // Only frames that are far apart may be: then the camera was carried, or the tracker began anew.
-        if let Some(real) = self.real.filter(|(before_s, before)| is_wild(before, pose, time_s - before_s)) {
-            return self.stray(real, (time_s, *pose));
+        // Implausible motion is accepted only between distant frames: the camera was moved, or the
+        // tracker restarted.
+        if let Some(measured) =
+            self.measured.filter(|(before_s, before)| is_implausible_motion(before, pose, time_s - before_s))
+        {
+            return self.add_outlier(measured, (time_s, *pose));
         }
-        self.strays.clear();
-        if let Some(doubt) = self.doubt.take() {
-            self.tell_stray(doubt);
+        self.outliers.clear();
+        if let Some(pending_rejection) = self.pending_rejection.take() {
+            self.report_rejection(pending_rejection);
         }
-        match self.ahead.back() {
-            Some((newest_s, _)) if time_s <= *newest_s => return PoseTaken::Late,
-            None if self.is_lost || !self.is_apart(time_s) => return self.take(time_s, pose),
-            _ => self.ahead.push_back((time_s, *pose)),
+        match self.held_back.back() {
+            Some((newest_s, _)) if time_s <= *newest_s => return PoseOutcome::Late,
+            None if self.is_lost || !self.is_after_gap(time_s) => return self.append(time_s, pose),
+            _ => self.held_back.push_back((time_s, *pose)),
         }
-        PoseTaken::Added
+        PoseOutcome::Added
     }
 
-    /// Takes a pose to which no camera gets from the last real one. If more poses agree with it than did with that one, the
-    /// camera is there: it counts as lost until no pose is interpolated between the two places.
-    fn stray(&mut self, (real_s, real): (f64, Pose), (time_s, pose): (f64, Pose)) -> PoseTaken {
-        let agrees = |(s, stray): &(f64, Pose)| time_s > *s && !is_wild(stray, &pose, time_s - s);
-        if !self.strays.last().is_some_and(agrees) {
-            self.strays.clear();
+    /// Adds a pose that is implausible after the last measured one. The camera is relocated there
+    /// if more poses agree with it than with the current path. It then counts as lost until no pose
+    /// is interpolated between the two places.
+    fn add_outlier(&mut self, (measured_s, measured): (f64, Pose), (time_s, pose): (f64, Pose)) -> PoseOutcome {
+        let agrees = |(s, outlier): &(f64, Pose)| time_s > *s && !is_implausible_motion(outlier, &pose, time_s - s);
+        if !self.outliers.last().is_some_and(agrees) {
+            self.outliers.clear();
         }
-        self.strays.push((time_s, pose));
-        let moved_m = real.position_in_world_m().distance(pose.position_in_world_m());
+        self.outliers.push((time_s, pose));
+        let moved_m = measured.position_in_world_m().distance(pose.position_in_world_m());
         let turned_deg =
-            real.world_from_camera_rotation().angle_between(pose.world_from_camera_rotation()).to_degrees();
-        let apart =
-            format!("{} m and {}° away after {} s", short(moved_m), fixed(turned_deg, 0), fixed(time_s - real_s, 3));
-        if self.strays.len() <= self.support {
+            measured.world_from_camera_rotation().angle_between(pose.world_from_camera_rotation()).to_degrees();
+        let deviation = format!(
+            "{} m and {}° away after {} s",
+            short(moved_m),
+            fixed(turned_deg, 0),
+            fixed(time_s - measured_s, 3)
+        );
+        if self.outliers.len() <= self.support {
             match self.support {
-                MAX_SUPPORT => self.tell_stray(apart),
-                _ => _ = self.doubt.get_or_insert(apart),
+                MAX_SUPPORT => self.report_rejection(deviation),
+                _ => _ = self.pending_rejection.get_or_insert(deviation),
             }
-            return PoseTaken::Odd;
+            return PoseOutcome::Implausible;
         }
-        let poses = self.strays.len();
-        self.told = Some(match (self.support, self.is_first_place) {
-            (MAX_SUPPORT, _) => format!("the camera has moved abruptly: {poses} consistent poses {apart}"),
-            (1, true) => format!("the first pose is left out as implausible: {poses} consistent poses {apart}"),
-            (1, false) => format!("a single pose is left out as implausible: {poses} consistent poses {apart}"),
+        let poses = self.outliers.len();
+        self.message = Some(match (self.support, self.is_first_path) {
+            (MAX_SUPPORT, _) => format!("the camera has moved abruptly: {poses} consistent poses {deviation}"),
+            (1, true) => format!("the first pose is left out as implausible: {poses} consistent poses {deviation}"),
+            (1, false) => format!("a single pose is left out as implausible: {poses} consistent poses {deviation}"),
             (few, true) => {
-                format!("the first {few} poses are left out as implausible: {poses} consistent ones {apart}")
+                format!("the first {few} poses are left out as implausible: {poses} consistent ones {deviation}")
             }
-            (few, false) => format!("{few} poses are left out as implausible: {poses} consistent ones {apart}"),
+            (few, false) => format!("{few} poses are left out as implausible: {poses} consistent ones {deviation}"),
         });
-        (self.doubt, self.is_first_place) = (None, false);
-        self.ahead.clear();
-        self.carried.clear();
-        self.seen.clear();
-        (self.real, self.support, self.is_lost) = (None, 0, true);
-        let strays = std::mem::take(&mut self.strays);
-        strays.into_iter().map(|(time_s, pose)| self.add(time_s, &pose)).last().unwrap_or(PoseTaken::Odd)
+        (self.pending_rejection, self.is_first_path) = (None, false);
+        self.held_back.clear();
+        self.dead_reckoned.clear();
+        self.history.clear();
+        (self.measured, self.support, self.is_lost) = (None, 0, true);
+        let outliers = std::mem::take(&mut self.outliers);
+        outliers.into_iter().map(|(time_s, pose)| self.add(time_s, &pose)).last().unwrap_or(PoseOutcome::Implausible)
     }
 
-    /// Reports the first pose that is dropped.
-    fn tell_stray(&mut self, apart: String) {
-        if !std::mem::replace(&mut self.has_told_stray, true) {
-            self.told = Some(format!("a pose was dropped as implausible: {apart}; further ones are only counted"));
+    /// Reports the first rejected pose.
+    fn report_rejection(&mut self, deviation: String) {
+        if !std::mem::replace(&mut self.has_reported_rejection, true) {
+            self.message =
+                Some(format!("a pose was dropped as implausible: {deviation}; further ones are only counted"));
         }
     }
 
     /// Takes the pending message for the user, if any.
-    pub fn told(&mut self) -> Option<String> {
-        self.told.take()
+    pub fn take_message(&mut self) -> Option<String> {
+        self.message.take()
     }
 
-    /// Whether no pose is interpolated between the last one and one at a time: the same difference as the reader's.
-    fn is_apart(&self, time_s: f64) -> bool {
+    /// True if no poses are interpolated between the last pose and this time. Same comparison as
+    /// the reader's.
+    fn is_after_gap(&self, time_s: f64) -> bool {
         self.last_s == f64::NEG_INFINITY || time_s - self.last_s > self.max_gap_s
     }
 
-    /// Adds a pose to the track, unless it is too late.
-    fn take(&mut self, time_s: f64, pose: &Pose) -> PoseTaken {
-        let bridges = self.is_lost && !self.is_apart(time_s);
+    /// Appends a pose, unless it is late.
+    fn append(&mut self, time_s: f64, pose: &Pose) -> PoseOutcome {
+        let bridges = self.is_lost && !self.is_after_gap(time_s);
         if time_s <= self.last_s || time_s <= self.given_up_s || bridges {
-            return PoseTaken::Late;
+            return PoseOutcome::Late;
         }
-        if !self.is_lost && !self.is_apart(time_s) {
-            self.bring(time_s, pose);
+        if !self.is_lost && !self.is_after_gap(time_s) {
+            self.rejoin(time_s, pose);
         }
         let pose = self.push(time_s, pose);
         if self.is_lost {
-            self.seen.clear();
+            self.history.clear();
             self.is_lost = false;
         }
-        self.real = Some((time_s, pose));
+        self.measured = Some((time_s, pose));
         self.support = (self.support + 1).min(MAX_SUPPORT);
-        self.see(time_s, pose);
-        PoseTaken::Added
+        self.extend_history(time_s, pose);
+        PoseOutcome::Added
     }
 
-    /// A pose by which the camera goes on.
-    fn see(&mut self, time_s: f64, pose: Pose) {
-        self.seen.push((time_s, pose));
-        // One before the span is kept.
-        let old = self.seen.iter().skip(1).take_while(|(t, _)| *t <= time_s - LOOKS_BACK_S).count();
-        self.seen.drain(..old);
+    /// Adds a pose to the prediction's history.
+    fn extend_history(&mut self, time_s: f64, pose: Pose) {
+        self.history.push((time_s, pose));
+        // Keeps one pose before the span.
+        let old = self.history.iter().skip(1).take_while(|(t, _)| *t <= time_s - HISTORY_S).count();
+        self.history.drain(..old);
     }
 
-    /// Brings a camera that was predicted onto its real way before it is seen again, so that no exposure has the step between
-    /// the two in it: nothing is smeared by that. Its way is that from where it was seen last, not from where it was predicted.
-    /// Not where exposures reach into each other.
-    fn bring(&mut self, to_s: f64, to: &Pose) {
-        let Some(&(from_s, from)) = self.seen.last().filter(|(seen_s, _)| self.last_s > seen_s + NEAR_S) else {
+    /// Returns a predicted camera to the measured path before the next exposure, so that no
+    /// exposure contains the step and blurs it. The path is interpolated from the last observed
+    /// pose, not from the predicted one. Skipped if exposures overlap.
+    fn rejoin(&mut self, to_s: f64, to: &Pose) {
+        let Some(&(from_s, from)) =
+            self.history.last().filter(|(observed_s, _)| self.last_s > observed_s + TIME_TOLERANCE_S)
+        else {
             return;
         };
-        let time_s = self.last_s + BROUGHT_S;
+        let time_s = self.last_s + REJOIN_DELAY_S;
         let next_from_s = self.frame_s + self.interval_s - self.reach_s;
-        if time_s < next_from_s.min(to_s - NEAR_S) {
+        if time_s < next_from_s.min(to_s - TIME_TOLERANCE_S) {
             let pose = from.interpolate(to, (time_s - from_s) / (to_s - from_s));
             self.push(time_s, &pose);
         }
     }
 
-    /// Takes a pose of a frame in which the camera was not found: the last one, carried on by how the picture moved. It counts
-    /// where no real one comes.
-    pub fn carry(&mut self, time_s: f64, pose: &Pose) {
+    /// Adds a dead-reckoned pose of a frame without a detection. It is used if no measured pose
+    /// arrives.
+    pub fn add_dead_reckoned(&mut self, time_s: f64, pose: &Pose) {
         let numbers = [time_s].into_iter().chain(pose.rotation.to_array()).chain(pose.translation_m.to_array());
-        let is_wild = self.real.is_none_or(|(before_s, before)| is_wild(&before, pose, time_s - before_s));
-        if numbers.into_iter().all(f64::is_finite) && !is_wild {
-            self.carried.push_back((time_s, *pose));
+        let is_implausible =
+            self.measured.is_none_or(|(before_s, before)| is_implausible_motion(&before, pose, time_s - before_s));
+        if numbers.into_iter().all(f64::is_finite) && !is_implausible {
+            self.dead_reckoned.push_back((time_s, *pose));
         }
-        if self.carried.len() > MOST_CARRIED {
-            self.carried.pop_front();
+        if self.dead_reckoned.len() > DEAD_RECKONED_CAPACITY {
+            self.dead_reckoned.pop_front();
         }
     }
 
-    fn real_s(&self) -> f64 {
-        self.real.map_or(f64::NEG_INFINITY, |(real_s, _)| real_s)
+    fn measured_s(&self) -> f64 {
+        self.measured.map_or(f64::NEG_INFINITY, |(measured_s, _)| measured_s)
     }
 
-    /// Adds a pose as the recording's reader will read it.
+    /// Appends a pose, rounded as a reader of the recording gets it.
     fn push(&mut self, time_s: f64, pose: &Pose) -> Pose {
         let line = Line::new(time_s, pose);
         let pose = line.pose();
         if self.track.push(time_s, pose).is_ok() {
-            self.new.push(line);
+            self.unrecorded.push(line);
             self.last_s = time_s;
         }
         pose
     }
 
-    /// Whether nothing that is added from now on changes poses up to a time.
+    /// True if no pose that is added from now on changes the poses up to a time.
     pub fn reaches(&self, to_s: f64) -> bool {
-        self.ahead.back().map_or(self.last_s, |(time_s, _)| *time_s) >= to_s + NEAR_S
+        self.held_back.back().map_or(self.last_s, |(time_s, _)| *time_s) >= to_s + TIME_TOLERANCE_S
     }
 
-    /// Takes the poses behind a gap once a frame reaches them, or what was predicted does; up to the next gap.
-    fn take_ahead(&mut self, to_s: f64) {
-        while let Some((time_s, pose)) = self.ahead.front().copied() {
-            let is_reached = time_s <= to_s + 3.0 * NEAR_S || !(self.is_lost || self.is_apart(time_s));
+    /// Appends the poses held back after a gap, once a frame or the prediction reaches them; up to
+    /// the next gap.
+    fn append_held_back(&mut self, to_s: f64) {
+        while let Some((time_s, pose)) = self.held_back.front().copied() {
+            let is_reached = time_s <= to_s + 3.0 * TIME_TOLERANCE_S || !(self.is_lost || self.is_after_gap(time_s));
             if !is_reached {
                 return;
             }
-            self.take(time_s, &pose);
-            self.ahead.pop_front();
+            self.append(time_s, &pose);
+            self.held_back.pop_front();
         }
     }
 
-    /// How long before a time the last real pose was, seconds; less than nothing if one behind it is known.
-    pub fn since_real_s(&self, time_s: f64) -> f64 {
-        time_s - self.real_s()
+    /// Time since the last measured pose, seconds; negative if it is later than `time_s`.
+    pub fn since_measured_s(&self, time_s: f64) -> f64 {
+        time_s - self.measured_s()
     }
 
-    /// How far the pose at a time can be trusted, 0 to 1.
-    pub fn trust(&self, time_s: f64) -> f64 {
-        Motion::of(&self.seen).map_or(1.0, |motion| motion.trust(time_s))
+    /// Confidence of the predicted pose at a time, 0 to 1.
+    pub fn confidence(&self, time_s: f64) -> f64 {
+        MotionPredictor::of(&self.history).map_or(1.0, |motion| motion.confidence(time_s))
     }
 
-    /// Sees to it that a frame at a time, which needs poses from before to after it, need not wait any longer: they are
-    /// there, or are predicted, or it is given up.
-    pub fn settle(&mut self, at_s: f64, [from_s, to_s]: [f64; 2]) -> Tracking {
+    /// Makes the poses of a frame final, for the span in which they matter: measured, or predicted;
+    /// or the frame is given up.
+    pub fn finalize(&mut self, at_s: f64, [from_s, to_s]: [f64; 2]) -> Tracking {
         let has_pose = |track: &PoseTrack, then| if track.at(at_s).is_ok() { then } else { Tracking::Lost };
-        self.take_ahead(to_s);
+        self.append_held_back(to_s);
         if at_s > self.frame_s {
             (self.interval_s, self.frame_s) = (at_s - self.frame_s, at_s);
         }
         self.reach_s = at_s - from_s;
-        self.carried.retain(|(time_s, _)| *time_s > self.last_s);
-        if self.last_s >= to_s + NEAR_S {
+        self.dead_reckoned.retain(|(time_s, _)| *time_s > self.last_s);
+        if self.last_s >= to_s + TIME_TOLERANCE_S {
             return has_pose(&self.track, Tracking::Tracked);
         }
-        let real_s = self.real_s();
-        if self.is_lost || from_s > real_s + self.predict_s.max(WHOLE_S + FADE_S) {
+        let measured_s = self.measured_s();
+        if self.is_lost || from_s > measured_s + self.predict_s.max(FULL_OPACITY_S + FADE_S) {
             self.is_lost = true;
-            // Where predictions reach into it, the last of them must stay nearer than any pose to come.
+            // Where predictions reach into the frame, the last one must stay nearer than any later
+            // pose.
             let beyond_s = if self.last_s > from_s { to_s - self.last_s } else { 0.0 };
-            self.given_up_s = to_s + beyond_s.max(0.0) + NEAR_S;
+            self.given_up_s = to_s + beyond_s.max(0.0) + TIME_TOLERANCE_S;
             return has_pose(&self.track, Tracking::Predicted);
         }
-        let end_s = to_s + 2.0 * NEAR_S;
-        self.take_carried(at_s);
-        // In steps that are no gap.
+        let end_s = to_s + 2.0 * TIME_TOLERANCE_S;
+        self.append_dead_reckoned(at_s);
+        // In steps shorter than a gap.
         let (first_s, steps) = (self.last_s, ((end_s - self.last_s) / (0.5 * self.max_gap_s)).ceil().max(1.0));
         for step in 1..=steps as u32 {
             let time_s =
@@ -342,28 +363,29 @@ impl LiveTrack {
                 self.push(time_s, &pose);
             }
         }
-        // Of a frame whose own moment is known only the rest of its exposure is predicted.
-        let then = if real_s + NEAR_S >= at_s { Tracking::Tracked } else { Tracking::Predicted };
+        // If the pose at the frame's time is measured, only the rest of its exposure is predicted.
+        let then = if measured_s + TIME_TOLERANCE_S >= at_s { Tracking::Tracked } else { Tracking::Predicted };
         has_pose(&self.track, then)
     }
 
-    /// The last motion that was seen, on as far as it may be, and still from there.
+    /// Prediction from the history, constant after its time limit.
     fn predicted(&self, time_s: f64) -> Option<Pose> {
-        let (newest_s, _) = self.seen.last()?;
-        Some(Motion::of(&self.seen)?.at(time_s.min(newest_s + self.predict_s)))
+        let (newest_s, _) = self.history.last()?;
+        Some(MotionPredictor::of(&self.history)?.at(time_s.min(newest_s + self.predict_s)))
     }
 
-    /// Takes what was carried up to a frame's time, as long as no gap lies before it.
-    fn take_carried(&mut self, at_s: f64) {
-        while let Some((time_s, pose)) = self.carried.pop_front_if(|(time_s, _)| *time_s <= at_s) {
-            if time_s > self.last_s && !self.is_apart(time_s) {
+    /// Appends the dead-reckoned poses up to a frame's time, as long as there is no gap before
+    /// them.
+    fn append_dead_reckoned(&mut self, at_s: f64) {
+        while let Some((time_s, pose)) = self.dead_reckoned.pop_front_if(|(time_s, _)| *time_s <= at_s) {
+            if time_s > self.last_s && !self.is_after_gap(time_s) {
                 let pose = self.push(time_s, &pose);
-                self.see(time_s, pose);
+                self.extend_history(time_s, pose);
             }
         }
     }
 
-    /// Drops what no frame from a time on needs.
+    /// Drops the poses that no frame from this time on needs.
     pub fn trim(&mut self, from_s: f64) {
         self.track.trim(from_s);
     }
@@ -379,111 +401,117 @@ mod tests {
     }
 
     #[test]
-    fn motion_is_predicted_as_it_was_and_late_poses_are_left_out() {
+    fn motion_is_extrapolated_and_late_poses_are_rejected() {
         let mut t = LiveTrack::new(0.1);
-        assert_eq!(t.settle(0.005, [0.0, 0.01]), Tracking::Lost);
+        assert_eq!(t.finalize(0.005, [0.0, 0.01]), Tracking::Lost);
         // 2 m/s.
         for i in 2..=5 {
-            assert_eq!(t.add(0.01 * f64::from(i), &at(0.02 * f64::from(i))), PoseTaken::Added);
+            assert_eq!(t.add(0.01 * f64::from(i), &at(0.02 * f64::from(i))), PoseOutcome::Added);
         }
-        assert_eq!(t.settle(0.035, [0.03, 0.04]), Tracking::Tracked);
-        assert_eq!(t.settle(0.08, [0.06, 0.09]), Tracking::Predicted);
+        assert_eq!(t.finalize(0.035, [0.03, 0.04]), Tracking::Tracked);
+        assert_eq!(t.finalize(0.08, [0.06, 0.09]), Tracking::Predicted);
         let x = |t: &LiveTrack, time_s| t.track().at(time_s).unwrap().position_in_world_m().x;
-        // It dies away: 0.1 + 2 · 0.1 · (1 − e^(−0.4)) at 0.09 s, and evenly until there.
+        // The motion decays: 0.1 + 2 · 0.1 · (1 − e^(−0.4)) at 0.09 s, linear until there.
         let expected = 0.1 + 0.2 * (1.0 - (-0.4f64).exp()) * 0.75;
         assert!((x(&t, 0.08) - expected).abs() < 1e-4 && t.track().covers(0.06, 0.09).is_ok());
         let turn = t.track().at(0.08).unwrap().world_from_camera_rotation();
         assert!(turn.angle_between(DQuat::from_rotation_y(0.1 * expected)) < 1e-5);
-        assert_eq!(t.add(0.08, &at(0.17)), PoseTaken::Late);
-        assert_eq!(t.add(0.10, &at(0.2)), PoseTaken::Added);
-        assert_eq!(t.add(f64::NAN, &at(0.2)), PoseTaken::Odd);
-        // All that is used is given out, and once.
-        assert_eq!(t.take_new().len(), t.track().poses().len());
-        assert!(t.take_new().is_empty());
+        assert_eq!(t.add(0.08, &at(0.17)), PoseOutcome::Late);
+        assert_eq!(t.add(0.10, &at(0.2)), PoseOutcome::Added);
+        assert_eq!(t.add(f64::NAN, &at(0.2)), PoseOutcome::Implausible);
+        // Each pose of the track is returned once for the recording.
+        assert_eq!(t.take_unrecorded().len(), t.track().poses().len());
+        assert!(t.take_unrecorded().is_empty());
     }
 
     #[test]
-    fn what_no_camera_does_is_left_out_until_it_could_have() {
+    fn implausible_motion_is_rejected_until_enough_time_has_passed() {
         let mut t = LiveTrack::new(0.1);
-        assert_eq!(t.add(1.0, &at(0.0)), PoseTaken::Added);
+        assert_eq!(t.add(1.0, &at(0.0)), PoseOutcome::Added);
         // 3 m in 5 ms, and a turn of 0.9 rad.
-        assert_eq!(t.add(1.005, &at(3.0)), PoseTaken::Odd);
-        assert_eq!(t.add(1.01, &Pose::from_camera_in_world(DVec3::ZERO, DQuat::from_rotation_y(0.9))), PoseTaken::Odd);
-        assert_eq!((t.told(), t.add(1.015, &at(0.1))), (None, PoseTaken::Added));
-        let told = t.told().unwrap();
-        assert!(told.starts_with("a pose was dropped as implausible: 3 m and ") && told.contains("0.005 s"), "{told}");
+        assert_eq!(t.add(1.005, &at(3.0)), PoseOutcome::Implausible);
+        assert_eq!(
+            t.add(1.01, &Pose::from_camera_in_world(DVec3::ZERO, DQuat::from_rotation_y(0.9))),
+            PoseOutcome::Implausible
+        );
+        assert_eq!((t.take_message(), t.add(1.015, &at(0.1))), (None, PoseOutcome::Added));
+        let message = t.take_message().unwrap();
+        assert!(
+            message.starts_with("a pose was dropped as implausible: 3 m and ") && message.contains("0.005 s"),
+            "{message}"
+        );
         // The tracker is elsewhere from now on.
-        assert_eq!(t.add(1.02, &at(6.0)), PoseTaken::Odd);
-        assert_eq!(t.add(1.13, &at(6.0)), PoseTaken::Added);
+        assert_eq!(t.add(1.02, &at(6.0)), PoseOutcome::Implausible);
+        assert_eq!(t.add(1.13, &at(6.0)), PoseOutcome::Added);
     }
 
     #[test]
-    fn first_pose_far_away_gives_way_to_those_that_agree() {
+    fn first_pose_far_away_is_replaced_by_consistent_poses() {
         // No pose's time is at the gap's very end, where rounding would decide.
         let mut t = LiveTrack::new(0.105);
-        assert_eq!(t.add(1.0, &at(1e9)), PoseTaken::Added);
-        assert_eq!(t.add(1.01, &at(0.01)), PoseTaken::Odd);
-        // Which of the two is wild is not known yet.
-        assert_eq!(t.told(), None);
+        assert_eq!(t.add(1.0, &at(1e9)), PoseOutcome::Added);
+        assert_eq!(t.add(1.01, &at(0.01)), PoseOutcome::Implausible);
+        // It is undecided which of the two is the outlier.
+        assert_eq!(t.take_message(), None);
         // Nothing is interpolated between the two places.
-        assert_eq!(t.add(1.02, &at(0.02)), PoseTaken::Late);
-        let told = t.told().unwrap();
+        assert_eq!(t.add(1.02, &at(0.02)), PoseOutcome::Late);
+        let message = t.take_message().unwrap();
         let expected = "the first pose is left out as implausible: 2 consistent poses 1000000000 m and ";
-        assert!(told.starts_with(expected) && told.ends_with("away after 0.020 s"), "{told}");
+        assert!(message.starts_with(expected) && message.ends_with("away after 0.020 s"), "{message}");
         let taken: Vec<_> = (3..=15).map(|i| t.add(1.0 + 0.01 * f64::from(i), &at(0.01 * f64::from(i)))).collect();
-        assert_eq!(taken.iter().filter(|taken| **taken == PoseTaken::Added).count(), 5, "{taken:?}");
-        assert!(t.track().at(1.05).is_err() && t.told().is_none());
+        assert_eq!(taken.iter().filter(|taken| **taken == PoseOutcome::Added).count(), 5, "{taken:?}");
+        assert!(t.track().at(1.05).is_err() && t.take_message().is_none());
         assert!((t.track().at(1.13).unwrap().position_in_world_m().x - 0.13).abs() < 1e-9);
     }
 
     #[test]
-    fn late_pose_far_away_is_late_and_drops_none_that_follow() {
+    fn late_pose_far_away_rejects_no_later_pose() {
         let mut t = LiveTrack::new(0.1);
-        assert_eq!(t.add(1.0, &at(0.0)), PoseTaken::Added);
-        // Two that agree would win over one.
+        assert_eq!(t.add(1.0, &at(0.0)), PoseOutcome::Added);
+        // Two consistent poses would outweigh one.
         for time_s in [0.98, 0.99, 1.0] {
-            assert_eq!(t.add(time_s, &at(3.0)), PoseTaken::Late);
+            assert_eq!(t.add(time_s, &at(3.0)), PoseOutcome::Late);
         }
-        assert_eq!((t.told(), t.add(1.01, &at(0.01))), (None, PoseTaken::Added));
+        assert_eq!((t.take_message(), t.add(1.01, &at(0.01))), (None, PoseOutcome::Added));
     }
 
     #[test]
-    fn camera_that_begins_anew_far_away_is_followed_with_the_eleventh_pose() {
+    fn relocated_camera_is_accepted_with_the_eleventh_pose() {
         let mut t = LiveTrack::new(0.1);
         for i in 0..100 {
-            assert_eq!(t.add(0.01 * f64::from(i), &at(0.0)), PoseTaken::Added);
+            assert_eq!(t.add(0.01 * f64::from(i), &at(0.0)), PoseOutcome::Added);
         }
-        // Some that agree with nothing, and with each other neither.
+        // Outliers that do not agree with each other either.
         for (i, x) in [1e3, -1e3, 1e3, -1e3].into_iter().enumerate() {
-            assert_eq!(t.add(1.0 + 0.01 * i as f64, &at(x)), PoseTaken::Odd);
+            assert_eq!(t.add(1.0 + 0.01 * i as f64, &at(x)), PoseOutcome::Implausible);
         }
-        assert_eq!(t.add(1.04, &at(0.0)), PoseTaken::Added);
+        assert_eq!(t.add(1.04, &at(0.0)), PoseOutcome::Added);
         let taken: Vec<_> = (0..11).map(|i| t.add(1.05 + 0.01 * f64::from(i), &at(1e3))).collect();
-        assert!(taken[..10].iter().all(|taken| *taken == PoseTaken::Odd), "{taken:?}");
-        assert_eq!(taken[10], PoseTaken::Added);
-        let told = t.told().unwrap();
-        assert!(told.starts_with("the camera has moved abruptly: 11 consistent poses 1000 m and "), "{told}");
+        assert!(taken[..10].iter().all(|taken| *taken == PoseOutcome::Implausible), "{taken:?}");
+        assert_eq!(taken[10], PoseOutcome::Added);
+        let message = t.take_message().unwrap();
+        assert!(message.starts_with("the camera has moved abruptly: 11 consistent poses 1000 m and "), "{message}");
     }
 
     #[test]
-    fn a_frame_that_was_given_up_stays_without_a_pose() {
+    fn abandoned_frame_stays_without_a_pose() {
         let mut t = LiveTrack::new(0.1);
         t.add(1.0, &at(0.0));
         t.add(1.02, &at(0.1));
-        assert_eq!(t.settle(1.115, [1.11, 1.12]), Tracking::Predicted);
-        assert_eq!(t.settle(1.295, [1.29, 1.30]), Tracking::Predicted);
-        // 5 m/s that die away for a tenth of a second, and still from there: 0.1 + 0.5 · (1 − 1/e).
+        assert_eq!(t.finalize(1.115, [1.11, 1.12]), Tracking::Predicted);
+        assert_eq!(t.finalize(1.295, [1.29, 1.30]), Tracking::Predicted);
+        // 5 m/s that decay over a tenth of a second, then constant: 0.1 + 0.5 · (1 − 1/e).
         let x = |t: &LiveTrack, time_s| t.track().at(time_s).unwrap().position_in_world_m().x;
         assert!((x(&t, 1.12) - 0.41606).abs() < 1e-4 && (x(&t, 1.295) - 0.41606).abs() < 1e-5);
-        assert_eq!(t.settle(1.335, [1.33, 1.34]), Tracking::Lost);
-        // From here the reader would bridge the frame.
-        assert_eq!(t.add(1.36, &at(0.2)), PoseTaken::Late);
-        assert_eq!(t.add(1.5, &at(0.3)), PoseTaken::Added);
-        assert_eq!(t.add(1.51, &at(0.3)), PoseTaken::Added);
+        assert_eq!(t.finalize(1.335, [1.33, 1.34]), Tracking::Lost);
+        // A reader would interpolate across the frame from here.
+        assert_eq!(t.add(1.36, &at(0.2)), PoseOutcome::Late);
+        assert_eq!(t.add(1.5, &at(0.3)), PoseOutcome::Added);
+        assert_eq!(t.add(1.51, &at(0.3)), PoseOutcome::Added);
         let whole = PoseTrack::new(t.track().poses().to_vec(), 0.1).unwrap();
         assert!(whole.at(1.335).is_err() && whole.at(1.505).is_ok());
-        // What is predicted after it knows nothing of what was before.
-        assert_eq!(t.settle(1.525, [1.52, 1.53]), Tracking::Predicted);
+        // The prediction afterwards is independent of the motion before the gap.
+        assert_eq!(t.finalize(1.525, [1.52, 1.53]), Tracking::Predicted);
         assert!((x(&t, 1.53) - 0.3).abs() < 1e-9);
     }
 }

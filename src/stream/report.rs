@@ -148,7 +148,7 @@ impl Report {
     }
 
     /// All of it in a line, once it is over.
-    pub fn closing(&self) -> String {
+    pub fn summary(&self) -> String {
         let mut line = format!(
             "{} in {}; dropped: {}",
             count(self.poses as usize, "pose"),
@@ -222,14 +222,14 @@ mod tests {
     #[test]
     fn what_was_dropped_is_told_by_reason() {
         let mut report = Report { poses: 7, datagrams: 12, ..Report::default() };
-        assert_eq!(report.closing(), "7 poses in 12 datagrams; dropped: none");
+        assert_eq!(report.summary(), "7 poses in 12 datagrams; dropped: none");
         (0..3).for_each(|_| report.aside(Heard::NoPacket));
         report.aside(Heard::OtherSource);
         // One that turned out to be none.
         report.aside.insert(Heard::OddTime, 0);
         (report.lost, report.jumps) = (2, 1);
         assert_eq!(
-            report.closing(),
+            report.summary(),
             "7 poses in 12 datagrams; dropped: 2 lost on the way, 1 of another source, 3 no packet of this protocol, or \
              damaged; its clock jumped 1 time"
         );

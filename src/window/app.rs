@@ -78,7 +78,7 @@ impl App {
     pub fn new(
         context: &eframe::CreationContext<'_>,
         project: Project,
-        camera: Option<live::Opened>,
+        camera: Option<live::LiveInput>,
     ) -> Result<Self, String> {
         theme::install(&context.egui_ctx);
         Self::begin(&context.egui_ctx, painter::take_over(context)?, project, camera)
@@ -90,7 +90,7 @@ impl App {
         ctx: &egui::Context,
         window: RenderState,
         project: Project,
-        camera: Option<live::Opened>,
+        camera: Option<live::LiveInput>,
     ) -> Result<Self, String> {
         Ok(Self {
             session: session(&window, ctx, project, camera)?,
@@ -286,7 +286,7 @@ fn session(
     window: &RenderState,
     ctx: &egui::Context,
     project: Project,
-    camera: Option<live::Opened>,
+    camera: Option<live::LiveInput>,
 ) -> Result<Session, String> {
     match camera {
         Some(camera) => Session::live(window.clone(), ctx, project, camera),

@@ -15,7 +15,7 @@ use super::history::HistoryRecord;
 use super::project::Edit;
 use super::recent::{DocumentRef, ViewState};
 use super::session_lock::SessionFiles;
-use locard_engine::live::LiveFrom;
+use locard_engine::live::LiveSpec;
 use locard_engine::sink::atomic::write_atomically;
 use locard_engine::source::file::{self, MOST_LISTING};
 
@@ -43,7 +43,7 @@ pub struct UnsavedWork {
     pub frame: usize,
     /// Live camera that replaces the recording.
     #[serde(default)]
-    pub camera: Option<LiveFrom>,
+    pub camera: Option<LiveSpec>,
     pub edit: Edit,
     /// The last [`HISTORY_STEPS`] steps that led to `edit`, and the undone steps after it.
     #[serde(default)]

@@ -4,7 +4,7 @@ use eframe::egui::{self, Color32, RichText, Stroke, Ui};
 
 use super::session::{LiveStatus, RECENT_S, Session};
 use super::timeline;
-use locard_engine::live::{Status, Tracking};
+use locard_engine::live::{FeedStatus, Tracking};
 use locard_engine::text::{count, without_options};
 
 /// What is asked of the camera.
@@ -99,8 +99,8 @@ fn strip(ui: &mut Ui, session: &Session) {
 const LIVE: &str = "LIVE";
 
 /// The state of a camera in a word. The picture that it gave last stays shown in each of them.
-fn state_word(status: &Status) -> &'static str {
-    match (status.is_over, &status.gone) {
+fn state_word(status: &FeedStatus) -> &'static str {
+    match (status.is_over, &status.outage) {
         (true, _) => "ENDED",
         (false, Some(_)) => "WAITING",
         (false, None) => LIVE,
@@ -132,12 +132,12 @@ fn how_it_goes(ui: &mut Ui, session: &Session, told: &LiveStatus) {
     }
     if status.is_over {
         ui.label(ended_text(session.frame().is_some()));
-        if let Some(why) = &status.gone {
+        if let Some(why) = &status.outage {
             ui.colored_label(ui.visuals().warn_fg_color, without_options(why));
         }
         return;
     }
-    if let Some(why) = &status.gone {
+    if let Some(why) = &status.outage {
         ui.colored_label(ui.visuals().warn_fg_color, format!("{why}; waiting for it"));
         return;
     }
@@ -145,7 +145,7 @@ fn how_it_goes(ui: &mut Ui, session: &Session, told: &LiveStatus) {
         Tracking::Tracked => _ = ui.label("tracked"),
         Tracking::Predicted => _ = ui.colored_label(ui.visuals().warn_fg_color, "predicted"),
         Tracking::Lost => {
-            let why = status.lacks.as_ref().map_or(String::new(), |why| format!(": {}", without_options(why)));
+            let why = status.no_pose_reason.as_ref().map_or(String::new(), |why| format!(": {}", without_options(why)));
             let hint = "No pose is known for this frame: nothing is drawn into it";
             let text = format!("not tracked{why}");
             ui.colored_label(ui.visuals().warn_fg_color, text).on_hover_text(hint);
@@ -175,9 +175,9 @@ mod tests {
 
     #[test]
     fn state_of_a_camera_denies_no_picture_that_is_shown() {
-        let over = Status { is_over: true, ..Status::default() };
-        let gone = Status { gone: Some("unplugged".to_owned()), ..Status::default() };
-        assert_eq!([&Status::default(), &gone, &over].map(state_word), [LIVE, "WAITING", "ENDED"]);
+        let over = FeedStatus { is_over: true, ..FeedStatus::default() };
+        let gone = FeedStatus { outage: Some("unplugged".to_owned()), ..FeedStatus::default() };
+        assert_eq!([&FeedStatus::default(), &gone, &over].map(state_word), [LIVE, "WAITING", "ENDED"]);
         assert!(ended_text(true).contains("its last picture is shown"));
         assert!(ended_text(false).contains("without a picture"));
     }

@@ -8,7 +8,7 @@ use super::chooser::{Chooser, ChooserMode, ChooserResult, StartLocation};
 use super::question::{self, DialogKeys, default_button};
 use super::recent::DocumentRef;
 use super::task::BackgroundTask;
-use locard_engine::live::{Added, Asked, LiveFrom};
+use locard_engine::live::{DelayMode, LiveOptions, LiveSpec};
 use locard_engine::text::{number, shown};
 use locard_engine::webcam::{self, DriverName};
 
@@ -55,7 +55,7 @@ pub struct CameraDialog {
     delay: String,
     smoothing: String,
     /// Further request options, from the command line.
-    asked: Asked,
+    options: LiveOptions,
     scene: Option<PathBuf>,
     with_scene: bool,
     /// Error of the last attempt to open a camera.
@@ -89,7 +89,7 @@ impl CameraDialog {
             rate: String::new(),
             delay: String::new(),
             smoothing: String::new(),
-            asked: Asked::default(),
+            options: LiveOptions::default(),
             with_scene: scene.is_some(),
             scene,
             error: None,
@@ -98,8 +98,8 @@ impl CameraDialog {
     }
 
     /// Fills the dialog with the settings of an open camera.
-    pub fn with_source(self, from: &LiveFrom) -> Self {
-        let asked = from.asked;
+    pub fn with_source(self, from: &LiveSpec) -> Self {
+        let options = from.options;
         let (poses, board, address) = match from.poses.split_once(':') {
             Some(("tags", board)) => (PoseChoice::Tags, board.to_owned(), self.address.clone()),
             _ if from.poses == "tags" => (PoseChoice::Tags, String::new(), self.address.clone()),
@@ -107,20 +107,20 @@ impl CameraDialog {
             _ => (PoseChoice::Stream, String::new(), from.poses.clone()),
         };
         Self {
-            camera: camera_name(asked.driver, &from.camera),
+            camera: camera_name(options.driver, &from.camera),
             is_camera_chosen: true,
             poses,
             board,
             address,
-            size: asked.size.map_or(String::new(), |(width, height)| format!("{width}x{height}")),
-            rate: asked.rate_hz.map_or(String::new(), number),
-            delay: match asked.delay {
-                Added::Found => "auto".to_owned(),
-                Added::Told(0.0) => String::new(),
-                Added::Told(s) => number(s),
+            size: options.size.map_or(String::new(), |(width, height)| format!("{width}x{height}")),
+            rate: options.rate_hz.map_or(String::new(), number),
+            delay: match options.delay {
+                DelayMode::Estimated => "auto".to_owned(),
+                DelayMode::Fixed(0.0) => String::new(),
+                DelayMode::Fixed(s) => number(s),
             },
-            smoothing: asked.smooth_s.map_or(String::new(), number),
-            asked,
+            smoothing: options.smooth_s.map_or(String::new(), number),
+            options,
             ..self
         }
     }
@@ -310,17 +310,17 @@ impl CameraDialog {
             PoseChoice::Stream => self.address.trim().to_owned(),
             PoseChoice::None => "none".to_owned(),
         };
-        let size = typed(&self.size).map(|text| Asked::size_of(&text)).transpose()?;
-        let rate_hz = typed(&self.rate).map(|text| Asked::rate_of(&text)).transpose()?;
+        let size = typed(&self.size).map(|text| LiveOptions::parse_size(&text)).transpose()?;
+        let rate_hz = typed(&self.rate).map(|text| LiveOptions::parse_rate_hz(&text)).transpose()?;
         // Ignores entries of the pose sources that are not selected.
         let is = |poses: PoseChoice| self.poses == poses;
         let delay =
-            typed(&self.delay).filter(|_| is(PoseChoice::Stream)).map(|text| Asked::delay_of(&text)).transpose()?;
+            typed(&self.delay).filter(|_| is(PoseChoice::Stream)).map(|text| LiveOptions::parse_delay(&text)).transpose()?;
         let smoothing = typed(&self.smoothing).filter(|_| is(PoseChoice::Tags));
-        let smooth_s = smoothing.map(|text| Asked::smoothing_of(&text)).transpose()?;
+        let smooth_s = smoothing.map(|text| LiveOptions::parse_time_constant_s(&text)).transpose()?;
         let (driver, camera) = DriverName::split(self.camera.trim());
-        let asked = Asked { driver, size, rate_hz, delay: delay.unwrap_or_default(), smooth_s, ..self.asked };
-        let from = LiveFrom { asked, ..LiveFrom::new(camera, &poses) }.absolute();
+        let options = LiveOptions { driver, size, rate_hz, delay: delay.unwrap_or_default(), smooth_s, ..self.options };
+        let from = LiveSpec { options, ..LiveSpec::new(camera, &poses) }.absolute();
         let scene = self.scene.clone().filter(|_| self.with_scene);
         Ok(DocumentRef::camera(from, typed(&self.profile).map(PathBuf::from), scene))
     }

@@ -81,7 +81,7 @@ struct LoadedDocument {
 pub struct DocumentSwitch {
     pub project: Project,
     /// Camera that replaces the recording.
-    pub camera: Option<live::Opened>,
+    pub camera: Option<live::LiveInput>,
     pub at: ViewState,
 }
 

@@ -134,7 +134,7 @@ use locard_engine::live;
 pub struct InitialContent {
     pub project: Option<Project>,
     /// Camera of the project, whose recording arrives from now on.
-    pub camera: Option<live::Opened>,
+    pub camera: Option<live::LiveInput>,
     /// Records the camera into this folder.
     pub record: Option<PathBuf>,
     /// Shows the welcome page; without a project there is only that page.

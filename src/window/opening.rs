@@ -9,14 +9,14 @@ use super::obstacle::size_text;
 use super::project::Project;
 use super::recent::DocumentRef;
 use super::task::BackgroundTask;
-use locard_engine::live::{self, LiveFrom};
+use locard_engine::live::{self, LiveSpec};
 use locard_engine::recording::{OpenOptions, Recording};
 use locard_engine::shot::{Given, ShotError};
 use locard_engine::text::without_options;
 use locard_engine::webcam::CameraError;
 
 /// A project, with the camera of which it is.
-pub type Fresh = (Box<Project>, Option<live::Opened>);
+pub type Fresh = (Box<Project>, Option<live::LiveInput>);
 
 /// Why nothing was opened.
 #[derive(Debug)]
@@ -155,8 +155,8 @@ impl Opening {
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Opens a camera; it is not started.
-fn open_camera(document: &DocumentRef, from: &LiveFrom) -> Result<(Project, Option<live::Opened>), Refused> {
-    let profiled = document.profile.as_deref().map(|path| live::profiled(path, &from.poses)).transpose();
+fn open_camera(document: &DocumentRef, from: &LiveSpec) -> Result<(Project, Option<live::LiveInput>), Refused> {
+    let profiled = document.profile.as_deref().map(|path| live::camera_of_profile(path, &from.poses)).transpose();
     let profiled = profiled.map_err(|error| Refused::plain(&error))?;
     let begun = Instant::now();
     let camera = loop {

@@ -16,7 +16,7 @@ use super::History;
 use super::watch::{Stamp, stamp};
 use locard_engine::camera::{Geometry, NoiseProfile};
 use locard_engine::compositor::{ON, Settings};
-use locard_engine::live::LiveFrom;
+use locard_engine::live::LiveSpec;
 use locard_engine::params::{ParamError, Params, Value, called, title};
 use locard_engine::profile::{Look, Rig, ShotSettings};
 use locard_engine::recording::{OpenOptions, Recording};
@@ -97,7 +97,7 @@ pub struct Project {
     /// Unit of the recording as it was opened.
     pub metres_per_unit: f64,
     /// Source of the frames while the recording is still arriving.
-    pub camera: Option<LiveFrom>,
+    pub camera: Option<LiveSpec>,
     scene_text: Option<scenes::Document>,
     /// The description that the shot's scene was loaded from.
     loaded_scene: SceneFile,

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::project::Project;
 use super::state;
 use super::task::BackgroundTask;
-use locard_engine::live::LiveFrom;
+use locard_engine::live::LiveSpec;
 
 const MAX_ENTRIES: usize = 12;
 /// Interval at which the existence of the documents is checked.
@@ -28,7 +28,7 @@ pub struct DocumentRef {
     pub at: ViewState,
     /// Live camera that replaces the recording, whose path is then the camera's name.
     #[serde(default)]
-    pub camera: Option<LiveFrom>,
+    pub camera: Option<LiveSpec>,
 }
 
 /// The displayed frame and view.
@@ -49,7 +49,7 @@ impl DocumentRef {
     }
 
     /// A camera with its profile and scene.
-    pub fn camera(from: LiveFrom, profile: Option<PathBuf>, scene: Option<PathBuf>) -> Self {
+    pub fn camera(from: LiveSpec, profile: Option<PathBuf>, scene: Option<PathBuf>) -> Self {
         let name = PathBuf::from(from.name());
         Self { scene, profile, camera: Some(from), ..Self::recording(name) }
     }

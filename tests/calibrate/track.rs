@@ -173,8 +173,8 @@ fn a_live_picture_has_its_pose_from_the_tags_in_it() {
     let video = probe(Path::new(&site.path("site.mkv")), &Overrides::default()).unwrap();
     for (i, pixels) in video.read(0..FRAMES).unwrap().enumerate() {
         let time_s = 7.0 + i as f64 / FPS;
-        poses.picture(time_s, &pixels.unwrap());
-        let found = poses.poses(time_s).unwrap();
+        poses.add_picture(time_s, &pixels.unwrap());
+        let found = poses.take_poses(time_s).unwrap();
         // By one picture the board is not known yet.
         assert_eq!(found.len(), usize::from(i > 0 && !AWAY.contains(&i)), "frame {i}");
         // Each has its covariance, like those of `track`.
@@ -191,7 +191,7 @@ fn a_live_picture_has_its_pose_from_the_tags_in_it() {
             assert!(off_px < 0.5, "frame {i}: {point} is {off_px} px off");
         }
     }
-    assert_eq!((poses.poses(9.0).unwrap(), poses.up()), (Vec::new(), Some(DVec3::Z)));
+    assert_eq!((poses.take_poses(9.0).unwrap(), poses.up()), (Vec::new(), Some(DVec3::Z)));
 }
 
 /// A recording's poses, each with how sure it is.

@@ -187,9 +187,9 @@ fn smoothed_poses_are_those_that_are_composited_and_recorded() {
     let mut differs = 0;
     for (pixels, time_s) in video.read(0..FRAMES).unwrap().zip(&video.timestamps_s) {
         let pixels = pixels.unwrap();
-        plain.picture(*time_s, &pixels);
-        smooth.picture(*time_s, &pixels);
-        let (plains, smooths) = (plain.poses(1e9).unwrap(), smooth.poses(1e9).unwrap());
+        plain.add_picture(*time_s, &pixels);
+        smooth.add_picture(*time_s, &pixels);
+        let (plains, smooths) = (plain.take_poses(1e9).unwrap(), smooth.take_poses(1e9).unwrap());
         assert_eq!(plains.len(), smooths.len());
         if let (Some((_, seen)), Some((_, quiet))) = (plains.first(), smooths.first()) {
             let wanted = smoother.next(seen, &plain.covariance(*time_s).unwrap());

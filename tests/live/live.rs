@@ -8,7 +8,7 @@ use crate::random::Random;
 use crate::tier;
 use glam::{DVec2, DVec3};
 use locard::camera::Geometry;
-use locard::live::{Came, Counts, Lenses, Live, Writer};
+use locard::live::{LensTrack, LiveCompositor, LiveCounts, PictureOutcome, RecorderThread};
 use locard::pixels::Codes;
 use locard::pose::Pose;
 use locard::recording::recorder::{About, Recorder};
@@ -102,7 +102,7 @@ fn events(frames: usize, random: &mut Random) -> Vec<(f64, Event)> {
 
 /// Composites as live, and then from the recording that it wrote. Returns how much of the marker was seen in each frame that
 /// had a pose, too.
-fn both(layout: Layout, frames: usize, sets: &[&str]) -> (Counts, Vec<Option<f64>>) {
+fn both(layout: Layout, frames: usize, sets: &[&str]) -> (LiveCounts, Vec<Option<f64>>) {
     let (counts, presence, _) = both_with(layout, frames, sets, None);
     (counts, presence)
 }
@@ -113,7 +113,7 @@ fn both_with(
     frames: usize,
     sets: &[&str],
     lens: Option<fn(f64) -> LensState>,
-) -> (Counts, Vec<Option<f64>>, Vec<Geometry>) {
+) -> (LiveCounts, Vec<Option<f64>>, Vec<Geometry>) {
     let temp = tempfile::tempdir().unwrap();
     let (profile, folder) = (temp.path().join("camera.toml"), temp.path().join("site"));
     std::fs::write(&profile, PROFILE).unwrap();
@@ -132,13 +132,13 @@ fn both_with(
         has_cameras: lens.is_some(),
         profile: Some(PROFILE.to_owned()),
     };
-    let writer = Writer::new(Recorder::create(&folder, &about).unwrap()).unwrap();
-    let lenses = lens.map(|_| Lenses::new(SIZE, INTERVAL_S, shot.rig.clone(), FrameCamera::default()));
+    let writer = RecorderThread::new(Recorder::create(&folder, &about).unwrap()).unwrap();
+    let lenses = lens.map(|_| LensTrack::new(SIZE, INTERVAL_S, shot.rig.clone(), FrameCamera::default()));
     let gpu = gpu();
     let mut compositor = shot.compositor(gpu.clone());
-    let mut live = Live::new(&shot, &mut compositor, MAX_GAP_S, INTERVAL_S, Some(writer), lenses).unwrap();
+    let mut live = LiveCompositor::new(&shot, &mut compositor, MAX_GAP_S, INTERVAL_S, Some(writer), lenses).unwrap();
     let (mut seen, mut told) = (Vec::new(), Vec::new());
-    let mut show = |live: &mut Live<'_>, now_s: f64| {
+    let mut show = |live: &mut LiveCompositor<'_>, now_s: f64| {
         while let Some(submitted) = live.submit(now_s).unwrap() {
             let shown = live.collect(submitted).unwrap();
             told.push(shown.presence);
@@ -149,13 +149,13 @@ fn both_with(
         match event {
             Event::Pose(time_s) => {
                 let t = time_s - 40_213.7;
-                lens.into_iter().for_each(|lens| live.lens(time_s, &Arc::new(lens(t))));
-                live.pose(time_s, &pose(t));
+                lens.into_iter().for_each(|lens| live.add_lens_state(time_s, &Arc::new(lens(t))));
+                live.add_pose(time_s, &pose(t));
             }
             Event::Frame(i, time_s) => {
                 let picture = picture(layout, i, time_s);
                 // The disk may be behind; nothing is lost by asking again.
-                while live.picture(&picture, picture.pixels().unwrap(), now_s) == Came::NotRecorded {
+                while live.add_picture(&picture, picture.pixels().unwrap(), now_s) == PictureOutcome::NotRecorded {
                     std::thread::yield_now();
                 }
             }
@@ -240,7 +240,7 @@ fn frames_with_dropped_late_and_lost_poses_replay_bit_for_bit() {
     let (frames, least) = tier::fast_or_full((100, 5), (300, 15));
     let (counts, presence) = both(Layout::Yuyv, frames, &[]);
     // Everything happened.
-    let Counts { tracked, predicted, lost, late, .. } = counts;
+    let LiveCounts { tracked, predicted, lost, late, .. } = counts;
     assert!(tracked > frames as u64 / 3 && predicted > least && lost > least && late > least, "{counts:?}");
     let faded = |pair: &&[Option<f64>]| matches!(pair, [Some(a), Some(b)] if a > b);
     let rose = |pair: &&[Option<f64>]| matches!(pair, [Some(a), Some(b)] if a < b);

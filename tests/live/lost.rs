@@ -6,7 +6,7 @@ use crate::program::said;
 use crate::sheet::{CAMERA, Place, Rays, SIZE, Sheet};
 use crate::tier;
 use glam::{DVec2, DVec3};
-use locard::live::{Tracking, Waiting, open_poses};
+use locard::live::{FrameQueue, Tracking, open_poses};
 use locard::pixels::Pixels;
 use locard::pose::Pose;
 use locard::profile::Rig;
@@ -68,7 +68,7 @@ fn measured(are_seen: bool) -> Measured {
     std::fs::write(path("camera.toml"), CAMERA.profile()).unwrap();
     let camera = Rig::of_file(Path::new(&path("camera.toml"))).unwrap().camera();
     let mut source = open_poses(&format!("tags:{}", path("board.toml")), Some(&camera), None).unwrap();
-    let mut w = Waiting::new(source.max_gap_s(), 0.0);
+    let mut w = FrameQueue::new(source.max_gap_s(), 0.0);
     let (mut measured, mut since) = (Measured::default(), 0);
     for i in 0..tier::fast_or_full(20u32, 60) {
         let time_s = INTERVAL_S * f64::from(i);
@@ -76,10 +76,10 @@ fn measured(are_seen: bool) -> Measured {
         let is_missed = matches!(i % 10, 5 | 6);
         let of = if is_missed { &hidden } else { &sheet };
         let codes = of.photograph_by_rays(&rays, tier::fast_or_full(2, 3), 1.0, u64::from(i), |t| place(time_s + t));
-        source.picture(time_s, &Pixels::from_u8(SIZE.0, SIZE.1, codes).unwrap());
-        w.frame(i, time_s, (REACH_S, REACH_S), time_s);
-        source.poses(time_s).unwrap().iter().for_each(|(time_s, pose)| _ = w.pose(*time_s, pose));
-        source.carried().iter().for_each(|(time_s, pose)| w.carry(*time_s, pose));
+        source.add_picture(time_s, &Pixels::from_u8(SIZE.0, SIZE.1, codes).unwrap());
+        w.push_frame(i, time_s, (REACH_S, REACH_S), time_s);
+        source.take_poses(time_s).unwrap().iter().for_each(|(time_s, pose)| _ = w.add_pose(*time_s, pose));
+        source.take_dead_reckoned().iter().for_each(|(time_s, pose)| w.add_dead_reckoned(*time_s, pose));
         let ready = w.next(time_s).unwrap();
         assert_eq!(ready.tracking == Tracking::Predicted, is_missed, "frame {i}");
         // The board is known from the second picture on.
@@ -154,10 +154,10 @@ fn poses_by(change: impl Fn(&str) -> String, pictures: u32) -> (usize, Option<St
             Place { at_m: at_m * if i % 4 == 3 { 0.35 } else { 1.0 }, axes }
         };
         let codes = sheet.photograph_by_rays(&rays, 2, 1.0, u64::from(i), |t| place(time_s + t));
-        source.picture(time_s, &Pixels::from_u8(SIZE.0, SIZE.1, codes).unwrap());
-        found += source.poses(time_s).unwrap().len();
+        source.add_picture(time_s, &Pixels::from_u8(SIZE.0, SIZE.1, codes).unwrap());
+        found += source.take_poses(time_s).unwrap().len();
     }
-    (found, source.lacks())
+    (found, source.no_pose_reason())
 }
 
 #[test]

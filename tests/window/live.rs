@@ -18,7 +18,7 @@ use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
 use glam::DVec2;
 use locard::compositor::Target;
-use locard::live::{self, Asked, LiveFrom};
+use locard::live::{self, LiveOptions, LiveSpec};
 use locard::params::Value;
 use locard::recording::{OpenOptions, Recording};
 use locard::shot::{Given, Shot};
@@ -56,12 +56,12 @@ fn window_of(site: &Site, video: &str, sets: &[&str]) -> Harness<'static, App> {
     let profile = Path::new(&site.path("camera.toml")).to_owned();
     let camera = locard::profile::Rig::of_file(&profile).unwrap().camera();
     let tags = format!("tags:{}", site.path("board.toml"));
-    let opened = live::open(&LiveFrom::new(video, &tags), Some(&camera)).unwrap();
+    let opened = live::open(&LiveSpec::new(video, &tags), Some(&camera)).unwrap();
     let shadows: &[&str] = if is_full() { &[] } else { &["shadow.cast=false", "shadow.on_things=false"] };
     let sets = sets.iter().chain(shadows).map(ToString::to_string).collect();
     let given = Given { profile: Some(profile), sets, scene: Some(site.scene().into()), ..Given::default() };
     let mut project = Project::of(opened.recording(), 1.0, &given).unwrap();
-    project.camera = Some(LiveFrom::new(video, &tags));
+    project.camera = Some(LiveSpec::new(video, &tags));
     let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
     let mut window = builder.build_eframe(|context| App::new(context, project, Some(opened)).unwrap());
     until(&mut window, |app| app.viewer().composite().is_some());
@@ -305,9 +305,10 @@ fn what_is_asked_of_a_camera_stands_in_the_dialog_and_is_asked_again() {
     window.key_press(Key::Escape);
     shows(&mut window, "Start");
     window.get_by_label("Start").click();
-    until(&mut window, |app| app.project().camera.as_ref().is_some_and(|from| from.asked.smooth_s.is_some()));
-    let wanted = Asked { smooth_s: Some(0.05), rate_hz: Some(25.0), size: Some((320, 240)), ..Asked::default() };
-    assert_eq!(window.state().project().camera.as_ref().unwrap().asked, wanted);
+    until(&mut window, |app| app.project().camera.as_ref().is_some_and(|from| from.options.smooth_s.is_some()));
+    let wanted =
+        LiveOptions { smooth_s: Some(0.05), rate_hz: Some(25.0), size: Some((320, 240)), ..LiveOptions::default() };
+    assert_eq!(window.state().project().camera.as_ref().unwrap().options, wanted);
     until(&mut window, |app| app.viewer().composite().is_some());
     open_camera_dialog(&mut window);
     assert_eq!(["Smoothing", "Rate", "Pictures"].map(|field| value(&window, field)), ["0.05", "25", "320x240"]);
@@ -328,10 +329,10 @@ fn enter_in_a_field_of_the_camera_dialog_ends_typing_and_starts_nothing() {
     typed(&mut window, "Rate", "25");
     window.key_press(Key::Enter);
     window.run_steps(3);
-    assert!(has(&window, "Start") && window.state().project().camera.as_ref().unwrap().asked.rate_hz.is_none());
+    assert!(has(&window, "Start") && window.state().project().camera.as_ref().unwrap().options.rate_hz.is_none());
     // Nothing has the focus now: Enter presses the filled button.
     window.key_press(Key::Enter);
-    until(&mut window, |app| app.project().camera.as_ref().is_some_and(|from| from.asked.rate_hz == Some(25.0)));
+    until(&mut window, |app| app.project().camera.as_ref().is_some_and(|from| from.options.rate_hz == Some(25.0)));
 }
 
 /// What was typed is still there when it is refused, why is said beside it, and keys go on into its fields.
@@ -386,10 +387,10 @@ fn a_camera_is_calibrated_while_it_is_shown_and_the_result_is_taken_or_left() {
     std::fs::write(site.path("camera.toml"), wrong.profile()).unwrap();
     let (video, profile) = (held(&site), Path::new(&site.path("camera.toml")).to_owned());
     let camera = locard::profile::Rig::of_file(&profile).unwrap().camera();
-    let opened = live::open(&LiveFrom::new(&video, "none"), Some(&camera)).unwrap();
+    let opened = live::open(&LiveSpec::new(&video, "none"), Some(&camera)).unwrap();
     let given = Given { profile: Some(profile), ..Given::default() };
     let mut project = Project::of(opened.recording(), 1.0, &given).unwrap();
-    project.camera = Some(LiveFrom::new(&video, "none"));
+    project.camera = Some(LiveSpec::new(&video, "none"));
     let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
     let mut window = builder.build_eframe(|context| App::new(context, project, Some(opened)).unwrap());
     window.step();

@@ -11,7 +11,7 @@ use crate::cli::watching::{Agreed, PicturesArgs};
 use locard_engine::calibrate::board::{Search, Wanted};
 use locard_engine::calibrate::geometry::{LensOptions, Look, Taking};
 use locard_engine::camera::Response;
-use locard_engine::live::Next;
+use locard_engine::live::CaptureEvent;
 use locard_engine::text::{count, fixed};
 
 /// Watches a camera until nothing is missing, or until somebody ends it.
@@ -31,13 +31,13 @@ pub fn taken(
     let (mut frames, mut looked_s) = (0, f64::NEG_INFINITY);
     while !taking.missing().is_empty() && watching.goes_on(frames) {
         let first = match watching.next(Instant::now() + Duration::from_millis(50)) {
-            Next::Picture(came) => (came.0.time_s, came.1),
-            Next::Nothing => continue,
-            Next::Ended => break,
+            CaptureEvent::Picture(decoded) => (decoded.0.time_s, decoded.1),
+            CaptureEvent::Nothing => continue,
+            CaptureEvent::Ended => break,
         };
         let next = || match watching.next(Instant::now() + Duration::from_millis(500)) {
-            Next::Picture(came) => Some((came.0.time_s, came.1)),
-            Next::Nothing | Next::Ended => None,
+            CaptureEvent::Picture(decoded) => Some((decoded.0.time_s, decoded.1)),
+            CaptureEvent::Nothing | CaptureEvent::Ended => None,
         };
         for (time_s, pixels) in looked_at(first, looked_s, interval_s, next) {
             let look = taking.look(time_s, &format!("frame {frames}"), search.find(&pixels).ok());

@@ -391,7 +391,7 @@ impl Documents {
     }
 
     /// Replaces the open document.
-    fn switch_to(&mut self, loaded: LoadedDocument, camera: Option<live::Opened>) -> DocumentSwitch {
+    fn switch_to(&mut self, loaded: LoadedDocument, camera: Option<live::LiveInput>) -> DocumentSwitch {
         let LoadedDocument { document, project, recoverable } = loaded;
         if let Some(recoverable) = recoverable {
             self.adopt_recovery(recoverable);

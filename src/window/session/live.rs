@@ -15,7 +15,7 @@ use super::Session;
 use super::recent_frames::{RecentFrame, RecentFrames};
 use locard_engine::camera::Geometry;
 use locard_engine::frame::Frame;
-use locard_engine::live::{Feed, Opened, Status, Tracking, Writer};
+use locard_engine::live::{Feed, FeedStatus, LiveInput, RecorderThread, Tracking};
 use locard_engine::recording::recorder::Recorder;
 use locard_engine::recording::{OpenOptions, Recording};
 use locard_engine::tracking::PoseTrack;
@@ -49,7 +49,7 @@ pub struct LiveCamera {
     /// Project version that the feed has.
     feed_version: Option<u64>,
     recent: RecentFrames,
-    status: Status,
+    status: FeedStatus,
     /// Frames dropped by the feed, and those among them that were dropped because the picture was
     /// frozen.
     dropped: u64,
@@ -62,7 +62,7 @@ pub struct LiveCamera {
 /// Status of a camera.
 #[derive(Clone, Debug)]
 pub struct LiveStatus {
-    pub status: Status,
+    pub status: FeedStatus,
     pub tracking: Tracking,
     /// Frames for which the window was too slow; they are recorded nevertheless.
     pub not_shown: u64,
@@ -96,8 +96,8 @@ impl LiveCamera {
 }
 
 impl Session {
-    /// Opens a session for a camera, which starts now. The project has its [`Opened::recording`].
-    pub fn live(window: RenderState, ctx: &egui::Context, project: Project, camera: Opened) -> Result<Self, String> {
+    /// Opens a session for a camera, which starts now. The project has its [`LiveInput::recording`].
+    pub fn live(window: RenderState, ctx: &egui::Context, project: Project, camera: LiveInput) -> Result<Self, String> {
         let mut session = Self::new(window, ctx, project)?;
         let (wake, shot) = (ctx.clone(), session.project.shot());
         let feed = Feed::start(camera, shot, move || wake.request_repaint()).map_err(|error| error.to_string())?;
@@ -108,7 +108,7 @@ impl Session {
             newest: None,
             feed_version: None,
             recent: RecentFrames::default(),
-            status: Status::default(),
+            status: FeedStatus::default(),
             dropped: 0,
             dropped_while_frozen: 0,
             recording_folder: None,
@@ -159,7 +159,7 @@ impl Session {
         live.dropped = replaced;
         let version = self.project.version();
         if live.feed_version != Some(version) && matches!(live.state, LiveState::Showing) {
-            live.feed.follow(self.project.shot());
+            live.feed.set_shot(self.project.shot());
             live.feed_version = Some(version);
         }
         // Frames that are not taken are replaced by newer ones.
@@ -167,16 +167,16 @@ impl Session {
             && self.viewer.in_flight() < 2
             && let Some(newest) = live.feed.take()
         {
-            let (tracking, geometry) = (newest.arrived.tracking, newest.arrived.geometry);
-            let frame = Arc::new(newest.arrived.frame);
+            let (tracking, geometry) = (newest.frame.tracking, newest.frame.geometry);
+            let frame = Arc::new(newest.frame.frame);
             live.recent.start(frame.timestamp_s, tracking);
             live.newest = Some(NewestFrame { frame, tracking, track: newest.track, geometry });
             self.show_newest();
         }
         let Some(live) = &mut self.live else { return };
         let status = live.status.clone();
-        if status.written != before.written
-            && let (Some((frames, why)), Some(path)) = (&status.written, live.recording_folder.take())
+        if status.finished != before.finished
+            && let (Some((frames, why)), Some(path)) = (&status.finished, live.recording_folder.take())
         {
             let name = path.display();
             match why {
@@ -185,13 +185,13 @@ impl Session {
                 Some(why) => self.show_error(format!("{name}: {why}; the recording is whole up to there")),
             }
         }
-        if status.no_poses != before.no_poses
-            && let Some(why) = &status.no_poses
+        if status.pose_error != before.pose_error
+            && let Some(why) = &status.pose_error
         {
             self.show_error(why.clone());
         }
-        if status.told != before.told
-            && let Some(text) = &status.told
+        if status.message != before.message
+            && let Some(text) = &status.message
         {
             self.show_message(text.clone());
         }
@@ -247,7 +247,7 @@ impl Session {
     pub fn freeze(&mut self, ctx: &egui::Context, folder: &Path) {
         let Some(live) = self.live.as_mut().filter(|live| matches!(live.state, LiveState::Showing)) else { return };
         let Some(until_s) = live.newest.as_ref().map(|newest| newest.frame.timestamp_s) else { return };
-        let (latest, mut about) = (live.feed.latest(until_s), live.feed.about.clone());
+        let (latest, mut about) = (live.feed.replay_buffer(until_s), live.feed.about.clone());
         // The camera was just resumed, and none of its displayed frames have arrived yet.
         if latest.frames() == 0 {
             return;
@@ -329,7 +329,7 @@ impl Session {
         let spawned = self.project.profile_text()().map_err(|error| error.to_string()).and_then(|profile| {
             about.profile = Some(profile);
             let recorder = Recorder::create(&folder, &about).map_err(|error| error.to_string())?;
-            Writer::new(recorder).map_err(|error| error.to_string())
+            RecorderThread::new(recorder).map_err(|error| error.to_string())
         });
         match spawned {
             Ok(writer) => {

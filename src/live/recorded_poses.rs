@@ -1,21 +1,21 @@
-//! A recording's poses, played again for frames that begin anew.
+//! Poses of a recording, replayed for new pictures.
 
 use std::path::Path;
 
 use glam::DVec3;
 
 use super::error::LiveError;
-use super::source::PoseSource;
+use super::pose_source::PoseSource;
 use crate::pixels::Pixels;
 use crate::pose::Pose;
 use crate::recording::{OpenOptions, Recording};
 
-/// The recording's first frame is at the time of the first picture.
+/// The time of the recording's first frame is mapped to that of the first picture.
 #[derive(Debug)]
 pub struct RecordedPoses {
     poses: std::vec::IntoIter<(f64, Pose)>,
     first_frame_s: f64,
-    shift_s: Option<f64>,
+    offset_s: Option<f64>,
     up: Option<DVec3>,
     has_floor: bool,
     max_gap_s: f64,
@@ -30,7 +30,7 @@ impl RecordedPoses {
         Ok(Self {
             first_frame_s: recording.timestamps_s.first().copied().unwrap_or_default() + recording.time_offset_s,
             poses: recording.track.poses().to_vec().into_iter(),
-            shift_s: None,
+            offset_s: None,
             up: recording.up,
             has_floor: recording.has_floor,
             max_gap_s: recording.track.max_gap_s(),
@@ -39,14 +39,14 @@ impl RecordedPoses {
 }
 
 impl PoseSource for RecordedPoses {
-    fn picture(&mut self, time_s: f64, _: &Pixels) {
-        self.shift_s.get_or_insert(time_s - self.first_frame_s);
+    fn add_picture(&mut self, time_s: f64, _: &Pixels) {
+        self.offset_s.get_or_insert(time_s - self.first_frame_s);
     }
-    fn poses(&mut self, until_s: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
-        let Some(shift_s) = self.shift_s else { return Ok(Vec::new()) };
+    fn take_poses(&mut self, until_s: f64) -> Result<Vec<(f64, Pose)>, LiveError> {
+        let Some(offset_s) = self.offset_s else { return Ok(Vec::new()) };
         let mut due = Vec::new();
-        while let Some((time_s, pose)) = self.poses.as_slice().first().filter(|(t, _)| t + shift_s <= until_s) {
-            due.push((time_s + shift_s, *pose));
+        while let Some((time_s, pose)) = self.poses.as_slice().first().filter(|(t, _)| t + offset_s <= until_s) {
+            due.push((time_s + offset_s, *pose));
             self.poses.next();
         }
         Ok(due)
