@@ -11,7 +11,7 @@ use anyhow::{Context, Result};
 use glam::DVec3;
 use locard::camera::{Distortion, Geometry, Intrinsics, Response};
 use locard::pixels::Pixels;
-use locard::tags::{Paper, Searcher, Sheet, picture};
+use locard::tags::{BoardTracker, Paper, Sheet, picture};
 use sheet::{CAMERA, Place, Sheet as Printed};
 
 const PICTURES: u32 = 5;
@@ -30,7 +30,7 @@ fn main() -> Result<()> {
         ..Intrinsics::default()
     };
     let distortion = Distortion { k1: CAMERA.k1, k2: CAMERA.k2, p1: CAMERA.p1, p2: CAMERA.p2, ..Distortion::default() };
-    let mut searcher = Searcher::new(sheet.board, Geometry::new(intrinsics, distortion), &Response::default())?;
+    let mut searcher = BoardTracker::new(sheet.board, Geometry::new(intrinsics, distortion), &Response::default())?;
     let mut times_ms = Vec::new();
     for i in 0..PICTURES {
         let tilt = 0.2 + 0.15 * f64::from(i);

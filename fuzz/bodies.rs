@@ -2,7 +2,7 @@
 
 use locard::recording::{OpenOptions, Recording};
 use locard::scene::{self, SceneError};
-use locard::stream::{Encoding, Listen, Receiver, packets};
+use locard::stream::{Encoding, ListenOptions, Receiver, packets};
 
 /// The bytes as a model.
 #[allow(dead_code, reason = "each target uses one")]
@@ -85,7 +85,7 @@ pub fn recording(bytes: &[u8]) -> usize {
 /// FreeD. The upper bits say who sends, and when. How many poses came out, of which each is told, as is the report.
 #[allow(dead_code, reason = "each target uses one")]
 pub fn stream(mut bytes: &[u8]) -> usize {
-    let open = |url| Receiver::new(Listen::parse(url).expect("a good address"));
+    let open = |url| Receiver::new(ListenOptions::parse(url).expect("a good address"));
     let (mut tracker, mut head) = (open("opentrackio://"), open("freed://"));
     let (mut now_s, mut poses) = (0.0, 0);
     while let Some((&[kind, upper, lower], rest)) = bytes.split_first_chunk() {

@@ -29,7 +29,7 @@ use crate::frame::{Across, NODES_ACROSS, NODES_DOWN, SeenBrightness, Surfel};
 use crate::recording::{Recording, Refinement};
 use crate::scene::Lighting;
 use crate::sink::SinkError;
-use crate::source::file::{self, MOST_DOCUMENT};
+use crate::source::file::{self, MAX_DOCUMENT_BYTES};
 use crate::text::{fixed, reason};
 use crate::tracking::records::{self, TextError};
 use crate::tracking::tum::{Line, parse_lines, write_trajectory};
@@ -197,7 +197,7 @@ impl Analysis {
             reason: reason(error),
         };
         let content = |file: &Path, problem: String| AnalysisError::Content { file: file.to_owned(), problem };
-        let text = file::read_text(&path, MOST_DOCUMENT).map_err(|error| unread(&path, &error))?;
+        let text = file::read_text(&path, MAX_DOCUMENT_BYTES).map_err(|error| unread(&path, &error))?;
         let version: Version = document::read(&text).map_err(|problem| content(&path, problem.to_string()))?;
         if version.version != VERSION {
             let found = version.version;

@@ -4,18 +4,20 @@ use super::censoring::{NEAREST_USABLE, clipped_variance};
 use super::rounding::{Rounding, UNIT};
 use super::scene_sums::{PixelSums, SceneSums};
 
-/// Variances are kept for every quarter of an 8-bit code, so that clipping can be recognised by the mean.
-const PER_CODE: f64 = 4.0;
+/// Variances are kept for every quarter of an 8-bit code, so that clipping can be recognised by the
+/// mean.
+const LEVELS_PER_CODE: f64 = 4.0;
 const LEVELS: usize = 255 * 4 + 1;
-/// Means within this many levels of an end are not used. Where σ is below a code, the quiet middle of the last code
-/// would otherwise be separated from its noisy edge.
-const OUTERMOST: usize = 4;
+/// Means within this many levels of an end are not used. Where σ is below a code, the quiet middle
+/// of the last code would otherwise be separated from its noisy edge.
+const EXCLUDED_END_LEVELS: usize = 4;
 /// Normal quantile of a two-sided 95 % interval.
 const Z95: f64 = 1.959_964;
 /// A level with this many degrees of freedom gives its variance well enough to start from.
-const TELLING: f64 = 100.0;
-/// Below this variance (8-bit codes squared, times the frames' step squared) a block says nothing about correlation.
-const TOO_QUIET: f64 = 0.1;
+const MIN_START_FREEDOM: f64 = 100.0;
+/// Blocks with a smaller variance (8-bit codes squared, times the frames' step squared) are not
+/// used for correlations.
+const MIN_VARIANCE: f64 = 0.1;
 
 /// Measurements of one intensity bin of one channel. Code values are on the 8-bit scale.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,7 +30,8 @@ pub struct BinReport {
     pub count: u64,
     /// Share of the samples in pixels that touched an end of the code range, 0 to 1.
     pub clipped_share: f64,
-    /// Independent samples among the usable ones: degrees of freedom, reduced for correlated neighbours.
+    /// Independent samples among the usable ones: degrees of freedom, reduced for correlated
+    /// neighbours.
     pub independent_count: f64,
     /// Mean variation; 0 by construction unless the mean was given.
     pub mu: f64,
@@ -63,12 +66,13 @@ impl Level {
     }
 }
 
-/// Sums over the pixels of one scene that stood still. Their size does not depend on the number of frames.
+/// Sums over the pixels of one scene that stood still. Their size does not depend on the number of
+/// frames.
 #[derive(Clone, Debug)]
 pub(crate) struct Pool {
     levels: [Vec<Level>; 3],
-    channel: [Ratio; 3],
-    neighbour: [Ratio; 2],
+    channel: [CorrelationSums; 3],
+    neighbour: [CorrelationSums; 2],
 }
 
 /// How a bin is measured.
@@ -84,13 +88,13 @@ pub(crate) struct BinRules {
 
 /// A correlation being summed: covariance, and the two variances.
 #[derive(Clone, Copy, Debug, Default)]
-struct Ratio {
+struct CorrelationSums {
     covariance: f64,
     a: f64,
     b: f64,
 }
 
-impl Ratio {
+impl CorrelationSums {
     fn add(&mut self, weight: f64, covariance: f64, a: f64, b: f64) {
         self.covariance += weight * covariance;
         self.a += weight * a;
@@ -115,7 +119,8 @@ impl Default for Pool {
 }
 
 impl Pool {
-    /// Sums the blocks of a scene that stood still. `scales`: the approximate noise variance of each block.
+    /// Sums the blocks of a scene that stood still. `scales`: the approximate noise variance of
+    /// each block.
     pub fn new(scene: &SceneSums, still: &[bool], scales: &[[f64; 3]], rounding: &Rounding) -> Self {
         let mut pool = Self::default();
         for (block, (_, scale)) in still.iter().zip(scales).enumerate().filter(|(_, (still, _))| **still) {
@@ -130,11 +135,11 @@ impl Pool {
     }
 
     fn add_pixel(&mut self, channel: usize, pixel: PixelSums, scene: &SceneSums) {
-        let place = ((pixel.mean * PER_CODE).round() as usize).min(LEVELS - 1);
+        let place = ((pixel.mean * LEVELS_PER_CODE).round() as usize).min(LEVELS - 1);
         let level = &mut self.levels[channel][place];
         level.seen += u64::from(scene.frames);
         level.touched += u64::from(pixel.touched) * u64::from(scene.frames);
-        if place.min(LEVELS - 1 - place) < OUTERMOST {
+        if place.min(LEVELS - 1 - place) < EXCLUDED_END_LEVELS {
             return;
         }
         let freedom = scene.freedom();
@@ -155,7 +160,7 @@ impl Pool {
         let offset = scene.offset();
         let measured = [0, 1, 2].map(|c| sums.squares[c] as f64 / (unit * n) - offset[c] * offset[c]);
         let clipped = (0..3).any(|c| scene.places(area, c).any(|i| scene.pixel(i).touched));
-        let quiet = TOO_QUIET * rounding.frame_step * rounding.frame_step;
+        let quiet = MIN_VARIANCE * rounding.frame_step * rounding.frame_step;
         if clipped || measured.iter().any(|&v| v < quiet) {
             return;
         }
@@ -178,32 +183,34 @@ impl Pool {
 
     /// Correlation of R-G, R-B, G-B over all scenes. `None` if nothing determined it.
     pub fn channel_correlation(pools: &[Self]) -> [Option<f64>; 3] {
-        [0, 1, 2].map(|i| Ratio::total(pools.iter().map(|p| p.channel[i])))
+        [0, 1, 2].map(|i| CorrelationSums::total(pools.iter().map(|p| p.channel[i])))
     }
 
-    /// Correlation with the neighbours to the right and below over all scenes. `None` if nothing determined it.
+    /// Correlation with the neighbours to the right and below over all scenes. `None` if nothing
+    /// determined it.
     pub fn neighbour_correlation(pools: &[Self]) -> [Option<f64>; 2] {
-        [0, 1].map(|i| Ratio::total(pools.iter().map(|p| p.neighbour[i])))
+        [0, 1].map(|i| CorrelationSums::total(pools.iter().map(|p| p.neighbour[i])))
     }
 
     /// σ of each bin of a channel, over all scenes.
     pub fn bins(pools: &[Self], channel: usize, rules: &BinRules) -> Vec<BinReport> {
         let mut bins: Vec<Bin> = (0..rules.bins)
             .map(|bin| {
-                let first = (bin * 256 * PER_CODE as usize).div_ceil(rules.bins).min(LEVELS);
-                let last = ((bin + 1) * 256 * PER_CODE as usize).div_ceil(rules.bins).min(LEVELS);
+                let first = (bin * 256 * LEVELS_PER_CODE as usize).div_ceil(rules.bins).min(LEVELS);
+                let last = ((bin + 1) * 256 * LEVELS_PER_CODE as usize).div_ceil(rules.bins).min(LEVELS);
                 let levels: Vec<&[Level]> = pools.iter().map(|p| &p.levels[channel][first..last]).collect();
                 Bin::new(bin, &levels, rules)
             })
             .collect();
-        to_the_middle(&mut bins, &rules.rounding);
+        shift_to_bin_centres(&mut bins, &rules.rounding);
         let mut reports: Vec<BinReport> = bins.into_iter().map(|b| b.report).collect();
-        fill(&mut reports);
+        fill_unmeasured(&mut reports);
         reports
     }
 }
 
-/// One scene's estimate for a bin: the unclipped variance, rounding included, and the mean code of its pixels.
+/// One scene's estimate for a bin: the unclipped variance, rounding included, and the mean code of
+/// its pixels.
 #[derive(Clone, Copy, Debug)]
 struct Estimate {
     mu: f64,
@@ -223,10 +230,11 @@ impl Estimate {
     }
 }
 
-/// Combines the scenes' estimates, and returns how many independent samples the result is worth. Scenes of one camera
-/// may differ by more than chance, and then a large scene must not outvote the others. The result is the mean of σ with
-/// weights 1/(1/(2ν) + τ²): ν are a scene's degrees of freedom, τ² is the relative variance of σ between scenes
-/// (DerSimonian and Laird 1986; 0 if they agree). A single σ is low by 1/(4ν) on average; that is corrected.
+/// Combines the scenes' estimates, and returns how many independent samples the result is worth.
+/// Scenes of one camera may differ by more than chance, and then a large scene must not outvote the
+/// others. The result is the mean of σ with weights 1/(1/(2ν) + τ²): ν are a scene's degrees of
+/// freedom, τ² is the relative variance of σ between scenes (DerSimonian and Laird 1986; 0 if they
+/// agree). A single σ is low by 1/(4ν) on average; that is corrected.
 fn combined(estimates: &[Estimate]) -> Option<(Estimate, f64)> {
     if let [only] = estimates {
         return Some((*only, only.independent));
@@ -296,7 +304,7 @@ impl Bin {
 /// μ, the unclipped variance, and the levels far enough from the ends to determine it.
 fn unclipped<'a>(levels: &[&'a Level]) -> (f64, f64, Vec<&'a Level>) {
     // Clipping only reduces variance, so start from the largest of the levels' variances.
-    let most = levels.iter().map(|l| l.freedom).fold(0.0, f64::max).min(TELLING);
+    let most = levels.iter().map(|l| l.freedom).fold(0.0, f64::max).min(MIN_START_FREEDOM);
     let telling = levels.iter().filter(|l| l.freedom >= most);
     let start = telling.map(|l| l.squares / l.freedom).fold(0.0, f64::max);
     let mut sigma = start.sqrt();
@@ -324,7 +332,8 @@ fn solve(levels: &[&Level], squares: f64, start: f64) -> f64 {
         levels
             .iter()
             .map(|l| {
-                // A level that this σ would make unusable stays in, as near to the end as is allowed.
+                // A level that this σ would make unusable stays in, as near to the end as is
+                // allowed.
                 let code = l.code();
                 let nearest = NEAREST_USABLE * sigma * (1.0 + 1e-12);
                 let code = if code < 127.5 { code.max(nearest) } else { code.min(255.0 - nearest) };
@@ -347,8 +356,8 @@ fn solve(levels: &[&Level], squares: f64, start: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Factors that turn a variance estimated with `freedom` degrees into its 95 % interval, by Wilson and Hilferty's
-/// approximation of χ². `None` below two degrees.
+/// Factors that turn a variance estimated with `freedom` degrees into its 95 % interval, by Wilson
+/// and Hilferty's approximation of χ². `None` below two degrees.
 pub(crate) fn chi_square_interval(freedom: f64) -> Option<[f64; 2]> {
     (freedom >= 2.0).then(|| {
         let a = 2.0 / (9.0 * freedom);
@@ -356,8 +365,9 @@ pub(crate) fn chi_square_interval(freedom: f64) -> Option<[f64; 2]> {
     })
 }
 
-/// Moves each estimate from its pixels' mean code to the middle of its bin, along the slope between its neighbours.
-fn to_the_middle(bins: &mut [Bin], rounding: &Rounding) {
+/// Moves each estimate from its pixels' mean code to the middle of its bin, along the slope between
+/// its neighbours.
+fn shift_to_bin_centres(bins: &mut [Bin], rounding: &Rounding) {
     let points: Vec<Option<(f64, f64)>> = bins
         .iter()
         .map(|b| b.found.filter(|_| !b.report.filled_from_neighbours).map(|e| (e.code, e.variance)))
@@ -378,9 +388,9 @@ fn to_the_middle(bins: &mut [Bin], rounding: &Rounding) {
     }
 }
 
-/// Gives bins that could not be measured a σ interpolated between their nearest good neighbours, or the nearest one's
-/// at the ends.
-pub(crate) fn fill(reports: &mut [BinReport]) {
+/// Gives bins that could not be measured a σ interpolated between their nearest good neighbours, or
+/// the nearest one's at the ends.
+pub(crate) fn fill_unmeasured(reports: &mut [BinReport]) {
     let good: Vec<(f64, f64)> =
         reports.iter().filter(|r| !r.filled_from_neighbours).map(|r| (r.code, r.sigma)).collect();
     for report in reports.iter_mut().filter(|r| r.filled_from_neighbours) {
@@ -400,7 +410,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_interval_is_chi_square_by_the_table() {
+    fn confidence_interval_matches_the_chi_square_table() {
         // χ² with 100 degrees: 2.5 % at 74.222, 97.5 % at 129.561
         let [low, high] = chi_square_interval(100.0).unwrap();
         assert!((low - 100.0 / 129.561).abs() < 1e-3 && (high - 100.0 / 74.222).abs() < 1e-3, "{low} {high}");
@@ -408,7 +418,7 @@ mod tests {
     }
 
     #[test]
-    fn scenes_that_agree_weigh_by_size_and_others_alike() {
+    fn scenes_that_agree_are_weighted_by_size_and_others_equally() {
         let scene = |variance: f64, independent: f64| Estimate { mu: 0.0, variance, code: 8.0, independent };
         let (agreed, worth) = combined(&[scene(1.0, 9000.0), scene(1.02, 1000.0)]).unwrap();
         assert!((agreed.variance - 1.002).abs() < 1e-4 && (worth - 10000.0).abs() < 1e-6, "{agreed:?} {worth}");
@@ -418,7 +428,7 @@ mod tests {
     }
 
     #[test]
-    fn bins_without_samples_lie_between_their_neighbours() {
+    fn bins_without_samples_are_interpolated() {
         let bin = |code: f64, sigma: f64, filled: bool| BinReport {
             code_range: [code - 8.0, code + 8.0],
             code,
@@ -437,7 +447,7 @@ mod tests {
             bin(56.0, 4.0, false),
             bin(72.0, 9.0, true),
         ];
-        fill(&mut bins);
+        fill_unmeasured(&mut bins);
         assert_eq!(bins.map(|b| b.sigma), [2.0, 2.0, 3.0, 4.0, 4.0]);
     }
 }

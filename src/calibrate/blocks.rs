@@ -1,18 +1,19 @@
-//! Which blocks of a scene stood still. What moves or drifts varies more than noise does.
+//! Finds the blocks of a scene at rest. Moving or drifting content varies more than noise.
 //!
-//! Whole blocks are judged, because leaving out single pixels would cut the tails of the noise. Each block has two
-//! statistics. Both are compared with the scene's own median and the median spread below it, so that correlated noise
-//! does not count as motion:
+//! Whole blocks are judged, because leaving out single pixels would cut the tails of the noise.
+//! Each block has two statistics. Both are compared with the scene's own median and the median
+//! spread below it, so that correlated noise does not count as motion:
 //!
-//! - *excess*: mean of s²/V(a), V the scene's robust variance at that code; its cube root is nearly normal (Wilson and
-//!   Hilferty). Finds what moves, and a known mean that does not fit.
-//! - *drift*: 1 − δ²/s² with δ² = Σ(f_(j+1) − f_j)²/(2(J−1)) (von Neumann's ratio): variance that consecutive frames do
-//!   not show. Finds slow changes. Needs four frames.
+//! - *excess*: mean of s²/V(a), V the scene's robust variance at that code; its cube root is nearly
+//!   normal (Wilson and Hilferty). Detects motion, and a known mean that does not fit.
+//! - *drift*: 1 − δ²/s² with δ² = Σ(f_(j+1) − f_j)²/(2(J−1)) (von Neumann's ratio): variance that
+//!   consecutive frames do not show. Finds slow changes. Needs four frames.
 
 use super::rounding::UNIT;
 use super::scene_sums::{BLOCK, SceneSums};
 
-/// Blocks whose statistic lies this many standard deviations above the median: one in a million by chance.
+/// Blocks whose statistic lies this many standard deviations above the median: one in a million by
+/// chance.
 const SIGNIFICANT_Z: f64 = 4.75;
 /// A smaller share of excess variance is accepted, however significant.
 const RELEVANT_EXCESS: f64 = 0.25;
@@ -20,19 +21,20 @@ const RELEVANT_EXCESS: f64 = 0.25;
 const RELEVANT_DRIFT: f64 = 0.10;
 /// Median absolute deviation to standard deviation, for a normal distribution.
 const MAD: f64 = 1.4826;
-/// Fewer pixels than this say nothing about a block's variance in a bin.
+/// Smallest number of pixels that give a block's variance in a bin.
 const CELL_PIXELS: usize = 8;
 /// A camera's σ² grows by at most this factor, times the distance in bins, from one bin to another.
-const STEEPEST: f64 = 8.0;
+const MAX_GROWTH: f64 = 8.0;
 
 /// The findings for a scene.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Verdict {
+pub(crate) struct BlockVerdict {
     /// For each block, whether it stood still.
     pub still: Vec<bool>,
     /// For each block and channel, roughly the variance to expect at its mean code; above 0.
     pub scales: Vec<[f64; 3]>,
-    /// Pixels in blocks left out because they vary too much, and in those left out because they drift.
+    /// Pixels in blocks left out because they vary too much, and in those left out because they
+    /// drift.
     pub moving_pixels: u64,
     pub drifting_pixels: u64,
     /// The median block's drift: from temporal filtering in the camera, or slowly changing light.
@@ -47,9 +49,9 @@ fn median(values: &mut [f64]) -> Option<f64> {
 /// A block's statistic and how many values went into it. `None` if there were too few.
 type Statistic = Option<(f64, usize)>;
 
-/// The blocks that stand out: beyond what chance explains, and by more than `relevant(statistic, median)` accepts.
-/// Motion only adds, so the spread is measured below the median. Blocks that stand out are removed and the rest is
-/// judged again. Also returns the median of the rest.
+/// The blocks that stand out: beyond what chance explains, and by more than `relevant(statistic,
+/// median)` accepts. Motion only adds, so the spread is measured below the median. Blocks that
+/// stand out are removed and the rest is judged again. Also returns the median of the rest.
 fn outliers(
     statistics: &[Statistic],
     chance: impl Fn(f64) -> f64,
@@ -125,13 +127,14 @@ impl RobustVariance {
                 bins.push((total, bin, cells.iter().map(|c| c.2).sum::<f64>() / total as f64, middle.0));
             }
         }
-        // A bin that contains only moving things has a high median too, so well-filled bins bound the others.
+        // A bin that contains only moving things has a high median too, so well-filled bins bound
+        // the others.
         bins.sort_by_key(|b| std::cmp::Reverse(b.0));
         let mut trusted: Vec<(usize, f64, f64)> = Vec::new();
         for (_, bin, code, variance) in bins {
             let bound = trusted
                 .iter()
-                .map(|t| t.2.max(floor) * STEEPEST * t.0.abs_diff(bin) as f64)
+                .map(|t| t.2.max(floor) * MAX_GROWTH * t.0.abs_diff(bin) as f64)
                 .fold(f64::INFINITY, f64::min);
             trusted.push((bin, code, variance.min(bound)));
         }
@@ -153,7 +156,7 @@ impl RobustVariance {
 }
 
 /// Judges every block of a scene. `frame_step` is one code of the frames in 8-bit code values.
-pub(crate) fn judge(scene: &SceneSums, frame_step: f64) -> Verdict {
+pub(crate) fn judge(scene: &SceneSums, frame_step: f64) -> BlockVerdict {
     let floor = 0.01 * frame_step * frame_step;
     let variance = [0, 1, 2].map(|c| RobustVariance::new(scene, c, floor));
     let freedom = scene.freedom();
@@ -162,7 +165,7 @@ pub(crate) fn judge(scene: &SceneSums, frame_step: f64) -> Verdict {
     let matters = |root: f64, middle: f64| root.powi(3) > middle.powi(3).max(1.0) * (1.0 + RELEVANT_EXCESS);
     let (moves, _) = outliers(&excesses(scene, &variance), chance, matters);
     let (drifts, median_drift) = outliers(&drifts(scene), |_| 0.0, |drift, middle| drift - middle > RELEVANT_DRIFT);
-    let mut verdict = Verdict { median_drift, ..Verdict::default() };
+    let mut verdict = BlockVerdict { median_drift, ..BlockVerdict::default() };
     for (block, (moves, drifts)) in moves.into_iter().zip(drifts).enumerate() {
         let pixels = scene.area(block).pixels() as u64;
         if moves {

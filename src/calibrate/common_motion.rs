@@ -1,15 +1,16 @@
-//! How much of the change between two pictures a single motion of the whole picture explains (Lucas and Kanade 1981).
-//! `unsteady.rs` interprets it.
+//! How much of the change between two pictures a single motion of the whole picture explains (Lucas
+//! and Kanade 1981). `unsteady.rs` interprets it.
 
 use super::rounding::UNIT;
 
 const REDUCED_BY: [usize; 3] = [1, 4, 16];
 /// Fewer pixels than this cannot distinguish motion from chance.
-const NEEDED: usize = 500;
+const MIN_PIXELS: usize = 500;
 /// A constant, and the six parameters of an affine motion.
 const UNKNOWNS: usize = 7;
 
-/// Energies of the differences so far: the total, and what a motion explains in the picture reduced by each factor.
+/// Energies of the differences so far: the total, and the part that a motion explains in the picture
+/// reduced by each factor.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct CommonMotion {
     all: f64,
@@ -32,7 +33,7 @@ impl CommonMotion {
                 pictures = pictures.map(|picture| reduce(&picture, width, height, by));
             }
             (width, height, factor) = (width / by, height / by, reduced_by);
-            if width < 3 || height < 3 || width * height < NEEDED {
+            if width < 3 || height < 3 || width * height < MIN_PIXELS {
                 break;
             }
             *explained += explained_by_motion(&pictures, width, height) * (reduced_by * reduced_by) as f64;
@@ -59,8 +60,8 @@ fn reduce(picture: &[f64], width: usize, height: usize, by: usize) -> Vec<f64> {
     reduced
 }
 
-/// How much of Σ(b − a)² the motion explains, beyond a constant. The normal equations are eliminated in order; each
-/// unknown explains its squared right side over its pivot.
+/// How much of Σ(b − a)² the motion explains, beyond a constant. The normal equations are
+/// eliminated in order; each unknown explains its squared right side over its pivot.
 fn explained_by_motion([a, b]: &[Vec<f64>; 2], width: usize, height: usize) -> f64 {
     let mut matrix = [[0.0; UNKNOWNS]; UNKNOWNS];
     let mut right = [0.0; UNKNOWNS];
@@ -126,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shift_explains_all_and_noise_and_light_nothing() {
+    fn shift_explains_all_changes_and_noise_and_light_none() {
         let still = picture(0.0, 0.0, 1.0, 1);
         assert!(share(&picture(0.0, 0.0, 0.0, 1), &picture(0.4, -0.3, 0.0, 2)) > 0.9);
         assert!(share(&still, &picture(0.4, -0.3, 1.0, 2)) > 0.2);
@@ -136,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_without_gradients_say_nothing() {
+    fn pictures_without_gradients_have_no_common_motion() {
         assert_eq!(share(&[7; 64 * 48 * 3], &[9; 64 * 48 * 3]), 0.0);
         assert_eq!(share(&[7; 64 * 48 * 3], &[7; 64 * 48 * 3]), 0.0);
     }

@@ -9,18 +9,19 @@ use crate::source::{still, unsupported};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
+const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
-/// Called with (frames done, all of them), first with (0, all). If it breaks, the calibration stops.
+/// Called with the number of completed frames and of all frames, first with (0, all). A break stops
+/// the calibration.
 pub type Progress<'a> = &'a mut dyn FnMut(usize, usize) -> ControlFlow<()>;
 
-fn go_on(progress: &mut Progress<'_>, done: usize, all: usize) -> Result<(), CalibrateError> {
+fn report_progress(progress: &mut Progress<'_>, done: usize, all: usize) -> Result<(), CalibrateError> {
     if progress(done, all).is_break() { Err(CalibrateError::Stopped) } else { Ok(()) }
 }
 
-/// Calibrates from picture files. Each folder among `frames` is a scene (its PNG and JPEG files, in order of name); all
-/// loose files together are one scene. `means` is empty, or has one for everything, or one for each entry of `frames`
-/// (each loose file is then a scene of its own).
+/// Calibrates from picture files. Each folder among `frames` is a scene (its PNG and JPEG files, in
+/// order of name); all loose files together are one scene. `means` is empty, or has one for
+/// everything, or one for each entry of `frames` (each loose file is then a scene of its own).
 pub fn noise_from_paths(
     frames: &[PathBuf],
     means: &[PathBuf],
@@ -38,7 +39,7 @@ pub fn noise_from_paths(
         }
         calibrator.begin_scene(mean.as_deref().map(read).transpose()?)?;
         for file in files {
-            go_on(&mut progress, done, all)?;
+            report_progress(&mut progress, done, all)?;
             done += 1;
             calibrator.add_frame(&read(file)?).map_err(in_file(file))?;
             jpeg |= still::is_jpeg(file)?;
@@ -52,10 +53,12 @@ pub fn noise_from_paths(
     Ok(calibration)
 }
 
-/// About this many frames of a moving camera are used, evenly spaced: they contain textureless places enough.
-const MOST_FRAMES: usize = 120;
+/// Approximate number of frames of a moving camera that are used, evenly spaced: they contain
+/// enough textureless areas.
+const MAX_MOVING_FRAMES: usize = 120;
 
-/// Calibrates from frames of a moving camera: picture files, folders of them (in order of name) and recordings.
+/// Calibrates from frames of a moving camera: picture files, folders of them (in order of name) and
+/// recordings.
 pub fn moving_noise_from_paths(
     frames: &[PathBuf],
     options: &NoiseOptions,
@@ -74,13 +77,13 @@ pub fn moving_noise_from_paths(
         }
     }
     let all = pictures.len() + recordings.iter().map(Recording::frame_count).sum::<usize>();
-    let every = all.div_ceil(MOST_FRAMES).max(1);
+    let every = all.div_ceil(MAX_MOVING_FRAMES).max(1);
     let mut jpeg = false;
     let used = |frames: usize| frames.div_ceil(every);
     let all = used(pictures.len()) + recordings.iter().map(|r| used(r.frame_count())).sum::<usize>();
     let mut done = 0;
     for file in pictures.iter().step_by(every) {
-        go_on(&mut progress, done, all)?;
+        report_progress(&mut progress, done, all)?;
         done += 1;
         calibrator.add_frame(&read(file)?).map_err(in_file(file))?;
         jpeg |= still::is_jpeg(file)?;
@@ -94,7 +97,7 @@ pub fn moving_noise_from_paths(
             jpeg |= still::is_jpeg(file)?;
         }
         for frame in recording.frames(0..recording.frame_count()).map_err(failed)?.step_by(every) {
-            go_on(&mut progress, done, all)?;
+            report_progress(&mut progress, done, all)?;
             done += 1;
             calibrator.add_frame(&frame.map_err(failed)?.pixels).map_err(in_file(&recording.path))?;
         }
@@ -104,10 +107,10 @@ pub fn moving_noise_from_paths(
     Ok(calibration)
 }
 
-/// Whether a file's name says that it is a picture.
+/// True if a file has the extension of a picture.
 pub fn is_picture(path: &Path) -> bool {
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-    path.is_file() && ending.is_some_and(|e| ENDINGS.contains(&e.as_str()))
+    path.is_file() && ending.is_some_and(|e| EXTENSIONS.contains(&e.as_str()))
 }
 
 fn in_file(path: &Path) -> impl Fn(CalibrateError) -> CalibrateError {
@@ -154,9 +157,9 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, CalibrateError> {
         }
     }
     if files.is_empty()
-        && let Some(told) = unsupported::unread_warning(&unsupported::in_folder(folder))
+        && let Some(message) = unsupported::unread_warning(&unsupported::in_folder(folder))
     {
-        return Err(failed(told));
+        return Err(failed(message));
     }
     if files.is_empty() {
         return Err(failed(

@@ -1,4 +1,5 @@
-//! Calibration of a camera from its own pictures: its noise, how sharp it is, and how it maps rays to places.
+//! Calibration of a camera from its own pictures: its noise, how sharp it is, and how it maps rays
+//! to places.
 //!
 //! docs/calibration.md has the derivations.
 
@@ -7,15 +8,15 @@ mod blocks;
 pub mod board;
 mod censoring;
 mod common_motion;
-mod drawn;
 pub mod geometry;
 mod load;
 pub mod moving;
 pub mod noise;
 mod picked;
-mod places;
+mod picked_region;
 mod plane;
 mod points;
+mod rendered_noise;
 mod report;
 mod rounding;
 mod scene_sums;
@@ -25,10 +26,10 @@ mod unsteady;
 mod warning;
 
 pub use bins::BinReport;
-pub use drawn::drawn_noise;
 pub use load::{Progress, is_picture, moving_noise_from_paths, noise_from_paths};
 pub use noise::{CalibrateError, NoiseCalibration, NoiseCalibrator, NoiseOptions, SceneMotion};
-pub use picked::{Picked, PickedNoise, picked_noise};
-pub use places::{PickedError, Place, Unfit, least_px};
-pub use points::{NoisePoint, over_profile};
+pub use picked::{PickedNoise, PickedResult, picked_noise};
+pub use picked_region::{PickedError, PickedRegion, RegionError, min_side_px};
+pub use points::{NoisePoint, sigma_over_profile};
+pub use rendered_noise::rendered_noise;
 pub use warning::Warning;

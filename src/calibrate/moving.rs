@@ -1,52 +1,57 @@
-//! Noise from frames of a moving camera: where a picture has no texture, the residual from a plane is noise.
+//! Noise from frames of a moving camera: where a picture has no texture, the residual from a plane
+//! is noise.
 //!
-//! The picture's content only adds to a block's residual variance, so the lowest blocks of each channel and intensity
-//! show the noise. Their variances follow a truncated χ² distribution (derived in docs/calibration.md). Its degrees of
-//! freedom, and the share that the plane removed, follow from the noise's own correlation (plane.rs).
+//! The picture's content only adds to a block's residual variance, so the lowest blocks of each
+//! channel and intensity show the noise. Their variances follow a truncated χ² distribution
+//! (derived in docs/calibration.md). Its degrees of freedom, and the share that the plane removed,
+//! follow from the noise's own correlation (plane.rs).
 //!
-//! Blocks as in Liu, Freeman, Szeliski and Kang 2006 (noise level functions from one picture) and in Pyatykh, Hesser
-//! and Zheng 2013: whole blocks, judged by variance, not by edges. Two things cannot be separated from noise: texture
-//! in every block of an intensity, and a pattern fixed on the sensor.
+//! Blocks as in Liu, Freeman, Szeliski and Kang 2006 (noise level functions from one picture) and
+//! in Pyatykh, Hesser and Zheng 2013: whole blocks, judged by variance, not by edges. Two things
+//! cannot be separated from noise: texture in every block of an intensity, and a pattern fixed on
+//! the sensor.
 
 use statrs::function::gamma::gamma_lr;
 
-use super::bins::{BinReport, chi_square_interval, fill};
+use super::bins::{BinReport, chi_square_interval, fill_unmeasured};
 use super::censoring::{NEAREST_USABLE, kept_variance};
 use super::noise::{
-    CHANNELS, CalibrateError, NoiseCalibration, NoiseOptions, SceneMotion, check, round4, told_correlation,
+    CHANNELS, CalibrateError, NoiseCalibration, NoiseOptions, SceneMotion, check_bins, reported_correlation, round4,
 };
-use super::plane::{ByLag, LAGS, NEIGHBOURS, Plane, SIDE, WHITE};
+use super::plane::{ByLag, LAGS, NEIGHBOURS, PlaneDetrend, SIDE, WHITE};
 use super::rounding::{Rounding, UNIT};
 use super::warning::Warning;
 use crate::camera::{NoiseBin, NoiseProfile};
 use crate::pixels::{Codes, Pixels};
 
-/// Blocks with up to this many times the noise's variance are used. That is past the middle of χ², because the noise of
-/// one intensity varies a little with colour. It is not far past it, because what lies above is texture.
+/// Blocks with up to this many times the noise's variance are used. That is past the middle of χ²,
+/// because the noise of one intensity varies a little with colour. It is not far past it, because
+/// higher variances are texture.
 const CUT: f64 = 1.2;
 /// The search begins at this quantile of a bin's blocks.
-const LOWEST: f64 = 0.05;
+const START_QUANTILE: f64 = 0.05;
 /// With fewer blocks below the cut there is no estimate.
 const NEEDED_BLOCKS: usize = 40;
-/// Blocks below the cut whose spread exceeds that of χ² by this factor are not noise but weak texture. Measured: 1.0 to
-/// 1.25 where σ is right, 1.25 to 1.4 where texture was taken for noise.
-const WIDEST: f64 = 1.25;
-/// Nor are they noise if there are more than this many times as many between the cut and 1.5 times the cut: noise thins
-/// out there.
-const CROWDED: f64 = 1.5;
-/// Pictures with this many times the samples that one intensity needs should have enough of them somewhere. If not,
-/// they are textured.
-const TEXTURED: f64 = 10.0;
+/// Blocks below the cut whose spread exceeds that of χ² by this factor are not noise but weak
+/// texture. Measured: 1.0 to 1.25 where σ is right, 1.25 to 1.4 where texture was taken for noise.
+const MAX_SPREAD_RATIO: f64 = 1.25;
+/// Nor are they noise if there are more than this many times as many between the cut and 1.5 times
+/// the cut: noise thins out there.
+const MAX_UPPER_RATIO: f64 = 1.5;
+/// Pictures with this many times the samples that one intensity needs should have enough of them
+/// somewhere. If not, they are textured.
+const TEXTURED_FACTOR: f64 = 10.0;
 /// σ and correlation depend on each other; they settle within three rounds.
 const ROUNDS: usize = 4;
-/// A block is unusable if more than this share of any channel's pixels is at an end of the code range. Cameras mix
-/// channels after clipping, and clipped values carry no noise.
-const CLIPPED: f64 = 0.02;
-/// Below this variance (8-bit codes squared, times the frames' step squared) a block was clipped within the camera.
-const TOO_QUIET: f64 = 0.1;
+/// A block is unusable if more than this share of any channel's pixels is at an end of the code
+/// range. Cameras mix channels after clipping, and clipped values carry no noise.
+const MAX_CLIPPED_SHARE: f64 = 0.02;
+/// Below this variance (8-bit codes squared, times the frames' step squared) a block was clipped
+/// within the camera.
+const MIN_VARIANCE: f64 = 0.1;
 /// At most this many blocks are kept, chosen at random, for each sixteenth of green's code range.
 const CAPACITY: usize = 16_384;
-const DRAWERS: usize = 16;
+const STRATA: usize = 16;
 
 /// The data kept of a block, in 8-bit code values.
 #[derive(Clone, Debug)]
@@ -60,7 +65,7 @@ struct Block {
 
 /// The pixels that fell into an intensity bin.
 #[derive(Clone, Copy, Debug, Default)]
-struct Seen {
+struct PixelCounts {
     pixels: u64,
     clipped: u64,
 }
@@ -69,18 +74,18 @@ struct Seen {
 #[derive(Debug)]
 pub struct MovingCalibrator {
     options: NoiseOptions,
-    plane: Plane,
+    plane: PlaneDetrend,
     frame_bits: Option<u32>,
     frames: usize,
     blocks: u64,
     /// By green's mean: how many blocks came, and those that were kept.
-    drawers: [(u64, Vec<Block>); DRAWERS],
-    seen: [Vec<Seen>; 3],
+    strata: [(u64, Vec<Block>); STRATA],
+    seen: [Vec<PixelCounts>; 3],
 }
 
-/// Variances at the bins' middles, rounding included, and what was found along with them.
+/// Variances at the bins' middles, rounding included, and the other estimates.
 #[derive(Clone, Debug)]
-struct Found {
+struct NoiseEstimate {
     /// Variance and independent samples of each bin of each channel.
     variance: [Vec<f64>; 3],
     independent: [Vec<f64>; 3],
@@ -98,12 +103,13 @@ impl MovingCalibrator {
         if options.bins == 0 || options.bins > 256 {
             return Err(CalibrateError::Bins { found: options.bins });
         }
-        let seen = std::array::from_fn(|_| vec![Seen::default(); options.bins]);
-        let plane = Plane::new();
-        Ok(Self { options, plane, frame_bits: None, frames: 0, blocks: 0, drawers: Default::default(), seen })
+        let seen = std::array::from_fn(|_| vec![PixelCounts::default(); options.bins]);
+        let plane = PlaneDetrend::new();
+        Ok(Self { options, plane, frame_bits: None, frames: 0, blocks: 0, strata: Default::default(), seen })
     }
 
-    /// Adds a frame. Frames may differ in size. Fails if it is empty or its bit depth differs from the frames before.
+    /// Adds a frame. Frames may differ in size. Fails if it is empty or its bit depth differs from
+    /// the frames before.
     pub fn add_frame(&mut self, frame: &Pixels) -> Result<(), CalibrateError> {
         if frame.width == 0 || frame.height == 0 {
             return Err(CalibrateError::Empty);
@@ -128,7 +134,7 @@ impl MovingCalibrator {
     /// A block's sums. `None` if it is clipped or too quiet.
     fn block(&mut self, frame: &Pixels, x0: usize, y0: usize) -> Option<Block> {
         let pixels = (SIDE * SIDE) as f64;
-        let quiet = TOO_QUIET * self.rounding().frame_step.powi(2);
+        let quiet = MIN_VARIANCE * self.rounding().frame_step.powi(2);
         let mut block = Block { mean: [0.0; 3], products: [[0.0; LAGS]; 3], cross: [0.0; 3] };
         let mut usable = true;
         let mut residuals = [[0.0; SIDE * SIDE]; 3];
@@ -144,12 +150,12 @@ impl MovingCalibrator {
             let clipped = values.iter().filter(|v| **v <= 0.0 || **v >= 255.0).count();
             let bin = bin_of(mean, self.options.bins);
             let seen = &mut self.seen[channel][bin];
-            *seen = Seen { pixels: seen.pixels + pixels as u64, clipped: seen.clipped + clipped as u64 };
-            self.plane.take_off(values);
-            let products = Plane::products(values);
+            *seen = PixelCounts { pixels: seen.pixels + pixels as u64, clipped: seen.clipped + clipped as u64 };
+            self.plane.subtract(values);
+            let products = PlaneDetrend::products(values);
             block.mean[channel] = mean as f32;
             block.products[channel] = products.map(|p| p as f32);
-            usable &= clipped as f64 <= CLIPPED * pixels && products[0] >= quiet;
+            usable &= clipped as f64 <= MAX_CLIPPED_SHARE * pixels && products[0] >= quiet;
         }
         for (cross, (a, b)) in block.cross.iter_mut().zip(PAIRS) {
             *cross = (residuals[a].iter().zip(&residuals[b]).map(|(a, b)| a * b).sum::<f64>() / pixels) as f32;
@@ -159,7 +165,7 @@ impl MovingCalibrator {
 
     /// Keeps a block, at random once there are too many (Vitter 1985, algorithm R).
     fn keep(&mut self, block: Block) {
-        let (came, kept) = &mut self.drawers[bin_of(f64::from(block.mean[1]), DRAWERS)];
+        let (came, kept) = &mut self.strata[bin_of(f64::from(block.mean[1]), STRATA)];
         *came += 1;
         if kept.len() < CAPACITY {
             return kept.push(block);
@@ -177,7 +183,7 @@ impl MovingCalibrator {
     }
 
     fn blocks(&self) -> impl Iterator<Item = &Block> {
-        self.drawers.iter().flat_map(|(_, kept)| kept)
+        self.strata.iter().flat_map(|(_, kept)| kept)
     }
 
     /// The profile and its table.
@@ -189,14 +195,15 @@ impl MovingCalibrator {
         let mut warnings = Vec::new();
         let bins = [0, 1, 2].map(|c| self.reports(c, &found, &rounding));
         for (channel, bins) in CHANNELS.into_iter().zip(&bins) {
-            check(channel, bins, self.options.min_independent, &mut warnings).map_err(|error| self.cause(error))?;
+            check_bins(channel, bins, self.options.min_independent, &mut warnings)
+                .map_err(|error| self.cause(error))?;
         }
         warnings.push(Warning::Texture);
-        let mut told = |value, name, low| told_correlation(value, name, low, &mut warnings);
+        let mut reported = |value, name, low| reported_correlation(value, name, low, &mut warnings);
         let [rg, rb, gb] = found.channel;
-        let channel_correlation = [told(rg, "R-G", -1.0), told(rb, "R-B", -1.0), told(gb, "G-B", -1.0)];
+        let channel_correlation = [reported(rg, "R-G", -1.0), reported(rb, "R-B", -1.0), reported(gb, "G-B", -1.0)];
         let [right, below] = found.neighbour;
-        let neighbour_correlation = [told(right, "to the right", 0.0), told(below, "below", 0.0)];
+        let neighbour_correlation = [reported(right, "to the right", 0.0), reported(below, "below", 0.0)];
         let profile = NoiseProfile {
             bins: [0, 1, 2]
                 .map(|c| bins[c].iter().map(|b| NoiseBin { code: b.code, sigma: round4(b.sigma) }).collect::<Vec<_>>()),
@@ -204,8 +211,8 @@ impl MovingCalibrator {
             neighbour_correlation,
         };
         // The discarded blocks are assumed to be like the kept ones.
-        let kept = self.drawers.iter().map(|d| d.1.len()).sum::<usize>().max(1) as f64;
-        let came = self.drawers.iter().map(|d| d.0).sum::<u64>() as f64;
+        let kept = self.strata.iter().map(|d| d.1.len()).sum::<usize>().max(1) as f64;
+        let came = self.strata.iter().map(|d| d.0).sum::<u64>() as f64;
         let excluded_share = 1.0 - found.flat as f64 / kept * came / self.blocks.max(1) as f64;
         let (scenes, frames, motion) = (1, self.frames, SceneMotion::Moving);
         Ok(NoiseCalibration { profile, bins, motion, scenes, frames, excluded_share, warnings })
@@ -215,7 +222,7 @@ impl MovingCalibrator {
     fn cause(&self, error: CalibrateError) -> CalibrateError {
         match error {
             CalibrateError::TooFew { channel, needed, best }
-                if self.blocks as f64 * (SIDE * SIDE) as f64 > TEXTURED * needed =>
+                if self.blocks as f64 * (SIDE * SIDE) as f64 > TEXTURED_FACTOR * needed =>
             {
                 CalibrateError::Textured { channel, needed, best, frames: self.frames }
             }
@@ -223,11 +230,11 @@ impl MovingCalibrator {
         }
     }
 
-    fn reports(&self, channel: usize, found: &Found, rounding: &Rounding) -> Vec<BinReport> {
+    fn reports(&self, channel: usize, found: &NoiseEstimate, rounding: &Rounding) -> Vec<BinReport> {
         let mut reports: Vec<BinReport> = (0..self.options.bins)
             .map(|bin| {
                 let (variance, independent) = (found.variance[channel][bin], found.independent[channel][bin]);
-                let Seen { pixels, clipped } = self.seen[channel][bin];
+                let PixelCounts { pixels, clipped } = self.seen[channel][bin];
                 let code_range = range_of(bin, self.options.bins);
                 BinReport {
                     code_range,
@@ -243,13 +250,13 @@ impl MovingCalibrator {
                 }
             })
             .collect();
-        fill(&mut reports);
+        fill_unmeasured(&mut reports);
         reports
     }
 
-    fn estimate(&self) -> Found {
+    fn estimate(&self) -> NoiseEstimate {
         let bins = self.options.bins;
-        let mut found = Found {
+        let mut found = NoiseEstimate {
             variance: std::array::from_fn(|_| vec![1.0; bins]),
             independent: std::array::from_fn(|_| vec![0.0; bins]),
             measured: std::array::from_fn(|_| vec![false; bins]),
@@ -272,7 +279,7 @@ impl MovingCalibrator {
     }
 
     /// Moves one channel's variances towards those of its lowest blocks.
-    fn variances(&self, found: &mut Found, channel: usize, (freedom, kept): (f64, f64), strict: bool) {
+    fn variances(&self, found: &mut NoiseEstimate, channel: usize, (freedom, kept): (f64, f64), strict: bool) {
         let bins = self.options.bins;
         let mut ratios: Vec<Vec<f64>> = vec![Vec::new(); bins];
         for block in self.blocks() {
@@ -281,7 +288,7 @@ impl MovingCalibrator {
         }
         let lowest: Vec<Option<(f64, f64)>> = ratios
             .iter_mut()
-            .map(|r| lowest(r, freedom).filter(|l| l.like_noise || !strict).map(|l| (l.scale, l.blocks)))
+            .map(|r| fit_lower_tail(r, freedom).filter(|l| l.like_noise || !strict).map(|l| (l.scale, l.blocks)))
             .collect();
         for (bin, lowest) in lowest.iter().enumerate() {
             let (factor, blocks) = lowest.unwrap_or((1.0, 0.0));
@@ -295,14 +302,14 @@ impl MovingCalibrator {
             .map(|bin| (bin as f64, found.variance[channel][bin]))
             .collect();
         for bin in 0..bins {
-            if let Some(variance) = between(&good, bin as f64).filter(|_| !found.measured[channel][bin]) {
+            if let Some(variance) = interpolate(&good, bin as f64).filter(|_| !found.measured[channel][bin]) {
                 found.variance[channel][bin] = variance;
             }
         }
     }
 
     /// The noise's correlations, from blocks that are flat in every channel.
-    fn correlations(&self, found: &mut Found, freedom: [f64; 3], kept: [f64; 3]) {
+    fn correlations(&self, found: &mut NoiseEstimate, freedom: [f64; 3], kept: [f64; 3]) {
         let (bins, rounding) = (self.options.bins, self.rounding());
         let rounded: [Vec<f64>; 3] =
             [0, 1, 2].map(|c| found.variance[c].iter().map(|v| 1.0 - rounding.sigma(*v).powi(2) / v).collect());
@@ -361,7 +368,7 @@ fn range_of(bin: usize, bins: usize) -> [f64; 2] {
 }
 
 /// Linear between points, constant beyond.
-fn between(points: &[(f64, f64)], at: f64) -> Option<f64> {
+fn interpolate(points: &[(f64, f64)], at: f64) -> Option<f64> {
     let after = points.partition_point(|p| p.0 <= at);
     match (points.get(after.wrapping_sub(1)), points.get(after)) {
         (Some(a), Some(b)) => Some(a.1 + (b.1 - a.1) * (at - a.0) / (b.0 - a.0)),
@@ -370,8 +377,8 @@ fn between(points: &[(f64, f64)], at: f64) -> Option<f64> {
     }
 }
 
-/// A block's variance relative to the one expected at its intensity, clipping included. `variance` is at the bins'
-/// middles. `None` too near to an end.
+/// A block's variance relative to the one expected at its intensity, clipping included. `variance`
+/// is at the bins' middles. `None` too near to an end.
 fn ratio(block: &Block, channel: usize, variance: &[f64]) -> Option<f64> {
     let code = f64::from(block.mean[channel]);
     let bins = variance.len();
@@ -385,20 +392,20 @@ fn ratio(block: &Block, channel: usize, variance: &[f64]) -> Option<f64> {
 
 /// Estimate from the lowest of a bin's blocks.
 #[derive(Clone, Copy, Debug)]
-struct Lowest {
+struct LowerTail {
     scale: f64,
     /// The estimated number of blocks that contain only noise, including those above the cut.
     blocks: f64,
-    /// Whether they spread as noise does. If not, they are weak texture.
+    /// True if the blocks spread as noise does; otherwise they are weak texture.
     like_noise: bool,
 }
 
 /// Estimates the variance of noise from the lowest of these values.
 ///
-/// For x like χ² with ν degrees over ν, times s, those below a cut T have the mean s·F_(ν+2)(νT/s) / F_ν(νT/s) and the
-/// mean square s²·(1+2/ν)·F_(ν+4)(νT/s) / F_ν(νT/s). At T = CUT·s these are fixed factors. The solution is the lowest s
-/// at which the first holds, because texture only adds.
-fn lowest(values: &mut [f64], freedom: f64) -> Option<Lowest> {
+/// For x like χ² with ν degrees over ν, times s, those below a cut T have the mean s·F_(ν+2)(νT/s)
+/// / F_ν(νT/s) and the mean square s²·(1+2/ν)·F_(ν+4)(νT/s) / F_ν(νT/s). At T = CUT·s these are
+/// fixed factors. The solution is the lowest s at which the first holds, because texture only adds.
+fn fit_lower_tail(values: &mut [f64], freedom: f64) -> Option<LowerTail> {
     values.sort_by(f64::total_cmp);
     let below = |degrees: f64| gamma_lr(0.5 * degrees, 0.5 * freedom * CUT);
     let (share, mean) = (below(freedom), below(freedom + 2.0) / below(freedom));
@@ -410,7 +417,7 @@ fn lowest(values: &mut [f64], freedom: f64) -> Option<Lowest> {
             Some(*sum)
         })
         .collect();
-    let mut scale = *values.get((LOWEST * values.len() as f64) as usize)?;
+    let mut scale = *values.get((START_QUANTILE * values.len() as f64) as usize)?;
     let mut count = 0;
     for _ in 0..200 {
         count = values.partition_point(|v| *v <= CUT * scale);
@@ -427,11 +434,13 @@ fn lowest(values: &mut [f64], freedom: f64) -> Option<Lowest> {
     let n = count as f64;
     let spread = values.iter().take(count).map(|v| (v / scale - mean).powi(2)).sum::<f64>() / n;
     let next = (values.partition_point(|v| *v <= 1.5 * CUT * scale) - count) as f64;
-    let like_noise = spread <= WIDEST * WIDEST * (square - mean * mean) && next <= CROWDED * n;
-    Some(Lowest { scale, blocks: n / share, like_noise })
+    let like_noise =
+        spread <= MAX_SPREAD_RATIO * MAX_SPREAD_RATIO * (square - mean * mean) && next <= MAX_UPPER_RATIO * n;
+    Some(LowerTail { scale, blocks: n / share, like_noise })
 }
 
-/// Calibrates from frames in memory. Errors as for [`MovingCalibrator::add_frame`] and [`MovingCalibrator::finish`].
+/// Calibrates from frames in memory. Errors as for [`MovingCalibrator::add_frame`] and
+/// [`MovingCalibrator::finish`].
 pub fn from_frames(frames: &[Pixels], options: &NoiseOptions) -> Result<NoiseCalibration, CalibrateError> {
     let mut calibrator = MovingCalibrator::new(options.clone())?;
     frames.iter().try_for_each(|frame| calibrator.add_frame(frame))?;
@@ -443,24 +452,25 @@ mod tests {
     use super::*;
     use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-    /// χ² at evenly spaced quantiles for a third of the values. The rest is texture, twice to ninety times as strong.
+    /// χ² at evenly spaced quantiles for a third of the values. The rest is texture, twice to
+    /// ninety times as strong.
     #[test]
-    fn the_lowest_third_is_found_among_texture() {
+    fn lower_tail_is_estimated_among_texture() {
         let chi = ChiSquared::new(40.0).unwrap();
         let mut values: Vec<f64> =
             (0..1000).map(|i| 3.0 * chi.inverse_cdf((f64::from(i) + 0.5) / 1000.0) / 40.0).collect();
-        let alone = lowest(&mut values.clone(), 40.0).unwrap();
+        let alone = fit_lower_tail(&mut values.clone(), 40.0).unwrap();
         assert!((alone.scale / 3.0 - 1.0).abs() < 0.01 && (alone.blocks / 1000.0 - 1.0).abs() < 0.02, "{alone:?}");
         values.extend((0..2000).map(|i| 6.0 * (1.0 + 0.0002 * f64::from(i * i))));
-        let among = lowest(&mut values, 40.0).unwrap();
+        let among = fit_lower_tail(&mut values, 40.0).unwrap();
         assert!((among.scale / 3.0 - 1.0).abs() < 0.02 && (among.blocks / 1000.0 - 1.0).abs() < 0.04, "{among:?}");
         assert!(alone.like_noise && among.like_noise);
-        assert!(lowest(&mut [], 40.0).is_none() && lowest(&mut [0.0; 50], 40.0).is_none());
-        assert!(lowest(&mut [1.0; 39], 40.0).is_none());
+        assert!(fit_lower_tail(&mut [], 40.0).is_none() && fit_lower_tail(&mut [0.0; 50], 40.0).is_none());
+        assert!(fit_lower_tail(&mut [1.0; 39], 40.0).is_none());
         // Texture alone: nothing below 1, then ever more.
         let mut texture: Vec<f64> = (0..2000).map(|i| 1.0 + 0.2 * f64::from(i).sqrt()).collect();
-        assert!(!lowest(&mut texture, 40.0).unwrap().like_noise);
+        assert!(!fit_lower_tail(&mut texture, 40.0).unwrap().like_noise);
         let mut from_nothing: Vec<f64> = (0..2000).map(|i| f64::from(i).sqrt()).collect();
-        assert!(lowest(&mut from_nothing, 40.0).is_none());
+        assert!(fit_lower_tail(&mut from_nothing, 40.0).is_none());
     }
 }

@@ -1,11 +1,13 @@
-//! Noise calibration (Fischer 2006): from frames of static scenes, σ of the variations by channel and intensity.
+//! Noise calibration (Fischer 2006): from frames of static scenes, σ of the variations by channel
+//! and intensity.
 //!
-//! a_i = mean picture of scene i, v_ij = f_ij − a_i, binned by a_i (never by f_ij: that would put bright noise into
-//! bright bins). μ and σ are maximum-likelihood estimates for a normal distribution. They are corrected for the small
-//! number of frames, integer codes and clipping, and exclude what moved. docs/calibration.md derives each.
+//! a_i = mean picture of scene i, v_ij = f_ij − a_i, binned by a_i (never by f_ij: that would put
+//! bright noise into bright bins). μ and σ are maximum-likelihood estimates for a normal
+//! distribution. They are corrected for the small number of frames, integer codes and clipping, and
+//! exclude moving content. docs/calibration.md derives each.
 //!
-//! Not modelled: noise correlated over time, fixed patterns (they belong to the mean), noise that is not normally
-//! distributed, correlation beyond what the nearest neighbours imply.
+//! Not modelled: noise correlated over time, fixed patterns (they belong to the mean), noise that
+//! is not normally distributed, correlation beyond what the nearest neighbours imply.
 
 use super::bins::{BinReport, BinRules, Pool};
 use super::blocks::judge;
@@ -19,14 +21,14 @@ use crate::source::SourceError;
 use crate::text::count;
 use std::path::PathBuf;
 
-/// How to calibrate.
+/// Options of a noise calibration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoiseOptions {
     /// Intensity bins over the code range, 1 to 256.
     pub bins: usize,
     /// Bins with fewer independent samples are filled from their neighbours.
     pub min_independent: f64,
-    /// Whether to leave out blocks that move or drift, and refuse scenes in which everything does.
+    /// Leaves out blocks that move or drift, and refuses scenes in which everything does.
     pub leave_out_motion: bool,
 }
 
@@ -39,9 +41,9 @@ impl Default for NoiseOptions {
 /// How the frames were taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SceneMotion {
-    /// Scenes at rest: noise is what varies from frame to frame.
+    /// Scenes at rest: noise is the variation from frame to frame.
     Resting,
-    /// A moving camera: noise is what deviates from a plane in textureless places.
+    /// A moving camera: noise is the deviation from a plane in textureless areas.
     Moving,
 }
 
@@ -55,14 +57,14 @@ pub struct NoiseCalibration {
     /// 1 for a moving camera.
     pub scenes: usize,
     pub frames: usize,
-    /// Share left out, 0 to 1. At rest: of pixels, because they moved or drifted. With a moving camera: of blocks,
-    /// because of texture, clipping or too little noise.
+    /// Share left out, 0 to 1. At rest: of pixels, because they moved or drifted. With a moving
+    /// camera: of blocks, because of texture, clipping or too little noise.
     pub excluded_share: f64,
-    /// Things a person should know before trusting the table.
+    /// Remarks on the reliability of the table.
     pub warnings: Vec<Warning>,
 }
 
-/// Why there is no calibration.
+/// Reason why a calibration failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrateError {
     #[error("no frames were given; give two or more frames of a static scene, or one frame and its mean")]
@@ -131,8 +133,8 @@ pub enum CalibrateError {
 
 pub(super) const CHANNELS: [&str; 3] = ["R", "G", "B"];
 
-/// A calibration in progress: scenes one after another, frame by frame. Memory: the sums of one picture, and a little
-/// (0.2 MB) for each finished scene.
+/// A calibration in progress: scenes one after another, frame by frame. Memory: the sums of one
+/// picture, and a little (0.2 MB) for each finished scene.
 #[derive(Debug)]
 pub struct NoiseCalibrator {
     options: NoiseOptions,
@@ -286,17 +288,17 @@ impl NoiseCalibrator {
         }
         self.end_scene()?;
         let (rounding, mut warnings) = (self.rounding(), std::mem::take(&mut self.warnings));
-        let mut told = |value, name, low| told_correlation(value, name, low, &mut warnings);
+        let mut reported = |value, name, low| reported_correlation(value, name, low, &mut warnings);
         let [rg, rb, gb] = Pool::channel_correlation(&self.pools);
-        let channel_correlation = [told(rg, "R-G", -1.0), told(rb, "R-B", -1.0), told(gb, "G-B", -1.0)];
+        let channel_correlation = [reported(rg, "R-G", -1.0), reported(rb, "R-B", -1.0), reported(gb, "G-B", -1.0)];
         let [right, below] = Pool::neighbour_correlation(&self.pools);
-        let neighbour_correlation = [told(right, "to the right", 0.0), told(below, "below", 0.0)];
+        let neighbour_correlation = [reported(right, "to the right", 0.0), reported(below, "below", 0.0)];
         let needed = self.options.min_independent;
         let independent_share = independent_share(neighbour_correlation);
         let rules = BinRules { bins: self.options.bins, rounding, needed, independent_share };
         let bins = [0, 1, 2].map(|c| Pool::bins(&self.pools, c, &rules));
         for (channel, bins) in CHANNELS.into_iter().zip(&bins) {
-            check(channel, bins, needed, &mut warnings)?;
+            check_bins(channel, bins, needed, &mut warnings)?;
         }
         let profile = NoiseProfile {
             bins: [0, 1, 2]
@@ -311,7 +313,7 @@ impl NoiseCalibrator {
 }
 
 /// Warns of filled and biased bins. Fails if none is good.
-pub(super) fn check(
+pub(super) fn check_bins(
     channel: &'static str,
     bins: &[BinReport],
     needed: f64,
@@ -332,8 +334,14 @@ pub(super) fn check(
     Ok(())
 }
 
-/// A correlation as it is written: 0 if it could not be measured, and at least `low`. Either case adds a warning.
-pub(crate) fn told_correlation(measured: Option<f64>, of: &'static str, low: f64, warnings: &mut Vec<Warning>) -> f64 {
+/// A correlation as written to the profile: 0 if it could not be measured, and at least `low`.
+/// Either case adds a warning.
+pub(crate) fn reported_correlation(
+    measured: Option<f64>,
+    of: &'static str,
+    low: f64,
+    warnings: &mut Vec<Warning>,
+) -> f64 {
     let value = measured.unwrap_or(0.0);
     if measured.is_none() {
         warnings.push(Warning::NoCorrelation(of));
@@ -347,8 +355,9 @@ pub(super) fn round4(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }
 
-/// The weight of one sample's square among correlated neighbours: 1/Σρ², if ρ falls by the same factor with each pixel
-/// in a row and in a column (so that Σρ² = (1+r²)/(1−r²) for each direction).
+/// The weight of one sample's square among correlated neighbours: 1/Σρ², if ρ falls by the same
+/// factor with each pixel in a row and in a column (so that Σρ² = (1+r²)/(1−r²) for each
+/// direction).
 fn independent_share(neighbour_correlation: [f64; 2]) -> f64 {
     neighbour_correlation.iter().map(|r| r.min(0.99)).map(|r| (1.0 - r * r) / (1.0 + r * r)).product()
 }

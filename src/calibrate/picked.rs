@@ -1,85 +1,89 @@
-//! Noise of places that a person picked: rectangles of plain colour, in frames at rest or in any.
+//! Noise of picked regions: rectangles of plain colour, in frames at rest or in any.
 //!
-//! At rest each rectangle is a scene (noise.rs): noise is what varies from frame to frame, texture does no harm. In a single
-//! frame, or while the camera moves, noise is what blocks of 12×12 pixels show beside a plane (single.rs). Other than
-//! moving.rs it is not searched for among texture: all blocks count, and a place whose blocks differ by more than noise does
-//! is left out. (Texture that is alike all over a place counts as noise here too.)
+//! At rest each rectangle is a scene (noise.rs): noise is the variation from frame to frame, and
+//! texture does no harm. In a single frame, or while the camera moves, noise is the deviation from
+//! a plane in blocks of 12×12 pixels (single.rs). Unlike in moving.rs no textureless blocks are
+//! searched for: all blocks count, and a region whose blocks differ by more than noise is rejected.
+//! Texture that is uniform over a region counts as noise here too.
 //!
-//! Each place has a verdict of its own; those that are good make the noise, whatever the others are.
+//! Each region has a verdict of its own. The usable ones determine the noise, whatever the others
+//! are.
 //!
-//! Few intensities are picked. Beyond and between them the profile goes on as the present one does, scaled by the ratio of
-//! what was measured to what it says there.
+//! Regions cover few intensities. Beyond and between them the present profile is used, scaled by
+//! the ratio of the measured σ to the profile's.
 
 use super::noise::{CHANNELS, CalibrateError, NoiseCalibrator, NoiseOptions, SceneMotion};
-use super::places::{Found, PickedError, Place, Unfit};
+use super::picked_region::{PickedError, PickedRegion, RegionError, RegionNoise};
 use super::plane::SIDE;
-use super::points::{NoisePoint, continued, merged};
-use super::single::in_frames;
+use super::points::{NoisePoint, extend_by_profile, merge_close};
+use super::single::from_single_frames;
 use super::warning::Warning;
 use crate::camera::NoiseProfile;
 use crate::pixels::Pixels;
 
-/// Independent samples that make a point: σ within 7 %.
-const NEEDED: f64 = 400.0;
-/// At rest, where clipping is corrected for, a place may have this share of its pixels at an end of the code range.
-const MOST_CLIPPED: f64 = 0.5;
+/// Independent samples of a usable point: σ within 7 %.
+const MIN_SAMPLES: f64 = 400.0;
+/// Largest share of pixels at an end of the code range, at rest, where clipping is corrected for.
+const MAX_CLIPPED_SHARE: f64 = 0.5;
 
-/// What picked places tell.
+/// Result of measuring picked regions.
 #[derive(Debug)]
-pub struct Picked {
-    /// Of each place its mean code value (8 bits, of R, G and B together), or why it tells nothing.
-    pub places: Vec<Result<f64, Unfit>>,
-    /// By all that are good.
+pub struct PickedResult {
+    /// For each region its mean code value (8 bits, mean of R, G and B), or the reason why it is
+    /// rejected.
+    pub places: Vec<Result<f64, RegionError>>,
+    /// Noise of all usable regions.
     pub noise: Result<PickedNoise, PickedError>,
 }
 
-/// The noise that picked places have.
+/// Noise of the picked regions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PickedNoise {
     pub profile: NoiseProfile,
-    /// What was measured, ascending, of R, G, B.
+    /// Measured σ of R, G, B, ascending by code.
     pub points: [Vec<NoisePoint>; 3],
     pub motion: SceneMotion,
-    /// Things a person should know before taking it.
+    /// Remarks for the user.
     pub warnings: Vec<Warning>,
 }
 
 impl PickedNoise {
-    /// The intensities that were measured, 8-bit codes.
+    /// Range of the measured intensities, 8-bit codes.
     pub fn covered(&self) -> [f64; 2] {
         let codes = || self.points.iter().flatten().map(|point| point.code);
         [codes().fold(255.0, f64::min), codes().fold(0.0, f64::max)]
     }
 }
 
-/// Noise of places. `present` is the profile beyond what was measured; without one σ is constant there.
-pub fn picked_noise(places: &[Place], motion: SceneMotion, present: Option<&NoiseProfile>) -> Picked {
+/// Measures the noise of regions. `present` is the profile used beyond the measured intensities;
+/// without one σ is constant there.
+pub fn picked_noise(places: &[PickedRegion], motion: SceneMotion, present: Option<&NoiseProfile>) -> PickedResult {
     let (mut verdicts, mut warnings) = (Vec::new(), Vec::new());
     let found = match motion {
         _ if places.is_empty() => Err(PickedError::NoPlace),
         _ if places.iter().any(|place| place.frames().is_empty()) => {
             Err(PickedError::Calibrate(CalibrateError::NoFrames))
         }
-        SceneMotion::Resting => at_rest(places, &mut verdicts, &mut warnings),
-        SceneMotion::Moving => in_frames(places, &mut verdicts, &mut warnings),
+        SceneMotion::Resting => from_resting_frames(places, &mut verdicts, &mut warnings),
+        SceneMotion::Moving => from_single_frames(places, &mut verdicts, &mut warnings),
     };
-    let noise = found.and_then(|Found { points, channel_correlation, neighbour_correlation }| {
-        let points = points.map(merged);
+    let noise = found.and_then(|RegionNoise { points, channel_correlation, neighbour_correlation }| {
+        let points = points.map(merge_close);
         if let Some(missing) = (0..3).find(|c| points[*c].is_empty()) {
             return Err(PickedError::Channel(CHANNELS[missing]));
         }
-        let bins = [0, 1, 2].map(|c| continued(&points[c], present.map(|present| (present, c))));
+        let bins = [0, 1, 2].map(|c| extend_by_profile(&points[c], present.map(|present| (present, c))));
         let profile = NoiseProfile { bins, channel_correlation, neighbour_correlation };
         Ok(PickedNoise { profile, points, motion, warnings })
     });
-    Picked { places: verdicts, noise }
+    PickedResult { places: verdicts, noise }
 }
 
-fn at_rest(
-    places: &[Place],
-    verdicts: &mut Vec<Result<f64, Unfit>>,
+fn from_resting_frames(
+    places: &[PickedRegion],
+    verdicts: &mut Vec<Result<f64, RegionError>>,
     warnings: &mut Vec<Warning>,
-) -> Result<Found, PickedError> {
+) -> Result<RegionNoise, PickedError> {
     if places.iter().any(|place| place.frames().len() < 2) {
         return Err(PickedError::OneFrame);
     }
@@ -87,7 +91,7 @@ fn at_rest(
         CalibrateError::TooFew { .. } => PickedError::Few,
         error => PickedError::Calibrate(error),
     };
-    let options = NoiseOptions { min_independent: NEEDED, ..NoiseOptions::default() };
+    let options = NoiseOptions { min_independent: MIN_SAMPLES, ..NoiseOptions::default() };
     let calibrator = || NoiseCalibrator::new(options.clone()).map_err(failed);
     let add = |calibrator: &mut NoiseCalibrator, frames: &[Pixels]| -> Result<(), CalibrateError> {
         calibrator.begin_scene(None)?;
@@ -98,19 +102,19 @@ fn at_rest(
     for place in places {
         let ((width, height), least) = (place.size_px(), SIDE as u32);
         if width.min(height) < least {
-            verdicts.push(Err(Unfit::Small { width, height, least }));
+            verdicts.push(Err(RegionError::Small { width, height, least }));
             continue;
         }
-        let (code, clipped) = told(place.frames());
-        if clipped > MOST_CLIPPED {
-            verdicts.push(Err(Unfit::Clipped));
+        let (code, clipped) = mean_and_clipped_share(place.frames());
+        if clipped > MAX_CLIPPED_SHARE {
+            verdicts.push(Err(RegionError::Clipped));
             continue;
         }
-        // First by itself: a scene that is refused would end them all.
+        // Tried alone first: an error in one scene would fail the whole calibration.
         match add(&mut calibrator()?, place.frames()) {
             Ok(()) => {}
             Err(CalibrateError::CameraMoves { .. } | CalibrateError::SceneChanges { .. }) => {
-                verdicts.push(Err(Unfit::Changes));
+                verdicts.push(Err(RegionError::Changes));
                 continue;
             }
             Err(error) => return Err(failed(error)),
@@ -123,15 +127,16 @@ fn at_rest(
         return Err(PickedError::NoneFit);
     }
     let calibration = all.finish().map_err(failed)?;
-    // Which bins are filled from others is plain from the range that is covered.
+    // Interpolated bins are evident from the covered range.
     let points = calibration.points();
     warnings.extend(calibration.warnings.into_iter().filter(|warning| !matches!(warning, Warning::Filled { .. })));
     let NoiseProfile { channel_correlation, neighbour_correlation, .. } = calibration.profile;
-    Ok(Found { points, channel_correlation, neighbour_correlation })
+    Ok(RegionNoise { points, channel_correlation, neighbour_correlation })
 }
 
-/// The mean code of pictures, 8 bits, and the share of pixels with a channel at an end of the code range.
-fn told(pictures: &[Pixels]) -> (f64, f64) {
+/// Mean code of pictures, 8 bits, and the share of pixels with a channel at an end of the code
+/// range.
+fn mean_and_clipped_share(pictures: &[Pixels]) -> (f64, f64) {
     let (mut sum, mut clipped, mut count) = (0.0, 0.0, 0.0);
     for picture in pictures {
         let most = picture.max_code();

@@ -1,18 +1,22 @@
 //! How removing a plane from a small block changes correlated noise, and the inverse.
 //!
-//! A block's n pixels are y = plane + e, e normal with the covariance R = Σ_k r_k S_k: S_k marks the pairs of pixels
-//! that lie k = (|Δx|, |Δy|) apart, r_k is the noise's covariance there (0 beyond [`REACH`]). With M = 1 − QQᵀ, Q an
-//! orthonormal basis of the planes, the residuals are Me and their covariance MRM = Σ_k r_k B_k, B_k = M S_k M. So
+//! A block's n pixels are y = plane + e, e normal with the covariance R = Σ_k r_k S_k: S_k marks
+//! the pairs of pixels that lie k = (|Δx|, |Δy|) apart, r_k is the noise's covariance there (0
+//! beyond [`REACH`]). With M = 1 − QQᵀ, Q an orthonormal basis of the planes, the residuals are Me
+//! and their covariance MRM = Σ_k r_k B_k, B_k = M S_k M. So
 //!
-//! - the mean product of residuals that lie j apart has the expectation c_j = Σ_k A_jk r_k, A_jk = Σ_(S_j) B_k / |S_j|:
-//!   a linear system that gives r from c, including the low frequencies that the plane removed;
-//! - the mean square is distributed like χ² with ν = tr(MR)² / tr(MRMR) degrees of freedom (Satterthwaite 1946).
+//! - the mean product of residuals that lie j apart has the expectation c_j = Σ_k A_jk r_k, A_jk =
+//!   Σ_(S_j) B_k / |S_j|: a linear system that gives r from c, including the low frequencies that
+//!   the plane removed;
+//! - the mean square is distributed like χ² with ν = tr(MR)² / tr(MRMR) degrees of freedom
+//!   (Satterthwaite 1946).
 
-/// Side of a block, pixels. Large enough for the plane to leave most of the noise, small enough to fit into textureless
-/// places.
+/// Side of a block, pixels. Large enough for the plane to leave most of the noise, small enough to
+/// fit into textureless places.
 pub(crate) const SIDE: usize = 12;
 const PIXELS: usize = SIDE * SIDE;
-/// Noise up to this many pixels apart, across or down, may be correlated. Beyond, it is assumed independent.
+/// Noise up to this many pixels apart, across or down, may be correlated. Beyond, it is assumed
+/// independent.
 const REACH: usize = 3;
 /// Distances up to [`REACH`] each way.
 pub(crate) const LAGS: usize = (REACH + 1) * (REACH + 1);
@@ -30,9 +34,9 @@ pub(crate) const WHITE: ByLag = {
 
 /// The block's algebra, made once.
 #[derive(Debug)]
-pub(crate) struct Plane {
+pub(crate) struct PlaneDetrend {
     /// B_k, row by row.
-    left: Vec<Vec<f64>>,
+    projected_lags: Vec<Vec<f64>>,
     expected: [ByLag; LAGS],
     base: [[f64; PIXELS]; 3],
 }
@@ -56,7 +60,7 @@ fn mean_by_lag(value: impl Fn(usize, usize) -> f64) -> ByLag {
     std::array::from_fn(|k| sums[k] / pairs[k])
 }
 
-impl Plane {
+impl PlaneDetrend {
     pub fn new() -> Self {
         let middle = (SIDE as f64 - 1.0) / 2.0;
         let slope = (SIDE as f64 * (0..SIDE).map(|i| (i as f64 - middle).powi(2)).sum::<f64>()).sqrt();
@@ -65,18 +69,18 @@ impl Plane {
             std::array::from_fn(|i| ((i % SIDE) as f64 - middle) / slope),
             std::array::from_fn(|i| ((i / SIDE) as f64 - middle) / slope),
         ];
-        let left: Vec<Vec<f64>> = (0..LAGS).map(|k| projected(&base, k)).collect();
+        let projected_lags: Vec<Vec<f64>> = (0..LAGS).map(|k| projected(&base, k)).collect();
         let mut expected = [[0.0; LAGS]; LAGS];
-        for (k, left) in left.iter().enumerate() {
-            for (row, mean) in expected.iter_mut().zip(mean_by_lag(|a, b| left[a * PIXELS + b])) {
+        for (k, projected_lags) in projected_lags.iter().enumerate() {
+            for (row, mean) in expected.iter_mut().zip(mean_by_lag(|a, b| projected_lags[a * PIXELS + b])) {
                 row[k] = mean;
             }
         }
-        Self { left, expected, base }
+        Self { projected_lags, expected, base }
     }
 
     /// Subtracts the best-fitting plane from a block's values.
-    pub fn take_off(&self, values: &mut [f64; PIXELS]) {
+    pub fn subtract(&self, values: &mut [f64; PIXELS]) {
         for base in &self.base {
             let share: f64 = base.iter().zip(values.iter()).map(|(b, v)| b * v).sum();
             values.iter_mut().zip(base).for_each(|(v, b)| *v -= share * b);
@@ -131,7 +135,14 @@ impl Plane {
     pub fn freedom(&self, covariance: &ByLag) -> f64 {
         let trace = PIXELS as f64 * covariance[0] * self.kept(covariance);
         let squares: f64 = (0..PIXELS * PIXELS)
-            .map(|i| self.left.iter().zip(covariance).map(|(left, r)| r * left[i]).sum::<f64>().powi(2))
+            .map(|i| {
+                self.projected_lags
+                    .iter()
+                    .zip(covariance)
+                    .map(|(projected_lags, r)| r * projected_lags[i])
+                    .sum::<f64>()
+                    .powi(2)
+            })
             .sum();
         trace * trace / squares
     }
@@ -165,40 +176,41 @@ mod tests {
     use super::*;
 
     #[test]
-    fn white_noise_has_as_many_degrees_as_pixels_less_three() {
-        let plane = Plane::new();
+    fn white_noise_loses_three_degrees_of_freedom() {
+        let plane = PlaneDetrend::new();
         assert!((plane.freedom(&WHITE) - 141.0).abs() < 1e-9);
         assert!((plane.kept(&WHITE) - 141.0 / 144.0).abs() < 1e-12);
     }
 
     #[test]
-    fn the_plane_takes_planes_and_nothing_twice() {
-        let plane = Plane::new();
+    fn subtraction_removes_planes_and_is_idempotent() {
+        let plane = PlaneDetrend::new();
         let mut values: [f64; PIXELS] = std::array::from_fn(|i| 3.0 + 0.5 * (i % SIDE) as f64 - (i / SIDE) as f64);
-        plane.take_off(&mut values);
+        plane.subtract(&mut values);
         assert!(values.iter().all(|v| v.abs() < 1e-12));
-        // A single pixel: its own product is M's diagonal element squared, a neighbour's is with −(QQᵀ) between the
-        // two.
+        // A single pixel: its own product is M's diagonal element squared, a neighbour's is with
+        // −(QQᵀ) between the two.
         let mut values = [0.0; PIXELS];
         values[0] = 1.0;
-        plane.take_off(&mut values);
+        plane.subtract(&mut values);
         let (once, m) = (values, values[0]);
-        plane.take_off(&mut values);
+        plane.subtract(&mut values);
         assert!(values.iter().zip(&once).all(|(a, b)| (a - b).abs() < 1e-12));
         assert!((m - (1.0 - 1.0 / 144.0 - 2.0 * 5.5 * 5.5 / (12.0 * 143.0))).abs() < 1e-12, "{m}");
     }
 
-    /// Both ways: from r by the sum over all pairs of M R M, computed independently here, and from c back to r.
+    /// Both ways: from r by the sum over all pairs of M R M, computed independently here, and from
+    /// c back to r.
     #[test]
-    fn covariance_undoes_what_the_plane_did() {
-        let plane = Plane::new();
+    fn covariance_inverts_the_detrending() {
+        let plane = PlaneDetrend::new();
         let r: ByLag = std::array::from_fn(|k| 0.6f64.powi((k % 4) as i32) * 0.4f64.powi((k / 4) as i32));
         // Residuals of every unit impulse: M's columns. E[e eᵀ] = M R M.
         let columns: Vec<[f64; PIXELS]> = (0..PIXELS)
             .map(|i| {
                 let mut unit = [0.0; PIXELS];
                 unit[i] = 1.0;
-                plane.take_off(&mut unit);
+                plane.subtract(&mut unit);
                 unit
             })
             .collect();
@@ -208,7 +220,7 @@ mod tests {
             .collect();
         let entry = |a: usize, b: usize| -> f64 { spread[a].iter().zip(&columns[b]).map(|(x, y)| x * y).sum() };
         let expected = mean_by_lag(entry);
-        let products = Plane::products(&columns[30]);
+        let products = PlaneDetrend::products(&columns[30]);
         let counted = mean_by_lag(|a, b| columns[30][a] * columns[30][b]);
         assert!(products.iter().zip(&counted).all(|(a, b)| (a - b).abs() < 1e-15), "{products:?}");
         let found = plane.covariance(&expected);

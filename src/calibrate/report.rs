@@ -1,4 +1,4 @@
-//! The table that a person reads after a calibration.
+//! Report of a noise calibration as a table.
 
 use super::bins::BinReport;
 use super::noise::{NoiseCalibration, SceneMotion};

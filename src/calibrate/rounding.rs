@@ -1,22 +1,24 @@
 //! The variance that integer codes add, exactly, and how to remove it.
 //!
-//! A code is q = round(y), y = m + σz. The rounding error is the sawtooth q − y = Σ (−1)^k sin(2πky)/(πk), so E[q|m] =
-//! m + Σ (−1)^k e^(−2π²k²σ²) sin(2πkm)/(πk). With the fraction of m spread evenly, E[(q−m)²] = σ² + 1/12. Subtracting
-//! how far the mean of q itself deviates leaves
+//! A code is q = round(y), y = m + σz. The rounding error is the sawtooth q − y = Σ (−1)^k
+//! sin(2πky)/(πk), so E[q|m] = m + Σ (−1)^k e^(−2π²k²σ²) sin(2πkm)/(πk). With the fraction of m
+//! spread evenly, E[(q−m)²] = σ² + 1/12. Subtracting how far the mean of q itself deviates leaves
 //!
 //! V(σ) = σ² + 1/12 − Σ e^(−4π²k²σ²)/(2π²k²)
 //!
-//! (Sheppard's σ² + 1/12 is its limit for σ ≥ 0.5.) Against a mean A = round(m) on the same grid, E[(q−A)²] = σ² + 1/6
-//! − Σ e^(−2π²k²σ²)/(π²k²). Both are 0 at σ = 0.
+//! (Sheppard's σ² + 1/12 is its limit for σ ≥ 0.5.) Against a mean A = round(m) on the same grid,
+//! E[(q−A)²] = σ² + 1/6 − Σ e^(−2π²k²σ²)/(π²k²). Both are 0 at σ = 0.
 
 use std::f64::consts::PI;
 
 /// 16-bit codes in one 8-bit code.
 pub(crate) const UNIT: i64 = 257;
-/// Terms of the sums. The last is below 3e-4 of the first even at σ = 0, where the sums are not used.
+/// Terms of the sums. The last is below 3e-4 of the first even at σ = 0, where the sums are not
+/// used.
 const TERMS: u32 = 60;
 
-/// Rounding of the frames, and of the mean that variations are relative to. Steps in 8-bit code values.
+/// Rounding of the frames, and of the mean that variations are relative to. Steps in 8-bit code
+/// values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Rounding {
     /// One code of the frames.
@@ -38,7 +40,8 @@ impl Rounding {
         }
     }
 
-    /// The noise's standard deviation if the variations have this variance. 0 if rounding explains it all.
+    /// The noise's standard deviation if the variations have this variance. 0 if rounding explains
+    /// it all.
     pub fn sigma(&self, variance: f64) -> f64 {
         if variance.is_nan() || variance <= self.variance(0.0) {
             return 0.0;

@@ -13,7 +13,8 @@ pub(crate) const MAX_FRAMES: u32 = 30_000;
 /// Pixels of the largest picture. Each takes 80 bytes while a scene is summed.
 pub(crate) const MAX_PIXELS: usize = 1 << 26;
 
-/// Summed products of a block's differences d. d is a frame minus the one before, or minus the known mean.
+/// Summed products of a block's differences d. d is a frame minus the one before, or minus the
+/// known mean.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct BlockSums {
     /// d² of R, G, B.
@@ -36,7 +37,7 @@ pub(crate) struct PixelSums {
     pub squares: f64,
     /// Sum of variations: 0 around the frames' own mean.
     pub sum: f64,
-    /// Whether a sample was at an end of the code range.
+    /// A sample was at an end of the code range.
     pub touched: bool,
 }
 
@@ -66,7 +67,7 @@ pub(crate) struct SceneSums {
     pub width: usize,
     pub height: usize,
     pub frames: u32,
-    /// Whether variations are relative to a known mean.
+    /// Variations are relative to a known mean.
     pub known_mean: bool,
     pub blocks: Vec<BlockSums>,
     pub motion: CommonMotion,
@@ -90,7 +91,8 @@ fn codes_16(pixels: &Pixels) -> Vec<u16> {
 }
 
 impl SceneSums {
-    /// Sums around a known mean, or around the frames' own. Every frame must have the size of `first`.
+    /// Sums around a known mean, or around the frames' own. Every frame must have the size of
+    /// `first`.
     pub fn new(first: &Pixels, mean: Option<&Pixels>) -> Self {
         let (width, height) = (first.width as usize, first.height as usize);
         let n = 3 * width * height;
@@ -221,12 +223,14 @@ impl SceneSums {
         (area.y0..area.y1).flat_map(move |y| (area.x0..area.x1).map(move |x| 3 * (y * width + x) + channel))
     }
 
-    /// Mean variation of the whole picture for each channel, in 8-bit code values; 0 around the frames' own mean.
+    /// Mean variation of the whole picture for each channel, in 8-bit code values; 0 around the
+    /// frames' own mean.
     pub fn offset(&self) -> [f64; 3] {
         if self.known_mean { self.brightness.map(|b| b.0) } else { [0.0; 3] }
     }
 
-    /// Standard deviation of the whole frames' means over time, the largest channel's, in 8-bit code values.
+    /// Standard deviation of the whole frames' means over time, the largest channel's, in 8-bit
+    /// code values.
     pub fn flicker(&self) -> f64 {
         let divisor = (f64::from(self.frames) - 1.0).max(1.0);
         self.brightness.iter().map(|(_, squares)| (squares / divisor).sqrt()).fold(0.0, f64::max)

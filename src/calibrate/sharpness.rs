@@ -1,9 +1,11 @@
-//! Sharpness from straight edges in a picture: the blur of lens and sensor, as `point_spread` draws it.
+//! Sharpness from straight edges in a picture: the blur of lens and sensor, as modelled by
+//! `point_spread`.
 //!
-//! Light adds, code values do not: the picture is decoded by the camera's response, and the luminance measured
-//! (measure/slanted.rs). What one edge gives has the uncertainty of that edge. Edges of one picture differ by more where
-//! some lie out of focus, move or are round, or the lens is softer at one place. So several are put together with weights
-//! 1/(u² + τ²), τ² their variance beyond what their uncertainties u explain (DerSimonian and Laird 1986).
+//! Light is additive, code values are not: the picture is decoded by the camera's response, and its
+//! luminance is measured (measure/slanted.rs). An edge's result has the uncertainty of that edge.
+//! Edges of one picture differ by more if some are out of focus, moving or curved, or if the lens
+//! is softer in places. So several edges are combined with weights 1/(u² + τ²), τ² their variance
+//! beyond their uncertainties u (DerSimonian and Laird 1986).
 
 use crate::camera::Response;
 use crate::measure::Grey;
@@ -12,20 +14,20 @@ use crate::measure::slanted::{EdgeError, SlantedEdge, slanted_edge};
 use crate::pixels::{Pixels, Rect};
 use crate::text::fixed;
 
-/// The table and parameter that the width is for.
+/// The profile's table and parameter of the blur.
 pub const PARAMETER: (&str, &str) = ("point_spread", "sigma_px");
 /// Luminance of linear R, G, B (BT.709).
 const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
-/// This share of clipped pixels is borne.
-const CLIPPED: f64 = 0.02;
-/// A fainter step is made of too few code values.
-const FEWEST_CODES: f64 = 12.0;
-/// Misfits beyond this are told, as a share of the step.
-const ODD: f64 = 0.02;
-/// Movements beyond this share of the blur are told.
-const MOVES: f64 = 1.0;
+/// Largest accepted share of clipped pixels.
+const MAX_CLIPPED_SHARE: f64 = 0.02;
+/// Smallest step of an edge, 8-bit codes.
+const MIN_STEP_CODES: f64 = 12.0;
+/// Misfits above this are reported, as a share of the step.
+const REPORTED_MISFIT: f64 = 0.02;
+/// Motions across the edge above this are reported, px.
+const REPORTED_MOTION_PX: f64 = 1.0;
 
-/// Why an edge tells nothing of sharpness.
+/// Reason why an edge gives no sharpness.
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]
 pub enum SharpnessError {
     #[error(
@@ -33,23 +35,23 @@ pub enum SharpnessError {
          edge that is not overexposed"
     )]
     Clipped { percent: f64 },
-    #[error("too little contrast: both sides differ by {codes:.1} of 255 codes; {FEWEST_CODES} and more are needed")]
+    #[error("too little contrast: both sides differ by {codes:.1} of 255 codes; {MIN_STEP_CODES} and more are needed")]
     Faint { codes: f64 },
     #[error(transparent)]
     Edge(#[from] EdgeError),
 }
 
-/// Of which light an edge is.
+/// The light in which an edge is measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Of {
-    /// The luminance, or, where that shows no edge, the channel that shows it best.
+pub enum EdgeLight {
+    /// Luminance, or the channel with the smallest uncertainty if luminance shows no edge.
     #[default]
     Best,
     /// Red, green or blue alone: 0 to 2.
     Channel(usize),
 }
 
-impl Of {
+impl EdgeLight {
     fn weights(self) -> [f64; 3] {
         match self {
             Self::Best => LUMINANCE,
@@ -59,43 +61,44 @@ impl Of {
 }
 
 /// The profile of light across a region, by [`across`], as a share of the camera's full scale. It
-/// also exists for an edge that is refused.
-pub fn seen(picture: &Pixels, response: &Response, region: Rect, of: Of) -> Vec<[f64; 2]> {
+/// also exists for a rejected edge.
+pub fn edge_profile(picture: &Pixels, response: &Response, region: Rect, of: EdgeLight) -> Vec<[f64; 2]> {
     let (light, _) = light_of(picture, response, region, of.weights());
     light.map_or_else(Vec::new, |light| across(&light, Rect::full(light.width as u32, light.height as u32)))
 }
 
-/// Measures the edge that crosses a region of a picture. `moved_px`: its way while the shutter was open. Light is a share of
-/// the camera's full scale. Yellow before white is an edge of blue alone. Behind a mosaic of colour filters a channel is less sharp than the luminance.
+/// Measures the edge that crosses a region of a picture, in [`EdgeLight::Best`]. `moved_px` is the
+/// motion during the exposure. Light is a share of the camera's full scale. An edge from yellow to
+/// white shows in blue alone. Behind a colour filter array a channel is less sharp than luminance.
 pub fn edge(
     picture: &Pixels,
     response: &Response,
     region: Rect,
     moved_px: [f64; 2],
 ) -> Result<SlantedEdge, SharpnessError> {
-    edge_in(picture, response, region, moved_px, Of::Best)
+    edge_in(picture, response, region, moved_px, EdgeLight::Best)
 }
 
-/// The same, of the light that is chosen.
+/// Measures an edge in the chosen light.
 pub fn edge_in(
     picture: &Pixels,
     response: &Response,
     region: Rect,
     moved_px: [f64; 2],
-    of: Of,
+    of: EdgeLight,
 ) -> Result<SlantedEdge, SharpnessError> {
     let measured = |light| edge_of(picture, response, region, moved_px, light);
     let found = measured(of.weights());
-    if of != Of::Best {
+    if of != EdgeLight::Best {
         return found;
     }
     found.or_else(|error| {
-        let best = (0..3).filter_map(|channel| measured(Of::Channel(channel).weights()).ok());
+        let best = (0..3).filter_map(|channel| measured(EdgeLight::Channel(channel).weights()).ok());
         best.min_by(|a, b| a.uncertainty_px.total_cmp(&b.uncertainty_px)).ok_or(error)
     })
 }
 
-/// Of the light that R, G and B give with these weights.
+/// Measures an edge in the light Σ `weights` · (R, G, B).
 fn edge_of(
     picture: &Pixels,
     response: &Response,
@@ -104,16 +107,16 @@ fn edge_of(
     weights: [f64; 3],
 ) -> Result<SlantedEdge, SharpnessError> {
     let region = region.intersection(&Rect::full(picture.width, picture.height));
-    let (seen, percent) = light_of(picture, response, region, weights);
-    if percent > 100.0 * CLIPPED {
+    let (light, percent) = light_of(picture, response, region, weights);
+    if percent > 100.0 * MAX_CLIPPED_SHARE {
         return Err(SharpnessError::Clipped { percent });
     }
-    let Some(seen) = seen else {
+    let Some(light) = light else {
         return Err(EdgeError::Small { width: region.width(), height: region.height() }.into());
     };
-    let mut found = slanted_edge(&seen, Rect::full(region.width(), region.height()), moved_px)?;
+    let mut found = slanted_edge(&light, Rect::full(region.width(), region.height()), moved_px)?;
     let codes = 255.0 * (response.encode(found.bright) - response.encode(found.dark.max(0.0)));
-    if codes < FEWEST_CODES {
+    if codes < MIN_STEP_CODES {
         return Err(SharpnessError::Faint { codes });
     }
     for end in &mut found.line_px {
@@ -122,7 +125,7 @@ fn edge_of(
     Ok(found)
 }
 
-/// The light of a region, and how many percent of its pixels are clipped.
+/// Light of a region, and the percentage of clipped pixels.
 fn light_of(picture: &Pixels, response: &Response, region: Rect, weights: [f64; 3]) -> (Option<Grey>, f64) {
     let region = region.intersection(&Rect::full(picture.width, picture.height));
     let (width, height) = (region.width() as usize, region.height() as usize);
@@ -137,19 +140,19 @@ fn light_of(picture: &Pixels, response: &Response, region: Rect, weights: [f64; 
     (Grey::new(width, height, values).filter(|grey| !grey.values.is_empty()), percent)
 }
 
-/// What several edges say together.
+/// Combined result of several edges.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Together {
+pub struct CombinedSharpness {
     pub sigma_px: f64,
     /// One standard deviation.
     pub uncertainty_px: f64,
-    /// The standard deviation of the edges about each other, beyond their uncertainties.
+    /// Standard deviation between edges beyond their uncertainties.
     pub between_px: f64,
 }
 
-/// Puts edges together. `None` without any.
-pub fn together(edges: &[SlantedEdge]) -> Option<Together> {
-    // An edge without noise is no better than others beyond measure.
+/// Combines edges. `None` without any.
+pub fn combine(edges: &[SlantedEdge]) -> Option<CombinedSharpness> {
+    // Limits the weight of an edge without noise.
     let squares: Vec<f64> = edges.iter().map(|e| e.uncertainty_px.max(1e-3).powi(2)).collect();
     let mean = |weights: &[f64]| {
         let sum: f64 = weights.iter().zip(edges).map(|(w, e)| w * e.sigma_px).sum();
@@ -161,20 +164,20 @@ pub fn together(edges: &[SlantedEdge]) -> Option<Together> {
     let divisor = total - weights.iter().map(|w| w * w).sum::<f64>() / total;
     let between = if edges.len() > 1 { ((apart - (edges.len() as f64 - 1.0)) / divisor).max(0.0) } else { 0.0 };
     let weights: Vec<f64> = squares.iter().map(|u2| 1.0 / (u2 + between)).collect();
-    (!edges.is_empty()).then(|| Together {
+    (!edges.is_empty()).then(|| CombinedSharpness {
         sigma_px: mean(&weights),
         uncertainty_px: weights.iter().sum::<f64>().powf(-0.5),
         between_px: between.sqrt(),
     })
 }
 
-/// What a person should know before trusting an edge.
+/// Remarks on the reliability of an edge.
 pub fn notes(edge: &SlantedEdge, moved_px: [f64; 2]) -> Vec<String> {
     let mut notes = Vec::new();
     if edge.sigma_px == 0.0 {
         notes.push("the edge is as sharp as pixels show it, or sharper: the camera may sharpen".to_owned());
     }
-    if edge.misfit > ODD {
+    if edge.misfit > REPORTED_MISFIT {
         let percent = fixed(100.0 * edge.misfit, 1);
         notes.push(format!(
             "its profile is no blurred step: it lies {percent} % of the step beside one (sharpening in the camera, or another \
@@ -182,7 +185,7 @@ pub fn notes(edge: &SlantedEdge, moved_px: [f64; 2]) -> Vec<String> {
         ));
     }
     let across = (edge.normal[0] * moved_px[0] + edge.normal[1] * moved_px[1]).abs();
-    if across > MOVES {
+    if across > REPORTED_MOTION_PX {
         let across = fixed(across, 1);
         notes.push(format!("it moved by {across} px while the shutter was open: a frame at rest tells more"));
     }
@@ -212,14 +215,15 @@ mod tests {
     }
 
     #[test]
-    fn edges_that_agree_count_by_their_uncertainty_and_others_alike() {
-        assert_eq!(together(&[]), None);
+    fn edges_that_agree_are_weighted_by_uncertainty_and_others_equally() {
+        assert_eq!(combine(&[]), None);
         // (0.6/0.01² + 0.61/0.02²) / (1/0.01² + 1/0.02²) = (6000 + 1525) / 12500.
-        let both = together(&[found(0.6, 0.01), found(0.61, 0.02)]).unwrap();
+        let both = combine(&[found(0.6, 0.01), found(0.61, 0.02)]).unwrap();
         assert!((both.sigma_px - 7525.0 / 12500.0).abs() < 1e-12 && both.between_px == 0.0, "{both:?}");
         assert!((both.uncertainty_px - 12500f64.powf(-0.5)).abs() < 1e-12);
-        // A hundred deviations apart: τ² is half the square of their distance, and both count alike.
-        let apart = together(&[found(0.5, 0.001), found(0.9, 0.004)]).unwrap();
+        // A hundred deviations apart: τ² is half the square of their distance, and both count
+        // alike.
+        let apart = combine(&[found(0.5, 0.001), found(0.9, 0.004)]).unwrap();
         assert!(
             (apart.sigma_px - 0.7).abs() < 1e-3 && (apart.between_px - 0.4 / 2f64.sqrt()).abs() < 1e-3,
             "{apart:?}"
@@ -228,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_odd_is_told() {
+    fn doubtful_edges_are_reported() {
         let mut edge = found(0.0, 0.1);
         edge.misfit = 0.03;
         let notes = notes(&edge, [-2.0, 5.0]);

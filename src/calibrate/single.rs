@@ -1,25 +1,27 @@
-//! Noise of picked places in single frames: what blocks of 12×12 pixels show beside a plane (plane.rs).
+//! Noise of picked regions in single frames: deviation from a plane in blocks of 12×12 pixels
+//! (plane.rs).
 
 use super::bins::chi_square_interval;
-use super::noise::{SceneMotion, told_correlation};
-use super::places::{FEWEST_BLOCKS, Found, PickedError, Place, Unfit, least_px};
-use super::plane::{ByLag, LAGS, NEIGHBOURS, Plane, SIDE};
+use super::noise::{SceneMotion, reported_correlation};
+use super::picked_region::{MIN_BLOCKS, PickedError, PickedRegion, RegionError, RegionNoise, min_side_px};
+use super::plane::{ByLag, LAGS, NEIGHBOURS, PlaneDetrend, SIDE};
 use super::points::NoisePoint;
 use super::rounding::{Rounding, UNIT};
 use super::warning::Warning;
 use crate::pixels::Pixels;
 
-/// Blocks may spread this many times as much as noise does, and by chance.
-const WIDEST: f64 = 1.6;
-/// A block is left out if more than this share of it is at an end of the code range, as in moving.rs.
-const CLIPPED: f64 = 0.02;
+/// Largest accepted ratio of observed to expected spread of the block variances; a margin for
+/// chance is added.
+const MAX_SPREAD_RATIO: f64 = 1.6;
+/// Largest share of a block's pixels at an end of the code range, as in moving.rs.
+const MAX_CLIPPED_SHARE: f64 = 0.02;
 const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
 
-/// The sums over a place's blocks.
+/// Sums over a region's blocks.
 #[derive(Clone, Debug, Default)]
-struct Sums {
+struct RegionSums {
     blocks: f64,
-    /// Blocks that are left out: at an end of the code range, and without noise.
+    /// Rejected blocks: at an end of the code range, and without noise.
     clipped: usize,
     quiet: usize,
     mean: [f64; 3],
@@ -29,36 +31,40 @@ struct Sums {
     cross: [f64; 3],
 }
 
-impl Sums {
-    /// Whether it can be looked at for noise.
-    fn verdict(&self, (width, height): (u32, u32)) -> Result<f64, Unfit> {
-        match () {
-            () if self.blocks as usize >= FEWEST_BLOCKS => Ok(self.mean.iter().sum::<f64>() / 3.0 / self.blocks),
-            () if self.clipped > self.quiet => Err(Unfit::Clipped),
-            () if self.quiet > 0 => Err(Unfit::Quiet),
-            () => Err(Unfit::Small { width, height, least: least_px(SceneMotion::Moving) }),
+impl RegionSums {
+    /// Mean code of a usable region.
+    fn mean_code(&self, (width, height): (u32, u32)) -> Result<f64, RegionError> {
+        if self.blocks as usize >= MIN_BLOCKS {
+            Ok(self.mean.iter().sum::<f64>() / 3.0 / self.blocks)
+        } else if self.clipped > self.quiet {
+            Err(RegionError::Clipped)
+        } else if self.quiet > 0 {
+            Err(RegionError::Quiet)
+        } else {
+            Err(RegionError::Small { width, height, least: min_side_px(SceneMotion::Moving) })
         }
     }
 
-    /// How many times as much its blocks' variances differ as noise's of that freedom do.
-    fn times(&self, c: usize, freedom: f64) -> f64 {
+    /// Ratio of the observed standard deviation of the block variances to that expected of noise
+    /// with this many degrees of freedom.
+    fn spread_ratio(&self, c: usize, freedom: f64) -> f64 {
         let mean = self.products[c][0] / self.blocks;
         let spread = self.squares[c] / self.blocks / (mean * mean) - 1.0;
         (spread / (2.0 / freedom)).sqrt()
     }
 }
 
-/// Judges places by their blocks, and gives what those that are good say. Each gets a verdict.
-pub(super) fn in_frames(
-    places: &[Place],
-    verdicts: &mut Vec<Result<f64, Unfit>>,
+/// Checks regions by their blocks and measures the usable ones. Adds a verdict for each region.
+pub(super) fn from_single_frames(
+    places: &[PickedRegion],
+    verdicts: &mut Vec<Result<f64, RegionError>>,
     warnings: &mut Vec<Warning>,
-) -> Result<Found, PickedError> {
-    let plane = Plane::new();
-    let mut good: Vec<(usize, Sums)> = Vec::new();
+) -> Result<RegionNoise, PickedError> {
+    let plane = PlaneDetrend::new();
+    let mut good: Vec<(usize, RegionSums)> = Vec::new();
     for (n, place) in places.iter().enumerate() {
         let sums = sums(&plane, place.frames());
-        let verdict = sums.verdict(place.size_px());
+        let verdict = sums.mean_code(place.size_px());
         good.extend(verdict.is_ok().then_some((n, sums)));
         verdicts.push(verdict);
     }
@@ -66,15 +72,16 @@ pub(super) fn in_frames(
         if good.is_empty() {
             return Err(PickedError::NoneFit);
         }
-        let shared = Shared::of(&plane, &good);
-        // A textured one makes the noise look more alike than it is, which excuses others: the worst goes first.
-        let times = |sums: &Sums| (0..3).map(|c| sums.times(c, shared.freedom[c])).fold(0.0, f64::max);
-        let most = |sums: &Sums| WIDEST + (8.0 / sums.blocks).sqrt();
-        let worst = good.iter().enumerate().map(|(i, (_, sums))| (i, times(sums) / most(sums)));
+        let shared = PooledCorrelation::of(&plane, &good);
+        // A textured region raises the estimated correlation, which excuses others. So the worst
+        // one is removed first.
+        let ratio = |sums: &RegionSums| (0..3).map(|c| sums.spread_ratio(c, shared.freedom[c])).fold(0.0, f64::max);
+        let most = |sums: &RegionSums| MAX_SPREAD_RATIO + (8.0 / sums.blocks).sqrt();
+        let worst = good.iter().enumerate().map(|(i, (_, sums))| (i, ratio(sums) / most(sums)));
         match worst.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, beyond)| *beyond > 1.0) {
             Some((worst, _)) => {
                 let (n, sums) = good.remove(worst);
-                verdicts[n] = Err(Unfit::Textured { times: times(&sums) });
+                verdicts[n] = Err(RegionError::Textured { times: ratio(&sums) });
             }
             None => break shared,
         }
@@ -82,17 +89,17 @@ pub(super) fn in_frames(
     Ok(shared.found(&plane, places, &good, warnings))
 }
 
-/// What all places' noise has in common.
-struct Shared {
+/// Correlation of the noise, common to all regions.
+struct PooledCorrelation {
     blocks: f64,
     correlation: [ByLag; 3],
     cross: [f64; 3],
     freedom: [f64; 3],
 }
 
-impl Shared {
-    /// From all places, each over its own variance.
-    fn of(plane: &Plane, good: &[(usize, Sums)]) -> Self {
+impl PooledCorrelation {
+    /// Pooled over all regions, each normalized by its own variance.
+    fn of(plane: &PlaneDetrend, good: &[(usize, RegionSums)]) -> Self {
         let blocks: f64 = good.iter().map(|(_, sums)| sums.blocks).sum();
         let mut relative = [[0.0; LAGS]; 3];
         let mut cross = [0.0; 3];
@@ -110,7 +117,13 @@ impl Shared {
         Self { blocks, cross, freedom: correlation.map(|r| plane.freedom(&r)), correlation }
     }
 
-    fn found(&self, plane: &Plane, places: &[Place], good: &[(usize, Sums)], warnings: &mut Vec<Warning>) -> Found {
+    fn found(
+        &self,
+        plane: &PlaneDetrend,
+        places: &[PickedRegion],
+        good: &[(usize, RegionSums)],
+        warnings: &mut Vec<Warning>,
+    ) -> RegionNoise {
         let kept = self.correlation.map(|r| plane.kept(&r));
         let mut frames = good.iter().flat_map(|(n, _)| places[*n].frames());
         let step = if frames.any(|frame| frame.max_code() != 255) { 1.0 / UNIT as f64 } else { 1.0 };
@@ -128,7 +141,8 @@ impl Shared {
                 points[c].push(NoisePoint { code, sigma, sigma_ci95, independent_count });
             }
         }
-        // Rounding is independent from pixel to pixel: it is no part of what neighbours share.
+        // Rounding is independent from pixel to pixel, so it has no share in the covariance of
+        // neighbours.
         let shared = |c: usize, k: usize| self.correlation[c][k] / own[c].max(1e-6);
         let mean = |k: usize| (0..3).map(|c| shared(c, k)).sum::<f64>() / 3.0;
         let neighbour = NEIGHBOURS.map(|k| Some(mean(k)).filter(|r| r.is_finite()));
@@ -136,17 +150,17 @@ impl Shared {
             let (a, b) = PAIRS[i];
             Some(self.cross[i] / (own[a] * own[b]).sqrt()).filter(|r: &f64| r.is_finite())
         });
-        let mut told = |value, name, low| told_correlation(value, name, low, warnings);
+        let mut reported = |value, name, low| reported_correlation(value, name, low, warnings);
         let [rg, rb, gb] = channel;
-        let channel_correlation = [told(rg, "R-G", -1.0), told(rb, "R-B", -1.0), told(gb, "G-B", -1.0)];
+        let channel_correlation = [reported(rg, "R-G", -1.0), reported(rb, "R-B", -1.0), reported(gb, "G-B", -1.0)];
         let [right, below] = neighbour;
-        let neighbour_correlation = [told(right, "to the right", 0.0), told(below, "below", 0.0)];
-        Found { points, channel_correlation, neighbour_correlation }
+        let neighbour_correlation = [reported(right, "to the right", 0.0), reported(below, "below", 0.0)];
+        RegionNoise { points, channel_correlation, neighbour_correlation }
     }
 }
 
-fn sums(plane: &Plane, frames: &[Pixels]) -> Sums {
-    let mut sums = Sums::default();
+fn sums(plane: &PlaneDetrend, frames: &[Pixels]) -> RegionSums {
+    let mut sums = RegionSums::default();
     let pixels = (SIDE * SIDE) as f64;
     let starts = |length: u32| (0..(length as usize + 1).saturating_sub(SIDE)).step_by(SIDE);
     for frame in frames {
@@ -163,9 +177,9 @@ fn sums(plane: &Plane, frames: &[Pixels]) -> Sums {
                 }
             }
             let means = residuals.map(|values| values.iter().sum::<f64>() / pixels);
-            residuals.iter_mut().for_each(|values| plane.take_off(values));
-            let products = residuals.each_ref().map(Plane::products);
-            if clipped.iter().any(|n| *n > CLIPPED * pixels) {
+            residuals.iter_mut().for_each(|values| plane.subtract(values));
+            let products = residuals.each_ref().map(PlaneDetrend::products);
+            if clipped.iter().any(|n| *n > MAX_CLIPPED_SHARE * pixels) {
                 sums.clipped += 1;
                 continue;
             }

@@ -1,13 +1,14 @@
-//! What a person should know before trusting a calibration.
+//! Warnings about a noise calibration.
 
 use std::fmt;
 
 use crate::text::count;
 
-/// Something odd about what was measured. Displays as a line for a person.
+/// A doubtful measurement. Displays as one line.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Warning {
-    /// The whole picture moves a little from frame to frame. `percent` of what changes is explained by that.
+    /// The whole picture moves a little from frame to frame. `percent` of what changes is explained
+    /// by that.
     Unsteady { scene: usize, percent: f64, known_mean: bool },
     /// Much of the picture moves or drifts.
     Moving { scene: usize, percent: f64 },

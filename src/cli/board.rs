@@ -9,7 +9,7 @@ use super::tell;
 use locard_engine::params::{Field, Value};
 use locard_engine::sink;
 use locard_engine::sink::atomic::write_atomically;
-use locard_engine::source::file::{self, MOST_DOCUMENT};
+use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 use locard_engine::tags::{Paper, Sheet, pdf, png};
 
 #[derive(clap::Args)]
@@ -46,7 +46,7 @@ pub fn run(args: &Args) -> Result<()> {
     // Both or neither.
     sink::check_file(&args.output, args.force)?;
     // The same board may be printed on another paper.
-    let same = file::read_text(&board, MOST_DOCUMENT).is_ok_and(|there| there == text);
+    let same = file::read_text(&board, MAX_DOCUMENT_BYTES).is_ok_and(|there| there == text);
     if !same {
         sink::check_file(&board, args.force)?;
     }

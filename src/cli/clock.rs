@@ -4,8 +4,8 @@ use anyhow::Result;
 
 use locard_engine::shot::{Shot, ShotError};
 use locard_engine::text::{count, fixed, shown};
-use locard_engine::tracking::delay::{Motion, REACH_S, estimate};
-use locard_engine::tracking::turn::Reduced;
+use locard_engine::tracking::delay::{FrameRotation, MAX_SEARCHED_DELAY_S, estimate};
+use locard_engine::tracking::turn::ImagePyramid;
 
 /// Frames further apart, in usual intervals, are not compared.
 const MOST_INTERVALS: f64 = 2.5;
@@ -14,7 +14,7 @@ const MOST_INTERVALS: f64 = 2.5;
 pub fn line(shot: &Shot) -> Result<String, ShotError> {
     let recording = &shot.recording;
     let mut motions = Vec::new();
-    let mut before: Option<(f64, Reduced)> = None;
+    let mut before: Option<(f64, ImagePyramid)> = None;
     for frame in recording.frames(0..recording.frame_count())? {
         let frame = frame?;
         let geometry = shot.geometry_at(frame.index)?;
@@ -22,18 +22,18 @@ pub fn line(shot: &Shot) -> Result<String, ShotError> {
             return Ok("clock      unknown: only pictures that fit a plane are compared".to_owned());
         }
         let time_s = frame.timestamp_s;
-        let now = Reduced::new(&frame.pixels);
+        let now = ImagePyramid::new(&frame.pixels);
         let near = before.take().filter(|(t, _)| time_s - t <= MOST_INTERVALS * recording.frame_interval_s);
         if let (Some((from_s, before)), Some(now)) = (near, &now)
-            && let Some(turn) = before.turn_to(now, &geometry.intrinsics)
+            && let Some(turn) = before.rotation_to(now, &geometry.intrinsics)
         {
-            motions.push(Motion { from_s, to_s: time_s, turn });
+            motions.push(FrameRotation { from_s, to_s: time_s, turn });
         }
         before = now.map(|now| (time_s, now));
     }
     let offset_s = recording.time_offset_s;
     let moved = |from_s: f64, to_s: f64| recording.track.motion_between(from_s + offset_s, to_s + offset_s);
-    Ok(match estimate(&motions, moved, REACH_S) {
+    Ok(match estimate(&motions, moved, MAX_SEARCHED_DELAY_S) {
         Ok(found) => {
             let milliseconds = |s: f64| fixed(1e3 * s, 1);
             let fit = if found.delay_s.abs() <= 2.0 * found.sigma_s {

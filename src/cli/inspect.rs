@@ -21,7 +21,7 @@ use locard_engine::params::{Params, Value};
 use locard_engine::profile::Rig;
 use locard_engine::recording::{OpenOptions, Recording, Registration, Repeats};
 use locard_engine::shot::{AnalysisState, Given, Shot, ShotError};
-use locard_engine::source::file::{self, MOST_DOCUMENT};
+use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 use locard_engine::stream::Protocol;
 use locard_engine::text::{count, fixed, reason, short, shown, shown_unit};
 
@@ -91,7 +91,7 @@ fn kind(path: &Path) -> Result<Found> {
         _ if path.is_dir() => Found::Recording,
         "glb" | "gltf" => Found::Scene,
         "toml" => {
-            let text = file::read_text(path, MOST_DOCUMENT)
+            let text = file::read_text(path, MAX_DOCUMENT_BYTES)
                 .map_err(|error| anyhow!("{}: cannot be read: {}", path.display(), reason(&error)))?;
             let keys: Keys = document::read(&text).map_err(|problem| anyhow!("{}: {problem}", path.display()))?;
             if keys.frames.is_some() {

@@ -8,7 +8,7 @@ use glam::DVec3;
 
 use super::pick::triple;
 use super::tell;
-use locard_engine::stream::{Clock, LensState, Poses, Report, Tracked};
+use locard_engine::stream::{Clock, LensState, Poses, Report, StreamPose};
 use locard_engine::text::{count, fixed, shown};
 
 /// How long the first datagram is waited for, seconds.
@@ -64,7 +64,7 @@ fn sources(out: &mut impl Write, report: &Report) -> Result<()> {
     Ok(())
 }
 
-fn place(out: &mut impl Write, report: &Report, tracked: &Tracked) -> Result<()> {
+fn place(out: &mut impl Write, report: &Report, tracked: &StreamPose) -> Result<()> {
     let rate = report.interval_s.filter(|interval_s| *interval_s > 0.0).map(|interval_s| 1.0 / interval_s);
     let rate = rate.map(|hz| format!(", {} a second, uneven by {} ms", fixed(hz, 2), fixed(1e3 * report.jitter_s, 2)));
     writeln!(out, "poses      {}{}", report.poses, rate.unwrap_or_default())?;
@@ -83,7 +83,7 @@ fn place(out: &mut impl Write, report: &Report, tracked: &Tracked) -> Result<()>
     Ok(())
 }
 
-fn lens(lens: &LensState, last: Option<&Tracked>) -> String {
+fn lens(lens: &LensState, last: Option<&StreamPose>) -> String {
     if last.is_some_and(|tracked| tracked.message.freed().is_some()) {
         return "FreeD says nothing of it but its encoders".to_owned();
     }

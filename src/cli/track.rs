@@ -10,9 +10,9 @@ use super::{progress, tell, warn};
 use locard_engine::compositor::Settings;
 use locard_engine::live::LiveOptions;
 use locard_engine::profile::Rig;
-use locard_engine::source::file::{self, MOST_DOCUMENT};
+use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 use locard_engine::source::video::{Overrides, probe};
-use locard_engine::tags::{Board, Paper, Parts, Sheet, check, record, track};
+use locard_engine::tags::{Board, Paper, RecordingInputs, Sheet, check, record, track};
 use locard_engine::text::{count, reason};
 
 #[derive(clap::Args)]
@@ -45,7 +45,7 @@ pub fn run(args: &Args) -> Result<()> {
         .flatten()
         .map(PathBuf::as_path)
         .collect();
-    let profile = file::read_text(&args.profile, MOST_DOCUMENT)
+    let profile = file::read_text(&args.profile, MAX_DOCUMENT_BYTES)
         .map_err(|error| anyhow::anyhow!("{}: cannot be read: {}", args.profile.display(), reason(&error)))?;
     let mut rig = Rig::default();
     rig.read_text(&profile, &args.profile, &mut Settings::default())?;
@@ -72,7 +72,11 @@ pub fn run(args: &Args) -> Result<()> {
     if let Some(tau_s) = args.smooth {
         tracked.smooth(tau_s);
     }
-    record(&args.output, args.force, &Parts { video: &video, profile: &profile, board: &board, track: &tracked })?;
+    record(
+        &args.output,
+        args.force,
+        &RecordingInputs { video: &video, profile: &profile, board: &board, track: &tracked },
+    )?;
     write!(std::io::stdout().lock(), "{tracked}")?;
     tell(args.quiet, &format!("{}: {}", count(tracked.chosen().count(), "pose"), args.output.display()));
     Ok(())

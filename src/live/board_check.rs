@@ -2,7 +2,7 @@
 //! must not flash up where a board with other dimensions happens to fit one picture.
 
 use crate::pose::Pose;
-use crate::tags::Sight;
+use crate::tags::BoardPose;
 
 /// Largest RMS reprojection error of several tags that fit together, px. The larger one of this and
 /// [`MAX_RMS_SHARE`] is used.
@@ -34,7 +34,7 @@ pub struct BoardCheck {
 
 impl BoardCheck {
     /// Adds the tags and the pose of a picture. Returns true if the pose can be used.
-    pub fn add(&mut self, time_s: f64, sight: &Sight, pose: &Pose) -> bool {
+    pub fn add(&mut self, time_s: f64, sight: &BoardPose, pose: &Pose) -> bool {
         let has_several = sight.tags.len() > 1;
         if has_several && !tags_fit(sight) {
             self.add_misfit();
@@ -75,7 +75,7 @@ impl BoardCheck {
     }
 }
 
-fn tags_fit(sight: &Sight) -> bool {
+fn tags_fit(sight: &BoardPose) -> bool {
     let sides_px: Vec<f64> = sight.corners.seen_px.as_chunks::<4>().0.iter().map(|c| c[0].distance(c[1])).collect();
     let side_px = sides_px.iter().sum::<f64>() / sides_px.len().max(1) as f64;
     sight.best.rms_px() <= MAX_RMS_PX.max(MAX_RMS_SHARE * side_px)

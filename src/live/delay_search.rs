@@ -7,8 +7,8 @@ use std::collections::VecDeque;
 use crate::camera::Intrinsics;
 use crate::pose::Pose;
 use crate::tracking::PoseTrack;
-use crate::tracking::delay::{Delay, Motion, NoDelay, REACH_S, estimate};
-use crate::tracking::turn::Reduced;
+use crate::tracking::delay::{Delay, DelayFailure, FrameRotation, MAX_SEARCHED_DELAY_S, estimate};
+use crate::tracking::turn::ImagePyramid;
 
 /// Length of the sliding window, seconds. The sway of a hand repeats in less.
 const WINDOW_S: f64 = 10.0;
@@ -32,7 +32,7 @@ const MIN_CHANGE_S: f64 = 0.002;
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum DelayError {
     #[error(transparent)]
-    NoDelay(#[from] NoDelay),
+    NoDelay(#[from] DelayFailure),
     #[error("it is known within ± {:.0} ms only", 1e3 * sigma_s)]
     Uncertain { sigma_s: f64 },
     #[error("the poses' camera is turned by {degrees}° about its optical axis against the pictures")]
@@ -44,8 +44,8 @@ pub enum DelayError {
 pub struct DelaySearch {
     camera: Intrinsics,
     max_gap_s: f64,
-    previous: Option<(f64, Reduced)>,
-    motions: VecDeque<Motion>,
+    previous: Option<(f64, ImagePyramid)>,
+    motions: VecDeque<FrameRotation>,
     poses: VecDeque<(f64, Pose)>,
     next_s: f64,
     last_delay: Option<Delay>,
@@ -64,7 +64,7 @@ impl DelaySearch {
         if time_s.is_finite() && self.poses.back().is_none_or(|(last_s, _)| time_s > *last_s) {
             self.poses.push_back((time_s, *pose));
         }
-        let old = |(pose_s, _): &(f64, Pose)| time_s - pose_s > WINDOW_S + 2.0 * REACH_S;
+        let old = |(pose_s, _): &(f64, Pose)| time_s - pose_s > WINDOW_S + 2.0 * MAX_SEARCHED_DELAY_S;
         while self.poses.len() > MAX_POSES || self.poses.front().is_some_and(old) {
             self.poses.pop_front();
         }
@@ -72,20 +72,20 @@ impl DelaySearch {
 
     /// Adds a picture. Returns a delay that differs from the last one, or the reason for a failed
     /// estimate; `None` between estimates.
-    pub fn add_picture(&mut self, time_s: f64, picture: Reduced) -> Option<Result<Delay, DelayError>> {
+    pub fn add_picture(&mut self, time_s: f64, picture: ImagePyramid) -> Option<Result<Delay, DelayError>> {
         if let Some((from_s, previous)) =
             self.previous.take().filter(|(from_s, _)| time_s - from_s <= MAX_PICTURE_INTERVAL_S)
-            && let Some(turn) = previous.turn_to(&picture, &self.camera)
+            && let Some(turn) = previous.rotation_to(&picture, &self.camera)
         {
-            self.add_motion(Motion { from_s, to_s: time_s, turn });
+            self.add_motion(FrameRotation { from_s, to_s: time_s, turn });
         }
         self.previous = Some((time_s, picture));
         self.update(time_s)
     }
 
-    fn add_motion(&mut self, motion: Motion) {
+    fn add_motion(&mut self, motion: FrameRotation) {
         self.motions.push_back(motion);
-        let old = |first: &Motion| motion.to_s - first.from_s > WINDOW_S;
+        let old = |first: &FrameRotation| motion.to_s - first.from_s > WINDOW_S;
         while self.motions.len() > MAX_MOTIONS || self.motions.front().is_some_and(old) {
             self.motions.pop_front();
         }
@@ -118,11 +118,11 @@ impl DelaySearch {
     }
 
     fn estimate(&self) -> Result<Delay, DelayError> {
-        let motions: Vec<Motion> = self.motions.iter().copied().collect();
+        let motions: Vec<FrameRotation> = self.motions.iter().copied().collect();
         let poses = self.poses.iter().copied().collect();
         // The poses' times are ascending, so this does not fail.
         let track = PoseTrack::new(poses, self.max_gap_s).unwrap_or_default();
-        match estimate(&motions, |from_s, to_s| track.motion_between(from_s, to_s), REACH_S)? {
+        match estimate(&motions, |from_s, to_s| track.motion_between(from_s, to_s), MAX_SEARCHED_DELAY_S)? {
             Delay { sigma_s, .. } if sigma_s > MAX_SIGMA_S => Err(DelayError::Uncertain { sigma_s }),
             Delay { quarters, .. } if quarters != 0 => Err(DelayError::Rotated { degrees: 90 * quarters }),
             delay => Ok(delay),
@@ -161,7 +161,7 @@ mod tests {
             }
             let from_s = time_s - INTERVAL_S;
             let turn = (orientation_at(time_s).inverse() * orientation_at(from_s)).to_scaled_axis();
-            search.add_motion(Motion { from_s, to_s: time_s, turn });
+            search.add_motion(FrameRotation { from_s, to_s: time_s, turn });
             results.extend(search.update(time_s).map(|found| (time_s, found)));
         }
         results
@@ -187,7 +187,9 @@ mod tests {
         let results = feed(&mut resting, [0.0, 10.0], |_| 0.083, true);
         assert!(
             results.len() == 4
-                && results.iter().all(|(_, found)| matches!(found, Err(DelayError::NoDelay(NoDelay::Still { .. })))),
+                && results
+                    .iter()
+                    .all(|(_, found)| matches!(found, Err(DelayError::NoDelay(DelayFailure::Still { .. })))),
             "{results:?}"
         );
         let mut moved = search();
@@ -201,7 +203,7 @@ mod tests {
         for i in 0..100_000 {
             let time_s = 1e-5 * f64::from(i);
             search.add_pose(time_s, &Pose::IDENTITY);
-            search.add_motion(Motion { from_s: time_s, to_s: time_s, turn: DVec3::ZERO });
+            search.add_motion(FrameRotation { from_s: time_s, to_s: time_s, turn: DVec3::ZERO });
         }
         assert_eq!((search.poses.len(), search.motions.len()), (MAX_POSES, MAX_MOTIONS));
         search.add_pose(f64::NAN, &Pose::IDENTITY);
@@ -254,7 +256,7 @@ mod tests {
         let codes = (0..3 * 320 * 240_u32).map(|n| (n / 3 % 320 / 9 * 37 + n / 960 / 11 * 53) as u8).collect();
         let pixels = crate::pixels::Pixels::from_u8(320, 240, codes).unwrap();
         for (time_s, motions) in [(1.0, 0), (1.03, 1), (2.0, 1), (2.2, 2)] {
-            search.add_picture(time_s, Reduced::new(&pixels).unwrap());
+            search.add_picture(time_s, ImagePyramid::new(&pixels).unwrap());
             assert_eq!(search.motions.len(), motions, "{time_s}");
         }
     }

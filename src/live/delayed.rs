@@ -15,8 +15,8 @@ use crate::pixels::Pixels;
 use crate::pose::Pose;
 use crate::stream::LensState;
 use crate::text::{count, fixed};
-use crate::tracking::delay::{Delay, NoDelay};
-use crate::tracking::turn::Reduced;
+use crate::tracking::delay::{Delay, DelayFailure};
+use crate::tracking::turn::ImagePyramid;
 
 /// Time added to the time stamp of each pose.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
@@ -63,7 +63,7 @@ impl SlewedDelay {
 
 enum DelaySample {
     /// The `Arc` counts the queued pictures.
-    Picture(f64, Reduced, Arc<()>),
+    Picture(f64, ImagePyramid, Arc<()>),
     Pose(f64, Pose),
 }
 
@@ -156,8 +156,8 @@ impl DelayedSource {
             Err(why) if !self.has_reported_failure => {
                 self.has_reported_failure = true;
                 let help = match why {
-                    DelayError::NoDelay(NoDelay::Still { .. }) => "; turn the camera about",
-                    DelayError::NoDelay(NoDelay::AtEnd { .. }) => "; begin nearer to it, by the stream's delay_s",
+                    DelayError::NoDelay(DelayFailure::Still { .. }) => "; turn the camera about",
+                    DelayError::NoDelay(DelayFailure::AtEnd { .. }) => "; begin nearer to it, by the stream's delay_s",
                     _ => "",
                 };
                 self.message = Some(format!("the poses' delay is not found yet, and is taken for 0: {why}{help}"));
@@ -172,7 +172,7 @@ impl PoseSource for DelayedSource {
         self.source.add_picture(time_s, pixels);
         if let Some(search) = &self.search {
             if Arc::strong_count(&search.queued_pictures) <= MAX_QUEUED_PICTURES
-                && let Some(picture) = Reduced::new(pixels)
+                && let Some(picture) = ImagePyramid::new(pixels)
             {
                 let _ =
                     search.samples.try_send(DelaySample::Picture(time_s, picture, Arc::clone(&search.queued_pictures)));

@@ -1,6 +1,6 @@
 //! Opacity of the evidence while tracking is lost and regained. It fades and never jumps.
 
-/// Time of full opacity after the last real pose, seconds: three frames at 30 Hz. A tag that is
+/// Time of full opacity after the last measured pose, seconds: three frames at 30 Hz. A tag that is
 /// missed in one or two pictures must not cause flicker. Motion predicted for longer is visibly
 /// wrong.
 pub const FULL_OPACITY_S: f64 = 0.1;
@@ -9,7 +9,7 @@ pub const FULL_OPACITY_S: f64 = 0.1;
 /// held still while the picture moves must not be visible for longer.
 pub const FADE_S: f64 = 0.2;
 
-/// Largest opacity at a time after the last real pose, 0 to 1.
+/// Largest opacity at a time after the last measured pose, 0 to 1.
 fn max_opacity(since_measured_s: f64) -> f64 {
     (1.0 - (since_measured_s - FULL_OPACITY_S) / FADE_S).clamp(0.0, 1.0)
 }
@@ -24,10 +24,10 @@ pub struct OpacityFade {
 impl OpacityFade {
     /// Opacity of the next frame's virtual layer, 0 to 1.
     ///
-    /// `since_measured_s` is the time since the last real pose, at most 0 if there are real poses on
-    /// both sides, and `None` if the frame has no pose. `confidence` is that of the frame's pose, 0
-    /// to 1: at a doubtful place evidence fades sooner, but no faster. The first frame does not
-    /// fade in.
+    /// `since_measured_s` is the time since the last measured pose, at most 0 if there are measured
+    /// ones on both sides, and `None` if the frame has no pose. `confidence` is that of the frame's
+    /// pose, 0 to 1: at a doubtful place evidence fades sooner, but no faster. The first frame does
+    /// not fade in.
     pub fn next(&mut self, at_s: f64, since_measured_s: Option<f64>, confidence: f64) -> f64 {
         let limit = since_measured_s.map_or(0.0, max_opacity);
         let (falling, rising) = self.previous.map_or((confidence, 1.0), |(previous_s, opacity)| {

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::delayed::DelayMode;
 use crate::source::video::{ColorMatrix, ColorRange};
-use crate::tracking::smooth::LONGEST_S;
+use crate::tracking::smooth::MAX_TIME_CONSTANT_S;
 use crate::webcam::{DriverName, Layout};
 
 /// Options of a camera and its pose source. All are optional.
@@ -88,8 +88,8 @@ impl LiveOptions {
 
     /// Parses a time constant, seconds.
     pub fn parse_time_constant_s(text: &str) -> Result<f64, String> {
-        let tau_s = text.parse().ok().filter(|tau_s| *tau_s >= 1e-3 && *tau_s <= LONGEST_S);
-        tau_s.ok_or_else(|| format!("{text} is refused: accepted are seconds from 0.001 to {LONGEST_S}"))
+        let tau_s = text.parse().ok().filter(|tau_s| *tau_s >= 1e-3 && *tau_s <= MAX_TIME_CONSTANT_S);
+        tau_s.ok_or_else(|| format!("{text} is refused: accepted are seconds from 0.001 to {MAX_TIME_CONSTANT_S}"))
     }
 }
 

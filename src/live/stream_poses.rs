@@ -142,7 +142,7 @@ impl PoseSource for StreamPoses {
         let silent_s = monotonic_s() - self.last_s;
         let (url, local_address) = (&self.url, self.local_address);
         (silent_s > SILENCE_S).then(|| {
-            let why = lock(&self.report).silence();
+            let why = lock(&self.report).silence_reason();
             format!(
                 "{url}, heard at {local_address}, is silent for {silent_s:.1} s: {why} (`locard inspect {url}` says what comes)"
             )

@@ -14,14 +14,17 @@ use super::pose_source::{MAX_GAP_S, PoseSource};
 use crate::camera::{Camera, Intrinsics};
 use crate::pixels::Pixels;
 use crate::pose::Pose;
-use crate::tags::{Board, DetectError, Family, Lost, Paper, Searcher, Sheet, also, chosen, expected, repeated};
+use crate::tags::{
+    Board, BoardTracker, DetectError, Family, Paper, PoseFailure, Sheet, choose_pose, extrapolated_pose,
+    other_family_message, repeated_message,
+};
 use crate::tracking::covariance::Covariance;
 use crate::tracking::smooth::Smoother;
-use crate::tracking::turn::Reduced;
+use crate::tracking::turn::ImagePyramid;
 
 /// Detects a board in each picture. The world is the board's coordinate system.
 pub struct TagPoses {
-    searcher: Searcher,
+    searcher: BoardTracker,
     /// The last two detected poses, unsmoothed. They resolve the pose ambiguity of a flat tag.
     recent: Vec<(f64, Pose)>,
     smoother: Option<Smoother>,
@@ -31,7 +34,7 @@ pub struct TagPoses {
     failure: Option<DetectError>,
     family: Family,
     /// Reason why the last picture has no pose.
-    failure_reason: Option<Lost>,
+    failure_reason: Option<PoseFailure>,
     /// Tags of the last picture that were left out because they occur several times, and whether
     /// this was reported.
     repeated: Vec<u32>,
@@ -57,7 +60,7 @@ const MIN_CONTRAST_RATIO: f64 = 0.3;
 struct DeadReckoning {
     camera: Intrinsics,
     /// Time, pose and reduced picture of the last detection.
-    reference: Option<(f64, Pose, Reduced)>,
+    reference: Option<(f64, Pose, ImagePyramid)>,
 }
 
 impl DeadReckoning {
@@ -66,12 +69,12 @@ impl DeadReckoning {
     fn propagate(&self, time_s: f64, pixels: &Pixels) -> Option<Pose> {
         let (_, pose, before) =
             self.reference.as_ref().filter(|(reference_s, ..)| time_s - reference_s <= MAX_DEAD_RECKONING_S)?;
-        let now = Reduced::new(pixels)?;
+        let now = ImagePyramid::new(pixels)?;
         // A covered lens or a light that goes out leaves nothing to compare.
         if now.contrast() < MIN_CONTRAST_RATIO * before.contrast() {
             return None;
         }
-        let turn = DQuat::from_scaled_axis(before.turn_to(&now, &self.camera)?);
+        let turn = DQuat::from_scaled_axis(before.rotation_to(&now, &self.camera)?);
         let world_from_camera = pose.world_from_camera_rotation() * turn.conjugate();
         Some(Pose::from_camera_in_world(pose.position_in_world_m(), world_from_camera.normalize()))
     }
@@ -89,7 +92,7 @@ impl TagPoses {
         let family = board.family;
         let dead_reckoning =
             (!geometry.sees_around()).then(|| DeadReckoning { camera: geometry.intrinsics.clone(), reference: None });
-        let searcher = Searcher::new(board, geometry, &camera.response)?;
+        let searcher = BoardTracker::new(board, geometry, &camera.response)?;
         Ok(Self {
             searcher,
             recent: Vec::new(),
@@ -115,8 +118,8 @@ const FAMILY_SEARCH_INTERVAL: u32 = 10;
 
 impl TagPoses {
     /// Searches for another tag family while no tag of the board is visible.
-    fn search_other_family(&mut self, why: &Lost, pixels: &Pixels) {
-        self.pictures_without_tag = if *why == Lost::Nothing { self.pictures_without_tag + 1 } else { 0 };
+    fn search_other_family(&mut self, why: &PoseFailure, pixels: &Pixels) {
+        self.pictures_without_tag = if *why == PoseFailure::Nothing { self.pictures_without_tag + 1 } else { 0 };
         // A confirmed board has the right family.
         if self.pictures_without_tag % FAMILY_SEARCH_INTERVAL == 1
             && self.other_family.is_none()
@@ -134,7 +137,7 @@ impl PoseSource for TagPoses {
                 self.failure_reason = None;
                 (self.pictures_without_tag, self.other_family) = (0, None);
                 self.repeated.clone_from(&sight.repeated);
-                let chosen = chosen(time_s, &sight, expected(&self.recent, time_s).as_ref());
+                let chosen = choose_pose(time_s, &sight, extrapolated_pose(&self.recent, time_s).as_ref());
                 let pose = chosen.solved.pose;
                 if !self.board_check.add(time_s, &sight, &pose) {
                     return;
@@ -152,14 +155,14 @@ impl PoseSource for TagPoses {
                     None => detected,
                 };
                 if let Some(dead_reckoning) = &mut self.dead_reckoning {
-                    dead_reckoning.reference = Reduced::new(pixels).map(|reduced| (time_s, pose, reduced));
+                    dead_reckoning.reference = ImagePyramid::new(pixels).map(|reduced| (time_s, pose, reduced));
                 }
                 self.covariances.push(covariance);
                 self.new_poses.push((time_s, pose));
             }
             Ok(Err(why)) => {
                 self.search_other_family(&why, pixels);
-                if matches!(why, Lost::Misfit { .. } | Lost::NotOnBoard(_)) {
+                if matches!(why, PoseFailure::Misfit { .. } | PoseFailure::NotOnBoard(_)) {
                     self.board_check.add_misfit();
                 }
                 self.failure_reason = Some(why);
@@ -192,7 +195,7 @@ impl PoseSource for TagPoses {
     }
     fn take_message(&mut self) -> Option<String> {
         let is_new = !(self.repeated.is_empty() || std::mem::replace(&mut self.has_reported_repeated, true));
-        is_new.then(|| repeated(&self.repeated))
+        is_new.then(|| repeated_message(&self.repeated))
     }
     fn no_pose_reason(&self) -> Option<String> {
         let Some(failure_reason) = &self.failure_reason else {
@@ -205,8 +208,10 @@ impl PoseSource for TagPoses {
             return (!self.board_check.is_confirmed()).then(|| why.to_owned());
         };
         Some(match failure_reason {
-            Lost::Nothing => format!("no tag of family {} is seen{}", self.family.name(), also(&self.other_family)),
-            why @ (Lost::Unsolved(_) | Lost::Repeated(_)) => why.to_string(),
+            PoseFailure::Nothing => {
+                format!("no tag of family {} is seen{}", self.family.name(), other_family_message(&self.other_family))
+            }
+            why @ (PoseFailure::Unsolved(_) | PoseFailure::Repeated(_)) => why.to_string(),
             why => format!("{why}; does the board's file describe this board?"),
         })
     }

@@ -22,7 +22,7 @@ use crate::compositor::Settings;
 use crate::document::{self as text, Problem};
 use crate::frame::FrameLens;
 use crate::params::{ParamError, Params, Value};
-use crate::source::file::{self, MOST_DOCUMENT};
+use crate::source::file::{self, MAX_DOCUMENT_BYTES};
 use crate::text::{quoted, reason};
 
 /// A camera as tables of parameters, before it is put together.
@@ -248,7 +248,7 @@ impl Rig {
 
     /// Reads a profile, overriding the rig and the settings.
     pub fn read(&mut self, path: &Path, settings: &mut Settings) -> Result<(), ProfileError> {
-        let text = file::read_text(path, MOST_DOCUMENT)
+        let text = file::read_text(path, MAX_DOCUMENT_BYTES)
             .map_err(|source| ProfileError::Read { path: path.to_owned(), source })?;
         self.read_text(&text, path, settings)
     }

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::tracking::tum::LARGEST_NORM_ERROR;
+use crate::tracking::tum::MAX_NORM_ERROR;
 
 /// The error for other matrices; follows the name.
 pub const NOT_RIGID: &str = "is not a turn and a shift (unit axes at right angles, right-handed)";
@@ -21,6 +21,6 @@ pub fn rigid([a, b, c]: [[f64; 4]; 3]) -> Option<(DMat3, DVec3)> {
     let off = turn.transpose() * turn - DMat3::IDENTITY;
     let worst = off.to_cols_array().into_iter().map(f64::abs).fold(0.0, f64::max);
     // Twice the tolerance, since the length is squared. The determinant is NaN if any value is.
-    let is_rigid = worst <= 2.0 * LARGEST_NORM_ERROR && turn.determinant() > 0.0 && column(3).is_finite();
+    let is_rigid = worst <= 2.0 * MAX_NORM_ERROR && turn.determinant() > 0.0 && column(3).is_finite();
     is_rigid.then(|| (turn, column(3)))
 }

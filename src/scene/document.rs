@@ -33,7 +33,7 @@ pub(super) fn values(file: &Path) -> Result<SceneFile, SceneError> {
 
 fn parsed<T>(file: &Path, parse: impl FnOnce(&str) -> Result<T, document::Problem>) -> Result<T, SceneError> {
     let failed = |source| SceneError::Read { file: file.to_owned(), needed_by: None, source };
-    let bytes = plain::read(file, plain::MOST_DOCUMENT).map_err(failed)?;
+    let bytes = plain::read(file, plain::MAX_DOCUMENT_BYTES).map_err(failed)?;
     let text =
         str::from_utf8(&bytes).map_err(|e| SceneError::bad(file, "the text", e, "a TOML file, which is UTF-8"))?;
     let accepted = "the keys and values in docs/scenes.md";

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use toml_edit::Table;
 
 use crate::document;
-use crate::source::file::{self, MOST_LISTING};
+use crate::source::file::{self, MAX_LISTING_BYTES};
 
 pub const TRUTH: &str = "truth.toml";
 /// Prefix of the checksum of all lines above.
@@ -56,7 +56,7 @@ impl Manifest {
         if !path.symlink_metadata().ok()?.is_file() {
             return None;
         }
-        let text = file::read_text(&path, MOST_LISTING).ok()?;
+        let text = file::read_text(&path, MAX_LISTING_BYTES).ok()?;
         let start = text.rfind(SEAL)?;
         if sealed(&text[..start]) != text {
             return None;

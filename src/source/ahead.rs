@@ -1,4 +1,4 @@
-//! Work done ahead of its consumer on a few threads, with results in order.
+//! Prefetching: work is done ahead of its consumer on a few threads, with results in order.
 
 use std::fmt;
 use std::ops::Range;
@@ -9,12 +9,12 @@ use std::thread;
 
 use super::SourceError;
 
-/// Number of threads working ahead. Each keeps at most one result in hand and one in its channel.
-const LANES: usize = 2;
+/// Number of worker threads. Each has at most one result in hand and one in its channel.
+const WORKERS: usize = 2;
 
-/// The results of `work(i)` for each `i` of a range, in order. Worker `k` of n takes every n-th index from the k-th on,
-/// so nothing needs sorting. The channels bound the memory. The workers stop when this is dropped. A single result is
-/// made where it is taken, without a thread.
+/// The results of `work(i)` for each `i` of a range, in order. Worker `k` of n takes every n-th
+/// index from the k-th on, so the results need no sorting. The channels bound the memory. The
+/// workers stop when this is dropped. A single result is computed on the consumer's thread.
 pub struct Ahead<T> {
     lanes: Vec<Receiver<T>>,
     single: Option<Box<dyn FnOnce() -> T + Send>>,
@@ -37,9 +37,9 @@ impl<T: Send + 'static> Ahead<T> {
         }
         let work = Arc::new(work);
         let mut lanes = Vec::new();
-        for lane in 0..LANES.min(count) {
+        for lane in 0..WORKERS.min(count) {
             let (sender, receiver) = sync_channel(1);
-            let (work, indices) = (Arc::clone(&work), range.clone().skip(lane).step_by(LANES));
+            let (work, indices) = (Arc::clone(&work), range.clone().skip(lane).step_by(WORKERS));
             let run = move || {
                 for i in indices {
                     if sender.send(work(i)).is_err() {
@@ -64,7 +64,7 @@ impl<T> Iterator for Ahead<T> {
         }
         let done = match self.single.take() {
             Some(single) => catch_unwind(AssertUnwindSafe(single)).ok(),
-            None => self.lanes.get(self.taken % LANES)?.recv().ok(),
+            None => self.lanes.get(self.taken % WORKERS)?.recv().ok(),
         };
         self.taken += 1;
         Some(done.ok_or(SourceError::DecoderDied))
@@ -92,7 +92,7 @@ mod tests {
         for taken in 1..=100 {
             ahead.next().unwrap().unwrap();
             // The taken ones, one in each channel, one in each worker's hand.
-            assert!(started.load(Ordering::SeqCst) <= taken + 2 * LANES + 1);
+            assert!(started.load(Ordering::SeqCst) <= taken + 2 * WORKERS + 1);
         }
     }
 

@@ -14,7 +14,7 @@ use super::index::{Index, Start};
 use super::video::{CONVERSION_FLAGS, ColorMatrix, ColorRange, MEND, Video};
 use crate::pixels::{Codes, Pixels};
 
-/// What decoding needs to know of a video.
+/// Properties of a video that decoding depends on.
 #[derive(Clone, Debug)]
 struct Source {
     file: PathBuf,
@@ -26,7 +26,8 @@ struct Source {
 }
 
 impl Video {
-    /// Frames `range`, exactly. Where the file's times tell frames apart, decoding begins at a keyframe before them.
+    /// Frames `range`, exactly. If the file's times distinguish the frames, decoding starts at a
+    /// keyframe before them.
     pub fn read(&self, range: Range<usize>) -> Result<VideoFrames, SourceError> {
         let Self { file, width, height, bits, range: colors, matrix, index, .. } = self;
         let source = Source {
@@ -45,7 +46,8 @@ impl Video {
 }
 
 impl Source {
-    /// ffmpeg's arguments for frames that begin at `start`, or at their number from the file's first.
+    /// ffmpeg's arguments for frames that start at `start`, or at their number from the file's
+    /// first.
     fn arguments(&self, Range { start: first, end }: Range<usize>, start: Option<&Start>) -> Vec<OsString> {
         let pixel_format = if self.wide { "rgb48le" } else { "rgb24" };
         let range_name = match self.range {
@@ -59,17 +61,19 @@ impl Source {
         let count = end - first;
         let chosen = match start {
             None => format!("trim=start_frame={first}:end_frame={end}"),
-            // Where seeking fails to come before the frame, nothing is chosen rather than another one.
+            // If seeking fails to land before the frame, no frame is selected rather than a wrong
+            // one.
             Some(Start { ticks, tick_s, .. }) => {
                 format!("settb={tick_s},select='eq(pts,{ticks})+gte(prev_selected_pts,{ticks})',trim=end_frame={count}")
             }
         };
-        // Renumbering the timestamps keeps ffmpeg from repeating or dropping frames for a steady rate.
+        // Renumbering the timestamps keeps ffmpeg from repeating or dropping frames for a steady
+        // rate.
         let filter =
             format!("{chosen},settb=1/25,setpts=N,scale={input}flags={CONVERSION_FLAGS},format={pixel_format}");
         let mut arguments: Vec<OsString> = ["-nostdin", "-v", "error", "-noautorotate"].map(OsString::from).into();
         if let Some(Start { time_s, .. }) = start {
-            // Times as they stand in the file; from the keyframe on, not from the time.
+            // Time stamps as in the file; frames from the keyframe on, not from the time.
             let seek = ["-copyts", "-seek_timestamp", "1", "-noaccurate_seek", "-ss", &format!("{time_s:.6}")];
             arguments.extend(seek.map(OsString::from));
         }
@@ -112,14 +116,14 @@ fn read_ahead(mut pipe: ChildStdout, bytes: usize) -> Result<Receiver<Vec<u8>>, 
 pub struct VideoFrames {
     source: Source,
     stream: Option<(Running, Receiver<Vec<u8>>)>,
-    /// Whether decoding began in the middle of the file.
+    /// True if decoding started in the middle of the file.
     is_sought: bool,
     next: usize,
     range: Range<usize>,
 }
 
 impl VideoFrames {
-    /// Starts ffmpeg for the frames from the next one on.
+    /// Starts ffmpeg for the remaining frames.
     fn begin(&mut self, start: Option<Start>) -> Result<(), SourceError> {
         self.stream = None;
         if self.next >= self.range.end {
@@ -133,7 +137,7 @@ impl VideoFrames {
         Ok(())
     }
 
-    /// The next frame, or what is wrong.
+    /// The next frame, or the error.
     fn step(&mut self) -> Result<Vec<u8>, String> {
         let (at, end) = (self.next, self.range.end);
         let frame = self.stream.as_ref().and_then(|(_, frames)| frames.recv().ok());
@@ -143,7 +147,7 @@ impl VideoFrames {
             }
             return Err(format!("ends before frame {at}; frames up to {end} were expected: is it truncated?"));
         };
-        // ffmpeg fills in what it cannot decode and continues; it only complains.
+        // ffmpeg conceals errors and continues; they only show in its messages.
         let complaints = match self.stream.take() {
             // Nothing is left to write, so it ends by itself, and all its messages are complete.
             Some((running, _)) if at + 1 == end => running.finish().unwrap_or_else(|error| error.to_string()),
@@ -172,7 +176,8 @@ impl Iterator for VideoFrames {
         }
         let mut frame = self.step();
         if frame.is_err() && std::mem::take(&mut self.is_sought) {
-            // A decoder that begins in the middle may miss what only the start has. What is said from there counts.
+            // A decoder that starts in the middle may lack data of the file's start. The error from
+            // the start counts.
             self.source.index.iter().for_each(|index| index.distrust());
             frame = match self.begin(None) {
                 Ok(()) => self.step(),

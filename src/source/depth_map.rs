@@ -1,5 +1,4 @@
-//! Depth pictures: 16-bit grey PNG, and the two formats in which programs keep numbers as they are, OpenEXR and NumPy's
-//! `.npy` (NEP 1). They are told apart by content.
+//! Depth pictures: 16-bit grey PNG, OpenEXR and NumPy's `.npy` (NEP 1), distinguished by content.
 //!
 //! Not modelled: deep OpenEXR, arrays of several maps.
 
@@ -17,21 +16,21 @@ use crate::pixels::DepthMap;
 pub const EXR_SIGNATURE: &[u8] = b"\x76\x2f\x31\x01";
 pub const NPY_SIGNATURE: &[u8] = b"\x93NUMPY";
 
-/// So many bytes tell the kind of a file.
-const KIND_LENGTH: u64 = 16;
-/// Most samples of all channels together, as many as a decoded picture may have.
+/// Number of bytes that determine the kind of a file.
+const SIGNATURE_BYTES: u64 = 16;
+/// Largest number of samples of all channels together, as of a decoded picture.
 const MAX_SAMPLES: u64 = 1 << 27;
-/// Most bytes of a file: eight for each sample, and a header.
-const MAX_FILE: u64 = 8 * MAX_SAMPLES + (1 << 20);
+/// Largest file, bytes: eight for each sample, and a header.
+const MAX_FILE_BYTES: u64 = 8 * MAX_SAMPLES + (1 << 20);
 /// Longest header of an array, bytes. NumPy pads a short text to 64 or 128.
-const MAX_NPY_HEADER: usize = 1 << 16;
+const MAX_NPY_HEADER_BYTES: usize = 1 << 16;
 
 /// The contents of a depth picture's header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Header {
     pub width: u32,
     pub height: u32,
-    /// Whether its values are floating-point numbers, which are metres as often as millimetres.
+    /// True for floating-point values, which are metres as often as millimetres.
     pub is_float: bool,
 }
 
@@ -44,7 +43,7 @@ enum Format {
 fn format_of(file: &Path) -> Result<Format, SourceError> {
     let failed = |source| SourceError::Read { file: file.to_owned(), source };
     let mut start = Vec::new();
-    plain::open(file).map_err(failed)?.take(KIND_LENGTH).read_to_end(&mut start).map_err(failed)?;
+    plain::open(file).map_err(failed)?.take(SIGNATURE_BYTES).read_to_end(&mut start).map_err(failed)?;
     match start {
         _ if start.starts_with(EXR_SIGNATURE) => Ok(Format::Exr),
         _ if start.starts_with(NPY_SIGNATURE) => Ok(Format::Npy),
@@ -58,7 +57,7 @@ fn format_of(file: &Path) -> Result<Format, SourceError> {
     }
 }
 
-/// Reads as little of the file as its header needs.
+/// Reads only the part of the file that contains the header.
 pub fn read_header(file: &Path) -> Result<Header, SourceError> {
     let failed = |source| SourceError::Read { file: file.to_owned(), source };
     let bad = |problem: String| SourceError::content(file, problem);
@@ -77,7 +76,7 @@ pub fn read_header(file: &Path) -> Result<Header, SourceError> {
         Format::Npy => {
             let mut start = Vec::new();
             let opened = plain::open(file).map_err(failed)?;
-            opened.take(MAX_NPY_HEADER as u64).read_to_end(&mut start).map_err(failed)?;
+            opened.take(MAX_NPY_HEADER_BYTES as u64).read_to_end(&mut start).map_err(failed)?;
             npy_header(&start).map(|array| array.header).map_err(bad)
         }
     }
@@ -85,7 +84,8 @@ pub fn read_header(file: &Path) -> Result<Header, SourceError> {
 
 /// The depth in a file: value / `codes_per_metre`, 0 where nothing was measured.
 pub fn read(file: &Path, codes_per_metre: f64, timestamp_s: f64) -> Result<DepthMap, SourceError> {
-    let bytes = || plain::read(file, MAX_FILE).map_err(|source| SourceError::Read { file: file.to_owned(), source });
+    let bytes =
+        || plain::read(file, MAX_FILE_BYTES).map_err(|source| SourceError::Read { file: file.to_owned(), source });
     let decoded = match format_of(file)? {
         Format::Still => return still::read_depth(file, codes_per_metre, timestamp_s),
         Format::Exr => exr_values(&bytes()?),
@@ -93,17 +93,17 @@ pub fn read(file: &Path, codes_per_metre: f64, timestamp_s: f64) -> Result<Depth
     };
     let (Header { width, height, .. }, values) = decoded.map_err(|problem| SourceError::content(file, problem))?;
     let metres = |value: f64| (value / codes_per_metre) as f32;
-    // What is infinitely far, negative or no number was not measured.
+    // Infinite, negative and invalid values are not measured.
     let measured = |z: f32| if z.is_finite() && z > 0.0 { z } else { 0.0 };
     let depth_m = values.into_iter().map(|value| measured(metres(value))).collect();
     Ok(DepthMap { width, height, depth_m, timestamp_s })
 }
 
-/// Checks that a depth picture's file does not end too early.
+/// Checks that a depth picture's file is complete.
 pub fn check_end(file: &Path) -> Result<(), SourceError> {
     match format_of(file)? {
         Format::Still => still::check_end(file),
-        // Neither keeps a mark at its end.
+        // Neither format has an end marker.
         Format::Exr | Format::Npy => read(file, 1.0, 0.0).map(drop),
     }
 }
@@ -116,10 +116,10 @@ fn size(width: usize, height: usize, channels: usize) -> Result<(u32, u32), Stri
     })
 }
 
-/// The channel that is depth: the one that is named so, or the only one. Programs that know colour alone write the same
-/// map three times.
+/// The depth channel: the one with that name, or the only one. Programs that only support colour
+/// write the same map three times.
 fn depth_channel(names: &[String]) -> Option<usize> {
-    // The Z of a vector, as of a normal, has an X beside it in its layer.
+    // The Z of a vector, such as a normal, has an X in its layer.
     let is_of_vector =
         |layer: &str| names.iter().any(|name| matches!(name.rsplit_once('.'), Some((of, "X" | "x")) if of == layer));
     let is_depth = |name: &String| {
@@ -132,7 +132,7 @@ fn depth_channel(names: &[String]) -> Option<usize> {
     names.iter().position(is_depth).or(only).or_else(|| named("Y")).or(grey)
 }
 
-/// The header of the first part, which is the one that is read.
+/// Header of the first part, which is the one that is read.
 fn exr_header(reader: impl BufRead) -> Result<Header, String> {
     let meta = MetaData::read_from_buffered(reader, false).map_err(|e| damaged(&e))?;
     let first = meta.headers.first().filter(|header| !header.deep);
@@ -175,7 +175,7 @@ fn exr_values(bytes: &[u8]) -> Result<(Header, Vec<f64>), String> {
     if samples.len() != layer.size.area() {
         return Err("its depth has fewer samples than the picture has pixels".to_owned());
     }
-    // The samples need not fill the picture.
+    // The data window may be smaller than the picture.
     let (corner, origin) = (layer.attributes.layer_position, image.attributes.display_window.position);
     let (dx, dy) = (i64::from(corner.0) - i64::from(origin.0), i64::from(corner.1) - i64::from(origin.1));
     let mut values = vec![0.0; header.width as usize * header.height as usize];
@@ -192,16 +192,16 @@ fn exr_values(bytes: &[u8]) -> Result<(Header, Vec<f64>), String> {
 /// The header of an array.
 struct Array {
     header: Header,
-    /// `f4` and its like, without the order of bytes.
+    /// Type such as `f4`, without the byte order.
     kind: String,
     is_big_endian: bool,
     is_by_columns: bool,
-    /// Where its numbers begin, bytes.
+    /// Offset of the numbers, bytes.
     data_at: usize,
 }
 
-/// Signature, version, length of the text (two bytes, four from version 2 on), and the text of a Python dictionary such as
-/// `{'descr': '<f4', 'fortran_order': False, 'shape': (192, 256), }`.
+/// Signature, version, length of the text (two bytes, four from version 2 on), and the text of a
+/// Python dictionary such as `{'descr': '<f4', 'fortran_order': False, 'shape': (192, 256), }`.
 fn npy_header(bytes: &[u8]) -> Result<Array, String> {
     let cut = || "the array is truncated in its header".to_owned();
     let version = *bytes.get(6).ok_or_else(cut)?;
@@ -301,7 +301,7 @@ mod tests {
         (folder, file)
     }
 
-    /// As `numpy.save` writes it, version 1.
+    /// In the format of `numpy.save`, version 1.
     fn npy(kind: &str, order: &str, shape: &str, data: &[u8]) -> Vec<u8> {
         let text = format!("{{'descr': '{kind}', 'fortran_order': {order}, 'shape': {shape}, }}\n");
         let length = u16::try_from(text.len()).unwrap().to_le_bytes();

@@ -19,13 +19,15 @@ const MAX_APEX: f64 = 20.0;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Exif {
     pub settings: PhotoSettings,
-    /// How the picture should be turned or mirrored to be shown, 2 to 8. `None` if it should not be.
+    /// How the picture should be turned or mirrored to be shown, 2 to 8. `None` if it should not
+    /// be.
     pub orientation: Option<u32>,
     /// What is wrong with the rest.
     pub damage: Option<String>,
 }
 
-/// The EXIF of a JPEG; empty for a file without EXIF, or one that is not a JPEG. An error if the file cannot be read.
+/// The EXIF of a JPEG; empty for a file without EXIF, or one that is not a JPEG. An error if the
+/// file cannot be read.
 pub fn read(file: &Path) -> Result<Exif, SourceError> {
     let reader = plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
     Ok(segment(&mut BufReader::new(reader)).map(parse).unwrap_or_default())
@@ -36,8 +38,8 @@ pub fn settings_of(file: &[u8]) -> PhotoSettings {
     segment(&mut std::io::Cursor::new(file)).map(|segment| parse(segment).settings).unwrap_or_default()
 }
 
-/// The EXIF segment before a JPEG's first scan, without its identifier (ITU-T T.81, annex B). A file that is damaged or
-/// ends earlier counts as one without: reading its pixels will report it.
+/// The EXIF segment before a JPEG's first scan, without its identifier (ITU-T T.81, annex B). A
+/// file that is damaged or ends earlier counts as one without: reading its pixels will report it.
 fn segment(reader: &mut (impl Read + Seek)) -> Option<Vec<u8>> {
     let mut head = [0; 2];
     reader.read_exact(&mut head).ok()?;
@@ -84,8 +86,8 @@ fn parse(segment: Vec<u8>) -> Exif {
     };
     // 0 and infinity mean unknown.
     let number = |tag: Tag| any_number(tag).filter(|v| v.is_finite() && *v > 0.0);
-    // APEX values are base-2 logarithms, 0 among them: Exif 2.32, annex C. An f-number is 2^(Av/2), a time 2^-Tv.
-    // They stand in for a plain value that is absent, not for one that is unknown.
+    // APEX values are base-2 logarithms, 0 among them: Exif 2.32, annex C. An f-number is 2^(Av/2),
+    // a time 2^-Tv. They stand in for a plain value that is absent, not for one that is unknown.
     let of_apex = |plain: Tag, tag: Tag, per_stop: f64| {
         let value = any_number(tag).filter(|v| v.abs() <= MAX_APEX)?;
         exif.get_field(plain, In::PRIMARY).is_none().then(|| (per_stop * value).exp2())
@@ -110,8 +112,8 @@ fn parse(segment: Vec<u8>) -> Exif {
     Exif { settings, orientation: orientation.filter(|n| (2..=8).contains(n)), damage }
 }
 
-/// Seconds since 1970-01-01 0:00, for dates up to the year 8000. A day beyond its month's end is in the next month.
-/// Years start in March, as in sink/photograph.rs.
+/// Seconds since 1970-01-01 0:00, for dates up to the year 8000. A day beyond its month's end is in
+/// the next month. Years start in March, as in sink/photograph.rs.
 fn seconds(at: &DateTime) -> Option<f64> {
     let (year, month, day) = (i64::from(at.year), i64::from(at.month), i64::from(at.day));
     if !(1..=12).contains(&month) || !(1..=31).contains(&day) || at.hour > 23 || at.minute > 59 || at.second > 60 {
@@ -185,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_was_never_set_tells_no_time() {
+    fn unset_camera_clock_gives_no_time() {
         for text in [&b"    :  :     :  :  "[..], b"0000:00:00 00:00:00", b"2008:13:01 00:00:00", b"soon"] {
             let found = parse(block(&[(Tag::DateTimeOriginal, Value::Ascii(vec![text.to_vec()]))]));
             assert_eq!(found.settings.taken_s, None, "{}", String::from_utf8_lossy(text));
@@ -193,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_unknown_stays_so() {
+    fn unknown_settings_stay_unknown() {
         let unknown = block(&[
             (Tag::ExposureTime, ratio(0, 1)),
             (Tag::ShutterSpeedValue, ratio(6, 1)),

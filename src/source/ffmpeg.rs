@@ -11,7 +11,7 @@ use crate::cleanup::{Undo, Unfinished};
 use crate::text::reason;
 
 /// Number of message lines kept: the first ones name the cause.
-const KEPT_LINES: usize = 4;
+const MAX_MESSAGE_LINES: usize = 4;
 /// The C library's word for a full disk.
 const NO_SPACE: &str = "No space left on device";
 
@@ -28,14 +28,16 @@ pub enum FfmpegError {
     Failed { program: String, problem: String },
 }
 
-/// ffmpeg's names of the containers that are read. None of them names other files. Playlists, which do, are not read.
+/// ffmpeg's names of the containers that are read. None of them names other files. Playlists, which
+/// do, are not read.
 const CONTAINERS: &str = "mov,matroska,avi,mpegts,mpeg,mxf";
-/// The same for people.
+/// Names of the containers for messages.
 const CONTAINERS_READ: &str = "MP4, QuickTime, Matroska, WebM, AVI, MPEG-TS, MPEG-PS and MXF";
 /// ffmpeg's words for a file of another kind.
-const NOT_READ: &str = "not on whitelist";
+const NOT_WHITELISTED: &str = "not on whitelist";
 
-/// A video file as ffmpeg's or ffprobe's input: this file alone, and only if it is a container that is read.
+/// A video file as ffmpeg's or ffprobe's input: this file alone, and only if it is a container that
+/// is read.
 pub fn input(path: &Path) -> impl Iterator<Item = OsString> {
     let options = ["-protocol_whitelist", "file", "-format_whitelist", CONTAINERS, "-i"].map(OsString::from);
     options.into_iter().chain([file_argument(path)])
@@ -43,7 +45,7 @@ pub fn input(path: &Path) -> impl Iterator<Item = OsString> {
 
 /// The refusal of a file whose container a program refused to read; `None` for other problems.
 pub fn container_refusal(problem: &str) -> Option<String> {
-    problem.contains(NOT_READ).then(|| {
+    problem.contains(NOT_WHITELISTED).then(|| {
         format!(
             "is not a supported video container; supported are {CONTAINERS_READ}. Playlists are refused because they name \
              other files (ffmpeg -i FILE -c copy NEW.mkv makes one file of one)"
@@ -83,8 +85,8 @@ pub fn output(program: &str, arguments: &[OsString]) -> Result<Output, FfmpegErr
     Ok(Output { written, complaints })
 }
 
-/// A running program with piped input, output and messages. Killed and reaped when dropped, and when our own program is
-/// ended.
+/// A running program with piped input, output and messages. Killed and reaped when dropped, and
+/// when our own program is ended.
 #[derive(Debug)]
 pub struct Running {
     program: String,
@@ -145,8 +147,8 @@ impl Running {
         locked(&self.complaints).join("; ")
     }
 
-    /// Closes the input, waits for the end, and reports a failure in the program's own words. Returns the complaints of
-    /// a program that succeeded.
+    /// Closes the input, waits for the end, and reports a failure in the program's own words.
+    /// Returns the complaints of a program that succeeded.
     pub fn finish(mut self) -> Result<String, FfmpegError> {
         drop(self.stdin.take());
         // It may be killed from elsewhere until it ends, so the lock is not held meanwhile.
@@ -171,14 +173,14 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Reads everything, so that the program never waits for a reader. ffmpeg's names of its own parts, `[h264 @
-/// 0x5581...]`, are shortened to something readable.
+/// Reads everything, so that the program never waits for a reader. ffmpeg's names of its own parts,
+/// `[h264 @ 0x5581...]`, are shortened to something readable.
 fn keep_first_lines(mut reader: impl BufRead, kept: &Mutex<Vec<String>>) {
     let mut line = Vec::new();
     while matches!(reader.read_until(b'\n', &mut line), Ok(n) if n > 0) {
         let text = without_address(String::from_utf8_lossy(&line).trim());
         let mut kept = locked(kept);
-        if kept.len() < KEPT_LINES && !text.is_empty() {
+        if kept.len() < MAX_MESSAGE_LINES && !text.is_empty() {
             kept.push(text);
         }
         line.clear();
@@ -198,14 +200,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_missing_program_is_one_line_that_says_how_to_get_it() {
+    fn missing_program_is_one_line_with_installation_advice() {
         let error = Running::start("ffmpeg-that-is-not-there", &[]).unwrap_err().to_string();
         assert!(error.starts_with("the program `ffmpeg-that-is-not-there` is missing"), "{error}");
         assert!(error.contains("apt-get install ffmpeg") && !error.contains('\n'), "{error}");
     }
 
     #[test]
-    fn a_failure_is_told_in_the_programs_words() {
+    fn failure_is_reported_in_the_programs_words() {
         let error = output("sh", &["-c".into(), "echo no such thing >&2; exit 3".into()]).unwrap_err();
         assert_eq!(error.to_string(), "sh failed: no such thing");
         let full = "echo 'av_interleaved_write_frame(): No space left on device' >&2; exit 1";

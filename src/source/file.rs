@@ -1,25 +1,27 @@
-//! Opens files so that nothing hangs or exhausts memory: only plain ones, and only up to a number of bytes.
+//! Opens files without hanging or exhausting memory: only plain files, up to a size limit.
 
 use std::fs::File;
 use std::io::{self, Read, Seek};
 use std::path::Path;
 
-/// Text that people and programs write: ten hours of poses at 200 per second.
-pub const MOST_TEXT: u64 = 1 << 30;
-/// Descriptions, scenes, profiles: TOML written by hand. Its reader takes up to 80 bytes of memory for each of the text.
-pub const MOST_DOCUMENT: u64 = 1 << 22;
-/// Documents with an entry for each frame, which programs write.
-pub const MOST_LISTING: u64 = 1 << 24;
+/// Largest text of people and programs, bytes: ten hours of poses at 200 per second.
+pub const MAX_TEXT_BYTES: u64 = 1 << 30;
+/// Largest description, scene or profile, bytes: TOML written by hand. Its parser takes up to 80
+/// bytes of memory per byte of text.
+pub const MAX_DOCUMENT_BYTES: u64 = 1 << 22;
+/// Largest document with an entry for each frame, bytes, written by programs.
+pub const MAX_LISTING_BYTES: u64 = 1 << 24;
 
-/// The first line of a file in whose place Git keeps the contents elsewhere (Git LFS, *specification*).
+/// First line of a Git LFS pointer file (Git LFS, *specification*).
 const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
-/// Pointers are smaller, bytes.
+/// Largest pointer file, bytes.
 const MAX_LFS_POINTER: u64 = 1024;
 
-/// Opens a plain file. Refuses a named pipe, which would wait for a writer, a device, which may be endless, and a
-/// pointer of Git LFS.
+/// Opens a plain file. Refuses a named pipe, which would wait for a writer, a device, which may be
+/// endless, and a Git LFS pointer file.
 pub fn open(path: &Path) -> io::Result<File> {
-    // Checked before opening, since opening a pipe blocks; and again after, since the file may have been replaced.
+    // Checked before opening, since opening a pipe blocks; and again after, since the file may have
+    // been replaced.
     plain(&std::fs::metadata(path)?)?;
     let mut file = File::open(path)?;
     let metadata = file.metadata()?;
@@ -43,7 +45,7 @@ fn refuse_lfs_pointer(file: &mut File) -> io::Result<()> {
 #[error("it is a Git LFS pointer, not the file itself; fetch that with `git lfs pull`")]
 struct LfsPointer;
 
-/// Whether a file could not be opened because it is a pointer of Git LFS.
+/// True if the error is that of a Git LFS pointer file.
 pub fn is_lfs_pointer(error: &io::Error) -> bool {
     error.get_ref().is_some_and(|inner| inner.is::<LfsPointer>())
 }
@@ -56,7 +58,7 @@ fn plain(metadata: &std::fs::Metadata) -> io::Result<()> {
     }
 }
 
-/// The whole of a plain file of at most `most` bytes.
+/// The content of a plain file of at most `most` bytes.
 pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     let file = open(path)?;
     let refused = |length: u64| Err(io::Error::other(format!("it holds {length} bytes; at most {most} are read")));
@@ -104,7 +106,7 @@ mod tests {
         assert!(is_lfs_pointer(&error) && !is_lfs_pointer(&io::Error::other("another")));
         let error = error.to_string();
         assert!(error.contains("Git LFS pointer") && error.contains("`git lfs pull`"), "{error}");
-        // A file that only speaks of it is read from its start.
+        // A file that only mentions Git LFS is read.
         let other = format!("# {text}");
         std::fs::write(&file, &other).unwrap();
         assert_eq!(read_text(&file, 1 << 20).unwrap(), other);

@@ -1,21 +1,21 @@
-//! Where a video's frames stand in its file, so that reading need not begin at its start.
+//! Index of a video's frames, so that decoding need not start at the beginning of the file.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// The frames by their times in the file, and those among them at which decoding can begin.
+/// Frames by their times in the file, and the keyframes among them.
 #[derive(Debug)]
 pub struct Index {
     /// Seconds a tick, as in `1/90000`.
     tick_s: String,
-    /// When each frame is shown, in ticks, ascending: the frame's number is its place.
+    /// Display time of each frame in ticks, ascending; the index is the frame's number.
     frames: Vec<i64>,
     /// Ticks and seconds, ascending. Some may not be shown.
     keyframes: Vec<(i64, f64)>,
-    /// Whether a file has turned out to be other than its index says.
+    /// Set when the file turns out not to match its index.
     is_wrong: AtomicBool,
 }
 
-/// What is known of a packet.
+/// Times and kind of a packet.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry {
     pub ticks: i64,
@@ -24,18 +24,18 @@ pub struct Entry {
     pub is_shown: bool,
 }
 
-/// A place in a file from which a frame can be decoded.
+/// A position in a file from which a frame can be decoded.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Start {
     /// A keyframe's time, seconds.
     pub time_s: f64,
-    /// The frame that is wanted: its time in the file, in ticks of so many seconds.
+    /// The requested frame's time in the file, in ticks of `tick_s` seconds.
     pub ticks: i64,
     pub tick_s: String,
 }
 
 impl Index {
-    /// `None` where times do not tell the frames apart.
+    /// `None` if the times do not distinguish the frames.
     pub fn new(tick_s: &str, entries: &[Entry]) -> Option<Self> {
         let mut frames: Vec<i64> = entries.iter().filter(|e| e.is_shown).map(|e| e.ticks).collect();
         frames.sort_unstable();
@@ -46,11 +46,11 @@ impl Index {
         tells.then(|| Self { tick_s: tick_s.to_owned(), frames, keyframes, is_wrong: AtomicBool::new(false) })
     }
 
-    /// Where to begin for a frame; `None`: at the file's start.
+    /// Position to start from for a frame; `None` for the start of the file.
     ///
-    /// That is the keyframe before the one that the frame needs. Pictures that are shown before a keyframe may stand
-    /// after it in the file and need what is before it (open groups), and a file that is refreshed strip by strip is whole
-    /// only a round later.
+    /// It is the keyframe before the one that the frame depends on. Frames displayed before a
+    /// keyframe may come after it in the file and depend on earlier data (open GOP), and intra
+    /// refresh completes a picture only a round later.
     pub fn start(&self, frame: usize) -> Option<Start> {
         let ticks = *self.frames.get(frame)?;
         let before = self.keyframes.partition_point(|key| key.0 <= ticks);
@@ -60,7 +60,7 @@ impl Index {
         is_right.then(|| Start { time_s, ticks, tick_s: self.tick_s.clone() })
     }
 
-    /// From now on every frame is decoded from the file's start.
+    /// From now on every frame is decoded from the start of the file.
     pub fn distrust(&self) {
         self.is_wrong.store(true, Ordering::Relaxed);
     }
@@ -70,8 +70,8 @@ impl Index {
 mod tests {
     use super::*;
 
-    /// Twelve frames, a quarter of a second and 100 ticks each; every third is a keyframe. In the file, one in three is
-    /// shown before the frame that precedes it.
+    /// Twelve frames, a quarter of a second and 100 ticks each; every third is a keyframe. In the
+    /// file, one in three is shown before the frame that precedes it.
     fn entries() -> Vec<Entry> {
         let order = [0, 2, 1, 3, 5, 4, 6, 8, 7, 9, 11, 10];
         let entry = |n: i64| Entry { ticks: 100 * n, time_s: 0.25 * n as f64, is_keyframe: n % 3 == 0, is_shown: true };

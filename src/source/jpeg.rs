@@ -1,35 +1,39 @@
-//! Whether a JPEG's coded data is complete.
+//! Checks that a JPEG's coded data is complete.
 //!
-//! Decoders invent what is missing: grey, or the last column repeated. So the codes are walked through without being
-//! decoded: a scan is complete if it has every block that the header promises. Source: ITU-T T.81 (Huffman codes: annex
-//! C and F.2.2; scans and restarts: annex B and E; progressive scans: annex G).
+//! Decoders conceal missing data with grey, or by repeating the last column. So the entropy-coded
+//! data is parsed without decoding: a scan is complete if it has every block that the header
+//! promises. Source: ITU-T T.81 (Huffman codes: annex C and F.2.2; scans and restarts: annex B and
+//! E; progressive scans: annex G).
 //!
-//! Arithmetic coding, lossless and hierarchical files, JPEG-LS, and 12 bits are not supported: [`unsupported`] refuses them.
-//! Not checked: whether a progressive file that ends between two scans should have had more of them.
+//! Arithmetic coding, lossless and hierarchical files, JPEG-LS, and 12 bits are not supported:
+//! [`unsupported`] refuses them. Not checked: whether a progressive file that ends between two
+//! scans should have had more of them.
 
-/// How a complete picture ends.
+/// Ending of a complete picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
     Marked,
-    /// All blocks are there, but not the end marker: some cameras omit it.
+    /// All blocks are present, but not the end marker: some cameras omit it.
     Unmarked,
 }
 
 /// Pictures with more units than this (2³⁰ pixels or more) are not checked.
-const MOST_BLOCKS: usize = 1 << 24;
-/// The first bits of a Huffman code, by which most codes are found directly.
-const QUICK_BITS: u32 = 9;
-/// More scans than this are refused: each passes over all blocks, however few bits it has, and encoders make about ten.
-const MOST_SCANS: usize = 100;
+const MAX_BLOCKS: usize = 1 << 24;
+/// Length of the prefix by which most Huffman codes are looked up directly, bits.
+const LOOKUP_BITS: u32 = 9;
+/// More scans than this are refused: each passes over all blocks, however few bits it has, and
+/// encoders make about ten.
+const MAX_SCANS: usize = 100;
 
 enum Stop {
     /// The data ended, or a marker is in its place.
     Ended,
-    /// Bits that are no valid code.
+    /// Bits that are not a valid code.
     Invalid,
 }
 
-/// Why pictures with this frame header (marker SOF, sample precision) are not decoded. `None` if they are.
+/// Reason why pictures with this frame header (marker SOF, sample precision) are not decoded.
+/// `None` if they are.
 pub fn unsupported(marker: u8, bits: u8) -> Option<String> {
     let (kind, convert) = match marker {
         0xc9..=0xcb | 0xcd..=0xcf => ("an arithmetic-coded JPEG", "jpegtran -optimize FILE.jpg > NEW.jpg"),
@@ -42,7 +46,7 @@ pub fn unsupported(marker: u8, bits: u8) -> Option<String> {
     Some(format!("is {kind}, which is not supported; convert it: {convert}"))
 }
 
-/// Walks through a JPEG's codes. The message says how it is truncated or damaged.
+/// Parses a JPEG's coded data. The error describes the truncation or damage.
 pub fn check(bytes: &[u8]) -> Result<Ending, String> {
     let mut file = File { bytes, ..File::default() };
     let (mut at, mut scans) = (2, 0);
@@ -69,8 +73,8 @@ pub fn check(bytes: &[u8]) -> Result<Ending, String> {
             0xc4 => file.tables(segment).ok_or_else(|| DAMAGED.to_owned())?,
             0xdb => file.quantizations(segment).ok_or_else(|| DAMAGED.to_owned())?,
             0xdd => file.restart_every = segment.first_chunk().map_or(0, |n| usize::from(u16::from_be_bytes(*n))),
-            0xda if scans == MOST_SCANS => {
-                return Err(format!("the JPEG has more than {MOST_SCANS} scans; save it anew"));
+            0xda if scans == MAX_SCANS => {
+                return Err(format!("the JPEG has more than {MAX_SCANS} scans; save it anew"));
             }
             0xda => {
                 at = file.scan(segment, at)?;
@@ -82,7 +86,8 @@ pub fn check(bytes: &[u8]) -> Result<Ending, String> {
     file.end(Ending::Unmarked)
 }
 
-/// Whether a marker begins a frame header (SOF): C0 to CF without DHT, JPG and DAC; F7 of JPEG-LS (ITU-T T.87, annex C).
+/// Whether a marker begins a frame header (SOF): C0 to CF without DHT, JPG and DAC; F7 of JPEG-LS
+/// (ITU-T T.87, annex C).
 pub fn is_frame(marker: u8) -> bool {
     matches!(marker, 0xc0..=0xcf | 0xf7) && !matches!(marker, 0xc4 | 0xc8 | 0xcc)
 }
@@ -154,7 +159,7 @@ impl File<'_> {
         }
         let fits = self.components.iter().all(|c| c.sampling.iter().all(|s| (1..=4).contains(s)));
         let [across, down] = self.units();
-        (fits && across * down > 0 && across * down <= MOST_BLOCKS).then_some(())
+        (fits && across * down > 0 && across * down <= MAX_BLOCKS).then_some(())
     }
 
     /// Blocks per unit of the component with the finest sampling.
@@ -227,7 +232,8 @@ impl File<'_> {
                 component.known = vec![0; units[0] * units[1] * component.sampling[0] * component.sampling[1]];
             }
         }
-        // A scan of one component has only the blocks inside the picture, without those that fill up units.
+        // A scan of one component has only the blocks inside the picture, without those that fill
+        // up units.
         let grid = match chosen.as_slice() {
             [(index, _)] => {
                 let sampling = self.components[*index].sampling;
@@ -270,24 +276,25 @@ impl File<'_> {
 /// A Huffman table: symbols by code (T.81, annex C and F.2.2.3).
 struct Table {
     /// Length and symbol for each prefix of a code; length 0 if the code is longer.
-    quick: Vec<(u8, u8)>,
-    /// For each length: one past the last code, and the offset from a code to its index in `symbols`.
+    lookup: Vec<(u8, u8)>,
+    /// For each length: one past the last code, and the offset from a code to its index in
+    /// `symbols`.
     ends: [(u32, i32); 17],
     symbols: Vec<u8>,
 }
 
 impl Table {
     fn new(lengths: &[u8; 16], symbols: &[u8]) -> Option<Self> {
-        let mut quick = vec![(0, 0); 1 << QUICK_BITS];
+        let mut lookup = vec![(0, 0); 1 << LOOKUP_BITS];
         let mut ends = [(0, 0); 17];
         let (mut code, mut place) = (0u32, 0usize);
         for length in 1..=16u32 {
             let count = usize::from(lengths[length as usize - 1]);
             for &symbol in symbols.get(place..place + count)? {
-                if length <= QUICK_BITS {
-                    let spare = QUICK_BITS - length;
+                if length <= LOOKUP_BITS {
+                    let spare = LOOKUP_BITS - length;
                     let from = (code as usize) << spare;
-                    quick.get_mut(from..from + (1 << spare))?.fill((length as u8, symbol));
+                    lookup.get_mut(from..from + (1 << spare))?.fill((length as u8, symbol));
                 }
                 code += 1;
                 place += 1;
@@ -295,7 +302,7 @@ impl Table {
             ends[length as usize] = (code, place as i32 - code as i32);
             code <<= 1;
         }
-        Some(Self { quick, ends, symbols: symbols.to_vec() })
+        Some(Self { lookup, ends, symbols: symbols.to_vec() })
     }
 }
 
@@ -343,12 +350,12 @@ impl Bits<'_> {
         // Missing bits are zeros; a code that needs them is not valid.
         let next = if self.count >= 16 { self.buffer >> (self.count - 16) } else { self.buffer << (16 - self.count) };
         let next = next as u32 & 0xffff;
-        let (length, symbol) = table.quick[(next >> (16 - QUICK_BITS)) as usize];
+        let (length, symbol) = table.lookup[(next >> (16 - LOOKUP_BITS)) as usize];
         if length > 0 {
             self.take(length.into())?;
             return Ok(symbol);
         }
-        for length in QUICK_BITS + 1..=16 {
+        for length in LOOKUP_BITS + 1..=16 {
             let code = next >> (16 - length);
             let (end, to_place) = table.ends[length as usize];
             if code < end {
@@ -379,8 +386,8 @@ impl Bits<'_> {
         Ok(())
     }
 
-    /// T.81, G.1.2. `known` has a bit for each nonzero coefficient; `run` is the number of further blocks without
-    /// codes.
+    /// T.81, G.1.2. `known` has a bit for each nonzero coefficient; `run` is the number of further
+    /// blocks without codes.
     fn progressive(
         &mut self,
         dc: Option<&Table>,
@@ -402,7 +409,8 @@ impl Bits<'_> {
                 break;
             }
             self.take(if band.is_refined { size.min(1) } else { size })?;
-            // Zeros are counted among the coefficients that are 0 so far; the others get one more bit each.
+            // Zeros are counted among the coefficients that are 0 so far; the others get one more
+            // bit each.
             while k <= band.last {
                 if band.is_refined && *known >> k & 1 == 1 {
                     self.take(1)?;

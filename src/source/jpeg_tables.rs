@@ -1,5 +1,6 @@
-//! JPEG pictures without Huffman tables, as cameras deliver them: the standard's typical tables apply (ITU-T T.81, annex
-//! K.3; Microsoft's AVI "MJPG" requires them). The decoder does not have them, so they are put in.
+//! JPEG pictures without Huffman tables, as cameras deliver them: the standard's typical tables
+//! apply (ITU-T T.81, annex K.3; Microsoft's AVI "MJPG" requires them). The decoder does not have
+//! them, so they are put in.
 
 use std::borrow::Cow;
 use std::sync::LazyLock;
@@ -46,12 +47,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_left_out_is_put_in_and_nothing_else() {
+    fn missing_tables_are_inserted_and_nothing_else() {
         let mut file = Vec::new();
         let codes: Vec<u8> = (0..16 * 16 * 3u32).map(|i| (i * 7 % 251) as u8).collect();
         JpegEncoder::new(&mut file).encode(&codes, 16, 16, ExtendedColorType::Rgb8).unwrap();
         assert_eq!(with_tables(&file), file);
-        // T.81, table K.3: the first table is for luminance's DC, with 12 codes of the lengths 2 to 9.
+        // T.81, table K.3: the first table is for luminance's DC, with 12 codes of the lengths 2 to
+        // 9.
         let head = [0xff, 0xc4, 0, 31, 0, 0, 1, 5, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2, 3, 4];
         assert!(STANDARD.starts_with(&head) && STANDARD.len() == 33 + 33 + 183 + 183, "{}", STANDARD.len());
         let mut bare = START.to_vec();

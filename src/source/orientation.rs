@@ -1,18 +1,20 @@
-//! How a picture is meant to be shown: mirrored and turned, as a video's display matrix or a still's EXIF says it.
+//! Display orientation of a picture: mirroring and rotation by a video's display matrix or a
+//! still's EXIF.
 
 use std::fmt;
 
-/// Nothing of it is applied when pictures are read. The default is the picture as stored.
+/// Not applied when pictures are read. The default is the picture as stored.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Orientation {
-    /// Left and right are exchanged, before the picture is turned.
+    /// Mirrored left to right, before the rotation.
     pub is_mirrored: bool,
     /// Counter-clockwise, degrees.
     pub rotation_deg: f64,
 }
 
 impl Orientation {
-    /// Of the matrix `[a, b, c, d]` by which (x, y) is shown at (a·x + c·y, b·x + d·y), y downwards. `None` if it is singular.
+    /// Of the matrix `[a, b, c, d]` by which (x, y) is shown at (a·x + c·y, b·x + d·y), y
+    /// downwards. `None` if it is singular.
     pub fn of_matrix([a, b, c, d]: [f64; 4]) -> Option<Self> {
         let determinant = a * d - b * c;
         let rotation_deg = (100.0 * c.atan2(d).to_degrees()).round() / 100.0;
@@ -63,7 +65,8 @@ mod tests {
 
     #[test]
     fn matrices_worked_by_hand_and_those_of_exif_are_the_same_orientations() {
-        // A pixel at (x, y) is shown at (-x, y), (-x, -y), (x, -y), (y, x), (-y, x), (-y, -x) and (y, -x).
+        // A pixel at (x, y) is shown at (-x, y), (-x, -y), (x, -y), (y, x), (-y, x), (-y, -x) and
+        // (y, -x).
         for (exif, matrix, shown) in [
             (2, [-1.0, 0.0, 0.0, 1.0], "mirrored left to right"),
             (3, [-1.0, 0.0, 0.0, -1.0], "turned by 180°"),

@@ -1,12 +1,12 @@
-//! How a video's pictures are meant to be shown: orientation, shape of pixels and colour tags, with what a warning says of
-//! each. Nothing of it is applied when pictures are read; a video that is written bears the same tags.
+//! Display properties of a video: orientation, pixel aspect and colour tags, with the warnings
+//! about each. They are not applied when pictures are read; a written video gets the same tags.
 
 use serde::Deserialize;
 
 use super::orientation::Orientation;
 use crate::text::quoted;
 
-/// What ffprobe says of it.
+/// The properties in ffprobe's output.
 #[derive(Deserialize)]
 pub(super) struct ProbedPresentation {
     color_transfer: Option<String>,
@@ -22,7 +22,7 @@ struct SideData {
     displaymatrix: Option<String>,
 }
 
-/// How a file's pictures are meant to be shown, as far as the file says it. Nothing of it is applied when they are read.
+/// Display properties that a file states. They are not applied when pictures are read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Presentation {
     pub orientation: Orientation,
@@ -33,7 +33,7 @@ pub struct Presentation {
     pub primaries: Option<&'static str>,
 }
 
-/// Each with what people call it, where it is far from the response of a usual camera.
+/// Transfer functions, each with its common name if it is far from the response of a usual camera.
 const TRANSFERS: [(&str, Option<&str>); 16] = [
     ("bt709", None),
     ("smpte170m", None),
@@ -54,10 +54,10 @@ const TRANSFERS: [(&str, Option<&str>); 16] = [
 ];
 const PRIMARIES: [&str; 10] =
     ["bt709", "bt470m", "bt470bg", "smpte170m", "smpte240m", "film", "bt2020", "smpte428", "smpte431", "smpte432"];
-/// ffprobe's names of a tag that says nothing.
-const UNSAID: [&str; 3] = ["unknown", "unspecified", "reserved"];
+/// ffprobe's names of an unspecified tag.
+const UNSPECIFIED: [&str; 3] = ["unknown", "unspecified", "reserved"];
 
-/// The tag of that name among those that can be written again.
+/// The tag of that name, if it can be written again.
 fn known(names: impl IntoIterator<Item = &'static str>, text: Option<&str>) -> Option<&'static str> {
     names.into_iter().find(|name| text == Some(*name))
 }
@@ -74,17 +74,17 @@ impl Presentation {
         }
     }
 
-    /// Whether its transfer function is one of high dynamic range.
+    /// True for a transfer function of high dynamic range.
     pub fn is_hdr(&self) -> bool {
         matches!(self.transfer, Some("arib-std-b67" | "smpte2084"))
     }
 
-    /// What people call a transfer function that is not a usual camera's.
+    /// Common name of a transfer function that is not a usual camera's.
     fn unusual_transfer(&self) -> Option<&'static str> {
         TRANSFERS.iter().find(|(name, _)| self.transfer == Some(*name))?.1
     }
 
-    /// What pictures that are recorded of it, without its tags, do not say. `None` if that is nothing.
+    /// The properties that are lost in pictures without tags. `None` if there are none.
     pub fn lost_without_tags(&self) -> Option<String> {
         let shown =
             (self.orientation != Orientation::default()).then(|| format!("should be shown {}", self.orientation));
@@ -101,7 +101,7 @@ impl Presentation {
         })
     }
 
-    /// What is not applied, a sentence each.
+    /// One sentence for each property that is not applied.
     pub(super) fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         if self.orientation != Orientation::default() {
@@ -136,14 +136,14 @@ impl Presentation {
 }
 
 impl ProbedPresentation {
-    /// Tags that cannot be written again, a sentence each.
+    /// One sentence for each tag that cannot be written again.
     pub(super) fn unknown_tags(&self, presentation: &Presentation) -> Vec<String> {
         let tags = [
             ("transfer function", &self.color_transfer, presentation.transfer),
             ("primaries", &self.color_primaries, presentation.primaries),
         ];
         let unknown = tags.into_iter().filter_map(|(what, said, known)| {
-            let said = said.as_deref().filter(|said| known.is_none() && !UNSAID.contains(said))?;
+            let said = said.as_deref().filter(|said| known.is_none() && !UNSPECIFIED.contains(said))?;
             Some(format!(
                 "is tagged with the {what} {}, which is not known; a video that is written has the usual tag",
                 quoted(said)
@@ -154,7 +154,7 @@ impl ProbedPresentation {
 }
 
 impl SideData {
-    /// By the display matrix, else by the angle alone.
+    /// From the display matrix, or from the angle if there is none.
     fn orientation(&self) -> Option<Orientation> {
         let of_angle = |rotation_deg| Orientation { is_mirrored: false, rotation_deg };
         match self.displaymatrix.as_deref().and_then(display_matrix) {

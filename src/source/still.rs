@@ -1,5 +1,6 @@
-//! Still pictures: PNG with 8 or 16 bits, grey or colour, and JPEG, distinguished by content, not by name. Pixels come
-//! as stored: no colour profile, gamma or rotation is applied, and transparency is dropped.
+//! Still pictures: PNG with 8 or 16 bits, grey or colour, and JPEG, distinguished by content, not
+//! by name. Pixels come as stored: no colour profile, gamma or rotation is applied, and
+//! transparency is dropped.
 
 use std::borrow::Cow;
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
@@ -23,13 +24,13 @@ pub struct Header {
     pub bits: u32,
 }
 
-/// Whether a file of these first bytes is a picture that is decoded here.
+/// True if a file with these first bytes is a picture that can be decoded.
 pub fn is_still(start: &[u8]) -> bool {
     start.starts_with(PNG_SIGNATURE) || start.starts_with(JPEG_SIGNATURE)
 }
 
-/// Whether an error of [`read_header`] is about what is in a file: it is of another kind, damaged, or a pointer of Git LFS,
-/// rather than missing or closed to us.
+/// True if an error of [`read_header`] is about the file's content (another kind of file, damage,
+/// or a Git LFS pointer file), not about access to it.
 pub fn is_no_picture(error: &SourceError) -> bool {
     match error {
         SourceError::Read { source, .. } => plain::is_lfs_pointer(source),
@@ -38,7 +39,7 @@ pub fn is_no_picture(error: &SourceError) -> bool {
     }
 }
 
-/// Whether a file is a JPEG picture, by its content.
+/// True if a file is a JPEG by its content.
 pub fn is_jpeg(file: &Path) -> Result<bool, SourceError> {
     let failed = |source| SourceError::Read { file: file.to_owned(), source };
     let mut start = Vec::new();
@@ -46,7 +47,7 @@ pub fn is_jpeg(file: &Path) -> Result<bool, SourceError> {
     Ok(start == JPEG_SIGNATURE)
 }
 
-/// Reads as little of the file as its header needs.
+/// Reads only the part of the file that contains the header.
 pub fn read_header(file: &Path) -> Result<Header, SourceError> {
     let reader = plain::open(file).map_err(|source| SourceError::Read { file: file.to_owned(), source })?;
     let problem = |problem: String| match unsupported::by_name(file).filter(|_| problem == NEITHER) {
@@ -56,12 +57,12 @@ pub fn read_header(file: &Path) -> Result<Header, SourceError> {
     header(&mut BufReader::new(reader)).map_err(problem)
 }
 
-/// The picture in a file. A file that ends too early is an error.
+/// The picture in a file. A truncated file is an error.
 pub fn read_pixels(file: &Path) -> Result<Pixels, SourceError> {
     decode_pixels(&read(file)?).map_err(|problem| SourceError::content(file, problem))
 }
 
-/// The picture in a file's bytes, or what is wrong with it.
+/// Decodes a picture. The error describes the problem.
 pub fn decode_pixels(bytes: &[u8]) -> Result<Pixels, String> {
     let picture = decode(bytes)?;
     let (width, height) = (picture.width(), picture.height());
@@ -85,7 +86,7 @@ pub fn read_depth(file: &Path, codes_per_metre: f64, timestamp_s: f64) -> Result
     Ok(DepthMap { width, height, depth_m, timestamp_s })
 }
 
-/// Checks that a picture's file does not end too early; its pixels are not decoded.
+/// Checks that a picture's file is complete, without decoding its pixels.
 pub fn check_end(file: &Path) -> Result<(), SourceError> {
     let bytes = read(file)?;
     let end = match bytes {
@@ -96,7 +97,8 @@ pub fn check_end(file: &Path) -> Result<(), SourceError> {
     end.map_err(|problem| SourceError::content(file, problem))
 }
 
-/// Steps through the chunks to the last. Each has its length, its name, that many bytes and a checksum of four bytes.
+/// Steps through the chunks to the last. Each has its length, its name, that many bytes and a
+/// checksum of four bytes.
 fn png_end(bytes: &[u8]) -> Result<(), String> {
     let mut rest = bytes.get(PNG_SIGNATURE.len()..);
     while let Some((length, after)) = rest.and_then(<[u8]>::split_first_chunk) {
@@ -109,25 +111,26 @@ fn png_end(bytes: &[u8]) -> Result<(), String> {
     Err("the PNG is truncated: its last chunk is missing".to_owned())
 }
 
-/// The most memory that a decoded picture may take, bytes; also the decoders' limit.
-const MOST_DECODED: u64 = 512 << 20;
-/// What a file may contain besides its pixels, bytes: previews, or a video that a phone has appended.
-const MOST_BESIDE: u64 = 64 << 20;
+/// Largest memory of a decoded picture, bytes; also the decoders' limit.
+const MAX_DECODED_BYTES: u64 = 512 << 20;
+/// Largest size of other content in a file, bytes: previews, or a video appended by a phone.
+const MAX_EXTRA_BYTES: u64 = 64 << 20;
 
 /// A picture's file, limited to the size that such a picture can have.
 fn read(file: &Path) -> Result<Vec<u8>, SourceError> {
     let Header { width, height, bits } = read_header(file)?;
     let pixels = u64::from(width) * u64::from(height);
-    if pixels.saturating_mul(3 * u64::from(bits / 8)) > MOST_DECODED {
-        let problem = format!("is {width}x{height} with {bits} bits; at most {MOST_DECODED} bytes are decoded");
+    if pixels.saturating_mul(3 * u64::from(bits / 8)) > MAX_DECODED_BYTES {
+        let problem = format!("is {width}x{height} with {bits} bits; at most {MAX_DECODED_BYTES} bytes are decoded");
         return Err(SourceError::content(file, problem));
     }
     // Four channels of 16 bits, uncompressed, times two for a poor compressor.
-    plain::read(file, 16 * pixels + MOST_BESIDE).map_err(|source| SourceError::Read { file: file.to_owned(), source })
+    plain::read(file, 16 * pixels + MAX_EXTRA_BYTES)
+        .map_err(|source| SourceError::Read { file: file.to_owned(), source })
 }
 
-/// A PNG reduced to what its pixels need: texts and colour profiles may unpack to a thousand times their length, and
-/// anything after the end is ignored.
+/// A PNG reduced to what its pixels need: texts and colour profiles may unpack to a thousand times
+/// their length, and anything after the end is ignored.
 pub(crate) fn bare_png(bytes: &[u8]) -> Cow<'_, [u8]> {
     let Some(mut rest) = bytes.strip_prefix(PNG_SIGNATURE) else { return Cow::Borrowed(bytes) };
     let mut bare = PNG_SIGNATURE.to_vec();
@@ -167,7 +170,7 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
 
 fn limits() -> image::Limits {
     let mut limits = image::Limits::no_limits();
-    limits.max_alloc = Some(MOST_DECODED);
+    limits.max_alloc = Some(MAX_DECODED_BYTES);
     limits
 }
 
@@ -206,7 +209,8 @@ fn header(reader: &mut (impl BufRead + Seek)) -> Result<Header, String> {
     Ok(Header { width: number(16), height: number(20), bits: if head[24] == 16 { 16 } else { 8 } })
 }
 
-/// Walks a JPEG's segments and stops after the header of its first scan. Source: ITU-T T.81, annex B (SOS is DA).
+/// Walks a JPEG's segments and stops after the header of its first scan. Source: ITU-T T.81, annex
+/// B (SOS is DA).
 fn jpeg_header(reader: &mut (impl Read + Seek)) -> Result<Header, String> {
     let truncated = |_| "the JPEG is truncated in its header".to_owned();
     // The signature's last byte belongs to the first marker.
@@ -254,7 +258,7 @@ mod tests {
     use std::path::PathBuf;
 
     #[test]
-    fn file_without_a_picture_is_told_from_a_missing_one() {
+    fn file_without_a_picture_is_distinguished_from_a_missing_one() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("f.png");
         let heic = *b"\0\0\0\x18ftypheic";
@@ -316,8 +320,8 @@ mod tests {
     fn every_truncation_is_an_error_with_its_path() {
         for whole in [jpeg(), png(&[7; 300], 10, 10, Color::Rgb8)] {
             decode(&whole).unwrap();
-            // Without (part of) its end chunk a PNG's pixels are still complete and checked, as are a JPEG's without
-            // its end marker.
+            // Without (part of) its end chunk a PNG's pixels are still complete and checked, as are
+            // a JPEG's without its end marker.
             let end = if whole.starts_with(PNG_SIGNATURE) { 12 } else { 2 };
             for length in 0..whole.len() - end {
                 assert!(decode(&whole[..length]).is_err(), "{length} of {} bytes pass", whole.len());
@@ -335,7 +339,8 @@ mod tests {
         assert!(error.starts_with(&file.display().to_string()) && error.contains("truncated"), "{error}");
     }
 
-    /// Cut off anywhere in its data and ended with a marker, as left by programs that save what they could read.
+    /// Cut off anywhere in its data and ended with a marker, as left by programs that save what
+    /// they could read.
     #[test]
     fn an_end_marker_does_not_make_a_jpeg_whole() {
         let whole = jpeg();
@@ -358,9 +363,10 @@ mod tests {
         }
     }
 
-    /// A colour profile of 32 MB that packs into a few KB, and 100 GB after the end of a picture of 3 pixels.
+    /// A colour profile of 32 MB that packs into a few KB, and 100 GB after the end of a picture of
+    /// 3 pixels.
     #[test]
-    fn what_is_not_pixels_is_not_unpacked_and_not_read() {
+    fn content_besides_pixels_is_neither_unpacked_nor_read() {
         let plain = png(&[1, 2, 3, 4, 5, 6, 7, 8, 9], 3, 1, Color::Rgb8);
         let mut heavy = Vec::new();
         let mut encoder = image::codecs::png::PngEncoder::new(&mut heavy);

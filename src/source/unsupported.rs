@@ -1,4 +1,4 @@
-//! Pictures that are recognised and not decoded, each with a command that converts it.
+//! Picture formats that are recognised but not decoded, each with a command that converts it.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::text::count;
 
-/// The formats of depth pictures that are decoded, for people.
+/// Names of the supported depth formats for messages.
 pub const DEPTH_FORMATS: &str = "16-bit grey PNG, OpenEXR and NumPy arrays (.npy)";
 
 /// A kind of file that is not decoded.
@@ -17,13 +17,13 @@ pub struct Kind {
     endings: &'static [&'static str],
     is_begun_by: fn(&[u8]) -> bool,
     convert: &'static str,
-    /// The command that keeps the values of depth, where files of this kind hold depth.
+    /// The command that preserves depth values, if files of this kind may contain depth.
     convert_depth: Option<&'static str>,
-    /// Whether a folder's files of this kind are taken for frames.
+    /// True if a folder's files of this kind count as frames.
     is_picture: bool,
 }
 
-/// Whether a file of the ISO base media format has one of these brands.
+/// True if a file of the ISO base media format has one of these brands.
 fn has_brand(start: &[u8], brands: &[&[u8; 4]]) -> bool {
     start.get(4..8) == Some(b"ftyp") && brands.iter().any(|brand| start.get(8..12) == Some(*brand))
 }
@@ -31,7 +31,7 @@ fn has_brand(start: &[u8], brands: &[&[u8; 4]]) -> bool {
 const DEPTH_TIFF: &str = "python3 -c \"import cv2, numpy; numpy.save('FILE.npy', cv2.imread('FILE.tif', -1))\"";
 const DEPTH_PPM: &str = "python3 -c \"import cv2, numpy; numpy.save('FILE.npy', cv2.imread('FILE.pgm', -1))\"";
 
-/// Camera raw files begin as TIFF files, so that only their names tell them.
+/// Camera raw files begin like TIFF files, so only their names distinguish them.
 static KINDS: [Kind; 13] = [
     Kind {
         name: "HEIC",
@@ -100,7 +100,7 @@ static KINDS: [Kind; 13] = [
     Kind {
         name: "JPEG-LS",
         endings: &["jls"],
-        // What stands before its frame header is a JPEG's.
+        // Before its frame header it is like a JPEG.
         is_begun_by: |start| start.starts_with(b"\xff\xd8\xff\xf7"),
         convert: "ffmpeg -i FILE.jls FILE.png",
         convert_depth: None,
@@ -117,7 +117,7 @@ static KINDS: [Kind; 13] = [
     Kind {
         name: "GIF",
         endings: &["gif"],
-        // By its content it is a video.
+        // Its content is a video.
         is_begun_by: |_| false,
         convert: "ffmpeg -i FILE.gif FILE.png",
         convert_depth: None,
@@ -146,7 +146,7 @@ impl Kind {
         format!("is {}, which is not read; convert it: {}", self.name, self.convert)
     }
 
-    /// The refusal of a file that is named as depth. Commands for colour would change its values.
+    /// The refusal of a depth file. Commands for colour would change its values.
     pub fn depth_refusal(&self) -> String {
         match self.convert_depth {
             Some(command) => format!(
@@ -170,9 +170,9 @@ pub fn by_name(file: &Path) -> Option<&'static Kind> {
     KINDS.iter().find(|kind| kind.endings.contains(&ending.as_str()))
 }
 
-/// The pictures of a folder that are not decoded, by their names, in order. Those that were converted, into a PNG or JPEG
-/// beside them, are left out. Arrays beside pictures are depth or something else; alone they were meant as frames. A folder that
-/// cannot be read has none.
+/// The pictures of a folder that are not decoded, by their names, in order. Those with a converted
+/// PNG or JPEG beside them are left out. Arrays beside pictures are depth or other data; arrays
+/// alone were meant as frames. An unreadable folder has none.
 pub fn in_folder(folder: &Path) -> Vec<PathBuf> {
     let files = || std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let is_decoded = |file: &PathBuf| {
@@ -195,7 +195,8 @@ pub fn in_folder(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// How many pictures are not decoded, and what to do about the first; `None` if there are none.
+/// Warning with the number of undecoded pictures and a remedy for the first; `None` if there are
+/// none.
 pub fn unread_warning(files: &[PathBuf]) -> Option<String> {
     let first = files.first()?;
     let are = if files.len() == 1 { "is" } else { "are" };
@@ -208,7 +209,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn kinds_are_told_by_content_and_by_name() {
+    fn kinds_are_recognised_by_content_and_by_name() {
         for (start, file, name) in [
             (&b"\0\0\0\x18ftypheic\0\0\0\0"[..], "a/IMG_1.HEIC", "HEIC"),
             (b"\x76\x2f\x31\x01", "f.exr", "OpenEXR"),

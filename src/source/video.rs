@@ -1,5 +1,5 @@
-//! Video files, probed by the `ffprobe` program. Colour range and matrix are always passed to ffmpeg when they are
-//! decoded, so that no default of its own decides what a code value means.
+//! Video files, probed by the `ffprobe` program. Colour range and matrix are always passed to
+//! ffmpeg for decoding, so that its defaults do not determine the meaning of a code value.
 
 use std::ffi::OsString;
 use std::io::Read;
@@ -18,11 +18,11 @@ use crate::text::{count, fixed};
 pub(super) const MEND: &str =
     "copy it anew from where it came (ffmpeg -i FILE -c:v ffv1 NEW.mkv makes a file of what can still be read)";
 
-/// Scaling flags for every conversion between Y'CbCr and R'G'B': full chroma at both ends and exact rounding. Without
-/// them swscale's fast paths are off by several code values.
+/// Scaling flags for every conversion between Y'CbCr and R'G'B': full chroma at both ends and exact
+/// rounding. Without them swscale's fast paths are off by several code values.
 pub(crate) const CONVERSION_FLAGS: &str = "bicubic+accurate_rnd+full_chroma_int+full_chroma_inp";
 
-/// The span of Y' in a file: 16 to 235 of 255, or all.
+/// Range of Y' in a file: 16 to 235 of 255, or all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ColorRange {
@@ -30,11 +30,11 @@ pub enum ColorRange {
     Full,
 }
 
-/// How a file makes Y'CbCr from R'G'B'.
+/// Matrix from R'G'B' to Y'CbCr.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ColorMatrix {
-    /// It does not: R'G'B' is stored.
+    /// None: R'G'B' is stored.
     Rgb,
     Bt601,
     Bt709,
@@ -42,7 +42,7 @@ pub enum ColorMatrix {
 }
 
 impl ColorMatrix {
-    /// The default for a file that does not state its matrix, by its height.
+    /// Default by height for a file that does not state its matrix.
     pub fn usual(height: u32) -> Self {
         if height < 720 { Self::Bt601 } else { Self::Bt709 }
     }
@@ -80,7 +80,7 @@ pub struct Video {
     /// One per frame, in display order; the first is at 0.
     pub timestamps_s: Vec<f64>,
     pub warnings: Vec<String>,
-    /// `None` where the file does not tell its frames apart by their times.
+    /// `None` if the times do not distinguish the frames.
     pub(super) index: Option<Arc<Index>>,
 }
 
@@ -138,7 +138,7 @@ impl Packet {
         self.flags.as_ref().is_some_and(|flags| flags.contains(flag))
     }
 
-    /// `None` where it has no time.
+    /// `None` without a time.
     fn entry(&self) -> Option<Entry> {
         let time_s = self.pts_time.as_deref()?.parse().ok()?;
         Some(Entry { ticks: self.pts?, time_s, is_keyframe: self.has_flag('K'), is_shown: self.is_shown() })
@@ -150,11 +150,11 @@ impl Packet {
     }
 }
 
-/// As many bytes as the signatures of still pictures have.
+/// Length of the signatures of still pictures, bytes.
 const MAX_SIGNATURE_BYTES: u64 = 16;
 
-/// Probes a video file with `ffprobe`: size, colour, and the time of every frame. Packets are listed, not decoded, so
-/// this is fast.
+/// Probes a video file with `ffprobe`: size, colour, and the time of every frame. Packets are
+/// listed, not decoded, so this is fast.
 pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
     // ffprobe's own message for a missing file is less clear, and it would wait for a pipe.
     let failed = |source| SourceError::Read { file: file.to_owned(), source };
@@ -186,7 +186,8 @@ pub fn probe(file: &Path, overrides: &Overrides) -> Result<Video, SourceError> {
     if output.complaints.is_empty() {
         return Ok(video);
     }
-    // If a container is damaged, frames are left out, and those after them would be mistaken for others.
+    // If a container is damaged, frames are left out, and those after them would be mistaken for
+    // others.
     Err(SourceError::content(file, format!("is damaged: ffprobe says: {}; {MEND}", output.complaints)))
 }
 
@@ -243,9 +244,10 @@ fn parse_probe(json: &[u8], file: &Path, overrides: &Overrides) -> Result<Video,
     Ok(Video { file: file.to_owned(), width, height, bits, range, matrix, presentation, timestamps_s, warnings, index })
 }
 
-/// Checks that there are as many frames as the container promises: by their number (MP4), or by when the last one ends
-/// (Matroska, AVI; more than two and a half frames short is too little, since containers round). An AVI's number counts
-/// the empty chunks that ffmpeg writes between frames, so it is a length.
+/// Checks that there are as many frames as the container promises: by their number (MP4), or by
+/// when the last one ends (Matroska, AVI; more than two and a half frames short is too little,
+/// since containers round). An AVI's number counts the empty chunks that ffmpeg writes between
+/// frames, so it is a length.
 fn whole(stream: &ProbedStream, packets: &[Packet], container: &Container) -> Result<(), String> {
     const WHAT_TO_DO: &str = "is it truncated? Copy it anew from where it came, or cut it off there: \
                               ffmpeg -i FILE -c copy NEW.mkv";
@@ -278,7 +280,7 @@ fn whole(stream: &ProbedStream, packets: &[Packet], container: &Container) -> Re
     Ok(())
 }
 
-/// From one time to the next. `None` of fewer than two.
+/// Mean interval. `None` for fewer than two times.
 fn mean_interval_s(times_s: &[f64]) -> Option<f64> {
     let first_s = times_s.iter().copied().fold(f64::INFINITY, f64::min);
     let last_s = times_s.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -290,8 +292,8 @@ fn seconds(text: &str) -> Option<f64> {
     text.split(':').try_fold(0.0, |sum, part| Some(60.0 * sum + part.trim().parse::<f64>().ok()?))
 }
 
-/// The times of the packets that are wanted, as they say when they are shown. Where none does (an AVI of a codec that
-/// stores frames in another order), as they say when they are decoded: frames are shown in as even steps.
+/// Presentation times of the wanted packets. If no packet has one (an AVI of a codec with reordered
+/// frames), the decoding times: frames are displayed at regular intervals.
 fn times(packets: &[Packet], is_wanted: impl Fn(&Packet) -> bool) -> Vec<Option<f64>> {
     let has_shown = packets.iter().any(|packet| packet.pts_time.is_some());
     let time = |packet: &Packet| {
@@ -301,7 +303,7 @@ fn times(packets: &[Packet], is_wanted: impl Fn(&Packet) -> bool) -> Vec<Option<
     packets.iter().filter(|packet| is_wanted(packet)).map(time).collect()
 }
 
-/// When each frame is shown: counted if a rate is given, otherwise as the packets say.
+/// Display time of each frame: computed if a rate is given, otherwise from the packets.
 fn timestamps(
     packets: &[Packet],
     given_fps: Option<f64>,
@@ -349,8 +351,8 @@ fn is_rgb(format: &str) -> bool {
         .any(|s| format.starts_with(s))
 }
 
-/// ffmpeg names the byte order of every format whose components need more than a byte, and of the packed ones with 4 to
-/// 6 bits.
+/// ffmpeg names the byte order of every format whose components need more than a byte, and of the
+/// packed ones with 4 to 6 bits.
 fn more_than_8_bits(format: &str) -> bool {
     let packed = ["444le", "444be", "555le", "555be", "565le", "565be"].iter().any(|s| format.ends_with(s));
     (format.ends_with("le") || format.ends_with("be")) && !(packed && is_rgb(format))
@@ -398,7 +400,7 @@ mod tests {
     }
 
     #[test]
-    fn the_presentation_is_kept_and_told() {
+    fn presentation_is_kept_and_reported() {
         let stream = r#""pix_fmt": "yuv420p10le", "color_space": "bt2020nc", "color_transfer": "smpte2084",
             "color_primaries": "bt2020", "sample_aspect_ratio": "16:15", "side_data_list": [{"rotation": -90}]"#;
         let v = parse(stream, ONE, &Overrides::default()).unwrap();
@@ -423,8 +425,8 @@ mod tests {
     }
 
     #[test]
-    fn mirrored_video_is_told_from_a_turned_one() {
-        // As ffprobe writes them: the angle alone does not tell that the picture is mirrored.
+    fn mirrored_video_is_distinguished_from_a_rotated_one() {
+        // In ffprobe's format: the angle alone does not show the mirroring.
         for (matrix, rotation, shown) in [
             ([-65536, 0, 0, 65536], -180, "mirrored left to right"),
             ([65536, 0, 0, -65536], 0, "mirrored top to bottom"),
@@ -444,7 +446,7 @@ mod tests {
     }
 
     #[test]
-    fn transfer_function_far_from_a_cameras_is_told_and_one_that_is_not_known_too() {
+    fn unusual_and_unknown_transfer_functions_are_reported() {
         let told = |name: &str| {
             let stream = format!(r#""pix_fmt": "yuv420p", "color_transfer": "{name}""#);
             let v = parse(&stream, ONE, &Overrides::default()).unwrap();
@@ -506,7 +508,8 @@ mod tests {
         assert!(parse(&stream(r#""nb_frames": "2""#), packets, &given).is_ok());
     }
 
-    /// As `ffmpeg -c copy` makes it of x264's frames: an empty chunk after each, and no time at which it is shown.
+    /// As written by `ffmpeg -c copy` from x264's frames: an empty chunk after each, and no
+    /// presentation times.
     #[test]
     fn avi_with_empty_chunks_is_whole_and_keeps_its_frames_times() {
         let avi = |count: usize| {

@@ -1,15 +1,17 @@
-//! Y'CbCr as cameras deliver it, to R'G'B' codes of 8 bits.
+//! Converts the cameras' Y'CbCr to 8-bit R'G'B' codes.
 //!
-//! R' = Y' + 2 (1 − Kr) Cr, B' = Y' + 2 (1 − Kb) Cb, G' = (Y' − Kr R' − Kb B') / (1 − Kr − Kb). Sources: ITU-R BT.601-7
-//! §2.5.1 to §2.5.4, BT.709-6 §3 and §4, BT.2020-2 table 4; full range as in JFIF 1.02 (ITU-T T.871 §7). Two (4:2:2) or
-//! four (4:2:0) pixels share a chroma sample, and each gets it as it is: nothing is interpolated.
+//! R' = Y' + 2 (1 − Kr) Cr, B' = Y' + 2 (1 − Kb) Cb, G' = (Y' − Kr R' − Kb B') / (1 − Kr − Kb).
+//! Sources: ITU-R BT.601-7 §2.5.1 to §2.5.4, BT.709-6 §3 and §4, BT.2020-2 table 4; full range as
+//! in JFIF 1.02 (ITU-T T.871 §7). Two (4:2:2) or four (4:2:0) pixels share a chroma sample, without
+//! interpolation.
 
 use super::video::{ColorMatrix, ColorRange};
 
 /// Fixed point: 2^50 units a code. Sums of three terms stay below 2^61.
 const ONE: i128 = 1 << 50;
-/// Half a code, for rounding. Exact halves go up: the terms are rounded to 2^-51, and no sum comes closer to a half than
-/// 10^-13 (the terms' common denominator is below 4 · 10^12), so the 2^-46 more decide nothing else.
+/// Half a code, for rounding. Exact halves go up: the terms are rounded to 2^-51, and no sum comes
+/// closer to a half than 10^-13 (the terms' common denominator is below 4 · 10^12), so the 2^-46
+/// more decide nothing else.
 const HALF: i64 = (1 << 49) + (1 << 4);
 
 /// The conversion's terms for each code.
@@ -65,7 +67,8 @@ impl Table {
         ]
     }
 
-    /// Packed 4:2:2, Y0 Cb Y1 Cr, rows `stride` bytes apart. `None` if there are not enough bytes, or the width is odd.
+    /// Packed 4:2:2, Y0 Cb Y1 Cr, rows `stride` bytes apart. `None` if there are not enough bytes,
+    /// or the width is odd.
     pub fn yuyv(&self, bytes: &[u8], width: u32, height: u32, stride: usize) -> Option<Vec<u8>> {
         let (width, height) = (width as usize, height as usize);
         if width % 2 != 0 || stride < 2 * width {
@@ -82,8 +85,8 @@ impl Table {
         Some(codes)
     }
 
-    /// 4:2:0 in two planes: Y', then Cb Cr by turns, rows of both `stride` bytes apart. `None` if there are not enough
-    /// bytes, or a side is odd.
+    /// 4:2:0 in two planes: Y', then Cb Cr by turns, rows of both `stride` bytes apart. `None` if
+    /// there are not enough bytes, or a side is odd.
     pub fn nv12(&self, bytes: &[u8], width: u32, height: u32, stride: usize) -> Option<Vec<u8>> {
         let (width, height) = (width as usize, height as usize);
         if width % 2 != 0 || height % 2 != 0 || stride < width {
@@ -123,14 +126,17 @@ mod tests {
             // 126 of 219: 128.08.
             assert_eq!(rgb(matrix, Limited, [126, 128, 128]), [128; 3]);
         }
-        // Red of the 100 % bars, BT.601: 76.544 + 1.5960·112 = 254.4, 76.05 − 0.3918·(−38) − 0.8130·112 = −0.1.
+        // Red of the 100 % bars, BT.601: 76.544 + 1.5960·112 = 254.4, 76.05 − 0.3918·(−38) −
+        // 0.8130·112 = −0.1.
         assert_eq!(rgb(Bt601, Limited, [81, 90, 240]), [254, 0, 0]);
-        // The same in BT.709: Y' 63, Cb 102, Cr 240 (63 − 16)·255/219 = 54.73; + 1.7927·112 = 255.5; G' 54.73 +
-        // 0.2132·26 − 0.5329·112 = 0.58; B' 54.73 − 2.1124·26 = −0.2.
+        // The same in BT.709: Y' 63, Cb 102, Cr 240 (63 − 16)·255/219 = 54.73; + 1.7927·112 =
+        // 255.5; G' 54.73 + 0.2132·26 − 0.5329·112 = 0.58; B' 54.73 − 2.1124·26 = −0.2.
         assert_eq!(rgb(Bt709, Limited, [63, 102, 240]), [255, 1, 0]);
-        // JFIF: 150 + 1.402·50 = 220.1; 150 − 0.344136·(−28) − 0.714136·50 = 123.93; 150 − 1.772·28 = 100.38.
+        // JFIF: 150 + 1.402·50 = 220.1; 150 − 0.344136·(−28) − 0.714136·50 = 123.93; 150 − 1.772·28
+        // = 100.38.
         assert_eq!(rgb(Bt601, Full, [150, 100, 178]), [220, 124, 100]);
-        // BT.2020, full: 100 + 1.4746·40 = 158.98; 100 − 0.16455·20 − 0.57135·40 = 73.85; 100 + 1.8814·20 = 137.63.
+        // BT.2020, full: 100 + 1.4746·40 = 158.98; 100 − 0.16455·20 − 0.57135·40 = 73.85; 100 +
+        // 1.8814·20 = 137.63.
         assert_eq!(rgb(Bt2020, Full, [100, 148, 168]), [159, 74, 138]);
     }
 

@@ -1,4 +1,4 @@
-//! `opentrackio://HOST:PORT?…` and `freed://HOST:PORT?…`: where a stream is heard, or goes.
+//! URLs of streams: `opentrackio://HOST:PORT?…` and `freed://HOST:PORT?…`.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, ToSocketAddrs};
 use std::ops::RangeInclusive;
@@ -15,13 +15,13 @@ pub enum Protocol {
 impl Protocol {
     const ALL: [(&'static str, Self); 2] = [("opentrackio://", Self::OpenTrackIo), ("freed://", Self::FreeD)];
 
-    /// The protocol that a text names as a URL does; `None` for any other text.
+    /// The protocol of a URL; `None` for other text.
     pub fn of(url: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|(scheme, _)| url.starts_with(scheme)).map(|(_, protocol)| protocol)
     }
 
-    /// The port that its senders use where nobody says another.
-    pub fn usual_port(self) -> u16 {
+    /// Default port of the protocol.
+    pub fn default_port(self) -> u16 {
         match self {
             Self::OpenTrackIo => 55555,
             Self::FreeD => 40000,
@@ -29,45 +29,47 @@ impl Protocol {
     }
 }
 
-/// Where a stream is heard, and which.
+/// Address and options for receiving.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Listen {
+pub struct ListenOptions {
     pub protocol: Protocol,
     /// An address of this machine, or a multicast group.
     pub at: SocketAddr,
-    /// The network of a group, by this machine's address in it; none: the system's choice.
+    /// Network interface for a multicast group, by this machine's address in it; the system's
+    /// choice if `None`.
     pub interface: Option<Ipv4Addr>,
-    /// Only datagrams from there.
+    /// Accepts datagrams from this address only.
     pub from: Option<IpAddr>,
-    /// Only this source: OpenTrackIO's `sourceId` or `sourceNumber`, FreeD's camera.
+    /// Accepts this source only: OpenTrackIO's `sourceId` or `sourceNumber`, FreeD's camera.
     pub source: Option<String>,
     /// Added to the time of every pose, seconds.
     pub delay_s: f64,
-    /// How long a pose waits for those before it, seconds.
+    /// Longest time that a pose waits for earlier ones, seconds.
     pub wait_s: f64,
 }
 
-/// Where a stream goes.
+/// Address and options for sending.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Target {
     pub protocol: Protocol,
     pub at: SocketAddr,
-    /// The network of a group, by this machine's address in it; none: the system's choice.
+    /// Network interface for a multicast group, by this machine's address in it; the system's
+    /// choice if `None`.
     pub interface: Option<Ipv4Addr>,
     pub encoding: Encoding,
     /// OpenTrackIO's `sourceNumber`, FreeD's camera.
     pub number: u8,
-    /// Routers that a group's datagrams may pass, and one.
+    /// Time to live of multicast datagrams: 1 plus the number of routers that they may pass.
     pub ttl: u8,
 }
 
-const LONGEST_DELAY_S: f64 = 60.0;
-const LONGEST_WAIT_S: f64 = 1.0;
-const WAIT_S: f64 = 0.02;
+const MAX_DELAY_S: f64 = 60.0;
+const MAX_WAIT_S: f64 = 1.0;
+const DEFAULT_WAIT_S: f64 = 0.02;
 
-impl Listen {
+impl ListenOptions {
     pub fn parse(url: &str) -> Result<Self, StreamError> {
-        let parts = Parts::of(url)?;
+        let parts = UrlParts::of(url)?;
         let mut listen = Self {
             protocol: parts.protocol,
             at: parts.at,
@@ -75,15 +77,15 @@ impl Listen {
             from: None,
             source: None,
             delay_s: 0.0,
-            wait_s: WAIT_S,
+            wait_s: DEFAULT_WAIT_S,
         };
         for (key, value) in &parts.options {
             match *key {
                 "interface" => listen.interface = Some(parts.interface(value)?),
                 "from" => listen.from = Some(parts.value(key, value, "an address, as in from=192.168.0.5")?),
                 "source" => listen.source = Some((*value).to_owned()).filter(|name| !name.is_empty()),
-                "delay_s" => listen.delay_s = parts.seconds(key, value, -LONGEST_DELAY_S..=LONGEST_DELAY_S)?,
-                "wait_s" => listen.wait_s = parts.seconds(key, value, 0.0..=LONGEST_WAIT_S)?,
+                "delay_s" => listen.delay_s = parts.seconds(key, value, -MAX_DELAY_S..=MAX_DELAY_S)?,
+                "wait_s" => listen.wait_s = parts.seconds(key, value, 0.0..=MAX_WAIT_S)?,
                 _ => return Err(parts.unknown(key, "interface, from, source, delay_s, wait_s")),
             }
         }
@@ -93,7 +95,7 @@ impl Listen {
 
 impl Target {
     pub fn parse(url: &str) -> Result<Self, StreamError> {
-        let parts = Parts::of(url)?;
+        let parts = UrlParts::of(url)?;
         let mut target = Self {
             protocol: parts.protocol,
             at: parts.at,
@@ -120,21 +122,21 @@ impl Target {
     }
 }
 
-struct Parts<'a> {
+struct UrlParts<'a> {
     url: &'a str,
     protocol: Protocol,
     at: SocketAddr,
     options: Vec<(&'a str, &'a str)>,
 }
 
-impl<'a> Parts<'a> {
+impl<'a> UrlParts<'a> {
     fn of(url: &'a str) -> Result<Self, StreamError> {
         let problem = |problem: String| StreamError::Address { url: url.to_owned(), problem };
         let accepted = "opentrackio://HOST:PORT or freed://HOST:PORT, as in opentrackio://127.0.0.1:55555";
         let found = Protocol::ALL.into_iter().find_map(|(scheme, p)| Some((p, url.strip_prefix(scheme)?)));
         let (protocol, rest) = found.ok_or_else(|| problem(format!("is no stream: accepted is {accepted}")))?;
         let (place, query) = rest.split_once('?').unwrap_or((rest, ""));
-        let at = address(place.trim_end_matches('/'), protocol.usual_port())
+        let at = address(place.trim_end_matches('/'), protocol.default_port())
             .map_err(|found| problem(format!("{found}; accepted is {accepted}")))?;
         if at.is_ipv6() && at.ip().is_multicast() {
             return Err(problem("groups are IPv4's, as in opentrackio://235.135.1.1:55555".to_owned()));
@@ -174,15 +176,15 @@ impl<'a> Parts<'a> {
     }
 }
 
-/// An address from `HOST:PORT`, `HOST` or `:PORT`. Without a host it is this machine's own, which no network reaches;
-/// `*` is all of its networks.
-fn address(place: &str, usual_port: u16) -> Result<SocketAddr, String> {
+/// An address from `HOST:PORT`, `HOST` or `:PORT`. Without a host it is the loopback address, which
+/// no network reaches. `*` is all networks of this machine.
+fn address(place: &str, default_port: u16) -> Result<SocketAddr, String> {
     let bare_v6 = place.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
     let (host, port) = match place.rsplit_once(':') {
         Some((host, port)) if bare_v6.is_none() => {
             (host, port.parse().map_err(|_| format!("the port {port} is refused: it is a number from 0 to 65535"))?)
         }
-        _ => (place, usual_port),
+        _ => (place, default_port),
     };
     match host {
         "" => return Ok(SocketAddr::from((Ipv4Addr::LOCALHOST, port))),
@@ -194,7 +196,7 @@ fn address(place: &str, usual_port: u16) -> Result<SocketAddr, String> {
         return Ok((ip, port).into());
     }
     let found = (bare, port).to_socket_addrs().map_err(|_| format!("no machine is called {host}"))?;
-    // Names often have an IPv6 address first, and trackers know IPv4.
+    // Names often resolve to an IPv6 address first, but trackers use IPv4.
     let found: Vec<SocketAddr> = found.collect();
     let v4 = found.iter().find(|at| at.is_ipv4());
     v4.or(found.first()).copied().ok_or_else(|| format!("{host} has no address"))
@@ -205,8 +207,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn addresses_and_what_is_meant_without_them() {
-        let at = |url| Listen::parse(url).unwrap().at.to_string();
+    fn addresses_and_options_have_their_defaults() {
+        let at = |url| ListenOptions::parse(url).unwrap().at.to_string();
         assert_eq!(at("opentrackio://"), "127.0.0.1:55555");
         assert_eq!(at("freed://"), "127.0.0.1:40000");
         assert_eq!(at("freed://:5001/"), "127.0.0.1:5001");
@@ -215,7 +217,7 @@ mod tests {
         assert_eq!(at("opentrackio://[::1]"), "[::1]:55555");
         assert_eq!(at("opentrackio://[::1]:9"), "[::1]:9");
         let all = "opentrackio://239.1.1.1?interface=127.0.0.1&from=10.0.0.2&source=3&delay_s=-0.1&wait_s=0";
-        let listen = Listen::parse(all).unwrap();
+        let listen = ListenOptions::parse(all).unwrap();
         assert_eq!(listen.interface, Some(Ipv4Addr::LOCALHOST));
         assert_eq!((listen.from, listen.source.as_deref()), (Some([10, 0, 0, 2].into()), Some("3")));
         assert_eq!((listen.delay_s, listen.wait_s), (-0.1, 0.0));
@@ -225,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_refused_says_what_is_accepted() {
+    fn refused_addresses_name_the_accepted_ones() {
         let cases = [
             ("http://x", "opentrackio://HOST:PORT"),
             ("freed://1.2.3.4:99999", "0 to 65535"),
@@ -237,7 +239,7 @@ mod tests {
             ("freed://[ff02::1]", "IPv4"),
         ];
         for (url, accepted) in cases {
-            let error = Listen::parse(url).unwrap_err().to_string();
+            let error = ListenOptions::parse(url).unwrap_err().to_string();
             assert!(error.contains(accepted), "{error}");
         }
         for (url, accepted) in [("freed://*", "one address"), ("opentrackio://?encoding=xml", "json or cbor")] {

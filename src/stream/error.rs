@@ -1,10 +1,10 @@
-//! What is wrong with a datagram, a sample, an address or a socket.
+//! Errors of datagrams, samples, addresses and sockets.
 
 use std::net::SocketAddr;
 
 use crate::text::{quoted, reason};
 
-/// A datagram that is no OpenTrackIO packet.
+/// A datagram that is not an OpenTrackIO packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, thiserror::Error)]
 pub enum PacketError {
     #[error("shorter than the packet header of 16 bytes")]
@@ -19,7 +19,7 @@ pub enum PacketError {
     Encoding,
 }
 
-/// A payload that is no sample, or a FreeD message that is none.
+/// A payload that is not a sample, or bytes that are not a FreeD message.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SampleError {
     #[error("is no JSON: {0}")]
@@ -32,7 +32,7 @@ pub enum SampleError {
     NoMap,
     #[error("is of the protocol {}, not of OpenTrackIO", quoted(.0))]
     OtherProtocol(String),
-    /// A value that cannot be; the path of its keys, and what is accepted.
+    /// An invalid value: the path of its keys, and the accepted values.
     #[error("{key} is not {accepted}")]
     Value { key: String, accepted: &'static str },
     #[error("a FreeD D1 message has 29 bytes, and these are {0}")]

@@ -1,4 +1,4 @@
-//! FreeD's message D1: where a camera stands, in 29 bytes.
+//! FreeD's message D1: the pose of a camera in 29 bytes.
 //!
 //! | bytes | what, most significant byte first |
 //! |---|---|
@@ -10,11 +10,12 @@
 //! | 26, 27 | spare |
 //! | 28 | checksum: hexadecimal 40 minus all bytes before it, modulo 256 |
 //!
-//! 24 bits with their sign are ±2²³: ±256° at 2¹⁵ parts a degree, ±131.072 m at 2⁶ parts a millimetre.
+//! 24 bits with their sign are ±2²³: ±256° at 2¹⁵ parts a degree, ±131.072 m at 2⁶ parts a
+//! millimetre.
 //!
-//! z is up. At pan 0 the camera looks along y; a positive pan turns it to the right, a positive tilt upwards, a positive
-//! roll clockwise as seen from behind. So pan alone has another sign than OpenTrackIO's ([`Angles`]), whose axes and
-//! order of turning these are.
+//! z is up. At pan 0 the camera points along y. A positive pan rotates it to the right, a positive
+//! tilt upwards, and a positive roll clockwise as seen from behind. Axes and order of rotation are
+//! those of OpenTrackIO ([`Angles`]); only pan has the opposite sign.
 //!
 //! After the free-d installation manual (Vinten Radamec, V1.4.4), appendices A.3.11 and B.
 
@@ -29,7 +30,7 @@ const TYPE: u8 = 0xD1;
 const ANGLE_PER_DEG: f64 = 32768.0;
 const LENGTH_PER_M: f64 = 64.0 * 1000.0;
 
-/// The message's numbers as they are on the wire.
+/// The fields of the message as transmitted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct D1 {
     pub camera: u8,
@@ -41,7 +42,7 @@ pub struct D1 {
     pub x: i32,
     pub y: i32,
     pub height: i32,
-    /// 24 bits; what they mean is the lens's own.
+    /// 24 bits, in units of the lens.
     pub zoom: u32,
     pub focus: u32,
     pub spare: u16,
@@ -57,7 +58,7 @@ impl D1 {
             return Err(SampleError::FreedChecksum);
         }
         let unsigned = |at: usize| u32::from_be_bytes([0, bytes[at], bytes[at + 1], bytes[at + 2]]);
-        // The sign is carried down from the upper byte.
+        // The arithmetic shift extends the sign.
         let signed = |at: usize| i32::from_be_bytes([bytes[at], bytes[at + 1], bytes[at + 2], 0]) >> 8;
         Ok(Self {
             camera: bytes[1],
@@ -73,7 +74,7 @@ impl D1 {
         })
     }
 
-    /// Of each number the lower 24 bits are written.
+    /// Serializes the message. The lower 24 bits of each number are used.
     pub fn bytes(&self) -> [u8; LENGTH] {
         let mut bytes = [0; LENGTH];
         (bytes[0], bytes[1]) = (TYPE, self.camera);
@@ -93,7 +94,8 @@ impl D1 {
         angles.pose(DVec3::new(self.x.into(), self.y.into(), self.height.into()) / LENGTH_PER_M)
     }
 
-    /// The nearest message: half a unit off at most, 7.8 µm and 0.055″. Zoom, focus and spare are 0.
+    /// Quantizes a pose: the error is at most half a unit, 7.8 µm and 0.055″. Zoom, focus and spare
+    /// are 0.
     pub fn of_pose(camera: u8, pose: &Pose) -> Result<Self, SampleError> {
         let at = pose.position_in_world_m();
         let length = |what, value_m: f64| {
@@ -112,8 +114,8 @@ impl D1 {
     }
 }
 
-/// The messages of a datagram, and what is wrong with the first bytes that are none. Bridges from serial lines put several
-/// messages into a datagram, and pad them.
+/// The messages of a datagram, and the error of the first bytes that are not a message. Bridges
+/// from serial lines put several messages into a datagram, and pad them.
 pub fn messages(bytes: &[u8]) -> (Vec<D1>, Option<SampleError>) {
     let (mut found, mut wrong, mut rest) = (Vec::new(), None, bytes);
     let parse = |rest: &[u8]| D1::parse(&rest[..rest.len().min(LENGTH)]);
@@ -133,7 +135,7 @@ pub fn messages(bytes: &[u8]) -> (Vec<D1>, Option<SampleError>) {
     (found, wrong.or(nothing))
 }
 
-/// Zeros, ones, or ends of lines.
+/// Zeros, ones, or line ends.
 fn is_padding(bytes: &[u8]) -> bool {
     bytes.iter().all(|byte| matches!(byte, 0 | 0xFF | b'\r' | b'\n'))
 }
@@ -147,19 +149,19 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Camera 1, pan 90° right: 90 · 32768 = 2949120 = 2D0000. Tilt −1.5°: −49152 = FF4000. Roll 180°: 5898240 =
-    /// 5A0000. x 1 m: 64000 = 00FA00. y −0.25 mm: −16 = FFFFF0. Height 1.5 m: 96000 = 017700. Zoom 0x000400, focus
-    /// 0xFFFFFF, spare 0x1234.
+    /// Camera 1, pan 90° right: 90 · 32768 = 2949120 = 2D0000. Tilt −1.5°: −49152 = FF4000. Roll
+    /// 180°: 5898240 = 5A0000. x 1 m: 64000 = 00FA00. y −0.25 mm: −16 = FFFFF0. Height 1.5 m: 96000
+    /// = 017700. Zoom 0x000400, focus 0xFFFFFF, spare 0x1234.
     const BYTES: [u8; LENGTH] = [
         0xD1, 0x01, 0x2D, 0x00, 0x00, 0xFF, 0x40, 0x00, 0x5A, 0x00, 0x00, 0x00, 0xFA, 0x00, 0xFF, 0xFF, 0xF0, 0x01,
         0x77, 0x00, 0x00, 0x04, 0x00, 0xFF, 0xFF, 0xFF, 0x12, 0x34, CHECKSUM,
     ];
-    /// D1 + 01 + 2D = FF; + FF + 40 = 23E; + 5A = 298; + FA = 392; + FF + FF + F0 = 680; + 01 + 77 = 6F8; + 04 = 6FC; + 3·FF
-    /// = 9F9; + 12 + 34 = A3F. 40 − A3F = −9FF, modulo 100: 01.
+    /// D1 + 01 + 2D = FF; + FF + 40 = 23E; + 5A = 298; + FA = 392; + FF + FF + F0 = 680; + 01 + 77
+    /// = 6F8; + 04 = 6FC; + 3·FF = 9F9; + 12 + 34 = A3F. 40 − A3F = −9FF, modulo 100: 01.
     const CHECKSUM: u8 = 0x01;
 
     #[test]
-    fn a_message_worked_by_hand() {
+    fn message_matches_computed_bytes() {
         let message = D1::parse(&BYTES).unwrap();
         let expected = D1 {
             camera: 1,
@@ -185,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn padding_between_and_behind_messages_is_no_damage() {
+    fn padding_between_and_after_messages_is_accepted() {
         for padding in [&[0; 3][..], &[0xFF; 35], b"\r\n"] {
             let (found, wrong) = messages(&[&BYTES[..], padding, &BYTES, padding].concat());
             assert_eq!((found.len(), wrong), (2, None), "{padding:?}");
@@ -202,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_message_is_refused() {
+    fn malformed_messages_are_refused() {
         assert_eq!(D1::parse(&BYTES[..28]), Err(SampleError::FreedLength(28)));
         assert_eq!(D1::parse(&[]), Err(SampleError::FreedLength(0)));
         for at in 0..LENGTH {
@@ -220,14 +222,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_message_is_written_as_it_came(mut bytes in prop::array::uniform29(any::<u8>())) {
+        fn any_message_round_trips(mut bytes in prop::array::uniform29(any::<u8>())) {
             bytes[0] = TYPE;
             bytes[28] = checksum(&bytes[..28]);
             prop_assert_eq!(D1::parse(&bytes).unwrap().bytes(), bytes);
         }
 
         #[test]
-        fn a_pose_comes_back_to_half_a_unit(
+        fn pose_round_trips_to_half_a_unit(
             at in prop::array::uniform3(-131.0f64..131.0), pan in -179.0f64..179.0, tilt in -85.0f64..85.0, roll in -179.0f64..179.0
         ) {
             let sent = Angles { pan_deg: pan, tilt_deg: tilt, roll_deg: roll }.pose(at.into());

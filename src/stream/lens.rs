@@ -1,4 +1,5 @@
-//! The camera and lens of an OpenTrackIO stream, and ours. What its numbers mean is OpenLensIO's, as in `open_lens.rs`.
+//! Converts between the camera and lens data of an OpenTrackIO stream and those of this program.
+//! The numbers have the meaning of OpenLensIO, as in `open_lens.rs`.
 
 use std::fmt;
 
@@ -11,7 +12,7 @@ use crate::camera::{CameraExposure, Distortion, Geometry, Intrinsics, Lens, Lens
 use crate::params::{ParamError, Params, Value as Given};
 use crate::pose::Pose;
 
-/// What a stream has said of its camera and lens so far. `None` is: not yet.
+/// Camera and lens data received from a stream so far. `None` if not received yet.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LensState {
     /// F, mm.
@@ -19,10 +20,10 @@ pub struct LensState {
     pub focus_distance_m: Option<f64>,
     pub f_stop: Option<f64>,
     pub t_stop: Option<f64>,
-    /// How far the entrance pupil stands before the sensor, metres; where the camera sees from.
+    /// Distance of the entrance pupil, the centre of projection, in front of the sensor, metres.
     pub entrance_pupil_m: Option<f64>,
     pub distortion: Option<OpenLens>,
-    /// A model of distortion that is not known here.
+    /// Name of an unsupported distortion model.
     pub other_model: Option<String>,
     /// ΔC, mm.
     pub distortion_offset_mm: Option<DVec2>,
@@ -35,7 +36,7 @@ pub struct LensState {
     pub frame_rate_hz: Option<f64>,
 }
 
-/// Why a stream's lens makes no camera.
+/// Reason why a stream's lens gives no camera.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LensError {
     #[error("the stream has not said {0}")]
@@ -49,7 +50,7 @@ pub enum LensError {
 }
 
 impl LensState {
-    /// Takes over what a sample says of camera and lens.
+    /// Updates the state with the camera and lens data of a sample.
     pub fn update(&mut self, sample: &Sample) {
         fn take<T>(to: &mut Option<T>, found: Option<T>) {
             *to = found.or(to.take());
@@ -79,20 +80,20 @@ impl LensState {
             let known: Vec<OpenLens> = list.iter().filter_map(OpenLens::read).collect();
             let model = list.first().and_then(|first| member(first, "model")?.as_text());
             self.other_model = model.filter(|_| known.is_empty()).map(str::to_owned);
-            // Our own direction is taken without a fit.
+            // A model in this program's direction needs no fit.
             self.distortion = known.iter().find(|lens| lens.distorts).or(known.first()).cloned();
         }
     }
 
-    /// The pose of the camera as we have it, in the entrance pupil, from that of the sensor: OpenLensIO (1).
+    /// The camera's pose, at the entrance pupil, from the sensor's: OpenLensIO (1).
     pub fn at_pupil(&self, sensor: &Pose) -> Pose {
         let mut pose = *sensor;
         pose.translation_m.z -= self.entrance_pupil_m.unwrap_or(0.0);
         pose
     }
 
-    /// Our camera for pictures of this size that show the whole sensor, and how far its distortion is off the stream's
-    /// at worst, px.
+    /// The camera for pictures of this size that show the whole sensor, and the largest error of
+    /// its distortion, px.
     pub fn geometry(&self, width_px: u32, height_px: u32) -> Result<(Geometry, f64), LensError> {
         let focal_mm = self.focal_length_mm.ok_or(LensError::Missing("lens.pinholeFocalLength"))?;
         let sensor_mm = self.sensor_mm.ok_or(LensError::Missing("static.camera.activeSensorPhysicalDimensions"))?;
@@ -115,7 +116,7 @@ impl LensState {
         let mut off_px = 0.0;
         if let Some(lens) = &self.distortion {
             let centre_mm = self.distortion_offset_mm.unwrap_or_default();
-            let (coefficients, off_mm) = match lens.as_ours(focal_mm).filter(|_| centre_mm == DVec2::ZERO) {
+            let (coefficients, off_mm) = match lens.as_opencv(focal_mm).filter(|_| centre_mm == DVec2::ZERO) {
                 Some(exact) => (exact, 0.0),
                 None => lens.fit(focal_mm, sensor_mm, offset_mm, centre_mm).ok_or(LensError::Distortion)?,
             };
@@ -127,7 +128,7 @@ impl LensState {
         Ok((Geometry::new(intrinsics, distortion), off_px))
     }
 
-    /// Our lens. Values beyond its ranges are left out.
+    /// The lens. Values outside their range are left out.
     pub fn lens(&self) -> Lens {
         let mut lens = Lens::default();
         for (name, value) in [("f_number", self.f_stop), ("focus_distance_m", self.focus_distance_m)] {
@@ -136,8 +137,8 @@ impl LensState {
         lens
     }
 
-    /// Our exposure: the shutter's angle is the part of the frame's interval that it is open. Values beyond the ranges are
-    /// left out.
+    /// The exposure. The shutter angle is the open part of the frame interval. Values outside their
+    /// range are left out.
     pub fn exposure(&self) -> CameraExposure {
         let mut exposure = CameraExposure::default();
         for (name, value) in [("shutter_angle_deg", self.shutter_angle_deg), ("iso", self.iso)] {
@@ -146,18 +147,18 @@ impl LensState {
         exposure
     }
 
-    /// The shutter's time, seconds: angle/360 of the frame's interval.
+    /// Exposure time, seconds: angle/360 of the frame interval.
     pub fn shutter_s(&self) -> Option<f64> {
         Some(self.shutter_angle_deg? / 360.0 / self.frame_rate_hz?)
     }
 
-    /// What there is to say of our own camera, whose poses are the entrance pupil's. A fisheye's distortion cannot be
-    /// said, nor a 360° picture.
+    /// Lens data of this program's camera, whose poses are those of the entrance pupil. Distortion
+    /// of a fisheye and 360° pictures cannot be represented.
     pub fn of(geometry: &Geometry, lens: &Lens, exposure: &CameraExposure, frame_rate_hz: f64) -> Self {
         let i = &geometry.intrinsics;
         let size_px = DVec2::new(i.width_px.into(), i.height_px.into());
         let focal_mm = i.fx_px * i.film_width_mm / size_px.x;
-        // One focal length for both directions: what differs is the shape of the pixels.
+        // A common focal length for both directions: the difference is the shape of the pixels.
         let sensor_mm = size_px * focal_mm / DVec2::new(i.fx_px, i.fy_px);
         let shutter = |time_s: f64| 360.0 * time_s * frame_rate_hz;
         let shutter_angle_deg = exposure.shutter_angle_deg.or(exposure.time_s.map(shutter));
@@ -189,7 +190,7 @@ impl LensState {
         }
     }
 
-    /// Writes what changes from sample to sample, and with `all` what does not.
+    /// Writes the data that change from sample to sample, and with `all` also the static data.
     pub fn write(&self, sample: &mut Sample, all: bool) {
         let mut put = |path: &[&str], value: Option<Value>| _ = value.map(|value| sample.set(path, value));
         let pair = |v: DVec2, [x, y]: [&'static str; 2]| map([(x, v.x.into()), (y, v.y.into())]);
@@ -216,7 +217,7 @@ impl LensState {
 }
 
 impl fmt::Display for LensState {
-    /// What is known, in a line.
+    /// The known data in one line.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         use crate::text::short;
         let some = |value: Option<f64>, before: &str, unit: &str| value.map(|v| format!("{before}{}{unit}", short(v)));
@@ -254,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lens_worked_by_hand() {
+    fn lens_matches_computed_values() {
         let state = state(
             r#"{"static":{"camera":{"activeSensorPhysicalDimensions":{"width":36.0,"height":24.0},"isoSpeed":4000,
             "shutterAngle":180.0,"captureFrameRate":{"num":24,"denom":1}}},
@@ -277,15 +278,16 @@ mod tests {
     }
 
     #[test]
-    fn the_entrance_pupil_is_before_the_sensor() {
-        // The sensor at (0, 0, 1) looks along the world's y; its pupil is 0.1 m further along it.
+    fn entrance_pupil_is_in_front_of_the_sensor() {
+        // The sensor at (0, 0, 1) points along the world's y; its pupil is 0.1 m further along it.
         let turn = DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2);
         let sensor = Pose::from_camera_in_world(DVec3::Z, turn);
         let pupil = state(r#"{"lens":{"entrancePupilOffset":0.1}}"#).at_pupil(&sensor);
         assert!((pupil.position_in_world_m() - DVec3::new(0.0, 0.1, 1.0)).length() < 1e-12);
     }
 
-    /// What the stream's own formula sees of a point against what our camera sees of it, px.
+    /// Distance between a point's projections by the stream's formula and by the converted camera,
+    /// px.
     fn off_px(state: &LensState, geometry: &Geometry, at: DVec2) -> f64 {
         let [w, h] = [geometry.intrinsics.width_px, geometry.intrinsics.height_px].map(f64::from);
         let (sensor, focal) = (state.sensor_mm.unwrap(), state.focal_length_mm.unwrap());
@@ -300,9 +302,10 @@ mod tests {
     }
 
     proptest! {
-        /// Both directions, denominators, tangential terms, centres beside each other: what is told of the fit is true.
+        /// For both directions, denominators, tangential terms and different centres: the reported
+        /// error of the fit is correct.
         #[test]
-        fn the_fit_is_as_good_as_it_says(
+        fn reported_error_of_the_fit_is_correct(
             k in prop::array::uniform4(-0.08f64..0.08), p in prop::array::uniform2(-0.004f64..0.004),
             distorts in any::<bool>(), centre in prop::array::uniform2(-0.5f64..0.5),
             places in prop::collection::vec(prop::array::uniform2(-0.5f64..0.5), 20),
@@ -317,14 +320,14 @@ mod tests {
                 distortion: Some(OpenLens { distorts, radial, tangential: p.map(|p| p / focal) }),
                 ..LensState::default()
             };
-            let (geometry, told_px) = state.geometry(1920, 1080).unwrap();
+            let (geometry, reported_px) = state.geometry(1920, 1080).unwrap();
             let worst_px = places.iter().map(|at| off_px(&state, &geometry, DVec2::from(*at))).fold(0.0, f64::max);
-            // Between the fitted points it may be a little worse than at them.
-            prop_assert!(worst_px <= 1.2 * told_px + 0.01, "{worst_px} px, told {told_px}");
+            // Between the fitted points the error may be slightly larger than at them.
+            prop_assert!(worst_px <= 1.2 * reported_px + 0.01, "{worst_px} px, told {reported_px}");
         }
 
         #[test]
-        fn our_own_camera_comes_back(
+        fn own_camera_round_trips(
             f in prop::array::uniform2(300.0f64..3000.0), c in prop::array::uniform2(-50.0f64..50.0), film in 4.0f64..50.0,
             k in prop::array::uniform5(-0.2f64..0.2),
         ) {
@@ -353,9 +356,9 @@ mod tests {
             prop_assert!((heard.shutter_s().unwrap() - 0.01).abs() < 1e-12);
         }
 
-        /// Any numbers make a camera or an error.
+        /// Any numbers give a camera or an error.
         #[test]
-        fn any_lens_is_an_answer(radial in prop::collection::vec(any::<f64>(), 0..14), f in any::<f64>(), w in any::<f64>()) {
+        fn any_lens_gives_a_camera_or_an_error(radial in prop::collection::vec(any::<f64>(), 0..14), f in any::<f64>(), w in any::<f64>()) {
             let mut state = LensState {
                 focal_length_mm: Some(f), sensor_mm: Some(DVec2::new(w, f)),
                 distortion: Some(OpenLens { distorts: false, radial, tangential: [f, w] }),
@@ -368,24 +371,26 @@ mod tests {
     }
 
     #[test]
-    fn the_usual_model_comes_out_as_ours_to_a_hundredth_of_a_pixel() {
-        // A barrel by the inverse model, k = −1e-4 mm⁻²: at the corner, r = 13.77 mm, k·r² = 0.019. Ours ends at r⁷; the
-        // term after it is about 55·0.019⁴ = 7e-6 of the 1100 px from the middle: 0.008 px, before the fit.
+    fn default_model_is_converted_within_a_hundredth_of_a_pixel() {
+        // A barrel by the inverse model, k = −1e-4 mm⁻²: at the corner, r = 13.77 mm, k·r² = 0.019.
+        // Ours ends at r⁷; the term after it is about 55·0.019⁴ = 7e-6 of the 1100 px from the
+        // middle: 0.008 px, before the fit.
         let state = LensState {
             focal_length_mm: Some(25.0),
             sensor_mm: Some(DVec2::new(24.0, 13.5)),
             distortion: Some(OpenLens { distorts: false, radial: vec![-1e-4], ..OpenLens::default() }),
             ..LensState::default()
         };
-        let (geometry, told_px) = state.geometry(1920, 1080).unwrap();
-        assert!(told_px < 0.01, "{told_px}");
-        // U = ε(1 − 1e-4·100) = 9.9 mm at 10 mm to the right: the ray by 9.9/25 lands 10 mm, 800 px, from the middle.
+        let (geometry, reported_px) = state.geometry(1920, 1080).unwrap();
+        assert!(reported_px < 0.01, "{reported_px}");
+        // U = ε(1 − 1e-4·100) = 9.9 mm at 10 mm to the right: the ray by 9.9/25 lands 10 mm, 800
+        // px, from the middle.
         let at = geometry.project(DVec3::new(9.9, 0.0, 25.0)).unwrap();
         assert!(at.distance(DVec2::new(1760.0, 540.0)) < 0.01, "{at}");
     }
 
     #[test]
-    fn what_is_missing_is_named() {
+    fn missing_data_are_named() {
         let error = |text: &str| state(text).geometry(640, 480).unwrap_err().to_string();
         assert!(error("{}").contains("pinholeFocalLength"));
         assert!(error(r#"{"lens":{"pinholeFocalLength":20}}"#).contains("activeSensorPhysicalDimensions"));
@@ -395,7 +400,7 @@ mod tests {
             )
         };
         assert!(error(&full(r#"[{"model":"Splines","radial":[1]}]"#)).contains("Splines"));
-        // It folds on the sensor.
+        // The distortion folds on the sensor.
         assert!(error(&full(r#"[{"radial":[-0.01]}]"#)).contains("no inverse"));
     }
 }

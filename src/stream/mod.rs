@@ -1,8 +1,9 @@
-//! Poses as they come over the network: OpenTrackIO 1.0.1 and FreeD D1, both ways.
+//! Camera poses over the network: OpenTrackIO 1.0.1 and FreeD D1, in both directions.
 //!
-//! A [`Receiver`] takes datagrams and gives poses in the order of their own clock. It has no socket and reads no clock,
-//! so that a test, a fuzzer and a replay drive it alike. [`Poses`] is a receiver with a socket, [`Sender`] the other
-//! end. Memory is bounded whatever comes in. docs/streams.md has every convention.
+//! A [`Receiver`] takes datagrams and returns poses in the order of their own clock. It has no
+//! socket and reads no clock, so that tests, fuzzers and replays drive it alike. [`Poses`] is a
+//! receiver with a socket, [`Sender`] its counterpart. Memory is bounded for any input.
+//! docs/streams.md has all conventions.
 
 mod address;
 mod assemble;
@@ -21,17 +22,17 @@ mod send;
 mod timing;
 mod transforms;
 
-pub use address::{Listen, Protocol, Target};
+pub use address::{ListenOptions, Protocol, Target};
 pub use assemble::{Assembler, Assembly};
-pub use buffer::{Buffer, Held, Released, Taken};
+pub use buffer::{PushOutcome, ReleasedItem, ReorderBuffer, TimedItem};
 pub use error::{PacketError, SampleError, StreamError};
 pub use lens::{LensError, LensState};
 pub use offset::ClockOffset;
 pub use open_lens::OpenLens;
-pub use packet::{Encoding, MOST_PAYLOAD, Packet, packets};
+pub use packet::{Encoding, MAX_PAYLOAD_BYTES, Packet, packets};
 pub use poses::Poses;
-pub use receive::{Message, Receiver, Tracked};
-pub use report::{Heard, Report, Source};
+pub use receive::{Message, Receiver, StreamPose};
+pub use report::{DropReason, Report, Source};
 pub use sample::Sample;
 pub use send::Sender;
 pub use timing::{Clock, clock};

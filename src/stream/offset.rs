@@ -1,25 +1,28 @@
-//! Offset between a sender's clock and ours, by comparing time stamps with arrivals.
+//! Offset between a sender's clock and the receiver's, from time stamps and arrivals.
 //!
-//! A sample that is held up on the way arrives late, never early, so the smallest difference between arrival and stamp
-//! is nearest to the offset. A single wrong stamp could be smaller still: the third smallest of the last seconds counts,
-//! with which two others are consistent. If the sender's clock is set anew, all differences shift; that is followed once it lasts.
+//! A sample that is delayed on the way arrives late, never early, so the smallest difference
+//! between arrival and stamp is closest to the offset. A single wrong stamp could make it smaller
+//! still. So the third smallest difference of the last seconds is used, with which two others are
+//! consistent. If the sender's clock is set, all differences shift; the estimate follows once the
+//! shift lasts.
 
-/// Clocks of 50 ppm drift apart by half a millisecond in such a span, seconds. Samples of the current span and of the
-/// one before count.
+/// Length of a span, seconds: clocks of 50 ppm drift apart by half a millisecond in it. Samples of
+/// the current and the previous span are used.
 const SPAN_S: f64 = 10.0;
-/// An offset is believed by so many samples that are consistent with it.
+/// Number of consistent samples that an estimate needs.
 pub const MIN_CONSISTENT_SAMPLES: usize = 3;
-/// Samples after which the offset is settled: before that, samples that were held up are still common among the smallest.
+/// Number of samples after which the offset is settled. Before that, delayed samples are still
+/// common among the smallest.
 const SETTLED: u32 = 10;
-/// A stamp is ahead if its sample would have arrived by so much before it was taken, seconds.
+/// A stamp is ahead if its sample would have arrived this long before it was taken, seconds.
 pub const AHEAD_S: f64 = 0.03;
-/// The clock was set back if all samples are behind by more than this for [`BEHIND_FOR_S`], seconds. Sooner where stamps
-/// repeat ([`super::buffer`]).
+/// The clock was set back if all samples are behind by more than this for [`BEHIND_FOR_S`],
+/// seconds. Detected sooner if stamps repeat ([`super::buffer`]).
 pub const BEHIND_S: f64 = 0.02;
-/// Networks hold samples up for shorter times than this, seconds.
+/// Networks delay samples for less than this, seconds.
 const BEHIND_FOR_S: f64 = 1.0;
 
-/// The smallest numbers of many, ascending; infinite where there are fewer.
+/// The smallest numbers so far, ascending; infinite if there are fewer.
 #[derive(Clone, Copy, Debug)]
 struct Smallest([f64; MIN_CONSISTENT_SAMPLES]);
 
@@ -40,14 +43,14 @@ impl Smallest {
     }
 }
 
-/// Estimate of the offset: our time minus the sender's, seconds.
+/// Estimate of the offset: the receiver's time minus the sender's, seconds.
 #[derive(Clone, Debug)]
 pub struct ClockOffset {
     samples: u32,
     since_s: f64,
-    /// Of the current span and of the one before.
+    /// The current and the previous span.
     spans: [Smallest; 2],
-    /// Since when all samples have been behind, and the smallest of them.
+    /// Start of the period in which all samples are behind, and the smallest differences in it.
     behind: Option<(f64, Smallest)>,
 }
 
@@ -65,13 +68,14 @@ impl ClockOffset {
         all.consistent()
     }
 
-    /// Whether a stamp is ahead of what the samples before it say.
+    /// True if a stamp is ahead of the estimate from earlier samples.
     pub fn is_ahead(&self, time_s: f64, arrived_s: f64) -> bool {
         let is_less = |estimate_s| arrived_s - time_s < estimate_s - AHEAD_S;
         self.samples >= SETTLED && self.estimate_s().is_some_and(is_less)
     }
 
-    /// Adds a sample. Returns by how much the sender's clock was set back, if it turns out that it was, seconds.
+    /// Adds a sample. Returns the step, seconds, if the sender's clock turns out to have been set
+    /// back.
     pub fn add(&mut self, time_s: f64, arrived_s: f64) -> Option<f64> {
         let offset_s = arrived_s - time_s;
         if arrived_s - self.since_s > SPAN_S {
@@ -95,7 +99,7 @@ impl ClockOffset {
         step_s
     }
 
-    /// Goes on with samples of a clock that was set anew. Returns by how much, seconds.
+    /// Restarts with samples of a clock that was set. Returns the step, seconds.
     pub fn restart(&mut self, samples: impl Iterator<Item = (f64, f64)>) -> f64 {
         let before_s = self.estimate_s();
         let settled = self.samples;
@@ -110,7 +114,8 @@ impl ClockOffset {
 mod tests {
     use super::*;
 
-    /// Samples at 100 Hz whose clock is 95 s ahead of ours, held up by 1 ms, from a time on and for so many.
+    /// A number of samples at 100 Hz whose clock is 95 s ahead, delayed by 1 ms, from a start time
+    /// on.
     fn steady(offset: &mut ClockOffset, from_s: f64, count: u32) {
         for i in 0..count {
             let sent_s = from_s + 0.01 * f64::from(i);
@@ -128,7 +133,7 @@ mod tests {
     fn offset_is_the_third_smallest_difference() {
         let mut offset = ClockOffset::default();
         assert_eq!(offset.estimate_s(), None);
-        // Held up by 30, 5, 50, 6 and 7 ms.
+        // Delayed by 30, 5, 50, 6 and 7 ms.
         for (late_s, expected_s) in [(0.03, 0.03), (0.005, 0.03), (0.05, 0.05), (0.006, 0.03), (0.007, 0.007)] {
             offset.add(100.0, 5.0 + late_s);
             is_near(&offset, -95.0 + expected_s);
@@ -147,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn two_wrong_stamps_move_nothing() {
+    fn two_wrong_stamps_do_not_change_the_estimate() {
         let mut offset = ClockOffset::default();
         steady(&mut offset, 0.0, 200);
         assert!(offset.is_ahead(2.0 + 95.1, 2.001) && !offset.is_ahead(2.0 + 95.02, 2.001));
@@ -169,7 +174,7 @@ mod tests {
             .collect();
         assert!(matches!(steps.as_slice(), [(100 | 101, step_s)] if (step_s - 0.3).abs() < 1e-9), "{steps:?}");
         is_near(&offset, -94.7 + 0.001);
-        // A network that holds everything up for shorter is no step.
+        // A network that delays everything for a shorter time is not a step.
         let mut offset = ClockOffset::default();
         steady(&mut offset, 0.0, 200);
         for i in 0..90 {

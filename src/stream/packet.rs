@@ -14,12 +14,13 @@
 
 use super::PacketError;
 
-const HEADER: usize = 16;
+const HEADER_BYTES: usize = 16;
 const IDENTIFIER: &[u8; 4] = b"OTrk";
-const LAST: u16 = 0x8000;
+const LAST_FLAG: u16 = 0x8000;
 
-/// Longest piece that is sent: an Ethernet frame carries 1500 bytes, of which IP takes 20, UDP 8 and the header 16.
-pub const MOST_PAYLOAD: usize = 1500 - 20 - 8 - HEADER;
+/// Longest fragment that is sent: an Ethernet frame carries 1500 bytes, of which IP takes 20, UDP 8
+/// and the header 16.
+pub const MAX_PAYLOAD_BYTES: usize = 1500 - 20 - 8 - HEADER_BYTES;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encoding {
@@ -28,12 +29,12 @@ pub enum Encoding {
     Cbor,
 }
 
-/// One datagram, its checksum proven.
+/// One datagram with a verified checksum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Packet<'a> {
     pub encoding: Encoding,
     pub sequence: u16,
-    /// Where in the sample the piece begins, bytes.
+    /// Position of the fragment in the sample, bytes.
     pub offset: u32,
     pub is_last: bool,
     pub payload: &'a [u8],
@@ -41,13 +42,13 @@ pub struct Packet<'a> {
 
 impl<'a> Packet<'a> {
     pub fn parse(bytes: &'a [u8]) -> Result<Self, PacketError> {
-        let (header, payload) = bytes.split_first_chunk::<HEADER>().ok_or(PacketError::Short)?;
+        let (header, payload) = bytes.split_first_chunk::<HEADER_BYTES>().ok_or(PacketError::Short)?;
         if !header.starts_with(IDENTIFIER) {
             return Err(PacketError::Identifier);
         }
         let pair = |at: usize| u16::from_be_bytes([header[at], header[at + 1]]);
         let length = pair(12);
-        if usize::from(length & !LAST) != payload.len() {
+        if usize::from(length & !LAST_FLAG) != payload.len() {
             return Err(PacketError::Length);
         }
         // Fletcher-16 adds modulo 255. Unreal Engine adds modulo 256.
@@ -61,27 +62,28 @@ impl<'a> Packet<'a> {
             _ => return Err(PacketError::Encoding),
         };
         let offset = u32::from_be_bytes([header[8], header[9], header[10], header[11]]);
-        Ok(Self { encoding, sequence: pair(6), offset, is_last: length & LAST != 0, payload })
+        Ok(Self { encoding, sequence: pair(6), offset, is_last: length & LAST_FLAG != 0, payload })
     }
 }
 
-/// A sample as datagrams, in order, all with the sample's sequence number. Nothing is sent of an empty one.
+/// Splits a sample into datagrams, in order, all with the sample's sequence number. An empty sample
+/// gives none.
 pub fn packets(encoding: Encoding, sequence: u16, sample: &[u8]) -> Vec<Vec<u8>> {
-    let count = sample.len().div_ceil(MOST_PAYLOAD);
+    let count = sample.len().div_ceil(MAX_PAYLOAD_BYTES);
     let datagram = |(i, piece): (usize, &[u8])| {
-        let mut bytes = Vec::with_capacity(HEADER + piece.len());
+        let mut bytes = Vec::with_capacity(HEADER_BYTES + piece.len());
         bytes.extend_from_slice(IDENTIFIER);
         bytes.extend_from_slice(&[0, if encoding == Encoding::Json { 1 } else { 2 }]);
         bytes.extend_from_slice(&sequence.to_be_bytes());
-        bytes.extend_from_slice(&((i * MOST_PAYLOAD) as u32).to_be_bytes());
-        let last = if i + 1 == count { LAST } else { 0 };
+        bytes.extend_from_slice(&((i * MAX_PAYLOAD_BYTES) as u32).to_be_bytes());
+        let last = if i + 1 == count { LAST_FLAG } else { 0 };
         bytes.extend_from_slice(&(piece.len() as u16 | last).to_be_bytes());
         let checksum = fletcher16(&[&bytes, piece], 255);
         bytes.extend_from_slice(&checksum.to_be_bytes());
         bytes.extend_from_slice(piece);
         bytes
     };
-    sample.chunks(MOST_PAYLOAD).enumerate().map(datagram).collect()
+    sample.chunks(MAX_PAYLOAD_BYTES).enumerate().map(datagram).collect()
 }
 
 /// The sum of the bytes in the lower byte, the sum of those sums in the upper one (Fletcher 1982).
@@ -99,7 +101,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fletcher_worked_by_hand() {
+    fn fletcher_checksum_matches_known_values() {
         // The algorithm's usual examples: "abcde" is C8F0, "abcdef" 2057, "abcdefgh" 0627.
         for (text, sum) in [("abcde", 0xC8F0), ("abcdef", 0x2057), ("abcdefgh", 0x0627)] {
             assert_eq!(fletcher16(&[text.as_bytes()], 255), sum, "{text}");
@@ -109,10 +111,10 @@ mod tests {
     }
 
     #[test]
-    fn a_packet_byte_by_byte() {
-        // Its checksum, of 4F 54 72 6B 00 01 00 07 00 00 00 00 80 02 and 7B 7D. Sums of the bytes: 79, 163, 22, 129, 129, 130,
-        // 130, 137, 137, 137, 137, 137, 10, 12, 135, 5. Sums of these: 79, 242, 9, 138, 12, 142, 17, 154, 36, 173, 55, 192,
-        // 202, 214, 94, 99.
+    fn packet_matches_the_specified_bytes() {
+        // Its checksum, of 4F 54 72 6B 00 01 00 07 00 00 00 00 80 02 and 7B 7D. Sums of the bytes:
+        // 79, 163, 22, 129, 129, 130, 130, 137, 137, 137, 137, 137, 10, 12, 135, 5. Sums of these:
+        // 79, 242, 9, 138, 12, 142, 17, 154, 36, 173, 55, 192, 202, 214, 94, 99.
         let sent = packets(Encoding::Json, 7, b"{}");
         let header = [0x4F, 0x54, 0x72, 0x6B, 0, 1, 0, 7, 0, 0, 0, 0, 0x80, 2];
         assert_eq!(sent.len(), 1);
@@ -125,19 +127,19 @@ mod tests {
     }
 
     #[test]
-    fn a_long_sample_is_cut_into_pieces_that_fit() {
-        let sample: Vec<u8> = (0..2 * MOST_PAYLOAD + 1).map(|i| i as u8).collect();
+    fn long_sample_is_split_into_datagrams_that_fit() {
+        let sample: Vec<u8> = (0..2 * MAX_PAYLOAD_BYTES + 1).map(|i| i as u8).collect();
         let sent = packets(Encoding::Cbor, 0xFFFF, &sample);
         assert!(sent.iter().all(|bytes| bytes.len() <= 1472));
         let parsed: Vec<_> = sent.iter().map(|bytes| Packet::parse(bytes).unwrap()).collect();
         let told: Vec<_> = parsed.iter().map(|p| (p.sequence, p.offset, p.is_last, p.payload.len())).collect();
-        let n = MOST_PAYLOAD;
+        let n = MAX_PAYLOAD_BYTES;
         assert_eq!(told, [(0xFFFF, 0, false, n), (0xFFFF, n as u32, false, n), (0xFFFF, 2 * n as u32, true, 1)]);
         assert!(packets(Encoding::Json, 1, b"").is_empty());
     }
 
     #[test]
-    fn what_is_wrong_is_told() {
+    fn damaged_packets_are_refused_with_the_cause() {
         let sent = packets(Encoding::Json, 7, b"{}").remove(0);
         assert_eq!(Packet::parse(&sent[..15]), Err(PacketError::Short));
         assert_eq!(Packet::parse(&sent[..17]), Err(PacketError::Length));
@@ -159,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn unreal_engines_checksum_is_taken_too() {
+    fn checksum_of_unreal_engine_is_accepted() {
         let mut bytes = packets(Encoding::Json, 7, b"{\"a\":1}").remove(0);
         let sum = fletcher16(&[&bytes[..14], &bytes[16..]], 256).to_be_bytes();
         assert_ne!(bytes[14..16], sum);

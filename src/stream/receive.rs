@@ -1,66 +1,67 @@
-//! Datagrams in, poses in the order of their own clock out. No socket, no clock of its own.
+//! Turns datagrams into poses in the order of their own clock. No socket and no clock: both are
+//! arguments.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
 
-use super::address::{Listen, Protocol};
+use super::address::{ListenOptions, Protocol};
 use super::assemble::{Assembler, Assembly};
-use super::buffer::{Buffer, Held, Taken};
+use super::buffer::{PushOutcome, ReorderBuffer, TimedItem};
 use super::error::SampleError;
 use super::freed::{self, D1};
 use super::lens::LensState;
 use super::offset::BEHIND_S;
 use super::packet::{Encoding, Packet};
-use super::report::{Heard, Report, Source};
+use super::report::{DropReason, Report, Source};
 use super::sample::Sample;
 use super::timing::{Clock, clock};
 use super::transforms::pose_of;
 use crate::pose::Pose;
 
-/// A source that was not chosen by name gives way to another one after so much silence, seconds.
-const SILENT_S: f64 = 2.0;
+/// Silence after which an unnamed source is replaced by another one, seconds.
+const SOURCE_TIMEOUT_S: f64 = 2.0;
 
-/// Messages of one datagram were gathered for no longer than this, seconds, ...
-const MOST_GATHERED_S: f64 = 0.1;
-/// ... and those of the first one for so long: a camera's field at 50 Hz.
-const USUAL_INTERVAL_S: f64 = 0.02;
+/// Longest time over which the messages of one datagram were collected, seconds.
+const MAX_COLLECTION_S: f64 = 0.1;
+/// The same for the first datagram: a field of a camera at 50 Hz.
+const DEFAULT_INTERVAL_S: f64 = 0.02;
 
-/// Longest name and message that are kept of what others sent, characters.
-const MOST_NAME: usize = 200;
-const MOST_PROBLEM: usize = 200;
+/// Longest kept name and error message from the network, characters.
+const MAX_NAME_CHARS: usize = 200;
+const MAX_PROBLEM_CHARS: usize = 200;
 
 /// A pose of a stream.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tracked {
-    /// By the sender's clock, plus the delay that was asked for, seconds. Ascends within an epoch.
+pub struct StreamPose {
+    /// Time by the sender's clock plus the requested delay, seconds. Ascends within an epoch.
     pub time_s: f64,
     pub clock: Clock,
-    /// By the receiver's clock, seconds.
+    /// Arrival by the receiver's clock, seconds.
     pub arrived_s: f64,
-    /// The receiver's clock minus the sender's, seconds: 0 where its time is its arrival.
+    /// The receiver's clock minus the sender's, seconds: 0 if the time is that of the arrival.
     pub offset_s: f64,
-    /// How often the sender's clock, or the sender, had changed.
+    /// Number of changes of the sender's clock or of the sender.
     pub epoch: u32,
-    /// Of the camera: the entrance pupil's.
+    /// The camera's pose, at the entrance pupil.
     pub pose: Pose,
-    /// What the stream had said of the lens by then.
+    /// The stream's lens data at that time.
     pub lens: Arc<LensState>,
     pub message: Message,
 }
 
-/// What came, whole: what is not read here is still there.
+/// The complete message, including data that are not interpreted.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Message {
-    /// Its bytes, which are smaller than the sample that they make.
+    /// The encoded bytes, which are smaller than the decoded sample.
     OpenTrackIo(Encoding, Vec<u8>),
     FreeD(D1),
 }
 
 impl Message {
-    /// OpenTrackIO's sample.
+    /// The decoded OpenTrackIO sample.
     pub fn sample(&self) -> Option<Sample> {
         match self {
-            // It was read before.
+            // Decoded without error before.
             Self::OpenTrackIo(encoding, bytes) => Sample::decode(*encoding, bytes).ok(),
             Self::FreeD(_) => None,
         }
@@ -74,8 +75,8 @@ impl Message {
     }
 }
 
-/// A pose that waits.
-struct Waiting {
+/// A pose in the reorder buffer.
+struct PendingPose {
     pose: Pose,
     clock: Clock,
     lens: Arc<LensState>,
@@ -83,39 +84,39 @@ struct Waiting {
 }
 
 pub struct Receiver {
-    listen: Listen,
+    listen: ListenOptions,
     assembler: Assembler,
-    buffer: Buffer<Waiting>,
-    /// When the followed source was last heard.
-    heard_s: f64,
+    buffer: ReorderBuffer<PendingPose>,
+    /// Arrival of the last datagram of the followed source.
+    last_received_s: f64,
     lens: Arc<LensState>,
-    /// Epochs before the buffer was begun anew.
+    /// Number of epochs before the buffer was restarted.
     epochs: u32,
     last_epoch: Option<u32>,
     freed_count: u32,
-    /// When the last message of the followed camera came.
-    freed_s: Option<f64>,
+    /// Arrival of the followed camera's last message.
+    last_freed_s: Option<f64>,
     report: Report,
 }
 
 impl Receiver {
-    pub fn new(listen: Listen) -> Self {
-        let buffer = Buffer::new(listen.wait_s);
+    pub fn new(listen: ListenOptions) -> Self {
+        let buffer = ReorderBuffer::new(listen.wait_s);
         Self {
             listen,
             assembler: Assembler::default(),
             buffer,
-            heard_s: 0.0,
+            last_received_s: 0.0,
             lens: Arc::default(),
             epochs: 0,
             last_epoch: None,
             freed_count: 0,
-            freed_s: None,
+            last_freed_s: None,
             report: Report::default(),
         }
     }
 
-    /// Added to the time of every pose, seconds.
+    /// The requested delay, added to the time of every pose, seconds.
     pub fn delay_s(&self) -> f64 {
         self.listen.delay_s
     }
@@ -124,22 +125,22 @@ impl Receiver {
         &self.report
     }
 
-    /// What the stream has said of the lens so far.
+    /// Lens data received so far.
     pub fn lens(&self) -> &LensState {
         &self.lens
     }
 
-    /// When a pose that waits for others will be given out at the latest, seconds.
+    /// Latest release time of a waiting pose, seconds.
     pub fn due_s(&self) -> Option<f64> {
         self.buffer.due_s()
     }
 
-    /// Takes a datagram, at a time of the receiver's clock, which never goes back, seconds.
+    /// Processes a datagram. `now_s` is the receiver's clock, which never goes back, seconds.
     pub fn take(&mut self, bytes: &[u8], from: SocketAddr, now_s: f64) {
         self.report.datagrams += 1;
         self.report.bytes += bytes.len() as u64;
         if self.listen.from.is_some_and(|asked| asked != from.ip()) {
-            return self.report.aside(Heard::OtherAddress);
+            return self.report.count_drop(DropReason::OtherAddress);
         }
         match self.listen.protocol {
             Protocol::OpenTrackIo => self.take_packet(bytes, from, now_s),
@@ -150,50 +151,50 @@ impl Receiver {
     fn take_packet(&mut self, bytes: &[u8], from: SocketAddr, now_s: f64) {
         let packet = match Packet::parse(bytes) {
             Ok(packet) => packet,
-            Err(error) => return self.problem(Heard::NoPacket, &error.to_string()),
+            Err(error) => return self.problem(DropReason::NoPacket, &error.to_string()),
         };
         let taken = self.assembler.take(from, &packet, now_s);
-        self.report.incomplete = self.assembler.given_up;
+        self.report.incomplete = self.assembler.abandoned;
         let (encoding, payload) = match taken {
             Assembly::Whole(encoding, payload) => (encoding, payload),
             Assembly::Open => return,
-            Assembly::Stray => return self.report.aside(Heard::Stray),
+            Assembly::Stray => return self.report.count_drop(DropReason::Stray),
         };
         match Sample::decode(encoding, &payload) {
             Ok(sample) => self.take_sample(&sample, Message::OpenTrackIo(encoding, payload), from, now_s),
-            Err(error) => self.problem(Heard::NoSample, &error.to_string()),
+            Err(error) => self.problem(DropReason::NoSample, &error.to_string()),
         }
     }
 
     fn take_sample(&mut self, sample: &Sample, message: Message, from: SocketAddr, now_s: f64) {
         let source = Source {
             address: from.ip(),
-            id: sample.text(&["sourceId"]).map(|id| id.chars().take(MOST_NAME).collect()),
+            id: sample.text(&["sourceId"]).map(|id| id.chars().take(MAX_NAME_CHARS).collect()),
             number: sample.whole(&["sourceNumber"]),
         };
         if !self.follows(&source, from, now_s) {
-            return self.report.aside(Heard::OtherSource);
+            return self.report.count_drop(DropReason::OtherSource);
         }
         let mut lens = LensState::clone(&self.lens);
         lens.update(sample);
         if lens != *self.lens {
             self.lens = Arc::new(lens);
         }
-        let version = sample.version().map(|version| version.chars().take(MOST_NAME).collect());
+        let version = sample.version().map(|version| version.chars().take(MAX_NAME_CHARS).collect());
         self.report.version = version.or(self.report.version.take());
         let pose = match sample.get(&["transforms"]).map(pose_of) {
             Some(Ok(sensor)) => self.lens.at_pupil(&sensor),
-            Some(Err(error)) => return self.problem(Heard::NoPose, &error.to_string()),
-            None => return self.report.aside(Heard::NoPose),
+            Some(Err(error)) => return self.problem(DropReason::NoPose, &error.to_string()),
+            None => return self.report.count_drop(DropReason::NoPose),
         };
         let (time_s, clock) = clock(sample).unwrap_or((now_s, Clock::Arrival));
         let sequence = sample.whole(&["timing", "sequenceNumber"]).and_then(|n| u32::try_from(n).ok());
         let lens = Arc::clone(&self.lens);
-        let item = Waiting { pose, clock, lens, message };
-        self.hold(Held { time_s, arrived_s: now_s, sequence, item });
+        let item = PendingPose { pose, clock, lens, message };
+        self.hold(TimedItem { time_s, arrived_s: now_s, sequence, item });
     }
 
-    /// A datagram may hold messages of one camera or of several.
+    /// A datagram may contain messages of one camera or of several.
     fn take_freed(&mut self, bytes: &[u8], from: SocketAddr, now_s: f64) {
         let (messages, wrong) = freed::messages(bytes);
         let mut followed = Vec::new();
@@ -202,106 +203,109 @@ impl Receiver {
             if self.follows(&source, from, now_s) {
                 followed.push(message);
             } else {
-                self.report.aside(Heard::OtherSource);
+                self.report.count_drop(DropReason::OtherSource);
             }
         }
-        // Counted once for a datagram.
+        // Counted once per datagram.
         match wrong {
-            Some(error @ SampleError::FreedType(_)) => self.problem(Heard::NoSample, &error.to_string()),
-            Some(error) => self.problem(Heard::NoPacket, &error.to_string()),
+            Some(error @ SampleError::FreedType(_)) => self.problem(DropReason::NoSample, &error.to_string()),
+            Some(error) => self.problem(DropReason::NoPacket, &error.to_string()),
             None => {}
         }
-        // They were gathered since the last datagram: the last came now, the others evenly before it.
-        let gathered_s = self.freed_s.map_or(USUAL_INTERVAL_S, |before_s| now_s - before_s).min(MOST_GATHERED_S);
+        // They were collected since the last datagram: the last one is stamped now, the others
+        // evenly before it.
+        let collected_s =
+            self.last_freed_s.map_or(DEFAULT_INTERVAL_S, |before_s| now_s - before_s).min(MAX_COLLECTION_S);
         let count = followed.len();
         for (before, message) in (0..count).rev().zip(followed) {
-            self.hold_freed(message, now_s - gathered_s * before as f64 / count as f64);
+            self.hold_freed(message, now_s - collected_s * before as f64 / count as f64);
         }
         if count > 0 {
-            self.freed_s = Some(now_s);
+            self.last_freed_s = Some(now_s);
         }
     }
 
     fn hold_freed(&mut self, message: D1, at_s: f64) {
-        // Its clock is our own, so nothing can come before it.
+        // Stamped on arrival, so nothing earlier can follow.
         self.freed_count = self.freed_count.wrapping_add(1);
-        let item = Waiting {
+        let item = PendingPose {
             pose: message.pose(),
             clock: Clock::Arrival,
             lens: Arc::clone(&self.lens),
             message: Message::FreeD(message),
         };
-        self.hold(Held { time_s: at_s, arrived_s: at_s, sequence: Some(self.freed_count), item });
+        self.hold(TimedItem { time_s: at_s, arrived_s: at_s, sequence: Some(self.freed_count), item });
     }
 
-    /// Whether a source is the one that is wanted: by its name, else the first that is heard, until it falls silent.
+    /// True if a source is accepted: the one with the requested name, or the first one received
+    /// until it falls silent.
     fn follows(&mut self, source: &Source, from: SocketAddr, now_s: f64) -> bool {
-        self.report.heard(source);
-        if self.listen.source.as_ref().is_some_and(|name| !source.is_called(name)) {
+        self.report.count_source(source);
+        if self.listen.source.as_ref().is_some_and(|name| !source.matches_name(name)) {
             return false;
         }
         let followed = self.report.followed.as_ref().map(|(followed, _)| followed);
         if followed.is_some_and(|followed| followed != source) {
-            if now_s - self.heard_s <= SILENT_S {
+            if now_s - self.last_received_s <= SOURCE_TIMEOUT_S {
                 return false;
             }
             self.report.changes += 1;
-            // Another source has a clock and a lens of its own.
+            // Another source has a clock and lens of its own.
             self.epochs = self.last_epoch.map_or(0, |epoch| epoch.wrapping_add(1));
-            self.buffer = Buffer::new(self.listen.wait_s);
+            self.buffer = ReorderBuffer::new(self.listen.wait_s);
             self.lens = Arc::default();
         }
-        self.heard_s = now_s;
+        self.last_received_s = now_s;
         self.report.followed = Some((source.clone(), from));
         true
     }
 
-    fn hold(&mut self, held: Held<Waiting>) {
+    fn hold(&mut self, held: TimedItem<PendingPose>) {
         match self.buffer.push(held) {
-            Taken::Waits => {}
-            Taken::Late => self.report.aside(Heard::Late),
-            Taken::Repeated => self.report.aside(Heard::Repeated),
-            Taken::Odd => self.report.aside(Heard::OddTime),
-            Taken::Jumped { by_s, is_repeated } => {
-                self.report.jumped(by_s);
+            PushOutcome::Waits => {}
+            PushOutcome::Late => self.report.count_drop(DropReason::Late),
+            PushOutcome::Repeated => self.report.count_drop(DropReason::Repeated),
+            PushOutcome::Odd => self.report.count_drop(DropReason::OddTime),
+            PushOutcome::Jumped { by_s, is_repeated } => {
+                self.report.count_jump(by_s);
                 if is_repeated {
-                    self.report.aside(Heard::Repeated);
+                    self.report.count_drop(DropReason::Repeated);
                 }
-                // The one before it was no odd one, then.
-                self.report.aside.entry(Heard::OddTime).and_modify(|number| *number -= 1);
+                // The previous one was not odd after all.
+                self.report.dropped.entry(DropReason::OddTime).and_modify(|number| *number -= 1);
             }
-            Taken::Stepped { by_s, odd, behind, late, repeated } => {
-                // Where the offset stays, one stamp alone was ahead of the others.
+            PushOutcome::Stepped { by_s, odd, behind, late, repeated } => {
+                // If the offset stays, a single stamp was ahead of the others.
                 match by_s.abs() < BEHIND_S {
-                    true => self.report.aside(Heard::OddTime),
-                    false => self.report.stepped(by_s),
+                    true => self.report.count_drop(DropReason::OddTime),
+                    false => self.report.count_step(by_s),
                 }
-                (0..late).for_each(|_| self.report.aside(Heard::Late));
-                (0..repeated).for_each(|_| self.report.aside(Heard::Repeated));
-                self.report.aside.entry(Heard::OddTime).and_modify(|number| *number -= odd as u64);
-                self.report.aside.entry(Heard::Late).and_modify(|number| *number -= behind as u64);
+                (0..late).for_each(|_| self.report.count_drop(DropReason::Late));
+                (0..repeated).for_each(|_| self.report.count_drop(DropReason::Repeated));
+                self.report.dropped.entry(DropReason::OddTime).and_modify(|number| *number -= odd as u64);
+                self.report.dropped.entry(DropReason::Late).and_modify(|number| *number -= behind as u64);
             }
         }
     }
 
-    /// The next pose, if nothing can come before it any more.
-    pub fn next(&mut self, now_s: f64) -> Option<Tracked> {
-        self.assembler.give_up(now_s);
-        self.report.incomplete = self.assembler.given_up;
+    /// The next pose, once no earlier one can arrive.
+    pub fn next(&mut self, now_s: f64) -> Option<StreamPose> {
+        self.assembler.abandon_old(now_s);
+        self.report.incomplete = self.assembler.abandoned;
         let released = self.buffer.pop(now_s)?;
         let epoch = self.epochs.wrapping_add(released.epoch);
         let offset_s = released.offset_s;
-        let Held { time_s, arrived_s, item, .. } = released.held;
+        let TimedItem { time_s, arrived_s, item, .. } = released.held;
         self.report.lost += u64::from(released.lost);
-        self.report.gave(time_s, arrived_s, self.last_epoch != Some(epoch));
+        self.report.count_pose(time_s, arrived_s, self.last_epoch != Some(epoch));
         self.last_epoch = Some(epoch);
-        let Waiting { pose, clock, lens, message } = item;
+        let PendingPose { pose, clock, lens, message } = item;
         let time_s = time_s + self.listen.delay_s;
-        Some(Tracked { time_s, clock, arrived_s, offset_s, epoch, pose, lens, message })
+        Some(StreamPose { time_s, clock, arrived_s, offset_s, epoch, pose, lens, message })
     }
 
-    fn problem(&mut self, why: Heard, text: &str) {
-        self.report.aside(why);
-        self.report.last_problem = Some(text.chars().take(MOST_PROBLEM).collect());
+    fn problem(&mut self, why: DropReason, text: &str) {
+        self.report.count_drop(why);
+        self.report.last_problem = Some(text.chars().take(MAX_PROBLEM_CHARS).collect());
     }
 }

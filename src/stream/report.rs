@@ -1,4 +1,4 @@
-//! What a receiver has heard.
+//! Statistics of a receiver.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -6,8 +6,8 @@ use std::net::{IpAddr, SocketAddr};
 
 use crate::text::count;
 
-/// Who sends: a machine, and which of its streams. A program that is started anew comes from another port, so the port
-/// is no part of it.
+/// A sender: a machine and one of its streams. The port is not part of it, because a restarted
+/// program sends from another one.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Source {
     pub address: IpAddr,
@@ -18,8 +18,9 @@ pub struct Source {
 }
 
 impl Source {
-    /// Whether a person's words mean it: its id, with or without `urn:uuid:`, or its number.
-    pub fn is_called(&self, name: &str) -> bool {
+    /// True if a name from the user refers to this source: its id, with or without `urn:uuid:`, or
+    /// its number.
+    pub fn matches_name(&self, name: &str) -> bool {
         let bare = |text: &str| text.trim_start_matches("urn:uuid:").to_ascii_lowercase();
         let by_number = self.number.is_some_and(|number| number.to_string() == name);
         by_number || self.id.as_deref().is_some_and(|id| bare(id) == bare(name))
@@ -38,20 +39,20 @@ impl fmt::Display for Source {
     }
 }
 
-/// Why a datagram was left aside.
+/// Reason why a datagram was dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Heard {
-    /// From another address than was asked for.
+pub enum DropReason {
+    /// From another address than the requested one.
     OtherAddress,
-    /// Of another source than was asked for, or than is followed.
+    /// Of another source than the requested or followed one.
     OtherSource,
-    /// No packet of the protocol, or its checksum is wrong.
+    /// Not a packet of the protocol, or a wrong checksum.
     NoPacket,
-    /// A piece that belongs to nothing.
+    /// A fragment without its beginning.
     Stray,
-    /// A sample that cannot be read.
+    /// A sample that cannot be decoded.
     NoSample,
-    /// A sample without a place.
+    /// A sample without a pose.
     NoPose,
     Late,
     Repeated,
@@ -59,7 +60,7 @@ pub enum Heard {
     OddTime,
 }
 
-impl fmt::Display for Heard {
+impl fmt::Display for DropReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::OtherAddress => "from another address",
@@ -75,79 +76,79 @@ impl fmt::Display for Heard {
     }
 }
 
-/// Sources that are remembered by name; others are only counted.
-const MOST_SOURCES: usize = 16;
+/// Largest number of sources that are listed.
+const MAX_SOURCES: usize = 16;
 
-/// Counts since listening began, and what is steady. Bounded, however long that is.
+/// Counts since the start, and current values. Bounded in size.
 #[derive(Clone, Debug, Default)]
 pub struct Report {
     pub datagrams: u64,
     pub bytes: u64,
-    /// Poses that were given out.
+    /// Released poses.
     pub poses: u64,
-    /// Poses that never came, by their numbers.
+    /// Lost poses, by the sequence numbers.
     pub lost: u64,
-    /// Samples of which pieces never came.
+    /// Samples with missing fragments.
     pub incomplete: u64,
-    /// How often the clock jumped.
+    /// Number of jumps of the clock.
     pub jumps: u64,
-    /// How often it was set anew by less than that.
+    /// Number of smaller steps of the clock.
     pub steps: u64,
-    /// By how much it was set anew, or jumped, the last time, seconds.
+    /// The last step or jump, seconds.
     pub last_step_s: f64,
-    /// How often another source was followed because the first fell silent.
+    /// Number of changes to another source because the first fell silent.
     pub changes: u64,
-    /// Datagrams and samples that were left aside, by reason.
-    pub aside: BTreeMap<Heard, u64>,
-    /// What was wrong with the last one that was unreadable.
+    /// Dropped datagrams and samples, by reason.
+    pub dropped: BTreeMap<DropReason, u64>,
+    /// Error of the last unreadable one.
     pub last_problem: Option<String>,
-    /// Everyone who was heard, with the number of samples.
+    /// All sources with their numbers of samples.
     pub sources: Vec<(Source, u64)>,
-    /// The source that is followed, and where its last datagram came from.
+    /// The followed source, and the address of its last datagram.
     pub followed: Option<(Source, SocketAddr)>,
-    /// The protocol's version, as the source says.
+    /// The protocol version that the source states.
     pub version: Option<String>,
-    /// From one pose to the next by their own clock, seconds: the mean of the recent ones.
+    /// Interval between poses by their own clock, seconds: a running mean.
     pub interval_s: Option<f64>,
-    /// How unevenly they arrive, seconds: RFC 3550, section 6.4.1.
+    /// Jitter of the arrivals, seconds: RFC 3550, section 6.4.1.
     pub jitter_s: f64,
     before: Option<(f64, f64)>,
 }
 
 impl Report {
-    pub fn aside(&mut self, why: Heard) {
-        *self.aside.entry(why).or_default() += 1;
+    pub fn count_drop(&mut self, why: DropReason) {
+        *self.dropped.entry(why).or_default() += 1;
     }
 
-    pub fn count(&self, why: Heard) -> u64 {
-        self.aside.get(&why).copied().unwrap_or(0)
+    pub fn count(&self, why: DropReason) -> u64 {
+        self.dropped.get(&why).copied().unwrap_or(0)
     }
 
-    /// What never came, and what was left aside, with why; "none" where that is nothing.
+    /// Lost and dropped poses by reason; "none" without any.
     pub fn drops(&self) -> String {
         let known = [(self.lost, "lost on the way"), (self.incomplete, "with pieces missing")];
-        let aside = self.aside.iter().map(|(why, number)| (*number, why.to_string()));
+        let aside = self.dropped.iter().map(|(why, number)| (*number, why.to_string()));
         let all = known.into_iter().map(|(number, why)| (number, why.to_owned())).chain(aside);
         let told: Vec<String> = all.filter(|(number, _)| *number > 0).map(|(n, why)| format!("{n} {why}")).collect();
         if told.is_empty() { "none".to_owned() } else { told.join(", ") }
     }
 
-    /// Why no pose came of what was heard, and what to do.
-    pub fn silence(&self) -> String {
-        let heard = match (self.datagrams, self.poses) {
+    /// Reason why there is no pose, and a remedy.
+    pub fn silence_reason(&self) -> String {
+        let count_source = match (self.datagrams, self.poses) {
             (0, _) => return "no packet came: is the sender on, and does it send there?".to_owned(),
             (_, 0) => format!("{} came, and no pose in them", count(self.datagrams as usize, "packet")),
             (_, poses) => format!("{} came until then", count(poses as usize, "pose")),
         };
         let dropped = self.drops();
         match (dropped.as_str(), &self.last_problem) {
-            ("none", _) => heard,
-            (_, Some(problem)) => format!("{heard}; dropped: {dropped} ({problem})"),
-            (_, None) => format!("{heard}; dropped: {dropped}"),
+            ("none", _) => count_source,
+            (_, Some(problem)) => format!("{count_source}; dropped: {dropped} ({problem})"),
+            (_, None) => format!("{count_source}; dropped: {dropped}"),
         }
     }
 
-    /// All of it in a line, once it is over.
+    /// Summary in one line, for the end.
     pub fn summary(&self) -> String {
         let mut line = format!(
             "{} in {}; dropped: {}",
@@ -168,28 +169,28 @@ impl Report {
         line
     }
 
-    /// The clock was set anew by so many seconds.
-    pub(super) fn stepped(&mut self, by_s: f64) {
+    /// Counts a step of the clock, seconds.
+    pub(super) fn count_step(&mut self, by_s: f64) {
         self.steps += 1;
         self.last_step_s = by_s;
     }
 
-    /// The clock jumped by so many seconds.
-    pub(super) fn jumped(&mut self, by_s: f64) {
+    /// Counts a jump of the clock, seconds.
+    pub(super) fn count_jump(&mut self, by_s: f64) {
         self.jumps += 1;
         self.last_step_s = by_s;
     }
 
-    pub(super) fn heard(&mut self, source: &Source) {
+    pub(super) fn count_source(&mut self, source: &Source) {
         match self.sources.iter().position(|(known, _)| known == source) {
             Some(at) => self.sources[at].1 += 1,
-            None if self.sources.len() < MOST_SOURCES => self.sources.push((source.clone(), 1)),
+            None if self.sources.len() < MAX_SOURCES => self.sources.push((source.clone(), 1)),
             None => {}
         }
     }
 
-    /// A pose was given out, at its own time and its arrival's.
-    pub(super) fn gave(&mut self, time_s: f64, arrived_s: f64, is_new_clock: bool) {
+    /// Counts a released pose, with its time stamp and its arrival.
+    pub(super) fn count_pose(&mut self, time_s: f64, arrived_s: f64, is_new_clock: bool) {
         self.poses += 1;
         let before = self.before.replace((time_s, arrived_s)).filter(|_| !is_new_clock);
         if let Some((time_before_s, arrived_before_s)) = before {
@@ -207,26 +208,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn why_it_is_silent_is_told_by_what_was_heard() {
+    fn silence_reason_follows_from_the_counts() {
         let mut report = Report::default();
-        assert_eq!(report.silence(), "no packet came: is the sender on, and does it send there?");
+        assert_eq!(report.silence_reason(), "no packet came: is the sender on, and does it send there?");
         report.datagrams = 3;
-        (0..3).for_each(|_| report.aside(Heard::NoPacket));
+        (0..3).for_each(|_| report.count_drop(DropReason::NoPacket));
         report.last_problem = Some("too short".to_owned());
         let told = "3 packets came, and no pose in them; dropped: 3 no packet of this protocol, or damaged (too short)";
-        assert_eq!(report.silence(), told);
+        assert_eq!(report.silence_reason(), told);
         report = Report { datagrams: 9, poses: 9, ..Report::default() };
-        assert_eq!(report.silence(), "9 poses came until then");
+        assert_eq!(report.silence_reason(), "9 poses came until then");
     }
 
     #[test]
-    fn what_was_dropped_is_told_by_reason() {
+    fn drops_are_listed_by_reason() {
         let mut report = Report { poses: 7, datagrams: 12, ..Report::default() };
         assert_eq!(report.summary(), "7 poses in 12 datagrams; dropped: none");
-        (0..3).for_each(|_| report.aside(Heard::NoPacket));
-        report.aside(Heard::OtherSource);
-        // One that turned out to be none.
-        report.aside.insert(Heard::OddTime, 0);
+        (0..3).for_each(|_| report.count_drop(DropReason::NoPacket));
+        report.count_drop(DropReason::OtherSource);
+        // One that turned out not to be odd.
+        report.dropped.insert(DropReason::OddTime, 0);
         (report.lost, report.jumps) = (2, 1);
         assert_eq!(
             report.summary(),

@@ -1,5 +1,5 @@
-//! A sample of OpenTrackIO: one map, as it came. What is known is read from it by name, what is not known stays in it, so
-//! that a sample that is written back says all that it said.
+//! An OpenTrackIO sample: a map, kept as received. Known values are read by name. Unknown ones stay
+//! in it, so that a rewritten sample is complete.
 
 use std::borrow::Cow;
 
@@ -9,10 +9,11 @@ use glam::DVec3;
 use super::error::SampleError;
 use super::packet::Encoding;
 
-/// Deepest nesting of CBOR that is read. The official samples have 5 levels. (`serde_json` ends at 128 by itself.)
-const DEEPEST: usize = 64;
+/// Deepest accepted nesting of CBOR. The official samples have 5 levels. (`serde_json` stops at
+/// 128.)
+const MAX_CBOR_DEPTH: usize = 64;
 
-/// Keys are in the order in which they came.
+/// Keys are in the order of arrival.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sample(Value);
 
@@ -27,7 +28,7 @@ impl Sample {
         let value: Value = match encoding {
             Encoding::Json => serde_json::from_slice(bytes).map_err(|e| SampleError::Json(e.to_string()))?,
             Encoding::Cbor => {
-                let value = ciborium::de::from_reader_with_recursion_limit(&mut bytes, DEEPEST);
+                let value = ciborium::de::from_reader_with_recursion_limit(&mut bytes, MAX_CBOR_DEPTH);
                 let value = value.map_err(|e| SampleError::Cbor(e.to_string()))?;
                 if !bytes.is_empty() {
                     return Err(SampleError::Rest(bytes.len()));
@@ -45,8 +46,9 @@ impl Sample {
         }
     }
 
-    /// As bytes that [`Sample::decode`] reads back to the same. What CBOR alone can say (bytes, tags, keys that are no
-    /// text, numbers that are not finite) is the same again in CBOR alone.
+    /// Encodes the sample; [`Sample::decode`] restores it exactly. Values that only CBOR can
+    /// represent (bytes, tags, keys other than text, numbers that are not finite) are only
+    /// preserved in CBOR.
     pub fn encode(&self, encoding: Encoding) -> Result<Vec<u8>, SampleError> {
         match encoding {
             Encoding::Json => serde_json::to_vec(&self.0).map_err(|e| SampleError::Json(e.to_string())),
@@ -75,7 +77,7 @@ impl Sample {
         whole(self.get(path)?)
     }
 
-    /// A rational number as the schema has it, `num` over `denom`; above 0.
+    /// A rational number in the schema's form, `num` over `denom`; above 0.
     pub fn ratio(&self, path: &[&str]) -> Option<f64> {
         let value = self.get(path)?;
         let ratio = number(member(value, "num")?)? / number(member(value, "denom")?)?;
@@ -86,14 +88,15 @@ impl Sample {
         numbers(self.get(path)?)
     }
 
-    /// The protocol's version as it is written, as in `1.0.1`; early senders wrote a text.
+    /// The protocol's version, such as `1.0.1`; early senders sent a text.
     pub fn version(&self) -> Option<Cow<'_, str>> {
         let value = self.get(&["protocol", "version"])?;
         let of_list = || Some(numbers(value)?.iter().map(f64::to_string).collect::<Vec<_>>().join(".").into());
         value.as_text().map(Cow::Borrowed).or_else(of_list)
     }
 
-    /// Puts a value at a path, with the maps that lead there. What is no map on the way is replaced.
+    /// Sets a value at a path and creates the maps on the way. Other values on the way are
+    /// replaced.
     pub fn set(&mut self, path: &[&str], value: impl Into<Value>) {
         let mut at = &mut self.0;
         for key in path {
@@ -112,7 +115,7 @@ impl Sample {
     }
 }
 
-/// The value of a key; the last one, should a sender have written it twice.
+/// The value of a key; the last one if the key is repeated.
 pub fn member<'a>(value: &'a Value, key: &str) -> Option<&'a Value> {
     value.as_map()?.iter().rev().find(|(name, _)| name.as_text() == Some(key)).map(|(_, value)| value)
 }
@@ -131,7 +134,8 @@ pub fn numbers(value: &Value) -> Option<Vec<f64>> {
     value.as_array()?.iter().map(number).collect()
 }
 
-/// A map of `x`, `y`, `z`, or of other names; what is missing is 0, as the schema allows. `None` if one is no number.
+/// A map of `x`, `y`, `z`, or of other names. Missing values are 0, as in the schema. `None` if one
+/// is not a number.
 pub fn triple(value: &Value, names: [&str; 3]) -> Option<DVec3> {
     value.as_map()?;
     let [x, y, z] = names.map(|name| member(value, name).map_or(Some(0.0), number));
@@ -143,13 +147,13 @@ pub fn map<const N: usize>(members: [(&str, Value); N]) -> Value {
     Value::Map(members.into_iter().map(|(name, value)| (name.into(), value)).collect())
 }
 
-/// A rate as the schema wants it, to a millionth.
+/// A rate as a rational number of the schema, to a millionth.
 pub fn rational(rate: f64) -> Value {
-    // Broadcast's rates are exact: 24000/1001 and their like.
+    // Broadcast rates are exact: 24000/1001 and the like.
     let ntsc = (rate * 1.001).round();
     let is_ntsc = (ntsc / 1.001 - rate).abs() < 1e-6 * rate && (rate - rate.round()).abs() > 1e-6;
     let (num, denom) = if is_ntsc { (1000.0 * ntsc, 1001) } else { ((1e6 * rate).round(), 1_000_000) };
-    // The schema has 31 bits.
+    // The schema allows 31 bits.
     let (num, denom) = if num > 2e9 { (rate.round().min(2e9), 1) } else { (num, denom) };
     map([("num", (num.max(1.0) as u64).into()), ("denom", denom.into())])
 }
@@ -163,20 +167,20 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_known_is_kept_in_its_order() {
+    fn unknown_values_are_kept_in_order() {
         let text = r#"{"zeta":[1,-2,3.5,null,true,"x"],"alpha":{"b":{"c":18446744073709551615}},"static":{}}"#;
         let sample = json(text).unwrap();
         assert_eq!(String::from_utf8(sample.encode(Encoding::Json).unwrap()).unwrap(), text);
         let again = Sample::decode(Encoding::Cbor, &sample.encode(Encoding::Cbor).unwrap()).unwrap();
         assert_eq!(again, sample);
-        // CBOR says more than JSON can.
+        // CBOR can represent more than JSON.
         let rich = [0xA2, 0x01, 0x42, 0xAB, 0xCD, 0x61, b't', 0xC1, 0xF9, 0x7C, 0x00];
         let sample = Sample::decode(Encoding::Cbor, &rich).unwrap();
         assert_eq!(sample.encode(Encoding::Cbor).unwrap(), rich);
     }
 
     #[test]
-    fn values_are_found_and_set_by_name() {
+    fn values_are_read_and_set_by_path() {
         let mut sample = json(r#"{"a":{"b":1,"r":{"num":30000,"denom":1001}},"n":[1,2.5]}"#).unwrap();
         assert_eq!((sample.number(&["a", "b"]), sample.whole(&["a", "b"])), (Some(1.0), Some(1)));
         assert_eq!(sample.ratio(&["a", "r"]), Some(30000.0 / 1001.0));
@@ -188,13 +192,13 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_sample_is_refused() {
+    fn malformed_samples_are_refused() {
         for text in ["", "[]", "1", "{", "{\"a\":1}x", "\u{feff}{}", &"[".repeat(100_000)] {
             assert!(json(text).is_err(), "{}", &text[..text.len().min(9)]);
         }
         let other = json(r#"{"protocol":{"name":"Other"}}"#).unwrap_err();
         assert_eq!(other, SampleError::OtherProtocol("Other".into()));
-        // Endless nesting, an endless array, text that claims to be long, bytes behind the end.
+        // Endless nesting, an endless array, text with a huge length, bytes after the end.
         let deep = vec![0x81; 100_000];
         let cases: [&[u8]; 5] = [
             &deep,

@@ -1,4 +1,4 @@
-//! The other end: poses as a stream.
+//! Sends poses as a stream.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
@@ -15,49 +15,52 @@ use super::sample::{Sample, map, rational};
 use super::transforms::transform_of;
 use crate::pose::Pose;
 
-/// OpenTrackIO's version that is written.
+/// The OpenTrackIO version that is written.
 const VERSION: [u64; 3] = [1, 0, 1];
-/// What does not change is said again after so much of the stream's time, seconds: a listener may come later.
-const AGAIN_S: f64 = 1.0;
+/// Interval at which static data are repeated, seconds of the stream's time, for receivers that
+/// join later.
+const STATIC_INTERVAL_S: f64 = 1.0;
 
 /// Sends poses to one address. It neither waits nor reads a clock.
 pub struct Sender {
     socket: UdpSocket,
     target: Target,
-    /// Who we are.
+    /// Hash that identifies the source.
     source: u64,
     rate_hz: f64,
     lens: Option<LensState>,
     sequence: u32,
-    /// When everything was last said.
-    said_s: Option<f64>,
+    /// Time of the last static data.
+    last_static_s: Option<f64>,
 }
 
 impl Sender {
-    /// For `opentrackio://HOST:PORT?…` or `freed://HOST:PORT?…`; docs/streams.md has the options. `name` makes the
-    /// source's id, the same one each time. Poses come at `rate_hz`, more or less; FreeD sends neither that nor a lens.
+    /// For `opentrackio://HOST:PORT?…` or `freed://HOST:PORT?…`; docs/streams.md has the options.
+    /// The source's id is derived from `name`. Poses are sent at about `rate_hz`; FreeD transmits
+    /// neither the rate nor a lens.
     pub fn open(url: &str, name: &str, rate_hz: f64, lens: Option<LensState>) -> Result<Self, StreamError> {
         let target = Target::parse(url)?;
         let socket = bind(&target).map_err(|source| StreamError::Send { at: target.at, source })?;
         let mut hasher = DefaultHasher::new();
         name.hash(&mut hasher);
-        Ok(Self { socket, target, source: hasher.finish(), rate_hz, lens, sequence: 0, said_s: None })
+        Ok(Self { socket, target, source: hasher.finish(), rate_hz, lens, sequence: 0, last_static_s: None })
     }
 
     pub fn target(&self) -> &Target {
         &self.target
     }
 
-    /// Whether a pose of a time, seconds, can be said.
+    /// Checks that a pose at a time, seconds, can be represented.
     pub fn check(&self, time_s: f64, pose: &Pose) -> Result<(), StreamError> {
         let checked = match self.target.protocol {
             Protocol::FreeD => D1::of_pose(self.target.number, pose).map(drop),
-            Protocol::OpenTrackIo => can_be_said(time_s, pose),
+            Protocol::OpenTrackIo => check_representable(time_s, pose),
         };
         checked.map_err(|source| StreamError::Pose { time_s, source })
     }
 
-    /// Sends a pose of a time, seconds from 0 on. Nothing is sent of a pose that cannot be said.
+    /// Sends a pose at a time, seconds from 0 on. A pose that cannot be represented is an error and
+    /// is not sent.
     pub fn send(&mut self, time_s: f64, pose: &Pose) -> Result<(), StreamError> {
         let datagrams = self.datagrams(time_s, pose).map_err(|source| StreamError::Pose { time_s, source })?;
         for datagram in datagrams {
@@ -73,21 +76,23 @@ impl Sender {
             Protocol::FreeD => Ok(vec![D1::of_pose(self.target.number, pose)?.bytes().to_vec()]),
             Protocol::OpenTrackIo => {
                 let bytes = self.sample(time_s, pose)?.encode(self.target.encoding)?;
-                // The upper half of a count is no business of a packet's.
+                // A packet has the lower half of the counter.
                 Ok(packets(self.target.encoding, self.sequence as u16, &bytes))
             }
         }
     }
 
     fn sample(&mut self, time_s: f64, pose: &Pose) -> Result<Sample, SampleError> {
-        can_be_said(time_s, pose)?;
+        check_representable(time_s, pose)?;
         let (mut seconds, mut nanoseconds) = (time_s.floor(), (1e9 * time_s.fract()).round());
         if nanoseconds >= 1e9 {
             (seconds, nanoseconds) = (seconds + 1.0, 0.0);
         }
-        let all = self.said_s.is_none_or(|said_s| !(0.0..AGAIN_S).contains(&(time_s - said_s)));
-        if all {
-            self.said_s = Some(time_s);
+        let is_with_static_data = self
+            .last_static_s
+            .is_none_or(|last_static_s| !(0.0..STATIC_INTERVAL_S).contains(&(time_s - last_static_s)));
+        if is_with_static_data {
+            self.last_static_s = Some(time_s);
         }
         let mut sample = Sample::default();
         let version = Value::Array(VERSION.map(Value::from).to_vec());
@@ -102,15 +107,15 @@ impl Sender {
         sample.set(&["timing", "sequenceNumber"], u64::from(self.sequence));
         sample.set(&["transforms"], transform_of(pose));
         if let Some(lens) = &self.lens {
-            lens.write(&mut sample, all);
+            lens.write(&mut sample, is_with_static_data);
         }
         Ok(sample)
     }
 }
 
-fn can_be_said(time_s: f64, pose: &Pose) -> Result<(), SampleError> {
+fn check_representable(time_s: f64, pose: &Pose) -> Result<(), SampleError> {
     let refused = |key: &str, accepted| Err(SampleError::Value { key: key.to_owned(), accepted });
-    // The schema's 48 bits of seconds.
+    // The schema allows 48 bits of seconds.
     if !(0.0..281_474_976_710_655.0).contains(&time_s) {
         return refused("the time", "a number of seconds from 0 to 2^48");
     }
@@ -120,7 +125,7 @@ fn can_be_said(time_s: f64, pose: &Pose) -> Result<(), SampleError> {
     Ok(())
 }
 
-/// A UUID of a kind that anyone may fill (RFC 9562, version 8): who, and which of theirs.
+/// A custom UUID (RFC 9562, version 8) from a source and a number.
 fn urn(source: u64, number: u64) -> String {
     let (a, b) = (source >> 32, (source >> 16) & 0xFFFF);
     let (c, d) = (0x8000 | (source & 0xFFF), 0x8000 | ((source >> 12) & 0xF));

@@ -1,15 +1,15 @@
-//! A sample's own time.
+//! Time of a sample.
 
 use super::sample::Sample;
 
-/// Which of a sample's clocks was read.
+/// Origin of a sample's time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Clock {
     /// `timing.sampleTimestamp`: PTP's seconds.
     Timestamp,
     /// `timing.timecode`: seconds since midnight.
     Timecode,
-    /// When it arrived: seconds since listening began. Of samples without a time, and of FreeD, which has none.
+    /// Arrival: seconds since the start. For samples without a time, and for FreeD, which has none.
     Arrival,
 }
 
@@ -23,7 +23,7 @@ impl std::fmt::Display for Clock {
     }
 }
 
-/// A sample's time, seconds, and the clock that it is from. `None` if it has none.
+/// A sample's time, seconds, and its origin. `None` if it has none.
 pub fn clock(sample: &Sample) -> Option<(f64, Clock)> {
     let stamp = |name| sample.number(&["timing", "sampleTimestamp", name]);
     if let Some(seconds) = stamp("seconds") {
@@ -32,8 +32,8 @@ pub fn clock(sample: &Sample) -> Option<(f64, Clock)> {
     timecode_s(sample).map(|time_s| (time_s, Clock::Timecode))
 }
 
-/// SMPTE ST 12-1: frames are counted at the rate rounded up; with `dropFrame` the first two numbers (four at 60) of each
-/// minute are left out, except of every tenth. Parts of a frame are samples.
+/// SMPTE ST 12-1: frames are counted at the rate rounded up. With `dropFrame` the first two numbers
+/// (four at 60) of each minute are skipped, except in every tenth. Subframes are samples.
 fn timecode_s(sample: &Sample) -> Option<f64> {
     let part = |name| sample.whole(&["timing", "timecode", name]).filter(|number| *number < 1 << 32);
     let rate_hz = sample.ratio(&["timing", "timecode", "frameRate"]).filter(|rate| (1.0..1e6).contains(rate))?;
@@ -57,10 +57,11 @@ mod tests {
     }
 
     #[test]
-    fn times_worked_by_hand() {
+    fn times_match_computed_values() {
         let found = of(r#"{"sampleTimestamp":{"seconds":1718806554,"nanoseconds":500000000}}"#);
         assert_eq!(found, Some((1_718_806_554.5, Clock::Timestamp)));
-        // The official examples: 1:02:03:04 at 24000/1001 are 3723·24 + 4 = 89356 frames, each 1001/24000 s.
+        // The official examples: 1:02:03:04 at 24000/1001 are 3723·24 + 4 = 89356 frames, each
+        // 1001/24000 s.
         let code =
             r#"{"timecode":{"hours":1,"minutes":2,"seconds":3,"frames":4,"frameRate":{"num":24000,"denom":1001}}}"#;
         let (time_s, kind) = of(code).unwrap();
@@ -75,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_time_there_is_none() {
+    fn sample_without_a_time_gives_none() {
         for timing in [
             "{}",
             r#"{"sampleTimestamp":{"nanoseconds":1}}"#,
@@ -85,7 +86,7 @@ mod tests {
         ] {
             assert_eq!(of(timing), None, "{timing}");
         }
-        // Numbers as large as they can be: a time, not a panic.
+        // The largest numbers give a time, not a panic.
         let most = r#"{"timecode":{"hours":4294967295,"minutes":4294967295,"seconds":4294967295,"frames":0,"dropFrame":true,"frameRate":{"num":15,"denom":1}}}"#;
         assert!(of(most).is_some());
     }

@@ -1,19 +1,21 @@
 //! Where the camera stands: OpenTrackIO's chain of transforms, and our poses.
 //!
-//! A transform is a translation in metres and a rotation by pan, tilt and roll in degrees, right-handed and intrinsic
-//! about z, x and y, in that order; all transforms of a sample, one within the other, place the sensor on the stage. With
-//! all angles 0 it has x to the camera's right, y forward and z up:
+//! A transform is a translation in metres and a rotation by pan, tilt and roll in degrees,
+//! right-handed and intrinsic about z, x and y, in that order; all transforms of a sample, one
+//! within the other, place the sensor on the stage. With all angles 0 it has x to the camera's
+//! right, y forward and z up:
 //!
 //! ```text
 //! world_from_sensor = T₁ · T₂ · … · Tₙ,   Tᵢ = translate(tᵢ) · Rz(pan) · Rx(tilt) · Ry(roll) · scale(sᵢ)
 //! ```
 //!
-//! So pan turns to the left, tilt upwards, and roll lowers the right side (z towards x: clockwise, seen from behind).
-//! Our camera has x right, y down, z forward. In the sensor's axes these are (1, 0, 0), (0, 0, −1) and (0, 1, 0), which is
-//! a rotation about x by −90°. The world stays as it is: right-handed, z up, metres.
+//! So pan turns to the left, tilt upwards, and roll lowers the right side (z towards x: clockwise,
+//! seen from behind). Our camera has x right, y down, z forward. In the sensor's axes these are (1,
+//! 0, 0), (0, 0, −1) and (0, 1, 0), which is a rotation about x by −90°. The world stays as it is:
+//! right-handed, z up, metres.
 //!
-//! After transforms.json of OpenTrackIO 1.0.1 and OpenLensIO 1.0.1, section 1.2. What the lens adds, the entrance pupil
-//! before the sensor, is [`super::LensState::at_pupil`]'s.
+//! After transforms.json of OpenTrackIO 1.0.1 and OpenLensIO 1.0.1, section 1.2. The entrance pupil
+//! in front of the sensor is added by [`super::LensState::at_pupil`].
 
 use ciborium::value::Value;
 use glam::{DAffine3, DQuat, DVec3, EulerRot};
@@ -33,7 +35,8 @@ pub struct Angles {
     pub roll_deg: f64,
 }
 
-/// `sensor_from_camera`: takes our camera's axes (x right, y down, z forward) to OpenTrackIO's (x right, y forward, z up).
+/// `sensor_from_camera`: converts the camera's axes (x right, y down, z forward) to OpenTrackIO's
+/// (x right, y forward, z up).
 fn sensor_from_camera() -> DQuat {
     DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2)
 }
@@ -45,20 +48,22 @@ impl Angles {
         DQuat::from_euler(EulerRot::ZXY, pan, tilt, roll)
     }
 
-    /// The camera's place and angles. Straight up or down, where pan and roll turn alike, roll is 0 or near it.
+    /// Angles of a pose. Straight up or down, where pan and roll have the same axis, roll is 0 or
+    /// close to it.
     pub fn of(pose: &Pose) -> Self {
         let world_from_sensor = pose.world_from_camera_rotation() * sensor_from_camera().conjugate();
         let (pan, tilt, roll) = world_from_sensor.to_euler(EulerRot::ZXY);
         Self { pan_deg: pan.to_degrees(), tilt_deg: tilt.to_degrees(), roll_deg: roll.to_degrees() }
     }
 
-    /// The pose of a camera there.
+    /// Pose of a camera with these angles at a position.
     pub fn pose(self, position_m: DVec3) -> Pose {
         Pose::from_camera_in_world(position_m, self.rotation() * sensor_from_camera())
     }
 }
 
-/// The pose of the sensor by a sample's `transforms`. Scales act on the places within them; they turn nothing.
+/// The sensor's pose from a sample's `transforms`. Scales affect the positions within them, and no
+/// rotation.
 pub fn pose_of(transforms: &Value) -> Result<Pose, SampleError> {
     let refused = |key: String, accepted| SampleError::Value { key, accepted };
     let list = transforms.as_array().filter(|list| !list.is_empty());
@@ -119,7 +124,7 @@ mod tests {
         )
     }
 
-    /// Where our camera's right, down and forward point in the world.
+    /// The camera's right, down and forward axes in the world.
     fn axes(pose: &Pose) -> [DVec3; 3] {
         [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| pose.world_from_camera_rotation() * axis)
     }
@@ -131,26 +136,29 @@ mod tests {
     }
 
     #[test]
-    fn axes_worked_by_hand() {
+    fn axes_match_computed_values() {
         let turned = |pan, tilt, roll| axes(&pose(&format!("[{}]", one(0.0, 0.0, 0.0, pan, tilt, roll))).unwrap());
         // At rest it looks along y, with x right and z up.
         near(turned(0.0, 0.0, 0.0), [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]);
         // Pan by 90° about z takes y to −x: to the left.
         near(turned(90.0, 0.0, 0.0), [[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]);
-        // Tilt by 90° about x takes y to z: straight up, and the picture's lower side points forward.
+        // Tilt by 90° about x takes y to z: straight up, and the picture's lower side points
+        // forward.
         near(turned(0.0, 90.0, 0.0), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
         // Roll by 90° about y takes z to x and x to −z: the right side is down.
         near(turned(0.0, 0.0, 90.0), [[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
         // Pan, then tilt about the turned x: looks up still, its right is y.
         near(turned(90.0, 90.0, 0.0), [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]);
-        // The official examples' pan 180, tilt 90, roll 45: x to −x, y to z, z to y, then roll about the view.
+        // The official examples' pan 180, tilt 90, roll 45: x to −x, y to z, z to y, then roll
+        // about the view.
         let s = 0.5f64.sqrt();
         near(turned(180.0, 90.0, 45.0), [[-s, -s, 0.0], [s, -s, 0.0], [0.0, 0.0, 1.0]]);
     }
 
     #[test]
-    fn transforms_stand_one_within_the_other() {
-        // A crane at (1, 2, 3), turned to the left, scaled by 2: its (1, 0, 0) is 2 m along the world's y.
+    fn transforms_are_nested() {
+        // A crane at (1, 2, 3), turned to the left, scaled by 2: its (1, 0, 0) is 2 m along the
+        // world's y.
         let crane = one(1.0, 2.0, 3.0, 90.0, 0.0, 0.0).replacen('{', r#"{"scale":{"x":2,"y":2,"z":2},"#, 1);
         let head = one(1.0, 0.0, 0.0, -90.0, 0.0, 0.0);
         let found = pose(&format!("[{crane},{head}]")).unwrap();
@@ -159,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_chain_of_transforms_is_refused() {
+    fn malformed_transforms_are_refused() {
         for text in ["[]", "{}", "[1]", r#"[{"translation":{}}]"#, r#"[{"translation":{},"rotation":{"pan":"x"}}]"#] {
             assert!(pose(text).is_err(), "{text}");
         }
@@ -169,12 +177,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_pose_there_and_back(at in prop::array::uniform3(-1e3f64..1e3), q in prop::array::uniform4(-1.0f64..1.0)) {
+        fn pose_round_trips(at in prop::array::uniform3(-1e3f64..1e3), q in prop::array::uniform4(-1.0f64..1.0)) {
             prop_assume!(DQuat::from_array(q).length() > 0.1);
             let sent = Pose::from_camera_in_world(at.into(), DQuat::from_array(q));
             let back = pose_of(&transform_of(&sent)).unwrap();
             prop_assert!((back.position_in_world_m() - DVec3::from(at)).length() < 1e-9);
-            // An angle near straight up is as good as the sine of it: 1e-8.
+            // The error of an angle near straight up is that of its sine: 1e-8.
             prop_assert!(back.rotation.dot(sent.rotation).abs() > 1.0 - 1e-14, "{:?} {:?}", sent, back);
         }
     }

@@ -1,4 +1,4 @@
-//! What tags there are and where they stand: `board.toml`.
+//! Layout of the tags of a board: `board.toml`.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -8,11 +8,11 @@ use serde::Deserialize;
 
 use super::family::Family;
 use crate::document;
-use crate::source::file::{self, MOST_DOCUMENT};
+use crate::source::file::{self, MAX_DOCUMENT_BYTES};
 use crate::text::{number, quoted, reason};
 
-/// Tags that stand still beside each other. Their axes are the world's: metres, z up out of the sheet that is lying, x to
-/// its right, y to its top.
+/// Tags at fixed positions. Their axes are the world's: metres, x to the right and y to the top of
+/// the sheet, z out of it (up if it lies flat).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Board {
     pub family: Family,
@@ -23,16 +23,17 @@ pub struct Board {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tag {
     pub id: u32,
-    /// The side of the black square, metres.
+    /// Side of the black square, metres.
     pub size_m: f64,
-    /// The middle of the black square, metres.
+    /// Centre of the black square, metres.
     pub center_m: DVec3,
-    /// Turned from lying upright on the board's plane, about x, then y, then z, degrees.
+    /// Rotation from lying upright on the board's plane, about x, then y, then z, degrees.
     pub rotation_deg: DVec3,
 }
 
 impl Tag {
-    /// The black square's corners in the world, metres, as printed: top left, top right, bottom right, bottom left.
+    /// Corners of the black square in the world, metres, in the printed order: top left, top right,
+    /// bottom right, bottom left.
     pub fn corners_m(&self) -> [DVec3; 4] {
         let [x, y, z] = self.rotation_deg.to_array().map(f64::to_radians);
         let turn = DQuat::from_euler(EulerRot::ZYX, z, y, x);
@@ -41,7 +42,7 @@ impl Tag {
     }
 }
 
-/// Why there is no board.
+/// Reason why a board is refused.
 #[derive(Debug, thiserror::Error)]
 pub enum BoardError {
     #[error("{}: cannot be read: {}", file.display(), reason(source))]
@@ -50,23 +51,23 @@ pub enum BoardError {
     Content { file: PathBuf, problem: String },
 }
 
-/// Sizes and distances beyond these are mistakes of unit, metres.
+/// Accepted sizes and distances, metres; others are wrong units.
 const SIZES_M: std::ops::RangeInclusive<f64> = 0.001..=10.0;
-const FARTHEST_M: f64 = 1000.0;
-/// Printers that fit a page to the paper change its size by some percent.
+const MAX_DISTANCE_M: f64 = 1000.0;
+/// Accepted scales. Printers that fit a page to the paper change its size by some percent.
 const SCALES: std::ops::RangeInclusive<f64> = 0.1..=10.0;
-/// Tags are searched one by one; more than any family has.
-const MOST_TAGS: usize = 587;
+/// Largest number of tags, that of the largest family. Tags are looked up linearly.
+const MAX_TAGS: usize = 587;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Written {
+struct BoardFile {
     version: u32,
     family: String,
-    /// How many times as large as written the board was printed.
+    /// Ratio of the printed to the stated size.
     #[serde(default = "one")]
     scale: f64,
-    tags: Vec<toml::Spanned<WrittenTag>>,
+    tags: Vec<toml::Spanned<TagEntry>>,
 }
 
 fn one() -> f64 {
@@ -75,10 +76,10 @@ fn one() -> f64 {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct WrittenTag {
+struct TagEntry {
     id: toml::Spanned<u32>,
     size_m: f64,
-    /// Two numbers lie on the board's plane.
+    /// Two numbers are a point on the board's plane.
     center_m: Vec<f64>,
     #[serde(default)]
     rotation_deg: [f64; 3],
@@ -86,14 +87,14 @@ struct WrittenTag {
 
 impl Board {
     pub fn read(path: &Path) -> Result<Self, BoardError> {
-        let text = file::read_text(path, MOST_DOCUMENT)
+        let text = file::read_text(path, MAX_DOCUMENT_BYTES)
             .map_err(|source| BoardError::Read { file: path.to_owned(), source })?;
         Self::parse(&text).map_err(|problem| BoardError::Content { file: path.to_owned(), problem })
     }
 
-    /// Reads a board's text. The message names line and key.
+    /// Parses a board. The error names line and key.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let written: Written = document::read(text).map_err(|problem| problem.to_string())?;
+        let written: BoardFile = document::read(text).map_err(|problem| problem.to_string())?;
         if written.version != 1 {
             return Err(format!("version = {} is not known; accepted is 1", written.version));
         }
@@ -101,9 +102,9 @@ impl Board {
             let known = Family::ALL.map(Family::name).join(", ");
             format!("family = \"{}\" is not known; accepted are {known}", quoted(&written.family))
         })?;
-        if written.tags.is_empty() || written.tags.len() > MOST_TAGS {
+        if written.tags.is_empty() || written.tags.len() > MAX_TAGS {
             return Err(format!(
-                "there are {} tags; accepted are 1 to {MOST_TAGS}, each a table [[tags]]",
+                "there are {} tags; accepted are 1 to {MAX_TAGS}, each a table [[tags]]",
                 written.tags.len()
             ));
         }
@@ -131,7 +132,7 @@ impl Board {
     }
 }
 
-fn checked(tag: &WrittenTag, family: Family) -> Result<Tag, String> {
+fn checked(tag: &TagEntry, family: Family) -> Result<Tag, String> {
     let id = *tag.id.get_ref();
     let named = |key: &str, problem: String| format!("tags.{key} of tag {id}: {problem}");
     if id >= family.count() {
@@ -155,7 +156,7 @@ fn checked(tag: &WrittenTag, family: Family) -> Result<Tag, String> {
         }
     };
     // NaN is refused too.
-    if !(center_m.abs().max_element() <= FARTHEST_M && center_m.is_finite()) {
+    if !(center_m.abs().max_element() <= MAX_DISTANCE_M && center_m.is_finite()) {
         return Err(named("center_m", "accepted are numbers from -1000 to 1000 metres".to_owned()));
     }
     let rotation_deg = DVec3::from_array(tag.rotation_deg);
@@ -204,19 +205,20 @@ mod tests {
     const ONE: &str = "version = 1\nfamily = \"36h11\"\n[[tags]]\nid = 7\nsize_m = 0.1\ncenter_m = [1.0, 2.0]\n";
 
     #[test]
-    fn a_tag_worked_by_hand() {
+    fn tag_corners_match_computed_values() {
         let lying = Board::parse(ONE).unwrap();
         let [a, b, c, d] = lying.tag(7).unwrap().corners_m();
         assert!(a.distance(DVec3::new(0.95, 2.05, 0.0)) < 1e-12 && b.distance(DVec3::new(1.05, 2.05, 0.0)) < 1e-12);
         assert!(c.distance(DVec3::new(1.05, 1.95, 0.0)) < 1e-12 && d.distance(DVec3::new(0.95, 1.95, 0.0)) < 1e-12);
-        // On a wall: tilted up about x, then turned by 90° about z, so that it faces +x and its right is +y.
+        // On a wall: tilted up about x, then turned by 90° about z, so that it faces +x and its
+        // right is +y.
         let wall = ONE.replace("[1.0, 2.0]", "[0, 0, 1]\nrotation_deg = [90, 0, 90]");
         let [a, b, ..] = Board::parse(&wall).unwrap().tags[0].corners_m();
         assert!(a.distance(DVec3::new(0.0, -0.05, 1.05)) < 1e-12 && b.distance(DVec3::new(0.0, 0.05, 1.05)) < 1e-12);
     }
 
     #[test]
-    fn what_is_wrong_is_told_with_line_and_key() {
+    fn errors_name_line_and_key() {
         for (from, to, said) in [
             ("version = 1", "version = 2", "version = 2 is not known"),
             ("36h11", "36h12", "family = \"36h12\" is not known; accepted are 36h11, 25h9, 16h5"),
@@ -251,7 +253,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_board_reads_back(
+        fn board_round_trips(
             places in prop::collection::vec((1e-3f64..10.0, prop::array::uniform3(-1e3f64..1e3), prop::array::uniform3(-360.0f64..360.0)), 1..9)
         ) {
             let tags = places.into_iter().zip(3..);

@@ -1,30 +1,30 @@
-//! A flat tag that is far off looks nearly the same when it leans the other way. Which of the two poses it was, the pictures
-//! around it say: a camera does not jump.
+//! Resolves the pose ambiguity of a flat tag: at a distance it looks nearly the same when it leans
+//! the other way. The poses of neighbouring pictures decide, because a camera does not jump.
 
 use glam::DQuat;
 
-use super::sight::Sight;
-use super::solve::Solved;
+use super::sight::BoardPose;
+use super::solve::PoseSolution;
 use crate::pose::Pose;
 use crate::tracking::covariance::Covariance;
 
-/// Poses farther apart in time say nothing of each other, seconds.
-const REACH_S: f64 = 0.5;
-/// The nearer of two poses is taken if the other is so many times as far...
-const NEARER: f64 = 1.5;
-/// ... or, as an angle, by this much farther, rad.
-const FARTHER_RAD: f64 = 0.1;
+/// Longest interval between poses that are compared, seconds.
+const MAX_INTERVAL_S: f64 = 0.5;
+/// The closer of two poses is chosen if the other is at least this many times as far...
+const MIN_DISTANCE_RATIO: f64 = 1.5;
+/// ... or farther by this angle, rad.
+const MIN_DIFFERENCE_RAD: f64 = 0.1;
 
-/// A pose that was chosen, at its time.
+/// A chosen pose with its time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Chosen {
+pub struct ChosenPose {
     pub time_s: f64,
-    pub solved: Solved,
-    /// Whether the picture or those around it leave no doubt which of two poses it is.
-    pub certain: bool,
+    pub solved: PoseSolution,
+    /// True if the picture or its neighbours determine which of the two poses it is.
+    pub is_certain: bool,
 }
 
-impl Chosen {
+impl ChosenPose {
     pub fn covariance(&self) -> Covariance {
         let mut upper = (0..6).flat_map(|i| (i..6).map(move |j| self.solved.covariance[(i, j)]));
         Covariance { time_s: self.time_s, upper: std::array::from_fn(|_| upper.next().unwrap_or_default()) }
@@ -38,12 +38,12 @@ impl Chosen {
     }
 }
 
-/// Where a camera that goes on as it went will be at a time. `past` ascends in time towards it, or descends; the last two
-/// count. `None` if the last one is too long ago.
-pub fn expected(past: &[(f64, Pose)], time_s: f64) -> Option<Pose> {
-    let (now_s, now) = *past.last().filter(|last| (time_s - last.0).abs() <= REACH_S)?;
+/// Pose at a time, extrapolated at constant velocity from the last two poses of `past`, whose times
+/// ascend or descend towards it. `None` if the last one is too far away.
+pub fn extrapolated_pose(past: &[(f64, Pose)], time_s: f64) -> Option<Pose> {
+    let (now_s, now) = *past.last().filter(|last| (time_s - last.0).abs() <= MAX_INTERVAL_S)?;
     let Some((before_s, before)) =
-        past.len().checked_sub(2).map(|i| past[i]).filter(|p| (now_s - p.0).abs() <= REACH_S && p.0 != now_s)
+        past.len().checked_sub(2).map(|i| past[i]).filter(|p| (now_s - p.0).abs() <= MAX_INTERVAL_S && p.0 != now_s)
     else {
         return Some(now);
     };
@@ -53,38 +53,39 @@ pub fn expected(past: &[(f64, Pose)], time_s: f64) -> Option<Pose> {
     Some(Pose::from_camera_in_world(position, DQuat::from_scaled_axis(turn) * now.world_from_camera_rotation()))
 }
 
-/// Of what a picture allows, what is nearest to where the camera was expected.
-pub fn chosen(time_s: f64, sight: &Sight, expected: Option<&Pose>) -> Chosen {
+/// Chooses the pose of a picture that is closest to the expected one.
+pub fn choose_pose(time_s: f64, sight: &BoardPose, expected: Option<&Pose>) -> ChosenPose {
     let best = || sight.best.clone();
-    let Some(other) = &sight.other else { return Chosen { time_s, solved: best(), certain: true } };
-    let Some(expected) = expected else { return Chosen { time_s, solved: best(), certain: false } };
-    let far = |solved: &Solved| solved.pose.rotation.angle_between(expected.rotation);
+    let Some(other) = &sight.other else { return ChosenPose { time_s, solved: best(), is_certain: true } };
+    let Some(expected) = expected else { return ChosenPose { time_s, solved: best(), is_certain: false } };
+    let far = |solved: &PoseSolution| solved.pose.rotation.angle_between(expected.rotation);
     let (own, its) = (far(&sight.best), far(other));
     let (near, farther) = (own.min(its), own.max(its));
-    let certain = farther > (NEARER * near).max(1e-9) || farther - near > FARTHER_RAD;
-    let solved = if its < own && certain { other.clone() } else { best() };
-    Chosen { time_s, solved, certain }
+    let is_certain = farther > (MIN_DISTANCE_RATIO * near).max(1e-9) || farther - near > MIN_DIFFERENCE_RAD;
+    let solved = if its < own && is_certain { other.clone() } else { best() };
+    ChosenPose { time_s, solved, is_certain }
 }
 
-/// Chooses along a video, from what is certain on, forwards and backwards. `None` where no pose is.
-pub fn along(sights: &[(f64, Option<Sight>)]) -> Vec<Option<Chosen>> {
-    let mut all: Vec<Option<Chosen>> = vec![None; sights.len()];
+/// Chooses along a video, forwards and backwards from unambiguous pictures. `None` for pictures
+/// without a pose.
+pub fn choose_along(sights: &[(f64, Option<BoardPose>)]) -> Vec<Option<ChosenPose>> {
+    let mut all: Vec<Option<ChosenPose>> = vec![None; sights.len()];
     pass(sights, (0..sights.len()).collect(), &mut all);
-    // What began in doubt is known from what came after it.
+    // Pictures that were ambiguous in the first pass follow from later ones.
     pass(sights, (0..sights.len()).rev().collect(), &mut all);
     all
 }
 
-fn pass(sights: &[(f64, Option<Sight>)], order: Vec<usize>, all: &mut [Option<Chosen>]) {
+fn pass(sights: &[(f64, Option<BoardPose>)], order: Vec<usize>, all: &mut [Option<ChosenPose>]) {
     let mut past: Vec<(f64, Pose)> = Vec::new();
     for i in order {
         let (time_s, Some(sight)) = &sights[i] else { continue };
-        if !all[i].as_ref().is_some_and(|chosen| chosen.certain) {
-            let expected = expected(&past, *time_s);
-            all[i] = Some(chosen(*time_s, sight, expected.as_ref()));
+        if !all[i].as_ref().is_some_and(|chosen| chosen.is_certain) {
+            let expected = extrapolated_pose(&past, *time_s);
+            all[i] = Some(choose_pose(*time_s, sight, expected.as_ref()));
         }
         match &all[i] {
-            Some(chosen) if chosen.certain => {
+            Some(chosen) if chosen.is_certain => {
                 past.push((*time_s, chosen.solved.pose));
                 if past.len() > 2 {
                     past.remove(0);

@@ -1,4 +1,4 @@
-//! Tags in a picture: which, and where their corners are.
+//! Detection of tags in a picture.
 
 use glam::DVec2;
 use kornia_apriltag::errors::AprilTagError;
@@ -9,24 +9,25 @@ use super::board::Board;
 use super::family::Family;
 use super::grey::Grey;
 
-/// A tag that is seen.
+/// A detected tag.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Found {
+pub struct DetectedTag {
     pub id: u32,
-    /// The black square's corners as printed: top left, top right, bottom right, bottom left. Px, pixel centres at +0.5.
+    /// Corners of the black square in the printed order: top left, top right, bottom right, bottom
+    /// left. Px, pixel centres at +0.5.
     pub corners_px: [DVec2; 4],
 }
 
-/// The tags of a picture.
+/// The detected tags of a picture.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Tags {
-    /// Those that are seen in one place, by id.
-    pub found: Vec<Found>,
-    /// Ids that are seen in several places, ascending: nothing says which of them is meant.
+pub struct DetectedTags {
+    /// Tags that are detected once, by id.
+    pub found: Vec<DetectedTag>,
+    /// Ids that are detected several times, ascending: they are ambiguous.
     pub repeated: Vec<u32>,
 }
 
-/// Why tags cannot be searched for.
+/// Reason why tags cannot be detected.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("tags cannot be searched for in a picture of {width}x{height} px: {problem}")]
 pub struct DetectError {
@@ -41,9 +42,9 @@ impl DetectError {
     }
 }
 
-/// Finds the tags of one family in pictures of one size.
+/// Detector of one tag family in pictures of one size.
 pub struct Detector {
-    /// At half the resolution, which takes a quarter of the time; corners come from the whole one.
+    /// Decoder at half the resolution, four times as fast; corners are refined at full resolution.
     half: AprilTagDecoder,
     whole: AprilTagDecoder,
     size: (usize, usize),
@@ -62,9 +63,14 @@ impl Detector {
         Ok(Self { half: decoder(2).map_err(failed)?, whole: decoder(1).map_err(failed)?, size })
     }
 
-    /// The tags of a picture. If fewer than `enough` of those that are `wanted` are seen at half the resolution, those that
-    /// are too small there are sought as well.
-    pub fn find(&mut self, grey: &Grey, enough: usize, wanted: impl Fn(u32) -> bool) -> Result<Tags, DetectError> {
+    /// Detects the tags of a picture. If fewer than `enough` `wanted` ones are found at half the
+    /// resolution, small tags are detected at full resolution as well.
+    pub fn find(
+        &mut self,
+        grey: &Grey,
+        enough: usize,
+        wanted: impl Fn(u32) -> bool,
+    ) -> Result<DetectedTags, DetectError> {
         let (width, height) = self.size;
         let failed = |problem: String| DetectError { width, height, problem };
         let image = Image::<u8, 1>::from_size_slice(ImageSize { width, height }, &grey.codes)
@@ -76,27 +82,28 @@ impl Detector {
         sought(&mut self.whole, &image).map_err(|error| failed(error.to_string()))
     }
 
-    /// The tags of a picture in which half of a board's are enough.
-    pub fn find_board(&mut self, grey: &Grey, board: &Board) -> Result<Tags, DetectError> {
+    /// Detects the tags of a picture; half of a board's are enough.
+    pub fn find_board(&mut self, grey: &Grey, board: &Board) -> Result<DetectedTags, DetectError> {
         self.find(grey, board.tags.len().div_ceil(2), |id| board.tag(id).is_some())
     }
 }
 
-fn sought(decoder: &mut AprilTagDecoder, image: &Image<u8, 1>) -> Result<Tags, AprilTagError> {
+fn sought(decoder: &mut AprilTagDecoder, image: &Image<u8, 1>) -> Result<DetectedTags, AprilTagError> {
     let found = decoder.decode(image)?;
     decoder.clear();
     let found = found.iter().map(|tag| {
-        // Of its quadrilateral the homography alone is turned as the tag is printed; y is down in it.
+        // Only the quadrilateral's homography has the printed orientation; its y axis points down.
         let corner = |x, y| tag.quad.homography_project(x, y);
         let corners_px = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)]
             .map(|at| DVec2::new(at.x.into(), at.y.into()));
-        Found { id: tag.id.into(), corners_px }
+        DetectedTag { id: tag.id.into(), corners_px }
     });
-    let mut found: Vec<Found> = found.filter(|tag| tag.corners_px.iter().all(|corner| corner.is_finite())).collect();
+    let mut found: Vec<DetectedTag> =
+        found.filter(|tag| tag.corners_px.iter().all(|corner| corner.is_finite())).collect();
     found.sort_by_key(|tag| tag.id);
     let same = found.windows(2).filter(|pair| pair[0].id == pair[1].id);
     let mut repeated: Vec<u32> = same.map(|pair| pair[0].id).collect();
     repeated.dedup();
     found.retain(|tag| !repeated.contains(&tag.id));
-    Ok(Tags { found, repeated })
+    Ok(DetectedTags { found, repeated })
 }

@@ -1,15 +1,17 @@
-//! Families of tags: which patterns there are, and how one is printed.
+//! Families of tags and their patterns.
 
 use kornia_apriltag::family::{TagFamily, TagFamilyKind};
 
 crate::choices! {
-    /// A family of AprilTags (Olson 2011; Wang and Olson 2016): a black border one cell wide around the cells of a code.
+    /// A family of AprilTags (Olson 2011; Wang and Olson 2016): a black border one cell wide around
+    /// the cells of a code.
     pub enum Family {
         /// 587 tags of 6 by 6 cells that differ in 11 cells at least.
         Tag36h11 = "36h11",
         /// 35 tags of 5 by 5 cells that differ in 9 at least.
         Tag25h9 = "25h9",
-        /// 30 tags of 4 by 4 cells that differ in 5 at least: most easily read into what is no tag.
+        /// Tags of 4 by 4 cells, 30 of them, that differ in 5 at least: the family with the most
+        /// false detections.
         Tag16h5 = "16h5",
     }
 }
@@ -17,7 +19,7 @@ crate::choices! {
 impl Family {
     pub const ALL: [Self; 3] = [Self::Tag36h11, Self::Tag25h9, Self::Tag16h5];
 
-    /// As in a board's file.
+    /// Name in a board's file.
     pub fn name(self) -> &'static str {
         match self {
             Self::Tag36h11 => "36h11",
@@ -38,7 +40,7 @@ impl Family {
         }
     }
 
-    /// How many tags there are; their ids count from 0.
+    /// Number of tags; their ids count from 0.
     pub fn count(self) -> u32 {
         match self {
             Self::Tag36h11 => 587,
@@ -47,7 +49,7 @@ impl Family {
         }
     }
 
-    /// Cells along a side of the black square, with its border.
+    /// Cells along a side of the black square, including its border.
     pub fn cells(self) -> u32 {
         match self {
             Self::Tag36h11 => 8,
@@ -56,8 +58,8 @@ impl Family {
         }
     }
 
-    /// The white cells of a tag: columns from the left and rows from the top, of the black square. `None` if the family has
-    /// no such tag.
+    /// The white cells of a tag: columns from the left and rows from the top of the black square.
+    /// `None` if the family has no such tag.
     pub fn white_cells(self, id: u32) -> Option<Vec<(u32, u32)>> {
         let family = TagFamily::try_from(&self.kind()).ok()?;
         let code = *family.code_data.get(usize::try_from(id).ok()?)?;
@@ -72,7 +74,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn families_are_what_they_are_called() {
+    fn families_match_the_decoder() {
         for family in Family::ALL {
             let known = TagFamily::try_from(&family.kind()).unwrap();
             assert_eq!(known.code_data.len(), family.count() as usize);
@@ -88,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_tag_worked_by_hand() {
+    fn first_tag_matches_its_code() {
         // Its code is 0xd7e00984b, whose bits go around the cells from outside to inside.
         let white = Family::Tag36h11.white_cells(0).unwrap();
         let row = |y: u32| (1..7).map(|x| if white.contains(&(x, y)) { '#' } else { '.' }).collect::<String>();

@@ -1,11 +1,11 @@
-//! A picture in grey, as the search for tags sees it.
+//! A greyscale picture for the detection of tags.
 
 use glam::DVec2;
 
 use crate::camera::Response;
 use crate::pixels::{Codes, Pixels};
 
-/// Codes of 8 bits, and the light of each.
+/// 8-bit codes, and the linear light of each code.
 #[derive(Clone, Debug)]
 pub struct Grey {
     pub width: usize,
@@ -18,7 +18,7 @@ impl Grey {
     /// BT.709 luma; `light` is the response's table of 256 codes.
     pub fn of(pixels: &Pixels, light: Vec<f32>) -> Self {
         let (width, height) = (pixels.width as usize, pixels.height as usize);
-        // Out of 256.
+        // Weights out of 256.
         let luma = |r: u32, g: u32, b: u32| ((54 * r + 183 * g + 19 * b + 128) >> 8) as u8;
         let codes = match &pixels.codes {
             Codes::U8(codes) => {
@@ -32,18 +32,18 @@ impl Grey {
         Self { width, height, codes, light }
     }
 
-    /// The light of each code of 8 bits.
+    /// Linear light of each 8-bit code.
     pub fn table(response: &Response) -> Vec<f32> {
         response.table(255).into_iter().map(|light| light as f32).collect()
     }
 
-    /// Whether a place lies inside, at least `margin` px away from the border.
+    /// True if a point is inside, at least `margin` px from the border.
     pub fn holds(&self, at: DVec2, margin: f64) -> bool {
         let inside = |v: f64, n: usize| v >= margin && v <= n as f64 - margin;
         inside(at.x, self.width) && inside(at.y, self.height)
     }
 
-    /// The light at a place inside, px with pixel centres at +0.5, bilinear.
+    /// Bilinear sample of linear light at a point inside, px with pixel centres at +0.5.
     pub fn light_at(&self, at: DVec2) -> f64 {
         let (x, y) = ((at.x - 0.5).max(0.0), (at.y - 0.5).max(0.0));
         let (column, row) =

@@ -1,9 +1,10 @@
-//! Printed tags: a sheet of them out, and from pictures of it where the camera stood.
+//! Printed tags: prints a board of them, and estimates the camera's pose from pictures of it.
 //!
-//! `board` says which tags stand where, `sheet` draws one to print. In a picture `detect` finds tags and `refine` their
-//! corners to a few hundredths of a pixel; `solve` gives the pose that explains the corners through the camera's own
-//! projection. `sight` is what one picture says, both poses where a flat tag allows two; `continuity` chooses between them
-//! from the pictures around it; `track` does that for a video. docs/track.md says more.
+//! `board` is the layout of the tags, `sheet` a board to print. `detect` finds the tags of a
+//! picture, and `refine` locates their corners to a few hundredths of a pixel. `solve` computes the
+//! pose (PnP) through the camera's own projection. `sight` is the result of one picture, with both
+//! poses where a flat tag is ambiguous; `continuity` resolves the ambiguity from neighbouring
+//! pictures. `track` processes a video. docs/track.md has the details.
 
 mod board;
 mod continuity;
@@ -21,15 +22,15 @@ mod solve;
 mod track;
 
 pub use board::{Board, BoardError, Tag};
-pub use continuity::{Chosen, along, chosen, expected};
-pub use detect::{DetectError, Detector, Found, Tags};
+pub use continuity::{ChosenPose, choose_along, choose_pose, extrapolated_pose};
+pub use detect::{DetectError, DetectedTag, DetectedTags, Detector};
 pub use family::Family;
 pub use grey::Grey;
 pub use print::{pdf, picture, png};
-pub use recorded::{Parts, RecordError, check, record};
-pub use refine::{refined, refined_of_any_lens};
-pub use rolling::rolled;
+pub use recorded::{RecordError, RecordingInputs, check, record};
+pub use refine::{refine_corners, refine_corners_without_lens};
+pub use rolling::correct_rolling_shutter;
 pub use sheet::{Mark, Paper, Rect, Sheet};
-pub use sight::{Lost, Sight, repeated};
-pub use solve::{Corners, Solved, solved};
-pub use track::{Searcher, Track, TrackError, also, track};
+pub use sight::{BoardPose, PoseFailure, repeated_message};
+pub use solve::{Corners, PoseSolution, solve_pose};
+pub use track::{BoardTracker, Track, TrackError, other_family_message, track};

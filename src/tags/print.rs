@@ -1,4 +1,4 @@
-//! A sheet as a file to print: PDF 1.4, or PNG at 300 dots per inch.
+//! Exports a sheet for printing: PDF 1.4, or PNG at 300 dots per inch.
 
 use std::fmt::Write as _;
 
@@ -13,7 +13,7 @@ const DOTS_PER_INCH: f64 = 300.0;
 const MM_PER_INCH: f64 = 25.4;
 const POINTS_PER_MM: f64 = 72.0 / MM_PER_INCH;
 
-/// A page of vectors, with a standard font that every reader has. It asks the reader not to scale it.
+/// A vector page with a standard font of every reader. It requests printing without scaling.
 pub fn pdf(sheet: &Sheet) -> Vec<u8> {
     let size = POINTS_PER_MM * sheet.paper.size_mm();
     let mut drawn = format!("{POINTS_PER_MM:.9} 0 0 {POINTS_PER_MM:.9} 0 0 cm\n");
@@ -59,7 +59,7 @@ fn filled(drawn: &mut String, grey: u8, rects: &[Rect]) {
     drawn.push_str(" f\n");
 }
 
-/// The sheet as a picture. What a dot is covered by in part has the light that is left.
+/// Rasterizes the sheet. A partly covered dot has the light of its uncovered share.
 pub fn picture(sheet: &Sheet) -> RgbImage {
     let page = sheet.paper.size_mm();
     let px = DOTS_PER_INCH / MM_PER_INCH;
@@ -72,7 +72,7 @@ pub fn picture(sheet: &Sheet) -> RgbImage {
             Mark::White(rects) => (1.0, rects),
             Mark::Text { .. } => continue,
         };
-        // Each dot's share of them together, so that no seam is left between two.
+        // The shares of a dot are summed, so that there are no seams.
         let mut covered = vec![0.0f32; light.len()];
         for Rect { at_mm, size_mm } in rects {
             let low = DVec2::new(at_mm.x, page.y - at_mm.y - size_mm.y) * px;
@@ -96,7 +96,8 @@ pub fn picture(sheet: &Sheet) -> RgbImage {
     });
     for mark in &sheet.marks {
         if let Mark::Text { at_mm, height_mm, text } = mark {
-            // The font's height is from the lowest to the highest letter; its base line lies a quarter of that higher.
+            // The font's height is from the lowest to the highest letter; its base line lies a
+            // quarter of that higher.
             let height = 1.3 * height_mm * px;
             let at = ((at_mm.x * px) as f32, ((page.y - at_mm.y) * px - 0.78 * height) as f32);
             let style = Style { height_px: height as f32, ink: Rgb([0; 3]) };
@@ -106,7 +107,7 @@ pub fn picture(sheet: &Sheet) -> RgbImage {
     picture
 }
 
-/// [`picture`] as a PNG file that says how large it is.
+/// [`picture`] as a PNG file with its physical size.
 pub fn png(sheet: &Sheet) -> Result<Vec<u8>, ImageError> {
     let picture = picture(sheet);
     let mut file = Vec::new();
@@ -116,7 +117,8 @@ pub fn png(sheet: &Sheet) -> Result<Vec<u8>, ImageError> {
         picture.height(),
         ExtendedColorType::Rgb8,
     )?;
-    // After the signature (8 bytes) and the header's chunk (25): dots per metre (PNG specification, 11.3.4.3).
+    // After the signature (8 bytes) and the header's chunk (25): dots per metre (PNG specification,
+    // 11.3.4.3).
     let dots = ((1e3 * DOTS_PER_INCH / MM_PER_INCH).round() as u32).to_be_bytes();
     let mut chunk = b"pHYs".to_vec();
     chunk.extend(dots.iter().chain(&dots).chain(&[1]));
@@ -133,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pdf_says_where_each_of_its_parts_begins() {
+    fn pdf_has_a_cross_reference_table_of_its_objects() {
         let sheet = Sheet::new(Paper::Letter);
         let file = String::from_utf8(pdf(&sheet)).unwrap();
         let at = |n: usize| file.find(&format!("{n} 0 obj")).unwrap();
@@ -151,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_has_its_tags_where_they_belong_and_says_how_large_it_is() {
+    fn png_has_its_tags_in_place_and_a_physical_size() {
         let sheet = Sheet::new(Paper::A4);
         let picture = picture(&sheet);
         assert_eq!(picture.dimensions(), (2480, 3508));

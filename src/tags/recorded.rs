@@ -1,11 +1,11 @@
-//! A tracked video as a recording: a folder that appears once it is complete.
+//! Writes a tracked video as a recording: a folder that appears once it is complete.
 
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
 use super::board::Board;
-use super::continuity::Chosen;
+use super::continuity::ChosenPose;
 use super::track::Track;
 use crate::cleanup::{MadeFolder, Undo, Unfinished};
 use crate::recording::RecordingError;
@@ -19,7 +19,7 @@ const CAMERA: &str = "camera.toml";
 const BOARD: &str = "board.toml";
 const VIDEO: &str = "video";
 
-/// Why a recording cannot be written.
+/// Reason why a recording cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     #[error("{}: is there already; choose another folder, or give --force to replace a recording that was tracked", .0.display())]
@@ -46,8 +46,8 @@ fn is_ours(name: &str) -> bool {
         || Path::new(name).file_stem().is_some_and(|stem| stem == VIDEO)
 }
 
-/// Checks that a recording of these inputs may appear at a place: where nothing is, in an empty folder, or with `force`
-/// in place of one that has nothing but what such a recording has.
+/// Checks that a recording of these inputs may be written to a place: one that does not exist, an
+/// empty folder, or with `force` a folder that only contains files of such a recording.
 pub fn check(place: &Path, force: bool, inputs: &[&Path]) -> Result<(), RecordError> {
     let Ok(there) = fs::symlink_metadata(place) else { return Ok(()) };
     let folder = || place.to_owned();
@@ -74,18 +74,18 @@ pub fn check(place: &Path, force: bool, inputs: &[&Path]) -> Result<(), RecordEr
     }
 }
 
-/// What a recording is made of.
+/// Inputs of a recording.
 #[derive(Debug)]
-pub struct Parts<'a> {
+pub struct RecordingInputs<'a> {
     pub video: &'a Video,
-    /// The camera's profile, as it was read.
+    /// Text of the camera's profile.
     pub profile: &'a str,
     pub board: &'a Board,
     pub track: &'a Track,
 }
 
-/// Writes a recording to a place that [`check`] allows. The video is copied into it.
-pub fn record(place: &Path, force: bool, parts: &Parts<'_>) -> Result<(), RecordError> {
+/// Writes a recording to a place that [`check`] accepts. The video is copied into it.
+pub fn record(place: &Path, force: bool, parts: &RecordingInputs<'_>) -> Result<(), RecordError> {
     let name = place.file_name().ok_or_else(|| RecordError::NoFolder(place.to_owned()))?.to_string_lossy().into_owned();
     let parent = place.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let made = MadeFolder::make(parent).map_err(writing(parent))?;
@@ -131,7 +131,10 @@ fn video_name(video: &Video) -> String {
     format!("{VIDEO}{}", ending.unwrap_or_default())
 }
 
-fn texts(name: &str, Parts { video, profile, board, track }: &Parts<'_>) -> Result<[(String, String); 5], RecordError> {
+fn texts(
+    name: &str,
+    RecordingInputs { video, profile, board, track }: &RecordingInputs<'_>,
+) -> Result<[(String, String); 5], RecordError> {
     let description = Description {
         version: 1,
         name: Some(name.to_owned()),
@@ -150,7 +153,7 @@ fn texts(name: &str, Parts { video, profile, board, track }: &Parts<'_>) -> Resu
         camera: Some(CameraFile { profile: Some(CAMERA.into()), kind: None, list: None }),
     };
     let lines: Vec<Line> = track.chosen().map(|chosen| Line::new(chosen.time_s, &chosen.solved.pose)).collect();
-    let covariances: Vec<_> = track.chosen().map(Chosen::covariance).collect();
+    let covariances: Vec<_> = track.chosen().map(ChosenPose::covariance).collect();
     Ok([
         (FILE_NAME.to_owned(), write::description(description)?.to_string()),
         (POSES.to_owned(), write::trajectory(&lines)),

@@ -1,48 +1,52 @@
-//! A tag's corners to a few hundredths of a pixel, from all of its outer edges' pixels.
+//! Refines a tag's corners to a few hundredths of a pixel, from all pixels along its outer edges.
 //!
-//! Across an edge light goes from black to white. However it is blurred, as long as it is blurred alike to both sides, the
-//! light that is gathered from −h to h is what a sharp edge at e would give: ∫ L = B (h + e) + W (h − e), B and W the light
-//! well inside and well outside. That holds in light; codes are curved, and would make black squares larger. A line
-//! through the edge's places, where it crosses its neighbours', is the corner.
+//! Across an edge light rises from black to white. For any symmetric blur the integral of light
+//! from −h to h equals that of a sharp edge at e: ∫ L = B (h + e) + W (h − e), B and W the light
+//! well inside and well outside. This holds for linear light; gamma-encoded codes would enlarge
+//! black squares. A line is fitted to the positions along each edge, and the crossings of
+//! neighbouring lines are the corners.
 //!
-//! A lens bends edges. Where its distortion is known, so is by how much. Where it is not, the places themselves tell: an
-//! edge is short before the picture, so it bends as a parabola.
+//! A lens bends edges. If its distortion is known, so is the bend. Otherwise the bend is estimated
+//! from the positions: over its short length an edge bends as a parabola.
 
 use glam::{DMat3, DVec2, DVec3};
 
-use super::detect::Found;
+use super::detect::DetectedTag;
 use super::grey::Grey;
 use crate::camera::Geometry;
 
-/// Profiles reach this share of a cell to both sides: no other edge lies in it...
-const REACH: f64 = 0.8;
-/// ... and at most so many px,
-const WIDEST_PX: f64 = 3.5;
-/// and at least so many: a narrower one holds no edge.
-const NARROWEST_PX: f64 = 1.2;
-/// A search that knows of no lens is off by this share of a cell at most: it takes bent edges for straight ones...
-const OFF_CELLS: f64 = 0.5;
-/// ... and any other by so many px.
-const OFF_PX: f64 = 1.5;
-/// An edge bends by this share of its length at most.
-const MOST_BENT: f64 = 0.1;
-/// Steps along a profile, px.
+/// Half length of the profiles as a share of a cell, so that they contain no other edge...
+const REACH_CELLS: f64 = 0.8;
+/// ... limited to this, px.
+const MAX_REACH_PX: f64 = 3.5;
+/// Smallest half length of a profile, px.
+const MIN_REACH_PX: f64 = 1.2;
+/// Largest accepted correction of a corner without a known lens, as a share of a cell: the detector
+/// assumes straight edges...
+const MAX_CORRECTION_CELLS: f64 = 0.5;
+/// ... and in all cases, px.
+const MAX_CORRECTION_PX: f64 = 1.5;
+/// Largest bend of an edge as a share of its length.
+const MAX_BEND_SHARE: f64 = 0.1;
+/// Step along a profile, px.
 const STEP_PX: f64 = 0.5;
-/// At its ends so many px tell how bright black and white are.
+/// Length of the ends of a profile that determine black and white, px.
 const END_PX: f64 = 0.75;
-/// Profiles along an edge.
-const MOST_PROFILES: usize = 24;
-/// A profile with less contrast than this, in light of full scale, tells nothing.
-const FAINT: f64 = 0.02;
-/// Lines are fitted so often, each time without what lies farther from the last one than this many median distances.
-const FITS: usize = 3;
-const FAR: f64 = 3.0;
-/// Fewer places make no line.
-const LEAST_PLACES: usize = 4;
+/// Largest number of profiles along an edge.
+const MAX_PROFILES: usize = 24;
+/// Smallest contrast of a profile, as a share of full scale.
+const MIN_CONTRAST: f64 = 0.02;
+/// Number of line fits. Each one omits points farther from the previous line than
+/// [`OUTLIER_DISTANCE`] median distances.
+const LINE_FITS: usize = 3;
+const OUTLIER_DISTANCE: f64 = 3.0;
+/// Smallest number of points of a line.
+const MIN_POINTS: usize = 4;
 
-/// Refines a tag's corners. One whose edges cannot be read stays as it was found. `cells` are those along a side.
-pub fn refined(grey: &Grey, geometry: &Geometry, cells: u32, tag: &Found) -> Found {
-    // What is straight in the world is bent by the lens.
+/// Refines a tag's corners. A tag with unreadable edges is unchanged. `cells` is the number along a
+/// side.
+pub fn refine_corners(grey: &Grey, geometry: &Geometry, cells: u32, tag: &DetectedTag) -> DetectedTag {
+    // Straight edges of the world are bent by the lens.
     let bulges = |corners: [DVec2; 4]| {
         let rays = corners.map(|corner| geometry.unproject(corner));
         std::array::from_fn(|i| {
@@ -51,37 +55,39 @@ pub fn refined(grey: &Grey, geometry: &Geometry, cells: u32, tag: &Found) -> Fou
         })
     };
     let once = |corners: [DVec2; 4]| {
-        let crossed = crossed(corners, edges(grey, corners, bulges(corners), cells, WIDEST_PX), OFF_PX);
+        let crossed = crossed(corners, edges(grey, corners, bulges(corners), cells, MAX_REACH_PX), MAX_CORRECTION_PX);
         std::array::from_fn(|i| crossed[i].unwrap_or(corners[i]))
     };
-    // A profile that begins on the edge sees as much of black as of white, whatever the light does farther away.
-    Found { id: tag.id, corners_px: once(once(tag.corners_px)) }
+    // The second pass starts on the edge, so that black and white have equal weight, whatever the
+    // light farther away.
+    DetectedTag { id: tag.id, corners_px: once(once(tag.corners_px)) }
 }
 
-/// The same where the lens is not known: how far edges are bent is read off them. `None` if they cannot be read all, for
-/// what was found is not where straight edges would cross.
-pub fn refined_of_any_lens(grey: &Grey, cells: u32, tag: &Found) -> Option<Found> {
+/// Refines a tag's corners without a known lens; the bend of the edges is estimated. `None` if an
+/// edge is unreadable, because the detected corners are not the crossings of straight edges.
+pub fn refine_corners_without_lens(grey: &Grey, cells: u32, tag: &DetectedTag) -> Option<DetectedTag> {
     let (mut corners_px, mut bulges) = (tag.corners_px, [DVec2::ZERO; 4]);
-    let off_px = OFF_PX.max(OFF_CELLS * corners_px[0].distance(corners_px[2]) / (2f64.sqrt() * f64::from(cells)));
-    // At first the places may lie far from a straight edge.
-    for widest_px in [f64::INFINITY, WIDEST_PX, WIDEST_PX] {
+    let off_px = MAX_CORRECTION_PX
+        .max(MAX_CORRECTION_CELLS * corners_px[0].distance(corners_px[2]) / (2f64.sqrt() * f64::from(cells)));
+    // At first the points may be far from a straight edge.
+    for widest_px in [f64::INFINITY, MAX_REACH_PX, MAX_REACH_PX] {
         let edges = edges(grey, corners_px, bulges, cells, widest_px);
         for (i, edge) in edges.iter().enumerate() {
-            let most = MOST_BENT * corners_px[i].distance(corners_px[(i + 1) % 4]);
+            let most = MAX_BEND_SHARE * corners_px[i].distance(corners_px[(i + 1) % 4]);
             let more = edge.as_ref().map_or(DVec2::ZERO, |edge| edge.bend);
             bulges[i] = (bulges[i] + more).clamp_length_max(most);
         }
         let [a, b, c, d] = crossed(corners_px, edges, off_px);
         corners_px = [a?, b?, c?, d?];
     }
-    Some(Found { id: tag.id, corners_px })
+    Some(DetectedTag { id: tag.id, corners_px })
 }
 
 fn edges(grey: &Grey, corners: [DVec2; 4], bulges: [DVec2; 4], cells: u32, widest_px: f64) -> [Option<Edge>; 4] {
     std::array::from_fn(|i| edge(grey, [3, 0, 1, 2].map(|n| corners[(i + n) % 4]), bulges[i], cells, widest_px))
 }
 
-/// Where edges cross near the corners.
+/// Crossings of the edges near the corners.
 fn crossed(corners: [DVec2; 4], edges: [Option<Edge>; 4], off_px: f64) -> [Option<DVec2>; 4] {
     std::array::from_fn(|i| {
         let crossing = edges[(i + 3) % 4].as_ref().zip(edges[i].as_ref());
@@ -90,7 +96,7 @@ fn crossed(corners: [DVec2; 4], edges: [Option<Edge>; 4], off_px: f64) -> [Optio
     })
 }
 
-/// An edge as it would be if the lens did not bend it, and by how much more than assumed its middle is bent.
+/// An edge without the lens's bend, and the remaining bend at its middle beyond the assumed one.
 struct Edge {
     line: Line,
     bend: DVec2,
@@ -109,7 +115,7 @@ impl Line {
             .then(|| self.through + self.along * ((other.through - self.through).perp_dot(other.along) / turn))
     }
 
-    /// With the least squares of the distances to it.
+    /// Least-squares line.
     fn through(places: &[DVec2]) -> Self {
         let through = places.iter().sum::<DVec2>() / places.len().max(1) as f64;
         let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
@@ -124,20 +130,20 @@ impl Line {
     }
 }
 
-/// The edge between the inner two of four corners, of which it is assumed that the lens bends its middle by `bulge`. Profiles
-/// reach `widest_px` at most.
+/// Fits the edge between the inner two of four corners. `bulge` is the assumed bend at its middle.
+/// The profiles' half length is at most `widest_px`.
 fn edge(grey: &Grey, [before, from, to, after]: [DVec2; 4], bulge: DVec2, cells: u32, widest_px: f64) -> Option<Edge> {
     let length = from.distance(to);
     let along = (to - from).try_normalize()?;
     let inside = 0.5 * (before + after) - 0.5 * (from + to);
     let outwards = -along.perp() * inside.dot(along.perp()).signum();
-    // Seen aslant a cell is narrower across the edge than along it.
+    // In a foreshortened view a cell is narrower across the edge than along it.
     let cell = inside.dot(outwards).abs() / f64::from(cells);
-    let reach = (REACH * cell).min(widest_px);
-    if reach < NARROWEST_PX {
+    let reach = (REACH_CELLS * cell).min(widest_px);
+    if reach < MIN_REACH_PX {
         return None;
     }
-    // Nearer to a corner the neighbouring edge's light comes in.
+    // Closer to a corner the profile contains light of the neighbouring edge.
     let spare = |corner: DVec2, along: DVec2, next: DVec2| {
         let next = (next - corner).normalize_or_zero();
         (1.5 + reach * along.dot(next).max(0.0)) / along.perp_dot(next).abs().max(0.1)
@@ -147,7 +153,7 @@ fn edge(grey: &Grey, [before, from, to, after]: [DVec2; 4], bulge: DVec2, cells:
     if free <= 1.0 {
         return None;
     }
-    let count = (free.ceil() as usize).clamp(LEAST_PLACES, MOST_PROFILES);
+    let count = (free.ceil() as usize).clamp(MIN_POINTS, MAX_PROFILES);
     let mut places: Vec<(f64, DVec2)> = (0..count)
         .filter_map(|i| {
             let t = (begins + free * (i as f64 + 0.5) / count as f64) / length;
@@ -157,14 +163,14 @@ fn edge(grey: &Grey, [before, from, to, after]: [DVec2; 4], bulge: DVec2, cells:
         })
         .collect();
     let mut line = None;
-    for _ in 0..FITS {
-        if places.len() < LEAST_PLACES {
+    for _ in 0..LINE_FITS {
+        if places.len() < MIN_POINTS {
             return None;
         }
         let fitted = Line::through(&places.iter().map(|(_, place)| *place).collect::<Vec<_>>());
         let mut distances: Vec<f64> = places.iter().map(|(_, place)| fitted.distance(*place)).collect();
         distances.sort_by(f64::total_cmp);
-        let far = FAR * distances[distances.len() / 2].max(0.02);
+        let far = OUTLIER_DISTANCE * distances[distances.len() / 2].max(0.02);
         places.retain(|(_, place)| fitted.distance(*place) <= far);
         line = Some(fitted);
     }
@@ -177,8 +183,8 @@ fn parabola(t: f64) -> f64 {
     4.0 * t * (1.0 - t)
 }
 
-/// How far the middle of an edge lies off the way between its ends: c of the least squares' a + b t + c 4t(1 − t). 0 if the
-/// places do not tell.
+/// Bend of an edge at its middle: c of the least-squares fit a + b t + c 4t(1 − t). 0 if it is not
+/// determined.
 fn bend(places: &[(f64, f64)]) -> f64 {
     let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
     for (t, off) in places {
@@ -186,12 +192,12 @@ fn bend(places: &[(f64, f64)]) -> f64 {
         normal += DMat3::from_cols(by * by.x, by * by.y, by * by.z);
         right += by * *off;
     }
-    // Places all along an edge have a determinant of about 0.007 N³.
-    let told = places.len() > LEAST_PLACES && normal.determinant() > 1e-4 * (places.len() as f64).powi(3);
-    if told { (normal.inverse() * right).z } else { 0.0 }
+    // Points all along an edge have a determinant of about 0.007 N³.
+    let is_determined = places.len() > MIN_POINTS && normal.determinant() > 1e-4 * (places.len() as f64).powi(3);
+    if is_determined { (normal.inverse() * right).z } else { 0.0 }
 }
 
-/// How far outwards of a place the edge is, px.
+/// Distance of the edge outwards from a point, px.
 fn crossing(grey: &Grey, at: DVec2, outwards: DVec2, reach: f64) -> Option<f64> {
     if !grey.holds(at, reach + 1.0) {
         return None;
@@ -214,7 +220,7 @@ fn crossing(grey: &Grey, at: DVec2, outwards: DVec2, reach: f64) -> Option<f64> 
     let (black, white) = (inside / at_ends, outside / at_ends);
     let contrast = white - black;
     let e = (reach * (black + white) - sum * step) / contrast;
-    (contrast > FAINT && e.abs() < reach).then_some(e)
+    (contrast > MIN_CONTRAST && e.abs() < reach).then_some(e)
 }
 
 #[cfg(test)]
@@ -222,7 +228,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_bend_worked_by_hand() {
+    fn bend_matches_the_computed_value() {
         // 0, 1.5, 2, 1.5, 0 on a slope: 2 in the middle.
         let of = |count: i32| -> Vec<(f64, f64)> {
             let places = (0..count).map(|i| f64::from(i) / 4.0);

@@ -1,14 +1,14 @@
-//! What a track rests on, for people.
+//! Report of a track.
 
 use std::fmt;
 use std::ops::Range;
 
-use super::sight::repeated;
+use super::sight::repeated_message;
 use super::track::Track;
 use crate::text::{count, fixed};
 
-/// Runs of lost frames that are told one by one.
-const MOST_TOLD: usize = 20;
+/// Largest number of runs of lost frames that are listed.
+const MAX_LISTED: usize = 20;
 
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
@@ -16,19 +16,20 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 impl Track {
-    /// Half of the poses' residuals (root mean square of all corners of a frame) are smaller, px.
+    /// Median of the frames' residuals (root mean square over a frame's corners), px.
     pub fn median_residual_px(&self) -> f64 {
         median(self.chosen().map(|chosen| chosen.solved.rms_px()).collect())
     }
 
-    /// One standard deviation of the camera's place (m) and turn (rad), each the length of its three axes', in the median.
+    /// Medians of the standard deviations of the camera's position (m) and rotation (rad), each the
+    /// length over three axes.
     pub fn median_deviations(&self) -> (f64, f64) {
         let turn = |c: &nalgebra::SMatrix<f64, 6, 6>| (0..3).map(|i| c[(i, i)]).sum::<f64>().sqrt();
         let place = self.chosen().map(|chosen| chosen.solved.place_covariance().trace().sqrt()).collect();
         (median(place), median(self.chosen().map(|chosen| turn(&chosen.solved.covariance)).collect()))
     }
 
-    fn told(&self, run: &Range<usize>) -> String {
+    fn run_label(&self, run: &Range<usize>) -> String {
         let at = |i: usize| fixed(self.times_s.get(i).copied().unwrap_or_default(), 3);
         match run.len() {
             1 => format!("frame {} ({} s)", run.start, at(run.start)),
@@ -54,21 +55,21 @@ impl fmt::Display for Track {
             writeln!(f, "smoothed   by a line through the poses around each, {} s to 1/e", crate::text::number(tau_s))?;
         }
         let lost = self.lost();
-        for (run, why) in lost.iter().take(MOST_TOLD) {
-            writeln!(f, "lost       {}: {why}", self.told(run))?;
+        for (run, why) in lost.iter().take(MAX_LISTED) {
+            writeln!(f, "lost       {}: {why}", self.run_label(run))?;
         }
-        if lost.len() > MOST_TOLD {
-            writeln!(f, "lost       {} more times", lost.len() - MOST_TOLD)?;
+        if lost.len() > MAX_LISTED {
+            writeln!(f, "lost       {} more times", lost.len() - MAX_LISTED)?;
         }
-        for (run, tags) in self.repeated().iter().take(MOST_TOLD) {
+        for (run, tags) in self.repeated().iter().take(MAX_LISTED) {
             let kept = if run.len() == 1 { "the frame keeps its pose" } else { "the frames keep their poses" };
-            writeln!(f, "repeated   {}: {}; {kept}, by the other tags", self.told(run), repeated(tags))?;
+            writeln!(f, "repeated   {}: {}; {kept}, by the other tags", self.run_label(run), repeated_message(tags))?;
         }
-        for run in self.doubtful().iter().take(MOST_TOLD) {
+        for run in self.doubtful().iter().take(MAX_LISTED) {
             writeln!(
                 f,
                 "doubtful   {}: a flat tag may lean the other way, and no frame nearby decides",
-                self.told(run)
+                self.run_label(run)
             )?;
         }
         Ok(())
@@ -78,13 +79,13 @@ impl fmt::Display for Track {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tags::sight::Lost;
+    use crate::tags::sight::PoseFailure;
 
     #[test]
-    fn tags_that_are_left_out_are_told_apart_from_frames_that_are_lost() {
+    fn repeated_tags_are_listed_apart_from_lost_frames() {
         let track = Track {
             times_s: vec![0.0, 0.1, 0.2],
-            frames: vec![Err(Lost::Nothing); 3],
+            frames: vec![Err(PoseFailure::Nothing); 3],
             tags: vec![2; 3],
             repeated: vec![vec![4, 5], vec![4, 5], vec![1]],
             smoothed_s: None,

@@ -1,4 +1,4 @@
-//! The sheet to print: tags, a ruler to check the scale by, and what is what in small print.
+//! The printed sheet: tags, a ruler to check the scale, and labels.
 
 use glam::DVec2;
 
@@ -25,17 +25,18 @@ impl Paper {
     }
 }
 
-/// The same tags on every paper. They are as large as may be while a hand, or a piece of evidence, can cover one: at 640
-/// pixels across a webcam's 60° their cells are 3 px wide at 2 m.
+/// The tags are the same on every paper. They are as large as possible while a hand, or a piece of
+/// evidence, can only cover one. At 640 pixels across a webcam's 60° their cells are 3 px wide at 2
+/// m.
 const COLUMNS: u32 = 2;
 const ROWS: u32 = 3;
 const SIDE_MM: f64 = 65.0;
-/// Between two tags: a white border of a cell for each, and room for a line between them.
+/// Gap between two tags: a white border of a cell for each, and a line of text.
 const GAP_MM: f64 = 20.0;
-/// From the paper's upper edge.
+/// Distance from the paper's upper edge.
 const TOP_MM: f64 = 12.0;
 const RULER_MM: f64 = 150.0;
-/// The line under a tag starts below its white border.
+/// The label starts below the tag's white border.
 const LABEL_MM: f64 = 12.0;
 const LETTERS_MM: f64 = 2.6;
 
@@ -52,12 +53,12 @@ impl Rect {
     }
 }
 
-/// A part of the sheet. Later ones cover earlier ones.
+/// An element of the sheet. Later ones cover earlier ones.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Mark {
     Black(Vec<Rect>),
     White(Vec<Rect>),
-    /// ASCII, from the left end of its base line.
+    /// ASCII, from the left end of its baseline.
     Text {
         at_mm: DVec2,
         height_mm: f64,
@@ -65,7 +66,7 @@ pub enum Mark {
     },
 }
 
-/// A sheet of tags, and the board that it is.
+/// A sheet of tags with its board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sheet {
     pub paper: Paper,
@@ -88,7 +89,7 @@ impl Sheet {
             marks.extend(tag_marks(family, id, at));
             let text = format!("{} id {id}, {SIDE_MM} mm", family.name());
             marks.push(Mark::Text { at_mm: at - DVec2::new(0.0, LABEL_MM), height_mm: LETTERS_MM, text });
-            // The world begins in the middle of the tags.
+            // The origin of the world is the centre of the tags.
             let middle = 0.5 * DVec2::new(f64::from(COLUMNS - 1), f64::from(ROWS - 1));
             let center_mm = pitch * (DVec2::new(column, row) - middle);
             tags.push(Tag {
@@ -112,12 +113,12 @@ fn tag_marks(family: Family, id: u32, at: DVec2) -> [Mark; 2] {
         |(x, y): (u32, u32)| Rect::new(at.x + cell * f64::from(x), at.y + cell * f64::from(cells - 1 - y), cell, cell);
     [
         Mark::Black(vec![Rect::new(at.x, at.y, SIDE_MM, SIDE_MM)]),
-        // One shape, so that no program draws seams between its cells.
+        // One shape, so that no renderer draws seams between its cells.
         Mark::White(white.into_iter().map(rect).collect()),
     ]
 }
 
-/// Where the world begins.
+/// Mark at the origin of the world.
 fn cross(at: DVec2) -> [Mark; 1] {
     const LONG: f64 = 3.0;
     const THIN: f64 = 0.2;
@@ -153,7 +154,7 @@ mod tests {
     use glam::DVec3;
 
     #[test]
-    fn both_papers_bear_the_same_board_and_hold_it() {
+    fn board_is_the_same_on_both_papers_and_fits() {
         let [a4, letter] = [Paper::A4, Paper::Letter].map(Sheet::new);
         for (a, b) in a4.board.tags.iter().zip(&letter.board.tags) {
             assert!(a.id == b.id && a.size_m == b.size_m && a.center_m.distance(b.center_m) < 1e-12);
@@ -168,7 +169,7 @@ mod tests {
                     Mark::Black(rects) | Mark::White(rects) => {
                         assert!(rects.iter().all(|r| inside(r.at_mm) && inside(r.at_mm + r.size_mm)), "{rects:?}");
                     }
-                    // Helvetica's letters are half as wide as high in the mean.
+                    // Letters of Helvetica are about half as wide as high.
                     Mark::Text { at_mm, height_mm, text } => {
                         assert!(text.is_ascii());
                         let end = *at_mm + DVec2::new(0.55 * height_mm * text.len() as f64, *height_mm);

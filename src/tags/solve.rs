@@ -1,5 +1,5 @@
-//! Where the camera stood, from corners whose places in the world are known: robust least squares through the camera's own
-//! projection, with its distortion.
+//! Camera pose from corners with known world positions (PnP): robust least squares through the
+//! camera's own projection, including its distortion.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use nalgebra::{SMatrix, SVector};
@@ -9,44 +9,46 @@ use crate::fit::robust::{Problem, Rest, settled, weight};
 use crate::fit::{Stand, by_stand, homography};
 use crate::pose::Pose;
 
-/// How often Huber's δ is estimated.
-const ROUNDS: usize = 3;
-/// A corner is hardly read better than this, px...
-const READ_PX: f64 = 0.05;
-/// ... which counts as so many corners do, so that four which happen to fit do not pass for exact.
-const READ_CORNERS: f64 = 1.0;
+/// Number of times that Huber's δ is estimated.
+const SCALE_ROUNDS: usize = 3;
+/// Prior standard deviation of a corner, px...
+const MIN_SIGMA_PX: f64 = 0.05;
+/// ... with the weight of this many corners, so that four corners that happen to fit do not count
+/// as exact.
+const PRIOR_CORNERS: f64 = 1.0;
 
-/// Corners with their places in the world (metres) and in the picture (px).
+/// Corners with their positions in the world (metres) and in the picture (px).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Corners {
     pub in_world_m: Vec<DVec3>,
     pub seen_px: Vec<DVec2>,
-    /// For each corner the camera's axes when its row was read, from those whose pose is sought. Empty if the picture was
-    /// taken at once.
+    /// For each corner the camera's pose at the readout of its row, relative to the pose that is
+    /// estimated. Empty for a global shutter.
     pub moved: Vec<Pose>,
 }
 
-/// A pose that explains what is seen.
+/// An estimated pose.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Solved {
+pub struct PoseSolution {
     pub pose: Pose,
-    /// Of a turn about the camera's axes (x, y, z; rad) and of the world's origin in them (x, y, z; metres).
+    /// Covariance of a rotation about the camera's axes (x, y, z; rad) and of the world's origin in
+    /// them (x, y, z; metres).
     pub covariance: SMatrix<f64, 6, 6>,
-    /// From where each corner is projected to where it is seen, px.
+    /// Residual of each corner: detected minus projected, px.
     pub residuals_px: Vec<DVec2>,
-    /// The sum of the squares of the residuals, each weighted by Huber's weight, px².
+    /// Sum of the squared residuals with Huber's weights, px².
     pub squares_px2: f64,
 }
 
-impl Solved {
-    /// Root of the mean squared length of all residuals, px.
+impl PoseSolution {
+    /// Root mean square length of the residuals, px.
     pub fn rms_px(&self) -> f64 {
         let squares: f64 = self.residuals_px.iter().map(|r| r.length_squared()).sum();
         (squares / self.residuals_px.len().max(1) as f64).sqrt()
     }
 
-    /// The covariance of the camera's place, m², in the camera's axes. The place is −Rᵀ t; a turn ω of R and a step τ of t
-    /// move it by ω × t − τ in those axes.
+    /// Covariance of the camera's position, m², in the camera's axes. The position is −Rᵀ t; a
+    /// rotation ω of R and a step τ of t move it by ω × t − τ in those axes.
     pub fn place_covariance(&self) -> SMatrix<f64, 3, 3> {
         let t = self.pose.translation_m;
         // d(ω × t)/dω = −[t]×.
@@ -59,7 +61,7 @@ impl Solved {
     }
 }
 
-struct Standing<'a> {
+struct PnpProblem<'a> {
     geometry: &'a Geometry,
     corners: &'a Corners,
 }
@@ -69,13 +71,13 @@ struct Equations {
     right: SVector<f64, 6>,
 }
 
-impl Standing<'_> {
+impl PnpProblem<'_> {
     fn moved(&self, corner: usize) -> Pose {
         self.corners.moved.get(corner).copied().unwrap_or(Pose::IDENTITY)
     }
 
-    /// How the place of a point in the camera's axes follows it, by central differences. Their error is about (1e-4)² of
-    /// the derivative, and what rounding adds is less.
+    /// Jacobian of the projection at a point in camera coordinates, by central differences. Their
+    /// error is about (1e-4)² of the derivative; rounding adds less.
     fn by_point(&self, point: DVec3) -> Option<SMatrix<f64, 2, 3>> {
         let h = 1e-4 * point.length().max(1e-9);
         let mut by = SMatrix::<f64, 2, 3>::zeros();
@@ -89,7 +91,7 @@ impl Standing<'_> {
     }
 }
 
-impl Problem for Standing<'_> {
+impl Problem for PnpProblem<'_> {
     type State = Stand;
     type Equations = Equations;
 
@@ -128,11 +130,11 @@ impl Problem for Standing<'_> {
     }
 }
 
-/// The best pose near one. `None` if the corners do not determine it.
-pub fn solved(geometry: &Geometry, corners: &Corners, near: &Pose) -> Option<Solved> {
-    let problem = Standing { geometry, corners };
+/// The best pose near an initial one. `None` if the corners do not determine it.
+pub fn solve_pose(geometry: &Geometry, corners: &Corners, near: &Pose) -> Option<PoseSolution> {
+    let problem = PnpProblem { geometry, corners };
     let begin = Stand { rotation: DMat3::from_quat(near.rotation), translation: near.translation_m };
-    let Rest { state, residuals_px, delta_px } = settled(&problem, begin, ROUNDS)?;
+    let Rest { state, residuals_px, delta_px } = settled(&problem, begin, SCALE_ROUNDS)?;
     let squares_px2: f64 = residuals_px.iter().map(|r| weight(*r, delta_px) * r.length_squared()).sum();
     // Lengths and angles differ by powers of ten.
     let normal = problem.equations(&state, delta_px)?.normal;
@@ -140,12 +142,12 @@ pub fn solved(geometry: &Geometry, corners: &Corners, near: &Pose) -> Option<Sol
     let scaled = SMatrix::<f64, 6, 6>::from_fn(|i, j| normal[(i, j)] * scale[i] * scale[j]);
     let inverse = scaled.cholesky()?.inverse();
     let count = residuals_px.len() as f64;
-    // Of x and y each.
-    let freedom = (2.0 * count - 6.0).max(0.0) + 2.0 * READ_CORNERS;
-    let variance_px2 = (squares_px2 + 2.0 * READ_CORNERS * READ_PX * READ_PX) / freedom;
+    // For x and y each.
+    let freedom = (2.0 * count - 6.0).max(0.0) + 2.0 * PRIOR_CORNERS;
+    let variance_px2 = (squares_px2 + 2.0 * PRIOR_CORNERS * MIN_SIGMA_PX * MIN_SIGMA_PX) / freedom;
     let covariance = SMatrix::<f64, 6, 6>::from_fn(|i, j| inverse[(i, j)] * scale[i] * scale[j] * variance_px2);
     let pose = Pose::new(DQuat::from_mat3(&state.rotation), state.translation);
-    (pose.rotation.is_finite() && covariance.iter().all(|v| v.is_finite())).then_some(Solved {
+    (pose.rotation.is_finite() && covariance.iter().all(|v| v.is_finite())).then_some(PoseSolution {
         pose,
         covariance,
         residuals_px,
@@ -153,12 +155,14 @@ pub fn solved(geometry: &Geometry, corners: &Corners, near: &Pose) -> Option<Sol
     })
 }
 
-/// Where a flat tag may stand, from its four corners: two poses, since a flat thing that is far off looks nearly the same
-/// when it leans the other way (Schweighofer and Pinz 2006). `corners_m` as of `Tag::corners_m`.
-pub fn begun(geometry: &Geometry, corners_m: &[DVec3; 4], seen_px: &[DVec2; 4]) -> Option<[Pose; 2]> {
+/// Initial poses of a flat tag from its four corners: two, because a distant flat object looks
+/// nearly the same when it leans the other way (Schweighofer and Pinz 2006). `corners_m` as in
+/// `Tag::corners_m`.
+pub fn initial_poses(geometry: &Geometry, corners_m: &[DVec3; 4], seen_px: &[DVec2; 4]) -> Option<[Pose; 2]> {
     let rays: Option<Vec<DVec3>> = seen_px.iter().map(|at| geometry.direction(*at)).collect();
     let rays = rays?;
-    // Looked at along its own middle, it fits a plane in front of the camera wherever it is in the picture.
+    // Rotated so that the tag is on the axis: its corners then lie on a plane in front of the
+    // camera, wherever it is in the picture.
     let sight = rays.iter().sum::<DVec3>().try_normalize()?;
     let ahead = DQuat::from_rotation_arc(sight, DVec3::Z);
     let on_plane: Option<Vec<DVec2>> = rays
@@ -174,7 +178,7 @@ pub fn begun(geometry: &Geometry, corners_m: &[DVec3; 4], seen_px: &[DVec2; 4]) 
     let own_from_world = DMat3::from_cols(x, y, x.cross(y)).transpose();
     let own = corners_m.map(|corner| (own_from_world * (corner - middle)).truncate());
     let stand = homography::stand(&own, &on_plane?)?;
-    // Along the line of sight z, what is nearer and what is farther are exchanged: R' = D R D, D = diag(1, 1, −1).
+    // Mirrored in depth along the line of sight z: R' = D R D, D = diag(1, 1, −1).
     let flip = DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0));
     let turn = ahead.conjugate();
     let pose = |rotation: DMat3| {

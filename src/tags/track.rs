@@ -1,33 +1,33 @@
-//! A video in which tags are seen in, the camera's way out.
+//! Tracks a board of tags through a video.
 
 use std::ops::{ControlFlow, Range};
 
 use super::board::Board;
-use super::continuity::{Chosen, along};
-use super::detect::{DetectError, Detector, Tags};
+use super::continuity::{ChosenPose, choose_along};
+use super::detect::{DetectError, DetectedTags, Detector};
 use super::family::Family;
 use super::grey::Grey;
-use super::refine::refined;
-use super::rolling::rolled;
-use super::sight::{Lost, Sight};
+use super::refine::refine_corners;
+use super::rolling::correct_rolling_shutter;
+use super::sight::{BoardPose, PoseFailure};
 use crate::camera::{Geometry, Response};
 use crate::pixels::Pixels;
 use crate::source::SourceError;
 use crate::source::video::Video;
-use crate::tracking::smooth::smoothed;
+use crate::tracking::smooth::smooth_poses;
 
-/// Called with (frames done, all of them). If it breaks, the search stops.
+/// Called with the number of completed frames and of all frames. A break stops the search.
 pub type TrackProgress<'a> = &'a mut dyn FnMut(usize, usize) -> ControlFlow<()>;
 
-/// Finds a board in pictures of one camera.
-pub struct Searcher {
+/// Detects a board in pictures of one camera.
+pub struct BoardTracker {
     board: Board,
     geometry: Geometry,
     light: Vec<f32>,
     detector: Detector,
 }
 
-impl Searcher {
+impl BoardTracker {
     pub fn new(board: Board, geometry: Geometry, response: &Response) -> Result<Self, DetectError> {
         let intrinsics = &geometry.intrinsics;
         if geometry.is_round() {
@@ -38,23 +38,24 @@ impl Searcher {
         Ok(Self { board, geometry, light: Grey::table(response), detector })
     }
 
-    /// Another family of which tags are seen in a picture. Of 16h5 too much is seen where there is none.
+    /// Another tag family that is detected in a picture. 16h5 is skipped because of its false
+    /// detections.
     pub fn other_family(&self, pixels: &Pixels) -> Result<Option<Family>, DetectError> {
         other_family(self.board.family, pixels)
     }
 
-    /// What a picture says. It has the geometry's size.
-    pub fn look(&mut self, pixels: &Pixels) -> Result<Result<Sight, Lost>, DetectError> {
+    /// Estimates the pose in a picture. The picture has the geometry's size.
+    pub fn look(&mut self, pixels: &Pixels) -> Result<Result<BoardPose, PoseFailure>, DetectError> {
         let grey = Grey::of(pixels, self.light.clone());
         let mut tags = self.detector.find_board(&grey, &self.board)?;
         for tag in &mut tags.found {
-            *tag = refined(&grey, &self.geometry, self.board.family.cells(), tag);
+            *tag = refine_corners(&grey, &self.geometry, self.board.family.cells(), tag);
         }
-        Ok(Sight::of_tags(&self.geometry, &self.board, &tags))
+        Ok(BoardPose::of_tags(&self.geometry, &self.board, &tags))
     }
 }
 
-/// Why a video cannot be tracked.
+/// Reason why a video cannot be tracked.
 #[derive(Debug, thiserror::Error)]
 pub enum TrackError {
     #[error(transparent)]
@@ -63,18 +64,18 @@ pub enum TrackError {
     Detect(#[from] DetectError),
     #[error("the video is {width}x{height} px and the profile's camera {}x{}: name the profile of the camera as it was when it recorded", camera.0, camera.1)]
     Size { width: u32, height: u32, camera: (u32, u32) },
-    #[error("no tag of family {} is seen in any of {frames} frames{}", family.name(), also(other))]
+    #[error("no tag of family {} is seen in any of {frames} frames{}", family.name(), other_family_message(other))]
     Nothing { family: Family, frames: usize, other: Option<Family> },
     #[error("no frame gives a pose; in frame {frame} {why}. Does the board's file describe the board that was filmed?")]
-    NoPose { frame: usize, why: Lost },
+    NoPose { frame: usize, why: PoseFailure },
     #[error("no frame gives a pose; in frame {frame} {why}")]
-    Repeated { frame: usize, why: Lost },
+    Repeated { frame: usize, why: PoseFailure },
     #[error("stopped")]
     Stopped,
 }
 
-/// What is said of another family that is seen; nothing of none.
-pub fn also(other: &Option<Family>) -> String {
+/// Message about another family that is detected; empty for `None`.
+pub fn other_family_message(other: &Option<Family>) -> String {
     other.map_or(String::new(), |family| {
         format!("; tags of {} are: `family` in the board's file names another", family.name())
     })
@@ -83,24 +84,24 @@ pub fn also(other: &Option<Family>) -> String {
 fn other_family(own: Family, pixels: &Pixels) -> Result<Option<Family>, DetectError> {
     let grey = Grey::of(pixels, Vec::new());
     for family in Family::ALL.into_iter().filter(|family| *family != own && *family != Family::Tag16h5) {
-        if Detector::new(family, pixels.width, pixels.height)?.find(&grey, 1, |_| true)? != Tags::default() {
+        if Detector::new(family, pixels.width, pixels.height)?.find(&grey, 1, |_| true)? != DetectedTags::default() {
             return Ok(Some(family));
         }
     }
     Ok(None)
 }
 
-/// The camera's way through a video.
+/// The camera's path through a video.
 #[derive(Clone, Debug)]
 pub struct Track {
     pub times_s: Vec<f64>,
-    /// For each frame its pose, or why there is none.
-    pub frames: Vec<Result<Chosen, Lost>>,
-    /// How many tags were used in each frame.
+    /// For each frame its pose, or the reason why there is none.
+    pub frames: Vec<Result<ChosenPose, PoseFailure>>,
+    /// Number of tags used in each frame.
     pub tags: Vec<usize>,
-    /// For each frame, which tags were left out because they were seen in several places.
+    /// For each frame the tags that were left out because they are detected several times.
     pub repeated: Vec<Vec<u32>>,
-    /// The time constant by which the poses were smoothed, seconds.
+    /// Time constant of the smoothing, seconds.
     pub smoothed_s: Option<f64>,
 }
 
@@ -116,9 +117,9 @@ pub fn track(
     if camera != (video.width, video.height) {
         return Err(TrackError::Size { width: video.width, height: video.height, camera });
     }
-    let mut searcher = Searcher::new(board.clone(), geometry.clone(), response)?;
+    let mut searcher = BoardTracker::new(board.clone(), geometry.clone(), response)?;
     let count = video.timestamps_s.len();
-    let mut looks: Vec<Result<Sight, Lost>> = Vec::with_capacity(count);
+    let mut looks: Vec<Result<BoardPose, PoseFailure>> = Vec::with_capacity(count);
     for pixels in video.read(0..count)? {
         if progress(looks.len(), count).is_break() {
             return Err(TrackError::Stopped);
@@ -132,27 +133,28 @@ pub fn track(
     let repeated = looks.iter().map(|look| look.as_ref().map_or(Vec::new(), |sight| sight.repeated.clone())).collect();
     let sights: Vec<_> =
         video.timestamps_s.iter().copied().zip(looks.iter().map(|look| look.as_ref().ok().cloned())).collect();
-    let frames =
-        rolled(geometry, &sights, &along(&sights)).into_iter().zip(looks).map(|(chosen, look)| match (chosen, look) {
+    let frames = correct_rolling_shutter(geometry, &sights, &choose_along(&sights)).into_iter().zip(looks).map(
+        |(chosen, look)| match (chosen, look) {
             (Some(chosen), _) => Ok(chosen),
             (None, Err(lost)) => Err(lost),
-            (None, Ok(sight)) => Err(Lost::Unsolved(sight.tags)),
-        });
+            (None, Ok(sight)) => Err(PoseFailure::Unsolved(sight.tags)),
+        },
+    );
     Ok(Track { times_s: video.timestamps_s.clone(), frames: frames.collect(), tags, repeated, smoothed_s: None })
 }
 
-/// Why no frame gives a pose.
-fn nothing(video: &Video, board: &Board, looks: &[Result<Sight, Lost>]) -> Result<TrackError, TrackError> {
+/// Reason why no frame gives a pose.
+fn nothing(video: &Video, board: &Board, looks: &[Result<BoardPose, PoseFailure>]) -> Result<TrackError, TrackError> {
     let seen = looks.iter().enumerate().filter_map(|(frame, look)| Some((frame, look.as_ref().err()?)));
-    if let Some((frame, why)) = seen.into_iter().find(|(_, why)| **why != Lost::Nothing) {
+    if let Some((frame, why)) = seen.into_iter().find(|(_, why)| **why != PoseFailure::Nothing) {
         let why = why.clone();
         return Ok(match why {
-            Lost::Repeated(_) => TrackError::Repeated { frame, why },
+            PoseFailure::Repeated(_) => TrackError::Repeated { frame, why },
             _ => TrackError::NoPose { frame, why },
         });
     }
     let frames = looks.len();
-    // A few frames tell whether the file names the wrong family.
+    // A few frames suffice to detect another family.
     let first = 0..frames.min(30);
     let mut other = None;
     for pixels in video.read(first)? {
@@ -166,22 +168,22 @@ fn nothing(video: &Video, board: &Board, looks: &[Result<Sight, Lost>]) -> Resul
 
 impl Track {
     /// The poses, ascending in time.
-    pub fn chosen(&self) -> impl Iterator<Item = &Chosen> {
+    pub fn chosen(&self) -> impl Iterator<Item = &ChosenPose> {
         self.frames.iter().flatten()
     }
 
-    /// Frames without a pose, as runs, each with why its first one has none.
-    pub fn lost(&self) -> Vec<(Range<usize>, &Lost)> {
+    /// Runs of frames without a pose, each with the reason for its first frame.
+    pub fn lost(&self) -> Vec<(Range<usize>, &PoseFailure)> {
         runs(&self.frames, |frame| frame.as_ref().err())
     }
 
     /// Runs of frames whose pose may be the other one of a flat tag.
     pub fn doubtful(&self) -> Vec<Range<usize>> {
-        let doubtful = |frame: &Result<Chosen, Lost>| matches!(frame, Ok(chosen) if !chosen.certain);
+        let doubtful = |frame: &Result<ChosenPose, PoseFailure>| matches!(frame, Ok(chosen) if !chosen.is_certain);
         runs(&self.frames, |frame| doubtful(frame).then_some(frame)).into_iter().map(|(run, _)| run).collect()
     }
 
-    /// Runs of frames in which the same tags were left out because they were seen in several places.
+    /// Runs of frames in which the same tags were left out because they are detected several times.
     pub fn repeated(&self) -> Vec<(Range<usize>, &[u32])> {
         let mut runs: Vec<(Range<usize>, &[u32])> = Vec::new();
         for (i, tags) in self.repeated.iter().enumerate().filter(|(_, tags)| !tags.is_empty()) {
@@ -193,11 +195,11 @@ impl Track {
         runs
     }
 
-    /// Smooths the poses ([`smoothed`]) by a time constant above 0, seconds, and says so of how sure they are. Residuals stay as
-    /// they were measured.
+    /// Smooths the poses and their covariances ([`smooth_poses`]) with a time constant above 0,
+    /// seconds. Residuals stay as measured.
     pub fn smooth(&mut self, tau_s: f64) {
         let seen: Vec<_> = self.chosen().map(|chosen| (chosen.solved.pose, chosen.covariance())).collect();
-        let after = smoothed(&seen, tau_s, self.max_gap_s());
+        let after = smooth_poses(&seen, tau_s, self.max_gap_s());
         for (chosen, (pose, sure)) in self.frames.iter_mut().flatten().zip(after) {
             chosen.solved.pose = pose;
             chosen.set_covariance(&sure);
@@ -205,8 +207,8 @@ impl Track {
         self.smoothed_s = Some(tau_s);
     }
 
-    /// The longest interval across which poses may be interpolated, seconds: longer than that from a frame to the next, and
-    /// shorter than any in which the track was lost.
+    /// Longest gap across which poses may be interpolated, seconds: longer than any frame interval,
+    /// and shorter than any gap in the track.
     pub fn max_gap_s(&self) -> f64 {
         let known: Vec<usize> = (0..self.frames.len()).filter(|i| self.frames[*i].is_ok()).collect();
         let apart_s = |pair: &[usize]| self.times_s[pair[1]] - self.times_s[pair[0]];
@@ -219,7 +221,7 @@ impl Track {
     }
 }
 
-/// Runs of what `of` gives something for, with what it gives for the first.
+/// Runs of items for which `of` returns a value, with the value of the first item.
 fn runs<'a, T, U>(all: &'a [T], of: impl Fn(&'a T) -> Option<U>) -> Vec<(Range<usize>, U)> {
     let mut runs: Vec<(Range<usize>, U)> = Vec::new();
     for (i, item) in all.iter().enumerate() {
@@ -239,11 +241,11 @@ mod tests {
     use crate::tags::{Paper, Sheet};
 
     #[test]
-    fn round_pictures_are_refused() {
+    fn panoramas_are_refused() {
         let intrinsics = Intrinsics { width_px: 640, height_px: 320, ..Intrinsics::default() };
         let round = Distortion { model: LensModel::Equirectangular, ..Distortion::default() };
         let searcher = |distortion| {
-            Searcher::new(
+            BoardTracker::new(
                 Sheet::new(Paper::A4).board,
                 Geometry::new(intrinsics.clone(), distortion),
                 &Response::default(),

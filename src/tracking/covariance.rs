@@ -1,11 +1,12 @@
-//! How sure poses are, as text beside their trajectory.
+//! Covariances of poses, as text beside their trajectory.
 
 use crate::text::number;
 
-/// The covariance of a pose: of a turn about the camera's axes (x, y, z; rad), then of the world's origin in them (x, y, z; m).
+/// Covariance of a pose: of a rotation about the camera's axes (x, y, z; rad), then of the world's
+/// origin in them (x, y, z; m).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Covariance {
-    /// The pose's.
+    /// Time of the pose.
     pub time_s: f64,
     /// The upper triangle, row by row.
     pub upper: [f64; 21],
@@ -14,7 +15,7 @@ pub struct Covariance {
 const HEAD: &str = "# The covariance of each pose in poses.txt: its time (s), then 21 numbers, the upper triangle row by row.\n\
     # Of a turn about the camera's axes x, y, z (rad), then of the world's origin in these axes x, y, z (m).\n";
 
-/// A line for each pose, every number with every bit; with a head of two lines, or without.
+/// One line per pose with exact numbers, with or without the head of two lines.
 pub fn write_covariances(covariances: &[Covariance], with_head: bool) -> String {
     let mut text = if with_head { HEAD.to_owned() } else { String::new() };
     for Covariance { time_s, upper } in covariances {

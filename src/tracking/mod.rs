@@ -13,21 +13,22 @@ use glam::DQuat;
 use crate::pose::Pose;
 use crate::text::fixed;
 
-/// Sums of times in seconds since 1970 are rounded by up to 2.4e-7 s each: a pose this near counts as being at that
-/// time.
+/// A pose this close counts as being at the requested time, seconds: sums of times since 1970 are
+/// rounded by up to 2.4e-7 s each.
 const ROUNDING_S: f64 = 1e-6;
 
-/// Timestamped poses, ascending in time. A track is either complete or growing: the end of a growing one is not final.
+/// Timestamped poses, ascending in time. A track is either complete or growing: the end of a
+/// growing one is not final.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PoseTrack {
     poses: Vec<(f64, Pose)>,
-    /// The longest interval, seconds, across which [`PoseTrack::at`] interpolates.
+    /// Longest gap across which [`PoseTrack::at`] interpolates, seconds.
     max_gap_s: f64,
-    /// Whether more poses are to come.
+    /// More poses may be added.
     grows: bool,
 }
 
-/// Why there is no pose.
+/// Reason why there is no pose.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoPose {
     #[error("the track holds no poses")]
@@ -36,7 +37,7 @@ pub enum NoPose {
     Before { time_s: f64, first_s: f64 },
     #[error("{} s lies after the last pose at {} s", fixed(*time_s, 6), fixed(*last_s, 6))]
     After { time_s: f64, last_s: f64 },
-    /// In a growing track: there may be a pose later.
+    /// In a growing track: the pose may still be added.
     #[error("the pose at {} s is not there yet", fixed(*time_s, 6))]
     NotYet { time_s: f64 },
     #[error("{} s lies in a gap of {} s between poses", fixed(*time_s, 6), fixed(*gap_s, 3))]
@@ -52,8 +53,8 @@ pub struct NotAscending {
     pub before_s: f64,
 }
 
-/// The default for the gap that is bridged, seconds: three times the usual interval between poses, and never less than
-/// 0.1 s, in which a hand-held camera still moves smoothly.
+/// Default of the longest interpolated gap, seconds: three times the median interval between poses,
+/// and at least 0.1 s, in which a hand-held camera still moves smoothly.
 pub fn default_max_gap_s(times_s: impl Iterator<Item = f64>) -> f64 {
     let times_s: Vec<f64> = times_s.collect();
     median_interval_s(&times_s).map_or(0.1, |interval_s| (3.0 * interval_s).max(0.1))
@@ -67,7 +68,7 @@ pub fn median_interval_s(times_s: &[f64]) -> Option<f64> {
 }
 
 impl PoseTrack {
-    /// From (timestamp in seconds, pose), which must strictly ascend in time.
+    /// From (timestamp in seconds, pose), strictly ascending in time.
     pub fn new(poses: Vec<(f64, Pose)>, max_gap_s: f64) -> Result<Self, NotAscending> {
         for (i, pair) in poses.windows(2).enumerate() {
             // NaN is refused too: it does not compare.
@@ -83,7 +84,7 @@ impl PoseTrack {
         Self { poses: Vec::new(), max_gap_s, grows: true }
     }
 
-    /// Adds the newest pose. One that does not come after the others is refused, and the track is unchanged.
+    /// Appends a pose. One that is not later than the last is refused, and the track is unchanged.
     pub fn push(&mut self, time_s: f64, pose: Pose) -> Result<(), NotAscending> {
         let before_s = self.poses.last().map_or(f64::NEG_INFINITY, |last| last.0);
         if time_s.is_nan() || time_s <= before_s {
@@ -93,7 +94,8 @@ impl PoseTrack {
         Ok(())
     }
 
-    /// Drops the poses that no time from `from_s` on needs: those before it, except the last one.
+    /// Drops the poses that are not needed for times from `from_s` on: those before it, except the
+    /// last one.
     pub fn trim(&mut self, from_s: f64) {
         let after = self.poses.partition_point(|pose| pose.0 <= from_s);
         self.poses.drain(..after.saturating_sub(1));
@@ -104,7 +106,8 @@ impl PoseTrack {
         self.grows = false;
     }
 
-    /// Whether every time in the closed interval has a pose. If not, why the first one without a pose has none.
+    /// Checks that every time in the closed interval has a pose. The error is that of the first
+    /// time without one.
     pub fn covers(&self, from_s: f64, to_s: f64) -> Result<(), NoPose> {
         self.at(from_s)?;
         let first = self.poses.partition_point(|pose| pose.0 <= from_s).saturating_sub(1);
@@ -117,7 +120,7 @@ impl PoseTrack {
         self.at(to_s).map(drop)
     }
 
-    /// The longest interval across which poses are interpolated, seconds.
+    /// Longest gap across which poses are interpolated, seconds.
     pub fn max_gap_s(&self) -> f64 {
         self.max_gap_s
     }
@@ -126,13 +129,13 @@ impl PoseTrack {
         &self.poses
     }
 
-    /// The same track in units that are so many times as long.
+    /// The same track with translations multiplied by `factor`.
     pub fn scaled(&self, factor: f64) -> Self {
         let scaled = |pose: &Pose| Pose::new(pose.rotation, factor * pose.translation_m);
         Self { poses: self.poses.iter().map(|(t, pose)| (*t, scaled(pose))).collect(), ..*self }
     }
 
-    /// The same way in another world: `camera_from_other = camera_from_world · world_from_other`.
+    /// The same path in another world: `camera_from_other = camera_from_world · world_from_other`.
     pub fn in_world(&self, world_from_other: &Pose) -> Self {
         let moved = |pose: &Pose| {
             let rotation = pose.rotation * world_from_other.rotation;
@@ -141,14 +144,15 @@ impl PoseTrack {
         Self { poses: self.poses.iter().map(|(t, pose)| (*t, moved(pose))).collect(), ..*self }
     }
 
-    /// The same track for a camera rotated in place; `turn` takes its axes to the rotated one's.
+    /// The same track for a camera rotated in place; `turn` converts its axes to the rotated ones.
     pub fn turned(&self, turn: DQuat) -> Self {
         let turned = |pose: &Pose| Pose::new(turn * pose.rotation, turn * pose.translation_m);
         Self { poses: self.poses.iter().map(|(t, pose)| (*t, turned(pose))).collect(), ..*self }
     }
 
-    /// The pose at a time: one at that very time, or interpolated between its two neighbours. Where interpolation is
-    /// not possible (at the track's ends, in a gap), a pose within a microsecond also counts.
+    /// The pose at a time: an exact one, or interpolated between its two neighbours. Where
+    /// interpolation is not possible (at the track's ends, in a gap), a pose within a microsecond
+    /// also counts.
     pub fn at(&self, time_s: f64) -> Result<Pose, NoPose> {
         let after = self.poses.partition_point(|p| p.0 <= time_s);
         let before = after.checked_sub(1).map(|i| self.poses[i]);
@@ -168,7 +172,8 @@ impl PoseTrack {
         }
     }
 
-    /// How the camera turns and travels from one time to another, in the camera's axes. `None` where either has no pose.
+    /// Rotation and translation of the camera between two times, in the camera's axes. `None` if
+    /// either has no pose.
     pub fn motion_between(&self, from_s: f64, to_s: f64) -> Option<PoseMotion> {
         let (from, to) = (self.at(from_s).ok()?, self.at(to_s).ok()?);
         // world_from_to⁻¹ · world_from_from.
@@ -179,8 +184,8 @@ impl PoseTrack {
         })
     }
 
-    /// Like [`PoseTrack::at`], but before the track's start, after its end and inside a gap it is the nearest pose: for
-    /// the edges of a shutter whose middle has a pose. `None` if empty.
+    /// Like [`PoseTrack::at`], but returns the nearest pose before the track's start, after its end
+    /// and in a gap: for the ends of an exposure whose middle has a pose. `None` if empty.
     pub fn at_or_nearest(&self, time_s: f64) -> Option<Pose> {
         if let Ok(pose) = self.at(time_s) {
             return Some(pose);
@@ -209,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn interpolates_and_says_where_it_cannot() {
+    fn track_interpolates_or_names_the_reason() {
         let t = track();
         assert!((t.at(1.25).unwrap().position_in_world_m().x - 0.25).abs() < 1e-12);
         assert!((t.at(9.0).unwrap().position_in_world_m().x - 2.0).abs() < 1e-12);
@@ -221,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn a_time_is_missed_by_no_rounding() {
+    fn rounded_times_still_match_a_pose() {
         let t = track();
         let x = |time_s: f64| t.at(time_s).unwrap().position_in_world_m().x;
         // The track's ends, and those of its gap from 2 s to 9 s.
@@ -232,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn a_track_that_grows_says_not_yet() {
+    fn growing_track_reports_poses_not_there_yet() {
         let whole = track();
         let mut growing = PoseTrack::growing(1.5);
         assert_eq!(growing.at(1.0), Err(NoPose::NotYet { time_s: 1.0 }));
@@ -253,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_trimmed_is_not_missed_by_later_times() {
+    fn trimmed_track_serves_later_times() {
         let mut t = track();
         t.trim(1.5);
         assert_eq!(t, track());
@@ -263,7 +268,7 @@ mod tests {
         assert!(matches!(t.at(1.5), Err(NoPose::Before { .. })));
         t.trim(100.0);
         assert_eq!((t.poses().len(), t.at(9.0)), (1, track().at(9.0)));
-        // A stream that runs for hours keeps only what its exposures need.
+        // A stream over hours keeps only the poses that its exposures need.
         let mut long = PoseTrack::growing(0.1);
         for i in 0..10_000 {
             let time_s = 0.005 * f64::from(i);
@@ -274,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn an_interval_is_covered_or_says_where_it_is_not() {
+    fn interval_is_covered_or_the_gap_is_named() {
         let mut t = track();
         for (from_s, to_s) in [(1.0, 2.0), (1.2, 1.3), (2.0, 2.0), (9.0, 9.0), (1.0 - 5e-7, 2.0 + 5e-7)] {
             assert_eq!(t.covers(from_s, to_s), Ok(()), "{from_s} to {to_s}");
@@ -289,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn backwards_time_is_refused() {
+    fn times_out_of_order_are_refused() {
         let p = Pose::IDENTITY;
         assert_eq!(PoseTrack::new(vec![(1.0, p), (1.0, p)], 1.0).unwrap_err().index, 1);
         assert!(PoseTrack::new(vec![(1.0, p), (f64::NAN, p)], 1.0).is_err());

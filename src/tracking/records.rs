@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use crate::source::file::{self, MOST_DOCUMENT, MOST_LISTING, MOST_TEXT};
+use crate::source::file::{self, MAX_DOCUMENT_BYTES, MAX_LISTING_BYTES, MAX_TEXT_BYTES};
 use crate::text::{quoted, reason};
 
 /// A text file cannot be read or does not contain what it should.
@@ -22,32 +22,33 @@ impl TextError {
     }
 }
 
-/// The whole of a plain UTF-8 file: a list or a trajectory.
+/// Reads a plain UTF-8 file: a list or a trajectory.
 pub fn read(file: &Path) -> Result<String, TextError> {
-    read_at_most(file, MOST_TEXT)
+    read_at_most(file, MAX_TEXT_BYTES)
 }
 
 /// Like [`read`], for a description of a recording.
 pub fn read_description(file: &Path) -> Result<String, TextError> {
-    read_at_most(file, MOST_DOCUMENT)
+    read_at_most(file, MAX_DOCUMENT_BYTES)
 }
 
 /// Like [`read`], for a description that lists the frames.
 pub fn read_listing(file: &Path) -> Result<String, TextError> {
-    read_at_most(file, MOST_LISTING)
+    read_at_most(file, MAX_LISTING_BYTES)
 }
 
 fn read_at_most(file: &Path, most: u64) -> Result<String, TextError> {
     file::read_text(file, most).map_err(|source| TextError::Read { file: file.to_owned(), source })
 }
 
-/// The lines with content, with their numbers from 1; blank lines and `#` comments are skipped.
+/// The lines with content, numbered from 1; blank lines and `#` comments are skipped.
 pub fn records(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let lines = text.trim_start_matches('\u{feff}').lines().enumerate();
     lines.map(|(i, line)| (i + 1, line.trim())).filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
-/// Drops a last line without an end, and gives its number from 1. A number of it may have been cut short.
+/// Drops a last line without a line end, and returns its number from 1: its last number may be
+/// truncated.
 pub fn drop_unended(text: &mut String) -> Option<usize> {
     let whole = text.rfind('\n').map_or(0, |end| end + 1);
     let is_unended = whole < text.len();
@@ -63,7 +64,7 @@ pub fn word<'a>(line: &mut &'a str) -> &'a str {
     word
 }
 
-/// The next word of a line as a finite number. The message says what was found instead.
+/// The next word of a line as a finite number. The error quotes the word.
 pub fn number(line: &mut &str, name: &str) -> Result<f64, String> {
     let mut rest = *line;
     match pose_number(&mut rest, name)? {
@@ -75,7 +76,8 @@ pub fn number(line: &mut &str, name: &str) -> Result<f64, String> {
     }
 }
 
-/// Like [`number`], but accepts NaN and infinity, which trackers write for the pose of a camera that they have lost.
+/// Like [`number`], but accepts NaN and infinity, which trackers write for the pose of a camera
+/// that they have lost.
 pub fn pose_number(line: &mut &str, name: &str) -> Result<f64, String> {
     match word(line) {
         "" => Err(format!("{name} is missing")),
@@ -83,7 +85,7 @@ pub fn pose_number(line: &mut &str, name: &str) -> Result<f64, String> {
     }
 }
 
-/// Checks that nothing is left of a line.
+/// Checks that a line has no more words.
 pub fn end(line: &str) -> Result<(), String> {
     match line.trim() {
         "" => Ok(()),
@@ -96,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_counts_with_its_end() {
+    fn last_line_without_an_end_is_dropped() {
         for (text, whole, line) in
             [("", "", None), ("1\n2\n", "1\n2\n", None), ("1\n2", "1\n", Some(2)), ("1", "", Some(1))]
         {

@@ -1,31 +1,35 @@
-//! Poses made quieter, each with how sure it is then. Both ways act on the numbers in which deviations are told: a turn about
-//! the camera's axes, and the world's origin in them. A board that is the world stays where it is seen so.
+//! Smoothing of poses with propagated covariances. Both filters act on the parameters of the
+//! covariance: a rotation about the camera's axes, and the world's origin in them. So a board that
+//! is the world's origin stays at its observed position.
 //!
-//! While poses come ([`Smoother`]): exponential smoothing (Brown 1956), y += α (x − y), with α = 1 − e^(−Δt/τ), so that the time
-//! constant τ holds whatever the interval Δt is. Of independent noise the variance becomes α/(2 − α) of it. What moves evenly at
-//! v lags by v Δt (1 − α)/α = v Δt/(e^(Δt/τ) − 1): nearly v (τ − Δt/2).
+//! Online ([`Smoother`]): exponential smoothing (Brown 1956), y += α (x − y), with α = 1 −
+//! e^(−Δt/τ), so that the time constant τ is independent of the interval Δt. The variance of
+//! independent noise is multiplied by α/(2 − α). Uniform motion at v lags by v Δt (1 − α)/α = v
+//! Δt/(e^(Δt/τ) − 1): nearly v (τ − Δt/2).
 //!
-//! Afterwards ([`smoothed`]): a line through the poses around each, weighted by e^(−|Δt|/τ) (local regression, Cleveland 1979,
-//! with an exponential's weights), and its value at the pose's own time. What moves evenly stays as it is, up to the first and the
-//! last pose. Far from these the line's slope does not matter; with a = e^(−Δt/τ) the weights are (1 − a)/(1 + a) a^|n|, as of
-//! exponential smoothing there and back, and the variance becomes ((1 − a)/(1 + a))² (1 + a²)/(1 − a²).
+//! Offline ([`smooth_poses`]): local linear regression (Cleveland 1979) with the weights
+//! e^(−|Δt|/τ), evaluated at the pose's own time. Uniform motion is unchanged, up to the first and
+//! the last pose. Far from these the line's slope does not matter; with a = e^(−Δt/τ) the weights
+//! are (1 − a)/(1 + a) a^|n|, as of exponential smoothing forwards and backwards, and the variance
+//! is multiplied by ((1 − a)/(1 + a))² (1 + a²)/(1 − a²).
 //!
-//! Neither reaches across a gap in which poses are not interpolated.
+//! Neither crosses a gap in which poses are not interpolated.
 
 use glam::{DQuat, DVec3};
 
 use super::covariance::Covariance;
 use crate::pose::Pose;
 
-/// Poses farther away than so many time constants have no weight that counts: e⁻¹⁰.
-const REACH: f64 = 10.0;
-/// The longest time constant that makes sense, seconds.
-pub const LONGEST_S: f64 = 2.0;
+/// Time constants beyond which weights are negligible: e⁻¹⁰.
+const SUPPORT_TIME_CONSTANTS: f64 = 10.0;
+/// Largest accepted time constant, seconds.
+pub const MAX_TIME_CONSTANT_S: f64 = 2.0;
 
-/// The turn about the camera's axes from one pose to another, rad, and the step of the world's origin in them, m.
+/// Rotation about the camera's axes from one pose to another, rad, and the step of the world's
+/// origin in them, m.
 fn step(from: &Pose, to: &Pose) -> (DVec3, DVec3) {
     let turn = to.rotation * from.rotation.conjugate();
-    // The shorter way around.
+    // The shorter rotation.
     let turn = if turn.w < 0.0 { -turn } else { turn };
     (turn.to_scaled_axis(), to.translation_m - from.translation_m)
 }
@@ -34,7 +38,7 @@ fn stepped(from: &Pose, (turn, moved_m): (DVec3, DVec3)) -> Pose {
     Pose::new(DQuat::from_scaled_axis(turn) * from.rotation, from.translation_m + moved_m)
 }
 
-/// Smooths poses as they come.
+/// Online smoothing filter.
 #[derive(Clone, Debug)]
 pub struct Smoother {
     tau_s: f64,
@@ -43,53 +47,54 @@ pub struct Smoother {
 }
 
 impl Smoother {
-    /// With a time constant above 0, seconds. After a longer gap it begins anew.
+    /// The time constant is above 0, seconds. The filter restarts after a longer gap.
     pub fn new(tau_s: f64, max_gap_s: f64) -> Self {
         Self { tau_s, max_gap_s, last: None }
     }
 
-    /// The next pose, at its covariance's time.
-    pub fn next(&mut self, pose: &Pose, sure: &Covariance) -> (Pose, Covariance) {
+    /// Adds the next pose, at its covariance's time.
+    pub fn next(&mut self, pose: &Pose, covariance: &Covariance) -> (Pose, Covariance) {
         let smoothed = match &self.last {
-            Some((last, before)) if (0.0..=self.max_gap_s).contains(&(sure.time_s - before.time_s)) => {
-                let share = 1.0 - (-(sure.time_s - before.time_s) / self.tau_s).exp();
+            Some((last, before)) if (0.0..=self.max_gap_s).contains(&(covariance.time_s - before.time_s)) => {
+                let share = 1.0 - (-(covariance.time_s - before.time_s) / self.tau_s).exp();
                 let (turn, moved_m) = step(last, pose);
-                let upper =
-                    std::array::from_fn(|i| (1.0 - share).powi(2) * before.upper[i] + share.powi(2) * sure.upper[i]);
-                (stepped(last, (share * turn, share * moved_m)), Covariance { time_s: sure.time_s, upper })
+                let upper = std::array::from_fn(|i| {
+                    (1.0 - share).powi(2) * before.upper[i] + share.powi(2) * covariance.upper[i]
+                });
+                (stepped(last, (share * turn, share * moved_m)), Covariance { time_s: covariance.time_s, upper })
             }
-            _ => (*pose, *sure),
+            _ => (*pose, *covariance),
         };
         self.last = Some(smoothed);
         smoothed
     }
 }
 
-/// Smooths poses that are all known, ascending in time, with a time constant above 0, seconds.
-pub fn smoothed(poses: &[(Pose, Covariance)], tau_s: f64, max_gap_s: f64) -> Vec<(Pose, Covariance)> {
+/// Smooths a whole trajectory, ascending in time, with a time constant above 0, seconds.
+pub fn smooth_poses(poses: &[(Pose, Covariance)], tau_s: f64, max_gap_s: f64) -> Vec<(Pose, Covariance)> {
     let time_s = |at: usize| poses[at].1.time_s;
     (0..poses.len())
         .map(|at| {
             let joins = |a: usize, b: usize| time_s(b) - time_s(a) <= max_gap_s;
-            let is_near = |other: usize| (time_s(other) - time_s(at)).abs() <= REACH * tau_s;
+            let is_near = |other: usize| (time_s(other) - time_s(at)).abs() <= SUPPORT_TIME_CONSTANTS * tau_s;
             let first = (1..=at).rev().take_while(|i| joins(i - 1, *i) && is_near(i - 1)).last().map_or(at, |i| i - 1);
             let last = (at + 1..poses.len()).take_while(|i| joins(i - 1, *i) && is_near(*i)).last().unwrap_or(at);
             let after_s: Vec<f64> = (first..=last).map(|i| time_s(i) - time_s(at)).collect();
-            let shares = shares(&after_s, tau_s);
+            let weights = weights_at(&after_s, tau_s);
             let own = &poses[at].0;
             let (mut by, mut upper) = ((DVec3::ZERO, DVec3::ZERO), [0.0; 21]);
-            for ((pose, sure), share) in poses[first..=last].iter().zip(&shares) {
+            for ((pose, covariance), share) in poses[first..=last].iter().zip(&weights) {
                 let (turn, moved_m) = step(own, pose);
                 by = (by.0 + *share * turn, by.1 + *share * moved_m);
-                upper.iter_mut().zip(sure.upper).for_each(|(sum, of)| *sum += share.powi(2) * of);
+                upper.iter_mut().zip(covariance.upper).for_each(|(sum, of)| *sum += share.powi(2) * of);
             }
             (stepped(own, by), Covariance { time_s: time_s(at), upper })
         })
         .collect()
 }
 
-/// What each of the poses around one counts for it, by when it is: the value at 0 of the line of least squares.
-fn shares(after_s: &[f64], tau_s: f64) -> Vec<f64> {
+/// Weights of neighbouring poses, by their times: the least-squares line evaluated at 0.
+fn weights_at(after_s: &[f64], tau_s: f64) -> Vec<f64> {
     let weights: Vec<f64> = after_s.iter().map(|t| (-t.abs() / tau_s).exp()).collect();
     let sum = |power: i32| after_s.iter().zip(&weights).map(|(t, w)| w * (t / tau_s).powi(power)).sum::<f64>();
     let (s0, s1, s2) = (sum(0), sum(1), sum(2));
@@ -108,11 +113,11 @@ mod tests {
     const INTERVAL_S: f64 = 1.0 / 30.0;
     const TAU_S: f64 = 0.05;
 
-    fn sure(time_s: f64) -> Covariance {
+    fn covariance(time_s: f64) -> Covariance {
         Covariance { time_s, upper: std::array::from_fn(|i| 1.0 + i as f64) }
     }
 
-    /// Normal numbers, the sum of twelve even ones.
+    /// Approximately normal numbers: sums of twelve uniform ones.
     fn noise(seed: u64) -> impl FnMut() -> f64 {
         let mut state = seed;
         move || {
@@ -124,16 +129,17 @@ mod tests {
         }
     }
 
-    /// A camera at rest, its poses a millimetre and a milliradian off along each axis.
+    /// A camera at rest, with errors of a millimetre and a milliradian along each axis.
     fn resting(count: usize) -> (Pose, Vec<(Pose, Covariance)>) {
         let truth = Pose::new(DQuat::from_rotation_x(2.6), DVec3::new(0.1, -0.2, 0.8));
         let mut off = noise(5);
         let mut three = || 1e-3 * DVec3::new(off(), off(), off());
-        let poses = (0..count).map(|i| (stepped(&truth, (three(), three())), sure(INTERVAL_S * i as f64))).collect();
+        let poses =
+            (0..count).map(|i| (stepped(&truth, (three(), three())), covariance(INTERVAL_S * i as f64))).collect();
         (truth, poses)
     }
 
-    /// The variances of turns and places about the truth.
+    /// Variances of rotations and positions about the truth.
     fn variances(truth: &Pose, poses: &[(Pose, Covariance)]) -> [f64; 2] {
         let steps: Vec<_> = poses.iter().map(|(pose, _)| step(truth, pose)).collect();
         let mean = |of: fn(&(DVec3, DVec3)) -> DVec3| {
@@ -142,72 +148,75 @@ mod tests {
         [mean(|both| both.0), mean(|both| both.1)]
     }
 
-    /// A camera that goes and turns evenly, in m/s and rad/s, from 0 on.
+    /// A camera in uniform motion, in m/s and rad/s, from 0 on.
     fn moving(count: usize, velocity: (DVec3, DVec3)) -> Vec<(Pose, Covariance)> {
         let from = Pose::new(DQuat::from_rotation_x(2.6), DVec3::new(0.1, -0.2, 0.8));
         let at = |t: f64| stepped(&from, (t * velocity.0, t * velocity.1));
-        (0..count).map(|i| (at(INTERVAL_S * i as f64), sure(INTERVAL_S * i as f64))).collect()
+        (0..count).map(|i| (at(INTERVAL_S * i as f64), covariance(INTERVAL_S * i as f64))).collect()
     }
 
     const VELOCITY: (DVec3, DVec3) = (DVec3::new(0.3, -0.5, 0.2), DVec3::new(0.4, 0.1, -0.3));
 
     fn live(poses: &[(Pose, Covariance)]) -> Vec<(Pose, Covariance)> {
         let mut smoother = Smoother::new(TAU_S, 0.1);
-        poses.iter().map(|(pose, sure)| smoother.next(pose, sure)).collect()
+        poses.iter().map(|(pose, covariance)| smoother.next(pose, covariance)).collect()
     }
 
     #[test]
-    fn noise_at_rest_becomes_as_quiet_as_the_formulas_say() {
+    fn noise_at_rest_is_reduced_by_the_computed_factor() {
         let (truth, poses) = resting(20_000);
         let before = variances(&truth, &poses);
         let share = 1.0 - (-INTERVAL_S / TAU_S).exp();
         let a = (-INTERVAL_S / TAU_S).exp();
-        let there_and_back = ((1.0 - a) / (1.0 + a)).powi(2) * (1.0 + a * a) / (1.0 - a * a);
-        for (after, wanted) in [(live(&poses), share / (2.0 - share)), (smoothed(&poses, TAU_S, 0.1), there_and_back)] {
-            // By hand: α = 0.4866, so 0.3215; a = 0.5134, so 0.1034 · 1.2636/0.7364 = 0.1774.
+        let forward_backward = ((1.0 - a) / (1.0 + a)).powi(2) * (1.0 + a * a) / (1.0 - a * a);
+        for (after, wanted) in
+            [(live(&poses), share / (2.0 - share)), (smooth_poses(&poses, TAU_S, 0.1), forward_backward)]
+        {
+            // Computed: α = 0.4866, so 0.3215; a = 0.5134, so 0.1034 · 1.2636/0.7364 = 0.1774.
             assert!((wanted - if wanted > 0.2 { 0.3215 } else { 0.1774 }).abs() < 1e-4, "{wanted}");
             let inner = &after[100..after.len() - 100];
             for (quiet, loud) in variances(&truth, inner).into_iter().zip(before) {
-                // Twenty thousand poses, three axes, alike over some frames: the ratio is known to 2 %.
+                // Twenty thousand poses, three axes, correlated over some frames: the ratio is
+                // known to 2 %.
                 assert!((quiet / loud / wanted - 1.0).abs() < 0.04, "{quiet} {loud} {wanted}");
             }
-            // And they are told to be.
-            for (_, sure) in inner {
-                (0..21).for_each(|i| assert!((sure.upper[i] / (1.0 + i as f64) / wanted - 1.0).abs() < 1e-4));
+            // The covariances have the same ratio.
+            for (_, covariance) in inner {
+                (0..21).for_each(|i| assert!((covariance.upper[i] / (1.0 + i as f64) / wanted - 1.0).abs() < 1e-4));
             }
         }
     }
 
     #[test]
-    fn even_motion_lags_live_as_the_formula_says_and_afterwards_not_at_all() {
+    fn uniform_motion_lags_online_by_the_formula_and_offline_not_at_all() {
         let poses = moving(90, VELOCITY);
         let lag_s = INTERVAL_S / ((INTERVAL_S / TAU_S).exp() - 1.0);
-        // By hand: 1/30 / 0.9477 = 35.2 ms, and τ − Δt/2 is 33.3.
+        // Computed: 1/30 / 0.9477 = 35.2 ms, and τ − Δt/2 is 33.3.
         assert!((lag_s - 0.035_172).abs() < 1e-5, "{lag_s}");
         let last = live(&poses);
         let (turn, moved_m) = step(&last[89].0, &poses[89].0);
         assert!((turn - lag_s * VELOCITY.0).length() < 1e-6 && (moved_m - lag_s * VELOCITY.1).length() < 1e-6);
-        // Up to the ends.
-        for (after, truth) in smoothed(&poses, TAU_S, 0.1).iter().zip(&poses) {
+        // Including the ends.
+        for (after, truth) in smooth_poses(&poses, TAU_S, 0.1).iter().zip(&poses) {
             let (turn, moved_m) = step(&after.0, &truth.0);
             assert!(turn.length() < 1e-9 && moved_m.length() < 1e-9, "{turn} {moved_m}");
         }
     }
 
     #[test]
-    fn nothing_reaches_across_a_gap() {
+    fn smoothing_does_not_cross_a_gap() {
         let mut poses = moving(20, VELOCITY);
-        for (at, (pose, sure)) in poses.iter_mut().enumerate().skip(10) {
+        for (at, (pose, covariance)) in poses.iter_mut().enumerate().skip(10) {
             *pose = Pose::new(DQuat::from_rotation_y(0.1 * at as f64), DVec3::new(0.0, 0.0, 9.0));
-            sure.time_s += 0.1;
+            covariance.time_s += 0.1;
         }
         let (whole, after) = (live(&poses), live(&poses[10..]));
         assert_eq!((&whole[10..], whole[10].0), (&after[..], poses[10].0));
-        let whole = smoothed(&poses, TAU_S, 0.1);
-        assert_eq!(whole[..10], smoothed(&poses[..10], TAU_S, 0.1));
-        assert_eq!(whole[10..], smoothed(&poses[10..], TAU_S, 0.1));
-        // One alone stays, and so does one whose clock went back.
-        assert_eq!(smoothed(&poses[..1], TAU_S, 0.1), poses[..1]);
+        let whole = smooth_poses(&poses, TAU_S, 0.1);
+        assert_eq!(whole[..10], smooth_poses(&poses[..10], TAU_S, 0.1));
+        assert_eq!(whole[10..], smooth_poses(&poses[10..], TAU_S, 0.1));
+        // A single pose is unchanged, and so is one whose clock went back.
+        assert_eq!(smooth_poses(&poses[..1], TAU_S, 0.1), poses[..1]);
         let mut smoother = Smoother::new(TAU_S, 0.1);
         smoother.next(&poses[5].0, &poses[5].1);
         assert_eq!(smoother.next(&poses[0].0, &poses[0].1), poses[0]);

@@ -1,6 +1,6 @@
-//! Trajectories of the TUM RGB-D benchmark: one pose per line, `timestamp tx ty tz qx qy qz qw`, the camera in the
-//! world (camera to world), OpenCV axes, metres, seconds.
-//! Source: <https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats>.
+//! Trajectories of the TUM RGB-D benchmark: one pose per line, `timestamp tx ty tz qx qy qz qw`,
+//! the camera in the world (camera to world), OpenCV axes, metres, seconds. Source:
+//! <https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats>.
 
 use std::fmt;
 use std::path::Path;
@@ -13,10 +13,10 @@ use crate::pose::Pose;
 use crate::text::number;
 
 /// A quaternion whose length is further from 1 than this is refused.
-pub const LARGEST_NORM_ERROR: f64 = 1e-2;
-/// A quaternion whose length is further from 1 than this causes a warning: four decimals, as the benchmark writes them,
-/// round it by at most 1e-4.
-const NOTED_NORM_ERROR: f64 = 1e-3;
+pub const MAX_NORM_ERROR: f64 = 1e-2;
+/// A quaternion whose length is further from 1 than this causes a warning: four decimals, as the
+/// benchmark writes them, round it by at most 1e-4.
+const REPORTED_NORM_ERROR: f64 = 1e-3;
 
 /// A line of a trajectory, with its numbers as written.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,8 +34,8 @@ impl Line {
     }
 
     pub fn pose(&self) -> Pose {
-        // Normalised there once more: the last bit may differ, and files already read this way must give the same
-        // poses.
+        // Normalised there once more: the last bit may differ, and files already read this way must
+        // give the same poses.
         Pose::from_camera_in_world(self.position_m, self.rotation.normalize())
     }
 }
@@ -70,9 +70,9 @@ pub fn read_trajectory(path: &Path, max_gap_s: Option<f64>) -> Result<PoseTrack,
     PoseTrack::new(trajectory.poses, max_gap_s).map_err(|e| TextError::line(path, 0, e))
 }
 
-/// Parses a trajectory's text; `file` is named in errors. Timestamps that do not ascend, words that are no numbers and
-/// quaternions further than [`LARGEST_NORM_ERROR`] from unit length are errors with their line. A pose that is not finite
-/// is lost: it is left out with a warning.
+/// Parses a trajectory's text; `file` is named in errors. Timestamps that do not ascend, words that
+/// are no numbers and quaternions further than [`MAX_NORM_ERROR`] from unit length are errors with
+/// their line. A pose that is not finite is lost: it is left out with a warning.
 pub fn parse_trajectory(text: &str, file: &Path) -> Result<Trajectory, TextError> {
     let (lines, warnings) = parse_lines(text, file)?;
     Ok(Trajectory { poses: lines.iter().map(|line| (line.time_s, line.pose())).collect(), warnings })
@@ -128,16 +128,17 @@ pub fn is_lost(position_m: DVec3, rotation: DQuat) -> bool {
     !position_m.is_finite() || !rotation.is_finite() || rotation.to_array() == [0.0; 4]
 }
 
-/// The quaternion normalised, and how far its length was from 1; refused beyond [`LARGEST_NORM_ERROR`].
+/// The quaternion normalised, and how far its length was from 1; refused beyond [`MAX_NORM_ERROR`].
 pub fn unit_quaternion(q: DQuat) -> Result<(DQuat, f64), String> {
     let error = (q.length() - 1.0).abs();
-    if error.is_nan() || error > LARGEST_NORM_ERROR {
-        return Err(format!("the quaternion has length {}; 1 is needed (within {LARGEST_NORM_ERROR})", q.length()));
+    if error.is_nan() || error > MAX_NORM_ERROR {
+        return Err(format!("the quaternion has length {}; 1 is needed (within {MAX_NORM_ERROR})", q.length()));
     }
     Ok((q.normalize(), error))
 }
 
-/// Collects poses that are lost, and quaternions that are not of unit length, into one warning each.
+/// Collects poses that are lost, and quaternions that are not of unit length, into one warning
+/// each.
 #[derive(Debug, Default)]
 pub struct PoseNotes {
     count: usize,
@@ -157,7 +158,7 @@ impl PoseNotes {
     }
 
     pub fn note(&mut self, norm_error: f64, place: String) {
-        if norm_error <= NOTED_NORM_ERROR {
+        if norm_error <= REPORTED_NORM_ERROR {
             return;
         }
         if self.count == 0 {
@@ -195,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn camera_to_world_worked_by_hand() {
+    fn camera_to_world_pose_matches_computed_values() {
         // The camera is at (1, 2, 3), rotated by 90° about world z: its x axis is world y.
         let t = parse("# c\n\n 5.5\t1 2 3  0 0 0.70710678 0.70710678\r\n").unwrap();
         let (time_s, pose) = t.poses[0];
@@ -234,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn slightly_off_is_normalised_and_said() {
+    fn slightly_off_quaternion_is_normalised_with_a_warning() {
         let t = parse("1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 1.005").unwrap();
         assert!((t.poses[1].1.rotation.length() - 1.0).abs() < 1e-12);
         assert!(t.warnings[0].contains("1 of 2") && t.warnings[0].contains("line 2"), "{:?}", t.warnings);

@@ -1,49 +1,50 @@
-//! How far the camera has turned since the picture before, from the pixels alone.
+//! Rotation of the camera between two pictures, from their pixels.
 //!
-//! Both pictures are reduced until the way of a pixel is a fraction of one, and on the way back each level corrects the one
-//! above: the rotation R that minimises Σ (B(π(R·ray(p))) − A(p) − c)², c being a change of brightness, by Gauss and Newton. A
-//! camera that travels is taken for one that turns, by what fits the picture best. Not modelled: lens distortion and readout.
+//! Coarse-to-fine image alignment: the pictures are reduced until the motion is a fraction of a
+//! pixel, and each finer level refines the estimate. The rotation R minimizes Σ (B(π(R·ray(p))) −
+//! A(p) − c)², c a change of brightness, by Gauss-Newton. A translation is absorbed by the rotation
+//! that fits best. Not modelled: lens distortion and readout.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
 use crate::camera::Intrinsics;
 use crate::pixels::{Codes, Pixels};
 
-/// About this wide the finest level is, px: a whole picture's turn needs no more.
-const FINEST: u32 = 160;
-/// The coarsest level's shorter side, px.
-const COARSEST: u32 = 12;
+/// Approximate width of the finest level, px; a global rotation needs no more.
+const FINEST_WIDTH_PX: u32 = 160;
+/// Shorter side of the coarsest level, px.
+const COARSEST_SIDE_PX: u32 = 12;
 const ITERATIONS: usize = 8;
-/// A step below this does not matter, radians: 0.003 px of the finest level at a wide angle.
-const SMALL: f64 = 2e-5;
-/// Least correlation of the pictures when the turn is taken away.
-const LEAST_ALIKE: f64 = 0.5;
+/// Convergence threshold of a step, radians: 0.003 px of the finest level at a wide angle.
+const CONVERGENCE_RAD: f64 = 2e-5;
+/// Smallest correlation of the aligned pictures.
+const MIN_CORRELATION: f64 = 0.5;
 
-/// A picture made ready to be compared.
+/// Image pyramid for alignment.
 #[derive(Clone, Debug)]
-pub struct Reduced {
-    /// From the finest on, each half as large.
-    levels: Vec<Grey>,
+pub struct ImagePyramid {
+    /// From the finest level on, each half as large.
+    levels: Vec<PyramidLevel>,
 }
 
 #[derive(Clone, Debug)]
-struct Grey {
+struct PyramidLevel {
     width: usize,
     height: usize,
     values: Vec<f32>,
 }
 
-/// Focal lengths and principal point, px of a level.
+/// Focal lengths and principal point of a level, px.
 #[derive(Clone, Copy)]
 struct Pinhole {
     focal: DVec2,
     centre: DVec2,
 }
 
-impl Reduced {
+impl ImagePyramid {
     /// `None` if a picture is too small.
     pub fn new(pixels: &Pixels) -> Option<Self> {
-        let by = (pixels.width / FINEST).max(1);
+        let by = (pixels.width / FINEST_WIDTH_PX).max(1);
         let green = |x: u32, y: u32| {
             let at = 3 * (y as usize * pixels.width as usize + x as usize) + 1;
             match &pixels.codes {
@@ -57,14 +58,14 @@ impl Reduced {
             all / (by * by) as f32
         };
         let values = (0..width * height).map(|n| mean(n % width, n / width)).collect();
-        let mut levels = vec![Grey { width: width as usize, height: height as usize, values }.smoothed()];
-        while let Some(half) = levels.last().and_then(Grey::half) {
+        let mut levels = vec![PyramidLevel { width: width as usize, height: height as usize, values }.smoothed()];
+        while let Some(half) = levels.last().and_then(PyramidLevel::half) {
             levels.push(half);
         }
-        (width.min(height) >= COARSEST).then_some(Self { levels })
+        (width.min(height) >= COARSEST_SIDE_PX).then_some(Self { levels })
     }
 
-    /// How much its brightness varies, code values: one standard deviation.
+    /// Standard deviation of the brightness, code values.
     pub fn contrast(&self) -> f64 {
         let Some(finest) = self.levels.first() else { return 0.0 };
         let (n, values) = (finest.values.len() as f64, finest.values.iter().map(|value| f64::from(*value)));
@@ -72,10 +73,10 @@ impl Reduced {
         (squares / n - (sum / n).powi(2)).max(0.0).sqrt()
     }
 
-    /// The rotation from this picture's camera to the next one's, as a vector along its axis in the camera's axes, radians
-    /// long. `None` where the pictures are not alike.
-    pub fn turn_to(&self, next: &Self, camera: &Intrinsics) -> Option<DVec3> {
-        let of = |level: &Grey| {
+    /// Rotation from this picture's camera to the next one's, as a rotation vector in the camera's
+    /// axes, radians. `None` if the pictures do not match.
+    pub fn rotation_to(&self, next: &Self, camera: &Intrinsics) -> Option<DVec3> {
+        let of = |level: &PyramidLevel| {
             let scale = level.width as f64 / f64::from(camera.width_px);
             Pinhole {
                 focal: scale * DVec2::new(camera.fx_px, camera.fy_px),
@@ -87,15 +88,15 @@ impl Reduced {
             if (a.width, a.height) != (b.width, b.height) {
                 return None;
             }
-            turn = a.turned(b, of(a), turn)?;
+            turn = a.aligned(b, of(a), turn)?;
         }
         let (a, b) = (self.levels.first()?, next.levels.first()?);
-        (a.likeness(b, of(a), turn) >= LEAST_ALIKE).then(|| turn.to_scaled_axis())
+        (a.correlation(b, of(a), turn) >= MIN_CORRELATION).then(|| turn.to_scaled_axis())
     }
 }
 
-impl Grey {
-    /// By 1 2 1 both ways, so that gradients reach as far as a level's shift.
+impl PyramidLevel {
+    /// Smoothed by a 1 2 1 kernel in both directions, so that gradients cover a level's shift.
     fn smoothed(&self) -> Self {
         let (w, h) = (self.width, self.height);
         let blend = |before: f32, here: f32, after: f32| 0.25 * (before + 2.0 * here + after);
@@ -114,11 +115,11 @@ impl Grey {
         let at = |x: usize, y: usize| self.values[y * self.width + x];
         let mean = |x: usize, y: usize| 0.25 * (at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1));
         let values = (0..width * height).map(|n| mean(2 * (n % width), 2 * (n / width))).collect();
-        (width.min(height) >= COARSEST as usize).then(|| Self { width, height, values }.smoothed())
+        (width.min(height) >= COARSEST_SIDE_PX as usize).then(|| Self { width, height, values }.smoothed())
     }
 
-    /// Bilinear between pixel centres at +0.5; `None` outside.
-    fn between(&self, at: DVec2) -> Option<f32> {
+    /// Bilinear sample, with pixel centres at +0.5; `None` outside.
+    fn sample(&self, at: DVec2) -> Option<f32> {
         let (x, y) = (at.x - 0.5, at.y - 0.5);
         let (left, top) = (x.floor(), y.floor());
         if left < 0.0 || top < 0.0 || left as usize + 1 >= self.width || top as usize + 1 >= self.height {
@@ -130,33 +131,35 @@ impl Grey {
         Some(row(first) * (1.0 - v) + row(first + self.width) * v)
     }
 
-    /// The pixels inside the border that `next` shows as well: place, value here, value there.
-    fn seen_in(&self, next: &Self, camera: Pinhole, turn: DQuat) -> impl Iterator<Item = ((usize, DVec2), f64, f64)> {
+    /// The pixels inside the border that overlap with `next`: position, value here, value there.
+    fn overlap(&self, next: &Self, camera: Pinhole, turn: DQuat) -> impl Iterator<Item = ((usize, DVec2), f64, f64)> {
         let (w, h) = (self.width, self.height);
         let turn = DMat3::from_quat(turn);
         (1..h - 1).flat_map(move |y| (1..w - 1).map(move |x| (x, y))).filter_map(move |(x, y)| {
             let place = (DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - camera.centre) / camera.focal;
             let ray = turn * place.extend(1.0);
-            let other = next.between(camera.focal * ray.truncate() / ray.z + camera.centre).filter(|_| ray.z > 0.0)?;
+            let other = next.sample(camera.focal * ray.truncate() / ray.z + camera.centre).filter(|_| ray.z > 0.0)?;
             let at = y * w + x;
             Some(((at, place), self.values[at].into(), other.into()))
         })
     }
 
-    /// The rotation that makes `next` like this one; `None` where too little of it is seen in both, or without gradients.
-    fn turned(&self, next: &Self, camera: Pinhole, mut turn: DQuat) -> Option<DQuat> {
+    /// The rotation that aligns `next` with this level. `None` if the overlap is too small, or
+    /// without gradients.
+    fn aligned(&self, next: &Self, camera: Pinhole, mut turn: DQuat) -> Option<DQuat> {
         let least = (self.width * self.height / 4) as f64;
         let slope = |at: usize| {
             let by = |step: usize| 0.5 * f64::from(self.values[at + step] - self.values[at - step]);
             camera.focal * DVec2::new(by(1), by(self.width))
         };
         for _ in 0..ITERATIONS {
-            // Normal equations with the brightness eliminated: all sums about their means.
+            // Normal equations with the brightness eliminated: all sums are about their means.
             let (mut n, mut sum_j, mut sum_off) = (0.0, DVec3::ZERO, 0.0);
             let (mut jj, mut j_off) = (DMat3::ZERO, DVec3::ZERO);
-            for ((at, DVec2 { x, y }), here, there) in self.seen_in(next, camera, turn) {
+            for ((at, DVec2 { x, y }), here, there) in self.overlap(next, camera, turn) {
                 let DVec2 { x: right, y: down } = slope(at);
-                // A turn ω moves the place (x, y) by (−xy·ωx + (1 + x²)·ωy − y·ωz, −(1 + y²)·ωx + xy·ωy + x·ωz).
+                // A rotation ω moves the point (x, y) by (−xy·ωx + (1 + x²)·ωy − y·ωz, −(1 + y²)·ωx
+                // + xy·ωy + x·ωz).
                 let j = DVec3::new(
                     -right * x * y - down * (1.0 + y * y),
                     right * (1.0 + x * x) + down * x * y,
@@ -178,20 +181,20 @@ impl Grey {
                 return None;
             }
             let step = jj.inverse() * (j_off - sum_j * (sum_off / n));
-            // A level corrects what is less than its pixel.
+            // A level corrects less than its pixel size.
             let step = step.clamp_length_max(1.0 / camera.focal.min_element());
             turn = (turn * DQuat::from_scaled_axis(step)).normalize();
-            if step.length() < SMALL {
+            if step.length() < CONVERGENCE_RAD {
                 break;
             }
         }
         Some(turn)
     }
 
-    /// Correlation where both see the same.
-    fn likeness(&self, next: &Self, camera: Pinhole, turn: DQuat) -> f64 {
+    /// Correlation over the overlap.
+    fn correlation(&self, next: &Self, camera: Pinhole, turn: DQuat) -> f64 {
         let (mut n, mut a, mut b, mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-        for (_, here, there) in self.seen_in(next, camera, turn) {
+        for (_, here, there) in self.overlap(next, camera, turn) {
             n += 1.0;
             (a, b) = (a + here, b + there);
             (aa, bb, ab) = (aa + here * here, bb + there * there, ab + here * there);
@@ -220,8 +223,8 @@ mod tests {
         }
     }
 
-    /// What a camera sees that is turned away from the world's axes: waves of many lengths all around, code values.
-    fn seen(camera_from_world: DQuat, brighter: f64) -> Reduced {
+    /// A rotated camera's view of waves of many lengths in all directions, code values.
+    fn seen(camera_from_world: DQuat, brighter: f64) -> ImagePyramid {
         let c = camera();
         let back = camera_from_world.inverse();
         let wave = |d: DVec3, k: f64, axis: DVec3, phase: f64| (k * d.dot(axis) + phase).sin();
@@ -236,11 +239,11 @@ mod tests {
         };
         let codes = (0..c.height_px).flat_map(|y| (0..c.width_px).map(move |x| (x, y)));
         let codes = codes.flat_map(|(x, y)| [code(x, y); 3]).collect();
-        Reduced::new(&Pixels::from_u8(c.width_px, c.height_px, codes).unwrap()).unwrap()
+        ImagePyramid::new(&Pixels::from_u8(c.width_px, c.height_px, codes).unwrap()).unwrap()
     }
 
     #[test]
-    fn a_known_turn_is_found_about_every_axis_and_in_another_light() {
+    fn known_rotation_is_estimated_about_every_axis_and_in_another_light() {
         let first = seen(DQuat::IDENTITY, 0.0);
         for turn in [
             DVec3::ZERO,
@@ -250,22 +253,22 @@ mod tests {
             DVec3::new(0.0, 0.0, 0.15),
         ] {
             let next = seen(DQuat::from_scaled_axis(turn), 12.0);
-            let found = first.turn_to(&next, &camera()).unwrap();
+            let found = first.rotation_to(&next, &camera()).unwrap();
             // 0.04 px of the picture.
             assert!((found - turn).length() < 8e-5, "{turn} {found}");
         }
     }
 
     #[test]
-    fn what_is_not_alike_has_no_turn() {
+    fn different_pictures_have_no_rotation() {
         let first = seen(DQuat::IDENTITY, 0.0);
-        assert_eq!(first.turn_to(&seen(DQuat::from_rotation_y(1.5), 0.0), &camera()), None, "another view");
+        assert_eq!(first.rotation_to(&seen(DQuat::from_rotation_y(1.5), 0.0), &camera()), None, "another view");
         let (width, height) = (640, 480);
         let flat = Pixels::from_u8(width, height, vec![90; 3 * 640 * 480]).unwrap();
-        let flat = Reduced::new(&flat).unwrap();
-        assert_eq!(flat.turn_to(&flat, &camera()), None, "no gradients");
+        let flat = ImagePyramid::new(&flat).unwrap();
+        assert_eq!(flat.rotation_to(&flat, &camera()), None, "no gradients");
         let small = Pixels::from_u8(320, 240, vec![90; 3 * 320 * 240]).unwrap();
-        assert_eq!(first.turn_to(&Reduced::new(&small).unwrap(), &camera()), None, "another size");
-        assert!(Reduced::new(&Pixels::from_u8(30, 8, vec![0; 720]).unwrap()).is_none());
+        assert_eq!(first.rotation_to(&ImagePyramid::new(&small).unwrap(), &camera()), None, "another size");
+        assert!(ImagePyramid::new(&Pixels::from_u8(30, 8, vec![0; 720]).unwrap()).is_none());
     }
 }

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::background::Ticket;
 use super::calibration_messages;
 use locard_engine::calibrate::sharpness;
-use locard_engine::calibrate::{NoiseOptions, NoisePoint, drawn_noise, moving};
+use locard_engine::calibrate::{NoiseOptions, NoisePoint, moving, rendered_noise};
 use locard_engine::camera::Response;
 use locard_engine::compositor::{Composited, Compositor, Target};
 use locard_engine::frame::Frame;
@@ -34,7 +34,7 @@ pub struct Wanted {
     pub histograms: bool,
     /// Edges of the camera's picture and of the composite.
     pub edges: [Option<Rect>; 2],
-    pub edges_of: sharpness::Of,
+    pub edges_of: sharpness::EdgeLight,
 }
 
 /// An edge, or why it is none, and how the light goes there instead.
@@ -50,10 +50,13 @@ pub fn edge(
     response: &Response,
     region: Rect,
     moved_px: [f64; 2],
-    of: sharpness::Of,
+    of: sharpness::EdgeLight,
 ) -> Result<SlantedEdge, Refused> {
     let edge = sharpness::edge_in(pixels, response, region, moved_px, of);
-    edge.map_err(|error| Refused { why: error.to_string(), seen: sharpness::seen(pixels, response, region, of) })
+    edge.map_err(|error| Refused {
+        why: error.to_string(),
+        seen: sharpness::edge_profile(pixels, response, region, of),
+    })
 }
 
 impl Wanted {
@@ -117,7 +120,7 @@ pub fn analyse(bench: &Bench, gpu: &Gpu, shot: &Shot, frame: &Frame, wanted: &Wa
             let objects: Vec<bool> = coverage.iter().map(|a| *a >= COVERED).collect();
             let touched: Vec<bool> = coverage.iter().map(|a| *a > 0.0).collect();
             found.drawn = without.map(|without| {
-                let drawn = drawn_noise(&with.pixels, &without.pixels, &objects);
+                let drawn = rendered_noise(&with.pixels, &without.pixels, &objects);
                 drawn.map_err(|error| error.to_string())
             });
             found.histograms = wanted.histograms.then(|| {

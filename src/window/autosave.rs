@@ -17,7 +17,7 @@ use super::recent::{DocumentRef, ViewState};
 use super::session_lock::SessionFiles;
 use locard_engine::live::LiveSpec;
 use locard_engine::sink::atomic::write_atomically;
-use locard_engine::source::file::{self, MOST_LISTING};
+use locard_engine::source::file::{self, MAX_LISTING_BYTES};
 
 /// A change is written once nothing more has changed for this time.
 const DEBOUNCE: Duration = Duration::from_millis(250);
@@ -51,7 +51,7 @@ pub struct UnsavedWork {
 }
 
 /// Largest number of history steps in a recovery file. Steps are dropped if the file would exceed
-/// [`MOST_LISTING`].
+/// [`MAX_LISTING_BYTES`].
 pub const HISTORY_STEPS: usize = 50;
 
 impl UnsavedWork {
@@ -131,7 +131,7 @@ impl RecoverableWork {
         let mut found: Vec<Self> = of_work
             .filter_map(|path| {
                 let files = SessionFiles::adopt(path)?;
-                let text = file::read_text(&files.work_file, MOST_LISTING).ok();
+                let text = file::read_text(&files.work_file, MAX_LISTING_BYTES).ok();
                 let work = text.and_then(|text| serde_json::from_str(&text).ok());
                 match work.filter(|work: &UnsavedWork| work.version == FORMAT_VERSION) {
                     Some(work) => Some(Self { work: Box::new(work), files }),
@@ -225,7 +225,7 @@ impl Autosave {
                 match request {
                     WriteRequest::Write(path, mut work) => {
                         let failed = |reason: String| format!("Your work is not kept for a crash: {reason}");
-                        let done = work.to_json(MOST_LISTING).map_err(|e| e.to_string()).and_then(|text| {
+                        let done = work.to_json(MAX_LISTING_BYTES).map_err(|e| e.to_string()).and_then(|text| {
                             let write = |file: &mut io::BufWriter<&mut File>| file.write_all(text.as_bytes());
                             write_atomically(&path, true, write).map_err(|e| e.to_string())
                         });
@@ -453,7 +453,7 @@ mod tests {
         edit.scene.light.environment = Some("hall.hdr".to_owned());
         let shared = Arc::new(edit);
         work = work.with_history(HistoryRecord { steps: vec![("lit".to_owned(), Arc::clone(&shared))], at: 0 });
-        let read: UnsavedWork = serde_json::from_str(&work.to_json(MOST_LISTING).unwrap()).unwrap();
+        let read: UnsavedWork = serde_json::from_str(&work.to_json(MAX_LISTING_BYTES).unwrap()).unwrap();
         let written = read.history.steps[0].1.scene.light.environment.clone().unwrap();
         assert!(Path::new(&written).is_absolute(), "{written}");
         assert_eq!(shared.scene.light.environment.as_deref(), Some("hall.hdr"), "the window's own is as it was");

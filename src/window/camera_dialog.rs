@@ -314,8 +314,10 @@ impl CameraDialog {
         let rate_hz = typed(&self.rate).map(|text| LiveOptions::parse_rate_hz(&text)).transpose()?;
         // Ignores entries of the pose sources that are not selected.
         let is = |poses: PoseChoice| self.poses == poses;
-        let delay =
-            typed(&self.delay).filter(|_| is(PoseChoice::Stream)).map(|text| LiveOptions::parse_delay(&text)).transpose()?;
+        let delay = typed(&self.delay)
+            .filter(|_| is(PoseChoice::Stream))
+            .map(|text| LiveOptions::parse_delay(&text))
+            .transpose()?;
         let smoothing = typed(&self.smoothing).filter(|_| is(PoseChoice::Tags));
         let smooth_s = smoothing.map(|text| LiveOptions::parse_time_constant_s(&text)).transpose()?;
         let (driver, camera) = DriverName::split(self.camera.trim());

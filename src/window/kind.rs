@@ -5,7 +5,7 @@ use std::path::Path;
 use locard_engine::profile;
 use locard_engine::recording::Recording;
 use locard_engine::scene::{self, is_model};
-use locard_engine::source::file::{self, MOST_DOCUMENT};
+use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -27,7 +27,7 @@ impl Kind {
                 Err(error) => Self::Neither(by_name(path, &error.to_string())),
             };
         }
-        let text = file::read_text(path, MOST_DOCUMENT).map_err(|error| error.to_string());
+        let text = file::read_text(path, MAX_DOCUMENT_BYTES).map_err(|error| error.to_string());
         let of_profile = text.and_then(|text| {
             let read = profile::Document::parse(&text, path).map_err(|error| error.to_string());
             read.map(drop)

@@ -18,7 +18,7 @@ use super::region_picker::{self, RegionPicker, RegionPrompt, RegionPurpose};
 use super::session::Session;
 use super::theme::SMALLEST;
 use super::times;
-use locard_engine::calibrate::{NoisePoint, over_profile, sharpness};
+use locard_engine::calibrate::{NoisePoint, sharpness, sigma_over_profile};
 use locard_engine::camera::NoiseProfile;
 use locard_engine::measure::slanted::{FEWEST_PX, SlantedEdge};
 use locard_engine::pixels::{Pixels, Rect};
@@ -173,7 +173,7 @@ impl Matching {
             x_range: Some([0.0, 255.0]),
             y_from: Some(0.0),
         };
-        let over = |points: &[NoisePoint]| over_profile(points, profile.as_ref()?, c);
+        let over = |points: &[NoisePoint]| sigma_over_profile(points, profile.as_ref()?, c);
         let over = [("drawn", over(&drawn)), ("plain places", over(&real))];
         let curve = profile.as_ref().map(|profile| curve(profile, c));
         let rings = picked.map_or_else(Vec::new, |picked| picked[c].clone());
@@ -339,8 +339,8 @@ pub const GOOD_EDGE: &str = "Drag a rectangle that one straight edge crosses fro
                              nothing else in it";
 
 /// Of which light edges are, by the buttons for luma and the channels.
-pub fn light(chosen: usize) -> sharpness::Of {
-    chosen.checked_sub(1).map_or(sharpness::Of::Best, sharpness::Of::Channel)
+pub fn light(chosen: usize) -> sharpness::EdgeLight {
+    chosen.checked_sub(1).map_or(sharpness::EdgeLight::Best, sharpness::EdgeLight::Channel)
 }
 
 /// An edge that was refused: what it is called, its colour, and how the light goes there.

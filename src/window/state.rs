@@ -11,7 +11,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use locard_engine::sink::atomic::write_atomically;
-use locard_engine::source::file::{self, MOST_DOCUMENT};
+use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 
 /// The user's folder for the program's state: by the XDG base directories, or what macOS and Windows have for it. `None`
 /// where the environment names no home.
@@ -30,7 +30,7 @@ pub fn folder() -> Option<PathBuf> {
 
 /// What a file of that folder keeps; nothing where it cannot be read.
 pub fn read<T: DeserializeOwned + Default>(file: &Path) -> T {
-    file::read_text(file, MOST_DOCUMENT).ok().and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
+    file::read_text(file, MAX_DOCUMENT_BYTES).ok().and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
 }
 
 /// Keeps something in a file of that folder. That it cannot be kept is no reason to stop.

@@ -8,8 +8,8 @@ use locard::pixels::Pixels;
 use locard::pose::Pose;
 use locard::simulate::{DOLLY_M_PER_S, Detail, Flaws, Motion, Options, PAN_RAD_PER_S, Simulation, Snapshot};
 use locard::tracking::PoseTrack;
-use locard::tracking::delay::{self, Delay, NoDelay, REACH_S, estimate};
-use locard::tracking::turn::Reduced;
+use locard::tracking::delay::{self, Delay, DelayFailure, MAX_SEARCHED_DELAY_S, estimate};
+use locard::tracking::turn::ImagePyramid;
 
 const INTERVAL_S: f64 = 1.0 / 30.0;
 const FRAMES: usize = 60;
@@ -100,15 +100,16 @@ impl Clip {
         self
     }
 
-    fn delay(&self) -> Result<Delay, NoDelay> {
-        let reduced: Vec<Reduced> = self.pictures.iter().map(|pixels| Reduced::new(pixels).unwrap()).collect();
+    fn delay(&self) -> Result<Delay, DelayFailure> {
+        let reduced: Vec<ImagePyramid> =
+            self.pictures.iter().map(|pixels| ImagePyramid::new(pixels).unwrap()).collect();
         let motion = |n: usize| {
             let (from_s, to_s) = (n as f64 * INTERVAL_S, (n + 1) as f64 * INTERVAL_S);
-            let turn: DVec3 = reduced[n].turn_to(&reduced[n + 1], &self.camera)?;
-            Some(delay::Motion { from_s, to_s, turn })
+            let turn: DVec3 = reduced[n].rotation_to(&reduced[n + 1], &self.camera)?;
+            Some(delay::FrameRotation { from_s, to_s, turn })
         };
-        let motions: Vec<delay::Motion> = (0..FRAMES - 1).filter_map(motion).collect();
-        let found = estimate(&motions, |from_s, to_s| self.track.motion_between(from_s, to_s), REACH_S);
+        let motions: Vec<delay::FrameRotation> = (0..FRAMES - 1).filter_map(motion).collect();
+        let found = estimate(&motions, |from_s, to_s| self.track.motion_between(from_s, to_s), MAX_SEARCHED_DELAY_S);
         println!("{} motions: {found:?}", motions.len());
         found
     }

@@ -8,8 +8,12 @@ use crate::program::{refused, said};
 use crate::random::Random;
 use crate::tier;
 use glam::{DMat3, DQuat, DVec2, DVec3};
-use locard::calibrate::board::{Board, NoBoard, Plane, Seen, Target, Wanted, find};
-use locard::calibrate::geometry::{Calibrated, LensError, LensOptions, NamedView, Views, calibrate, views_from_paths};
+use locard::calibrate::board::{
+    BoardDetection, ChessboardError, ChessboardSize, GreyImage, Target, TargetChoice, find_chessboard,
+};
+use locard::calibrate::geometry::{
+    CameraCalibration, LensError, LensOptions, NamedView, Views, calibrate, views_from_paths,
+};
 use locard::camera::{Distortion, Geometry, Intrinsics, LensModel, Response};
 use locard::compositor::Settings;
 use locard::profile::Rig;
@@ -37,7 +41,7 @@ impl Camera {
     }
 
     /// A photograph of the board, 8-bit codes: lit unevenly, blurred by 0.7 px, with noise of `sigma` codes.
-    fn photograph(&self, stand: &(DMat3, DVec3), sigma: f64, seed: u64) -> Plane {
+    fn photograph(&self, stand: &(DMat3, DVec3), sigma: f64, seed: u64) -> GreyImage {
         let (rotation, translation) = stand;
         let inverse = rotation.transpose();
         let eye = inverse * -*translation;
@@ -58,7 +62,7 @@ impl Camera {
                 _ => 90.0,
             }
         };
-        let sharp = Plane::new(SIZE.0 as usize, SIZE.1 as usize, |x, y| {
+        let sharp = GreyImage::new(SIZE.0 as usize, SIZE.1 as usize, |x, y| {
             let all = (0..FINE * FINE)
                 .map(|i| value(&self.rays[(FINE * y + i / FINE) * FINE * SIZE.0 as usize + FINE * x + i % FINE]));
             (all.sum::<f64>() / (FINE * FINE) as f64) as f32
@@ -135,12 +139,12 @@ fn truth(geometry: &Geometry, name: &str) -> f64 {
     }
 }
 
-fn named(n: usize, seen: Seen) -> NamedView {
+fn named(n: usize, seen: BoardDetection) -> NamedView {
     NamedView { name: format!("{n}.png"), seen }
 }
 
 /// How many deviations each parameter is from its truth.
-fn off(calibrated: &Calibrated, geometry: &Geometry) -> Vec<(&'static str, f64)> {
+fn off(calibrated: &CameraCalibration, geometry: &Geometry) -> Vec<(&'static str, f64)> {
     let one = |p: &locard::calibrate::geometry::Parameter| (p.name, (p.value - truth(geometry, p.name)) / p.sigma);
     calibrated.parameters.iter().map(one).collect()
 }
@@ -155,11 +159,11 @@ fn simulated_photographs_give_their_camera_back() {
             let mut views = Vec::new();
             for (n, stand) in stands(&camera.geometry, 16, 11 + seed).iter().enumerate() {
                 let picture = camera.photograph(stand, 2.0, 1000 * seed + n as u64);
-                let seen = find(&picture, None);
+                let seen = find_chessboard(&picture, None);
                 // Where each corner truly is.
                 if let Ok(seen) = &seen {
                     let own: Vec<DVec2> = corners(stand).filter_map(|p| camera.geometry.project(p)).collect();
-                    for at in &seen.at_px {
+                    for at in &seen.corners_px {
                         let nearest = own.iter().map(|own| own.distance(*at)).fold(f64::INFINITY, f64::min);
                         assert!(nearest < 0.6, "seed {seed}, view {n}: a corner is {nearest} px off");
                     }
@@ -186,16 +190,16 @@ fn corners(stand: &(DMat3, DVec3)) -> impl Iterator<Item = DVec3> {
 }
 
 /// Corners as they would be read, with normal errors of σ px in x and y.
-fn read(geometry: &Geometry, stand: &(DMat3, DVec3), sigma_px: f64, random: &mut Random) -> Seen {
-    let (mut board, mut at_px) = (Vec::new(), Vec::new());
+fn read(geometry: &Geometry, stand: &(DMat3, DVec3), sigma_px: f64, random: &mut Random) -> BoardDetection {
+    let (mut board, mut corners_px) = (Vec::new(), Vec::new());
     for (n, corner) in corners(stand).enumerate() {
         let error = sigma_px * DVec2::new(random.normal(), random.normal());
         if let Some(at) = geometry.project(corner) {
             board.push(DVec2::new((n as u32 % BOARD.0).into(), (n as u32 / BOARD.0).into()));
-            at_px.push(at + error);
+            corners_px.push(at + error);
         }
     }
-    Seen { board, at_px, of: Target::Chessboard(Board::new(BOARD.0, BOARD.1)) }
+    BoardDetection { board, corners_px, target: Target::Chessboard(ChessboardSize::new(BOARD.0, BOARD.1)) }
 }
 
 /// The deviations are what they are called: over many seeds errors are as large as told, not smaller and not larger.
@@ -231,7 +235,7 @@ fn deviations_know_of_bent_boards() {
         let views = stands(&geometry, 4, 40 + seed).into_iter().enumerate().map(|(n, (rotation, translation))| {
             let mut seen = read(&geometry, &(rotation, translation), 0.1, &mut random);
             let bend = if n % 2 == 0 { 0.08 } else { 0.02 };
-            for (place, at) in seen.board.iter().zip(&mut seen.at_px) {
+            for (place, at) in seen.board.iter().zip(&mut seen.corners_px) {
                 let bent = place.extend(bend * (place.x / 3.5 - 1.0).powi(2));
                 let way = |point: DVec3| geometry.project(rotation * point + translation).unwrap();
                 *at += way(bent) - way(place.extend(0.0));
@@ -275,18 +279,18 @@ fn the_last_coefficient_is_kept_where_the_views_tell_it() {
 
 /// Misread corners, a view with another zoom, a board that was read wrongly: told and left out, and the rest is as good.
 #[test]
-fn what_does_not_belong_is_refused_or_does_little() {
+fn foreign_views_are_rejected_or_have_little_effect() {
     let geometry = brown();
     let mut random = Random::new(77);
     let stands = stands(&geometry, 14, 3);
     let mut views: Vec<NamedView> =
         stands.iter().enumerate().map(|(n, s)| named(n, read(&geometry, s, 0.1, &mut random))).collect();
     for (n, view) in views.iter_mut().enumerate() {
-        view.seen.at_px[(7 * n) % 40] += DVec2::new(6.0, -4.0);
+        view.seen.corners_px[(7 * n) % 40] += DVec2::new(6.0, -4.0);
     }
     let zoomed = Intrinsics { fx_px: 700.0, fy_px: 695.0, ..geometry.intrinsics.clone() };
     views[5].seen = read(&Geometry::new(zoomed, geometry.distortion.clone()), &stands[5], 0.1, &mut random);
-    for at in &mut views[9].seen.at_px[..20] {
+    for at in &mut views[9].seen.corners_px[..20] {
         *at += DVec2::new(9.0, 0.0);
     }
     let calibrated = calibrate(SIZE, views, Vec::new(), &LensOptions::default()).unwrap();
@@ -300,7 +304,7 @@ fn what_does_not_belong_is_refused_or_does_little() {
 }
 
 #[test]
-fn too_little_says_what_is_needed() {
+fn too_few_views_name_the_requirement() {
     let geometry = brown();
     let mut random = Random::new(1);
     let two: Vec<NamedView> = stands(&geometry, 2, 3)
@@ -317,10 +321,10 @@ fn too_little_says_what_is_needed() {
         Ok(calibrated) => assert!(calibrated.missing.iter().any(|m| m.to_string().contains("tilted")), "{calibrated}"),
         Err(error) => assert!(matches!(error, LensError::Undetermined | LensError::Unexplained), "{error}"),
     }
-    let blank = Plane::new(300, 200, |x, y| ((x * 7 + y * 13) % 11) as f32);
-    assert_eq!(find(&blank, None), Err(NoBoard::None));
+    let blank = GreyImage::new(300, 200, |x, y| ((x * 7 + y * 13) % 11) as f32);
+    assert_eq!(find_chessboard(&blank, None), Err(ChessboardError::None));
     for (width, height) in [(0, 0), (1, 1), (5, 3), (3, 400)] {
-        assert_eq!(find(&Plane::new(width, height, |x, _| x as f32), None), Err(NoBoard::None));
+        assert_eq!(find_chessboard(&GreyImage::new(width, height, |x, _| x as f32), None), Err(ChessboardError::None));
     }
 }
 
@@ -330,15 +334,15 @@ fn a_board_is_found_in_part_and_a_larger_one_is_refused() {
     let camera = Camera::new(brown());
     let facing = (DMat3::from_quat(DQuat::from_rotation_y(0.3)), DVec3::new(-3.5, -2.0, 9.0));
     let mut picture = camera.photograph(&facing, 1.0, 4);
-    let whole = find(&picture, Some(Board::new(5, 8))).unwrap();
-    assert_eq!((whole.at_px.len(), whole.of), (40, Target::Chessboard(Board::new(8, 5))));
-    assert!(matches!(find(&picture, Some(Board::new(6, 5))), Err(NoBoard::Larger { .. })));
+    let whole = find_chessboard(&picture, Some(ChessboardSize::new(5, 8))).unwrap();
+    assert_eq!((whole.corners_px.len(), whole.target), (40, Target::Chessboard(ChessboardSize::new(8, 5))));
+    assert!(matches!(find_chessboard(&picture, Some(ChessboardSize::new(6, 5))), Err(ChessboardError::Larger { .. })));
     for y in 0..SIZE.1 as usize {
         let row = &mut picture.values[y * SIZE.0 as usize..(y + 1) * SIZE.0 as usize];
         row[330..].iter_mut().for_each(|value| *value = 40.0);
     }
-    let part = find(&picture, Some(Board::new(8, 5))).unwrap();
-    assert!((15..30).contains(&part.at_px.len()) && part.of.corners() <= 25, "{:?}", part.of);
+    let part = find_chessboard(&picture, Some(ChessboardSize::new(8, 5))).unwrap();
+    assert!((15..30).contains(&part.corners_px.len()) && part.target.corners() <= 25, "{:?}", part.target);
 }
 
 fn photos() -> Option<Vec<PathBuf>> {
@@ -347,7 +351,7 @@ fn photos() -> Option<Vec<PathBuf>> {
 
 /// OpenCV 5.0, whole boards alone: rms 0.853, fx 1159.1, k1 −0.2577.
 #[test]
-fn real_photographs_give_what_opencv_finds() {
+fn real_photographs_match_opencv() {
     let Some(paths) = photos() else { return };
     let go_on = &mut |_, _| ControlFlow::Continue(());
     let (paths, counts) = if tier::is_full() {
@@ -358,7 +362,8 @@ fn real_photographs_give_what_opencv_finds() {
         files.sort();
         (files.into_iter().step_by(2).collect(), (9, 1))
     };
-    let Views { size, views, refused } = views_from_paths(&paths, &Wanted::Any, &Response::default(), go_on).unwrap();
+    let Views { size, views, refused } =
+        views_from_paths(&paths, &TargetChoice::Any, &Response::default(), go_on).unwrap();
     assert_eq!(size, (1280, 720));
     assert_eq!((views.len(), refused.len()), counts, "{refused:?}");
     assert!(refused.iter().all(|refused| refused.reason.contains("is 1281x721 px where most are 1280x720")));
@@ -368,7 +373,7 @@ fn real_photographs_give_what_opencv_finds() {
     assert!((i.fx_px / 1159.1 - 1.0).abs() < 0.02 && (i.fy_px / 1154.5 - 1.0).abs() < 0.02, "{calibrated}");
     assert!((d.k1 / -0.2577 - 1.0).abs() < 0.05, "{calibrated}");
     assert!((i.cx_px - 669.6).abs() < 15.0 && (i.cy_px - 388.1).abs() < 15.0, "{calibrated}");
-    assert_eq!(calibrated.target, Target::Chessboard(Board::new(9, 6)));
+    assert_eq!(calibrated.target, Target::Chessboard(ChessboardSize::new(9, 6)));
 }
 
 fn path(path: &Path) -> String {

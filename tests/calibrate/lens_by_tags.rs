@@ -7,8 +7,8 @@ use crate::program::{refused, said};
 use crate::sheet::{CAMERA, Camera, Place, Rays, SIZE, Sheet as Printed};
 use crate::tier;
 use glam::{DVec2, DVec3};
-use locard::calibrate::board::{Search, Target, Wanted};
-use locard::calibrate::geometry::{Calibrated, LensOptions, NamedView, calibrate};
+use locard::calibrate::board::{BoardDetector, Target, TargetChoice};
+use locard::calibrate::geometry::{CameraCalibration, LensOptions, NamedView, calibrate};
 use locard::camera::Response;
 use locard::pixels::Pixels;
 use locard::tags::{Board, Paper, Sheet, picture};
@@ -46,7 +46,7 @@ fn photograph(camera: &Camera, rays: &Rays, n: u32) -> Vec<u8> {
 }
 
 /// The share by which a parameter is off.
-fn off(calibrated: &Calibrated, name: &str, truth: f64) -> f64 {
+fn off(calibrated: &CameraCalibration, name: &str, truth: f64) -> f64 {
     calibrated.parameters.iter().find(|parameter| parameter.name == name).unwrap().value / truth - 1.0
 }
 
@@ -56,13 +56,13 @@ fn photographs_of_the_sheet_give_their_camera_back() {
     let count = numbers.len();
     for camera in [CAMERA, WIDE] {
         let rays = Rays::of(&camera);
-        let mut search = Search::new(&Wanted::Any, &Response::default()).unwrap();
+        let mut search = BoardDetector::new(&TargetChoice::Any, &Response::default()).unwrap();
         let (mut views, mut whole, mut furthest, mut sum, mut corners) = (Vec::new(), 0, 0f64, 0.0, 0.0);
         for n in numbers.clone() {
             let pixels = Pixels::from_u8(SIZE.0, SIZE.1, photograph(&camera, &rays, n)).unwrap();
             let Ok(seen) = search.find(&pixels) else { continue };
-            whole += usize::from(seen.at_px.len() == 24);
-            for (board, at) in seen.board.iter().zip(&seen.at_px) {
+            whole += usize::from(seen.corners_px.len() == 24);
+            for (board, at) in seen.board.iter().zip(&seen.corners_px) {
                 let off = at.distance(around(&camera, n).sees(&camera, DVec3::new(board.x, -board.y, 0.0)));
                 furthest = furthest.max(off);
                 (sum, corners) = (sum + off * off, corners + 1.0);
@@ -95,7 +95,7 @@ fn save(codes: Vec<u8>, file: &Path) {
 }
 
 #[test]
-fn the_program_finds_by_itself_what_is_photographed() {
+fn program_detects_the_photographed_target() {
     let folder = tempfile::tempdir().unwrap();
     let photos = folder.path().join("photos");
     std::fs::create_dir(&photos).unwrap();

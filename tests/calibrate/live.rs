@@ -9,24 +9,24 @@ use crate::random::Random;
 use crate::sheet::{CAMERA, Place, Rays, SIZE, Sheet as Printed};
 use crate::tier;
 use glam::{DMat3, DVec2, DVec3};
-use locard::calibrate::board::{Seen, Target};
-use locard::calibrate::geometry::{Edge, LensOptions, Look, Taking, Wish};
+use locard::calibrate::board::{BoardDetection, Target};
+use locard::calibrate::geometry::{Edge, LensOptions, MissingViews, ViewCollector, ViewOutcome};
 use locard::tags::{Paper, Sheet, picture};
 
 const FRAME_S: f64 = 1.0 / 30.0;
 
 /// What is seen of the sheet, read with errors of 0.1 px.
-fn seen(place: &Place, random: &mut Random) -> Seen {
-    let (mut board, mut at_px) = (Vec::new(), Vec::new());
+fn seen(place: &Place, random: &mut Random) -> BoardDetection {
+    let (mut board, mut corners_px) = (Vec::new(), Vec::new());
     for tag in Sheet::new(Paper::A4).board.tags {
         let corners = tag.corners_m().map(|corner| place.sees(&CAMERA, corner));
         let inside = |at: &DVec2| at.cmpge(DVec2::splat(3.0)).all() && at.cmple(DVec2::new(637.0, 477.0)).all();
         if corners.iter().all(inside) {
             board.extend(tag.corners_m().map(|corner| DVec2::new(corner.x, -corner.y)));
-            at_px.extend(corners.map(|at| at + 0.1 * DVec2::new(random.normal(), random.normal())));
+            corners_px.extend(corners.map(|at| at + 0.1 * DVec2::new(random.normal(), random.normal())));
         }
     }
-    Seen { board, at_px, of: Target::Tags(6) }
+    BoardDetection { board, corners_px, target: Target::Tags(6) }
 }
 
 /// South of a place beside the sheet's middle and above it, leaning by an angle, looking at that place. The sheet's far edge
@@ -50,8 +50,8 @@ fn between(a: &Place, b: &Place, t: f64) -> Place {
     Place { at_m: a.at_m.lerp(b.at_m, t), axes: DMat3::from_quat(turn) }
 }
 
-fn taking(wanted: usize) -> Taking {
-    Taking::new(SIZE, wanted, LensOptions::default())
+fn taking(wanted: usize) -> ViewCollector {
+    ViewCollector::new(SIZE, wanted, LensOptions::default())
 }
 
 #[test]
@@ -66,10 +66,10 @@ fn views_are_taken_at_rest_until_nothing_is_missing() {
         rests += 1;
         for i in 0..MOVES + STAYS {
             let place = between(&rest(n), &rest(n + 1), f64::from(i.min(MOVES)) / f64::from(MOVES));
-            let look = taking.look(f64::from(frame) * FRAME_S, &frame.to_string(), Some(seen(&place, &mut random)));
+            let look = taking.add(f64::from(frame) * FRAME_S, &frame.to_string(), Some(seen(&place, &mut random)));
             frame += 1;
             // It rests since frame MOVES, which shows in the next one.
-            assert!(look != Look::Taken || i > MOVES, "taken {i} frames after it set out");
+            assert!(look != ViewOutcome::Accepted || i > MOVES, "taken {i} frames after it set out");
             hints.extend(taking.hint());
             if taking.missing().is_empty() {
                 break 'hand;
@@ -88,12 +88,12 @@ fn views_are_taken_at_rest_until_nothing_is_missing() {
     let of = &calibrated.geometry;
     assert!((of.intrinsics.fx_px / CAMERA.focal_px - 1.0).abs() < 0.01, "{calibrated}");
     assert!((of.distortion.k1 / CAMERA.k1 - 1.0).abs() < 0.1, "{calibrated}");
-    assert!(!calibrated.missing.iter().any(|wish| wish.things() > 0), "{calibrated}");
+    assert!(!calibrated.missing.iter().any(|wish| wish.condition_count() > 0), "{calibrated}");
 }
 
 /// The limit is a thousandth of the diagonal, 0.8 px, from picture to picture.
 #[test]
-fn what_moves_slowly_or_was_not_seen_before_is_not_taken() {
+fn moving_or_single_views_are_not_accepted() {
     for (px, rests) in [(0.3, true), (0.6, true), (1.2, false), (4.0, false), (60.0, false)] {
         let mut random = Random::new(9);
         let mut taking = taking(3);
@@ -101,59 +101,63 @@ fn what_moves_slowly_or_was_not_seen_before_is_not_taken() {
         let mut looks = Vec::new();
         for frame in 0..4 {
             let mut seen = seen(&whole, &mut random);
-            seen.at_px.iter_mut().for_each(|at| at.x += px * f64::from(frame));
-            looks.push(taking.look(f64::from(frame) * FRAME_S, "a", Some(seen)));
+            seen.corners_px.iter_mut().for_each(|at| at.x += px * f64::from(frame));
+            looks.push(taking.add(f64::from(frame) * FRAME_S, "a", Some(seen)));
         }
-        let second = if rests { Look::Taken } else { Look::Moving };
-        let later = if rests { Look::Known } else { Look::Moving };
-        assert_eq!(looks, [Look::Moving, second, later, later], "{px} px");
+        let second = if rests { ViewOutcome::Accepted } else { ViewOutcome::Moving };
+        let later = if rests { ViewOutcome::Redundant } else { ViewOutcome::Moving };
+        assert_eq!(looks, [ViewOutcome::Moving, second, later, later], "{px} px");
     }
     let mut random = Random::new(9);
     let mut own = taking(3);
     let whole = seen(&leaning(0.3, 1.0, 0.6, DVec2::ZERO), &mut random);
     // Lost in between, or a second later: nobody knows what it did.
-    assert_eq!(own.look(0.0, "a", Some(whole.clone())), Look::Moving);
-    assert_eq!(own.look(0.1, "b", None), Look::NoBoard);
-    assert_eq!(own.look(0.2, "c", Some(whole.clone())), Look::Moving);
-    assert_eq!(own.look(1.2, "d", Some(whole.clone())), Look::Moving);
+    assert_eq!(own.add(0.0, "a", Some(whole.clone())), ViewOutcome::Moving);
+    assert_eq!(own.add(0.1, "b", None), ViewOutcome::NoBoard);
+    assert_eq!(own.add(0.2, "c", Some(whole.clone())), ViewOutcome::Moving);
+    assert_eq!(own.add(1.2, "d", Some(whole.clone())), ViewOutcome::Moving);
     // A clock that goes back.
-    assert_eq!(own.look(0.3, "e", Some(whole.clone())), Look::Moving);
-    assert_eq!(own.look(0.4, "f", Some(whole.clone())), Look::Taken);
-    assert_eq!(own.look(0.5, "g", Some(whole.clone())), Look::Known);
+    assert_eq!(own.add(0.3, "e", Some(whole.clone())), ViewOutcome::Moving);
+    assert_eq!(own.add(0.4, "f", Some(whole.clone())), ViewOutcome::Accepted);
+    assert_eq!(own.add(0.5, "g", Some(whole.clone())), ViewOutcome::Redundant);
     assert_eq!((own.views().len(), own.views()[0].name.as_str()), (1, "f"));
     // What cannot be told from a few corners is no view.
-    let few = Seen { board: whole.board[..4].to_vec(), at_px: whole.at_px[..4].to_vec(), of: whole.of };
-    own.look(0.6, "h", Some(few.clone()));
-    assert_eq!(own.look(0.7, "i", Some(few)), Look::Known);
-    let none = Seen { board: Vec::new(), at_px: Vec::new(), of: whole.of };
-    own.look(0.8, "j", Some(none.clone()));
-    assert_eq!(own.look(0.9, "k", Some(none)), Look::Moving);
+    let few = BoardDetection {
+        board: whole.board[..4].to_vec(),
+        corners_px: whole.corners_px[..4].to_vec(),
+        target: whole.target,
+    };
+    own.add(0.6, "h", Some(few.clone()));
+    assert_eq!(own.add(0.7, "i", Some(few)), ViewOutcome::Redundant);
+    let none = BoardDetection { board: Vec::new(), corners_px: Vec::new(), target: whole.target };
+    own.add(0.8, "j", Some(none.clone()));
+    assert_eq!(own.add(0.9, "k", Some(none)), ViewOutcome::Moving);
 }
 
 /// It asks for what is missing, and takes nothing else once there are views enough.
 #[test]
-fn what_is_missing_is_asked_for_and_taken() {
+fn missing_views_are_requested_and_accepted() {
     let mut random = Random::new(2);
     let mut taking = taking(4);
     let mut time_s = 0.0;
-    let mut show = |taking: &mut Taking, place: &Place| {
-        let mut last = Look::NoBoard;
+    let mut show = |taking: &mut ViewCollector, place: &Place| {
+        let mut last = ViewOutcome::NoBoard;
         for _ in 0..2 {
             time_s += FRAME_S;
-            last = taking.look(time_s, "a", Some(seen(place, &mut random)));
+            last = taking.add(time_s, "a", Some(seen(place, &mut random)));
         }
         last
     };
     for (quarter, far) in [(1.0, 0.45), (2.0, 0.6), (3.0, 0.75)] {
-        assert_eq!(show(&mut taking, &leaning(0.5, quarter * FRAC_PI_2, far, DVec2::ZERO)), Look::Taken);
+        assert_eq!(show(&mut taking, &leaning(0.5, quarter * FRAC_PI_2, far, DVec2::ZERO)), ViewOutcome::Accepted);
     }
     let tilts = taking.missing().iter().find_map(|wish| match wish {
-        Wish::Tilts(edges) => Some(edges.clone()),
+        MissingViews::Tilts(edges) => Some(edges.clone()),
         _ => None,
     });
     assert_eq!(tilts, Some(vec![Edge::Upper]), "{:?}", taking.missing());
     assert!(taking.hint().unwrap().contains("its upper edge away from the camera"), "{:?}", taking.hint());
-    assert_eq!(show(&mut taking, &leaning(0.5, 0.0, 0.6, DVec2::ZERO)), Look::Taken);
+    assert_eq!(show(&mut taking, &leaning(0.5, 0.0, 0.6, DVec2::ZERO)), ViewOutcome::Accepted);
     // Now the corners: it looks beside the sheet, which is seen on the other side.
     let hint = taking.hint().unwrap();
     assert!(hint.starts_with("into the picture's ") && hint.contains(" corner"), "{hint}: {:?}", taking.missing());
@@ -162,7 +166,7 @@ fn what_is_missing_is_asked_for_and_taken() {
         show(&mut taking, &leaning(0.1, 0.0, 0.5, DVec2::new(0.38 * x, 0.26 * y)));
     }
     assert!(taking.views().len() > views, "{:?}", taking.missing());
-    assert!(!taking.missing().iter().any(|wish| matches!(wish, Wish::Corners(_))), "{:?}", taking.missing());
+    assert!(!taking.missing().iter().any(|wish| matches!(wish, MissingViews::Corners(_))), "{:?}", taking.missing());
 }
 
 /// A video of the hand: rests of more than a second, so that a slow machine sees two pictures of each, and ways in between.

@@ -113,7 +113,7 @@ fn standard_error_covers_the_error_and_a_straight_edge_is_not_trusted() {
 }
 
 #[test]
-fn what_cannot_be_measured_says_why() {
+fn measurements_that_fail_name_the_reason() {
     let options = DisplacementOptions::default();
     let (a, small) = (picture([0.0; 2], 0.0, 1), Grey::new(2, 1, vec![0.0; 2]).unwrap());
     assert!(displacements(&a, &small, None, &options).unwrap_err().to_string().contains("128x128 and 2x1"));

@@ -117,7 +117,7 @@ fn stripes_over_three_quarters_of_the_picture_are_not_noise() {
 }
 
 #[test]
-fn where_all_is_texture_it_says_so() {
+fn texture_everywhere_is_reported() {
     let error = from_frames(&frames(16, 3.0, 0.3, 20), &NoiseOptions::default()).unwrap_err().to_string();
     assert!(error.contains("texture is almost everywhere in 16 pictures") && !error.contains("larger"), "{error}");
     // Where there is too little of everything it is that.
@@ -326,7 +326,7 @@ fn texture_everywhere_and_a_fixed_pattern_only_add() {
 /// The Kinect in a hand: the profile that comes with the program is what the program finds.
 #[test]
 #[ignore = "full tier: reads 90 frames; a_tenth_of_the_kinects_frames_gives_its_profile is its small form"]
-fn the_kinects_profile_is_what_its_frames_say() {
+fn kinect_profile_matches_its_frames() {
     let Some(folder) = common::data("tum-fr1-rpy") else { return };
     let found = moving_noise_from_paths(&[folder], &NoiseOptions::default()).unwrap();
     let mut rig = Rig::default();

@@ -205,7 +205,7 @@ fn a_moving_patch_is_left_out_and_its_share_reported() {
 }
 
 #[test]
-fn what_alone_is_bright_and_flickers_is_not_taken_for_noise() {
+fn bright_flickering_area_is_not_counted_as_noise() {
     let camera = Camera { sigma: [[1.0, 2.0]; 3], neighbour: 0.0, shared: 0.0 };
     let scene = camera.shoot(10, 11, |x, y, frame, c| {
         let sign = (100..140).contains(&x) && (50..90).contains(&y);
@@ -305,7 +305,7 @@ fn sixteen_bits_give_the_same_table() {
 }
 
 #[test]
-fn what_cannot_be_calibrated_says_why() {
+fn failed_calibrations_name_the_reason() {
     let one = WHITE.shoot(1, 1, chart);
     let options = NoiseOptions::default();
     let error = from_scenes(std::slice::from_ref(&one), &options).unwrap_err().to_string();

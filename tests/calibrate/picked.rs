@@ -7,8 +7,10 @@ use crate::common;
 use crate::program::{refused, said};
 use crate::random::Random;
 use crate::tier;
-use locard::calibrate::sharpness::{SharpnessError, edge, together};
-use locard::calibrate::{Picked, PickedError, PickedNoise, Place, SceneMotion, Unfit, Warning, picked_noise};
+use locard::calibrate::sharpness::{SharpnessError, combine, edge};
+use locard::calibrate::{
+    PickedError, PickedNoise, PickedRegion, PickedResult, RegionError, SceneMotion, Warning, picked_noise,
+};
 use locard::camera::{NoiseBin, NoiseProfile, Response};
 use locard::effects::blur;
 use locard::measure::Grey;
@@ -109,7 +111,7 @@ fn a_known_movement_is_taken_off() {
 }
 
 #[test]
-fn what_is_no_edge_says_why() {
+fn rejected_edges_name_the_reason() {
     let measure = |picture: &Grey| slanted_edge(picture, WHOLE, [0.0; 2]).unwrap_err();
     let shares = Made { slant_deg: 9.0, sigma_px: 0.6, moved_px: 0.0 }.shares();
     assert!(matches!(
@@ -179,7 +181,7 @@ fn edges_of_one_print_agree_in_a_real_picture() {
     // Both sides of a dark printed strip, which lies flat.
     let measure = |rect| edge(&picture, &Response::default(), rect, [0.0; 2]).unwrap();
     let edges: Vec<SlantedEdge> = [Rect::new(80, 310, 100, 385), Rect::new(98, 345, 118, 385)].map(measure).into();
-    let both = together(&edges).unwrap();
+    let both = combine(&edges).unwrap();
     assert!(both.between_px == 0.0 && (0.45..0.65).contains(&both.sigma_px), "{both:?}");
     assert!(both.uncertainty_px < 0.05, "{both:?}");
     // The edge of the table is round, and lies nearer: softer by more than chance.
@@ -238,15 +240,15 @@ fn patches(frames: usize, codes: &[f64], slope: f64) -> Vec<Pixels> {
 }
 
 /// A place in frames.
-fn place(frames: &[&Pixels], at: Rect) -> Place {
-    let mut place = Place::new(at);
+fn place(frames: &[&Pixels], at: Rect) -> PickedRegion {
+    let mut place = PickedRegion::new(at);
     frames.iter().for_each(|frame| place.add(frame).unwrap());
     place
 }
 
 /// Measures places that are all in the same frames.
-fn pick(frames: &[&Pixels], places: &[Rect], motion: SceneMotion, present: Option<&NoiseProfile>) -> Picked {
-    let places: Vec<Place> = places.iter().map(|at| place(frames, *at)).collect();
+fn pick(frames: &[&Pixels], places: &[Rect], motion: SceneMotion, present: Option<&NoiseProfile>) -> PickedResult {
+    let places: Vec<PickedRegion> = places.iter().map(|at| place(frames, *at)).collect();
     picked_noise(&places, motion, present)
 }
 
@@ -290,7 +292,7 @@ fn places_that_tell_nothing_say_why() {
     let frames = patches(4, &[40.0, 120.0, 200.0], 0.0);
     let all: Vec<&Pixels> = frames.iter().collect();
     let ask = |frames: &[&Pixels], places: &[Rect], motion| pick(frames, places, motion, None);
-    let verdict = |picked: Picked| {
+    let verdict = |picked: PickedResult| {
         assert!(matches!(picked.noise, Err(PickedError::NoneFit)), "{picked:?}");
         picked.places.into_iter().next().unwrap().unwrap_err()
     };
@@ -298,19 +300,23 @@ fn places_that_tell_nothing_say_why() {
     assert!(matches!(ask(&all[..1], &places(1), SceneMotion::Resting).noise, Err(PickedError::OneFrame)));
     for (motion, least) in [(SceneMotion::Moving, 24), (SceneMotion::Resting, 12)] {
         let small = verdict(ask(&all[..2], &[Rect::new(0, 0, 8, 40)], motion));
-        assert_eq!(small, Unfit::Small { width: 8, height: 40, least });
+        assert_eq!(small, RegionError::Small { width: 8, height: 40, least });
     }
     // Half of it is another patch.
     let textured = verdict(ask(&all[..1], &[Rect::new(40, 0, 88, 60)], SceneMotion::Moving));
-    assert!(matches!(textured, Unfit::Textured { times } if times > 3.0), "{textured}");
+    assert!(matches!(textured, RegionError::Textured { times } if times > 3.0), "{textured}");
     let (bright, flat) = (patches(2, &[254.9], 0.0), Pixels::from_u8(64, 64, vec![90; 64 * 64 * 3]).unwrap());
     for motion in [SceneMotion::Moving, SceneMotion::Resting] {
-        assert_eq!(verdict(ask(&bright.iter().collect::<Vec<_>>(), &places(1), motion)), Unfit::Clipped, "{motion:?}");
+        assert_eq!(
+            verdict(ask(&bright.iter().collect::<Vec<_>>(), &places(1), motion)),
+            RegionError::Clipped,
+            "{motion:?}"
+        );
     }
-    assert_eq!(verdict(ask(&[&flat], &places(1), SceneMotion::Moving)), Unfit::Quiet);
+    assert_eq!(verdict(ask(&[&flat], &places(1), SceneMotion::Moving)), RegionError::Quiet);
     // A step that wanders.
     let moves = verdict(ask(&wandering().iter().collect::<Vec<_>>(), &places(1), SceneMotion::Resting));
-    assert_eq!(moves, Unfit::Changes);
+    assert_eq!(moves, RegionError::Changes);
 }
 
 /// A step that goes on by 9 px from frame to frame.
@@ -343,7 +349,7 @@ fn bad_places_do_not_keep_good_ones_from_being_used() {
     let alone = picked_noise(&[place(&all[..], good[0])], SceneMotion::Resting, None).noise.unwrap();
     let both = [place(&moving[..], Rect::new(0, 0, 64, 64)), place(&all[..], good[0])];
     let mixed = picked_noise(&both, SceneMotion::Resting, None);
-    assert!(matches!(mixed.places[..], [Err(Unfit::Changes), Ok(_)]), "{:?}", mixed.places);
+    assert!(matches!(mixed.places[..], [Err(RegionError::Changes), Ok(_)]), "{:?}", mixed.places);
     assert!(alike(&alone, &mixed.noise.unwrap()));
 }
 
@@ -408,7 +414,7 @@ fn drawn_edge(slant_deg: f64, sigma_px: f64) -> Grey {
 /// What docs/calibration.md says of edges that the program draws: they measure what is set, but where few taps are no Gaussian.
 /// The rest is what 144 points of a pixel's square lack.
 #[test]
-fn an_edge_that_is_drawn_measures_as_the_page_says() {
+fn rendered_edge_has_the_documented_width() {
     for (slant_deg, expected_px) in
         [(5.0, [0.53, 0.79, 1.00, 2.00]), (20.0, [0.56, 0.80, 1.00, 2.00]), (40.0, [0.58, 0.80, 1.00, 2.00])]
     {

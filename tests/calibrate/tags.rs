@@ -9,8 +9,8 @@ use locard::camera::{Distortion, Geometry, Intrinsics, Response};
 use locard::pixels::Pixels;
 use locard::pose::Pose;
 use locard::tags::{
-    Board, Corners, Detector, Family, Found, Grey, Lost, Paper, Searcher, Sheet, Sight, Tag, Track, along, expected,
-    picture, rolled, solved,
+    Board, BoardPose, BoardTracker, Corners, DetectedTag, Detector, Family, Grey, Paper, PoseFailure, Sheet, Tag,
+    Track, choose_along, correct_rolling_shutter, extrapolated_pose, picture, solve_pose,
 };
 
 static PRINTED: LazyLock<Printed> = LazyLock::new(|| {
@@ -62,7 +62,7 @@ fn the_camera_is_where_it_was() {
     let one = Board { tags: whole.tags[..1].to_vec(), ..whole.clone() };
     // What is asked for is 2 mm and 0.2° at 0.8 m; a sheet is better by far.
     for (board, most_mm, most_deg) in [(whole, 0.5, 0.05), (one, 2.0, 0.2)] {
-        let mut searcher = Searcher::new(board, geometry(&CAMERA), &Response::default()).unwrap();
+        let mut searcher = BoardTracker::new(board, geometry(&CAMERA), &Response::default()).unwrap();
         let (mut ways, mut turns, mut normed) = (Vec::new(), Vec::new(), Vec::new());
         for (i, codes) in (0..count).zip(&photographs) {
             let place = around(i, count);
@@ -85,7 +85,7 @@ fn the_camera_is_where_it_was_with_a_rolling_shutter() {
     // It goes 0.5 m and turns 40° in a second, and 25 ms pass from the first row to the last one.
     let camera = Camera { readout_s: 0.025, ..CAMERA };
     let at = |t: f64| Place::looking(DVec3::new(0.2 + 0.5 * t, -0.45, 0.6), DVec3::new(0.7 * t, 0.0, 0.0), 0.1);
-    let mut searcher = Searcher::new(Sheet::new(Paper::A4).board, geometry(&camera), &Response::default()).unwrap();
+    let mut searcher = BoardTracker::new(Sheet::new(Paper::A4).board, geometry(&camera), &Response::default()).unwrap();
     let rays = Rays::of(&camera);
     let mut sights = Vec::new();
     for i in 0..3 {
@@ -93,8 +93,8 @@ fn the_camera_is_where_it_was_with_a_rolling_shutter() {
         let codes = PRINTED.photograph_by_rays(&rays, 4, 0.5, 0, |t| at(time_s + t));
         sights.push((time_s, searcher.look(&Pixels::from_u8(640, 480, codes).unwrap()).unwrap().ok()));
     }
-    let chosen = along(&sights);
-    let rolled = rolled(&geometry(&camera), &sights, &chosen);
+    let chosen = choose_along(&sights);
+    let rolled = correct_rolling_shutter(&geometry(&camera), &sights, &chosen);
     let (before_mm, _) = off(&chosen[1].as_ref().unwrap().solved.pose, &at(0.0));
     let (way_mm, turn_deg) = off(&rolled[1].as_ref().unwrap().solved.pose, &at(0.0));
     assert!(before_mm > 2.0, "{before_mm} mm: the rolling shutter does not show");
@@ -112,8 +112,8 @@ fn a_pose_worked_by_hand() {
     let board =
         Board::parse("version = 1\nfamily = \"36h11\"\n[[tags]]\nid = 3\nsize_m = 0.2\ncenter_m = [0, 0]").unwrap();
     let corners = [(270.0, 190.0), (370.0, 190.0), (370.0, 290.0), (270.0, 290.0)].map(DVec2::from);
-    let found = [Found { id: 3, corners_px: corners }];
-    let sight = Sight::of(&pinhole(), &board, &found, &[]).unwrap();
+    let found = [DetectedTag { id: 3, corners_px: corners }];
+    let sight = BoardPose::of(&pinhole(), &board, &found, &[]).unwrap();
     let pose = sight.best.pose;
     assert!(pose.position_in_world_m().distance(DVec3::new(0.0, 0.0, 1.0)) < 1e-6, "{pose:?}");
     assert!(pose.transform_point(DVec3::new(0.1, 0.2, 0.3)).distance(DVec3::new(0.1, -0.2, 0.7)) < 1e-6, "{pose:?}");
@@ -128,13 +128,13 @@ fn a_pose_worked_by_hand() {
             rotation_deg: DVec3::new(90.0, 0.0, 0.0),
         }],
     };
-    let pose = Sight::of(&pinhole(), &wall, &found, &[]).unwrap().best.pose;
+    let pose = BoardPose::of(&pinhole(), &wall, &found, &[]).unwrap().best.pose;
     assert!(pose.position_in_world_m().distance(DVec3::new(1.0, 0.0, 1.5)) < 1e-6, "{pose:?}");
     assert!(pose.inverse_transform_point(DVec3::Z).distance(DVec3::new(1.0, 1.0, 1.5)) < 1e-6, "{pose:?}");
 }
 
 #[test]
-fn what_deviates_by_as_much_as_it_says_is_worked_by_hand() {
+fn pose_covariance_matches_the_computed_deviation() {
     // Of a tag seen face on, a shift of τ in x or y moves each corner by 500 τ px, so it is known to σ / (500 √4).
     let geometry = pinhole();
     let corners_m = Sheet::new(Paper::A4).board.tags[0].corners_m().map(|c| c - DVec3::new(-0.0425, 0.085, 0.0));
@@ -145,7 +145,7 @@ fn what_deviates_by_as_much_as_it_says_is_worked_by_hand() {
         at + (at - DVec2::new(320.0, 240.0)).normalize() * if i.is_multiple_of(2) { 0.1 } else { -0.1 }
     };
     let corners = Corners { in_world_m: corners_m.to_vec(), seen_px: (0..4).map(seen).collect(), ..Corners::default() };
-    let found = solved(&geometry, &corners, &pose).unwrap();
+    let found = solve_pose(&geometry, &corners, &pose).unwrap();
     let sum_px2 = found.squares_px2;
     // Eight numbers less six, and one corner of 0.05 px that is assumed.
     let sigma_px = ((sum_px2 + 2.0 * 0.05 * 0.05) / (2.0 + 2.0)).sqrt();
@@ -165,21 +165,21 @@ fn far_tag() -> Board {
 }
 
 /// What a camera 2 m away sees of it that stands so many degrees aside of its normal, each corner read with an error.
-fn seen_aslant(aside_deg: f64, error_px: f64) -> (Pose, Vec<Found>) {
+fn seen_aslant(aside_deg: f64, error_px: f64) -> (Pose, Vec<DetectedTag>) {
     let (s, c) = aside_deg.to_radians().sin_cos();
     let pose = Pose::look_at(2.0 * DVec3::new(s, 0.0, c), DVec3::ZERO, DVec3::Y).unwrap();
     let errors = [DVec2::new(1.0, 0.3), DVec2::new(-0.4, 0.9), DVec2::new(0.6, -1.0), DVec2::new(-0.8, -0.5)];
     let places = far_tag().tags[0].corners_m();
     let corners_px =
         std::array::from_fn(|i| pinhole().project(pose.transform_point(places[i])).unwrap() + error_px * errors[i]);
-    (pose, vec![Found { id: 0, corners_px }])
+    (pose, vec![DetectedTag { id: 0, corners_px }])
 }
 
 #[test]
 fn a_flat_tag_may_lean_either_way_and_the_pictures_around_it_decide() {
     let sight = |aside_deg: f64, error_px: f64| {
         let (truth, found) = seen_aslant(aside_deg, error_px);
-        (truth, Sight::of(&pinhole(), &far_tag(), &found, &[]).unwrap())
+        (truth, BoardPose::of(&pinhole(), &far_tag(), &found, &[]).unwrap())
     };
     let far = |pose: &Pose, truth: &Pose| pose.rotation.angle_between(truth.rotation).to_degrees();
     // Leaning by 35° it is 13 px across, and the two poses' corners differ by less than they are read to.
@@ -188,14 +188,14 @@ fn a_flat_tag_may_lean_either_way_and_the_pictures_around_it_decide() {
     let (a, b) = (far(&both.best.pose, &truth), far(&other.pose, &truth));
     assert!(a.min(b) < 12.0 && a.max(b) > 45.0, "{a}° {b}°");
     // Alone it is in doubt, and says so.
-    let alone = along(&[(0.0, Some(both.clone()))]);
-    assert!(!alone[0].as_ref().unwrap().certain);
+    let alone = choose_along(&[(0.0, Some(both.clone()))]);
+    assert!(!alone[0].as_ref().unwrap().is_certain);
     // Nearer by, the picture decides.
     let near = {
         let (pose, _) = seen_aslant(35.0, 0.0);
         let near = Pose::look_at(0.15 * pose.position_in_world_m(), DVec3::ZERO, DVec3::Y).unwrap();
         let corners_px = far_tag().tags[0].corners_m().map(|c| pinhole().project(near.transform_point(c)).unwrap());
-        Sight::of(&pinhole(), &far_tag(), &[Found { id: 0, corners_px }], &[]).unwrap()
+        BoardPose::of(&pinhole(), &far_tag(), &[DetectedTag { id: 0, corners_px }], &[]).unwrap()
     };
     assert_eq!(near.other, None);
     // What was in doubt before and after it is known from it, both ways, and through the moment of facing it.
@@ -209,55 +209,58 @@ fn a_flat_tag_may_lean_either_way_and_the_pictures_around_it_decide() {
         sights.push((f64::from(i) / 30.0, Some(sight)));
         truths.push(truth);
     }
-    let chosen = along(&sights);
+    let chosen = choose_along(&sights);
     let worst = chosen.iter().zip(&truths).map(|(chosen, truth)| far(&chosen.as_ref().unwrap().solved.pose, truth));
     let worst = worst.fold(0.0, f64::max);
     assert!(worst < 15.0, "{worst}°");
-    assert!(chosen[0].as_ref().unwrap().certain && chosen[14].as_ref().unwrap().certain);
+    assert!(chosen[0].as_ref().unwrap().is_certain && chosen[14].as_ref().unwrap().is_certain);
 }
 
 #[test]
 fn a_camera_goes_on_as_it_went() {
     let at = |x: f64, turn: f64| Pose::from_camera_in_world(DVec3::new(x, 0.0, 0.0), DQuat::from_rotation_z(turn));
     let went = [(0.0, at(0.0, 0.0)), (0.1, at(1.0, 0.2))];
-    let next = expected(&went, 0.2).unwrap();
+    let next = extrapolated_pose(&went, 0.2).unwrap();
     assert!(next.position_in_world_m().distance(DVec3::new(2.0, 0.0, 0.0)) < 1e-9);
     assert!(next.world_from_camera_rotation().angle_between(DQuat::from_rotation_z(0.4)) < 1e-7);
-    assert_eq!(expected(&went[..1], 0.2), Some(at(0.0, 0.0)));
-    assert_eq!(expected(&went, 1.0), None);
-    assert_eq!(expected(&[], 0.0), None);
+    assert_eq!(extrapolated_pose(&went[..1], 0.2), Some(at(0.0, 0.0)));
+    assert_eq!(extrapolated_pose(&went, 1.0), None);
+    assert_eq!(extrapolated_pose(&[], 0.0), None);
 }
 
 #[test]
-fn what_gives_no_pose_says_why() {
+fn pictures_without_a_pose_name_the_reason() {
     let (_, found) = seen_aslant(20.0, 0.0);
-    let of = |board: &Board, found: &[Found]| Sight::of(&pinhole(), board, found, &[]);
-    assert_eq!(of(&far_tag(), &[]), Err(Lost::Nothing));
-    let stranger = [Found { id: 9, ..found[0].clone() }];
-    assert_eq!(of(&far_tag(), &stranger), Err(Lost::NotOnBoard(vec![9])));
+    let of = |board: &Board, found: &[DetectedTag]| BoardPose::of(&pinhole(), board, found, &[]);
+    assert_eq!(of(&far_tag(), &[]), Err(PoseFailure::Nothing));
+    let stranger = [DetectedTag { id: 9, ..found[0].clone() }];
+    assert_eq!(of(&far_tag(), &stranger), Err(PoseFailure::NotOnBoard(vec![9])));
     // The sheet's tags, twice as far from each other as the file says.
     let sheet = Sheet::new(Paper::A4).board;
     let pose = Pose::look_at(DVec3::new(0.2, -0.3, 0.8), DVec3::ZERO, DVec3::Y).unwrap();
     let tags = sheet.tags.iter().map(|tag| {
         let wide = Tag { center_m: 2.0 * tag.center_m, ..*tag };
-        Found { id: tag.id, corners_px: wide.corners_m().map(|c| pinhole().project(pose.transform_point(c)).unwrap()) }
+        DetectedTag {
+            id: tag.id,
+            corners_px: wide.corners_m().map(|c| pinhole().project(pose.transform_point(c)).unwrap()),
+        }
     });
-    let tags: Vec<Found> = tags.collect();
+    let tags: Vec<DetectedTag> = tags.collect();
     let error = of(&sheet, &tags).unwrap_err();
-    assert!(matches!(error, Lost::Misfit { .. }), "{error}");
+    assert!(matches!(error, PoseFailure::Misfit { .. }), "{error}");
     assert!(
         error.to_string().starts_with("the tags 0, 1, 2, 3, 4, 5 do not stand to each other as on the board"),
         "{error}"
     );
     // Corners that are no numbers, and all in one place.
     for at in [DVec2::NAN, DVec2::new(300.0, 200.0)] {
-        assert!(of(&far_tag(), &[Found { id: 0, corners_px: [at; 4] }]).is_err());
+        assert!(of(&far_tag(), &[DetectedTag { id: 0, corners_px: [at; 4] }]).is_err());
     }
     // Of six tags one is misread: the others decide.
-    let mut misread: Vec<Found> = sheet
+    let mut misread: Vec<DetectedTag> = sheet
         .tags
         .iter()
-        .map(|tag| Found {
+        .map(|tag| DetectedTag {
             id: tag.id,
             corners_px: tag.corners_m().map(|c| pinhole().project(pose.transform_point(c)).unwrap()),
         })
@@ -271,12 +274,12 @@ fn what_gives_no_pose_says_why() {
 #[test]
 fn nothing_is_made_up_where_the_track_was_lost() {
     let (_, found) = seen_aslant(35.0, 0.1);
-    let sight = Sight::of(&pinhole(), &far_tag(), &found, &[]).unwrap();
+    let sight = BoardPose::of(&pinhole(), &far_tag(), &found, &[]).unwrap();
     // Frames 2 and 3 are lost, and frame 6; the camera's clock stutters after frame 4.
     let times_s = vec![0.0, 0.1, 0.2, 0.3, 0.4, 0.55, 0.65, 0.75];
     let known = [true, true, false, false, true, true, false, true];
     let sights: Vec<_> = times_s.iter().zip(known).map(|(t, known)| (*t, known.then(|| sight.clone()))).collect();
-    let frames = along(&sights).into_iter().map(|chosen| chosen.ok_or(Lost::Nothing)).collect();
+    let frames = choose_along(&sights).into_iter().map(|chosen| chosen.ok_or(PoseFailure::Nothing)).collect();
     let track = Track {
         times_s,
         frames,
@@ -287,7 +290,7 @@ fn nothing_is_made_up_where_the_track_was_lost() {
     // 0.15 s lie between frames 4 and 5, 0.2 s across the shortest gap.
     let gap_s = track.max_gap_s();
     assert!(gap_s > 0.15 && gap_s < 0.2, "{gap_s}");
-    assert_eq!(track.lost(), [(2..4, &Lost::Nothing), (6..7, &Lost::Nothing)]);
+    assert_eq!(track.lost(), [(2..4, &PoseFailure::Nothing), (6..7, &PoseFailure::Nothing)]);
     assert_eq!(track.doubtful(), [0..2, 4..6, 7..8]);
     let told = track.to_string();
     for line in [
@@ -329,9 +332,9 @@ fn sheet_at(left: u32, ids: &[u32]) -> Vec<(u32, [u32; 2], u32)> {
 }
 
 #[test]
-fn tags_seen_in_several_places_are_told_and_the_others_give_the_pose() {
+fn repeated_tags_are_reported_and_the_others_give_the_pose() {
     let board = || Sheet::new(Paper::A4).board;
-    let mut searcher = Searcher::new(board(), pinhole(), &Response::default()).unwrap();
+    let mut searcher = BoardTracker::new(board(), pinhole(), &Response::default()).unwrap();
     let first = sheet_at(40, &[0, 1, 2, 3, 4, 5]);
     let alone = searcher.look(&drawn(&first)).unwrap().unwrap();
     assert_eq!((alone.tags.len(), alone.repeated.len()), (6, 0));
@@ -342,7 +345,7 @@ fn tags_seen_in_several_places_are_told_and_the_others_give_the_pose() {
     assert!(off_m < 0.02, "{off_m}");
     let both = [first, sheet_at(300, &[0, 1, 2, 3, 4, 5])].concat();
     let lost = searcher.look(&drawn(&both)).unwrap().unwrap_err();
-    assert_eq!(lost, Lost::Repeated(vec![0, 1, 2, 3, 4, 5]));
+    assert_eq!(lost, PoseFailure::Repeated(vec![0, 1, 2, 3, 4, 5]));
     assert!(lost.to_string().starts_with("the tags 0, 1, 2, 3, 4, 5 are detected more than once"), "{lost}");
 }
 
@@ -363,7 +366,7 @@ fn tags_of_others_do_not_hide_a_boards_small_tag() {
 }
 
 #[test]
-fn boards_file_says_where_its_origin_is() {
+fn board_file_states_its_origin() {
     let text = Sheet::new(Paper::A4).board.to_string();
     assert!(text.contains("the small cross in the middle of the tags, not the middle of the paper"), "{text}");
     assert_eq!(Board::parse(&text).unwrap(), Sheet::new(Paper::A4).board);

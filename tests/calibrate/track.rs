@@ -16,7 +16,7 @@ use locard::profile::Rig;
 use locard::recording::{OpenOptions, Recording};
 use locard::source::video::{Overrides, probe};
 use locard::tracking::covariance::Covariance;
-use locard::tracking::smooth::smoothed;
+use locard::tracking::smooth::smooth_poses;
 use locard::tracking::tum::Line;
 
 fn strs(arguments: &[String]) -> Vec<&str> {
@@ -215,7 +215,7 @@ fn a_track_is_smoothed_if_that_is_asked_for() {
     assert!(told.contains("smoothed   by a line through the poses around each, 0.05 s to 1/e"), "{told}");
     let (plain, smooth) = (recorded(&site.path("plain")), recorded(&site.path("smooth")));
     // The frames in which the camera looks away are no bridge.
-    let wanted = smoothed(&plain, 0.05, 0.05);
+    let wanted = smooth_poses(&plain, 0.05, 0.05);
     assert_eq!((smooth.len(), wanted.len()), (FRAMES - AWAY.len(), FRAMES - AWAY.len()));
     for ((pose, sure), (wanted, wanted_sure)) in smooth.iter().zip(&wanted) {
         assert!((pose.translation_m - wanted.translation_m).length() < 1e-12);

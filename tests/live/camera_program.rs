@@ -64,7 +64,7 @@ fn a_video_is_recorded_as_a_camera_is() {
 }
 
 #[test]
-fn video_in_high_dynamic_range_in_a_cameras_place_is_told_as_what_is_not_kept() {
+fn high_dynamic_range_video_as_a_camera_is_reported_as_lost() {
     let temp = tempfile::tempdir().unwrap();
     let (video, site) = (temp.path().join("hlg.mp4"), temp.path().join("site"));
     let mut ffmpeg = Command::new("ffmpeg");
@@ -103,7 +103,7 @@ fn live_pictures_are_those_of_the_recording() {
 }
 
 #[test]
-fn what_is_no_camera_and_what_gives_no_poses_is_told_in_one_line() {
+fn unknown_cameras_and_pose_sources_are_refused_in_one_line() {
     let temp = tempfile::tempdir().unwrap();
     let (video, out) = (video(), temp.path().join("out"));
     for (arguments, said) in [
@@ -234,7 +234,7 @@ fn zooming(i: u32) -> LensState {
 
 /// No profile says the camera: the stream does, and what was used of it is recorded with each frame.
 #[test]
-fn a_stream_s_lens_is_the_camera_of_live_and_of_what_is_recorded() {
+fn lens_of_a_stream_is_the_camera_live_and_recorded() {
     let temp = tempfile::tempdir().unwrap();
     let video = video();
     let demo = Recording::open(Path::new("recordings/demo"), &OpenOptions::default()).unwrap();
@@ -322,7 +322,7 @@ fn recording_of_no_frame_is_a_failure_that_leaves_nothing() {
 }
 
 #[test]
-fn without_a_profile_a_stream_that_says_no_lens_is_refused_with_the_reason() {
+fn stream_without_a_lens_or_profile_is_refused_with_the_reason() {
     let temp = tempfile::tempdir().unwrap();
     let video = video();
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
@@ -338,7 +338,7 @@ fn without_a_profile_a_stream_that_says_no_lens_is_refused_with_the_reason() {
 }
 
 #[test]
-fn the_closing_lines_count_what_a_stream_sent() {
+fn closing_lines_count_the_received_poses() {
     let temp = tempfile::tempdir().unwrap();
     let (video, site) = (video(), temp.path().join("site"));
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();

@@ -225,7 +225,7 @@ fn a_stream_s_lens_is_followed_and_replays_bit_for_bit() {
 
 /// What a person sets overrides what the stream says, number for number.
 #[test]
-fn what_is_set_overrides_the_stream_s_lens() {
+fn settings_override_the_lens_of_the_stream() {
     let sets = ["camera.fx_px=90", "camera.lens.focus_distance_m=none", "camera.exposure.time_s=0.01"];
     let (_, _, cameras) = both_with(Layout::Yuyv, 30, &sets, Some(zoomed));
     let seen = cameras.iter().skip(8).map(|camera| (&camera.intrinsics, &camera.distortion));

@@ -121,7 +121,7 @@ fn evidence_stays_in_its_place_while_tags_are_missed() {
 
 /// Where the picture says nothing, what is in a wrong place fades, and what is found is not smeared.
 #[test]
-fn evidence_fades_where_nothing_says_where_it_is() {
+fn evidence_fades_without_poses() {
     let measured = measured(false);
     println!("{measured:.1?}");
     for (off_px, presence) in measured.off_px[2].iter().zip(&measured.presence[2]) {

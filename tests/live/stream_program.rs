@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::program::{program, refused};
 use locard::recording::{OpenOptions, Recording};
-use locard::stream::{Poses, Sender, Tracked};
+use locard::stream::{Poses, Sender, StreamPose};
 
 /// A program that is ended with its test.
 struct Running(Child);
@@ -23,7 +23,7 @@ fn started(arguments: &[&str]) -> Running {
     Running(program().args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap())
 }
 
-fn received(poses: &mut Poses, count: usize) -> Vec<Tracked> {
+fn received(poses: &mut Poses, count: usize) -> Vec<StreamPose> {
     let until = Instant::now() + Duration::from_secs(60);
     let all: Vec<_> = std::iter::from_fn(|| poses.next(until).unwrap()).take(count).collect();
     assert_eq!(all.len(), count, "{:?}", poses.report());
@@ -75,7 +75,7 @@ fn a_loop_goes_on_with_its_clock() {
 }
 
 #[test]
-fn inspect_says_what_comes() {
+fn inspect_reports_the_received_stream() {
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let url = format!("opentrackio://127.0.0.1:{port}");
     let mut listening = started(&["inspect", &url, "--seconds", "0.5"]);
@@ -109,7 +109,7 @@ fn inspect_says_what_comes() {
 }
 
 #[test]
-fn what_is_wrong_is_said_in_a_line() {
+fn errors_are_one_line() {
     for (arguments, expected) in [
         (&["send", "recordings/demo", "--to", "udp://127.0.0.1:9"][..], "opentrackio://HOST:PORT"),
         (&["send", "recordings/demo", "--to", "freed://127.0.0.1:9?id=3"], "interface, encoding, number, ttl"),

@@ -10,7 +10,8 @@ use locard::camera::{CameraExposure, Distortion, Geometry, Intrinsics, Lens};
 use locard::pose::Pose;
 use locard::stream::freed::D1;
 use locard::stream::{
-    Clock, Encoding, Heard, LensState, Listen, Poses, Receiver, Sample, Sender, Tracked, packets, pose_of,
+    Clock, DropReason, Encoding, LensState, ListenOptions, Poses, Receiver, Sample, Sender, StreamPose, packets,
+    pose_of,
 };
 
 /// Nothing takes so long on a machine that works.
@@ -46,7 +47,7 @@ fn said() -> LensState {
     LensState::of(&geometry(), &lens, &exposure, 50.0)
 }
 
-fn received(poses: &mut Poses, count: usize) -> Vec<Tracked> {
+fn received(poses: &mut Poses, count: usize) -> Vec<StreamPose> {
     let until = deadline();
     let all: Vec<_> = std::iter::from_fn(|| poses.next(until).unwrap()).take(count).collect();
     assert_eq!(all.len(), count, "{:?}", poses.report());
@@ -54,7 +55,7 @@ fn received(poses: &mut Poses, count: usize) -> Vec<Tracked> {
 }
 
 /// Sends poses of the walk to a listener, one by one, and gives what it hears.
-fn sent(listen: &str, target: impl Fn(SocketAddr) -> String, count: usize) -> (Vec<Tracked>, Poses) {
+fn sent(listen: &str, target: impl Fn(SocketAddr) -> String, count: usize) -> (Vec<StreamPose>, Poses) {
     let mut poses = Poses::open(listen).unwrap();
     let mut sender = Sender::open(&target(poses.address()), "walk", 50.0, Some(said())).unwrap();
     let mut heard = Vec::new();
@@ -66,7 +67,7 @@ fn sent(listen: &str, target: impl Fn(SocketAddr) -> String, count: usize) -> (V
     (heard, poses)
 }
 
-fn assert_walked(heard: &[Tracked], off_m: f64, off_rad: f64) {
+fn assert_walked(heard: &[StreamPose], off_m: f64, off_rad: f64) {
     for (i, tracked) in heard.iter().enumerate() {
         let (_, pose) = walked(i);
         let at_m = tracked.pose.position_in_world_m().distance(pose.position_in_world_m());
@@ -89,7 +90,7 @@ fn opentrackio_there_and_back_in_both_encodings() {
         }
         let report = poses.report();
         assert_eq!((report.poses, report.lost, report.jumps, report.incomplete), (120, 0, 0, 0));
-        assert!(report.aside.is_empty(), "{report:?}");
+        assert!(report.dropped.is_empty(), "{report:?}");
         assert_eq!(report.version.as_deref(), Some("1.0.1"));
         assert_eq!(report.followed.as_ref().unwrap().0.number, Some(9));
         assert!((report.interval_s.unwrap() - 0.02).abs() < 1e-6);
@@ -108,7 +109,7 @@ fn opentrackio_there_and_back_in_both_encodings() {
 /// The stamp of the first sample is ahead, and the sample is given out before those after it show that.
 #[test]
 fn first_sample_stamped_ahead_is_odd_and_no_step_of_the_clock() {
-    let mut receiver = Receiver::new(Listen::parse("opentrackio://?wait_s=0.02").unwrap());
+    let mut receiver = Receiver::new(ListenOptions::parse("opentrackio://?wait_s=0.02").unwrap());
     let from = SocketAddr::from(([127, 0, 0, 1], 4000));
     for i in 0..300_u32 {
         let now_s = 0.01 * f64::from(i);
@@ -125,7 +126,7 @@ fn first_sample_stamped_ahead_is_odd_and_no_step_of_the_clock() {
         while receiver.next(now_s).is_some() {}
     }
     let report = receiver.report();
-    assert_eq!((report.steps, report.jumps, report.count(Heard::OddTime)), (0, 0, 1), "{report:?}");
+    assert_eq!((report.steps, report.jumps, report.count(DropReason::OddTime)), (0, 0, 1), "{report:?}");
     assert!(report.poses > 290, "{report:?}");
 }
 
@@ -138,7 +139,7 @@ fn freed_there_and_back() {
         heard.iter().all(|tracked| tracked.clock == Clock::Arrival && tracked.message.freed().unwrap().camera == 3)
     );
     assert!(heard.windows(2).all(|pair| pair[0].time_s < pair[1].time_s));
-    assert!(poses.report().aside.is_empty(), "{:?}", poses.report());
+    assert!(poses.report().dropped.is_empty(), "{:?}", poses.report());
 }
 
 #[test]
@@ -174,7 +175,7 @@ fn the_official_samples_are_read_whole_and_written_back_equal() {
         assert_eq!(as_json(&by_cbor), expected, "{}", path.display());
 
         // Over the network in pieces, as a receiver has it.
-        let mut receiver = Receiver::new(Listen::parse("opentrackio://?wait_s=0").unwrap());
+        let mut receiver = Receiver::new(ListenOptions::parse("opentrackio://?wait_s=0").unwrap());
         let from = SocketAddr::from(([127, 0, 0, 1], 4000));
         let pieces = packets(Encoding::Json, 1, &text);
         assert!(pieces.len() > 1 || text.len() < 1456);
@@ -213,11 +214,11 @@ fn packet(source: &str, sequence: u16, time_s: f64, x: f64) -> Vec<u8> {
 }
 
 fn receiver(url: &str) -> Receiver {
-    Receiver::new(Listen::parse(url).unwrap())
+    Receiver::new(ListenOptions::parse(url).unwrap())
 }
 
 fn places(receiver: &mut Receiver, now_s: f64) -> Vec<(u32, f64)> {
-    let at = |tracked: Tracked| (tracked.epoch, tracked.pose.position_in_world_m().x);
+    let at = |tracked: StreamPose| (tracked.epoch, tracked.pose.position_in_world_m().x);
     std::iter::from_fn(|| receiver.next(now_s)).map(at).collect()
 }
 
@@ -237,7 +238,7 @@ fn another_sender_is_left_aside() {
         r.take(&packet("a", 2, 5.02, 2.0), from(1, 51), 0.02);
         r.take(&packet("b", 2, 90.02, 8.0), from(2, 51), 0.02);
         assert_eq!(places(&mut r, 0.02), expected, "{url}");
-        let aside = r.report().count(Heard::OtherSource) + r.report().count(Heard::OtherAddress);
+        let aside = r.report().count(DropReason::OtherSource) + r.report().count(DropReason::OtherAddress);
         assert_eq!((r.report().poses, aside), (2, 2), "{url}");
     }
 }
@@ -260,7 +261,7 @@ fn another_sender_takes_over_from_a_silent_one() {
 }
 
 #[test]
-fn late_lost_repeated_and_odd_ones_are_told() {
+fn late_lost_repeated_and_odd_poses_are_counted() {
     let mut r = receiver("opentrackio://?wait_s=0.02&delay_s=0.25");
     for (sequence, time_s, now_s) in [(1, 5.00, 0.00), (2, 5.02, 0.02), (4, 5.06, 0.06)] {
         r.take(&packet("a", sequence, time_s, f64::from(sequence)), from(1, 50), now_s);
@@ -281,13 +282,13 @@ fn late_lost_repeated_and_odd_ones_are_told() {
     assert_eq!(places(&mut r, 0.2), [(0, 8.0)]);
     let report = r.report();
     assert_eq!((report.poses, report.lost, report.jumps), (6, 2, 0), "5 and 7");
-    let told = [Heard::Late, Heard::Repeated, Heard::OddTime].map(|why| report.count(why));
+    let told = [DropReason::Late, DropReason::Repeated, DropReason::OddTime].map(|why| report.count(why));
     assert_eq!(told, [1, 1, 1]);
     // The clock jumps, and goes on from there.
     r.take(&packet("a", 9, 70.0, 9.0), from(1, 50), 0.30);
     r.take(&packet("a", 10, 70.02, 10.0), from(1, 50), 0.32);
     assert_eq!(places(&mut r, 0.4), [(1, 9.0), (1, 10.0)]);
-    assert_eq!((r.report().jumps, r.report().count(Heard::OddTime)), (1, 1));
+    assert_eq!((r.report().jumps, r.report().count(DropReason::OddTime)), (1, 1));
 }
 
 #[test]
@@ -303,7 +304,7 @@ fn samples_without_a_time_come_at_their_arrival_and_without_a_place_say_of_the_l
     assert_eq!((tracked.time_s, tracked.clock, tracked.lens.f_stop), (0.75, Clock::Arrival, Some(8.0)));
     assert!((tracked.pose.position_in_world_m() - DVec3::new(0.0, 0.5, 0.0)).length() < 1e-12);
     assert_eq!(take(r#"{"transforms":[{"translation":{"x":"here"},"rotation":{}}]}"#, 1.0), None);
-    assert_eq!(r.report().count(Heard::NoPose), 2);
+    assert_eq!(r.report().count(DropReason::NoPose), 2);
     assert_eq!(r.report().last_problem.as_deref(), Some("transforms[0].translation is not a map of finite numbers"));
 }
 
@@ -368,12 +369,12 @@ fn a_deadline_is_kept_while_garbage_comes() {
     let until = Instant::now() + Duration::from_millis(200);
     assert_eq!(poses.next(until).unwrap(), None);
     assert!(Instant::now() >= until && poses.report().poses == 0);
-    assert_eq!(poses.report().count(Heard::NoPacket), poses.report().datagrams);
+    assert_eq!(poses.report().count(DropReason::NoPacket), poses.report().datagrams);
     assert!(poses.report().datagrams > 0);
 }
 
 #[test]
-fn a_port_in_use_and_an_address_of_another_machine_say_what_to_do() {
+fn port_in_use_and_foreign_address_are_refused_with_advice() {
     let taken = Poses::open("freed://127.0.0.1:0").unwrap();
     let error = Poses::open(&format!("freed://{}", taken.address())).err().unwrap().to_string();
     assert!(error.contains("in use") && error.contains("another port"), "{error}");
@@ -382,7 +383,7 @@ fn a_port_in_use_and_an_address_of_another_machine_say_what_to_do() {
 }
 
 #[test]
-fn what_cannot_be_said_is_not_sent() {
+fn unrepresentable_poses_are_not_sent() {
     let poses = Poses::open("freed://127.0.0.1:0").unwrap();
     let mut freed = Sender::open(&format!("freed://{}", poses.address()), "walk", 50.0, None).unwrap();
     let far = Pose::from_camera_in_world(DVec3::new(0.0, 200.0, 0.0), DQuat::IDENTITY);
@@ -407,7 +408,7 @@ fn settled(url: &str) -> Receiver {
 fn sent_at(r: &mut Receiver, i: u16, ahead_s: f64) -> Vec<(f64, f64)> {
     let sent_s = 0.01 * f64::from(i);
     r.take(&packet("a", i, sent_s + ahead_s, f64::from(i)), from(1, 50), sent_s + 0.001);
-    let late = |tracked: Tracked| {
+    let late = |tracked: StreamPose| {
         let x = tracked.pose.position_in_world_m().x;
         (tracked.time_s + tracked.offset_s - 0.01 * x, x)
     };
@@ -495,7 +496,7 @@ fn freed_messages_of_one_datagram_are_all_read_with_times_between_datagrams() {
 }
 
 #[test]
-fn freed_datagram_of_two_cameras_gives_the_followed_one_and_tells_of_the_other() {
+fn freed_datagram_of_two_cameras_gives_the_followed_one_and_counts_the_other() {
     for (url, x) in [("freed://?wait_s=0", 1.0), ("freed://?wait_s=0&source=2", 2.0)] {
         let mut r = receiver(url);
         // A rest that is no message is told, and takes nothing from those before it.
@@ -503,7 +504,7 @@ fn freed_datagram_of_two_cameras_gives_the_followed_one_and_tells_of_the_other()
         let heard: Vec<_> = std::iter::from_fn(|| r.next(0.5)).collect();
         assert!(matches!(heard.as_slice(), [one] if one.time_s == 0.5), "{heard:?}");
         assert!((heard[0].pose.position_in_world_m().x - x).abs() < 1e-4);
-        assert_eq!((r.report().count(Heard::OtherSource), r.report().count(Heard::NoPacket)), (1, 1));
+        assert_eq!((r.report().count(DropReason::OtherSource), r.report().count(DropReason::NoPacket)), (1, 1));
         assert!(r.report().last_problem.as_deref().unwrap().ends_with("these are 4"), "{:?}", r.report().last_problem);
     }
 }

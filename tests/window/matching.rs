@@ -9,8 +9,8 @@ use crate::worked::{has, until_seen};
 use eframe::egui::{Key, Pos2, accesskit::Role, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
-use locard::calibrate::sharpness::{Of, edge, edge_in, together};
-use locard::calibrate::{Place, SceneMotion, picked_noise};
+use locard::calibrate::sharpness::{EdgeLight, combine, edge, edge_in};
+use locard::calibrate::{PickedRegion, SceneMotion, picked_noise};
 use locard::params::Value;
 use locard::pixels::{Pixels, Rect};
 use locard::recording::OpenOptions;
@@ -130,8 +130,8 @@ fn await_text(window: &mut Harness<'_, App>, words: &str) {
 }
 
 /// The wall in a picture.
-fn place(pixels: &Pixels) -> Place {
-    let mut place = Place::new(WALL);
+fn place(pixels: &Pixels) -> PickedRegion {
+    let mut place = PickedRegion::new(WALL);
     place.add(pixels).unwrap();
     place
 }
@@ -164,7 +164,7 @@ fn an_edge_that_is_picked_gives_the_sharpness_which_is_taken_and_undone() {
     let before = value(&window, "point_spread", "sigma_px");
     window.get_by_label("Take the sharpness").click();
     window.run_steps(3);
-    let all = together(&[found]).unwrap();
+    let all = combine(&[found]).unwrap();
     let taken = Value::Number((1e3 * all.sigma_px).round() / 1e3);
     assert!(value(&window, "point_spread", "sigma_px") == Some(taken.clone()) && before != Some(taken));
     worked::settle(&mut window);
@@ -282,7 +282,8 @@ fn an_edge_that_is_refused_is_shown_and_a_channel_can_be_chosen() {
     drag(&mut window, EDGE);
     await_no_text(&mut window, "As it is seen there");
     let shot = window.state().project().shot().clone();
-    let red = edge_in(&shot.read(0).unwrap().pixels, &shot.camera().response, EDGE, [0.0; 2], Of::Channel(0)).unwrap();
+    let red =
+        edge_in(&shot.read(0).unwrap().pixels, &shot.camera().response, EDGE, [0.0; 2], EdgeLight::Channel(0)).unwrap();
     window.get_all_by_label("Red").last().unwrap().click();
     await_text(&mut window, &format!("real: σ {:.3} ", red.sigma_px));
 }

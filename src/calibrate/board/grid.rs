@@ -1,8 +1,9 @@
-//! From crossings to a chessboard's grid.
+//! Assembles crossings into a chessboard's grid.
 //!
-//! Two neighbours on a board see each other along an edge: one side of it is bright all the way, the other dark. So an
-//! edge leaves one corner with bright on its left and comes to its neighbour with bright on the same side; past a corner
-//! the colours change sides, so none can be skipped. Corners that are joined this way are numbered from any of them.
+//! Two neighbours on a board are connected by an edge with one side bright and the other dark along
+//! its whole length. So an edge starts at one corner with bright on its left and ends at its
+//! neighbour with bright on the same side. Beyond a corner the colours change sides, so no corner
+//! can be skipped. Corners that are linked this way are numbered from any one of them.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::f64::consts::TAU;
@@ -10,37 +11,40 @@ use std::f64::consts::TAU;
 use glam::DVec2;
 
 use super::corners::{Corner, corner_near};
-use super::plane::Plane;
+use super::grey_image::GreyImage;
 
-/// Corners by column and row; from any of them columns count along its board's one axis, rows a quarter turn from x
-/// towards y.
+/// Corners by column and row. Columns run along one axis of the board, and rows a quarter turn from
+/// it, in the sense from x towards y.
 pub type Grid = BTreeMap<(i32, i32), Corner>;
 
-/// The ways to the neighbours: the edges' order, ascending by angle.
-const WAYS: [(i32, i32); 4] = [(1, 0), (0, 1), (-1, 0), (0, -1)];
-/// Neighbours are among this many nearest corners, also on a board seen from the side.
-const NEAREST: usize = 32;
-/// An edge points to its neighbour to this angle, rad.
-const AIMS: f64 = 0.30;
-/// Where the two sides of an edge are compared, as shares of its length.
-const ALONG: [f64; 5] = [0.2, 0.35, 0.5, 0.65, 0.8];
-/// As many of those must differ the right way.
-const AGREE: usize = 4;
-/// And by this share of the corners' contrast in the mean.
-const STEP: f64 = 0.25;
-/// How far beside the edge they lie, px.
-const BESIDE_PX: (f64, f64) = (1.5, 3.0);
-/// A corner lies this close to the middle of its two neighbours, as a share of the way between them.
-const UNEVEN: f64 = 0.15;
-/// And this close to where two neighbours in a row say it comes next, as a share of the way between those.
-const RAGGED: f64 = 0.45;
-/// Of two neighbours the fainter has this share of the other's contrast: light changes little over a square.
-const ALIKE: f64 = 0.35;
-/// A corner that was missed lies this close to where its neighbours say, as a share of the way to the nearest.
-const EXPECTED: f64 = 0.25;
+/// Grid steps to the neighbours, in the order of the edges (ascending by angle).
+const DIRECTIONS: [(i32, i32); 4] = [(1, 0), (0, 1), (-1, 0), (0, -1)];
+/// Number of nearest corners that are candidates for neighbours, also on a foreshortened board.
+const NEIGHBOUR_CANDIDATES: usize = 32;
+/// Largest angle between an edge and the direction to the neighbour, rad.
+const MAX_AIM_ERROR_RAD: f64 = 0.30;
+/// Positions at which the two sides of an edge are compared, as shares of its length.
+const EDGE_POSITIONS: [f64; 5] = [0.2, 0.35, 0.5, 0.65, 0.8];
+/// Smallest number of positions with the right sign.
+const MIN_AGREEING: usize = 4;
+/// Smallest mean difference of the two sides, as a share of the corners' contrast.
+const MIN_EDGE_STEP: f64 = 0.25;
+/// Range of the distance of the samples from the edge, px.
+const SAMPLE_OFFSET_PX: (f64, f64) = (1.5, 3.0);
+/// Largest distance of a corner from the midpoint of its two neighbours, as a share of their
+/// distance.
+const MAX_MIDPOINT_ERROR: f64 = 0.15;
+/// Largest distance of a corner from the extrapolation of two neighbours in a row, as a share of
+/// their distance.
+const MAX_EXTRAPOLATION_ERROR: f64 = 0.45;
+/// Smallest ratio of two neighbours' contrasts: light changes little over a square.
+const MIN_CONTRAST_RATIO: f64 = 0.35;
+/// Search radius for a missed corner around its predicted position, as a share of the distance to
+/// the nearest neighbour.
+const SEARCH_RADIUS_SHARE: f64 = 0.25;
 
-/// The largest grid that these corners make; empty if there is none.
-pub fn largest(blurred: &Plane, corners: &[Corner]) -> Grid {
+/// The largest grid of these corners; empty if there is none.
+pub fn largest_grid(blurred: &GreyImage, corners: &[Corner]) -> Grid {
     let links = links(blurred, corners);
     let mut seen = vec![false; corners.len()];
     let mut best = Grid::new();
@@ -48,7 +52,7 @@ pub fn largest(blurred: &Plane, corners: &[Corner]) -> Grid {
         if seen[start] {
             continue;
         }
-        let mut grid = numbered(start, corners, &links, &mut seen);
+        let mut grid = number_component(start, corners, &links, &mut seen);
         if grid.len() > best.len() {
             prune(&mut grid);
             if grid.len() > best.len() {
@@ -56,15 +60,15 @@ pub fn largest(blurred: &Plane, corners: &[Corner]) -> Grid {
             }
         }
     }
-    complete(blurred, &mut best);
+    add_missed_corners(blurred, &mut best);
     prune(&mut best);
     best
 }
 
-/// Of each corner's four edges, the corner that it leads to and by which of that one's edges.
+/// For each of a corner's four edges the linked corner, and the index of that corner's edge.
 type Links = Vec<[Option<(usize, usize)>; 4]>;
 
-fn links(blurred: &Plane, corners: &[Corner]) -> Links {
+fn links(blurred: &GreyImage, corners: &[Corner]) -> Links {
     let mut nearest_to = Vec::new();
     let chosen: Links = (0..corners.len())
         .map(|own| {
@@ -72,9 +76,9 @@ fn links(blurred: &Plane, corners: &[Corner]) -> Links {
             nearest_to.extend((0..corners.len()).filter(|&n| n != own));
             let far = |&n: &usize| corners[n].at.distance_squared(corners[own].at);
             let order = |a: &usize, b: &usize| far(a).total_cmp(&far(b)).then(a.cmp(b));
-            if nearest_to.len() > NEAREST {
-                nearest_to.select_nth_unstable_by(NEAREST, order);
-                nearest_to.truncate(NEAREST);
+            if nearest_to.len() > NEIGHBOUR_CANDIDATES {
+                nearest_to.select_nth_unstable_by(NEIGHBOUR_CANDIDATES, order);
+                nearest_to.truncate(NEIGHBOUR_CANDIDATES);
             }
             nearest_to.sort_by(order);
             std::array::from_fn(|edge| {
@@ -89,53 +93,53 @@ fn links(blurred: &Plane, corners: &[Corner]) -> Links {
     (0..corners.len()).map(|own| std::array::from_fn(|edge| mutual(own, edge))).collect()
 }
 
-/// The edges by which two corners see each other, if an edge of a board joins them.
-fn joined(blurred: &Plane, one: &Corner, other: &Corner) -> Option<(usize, usize)> {
+/// The edges that link two corners, if an edge of a board connects them.
+fn joined(blurred: &GreyImage, one: &Corner, other: &Corner) -> Option<(usize, usize)> {
     let way = other.at - one.at;
     let aimed = |corner: &Corner, way: DVec2| {
         let off = |edge: usize| {
             let turn = (corner.edges[edge] - way.to_angle()).rem_euclid(TAU);
             turn.min(TAU - turn)
         };
-        (0..4).min_by(|a, b| off(*a).total_cmp(&off(*b))).filter(|edge| off(*edge) < AIMS)
+        (0..4).min_by(|a, b| off(*a).total_cmp(&off(*b))).filter(|edge| off(*edge) < MAX_AIM_ERROR_RAD)
     };
     let (from, to) = (aimed(one, way)?, aimed(other, -way)?);
     let fainter = one.contrast.min(other.contrast);
-    if fainter < ALIKE * one.contrast.max(other.contrast) {
+    if fainter < MIN_CONTRAST_RATIO * one.contrast.max(other.contrast) {
         return None;
     }
-    // What lies after the edge as seen from one end lies before it as seen from the other.
+    // The side after the edge at one end is the side before it at the other.
     let bright = one.bright_after(from);
     if bright == other.bright_after(to) {
         return None;
     }
     let length = way.length();
-    let beside = way.perp() / length * (0.12 * length).clamp(BESIDE_PX.0, BESIDE_PX.1);
+    let beside = way.perp() / length * (0.12 * length).clamp(SAMPLE_OFFSET_PX.0, SAMPLE_OFFSET_PX.1);
     let sign = if bright { 1.0 } else { -1.0 };
-    let steps = ALONG.map(|share| {
+    let steps = EDGE_POSITIONS.map(|share| {
         let at = one.at + share * way;
         sign * (blurred.sample(at + beside) - blurred.sample(at - beside))
     });
-    let agree = steps.iter().filter(|step| **step > 0.0).count() >= AGREE;
+    let agree = steps.iter().filter(|step| **step > 0.0).count() >= MIN_AGREEING;
     let mean = steps.iter().sum::<f64>() / steps.len() as f64;
-    (agree && mean > STEP * fainter).then_some((from, to))
+    (agree && mean > MIN_EDGE_STEP * fainter).then_some((from, to))
 }
 
-/// Numbers all corners that are joined to one, over as many steps as it takes.
-fn numbered(start: usize, corners: &[Corner], links: &Links, seen: &mut [bool]) -> Grid {
+/// Numbers the connected component of a corner.
+fn number_component(start: usize, corners: &[Corner], links: &Links, seen: &mut [bool]) -> Grid {
     let mut grid = Grid::from([((0, 0), corners[start])]);
     seen[start] = true;
-    // Corner, its place, and the way in which its first edge leads.
+    // Corner, its grid position, and the direction of its first edge.
     let mut queue = VecDeque::from([(start, (0, 0), 0)]);
     while let Some((own, place, turned)) = queue.pop_front() {
         for (edge, link) in links[own].iter().enumerate() {
             let Some((next, back)) = *link else { continue };
             let way = (edge + turned) % 4;
-            let there = (place.0 + WAYS[way].0, place.1 + WAYS[way].1);
+            let there = (place.0 + DIRECTIONS[way].0, place.1 + DIRECTIONS[way].1);
             if !seen[next] && !grid.contains_key(&there) {
                 seen[next] = true;
                 grid.insert(there, corners[next]);
-                // Its edge back leads the opposite way.
+                // Its edge back points in the opposite direction.
                 queue.push_back((next, there, (way + 2 + 4 - back) % 4));
             }
         }
@@ -144,21 +148,21 @@ fn numbered(start: usize, corners: &[Corner], links: &Links, seen: &mut [bool]) 
 }
 
 fn neighbour(grid: &Grid, place: (i32, i32), way: usize, steps: i32) -> Option<&Corner> {
-    grid.get(&(place.0 + steps * WAYS[way].0, place.1 + steps * WAYS[way].1))
+    grid.get(&(place.0 + steps * DIRECTIONS[way].0, place.1 + steps * DIRECTIONS[way].1))
 }
 
-/// Takes out what does not lie where its neighbours say, worst first, what hangs by one edge, and what is then cut off
-/// from the largest part.
+/// Removes corners that are not where their neighbours predict, worst first, and corners with a
+/// single link. Keeps the largest connected component.
 pub fn prune(grid: &mut Grid) {
     let uneven = |grid: &Grid, place: (i32, i32), corner: &Corner| {
         let at = |way: usize, steps: i32| neighbour(grid, place, way, steps).map(|other| other.at);
         let between = (0..2).filter_map(|way| {
             let (a, b) = (at(way, -1)?, at(way, 1)?);
-            Some(corner.at.distance(0.5 * (a + b)) / a.distance(b).max(1e-9) / UNEVEN)
+            Some(corner.at.distance(0.5 * (a + b)) / a.distance(b).max(1e-9) / MAX_MIDPOINT_ERROR)
         });
         let after = (0..4).filter_map(|way| {
             let (one, two) = (at(way, 1)?, at(way, 2)?);
-            Some(corner.at.distance(2.0 * one - two) / one.distance(two).max(1e-9) / RAGGED)
+            Some(corner.at.distance(2.0 * one - two) / one.distance(two).max(1e-9) / MAX_EXTRAPOLATION_ERROR)
         });
         between.chain(after).fold(0.0, f64::max)
     };
@@ -177,7 +181,9 @@ pub fn prune(grid: &mut Grid) {
         let mut next = 0;
         while let Some((column, row)) = part.get(next).copied() {
             next += 1;
-            part.extend(WAYS.map(|way| (column + way.0, row + way.1)).into_iter().filter(|place| left.remove(place)));
+            part.extend(
+                DIRECTIONS.map(|way| (column + way.0, row + way.1)).into_iter().filter(|place| left.remove(place)),
+            );
         }
         if part.len() > best.len() {
             best = part;
@@ -186,19 +192,19 @@ pub fn prune(grid: &mut Grid) {
     grid.retain(|place, _| best.contains(place));
 }
 
-/// Adds corners that were missed, where their neighbours say they are, until there are no more.
-fn complete(blurred: &Plane, grid: &mut Grid) {
+/// Adds missed corners at the positions that their neighbours predict, until there are no more.
+fn add_missed_corners(blurred: &GreyImage, grid: &mut Grid) {
     loop {
         let mut wanted: Vec<(i32, i32)> = grid
             .keys()
-            .flat_map(|(column, row)| WAYS.map(|way| (column + way.0, row + way.1)))
+            .flat_map(|(column, row)| DIRECTIONS.map(|way| (column + way.0, row + way.1)))
             .filter(|place| !grid.contains_key(place))
             .collect();
         wanted.sort_unstable();
         wanted.dedup();
         let before = grid.len();
         for place in wanted {
-            if let Some(corner) = missed(blurred, grid, place) {
+            if let Some(corner) = find_missed(blurred, grid, place) {
                 grid.insert(place, corner);
             }
         }
@@ -208,30 +214,30 @@ fn complete(blurred: &Plane, grid: &mut Grid) {
     }
 }
 
-fn missed(blurred: &Plane, grid: &Grid, place: (i32, i32)) -> Option<Corner> {
+fn find_missed(blurred: &GreyImage, grid: &Grid, place: (i32, i32)) -> Option<Corner> {
     let at = |way: usize, steps: i32| neighbour(grid, place, way, steps).map(|corner| corner.at);
     let straight = (0..4).filter_map(|way| {
         let (one, two) = (at(way, 1)?, at(way, 2)?);
         Some(at(way, 3).map_or(2.0 * one - two, |three| 3.0 * (one - two) + three))
     });
     let across = (0..4).filter_map(|way| {
-        let side = WAYS[(way + 1) % 4];
-        let diagonal = grid.get(&(place.0 + WAYS[way].0 + side.0, place.1 + WAYS[way].1 + side.1))?;
+        let side = DIRECTIONS[(way + 1) % 4];
+        let diagonal = grid.get(&(place.0 + DIRECTIONS[way].0 + side.0, place.1 + DIRECTIONS[way].1 + side.1))?;
         Some(at(way, 1)? + at((way + 1) % 4, 1)? - diagonal.at)
     });
-    let said: Vec<DVec2> = straight.chain(across).collect();
-    if said.len() < 2 {
+    let predicted: Vec<DVec2> = straight.chain(across).collect();
+    if predicted.len() < 2 {
         return None;
     }
-    let expected = said.iter().sum::<DVec2>() / said.len() as f64;
+    let expected = predicted.iter().sum::<DVec2>() / predicted.len() as f64;
     let beside: Vec<&Corner> = (0..4).filter_map(|way| neighbour(grid, place, way, 1)).collect();
     let nearest = beside.iter().map(|corner| corner.at.distance(expected)).fold(f64::INFINITY, f64::min);
-    let corner = corner_near(blurred, expected, (EXPECTED * nearest).max(1.5))?;
+    let corner = corner_near(blurred, expected, (SEARCH_RADIUS_SHARE * nearest).max(1.5))?;
     beside.iter().all(|other| joined(blurred, &corner, other).is_some()).then_some(corner)
 }
 
-/// The way to the nearest line of the board beside a corner, px; `None` for a corner alone.
-pub fn room_px(grid: &Grid, place: (i32, i32)) -> Option<f64> {
+/// Distance from a corner to the nearest other line of the board, px; `None` for a corner alone.
+pub fn clearance_px(grid: &Grid, place: (i32, i32)) -> Option<f64> {
     let own = grid.get(&place)?.at;
     let way = |way: usize| neighbour(grid, place, way, 1).map(|other| other.at - own);
     let nearest = (0..4).filter_map(way).map(DVec2::length).reduce(f64::min)?;
@@ -247,10 +253,10 @@ mod tests {
     use super::*;
     use std::f64::consts::PI;
 
-    /// A board of squares `side` px wide, turned, with soft edges.
-    fn board(columns: i32, rows: i32, side: f64, turn: f64) -> Plane {
+    /// A rotated board of squares `side` px wide, with soft edges.
+    fn board(columns: i32, rows: i32, side: f64, turn: f64) -> GreyImage {
         let x_axis = DVec2::from_angle(turn);
-        Plane::new(400, 300, |x, y| {
+        GreyImage::new(400, 300, |x, y| {
             let p = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - DVec2::new(200.0, 150.0);
             let (u, v) =
                 (p.dot(x_axis) / side + 0.5 * f64::from(columns), p.dot(x_axis.perp()) / side + 0.5 * f64::from(rows));
@@ -260,17 +266,18 @@ mod tests {
         })
     }
 
-    /// Things beside a board may have crossings too: what is left of them after they were cut off is no part of it.
+    /// Objects beside a board may have crossings too. They are not part of the grid once they are
+    /// disconnected.
     #[test]
-    fn what_hangs_together_with_nothing_is_left_out() {
+    fn disconnected_corners_are_pruned() {
         let corner = |column: i32, row: i32| {
             let at = 20.0 * DVec2::new(f64::from(column), f64::from(row));
             ((column, row), Corner { at, edges: [-1.6, 0.0, 1.6, 3.1], bright_first: true, contrast: 90.0 })
         };
         let square = |from: i32, to: i32| (from..to).flat_map(move |c| (from..to).map(move |r| corner(c, r)));
-        // An island of four, and one corner that hangs by an edge.
+        // A separate component of four corners, and a corner with a single link.
         let mut grid: Grid = square(0, 4).chain(square(7, 9)).chain([corner(4, 2)]).collect();
-        // One that lies elsewhere than its neighbours say, at the rim.
+        // A corner at the border that is not where its neighbours predict.
         grid.get_mut(&(3, 0)).unwrap().at += DVec2::new(14.0, 0.0);
         prune(&mut grid);
         let expected: Grid = square(0, 4).filter(|(place, _)| *place != (3, 0)).collect();
@@ -278,12 +285,12 @@ mod tests {
     }
 
     #[test]
-    fn a_board_is_numbered_whichever_way_it_is_turned() {
+    fn board_is_numbered_at_any_rotation() {
         for step in 0..12 {
             let turn = f64::from(step) * TAU / 12.0 + 0.05;
             let picture = board(7, 5, 24.0, turn).blurred(super::super::corners::BLUR_PX);
-            let corners = super::super::corners::corners(&picture);
-            let grid = largest(&picture, &corners);
+            let corners = super::super::corners::detect(&picture);
+            let grid = largest_grid(&picture, &corners);
             let (mut low, mut high) = ((0, 0), (0, 0));
             for (column, row) in grid.keys() {
                 low = (low.0.min(*column), low.1.min(*row));
@@ -291,7 +298,7 @@ mod tests {
             }
             let size = (high.0 - low.0 + 1, high.1 - low.1 + 1);
             assert!(grid.len() == 48 && (size == (8, 6) || size == (6, 8)), "{turn}: {} of {size:?}", grid.len());
-            // Rows come a quarter turn after columns, and neighbours are a square apart.
+            // Rows are a quarter turn from columns, and neighbours are a square apart.
             for (place, corner) in &grid {
                 let way = |way: usize| neighbour(&grid, *place, way, 1).map(|other| other.at - corner.at);
                 for length in (0..4).filter_map(way).map(DVec2::length) {

@@ -1,19 +1,20 @@
-//! What a camera is calibrated from, in a picture: a chessboard's inner corners or printed tags' corners, with their places
-//! on the board.
+//! Detection of calibration targets in a picture: a chessboard's inner corners, or the corners of
+//! printed tags, with their positions on the board.
 //!
-//! `search` looks for either. A `chessboard` is a `grid` of `corners`, each `refine`d; `printed` tags are found by `tags`.
+//! `detector` detects either. `chessboard` assembles `corners` into a `grid` and refines each
+//! (`refine`). `tag_board` detects tags by `tags`.
 
 mod chessboard;
 mod corners;
+mod detection;
+mod detector;
+mod grey_image;
 mod grid;
-mod plane;
-mod printed;
 mod refine;
-mod search;
-mod seen;
+mod tag_board;
 
-pub use chessboard::{NoBoard, find};
-pub use plane::Plane;
-pub use printed::{NoTags, Slanted};
-pub use search::{Search, Wanted};
-pub use seen::{Board, Seen, Target};
+pub use chessboard::{ChessboardError, find_chessboard};
+pub use detection::{BoardDetection, ChessboardSize, Target};
+pub use detector::{BoardDetector, TargetChoice};
+pub use grey_image::GreyImage;
+pub use tag_board::{NotOnPlane, TagsError};

@@ -1,31 +1,34 @@
-//! A corner to a fraction of a pixel.
+//! Subpixel refinement of a corner.
 //!
-//! At a place p on an edge brightness changes across the edge alone, so its slope g is at right angles to p − q, q the
-//! corner; elsewhere g is 0. The corner is the q with the least Σ w (g·(p − q))² (Förstner and Gülch 1987), w a Gaussian
-//! around it. Noise of the slopes pulls q to the window's middle, which is why the window follows q until it rests.
+//! At a point p on an edge the gradient g is perpendicular to p − q, q the corner; elsewhere g is
+//! 0. The corner is the q with the least Σ w (g·(p − q))² (Förstner and Gülch 1987), w a Gaussian
+//! around it. Noise of the gradients biases q towards the window's centre, so the window is moved
+//! to q until it converges.
 
 use glam::{DMat2, DVec2};
 
-use super::plane::Plane;
+use super::grey_image::GreyImage;
 
-/// The window's half width as a share of the way to the nearest other corner: no other edge lies in it.
-const SHARE: f64 = 0.45;
-/// The widest half width as a share of the picture's width: a distorted edge is straight over that.
-const WIDEST: f64 = 1.0 / 100.0;
-/// And in px: it averages noise.
-const WIDEST_PX: f64 = 11.0;
-/// Narrower windows hold too few pixels, px.
-const NARROWEST_PX: f64 = 2.5;
-/// It rests when a step is below this, px.
-const RESTS_PX: f64 = 1e-3;
-/// Of the two directions in which edges run the weaker holds at least this share of the slopes.
-const FLAT: f64 = 0.02;
+/// Half width of the window as a share of the distance to the nearest other corner, so that it
+/// contains no other edge.
+const WINDOW_SHARE: f64 = 0.45;
+/// Largest half width as a share of the picture's width: a distorted edge is straight over it.
+const MAX_HALF_WIDTH_SHARE: f64 = 1.0 / 100.0;
+/// Largest half width is at least this, px, to average noise.
+const MAX_HALF_WIDTH_PX: f64 = 11.0;
+/// Smallest half width, px: narrower windows contain too few pixels.
+const MIN_HALF_WIDTH_PX: f64 = 2.5;
+/// Convergence threshold of a step, px.
+const CONVERGENCE_PX: f64 = 1e-3;
+/// Smallest ratio of the structure tensor's eigenvalues, as 4 det / trace².
+const MIN_EIGENVALUE_RATIO: f64 = 0.02;
 
-/// The corner near a place, in a picture as it was taken. `nearest_px`: the way to the nearest other corner. `None` if it
-/// leaves the window's middle half, or if there are no two edges.
-pub fn refined(picture: &Plane, near: DVec2, nearest_px: f64) -> Option<DVec2> {
-    let widest = WIDEST_PX.max(WIDEST * picture.width as f64);
-    let half = (SHARE * nearest_px).clamp(NARROWEST_PX, widest);
+/// Refines a corner in the original picture. `nearest_px` is the distance to the nearest other
+/// corner. `None` if the corner leaves the central half of the window, or if there are no two
+/// edges.
+pub fn refine_corner(picture: &GreyImage, near: DVec2, nearest_px: f64) -> Option<DVec2> {
+    let widest = MAX_HALF_WIDTH_PX.max(MAX_HALF_WIDTH_SHARE * picture.width as f64);
+    let half = (WINDOW_SHARE * nearest_px).clamp(MIN_HALF_WIDTH_PX, widest);
     let mut at = near;
     for _ in 0..20 {
         if !picture.holds(at, half + 1.0) {
@@ -37,14 +40,14 @@ pub fn refined(picture: &Plane, near: DVec2, nearest_px: f64) -> Option<DVec2> {
         if at.distance(near) > 0.5 * half.max(4.0) {
             return None;
         }
-        if moved < RESTS_PX {
+        if moved < CONVERGENCE_PX {
             break;
         }
     }
     Some(at)
 }
 
-fn step(picture: &Plane, at: DVec2, half: f64) -> Option<DVec2> {
+fn step(picture: &GreyImage, at: DVec2, half: f64) -> Option<DVec2> {
     let sigma = 0.5 * half;
     let (mut sum, mut across) = (DMat2::ZERO, DVec2::ZERO);
     let reach = half.ceil() as i64;
@@ -64,6 +67,7 @@ fn step(picture: &Plane, at: DVec2, half: f64) -> Option<DVec2> {
     }
     let trace = sum.x_axis.x + sum.y_axis.y;
     let determinant = sum.determinant();
-    // λ₁λ₂ of λ₁ + λ₂: the weaker direction is about their ratio.
-    (trace > 0.0 && determinant > FLAT * trace * trace * 0.25).then(|| at + sum.inverse() * across)
+    // λ₁λ₂ relative to ((λ₁ + λ₂)/2)²: about four times the ratio of the smaller to the larger
+    // eigenvalue.
+    (trace > 0.0 && determinant > MIN_EIGENVALUE_RATIO * trace * trace * 0.25).then(|| at + sum.inverse() * across)
 }

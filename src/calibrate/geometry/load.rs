@@ -1,12 +1,12 @@
-//! Views from files: photographs, folders of them, videos.
+//! Views from photographs, folders of them and videos.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use glam::DVec2;
 
-use super::calibrated::{NamedView, Refused};
-use crate::calibrate::board::{Search, Seen, Slanted, Wanted};
+use super::calibration::{NamedView, RejectedView};
+use crate::calibrate::board::{BoardDetection, BoardDetector, NotOnPlane, TargetChoice};
 use crate::calibrate::is_picture;
 use crate::camera::Response;
 use crate::parallel::{over_rows, processors};
@@ -15,21 +15,22 @@ use crate::source::video::{Overrides, Video, probe};
 use crate::source::{SourceError, still, unsupported};
 use crate::text::reason;
 
-/// About this many frames of a video are searched, evenly spaced.
-const MOST_SEARCHED: usize = 180;
-/// Of those as many are used at most.
-const MOST_USED: usize = 40;
-/// Photographs a processor reads between two words on progress.
+/// Approximate number of frames of a video that are searched, evenly spaced.
+const MAX_SEARCHED_FRAMES: usize = 180;
+/// Largest number of frames of a video that are used.
+const MAX_USED_FRAMES: usize = 40;
+/// Photographs per processor between two progress reports.
 const BATCH: usize = 2;
-/// Two views of a video differ by this share of the picture's diagonal.
-const DIFFER: f64 = 0.04;
-/// A board that moves by more than this share of it from frame to frame is blurred, and bent by a rolling shutter.
-const FAST: f64 = 0.005;
+/// Smallest difference of two views of a video, as a share of the picture's diagonal.
+const MIN_DIFFERENCE: f64 = 0.04;
+/// Largest motion of a board from frame to frame, as a share of the picture's diagonal; faster
+/// boards are blurred, and bent by a rolling shutter.
+const MAX_MOTION: f64 = 0.005;
 
-/// Called with (pictures done, all of them). If it breaks, the search stops.
+/// Called with the number of completed pictures and of all pictures. A break stops the search.
 pub type LensProgress<'a> = &'a mut dyn FnMut(usize, usize) -> ControlFlow<()>;
 
-/// Why there are no pictures to search.
+/// Reason why there are no pictures to search.
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
     #[error(transparent)]
@@ -37,37 +38,38 @@ pub enum LoadError {
     #[error("{}: the folder cannot be read: {}", folder.display(), reason(source))]
     Folder { folder: PathBuf, source: std::io::Error },
     #[error(transparent)]
-    Slanted(#[from] Slanted),
+    NotOnPlane(#[from] NotOnPlane),
     #[error("no photographs: give PNG or JPEG files of a chessboard or of printed tags, folders of them, or a video")]
     Nothing,
     #[error("stopped")]
     Stopped,
 }
 
-/// What was found in the files.
+/// Detected views.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Views {
-    /// Of all pictures that are used, px.
+    /// Size of all used pictures, px.
     pub size: (u32, u32),
     pub views: Vec<NamedView>,
-    pub refused: Vec<Refused>,
+    pub refused: Vec<RejectedView>,
 }
 
-/// Looks for a board in photographs, folders of them and videos. Pictures of another size than most are refused: they were
-/// cropped or scaled. So are those of another kind of board. `response` turns the camera's codes to light.
+/// Detects boards in photographs, folders of them and videos. Pictures of another size than most
+/// are rejected, because they were cropped or scaled. So are those of another kind of board.
+/// `response` linearizes the camera's codes.
 pub fn views_from_paths(
     paths: &[PathBuf],
-    wanted: &Wanted,
+    wanted: &TargetChoice,
     response: &Response,
     progress: LensProgress<'_>,
 ) -> Result<Views, LoadError> {
-    let begin = || Search::new(wanted, response);
+    let begin = || BoardDetector::new(wanted, response);
     let mut search = begin()?;
     let (mut photos, mut videos) = (Vec::new(), Vec::new());
     for path in paths {
         if path.is_dir() {
             photos.extend(pictures_in(path)?);
-            // Each is refused with the command that converts it.
+            // Each is rejected with the command that converts it.
             photos.extend(unsupported::in_folder(path));
         } else if is_picture(path) || unsupported::by_name(path).is_some() || !path.exists() {
             photos.push(path.clone());
@@ -75,7 +77,7 @@ pub fn views_from_paths(
             videos.push(probe(path, &Overrides::default())?);
         }
     }
-    let every = |video: &Video| video.timestamps_s.len().div_ceil(MOST_SEARCHED).max(1);
+    let every = |video: &Video| video.timestamps_s.len().div_ceil(MAX_SEARCHED_FRAMES).max(1);
     let all = photos.len() + videos.iter().map(|video| video.timestamps_s.len().div_ceil(every(video))).sum::<usize>();
     if all == 0 {
         return Err(LoadError::Nothing);
@@ -85,10 +87,10 @@ pub fn views_from_paths(
         let done = found.len();
         found.extend(from_video(video, every(video), &mut search, &mut |n| progress(done + n, all))?);
     }
-    Ok(sorted(found))
+    Ok(sort_by_kind(found))
 }
 
-/// A folder's PNG and JPEG files, in order of name.
+/// The PNG and JPEG files of a folder, ordered by name.
 fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, LoadError> {
     let failed = |source| LoadError::Folder { folder: folder.to_owned(), source };
     let entries = std::fs::read_dir(folder).map_err(failed)?;
@@ -98,19 +100,19 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, LoadError> {
     Ok(files)
 }
 
-/// A picture's name, size, and what was found in it.
+/// A picture's name, its size, and the detection in it.
 struct Searched {
     name: String,
     size: (u32, u32),
-    found: Result<Seen, String>,
+    found: Result<BoardDetection, String>,
 }
 
-fn sorted(found: Vec<Searched>) -> Views {
+fn sort_by_kind(found: Vec<Searched>) -> Views {
     let sizes = || found.iter().filter(|searched| searched.found.is_ok()).map(|searched| searched.size);
     let often = |size: (u32, u32)| sizes().filter(|own| *own == size).count();
-    // Of two that are as frequent the larger one.
+    // The larger of two equally frequent sizes.
     let size = sizes().max_by_key(|size| (often(*size), *size)).unwrap_or_default();
-    let kinds = || found.iter().filter_map(|searched| Some(searched.found.as_ref().ok()?.of.kind()));
+    let kinds = || found.iter().filter_map(|searched| Some(searched.found.as_ref().ok()?.target.kind()));
     let kind = kinds().max_by_key(|kind| kinds().filter(|own| own == kind).count()).unwrap_or_default();
     let (mut views, mut refused) = (Vec::new(), Vec::new());
     for Searched { name, size: own, found } in found {
@@ -118,23 +120,23 @@ fn sorted(found: Vec<Searched>) -> Views {
             Ok(_) if own != size => {
                 let reason =
                     format!("is {}x{} px where most are {}x{}: cropped or scaled?", own.0, own.1, size.0, size.1);
-                refused.push(Refused { name, reason });
+                refused.push(RejectedView { name, reason });
             }
-            Ok(seen) if seen.of.kind() != kind => {
-                let reason = format!("shows {} where most show {kind}", seen.of.kind());
-                refused.push(Refused { name, reason });
+            Ok(seen) if seen.target.kind() != kind => {
+                let reason = format!("shows {} where most show {kind}", seen.target.kind());
+                refused.push(RejectedView { name, reason });
             }
             Ok(seen) => views.push(NamedView { name, seen }),
-            Err(reason) => refused.push(Refused { name, reason }),
+            Err(reason) => refused.push(RejectedView { name, reason }),
         }
     }
     Views { size, views, refused }
 }
 
-/// Photographs are read on all processors; the order stays.
+/// Reads photographs on all processors, and keeps their order.
 fn from_photos(
     files: &[PathBuf],
-    begin: &(impl Fn() -> Result<Search, Slanted> + Sync),
+    begin: &(impl Fn() -> Result<BoardDetector, NotOnPlane> + Sync),
     all: usize,
     progress: LensProgress<'_>,
 ) -> Result<Vec<Searched>, LoadError> {
@@ -145,7 +147,7 @@ fn from_photos(
                 let found = begin()?.find(&pixels);
                 Ok(Searched { name, size: (pixels.width, pixels.height), found })
             }
-            // One that is damaged is one fewer; one that is not there was meant.
+            // A damaged file is skipped. A missing file is an error.
             Err(SourceError::Content { problem, .. }) => Ok(Searched { name, size: (0, 0), found: Err(problem) }),
             Err(SourceError::Read { source, .. }) if is_lfs_pointer(&source) => {
                 Ok(Searched { name, size: (0, 0), found: Err(reason(&source)) })
@@ -167,15 +169,15 @@ fn from_photos(
     Ok(found)
 }
 
-/// Frames of a video: the stillest first, as long as they differ from those before.
+/// Selects frames of a video: the most static first, each different from those before.
 fn from_video(
     video: &Video,
     every: usize,
-    search: &mut Search,
+    search: &mut BoardDetector,
     progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
 ) -> Result<Vec<Searched>, LoadError> {
     let count = video.timestamps_s.len();
-    let mut seen: Vec<(usize, Seen)> = Vec::new();
+    let mut seen: Vec<(usize, BoardDetection)> = Vec::new();
     for (n, pixels) in video.read(0..count)?.enumerate() {
         let pixels = pixels?;
         if n % every == 0 {
@@ -196,35 +198,37 @@ fn from_video(
     Ok(chosen.into_iter().map(|i| Searched { name: name(seen[i].0), size, found: Ok(seen[i].1.clone()) }).collect())
 }
 
-/// Where a board is in the picture, how large and how turned: places that move as it does, px.
-fn mark(seen: &Seen) -> [DVec2; 3] {
-    let count = seen.at_px.len().max(1) as f64;
-    let middle = seen.at_px.iter().sum::<DVec2>() / count;
-    let from_middle = || seen.at_px.iter().map(|at| *at - middle);
+/// Position, size and shear of a board in the picture, as points that move with it, px.
+fn position_marks(seen: &BoardDetection) -> [DVec2; 3] {
+    let count = seen.corners_px.len().max(1) as f64;
+    let middle = seen.corners_px.iter().sum::<DVec2>() / count;
+    let from_middle = || seen.corners_px.iter().map(|at| *at - middle);
     let wide = (from_middle().map(|p| p * p).sum::<DVec2>() / count).map(f64::sqrt);
     let skew = from_middle().map(|p| p.x * p.y).sum::<f64>() / count / (wide.x + wide.y).max(1e-9);
     [middle, wide, DVec2::new(skew, 0.0)]
 }
 
-fn apart_px(a: &Seen, b: &Seen) -> f64 {
-    mark(a).iter().zip(mark(b)).map(|(a, b)| a.distance(b)).fold(0.0, f64::max)
+fn difference_px(a: &BoardDetection, b: &BoardDetection) -> f64 {
+    position_marks(a).iter().zip(position_marks(b)).map(|(a, b)| a.distance(b)).fold(0.0, f64::max)
 }
 
-/// The numbers of those to use, in order: those that move least, each different from the others. `diagonal_px` is the
-/// picture's.
-fn stillest(seen: &[(usize, Seen)], diagonal_px: f64) -> Vec<usize> {
-    // Since the frame before; the first one until the next.
+/// Indices of the selected views, ascending: those that move least, each different from the others.
+/// `diagonal_px` is that of the picture.
+fn stillest(seen: &[(usize, BoardDetection)], diagonal_px: f64) -> Vec<usize> {
+    // Motion since the previous frame; for the first frame, until the next one.
     let moved = |i: usize| match (seen.get(i.max(1) - 1), seen.get(i.max(1))) {
-        (Some(before), Some(own)) => apart_px(&own.1, &before.1) / (own.0 - before.0).max(1) as f64,
+        (Some(before), Some(own)) => difference_px(&own.1, &before.1) / (own.0 - before.0).max(1) as f64,
         _ => 0.0,
     };
     let mut order: Vec<(f64, usize)> = (0..seen.len()).map(|i| (moved(i), i)).collect();
-    order.retain(|(moved, _)| *moved <= FAST * diagonal_px);
+    order.retain(|(moved, _)| *moved <= MAX_MOTION * diagonal_px);
     order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let differ = DIFFER * diagonal_px;
+    let differ = MIN_DIFFERENCE * diagonal_px;
     let mut chosen: Vec<usize> = Vec::new();
     for (_, i) in order {
-        if chosen.len() < MOST_USED && chosen.iter().all(|other| apart_px(&seen[i].1, &seen[*other].1) > differ) {
+        if chosen.len() < MAX_USED_FRAMES
+            && chosen.iter().all(|other| difference_px(&seen[i].1, &seen[*other].1) > differ)
+        {
             chosen.push(i);
         }
     }
@@ -235,21 +239,21 @@ fn stillest(seen: &[(usize, Seen)], diagonal_px: f64) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibrate::board::{Board, Target};
+    use crate::calibrate::board::{ChessboardSize, Target};
 
-    /// A board whose corners are a grid `side` px wide, from a place on.
-    fn seen(x: f64, y: f64, side: f64) -> Seen {
+    /// A board whose corners are a grid with spacing `side` px, from a point.
+    fn seen(x: f64, y: f64, side: f64) -> BoardDetection {
         let board: Vec<DVec2> = (0..20).map(|i| DVec2::new(f64::from(i % 5), f64::from(i / 5))).collect();
-        let at_px = board.iter().map(|place| DVec2::new(x, y) + side * *place).collect();
-        Seen { board, at_px, of: Target::Chessboard(Board::new(5, 4)) }
+        let corners_px = board.iter().map(|place| DVec2::new(x, y) + side * *place).collect();
+        BoardDetection { board, corners_px, target: Target::Chessboard(ChessboardSize::new(5, 4)) }
     }
 
     #[test]
-    fn of_a_video_still_frames_that_differ_are_taken() {
-        // It rests, moves fast, rests elsewhere, comes nearer, rests.
+    fn video_frames_at_rest_that_differ_are_selected() {
+        // At rest, fast motion, at rest elsewhere, closer, at rest.
         let places =
             [(0.0, 30.0), (0.5, 30.0), (80.0, 30.0), (160.0, 30.0), (160.2, 30.0), (160.2, 45.0), (160.3, 45.0)];
-        let views: Vec<(usize, Seen)> =
+        let views: Vec<(usize, BoardDetection)> =
             places.iter().enumerate().map(|(i, (x, side))| (3 * i, seen(*x, 40.0, *side))).collect();
         assert_eq!(stillest(&views, 750.0), [0, 4, 6]);
         assert_eq!(stillest(&views[..1], 750.0), [0]);
@@ -257,10 +261,10 @@ mod tests {
     }
 
     #[test]
-    fn pictures_of_another_size_than_most_are_refused_with_both_sizes() {
+    fn pictures_of_another_size_are_refused_with_both_sizes() {
         let one = |name: &str, size, found| Searched { name: name.to_owned(), size, found };
         let good = || Ok(seen(0.0, 0.0, 20.0));
-        let views = sorted(vec![
+        let views = sort_by_kind(vec![
             one("a", (640, 480), good()),
             one("b", (1281, 721), good()),
             one("c", (640, 480), good()),

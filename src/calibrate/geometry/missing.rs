@@ -1,27 +1,28 @@
-//! What views a calibration still wants.
+//! Views that a calibration still lacks.
 //!
-//! Distortion is strongest in the picture's corners. The focal length and the principal point are told from a board's
-//! depth by its tilt alone. Different distances keep the two apart.
+//! Distortion is strongest in the picture's corners. The focal length and the principal point can
+//! only be separated from a board's depth by its tilt, and from each other by different distances.
 
 use std::fmt;
 
 use glam::{DVec2, DVec3};
 
 use super::parameter::Parameter;
-use crate::calibrate::board::Seen;
+use crate::calibrate::board::BoardDetection;
 use crate::fit::Stand;
 use crate::text::{count, fixed};
 
-/// A corner of the picture is seen if a board's corner lies in this share of its width and height.
-const CORNER: f64 = 0.25;
-/// A board says something about depth if it is turned by this, degrees.
-const TILTED_DEG: f64 = 15.0;
-/// The farthest board is this many times as far as the nearest.
-const SPREAD: f64 = 1.4;
-/// A focal length is known to this share, σ.
-const KNOWN: f64 = 0.01;
+/// A corner of the picture is covered if a board's corner lies within this share of the picture's
+/// width and height.
+const CORNER_SHARE: f64 = 0.25;
+/// Smallest tilt of a board that gives information on depth, degrees.
+const MIN_TILT_DEG: f64 = 15.0;
+/// Smallest ratio of the farthest to the nearest board.
+const MIN_DISTANCE_RATIO: f64 = 1.4;
+/// Largest relative standard deviation of a focal length.
+const MAX_RELATIVE_SIGMA: f64 = 0.01;
 
-/// An edge of a board as it is seen in the picture, which should be the farther one.
+/// The edge of a board, as seen in the picture, that should be farther away.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Edge {
     Right,
@@ -42,7 +43,7 @@ impl Edge {
         }
     }
 
-    /// Where [`tilt_deg`] points when this edge is the farther one.
+    /// Direction of [`tilt_deg`] if this edge is the farther one.
     fn towards(self) -> DVec2 {
         match self {
             Self::Right => DVec2::X,
@@ -53,7 +54,7 @@ impl Edge {
     }
 }
 
-/// A corner of the picture: whether it is at the right, and whether it is at the bottom.
+/// A corner of the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PictureCorner {
     pub right: bool,
@@ -83,24 +84,24 @@ impl PictureCorner {
     }
 }
 
-/// What a calibration still wants.
+/// A lack of views.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Wish {
+pub enum MissingViews {
     /// More views.
     Views { taken: usize, wanted: usize },
     /// Boards tilted so that these edges are farther away.
     Tilts(Vec<Edge>),
     /// Boards in these corners of the picture.
     Corners(Vec<PictureCorner>),
-    /// Boards nearer and farther than the others.
+    /// Boards closer and farther than the others.
     Distances,
-    /// A parameter is known to so many percent only.
+    /// A parameter with a large standard deviation, percent.
     Focal { name: &'static str, percent: f64 },
 }
 
-impl Wish {
-    /// As many things as it takes to fulfil it; more views of any kind are none.
-    pub fn things(&self) -> usize {
+impl MissingViews {
+    /// Number of conditions to fulfil; further views of any kind count as none.
+    pub fn condition_count(&self) -> usize {
         match self {
             Self::Views { .. } | Self::Focal { .. } => 0,
             Self::Tilts(edges) => edges.len(),
@@ -109,7 +110,7 @@ impl Wish {
         }
     }
 
-    /// Where to hold the board next, in half a line.
+    /// Instruction where to hold the board next.
     pub fn hint(&self) -> String {
         match self {
             Self::Views { .. } => "somewhere else, or otherwise tilted".to_owned(),
@@ -127,7 +128,7 @@ impl Wish {
     }
 }
 
-impl fmt::Display for Wish {
+impl fmt::Display for MissingViews {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Views { taken, wanted } => write!(f, "{} so far: take {wanted} or more", count(*taken, "view")),
@@ -152,54 +153,56 @@ impl fmt::Display for Wish {
     }
 }
 
-/// How far a board is turned about the picture's vertical (positive: its right edge is the farther one) and about its
-/// horizontal (its lower edge), degrees.
+/// Rotation of a board about the picture's vertical (positive if its right edge is farther) and
+/// about its horizontal (positive if its lower edge is farther), degrees.
 pub fn tilt_deg(stand: &Stand) -> DVec2 {
     let normal = stand.rotation * DVec3::Z;
-    // A board is the same from behind.
+    // A board has the same plane from behind.
     let normal = if normal.z < 0.0 { -normal } else { normal };
     DVec2::new(-normal.x.atan2(normal.z), -normal.y.atan2(normal.z)) * 1f64.to_degrees()
 }
 
-/// The distance of what is seen of a board, in its unit.
-pub fn distance(seen: &Seen, stand: &Stand) -> f64 {
+/// Distance of the visible part of a board, in its unit.
+pub fn distance(seen: &BoardDetection, stand: &Stand) -> f64 {
     let middle = seen.board.iter().sum::<DVec2>() / seen.board.len().max(1) as f64;
     stand.point(middle.extend(0.0)).length()
 }
 
-/// What views of a picture of this size still want, most needed first: `wanted` views, and that they differ.
+/// The views that a calibration lacks for a picture of this size, most important first. At least
+/// `wanted` views are required, with enough variation.
 pub fn missing(
     size_px: DVec2,
     parameters: &[Parameter],
-    views: &[&Seen],
+    views: &[&BoardDetection],
     stands: &[Stand],
     wanted: usize,
-) -> Vec<Wish> {
-    let mut wishes = Vec::new();
+) -> Vec<MissingViews> {
+    let mut missing_views = Vec::new();
     if views.len() < wanted {
-        wishes.push(Wish::Views { taken: views.len(), wanted });
+        missing_views.push(MissingViews::Views { taken: views.len(), wanted });
     }
     let tilts: Vec<DVec2> = stands.iter().map(tilt_deg).collect();
-    let is_tilted = |edge: Edge| tilts.iter().any(|tilt| tilt.dot(edge.towards()) >= TILTED_DEG);
+    let is_tilted = |edge: Edge| tilts.iter().any(|tilt| tilt.dot(edge.towards()) >= MIN_TILT_DEG);
     let absent: Vec<Edge> = Edge::ALL.into_iter().filter(|edge| !is_tilted(*edge)).collect();
     if !absent.is_empty() {
-        wishes.push(Wish::Tilts(absent));
+        missing_views.push(MissingViews::Tilts(absent));
     }
-    let seen = || views.iter().flat_map(|view| &view.at_px).map(|at| *at / size_px);
-    let is_seen = |corner: PictureCorner| seen().any(|at| (at - corner.at()).abs().max_element() < CORNER);
+    let seen = || views.iter().flat_map(|view| &view.corners_px).map(|at| *at / size_px);
+    let is_seen = |corner: PictureCorner| seen().any(|at| (at - corner.at()).abs().max_element() < CORNER_SHARE);
     let absent: Vec<PictureCorner> = PictureCorner::ALL.into_iter().filter(|corner| !is_seen(*corner)).collect();
     if !absent.is_empty() {
-        wishes.push(Wish::Corners(absent));
+        missing_views.push(MissingViews::Corners(absent));
     }
     let distances = || views.iter().zip(stands).map(|(view, stand)| distance(view, stand));
     let (near, far) = (distances().fold(f64::INFINITY, f64::min), distances().fold(0.0, f64::max));
-    if far < SPREAD * near {
-        wishes.push(Wish::Distances);
+    if far < MIN_DISTANCE_RATIO * near {
+        missing_views.push(MissingViews::Distances);
     }
-    for parameter in parameters.iter().take(2).filter(|p| p.sigma > KNOWN * p.value) {
-        wishes.push(Wish::Focal { name: parameter.name, percent: 100.0 * parameter.sigma / parameter.value });
+    for parameter in parameters.iter().take(2).filter(|p| p.sigma > MAX_RELATIVE_SIGMA * p.value) {
+        missing_views
+            .push(MissingViews::Focal { name: parameter.name, percent: 100.0 * parameter.sigma / parameter.value });
     }
-    wishes
+    missing_views
 }
 
 fn listed(names: &[&str], word: &str) -> String {
@@ -215,7 +218,7 @@ mod tests {
     use glam::{DMat3, DQuat};
 
     use super::*;
-    use crate::calibrate::board::{Board, Target};
+    use crate::calibrate::board::{ChessboardSize, Target};
 
     const SIZE_PX: DVec2 = DVec2::new(640.0, 480.0);
 
@@ -223,31 +226,37 @@ mod tests {
         Stand { rotation: DMat3::from_quat(DQuat::from_scaled_axis(turn)), translation: DVec3::new(0.0, 0.0, z) }
     }
 
-    fn view(at_px: Vec<DVec2>) -> Seen {
-        Seen { board: vec![DVec2::ZERO; at_px.len()], at_px, of: Target::Chessboard(Board::new(9, 6)) }
+    fn view(corners_px: Vec<DVec2>) -> BoardDetection {
+        BoardDetection {
+            board: vec![DVec2::ZERO; corners_px.len()],
+            corners_px,
+            target: Target::Chessboard(ChessboardSize::new(9, 6)),
+        }
     }
 
-    /// As it is told to people, of ten views that are wanted.
-    fn told(known: &[Parameter], view: &Seen, stands: &[Stand]) -> Vec<String> {
-        let wishes = missing(SIZE_PX, known, &vec![view; stands.len()], stands, 10);
-        wishes.iter().map(Wish::to_string).collect()
+    /// The messages, if ten views are required.
+    fn messages(known: &[Parameter], view: &BoardDetection, stands: &[Stand]) -> Vec<String> {
+        let missing_views = missing(SIZE_PX, known, &vec![view; stands.len()], stands, 10);
+        missing_views.iter().map(MissingViews::to_string).collect()
     }
 
     #[test]
     fn tilts_have_the_sign_of_the_farther_edge() {
-        // Turned about y by +30°, x of the board goes to x cos 30°, z −x sin 30°: its right edge is nearer.
+        // Rotated about y by +30°, the board's x axis goes to (cos 30°, −sin 30°) in x and z: its
+        // right edge is closer.
         let tilt = tilt_deg(&stand(DVec3::new(0.0, 30f64.to_radians(), 0.0), 9.0));
         assert!((tilt - DVec2::new(-30.0, 0.0)).length() < 1e-9, "{tilt}");
-        // About x by +30° the lower edge, y of the board, goes to z +y sin 30°: farther.
+        // Rotated about x by +30°, the lower edge (the board's y axis) goes to z +y sin 30°:
+        // farther.
         let tilt = tilt_deg(&stand(DVec3::new(30f64.to_radians(), 0.0, 0.0), 9.0));
         assert!((tilt - DVec2::new(0.0, 30.0)).length() < 1e-9, "{tilt}");
     }
 
     #[test]
-    fn what_is_missing_is_told_and_nothing_when_all_is_there() {
+    fn missing_views_are_reported_until_all_are_there() {
         let known = [Parameter { name: "fx_px", value: 500.0, sigma: 1.0 }; 2];
         let middle = view(vec![DVec2::new(320.0, 240.0)]);
-        let all = told(&known, &middle, &[stand(DVec3::ZERO, 10.0); 3]).join("\n");
+        let all = messages(&known, &middle, &[stand(DVec3::ZERO, 10.0); 3]).join("\n");
         for part in [
             "3 views so far",
             "its right, left, lower or upper edge",
@@ -263,13 +272,13 @@ mod tests {
         stands.resize(10, stand(DVec3::ZERO, 20.0));
         let corners = [(9.0, 9.0), (630.0, 9.0), (9.0, 470.0), (630.0, 470.0)];
         let everywhere = view(corners.iter().map(|c| DVec2::from(*c)).collect());
-        assert_eq!(told(&known, &everywhere, &stands), Vec::<String>::new());
-        assert_eq!(told(&poor, &everywhere, &stands), ["fx_px is known to ±4.0 % only: more views, tilted more"]);
-        // Without what is turned to the left, and without the lower right corner.
+        assert_eq!(messages(&known, &everywhere, &stands), Vec::<String>::new());
+        assert_eq!(messages(&poor, &everywhere, &stands), ["fx_px is known to ±4.0 % only: more views, tilted more"]);
+        // Without the view tilted to the left, and without the lower right corner.
         stands[1] = stands[9];
         let without = view(corners[..3].iter().map(|c| DVec2::from(*c)).collect());
-        let told = told(&known, &without, &stands);
-        assert!(told[0].contains("upper edge") || told[0].contains("right edge"), "{told:?}");
-        assert!(told.len() == 2 && told[1].contains("picture's lower right corner,"), "{told:?}");
+        let messages = messages(&known, &without, &stands);
+        assert!(messages[0].contains("upper edge") || messages[0].contains("right edge"), "{messages:?}");
+        assert!(messages.len() == 2 && messages[1].contains("picture's lower right corner,"), "{messages:?}");
     }
 }

@@ -1,25 +1,28 @@
-//! Photographs of a chessboard or of printed tags in, a camera's intrinsics and distortion out.
+//! Calibration of a camera's intrinsics and distortion from photographs of a chessboard or of
+//! printed tags.
 //!
-//! `board` finds the corners; here are the projection with its derivatives (`model`), where to begin (`start`), the fit
-//! (`solve`), which model, coefficients and views count (`choose`), what views are wanted (`missing`), the files that views
-//! come from (`load`), and views that are taken from a camera's pictures as they come (`taking`). docs/calibrate-camera.md says more.
+//! `board` detects the corners. `model` is the projection with its derivatives, `start` the initial
+//! estimate, `solve` the bundle adjustment, and `choose` the selection of the model, its
+//! coefficients and the views. `missing` determines which views would help. `load` reads views from
+//! files. `view_collector` collects views from a live camera. docs/calibrate-camera.md has the
+//! details.
 
-mod calibrated;
+mod calibration;
 mod choose;
 mod load;
 mod missing;
 mod model;
 mod parameter;
-mod picture;
 mod report;
+mod residual_plot;
 mod solve;
 mod start;
-mod taking;
+mod view_collector;
 
-pub use calibrated::{Calibrated, LensOptions, NamedView, Refused};
+pub use calibration::{CameraCalibration, LensOptions, NamedView, RejectedView};
 pub use choose::{LensError, calibrate};
 pub use load::{LensProgress, LoadError, Views, views_from_paths};
-pub use missing::{Edge, PictureCorner, Wish};
+pub use missing::{Edge, MissingViews, PictureCorner};
 pub use parameter::Parameter;
-pub use picture::residuals;
-pub use taking::{Coverage, Look, Taking};
+pub use residual_plot::residuals;
+pub use view_collector::{Coverage, ViewCollector, ViewOutcome};

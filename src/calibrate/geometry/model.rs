@@ -1,34 +1,35 @@
 //! The projection of `camera::Distortion` with its derivatives, for a solver.
 //!
-//! Unlike there the polynomial is not continued along its tangent where it folds: what is fitted lies in the picture.
+//! Unlike there the polynomial is not continued along its tangent beyond its fold: the fitted
+//! corners lie within the picture.
 
 use glam::{DVec2, DVec3};
 use nalgebra::SMatrix;
 
 use crate::camera::{Distortion, Geometry, Intrinsics, LensModel};
 
-/// As many parameters as a model has at most.
-pub const MOST: usize = 9;
-/// Those that both models begin with.
+/// Largest number of parameters of a model.
+pub const MAX_PARAMETERS: usize = 9;
+/// The parameters that both models start with.
 pub const FOCAL: [&str; 4] = ["fx_px", "fy_px", "cx_px", "cy_px"];
 
-/// A camera as a row of numbers: fx, fy, cx, cy (px) and the coefficients of its model.
+/// A camera as a vector: fx, fy, cx, cy (px) and the coefficients of its model.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lens {
+pub struct LensVector {
     pub model: LensModel,
-    /// As many as [`Lens::names`] has; the others are 0.
-    pub values: [f64; MOST],
+    /// As many as [`LensVector::names`]; the others are 0.
+    pub values: [f64; MAX_PARAMETERS],
 }
 
-/// How a place in the picture follows the camera's parameters.
-pub type ByLens = SMatrix<f64, 2, MOST>;
-/// How it follows a point in the camera's axes.
+/// Jacobian of a projected point by the camera's parameters.
+pub type ByLens = SMatrix<f64, 2, MAX_PARAMETERS>;
+/// Jacobian of a projected point by the point in camera coordinates.
 pub type ByPoint = SMatrix<f64, 2, 3>;
 
-impl Lens {
-    /// Without distortion; a model other than the fisheye's is Brown and Conrady's.
+impl LensVector {
+    /// Without distortion. A model other than the fisheye's is Brown and Conrady's.
     pub fn plain(model: LensModel, focal_px: f64, centre_px: DVec2) -> Self {
-        let mut values = [0.0; MOST];
+        let mut values = [0.0; MAX_PARAMETERS];
         values[..4].copy_from_slice(&[focal_px, focal_px, centre_px.x, centre_px.y]);
         Self { model, values }
     }
@@ -37,14 +38,14 @@ impl Lens {
         self.model == LensModel::OpencvFisheye
     }
 
-    /// The parameters in order, as a profile names them.
+    /// The parameters in order, by their names in a profile.
     pub fn names(&self) -> Vec<&'static str> {
         let distortion: &[_] =
             if self.is_fisheye() { &["k1", "k2", "k3", "k4"] } else { &["k1", "k2", "p1", "p2", "k3"] };
         FOCAL.iter().chain(distortion).copied().collect()
     }
 
-    /// The number of parameters.
+    /// Number of parameters.
     pub fn count(&self) -> usize {
         if self.is_fisheye() { 8 } else { 9 }
     }
@@ -62,8 +63,8 @@ impl Lens {
         Geometry::new(intrinsics, distortion)
     }
 
-    /// Where a point in the camera's axes lands, px, and how that follows the parameters and the point. `None` where the
-    /// model sees nothing.
+    /// Projects a point in camera coordinates, px, with the Jacobians by the parameters and by the
+    /// point. `None` outside the model's field of view.
     pub fn project(&self, point: DVec3) -> Option<(DVec2, ByLens, ByPoint)> {
         let (at, by_coefficient, by_point) = if self.is_fisheye() { self.fisheye(point)? } else { self.brown(point)? };
         let [fx, fy, cx, cy, ..] = self.values;
@@ -78,8 +79,9 @@ impl Lens {
         Some((DVec2::new(fx * at.x + cx, fy * at.y + cy), by_lens, by_place))
     }
 
-    /// Normalised place, and its derivatives by the coefficients and the point. Brown (1971), as OpenCV's projectPoints:
-    /// x' = x(1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 xy + p2 (r² + 2x²), y' = y(…) + p1 (r² + 2y²) + 2 p2 xy.
+    /// Normalised point and its derivatives by the coefficients and the point. Brown (1971), as
+    /// OpenCV's projectPoints: x' = x(1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 xy + p2 (r² + 2x²), y' =
+    /// y(…) + p1 (r² + 2y²) + 2 p2 xy.
     fn brown(&self, point: DVec3) -> Option<(DVec2, [DVec2; 5], [DVec2; 3])> {
         if point.z <= 1e-9 {
             return None;
@@ -104,8 +106,8 @@ impl Lens {
         Some((at, by_coefficient, [by_x / point.z, by_y / point.z, -(by_x * x + by_y * y) / point.z]))
     }
 
-    /// The same for Kannala and Brandt (2006), as OpenCV's fisheye: θ_d = θ(1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸) from the
-    /// axis, in the point's direction across it.
+    /// Normalised point and its derivatives for Kannala and Brandt (2006), as OpenCV's fisheye: θ_d
+    /// = θ(1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸) from the axis, in the point's direction across it.
     fn fisheye(&self, point: DVec3) -> Option<(DVec2, [DVec2; 5], [DVec2; 3])> {
         let [_, _, _, _, k1, k2, k3, k4, _] = self.values;
         let (across, z) = (point.truncate(), point.z);
@@ -122,7 +124,7 @@ impl Lens {
         let distorted = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))));
         let slope = 1.0 + t2 * (3.0 * k1 + t2 * (5.0 * k2 + t2 * (7.0 * k3 + t2 * 9.0 * k4)));
         let towards = across / rho;
-        // Along `towards` the place moves with θ, across it with θ_d/ρ.
+        // Along `towards` the point moves with θ, across it with θ_d/ρ.
         let (length2, scale) = (rho * rho + z * z, distorted / rho);
         let along = slope * z / length2;
         let by = |axis: DVec2| towards * (along * towards.dot(axis)) + (axis - towards * towards.dot(axis)) * scale;
@@ -138,10 +140,13 @@ mod tests {
     use crate::fit::{Stand, by_stand};
     use glam::DMat3;
 
-    fn lenses() -> [Lens; 2] {
+    fn lenses() -> [LensVector; 2] {
         let brown = [1159.0, 1154.0, 669.0, 388.0, -0.26, 0.05, -0.0007, 0.0003, -0.11];
         let fisheye = [520.0, 515.0, 640.0, 360.0, 0.05, -0.02, 0.008, -0.001, 0.0];
-        [Lens { model: LensModel::Opencv, values: brown }, Lens { model: LensModel::OpencvFisheye, values: fisheye }]
+        [
+            LensVector { model: LensModel::Opencv, values: brown },
+            LensVector { model: LensModel::OpencvFisheye, values: fisheye },
+        ]
     }
 
     const POINTS: [DVec3; 5] = [
@@ -153,7 +158,7 @@ mod tests {
     ];
 
     #[test]
-    fn it_projects_as_the_camera_does() {
+    fn projection_matches_the_camera() {
         for lens in lenses() {
             let geometry = lens.geometry(1280, 720);
             for point in POINTS {
@@ -163,7 +168,7 @@ mod tests {
             assert_eq!(lens.names().len(), lens.count());
         }
         assert!(lenses()[0].project(DVec3::NEG_Z).is_none());
-        // 100° off the axis, which a fisheye sees.
+        // 100° off the axis, within a fisheye's field of view.
         let side = DVec3::new(1.0, 0.0, -0.176);
         let [_, fisheye] = lenses();
         assert!(fisheye.project(side).unwrap().0.distance(fisheye.geometry(9, 9).project(side).unwrap()) < 1e-9);
@@ -171,7 +176,7 @@ mod tests {
 
     /// Every derivative against central differences.
     #[test]
-    fn derivatives_are_those_of_the_projection() {
+    fn derivatives_match_finite_differences() {
         let close = |analytic: DVec2, low: DVec2, high: DVec2, h: f64, what: &str| {
             let numeric = (high - low) / (2.0 * h);
             assert!(analytic.distance(numeric) < 1e-5 * (1.0 + numeric.length()), "{what}: {analytic} {numeric}");

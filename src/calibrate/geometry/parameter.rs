@@ -1,6 +1,6 @@
 //! A number that is calibrated.
 
-/// A parameter with what is known of it.
+/// A parameter with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
     /// As in a profile.

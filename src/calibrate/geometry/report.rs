@@ -1,8 +1,8 @@
-//! A calibrated camera as a text for people.
+//! Report of a calibrated camera.
 
 use std::fmt;
 
-use super::calibrated::Calibrated;
+use super::calibration::CameraCalibration;
 use super::missing::{distance, tilt_deg};
 use super::parameter::Parameter;
 use crate::calibrate::board::Target;
@@ -10,27 +10,27 @@ use crate::params::Field;
 use crate::text::{count, fixed, millimetres};
 
 impl Parameter {
-    /// As many digits behind the point as two of the deviation take.
+    /// Decimal places that show two digits of the standard deviation.
     pub fn digits(&self) -> usize {
         if self.sigma > 0.0 { (1.0 - self.sigma.log10().floor()).clamp(0.0, 8.0) as usize } else { 6 }
     }
 
-    /// Value and deviation with two digits of the deviation.
+    /// Value and standard deviation, with two digits of the latter.
     pub fn shown(&self) -> String {
         let digits = self.digits();
         format!("{} ± {}", fixed(self.value, digits), fixed(self.sigma, digits))
     }
 
-    /// The profile's table that it stands in.
+    /// The profile's table of the parameter.
     pub fn table(&self) -> &'static str {
         if self.name.ends_with("_px") { "camera" } else { "camera.distortion" }
     }
 }
 
-impl Calibrated {
-    /// One line on what the calibration rests on.
+impl CameraCalibration {
+    /// Number of views and corners and the residual, in one line.
     pub fn origin(&self) -> String {
-        let corners: usize = self.views.iter().map(|view| view.seen.at_px.len()).sum();
+        let corners: usize = self.views.iter().map(|view| view.seen.corners_px.len()).sum();
         let board = match self.target {
             Target::Chessboard(board) => format!("a board of {board} corners, {corners} in all"),
             Target::Tags(tags) => format!("a board of {}, {corners} corners in all", count(tags, "tag")),
@@ -38,13 +38,13 @@ impl Calibrated {
         format!("{} of {board}: rms {} px", count(self.views.len(), "view"), fixed(self.rms_px, 3))
     }
 
-    /// The parameters with their deviations, in one line.
+    /// The parameters with their standard deviations, in one line.
     pub fn deviations(&self) -> String {
         let one = |parameter: &Parameter| format!("{} {}", parameter.name, parameter.shown());
         self.parameters.iter().map(one).collect::<Vec<_>>().join(", ")
     }
 
-    /// A length that is known in squares.
+    /// A length in squares, in millimetres if the square's side is known.
     fn length(&self, squares: f64) -> String {
         match self.unit_mm {
             Some(mm) => millimetres(1e-3 * mm * squares),
@@ -53,7 +53,7 @@ impl Calibrated {
     }
 }
 
-impl fmt::Display for Calibrated {
+impl fmt::Display for CameraCalibration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "views      {}", self.origin())?;
         writeln!(f, "residuals  half of them below {} px", fixed(self.median_px, 3))?;
@@ -64,7 +64,7 @@ impl fmt::Display for Calibrated {
         for ((view, stand), residuals) in self.views.iter().zip(&self.stands).zip(&self.residuals_px) {
             let squares: f64 = residuals.iter().map(|r| r.length_squared()).sum();
             let rms = (squares / residuals.len().max(1) as f64).sqrt();
-            let corners = view.seen.at_px.len();
+            let corners = view.seen.corners_px.len();
             let part =
                 if corners < self.target.corners() { format!(" of {}", self.target.corners()) } else { String::new() };
             writeln!(

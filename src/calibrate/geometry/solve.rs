@@ -1,100 +1,108 @@
-//! The camera and the boards' stands that explain what was seen.
+//! Bundle adjustment: the camera and the boards' poses that best explain the detected corners.
 //!
-//! A corner's residual is the way from where it is projected to where it is seen, px; `fit::robust` makes them least.
+//! A corner's residual is its detected minus its projected position, px; `fit::robust` minimizes a
+//! robust sum of them.
 //!
-//! A view's stand touches that view's corners alone, so the normal equations have an arrow's shape: stands are eliminated
-//! view by view (Schur's complement), and what remains is as large as the camera has parameters.
+//! A view's pose only affects that view's corners, so the normal equations have an arrowhead
+//! structure. The poses are eliminated view by view (Schur complement), and the remaining system
+//! has the size of the camera's parameters.
 
 use glam::{DVec2, DVec3};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
-use super::model::{Lens, MOST};
+use super::model::{LensVector, MAX_PARAMETERS};
 use super::start::stand;
-use crate::calibrate::board::Seen;
+use crate::calibrate::board::BoardDetection;
 use crate::camera::LensModel;
 use crate::fit::robust::{self, Problem, median, weight};
 use crate::fit::{Stand, by_stand};
 
-/// Focal lengths to begin from, of the picture's longer side: from a wide fisheye's to a long lens's.
-const FOCAL: [f64; 7] = [0.25, 0.4, 0.6, 0.9, 1.4, 2.2, 4.0];
-/// δ is estimated anew this often.
-const ROUNDS: usize = 6;
-/// A camera, with where the board of each view stood.
+/// Initial focal lengths, in units of the picture's longer side: from a wide fisheye to a long
+/// lens.
+const START_FOCALS: [f64; 7] = [0.25, 0.4, 0.6, 0.9, 1.4, 2.2, 4.0];
+/// Number of times that δ is re-estimated.
+const SCALE_ROUNDS: usize = 6;
+/// A camera and the pose of each view's board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
-    pub lens: Lens,
+    pub lens: LensVector,
     pub stands: Vec<Stand>,
-    /// For each view and corner the way from where it is projected to where it is seen, px.
+    /// For each view and corner the residual: detected minus projected, px.
     pub residuals_px: Vec<Vec<DVec2>>,
-    /// Huber's δ of the end, px.
+    /// Huber's δ of the last round, px.
     pub delta_px: f64,
 }
 
-/// Parameters by their place in [`Lens::values`] that may change.
+/// Indices into [`LensVector::values`] of the optimized parameters.
 type Free<'a> = &'a [usize];
 
 /// Fits a model to views of a picture of this size, px. `None` if no camera explains them.
-pub fn fit(model: LensModel, size_px: DVec2, views: &[&Seen]) -> Option<Fit> {
+pub fn fit(model: LensModel, size_px: DVec2, views: &[&BoardDetection]) -> Option<Fit> {
     let first = |focal: f64| {
-        let lens = Lens::plain(model, focal * size_px.max_element(), 0.5 * size_px);
-        let stands = views.iter().map(|view| stand(&lens, &view.board, &view.at_px)).collect::<Option<Vec<_>>>()?;
-        // The focal length and the strongest coefficient alone: the others would follow a poor start too far.
-        let rough = settled(views, lens, stands, &[0, 1, 4], 2)?;
-        settled(views, rough.lens, rough.stands, &FREE[..lens.count()], 1)
+        let lens = LensVector::plain(model, focal * size_px.max_element(), 0.5 * size_px);
+        let stands =
+            views.iter().map(|view| stand(&lens, &view.board, &view.corners_px)).collect::<Option<Vec<_>>>()?;
+        // First only the focal length and the strongest coefficient: the others would diverge from
+        // a poor start.
+        let rough = iterate(views, lens, stands, &[0, 1, 4], 2)?;
+        iterate(views, rough.lens, rough.stands, &FREE[..lens.count()], 1)
     };
-    let best = FOCAL.into_iter().filter_map(first).min_by(|a, b| a.mean_px().total_cmp(&b.mean_px()))?;
-    settled(views, best.lens, best.stands, &FREE[..best.lens.count()], ROUNDS)
+    let best = START_FOCALS.into_iter().filter_map(first).min_by(|a, b| a.mean_px().total_cmp(&b.mean_px()))?;
+    iterate(views, best.lens, best.stands, &FREE[..best.lens.count()], SCALE_ROUNDS)
 }
 
-/// The same to the end, from a camera and stands that are about right. Without `with_last` the last coefficient is 0.
-pub fn finish(views: &[&Seen], mut lens: Lens, stands: Vec<Stand>, with_last: bool) -> Option<Fit> {
+/// Final fit from an approximate camera and poses. Without `with_last` the last coefficient is 0.
+pub fn finish(views: &[&BoardDetection], mut lens: LensVector, stands: Vec<Stand>, with_last: bool) -> Option<Fit> {
     let free = lens.count() - usize::from(!with_last);
     lens.values[free..].fill(0.0);
-    settled(views, lens, stands, &FREE[..free], ROUNDS)
+    iterate(views, lens, stands, &FREE[..free], SCALE_ROUNDS)
 }
 
-const FREE: [usize; MOST] = [0, 1, 2, 3, 4, 5, 6, 7, 8];
+const FREE: [usize; MAX_PARAMETERS] = [0, 1, 2, 3, 4, 5, 6, 7, 8];
 
 impl Fit {
-    /// The mean length of a residual, px.
+    /// Mean length of the residuals, px.
     pub fn mean_px(&self) -> f64 {
         let lengths = || self.residuals_px.iter().flatten().map(|r| r.length());
         lengths().sum::<f64>() / lengths().count().max(1) as f64
     }
 
-    /// The root of the mean squared length of all residuals, px: as OpenCV's reprojection error.
+    /// Root mean square length of the residuals, px: equals OpenCV's reprojection error.
     pub fn rms_px(&self) -> f64 {
         let squares: f64 = self.residuals_px.iter().flatten().map(|r| r.length_squared()).sum();
         (squares / self.residuals_px.iter().flatten().count().max(1) as f64).sqrt()
     }
 
-    /// Half of the residuals are shorter, px.
+    /// Median length of the residuals, px.
     pub fn median_px(&self) -> f64 {
         median(self.residuals_px.iter().flatten())
     }
 
-    /// The same of one view.
+    /// Median length of one view's residuals, px.
     pub fn view_median_px(&self, view: usize) -> f64 {
         median(self.residuals_px.get(view).into_iter().flatten())
     }
 
-    /// The covariance of the camera's parameters, in their order and units. Two estimates are made: from the scatter of
-    /// all residuals, as if each had an error of its own, and from how far the camera goes when a view is left out, in
-    /// one step of Newton's (the jackknife: Tukey 1958), which also sees errors that a view's corners share, such as of a
-    /// board that is not flat. Of few views each pulls the camera to itself; what their residuals show of that is too
-    /// small, what leaving them out shows is not. For each parameter the larger deviation counts, with the correlations
-    /// of the first. `None` if the views do not determine the camera.
-    pub fn covariance(&self, views: &[&Seen]) -> Option<DMatrix<f64>> {
+    /// Covariance of the camera's parameters, in their order and units.
+    ///
+    /// Two estimates are combined. The first is from the scatter of all residuals, as if they were
+    /// independent. The second is the jackknife (Tukey 1958): the change of the camera when a view
+    /// is left out, in one Newton step. It also captures errors that are common to a view's
+    /// corners, such as those of a board that is not flat. With few views each one pulls the camera
+    /// towards itself, so that the residuals underestimate such errors; the jackknife does not. For
+    /// each parameter the larger deviation is used, with the correlations of the first estimate.
+    /// `None` if the views do not determine the camera.
+    pub fn covariance(&self, views: &[&BoardDetection]) -> Option<DMatrix<f64>> {
         let n = self.lens.count();
         let blocks = blocks(views, &self.lens, &self.stands, self.delta_px)?;
-        let (reduced, _) = eliminated(&blocks, 0.0)?;
+        let (reduced, _) = reduced_system(&blocks, 0.0)?;
         let information = DMatrix::from_fn(n, n, |i, j| reduced[(i, j)]);
         // Parameters differ by many powers of ten.
         let scale = DVector::from_fn(n, |i, _| information[(i, i)].max(1e-300).sqrt().recip());
         let scaled = DMatrix::from_fn(n, n, |i, j| information[(i, j)] * scale[i] * scale[j]);
         let scaled_inverse = scaled.cholesky()?.inverse();
         let inverse = DMatrix::from_fn(n, n, |i, j| scaled_inverse[(i, j)] * scale[i] * scale[j]);
-        let corners: usize = views.iter().map(|view| view.at_px.len()).sum();
+        let corners: usize = views.iter().map(|view| view.corners_px.len()).sum();
         let freedom = (2 * corners) as f64 - (n + 6 * views.len()) as f64;
         if freedom < 1.0 {
             return None;
@@ -105,10 +113,11 @@ impl Fit {
         let count = views.len() as f64;
         let mut together = DMatrix::<f64>::zeros(n, n);
         for block in &blocks {
-            let (part, own) = seen_of_lens(block, 0.0)?;
+            let (part, own) = schur_complement(block, 0.0)?;
             let own = DVector::from_fn(n, |i, _| own[i] * scale[i]);
             let others = DMatrix::from_fn(n, n, |i, j| (information[(i, j)] - part[(i, j)]) * scale[i] * scale[j]);
-            // Where the others alone do not determine the camera, it goes as far as all of them let it.
+            // If the other views do not determine the camera, the information of all views limits
+            // the step.
             let by = others.cholesky().map_or_else(|| &scaled_inverse * &own, |others| others.solve(&own));
             let by = DVector::from_fn(n, |i, _| by[i] * scale[i]);
             together += &by * by.transpose() * ((count - 1.0) / count);
@@ -119,21 +128,21 @@ impl Fit {
     }
 }
 
-/// Views of a camera, as a problem whose state is that camera and where the boards stood.
-struct Seeing<'a> {
-    views: &'a [&'a Seen],
+/// Bundle adjustment as a robust problem: its state is the camera and the boards' poses.
+struct BundleAdjustment<'a> {
+    views: &'a [&'a BoardDetection],
     free: Free<'a>,
 }
 
-impl Problem for Seeing<'_> {
-    type State = (Lens, Vec<Stand>);
+impl Problem for BundleAdjustment<'_> {
+    type State = (LensVector, Vec<Stand>);
     type Equations = Vec<Block>;
 
     fn residuals(&self, (lens, stands): &Self::State) -> Option<Vec<DVec2>> {
-        let corners = |view: &&Seen| view.at_px.len();
+        let corners = |view: &&BoardDetection| view.corners_px.len();
         let mut residuals = Vec::with_capacity(self.views.iter().map(corners).sum());
         for (view, stand) in self.views.iter().zip(stands) {
-            for (board, seen) in view.board.iter().zip(&view.at_px) {
+            for (board, seen) in view.board.iter().zip(&view.corners_px) {
                 residuals.push(*seen - lens.project(stand.point(board.extend(0.0)))?.0);
             }
         }
@@ -149,26 +158,32 @@ impl Problem for Seeing<'_> {
     }
 }
 
-/// Steps until it rests, with δ estimated `rounds` times; `free` are the parameters that may change.
-fn settled(views: &[&Seen], lens: Lens, stands: Vec<Stand>, free: Free<'_>, rounds: usize) -> Option<Fit> {
-    let rest = robust::settled(&Seeing { views, free }, (lens, stands), rounds)?;
+/// Iterates to convergence, with δ estimated `rounds` times. Only the parameters in `free` change.
+fn iterate(
+    views: &[&BoardDetection],
+    lens: LensVector,
+    stands: Vec<Stand>,
+    free: Free<'_>,
+    rounds: usize,
+) -> Option<Fit> {
+    let rest = robust::settled(&BundleAdjustment { views, free }, (lens, stands), rounds)?;
     let (lens, stands) = rest.state;
     let mut left = rest.residuals_px.into_iter();
-    let residuals_px = views.iter().map(|view| left.by_ref().take(view.at_px.len()).collect()).collect();
+    let residuals_px = views.iter().map(|view| left.by_ref().take(view.corners_px.len()).collect()).collect();
     Some(Fit { lens, stands, residuals_px, delta_px: rest.delta_px })
 }
 
 /// A view's part of the normal equations JᵀWJ · step = JᵀWr.
 struct Block {
-    lens: SMatrix<f64, MOST, MOST>,
-    mixed: SMatrix<f64, MOST, 6>,
+    lens: SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>,
+    mixed: SMatrix<f64, MAX_PARAMETERS, 6>,
     stand: SMatrix<f64, 6, 6>,
-    by_lens: SVector<f64, MOST>,
+    by_lens: SVector<f64, MAX_PARAMETERS>,
     by_stand: SVector<f64, 6>,
 }
 
-fn blocks(views: &[&Seen], lens: &Lens, stands: &[Stand], delta_px: f64) -> Option<Vec<Block>> {
-    let of_view = |(view, stand): (&&Seen, &Stand)| {
+fn blocks(views: &[&BoardDetection], lens: &LensVector, stands: &[Stand], delta_px: f64) -> Option<Vec<Block>> {
+    let of_view = |(view, stand): (&&BoardDetection, &Stand)| {
         let mut block = Block {
             lens: SMatrix::zeros(),
             mixed: SMatrix::zeros(),
@@ -176,7 +191,7 @@ fn blocks(views: &[&Seen], lens: &Lens, stands: &[Stand], delta_px: f64) -> Opti
             by_lens: SVector::zeros(),
             by_stand: SVector::zeros(),
         };
-        for (board, seen) in view.board.iter().zip(&view.at_px) {
+        for (board, seen) in view.board.iter().zip(&view.corners_px) {
             let (at, by_lens, by_point) = lens.project(stand.point(board.extend(0.0)))?;
             let by_stand = by_stand(stand, board.extend(0.0), &by_point);
             let residual = *seen - at;
@@ -201,18 +216,24 @@ fn damped<const N: usize>(m: &SMatrix<f64, N, N>, damping: f64) -> SMatrix<f64, 
     m
 }
 
-/// A view's part of the equations for the camera alone, wherever its board stands.
-fn seen_of_lens(block: &Block, damping: f64) -> Option<(SMatrix<f64, MOST, MOST>, SVector<f64, MOST>)> {
+/// A view's Schur complement: its normal equations reduced to the camera's parameters.
+fn schur_complement(
+    block: &Block,
+    damping: f64,
+) -> Option<(SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>, SVector<f64, MAX_PARAMETERS>)> {
     let across = block.mixed * damped(&block.stand, damping).cholesky()?.inverse();
     let lens = damped(&block.lens, damping) - across * block.mixed.transpose();
     Some((lens, block.by_lens - across * block.by_stand))
 }
 
-/// The equations for the camera alone.
-fn eliminated(blocks: &[Block], damping: f64) -> Option<(SMatrix<f64, MOST, MOST>, SVector<f64, MOST>)> {
+/// The reduced camera system.
+fn reduced_system(
+    blocks: &[Block],
+    damping: f64,
+) -> Option<(SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>, SVector<f64, MAX_PARAMETERS>)> {
     let (mut reduced, mut right) = (SMatrix::zeros(), SVector::zeros());
     for block in blocks {
-        let (lens, by_lens) = seen_of_lens(block, damping)?;
+        let (lens, by_lens) = schur_complement(block, damping)?;
         reduced += lens;
         right += by_lens;
     }
@@ -221,15 +242,15 @@ fn eliminated(blocks: &[Block], damping: f64) -> Option<(SMatrix<f64, MOST, MOST
 
 fn stepped(
     blocks: &[Block],
-    lens: &Lens,
+    lens: &LensVector,
     stands: &[Stand],
     free: Free<'_>,
     damping: f64,
-) -> Option<(Lens, Vec<Stand>)> {
-    let (reduced, right) = eliminated(blocks, damping)?;
+) -> Option<(LensVector, Vec<Stand>)> {
+    let (reduced, right) = reduced_system(blocks, damping)?;
     let small = DMatrix::from_fn(free.len(), free.len(), |i, j| reduced[(free[i], free[j])]);
     let solved = small.cholesky()?.solve(&DVector::from_fn(free.len(), |i, _| right[free[i]]));
-    let mut step = SVector::<f64, MOST>::zeros();
+    let mut step = SVector::<f64, MAX_PARAMETERS>::zeros();
     free.iter().zip(solved.iter()).for_each(|(i, value)| step[*i] = *value);
     let mut lens = *lens;
     lens.values.iter_mut().zip(step.iter()).for_each(|(value, by)| *value += by);

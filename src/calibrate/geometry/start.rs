@@ -1,32 +1,33 @@
-//! Where a solver may begin: a focal length guessed, and each board's stand from its homography (Zhang 2000).
+//! Initial estimate for the solver: a guessed focal length, and each board's pose from its
+//! homography (Zhang 2000).
 
 use glam::DVec2;
 
-use super::model::Lens;
+use super::model::LensVector;
 use crate::camera::LensModel;
 use crate::fit::{Stand, homography};
 
-/// Rays farther off the axis do not fit a plane in front of the camera, rad.
-const WIDEST: f64 = 1.3;
-/// Fewer corners do not show whether one of them was misread.
-const LEAST: usize = 6;
+/// Largest angle from the axis, rad: rays beyond do not intersect a plane in front of the camera.
+const MAX_ANGLE_RAD: f64 = 1.3;
+/// Smallest number of corners, so that a misread one is detectable.
+const MIN_CORNERS: usize = 6;
 
-/// The stand of a board whose corners are seen by a lens without distortion. `None` if they do not say.
-pub fn stand(lens: &Lens, board: &[DVec2], seen_px: &[DVec2]) -> Option<Stand> {
+/// Pose of a board seen by a lens without distortion. `None` if it is not determined.
+pub fn stand(lens: &LensVector, board: &[DVec2], seen_px: &[DVec2]) -> Option<Stand> {
     let (on_board, rays): (Vec<DVec2>, Vec<DVec2>) =
-        board.iter().zip(seen_px).filter_map(|(b, p)| Some((*b, on_plane(lens, *p)?))).unzip();
-    if on_board.len() < LEAST { None } else { homography::stand(&on_board, &rays) }
+        board.iter().zip(seen_px).filter_map(|(b, p)| Some((*b, ray_on_plane(lens, *p)?))).unzip();
+    if on_board.len() < MIN_CORNERS { None } else { homography::stand(&on_board, &rays) }
 }
 
-/// The ray of a place, where it crosses the plane z = 1.
-fn on_plane(lens: &Lens, at_px: DVec2) -> Option<DVec2> {
+/// Intersection of a point's ray with the plane z = 1.
+fn ray_on_plane(lens: &LensVector, corners_px: DVec2) -> Option<DVec2> {
     let [fx, fy, cx, cy, ..] = lens.values;
-    let at = DVec2::new((at_px.x - cx) / fx, (at_px.y - cy) / fy);
+    let at = DVec2::new((corners_px.x - cx) / fx, (corners_px.y - cy) / fy);
     if lens.model != LensModel::OpencvFisheye {
         return Some(at);
     }
     let theta = at.length();
-    (theta < WIDEST).then(|| at.normalize_or_zero() * theta.tan())
+    (theta < MAX_ANGLE_RAD).then(|| at.normalize_or_zero() * theta.tan())
 }
 
 #[cfg(test)]
@@ -35,9 +36,9 @@ mod tests {
     use glam::{DMat3, DVec3};
 
     #[test]
-    fn a_board_stands_where_it_stood() {
+    fn initial_pose_is_the_true_one() {
         for model in [LensModel::Opencv, LensModel::OpencvFisheye] {
-            let lens = Lens::plain(model, 600.0, DVec2::new(320.0, 240.0));
+            let lens = LensVector::plain(model, 600.0, DVec2::new(320.0, 240.0));
             let stood = Stand {
                 rotation: DMat3::from_quat(glam::DQuat::from_scaled_axis(DVec3::new(0.5, -0.4, 2.0))),
                 translation: DVec3::new(-1.0, -2.0, 12.0),

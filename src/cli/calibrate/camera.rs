@@ -9,8 +9,10 @@ use anyhow::{Result, bail};
 use super::existing::{existing, pictures_beside, unreadable};
 use super::watched::taken;
 use crate::cli::watching::PicturesArgs;
-use locard_engine::calibrate::board::{Board, Wanted};
-use locard_engine::calibrate::geometry::{Calibrated, LensOptions, Views, calibrate, residuals, views_from_paths};
+use locard_engine::calibrate::board::{ChessboardSize, TargetChoice};
+use locard_engine::calibrate::geometry::{
+    CameraCalibration, LensOptions, Views, calibrate, residuals, views_from_paths,
+};
 use locard_engine::camera::{LensModel, Response};
 use locard_engine::compositor::Settings;
 use locard_engine::export::Inputs;
@@ -56,15 +58,15 @@ pub struct Args {
 /// A chessboard's size, or the file of a board of tags.
 #[derive(Clone, Debug)]
 enum BoardArg {
-    Size(Board),
+    Size(ChessboardSize),
     File(PathBuf),
 }
 
 impl BoardArg {
-    fn wanted(&self) -> Result<Wanted> {
+    fn wanted(&self) -> Result<TargetChoice> {
         Ok(match self {
-            Self::Size(board) => Wanted::Chessboard(*board),
-            Self::File(file) => Wanted::Tags(tags::Board::read(file)?),
+            Self::Size(board) => TargetChoice::Chessboard(*board),
+            Self::File(file) => TargetChoice::Tags(tags::Board::read(file)?),
         })
     }
 }
@@ -76,7 +78,7 @@ fn board(text: &str) -> Result<BoardArg, String> {
     let sides = sides.and_then(|(columns, rows)| Some((columns.trim().parse().ok()?, rows.trim().parse().ok()?)));
     match sides {
         Some((columns, rows)) if (3..=200).contains(&columns) && (3..=200).contains(&rows) => {
-            Ok(BoardArg::Size(Board::new(columns, rows)))
+            Ok(BoardArg::Size(ChessboardSize::new(columns, rows)))
         }
         None if Path::new(text).is_file() => Ok(BoardArg::File(text.into())),
         Some(_) => Err(accepted.to_owned()),
@@ -96,7 +98,12 @@ fn model(text: &str) -> Result<LensModel, String> {
     named.ok_or_else(|| "accepted are opencv and opencv_fisheye".to_owned())
 }
 
-fn from_photos(args: &Args, wanted: &Wanted, response: &Response, options: &LensOptions) -> Result<Calibrated> {
+fn from_photos(
+    args: &Args,
+    wanted: &TargetChoice,
+    response: &Response,
+    options: &LensOptions,
+) -> Result<CameraCalibration> {
     if let Some(option) = args.pictures.given() {
         bail!("{option} is for a camera: name one with --camera");
     }
@@ -142,7 +149,7 @@ pub fn run(args: &Args) -> Result<()> {
         photograph::check(picture, args.force)?;
     }
     let board = match wanted {
-        Wanted::Chessboard(board) => Some(board),
+        TargetChoice::Chessboard(board) => Some(board),
         _ => None,
     };
     let options = LensOptions { board, square_mm: args.square_mm, model: args.model };

@@ -7,14 +7,14 @@ use anyhow::{Context, Result, bail};
 use locard_engine::calibrate::is_picture;
 use locard_engine::profile::Document;
 use locard_engine::sink;
-use locard_engine::source::file::{self, MOST_DOCUMENT};
+use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 use locard_engine::source::{SourceError, still, unsupported};
 use locard_engine::text::reason;
 
 /// A profile that is to be extended, and whether it is there already.
 pub fn existing(path: &Path) -> Result<(bool, Document)> {
     sink::check_file(path, true)?;
-    match file::read_text(path, MOST_DOCUMENT) {
+    match file::read_text(path, MAX_DOCUMENT_BYTES) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok((false, Document::new(""))),
         Err(error) => bail!("{}: cannot be read: {}", path.display(), reason(&error)),
         Ok(text) => {

@@ -9,7 +9,7 @@ use glam::DVec2;
 use super::existing::existing;
 use crate::cli::pick::numbers;
 use locard_engine::calibrate::is_picture;
-use locard_engine::calibrate::sharpness::{PARAMETER, edge, notes, together};
+use locard_engine::calibrate::sharpness::{PARAMETER, combine, edge, notes};
 use locard_engine::camera::Response;
 use locard_engine::compositor::Settings;
 use locard_engine::export::Inputs;
@@ -136,7 +136,7 @@ pub fn run(args: &Args) -> Result<()> {
         }
         edges.push(found);
     }
-    let Some(all) = together(&edges) else { return Ok(()) };
+    let Some(all) = combine(&edges) else { return Ok(()) };
     writeln!(out, "{table}.{name} = {} ± {}", fixed(all.sigma_px, 3), fixed(all.uncertainty_px, 3))?;
     if all.between_px > 0.0 {
         writeln!(

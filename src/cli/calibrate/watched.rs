@@ -8,8 +8,8 @@ use anyhow::Result;
 use crate::cli::progress_of;
 use crate::cli::warn;
 use crate::cli::watching::{Agreed, PicturesArgs};
-use locard_engine::calibrate::board::{Search, Wanted};
-use locard_engine::calibrate::geometry::{LensOptions, Look, Taking};
+use locard_engine::calibrate::board::{BoardDetector, TargetChoice};
+use locard_engine::calibrate::geometry::{LensOptions, ViewCollector, ViewOutcome};
 use locard_engine::camera::Response;
 use locard_engine::live::CaptureEvent;
 use locard_engine::text::{count, fixed};
@@ -19,13 +19,13 @@ pub fn taken(
     camera: &str,
     pictures: &PicturesArgs,
     wanted: usize,
-    (board, response): (&Wanted, &Response),
+    (board, response): (&TargetChoice, &Response),
     options: LensOptions,
-) -> Result<Taking> {
-    let mut search = Search::new(board, response)?;
+) -> Result<ViewCollector> {
+    let mut search = BoardDetector::new(board, response)?;
     let agreed = Agreed::without_poses(camera, pictures)?;
     let (delivered, interval_s) = (agreed.opened.camera.given.delivered, agreed.opened.interval_s);
-    let mut taking = Taking::new((delivered.width, delivered.height), wanted, options);
+    let mut taking = ViewCollector::new((delivered.width, delivered.height), wanted, options);
     let line = progress_of(pictures.quiet, 0, "{wide_msg}");
     let mut watching = agreed.start()?;
     let (mut frames, mut looked_s) = (0, f64::NEG_INFINITY);
@@ -40,11 +40,11 @@ pub fn taken(
             CaptureEvent::Nothing | CaptureEvent::Ended => None,
         };
         for (time_s, pixels) in looked_at(first, looked_s, interval_s, next) {
-            let look = taking.look(time_s, &format!("frame {frames}"), search.find(&pixels).ok());
+            let look = taking.add(time_s, &format!("frame {frames}"), search.find(&pixels).ok());
             (frames, looked_s) = (frames + 1, time_s);
             line.set_message(told(&taking, look));
             // A pipe gets a line for each view.
-            if look == Look::Taken && line.is_hidden() {
+            if look == ViewOutcome::Accepted && line.is_hidden() {
                 warn(pictures.quiet, &told(&taking, look));
             }
         }
@@ -68,14 +68,14 @@ fn looked_at<T>(
 }
 
 /// How far it is, and what to do: in 80 columns.
-fn told(taking: &Taking, look: Look) -> String {
+fn told(taking: &ViewCollector, look: ViewOutcome) -> String {
     let (views, share) = (taking.views().len(), fixed(100.0 * taking.coverage().share(), 0));
     let next = taking.hint().unwrap_or("nothing is missing".to_owned());
     let now = match look {
-        Look::NoBoard => "no board; ",
-        Look::Moving => "moving; ",
-        Look::Taken => "taken; ",
-        Look::Known => "",
+        ViewOutcome::NoBoard => "no board; ",
+        ViewOutcome::Moving => "moving; ",
+        ViewOutcome::Accepted => "taken; ",
+        ViewOutcome::Redundant => "",
     };
     format!("{views} of {} views, {share} % seen; {now}{next}", taking.wanted())
 }

@@ -7,7 +7,7 @@ use eframe::egui::{self, Color32, Sense, Ui};
 use super::super::session::Session;
 use super::parts;
 use super::views::{Told, Views};
-use locard_engine::calibrate::geometry::{Calibrated, Coverage, Look, Parameter};
+use locard_engine::calibrate::geometry::{CameraCalibration, Coverage, Parameter, ViewOutcome};
 use locard_engine::frame::Frame;
 use locard_engine::params::Value;
 use locard_engine::text::{fixed, without_options};
@@ -20,7 +20,7 @@ const FEWEST: usize = 3;
 pub struct Lens {
     views: Option<Views>,
     /// What came of them.
-    found: Option<Result<Calibrated, String>>,
+    found: Option<Result<CameraCalibration, String>>,
 }
 
 impl Lens {
@@ -84,7 +84,7 @@ impl Lens {
     }
 
     /// What was measured beside what is set.
-    fn result(&mut self, ui: &mut Ui, session: &mut Session, calibrated: &Calibrated) {
+    fn result(&mut self, ui: &mut Ui, session: &mut Session, calibrated: &CameraCalibration) {
         ui.label(calibrated.origin());
         egui::Grid::new("lens").num_columns(3).striped(true).show(ui, |ui| {
             ["", "present", "measured"].into_iter().for_each(|head| _ = ui.weak(head));
@@ -133,10 +133,10 @@ fn how_far(ui: &mut Ui, told: &Told) {
     }
     let now = match told.look {
         None => "looking for a board",
-        Some(Look::NoBoard) => "no board is seen",
-        Some(Look::Moving) => "it moves: hold it still",
-        Some(Look::Known) => "this is known: hold it elsewhere",
-        Some(Look::Taken) => "taken: move on",
+        Some(ViewOutcome::NoBoard) => "no board is seen",
+        Some(ViewOutcome::Moving) => "it moves: hold it still",
+        Some(ViewOutcome::Redundant) => "this is known: hold it elsewhere",
+        Some(ViewOutcome::Accepted) => "taken: move on",
     };
     ui.label(now);
     if let Some(hint) = &told.hint {

@@ -15,7 +15,7 @@ use super::super::region_picker::{RegionPicker, RegionPrompt, RegionPurpose};
 use super::super::session::Session;
 use super::parts::{self, Asked, Picked, Verdict};
 use locard_engine::calibrate::{
-    NoisePoint, PickedError, PickedNoise, Place, SceneMotion, least_px, over_profile, picked_noise,
+    NoisePoint, PickedError, PickedNoise, PickedRegion, SceneMotion, min_side_px, picked_noise, sigma_over_profile,
 };
 use locard_engine::camera::NoiseProfile;
 use locard_engine::frame::Frame;
@@ -118,7 +118,7 @@ impl Noise {
         let wanted = RegionPrompt {
             purpose: RegionPurpose::PlainPlace,
             hint: "Drag rectangles over places of one colour, without shadows or texture",
-            min_side_px: least_px(self.motion()),
+            min_side_px: min_side_px(self.motion()),
             repeats: true,
         };
         picker.button(ui, "Pick plain places", wanted);
@@ -253,7 +253,7 @@ impl Noise {
 
 /// By how much places are noisier than a profile has it, where that is more than cameras of a kind differ.
 fn far_over(points: &[Vec<NoisePoint>; 3], present: &NoiseProfile) -> Option<f64> {
-    let over = (0..3).filter_map(|c| over_profile(&points[c], present, c)).fold(0.0, f64::max);
+    let over = (0..3).filter_map(|c| sigma_over_profile(&points[c], present, c)).fold(0.0, f64::max);
     Some(over).filter(|over| *over > FAR_OVER)
 }
 
@@ -280,7 +280,7 @@ fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseOf, ticket: &Ticket) -> Fo
 }
 
 /// The places with what their frames show. Each frame is decoded once, and of its pixels no others are held.
-fn read(shot: &Shot, shown: &Frame, of: &NoiseOf, ticket: &Ticket) -> Result<Vec<Place>, String> {
+fn read(shot: &Shot, shown: &Frame, of: &NoiseOf, ticket: &Ticket) -> Result<Vec<PickedRegion>, String> {
     let [first, last] = of.frames;
     let wanted: BTreeSet<usize> = match of.motion {
         SceneMotion::Resting => {
@@ -288,7 +288,7 @@ fn read(shot: &Shot, shown: &Frame, of: &NoiseOf, ticket: &Ticket) -> Result<Vec
         }
         SceneMotion::Moving => of.places.iter().map(|place| place.frame).collect(),
     };
-    let mut places: Vec<Place> = of.places.iter().map(|place| Place::new(place.at)).collect();
+    let mut places: Vec<PickedRegion> = of.places.iter().map(|place| PickedRegion::new(place.at)).collect();
     for (n, frame) in wanted.iter().enumerate() {
         if ticket.is_cancelled() {
             return Err(String::new());

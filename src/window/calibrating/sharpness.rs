@@ -10,7 +10,7 @@ use super::super::progress;
 use super::super::region_picker::{RegionPicker, RegionPrompt, RegionPurpose};
 use super::super::session::Session;
 use super::parts::{self, Asked, Picked, Verdict};
-use locard_engine::calibrate::sharpness::{self, PARAMETER, together};
+use locard_engine::calibrate::sharpness::{self, PARAMETER, combine};
 use locard_engine::measure::slanted::{FEWEST_PX, SlantedEdge};
 use locard_engine::params::Value;
 use locard_engine::pixels::Rect;
@@ -98,7 +98,7 @@ impl Sharpness {
     /// The edges that count, with their numbers.
     fn found(&mut self, ui: &mut Ui, session: &mut Session, good: Vec<(usize, SlantedEdge)>) {
         let edges: Vec<_> = good.iter().map(|(_, edge)| edge.clone()).collect();
-        let Some(all) = together(&edges) else { return };
+        let Some(all) = combine(&edges) else { return };
         // One alone is as in all other plots.
         let color = |n: usize| if good.len() == 1 { Of::Real.color(ui) } else { plots::told_apart(n, ui.visuals()) };
         let good: Vec<_> = good.iter().map(|(n, edge)| (color(*n), format!("edge {}", n + 1), edge.clone())).collect();

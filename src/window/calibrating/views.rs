@@ -3,8 +3,8 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use locard_engine::calibrate::board::{Search, Wanted};
-use locard_engine::calibrate::geometry::{Calibrated, Coverage, LensOptions, Look, Taking};
+use locard_engine::calibrate::board::{BoardDetector, TargetChoice};
+use locard_engine::calibrate::geometry::{CameraCalibration, Coverage, LensOptions, ViewCollector, ViewOutcome};
 use locard_engine::camera::Response;
 use locard_engine::frame::Frame;
 use locard_engine::webcam::{Newest, Putter, Taken};
@@ -21,7 +21,7 @@ pub struct Told {
     pub wanted: usize,
     pub coverage: Coverage,
     /// What was made of the last frame.
-    pub look: Option<Look>,
+    pub look: Option<ViewOutcome>,
     /// What to do next, for somebody who holds the board; and all that is missing, most needed first.
     pub hint: Option<String>,
     pub missing: Vec<String>,
@@ -33,7 +33,7 @@ pub struct Told {
 struct Shared {
     told: Told,
     ends: bool,
-    result: Option<Result<Calibrated, String>>,
+    result: Option<Result<CameraCalibration, String>>,
 }
 
 /// A frame with the one before it, by which it is told whether the board rests. Where looking at a frame takes longer than the
@@ -58,8 +58,8 @@ fn lock(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
 impl Views {
     /// Of frames of this size. `wake` is called from the thread when there is something to be told.
     pub fn begin(size: (u32, u32), response: &Response, wake: impl Fn() + Send + 'static) -> Result<Self, String> {
-        let search = Search::new(&Wanted::Any, response).map_err(|error| error.to_string())?;
-        let taking = Taking::new(size, WANTED, LensOptions::default());
+        let search = BoardDetector::new(&TargetChoice::Any, response).map_err(|error| error.to_string())?;
+        let taking = ViewCollector::new(size, WANTED, LensOptions::default());
         let (putter, newest) = Newest::new();
         let shared = Arc::new(Mutex::new(Shared { told: told(&taking, None), ends: false, result: None }));
         let of_thread = Arc::clone(&shared);
@@ -88,12 +88,12 @@ impl Views {
     }
 
     /// The camera, or why the views give none; once they are fitted.
-    pub fn take(&self) -> Option<Result<Calibrated, String>> {
+    pub fn take(&self) -> Option<Result<CameraCalibration, String>> {
         lock(&self.shared).result.take()
     }
 }
 
-fn told(taking: &Taking, look: Option<Look>) -> Told {
+fn told(taking: &ViewCollector, look: Option<ViewOutcome>) -> Told {
     Told {
         views: taking.views().len(),
         wanted: taking.wanted(),
@@ -105,7 +105,13 @@ fn told(taking: &Taking, look: Option<Look>) -> Told {
     }
 }
 
-fn watch(newest: &Newest<Pair>, mut search: Search, mut taking: Taking, shared: &Mutex<Shared>, wake: impl Fn()) {
+fn watch(
+    newest: &Newest<Pair>,
+    mut search: BoardDetector,
+    mut taking: ViewCollector,
+    shared: &Mutex<Shared>,
+    wake: impl Fn(),
+) {
     let mut looked_s = f64::NEG_INFINITY;
     while !taking.missing().is_empty() && !lock(shared).ends {
         match newest.take(Instant::now() + LOOKED_EVERY) {
@@ -115,7 +121,7 @@ fn watch(newest: &Newest<Pair>, mut search: Search, mut taking: Taking, shared: 
                         continue;
                     }
                     let seen = search.find(&frame.pixels).ok();
-                    let look = taking.look(frame.timestamp_s, &format!("frame {}", frame.index), seen);
+                    let look = taking.add(frame.timestamp_s, &format!("frame {}", frame.index), seen);
                     lock(shared).told = told(&taking, Some(look));
                     looked_s = frame.timestamp_s;
                 }

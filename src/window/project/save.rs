@@ -17,7 +17,7 @@ use locard_engine::scene::{self, SceneError, SceneFile};
 use locard_engine::shot::Follows;
 use locard_engine::sink::SinkError;
 use locard_engine::sink::atomic::write_atomically;
-use locard_engine::source::file::{self, MOST_DOCUMENT};
+use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 
 /// Why saving failed.
 #[derive(Debug, thiserror::Error)]
@@ -188,7 +188,7 @@ fn profile_text(recording: &Recording, edit: &Edit, path: &Path, found: &[Follow
     }
     let mut document = if path.exists() {
         let failed = |source| ProfileError::Read { path: path.to_owned(), source };
-        let bytes = file::read(path, MOST_DOCUMENT).map_err(failed)?;
+        let bytes = file::read(path, MAX_DOCUMENT_BYTES).map_err(failed)?;
         let text = String::from_utf8(bytes).map_err(|_| SaveError::Text {
             path: path.to_owned(),
             reason: "the file is no text, so no profile: nothing was saved".to_owned(),

@@ -1,4 +1,4 @@
-//! The noise that was drawn: how a picture differs from itself without noise.
+//! Rendered noise: the difference between a picture with noise and the same picture without.
 
 use super::bins::chi_square_interval;
 use super::points::NoisePoint;
@@ -6,16 +6,16 @@ use super::rounding::Rounding;
 use crate::measure::MeasureError;
 use crate::pixels::Pixels;
 
-/// Intensities side by side, over 0 to 255.
+/// Number of intensity bins over 0 to 255.
 const BINS: usize = 16;
-/// Pixels that make a point.
-const FEWEST: f64 = 60.0;
-/// Codes nearer to an end are clipped where noise would lead beyond it.
-const FROM_END: f64 = 10.0;
+/// Smallest number of pixels of a point.
+const MIN_PIXELS: f64 = 60.0;
+/// Codes closer to an end of the range are skipped, because their noise is clipped.
+const CODE_MARGIN: f64 = 10.0;
 
-/// σ of R, G and B by intensity, over the pixels of a mask: of 8-bit pictures that differ by their noise alone. The interval
-/// is that of independent pixels.
-pub fn drawn_noise(with: &Pixels, without: &Pixels, mask: &[bool]) -> Result<[Vec<NoisePoint>; 3], MeasureError> {
+/// σ of R, G and B by intensity, over the pixels of a mask, of 8-bit pictures that differ by noise
+/// alone. The interval assumes independent pixels.
+pub fn rendered_noise(with: &Pixels, without: &Pixels, mask: &[bool]) -> Result<[Vec<NoisePoint>; 3], MeasureError> {
     let pixels = without.width as usize * without.height as usize;
     if (with.width, with.height) != (without.width, without.height) {
         let size = |p: &Pixels| format!("{}x{}", p.width, p.height);
@@ -32,7 +32,7 @@ pub fn drawn_noise(with: &Pixels, without: &Pixels, mask: &[bool]) -> Result<[Ve
         let (noisy, plain) = (with.at(x, y), without.at(x, y));
         for c in 0..3 {
             let code = scale * f64::from(plain[c]);
-            if (FROM_END..=255.0 - FROM_END).contains(&code) {
+            if (CODE_MARGIN..=255.0 - CODE_MARGIN).contains(&code) {
                 let difference = scale * f64::from(noisy[c]) - code;
                 let bin = &mut sums[c][(code / 256.0 * BINS as f64) as usize];
                 [1.0, code, difference, difference * difference].iter().zip(bin).for_each(|(add, sum)| *sum += add);
@@ -42,7 +42,7 @@ pub fn drawn_noise(with: &Pixels, without: &Pixels, mask: &[bool]) -> Result<[Ve
     let step = if without.max_code() == 255 { 1.0 } else { scale };
     let rounding = Rounding { frame_step: step, mean_step: Some(step) };
     Ok(sums.map(|bins| {
-        let measured = bins.into_iter().filter(|bin| bin[0] >= FEWEST);
+        let measured = bins.into_iter().filter(|bin| bin[0] >= MIN_PIXELS);
         let point = |[count, codes, sum, squares]: [f64; 4]| {
             let variance = (squares - sum * sum / count) / (count - 1.0);
             let factors = chi_square_interval(count - 1.0)?;
@@ -64,17 +64,17 @@ mod tests {
     #[test]
     fn differences_by_hand() {
         let without = Pixels::from_u8(10, 10, vec![100; 300]).unwrap();
-        // ±4 in turn: variance 16·100/99; rounding of both takes 1/6.
+        // Alternating ±4: variance 16·100/99. Rounding of both adds 1/6.
         let with = Pixels::from_u8(10, 10, (0..300).map(|i| if i / 3 % 2 == 0 { 96 } else { 104 }).collect()).unwrap();
-        let found = drawn_noise(&with, &without, &[true; 100]).unwrap();
+        let found = rendered_noise(&with, &without, &[true; 100]).unwrap();
         let expected = (1600.0f64 / 99.0 - 1.0 / 6.0).sqrt();
         for points in &found {
             assert_eq!(points.len(), 1);
             assert!((points[0].sigma - expected).abs() < 1e-6 && points[0].code == 100.0, "{points:?}");
         }
-        // Too few, of another size, and what is not looked at.
+        // Too few pixels, and a mask of another size.
         let few: Vec<bool> = (0..100).map(|i| i < 59).collect();
-        assert!(drawn_noise(&with, &without, &few).unwrap().iter().all(Vec::is_empty));
-        assert!(drawn_noise(&with, &without, &[true]).is_err());
+        assert!(rendered_noise(&with, &without, &few).unwrap().iter().all(Vec::is_empty));
+        assert!(rendered_noise(&with, &without, &[true]).is_err());
     }
 }

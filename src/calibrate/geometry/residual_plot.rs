@@ -1,29 +1,31 @@
-//! A picture of a calibration's residuals: where in the picture the model does not hold, and where no view looked.
+//! Plot of a calibration's residuals: shows where the model does not fit, and where there are no
+//! corners.
 
 use glam::DVec2;
 use image::{Rgb, RgbImage};
 
-use super::calibrated::Calibrated;
+use super::calibration::CameraCalibration;
 use crate::pixels::{Codes, Pixels};
 use crate::sink::lettering::{Style, line, width_px, write};
 use crate::text::{count, fixed, number};
 
-/// Width of the longer side, px; the legend stands below.
-const LONGEST_PX: f64 = 1400.0;
+/// Length of the longer side, px, without the legend below.
+const PLOT_SIZE_PX: f64 = 1400.0;
 const LEGEND_PX: u32 = 40;
-const PAPER: Rgb<u8> = Rgb([250; 3]);
+const BACKGROUND: Rgb<u8> = Rgb([250; 3]);
 const FRAME: Rgb<u8> = Rgb([190; 3]);
 const LETTERS: Style = Style { height_px: 22.0, ink: Rgb([40; 3]) };
-/// A residual of usual length is drawn this long, px.
-const USUAL_PX: f64 = 18.0;
+/// Length of a residual of typical size in the plot, px.
+const TYPICAL_LENGTH_PX: f64 = 18.0;
 
-/// Draws each corner's residual as a line from where it is seen, much enlarged, in the colour of its view.
-pub fn residuals(calibrated: &Calibrated) -> Pixels {
+/// Draws each corner's residual as a line from the detected corner, magnified, in the colour of its
+/// view.
+pub fn residuals(calibrated: &CameraCalibration) -> Pixels {
     let of = &calibrated.geometry.intrinsics;
     let size = DVec2::new(of.width_px.into(), of.height_px.into());
-    let scale = LONGEST_PX / size.max_element();
+    let scale = PLOT_SIZE_PX / size.max_element();
     let (width, height) = ((scale * size.x).round().max(1.0) as u32, (scale * size.y).round().max(1.0) as u32);
-    let mut sheet = RgbImage::from_pixel(width, height + LEGEND_PX, PAPER);
+    let mut sheet = RgbImage::from_pixel(width, height + LEGEND_PX, BACKGROUND);
     let (right, bottom) = (f64::from(width) - 0.5, f64::from(height) - 0.5);
     let rim = [(0.5, 0.5), (right, 0.5), (right, bottom), (0.5, bottom), (0.5, 0.5)].map(DVec2::from);
     rim.windows(2).for_each(|ends| line(&mut sheet, ends[0], ends[1], 1.0, FRAME));
@@ -31,13 +33,13 @@ pub fn residuals(calibrated: &Calibrated) -> Pixels {
     for arm in [DVec2::X, DVec2::Y] {
         line(&mut sheet, centre - 9.0 * arm, centre + 9.0 * arm, 1.5, LETTERS.ink);
     }
-    let enlarged = round(USUAL_PX / calibrated.rms_px.max(1e-6));
+    let enlarged = round(TYPICAL_LENGTH_PX / calibrated.rms_px.max(1e-6));
     for (n, (view, residuals)) in calibrated.views.iter().zip(&calibrated.residuals_px).enumerate() {
-        let ink = ink(n);
-        for (at, residual) in view.seen.at_px.iter().zip(residuals) {
+        let color = color(n);
+        for (at, residual) in view.seen.corners_px.iter().zip(residuals) {
             let at = scale * *at;
-            line(&mut sheet, at, at, 4.0, ink);
-            line(&mut sheet, at, at + enlarged * *residual, 1.5, ink);
+            line(&mut sheet, at, at, 4.0, color);
+            line(&mut sheet, at, at + enlarged * *residual, 1.5, color);
         }
     }
     let top = f64::from(height) + 0.5 * f64::from(LEGEND_PX);
@@ -51,7 +53,7 @@ pub fn residuals(calibrated: &Calibrated) -> Pixels {
         count(calibrated.views.len(), "view")
     );
     let from = 16.0 + (enlarged * bar_px) as f32 + 12.0;
-    // A narrow picture has smaller letters.
+    // The text is smaller in a narrow plot.
     let room = (width as f32 - from - 8.0).max(1.0);
     let style = Style {
         height_px: (LETTERS.height_px * room / width_px(&text, LETTERS.height_px)).min(LETTERS.height_px),
@@ -62,14 +64,14 @@ pub fn residuals(calibrated: &Calibrated) -> Pixels {
     Pixels { width, height, codes: Codes::U8(sheet.into_raw()) }
 }
 
-/// The nearest of 1, 2, 5, 10, 20… below.
+/// Rounds down to 1, 2 or 5 times a power of ten.
 fn round(value: f64) -> f64 {
     let power = 10f64.powf(value.log10().floor());
     [5.0, 2.0].into_iter().find(|step| value >= step * power).unwrap_or(1.0) * power
 }
 
-/// Colours that neighbours in order tell apart: hues a golden angle from each other.
-fn ink(n: usize) -> Rgb<u8> {
+/// Distinct colours for consecutive indices: hues a golden angle apart.
+fn color(n: usize) -> Rgb<u8> {
     let hue = (n as f64 * 0.618_034).fract() * 6.0;
     let channel = |shift: f64| {
         let t = (hue + shift).rem_euclid(6.0);
@@ -83,11 +85,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_round() {
+    fn scale_is_rounded_down_to_1_2_or_5() {
         let cases = [(0.7, 0.5), (1.0, 1.0), (4.9, 2.0), (5.0, 5.0), (99.0, 50.0), (230.0, 200.0)];
         for (value, expected) in cases {
             assert!((round(value) - expected).abs() < 1e-12, "{value}: {}", round(value));
         }
-        assert_eq!((ink(0), ink(1) == ink(2)), (Rgb([190, 0, 0]), false));
+        assert_eq!((color(0), color(1) == color(2)), (Rgb([190, 0, 0]), false));
     }
 }

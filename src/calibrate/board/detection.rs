@@ -1,19 +1,19 @@
-//! What was seen of a board, whatever is printed on it.
+//! Detected corners of a calibration target.
 
 use std::fmt;
 
 use glam::DVec2;
 
-/// A chessboard's inner corners: where four squares meet.
+/// Size of a chessboard in inner corners, where four squares meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Board {
-    /// Across its longer side.
+pub struct ChessboardSize {
+    /// Along its longer side.
     pub columns: u32,
     pub rows: u32,
 }
 
-impl Board {
-    /// The longer side first.
+impl ChessboardSize {
+    /// Orders the sides, the longer one first.
     pub fn new(columns: u32, rows: u32) -> Self {
         Self { columns: columns.max(rows), rows: columns.min(rows) }
     }
@@ -27,22 +27,22 @@ impl Board {
     }
 }
 
-impl fmt::Display for Board {
+impl fmt::Display for ChessboardSize {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}x{}", self.columns, self.rows)
     }
 }
 
-/// What a camera is calibrated from.
+/// A calibration target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {
-    Chessboard(Board),
-    /// A board of so many printed tags.
+    Chessboard(ChessboardSize),
+    /// A board with this many printed tags.
     Tags(usize),
 }
 
 impl Target {
-    /// As many corners as there are to see.
+    /// Number of corners of the whole target.
     pub fn corners(&self) -> usize {
         match self {
             Self::Chessboard(board) => board.corners(),
@@ -50,7 +50,7 @@ impl Target {
         }
     }
 
-    /// What it is, whatever its size.
+    /// Kind of target for messages.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Chessboard(_) => "a chessboard",
@@ -59,13 +59,15 @@ impl Target {
     }
 }
 
-/// Corners of a board in a picture. Of a chessboard that is seen in part corners are numbered from the part's own corner.
+/// Corners of a board in a picture. Those of a chessboard that is seen in part are numbered from
+/// the corner of the visible part.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Seen {
-    /// Places on the board, x right and y down as seen or as printed; of a chessboard in squares, of tags in metres.
+pub struct BoardDetection {
+    /// Positions on the board, x right and y down as seen or as printed; of a chessboard in
+    /// squares, of tags in metres.
     pub board: Vec<DVec2>,
-    /// Where they are seen, px, pixel centres at +0.5; as many.
-    pub at_px: Vec<DVec2>,
-    /// What was seen of a chessboard, or the whole board of tags.
-    pub of: Target,
+    /// Detected positions, px, pixel centres at +0.5; one for each board position.
+    pub corners_px: Vec<DVec2>,
+    /// The visible part of a chessboard, or the whole board of tags.
+    pub target: Target,
 }

@@ -1,15 +1,15 @@
-//! Places that a person picked to measure noise in, and what is said of them.
+//! Regions that the user picked to measure noise in, and the verdict on each.
 
 use super::noise::{CalibrateError, NoiseCalibration, SceneMotion};
 use super::plane::SIDE;
 use super::points::NoisePoint;
 use crate::pixels::{Codes, Pixels, Rect};
 
-/// Blocks that make a place.
-pub(super) const FEWEST_BLOCKS: usize = 4;
+/// Smallest number of blocks in a usable region.
+pub(super) const MIN_BLOCKS: usize = 4;
 
 impl NoiseCalibration {
-    /// What was measured, without what is filled from neighbours; of R, G, B, ascending.
+    /// Measured noise of R, G and B, ascending by code, without interpolated bins.
     pub fn points(&self) -> [Vec<NoisePoint>; 3] {
         self.bins.each_ref().map(|bins| {
             let measured = bins.iter().filter(|bin| !bin.filled_from_neighbours);
@@ -23,29 +23,29 @@ impl NoiseCalibration {
     }
 }
 
-/// A rectangle that a person picked, with what each frame shows in it: of a frame nothing else is held.
+/// A picked rectangle, with its crop of each frame.
 #[derive(Clone, Debug)]
-pub struct Place {
-    at: Rect,
-    /// Of the frames.
+pub struct PickedRegion {
+    rect: Rect,
+    /// Size of the frames, px.
     frame_px: Option<(u32, u32)>,
     frames: Vec<Pixels>,
 }
 
-impl Place {
-    /// A rectangle, px. What lies beyond the picture is left out.
-    pub fn new(at: Rect) -> Self {
-        Self { at, frame_px: None, frames: Vec::new() }
+impl PickedRegion {
+    /// A rectangle, px. It is clipped to the picture.
+    pub fn new(rect: Rect) -> Self {
+        Self { rect, frame_px: None, frames: Vec::new() }
     }
 
-    /// Takes what a frame shows there. Fails if it is of another size than those before.
+    /// Adds the crop of a frame. Fails if the frame's size differs from those before.
     pub fn add(&mut self, frame: &Pixels) -> Result<(), PickedError> {
         let (width, height) = *self.frame_px.get_or_insert((frame.width, frame.height));
         if (frame.width, frame.height) != (width, height) {
             let (expected, found) = (format!("{width}x{height}"), format!("{}x{}", frame.width, frame.height));
             return Err(PickedError::Calibrate(CalibrateError::Size { expected, found }));
         }
-        self.frames.push(cut(frame, &self.at.intersection(&Rect::full(width, height))));
+        self.frames.push(crop(frame, &self.rect.intersection(&Rect::full(width, height))));
         Ok(())
     }
 
@@ -53,14 +53,14 @@ impl Place {
         &self.frames
     }
 
-    /// Within its frames.
+    /// Size of the crops, px.
     pub(super) fn size_px(&self) -> (u32, u32) {
         self.frames.first().map_or((0, 0), |frame| (frame.width, frame.height))
     }
 }
 
-/// A part of a picture.
-fn cut(frame: &Pixels, place: &Rect) -> Pixels {
+/// Crops a picture.
+fn crop(frame: &Pixels, place: &Rect) -> Pixels {
     let width = place.width() as usize;
     let rows = (place.y0..place.y1).map(|y| 3 * (y as usize * frame.width as usize + place.x0 as usize));
     let codes = match &frame.codes {
@@ -72,9 +72,9 @@ fn cut(frame: &Pixels, place: &Rect) -> Pixels {
     Pixels { width: place.width(), height: place.height(), codes }
 }
 
-/// Why a place tells nothing of the noise.
+/// Reason why a region gives no noise.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum Unfit {
+pub enum RegionError {
     #[error("too small: {width} × {height} px; {least} × {least} px and more are needed")]
     Small { width: u32, height: u32, least: u32 },
     #[error("over- or underexposed: the code values end there")]
@@ -87,7 +87,7 @@ pub enum Unfit {
     Changes,
 }
 
-/// Why picked places give no noise.
+/// Reason why the picked regions give no noise.
 #[derive(Debug, thiserror::Error)]
 pub enum PickedError {
     #[error("no place is picked: choose one or more rectangles of plain colour")]
@@ -104,17 +104,17 @@ pub enum PickedError {
     Calibrate(CalibrateError),
 }
 
-/// The side of a square that is large enough for a place, px.
-pub fn least_px(motion: SceneMotion) -> u32 {
+/// Smallest side of a square region that is large enough, px.
+pub fn min_side_px(motion: SceneMotion) -> u32 {
     match motion {
         SceneMotion::Resting => SIDE as u32,
-        // `FEWEST_BLOCKS` of them, two and two.
+        // Two by two blocks are `MIN_BLOCKS`.
         SceneMotion::Moving => 2 * SIDE as u32,
     }
 }
 
-/// What the places that are good say.
-pub(super) struct Found {
+/// Noise of the usable regions.
+pub(super) struct RegionNoise {
     pub points: [Vec<NoisePoint>; 3],
     pub channel_correlation: [f64; 3],
     pub neighbour_correlation: [f64; 2],

@@ -1,61 +1,61 @@
-//! Printed tags in a picture of a camera whose lens is not known yet.
+//! Detection of printed tags by a camera that is not calibrated yet.
 
 use glam::{DVec2, DVec3};
 
-use super::seen::{Seen, Target};
+use super::detection::{BoardDetection, Target};
 use crate::camera::Response;
 use crate::pixels::Pixels;
-use crate::tags::{self, DetectError, Detector, Found, Grey, refined_of_any_lens};
+use crate::tags::{self, DetectError, DetectedTag, Detector, Grey, refine_corners_without_lens};
 use crate::text::count;
 
-/// A single tag's four corners fit nearly any camera.
-const LEAST_TAGS: usize = 2;
-/// Tags lie on one plane if they are no farther off it than this share of their size: what paper bends by.
-const FLAT: f64 = 0.01;
+/// Smallest number of tags. A single tag's four corners fit nearly any camera.
+const MIN_TAGS: usize = 2;
+/// Largest distance of a tag from the board's plane, as a share of its size: the bend of paper.
+const MAX_OFF_PLANE: f64 = 0.01;
 
-/// Why tags say nothing.
+/// Reason why tags give no view.
 #[derive(Clone, Debug, thiserror::Error, PartialEq, Eq)]
-pub enum NoTags {
+pub enum TagsError {
     #[error("no tags are seen")]
     None,
-    #[error("of {} that are seen {readable} can be read to their edges; {LEAST_TAGS} are needed", count(*seen, "tag"))]
+    #[error("of {} that are seen {readable} can be read to their edges; {MIN_TAGS} are needed", count(*seen, "tag"))]
     Few { seen: usize, readable: usize },
     #[error("the tags that are seen are not on the board: {}", .0.iter().map(u32::to_string).collect::<Vec<_>>().join(", "))]
     NotOnBoard(Vec<u32>),
-    #[error("{}", tags::repeated(.0))]
+    #[error("{}", tags::repeated_message(.0))]
     Repeated(Vec<u32>),
     #[error(transparent)]
     Detect(#[from] DetectError),
 }
 
-/// Tags of a board that do not lie on one plane.
+/// A tag of a board that is not on the board's plane.
 #[derive(Clone, Debug, thiserror::Error, PartialEq, Eq)]
 #[error("tag {0} of the board does not lie on its plane z = 0: a camera is calibrated from tags that do")]
-pub struct Slanted(u32);
+pub struct NotOnPlane(u32);
 
-/// Finds a board of printed tags.
-pub struct Printed {
+/// Detector of a board of printed tags.
+pub struct TagBoardDetector {
     board: tags::Board,
     light: Vec<f32>,
     /// For pictures of one size.
     detector: Option<((u32, u32), Detector)>,
 }
 
-impl Printed {
-    /// `response` turns the camera's codes to light.
-    pub fn new(board: tags::Board, response: &Response) -> Result<Self, Slanted> {
+impl TagBoardDetector {
+    /// `response` linearizes the camera's codes.
+    pub fn new(board: tags::Board, response: &Response) -> Result<Self, NotOnPlane> {
         let slanted = board.tags.iter().find(|tag| {
             let off = tag.corners_m().into_iter().map(|corner| corner.z.abs()).fold(0.0, f64::max);
-            off > FLAT * tag.size_m || faces_down(&tag.corners_m())
+            off > MAX_OFF_PLANE * tag.size_m || faces_down(&tag.corners_m())
         });
         match slanted {
-            Some(tag) => Err(Slanted(tag.id)),
+            Some(tag) => Err(NotOnPlane(tag.id)),
             None => Ok(Self { board, light: Grey::table(response), detector: None }),
         }
     }
 
-    /// The corners of the board's tags, each found and refined in a picture.
-    pub fn find(&mut self, pixels: &Pixels) -> Result<Seen, NoTags> {
+    /// Detects and refines the corners of the board's tags in a picture.
+    pub fn find(&mut self, pixels: &Pixels) -> Result<BoardDetection, TagsError> {
         let size = (pixels.width, pixels.height);
         let kept = self.detector.take().filter(|(own, _)| *own == size);
         let (_, detector) = match kept {
@@ -63,34 +63,34 @@ impl Printed {
             None => self.detector.insert((size, Detector::new(self.board.family, size.0, size.1)?)),
         };
         let grey = Grey::of(pixels, self.light.clone());
-        let tags::Tags { found, mut repeated } = detector.find_board(&grey, &self.board)?;
+        let tags::DetectedTags { found, mut repeated } = detector.find_board(&grey, &self.board)?;
         repeated.retain(|id| self.board.tag(*id).is_some());
-        let known: Vec<(&Found, [DVec3; 4])> =
+        let known: Vec<(&DetectedTag, [DVec3; 4])> =
             found.iter().filter_map(|tag| Some((tag, self.board.tag(tag.id)?.corners_m()))).collect();
         if known.is_empty() && !repeated.is_empty() {
-            return Err(NoTags::Repeated(repeated));
+            return Err(TagsError::Repeated(repeated));
         }
         if known.is_empty() {
             let ids: Vec<u32> = found.iter().map(|tag| tag.id).collect();
-            return Err(if ids.is_empty() { NoTags::None } else { NoTags::NotOnBoard(ids) });
+            return Err(if ids.is_empty() { TagsError::None } else { TagsError::NotOnBoard(ids) });
         }
         let seen = known.len();
-        let (mut board, mut at_px) = (Vec::new(), Vec::new());
+        let (mut board, mut corners_px) = (Vec::new(), Vec::new());
         for (tag, corners_m) in known {
-            let Some(refined) = refined_of_any_lens(&grey, self.board.family.cells(), tag) else { continue };
-            // The board's y goes up the sheet.
+            let Some(refined) = refine_corners_without_lens(&grey, self.board.family.cells(), tag) else { continue };
+            // The board's y axis points up the sheet.
             board.extend(corners_m.map(|corner| DVec2::new(corner.x, -corner.y)));
-            at_px.extend(refined.corners_px);
+            corners_px.extend(refined.corners_px);
         }
-        let readable = at_px.len() / 4;
-        if readable < LEAST_TAGS {
-            return Err(NoTags::Few { seen, readable });
+        let readable = corners_px.len() / 4;
+        if readable < MIN_TAGS {
+            return Err(TagsError::Few { seen, readable });
         }
-        Ok(Seen { board, at_px, of: Target::Tags(self.board.tags.len()) })
+        Ok(BoardDetection { board, corners_px, target: Target::Tags(self.board.tags.len()) })
     }
 }
 
-/// Whether a tag lies with its face on the plane.
+/// True if a tag lies face down on the plane.
 fn faces_down([a, b, _, d]: &[DVec3; 4]) -> bool {
     (*b - *a).cross(*a - *d).z < 0.0
 }
@@ -100,12 +100,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn boards_that_are_not_flat_are_refused() {
+    fn board_that_is_not_flat_is_refused() {
         let board = |tag: &str| {
             let first = "version = 1\nfamily = \"36h11\"\n[[tags]]\nid = 7\nsize_m = 0.1\ncenter_m = [1.0, 2.0]\n";
             tags::Board::parse(&format!("{first}[[tags]]\nid = 9\nsize_m = 0.1\n{tag}")).unwrap()
         };
-        let of = |tag: &str| Printed::new(board(tag), &Response::default()).map(|_| ()).map_err(|e| e.to_string());
+        let of =
+            |tag: &str| TagBoardDetector::new(board(tag), &Response::default()).map(|_| ()).map_err(|e| e.to_string());
         assert_eq!(of("center_m = [0, 0]\nrotation_deg = [0, 0, 35]"), Ok(()));
         for tag in [
             "center_m = [0, 0, 0.1]",

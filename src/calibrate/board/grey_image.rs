@@ -1,37 +1,37 @@
-//! A grey picture as the search for a board sees it.
+//! A greyscale picture for the detection of boards.
 
 use glam::DVec2;
 
 /// Grey values of any unit, row by row from the top left.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Plane {
+pub struct GreyImage {
     pub width: usize,
     pub height: usize,
     /// `width * height` values.
     pub values: Vec<f32>,
 }
 
-impl Plane {
-    /// From a function of column and row.
+impl GreyImage {
+    /// Evaluates a function of column and row.
     pub fn new(width: usize, height: usize, value: impl Fn(usize, usize) -> f32) -> Self {
         let value = &value;
         let values = (0..height).flat_map(|y| (0..width).map(move |x| value(x, y))).collect();
         Self { width, height, values }
     }
 
-    /// The value of a pixel. The border is repeated beyond it. 0 for an empty picture.
+    /// The value of a pixel, with the border repeated beyond it. 0 for an empty picture.
     pub fn at(&self, x: i64, y: i64) -> f32 {
         let inside = |v: i64, n: usize| v.clamp(0, n as i64 - 1).max(0) as usize;
         self.values.get(inside(y, self.height) * self.width + inside(x, self.width)).copied().unwrap_or(0.0)
     }
 
-    /// Whether a place lies inside, at least `margin` px away from the border.
+    /// True if a point is inside, at least `margin` px from the border.
     pub fn holds(&self, at: DVec2, margin: f64) -> bool {
         let inside = |v: f64, n: usize| v >= margin && v <= n as f64 - margin;
         inside(at.x, self.width) && inside(at.y, self.height)
     }
 
-    /// The value at a place, px with pixel centres at +0.5, bilinear.
+    /// Bilinear sample at a point, px with pixel centres at +0.5.
     pub fn sample(&self, at: DVec2) -> f64 {
         let (x, y) = (at.x - 0.5, at.y - 0.5);
         let (x0, y0) = (x.floor(), y.floor());
@@ -40,7 +40,8 @@ impl Plane {
         (1.0 - v) * ((1.0 - u) * value(0, 0) + u * value(1, 0)) + v * ((1.0 - u) * value(0, 1) + u * value(1, 1))
     }
 
-    /// One pixel for `by * by`, their mean. Places become places divided by `by`; what does not fill a block is dropped.
+    /// Reduced by the mean of `by * by` pixels. Coordinates are divided by `by`; incomplete blocks
+    /// are dropped.
     pub fn reduced(&self, by: usize) -> Self {
         let by = by.max(1);
         if by == 1 {
@@ -56,7 +57,7 @@ impl Plane {
         })
     }
 
-    /// Blurred by a Gaussian of this standard deviation, px, cut at three of them.
+    /// Blurred by a Gaussian of this standard deviation, px, truncated at three of them.
     pub fn blurred(&self, sigma_px: f64) -> Self {
         let reach = (3.0 * sigma_px).ceil() as i64;
         let tap = |i: i64| (-0.5 * (i as f64 / sigma_px).powi(2)).exp();
@@ -83,7 +84,7 @@ impl Plane {
         out
     }
 
-    /// Slope at a pixel, per px: central differences.
+    /// Gradient at a pixel, per px: central differences.
     pub fn slope(&self, x: i64, y: i64) -> DVec2 {
         let half = |a: f32, b: f32| 0.5 * f64::from(b - a);
         DVec2::new(half(self.at(x - 1, y), self.at(x + 1, y)), half(self.at(x, y - 1), self.at(x, y + 1)))

@@ -1,0 +1,78 @@
+//! Detection of any calibration target.
+
+use super::chessboard::{ChessboardError, find_chessboard};
+use super::detection::{BoardDetection, ChessboardSize};
+use super::grey_image::GreyImage;
+use super::tag_board::{NotOnPlane, TagBoardDetector, TagsError};
+use crate::camera::Response;
+use crate::pixels::{Codes, Pixels};
+use crate::tags::{self, Paper, Sheet};
+
+/// The target to detect.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum TargetChoice {
+    /// The sheet of tags that `locard board` prints, or a chessboard of any size.
+    #[default]
+    Any,
+    /// A chessboard of this size.
+    Chessboard(ChessboardSize),
+    /// These tags.
+    Tags(tags::Board),
+}
+
+/// Detects the target in a series of pictures.
+pub struct BoardDetector {
+    chessboard: Option<Option<ChessboardSize>>,
+    tags: Option<TagBoardDetector>,
+}
+
+impl BoardDetector {
+    /// `response` linearizes the camera's codes.
+    pub fn new(wanted: &TargetChoice, response: &Response) -> Result<Self, NotOnPlane> {
+        let printed = |board| Ok(Some(TagBoardDetector::new(board, response)?));
+        Ok(match wanted {
+            TargetChoice::Any => Self { chessboard: Some(None), tags: printed(Sheet::new(Paper::A4).board)? },
+            TargetChoice::Chessboard(board) => Self { chessboard: Some(Some(*board)), tags: None },
+            TargetChoice::Tags(board) => Self { chessboard: None, tags: printed(board.clone())? },
+        })
+    }
+
+    /// The detected corners, or the reason why there are none.
+    pub fn find(&mut self, pixels: &Pixels) -> Result<BoardDetection, String> {
+        // The tag detector is faster and rarely fires on anything else.
+        let no_tags = match self.tags.as_mut().map(|tags| tags.find(pixels)) {
+            Some(Ok(seen)) => return Ok(seen),
+            Some(Err(why)) => Some(why),
+            None => None,
+        };
+        let Some(size) = self.chessboard else { return Err(no_tags.map_or(String::new(), |why| why.to_string())) };
+        find_chessboard(&grey(pixels), size).map_err(|why| match (no_tags, why) {
+            (Some(TagsError::NotOnBoard(_)), ChessboardError::None) => {
+                "tags are seen, but not those of the sheet that `locard board` prints: name their file with --board"
+                    .to_owned()
+            }
+            (Some(no_tags @ (TagsError::Few { .. } | TagsError::Repeated(_))), ChessboardError::None) => {
+                no_tags.to_string()
+            }
+            (Some(_), ChessboardError::None) => {
+                "neither printed tags nor a chessboard are seen: they must be in focus and at rest, lit evenly, with \
+                 squares some 10 px wide and a white rim"
+                    .to_owned()
+            }
+            (_, why) => why.to_string(),
+        })
+    }
+}
+
+/// BT.709 luma in 8-bit codes.
+fn grey(pixels: &Pixels) -> GreyImage {
+    let (width, height) = (pixels.width as usize, pixels.height as usize);
+    let luma = |rgb: [f32; 3]| 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
+    GreyImage::new(width, height, |x, y| {
+        let i = 3 * (y * width + x);
+        match &pixels.codes {
+            Codes::U8(codes) => luma([0, 1, 2].map(|c| f32::from(codes[i + c]))),
+            Codes::U16(codes) => luma([0, 1, 2].map(|c| f32::from(codes[i + c]) / 257.0)),
+        }
+    })
+}

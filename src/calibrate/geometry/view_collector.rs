@@ -1,0 +1,257 @@
+//! Collects views automatically from a live camera: of a board at rest, if it adds information. No
+//! I/O: detections and times are arguments, and the outcome and the missing views are returned.
+
+use glam::DVec2;
+
+use super::calibration::{CameraCalibration, LensOptions, NamedView};
+use super::choose::{LensError, calibrate};
+use super::missing::{MissingViews, missing, tilt_deg};
+use super::model::LensVector;
+use super::parameter::Parameter;
+use super::start::stand;
+use crate::calibrate::board::BoardDetection;
+use crate::camera::LensModel;
+use crate::fit::Stand;
+use crate::fit::robust::median;
+
+/// Largest motion of a resting board between pictures, as a share of the picture's diagonal; at
+/// least [`REST_MOTION_PX`].
+///
+/// While the picture is read out row by row the board moves on, by at most its motion between
+/// pictures. Over half of the picture's height that is half as much, most of which a rotation and
+/// translation of the board explain. The remainder should be less than other errors of the corners:
+/// 0.1 to 0.2 px in a picture of 640x480 px.
+const MAX_REST_MOTION: f64 = 1e-3;
+/// Lower limit of the rest threshold, px: the noise of corners of a board at rest.
+const REST_MOTION_PX: f64 = 0.5;
+/// Longest interval between pictures over which motion is measured, s.
+const MAX_INTERVAL_S: f64 = 0.5;
+/// Smallest differences of a new view from the others: position as a share of the picture's
+/// diagonal, ratio of sizes, and tilt in degrees.
+const NEW_VIEW: ViewDifference = ViewDifference { place: 0.12, size: 1.3, tilt_deg: 12.0 };
+/// Smallest differences of a view that fills a gap.
+const GAP_VIEW: ViewDifference = ViewDifference { place: 0.03, size: 1.08, tilt_deg: 4.0 };
+/// Initial focal length, in units of the picture's longer side.
+const INITIAL_FOCAL: f64 = 0.9;
+/// Largest relative standard deviation of a focal length that is used for tilts.
+const MAX_FOCAL_SIGMA: f64 = 0.1;
+/// Cells of the coverage map.
+const COVERAGE_CELLS: (usize, usize) = (8, 6);
+
+struct ViewDifference {
+    place: f64,
+    size: f64,
+    tilt_deg: f64,
+}
+
+/// Outcome of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ViewOutcome {
+    NoBoard,
+    Moving,
+    /// At rest, but without new information.
+    Redundant,
+    Accepted,
+}
+
+/// Map of the picture's cells that contain corners.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Coverage {
+    pub columns: usize,
+    pub rows: usize,
+    /// Row by row from the top left.
+    pub seen: Vec<bool>,
+}
+
+impl Coverage {
+    /// Share of covered cells, 0 to 1.
+    pub fn share(&self) -> f64 {
+        self.seen.iter().filter(|seen| **seen).count() as f64 / self.seen.len().max(1) as f64
+    }
+}
+
+/// Collects views until none is missing.
+#[derive(Debug)]
+pub struct ViewCollector {
+    size: (u32, u32),
+    options: LensOptions,
+    wanted: usize,
+    /// Current estimate, without distortion.
+    lens: LensVector,
+    previous: Option<(f64, BoardDetection)>,
+    views: Vec<NamedView>,
+    missing: Vec<MissingViews>,
+}
+
+impl ViewCollector {
+    /// For pictures of this size. At least `wanted` views are collected.
+    pub fn new(size: (u32, u32), wanted: usize, options: LensOptions) -> Self {
+        let size_px = DVec2::new(size.0.into(), size.1.into());
+        let model = options.model.unwrap_or(LensModel::Opencv);
+        let lens = LensVector::plain(model, INITIAL_FOCAL * size_px.max_element(), 0.5 * size_px);
+        let missing = missing(size_px, &[], &[], &[], wanted);
+        Self { size, options, wanted, lens, previous: None, views: Vec::new(), missing }
+    }
+
+    /// The missing views, most important first. Empty when the collection is complete.
+    pub fn missing(&self) -> &[MissingViews] {
+        &self.missing
+    }
+
+    /// Instruction for the person who holds the board. `None` when the collection is complete.
+    pub fn hint(&self) -> Option<String> {
+        // Any specific view also increases the number of views.
+        let special = self.missing.iter().find(|wish| wish.condition_count() > 0);
+        special.or(self.missing.first()).map(MissingViews::hint)
+    }
+
+    pub fn views(&self) -> &[NamedView] {
+        &self.views
+    }
+
+    pub fn wanted(&self) -> usize {
+        self.wanted
+    }
+
+    pub fn coverage(&self) -> Coverage {
+        let (columns, rows) = COVERAGE_CELLS;
+        let mut seen = vec![false; columns * rows];
+        let cell = DVec2::new(columns as f64, rows as f64) / self.size_px();
+        for at in self.views.iter().flat_map(|view| &view.seen.corners_px) {
+            let at = *at * cell;
+            let (column, row) = (at.x.max(0.0) as usize, at.y.max(0.0) as usize);
+            seen[row.min(rows - 1) * columns + column.min(columns - 1)] = true;
+        }
+        Coverage { columns, rows, seen }
+    }
+
+    /// Adds the detection in the next picture, with its time, s, and name.
+    pub fn add(&mut self, time_s: f64, name: &str, seen: Option<BoardDetection>) -> ViewOutcome {
+        let Some(seen) = seen else {
+            self.previous = None;
+            return ViewOutcome::NoBoard;
+        };
+        let limit_px = (MAX_REST_MOTION * self.size_px().length()).max(REST_MOTION_PX);
+        let rests = self.previous.replace((time_s, seen.clone())).is_some_and(|(previous_s, previous)| {
+            (0.0..MAX_INTERVAL_S).contains(&(time_s - previous_s)) && moved_px(&previous, &seen) < limit_px
+        });
+        if !rests {
+            return ViewOutcome::Moving;
+        }
+        if !self.is_new(&seen) {
+            return ViewOutcome::Redundant;
+        }
+        self.views.push(NamedView { name: name.to_owned(), seen });
+        self.update();
+        ViewOutcome::Accepted
+    }
+
+    /// Calibrates from the views collected so far, complete or not.
+    pub fn calibrated(&self) -> Result<CameraCalibration, LensError> {
+        calibrate(self.size, self.views.clone(), Vec::new(), &self.options)
+    }
+
+    fn size_px(&self) -> DVec2 {
+        DVec2::new(self.size.0.into(), self.size.1.into())
+    }
+
+    fn is_new(&self, seen: &BoardDetection) -> bool {
+        let Some(own) = self.place(seen) else { return false };
+        let places: Vec<BoardView> = self.views.iter().filter_map(|view| self.place(&view.seen)).collect();
+        let diagonal_px = self.size_px().length();
+        let differs = |by: &ViewDifference| places.iter().all(|other| own.differs(other, diagonal_px, by));
+        let more = self.missing.iter().any(|wish| wish.condition_count() == 0);
+        if more && differs(&NEW_VIEW) {
+            return true;
+        }
+        let condition_count = |wishes: &[MissingViews]| wishes.iter().map(MissingViews::condition_count).sum::<usize>();
+        let previous: Vec<&BoardDetection> = self.views.iter().map(|view| &view.seen).collect();
+        // Evaluated with the same lens, with and without the view.
+        let stands: Vec<Option<Stand>> = previous.iter().map(|seen| self.stand(seen)).collect();
+        let Some(stands) = stands.into_iter().collect::<Option<Vec<Stand>>>() else { return differs(&NEW_VIEW) };
+        let of = |views: &[&BoardDetection], stands: &[Stand]| {
+            condition_count(&missing(self.size_px(), &[], views, stands, 0))
+        };
+        let without = of(&previous, &stands);
+        let with = of(&[&previous[..], &[seen]].concat(), &[&stands[..], &[own.stand]].concat());
+        with < without && differs(&GAP_VIEW)
+    }
+
+    /// Updates the lens and the missing views after a new view.
+    fn update(&mut self) {
+        let known = |parameter: &Parameter| parameter.sigma < MAX_FOCAL_SIGMA * parameter.value;
+        let calibrated = self.calibrated().ok().filter(|calibrated| calibrated.parameters.iter().take(2).all(known));
+        if let Some(calibrated) = calibrated {
+            let of = &calibrated.geometry.intrinsics;
+            let centre_px = DVec2::new(of.cx_px, of.cy_px);
+            self.lens = LensVector::plain(calibrated.geometry.distortion.model, of.fx_px, centre_px);
+            let views: Vec<&BoardDetection> = calibrated.views.iter().map(|view| &view.seen).collect();
+            let (parameters, stands) = (&calibrated.parameters, &calibrated.stands);
+            self.missing = missing(self.size_px(), parameters, &views, stands, self.wanted);
+            return;
+        }
+        let seen = self.views.iter().filter_map(|view| Some((&view.seen, self.stand(&view.seen)?)));
+        let (views, stands): (Vec<&BoardDetection>, Vec<Stand>) = seen.unzip();
+        // Not complete before the camera is known.
+        let wanted = self.wanted.max(self.views.len() + 1);
+        self.missing = missing(self.size_px(), &[], &views, &stands, wanted);
+    }
+
+    fn stand(&self, seen: &BoardDetection) -> Option<Stand> {
+        stand(&self.lens, &seen.board, &seen.corners_px)
+    }
+
+    fn place(&self, seen: &BoardDetection) -> Option<BoardView> {
+        let stand = self.stand(seen)?;
+        let (low, high) = bounds(&seen.corners_px);
+        // Relative to the length of the board, so that partial views are comparable.
+        let (board_low, board_high) = bounds(&seen.board);
+        let size = (high - low).length() / (board_high - board_low).length().max(1e-9);
+        Some(BoardView { middle_px: middle(&seen.corners_px), size, tilt_deg: tilt_deg(&stand), stand })
+    }
+}
+
+/// Appearance of a board in the picture.
+struct BoardView {
+    middle_px: DVec2,
+    /// Px per length of the board.
+    size: f64,
+    tilt_deg: DVec2,
+    stand: Stand,
+}
+
+impl BoardView {
+    fn differs(&self, other: &Self, diagonal_px: f64, by: &ViewDifference) -> bool {
+        self.middle_px.distance(other.middle_px) > by.place * diagonal_px
+            || (self.size / other.size).max(other.size / self.size) > by.size
+            || self.tilt_deg.distance(other.tilt_deg) > by.tilt_deg
+    }
+}
+
+fn middle(places: &[DVec2]) -> DVec2 {
+    places.iter().sum::<DVec2>() / places.len().max(1) as f64
+}
+
+fn bounds(places: &[DVec2]) -> (DVec2, DVec2) {
+    places.iter().fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), at| (low.min(*at), high.max(*at)))
+}
+
+/// Motion of a board in the picture, px: the median distance of its corners. On a partly visible
+/// chessboard the same corner may get another number, so each is matched with the nearest previous
+/// one. A motion by a whole square is detected by the centroid.
+fn moved_px(previous: &BoardDetection, now: &BoardDetection) -> f64 {
+    if previous.corners_px.is_empty() || now.corners_px.is_empty() {
+        return f64::INFINITY;
+    }
+    let to_nearest = |at: &DVec2| {
+        let ways = previous.corners_px.iter().map(|other| *other - *at);
+        ways.min_by(|a, b| a.length_squared().total_cmp(&b.length_squared())).unwrap_or(DVec2::INFINITY)
+    };
+    let ways: Vec<DVec2> = now.corners_px.iter().map(to_nearest).collect();
+    let whole = if previous.corners_px.len() == now.corners_px.len() {
+        middle(&previous.corners_px).distance(middle(&now.corners_px))
+    } else {
+        0.0
+    };
+    median(ways.iter()).max(whole)
+}
