@@ -1,5 +1,5 @@
-//! The points of a recording's frames, by its measured depth, in linear light of the frame of usual
-//! brightness.
+//! Samples of a recording's frames by measured depth: world points with linear light, divided by
+//! the frames' gains.
 
 use std::time::Instant;
 
@@ -19,33 +19,34 @@ use crate::frame::Frame;
 use crate::parallel::over_rows;
 use crate::recording::Recording;
 
-/// Frames whose light is gathered, and those of the survey before.
-const MOST_FRAMES: usize = 120;
-const SURVEY_FRAMES: usize = 12;
-/// Points of a frame, about.
+/// Largest number of gathered frames, and of frames in the survey.
+const MAX_FRAMES: usize = 120;
+const MAX_SURVEY_FRAMES: usize = 12;
+/// Approximate number of points in a frame.
 const POINTS: usize = 76_800;
-/// Depth is smooth so far around a point, px of 640 across, within this share.
-const SMOOTH_PX: usize = 3;
-const SMOOTH: f32 = 0.05;
-/// From this code on, of 255, a colour is clipped.
-const CLIPPED: u32 = 250;
-/// Columns of a coarse depth map, about.
+/// Points keep this distance from depth edges, px at a width of 640; smallest relative depth step
+/// of an edge.
+const DEPTH_EDGE_DISTANCE_PX: usize = 3;
+const DEPTH_EDGE_STEP: f32 = 0.05;
+/// Smallest clipped code, of 255.
+const CLIPPED_CODE: u32 = 250;
+/// Approximate number of columns of a coarse depth map.
 const COARSE_COLUMNS: usize = 160;
 
-/// One frame's points, and how bright it is as a whole.
+/// The samples of a frame, and its mean light.
 pub struct FrameSamples {
     pub samples: Vec<LightSample>,
     pub camera_at: Vec3,
     /// 0 in the first half of the recording, 1 in the second.
     pub half: usize,
-    /// How much brighter it is than the frame of usual brightness, a factor for each channel.
+    /// Brightness by the frame of median brightness, a factor for each channel.
     pub gain: [f64; 3],
-    /// Mean linear light of the whole picture, as the frame of usual brightness would show it.
+    /// Mean linear light of the whole picture, divided by the gain.
     pub mean: [f64; 3],
     pub depth: CoarseDepth,
 }
 
-/// A frame's depth at pixels that are spread evenly over it.
+/// Depth of a frame on a coarse grid of pixels.
 pub struct CoarseDepth {
     state: CameraState,
     columns: usize,
@@ -55,7 +56,7 @@ pub struct CoarseDepth {
 }
 
 impl CoarseDepth {
-    /// Of a whole map. `is_smooth`: whether no edge is near.
+    /// Subsamples a depth map. `is_smooth`: mask of the pixels without a depth edge near.
     pub fn new(state: CameraState, width: usize, depth_m: &[f32], is_smooth: &[bool]) -> Self {
         let step_px = width.div_ceil(COARSE_COLUMNS).max(1);
         // The middle of each cell, or the last pixel of a narrower one.
@@ -66,8 +67,8 @@ impl CoarseDepth {
         Self { state, columns: width.div_ceil(step_px), step_px, depth_m: coarse_m }
     }
 
-    /// The measured depth at the pixel where the frame sees a point of the world, and the point's
-    /// own, m. `None` without a measurement.
+    /// The measured depth at the projection of a world point, and the point's own depth, m. `None`
+    /// without a measurement.
     pub fn measured_and_expected_m(&self, model: &CameraModel, point: DVec3) -> Option<(f64, f64)> {
         let in_camera = self.state.world_from_camera.inverse().transform_point3(point);
         if in_camera.z <= 0.0 {
@@ -81,7 +82,7 @@ impl CoarseDepth {
     }
 }
 
-/// What is known of the recording.
+/// The recording, with the estimates on which its light depends.
 pub struct LightInputs<'a> {
     pub recording: &'a Recording,
     pub model: &'a CameraModel,
@@ -90,24 +91,25 @@ pub struct LightInputs<'a> {
     pub states: &'a [Option<CameraState>],
     /// Added to the depth maps' times, s.
     pub later_s: f64,
-    /// Factors on light, one per frame; empty if all are alike.
+    /// Factors on light, one per frame; empty if all are equal.
     pub gains: &'a [[f64; 3]],
     pub up: DVec3,
     pub threads: usize,
 }
 
 impl LightInputs<'_> {
+    /// At most `most` frames with a pose, spread over the recording.
     fn chosen(&self, most: usize) -> Vec<usize> {
         let count = self.recording.frame_count();
         let taken = count.min(most);
         (0..taken).map(|n| (2 * n + 1) * count / (2 * taken)).filter(|n| self.states[*n].is_some()).collect()
     }
 
-    /// A few frames all over the recording, and the room's surfaces by them, one view of each being
-    /// enough.
+    /// A few frames spread over the recording, and the room's surfaces by them. A single view of a
+    /// surface is enough.
     pub fn survey(&self, times: &mut Times) -> Result<(Vec<FrameSamples>, Vec<Voxel>), RegistrationError> {
         let (mut views, mut voxels) = (Vec::new(), Voxels::default());
-        self.each(SURVEY_FRAMES, times, &mut |view| {
+        self.each(MAX_SURVEY_FRAMES, times, &mut |view| {
             voxels.add(&view.samples, view.camera_at, view.half);
             views.push(view);
         })?;
@@ -115,9 +117,9 @@ impl LightInputs<'_> {
         Ok((views, surfaces))
     }
 
-    /// Calls `each` with every frame of the recording, or of [`MOST_FRAMES`] spread over it.
+    /// Calls `each` with every frame of the recording, or of [`MAX_FRAMES`] spread over it.
     pub fn every(&self, times: &mut Times, each: &mut dyn FnMut(FrameSamples)) -> Result<(), RegistrationError> {
-        self.each(MOST_FRAMES, times, each)
+        self.each(MAX_FRAMES, times, each)
     }
 
     fn each(
@@ -156,7 +158,8 @@ impl LightInputs<'_> {
         let state = self.states[frame.index]?;
         let (width, height) = self.model.size();
         let depth = measured(self.model, frame, &state, self.later_s);
-        let is_smooth = smooth_mask(&depth, width, (SMOOTH_PX * width).div_ceil(640).max(1), SMOOTH);
+        let is_smooth =
+            smooth_mask(&depth, width, (DEPTH_EDGE_DISTANCE_PX * width).div_ceil(640).max(1), DEPTH_EDGE_STEP);
         let gain = self.gains.get(frame.index).copied().unwrap_or([1.0; 3]);
         let most = frame.pixels.max_code();
         let light: Vec<f64> = (0..=255).map(|code| self.response.decode(f64::from(code) / 255.0)).collect();
@@ -183,7 +186,7 @@ impl LightInputs<'_> {
                     at: state.world_from_camera.transform_point3(here).as_vec3(),
                     light: [0, 1, 2].map(|c| (code[c] / gain[c]) as f32),
                     code: code.map(|code| code as f32),
-                    clipped: codes.map(|code| code >= CLIPPED * (most / 255)),
+                    clipped: codes.map(|code| code >= CLIPPED_CODE * (most / 255)),
                 });
             }
         }

@@ -243,7 +243,7 @@ mod tests {
         }
         // The alternation converges slowly; real rooms do not need this accuracy.
         let fit = fit(&points, &shares, 1, 3000);
-        // LightFit and reflectance share a factor; everything else is told.
+        // Light and reflectance have a common free factor; everything else is determined.
         let light = fit.light;
         assert!((light.lamps[0] / light.around / (shown / around) - 1.0).abs() < 1e-3, "{light:?}");
         assert!((light.above / light.around / (above / around) - 1.0).abs() < 1e-2, "{light:?}");

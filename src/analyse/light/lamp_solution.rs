@@ -1,11 +1,12 @@
-//! From the room's surfaces to its lamps and their shares of the light, or why no lamp is claimed.
+//! Lamps of a room and their brightness from its surfaces, or the reason for which no lamp is
+//! claimed.
 //!
-//! A lamp is claimed if lamps lower what is left unexplained by a fifth, and the lamp that each
-//! half of the frames finds by itself lowers what is left of the other half by a fifth, too. Where
-//! two lamps are about as bright, the halves may find one lamp each, far from the other's: how far
-//! apart they see it is reported, and refuses nothing. Reflectance and light share a factor here;
-//! it follows from the white level ([`white_level`](mod@super::white_level)). Not modelled: lamps
-//! that hang so low that they light one side of the room alone.
+//! Lamps are claimed if they lower the residual by a fifth, and if the lamp that each half of the
+//! frames finds by itself lowers the residual of the other half by a fifth, too. With two lamps of
+//! similar brightness each half may find another one. The angle between them is therefore reported
+//! but not a criterion. Reflectance and light have a common free factor here; it follows from the
+//! white level ([`white_level`](mod@super::white_level)). Not modelled: lamps so low that they
+//! light one side of the room only.
 
 use glam::DVec3;
 
@@ -18,19 +19,19 @@ use super::sample::relative_luminance;
 use super::surfaces::{LightChannel, lit_points, search_volume};
 use super::voxels::Voxel;
 
-/// A lamp is claimed from this share of explanation on.
-const EXPLAINED: f64 = 0.2;
-/// Fewer surfaces tell nothing.
+/// Smallest relative reduction of the residual by claimed lamps.
+const MIN_EXPLAINED: f64 = 0.2;
+/// Smallest number of surface patches.
 pub const MIN_POINTS: usize = 200;
 pub const TOO_FEW: &str = "too few surfaces were seen";
 const ROUNDS: usize = 20;
-/// LightFit is never taken for less, in its own units.
-const LEAST_LIGHT: f64 = 1e-6;
+/// Lower limit of light, in its own units.
+const MIN_LIGHT: f64 = 1e-6;
 
-/// Lamps, and their light and that from around and above in unknown units.
+/// Lamps, with their light and the ambient light in a common unknown unit.
 pub struct LampSolution {
     pub lamps: Vec<LampSource>,
-    /// LightChannel each lamp, the places of its bounce light.
+    /// For each lamp the positions of its bounce light.
     spheres: Vec<Vec<LampSource>>,
     luminance: LightFit,
     colours: [LightFit; 3],
@@ -39,7 +40,7 @@ pub struct LampSolution {
     pub verdict: LampVerdict,
 }
 
-/// How far lamps explain the light of surfaces.
+/// Result of the checks of the lamps.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LampVerdict {
     pub explained: f64,
@@ -47,24 +48,24 @@ pub struct LampVerdict {
     pub no_lamp: Option<String>,
 }
 
-/// The light at a place, of which white matt that looks up shows a known amount.
+/// The light at a place with a known white level.
 pub struct PlaceLight {
-    /// From around and above.
+    /// Ambient light.
     pub ambient: [f64; 3],
     pub lamps: Vec<LampEstimate>,
 }
 
-/// What each half of the frames says by itself.
+/// Cross-validation by the two halves of the frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HalvesCheck {
-    /// LightChannel what no lamp leaves unexplained in one half, what the other half's lamp
-    /// explains: the lesser of the two.
+    /// Relative reduction of one half's residual without lamps by the other half's lamp; the
+    /// smaller of the two.
     pub explained: f64,
-    /// How far apart they see the lamp.
+    /// Angle between the halves' lamps, seen from the place.
     pub apart_deg: f64,
 }
 
-/// Lamps by a search over the room.
+/// Searches lamps in the room.
 pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads: usize) -> LampSolution {
     let occupancy = OccupancyGrid::new(solid);
     let volume = search_volume(solid, up);
@@ -79,7 +80,7 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads
     let search = Search { points: &all, occupancy: &occupancy, volume, threads };
     let found = search.lamps(MAX_LAMPS);
     let explained = 1.0 - found.fit.score / found.scores[0].max(1e-9);
-    let halves = (!found.lamps.is_empty() && explained >= EXPLAINED)
+    let halves = (!found.lamps.is_empty() && explained >= MIN_EXPLAINED)
         .then(|| {
             let points = [0, 1].map(by);
             let searches = points.each_ref().map(|points| Search { points, occupancy: &occupancy, volume, threads });
@@ -89,17 +90,20 @@ pub fn solve(voxels: &[Voxel], solid: &[DVec3], place: DVec3, up: DVec3, threads
         .flatten();
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
     let no_lamp = match halves {
-        _ if explained < EXPLAINED => {
+        _ if explained < MIN_EXPLAINED => {
             let by_one = found.scores.get(1).map_or(0.0, |score| 1.0 - score / found.scores[0].max(1e-9));
             let by = percent(by_one.max(explained).max(0.0));
-            Some(format!("a lamp explains {by} of what light from all around leaves, less than {}", percent(EXPLAINED)))
+            Some(format!(
+                "a lamp explains {by} of what light from all around leaves, less than {}",
+                percent(MIN_EXPLAINED)
+            ))
         }
         None => Some("one half of the frames does not find it by itself".to_owned()),
-        Some(HalvesCheck { explained, .. }) if explained < EXPLAINED => {
+        Some(HalvesCheck { explained, .. }) if explained < MIN_EXPLAINED => {
             let by = percent(explained.max(0.0));
             Some(format!(
                 "the lamp that one half of the frames finds explains {by} of the other half, less than {}",
-                percent(EXPLAINED)
+                percent(MIN_EXPLAINED)
             ))
         }
         Some(_) => None,
@@ -155,21 +159,21 @@ impl LampSolution {
         Self { lamps, spheres, luminance, colours, occupancy, up, verdict }
     }
 
-    /// LightFit from around and above alone.
+    /// Uniform ambient light only.
     pub fn without_lamps(verdict: LampVerdict, up: DVec3) -> Self {
         let even = LightFit { around: 1.0, ..LightFit::default() };
         Self::new(Vec::new(), (even, [even; 3]), OccupancyGrid::new(&[]), up, verdict)
     }
 
-    /// The light on a surface by that on one which looks up at the place with nothing in the way.
-    /// Without lamps light is alike everywhere.
+    /// Light on a surface, relative to that on an unoccluded upward-facing surface at the place. 1
+    /// without lamps.
     pub fn relative(&self, at: DVec3, normal: DVec3, place: DVec3) -> f64 {
         if self.lamps.is_empty() {
             return 1.0;
         }
         let by_lamps: f64 = self.by_lamps(&|lamp| self.occupancy.lamp_irradiance(at, normal, lamp), &self.luminance);
         let ambient = self.luminance.around + 0.5 * (1.0 + normal.dot(self.up)) * self.luminance.above;
-        ((ambient + by_lamps) / self.upward(place, &self.luminance)).max(LEAST_LIGHT)
+        ((ambient + by_lamps) / self.upward(place, &self.luminance)).max(MIN_LIGHT)
     }
 
     fn by_lamps(&self, share: &impl Fn(&LampSource) -> f64, light: &LightFit) -> f64 {
@@ -182,14 +186,14 @@ impl LampSolution {
 
     fn upward(&self, place: DVec3, light: &LightFit) -> f64 {
         (light.around + light.above + self.by_lamps(&|lamp| lamp_irradiance(place, self.up, lamp), light))
-            .max(LEAST_LIGHT)
+            .max(MIN_LIGHT)
     }
 
     /// Scaled to the white level of the place.
     pub fn at(&self, place: DVec3, white: [f64; 3]) -> PlaceLight {
         let scale = [0, 1, 2].map(|c| white[c] / self.upward(place, &self.colours[c]));
         let of_even = |at: DVec3| lamp_irradiance(place, self.up, &LampSource { at, along: None });
-        // A panel shines less to its sides: as an even lamp it is as bright at the place.
+        // A panel is replaced by an isotropic lamp that is as bright at the place.
         let aside = |lamp: &LampSource| match lamp.along {
             Some(along) => along.dot((place - lamp.at).normalize_or_zero()).max(0.0),
             None => 1.0,
@@ -220,7 +224,7 @@ impl LampSolution {
     }
 }
 
-/// Each half's one lamp, tried on the other half. `None` where one half finds none.
+/// Fits each half's single lamp to the other half. `None` if one half finds no lamp.
 fn check_halves(halves: &[Search; 2], place: DVec3) -> Option<HalvesCheck> {
     let found = halves.each_ref().map(|half| half.lamps(1));
     let at = |half: usize| Some(found[half].lamps.first()?.at - place);
@@ -246,13 +250,13 @@ mod tests {
     }
 
     #[test]
-    fn a_lamp_over_a_floor_and_a_box_is_found_with_its_share_of_the_light() {
+    fn lamp_over_a_floor_and_a_box_is_found_with_its_brightness() {
         let lamp = DVec3::new(-0.6, 0.5, 2.0);
         let found = solved([&[lamp]; 2]);
         assert!(found.verdict.no_lamp.is_none() && found.lamps.len() == 1, "{:?} {:?}", found.verdict, found.lamps);
         let off_deg = (found.lamps[0].at - PLACE).angle_between(lamp - PLACE).to_degrees();
         assert!(off_deg < 2.0, "{off_deg}: {}", found.lamps[0].at);
-        // Scaled to what white shows at the place, the lamp shows 2 at 1 m and all other light
+        // Scaled to the white level at the place, the lamp's light at 1 m is 2 and all other light
         // 0.15.
         let by_lamp = |shown: f64| shown * lamp_irradiance(PLACE, UP, &LampSource { at: lamp, along: None });
         let PlaceLight { ambient, lamps } = found.at(PLACE, [0.15 + by_lamp(2.0); 3]);
@@ -288,7 +292,7 @@ mod tests {
 
     // Slow: lamps are searched in all frames and in each half of them.
     #[test]
-    fn two_lamps_as_bright_as_each_other_are_not_taken_for_one_between_them() {
+    fn two_lamps_of_equal_brightness_are_not_merged_into_one() {
         let lamps = [DVec3::new(0.8, -0.5, 1.9), DVec3::new(-0.7, 0.4, 2.1)];
         let found = solved([&lamps; 2]);
         for lamp in lamps {
@@ -296,7 +300,7 @@ mod tests {
             let least_deg = found.lamps.iter().map(off).fold(f64::INFINITY, f64::min);
             assert!(least_deg < 5.0, "{least_deg}: {:?}", found.lamps);
         }
-        // The halves see the same.
+        // Both halves have the same light.
         assert!(
             found.verdict.halves.unwrap().explained > 0.5 && found.verdict.halves.unwrap().apart_deg < 1.0,
             "{:?}",
@@ -305,16 +309,16 @@ mod tests {
     }
 
     #[test]
-    fn light_from_everywhere_has_no_lamp() {
+    fn no_lamp_is_found_in_uniform_light() {
         let found = solved([&[]; 2]);
-        assert!(found.lamps.is_empty() && found.verdict.explained < EXPLAINED);
+        assert!(found.lamps.is_empty() && found.verdict.explained < MIN_EXPLAINED);
         assert!(found.verdict.no_lamp.as_ref().unwrap().contains("explains"));
         let PlaceLight { ambient, lamps } = found.at(PLACE, [0.3, 0.2, 0.1]);
         assert!(ambient == [0.3, 0.2, 0.1] && lamps.is_empty() && found.relative(UP, UP, PLACE) == 1.0, "{ambient:?}");
     }
 
     #[test]
-    fn halves_whose_lamps_do_not_explain_each_other_see_none() {
+    fn no_lamp_is_claimed_if_the_halves_contradict_each_other() {
         let found = solved([&[DVec3::new(-0.6, 0.5, 2.0)], &[DVec3::new(0.9, -0.6, 1.8)]]);
         assert!(found.lamps.is_empty());
         assert!(found.verdict.no_lamp.as_ref().unwrap().contains("explains"), "{:?}", found.verdict.halves);

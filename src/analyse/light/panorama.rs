@@ -1,9 +1,8 @@
-//! What was seen around a place, as a panorama: the frames' points with depth, by their direction
-//! from there.
+//! Panorama around a place from the frames' points with depth, by their direction from there.
 //!
-//! Of each texel one mean is kept for each frame; its light is their median, weighted by how many
-//! points they are of, and what was clipped counts as a lower bound. What lies behind something
-//! nearer does not count. Single texels between others take their mean.
+//! A texel stores one mean per frame. Its light is their median, weighted by their numbers of
+//! points, with clipped values as lower bounds. Points behind nearer ones are ignored. Small holes
+//! are filled with the mean of their neighbours.
 
 use std::f64::consts::PI;
 
@@ -15,19 +14,19 @@ use crate::render::panorama;
 
 pub const WIDTH: usize = 256;
 pub const HEIGHT: usize = 128;
-/// Frames that are kept of a texel.
-const KEPT: usize = 10;
-/// Nearer by this share is before it, farther by this share behind.
-const BEFORE: f32 = 0.8;
-/// How often gaps are filled from around, and of how many neighbours.
-const FILLS: usize = 3;
-const NEIGHBOURS: usize = 3;
+/// Largest number of frame means in a texel.
+const MAX_FRAME_MEANS: usize = 10;
+/// Smallest ratio of distances on one surface. A smaller one is an occlusion.
+const OCCLUSION_RATIO: f32 = 0.8;
+/// Iterations of hole filling, and smallest number of known neighbours.
+const FILL_ITERATIONS: usize = 3;
+const MIN_NEIGHBOURS: usize = 3;
 
 #[derive(Clone, Debug)]
 struct Texel {
-    /// How far away what it shows is, m.
+    /// Distance of its surface, m.
     far_m: f32,
-    /// Light, weight, clipped channels.
+    /// Frame means: light, weight, clipped channels.
     kept: Vec<([f32; 3], f32, [bool; 3])>,
     frames: usize,
     now: [f32; 3],
@@ -42,7 +41,7 @@ pub struct PanoramaBuilder {
     texels: Vec<Texel>,
 }
 
-/// Linear; `None` where nothing was seen.
+/// Linear light by texel; `None` where unseen.
 pub type PartialPanorama = Vec<Option<[f32; 3]>>;
 
 /// The direction through a texel's centre, in the panorama's axes: y is up, −z in the middle.
@@ -74,7 +73,7 @@ impl PanoramaBuilder {
         Self { middle, map_from_world, texels: vec![none; WIDTH * HEIGHT] }
     }
 
-    /// One frame's samples.
+    /// Adds the samples of one frame.
     pub fn add(&mut self, samples: &[LightSample]) {
         let turn = self.map_from_world.as_quat();
         let mut touched = Vec::new();
@@ -88,10 +87,10 @@ impl PanoramaBuilder {
             let texel = &mut self.texels[n];
             if texel.now_count == 0.0 {
                 touched.push(n);
-            } else if far_m > texel.now_far_m / BEFORE {
+            } else if far_m > texel.now_far_m / OCCLUSION_RATIO {
                 continue;
             }
-            if texel.now_count > 0.0 && far_m < BEFORE * texel.now_far_m {
+            if texel.now_count > 0.0 && far_m < OCCLUSION_RATIO * texel.now_far_m {
                 (texel.now, texel.now_count, texel.now_clipped) = ([0.0; 3], 0.0, [false; 3]);
             }
             texel.now_far_m = if texel.now_count == 0.0 { far_m } else { texel.now_far_m.min(far_m) };
@@ -104,7 +103,7 @@ impl PanoramaBuilder {
         }
     }
 
-    /// What each texel shows.
+    /// The light of each texel.
     pub fn finish(&self) -> PartialPanorama {
         let of = |texel: &Texel| -> Option<[f32; 3]> {
             let light = |c: usize| {
@@ -115,7 +114,7 @@ impl PanoramaBuilder {
             Some([light(0)?, light(1)?, light(2)?])
         };
         let mut seen: PartialPanorama = self.texels.iter().map(of).collect();
-        for _ in 0..FILLS {
+        for _ in 0..FILL_ITERATIONS {
             seen = filled(&seen);
         }
         seen
@@ -125,17 +124,17 @@ impl PanoramaBuilder {
 impl Texel {
     fn kept_frame(&mut self) {
         let mean = self.now.map(|sum| sum / self.now_count);
-        if self.now_far_m < BEFORE * self.far_m {
+        if self.now_far_m < OCCLUSION_RATIO * self.far_m {
             self.kept.clear();
             (self.frames, self.far_m) = (0, self.now_far_m);
         }
-        if self.now_far_m <= self.far_m / BEFORE {
+        if self.now_far_m <= self.far_m / OCCLUSION_RATIO {
             let new = (mean, self.now_count, self.now_clipped);
-            // Those of every so many frames, when there are too many.
-            if self.kept.len() < KEPT {
+            // If there are too many, every third frame replaces an earlier one.
+            if self.kept.len() < MAX_FRAME_MEANS {
                 self.kept.push(new);
             } else if self.frames.is_multiple_of(3) {
-                self.kept[self.frames / 3 % KEPT] = new;
+                self.kept[self.frames / 3 % MAX_FRAME_MEANS] = new;
             }
             self.frames += 1;
         }
@@ -153,12 +152,12 @@ fn filled(seen: &PartialPanorama) -> PartialPanorama {
         let around = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
         let known: Vec<[f32; 3]> = around.iter().filter_map(|(dx, dy)| at(x + dx, y + dy)).collect();
         let mean = |c: usize| known.iter().map(|light| light[c]).sum::<f32>() / known.len() as f32;
-        (known.len() >= NEIGHBOURS).then(|| [mean(0), mean(1), mean(2)])
+        (known.len() >= MIN_NEIGHBOURS).then(|| [mean(0), mean(1), mean(2)])
     };
     (0..seen.len()).map(|n| seen[n].or_else(|| of(n))).collect()
 }
 
-/// The share of all directions that was seen, and of those above the horizon.
+/// Fractions of all directions, and of those above the horizon, that were seen.
 pub fn seen_share(seen: &PartialPanorama) -> (f64, f64) {
     let sum = |from: usize, to: usize| {
         let of = |n: usize| if seen[n].is_some() { solid_sr(n) } else { 0.0 };
@@ -167,7 +166,7 @@ pub fn seen_share(seen: &PartialPanorama) -> (f64, f64) {
     (sum(0, WIDTH * HEIGHT) / (4.0 * PI), sum(0, WIDTH * HEIGHT / 2) / (2.0 * PI))
 }
 
-/// What a white matt surface that looks up shows by it: the irradiance from above, by π.
+/// Light of an upward-facing matt white surface: the irradiance from above by π.
 pub fn upward(rgb: &[[f32; 3]]) -> [f64; 3] {
     [0, 1, 2].map(|c| {
         let of = |(n, light): (usize, &[f32; 3])| f64::from(light[c]) * direction(n).y.max(0.0) * solid_sr(n) / PI;
@@ -180,7 +179,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_even_sky_shows_as_itself_and_texels_lie_where_they_point() {
+    fn uniform_sky_lights_white_by_its_radiance_and_directions_map_back_to_their_texels() {
         let [r, g, b] = upward(&vec![[0.5, 1.0, 2.0]; WIDTH * HEIGHT]);
         assert!((r - 0.5).abs() < 1e-3 && (g - 1.0).abs() < 2e-3 && (b - 2.0).abs() < 4e-3, "{r} {g} {b}");
         for n in (0..WIDTH * HEIGHT).step_by(37) {
@@ -189,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_behind_something_nearer_does_not_count() {
+    fn points_behind_nearer_ones_are_ignored() {
         let mut splat = PanoramaBuilder::new(Vec3::ZERO, DQuat::IDENTITY);
         let sample = |far_m: f32, light: f32| LightSample {
             at: -far_m * Vec3::Z,

@@ -1,10 +1,11 @@
 //! The room's surfaces as voxels of 2 cm with position, normal and light.
 //!
-//! A voxel keeps one mean for each frame that saw it, separately for the two halves of the
-//! recording, at most [`KEPT`] of each. The lamp search takes the lower third of them, which leaves
-//! out mirrored lamps: they are seen from a few places only. The white level takes the median of
-//! each channel by Kaplan and Meier, since clipped channels are lower bounds. The normal is the
-//! direction in which the neighbourhood is thinnest. Not modelled: moving things.
+//! A voxel stores one mean for each frame that saw it, separately for the two halves of the
+//! recording, at most [`MAX_FRAME_MEANS`] of each. The lamp search uses their lower third, which
+//! excludes specular reflections of lamps: they are seen from a few positions only. The white level
+//! uses the median of each channel by Kaplan and Meier, because clipped channels are lower bounds.
+//! The normal is the direction of the smallest variance in the neighbourhood. Not modelled: moving
+//! objects.
 
 use std::collections::HashMap;
 
@@ -15,21 +16,21 @@ use crate::fit::quantile::{Censored, kaplan_meier};
 use crate::frame::SURFEL_SPACING_M;
 use crate::parallel::over_rows;
 
-/// A cube's side, m.
+/// Side of a voxel, m.
 pub const SIDE_M: f64 = SURFEL_SPACING_M;
-/// Largest number of voxels for the light, and of frame means that a voxel keeps of each half of
-/// the recording.
-const MOST: usize = 200_000;
-const KEPT: usize = 6;
-/// Depth that was measured from farther away is no surface of 2 cm, m.
-const FARTHEST_M: f32 = 4.0;
-/// Which of a cube's frames tells its light, as a share of them by brightness.
-const LOWER: f64 = 0.34;
-/// Neighbours of which a normal follows, cubes to each side, and the fewest of them.
-const NEAR: i32 = 2;
-const FEWEST: usize = 6;
-/// The least of three spreads by the middle one, so that they are a surface: m² by m².
-const FLAT: f64 = 0.4;
+/// Largest number of voxels for the light, and of frame means in a voxel for each half of the
+/// recording.
+const MAX_VOXELS: usize = 200_000;
+const MAX_FRAME_MEANS: usize = 6;
+/// Largest distance of measured depth, m: farther points are too inaccurate for voxels of 2 cm.
+const MAX_DISTANCE_M: f32 = 4.0;
+/// Quantile of a voxel's frames, by brightness, from which the lamp search takes its light.
+const LIGHT_QUANTILE: f64 = 0.34;
+/// Neighbourhood of a normal: radius in voxels, and smallest number of voxels.
+const NORMAL_RADIUS: i32 = 2;
+const MIN_NORMAL_VOXELS: usize = 6;
+/// Largest ratio of the smallest to the middle variance of a surface's neighbourhood.
+const MAX_FLATNESS: f64 = 0.4;
 
 type Key = [i32; 3];
 
@@ -47,7 +48,7 @@ struct Cube {
     count: u32,
     /// Sum of unit vectors to the camera.
     towards: Vec3,
-    /// Of the frame that is being added.
+    /// Sums of the frame that is being added.
     now: [f32; 3],
     now_code: [f32; 3],
     now_count: u32,
@@ -55,36 +56,36 @@ struct Cube {
     now_brightest: f32,
     /// Sum over frames of the brightest sample of each.
     brightest: f32,
-    /// Frames so far, by half, and the means of some of them.
+    /// Numbers of frames so far by half, and the means of some of them.
     frames: [u32; 2],
     means: [Vec<FrameMean>; 2],
     clipped: [u32; 2],
 }
 
-/// One that is seen well.
+/// A well-observed voxel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Voxel {
     pub at: DVec3,
-    /// Unit length, towards where it was seen from.
+    /// Unit length, towards the cameras.
     pub normal: DVec3,
-    /// By the first half of the frames, by the second, and by all: linear; `None` where too few saw
-    /// it.
+    /// Linear light by the first half of the frames, by the second, and by all; `None` where too
+    /// few saw it.
     pub light: [Option<[f32; 3]>; 3],
-    /// The camera's white was reached in most of the frames.
+    /// Whether it is clipped in most of the frames.
     pub is_clipped: bool,
     /// Median light of all frames, with clipped channels as lower bounds, and whether each median
     /// is one.
     pub median: [f32; 3],
     pub is_bound: [bool; 3],
-    /// Median light as the frames themselves show it, without their gains taken out.
+    /// Median light of the frames themselves, not divided by their gains.
     pub code: [f32; 3],
-    /// Luminance of its brightest spot: the mean over frames.
+    /// Luminance of its brightest sample, mean over frames.
     pub brightest: f32,
 }
 
 #[cfg(test)]
 impl Voxel {
-    /// One that all frames saw alike.
+    /// A voxel with the same light in all frames.
     pub fn of_surface(at: DVec3, normal: DVec3, light: [f32; 3]) -> Self {
         Self {
             at,
@@ -109,7 +110,7 @@ pub struct Voxels {
 
 impl Default for Voxels {
     fn default() -> Self {
-        Self::with_limit(MOST)
+        Self::with_limit(MAX_VOXELS)
     }
 }
 
@@ -122,11 +123,11 @@ impl Voxels {
         Self { index: HashMap::new(), cubes: Vec::new(), limit }
     }
 
-    /// One frame's samples, seen from `camera_at`; `half`: 0 in the first half of the frames, 1 in
-    /// the second.
+    /// Adds the samples of a frame. `camera_at`: the camera's position; `half`: 0 in the first half
+    /// of the frames, 1 in the second.
     pub fn add(&mut self, samples: &[LightSample], camera_at: Vec3, half: usize) {
         let mut touched = Vec::new();
-        for sample in samples.iter().filter(|sample| sample.at.distance(camera_at) < FARTHEST_M) {
+        for sample in samples.iter().filter(|sample| sample.at.distance(camera_at) < MAX_DISTANCE_M) {
             let key = key(sample.at);
             let at = match self.index.get(&key) {
                 Some(at) => *at as usize,
@@ -162,12 +163,12 @@ impl Voxels {
             let n = cube.frames[half] as usize;
             cube.frames[half] += 1;
             let means = &mut cube.means[half];
-            if means.len() < KEPT {
+            if means.len() < MAX_FRAME_MEANS {
                 means.push(mean);
             } else {
-                // Vitter's reservoir, by a hash in place of chance.
+                // Reservoir sampling (Vitter), with a hash as random number.
                 let place = (hash(at as u64, n as u64) % (n as u64 + 1)) as usize;
-                if place < KEPT {
+                if place < MAX_FRAME_MEANS {
                     means[place] = mean;
                 }
             }
@@ -176,13 +177,13 @@ impl Voxels {
         }
     }
 
-    /// Middles of all that two frames saw.
+    /// Positions of all voxels that at least two frames saw.
     pub fn solid(&self) -> impl Iterator<Item = DVec3> + '_ {
         self.cubes.iter().filter(|cube| cube.frames[0] + cube.frames[1] >= 2).map(|cube| cube.middle())
     }
 
-    /// Those that at least `fewest_frames` saw and that have a normal, in an order that spreads any
-    /// first part of them evenly over the room.
+    /// Voxels with a normal that at least `fewest_frames` saw, in an order in which any prefix is
+    /// spread evenly over the room.
     pub fn surfaces(&self, fewest_frames: u32, threads: usize) -> Vec<Voxel> {
         let mut keys: Vec<(u64, Key, u32)> = self.index.iter().map(|(key, at)| (hash_of(key), *key, *at)).collect();
         keys.sort_unstable();
@@ -223,9 +224,9 @@ impl Voxels {
 
     fn normal(&self, [x, y, z]: Key, cube: &Cube, fewest_frames: u32) -> Option<DVec3> {
         let mut near = Vec::new();
-        for dz in -NEAR..=NEAR {
-            for dy in -NEAR..=NEAR {
-                for dx in -NEAR..=NEAR {
+        for dz in -NORMAL_RADIUS..=NORMAL_RADIUS {
+            for dy in -NORMAL_RADIUS..=NORMAL_RADIUS {
+                for dx in -NORMAL_RADIUS..=NORMAL_RADIUS {
                     if let Some(at) = self.index.get(&[x + dx, y + dy, z + dz]) {
                         let other = &self.cubes[*at as usize];
                         if other.frames[0] + other.frames[1] >= fewest_frames {
@@ -235,7 +236,7 @@ impl Voxels {
                 }
             }
         }
-        if near.len() < FEWEST {
+        if near.len() < MIN_NORMAL_VOXELS {
             return None;
         }
         let middle = near.iter().sum::<DVec3>() / near.len() as f64;
@@ -246,7 +247,7 @@ impl Voxels {
         }
         let (least, normal, between) = thinnest(spread);
         let towards = cube.towards.as_dvec3();
-        (least < FLAT * between).then(|| normal * normal.dot(towards).signum())
+        (least < MAX_FLATNESS * between).then(|| normal * normal.dot(towards).signum())
     }
 }
 
@@ -256,16 +257,16 @@ impl Cube {
     }
 }
 
-/// The light below which a third of a voxel's frames lie.
+/// The light at [`LIGHT_QUANTILE`] of the frame means.
 fn lower(means: &[FrameMean]) -> Option<[f32; 3]> {
     let mut light: Vec<[f32; 3]> = means.iter().map(|mean| mean.light).collect();
     light.sort_by(|a, b| luminance(*a).total_cmp(&luminance(*b)));
-    let at = (LOWER * light.len() as f64) as usize;
+    let at = (LIGHT_QUANTILE * light.len() as f64) as usize;
     light.get(at).copied()
 }
 
-/// The least eigenvalue of a symmetric matrix with its vector, and the middle eigenvalue: by
-/// Jacobi's turns.
+/// The smallest eigenvalue of a symmetric matrix with its vector, and the middle eigenvalue, by
+/// Jacobi rotations.
 fn thinnest(of: DMat3) -> (f64, DVec3, f64) {
     let (mut a, mut v) = (of, DMat3::IDENTITY);
     for _ in 0..12 {

@@ -1,15 +1,15 @@
-//! The white level W of a place: what matt white of reflectance 1 that looks up shows there, or why
-//! it cannot be claimed.
+//! The white level W of a place: light of upward-facing matt white with reflectance 1, or the
+//! reason for which it cannot be claimed.
 //!
-//! Near the place the brightest upward-facing surfaces are taken for white, whose reflectance is
+//! The brightest upward-facing surfaces near the place are taken for white, whose reflectance is
 //! about 0.8: paper reflects 0.75 to 0.9, white paint 0.65 to 0.85. Their top is the 98 % quantile
-//! of luminance by Kaplan and Meier, since clipped channels are lower bounds. A gate compares them
-//! with what white looks like and with the camera's exposure (AE). Where it closes, W follows from
-//! the exposure alone, with an interval of a factor of two each way.
+//! of luminance by Kaplan and Meier, because clipped channels are lower bounds. A gate compares
+//! them with the properties of white surfaces and with the camera's exposure (AE). If it rejects
+//! them, W follows from the exposure alone, with an interval of a factor of two each way.
 //!
 //! Claim, unclipped: ln W = 0.85·ln(top/0.8) + 0.15·ln AE. Clipped: AE between top/0.8 and 1.4
-//! times that. Not modelled: grey surfaces that agree with the exposure pass for white; light that
-//! varies within the radius.
+//! times that. Not modelled: grey surfaces that agree with the exposure are mistaken for white;
+//! light that varies within the radius.
 
 use std::fmt;
 
@@ -20,66 +20,68 @@ use super::sample::relative_luminance;
 use super::voxels::{SIDE_M, Voxel};
 use crate::fit::quantile::{Censored, kaplan_meier};
 
-/// Where lamps are known, the quantile of the room's reflectances that is taken for white, and
-/// those of its interval, each loosened by a factor. Fewer upward-facing voxels leave the rest of
-/// the room to count, too.
-const WHITEST: f64 = 0.995;
-const WHITEST_BETWEEN: [f64; 2] = [0.99, 0.999];
-const LOOSE: f64 = 1.1;
-const FEWEST_UPWARD: usize = 400;
-/// Surfaces that get a smaller share of the place's light, by shadow, distance or turn, are no
-/// measure of white: there an error of a lamp's position multiplies the reflectance most.
+/// With known lamps: quantile of the room's reflectances that is taken for white, quantiles of its
+/// interval, and a factor that widens the interval each way. With fewer upward-facing voxels all
+/// others are used, too.
+const WHITE_QUANTILE: f64 = 0.995;
+const WHITE_INTERVAL_QUANTILES: [f64; 2] = [0.99, 0.999];
+const INTERVAL_FACTOR: f64 = 1.1;
+const MIN_UPWARD_VOXELS: usize = 400;
+/// Smallest light of a used surface by that at the place. In shadow, at a distance or at grazing
+/// angles, errors of a lamp's position have the largest effect on the reflectance.
 const MIN_RELATIVE_LIGHT: f64 = 0.5;
 /// Largest factor between the white level that lamps imply and the exposure's.
 const LAMPS_AGREE: f64 = 2.0;
-/// Reflectance of the brightest neutral surfaces, and the largest of any matt one.
+/// Reflectance of the brightest neutral surfaces, and the largest of any matt surface.
 pub const WHITE_REFLECTANCE: f64 = 0.8;
-const HIGHEST: f64 = 0.9;
-/// Radii around the place that are tried one after another until they hold enough upward-facing
-/// area.
+const MAX_REFLECTANCE: f64 = 0.9;
+/// Radii around the place, in turn, until one contains enough upward-facing area.
 const RADII_M: [f64; 3] = [0.8, 1.2, 2.0];
-const LEAST_AREA_M2: f64 = 0.27;
-/// Cosine with up from which a normal is upward-facing.
-const UPWARD: f64 = 0.8;
-const TOP: f64 = 0.98;
-/// Surfaces brighter than this share of the top are part of it.
-const AT_TOP: f64 = 0.75;
-/// Saturation of the top by the frames' own white balance: white under warm lamps stays below, wood
-/// lies above.
-const MOST_SATURATION: f64 = 0.42;
-/// Shares of the upward-facing area that an unclipped top may have.
-const LEAST_SHARE: f64 = 0.05;
-const MOST_SHARE: f64 = 0.5;
+const MIN_AREA_M2: f64 = 0.27;
+/// Smallest cosine with up of an upward-facing normal.
+const MIN_UPWARD_COS: f64 = 0.8;
+/// Quantile of luminance that is the top.
+const TOP_QUANTILE: f64 = 0.98;
+/// Smallest luminance of surfaces that belong to the top, by the top.
+const MIN_TOP_SHARE: f64 = 0.75;
+/// Largest saturation of the top by the frames' own white balance: white under warm lamps is below,
+/// wood above.
+const MAX_SATURATION: f64 = 0.42;
+/// Smallest and largest fraction of the upward-facing area in an unclipped top.
+const MIN_SHARE: f64 = 0.05;
+const MAX_SHARE: f64 = 0.5;
 /// Largest ratio of the top within 1.5 times the radius to the top within the radius.
-const WIDER: f64 = 1.5;
-const MOST_GROWTH: f64 = 1.4;
-/// Largest ratio of an unclipped top's luminance between parts of the frames: e^[`UPWARDS`].
+const WIDER_RADIUS: f64 = 1.5;
+const MAX_GROWTH: f64 = 1.4;
+/// Largest ratio of an unclipped top's luminance between parts of the frames:
+/// e^[`UPWARD_SIGMA_LN`].
 const MAX_DISPARITY: f64 = 1.35;
 /// Smallest area seen in both parts, m².
 const MIN_SHARED_M2: f64 = 0.01;
 /// Largest factor between top/0.8 and the exposure, unclipped and clipped.
-const AGREE: f64 = 1.5;
-const AGREE_CLIPPED: f64 = 2.0;
+const MAX_DISAGREEMENT: f64 = 1.5;
+const MAX_DISAGREEMENT_CLIPPED: f64 = 2.0;
 /// Weight of the exposure in an unclipped claim.
 const EXPOSURE_WEIGHT: f64 = 0.15;
-/// Uncertainty of an unclipped claim, ln: downwards, upwards, and its share of the disagreement
+/// Uncertainty of an unclipped claim, ln: downwards, upwards, and by the disagreement
 /// with the exposure.
-const DOWNWARDS: f64 = 0.15;
-const UPWARDS: f64 = 0.3;
-const BY_DISAGREEMENT: f64 = 0.4;
-/// A clipped top is exceeded at most by these factors: the claim, and the end of its interval.
-const BEYOND: f64 = 1.4;
-const FARTHEST_BEYOND: f64 = 1.6;
-/// W of an unclaimed level by the exposure at most, and the factor of its interval.
-const LARGEST_RAISE: f64 = 1.5;
-const UNCLAIMED: f64 = 2.0;
-/// Surfaces that show the light's colour: cosine with up, saturation and brightness by the top, the
-/// least area, and the area at which they count as much as the exposure's neutral.
-const COLOUR_UPWARD: f64 = 0.5;
-const COLOUR_SATURATION: f64 = 0.25;
-const COLOUR_BRIGHT: f64 = 0.7;
-const COLOUR_LEAST_M2: f64 = 0.009;
-const COLOUR_HALF_M2: f64 = 0.09;
+const DOWNWARD_SIGMA_LN: f64 = 0.15;
+const UPWARD_SIGMA_LN: f64 = 0.3;
+const DISAGREEMENT_SHARE: f64 = 0.4;
+/// Largest factors over a clipped top: of the claim, and of the end of its interval.
+const MAX_OVER_CLIPPED: f64 = 1.4;
+const MAX_INTERVAL_OVER_CLIPPED: f64 = 1.6;
+/// Largest W of an unclaimed level by the exposure, and the factor of its interval.
+const MAX_RAISE: f64 = 1.5;
+const UNCLAIMED_FACTOR: f64 = 2.0;
+/// Surfaces that give the light's colour: smallest cosine with up, largest saturation, smallest
+/// brightness by the top, smallest area, and the area at which their weight equals that of the
+/// exposure's neutral.
+const MIN_COLOUR_COS: f64 = 0.5;
+const MAX_COLOUR_SATURATION: f64 = 0.25;
+const MIN_COLOUR_BRIGHTNESS: f64 = 0.7;
+const MIN_COLOUR_M2: f64 = 0.009;
+const COLOUR_HALF_WEIGHT_M2: f64 = 0.09;
 
 /// A surface element of one voxel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -92,14 +94,14 @@ pub struct Patch {
     /// Light by the first half of the frames, by the second, and by all: 34 % quantiles by
     /// luminance, that is medians without the brightest third. `None` where too few frames saw it.
     pub parts: [Option<[f64; 3]>; 3],
-    /// Linear light as the frames themselves show it.
+    /// Linear light of the frames themselves, not divided by their gains.
     pub code: [f64; 3],
-    /// Luminance of its brightest spot, as it would be at the place.
+    /// Luminance of its brightest sample, as it would be at the place.
     pub brightest: f64,
 }
 
-/// Surfaces as the light at the place would show them. `relative`: the light on a voxel by the
-/// light at the place. Those that get little are left out.
+/// Surfaces with their light normalised to that at the place. `relative`: light on a voxel by the
+/// light at the place. Surfaces with little light are left out.
 pub fn patches(voxels: &[Voxel], relative: impl Fn(&Voxel) -> f64) -> Vec<Patch> {
     let lit =
         voxels.iter().map(|voxel| (voxel, relative(voxel))).filter(|(_, relative)| *relative > MIN_RELATIVE_LIGHT);
@@ -107,7 +109,7 @@ pub fn patches(voxels: &[Voxel], relative: impl Fn(&Voxel) -> f64) -> Vec<Patch>
 }
 
 impl Patch {
-    /// `relative`: the light on it by the light at the place.
+    /// `relative`: light on the voxel by the light at the place.
     pub fn of(voxel: &Voxel, relative: f64) -> Self {
         Self {
             at: voxel.at,
@@ -161,7 +163,7 @@ impl fmt::Display for Unclaimed {
     }
 }
 
-/// What is known of the light at a place.
+/// The white level of a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WhiteLevel {
     /// W, linear: red, green, blue.
@@ -205,16 +207,16 @@ fn disparity(at_top: &[&Patch]) -> f64 {
 impl BrightestSurfaces {
     /// `None` where too little faces up.
     fn of(patches: &[Patch], up: DVec3, place: DVec3) -> Option<Self> {
-        let upward: Vec<&Patch> = patches.iter().filter(|patch| patch.normal.dot(up) > UPWARD).collect();
+        let upward: Vec<&Patch> = patches.iter().filter(|patch| patch.normal.dot(up) > MIN_UPWARD_COS).collect();
         let within = |radius_m: f64| -> Vec<&Patch> {
             upward.iter().copied().filter(|patch| patch.at.distance(place) < radius_m).collect()
         };
-        let is_enough = |patches: &Vec<&Patch>| area_m2(patches.len()) >= LEAST_AREA_M2;
+        let is_enough = |patches: &Vec<&Patch>| area_m2(patches.len()) >= MIN_AREA_M2;
         let (radius_m, near) =
             RADII_M.iter().map(|radius_m| (*radius_m, within(*radius_m))).find(|(_, near)| is_enough(near))?;
         let (luminance, is_bound) = top_of(&near)?;
-        let (wider, _) = top_of(&within(WIDER * radius_m))?;
-        let bright = |patch: &&&Patch| patch.is_bound || relative_luminance(patch.light) > AT_TOP * luminance;
+        let (wider, _) = top_of(&within(WIDER_RADIUS * radius_m))?;
+        let bright = |patch: &&&Patch| patch.is_bound || relative_luminance(patch.light) > MIN_TOP_SHARE * luminance;
         let at_top: Vec<&Patch> = near.iter().filter(bright).copied().collect();
         let saturations = at_top.iter().map(|patch| if patch.is_bound { 0.0 } else { patch.saturation() });
         Some(Self {
@@ -233,17 +235,17 @@ impl BrightestSurfaces {
         self.luminance / WHITE_REFLECTANCE
     }
 
-    /// The first gate that is closed.
-    fn closed(&self, exposure: f64) -> Option<Unclaimed> {
+    /// The first reason against a claim, if there is one.
+    fn refusal(&self, exposure: f64) -> Option<Unclaimed> {
         let disagreement = (self.level() / exposure).ln().abs().exp();
-        let agrees = if self.is_bound { AGREE_CLIPPED } else { AGREE };
+        let agrees = if self.is_bound { MAX_DISAGREEMENT_CLIPPED } else { MAX_DISAGREEMENT };
         match self {
-            Self { saturation, .. } if *saturation > MOST_SATURATION => {
+            Self { saturation, .. } if *saturation > MAX_SATURATION => {
                 Some(Unclaimed::Coloured { saturation: *saturation })
             }
-            Self { is_bound: false, share, .. } if *share > MOST_SHARE => Some(Unclaimed::Ground),
-            Self { is_bound: false, share, .. } if *share < LEAST_SHARE => Some(Unclaimed::Scrap),
-            Self { growth, .. } if *growth > MOST_GROWTH => Some(Unclaimed::Varies { growth: *growth }),
+            Self { is_bound: false, share, .. } if *share > MAX_SHARE => Some(Unclaimed::Ground),
+            Self { is_bound: false, share, .. } if *share < MIN_SHARE => Some(Unclaimed::Scrap),
+            Self { growth, .. } if *growth > MAX_GROWTH => Some(Unclaimed::Varies { growth: *growth }),
             Self { is_bound: false, disparity, .. } if *disparity > MAX_DISPARITY => {
                 Some(Unclaimed::Differs { factor: *disparity })
             }
@@ -252,15 +254,15 @@ impl BrightestSurfaces {
         }
     }
 
-    /// W and its interval, where the gate is open.
+    /// W and its interval, if there is no refusal.
     fn claim(&self, exposure: f64) -> (f64, [f64; 2]) {
-        let (level, least) = (self.level(), self.luminance / HIGHEST);
+        let (level, least) = (self.level(), self.luminance / MAX_REFLECTANCE);
         if self.is_bound {
-            return (exposure.clamp(level, BEYOND * level), [least, FARTHEST_BEYOND * level]);
+            return (exposure.clamp(level, MAX_OVER_CLIPPED * level), [least, MAX_INTERVAL_OVER_CLIPPED * level]);
         }
         let off = (level / exposure).ln();
         let white = (level.ln() - EXPOSURE_WEIGHT * off).exp();
-        let [down, upwards] = [DOWNWARDS, UPWARDS].map(|ln| ln.hypot(BY_DISAGREEMENT * off).exp());
+        let [down, upwards] = [DOWNWARD_SIGMA_LN, UPWARD_SIGMA_LN].map(|ln| ln.hypot(DISAGREEMENT_SHARE * off).exp());
         (white, [least.max(white / down), white * upwards])
     }
 }
@@ -270,18 +272,18 @@ impl BrightestSurfaces {
 fn colour(patches: &[Patch], up: DVec3, place: DVec3, (radius_m, top): (f64, f64), neutral: [f64; 3]) -> [f64; 3] {
     let shows = |patch: &&Patch| {
         patch.at.distance(place) < radius_m
-            && patch.normal.dot(up) > COLOUR_UPWARD
+            && patch.normal.dot(up) > MIN_COLOUR_COS
             && !patch.is_bound
-            && patch.saturation() < COLOUR_SATURATION
-            && relative_luminance(patch.light) > COLOUR_BRIGHT * top
+            && patch.saturation() < MAX_COLOUR_SATURATION
+            && relative_luminance(patch.light) > MIN_COLOUR_BRIGHTNESS * top
     };
     let shown: Vec<&Patch> = patches.iter().filter(shows).collect();
     let area = area_m2(shown.len());
-    if area < COLOUR_LEAST_M2 {
+    if area < MIN_COLOUR_M2 {
         return neutral;
     }
     let ln = |c: usize| median(shown.iter().map(|patch| patch.light[c].max(1e-3).ln()).collect());
-    let weight = area / (area + COLOUR_HALF_M2);
+    let weight = area / (area + COLOUR_HALF_WEIGHT_M2);
     let green = ln(1);
     [0, 1, 2].map(|c| (weight * (ln(c) - green) + (1.0 - weight) * neutral[c].ln()).exp())
 }
@@ -293,7 +295,7 @@ fn area_m2(voxels: usize) -> f64 {
 fn top_of(patches: &[&Patch]) -> Option<(f64, bool)> {
     let value = |patch: &&Patch| (relative_luminance(patch.light) as f32, 1.0, patch.is_bound);
     let mut values: Vec<Censored> = patches.iter().map(value).collect();
-    kaplan_meier(&mut values, TOP)
+    kaplan_meier(&mut values, TOP_QUANTILE)
         .map(|(value, is_bound)| (f64::from(value), is_bound))
         .filter(|(value, _)| *value > 0.0)
 }
@@ -311,7 +313,7 @@ fn coloured(tint: [f64; 3], luminance: f64) -> [f64; 3] {
 pub fn white_level(patches: &[Patch], up: DVec3, place: DVec3, exposure: &ExposureLevel) -> WhiteLevel {
     let top = BrightestSurfaces::of(patches, up, place);
     let Some(top) = top else { return unclaimed(None, exposure, Unclaimed::TooFew) };
-    if let Some(why) = top.closed(exposure.level) {
+    if let Some(why) = top.refusal(exposure.level) {
         return unclaimed(Some(&top), exposure, why);
     }
     let (white, between) = top.claim(exposure.level);
@@ -319,8 +321,8 @@ pub fn white_level(patches: &[Patch], up: DVec3, place: DVec3, exposure: &Exposu
     WhiteLevel { white: coloured(tint, white), between, unclaimed: None }
 }
 
-/// The white level where lamps are known. They explain how bright surfaces are beside each other,
-/// so that the whitest of the whole room tell it, each by its brightest spot. `None` where that
+/// The white level with known lamps. They explain the relative light of surfaces, so the whitest
+/// surfaces of the whole room are used, each by its brightest sample. `None` if the result
 /// contradicts the exposure: a lamp is wrong.
 pub fn white_level_by_lamps(
     patches: &[Patch],
@@ -331,33 +333,37 @@ pub fn white_level_by_lamps(
     let of = |faces: &dyn Fn(&&Patch) -> bool| -> Vec<Censored> {
         patches.iter().filter(faces).map(|patch| (patch.brightest as f32, 1.0, patch.is_bound)).collect()
     };
-    let mut values = of(&|patch| patch.normal.dot(up) > UPWARD);
-    if values.len() < FEWEST_UPWARD {
+    let mut values = of(&|patch| patch.normal.dot(up) > MIN_UPWARD_COS);
+    if values.len() < MIN_UPWARD_VOXELS {
         values = of(&|_| true);
     }
     let mut level = |share: f64| {
         kaplan_meier(&mut values, share).map(|(value, is_bound)| (f64::from(value) / WHITE_REFLECTANCE, is_bound))
     };
-    let (whitest, is_bound) = level(WHITEST)?;
-    let [low, high] = [level(WHITEST_BETWEEN[0])?.0, level(WHITEST_BETWEEN[1])?.0];
+    let (whitest, is_bound) = level(WHITE_QUANTILE)?;
+    let [low, high] = [level(WHITE_INTERVAL_QUANTILES[0])?.0, level(WHITE_INTERVAL_QUANTILES[1])?.0];
     let off = (whitest / exposure.level).ln();
     if !(whitest > 0.0 && off.abs() < LAMPS_AGREE.ln()) {
         return None;
     }
     let (white, farthest) = match is_bound {
-        true => (exposure.level.clamp(whitest, BEYOND * whitest), FARTHEST_BEYOND * whitest),
+        true => (exposure.level.clamp(whitest, MAX_OVER_CLIPPED * whitest), MAX_INTERVAL_OVER_CLIPPED * whitest),
         false => ((whitest.ln() - EXPOSURE_WEIGHT * off).exp(), 0.0),
     };
     let tint = colour(patches, up, place, (f64::INFINITY, WHITE_REFLECTANCE * white), exposure.neutral);
-    let between = [(low / LOOSE).min(white / LOOSE), (high * LOOSE).max(white * LOOSE).max(farthest)];
+    let between = [
+        (low / INTERVAL_FACTOR).min(white / INTERVAL_FACTOR),
+        (high * INTERVAL_FACTOR).max(white * INTERVAL_FACTOR).max(farthest),
+    ];
     Some(WhiteLevel { white: coloured(tint, white), between, unclaimed: None })
 }
 
-/// By the exposure, raised where the brightest surface would reflect more than any does.
+/// The white level by the exposure, raised if the brightest surface would exceed the largest
+/// reflectance.
 fn unclaimed(top: Option<&BrightestSurfaces>, exposure: &ExposureLevel, why: Unclaimed) -> WhiteLevel {
     let ExposureLevel { level, neutral } = *exposure;
-    let white = top.map_or(level, |top| (top.luminance / HIGHEST).clamp(level, LARGEST_RAISE * level));
-    let between = [level / UNCLAIMED, UNCLAIMED * white];
+    let white = top.map_or(level, |top| (top.luminance / MAX_REFLECTANCE).clamp(level, MAX_RAISE * level));
+    let between = [level / UNCLAIMED_FACTOR, UNCLAIMED_FACTOR * white];
     WhiteLevel { white: coloured(neutral, white), between, unclaimed: Some(why) }
 }
 
@@ -387,9 +393,8 @@ mod tests {
     }
 
     #[test]
-    fn surfaces_in_deep_shadow_are_no_measure_of_white() {
-        // A desk of 0.8, of which 1 % lies in a shadow that is said to be ten times as deep as it
-        // is.
+    fn surfaces_in_deep_shadow_are_not_used_for_white() {
+        // A desk of 0.8, of which 1 % lies in a shadow whose depth is overestimated by ten.
         let voxels: Vec<Voxel> = desk(1000).iter().map(|p| Voxel::of_surface(p.at, p.normal, [0.8; 3])).collect();
         let relative = |voxel: &Voxel| if voxel.at.x > 0.229 && voxel.at.y > 0.1 { 0.1 } else { 1.0 };
         let lit = patches(&voxels, relative);
@@ -407,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn paper_on_a_desk_is_claimed_with_the_interval_by_hand() {
+    fn paper_on_a_desk_is_claimed_with_its_interval() {
         let found = level(&desk(200), &EXPOSURE);
         assert_eq!(found.unclaimed, None);
         // It agrees with the exposure: 0.8 / 0.8, never below 0.8 / 0.9, up to e^0.3.
@@ -420,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clipped_desk_is_as_bright_as_the_exposure_within_its_bound() {
+    fn clipped_desk_follows_the_exposure_within_its_bounds() {
         let mut patches = desk(200);
         patches.iter_mut().take(200).for_each(|patch| patch.is_bound = true);
         for (exposure, white) in [(0.6, 1.0), (1.2, 1.2), (1.9, 1.4)] {
@@ -431,7 +436,7 @@ mod tests {
     }
 
     #[test]
-    fn each_gate_closes_with_its_reason() {
+    fn each_refusal_has_its_reason() {
         let why =
             |patches: &[Patch], exposure: f64| level(patches, &ExposureLevel { level: exposure, ..EXPOSURE }).unclaimed;
         assert_eq!(why(&desk(200)[..600], 1.0), Some(Unclaimed::TooFew));
@@ -443,8 +448,8 @@ mod tests {
         let beyond = (0..200).map(|n| patch(DVec3::new(1.0, 0.001 * f64::from(n), 0.0), 1.6));
         let sunlit = why(&desk(200).into_iter().chain(beyond).collect::<Vec<_>>(), 1.0);
         assert!(matches!(sunlit, Some(Unclaimed::Varies { growth }) if is_about(growth, 2.0)), "{sunlit:?}");
-        // All 200 were seen by both halves, by one of them twice as bright; or one third of the
-        // frames saw mirrored light.
+        // Both halves saw all 200, one of them twice as bright; or a third of the frames saw
+        // specular reflections.
         let seen_as = |parts: [Option<[f64; 3]>; 3]| desk(200).into_iter().map(move |patch| Patch { parts, ..patch });
         for (parts, by) in [([0.6, 1.2, 0.8], 2.0), ([0.8, 0.8, 0.5], 1.6)] {
             let differing = why(&seen_as(parts.map(|light| Some([light; 3]))).collect::<Vec<_>>(), 1.0);
@@ -457,7 +462,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unclaimed_level_is_the_exposure_raised_to_what_no_surface_exceeds() {
+    fn unclaimed_level_is_the_exposure_raised_to_the_largest_reflectance() {
         for (exposure, white) in [(2.0, 2.0), (0.7, 0.8 / 0.9), (0.5, 0.75)] {
             let neutral = ExposureLevel { level: exposure, neutral: [1.2, 1.0, 0.8] };
             let found = level(&desk(600), &neutral);
@@ -468,7 +473,7 @@ mod tests {
     }
 
     #[test]
-    fn colour_moves_towards_neutral_surfaces_by_their_area() {
+    fn colour_is_weighted_by_the_area_of_neutral_surfaces() {
         // 225 voxels of 4 cm² are 0.09 m², half the weight: √(0.9/1) in red.
         let mut patches = desk(225);
         patches.iter_mut().take(225).for_each(|patch| patch.light[0] = 0.72);
@@ -478,7 +483,7 @@ mod tests {
     }
 
     #[test]
-    fn lamps_make_the_whitest_of_the_room_tell_unless_the_exposure_contradicts() {
+    fn known_lamps_use_the_whitest_surfaces_unless_the_exposure_contradicts() {
         // 20 of 1000 show 0.8 by their brightest spots: W = 1, moved by the exposure of 1.4 as a
         // claim is.
         let by_lamps = |exposure: f64| {
