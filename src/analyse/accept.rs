@@ -1,5 +1,5 @@
-//! What of an analysis belongs to the camera, and so to its profile: readout, exposure, sharpness.
-//! What belongs to the recording (poses, gain) or to what tracks the camera (clocks) stays in the
+//! Writes the estimates that belong to the camera into its profile: readout, exposure, sharpness.
+//! Estimates of the recording (poses, gain) or of the tracking system (clocks) stay in the
 //! analysis.
 
 use super::findings::{Findings, Sharpness};
@@ -10,14 +10,13 @@ use crate::params::Params;
 use crate::profile::Document;
 use crate::text::count;
 
-/// Times are written to this part of a second, lengths to that of a pixel: finer than they are
-/// known.
-const OF_SECOND: f64 = 1e5;
-const OF_PIXEL: f64 = 1e3;
-/// Goes before the exposure time.
-const ANGLE: &str = "shutter_angle_deg";
+/// Resolution of written values, finer than their uncertainty: units per second, and per pixel.
+const UNITS_PER_SECOND: f64 = 1e5;
+const UNITS_PER_PIXEL: f64 = 1e3;
+/// Parameter that takes precedence over the exposure time.
+const SHUTTER_ANGLE: &str = "shutter_angle_deg";
 
-/// What became of one key of a profile.
+/// Result for one key of a profile.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Accepted {
     /// With its table.
@@ -27,17 +26,17 @@ pub struct Accepted {
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
-    /// `before`: what the profile said; the same as `after` if that was found.
+    /// `before`: the profile's value, which can be the same as `after`.
     Written { before: Option<f64>, after: f64 },
-    /// The profile stays as it is there, and why.
+    /// The profile's value is unchanged. The reason.
     Kept(String),
 }
 
-/// Puts into a profile what was found of its camera.
+/// Writes an analysis's estimates of the camera into its profile.
 pub fn accept(findings: &Findings, profile: &mut Document) -> Vec<Accepted> {
     let (intrinsics, exposure) = (Intrinsics::default(), CameraExposure::default());
-    let time_s = match profile.number(exposure.table(), ANGLE) {
-        Some(_) => Err(format!("the profile says {ANGLE}, which goes before it")),
+    let time_s = match profile.number(exposure.table(), SHUTTER_ANGLE) {
+        Some(_) => Err(format!("the profile says {SHUTTER_ANGLE}, which goes before it")),
         None => time_s(findings),
     };
     let found = [
@@ -70,25 +69,25 @@ fn readout_s(findings: &Findings) -> Result<f64, String> {
         true => "the camera moves too little to tell it",
         false => "it is found with the poses, and these are as recorded",
     };
-    findings.readout_s().map(|s| rounded(s, OF_SECOND)).ok_or_else(|| why().to_owned())
+    findings.readout_s().map(|s| rounded(s, UNITS_PER_SECOND)).ok_or_else(|| why().to_owned())
 }
 
-/// What draws edges as sharp as they were measured.
+/// The profile's σ by which rendered edges measure as sharp as the footage's.
 fn sigma_px(spread: Option<&Sharpness>) -> Result<f64, String> {
     let unknown = "it was not looked for".to_owned();
     let spread = spread.ok_or_else(|| unknown.clone())?;
     let sigma_px = spread.sigma_px.ok_or_else(|| spread.why.clone().unwrap_or(unknown))?;
-    Ok(rounded(measuring(sigma_px), OF_PIXEL))
+    Ok(rounded(measuring(sigma_px), UNITS_PER_PIXEL))
 }
 
-/// Of a camera that exposed all frames alike.
+/// The exposure time, if it is the same for all frames.
 fn time_s(findings: &Findings) -> Result<f64, String> {
     let shutter = findings.shutter.as_ref();
     if shutter.is_some_and(|shutter| shutter.nominal_interval_s.is_some()) {
         return Err("the recording keeps no times: it is known as a share of the frame interval alone".to_owned());
     }
     match shutter.map_or(&[][..], |shutter| &shutter.runs) {
-        [run] => Ok(rounded(run.exposure_s, OF_SECOND)),
+        [run] => Ok(rounded(run.exposure_s, UNITS_PER_SECOND)),
         [] => Err(shutter.and_then(|shutter| shutter.why.clone()).unwrap_or("it was not looked for".to_owned())),
         runs => {
             Err(format!("it differs from frame to frame ({}), and the analysis has it", count(runs.len(), "exposure")))
@@ -131,10 +130,10 @@ mod tests {
     }
 
     #[test]
-    fn what_was_found_of_the_camera_is_written_and_comments_stay() {
+    fn camera_estimates_are_written_and_comments_are_kept() {
         let text = "version = 1\n# a camera\n[camera]\nreadout_time_s = 0.02 # guessed\n[point_spread]\nsigma_px = 1 # by eye\n";
         let (told, written) = taken(&findings("refined", &[(0, 20)]), text);
-        // 0.566 px is what a drawn edge measures of 0.6.
+        // An edge rendered with 0.6 px measures 0.566 px.
         assert_eq!(
             told,
             [
@@ -150,21 +149,21 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_found_stays() {
+    fn values_without_an_estimate_are_kept() {
         let text = "version = 1\n[camera.exposure]\ntime_s = 0.01\n";
         let mut found = findings("right", &[(0, 9), (9, 20)]);
         found.spread = None;
         let (told, written) = taken(&found, text);
         assert_eq!(written, text);
         assert!(told.iter().all(|told| told.contains(" stays: ")) && told[2].contains("2 exposures"), "{told:?}");
-        // The angle goes before the time.
+        // The angle takes precedence over the time.
         let angled = "version = 1\n[camera.exposure]\nshutter_angle_deg = 180\n";
         let (told, written) = taken(&findings("right", &[(0, 20)]), angled);
         assert!(
             told[2].contains("shutter_angle_deg, which goes before it") && !written.contains("time_s ="),
             "{told:?}"
         );
-        // A readout that rows do not tell.
+        // A readout with a large uncertainty.
         let mut unsure = findings("refined", &[(0, 20)]);
         unsure.registration.readout_sigma_s = Some(0.002);
         assert!(taken(&unsure, text).0[0].contains("moves too little"));

@@ -1,7 +1,6 @@
 //! An analysis as a folder: `analysis.toml`, and beside it `frames.txt`, `across.txt`, `poses.txt`,
 //! `links.txt`, the light of the room as `environment.hdr` and its surfaces as `surfels.ply`.
-//! Frames read it and nothing else of the recording's neighbours, so any range of frames keeps its
-//! bits.
+//! Compositing depends on it and on the frame only, so any range of frames gives the same bits.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,7 +20,7 @@ use super::spatial_gain::{MAX_EV, SpatialGainFit};
 use super::spread::PointSpread;
 use super::surfel_file::SurfelMap;
 use super::times;
-use super::tone::Band;
+use super::tone::ToneBand;
 use super::track::{self, TrackKnot};
 use crate::camera::Geometry;
 use crate::document::{self, Document};
@@ -43,51 +42,48 @@ const LINKS: &str = "links.txt";
 pub const ENVIRONMENT: &str = "environment.hdr";
 pub const STANDING: &str = "standing.toml";
 const SURFELS: &str = "surfels.ply";
-/// All that may lie in its folder.
+/// All files of an analysis's folder.
 pub const FILES: [&str; 9] = [FILE_NAME, FRAMES, ACROSS, POSES, LINKS, ENVIRONMENT, SURFELS, STANDING, times::FILE];
-/// Another version is made anew.
+/// Version of the format. Analyses of other versions are not read.
 pub const VERSION: u32 = 13;
 
 /// An analysis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Analysis {
     pub findings: Findings,
-    /// In place of the recording's own, by the frames' own times; `None` if that is kept. Where
-    /// poses are kept and motion is not, it goes through the recorded poses of the frames.
+    /// Replaces the recording's track, by the frames' times; `None` if that is kept. If only the
+    /// motion is refined, it goes through the recorded poses of the frames.
     pub track: Option<PoseTrack>,
-    /// The track as it is written, which would not follow from the track to the last bit.
+    /// The lines of the track's file, which cannot be reproduced from the track to the last bit.
     lines: Vec<Line>,
-    /// One per frame: how much brighter it is than the recording's median, factors on light (red,
-    /// green, blue). Empty if the footage does not tell.
+    /// Gain of each frame: factors on light by the recording's median (red, green, blue). Empty if
+    /// unknown or steady.
     pub gains: Vec<[f64; 3]>,
-    /// One per frame: how much brighter than that its parts are. Empty if the footage does not
-    /// tell.
+    /// Gain within each frame. Empty if unknown or uniform.
     pub across: Vec<Across>,
-    /// Links that were held out of the poses' fit, and by how much these miss them. Empty if there
-    /// are none.
+    /// Residuals of the held-out links. Empty if there are none.
     pub held_out: Vec<HeldOutResidual>,
-    /// The light of the room around what was looked at, without its lamps; `None` if the footage
-    /// does not tell.
+    /// Panorama of the room's light without its lamps; `None` if unknown.
     pub environment: Option<Environment>,
-    /// The surfaces that the depth maps show together; `None` without a depth sensor, or if the
-    /// poses were refused.
+    /// Surfels fused from all depth maps; `None` without a depth sensor, or if the poses were
+    /// refused.
     pub surfels: Option<SurfelMap>,
 }
 
-/// What was found besides where the camera was.
+/// All estimates except for the registration.
 pub struct Estimates<'a> {
     pub gain: Result<GainFindings, String>,
-    /// ln, one per frame, of those that could be compared.
+    /// ln, one per frame; `None` for frames that could not be compared.
     pub gains: &'a [Option<[f64; 3]>],
     pub across: Option<(Vec<Across>, SpatialGainFit)>,
     pub exposure: Result<ExposureRuns, String>,
     pub spread: Result<PointSpread, String>,
-    pub tone: Result<Vec<Band>, String>,
+    pub tone: Result<Vec<ToneBand>, String>,
     pub light: Result<RoomLight, String>,
     pub surfels: Vec<Surfel>,
 }
 
-/// Why there is no analysis.
+/// Why an analysis could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum AnalysisError {
     #[error("{}: cannot be read: {reason}", file.display())]
@@ -108,7 +104,7 @@ pub enum AnalysisError {
     Others { folder: PathBuf, other: String },
 }
 
-/// Where a recording's analysis lies: beside it, of its name with `.analysis`.
+/// Default folder of a recording's analysis: beside it, of its name with `.analysis`.
 pub fn beside(recording: &Path) -> PathBuf {
     let whole = recording.canonicalize().unwrap_or_else(|_| recording.to_owned());
     let folder = if whole.is_file() { whole.parent().map(Path::to_owned).unwrap_or_default() } else { whole };
@@ -148,7 +144,7 @@ impl Analysis {
                 let later_s = recording.time_offset_s + offset.clock_s;
                 RecordedMotion { track: &recording.track, later_s, hand_eye: offset.hand_eye }
             });
-            let poses = track::poses(&knots, usual_s, track::MOST_INTERVALS * usual_s, way.as_ref());
+            let poses = track::poses(&knots, usual_s, track::MAX_GAP_INTERVALS * usual_s, way.as_ref());
             poses.iter().map(|(time_s, pose)| Line::new(*time_s, pose)).collect()
         } else {
             Vec::new()
@@ -178,7 +174,7 @@ impl Analysis {
         Self { findings, track, lines, gains, across, held_out, environment, surfels }
     }
 
-    /// The track, if it shows another place than the recorded one.
+    /// The track, if its poses are refined.
     pub fn refined(&self) -> Option<&PoseTrack> {
         self.track.as_ref().filter(|_| self.findings.registration.is_refined())
     }
@@ -293,17 +289,17 @@ impl Analysis {
         }
         files.extend(self.environment.as_ref().map(|around| (ENVIRONMENT, around.hdr.to_vec())));
         files.extend(self.surfels.as_ref().map(|map| (SURFELS, map.ply.to_vec())));
-        // Last, since it tells an analysis.
+        // Last, because its presence marks a complete analysis.
         files.push((FILE_NAME, format!("{head}{document}").into_bytes()));
         Ok(files)
     }
 
-    /// The room's light, for a scene that has none of its own.
+    /// The room's light, for a scene without light of its own.
     pub fn lighting(&self) -> Option<Lighting> {
         self.findings.light.as_ref()?.lighting(self.environment.as_ref()?)
     }
 
-    /// What a recording takes over from it. `usual_s`: [`SeenBrightness::usual_s`].
+    /// The estimates that are applied to a recording. `usual_s`: [`SeenBrightness::usual_s`].
     pub fn refinement(&self, usual_s: Option<f64>) -> Refinement {
         let registered = &self.findings.registration;
         let seen = |(n, factors): (usize, &[f64; 3])| SeenBrightness {
@@ -320,7 +316,7 @@ impl Analysis {
         }
     }
 
-    /// Whether it is of this recording, seen by this camera; otherwise why not.
+    /// Checks that the analysis was made from this recording and for this camera.
     pub fn fits(&self, recording: &Recording, camera: &Geometry) -> Result<(), String> {
         let Findings { frames, recording: made_from, .. } = &self.findings;
         if *frames != recording.frame_count() {
@@ -332,7 +328,7 @@ impl Analysis {
         self.fits_camera(camera)
     }
 
-    /// Whether it was made for this camera; otherwise why not.
+    /// Checks that the analysis was made for this camera.
     pub fn fits_camera(&self, camera: &Geometry) -> Result<(), String> {
         let of = &self.findings.camera;
         let same = |of: &Geometry| {
@@ -353,10 +349,10 @@ impl Analysis {
     }
 }
 
-/// Poses farther apart than a dropped frame or two leave them are not joined.
+/// The track of the lines. Gaps by more than two dropped frames are not interpolated.
 fn track_of(lines: &[Line]) -> Result<PoseTrack, NotAscending> {
     let times_s: Vec<f64> = lines.iter().map(|line| line.time_s).collect();
-    let most_s = (track::MOST_INTERVALS + 0.5) * median_interval_s(&times_s).unwrap_or_default();
+    let most_s = (track::MAX_GAP_INTERVALS + 0.5) * median_interval_s(&times_s).unwrap_or_default();
     PoseTrack::new(lines.iter().map(|line| (line.time_s, line.pose())).collect(), most_s)
 }
 
@@ -365,8 +361,8 @@ struct Version {
     version: u32,
 }
 
-/// Factors on light; a frame that could not be compared lies between its neighbours. Empty if none
-/// could.
+/// Factors on light from ln. Frames without a gain are interpolated between their neighbours. Empty
+/// if no frame has one.
 pub fn gain_factors(gains: &[Option<[f64; 3]>]) -> Vec<[f64; 3]> {
     let known: Vec<(usize, [f64; 3])> = gains.iter().enumerate().filter_map(|(n, g)| Some((n, (*g)?))).collect();
     let (Some(first), Some(last)) = (known.first(), known.last()) else { return Vec::new() };
@@ -380,7 +376,7 @@ pub fn gain_factors(gains: &[Option<[f64; 3]>]) -> Vec<[f64; 3]> {
     (0..gains.len()).map(at).collect()
 }
 
-/// Whether a file has all that was written into it.
+/// Checks the number of a file's lines.
 fn whole(found: usize, written: usize, of: &str) -> Result<(), String> {
     if found == written { Ok(()) } else { Err(format!("it has {found} {of}, {written} were written")) }
 }
@@ -413,7 +409,7 @@ fn read_across(path: &Path, frames: usize) -> Result<Vec<Across>, AnalysisError>
     })
 }
 
-/// A line for each frame, in order, which begins with its number.
+/// Reads a file with one line per frame, in order, which begins with its number.
 fn read_frames<T>(
     path: &Path,
     frames: usize,

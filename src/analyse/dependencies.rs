@@ -1,10 +1,10 @@
-//! What estimates depend on besides the recording's files and the camera.
+//! Inputs of the estimates besides the recording's files and the camera.
 
 use serde::{Deserialize, Serialize};
 
 use crate::recording::Recording;
 
-/// Units, and components of up, that differ by less are the same.
+/// Tolerances of the unit, relative, and of the components of up.
 const SAME_UNIT: f64 = 1e-9;
 const SAME_UP: f64 = 1e-6;
 

@@ -13,7 +13,7 @@ use super::shutter::{ExposureRuns, Run};
 use super::spatial_gain::SpatialGainFit;
 use super::spread::PointSpread;
 use super::surfel_file::SurfelMap;
-use super::tone::Band;
+use super::tone::ToneBand;
 use crate::camera::Geometry;
 use crate::fit::twist::{self, Twist};
 use crate::text::fixed;
@@ -166,11 +166,11 @@ pub struct Tone {
     pub why: Option<String>,
     /// Slopes by code, in order; empty if unknown.
     #[serde(default)]
-    pub bands: Vec<Band>,
+    pub bands: Vec<ToneBand>,
 }
 
 impl Tone {
-    pub fn of(found: Result<Vec<Band>, String>) -> Self {
+    pub fn of(found: Result<Vec<ToneBand>, String>) -> Self {
         match found {
             Ok(bands) => Self { why: None, bands },
             Err(why) => Self { why: Some(why), bands: Vec::new() },
@@ -179,7 +179,7 @@ impl Tone {
 
     /// True if the slope of a band contradicts the assumed response.
     pub fn differs(&self) -> bool {
-        self.bands.iter().any(Band::differs)
+        self.bands.iter().any(ToneBand::differs)
     }
 }
 

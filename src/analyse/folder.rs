@@ -1,5 +1,5 @@
-//! How an analysis comes into its folder: the file that tells one goes first and comes last, so
-//! that a half-written one is none.
+//! Writes an analysis to its folder. `analysis.toml` is removed first and written last, so an
+//! incomplete folder is not taken for an analysis.
 
 use std::io::{ErrorKind, Write};
 use std::path::Path;
@@ -11,8 +11,8 @@ use crate::sink::atomic::write_atomically;
 use crate::sink::check_file;
 use crate::text::{reason, shown};
 
-/// Refuses a file, and a folder that holds something that no analysis has; what an interrupted one
-/// left is none.
+/// Refuses a file, and a folder with files that are not part of an analysis. Hidden files are
+/// ignored.
 pub fn check_folder(folder: &Path) -> Result<(), AnalysisError> {
     if folder.exists() && !folder.is_dir() {
         let reason = "a file of that name is there, and an analysis is a folder; move it away, or name another folder (--output)";
@@ -26,25 +26,25 @@ pub fn check_folder(folder: &Path) -> Result<(), AnalysisError> {
     }
 }
 
-/// Refuses a folder in which an analysis cannot be written, before the work.
+/// Refuses a folder to which an analysis cannot be written.
 pub fn check_writable(folder: &Path) -> Result<(), AnalysisError> {
     check_folder(folder)?;
     let unwritten = |error| AnalysisError::Unwritten {
         folder: folder.to_owned(),
         reason: format!("{}, or name another folder (--output)", reason(&error)),
     };
-    // Removed again at the end of this check, unless it was there.
+    // Removed at the end of this check, unless it existed before.
     let _made = MadeFolder::make(folder).map_err(unwritten)?;
     Ok(FILES.iter().try_for_each(|name| check_file(&folder.join(name), true))?)
 }
 
 impl Analysis {
-    /// Writes it whole, in place of one that may be there.
+    /// Writes the analysis, replacing an existing one.
     pub fn write(&self, folder: &Path, recording: &Recording) -> Result<(), AnalysisError> {
         check_folder(folder)?;
         let unwritten = |reason: String| AnalysisError::Unwritten { folder: folder.to_owned(), reason };
         let there = MadeFolder::make(folder).map_err(|error| unwritten(reason(&error)))?;
-        // What things stand on was found by the poses that were here.
+        // Support reports depend on the replaced poses.
         for name in [FILE_NAME, STANDING] {
             match std::fs::remove_file(folder.join(name)) {
                 Err(error) if error.kind() != ErrorKind::NotFound => return Err(unwritten(reason(&error))),
@@ -64,14 +64,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn folder_that_can_be_written_is_not_left_behind_by_the_check() {
+    fn check_of_a_writable_folder_leaves_no_folder_behind() {
         let temp = tempfile::tempdir().unwrap();
         check_writable(&temp.path().join("new/rec.analysis")).unwrap();
         assert!(!temp.path().join("new").exists());
     }
 
     #[test]
-    fn place_where_nothing_can_be_written_is_refused() {
+    fn folder_that_cannot_be_written_is_refused() {
         let temp = tempfile::tempdir().unwrap();
         std::fs::write(temp.path().join("file"), "").unwrap();
         let error = check_writable(&temp.path().join("file/rec.analysis")).unwrap_err().to_string();

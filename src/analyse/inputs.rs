@@ -1,4 +1,4 @@
-//! What an analysis was made from, as one number.
+//! Fingerprint of the recording from which an analysis was made.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};

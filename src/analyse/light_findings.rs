@@ -1,5 +1,4 @@
-//! The room's light as an analysis keeps it: numbers in `analysis.toml`, the panorama as a Radiance
-//! file.
+//! The room's light in an analysis: numbers in `analysis.toml`, the panorama as a Radiance file.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,7 +13,8 @@ use super::light::{HEIGHT, LampEstimate, RoomLight, WIDTH};
 use crate::scene::{self, EnvironmentMap, Lighting, PointLight, world_from_panorama};
 use crate::text::fixed;
 
-/// `[light]`. Linear light, red, green and blue: 1 is white matt that shows as the camera's white.
+/// `[light]`. Linear light, red, green and blue: 1 is the light of matt white at the camera's
+/// white.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LightFindings {
@@ -22,33 +22,33 @@ pub struct LightFindings {
     /// and the light is even.
     #[serde(default)]
     pub claimed: bool,
-    /// Why it is not, or why nothing is known.
+    /// The reason for which it is not claimed, or for which the light is unknown.
     pub why: Option<String>,
-    /// Where the white level is known, the centre of environment.hdr in free space over it, and
-    /// what was taken for up.
+    /// The place of the white level, the centre of environment.hdr in free space over it, and
+    /// the direction of up.
     pub place_m: Option<[f64; 3]>,
     pub middle_m: Option<[f64; 3]>,
     pub up: Option<[f64; 3]>,
-    /// Up was estimated: the cameras' own up, refined by level surfaces.
+    /// Whether up was estimated: the cameras' own up, refined by level surfaces.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub guessed_up: bool,
-    /// The share of all directions, and of those above the horizon, of which anything was seen.
+    /// Fractions of all directions, and of those above the horizon, that were seen.
     pub seen: Option<f64>,
     pub seen_above: Option<f64>,
-    /// What white matt that looks up shows at the place: the irradiance from above by π, and
-    /// factors between which it lies.
+    /// Light of upward-facing matt white at the place, that is the irradiance from above by π, and
+    /// its interval as factors.
     pub white_level: Option<[f64; 3]>,
     pub between: Option<[f64; 2]>,
-    /// Of what no lamp leaves unexplained, the share that lamps explain.
+    /// Relative reduction of the residual without lamps by the lamps.
     pub explained: Option<f64>,
-    /// Of what no lamp leaves unexplained in one half of the frames, the share that the other
-    /// half's lamp explains; the lesser.
+    /// Relative reduction of the residual without lamps in one half of the frames by the other
+    /// half's lamp; the smaller of the two.
     pub halves_explain: Option<f64>,
-    /// How far apart the two halves see the lamp.
+    /// Angle between the lamps of the two halves.
     pub halves_deg: Option<f64>,
-    /// Why no lamp is claimed.
+    /// The reason for which no lamp is claimed.
     pub no_lamp: Option<String>,
-    /// Why environment.hdr is even light instead of what was seen.
+    /// The reason for which environment.hdr is even light.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub no_panorama: Option<String>,
     /// SHA-256 of environment.hdr, hexadecimal.
@@ -57,14 +57,14 @@ pub struct LightFindings {
     pub lamps: Vec<LampEstimate>,
 }
 
-/// No lamp of a room is farther away, m, or shows more at 1 m: the sun through a window is near
-/// 10⁴.
-const FARTHEST_M: f64 = 1e4;
-const BRIGHTEST: f64 = 1e6;
+/// Largest accepted coordinate of a lamp, m, and largest light at 1 m. The sun through a window has
+/// about 10⁴.
+const MAX_COORDINATE_M: f64 = 1e4;
+const MAX_SHOWN: f64 = 1e6;
 /// Largest accepted lamp diameter, m.
 const MAX_DIAMETER_M: f64 = 100.0;
 
-/// Numbers that people read have so many digits.
+/// Rounds to four decimals, for readability.
 fn short<const N: usize>(values: [f64; N]) -> [f64; N] {
     values.map(|value| format!("{value:.4}").parse().unwrap_or(value))
 }
@@ -100,14 +100,14 @@ impl LightFindings {
         }
     }
 
-    /// Whether its numbers are those of a room; otherwise what is wrong.
+    /// Checks that positions, brightness and diameters of lamps are plausible.
     pub fn check(&self) -> Result<(), String> {
         for (n, lamp) in self.lamps.iter().enumerate() {
-            let is_near = lamp.at_m.iter().all(|v| v.abs() <= FARTHEST_M);
-            let is_bright = lamp.shown_at_1_m.iter().all(|v| (0.0..=BRIGHTEST).contains(v));
+            let is_near = lamp.at_m.iter().all(|v| v.abs() <= MAX_COORDINATE_M);
+            let is_bright = lamp.shown_at_1_m.iter().all(|v| (0.0..=MAX_SHOWN).contains(v));
             if !(is_near && is_bright && (0.0..=MAX_DIAMETER_M).contains(&lamp.diameter_m)) {
                 return Err(format!(
-                    "light.lamps, lamp {}: at_m from -{FARTHEST_M} to {FARTHEST_M}, shown_at_1_m from 0 to {BRIGHTEST} and \
+                    "light.lamps, lamp {}: at_m from -{MAX_COORDINATE_M} to {MAX_COORDINATE_M}, shown_at_1_m from 0 to {MAX_SHOWN} and \
                      diameter_m from 0 to {MAX_DIAMETER_M} are expected",
                     n + 1
                 ));
@@ -116,7 +116,7 @@ impl LightFindings {
         Ok(())
     }
 
-    /// With its panorama. `None` where nothing is known, or nothing that makes sense.
+    /// The lighting of a scene with the panorama; `None` without a valid up.
     pub fn lighting(&self, around: &Environment) -> Option<Lighting> {
         let up = DVec3::from(self.up?).try_normalize()?;
         let map_from_world = world_from_panorama(up).conjugate().as_quat().normalize();
@@ -140,7 +140,7 @@ impl LightFindings {
         })
     }
 
-    /// A line for each, with the name of what it is about.
+    /// One line per estimate, with its name.
     pub fn lines(&self) -> Vec<(&'static str, String)> {
         let (Some(white), Some([low, high])) = (self.white_level, self.between) else {
             let why = self.why.as_deref().unwrap_or("nothing can be said");
@@ -185,7 +185,7 @@ impl LightFindings {
     }
 }
 
-/// A panorama as its file has it, which keeps eight bits of each number.
+/// A panorama with the precision of its file: eight bits per value and a common exponent.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Environment {
     pub width: u32,
@@ -209,11 +209,11 @@ impl Environment {
         hex(&Sha256::digest(&self.hdr))
     }
 
-    /// Reads the file whose fingerprint is known.
+    /// Reads a file and checks its fingerprint.
     pub fn read(file: &Path, fingerprint: &str) -> Result<Self, String> {
-        /// Larger is none of ours, bytes.
-        const MOST: u64 = 1 << 22;
-        let hdr = crate::source::file::read(file, MOST).map_err(|error| crate::text::reason(&error))?;
+        /// Largest accepted file, bytes.
+        const MAX_FILE_BYTES: u64 = 1 << 22;
+        let hdr = crate::source::file::read(file, MAX_FILE_BYTES).map_err(|error| crate::text::reason(&error))?;
         let (width, height, rgb) = scene::decode_panorama(&hdr)?;
         let read = Self { width, height, rgb: Arc::new(rgb), hdr: hdr.into() };
         if fingerprint != read.fingerprint() {
@@ -230,7 +230,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn another_panorama_than_was_found_is_refused() {
+    fn panorama_with_another_fingerprint_is_refused() {
         let rgb = vec![[0.5f32; 3]; WIDTH * HEIGHT];
         let found = Environment::of(&rgb).unwrap();
         let file = tempfile::NamedTempFile::new().unwrap();
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn no_lamp_is_beyond_the_room_or_brighter_than_the_sun() {
+    fn implausible_lamps_are_refused() {
         let checked = |at_m: [f64; 3], shown: f64| {
             let lamps = vec![LampEstimate { at_m, shown_at_1_m: [1.0, shown, 1.0], diameter_m: 0.25 }];
             LightFindings { lamps, ..LightFindings::of(&Err("nothing".to_owned()), None) }.check()

@@ -1,4 +1,4 @@
-//! The room's light as a scene file says it, to be edited there.
+//! Writes the estimated light of a room into a scene file, where it can be edited.
 
 use std::path::{Path, PathBuf};
 
@@ -9,20 +9,20 @@ use super::light_findings::LightFindings;
 use crate::scene::SceneFile;
 use crate::scene::document::{Color, LampTable, LightTable, Up};
 
-/// Scenes' ups that differ by less are one: cosine of half a degree.
-const SAME_UP: f64 = 0.99996;
+/// Up directions that differ by less than half a degree are equal: its cosine.
+const SAME_UP_COS: f64 = 0.99996;
 
 impl LightFindings {
-    /// Lights a scene so, in place of the light that it has; its `white_lx` stays. `panorama` is
-    /// the name of the panorama's file, as the scene's file names it. A scene that does not say
-    /// where up is gets the panorama's; with one that says another the panorama keeps its own.
+    /// Replaces the light of a scene, except for its `white_lx`. `panorama`: path of the panorama's
+    /// file in the scene file. A scene without up gets the panorama's. If the scene's up differs,
+    /// the panorama keeps its own.
     pub fn put_into(&self, scene: &mut SceneFile, file: &Path, panorama: String) -> Result<(), String> {
         let up = self.up.unwrap_or([0.0, 0.0, 1.0]);
         let mut environment_up = None;
         match scene.up {
             Some(own) => {
                 let own = own.axis(file, "up").map_err(|error| error.to_string())?;
-                environment_up = (own.dot(DVec3::from(up)) <= SAME_UP).then_some(Up::Direction(up));
+                environment_up = (own.dot(DVec3::from(up)) <= SAME_UP_COS).then_some(Up::Direction(up));
             }
             None => scene.up = Some(Up::Direction(up)),
         }
@@ -32,7 +32,7 @@ impl LightFindings {
         Ok(())
     }
 
-    /// Its lamps, to be edited.
+    /// The lamps as tables of a scene file.
     pub fn lamp_tables(&self) -> Vec<LampTable> {
         let lamp = |lamp: &LampEstimate| LampTable {
             at_m: lamp.at_m,
@@ -44,7 +44,7 @@ impl LightFindings {
     }
 }
 
-/// Where a scene file has a panorama of its own: beside it, of its name.
+/// Path of a scene file's own panorama: beside it, of its name.
 pub fn panorama_beside(scene: &Path) -> PathBuf {
     let stem = scene.file_stem().unwrap_or_default().to_string_lossy();
     scene.with_file_name(format!("{stem}-light.hdr"))
@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_scene_gets_lamps_to_edit_and_with_another_up_the_panorama_keeps_its_own() {
+    fn scene_gets_the_lamps_and_the_panorama_keeps_a_different_up() {
         let found = LightFindings {
             up: Some([0.0, 0.0, 1.0]),
             lamps: vec![LampEstimate { at_m: [1.0, 2.0, 2.4], shown_at_1_m: [5.0, 4.0, 3.0], diameter_m: 0.25 }],

@@ -85,7 +85,7 @@ pub use spatial_gain::SpatialGainFit;
 pub use spread::EDGE_BIN_PX;
 pub use support_report::{PlaneSource, SupportReport, write_support_reports};
 pub use times::Times;
-pub use tone::Band as ToneBand;
+pub use tone::ToneBand;
 
 use std::time::Instant;
 

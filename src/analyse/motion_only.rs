@@ -20,7 +20,7 @@ use super::recorded_motion::are_far_apart;
 use super::registration_result::{Registration, RegistrationError, Verdict, recorded};
 use super::state::CameraState;
 use super::times;
-use super::track::MOST_INTERVALS;
+use super::track::MAX_GAP_INTERVALS;
 use super::trajectory;
 use crate::camera::Geometry;
 use crate::fit::twist::Twist;
@@ -69,7 +69,7 @@ pub fn refine_motion(
     let corrected: Vec<_> =
         distinct.iter().zip(&by).map(|(state, by)| state.map(|state| state.corrected(by))).collect();
     let moving =
-        trajectory::with_motion(&recording.timestamps_s, &corrected, MOST_INTERVALS * recording.frame_interval_s);
+        trajectory::with_motion(&recording.timestamps_s, &corrected, MAX_GAP_INTERVALS * recording.frame_interval_s);
     let is_linked = linked_frames(&linked.good, distinct.len());
     let states: Vec<Option<CameraState>> = (0..distinct.len())
         .map(|n| {

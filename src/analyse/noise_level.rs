@@ -20,16 +20,15 @@ use crate::pixels::Pixels;
 
 /// Luma of BT.601, as the levels have it.
 const LUMA: [f64; 3] = [0.299, 0.587, 0.114];
-/// Every so many pixels each way the profile's σ is looked up.
+/// Pixel stride at which the profile's σ is evaluated.
 const STRIDE: u32 = 8;
-/// Side of a block, px of the level, and the share of all blocks that is flatter than the noise's
-/// bound.
+/// Side of a block, px of the level, and quantile of the blocks' variances that bounds the noise.
 const BLOCK: usize = 16;
-const FLATTEST: f64 = 0.1;
-/// Blocks whose mean lies outside may be clipped, codes.
+const FLAT_QUANTILE: f64 = 0.1;
+/// Range of unclipped codes.
 const UNCLIPPED: (f32, f32) = (4.0, 250.0);
-/// Largest noise variance of any level that is believed without a profile, codes²: on gravel the
-/// flattest blocks are texture.
+/// Largest noise variance of any level without a profile, codes²: on gravel even the flattest
+/// blocks are texture.
 const MAX_WITHOUT_PROFILE: f64 = 4.0;
 /// Binomial weights of one halving (Burt and Adelson 1983).
 const HALVING: [f32; 5] = [1.0 / 16.0, 4.0 / 16.0, 6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
@@ -50,14 +49,14 @@ pub fn luma_variance(profile: &NoiseProfile, pixels: &Pixels) -> f64 {
     if count > 0.0 { f64::max(sum / count, 0.0) } else { 0.0 }
 }
 
-/// Share of the noise's variance that a level keeps.
+/// Ratio of the noise variance of a level to that of the picture.
 pub fn share_kept(profile: &NoiseProfile, level: usize) -> f64 {
     let weights = smoothing(level);
     profile.neighbour_correlation.map(|neighbour| variance_left(&weights, &correlations(neighbour))).iter().product()
 }
 
-/// Weights along one axis of the picture that make a pixel of a level: a Gaussian for the finest,
-/// repeated halvings for the others.
+/// Weights of the smoothing of a level along one axis: a Gaussian for the finest, repeated halvings
+/// for the others.
 fn smoothing(level: usize) -> Vec<f32> {
     if level == 0 {
         let side = gaussian(1.0);
@@ -88,7 +87,7 @@ fn flattest_variance(picture: &Plane) -> Option<f64> {
     let blocks = (0..down).flat_map(|y| (0..across).map(move |x| (BLOCK * x, BLOCK * y)));
     let mut found: Vec<f64> = blocks.filter_map(|(x, y)| about_its_plane(picture, x, y)).collect();
     found.sort_by(f64::total_cmp);
-    found.get((FLATTEST * found.len() as f64) as usize).copied()
+    found.get((FLAT_QUANTILE * found.len() as f64) as usize).copied()
 }
 
 /// Variance of a block about its least-squares plane. `None` if it may be clipped.
@@ -142,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_of_each_level_is_that_of_smoothed_white_noise() {
+    fn predicted_noise_of_each_level_matches_smoothed_white_noise() {
         let (width, height) = (512, 512);
         let values = (0..(width * height) as u64).map(|i| 120.0 + 3.0 * white(i)).collect();
         let mut picture = Plane { width, height, values };
@@ -165,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn slope_of_a_wall_is_no_noise_and_clipped_blocks_count_for_nothing() {
+    fn gradient_is_not_counted_as_noise_and_clipped_blocks_are_ignored() {
         let ramp = |by: f32| Plane {
             width: 64,
             height: 64,
@@ -176,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn expectation_is_signal_by_all_that_varies() {
+    fn expected_correlation_is_signal_by_total_variance() {
         // s² = 9, n² = 4 in both: 9 / 13.
         assert!((expected_correlation([(13.0, 4.0); 2]) - 9.0 / 13.0).abs() < 1e-12);
         assert_eq!(expected_correlation([(4.0, 9.0), (13.0, 4.0)]), 0.0);

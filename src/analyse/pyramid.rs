@@ -1,4 +1,4 @@
-//! A frame's brightness at halving sizes.
+//! Image pyramid of a frame's brightness.
 
 use crate::pixels::Pixels;
 

@@ -28,7 +28,7 @@ use super::registration_result::{HeldOutResidual, Registration, RegistrationErro
 use super::robust::median;
 use super::state::CameraState;
 use super::times::{self, Times};
-use super::track::MOST_INTERVALS;
+use super::track::MAX_GAP_INTERVALS;
 use super::trajectory;
 use crate::camera::{Geometry, NoiseProfile};
 use crate::fit::twist::{self, Twist};
@@ -211,7 +211,7 @@ fn solve(
         return Some(corrected);
     }
     // Motion is not interpolated across longer intervals.
-    let gap_s = MOST_INTERVALS * recording.frame_interval_s;
+    let gap_s = MAX_GAP_INTERVALS * recording.frame_interval_s;
     Some(trajectory::with_motion(&recording.timestamps_s, &corrected, gap_s))
 }
 

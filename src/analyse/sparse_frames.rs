@@ -1,14 +1,14 @@
-//! Frames that are looked at, in order. What lies between is not decoded where it is much.
+//! Reads selected frames in order. Long gaps between them are not decoded.
 
 use std::ops::Range;
 
 use crate::frame::Frame;
 use crate::recording::{Recording, RecordingError};
 
-/// So many frames are decoded and thrown away rather than begun anew after them.
-const SKIPPED: usize = 8;
+/// Longest gap that is decoded and discarded, frames. The reader restarts after longer ones.
+const MAX_DECODED_GAP: usize = 8;
 
-/// `wanted` ascends. Others may come between.
+/// Reads the frames `wanted`, which ascend. The result can contain others in between.
 pub fn frames(
     recording: &Recording,
     wanted: impl Iterator<Item = usize>,
@@ -25,7 +25,7 @@ fn runs(wanted: impl Iterator<Item = usize>) -> Vec<Range<usize>> {
     let mut runs: Vec<Range<usize>> = Vec::new();
     for n in wanted {
         match runs.last_mut() {
-            Some(last) if n <= last.end + SKIPPED => last.end = n + 1,
+            Some(last) if n <= last.end + MAX_DECODED_GAP => last.end = n + 1,
             _ => runs.push(n..n + 1),
         }
     }
@@ -37,7 +37,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_few_frames_are_skipped_and_many_are_not_read() {
+    fn short_gaps_are_decoded_and_long_ones_are_not() {
         assert_eq!(runs([0, 2, 4, 13, 23, 25].into_iter()), [0..14, 23..26]);
         assert_eq!(runs(std::iter::empty()), []);
     }

@@ -15,7 +15,7 @@ use super::light_findings::LightFindings;
 use crate::recording::Recording;
 use crate::text::number;
 
-/// Estimates that were found with something else than what holds now, and why.
+/// Which estimates depend on a changed input, and the reason.
 #[derive(Clone, Debug, PartialEq)]
 struct Stale {
     registration: bool,
@@ -26,7 +26,7 @@ struct Stale {
 }
 
 impl Findings {
-    /// Whether the light, if any was found, holds for this length of the recording's unit, m.
+    /// True if there is no light, or if it holds for this length of the recording's unit, m.
     pub fn is_light_of_unit(&self, metres_per_unit: f64) -> bool {
         let now = Dependencies { metres_per_unit, ..self.made_with.clone() };
         self.made_with.is_metric || self.made_with.has_unit_of(&now) || !self.has_light()
@@ -36,7 +36,7 @@ impl Findings {
         self.light.as_ref().is_some_and(|light| light.panorama.is_some())
     }
 
-    /// Whether poses, motion or a refusal of the poses were found by their lengths.
+    /// True if registration depends on lengths: if there are links or refined poses.
     fn is_registered(&self) -> bool {
         self.registration.links + self.registration.missing_links > 0 || self.registration.pose_lines > 0
     }
@@ -78,13 +78,13 @@ impl Findings {
 }
 
 impl Analysis {
-    /// Whether every estimate was found with what holds for the recording as it was opened.
+    /// True if all estimates hold for the recording as it was opened.
     pub fn is_current(&self, recording: &Recording) -> bool {
         self.findings.stale(&Dependencies::of(recording)).is_empty()
     }
 
-    /// The same without the estimates that no longer hold. [`Findings::left_out`] states which,
-    /// why, and what to do.
+    /// Drops the estimates that no longer hold. [`Findings::left_out`] lists them with the reasons
+    /// and remedies.
     pub fn without_stale(mut self, recording: &Recording) -> Self {
         for stale in self.findings.stale(&Dependencies::of(recording)) {
             let names = [
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn each_estimate_is_stale_by_what_it_was_found_with_and_by_nothing_else() {
+    fn estimates_are_stale_only_by_changes_of_their_own_inputs() {
         let found = findings();
         let same = found.made_with.clone();
         assert!(found.stale(&same).is_empty());

@@ -1,9 +1,9 @@
-//! What the objects of a scene stand on, and what beside them takes their shadows, as it is told
-//! and written.
+//! Report on the supports of a scene's objects and on the surfaces beside them that receive their
+//! shadows.
 //!
-//! It lies in an analysis' folder as `standing.toml`, for people and for other programs, in the
-//! scene's world: by the scene's gauge and unit that may be another one than the recording's.
-//! Compositing works it out anew, since objects are moved.
+//! It is written to an analysis's folder as `standing.toml`, for people and other programs, in the
+//! scene's world, whose gauge and unit can differ from the recording's. Compositing does not read
+//! it, because objects can be moved.
 
 use std::fmt;
 use std::io::Write;
@@ -18,57 +18,57 @@ use crate::scene::{Facet, Support};
 use crate::sink::atomic::write_atomically;
 use crate::text::{count, fixed, shown};
 
-/// A smaller height over a plane is none, metres.
-const NONE_M: f64 = 5e-5;
+/// Smaller heights over a plane are taken for 0, m.
+const MIN_HEIGHT_M: f64 = 5e-5;
 
-/// Where a plane is known from.
+/// Origin of a support plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PlaneSource {
-    /// Most points around agree on it.
+    /// Fitted to the depth around the object.
     Depth,
-    /// The recording says where its floor is.
+    /// The floor that the recording states.
     Recording,
-    /// By nothing: it is level, and lies at the object's foot.
+    /// Assumed: a level plane through the object's lowest point.
     Foot,
 }
 
-/// What an object stands on, in the scene's world.
+/// Support plane of an object, in the scene's world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SupportReport {
-    /// The object's.
+    /// Name of the object.
     pub name: String,
     pub known_by: PlaneSource,
     pub point_m: [f64; 3],
     pub normal: [f64; 3],
-    /// Between the plane's normal and up, degrees.
+    /// Angle between the plane's normal and up, degrees.
     pub tilt_deg: f64,
-    /// Of the object's lowest point over the plane, metres.
+    /// Height of the object's lowest point over the plane, m.
     pub height_m: f64,
-    /// Flat pieces of real things beside it, on which its shadow may fall.
+    /// Flat pieces of real surfaces near the object that can receive its shadow.
     #[serde(rename = "receiver", default, skip_serializing_if = "Vec::is_empty")]
     pub receivers: Vec<Receiver>,
 }
 
-/// A rectangle that takes an object's shadow.
+/// A rectangle that receives an object's shadow.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Receiver {
-    /// One after another around it, seen from the side that takes the shadow counter-clockwise.
+    /// In order, counter-clockwise as seen from the side that receives the shadow.
     pub corners_m: [[f64; 3]; 4],
     /// Towards that side, unit length.
     pub normal: [f64; 3],
     pub tilt_deg: f64,
-    /// From the object, metres.
+    /// Distance from the object, m.
     pub away_m: f64,
 }
 
-/// Degrees between two directions of unit length.
+/// Angle between two unit vectors, degrees.
 fn between_deg(a: DVec3, b: DVec3) -> f64 {
     a.dot(b).clamp(-1.0, 1.0).acos().to_degrees()
 }
 
 impl SupportReport {
-    /// Of an object with these points, where up is.
+    /// Report of an object with these points.
     pub fn new(name: &str, (known_by, plane): (PlaneSource, &Support), up: DVec3, points_m: &[DVec3]) -> Self {
         let Support { point_m, normal } = *plane;
         let heights_m = points_m.iter().map(|at_m| normal.dot(*at_m - point_m));
@@ -78,13 +78,13 @@ impl SupportReport {
         Self { name: name.to_owned(), known_by, point_m, normal, tilt_deg, height_m, receivers: Vec::new() }
     }
 
-    /// Whether it says already that the object is over or in the ground, as a gap does, metres.
-    pub fn tells(&self, gap_m: f64) -> bool {
-        self.height_m.abs() > NONE_M && (self.height_m > 0.0) == (gap_m > 0.0)
+    /// True if the height has the same sign as a gap, so that the gap need not be reported.
+    pub fn includes_gap(&self, gap_m: f64) -> bool {
+        self.height_m.abs() > MIN_HEIGHT_M && (self.height_m > 0.0) == (gap_m > 0.0)
     }
 
-    /// With a flat piece beside it.
-    pub fn take(&mut self, facet: &Facet, up: DVec3, points_m: &[DVec3]) {
+    /// Adds a shadow receiver.
+    pub fn add_receiver(&mut self, facet: &Facet, up: DVec3, points_m: &[DVec3]) {
         let Facet { plane: Support { point_m, normal }, along, low_m, high_m } = *facet;
         let across = normal.cross(along);
         let at = |off_m: DVec2| point_m + off_m.x * along + off_m.y * across;
@@ -101,7 +101,7 @@ impl SupportReport {
         });
     }
 
-    /// Each with its name, as of findings.
+    /// Named lines, as of [`Findings`](super::Findings).
     pub fn lines(&self) -> Vec<(&'static str, String)> {
         let name = shown(&self.name);
         let receiver = |receiver: &Receiver| ("receiver", format!("of {name}'s shadow: {receiver}"));
@@ -113,8 +113,8 @@ impl fmt::Display for SupportReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mm = |length_m: f64| fixed(1e3 * length_m, 1);
         match self.height_m {
-            height_m if height_m > NONE_M => write!(f, "{} mm over ", mm(height_m))?,
-            height_m if height_m < -NONE_M => write!(f, "{} mm deep in ", mm(-height_m))?,
+            height_m if height_m > MIN_HEIGHT_M => write!(f, "{} mm over ", mm(height_m))?,
+            height_m if height_m < -MIN_HEIGHT_M => write!(f, "{} mm deep in ", mm(-height_m))?,
             _ => write!(f, "on ")?,
         }
         match self.known_by {
@@ -141,7 +141,7 @@ struct Written {
     object: Vec<SupportReport>,
 }
 
-/// Writes them into an analysis' folder.
+/// Writes the reports to an analysis's folder.
 pub fn write_support_reports(folder: &Path, scene: &Path, grounds: &[SupportReport]) -> Result<(), AnalysisError> {
     let path = folder.join(STANDING);
     let name = scene.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -162,7 +162,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_hovering_box_beside_a_wall_by_hand() {
+    fn hovering_box_beside_a_wall_is_reported_with_its_receiver() {
         // Corners of a box of 0.1 m, 20 mm over z = 0, and a wall at x = 0.25 that faces it, 0.4 m
         // wide and 0.3 m high.
         let corner = |n: u32| DVec3::new(f64::from(n & 1), f64::from(n >> 1 & 1), f64::from(n >> 2)) * 0.1;
@@ -172,9 +172,9 @@ mod tests {
         let plane = Support { point_m: DVec3::new(0.25, 0.0, 0.0), normal: DVec3::NEG_X };
         let (low_m, high_m) = (DVec2::new(-0.2, -0.3), DVec2::new(0.2, 0.0));
         // The other side is −x × y = −z.
-        ground.take(&Facet { plane, along: DVec3::Y, low_m, high_m }, DVec3::Z, &points_m);
+        ground.add_receiver(&Facet { plane, along: DVec3::Y, low_m, high_m }, DVec3::Z, &points_m);
         let [(_, stands), (_, receiver)] = <[_; 2]>::try_from(ground.lines()).unwrap();
-        assert!(ground.tells(0.03) && !ground.tells(-0.02));
+        assert!(ground.includes_gap(0.03) && !ground.includes_gap(-0.02));
         assert_eq!(stands, "box: 20.0 mm over a plane that depth shows, 0.0° from level");
         assert_eq!(receiver, "of box's shadow: flat, 0.40 × 0.30 m, 0.20 m away, 90° from level");
         let [a, b, c, _] = ground.receivers[0].corners_m.map(DVec3::from);

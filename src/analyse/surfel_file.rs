@@ -1,4 +1,4 @@
-//! The surfels of a recording as an analysis keeps them: a binary PLY file.
+//! File of an analysis's surfels: binary PLY.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -17,7 +17,7 @@ const SURFEL_BYTES: usize = 27;
 const PROPERTIES: &str = "property float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\n\
                           property float nz\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n";
 
-/// Surfels as their file has them, which keeps eight bits of each colour.
+/// Surfels with the precision of their file: eight bits per colour channel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SurfelMap {
     pub surfels: Arc<[Surfel]>,

@@ -1,5 +1,5 @@
-//! How long the parts of an analysis took: no part of it, since it differs from run to run. It is
-//! kept beside it for who looks at it later.
+//! Durations of the parts of an analysis. They differ from run to run, so they are stored in a file
+//! of their own beside it.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -12,9 +12,9 @@ use crate::source::file;
 
 /// Beside an analysis' other files.
 pub const FILE: &str = "times.txt";
-/// More is not ours, bytes and lines.
-const MOST_TIMES: u64 = 1 << 14;
-const MOST_PARTS: usize = 64;
+/// Largest accepted file, bytes, and largest number of its lines.
+const MAX_FILE_BYTES: u64 = 1 << 14;
+const MAX_PARTS: usize = 64;
 
 pub const READING: &str = "waiting for pictures";
 pub const CLOCKS: &str = "clocks, readout and the camera's place";
@@ -43,7 +43,7 @@ impl Times {
         }
     }
 
-    /// Does what is a part's, and adds how long that took.
+    /// Runs `work` and adds its duration to a part.
     pub fn of<T>(&mut self, part: &'static str, work: impl FnOnce() -> T) -> T {
         let begun = Instant::now();
         let done = work();
@@ -56,7 +56,7 @@ impl Times {
         &self.parts
     }
 
-    /// Puts them beside an analysis. Where that cannot be done nothing is lost.
+    /// Writes the durations beside an analysis. Errors are ignored.
     pub fn keep(&self, folder: &Path) {
         let mut text =
             "# How long the last run took, by part, s. What an interrupted run had done before is not in it.\n"
@@ -67,15 +67,15 @@ impl Times {
         let _ = write_atomically(&folder.join(FILE), true, |out| out.write_all(text.as_bytes()));
     }
 
-    /// Those that were kept; `None` where there are none, or none that are ours.
+    /// Reads the durations beside an analysis; `None` without a valid file.
     pub fn kept(folder: &Path) -> Option<Self> {
-        let text = file::read_text(&folder.join(FILE), MOST_TIMES).ok()?;
+        let text = file::read_text(&folder.join(FILE), MAX_FILE_BYTES).ok()?;
         let part = |line: &str| {
             let (seconds, part) = line.split_once(' ')?;
             let took = Duration::try_from_secs_f64(seconds.parse().ok()?).ok()?;
             Some((Cow::Owned(part.to_owned()), took))
         };
-        let lines = text.lines().filter(|line| !line.starts_with('#')).take(MOST_PARTS);
+        let lines = text.lines().filter(|line| !line.starts_with('#')).take(MAX_PARTS);
         let parts = lines.map(part).collect::<Option<Vec<_>>>()?;
         (!parts.is_empty()).then_some(Self { parts })
     }
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_part_that_comes_again_is_one() {
+    fn durations_of_one_part_are_summed() {
         let mut times = Times::default();
         for (part, ms) in [(LINKS, 30), (READING, 5), (LINKS, 12)] {
             times.add(part, Duration::from_millis(ms));
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_kept_comes_back_and_what_is_not_ours_is_none() {
+    fn written_durations_are_read_back_and_invalid_files_are_ignored() {
         let folder = tempfile::tempdir().unwrap();
         assert!(Times::kept(folder.path()).is_none());
         let mut times = Times::default();

@@ -1,55 +1,54 @@
-//! Whether the camera's response is the one that was assumed: by how surfaces of different codes
-//! follow one change of light.
+//! Checks the assumed response of the camera by exposure changes.
 //!
-//! Where a camera changes its exposure, the light of everything that two frames show changes by one
-//! factor. Decoded by the right response, dark and bright surfaces tell the same logarithm of it.
-//! By a wrong one each code has a slope of its own,
+//! When a camera changes its exposure, all light changes by one factor. Decoded by the right
+//! response, dark and bright surfaces have the same log ratio. With a wrong response each code has
+//! its own slope,
 //!
 //!   r(code) = Δ ln L(code) / Δ ln L(middle codes),
 //!
 //! which is 1 everywhere for the right one (the idea of Mitsunaga and Nayar 1999, without their
-//! polynomial). A constant exponent cancels: sRGB and a camera that is a power of it look alike. So
-//! this is advice, and nothing follows from it.
+//! polynomial). A constant exponent cancels: sRGB and a power of it cannot be distinguished.
+//! Therefore the result is advice only and is not applied.
 //!
-//! Below code 24 black level and noise decide, above 200 single channels that clip: neither is
-//! judged.
+//! Codes below 24, where black level and noise dominate, and above 200, where single channels clip,
+//! are not used.
 
 use serde::{Deserialize, Serialize};
 
 use super::robust::scatter;
 
-/// Borders of the bands, codes of 255.
-const BORDERS: [f32; 7] = [24.0, 48.0, 72.0, 104.0, 136.0, 168.0, 200.0];
-const BANDS: usize = BORDERS.len() - 1;
-/// The bands against which the others are compared.
-const MIDDLE: [usize; 2] = [2, 3];
-/// Light must change by so much between two frames, ln.
-const LEAST_CHANGE: f64 = 0.2;
-/// Points of a pair in a band, and frames for a band, that say something; bands that do, besides
-/// the middle.
-const LEAST_POINTS: usize = 40;
-const LEAST_FRAMES: usize = 6;
-const LEAST_BANDS: usize = 2;
-/// Responses that differ by less are the same: what simulated recordings with the right response
-/// err by is half of it.
-const SAME: f64 = 0.15;
-/// And by less than so many σ.
-const SURE: f64 = 3.0;
+/// Limits of the bands, codes of 255.
+const BAND_LIMITS: [f32; 7] = [24.0, 48.0, 72.0, 104.0, 136.0, 168.0, 200.0];
+const BANDS: usize = BAND_LIMITS.len() - 1;
+/// The reference bands.
+const MIDDLE_BANDS: [usize; 2] = [2, 3];
+/// Smallest change of light between two frames, ln.
+const MIN_CHANGE_LN: f64 = 0.2;
+/// Smallest number of a pair's points in a band, of a band's frames, and of bands besides the
+/// middle ones.
+const MIN_POINTS: usize = 40;
+const MIN_FRAMES: usize = 6;
+const MIN_OTHER_BANDS: usize = 2;
+/// Largest deviation of a slope from 1 for the assumed response: twice the error of simulated
+/// recordings with the right response.
+const MAX_DEVIATION: f64 = 0.15;
+/// Deviations within this number of σ are not significant.
+const SIGNIFICANT_SIGMAS: f64 = 3.0;
 
-/// What a pair of frames says of one band.
+/// Slope of one band by a pair of frames.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct ToneSample {
     band: usize,
     /// The later frame.
     frame: usize,
-    /// Its change of light by the pair's.
+    /// Log ratio of the band by that of the pair.
     slope: f64,
 }
 
-/// How codes of a band follow light, by how the middle ones do.
+/// Slope of a band by that of the middle bands.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Band {
+pub struct ToneBand {
     /// Codes of 255.
     pub from: f32,
     pub to: f32,
@@ -57,58 +56,64 @@ pub struct Band {
     pub sigma: f64,
 }
 
-impl Band {
-    /// Whether it is no accident that it is not 1.
+impl ToneBand {
+    /// True if the slope differs significantly from 1.
     pub fn differs(&self) -> bool {
         let off = (self.slope - 1.0).abs();
-        off > SAME && off > SURE * self.sigma
+        off > MAX_DEVIATION && off > SIGNIFICANT_SIGMAS * self.sigma
     }
 }
 
-/// Of points that two frames show: their mean codes, and the ratio of their light by that of the
-/// whole pair, ln, for each colour.
+/// Slopes by the points of a pair of frames: their mean codes and log ratios by channel. `whole`:
+/// log ratios of the pair.
 pub fn of_pair(frame: usize, points: impl Iterator<Item = ([f32; 3], [f64; 3])>, whole: [f64; 3]) -> Vec<ToneSample> {
-    if whole.iter().all(|ln| ln.abs() < LEAST_CHANGE) {
+    if whole.iter().all(|ln| ln.abs() < MIN_CHANGE_LN) {
         return Vec::new();
     }
     let mut slopes: [Vec<f64>; BANDS] = Default::default();
     for (codes, ratio) in points {
-        for c in (0..3).filter(|c| whole[*c].abs() >= LEAST_CHANGE) {
+        for c in (0..3).filter(|c| whole[*c].abs() >= MIN_CHANGE_LN) {
             if let Some(band) = band_of(codes[c]) {
                 slopes[band].push(ratio[c] / whole[c]);
             }
         }
     }
-    let said = slopes.iter_mut().enumerate().filter(|(_, slopes)| slopes.len() >= LEAST_POINTS);
-    said.map(|(band, slopes)| ToneSample { band, frame, slope: scatter(slopes).0 }).collect()
+    let samples = slopes.iter_mut().enumerate().filter(|(_, slopes)| slopes.len() >= MIN_POINTS);
+    samples.map(|(band, slopes)| ToneSample { band, frame, slope: scatter(slopes).0 }).collect()
 }
 
 fn band_of(code: f32) -> Option<usize> {
-    (0..BANDS).find(|band| code >= BORDERS[*band] && code < BORDERS[band + 1])
+    (0..BANDS).find(|band| code >= BAND_LIMITS[*band] && code < BAND_LIMITS[band + 1])
 }
 
-/// The bands that say something, in order, or why none does.
-pub fn bands(said: &[ToneSample]) -> Result<Vec<Band>, String> {
+/// The bands with enough samples, in order, or the reason for which there are none.
+pub fn bands(samples: &[ToneSample]) -> Result<Vec<ToneBand>, String> {
     let of = |band: usize| -> Option<(f64, f64)> {
-        let mut slopes: Vec<f64> = said.iter().filter(|toned| toned.band == band).map(|toned| toned.slope).collect();
-        let mut frames: Vec<usize> = said.iter().filter(|toned| toned.band == band).map(|toned| toned.frame).collect();
+        let mut slopes: Vec<f64> = samples.iter().filter(|toned| toned.band == band).map(|toned| toned.slope).collect();
+        let mut frames: Vec<usize> =
+            samples.iter().filter(|toned| toned.band == band).map(|toned| toned.frame).collect();
         frames.sort_unstable();
         frames.dedup();
         // Pairs with one frame in common are not independent.
         let (middle, spread) = scatter(&mut slopes);
-        (frames.len() >= LEAST_FRAMES).then(|| (middle, 1.2533 * spread / (frames.len() as f64).sqrt()))
+        (frames.len() >= MIN_FRAMES).then(|| (middle, 1.2533 * spread / (frames.len() as f64).sqrt()))
     };
-    let middle: Vec<f64> = MIDDLE.iter().filter_map(|band| of(*band)).map(|(slope, _)| slope).collect();
+    let middle: Vec<f64> = MIDDLE_BANDS.iter().filter_map(|band| of(*band)).map(|(slope, _)| slope).collect();
     let whole = middle.iter().sum::<f64>() / middle.len().max(1) as f64;
     if middle.is_empty() || whole <= 0.0 {
         return Err("too few frames differ in light, or none shows middle codes in both".to_owned());
     }
     let band = |band: usize| {
         let (slope, sigma) = of(band)?;
-        Some(Band { from: BORDERS[band], to: BORDERS[band + 1], slope: slope / whole, sigma: sigma / whole })
+        Some(ToneBand {
+            from: BAND_LIMITS[band],
+            to: BAND_LIMITS[band + 1],
+            slope: slope / whole,
+            sigma: sigma / whole,
+        })
     };
-    let found: Vec<Band> = (0..BANDS).filter_map(band).collect();
-    if found.len() < middle.len() + LEAST_BANDS {
+    let found: Vec<ToneBand> = (0..BANDS).filter_map(band).collect();
+    if found.len() < middle.len() + MIN_OTHER_BANDS {
         return Err("too few codes are seen in frames that differ in light".to_owned());
     }
     Ok(found)
@@ -119,9 +124,9 @@ mod tests {
     use super::*;
     use crate::camera::{Curve, Response};
 
-    /// Grey surfaces seen by a camera of one response in pairs of frames that differ in light, told
-    /// by another response.
-    fn told(camera: &Response, assumed: &Response, changes: &[f64]) -> Vec<ToneSample> {
+    /// Grey surfaces in pairs of frames with different light, encoded by one response and decoded
+    /// by another.
+    fn samples(camera: &Response, assumed: &Response, changes: &[f64]) -> Vec<ToneSample> {
         let code = |light: f64| (255.0 * camera.encode(light)).round() as f32;
         let light = |code: f32| assumed.decode(f64::from(code) / 255.0).ln();
         let mut all = Vec::new();
@@ -142,32 +147,32 @@ mod tests {
     const CHANGES: [f64; 8] = [0.3, -0.4, 0.5, 0.25, -0.6, 0.35, -0.3, 0.45];
 
     #[test]
-    fn the_right_response_has_one_slope_and_so_has_its_power() {
+    fn right_response_and_its_powers_have_a_slope_of_one() {
         let srgb = Response::default();
         let gamma = |gamma: f64| Response { curve: Curve::Gamma, gamma };
         for (camera, assumed) in [(&srgb, &srgb), (&gamma(2.2), &gamma(1.5))] {
-            let found = bands(&told(camera, assumed, &CHANGES)).unwrap();
+            let found = bands(&samples(camera, assumed, &CHANGES)).unwrap();
             assert_eq!(found.len(), BANDS);
             assert!(found.iter().all(|band| (band.slope - 1.0).abs() < 0.06 && !band.differs()), "{found:?}");
         }
     }
 
     #[test]
-    fn another_response_is_told_by_its_dark_codes() {
+    fn wrong_response_differs_in_dark_codes() {
         let linear = Response { curve: Curve::Linear, ..Response::default() };
         // ln of sRGB's light by that of the code: 2.4·c/(c + 0.055), 1.73 about code 36 and 2.11
         // over the middle bands. Light that is taken for the code changes by the inverse: 1.22
         // times as much in the dark, and half as much as it does in truth.
-        let found = bands(&told(&Response::default(), &linear, &CHANGES.map(|ln| 2.0 * ln))).unwrap();
+        let found = bands(&samples(&Response::default(), &linear, &CHANGES.map(|ln| 2.0 * ln))).unwrap();
         assert!((found[0].slope - 1.22).abs() < 0.03 && found[0].differs(), "{found:?}");
         assert!(!found[2].differs() && !found[5].differs(), "{found:?}");
     }
 
     #[test]
-    fn steady_light_and_few_frames_say_nothing() {
+    fn steady_light_and_few_frames_have_no_bands() {
         let srgb = Response::default();
-        assert!(bands(&told(&srgb, &srgb, &[0.1; 20])).is_err());
-        assert!(bands(&told(&srgb, &srgb, &CHANGES[..4])).is_err());
+        assert!(bands(&samples(&srgb, &srgb, &[0.1; 20])).is_err());
+        assert!(bands(&samples(&srgb, &srgb, &CHANGES[..4])).is_err());
         assert!(bands(&[]).is_err());
     }
 }

@@ -1,5 +1,5 @@
-//! A refined way as poses in time, dense enough that the straight lines between them are as good as
-//! the way itself.
+//! Samples a refined trajectory as a pose track, densely enough for linear interpolation between
+//! the samples.
 
 use glam::DAffine3;
 
@@ -9,26 +9,27 @@ use super::trajectory;
 use crate::fit::twist;
 use crate::pose::Pose;
 
-/// Poses from a frame to the next.
-const PER_INTERVAL: usize = 8;
+/// Smallest number of poses per frame interval.
+const MIN_POSES_PER_INTERVAL: usize = 8;
 
-/// Frames farther apart than this, in usual intervals, are not joined.
-pub const MOST_INTERVALS: f64 = 3.5;
+/// Longest gap between frames across which the trajectory is interpolated, in usual frame
+/// intervals.
+pub const MAX_GAP_INTERVALS: f64 = 3.5;
 
-/// One frame's part in it.
+/// A frame of the trajectory.
 #[derive(Clone, Copy, Debug)]
 pub struct TrackKnot {
     pub time_s: f64,
     pub state: CameraState,
-    /// Whether the way to its neighbours says nothing of its motion, which it follows half the way
-    /// to them: its picture is the one before's, or its pose has errors of its own.
+    /// Whether the poses of its neighbours are unrelated to its motion, which is then extrapolated
+    /// half-way to them: for a repeated picture, or a pose with independent errors.
     pub is_alone: bool,
 }
 
-/// Poses by time, strictly ascending. For one `usual_s` before the first frame and after the last
-/// the camera moves on as there, so that their exposures and their depth's moments lie within.
-/// Across more than `most_s` there is nothing. Frames of one time give the first's pose. `way`:
-/// what is followed between the frames, if it is the recorded one.
+/// Poses by time, strictly ascending. The track is extrapolated by one `usual_s` before the first
+/// frame and after the last, so that it covers their exposures and depth maps. There are no poses
+/// in gaps longer than `most_s`. Of frames with equal times the first is used. `way`: the recorded
+/// motion, if it is followed between the frames.
 pub fn poses(knots: &[TrackKnot], usual_s: f64, most_s: f64, way: Option<&RecordedMotion<'_>>) -> Vec<(f64, Pose)> {
     let mut out: Vec<(f64, Pose)> = Vec::new();
     let mut put = |time_s: f64, at: DAffine3| {
@@ -39,12 +40,13 @@ pub fn poses(knots: &[TrackKnot], usual_s: f64, most_s: f64, way: Option<&Record
     let on = |knot: &TrackKnot, by_s: f64| knot.state.world_from_camera * twist::exp(&(by_s * knot.state.twist));
     let correction =
         |knot: &TrackKnot| way.filter(|_| !knot.is_alone).and_then(|way| way.correction(knot.time_s, &knot.state));
-    // Beside a frame, where no other is joined to it.
+    // Extrapolation from a frame.
     let beside = |knot: &TrackKnot, by_s: f64| {
         let followed = correction(knot).and_then(|by| way?.corrected(knot.time_s + by_s, &by));
         followed.unwrap_or_else(|| on(knot, by_s))
     };
-    let steps = |within_s: f64| way.map_or(PER_INTERVAL, |way| way.steps(within_s).max(PER_INTERVAL));
+    let steps =
+        |within_s: f64| way.map_or(MIN_POSES_PER_INTERVAL, |way| way.steps(within_s).max(MIN_POSES_PER_INTERVAL));
     let beyond = steps(usual_s);
     let step_s = usual_s / steps(usual_s) as f64;
     for (n, knot) in knots.iter().enumerate() {
@@ -102,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_goes_through_its_stops_and_a_little_beyond() {
+    fn track_interpolates_its_knots_and_extends_by_one_interval() {
         let knots = [knot(0.0, 0.0, 1.0, false), knot(0.1, 0.1, 1.0, false), knot(0.9, 5.0, 2.0, false)];
         let track = PoseTrack::new(poses(&knots, 0.1, 0.3, None), 0.1).unwrap();
         for (time_s, expected) in [(-0.1, -0.1), (0.0, 0.0), (0.0625, 0.0625), (0.2, 0.2), (0.8, 4.8), (1.0, 5.2)] {
@@ -112,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn between_frames_that_are_far_apart_the_recorded_way_is_followed() {
+    fn recorded_motion_is_followed_between_distant_frames() {
         // A swing of 10 a second and 4 mm, recorded 200 times a second, 5 ms late, and 30 mm too
         // far to the right.
         let swing = |time_s: f64| 0.004 * (20.0 * std::f64::consts::PI * time_s).sin();
@@ -140,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn a_repeated_picture_moves_as_the_first_did() {
+    fn repeated_picture_has_the_motion_of_the_first() {
         let knots = [knot(0.0, 0.0, 1.0, false), knot(0.1, 0.0, 1.0, true), knot(0.2, 0.2, 1.0, false)];
         let track = PoseTrack::new(poses(&knots, 0.1, 0.3, None), 0.1).unwrap();
         for by_s in [-0.0125, 0.0, 0.0125] {

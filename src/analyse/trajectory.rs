@@ -1,19 +1,19 @@
-//! The way of the camera through its refined poses.
+//! Interpolation of the camera's trajectory through refined poses.
 //!
-//! Its motion at a frame is the slope of the polynomial through the logarithms of the frames around
-//! it, up to two each way. Between two frames it follows the cubic with the poses and motions of
-//! both (Hermite's, in the first one's axes).
+//! The motion at a frame is the derivative of the polynomial through the logarithms of the poses
+//! around it, up to two on each side. Between two frames the trajectory is the cubic Hermite spline
+//! by the poses and motions of both, in the first one's axes.
 
 use glam::DAffine3;
 
 use super::state::CameraState;
 use crate::fit::twist::{self, Twist};
 
-/// Frames each way that the motion at a frame follows from.
-const AROUND: usize = 2;
+/// Number of frames on each side from which the motion is derived.
+const FRAMES_PER_SIDE: usize = 2;
 
-/// The motion at each frame by the poses of those around it that have one. Across more than
-/// `max_gap_s` nothing is concluded; a frame without neighbours keeps its motion.
+/// Derives the motion at each frame from the poses around it, not across gaps of more than
+/// `max_gap_s`. Frames without neighbours keep their motion.
 pub fn with_motion(times_s: &[f64], states: &[Option<CameraState>], max_gap_s: f64) -> Vec<Option<CameraState>> {
     let posed: Vec<(usize, CameraState)> =
         states.iter().enumerate().filter_map(|(n, state)| Some((n, (*state)?))).collect();
@@ -21,8 +21,8 @@ pub fn with_motion(times_s: &[f64], states: &[Option<CameraState>], max_gap_s: f
     let is_joined = |n: usize| interval_s(n) > 0.0 && interval_s(n) <= max_gap_s;
     let mut out = states.to_vec();
     for (n, (frame, here)) in posed.iter().enumerate() {
-        let before = (1..=AROUND.min(n)).take_while(|k| is_joined(n - k)).count();
-        let after = (0..AROUND.min(posed.len() - 1 - n)).take_while(|k| is_joined(n + k)).count();
+        let before = (1..=FRAMES_PER_SIDE.min(n)).take_while(|k| is_joined(n - k)).count();
+        let after = (0..FRAMES_PER_SIDE.min(posed.len() - 1 - n)).take_while(|k| is_joined(n + k)).count();
         let around: Vec<usize> = (n - before..=n + after).filter(|k| *k != n).collect();
         if around.is_empty() {
             continue;
@@ -42,10 +42,11 @@ pub fn with_motion(times_s: &[f64], states: &[Option<CameraState>], max_gap_s: f
     out
 }
 
-/// Where the camera is between two frames, `share` of the way in time; they are `interval_s` apart.
+/// The pose between two frames, `interval_s` apart, at the fraction `share` of the time between
+/// them.
 pub fn between(a: &CameraState, b: &CameraState, interval_s: f64, share: f64) -> DAffine3 {
     let whole = twist::log(&(a.world_from_camera.inverse() * b.world_from_camera));
-    // ḣ at the end: exp's differential taken back, to first order 1 + ½ ad(h).
+    // ḣ at the end: inverse differential of exp, to first order 1 + ½ ad(h).
     let (start, end) = (a.twist * interval_s, b.twist * interval_s);
     let end = end + 0.5 * bracket(&whole, &end);
     let (s, s2, s3) = (share, share * share, share.powi(3));
@@ -74,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn a_smooth_way_is_found_between_its_poses() {
+    fn smooth_trajectory_is_interpolated_between_poses() {
         let times_s: Vec<f64> = (0..12).map(|i| f64::from(i) / 30.0 + if i % 3 == 0 { 0.004 } else { 0.0 }).collect();
         let at = |t: &f64| Some(CameraState { world_from_camera: truth(*t), twist: Twist::zeros() });
         let states = with_motion(&times_s, &times_s.iter().map(at).collect::<Vec<_>>(), 0.1);
@@ -92,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_concluded_across_a_gap() {
+    fn motion_is_not_derived_across_a_gap() {
         let times_s = [0.0, 0.03, 1.0];
         let still = |x: f64| {
             Some(CameraState { world_from_camera: DAffine3::from_translation(DVec3::X * x), twist: Twist::zeros() })

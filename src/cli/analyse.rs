@@ -180,7 +180,9 @@ fn grounds(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<SupportReport
     let grounds = shot.grounds();
     // As composite tells it, but for what the lines of the grounds tell: what is sunk into a table may well be over a floor.
     let is_told = |note: &Note| match note {
-        Note::Gap { name, gap_m, .. } => grounds.iter().any(|ground| ground.name == *name && ground.tells(*gap_m)),
+        Note::Gap { name, gap_m, .. } => {
+            grounds.iter().any(|ground| ground.name == *name && ground.includes_gap(*gap_m))
+        }
         _ => false,
     };
     let notes = shot.standing_notes(0..shot.recording.frame_count()).into_iter().filter(|note| !is_told(note));

@@ -18,7 +18,7 @@ impl Shot {
             // What only hides throws no shadow.
             if !object.parts.is_empty() {
                 let facets = facets(&self.scene, object, &support, &measured.points);
-                facets.iter().for_each(|facet| ground.take(facet, up, &points_m));
+                facets.iter().for_each(|facet| ground.add_receiver(facet, up, &points_m));
             }
             Some(ground)
         };
