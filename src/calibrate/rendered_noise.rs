@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn differences_by_hand() {
+    fn rendered_noise_matches_computed_sigma() {
         let without = Pixels::from_u8(10, 10, vec![100; 300]).unwrap();
         // Alternating ±4: variance 16·100/99. Rounding of both adds 1/6.
         let with = Pixels::from_u8(10, 10, (0..300).map(|i| if i / 3 % 2 == 0 { 96 } else { 104 }).collect()).unwrap();

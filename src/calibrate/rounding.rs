@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn the_formula_is_the_sum_over_codes() {
+    fn variance_matches_the_sum_over_codes() {
         for sigma in [0.1, 0.2, 0.3, 0.5, 0.9, 2.0, 6.0] {
             approx::assert_relative_eq!(OWN.variance(sigma), by_counting(sigma, false), max_relative = 2e-3);
             approx::assert_relative_eq!(KNOWN.variance(sigma), by_counting(sigma, true), max_relative = 2e-3);
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn the_inverse_undoes_it_for_every_step() {
+    fn sigma_inverts_the_variance_for_every_step() {
         let fine = Rounding { frame_step: 1.0 / 257.0, mean_step: None };
         let mixed = Rounding { frame_step: 1.0, mean_step: Some(1.0 / 257.0) };
         for rounding in [OWN, KNOWN, fine, mixed] {

@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn sums_by_hand_around_the_own_mean_and_a_known_one() {
+    fn sums_match_computed_values_around_own_and_known_means() {
         let frames = [10, 12, 17].map(frame);
         let mut own = SceneSums::new(&frames[0], None);
         let mut known = SceneSums::new(&frames[0], Some(&frame(12)));
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn sixteen_bits_stand_on_the_same_scale() {
+    fn sixteen_bit_codes_have_the_same_scale() {
         let frames = [0u16, 257, 514].map(|v| Pixels::from_u16(1, 1, vec![v; 3]).unwrap());
         let mut sums = SceneSums::new(&frames[0], None);
         frames.iter().for_each(|f| sums.add(f));

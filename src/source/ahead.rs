@@ -77,7 +77,7 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     #[test]
-    fn in_order_and_complete() {
+    fn results_are_ordered_and_complete() {
         for range in [0..0, 3..4, 5..7, 10..31] {
             let got: Vec<usize> = Ahead::new(range.clone(), |i| i * i).unwrap().map(Result::unwrap).collect();
             assert_eq!(got, range.map(|i| i * i).collect::<Vec<_>>());
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn runs_ahead_by_a_bounded_number() {
+    fn prefetch_is_bounded() {
         let started = Arc::new(AtomicUsize::new(0));
         let count = Arc::clone(&started);
         let mut ahead = Ahead::new(0..1000, move |i| (count.fetch_add(1, Ordering::SeqCst), i).1).unwrap();
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_is_an_error_and_not_a_short_recording() {
+    fn worker_panic_is_an_error() {
         for range in [0..4, 2..3] {
             let ahead = Ahead::new(range, |i| assert!(i != 2)).unwrap();
             assert_eq!(ahead.filter(Result::is_err).count(), 1);

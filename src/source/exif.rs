@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn a_time_that_no_exposure_takes_is_said() {
+    fn implausible_exposure_time_is_reported() {
         let of = |seconds| parse(block(&[(Tag::ExposureTime, ratio(seconds, 1)), (Tag::FNumber, ratio(8, 1))]));
         assert_eq!(of(60).settings.time_s, Some(60.0));
         let long = of(61);

@@ -82,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn so_many_bytes_and_no_more() {
+    fn file_over_the_size_limit_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a");
         std::fs::write(&file, "12345").unwrap();

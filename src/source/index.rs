@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn begins_one_keyframe_earlier_than_seems_needed() {
+    fn decoding_starts_one_keyframe_earlier() {
         let index = Index::new("1/400", &entries()).unwrap();
         let start = |frame| index.start(frame).map(|start| (start.time_s, start.ticks));
         // Before the second keyframe there is nothing to be saved.
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn times_that_tell_nothing_make_no_index() {
+    fn ambiguous_times_give_no_index() {
         let mut twice = entries();
         twice[1].ticks = 100;
         assert!(Index::new("1/400", &twice).is_none());

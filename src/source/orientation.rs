@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn matrices_worked_by_hand_and_those_of_exif_are_the_same_orientations() {
+    fn display_matrices_and_exif_give_the_same_orientations() {
         // A pixel at (x, y) is shown at (-x, y), (-x, -y), (x, -y), (y, x), (-y, x), (-y, -x) and
         // (y, -x).
         for (exif, matrix, shown) in [

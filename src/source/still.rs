@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn codes_come_as_stored() {
+    fn codes_are_returned_as_stored() {
         let words: Vec<u8> = [1u16, 256, 65535].iter().flat_map(|w| w.to_ne_bytes()).collect();
         for (bytes, color, expected, bits) in [
             (vec![1, 2, 3], Color::Rgb8, [1, 2, 3], 8),
@@ -396,7 +396,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_pipe_is_no_picture() {
+    fn pipe_is_refused_as_a_picture() {
         let folder = tempfile::tempdir().unwrap();
         let pipe = folder.path().join("a.png");
         assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
@@ -407,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn scans_without_end_are_refused_soon() {
+    fn endless_scans_are_refused_quickly() {
         let whole = std::fs::read("tests/jpeg/progressive-420.jpg").unwrap();
         let scans: Vec<usize> = (0..whole.len() - 1).filter(|at| whole[*at..*at + 2] == [0xff, 0xda]).collect();
         // The second scan has coefficients of one component; repeating it changes nothing.
@@ -421,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn depth_is_metres_and_wants_16_bit_grey() {
+    fn depth_is_in_metres_and_needs_16_bit_grey() {
         let words: Vec<u8> = [0u16, 5000, 12345].iter().flat_map(|w| w.to_ne_bytes()).collect();
         let (_folder, file) = saved(&png(&words, 3, 1, Color::L16));
         let depth = read_depth(&file, 5000.0, 4.5).unwrap();

@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn depth_has_a_command_that_keeps_its_values() {
+    fn depth_formats_have_a_lossless_conversion_command() {
         let refusal = |start: &[u8]| by_content(start).unwrap().depth_refusal();
         assert!(refusal(b"II*\0").contains("numpy.save('FILE.npy', cv2.imread('FILE.tif', -1))"));
         assert!(refusal(b"P5 3 2").contains("numpy.save('FILE.npy', cv2.imread('FILE.pgm', -1))"));
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folders_unread_pictures_are_those_without_a_converted_copy() {
+    fn unread_pictures_of_a_folder_have_no_converted_copy() {
         let folder = tempfile::tempdir().unwrap();
         for name in ["b.heic", "a.TIF", "c.heic", "c.jpg", ".d.heic", "e.npy", "notes.txt"] {
             std::fs::write(folder.path().join(name), "").unwrap();

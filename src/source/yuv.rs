@@ -114,7 +114,7 @@ mod tests {
     const MATRICES: [ColorMatrix; 3] = [ColorMatrix::Bt601, ColorMatrix::Bt709, ColorMatrix::Bt2020];
 
     #[test]
-    fn codes_worked_by_hand() {
+    fn codes_match_computed_values() {
         use {ColorMatrix::*, ColorRange::*};
         let rgb = |matrix, range, yuv| Table::new(matrix, range).rgb(yuv);
         for matrix in MATRICES {
@@ -195,7 +195,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_bytes_panic(bytes in prop::collection::vec(any::<u8>(), 0..200), w in 0u32..12, h in 0u32..12, stride in 0usize..30) {
+        fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..200), w in 0u32..12, h in 0u32..12, stride in 0usize..30) {
             let table = Table::new(ColorMatrix::Bt709, ColorRange::Limited);
             let whole = 3 * w as usize * h as usize;
             for codes in [table.yuyv(&bytes, w, h, stride), table.nv12(&bytes, w, h, stride)].into_iter().flatten() {

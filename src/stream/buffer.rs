@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn second_item_at_the_same_time_proves_a_jump_too() {
+    fn second_item_at_the_same_time_confirms_a_jump() {
         let mut b = ReorderBuffer::new(0.0);
         b.push(held(100.0, 0.0, None));
         assert_eq!(b.push(held(10.0, 0.1, None)), PushOutcome::Odd);
@@ -379,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn items_sent_faster_than_recorded_are_all_given_out() {
+    fn items_sent_faster_than_recorded_are_all_released() {
         for interval_s in [0.02, 0.1, 0.5] {
             let (mut b, mut times) = (ReorderBuffer::new(0.02), Vec::new());
             for i in 0..300 {
@@ -443,7 +443,7 @@ mod tests {
     }
 
     #[test]
-    fn no_pose_is_lost_or_misdated_when_the_clock_is_set_anew() {
+    fn clock_step_loses_and_mistimes_no_pose() {
         for is_numbered in [true, false] {
             // Without numbers a step as long as the wait looks like overtaken items.
             let small_s = if is_numbered { -0.03 } else { -0.05 };

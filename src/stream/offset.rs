@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_that_is_set_back_is_followed_after_a_second() {
+    fn clock_set_back_is_followed_after_a_second() {
         let mut offset = ClockOffset::default();
         steady(&mut offset, 0.0, 200);
         let steps: Vec<(u32, f64)> = (0..150)
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_that_is_set_forward_is_followed_by_the_samples_that_show_it() {
+    fn clock_set_forward_is_followed_on_restart() {
         let mut offset = ClockOffset::default();
         steady(&mut offset, 0.0, 200);
         let step_s = offset.restart((0..3).map(|i| (2.0 + 0.01 * f64::from(i) + 95.2, 2.001 + 0.01 * f64::from(i))));

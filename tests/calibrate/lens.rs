@@ -140,7 +140,7 @@ fn truth(geometry: &Geometry, name: &str) -> f64 {
 }
 
 fn named(n: usize, seen: BoardDetection) -> NamedView {
-    NamedView { name: format!("{n}.png"), seen }
+    NamedView { name: format!("{n}.png"), detection: seen }
 }
 
 /// How many deviations each parameter is from its truth.
@@ -151,7 +151,7 @@ fn off(calibrated: &CameraCalibration, geometry: &Geometry) -> Vec<(&'static str
 
 // Slow: two cameras photograph sixteen boards each, and all corners are searched.
 #[test]
-fn simulated_photographs_give_their_camera_back() {
+fn camera_is_recovered_from_simulated_photographs() {
     for geometry in [brown(), fisheye()] {
         let model = geometry.distortion.model;
         let camera = Camera::new(geometry);
@@ -204,7 +204,7 @@ fn read(geometry: &Geometry, stand: &(DMat3, DVec3), sigma_px: f64, random: &mut
 
 /// The deviations are what they are called: over many seeds errors are as large as told, not smaller and not larger.
 #[test]
-fn deviations_are_those_of_the_errors() {
+fn deviations_match_the_actual_errors() {
     let geometry = brown();
     let (mut squares, mut count) = (0.0, 0.0);
     for seed in 0..tier::fast_or_full(8, 20) {
@@ -227,7 +227,7 @@ fn deviations_are_those_of_the_errors() {
 /// Boards that bend by a twelfth of a square have errors that all corners of a view share. With few views the deviations are
 /// still those of the errors.
 #[test]
-fn deviations_know_of_bent_boards() {
+fn deviations_include_bent_boards() {
     let geometry = brown();
     let (mut squares, mut count) = (0.0, 0.0);
     for seed in 0..16 {
@@ -256,7 +256,7 @@ fn deviations_know_of_bent_boards() {
 /// The last radial coefficient is kept where the views tell it, and left at 0 where they do not: one
 /// in twenty that is 0 seems to be more than two deviations from it.
 #[test]
-fn the_last_coefficient_is_kept_where_the_views_tell_it() {
+fn last_coefficient_is_kept_if_it_is_significant() {
     for (k3, count, told) in [(0.25, 10, 6..7), (0.0, 4, 0..3)] {
         let geometry =
             Geometry::new(brown().intrinsics, Distortion { k1: -0.1, k2: 0.02, k3, ..Distortion::default() });
@@ -286,11 +286,11 @@ fn foreign_views_are_rejected_or_have_little_effect() {
     let mut views: Vec<NamedView> =
         stands.iter().enumerate().map(|(n, s)| named(n, read(&geometry, s, 0.1, &mut random))).collect();
     for (n, view) in views.iter_mut().enumerate() {
-        view.seen.corners_px[(7 * n) % 40] += DVec2::new(6.0, -4.0);
+        view.detection.corners_px[(7 * n) % 40] += DVec2::new(6.0, -4.0);
     }
     let zoomed = Intrinsics { fx_px: 700.0, fy_px: 695.0, ..geometry.intrinsics.clone() };
-    views[5].seen = read(&Geometry::new(zoomed, geometry.distortion.clone()), &stands[5], 0.1, &mut random);
-    for at in &mut views[9].seen.corners_px[..20] {
+    views[5].detection = read(&Geometry::new(zoomed, geometry.distortion.clone()), &stands[5], 0.1, &mut random);
+    for at in &mut views[9].detection.corners_px[..20] {
         *at += DVec2::new(9.0, 0.0);
     }
     let calibrated = calibrate(SIZE, views, Vec::new(), &LensOptions::default()).unwrap();
@@ -330,7 +330,7 @@ fn too_few_views_name_the_requirement() {
 
 /// A part of the board, a wrong size, a board with the sun on half of it.
 #[test]
-fn a_board_is_found_in_part_and_a_larger_one_is_refused() {
+fn partial_board_is_detected_and_a_larger_one_is_refused() {
     let camera = Camera::new(brown());
     let facing = (DMat3::from_quat(DQuat::from_rotation_y(0.3)), DVec3::new(-3.5, -2.0, 9.0));
     let mut picture = camera.photograph(&facing, 1.0, 4);
@@ -381,7 +381,7 @@ fn path(path: &Path) -> String {
 }
 
 #[test]
-fn a_profile_takes_the_lens_and_keeps_the_rest() {
+fn profile_takes_the_lens_and_keeps_the_rest() {
     let folder = tempfile::tempdir().unwrap();
     let camera = Camera::new(brown());
     let photos = folder.path().join("photos");

@@ -51,7 +51,7 @@ fn off(calibrated: &CameraCalibration, name: &str, truth: f64) -> f64 {
 }
 
 #[test]
-fn photographs_of_the_sheet_give_their_camera_back() {
+fn camera_is_recovered_from_photographs_of_the_sheet() {
     let numbers = tier::fast_or_full(6..16, 0..16);
     let count = numbers.len();
     for camera in [CAMERA, WIDE] {
@@ -67,7 +67,7 @@ fn photographs_of_the_sheet_give_their_camera_back() {
                 furthest = furthest.max(off);
                 (sum, corners) = (sum + off * off, corners + 1.0);
             }
-            views.push(NamedView { name: n.to_string(), seen });
+            views.push(NamedView { name: n.to_string(), detection: seen });
         }
         let rms_px = (sum / corners).sqrt();
         println!("{} views, {whole} whole; corners off by {rms_px:.3} px, {furthest:.3} px at most", views.len());

@@ -55,7 +55,7 @@ fn taking(wanted: usize) -> ViewCollector {
 }
 
 #[test]
-fn views_are_taken_at_rest_until_nothing_is_missing() {
+fn views_are_collected_at_rest_until_none_is_missing() {
     const RESTS: u32 = 60;
     const MOVES: u32 = 8;
     const STAYS: u32 = 5;
@@ -213,7 +213,7 @@ pub fn video(folder: &Path, rests: u32) -> std::path::PathBuf {
 
 // Slow: the camera plays in real time, and a view counts once it rests.
 #[test]
-fn the_program_watches_a_camera_and_writes_its_profile() {
+fn program_calibrates_a_live_camera() {
     let folder = tempfile::tempdir().unwrap();
     let video = video(folder.path(), tier::fast_or_full(4, 5));
     let [video, profile] = [video, folder.path().join("mine.toml")].map(|path| path.to_str().unwrap().to_owned());

@@ -86,7 +86,7 @@ fn largest(values: &[f64]) -> f64 {
 }
 
 #[test]
-fn of_noise_alone_it_has_no_bias() {
+fn noise_alone_is_estimated_without_bias() {
     // Correlation of neighbours 0, 0.6 and 0.7: the plane takes 2 % of the first's variance and 14 % of the last's.
     let taps = [(1e9, 0.0), (1.5, 3.0 / 4.25), (3f64, 6.0 / 11.0)];
     for (middle, rho) in taps.into_iter().take(tier::fast_or_full(2, 3)) {
@@ -129,7 +129,7 @@ fn texture_everywhere_is_reported() {
 
 /// Black and white that are clipped are no quiet places.
 #[test]
-fn clipped_places_are_left_out() {
+fn clipped_blocks_are_left_out() {
     let mut frames = frames(6, 3.0, 0.3, 0);
     for frame in &mut frames {
         let mut codes: Vec<u8> = match &frame.codes {
@@ -175,7 +175,7 @@ fn a_simulated_hand() {
 
 /// Frames of known σ, in a recording with a profile of its own.
 #[test]
-fn a_moving_recording_gives_its_noise_and_its_profile_takes_it() {
+fn noise_of_a_moving_recording_is_written_to_its_profile() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path().join("hand");
     std::fs::create_dir_all(folder.join("rgb")).unwrap();
@@ -310,7 +310,7 @@ fn single_frames_of_real_cameras() {
 
 /// A scene of fabric before a sensor with a pattern of its own: both count as noise. Too much is found, never too little.
 #[test]
-fn texture_everywhere_and_a_fixed_pattern_only_add() {
+fn texture_everywhere_and_a_fixed_pattern_only_increase_sigma() {
     let Some(folder) = common::data("static-burst-grey") else { return };
     let rest = noise_from_paths(std::slice::from_ref(&folder), &[], &NoiseOptions::default(), &mut |_, _| {
         ControlFlow::Continue(())
@@ -365,7 +365,7 @@ fn a_tenth_of_the_kinects_frames_gives_its_profile() {
 
 /// What a file is its content says, not its name.
 #[test]
-fn pngs_are_not_called_jpegs() {
+fn jpeg_frames_are_recognised_by_content() {
     let temp = tempfile::tempdir().unwrap();
     for (i, frame) in frames(3, 3.0, 0.3, 0).iter().enumerate() {
         let locard::pixels::Codes::U8(codes) = &frame.codes else { unreachable!() };
@@ -388,7 +388,7 @@ fn pngs_are_not_called_jpegs() {
 }
 
 #[test]
-fn loose_pictures_folders_and_nothing() {
+fn loose_pictures_and_folders_are_read_and_none_is_refused() {
     let temp = tempfile::tempdir().unwrap();
     let files: Vec<PathBuf> = frames(3, 3.0, 0.3, 0)
         .iter()

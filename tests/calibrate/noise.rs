@@ -167,7 +167,7 @@ fn clipped_codes_are_not_quiet_ones() {
 }
 
 #[test]
-fn black_and_white_alone_tell_nothing_and_are_filled() {
+fn black_and_white_bins_are_filled_from_neighbours() {
     let camera = Camera { sigma: [[2.0, 2.0]; 3], neighbour: 0.0, shared: 0.0 };
     let scene = camera.shoot(10, 5, |x, _, _, _| [-30.0, 120.0, 130.0, 290.0][x / 64]);
     let calibration = from_scenes(&[scene], &NoiseOptions::default()).unwrap();
@@ -237,7 +237,7 @@ fn sigma_is_that_of_the_middle_wherever_the_pixels_are() {
 }
 
 #[test]
-fn a_creeping_camera_is_noticed_where_there_is_detail() {
+fn creeping_camera_is_detected_where_there_is_detail() {
     let camera = Camera { sigma: [[1.0, 1.0]; 3], neighbour: 0.0, shared: 0.0 };
     // stripes in the lower third, drifting by 0.3 pixels in all: a sixth more variance, too little to stand out itself
     let scene = camera.shoot(16, 8, |x, y, frame, c| {
@@ -275,7 +275,7 @@ fn one_noisy_frame_and_its_mean_are_enough() {
 }
 
 #[test]
-fn a_mean_of_another_scene_is_blamed_and_not_the_frame() {
+fn mean_of_another_scene_is_reported() {
     let camera = Camera { sigma: [[1.0, 2.0]; 3], neighbour: 0.0, shared: 0.0 };
     let frame = camera.shoot(1, 20, chart).remove(0);
     let other = match &frame.codes {

@@ -64,7 +64,7 @@ fn light(shares: &[f64], noise: f64, seed: u64) -> Grey {
 }
 
 #[test]
-fn widths_come_back_and_their_uncertainty_is_right() {
+fn measured_widths_match_within_their_uncertainty() {
     let mut pulls = Vec::new();
     let sigmas_px = tier::fast_or_full(&[0.3, 0.9, 3.0][..], &[0.3, 0.6, 0.9, 1.4, 3.0]);
     let slants_deg = tier::fast_or_full(&[5.0, 40.0, 97.0, -12.0][..], &[5.0, 22.0, 40.0, 97.0, -12.0]);
@@ -97,7 +97,7 @@ fn widths_come_back_and_their_uncertainty_is_right() {
 }
 
 #[test]
-fn a_known_movement_is_taken_off() {
+fn known_motion_is_subtracted_from_the_blur() {
     let made = Made { slant_deg: 8.0, sigma_px: 0.7, moved_px: 2.0 };
     let shares = made.shares();
     let (sin, cos) = made.slant_deg.to_radians().sin_cos();
@@ -154,7 +154,7 @@ fn coded(shares: &[f64], bright: f64, noise: f64) -> Pixels {
 }
 
 #[test]
-fn light_is_measured_and_not_codes() {
+fn blur_is_measured_in_linear_light() {
     let shares = Made { slant_deg: 14.0, sigma_px: 0.8, moved_px: 0.0 }.shares();
     let found = edge(&coded(&shares, BRIGHT, 1.5), &Response::default(), WHOLE, [0.0; 2]).unwrap();
     assert!((found.sigma_px - 0.8).abs() < 3.0 * found.uncertainty_px && found.uncertainty_px < 0.02, "{found:?}");
@@ -257,7 +257,7 @@ fn places(count: i32) -> Vec<Rect> {
 }
 
 #[test]
-fn noise_of_picked_places_comes_back_at_rest_and_in_single_frames() {
+fn noise_of_picked_regions_is_recovered_at_rest_and_in_single_frames() {
     let codes = [40.0, 120.0, 200.0];
     for (motion, frames) in [(SceneMotion::Resting, 10), (SceneMotion::Moving, 1)] {
         let frames = patches(frames, &codes, 0.05);
@@ -288,7 +288,7 @@ fn noise_of_picked_places_comes_back_at_rest_and_in_single_frames() {
 }
 
 #[test]
-fn places_that_tell_nothing_say_why() {
+fn rejected_regions_name_the_reason() {
     let frames = patches(4, &[40.0, 120.0, 200.0], 0.0);
     let all: Vec<&Pixels> = frames.iter().collect();
     let ask = |frames: &[&Pixels], places: &[Rect], motion| pick(frames, places, motion, None);
@@ -331,7 +331,7 @@ fn wandering() -> Vec<Pixels> {
 
 /// Whatever else is picked, the good places say what they say alone.
 #[test]
-fn bad_places_do_not_keep_good_ones_from_being_used() {
+fn rejected_regions_do_not_affect_usable_ones() {
     let alike = |a: &PickedNoise, b: &PickedNoise| a.profile == b.profile && a.points == b.points;
     let frames = patches(4, &[40.0, 120.0, 200.0], 0.0);
     let all: Vec<&Pixels> = frames.iter().collect();
@@ -354,7 +354,7 @@ fn bad_places_do_not_keep_good_ones_from_being_used() {
 }
 
 #[test]
-fn the_present_profile_goes_on_where_nothing_was_picked() {
+fn present_profile_extends_the_picked_intensities() {
     let bins = vec![NoiseBin { code: 0.0, sigma: 1.0 }, NoiseBin { code: 255.0, sigma: 3.55 }];
     let present = NoiseProfile {
         bins: [bins.clone(), bins.clone(), bins],
@@ -372,7 +372,7 @@ fn the_present_profile_goes_on_where_nothing_was_picked() {
 
 /// As a yellow marker before white paper: the luminance hardly changes.
 #[test]
-fn an_edge_of_one_channel_is_an_edge() {
+fn edge_in_a_single_channel_is_measured() {
     let sigma_px = 0.8;
     let shares = Made { slant_deg: 15.0, sigma_px, moved_px: 0.0 }.shares();
     let (response, mut random) = (Response::default(), Random::new(9));

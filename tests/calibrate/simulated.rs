@@ -51,7 +51,7 @@ fn worst(profile: &NoiseProfile, calibration: &NoiseCalibration, truth: &NoisePr
 }
 
 #[test]
-fn recovers_the_simulated_camera() {
+fn simulated_camera_is_recovered() {
     // At 0.4 σ is 0.5 to 1.7 codes: what rounding adds counts.
     for (noise_scale, scenes) in [(1.0, &*SCENES), (0.4, &scenes_of(0.4))] {
         let (truth, frames) = scenes;
@@ -72,7 +72,7 @@ fn save(pixels: &Pixels, path: &Path) {
 }
 
 #[test]
-fn the_program_recovers_it_from_folders() {
+fn program_recovers_the_simulated_camera_from_folders() {
     let (truth, frames) = &*SCENES;
     let temp = tempfile::tempdir().unwrap();
     let folders: Vec<PathBuf> = (0..GAINS.len()).map(|scene| temp.path().join(format!("scene-{scene}"))).collect();
@@ -100,7 +100,7 @@ fn the_program_recovers_it_from_folders() {
 }
 
 #[test]
-fn the_profile_of_the_simulated_camera_is_the_simulated_camera() {
+fn profile_of_the_simulated_camera_round_trips() {
     let mut rig = Rig::default();
     rig.read(Path::new("profiles/simulated.toml"), &mut Settings::default()).unwrap();
     let simulation = Simulation::with_detail(&Options::default(), CRUDE, 2).unwrap();

@@ -50,7 +50,7 @@ fn off(pose: &Pose, place: &Place) -> (f64, f64) {
 }
 
 #[test]
-fn the_camera_is_where_it_was() {
+fn pose_of_a_simulated_camera_is_recovered() {
     let (rays, count) = (Rays::of(&CAMERA), tier::fast_or_full(9, 12));
     let photographs: Vec<Vec<u8>> = (0..count)
         .map(|i| {
@@ -81,7 +81,7 @@ fn the_camera_is_where_it_was() {
 }
 
 #[test]
-fn the_camera_is_where_it_was_with_a_rolling_shutter() {
+fn pose_of_a_rolling_shutter_camera_is_recovered() {
     // It goes 0.5 m and turns 40° in a second, and 25 ms pass from the first row to the last one.
     let camera = Camera { readout_s: 0.025, ..CAMERA };
     let at = |t: f64| Place::looking(DVec3::new(0.2 + 0.5 * t, -0.45, 0.6), DVec3::new(0.7 * t, 0.0, 0.0), 0.1);
@@ -107,7 +107,7 @@ fn pinhole() -> Geometry {
 }
 
 #[test]
-fn a_pose_worked_by_hand() {
+fn pose_matches_the_computed_one() {
     // A tag of 0.2 m on the floor, seen from 1 m above its middle: x to the right, y up in the picture, 50 px to each side.
     let board =
         Board::parse("version = 1\nfamily = \"36h11\"\n[[tags]]\nid = 3\nsize_m = 0.2\ncenter_m = [0, 0]").unwrap();
@@ -176,7 +176,7 @@ fn seen_aslant(aside_deg: f64, error_px: f64) -> (Pose, Vec<DetectedTag>) {
 }
 
 #[test]
-fn a_flat_tag_may_lean_either_way_and_the_pictures_around_it_decide() {
+fn flat_tag_ambiguity_is_resolved_by_neighbouring_pictures() {
     let sight = |aside_deg: f64, error_px: f64| {
         let (truth, found) = seen_aslant(aside_deg, error_px);
         (truth, BoardPose::of(&pinhole(), &far_tag(), &found, &[]).unwrap())
@@ -217,7 +217,7 @@ fn a_flat_tag_may_lean_either_way_and_the_pictures_around_it_decide() {
 }
 
 #[test]
-fn a_camera_goes_on_as_it_went() {
+fn expected_pose_is_extrapolated_at_constant_velocity() {
     let at = |x: f64, turn: f64| Pose::from_camera_in_world(DVec3::new(x, 0.0, 0.0), DQuat::from_rotation_z(turn));
     let went = [(0.0, at(0.0, 0.0)), (0.1, at(1.0, 0.2))];
     let next = extrapolated_pose(&went, 0.2).unwrap();
@@ -272,7 +272,7 @@ fn pictures_without_a_pose_name_the_reason() {
 }
 
 #[test]
-fn nothing_is_made_up_where_the_track_was_lost() {
+fn lost_frames_get_no_poses() {
     let (_, found) = seen_aslant(35.0, 0.1);
     let sight = BoardPose::of(&pinhole(), &far_tag(), &found, &[]).unwrap();
     // Frames 2 and 3 are lost, and frame 6; the camera's clock stutters after frame 4.
@@ -350,7 +350,7 @@ fn repeated_tags_are_reported_and_the_others_give_the_pose() {
 }
 
 #[test]
-fn tags_of_others_do_not_hide_a_boards_small_tag() {
+fn foreign_tags_do_not_hide_a_small_tag_of_the_board() {
     // On black, with a white rim of one pixel. Half the resolution leaves the odd columns and rows out, and with them the
     // rim's left and upper sides: no square remains.
     let [near, rim] = [12, 1].map(|px| move |at: u32, from: u32| (from - px..from + 24 + px).contains(&at));

@@ -37,7 +37,7 @@ fn differs(a: &Path, b: &Path) -> (f64, f64, usize) {
 
 // Slow: the program tracks a video of 18 frames twice and composites it twice.
 #[test]
-fn a_video_becomes_a_recording_whose_evidence_stands_still() {
+fn tracked_video_becomes_a_recording_with_static_evidence() {
     let site = Site::shared(&CAMERA);
     let track = site.track("board.toml", "tracked");
     let told = said(&strs(&track));
@@ -165,7 +165,7 @@ fn a_video_becomes_a_recording_whose_evidence_stands_still() {
 }
 
 #[test]
-fn a_live_picture_has_its_pose_from_the_tags_in_it() {
+fn live_picture_gets_its_pose_from_its_tags() {
     let site = Site::shared(&CAMERA);
     let mut rig = Rig::default();
     rig.read(Path::new(&site.path("camera.toml")), &mut Settings::default()).unwrap();
@@ -206,7 +206,7 @@ fn recorded(folder: &str) -> Vec<(Pose, Covariance)> {
 }
 
 #[test]
-fn a_track_is_smoothed_if_that_is_asked_for() {
+fn track_is_smoothed_on_request() {
     let site = Site::shared(&CAMERA);
     let plain = site.track("board.toml", "plain");
     said(&strs(&plain));

@@ -38,7 +38,7 @@ fn text(path: &Path) -> &str {
 }
 
 #[test]
-fn a_video_is_recorded_as_a_camera_is() {
+fn video_is_recorded_like_a_camera() {
     let temp = tempfile::tempdir().unwrap();
     let (video, site) = (video(), temp.path().join("site"));
     let arguments =
@@ -141,7 +141,7 @@ fn grey_at_its_end(site: &Site, rate_hz: f64, times: usize) -> String {
 /// What is recorded without being composited fades in its replay as it would have live.
 // Slow: the video in the camera's place lasts 4.4 s.
 #[test]
-fn record_writes_how_much_is_seen_while_the_camera_is_lost() {
+fn recording_has_the_presence_while_the_camera_is_lost() {
     let site = Site::shared(&CAMERA);
     let times = tier::fast_or_full(2, 4);
     let (video, tags) = (grey_at_its_end(&site, 15.0, times), format!("tags:{}", site.path("board.toml")));
@@ -176,7 +176,7 @@ fn record_writes_how_much_is_seen_while_the_camera_is_lost() {
 }
 
 #[test]
-fn smoothed_poses_are_those_that_are_composited_and_recorded() {
+fn smoothed_poses_are_composited_and_recorded() {
     let site = Site::shared(&CAMERA);
     let (tags, profile) = (format!("tags:{}", site.path("board.toml")), site.path("camera.toml"));
     // Each is the smoother's answer to what is measured, with how sure it is then.
@@ -294,7 +294,7 @@ fn lens_of_a_stream_is_the_camera_live_and_recorded() {
 /// No file may be longer than 512 bytes.
 #[cfg(unix)]
 #[test]
-fn where_nothing_can_be_written_nothing_is_left() {
+fn unwritable_output_leaves_no_files() {
     let temp = tempfile::tempdir().unwrap();
     let (video, site) = (video(), temp.path().join("site"));
     let mut command = Command::new("sh");

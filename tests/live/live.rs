@@ -213,7 +213,7 @@ fn zoomed(t: f64) -> LensState {
 }
 
 #[test]
-fn a_stream_s_lens_is_followed_and_replays_bit_for_bit() {
+fn lens_of_a_stream_is_followed_and_replays_bit_for_bit() {
     let (_, _, cameras) = both_with(Layout::Yuyv, 60, &["camera.lens.f_number=8"], Some(zoomed));
     // 96 px over 36 mm. The first are the profile's, and its readout stays.
     assert_eq!(cameras[0].intrinsics.fx_px, 80.0);
@@ -255,7 +255,7 @@ fn jpeg_pictures_replay_bit_for_bit() {
 
 /// These look beyond the exposure: one by the next frame's pose, one by older moments.
 #[test]
-fn methods_that_look_far_replay_bit_for_bit() {
+fn motion_blur_of_long_exposures_replays_bit_for_bit() {
     for method in ["copies", "accumulation"] {
         let set = format!("motion_blur.method={method}");
         both(Layout::Yuyv, tier::fast_or_full(20, 60), &[&set, "camera.exposure.shutter_angle_deg=300"]);

@@ -109,7 +109,7 @@ fn largest(values: &[f64]) -> f64 {
 }
 
 #[test]
-fn evidence_stays_in_its_place_while_tags_are_missed() {
+fn evidence_stays_in_place_while_tags_are_missed() {
     let measured = measured(true);
     let [seen, first, second] = [0, 1, 2].map(|n| largest(&measured.off_px[n]));
     println!("{measured:.1?}");
@@ -161,7 +161,7 @@ fn poses_by(change: impl Fn(&str) -> String, pictures: u32) -> (usize, Option<St
 }
 
 #[test]
-fn a_board_of_other_sizes_gives_no_pose_at_all() {
+fn board_of_other_sizes_gives_no_pose() {
     let larger = |text: &str| {
         let line = |line: &str| match line.strip_prefix("size_m = ") {
             Some(size_m) => format!("size_m = {}\n", 1.3 * size_m.parse::<f64>().unwrap()),
@@ -175,7 +175,7 @@ fn a_board_of_other_sizes_gives_no_pose_at_all() {
 }
 
 #[test]
-fn another_family_that_is_seen_is_named() {
+fn other_visible_family_is_named() {
     let (found, why) = poses_by(|text| text.replace("36h11", "25h9"), 3);
     let why = why.unwrap();
     let said = "no tag of family 25h9 is seen; tags of 36h11 are: `family` in the board's file names another";

@@ -35,7 +35,7 @@ fn demo() -> Recording {
 }
 
 #[test]
-fn a_recording_arrives_as_it_is() {
+fn sent_recording_arrives_unchanged() {
     let recording = demo();
     let expected = recording.track.poses();
     for (scheme, off_m) in [("opentrackio", 1e-9), ("freed", 2e-5)] {
@@ -62,7 +62,7 @@ fn a_recording_arrives_as_it_is() {
 }
 
 #[test]
-fn a_loop_goes_on_with_its_clock() {
+fn looped_recording_continues_its_clock() {
     let count = demo().track.poses().len();
     let mut poses = Poses::open("opentrackio://127.0.0.1:0").unwrap();
     let to = format!("opentrackio://{}?encoding=cbor", poses.address());

@@ -78,7 +78,7 @@ fn assert_walked(heard: &[StreamPose], off_m: f64, off_rad: f64) {
 }
 
 #[test]
-fn opentrackio_there_and_back_in_both_encodings() {
+fn opentrackio_round_trips_in_both_encodings() {
     for encoding in ["json", "cbor"] {
         let target = |at| format!("opentrackio://{at}?encoding={encoding}&number=9");
         let (heard, poses) = sent("opentrackio://127.0.0.1:0", target, 120);
@@ -131,7 +131,7 @@ fn first_sample_stamped_ahead_is_odd_and_no_step_of_the_clock() {
 }
 
 #[test]
-fn freed_there_and_back() {
+fn freed_round_trips() {
     let (heard, poses) = sent("freed://127.0.0.1:0", |at| format!("freed://{at}?number=3"), 60);
     // Half of 1/64 mm, half of 1/32768 degree about three axes.
     assert_walked(&heard, 8e-6 * 3f64.sqrt(), 1e-6);
@@ -143,7 +143,7 @@ fn freed_there_and_back() {
 }
 
 #[test]
-fn a_group_is_heard_by_all_that_join_it() {
+fn multicast_group_reaches_all_members() {
     // Any free port, of which both listeners then take the same.
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let url = format!("opentrackio://239.135.1.77:{port}?interface=127.0.0.1");
@@ -159,7 +159,7 @@ fn a_group_is_heard_by_all_that_join_it() {
 }
 
 #[test]
-fn the_official_samples_are_read_whole_and_written_back_equal() {
+fn official_samples_round_trip() {
     let Some(folder) = common::data("opentrackio/test/resources/classic/examples") else { return };
     let mut count = 0;
     for entry in std::fs::read_dir(folder).unwrap() {
@@ -223,7 +223,7 @@ fn places(receiver: &mut Receiver, now_s: f64) -> Vec<(u32, f64)> {
 }
 
 #[test]
-fn another_sender_is_left_aside() {
+fn other_senders_are_ignored() {
     for (url, expected) in [
         // The first that is heard.
         ("opentrackio://?wait_s=0", vec![(0, 1.0), (0, 2.0)]),
@@ -244,7 +244,7 @@ fn another_sender_is_left_aside() {
 }
 
 #[test]
-fn another_sender_takes_over_from_a_silent_one() {
+fn other_sender_replaces_a_silent_one() {
     let mut r = receiver("opentrackio://?wait_s=0");
     r.take(&packet("a", 1, 5.0, 1.0), from(1, 50), 0.0);
     assert_eq!(places(&mut r, 0.0), [(0, 1.0)]);
@@ -292,7 +292,7 @@ fn late_lost_repeated_and_odd_poses_are_counted() {
 }
 
 #[test]
-fn samples_without_a_time_come_at_their_arrival_and_without_a_place_say_of_the_lens() {
+fn samples_without_a_time_use_the_arrival_and_those_without_a_pose_update_the_lens() {
     let mut r = receiver("opentrackio://?wait_s=0");
     let mut take = |text: &str, now_s| {
         packets(Encoding::Json, 1, text.as_bytes()).iter().for_each(|p| r.take(p, from(1, 50), now_s));
@@ -319,7 +319,7 @@ impl Noise {
 }
 
 #[test]
-fn a_flood_of_garbage_costs_bounded_time_and_hides_nothing() {
+fn flood_of_garbage_costs_bounded_time_and_hides_no_pose() {
     let mut noise = Noise(1);
     for url in ["opentrackio://?wait_s=0&source=walk", "freed://?wait_s=0&source=3"] {
         let mut r = receiver(url);
@@ -360,7 +360,7 @@ fn a_flood_of_garbage_costs_bounded_time_and_hides_nothing() {
 }
 
 #[test]
-fn a_deadline_is_kept_while_garbage_comes() {
+fn deadline_is_kept_during_garbage() {
     let mut poses = Poses::open("opentrackio://127.0.0.1:0").unwrap();
     let noisy = UdpSocket::bind("127.0.0.1:0").unwrap();
     for _ in 0..100 {
@@ -416,7 +416,7 @@ fn sent_at(r: &mut Receiver, i: u16, ahead_s: f64) -> Vec<(f64, f64)> {
 }
 
 #[test]
-fn single_stamp_ahead_moves_no_other_pose() {
+fn single_stamp_ahead_changes_no_other_pose() {
     for ahead_s in [0.1, -0.1, 0.5] {
         let mut r = settled("opentrackio://?wait_s=0");
         sent_at(&mut r, 200, 95.0 + ahead_s);
@@ -437,7 +437,7 @@ fn single_stamp_ahead_moves_no_other_pose() {
 }
 
 #[test]
-fn clock_set_anew_is_followed_and_counted() {
+fn clock_step_is_followed_and_counted() {
     for (by_s, after) in [(0.1, 199), (-0.1, 199)] {
         let mut r = settled("opentrackio://?wait_s=0");
         let late: Vec<_> = (200..600).flat_map(|i| sent_at(&mut r, i, 95.0 + by_s)).collect();

@@ -18,7 +18,7 @@ pub const RECOMMENDED_VIEWS: usize = 10;
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedView {
     pub name: String,
-    pub seen: BoardDetection,
+    pub detection: BoardDetection,
 }
 
 /// A view that was not used.

@@ -58,9 +58,9 @@ pub fn calibrate(
         _ => Ok(()),
     };
     enough(&views, &refused)?;
-    let (first, mut notes) = choose_model(size_px, &seen(&views), options.model)?;
+    let (first, mut notes) = choose_model(size_px, &detections(&views), options.model)?;
     let mut views = views;
-    let (mut fit, mut covariance) = final_fit(&seen(&views), &first)?;
+    let (mut fit, mut covariance) = final_fit(&detections(&views), &first)?;
     loop {
         let outliers = outlier_views(&fit);
         if outliers.is_empty() {
@@ -79,7 +79,7 @@ pub fn calibrate(
         }
         views = kept;
         enough(&views, &refused)?;
-        (fit, covariance) = final_fit(&seen(&views), &Fit { stands, ..fit })?;
+        (fit, covariance) = final_fit(&detections(&views), &Fit { stands, ..fit })?;
     }
     let geometry = fit.lens.geometry(width_px, height_px);
     let sigma = |i: usize| covariance[(i, i)].sqrt();
@@ -91,7 +91,7 @@ pub fn calibrate(
         tags @ Target::Tags(_) => (tags, Some(METRE_MM)),
         chessboard => (options.board.map_or(chessboard, Target::Chessboard), options.square_mm),
     };
-    let missing = missing(size_px, &parameters, &seen(&views), &fit.stands, RECOMMENDED_VIEWS);
+    let missing = missing(size_px, &parameters, &detections(&views), &fit.stands, RECOMMENDED_VIEWS);
     Ok(CameraCalibration {
         rms_px: fit.rms_px(),
         median_px: fit.median_px(),
@@ -109,8 +109,8 @@ pub fn calibrate(
     })
 }
 
-fn seen(views: &[NamedView]) -> Vec<&BoardDetection> {
-    views.iter().map(|view| &view.seen).collect()
+fn detections(views: &[NamedView]) -> Vec<&BoardDetection> {
+    views.iter().map(|view| &view.detection).collect()
 }
 
 /// The largest visible part of a board.
@@ -121,7 +121,7 @@ fn largest(views: &[NamedView]) -> Target {
         }
         (tags @ Target::Tags(_), _) | (_, tags) => tags,
     };
-    views.iter().map(|view| view.seen.target).reduce(larger).unwrap_or(Target::Tags(0))
+    views.iter().map(|view| view.detection.target).reduce(larger).unwrap_or(Target::Tags(0))
 }
 
 /// Chooses the model. Also returns remarks.
@@ -202,7 +202,8 @@ fn remarks(lens: &LensVector, parameters: &[Parameter], geometry: &Geometry, vie
     }
     let centre = DVec2::new(lens.values[2], lens.values[3]);
     let size = DVec2::new(geometry.intrinsics.width_px.into(), geometry.intrinsics.height_px.into());
-    let seen = views.iter().flat_map(|view| &view.seen.corners_px).map(|at| at.distance(centre)).fold(0.0, f64::max);
+    let farthest_seen =
+        views.iter().flat_map(|view| &view.detection.corners_px).map(|at| at.distance(centre)).fold(0.0, f64::max);
     let corners = [DVec2::ZERO, DVec2::new(size.x, 0.0), DVec2::new(0.0, size.y), size];
     let farthest = corners.into_iter().map(|corner| corner.distance(centre)).fold(0.0, f64::max);
     let folds = corners.into_iter().filter_map(|corner| geometry.direction(corner)).any(|direction| {
@@ -212,9 +213,9 @@ fn remarks(lens: &LensVector, parameters: &[Parameter], geometry: &Geometry, vie
     });
     if folds {
         notes.push("the distortion folds back within the picture's corners, where no view holds it".to_owned());
-    } else if farthest > 1.25 * seen {
-        let (seen, farthest) = (fixed(seen, 0), fixed(farthest, 0));
-        notes.push(format!("corners are seen up to {seen} px from the principal point; from there to the picture's corners, {farthest} px away, the distortion is a guess"));
+    } else if farthest > 1.25 * farthest_seen {
+        let (farthest_seen, farthest) = (fixed(farthest_seen, 0), fixed(farthest, 0));
+        notes.push(format!("corners are seen up to {farthest_seen} px from the principal point; from there to the picture's corners, {farthest} px away, the distortion is a guess"));
     }
     notes
 }

@@ -87,7 +87,7 @@ pub fn views_from_paths(
         let done = found.len();
         found.extend(from_video(video, every(video), &mut search, &mut |n| progress(done + n, all))?);
     }
-    Ok(sort_by_kind(found))
+    Ok(keep_majority(found))
 }
 
 /// The PNG and JPEG files of a folder, ordered by name.
@@ -107,7 +107,7 @@ struct Searched {
     found: Result<BoardDetection, String>,
 }
 
-fn sort_by_kind(found: Vec<Searched>) -> Views {
+fn keep_majority(found: Vec<Searched>) -> Views {
     let sizes = || found.iter().filter(|searched| searched.found.is_ok()).map(|searched| searched.size);
     let often = |size: (u32, u32)| sizes().filter(|own| *own == size).count();
     // The larger of two equally frequent sizes.
@@ -122,11 +122,11 @@ fn sort_by_kind(found: Vec<Searched>) -> Views {
                     format!("is {}x{} px where most are {}x{}: cropped or scaled?", own.0, own.1, size.0, size.1);
                 refused.push(RejectedView { name, reason });
             }
-            Ok(seen) if seen.target.kind() != kind => {
-                let reason = format!("shows {} where most show {kind}", seen.target.kind());
+            Ok(detection) if detection.target.kind() != kind => {
+                let reason = format!("shows {} where most show {kind}", detection.target.kind());
                 refused.push(RejectedView { name, reason });
             }
-            Ok(seen) => views.push(NamedView { name, seen }),
+            Ok(detection) => views.push(NamedView { name, detection }),
             Err(reason) => refused.push(RejectedView { name, reason }),
         }
     }
@@ -177,32 +177,38 @@ fn from_video(
     progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
 ) -> Result<Vec<Searched>, LoadError> {
     let count = video.timestamps_s.len();
-    let mut seen: Vec<(usize, BoardDetection)> = Vec::new();
+    let mut detections: Vec<(usize, BoardDetection)> = Vec::new();
     for (n, pixels) in video.read(0..count)?.enumerate() {
         let pixels = pixels?;
         if n % every == 0 {
             if progress(n / every).is_break() {
                 return Err(LoadError::Stopped);
             }
-            seen.extend(search.find(&pixels).ok().map(|found| (n, found)));
+            detections.extend(search.find(&pixels).ok().map(|found| (n, found)));
         }
     }
     let size = (video.width, video.height);
     let name = |frame: usize| format!("{} frame {frame}", video.file.display());
-    let chosen = stillest(&seen, f64::from(size.0).hypot(f64::from(size.1)));
+    let chosen = stillest(&detections, f64::from(size.0).hypot(f64::from(size.1)));
     if chosen.is_empty() {
-        let what =
-            if seen.is_empty() { "no board is seen in any frame" } else { "the board moves too fast in all frames" };
+        let what = if detections.is_empty() {
+            "no board is seen in any frame"
+        } else {
+            "the board moves too fast in all frames"
+        };
         return Ok(vec![Searched { name: video.file.display().to_string(), size, found: Err(what.to_owned()) }]);
     }
-    Ok(chosen.into_iter().map(|i| Searched { name: name(seen[i].0), size, found: Ok(seen[i].1.clone()) }).collect())
+    Ok(chosen
+        .into_iter()
+        .map(|i| Searched { name: name(detections[i].0), size, found: Ok(detections[i].1.clone()) })
+        .collect())
 }
 
 /// Position, size and shear of a board in the picture, as points that move with it, px.
-fn position_marks(seen: &BoardDetection) -> [DVec2; 3] {
-    let count = seen.corners_px.len().max(1) as f64;
-    let middle = seen.corners_px.iter().sum::<DVec2>() / count;
-    let from_middle = || seen.corners_px.iter().map(|at| *at - middle);
+fn position_marks(detection: &BoardDetection) -> [DVec2; 3] {
+    let count = detection.corners_px.len().max(1) as f64;
+    let middle = detection.corners_px.iter().sum::<DVec2>() / count;
+    let from_middle = || detection.corners_px.iter().map(|at| *at - middle);
     let wide = (from_middle().map(|p| p * p).sum::<DVec2>() / count).map(f64::sqrt);
     let skew = from_middle().map(|p| p.x * p.y).sum::<f64>() / count / (wide.x + wide.y).max(1e-9);
     [middle, wide, DVec2::new(skew, 0.0)]
@@ -214,20 +220,20 @@ fn difference_px(a: &BoardDetection, b: &BoardDetection) -> f64 {
 
 /// Indices of the selected views, ascending: those that move least, each different from the others.
 /// `diagonal_px` is that of the picture.
-fn stillest(seen: &[(usize, BoardDetection)], diagonal_px: f64) -> Vec<usize> {
+fn stillest(detections: &[(usize, BoardDetection)], diagonal_px: f64) -> Vec<usize> {
     // Motion since the previous frame; for the first frame, until the next one.
-    let moved = |i: usize| match (seen.get(i.max(1) - 1), seen.get(i.max(1))) {
+    let moved = |i: usize| match (detections.get(i.max(1) - 1), detections.get(i.max(1))) {
         (Some(before), Some(own)) => difference_px(&own.1, &before.1) / (own.0 - before.0).max(1) as f64,
         _ => 0.0,
     };
-    let mut order: Vec<(f64, usize)> = (0..seen.len()).map(|i| (moved(i), i)).collect();
+    let mut order: Vec<(f64, usize)> = (0..detections.len()).map(|i| (moved(i), i)).collect();
     order.retain(|(moved, _)| *moved <= MAX_MOTION * diagonal_px);
     order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let differ = MIN_DIFFERENCE * diagonal_px;
     let mut chosen: Vec<usize> = Vec::new();
     for (_, i) in order {
         if chosen.len() < MAX_USED_FRAMES
-            && chosen.iter().all(|other| difference_px(&seen[i].1, &seen[*other].1) > differ)
+            && chosen.iter().all(|other| difference_px(&detections[i].1, &detections[*other].1) > differ)
         {
             chosen.push(i);
         }
@@ -242,7 +248,7 @@ mod tests {
     use crate::calibrate::board::{ChessboardSize, Target};
 
     /// A board whose corners are a grid with spacing `side` px, from a point.
-    fn seen(x: f64, y: f64, side: f64) -> BoardDetection {
+    fn detection(x: f64, y: f64, side: f64) -> BoardDetection {
         let board: Vec<DVec2> = (0..20).map(|i| DVec2::new(f64::from(i % 5), f64::from(i / 5))).collect();
         let corners_px = board.iter().map(|place| DVec2::new(x, y) + side * *place).collect();
         BoardDetection { board, corners_px, target: Target::Chessboard(ChessboardSize::new(5, 4)) }
@@ -254,7 +260,7 @@ mod tests {
         let places =
             [(0.0, 30.0), (0.5, 30.0), (80.0, 30.0), (160.0, 30.0), (160.2, 30.0), (160.2, 45.0), (160.3, 45.0)];
         let views: Vec<(usize, BoardDetection)> =
-            places.iter().enumerate().map(|(i, (x, side))| (3 * i, seen(*x, 40.0, *side))).collect();
+            places.iter().enumerate().map(|(i, (x, side))| (3 * i, detection(*x, 40.0, *side))).collect();
         assert_eq!(stillest(&views, 750.0), [0, 4, 6]);
         assert_eq!(stillest(&views[..1], 750.0), [0]);
         assert_eq!(stillest(&[], 750.0), Vec::<usize>::new());
@@ -263,8 +269,8 @@ mod tests {
     #[test]
     fn pictures_of_another_size_are_refused_with_both_sizes() {
         let one = |name: &str, size, found| Searched { name: name.to_owned(), size, found };
-        let good = || Ok(seen(0.0, 0.0, 20.0));
-        let views = sort_by_kind(vec![
+        let good = || Ok(detection(0.0, 0.0, 20.0));
+        let views = keep_majority(vec![
             one("a", (640, 480), good()),
             one("b", (1281, 721), good()),
             one("c", (640, 480), good()),

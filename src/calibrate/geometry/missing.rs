@@ -163,8 +163,8 @@ pub fn tilt_deg(stand: &Stand) -> DVec2 {
 }
 
 /// Distance of the visible part of a board, in its unit.
-pub fn distance(seen: &BoardDetection, stand: &Stand) -> f64 {
-    let middle = seen.board.iter().sum::<DVec2>() / seen.board.len().max(1) as f64;
+pub fn distance(detection: &BoardDetection, stand: &Stand) -> f64 {
+    let middle = detection.board.iter().sum::<DVec2>() / detection.board.len().max(1) as f64;
     stand.point(middle.extend(0.0)).length()
 }
 
@@ -187,9 +187,9 @@ pub fn missing(
     if !absent.is_empty() {
         missing_views.push(MissingViews::Tilts(absent));
     }
-    let seen = || views.iter().flat_map(|view| &view.corners_px).map(|at| *at / size_px);
-    let is_seen = |corner: PictureCorner| seen().any(|at| (at - corner.at()).abs().max_element() < CORNER_SHARE);
-    let absent: Vec<PictureCorner> = PictureCorner::ALL.into_iter().filter(|corner| !is_seen(*corner)).collect();
+    let points = || views.iter().flat_map(|view| &view.corners_px).map(|at| *at / size_px);
+    let is_covered = |corner: PictureCorner| points().any(|at| (at - corner.at()).abs().max_element() < CORNER_SHARE);
+    let absent: Vec<PictureCorner> = PictureCorner::ALL.into_iter().filter(|corner| !is_covered(*corner)).collect();
     if !absent.is_empty() {
         missing_views.push(MissingViews::Corners(absent));
     }

@@ -30,7 +30,7 @@ impl Parameter {
 impl CameraCalibration {
     /// Number of views and corners and the residual, in one line.
     pub fn origin(&self) -> String {
-        let corners: usize = self.views.iter().map(|view| view.seen.corners_px.len()).sum();
+        let corners: usize = self.views.iter().map(|view| view.detection.corners_px.len()).sum();
         let board = match self.target {
             Target::Chessboard(board) => format!("a board of {board} corners, {corners} in all"),
             Target::Tags(tags) => format!("a board of {}, {corners} corners in all", count(tags, "tag")),
@@ -64,7 +64,7 @@ impl fmt::Display for CameraCalibration {
         for ((view, stand), residuals) in self.views.iter().zip(&self.stands).zip(&self.residuals_px) {
             let squares: f64 = residuals.iter().map(|r| r.length_squared()).sum();
             let rms = (squares / residuals.len().max(1) as f64).sqrt();
-            let corners = view.seen.corners_px.len();
+            let corners = view.detection.corners_px.len();
             let part =
                 if corners < self.target.corners() { format!(" of {}", self.target.corners()) } else { String::new() };
             writeln!(
@@ -73,7 +73,7 @@ impl fmt::Display for CameraCalibration {
                 view.name,
                 fixed(rms, 2),
                 fixed(tilt_deg(stand).length(), 0),
-                self.length(distance(&view.seen, stand))
+                self.length(distance(&view.detection, stand))
             )?;
         }
         for refused in &self.refused {

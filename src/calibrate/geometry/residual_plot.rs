@@ -36,7 +36,7 @@ pub fn residuals(calibrated: &CameraCalibration) -> Pixels {
     let enlarged = round(TYPICAL_LENGTH_PX / calibrated.rms_px.max(1e-6));
     for (n, (view, residuals)) in calibrated.views.iter().zip(&calibrated.residuals_px).enumerate() {
         let color = color(n);
-        for (at, residual) in view.seen.corners_px.iter().zip(residuals) {
+        for (at, residual) in view.detection.corners_px.iter().zip(residuals) {
             let at = scale * *at;
             line(&mut sheet, at, at, 4.0, color);
             line(&mut sheet, at, at + enlarged * *residual, 1.5, color);

@@ -60,13 +60,13 @@ pub struct Coverage {
     pub columns: usize,
     pub rows: usize,
     /// Row by row from the top left.
-    pub seen: Vec<bool>,
+    pub covered: Vec<bool>,
 }
 
 impl Coverage {
     /// Share of covered cells, 0 to 1.
     pub fn share(&self) -> f64 {
-        self.seen.iter().filter(|seen| **seen).count() as f64 / self.seen.len().max(1) as f64
+        self.covered.iter().filter(|covered| **covered).count() as f64 / self.covered.len().max(1) as f64
     }
 }
 
@@ -115,33 +115,33 @@ impl ViewCollector {
 
     pub fn coverage(&self) -> Coverage {
         let (columns, rows) = COVERAGE_CELLS;
-        let mut seen = vec![false; columns * rows];
+        let mut covered = vec![false; columns * rows];
         let cell = DVec2::new(columns as f64, rows as f64) / self.size_px();
-        for at in self.views.iter().flat_map(|view| &view.seen.corners_px) {
+        for at in self.views.iter().flat_map(|view| &view.detection.corners_px) {
             let at = *at * cell;
             let (column, row) = (at.x.max(0.0) as usize, at.y.max(0.0) as usize);
-            seen[row.min(rows - 1) * columns + column.min(columns - 1)] = true;
+            covered[row.min(rows - 1) * columns + column.min(columns - 1)] = true;
         }
-        Coverage { columns, rows, seen }
+        Coverage { columns, rows, covered }
     }
 
     /// Adds the detection in the next picture, with its time, s, and name.
-    pub fn add(&mut self, time_s: f64, name: &str, seen: Option<BoardDetection>) -> ViewOutcome {
-        let Some(seen) = seen else {
+    pub fn add(&mut self, time_s: f64, name: &str, detection: Option<BoardDetection>) -> ViewOutcome {
+        let Some(detection) = detection else {
             self.previous = None;
             return ViewOutcome::NoBoard;
         };
         let limit_px = (MAX_REST_MOTION * self.size_px().length()).max(REST_MOTION_PX);
-        let rests = self.previous.replace((time_s, seen.clone())).is_some_and(|(previous_s, previous)| {
-            (0.0..MAX_INTERVAL_S).contains(&(time_s - previous_s)) && moved_px(&previous, &seen) < limit_px
+        let rests = self.previous.replace((time_s, detection.clone())).is_some_and(|(previous_s, previous)| {
+            (0.0..MAX_INTERVAL_S).contains(&(time_s - previous_s)) && moved_px(&previous, &detection) < limit_px
         });
         if !rests {
             return ViewOutcome::Moving;
         }
-        if !self.is_new(&seen) {
+        if !self.is_new(&detection) {
             return ViewOutcome::Redundant;
         }
-        self.views.push(NamedView { name: name.to_owned(), seen });
+        self.views.push(NamedView { name: name.to_owned(), detection });
         self.update();
         ViewOutcome::Accepted
     }
@@ -155,9 +155,9 @@ impl ViewCollector {
         DVec2::new(self.size.0.into(), self.size.1.into())
     }
 
-    fn is_new(&self, seen: &BoardDetection) -> bool {
-        let Some(own) = self.place(seen) else { return false };
-        let places: Vec<BoardView> = self.views.iter().filter_map(|view| self.place(&view.seen)).collect();
+    fn is_new(&self, detection: &BoardDetection) -> bool {
+        let Some(own) = self.place(detection) else { return false };
+        let places: Vec<BoardView> = self.views.iter().filter_map(|view| self.place(&view.detection)).collect();
         let diagonal_px = self.size_px().length();
         let differs = |by: &ViewDifference| places.iter().all(|other| own.differs(other, diagonal_px, by));
         let more = self.missing.iter().any(|wish| wish.condition_count() == 0);
@@ -165,15 +165,15 @@ impl ViewCollector {
             return true;
         }
         let condition_count = |wishes: &[MissingViews]| wishes.iter().map(MissingViews::condition_count).sum::<usize>();
-        let previous: Vec<&BoardDetection> = self.views.iter().map(|view| &view.seen).collect();
+        let previous: Vec<&BoardDetection> = self.views.iter().map(|view| &view.detection).collect();
         // Evaluated with the same lens, with and without the view.
-        let stands: Vec<Option<Stand>> = previous.iter().map(|seen| self.stand(seen)).collect();
+        let stands: Vec<Option<Stand>> = previous.iter().map(|detection| self.stand(detection)).collect();
         let Some(stands) = stands.into_iter().collect::<Option<Vec<Stand>>>() else { return differs(&NEW_VIEW) };
         let of = |views: &[&BoardDetection], stands: &[Stand]| {
             condition_count(&missing(self.size_px(), &[], views, stands, 0))
         };
         let without = of(&previous, &stands);
-        let with = of(&[&previous[..], &[seen]].concat(), &[&stands[..], &[own.stand]].concat());
+        let with = of(&[&previous[..], &[detection]].concat(), &[&stands[..], &[own.stand]].concat());
         with < without && differs(&GAP_VIEW)
     }
 
@@ -185,29 +185,29 @@ impl ViewCollector {
             let of = &calibrated.geometry.intrinsics;
             let centre_px = DVec2::new(of.cx_px, of.cy_px);
             self.lens = LensVector::plain(calibrated.geometry.distortion.model, of.fx_px, centre_px);
-            let views: Vec<&BoardDetection> = calibrated.views.iter().map(|view| &view.seen).collect();
+            let views: Vec<&BoardDetection> = calibrated.views.iter().map(|view| &view.detection).collect();
             let (parameters, stands) = (&calibrated.parameters, &calibrated.stands);
             self.missing = missing(self.size_px(), parameters, &views, stands, self.wanted);
             return;
         }
-        let seen = self.views.iter().filter_map(|view| Some((&view.seen, self.stand(&view.seen)?)));
-        let (views, stands): (Vec<&BoardDetection>, Vec<Stand>) = seen.unzip();
+        let posed = self.views.iter().filter_map(|view| Some((&view.detection, self.stand(&view.detection)?)));
+        let (views, stands): (Vec<&BoardDetection>, Vec<Stand>) = posed.unzip();
         // Not complete before the camera is known.
         let wanted = self.wanted.max(self.views.len() + 1);
         self.missing = missing(self.size_px(), &[], &views, &stands, wanted);
     }
 
-    fn stand(&self, seen: &BoardDetection) -> Option<Stand> {
-        stand(&self.lens, &seen.board, &seen.corners_px)
+    fn stand(&self, detection: &BoardDetection) -> Option<Stand> {
+        stand(&self.lens, &detection.board, &detection.corners_px)
     }
 
-    fn place(&self, seen: &BoardDetection) -> Option<BoardView> {
-        let stand = self.stand(seen)?;
-        let (low, high) = bounds(&seen.corners_px);
+    fn place(&self, detection: &BoardDetection) -> Option<BoardView> {
+        let stand = self.stand(detection)?;
+        let (low, high) = bounds(&detection.corners_px);
         // Relative to the length of the board, so that partial views are comparable.
-        let (board_low, board_high) = bounds(&seen.board);
+        let (board_low, board_high) = bounds(&detection.board);
         let size = (high - low).length() / (board_high - board_low).length().max(1e-9);
-        Some(BoardView { middle_px: middle(&seen.corners_px), size, tilt_deg: tilt_deg(&stand), stand })
+        Some(BoardView { middle_px: middle(&detection.corners_px), size, tilt_deg: tilt_deg(&stand), stand })
     }
 }
 

@@ -154,7 +154,7 @@ fn coverage(ui: &mut Ui, coverage: &Coverage) {
     let cell = size / egui::vec2(coverage.columns as f32, coverage.rows as f32);
     let seen = ui.visuals().selection.bg_fill;
     ui.painter().rect_filled(rect, 0.0, ui.visuals().extreme_bg_color);
-    for (n, is_seen) in coverage.seen.iter().enumerate() {
+    for (n, is_seen) in coverage.covered.iter().enumerate() {
         let at = egui::vec2((n % coverage.columns) as f32, (n / coverage.columns) as f32) * cell;
         let color = if *is_seen { seen } else { Color32::TRANSPARENT };
         ui.painter().rect_filled(egui::Rect::from_min_size(rect.min + at, cell).shrink(1.0), 0.0, color);
