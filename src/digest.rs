@@ -13,6 +13,14 @@ use sha2::Digest as _;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Digest([u8; 32]);
 
+impl Digest {
+    pub fn of(value: &(impl Digestible + ?Sized)) -> Self {
+        let mut digester = Digester::default();
+        digester.add(value);
+        digester.finish()
+    }
+}
+
 /// Incremental digest. A clone continues from the same state.
 #[derive(Clone, Debug, Default)]
 pub struct Digester(sha2::Sha256);
@@ -63,6 +71,12 @@ macro_rules! numbers {
 }
 
 numbers!(u8, u32, u64, usize, i64, f32, f64, Vec2, Vec3, DVec2, DVec3, DMat3, DAffine3);
+
+impl Digestible for Digest {
+    fn digest(&self, into: &mut Digester) {
+        into.0.update(self.0);
+    }
+}
 
 impl Digestible for bool {
     fn digest(&self, into: &mut Digester) {

@@ -15,6 +15,7 @@ pub mod parallel;
 pub mod params;
 pub mod pixels;
 pub mod pose;
+pub mod quality;
 pub mod text;
 
 // 1: physics without GPU or files; least-squares fits and poses

@@ -9,16 +9,24 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Values by their keys. Clones of a value are handed out, so that large ones stand in an `Arc`.
 #[derive(Debug)]
 pub struct Memo<K, V> {
-    /// Largest number of entries.
-    capacity: usize,
+    /// Largest sum of costs. The newest value stays whatever it costs.
+    budget: usize,
+    /// Cost of a value.
+    cost: fn(&V) -> usize,
     /// The most recently used last.
     entries: Mutex<Vec<(K, V)>>,
 }
 
 impl<K, V> Memo<K, V> {
+    /// At most so many values.
     pub const fn new(capacity: usize) -> Self {
         assert!(capacity > 0, "a memo without entries");
-        Self { capacity, entries: Mutex::new(Vec::new()) }
+        Self { budget: capacity, cost: |_| 1, entries: Mutex::new(Vec::new()) }
+    }
+
+    /// Values of at most so many bytes together, each of the size that a function returns.
+    pub const fn with_budget(bytes: usize, size_bytes: fn(&V) -> usize) -> Self {
+        Self { budget: bytes, cost: size_bytes, entries: Mutex::new(Vec::new()) }
     }
 
     /// Keeps every value.
@@ -44,10 +52,12 @@ impl<K: PartialEq, V: Clone> Memo<K, V> {
         if let Some(known) = used(&mut entries, &key) {
             return known;
         }
-        if entries.len() >= self.capacity {
-            entries.remove(0);
-        }
         entries.push((key, value.clone()));
+        let mut excess = entries.iter().map(|(_, value)| (self.cost)(value)).sum::<usize>().saturating_sub(self.budget);
+        while excess > 0 && entries.len() > 1 {
+            let (_, evicted) = entries.remove(0);
+            excess = excess.saturating_sub((self.cost)(&evicted));
+        }
         value
     }
 
@@ -80,6 +90,19 @@ mod tests {
         assert_eq!(memo.get(&1), Some('a'));
         memo.insert(3, 'c');
         assert_eq!([1, 2, 3].map(|key| memo.get(&key)), [Some('a'), None, Some('c')]);
+    }
+
+    #[test]
+    fn values_stay_within_the_budget_and_the_newest_one_always() {
+        let memo = Memo::with_budget(10, |value: &usize| *value);
+        for value in [4, 5, 1] {
+            memo.insert(value, value);
+        }
+        assert_eq!([4, 5, 1].map(|key| memo.get(&key)), [Some(4), Some(5), Some(1)]);
+        memo.insert(6, 6);
+        assert_eq!([4, 5, 1, 6].map(|key| memo.get(&key)), [None, None, Some(1), Some(6)]);
+        memo.insert(50, 50);
+        assert_eq!([1, 6, 50].map(|key| memo.get(&key)), [None, None, Some(50)]);
     }
 
     #[test]

@@ -25,6 +25,7 @@ use crate::effects::LayerRun;
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PartTime, Readback, ReadbackSet, Recorder, Timed};
 use crate::pixels::{LayerImage, Rect};
+use crate::quality::Quality;
 use crate::render::{Layer, Occlusion, Renderer, View};
 use crate::scene::{Object, Scene};
 use crate::shadow::{LazyRadiance, Lightmaps, Room, ShadowMap, Shadows};
@@ -136,8 +137,8 @@ impl Compositor {
             self.shadows = Shadows::new(&scene);
             self.lightmaps = Lightmaps::new(&scene);
         } else if before.lighting != scene.lighting {
-            self.shadows.set_lightmaps(&scene);
-            self.lightmaps.set_lightmaps(&scene);
+            self.shadows.set_lighting(&scene);
+            self.lightmaps.set_lighting(&scene);
         }
         self.renderer.set_scene(&self.recorder.gpu, scene);
     }
@@ -152,7 +153,7 @@ impl Compositor {
 
     /// Real things take light from the floors from the next frame on, which virtual ones do not take a second time.
     pub fn stand_in(&mut self, room: Option<Arc<Room>>) {
-        self.shadows.stand_in(room);
+        self.shadows.set_room(room);
     }
 
     /// Sets how bright the room's surfaces are where a frame shows them clipped. It holds from the next frame on.
@@ -360,28 +361,26 @@ impl Compositor {
             self.renderer.set_lightmaps(gpu, &[], strength);
             return (Vec::new(), false);
         }
-        let (shadow_maps, mut is_rough) = match may_be_rough {
-            true => self.shadows.sketched(self.renderer.scene()),
-            false => (self.shadows.shadow_maps(self.renderer.scene()), false),
-        };
-        let lightmaps = match (settings.on_things, may_be_rough) {
-            (false, _) => self.shadows.dimmed(self.renderer.scene()),
-            (true, true) => {
-                let (known, is_other) = self.lightmaps.sketched(self.renderer.scene());
-                is_rough |= is_other;
-                known
+        let requested = if may_be_rough { Quality::Preview } else { Quality::Final };
+        let (shadow_maps, mut quality) = self.shadows.shadow_maps(self.renderer.scene(), requested);
+        let lightmaps = match (settings.on_things, requested) {
+            (false, _) => self.shadows.light_visibility(self.renderer.scene()),
+            (true, Quality::Preview) => {
+                let (lightmaps, of_lightmaps) = self.lightmaps.preview(self.renderer.scene());
+                quality = quality.min(of_lightmaps);
+                lightmaps
             }
-            (true, false) => {
+            (true, Quality::Final) => {
                 self.renderer.unwrap(gpu);
-                let dimmed = self.shadows.dimmed(self.renderer.scene());
-                // What lies beside things throws nothing onto them.
-                let below: Vec<ShadowMap> =
-                    shadow_maps.iter().filter(|shadow_map| !shadow_map.is_beside).cloned().collect();
-                self.lightmaps.of(self.renderer.scene(), self.renderer.unwrapped(), &below, &dimmed)
+                let visibility = self.shadows.light_visibility(self.renderer.scene());
+                // Planes beside objects reflect nothing onto them.
+                let floors = shadow_maps.iter().filter(|shadow_map| !shadow_map.is_beside);
+                let floors: Vec<ShadowMap> = floors.cloned().collect();
+                self.lightmaps.lightmaps(self.renderer.scene(), self.renderer.unwrapped(), &floors, &visibility)
             }
         };
         self.renderer.set_lightmaps(gpu, &lightmaps, strength);
-        (shadow_maps, is_rough)
+        (shadow_maps, quality.is_preview())
     }
 
     /// Passes a frame through to which nothing is added.

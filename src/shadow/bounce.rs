@@ -215,6 +215,7 @@ impl Lit<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::quality::Quality;
     use crate::scene::{Environment, Lighting};
     use crate::shadow::extent::Extent;
     use crate::shadow::shadow_map::Real;
@@ -237,7 +238,7 @@ mod tests {
             ..Occluders::default()
         };
         let extent = Extent { low: Vec2::splat(-5.0), high: Vec2::splat(5.0) };
-        let shares = ShadowTexture::new(&occluders, extent, &sky, Real::default());
+        let shares = ShadowTexture::new(&occluders, extent, &sky, Real::default(), Quality::Final);
         shares.at_texel(shares.texel_of(Vec2::new(0.0, -distance_m)).as_dvec2()).y
     }
 

@@ -1,77 +1,84 @@
-//! Which things take light from which, and the lightmaps that are known already.
+//! The lightmaps of a scene's parts, memoized.
 //!
-//! A part's lightmap depends on how what is near stands to it, on the floors below, and on the lamps. So it is the same one
-//! wherever a thing is moved to on a floor, as long as nothing else is near and all light comes from far away.
+//! A part's lightmap depends on the arrangement of the objects around it, on the floors below and on
+//! the lamps. If all light is distant and nothing else is near, it stays the same wherever an object is
+//! moved on a floor.
 
 use std::cell::LazyCell;
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
 
-use super::lightmap::{Among, Room, Surface, lightmap};
+use super::bake_scene::{BakeInputs, BakeScene};
+use super::lightmap::{PartSurface, lightmap};
 use super::occluders::Occluders;
 use super::shadow_map::{ShadowMap, ShadowTexture};
 use super::sky::{Around, EnvSample};
 use super::steps::{Steps, from_steps, step, steps};
 use crate::digest::{Digest, Digester};
 use crate::memo::Memo;
+use crate::quality::Quality;
 use crate::render::{Lightmap, MAX_POINTS, MAX_SUNS, Unwrapped};
 use crate::scene::{Lighting, Object, Part, PointLight, Scene};
 
-/// A thing takes light from others as far away as this, times its own longest side.
-const REACH: f64 = 4.0;
-/// So many lightmaps are kept, the ones used last.
-const KEPT: usize = 256;
+/// Distance up to which an object occludes others, as a multiple of its longest side.
+const OCCLUSION_REACH: f64 = 4.0;
+/// Number of lightmaps that are memoized by arrangement.
+const ARRANGEMENT_CAPACITY: usize = 256;
+/// Memory of the lightmaps that are memoized for all compositors, bytes. A map has at most 128² texels in ten layers,
+/// 2.6 MB; most take a tenth of that.
+const LIGHTMAP_BUDGET_BYTES: usize = 128 << 20;
 
-/// For all compositors: of forty things with three parts each. A map has at most 128² texels in ten layers, 2.6 MB; most are a tenth
-/// of that.
-static LIGHTMAPS: Memo<Digest, Arc<Lightmap>> = Memo::new(128);
+/// For all compositors.
+static LIGHTMAPS: Memo<Digest, Arc<Lightmap>> =
+    Memo::with_budget(LIGHTMAP_BUDGET_BYTES, |map| map.layers.iter().map(|layer| size_of_val(layer.as_slice())).sum());
 
-/// Works out lightmaps, and keeps them.
+/// Computes lightmaps.
 #[derive(Debug)]
 pub struct Lightmaps {
     lighting: Lighting,
-    /// Made when it is first asked for.
-    far: Option<Vec<EnvSample>>,
-    kept: Memo<Key, Arc<Lightmap>>,
+    /// Samples of the whole environment, computed on demand.
+    environment: Option<Vec<EnvSample>>,
+    /// By arrangement: also of objects that were moved as a whole, where exact inputs differ.
+    by_arrangement: Memo<Arrangement, Arc<Lightmap>>,
     last: Option<Last>,
 }
 
-/// What was asked for last, and what was answered.
+/// The last request and its result.
 #[derive(Debug)]
 struct Last {
     objects: Vec<Object>,
     shadow_maps: Vec<ShadowMap>,
-    dimmed: Vec<Option<Arc<Lightmap>>>,
-    found: Vec<Option<Arc<Lightmap>>>,
-    /// In a light that is another now.
-    is_of_before: bool,
+    visibility: Vec<Option<Arc<Lightmap>>>,
+    lightmaps: Vec<Option<Arc<Lightmap>>>,
+    /// The light has changed since.
+    is_outdated: bool,
 }
 
-/// All that a part's lightmap depends on but the scene's meshes and far light. Places are told from the object's.
+/// All that a part's lightmap depends on except the scene's meshes and distant light, relative to the object's origin.
 #[derive(Clone, Debug, PartialEq)]
-struct Key {
+struct Arrangement {
     part: (usize, Steps),
     occluders: Vec<(usize, Steps)>,
-    floors: Vec<Floor>,
+    shadows: Vec<PlacedShadow>,
     lamps: Vec<[i64; 3]>,
 }
 
-/// Where a floor lies, and what reaches it. Two are the same where the shares are the very same.
+/// A shadow map with the place of its plane. Equal if the texture is the same one.
 #[derive(Clone, Debug)]
-struct Floor {
+struct PlacedShadow {
     place: Steps,
     texture: Arc<ShadowTexture>,
 }
 
-impl PartialEq for Floor {
+impl PartialEq for PlacedShadow {
     fn eq(&self, other: &Self) -> bool {
         self.place == other.place && Arc::ptr_eq(&self.texture, &other.texture)
     }
 }
 
-/// An object with the box around it, metres.
-struct SceneItem<'a> {
+/// An object with its bounding box, m.
+struct BoundedObject<'a> {
     object: &'a Object,
     low: DVec3,
     high: DVec3,
@@ -80,160 +87,168 @@ struct SceneItem<'a> {
 impl Lightmaps {
     /// For scenes of these meshes and this light.
     pub fn new(scene: &Scene) -> Self {
-        Self { lighting: scene.lighting.clone(), far: None, kept: Memo::new(KEPT), last: None }
+        let by_arrangement = Memo::new(ARRANGEMENT_CAPACITY);
+        Self { lighting: scene.lighting.clone(), environment: None, by_arrangement, last: None }
     }
 
-    /// The same meshes are lit otherwise from now on. Until lightmaps are worked out anew, the last ones are rough ones, if as many suns
-    /// and lamps shine.
-    pub fn set_lightmaps(&mut self, scene: &Scene) {
+    /// Replaces the light on the same meshes. If the numbers of suns and lamps stay, the last lightmaps are previews.
+    pub fn set_lighting(&mut self, scene: &Scene) {
         let count = |lighting: &Lighting| (lighting.suns.len(), lighting.points.len());
         let last = self.last.take().filter(|_| count(&self.lighting) == count(&scene.lighting));
-        *self = Self { last: last.map(|last| Last { is_of_before: true, ..last }), ..Self::new(scene) };
+        *self = Self { last: last.map(|last| Last { is_outdated: true, ..last }), ..Self::new(scene) };
     }
 
-    /// One for each part of each object, in turn, as they are placed; `None` where nothing takes any light. `unwrapped` are the
-    /// scene's meshes, `shadow_maps` what its objects take of the floors' light, `dimmed` what real things leave of lamps' light for each
-    /// part, or nothing.
-    pub fn of(
+    /// One for each part of each object, in order; `None` for a part without a surface to light. `unwrapped` are the
+    /// scene's meshes, `shadow_maps` those of the floors, `visibility` the lightmaps of one texel of lights behind real
+    /// objects, or empty.
+    pub fn lightmaps(
         &mut self,
         scene: &Scene,
         unwrapped: &[Unwrapped],
         shadow_maps: &[ShadowMap],
-        dimmed: &[Option<Arc<Lightmap>>],
+        visibility: &[Option<Arc<Lightmap>>],
     ) -> Vec<Option<Arc<Lightmap>>> {
         let is_same = |last: &&Last| {
-            !last.is_of_before
+            !last.is_outdated
                 && last.objects == scene.objects
                 && last.shadow_maps == shadow_maps
-                && last.dimmed == dimmed
+                && last.visibility == visibility
         };
         if let Some(last) = self.last.as_ref().filter(is_same) {
-            return last.found.clone();
+            return last.lightmaps.clone();
         }
-        let things: Vec<SceneItem<'_>> =
-            scene.objects.iter().filter_map(|object| SceneItem::of(scene, object)).collect();
-        let mut found = Vec::new();
+        let bounded = scene.objects.iter().filter_map(|object| BoundedObject::of(scene, object));
+        let bounded: Vec<BoundedObject<'_>> = bounded.collect();
+        let mut lightmaps = Vec::new();
         for object in &scene.objects {
-            let own = things.iter().find(|thing| std::ptr::eq(thing.object, object));
-            let maps = own.map(|own| self.of_thing(scene, unwrapped, shadow_maps, own, &things));
-            found.extend(maps.unwrap_or_else(|| vec![None; object.parts.len()]));
+            let own = bounded.iter().find(|bounded| std::ptr::eq(bounded.object, object));
+            let maps = own.map(|own| self.of_object(scene, unwrapped, shadow_maps, own, &bounded));
+            lightmaps.extend(maps.unwrap_or_else(|| vec![None; object.parts.len()]));
         }
-        for (map, dim) in found.iter_mut().zip(dimmed) {
-            if let Some(dim) = dim {
-                *map = Some(map.take().map_or_else(|| dim.clone(), |map| Arc::new(under(&map, dim))));
+        for (map, visibility) in lightmaps.iter_mut().zip(visibility) {
+            if let Some(visibility) = visibility {
+                let map_or_all = map.take().map(|map| Arc::new(attenuated(&map, visibility)));
+                *map = Some(map_or_all.unwrap_or_else(|| visibility.clone()));
             }
         }
         self.last = Some(Last {
             objects: scene.objects.clone(),
             shadow_maps: shadow_maps.to_vec(),
-            dimmed: dimmed.to_vec(),
-            found: found.clone(),
-            is_of_before: false,
+            visibility: visibility.to_vec(),
+            lightmaps: lightmaps.clone(),
+            is_outdated: false,
         });
-        found
+        lightmaps
     }
 
-    /// The same, soon: those that were asked for last, if the scene has the same things, wherever they are now. The second value is
-    /// whether any is missing or may be another.
-    pub fn sketched(&self, scene: &Scene) -> (Vec<Option<Arc<Lightmap>>>, bool) {
+    /// The last lightmaps, if the scene has the same parts, wherever they are now; and whether they are final.
+    pub fn preview(&self, scene: &Scene) -> (Vec<Option<Arc<Lightmap>>>, Quality) {
         let meshes =
             |objects: &[Object]| objects.iter().flat_map(|o| &o.parts).map(|part| part.mesh).collect::<Vec<_>>();
+        let quality = |is_final: bool| if is_final { Quality::Final } else { Quality::Preview };
         match &self.last {
             Some(last) if meshes(&last.objects) == meshes(&scene.objects) => {
-                (last.found.clone(), last.is_of_before || last.objects != scene.objects)
+                (last.lightmaps.clone(), quality(!last.is_outdated && last.objects == scene.objects))
             }
-            _ => (Vec::new(), !scene.objects.is_empty()),
+            _ => (Vec::new(), quality(scene.objects.is_empty())),
         }
     }
 
-    fn of_thing(
+    fn of_object(
         &mut self,
         scene: &Scene,
         unwrapped: &[Unwrapped],
         shadow_maps: &[ShadowMap],
-        own: &SceneItem<'_>,
-        things: &[SceneItem<'_>],
+        own: &BoundedObject<'_>,
+        all: &[BoundedObject<'_>],
     ) -> Vec<Option<Arc<Lightmap>>> {
         let origin_m = own.object.world_from_model.translation;
-        let near = things.iter().filter(|thing| std::ptr::eq(thing.object, own.object) || thing.reaches(own));
+        let near = all.iter().filter(|other| std::ptr::eq(other.object, own.object) || other.occludes(own));
         let occluders: Vec<_> = near
-            .flat_map(|thing| &thing.object.parts)
-            .map(|part| (part.mesh, steps(&around(origin_m, &part.world_from_mesh))))
+            .flat_map(|other| &other.object.parts)
+            .map(|part| (part.mesh, steps(&relative(origin_m, &part.world_from_mesh))))
             .collect();
-        let floor = |shadow_map: &ShadowMap| {
+        let shadow = |shadow_map: &ShadowMap| {
             let place = DAffine3 { matrix3: shadow_map.floor.axes, translation: shadow_map.floor.origin_m };
-            Floor { place: steps(&around(origin_m, &place)), texture: shadow_map.texture.clone() }
+            PlacedShadow { place: steps(&relative(origin_m, &place)), texture: shadow_map.texture.clone() }
         };
-        let floors: Vec<_> = shadow_maps.iter().map(floor).collect();
+        let shadows: Vec<_> = shadow_maps.iter().map(shadow).collect();
         let lamp = |lamp: &PointLight| (lamp.position_in_world_m - origin_m).to_array().map(step);
         let lamps: Vec<_> = self.lighting.points.iter().map(lamp).collect();
-        let key = |part: &Part| Key {
-            part: (part.mesh, steps(&around(origin_m, &part.world_from_mesh))),
+        let arrangement = |part: &Part| Arrangement {
+            part: (part.mesh, steps(&relative(origin_m, &part.world_from_mesh))),
             occluders: occluders.clone(),
-            floors: floors.clone(),
+            shadows: shadows.clone(),
             lamps: lamps.clone(),
         };
-        let parts = own.object.parts.iter();
-        let asked: Vec<_> = parts.map(|part| (unwrapped.get(part.mesh).filter(|u| u.side > 0), key(part))).collect();
-        let mut maps: Vec<_> = asked.iter().map(|(surface, key)| surface.and_then(|_| self.kept.get(key))).collect();
-        let lacks = |(map, (surface, _)): (&Option<_>, &(Option<_>, Key))| map.is_none() && surface.is_some();
-        if !maps.iter().zip(&asked).any(lacks) {
+        let surface = |part: &Part| unwrapped.get(part.mesh).filter(|unwrapped| unwrapped.side > 0);
+        let parts: Vec<_> = own.object.parts.iter().map(|part| (surface(part), arrangement(part))).collect();
+        let known = |(surface, key): &(Option<_>, _)| surface.and_then(|_: &Unwrapped| self.by_arrangement.get(key));
+        let mut maps: Vec<_> = parts.iter().map(known).collect();
+        let is_missing = |(map, (surface, _)): (&Option<_>, &(Option<_>, _))| map.is_none() && surface.is_some();
+        if !maps.iter().zip(&parts).any(is_missing) {
             return maps;
         }
-        // All parts of a thing stand in one room.
+        // All parts of an object share a scene.
         let occluders = Occluders::of(scene, occluders.iter().map(|(mesh, steps)| (*mesh, from_steps(steps))));
-        let far = self.far.get_or_insert_with(|| Around::new(&self.lighting.environment).everywhere());
-        let (lighting, most) = (&self.lighting, [MAX_SUNS, MAX_POINTS]);
-        let among = Among { origin_m, occluders: &occluders, far, lighting, floors: shadow_maps, most };
-        let room = LazyCell::new(|| Room::new(&among));
+        let environment = self.environment.get_or_insert_with(|| Around::new(&self.lighting.environment).everywhere());
+        let inputs = BakeInputs {
+            origin_m,
+            occluders: &occluders,
+            environment,
+            lighting: &self.lighting,
+            shadow_maps,
+            max_lights: [MAX_SUNS, MAX_POINTS],
+        };
+        let bake_scene = LazyCell::new(|| BakeScene::new(&inputs));
         let mut digester = Digester::default();
-        digester.add(&among);
-        for (map, (unwrapped, key)) in maps.iter_mut().zip(asked) {
+        digester.add(&inputs);
+        for (map, (unwrapped, key)) in maps.iter_mut().zip(parts) {
             let (None, Some(unwrapped)) = (&map, unwrapped) else { continue };
             let (mesh, place) = &key.part;
             let material = scene.materials.get(scene.meshes[*mesh].material);
             let double_sided = material.is_some_and(|material| material.double_sided);
-            let surface = Surface { unwrapped, place: from_steps(place), double_sided };
+            let surface = PartSurface { unwrapped, scene_from_mesh: from_steps(place), double_sided };
             let mut digester = digester.clone();
             digester.add(&surface);
-            let made = LIGHTMAPS.get_or_insert_with(digester.finish(), |_| Arc::new(lightmap(&surface, &room)));
-            self.kept.insert(key, made.clone());
-            *map = Some(made);
+            let baked = LIGHTMAPS.get_or_insert_with(digester.finish(), |_| Arc::new(lightmap(&surface, &bake_scene)));
+            self.by_arrangement.insert(key, baked.clone());
+            *map = Some(baked);
         }
         maps
     }
 }
 
-impl<'a> SceneItem<'a> {
+impl<'a> BoundedObject<'a> {
     fn of(scene: &Scene, object: &'a Object) -> Option<Self> {
         let (low, high) =
             object.points_m(scene).fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
         (low.is_finite() && high.is_finite()).then_some(Self { object, low, high })
     }
 
-    /// Whether it may take light from another.
-    fn reaches(&self, other: &Self) -> bool {
-        let apart = (self.low - other.high).max(other.low - self.high).max(DVec3::ZERO).length();
-        !self.object.shadowless && apart < REACH * (self.high - self.low).max_element()
+    /// True if it is near enough to another one to occlude it.
+    fn occludes(&self, other: &Self) -> bool {
+        let distance = (self.low - other.high).max(other.low - self.high).max(DVec3::ZERO).length();
+        !self.object.shadowless && distance < OCCLUSION_REACH * (self.high - self.low).max_element()
     }
 }
 
-/// A lightmap of which suns and lamps reach no more than the shares of one texel.
-fn under(map: &Lightmap, dim: &Lightmap) -> Lightmap {
+/// A lightmap whose visibility of suns and lamps is multiplied by that of a lightmap of one texel.
+fn attenuated(map: &Lightmap, visibility: &Lightmap) -> Lightmap {
     let layer = |(n, layer): (usize, &Vec<[f32; 4]>)| {
         // A back has layers of its own.
-        let n = n % dim.layers.len();
-        let shares = dim.layers[n].first().copied().unwrap_or([1.0; 4]);
-        // The first two have one light each, the others four.
-        let share = |i: usize| if n < 2 && i < 3 { 1.0 } else { shares[i] };
-        let factors: [f32; 4] = std::array::from_fn(share);
+        let n = n % visibility.layers.len();
+        let fractions = visibility.layers[n].first().copied().unwrap_or([1.0; 4]);
+        // The first two layers have one light each, the others four.
+        let factor = |i: usize| if n < 2 && i < 3 { 1.0 } else { fractions[i] };
+        let factors: [f32; 4] = std::array::from_fn(factor);
         layer.iter().map(|texel| std::array::from_fn(|i| texel[i] * factors[i])).collect()
     };
     Lightmap { side: map.side, layers: map.layers.iter().enumerate().map(layer).collect() }
 }
 
-/// A place, told from a point.
-fn around(origin_m: DVec3, place: &DAffine3) -> DAffine3 {
+/// A transform relative to a point.
+fn relative(origin_m: DVec3, place: &DAffine3) -> DAffine3 {
     DAffine3 { matrix3: place.matrix3, translation: place.translation - origin_m }
 }
 
@@ -315,7 +330,7 @@ mod tests {
     /// The first part's lightmap, and where in the mesh each of its texels lies, but for those in the corner at the wall.
     fn first(scene: &Scene) -> (Arc<Lightmap>, Vec<(Vec3, TexelPoint)>) {
         let unwrapped = unwrapped(scene);
-        let found = Lightmaps::new(scene).of(scene, &unwrapped, &[], &[]);
+        let found = Lightmaps::new(scene).lightmaps(scene, &unwrapped, &[], &[]);
         let own = &unwrapped[0];
         let at = |place: &TexelPoint| {
             let corner = |n: usize| own.corners[own.indices[3 * place.triangle as usize + n] as usize].vertex.position;
@@ -326,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nothing_stands_before_gets_all_light_to_the_last_bit() {
+    fn unoccluded_surface_gets_all_light_exactly() {
         let lighting = Lighting { points: vec![lamp(DVec3::new(0.3, 0.2, 0.5))], ..even_sky() };
         for mesh in [plate(), cube()] {
             let (map, places) = first(&scene(&[mesh], 0.8, lighting.clone()));
@@ -339,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn beside_a_wall_a_place_sees_as_much_less_of_the_sky_as_the_wall_fills_and_the_wall_s_own_light() {
+    fn sky_visibility_and_indirect_light_beside_a_wall_match_its_solid_angle() {
         let filled = |distance: f32| 0.5 * (1.0 - distance / WALL_M.hypot(distance));
         for reflectance in [0.0, 0.8] {
             let (map, places) = first(&scene(&[plate(), wall()], reflectance, even_sky()));
@@ -364,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn behind_a_wall_lamps_and_suns_are_not_seen_and_each_has_its_own_share() {
+    fn lights_behind_a_wall_are_hidden_and_each_has_its_own_visibility() {
         let sun = |x: f32| Sun {
             towards_light_in_world: Vec3::new(x, 0.0, 1.0).normalize(),
             color: Vec3::ONE,
@@ -391,7 +406,7 @@ mod tests {
     }
 
     #[test]
-    fn the_back_of_a_double_sided_surface_has_its_own() {
+    fn back_of_a_double_sided_surface_has_its_own_layers() {
         let mut scene = scene(&[plate(), wall()], 0.5, even_sky());
         scene.materials[0].double_sided = true;
         let (map, places) = first(&scene);
@@ -404,16 +419,16 @@ mod tests {
     }
 
     #[test]
-    fn what_real_things_stop_is_taken_of_each_lamp_and_of_nothing_else() {
+    fn real_occluders_attenuate_each_lamp_and_nothing_else() {
         let lighting =
             Lighting { points: [0.1, 0.2, 0.3].map(|x| lamp(DVec3::new(x, 0.0, 1.0))).to_vec(), ..even_sky() };
         let mut scene = scene(&[plate(), wall()], 0.5, lighting);
         scene.materials[0].double_sided = true;
         let unwrapped = unwrapped(&scene);
-        let open = Lightmaps::new(&scene).of(&scene, &unwrapped, &[], &[]);
+        let open = Lightmaps::new(&scene).lightmaps(&scene, &unwrapped, &[], &[]);
         let layers = [[1.0, 1.0, 1.0, 0.5], [0.0, 0.0, 0.0, 0.25], [0.125, 1.0, 1.0, 1.0]];
         let dim = Arc::new(Lightmap { side: 1, layers: layers.map(|texel| vec![texel]).to_vec() });
-        let behind = Lightmaps::new(&scene).of(&scene, &unwrapped, &[], &[Some(dim), None]);
+        let behind = Lightmaps::new(&scene).lightmaps(&scene, &unwrapped, &[], &[Some(dim), None]);
         assert_eq!(behind[1], open[1]);
         let [open, behind] = [&open, &behind].map(|maps| maps[0].clone().unwrap());
         assert_eq!((open.layers.len(), behind.layers.len()), (6, 6), "two sides of three");
@@ -426,38 +441,44 @@ mod tests {
     }
 
     #[test]
-    fn a_moved_thing_keeps_its_lightmap_and_one_that_comes_near_changes_it() {
+    fn moved_object_keeps_its_lightmap_until_another_one_is_near() {
         let mut scene = scene(&[cube(), cube()], 0.5, even_sky());
         let unwrapped = unwrapped(&scene);
         let mut maps = Lightmaps::new(&scene);
         let moved = |object: &mut Object, by: DAffine3| object.move_by(by);
         moved(&mut scene.objects[1], DAffine3::from_translation(DVec3::new(5.0, 0.0, 0.0)));
-        let alone = maps.of(&scene, &unwrapped, &[], &[]);
+        let alone = maps.lightmaps(&scene, &unwrapped, &[], &[]);
         moved(&mut scene.objects[0], DAffine3::from_translation(DVec3::new(0.37, 0.1, 0.0)));
-        let beside = maps.of(&scene, &unwrapped, &[], &[]);
+        let beside = maps.lightmaps(&scene, &unwrapped, &[], &[]);
         assert!(Arc::ptr_eq(alone[0].as_ref().unwrap(), beside[0].as_ref().unwrap()), "it was worked out again");
         moved(&mut scene.objects[0], DAffine3::from_rotation_translation(DQuat::IDENTITY, DVec3::new(4.5, -0.1, 0.0)));
-        let near = maps.of(&scene, &unwrapped, &[], &[]);
+        let near = maps.lightmaps(&scene, &unwrapped, &[], &[]);
         let least =
             |map: &Option<Arc<Lightmap>>| map.as_ref().unwrap().layers[0].iter().map(|t| t[0]).fold(1.0, f32::min);
-        assert_eq!(maps.sketched(&scene), (near.clone(), false));
+        assert_eq!(maps.preview(&scene), (near.clone(), Quality::Final));
         assert!(least(&alone[0]) == 1.0 && least(&near[0]) < 0.9, "{}", least(&near[0]));
         // Under a sky of another colour it is the one of before until it is asked for; with a lamp more there is none.
         scene.lighting.environment = Environment::Uniform(Vec3::new(0.5, 0.4, 0.3));
-        maps.set_lightmaps(&scene);
-        assert_eq!(maps.sketched(&scene), (near.clone(), true));
-        assert_eq!(maps.of(&scene, &unwrapped, &[], &[]), Lightmaps::new(&scene).of(&scene, &unwrapped, &[], &[]));
-        assert!(!maps.sketched(&scene).1);
+        maps.set_lighting(&scene);
+        assert_eq!(maps.preview(&scene), (near.clone(), Quality::Preview));
+        assert_eq!(
+            maps.lightmaps(&scene, &unwrapped, &[], &[]),
+            Lightmaps::new(&scene).lightmaps(&scene, &unwrapped, &[], &[])
+        );
+        assert_eq!(maps.preview(&scene).1, Quality::Final);
         let mut lamps = scene.clone();
         lamps.lighting.points.push(lamp(DVec3::new(0.0, 0.0, 3.0)));
-        maps.set_lightmaps(&lamps);
-        assert_eq!(maps.sketched(&lamps), (Vec::new(), true));
-        maps.set_lightmaps(&scene);
-        let near = maps.of(&scene, &unwrapped, &[], &[]);
+        maps.set_lighting(&lamps);
+        assert_eq!(maps.preview(&lamps), (Vec::new(), Quality::Preview));
+        maps.set_lighting(&scene);
+        let near = maps.lightmaps(&scene, &unwrapped, &[], &[]);
         // Something without a shadow takes nothing.
         scene.objects[1].shadowless = true;
-        assert_eq!(maps.sketched(&scene), (near.clone(), true));
-        assert_eq!(least(&maps.of(&scene, &unwrapped, &[], &[])[0]), 1.0);
-        assert_eq!(Lightmaps::new(&scene).of(&scene, &unwrapped, &[], &[]), maps.of(&scene, &unwrapped, &[], &[]));
+        assert_eq!(maps.preview(&scene), (near.clone(), Quality::Preview));
+        assert_eq!(least(&maps.lightmaps(&scene, &unwrapped, &[], &[])[0]), 1.0);
+        assert_eq!(
+            Lightmaps::new(&scene).lightmaps(&scene, &unwrapped, &[], &[]),
+            maps.lightmaps(&scene, &unwrapped, &[], &[])
+        );
     }
 }

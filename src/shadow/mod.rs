@@ -14,31 +14,35 @@
 //!   rays at a time are blocked. `spread`: the blur of each ray's shadow by its angular size.
 //! - `bounce`: light that occluders reflect onto the plane.
 //! - `extent`: the rectangle in which the shadow is visible. `shadow_map`: D over that rectangle.
-//! - `room`: what real surfaces block already. `dimmed`: what they block of lamps for virtual objects.
+//! - `room`: real surfaces, and the rays that they block. `light_visibility`: the visible fraction of suns and
+//!   lamps behind them, from virtual objects.
 //! - `receiver_mask`: where a shadow map applies on a real surface beside the object.
-//! - `group`: which objects share a shadow map. `shadows`: shadow maps of a scene, memoized. `steps`:
-//!   transforms as keys. `last`: the maps of the last request.
+//! - `group`: which objects share a shadow map. `caster`: their parts and the light, with a digest.
+//!   `shadows`: shadow maps of a scene, memoized. `steps`: transforms as keys. `last`: the maps of the
+//!   last request.
 //! - `on_white`: radiance of white at a place. `radiance`: radiance of surfaces that a frame clips.
 //!
 //! On objects' own surfaces, by ray casting:
 //!
-//! - `bvh`: the acceleration structure. `lightmap`: incident light over a part's surface. `lightmaps`:
-//!   those of a scene, memoized.
+//! - `bvh`: the acceleration structure. `bake_scene`: incident light at a point. `lightmap`: incident
+//!   light over a part's surface. `lightmaps`: those of a scene, memoized.
 //!
 //! All of it runs on the processor, with the same result for every graphics driver and number of
 //! threads.
 //!
 //! Not modelled: curved receivers; real objects beside the plane that block dim light.
 
+mod bake_scene;
 #[cfg(test)]
 mod block;
 mod bounce;
 mod bvh;
-mod dimmed;
+mod caster;
 mod extent;
 mod floor;
 mod group;
 mod last;
+mod light_visibility;
 mod lightmap;
 mod lightmaps;
 mod mask;

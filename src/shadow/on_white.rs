@@ -9,8 +9,8 @@
 
 use glam::Vec3;
 
-use super::dimmed::{OF_LIGHT, disc_around};
 use super::floor::Floor;
+use super::light_visibility::{LIGHT_SAMPLES, disc_around};
 use super::room::{ABOVE_M, Room};
 use super::sky::{Around, on_surface, rays};
 use crate::scene::{Lighting, PointLight, Support};
@@ -42,7 +42,7 @@ pub fn on_white(lighting: &Lighting, room: &Room, at: &Support) -> OnWhite {
         let ends = disc_around(way, 0.5 * lamp.diameter_m);
         let is_open =
             |to: &glam::DVec3| !room.stands_between(at.point_m, to.normalize_or_zero(), to.length(), is_floor);
-        (light, ends.filter(is_open).count() as f32 / OF_LIGHT as f32)
+        (light, ends.filter(is_open).count() as f32 / LIGHT_SAMPLES as f32)
     };
     OnWhite { far, lamps: lighting.points.iter().map(of).collect() }
 }

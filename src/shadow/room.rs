@@ -80,6 +80,14 @@ impl Room {
     }
 }
 
+/// The cells follow from the solids.
+impl Digestible for Room {
+    fn digest(&self, into: &mut Digester) {
+        let Self { solids_m, cells: _ } = self;
+        into.add_numbers(solids_m);
+    }
+}
+
 fn cell_of(point_m: DVec3) -> IVec3 {
     (point_m / f64::from(SIDE_M)).floor().as_ivec3()
 }
@@ -273,7 +281,7 @@ impl OccluderMask {
     }
 
     /// Whether any of the 32 rays from `32 · n` on is stopped anywhere.
-    pub fn stops_rays(&self, n: usize) -> bool {
+    pub fn blocks_any(&self, n: usize) -> bool {
         self.rays.get(n).is_some_and(|words| !words.is_empty())
     }
 
@@ -324,8 +332,8 @@ mod tests {
 
     fn shadow_map(scene: &Scene, room: Option<Arc<Room>>) -> ShadowMap {
         let mut shadows = Shadows::new(scene);
-        shadows.stand_in(room);
-        shadows.shadow_maps(scene).remove(0)
+        shadows.set_room(room);
+        shadows.shadow_maps(scene, crate::quality::Quality::Final).0.remove(0)
     }
 
     /// The difference between two shadow maps around a place: on the mean, and at most.

@@ -15,8 +15,9 @@ use super::receiver_mask::ReceiverMask;
 use super::room::OccluderMask;
 use super::sky::{CLASSES, Lamp, Ray, Sky, class};
 use super::spread::spread;
-use crate::digest::{Digester, Digestible, digestible};
+use crate::digest::{Digester, Digestible};
 use crate::parallel::{over_rows, processors};
+use crate::quality::Quality;
 
 /// Largest side of a texture, texels.
 const MAX_SIDE_TEXELS: f32 = 640.0;
@@ -91,12 +92,10 @@ struct Gone {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Real<'a> {
     /// Rays that real objects block. `None` for none.
-    pub stops: Option<&'a OccluderMask>,
+    pub blocked: Option<&'a OccluderMask>,
     /// Where the shadow map applies. `None` for everywhere.
-    pub within: Option<&'a ReceiverMask>,
+    pub receiver: Option<&'a ReceiverMask>,
 }
-
-digestible! { Real<'_> { stops, within } }
 
 /// A shadow texture on a plane in the world.
 #[derive(Clone, Debug)]
@@ -128,19 +127,11 @@ impl PartialEq for ShadowMap {
 }
 
 impl ShadowTexture {
-    /// Of all that stands in an extent of a floor.
-    pub fn new(occluders: &Occluders, extent: Extent, sky: &Sky, real: Real<'_>) -> Self {
-        Self::of_texels(occluders, extent, sky, real, 1.0)
-    }
-
-    /// The same with larger texels: with a [`Sky::rough`] one in a twentieth of the time.
-    pub fn rough(occluders: &Occluders, extent: Extent, sky: &Sky, real: Real<'_>) -> Self {
-        Self::of_texels(occluders, extent, sky, real, PREVIEW_TEXEL_FACTOR)
-    }
-
-    /// With texels larger by a factor.
-    fn of_texels(occluders: &Occluders, extent: Extent, sky: &Sky, real: Real<'_>, larger: f32) -> Self {
-        let Real { stops, within } = real;
+    /// Of occluders over a rectangle of their plane. A preview has larger texels; with a [`Sky::sparse`] sky it takes a
+    /// twentieth of the time.
+    pub fn new(occluders: &Occluders, extent: Extent, sky: &Sky, real: Real<'_>, quality: Quality) -> Self {
+        let Real { blocked, receiver } = real;
+        let larger = if quality.is_preview() { PREVIEW_TEXEL_FACTOR } else { 1.0 };
         let size = extent.high - extent.low;
         let thing = occluders.bounds().map_or(size.max_element(), |(low, high, _)| (high - low).max_element());
         let texel_m = larger * (thing / OBJECT_SIDE_TEXELS).max(size.max_element() / MAX_SIDE_TEXELS).max(MIN_TEXEL_M);
@@ -152,7 +143,7 @@ impl ShadowTexture {
         let rows = (height as usize).div_ceil(processors()).max(1);
         over_rows(&mut gone, width as usize * rows, processors(), |band, gone| {
             let first = band * rows;
-            shares.fill(gone, first..first + gone.len() / width as usize, &outline, sky, stops);
+            shares.fill(gone, first..first + gone.len() / width as usize, &outline, sky, blocked);
         });
         let lowest_m = occluders.corners.iter().map(|corner| corner.z).fold(f32::INFINITY, f32::min);
         let over = if lowest_m > texel_m && lowest_m.is_finite() { lowest_m / texel_m } else { 0.0 };
@@ -173,21 +164,21 @@ impl ShadowTexture {
         let Self { low_m, texel_m, width, height, .. } = shares;
         // What real things stop is not thrown back.
         // Below the first one's origin; on a facet, behind the middle of all.
-        let among = within.and_then(|_| occluders.bounds()).map_or(Vec2::ZERO, |(low, high, _)| 0.5 * (low + high));
-        let left = stops.map(|stops| stops.left(sky, among));
+        let among = receiver.and_then(|_| occluders.bounds()).map_or(Vec2::ZERO, |(low, high, _)| 0.5 * (low + high));
+        let left = blocked.map(|blocked| blocked.left(sky, among));
         let ground = Ground { low_m, texel_m, width, height, taken: &at, stands_on: &stands_on, over };
-        let bounce = Bounce::new(&ground, occluders, left.as_ref().unwrap_or(sky), within);
+        let bounce = Bounce::new(&ground, occluders, left.as_ref().unwrap_or(sky), receiver);
         let mut taken = std::mem::take(&mut shares.taken);
         over_rows(&mut taken, width as usize, processors(), |y, row| {
             for (x, taken) in row.iter_mut().enumerate() {
-                let all = match stops {
+                let all = match blocked {
                     None => sky.light_at(shares.place_m(x, y)),
                     Some(_) => gone[y * width as usize + x].all,
                 };
                 let given =
                     bounce.at(x, y) / all.max(sky.light.max(Vec3::splat(1e-12)) * MIN_FAR_LIGHT) * shares.rim(x, y);
                 let share = (Vec3::from(*taken) - given).max(Vec3::NEG_ONE);
-                let share = share * within.map_or(1.0, |within| within.share(shares.place_m(x, y)));
+                let share = share * receiver.map_or(1.0, |receiver| receiver.share(shares.place_m(x, y)));
                 *taken = share.to_array().map(worth);
             }
         });
@@ -195,6 +186,11 @@ impl ShadowTexture {
         [shares.shown, shares.dark] = [0.0, DARK_SHARE].map(|least| shares.beyond(least));
         shares.blocks = shares.blocks();
         shares
+    }
+
+    /// In memory.
+    pub fn size_bytes(&self) -> usize {
+        std::mem::size_of_val(self.taken.as_slice()) + self.blocks.len()
     }
 
     /// Without any shadow.
@@ -251,7 +247,14 @@ impl ShadowTexture {
         (place_m - self.low_m) / self.texel_m
     }
 
-    fn fill(&self, gone: &mut [Gone], rows: Range<usize>, outline: &Outline, sky: &Sky, stops: Option<&OccluderMask>) {
+    fn fill(
+        &self,
+        gone: &mut [Gone],
+        rows: Range<usize>,
+        outline: &Outline,
+        sky: &Sky,
+        blocked: Option<&OccluderMask>,
+    ) {
         let (width, rows_from) = (self.width as usize, rows.start);
         gone.iter_mut().for_each(|gone| gone.all = sky.light);
         let mut mask = Mask::new(width, rows.clone());
@@ -263,10 +266,10 @@ impl ShadowTexture {
                 let jitter = jitter(n * RAYS_PER_MASK + bit as usize);
                 mask.stop(bit, outline, |c| Some(self.texel_of(c.truncate() - ray.slope * c.z) + jitter));
             }
-            if let Some(stops) = stops.filter(|stops| stops.stops_rays(n)) {
+            if let Some(blocked) = blocked.filter(|blocked| blocked.blocks_any(n)) {
                 let all = Sums::of(&rays.iter().map(|ray| ray.light).collect::<Vec<_>>());
                 for (i, (gone, word)) in gone.iter_mut().zip(&mut mask.bits).enumerate() {
-                    let stopped = stops.rays(n, self.place_m(i % width, rows_from + i / width));
+                    let stopped = blocked.rays(n, self.place_m(i % width, rows_from + i / width));
                     if stopped != 0 {
                         *word &= !stopped;
                         gone.all = (gone.all - all.sum(stopped)).max(Vec3::ZERO);
@@ -283,7 +286,7 @@ impl ShadowTexture {
         }
         for (number, lamp) in sky.lamps.iter().enumerate() {
             let place_m = |i: usize| self.place_m(i % width, rows_from + i / width);
-            let real = |n: usize, i: usize| stops.map_or(0, |stops| stops.lamp(number, n, place_m(i)));
+            let real = |n: usize, i: usize| blocked.map_or(0, |blocked| blocked.lamp(number, n, place_m(i)));
             let seen = self.seen(lamp, &mut mask, outline, real);
             for (i, [stopped, open]) in seen.into_iter().enumerate() {
                 let light = lamp.light_at(place_m(i));

@@ -292,8 +292,8 @@ impl Sky {
         self
     }
 
-    /// One of eight rays, and as few points of lamps, as bright as all: for a picture that must come soon.
-    pub fn rough(&self) -> Self {
+    /// One of eight rays and points of lamps, with the light of all: for previews.
+    pub fn sparse(&self) -> Self {
         let fewer = FEWER;
         let kept: Vec<Ray> = self.rays.iter().skip(fewer / 2).step_by(fewer).copied().collect();
         let sum: Vec3 = kept.iter().map(|ray| ray.light).sum();

@@ -1,0 +1,73 @@
+//! Objects as casters of a shadow: all that their shadow map depends on except its rectangle and real
+//! occluders.
+
+use std::sync::Arc;
+
+use super::floor::Floor;
+use super::occluders::Occluders;
+use super::receiver_mask::ReceiverMask;
+use super::sky::Sky;
+use super::steps::{Steps, from_steps, steps};
+use crate::digest::{Digest, Digester};
+use crate::scene::{Object, Scene};
+
+/// Parts of objects above a receiver plane, and the light on it.
+#[derive(Clone, Debug)]
+pub struct Caster {
+    pub sky: Arc<Sky>,
+    /// Of a facet.
+    pub receiver: Option<Arc<ReceiverMask>>,
+    /// Mesh and place of each part in the plane's axes.
+    parts: Vec<(usize, Steps)>,
+    digest: Digest,
+}
+
+/// Makes casters of one scene's meshes.
+#[derive(Debug, Default)]
+pub struct Casters {
+    /// Digests of the meshes with their materials, computed on demand.
+    meshes: Vec<Option<Digest>>,
+}
+
+impl Casters {
+    /// Always called with a scene of the same meshes and materials.
+    pub fn caster<'a>(
+        &mut self,
+        scene: &Scene,
+        objects: impl IntoIterator<Item = &'a Object>,
+        floor: &Floor,
+        sky: Arc<Sky>,
+        receiver: Option<ReceiverMask>,
+    ) -> Caster {
+        let floor_from_world = floor.floor_from_world();
+        let parts = objects.into_iter().flat_map(|object| &object.parts);
+        let parts: Vec<_> = parts.map(|part| (part.mesh, steps(&(floor_from_world * part.world_from_mesh)))).collect();
+        let mut digester = Digester::default();
+        digester.add(&sky);
+        digester.add(&receiver);
+        for (mesh, place) in &parts {
+            digester.add(&self.mesh(scene, *mesh));
+            digester.add_numbers(place);
+        }
+        Caster { sky, receiver: receiver.map(Arc::new), parts, digest: digester.finish() }
+    }
+
+    fn mesh(&mut self, scene: &Scene, mesh: usize) -> Digest {
+        if self.meshes.len() <= mesh {
+            self.meshes.resize(mesh + 1, None);
+        }
+        *self.meshes[mesh].get_or_insert_with(|| Digest::of(&Occluders::of(scene, [(mesh, glam::DAffine3::IDENTITY)])))
+    }
+}
+
+impl Caster {
+    /// Of everything in it.
+    pub fn digest(&self) -> Digest {
+        self.digest
+    }
+
+    /// Triangles above the plane.
+    pub fn occluders(&self, scene: &Scene) -> Occluders {
+        Occluders::of(scene, self.parts.iter().map(|(mesh, place)| (*mesh, from_steps(place)))).on_floor()
+    }
+}

@@ -1,0 +1,369 @@
+use super::super::block::block;
+use super::*;
+use crate::scene::{Environment, Facet, Material, Part, PointLight, Sun, Support};
+use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
+
+/// With a memo of its own.
+fn fresh(scene: &Scene) -> Shadows {
+    let memo = Box::leak(Box::new(ShadowMemo::new()));
+    Shadows::with_memo(scene, Around::new(&scene.lighting.environment), memo)
+}
+
+const HALF: Vec3 = Vec3::new(0.04, 0.03, 0.05);
+
+/// Boxes on a floor, at places and turned about its normal.
+fn scene(lighting: Lighting, floor: &Floor, boxes: &[(f64, f64, f64)]) -> Scene {
+    let world_from_floor = DAffine3 { matrix3: floor.axes, translation: floor.origin_m };
+    let object = |(x, y, turn): &(f64, f64, f64)| {
+        let on =
+            DAffine3::from_rotation_translation(DQuat::from_rotation_z(*turn), DVec3::new(*x, *y, f64::from(HALF.z)));
+        let part = Part { mesh: 0, world_from_mesh: world_from_floor * on };
+        let support = Some(Support { point_m: floor.origin_m, normal: floor.normal() });
+        Object { parts: vec![part], support, ..Object::default() }
+    };
+    Scene {
+        meshes: vec![Arc::new(block(HALF))],
+        // What is black throws nothing back.
+        materials: vec![Material { base_color: [0.0, 0.0, 0.0, 1.0], ..Material::default() }],
+        objects: boxes.iter().map(object).collect(),
+        lighting,
+        ..Scene::default()
+    }
+}
+
+fn only(shadow_map: Vec<ShadowMap>) -> ShadowMap {
+    assert_eq!(shadow_map.len(), 1);
+    shadow_map.into_iter().next().unwrap()
+}
+
+fn even_sky() -> Lighting {
+    Lighting { environment: Environment::Uniform(Vec3::ONE), ..Lighting::default() }
+}
+
+/// Whether a ray from a place on the floor meets the box, by its six planes.
+fn meets(at: DVec3, towards: DVec3) -> bool {
+    let (low, high) = (DVec3::new(-0.04, -0.03, 0.0), DVec3::new(0.04, 0.03, 0.1));
+    let (a, b) = ((low - at) / towards, (high - at) / towards);
+    a.min(b).max_element().max(0.0) <= a.max(b).min_element()
+}
+
+#[test]
+fn under_an_even_sky_it_is_what_many_rays_find() {
+    let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
+    let scene = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
+    let shadow_map = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0);
+    let mut worst = 0.0f64;
+    for at in [(0.045, 0.0), (0.06, 0.02), (0.0, 0.04), (0.1, -0.05), (-0.15, 0.1), (0.0, 0.25), (0.02, 0.01)] {
+        // Evenly over the cosine: a disc, raised to the hemisphere.
+        let count = 16384;
+        let stopped = (0..count).filter(|n| {
+            let r = ((*n as f64 + 0.5) / count as f64).sqrt();
+            let (s, c) = (*n as f64 * 2.399_963_229_728_653).sin_cos();
+            let towards = DVec3::new(r * c + 1e-12, r * s + 1e-12, (1.0 - r * r).sqrt());
+            meets(DVec3::new(at.0, at.1, 0.0), towards)
+        });
+        let truth = stopped.count() as f64 / count as f64;
+        let found = shadow_map.taken_at(floor.at(glam::DVec2::new(at.0, at.1)));
+        assert!(found.abs_diff_eq(Vec3::splat(found.x), 1e-4), "a grey sky: {found}");
+        worst = worst.max((f64::from(found.x) - truth).abs());
+    }
+    // 512 rays: an edge between two of them is 1/512; a code of a mid-grey floor is 0.009.
+    assert!(worst < 0.008, "{worst}");
+    assert_eq!(shadow_map.taken_at(floor.at(glam::DVec2::new(3.0, 0.0))), Vec3::ZERO);
+}
+
+#[test]
+fn a_lamp_s_shadow_lies_where_its_rays_are_stopped_and_has_its_colour() {
+    let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+    let world = |v: DVec3| floor.axes * v;
+    let lamp = PointLight {
+        position_in_world_m: world(DVec3::new(0.0, 0.0, 0.6)),
+        color: Vec3::new(0.3, 0.0, 0.0),
+        diameter_m: 0.06,
+        range_m: f32::INFINITY,
+        spot: None,
+    };
+    let lighting = Lighting { points: vec![lamp], ..even_sky() };
+    let scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
+    let shadow_map = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0);
+    let at = |x: f64, y: f64| shadow_map.taken_at(floor.at(glam::DVec2::new(x, y)));
+    // From 0.6 m the top at 0.1 m is thrown outwards by 0.6/0.5: its edge lies at 0.048 m, blurred by the lamp.
+    let (inside, outside) = (at(0.043, 0.0), at(0.056, 0.0));
+    assert!(inside.x > outside.x + 0.2, "{inside} {outside}");
+    // Of the other colours only the sky's is taken.
+    assert!(inside.x > inside.y + 0.15 && outside.x < outside.y, "{inside} {outside}");
+}
+
+#[test]
+fn what_is_shown_holds_all_that_is_worth_it_and_what_is_dark_lies_within() {
+    let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+    let scene = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
+    let shares = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0).texture;
+    let size = glam::DVec2::new(shares.width.into(), shares.height.into());
+    let outside = |part: crate::shadow::Part, least: f32| {
+        shares.taken.iter().enumerate().any(|(i, taken)| {
+            let texel = glam::UVec2::new(i as u32 % shares.width, i as u32 / shares.width).as_dvec2();
+            let is_outside = texel.cmplt(part.low * size).any() || (texel + 1.0).cmpgt(part.high * size).any();
+            is_outside && taken.iter().any(|share| share.abs() > least)
+        })
+    };
+    assert!(!outside(shares.shown, 0.003) && !outside(shares.dark, 0.05));
+    let (shown, dark) = (shares.shown, shares.dark);
+    assert!(shown.low.cmplt(dark.low).all() && dark.high.cmplt(shown.high).all(), "{dark:?} is not within {shown:?}");
+    assert!((dark.high - dark.low).element_product() < 0.3 * (shown.high - shown.low).element_product());
+}
+
+#[test]
+fn approximate_map_is_close_to_the_final_one_which_is_reused() {
+    let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
+    let sun =
+        Sun { towards_light_in_world: Vec3::new(0.4, -0.8, 0.3).normalize(), color: Vec3::ONE, diameter_rad: 0.3 };
+    let apart = scene(Lighting { suns: vec![sun], ..even_sky() }, &floor, &[(0.0, 0.0, 0.0), (1.5, 0.0, 0.3)]);
+    let mut shadows = fresh(&apart);
+    let (preview, quality) = shadows.shadow_maps(&apart, Quality::Preview);
+    let exact = shadows.shadow_maps(&apart, Quality::Final).0;
+    assert!(quality.is_preview() && preview.len() == exact.len());
+    let (mut off, mut dark, mut count) = (0.0, 0.0, 0.0);
+    for (x, y) in (-20..=20).flat_map(|x| (-20..=20).map(move |y| (0.01 * f64::from(x), 0.01 * f64::from(y)))) {
+        let at = floor.at(glam::DVec2::new(x, y));
+        let [preview, exact] =
+            [&preview, &exact].map(|all| all.iter().map(|shadow_map| shadow_map.taken_at(at).x).sum::<f32>());
+        (off, dark, count) = (off + (preview - exact).abs(), dark + exact, count + 1.0);
+    }
+    assert!(dark / count > 0.05 && off < 0.15 * dark, "{off} of {dark}");
+    // Now all is known, also where something else has moved that stands apart.
+    assert_eq!(shadows.shadow_maps(&apart, Quality::Preview), (exact.clone(), Quality::Final));
+    let mut moved = apart.clone();
+    moved.objects[1].move_by(DAffine3::from_translation(floor.axes * DVec3::new(0.3, 0.1, 0.0)));
+    let (shadow_maps, quality) = shadows.shadow_maps(&moved, Quality::Preview);
+    assert!(!quality.is_preview() && shadow_maps.len() == 2);
+    // Where things come close, each keeps the shadow map that it has alone.
+    moved.objects[1].move_by(DAffine3::from_translation(floor.axes * DVec3::new(-1.68, -0.1, 0.0)));
+    let (shadow_maps, quality) = shadows.shadow_maps(&moved, Quality::Preview);
+    assert!(quality.is_preview() && shadow_maps.len() == 2 && shadows.shadow_maps(&moved, Quality::Final).0.len() == 1);
+    assert!(
+        shadow_maps.iter().all(|shadow_map| exact.iter().any(|known| Arc::ptr_eq(&known.texture, &shadow_map.texture)))
+    );
+}
+
+#[test]
+fn floor_that_moves_a_little_reuses_the_last_map() {
+    let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
+    let scene = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
+    let mut shadows = fresh(&scene);
+    let exact = only(shadows.shadow_maps(&scene, Quality::Final).0);
+    let moved = |tilt: f64, up_m: f64| {
+        let mut moved = scene.clone();
+        let (point_m, normal) = (floor.origin_m + up_m * DVec3::Z, (DVec3::Z + tilt * DVec3::X).normalize());
+        moved.objects[0].support = Some(Support { point_m, normal });
+        moved
+    };
+    let (sketch, quality) = shadows.shadow_maps(&moved(0.1, -0.02), Quality::Preview);
+    let sketch = only(sketch);
+    assert!(quality.is_preview() && Arc::ptr_eq(&sketch.texture, &exact.texture));
+    assert!(sketch.floor.normal().x > 0.09 && (sketch.floor.origin_m.z - 0.98).abs() < 0.01, "{:?}", sketch.floor);
+    for (tilt, up_m) in [(0.3, 0.0), (0.0, -0.05)] {
+        let (sketch, quality) = shadows.shadow_maps(&moved(tilt, up_m), Quality::Preview);
+        assert!(quality.is_preview() && !Arc::ptr_eq(&only(sketch).texture, &exact.texture), "{tilt} {up_m}");
+    }
+    let mut bare = moved(0.1, 0.0);
+    bare.objects[0].shadowless = true;
+    assert_eq!(shadows.shadow_maps(&bare, Quality::Preview).0, []);
+    // A whole one is of the floor as it is.
+    assert!(!Arc::ptr_eq(&only(shadows.shadow_maps(&moved(0.1, 0.0), Quality::Final).0).texture, &exact.texture));
+}
+
+#[test]
+fn lit_otherwise_charts_are_those_of_the_new_light() {
+    let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
+    let lamp = |x: f64| PointLight {
+        position_in_world_m: floor.at(glam::DVec2::new(x, 0.1)) + DVec3::Z,
+        color: Vec3::ONE,
+        diameter_m: 0.06,
+        range_m: f32::INFINITY,
+        spot: None,
+    };
+    let of = |lighting: Lighting| scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
+    let [left, right] = [-0.5, 0.5].map(|x| of(Lighting { points: vec![lamp(x)], ..even_sky() }));
+    let dark = of(Lighting { points: vec![lamp(0.5)], ..Lighting::default() });
+    let mut shadows = fresh(&left);
+    let first = shadows.shadow_maps(&left, Quality::Final).0;
+    // Shadow maps are compared by whether they are the very same.
+    let shares = |shadow_maps: Vec<ShadowMap>| {
+        shadow_maps.iter().map(|shadow_map| ShadowTexture::clone(&shadow_map.texture)).collect::<Vec<_>>()
+    };
+    for scene in [&right, &dark, &left] {
+        shadows.set_lighting(scene);
+        let (preview, quality) = shadows.shadow_maps(scene, Quality::Preview);
+        assert!(quality.is_preview() && shares(preview) == shares(fresh(scene).shadow_maps(scene, Quality::Preview).0));
+        assert!(
+            shares(shadows.shadow_maps(scene, Quality::Final).0)
+                == shares(fresh(scene).shadow_maps(scene, Quality::Final).0)
+        );
+    }
+    let first = shares(first);
+    assert!(
+        shares(shadows.shadow_maps(&left, Quality::Final).0) == first
+            && shares(fresh(&right).shadow_maps(&right, Quality::Final).0) != first
+    );
+}
+
+#[test]
+fn a_sun_s_shadow_lies_to_the_other_side() {
+    let floor = Floor::new(DVec3::ZERO, DVec3::NEG_Y);
+    let towards = (floor.axes * DVec3::new(1.0, 0.0, 1.0).normalize()).as_vec3();
+    let sun = Sun { towards_light_in_world: towards, color: Vec3::ONE, diameter_rad: 0.01 };
+    let lighting = Lighting { suns: vec![sun], points: Vec::new(), environment: Environment::Uniform(Vec3::ZERO) };
+    let scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
+    let shadow_map = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0);
+    let at = |x: f64, y: f64| shadow_map.taken_at(floor.at(glam::DVec2::new(x, y))).x;
+    // 0.1 m high under 45°: from −0.04 m to −0.14.
+    assert!(at(-0.135, 0.0) > 0.99 && at(-0.145, 0.0) < 0.01, "{} {}", at(-0.135, 0.0), at(-0.145, 0.0));
+    assert!(at(-0.1, 0.027) > 0.99 && at(-0.1, 0.033) < 0.01 && at(0.05, 0.0) < 0.01);
+}
+
+#[test]
+fn objects_whose_shadows_meet_share_a_shadow_map() {
+    let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+    let both = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0), (0.12, 0.0, 0.4)]);
+    let shadow_map = only(fresh(&both).shadow_maps(&both, Quality::Final).0);
+    let alone = |n: usize| {
+        let one = Scene { objects: vec![both.objects[n].clone()], ..both.clone() };
+        only(fresh(&one).shadow_maps(&one, Quality::Final).0)
+    };
+    let between = floor.at(glam::DVec2::new(0.06, 0.0));
+    let [together, left, right] = [&shadow_map, &alone(0), &alone(1)].map(|shadow_map| shadow_map.taken_at(between).x);
+    // They stand to different sides: what one takes the other does not.
+    assert!((together - left - right).abs() < 0.03 && together < 1.0, "{together} {left} {right}");
+    let apart = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0), (5.0, 0.0, 0.4)]);
+    assert_eq!(fresh(&apart).shadow_maps(&apart, Quality::Final).0.len(), 2);
+    let shadowless = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
+    let object = Object { shadowless: true, ..shadowless.objects[0].clone() };
+    let shadowless = Scene { objects: vec![object], ..shadowless };
+    assert!(fresh(&shadowless).shadow_maps(&shadowless, Quality::Final).0.is_empty());
+}
+
+#[test]
+fn beside_a_wall_its_shadow_falls_on_the_wall_as_a_floor_there_would_have_it() {
+    let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+    let sun =
+        Sun { towards_light_in_world: Vec3::new(-1.0, 0.0, 0.5).normalize(), color: Vec3::ONE, diameter_rad: 0.02 };
+    let mut scene = scene(Lighting { suns: vec![sun], ..even_sky() }, &floor, &[(0.0, 0.0, 0.0)]);
+    // A wall 4 cm to the right of the box, whose side is at 0.04 m in some turn of the floor's axes.
+    let reach = scene.objects[0].points_m(&scene).map(|p| p.x).fold(f64::NEG_INFINITY, f64::max);
+    let plane = Support { point_m: DVec3::new(reach + 0.04, 0.0, 0.1), normal: DVec3::NEG_X };
+    let half = glam::DVec2::new(0.3, 0.1);
+    let facet = Facet { plane, along: DVec3::Y, low_m: -half, high_m: half };
+    scene.objects[0].facets = vec![facet];
+    let mut shadows = fresh(&scene);
+    let (sketch, quality) = shadows.shadow_maps(&scene, Quality::Preview);
+    assert!(quality.is_preview() && sketch.len() == 2);
+    let shadow_maps = shadows.shadow_maps(&scene, Quality::Final).0;
+    assert_eq!((shadow_maps.len(), shadow_maps.iter().filter(|shadow_map| shadow_map.is_beside).count()), (2, 1));
+    assert_eq!(shadows.shadow_maps(&scene, Quality::Preview), (shadow_maps.clone(), Quality::Final));
+    let wall = shadow_maps.iter().find(|shadow_map| shadow_map.is_beside).unwrap();
+    let preview = sketch.iter().find(|shadow_map| shadow_map.is_beside).unwrap();
+    // The same box stands as near to a floor that lies there, which ends nowhere.
+    let mut lying = scene.clone();
+    (lying.objects[0].support, lying.objects[0].facets) = (Some(plane), Vec::new());
+    let lying = only(fresh(&lying).shadow_maps(&lying, Quality::Final).0);
+    let at = |y: f64, z: f64| DVec3::new(plane.point_m.x, y, z);
+    let (mut dark, mut off) = (0.0f32, 0.0f32);
+    for (y, z) in (-10..=10).flat_map(|y| (3..10).map(move |z| (0.01 * f64::from(y), 0.02 * f64::from(z)))) {
+        let [found, wanted] = [wall, &lying].map(|shadow_map| shadow_map.taken_at(at(y, z)).x);
+        (dark, off) = (dark.max(found), off.max((found - wanted).abs()));
+        assert!((preview.taken_at(at(y, z)).x - found).abs() < 0.3);
+    }
+    // Texels are not the same ones.
+    assert!(dark > 0.5 && off < 0.06, "{dark} {off}");
+    // What lies 15 mm over the floor is the floor's, and what is beyond the rectangle is something else.
+    assert!(lying.taken_at(at(0.0, 0.01)).x > 0.3, "{}", lying.taken_at(at(0.0, 0.01)));
+    assert_eq!([wall.taken_at(at(0.0, 0.01)), wall.taken_at(at(0.32, 0.1))], [Vec3::ZERO; 2]);
+    // On the floor the box takes what it took without a wall, and shadowless nothing on either.
+    let ground = shadow_maps.iter().find(|shadow_map| !shadow_map.is_beside).unwrap();
+    scene.objects[0].facets.clear();
+    assert_eq!(only(fresh(&scene).shadow_maps(&scene, Quality::Final).0).texture, ground.texture);
+    (scene.objects[0].facets, scene.objects[0].shadowless) = (vec![facet], true);
+    assert_eq!(fresh(&scene).shadow_maps(&scene, Quality::Final).0, []);
+}
+
+/// A red box, and 4 cm to its right a wall of 0.2 m that faces it, in the light of a lamp.
+fn before_a_wall(at_m: DVec3, bright: f32) -> Scene {
+    let floor = Floor::new(DVec3::ZERO, DVec3::Z);
+    let (color, range_m) = (Vec3::splat(bright), f32::INFINITY);
+    let lamp = PointLight { position_in_world_m: at_m, color, diameter_m: 0.02, range_m, spot: None };
+    let lighting = Lighting { points: vec![lamp], ..even_sky() };
+    let mut scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
+    scene.materials[0].base_color = [0.9, 0.0, 0.0, 1.0];
+    let reach = scene.objects[0].points_m(&scene).map(|p| p.x).fold(f64::NEG_INFINITY, f64::max);
+    let plane = Support { point_m: DVec3::new(reach + 0.04, 0.0, 0.1), normal: DVec3::NEG_X };
+    let half = glam::DVec2::splat(0.1);
+    scene.objects[0].facets = vec![Facet { plane, along: DVec3::Y, low_m: -half, high_m: half }];
+    scene
+}
+
+fn on_the_wall(scene: &Scene, room: Option<Room>) -> Vec3 {
+    let mut shadows = fresh(scene);
+    shadows.set_room(room.map(Arc::new));
+    let wall =
+        shadows.shadow_maps(scene, Quality::Final).0.into_iter().find(|shadow_map| shadow_map.is_beside).unwrap();
+    wall.taken_at(scene.objects[0].facets[0].plane.point_m - 0.03 * DVec3::Z)
+}
+
+#[test]
+fn light_that_goes_past_a_wall_comes_back_onto_it_from_the_thing_before_it() {
+    // Behind the wall and over it: the wall's front has no light of it, the box's side has.
+    let low = before_a_wall(DVec3::new(0.2, 0.0, 0.9), 10.0);
+    let mut high = low.clone();
+    // One so high that no light goes past it.
+    high.objects[0].facets[0].high_m = glam::DVec2::splat(9.0);
+    high.objects[0].facets[0].low_m = glam::DVec2::splat(-9.0);
+    let [low, high] = [&low, &high].map(|scene| on_the_wall(scene, None));
+    assert!(low.x < high.x - 0.2 && low.x < -0.1, "{low} {high}");
+    // A red thing throws no other colour.
+    assert!(low.y > 0.2 && (low.y - high.y).abs() < 0.01, "{low} {high}");
+}
+
+#[test]
+fn light_behind_a_wall_that_goes_on_beyond_its_facet_does_not_come_past_it() {
+    let low = before_a_wall(DVec3::new(0.2, 0.0, 0.9), 10.0);
+    let dim = before_a_wall(DVec3::new(0.2, 0.0, 0.9), 0.0);
+    let wall_m = low.objects[0].facets[0].plane.point_m.x;
+    // As high as the lamp and more, every centimetre of it seen twice.
+    let places = (0..2 * 120 * 150).map(|n| (n / 2 % 120, n / 240));
+    let wall = Room::of(
+        places.map(|(y, z)| DVec3::new(wall_m + 0.015, 0.01 * f64::from(y) - 0.595, 0.01 * f64::from(z) + 0.005)),
+    );
+    let [past, walled] = [None, Some(wall)].map(|room| on_the_wall(&low, room).x);
+    let none = on_the_wall(&dim, None).x;
+    assert!(past < none - 0.1 && (walled - none).abs() < 0.02, "{past} {walled} {none}");
+}
+
+#[test]
+fn a_lamp_that_real_things_keep_from_a_wall_is_not_taken_from_it() {
+    let lit = before_a_wall(DVec3::new(-0.8, 0.0, 0.25), 1.0);
+    let mut dim = lit.clone();
+    dim.lighting.points.clear();
+    // A board between the lamp and all else, every centimetre of it seen twice.
+    let places = (0..2 * 60 * 60).map(|n| (n / 2 % 60, n / 120));
+    let board = places.map(|(y, z)| DVec3::new(-0.4, 0.01 * f64::from(y) - 0.3, 0.01 * f64::from(z)));
+    let behind = Room::of(board.map(|at_m| at_m + DVec3::splat(0.005)));
+    let [open, stopped, dim] =
+        [on_the_wall(&lit, None), on_the_wall(&lit, Some(behind)), on_the_wall(&dim, None)].map(|taken| taken.y);
+    assert!(open > dim + 0.2 && (stopped - dim).abs() < 1e-4, "{open} {stopped} {dim}");
+}
+
+#[test]
+fn object_moved_on_its_floor_has_the_map_of_a_new_one() {
+    let floor = Floor::new(DVec3::new(0.1, 0.2, 0.3), DVec3::new(0.1, 0.2, 0.9).normalize());
+    let mut shadows = fresh(&scene(even_sky(), &floor, &[]));
+    let at = |x: f64, y: f64| scene(even_sky(), &floor, &[(x, y, 0.7)]);
+    let first = only(shadows.shadow_maps(&at(0.0, 0.0), Quality::Final).0);
+    let moved = only(shadows.shadow_maps(&at(0.731, -0.25), Quality::Final).0);
+    assert!(Arc::ptr_eq(&first.texture, &moved.texture), "it was worked out again");
+    let scene = at(0.731, -0.25);
+    assert_eq!(*only(fresh(&scene).shadow_maps(&scene, Quality::Final).0).texture, *moved.texture);
+    let beside = moved.taken_at(floor.at(glam::DVec2::new(0.731, -0.25) + Vec2::new(0.0, 0.06).as_dvec2()));
+    assert!(beside.x > 0.05, "{beside}");
+    assert_eq!(first.taken_at(floor.at(glam::DVec2::new(0.731, -0.25))), Vec3::ZERO);
+}
