@@ -148,7 +148,8 @@ pub struct Watching {
     capture: LiveCapture,
     frames: Option<u64>,
     until: Option<Instant>,
-    is_gone: bool,
+    /// Why the camera is gone, as it was last reported.
+    gone: Option<String>,
     is_damaged: bool,
     began: Instant,
     quiet: bool,
@@ -194,7 +195,7 @@ impl Agreed {
             capture,
             frames: self.frames,
             until: self.seconds.map(|seconds| began + Duration::from_secs_f64(seconds)),
-            is_gone: false,
+            gone: None,
             is_damaged: false,
             began,
             quiet: self.quiet,
@@ -212,13 +213,13 @@ impl Watching {
     /// The newest picture. Says when the camera goes and when it is back.
     pub fn next(&mut self, until: Instant) -> CaptureEvent {
         let next = self.capture.next(until);
-        let gone = self.capture.outage();
-        match gone.filter(|_| !self.is_gone) {
-            Some(why) => warn(self.quiet, &format!("{why}; waiting for it")),
-            None if self.is_gone && gone.is_none() => warn(self.quiet, "the camera is back"),
-            None => {}
+        let gone = self.capture.outage().map(ToString::to_string);
+        if gone != self.gone {
+            let text =
+                gone.as_ref().map_or_else(|| "the camera is back".to_owned(), |why| format!("{why}; waiting for it"));
+            warn(self.quiet, &text);
+            self.gone = gone;
         }
-        self.is_gone = gone.is_some();
         if let Some(error) = self.capture.decode_error().filter(|_| !self.is_damaged) {
             warn(self.quiet, &format!("{error}; such pictures are left out and counted"));
             self.is_damaged = true;

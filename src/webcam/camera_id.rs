@@ -2,10 +2,13 @@
 
 use std::path::Path;
 
-/// The number of a camera, by its number or its device's path.
+/// The number of a camera, by its number, its device's path, or a link to that as in /dev/v4l/by-id.
 pub fn number(asked: &str) -> Option<usize> {
-    let name = Path::new(asked).strip_prefix("/dev").ok().and_then(|name| name.to_str()?.strip_prefix("video"));
-    name.unwrap_or(asked).parse().ok()
+    let of_device = |path: &Path| {
+        path.strip_prefix("/dev").ok()?.to_str()?.strip_prefix("video").and_then(|name| name.parse().ok())
+    };
+    let of_link = || of_device(&std::fs::read_link(asked).and_then(|_| std::fs::canonicalize(asked)).ok()?);
+    asked.parse().ok().or_else(|| of_device(Path::new(asked))).or_else(of_link)
 }
 
 #[cfg(test)]

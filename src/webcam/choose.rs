@@ -58,6 +58,7 @@ pub fn exact(offered: &[Mode], wanted: &Wanted) -> Option<ExactMode> {
 }
 
 /// What was requested, for a message.
+#[cfg(feature = "camera")]
 pub fn names(layout: Option<Layout>) -> String {
     layout.map_or_else(|| Layout::PREFERRED.map(Layout::name).join(", "), |layout| layout.to_string())
 }

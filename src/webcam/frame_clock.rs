@@ -15,6 +15,8 @@ pub struct FrameClock {
     offset: ClockOffset,
     /// The time of the last picture, s.
     last_s: f64,
+    /// The last stamp by the monotonic clock, or by one that the driver does not name, s.
+    last_stamp_s: f64,
     /// From the last plausible stamp to the arrival, s.
     delay_s: f64,
     /// Pictures with an implausible stamp, whose time follows from their arrival.
@@ -23,11 +25,22 @@ pub struct FrameClock {
 
 impl Default for FrameClock {
     fn default() -> Self {
-        Self { offset: ClockOffset::default(), last_s: f64::NEG_INFINITY, delay_s: 0.0, implausible: 0 }
+        Self {
+            offset: ClockOffset::default(),
+            last_s: f64::NEG_INFINITY,
+            last_stamp_s: f64::NEG_INFINITY,
+            delay_s: 0.0,
+            implausible: 0,
+        }
     }
 }
 
 impl FrameClock {
+    /// True for the stamp of a picture that was delivered before, or of an older one.
+    pub fn is_repeated(&self, stamp: Stamp) -> bool {
+        matches!(stamp, Stamp::Monotonic(time_s) | Stamp::UnnamedClock(time_s) if time_s <= self.last_stamp_s)
+    }
+
     /// The time of a picture that arrived at a time, both in seconds of the monotonic clock.
     ///
     /// A stamp is implausible if it is later than the arrival, more than [`MAX_AGE_S`] earlier, or
@@ -39,6 +52,9 @@ impl FrameClock {
     }
 
     fn with_wall_offset_s(&mut self, stamp: Stamp, arrived_s: f64, wall_offset_s: impl Fn() -> f64) -> f64 {
+        if let Stamp::Monotonic(time_s) | Stamp::UnnamedClock(time_s) = stamp {
+            self.last_stamp_s = self.last_stamp_s.max(time_s);
+        }
         let last_s = self.last_s;
         let is_plausible = |time_s: f64| {
             let is_recent = (arrived_s - MAX_AGE_S..=arrived_s).contains(&time_s);
@@ -133,6 +149,19 @@ mod tests {
             (UnnamedClock(102.96), 103.0),
         ]);
         assert_eq!((times, implausible), (vec![99.98, 101.0, 102.0, 102.96], 0));
+    }
+
+    #[test]
+    fn stamp_is_repeated_up_to_the_last_one_of_its_clock() {
+        use Stamp::{Monotonic, UnnamedClock, Wall};
+        let mut clock = FrameClock::default();
+        assert!(!clock.is_repeated(Monotonic(-5.0)));
+        clock.time_s(UnnamedClock(99.5), 100.0);
+        for (stamp, is_repeated) in
+            [(UnnamedClock(99.5), true), (Monotonic(99.4), true), (UnnamedClock(99.6), false), (Wall(1.0), false)]
+        {
+            assert_eq!(clock.is_repeated(stamp), is_repeated, "{stamp:?}");
+        }
     }
 
     #[test]

@@ -101,5 +101,9 @@ pub fn open(asked: &str, wanted: &Wanted) -> Result<Camera, CameraError> {
             CameraError::None { asked: asked.to_owned(), found }
         });
     }
-    Camera::open(driver(DriverName::Played)?, asked, wanted, Limits::default())
+    let mut camera = Camera::open(driver(DriverName::Played)?, asked, wanted, Limits::default())?;
+    if let Some(name) = wanted.driver.filter(|name| *name != DriverName::Played) {
+        camera.given.warnings.push(format!("a video stands in for the camera; the driver {name} does not read it"));
+    }
+    Ok(camera)
 }

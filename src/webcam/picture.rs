@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::pixels::Pixels;
 use crate::source::video::{ColorMatrix, ColorRange};
 use crate::source::yuv::Table;
-use crate::source::{jpeg_tables, still};
+use crate::source::{jpeg_end, jpeg_tables, still};
 
 /// How a picture's bytes lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
@@ -80,6 +80,19 @@ pub struct Delivered {
     /// Of Y'CbCr. JPEG's is always full and BT.601 (JFIF).
     pub range: ColorRange,
     pub matrix: ColorMatrix,
+}
+
+impl Delivered {
+    /// True if a buffer holds all rows of a picture, or a JPEG file up to its end.
+    pub fn is_complete(&self, bytes: &[u8]) -> bool {
+        let Self { layout, width, height, stride, .. } = *self;
+        if layout == Layout::Mjpeg {
+            return jpeg_end::length(bytes).is_some();
+        }
+        let (row, height) = (layout.row_bytes(width), height as usize);
+        let rows = if layout == Layout::Nv12 { height + height.div_ceil(2) } else { height };
+        stride >= row && bytes.len() >= rows.saturating_sub(1) * stride + row
+    }
 }
 
 impl fmt::Display for Delivered {
@@ -178,6 +191,29 @@ mod tests {
         limited.delivered.range = ColorRange::Limited;
         let codes = limited.pixels().unwrap();
         assert_eq!([(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| codes.at(x, y)[1]), [0, 128, 255, 255]);
+    }
+
+    #[test]
+    fn buffer_is_complete_from_its_last_row_on() {
+        for (layout, stride, length) in [
+            (Layout::Yuyv, 4, 8),
+            (Layout::Yuyv, 6, 10),
+            (Layout::Nv12, 2, 6),
+            (Layout::Rgb, 7, 13),
+            (Layout::Grey, 3, 5),
+        ] {
+            let is_complete = |length: usize| {
+                let picture = picture(layout, stride, &vec![128; length]);
+                assert_eq!(
+                    picture.pixels().is_ok(),
+                    picture.delivered.is_complete(&picture.bytes),
+                    "{layout} {length}"
+                );
+                picture.pixels().is_ok()
+            };
+            assert!(is_complete(length) && !is_complete(length - 1), "{layout}");
+        }
+        assert!(!picture(Layout::Grey, 0, &[128; 9]).delivered.is_complete(&[128; 9]));
     }
 
     #[test]

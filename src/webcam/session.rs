@@ -244,9 +244,13 @@ impl Session {
         let mut last = Instant::now();
         let mut limit = self.limits.first_picture;
         let mut has_damaged = false;
+        let mut is_first = true;
         while !putter.is_over() {
             match worker.events.recv_timeout(CHECK_EVERY.min(limit)) {
+                // v4l2loopback delivers its last picture again to whoever opens it.
+                Ok(Event::Sample(sample)) if is_first && self.clock.is_repeated(sample.stamp) => {}
                 Ok(Event::Sample(sample)) => {
+                    is_first = false;
                     has_damaged = !self.put(sample, putter);
                     if !has_damaged {
                         last = Instant::now();
@@ -291,7 +295,7 @@ impl Session {
     fn put(&mut self, sample: Sample, putter: &Putter<Picture>) -> bool {
         let Sample { delivered, bytes, stamp, arrived_s, exposure_s, lost, is_damaged } = sample;
         let of = |delivered: &Delivered| (delivered.layout, delivered.width, delivered.height);
-        let is_damaged = is_damaged || of(&delivered) != of(&self.given.delivered);
+        let is_damaged = is_damaged || of(&delivered) != of(&self.given.delivered) || !delivered.is_complete(&bytes);
         let implausible = self.clock.implausible;
         let time_s = self.clock.time_s(stamp, arrived_s);
         let arrival_timed = self.clock.implausible - implausible;

@@ -15,7 +15,7 @@ use crate::webcam::picture::Delivered;
 /// The numbers of the cameras that this program has open.
 static OPEN: Mutex<Vec<usize>> = Mutex::new(Vec::new());
 
-/// Whether this program has a camera open. To list its modes would set one.
+/// Whether this program has a camera open. See [`System::opens_to_list`].
 pub fn is_open(number: usize) -> bool {
     OPEN.lock().unwrap_or_else(PoisonError::into_inner).contains(&number)
 }

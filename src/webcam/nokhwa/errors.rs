@@ -55,9 +55,19 @@ fn has_unsupported_format(error: &NokhwaError) -> bool {
     )
 }
 
-/// Whether a device has no formats of pictures: on Linux metadata and outputs are devices of their
-/// own.
-pub fn takes_no_pictures(error: &NokhwaError) -> bool {
+/// Why a camera's modes are not known.
+#[cfg_attr(target_os = "linux", allow(dead_code, reason = "used on macOS and Windows, compiled on Linux"))]
+pub fn listing_error(camera: &str, error: &NokhwaError) -> CameraError {
+    if takes_no_pictures(error) {
+        CameraError::TakesNone { camera: camera.to_owned() }
+    } else {
+        camera_error(camera, error)
+    }
+}
+
+/// Whether a device has no formats of pictures.
+#[cfg_attr(target_os = "linux", allow(dead_code, reason = "used on macOS and Windows, compiled on Linux"))]
+fn takes_no_pictures(error: &NokhwaError) -> bool {
     let has_no_formats = matches!(error, NokhwaError::GetPropertyError { property, .. } if property == "FrameFormat");
     has_no_formats && !has_unsupported_format(error)
 }

@@ -61,13 +61,13 @@ impl Driver for Nokhwa {
 
     fn cameras(&self) -> Result<Vec<Listed>, CameraError> {
         let listed = |camera: CameraEntry| {
-            let modes = if capture::is_open(camera.number) {
+            let modes = if System::CURRENT.opens_to_list() && capture::is_open(camera.number) {
                 Err(format!("{}: is open in this program", camera.name))
             } else {
-                match modes::offered(camera.number) {
+                match modes::offered(camera.number, &camera.name) {
                     Ok(modes) => Ok(modes),
-                    Err(error) if errors::takes_no_pictures(&error) => return None,
-                    Err(error) => Err(errors::camera_error(&camera.name, &error).to_string()),
+                    Err(CameraError::TakesNone { .. }) => return None,
+                    Err(error) => Err(error.to_string()),
                 }
             };
             let CameraEntry { number, name, place } = camera;
@@ -90,7 +90,7 @@ impl Driver for Nokhwa {
         let none = || CameraError::None { asked: id.to_owned(), found: names() };
         let CameraEntry { number, name, .. } = camera.ok_or_else(none)?;
         let refused = |error| errors::camera_error(name, &error);
-        let offered = modes::offered(*number).map_err(refused)?;
+        let offered = modes::offered(*number, name)?;
         let mode = choose::exact(&offered, wanted)
             .ok_or_else(|| CameraError::layout(name, &choose::names(wanted.layout), &offered))?;
         let (width, height) = mode.size;
@@ -98,6 +98,9 @@ impl Driver for Nokhwa {
         let exact = CameraFormat::new(Resolution::new(width, height), format, mode.rate_hz as u32);
         let formats = [format];
         let request = RequestedFormat::with_formats(RequestedFormatType::Exact(exact), &formats);
+        // nokhwa refuses a camera whose present rate is not whole.
+        #[cfg(target_os = "linux")]
+        super::v4l2::set_mode(*number, &mode)?;
         let camera = ::nokhwa::Camera::new(CameraIndex::Index(*number as u32), request).map_err(refused)?;
         let delivered = delivered(mode.layout, mode.size, wanted);
         let capture = NokhwaCapture::new(*number, camera, exact, delivered, System::CURRENT).map_err(refused)?;

@@ -5,15 +5,45 @@ use std::collections::BTreeMap;
 use nokhwa::NokhwaError;
 use nokhwa::utils::{CameraFormat, CameraIndex};
 
+#[cfg(not(target_os = "linux"))]
+use super::errors;
 use super::system::{System, layout_of};
+use crate::webcam::error::CameraError;
 use crate::webcam::list::Mode;
 
-/// Rates beyond this are numbers of another unit, Hz: on Linux nokhwa lists 30000/1001 Hz as 30000.
+/// Rates beyond this are numbers of another unit, Hz.
+#[cfg_attr(target_os = "linux", allow(dead_code, reason = "used on macOS and Windows, tested on Linux"))]
 const MAX_RATE_HZ: u32 = 1000;
 
-/// Lists a camera's modes. On Linux and Windows this opens the camera for a moment.
-pub fn offered(number: usize) -> Result<Vec<Mode>, NokhwaError> {
-    Ok(modes(System::CURRENT, &formats(CameraIndex::Index(number as u32))?))
+/// Lists a camera's modes. On Windows this opens the camera for a moment.
+///
+/// On Linux Video4Linux lists them, which leaves the camera as it is: nokhwa sets a mode before it
+/// lists any, and takes the denominators of intervals as rates, 25 Hz for 2/25 s.
+pub fn offered(number: usize, name: &str) -> Result<Vec<Mode>, CameraError> {
+    #[cfg(target_os = "linux")]
+    let offered = {
+        let _ = name;
+        crate::webcam::v4l2::modes_of(number).map(readable)
+    };
+    #[cfg(not(target_os = "linux"))]
+    let offered = formats(CameraIndex::Index(number as u32))
+        .map(|formats| modes(System::CURRENT, &formats))
+        .map_err(|error| errors::listing_error(name, &error));
+    offered
+}
+
+/// Modes of one size, layouts that are read and whole rates. Of a range of sizes the largest.
+#[cfg(target_os = "linux")]
+fn readable(modes: Vec<Mode>) -> Vec<Mode> {
+    let is_read = |mode: &Mode| {
+        let mut layouts = System::Linux.formats().iter().filter_map(|format| layout_of(*format));
+        layouts.any(|layout| mode.layout == Some(layout))
+    };
+    let whole = |mode: Mode| {
+        let rates_hz = mode.rates_hz.iter().copied().filter(|rate_hz| rate_hz.fract() == 0.0).collect();
+        Mode { sizes: [mode.sizes[1]; 2], rates_hz, ..mode }
+    };
+    modes.into_iter().filter(is_read).map(whole).filter(|mode| !mode.rates_hz.is_empty()).collect()
 }
 
 /// The camera's formats in AVFoundation's order, rates ascending within each.
@@ -28,6 +58,7 @@ fn formats(index: CameraIndex) -> Result<Vec<CameraFormat>, NokhwaError> {
 /// Not by `Camera::compatible_camera_formats`, which covers two formats on Windows, and fails with
 /// the first one that the camera does not have.
 #[cfg(not(target_os = "macos"))]
+#[cfg_attr(target_os = "linux", allow(dead_code, reason = "used on Windows, compiled on Linux"))]
 fn formats(index: CameraIndex) -> Result<Vec<CameraFormat>, NokhwaError> {
     use nokhwa::utils::{RequestedFormat, RequestedFormatType};
     let formats = System::CURRENT.formats();
@@ -43,6 +74,7 @@ fn formats(index: CameraIndex) -> Result<Vec<CameraFormat>, NokhwaError> {
 }
 
 /// Modes by layout and size, rates ascending.
+#[cfg_attr(target_os = "linux", allow(dead_code, reason = "used on macOS and Windows, tested on Linux"))]
 fn modes(system: System, offered: &[CameraFormat]) -> Vec<Mode> {
     let offered = if system == System::MacOs { without_aborts(offered) } else { offered.to_vec() };
     let mut modes: BTreeMap<(usize, u32, u32), Vec<u32>> = BTreeMap::new();
@@ -68,6 +100,7 @@ fn modes(system: System, offered: &[CameraFormat]) -> Vec<Mode> {
 /// the range belongs to another format, AVFoundation throws an exception that aborts the process.
 /// The highest rate of the last format is always that format's own. The stream has this rate,
 /// whichever was requested: it is set again when the stream is opened.
+#[cfg_attr(target_os = "linux", allow(dead_code, reason = "used on macOS, tested on Linux"))]
 fn without_aborts(offered: &[CameraFormat]) -> Vec<CameraFormat> {
     let mut last = BTreeMap::new();
     for format in offered {
@@ -110,6 +143,25 @@ mod tests {
         ]);
         let modes = modes(System::Windows, &offered);
         assert_eq!(summary(&modes), ["yuyv 640x480 at 15.00, 30.00 Hz", "mjpeg 640x480 at 60.00 Hz"]);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn on_linux_fractional_rates_and_unread_layouts_are_left_out() {
+        use crate::webcam::picture::Layout;
+        let mode = |layout, sizes, rates_hz: &[f64]| Mode {
+            code: "CODE".to_owned(),
+            layout,
+            sizes,
+            rates_hz: rates_hz.to_vec(),
+        };
+        let listed = vec![
+            mode(Some(Layout::Yuyv), [VGA; 2], &[7.5, 12.5, 15.0, 29.97, 30.0]),
+            mode(Some(Layout::Mjpeg), [(160, 120), VGA], &[30.0]),
+            mode(Some(Layout::Nv12), [VGA; 2], &[30_000.0 / 1001.0]),
+            mode(None, [VGA; 2], &[30.0]),
+        ];
+        assert_eq!(summary(&readable(listed)), ["yuyv 640x480 at 15.00, 30.00 Hz", "mjpeg 640x480 at 30.00 Hz"]);
     }
 
     #[test]

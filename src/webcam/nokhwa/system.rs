@@ -44,6 +44,11 @@ impl System {
         }
     }
 
+    /// Whether a camera's modes are listed by opening it, which sets one.
+    pub fn opens_to_list(self) -> bool {
+        self == Self::Windows
+    }
+
     /// Whether a stream is opened with the camera. On Linux that reserves buffers, and fails if
     /// another program has them; pictures come from the first request on. Elsewhere it starts the
     /// camera, whose pictures would queue.

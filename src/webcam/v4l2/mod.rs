@@ -6,3 +6,4 @@ mod negotiate;
 mod permission;
 
 pub use device::V4l2;
+pub use negotiate::{modes_of, set_mode};

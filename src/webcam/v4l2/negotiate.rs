@@ -14,7 +14,7 @@ use v4l::{Device, Format, FourCC, Fraction};
 use super::{encoding, permission};
 use crate::source::video::{ColorMatrix, ColorRange};
 use crate::text::{quoted, reason};
-use crate::webcam::choose;
+use crate::webcam::choose::{self, ExactMode};
 use crate::webcam::driver_name::DriverName;
 use crate::webcam::error::CameraError;
 use crate::webcam::list::{Listed, Mode};
@@ -81,13 +81,12 @@ pub fn cameras() -> Vec<Listed> {
 }
 
 fn listed(number: usize) -> Option<Listed> {
-    let path = path_of(number);
-    let modes = match open(&path) {
-        Ok(device) if !takes_pictures(&device) => return None,
-        Ok(device) => modes(&device).map_err(|error| why(&path, error).to_string()),
-        Err(error) => Err(error.to_string()),
+    let modes = match modes_of(number) {
+        Err(CameraError::TakesNone { .. }) => return None,
+        modes => modes.map_err(|error| error.to_string()),
     };
-    Some(Listed { driver: DriverName::V4l2, number, name: name_of(number), place: path.display().to_string(), modes })
+    let place = path_of(number).display().to_string();
+    Some(Listed { driver: DriverName::V4l2, number, name: name_of(number), place, modes })
 }
 
 /// Opens a device.
@@ -169,14 +168,8 @@ pub fn agree(device: &Device, path: &Path, wanted: &Wanted) -> Result<(Delivered
     let offered = modes(device).map_err(failed)?;
     let refused = || CameraError::layout(&path.display().to_string(), &choose::names(wanted.layout), &offered);
     let layout = choose::layout(&offered, wanted).ok_or_else(refused)?;
-    let formats = asked(|| device.enum_formats()).map_err(failed)?;
-    let code = formats.iter().map(|format| format.fourcc).find(|code| layout_of(*code) == Some(layout));
-    let (width, height) = wanted.size;
-    let format = Format::new(width, height, code.unwrap_or(FourCC::new(b"YUYV")));
-    let format = asked(|| device.set_format(&format)).map_err(failed)?;
-    let interval = interval(wanted.rate_hz);
-    // Some drivers have no rates.
-    let rate_hz = asked(|| device.set_params(&Parameters::new(interval))).ok().and_then(|p| rate(p.interval));
+    let nearest = ExactMode { layout, size: wanted.size, rate_hz: wanted.rate_hz };
+    let (format, rate_hz) = set(device, &nearest).map_err(failed)?;
     let layout = layout_of(format.fourcc).ok_or_else(|| CameraError::Layout {
         camera: path.display().to_string(),
         asked: layout.to_string(),
@@ -184,6 +177,34 @@ pub fn agree(device: &Device, path: &Path, wanted: &Wanted) -> Result<(Delivered
     })?;
     let ycbcr_enc = encoding::stated(device).unwrap_or(encoding::DEFAULT);
     Ok((delivered(&format, ycbcr_enc, layout, wanted), rate_hz))
+}
+
+/// Sets the mode that is nearest to one. Returns its format, and its rate, Hz.
+fn set(device: &Device, mode: &ExactMode) -> io::Result<(Format, Option<f64>)> {
+    let formats = asked(|| device.enum_formats())?;
+    let code = formats.iter().map(|format| format.fourcc).find(|code| layout_of(*code) == Some(mode.layout));
+    let (width, height) = mode.size;
+    let format = asked(|| device.set_format(&Format::new(width, height, code.unwrap_or(FourCC::new(b"YUYV")))))?;
+    let parameters = Parameters::new(interval(mode.rate_hz));
+    // Some drivers have no rates.
+    let rate_hz = asked(|| device.set_params(&parameters)).ok().and_then(|p| rate(p.interval));
+    Ok((format, rate_hz))
+}
+
+/// Sets the mode of a camera that nobody reads.
+pub fn set_mode(number: usize, mode: &ExactMode) -> Result<(), CameraError> {
+    let path = path_of(number);
+    set(&open(&path)?, mode).map(drop).map_err(|error| why(&path, error))
+}
+
+/// Everything that a camera offers. Leaves its mode as it is.
+pub fn modes_of(number: usize) -> Result<Vec<Mode>, CameraError> {
+    let path = path_of(number);
+    let device = open(&path)?;
+    if !takes_pictures(&device) {
+        return Err(CameraError::TakesNone { camera: path.display().to_string() });
+    }
+    modes(&device).map_err(|error| why(&path, error))
 }
 
 /// A range that the driver leaves open follows from its colour space (V4L2_MAP_QUANTIZATION_DEFAULT
