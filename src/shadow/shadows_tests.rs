@@ -174,7 +174,7 @@ fn floor_that_moves_a_little_reuses_the_last_map() {
 }
 
 #[test]
-fn lit_otherwise_charts_are_those_of_the_new_light() {
+fn shadow_maps_after_a_change_of_light_are_those_of_the_new_light() {
     let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
     let lamp = |x: f64| PointLight {
         position_in_world_m: floor.at(glam::DVec2::new(x, 0.1)) + DVec3::Z,
@@ -195,6 +195,11 @@ fn lit_otherwise_charts_are_those_of_the_new_light() {
     for scene in [&right, &dark, &left] {
         shadows.set_lighting(scene);
         let (preview, quality) = shadows.shadow_maps(scene, Quality::Preview);
+        if std::ptr::eq(scene, &left) {
+            // Memoized from before.
+            assert!(!quality.is_preview() && preview == first);
+            continue;
+        }
         assert!(quality.is_preview() && shares(preview) == shares(fresh(scene).shadow_maps(scene, Quality::Preview).0));
         assert!(
             shares(shadows.shadow_maps(scene, Quality::Final).0)

@@ -15,7 +15,7 @@ pub struct FrameClock {
     offset: ClockOffset,
     /// The time of the last picture, s.
     last_s: f64,
-    /// The last stamp by the monotonic clock, or by one that the driver does not name, s.
+    /// The last plausible stamp by the monotonic clock, or by one that the driver does not name, s.
     last_stamp_s: f64,
     /// From the last plausible stamp to the arrival, s.
     delay_s: f64,
@@ -52,9 +52,6 @@ impl FrameClock {
     }
 
     fn with_wall_offset_s(&mut self, stamp: Stamp, arrived_s: f64, wall_offset_s: impl Fn() -> f64) -> f64 {
-        if let Stamp::Monotonic(time_s) | Stamp::UnnamedClock(time_s) = stamp {
-            self.last_stamp_s = self.last_stamp_s.max(time_s);
-        }
         let last_s = self.last_s;
         let is_plausible = |time_s: f64| {
             let is_recent = (arrived_s - MAX_AGE_S..=arrived_s).contains(&time_s);
@@ -68,6 +65,11 @@ impl FrameClock {
             Stamp::Wall(time_s) => Some(time_s - wall_offset_s()),
             Stamp::Relative(time_s) => Some(self.relative_s(time_s, arrived_s)),
         };
+        if let Stamp::Monotonic(time_s) | Stamp::UnnamedClock(time_s) = stamp
+            && is_plausible(time_s)
+        {
+            self.last_stamp_s = time_s;
+        }
         let time_s = match stamped_s {
             Some(time_s) if is_plausible(time_s) => {
                 self.delay_s = arrived_s - time_s;
@@ -157,6 +159,7 @@ mod tests {
         let mut clock = FrameClock::default();
         assert!(!clock.is_repeated(Monotonic(-5.0)));
         clock.time_s(UnnamedClock(99.5), 100.0);
+        clock.time_s(Monotonic(f64::INFINITY), 100.1);
         for (stamp, is_repeated) in
             [(UnnamedClock(99.5), true), (Monotonic(99.4), true), (UnnamedClock(99.6), false), (Wall(1.0), false)]
         {

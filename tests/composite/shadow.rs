@@ -116,7 +116,7 @@ fn encode(light: f64) -> f64 {
 #[test]
 fn shaded_pixels_follow_the_shadow_map_and_all_others_stay() {
     let done = made(Settings::default(), &camera(), grey_frame(), scene());
-    let shadow_map = &Shadows::new(&scene()).shadow_maps(&scene())[0];
+    let shadow_map = &Shadows::new(&scene()).shadow_maps(&scene(), locard::quality::Quality::Final).0[0];
     let layer = done.layer.as_ref().unwrap();
     let (mut worst, mut shaded, mut free, mut darkest) = (0.0f64, 0, 0, 255.0f64);
     for (i, out) in done.pixels.codes.eight_bit().unwrap().chunks_exact(3).enumerate() {
