@@ -11,10 +11,10 @@ use super::{progress, warn};
 use locard_engine::analyse;
 use locard_engine::gpu::Gpu;
 use locard_engine::recording::OpenOptions;
-use locard_engine::report::{self, Slid};
+use locard_engine::report::{self, SlidePair};
 use locard_engine::shot::{Analysed, AnalysisState, Given, Shot};
 use locard_engine::text::{count, fixed};
-use locard_engine::verify::{Brightness, Displaced, Plan, Verified, real_px, verify};
+use locard_engine::verify::{Brightness, DisplacementSummary, Plan, Verification, real_px, verify};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -90,7 +90,7 @@ pub fn run(args: &Args) -> Result<()> {
 }
 
 /// Slides by recorded and by refined poses; `None` where nothing is analysed or nothing slides.
-fn slid(recorded: &Shot, found: &Shot) -> Result<Option<Vec<Slid>>> {
+fn slid(recorded: &Shot, found: &Shot) -> Result<Option<Vec<SlidePair>>> {
     let AnalysisState::Used(folder, _) = &found.analysis else { return Ok(None) };
     let analysis = analyse::Analysis::read(folder)?;
     let (camera, response) = (recorded.geometry_at(0)?, recorded.camera().response);
@@ -108,28 +108,29 @@ fn slid(recorded: &Shot, found: &Shot) -> Result<Option<Vec<Slid>>> {
 
 fn say(
     args: &Args,
-    recorded: &Verified,
-    found: Option<&Verified>,
+    recorded: &Verification,
+    found: Option<&Verification>,
     real_px: &Result<f64, String>,
-    slid: Option<&[Slid]>,
+    slid: Option<&[SlidePair]>,
 ) -> Result<()> {
     let mut out = std::io::stdout().lock();
     let now = found.unwrap_or(recorded);
     writeln!(out, "pairs        {}, {} frames apart", count(now.pairs, "pair"), args.gap)?;
     let mut failed = Vec::new();
-    let mut line = |name: &str, passes: Option<bool>, told: &dyn Fn(&Verified) -> String, bar: &str| -> Result<()> {
-        let analysed = found.map_or(String::new(), |found| format!(", as analysed {}", told(found)));
-        let verdict = match passes {
-            Some(true) => "pass",
-            Some(false) => "FAIL",
-            None => "not judged",
+    let mut line =
+        |name: &str, passes: Option<bool>, told: &dyn Fn(&Verification) -> String, bar: &str| -> Result<()> {
+            let analysed = found.map_or(String::new(), |found| format!(", as analysed {}", told(found)));
+            let verdict = match passes {
+                Some(true) => "pass",
+                Some(false) => "FAIL",
+                None => "not judged",
+            };
+            writeln!(out, "{name:<12} recorded {}{analysed}; {bar}: {verdict}", told(recorded))?;
+            if passes == Some(false) {
+                failed.push(name.to_owned());
+            }
+            Ok(())
         };
-        writeln!(out, "{name:<12} recorded {}{analysed}; {bar}: {verdict}", told(recorded))?;
-        if passes == Some(false) {
-            failed.push(name.to_owned());
-        }
-        Ok(())
-    };
     line(
         "registration",
         match now.displaced {
@@ -145,7 +146,7 @@ fn say(
         &|v| v.brightness.as_ref().map_or_else(|| "unknown, no area is flat".to_owned(), brightness),
         &format!("at most {MOST_CODES} codes"),
     )?;
-    let blur = |v: &Verified| match &v.blur {
+    let blur = |v: &Verification| match &v.blur {
         Some(b) => {
             let (low, high) = (fixed(b.between.0, 2), fixed(b.between.1, 2));
             format!(
@@ -159,7 +160,7 @@ fn say(
     let (low, high) = BLUR;
     let passes = now.blur.map(|b| b.ratio >= low && b.ratio <= high);
     line("blur", passes, &blur, &format!("from {low} to {high}"))?;
-    let spread = |v: &Verified| v.sharpness_px.map_or("unknown".to_owned(), |px| format!("{} px", fixed(px, 2)));
+    let spread = |v: &Verification| v.sharpness_px.map_or("unknown".to_owned(), |px| format!("{} px", fixed(px, 2)));
     let real = match real_px {
         Ok(px) => format!("real {} px, at most {SPREAD_PX} px apart", fixed(*px, 2)),
         Err(why) => format!("real unknown: {why}"),
@@ -177,7 +178,7 @@ fn say(
 }
 
 /// What poses miss by, what was measured, and the measurement's floor.
-fn displaced(found: &Displaced) -> String {
+fn displaced(found: &DisplacementSummary) -> String {
     let px = |px: f64| fixed(px, 2);
     let (median, ninety, measured) = (px(found.px.0), px(found.px.1), px(found.measured.0));
     match found.floor {
@@ -203,7 +204,7 @@ fn brightness(found: &Brightness) -> String {
 }
 
 /// The displacement, or why none was measured, and the pairs that do not match.
-fn registration(found: &Verified) -> String {
+fn registration(found: &Verification) -> String {
     let verb = if found.unmatched == 1 { "does" } else { "do" };
     let unmatched = format!("{} with texture {verb} not match", count(found.unmatched, "pair"));
     match (&found.displaced, found.unmatched) {
@@ -215,8 +216,8 @@ fn registration(found: &Verified) -> String {
 }
 
 /// What slides over twenty frames, and what got worse.
-fn slide_lines(slid: &[Slid]) -> Vec<(&'static str, bool, String)> {
-    let pooled = |px: &dyn Fn(&Slid) -> Vec<f64>| {
+fn slide_lines(slid: &[SlidePair]) -> Vec<(&'static str, bool, String)> {
+    let pooled = |px: &dyn Fn(&SlidePair) -> Vec<f64>| {
         let all: Vec<f64> = slid.iter().filter(|pair| pair.later == SLIDE).flat_map(px).collect();
         report::median_px(&all)
     };

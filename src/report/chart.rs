@@ -1,4 +1,4 @@
-//! One plot as SVG that takes its colours from the page's style, so that it is light or dark as the page is.
+//! Plots as SVG with colours from the page's style, for light and dark mode.
 
 use std::ops::Range;
 
@@ -14,15 +14,16 @@ use serde::Serialize;
 use super::ReportError;
 use crate::text::short;
 
-/// Places are whole units of the drawing, so it is drawn twice as large as it is shown at most.
+/// Width of the drawing, units. Coordinates are integers, so it is at least twice as large as
+/// shown.
 const WIDTH: u32 = 1840;
-const LETTERS: f64 = 31.0;
-/// More points than this along a line are not seen.
-const MOST_POINTS: usize = 2000;
-/// The least range of an axis, by the largest value.
-const LEAST_RANGE: f64 = 1e-6;
+const FONT_SIZE: f64 = 31.0;
+/// Largest number of points in a line.
+const MAX_POINTS: usize = 2000;
+/// Smallest range of an axis, by the largest value.
+const MIN_RANGE: f64 = 1e-6;
 
-/// What something is drawn in. The page's style knows the colours by their codes (page.html).
+/// Colour of a shape. The page's style maps the colours' codes (page.html).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Ink {
@@ -57,9 +58,9 @@ pub enum Shape {
     /// A value per frame; where frames are missing the line is interrupted.
     Line(Vec<(f64, f64)>),
     Dots(Vec<(f64, f64)>),
-    /// From one place to another, from 0 up to a value.
+    /// Begin, end and height of each bar.
     Bars(Vec<(f64, f64, f64)>),
-    /// From one frame to another a value, and how far it may be off to either side.
+    /// A constant value over a range, with a band of ± σ.
     Level {
         from: f64,
         to: f64,
@@ -68,43 +69,43 @@ pub enum Shape {
     },
 }
 
-/// What a plot is over.
+/// Horizontal axis of a plot.
 #[derive(Clone, Debug)]
-pub enum Across {
-    /// The frames of a recording, so many.
+pub enum XAxis {
+    /// The frames of a recording: their number.
     Frames(usize),
-    /// Something else, with its unit, from one value to another.
+    /// Another quantity: label with unit, and range.
     Values(&'static str, Range<f64>),
 }
 
 #[derive(Clone, Debug)]
 pub struct Chart {
-    pub across: Across,
-    /// With its unit.
+    pub x_axis: XAxis,
+    /// Label of the vertical axis, with its unit.
     pub y: String,
-    /// Whether that axis is named: below the last of several.
-    pub names_across: bool,
+    /// Whether the horizontal axis has labels: in the last of several plots.
+    pub labels_x_axis: bool,
     pub is_logarithmic: bool,
-    /// Whether 0 belongs to the range.
+    /// Whether the range includes 0.
     pub from_zero: bool,
     pub height: u32,
     pub shapes: Vec<(Ink, Shape)>,
 }
 
 impl Chart {
-    /// SVG whose text others cannot have written.
+    /// The SVG. Its text is not from the recording's files, so it needs no escaping.
     pub fn svg(&self) -> Result<String, ReportError> {
         let mut text = String::new();
         let range = self.range();
-        let across = match &self.across {
-            Across::Frames(frames) => 0.0..(frames.max(&2) - 1) as f64,
-            Across::Values(_, range) => range.clone(),
+        let across = match &self.x_axis {
+            XAxis::Frames(frames) => 0.0..(frames.max(&2) - 1) as f64,
+            XAxis::Values(_, range) => range.clone(),
         };
         let area = SVGBackend::with_string(&mut text, (WIDTH, self.height)).into_drawing_area();
         let failed = |error: &dyn std::fmt::Display| ReportError::Plot(error.to_string());
         let mut chart = ChartBuilder::on(&area);
         chart.margin_top(14).margin_right(20).y_label_area_size(120);
-        chart.x_label_area_size(if self.names_across { 84 } else { 20 });
+        chart.x_label_area_size(if self.labels_x_axis { 84 } else { 20 });
         if self.is_logarithmic {
             let built = chart.build_cartesian_2d(across, range.log_scale());
             self.draw(&mut built.map_err(|error| failed(&error))?)?;
@@ -136,7 +137,7 @@ impl Chart {
         if self.is_logarithmic {
             return 0.8 * low..1.25 * high;
         }
-        let room = (0.06 * (high - low)).max(LEAST_RANGE * high.abs().max(1.0));
+        let room = (0.06 * (high - low)).max(MIN_RANGE * high.abs().max(1.0));
         (if self.from_zero && low == 0.0 { 0.0 } else { low - room })..high + room
     }
 
@@ -152,10 +153,10 @@ impl Chart {
         Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
     {
         let failed = |error: &dyn std::fmt::Display| ReportError::Plot(error.to_string());
-        let letters = TextStyle::from((FontFamily::SansSerif, LETTERS, FontStyle::Normal)).color(&TEXT);
+        let letters = TextStyle::from((FontFamily::SansSerif, FONT_SIZE, FontStyle::Normal)).color(&TEXT);
         let span = self.range();
         let label = |value: &f64| {
-            // A sum of steps that should be zero.
+            // Rounding errors of zero.
             let is_zero = value.abs() < 1e-9 * (span.end - span.start).abs();
             if is_zero { "0".to_owned() } else { short(*value).replace('-', "−") }
         };
@@ -167,10 +168,10 @@ impl Chart {
         let none = |_: &f64| String::new();
         let plain = |value: &f64| short(*value).replace('-', "−");
         mesh.x_labels(10);
-        match &self.across {
-            _ if !self.names_across => mesh.x_label_formatter(&none),
-            Across::Frames(_) => mesh.x_desc("frame").x_label_formatter(&number),
-            Across::Values(name, _) => mesh.x_desc(*name).x_label_formatter(&plain),
+        match &self.x_axis {
+            _ if !self.labels_x_axis => mesh.x_label_formatter(&none),
+            XAxis::Frames(_) => mesh.x_desc("frame").x_label_formatter(&number),
+            XAxis::Values(name, _) => mesh.x_desc(*name).x_label_formatter(&plain),
         };
         mesh.draw().map_err(|error| failed(&error))?;
         for (ink, shape) in &self.shapes {
@@ -208,12 +209,12 @@ impl Chart {
     }
 }
 
-/// At most [`MOST_POINTS`], evenly.
+/// At most [`MAX_POINTS`], evenly.
 fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
-    points.iter().step_by(points.len().div_ceil(MOST_POINTS).max(1)).copied().collect()
+    points.iter().step_by(points.len().div_ceil(MAX_POINTS).max(1)).copied().collect()
 }
 
-/// Parts of a line between which points are missing: farther apart than twice the usual distance.
+/// Splits a line where points are missing: at gaps of at least twice the median distance.
 fn connected(points: &[(f64, f64)]) -> Vec<Vec<(f64, f64)>> {
     let mut steps: Vec<f64> = points.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
     steps.sort_by(f64::total_cmp);
@@ -228,9 +229,9 @@ mod tests {
     fn chart(shapes: Vec<(Ink, Shape)>) -> Chart {
         let y = "turn, °".to_owned();
         Chart {
-            across: Across::Frames(11),
+            x_axis: XAxis::Frames(11),
             y,
-            names_across: true,
+            labels_x_axis: true,
             is_logarithmic: false,
             from_zero: false,
             height: 300,
@@ -239,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_is_interrupted_where_frames_are_missing() {
+    fn line_is_interrupted_where_frames_are_missing() {
         let points: Vec<(f64, f64)> = [0, 1, 2, 6, 7].map(|n| (f64::from(n), 1.0)).to_vec();
         assert_eq!(connected(&points).iter().map(Vec::len).collect::<Vec<_>>(), [3, 2]);
         assert_eq!(connected(&points[..1]).len(), 1);
@@ -249,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn values_lie_where_the_axes_say() {
+    fn values_are_drawn_at_their_axis_coordinates() {
         let dots = Shape::Dots(vec![(0.0, 0.0), (5.0, 5.0), (10.0, 10.0)]);
         let svg = chart(vec![(Ink::Red, dots)]).svg().unwrap();
         let places = |name: &str| -> Vec<f64> {
@@ -266,10 +267,10 @@ mod tests {
     }
 
     #[test]
-    fn a_bar_stands_on_nothing_between_its_ends() {
+    fn bars_extend_from_zero_to_their_values() {
         let bars = Shape::Bars(vec![(0.0, 1.0, 4.0), (1.0, 2.0, 2.0)]);
-        let across = Across::Values("σ, px", 0.0..2.0);
-        let svg = Chart { across, from_zero: true, ..chart(vec![(Ink::Found, bars)]) }.svg().unwrap();
+        let x_axis = XAxis::Values("σ, px", 0.0..2.0);
+        let svg = Chart { x_axis, from_zero: true, ..chart(vec![(Ink::Found, bars)]) }.svg().unwrap();
         let corners = |n: usize| -> Vec<Vec<f64>> {
             let text = svg.split("<polygon").nth(n + 1).unwrap().split("points=\"").nth(1).unwrap();
             let pairs = text.split('"').next().unwrap().split_whitespace();
@@ -284,13 +285,13 @@ mod tests {
     }
 
     #[test]
-    fn nothing_and_what_is_no_number_is_no_panic() {
+    fn empty_and_non_finite_values_do_not_panic() {
         for values in [vec![], vec![(0.0, f64::NAN)], vec![(3.0, 5.0)], vec![(0.0, 1e300), (1.0, -1e300)]] {
             for is_logarithmic in [false, true] {
                 let shapes = vec![(Ink::Blue, Shape::Dots(values.clone()))];
                 Chart { is_logarithmic, ..chart(shapes) }.svg().unwrap();
             }
         }
-        Chart { across: Across::Frames(0), ..chart(Vec::new()) }.svg().unwrap();
+        Chart { x_axis: XAxis::Frames(0), ..chart(Vec::new()) }.svg().unwrap();
     }
 }

@@ -1,24 +1,25 @@
-//! What recorded poses lack, frame by frame.
+//! Corrections of the recorded poses by the refined ones, frame by frame.
 
 use glam::{DAffine3, DVec2, DVec3};
 
 use super::Source;
-use super::sight::Sight;
+use super::rolling_camera::RollingCamera;
 use crate::fit::twist;
 use crate::pose::Pose;
 use crate::recording::RecordingError;
 
-/// Of one frame: recorded_from_refined, in the recorded camera's axes (right, down, forward).
+/// Correction of a frame: recorded_from_refined, in the recorded camera's axes (right, down,
+/// forward).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correction {
     pub frame: usize,
     pub turn_deg: DVec3,
     pub way_mm: DVec3,
-    /// How far apart both show things that are `depth_m` away: mean over the picture, px.
+    /// Displacement of points at `depth_m` in the picture, mean over it, px.
     pub picture_px: f64,
 }
 
-/// One for each frame that has both poses. `depth_m`: how far away things usually are.
+/// The corrections of all frames with both poses. `depth_m`: typical depth.
 pub fn corrections(source: &Source<'_>, depth_m: f64) -> Vec<Correction> {
     let Some(refined) = refined(source) else { return Vec::new() };
     let recorded = recorded(source);
@@ -29,14 +30,14 @@ pub fn corrections(source: &Source<'_>, depth_m: f64) -> Vec<Correction> {
     source.recording.timestamps_s.iter().enumerate().filter_map(of).collect()
 }
 
-pub fn recorded<'a>(source: &Source<'a>) -> Sight<'a> {
-    Sight { track: &source.recording.track, later_s: source.recording.time_offset_s, camera: source.camera }
+pub fn recorded<'a>(source: &Source<'a>) -> RollingCamera<'a> {
+    RollingCamera { track: &source.recording.track, later_s: source.recording.time_offset_s, geometry: source.camera }
 }
 
-/// `None` where the recorded poses were kept.
-pub fn refined<'a>(source: &Source<'a>) -> Option<Sight<'a>> {
+/// `None` if the recorded poses were kept.
+pub fn refined<'a>(source: &Source<'a>) -> Option<RollingCamera<'a>> {
     let track = source.analysis.refined()?;
-    Some(Sight { track, later_s: 0.0, camera: &source.analysis.findings.camera })
+    Some(RollingCamera { track, later_s: 0.0, geometry: &source.analysis.findings.camera })
 }
 
 fn correction(frame: usize, source: &Source<'_>, was: &Pose, now: &Pose, depth_m: f64) -> Correction {

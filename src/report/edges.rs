@@ -1,28 +1,28 @@
-//! Edges of one frame, drawn where poses say they are in later ones: before and after.
+//! Edges of one frame, projected into later ones by recorded and by refined poses.
 
 use glam::{DVec2, DVec3};
 
 use super::chart::Ink;
 use super::correction::{recorded, refined};
-use super::followed::is_there;
 use super::page::{Body, Cell, Figure};
 use super::places::smooth;
-use super::sight::Sight;
+use super::point_track::is_unoccluded;
+use super::rolling_camera::RollingCamera;
 use super::strips::lacking;
 use super::tile::Tile;
 use super::{ReportError, Source};
 use crate::analyse::{Plane, gaussian};
 use crate::frame::Frame;
 
-/// So many frames later.
+/// Distances to the later frames, frames.
 const LATER: [usize; 4] = [0, 5, 10, 20];
-/// Side of a picture, px, and the distance between places that are tried for it.
+/// Side of a picture, px, and step between its candidate positions, px.
 const SIDE: usize = 160;
-const STEP: usize = 16;
-/// An edge is steeper, codes of 255 per px.
-const STEEP: f32 = 9.0;
-/// Fewer points are no edges.
-const LEAST_POINTS: usize = 60;
+const CANDIDATE_STEP_PX: usize = 16;
+/// Smallest gradient of an edge, codes of 255 per px.
+const MIN_GRADIENT: f32 = 9.0;
+/// Smallest number of edge points in a picture.
+const MIN_POINTS: usize = 60;
 
 pub fn edges(source: &Source<'_>) -> Result<Figure, ReportError> {
     let title = "Edges of the room";
@@ -43,20 +43,21 @@ pub fn edges(source: &Source<'_>) -> Result<Figure, ReportError> {
     let Some(centre) = centre(&found, first, &frames, &now) else { return none() };
     let near = |at: &DVec2| (*at - centre.0).abs().max_element() < SIDE as f64 / 2.0;
     let found: Vec<(DVec2, f64)> = found.into_iter().filter(|(at, _)| near(at)).collect();
-    let world = |sight: &Sight<'_>| -> Vec<DVec3> {
-        found.iter().filter_map(|(at, z)| sight.point(first.timestamp_s, *at, *z)).collect()
+    let world = |camera: &RollingCamera<'_>| -> Vec<DVec3> {
+        found.iter().filter_map(|(at, z)| camera.unproject(first.timestamp_s, *at, *z)).collect()
     };
     let is_refined = source.analysis.refined().is_some();
-    let sights = if is_refined { vec![was, now] } else { vec![was] };
+    let cameras = if is_refined { vec![was, now] } else { vec![was] };
     let mut cells = Vec::new();
     for frame in &frames {
-        let about = now.point(first.timestamp_s, centre.0, centre.1).and_then(|p| now.seen(frame.timestamp_s, p));
+        let about =
+            now.unproject(first.timestamp_s, centre.0, centre.1).and_then(|p| now.project(frame.timestamp_s, p));
         let Some((about, _)) = about.filter(|(at, _)| is_inside(frame, *at)) else { continue };
         let tile = Tile::cut(&frame.pixels, about, SIDE);
         let mut pictures = Vec::new();
-        for sight in &sights {
-            let seen = world(sight).into_iter().filter_map(|point| sight.seen(frame.timestamp_s, point));
-            let places: Vec<DVec2> = seen.filter(|(at, z)| is_there(frame, *at, *z)).map(|(at, _)| at).collect();
+        for camera in &cameras {
+            let seen = world(camera).into_iter().filter_map(|point| camera.project(frame.timestamp_s, point));
+            let places: Vec<DVec2> = seen.filter(|(at, z)| is_unoccluded(frame, *at, *z)).map(|(at, _)| at).collect();
             pictures.push(tile.dotted(about, &places)?);
         }
         cells.push(Cell { frame: frame.index, is_start: frame.index == start, pictures });
@@ -70,11 +71,11 @@ pub fn edges(source: &Source<'_>) -> Result<Figure, ReportError> {
         if is_refined { ": above as recorded, below refined." } else { ", as recorded." }
     );
     let rows = [(Ink::Recorded, "as recorded"), (Ink::Found, "refined")];
-    let rows = rows[..sights.len()].to_vec();
+    let rows = rows[..cameras.len()].to_vec();
     Ok(Figure { title, caption, legend: rows.clone(), body: Body::Strip { rows, side: 2 * SIDE, cells } })
 }
 
-/// Where the picture is steepest across an edge, with its depth.
+/// Maxima of the gradient across edges, with their depths.
 fn points(frame: &Frame) -> Vec<(DVec2, f64)> {
     let Some(depth) = frame.depth.as_ref() else { return Vec::new() };
     let (width, height) = (frame.pixels.width as usize, frame.pixels.height as usize);
@@ -87,7 +88,7 @@ fn points(frame: &Frame) -> Vec<(DVec2, f64)> {
     for y in 8..height.saturating_sub(8) {
         for x in 8..width.saturating_sub(8) {
             let here = slope(x, y);
-            if here < STEEP {
+            if here < MIN_GRADIENT {
                 continue;
             }
             let (dx, dy) = (along.values[y * width + x] / here, down.values[y * width + x] / here);
@@ -109,24 +110,25 @@ fn is_inside(frame: &Frame, at: DVec2) -> bool {
     at.x >= rim && at.y >= rim && at.x <= size.x - rim && at.y <= size.y - rim
 }
 
-/// The place about which most edges lie that all frames show, or as many as can be; with its depth.
-fn centre(found: &[(DVec2, f64)], first: &Frame, frames: &[Frame], sight: &Sight<'_>) -> Option<(DVec2, f64)> {
+/// The position that most frames show, and with the most edge points around among these; with its
+/// depth.
+fn centre(found: &[(DVec2, f64)], first: &Frame, frames: &[Frame], camera: &RollingCamera<'_>) -> Option<(DVec2, f64)> {
     let (width, height) = (first.pixels.width as usize, first.pixels.height as usize);
     let half = SIDE / 2;
     let mut best: Option<((usize, usize), DVec2, f64)> = None;
-    for y in (half..(height + 1).saturating_sub(half)).step_by(STEP) {
-        for x in (half..(width + 1).saturating_sub(half)).step_by(STEP) {
+    for y in (half..(height + 1).saturating_sub(half)).step_by(CANDIDATE_STEP_PX) {
+        for x in (half..(width + 1).saturating_sub(half)).step_by(CANDIDATE_STEP_PX) {
             let at = DVec2::new(x as f64, y as f64);
             let within = found.iter().filter(|(place, _)| (*place - at).abs().max_element() < half as f64);
             let mut depths: Vec<f64> = within.map(|(_, z)| *z).collect();
-            if depths.len() < LEAST_POINTS {
+            if depths.len() < MIN_POINTS {
                 continue;
             }
             depths.sort_by(f64::total_cmp);
             let z = depths[depths.len() / 2];
-            let Some(point) = sight.point(first.timestamp_s, at, z) else { continue };
+            let Some(point) = camera.unproject(first.timestamp_s, at, z) else { continue };
             let shows =
-                |frame: &&Frame| sight.seen(frame.timestamp_s, point).is_some_and(|(at, _)| is_inside(frame, at));
+                |frame: &&Frame| camera.project(frame.timestamp_s, point).is_some_and(|(at, _)| is_inside(frame, at));
             let score = (frames.iter().filter(shows).count(), depths.len());
             if best.is_none_or(|(most, ..)| score > most) {
                 best = Some((score, at, z));

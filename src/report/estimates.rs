@@ -1,19 +1,19 @@
-//! The verdicts at the top of a page: what was found, with its interval, what was kept and what was refused.
+//! Summary at the top of the report: one verdict per estimate, with its value, interval and reason.
 
 use serde::Serialize;
 
 use crate::analyse::Findings;
 use crate::text::fixed;
 
-/// What became of what was recorded or given.
+/// Effect of an estimate on the recorded or given value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Mark {
-    /// Something else was found, and is used.
+    /// Replaced by the estimate.
     Changed,
-    /// It is right.
+    /// Confirmed.
     Kept,
-    /// The footage does not tell.
+    /// Without an estimate.
     Refused,
 }
 
@@ -22,13 +22,13 @@ pub struct Estimate {
     pub name: &'static str,
     pub mark: Mark,
     pub verdict: &'static str,
-    /// With its interval; empty if it is not known.
+    /// With its interval; empty if unknown.
     pub value: String,
-    /// Why it was kept or refused; empty if it was not.
+    /// The reason if it was kept or refused, else empty.
     pub why: String,
 }
 
-/// `given_readout_s`: by the camera as it was given.
+/// All verdicts. `given_readout_s`: readout time of the given camera.
 pub fn estimates(findings: &Findings, given_readout_s: f64) -> Vec<Estimate> {
     let of_poses = [poses(findings), clock(findings), readout(findings, given_readout_s), depth(findings)];
     of_poses
@@ -68,7 +68,7 @@ fn lamps(findings: &Findings) -> Estimate {
     estimate("lamps", Mark::Changed, "found", lamps.join("; "), "")
 }
 
-/// What is found with the poses, where these are as recorded.
+/// Reason for estimates that depend on refined poses.
 const WITH_POSES: &str = "found with the poses, and these are as recorded";
 
 fn estimate(name: &'static str, mark: Mark, verdict: &'static str, value: String, why: impl Into<String>) -> Estimate {
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_found_stands_with_its_interval() {
+    fn estimates_have_their_intervals() {
         let registration = json!({
             "poses": "refined", "recorded_px": 2.889, "refined_px": 0.1397, "clock_s": -0.00546, "clock_sigma_s": 0.00036,
             "readout_sigma_s": 0.0002, "depth_later_s": 0.0243, "depth_later_sigma_s": 0.0044
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_refused_has_its_reason_and_no_number() {
+    fn refused_estimates_have_a_reason_and_no_value() {
         let shutter = json!({ "why": "too even", "runs": [] });
         let found = findings(json!({ "why": "there is no depth" }), json!({ "shutter": shutter }));
         for estimate in estimates(&found, 0.0) {

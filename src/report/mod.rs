@@ -1,24 +1,24 @@
-//! What an analysis found, as a page that a browser opens: one file of HTML with its pictures and plots within, without script.
+//! HTML report of an analysis: a single file with embedded pictures and plots, without scripts.
 //!
-//! It reads an [`Analysis`](crate::analyse::Analysis) and the recording that it is of, as it was recorded, and knows nothing of
-//! who asks. What the recording cannot show is left out, and the page says why.
+//! Its inputs are an [`Analysis`](crate::analyse::Analysis) and the recording as it was recorded.
+//! Figures that the recording cannot provide are replaced by the reason.
 
 mod chart;
 mod correction;
 mod edges;
 mod estimates;
-mod followed;
 mod page;
 mod panorama;
 mod places;
 mod plots;
-mod sight;
+mod point_track;
+mod rolling_camera;
 mod slide;
 mod source;
 mod strips;
 mod tile;
 
-pub use slide::{LATER, Slid, median_px, slides, worse};
+pub use slide::{LATER, SlidePair, median_px, slides, worse};
 pub use source::{MADE_BY, ReportError, Source};
 
 /// The page. The same analysis and recording give the same bytes, but for [`Source::times`].

@@ -13,7 +13,7 @@ use super::{MADE_BY, ReportError, Source};
 use crate::analyse::SupportReport;
 use crate::text::{count, fixed, shown};
 
-/// A figure, or why it is not there.
+/// A figure, or the reason for its absence.
 #[derive(Clone, Debug, Serialize)]
 pub struct Figure {
     pub title: &'static str,
@@ -25,11 +25,11 @@ pub struct Figure {
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Body {
-    /// SVG, from above to below.
+    /// SVG, from top to bottom.
     Plots { plots: Vec<String> },
     /// Pictures of a place in several frames.
     Strip {
-        /// What the pictures of a frame show, from above to below.
+        /// Labels of the pictures of a frame, from top to bottom.
         rows: Vec<(Ink, &'static str)>,
         /// Of each picture, px.
         side: usize,
@@ -37,14 +37,14 @@ pub enum Body {
     },
     /// One wide picture, as a `data:` URI.
     Panorama { picture: String, width: u32, height: u32 },
-    /// The caption says why.
+    /// The caption has the reason.
     LeftOut,
 }
 
 #[derive(Clone, Debug, Serialize)]
 pub struct Cell {
     pub frame: usize,
-    /// Whether the place was chosen here.
+    /// Whether the place was selected in this frame.
     pub is_start: bool,
     /// As `data:` URIs, one for each row.
     pub pictures: Vec<String>,
@@ -56,7 +56,7 @@ impl Figure {
     }
 }
 
-/// A part of the work: its share of the whole, per cent.
+/// A part of the analysis: its duration, and its share of the total, per cent.
 #[derive(Serialize)]
 struct Part {
     name: String,
@@ -64,7 +64,7 @@ struct Part {
     share: String,
 }
 
-/// By its ending it is known that what is filled in is escaped.
+/// The file extension turns on HTML escaping.
 const TEMPLATE: (&str, &str) = ("page.html", include_str!("page.html"));
 
 #[derive(Serialize)]
@@ -76,7 +76,7 @@ struct Page {
     estimates: Vec<Estimate>,
     figures: Vec<Figure>,
     lines: Vec<(&'static str, String)>,
-    /// What was kept or refused, and why.
+    /// Names of kept or refused estimates, verdict and reason.
     reasons: Vec<(String, &'static str, String)>,
     whole: String,
     parts: Vec<Part>,
@@ -106,12 +106,13 @@ pub fn page(source: &Source<'_>, figures: Vec<Figure>) -> Result<String, ReportE
         parts,
     };
     let mut templates = Environment::new();
-    // A name that the page does not have is an error.
+    // Undefined names are errors.
     templates.set_undefined_behavior(UndefinedBehavior::Strict);
     Ok(templates.render_named_str(TEMPLATE.0, TEMPLATE.1, Serde(page))? + "\n")
 }
 
-/// What was kept or refused: names, verdict and reason. What has one reason stands together.
+/// Kept and refused estimates: names, verdict and reason. Neighbours with the same reason are
+/// grouped.
 fn reasons(estimates: &[Estimate]) -> Vec<(String, &'static str, String)> {
     let others: Vec<&Estimate> = estimates.iter().filter(|estimate| estimate.mark != Mark::Changed).collect();
     let alike = others.chunk_by(|a, b| (a.verdict, &a.why) == (b.verdict, &b.why));
@@ -119,7 +120,7 @@ fn reasons(estimates: &[Estimate]) -> Vec<(String, &'static str, String)> {
     alike.map(|alike| (names(alike), alike[0].verdict, alike[0].why.clone())).collect()
 }
 
-/// How long it took, and each part of it.
+/// Total duration, and the parts.
 fn parts(times: &[(Cow<'static, str>, Duration)]) -> (String, Vec<Part>) {
     let whole_s: f64 = times.iter().map(|(_, took)| took.as_secs_f64()).sum();
     let part = |(name, took): &(Cow<'static, str>, Duration)| Part {

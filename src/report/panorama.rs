@@ -1,4 +1,4 @@
-//! The light of the room: the panorama of what was seen, unfolded, with a ring where a lamp is.
+//! Figure of the room's light: the panorama, with rings around lamps.
 
 use glam::DVec3;
 
@@ -11,11 +11,11 @@ use crate::render::panorama::texel_coordinates;
 use crate::scene::world_from_panorama;
 use crate::text::{count, fixed};
 
-/// One texel becomes so many across.
-const ENLARGED: u32 = 3;
-/// This share of the texels is darker than camera white in the picture.
-const BELOW_WHITE: f64 = 0.99;
-/// A lamp's ring: radii, px of the enlarged picture, with a dark one around.
+/// Magnification of the texels.
+const MAGNIFICATION: u32 = 3;
+/// Quantile of the texels that is shown as white.
+const WHITE_QUANTILE: f64 = 0.99;
+/// Radii of a lamp's ring, px of the enlarged picture, and width of its dark border.
 const RING: std::ops::Range<f64> = 6.0..8.5;
 const RIM_PX: f64 = 1.5;
 const RING_COLOUR: [u8; 3] = [255, 214, 10];
@@ -31,7 +31,7 @@ pub fn panorama(source: &Source<'_>) -> Result<Figure, ReportError> {
     let (middle_m, up) = (light.middle_m.map_or(DVec3::ZERO, DVec3::from), light.up.map_or(DVec3::Z, DVec3::from));
     let lamps = light.lamps.iter().filter(|lamp| !lamp.is_bounce());
     let lamps: Vec<_> = lamps.map(|lamp| seen_from(lamp, middle_m, up, around)).collect();
-    let (width, height) = (ENLARGED * around.width, ENLARGED * around.height);
+    let (width, height) = (MAGNIFICATION * around.width, MAGNIFICATION * around.height);
     let picture = png_uri(&drawn(around, &lamps), width, height)?;
     let percent = |share: Option<f64>| fixed(100.0 * share.unwrap_or_default(), 0);
     let ringed = match lamps.len() {
@@ -46,27 +46,27 @@ pub fn panorama(source: &Source<'_>) -> Result<Figure, ReportError> {
     Ok(Figure { title, caption, legend: Vec::new(), body: Body::Panorama { picture, width, height } })
 }
 
-/// Where a lamp is in the panorama, texels from the upper left.
+/// Position of a lamp in the panorama, texels from the upper left.
 fn seen_from(lamp: &LampEstimate, middle_m: DVec3, up: DVec3, around: &Environment) -> [f64; 2] {
     let towards = world_from_panorama(up.normalize_or(DVec3::Z)).conjugate() * (DVec3::from(lamp.at_m) - middle_m);
     texel_coordinates(towards.normalize_or(DVec3::Y).as_vec3(), around.width, around.height).as_dvec2().to_array()
 }
 
-/// Eight bits, enlarged, row by row.
+/// The enlarged panorama with its rings, 8 bits, row by row.
 fn drawn(around: &Environment, lamps: &[[f64; 2]]) -> Vec<[u8; 3]> {
     let mut brightest: Vec<f32> = around.rgb.iter().map(|rgb| rgb.iter().fold(0.0, |most, v| v.max(most))).collect();
-    let white = ((brightest.len() - 1) as f64 * BELOW_WHITE) as usize;
+    let white = ((brightest.len() - 1) as f64 * WHITE_QUANTILE) as usize;
     let white = brightest.select_nth_unstable_by(white, f32::total_cmp).1.max(f32::MIN_POSITIVE);
     let response = Response::default();
     let code = |light: f32| (255.0 * response.encode(f64::from(light / white))).round() as u8;
-    let wide = ENLARGED * around.width;
+    let wide = MAGNIFICATION * around.width;
     let of = |n: u32| {
         let (x, y) = (n % wide, n / wide);
         let at = |[u, v]: &[f64; 2]| {
             let [dx, dy] = [(x, u, around.width), (y, v, 0)].map(|(at, lamp, round)| {
-                let off = f64::from(at) + 0.5 - f64::from(ENLARGED) * lamp;
+                let off = f64::from(at) + 0.5 - f64::from(MAGNIFICATION) * lamp;
                 // The panorama continues at either rim.
-                let round = f64::from(ENLARGED * round);
+                let round = f64::from(MAGNIFICATION * round);
                 if round > 0.0 { off - round * (off / round).round() } else { off }
             });
             dx.hypot(dy)
@@ -75,10 +75,10 @@ fn drawn(around: &Environment, lamps: &[[f64; 2]]) -> Vec<[u8; 3]> {
         match ring_px.reduce(f64::min) {
             Some(far) if RING.contains(&far) => RING_COLOUR,
             Some(_) => RIM_COLOUR,
-            None => around.rgb[(y / ENLARGED * around.width + x / ENLARGED) as usize].map(code),
+            None => around.rgb[(y / MAGNIFICATION * around.width + x / MAGNIFICATION) as usize].map(code),
         }
     };
-    (0..wide * ENLARGED * around.height).map(of).collect()
+    (0..wide * MAGNIFICATION * around.height).map(of).collect()
 }
 
 #[cfg(test)]
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lamp_is_ringed_where_it_is_and_the_panorama_goes_round() {
+    fn rings_are_drawn_around_lamps_and_wrap_at_the_border() {
         let rgb: Vec<[f32; 3]> = (0..64 * 32).map(|n| [if n / 64 < 16 { 1.0 } else { 0.214 }; 3]).collect();
         let around = Environment { width: 64, height: 32, rgb: rgb.into(), hdr: [].into() };
         // 45° above what lies in the panorama's middle: upright's −z is that.

@@ -1,5 +1,5 @@
-//! Places of a frame that are worth following: textured ones, by which one sees where they are, and flat ones, by which one sees
-//! how bright they are.
+//! Selects places of a frame for tracking: textured ones for position, and flat ones for
+//! brightness.
 
 use glam::DVec2;
 
@@ -7,20 +7,20 @@ use crate::analyse::Plane;
 use crate::frame::Frame;
 use crate::pixels::{DepthMap, Pixels};
 
-/// Every so many pixels is looked at; the best of each square of `CELL` px is kept.
-const STEP: usize = 4;
-const CELL: usize = 32;
-/// So far from the picture's rim, px.
-const RIM: usize = 40;
-/// Texture counts within this radius, px, flatness within that.
-const TEXTURED: usize = 6;
-const FLAT: usize = 28;
-/// Flat places differ by at most this, σ of codes of 255, and lie between these codes.
-const MOST_SIGMA: f64 = 9.0;
+/// Step between candidates, px, and side of the cells of which the best is kept, px.
+const STEP_PX: usize = 4;
+const CELL_PX: usize = 32;
+/// Smallest distance from the picture's border, px.
+const MARGIN_PX: usize = 40;
+/// Radii of the windows for texture and for flatness, px.
+const TEXTURE_RADIUS_PX: usize = 6;
+const FLAT_RADIUS_PX: usize = 28;
+/// Largest σ of a flat place, and range of its codes, of 255.
+const MAX_FLAT_SIGMA: f64 = 9.0;
 const CODES: (f64, f64) = (45.0, 215.0);
-/// Depth is known so far about a place, px, and differs there by at most this share.
-const SMOOTH: i64 = 5;
-const ALIKE: f64 = 0.03;
+/// Radius around a place with known depth, px, and largest relative depth difference there.
+const DEPTH_RADIUS_PX: i64 = 5;
+const MAX_DEPTH_DIFFERENCE: f64 = 0.03;
 
 /// A place on a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,11 +28,11 @@ pub struct Place {
     pub at: DVec2,
     /// Along the optical axis.
     pub depth_m: f64,
-    /// How textured or how flat it is, above 0.
+    /// Measure of texture or flatness, above 0.
     pub score: f64,
 }
 
-/// Places whose texture tells both directions: the smaller eigenvalue of Σ∇I∇Iᵀ (Shi and Tomasi 1994), codes² per px².
+/// Corners: places by the smaller eigenvalue of Σ∇I∇Iᵀ (Shi and Tomasi 1994), codes² per px².
 pub fn textured(frame: &Frame) -> Vec<Place> {
     let luma = Plane::of(&frame.pixels);
     best(frame, |x, y| {
@@ -40,15 +40,15 @@ pub fn textured(frame: &Frame) -> Vec<Place> {
     })
 }
 
-/// Places of one colour: the inverse of σ over the channels.
+/// Places of uniform colour, by the inverse of the largest σ of the channels.
 pub fn flat(frame: &Frame) -> Vec<Place> {
     best(frame, |x, y| {
         let sigma = (0..3).map(|c| even(&frame.pixels, x, y, c)).try_fold(0.0, |most: f64, s| Some(most.max(s?)))?;
-        (sigma <= MOST_SIGMA).then_some(1.0 / (1.0 + sigma))
+        (sigma <= MAX_FLAT_SIGMA).then_some(1.0 / (1.0 + sigma))
     })
 }
 
-/// The best of each cell where depth is smooth.
+/// The best place of each cell with smooth depth.
 fn best(frame: &Frame, score: impl Fn(usize, usize) -> Option<f64>) -> Vec<Place> {
     let Some(depth) = &frame.depth else { return Vec::new() };
     let (width, height) = (frame.pixels.width as usize, frame.pixels.height as usize);
@@ -56,11 +56,11 @@ fn best(frame: &Frame, score: impl Fn(usize, usize) -> Option<f64>) -> Vec<Place
         return Vec::new();
     }
     let mut found = Vec::new();
-    for top in (RIM..height.saturating_sub(RIM)).step_by(CELL) {
-        for left in (RIM..width.saturating_sub(RIM)).step_by(CELL) {
+    for top in (MARGIN_PX..height.saturating_sub(MARGIN_PX)).step_by(CELL_PX) {
+        for left in (MARGIN_PX..width.saturating_sub(MARGIN_PX)).step_by(CELL_PX) {
             let mut of_cell: Option<Place> = None;
-            for y in (top..(top + CELL).min(height - RIM)).step_by(STEP) {
-                for x in (left..(left + CELL).min(width - RIM)).step_by(STEP) {
+            for y in (top..(top + CELL_PX).min(height - MARGIN_PX)).step_by(STEP_PX) {
+                for x in (left..(left + CELL_PX).min(width - MARGIN_PX)).step_by(STEP_PX) {
                     let Some(depth_m) = smooth(depth, x, y) else { continue };
                     let Some(score) = score(x, y) else { continue };
                     if of_cell.is_none_or(|best| score > best.score) {
@@ -74,7 +74,7 @@ fn best(frame: &Frame, score: impl Fn(usize, usize) -> Option<f64>) -> Vec<Place
     found
 }
 
-/// The depth of a surface that reaches a little about a place.
+/// Depth of a place; `None` if it is unknown or not smooth around it.
 pub fn smooth(depth: &DepthMap, x: usize, y: usize) -> Option<f64> {
     let (width, height) = (i64::from(depth.width), i64::from(depth.height));
     let at = |dx: i64, dy: i64| {
@@ -83,28 +83,31 @@ pub fn smooth(depth: &DepthMap, x: usize, y: usize) -> Option<f64> {
         is_inside.then(|| f64::from(depth.depth_m[(y * width + x) as usize]))
     };
     let here = at(0, 0).filter(|z| *z > 0.0)?;
-    let about = (0..9).map(|n| at(SMOOTH * (n % 3 - 1), SMOOTH * (n / 3 - 1)));
-    about.into_iter().all(|z| z.is_some_and(|z| z > 0.0 && (z - here).abs() < ALIKE * here)).then_some(here)
+    let about = (0..9).map(|n| at(DEPTH_RADIUS_PX * (n % 3 - 1), DEPTH_RADIUS_PX * (n / 3 - 1)));
+    about
+        .into_iter()
+        .all(|z| z.is_some_and(|z| z > 0.0 && (z - here).abs() < MAX_DEPTH_DIFFERENCE * here))
+        .then_some(here)
 }
 
 /// Of luma, codes of 255.
 fn smaller_eigenvalue(grey: &[f32], width: usize, x: usize, y: usize) -> f64 {
     let (mut xx, mut xy, mut yy) = (0.0f64, 0.0f64, 0.0f64);
-    for v in y - TEXTURED..=y + TEXTURED {
-        for i in v * width + x - TEXTURED..=v * width + x + TEXTURED {
+    for v in y - TEXTURE_RADIUS_PX..=y + TEXTURE_RADIUS_PX {
+        for i in v * width + x - TEXTURE_RADIUS_PX..=v * width + x + TEXTURE_RADIUS_PX {
             let along = f64::from(grey[i + 1] - grey[i - 1]) / 2.0;
             let down = f64::from(grey[i + width] - grey[i - width]) / 2.0;
             (xx, xy, yy) = (xx + along * along, xy + along * down, yy + down * down);
         }
     }
-    0.5 * (xx + yy - (xx - yy).hypot(2.0 * xy)) / (2 * TEXTURED + 1).pow(2) as f64
+    0.5 * (xx + yy - (xx - yy).hypot(2.0 * xy)) / (2 * TEXTURE_RADIUS_PX + 1).pow(2) as f64
 }
 
 /// σ of a channel about a place; `None` if it is dark or bright.
 fn even(pixels: &Pixels, x: usize, y: usize, channel: usize) -> Option<f64> {
     let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
-    for v in (y - FLAT..=y + FLAT).step_by(4) {
-        for u in (x - FLAT..=x + FLAT).step_by(4) {
+    for v in (y - FLAT_RADIUS_PX..=y + FLAT_RADIUS_PX).step_by(4) {
+        for u in (x - FLAT_RADIUS_PX..=x + FLAT_RADIUS_PX).step_by(4) {
             let code = f64::from(pixels.eight_bits_at(u as u32, v as u32)[channel]);
             (sum, squares, count) = (sum + code, squares + code * code, count + 1.0);
         }
@@ -140,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn texture_is_found_where_it_is_and_flat_places_elsewhere() {
+    fn texture_is_found_on_the_chessboard_and_flat_places_beside_it() {
         let frame = frame();
         let most = textured(&frame).into_iter().max_by(|a, b| a.score.total_cmp(&b.score)).unwrap();
         assert!((most.at - DVec2::new(100.0, 60.0)).abs().max_element() < 12.0, "{most:?}");
@@ -148,14 +151,15 @@ mod tests {
         let flat = flat(&frame);
         assert!(!flat.is_empty());
         for place in &flat {
-            // Farther from the board than the place is wide, or only its rim touches it; never on the step of depth.
+            // Farther from the board than the place is wide, or only its rim touches it; never on
+            // the step of depth.
             let off = (place.at - DVec2::new(100.0, 60.0)).abs().max_element();
             assert!(off > 38.0 && (place.at.x - 160.0).abs() > 4.0, "{place:?}");
         }
     }
 
     #[test]
-    fn an_edge_is_no_texture_and_no_depth_is_no_place() {
+    fn edges_are_no_texture_and_places_need_depth() {
         let mut frame = frame();
         let codes = (0..240 * 160).flat_map(|n| [if n % 240 < 100 { 50 } else { 150 }; 3]).collect();
         frame.pixels = Pixels::from_u8(240, 160, codes).unwrap();

@@ -1,19 +1,19 @@
-//! What is plotted over the frames, or why it is not.
+//! Figures with plots.
 
-use super::chart::{Across, Chart, Ink, Shape};
+use super::chart::{Chart, Ink, Shape, XAxis};
 use super::correction::{Correction, corrections, usual_depth_m};
 use super::page::{Body, Figure};
-use super::slide::{LATER, Slid, median_px, slides, worse};
+use super::slide::{LATER, SlidePair, median_px, slides, worse};
 use super::{ReportError, Source};
 use crate::analyse::{EDGE_BIN_PX, HeldOutResidual, ToneBand};
 use crate::text::{count, fixed, short};
 
-/// Heights of plots, units of a drawing that is 1840 wide.
+/// Heights of plots and of a labelled axis, units of a drawing that is 1840 wide.
 const TALL: u32 = 480;
 const LOW: u32 = 300;
 const AXIS: u32 = 64;
-/// Without depth things count as so far away, m.
-const FAR_M: f64 = 2.0;
+/// Assumed depth for recordings without depth, m.
+const ASSUMED_DEPTH_M: f64 = 2.0;
 
 const RECORDED: (Ink, &str) = (Ink::Recorded, "as recorded");
 
@@ -27,7 +27,7 @@ pub fn correction(source: &Source<'_>) -> Result<Figure, ReportError> {
         };
         return Ok(Figure::left_out(title, why));
     }
-    let depth_m = usual_depth_m(source)?.unwrap_or(FAR_M);
+    let depth_m = usual_depth_m(source)?.unwrap_or(ASSUMED_DEPTH_M);
     let all = corrections(source, depth_m);
     let of = |value: &dyn Fn(&Correction) -> f64| Shape::Line(all.iter().map(|c| (c.frame as f64, value(c))).collect());
     let axes = |vector: fn(&Correction) -> glam::DVec3| {
@@ -35,9 +35,9 @@ pub fn correction(source: &Source<'_>) -> Result<Figure, ReportError> {
         inks.iter().enumerate().map(|(k, ink)| (*ink, of(&move |c| vector(c)[k]))).collect::<Vec<_>>()
     };
     let plot = |y: &str, shapes, is_last: bool| Chart {
-        across: Across::Frames(source.recording.frame_count()),
+        x_axis: XAxis::Frames(source.recording.frame_count()),
         y: y.to_owned(),
-        names_across: is_last,
+        labels_x_axis: is_last,
         is_logarithmic: false,
         from_zero: is_last,
         height: if is_last { LOW + AXIS } else { LOW },
@@ -79,9 +79,9 @@ pub fn links(source: &Source<'_>) -> Result<Figure, ReportError> {
     };
     let median_and_most = |px: fn(&HeldOutResidual) -> f64| format!("{} px, {} px", share(px, 0.5), share(px, 0.9));
     let chart = Chart {
-        across: Across::Frames(source.recording.frame_count()),
+        x_axis: XAxis::Frames(source.recording.frame_count()),
         y: "missed by, px".to_owned(),
-        names_across: true,
+        labels_x_axis: true,
         is_logarithmic: true,
         from_zero: false,
         height: TALL,
@@ -110,12 +110,12 @@ pub fn slide(source: &Source<'_>) -> Result<Figure, ReportError> {
         Err(why) => return Ok(Figure::left_out(title, why.to_owned())),
     };
     let is_refined = slid.iter().any(|pair| pair.refined_px.is_some());
-    let of = |px: &dyn Fn(&Slid) -> Option<f64>, by: f64| {
-        let at = |pair: &Slid| Some((pair.later as f64 + by, px(pair)?.max(0.01)));
+    let of = |px: &dyn Fn(&SlidePair) -> Option<f64>, by: f64| {
+        let at = |pair: &SlidePair| Some((pair.later as f64 + by, px(pair)?.max(0.01)));
         Shape::Dots(slid.iter().filter_map(at).collect())
     };
-    let recorded = |pair: &Slid| median_px(&pair.recorded_px);
-    let refined = |pair: &Slid| median_px(pair.refined_px.as_ref()?);
+    let recorded = |pair: &SlidePair| median_px(&pair.recorded_px);
+    let refined = |pair: &SlidePair| median_px(pair.refined_px.as_ref()?);
     let mut shapes = vec![(Ink::Recorded, of(&recorded, -0.4))];
     let mut legend = vec![RECORDED];
     if is_refined {
@@ -123,15 +123,15 @@ pub fn slide(source: &Source<'_>) -> Result<Figure, ReportError> {
         legend.push((Ink::Found, "refined"));
     }
     let chart = Chart {
-        across: Across::Values("frames later", 0.0..45.0),
+        x_axis: XAxis::Values("frames later", 0.0..45.0),
         y: "slid by, px".to_owned(),
-        names_across: true,
+        labels_x_axis: true,
         is_logarithmic: true,
         from_zero: false,
         height: TALL,
         shapes,
     };
-    let whole = |px: &dyn Fn(&Slid) -> Vec<f64>| {
+    let whole = |px: &dyn Fn(&SlidePair) -> Vec<f64>| {
         let of = |later: usize| {
             let all: Vec<f64> = slid.iter().filter(|pair| pair.later == later).flat_map(px).collect();
             median_px(&all).map_or("–".to_owned(), |px| fixed(px, 2))
@@ -164,9 +164,9 @@ pub fn sharpness(source: &Source<'_>) -> Result<Figure, ReportError> {
     let (own, others): (Vec<_>, Vec<_>) =
         (spread.edges_by_px.iter().enumerate().map(bar)).partition(|(from, to, _)| (*from..*to).contains(&sigma_px));
     let chart = Chart {
-        across: Across::Values("σ, px", 0.0..EDGE_BIN_PX * spread.edges_by_px.len().max(1) as f64),
+        x_axis: XAxis::Values("σ, px", 0.0..EDGE_BIN_PX * spread.edges_by_px.len().max(1) as f64),
         y: "edges".to_owned(),
-        names_across: true,
+        labels_x_axis: true,
         is_logarithmic: false,
         from_zero: true,
         height: LOW + AXIS,
@@ -196,9 +196,9 @@ pub fn tone(source: &Source<'_>) -> Result<Figure, ReportError> {
     };
     let right = (Ink::Recorded, Shape::Level { from: 0.0, to: 255.0, value: 1.0, sigma: 0.0 });
     let chart = Chart {
-        across: Across::Values("code", 0.0..255.0),
+        x_axis: XAxis::Values("code", 0.0..255.0),
         y: "by middle codes".to_owned(),
-        names_across: true,
+        labels_x_axis: true,
         is_logarithmic: false,
         from_zero: false,
         height: LOW + AXIS,
@@ -226,9 +226,9 @@ pub fn gain(source: &Source<'_>) -> Result<Figure, ReportError> {
     }
     let of = |c: usize| Shape::Line(gains.iter().enumerate().map(|(n, g)| (n as f64, g[c].log2())).collect());
     let chart = Chart {
-        across: Across::Frames(gains.len()),
+        x_axis: XAxis::Frames(gains.len()),
         y: "stops".to_owned(),
-        names_across: true,
+        labels_x_axis: true,
         is_logarithmic: false,
         from_zero: false,
         height: TALL,
@@ -265,9 +265,9 @@ pub fn exposure(source: &Source<'_>) -> Result<Figure, ReportError> {
     let samples = shutter.samples.iter().map(|(frame, s)| (*frame as f64, 1e3 * s)).collect();
     shapes.push((Ink::Found, Shape::Dots(samples)));
     let chart = Chart {
-        across: Across::Frames(source.recording.frame_count()),
+        x_axis: XAxis::Frames(source.recording.frame_count()),
         y: "exposure, ms".to_owned(),
-        names_across: true,
+        labels_x_axis: true,
         is_logarithmic: false,
         from_zero: true,
         height: LOW + AXIS,
@@ -296,9 +296,9 @@ pub fn across(source: &Source<'_>) -> Result<Figure, ReportError> {
     }
     let of = |at: [f32; 2]| Shape::Line(parts.iter().enumerate().map(|(n, a)| (n as f64, a.at(at).into())).collect());
     let chart = Chart {
-        across: Across::Frames(parts.len()),
+        x_axis: XAxis::Frames(parts.len()),
         y: "stops".to_owned(),
-        names_across: true,
+        labels_x_axis: true,
         is_logarithmic: false,
         from_zero: false,
         height: TALL,

@@ -1,14 +1,15 @@
-//! By how much a thing that was put into one frame slides over the next ones: a frame's picture on its own depth, as poses put it
-//! into a later frame, against what that frame shows there.
+//! Slide of virtual objects over later frames: a frame's picture on its own depth, reprojected by
+//! the poses into a later frame, against the real picture of that frame.
 //!
-//! Each pixel with depth goes to where the poses, row by row, have it seen, nearest first, shared among the four pixels about that
-//! place. Patches of what comes of it are compared with the real picture by phase correlation, which brightness and blur do little
-//! to. It always begins at the picture itself: small errors from frame to frame do not add up.
+//! Each pixel with depth is projected by the poses, row by row, and splatted to the four pixels
+//! around with a depth test. Patches of the result are compared with the real picture by phase
+//! correlation, which is robust against brightness and blur. Each reprojection begins at a real
+//! picture, so errors from frame to frame do not accumulate.
 
 use glam::{DVec2, DVec3};
 
 use super::correction::{recorded, refined};
-use super::sight::Sight;
+use super::rolling_camera::RollingCamera;
 use super::strips::lacking;
 use super::{ReportError, Source};
 use crate::depth::seen_at_frame;
@@ -18,23 +19,23 @@ use crate::measure::displacement::{DisplacementOptions, displacements};
 use crate::parallel::{over_rows, processors};
 use crate::pose::Pose;
 
-/// So many frames later.
+/// Distances to the later frames, frames.
 pub const LATER: [usize; 4] = [5, 10, 20, 40];
-/// Frames in which things are put, and the most pixels that are looked at with all of them.
-const STARTS: usize = 6;
-const MANY_PX: usize = 1 << 20;
-/// Patches must be much larger than what they slide by, px.
+/// Number of start frames, and the picture size above which there are two, px.
+const START_FRAMES: usize = 6;
+const LARGE_PICTURE_PX: usize = 1 << 20;
+/// Side of a patch, much larger than the slides, px.
 const PATCH_PX: usize = 64;
-/// A pair with fewer tells nothing.
-const LEAST_PATCHES: usize = 4;
-/// What lies farther by more than this share is behind.
-const BEHIND: f32 = 0.03;
-/// A pixel is known that got this much of one.
-const KNOWN: f64 = 0.25;
+/// Smallest number of patches in a pair.
+const MIN_PATCHES: usize = 4;
+/// Relative tolerance of the depth test.
+const DEPTH_TEST_TOLERANCE: f32 = 0.03;
+/// Smallest splat weight of a valid pixel.
+const MIN_SPLAT_WEIGHT: f64 = 0.25;
 
-/// What two frames say: lengths of their patches' slides, px.
+/// Lengths of the patches' slides between two frames, px.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Slid {
+pub struct SlidePair {
     pub from: usize,
     pub later: usize,
     pub recorded_px: Vec<f64>,
@@ -42,58 +43,59 @@ pub struct Slid {
     pub refined_px: Option<Vec<f64>>,
 }
 
-/// The median; `None` of nothing.
+/// The median; `None` without values.
 pub fn median_px(lengths_px: &[f64]) -> Option<f64> {
     let mut lengths = lengths_px.to_vec();
     lengths.sort_by(f64::total_cmp);
     lengths.get(lengths.len() / 2).copied()
 }
 
-/// How many pairs got worse by more than 0.1 px, of how many, and the most that one did, px. `None` where nothing was refined.
-pub fn worse(slid: &[Slid]) -> Option<(usize, usize, f64)> {
+/// Number of pairs that got worse by more than 0.1 px, number of all pairs, and the largest
+/// increase, px. `None` without refined poses.
+pub fn worse(slid: &[SlidePair]) -> Option<(usize, usize, f64)> {
     const MORE_PX: f64 = 0.1;
-    let more = |slid: &Slid| Some(median_px(slid.refined_px.as_ref()?)? - median_px(&slid.recorded_px)?);
+    let more = |slid: &SlidePair| Some(median_px(slid.refined_px.as_ref()?)? - median_px(&slid.recorded_px)?);
     let all: Vec<f64> = slid.iter().filter_map(more).collect();
     let most = all.iter().copied().fold(0.0, f64::max);
     (!all.is_empty()).then(|| (all.iter().filter(|px| **px > MORE_PX).count(), all.len(), most))
 }
 
-/// Slides from frames spread over the recording, or why there are none.
-pub fn slides(source: &Source<'_>) -> Result<Result<Vec<Slid>, &'static str>, ReportError> {
+/// Slides from frames spread over the recording, or the reason for which there are none.
+pub fn slides(source: &Source<'_>) -> Result<Result<Vec<SlidePair>, &'static str>, ReportError> {
     if let Some(why) = lacking(source) {
         return Ok(Err(why));
     }
     let recording = source.recording;
     let count = recording.frame_count();
     let pixels = recording.width as usize * recording.height as usize;
-    let starts = if pixels > MANY_PX { 2 } else { STARTS };
+    let starts = if pixels > LARGE_PICTURE_PX { 2 } else { START_FRAMES };
     let mut from: Vec<usize> = (0..starts).map(|k| k * count / starts).collect();
     from.dedup();
     let rays = rays(source);
     let mut slid = Vec::new();
     for start in from {
         let Some(first) = recording.frames(start..start + 1)?.next().transpose()? else { continue };
-        let seen_by: Vec<Seen> = [Some(recorded(source)), refined(source)]
+        let seen_by: Vec<FramePoints> = [Some(recorded(source)), refined(source)]
             .into_iter()
             .flatten()
             .enumerate()
-            .filter_map(|(n, sight)| Seen::new(source, &first, &rays, sight, n > 0))
+            .filter_map(|(n, camera)| FramePoints::new(source, &first, &rays, camera, n > 0))
             .collect();
         let wanted: Vec<usize> = LATER.into_iter().filter(|later| start + later < count).collect();
         let mut tasks = Vec::new();
         for later in wanted {
             if let Some(frame) = recording.frames(start + later..start + later + 1)?.next().transpose()? {
-                tasks.extend((0..seen_by.len()).map(|sight| ((frame.clone(), later, sight), Ok(Vec::new()))));
+                tasks.extend((0..seen_by.len()).map(|camera| ((frame.clone(), later, camera), Ok(Vec::new()))));
             }
         }
         over_rows(&mut tasks, 1, processors(), |_, slot| {
-            let ((frame, _, sight), lengths) = &mut slot[0];
-            *lengths = seen_by[*sight].slid(frame);
+            let ((frame, _, camera), lengths) = &mut slot[0];
+            *lengths = seen_by[*camera].slide_lengths(frame);
         });
-        for ((_, later, sight), lengths) in tasks {
+        for ((_, later, camera), lengths) in tasks {
             let lengths_px = lengths?;
-            match sight {
-                0 => slid.push(Slid { from: start, later, recorded_px: lengths_px, refined_px: None }),
+            match camera {
+                0 => slid.push(SlidePair { from: start, later, recorded_px: lengths_px, refined_px: None }),
                 _ => {
                     if let Some(pair) = slid.iter_mut().rfind(|pair| (pair.from, pair.later) == (start, later)) {
                         pair.refined_px = Some(lengths_px);
@@ -102,63 +104,63 @@ pub fn slides(source: &Source<'_>) -> Result<Result<Vec<Slid>, &'static str>, Re
             }
         }
     }
-    // A pair that one of both does not tell compares nothing.
+    // Pairs without a measurement by one of the tracks cannot be compared.
     slid.retain(|pair| !pair.recorded_px.is_empty() && pair.refined_px.as_ref().is_none_or(|px| !px.is_empty()));
     if slid.is_empty() { Ok(Err("no textured surface is seen again")) } else { Ok(Ok(slid)) }
 }
 
-/// One per pixel, 1 along the optical axis; `None` where the camera sees nothing.
+/// Rays of unit depth, one per pixel; `None` where a pixel has none.
 fn rays(source: &Source<'_>) -> Vec<Option<DVec3>> {
     let (width, height) = (source.recording.width, source.recording.height);
     let places = (0..height).flat_map(|y| (0..width).map(move |x| DVec2::new(f64::from(x), f64::from(y)) + 0.5));
     places.map(|at| source.camera.unproject(at)).collect()
 }
 
-/// A frame's pixels in the world, by one track.
-struct Seen<'a> {
-    sight: Sight<'a>,
+/// World points of a frame's pixels, by one track.
+struct FramePoints<'a> {
+    camera: RollingCamera<'a>,
     grey: Grey,
     /// One per pixel.
     points: Vec<Option<DVec3>>,
 }
 
-impl<'a> Seen<'a> {
+impl<'a> FramePoints<'a> {
     fn new(
         source: &Source<'a>,
         frame: &Frame,
         rays: &[Option<DVec3>],
-        sight: Sight<'a>,
+        camera: RollingCamera<'a>,
         is_refined: bool,
     ) -> Option<Self> {
         let mut map = frame.depth.clone()?;
         if is_refined {
             map.timestamp_s += source.analysis.findings.registration.depth_later_s;
         }
-        let depth = seen_at_frame(sight.camera, &map, sight.track, sight.later_s, frame.timestamp_s)?;
-        let poses = sight.rows(frame.timestamp_s)?;
+        let depth = seen_at_frame(camera.geometry, &map, camera.track, camera.later_s, frame.timestamp_s)?;
+        let poses = camera.rows(frame.timestamp_s)?;
         let width = frame.pixels.width as usize;
         let point = |(i, z): (usize, &f32)| {
             let ray = rays.get(i).copied().flatten().filter(|_| *z > 0.0)?;
             Some(poses.get(i / width)?.inverse_transform_point(ray * f64::from(*z)))
         };
         let points = depth.iter().enumerate().map(point).collect();
-        Some(Self { sight, grey: Grey::luma(&frame.pixels), points })
+        Some(Self { camera, grey: Grey::luma(&frame.pixels), points })
     }
 
-    /// Lengths of the slides of what is seen in another frame, px; empty if too little is.
-    fn slid(&self, frame: &Frame) -> Result<Vec<f64>, ReportError> {
-        let Some(poses) = self.sight.rows(frame.timestamp_s) else { return Ok(Vec::new()) };
-        let (made, mask) = self.put(&poses);
+    /// Lengths of the patches' slides in another frame, px; empty for too few patches.
+    fn slide_lengths(&self, frame: &Frame) -> Result<Vec<f64>, ReportError> {
+        let Some(poses) = self.camera.rows(frame.timestamp_s) else { return Ok(Vec::new()) };
+        let (made, mask) = self.reproject(&poses);
         let options = DisplacementOptions { patch_px: PATCH_PX, step_px: PATCH_PX / 2, ..Default::default() };
         let found = displacements(&Grey::luma(&frame.pixels), &made, Some(&mask), &options)?.patches;
-        if found.len() < LEAST_PATCHES {
+        if found.len() < MIN_PATCHES {
             return Ok(Vec::new());
         }
         Ok(found.iter().map(|patch| patch.displacement_px[0].hypot(patch.displacement_px[1])).collect())
     }
 
-    /// As it is seen by a frame's rows, and where that is known.
-    fn put(&self, poses: &[Pose]) -> (Grey, Vec<bool>) {
+    /// The picture reprojected by the poses of a frame's rows, and the mask of its valid pixels.
+    fn reproject(&self, poses: &[Pose]) -> (Grey, Vec<bool>) {
         let (width, height) = (self.grey.width, self.grey.height);
         let shares = |at: DVec2| {
             let (x, y) = ((at.x - 0.5).floor(), (at.y - 0.5).floor());
@@ -176,7 +178,7 @@ impl<'a> Seen<'a> {
             };
             of.into_iter().filter_map(inside)
         };
-        let seen = |point: &Option<DVec3>| self.sight.seen_by_rows(poses, (*point)?);
+        let seen = |point: &Option<DVec3>| self.camera.project_by_rows(poses, (*point)?);
         let places: Vec<Option<(DVec2, f32)>> =
             self.points.iter().map(|point| seen(point).map(|(at, z)| (at, z as f32))).collect();
         let mut nearest = vec![f32::MAX; width * height];
@@ -188,13 +190,13 @@ impl<'a> Seen<'a> {
         let (mut sums, mut weights) = (vec![0.0; width * height], vec![0.0; width * height]);
         for (place, value) in places.iter().zip(&self.grey.values) {
             let Some((at, z)) = place else { continue };
-            for (i, share) in shares(*at).filter(|(i, _)| *z <= nearest[*i] * (1.0 + BEHIND)) {
+            for (i, share) in shares(*at).filter(|(i, _)| *z <= nearest[*i] * (1.0 + DEPTH_TEST_TOLERANCE)) {
                 sums[i] += share * value;
                 weights[i] += share;
             }
         }
         let values = sums.iter().zip(&weights).map(|(sum, w)| if *w > 0.0 { sum / w } else { 0.0 }).collect();
-        (Grey { width, height, values }, weights.iter().map(|w| *w > KNOWN).collect())
+        (Grey { width, height, values }, weights.iter().map(|w| *w > MIN_SPLAT_WEIGHT).collect())
     }
 }
 
@@ -204,7 +206,7 @@ mod tests {
 
     #[test]
     fn pairs_that_got_worse_are_counted() {
-        let slid = |was: f64, now: Option<f64>| Slid {
+        let slid = |was: f64, now: Option<f64>| SlidePair {
             from: 0,
             later: 5,
             recorded_px: vec![9.0, was, 0.0],

@@ -1,29 +1,32 @@
-//! Film strips: a fixed point of the room as poses say where it is, and a flat place as bright as it was recorded and as it is
-//! without what the camera changed.
+//! Film strips: a fixed point of the room at its projections by recorded and by refined poses, and
+//! a flat place as recorded and divided by the frames' gains.
 
 use super::chart::Ink;
 use super::correction::{recorded, refined};
-use super::followed::{Followed, Wanted, followed};
 use super::page::{Body, Cell, Figure};
 use super::places::{Place, flat, textured};
+use super::point_track::{PlaceCriteria, TrackedPlace, track_place};
 use super::tile::Tile;
 use super::{ReportError, Source};
 use crate::text::fixed;
 
 /// Size of a tile, px.
 const SIDE: usize = 64;
-/// A flat place counts in frames where all of it lies between these codes, on the mean.
+/// Range of the mean codes of a flat place in a usable frame.
 const CODES: (f64, f64) = (8.0, 247.0);
 
-/// Why a recording has no places to follow.
+/// The reason for which no place of a recording can be tracked, if there is one.
 pub fn lacking(source: &Source<'_>) -> Option<&'static str> {
-    let sight = refined(source).unwrap_or(recorded(source));
-    let posed = source.recording.timestamps_s.iter().filter(|t| sight.pose(**t).is_some()).count();
-    match () {
-        () if !source.recording.has_depth() => Some("there is no depth, so no place of the room can be followed"),
-        () if posed < 2 => Some("there are no poses, so no place of the room can be followed"),
-        () if source.camera.sees_around() => Some("the picture does not fit a plane in front of the camera"),
-        () => None,
+    let camera = refined(source).unwrap_or(recorded(source));
+    let posed = source.recording.timestamps_s.iter().filter(|t| camera.pose(**t).is_some()).count();
+    if !source.recording.has_depth() {
+        Some("there is no depth, so no place of the room can be followed")
+    } else if posed < 2 {
+        Some("there are no poses, so no place of the room can be followed")
+    } else if source.camera.sees_around() {
+        Some("the picture does not fit a plane in front of the camera")
+    } else {
+        None
     }
 }
 
@@ -32,14 +35,14 @@ pub fn point(source: &Source<'_>) -> Result<Figure, ReportError> {
     if let Some(why) = lacking(source) {
         return Ok(Figure::left_out(title, why.to_owned()));
     }
-    let wanted = Wanted {
+    let criteria = PlaceCriteria {
         places: textured,
         rank: &|place: &Place, frames: &[usize]| frames.len() as f64 * place.score.sqrt(),
         is_sound: |_| true,
         order: &|frame| frame as f64,
         side: SIDE,
     };
-    let Some(found) = followed(source, &wanted)? else {
+    let Some(found) = track_place(source, &criteria)? else {
         return Ok(Figure::left_out(title, "no textured place with depth is seen in four frames".to_owned()));
     };
     let is_refined = source.analysis.refined().is_some();
@@ -81,14 +84,14 @@ pub fn brightness(source: &Source<'_>) -> Result<Figure, ReportError> {
         let (low, high) = (frames.iter().map(green)).fold((f64::MAX, f64::MIN), |(l, h), g| (l.min(g), h.max(g)));
         (high - low).max(0.0)
     };
-    let wanted = Wanted {
+    let criteria = PlaceCriteria {
         places: flat,
         rank: &|place: &Place, frames: &[usize]| range(frames) * place.score * (frames.len() as f64).sqrt(),
         is_sound: |tile| mean(tile).iter().all(|code| *code > CODES.0 && *code < CODES.1),
         order: &|frame| green(&frame),
         side: SIDE,
     };
-    let Some(found) = followed(source, &wanted)? else {
+    let Some(found) = track_place(source, &criteria)? else {
         return Ok(Figure::left_out(title, "no flat place with depth is seen in four frames".to_owned()));
     };
     let response = source.response;
@@ -119,7 +122,7 @@ pub fn brightness(source: &Source<'_>) -> Result<Figure, ReportError> {
     Ok(Figure { title, caption, legend: rows.clone(), body: Body::Strip { rows, side: 2 * SIDE, cells } })
 }
 
-fn chosen(found: &Followed) -> String {
+fn chosen(found: &TrackedPlace) -> String {
     let [x, y] = found.place.at.to_array().map(|v| fixed(v, 0));
     format!("The place at column {x}, row {y} of frame {}, {} m away", found.start, fixed(found.place.depth_m, 2))
 }

@@ -1,4 +1,4 @@
-//! Small parts of pictures, enlarged so that each pixel is seen, as `data:` URIs.
+//! Small crops of pictures, enlarged without interpolation, as `data:` URIs.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -8,11 +8,11 @@ use image::{ExtendedColorType, ImageEncoder, ImageError};
 
 use crate::pixels::Pixels;
 
-/// One pixel becomes so many across.
-const ENLARGED: usize = 2;
-/// Beside the picture.
-const OUTSIDE: [u8; 3] = [128; 3];
-/// The cross leaves its middle free and ends before the rim, px of the enlarged picture.
+/// Magnification of the pixels.
+const MAGNIFICATION: usize = 2;
+/// Colour outside of the picture.
+const OUTSIDE_COLOUR: [u8; 3] = [128; 3];
+/// Range of the cross's arms from its middle, px of the enlarged picture.
 const CROSS: std::ops::Range<i64> = 7..26;
 const CROSS_COLOUR: [u8; 3] = [255, 214, 10];
 const CROSS_RIM: [u8; 3] = [20, 20, 20];
@@ -26,19 +26,19 @@ pub struct Tile {
 }
 
 impl Tile {
-    /// `side` pixels across about the pixel border that is nearest to a place.
+    /// Crops a square of `side` pixels around the pixel corner nearest to `about`.
     pub fn cut(pixels: &Pixels, about: DVec2, side: usize) -> Self {
         let start = start(about, side);
         let (width, height) = (i64::from(pixels.width), i64::from(pixels.height));
         let of = |n: usize| {
             let (x, y) = (start[0] + (n % side) as i64, start[1] + (n / side) as i64);
             let is_inside = x >= 0 && y >= 0 && x < width && y < height;
-            if is_inside { pixels.eight_bits_at(x as u32, y as u32) } else { OUTSIDE }
+            if is_inside { pixels.eight_bits_at(x as u32, y as u32) } else { OUTSIDE_COLOUR }
         };
         Self { side, rgb: (0..side * side).map(of).collect() }
     }
 
-    /// Every pixel made into another.
+    /// Maps every pixel.
     pub fn with(&self, of: impl Fn([u8; 3]) -> [u8; 3]) -> Self {
         Self { side: self.side, rgb: self.rgb.iter().copied().map(of).collect() }
     }
@@ -48,8 +48,8 @@ impl Tile {
     }
 
     fn enlarged(&self) -> Self {
-        let side = ENLARGED * self.side;
-        let of = |n: usize| self.rgb[n / side / ENLARGED * self.side + n % side / ENLARGED];
+        let side = MAGNIFICATION * self.side;
+        let of = |n: usize| self.rgb[n / side / MAGNIFICATION * self.side + n % side / MAGNIFICATION];
         Self { side, rgb: (0..side * side).map(of).collect() }
     }
 
@@ -58,11 +58,11 @@ impl Tile {
         self.enlarged().uri()
     }
 
-    /// Enlarged, with a thin cross at a place of the picture that [`Tile::cut`] was asked for about it.
+    /// Enlarged, with a thin cross at `about`, the position of [`Tile::cut`].
     pub fn crossed(&self, about: DVec2) -> Result<String, ImageError> {
         let start = start(about, self.side);
         let mut large = self.enlarged();
-        let at = (about - DVec2::new(start[0] as f64, start[1] as f64)) * ENLARGED as f64;
+        let at = (about - DVec2::new(start[0] as f64, start[1] as f64)) * MAGNIFICATION as f64;
         let (x, y) = (at.x.floor() as i64, at.y.floor() as i64);
         for (beside, colour) in [(1, CROSS_RIM), (-1, CROSS_RIM), (0, CROSS_COLOUR)] {
             for along in CROSS.flat_map(|n| [n, -n]) {
@@ -73,12 +73,12 @@ impl Tile {
         large.uri()
     }
 
-    /// Enlarged, with a dot at each of these places of the picture.
+    /// Enlarged, with a dot at each of the positions.
     pub fn dotted(&self, about: DVec2, places: &[DVec2]) -> Result<String, ImageError> {
         let start = start(about, self.side);
         let mut large = self.enlarged();
         for place in places {
-            let at = (*place - DVec2::new(start[0] as f64, start[1] as f64)) * ENLARGED as f64;
+            let at = (*place - DVec2::new(start[0] as f64, start[1] as f64)) * MAGNIFICATION as f64;
             large.put(at.x.floor() as i64, at.y.floor() as i64, DOT_COLOUR);
         }
         large.uri()
@@ -119,16 +119,16 @@ mod tests {
     }
 
     #[test]
-    fn a_tile_is_cut_about_its_place_and_grey_beside_the_picture() {
+    fn crop_is_centred_and_grey_outside_the_picture() {
         // The border between columns 2 and 3 and rows 1 and 2 is nearest.
         let tile = Tile::cut(&ramp(), DVec2::new(3.4, 1.8), 4);
         assert_eq!((tile.rgb[0], tile.rgb[3], tile.rgb[15]), ([1, 0, 9], [4, 0, 9], [4, 3, 9]));
         let tile = Tile::cut(&ramp(), DVec2::new(0.0, 6.2), 4);
-        assert_eq!((tile.rgb[0], tile.rgb[2], tile.rgb[10]), (OUTSIDE, [0, 4, 9], OUTSIDE));
+        assert_eq!((tile.rgb[0], tile.rgb[2], tile.rgb[10]), (OUTSIDE_COLOUR, [0, 4, 9], OUTSIDE_COLOUR));
     }
 
     #[test]
-    fn each_pixel_becomes_a_square_and_the_cross_lies_on_its_place() {
+    fn pixels_become_squares_and_the_cross_is_at_its_position() {
         let decoded = |uri: &str| {
             let png = STANDARD.decode(uri.strip_prefix("data:image/png;base64,").unwrap()).unwrap();
             image::load_from_memory(&png).unwrap().to_rgb8()

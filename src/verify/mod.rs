@@ -1,26 +1,27 @@
-//! Whether virtual things behave as real ones in a recording: frames of it, as things, put into other frames of it.
+//! Verifies that virtual objects match real ones: frames of a recording are composited as objects
+//! into other frames of it.
 //!
 //! The whole pipeline runs, with the recorded values and with the estimates of an analysis
-//! ([`crate::analyse`]). Registration is measured by phase correlation of patches, brightness by the
-//! luma of small flat areas. From both the noise floor is subtracted, which is the result for two
-//! frames at rest ([`floor`]). Noise and blur are off, because the source frame already contains
-//! them. Motion blur and sharpness have measurements of their own.
+//! ([`crate::analyse`]). Registration is measured by phase correlation of patches, brightness by
+//! the luma of small flat areas. From both the noise floor is subtracted, which is the result for
+//! two frames at rest ([`noise_floor`]). Noise and blur are off, because the source frame already
+//! contains them. Motion blur and sharpness have measurements of their own.
 
 mod blur;
 mod error;
-mod floor;
+mod frame_scene;
+mod noise_floor;
 mod sharpness;
-mod twin;
 
 use std::sync::Arc;
 
-pub use blur::{Blur, blur};
+pub use blur::{BlurRatio, blur};
 pub use error::VerifyError;
-pub use floor::Displaced;
+pub use frame_scene::frame_scene;
+pub use noise_floor::DisplacementSummary;
 pub use sharpness::{real_px, sharpness_px};
-pub use twin::twin;
 
-use floor::{luma_sigma, with_noise};
+use noise_floor::{luma_sigma, with_noise};
 
 use crate::camera::NoiseProfile;
 use crate::gpu::Gpu;
@@ -29,24 +30,24 @@ use crate::measure::displacement::{DisplacementOptions, Displacements, displacem
 use crate::pixels::Pixels;
 use crate::shot::Shot;
 
-/// Patches must be much larger than what they are displaced by, which may be 10 px, px.
+/// Side of a patch, px. It is much larger than the displacements, which can be 10 px.
 const PATCH_PX: usize = 64;
-/// Areas over which luma is averaged, px each way from the middle.
-const AREA: i64 = 2;
-/// An area is flat if its luma's standard deviation is below this, and tells nothing above this mean, codes.
-const FLAT: f64 = 4.0;
-const CLIPPED: f64 = 235.0;
-/// A patch counts if its contrast is this many times the noise's σ.
+/// Half-width of the areas over which luma is averaged, px.
+const AREA_RADIUS_PX: i64 = 2;
+/// Largest standard deviation of a flat area's luma, and largest mean, codes.
+const MAX_FLAT_SIGMA: f64 = 4.0;
+const MAX_MEAN_CODE: f64 = 235.0;
+/// Smallest contrast of a patch by the noise's σ.
 const MIN_CONTRAST_TO_NOISE: f64 = 2.0;
-/// A pair with fewer patches tells nothing of places.
-const LEAST_PATCHES: usize = 4;
+/// Smallest number of patches in a pair.
+const MIN_PATCHES: usize = 4;
 
-/// What is looked at.
+/// The compared pairs of frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plan {
-    /// Each so many frames one becomes a thing.
+    /// One frame in this many becomes an object.
     pub every: usize,
-    /// It is put into the frames so many before and after it.
+    /// Distance of the frames before and after into which it is composited.
     pub gap: usize,
 }
 
@@ -56,13 +57,13 @@ impl Default for Plan {
     }
 }
 
-/// Differences of flat areas' luma, 8-bit codes: of each pair of frames the median.
+/// Differences of the luma of flat areas, 8-bit codes, by the medians of the pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Brightness {
     /// The median and the largest of the pairs, as measured.
     pub measured: (f64, f64),
-    /// What noise makes of two frames at rest, median. `None` without the camera's noise, or where
-    /// no area counts at rest.
+    /// Median difference of two frames at rest by noise. `None` without the camera's noise, or
+    /// without flat areas at rest.
     pub floor: Option<f64>,
     /// Without the floor, in quadrature: median and largest.
     pub codes: (f64, f64),
@@ -80,32 +81,37 @@ impl Brightness {
     }
 }
 
-/// How far virtual is from real.
+/// Deviations of virtual objects from real ones.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Verified {
-    /// Pairs of frames that told something.
+pub struct Verification {
+    /// Number of measured pairs.
     pub pairs: usize,
-    /// Pairs that have texture above the noise of which too little matches.
+    /// Number of pairs with texture above the noise but too few matching patches.
     pub unmatched: usize,
     /// Lengths of the patches' displacements.
-    pub displaced: Option<Displaced>,
-    /// `None` where no area is flat.
+    pub displaced: Option<DisplacementSummary>,
+    /// `None` without flat areas.
     pub brightness: Option<Brightness>,
-    /// `None` where the camera is nowhere fast.
-    pub blur: Option<Blur>,
-    /// σ of drawn edges, px.
+    /// `None` without fast camera motion.
+    pub blur: Option<BlurRatio>,
+    /// σ of rendered edges, px.
     pub sharpness_px: Option<f64>,
 }
 
-/// Verifies a recording as it was opened. `seen(done, of)` hears how far it is.
-pub fn verify(gpu: &Gpu, by: &Shot, plan: Plan, mut seen: impl FnMut(usize, usize)) -> Result<Verified, VerifyError> {
+/// Verifies a recording as it was opened. `seen(done, of)` receives the progress.
+pub fn verify(
+    gpu: &Gpu,
+    by: &Shot,
+    plan: Plan,
+    mut seen: impl FnMut(usize, usize),
+) -> Result<Verification, VerifyError> {
     let mut shot = by.clone();
     shot.settings.plain();
     let _ = shot.settings.switch("exposure", true);
     let count = shot.recording.frame_count();
     let blur_px = blur::lengths_px(&shot);
     let from = least_blurred(&blur_px, plan.every.max(1));
-    let steps = from.len() + blur::PAIRS;
+    let steps = from.len() + blur::MAX_PAIRS;
     let noise = by.camera().noise;
     let mut compositor = shot.compositor(gpu.clone());
     let (mut displaced, mut at_rest) = (Vec::new(), Vec::new());
@@ -118,7 +124,7 @@ pub fn verify(gpu: &Gpu, by: &Shot, plan: Plan, mut seen: impl FnMut(usize, usiz
         seen(done, steps);
         let frame = shot.read(*n)?;
         let options = patch_options(&frame.pixels, noise.as_ref());
-        let Some(scene) = twin(&shot, &frame) else { continue };
+        let Some(scene) = frame_scene(&shot, &frame) else { continue };
         compositor.set_scene(scene.clone());
         shot.scene = Arc::new(scene);
         if let Some(profile) = &noise
@@ -139,19 +145,19 @@ pub fn verify(gpu: &Gpu, by: &Shot, plan: Plan, mut seen: impl FnMut(usize, usiz
             let mask: Vec<bool> = layer.rgba.iter().map(|p| p[3] > 0.999).collect();
             let (real, made) = (Grey::luma(&real), Grey::luma(&made.pixels));
             let found = displacements(&real, &made, Some(&mask), &options)?;
-            if found.patches.len() >= LEAST_PATCHES {
+            if found.patches.len() >= MIN_PATCHES {
                 displaced.extend(lengths(&found));
                 pairs += 1;
-            } else if found.patches.len() + found.doubtful >= LEAST_PATCHES {
+            } else if found.patches.len() + found.doubtful >= MIN_PATCHES {
                 unmatched += 1;
             }
             brighter.extend(difference(&real, &made, &mask));
         }
     }
-    Ok(Verified {
+    Ok(Verification {
         pairs,
         unmatched,
-        displaced: Displaced::of(&mut displaced, &mut at_rest),
+        displaced: DisplacementSummary::of(&mut displaced, &mut at_rest),
         brightness: Brightness::of(&mut brighter, &mut brighter_at_rest),
         blur: blur(by, &mut compositor, &blur_px, &mut |done| seen(from.len() + done, steps))?,
         sharpness_px: sharpness_px(by, &mut compositor)?,
@@ -167,25 +173,27 @@ fn patch_options(pixels: &Pixels, noise: Option<&NoiseProfile>) -> DisplacementO
     DisplacementOptions { min_contrast: usual.min_contrast.max(MIN_CONTRAST_TO_NOISE * sigma), ..usual }
 }
 
-/// Of each `every` frames the one with the shortest motion blur, by each frame's, px: a thing's own
-/// blur displaces its edges.
+/// The frame with the shortest motion blur of every `every` frames. `blur_px`: blur of each frame.
+/// The blur of the source frame displaces an object's edges.
 fn least_blurred(blur_px: &[Option<f64>], every: usize) -> Vec<usize> {
     let px = |n: usize| blur_px[n].unwrap_or(f64::INFINITY);
     let parts = (0..blur_px.len()).step_by(every).map(|from| from..(from + every).min(blur_px.len()));
     parts.filter_map(|part| part.min_by(|a, b| px(*a).total_cmp(&px(*b)))).collect()
 }
 
-/// The median of |difference| of flat areas' luma where `mask` holds, codes. `None` where it holds nowhere.
+/// Median absolute difference of flat areas' luma within `mask`, codes. `None` without flat areas.
 fn difference(real: &Grey, made: &Grey, mask: &[bool]) -> Option<f64> {
     let area = |of: &Grey, x: i64, y: i64| {
         let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
-        for value in (-AREA..=AREA).flat_map(|dy| (-AREA..=AREA).map(move |dx| of.at(x + dx, y + dy))) {
+        for value in (-AREA_RADIUS_PX..=AREA_RADIUS_PX)
+            .flat_map(|dy| (-AREA_RADIUS_PX..=AREA_RADIUS_PX).map(move |dx| of.at(x + dx, y + dy)))
+        {
             (sum, squares, count) = (sum + value, squares + value * value, count + 1.0);
         }
         let mean = sum / count;
         (mean, (squares / count - mean * mean).max(0.0).sqrt())
     };
-    let reach = AREA as usize;
+    let reach = AREA_RADIUS_PX as usize;
     let mut off = Vec::new();
     for y in (reach..real.height.saturating_sub(reach)).step_by(3) {
         for x in (reach..real.width.saturating_sub(reach)).step_by(3) {
@@ -194,7 +202,7 @@ fn difference(real: &Grey, made: &Grey, mask: &[bool]) -> Option<f64> {
             }
             let ((there, spread), (here, made_spread)) =
                 (area(real, x as i64, y as i64), area(made, x as i64, y as i64));
-            if spread.max(made_spread) < FLAT && there.max(here) < CLIPPED {
+            if spread.max(made_spread) < MAX_FLAT_SIGMA && there.max(here) < MAX_MEAN_CODE {
                 off.push((there - here).abs());
             }
         }
@@ -208,14 +216,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn least_blurred_frames_have_a_known_blur() {
+    fn least_blurred_frames_prefer_a_known_blur() {
         let px = [Some(3.0), None, Some(2.0), None, None, Some(0.0), Some(1.0)];
         assert_eq!(least_blurred(&px, 3), [2, 5, 6]);
         assert_eq!(least_blurred(&[None; 4], 2), [0, 2], "the first where nothing is known");
     }
 
     #[test]
-    fn noise_is_taken_off_brightness_in_quadrature() {
+    fn noise_floor_is_subtracted_in_quadrature() {
         let found = Brightness::of(&mut [1.5, 1.3, 2.5], &mut [1.2, 0.9, 1.3]).unwrap();
         assert_eq!((found.measured, found.floor), ((1.5, 2.5), Some(1.2)));
         // √(1.5² − 1.2²), and √(2.5² − 1.2²).

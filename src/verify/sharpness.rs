@@ -1,7 +1,8 @@
-//! Whether virtual edges are as sharp as the footage's own.
+//! Compares the sharpness of virtual edges with that of the footage.
 //!
-//! Real: edges that happen to be in the recording ([`crate::analyse`]). Virtual: a board of bright and dark squares that hangs
-//! slanted before the camera, drawn through the pipeline with the point spread alone, and measured in the same way.
+//! Real: edges in the recording ([`crate::analyse`]). Virtual: a slanted board of bright and dark
+//! squares in front of the camera, rendered by the pipeline with the point spread only, and
+//! measured in the same way.
 
 use std::sync::Arc;
 
@@ -16,14 +17,15 @@ use crate::pose::Pose;
 use crate::scene::{Material, Mesh, Object, Part, Scene, Vertex};
 use crate::shot::Shot;
 
-/// How far before the camera the board hangs, m, how it is turned about the camera's axis, rad, and its squares' side, px.
-const FAR_M: f64 = 0.4;
-const TURNED: f64 = 0.12;
-const SIDE_PX: f64 = 48.0;
+/// Distance of the board from the camera, m, its rotation about the optical axis, rad, and side of
+/// its squares, px.
+const BOARD_DISTANCE_M: f64 = 0.4;
+const BOARD_ROTATION_RAD: f64 = 0.12;
+const SQUARE_PX: f64 = 48.0;
 /// Light of bright and dark squares.
 const LIGHT: [f32; 2] = [0.5, 0.1];
 
-/// σ of the recording's own edges, px, or why it is not known.
+/// σ of the recording's own edges, px, or the reason for which it is unknown.
 pub fn real_px(shot: &Shot) -> Result<Result<f64, String>, VerifyError> {
     let rig = shot.camera();
     let exposure_s = |frame: &Frame| exposure_time_s(&rig, &shot.settings, frame, shot.interval_s(frame.index));
@@ -31,7 +33,7 @@ pub fn real_px(shot: &Shot) -> Result<Result<f64, String>, VerifyError> {
     Ok(footage_spread_px(&shot.recording, &shot.geometry_at(0)?, &capture, processors())?)
 }
 
-/// σ of drawn edges, px; `None` where no frame has a pose.
+/// σ of rendered edges, px; `None` if no frame has a pose.
 pub fn sharpness_px(shot: &Shot, compositor: &mut Compositor) -> Result<Option<f64>, VerifyError> {
     let mut shot = shot.clone();
     shot.settings.plain();
@@ -41,8 +43,8 @@ pub fn sharpness_px(shot: &Shot, compositor: &mut Compositor) -> Result<Option<f
     let time_s = shot.recording.timestamps_s[n] + shot.recording.time_offset_s;
     let Ok(pose) = shot.recording.track.at(time_s) else { return Ok(None) };
     let i = &geometry.intrinsics;
-    let side_m = SIDE_PX * FAR_M / i.fx_px;
-    let scene = board(&pose, side_m, (i.width_px.max(i.height_px) as f64 / SIDE_PX).ceil() as i32);
+    let side_m = SQUARE_PX * BOARD_DISTANCE_M / i.fx_px;
+    let scene = board(&pose, side_m, (i.width_px.max(i.height_px) as f64 / SQUARE_PX).ceil() as i32);
     compositor.set_scene(scene.clone());
     shot.scene = Arc::new(scene);
     let Some(made) = shot.frames(compositor, n..n + 1, false, 1)?.next().transpose()? else { return Ok(None) };
@@ -51,7 +53,7 @@ pub fn sharpness_px(shot: &Shot, compositor: &mut Compositor) -> Result<Option<f
 
 /// A board of squares in the camera's axes, larger than the picture.
 fn board(pose: &Pose, side_m: f64, squares: i32) -> Scene {
-    let turned = DQuat::from_rotation_z(TURNED);
+    let turned = DQuat::from_rotation_z(BOARD_ROTATION_RAD);
     let mesh = |parity: i32, material: usize| {
         let (mut vertices, mut indices) = (Vec::new(), Vec::new());
         for (x, y) in (-squares..squares).flat_map(|y| (-squares..squares).map(move |x| (x, y))) {
@@ -61,7 +63,7 @@ fn board(pose: &Pose, side_m: f64, squares: i32) -> Scene {
             let first = vertices.len() as u32;
             for (dx, dy) in [(0, 0), (1, 0), (1, 1), (0, 1)] {
                 let at = side_m * DVec3::new(f64::from(x + dx), f64::from(y + dy), 0.0);
-                let world = pose.inverse_transform_point(turned * at + FAR_M * DVec3::Z);
+                let world = pose.inverse_transform_point(turned * at + BOARD_DISTANCE_M * DVec3::Z);
                 vertices.push(Vertex {
                     position: world.as_vec3().to_array(),
                     normal: [0.0, 0.0, 1.0],

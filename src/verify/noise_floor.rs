@@ -1,14 +1,15 @@
-//! What the displacement of patches reads of exact poses.
+//! Noise floor of the displacement measurement: its result for exact poses.
 //!
-//! A frame and its twin, drawn into that frame by its own pose, show the same things in the same places. Both get noise of their
-//! own, as much as the camera's: as much as two frames at rest differ by. The displacement that remains is the floor f of the
-//! measurement: noise, lack of texture, and what drawing a picture again does to it. Noise adds to a displacement b in quadrature,
-//! so that of a measured m
+//! A frame is composited into itself by its own pose. Both pictures get independent noise like the
+//! camera's, as two frames at rest have. The remaining displacement is the floor f of the
+//! measurement, by noise, lack of texture and resampling. Noise adds to a displacement b in
+//! quadrature, so with a measured m
 //!
 //!   b = √max(m² − f², 0)
 //!
-//! The pair at rest keeps the frame's own noise in both pictures as if it were texture, so that the floor is, if anything, too low.
-//! Not modelled: depth that errs, blur that differs between frames; they stay in b.
+//! Both pictures of the pair at rest also contain the frame's own noise, which acts as texture. The
+//! floor is therefore rather too low. Not modelled: errors of depth, differences in blur between
+//! frames; they remain in b.
 
 use crate::analyse::unit_noise;
 use crate::camera::NoiseProfile;
@@ -16,10 +17,10 @@ use crate::measure::Grey;
 
 /// Luma of BT.709, as [`Grey::luma`] has it.
 const LUMA: [f64; 3] = [0.2126, 0.7152, 0.0722];
-/// Patches that lie half over each other in both directions: so many count as one.
-const OVERLAP: f64 = 4.0;
+/// Number of patches that count as one: they overlap by half in both directions.
+const OVERLAPPING_PATCHES: f64 = 4.0;
 
-/// A picture with noise of the camera added, which follows from the seed.
+/// Adds noise of the camera, which depends on the seed only.
 pub fn with_noise(picture: &Grey, profile: &NoiseProfile, seed: u64) -> Grey {
     let sigma: Vec<f64> = (0..256u32).map(|code| luma_sigma(profile, code.into())).collect();
     let noise = unit_noise(picture.width, picture.height, seed, profile.neighbour_correlation);
@@ -27,7 +28,7 @@ pub fn with_noise(picture: &Grey, profile: &NoiseProfile, seed: u64) -> Grey {
     Grey { values: picture.values.iter().zip(&noise.values).map(with).collect(), ..*picture }
 }
 
-/// σ of luma where all channels have one code.
+/// σ of luma for equal codes in all channels.
 pub fn luma_sigma(profile: &NoiseProfile, code: f64) -> f64 {
     let [r, g, b] = [0, 1, 2].map(|c| LUMA[c] * profile.sigma(c, code));
     let [red_green, red_blue, green_blue] = profile.channel_correlation;
@@ -35,22 +36,22 @@ pub fn luma_sigma(profile: &NoiseProfile, code: f64) -> f64 {
     (r * r + g * g + b * b + 2.0 * across).max(0.0).sqrt()
 }
 
-/// Lengths of patches' displacements, px: what poses miss by, and the measurement's floor.
+/// Lengths of patches' displacements, px: measured, noise floor, and without the floor.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Displaced {
+pub struct DisplacementSummary {
     /// As measured: median and 90 %.
     pub measured: (f64, f64),
-    /// The floor, median and 90 %, as two frames at rest would measure. `None` without the camera's
-    /// noise, or where no patch counts at rest.
+    /// The floor, median and 90 %. `None` without the camera's
+    /// noise, or without patches at rest.
     pub floor: Option<(f64, f64)>,
-    /// Without the floor: median and 90 %. As measured where the floor is not known.
+    /// Without the floor: median and 90 %. As measured if the floor is unknown.
     pub px: (f64, f64),
     /// One standard deviation of the median without the floor.
     pub sigma_px: f64,
 }
 
-impl Displaced {
-    /// Of all patches of all pairs, and of those at rest. `None` without patches.
+impl DisplacementSummary {
+    /// Summarizes all patches of all pairs, and of the pairs at rest. `None` without patches.
     pub fn of(measured: &mut [f64], at_rest: &mut [f64]) -> Option<Self> {
         let (of_pairs, sigma) = summary(measured)?;
         let Some((floor, floor_sigma)) = summary(at_rest) else {
@@ -71,8 +72,8 @@ fn summary(values: &mut [f64]) -> Option<((f64, f64), f64)> {
     values.sort_by(f64::total_cmp);
     let last = values.len().checked_sub(1)? as f64;
     let at = |share: f64| values[(last * share.clamp(0.0, 1.0)).round() as usize];
-    // Ranks of a median scatter by √n / 2 of n.
-    let ranks = 0.5 * (OVERLAP / values.len() as f64).sqrt();
+    // The rank of a median has a standard deviation of √n / 2.
+    let ranks = 0.5 * (OVERLAPPING_PATCHES / values.len() as f64).sqrt();
     Some(((at(0.5), at(0.9)), 0.5 * (at(0.5 + ranks) - at(0.5 - ranks))))
 }
 
@@ -87,8 +88,8 @@ mod tests {
     }
 
     #[test]
-    fn floor_is_taken_off_exact_poses_and_leaves_a_pixel_a_pixel() {
-        let of = |by_px: f64| Displaced::of(&mut lengths(800, by_px, 1), &mut lengths(800, 0.0, 2)).unwrap();
+    fn floor_removes_the_noise_of_exact_poses_and_keeps_a_displacement() {
+        let of = |by_px: f64| DisplacementSummary::of(&mut lengths(800, by_px, 1), &mut lengths(800, 0.0, 2)).unwrap();
         let (exact, moved) = (of(0.0), of(1.0));
         // Rayleigh: the median is 1.177 σ.
         assert!((exact.measured.0 - 0.353).abs() < 0.03, "{exact:?}");
@@ -98,9 +99,9 @@ mod tests {
     }
 
     #[test]
-    fn unknown_noise_takes_nothing_off() {
-        let told = Displaced::of(&mut lengths(100, 0.0, 1), &mut []).unwrap();
+    fn nothing_is_subtracted_for_unknown_noise() {
+        let told = DisplacementSummary::of(&mut lengths(100, 0.0, 1), &mut []).unwrap();
         assert_eq!((told.px, told.floor), (told.measured, None));
-        assert_eq!(Displaced::of(&mut [], &mut [0.3]), None);
+        assert_eq!(DisplacementSummary::of(&mut [], &mut [0.3]), None);
     }
 }

@@ -1,7 +1,8 @@
-//! A frame as a thing: its depth as a surface in the world that bears its own picture.
+//! A frame as a virtual object: a mesh of its depth, textured with its picture.
 //!
-//! Put into a frame some moments later through the whole pipeline, it must lie on the real picture and look like it. Each row
-//! stands where its own pose puts it. Where depth jumps, or is unknown, there is a hole.
+//! Composited into a nearby frame by the whole pipeline, it must coincide with the real picture.
+//! Each row is placed by its own pose. The mesh has holes at depth discontinuities and where depth
+//! is unknown.
 
 use std::sync::Arc;
 
@@ -14,36 +15,36 @@ use crate::pose::Pose;
 use crate::scene::{Material, Mesh, Object, Part, Scene, Texture, TextureUse, Vertex, Wrap};
 use crate::shot::Shot;
 
-/// Pixels from one corner to the next.
-const STEP: u32 = 2;
-/// Corners farther apart in depth, by share, are not joined.
-const JUMP: f32 = 0.03;
-const NEAREST_M: f32 = 0.1;
+/// Distance between vertices, px.
+const VERTEX_STEP_PX: u32 = 2;
+/// Largest relative depth difference within a cell of the mesh.
+const MAX_DEPTH_STEP: f32 = 0.03;
+const MIN_DEPTH_M: f32 = 0.1;
 /// Shortest distance along the optical axis of [`without_near_triangles`], m.
 const MIN_DISTANCE_M: f64 = 0.2;
 
-/// `None` where nothing says where the frame, its depth or its camera is.
-pub fn twin(shot: &Shot, frame: &Frame) -> Option<Scene> {
+/// The scene of a frame; `None` without depth, pose or camera.
+pub fn frame_scene(shot: &Shot, frame: &Frame) -> Option<Scene> {
     let geometry = shot.geometry_at(frame.index).ok()?;
     let recording = &shot.recording;
     let time_s = frame.timestamp_s;
     let depth = frame.depth.as_ref()?;
     let depth = seen_at_frame(&geometry, depth, &recording.track, recording.time_offset_s, time_s)?;
     let (width, height) = (frame.pixels.width, frame.pixels.height);
-    let (columns, rows) = (width.div_ceil(STEP), height.div_ceil(STEP));
+    let (columns, rows) = (width.div_ceil(VERTEX_STEP_PX), height.div_ceil(VERTEX_STEP_PX));
     let mut vertices = Vec::with_capacity((columns * rows) as usize);
     let mut depths = Vec::with_capacity(vertices.capacity());
-    // What the frame shows, without what makes it, or parts of it, brighter than others.
+    // Divided by the frame's gain, and by its gain within the picture.
     let seen = frame.exposure.seen;
     let [red, green, blue] = seen.map_or([1.0; 3], |seen| seen.factors.map(|factor| 1.0 / factor as f32));
     let across = seen.map_or(Across::default(), |seen| seen.across);
-    for y in (0..height).step_by(STEP as usize) {
+    for y in (0..height).step_by(VERTEX_STEP_PX as usize) {
         let row_px = f64::from(y) + 0.5;
         let pose = recording.track.at(time_s + recording.time_offset_s + geometry.row_time_s(row_px)).ok()?;
-        for x in (0..width).step_by(STEP as usize) {
+        for x in (0..width).step_by(VERTEX_STEP_PX as usize) {
             let at = DVec2::new(f64::from(x) + 0.5, row_px);
             let z = depth[(y * width + x) as usize];
-            let ray = geometry.depth_ray(at).filter(|_| z > NEAREST_M);
+            let ray = geometry.depth_ray(at).filter(|_| z > MIN_DEPTH_M);
             let position = ray.map(|ray| pose.inverse_transform_point(f64::from(z) * ray));
             depths.push(if position.is_some() { z } else { 0.0 });
             let uv0 = [(at.x / f64::from(width)) as f32, (at.y / f64::from(height)) as f32];
@@ -63,7 +64,7 @@ pub fn twin(shot: &Shot, frame: &Frame) -> Option<Scene> {
         let corners = [y * columns + x, y * columns + x + 1, (y + 1) * columns + x, (y + 1) * columns + x + 1];
         let z = corners.map(|corner| depths[corner as usize]);
         let (low, high) = (z.into_iter().fold(f32::MAX, f32::min), z.into_iter().fold(0.0, f32::max));
-        if low > 0.0 && high - low < JUMP * low {
+        if low > 0.0 && high - low < MAX_DEPTH_STEP * low {
             let [a, b, c, d] = corners;
             indices.extend([a, c, b, b, c, d]);
         }
@@ -91,8 +92,9 @@ pub fn twin(shot: &Shot, frame: &Frame) -> Option<Scene> {
     })
 }
 
-/// Removes triangles nearer to a camera than `MIN_DISTANCE_M` along its optical axis, or behind it. Depth cameras measure
-/// nothing there, and the motion blur of such triangles would span the picture. For pictures that fit a plane.
+/// Removes triangles nearer to a camera than `MIN_DISTANCE_M` along its optical axis, or behind it.
+/// Depth cameras measure nothing there, and the motion blur of such triangles would span the
+/// picture. For pictures that fit a plane.
 pub fn without_near_triangles(mut scene: Scene, camera_from_world: &Pose) -> Scene {
     for mesh in &mut scene.meshes {
         let mesh = Arc::make_mut(mesh);
@@ -113,7 +115,7 @@ pub fn without_near_triangles(mut scene: Scene, camera_from_world: &Pose) -> Sce
     scene
 }
 
-/// The frame's light, as textures have it.
+/// The frame's light, encoded as a texture.
 fn picture(frame: &Frame, response: &Response) -> Texture {
     let textures = Response { curve: Curve::Srgb, ..Response::default() };
     let code = |code: u32| (255.0 * textures.encode(response.decode(f64::from(code) / 255.0))).round() as u8;
