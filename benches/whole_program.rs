@@ -10,7 +10,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use locard::bench::{ALL, INTERVAL_S, Load, bench};
+use locard::bench::{ALL_EFFECTS, INTERVAL_S, Load, bench};
 use locard::compositor::{Compositor, IN_FLIGHT, Input, Settings, Stream};
 use locard::frame::Frame;
 use locard::gpu::Gpu;
@@ -51,8 +51,8 @@ fn main() -> Result<()> {
     }
     let frames = std::env::args().skip(1).find_map(|a| a.parse().ok()).unwrap_or(150);
     let gpu = Gpu::open()?;
-    let alone = bench(&gpu, WIDTH, HEIGHT, Some(ALL))?;
-    let alone = alone.iter().find(|row| row.name == ALL).context("no row for all effects")?;
+    let alone = bench(&gpu, WIDTH, HEIGHT, Some(ALL_EFFECTS))?;
+    let alone = alone.iter().find(|row| row.name == ALL_EFFECTS).context("no row for all effects")?;
 
     let folder = tempfile::tempdir()?;
     write_recording(folder.path(), frames)?;

@@ -1,4 +1,4 @@
-//! The cost of depth of field over a whole picture, without the renderer's.
+//! Cost of depth of field over a whole picture, without the renderer.
 
 use super::{Table, median_ms};
 use crate::camera::{Camera, Capture, Geometry, Intrinsics, Opening};
@@ -15,12 +15,12 @@ const FOCUS_M: f64 = 1.0;
 
 const DIAMETER_M: f64 = 0.064;
 
-/// The depth at which a circle has this width (px, signed): fx · D · (1/d_s − 1/z) solved for z.
+/// Depth at a signed diameter of the circle of confusion, px: fx · D · (1/d_s − 1/z) solved for z.
 fn depth_m(circle_px: f64) -> f64 {
     1.0 / (1.0 / FOCUS_M - circle_px / (FOCAL_PX * DIAMETER_M))
 }
 
-/// A layer that covers the whole picture, with a circle for each pixel.
+/// A layer over the whole picture, with a circle of confusion for each pixel.
 fn layer(gpu: &Gpu, width: u32, height: u32, circle_px: impl Fn(f64, f64) -> f64) -> Layer {
     let color = Texture::new(gpu, "colour", width.next_multiple_of(48), height.next_multiple_of(48), COLOR, 1);
     let geometry = Texture::new(gpu, "geometry", color.width, color.height, GEOMETRY, 1);
@@ -38,8 +38,8 @@ fn layer(gpu: &Gpu, width: u32, height: u32, circle_px: impl Fn(f64, f64) -> f64
     Layer::new(color, geometry, (width, height))
 }
 
-/// A floor from the focus plane to circles of 24 px. In front of it are four things in focus and four with circles of
-/// 12 px, in all a tenth of the picture.
+/// Circles of confusion of a scene: a floor from the focus plane to circles of 24 px; in front of
+/// it four objects in focus and four with circles of 12 px, which cover a tenth of the picture.
 fn site(x: f64, y: f64) -> f64 {
     let things = (0..8).map(|i| (f64::from(i) / 8.0 + 0.06, 0.25 + 0.5 * f64::from(i % 2), f64::from(i % 2) * -12.0));
     let mut circle = 24.0 * y;
@@ -51,8 +51,8 @@ fn site(x: f64, y: f64) -> f64 {
     circle
 }
 
-/// Times the methods over a whole picture: `layered` for each of several depths and for a site, the others for one
-/// depth.
+/// Times the methods over a whole picture: `layered` for several depths and for a scene, the others
+/// for one depth.
 pub fn depth_of_field(table: &mut Table<'_>) -> Result<(), SubmitError> {
     let gpu = table.gpu;
     let (width, height) = (table.picture[0].width, table.picture[0].height);
@@ -71,7 +71,7 @@ pub fn depth_of_field(table: &mut Table<'_>) -> Result<(), SubmitError> {
     cases.extend(["poisson", "diffusion"].map(|method| flat(method, 24.0)));
     for (method, name, range, circles) in cases {
         let name = format!("depth_of_field {method}, {name}");
-        if !table.wants(&name) {
+        if !table.includes(&name) {
             continue;
         }
         let mut effect = DepthOfField::default();

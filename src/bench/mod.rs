@@ -1,7 +1,7 @@
-//! The cost of effects, in multiples of one full-screen copy of the same run.
+//! Cost of effects, in multiples of a full-screen copy of the same run.
 //!
-//! The load is fixed: a sphere of 10,000 triangles over a tenth of the picture, and a noisy camera that turns so that
-//! the sphere is blurred over 12 px at 640 px width.
+//! Fixed load: a sphere of 10,000 triangles over a tenth of the picture, and a noisy camera whose
+//! rotation blurs the sphere over 12 px at 640 px width.
 
 use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
@@ -9,9 +9,9 @@ use std::time::Instant;
 
 use glam::{DAffine3, DQuat, DVec3};
 
-mod changed;
+mod changed_setting;
 mod full_picture;
-mod standing;
+mod occlusion_and_shadow;
 
 use crate::camera::{Camera, Geometry, NoiseBin, NoiseProfile};
 use crate::compositor::{Compositor, FrameStats, Job, Settings, SubmitError, Target};
@@ -29,11 +29,11 @@ pub struct Row {
     pub name: String,
     /// Median, upload to readback, milliseconds.
     pub ms: f64,
-    /// The same in full-screen rgba16f copies.
+    /// Multiples of a full-screen rgba16f copy.
     pub copies: f64,
 }
 
-/// The fixed load at a picture size: what is drawn, and by which camera.
+/// The fixed load at a picture size: scene and camera.
 #[derive(Debug)]
 pub struct Load {
     pub camera: Camera,
@@ -51,24 +51,26 @@ impl Load {
     }
 }
 
-/// The row for what a frame costs users.
-pub const ALL: &str = "all effects at their defaults";
+/// Name of the row with the default settings.
+pub const ALL_EFFECTS: &str = "all effects at their defaults";
 
-/// Each thing is timed after `UNTIMED` rounds, in at most `ROUNDS` rounds and about `LONGEST_S` seconds.
-const ROUNDS: usize = 15;
-const UNTIMED: usize = 3;
-const LONGEST_S: f64 = 3.0;
+/// Largest number of timed rounds.
+const MAX_ROUNDS: usize = 15;
+/// Number of untimed rounds before.
+const WARM_UP_ROUNDS: usize = 3;
+/// Approximate time limit of the timed rounds, seconds.
+const TIME_LIMIT_S: f64 = 3.0;
 /// Frame interval, seconds.
 pub const INTERVAL_S: f64 = 1.0 / 30.0;
 
-/// The median time of a call in milliseconds, without its preparation.
+/// Median time of a call without its preparation, milliseconds.
 fn median_ms<T, E>(mut prepare: impl FnMut() -> T, mut call: impl FnMut(T) -> Result<(), E>) -> Result<f64, E> {
-    for _ in 0..UNTIMED {
+    for _ in 0..WARM_UP_ROUNDS {
         call(prepare())?;
     }
     let begun = Instant::now();
     let mut times = Vec::new();
-    while times.is_empty() || (times.len() < ROUNDS && begun.elapsed().as_secs_f64() < LONGEST_S) {
+    while times.is_empty() || (times.len() < MAX_ROUNDS && begun.elapsed().as_secs_f64() < TIME_LIMIT_S) {
         let prepared = prepare();
         let start = Instant::now();
         call(prepared)?;
@@ -163,7 +165,7 @@ fn camera(width: u32, height: u32) -> (Camera, Geometry) {
     (camera, geometry)
 }
 
-/// A track that turns so that the picture's centre moves by `px` in half an interval.
+/// A rotating camera: the picture's centre moves by `px` in half an interval.
 fn turning(geometry: &Geometry, px: f64) -> PoseTrack {
     let rate = (px / geometry.intrinsics.fx_px) / (0.5 * INTERVAL_S);
     let poses = (-100..=100)
@@ -172,15 +174,15 @@ fn turning(geometry: &Geometry, px: f64) -> PoseTrack {
             (t, Pose::from_camera_in_world(DVec3::ZERO, DQuat::from_rotation_y(rate * t)))
         })
         .collect();
-    // The times above ascend.
+    // The times above are ascending, so that this does not fail.
     PoseTrack::new(poses, 1.0).unwrap_or_default()
 }
 
-/// The rows so far, and the yardstick: one full-screen copy of rgba16f. It is timed before the first row and after
-/// each, because the machine's speed may change meanwhile.
+/// The rows and the reference, a full-screen copy of rgba16f. The reference is timed before the
+/// first row and after each, because the machine's speed may drift.
 struct Table<'a> {
     gpu: &'a Gpu,
-    /// Only rows with this in their names.
+    /// Filter: rows whose names contain this.
     only: Option<&'a str>,
     recorder: Recorder,
     picture: [Texture; 2],
@@ -212,7 +214,7 @@ impl<'a> Table<'a> {
         Ok(())
     }
 
-    fn wants(&self, name: &str) -> bool {
+    fn includes(&self, name: &str) -> bool {
         self.only.is_none_or(|only| name.contains(only))
     }
 
@@ -231,19 +233,20 @@ impl<'a> Table<'a> {
     }
 }
 
-/// The median time of a frame, upload to readback, milliseconds. `look` is shown what each was made of.
-fn median_of(
+/// Median time of a frame from upload to readback, milliseconds. `observe` gets the statistics of
+/// each.
+fn median_frame_ms(
     gpu: &Gpu,
     load: &Load,
     scene: &Scene,
     (pixels, depth): (&Pixels, Option<&DepthMap>),
     settings: &Settings,
-    look: &mut dyn FnMut(&FrameStats),
+    observe: &mut dyn FnMut(&FrameStats),
 ) -> Result<f64, SubmitError> {
     let Load { camera, geometry, track, .. } = load;
     let mut compositor = Compositor::new(gpu.clone(), scene.clone());
     let mut index = 0;
-    // A recording's frame with depth comes with its neighbours.
+    // A frame with depth has its neighbours.
     let neighbour = depth.map(|depth| Beside { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: depth.clone() });
     let beside: Vec<_> = neighbour.map(Arc::new).into_iter().cycle().take(2 * EACH_WAY).collect();
     let frame = || {
@@ -264,28 +267,28 @@ fn median_of(
         let job = Job::of_frame(frame, camera, settings, geometry, track, INTERVAL_S)?;
         let pending = compositor.submit(job, camera, settings, Target::Pixels)?;
         let done = compositor.collect(pending)?;
-        look(&done.stats);
+        observe(&done.stats);
         Ok::<_, SubmitError>(())
     })
 }
 
-/// Times everything at a picture size: the copy, the plain composite, each effect alone over it, all effects at their
-/// defaults, what stands in the room, a changed setting, and depth of field over a whole picture; of all that the rows with
-/// `only` in their names, and the copy.
+/// Times all rows at a picture size: the copy, the plain composite, each effect alone over it, all
+/// effects at their defaults, occlusion and shadows, a changed setting, and depth of field over a
+/// whole picture. With `only`, the copy and the rows whose names contain it.
 pub fn bench(gpu: &Gpu, width: u32, height: u32, only: Option<&str>) -> Result<Vec<Row>, SubmitError> {
     let mut table = Table::new(gpu, width, height, only)?;
     let load = Load::new(width, height);
     let scene = &load.scene;
     let pixels = Pixels::from_u8(width, height, vec![120; 3 * width as usize * height as usize])
         .ok_or_else(|| GpuError::Failed("no picture".to_owned()))?;
-    // An effect that this load leaves neutral has no row.
+    // An effect that does not run with this load has no row.
     let mut time = |name: String, settings: Settings, effect: Option<&str>| -> Result<(), SubmitError> {
-        if !table.wants(&name) {
+        if !table.includes(&name) {
             return Ok(());
         }
         let mut runs = true;
-        let mut look = |stats: &FrameStats| runs &= effect.is_none_or(|effect| stats.effects.contains(&effect));
-        let ms = median_of(gpu, &load, scene, (&pixels, None), &settings, &mut look)?;
+        let mut observe = |stats: &FrameStats| runs &= effect.is_none_or(|effect| stats.effects.contains(&effect));
+        let ms = median_frame_ms(gpu, &load, scene, (&pixels, None), &settings, &mut observe)?;
         if !runs {
             return Ok(());
         }
@@ -304,9 +307,9 @@ pub fn bench(gpu: &Gpu, width: u32, height: u32, only: Option<&str>) -> Result<V
             time(format!("plain + {effect_name} {label}").trim_end().to_owned(), settings, Some(effect_name))?;
         }
     }
-    time(ALL.to_owned(), Settings::default(), None)?;
-    standing::standing(&mut table, &load, &pixels)?;
-    changed::settings(&mut table, &load, &pixels)?;
+    time(ALL_EFFECTS.to_owned(), Settings::default(), None)?;
+    occlusion_and_shadow::time(&mut table, &load, &pixels)?;
+    changed_setting::time(&mut table, &load, &pixels)?;
     full_picture::depth_of_field(&mut table)?;
     Ok(table.rows())
 }

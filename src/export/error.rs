@@ -1,4 +1,4 @@
-//! Why nothing is written, or not all of it.
+//! Errors of an export.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ pub enum ExportError {
     Shot(#[from] ShotError),
     #[error(transparent)]
     Sink(#[from] SinkError),
-    /// What is there must not be written to.
+    /// The path must not be written to.
     #[error("{}: {problem}", path.display())]
     Refused { path: PathBuf, problem: String },
     #[error("{}: cannot be made: {}", path.display(), reason(source))]
@@ -22,7 +22,7 @@ pub enum ExportError {
     Thread { source: io::Error },
     #[error("the writing thread stopped early")]
     Stopped,
-    /// Whoever asked for it wanted no more. Frames of a folder that were finished stay; of a video nothing does.
+    /// Cancelled by the caller. Finished frames of a folder stay; an unfinished video is removed.
     #[error("cancelled")]
     Cancelled,
 }

@@ -1,4 +1,5 @@
-//! Where a run may write: never over what it reads, nor among the frames of a recording.
+//! Protection of a run's inputs: outputs never overwrite them, nor lie among the frames of a
+//! recording.
 
 use std::path::{Path, PathBuf};
 
@@ -15,7 +16,7 @@ pub struct Inputs {
     recording: Option<PathBuf>,
     /// Folders with frames and depth pictures.
     folders: Vec<PathBuf>,
-    /// Folders of the recording's analyses: of the one beside it, and of the one that the run follows.
+    /// Folders of the recording's analyses: the one beside it, and the one that the run uses.
     analyses: Vec<PathBuf>,
 }
 
@@ -24,11 +25,11 @@ impl Inputs {
         let mut folders: Vec<_> = shot.recording.folders().into_iter().map(resolved).collect();
         folders.dedup();
         let files = shot.files().map(Path::to_owned).collect();
-        let followed = match &shot.analysis {
+        let used = match &shot.analysis {
             AnalysisState::Used(folder, _) | AnalysisState::Unfit(folder, _) => Some(resolved(folder)),
             AnalysisState::Absent | AnalysisState::Left => None,
         };
-        let analyses = [resolved(&beside(&shot.recording.path))].into_iter().chain(followed).collect();
+        let analyses = [resolved(&beside(&shot.recording.path))].into_iter().chain(used).collect();
         Self { files, recording: Some(resolved(&shot.recording.path)), folders, analyses }
     }
 
@@ -38,64 +39,82 @@ impl Inputs {
         self
     }
 
-    /// Checks that a file can be written there.
+    /// Checks that a file may be written at a path.
     pub fn check_file(&self, path: &Path) -> Result<(), ExportError> {
         let at = resolved(path);
         if self.is_read(path, &at) {
-            return Err(ExportError::refused(path, format!("is read in this run, {NEVER}")));
+            return Err(ExportError::refused(path, format!("is read in this run, {NEVER_WRITTEN}")));
         }
         if self.analyses.iter().any(|folder| at.starts_with(folder)) {
-            return Err(ExportError::refused(path, format!("lies in the folder of the recording's analysis, {NEVER}")));
+            return Err(ExportError::refused(
+                path,
+                format!("lies in the folder of the recording's analysis, {NEVER_WRITTEN}"),
+            ));
         }
         let ending = at.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         let is_picture = matches!(ending.as_str(), "png" | "jpg" | "jpeg");
         let beside = |folder: &PathBuf| at.parent() == Some(folder);
-        if self
-            .folders
-            .iter()
-            .any(|folder| (is_picture && beside(folder)) || (self.is_its(folder) && at.starts_with(folder)))
-        {
-            return Err(ExportError::refused(path, format!("lies in the folder of the recording's frames, {NEVER}")));
+        if self.folders.iter().any(|folder| {
+            (is_picture && beside(folder)) || (self.is_inside_recording(folder) && at.starts_with(folder))
+        }) {
+            return Err(ExportError::refused(
+                path,
+                format!("lies in the folder of the recording's frames, {NEVER_WRITTEN}"),
+            ));
         }
         Ok(())
     }
 
-    /// Checks that files of these names can be written into a folder.
+    /// Checks that files of these names may be written into a folder.
     pub fn check_folder(&self, path: &Path, names: impl IntoIterator<Item = String>) -> Result<(), ExportError> {
         let at = resolved(path);
         if self.recording.as_ref() == Some(&at) {
-            return Err(ExportError::refused(path, format!("is the recording's folder, {NEVER}")));
+            return Err(ExportError::refused(path, format!("is the recording's folder, {NEVER_WRITTEN}")));
         }
         if self.analyses.contains(&at) {
-            return Err(ExportError::refused(path, format!("is the folder of the recording's analysis, {NEVER}")));
+            return Err(ExportError::refused(
+                path,
+                format!("is the folder of the recording's analysis, {NEVER_WRITTEN}"),
+            ));
         }
         if self.analyses.iter().any(|folder| at.starts_with(folder)) {
-            return Err(ExportError::refused(path, format!("lies in the folder of the recording's analysis, {NEVER}")));
+            return Err(ExportError::refused(
+                path,
+                format!("lies in the folder of the recording's analysis, {NEVER_WRITTEN}"),
+            ));
         }
-        if self.folders.iter().any(|folder| at == *folder || (self.is_its(folder) && at.starts_with(folder))) {
-            return Err(ExportError::refused(path, format!("is the folder of the recording's frames, {NEVER}")));
+        if self
+            .folders
+            .iter()
+            .any(|folder| at == *folder || (self.is_inside_recording(folder) && at.starts_with(folder)))
+        {
+            return Err(ExportError::refused(
+                path,
+                format!("is the folder of the recording's frames, {NEVER_WRITTEN}"),
+            ));
         }
-        // A link among them may lead anywhere.
+        // Symbolic links among them may point anywhere.
         let mut there = names.into_iter().map(|name| at.join(name)).filter(|file| file.symlink_metadata().is_ok());
         there.try_for_each(|file| self.check_file(&file))
     }
 
-    /// Whether a folder of frames belongs to the recording alone. Any other may contain anything next to the frames.
-    fn is_its(&self, folder: &Path) -> bool {
+    /// True if a folder of frames lies inside the recording's folder. Any other folder may also
+    /// have unrelated files.
+    fn is_inside_recording(&self, folder: &Path) -> bool {
         self.recording.as_deref().is_some_and(|own| folder != own && folder.starts_with(own))
     }
 
     fn is_read(&self, path: &Path, at: &Path) -> bool {
-        // A path that does not exist is none of them.
+        // A path that does not exist is not an input.
         path.exists() && self.files.iter().any(|file| file.canonicalize().is_ok_and(|file| file == at))
     }
 }
 
-const NEVER: &str = "which is not written to (with --force neither); choose another place";
+const NEVER_WRITTEN: &str = "which is not written to (with --force neither); choose another place";
 
-/// An absolute path without links. Its last parts need not exist.
+/// An absolute path without symbolic links. Its last components need not exist.
 pub fn resolved(path: &Path) -> PathBuf {
-    // A link may lead to what is not there yet.
+    // A link may point to a file that does not exist yet.
     let at = Place::of(path);
     let path = if let Ok(Place::File(at)) = &at { at } else { path };
     // An empty path is the current folder.
@@ -117,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_that_is_read_is_written_to() {
+    fn inputs_of_a_run_are_never_outputs() {
         let temp = tempfile::tempdir().unwrap();
         let at = |name: &str| temp.path().join(name);
         std::fs::create_dir_all(at("r/rgb")).unwrap();
@@ -153,7 +172,7 @@ mod tests {
         }
         assert!(inputs.check_folder(&at("r/out"), names()).is_ok());
 
-        // Frames next to everything else, and files with the names that would be written.
+        // Frames directly in the recording's folder, and existing files with names of outputs.
         let inputs = Inputs { folders: vec![resolved(&at("r"))], ..inputs };
         assert!(inputs.check_file(&at("r/picture.png")).is_err() && inputs.check_file(&at("r/report.json")).is_ok());
         assert!(
@@ -163,7 +182,7 @@ mod tests {
         {
             std::os::unix::fs::symlink(at("scene.toml"), at("link")).unwrap();
             assert!(inputs.check_file(&at("link")).is_err());
-            // Links among an output's files, to what is read and to what would be a frame.
+            // Links among the outputs, to an input and to a path among the frames.
             std::fs::create_dir(at("links")).unwrap();
             for (name, to) in [("0.png", "scene.toml"), ("1.png", "r/rgb/0.jpg"), ("2.png", "r/new.png")] {
                 std::os::unix::fs::symlink(at(to), at("links").join(name)).unwrap();

@@ -1,9 +1,9 @@
-//! A range of a shot's frames, composited into files: what is in the way is told before anything is begun, decoding,
-//! drawing and writing overlap, and what was not finished leaves nothing behind.
+//! Export of a range of a shot's frames: obstacles are reported before it starts; decoding,
+//! compositing and writing overlap; an unfinished export leaves nothing behind.
 //!
-//! The program and the window write by the same [`Export`], so that they write the same.
+//! The program and the window use the same [`Export`] and write identical files.
 
-mod apart;
+mod check;
 mod error;
 mod inputs;
 mod run;
@@ -13,28 +13,28 @@ use std::path::PathBuf;
 
 pub use error::ExportError;
 pub use inputs::{Inputs, resolved};
-pub use run::Exported;
+pub use run::ExportSummary;
 
 use crate::sink::OutPath;
 
-/// What is to be written, and where.
+/// Range, outputs and options of an export.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Export {
     /// Frames of the recording, counted from 0.
     pub range: Range<usize>,
     pub out: OutPath,
-    /// Whether a video keeps every code value.
+    /// Lossless video.
     pub lossless: bool,
-    /// Whether existing output may be replaced.
+    /// Replaces existing outputs.
     pub force: bool,
-    /// A folder for one OpenEXR a frame with the virtual layer.
+    /// A folder for the virtual layer of each frame, as OpenEXR.
     pub layers: Option<PathBuf>,
-    /// A file, or `-`, for what was found and done for each frame.
+    /// A file, or `-`, for the report of all frames.
     pub report: Option<PathBuf>,
 }
 
 impl Export {
-    /// The frames of a range, and nothing beside them.
+    /// An export of the frames only.
     pub fn new(range: Range<usize>, out: OutPath) -> Self {
         Self { range, out, lossless: false, force: false, layers: None, report: None }
     }

@@ -1,4 +1,4 @@
-//! Frames on their way into files.
+//! The export pipeline: decoding, compositing and writing.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -13,34 +13,35 @@ use crate::shot::{AnalysisState, Composites, Note, Shot, Tally};
 use crate::sink::atomic::write_atomically;
 use crate::sink::{self, Sink, SinkError, SinkOptions, exr, is_stdout};
 
-/// What was done. It is as small for a long recording as for a short one.
+/// Summary of an export. Its size does not depend on the number of frames.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Exported {
+pub struct ExportSummary {
     tally: Tally,
     undecoded_depth: Option<String>,
 }
 
-impl Exported {
-    /// How many frames were written.
+impl ExportSummary {
+    /// Number of written frames.
     pub fn frames(&self) -> usize {
         self.tally.frames()
     }
 
-    /// What is odd about the frames.
+    /// Notes about the frames.
     pub fn notes(&self) -> Vec<Note> {
         self.undecoded_depth.iter().cloned().map(Note::Recording).chain(self.tally.notes()).collect()
     }
 }
 
 impl Export {
-    /// Composites the range as the shot is set and writes it, after [`Export::check`]. `goes_on` is called with each frame
-    /// that was drawn, and ends the export by `false`.
+    /// Composites the range with the shot's settings and writes it; call [`Export::check`] first.
+    /// `on_frame` is called with the statistics of each composite and cancels the export by
+    /// `false`.
     pub fn run(
         &self,
         shot: &Shot,
         compositor: &mut Compositor,
-        mut goes_on: impl FnMut(&FrameStats) -> bool,
-    ) -> Result<Exported, ExportError> {
+        mut on_frame: impl FnMut(&FrameStats) -> bool,
+    ) -> Result<ExportSummary, ExportError> {
         let recording = &shot.recording;
         let options = SinkOptions {
             force: self.force,
@@ -59,14 +60,14 @@ impl Export {
         });
         let writer = Writer { sink, layers: layers.transpose()?, force: self.force };
         let adapter = compositor.gpu().info.clone();
-        let mut done = Exported::default();
-        // The report names each.
+        let mut done = ExportSummary::default();
+        // The report lists all frames.
         let mut reported = self.report.as_ref().map(|_| Vec::with_capacity(self.range.len()));
         let frames = shot.frames(compositor, self.range.clone(), writer.layers.is_some(), IN_FLIGHT)?;
         write(frames, writer, |frame| {
             done.tally.add(&frame.stats);
             reported.iter_mut().for_each(|all| all.push(frame.stats.clone()));
-            goes_on(&frame.stats)
+            on_frame(&frame.stats)
         })?;
         done.undecoded_depth = recording.undecoded_depth();
         if let Some(path) = &self.report {
@@ -76,7 +77,7 @@ impl Export {
                 "seed": shot.settings.seed,
                 "frames": reported,
             });
-            // What followed an analysis says which one.
+            // The report identifies the analysis that was used.
             if let AnalysisState::Used(folder, _) = &shot.analysis {
                 report["analysis_sha256"] = analyse::digest(folder).into();
             }
@@ -91,9 +92,9 @@ impl Export {
     }
 }
 
-/// Receives frames while the next ones are drawn.
+/// Writes frames while the next ones are composited.
 struct Writer {
-    /// Made after the sink's folder, which may hold it, and removed before.
+    /// Created after the sink's folder, which may contain it, and removed before.
     layers: Option<(PathBuf, MadeFolder)>,
     sink: Box<dyn Sink + Send>,
     force: bool,
@@ -118,14 +119,15 @@ pub fn layer_name(frame: usize) -> String {
     format!("layer_{frame:06}.exr")
 }
 
-/// Decodes on the recording's threads, draws here, and writes on a thread of its own.
+/// Decodes on the recording's threads, composites on the calling thread, and writes on a thread of
+/// its own.
 fn write(
     mut frames: Composites<'_>,
     mut writer: Writer,
-    mut goes_on: impl FnMut(&Composited) -> bool,
+    mut on_frame: impl FnMut(&Composited) -> bool,
 ) -> Result<(), ExportError> {
     std::thread::scope(|scope| {
-        // The end is announced: if the frames merely stop, the writer must not report the output as finished.
+        // `None` marks the end: if the channel merely closes, the output is not finished.
         let (sender, receiver) = mpsc::sync_channel::<Option<Composited>>(2);
         let write = move || -> Result<(), ExportError> {
             for frame in receiver {
@@ -140,14 +142,14 @@ fn write(
         let writing = writing.spawn_scoped(scope, write).map_err(|source| ExportError::Thread { source })?;
         let drawn = frames.try_for_each(|frame| {
             let frame = frame?;
-            if !goes_on(&frame) {
+            if !on_frame(&frame) {
                 return Err(ExportError::Cancelled);
             }
             sender.send(Some(frame)).map_err(|_| ExportError::Stopped)
         });
         let finished = drawn.and_then(|()| sender.send(None).map_err(|_| ExportError::Stopped));
         drop(sender);
-        // The writer's error comes first: it is why the frames stopped.
+        // The writer's error takes precedence: it is the cause of `Stopped`.
         writing.join().map_err(|_| ExportError::Stopped)?.and(finished)
     })
 }

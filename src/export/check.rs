@@ -1,4 +1,4 @@
-//! Checks that everything can be written, before any of it is begun.
+//! Checks of all output paths before an export starts.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,8 @@ use crate::sink::folder::frame_name;
 use crate::sink::{self, OutPath, is_stdout};
 
 impl Export {
-    /// Refuses what would overwrite something that is read, or is to be kept, or is written by this export already.
+    /// Rejects outputs that would overwrite inputs, existing files without `force`, or other
+    /// outputs of this export.
     pub fn check(&self, inputs: &Inputs) -> Result<(), ExportError> {
         match &self.out {
             OutPath::Folder(folder) => inputs.check_folder(folder, self.range.clone().map(frame_name))?,
@@ -41,7 +42,8 @@ impl Export {
         Ok(sink::check_file(report, self.force)?)
     }
 
-    /// Checks that no two written files have the same name, and that none has the name of another's folder.
+    /// Checks that no two outputs have the same path, and that none has the path of another's
+    /// folder.
     fn check_apart(&self) -> Result<(), ExportError> {
         let named = |folder: &Path, name: fn(usize) -> String| {
             let folder = resolved(folder);
