@@ -1,27 +1,29 @@
-//! What keys do: one table, which the window's page of keys shows too.
+//! Key bindings: one table, which the page of keys shows too.
 
 use eframe::egui::{Context, Key, Modifiers, Popup};
 
-use super::handles::Begin;
+use super::handles::TransformCommand;
 
-/// What a key does.
+/// Action of a key binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
     Play,
     /// Freezes the camera, or shows it again.
     Camera,
-    /// Frames on; back where negative.
+    /// Steps by frames; backwards if negative.
     Step(isize),
-    /// The first frame of what is played over and over; the last; all frames.
+    /// Sets the start of the loop.
     LoopFrom,
+    /// Sets the end of the loop.
     LoopTo,
     LoopAll,
     Wipe,
     Loupe,
-    /// Two settings beside each other; edits the other one.
+    /// Compares two settings, A and B.
     Compare,
+    /// Edits the other one of A and B.
     Exchange,
-    /// Shows the picture alone, without the panels beside it.
+    /// Hides the panels.
     Alone,
     Fit,
     OneToOne,
@@ -33,19 +35,21 @@ pub enum Action {
     Open,
     Export,
     Theme,
-    /// Begins to change what is selected.
-    Begin(Begin),
-    /// Moves what is selected a little to the right and up the picture; left and down where negative. Steps.
+    /// Begins a transform of the selection.
+    Transform(TransformCommand),
+    /// Moves the selection by steps to the right and up in the picture; to the left and down if
+    /// negative.
     Nudge(i8, i8),
     Delete,
-    /// Leaves what is selected out of the picture, or shows it again.
+    /// Hides the selection, or shows it again.
     Hide,
     Keys,
-    /// Ends what was begun.
+    /// Cancels the current mode.
     Leave,
 }
 
-/// A key with its modifiers, and what it does. Those of one line of the page follow each other with the same words.
+/// A key with its modifiers and action. Adjacent bindings with equal text share a line of the page
+/// of keys.
 struct Binding {
     modifiers: Modifiers,
     key: Key,
@@ -63,12 +67,13 @@ const COMMAND: Modifiers = Modifiers::COMMAND;
 const ALT: Modifiers = Modifiers::ALT;
 const COMMAND_SHIFT: Modifiers = Modifiers::COMMAND.plus(Modifiers::SHIFT);
 
-/// Of one key the binding with more modifiers stands first: an additional Shift does not keep a key from working.
+/// For each key the bindings with more modifiers come first, since a binding also matches with an
+/// additional Shift.
 const BINDINGS: &[Binding] = &[
-    bind(NONE, Key::G, Action::Begin(Begin::Move), "move the selection; then X, Y, Z, numbers"),
-    bind(NONE, Key::R, Action::Begin(Begin::Turn), "turn the selection"),
-    bind(NONE, Key::S, Action::Begin(Begin::Scale), "scale the selection"),
-    bind(SHIFT, Key::D, Action::Begin(Begin::Duplicate), "duplicate the selection"),
+    bind(NONE, Key::G, Action::Transform(TransformCommand::Move), "move the selection; then X, Y, Z, numbers"),
+    bind(NONE, Key::R, Action::Transform(TransformCommand::Turn), "turn the selection"),
+    bind(NONE, Key::S, Action::Transform(TransformCommand::Scale), "scale the selection"),
+    bind(SHIFT, Key::D, Action::Transform(TransformCommand::Duplicate), "duplicate the selection"),
     bind(NONE, Key::H, Action::Hide, "hide or show the selection"),
     bind(NONE, Key::Delete, Action::Delete, "delete the selection"),
     bind(ALT, Key::ArrowLeft, Action::Nudge(-1, 0), "move the selection by a millimetre"),
@@ -108,12 +113,12 @@ const BINDINGS: &[Binding] = &[
     bind(NONE, Key::Escape, Action::Leave, "cancel, close, deselect"),
 ];
 
-/// What is done by the pointer, or as long as a key is held.
-const HELD: &[(&str, &str)] =
+/// Lines of the page for the pointer and for held keys.
+const POINTER_LINES: &[(&str, &str)] =
     &[("\\ held", "the camera's own picture"), ("Wheel", "zoom about the pointer"), ("Drag", "move the picture")];
 
-/// The same of what is moved, turned or scaled.
-const MOVING: &[(&str, &str)] = &[
+/// Lines of the page for transforms.
+const TRANSFORM_LINES: &[(&str, &str)] = &[
     ("Ctrl", "while it moves: whole steps"),
     ("Shift", "while it moves: it stays on its level"),
     ("X twice", "along its own axis"),
@@ -121,11 +126,11 @@ const MOVING: &[(&str, &str)] = &[
     ("Arrows, Enter", "while a place is asked for: there"),
 ];
 
-/// What was asked for by keys, each as often as its key was pressed. Where text is typed only keys with Ctrl count. Esc is the
-/// field's in which `was_typing` somebody before it was pressed: it has lost the keyboard by it already.
+/// Consumes the pressed keys and returns their actions, one for each press. While a text field has
+/// the focus only keys with Ctrl count. Esc belongs to an open menu, and to a text field
+/// (`was_typing`: the field had the focus before this frame and lost it by Esc).
 pub fn pressed(ctx: &Context, was_typing: bool) -> Vec<Action> {
     let typing = ctx.egui_wants_keyboard_input();
-    // And the menu's that is open.
     let in_menu = was_typing || Popup::is_any_open(ctx);
     let usable = BINDINGS.iter().filter(|binding| !typing || binding.modifiers.command);
     let usable = usable.filter(|binding| !in_menu || binding.key != Key::Escape);
@@ -133,23 +138,23 @@ pub fn pressed(ctx: &Context, was_typing: bool) -> Vec<Action> {
     usable.flat_map(|binding| std::iter::repeat_n(binding.action, times(binding))).collect()
 }
 
-/// A part of the page of keys.
+/// A section of the page of keys.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Part {
+enum Section {
     Time,
     Picture,
     Evidence,
     Work,
 }
 
-/// The parts as they stand on the page, with their titles.
-const PARTS: [(Part, &str); 4] =
-    [(Part::Time, "Time"), (Part::Picture, "Picture"), (Part::Evidence, "Evidence"), (Part::Work, "Work")];
+/// The sections in the order of the page, with their titles.
+const SECTIONS: [(Section, &str); 4] =
+    [(Section::Time, "Time"), (Section::Picture, "Picture"), (Section::Evidence, "Evidence"), (Section::Work, "Work")];
 
-fn part(action: Action) -> Part {
+fn section(action: Action) -> Section {
     match action {
         Action::Play | Action::Camera | Action::Step(_) | Action::LoopFrom | Action::LoopTo | Action::LoopAll => {
-            Part::Time
+            Section::Time
         }
         Action::Wipe
         | Action::Loupe
@@ -159,8 +164,8 @@ fn part(action: Action) -> Part {
         | Action::Fit
         | Action::OneToOne
         | Action::Larger
-        | Action::Smaller => Part::Picture,
-        Action::Begin(_) | Action::Nudge(..) | Action::Delete | Action::Hide => Part::Evidence,
+        | Action::Smaller => Section::Picture,
+        Action::Transform(_) | Action::Nudge(..) | Action::Delete | Action::Hide => Section::Evidence,
         Action::Undo
         | Action::Redo
         | Action::Save
@@ -168,34 +173,35 @@ fn part(action: Action) -> Part {
         | Action::Export
         | Action::Theme
         | Action::Keys
-        | Action::Leave => Part::Work,
+        | Action::Leave => Section::Work,
     }
 }
 
-/// The page of keys, by its parts: keys, and what they do.
+/// The page of keys by section: keys, and their text.
 pub fn page() -> Vec<(&'static str, Vec<(String, &'static str)>)> {
-    let lines = |wanted: Part| {
+    let lines = |wanted: Section| {
         let mut lines: Vec<(String, &'static str)> = Vec::new();
-        for Binding { modifiers, key, does, .. } in BINDINGS.iter().filter(|binding| part(binding.action) == wanted) {
-            let key = named(*modifiers, *key);
+        for Binding { modifiers, key, does, .. } in BINDINGS.iter().filter(|binding| section(binding.action) == wanted)
+        {
+            let key = key_name(*modifiers, *key);
             match lines.iter_mut().find(|(_, same)| same == does) {
                 Some((keys, _)) => *keys = format!("{keys}, {key}"),
                 None => lines.push((key, does)),
             }
         }
-        if wanted == Part::Picture {
-            lines.extend(HELD.iter().map(|(key, does)| ((*key).to_owned(), *does)));
+        if wanted == Section::Picture {
+            lines.extend(POINTER_LINES.iter().map(|(key, does)| ((*key).to_owned(), *does)));
         }
-        if wanted == Part::Evidence {
-            lines.extend(MOVING.iter().map(|(key, does)| ((*key).to_owned(), *does)));
+        if wanted == Section::Evidence {
+            lines.extend(TRANSFORM_LINES.iter().map(|(key, does)| ((*key).to_owned(), *does)));
         }
         lines
     };
-    PARTS.into_iter().map(|(wanted, title)| (title, lines(wanted))).collect()
+    SECTIONS.into_iter().map(|(wanted, title)| (title, lines(wanted))).collect()
 }
 
-/// As it stands on a keyboard.
-fn named(modifiers: Modifiers, key: Key) -> String {
+/// Name of a key with its modifiers, as on a keyboard.
+fn key_name(modifiers: Modifiers, key: Key) -> String {
     let name = match key {
         Key::ArrowLeft => "Left",
         Key::ArrowRight => "Right",
@@ -218,13 +224,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_binding_hides_a_later_one() {
+    fn no_binding_shadows_a_later_one() {
         for (n, binding) in BINDINGS.iter().enumerate() {
             let hides = |earlier: &&Binding| {
                 earlier.key == binding.key && binding.modifiers.matches_logically(earlier.modifiers)
             };
             let hidden = BINDINGS[..n].iter().find(hides);
-            assert!(hidden.is_none(), "{} never does: {}", named(binding.modifiers, binding.key), binding.does);
+            assert!(hidden.is_none(), "{} never does: {}", key_name(binding.modifiers, binding.key), binding.does);
         }
         let page = page();
         let keys =

@@ -1,4 +1,4 @@
-//! The footage analysed from the window: a line that offers it, how far it is, and what was found taken over where one is.
+//! Analysis of the footage from the window: the offer, progress, and adoption of the result.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -14,28 +14,27 @@ use locard_engine::analyse::beside;
 use locard_engine::recording::Recording;
 use locard_engine::shot::AnalysisState;
 
-/// An analysis that was begun.
+/// A started analysis.
 #[derive(Debug)]
-struct Begun {
-    /// Its place in the queue.
+struct StartedAnalysis {
+    /// Index in the queue.
     entry: usize,
-    /// Of which it is.
     recording: Arc<Recording>,
     folder: PathBuf,
 }
 
-/// See above.
+/// The current analysis, if any.
 #[derive(Debug, Default)]
-pub struct Analysing(Option<Begun>);
+pub struct Analysing(Option<StartedAnalysis>);
 
 impl Analysing {
-    /// The line, where there is something to say. Whether a person begins it is given back.
+    /// Shows the offer or the progress. Returns true if the user starts the analysis.
     pub fn show(&self, ui: &mut Ui, session: &Session, jobs: Option<&mut Jobs>) -> bool {
         let project = &session.project;
         if let Some(entry) = self.of(project).and_then(|begun| jobs?.entries.get_mut(begun.entry))
             && !entry.state.is_over()
         {
-            under_way(ui, entry);
+            show_progress(ui, entry);
             ui.separator();
             return false;
         }
@@ -57,19 +56,19 @@ impl Analysing {
         begins
     }
 
-    /// Begins it, in the queue.
+    /// Adds the analysis to the queue.
     pub fn begin(&mut self, project: &Project, jobs: &mut Jobs) {
         let shot = project.shot();
         let folder = beside(&shot.recording.path);
         let entry = jobs.add(folder.display().to_string(), &shot.as_recorded(), JobKind::Analyse(folder.clone()));
-        self.0 = Some(Begun { entry, recording: Arc::clone(&shot.recording), folder });
+        self.0 = Some(StartedAnalysis { entry, recording: Arc::clone(&shot.recording), folder });
     }
 
-    /// Something of the queue is over: what was found is taken over, if that is what it was.
+    /// Adopts the result when an entry of the queue that is the analysis has ended.
     pub fn ended(&mut self, entry: usize, jobs: &mut Jobs, session: &mut Session) {
         let Some(begun) = self.0.take_if(|begun| begun.entry == entry) else { return };
         let Some(found) = jobs.entries.get_mut(entry).and_then(|entry| entry.analysis.take()) else { return };
-        // Something else may be open by now.
+        // Another recording may be open by now.
         if begun.is_of(&session.project)
             && let Err(error) = session.project.adopt_analysis(begun.folder, *found)
         {
@@ -77,20 +76,20 @@ impl Analysing {
         }
     }
 
-    fn of(&self, project: &Project) -> Option<&Begun> {
+    fn of(&self, project: &Project) -> Option<&StartedAnalysis> {
         self.0.as_ref().filter(|begun| begun.is_of(project))
     }
 }
 
-impl Begun {
-    /// A scene may have given the recording another unit or another world since; it is the same pictures still.
+impl StartedAnalysis {
+    /// True for the same footage, even if a scene has changed its unit or its world frame since.
     fn is_of(&self, project: &Project) -> bool {
         let now = &project.shot().recording;
         now.path == self.recording.path && Arc::ptr_eq(&now.timestamps_s, &self.recording.timestamps_s)
     }
 }
 
-fn under_way(ui: &mut Ui, entry: &mut JobEntry) {
+fn show_progress(ui: &mut Ui, entry: &mut JobEntry) {
     ui.horizontal(|ui| {
         let cancel = ui.button("Cancel");
         cancel.widget_info(|| WidgetInfo::labeled(egui::Role::Button, true, "Cancel the analysis"));

@@ -1,5 +1,5 @@
-//! What plots show of a picture: composited once more on a thread of its own, with and without noise, so that the virtual part
-//! can be told from the real one.
+//! Analysis of a frame for the plots: it is composited again on a background thread, with and
+//! without noise, to separate virtual from real noise.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -17,19 +17,19 @@ use locard_engine::pixels::{Pixels, Rect};
 use locard_engine::scene::Scene;
 use locard_engine::shot::{Shot, ShotError};
 
-/// The effect without which the virtual part is smooth.
-const NOISE: &str = "noise";
-/// From this coverage on a pixel is an object's.
-const COVERED: f32 = 0.99;
-/// How far the surroundings reach, px.
-const AROUND: usize = 24;
+/// Table of the noise effect, which is switched off for the reference.
+const NOISE_TABLE: &str = "noise";
+/// Smallest coverage of an object's pixel.
+const MIN_OBJECT_COVERAGE: f32 = 0.99;
+/// Width of the surroundings, px.
+const SURROUNDINGS_PX: usize = 24;
 pub const HISTOGRAM_BINS: usize = 48;
-/// Independent samples that make a point of a single picture's noise.
-const NEEDED: f64 = 300.0;
+/// Smallest number of independent samples per noise point of a single picture.
+const MIN_INDEPENDENT_SAMPLES: f64 = 300.0;
 
-/// What is asked for; what is not costs nothing.
+/// Requested parts of an analysis; others are not computed.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Wanted {
+pub struct AnalysisRequest {
     pub noise: bool,
     pub histograms: bool,
     /// Edges of the camera's picture and of the composite.
@@ -37,9 +37,9 @@ pub struct Wanted {
     pub edges_of: sharpness::EdgeLight,
 }
 
-/// An edge, or why it is none, and how the light goes there instead.
+/// A rejected edge, with the reason and the edge profile there.
 #[derive(Clone, Debug)]
-pub struct Refused {
+pub struct RejectedEdge {
     pub why: String,
     pub seen: Vec<[f64; 2]>,
 }
@@ -51,61 +51,67 @@ pub fn edge(
     region: Rect,
     moved_px: [f64; 2],
     of: sharpness::EdgeLight,
-) -> Result<SlantedEdge, Refused> {
+) -> Result<SlantedEdge, RejectedEdge> {
     let edge = sharpness::edge_in(pixels, response, region, moved_px, of);
-    edge.map_err(|error| Refused {
+    edge.map_err(|error| RejectedEdge {
         why: error.to_string(),
         seen: sharpness::edge_profile(pixels, response, region, of),
     })
 }
 
-impl Wanted {
+impl AnalysisRequest {
     pub fn anything(&self) -> bool {
         self.noise || self.histograms || self.edges != [None; 2]
     }
 }
 
-/// What was found. Each part says itself why it is missing.
+/// Result of an analysis. Each failed part has its reason.
 #[derive(Debug, Default)]
 pub struct Analysis {
     pub drawn: Option<Result<[Vec<NoisePoint>; 3], String>>,
-    /// In the plain places of the camera's picture.
+    /// Noise of plain regions of the camera's picture.
     pub real: Option<Result<[Vec<NoisePoint>; 3], String>>,
-    /// Of the object and of what is around it, by luma and by the channels.
+    /// Histograms of the objects and of their surroundings, of luma and the channels.
     pub histograms: Option<Result<[[Vec<f64>; 4]; 2], String>>,
-    pub edges: [Option<Result<SlantedEdge, Refused>>; 2],
+    pub edges: [Option<Result<SlantedEdge, RejectedEdge>>; 2],
 }
 
-/// The compositor that is kept between two analyses, with its scene.
+/// The compositor of the last analysis with its scene, for reuse.
 #[derive(Clone, Debug, Default)]
-pub struct Bench(Arc<Mutex<Option<Drawn>>>);
+pub struct CompositorCache(Arc<Mutex<Option<SceneCompositor>>>);
 
-/// A scene, and what draws it.
-type Drawn = (Arc<Scene>, Compositor);
+type SceneCompositor = (Arc<Scene>, Compositor);
 
-/// Way of an edge's surface while the shutter was open; nothing where it is not known.
+/// Motion of an edge's surface during the exposure, px; zero if unknown.
 pub fn moved_px(shot: &Shot, frame: &Frame, region: Rect) -> [f64; 2] {
     let at = glam::DVec2::new(f64::from(region.x0 + region.x1), f64::from(region.y0 + region.y1)) / 2.0;
     let surface = shot.surface_at(frame, at);
     surface.and_then(|surface| shot.moved_px(frame, at, &surface)).unwrap_or_default().to_array()
 }
 
-/// Looks at a frame and its composite. What comes of work that nobody waits for any more lacks parts.
-pub fn analyse(bench: &Bench, gpu: &Gpu, shot: &Shot, frame: &Frame, wanted: &Wanted, ticket: &Ticket) -> Analysis {
+/// Analyses a frame and its composite. The result of cancelled work is incomplete.
+pub fn analyse(
+    compositor_cache: &CompositorCache,
+    gpu: &Gpu,
+    shot: &Shot,
+    frame: &Frame,
+    wanted: &AnalysisRequest,
+    ticket: &Ticket,
+) -> Analysis {
     let mut found = Analysis::default();
     let response = shot.camera().response;
-    // The camera's and the drawn edge are compared as they are seen: with the movement in both.
+    // Real and virtual edges are compared including motion blur.
     let of_edge = |pixels: &Pixels, region: Rect| edge(pixels, &response, region, [0.0; 2], wanted.edges_of);
     found.edges[0] = wanted.edges[0].map(|region| of_edge(&frame.pixels, region));
     if wanted.noise && !ticket.is_cancelled() {
-        let options = NoiseOptions { min_independent: NEEDED, ..NoiseOptions::default() };
+        let options = NoiseOptions { min_independent: MIN_INDEPENDENT_SAMPLES, ..NoiseOptions::default() };
         let real = moving::from_frames(std::slice::from_ref(&frame.pixels), &options);
         found.real = Some(real.map(|real| real.points()).map_err(|error| calibration_messages::noise_error(&error)));
     }
     if !(wanted.noise || wanted.histograms || wanted.edges[1].is_some()) {
         return found;
     }
-    let composited = gpu.apart(|| composited(bench, gpu, shot, frame, wanted.noise, ticket));
+    let composited = gpu.apart(|| composited(compositor_cache, gpu, shot, frame, wanted.noise, ticket));
     let composited = composited.map_err(|source| ShotError::Gpu { frame: frame.index, source }).and_then(|done| done);
     match composited {
         Ok(None) => {}
@@ -113,18 +119,18 @@ pub fn analyse(bench: &Bench, gpu: &Gpu, shot: &Shot, frame: &Frame, wanted: &Wa
             let error = error.to_string();
             found.drawn = wanted.noise.then(|| Err(error.clone()));
             found.histograms = wanted.histograms.then(|| Err(error.clone()));
-            found.edges[1] = wanted.edges[1].map(|_| Err(Refused { why: error, seen: Vec::new() }));
+            found.edges[1] = wanted.edges[1].map(|_| Err(RejectedEdge { why: error, seen: Vec::new() }));
         }
         Ok(Some((with, without))) => {
             let coverage: Vec<f32> = with.layer.iter().flat_map(|layer| &layer.rgba).map(|rgba| rgba[3]).collect();
-            let objects: Vec<bool> = coverage.iter().map(|a| *a >= COVERED).collect();
+            let objects: Vec<bool> = coverage.iter().map(|a| *a >= MIN_OBJECT_COVERAGE).collect();
             let touched: Vec<bool> = coverage.iter().map(|a| *a > 0.0).collect();
             found.drawn = without.map(|without| {
                 let drawn = rendered_noise(&with.pixels, &without.pixels, &objects);
                 drawn.map_err(|error| error.to_string())
             });
             found.histograms = wanted.histograms.then(|| {
-                let surroundings = around(&objects, &touched, with.pixels.width as usize, AROUND);
+                let surroundings = around(&objects, &touched, with.pixels.width as usize, SURROUNDINGS_PX);
                 let of = |mask: &[bool]| histograms(&with.pixels, mask, HISTOGRAM_BINS);
                 let both = of(&objects).and_then(|object| Ok([object, of(&surroundings)?]));
                 both.map_err(|error| error.to_string())
@@ -135,9 +141,10 @@ pub fn analyse(bench: &Bench, gpu: &Gpu, shot: &Shot, frame: &Frame, wanted: &Wa
     found
 }
 
-/// The composite with its layer, and if asked for the same without noise; nothing where nobody waits for it.
+/// The composite with its layer, and if requested (`twice`) the one without noise; `None` if
+/// cancelled.
 fn composited(
-    bench: &Bench,
+    compositor_cache: &CompositorCache,
     gpu: &Gpu,
     shot: &Shot,
     frame: &Frame,
@@ -147,7 +154,7 @@ fn composited(
     if ticket.is_cancelled() {
         return Ok(None);
     }
-    let mut kept = bench.0.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut kept = compositor_cache.0.lock().unwrap_or_else(PoisonError::into_inner);
     let (scene, compositor) = kept.get_or_insert_with(|| (Arc::clone(&shot.scene), shot.compositor(gpu.clone())));
     if !Arc::ptr_eq(scene, &shot.scene) {
         *scene = Arc::clone(&shot.scene);
@@ -164,8 +171,7 @@ fn composited(
     }
     let without = twice.then(|| {
         let mut smooth = shot.clone();
-        // It is one of the effects.
-        let _ = smooth.settings.switch(NOISE, false);
+        let _ = smooth.settings.switch(NOISE_TABLE, false);
         make(&smooth, false)
     });
     Ok(Some((with, without.transpose()?)))

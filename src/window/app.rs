@@ -17,8 +17,8 @@ use super::autosave::RecoverableWork;
 use super::camera;
 use super::documents::{DocumentSwitch, Documents};
 use super::evidence::Evidence;
-use super::fit;
 use super::handles::Handles;
+use super::keyboard_cursor::KeyboardCursor;
 use super::keys;
 use super::lamps::Lamps;
 use super::measure::Measure;
@@ -26,20 +26,20 @@ use super::notice::Refusal;
 use super::obstacle::NearestPose;
 use super::painter;
 use super::picture::View;
-use super::placed::Placed;
+use super::picture_transform::PictureTransform;
 use super::player::Player;
 use super::project::Project;
 use super::recent::ViewState;
 use super::region_picker::RegionPicker;
 use super::session::Session;
 use super::side::Side;
-use super::steered::Steered;
 use super::task::drop_in_background;
 use super::theme;
-use super::timeline::{self, Held, Told};
+use super::timeline::{self, PlaybackInfo, StripDrag};
 use super::titles;
 use super::viewer::Viewer;
 use super::warnings::Warnings;
+use super::window_size;
 use locard_engine::live;
 use locard_engine::scene::SceneItem;
 
@@ -65,10 +65,10 @@ pub struct App {
     warnings: Warnings,
     /// The window's current title.
     title: String,
-    placed: Option<Placed>,
-    steered: Steered,
+    placed: Option<PictureTransform>,
+    keyboard_cursor: KeyboardCursor,
     measure: Option<Measure>,
-    held: Held,
+    strip_drag: StripDrag,
     /// A field had the keyboard focus at the end of the last frame of the window.
     was_typing: bool,
 }
@@ -111,9 +111,9 @@ impl App {
             warnings: Warnings::default(),
             title: String::new(),
             placed: None,
-            steered: Steered::default(),
+            keyboard_cursor: KeyboardCursor::default(),
             measure: None,
-            held: Held::default(),
+            strip_drag: StripDrag::default(),
             was_typing: false,
         })
     }
@@ -189,9 +189,9 @@ impl App {
         self.evidence.selected
     }
 
-    /// Outline of the object that the next click would place, px of the picture.
-    pub fn previewed(&self) -> Option<&[Vec<DVec2>]> {
-        self.evidence.previewed()
+    /// Outline of thethe placement preview, px of the picture.
+    pub fn preview_outline(&self) -> Option<&[Vec<DVec2>]> {
+        self.evidence.preview_outline()
     }
 
     /// Position of a pixel of the picture on the screen.
@@ -305,7 +305,7 @@ impl eframe::App for App {
 
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
         let ctx = ui.ctx().clone();
-        fit::to_screen(&ctx);
+        window_size::fit_to_screen(&ctx);
         self.input(&ctx);
         self.session.poll(&ctx);
         if self.measure.as_mut().is_some_and(|measure| measure.step(&mut self.session, &mut self.view, &ctx)) {
@@ -328,10 +328,11 @@ impl eframe::App for App {
             if session.is_live() {
                 camera::show(ui, session);
             } else {
-                let told = Told { time_s, shown_per_s: session.pictures_per_s(), reduced_by: session.reduced_by() };
-                timeline::strip(ui, &mut session.player, session.thumbnails.as_ref(), &mut self.held);
+                let info =
+                    PlaybackInfo { time_s, shown_per_s: session.pictures_per_s(), reduced_by: session.reduced_by() };
+                timeline::strip(ui, &mut session.player, session.thumbnails.as_ref(), &mut self.strip_drag);
                 ui.add_space(3.0);
-                timeline::show(ui, &mut session.player, &told);
+                timeline::show(ui, &mut session.player, &info);
             }
             if let Some(request) = camera::buttons(ui, session) {
                 self.documents.handle_camera_request(ui.ctx(), session, request);

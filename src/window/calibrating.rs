@@ -1,5 +1,5 @@
-//! Calibration from inside: a board before a camera gives the lens, plain places give the noise, edges the sharpness. Each result stands beside the present value, and
-//! is taken or left.
+//! The tab Calibrate: lens from a board before a live camera, noise from plain regions, sharpness
+//! from edges. Each result is shown beside the present value, to be accepted or discarded.
 
 mod lens;
 mod noise;
@@ -17,7 +17,7 @@ use super::session::Session;
 use locard_engine::calibrate::NoisePoint;
 use locard_engine::pixels::Rect;
 
-/// The tab.
+/// State of the tab.
 #[derive(Debug, Default)]
 pub struct Calibrating {
     lens: Lens,
@@ -26,30 +26,30 @@ pub struct Calibrating {
 }
 
 impl Calibrating {
-    /// The places that were picked, as far as they belong to a frame.
+    /// Picked regions that belong to a frame.
     pub fn marks(&self, frame: usize) -> impl Iterator<Item = (Rect, String)> {
         self.noise.marks(frame).chain(self.sharpness.marks(frame))
     }
 
-    /// The noise of the places that were picked, as it was measured last.
+    /// Last measured noise points of the picked regions.
     pub fn points(&self) -> Option<&[Vec<NoisePoint>; 3]> {
         self.noise.points()
     }
 
-    /// Has a camera's newest frame looked at, where views of a board are taken of it.
-    pub fn look(&mut self, session: &Session) {
-        self.lens.look(session);
+    /// Passes a live camera's newest frame to the board detection, while views are being collected.
+    pub fn process_newest(&mut self, session: &Session) {
+        self.lens.process_newest(session);
     }
 
-    /// Nobody waits for what is being measured.
-    pub fn rest(&mut self) {
-        self.noise.rest();
-        self.sharpness.rest();
+    /// Cancels running measurements.
+    pub fn cancel(&mut self) {
+        self.noise.cancel();
+        self.sharpness.cancel();
     }
 
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, picker: &mut RegionPicker) {
-        self.noise.answers(session, picker);
-        self.sharpness.answers(session, picker);
+        self.noise.take_picked(session, picker);
+        self.sharpness.take_picked(session, picker);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             let open = |title: &str| egui::CollapsingHeader::new(RichText::new(title).strong()).default_open(true);
             open("Lens, from a board").show(ui, |ui| self.lens.show(ui, session));

@@ -1,4 +1,4 @@
-//! What stands below the picture of a camera: how it goes, and what can be done with it.
+//! The bar below a live picture: status and commands of the camera.
 
 use eframe::egui::{self, Color32, RichText, Stroke, Ui};
 
@@ -7,25 +7,27 @@ use super::timeline;
 use locard_engine::live::{FeedStatus, Tracking};
 use locard_engine::text::{count, without_options};
 
-/// What is asked of the camera.
+/// A command for the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Asked {
-    /// Its last seconds are to be a recording; or it is to be seen again.
+pub enum CameraCommand {
+    /// Turns the last seconds into a recording and shows it.
     Freeze,
+    /// Returns to the live picture.
     Live,
-    /// A recording is to begin, or to end.
+    /// Starts a recording.
     Record,
+    /// Ends the recording.
     Stop,
-    /// The last seconds are to be kept.
+    /// Copies the last seconds into a permanent recording.
     Keep,
 }
 
-/// A picture that is as late reaches up to the top, seconds.
-const LATE_S: f64 = 0.2;
-/// A light that is on while something runs.
+/// Latency at the full height of the strip, seconds.
+const MAX_SHOWN_LATENCY_S: f64 = 0.2;
+/// Colour of the light of a running camera.
 const LIGHT: Color32 = Color32::from_rgb(222, 54, 54);
 
-/// In place of the time line, while the camera is shown.
+/// Status in place of the time line during a live view.
 pub fn show(ui: &mut Ui, session: &Session) {
     let Some(told) = session.live_status() else { return };
     strip(ui, session);
@@ -33,43 +35,41 @@ pub fn show(ui: &mut Ui, session: &Session) {
     ui.horizontal(|ui| {
         light(ui, state_word(&told.status));
         ui.separator();
-        how_it_goes(ui, session, &told);
+        status_line(ui, session, &told);
     });
 }
 
-/// What can be done with the camera; nothing where there is none.
-pub fn buttons(ui: &mut Ui, session: &Session) -> Option<Asked> {
+/// Buttons of the camera, if there is one.
+pub fn buttons(ui: &mut Ui, session: &Session) -> Option<CameraCommand> {
     let told = session.live_status()?;
-    let mut asked = None;
+    let mut command = None;
     ui.horizontal(|ui| {
-        let mut button = |ui: &mut Ui, enabled: bool, text: &str, hint: &str, what: Asked| {
+        let mut button = |ui: &mut Ui, enabled: bool, text: &str, hint: &str, what: CameraCommand| {
             if ui.add_enabled(enabled, egui::Button::new(text)).on_hover_text(hint).clicked() {
-                asked = Some(what);
+                command = Some(what);
             }
         };
-        match session.is_frozen() {
-            true => {
-                button(ui, true, "Back to live", "The camera again (C)", Asked::Live);
-                button(ui, true, "Keep as a recording…", "A copy in a folder of yours", Asked::Keep);
-                ui.label("The last seconds, as they were seen");
-            }
-            false => {
-                button(ui, !told.is_freezing, "Freeze", "Its last seconds become a recording (Space)", Asked::Freeze)
-            }
+        if session.is_frozen() {
+            button(ui, true, "Back to live", "The camera again (C)", CameraCommand::Live);
+            button(ui, true, "Keep as a recording…", "A copy in a folder of yours", CameraCommand::Keep);
+            ui.label("The last seconds, as they were seen");
+        } else {
+            let hint = "Its last seconds become a recording (Space)";
+            button(ui, !told.is_freezing, "Freeze", hint, CameraCommand::Freeze);
         }
         match told.status.recorded {
             None if session.is_frozen() => {}
-            None => button(ui, true, "Record…", "What comes from now on, into a new folder", Asked::Record),
+            None => button(ui, true, "Record…", "What comes from now on, into a new folder", CameraCommand::Record),
             Some(frames) => {
-                button(ui, true, "Stop", "Ends the recording", Asked::Stop);
+                button(ui, true, "Stop", "Ends the recording", CameraCommand::Stop);
                 ui.colored_label(LIGHT, format!("recording, {}", count(frames, "frame")));
             }
         }
     });
-    asked
+    command
 }
 
-/// The last seconds: a line for each picture that was shown, as long as it took to be composited.
+/// Latency strip of the last seconds: a line for each displayed picture.
 fn strip(ui: &mut Ui, session: &Session) {
     let (rect, response) =
         ui.allocate_exact_size(egui::vec2(ui.available_width(), timeline::HEIGHT), egui::Sense::hover());
@@ -80,7 +80,7 @@ fn strip(ui: &mut Ui, session: &Session) {
     let good = ui.visuals().selection.bg_fill;
     for shown in past {
         let x = rect.max.x - rect.width() * ((now_s - shown.taken_s) / RECENT_S) as f32;
-        let height = rect.height() * (shown.latency_s / LATE_S).min(1.0) as f32;
+        let height = rect.height() * (shown.latency_s / MAX_SHOWN_LATENCY_S).min(1.0) as f32;
         let color = match shown.tracking {
             Tracking::Tracked => good,
             Tracking::Predicted => ui.visuals().warn_fg_color,
@@ -91,14 +91,14 @@ fn strip(ui: &mut Ui, session: &Session) {
     response.on_hover_text(format!(
         "The last {RECENT_S:.0} s: a line for each picture, as high as it was late ({:.0} ms is the whole height); orange where \
          its pose was predicted, red where there was none",
-        1e3 * LATE_S
+        1e3 * MAX_SHOWN_LATENCY_S
     ));
 }
 
-/// The word for a camera that gives pictures.
+/// State of a camera that delivers pictures.
 const LIVE: &str = "LIVE";
 
-/// The state of a camera in a word. The picture that it gave last stays shown in each of them.
+/// State of a camera in a word. The last picture stays on display in every state.
 fn state_word(status: &FeedStatus) -> &'static str {
     match (status.is_over, &status.outage) {
         (true, _) => "ENDED",
@@ -114,7 +114,7 @@ fn light(ui: &mut Ui, state: &str) {
     ui.label(RichText::new(state).strong());
 }
 
-/// Says that a camera has ended, and which picture is shown.
+/// Message about a camera that has ended.
 fn ended_text(has_picture: bool) -> &'static str {
     if has_picture {
         "the camera has ended; its last picture is shown"
@@ -123,7 +123,7 @@ fn ended_text(has_picture: bool) -> &'static str {
     }
 }
 
-fn how_it_goes(ui: &mut Ui, session: &Session, told: &LiveStatus) {
+fn status_line(ui: &mut Ui, session: &Session, told: &LiveStatus) {
     let status = &told.status;
     if told.is_freezing {
         ui.spinner();
@@ -174,7 +174,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn state_of_a_camera_denies_no_picture_that_is_shown() {
+    fn camera_state_mentions_the_picture_on_display() {
         let over = FeedStatus { is_over: true, ..FeedStatus::default() };
         let gone = FeedStatus { outage: Some("unplugged".to_owned()), ..FeedStatus::default() };
         assert_eq!([&FeedStatus::default(), &gone, &over].map(state_word), [LIVE, "WAITING", "ENDED"]);

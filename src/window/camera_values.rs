@@ -1,4 +1,4 @@
-//! The question where changed values of the camera are saved: in its profile, which other
+//! The question about the destination of changed camera values: the profile, which other
 //! recordings use, or with the scene.
 
 use std::path::Path;
@@ -8,7 +8,7 @@ use eframe::egui::Context;
 use super::project::Project;
 use super::question::{self, Answer, Choices};
 
-/// Where the values of the camera are saved.
+/// Destination of changed camera values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CameraValueTarget {
     Profile,

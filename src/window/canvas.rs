@@ -1,24 +1,24 @@
-//! Draws the picture into the window by a shader of ours. The window's own shader does so much for each pixel that, on a
-//! software driver, a picture costs more to show than to composite.
+//! Paints the picture with a shader of its own. egui's shader does so much work per pixel that, on
+//! a software driver, displaying a picture takes longer than compositing it.
 
 use eframe::egui::{Color32, PaintCallback, PaintCallbackInfo, Rect, Vec2};
 use eframe::egui_wgpu::{Callback, CallbackResources, CallbackTrait, RenderState, ScreenDescriptor};
 use wgpu::util::DeviceExt;
 
-use super::placed::Placed;
+use super::picture_transform::PictureTransform;
 use locard_engine::gpu::Shader;
 
-/// A picture on a plain ground.
+/// Two pictures, split at a line, on a plain background.
 #[derive(Debug)]
 pub struct Canvas {
-    pub placed: Placed,
-    /// Of the pictures, px; their textures may be smaller.
+    pub placed: PictureTransform,
+    /// Size of the pictures, px; their textures may be smaller.
     pub size: Vec2,
-    /// Left of it the first picture is shown, points.
+    /// Split line, points: the first picture is to its left.
     pub line_x: f32,
     pub pictures: [wgpu::Texture; 2],
     pub ground: Color32,
-    /// Pixels are squares.
+    /// Samples the nearest pixel.
     pub squares: bool,
 }
 
@@ -28,22 +28,22 @@ impl Canvas {
     }
 }
 
-/// What all canvases of a window draw with.
-struct Brush {
+/// Pipelines and samplers of all canvases of a window.
+struct CanvasResources {
     picture: wgpu::RenderPipeline,
     ground: wgpu::RenderPipeline,
     smooth: wgpu::Sampler,
     squares: wgpu::Sampler,
-    /// Of the canvas that is drawn in this frame of the window.
-    bound: Option<Bound>,
+    /// Bind groups of the canvas in this frame of the window.
+    bound: Option<CanvasBindings>,
 }
 
-struct Bound {
+struct CanvasBindings {
     pictures: [wgpu::BindGroup; 2],
     ground: wgpu::BindGroup,
 }
 
-/// Makes ready to draw canvases in a window; once for each.
+/// Creates the resources of canvases; call it once per window.
 pub fn prepare(window: &RenderState) {
     let device = &window.device;
     let [picture, ground] = ["main", "ground"].map(|entry| fullscreen(window, Shader::Window, entry));
@@ -56,10 +56,16 @@ pub fn prepare(window: &RenderState) {
         })
     };
     let [smooth, squares] = [wgpu::FilterMode::Linear, wgpu::FilterMode::Nearest].map(sampler);
-    window.renderer.write().callback_resources.insert(Brush { picture, ground, smooth, squares, bound: None });
+    window.renderer.write().callback_resources.insert(CanvasResources {
+        picture,
+        ground,
+        smooth,
+        squares,
+        bound: None,
+    });
 }
 
-/// Covers the viewport of a window's pass by a shader's entry.
+/// A pipeline that covers the viewport with a shader's fragment entry.
 pub fn fullscreen(window: &RenderState, shader: Shader, entry: &str) -> wgpu::RenderPipeline {
     let device = &window.device;
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
@@ -98,7 +104,7 @@ impl CallbackTrait for Canvas {
         _: &mut wgpu::CommandEncoder,
         resources: &mut CallbackResources,
     ) -> Vec<wgpu::CommandBuffer> {
-        let Some(brush) = resources.get_mut::<Brush>() else { return Vec::new() };
+        let Some(canvas) = resources.get_mut::<CanvasResources>() else { return Vec::new() };
         let ppp = screen.pixels_per_point;
         let origin = self.placed.rect.min;
         let [r, g, b, a] = self.ground.to_normalized_gamma_f32();
@@ -117,20 +123,20 @@ impl CallbackTrait for Canvas {
             let layout = &pipeline.get_bind_group_layout(0);
             device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("canvas"), layout, entries: &entries })
         };
-        let sampler = if self.squares { &brush.squares } else { &brush.smooth };
+        let sampler = if self.squares { &canvas.squares } else { &canvas.smooth };
         let pictures = self.pictures.each_ref().map(|picture| {
             let view = picture.create_view(&Default::default());
             let texels = wgpu::BindingResource::TextureView(&view);
-            bind(&brush.picture, &[uniform.as_entire_binding(), wgpu::BindingResource::Sampler(sampler), texels])
+            bind(&canvas.picture, &[uniform.as_entire_binding(), wgpu::BindingResource::Sampler(sampler), texels])
         });
-        let ground = bind(&brush.ground, &[uniform.as_entire_binding()]);
-        brush.bound = Some(Bound { pictures, ground });
+        let ground = bind(&canvas.ground, &[uniform.as_entire_binding()]);
+        canvas.bound = Some(CanvasBindings { pictures, ground });
         Vec::new()
     }
 
     fn paint(&self, info: PaintCallbackInfo, pass: &mut wgpu::RenderPass<'static>, resources: &CallbackResources) {
-        let Some(brush) = resources.get::<Brush>() else { return };
-        let Some(bound) = &brush.bound else { return };
+        let Some(canvas) = resources.get::<CanvasResources>() else { return };
+        let Some(bound) = &canvas.bound else { return };
         let clip = info.clip_rect_in_pixels();
         let clip =
             Area { x: [clip.left_px, clip.left_px + clip.width_px], y: [clip.top_px, clip.top_px + clip.height_px] };
@@ -144,8 +150,8 @@ impl CallbackTrait for Canvas {
                 pass.draw(0..3, 0..1);
             }
         };
-        grounds.iter().for_each(|area| draw(&brush.ground, &bound.ground, area));
-        pictures.iter().zip(&bound.pictures).for_each(|(area, picture)| draw(&brush.picture, picture, area));
+        grounds.iter().for_each(|area| draw(&canvas.ground, &bound.ground, area));
+        pictures.iter().zip(&bound.pictures).for_each(|(area, picture)| draw(&canvas.picture, picture, area));
     }
 }
 
@@ -156,9 +162,9 @@ struct Area {
     y: [i32; 2],
 }
 
-/// Where in `clip` each picture is shown, `placed` (points) and parted at `line_x` (points), and where the ground. A pixel
-/// shows what is at its centre. No area meets another, so that each pixel is drawn once: a pixel costs more than a draw's
-/// beginning.
+/// Areas of both pictures and of the background inside `clip`. The pictures lie at `placed` and are
+/// split at `line_x`, both in points. A pixel belongs to the area at its centre. The areas are
+/// disjoint, so that each pixel is drawn once: a pixel costs more than a draw call.
 fn areas(placed: Rect, line_x: f32, clip: Area, ppp: f32) -> ([Area; 2], [Area; 4]) {
     let within = |edge: f32, [from, to]: [i32; 2]| ((edge * ppp - 0.5).ceil() as i32).clamp(from, to);
     let x = [placed.min.x, placed.max.x].map(|x| within(x, clip.x));
@@ -181,7 +187,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_pixel_is_drawn_once_as_its_centre_says() {
+    fn each_pixel_belongs_to_the_area_at_its_centre() {
         for (min, scale, line_x, ppp) in [
             (pos2(3.25, 4.5), 0.7, 9.0, 1.0),
             (pos2(3.25, 4.5), 0.7, f32::NEG_INFINITY, 2.0),

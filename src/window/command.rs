@@ -1,4 +1,4 @@
-//! The command line that does what the window shows.
+//! The command line that reproduces the displayed composite.
 
 use std::path::Path;
 
@@ -7,14 +7,15 @@ use locard_engine::params::{Params, Value};
 use locard_engine::profile::ShotSettings;
 use locard_engine::text::number;
 
-/// A line for a shell, and what has to be done before it is run.
+/// A line for a shell, with steps to take before it is run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
     pub text: String,
     pub before: Vec<&'static str>,
 }
 
-/// `locard composite` of one frame with all that is set now: what the profile does not say yet is given by `--set`.
+/// `locard composite` of one frame with the current settings: unsaved changes become `--set`
+/// options.
 pub fn composite(project: &Project, frame: usize) -> Line {
     let mut words = vec!["locard".to_owned(), "composite".to_owned()];
     let name = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string();
@@ -53,7 +54,7 @@ pub fn composite(project: &Project, frame: usize) -> Line {
     Line { text: words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" "), before }
 }
 
-/// What `--set` has to say so that what the files say becomes what is set.
+/// Values of `--set` options that turn the files' settings into the current ones.
 fn sets(changes: &ShotSettings) -> Vec<String> {
     let text = |value: &Value| match value {
         Value::Number(n) => number(*n),
@@ -62,13 +63,12 @@ fn sets(changes: &ShotSettings) -> Vec<String> {
     };
     let set = |(table, name, value)| format!("{table}.{name}={}", text(value));
     let mut sets: Vec<String> = changes.values().map(set).collect();
-    // Of two ways to say one thing, the one that is given takes the other back. So those without a
-    // value come first.
+    // Of alternative parameters, setting one unsets the other: options without a value come first.
     sets.sort_by_key(|set| !set.ends_with("=none"));
     sets
 }
 
-/// A word as a shell takes it for one: POSIX', or on Windows PowerShell's.
+/// Quotes a word for a POSIX shell, or for PowerShell on Windows.
 fn quoted(word: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "/._-=:,+".contains(c) || (cfg!(windows) && c == '\\');
     if !word.is_empty() && word.chars().all(is_plain) {

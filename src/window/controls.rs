@@ -1,53 +1,58 @@
-//! A control for every parameter, from its declaration alone.
+//! A control for every parameter, generated from its declaration.
 
 use eframe::egui::containers::menu::MenuButton;
 use eframe::egui::{self, Color32, RichText, Ui};
 
 use super::Project;
-use super::fields::{has_just_opened, rounded, short, typed};
+use super::fields::{has_just_opened, rounded, short, typed_parser};
 use super::project::{Origin, tables};
 use super::row_widths::{RowWidths, STOPS, VALUE};
-use super::slider::{self, Rail, meant};
+use super::slider::{self, SliderScale, rounded_value};
 use locard_engine::camera::stops::{self, Step, Stop};
 use locard_engine::compositor::ON;
 use locard_engine::params::{Kind, Spec, Value, title};
 use locard_engine::shot::Note;
 use locard_engine::text::without_options;
 
-/// What is looked for, and which groups are open.
+/// Filters of the parameter list.
 #[derive(Clone, Debug, Default)]
 pub struct Controls {
     search: String,
-    /// Only what a person has changed.
+    /// Shows only parameters that the user changed.
     changed_only: bool,
 }
 
-/// What a person asked for.
+/// Result of a control.
 #[derive(Clone, Debug)]
-struct Asked {
+struct ValueChange {
     to: Option<Value>,
-    /// The scene's own settings give the value up.
+    /// Removes the value from the scene's own settings.
     resets: bool,
-    /// The drag is over, or what was typed is whole: the next change is a step of its own.
+    /// The drag or the text entry has ended: the next change is an undo step of its own.
     is_done: bool,
 }
 
-impl Asked {
-    /// At one go.
+impl ValueChange {
+    /// A complete change.
     fn set(value: Value) -> Self {
         Self { to: Some(value), resets: false, is_done: true }
     }
 
-    /// At one go, and out of the scene's own settings.
+    /// A complete change that also removes the value from the scene's own settings.
     fn reset(value: Value) -> Self {
         Self { resets: true, ..Self::set(value) }
     }
 }
 
 impl Controls {
-    /// Shows all controls; changes go to the project. `at_work` are the effects that changed the picture that is shown, if it
-    /// is known. Errors of values that are refused are given back.
-    pub fn show(&mut self, ui: &mut Ui, project: &mut Project, at_work: Option<&[&'static str]>) -> Option<String> {
+    /// Shows all controls and applies changes to the project. `active_effects`: effects that
+    /// changed the displayed picture, if known. Returns the error of a rejected value.
+    pub fn show(
+        &mut self,
+        ui: &mut Ui,
+        project: &mut Project,
+        active_effects: Option<&[&'static str]>,
+    ) -> Option<String> {
         ui.horizontal(|ui| {
             let search =
                 egui::TextEdit::singleline(&mut self.search).hint_text("Search parameters").desired_width(160.0);
@@ -60,7 +65,7 @@ impl Controls {
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             let mut is_empty = true;
             for (table, summary) in groups(project) {
-                let is_idle = summary.is_some() && at_work.is_some_and(|effects| !effects.contains(&table));
+                let is_idle = summary.is_some() && active_effects.is_some_and(|effects| !effects.contains(&table));
                 let Some(group) = self.group(ui, project, table, summary, is_idle) else { continue };
                 (is_empty, refused) = (false, group.or(refused.take()));
             }
@@ -74,7 +79,7 @@ impl Controls {
         refused
     }
 
-    /// A table's controls, if any are looked for; a value that is refused is given back.
+    /// Controls of a table, if any match the filters. Returns the error of a rejected value.
     fn group(
         &self,
         ui: &mut Ui,
@@ -104,11 +109,11 @@ impl Controls {
             return None;
         }
         let mut refused = None;
-        let is_looked_for = !self.search.is_empty() || self.changed_only;
-        let id = ui.make_persistent_id(("group", table, is_looked_for));
+        let is_filtered = !self.search.is_empty() || self.changed_only;
+        let id = ui.make_persistent_id(("group", table, is_filtered));
         let is_effect = summary.is_some();
         let mut state = egui::collapsing_header::CollapsingState::load_with_default_open(ui.ctx(), id, is_effect);
-        if is_looked_for {
+        if is_filtered {
             state.set_open(true);
         }
         let mut is_clicked = false;
@@ -153,8 +158,8 @@ impl Controls {
                     let opened = project.baseline_value(table, spec.name);
                     let is_pinned = origin != Origin::User && project.is_pinned(table, spec.name);
                     let origin = if is_pinned { Origin::Scene } else { origin };
-                    let asked = control(ui, table, &spec, &value, origin, idle.as_deref(), opened);
-                    let Some(Asked { to, resets, is_done }) = asked else { continue };
+                    let change = control(ui, table, &spec, &value, origin, idle.as_deref(), opened);
+                    let Some(ValueChange { to, resets, is_done }) = change else { continue };
                     if let Some(value) = to {
                         let done = if resets {
                             project.reset(table, spec.name, &value)
@@ -176,16 +181,16 @@ impl Controls {
     }
 }
 
-/// What the exposure time matters to most.
+/// The table whose effect depends on the exposure time most.
 const BLURS: &str = "motion_blur";
 
-/// Says that a time is taken that nobody gave.
+/// Shows that the exposure time is assumed.
 pub fn unknown_exposure(ui: &mut Ui, note: &Note) {
     let text = format!("Exposure not known: {}.", without_options(&note.to_string()));
     ui.label(RichText::new(text).small().color(ui.visuals().warn_fg_color));
 }
 
-/// Every table, in the order of the light; an effect's with what it does.
+/// All tables in the order of the light path; those of effects with their summary.
 fn groups(project: &Project) -> Vec<(&'static str, Option<&'static str>)> {
     let edit = project.edit();
     let summary = |table: &str| edit.settings.effects().find(|effect| effect.table() == table).map(|e| e.summary());
@@ -208,13 +213,13 @@ fn control(
     origin: Origin,
     idle: Option<&str>,
     opened: Option<Value>,
-) -> Option<Asked> {
+) -> Option<ValueChange> {
     let full = format!("{table}.{}", spec.name);
     let called = format!("{}: {}", title(table), spec.words());
     let reset = opened.clone().unwrap_or_else(|| spec.default.clone());
-    let mut asked = None;
+    let mut change = None;
     ui.horizontal(|ui| {
-        mark(ui, origin);
+        origin_marker(ui, origin);
         let text = RichText::new(spec.words());
         let text = if origin == Origin::User { text.strong() } else { text };
         let text = if idle.is_some() { text.weak() } else { text };
@@ -234,7 +239,7 @@ fn control(
             if idle.is_none() {
                 return ui.add(egui::Label::new(text).truncate().sense(egui::Sense::click()));
             }
-            // The word keeps its place where the name is long.
+            // The word stays visible if the name is truncated.
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
                 let word = ui.label(RichText::new("idle").weak().small());
                 word.on_hover_ui(|ui| help(ui, &called, &full, spec, idle, opened.as_ref()));
@@ -245,15 +250,15 @@ fn control(
         let label = label.inner;
         let label = label.on_hover_ui(|ui| help(ui, &called, &full, spec, idle, opened.as_ref()));
         if label.double_clicked() {
-            asked = Some(Asked::reset(reset.clone()));
+            change = Some(ValueChange::reset(reset.clone()));
         }
         label.context_menu(|ui| {
             if reset != spec.default && ui.button(format!("Profile: {reset}")).clicked() {
-                asked = Some(Asked::reset(reset.clone()));
+                change = Some(ValueChange::reset(reset.clone()));
                 ui.close();
             }
             if ui.button(format!("Default: {}", spec.default)).clicked() {
-                asked = Some(Asked::reset(spec.default.clone()));
+                change = Some(ValueChange::reset(spec.default.clone()));
                 ui.close();
             }
         });
@@ -265,7 +270,7 @@ fn control(
                 egui::WidgetInfo::selected(egui::Role::CheckBox, true, given, format!("{called} is given"))
             });
             if given_box.changed() {
-                asked = Some(Asked::set(if given { first_value(&full, &spec.kind) } else { Value::None }));
+                change = Some(ValueChange::set(if given { first_value(&full, &spec.kind) } else { Value::None }));
             }
             if !given {
                 ui.weak("not given");
@@ -275,24 +280,24 @@ fn control(
         ui.spacing_mut().slider_width = widths.slider.unwrap_or_default();
         ui.spacing_mut().interact_size.x = VALUE;
         if let Some(done) = field(ui, &called, spec, &mut shown, &reset, widths.slider.is_some()) {
-            asked = Some(done);
+            change = Some(done);
         }
         if let (Some(dial), Value::Number(now)) = (dial, value)
             && let Some(stop) = dial.show(ui, &called, *now, widths.stops)
         {
-            asked = Some(Asked::set(Value::Number(stop)));
+            change = Some(ValueChange::set(Value::Number(stop)));
         }
     });
-    asked
+    change
 }
 
-/// A camera's dial: it clicks in thirds of a stop.
+/// A camera's dial, in thirds of a stop.
 struct Dial {
     stops: Vec<Stop>,
     format: fn(f64) -> String,
 }
 
-/// The dial of a parameter that cameras have one for.
+/// The dial of a parameter, if cameras have one for it.
 fn dial(full: &str) -> Option<Dial> {
     let (stops, format): (Vec<Stop>, fn(f64) -> String) = match full {
         "camera.lens.f_number" => (stops::f_numbers(Step::Third), stops::format_f_number),
@@ -309,7 +314,7 @@ impl Dial {
         if now > 0.0 { (self.format)(now) } else { "stops".to_owned() }
     }
 
-    /// Shows the value as a camera does, cut to a width. Gives the exact value of the stop that is chosen.
+    /// Shows the nominal value in the given width. Returns the exact value of a chosen stop.
     fn show(&self, ui: &mut Ui, called: &str, now: f64, width: f32) -> Option<f64> {
         let mut chosen = None;
         let button = egui::Button::new(self.text(now)).min_size(egui::vec2(STOPS.min(width), 0.0)).truncate();
@@ -340,9 +345,9 @@ impl Dial {
     }
 }
 
-/// What a parameter that had no value begins with.
+/// First value of a parameter that had none.
 fn first_value(full: &str, kind: &Kind) -> Value {
-    // Where 1 would be a camera that nobody has.
+    // Parameters for which 1 is not plausible.
     match full {
         "camera.exposure.time_s" => return Value::Number(0.016),
         "camera.exposure.shutter_angle_deg" => return Value::Number(180.0),
@@ -357,13 +362,20 @@ fn first_value(full: &str, kind: &Kind) -> Value {
     }
 }
 
-/// The control itself; it is called as the parameter. A double-click sets `reset`.
-fn field(ui: &mut Ui, called: &str, spec: &Spec, value: &mut Value, reset: &Value, has_slider: bool) -> Option<Asked> {
+/// The control itself, with its accessible name. A double-click sets `reset`.
+fn field(
+    ui: &mut Ui,
+    called: &str,
+    spec: &Spec,
+    value: &mut Value,
+    reset: &Value,
+    has_slider: bool,
+) -> Option<ValueChange> {
     match (&spec.kind, value) {
         (Kind::Bool, Value::Bool(on)) => {
             let response = ui.checkbox(on, "");
             response.widget_info(|| egui::WidgetInfo::selected(egui::Role::CheckBox, true, *on, called));
-            response.changed().then_some(Asked::set(Value::Bool(*on)))
+            response.changed().then_some(ValueChange::set(Value::Bool(*on)))
         }
         (Kind::Choice(names), Value::Text(chosen)) => {
             let before = chosen.clone();
@@ -375,7 +387,7 @@ fn field(ui: &mut Ui, called: &str, spec: &Spec, value: &mut Value, reset: &Valu
             });
             let info = || egui::WidgetInfo::labeled(egui::Role::ComboBox, true, called);
             response.response.widget_info(info);
-            (*chosen != before).then(|| Asked::set(Value::Text(chosen.clone())))
+            (*chosen != before).then(|| ValueChange::set(Value::Text(chosen.clone())))
         }
         (Kind::Number { .. } | Kind::Integer { .. }, Value::Number(n)) => {
             numeric(ui, called, spec, n, reset, has_slider)
@@ -384,27 +396,35 @@ fn field(ui: &mut Ui, called: &str, spec: &Spec, value: &mut Value, reset: &Valu
     }
 }
 
-/// Wider ranges than this have no slider unless they go by decades.
-const WIDEST_SLIDER: f64 = 1e4;
+/// Largest range of a linear slider. Sliders with a ratio scale have no limit.
+const MAX_LINEAR_RANGE: f64 = 1e4;
 
-/// The unit behind a number.
+/// Unit suffix of a number.
 fn suffix(spec: &Spec) -> String {
     if matches!(spec.unit, "" | "1") { String::new() } else { format!(" {}", spec.unit) }
 }
 
-fn numeric(ui: &mut Ui, called: &str, spec: &Spec, n: &mut f64, reset: &Value, has_slider: bool) -> Option<Asked> {
+fn numeric(
+    ui: &mut Ui,
+    called: &str,
+    spec: &Spec,
+    n: &mut f64,
+    reset: &Value,
+    has_slider: bool,
+) -> Option<ValueChange> {
     let (min, max, whole) = match spec.kind {
         Kind::Number { min, max } => (min, max, false),
         Kind::Integer { min, max } => (min, max, true),
         _ => return None,
     };
     let unit = suffix(spec);
-    let rail = Rail { min, max, by_ratio: spec.by_ratio, whole };
-    let (response, is_twice) = if has_slider && (max - min <= WIDEST_SLIDER || spec.by_ratio) {
-        slider::show(ui, called, n, rail, &unit)
+    let scale = SliderScale { min, max, by_ratio: spec.by_ratio, whole };
+    let (response, is_twice) = if has_slider && (max - min <= MAX_LINEAR_RANGE || spec.by_ratio) {
+        slider::show(ui, called, n, scale, &unit)
     } else {
         let speed = if whole { 1.0 } else { (0.002 * n.abs()).max(1e-4) };
-        let drag = egui::DragValue::new(n).range(min..=max).speed(speed).suffix(unit).custom_parser(typed(ui.ctx()));
+        let drag =
+            egui::DragValue::new(n).range(min..=max).speed(speed).suffix(unit).custom_parser(typed_parser(ui.ctx()));
         let drag = drag.clip_text(true);
         let response = ui.add(drag.custom_formatter(|n, _| short(n)).update_while_editing(false));
         response.widget_info(|| egui::WidgetInfo::slider(true, *n, called));
@@ -412,16 +432,16 @@ fn numeric(ui: &mut Ui, called: &str, spec: &Spec, n: &mut f64, reset: &Value, h
         (response, is_twice)
     };
     if is_twice {
-        return Some(Asked::reset(reset.clone()));
+        return Some(ValueChange::reset(reset.clone()));
     }
-    let to = response.changed().then(|| Value::Number(meant(*n, rail)));
-    // The last change and the end of a drag come together.
+    let to = response.changed().then(|| Value::Number(rounded_value(*n, scale)));
+    // The last change and the end of a drag can arrive together.
     let is_done = response.drag_stopped() || response.lost_focus();
-    (to.is_some() || is_done).then_some(Asked { to, resets: false, is_done })
+    (to.is_some() || is_done).then_some(ValueChange { to, resets: false, is_done })
 }
 
-/// A dot for what the person has set, a ring for what a file says.
-fn mark(ui: &mut Ui, origin: Origin) {
+/// Origin marker: a dot for values of the user, a ring for values of a file.
+fn origin_marker(ui: &mut Ui, origin: Origin) {
     let (rect, response) = ui.allocate_exact_size(egui::vec2(8.0, 18.0), egui::Sense::hover());
     let color = Color32::from_rgb(230, 159, 0);
     match origin {
@@ -432,13 +452,13 @@ fn mark(ui: &mut Ui, origin: Origin) {
         }
         Origin::Default => {}
     }
-    let says = match origin {
+    let hint = match origin {
         Origin::User => "You have changed it",
         Origin::File => "As the recording or a profile says",
         Origin::Scene => "Kept by the scene, as the profile has it. Double-click the name to follow the profile",
         Origin::Default => "Its default",
     };
-    response.on_hover_text(says);
+    response.on_hover_text(hint);
 }
 
 fn help(ui: &mut Ui, called: &str, full: &str, spec: &Spec, idle: Option<&str>, opened: Option<&Value>) {

@@ -1,16 +1,16 @@
-//! The dials of the virtual camera that photographs from the window.
+//! Dials of the virtual camera for photographs.
 
 use std::path::PathBuf;
 
 use eframe::egui::{self, RichText, Ui};
 
-use super::fields::{has_just_opened, parse_number, typed};
+use super::fields::{has_just_opened, parse_number, typed_parser};
 use locard_engine::camera::Film;
 use locard_engine::camera::stops::{self, Step, Stop, StopError};
 use locard_engine::photo::{Bracket, Focus, Wanted};
 use locard_engine::text::without_options;
 
-/// As they are typed; empty for what the camera chooses.
+/// Text of the fields; empty for automatic values.
 #[derive(Clone, Debug, Default)]
 pub struct Dials {
     f_number: String,
@@ -30,7 +30,8 @@ pub struct Dials {
 const FILMS: [&str; 7] = ["36x24", "aps-c", "aps-c-canon", "micro-4/3", "1in", "1/2.3in", "6x6"];
 
 impl Dials {
-    /// Shows the dials. Gives the photograph that is wanted when the button is pressed; its file is not chosen yet.
+    /// Shows the dials. Returns the settings of a photograph when the button is pressed, without
+    /// its path.
     pub fn show(&mut self, ui: &mut Ui, frame: usize) -> Option<Wanted> {
         let marked = |stops: Vec<Stop>, format: fn(f64) -> String| -> Vec<String> {
             stops.into_iter().map(|stop| format(stop.exact)).collect()
@@ -54,7 +55,7 @@ impl Dials {
                 .speed(0.05)
                 .suffix(" EV")
                 .update_while_editing(false);
-            ui.add(drag.custom_parser(typed(ui.ctx())))
+            ui.add(drag.custom_parser(typed_parser(ui.ctx())))
                 .widget_info(|| egui::WidgetInfo::labeled(egui::Role::SpinButton, true, "Compensation"));
             ui.end_row();
             ui.label("Series");
@@ -86,7 +87,7 @@ impl Dials {
         wanted.ok().filter(|_| button.clicked())
     }
 
-    /// What is dialled, or which dial cannot be read.
+    /// Settings of the dials, or the error of one that cannot be parsed.
     fn wanted(&self, frame: usize) -> Result<Wanted, String> {
         Ok(Wanted {
             f_number: read("Aperture", &self.f_number, |text| stop(stops::parse_f_number(text)))?,
@@ -112,7 +113,7 @@ impl Dials {
     }
 }
 
-/// The dials by the options of the command line, as messages name them.
+/// Options of the command line with the labels of their dials.
 const OPTIONS: [(&str, &str); 13] = [
     ("--aperture", "Aperture"),
     ("--shutter", "Shutter"),
@@ -129,8 +130,8 @@ const OPTIONS: [(&str, &str); 13] = [
     ("--mode", "mode"),
 ];
 
-/// A message with the dials' names instead of options.
-pub fn by_dials(text: &str) -> String {
+/// Replaces options of the command line in a message by the labels of dials.
+pub fn options_as_dials(text: &str) -> String {
     OPTIONS.iter().fold(without_options(text), |text, (option, dial)| text.replace(option, dial))
 }
 
@@ -138,18 +139,18 @@ fn stop(read: Result<f64, StopError>) -> Result<f64, String> {
     read.map_err(|error| error.to_string())
 }
 
-fn number(text: &str, least: f64, most: f64) -> Result<f64, String> {
+fn number(text: &str, min: f64, max: f64) -> Result<f64, String> {
     let accepted = format!(
         "{text} is refused: accepted is {} to {}",
-        locard_engine::text::number(least),
-        locard_engine::text::number(most)
+        locard_engine::text::number(min),
+        locard_engine::text::number(max)
     );
-    parse_number(text).filter(|number| (least..=most).contains(number)).ok_or(accepted)
+    parse_number(text).filter(|number| (min..=max).contains(number)).ok_or(accepted)
 }
 
-/// Nothing where nothing is typed.
+/// Parses a field; `None` if it is empty.
 fn read<T>(dial: &str, text: &str, parse: impl FnOnce(&str) -> Result<T, String>) -> Result<Option<T>, String> {
-    // A decimal comma. The aim, X,Y, is not read here.
+    // Accepts a decimal comma. The aim, X,Y, is not parsed here.
     let text = text.trim().replace(',', ".");
     if text.is_empty() {
         return Ok(None);
@@ -157,14 +158,14 @@ fn read<T>(dial: &str, text: &str, parse: impl FnOnce(&str) -> Result<T, String>
     parse(&text).map(Some).map_err(|why| format!("{dial}: {why}"))
 }
 
-/// What is typed of a camera's value, without what belongs to its name: f/8, 8 and 8,0 are one.
-fn bare(text: &str) -> String {
+/// A camera's value without prefix and unit: f/8, 8 and 8,0 are equal.
+fn normalized_value(text: &str) -> String {
     let text = text.trim().replace(',', ".");
     let text = text.trim_start_matches("f/").trim_start_matches("ISO").trim_end_matches('s').trim();
     text.parse::<f64>().map_or_else(|_| text.to_owned(), locard_engine::text::number)
 }
 
-/// A field to type into, with the values that a camera has.
+/// A text field with a menu of nominal values.
 fn dial(ui: &mut Ui, name: &str, empty: &str, text: &mut String, values: impl FnOnce() -> Vec<String>) {
     ui.label(name);
     ui.horizontal(|ui| {
@@ -182,7 +183,7 @@ fn dial(ui: &mut Ui, name: &str, empty: &str, text: &mut String, values: impl Fn
                     ui.close();
                 }
                 for value in values {
-                    let is_now = bare(text) == bare(&value);
+                    let is_now = normalized_value(text) == normalized_value(&value);
                     let button = ui.selectable_label(is_now, &value);
                     if is_now && opens {
                         button.scroll_to_me(Some(egui::Align::Center));
@@ -204,23 +205,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn messages_name_dials_and_no_options() {
-        let text = by_dials("--aim 9,9 lies outside of the picture, 4x4 px (--force); a smaller --iso helps");
+    fn options_in_messages_become_dial_labels() {
+        let text = options_as_dials("--aim 9,9 lies outside of the picture, 4x4 px (--force); a smaller --iso helps");
         assert_eq!(text, "In the middle 9,9 lies outside of the picture, 4x4 px; a smaller ISO helps");
     }
 
     #[test]
-    fn a_value_is_found_in_its_menu_as_people_type_it() {
+    fn typed_value_matches_its_menu_entry() {
         for (typed, marked) in
             [("8", "f/8"), ("5,60", "f/5.6"), ("1/500", "1/500 s"), ("6400", "ISO 6400"), ("2", "2 s")]
         {
-            assert_eq!(bare(typed), bare(marked), "{typed}");
+            assert_eq!(normalized_value(typed), normalized_value(marked), "{typed}");
         }
-        assert_ne!(bare("8"), bare("f/80"));
+        assert_ne!(normalized_value("8"), normalized_value("f/80"));
     }
 
     #[test]
-    fn dials_are_read_as_people_set_them() {
+    fn typed_dials_become_photograph_settings() {
         let dials = Dials {
             f_number: "f/2,8".to_owned(),
             shutter: "1/60".to_owned(),

@@ -14,12 +14,13 @@ use super::autosave::{Autosave, HISTORY_STEPS, RecoverableWork, UnsavedWork};
 use super::camera_dialog::CameraDialog;
 use super::camera_values::CameraValueTarget;
 use super::chooser::{Chooser, ChooserMode};
+use super::file_kind::FileKind;
+use super::file_watch::{Change, FileWatch};
 use super::jobs::{JobState, Jobs};
-use super::kind::Kind;
 use super::message::MessageWindow;
 use super::missing;
 use super::opening::Opening;
-use super::output::{Ask, Output, Situation, proposed};
+use super::output::{Output, OutputRequest, PlaybackState, default_name};
 use super::preferences::{FolderUse, Preferences};
 use super::project::{Project, SaveError, WrittenFile};
 use super::recent::{DocumentRef, Recent, ViewState};
@@ -28,7 +29,6 @@ use super::restart;
 use super::saving::SavedFile;
 use super::session::Session;
 use super::task::BackgroundTask;
-use super::watch::{Change, Watch};
 use locard_engine::live;
 
 /// Purpose of a path chosen in a dialog.
@@ -41,7 +41,7 @@ enum ChooserPurpose {
     Locate(PathBuf),
     SaveProfile,
     SaveScene,
-    Output(Ask),
+    Output(OutputRequest),
     /// Folder for the camera's frames from now on.
     Record,
     /// Folder for the frozen last seconds.
@@ -103,7 +103,7 @@ pub struct Documents {
     recovery_search: Option<RecoverySearch>,
     recent: Recent,
     preferences: Preferences,
-    watch: Option<Watch>,
+    watch: Option<FileWatch>,
     jobs: Option<Jobs>,
     analysing: Analysing,
     output: Output,
@@ -123,7 +123,7 @@ pub struct Documents {
     state_folder: Option<PathBuf>,
     opening: Option<Opening>,
     /// Dropped files and the task that determines the kind of each.
-    dropped_files: Vec<(PathBuf, BackgroundTask<Kind>)>,
+    dropped_files: Vec<(PathBuf, BackgroundTask<FileKind>)>,
     /// A readable model that was dropped.
     dropped_model: Option<PathBuf>,
     writing: Option<BackgroundTask<Result<WrittenFile, SaveError>>>,
@@ -150,7 +150,7 @@ pub struct Documents {
     may_close: bool,
     /// The loss of the device has been handled.
     handled_device_loss: bool,
-    /// Restarts the program, or returns an error message. [`restart::again`] if `None`.
+    /// Restarts the program, or returns an error message. [`restart::restart`] if `None`.
     pub restart_with: Option<fn() -> String>,
     /// Files changed on disk whose open state the user chose to keep.
     ignored_changes: Vec<PathBuf>,
@@ -217,7 +217,7 @@ impl Documents {
     fn watch_files(&mut self, project: &Project) {
         let Some(watch) = &mut self.watch else { return };
         let own = [project.profile.as_ref(), project.scene.as_ref()].into_iter().flatten();
-        own.chain([&project.shot().recording.path]).for_each(|path| watch.known(path, project.stamp(path)));
+        own.chain([&project.shot().recording.path]).for_each(|path| watch.record(path, project.stamp(path)));
     }
 
     /// The last chosen theme.
@@ -246,7 +246,7 @@ impl Documents {
     pub fn update(&mut self, ctx: &egui::Context, session: &mut Session) -> Option<DocumentSwitch> {
         if self.watch.is_none() {
             let wake = ctx.clone();
-            self.watch = Watch::begin(move || wake.request_repaint()).ok();
+            self.watch = FileWatch::begin(move || wake.request_repaint()).ok();
             self.watch_files(&session.project);
         }
         self.autosave_and_watch(ctx, session);
@@ -272,7 +272,7 @@ impl Documents {
             self.preferences.set_theme(theme);
         }
         #[cfg(development)]
-        restart::try_it(session.viewer.gpu(), ctx);
+        restart::lose_device_when_due(session.viewer.gpu(), ctx);
         if session.is_lost() && !self.handled_device_loss {
             self.handled_device_loss = true;
             return self.restart_program(ctx, session);
@@ -308,7 +308,7 @@ impl Documents {
             }
         }
         if let Some(watch) = &mut self.watch {
-            ctx.request_repaint_after(watch.look(now));
+            ctx.request_repaint_after(watch.poll(now));
             let recording = &session.project.shot().recording.path;
             if watch.change(recording) == Some(Change::Gone) {
                 session.show_error(format!(
@@ -331,7 +331,7 @@ impl Documents {
         if session.project.history().has_uncommitted() || !watch.take_returned() {
             return;
         }
-        match missing::load_again(&mut session.project) {
+        match missing::reload(&mut session.project) {
             Ok(()) if missing(&session.project).len() < before.len() => {
                 session.show_message("A missing file is back, and the scene was loaded again");
             }
@@ -349,7 +349,7 @@ impl Documents {
             }
             None => session.project.is_saved(),
         };
-        let again = self.restart_with.unwrap_or(restart::again);
+        let again = self.restart_with.unwrap_or(restart::restart);
         let why = if is_recoverable { again() } else { "your work is not kept: save it first".to_owned() };
         let message = format!("The graphics device was lost: start it again ({why})");
         // The window may be unable to draw this message.
@@ -407,7 +407,7 @@ impl Documents {
         }
         let player = &session.player;
         let looped = Some(player.range()).filter(|range| range.len() < player.count());
-        let now = Situation { frame: player.frame(), count: player.count(), looped };
+        let now = PlaybackState { frame: player.frame(), count: player.count(), looped };
         let mut ask = None;
         let mut is_open = true;
         let at = ctx.content_rect().right_top() + egui::vec2(-424.0, 44.0);
@@ -420,16 +420,18 @@ impl Documents {
         self.is_output_open = is_open;
         if let Some(ask) = ask {
             let (title, mode) = match &ask {
-                Ask::Folder(_) => ("Write pictures into a folder", ChooserMode::NewFolder),
-                Ask::Video { lossless: false, .. } => ("Write a video", ChooserMode::NewFile(&["mp4", "mkv"])),
-                Ask::Video { .. } => ("Write a video", ChooserMode::NewFile(&["mkv", "mp4"])),
-                Ask::Photograph(wanted) if wanted.bracket.is_some() => {
+                OutputRequest::Folder(_) => ("Write pictures into a folder", ChooserMode::NewFolder),
+                OutputRequest::Video { lossless: false, .. } => {
+                    ("Write a video", ChooserMode::NewFile(&["mp4", "mkv"]))
+                }
+                OutputRequest::Video { .. } => ("Write a video", ChooserMode::NewFile(&["mkv", "mp4"])),
+                OutputRequest::Photograph(wanted) if wanted.bracket.is_some() => {
                     ("Write a series of photographs", ChooserMode::NewSeries(&["jpg", "jpeg", "png"]))
                 }
-                Ask::Photograph(_) => ("Write a photograph", ChooserMode::NewFile(&["jpg", "jpeg", "png"])),
-                Ask::Snapshot(_) => ("Write the frame", ChooserMode::NewFile(&["png"])),
+                OutputRequest::Photograph(_) => ("Write a photograph", ChooserMode::NewFile(&["jpg", "jpeg", "png"])),
+                OutputRequest::Snapshot(_) => ("Write the frame", ChooserMode::NewFile(&["png"])),
             };
-            let name = proposed(&ask, &session.project.shot().recording.path);
+            let name = default_name(&ask, &session.project.shot().recording.path);
             self.choose(&session.project, ChooserPurpose::Output(ask), title, mode, Some(&name));
         }
     }

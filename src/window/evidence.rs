@@ -1,4 +1,4 @@
-//! The evidence: what there is to place, what has been placed, and where.
+//! The evidence panel: models to place, placed things, and their stances.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -7,15 +7,15 @@ use eframe::egui::{self, RichText, Ui};
 use glam::{DVec2, DVec3};
 
 use super::Project;
-use super::fields::{is_taken_back, numeric, row};
-use super::finder::Click;
+use super::fields::{is_typed_reverted, numeric, row};
 use super::ground::Ground;
-use super::handles::{Ghost, Plane, Would};
+use super::handles::{PlacementPreview, Plane, PreviewKey};
 use super::library::{Library, name};
 use super::list;
 use super::missing;
 use super::object_actions;
-use super::picture::Seen;
+use super::picture::PictureOutput;
+use super::point_picker::Click;
 use super::scene_checks::SceneChecks;
 use super::tilt;
 use locard_engine::frame::Frame;
@@ -26,73 +26,76 @@ use locard_engine::scene::{
 };
 use locard_engine::shot::{Eye, Ray, Shot};
 
-/// What is being done with the evidence.
+/// State of the panel.
 #[derive(Default)]
 pub struct Evidence {
     /// The models that can be placed.
     library: Library,
-    /// What they are placed on.
+    /// Surface to place on.
     pub ground: Ground,
     scene_checks: SceneChecks,
     /// The model that the next click places.
     placing: Option<PathBuf>,
-    ghost: Ghost,
+    preview: PlacementPreview,
     lies_flat: bool,
-    /// From facing whoever looks.
+    /// Heading relative to facing the camera.
     turned_deg: f64,
-    /// Pressed, and turned by dragging since; nothing where no surface is known there.
-    turning: Option<Turning>,
-    /// Where it was pressed, px of the picture.
+    /// A placement that is turned by dragging. `None` if no surface is known at the pressed point.
+    turning: Option<DraggedTurn>,
+    /// Where the button was pressed, px of the picture.
     pressed_px: Option<DVec2>,
-    /// In the list and in the picture.
+    /// The selection, in the list and in the picture.
     pub selected: Option<SceneItem>,
     renaming: Option<Renaming>,
     /// A missing file of the scene that the user wants to locate.
     pub locates: Option<PathBuf>,
 }
 
-/// What is being placed stays where the button was pressed, and its front follows the pointer.
+/// A placement at the point of the press whose front follows the pointer.
 #[derive(Clone, Copy, Debug)]
-struct Turning {
+struct DraggedTurn {
     at_px: DVec2,
     support: Support,
-    /// From facing whoever looks.
+    /// Heading relative to facing the camera.
     turned_deg: f64,
 }
 
-/// A name that is being typed: one step, as long as its field has the focus.
+/// A name that is being typed: one undo step while its field has the focus.
 struct Renaming {
     /// The name before.
     before: String,
-    /// What stands in the field, and the name that came of it: an empty field is no name.
+    /// Text of the field.
     typed: String,
-    given: String,
+    /// Resulting title of the thing: an empty field is not a name.
+    title: String,
 }
 
 impl Evidence {
-    /// Whether the next click in the picture places something.
+    /// True if the next click in the picture places a model.
     pub fn is_placing(&self) -> bool {
         self.placing.is_some()
     }
 
-    /// Whether something was begun that Esc ends.
+    /// True if Esc has something to cancel.
     pub fn is_busy(&self) -> bool {
         self.is_placing() || self.ground.is_busy()
     }
 
     pub fn cancel(&mut self) {
-        (self.placing, self.turning, self.pressed_px) = (None, None, None);
-        self.ghost.rest();
+        self.placing = None;
+        self.turning = None;
+        self.pressed_px = None;
+        self.preview.clear();
         self.ground.cancel();
     }
 
-    /// Drops the selection of a thing that the scene no longer has.
+    /// Drops the selection if the scene no longer has the thing.
     pub fn update_selection(&mut self, project: &Project) {
         let scene = &project.edit().scene;
         self.selected = self.selected.filter(|selected| scene.placement(*selected).is_some());
     }
 
-    /// Shows the list and the controls of what is selected. Gives back what is to be said.
+    /// Shows the list and the controls of the selected thing. Returns a message.
     pub fn show(
         &mut self,
         ui: &mut Ui,
@@ -100,13 +103,13 @@ impl Evidence {
         gpu: &Gpu,
         frame: Option<&Arc<Frame>>,
     ) -> Option<String> {
-        let mut told = None;
+        let mut message = None;
         ui.strong("Evidence");
         if !project.can_place() {
             ui.label("A model alone stands by its own coordinates. Open a scene file, or none, to place evidence.");
             return None;
         }
-        self.library.look(&project.scene_path());
+        self.library.scan(&project.scene_path());
         let text = self.placing.as_deref().map_or_else(|| "Place…".to_owned(), name);
         let menu = ui.menu_button(text, |ui| {
             let model = self.library.show(ui, gpu);
@@ -117,7 +120,8 @@ impl Evidence {
             }
             is_chosen
         });
-        // Left by a key, the button has the keyboard again; a model that was taken wants a place, which has its own keys.
+        // Esc returns the keyboard focus to the button. A chosen model needs it free, for the keys
+        // of the placement.
         let is_chosen = menu.inner == Some(true);
         if is_chosen {
             ui.memory_mut(|memory| memory.stop_text_input());
@@ -137,31 +141,31 @@ impl Evidence {
             ui.label(RichText::new("Click in the picture, or press and drag to turn it; Esc ends it.").weak());
         }
         if let Some(Ok(said) | Err(said)) = self.ground.show(ui, project) {
-            told = Some(said);
+            message = Some(said);
         }
         ui.separator();
         self.locates = missing::show(ui, project);
         self.scene_checks.update(project, frame, ui.ctx());
-        told = list::show(ui, project, &self.scene_checks, &mut self.selected).or(told);
+        message = list::show(ui, project, &self.scene_checks, &mut self.selected).or(message);
         let scene = project.edit().scene.clone();
         let renaming = self.renaming.take();
         let was_typing = renaming.is_some();
         if let Some(SceneItem::Object(entry)) = self.selected {
             ui.separator();
-            told = self.selected(ui, project, &scene, entry, renaming).or(told);
+            message = self.selected(ui, project, &scene, entry, renaming).or(message);
             let object = scene.entries().iter().position(|other| *other == entry);
             let version = project.scene_version();
             if let Some(tilt) = object.and_then(|object| self.scene_checks.tilt(version, object)) {
-                told = tilt::show(ui, project, entry, &tilt).or(told);
+                message = tilt::show(ui, project, entry, &tilt).or(message);
             }
         }
         if was_typing && self.renaming.is_none() {
             project.close_step();
         }
-        told
+        message
     }
 
-    /// The name and the numbers of what is selected.
+    /// Name and placement of the selected object.
     fn selected(
         &mut self,
         ui: &mut Ui,
@@ -172,19 +176,19 @@ impl Evidence {
     ) -> Option<String> {
         let placement = scene.placement(entry)?;
         let (title, mut changed, mut done) = (scene.title(entry), placement, false);
-        // What turns it may be its rotation.
+        // The heading may come from the rotation.
         let faces_deg = scene.heading_deg(entry, project.up()).unwrap_or(placement.heading_deg);
         let shown_deg = (faces_deg * 10.0).round() / 10.0;
         let mut heading_deg = shown_deg;
-        // Undone meanwhile, it has its old name.
-        let renaming = renaming.filter(|renaming| renaming.given == title);
+        // Discarded if the renaming was undone meanwhile.
+        let renaming = renaming.filter(|renaming| renaming.title == title);
         let mut name = renaming.as_ref().map_or_else(|| title.clone(), |renaming| renaming.typed.clone());
         let salt = ("name", entry.object, entry.instance);
         let field = ui.add(egui::TextEdit::singleline(&mut name).id_salt(salt).desired_width(180.0));
         field.widget_info(|| egui::WidgetInfo::labeled(egui::Role::TextInput, true, "Name"));
         if let Some(renaming) = &renaming
             && field.lost_focus()
-            && is_taken_back(ui.ctx())
+            && is_typed_reverted(ui.ctx())
         {
             project.remove_open_step(&renamed(&renaming.before));
             return None;
@@ -198,7 +202,7 @@ impl Evidence {
             done |= row(ui, "heading", "heading", &mut heading_deg, 0.5, " °");
             done |= size(ui, &placement, &mut changed);
         });
-        // To a tenth of a millimetre and of a degree, but only what was touched.
+        // Rounds to 0.1 mm and 0.1°, changed values only.
         let moved = changed.position_m != placement.position_m;
         let rounded = |to: f64, from: f64| if to == from { to } else { (to * 1e4).round() / 1e4 };
         for i in 0..3 {
@@ -210,11 +214,14 @@ impl Evidence {
         }
         let mut wrong = None;
         if is_renamed || changed != placement {
-            let what = match () {
-                () if is_renamed => renamed(&title),
-                () if moved => format!("{title}: moved"),
-                () if changed.heading_deg != placement.heading_deg => format!("{title}: turned"),
-                () => format!("{title}: scaled"),
+            let what = if is_renamed {
+                renamed(&title)
+            } else if moved {
+                format!("{title}: moved")
+            } else if changed.heading_deg != placement.heading_deg {
+                format!("{title}: turned")
+            } else {
+                format!("{title}: scaled")
             };
             let change = |scene: &mut SceneFile| {
                 scene.put(entry, &changed);
@@ -225,8 +232,8 @@ impl Evidence {
             wrong = project.change_scene(&what, change).err().map(|e| e.to_string());
         }
         if field.has_focus() {
-            let given = project.edit().scene.title(entry);
-            self.renaming = Some(Renaming { before: title, typed: name, given });
+            let new_title = project.edit().scene.title(entry);
+            self.renaming = Some(Renaming { before: title, typed: name, title: new_title });
         }
         if done {
             project.close_step();
@@ -246,23 +253,23 @@ impl Evidence {
         wrong
     }
 
-    /// Where the picture is dragged while something is placed: the thing stands where the button was pressed, and its front
-    /// follows the pointer. Gives the place once the button is let go.
-    pub fn turn(&mut self, seen: &Seen, project: &Project, frame: &Frame) -> Option<DVec2> {
-        let response = &seen.response;
+    /// Turns a placement by dragging: the thing stays at the point of the press, its front follows
+    /// the pointer. Returns that point when the button is released.
+    pub fn turn(&mut self, picture: &PictureOutput, project: &Project, frame: &Frame) -> Option<DVec2> {
+        let response = &picture.response;
         let px = |at: egui::Pos2| {
-            let at = seen.placed.picture_px(at);
+            let at = picture.placed.picture_px(at);
             DVec2::new(at.x.into(), at.y.into())
         };
         if response.drag_started_by(egui::PointerButton::Primary) {
             self.pressed_px = response.ctx.input(|i| i.pointer.press_origin()).map(px);
             self.turning = self.pressed_px.and_then(|at_px| {
-                let support = self.ground.finder.look(project.shot(), frame, at_px)?;
-                Some(Turning { at_px, support, turned_deg: self.turned_deg })
+                let support = self.ground.picker.preview(project.shot(), frame, at_px)?;
+                Some(DraggedTurn { at_px, support, turned_deg: self.turned_deg })
             });
         }
         let Some(turning) = self.turning.as_mut() else {
-            // A click there says why.
+            // `place` returns the reason.
             return self.pressed_px.take_if(|_| response.drag_stopped_by(egui::PointerButton::Primary));
         };
         if let (Some(at), Ok(eye)) = (response.interact_pointer_pos(), project.shot().eye(frame.index)) {
@@ -274,19 +281,19 @@ impl Evidence {
         self.pressed_px.take_if(|_| is_done).map(|_| at_px)
     }
 
-    /// Puts what is being placed where the frame shows a surface, and goes on placing.
+    /// Places the model on the surface at a pixel. The placement mode continues.
     pub fn place(&mut self, project: &mut Project, frame: &Frame, at_px: DVec2) -> Result<(), String> {
         let turned_deg = self.turning.take().map_or(self.turned_deg, |turning| turning.turned_deg);
         let Some(model) = &self.placing else { return Ok(()) };
-        let support = match self.ground.finder.click(project.shot(), project.up(), frame, at_px)? {
+        let support = match self.ground.picker.click(project.shot(), project.up(), frame, at_px)? {
             Click::Point(support) => support,
-            Click::Again(_) => return Ok(()),
+            Click::SecondView(_) => return Ok(()),
         };
         let posture = if self.lies_flat { Posture::Flat } else { Posture::Upright };
         let is_up_undefined = project.is_up_undefined();
         let up = if is_up_undefined { project.shot().up_on(Some(support.normal)) } else { project.up() };
-        let laying = Laying { model: model.clone(), posture, turned_deg, up: Some(up) };
-        let placed = laying.lay(project.shot(), frame.index, &support, &project.scene_path());
+        let params = PlacementParams { model: model.clone(), posture, turned_deg, up: Some(up) };
+        let placed = params.lay(project.shot(), frame.index, &support, &project.scene_path());
         let placed = placed.map_err(|e| e.to_string())?;
         let what = format!("{}: placed", placed.title());
         let gauge = project.shot().gauge(frame.index);
@@ -302,13 +309,13 @@ impl Evidence {
         Ok(())
     }
 
-    /// Shows where the next click would put what is being placed.
-    pub fn preview(&mut self, seen: &Seen, project: &Project, frame: &Arc<Frame>) {
+    /// Shows the preview of the placement at the pointer.
+    pub fn preview(&mut self, picture: &PictureOutput, project: &Project, frame: &Arc<Frame>) {
         let turned = self.turning.map(|turning| (turning.at_px, turning.turned_deg));
-        let pointed = seen.pointed.map(|at| (DVec2::new(at.x.into(), at.y.into()), self.turned_deg));
+        let pointed = picture.pointed.map(|at| (DVec2::new(at.x.into(), at.y.into()), self.turned_deg));
         let (Some(model), Some((at_px, turned_deg))) = (self.placing.clone(), turned.or(pointed)) else { return };
         let (lies_flat, file) = (self.lies_flat, project.scene_path());
-        let would = Would {
+        let key = PreviewKey {
             model: model.clone(),
             frame: frame.index,
             at_px,
@@ -318,45 +325,45 @@ impl Evidence {
         };
         let posture = if lies_flat { Posture::Flat } else { Posture::Upright };
         let up = (!project.is_up_undefined()).then(|| project.up());
-        let laying = Laying { model, posture, turned_deg, up };
-        let (finder, of_scene) = (self.ground.finder.clone(), file.clone());
-        self.ghost.show(seen, would, project.shot(), frame, file, move |shot, frame| {
-            let support = finder.look(shot, frame, at_px)?;
-            laying.lay(shot, frame.index, &support, &of_scene).ok()
+        let params = PlacementParams { model, posture, turned_deg, up };
+        let (picker, of_scene) = (self.ground.picker.clone(), file.clone());
+        self.preview.show(picture, key, project.shot(), frame, file, move |shot, frame| {
+            let support = picker.preview(shot, frame, at_px)?;
+            params.lay(shot, frame.index, &support, &of_scene).ok()
         });
     }
 
-    /// Where it was shown last that the next click would put something: closed polygons, px of the picture.
-    pub fn previewed(&self) -> Option<&[Vec<DVec2>]> {
-        self.ghost.border().map(Vec::as_slice)
+    /// The current outline of the placement preview: closed polygons, px of the picture.
+    pub fn preview_outline(&self) -> Option<&[Vec<DVec2>]> {
+        self.preview.outline().map(Vec::as_slice)
     }
 
-    /// A file that was dropped into the window: the next click places it.
+    /// Takes a file that was dropped into the window; the next click places it.
     pub fn drop(&mut self, model: PathBuf) {
         self.library.add(&model);
         self.choose(model);
     }
 
-    /// The next click places it.
+    /// Begins the placement of a model.
     fn choose(&mut self, model: PathBuf) {
         self.ground.cancel();
-        self.lies_flat = !stands(&model);
+        self.lies_flat = !is_upright_model(&model);
         self.placing = Some(model);
     }
 }
 
-/// How a model is put onto a surface.
-struct Laying {
+/// Parameters of a placement on a surface.
+struct PlacementParams {
     model: PathBuf,
     posture: Posture,
-    /// From facing whoever looks.
+    /// Heading relative to facing the camera.
     turned_deg: f64,
-    /// `None`: what it stands on says it.
+    /// `None`: derived from the support.
     up: Option<DVec3>,
 }
 
-impl Laying {
-    /// As the scene file has it then.
+impl PlacementParams {
+    /// The entry of the scene file.
     fn lay(&self, shot: &Shot, frame: usize, support: &Support, file: &Path) -> Result<PlacedModel, SceneError> {
         let up = self.up.unwrap_or_else(|| shot.up_preview(Some(support.normal)));
         let heading = shot.facing(frame, support.point_m, up, self.turned_deg);
@@ -364,34 +371,33 @@ impl Laying {
     }
 }
 
-/// How far a thing on a surface is turned from facing whoever looks when its front faces what a ray meets there, to the degree;
-/// `None` where that is too near to tell.
+/// Heading, relative to facing the camera, of a thing whose front faces the intersection of a ray
+/// with its support plane, rounded to 1°. `None` within [`MIN_FACING_DISTANCE_M`].
 fn facing_deg(eye: &Eye, ray: &Ray, support: &Support, up: DVec3) -> Option<f64> {
     let plane = Plane { point_m: support.point_m, normal: support.normal };
-    let towards = (plane.seen_at(ray)? - support.point_m).reject_from_normalized(up);
+    let towards = (plane.intersect(ray)? - support.point_m).reject_from_normalized(up);
     let viewer = eye.level_to_viewer(support.point_m, up)?;
-    // A hand's tremble is no direction.
-    if towards.length() < NEAREST_M {
+    if towards.length() < MIN_FACING_DISTANCE_M {
         return None;
     }
     let turned = viewer.cross(towards).dot(up).atan2(viewer.dot(towards));
     Some(turned.to_degrees().round() + 0.0)
 }
 
-/// What a thing is turned towards by dragging lies farther from it than this.
-const NEAREST_M: f64 = 0.01;
+/// Smallest distance of the pointed target from the thing at which its direction counts.
+const MIN_FACING_DISTANCE_M: f64 = 0.01;
 
-/// Whether a thing of that name is usually stood up.
-fn stands(model: &Path) -> bool {
+/// True if models of that name usually stand upright.
+fn is_upright_model(model: &Path) -> bool {
     name(model).to_lowercase().contains("marker")
 }
 
-/// What the history calls a new name.
+/// History label of a renaming.
 fn renamed(before: &str) -> String {
     format!("{before}: renamed")
 }
 
-/// Whether a thing throws a shadow, and whether it is one at all. Gives back what went wrong.
+/// Switches for the shadow and for stand-ins. Returns an error.
 fn switches(ui: &mut Ui, project: &mut Project, entry: Entry) -> Option<String> {
     let scene = &project.edit().scene;
     let (title, mut throws, mut is_real) = (scene.title(entry), !scene.is_shadowless(entry), scene.is_occluder(entry));
@@ -417,7 +423,7 @@ fn switches(ui: &mut Ui, project: &mut Project, entry: Entry) -> Option<String> 
 
 /// The size as the scene file has it: a factor, three, or the largest extent.
 fn size(ui: &mut Ui, placement: &ItemPlacement, changed: &mut ItemPlacement) -> bool {
-    // Zero and less are nothing to look at; a mirror image is a matter for the scene file.
+    // Zero and changes of sign are rejected; mirror images are left to the scene file.
     let kept = |to: f64, from: f64| if to != 0.0 && to.signum() == from.signum() { to } else { from };
     match placement.size {
         Size::LargestM(from) => {

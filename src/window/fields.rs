@@ -1,20 +1,20 @@
-//! Fields for numbers, to drag and to type: how a number is read and shown, and Esc, which takes back what was typed.
+//! Numeric fields: parsing, formatting, and Esc, which reverts the typed text.
 
 use eframe::egui::{self, Context, Id, Ui};
 
 use locard_engine::text::number;
 
-/// A number to drag or to type, with four digits behind the point; `called` names it to those who do not see it.
+/// A number to drag or to type, with four decimals; `called` is its accessible name.
 pub fn numeric(ui: &mut Ui, called: &str, value: &mut f64, speed: f64, unit: &str) -> egui::Response {
-    // What is typed counts when it is done.
-    let drag = egui::DragValue::new(value).speed(speed).suffix(unit).custom_parser(typed(ui.ctx()));
+    // Typed text is applied at the end of editing.
+    let drag = egui::DragValue::new(value).speed(speed).suffix(unit).custom_parser(typed_parser(ui.ctx()));
     let drag = drag.update_while_editing(false);
     let response = ui.add(drag.custom_formatter(|n, _| number((n * 1e4).round() / 1e4)));
     response.widget_info(|| egui::WidgetInfo::slider(true, *value, called));
     response
 }
 
-/// A number with its label; whether a change of it has ended.
+/// A labelled number. Returns true at the end of a change.
 pub fn row(ui: &mut Ui, label: &str, called: &str, value: &mut f64, speed: f64, unit: &str) -> bool {
     ui.label(label);
     let response = numeric(ui, called, value, speed, unit);
@@ -22,7 +22,7 @@ pub fn row(ui: &mut Ui, label: &str, called: &str, value: &mut f64, speed: f64, 
     response.drag_stopped() || response.lost_focus()
 }
 
-/// A button of that colour that opens a picker. How bright the brightest of the three is stays.
+/// A colour button with a picker. The largest channel keeps its value.
 pub fn color_picker(ui: &mut Ui, called: &str, rgb: &mut [f64; 3]) {
     let most = Some(rgb.iter().copied().fold(0.0, f64::max)).filter(|most| *most > 0.0).unwrap_or(1.0);
     let mut hue = rgb.map(|c| (c / most) as f32);
@@ -34,32 +34,32 @@ pub fn color_picker(ui: &mut Ui, called: &str, rgb: &mut [f64; 3]) {
     }
 }
 
-/// Where the pass is kept in which Esc was pressed last.
-fn escaped() -> Id {
+/// Key of the pass in which Esc was last pressed.
+fn last_escape_id() -> Id {
     Id::unique("esc in a field")
 }
 
-/// To be called when Esc is pressed while something is typed, before the fields are shown.
-pub fn take_back(ctx: &Context) {
+/// Records Esc during text input; call it before the fields are shown.
+pub fn revert_typed(ctx: &Context) {
     let pass = ctx.cumulative_pass_nr();
-    ctx.data_mut(|data| data.insert_temp(escaped(), pass));
+    ctx.data_mut(|data| data.insert_temp(last_escape_id(), pass));
 }
 
-/// Whether what a field loses the keyboard with is to be taken back. A field asks in two passes: in the one in which it loses
-/// the keyboard, and in the next.
-pub fn is_taken_back(ctx: &Context) -> bool {
-    let pressed: Option<u64> = ctx.data(|data| data.get_temp(escaped()));
+/// True if the text of a field that loses the focus is reverted. Fields check it in two passes: the
+/// one in which they lose the focus, and the next.
+pub fn is_typed_reverted(ctx: &Context) -> bool {
+    let pressed: Option<u64> = ctx.data(|data| data.get_temp(last_escape_id()));
     pressed.is_some_and(|pressed| ctx.cumulative_pass_nr().saturating_sub(pressed) <= 1)
 }
 
-/// Reads what is typed into a field. egui hands a field's text over in the pass after Esc too, and asks for the key only in
-/// the pass in which it is pressed; so nothing is read then.
-pub fn typed(ctx: &Context) -> impl Fn(&str) -> Option<f64> + use<> {
-    let is_taken_back = is_taken_back(ctx);
-    move |text| parse_number(text).filter(|_| !is_taken_back)
+/// Parser of a field's text. After Esc it parses nothing: egui applies the text in the pass after
+/// Esc, too, but checks the key only in the pass in which it is pressed.
+pub fn typed_parser(ctx: &Context) -> impl Fn(&str) -> Option<f64> + use<> {
+    let is_typed_reverted = is_typed_reverted(ctx);
+    move |text| parse_number(text).filter(|_| !is_typed_reverted)
 }
 
-/// A number as a person types it: a decimal comma is understood, and so is a fraction, as of a shutter time.
+/// Parses a typed number. Decimal commas and fractions, as of shutter times, are accepted.
 pub fn parse_number(text: &str) -> Option<f64> {
     let plain = |text: &str| {
         let text = text.trim().trim_end_matches(|c: char| c.is_alphabetic() || c.is_whitespace() || c == '/');
@@ -74,20 +74,21 @@ pub fn parse_number(text: &str) -> Option<f64> {
     }
 }
 
-/// To five significant digits.
+/// Rounds to five significant digits.
 pub fn rounded(n: f64) -> f64 {
     format!("{n:.4e}").parse().unwrap_or(n)
 }
 
-/// As it is shown.
+/// Formats with five significant digits.
 pub fn short(n: f64) -> String {
     number(rounded(n))
 }
 
-/// A popup is laid out once unseen, and moved to where it fits.
-const OPENS_FOR: u64 = 3;
+/// Number of passes in which a popup counts as just opened: it is laid out once invisibly and then
+/// repositioned.
+const OPENING_PASSES: u64 = 3;
 
-/// Whether what is in a popup is shown for the first time since it was closed: then its list goes to what is chosen.
+/// True if a popup has just been opened, when its list scrolls to the chosen entry.
 pub fn has_just_opened(ui: &Ui) -> bool {
     let now = ui.ctx().cumulative_pass_nr();
     let key = ui.scope_id().with("opened");
@@ -95,7 +96,7 @@ pub fn has_just_opened(ui: &Ui) -> bool {
         let seen = data.get_temp::<[u64; 2]>(key).filter(|[_, last]| last + 1 >= now);
         let first = seen.map_or(now, |[first, _]| first);
         data.insert_temp(key, [first, now]);
-        now - first < OPENS_FOR
+        now - first < OPENING_PASSES
     })
 }
 
@@ -104,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_read_as_people_type_them() {
+    fn typed_numbers_are_parsed_with_commas_fractions_and_units() {
         for (text, number) in [
             ("1.5", Some(1.5)),
             ("1,5", Some(1.5)),

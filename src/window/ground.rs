@@ -1,19 +1,19 @@
-//! What things are placed on where the depth does not say it, and how long a unit is: a plane by three points, a scale by two
-//! points and their distance.
+//! Placement surface and scale without depth: a plane through three picked points, and the scale by
+//! two points and their true distance.
 
 use eframe::egui::{Key, RichText, Ui, vec2};
 use glam::{DVec2, DVec3};
 
 use super::Project;
 use super::fields::{numeric, rounded};
-use super::finder::{Click, Finder, is_scaled, mark};
-use super::picture::Seen;
+use super::picture::PictureOutput;
+use super::point_picker::{Click, PointPicker, is_scaled, paint_ring};
 use locard_engine::frame::Frame;
 use locard_engine::scene::SceneFile;
 use locard_engine::shot::{metres_per_unit, plane_through};
 use locard_engine::text::fixed;
 
-/// What points are picked for.
+/// Purpose of picked points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Task {
     Plane,
@@ -29,36 +29,36 @@ impl Task {
     }
 }
 
-/// The surface that is placed on, and the scale.
+/// State of the surface and scale controls.
 #[derive(Clone, Debug)]
 pub struct Ground {
-    pub finder: Finder,
+    pub picker: PointPicker,
     task: Option<Task>,
-    /// Picked so far for the task.
+    /// Picked points of the task.
     points_m: Vec<DVec3>,
-    /// Between the two points of a scale, as a person measured it.
+    /// True distance of the two points of a scale, as entered.
     distance_m: f64,
 }
 
 impl Default for Ground {
     fn default() -> Self {
-        Self { finder: Finder::default(), task: None, points_m: Vec::new(), distance_m: 1.0 }
+        Self { picker: PointPicker::default(), task: None, points_m: Vec::new(), distance_m: 1.0 }
     }
 }
 
 impl Ground {
-    /// Whether the next click in the picture is for a plane or a scale.
+    /// True if the next click in the picture picks a point of a plane or a scale.
     pub fn is_picking(&self) -> bool {
         self.task.is_some_and(|task| self.points_m.len() < task.points())
     }
 
-    /// Whether a plane, a scale or a point is half found.
+    /// True if a plane, a scale or a point is incomplete.
     pub fn is_busy(&self) -> bool {
-        self.task.is_some() || self.finder.is_between()
+        self.task.is_some() || self.picker.awaits_second_view()
     }
 
     pub fn cancel(&mut self) {
-        self.finder.cancel();
+        self.picker.cancel();
         (self.task, self.points_m) = (None, Vec::new());
     }
 
@@ -66,67 +66,69 @@ impl Ground {
         self.cancel();
         self.task = Some(task);
         if task == Task::Plane {
-            self.finder.plane = None;
+            self.picker.plane = None;
         }
     }
 
-    /// Takes a click for the plane or the scale. Gives what is to be said.
+    /// Handles a click for the plane or the scale. Returns a message.
     pub fn click(&mut self, project: &Project, frame: &Frame, at_px: DVec2) -> Result<Option<String>, String> {
         let Some(task) = self.task else { return Ok(None) };
         let shot = project.shot();
-        let support = match self.finder.click(shot, project.up(), frame, at_px)? {
-            Click::Again(text) => return Ok(Some(text)),
+        let support = match self.picker.click(shot, project.up(), frame, at_px)? {
+            Click::SecondView(text) => return Ok(Some(text)),
             Click::Point(support) => support,
         };
         self.points_m.push(support.point_m);
         if task != Task::Plane || self.points_m.len() < task.points() {
-            return Ok(self.finder.told.clone());
+            return Ok(self.picker.accuracy.clone());
         }
         let eye = shot.recording.pose_at_frame(frame.index).map_err(|e| e.to_string())?.position_in_world_m();
         let towards = shot.recording.up.unwrap_or(eye - self.points_m[0]);
         let plane = plane_through(&self.points_m).map(|plane| plane.facing(towards));
         self.cancel();
-        self.finder.plane = Some(plane.map_err(|e| e.to_string())?);
+        self.picker.plane = Some(plane.map_err(|e| e.to_string())?);
         Ok(Some("Things are placed on the plane through the three points.".to_owned()))
     }
 
-    /// Shows in the picture what is picked so far.
-    pub fn paint(&self, seen: &Seen, project: &Project, frame: usize) {
+    /// Paints the picked points and an instruction.
+    pub fn paint(&self, picture: &PictureOutput, project: &Project, frame: usize) {
         if let Ok(eye) = project.shot().eye(frame) {
             for (n, point) in self.points_m.iter().enumerate() {
                 if let Some(px) = eye.project(*point) {
-                    mark(seen, seen.placed.screen(vec2(px.x as f32, px.y as f32)), &(n + 1).to_string());
+                    paint_ring(picture, picture.placed.screen(vec2(px.x as f32, px.y as f32)), &(n + 1).to_string());
                 }
             }
         }
-        match self.task.filter(|_| self.is_picking() && !self.finder.is_between()) {
+        match self.task.filter(|_| self.is_picking() && !self.picker.awaits_second_view()) {
             Some(Task::Plane) => {
-                seen.tell(&format!("Click three points of the surface ({} of 3)", self.points_m.len() + 1))
+                picture.prompt(&format!("Click three points of the surface ({} of 3)", self.points_m.len() + 1))
             }
             Some(Task::Scale) => {
-                seen.tell(&format!("Click two points whose distance you know ({} of 2)", self.points_m.len() + 1))
+                picture.prompt(&format!("Click two points whose distance you know ({} of 2)", self.points_m.len() + 1))
             }
             None => {}
         }
-        self.finder.paint(seen, project.shot(), frame);
+        self.picker.paint(picture, project.shot(), frame);
     }
 
-    /// The controls. Gives what is to be said, or what went wrong.
+    /// Shows the controls. Returns a message or an error.
     pub fn show(&mut self, ui: &mut Ui, project: &mut Project) -> Option<Result<String, String>> {
         let has_depth = project.shot().recording.has_depth();
         let is_metric = project.shot().recording.kind.is_metric();
         ui.horizontal_wrapped(|ui| {
             ui.label("Surface");
-            match self.finder.plane {
+            match self.picker.plane {
                 Some(_) => {
                     ui.label("a plane");
-                    let back = match has_depth {
-                        true => "As the depth shows",
-                        false if project.shot().floor().is_some() => "The floor",
-                        false => "None",
+                    let back = if has_depth {
+                        "As the depth shows"
+                    } else if project.shot().floor().is_some() {
+                        "The floor"
+                    } else {
+                        "None"
                     };
                     if ui.button(back).clicked() {
-                        self.finder.plane = None;
+                        self.picker.plane = None;
                     }
                 }
                 None if has_depth => _ = ui.label("as the depth shows"),
@@ -146,10 +148,11 @@ impl Ground {
         }
         ui.horizontal_wrapped(|ui| {
             ui.label("Scale");
-            match is_scaled(project.shot()) {
-                true => ui.label(format!("1 unit = {} m", fixed(project.shot().recording.metres_per_unit, 5))),
-                false => ui.label("not known"),
-            };
+            if is_scaled(project.shot()) {
+                ui.label(format!("1 unit = {} m", fixed(project.shot().recording.metres_per_unit, 5)));
+            } else {
+                ui.label("not known");
+            }
             let hint = "Click two points whose true distance you know.";
             if ui.button("Two points…").on_hover_text(hint).clicked() {
                 self.begin(Task::Scale);
@@ -157,13 +160,13 @@ impl Ground {
         });
         let (Some(Task::Scale), [a, b]) = (self.task, self.points_m.as_slice()) else { return None };
         let (a, b) = (*a, *b);
-        let mut said = None;
+        let mut result = None;
         ui.horizontal_wrapped(|ui| {
             ui.label("Distance");
             let field = numeric(ui, "true distance", &mut self.distance_m, 0.005, " m");
             let is_entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
             if ui.button("Set").clicked() || is_entered {
-                said = Some(set_scale(project, a, b, self.distance_m));
+                result = Some(set_scale(project, a, b, self.distance_m));
             }
             if ui.button("Cancel").clicked() {
                 self.cancel();
@@ -171,24 +174,24 @@ impl Ground {
         });
         let unit = if is_scaled(project.shot()) { "m" } else { "units" };
         ui.label(RichText::new(format!("Now it is {} {unit}.", fixed(a.distance(b), 4))).weak());
-        if matches!(said, Some(Ok(_))) {
+        if matches!(result, Some(Ok(_))) {
             self.cancel();
-            self.finder.plane = None;
+            self.picker.plane = None;
         }
-        said
+        result
     }
 }
 
-/// What was placed stays where it is seen, in its true size.
+/// Sets the scale. Placed things keep their projected position and their true size.
 fn set_scale(project: &mut Project, a: DVec3, b: DVec3, distance_m: f64) -> Result<String, String> {
     let now = project.shot().recording.metres_per_unit;
     let unit = metres_per_unit(a, b, distance_m, now).ok_or("The distance must be above 0, and the points apart.")?;
-    // As many digits as a person's picks have, and more.
+    // More digits than the accuracy of picked points.
     let unit: f64 = format!("{unit:.5e}").parse().unwrap_or(unit);
     let factor = unit / now;
     let changed = project.change_scene("scale set", |scene| {
         scene.metres_per_unit = Some(unit);
-        move_apart(scene, factor);
+        scale_positions(scene, factor);
     });
     changed.map_err(|e| e.to_string())?;
     project.close_step();
@@ -201,9 +204,9 @@ fn set_scale(project: &mut Project, a: DVec3, b: DVec3, distance_m: f64) -> Resu
     Ok(format!("1 unit of the recording is {unit} m; the scene file keeps it."))
 }
 
-/// Moves all things of a scene with a world that becomes larger, about its origin. They keep their size, and lamps shine onto what they
-/// shone onto as brightly as before.
-fn move_apart(scene: &mut SceneFile, factor: f64) {
+/// Scales all positions of a scene about the world's origin. Sizes stay, and lamps keep the
+/// irradiance on surfaces that scale along.
+fn scale_positions(scene: &mut SceneFile, factor: f64) {
     let moved = |c: &mut f64| *c = (*c * factor * 1e4).round() / 1e4;
     for object in &mut scene.objects {
         let own = object.position_m.iter_mut();
@@ -212,7 +215,7 @@ fn move_apart(scene: &mut SceneFile, factor: f64) {
     }
     for lamp in &mut scene.light.lamp {
         lamp.at_m.iter_mut().for_each(moved);
-        // Light falls off with the square of the distance.
+        // Inverse-square law.
         lamp.intensity = Some(rounded(lamp.intensity.unwrap_or(1.0) * factor * factor));
     }
 }
@@ -223,11 +226,11 @@ mod tests {
     use locard_engine::scene::document::PlacedModel;
 
     #[test]
-    fn in_a_world_three_times_as_large_lamps_shine_nine_times_as_bright_from_three_times_as_far() {
+    fn scaled_positions_raise_lamp_intensities_by_the_square() {
         let mut scene = SceneFile::default();
         scene.objects.push(PlacedModel { position_m: Some([0.1, -2.0, 0.0]), ..PlacedModel::default() });
         scene.add_lamp(DVec3::new(1.0, 0.5, 0.25));
-        move_apart(&mut scene, 3.0);
+        scale_positions(&mut scene, 3.0);
         let lamp = &scene.light.lamp[0];
         assert_eq!((lamp.at_m, lamp.intensity, lamp.diameter_m), ([3.0, 1.5, 0.75], Some(9.0), None));
         assert_eq!(scene.objects[0].position_m, Some([0.3, -6.0, 0.0]));

@@ -9,7 +9,7 @@ use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::dials::by_dials;
+use super::dials::options_as_dials;
 use locard_engine::analyse::{Analysis, Interrupted, Progress, Stage};
 use locard_engine::compositor::Target;
 use locard_engine::export::{Export, ExportError, Inputs};
@@ -222,7 +222,7 @@ impl From<PhotoError> for JobFailure {
     fn from(error: PhotoError) -> Self {
         match error {
             PhotoError::Take(TakeError::Cancelled) => Self::Cancelled,
-            error => Self::Failed(by_dials(&error.to_string())),
+            error => Self::Failed(options_as_dials(&error.to_string())),
         }
     }
 }
@@ -241,7 +241,7 @@ fn run(queued: &QueuedJob, gpu: &mut Option<Gpu>, send_event: &dyn Fn(JobEvent))
         !queued.cancelled.load(Ordering::Acquire)
     };
     let report = |progress: f64| report_stage(progress, None);
-    let note = |text: String| send_event(JobEvent::Note(by_dials(&text)));
+    let note = |text: String| send_event(JobEvent::Note(options_as_dials(&text)));
     let done = match &queued.kind {
         JobKind::Export(export) => export_frames(&queued.shot, export, gpu, &report, &note),
         JobKind::Photograph(wanted) => take_photographs(&queued.shot, wanted, gpu, &report, &note),

@@ -1,4 +1,4 @@
-//! The scene's light, to be edited: matched to a white thing, its lamps, and one more.
+//! The lamp panel: white matching, the scene's lamps, and adding one.
 
 use std::sync::Arc;
 
@@ -6,22 +6,22 @@ use eframe::egui::{self, Ui, vec2};
 use glam::{DVec2, DVec3};
 
 use super::Project;
+use super::environment_light;
 use super::fields::{color_picker, rounded, row};
-use super::finder::Finder;
 use super::object_actions;
-use super::room_light;
+use super::point_picker::PointPicker;
 use super::theme;
 use locard_engine::frame::Frame;
 use locard_engine::scene::document::{Color, LampTable};
 use locard_engine::scene::{Scene, SceneItem, bounds_m};
 use locard_engine::shot::View;
 
-/// What the next click in the picture is for.
+/// Purpose of the next click in the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Pick {
-    /// The place of one more lamp.
+    /// Position of a new lamp.
     Lamp,
-    /// Something white to which the light is matched.
+    /// A white surface to match the light to.
     White,
 }
 
@@ -31,17 +31,17 @@ pub struct Lamps {
     pick: Option<Pick>,
 }
 
-/// How high above the scene's middle a lamp hangs of which nothing else is said, m.
-const ABOVE_M: f64 = 1.0;
-const ABOVE: &str = "No depth here: the lamp hangs 1 m above the scene's middle.";
+/// Default height of a lamp above the centre of the scene, m.
+const DEFAULT_HEIGHT_M: f64 = 1.0;
+const DEFAULT_HEIGHT_NOTE: &str = "No depth here: the lamp hangs 1 m above the scene's middle.";
 
 impl Lamps {
-    /// Whether the next click in the picture is for the light.
+    /// True if the panel uses the next click in the picture.
     pub fn is_picking(&self) -> bool {
         self.pick.is_some()
     }
 
-    /// What to click on.
+    /// Instruction for the next click.
     pub fn prompt(&self) -> &'static str {
         match self.pick {
             Some(Pick::White) => "Click on white paper or paint in the light. Esc ends it",
@@ -53,7 +53,7 @@ impl Lamps {
         self.pick = None;
     }
 
-    /// Shows the list and the controls of what is selected. Gives back what is to be said.
+    /// Shows the list and the controls of the selected lamp. Returns a message.
     pub fn show(
         &mut self,
         ui: &mut Ui,
@@ -67,7 +67,7 @@ impl Lamps {
         ui.separator();
         ui.strong("Light");
         let has_depth = frame.is_some_and(|frame| frame.depth.is_some());
-        let mut told = room_light::show(ui, project);
+        let mut message = environment_light::show(ui, project);
         if has_depth && !project.is_lit_by_models() {
             let is_picking = self.pick == Some(Pick::White);
             let hint = "Then click on white paper or paint: all light becomes as bright and gets the colour that it shows there.";
@@ -100,13 +100,13 @@ impl Lamps {
         };
         let add = egui::Button::selectable(self.pick == Some(Pick::Lamp), "Add lamp").frame_when_inactive(true);
         if ui.add(add).on_hover_text(hint).clicked() {
-            // Without a camera the picture shows why no lamp can be placed.
+            // Without a camera pose the picture shows why no lamp can be placed.
             let has_camera = frame.is_some_and(|frame| project.shot().eye(frame.index).is_ok());
             if has_depth || !has_camera {
                 self.pick = (self.pick != Some(Pick::Lamp)).then_some(Pick::Lamp);
             } else {
-                let added = self.add(project, above_middle(project), selected);
-                told = Some(added.map_or_else(|why| why, |()| ABOVE.to_owned()));
+                let added = self.add(project, default_position_m(project), selected);
+                message = Some(added.map_or_else(|why| why, |()| DEFAULT_HEIGHT_NOTE.to_owned()));
             }
         }
         if let Some(SceneItem::Lamp(n)) = *selected
@@ -114,25 +114,25 @@ impl Lamps {
         {
             ui.separator();
             ui.label(project.edit().scene.title(SceneItem::Lamp(n)));
-            told = fields(ui, project, n, &lamp).or(told);
+            message = fields(ui, project, n, &lamp).or(message);
             ui.horizontal(|ui| {
                 if ui.button("Duplicate").on_hover_text("Shift+D, and move it").clicked() {
-                    told = object_actions::duplicate(project, selected);
+                    message = object_actions::duplicate(project, selected);
                 }
                 if ui.button("Delete").on_hover_text("Del").clicked() {
-                    told = object_actions::delete(project, selected);
+                    message = object_actions::delete(project, selected);
                 }
             });
         }
-        told
+        message
     }
 
-    /// Takes a click in the picture: matches the light to a white thing, or puts one more lamp where the frame shows a surface, so
-    /// that it touches it. Returns a message.
+    /// Handles a click in the picture: matches the light to a white surface, or adds a lamp that
+    /// touches the surface. Returns a message.
     pub fn pick(
         &mut self,
         project: &mut Project,
-        finder: &Finder,
+        picker: &PointPicker,
         frame: &Frame,
         at_px: DVec2,
         selected: &mut Option<SceneItem>,
@@ -142,15 +142,15 @@ impl Lamps {
             self.pick = None;
             return Ok(Some(matched));
         }
-        match finder.look(project.shot(), frame, at_px) {
+        match picker.preview(project.shot(), frame, at_px) {
             Some(support) => {
                 let radius_m = 0.5 * LampTable::default().diameter_or_default_m();
                 self.add(project, support.point_m + radius_m * support.normal, selected)?;
                 Ok(None)
             }
             None => {
-                self.add(project, above_middle(project), selected)?;
-                Ok(Some(ABOVE.to_owned()))
+                self.add(project, default_position_m(project), selected)?;
+                Ok(Some(DEFAULT_HEIGHT_NOTE.to_owned()))
             }
         }
     }
@@ -162,21 +162,21 @@ impl Lamps {
     }
 }
 
-/// Above the middle of the box around all things; above the world's origin where there are none.
-fn above_middle(project: &Project) -> DVec3 {
-    middle(&project.shot().scene) + project.up() * ABOVE_M
+/// Point above the centre of the scene's bounding box; above the world's origin in an empty scene.
+fn default_position_m(project: &Project) -> DVec3 {
+    centre_m(&project.shot().scene) + project.up() * DEFAULT_HEIGHT_M
 }
 
-fn middle(scene: &Scene) -> DVec3 {
+fn centre_m(scene: &Scene) -> DVec3 {
     let boxes = scene.objects.iter().filter_map(|object| bounds_m(scene, object));
     let around = boxes.reduce(|(low, high), (l, h)| (low.min(l), high.max(h)));
     around.map_or(DVec3::ZERO, |(low, high)| 0.5 * (low + high))
 }
 
-/// The numbers of a lamp. Gives what went wrong.
+/// Fields of a lamp. Returns an error.
 fn fields(ui: &mut Ui, project: &mut Project, n: usize, lamp: &LampTable) -> Option<String> {
     let mut changed = lamp.clone();
-    // A picker's colour counts as long as the pointer is down.
+    // Changes of a colour picker form one undo step until the pointer is released.
     let mut done = ui.input(|i| i.pointer.any_released());
     let (mut intensity, mut rgb, mut diameter_or_default_m) =
         (lamp.intensity.unwrap_or(1.0), lamp.rgb(), lamp.diameter_or_default_m());
@@ -196,7 +196,7 @@ fn fields(ui: &mut Ui, project: &mut Project, n: usize, lamp: &LampTable) -> Opt
         ui.end_row();
         done |= row(ui, "diameter", "lamp diameter", &mut diameter_or_default_m, 0.002, " m");
     });
-    // To a tenth of a millimetre, or five digits, but only what was touched.
+    // Rounds to 0.1 mm or five digits, changed values only.
     let short = |to: f64, from: f64| if to == from { to } else { (to * 1e4).round() / 1e4 };
     for (to, from) in changed.at_m.iter_mut().zip(lamp.at_m) {
         *to = short(*to, from);
@@ -232,14 +232,15 @@ mod tests {
     use locard_engine::shot::Given;
 
     #[test]
-    fn a_lamp_hangs_above_the_middle_of_all_things() {
+    fn default_lamp_position_is_above_the_centre_of_the_scene() {
         let open = |scene: Option<&str>| {
             let given = Given { scene: scene.map(Into::into), ..Given::default() };
             Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap()
         };
-        // Things from the marker at the left, x = −0.1, to the stool's at the right, on the floor and 0.41 m above it.
-        let at_m = above_middle(&open(Some("scenes/demo.toml")));
+        // Things from the marker at the left, x = −0.1, to those on the stool at the right, 0 to
+        // 0.41 m above the floor.
+        let at_m = default_position_m(&open(Some("scenes/demo.toml")));
         assert!((at_m - DVec3::new(0.2, -0.1, 1.25)).abs().max_element() < 0.1, "{at_m}");
-        assert_eq!(above_middle(&open(None)), DVec3::Z);
+        assert_eq!(default_position_m(&open(None)), DVec3::Z);
     }
 }

@@ -4,8 +4,8 @@
 //! program would not composite alike.
 //!
 //! - Documents: `project` is the edited state with its undo `history`; `documents` opens and saves
-//!   files. Its parts: `opening`, `saving`, `watch` (changes on disk), `kind` (of a file),
-//!   `recent`, `preferences`, `state` (the user's folder), `chooser` (file dialog),
+//!   files. Its parts: `opening`, `saving`, `file_watch` (changes on disk), `file_kind` (of a
+//!   file), `recent`, `preferences`, `state` (the user's folder), `chooser` (file dialog),
 //!   `camera_dialog`, `camera_values`, `dialogs`, `question`, `message`, `titles`. `start` is the
 //!   window without a document.
 //! - Recovery: `autosave` with `session_lock`, `recovery_search`, and `restart` after the graphics
@@ -14,15 +14,16 @@
 //!   command line.
 //! - Playback: `session` is an open recording or live camera, `player` selects the due frame,
 //!   `frame_renderer` composites on background threads frames that `reader` decodes. `viewer` has
-//!   the textures, `canvas` draws them, and `placed` is their position on the screen.
+//!   the textures, `canvas` draws them, and `picture_transform` is their position on the screen.
 //! - Window: `app`, `actions` and `keys`, `picture` with `loupe`, `timeline` with `thumbnails`,
-//!   `camera`, `theme`, `fit` (initial size), `painter` with `damage`, `measure` (performance).
-//! - Panels: `side`, `controls` with `row_widths`, `fields`, `slider`, `progress`, `light`,
-//!   `times`, `plots`, `matching` with `analysis` and `pointer`, `calibrating` with
-//!   `calibration_messages`.
+//!   `camera`, `theme`, `window_size` (initial size), `painter` with `damage`, `measure`
+//!   (performance).
+//! - Panels: `side`, `controls` with `row_widths`, `fields`, `slider`, `progress`,
+//!   `brightness_plot`, `gpu_times`, `plots`, `matching` with `analysis` and `pointer_probe`,
+//!   `calibrating` with `calibration_messages`.
 //! - Scene: `evidence`, `library`, `list`, `object_actions`, `scene_checks`, `missing`, `tilt`,
-//!   `lamps`, `room_light`, `ground` with `finder`, `handles`, `region_picker`, `steered` (keyboard
-//!   cursor), `obstacle`, `notice`, `warnings`.
+//!   `lamps`, `environment_light`, `ground` with `point_picker`, `handles`, `region_picker`,
+//!   `keyboard_cursor`, `obstacle`, `notice`, `warnings`.
 //! - Background work: `task` (one-shot) and `background` (the latest request wins).
 
 mod actions;
@@ -31,6 +32,7 @@ mod analysis;
 mod app;
 mod autosave;
 mod background;
+mod brightness_plot;
 mod calibrating;
 mod calibration_messages;
 mod camera;
@@ -44,20 +46,21 @@ mod damage;
 mod dialogs;
 mod dials;
 mod documents;
+mod environment_light;
 mod evidence;
 mod fields;
-mod finder;
-mod fit;
+mod file_kind;
+mod file_watch;
 mod frame_renderer;
+mod gpu_times;
 mod ground;
 mod handles;
 mod history;
 mod jobs;
+mod keyboard_cursor;
 mod keys;
-mod kind;
 mod lamps;
 mod library;
-mod light;
 mod list;
 mod loupe;
 mod matching;
@@ -71,10 +74,11 @@ mod opening;
 mod output;
 mod painter;
 mod picture;
-mod placed;
+mod picture_transform;
 mod player;
 mod plots;
-mod pointer;
+mod point_picker;
+mod pointer_probe;
 mod preferences;
 mod progress;
 mod project;
@@ -84,7 +88,6 @@ mod recent;
 mod recovery_search;
 mod region_picker;
 mod restart;
-mod room_light;
 mod row_widths;
 mod saving;
 mod scene_checks;
@@ -94,17 +97,15 @@ mod side;
 mod slider;
 mod start;
 mod state;
-mod steered;
 mod task;
 mod theme;
 mod thumbnails;
 mod tilt;
 mod timeline;
-mod times;
 mod titles;
 mod viewer;
 mod warnings;
-mod watch;
+mod window_size;
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::PathBuf;
@@ -188,7 +189,7 @@ pub fn open(first: InitialContent) -> Result<(), eframe::Error> {
     };
     // egui's own drawing panics if the device is lost during a frame.
     catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|panic| {
-        device.get().into_iter().for_each(restart::where_lost);
+        device.get().into_iter().for_each(restart::restart_if_lost);
         resume_unwind(panic)
     })
 }

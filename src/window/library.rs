@@ -1,4 +1,4 @@
-//! The models that can be placed, each with a small picture that the program draws itself.
+//! The library of models to place, with rendered thumbnails.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -16,48 +16,50 @@ use locard_engine::pose::Pose;
 use locard_engine::render::{Projection, Renderer, Still, take_still};
 use locard_engine::scene::{self, Scene, is_model};
 
-/// Side of a small picture: drawn, and shown in points.
-const DRAWN_PX: u32 = 160;
-const SHOWN: f32 = 80.0;
+/// Rendered size of a thumbnail, px.
+const THUMBNAIL_PX: u32 = 160;
+/// Displayed size of a thumbnail, points.
+const THUMBNAIL_PT: f32 = 80.0;
 const COLUMNS: usize = 3;
-const GAP: f32 = 6.0;
-/// From the front, one side and above, in a model's axes.
-const FROM: DVec3 = DVec3::new(0.5, 0.6, 1.0);
-/// How many of its radii away a model is seen.
-const FAR: f64 = 5.0;
+const GAP_PT: f32 = 6.0;
+/// Direction to the camera in a model's axes: from the front, one side and above.
+const VIEW_FROM: DVec3 = DVec3::new(0.5, 0.6, 1.0);
+/// Distance of the camera in radii of the bounding sphere.
+const VIEW_DISTANCE_RADII: f64 = 5.0;
 
-/// A model's picture.
-enum Small {
-    Asked,
-    Shown(TextureHandle),
+/// Thumbnail of a model.
+enum Thumbnail {
+    Requested,
+    Ready(TextureHandle),
     Failed(String),
 }
 
-/// Draws on a thread of its own.
-struct Artist {
-    asked: Sender<PathBuf>,
-    drawn: Receiver<(PathBuf, Result<ColorImage, String>)>,
+/// Renders thumbnails on a thread of its own.
+struct ThumbnailRenderer {
+    requests: Sender<PathBuf>,
+    results: Receiver<(PathBuf, Result<ColorImage, String>)>,
 }
 
-/// The models beside the scene file and those that come with the program.
+/// The models beside the scene file and those that are installed with the program.
 #[derive(Default)]
 pub struct Library {
     models: Vec<PathBuf>,
-    looked_in: Option<PathBuf>,
-    small: HashMap<PathBuf, Small>,
-    artist: Option<Artist>,
-    /// The pass of the window in which it was shown last.
-    shown_in: u64,
-    /// It was opened by a key: the first model takes the keyboard.
-    takes_keys: bool,
+    /// Folder of the scene file at the last scan.
+    scanned: Option<PathBuf>,
+    thumbnails: HashMap<PathBuf, Thumbnail>,
+    renderer: Option<ThumbnailRenderer>,
+    /// The pass of the window in which the library was last shown.
+    last_pass: u64,
+    /// Opened by a key: the first model gets the keyboard focus.
+    focuses_first: bool,
 }
 
 impl Library {
-    /// Finds the models for a scene file, once.
-    pub fn look(&mut self, scene: &Path) {
+    /// Scans for the models of a scene file, once per folder.
+    pub fn scan(&mut self, scene: &Path) {
         let folder =
             scene.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned();
-        if self.looked_in.as_ref() == Some(&folder) {
+        if self.scanned.as_ref() == Some(&folder) {
             return;
         }
         let folders = [folder.clone(), assets::path("scenes")];
@@ -71,19 +73,19 @@ impl Library {
         let mut seen = std::collections::BTreeSet::new();
         found.retain(|path| seen.insert(std::fs::canonicalize(path).unwrap_or_else(|_| path.clone())));
         self.models = found;
-        self.looked_in = Some(folder);
+        self.scanned = Some(folder);
     }
 
-    /// A model from elsewhere.
+    /// Adds a model from another folder.
     pub fn add(&mut self, model: &Path) {
         if !self.models.iter().any(|known| known == model) {
             self.models.push(model.to_owned());
         }
     }
 
-    /// Shows the models. Gives the one that was chosen.
+    /// Shows the models. Returns a chosen one.
     pub fn show(&mut self, ui: &mut Ui, gpu: &Gpu) -> Option<PathBuf> {
-        self.take_drawn(ui.ctx());
+        self.take_results(ui.ctx());
         if self.models.is_empty() {
             let folders: Vec<String> =
                 assets::folders().iter().map(|folder| folder.join("scenes").display().to_string()).collect();
@@ -94,15 +96,16 @@ impl Library {
         }
         let mut chosen = None;
         let models = self.models.clone();
-        self.walk(ui, &models);
-        // Whole rows.
-        let row = SHOWN + ui.text_style_height(&egui::TextStyle::Small) + 10.0 + GAP;
-        // As many whole rows as the window has room for: a row that is cut would lose its names.
+        self.move_focus(ui, &models);
+        // Height of a row.
+        let row = THUMBNAIL_PT + ui.text_style_height(&egui::TextStyle::Small) + 10.0 + GAP_PT;
+        // Whole rows only: a clipped row would lose its names.
         let room = ui.ctx().content_rect().bottom() - ui.cursor().top() - 16.0;
         let rows = (room / row).floor().clamp(1.0, 4.0);
-        let area = egui::ScrollArea::vertical().max_height(rows * row - GAP).min_scrolled_height(rows * row - GAP);
+        let area =
+            egui::ScrollArea::vertical().max_height(rows * row - GAP_PT).min_scrolled_height(rows * row - GAP_PT);
         area.show(ui, |ui| {
-            egui::Grid::new("library").spacing([GAP, GAP]).show(ui, |ui| {
+            egui::Grid::new("library").spacing([GAP_PT, GAP_PT]).show(ui, |ui| {
                 for (n, model) in models.iter().enumerate() {
                     if self.entry(ui, gpu, model) {
                         chosen = Some(model.clone());
@@ -116,27 +119,31 @@ impl Library {
         chosen
     }
 
-    /// By keys: the first model has the keyboard when it is opened by one, arrows and Tab go on to others.
-    fn walk(&mut self, ui: &Ui, models: &[PathBuf]) {
+    /// Keyboard focus: on the first model when opened by a key; arrows and Tab move it.
+    fn move_focus(&mut self, ui: &Ui, models: &[PathBuf]) {
         let ctx = ui.ctx();
         let pass = ctx.cumulative_pass_nr();
-        let opens = self.shown_in + 1 < pass;
-        self.shown_in = pass;
+        let opens = self.last_pass + 1 < pass;
+        self.last_pass = pass;
         if opens {
-            self.takes_keys = !ctx.input(|i| i.pointer.any_click());
+            self.focuses_first = !ctx.input(|i| i.pointer.any_click());
         }
-        // At first it is laid out, and not seen yet.
+        // The sizing pass is not visible.
         if ui.is_sizing_pass() {
             return;
         }
         let at = models.iter().position(|model| ctx.memory(|memory| memory.has_focus(id(model))));
         let to = match at {
-            None => std::mem::take(&mut self.takes_keys).then_some(0),
+            None => std::mem::take(&mut self.focuses_first).then_some(0),
             Some(at) => {
-                // Or it would leave for the nearest button elsewhere.
+                // Otherwise egui moves the focus to the nearest button elsewhere.
                 ctx.memory_mut(|memory| memory.move_focus(FocusDirection::None));
                 ctx.input(|input| {
-                    walked(|key, shift| input.modifiers.shift == shift && input.key_pressed(key), at, models.len())
+                    focus_target(
+                        |key, shift| input.modifiers.shift == shift && input.key_pressed(key),
+                        at,
+                        models.len(),
+                    )
                 })
             }
         };
@@ -145,10 +152,10 @@ impl Library {
         }
     }
 
-    /// One model; whether it was clicked.
+    /// Shows one model. Returns true if it was clicked.
     fn entry(&mut self, ui: &mut Ui, gpu: &Gpu, model: &Path) -> bool {
         let line = ui.text_style_height(&egui::TextStyle::Small);
-        let (_, rect) = ui.allocate_space(vec2(SHOWN + 8.0, SHOWN + line + 10.0));
+        let (_, rect) = ui.allocate_space(vec2(THUMBNAIL_PT + 8.0, THUMBNAIL_PT + line + 10.0));
         let response = ui.interact(rect, id(model), egui::Sense::click());
         if response.gained_focus() {
             response.scroll_to_me(None);
@@ -164,67 +171,69 @@ impl Library {
         if response.has_focus() || response.hovered() {
             painter.rect_stroke(rect, visuals.corner_radius, visuals.fg_stroke, egui::StrokeKind::Inside);
         }
-        let picture = egui::Rect::from_min_size(rect.min + vec2(4.0, 4.0), vec2(SHOWN, SHOWN));
+        let picture = egui::Rect::from_min_size(rect.min + vec2(4.0, 4.0), vec2(THUMBNAIL_PT, THUMBNAIL_PT));
         let whole = egui::Rect::from_min_max(egui::pos2(0.0, 0.0), egui::pos2(1.0, 1.0));
-        let told = match self.small.get(model) {
-            Some(Small::Shown(texture)) => {
+        let problem = match self.thumbnails.get(model) {
+            Some(Thumbnail::Ready(texture)) => {
                 painter.image(texture.id(), picture, whole, Color32::WHITE);
                 None
             }
-            Some(Small::Failed(why)) => {
+            Some(Thumbnail::Failed(why)) => {
                 let font = egui::TextStyle::Body.resolve(ui.style());
                 painter.text(picture.center(), egui::Align2::CENTER_CENTER, "?", font, ui.visuals().error_fg_color);
                 Some(why.clone())
             }
-            Some(Small::Asked) => None,
+            Some(Thumbnail::Requested) => None,
             None => {
-                self.ask(ui.ctx(), gpu, model);
+                self.request_thumbnail(ui.ctx(), gpu, model);
                 None
             }
         };
         let font = egui::TextStyle::Small.resolve(ui.style());
         let mut job = egui::text::LayoutJob::simple_singleline(called, font, visuals.text_color());
-        job.wrap = egui::text::TextWrapping::truncate_at_width(SHOWN);
+        job.wrap = egui::text::TextWrapping::truncate_at_width(THUMBNAIL_PT);
         let text = ui.painter().layout_job(job);
         let at = egui::pos2(rect.center().x - 0.5 * text.size().x, picture.bottom() + 2.0);
         ui.painter().galley(at, text, visuals.text_color());
-        let hover = told.unwrap_or_else(|| model.display().to_string());
+        let hover = problem.unwrap_or_else(|| model.display().to_string());
         response.on_hover_text(hover).clicked()
     }
 
-    fn ask(&mut self, ctx: &egui::Context, gpu: &Gpu, model: &Path) {
-        if self.artist.is_none() {
-            self.artist = Artist::new(gpu.clone(), ctx.clone()).ok();
+    fn request_thumbnail(&mut self, ctx: &egui::Context, gpu: &Gpu, model: &Path) {
+        if self.renderer.is_none() {
+            self.renderer = ThumbnailRenderer::new(gpu.clone(), ctx.clone()).ok();
         }
-        let sent = self.artist.as_ref().is_some_and(|artist| artist.asked.send(model.to_owned()).is_ok());
-        let small = if sent { Small::Asked } else { Small::Failed("no thread can be had that draws".to_owned()) };
-        self.small.insert(model.to_owned(), small);
+        let sent = self.renderer.as_ref().is_some_and(|renderer| renderer.requests.send(model.to_owned()).is_ok());
+        let thumbnail =
+            if sent { Thumbnail::Requested } else { Thumbnail::Failed("no thread can be had that draws".to_owned()) };
+        self.thumbnails.insert(model.to_owned(), thumbnail);
     }
 
-    fn take_drawn(&mut self, ctx: &egui::Context) {
-        let Some(artist) = &self.artist else { return };
-        for (model, drawn) in artist.drawn.try_iter() {
-            let small = match drawn {
-                Ok(image) => Small::Shown(ctx.load_texture(name(&model), image, egui::TextureOptions::LINEAR)),
-                Err(why) => Small::Failed(why),
+    fn take_results(&mut self, ctx: &egui::Context) {
+        let Some(renderer) = &self.renderer else { return };
+        for (model, result) in renderer.results.try_iter() {
+            let thumbnail = match result {
+                Ok(image) => Thumbnail::Ready(ctx.load_texture(name(&model), image, egui::TextureOptions::LINEAR)),
+                Err(why) => Thumbnail::Failed(why),
             };
-            self.small.insert(model, small);
+            self.thumbnails.insert(model, thumbnail);
         }
     }
 }
 
-/// What a model has the keyboard by.
+/// Widget id of a model.
 fn id(model: &Path) -> Id {
     Id::unique(("model", model))
 }
 
-/// Where a key leads from a model of so many, if one is pressed, without or with Shift: in the grid, or with Tab around it.
-fn walked(pressed: impl Fn(Key, bool) -> bool, at: usize, count: usize) -> Option<usize> {
+/// Index that gets the focus from `at` by the pressed key, without or with Shift: arrows move in
+/// the grid, Tab wraps around.
+fn focus_target(pressed: impl Fn(Key, bool) -> bool, at: usize, count: usize) -> Option<usize> {
     let keys = [
         (Key::ArrowLeft, false, at.checked_sub(1)),
         (Key::ArrowRight, false, Some(at + 1)),
         (Key::ArrowUp, false, at.checked_sub(COLUMNS)),
-        // Below a row's end may be nothing, but a row there is.
+        // The row below may be shorter.
         (Key::ArrowDown, false, Some((at + COLUMNS).min(count - 1)).filter(|to| to / COLUMNS > at / COLUMNS)),
         (Key::Tab, false, Some((at + 1) % count)),
         (Key::Tab, true, Some((at + count - 1) % count)),
@@ -233,20 +242,20 @@ fn walked(pressed: impl Fn(Key, bool) -> bool, at: usize, count: usize) -> Optio
     to.filter(|to| *to < count)
 }
 
-/// A model's name: its file's.
+/// Name of a model: its file stem.
 pub fn name(model: &Path) -> String {
     model.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-impl Artist {
+impl ThumbnailRenderer {
     /// Ends when the library is dropped.
     fn new(gpu: Gpu, ctx: egui::Context) -> std::io::Result<Self> {
-        let (asked, to_draw) = channel::<PathBuf>();
-        let (done, drawn) = channel();
+        let (requests, received) = channel::<PathBuf>();
+        let (done, results) = channel();
         Builder::new().name("window artist".to_owned()).spawn(move || {
             let mut renderer: Option<Renderer> = None;
-            for model in to_draw {
-                let picture = gpu.apart(|| draw(&gpu, &mut renderer, &model));
+            for model in received {
+                let picture = gpu.apart(|| render_thumbnail(&gpu, &mut renderer, &model));
                 let picture = picture.map_err(|error| error.to_string()).and_then(|picture| picture);
                 if done.send((model, picture)).is_err() {
                     return;
@@ -254,14 +263,14 @@ impl Artist {
                 ctx.request_repaint();
             }
         })?;
-        Ok(Self { asked, drawn })
+        Ok(Self { requests, results })
     }
 }
 
-fn draw(gpu: &Gpu, renderer: &mut Option<Renderer>, model: &Path) -> Result<ColorImage, String> {
+fn render_thumbnail(gpu: &Gpu, renderer: &mut Option<Renderer>, model: &Path) -> Result<ColorImage, String> {
     let scene = scene::load(model, Some(DVec3::Y)).map_err(|error| error.to_string())?;
     let still = still(&scene).ok_or_else(|| format!("{}: there is nothing in it to see", model.display()))?;
-    // The first makes the pipelines.
+    // The first thumbnail compiles the pipelines.
     let renderer = match renderer {
         Some(renderer) => {
             renderer.set_scene(gpu, scene);
@@ -270,35 +279,35 @@ fn draw(gpu: &Gpu, renderer: &mut Option<Renderer>, model: &Path) -> Result<Colo
         None => renderer.insert(Renderer::new(gpu, scene)),
     };
     let image = take_still(gpu, renderer, &still).map_err(|error| error.to_string())?;
-    Ok(shown(&image))
+    Ok(encode(&image))
 }
 
-/// A view of all of a scene.
+/// A view of the whole scene.
 fn still(scene: &Scene) -> Option<Still> {
     let points = || scene.objects.iter().flat_map(|object| object.points_m(scene));
     let (low, high) = points().map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))?;
     let middle = 0.5 * (low + high);
     let radius = points().map(|p| p.distance(middle)).fold(1e-4, f64::max);
-    let side = f64::from(DRAWN_PX);
-    // Nothing nearer than a centimetre is drawn. The sphere around it fills nearly all of the picture.
-    let distance = (FAR * radius).max(radius + 0.02);
+    let side = f64::from(THUMBNAIL_PX);
+    // The near plane is at 1 cm. The bounding sphere fills 96 % of the picture.
+    let distance = (VIEW_DISTANCE_RADII * radius).max(radius + 0.02);
     let focal_px = 0.48 * side * (distance * distance - radius * radius).sqrt() / radius;
     let intrinsics = Intrinsics {
-        width_px: DRAWN_PX,
-        height_px: DRAWN_PX,
+        width_px: THUMBNAIL_PX,
+        height_px: THUMBNAIL_PX,
         fx_px: focal_px,
         fy_px: focal_px,
         cx_px: 0.5 * side,
         cy_px: 0.5 * side,
         ..Intrinsics::default()
     };
-    let pose = Pose::look_at(middle + distance * FROM.normalize(), middle, DVec3::Y)?;
+    let pose = Pose::look_at(middle + distance * VIEW_FROM.normalize(), middle, DVec3::Y)?;
     let projection = Projection::Perspective(Geometry::new(intrinsics, Distortion::default()));
     Some(Still { projection, pose, background: false })
 }
 
-/// Code values with coverage.
-fn shown(image: &LinearImage) -> ColorImage {
+/// Gamma-encodes an image with coverage.
+fn encode(image: &LinearImage) -> ColorImage {
     let response = Response::default();
     let code = |light: f32| (255.0 * response.encode(f64::from(light)).clamp(0.0, 1.0)).round() as u8;
     let pixel = |[r, g, b, a]: &[f32; 4]| {
@@ -313,9 +322,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn keys_walk_the_grid() {
+    fn keys_move_the_focus_in_the_grid() {
         // Three in a row: 0 1 2, 3 4 5, 6.
-        let to = |key, shift, at| walked(|pressed, with| (pressed, with) == (key, shift), at, 7);
+        let to = |key, shift, at| focus_target(|pressed, with| (pressed, with) == (key, shift), at, 7);
         let way = |key| [0, 1, 4, 6].map(|at| to(key, false, at));
         assert_eq!(way(Key::ArrowRight), [Some(1), Some(2), Some(5), None]);
         assert_eq!(way(Key::ArrowLeft), [None, Some(0), Some(3), Some(5)]);
@@ -326,13 +335,13 @@ mod tests {
     }
 
     #[test]
-    fn a_small_picture_shows_all_of_a_model_and_nothing_around_it() {
+    fn thumbnail_shows_the_whole_model_within_its_borders() {
         let gpu = Gpu::open().unwrap();
         let mut renderer = None;
-        // A tent of 10 cm, and a case of 2 cm with the same renderer.
+        // A tent marker of 10 cm and a case of 2 cm, with the same renderer.
         for model in ["scenes/marker-1.glb", "scenes/cartridge-case-9mm.glb"] {
-            let image = draw(&gpu, &mut renderer, Path::new(model)).unwrap();
-            let side = DRAWN_PX as usize;
+            let image = render_thumbnail(&gpu, &mut renderer, Path::new(model)).unwrap();
+            let side = THUMBNAIL_PX as usize;
             assert_eq!(image.size, [side, side]);
             let covered = |x: usize, y: usize| image.pixels[y * side + x].a() > 0;
             let rim = (0..side).flat_map(|n| [(n, 0), (n, side - 1), (0, n), (side - 1, n)]);
@@ -340,6 +349,6 @@ mod tests {
             let share = image.pixels.iter().filter(|p| p.a() > 0).count() as f64 / (side * side) as f64;
             assert!(share > 0.1, "{model}: {share}");
         }
-        assert!(draw(&gpu, &mut renderer, Path::new("scenes/none.glb")).unwrap_err().contains("none.glb"));
+        assert!(render_thumbnail(&gpu, &mut renderer, Path::new("scenes/none.glb")).unwrap_err().contains("none.glb"));
     }
 }

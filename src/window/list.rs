@@ -1,4 +1,4 @@
-//! The list of the things that are placed: what is selected, what is hidden, what stands wrong.
+//! The list of placed things, with selection, visibility and warnings.
 
 use eframe::egui::{self, RichText, Stroke, Ui, vec2};
 
@@ -7,7 +7,7 @@ use super::scene_checks::SceneChecks;
 use super::tilt;
 use locard_engine::scene::SceneItem;
 
-/// Shows the list. A click selects, the box at the left shows and hides. Gives what went wrong.
+/// Shows the list. A click selects; the check box shows and hides. Returns an error.
 pub fn show(
     ui: &mut Ui,
     project: &mut Project,
@@ -34,13 +34,13 @@ pub fn show(
                 if ui.selectable_label(is_selected, text).clicked() {
                     *selected = (!is_selected).then_some(entry.into());
                 }
-                let mut told: Vec<String> = checks.notes(version, object).map(ToString::to_string).collect();
-                told.extend(checks.tilt(version, object).and_then(|tilt| tilt::text(project, entry, &tilt)));
+                let mut warnings: Vec<String> = checks.notes(version, object).map(ToString::to_string).collect();
+                warnings.extend(checks.tilt(version, object).and_then(|tilt| tilt::text(project, entry, &tilt)));
                 if project.shot().scene.objects.get(object).is_some_and(|object| object.is_missing) {
                     sign(ui, &format!("{name}: model missing")).on_hover_text("A marked box stands in for its model");
                 }
-                if !told.is_empty() {
-                    sign(ui, &format!("{name}: stands wrong")).on_hover_text(told.join("\n"));
+                if !warnings.is_empty() {
+                    sign(ui, &format!("{name}: stands wrong")).on_hover_text(warnings.join("\n"));
                 }
             });
         }

@@ -1,58 +1,61 @@
-//! Code values: a loupe that follows the pointer, and numbers in pixels that are large enough. All have 8 bits, as the
-//! picture on the screen has; of a camera with 16 the loupe gives its own codes, too.
+//! Display of code values: a loupe at the pointer, and numbers in magnified pixels. All values have
+//! 8 bits, as on the screen; for cameras with 16 bits the loupe also shows the original values.
 
 use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, StrokeKind, pos2, vec2};
 
-use super::picture::Seen;
-use super::theme::SMALLEST;
-use super::viewer::Shown;
+use super::picture::PictureOutput;
+use super::theme::MIN_TEXT_PT;
+use super::viewer::DisplayTexture;
 use locard_engine::pixels::Pixels;
 
-/// Pixels across in the loupe, and how large each is, points.
-const ACROSS: i32 = 11;
-const CELL: f32 = 12.0;
-/// Numbers stand in pixels from this size on, screen pixels.
-pub const NUMBERS_FROM: f32 = 40.0;
+/// Width of the loupe, pixels of the picture.
+const ACROSS_PX: i32 = 11;
+/// Size of a pixel in the loupe, points.
+const CELL_PT: f32 = 12.0;
+/// Smallest size of a pixel with numbers, screen pixels.
+pub const MIN_NUMBERED_PX: f32 = 40.0;
 
 /// A picture in the loupe.
 pub struct Side<'a> {
     pub name: &'a str,
-    pub shown: &'a Shown,
-    /// `None` as long as they are not there.
+    pub shown: &'a DisplayTexture,
+    /// `None` while they are not available.
     pub codes: Option<&'a Pixels>,
 }
 
-/// Shows what is under the pointer in each picture, side by side, with its code values.
-pub fn show(seen: &Seen, sides: &[Side<'_>]) {
-    let Some(pointed) = seen.pointed else { return };
+/// Shows the magnified surroundings of the pointer in each picture, side by side, with code values.
+pub fn show(picture: &PictureOutput, sides: &[Side<'_>]) {
+    let Some(pointed) = picture.pointed else { return };
     let (x, y) = (pointed.x.floor() as i32, pointed.y.floor() as i32);
-    let square = ACROSS as f32 * CELL;
+    let square = ACROSS_PX as f32 * CELL_PT;
     let fine = sides.iter().any(|side| side.codes.is_some_and(|codes| codes.max_code() > 255));
     let size = vec2(sides.len() as f32 * (square + 8.0) + 8.0, square + if fine { 75.0 } else { 60.0 });
-    let at = seen.placed.screen(pointed);
-    let panel = seen.painter.clip_rect();
-    // Beside the pointer, where there is room.
+    let at = picture.placed.screen(pointed);
+    let panel = picture.painter.clip_rect();
+    // Beside the pointer, on the side with enough room.
     let x0 = if at.x + 28.0 + size.x < panel.max.x { at.x + 28.0 } else { at.x - 28.0 - size.x };
     let y0 = if at.y + 28.0 + size.y < panel.max.y { at.y + 28.0 } else { at.y - 28.0 - size.y };
     let back = Rect::from_min_size(pos2(x0, y0), size);
-    let painter = &seen.painter;
+    let painter = &picture.painter;
     painter.rect_filled(back, 6.0, Color32::from_black_alpha(215));
     for (n, side) in sides.iter().enumerate() {
         let min = back.min + vec2(8.0 + n as f32 * (square + 8.0), 22.0);
         let rect = Rect::from_min_size(min, vec2(square, square));
         let (width, height) = (side.shown.size.0 as f32, side.shown.size.1 as f32);
-        let corner = pos2((x - ACROSS / 2) as f32, (y - ACROSS / 2) as f32);
-        let part = Rect::from_min_size(corner, vec2(ACROSS as f32, ACROSS as f32));
-        // What lies beyond the picture stays dark.
+        let corner = pos2((x - ACROSS_PX / 2) as f32, (y - ACROSS_PX / 2) as f32);
+        let part = Rect::from_min_size(corner, vec2(ACROSS_PX as f32, ACROSS_PX as f32));
+        // The area outside the picture stays dark.
         let inside = part.intersect(Rect::from_min_max(Pos2::ZERO, pos2(width, height)));
-        let drawn =
-            Rect::from_min_max(rect.min + (inside.min - part.min) * CELL, rect.min + (inside.max - part.min) * CELL);
+        let drawn = Rect::from_min_max(
+            rect.min + (inside.min - part.min) * CELL_PT,
+            rect.min + (inside.max - part.min) * CELL_PT,
+        );
         let uv = Rect::from_min_max(
             pos2(inside.min.x / width, inside.min.y / height),
             pos2(inside.max.x / width, inside.max.y / height),
         );
         painter.image(side.shown.texels, drawn, uv, Color32::WHITE);
-        let middle = Rect::from_center_size(rect.center(), vec2(CELL, CELL));
+        let middle = Rect::from_center_size(rect.center(), vec2(CELL_PT, CELL_PT));
         painter.rect_stroke(middle, 0.0, Stroke::new(1.0, Color32::WHITE), StrokeKind::Outside);
         let font = FontId::proportional(12.0);
         painter.text(min - vec2(0.0, 4.0), Align2::LEFT_BOTTOM, side.name, font, Color32::from_gray(200));
@@ -74,28 +77,28 @@ pub fn show(seen: &Seen, sides: &[Side<'_>]) {
     let place = back.left_bottom() + vec2(8.0, -3.0);
     let bits = if fine { "codes of 8 bits, of 16 below" } else { "codes of 8 bits" };
     let text = format!("{x}, {y}   {bits}");
-    painter.text(place, Align2::LEFT_BOTTOM, text, FontId::monospace(SMALLEST), Color32::from_gray(170));
+    painter.text(place, Align2::LEFT_BOTTOM, text, FontId::monospace(MIN_TEXT_PT), Color32::from_gray(170));
 }
 
-/// Writes code values of 8 bits into the pixels that lie in a part of the panel, if they are large enough.
-pub fn numbers(seen: &Seen, clip: Rect, codes: &Pixels, pixels_per_point: f32) {
-    let scale = seen.placed.scale;
-    if scale * pixels_per_point < NUMBERS_FROM {
+/// Writes 8-bit code values into the pixels in a part of the panel, if they are large enough.
+pub fn numbers(picture: &PictureOutput, clip: Rect, codes: &Pixels, pixels_per_point: f32) {
+    let scale = picture.placed.scale;
+    if scale * pixels_per_point < MIN_NUMBERED_PX {
         return;
     }
-    let painter: Painter = seen.painter.with_clip_rect(clip.intersect(seen.painter.clip_rect()));
-    let visible = painter.clip_rect().intersect(seen.placed.rect);
+    let painter: Painter = picture.painter.with_clip_rect(clip.intersect(picture.painter.clip_rect()));
+    let visible = painter.clip_rect().intersect(picture.placed.rect);
     if !visible.is_positive() {
         return;
     }
-    let (min, max) = (seen.placed.picture_px(visible.min).floor(), seen.placed.picture_px(visible.max).ceil());
-    let font = FontId::monospace((scale * 0.21).max(SMALLEST));
+    let (min, max) = (picture.placed.picture_px(visible.min).floor(), picture.placed.picture_px(visible.max).ceil());
+    let font = FontId::monospace((scale * 0.21).max(MIN_TEXT_PT));
     for y in min.y as u32..(max.y as u32).min(codes.height) {
         for x in min.x as u32..(max.x as u32).min(codes.width) {
             let at = codes.eight_bits_at(x, y);
             let luma: u32 = at.iter().zip([2, 5, 1]).map(|(code, weight)| u32::from(*code) * weight).sum();
             let ink = if luma * 2 > 8 * 255 { Color32::BLACK } else { Color32::WHITE };
-            let centre = seen.placed.screen(vec2(x as f32 + 0.5, y as f32 + 0.5));
+            let centre = picture.placed.screen(vec2(x as f32 + 0.5, y as f32 + 0.5));
             for (row, code) in [-1.0, 0.0, 1.0].into_iter().zip(at) {
                 let place = centre + vec2(0.0, row * scale * 0.27);
                 painter.text(place, Align2::CENTER_CENTER, code.to_string(), font.clone(), ink);

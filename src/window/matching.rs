@@ -1,23 +1,23 @@
-//! Whether the evidence matches: noise, brightness, edges and blur of what was drawn beside those of the camera's picture. Only
-//! what is unfolded is computed, on threads of its own.
+//! The tab Match: plots of noise, brightness, edges and blur of virtual objects against those of
+//! the camera's picture. Only unfolded sections are computed, on background threads.
 
 use std::sync::Arc;
 
 use eframe::egui::{self, RichText, Ui};
 use glam::DVec2;
 
-use super::analysis::{Analysis, Bench, HISTOGRAM_BINS, Refused, Wanted, analyse};
+use super::analysis::{Analysis, AnalysisRequest, CompositorCache, HISTOGRAM_BINS, RejectedEdge, analyse};
 use super::background::{Background, Ticket};
+use super::brightness_plot;
 use super::controls::unknown_exposure;
-use super::light as footage_light;
-use super::picture::{Seen, plate};
-use super::plots::{self, Axes, Of};
-use super::pointer::Pointed;
+use super::gpu_times;
+use super::picture::{PictureOutput, plate};
+use super::plots::{self, Axes, DataSource};
+use super::pointer_probe::PointerProbe;
 use super::progress;
 use super::region_picker::{self, RegionPicker, RegionPrompt, RegionPurpose};
 use super::session::Session;
-use super::theme::SMALLEST;
-use super::times;
+use super::theme::MIN_TEXT_PT;
 use locard_engine::calibrate::{NoisePoint, sharpness, sigma_over_profile};
 use locard_engine::camera::NoiseProfile;
 use locard_engine::measure::slanted::{FEWEST_PX, SlantedEdge};
@@ -25,22 +25,23 @@ use locard_engine::pixels::{Pixels, Rect};
 use locard_engine::recording::Recording;
 use locard_engine::text::fixed;
 
-/// A patch's mean code values, 8 bits, by frame.
-type Series = Result<Vec<[f64; 3]>, String>;
+/// Mean 8-bit code values of a patch by frame.
+type PatchMeans = Result<Vec<[f64; 3]>, String>;
 
 /// The tab of plots.
 #[derive(Debug)]
 pub struct Matching {
     channel: usize,
-    /// What histograms are of: luma, or one of the channels.
+    /// Signal of the histograms: 0 is luma, then the channels.
     of: usize,
-    /// Edges of the camera's picture and of the composite, and of which light: luma, or one of the channels.
+    /// Picked edges of the camera's picture and of the composite.
     edges: [Option<Rect>; 2],
+    /// Signal of the edges: 0 is luma, then the channels.
     edges_of: usize,
     patch: Option<Rect>,
-    analysis: Background<(usize, u64, Wanted), Analysis>,
-    bench: Bench,
-    brightness: Background<Rect, Series>,
+    analysis: Background<(usize, u64, AnalysisRequest), Analysis>,
+    compositor_cache: CompositorCache,
+    brightness: Background<Rect, PatchMeans>,
 }
 
 impl Default for Matching {
@@ -52,13 +53,13 @@ impl Default for Matching {
             edges_of: 0,
             patch: None,
             analysis: Background::default(),
-            bench: Bench::default(),
+            compositor_cache: CompositorCache::default(),
             brightness: Background::default(),
         }
     }
 }
 
-/// A section that can be folded, with what a good match looks like.
+/// A collapsible section with a description of a good match.
 fn section(ui: &mut Ui, title: &str, opened: bool, good: &str, body: impl FnOnce(&mut Ui)) -> bool {
     let shown = egui::CollapsingHeader::new(RichText::new(title).strong()).default_open(opened).show(ui, |ui| {
         ui.label(RichText::new(good).small().weak());
@@ -68,13 +69,13 @@ fn section(ui: &mut Ui, title: &str, opened: bool, good: &str, body: impl FnOnce
 }
 
 impl Matching {
-    /// The parts of the picture that are looked at.
+    /// Marked regions of the picture.
     pub fn marks(&self) -> impl Iterator<Item = (Rect, &'static str)> {
         let [real, drawn] = self.edges;
         [(real, "edge"), (drawn, "virtual edge"), (self.patch, "patch")].into_iter().filter_map(|(r, n)| Some((r?, n)))
     }
 
-    /// The plots. `picked`: noise of plain places that were picked to calibrate by.
+    /// The plots. `picked`: noise points of regions that the user picked for calibration.
     pub fn show(
         &mut self,
         ui: &mut Ui,
@@ -83,8 +84,8 @@ impl Matching {
         pointed: Option<DVec2>,
         picked: Option<&[Vec<NoisePoint>; 3]>,
     ) {
-        self.answers(picker);
-        let mut wanted = Wanted::default();
+        self.take_picked(picker);
+        let mut wanted = AnalysisRequest::default();
         ui.horizontal(|ui| {
             plots::choose_channel(ui, &mut self.channel);
             if session.player.playing && !session.is_live() {
@@ -92,13 +93,13 @@ impl Matching {
             }
         });
         if session.is_live() {
-            // What is known is of a frame that nobody sees any more.
+            // The results belong to a frame that is no longer shown.
             self.analysis.clear();
             self.brightness.clear();
             ui.add(egui::Label::new(WAITS_FOR_FROZEN).wrap());
         }
         ui.separator();
-        progress::broken(ui, "Plots", &self.analysis);
+        progress::failure(ui, "Plots", &self.analysis);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             let good = "Good: the virtual dots lie on the profile's line, among the real ones.";
             wanted.noise = section(ui, "Noise", true, good, |ui| self.noise(ui, session, picked));
@@ -107,36 +108,36 @@ impl Matching {
             let good = "Good: both curves rise alike, and the widths agree within their uncertainty.";
             if section(ui, "Edges", false, good, |ui| self.edges(ui, picker)) {
                 wanted.edges = self.edges;
-                wanted.edges_of = light(self.edges_of);
+                wanted.edges_of = edge_signal(self.edges_of);
             }
             let good = "Good: real edges near the pointer look as long and as soft as this says.";
             section(ui, "Blur at the pointer", true, good, |ui| blur(ui, session, pointed));
             let good = "Good: a flat line, or exposure that follows it. Steps are the camera's automatic exposure.";
             if !section(ui, "A patch over the frames", false, good, |ui| self.patch(ui, session, picker)) {
-                self.brightness.rest();
+                self.brightness.cancel();
             }
             let good = "Good: what you see. Objects follow it where the effect Exposure is on and told to follow.";
-            section(ui, "Light over the frames", false, good, |ui| footage_light::show(ui, session));
+            section(ui, "Light over the frames", false, good, |ui| brightness_plot::show(ui, session));
             let good = "Good: no effect takes long that changes nothing you see.";
             section(ui, "Time by effect", false, good, |ui| {
                 if session.viewer.gpu().timestamps {
                     session.request_times();
-                    times::show(ui, session.times());
+                    gpu_times::show(ui, session.times());
                 } else {
                     ui.weak("This graphics device has no clock.");
                 }
             });
         });
-        self.look(ui, session, wanted);
+        self.analyse(ui, session, wanted);
     }
 
-    /// Nobody looks at the plots: what is being computed for them is cancelled.
-    pub fn rest(&mut self) {
-        self.analysis.rest();
-        self.brightness.rest();
+    /// Cancels running computations while the tab is hidden.
+    pub fn cancel(&mut self) {
+        self.analysis.cancel();
+        self.brightness.cancel();
     }
 
-    fn answers(&mut self, picker: &mut RegionPicker) {
+    fn take_picked(&mut self, picker: &mut RegionPicker) {
         for (edge, purpose) in self.edges.iter_mut().zip([RegionPurpose::RealEdge, RegionPurpose::VirtualEdge]) {
             *edge = picker.take_region(purpose).and_then(|places| region_picker::pixel_rect(&places)).or(*edge);
         }
@@ -146,14 +147,16 @@ impl Matching {
             .or(self.patch);
     }
 
-    /// Has the picture looked at, if there is something new in it.
-    fn look(&mut self, ui: &Ui, session: &Session, wanted: Wanted) {
+    /// Starts the analysis of the displayed frame if its inputs changed.
+    fn analyse(&mut self, ui: &Ui, session: &Session, wanted: AnalysisRequest) {
         let Some(frame) = session.frame().filter(|_| wanted.anything() && !session.player.playing) else {
-            return self.analysis.rest();
+            return self.analysis.cancel();
         };
         let (shot, frame, gpu) = (session.project.shot().clone(), Arc::clone(frame), session.viewer.gpu().clone());
-        let (bench, key) = (self.bench.clone(), (frame.index, session.project.version(), wanted.clone()));
-        self.analysis.want(ui.ctx(), key, move |ticket| analyse(&bench, &gpu, &shot, &frame, &wanted, ticket));
+        let (compositor_cache, key) =
+            (self.compositor_cache.clone(), (frame.index, session.project.version(), wanted.clone()));
+        self.analysis
+            .request(ui.ctx(), key, move |ticket| analyse(&compositor_cache, &gpu, &shot, &frame, &wanted, ticket));
     }
 
     fn noise(&self, ui: &mut Ui, session: &Session, picked: Option<&[Vec<NoisePoint>; 3]>) {
@@ -165,7 +168,8 @@ impl Matching {
         };
         let real = part(analysis.and_then(|analysis| analysis.real.as_ref()));
         let drawn = part(analysis.and_then(|analysis| analysis.drawn.as_ref()));
-        let [of_profile, of_real, of_virtual] = [Of::Profile, Of::Real, Of::Virtual].map(|of| of.color(ui));
+        let [of_profile, of_real, of_virtual] =
+            [DataSource::Profile, DataSource::Real, DataSource::Virtual].map(|of| of.color(ui));
         let axes = Axes {
             name: "Noise by intensity",
             x: "code value",
@@ -187,7 +191,10 @@ impl Matching {
             plots::noise_rings(plot, "picked", &rings, of_real);
         });
         let real = if has_rings { "plain places of the picture; rings: picked" } else { "plain places of the picture" };
-        plots::legend(ui, &[(Of::Profile, "profile"), (Of::Real, real), (Of::Virtual, "drawn")]);
+        plots::legend(
+            ui,
+            &[(DataSource::Profile, "profile"), (DataSource::Real, real), (DataSource::Virtual, "drawn")],
+        );
         let over: Vec<String> =
             over.into_iter().filter_map(|(of, times)| Some(format!("{of} {}", fixed(times?, 2)))).collect();
         if !over.is_empty() {
@@ -211,7 +218,7 @@ impl Matching {
     fn histograms(&mut self, ui: &mut Ui) {
         ui.horizontal(|ui| plots::choose_luma_or_channel(ui, &mut self.of));
         let of = self.of;
-        let (of_real, of_virtual) = (Of::Real.color(ui), Of::Virtual.color(ui));
+        let (of_real, of_virtual) = (DataSource::Real.color(ui), DataSource::Virtual.color(ui));
         let found = self.analysis.last().and_then(|analysis| analysis.histograms.as_ref());
         let width = 256.0 / HISTOGRAM_BINS as f64;
         let curve = |shares: &[f64]| -> Vec<[f64; 2]> {
@@ -233,7 +240,7 @@ impl Matching {
             plot.line(plots::line("surroundings", surroundings, of_real));
             plot.line(plots::line("object", object, of_virtual));
         });
-        plots::legend(ui, &[(Of::Real, "surroundings, 24 px"), (Of::Virtual, "objects")]);
+        plots::legend(ui, &[(DataSource::Real, "surroundings, 24 px"), (DataSource::Virtual, "objects")]);
         match found {
             Some(Err(why)) => _ = ui.label(RichText::new(why).small().weak()),
             Some(Ok(_)) if is_empty => _ = ui.label(RichText::new("Nothing virtual is in this frame.").small().weak()),
@@ -253,7 +260,7 @@ impl Matching {
             ui.horizontal(|ui| plots::choose_luma_or_channel(ui, &mut self.edges_of));
         }
         let found = self.analysis.last().map(|analysis| analysis.edges.clone()).unwrap_or_default();
-        let colors = [Of::Real, Of::Virtual].map(|of| of.color(ui));
+        let colors = [DataSource::Real, DataSource::Virtual].map(|of| of.color(ui));
         let axes = Axes {
             name: "Edges",
             x: "distance, px",
@@ -272,17 +279,17 @@ impl Matching {
             });
         }
         let mut out = Vec::new();
-        for (found, (of, name)) in found.iter().zip([(Of::Real, "real"), (Of::Virtual, "virtual")]) {
+        for (found, (of, name)) in found.iter().zip([(DataSource::Real, "real"), (DataSource::Virtual, "virtual")]) {
             match found {
-                Some(Ok(edge)) => plots::legend(ui, &[(of, &format!("{name}: {}", width_of(edge)))]),
-                Some(Err(Refused { why, seen })) => {
+                Some(Ok(edge)) => plots::legend(ui, &[(of, &format!("{name}: {}", width_text(edge)))]),
+                Some(Err(RejectedEdge { why, seen })) => {
                     ui.label(RichText::new(format!("{name}: {why}")).small());
                     out.push((name.to_owned(), of.color(ui), seen.clone()));
                 }
                 None => {}
             }
         }
-        refused(ui, out);
+        plot_rejected_edges(ui, out);
     }
 
     fn patch(&mut self, ui: &mut Ui, session: &Session, picker: &mut RegionPicker) {
@@ -294,14 +301,14 @@ impl Matching {
         );
         let Some(patch) = self.patch.filter(|_| !session.is_live()) else { return };
         let recording = Arc::clone(&session.project.shot().recording);
-        self.brightness.want(ui.ctx(), patch, move |ticket| means(&recording, patch, ticket));
+        self.brightness.request(ui.ctx(), patch, move |ticket| means(&recording, patch, ticket));
         let c = self.channel;
         progress::of(ui, "Brightness over the frames", &self.brightness);
         match self.brightness.last() {
             Some(Ok(series)) => {
                 let points: Vec<[f64; 2]> = series.iter().enumerate().map(|(i, mean)| [i as f64, mean[c]]).collect();
                 let here = series.get(session.player.frame()).map(|mean| [session.player.frame() as f64, mean[c]]);
-                let (color, accent) = (Of::Real.color(ui), Of::Virtual.color(ui));
+                let (color, accent) = (DataSource::Real.color(ui), DataSource::Virtual.color(ui));
                 let axes = Axes { name: "Mean of a patch", x: "frame", y: "code value", x_range: None, y_from: None };
                 plots::show(ui, &axes, move |plot| {
                     plot.line(plots::line("patch", points, color));
@@ -319,36 +326,36 @@ impl Matching {
     }
 }
 
-/// A width with its uncertainty.
-pub fn width_of(edge: &SlantedEdge) -> String {
+/// Text of an edge width with its uncertainty.
+pub fn width_text(edge: &SlantedEdge) -> String {
     let rise = edge.rise_10_90_px.map_or(String::new(), |rise| format!("; 10-90 % in {} px", fixed(rise, 2)));
     format!("σ {} ± {} px{rise}", fixed(edge.sigma_px, 3), fixed(edge.uncertainty_px, 3))
 }
 
-/// In place of plots, while a camera is shown.
+/// Notice instead of plots during a live view.
 const WAITS_FOR_FROZEN: &str = "No plot is drawn while the camera is shown: its picture is another one by the time it is \
                                 measured. Freeze it (Space), and plots are of the frozen picture.";
 
-/// What to do where a frame has no plain places.
+/// Advice for a frame without plain regions.
 const NO_PLAIN_PLACE: &str = "This frame shows too little that is plain to tell the camera's noise. Go to a frame with a wall, a \
                               table or paper in it, or pick plain places yourself: the tab Calibrate measures them, and \
                               their dots are shown here as rings.";
 
-/// What a good edge is, while one is dragged.
+/// Instructions for picking an edge.
 pub const GOOD_EDGE: &str = "Drag a rectangle that one straight edge crosses from side to side: plain on both sides, some 20 px each, \
                              nothing else in it";
 
-/// Of which light edges are, by the buttons for luma and the channels.
-pub fn light(chosen: usize) -> sharpness::EdgeLight {
+/// Signal of edges for an index of the buttons: 0 is luma, then the channels.
+pub fn edge_signal(chosen: usize) -> sharpness::EdgeLight {
     chosen.checked_sub(1).map_or(sharpness::EdgeLight::Best, sharpness::EdgeLight::Channel)
 }
 
-/// An edge that was refused: what it is called, its colour, and how the light goes there.
-pub type RefusedEdge = (String, egui::Color32, Vec<[f64; 2]>);
+/// A rejected edge: name, colour, and edge profile.
+pub type RejectedEdgePlot = (String, egui::Color32, Vec<[f64; 2]>);
 
-/// How the light goes where edges were refused: dashed, apart from those that are measured.
-pub fn refused(ui: &mut Ui, edges: Vec<RefusedEdge>) {
-    let edges: Vec<RefusedEdge> = edges.into_iter().filter(|(.., seen)| !seen.is_empty()).collect();
+/// Profiles of rejected edges, dashed, in a plot of their own.
+pub fn plot_rejected_edges(ui: &mut Ui, edges: Vec<RejectedEdgePlot>) {
+    let edges: Vec<RejectedEdgePlot> = edges.into_iter().filter(|(.., seen)| !seen.is_empty()).collect();
     if edges.is_empty() {
         return;
     }
@@ -370,7 +377,7 @@ pub fn refused(ui: &mut Ui, edges: Vec<RefusedEdge>) {
     ui.label(RichText::new("As it is seen there: one step between two level parts is what can be measured.").small());
 }
 
-/// What was measured as dots, the fit as a line.
+/// An edge spread function: samples as dots, the fit as a line.
 pub fn draw_edge(plot: &mut egui_plot::PlotUi<'_>, name: &str, edge: &SlantedEdge, color: egui::Color32) {
     let share = |light: f64| 100.0 * (light - edge.dark) / (edge.bright - edge.dark);
     let near = |d: f64| d.abs() <= 8.0;
@@ -392,7 +399,7 @@ fn blur(ui: &mut Ui, session: &Session, pointed: Option<DVec2>) {
         return;
     };
     let Some(frame) = session.frame() else { return };
-    match Pointed::at(session.project.shot(), frame, at) {
+    match PointerProbe::at(session.project.shot(), frame, at) {
         Ok(pointed) => {
             pointed.show(ui);
             if let Some(note) = session.project.shot().unknown_exposure() {
@@ -403,8 +410,8 @@ fn blur(ui: &mut Ui, session: &Session, pointed: Option<DVec2>) {
     }
 }
 
-/// The means of a patch over all frames.
-fn means(recording: &Recording, patch: Rect, ticket: &Ticket) -> Series {
+/// Mean of a patch over all frames.
+fn means(recording: &Recording, patch: Rect, ticket: &Ticket) -> PatchMeans {
     let count = recording.frame_count();
     let mut series = Vec::with_capacity(count);
     for frame in recording.frames(0..count).map_err(|error| error.to_string())? {
@@ -412,7 +419,7 @@ fn means(recording: &Recording, patch: Rect, ticket: &Ticket) -> Series {
             break;
         }
         series.push(mean(&frame.map_err(|error| error.to_string())?.pixels, patch));
-        ticket.done(series.len() as f64 / count as f64);
+        ticket.set_progress(series.len() as f64 / count as f64);
     }
     Ok(series)
 }
@@ -428,17 +435,17 @@ fn mean(pixels: &Pixels, patch: Rect) -> [f64; 3] {
     sums.map(|sum| sum / count.max(1.0))
 }
 
-/// Marks places in the picture, each with its name.
-pub fn paint(seen: &Seen, marks: impl Iterator<Item = (Rect, String)>) {
+/// Outlines regions in the picture, each with its name.
+pub fn paint(picture: &PictureOutput, marks: impl Iterator<Item = (Rect, String)>) {
     for (rect, name) in marks {
-        let at = |x: i32, y: i32| seen.placed.screen(egui::vec2(x as f32, y as f32));
+        let at = |x: i32, y: i32| picture.placed.screen(egui::vec2(x as f32, y as f32));
         let on_screen = egui::Rect::from_min_max(at(rect.x0, rect.y0), at(rect.x1, rect.y1));
         let stroke = |width: f32, color| egui::Stroke::new(width, color);
         for stroke in [stroke(3.0, egui::Color32::from_black_alpha(120)), stroke(1.0, egui::Color32::WHITE)] {
-            seen.painter.rect_stroke(on_screen, 0.0, stroke, egui::StrokeKind::Outside);
+            picture.painter.rect_stroke(on_screen, 0.0, stroke, egui::StrokeKind::Outside);
         }
-        // Above it, and where the picture's panel ends in it.
-        let top = (on_screen.top() - 6.0).max(seen.painter.clip_rect().top() + 20.0);
-        plate(&seen.painter, egui::pos2(on_screen.left() + 6.0, top), egui::Align2::LEFT_BOTTOM, &name, SMALLEST);
+        // Above the region, or inside the panel if the region extends beyond it.
+        let top = (on_screen.top() - 6.0).max(picture.painter.clip_rect().top() + 20.0);
+        plate(&picture.painter, egui::pos2(on_screen.left() + 6.0, top), egui::Align2::LEFT_BOTTOM, &name, MIN_TEXT_PT);
     }
 }

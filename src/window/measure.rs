@@ -1,5 +1,6 @@
-//! What the window costs, measured in the window itself: the first picture, painting, playing, dragging, and the time from
-//! a changed parameter to the picture that shows it. A picture may be rough first (`RenderKey::is_approximate`).
+//! Benchmark of the window, run in the window itself: time to the first picture, painting,
+//! playback, dragging, and the latency from a changed parameter to its picture. A picture may be a
+//! preview first (`RenderKey::is_approximate`).
 
 use std::collections::VecDeque;
 use std::f64::consts::PI;
@@ -18,23 +19,23 @@ use locard_engine::params::{Kind, Value};
 use locard_engine::scene::{Entry, ItemPlacement};
 use locard_engine::shot::{Shot, ShotError};
 
-/// How long it plays.
-const PLAYS: Duration = Duration::from_secs(8);
-/// How long the window is painted.
-const PAINTS: Duration = Duration::from_secs(3);
-/// Values that each parameter is set to.
-const VALUES: usize = 20;
+/// Duration of the playback and drag steps.
+const PLAYBACK_DURATION: Duration = Duration::from_secs(8);
+/// Duration of the painting step.
+const PAINTING_DURATION: Duration = Duration::from_secs(3);
+/// Number of values that each parameter is set to.
+const VALUES_PER_PARAMETER: usize = 20;
 
-/// What is measured, one after another.
+/// Steps of the benchmark.
 enum Step {
     First,
-    /// The window alone, while its picture stands still.
+    /// Painting of the window with a static picture.
     Paint,
-    /// With the panels beside the picture, or without.
+    /// Playback with or without the panels.
     Play {
         alone: bool,
     },
-    /// The first thing of the scene goes round, as it is dragged.
+    /// The first thing of the scene moves in a circle, as if dragged.
     Drag,
     Change {
         table: &'static str,
@@ -43,7 +44,7 @@ enum Step {
     },
 }
 
-/// From a change to its picture.
+/// Latencies from a change of a parameter to its picture.
 struct Change {
     parameter: String,
     worst_s: f64,
@@ -51,30 +52,30 @@ struct Change {
     count: usize,
 }
 
-/// Works the window by itself, and prints what it found.
+/// Runs the window automatically and prints the results.
 pub struct Measure {
     started: Instant,
-    /// Pictures per second of the same frames without a window.
+    /// Frame rate of the same frames without a window, pictures per second.
     without_per_s: f64,
     steps: VecDeque<Step>,
     begun: Option<(Instant, u64)>,
     first_s: Option<f64>,
-    /// When a value was set; and whether its picture has been drawn into the window.
+    /// When a value was set, and whether its picture has been painted.
     set: Option<(Instant, bool)>,
     changes: Vec<Change>,
 }
 
 impl Measure {
-    /// `started`: when the program was. Composites the recording once without a window.
+    /// `started`: start of the program. Composites the recording without a window first.
     pub fn new(started: Instant, shot: &Shot) -> Result<Self, ShotError> {
         let failed = |source| ShotError::Gpu { frame: 0, source };
         let mut compositor = shot.compositor(Gpu::open().map_err(failed)?);
         let range = 0..shot.recording.frame_count();
-        // Pipelines are made with the first.
+        // The first frame compiles the pipelines.
         shot.frames(&mut compositor, 0..1, false, 1)?.try_for_each(|done| done.map(drop))?;
         let begun = Instant::now();
         let mut count = 0;
-        while begun.elapsed() < PLAYS {
+        while begun.elapsed() < PLAYBACK_DURATION {
             for done in shot.frames(&mut compositor, range.clone(), false, IN_FLIGHT)? {
                 done?;
                 count += 1;
@@ -100,7 +101,7 @@ impl Measure {
         Ok(Self { started, without_per_s, steps, begun: None, first_s: None, set: None, changes: Vec::new() })
     }
 
-    /// Goes on; says whether all is done. To be called in each frame of the window.
+    /// Advances the benchmark; call it in each frame of the window. Returns true at the end.
     pub fn step(&mut self, session: &mut Session, view: &mut View, ctx: &egui::Context) -> bool {
         let Some(step) = self.steps.front_mut() else {
             self.print();
@@ -123,7 +124,7 @@ impl Measure {
                     self.begun = Some((Instant::now(), 0));
                     ctx.request_repaint();
                 }
-                Some((begun, paints)) if begun.elapsed() > PAINTS => {
+                Some((begun, paints)) if begun.elapsed() > PAINTING_DURATION => {
                     let took_s = begun.elapsed().as_secs_f64() / *paints as f64;
                     println!("the window itself      {:.1} ms", 1e3 * took_s);
                     self.begun = None;
@@ -143,7 +144,7 @@ impl Measure {
                     self.begun = Some((Instant::now(), session.pictures()));
                     ctx.request_repaint();
                 }
-                Some((begun, pictures)) if begun.elapsed() > PLAYS => {
+                Some((begun, pictures)) if begun.elapsed() > PLAYBACK_DURATION => {
                     let per_s = (session.pictures() - pictures) as f64 / begun.elapsed().as_secs_f64();
                     let share = self.without_per_s / per_s;
                     let without = self.without_per_s;
@@ -152,7 +153,7 @@ impl Measure {
                         "playing                {per_s:.1} pictures/s; without a window {without:.1}: {share:.2} times{without_panels}"
                     );
                     view.alone = false;
-                    rest(&mut session.player);
+                    pause(&mut session.player);
                     self.begun = None;
                     self.steps.pop_front();
                     ctx.request_repaint();
@@ -165,7 +166,7 @@ impl Measure {
                     ctx.request_repaint();
                 }
                 Some((begun, pictures))
-                    if begun.elapsed() > PLAYS || session.project.edit().scene.objects.is_empty() =>
+                    if begun.elapsed() > PLAYBACK_DURATION || session.project.edit().scene.objects.is_empty() =>
                 {
                     let per_s = (session.pictures() - pictures) as f64 / begun.elapsed().as_secs_f64();
                     println!("dragging evidence      {per_s:.1} pictures/s");
@@ -175,7 +176,7 @@ impl Measure {
                     ctx.request_repaint();
                 }
                 Some((begun, _)) => {
-                    // Once round in two seconds, 5 cm from where it stands.
+                    // A circle of 5 cm around its position in two seconds.
                     let mut scene = session.project.edit().scene.clone();
                     let entry = Entry { object: 0, instance: scene.entries().first().and_then(|first| first.instance) };
                     let was = session.project.history().committed().scene.placement(entry);
@@ -219,13 +220,13 @@ impl Measure {
                             change.sum_s += took_s;
                             change.count += 1;
                         }
-                        // The first one makes what is made once.
+                        // The first change includes one-time work and is not counted.
                         None => self.changes.push(Change { parameter, worst_s: 0.0, sum_s: 0.0, count: 0 }),
                     }
                     self.set = None;
                     ctx.request_repaint();
                 } else if session.is_shown() {
-                    // It is on the screen when the next frame of the window begins.
+                    // The picture is on the screen when the next frame of the window begins.
                     self.set = Some((set, true));
                     ctx.request_repaint();
                 }
@@ -246,12 +247,12 @@ impl Measure {
     }
 }
 
-fn rest(player: &mut Player) {
+fn pause(player: &mut Player) {
     player.play(false);
     player.seek(player.count() / 3);
 }
 
-/// As a slider is dragged: a tenth to either side.
+/// Values of a slider drag: within a tenth of the value to either side.
 fn values(kind: &Kind, now: &Value) -> Option<VecDeque<Value>> {
     let Value::Number(now) = *now else { return None };
     let (min, max, whole) = match *kind {
@@ -260,7 +261,7 @@ fn values(kind: &Kind, now: &Value) -> Option<VecDeque<Value>> {
         _ => return None,
     };
     let reach = (0.1 * now.abs()).max(0.01 * (max - min).min(10.0));
-    let at = |n: usize| now + reach * (2.0 * (n as f64 + 0.5) / VALUES as f64 - 1.0);
+    let at = |n: usize| now + reach * (2.0 * (n as f64 + 0.5) / VALUES_PER_PARAMETER as f64 - 1.0);
     let rounded = |n: f64| if whole { n.round() } else { n };
-    Some((0..=VALUES).map(|n| Value::Number(rounded(at(n)).clamp(min, max))).collect())
+    Some((0..=VALUES_PER_PARAMETER).map(|n| Value::Number(rounded(at(n)).clamp(min, max))).collect())
 }

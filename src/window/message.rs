@@ -1,10 +1,10 @@
-//! A message that is shown whole, to be read, selected and copied.
+//! A window with the full text of a message, to be read, selected and copied.
 
 use eframe::egui::{self, Context, InnerResponse};
 
 use super::question::as_dialog;
 
-/// The window of a message. A press beside it closes it, and counts there too.
+/// The window of a message. A press beside it closes it, and also acts on the widget there.
 #[derive(Clone, Debug)]
 pub struct MessageWindow {
     text: String,
@@ -56,7 +56,7 @@ mod tests {
     use super::*;
     use eframe::egui::{Event, Modifiers, PointerButton, Pos2, RawInput, Rect, pos2, vec2};
 
-    /// Presses and releases in one frame, as a quick click is seen by a slow window.
+    /// A press and release within one frame, as a quick click in a slow window.
     fn click(at: Pos2) -> RawInput {
         let button = |pressed| Event::PointerButton {
             pos: at,

@@ -1,5 +1,5 @@
-//! Files that the scene names and that cannot be read, each with a button to locate it. The scene
-//! is loaded again when one of them is back.
+//! Unreadable files of the scene, each with a button to locate it. The scene
+//! is reloaded when one of them is back.
 
 use std::path::PathBuf;
 
@@ -8,13 +8,13 @@ use eframe::egui::{self, Label, RichText, Ui};
 use super::Project;
 use locard_engine::scene::SceneError;
 
-/// Whether a shown object or the light lacks its file.
+/// True if the file of a visible object or of the light is missing.
 pub fn is_any_needed(project: &Project) -> bool {
     project.shot().scene.missing.iter().any(|missing| missing.is_needed)
 }
 
-/// Loads the scene again, since a missing file may be back. It is no step of the history.
-pub fn load_again(project: &mut Project) -> Result<(), SceneError> {
+/// Reloads the scene when a missing file may be back. This is not an undo step.
+pub fn reload(project: &mut Project) -> Result<(), SceneError> {
     project.change_scene("loaded again", |_| ())
 }
 

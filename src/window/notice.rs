@@ -1,11 +1,11 @@
-//! Notices over the picture: why something cannot be done there, with a button to the remedy, and
-//! why a click had no effect.
+//! Notices over the picture: an obstacle with a button to its remedy, and
+//! the reason why a click had no effect.
 
 use std::time::Duration;
 
 use eframe::egui::{self, Align, Align2, Label, Layout, Rect, Sense, Ui, UiBuilder, Vec2, pos2, vec2};
 
-use super::picture::{Seen, plate};
+use super::picture::{PictureOutput, plate};
 use super::question::default_button;
 
 /// Width of a notice in a large panel, points.
@@ -13,10 +13,10 @@ const WIDTH: f32 = 380.0;
 /// Height that is left for a notice below its upper edge, points.
 const HEIGHT: f32 = 110.0;
 
-/// A refusal stays so long, seconds.
-const REFUSAL_S: f64 = 4.0;
+/// Display time of a refusal, seconds.
+const REFUSAL_DURATION_S: f64 = 4.0;
 
-/// Why a click had no effect, beside the place of the click.
+/// The reason why a click had no effect, shown beside its position.
 #[derive(Clone, Debug)]
 pub struct Refusal {
     text: String,
@@ -25,22 +25,22 @@ pub struct Refusal {
 }
 
 impl Refusal {
-    pub fn new(seen: &Seen, at_px: Vec2, text: String) -> Self {
-        Self { text, at_px, since_s: seen.response.ctx.input(|i| i.time) }
+    pub fn new(picture: &PictureOutput, at_px: Vec2, text: String) -> Self {
+        Self { text, at_px, since_s: picture.response.ctx.input(|i| i.time) }
     }
 
-    /// Draws it. Returns false once it has been there long enough.
-    pub fn show(&self, seen: &Seen) -> bool {
-        let ctx = &seen.response.ctx;
-        let left_s = REFUSAL_S - (ctx.input(|i| i.time) - self.since_s);
+    /// Paints the refusal. Returns false after its display time.
+    pub fn show(&self, picture: &PictureOutput) -> bool {
+        let ctx = &picture.response.ctx;
+        let left_s = REFUSAL_DURATION_S - (ctx.input(|i| i.time) - self.since_s);
         if left_s <= 0.0 {
             return false;
         }
-        let at = seen.placed.screen(self.at_px);
-        // Towards the panel's middle, where there is room.
-        let is_right = at.x > seen.painter.clip_rect().center().x;
+        let at = picture.placed.screen(self.at_px);
+        // Towards the centre of the panel.
+        let is_right = at.x > picture.painter.clip_rect().center().x;
         let (align, offset) = if is_right { (Align2::RIGHT_TOP, -16.0) } else { (Align2::LEFT_TOP, 16.0) };
-        plate(&seen.painter, at + vec2(offset, 16.0), align, &self.text, 13.0);
+        plate(&picture.painter, at + vec2(offset, 16.0), align, &self.text, 13.0);
         ctx.request_repaint_after(Duration::from_secs_f64(left_s));
         true
     }
@@ -51,11 +51,11 @@ impl Refusal {
 pub struct Notice {
     pub text: String,
     pub remedy: Option<Remedy>,
-    /// It can be closed; otherwise it goes when the work that it is about ends.
+    /// The user can close it; otherwise it disappears when the work that it is about ends.
     pub can_be_closed: bool,
 }
 
-/// What the button of a notice leads to.
+/// Action of a notice's button.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Remedy {
     ChooseProfile,
@@ -84,7 +84,7 @@ pub fn show(ui: &mut Ui, panel: Rect, notice: &Notice) -> Option<NoticeButton> {
     let top = (panel.center().y - 0.5 * HEIGHT).max(panel.top() + 8.0);
     let rect = Rect::from_min_size(pos2(panel.center().x - 0.5 * width, top), vec2(width, HEIGHT));
     let builder = UiBuilder::new().max_rect(rect).layout(Layout::top_down(Align::Center));
-    // A click on the notice is none in the picture.
+    // Blocks clicks on the picture below.
     let mut inner = ui.new_child(builder.sense(Sense::click()));
     inner.set_clip_rect(panel);
     let mut pressed = None;

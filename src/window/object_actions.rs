@@ -3,7 +3,7 @@
 use super::Project;
 use locard_engine::scene::SceneItem;
 
-/// Offset of a duplicate to the side, m.
+/// Offset of a duplicate duplicate along x, m.
 const DUPLICATE_OFFSET_M: f64 = 0.1;
 
 /// Duplicates the selection beside it and selects the copy. Returns an error message.

@@ -6,10 +6,10 @@ use locard_engine::recording::Recording;
 use locard_engine::shot::{Shot, ShotError, SurfaceError};
 use locard_engine::text::without_options;
 
-/// Why a frame shows no evidence and takes none.
+/// Reason why evidence can be neither drawn nor placed in a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Obstacle {
-    /// The camera is missing, incomplete or refused; the text says which. A profile is the remedy.
+    /// The camera is missing, incomplete or rejected, with a message. A profile is the remedy.
     Camera(String),
     /// The frame has no pose. The nearest frame that has one is the remedy.
     NoPose,
@@ -33,7 +33,7 @@ impl Obstacle {
     }
 }
 
-/// Whether another profile may help.
+/// True if another profile is a remedy.
 fn is_of_camera(error: &ShotError) -> bool {
     matches!(
         error,
@@ -65,7 +65,7 @@ pub struct NearestPose {
 
 #[derive(Debug)]
 struct Nearest {
-    /// A recording that still arrives is another allocation after each of its frames.
+    /// A live recording is a new allocation after each of its frames.
     recording: Weak<Recording>,
     frame: usize,
     nearest: Option<usize>,
@@ -93,7 +93,7 @@ impl NearestPose {
     }
 }
 
-/// What is wrong with a camera, for someone who has a window and no command line.
+/// Message about a camera, without options of the command line.
 pub fn camera_text(error: &ShotError) -> String {
     match error {
         ShotError::NoCamera { .. } => "No camera profile for this recording. Choose one to place evidence.".to_owned(),
@@ -107,7 +107,7 @@ pub fn camera_text(error: &ShotError) -> String {
     }
 }
 
-/// Why a click meets no surface.
+/// Message about a click without a surface.
 pub fn surface_text(error: &SurfaceError) -> String {
     match error {
         SurfaceError::NotMeasured { .. } => {
@@ -140,7 +140,7 @@ mod tests {
     use locard_engine::shot::Given;
 
     #[test]
-    fn the_obstacle_names_what_is_missing_and_the_sizes() {
+    fn obstacle_names_missing_values_and_both_sizes() {
         let open = |sets: &[&str]| {
             let sets = sets.iter().map(ToString::to_string).collect();
             Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given { sets, ..Given::default() })

@@ -1,4 +1,4 @@
-//! A recording that is being opened: on a thread of its own, since the headers of all its frames are read.
+//! Opens a recording or a camera on a background thread, since the headers of all frames are read.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -15,20 +15,20 @@ use locard_engine::shot::{Given, ShotError};
 use locard_engine::text::without_options;
 use locard_engine::webcam::CameraError;
 
-/// A project, with the camera of which it is.
-pub type Fresh = (Box<Project>, Option<live::LiveInput>);
+/// An opened project, with its camera if it is live.
+pub type OpenedProject = (Box<Project>, Option<live::LiveInput>);
 
-/// Why nothing was opened.
+/// Reason why nothing was opened.
 #[derive(Debug)]
-pub struct Refused {
+pub struct OpenRefusal {
     pub why: String,
-    /// A profile says what is lacking.
+    /// A profile with camera parameters is the remedy.
     pub lacks_camera: bool,
     /// The profile does not fit the recording.
     pub is_unfit_profile: bool,
 }
 
-impl Refused {
+impl OpenRefusal {
     fn plain(error: &dyn std::fmt::Display) -> Self {
         Self { why: without_options(&error.to_string()), lacks_camera: false, is_unfit_profile: false }
     }
@@ -42,8 +42,8 @@ impl Refused {
         Self { why, lacks_camera, is_unfit_profile: false }
     }
 
-    /// Refuses a profile for pictures of another size than the recording's. Where `has_camera`, a profile without a camera
-    /// would replace the camera that is open, and is refused too.
+    /// Refuses a profile for another picture size than the recording's. If `has_camera`, also a
+    /// profile without camera parameters, which would replace the current camera.
     fn unfit_profile(project: &Project, profile: &Path, has_camera: bool) -> Result<(), Self> {
         let name = profile.file_name().unwrap_or(profile.as_os_str()).to_string_lossy();
         let recording = &project.shot().recording.name;
@@ -65,29 +65,29 @@ impl Refused {
     }
 }
 
-/// What came of it.
+/// Result of opening.
 #[derive(Debug)]
-pub struct Done {
+pub struct OpenResult {
     pub document: DocumentRef,
-    pub project: Result<Fresh, Refused>,
-    /// Work that is taken up with it.
+    pub project: Result<OpenedProject, OpenRefusal>,
+    /// Autosaved work that was restored into the project.
     pub recoverable: Option<RecoverableWork>,
-    /// They are the files that are open.
-    pub is_again: bool,
+    /// The same files were reloaded.
+    pub is_reload: bool,
 }
 
-/// Something is being opened.
+/// An open operation in progress.
 #[derive(Debug)]
 pub struct Opening {
     document: DocumentRef,
     recoverable: Option<RecoverableWork>,
-    is_again: bool,
-    task: BackgroundTask<Result<Fresh, Refused>>,
+    is_reload: bool,
+    task: BackgroundTask<Result<OpenedProject, OpenRefusal>>,
 }
 
 impl Opening {
-    /// `wake` is called from the thread when it is over. Work that was left goes into what is opened. `has_camera`: the same
-    /// recording is open, and its camera is known.
+    /// `wake` is called from the thread at the end. `left`: autosaved work to restore.
+    /// `has_camera`: the same recording is open with known camera parameters.
     pub fn begin(
         document: DocumentRef,
         recoverable: Option<RecoverableWork>,
@@ -97,42 +97,41 @@ impl Opening {
         Self::of(document, recoverable, has_camera, None, None, wake)
     }
 
-    /// A recording that is open already is not opened again. `again` has the values that were given
-    /// with files that are read again; undo reverts that, so an unfit profile is not refused
-    /// there.
+    /// A recording in `open_already` is reused. `reload`: reloads the files, with the overrides of
+    /// the command line; an unfit profile is accepted there, since undo reverts a reload.
     fn of(
         document: DocumentRef,
         recoverable: Option<RecoverableWork>,
         has_camera: bool,
-        again: Option<Vec<String>>,
+        reload: Option<Vec<String>>,
         open_already: Option<Arc<Recording>>,
         wake: impl FnOnce() + Send + 'static,
     ) -> std::io::Result<Self> {
-        let (wanted, is_again, sets) = (document.clone(), again.is_some(), again.unwrap_or_default());
+        let (wanted, is_reload, sets) = (document.clone(), reload.is_some(), reload.unwrap_or_default());
         let work = recoverable.as_ref().map(|recoverable| UnsavedWork::clone(&recoverable.work));
         let task = BackgroundTask::spawn("opening", wake, move || {
             let (mut project, camera) = match (&wanted.camera, open_already) {
-                (_, Some(recording)) => (put_to(Recording::clone(&recording), &wanted, sets)?, None),
+                (_, Some(recording)) => (project_of(Recording::clone(&recording), &wanted, sets)?, None),
                 (Some(from), None) => open_camera(&wanted, from)?,
                 (None, None) => (open(&wanted, sets)?, None),
             };
             if let Some(UnsavedWork { edit, history, .. }) = work {
-                project.restore(edit, history).map_err(|error| Refused::plain(&error))?;
-            } else if let Some(profile) = wanted.profile.as_deref().filter(|_| !is_again && wanted.camera.is_none()) {
-                Refused::unfit_profile(&project, profile, has_camera)?;
+                project.restore(edit, history).map_err(|error| OpenRefusal::plain(&error))?;
+            } else if let Some(profile) = wanted.profile.as_deref().filter(|_| !is_reload && wanted.camera.is_none()) {
+                OpenRefusal::unfit_profile(&project, profile, has_camera)?;
             }
             Ok((Box::new(project), camera))
         })?;
-        Ok(Self { document, recoverable, is_again, task })
+        Ok(Self { document, recoverable, is_reload, task })
     }
 
-    /// Reads the files that are open again; a camera goes on.
-    pub fn again(project: &Project, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
+    /// Reloads the open files; a camera continues.
+    pub fn reload(project: &Project, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
         let recording = Some(&project.shot().recording).filter(|recording| recording.is_arriving()).cloned();
         Self::of(DocumentRef::of(project), None, false, Some(project.shot().sets().to_vec()), recording, wake)
     }
 
-    /// Whether work that was left goes into it.
+    /// True if autosaved work is restored.
     pub fn recovers(&self) -> bool {
         self.recoverable.is_some()
     }
@@ -141,57 +140,57 @@ impl Opening {
         &self.document.recording
     }
 
-    /// What came of it, once it is there.
-    pub fn take(self) -> Result<Done, Box<Self>> {
+    /// The result, once it exists.
+    pub fn take(self) -> Result<OpenResult, Box<Self>> {
         let Some(project) = self.task.take() else { return Err(Box::new(self)) };
         let project = project
-            .map_err(|why| Refused { why, lacks_camera: false, is_unfit_profile: false })
+            .map_err(|why| OpenRefusal { why, lacks_camera: false, is_unfit_profile: false })
             .and_then(|project| project);
-        Ok(Done { document: self.document, project, recoverable: self.recoverable, is_again: self.is_again })
+        Ok(OpenResult { document: self.document, project, recoverable: self.recoverable, is_reload: self.is_reload })
     }
 }
 
-/// A camera that was shown until now may need so long to be free.
-const PATIENCE: Duration = Duration::from_secs(1);
+/// Longest wait for a busy camera, which the previous view may still hold.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Opens a camera; it is not started.
-fn open_camera(document: &DocumentRef, from: &LiveSpec) -> Result<(Project, Option<live::LiveInput>), Refused> {
+fn open_camera(document: &DocumentRef, from: &LiveSpec) -> Result<(Project, Option<live::LiveInput>), OpenRefusal> {
     let profiled = document.profile.as_deref().map(|path| live::camera_of_profile(path, &from.poses)).transpose();
-    let profiled = profiled.map_err(|error| Refused::plain(&error))?;
+    let profiled = profiled.map_err(|error| OpenRefusal::plain(&error))?;
     let begun = Instant::now();
     let camera = loop {
         match live::open(from, profiled.as_ref()) {
-            Err(live::LiveError::Camera(CameraError::Busy { .. })) if begun.elapsed() < PATIENCE => {
+            Err(live::LiveError::Camera(CameraError::Busy { .. })) if begun.elapsed() < BUSY_TIMEOUT => {
                 std::thread::sleep(Duration::from_millis(50));
             }
             other => {
                 break other.map_err(|error| {
                     let lacks_camera = matches!(error, live::LiveError::NoCamera);
                     let why = format!("{}: not opened: {}", from.name(), without_options(&error.to_string()));
-                    Refused { why, lacks_camera, is_unfit_profile: false }
+                    OpenRefusal { why, lacks_camera, is_unfit_profile: false }
                 })?;
             }
         }
     };
-    Ok((put_to(camera.recording(), document, Vec::new())?, Some(camera)))
+    Ok((project_of(camera.recording(), document, Vec::new())?, Some(camera)))
 }
 
-/// A camera's recording with what is put to it.
-fn put_to(recording: Recording, document: &DocumentRef, sets: Vec<String>) -> Result<Project, Refused> {
+/// A project of a camera's recording, with profile, overrides and scene.
+fn project_of(recording: Recording, document: &DocumentRef, sets: Vec<String>) -> Result<Project, OpenRefusal> {
     let given = Given { profile: document.profile.clone(), sets, scene: document.scene.clone(), ..Given::default() };
     let mut project =
-        Project::of(recording, 1.0, &given).map_err(|error| Refused::of_shot(&document.recording, &error))?;
+        Project::of(recording, 1.0, &given).map_err(|error| OpenRefusal::of_shot(&document.recording, &error))?;
     project.camera.clone_from(&document.camera);
     Ok(project)
 }
 
-/// Opens what is there. A profile that is not there is one that will be made.
-fn open(document: &DocumentRef, sets: Vec<String>) -> Result<Project, Refused> {
+/// Opens a recording. Missing profile and scene files are created when saved.
+fn open(document: &DocumentRef, sets: Vec<String>) -> Result<Project, OpenRefusal> {
     let there = |path: &Option<std::path::PathBuf>| path.clone().filter(|path| path.exists());
     let given = Given { profile: there(&document.profile), sets, scene: there(&document.scene), ..Given::default() };
     let options = OpenOptions { metres_per_unit: document.metres_per_unit, ..OpenOptions::default() };
     let project = Project::open(&document.recording, &options, &given);
-    let mut project = project.map_err(|error| Refused::of_shot(&document.recording, &error))?;
+    let mut project = project.map_err(|error| OpenRefusal::of_shot(&document.recording, &error))?;
     project.profile.clone_from(&document.profile);
     Ok(project)
 }

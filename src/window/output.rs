@@ -1,4 +1,4 @@
-//! What leaves the window: exports, photographs, snapshots, and the queue of them.
+//! The output panel: exports, photographs, snapshots, and their queue.
 
 use std::ffi::OsStr;
 use std::ops::Range;
@@ -8,7 +8,7 @@ use std::time::Instant;
 use eframe::egui::{self, RichText, Ui};
 
 use super::dials::Dials;
-use super::fields::typed;
+use super::fields::typed_parser;
 use super::jobs::{JobKind, JobState, Jobs, remaining_time};
 use super::progress;
 use locard_engine::analyse::Stage;
@@ -17,14 +17,14 @@ use locard_engine::photo::Wanted;
 use locard_engine::sink::OutPath;
 use locard_engine::text::count;
 
-/// Which frames are exported.
+/// Range of frames to export.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Frames {
     #[default]
     All,
     Loop,
     This,
-    /// From the first to the last that is given.
+    /// From the first to the last frame that the user enters.
     Given,
 }
 
@@ -32,24 +32,25 @@ pub enum Frames {
 #[derive(Clone, Debug, Default)]
 pub struct Output {
     frames: Frames,
-    /// The loop that was there when it was shown last.
+    /// The loop at the last call.
     looped: Option<Range<usize>>,
     given: [usize; 2],
     lossless: bool,
     dials: Dials,
 }
 
-/// What the panel asks for: a place to put it.
+/// An output for which a path has to be chosen.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Ask {
+pub enum OutputRequest {
     Folder(Range<usize>),
     Video { range: Range<usize>, lossless: bool },
     Photograph(Box<Wanted>),
     Snapshot(usize),
 }
 
-impl Ask {
-    /// What it is called, at the place that a person chose: of a series that is no file of its own.
+impl OutputRequest {
+    /// Name of the output at the chosen path. A bracketed series has no file of its own: it is
+    /// named by its first one.
     pub fn name(&self, path: &Path) -> String {
         match self {
             Self::Photograph(wanted) if wanted.bracket.is_some() => {
@@ -62,7 +63,7 @@ impl Ask {
         }
     }
 
-    /// What is done, at the place that a person chose. `force`: what is there may be replaced.
+    /// The job that writes the chosen path. `force`: existing files are replaced.
     pub fn job(self, path: PathBuf, force: bool) -> JobKind {
         match self {
             Self::Folder(range) => JobKind::Export(Export { force, ..Export::new(range, OutPath::Folder(path)) }),
@@ -75,16 +76,16 @@ impl Ask {
     }
 }
 
-/// What the panel has to know of the recording.
+/// Playback state of the recording.
 #[derive(Clone, Debug)]
-pub struct Situation {
+pub struct PlaybackState {
     pub frame: usize,
     pub count: usize,
     pub looped: Option<Range<usize>>,
 }
 
 impl Output {
-    fn range(&self, now: &Situation) -> Range<usize> {
+    fn range(&self, now: &PlaybackState) -> Range<usize> {
         match (self.frames, &now.looped) {
             (Frames::This, _) => now.frame..now.frame + 1,
             (Frames::Loop, Some(looped)) => looped.clone(),
@@ -93,14 +94,14 @@ impl Output {
         }
     }
 
-    /// Shows the panel. Gives what a place has to be chosen for.
-    pub fn show(&mut self, ui: &mut Ui, now: &Situation, jobs: Option<&mut Jobs>) -> Option<Ask> {
-        let mut ask = None;
+    /// Shows the panel. Returns an output for which a path has to be chosen.
+    pub fn show(&mut self, ui: &mut Ui, now: &PlaybackState, jobs: Option<&mut Jobs>) -> Option<OutputRequest> {
+        let mut request = None;
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             ui.strong("Export");
             ui.label(RichText::new("As it is set now: what is changed later is not in it.").weak());
-            if let Some(asked) = self.export(ui, now) {
-                ask = Some(asked);
+            if let Some(requested) = self.export(ui, now) {
+                request = Some(requested);
             }
             if let Some(jobs) = jobs.filter(|jobs| jobs.entries.iter().any(|entry| !entry.is_hidden)) {
                 ui.separator();
@@ -109,16 +110,16 @@ impl Output {
             ui.separator();
             ui.strong("Photograph");
             if let Some(wanted) = self.dials.show(ui, now.frame) {
-                ask = Some(Ask::Photograph(Box::new(wanted)));
+                request = Some(OutputRequest::Photograph(Box::new(wanted)));
             }
         });
-        ask
+        request
     }
 
-    fn export(&mut self, ui: &mut Ui, now: &Situation) -> Option<Ask> {
+    fn export(&mut self, ui: &mut Ui, now: &PlaybackState) -> Option<OutputRequest> {
         let last = now.count.saturating_sub(1);
         let looped = now.looped.as_ref().filter(|looped| looped.len() < now.count);
-        // Who sets a loop means it.
+        // A new loop selects itself for export.
         if self.looped.as_ref() != looped {
             self.looped = looped.cloned();
             self.frames = match (looped, self.frames) {
@@ -148,27 +149,27 @@ impl Output {
                 for (at, name) in self.given.iter_mut().zip(["first frame", "last frame"]) {
                     ui.label(name);
                     let drag = egui::DragValue::new(at).range(0..=last).speed(0.2).update_while_editing(false);
-                    let drag = drag.custom_parser(typed(ui.ctx()));
+                    let drag = drag.custom_parser(typed_parser(ui.ctx()));
                     ui.add(drag).widget_info(|| egui::WidgetInfo::labeled(egui::Role::SpinButton, true, name));
                 }
             });
         }
         let range = self.range(now);
-        let mut ask = None;
+        let mut request = None;
         ui.horizontal_wrapped(|ui| {
             if ui.button("Pictures…").on_hover_text("A folder with one PNG a frame, every code value kept").clicked()
             {
-                ask = Some(Ask::Folder(range.clone()));
+                request = Some(OutputRequest::Folder(range.clone()));
             }
             if ui.button("Video…").on_hover_text("An .mp4 or .mkv file, by the program ffmpeg").clicked() {
-                ask = Some(Ask::Video { range: range.clone(), lossless: self.lossless });
+                request = Some(OutputRequest::Video { range: range.clone(), lossless: self.lossless });
             }
             ui.checkbox(&mut self.lossless, "lossless").on_hover_text("A video that keeps every code value; larger");
         });
         if ui.button("Snapshot…").on_hover_text("The frame that is shown, as one PNG").clicked() {
-            ask = Some(Ask::Snapshot(now.frame));
+            request = Some(OutputRequest::Snapshot(now.frame));
         }
-        ask
+        request
     }
 }
 
@@ -220,7 +221,7 @@ pub fn percent(share: f64, begun: Instant, stage: Option<Stage>) -> String {
     format!("{stage}{:.0} %{rest}", 100.0 * share)
 }
 
-/// As people say it: 40 s, 3 min 20 s, 2 h 5 min.
+/// Rounded up: 40 s, 3 min 20 s, 2 h 5 min.
 fn duration(seconds: f64) -> String {
     let s = seconds.ceil() as u64;
     match s {
@@ -230,14 +231,14 @@ fn duration(seconds: f64) -> String {
     }
 }
 
-/// The name that is proposed for what comes of a recording.
-pub fn proposed(ask: &Ask, recording: &Path) -> String {
+/// Default file name of an output of a recording.
+pub fn default_name(request: &OutputRequest, recording: &Path) -> String {
     let name = recording.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    match ask {
-        Ask::Folder(_) => format!("{name}-composited"),
-        Ask::Video { lossless, .. } => format!("{name}.{}", if *lossless { "mkv" } else { "mp4" }),
-        Ask::Photograph(wanted) => format!("{name}-{:06}.jpg", wanted.frame),
-        Ask::Snapshot(frame) => format!("{name}-{frame:06}.png"),
+    match request {
+        OutputRequest::Folder(_) => format!("{name}-composited"),
+        OutputRequest::Video { lossless, .. } => format!("{name}.{}", if *lossless { "mkv" } else { "mp4" }),
+        OutputRequest::Photograph(wanted) => format!("{name}-{:06}.jpg", wanted.frame),
+        OutputRequest::Snapshot(frame) => format!("{name}-{frame:06}.png"),
     }
 }
 
@@ -247,13 +248,13 @@ mod tests {
     use locard_engine::photo::Bracket;
 
     #[test]
-    fn time_is_said_as_people_do() {
-        let said = [0.2, 59.0, 60.0, 200.0, 7500.0].map(duration);
-        assert_eq!(said, ["1 s", "59 s", "1 min 0 s", "3 min 20 s", "2 h 5 min"]);
+    fn durations_are_shown_in_two_units() {
+        let texts = [0.2, 59.0, 60.0, 200.0, 7500.0].map(duration);
+        assert_eq!(texts, ["1 s", "59 s", "1 min 0 s", "3 min 20 s", "2 h 5 min"]);
     }
 
     #[test]
-    fn progress_names_the_part_and_the_time_left() {
+    fn progress_shows_the_stage_and_the_time_left() {
         let begun = Instant::now().checked_sub(std::time::Duration::from_secs(10)).unwrap();
         for (stage, name) in [(Stage::Path, "camera path, 50 %, "), (Stage::Light, "light, 50 %, ")] {
             let text = percent(0.5, begun, Some(stage));
@@ -263,16 +264,17 @@ mod tests {
     }
 
     #[test]
-    fn a_series_is_called_by_its_first_file() {
-        let wanted = |bracket| Ask::Photograph(Box::new(Wanted { bracket, ..Wanted::new(3, PathBuf::new()) }));
+    fn bracketed_series_is_named_by_its_first_file() {
+        let wanted =
+            |bracket| OutputRequest::Photograph(Box::new(Wanted { bracket, ..Wanted::new(3, PathBuf::new()) }));
         let path = Path::new("/cases/desk.png");
         assert_eq!(wanted(Some(Bracket::Iso)).name(path), "the series desk-1.png … in /cases");
-        assert_eq!([wanted(None).name(path), Ask::Snapshot(3).name(path)], ["/cases/desk.png"; 2]);
+        assert_eq!([wanted(None).name(path), OutputRequest::Snapshot(3).name(path)], ["/cases/desk.png"; 2]);
     }
 
     #[test]
-    fn the_range_is_what_was_chosen() {
-        let now = Situation { frame: 7, count: 20, looped: Some(3..9) };
+    fn export_range_follows_the_selection() {
+        let now = PlaybackState { frame: 7, count: 20, looped: Some(3..9) };
         let of = |frames, given| Output { frames, given, ..Output::default() }.range(&now);
         assert_eq!(of(Frames::All, [0, 0]), 0..20);
         assert_eq!((of(Frames::Loop, [0, 0]), of(Frames::This, [0, 0])), (3..9, 7..8));

@@ -1,34 +1,35 @@
-//! The picture: as large as it fits or enlarged to single pixels, moved by dragging, with a wipe between the camera's own
-//! and the composite.
+//! The picture: fitted to the panel or magnified to single pixels, panned by dragging, with a wipe
+//! between the camera's own picture and the composite.
 
 use eframe::egui::{self, Color32, Painter, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2, vec2};
 
 use super::canvas::Canvas;
-use super::placed::Placed;
-use super::viewer::{Shown, Viewer};
+use super::picture_transform::PictureTransform;
+use super::viewer::{DisplayTexture, Viewer};
 use locard_engine::frame::Frame;
 
-/// From this enlargement on a picture's pixels are squares.
-const SQUARES_FROM: f32 = 2.0;
-pub const LEAST_ZOOM: f32 = 1.0 / 32.0;
-pub const MOST_ZOOM: f32 = 64.0;
-/// How near the wipe's line a drag takes hold of it, points.
-pub const GRIP: f32 = 6.0;
+/// Zoom from which nearest-neighbour sampling is used.
+const NEAREST_FROM_ZOOM: f32 = 2.0;
+pub const MIN_ZOOM: f32 = 1.0 / 32.0;
+pub const MAX_ZOOM: f32 = 64.0;
+/// Distance from the wipe's line within which a drag moves it, points.
+pub const WIPE_GRIP_PT: f32 = 6.0;
 
-/// How the picture is looked at.
+/// Display settings of the picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
-    /// Screen pixels to a picture's; `None`: as large as it fits.
+    /// Screen pixels per pixel of the picture; `None`: fitted to the panel.
     pub zoom: Option<f32>,
-    /// The place of the picture in the middle of the panel, as a share of its size.
+    /// Point of the picture at the centre of the panel, as a fraction of its size.
     pub centre: Vec2,
-    /// Right of it the camera's own picture is shown, as a share of the picture's width; `None`: no wipe.
+    /// Position of the wipe's line as a fraction of the width, with the camera's own picture to its
+    /// right; `None`: no wipe.
     pub wipe: Option<f32>,
-    /// The camera's own picture is shown all over.
+    /// Shows the camera's own picture only.
     pub plain: bool,
-    /// Without the panels beside it.
+    /// Hides the panels.
     pub alone: bool,
-    /// A loupe follows the pointer.
+    /// Shows a loupe at the pointer.
     pub loupe: bool,
     /// The wipe's line is being dragged.
     wiping: bool,
@@ -41,38 +42,38 @@ impl Default for View {
 }
 
 impl View {
-    /// Where a picture of `size` px lies in a panel.
-    pub fn placed(&self, panel: Rect, size: Vec2, pixels_per_point: f32) -> Placed {
+    /// Placement of a picture of `size` px in a panel.
+    pub fn placed(&self, panel: Rect, size: Vec2, pixels_per_point: f32) -> PictureTransform {
         let fit = (panel.size() / size).min_elem();
         let scale = self.zoom.map_or(fit, |zoom| zoom / pixels_per_point);
         let centre = if self.zoom.is_none() { vec2(0.5, 0.5) } else { self.centre };
         let min = panel.center() - centre * size * scale;
-        // A picture's pixels begin where the screen's do.
+        // Aligned to the pixels of the screen.
         let min = pos2((min.x * pixels_per_point).round(), (min.y * pixels_per_point).round()) / pixels_per_point;
-        Placed { rect: Rect::from_min_size(min, size * scale), scale }
+        PictureTransform { rect: Rect::from_min_size(min, size * scale), scale }
     }
 
-    /// Enlarges by a factor about a place on the screen, which stays where it is.
+    /// Zooms by a factor about a fixed point of the screen.
     pub fn zoom_about(&mut self, at: Pos2, factor: f32, panel: Rect, size: Vec2, pixels_per_point: f32) {
         let before = self.placed(panel, size, pixels_per_point);
         let share = (at - before.rect.min) / before.rect.size();
-        let zoom = (before.scale * pixels_per_point * factor).clamp(LEAST_ZOOM, MOST_ZOOM);
+        let zoom = (before.scale * pixels_per_point * factor).clamp(MIN_ZOOM, MAX_ZOOM);
         self.zoom = Some(zoom);
         let now = size * (zoom / pixels_per_point);
         self.centre = (share - (at - panel.center()) / now).clamp(Vec2::ZERO, Vec2::splat(1.0));
     }
 
-    /// At that zoom, about what is in the middle of the panel.
+    /// Sets the zoom, about the centre of the panel.
     pub fn zoom_to(&mut self, zoom: f32) {
         if self.zoom.is_none() {
             self.centre = vec2(0.5, 0.5);
         }
-        self.zoom = Some(zoom.clamp(LEAST_ZOOM, MOST_ZOOM));
+        self.zoom = Some(zoom.clamp(MIN_ZOOM, MAX_ZOOM));
     }
 
-    /// At that zoom, with that place of the picture in the middle, as a share of its size.
+    /// Sets the zoom and the point at the centre of the panel, as a fraction of the picture's size.
     pub fn look_at(&mut self, zoom: Option<f32>, centre: [f32; 2]) {
-        self.zoom = zoom.map(|zoom| zoom.clamp(LEAST_ZOOM, MOST_ZOOM));
+        self.zoom = zoom.map(|zoom| zoom.clamp(MIN_ZOOM, MAX_ZOOM));
         if zoom.is_some() {
             self.centre = Vec2::from(centre).clamp(Vec2::ZERO, Vec2::splat(1.0));
         }
@@ -83,32 +84,33 @@ impl View {
     }
 }
 
-/// The picture as it was drawn in this frame of the window, for what is drawn over it and done in it.
-pub struct Seen {
-    pub placed: Placed,
-    /// Of the picture, px.
+/// The picture as painted in this frame of the window, for overlays and pointer input.
+pub struct PictureOutput {
+    pub placed: PictureTransform,
+    /// Size of the picture, px.
     pub size: Vec2,
     pub response: Response,
-    /// Draws over the picture, within its panel.
+    /// Paints over the picture, clipped to its panel.
     pub painter: Painter,
-    /// Where it was clicked, px of the picture.
+    /// Clicked point, px of the picture.
     pub clicked: Option<Vec2>,
-    /// Where the pointer is, px of the picture.
+    /// Hovered point, px of the picture.
     pub pointed: Option<Vec2>,
-    /// The parts of the panel where the camera's own picture and the composite are shown.
+    /// Part of the panel with the camera's own picture.
     pub camera: Rect,
+    /// Part of the panel with the composite.
     pub composite: Rect,
 }
 
-impl Seen {
-    /// Tells a person what to do now, at the lower edge of the picture.
-    pub fn tell(&self, text: &str) {
+impl PictureOutput {
+    /// Shows an instruction at the lower edge of the picture.
+    pub fn prompt(&self, text: &str) {
         let at = self.painter.clip_rect().center_bottom() - vec2(0.0, 16.0);
         plate(&self.painter, at, egui::Align2::CENTER_BOTTOM, text, 14.0);
     }
 }
 
-/// Writes on a dark plate, to be read on whatever the picture shows.
+/// Text on a dark plate, legible on every picture.
 pub fn plate(painter: &Painter, at: Pos2, align: egui::Align2, text: &str, size: f32) {
     let room = (painter.clip_rect().width() - 2.0 * size).max(60.0);
     let galley = painter.layout(text.to_owned(), egui::FontId::proportional(size), Color32::WHITE, room);
@@ -117,32 +119,31 @@ pub fn plate(painter: &Painter, at: Pos2, align: egui::Align2, text: &str, size:
     painter.galley(rect.min, galley, Color32::WHITE);
 }
 
-/// What the pointer does in the picture besides moving it.
+/// Pointer input in the picture that other parts of the window capture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Taken {
-    /// Clicks are for something: a second one does not zoom.
+pub struct CapturedInput {
+    /// Clicks are captured: a double-click does not zoom.
     pub clicks: bool,
-    /// Drags with the first button are for something: they do not move the picture. Others still do.
+    /// Drags with the primary button are captured: they do not pan. Other buttons still do.
     pub drags: bool,
 }
 
-/// Two settings are compared, A at the left of the line and B at the right.
+/// Comparison of two settings, A at the left of the line and B at the right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Compared {
-    /// A is edited, or else B.
+pub struct Comparison {
+    /// A is edited, otherwise B.
     pub edits_a: bool,
 }
 
-/// Draws the picture of a frame into what is left of the window; without one, the reason why there
-/// is none.
+/// Paints the picture of a frame into the rest of the window, or the reason why there is none.
 pub fn show(
     ui: &mut Ui,
     view: &mut View,
     viewer: &mut Viewer,
     frame: Result<&Frame, &str>,
-    compared: Option<Compared>,
-    taken: Taken,
-) -> Option<Seen> {
+    comparison: Option<Comparison>,
+    captured: CapturedInput,
+) -> Option<PictureOutput> {
     let panel = ui.available_rect_before_wrap();
     let response = ui.allocate_rect(panel, Sense::click_and_drag());
     response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "picture"));
@@ -170,7 +171,7 @@ pub fn show(
             view.zoom_about(at, factor, panel, size, ppp);
         }
     }
-    if response.double_clicked() && !taken.clicks {
+    if response.double_clicked() && !captured.clicks {
         match view.zoom {
             Some(_) => view.zoom = None,
             None => {
@@ -181,61 +182,69 @@ pub fn show(
         }
     }
     let placed = view.placed(panel, size, ppp);
-    wipe_or_pan(ui, view, &response, size, placed, taken);
+    wipe_or_pan(ui, view, &response, size, placed, captured);
     let placed = view.placed(panel, size, ppp);
 
     let painter = ui.painter().with_clip_rect(panel);
     let line_x = view.wipe.map(|share| placed.rect.min.x + share * placed.rect.width());
     let x = line_x.unwrap_or(f32::NEG_INFINITY);
     let left = Rect::everything_left_of(x);
-    let fits = |shown: &&Shown| shown.size == (width, height);
+    let fits = |shown: &&DisplayTexture| shown.size == (width, height);
     let composite = viewer.composite().filter(|shown| fits(shown) && !view.plain);
-    let (mine, others) = match composite {
+    let (edited, counterpart) = match composite {
         None => (Rect::NOTHING, panel),
-        Some(_) => sides(panel, line_x, compared),
+        Some(_) => split(panel, line_x, comparison),
     };
-    let is_camera = compared.is_none() || composite.is_none();
-    let mine_there = composite.map(|shown| shown.texture.clone());
-    let others_there = match viewer.other().filter(fits) {
+    let is_camera = comparison.is_none() || composite.is_none();
+    let edited_texture = composite.map(|shown| shown.texture.clone());
+    let other_texture = match viewer.other().filter(fits) {
         Some(other) if !is_camera => other.texture.clone(),
-        _ if others.is_positive() => viewer.plain(frame).texture.clone(),
-        _ => mine_there.clone()?,
+        _ if counterpart.is_positive() => viewer.plain(frame).texture.clone(),
+        _ => edited_texture.clone()?,
     };
-    let mine_there = mine_there.unwrap_or_else(|| others_there.clone());
-    let pictures = if mine == left { [mine_there, others_there] } else { [others_there, mine_there] };
-    let squares = placed.scale * ppp >= SQUARES_FROM;
+    let edited_texture = edited_texture.unwrap_or_else(|| other_texture.clone());
+    let pictures = if edited == left { [edited_texture, other_texture] } else { [other_texture, edited_texture] };
+    let squares = placed.scale * ppp >= NEAREST_FROM_ZOOM;
     painter.add(Canvas { placed, size, line_x: x, pictures, ground, squares }.shape(panel));
     if let (Some(x), false) = (line_x, view.plain) {
         let line = |offset: f32, color| painter.vline(x + offset, placed.rect.y_range(), Stroke::new(1.0, color));
         line(0.0, Color32::WHITE);
         line(1.0, Color32::from_black_alpha(160));
         let y = placed.rect.intersect(panel).min.y + 8.0;
-        let names = if compared.is_some() { ["A", "B"] } else { ["with evidence", "camera"] };
+        let names = if comparison.is_some() { ["A", "B"] } else { ["with evidence", "camera"] };
         plate(&painter, pos2(x - 12.0, y), egui::Align2::RIGHT_TOP, names[0], 12.0);
         plate(&painter, pos2(x + 12.0, y), egui::Align2::LEFT_TOP, names[1], 12.0);
     }
-    let camera = if is_camera { others } else { Rect::NOTHING };
+    let camera = if is_camera { counterpart } else { Rect::NOTHING };
     let inside =
         |at: Pos2| Some(placed.picture_px(at)).filter(|px| px.min_elem() >= 0.0 && px.x < size.x && px.y < size.y);
     let clicked = response.clicked().then(|| response.interact_pointer_pos()).flatten().and_then(inside);
     let pointed = response.hover_pos().and_then(inside);
-    Some(Seen { placed, size, response, painter, clicked, pointed, camera, composite: mine })
+    Some(PictureOutput { placed, size, response, painter, clicked, pointed, camera, composite: edited })
 }
 
-/// Where the composite of what is edited is shown, and where what it is compared with: the camera's own picture, or the other
-/// one of A and B. A line at the left edge leaves the camera's picture alone.
-fn sides(panel: Rect, line_x: Option<f32>, compared: Option<Compared>) -> (Rect, Rect) {
+/// Parts of the panel with the edited composite, and with its counterpart: the camera's own
+/// picture, or the other one of A and B. With the line at the left edge only the camera's picture
+/// is visible.
+fn split(panel: Rect, line_x: Option<f32>, comparison: Option<Comparison>) -> (Rect, Rect) {
     let Some(x) = line_x else { return (panel, Rect::NOTHING) };
     let [left, right] = [Rect::everything_left_of(x), Rect::everything_right_of(x)];
-    match compared {
-        Some(Compared { edits_a: false }) => (right, left),
+    match comparison {
+        Some(Comparison { edits_a: false }) => (right, left),
         _ => (left, right),
     }
 }
 
-fn wipe_or_pan(ui: &Ui, view: &mut View, response: &Response, size: Vec2, placed: Placed, taken: Taken) {
+fn wipe_or_pan(
+    ui: &Ui,
+    view: &mut View,
+    response: &Response,
+    size: Vec2,
+    placed: PictureTransform,
+    captured: CapturedInput,
+) {
     let line_x = view.wipe.map(|share| placed.rect.min.x + share * placed.rect.width());
-    let near_line = |at: Pos2| line_x.is_some_and(|x| (at.x - x).abs() <= GRIP);
+    let near_line = |at: Pos2| line_x.is_some_and(|x| (at.x - x).abs() <= WIPE_GRIP_PT);
     if response.hover_pos().is_some_and(near_line) || view.wiping {
         ui.ctx().set_cursor_icon(egui::CursorIcon::ResizeHorizontal);
     }
@@ -248,7 +257,7 @@ fn wipe_or_pan(ui: &Ui, view: &mut View, response: &Response, size: Vec2, placed
             Some(at) if view.wiping => {
                 view.wipe = Some(((at.x - placed.rect.min.x) / placed.rect.width()).clamp(0.0, 1.0));
             }
-            _ if taken.drags && response.dragged_by(egui::PointerButton::Primary) => {}
+            _ if captured.drags && response.dragged_by(egui::PointerButton::Primary) => {}
             _ if view.zoom.is_some() => view.pan(response.drag_delta(), size, placed.scale),
             _ => {}
         }
@@ -266,7 +275,7 @@ mod tests {
     const SIZE: Vec2 = vec2(640.0, 480.0);
 
     #[test]
-    fn it_fits_and_what_is_under_the_pointer_stays_there() {
+    fn zoom_keeps_the_point_under_the_pointer() {
         let mut view = View::default();
         let placed = view.placed(PANEL, SIZE, 1.0);
         assert_eq!(placed.rect, PANEL);
@@ -281,13 +290,13 @@ mod tests {
             assert!((now - under).abs().max_elem() <= pixel, "{now:?} {under:?}");
         }
         view.zoom_about(at, 1e9, PANEL, SIZE, 1.0);
-        assert_eq!(view.zoom, Some(MOST_ZOOM));
+        assert_eq!(view.zoom, Some(MAX_ZOOM));
     }
 
     #[test]
-    fn from_the_whole_picture_it_is_enlarged_about_its_middle() {
+    fn zoom_of_a_fitted_picture_is_about_its_centre() {
         let mut view = View { zoom: Some(4.0), centre: vec2(0.1, 0.9), ..View::default() };
-        // What is enlarged already stays where it is looked at.
+        // A magnified picture keeps its centre.
         view.zoom_to(1.0);
         assert_eq!(view.centre, vec2(0.1, 0.9));
         view.zoom = None;
@@ -296,14 +305,14 @@ mod tests {
     }
 
     #[test]
-    fn at_the_left_edge_the_wipe_leaves_the_plain_picture_and_at_the_right_one_the_composite() {
+    fn wipe_at_an_edge_shows_one_picture_only() {
         let picture = View::default().placed(PANEL, SIZE, 1.0).rect;
-        let [composite, camera] = [picture.min.x, picture.max.x].map(|x| sides(PANEL, Some(x), None));
+        let [composite, camera] = [picture.min.x, picture.max.x].map(|x| split(PANEL, Some(x), None));
         assert!(composite.1.contains_rect(picture) && composite.0.intersect(picture).width() <= 0.0);
         assert!(camera.0.contains_rect(picture) && camera.1.intersect(picture).width() <= 0.0);
         // A is left, whichever is edited.
-        let of = |edits_a| sides(PANEL, Some(300.0), Some(Compared { edits_a }));
+        let of = |edits_a| split(PANEL, Some(300.0), Some(Comparison { edits_a }));
         assert_eq!((of(true).0, of(false).1), (Rect::everything_left_of(300.0), Rect::everything_left_of(300.0)));
-        assert_eq!(sides(PANEL, None, None), (PANEL, Rect::NOTHING));
+        assert_eq!(split(PANEL, None, None), (PANEL, Rect::NOTHING));
     }
 }

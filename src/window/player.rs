@@ -1,36 +1,36 @@
-//! Which frame is due.
+//! Playback position and pace.
 
 use std::ops::Range;
 
-/// How fast a recording plays.
+/// Playback pace.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pace {
-    /// By the recording's clock, times a factor. Frames that do not come in time are dropped, and counted.
+    /// The recording's clock times a factor. Late frames are dropped and counted.
     Recorded(f64),
-    /// Every frame, as fast as they come.
+    /// Every frame, as fast as possible.
     EveryFrame,
-    /// As a camera gives them: there is no other frame than the newest.
+    /// Live: only the newest frame of the camera exists.
     Arriving,
 }
 
-/// Where a recording stands. Knows no clock: it is told how much time has passed.
+/// Playback state. It has no clock of its own: `advance` gets the elapsed time.
 #[derive(Clone, Debug)]
 pub struct Player {
-    /// Of each frame, seconds, ascending.
+    /// Timestamps of the frames, seconds, ascending.
     timestamps_s: Vec<f64>,
     frame: usize,
     pub playing: bool,
     pub pace: Pace,
-    /// What is played over and over.
+    /// The loop.
     range: Range<usize>,
-    /// Where the clock stands, seconds on the recording's.
+    /// Playback time on the recording's clock, seconds.
     time_s: f64,
     /// Frames that were due while playing and not composited.
     pub dropped: usize,
 }
 
 impl Player {
-    /// At the first frame, resting. There is at least one frame.
+    /// Paused at the first frame. The recording has at least one frame.
     pub fn new(timestamps_s: &[f64]) -> Self {
         let time_s = timestamps_s.first().copied().unwrap_or(0.0);
         let range = 0..timestamps_s.len().max(1);
@@ -38,12 +38,12 @@ impl Player {
         Self { timestamps_s: timestamps_s.to_vec(), frame: 0, playing: false, pace, range, time_s, dropped: 0 }
     }
 
-    /// Of a camera: it plays until it is told otherwise.
+    /// A playing live view.
     pub fn arriving() -> Self {
         Self { playing: true, pace: Pace::Arriving, ..Self::new(&[]) }
     }
 
-    /// A camera's newest frame.
+    /// Sets a camera's newest frame.
     pub fn arrive(&mut self, frame: usize) {
         self.frame = frame;
     }
@@ -60,7 +60,7 @@ impl Player {
         self.range.clone()
     }
 
-    /// What is looped: at least one frame.
+    /// Sets the loop, at least one frame.
     pub fn set_range(&mut self, range: Range<usize>) {
         let start = range.start.min(self.count().saturating_sub(1));
         self.range = start..range.end.clamp(start + 1, self.count().max(start + 1));
@@ -76,20 +76,20 @@ impl Player {
         self.playing = playing;
     }
 
-    /// Goes to a frame, the last one where there are fewer.
+    /// Goes to a frame, at most the last one.
     pub fn seek(&mut self, frame: usize) {
         self.frame = frame.min(self.count().saturating_sub(1));
         self.time_s = self.timestamps_s.get(self.frame).copied().unwrap_or(0.0);
     }
 
-    /// A few frames on, or back; stops playing.
+    /// Steps by frames and pauses.
     pub fn step(&mut self, by: isize) {
         self.playing = false;
         self.seek(self.frame.saturating_add_signed(by));
     }
 
-    /// `seconds` have passed, and the picture of the frame that was due before `is_begun`: goes on to the one that is due
-    /// now.
+    /// Advances by the elapsed time to the frame that is due now. `is_begun`: compositing of the
+    /// previous due frame has begun.
     pub fn advance(&mut self, seconds: f64, is_begun: bool) {
         if !self.playing || self.count() < 2 {
             return;
@@ -109,7 +109,7 @@ impl Player {
                     let start_s = self.timestamps_s[self.range.start];
                     self.dropped += (self.range.end - 1).saturating_sub(self.frame);
                     self.frame = self.range.start;
-                    // A pause of the whole machine is not made up for.
+                    // Long stalls of the machine are not caught up.
                     self.time_s = start_s + (self.time_s - end_s).min(0.5 * (end_s - start_s).max(0.0));
                 }
                 let due = self.timestamps_s[self.range.clone()].partition_point(|t| *t <= self.time_s);
@@ -120,7 +120,8 @@ impl Player {
         }
     }
 
-    /// Seconds until the next frame is due; `None` where time does not tell.
+    /// Seconds until the next frame is due; `None` if the pace does not depend on time or playback
+    /// is paused.
     pub fn due_in_s(&self) -> Option<f64> {
         let Pace::Recorded(speed) = self.pace else { return None };
         let next = self.frame + 1;
@@ -128,7 +129,7 @@ impl Player {
         Some(((due_s - self.time_s) / speed).max(0.0)).filter(|_| self.playing && self.count() > 1)
     }
 
-    /// When the last frame of the range has been seen.
+    /// End of the last frame of the loop, seconds.
     fn end_s(&self) -> f64 {
         let times = &self.timestamps_s[self.range.clone()];
         let (first, last) = (times[0], times[times.len() - 1]);
@@ -147,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn it_keeps_the_recordings_time_and_counts_what_it_drops() {
+    fn recorded_pace_counts_dropped_frames() {
         let mut player = player();
         player.advance(1.0, true);
         assert_eq!(player.frame(), 0, "it rests");
@@ -156,30 +157,30 @@ mod tests {
         assert_eq!((player.frame(), player.dropped), (1, 0));
         player.advance(0.05, true);
         assert_eq!((player.frame(), player.dropped), (1, 0));
-        // Frames 2 and 3 were never due when anybody looked.
+        // Frames 2 and 3 were skipped between two calls.
         player.advance(0.25, true);
         assert_eq!((player.frame(), player.dropped), (4, 2));
-        // Frame 4 was not there yet.
+        // Compositing of frame 4 had not begun.
         player.advance(0.1, false);
         assert_eq!((player.frame(), player.dropped), (5, 3));
-        // Round, from 5.51 to 6.01: three frames are skipped at the end, and 4 are not reached.
+        // Wraps around, from 5.51 to 6.01.
         player.advance(0.5, true);
         assert_eq!(player.frame(), 0);
     }
 
     #[test]
-    fn beyond_the_loop_it_goes_back_into_it() {
+    fn playback_beyond_the_loop_returns_into_it() {
         let mut player = player();
         player.set_range(0..3);
         player.play(true);
         player.seek(9);
-        // The end of the loop was 0.65 s ago; no more than half of the loop is made up for.
+        // The end of the loop was 0.65 s ago; at most half of the loop is caught up.
         player.advance(0.05, true);
         assert_eq!((player.frame(), player.dropped), (1, 0));
     }
 
     #[test]
-    fn every_frame_waits_for_each_and_goes_round_in_its_range() {
+    fn every_frame_pace_skips_none_and_wraps_in_the_loop() {
         let mut player = player();
         player.pace = Pace::EveryFrame;
         player.set_range(3..6);

@@ -1,21 +1,21 @@
-//! How plots look: thin lines, axes with units, and one language of colours. What is real is grey, what is virtual has the
-//! accent.
+//! Style of plots: thin lines, axes with units, and consistent colours. Real data are grey, virtual
+//! data have the accent colour.
 
 use eframe::egui::{self, Color32, Response, RichText, Ui, Visuals, WidgetInfo};
 use egui_plot::{AxisHints, GridInput, GridMark, Line, Plot, PlotPoints, PlotUi, Points};
 
 use locard_engine::calibrate::NoisePoint;
 
-/// What a line or a point stands for.
+/// Source of a plotted series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Of {
+pub enum DataSource {
     Real,
     Virtual,
-    /// What a profile says.
+    /// Model of the profile.
     Profile,
 }
 
-impl Of {
+impl DataSource {
     pub fn color(self, ui: &Ui) -> Color32 {
         match self {
             Self::Real => ui.visuals().strong_text_color(),
@@ -25,8 +25,8 @@ impl Of {
     }
 }
 
-/// Colours of things of one kind in one plot, on dark and on light; then they begin again.
-const TOLD_APART: [[[u8; 3]; 2]; 7] = [
+/// Categorical palette: colours on dark and on light; it repeats.
+const PALETTE: [[[u8; 3]; 2]; 7] = [
     [[86, 180, 233], [0, 100, 170]],
     [[240, 160, 0], [165, 85, 0]],
     [[50, 205, 150], [0, 115, 75]],
@@ -36,9 +36,9 @@ const TOLD_APART: [[[u8; 3]; 2]; 7] = [
     [[175, 165, 255], [90, 70, 200]],
 ];
 
-/// The colour of the one of that number.
-pub fn told_apart(n: usize, visuals: &Visuals) -> Color32 {
-    let [r, g, b] = TOLD_APART[n % TOLD_APART.len()][usize::from(!visuals.dark_mode)];
+/// Colour of an index.
+pub fn palette_color(n: usize, visuals: &Visuals) -> Color32 {
+    let [r, g, b] = PALETTE[n % PALETTE.len()][usize::from(!visuals.dark_mode)];
     Color32::from_rgb(r, g, b)
 }
 
@@ -64,12 +64,12 @@ pub struct Axes {
     pub name: &'static str,
     pub x: &'static str,
     pub y: &'static str,
-    /// Always within the plot.
+    /// Values that the plot always includes.
     pub x_range: Option<[f64; 2]>,
     pub y_from: Option<f64>,
 }
 
-/// Draws a plot that stays where it is, as high as it needs to be.
+/// Shows a plot without pan and zoom.
 pub fn show<'a>(ui: &mut Ui, axes: &Axes, add: impl FnOnce(&mut PlotUi<'a>) + 'a) -> Response {
     let mut plot = Plot::new(axes.name)
         .height(132.0)
@@ -80,13 +80,13 @@ pub fn show<'a>(ui: &mut Ui, axes: &Axes, add: impl FnOnce(&mut PlotUi<'a>) + 'a
         .allow_boxed_zoom(false)
         .allow_axis_zoom_drag(false)
         .allow_double_click_reset(false)
-        .custom_x_axes(vec![AxisHints::new_x().label(RichText::new(axes.x).small()).label_spacing(LABELS)])
+        .custom_x_axes(vec![AxisHints::new_x().label(RichText::new(axes.x).small()).label_spacing(LABEL_SPACING_PT)])
         .custom_y_axes(vec![
-            AxisHints::new_y().label(RichText::new(axes.y).small()).label_spacing(LABELS).min_thickness(34.0),
+            AxisHints::new_y().label(RichText::new(axes.y).small()).label_spacing(LABEL_SPACING_PT).min_thickness(34.0),
         ])
         .x_grid_spacer(marks)
         .y_grid_spacer(marks)
-        .grid_spacing(GRID);
+        .grid_spacing(GRID_SPACING_PT);
     for x in axes.x_range.into_iter().flatten() {
         plot = plot.include_x(x);
     }
@@ -98,26 +98,27 @@ pub fn show<'a>(ui: &mut Ui, axes: &Axes, add: impl FnOnce(&mut PlotUi<'a>) + 'a
     response
 }
 
-/// Between an axis' numbers, points: closer ones are left out, and those further apart are plain.
-const LABELS: egui::Rangef = egui::Rangef { min: 20.0, max: 32.0 };
-/// Between the lines of the grid, points: at least, and from where on they are plain.
-const GRID: egui::Rangef = egui::Rangef { min: 36.0, max: 360.0 };
+/// Spacing of axis labels, points: hidden below the minimum, fully opaque from the maximum.
+const LABEL_SPACING_PT: egui::Rangef = egui::Rangef { min: 20.0, max: 32.0 };
+/// Spacing of grid lines, points: hidden below the minimum, fully opaque from the maximum.
+const GRID_SPACING_PT: egui::Rangef = egui::Rangef { min: 36.0, max: 360.0 };
 
-/// Marks at whole multiples of 1, 2 or 5, each with its number. Powers of ten alone would often leave the 0.
+/// Grid marks at multiples of 1, 2 or 5 times a power of ten. With powers of ten alone an axis
+/// often has the 0 only.
 fn marks(input: GridInput) -> Vec<GridMark> {
     let (step_size, (low, high)) = (step(input.base_step_size), input.bounds);
     let (first, last) = ((low / step_size).ceil(), (high / step_size).floor());
-    // No plot has more.
+    // Guards against unbounded ranges.
     if !(last - first).is_finite() || last - first > 1e3 {
         return Vec::new();
     }
     (first as i64..=last as i64).map(|n| GridMark { value: n as f64 * step_size, step_size }).collect()
 }
 
-/// 1, 2 or 5 times a power of ten, at least that large.
-fn step(least: f64) -> f64 {
-    let power = 10f64.powf(least.log10().floor());
-    let times = [1.0, 2.0, 5.0].into_iter().find(|times| times * power >= least * (1.0 - 1e-9));
+/// The smallest 1, 2 or 5 times a power of ten that is at least `min`.
+fn step(min: f64) -> f64 {
+    let power = 10f64.powf(min.log10().floor());
+    let times = [1.0, 2.0, 5.0].into_iter().find(|times| times * power >= min * (1.0 - 1e-9));
     times.unwrap_or(10.0) * power
 }
 
@@ -130,7 +131,7 @@ pub fn dots(name: &str, points: Vec<[f64; 2]>, color: Color32) -> Points<'static
     Points::new(name, PlotPoints::from(points)).color(color).radius(2.6)
 }
 
-/// Points of noise with the bars of their intervals.
+/// Noise points with error bars, 95 % confidence intervals.
 pub fn noise(plot: &mut PlotUi<'_>, name: &str, points: &[NoisePoint], color: Color32) {
     for point in points {
         let [low, high] = point.sigma_ci95;
@@ -139,19 +140,19 @@ pub fn noise(plot: &mut PlotUi<'_>, name: &str, points: &[NoisePoint], color: Co
     plot.points(dots(name, points.iter().map(|point| [point.code, point.sigma]).collect(), color));
 }
 
-/// Points of noise as rings, to tell them from dots of the same colour.
+/// Noise points as rings, distinct from dots of the same colour.
 pub fn noise_rings(plot: &mut PlotUi<'_>, name: &str, points: &[NoisePoint], color: Color32) {
     let places = points.iter().map(|point| [point.code, point.sigma]).collect();
     plot.points(dots(name, places, color).filled(false).radius(4.0));
 }
 
-/// What the colours mean here, in a line below a plot.
-pub fn legend(ui: &mut Ui, entries: &[(Of, &str)]) {
+/// Legend below a plot.
+pub fn legend(ui: &mut Ui, entries: &[(DataSource, &str)]) {
     let colored: Vec<_> = entries.iter().map(|(of, text)| (of.color(ui), *text)).collect();
     legend_of(ui, &colored);
 }
 
-/// The same for colours of any kind.
+/// Legend for arbitrary colours.
 pub fn legend_of(ui: &mut Ui, entries: &[(Color32, &str)]) {
     ui.horizontal_wrapped(|ui| {
         for (color, text) in entries {
@@ -166,26 +167,26 @@ pub fn legend_of(ui: &mut Ui, entries: &[(Color32, &str)]) {
 mod tests {
     use super::*;
 
-    /// Far apart by the differences of their codes, and from the ground by lightness.
+    /// Pairwise distance in RGB, and contrast in luma against the background.
     #[test]
-    fn colours_can_be_told_apart_in_light_and_dark() {
+    fn palette_is_distinct_in_light_and_dark() {
         let luma = |c: Color32| 0.3 * f64::from(c.r()) + 0.6 * f64::from(c.g()) + 0.1 * f64::from(c.b());
         let apart = |a: Color32, b: Color32| {
             let way = [a.r().abs_diff(b.r()), a.g().abs_diff(b.g()), a.b().abs_diff(b.b())];
             way.iter().map(|d| f64::from(*d).powi(2)).sum::<f64>().sqrt()
         };
         for visuals in [Visuals::dark(), Visuals::light()] {
-            let colors: Vec<Color32> = (0..TOLD_APART.len()).map(|n| told_apart(n, &visuals)).collect();
+            let colors: Vec<Color32> = (0..PALETTE.len()).map(|n| palette_color(n, &visuals)).collect();
             for (n, a) in colors.iter().enumerate() {
                 assert!((luma(*a) - luma(visuals.panel_fill)).abs() > 80.0, "{a:?}");
                 assert!(colors[..n].iter().all(|b| apart(*a, *b) > 60.0), "{a:?}");
             }
-            assert_eq!(told_apart(colors.len(), &visuals), colors[0]);
+            assert_eq!(palette_color(colors.len(), &visuals), colors[0]);
         }
     }
 
     #[test]
-    fn an_axis_has_more_than_its_zero() {
+    fn grid_steps_are_round_numbers() {
         let steps = [0.7, 1.0, 1.3, 2.1, 5.5, 0.03, 40.0].map(step);
         for (found, expected) in steps.into_iter().zip([1.0, 1.0, 2.0, 5.0, 10.0, 0.05, 50.0]) {
             assert!((found / expected - 1.0).abs() < 1e-12, "{steps:?}");

@@ -1,10 +1,10 @@
-//! How far something is that a person waits for.
+//! Progress bars and failures of background work.
 
 use eframe::egui::{self, ProgressBar, RichText, Ui, WidgetInfo};
 
 use super::background::Background;
 
-/// A bar, with words in it if there are any; `called` names what is waited for.
+/// A progress bar with an optional text; `called` is its accessible name.
 pub fn bar(ui: &mut Ui, called: &str, share: f32, text: Option<String>) {
     let bar = match text {
         Some(text) => ProgressBar::new(share).text(text),
@@ -13,23 +13,23 @@ pub fn bar(ui: &mut Ui, called: &str, share: f32, text: Option<String>) {
     ui.add(bar).widget_info(|| WidgetInfo::labeled(egui::Role::ProgressIndicator, true, called));
 }
 
-/// How far work in the background is, or why it broke off.
+/// Progress of background work, or its failure.
 pub fn of<K: PartialEq, T: Send + 'static>(ui: &mut Ui, called: &str, work: &Background<K, T>) {
     if let Some(share) = work.progress() {
         bar(ui, called, share, None);
         ui.ctx().request_repaint_after(std::time::Duration::from_millis(100));
     }
-    broken(ui, called, work);
+    failure(ui, called, work);
 }
 
-/// Why work in the background broke off. How far it is does not show: it is over soon, and begun with every change.
-pub fn broken<K: PartialEq, T: Send + 'static>(ui: &mut Ui, called: &str, work: &Background<K, T>) {
-    if let Some(why) = work.broken() {
+/// Failure of background work, without progress: for short work that restarts with every change.
+pub fn failure<K: PartialEq, T: Send + 'static>(ui: &mut Ui, called: &str, work: &Background<K, T>) {
+    if let Some(why) = work.failure() {
         refused(ui, &format!("{called}: {why}"));
     }
 }
 
-/// Why something cannot be had.
+/// A wrapped warning.
 pub fn refused(ui: &mut Ui, why: &str) {
     ui.add(egui::Label::new(RichText::new(why).color(ui.visuals().warn_fg_color)).wrap());
 }

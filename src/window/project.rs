@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::History;
-use super::watch::{Stamp, stamp};
+use super::file_watch::{Stamp, stamp};
 use locard_engine::camera::{Geometry, NoiseProfile};
 use locard_engine::compositor::{ON, Settings};
 use locard_engine::live::LiveSpec;

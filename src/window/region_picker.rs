@@ -3,8 +3,8 @@
 use eframe::egui::{self, Align2, Color32, Key, Stroke, Ui, vec2};
 use glam::DVec2;
 
-use super::fields::is_taken_back;
-use super::picture::{Seen, plate};
+use super::fields::is_typed_reverted;
+use super::picture::{PictureOutput, plate};
 use locard_engine::pixels::Rect;
 
 /// The part of the window that needs a region.
@@ -79,7 +79,7 @@ impl RegionPicker {
     }
 
     /// Handles drags in the picture and paints the rectangle.
-    pub fn update(&mut self, seen: &Seen) {
+    pub fn update(&mut self, seen: &PictureOutput) {
         let Some(active) = &mut self.active else { return };
         let px = |at: egui::Vec2| DVec2::new(at.x.into(), at.y.into());
         let response = &seen.response;
@@ -98,14 +98,14 @@ impl RegionPicker {
             if !active.prompt.repeats {
                 self.active = None;
             }
-        } else if seen.response.ctx.input(|i| i.key_pressed(Key::Escape)) && !is_taken_back(&seen.response.ctx) {
+        } else if seen.response.ctx.input(|i| i.key_pressed(Key::Escape)) && !is_typed_reverted(&seen.response.ctx) {
             // Esc was not consumed by a field.
             self.active = None;
         }
     }
 }
 
-fn paint(active: &ActivePrompt, seen: &Seen) {
+fn paint(active: &ActivePrompt, seen: &PictureOutput) {
     let (line, shadow) = (Stroke::new(1.5, Color32::WHITE), Stroke::new(3.5, Color32::from_black_alpha(120)));
     let screen = |px: &DVec2| seen.placed.screen(vec2(px.x as f32, px.y as f32));
     if let Some([a, b]) = &active.drag {
@@ -117,7 +117,7 @@ fn paint(active: &ActivePrompt, seen: &Seen) {
         plate(&seen.painter, at, Align2::LEFT_TOP, &size_text(&active.prompt, [a.min(*b), a.max(*b)]), 12.0);
     }
     let end = if active.prompt.repeats { ". Esc ends it" } else { "" };
-    seen.tell(&format!("{}{end}", active.prompt.hint));
+    seen.prompt(&format!("{}{end}", active.prompt.hint));
     if seen.pointed.is_some() {
         seen.response.ctx.set_cursor_icon(egui::CursorIcon::Crosshair);
     }

@@ -26,8 +26,9 @@ pub struct RowWidths {
 }
 
 impl RowWidths {
-    /// `row` is the width right of the mark, `beside` the gap between parts; `value` and `stops` are the widths of their
-    /// texts. Whether there is a slider does not depend on the texts: it would come and go during a drag.
+    /// `row` is the width right of the mark, `beside` the gap between parts; `value` and `stops`
+    /// are the widths of their texts. Whether there is a slider does not depend on the texts: it
+    /// would come and go during a drag.
     pub fn of(row: f32, beside: f32, is_optional: bool, value: f32, stops: Option<f32>) -> Self {
         let check = if is_optional { CHECK + beside } else { 0.0 };
         let with_stops = |stops: Option<f32>| stops.map_or(0.0, |stops| stops + beside);

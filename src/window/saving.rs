@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use super::camera_values::CameraValueTarget;
+use super::file_watch::{Change, FileWatch};
 use super::project::Project;
-use super::watch::{Change, Watch};
 use locard_engine::assets;
 
 /// The demonstration, which opens without a recording. Save does not overwrite it.
@@ -42,7 +42,7 @@ pub struct Approvals<'a> {
 }
 
 /// The next step.
-pub fn next_step(project: &Project, watch: Option<&Watch>, approvals: Approvals<'_>) -> SaveStep {
+pub fn next_step(project: &Project, watch: Option<&FileWatch>, approvals: Approvals<'_>) -> SaveStep {
     let has = |paths: &[PathBuf], path: &Path| paths.iter().any(|approvals| approvals == path);
     let changed = |path: &Path| {
         let change = watch.and_then(|watch| watch.change(path));

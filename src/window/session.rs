@@ -15,11 +15,11 @@ use self::live::LiveCamera;
 pub use self::live::{FROZEN, LiveStatus};
 pub use self::recent_frames::RECENT_S;
 use super::frame_renderer::{RenderKey, RenderOutputs, RenderResult};
+use super::gpu_times::GpuTimes;
 use super::obstacle::camera_text;
 use super::player::{Pace, Player};
 use super::project::Project;
 use super::thumbnails::Thumbnails;
-use super::times::Times;
 use super::viewer::Viewer;
 use locard_engine::compositor::FrameStats;
 use locard_engine::frame::Frame;
@@ -79,7 +79,7 @@ pub struct Session {
     /// Completion times of pictures in the last second.
     finish_times: VecDeque<Instant>,
     pictures: u64,
-    times: Times,
+    times: GpuTimes,
     /// The device is lost, and all pictures with it.
     is_lost: bool,
     /// Error of the last picture.
@@ -137,7 +137,7 @@ impl Session {
             last_tick: None,
             finish_times: VecDeque::new(),
             pictures: 0,
-            times: Times::default(),
+            times: GpuTimes::default(),
             is_lost: false,
             picture_problem: None,
             retried: None,
@@ -177,7 +177,7 @@ impl Session {
     }
 
     /// GPU time of each part of the latest pictures.
-    pub fn times(&self) -> &Times {
+    pub fn times(&self) -> &GpuTimes {
         &self.times
     }
 
@@ -323,7 +323,7 @@ impl Session {
         let gpu = self.viewer.gpu();
         self.is_lost |= gpu.poll().and(gpu.check()).is_err_and(|failure| failure.is_lost());
         if let Some(thumbnails) = &mut self.thumbnails {
-            thumbnails.work(ctx);
+            thumbnails.upload(ctx);
         }
     }
 

@@ -1,4 +1,4 @@
-//! What stands at the right of the picture: settings, plots that say whether it matches, and calibration.
+//! The side panel: settings, plots of the match, and calibration.
 
 use eframe::egui::{Ui, UiBuilder};
 use glam::DVec2;
@@ -6,7 +6,7 @@ use glam::DVec2;
 use super::calibrating::Calibrating;
 use super::controls::Controls;
 use super::matching::{self, Matching};
-use super::picture::Seen;
+use super::picture::PictureOutput;
 use super::region_picker::RegionPicker;
 use super::session::Session;
 
@@ -25,19 +25,19 @@ pub struct Side {
     pub controls: Controls,
     matching: Matching,
     calibrating: Calibrating,
-    /// Where the pointer was last, px of the picture.
+    /// Last position of the pointer, px of the picture.
     pointed: Option<DVec2>,
 }
 
 impl Side {
-    /// Shows the tab that is chosen. Values that are refused are given back as text.
+    /// Shows the chosen tab. Returns the error of a rejected value.
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, picker: &mut RegionPicker) -> Option<String> {
         fixed(ui, |ui| self.within(ui, session, picker))
     }
 
     fn within(&mut self, ui: &mut Ui, session: &mut Session, picker: &mut RegionPicker) -> Option<String> {
-        // Whatever tab is shown: a person holds a board.
-        self.calibrating.look(session);
+        // In every tab, since the user may be holding a board.
+        self.calibrating.process_newest(session);
         let before = self.tab;
         ui.horizontal(|ui| {
             for (tab, name) in [(Tab::Settings, "Settings"), (Tab::Match, "Match"), (Tab::Calibrate, "Calibrate")] {
@@ -46,19 +46,19 @@ impl Side {
         });
         ui.separator();
         if self.tab != before {
-            // What another tab asks for goes with it.
+            // Cancels region picking of the previous tab.
             picker.cancel();
         }
         if self.tab != Tab::Match {
-            self.matching.rest();
+            self.matching.cancel();
         }
         if self.tab != Tab::Calibrate {
-            self.calibrating.rest();
+            self.calibrating.cancel();
         }
         match self.tab {
             Tab::Settings => {
-                let at_work = session.stats().map(|stats| stats.effects.clone());
-                return self.controls.show(ui, &mut session.project, at_work.as_deref());
+                let active_effects = session.stats().map(|stats| stats.effects.clone());
+                return self.controls.show(ui, &mut session.project, active_effects.as_deref());
             }
             Tab::Match => {
                 let picked = self.calibrating.points();
@@ -69,23 +69,24 @@ impl Side {
         None
     }
 
-    /// Marks in the picture of a frame what the tab is about, unless it plays, and keeps where the pointer is.
-    pub fn over_picture(&mut self, seen: &Seen, frame: usize, plays: bool) {
-        let pointed = seen.pointed.map(|at| DVec2::new(at.x.into(), at.y.into()));
+    /// Paints the tab's marks over the picture, except during playback, and stores the position of
+    /// the pointer.
+    pub fn over_picture(&mut self, picture: &PictureOutput, frame: usize, plays: bool) {
+        let pointed = picture.pointed.map(|at| DVec2::new(at.x.into(), at.y.into()));
         if self.tab == Tab::Match && pointed != self.pointed && pointed.is_some() {
-            seen.response.ctx.request_repaint();
+            picture.response.ctx.request_repaint();
         }
         self.pointed = pointed.or(self.pointed);
         match self.tab {
             _ if plays => {}
             Tab::Settings => {}
-            Tab::Match => matching::paint(seen, self.matching.marks().map(|(rect, name)| (rect, name.to_owned()))),
-            Tab::Calibrate => matching::paint(seen, self.calibrating.marks(frame)),
+            Tab::Match => matching::paint(picture, self.matching.marks().map(|(rect, name)| (rect, name.to_owned()))),
+            Tab::Calibrate => matching::paint(picture, self.calibrating.marks(frame)),
         }
     }
 }
 
-/// Shows what a panel holds. What is too wide for the panel is cut: it does not grow, and the picture beside it stays.
+/// Shows contents in a panel of fixed width. Contents that are too wide are clipped.
 pub fn fixed<R>(ui: &mut Ui, show: impl FnOnce(&mut Ui) -> R) -> R {
     let room = ui.available_rect_before_wrap();
     let mut inner = ui.new_child(UiBuilder::new().max_rect(room));

@@ -1,88 +1,95 @@
-//! A slider with its number. A press beside the handle brings it there; a press on the handle takes hold of it where it is
-//! pressed, so that nothing changes until the pointer moves, and nothing jumps then.
+//! A slider with its number. A press beside the handle moves it there. A press on the handle keeps
+//! the offset of the pointer: nothing changes until the pointer moves, and the value does not jump.
 
 use eframe::egui::{self, Id, Response, Ui, WidgetInfo, style::HandleShape};
 
-use super::fields::{rounded, short, typed};
+use super::fields::{rounded, short, typed_parser};
 
-/// The values of a slider, from end to end.
+/// Range and scale of a slider.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rail {
+pub struct SliderScale {
     pub min: f64,
     pub max: f64,
-    /// Equal ways are equal ratios. Where the range has 0, the least ratio ends at [`LEAST`].
+    /// Logarithmic. If the range has 0, the smallest magnitude is [`SMALLEST_POSITIVE`].
     pub by_ratio: bool,
-    /// Whole numbers alone.
+    /// Integers only.
     pub whole: bool,
 }
 
-/// Besides 0 the value nearest to it that a slider by ratios goes to.
-const LEAST: f64 = 1e-5;
+/// Smallest magnitude besides 0 of a logarithmic slider.
+const SMALLEST_POSITIVE: f64 = 1e-5;
 
-impl Rail {
-    /// Where a value stands, 0 to 1: as egui's slider has it, which does not say.
+impl SliderScale {
+    /// Position of a value, 0 to 1. Replicates egui's slider, whose mapping is private.
     fn share(&self, n: f64) -> f64 {
         let Self { min, max, .. } = *self;
-        match () {
-            () if n <= min => 0.0,
-            () if n >= max => 1.0,
-            () if !self.by_ratio => (n - min) / (max - min),
-            () if min >= 0.0 => {
-                let [from, to] = self.decades();
-                ((n.log10() - from) / (to - from)).clamp(0.0, 1.0)
-            }
-            () if n < 0.0 => self.zero() * (1.0 - Self { min: 0.0, max: -min, ..*self }.share(-n)),
-            () => self.zero() + (1.0 - self.zero()) * Self { min: 0.0, ..*self }.share(n),
+        if n <= min {
+            0.0
+        } else if n >= max {
+            1.0
+        } else if !self.by_ratio {
+            (n - min) / (max - min)
+        } else if min >= 0.0 {
+            let [from, to] = self.decades();
+            ((n.log10() - from) / (to - from)).clamp(0.0, 1.0)
+        } else if n < 0.0 {
+            self.zero() * (1.0 - Self { min: 0.0, max: -min, ..*self }.share(-n))
+        } else {
+            self.zero() + (1.0 - self.zero()) * Self { min: 0.0, ..*self }.share(n)
         }
     }
 
-    /// The value at a place, the other way round.
+    /// Value at a position: the inverse of `share`.
     fn at(&self, share: f64) -> f64 {
         let Self { min, max, .. } = *self;
         let zero = self.zero();
-        match () {
-            () if share <= 0.0 => min,
-            () if share >= 1.0 => max,
-            () if !self.by_ratio => min + (max - min) * share,
-            () if min >= 0.0 => {
-                let [from, to] = self.decades();
-                10f64.powf(from + (to - from) * share)
-            }
-            () if share < zero => -Self { min: 0.0, max: -min, ..*self }.at(1.0 - share / zero),
-            () => Self { min: 0.0, ..*self }.at((share - zero) / (1.0 - zero)),
+        if share <= 0.0 {
+            min
+        } else if share >= 1.0 {
+            max
+        } else if !self.by_ratio {
+            min + (max - min) * share
+        } else if min >= 0.0 {
+            let [from, to] = self.decades();
+            10f64.powf(from + (to - from) * share)
+        } else if share < zero {
+            -Self { min: 0.0, max: -min, ..*self }.at(1.0 - share / zero)
+        } else {
+            Self { min: 0.0, ..*self }.at((share - zero) / (1.0 - zero))
         }
     }
 
     fn decades(&self) -> [f64; 2] {
-        [if self.min > 0.0 { self.min } else { LEAST }, self.max].map(f64::log10)
+        [if self.min > 0.0 { self.min } else { SMALLEST_POSITIVE }, self.max].map(f64::log10)
     }
 
-    /// Where 0 stands of a range by ratios that goes to both sides of it.
+    /// Position of 0 in a logarithmic range with both signs.
     fn zero(&self) -> f64 {
         let [below, above] = [-self.min, self.max].map(|end| end.log10().abs());
         below / (below + above)
     }
 }
 
-/// A handle that is held: the value and the pointer's place when it was pressed.
+/// Value and position of the pointer at the press on the handle.
 #[derive(Clone, Copy, Debug)]
-struct Held {
+struct HandleDrag {
     value: f64,
     x: f32,
 }
 
-/// Shows a slider, and its number to drag and to type; `called` names them to those who do not see them. What is done to
-/// either is done to the response; whether either was double-clicked stands beside it, for a slider knows drags alone.
-pub fn show(ui: &mut Ui, called: &str, n: &mut f64, rail: Rail, unit: &str) -> (Response, bool) {
-    let slider = slide(ui, n, rail);
+/// Shows a slider with its number, which can be dragged and typed; `called` is their accessible
+/// name. Returns the union of both responses, and whether either was double-clicked, which a
+/// slider's response does not report.
+pub fn show(ui: &mut Ui, called: &str, n: &mut f64, scale: SliderScale, unit: &str) -> (Response, bool) {
+    let slider = slide(ui, n, scale);
     let is_twice = ui.input(|i| i.pointer.button_double_clicked(egui::PointerButton::Primary));
     let is_twice = is_twice && slider.contains_pointer();
     slider.widget_info(|| WidgetInfo::slider(true, *n, called));
-    let ends = rail.min..=rail.max;
+    let ends = scale.min..=scale.max;
     let length = f64::from(length(ui));
-    let at = rail.share(*n);
-    let speed = (rail.at(at + 0.5 / length) - rail.at(at - 0.5 / length)).max(f64::MIN_POSITIVE);
-    let drag = egui::DragValue::new(n).range(ends).speed(speed).suffix(unit).custom_parser(typed(ui.ctx()));
+    let at = scale.share(*n);
+    let speed = (scale.at(at + 0.5 / length) - scale.at(at - 0.5 / length)).max(f64::MIN_POSITIVE);
+    let drag = egui::DragValue::new(n).range(ends).speed(speed).suffix(unit).custom_parser(typed_parser(ui.ctx()));
     let drag = drag.clip_text(true);
     let number = ui.add(drag.custom_formatter(|n, _| short(n)).update_while_editing(false)).labelled_by(slider.id);
     let is_number = number.has_focus() || number.lost_focus();
@@ -90,7 +97,7 @@ pub fn show(ui: &mut Ui, called: &str, n: &mut f64, rail: Rail, unit: &str) -> (
     (if is_number { number.union(slider) } else { slider.union(number) }, is_twice)
 }
 
-/// The way of the handle, points.
+/// Length of the handle's travel, points.
 fn length(ui: &Ui) -> f32 {
     let half = match ui.visuals().handle_shape {
         HandleShape::Circle => radius(ui),
@@ -99,75 +106,76 @@ fn length(ui: &Ui) -> f32 {
     (ui.spacing().slider_width - 2.0 * half).max(1.0)
 }
 
-/// Of the handle, points.
+/// Radius of the handle, points.
 fn radius(ui: &Ui) -> f32 {
     ui.text_style_height(&egui::TextStyle::Body).max(ui.spacing().interact_size.y) / 2.5
 }
 
-fn slide(ui: &mut Ui, n: &mut f64, rail: Rail) -> Response {
+fn slide(ui: &mut Ui, n: &mut f64, scale: SliderScale) -> Response {
     let (length, radius, key) = (length(ui), radius(ui), ui.next_auto_id().with("held"));
     let (pressed, held_still, pointer) = ui.input(|i| {
-        // In the pass in which it is let go the slider takes the pointer's place once more.
+        // The slider also follows the pointer in the pass of the release.
         let held_still = i.pointer.primary_down() || i.pointer.primary_released();
         (i.pointer.primary_pressed(), held_still, i.pointer.interact_pos())
     });
-    let mut held: Option<Held> = ui.data(|data| data.get_temp(key)).filter(|_| held_still && !pressed);
+    let mut held: Option<HandleDrag> = ui.data(|data| data.get_temp(key)).filter(|_| held_still && !pressed);
     let value = |given: Option<f64>| {
         let Some(to) = given else { return *n };
         if let (Some(at), true) = (pointer, pressed) {
-            let apart = (rail.share(to) - rail.share(*n)).abs() * f64::from(length);
-            held = (apart <= f64::from(radius)).then_some(Held { value: *n, x: at.x });
+            let apart = (scale.share(to) - scale.share(*n)).abs() * f64::from(length);
+            held = (apart <= f64::from(radius)).then_some(HandleDrag { value: *n, x: at.x });
         }
         let moved = match (held, pointer) {
             (Some(held), Some(at)) if at.x == held.x => held.value,
-            (Some(held), Some(at)) => rail.at(rail.share(held.value) + f64::from((at.x - held.x) / length)),
+            (Some(held), Some(at)) => scale.at(scale.share(held.value) + f64::from((at.x - held.x) / length)),
             _ => to,
         };
-        *n = if rail.whole && moved != *n { moved.round() } else { moved };
+        *n = if scale.whole && moved != *n { moved.round() } else { moved };
         *n
     };
-    // A value that is only shown is not given back to be clamped.
-    let slider = egui::Slider::from_get_set(rail.min..=rail.max, value).clamping(egui::SliderClamping::Edits);
-    let slider = slider.logarithmic(rail.by_ratio).smallest_positive(LEAST).smart_aim(false).show_value(false);
+    // Displaying a value does not clamp it.
+    let slider = egui::Slider::from_get_set(scale.min..=scale.max, value).clamping(egui::SliderClamping::Edits);
+    let slider =
+        slider.logarithmic(scale.by_ratio).smallest_positive(SMALLEST_POSITIVE).smart_aim(false).show_value(false);
     let response = ui.add(slider);
     keep(ui, key, held);
     response
 }
 
-fn keep(ui: &Ui, key: Id, held: Option<Held>) {
+fn keep(ui: &Ui, key: Id, held: Option<HandleDrag>) {
     ui.data_mut(|data| match held {
         Some(held) => _ = data.insert_temp(key, held),
-        None => data.remove::<Held>(key),
+        None => data.remove::<HandleDrag>(key),
     });
 }
 
-/// A slider gives more digits than anybody means.
-pub fn meant(n: f64, rail: Rail) -> f64 {
-    if rail.whole { n.round() } else { rounded(n) }.clamp(rail.min, rail.max)
+/// Rounds a slider's value to plausible digits.
+pub fn rounded_value(n: f64, scale: SliderScale) -> f64 {
+    if scale.whole { n.round() } else { rounded(n) }.clamp(scale.min, scale.max)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const RATIOS: Rail = Rail { min: 0.01, max: 100.0, by_ratio: true, whole: false };
+    const RATIOS: SliderScale = SliderScale { min: 0.01, max: 100.0, by_ratio: true, whole: false };
 
     #[test]
-    fn a_value_stands_where_a_hand_would_put_it() {
-        let even = Rail { min: -1.0, max: 3.0, by_ratio: false, whole: false };
+    fn slider_position_and_value_are_inverse() {
+        let even = SliderScale { min: -1.0, max: 3.0, by_ratio: false, whole: false };
         assert_eq!([-1.0, 0.0, 3.0].map(|n| even.share(n)), [0.0, 0.25, 1.0]);
         // Four decades: 0.1 is a quarter of the way.
         assert!((RATIOS.share(0.1) - 0.25).abs() < 1e-12 && (RATIOS.at(0.75) - 10.0).abs() < 1e-9);
-        // From 0 on it begins at 1e-5: seven decades.
-        let from_zero = Rail { min: 0.0, ..RATIOS };
+        // A range from 0 begins at 1e-5: seven decades.
+        let from_zero = SliderScale { min: 0.0, ..RATIOS };
         assert!(from_zero.share(0.0) == 0.0 && (from_zero.share(1.0) - 5.0 / 7.0).abs() < 1e-12);
-        // To both sides 0 is in the middle, and what is mirrored mirrors.
-        let both = Rail { min: -100.0, ..RATIOS };
+        // Both signs: 0 is in the middle, and the mapping is odd.
+        let both = SliderScale { min: -100.0, ..RATIOS };
         assert!((both.share(1.0) - (0.5 + 2.5 / 7.0)).abs() < 1e-12);
         assert!((both.share(1.0) + both.share(-1.0) - 1.0).abs() < 1e-12);
-        for rail in [even, RATIOS, from_zero, both] {
+        for scale in [even, RATIOS, from_zero, both] {
             for share in [0.05, 0.3, 0.6, 0.95] {
-                assert!((rail.share(rail.at(share)) - share).abs() < 1e-9, "{rail:?} {share}");
+                assert!((scale.share(scale.at(share)) - share).abs() < 1e-9, "{scale:?} {share}");
             }
         }
     }

@@ -1,5 +1,5 @@
-//! The window where there is nothing to show yet: a start without a recording where the demonstration is lacking. It offers
-//! what can be opened, and becomes the tuner with it.
+//! The start window, without a recording and without the demonstration. It offers recordings and
+//! cameras to open, and then becomes the tuner.
 
 use std::path::{Path, PathBuf};
 
@@ -13,9 +13,8 @@ use super::camera_dialog::CameraDialog;
 use super::chooser::{Chooser, ChooserMode, ChooserResult, StartLocation};
 use super::dialogs;
 use super::documents::DocumentSwitch;
-use super::fit;
+use super::file_kind::FileKind;
 use super::keys;
-use super::kind::Kind;
 use super::message::MessageWindow;
 use super::opening::Opening;
 use super::painter;
@@ -26,41 +25,42 @@ use super::recovery_search::RecoverySearch;
 use super::saving::DEMO;
 use super::task::BackgroundTask;
 use super::theme;
+use super::window_size;
 use locard_engine::assets;
 
-/// Something that was opened, with the work that is taken up in it.
-type Begun = (DocumentSwitch, Option<RecoverableWork>);
+/// An opened project, with autosaved work to restore.
+type OpenedTurn = (DocumentSwitch, Option<RecoverableWork>);
 
-/// See above.
+/// The start window.
 pub struct Start {
     window: RenderState,
-    /// Where work is kept.
+    /// Folder of preferences and autosaved work.
     folder: Option<PathBuf>,
     recent: Recent,
     preferences: Preferences,
     recoverable: Vec<RecoverableWork>,
     recovery_search: Option<RecoverySearch>,
     chooser: Option<Chooser>,
-    /// Where the demonstration was looked for.
+    /// Searched folders of the demonstration.
     places: Vec<PathBuf>,
     camera_dialog: Option<CameraDialog>,
-    /// As it was answered last.
+    /// The camera dialog as last confirmed, restored if opening fails.
     last_camera_dialog: Option<CameraDialog>,
     opening: Option<Opening>,
-    /// What was dropped, and what it is.
-    looked_at: Option<(PathBuf, BackgroundTask<Kind>)>,
+    /// A dropped file whose kind is being determined.
+    dropped: Option<(PathBuf, BackgroundTask<FileKind>)>,
     message: Option<MessageWindow>,
     shows_keys: bool,
-    /// What became of it.
+    /// The tuner, once a recording is open.
     app: Option<Box<App>>,
 }
 
 impl Start {
-    /// Offers what lies in the user's folder for work.
+    /// Offers autosaved work in the user's state folder.
     pub fn new(context: &eframe::CreationContext<'_>, folder: Option<&Path>) -> Result<Self, String> {
         let ctx = &context.egui_ctx;
         theme::install(ctx);
-        // From the first frame on: it keeps the textures that egui hands over once.
+        // From the first frame on: egui hands over its textures only once.
         let window = painter::take_over(context)?;
         let read = |name: &str| folder.map(|folder| folder.join(name));
         let preferences = read("habits.json").map_or_else(Preferences::default, Preferences::read);
@@ -80,7 +80,7 @@ impl Start {
             camera_dialog: None,
             last_camera_dialog: None,
             opening: None,
-            looked_at: None,
+            dropped: None,
             message: None,
             shows_keys: false,
             app: None,
@@ -104,31 +104,31 @@ impl Start {
 
     fn drop(&mut self, ctx: &egui::Context, path: PathBuf) {
         let (wake, dropped) = (ctx.clone(), path.clone());
-        match BackgroundTask::spawn("looking", move || wake.request_repaint(), move || Kind::of(&dropped)) {
-            Ok(recovery_search) => self.looked_at = Some((path, recovery_search)),
+        match BackgroundTask::spawn("looking", move || wake.request_repaint(), move || FileKind::of(&dropped)) {
+            Ok(recovery_search) => self.dropped = Some((path, recovery_search)),
             Err(error) => {
                 self.message = Some(MessageWindow::new(format!("No thread can be started that opens it: {error}")))
             }
         }
     }
 
-    fn chooses(&mut self) {
+    fn show_chooser(&mut self) {
         let last = self.preferences.folder(FolderUse::Recording).map(Path::to_owned);
         let begin = StartLocation::within(last.into_iter().chain(std::env::home_dir()));
         self.chooser = Some(Chooser::new("Open a recording", ChooserMode::Recording, begin));
     }
 
-    /// One frame of the window. Gives what was opened.
-    fn show(&mut self, ctx: &egui::Context) -> Option<Begun> {
+    /// Shows one frame of the window. Returns an opened project.
+    fn show(&mut self, ctx: &egui::Context) -> Option<OpenedTurn> {
         for file in ctx.input(|i| i.raw.dropped_files.clone()) {
             self.drop(ctx, file.path().to_owned());
         }
-        if let Some((path, kind)) = self.looked_at.take() {
+        if let Some((path, kind)) = self.dropped.take() {
             match kind.take() {
-                None => self.looked_at = Some((path, kind)),
-                Some(Ok(Kind::Recording)) => self.begin(ctx, DocumentRef::recording(path), None),
-                Some(Ok(Kind::Neither(why)) | Err(why)) => self.message = Some(MessageWindow::new(why)),
-                Some(Ok(Kind::Scene | Kind::Profile | Kind::Model)) => {
+                None => self.dropped = Some((path, kind)),
+                Some(Ok(FileKind::Recording)) => self.begin(ctx, DocumentRef::recording(path), None),
+                Some(Ok(FileKind::Neither(why)) | Err(why)) => self.message = Some(MessageWindow::new(why)),
+                Some(Ok(FileKind::Scene | FileKind::Profile | FileKind::Model)) => {
                     let why = format!("{}: open a recording first, then drop it again", path.display());
                     self.message = Some(MessageWindow::new(why));
                 }
@@ -149,7 +149,7 @@ impl Start {
                     }
                     Err(refused) => {
                         self.recoverable.extend(done.recoverable);
-                        // The dialog is there again, with all that was typed.
+                        // The dialog reappears with its input.
                         match self.last_camera_dialog.take().filter(|_| done.document.camera.is_some()) {
                             Some(camera_dialog) => self.camera_dialog = Some(camera_dialog.with_error(refused.why)),
                             None => self.message = Some(MessageWindow::new(refused.why)),
@@ -189,7 +189,7 @@ impl Start {
             match dialogs::offer_recovery(ctx, &recoverable.work) {
                 Some(Answer::Yes) => self.begin(ctx, recoverable.document(), Some(recoverable)),
                 Some(Answer::No) => recoverable.discard(),
-                // It stays where it is, and is offered at the next start.
+                // The work stays on disk and is offered at the next start.
                 Some(Answer::Cancel) => drop(recoverable),
                 None => self.recoverable.push(recoverable),
             }
@@ -199,16 +199,16 @@ impl Start {
             match action {
                 Action::Keys => self.shows_keys = !self.shows_keys,
                 Action::Leave => (self.shows_keys, self.message) = (false, None),
-                Action::Open => self.chooses(),
-                Action::Theme => theme::exchange(ctx),
-                // There is nothing open that the others act on.
+                Action::Open => self.show_chooser(),
+                Action::Theme => theme::toggle(ctx),
+                // Other actions need an open recording.
                 _ => {}
             }
         }
         keys::show(ctx, &mut self.shows_keys);
         let places: Vec<PathBuf> = self.places.iter().map(|folder| folder.join(DEMO)).collect();
         match dialogs::show_start(ctx, self.recent.entries(ctx), dialogs::StartBackground::Nothing(&places)) {
-            Some(dialogs::StartChoice::Open) => self.chooses(),
+            Some(dialogs::StartChoice::Open) => self.show_chooser(),
             Some(dialogs::StartChoice::Camera) => self.camera_dialog = Some(CameraDialog::new(ctx, None, None)),
             Some(dialogs::StartChoice::Recent(document)) => self.begin(ctx, *document, None),
             Some(dialogs::StartChoice::Continue) | None => {}
@@ -232,12 +232,12 @@ impl eframe::App for Start {
             return app.ui(ui, frame);
         }
         let ctx = ui.ctx().clone();
-        fit::to_screen(&ctx);
+        window_size::fit_to_screen(&ctx);
         egui::CentralPanel::default().show(ui, |_| ());
         let Some((turn, recoverable)) = self.show(&ctx) else { return };
         match App::begin(&ctx, self.window.clone(), turn.project, turn.camera) {
             Ok(mut app) => {
-                // What is left is the tuner's to offer from now on.
+                // The tuner offers autosaved work from now on.
                 (self.recoverable, self.recovery_search, self.recent) = (Vec::new(), None, Recent::default());
                 if let Some(folder) = &self.folder {
                     app.set_state_folder(folder);

@@ -1,6 +1,6 @@
-//! Where the program keeps what lies between two sessions: work that was not saved, files that were open.
+//! Folder of the state between sessions: autosaved work, recent files, preferences.
 //!
-//! The folders are those that the systems name for it. Three variables do not make up for a library.
+//! The folders follow the conventions of each system. Three variables do not justify a dependency.
 
 use std::env;
 use std::fs::File;
@@ -13,8 +13,8 @@ use serde::de::DeserializeOwned;
 use locard_engine::sink::atomic::write_atomically;
 use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 
-/// The user's folder for the program's state: by the XDG base directories, or what macOS and Windows have for it. `None`
-/// where the environment names no home.
+/// The user's state folder: by the XDG Base Directory Specification, or the equivalent of macOS and
+/// Windows. `None` if the environment names no home.
 pub fn folder() -> Option<PathBuf> {
     let named = |name: &str| env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let home = || env::home_dir().filter(|home| home.is_absolute());
@@ -24,16 +24,16 @@ pub fn folder() -> Option<PathBuf> {
     if cfg!(target_vendor = "apple") {
         return home().map(|home| home.join("Library/Application Support/Locard"));
     }
-    // A relative path in it is to be ignored, says the specification.
+    // The specification requires relative paths to be ignored.
     named("XDG_STATE_HOME").or_else(|| home().map(|home| home.join(".local/state"))).map(|state| state.join("locard"))
 }
 
-/// What a file of that folder keeps; nothing where it cannot be read.
+/// Reads a file of that folder; the default value if it cannot be read.
 pub fn read<T: DeserializeOwned + Default>(file: &Path) -> T {
     file::read_text(file, MAX_DOCUMENT_BYTES).ok().and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
 }
 
-/// Keeps something in a file of that folder. That it cannot be kept is no reason to stop.
+/// Writes a value to a file of that folder. Errors are ignored.
 pub fn keep(file: &Path, value: &impl Serialize) {
     if let Ok(text) = serde_json::to_string_pretty(value) {
         let _ = file.parent().map(std::fs::create_dir_all);

@@ -1,29 +1,29 @@
-//! Light and dark: egui's own, with texts that can be read on what they stand on, and that are large enough.
+//! Light and dark themes: egui's own, with legible text colours and sizes.
 
 use eframe::egui::style::Visuals;
 use eframe::egui::{Color32, Context, FontId, Rgba, TextStyle, Theme};
 
-/// Nothing in the window is written smaller, points.
-pub const SMALLEST: f32 = 11.0;
+/// Smallest text size, points.
+pub const MIN_TEXT_PT: f32 = 11.0;
 
-/// What is said by the way, and what is wrong or odd, has at least a contrast of 4.5 to its ground, which WCAG 2.2 asks of
-/// small text (1.4.3).
+/// Installs both themes. Secondary texts, warnings and errors have a contrast of at least 4.5 to
+/// their background, as WCAG 2.2 (1.4.3) requires of small text.
 pub fn install(ctx: &Context) {
     for theme in [Theme::Light, Theme::Dark] {
         ctx.style_mut_of(theme, |style| {
             readable(&mut style.visuals);
-            style.text_styles.insert(TextStyle::Small, FontId::proportional(SMALLEST));
+            style.text_styles.insert(TextStyle::Small, FontId::proportional(MIN_TEXT_PT));
         });
     }
 }
 
-/// Light where it is dark, dark where it is light.
-pub fn exchange(ctx: &Context) {
+/// Toggles between the light and the dark theme.
+pub fn toggle(ctx: &Context) {
     let dark = ctx.global_style().visuals.dark_mode;
     ctx.set_theme(if dark { Theme::Light } else { Theme::Dark });
 }
 
-/// The colour of a light, linear red, green and blue, as bright as it can be shown.
+/// Display colour of linear light, normalized to its largest channel.
 pub fn of_light(rgb: [f64; 3]) -> Color32 {
     let most = rgb.into_iter().fold(f64::MIN_POSITIVE, f64::max);
     let [r, g, b] = rgb.map(|c| (c / most) as f32);
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn every_text_can_be_read() {
+    fn text_contrast_meets_wcag() {
         assert!((contrast(Color32::WHITE, Color32::BLACK) - 21.0).abs() < 1e-9);
         for mut visuals in [Visuals::light(), Visuals::dark()] {
             readable(&mut visuals);

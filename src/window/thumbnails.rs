@@ -1,4 +1,4 @@
-//! Small pictures of a recording for its time line, decoded on a thread of their own.
+//! Thumbnails of a recording for its time line, decoded on a background thread.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,18 +10,18 @@ use eframe::egui::{self, ColorImage, TextureHandle, TextureOptions};
 use locard_engine::pixels::Pixels;
 use locard_engine::recording::Recording;
 
-/// Height in texels: enough for a display of twice the usual scale.
+/// Height in texels: enough for a display scale of 2.
 const HEIGHT: u32 = 72;
-/// How many at most.
-const MOST: usize = 40;
+/// Largest number of thumbnails.
+const MAX_THUMBNAILS: usize = 40;
 
-/// Small pictures: the first, then those that halve what lies between.
+/// Thumbnails, decoded from coarse to fine.
 pub struct Thumbnails {
     pictures: Vec<(usize, TextureHandle)>,
     decoded: Receiver<(usize, ColorImage)>,
     is_ended: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
-    /// Of a picture, width by height.
+    /// Aspect ratio, width by height.
     aspect: f32,
 }
 
@@ -32,11 +32,11 @@ impl Thumbnails {
         let (ends, ctx) = (Arc::clone(&is_ended), ctx.clone());
         let aspect = recording.width as f32 / recording.height as f32;
         let thread = std::thread::Builder::new().name("window thumbnails".to_owned()).spawn(move || {
-            for frame in spread(recording.frame_count()) {
+            for frame in coarse_to_fine(recording.frame_count()) {
                 let decoded = recording.frames(frame..frame + 1).ok().and_then(|mut frames| frames.next()?.ok());
-                // A frame that cannot be decoded is told of where it is shown.
+                // Decoding errors are reported where the frame itself is shown.
                 let Some(decoded) = decoded else { continue };
-                if ends.load(Ordering::Relaxed) || done.send((frame, small(&decoded.pixels))).is_err() {
+                if ends.load(Ordering::Relaxed) || done.send((frame, downsample(&decoded.pixels))).is_err() {
                     return;
                 }
                 ctx.request_repaint();
@@ -49,15 +49,15 @@ impl Thumbnails {
         self.aspect
     }
 
-    /// Takes what has been decoded.
-    pub fn work(&mut self, ctx: &egui::Context) {
+    /// Uploads decoded thumbnails.
+    pub fn upload(&mut self, ctx: &egui::Context) {
         for (frame, picture) in self.decoded.try_iter() {
             let texture = ctx.load_texture(format!("frame {frame}"), picture, TextureOptions::LINEAR);
             self.pictures.push((frame, texture));
         }
     }
 
-    /// The one nearest to a frame.
+    /// The thumbnail nearest to a frame.
     pub fn nearest(&self, frame: usize) -> Option<&TextureHandle> {
         self.pictures.iter().min_by_key(|(of, _)| of.abs_diff(frame)).map(|(_, texture)| texture)
     }
@@ -72,17 +72,17 @@ impl Drop for Thumbnails {
     }
 }
 
-/// Frames spread over a recording, coarsely first.
-fn spread(count: usize) -> Vec<usize> {
-    let parts = MOST.min(count).max(1);
+/// Evenly spaced frames of a recording, from coarse to fine.
+fn coarse_to_fine(count: usize) -> Vec<usize> {
+    let parts = MAX_THUMBNAILS.min(count).max(1);
     let mut order: Vec<usize> = (0..parts).collect();
-    // By the lowest bit that is set in its place: each half, then each quarter.
+    // Sorted by the lowest set bit of the index: halves, then quarters.
     order.sort_by_key(|n| (std::cmp::Reverse(if *n == 0 { u32::MAX } else { n.trailing_zeros() }), *n));
     order.into_iter().map(|n| n * count / parts).filter(|frame| *frame < count).collect()
 }
 
-/// Made smaller: each texel is the mean of the code values that it covers.
-fn small(pixels: &Pixels) -> ColorImage {
+/// Box-filtered reduction of code values.
+fn downsample(pixels: &Pixels) -> ColorImage {
     let height = HEIGHT.min(pixels.height).max(1);
     let width = (pixels.width * height / pixels.height.max(1)).clamp(1, pixels.width.max(1));
     let max = f64::from(pixels.max_code());
@@ -108,16 +108,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn they_are_spread_and_each_is_the_mean_of_what_it_covers() {
-        assert_eq!(spread(1), [0]);
-        assert_eq!(spread(5), [0, 4, 2, 1, 3]);
-        let many = spread(1000);
+    fn thumbnails_are_evenly_spaced_and_box_filtered() {
+        assert_eq!(coarse_to_fine(1), [0]);
+        assert_eq!(coarse_to_fine(5), [0, 4, 2, 1, 3]);
+        let many = coarse_to_fine(1000);
         assert_eq!((many.len(), many[0], many[1], many[2]), (40, 0, 800, 400));
         // Twice as high as wanted: four pixels to a texel.
         let codes = |y: u32, x: u32| [(x % 2) as u8 * 10, (y % 2) as u8 * 20, 100];
         let all = (0..2 * HEIGHT).flat_map(|y| (0..4).flat_map(move |x| codes(y, x))).collect();
-        let small = small(&Pixels::from_u8(4, 2 * HEIGHT, all).unwrap());
-        assert_eq!(small.size, [2, HEIGHT as usize]);
-        assert!(small.pixels.iter().all(|texel| *texel == egui::Color32::from_rgb(5, 10, 100)));
+        let downsample = downsample(&Pixels::from_u8(4, 2 * HEIGHT, all).unwrap());
+        assert_eq!(downsample.size, [2, HEIGHT as usize]);
+        assert!(downsample.pixels.iter().all(|texel| *texel == egui::Color32::from_rgb(5, 10, 100)));
     }
 }

@@ -9,16 +9,16 @@ use locard_engine::scene::{Entry, ItemPlacement, SceneError};
 use locard_engine::shot::Tilt;
 use locard_engine::text::{fixed, millimetres};
 
-/// A rotation that keeps the world's up within this is upright: cosine of half a degree.
-const UPRIGHT: f64 = 0.99996;
+/// Cosine of the largest tilt of an upright thing, half a degree.
+const MIN_UPRIGHT_COS: f64 = 0.99996;
 
-/// Whether a thing stands along the world's up.
+/// True if a thing stands along the world's up.
 fn is_upright(project: &Project, entry: Entry) -> bool {
     let up = project.up();
-    project.edit().scene.placement(entry).is_some_and(|placement| (placement.rotation * up).dot(up) > UPRIGHT)
+    project.edit().scene.placement(entry).is_some_and(|placement| (placement.rotation * up).dot(up) > MIN_UPRIGHT_COS)
 }
 
-/// The gap below an upright thing's foot, in words.
+/// Message about the gap below an upright thing's foot.
 pub fn text(project: &Project, entry: Entry, tilt: &Tilt) -> Option<String> {
     is_upright(project, entry).then(|| {
         let (degrees, gap) = (fixed(tilt.degrees, 1), millimetres(tilt.gap_m));
@@ -26,7 +26,7 @@ pub fn text(project: &Project, entry: Entry, tilt: &Tilt) -> Option<String> {
     })
 }
 
-/// Shows it, with the button. Returns the error of what the button did.
+/// Shows the message with the button. Returns an error.
 pub fn show(ui: &mut Ui, project: &mut Project, entry: Entry, tilt: &Tilt) -> Option<String> {
     let text = text(project, entry, tilt)?;
     ui.label(RichText::new(text).small().color(ui.visuals().warn_fg_color));
@@ -68,7 +68,7 @@ fn stance_on_surface(
     let turn = DQuat::from_rotation_arc(up, normal);
     let (axis, angle) = turn.to_axis_angle();
     let lowest = |along: DVec3| points.iter().map(|point| (turn * *point).dot(along)).fold(f64::MAX, f64::min);
-    // Along the world's up, so that it stays where it is seen from above.
+    // Moved along the world's up, so that its position seen from above stays.
     let off_m = (tilt.support.point_m - origin).dot(normal) - lowest(normal);
     let placed = origin + up * (off_m / up.dot(normal));
     let position_m = if is_ground { placed + up * lowest(up) } else { placed };

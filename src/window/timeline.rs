@@ -1,35 +1,36 @@
-//! The time below the picture: a strip of small pictures to go anywhere, and what is played over and over; play and step.
+//! The time line below the picture: a strip of thumbnails for seeking and for the loop; playback
+//! controls.
 
 use eframe::egui::{self, Align2, Color32, CursorIcon, FontId, Pos2, Rect, Sense, Stroke, Ui, pos2, vec2};
 
 use super::thumbnails::Thumbnails;
 use super::{Pace, Player};
 
-/// Of the strip, points.
+/// Height of the strip, points.
 pub const HEIGHT: f32 = 40.0;
-/// How near an end of the loop a drag takes hold of it, points.
-const GRIP: f32 = 6.0;
+/// Distance from an end of the loop within which a drag moves it, points.
+const GRIP_PT: f32 = 6.0;
 
-/// What is dragged on the strip.
+/// Target of a drag on the strip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Held {
+pub enum StripDrag {
     #[default]
     Time,
     Start,
     End,
 }
 
-/// What is said beside the time.
+/// Playback information beside the controls.
 #[derive(Clone, Debug, Default)]
-pub struct Told {
+pub struct PlaybackInfo {
     pub time_s: f64,
     /// Pictures shown in the last second.
     pub shown_per_s: f64,
-    /// By which factor the picture is smaller than the camera's.
+    /// Reduction factor of the composite's size.
     pub reduced_by: u32,
 }
 
-/// The signs on the buttons, drawn: not every font has them.
+/// Icons of the buttons, painted since not every font has them.
 #[derive(Clone, Copy)]
 enum Icon {
     First,
@@ -78,7 +79,7 @@ impl Icon {
     }
 }
 
-pub fn show(ui: &mut Ui, player: &mut Player, told: &Told) {
+pub fn show(ui: &mut Ui, player: &mut Player, info: &PlaybackInfo) {
     ui.horizontal(|ui| {
         let playing = player.playing;
         let button = |ui: &mut Ui, icon: Icon, name: &str, hint: &str| {
@@ -121,10 +122,10 @@ pub fn show(ui: &mut Ui, player: &mut Player, told: &Told) {
             .widget_info(|| egui::WidgetInfo::labeled(egui::Role::ComboBox, true, "Speed"));
         let last = player.count().saturating_sub(1);
         let dropped = if player.dropped > 0 { format!(", {} dropped", player.dropped) } else { String::new() };
-        let rate = if playing { format!(", {:.0}/s{dropped}", told.shown_per_s) } else { String::new() };
-        ui.monospace(format!("{}/{last}  {:.3} s{rate}", player.frame(), told.time_s));
-        if told.reduced_by > 1 {
-            ui.label(format!("1/{} size", told.reduced_by))
+        let rate = if playing { format!(", {:.0}/s{dropped}", info.shown_per_s) } else { String::new() };
+        ui.monospace(format!("{}/{last}  {:.3} s{rate}", player.frame(), info.time_s));
+        if info.reduced_by > 1 {
+            ui.label(format!("1/{} size", info.reduced_by))
                 .on_hover_text("So that it comes soon: at full size when it rests");
         }
         let range = player.range();
@@ -138,35 +139,35 @@ pub fn show(ui: &mut Ui, player: &mut Player, told: &Told) {
     });
 }
 
-/// The strip: click or drag to go anywhere; the ends of what is looped can be dragged.
-pub fn strip(ui: &mut Ui, player: &mut Player, thumbnails: Option<&Thumbnails>, held: &mut Held) {
+/// The strip: clicks and drags seek; the ends of the loop can be dragged.
+pub fn strip(ui: &mut Ui, player: &mut Player, thumbnails: Option<&Thumbnails>, held: &mut StripDrag) {
     let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), HEIGHT), Sense::click_and_drag());
     let (count, frame) = (player.count().max(1), player.frame());
     response.widget_info(|| egui::WidgetInfo::slider(true, frame as f64, "Frame"));
-    // A frame takes its share of the width.
+    // All frames have equal widths.
     let x_of = |frame: usize| rect.min.x + rect.width() * frame as f32 / count as f32;
     let at = |x: f32| (((x - rect.min.x) / rect.width() * count as f32).floor().max(0.0) as usize).min(count - 1);
     let range = player.range();
     let (start_x, end_x) = (x_of(range.start), x_of(range.end));
-    let hold = |x: f32| match ((x - start_x).abs() <= GRIP, (x - end_x).abs() <= GRIP) {
-        (true, _) if range.len() < count || x < rect.min.x + GRIP => Held::Start,
-        (_, true) => Held::End,
-        _ => Held::Time,
+    let hold = |x: f32| match ((x - start_x).abs() <= GRIP_PT, (x - end_x).abs() <= GRIP_PT) {
+        (true, _) if range.len() < count || x < rect.min.x + GRIP_PT => StripDrag::Start,
+        (_, true) => StripDrag::End,
+        _ => StripDrag::Time,
     };
     let pointer_x = response.interact_pointer_pos().map(|at| at.x);
     let hover = response.hover_pos();
     if response.drag_started() {
-        *held = ui.input(|i| i.pointer.press_origin()).map_or(Held::Time, |origin| hold(origin.x));
+        *held = ui.input(|i| i.pointer.press_origin()).map_or(StripDrag::Time, |origin| hold(origin.x));
     }
     if let Some(x) = pointer_x.filter(|_| response.dragged() || response.clicked()) {
         let edge = ((x - rect.min.x) / rect.width() * count as f32).round().clamp(0.0, count as f32) as usize;
-        match if response.clicked() { Held::Time } else { *held } {
-            Held::Time => player.seek(at(x)),
-            Held::Start => player.set_range(edge.min(range.end - 1)..range.end),
-            Held::End => player.set_range(range.start..edge.max(range.start + 1)),
+        match if response.clicked() { StripDrag::Time } else { *held } {
+            StripDrag::Time => player.seek(at(x)),
+            StripDrag::Start => player.set_range(edge.min(range.end - 1)..range.end),
+            StripDrag::End => player.set_range(range.start..edge.max(range.start + 1)),
         }
     }
-    if hover.is_some_and(|at| hold(at.x) != Held::Time) || response.dragged() && *held != Held::Time {
+    if hover.is_some_and(|at| hold(at.x) != StripDrag::Time) || response.dragged() && *held != StripDrag::Time {
         ui.ctx().set_cursor_icon(CursorIcon::ResizeHorizontal);
     }
 

@@ -1,4 +1,4 @@
-//! Names of recordings, scenes and profiles: two recordings of one name are told apart by their
+//! Names of recordings, scenes and profiles: recordings of equal name are distinguished by their
 //! folders.
 
 use std::path::{Component, Path};
@@ -71,7 +71,7 @@ mod tests {
     use locard_engine::shot::Given;
 
     #[test]
-    fn paths_of_one_name_are_told_apart_by_their_folders() {
+    fn paths_of_equal_name_are_distinguished_by_their_folders() {
         let paths = ["/cases/a/room", "/cases/b/room", "/cases/b/desk", "/other/a/room"].map(Path::new);
         assert_eq!(distinct(&paths), ["cases/a/room", "b/room", "desk", "other/a/room"]);
         assert_eq!(distinct(&[Path::new("room")]), ["room"]);
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn the_title_names_recording_scene_and_profile_and_marks_unsaved_changes() {
+    fn title_names_the_files_and_marks_unsaved_changes() {
         let given = Given {
             scene: Some("scenes/demo.toml".into()),
             profile: Some("profiles/simulated.toml".into()),

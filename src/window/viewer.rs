@@ -1,4 +1,5 @@
-//! Textures of the window's own device: composites go into them and are shown from there, never through the processor.
+//! Display textures on the window's device: composites are rendered into them and shown without a
+//! transfer to the CPU.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -13,14 +14,14 @@ use locard_engine::gpu::Gpu;
 use locard_engine::pixels::{Codes, Pixels, eight_bits};
 use locard_engine::shot::Shot;
 
-/// A picture that the window can show.
+/// A texture that the window can display.
 #[derive(Debug)]
-pub struct Shown {
-    /// Smaller than the picture where it was made at a fraction of its size.
+pub struct DisplayTexture {
+    /// Smaller than the picture if it was composited at a reduced size.
     pub texture: wgpu::Texture,
-    /// Of the picture, px.
+    /// Size of the picture, px.
     pub size: (u32, u32),
-    /// For the window's own shapes, texel for texel.
+    /// For egui's shapes, sampled with the nearest texel.
     pub texels: TextureId,
 }
 
@@ -29,18 +30,20 @@ pub struct Viewer {
     gpu: Gpu,
     window: RenderState,
     renderer: FrameRenderer,
-    /// One picture is shown while others are drawn, in order; the rest is free.
-    shown: Option<Shown>,
-    /// The picture that it is compared with.
-    other: Option<Shown>,
-    drawn: VecDeque<Shown>,
-    free: Vec<Shown>,
-    /// A camera's own picture, with its frame.
-    plain: Option<(usize, Shown)>,
+    /// The displayed composite.
+    shown: Option<DisplayTexture>,
+    /// The displayed composite of the other setting in a comparison.
+    other: Option<DisplayTexture>,
+    /// Textures that are being rendered, in order.
+    pending: VecDeque<DisplayTexture>,
+    /// Textures for reuse.
+    free: Vec<DisplayTexture>,
+    /// The camera's own picture, with the index of its frame.
+    plain: Option<(usize, DisplayTexture)>,
 }
 
 impl Viewer {
-    /// `wake` is called from a thread whenever a picture is finished.
+    /// `wake` is called from a thread whenever a composite is finished.
     pub fn new(window: RenderState, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
         let gpu = Gpu::adopt(&window.adapter, window.device.clone(), window.queue.clone());
         canvas::prepare(&window);
@@ -51,7 +54,7 @@ impl Viewer {
             renderer,
             shown: None,
             other: None,
-            drawn: VecDeque::new(),
+            pending: VecDeque::new(),
             free: Vec::new(),
             plain: None,
         })
@@ -65,31 +68,31 @@ impl Viewer {
         &self.window
     }
 
-    /// How many pictures are not finished.
+    /// Number of composites in progress.
     pub fn in_flight(&self) -> usize {
         self.renderer.in_flight()
     }
 
-    /// The composite that was finished last; `None` where it failed.
-    pub fn composite(&self) -> Option<&Shown> {
+    /// The last finished composite; `None` if it failed.
+    pub fn composite(&self) -> Option<&DisplayTexture> {
         self.shown.as_ref()
     }
 
-    /// The picture that it is compared with.
-    pub fn other(&self) -> Option<&Shown> {
+    /// The last finished composite of the other setting in a comparison.
+    pub fn other(&self) -> Option<&DisplayTexture> {
         self.other.as_ref()
     }
 
-    /// The camera's own picture that was needed last.
-    pub fn camera(&self) -> Option<&Shown> {
+    /// The last uploaded picture of the camera.
+    pub fn camera(&self) -> Option<&DisplayTexture> {
         self.plain.as_ref().map(|(_, plain)| plain)
     }
 
-    /// A frame as it came.
-    pub fn plain(&mut self, frame: &Frame) -> &Shown {
+    /// The camera's own picture of a frame.
+    pub fn plain(&mut self, frame: &Frame) -> &DisplayTexture {
         let size = (frame.pixels.width, frame.pixels.height);
         let is_there = self.plain.as_ref().is_some_and(|(index, _)| *index == frame.index);
-        let plain = fitting(&self.window, self.plain.take().map(|(_, plain)| plain), size, 1);
+        let plain = reuse_or_create(&self.window, self.plain.take().map(|(_, plain)| plain), size, 1);
         if !is_there {
             self.window.queue.write_texture(
                 plain.texture.as_image_copy(),
@@ -101,22 +104,23 @@ impl Viewer {
         &self.plain.insert((frame.index, plain)).1
     }
 
-    /// Begins a frame's composite as all is set in the shot; `live_frame` is a camera's frame.
+    /// Starts the composite of a frame with the settings of the shot; `live_frame`: a live frame.
     pub fn begin(&mut self, key: RenderKey, shot: Shot, live_frame: Option<Arc<Frame>>, outputs: RenderOutputs) {
         let size = (shot.recording.width, shot.recording.height);
-        let picture = fitting(&self.window, self.free.pop(), size, key.reduction);
+        let picture = reuse_or_create(&self.window, self.free.pop(), size, key.reduction);
         let texture = picture.texture.clone();
-        self.drawn.push_back(picture);
+        self.pending.push_back(picture);
         self.renderer.make(RenderRequest { key, shot, live_frame, texture, outputs });
     }
 
-    /// The next picture that is finished, which is shown from now on; `Err` where nothing more will come.
+    /// Takes the next finished composite and displays it; `Err` if the worker has ended.
     pub fn take(&mut self) -> Result<Option<RenderResult>, ()> {
         let finished = self.renderer.take()?;
         if let Some(finished) = &finished {
-            let drawn = self.drawn.pop_front();
+            let finished_texture = self.pending.pop_front();
             let place = if finished.key.is_variant { &mut self.other } else { &mut self.shown };
-            let (now, failed) = if finished.picture.is_ok() { (drawn, None) } else { (None, drawn) };
+            let (now, failed) =
+                if finished.picture.is_ok() { (finished_texture, None) } else { (None, finished_texture) };
             self.free.extend(std::mem::replace(place, now).into_iter().chain(failed));
         }
         Ok(finished)
@@ -124,13 +128,13 @@ impl Viewer {
 }
 
 impl Drop for Viewer {
-    /// Gives its textures back to the window.
+    /// Unregisters its textures from the window.
     fn drop(&mut self) {
         let plain = self.plain.take().map(|(_, plain)| plain);
         let all = self
             .free
             .drain(..)
-            .chain(self.drawn.drain(..))
+            .chain(self.pending.drain(..))
             .chain(self.shown.take())
             .chain(self.other.take())
             .chain(plain);
@@ -138,12 +142,17 @@ impl Drop for Viewer {
     }
 }
 
-fn free(window: &RenderState, picture: &Shown) {
+fn free(window: &RenderState, picture: &DisplayTexture) {
     window.renderer.write().free_texture(&picture.texels);
 }
 
-/// A picture of that size, its texture smaller by a factor: the one that was there where it fits.
-fn fitting(window: &RenderState, before: Option<Shown>, size: (u32, u32), reduction: u32) -> Shown {
+/// A texture for a picture of that size, reduced by a factor; reuses the previous one if it fits.
+fn reuse_or_create(
+    window: &RenderState,
+    before: Option<DisplayTexture>,
+    size: (u32, u32),
+    reduction: u32,
+) -> DisplayTexture {
     let (width, height) = ((size.0 / reduction).max(1), (size.1 / reduction).max(1));
     if let Some(before) = before {
         if before.size == size && (before.texture.width(), before.texture.height()) == (width, height) {
@@ -168,10 +177,10 @@ fn fitting(window: &RenderState, before: Option<Shown>, size: (u32, u32), reduct
     let sampler = wgpu::SamplerDescriptor { label: Some("shown"), ..Default::default() };
     let mut renderer = window.renderer.write();
     let texels = renderer.register_native_texture_with_sampler_options(&window.device, &view, sampler);
-    Shown { texture, size, texels }
+    DisplayTexture { texture, size, texels }
 }
 
-/// 8-bit codes with an opaque A; 16 bits are rounded.
+/// 8-bit code values with an opaque alpha; 16-bit values are rounded.
 fn rgba(pixels: &Pixels) -> Vec<u8> {
     let mut out = Vec::with_capacity(4 * pixels.width as usize * pixels.height as usize);
     match &pixels.codes {

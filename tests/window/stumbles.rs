@@ -266,7 +266,7 @@ fn what_would_be_placed_follows_the_pointer() {
         // It stands there, and reaches up from there.
         let off_px = demo_px(15.0, 40.0);
         let is_there = |app: &App| {
-            let outline = app.previewed().filter(|outline| !outline.is_empty());
+            let outline = app.preview_outline().filter(|outline| !outline.is_empty());
             outline.map(middle).is_some_and(|at| {
                 (at.x - f64::from(at_px.x)).abs() < off_px.x.into()
                     && (at.y - f64::from(at_px.y)).abs() < off_px.y.into()
@@ -277,7 +277,7 @@ fn what_would_be_placed_follows_the_pointer() {
     assert!(window.state().project().edit().scene == before && steps(&window) == ["opened"]);
     window.key_press(Key::Escape);
     window.run_steps(2);
-    assert!(window.state().previewed().is_none());
+    assert!(window.state().preview_outline().is_none());
 }
 
 #[test]

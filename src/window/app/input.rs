@@ -3,7 +3,7 @@
 use eframe::egui::{self, Key};
 
 use super::super::actions::{self, Action};
-use super::super::camera::Asked;
+use super::super::camera::CameraCommand;
 use super::super::fields;
 use super::super::handles::Handles;
 use super::super::object_actions;
@@ -17,9 +17,9 @@ impl App {
         let zoom = self.view.zoom.or(self.placed.map(|placed| placed.scale * ctx.pixels_per_point()));
         match action {
             Action::Play | Action::Camera if is_live => {
-                self.documents.handle_camera_request(ctx, &mut self.session, Asked::Freeze);
+                self.documents.handle_camera_request(ctx, &mut self.session, CameraCommand::Freeze);
             }
-            Action::Camera => self.documents.handle_camera_request(ctx, &mut self.session, Asked::Live),
+            Action::Camera => self.documents.handle_camera_request(ctx, &mut self.session, CameraCommand::Live),
             // A live camera only has its newest frame.
             Action::Step(_) | Action::LoopFrom | Action::LoopTo | Action::LoopAll if is_live => {}
             Action::Play => player.play(!player.playing),
@@ -41,12 +41,12 @@ impl App {
             Action::Save => self.documents.save(),
             Action::Open => self.documents.open(&self.session.project),
             Action::Export => self.documents.is_output_open = !self.documents.is_output_open,
-            Action::Theme => theme::exchange(ctx),
-            Action::Begin(what) => {
+            Action::Theme => theme::toggle(ctx),
+            Action::Transform(command) => {
                 if !is_live {
                     player.play(false);
                 }
-                self.handles.begin(what);
+                self.handles.begin(command);
             }
             Action::Nudge(right, up) => {
                 let frame = self.session.frame().map(|frame| frame.index);
@@ -87,7 +87,7 @@ impl App {
 
     pub(super) fn input(&mut self, ctx: &egui::Context) {
         if self.was_typing && ctx.input(|i| i.key_pressed(Key::Escape)) {
-            fields::take_back(ctx);
+            fields::revert_typed(ctx);
         }
         // An open dialog receives all keys.
         if self.documents.is_dialog_open() || ctx.memory(|memory| memory.top_modal_layer().is_some()) {
@@ -97,11 +97,11 @@ impl App {
         match self.session.frame().filter(|_| needs_point && !ctx.egui_wants_keyboard_input()) {
             Some(frame) => {
                 let size = egui::vec2(frame.pixels.width as f32, frame.pixels.height as f32);
-                self.steered.keys(ctx, size);
+                self.keyboard_cursor.consume_keys(ctx, size);
             }
-            None => self.steered = Default::default(),
+            None => self.keyboard_cursor = Default::default(),
         }
-        self.handles.keys(ctx, self.evidence.selected.is_some());
+        self.handles.consume_keys(ctx, self.evidence.selected.is_some());
         for action in actions::pressed(ctx, self.was_typing) {
             self.act(action, ctx);
         }

@@ -3,11 +3,11 @@
 use eframe::egui::{self, Ui};
 use glam::DVec2;
 
-use super::super::handles::Over;
+use super::super::handles::Overlay;
 use super::super::loupe;
 use super::super::notice::{self, Notice, NoticeButton, Refusal, Remedy};
 use super::super::obstacle::{self, Obstacle};
-use super::super::picture::{self, Compared, Seen, Taken};
+use super::super::picture::{self, CapturedInput, Comparison, PictureOutput};
 use super::App;
 use locard_engine::frame::Frame;
 
@@ -19,12 +19,12 @@ impl App {
         let is_picking = self.evidence.ground.is_picking() && region_purpose.is_none();
         let is_placing = self.evidence.is_placing() && region_purpose.is_none() && !is_picking;
         let is_placing_lamp = self.lamps.is_picking() && region_purpose.is_none() && !is_picking && !is_placing;
-        let taken = Taken {
+        let taken = CapturedInput {
             clicks: is_placing || is_picking || is_placing_lamp || region_purpose.is_some(),
-            drags: region_purpose.is_some() || is_placing || self.handles.takes_drags(),
+            drags: region_purpose.is_some() || is_placing || self.handles.captures_drags(),
         };
         let other = self.session.project.edit().other.as_ref();
-        let compared = other.map(|other| Compared { edits_a: !other.is_a });
+        let compared = other.map(|other| Comparison { edits_a: !other.is_a });
         if compared.is_some() && self.view.wipe.is_some() {
             self.session.request_variant();
         }
@@ -33,7 +33,7 @@ impl App {
         let seen = picture::show(ui, &mut self.view, viewer, frame.as_deref().ok_or(placeholder), compared, taken);
         self.placed = seen.as_ref().map(|seen| seen.placed);
         let (Some(mut seen), Some(frame)) = (seen, frame) else { return };
-        self.steered.over(&mut seen);
+        self.keyboard_cursor.apply(&mut seen);
         let obstacle = Obstacle::of(self.session.project.shot(), frame.index);
         let needs_place = is_placing || is_picking || is_placing_lamp;
         if needs_place && obstacle.is_some() {
@@ -43,13 +43,17 @@ impl App {
         }
         if self.session.is_stale() {
             seen.painter.rect_filled(seen.placed.rect, 0.0, egui::Color32::from_black_alpha(170));
-            seen.tell(&format!("Frame {} cannot be shown; this is frame {}", self.session.player.frame(), frame.index));
+            seen.prompt(&format!(
+                "Frame {} cannot be shown; this is frame {}",
+                self.session.player.frame(),
+                frame.index
+            ));
         }
         self.codes(&seen, &frame);
         self.side.over_picture(&seen, frame.index, self.session.player.playing);
         self.region_picker.update(&seen);
-        let over = Over {
-            seen: &seen,
+        let over = Overlay {
+            picture: &seen,
             view: &self.view,
             frame: &frame,
             is_free: !is_placing && !is_picking && !is_placing_lamp && region_purpose.is_none(),
@@ -73,13 +77,13 @@ impl App {
             }
         }
         if is_placing_lamp {
-            seen.tell(self.lamps.prompt());
+            seen.prompt(self.lamps.prompt());
             if seen.pointed.is_some() {
                 ui.ctx().set_cursor_icon(egui::CursorIcon::Crosshair);
             }
             if let Some(at) = seen.clicked.map(|at| DVec2::new(at.x.into(), at.y.into())) {
                 let (project, selected) = (&mut self.session.project, &mut self.evidence.selected);
-                match self.lamps.pick(project, &self.evidence.ground.finder, &frame, at, selected) {
+                match self.lamps.pick(project, &self.evidence.ground.picker, &frame, at, selected) {
                     Ok(message) => message.into_iter().for_each(|message| self.session.show_message(message)),
                     Err(error) => self.refuse(&seen, error),
                 }
@@ -97,8 +101,8 @@ impl App {
                     Ok(()) => self
                         .evidence
                         .ground
-                        .finder
-                        .told
+                        .picker
+                        .accuracy
                         .take()
                         .into_iter()
                         .for_each(|told| self.session.show_message(told)),
@@ -110,7 +114,7 @@ impl App {
     }
 
     /// Shows at the click why it had no effect.
-    fn refuse(&mut self, seen: &Seen, why: String) {
+    fn refuse(&mut self, seen: &PictureOutput, why: String) {
         if let Some(at_px) = seen.clicked.or(seen.pointed) {
             self.refusal = Some(Refusal::new(seen, at_px, why.clone()));
         }
@@ -118,7 +122,14 @@ impl App {
     }
 
     /// Shows a notice over the picture: a refused profile, or an obstacle to placement.
-    fn notice(&mut self, ui: &mut Ui, seen: &Seen, obstacle: Option<&Obstacle>, frame: usize, needs_place: bool) {
+    fn notice(
+        &mut self,
+        ui: &mut Ui,
+        seen: &PictureOutput,
+        obstacle: Option<&Obstacle>,
+        frame: usize,
+        needs_place: bool,
+    ) {
         let refused = self.documents.refused_profile.clone();
         let refused = refused.map(|text| Notice { text, remedy: Some(Remedy::ChooseProfile), can_be_closed: true });
         let Some(notice) = refused.or_else(|| self.obstacle_notice(obstacle?, frame, needs_place)) else { return };
@@ -148,9 +159,9 @@ impl App {
     }
 
     /// Shows code values in the loupe, and inside of pixels that are large enough on the screen.
-    pub(super) fn codes(&mut self, seen: &Seen, frame: &Frame) {
+    pub(super) fn codes(&mut self, seen: &PictureOutput, frame: &Frame) {
         let ppp = seen.response.ctx.pixels_per_point();
-        let numbers = seen.placed.scale * ppp >= loupe::NUMBERS_FROM;
+        let numbers = seen.placed.scale * ppp >= loupe::MIN_NUMBERED_PX;
         if !numbers && !self.view.loupe {
             return;
         }

@@ -1,4 +1,5 @@
-//! Focal length, principal point and distortion of a camera that is shown: from a board that is held before it.
+//! Focal length, principal point and distortion of a live camera, from a board that is held before
+//! it.
 
 use std::sync::Arc;
 
@@ -6,28 +7,28 @@ use eframe::egui::{self, Color32, Sense, Ui};
 
 use super::super::session::Session;
 use super::parts;
-use super::views::{Told, Views};
+use super::views::{CollectionStatus, Views};
 use locard_engine::calibrate::geometry::{CameraCalibration, Coverage, Parameter, ViewOutcome};
 use locard_engine::frame::Frame;
 use locard_engine::params::Value;
 use locard_engine::text::{fixed, without_options};
 
-/// Fewer views leave the principal point open.
-const FEWEST: usize = 3;
+/// Smallest number of views for a fit: fewer do not determine the principal point.
+const MIN_VIEWS: usize = 3;
 
-/// The section.
+/// State of the section.
 #[derive(Debug, Default)]
 pub struct Lens {
     views: Option<Views>,
-    /// What came of them.
+    /// Result of the fit.
     found: Option<Result<CameraCalibration, String>>,
 }
 
 impl Lens {
-    /// Has the newest frame looked at, whatever tab is shown.
-    pub fn look(&mut self, session: &Session) {
+    /// Passes the newest frame to the board detection and takes its result.
+    pub fn process_newest(&mut self, session: &Session) {
         let Some(views) = &mut self.views else { return };
-        session.newest().iter().for_each(|frame| views.look(frame));
+        session.newest().iter().for_each(|frame| views.process(frame));
         if let Some(found) = views.take() {
             (self.views, self.found) = (None, Some(found));
         }
@@ -35,11 +36,11 @@ impl Lens {
 
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session) {
         if let Some(views) = &self.views {
-            let told = views.told();
-            how_far(ui, &told);
+            let status = views.status();
+            view_progress(ui, &status);
             let mut is_given_up = false;
             ui.horizontal(|ui| {
-                let enough = told.views >= FEWEST && !told.is_fitting;
+                let enough = status.views >= MIN_VIEWS && !status.is_fitting;
                 let finish = ui.add_enabled(enough, egui::Button::new("Finish"));
                 if finish.on_hover_text("With the views there are").clicked() {
                     views.end();
@@ -83,7 +84,7 @@ impl Lens {
         }
     }
 
-    /// What was measured beside what is set.
+    /// Measured beside present values.
     fn result(&mut self, ui: &mut Ui, session: &mut Session, calibrated: &CameraCalibration) {
         ui.label(calibrated.origin());
         egui::Grid::new("lens").num_columns(3).striped(true).show(ui, |ui| {
@@ -120,18 +121,18 @@ impl Lens {
     }
 }
 
-fn how_far(ui: &mut Ui, told: &Told) {
-    let share = fixed(100.0 * told.coverage.share(), 0);
-    ui.label(format!("{} of {} views, {share} % of the picture seen", told.views, told.wanted));
-    coverage(ui, &told.coverage);
-    if told.is_fitting {
+fn view_progress(ui: &mut Ui, status: &CollectionStatus) {
+    let share = fixed(100.0 * status.coverage.share(), 0);
+    ui.label(format!("{} of {} views, {share} % of the picture seen", status.views, status.wanted));
+    coverage(ui, &status.coverage);
+    if status.is_fitting {
         ui.horizontal(|ui| {
             ui.spinner();
             ui.label("the views are being fitted");
         });
         return;
     }
-    let now = match told.look {
+    let now = match status.look {
         None => "looking for a board",
         Some(ViewOutcome::NoBoard) => "no board is seen",
         Some(ViewOutcome::Moving) => "it moves: hold it still",
@@ -139,15 +140,15 @@ fn how_far(ui: &mut Ui, told: &Told) {
         Some(ViewOutcome::Accepted) => "taken: move on",
     };
     ui.label(now);
-    if let Some(hint) = &told.hint {
+    if let Some(hint) = &status.hint {
         ui.strong(hint);
     }
-    for wish in &told.missing {
+    for wish in &status.missing {
         parts::aside(ui, format!("missing: {wish}"));
     }
 }
 
-/// Where in the picture the board has been seen.
+/// Map of the picture's cells in which the board has been detected.
 fn coverage(ui: &mut Ui, coverage: &Coverage) {
     let size = egui::vec2(160.0, 120.0);
     let (rect, response) = ui.allocate_exact_size(size, Sense::hover());

@@ -1,4 +1,4 @@
-//! Noise from plain places.
+//! Noise from plain regions.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -7,13 +7,13 @@ use eframe::egui::{self, DragValue, RichText, Ui};
 
 use super::super::background::{Background, Ticket};
 use super::super::calibration_messages;
-use super::super::fields::typed;
+use super::super::fields::typed_parser;
 use super::super::matching::curve;
-use super::super::plots::{self, Axes, Of};
+use super::super::plots::{self, Axes, DataSource};
 use super::super::progress;
 use super::super::region_picker::{RegionPicker, RegionPrompt, RegionPurpose};
 use super::super::session::Session;
-use super::parts::{self, Asked, Picked, Verdict};
+use super::parts::{self, FrameRegion, ListAction, Verdict};
 use locard_engine::calibrate::{
     NoisePoint, PickedError, PickedNoise, PickedRegion, SceneMotion, min_side_px, picked_noise, sigma_over_profile,
 };
@@ -23,37 +23,38 @@ use locard_engine::pixels::Rect;
 use locard_engine::shot::Shot;
 use locard_engine::text::fixed;
 
-/// Frames at rest beyond this many tell little more.
-const MOST_FRAMES: usize = 30;
+/// Largest number of frames at rest; more add little information.
+const MAX_FRAMES: usize = 30;
 
-/// From this factor on it is told that places are noisier than the present profile.
-const FAR_OVER: f64 = 1.5;
+/// Ratio of measured to present noise above which a warning is shown.
+const EXCESS_NOISE_RATIO: f64 = 1.5;
 
-/// How noise is measured: where, and in which frames.
+/// Inputs of a noise measurement.
 #[derive(Clone, Debug, PartialEq)]
-struct NoiseOf {
-    places: Vec<Picked>,
+struct NoiseRequest {
+    places: Vec<FrameRegion>,
     motion: SceneMotion,
-    /// At rest: first and last frame. Otherwise each place is looked at in its own.
+    /// First and last frame at rest. Otherwise each region is measured in its own frame.
     frames: [usize; 2],
     present: Option<NoiseProfile>,
 }
 
-impl NoiseOf {
-    /// Whether the same is measured, whatever the present noise is.
+impl NoiseRequest {
+    /// True if both measure the same, regardless of the present noise.
     fn measures_like(&self, other: &Self) -> bool {
         self.places == other.places && self.frames == other.frames && self.motion == other.motion
     }
 }
 
-/// What was found. Nothing is said where no place can be used: each says it itself.
+/// Result of a measurement. `noise` is `None` if no region is usable; the verdicts have the
+/// reasons.
 #[derive(Clone, Debug, Default)]
-struct Found {
+struct NoiseResult {
     verdicts: Vec<Verdict>,
     noise: Option<Result<PickedNoise, String>>,
 }
 
-impl Found {
+impl NoiseResult {
     fn profile(&self) -> Option<&NoiseProfile> {
         self.noise.as_ref()?.as_ref().ok().map(|noise| &noise.profile)
     }
@@ -62,13 +63,13 @@ impl Found {
 /// The section.
 #[derive(Debug)]
 pub struct Noise {
-    places: Vec<Picked>,
-    /// What is said of them, as far as it is known.
+    places: Vec<FrameRegion>,
+    /// Verdicts of the regions.
     verdicts: Vec<Verdict>,
     at_rest: bool,
     /// Frames at rest, first and last.
     range: [usize; 2],
-    measured: Background<NoiseOf, Found>,
+    measured: Background<NoiseRequest, NoiseResult>,
     channel: usize,
 }
 
@@ -94,19 +95,19 @@ impl Noise {
         if self.at_rest { SceneMotion::Resting } else { SceneMotion::Moving }
     }
 
-    /// What was measured last.
+    /// Last measured noise points.
     pub fn points(&self) -> Option<&[Vec<NoisePoint>; 3]> {
         let found = self.measured.last().filter(|_| !self.places.is_empty())?;
         found.noise.as_ref()?.as_ref().ok().map(|noise| &noise.points)
     }
 
-    /// Nobody waits for what is being measured.
-    pub fn rest(&mut self) {
-        self.measured.rest();
+    /// Cancels a running measurement.
+    pub fn cancel(&mut self) {
+        self.measured.cancel();
     }
 
-    /// Takes what was picked.
-    pub fn answers(&mut self, session: &Session, picker: &mut RegionPicker) {
+    /// Takes a newly picked region.
+    pub fn take_picked(&mut self, session: &Session, picker: &mut RegionPicker) {
         if let Some(picked) = parts::answer(picker, RegionPurpose::PlainPlace, session) {
             self.places.push(picked);
             self.verdicts.push(Verdict::Waits);
@@ -127,27 +128,27 @@ impl Noise {
             return;
         }
         let Some(frame) = session.frame().cloned() else { return };
-        let of = NoiseOf {
+        let of = NoiseRequest {
             places: self.places.clone(),
             frames: if self.at_rest { self.range } else { [0; 2] },
             motion: self.motion(),
             present: session.project.edit().rig.noise.clone(),
         };
-        // What was taken is the present one then; it is not measured anew.
+        // Once accepted, the result is the present noise; it is not measured again.
         let is_same = self.measured.last_key().is_some_and(|last| last.measures_like(&of));
         let found = self.measured.last().cloned().unwrap_or_default();
         let is_taken = is_same && found.profile().is_some_and(|profile| Some(profile) == of.present.as_ref());
         let is_current = is_taken || self.measured.is_of(&of);
         if !session.player.playing && !is_taken {
-            let (shot, asked) = (session.project.shot().clone(), of);
-            self.measured.want(ui.ctx(), asked.clone(), move |ticket| measure(&shot, &frame, &asked, ticket));
+            let (shot, request) = (session.project.shot().clone(), of);
+            self.measured.request(ui.ctx(), request.clone(), move |ticket| measure(&shot, &frame, &request, ticket));
         }
         if is_same {
             self.verdicts.clone_from(&found.verdicts);
         }
         match parts::list(ui, "plain", &self.verdicts) {
-            Some(Asked::Show(n)) => session.player.seek(self.places[n].frame),
-            Some(Asked::Drop(n)) => {
+            Some(ListAction::Show(n)) => session.player.seek(self.places[n].frame),
+            Some(ListAction::Drop(n)) => {
                 self.places.remove(n);
                 self.verdicts.remove(n);
             }
@@ -161,7 +162,7 @@ impl Noise {
         }
     }
 
-    /// In which frames it is looked.
+    /// Choice of the frames to measure.
     fn frames(&mut self, ui: &mut Ui, session: &Session) {
         let last = session.project.shot().recording.frame_count().saturating_sub(1);
         let was_at_rest = self.at_rest;
@@ -172,7 +173,7 @@ impl Noise {
                 let [first, end] = &mut self.range;
                 let frame = |ui: &mut Ui, at: &mut usize| {
                     let drag = DragValue::new(at).range(0..=last).update_while_editing(false);
-                    ui.add(drag.custom_parser(typed(ui.ctx())))
+                    ui.add(drag.custom_parser(typed_parser(ui.ctx())))
                 };
                 frame(ui, first).on_hover_text("first frame");
                 ui.label("to");
@@ -189,7 +190,8 @@ impl Noise {
         ui.horizontal(|ui| {
             plots::choose_channel(ui, &mut self.channel);
         });
-        let (c, colors) = (self.channel, [Of::Profile, Of::Real, Of::Virtual].map(|of| of.color(ui)));
+        let (c, colors) =
+            (self.channel, [DataSource::Profile, DataSource::Real, DataSource::Virtual].map(|of| of.color(ui)));
         let (before, points, after) =
             (present.as_ref().map(|p| curve(p, c)), found.points[c].clone(), curve(&found.profile, c));
         let axes = Axes {
@@ -206,7 +208,14 @@ impl Noise {
             plot.line(plots::line("taken", after, colors[2]));
             plots::noise(plot, "measured", &points, colors[1]);
         });
-        plots::legend(ui, &[(Of::Profile, "present"), (Of::Real, "measured"), (Of::Virtual, "if it is taken")]);
+        plots::legend(
+            ui,
+            &[
+                (DataSource::Profile, "present"),
+                (DataSource::Real, "measured"),
+                (DataSource::Virtual, "if it is taken"),
+            ],
+        );
         egui::Grid::new("measured noise").num_columns(4).spacing([14.0, 2.0]).show(ui, |ui| {
             for head in ["code", "measured σ", "95 %", "present σ"] {
                 ui.label(RichText::new(head).small().weak());
@@ -228,7 +237,7 @@ impl Noise {
         let used = self.verdicts.iter().enumerate().filter(|(_, verdict)| matches!(verdict, Verdict::Good(_)));
         let used: Vec<usize> = used.map(|(n, _)| n + 1).collect();
         found.warnings.iter().for_each(|warning| parts::aside(ui, calibration_messages::noise_warning(warning, &used)));
-        if let Some(over) = present.as_ref().and_then(|present| far_over(&found.points, present)) {
+        if let Some(over) = present.as_ref().and_then(|present| excess_noise_ratio(&found.points, present)) {
             let text = format!(
                 "These places show {} times the noise that the present profile has there. Texture, shadows and dirt count as noise \
                  here: look at them enlarged, and take this only if they are plain.",
@@ -251,14 +260,14 @@ impl Noise {
     }
 }
 
-/// By how much places are noisier than a profile has it, where that is more than cameras of a kind differ.
-fn far_over(points: &[Vec<NoisePoint>; 3], present: &NoiseProfile) -> Option<f64> {
+/// Ratio of measured noise to a profile's, if it exceeds the spread between cameras of a kind.
+fn excess_noise_ratio(points: &[Vec<NoisePoint>; 3], present: &NoiseProfile) -> Option<f64> {
     let over = (0..3).filter_map(|c| sigma_over_profile(&points[c], present, c)).fold(0.0, f64::max);
-    Some(over).filter(|over| *over > FAR_OVER)
+    Some(over).filter(|over| *over > EXCESS_NOISE_RATIO)
 }
 
-fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseOf, ticket: &Ticket) -> Found {
-    let failed = |why: String| Found {
+fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseRequest, ticket: &Ticket) -> NoiseResult {
+    let failed = |why: String| NoiseResult {
         verdicts: vec![Verdict::Waits; of.places.len()],
         noise: Some(Err(why)).filter(|_| !ticket.is_cancelled()),
     };
@@ -276,15 +285,16 @@ fn measure(shot: &Shot, shown: &Arc<Frame>, of: &NoiseOf, ticket: &Ticket) -> Fo
         Err(PickedError::NoneFit) => None,
         noise => Some(noise.map_err(|error| calibration_messages::picked_error(&error))),
     };
-    Found { verdicts: (0..of.places.len()).map(verdict).collect(), noise }
+    NoiseResult { verdicts: (0..of.places.len()).map(verdict).collect(), noise }
 }
 
-/// The places with what their frames show. Each frame is decoded once, and of its pixels no others are held.
-fn read(shot: &Shot, shown: &Frame, of: &NoiseOf, ticket: &Ticket) -> Result<Vec<PickedRegion>, String> {
+/// Reads the pixels of the regions. Each frame is decoded once, and only the regions' pixels are
+/// kept.
+fn read(shot: &Shot, shown: &Frame, of: &NoiseRequest, ticket: &Ticket) -> Result<Vec<PickedRegion>, String> {
     let [first, last] = of.frames;
     let wanted: BTreeSet<usize> = match of.motion {
         SceneMotion::Resting => {
-            (first..(last.max(first) + 1).min(shot.recording.frame_count()).min(first + MOST_FRAMES)).collect()
+            (first..(last.max(first) + 1).min(shot.recording.frame_count()).min(first + MAX_FRAMES)).collect()
         }
         SceneMotion::Moving => of.places.iter().map(|place| place.frame).collect(),
     };
@@ -300,7 +310,7 @@ fn read(shot: &Shot, shown: &Frame, of: &NoiseOf, ticket: &Ticket) -> Result<Vec
                 place.add(pixels).map_err(|error| calibration_messages::picked_error(&error))?;
             }
         }
-        ticket.done((n + 1) as f64 / wanted.len() as f64);
+        ticket.set_progress((n + 1) as f64 / wanted.len() as f64);
     }
     Ok(places)
 }
@@ -311,12 +321,12 @@ mod tests {
     use locard_engine::camera::NoiseBin;
 
     #[test]
-    fn places_that_are_far_noisier_than_the_profile_are_told() {
+    fn excess_noise_of_regions_is_reported() {
         let bins = [0, 1, 2].map(|_| vec![NoiseBin { code: 100.0, sigma: 2.0 }]);
         let present = NoiseProfile { bins, channel_correlation: [0.0; 3], neighbour_correlation: [0.0; 2] };
         let point = |sigma| NoisePoint { code: 100.0, sigma, sigma_ci95: [sigma; 2], independent_count: 500.0 };
         let points = |sigma| [vec![point(2.0)], vec![point(sigma)], vec![point(2.0)]];
-        assert_eq!(far_over(&points(2.9), &present), None);
-        assert_eq!(far_over(&points(5.0), &present), Some(2.5));
+        assert_eq!(excess_noise_ratio(&points(2.9), &present), None);
+        assert_eq!(excess_noise_ratio(&points(5.0), &present), Some(2.5));
     }
 }

@@ -1,4 +1,5 @@
-//! What measuring noise and measuring sharpness have in common: the list of places, what is taken or left.
+//! Common parts of the noise and sharpness sections: the list of picked regions, and the buttons to
+//! accept or discard.
 
 use eframe::egui::{self, Align, Layout, RichText, Ui, vec2};
 
@@ -6,50 +7,50 @@ use super::super::region_picker::{self, RegionPicker, RegionPurpose};
 use super::super::session::Session;
 use locard_engine::pixels::Rect;
 
-/// A place that was picked in a frame.
+/// A picked region of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Picked {
+pub struct FrameRegion {
     pub frame: usize,
     pub at: Rect,
 }
 
-/// The place of the frame that is shown which was asked for, if it was picked now.
-pub fn answer(picker: &mut RegionPicker, purpose: RegionPurpose, session: &Session) -> Option<Picked> {
+/// A newly picked region of the displayed frame.
+pub fn answer(picker: &mut RegionPicker, purpose: RegionPurpose, session: &Session) -> Option<FrameRegion> {
     let at = picker.take_region(purpose).and_then(|places| region_picker::pixel_rect(&places))?;
-    Some(Picked { frame: session.frame()?.index, at })
+    Some(FrameRegion { frame: session.frame()?.index, at })
 }
 
-/// What is said of a place.
+/// Result of a picked region.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
-    /// It is being measured.
+    /// Not measured yet.
     Waits,
     Good(String),
-    /// Why it is left out.
+    /// Excluded, with the reason.
     Bad(String),
 }
 
-/// What a person asks for in the list.
+/// An action on an entry of the list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Asked {
-    /// The frame of a place is to be shown.
+pub enum ListAction {
+    /// Shows the frame of the region.
     Show(usize),
     Drop(usize),
 }
 
-/// What the button behind a verdict needs, points.
-const DROP: f32 = 56.0;
+/// Width of the button behind a verdict, points.
+const DROP_BUTTON_PT: f32 = 56.0;
 
-/// The places that were picked, each with its verdict and a button that drops it.
-pub fn list<'a>(ui: &mut Ui, what: &str, verdicts: impl IntoIterator<Item = &'a Verdict>) -> Option<Asked> {
-    let mut asked = None;
+/// The picked regions, each with its verdict and a button to remove it.
+pub fn list<'a>(ui: &mut Ui, what: &str, verdicts: impl IntoIterator<Item = &'a Verdict>) -> Option<ListAction> {
+    let mut action = None;
     for (n, verdict) in verdicts.into_iter().enumerate() {
         let name = format!("{what} {}", n + 1);
         ui.horizontal_top(|ui| {
             if ui.link(&name).on_hover_text("Show its frame").clicked() {
-                asked = Some(Asked::Show(n));
+                action = Some(ListAction::Show(n));
             }
-            let room = ui.available_width() - DROP;
+            let room = ui.available_width() - DROP_BUTTON_PT;
             ui.allocate_ui_with_layout(vec2(room, 0.0), Layout::top_down(Align::LEFT), |ui| {
                 ui.set_width(room);
                 match verdict {
@@ -61,17 +62,17 @@ pub fn list<'a>(ui: &mut Ui, what: &str, verdicts: impl IntoIterator<Item = &'a 
             let drop = ui.small_button("Drop");
             drop.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, true, format!("Drop {name}")));
             if drop.clicked() {
-                asked = Some(Asked::Drop(n));
+                action = Some(ListAction::Drop(n));
             }
         });
     }
-    asked
+    action
 }
 
-/// What is picked, as the picture marks it; those that are left out say so.
+/// Marks of the picked regions for the picture; excluded ones are labelled.
 pub fn marks<'a>(
     what: &'static str,
-    places: &'a [Picked],
+    places: &'a [FrameRegion],
     verdicts: &'a [Verdict],
 ) -> impl Iterator<Item = (usize, Rect, String)> + 'a {
     places.iter().enumerate().map(move |(n, place)| {
@@ -80,12 +81,12 @@ pub fn marks<'a>(
     })
 }
 
-/// Small and not in the way.
+/// A small secondary label.
 pub fn aside(ui: &mut Ui, text: impl ToString) {
     ui.label(RichText::new(text.to_string()).small().weak());
 }
 
-/// Whether what was measured is taken, or left.
+/// Buttons to accept (`true`) or discard (`false`) a measurement.
 pub fn take_or_leave(ui: &mut Ui, what: &str, is_taken: bool) -> Option<bool> {
     ui.horizontal(|ui| {
         if is_taken {

@@ -2,14 +2,14 @@
 
 use eframe::egui::{RichText, Ui};
 
-use super::super::analysis::{self, Refused, moved_px};
+use super::super::analysis::{self, RejectedEdge, moved_px};
 use super::super::background::{Background, Ticket};
-use super::super::matching::{GOOD_EDGE, draw_edge, light, refused, width_of};
-use super::super::plots::{self, Axes, Of};
+use super::super::matching::{GOOD_EDGE, draw_edge, edge_signal, plot_rejected_edges, width_text};
+use super::super::plots::{self, Axes, DataSource};
 use super::super::progress;
 use super::super::region_picker::{RegionPicker, RegionPrompt, RegionPurpose};
 use super::super::session::Session;
-use super::parts::{self, Asked, Picked, Verdict};
+use super::parts::{self, FrameRegion, ListAction, Verdict};
 use locard_engine::calibrate::sharpness::{self, PARAMETER, combine};
 use locard_engine::measure::slanted::{FEWEST_PX, SlantedEdge};
 use locard_engine::params::Value;
@@ -17,20 +17,21 @@ use locard_engine::pixels::Rect;
 use locard_engine::shot::Shot;
 use locard_engine::text::fixed;
 
-/// Each edge with the way that it moved, px.
-type Edges = Vec<Result<(SlantedEdge, [f64; 2]), Refused>>;
+/// Each edge with its motion during the exposure, px.
+type Edges = Vec<Result<(SlantedEdge, [f64; 2]), RejectedEdge>>;
 
-/// What is measured: edges of which light, with the project's version, since the camera's response and motion count.
-type Asking = (Vec<Picked>, usize, u64);
+/// Inputs of a measurement: edges, signal, and the project's version, which covers the camera's
+/// response and motion.
+type MeasurementKey = (Vec<FrameRegion>, usize, u64);
 
-/// The section.
+/// State of the section.
 #[derive(Debug, Default)]
 pub struct Sharpness {
-    edges: Vec<Picked>,
+    edges: Vec<FrameRegion>,
     verdicts: Vec<Verdict>,
-    /// Of luma, or of one of the channels.
+    /// Signal of the edges: 0 is luma, then the channels.
     of: usize,
-    measured: Background<Asking, Edges>,
+    measured: Background<MeasurementKey, Edges>,
 }
 
 impl Sharpness {
@@ -39,13 +40,13 @@ impl Sharpness {
         all.filter(move |(of, ..)| *of == frame).map(|(_, at, name)| (at, name))
     }
 
-    /// Nobody waits for what is being measured.
-    pub fn rest(&mut self) {
-        self.measured.rest();
+    /// Cancels a running measurement.
+    pub fn cancel(&mut self) {
+        self.measured.cancel();
     }
 
-    /// Takes what was picked.
-    pub fn answers(&mut self, session: &Session, picker: &mut RegionPicker) {
+    /// Takes a newly picked edge.
+    pub fn take_picked(&mut self, session: &Session, picker: &mut RegionPicker) {
         if let Some(picked) = parts::answer(picker, RegionPurpose::Edge, session) {
             self.edges.push(picked);
             self.verdicts.push(Verdict::Waits);
@@ -64,7 +65,7 @@ impl Sharpness {
         if !session.player.playing {
             let (shot, edges, of) = (session.project.shot().clone(), self.edges.clone(), self.of);
             let key = (edges.clone(), of, session.project.version());
-            self.measured.want(ui.ctx(), key, move |ticket| measure(&shot, &edges, of, ticket));
+            self.measured.request(ui.ctx(), key, move |ticket| measure(&shot, &edges, of, ticket));
         }
         let found = self.measured.last_key().filter(|(edges, of, _)| (edges, *of) == (&self.edges, self.of));
         let found = found.and_then(|_| self.measured.last().cloned()).unwrap_or_default();
@@ -72,8 +73,8 @@ impl Sharpness {
             self.verdicts = found.iter().map(verdict).collect();
         }
         match parts::list(ui, "edge", &self.verdicts) {
-            Some(Asked::Show(n)) => session.player.seek(self.edges[n].frame),
-            Some(Asked::Drop(n)) => {
+            Some(ListAction::Show(n)) => session.player.seek(self.edges[n].frame),
+            Some(ListAction::Drop(n)) => {
                 self.edges.remove(n);
                 self.verdicts.remove(n);
             }
@@ -82,8 +83,8 @@ impl Sharpness {
         progress::of(ui, "Sharpness", &self.measured);
         let called = |n: usize| format!("edge {}", n + 1);
         let out = found.iter().enumerate().filter_map(|(n, edge)| Some((n, edge.as_ref().err()?)));
-        let color = |n: usize| plots::told_apart(n, ui.visuals());
-        let out: Vec<_> = out.map(|(n, Refused { seen, .. })| (called(n), color(n), seen.clone())).collect();
+        let color = |n: usize| plots::palette_color(n, ui.visuals());
+        let out: Vec<_> = out.map(|(n, RejectedEdge { seen, .. })| (called(n), color(n), seen.clone())).collect();
         let good: Vec<_> = found.iter().enumerate().filter_map(|(n, edge)| Some((n, edge.as_ref().ok()?))).collect();
         for (n, (edge, moved)) in &good {
             for note in sharpness::notes(edge, *moved) {
@@ -92,15 +93,16 @@ impl Sharpness {
         }
         let good: Vec<_> = good.into_iter().map(|(n, (edge, _))| (n, edge.clone())).collect();
         self.found(ui, session, good);
-        refused(ui, out);
+        plot_rejected_edges(ui, out);
     }
 
-    /// The edges that count, with their numbers.
+    /// Shows the measured edges, with their numbers.
     fn found(&mut self, ui: &mut Ui, session: &mut Session, good: Vec<(usize, SlantedEdge)>) {
         let edges: Vec<_> = good.iter().map(|(_, edge)| edge.clone()).collect();
         let Some(all) = combine(&edges) else { return };
-        // One alone is as in all other plots.
-        let color = |n: usize| if good.len() == 1 { Of::Real.color(ui) } else { plots::told_apart(n, ui.visuals()) };
+        // A single edge has the colour of the other plots.
+        let color =
+            |n: usize| if good.len() == 1 { DataSource::Real.color(ui) } else { plots::palette_color(n, ui.visuals()) };
         let good: Vec<_> = good.iter().map(|(n, edge)| (color(*n), format!("edge {}", n + 1), edge.clone())).collect();
         let names = good.iter().map(|(color, name, _)| (*color, name.clone())).collect::<Vec<_>>();
         let axes = Axes {
@@ -145,21 +147,21 @@ impl Sharpness {
     }
 }
 
-fn verdict(edge: &Result<(SlantedEdge, [f64; 2]), Refused>) -> Verdict {
+fn verdict(edge: &Result<(SlantedEdge, [f64; 2]), RejectedEdge>) -> Verdict {
     match edge {
-        Ok((edge, _)) => Verdict::Good(width_of(edge)),
-        Err(refused) => Verdict::Bad(refused.why.clone()),
+        Ok((edge, _)) => Verdict::Good(width_text(edge)),
+        Err(rejected) => Verdict::Bad(rejected.why.clone()),
     }
 }
 
-fn measure(shot: &Shot, edges: &[Picked], of: usize, ticket: &Ticket) -> Edges {
+fn measure(shot: &Shot, edges: &[FrameRegion], of: usize, ticket: &Ticket) -> Edges {
     let response = shot.camera().response;
-    let edge = |(n, Picked { frame, at }): (usize, &Picked)| {
-        let unread = |why: String| Refused { why, seen: Vec::new() };
+    let edge = |(n, FrameRegion { frame, at }): (usize, &FrameRegion)| {
+        let unread = |why: String| RejectedEdge { why, seen: Vec::new() };
         let frame = shot.read(*frame).map_err(|error| unread(error.to_string()))?;
         let moved = moved_px(shot, &frame, *at);
-        let edge = analysis::edge(&frame.pixels, &response, *at, moved, light(of))?;
-        ticket.done((n + 1) as f64 / edges.len() as f64);
+        let edge = analysis::edge(&frame.pixels, &response, *at, moved, edge_signal(of))?;
+        ticket.set_progress((n + 1) as f64 / edges.len() as f64);
         Ok((edge, moved))
     };
     edges.iter().enumerate().take_while(|_| !ticket.is_cancelled()).map(edge).collect()

@@ -1,4 +1,4 @@
-//! Views of a board that are taken from a camera by themselves, on a thread of their own.
+//! Automatic collection of board views from a live camera, on a background thread.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -9,21 +9,22 @@ use locard_engine::camera::Response;
 use locard_engine::frame::Frame;
 use locard_engine::webcam::{Newest, Putter, Taken};
 
-/// So many views are taken at least, as by `locard calibrate camera --camera`.
-const WANTED: usize = 20;
-/// How often it is looked whether somebody ends it, where no frame comes.
-const LOOKED_EVERY: Duration = Duration::from_millis(100);
+/// Number of views to collect, as in `locard calibrate camera --camera`.
+const TARGET_VIEWS: usize = 20;
+/// Interval between checks for the end while no frame arrives.
+const END_CHECK_INTERVAL: Duration = Duration::from_millis(100);
 
-/// How far it is.
+/// Status of the collection.
 #[derive(Clone, Debug)]
-pub struct Told {
+pub struct CollectionStatus {
     pub views: usize,
     pub wanted: usize,
     pub coverage: Coverage,
-    /// What was made of the last frame.
+    /// Result of the last frame.
     pub look: Option<ViewOutcome>,
-    /// What to do next, for somebody who holds the board; and all that is missing, most needed first.
+    /// Next instruction for the user.
     pub hint: Option<String>,
+    /// Missing views, most needed first.
     pub missing: Vec<String>,
     /// The views are being fitted.
     pub is_fitting: bool,
@@ -31,16 +32,16 @@ pub struct Told {
 
 #[derive(Debug)]
 struct Shared {
-    told: Told,
+    status: CollectionStatus,
     ends: bool,
     result: Option<Result<CameraCalibration, String>>,
 }
 
-/// A frame with the one before it, by which it is told whether the board rests. Where looking at a frame takes longer than the
-/// camera needs for the next, those in between are left out, and two that are looked at in turn say nothing of that.
+/// A frame with its predecessor, for the detection of motion. When detection is slower than the
+/// camera, frames are skipped, and consecutively processed frames are not neighbours.
 type Pair = (Option<Arc<Frame>>, Arc<Frame>);
 
-/// A thread that looks at a camera's frames. Dropped, it ends.
+/// Handle of the collecting thread, which ends when this is dropped.
 #[derive(Debug)]
 pub struct Views {
     putter: Putter<Pair>,
@@ -56,12 +57,12 @@ fn lock(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
 }
 
 impl Views {
-    /// Of frames of this size. `wake` is called from the thread when there is something to be told.
+    /// Starts for frames of a size. `wake` is called from the thread when the status changes.
     pub fn begin(size: (u32, u32), response: &Response, wake: impl Fn() + Send + 'static) -> Result<Self, String> {
         let search = BoardDetector::new(&TargetChoice::Any, response).map_err(|error| error.to_string())?;
-        let taking = ViewCollector::new(size, WANTED, LensOptions::default());
+        let taking = ViewCollector::new(size, TARGET_VIEWS, LensOptions::default());
         let (putter, newest) = Newest::new();
-        let shared = Arc::new(Mutex::new(Shared { told: told(&taking, None), ends: false, result: None }));
+        let shared = Arc::new(Mutex::new(Shared { status: status(&taking, None), ends: false, result: None }));
         let of_thread = Arc::clone(&shared);
         let work = move || watch(&newest, search, taking, &of_thread, wake);
         let thread = std::thread::Builder::new().name("views".to_owned());
@@ -69,8 +70,9 @@ impl Views {
         Ok(Self { putter, before: None, shared, size, last_s: f64::NEG_INFINITY })
     }
 
-    /// The camera's newest frame. One that is known already, or has another size, is left out.
-    pub fn look(&mut self, frame: &Arc<Frame>) {
+    /// Passes the camera's newest frame to the thread. Known frames and frames of another size are
+    /// skipped.
+    pub fn process(&mut self, frame: &Arc<Frame>) {
         if frame.timestamp_s > self.last_s && (frame.pixels.width, frame.pixels.height) == self.size {
             self.last_s = frame.timestamp_s;
             let before = self.before.replace(Arc::clone(frame));
@@ -78,23 +80,23 @@ impl Views {
         }
     }
 
-    /// No more views are taken: what there is is fitted.
+    /// Ends the collection and fits the views.
     pub fn end(&self) {
         lock(&self.shared).ends = true;
     }
 
-    pub fn told(&self) -> Told {
-        lock(&self.shared).told.clone()
+    pub fn status(&self) -> CollectionStatus {
+        lock(&self.shared).status.clone()
     }
 
-    /// The camera, or why the views give none; once they are fitted.
+    /// The calibrated camera or an error, once the views are fitted.
     pub fn take(&self) -> Option<Result<CameraCalibration, String>> {
         lock(&self.shared).result.take()
     }
 }
 
-fn told(taking: &ViewCollector, look: Option<ViewOutcome>) -> Told {
-    Told {
+fn status(taking: &ViewCollector, look: Option<ViewOutcome>) -> CollectionStatus {
+    CollectionStatus {
         views: taking.views().len(),
         wanted: taking.wanted(),
         coverage: taking.coverage(),
@@ -112,27 +114,27 @@ fn watch(
     shared: &Mutex<Shared>,
     wake: impl Fn(),
 ) {
-    let mut looked_s = f64::NEG_INFINITY;
+    let mut last_processed_s = f64::NEG_INFINITY;
     while !taking.missing().is_empty() && !lock(shared).ends {
-        match newest.take(Instant::now() + LOOKED_EVERY) {
+        match newest.take(Instant::now() + END_CHECK_INTERVAL) {
             Taken::New((before, frame)) => {
                 for frame in before.into_iter().chain([frame]) {
-                    if frame.timestamp_s <= looked_s {
+                    if frame.timestamp_s <= last_processed_s {
                         continue;
                     }
                     let seen = search.find(&frame.pixels).ok();
                     let look = taking.add(frame.timestamp_s, &format!("frame {}", frame.index), seen);
-                    lock(shared).told = told(&taking, Some(look));
-                    looked_s = frame.timestamp_s;
+                    lock(shared).status = status(&taking, Some(look));
+                    last_processed_s = frame.timestamp_s;
                 }
                 wake();
             }
             Taken::Nothing | Taken::Gone(_) => {}
-            // Nobody waits for it any more.
+            // The handle was dropped.
             Taken::Ended => return,
         }
     }
-    lock(shared).told.is_fitting = true;
+    lock(shared).status.is_fitting = true;
     wake();
     let result = taking.calibrated().map_err(|error| error.to_string());
     lock(shared).result = Some(result);

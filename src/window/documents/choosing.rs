@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use eframe::egui;
 
-use super::super::camera::Asked;
+use super::super::camera::CameraCommand;
 use super::super::camera_dialog::CameraDialog;
 use super::super::chooser::{Chooser, ChooserMode, ChooserResult, StartLocation};
 use super::super::command;
@@ -175,15 +175,15 @@ impl Documents {
     }
 
     /// Handles a button of the camera panel.
-    pub fn handle_camera_request(&mut self, ctx: &egui::Context, session: &mut Session, request: Asked) {
+    pub fn handle_camera_request(&mut self, ctx: &egui::Context, session: &mut Session, request: CameraCommand) {
         let mode = ChooserMode::EmptyFolder;
         match request {
-            Asked::Freeze => {
+            CameraCommand::Freeze => {
                 let folder = self.state_folder.clone().unwrap_or_else(|| std::env::temp_dir().join("locard"));
                 session.freeze(ctx, &folder.join("live"));
             }
-            Asked::Live => session.go_live(ctx),
-            Asked::Record => {
+            CameraCommand::Live => session.go_live(ctx),
+            CameraCommand::Record => {
                 self.choose(
                     &session.project,
                     ChooserPurpose::Record,
@@ -192,8 +192,8 @@ impl Documents {
                     Some("recording"),
                 );
             }
-            Asked::Stop => session.stop_recording(),
-            Asked::Keep => {
+            CameraCommand::Stop => session.stop_recording(),
+            CameraCommand::Keep => {
                 self.choose(
                     &session.project,
                     ChooserPurpose::KeepFrozen,

@@ -7,9 +7,10 @@ use eframe::egui;
 use super::super::autosave::RecoverableWork;
 use super::super::camera_values;
 use super::super::dialogs::{self, Consequences};
+use super::super::file_kind::FileKind;
+use super::super::file_watch::Change;
 use super::super::jobs::Jobs;
-use super::super::kind::Kind;
-use super::super::opening::{Opening, Refused};
+use super::super::opening::{OpenRefusal, Opening};
 use super::super::project::{ProfileScope, SaveError};
 use super::super::question::Answer;
 use super::super::recent::DocumentRef;
@@ -17,7 +18,6 @@ use super::super::saving::{self, Approvals, SaveStep, SavedFile};
 use super::super::session::Session;
 use super::super::task::BackgroundTask;
 use super::super::titles;
-use super::super::watch::Change;
 use super::{DocumentSwitch, Documents, LoadedDocument, PendingAction};
 use locard_engine::live;
 
@@ -25,7 +25,7 @@ impl Documents {
     /// Determines the kind of a dropped or chosen file, which decides how it is opened.
     pub fn open_file(&mut self, ctx: &egui::Context, path: PathBuf, session: &mut Session) {
         let (wake, dropped) = (ctx.clone(), path.clone());
-        match BackgroundTask::spawn("looking", move || wake.request_repaint(), move || Kind::of(&dropped)) {
+        match BackgroundTask::spawn("looking", move || wake.request_repaint(), move || FileKind::of(&dropped)) {
             Ok(kind_task) => self.dropped_files.push((path, kind_task)),
             Err(error) => session.show_error(format!("no thread can be started that opens it: {error}")),
         }
@@ -39,18 +39,18 @@ impl Documents {
         let Some(kind) = self.dropped_files.first().and_then(|(_, kind_task)| kind_task.take()) else { return };
         let (path, _) = self.dropped_files.remove(0);
         match kind {
-            Ok(Kind::Profile) => self.open_profile(path, session),
-            Ok(Kind::Model) => self.dropped_model = Some(path),
-            Ok(Kind::Scene) => {
+            Ok(FileKind::Profile) => self.open_profile(path, session),
+            Ok(FileKind::Model) => self.dropped_model = Some(path),
+            Ok(FileKind::Scene) => {
                 self.pending = Some(PendingAction::Open(
                     Box::new(DocumentRef { scene: Some(path), ..DocumentRef::of(&session.project) }),
                     None,
                 ))
             }
-            Ok(Kind::Recording) => {
+            Ok(FileKind::Recording) => {
                 self.pending = Some(PendingAction::Open(Box::new(DocumentRef::recording(path)), None));
             }
-            Ok(Kind::Neither(why)) | Err(why) => session.show_error(why),
+            Ok(FileKind::Neither(why)) | Err(why) => session.show_error(why),
         }
     }
 
@@ -107,7 +107,7 @@ impl Documents {
                 self.recent.add(DocumentRef::of(&session.project));
                 self.ignored_changes.retain(|ignored| *ignored != path);
                 if let Some(watch) = &mut self.watch {
-                    watch.known(&path, session.project.stamp(&path));
+                    watch.record(&path, session.project.stamp(&path));
                 }
             }
             Ok(Err(SaveError::Changed(path))) => self.overwrite_question = Some(path),
@@ -301,7 +301,7 @@ impl Documents {
 
     fn reload_files(&mut self, ctx: &egui::Context, session: &mut Session) {
         let wake = ctx.clone();
-        self.set_opening(session, Opening::again(&session.project, move || wake.request_repaint()));
+        self.set_opening(session, Opening::reload(&session.project, move || wake.request_repaint()));
     }
 
     fn start_opening(
@@ -342,7 +342,7 @@ impl Documents {
             }
         };
         match done.project {
-            Ok((fresh, _)) if done.is_again => {
+            Ok((fresh, _)) if done.is_reload => {
                 session.project.adopt_files(*fresh);
                 session.show_message("Read again from the files; undo brings back what you had");
                 self.ignored_changes.clear();
@@ -359,12 +359,12 @@ impl Documents {
                 Some(self.switch_to(loaded, camera))
             }
             // Shows the dialog again with its entries.
-            Err(Refused { why, .. }) if done.document.camera.is_some() && self.last_camera_dialog.is_some() => {
+            Err(OpenRefusal { why, .. }) if done.document.camera.is_some() && self.last_camera_dialog.is_some() => {
                 self.camera_dialog = self.last_camera_dialog.take().map(|camera_dialog| camera_dialog.with_error(why));
                 self.recoverable.extend(done.recoverable);
                 None
             }
-            Err(Refused { why, is_unfit_profile: true, .. }) => {
+            Err(OpenRefusal { why, is_unfit_profile: true, .. }) => {
                 session.show_error(why.clone());
                 self.refused_profile = Some(why);
                 // The next profile is for the refused recording, which may differ from the open
@@ -374,7 +374,7 @@ impl Documents {
                 self.recoverable.extend(done.recoverable);
                 None
             }
-            Err(Refused { why, lacks_camera, .. }) => {
+            Err(OpenRefusal { why, lacks_camera, .. }) => {
                 let lacks_profile = lacks_camera && done.document.profile.is_none();
                 let advice =
                     if lacks_profile { ". Choose a camera profile for it: File, Open a profile…" } else { "" };

@@ -1,84 +1,87 @@
-//! What is typed while something is moved: nothing of it is a key of the window's.
+//! Keyboard input of a transform. The window's key bindings do not receive it.
 
 use eframe::egui::{Context, Event, Key, Modifiers};
 
-use super::tool::Kind;
+use super::tool::TransformKind;
 
-/// What a key or a letter is for.
+/// A key press during a transform.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Stroke {
-    /// To another kind of change.
-    Kind(Kind),
-    /// An axis, or all but it.
+pub enum ToolKey {
+    /// Switches to another kind of transform.
+    Kind(TransformKind),
+    /// Constrains to an axis, or to the plane of the other two.
     Axis {
         axis: usize,
-        without: bool,
+        as_plane: bool,
     },
-    /// Of a number.
+    /// A character of a number.
     Letter(char),
     Back,
     Done,
     Cancel,
 }
 
-/// Takes all that was typed out of the window's input, in order. Where nothing is being changed yet, the key that begins a
-/// change stays, and what was typed behind it is taken: a quick hand types more than one key between two pictures. What was
-/// typed behind the end of a change comes `later`: with the window's next picture.
-pub fn taken(ctx: &Context, is_running: bool, later: &mut Vec<Event>) -> Vec<Stroke> {
-    let (mut strokes, mut has_begun, mut own_letter) = (Vec::new(), is_running, false);
+/// Removes keyboard events of a transform from the window's input and returns them in order.
+///
+/// If no transform is active, the key that begins one stays, and the keys after it are removed:
+/// several keys can arrive within one frame of the window. Keys after the end of the transform are
+/// `deferred` to the next frame.
+pub fn consume(ctx: &Context, is_active: bool, deferred: &mut Vec<Event>) -> Vec<ToolKey> {
+    let mut keys = Vec::new();
+    let mut has_begun = is_active;
+    let mut expects_text = false;
     ctx.input_mut(|i| {
-        i.events.splice(0..0, std::mem::take(later));
+        i.events.splice(0..0, std::mem::take(deferred));
         i.events.retain(|event| {
-            if matches!(strokes.last(), Some(Stroke::Done | Stroke::Cancel)) {
+            if matches!(keys.last(), Some(ToolKey::Done | ToolKey::Cancel)) {
                 let is_typed = matches!(event, Event::Text(_) | Event::Key { .. });
-                later.extend(is_typed.then(|| event.clone()));
+                deferred.extend(is_typed.then(|| event.clone()));
                 return !is_typed;
             }
-            // The letter of the key that begins comes behind it.
-            if std::mem::take(&mut own_letter) && matches!(event, Event::Text(_)) {
+            // The text event of the key that begins the transform follows it.
+            if std::mem::take(&mut expects_text) && matches!(event, Event::Text(_)) {
                 return true;
             }
             if !has_begun {
                 has_begun = begins(event);
-                own_letter = has_begun;
+                expects_text = has_begun;
                 return true;
             }
             match event {
-                Event::Text(text) => strokes.extend(text.chars().map(Stroke::Letter)),
+                Event::Text(text) => keys.extend(text.chars().map(ToolKey::Letter)),
                 Event::Key { key, pressed: true, repeat, modifiers, .. } => {
-                    strokes.extend(of_key(*key, *modifiers).filter(|stroke| !repeat || *stroke == Stroke::Back));
+                    keys.extend(tool_key(*key, *modifiers).filter(|key| !repeat || *key == ToolKey::Back));
                 }
-                // A key that is let go of is known to be up.
                 Event::Key { pressed: false, .. } => {}
                 _ => return true,
             }
             false
         });
     });
-    if !later.is_empty() {
+    if !deferred.is_empty() {
         ctx.request_repaint();
     }
-    strokes
+    keys
 }
 
-/// Whether a key begins a change of what is selected.
+/// True if a key begins a transform.
 fn begins(event: &Event) -> bool {
     let Event::Key { key, pressed: true, modifiers, .. } = event else { return false };
-    let is_kind = matches!(of_key(*key, *modifiers), Some(Stroke::Kind(_)));
+    let is_kind = matches!(tool_key(*key, *modifiers), Some(ToolKey::Kind(_)));
     is_kind || *key == Key::D && modifiers.shift && !modifiers.command && !modifiers.alt
 }
 
-fn of_key(key: Key, modifiers: Modifiers) -> Option<Stroke> {
-    let axis = |axis| Some(Stroke::Axis { axis, without: modifiers.shift });
+fn tool_key(key: Key, modifiers: Modifiers) -> Option<ToolKey> {
+    let axis = |axis| Some(ToolKey::Axis { axis, as_plane: modifiers.shift });
     match key {
-        Key::Enter => Some(Stroke::Done),
-        Key::Escape => Some(Stroke::Cancel),
-        Key::Backspace => Some(Stroke::Back),
-        // Ctrl is held for whole steps; what it does with a letter waits.
+        Key::Enter => Some(ToolKey::Done),
+        Key::Escape => Some(ToolKey::Cancel),
+        Key::Backspace => Some(ToolKey::Back),
+        // Ctrl snaps to whole steps; its combinations with letters are ignored.
         _ if modifiers.command || modifiers.alt => None,
-        Key::G => Some(Stroke::Kind(Kind::Move)),
-        Key::R => Some(Stroke::Kind(Kind::Turn)),
-        Key::S => Some(Stroke::Kind(Kind::Scale)),
+        Key::G => Some(ToolKey::Kind(TransformKind::Move)),
+        Key::R => Some(ToolKey::Kind(TransformKind::Turn)),
+        Key::S => Some(ToolKey::Kind(TransformKind::Scale)),
         Key::X => axis(0),
         Key::Y => axis(1),
         Key::Z => axis(2),

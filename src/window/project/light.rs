@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use super::Project;
-use crate::room_light::even;
+use crate::environment_light::ambient;
 use locard_engine::analyse::{ENVIRONMENT, FILE_NAME, LightFindings, WHITE_REFLECTANCE};
 use locard_engine::scene::document::LightTable;
 use locard_engine::scene::{LightCorrection, Lighting, LightingOrigin, SceneFile, SceneItem, Support, relative};
@@ -72,7 +72,7 @@ impl Project {
         let upward = on_white(&surroundings, &Room::default(), &from_above);
         let mut scene = self.edit().scene.clone();
         let LightTable { white_lx, sun, lamp, .. } = scene.light;
-        scene.light = LightTable { white_lx, sun, lamp, ..even(upward.far) };
+        scene.light = LightTable { white_lx, sun, lamp, ..ambient(upward.far) };
         self.set_light("light: even", scene)
     }
 

@@ -4,8 +4,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::super::kind::Kind;
-use super::super::watch::{Stamp, stamp};
+use super::super::file_kind::FileKind;
+use super::super::file_watch::{Stamp, stamp};
 use super::light::panorama_of_analysis;
 use super::save_targets::{ProfileScope, ProfileValues};
 use super::{Edit, Project, tables};
@@ -172,7 +172,7 @@ impl Draft {
 
 /// True if an existing file is a profile or a recording's description instead of a scene.
 fn is_other_kind(path: &Path) -> bool {
-    matches!(Kind::of(path), Kind::Recording | Kind::Profile) && scene::document::read(path).is_err()
+    matches!(FileKind::of(path), FileKind::Recording | FileKind::Profile) && scene::document::read(path).is_err()
 }
 
 /// Sets the values in the profile's text that differ from the recording's own camera and from that

@@ -1,4 +1,4 @@
-//! What a file or a folder is that was dropped into the window, or chosen.
+//! Kind of a file or folder that was dropped into the window or chosen.
 
 use std::path::Path;
 
@@ -8,18 +8,18 @@ use locard_engine::scene::{self, is_model};
 use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum FileKind {
     Recording,
     Scene,
     Profile,
     /// A model that can be placed.
     Model,
-    /// None of them, with the reasons.
+    /// None of these, with the reasons.
     Neither(String),
 }
 
-impl Kind {
-    /// Reads what is there, which may take its time.
+impl FileKind {
+    /// Reads the file; may block.
     pub fn of(path: &Path) -> Self {
         if is_model(path) {
             return match scene::load(path, None) {
@@ -36,7 +36,7 @@ impl Kind {
             (Ok(()), _) => Self::Profile,
             (_, Ok(_)) => Self::Scene,
             (Err(no_profile), Err(no_scene)) => match Recording::refusal_at(path) {
-                // Recordings too are described by such files.
+                // A recording's description is a TOML file, too.
                 None => Self::Recording,
                 Some(_) if path.extension().is_some_and(|ending| ending == "toml") => Self::Neither(format!(
                     "{}: neither a recording's folder, nor a model, nor a profile ({no_profile}), nor a scene ({no_scene})",
@@ -50,7 +50,8 @@ impl Kind {
     }
 }
 
-/// An error's text with a file's name in place of the path that it begins with. Commands in it keep the path.
+/// Replaces the path at the beginning of an error by the file name. Commands in the text keep the
+/// path.
 fn by_name(path: &Path, text: &str) -> String {
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
     text.strip_prefix(&path.display().to_string()).map_or_else(|| text.to_owned(), |rest| format!("{name}{rest}"))
@@ -61,30 +62,32 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_are_told_by_what_is_in_them() {
-        let kind = |path: &str| Kind::of(Path::new(path));
-        assert_eq!(kind("recordings/demo"), Kind::Recording);
-        assert_eq!(kind("recordings/demo/recording.toml"), Kind::Recording);
-        assert_eq!((kind("scenes/demo.toml"), kind("profiles/simulated.toml")), (Kind::Scene, Kind::Profile));
-        assert_eq!(kind("scenes/marker-1.glb"), Kind::Model);
+    fn file_kind_follows_the_contents() {
+        let kind = |path: &str| FileKind::of(Path::new(path));
+        assert_eq!(kind("recordings/demo"), FileKind::Recording);
+        assert_eq!(kind("recordings/demo/recording.toml"), FileKind::Recording);
+        assert_eq!((kind("scenes/demo.toml"), kind("profiles/simulated.toml")), (FileKind::Scene, FileKind::Profile));
+        assert_eq!(kind("scenes/marker-1.glb"), FileKind::Model);
         let folder = tempfile::tempdir().unwrap();
         let model = std::fs::read("scenes/marker-1.glb").unwrap();
         let cut = folder.path().join("kaputt.glb");
         std::fs::write(&cut, &model[..2000]).unwrap();
-        let told = format!("kaputt.glb is incomplete (2 of {} kB)", (model.len() + 500) / 1000);
-        assert_eq!(Kind::of(&cut), Kind::Neither(told));
+        let message = format!("kaputt.glb is incomplete (2 of {} kB)", (model.len() + 500) / 1000);
+        assert_eq!(FileKind::of(&cut), FileKind::Neither(message));
         std::fs::write(&cut, "a picture").unwrap();
-        assert_eq!(Kind::of(&cut), Kind::Neither("kaputt.glb is not a glTF file".to_owned()));
+        assert_eq!(FileKind::of(&cut), FileKind::Neither("kaputt.glb is not a glTF file".to_owned()));
         std::fs::write(&cut, "").unwrap();
-        assert!(matches!(Kind::of(&cut), Kind::Neither(why) if why.starts_with("kaputt.glb is empty (0 bytes)")));
-        assert!(matches!(kind("no/where.toml"), Kind::Neither(why) if why.contains("no/where.toml")));
+        assert!(
+            matches!(FileKind::of(&cut), FileKind::Neither(why) if why.starts_with("kaputt.glb is empty (0 bytes)"))
+        );
+        assert!(matches!(kind("no/where.toml"), FileKind::Neither(why) if why.contains("no/where.toml")));
     }
 
     #[test]
     fn refusal_of_an_unreadable_capture_names_the_program_that_converts_it() {
         let folder = tempfile::tempdir().unwrap();
-        let why = |name: &str| match Kind::of(&folder.path().join(name)) {
-            Kind::Neither(why) => why,
+        let why = |name: &str| match FileKind::of(&folder.path().join(name)) {
+            FileKind::Neither(why) => why,
             other => panic!("{name}: {other:?}"),
         };
         for (file, command) in [
@@ -107,7 +110,7 @@ mod tests {
         let file = folder.path().join("draco.gltf");
         std::fs::write(&file, r#"{"asset": {"version": "2.0"}, "extensionsRequired": ["KHR_draco_mesh_compression"]}"#)
             .unwrap();
-        let Kind::Neither(why) = Kind::of(&file) else { panic!() };
+        let FileKind::Neither(why) = FileKind::of(&file) else { panic!() };
         let command = format!("gltf-transform copy {} ", file.display());
         assert!(why.starts_with("draco.gltf: ") && why.contains(&command), "{why}");
     }

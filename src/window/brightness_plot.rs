@@ -1,4 +1,4 @@
-//! How bright the frames are by themselves, as the analysis of the footage found it.
+//! Plot of the footage's brightness over the frames, from its analysis.
 
 use eframe::egui::{RichText, Ui};
 
@@ -7,10 +7,10 @@ use super::session::Session;
 use locard_engine::shot::AnalysisState;
 use locard_engine::text::fixed;
 
-/// Colours that are told apart, for red, green and blue.
+/// Palette indices for red, green and blue.
 const COLORS: [(usize, &str); 3] = [(5, "red"), (2, "green"), (0, "blue")];
 
-/// The plot, or why there is none.
+/// Shows the plot, or the reason why there is none.
 pub fn show(ui: &mut Ui, session: &Session) {
     let shot = session.project.shot();
     let seen_ev = shot.seen_ev();
@@ -26,7 +26,7 @@ pub fn show(ui: &mut Ui, session: &Session) {
         return;
     }
     let here = session.player.frame();
-    let colors = COLORS.map(|(n, name)| (plots::told_apart(n, ui.visuals()), name));
+    let colors = COLORS.map(|(n, name)| (plots::palette_color(n, ui.visuals()), name));
     let axes = Axes { name: "Light over the frames", x: "frame", y: "stops", x_range: None, y_from: Some(0.0) };
     let now = seen_ev.get(here).copied();
     let curve = |c: usize| seen_ev.iter().enumerate().map(|(n, ev)| [n as f64, ev[c]]).collect::<Vec<_>>();

@@ -1,30 +1,29 @@
-//! What happens to a point of the scene under the pointer: how far it moves while the shutter is open, and how large the lens
-//! makes it.
+//! Blur of the surface under the pointer: motion during the exposure, and circle of confusion.
 
 use eframe::egui::{self, RichText, Stroke, Ui, vec2};
 use glam::DVec2;
 
-use super::plots::Of;
+use super::plots::DataSource;
 use locard_engine::compositor::exposure_time_s;
 use locard_engine::frame::Frame;
 use locard_engine::shot::{Shot, SurfaceError};
 use locard_engine::text::fixed;
 
-/// A place of the picture, as far as it is known.
+/// Depth, blur and code values at a pixel.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Pointed {
+pub struct PointerProbe {
     pub depth_m: f64,
     pub exposure_s: f64,
-    /// Its way while the shutter is open, px.
+    /// Motion during the exposure, px.
     pub moved_px: Result<DVec2, String>,
     /// Diameter of the circle of confusion, px; `None` for a pinhole.
     pub circle_px: Option<f64>,
-    /// Of the camera's picture, 8 bits.
+    /// Code values of the camera's picture, 8 bits.
     pub codes: [u8; 3],
 }
 
-impl Pointed {
-    /// Of the camera's picture and its surface.
+impl PointerProbe {
+    /// Probes the camera's picture and its surface.
     pub fn at(shot: &Shot, frame: &Frame, at_px: DVec2) -> Result<Self, String> {
         let surface = shot.surface_at(frame, at_px).map_err(|error| match error {
             SurfaceError::NoDepth { .. } => "This frame has no depth, which says how far away the point is.".to_owned(),
@@ -42,11 +41,11 @@ impl Pointed {
         })
     }
 
-    /// The numbers, and way and circle drawn to one scale, with a pixel of the picture to compare them with.
+    /// Shows the numbers, and motion and circle to scale beside one pixel of the picture.
     pub fn show(&self, ui: &mut Ui) {
         ui.horizontal(|ui| {
             let (rect, _) = ui.allocate_exact_size(vec2(72.0, 72.0), egui::Sense::hover());
-            let (color, weak) = (Of::Virtual.color(ui), ui.visuals().weak_text_color());
+            let (color, weak) = (DataSource::Virtual.color(ui), ui.visuals().weak_text_color());
             let painter = ui.painter().with_clip_rect(rect);
             painter.rect_stroke(rect, 2.0, Stroke::new(1.0, weak.gamma_multiply(0.5)), egui::StrokeKind::Inside);
             let moved = self.moved_px.as_ref().copied().unwrap_or_default();
@@ -56,7 +55,7 @@ impl Pointed {
             let way = vec2((moved.x * scale) as f32, (moved.y * scale) as f32);
             painter.circle_stroke(rect.center(), (0.5 * circle * scale) as f32, Stroke::new(1.2, color));
             painter.line_segment([rect.center() - 0.5 * way, rect.center() + 0.5 * way], Stroke::new(2.0, color));
-            // A pixel, to compare with.
+            // One pixel for comparison.
             let pixel = egui::Rect::from_min_size(
                 rect.left_bottom() + vec2(4.0, -4.0 - scale as f32),
                 egui::Vec2::splat(scale as f32),

@@ -1,22 +1,22 @@
-//! Where the picture lies on the screen.
+//! Mapping between the picture and the screen.
 
 use eframe::egui::{Pos2, Rect, Vec2};
 
-/// Where the picture lies on the screen.
+/// Placement of the picture on the screen.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Placed {
+pub struct PictureTransform {
     pub rect: Rect,
-    /// Points to a picture's pixel.
+    /// Points per pixel of the picture.
     pub scale: f32,
 }
 
-impl Placed {
-    /// A place on the screen in the picture, px.
+impl PictureTransform {
+    /// Pixel of the picture at a point of the screen.
     pub fn picture_px(&self, at: Pos2) -> Vec2 {
         (at - self.rect.min) / self.scale
     }
 
-    /// A place in the picture, px, on the screen.
+    /// Point of the screen at a pixel of the picture.
     pub fn screen(&self, at_px: Vec2) -> Pos2 {
         self.rect.min + at_px * self.scale
     }

@@ -1,4 +1,4 @@
-//! The light of the scene apart from its lamps: panorama, even light and suns.
+//! Environment light of the scene: panorama, ambient light and suns.
 
 use eframe::egui::{self, RichText, Ui};
 use glam::{DVec3, Vec3};
@@ -8,14 +8,15 @@ use super::fields::{color_picker, rounded, row};
 use locard_engine::scene::document::{Color, LightTable, SunTable};
 use locard_engine::text::count;
 
-/// A sun that is added stands this high above the horizon, and white matt that faces it shows this.
+/// Elevation of a new sun, degrees.
 const NEW_SUN_DEG: f64 = 55.0;
+/// Signal of a white Lambertian surface that faces a new sun.
 const NEW_SUN_INTENSITY: f64 = 0.6;
-/// Even light keeps its colour down to this.
+/// Smallest brightness of ambient light in the panel, so that it keeps its colour.
 const MIN_BRIGHTNESS: f64 = 1e-4;
 
-/// Shows the controls of the light that the scene's file has, or offers to write it there. Returns
-/// an error to be shown.
+/// Shows the controls of the scene file's light, or offers to write the current light into the
+/// scene. Returns an error.
 pub fn show(ui: &mut Ui, project: &mut Project) -> Option<String> {
     if project.is_lit_by_models() {
         ui.label(RichText::new("Lights inside the models light the scene.").weak());
@@ -27,9 +28,9 @@ pub fn show(ui: &mut Ui, project: &mut Project) -> Option<String> {
     let wrong = fields(ui, project);
     ui.horizontal_wrapped(|ui| {
         let mut wrong = None;
-        let even = "The same light from everywhere, as bright from above as the panorama.";
+        let ambient = "The same light from everywhere, as bright from above as the panorama.";
         let has_panorama = project.edit().scene.light.environment.is_some();
-        if has_panorama && ui.button("Even light").on_hover_text(even).clicked() {
+        if has_panorama && ui.button("Even light").on_hover_text(ambient).clicked() {
             wrong = project.make_light_uniform().err();
         }
         if ui.button("Add sun").clicked() {
@@ -69,10 +70,10 @@ fn fields(ui: &mut Ui, project: &mut Project) -> Option<String> {
             ui.label("even light").on_hover_text("What white matt shows by it");
             colour(ui, "even light colour", ambient);
             ui.end_row();
-            let mut brightness = brightest(*ambient);
+            let mut brightness = max_channel(*ambient);
             done |= row(ui, "brightness", "even light brightness", &mut brightness, 0.005, "");
-            if brightness != brightest(*ambient) {
-                *ambient = of_brightness(*ambient, brightness.max(MIN_BRIGHTNESS));
+            if brightness != max_channel(*ambient) {
+                *ambient = with_brightness(*ambient, brightness.max(MIN_BRIGHTNESS));
             }
         }
         for (n, sun) in light.sun.iter_mut().enumerate() {
@@ -91,7 +92,7 @@ fn fields(ui: &mut Ui, project: &mut Project) -> Option<String> {
     if let Some(n) = removed {
         light.sun.remove(n);
     }
-    // Without any light a file would get the default light.
+    // A scene file without light would get the default light.
     if light.is_unspecified() {
         light.ambient = Some(Color::Grey(0.0));
     }
@@ -102,7 +103,7 @@ fn fields(ui: &mut Ui, project: &mut Project) -> Option<String> {
     changed.flatten().map(|error| error.to_string())
 }
 
-/// Returns whether a change has ended.
+/// Returns true at the end of a change.
 fn panorama(ui: &mut Ui, light: &mut LightTable) -> bool {
     let (mut intensity, mut turn_deg) =
         (light.environment_intensity.unwrap_or(1.0), light.environment_rotation_deg.unwrap_or(0.0));
@@ -126,7 +127,7 @@ fn panorama(ui: &mut Ui, light: &mut LightTable) -> bool {
     done
 }
 
-/// Returns whether a change has ended.
+/// Returns true at the end of a change.
 fn sun_fields(ui: &mut Ui, n: usize, sun: &mut SunTable, up: DVec3) -> bool {
     let name = format!("sun {}", n + 1);
     let before = angles_deg(DVec3::from(sun.towards), up);
@@ -157,13 +158,13 @@ fn add_sun(project: &mut Project) -> Result<(), String> {
     Ok(())
 }
 
-/// A level direction from which azimuths are counted: the world's x axis, or y where x is up.
+/// Direction of azimuth 0: the world's x axis, or y if x is up.
 fn level_axis(up: DVec3) -> DVec3 {
     let axis = if up.x.abs() > 0.9 { DVec3::Y } else { DVec3::X };
     axis.reject_from_normalized(up).normalize()
 }
 
-/// Height over the horizon, and azimuth counter-clockwise seen from above.
+/// Elevation, and azimuth counter-clockwise seen from above.
 fn angles_deg(towards: DVec3, up: DVec3) -> [f64; 2] {
     let (towards, axis) = (towards.normalize_or(up), level_axis(up));
     let azimuth = towards.dot(up.cross(axis)).atan2(towards.dot(axis));
@@ -183,18 +184,18 @@ fn rgb(color: Color) -> [f64; 3] {
     }
 }
 
-fn brightest(color: Color) -> f64 {
+fn max_channel(color: Color) -> f64 {
     rgb(color).into_iter().fold(0.0, f64::max)
 }
 
-fn of_brightness(color: Color, brightness: f64) -> Color {
-    match brightest(color) {
+fn with_brightness(color: Color, brightness: f64) -> Color {
+    match max_channel(color) {
         0.0 => Color::Grey(rounded(brightness)),
         before => Color::Rgb(rgb(color).map(|channel| rounded(channel * brightness / before))),
     }
 }
 
-/// A colour's picker. Returns whether it was changed.
+/// A colour picker. Returns true if the colour changed.
 fn colour(ui: &mut Ui, called: &str, color: &mut Color) -> bool {
     let mut channels = rgb(*color);
     color_picker(ui, called, &mut channels);
@@ -205,8 +206,8 @@ fn colour(ui: &mut Ui, called: &str, color: &mut Color) -> bool {
     is_changed
 }
 
-/// Light from everywhere that shows the same on white matt.
-pub fn even(shown: Vec3) -> LightTable {
+/// Ambient light with the same signal of a white Lambertian surface.
+pub fn ambient(shown: Vec3) -> LightTable {
     let ambient = Color::Rgb(shown.to_array().map(|channel| rounded(channel.into())));
     LightTable { ambient: Some(ambient), ..LightTable::default() }
 }
@@ -229,7 +230,7 @@ mod tests {
 
     #[test]
     fn brightness_keeps_the_ratios_of_channels() {
-        assert_eq!(of_brightness(Color::Rgb([0.5, 0.25, 0.1]), 1.0), Color::Rgb([1.0, 0.5, 0.2]));
-        assert_eq!(of_brightness(Color::Grey(0.0), 0.3), Color::Grey(0.3));
+        assert_eq!(with_brightness(Color::Rgb([0.5, 0.25, 0.1]), 1.0), Color::Rgb([1.0, 0.5, 0.2]));
+        assert_eq!(with_brightness(Color::Grey(0.0), 0.3), Color::Grey(0.3));
     }
 }

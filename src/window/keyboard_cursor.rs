@@ -1,25 +1,25 @@
-//! A place in the picture that the arrow keys carry about and Enter clicks, for whoever has no pointer.
+//! A cursor in the picture for keyboard users: the arrow keys move it, Enter clicks.
 
 use eframe::egui::{Color32, Context, Key, Modifiers, Pos2, Stroke, Vec2, vec2};
 
-use super::picture::Seen;
+use super::picture::PictureOutput;
 
-/// So far a key carries it, px of the picture; with Shift by one.
+/// Step of an arrow key, px of the picture; with Shift 1 px.
 const STEP_PX: f32 = 16.0;
-/// Half of the cross's arms, points.
-const ARM: f32 = 12.0;
+/// Length of the arms of the crosshair, points.
+const ARM_LENGTH_PT: f32 = 12.0;
 
-/// See above.
+/// Position of the cursor, if it is active, and a pending click.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Steered {
+pub struct KeyboardCursor {
     at_px: Option<Vec2>,
     clicks: bool,
 }
 
-impl Steered {
-    /// Takes its keys, while a place is asked for in a picture of that size. It begins in the middle; the pointer takes over
-    /// when it is moved.
-    pub fn keys(&mut self, ctx: &Context, size_px: Vec2) {
+impl KeyboardCursor {
+    /// Consumes the arrow keys and Enter while a point of the picture is requested. The cursor
+    /// starts at the centre of the picture; a motion of the pointer deactivates it.
+    pub fn consume_keys(&mut self, ctx: &Context, size_px: Vec2) {
         if ctx.input(|i| i.pointer.delta() != Vec2::ZERO) {
             *self = Self::default();
         }
@@ -29,7 +29,7 @@ impl Steered {
             (Key::ArrowUp, -Vec2::Y),
             (Key::ArrowDown, Vec2::Y),
         ];
-        // The key with Shift first: without it any modifier would do.
+        // Keys with Shift first: the binding without modifiers matches any.
         for (modifiers, step_px) in [(Modifiers::SHIFT, 1.0), (Modifiers::NONE, STEP_PX)] {
             for (key, way) in ways {
                 let times = ctx.input_mut(|i| i.count_and_consume_key(modifiers, key));
@@ -43,18 +43,18 @@ impl Steered {
         self.clicks = self.at_px.is_some() && ctx.input_mut(|i| i.consume_key(Modifiers::NONE, Key::Enter));
     }
 
-    /// Points, and clicks, in the picture.
-    pub fn over(&mut self, seen: &mut Seen) {
+    /// Overrides the pointer of the picture and paints the crosshair.
+    pub fn apply(&mut self, picture: &mut PictureOutput) {
         let Some(at_px) = self.at_px else { return };
-        seen.pointed = Some(at_px);
+        picture.pointed = Some(at_px);
         if std::mem::take(&mut self.clicks) {
-            seen.clicked = Some(at_px);
+            picture.clicked = Some(at_px);
         }
-        let at = seen.placed.screen(at_px);
+        let at = picture.placed.screen(at_px);
         for (width, color) in [(3.0, Color32::from_black_alpha(150)), (1.0, Color32::WHITE)] {
-            let line = |a: Pos2, b: Pos2| seen.painter.line_segment([a, b], Stroke::new(width, color));
-            line(at - vec2(ARM, 0.0), at + vec2(ARM, 0.0));
-            line(at - vec2(0.0, ARM), at + vec2(0.0, ARM));
+            let line = |a: Pos2, b: Pos2| picture.painter.line_segment([a, b], Stroke::new(width, color));
+            line(at - vec2(ARM_LENGTH_PT, 0.0), at + vec2(ARM_LENGTH_PT, 0.0));
+            line(at - vec2(0.0, ARM_LENGTH_PT), at + vec2(0.0, ARM_LENGTH_PT));
         }
     }
 }

@@ -1,24 +1,24 @@
-//! The window's size at the start: no larger than the screen.
+//! Limits the initial size of the window to the screen.
 
 use eframe::egui::{Context, Vec2, ViewportCommand};
 
-/// So long after the start the window's own border may become known, s.
-const BEGINS_S: f64 = 2.0;
+/// Time after the start within which the size of the window's border becomes known, s.
+const STARTUP_S: f64 = 2.0;
 
-/// Makes a window that has just been opened smaller, if it reaches beyond its screen with its border.
-pub fn to_screen(ctx: &Context) {
+/// Shrinks a newly opened window that exceeds its screen including its border.
+pub fn fit_to_screen(ctx: &Context) {
     let (time_s, (screen, inner, outer)) = ctx.input(|i| {
         let window = i.viewport();
         (i.time, (window.monitor_size, window.inner_rect, window.outer_rect))
     });
-    if let (true, Some(screen), Some(inner), Some(outer)) = (time_s < BEGINS_S, screen, inner, outer)
+    if let (true, Some(screen), Some(inner), Some(outer)) = (time_s < STARTUP_S, screen, inner, outer)
         && let Some(size) = fitting(screen, inner.size(), outer.size())
     {
         ctx.send_viewport_cmd(ViewportCommand::InnerSize(size));
     }
 }
 
-/// The inner size with which a window fits, if it does not.
+/// Inner size with which the window fits the screen; `None` if it fits already.
 fn fitting(screen: Vec2, inner: Vec2, outer: Vec2) -> Option<Vec2> {
     let fits = inner.min(screen - (outer - inner).max(Vec2::ZERO));
     (fits.min_elem() > 0.0 && (inner - fits).max_elem() > 0.5).then_some(fits)

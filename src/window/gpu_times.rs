@@ -1,38 +1,38 @@
-//! The GPU's time for each effect.
+//! GPU time by effect.
 
 use std::collections::VecDeque;
 
 use eframe::egui::{self, RichText, Ui};
 
-use super::plots::Of;
+use super::plots::DataSource;
 use locard_engine::gpu::PartTime;
 use locard_engine::text::fixed;
 
-/// So many pictures are looked at: one alone jumps.
-const PICTURES: usize = 15;
+/// Number of pictures for the medians.
+const MEDIAN_PICTURES: usize = 15;
 
-/// Of the pictures that came last.
+/// Times of the last pictures.
 #[derive(Debug, Default)]
-pub struct Times {
-    /// The factor by which they are smaller than the camera's.
-    by: u32,
+pub struct GpuTimes {
+    /// Reduction factor of the pictures' size.
+    reduced_by: u32,
     pictures: VecDeque<Vec<PartTime>>,
 }
 
-impl Times {
-    pub fn add(&mut self, by: u32, times: Vec<PartTime>) {
-        if by != self.by {
-            (self.by, self.pictures) = (by, VecDeque::new());
+impl GpuTimes {
+    pub fn add(&mut self, reduced_by: u32, times: Vec<PartTime>) {
+        if reduced_by != self.reduced_by {
+            (self.reduced_by, self.pictures) = (reduced_by, VecDeque::new());
         }
         if !times.is_empty() {
             self.pictures.push_back(times);
         }
-        while self.pictures.len() > PICTURES {
+        while self.pictures.len() > MEDIAN_PICTURES {
             self.pictures.pop_front();
         }
     }
 
-    /// The parts of the last picture, in their order, with the median of their times, seconds.
+    /// Parts of the last picture, in order, with the median of their times.
     pub fn medians(&self) -> Vec<PartTime> {
         let Some(last) = self.pictures.back() else { return Vec::new() };
         let median = |part: &PartTime| {
@@ -46,7 +46,7 @@ impl Times {
 }
 
 /// A bar for each part.
-pub fn show(ui: &mut Ui, times: &Times) {
+pub fn show(ui: &mut Ui, times: &GpuTimes) {
     let times = times.medians();
     if times.is_empty() {
         ui.weak("Comes with the next picture: play, or move a slider.");
@@ -54,17 +54,17 @@ pub fn show(ui: &mut Ui, times: &Times) {
     }
     let all_s: f64 = times.iter().map(|of| of.time_s).sum();
     let longest_s = times.iter().map(|of| of.time_s).fold(1e-9, f64::max);
-    let color = Of::Virtual.color(ui).gamma_multiply(0.7);
+    let color = DataSource::Virtual.color(ui).gamma_multiply(0.7);
     egui::Grid::new("times").num_columns(3).spacing([8.0, 3.0]).show(ui, |ui| {
         for PartTime { part, time_s } in &times {
-            ui.label(RichText::new(named(part)).small());
+            ui.label(RichText::new(label(part)).small());
             let (rect, response) = ui.allocate_exact_size(egui::vec2(150.0, 12.0), egui::Sense::hover());
             let width = rect.width() * (time_s / longest_s) as f32;
             let bar = egui::Rect::from_min_size(rect.min, egui::vec2(width.max(1.0), rect.height()));
             ui.painter().rect_filled(bar, 1.0, color);
             let text = format!("{} ms", fixed(1e3 * time_s, 2));
             response.widget_info(|| {
-                egui::WidgetInfo::labeled(egui::Role::ProgressIndicator, true, format!("{}: {text}", named(part)))
+                egui::WidgetInfo::labeled(egui::Role::ProgressIndicator, true, format!("{}: {text}", label(part)))
             });
             ui.monospace(RichText::new(text).small());
             ui.end_row();
@@ -79,7 +79,7 @@ pub fn show(ui: &mut Ui, times: &Times) {
     );
 }
 
-fn named(part: &str) -> String {
+fn label(part: &str) -> String {
     match part {
         "depth" => "what hides objects".to_owned(),
         "shadow" => "shadows".to_owned(),
@@ -94,17 +94,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_picture_that_took_long_does_not_jump() {
-        let mut times = Times::default();
+    fn medians_suppress_a_single_slow_picture() {
+        let mut times = GpuTimes::default();
         for time_s in [1.0, 1.0, 9.0, 2.0, 1.5] {
             times.add(1, vec![PartTime { part: "objects", time_s }, PartTime { part: "mix", time_s: 0.5 }]);
         }
         let medians = times.medians();
         assert_eq!(medians, [PartTime { part: "objects", time_s: 1.5 }, PartTime { part: "mix", time_s: 0.5 }]);
-        // Another size is another measurement, and an effect that is gone is not shown.
+        // Another size starts over, and a removed effect is not shown.
         times.add(2, vec![PartTime { part: "mix", time_s: 0.25 }]);
         assert_eq!(times.medians(), [PartTime { part: "mix", time_s: 0.25 }]);
         (0..40).for_each(|_| times.add(2, vec![PartTime { part: "mix", time_s: 0.75 }]));
-        assert_eq!(times.pictures.len(), PICTURES);
+        assert_eq!(times.pictures.len(), MEDIAN_PICTURES);
     }
 }
