@@ -10,7 +10,8 @@
 //! where f is a smooth field over each frame's picture, bilinear between nodes ([`Across`]). All
 //! frames are solved jointly:
 //!
-//!   min Σ ρ_Cauchy(δ − (f_j(x_j) − f_i(x_i)); σ) / σ² + Σ f² / [`PRIOR_SIGMA`]² + Σ (f_a − f_b)² / [`SMOOTHNESS_SIGMA`]²
+//!   min Σ ρ_Cauchy(δ − (f_j(x_j) − f_i(x_i)); σ) / σ²
+//!     + Σ f² / [`PRIOR_SIGMA`]² + Σ (f_a − f_b)² / [`SMOOTHNESS_SIGMA`]²
 //!
 //! over nodes and neighbouring nodes of a frame, by conjugate gradients. A surface's own brightness
 //! cancels, so a gain that a surface has in all frames alike is not observable. The field is used

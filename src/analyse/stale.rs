@@ -4,9 +4,9 @@
 //! |---|---|
 //! | gain, gain across the picture, tone, point spread | the recording's files and the camera |
 //! | exposure | also whether the frames have times |
-//! | poses, clocks, readout | also the length of the recording's unit, where depth is in metres, and whether the frames have times |
+//! | poses, clocks, readout | also the unit's length, with depth in metres, and whether frames have times |
 //! | surfels | as the poses |
-//! | light | also that length, and up |
+//! | light | also the unit's length, and up |
 
 use super::artefact::Analysis;
 use super::dependencies::Dependencies;

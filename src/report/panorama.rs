@@ -89,7 +89,7 @@ mod tests {
     fn rings_are_drawn_around_lamps_and_wrap_at_the_border() {
         let rgb: Vec<[f32; 3]> = (0..64 * 32).map(|n| [if n / 64 < 16 { 1.0 } else { 0.214 }; 3]).collect();
         let around = Environment { width: 64, height: 32, rgb: rgb.into(), hdr: [].into() };
-        // 45° above what lies in the panorama's middle: upright's −z is that.
+        // 45° above the panorama's middle, which is upright's −z.
         let towards = world_from_panorama(DVec3::Z) * DVec3::new(0.0, 1.0, -1.0);
         let lamp =
             LampEstimate { at_m: (2.0 * towards + DVec3::X).to_array(), shown_at_1_m: [1.0; 3], diameter_m: 0.25 };

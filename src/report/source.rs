@@ -15,13 +15,13 @@ pub struct Source<'a> {
     pub response: &'a Response,
     /// Of this recording and camera ([`Analysis::fits`]).
     pub analysis: &'a Analysis,
-    /// What a scene's objects stand on, if one was asked for.
+    /// Support reports of a scene's objects; empty without a scene.
     pub grounds: &'a [SupportReport],
     /// How long it took, if that is known.
     pub times: Option<&'a Times>,
 }
 
-/// By this a page of ours is told.
+/// Marker by which a page of this program is recognized.
 pub const MADE_BY: &str = "<meta name=\"generator\" content=\"locard analyse\" />";
 
 /// Why there is no page.

@@ -418,7 +418,7 @@ mod tests {
         // It agrees with the exposure: 0.8 / 0.8, never below 0.8 / 0.9, up to e^0.3.
         assert!(found.white.iter().all(|white| is_about(*white, 1.0)), "{found:?}");
         assert!(is_about(found.between[0], 0.8 / 0.9) && is_about(found.between[1], 0.3f64.exp()), "{found:?}");
-        // The exposure says 1.4: 1.4^0.15, and 0.4·ln 1.4 widens the interval.
+        // With an exposure of 1.4: 1.4^0.15, and 0.4·ln 1.4 widens the interval.
         let found = level(&desk(200), &ExposureLevel { level: 1.4, ..EXPOSURE });
         let (white, wide) = (1.4f64.powf(0.15), 0.3f64.hypot(0.4 * 1.4f64.ln()).exp());
         assert!(is_about(found.white[1], white) && is_about(found.between[1], white * wide), "{found:?}");
