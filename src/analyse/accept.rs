@@ -65,9 +65,12 @@ fn rounded(value: f64, parts: f64) -> f64 {
 }
 
 fn readout_s(findings: &Findings) -> Result<f64, String> {
-    let why = || match findings.registration.is_refined() {
-        true => "the camera moves too little to tell it",
-        false => "it is found with the poses, and these are as recorded",
+    let why = || {
+        if findings.registration.is_refined() {
+            "the camera moves too little to tell it"
+        } else {
+            "it is found with the poses, and these are as recorded"
+        }
     };
     findings.readout_s().map(|s| rounded(s, UNITS_PER_SECOND)).ok_or_else(|| why().to_owned())
 }

@@ -215,9 +215,10 @@ impl Analysis {
         } else {
             Vec::new()
         };
-        let across = match findings.across.is_some_and(|across| across.is_followed) {
-            true => read_across(&folder.join(ACROSS), findings.frames)?,
-            false => Vec::new(),
+        let across = if findings.across.is_some_and(|across| across.is_followed) {
+            read_across(&folder.join(ACROSS), findings.frames)?
+        } else {
+            Vec::new()
         };
         let held_out = match findings.registration.recorded_px {
             Some(_) => {

@@ -370,17 +370,14 @@ impl fmt::Display for SpatialGainFit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { recorded, left, most_ev, is_followed } = self;
         let (recorded, left) = (fixed(*recorded, 4), fixed(*left, 4));
-        match is_followed {
-            true => {
-                write!(
-                    f,
-                    "parts of a picture up to {} stops brighter or darker; left of ln {recorded} is {left}",
-                    fixed(*most_ev, 2)
-                )
-            }
-            false => {
-                write!(f, "pictures change alike everywhere, within ln {recorded} ({left} if parts were followed)")
-            }
+        if *is_followed {
+            write!(
+                f,
+                "parts of a picture up to {} stops brighter or darker; left of ln {recorded} is {left}",
+                fixed(*most_ev, 2)
+            )
+        } else {
+            write!(f, "pictures change alike everywhere, within ln {recorded} ({left} if parts were followed)")
         }
     }
 }

@@ -27,9 +27,10 @@ pub fn fingerprint(recording: &Recording) -> String {
         let (q, p) = (pose.rotation, pose.translation_m);
         [*time_s, q.x, q.y, q.z, q.w].into_iter().for_each(|v| number(v.to_bits(), &mut hash));
         for metres in p.to_array() {
-            let bits = match recording.kind.is_metric() {
-                true => metres.to_bits(),
-                false => u64::from(((metres / recording.metres_per_unit) as f32).to_bits()),
+            let bits = if recording.kind.is_metric() {
+                metres.to_bits()
+            } else {
+                u64::from(((metres / recording.metres_per_unit) as f32).to_bits())
             };
             number(bits, &mut hash);
         }

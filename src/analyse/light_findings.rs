@@ -175,9 +175,10 @@ impl LightFindings {
         });
         for lamp in &self.lamps {
             let (at, shown) = (all(lamp.at_m), all(lamp.shown_at_1_m));
-            lines.push(match lamp.is_bounce() {
-                false => ("lamp", format!("at {at} m, shows {shown} at 1 m{halves}")),
-                true => ("bounce", format!("of the lamp at {at} m, {} m wide, shows {shown} at 1 m", lamp.diameter_m)),
+            lines.push(if lamp.is_bounce() {
+                ("bounce", format!("of the lamp at {at} m, {} m wide, shows {shown} at 1 m", lamp.diameter_m))
+            } else {
+                ("lamp", format!("at {at} m, shows {shown} at 1 m{halves}"))
             });
         }
         lines.extend(self.no_lamp.iter().map(|why| ("lamp", format!("none claimed: {why}"))));

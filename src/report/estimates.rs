@@ -116,9 +116,10 @@ fn readout(findings: &Findings, given_s: f64) -> Estimate {
             estimate("readout", Mark::Kept, "kept", format!("{}{sigma} ms", ms(found_s)), why)
         }
         None => {
-            let why = match findings.registration.is_refined() {
-                true => "rows do not tell it: the camera moves too little",
-                false => WITH_POSES,
+            let why = if findings.registration.is_refined() {
+                "rows do not tell it: the camera moves too little"
+            } else {
+                WITH_POSES
             };
             estimate("readout", Mark::Refused, "as given", String::new(), why)
         }

@@ -21,9 +21,10 @@ pub fn correction(source: &Source<'_>) -> Result<Figure, ReportError> {
     let title = "What the recorded poses lack";
     let registered = &source.analysis.findings.registration;
     if source.analysis.refined().is_none() {
-        let why = match registered.is_right() {
-            true => "the recorded poses are right, and are kept bit for bit".to_owned(),
-            false => format!("poses are as recorded: {}", registered.why.as_deref().unwrap_or("nothing can be said")),
+        let why = if registered.is_right() {
+            "the recorded poses are right, and are kept bit for bit".to_owned()
+        } else {
+            format!("poses are as recorded: {}", registered.why.as_deref().unwrap_or("nothing can be said"))
         };
         return Ok(Figure::left_out(title, why));
     }

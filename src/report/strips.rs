@@ -56,14 +56,15 @@ pub fn point(source: &Source<'_>) -> Result<Figure, ReportError> {
     }
     let apart = found.seen.iter().map(|seen| (seen.recorded - seen.used).length()).fold(0.0, f64::max);
     let mut caption = format!("{}, in frames that show it. ", chosen(&found));
-    caption += &match is_refined {
-        true => format!(
+    caption += &if is_refined {
+        format!(
             "The cross is where the poses say it is: above as recorded, below refined. They are up to {} px apart; in frame {} \
              they agree.",
             fixed(apart, 1),
             found.start
-        ),
-        false => "The cross is where the recorded poses say it is.".to_owned(),
+        )
+    } else {
+        "The cross is where the recorded poses say it is.".to_owned()
     };
     let rows = [(Ink::Recorded, "as recorded"), (Ink::Found, "refined")];
     let rows = rows[..if is_refined { 2 } else { 1 }].to_vec();

@@ -346,9 +346,10 @@ pub fn white_level_by_lamps(
     if !(whitest > 0.0 && off.abs() < LAMPS_AGREE.ln()) {
         return None;
     }
-    let (white, farthest) = match is_bound {
-        true => (exposure.level.clamp(whitest, MAX_OVER_CLIPPED * whitest), MAX_INTERVAL_OVER_CLIPPED * whitest),
-        false => ((whitest.ln() - EXPOSURE_WEIGHT * off).exp(), 0.0),
+    let (white, farthest) = if is_bound {
+        (exposure.level.clamp(whitest, MAX_OVER_CLIPPED * whitest), MAX_INTERVAL_OVER_CLIPPED * whitest)
+    } else {
+        ((whitest.ln() - EXPOSURE_WEIGHT * off).exp(), 0.0)
     };
     let tint = colour(patches, up, place, (f64::INFINITY, WHITE_REFLECTANCE * white), exposure.neutral);
     let between = [
