@@ -1,8 +1,10 @@
-// The picture of a camera that sees all around, gathered from views around it (the sides of a cube, drawn finer).
+// The picture of a camera that sees all around, gathered from views around it (the sides of a cube,
+// drawn finer).
 //
-// Each pixel is the mean of places inside it. Each place is interpolated between four texels of the view that its
-// direction goes through. Depth becomes distance from the camera. Velocity becomes the picture's: the chord over the
-// exposure, by the shorter way round. What the real scene hides is left out here.
+// Each pixel is the mean of places inside it. Each place is interpolated between four texels of the
+// view that its direction goes through. Depth becomes distance from the camera. Velocity becomes
+// the picture's: the chord over the exposure, by the shorter way round. What the real scene hides
+// is left out here.
 // @import shared/fullscreen
 // @import shared/layer
 
@@ -82,7 +84,8 @@ fn radius_slope(theta: f32) -> vec2<f32> {
     );
 }
 
-// The direction (unit length) of a place in the picture, and 1. 0 where nothing is seen (camera/distortion.rs).
+// The direction (unit length) of a place in the picture, and 1. 0 where nothing is seen
+// (camera/distortion.rs).
 fn direction(at_px: vec2<f32>) -> vec4<f32> {
     let p = (at_px - around.middle_px) / around.focal_px;
     if !fisheye {
@@ -124,7 +127,8 @@ fn place(d: vec3<f32>) -> vec2<f32> {
     return p * around.focal_px + around.middle_px;
 }
 
-// The place nearest to `to` among those that show the same as `at`: a full turn away, or over a pole.
+// The place nearest to `to` among those that show the same as `at`: a full turn away, or over a
+// pole.
 fn nearest(at: vec2<f32>, to: vec2<f32>) -> vec2<f32> {
     if fisheye {
         return at;

@@ -36,7 +36,8 @@ fn halved(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     return rounded_to_half(0.25 * (upper + lower));
 }
 
-// Linear interpolation between the centres of texels twice as wide; nothing beyond them. `size` is in those texels.
+// Linear interpolation between the centres of texels twice as wide; empty beyond them. `size` is in
+// those texels.
 @fragment
 fn doubled(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let place = 0.5 * at.xy - 0.5;

@@ -1,4 +1,5 @@
-// Red and blue enlarged relative to green around the principal point (src/effects/chromatic_aberration.rs).
+// Red and blue enlarged relative to green around the principal point
+// (src/effects/chromatic_aberration.rs).
 // @import shared/fullscreen
 // @import shared/half
 // @import shared/layer
@@ -15,7 +16,8 @@ struct Chromatic {
 // Luminance weights (Rec. 709).
 const LUMINANCE: vec3<f32> = vec3<f32>(0.2126, 0.7152, 0.0722);
 
-// Where the light at a place comes from, px, for a colour with these a and b: r' = r (1 + a + b r²) solved for r.
+// Where the light at a place comes from, px, for a colour with these a and b: r' = r (1 + a + b r²)
+// solved for r.
 fn source(at: vec2<f32>, parts: vec2<f32>) -> vec2<f32> {
     let d = at - chromatic.middle;
     let r = dot(d, d) * chromatic.per_diagonal * chromatic.per_diagonal;

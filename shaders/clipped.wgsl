@@ -1,4 +1,5 @@
-// The fraction of light that shadows remove from pixels at the camera's white (src/compositor/clipped.rs).
+// The fraction of light that shadows remove from pixels at the camera's white
+// (src/compositor/clipped.rs).
 // @import shared/half
 
 struct Clipped {
@@ -9,9 +10,10 @@ struct Clipped {
 @group(0) @binding(0) var<uniform> clipped: Clipped;
 // The fraction of light that shadows remove, over the part.
 @group(0) @binding(1) var shade: texture_2d<f32>;
-// True radiance by the recorded light, 0 where a channel does not clip; and how far all of them clip, 0 to 1.
+// Ratio of the true radiance to the recorded light, 0 for channels that do not clip; and the degree
+// to which all channels clip, 0 to 1.
 @group(0) @binding(2) var excess: texture_2d<f32>;
-// Rectangles of the part in which there are shadows: x0, y0, x1, y1.
+// Rectangles of the part that contain shadows: x0, y0, x1, y1.
 @group(0) @binding(3) var<storage, read> parts: array<vec4<i32>>;
 
 @vertex
@@ -34,7 +36,7 @@ fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
         return removed;
     }
     let ratio = 1.0 - removed.rgb;
-    // Light that is added clips in the composite.
+    // Added light is not limited here; the composite clips it.
     let shown = select(min(there.rgb * ratio, vec3<f32>(1.0)), ratio, there.rgb == vec3<f32>(0.0) | (ratio >= vec3<f32>(1.0)));
     let level = min(max(shown.r, max(shown.g, shown.b)), 1.0);
     let neutral = mix(shown, vec3<f32>(level), there.a);

@@ -1,26 +1,27 @@
-// Camera and virtual layer to one picture, then the enabled effects of the mixed stage. Where the layer is empty, the
-// camera's integers are copied.
+// Mixes the camera's picture and the virtual layer, then runs the enabled effects of the mixed
+// stage. Where the layer is empty, the camera's codes are copied.
 // @import shared/fullscreen
 // @import shared/mixed
 // @import shared/response
 // @import shared/shadow_ratio
 
-// The curve of the camera's response. It is fixed for the whole run, so that the shader contains nothing else.
+// The curve of the camera's response: constant for the whole run, so that other curves compile to
+// nothing.
 override curve: f32 = 0.0;
-// Whether the whole picture is made. If so, real pixels have the noise from before they were exposed.
+// Whether the whole picture is composited. If so, real pixels have the noise of the recording.
 override whole: bool = false;
-// Whether each colour has a coverage of its own.
+// Whether each channel has its own coverage.
 override parted: bool = false;
-// Whether there may be light where nothing is covered.
+// Whether there may be light without coverage.
 override light_alone: bool = false;
-// Whether things take light from the real part.
+// Whether virtual objects shade the real part.
 override shaded: bool = false;
-// Whether real things stand before the layer.
+// Whether real objects occlude the layer with a matte.
 override fringed: bool = false;
 
-// Pixel (0, 0) is the upper left of the rectangle that is made.
+// Pixel (0, 0) is the upper left of the rectangle that is composited.
 struct Composite {
-    in_picture: vec2<i32>,   // its place in the picture
+    in_picture: vec2<i32>,   // its origin in the picture
     in_camera: vec2<i32>,    // in the camera's texture
     in_layer: vec2<i32>,     // in the layer
     in_shade: vec2<i32>,     // in the shade
@@ -32,7 +33,7 @@ struct Composite {
     gain: f32,               // on the real light
     noise_left: f32,         // share of the variance of the real pixels' noise
     gamma: f32,              // of the camera's response
-    presence: f32,           // share of the layer that is seen
+    presence: f32,           // opacity of the layer
 }
 @group(0) @binding(0) var camera: texture_2d<u32>;
 @group(0) @binding(1) var layer: texture_2d<f32>;
@@ -41,12 +42,13 @@ struct Composite {
 @group(0) @binding(3) var<uniform> sigma_table: array<vec4<f32>, 256>;
 // Coverage of red, green and blue.
 @group(0) @binding(4) var coverage: texture_2d<f32>;
-// The share of the real light that is taken.
+// The fraction of the real light that is removed.
 @group(0) @binding(6) var shade: texture_2d<f32>;
-// By how much the light of a pixel at the edge of a nearer real thing differs from what lies behind the thing.
+// α·(F − B) at the edges of real foreground objects (src/compositor/foreground_matte.rs).
 @group(0) @binding(7) var fringes: texture_2d<f32>;
 
-// The parts of the rectangle that are made: x0, y0, x1, y1. Elsewhere the camera's integers stand already.
+// The parts of the rectangle that are composited: x0, y0, x1, y1. Elsewhere the target already
+// holds the camera's codes.
 @group(0) @binding(8) var<storage, read> parts: array<vec4<i32>>;
 
 @vertex
@@ -66,8 +68,8 @@ fn sigma_at(code: vec3<f32>) -> vec3<f32> {
     return mix(low, high, f);
 }
 
-// The layer's colour at a pixel of the rectangle; 0 outside the layer. Light whose coverage was rounded to 0 is
-// dropped, unless light alone is allowed.
+// The layer's colour at a pixel of the rectangle; 0 outside the layer. Light whose coverage was
+// rounded to 0 is dropped, unless light alone is allowed.
 fn layer_at(p: vec2<i32>) -> vec4<f32> {
     let q = p + composite.in_layer;
     if any(q < vec2<i32>(0)) || any(q >= composite.layer_size) {
@@ -77,24 +79,24 @@ fn layer_at(p: vec2<i32>) -> vec4<f32> {
     return present(select(vec4<f32>(0.0), texel, texel.a > 0.0 || light_alone));
 }
 
-// What is seen of the layer's light or coverage. All of it stays as it is to the last bit.
+// The layer's light or coverage, times its opacity. Opaque layers stay bit-exact.
 fn present(whole_layer: vec4<f32>) -> vec4<f32> {
     return select(whole_layer, composite.presence * whole_layer, composite.presence < 1.0);
 }
 
-// The coverage of each colour there. `mean` is the layer's own.
+// Coverage of each channel at a pixel. `mean` is the layer's alpha.
 fn coverage_at(p: vec2<i32>, mean: f32) -> vec3<f32> {
     if !parted {
         return vec3<f32>(mean);
     }
     let q = p + composite.in_layer;
-    // If the whole picture is made, there are pixels outside the layer too.
+    // If the whole picture is composited, there are pixels outside the layer too.
     let inside = all(q >= vec2<i32>(0)) && all(q < composite.layer_size);
     return select(vec3<f32>(0.0), present(textureLoad(coverage, q, 0)).rgb, inside);
 }
 
-// The share of the real light that is left at a pixel of the rectangle.
-fn left_at(p: vec2<i32>) -> vec3<f32> {
+// Shadow ratio at a pixel of the rectangle.
+fn shadow_ratio_at(p: vec2<i32>) -> vec3<f32> {
     if !shaded {
         return vec3<f32>(1.0);
     }
@@ -103,7 +105,7 @@ fn left_at(p: vec2<i32>) -> vec3<f32> {
     return select(vec3<f32>(1.0), shadow_ratio(textureLoad(shade, q, 0).rgb), inside);
 }
 
-// The light of nearer things that the layer covers there.
+// Fringe of real foreground objects at a pixel, exposed as the real light.
 fn fringe_at(p: vec2<i32>) -> vec3<f32> {
     if !fringed {
         return vec3<f32>(0.0);
@@ -122,8 +124,8 @@ fn camera_codes(p: vec2<i32>) -> vec4<u32> {
     return textureLoad(camera, p + composite.in_camera, 0);
 }
 
-// σ of the noise that remains on real pixels of some light in a photograph, as light: σ of the light as recorded,
-// brightened.
+// σ of the noise that remains on real pixels of a photograph at a linear light, in linear light: σ
+// of the recorded light, scaled by the gain.
 fn recorded_sigma(light: vec3<f32>) -> vec3<f32> {
     let recorded_light = light / composite.gain;
     let recorded = encode(recorded_light, curve, composite.gamma);
@@ -131,8 +133,8 @@ fn recorded_sigma(light: vec3<f32>) -> vec3<f32> {
     return sigma_at(recorded) / slope * sqrt(composite.noise_left);
 }
 
-// The smallest variance of virtual pixels of a colour: what real pixels of that colour around them keep, however slow
-// the film.
+// The smallest variance of virtual pixels of a colour: that of the real pixels of the same colour
+// around them, at any film speed.
 fn least_variance(p: vec2<i32>, code: vec3<f32>) -> vec3<f32> {
     if !whole {
         return vec3<f32>(0.0);
@@ -143,30 +145,30 @@ fn least_variance(p: vec2<i32>, code: vec3<f32>) -> vec3<f32> {
     return s * s;
 }
 
-// Premultiplied over in linear light, then encoded. Each colour has its own coverage. Values above the largest code
-// clip after the noise, at the very end, as in the camera.
+// Premultiplied "over" in linear light, then encoded. Each channel has its own coverage. Values
+// above the largest code clip after the noise, at the very end, as in the camera.
 fn mixed_at(p: vec2<i32>, virtual_light: vec3<f32>, coverage: vec3<f32>) -> Mixed {
     let code = vec3<f32>(camera_codes(p).rgb) / composite.max_code;
     let w = 1.0 - coverage;
-    let left = left_at(p);
+    let ratio = shadow_ratio_at(p);
     let recorded = decode(code, curve, composite.gamma);
-    let real = real_at(p, left * recorded);
+    let real = real_at(p, ratio * recorded);
     let real_light = composite.gain * real.rgb;
-    let light = max(virtual_light + w * real_light + coverage * left * fringe_at(p), vec3<f32>(0.0));
+    let light = max(virtual_light + w * real_light + coverage * ratio * fringe_at(p), vec3<f32>(0.0));
     let mixed = encode(light, curve, composite.gamma);
-    let after = slope_at(mixed, light, curve, composite.gamma);
-    // Light that is taken takes its share of the noise along.
-    let brought = w * left * after;
-    var s = brought / slope_at(code, composite.gain * recorded, curve, composite.gamma) * sigma_at(code);
+    let slope = slope_at(mixed, light, curve, composite.gamma);
+    // Shade scales the noise with the light.
+    let noise_scale = w * ratio * slope;
+    var s = noise_scale / slope_at(code, composite.gain * recorded, curve, composite.gamma) * sigma_at(code);
     if whole {
-        s = brought * recorded_sigma(real_light / max(left, vec3<f32>(1e-3))) * real.a;
+        s = noise_scale * recorded_sigma(real_light / max(ratio, vec3<f32>(1e-3))) * real.a;
     }
     let variance = s * s;
     let virtual_share = max(coverage, clamp(virtual_light / max(light, vec3<f32>(1e-6)), vec3<f32>(0.0), vec3<f32>(1.0)));
     return Mixed(mixed, variance, virtual_share);
 }
 
-// A pixel of the camera's with nothing in front of it.
+// A camera pixel without the layer.
 fn camera_at(p: vec2<i32>) -> Mixed {
     if whole || shaded {
         return mixed_at(p, vec3<f32>(0.0), vec3<f32>(0.0));
@@ -176,13 +178,13 @@ fn camera_at(p: vec2<i32>) -> Mixed {
     return Mixed(code, s * s, vec3<f32>(0.0));
 }
 
-// The enabled effects of the mixed stage follow as `apply_effects`.
+// `apply_effects`, with the enabled effects of the mixed stage, is appended.
 
 @fragment
 fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
     let p = vec2<i32>(at.xy);
     let virtual_light = layer_at(p);
-    if all(virtual_light == vec4<f32>(0.0)) && all(left_at(p) == vec3<f32>(1.0)) && !whole {
+    if all(virtual_light == vec4<f32>(0.0)) && all(shadow_ratio_at(p) == vec3<f32>(1.0)) && !whole {
         return camera_codes(p);
     }
     let pixel = apply_effects(p, mixed_at(p, virtual_light.rgb, coverage_at(p, virtual_light.a)));

@@ -1,4 +1,5 @@
-// The camera's light at a pixel, and the share of its noise's σ that remains, after effects acted on it.
+// The camera's linear light at a pixel, and the remaining fraction of its noise σ, after effects
+// acted on it.
 @group(0) @binding(5) var real_light: texture_2d<f32>;
 
 fn real_at(p: vec2<i32>, recorded: vec3<f32>) -> vec4<f32> {

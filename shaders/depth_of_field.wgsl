@@ -1,5 +1,5 @@
-// Depth of field in layers: each pixel gathers over the image of the aperture, keeping the nearer surface apart from
-// what lies behind it (src/effects/depth_of_field/layered.rs).
+// Depth of field in layers: each pixel gathers over the image of the aperture, with separate layers
+// for the nearer surface and the surface behind it (src/effects/depth_of_field/layered.rs).
 // @import shared/layer
 // @import shared/lens
 // @import shared/highlights
@@ -14,14 +14,15 @@ struct Aperture {
     // Two points per vector, in radii.
     four: array<vec4<f32>, 2>,
     twelve: array<vec4<f32>, 6>,
-    // For each radius of the opening's image (in quarters of a texel), and for the next one: the rim, and how far from
-    // the middle the outermost texels lie.
+    // For each radius of the aperture's image (in quarters of a texel), and for the next one: the
+    // rim, and the distance of the outermost texels from the middle.
     rims: array<vec4<f32>, RIMS>,
-    // Row by row around the image's middle: the rim on which a texel lies, in the image of what is behind the focus
-    // plane and of what is in front of it; then the same with the middle between four texels.
+    // Row by row around the image's middle: the rim on which a texel lies, in the image of a point
+    // behind the focus plane and of one in front of it; then the same with the middle between four
+    // texels.
     places: array<vec4<f32>, PLACES>,
-    // Angle between the middles of two sides (0 for a circle) and the angle of one of them, rad; the apothem, in radii;
-    // the area, in squares of the apothem.
+    // Angle between the middles of two sides (0 for a circle) and the angle of one of them, rad;
+    // the apothem, in radii; the area, in squares of the apothem.
     shape: vec4<f32>,
 }
 const RIMS: u32 = 64u;
@@ -37,7 +38,8 @@ const PLACES: u32 = 729u;
 @group(0) @binding(5) var geometry: texture_2d<u32>;
 @group(0) @binding(6) var colors: texture_2d<f32>;    // at half the resolution and below
 @group(0) @binding(7) var circles: texture_2d<f32>;   // nearest and farthest in each texel
-// The results of lower resolutions: the picture, and where there are two surfaces, the nearer and the farther.
+// The results of lower resolutions: the picture, and where there are two surfaces, the nearer and
+// the farther.
 @group(0) @binding(8) var blurred: texture_2d<f32>;
 @group(0) @binding(9) var blurred_front: texture_2d<f32>;
 @group(0) @binding(10) var blurred_back: texture_2d<f32>;
@@ -126,13 +128,13 @@ fn circles_at(p: vec2<i32>) -> vec2<f32> {
     return textureLoad(circles, p, level - 1).xy;
 }
 
-// The circle at a place with one surface: its own; next to it, that of the surface around.
+// The circle at a pixel with one surface: its own; next to the surface, that of the surface around.
 fn circle_of_one(p: vec2<i32>, around: f32) -> f32 {
     let own = circles_at(p);
     return select(around, 0.5 * (own.x + own.y), own.x <= own.y);
 }
 
-// The image of the opening is upside down for a point in front of the focus plane.
+// The image of the aperture is upside down for a point in front of the focus plane.
 fn side_of(circle: f32) -> f32 {
     return select(1.0, -1.0, circle < 0.0);
 }
@@ -142,17 +144,18 @@ fn two_taps(i: i32) -> vec4<f32> {
     return aperture.four[i];
 }
 
-// Where and how the image of an opening is looked up.
+// Sampling of the aperture's image.
 struct Image {
     // The resolution, and the texel whose centre (or upper left corner) is the image's middle.
     level: i32,
     middle: vec2<i32>,
-    // How far from the middle the outermost texels lie, and rows to each side.
+    // Distance of the outermost texels from the middle, and rows to each side.
     far: f32,
     reach: i32,
     // Whether the middle lies between texels.
     between: bool,
-    // Texels per px, and the variance that other blurs add, to be subtracted from a squared radius (texels²).
+    // Texels per px, and the variance that other blurs add, to be subtracted from a squared radius
+    // (texels²).
     scale: f32,
     off: f32,
 }
@@ -164,9 +167,9 @@ fn image_at(p: vec2<i32>, radius: f32) -> Image {
     image.level = select(level, 1, image.between);
     image.middle = select(p, 2 * p + 1, image.between);
     image.scale = exp2(-f32(image.level));
-    // Texels are squares, and what is drawn here is interpolated linearly. An edge through a disc is wider from 10 to
-    // 90 % (2.75 σ) than one through something rounder (2.56 σ), so not all of their variance counts. The share was
-    // found by measuring (tests/composite/depth_of_field.rs).
+    // Texels are squares, and the result is interpolated linearly. An edge through a disc
+    // is wider from 10 to 90 % (2.75 σ) than one through something rounder (2.56 σ), so not all of
+    // their variance counts. The share was found by measuring (tests/composite/depth_of_field.rs).
     let drawn = texel_px() * image.scale;
     image.off = 0.85 * ((1.0 - image.scale * image.scale) / 12.0 + drawn * drawn / 6.0) / lens.variance;
     image.far = rim_of(image, radius).y;
@@ -174,10 +177,10 @@ fn image_at(p: vec2<i32>, radius: f32) -> Image {
     return image;
 }
 
-// The rim at which edges in a circle's image are as wide as the circle makes them, and how far the image reaches.
+// The rim whose edges are as wide as those of the circle, and the extent of the image.
 fn rim_of(image: Image, radius_px: f32) -> vec2<f32> {
-    // Larger ones are not looked up here.
-    let radius = min(radius_px, most_of_level(level)) * image.scale;
+    // Larger ones are not sampled here.
+    let radius = min(radius_px, max_radius_of_level(level)) * image.scale;
     return rim_at(4.0 * sqrt(max(radius * radius - image.off, 0.0)));
 }
 
@@ -201,7 +204,7 @@ fn part_of(between: bool, circle: f32) -> vec4<f32> {
     return select(vec4<f32>(side, 0.0, 0.0), vec4<f32>(0.0, 0.0, side), between);
 }
 
-// The share of a texel that lies in an image of the opening.
+// The share of a texel that lies in an image of the aperture.
 fn share_of(place: vec4<f32>, part: vec4<f32>, rim: f32) -> f32 {
     return clamp(rim - dot(place, part), 0.0, 1.0);
 }
@@ -229,7 +232,8 @@ fn gather(p: vec2<i32>, circle: f32) -> vec4<f32> {
 // One surface with small circles, at the layer's resolution.
 fn gather_fine(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
     let radius = 0.5 * abs(circle);
-    // As in `image_at`. Linear interpolation adds 1/6 px² to the variance; with four points less must be subtracted.
+    // As in `image_at`. Linear interpolation adds 1/6 px² to the variance; with four points less
+    // must be subtracted.
     let added = select(1.2, 0.35, taps == 4) / 6.0;
     let r = side_of(circle) * sqrt(max(radius * radius - added / lens.variance, 0.0));
     var sum = vec4<f32>(0.0);
@@ -241,8 +245,8 @@ fn gather_fine(at_px: vec2<f32>, circle: f32) -> vec4<f32> {
     return sum / f32(taps);
 }
 
-// Two surfaces, one behind the other, split at the middle of the range of circles: their signed circles at a place, and
-// the radii over which they are gathered.
+// Two surfaces, one behind the other, split at the middle of the range of circles: their signed
+// circles at a place, and the radii over which they are gathered.
 struct Two { split: f32, front: f32, back: f32, front_px: f32, back_px: f32, hidden: bool, one_is_sharp: bool }
 
 fn two_at(p: vec2<i32>, range: vec2<f32>) -> Two {
@@ -253,7 +257,8 @@ fn two_at(p: vec2<i32>, range: vec2<f32>) -> Two {
     let front = select(range.x, own.x, in_front);
     let back = select(range.y, own.y, seen_behind);
     let front_px = 0.5 * abs(front);
-    // The part that the nearer one hides is filled from what is seen around it, as far as its blur uncovers it.
+    // The hidden part of the farther one is filled from its visible surroundings, as far as the
+    // nearer one's blur uncovers it.
     let smallest = smallest_radius(range.x, range.y);
     let back_px = max(0.5 * abs(back), select(0.0, front_px, in_front));
     return Two(split, front, back, front_px, back_px, in_front, smallest < TWO_HALF_PX);
@@ -261,8 +266,8 @@ fn two_at(p: vec2<i32>, range: vec2<f32>) -> Two {
 
 struct Layers { front: vec4<f32>, back: vec4<f32> }
 
-// From weighted sums and their weights. What shows through the nearer surface is known to be empty. Where nothing is
-// known of the farther one, the nearer one is opaque.
+// From weighted sums and their weights. The gaps of the nearer surface are known to be empty.
+// Without samples of the farther one, the nearer one is opaque.
 fn layers(near: vec4<f32>, near_weight: f32, far: vec4<f32>, far_weight: f32) -> Layers {
     let front = near / max(near_weight, 1e-6);
     let back = select(front / max(front.a, 1e-6), far / max(far_weight, 1e-6), far_weight > 0.0);
@@ -277,10 +282,11 @@ fn over(l: Layers) -> vec4<f32> {
 fn gather_two(p: vec2<i32>, around: vec2<f32>) -> Layers {
     let two = two_at(p, around);
     let front_px = max(two.front_px, TWO_HALF_PX);
-    // Texels next to the nearer surface contain both: search beyond them for what it hides.
+    // Texels next to the nearer surface contain both: the search for the hidden surface begins
+    // beyond them.
     let beyond = select(1.5, 2.0, level == 1) * texel_px();
     let back_px = max(two.back_px + select(0.0, beyond, two.hidden), TWO_HALF_PX);
-    let image = image_at(p, min(max(front_px, back_px), most_of_level(level)));
+    let image = image_at(p, min(max(front_px, back_px), max_radius_of_level(level)));
     let front = rim_of(image, front_px).x;
     let back = rim_of(image, back_px).x;
     let front_part = part_of(image.between, two.front);
@@ -296,7 +302,7 @@ fn gather_two(p: vec2<i32>, around: vec2<f32>) -> Layers {
             let place = aperture.places[(y + REACH) * COLUMNS + x + REACH];
             let light = textureLoad(colors, q, image.level - 1);
             let range = textureLoad(circles, q, image.level - 1);
-            // A texel with both has the nearer one's light; nothing is known there of the farther one.
+            // A texel with both has the nearer one's light; the farther one is unknown there.
             let w = share_of(place, front_part, front);
             near += select(w, 0.0, range.x >= two.split) * light;
             near_weight += w;
@@ -309,7 +315,8 @@ fn gather_two(p: vec2<i32>, around: vec2<f32>) -> Layers {
     return layers(near, near_weight, far, far_weight);
 }
 
-// At the layer's resolution: surfaces with small circles are gathered here, the rest comes from lower resolutions.
+// At the layer's resolution: surfaces with small circles are gathered here, the rest comes from
+// lower resolutions.
 fn gather_two_fine(p: vec2<i32>, at_px: vec2<f32>, around: vec2<f32>) -> Layers {
     let two = two_at(p, around);
     let front_is_fine = two.front_px < TWO_HALF_PX;
@@ -318,7 +325,7 @@ fn gather_two_fine(p: vec2<i32>, at_px: vec2<f32>, around: vec2<f32>) -> Layers 
     var near_weight = 0.0;
     var far = vec4<f32>(0.0);
     var far_weight = 0.0;
-    // No iterations where there is nothing to do: software drivers execute both sides of a branch.
+    // No iterations if there is no work: software drivers execute both sides of a branch.
     let reach = i32(ceil(max(select(-1.0, two.front_px, front_is_fine), select(-1.0, two.back_px, back_is_fine))));
     let front_rim = rim_at(4.0 * two.front_px).x;
     let back_rim = rim_at(4.0 * two.back_px).x;
@@ -412,7 +419,7 @@ struct Spot {
     @location(3) @interpolate(flat) spread: vec3<f32>,
 }
 
-// A light's image: centred on the light of its block, with a rim as wide as that light.
+// Sprite of a highlight: centred on the light of its block, with a rim as wide as that light.
 @vertex
 fn spot_corner(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Spot {
     let highlight = highlights.all[i];
@@ -452,7 +459,7 @@ fn spot_corner(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -
     return out;
 }
 
-// The outward normal of the opening's side that lies towards a place.
+// The outward normal of the aperture's side in the direction of a point.
 fn side_towards(place: vec2<f32>) -> vec2<f32> {
     let side = aperture.shape.x;
     let angle = atan2(place.y, place.x);
@@ -461,8 +468,8 @@ fn side_towards(place: vec2<f32>) -> vec2<f32> {
     return vec2<f32>(cos(towards), sin(towards));
 }
 
-// Small enough to hide nothing, but large enough that the pixel does not count as the camera's.
-const LEAST_ALPHA: f32 = 0.0009765625;
+// Small enough to occlude nothing, but large enough that the pixel does not count as the camera's.
+const MIN_ALPHA: f32 = 0.0009765625;
 
 @fragment
 fn spot(in: Spot) -> @location(0) vec4<f32> {
@@ -475,17 +482,17 @@ fn spot(in: Spot) -> @location(0) vec4<f32> {
     if share == 0.0 {
         discard;
     }
-    // Where there are two surfaces, the nearer one hides the farther one's lights like everything else.
+    // With two surfaces, the nearer one occludes the farther one's highlights.
     let tile = textureLoad(tiles, vec2<i32>(in.at.xy / f32(lens.side_px)), 0);
     let p = vec2<i32>(in.at.xy);
     var seen = 1.0;
     if tile.z == 6.0 && circle >= 0.5 * (tile.x + tile.y) {
         seen = 1.0 - gather_two_fine(p, in.at.xy, tile.xy).front.a;
     }
-    // So does anything nearer that is in focus here, whichever of the two it belongs to.
+    // So does a nearer surface in focus, whichever of the two it belongs to.
     let own = circles_in_layer(p).x;
     if own < circle && !is_one_surface(own, circle) && 0.5 * abs(own) < TWO_HALF_PX {
         seen = min(seen, 1.0 - textureLoad(color, p, 0).a);
     }
-    return vec4<f32>(share * seen * in.light, select(0.0, LEAST_ALPHA, seen > 0.0));
+    return vec4<f32>(share * seen * in.light, select(0.0, MIN_ALPHA, seen > 0.0));
 }

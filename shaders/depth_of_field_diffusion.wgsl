@@ -1,5 +1,6 @@
-// Wang's depth of field (src/effects/depth_of_field/diffusion.rs): each pixel's light is spread by the operator of its
-// blur factor, from the largest to the smallest, and what is nearly in focus is mixed with the original.
+// Wang's depth of field (src/effects/depth_of_field/diffusion.rs): each pixel's light is spread by
+// the operator of its blur factor, from the largest to the smallest, and pixels nearly in focus are
+// mixed with the original.
 // @import shared/fullscreen
 // @import shared/half
 // @import shared/layer
@@ -23,9 +24,10 @@ struct Wang {
 @group(0) @binding(4) var around_tiles: texture_2d<f32>;
 @group(0) @binding(5) var<storage, read> wang: Wang;
 
-const MOST_STEPS: i32 = 32;
+const MAX_STEPS: i32 = 32;
 
-// Step of the blur factor, the factor, the orientation of the opening's image, and 1 (0 where nothing was drawn).
+// Step of the blur factor, the factor, the orientation of the opening's image, and 1 (0 where
+// nothing was drawn).
 @fragment
 fn blur_factors(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let depth = unpack_geometry(textureLoad(geometry, vec2<i32>(at.xy), 0)).x;
@@ -72,7 +74,7 @@ fn spread(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
         }
     }
     if printed {
-        for (var step = MOST_STEPS; step >= 0; step--) {
+        for (var step = MAX_STEPS; step >= 0; step--) {
             sum = mixed(sum, steps[step]);
         }
         sum.a = min(sum.a, 1.0);

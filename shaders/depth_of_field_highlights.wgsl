@@ -1,4 +1,4 @@
-// Finds lights that stand out in a picture out of focus, and removes them from its pyramid
+// Finds highlights in a picture out of focus, and removes them from its pyramid
 // (src/effects/depth_of_field/highlights.rs).
 // @import shared/layer
 // @import shared/lens
@@ -7,7 +7,8 @@
 // The pyramid: its first level is half the resolution.
 @group(0) @binding(1) var colors: texture_2d<f32>;
 @group(0) @binding(2) var circles: texture_2d<f32>;
-// The share left of each block's light, cell by cell, in cells where any stands out; and how many do in each cell.
+// The share left of each block's light, cell by cell, in cells where any stands out; and how many
+// do in each cell.
 @group(0) @binding(3) var<storage, read_write> left: array<f32>;
 @group(0) @binding(4) var<storage, read_write> numbers: array<u32>;
 @group(0) @binding(5) var<storage, read_write> found: Highlights;
@@ -20,20 +21,21 @@
 // For the level that is drawn into: its texels are parts of blocks, or whole ones.
 override texels_to_block: f32 = 1.0;
 
-// A block stands out if its mean, or that of a block next to it, exceeds these multiples of its surroundings and of
-// white.
-const TIMES_AROUND: f32 = 8.0;
-const BRIGHT: f32 = 2.0;
-// A block goes with a brighter one next to it if it exceeds this multiple of the darkest around.
-const TIMES_DARKEST: f32 = 2.0;
-// From this radius on, gathering shows its texels (px).
-const LEAST_RADIUS_PX: f32 = 2.9;
-// Marks a block of two surfaces where the farther one's light stands out. The pyramid has only the nearer one's light
-// there, and all of that is left.
+// A block is a highlight if its mean, or that of a neighbouring block, exceeds these multiples of
+// its surroundings and of white.
+const HIGHLIGHT_TO_SURROUNDINGS: f32 = 8.0;
+const HIGHLIGHT_TO_WHITE: f32 = 2.0;
+// A block belongs to a brighter neighbour if it exceeds this multiple of the darkest block around.
+const NEIGHBOUR_TO_DARKEST: f32 = 2.0;
+// Radius from which on gathering makes its texels visible (px).
+const MIN_RADIUS_PX: f32 = 2.9;
+// Marks a block of two surfaces in which the farther one's light is the highlight. The pyramid has
+// only the nearer one's light there, which stays.
 const FARTHER: f32 = 2.0;
-// The most lights that are drawn, and the most pixels they may cover, as a multiple of the layer's.
-const MOST: u32 = 8192u;
-const MOST_AREA: f32 = 4.0;
+// Largest number of highlights that are drawn, and largest area of their sprites as a multiple of
+// the layer's.
+const MAX_HIGHLIGHTS: u32 = 8192u;
+const MAX_AREA: f32 = 4.0;
 
 // Blocks per side of a cell: the fourth level of the pyramid.
 const CELL: i32 = 4;
@@ -49,15 +51,17 @@ fn block(cell: vec2<u32>, i: u32) -> vec2<i32> {
 }
 
 fn is_blurred(circle: f32) -> bool {
-    return 0.5 * abs(circle) >= LEAST_RADIUS_PX && abs(circle) < NOTHING;
+    return 0.5 * abs(circle) >= MIN_RADIUS_PX && abs(circle) < NOTHING;
 }
 
-// Whether a block's range of circles spans two surfaces. The pyramid then has only the nearer one's light.
+// Whether a block's range of circles spans two surfaces. The pyramid then has only the nearer one's
+// light.
 fn hides_one(range: vec2<f32>) -> bool {
     return range.x < range.y && !is_one_surface(range.x, range.y) && is_blurred(range.y);
 }
 
-// In a block of two surfaces: the farther one's light, averaged over the block, and the circle of its bright part.
+// In a block of two surfaces: the farther one's light, averaged over the block, and the circle of
+// its bright part.
 fn farther_light(b: vec2<i32>, range: vec2<f32>) -> vec4<f32> {
     let split = 0.5 * (range.x + range.y);
     var sum = vec3<f32>(0.0);
@@ -101,7 +105,7 @@ fn find(@builtin(global_invocation_id) id: vec3<u32>) {
         }
     }
     numbers[cell] = 0u;
-    if most <= BRIGHT {
+    if most <= HIGHLIGHT_TO_WHITE {
         return;
     }
     var sum = 0.0;
@@ -120,15 +124,15 @@ fn find(@builtin(global_invocation_id) id: vec3<u32>) {
         if hides_one(range) {
             farther = brightest(farther_light(b, range));
         }
-        // Where a light lies on two blocks, the fainter part goes with the brighter, unless it is as dark as the
-        // surroundings.
+        // If a highlight spans two blocks, the fainter part belongs to the brighter, unless it is
+        // as dark as the surroundings.
         var beside = max(light, farther);
         for (var k = 0; k < 9; k++) {
             beside = max(beside, brightest(textureLoad(colors, b + vec2<i32>(k % 3, k / 3) - 1, 1)));
         }
-        let is_seen = beside > max(BRIGHT, TIMES_AROUND * sum / 9.0);
-        let near_stands_out = is_seen && light > TIMES_DARKEST * least && is_blurred(range.x);
-        let far_stands_out = is_seen && farther > TIMES_DARKEST * least;
+        let is_seen = beside > max(HIGHLIGHT_TO_WHITE, HIGHLIGHT_TO_SURROUNDINGS * sum / 9.0);
+        let near_stands_out = is_seen && light > NEIGHBOUR_TO_DARKEST * least && is_blurred(range.x);
+        let far_stands_out = is_seen && farther > NEIGHBOUR_TO_DARKEST * least;
         let rest = select(1.0, min(least / light, 1.0), near_stands_out);
         left[cell * BLOCKS + i] = select(rest, FARTHER, far_stands_out);
         number += select(0u, 1u, near_stands_out || far_stands_out);
@@ -174,7 +178,7 @@ fn list(@builtin(local_invocation_index) thread: u32) {
         count += counts[before];
     }
     workgroupBarrier();
-    let budget = MOST_AREA * f32(lens.size.x * lens.size.y);
+    let budget = MAX_AREA * f32(lens.size.x * lens.size.y);
     var listed = 0u;
     for (var cell = first; cell < end; cell++) {
         if numbers[cell] > 0u {
@@ -182,7 +186,7 @@ fn list(@builtin(local_invocation_index) thread: u32) {
                 let b = block(vec2<u32>(cell % size.x, cell / size.x), i);
                 let keep = left[cell * BLOCKS + i];
                 area += area_of(b, keep);
-                if keep != 1.0 && area <= budget && count < MOST {
+                if keep != 1.0 && area <= budget && count < MAX_HIGHLIGHTS {
                     let taken = taken_of(b, keep);
                     let is_farther = select(0.0, 1.0, keep == FARTHER);
                     found.all[count] = Highlight(

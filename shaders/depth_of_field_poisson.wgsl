@@ -1,5 +1,5 @@
-// vSLRcam's depth of field (src/effects/depth_of_field/poisson.rs): the mean over a Poisson disc as wide as the pixel's
-// own circle, then the mean of the result over a smaller disc.
+// vSLRcam's depth of field (src/effects/depth_of_field/poisson.rs): the mean over a Poisson disc as
+// wide as the pixel's own circle, then the mean of the result over a smaller disc.
 // @import shared/fullscreen
 // @import shared/half
 // @import shared/layer

@@ -1,5 +1,6 @@
-// The layer at a half, a quarter and so on: averaged colour, and the range of circles of confusion. Where a texel
-// contains two surfaces, its colour is the nearer one's alone, with the coverage that one has there.
+// The layer at a half, a quarter and so on: averaged colour, and the range of circles of confusion.
+// Where a texel contains two surfaces, its colour is the nearer one's alone, with the coverage that
+// one has there.
 // @import shared/fullscreen
 // @import shared/layer
 // @import shared/lens

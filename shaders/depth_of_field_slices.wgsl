@@ -1,4 +1,5 @@
-// Depth of field of a whole picture, slice by slice from the nearest (src/effects/depth_of_field/slices.rs).
+// Depth of field of a whole picture, slice by slice from the nearest
+// (src/effects/depth_of_field/slices.rs).
 // @import shared/fullscreen
 // @import shared/layer
 override half_side: i32 = 1;
@@ -13,7 +14,7 @@ struct Slice {
     fx_diameter: f32,    // fx · diameter, px·m
     per_focus: f32,      // 1 / focus distance, 1/m
     largest_px: f32,     // diameter
-    tolerance_m: f32,    // how much nearer real things must be to hide
+    tolerance_m: f32,    // how much nearer a real surface must be to occlude
     number: f32,
     noise: f32,          // share of the noise's σ that the slice's blur leaves
     texel_px: f32,       // pixels in a texel
@@ -25,21 +26,21 @@ struct Slice {
 const SHARP_PX: f32 = 0.7;
 const GROWS_FROM_PX: f32 = 3.0;
 const RATIO: f32 = 1.25;
-const MOST: f32 = 31.0;
-// From this tolerance on, real surfaces hide nothing (m).
-const HIDES_NOTHING: f32 = 1e9;
-// The place of a pixel without a virtual surface.
-const NOWHERE: f32 = 100.0;
+const MAX_SLICES: f32 = 31.0;
+// Tolerance from which on real surfaces occlude nothing (m).
+const NO_OCCLUSION_M: f32 = 1e9;
+// Position of a pixel without a virtual surface.
+const NO_SLICE: f32 = 100.0;
 
-// Where a depth lies among the slices.
+// Position of a depth among the slices.
 fn place_of(depth_m: f32) -> f32 {
     let circle = clamp(slice.fx_diameter * (slice.per_focus - 1.0 / max(depth_m, 1e-6)), -slice.largest_px, slice.largest_px);
     let beyond = max(abs(circle) - SHARP_PX, 0.0);
-    return clamp(log(1.0 + beyond / GROWS_FROM_PX) / log(RATIO) * sign(circle), -MOST, MOST);
+    return clamp(log(1.0 + beyond / GROWS_FROM_PX) / log(RATIO) * sign(circle), -MAX_SLICES, MAX_SLICES);
 }
 
-// --- Each pixel's places: of the real surface, of what is behind it, of the virtual one; and 1 where the virtual one
-// is hidden.
+// --- Each pixel's positions among the slices: of the real surface, of the background behind it, of
+// the virtual one; and 1 if the virtual one is occluded.
 
 @group(0) @binding(1) var layer_color: texture_2d<f32>;
 @group(0) @binding(2) var layer_geometry: texture_2d<u32>;
@@ -54,7 +55,7 @@ fn places(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let drawn = unpack_geometry(textureLoad(layer_geometry, p, 0)).x;
     let there = drawn > 0.0 && textureLoad(layer_color, p, 0).a > 0.0 && slice.with_layer > 0.0;
     let hidden = select(0.0, 1.0, there && real < drawn - slice.tolerance_m);
-    return vec4<f32>(place_of(real), place_of(behind), select(NOWHERE, place_of(drawn), there), hidden);
+    return vec4<f32>(place_of(real), place_of(behind), select(NO_SLICE, place_of(drawn), there), hidden);
 }
 
 // --- A slice's share of the real part and of the layer, in the tiles that it reaches.
@@ -90,14 +91,15 @@ fn belongs(place: f32) -> f32 {
 fn share(@builtin(position) at: vec4<f32>) -> Both {
     let p = vec2<i32>(at.xy);
     let s = textureLoad(place, p, 0);
-    let drawn = select(vec4<f32>(0.0), textureLoad(color, p, 0), s.z < NOWHERE);
+    let drawn = select(vec4<f32>(0.0), textureLoad(color, p, 0), s.z < NO_SLICE);
     // To the extent that both lie in the same slices, only the nearer one at this pixel counts.
     let together = clamp(2.0 - abs(s.x - s.z), 0.0, 1.0);
     let of_real = belongs(s.x) * (1.0 - together * drawn.a * (1.0 - s.w));
-    // Never in a slice that contains the nearer one: there they would show side by side, not one behind the other.
+    // Never in a slice that contains the nearer one: there they would show side by side, not one
+    // behind the other.
     let of_behind = belongs(max(s.y, floor(s.x) + 2.0)) * clamp(s.y - s.x - 1.0, 0.0, 1.0);
     let real = of_real * textureLoad(light, p, 0).rgb + of_behind * textureLoad(behind_light, p, 0).rgb;
-    // The same goes for a virtual surface that the real one hides.
+    // The same applies to a virtual surface that the real one occludes.
     let of_hidden = belongs(max(s.z, floor(s.x) + 2.0)) * clamp(s.z - s.x - 1.0, 0.0, 1.0);
     return Both(vec4<f32>(real, of_real + of_behind), select(belongs(s.z), of_hidden, s.w > 0.0) * drawn);
 }
@@ -146,8 +148,9 @@ fn blur(@builtin(position) at: vec4<f32>) -> Both {
     return out;
 }
 
-// --- Put together from the nearest: visible light of both, with coverage, and how much of each the slices have
-// contained so far, seen or not (x real, y layer; z: σ of noise, weighted by what is seen).
+// --- Composited from the nearest: visible light of both, with coverage, and the accumulated share
+// of each in the slices so far, visible or not (x real, y layer; z: σ of noise, weighted by
+// visibility).
 
 struct Sums { @location(0) real: vec4<f32>, @location(1) layer: vec4<f32>, @location(2) held: vec4<f32> }
 
@@ -168,8 +171,8 @@ fn added(p: vec2<i32>, real: vec4<f32>, layer: vec4<f32>) -> Sums {
     // Surfaces of the same kind share a pixel.
     let fresh = min(vec2<f32>(real.a, layer.a), max(vec2<f32>(1.0) - held.xy, vec2<f32>(0.0)));
     let fits = fresh / max(vec2<f32>(real.a, layer.a), vec2<f32>(1e-6));
-    // The part that the nearer slices of the other kind let through.
-    let hides = select(1.0, 0.0, slice.tolerance_m >= HIDES_NOTHING);
+    // Attenuation by the nearer slices of the other kind.
+    let hides = select(1.0, 0.0, slice.tolerance_m >= NO_OCCLUSION_M);
     let seen = fits * max(vec2<f32>(1.0) - held.yx * vec2<f32>(1.0, hides), vec2<f32>(0.0));
     let noise = slice.noise * seen.x * real.a;
     return Sums(
@@ -206,7 +209,7 @@ fn finish(@builtin(position) at: vec4<f32>) -> Finished {
     let p = vec2<i32>(at.xy);
     let real = textureLoad(all_real, p, 0);
     let noise = textureLoad(all_held, p, 0).z / max(real.a, 1e-6);
-    // Where none of it is seen, its light is unknown and hardly needed.
+    // Without any visible light, its colour is unknown and hardly needed.
     let known = real.a > 1e-3 && slice.size.x > 0;
     let light = select(textureLoad(recorded, p, 0), vec4<f32>(real.rgb / max(real.a, 1e-6), noise), known);
     return Finished(textureLoad(all_layer, p, 0), light);

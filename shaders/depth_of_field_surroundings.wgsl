@@ -1,4 +1,4 @@
-// The circles of confusion around each tile. They tell the methods what reaches pixels where nothing was drawn.
+// The circles of confusion around each tile: those that can reach its empty pixels.
 // @import shared/fullscreen
 // @import shared/layer
 // @import shared/lens

@@ -1,5 +1,5 @@
-// What to do in each tile: the range of circles that may reach into it, and the kind that follows from it; and the
-// circle at each corner of tiles.
+// Classifies tiles: the range of circles that may reach into each, and its kind; and the circle at
+// each corner of tiles.
 // @import shared/fullscreen
 // @import shared/lens
 @group(0) @binding(0) var<uniform> lens: Lens;
@@ -48,7 +48,7 @@ fn apart_px(tiles: vec2<i32>) -> f32 {
     return f32(side()) * length(max(abs(vec2<f32>(tiles)) - 1.0, vec2<f32>(0.0)));
 }
 
-// How far a circle spreads (as reach_px of src/effects/depth_of_field/layered.rs), px.
+// Distance to which a circle spreads (as reach_px of src/effects/depth_of_field/layered.rs), px.
 fn spread_px(circle: f32) -> f32 {
     return 0.75 * abs(circle) + 3.0;
 }
@@ -71,8 +71,8 @@ fn touching(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     return vec4<f32>(spread, 0.0, 0.0, 0.0);
 }
 
-// For each tile and all that is seen through the circles that touch it: nearest and farthest circle, the kind, and the
-// levels of resolution needed (first + 8 · last; 7 for none).
+// For each tile and all surfaces visible through the circles that touch it: nearest and farthest
+// circle, the kind, and the levels of resolution needed (first + 8 · last; 7 for none).
 @fragment
 fn around(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let p = vec2<i32>(at.xy);
@@ -124,8 +124,8 @@ fn needed(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     return vec4<f32>(textureLoad(before, p, 0).xyz, first + 8.0 * last);
 }
 
-// At a corner, the mean over the tiles that meet there: the middle of their own circles, or of those around (0 where
-// there are none).
+// At a corner, the mean over the tiles that meet there: the middle of their own circles, or of
+// those around (0 where there are none).
 @fragment
 fn corners(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let corner = vec2<i32>(at.xy);

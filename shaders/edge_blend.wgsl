@@ -1,6 +1,6 @@
-// Antialiasing against camera pixels (Fischer 2006, antialiasing; src/effects/edge_blend.rs): the mean of the paper's
-// rule, (current + Σ camera_i) / (n + 1), over the levels of the pixel's own coverage. At a level the camera's
-// neighbours are those that are covered less.
+// Antialiasing against camera pixels (Fischer 2006, antialiasing; src/effects/edge_blend.rs): the
+// mean of the paper's rule, (current + Σ camera_i) / (n + 1), over the levels of the pixel's own
+// coverage. At a level the camera's neighbours are those that are covered less.
 struct EdgeBlend { impact: f32 }
 @group(1) @binding(0) var<uniform> edge_blend: EdgeBlend;
 
@@ -26,7 +26,8 @@ fn apply_edge_blend(p: vec2<i32>, current: Mixed) -> Mixed {
     var blended = vec3<f32>(0.0);
     var shares: array<f32, 8>;
     for (var i = 0; i < n; i++) {
-        // From this neighbour's coverage to the next larger one the same neighbours are the camera's.
+        // From this neighbour's coverage to the next larger one the same neighbours are the
+        // camera's.
         let level = levels[i];
         var next = covered;
         var count = 0.0;

@@ -1,4 +1,4 @@
-// Brighter or darker by stops: vSLRcam (11) and its correction.
+// Exposure change by stops: vSLRcam (11) and its correction.
 // @import shared/fullscreen
 // @import shared/response
 
@@ -10,7 +10,7 @@ struct Exposure {
     step: f32,     // added to display values
     picture: f32,  // exposure factor of the whole picture
     gamma: f32,    // of the camera's response
-    factors: vec4<f32>,  // on light, as the footage changes
+    factors: vec4<f32>,  // estimated gain of the frame, on light
     share: vec2<f32>,       // of the recorded picture's width and height, per pixel
     share_at_0: vec2<f32>,  // where the layer begins
     across: array<vec4<f32>, 5>,  // stops at 5 by 4 nodes from corner to corner of the recorded picture, row by row
@@ -19,15 +19,15 @@ struct Exposure {
 @group(0) @binding(1) var layer: texture_2d<f32>;
 
 // The largest light kept in 16-bit floats, so that it stays finite.
-const BRIGHTEST: f32 = 60000.0;
+const MAX_LIGHT: f32 = 60000.0;
 
 fn node(x: u32, y: u32) -> f32 {
     let i = y * 5u + x;
     return exposure.across[i / 4u][i % 4u];
 }
 
-// On light, as the footage changes at this pixel.
-fn followed(at: vec2<f32>) -> vec3<f32> {
+// Estimated gain of the frame at a pixel, on light.
+fn frame_gain(at: vec2<f32>) -> vec3<f32> {
     let place = clamp(exposure.share_at_0 + at * exposure.share, vec2<f32>(0.0), vec2<f32>(1.0)) * vec2<f32>(4.0, 3.0);
     let cell = min(floor(place), vec2<f32>(3.0, 2.0));
     let f = place - cell;
@@ -40,15 +40,15 @@ fn followed(at: vec2<f32>) -> vec3<f32> {
 @fragment
 fn photographic(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let light = textureLoad(layer, vec2<i32>(at.xy), 0);
-    return vec4<f32>(min(light.rgb * followed(at.xy) * (exposure.gain * exposure.picture), vec3<f32>(BRIGHTEST)), light.a);
+    return vec4<f32>(min(light.rgb * frame_gain(at.xy) * (exposure.gain * exposure.picture), vec3<f32>(MAX_LIGHT)), light.a);
 }
 
-// Works on display values, which carry no coverage, so on the surface's own colour.
+// Works on display values, which have no coverage: on the surface's unpremultiplied colour.
 @fragment
 fn additive(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let light = textureLoad(layer, vec2<i32>(at.xy), 0);
-    let shown = encode(min(light.rgb * followed(at.xy) / max(light.a, 1e-6), vec3<f32>(1.0)), curve, exposure.gamma);
+    let shown = encode(min(light.rgb * frame_gain(at.xy) / max(light.a, 1e-6), vec3<f32>(1.0)), curve, exposure.gamma);
     let moved = clamp(shown + exposure.step, vec3<f32>(0.0), vec3<f32>(1.0));
     let exposed = decode(moved, curve, exposure.gamma) * light.a * exposure.picture;
-    return vec4<f32>(min(exposed, vec3<f32>(BRIGHTEST)), light.a);
+    return vec4<f32>(min(exposed, vec3<f32>(MAX_LIGHT)), light.a);
 }

@@ -1,4 +1,5 @@
-// Light that the film's base reflects back into it (src/effects/halation.rs): a share of it ends up around its origin.
+// Halation (src/effects/halation.rs): a share of the light is reflected by the film's base and
+// spread around its origin.
 // @import shared/fullscreen
 // @import shared/half
 struct Halation { share: f32 }

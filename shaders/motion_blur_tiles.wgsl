@@ -43,8 +43,8 @@ fn over_pixels(@builtin(position) at: vec4<f32>) -> Out {
     return sum;
 }
 
-// The fastest motion in each tile's neighbourhood, and what to do in the tile (shaders/motion_blur.wgsl): 0 nothing, 1
-// one motion, 2 many motions.
+// The fastest motion in each tile's neighbourhood, and the tile's kind (shaders/motion_blur.wgsl):
+// 0 no motion, 1 one motion, 2 many motions.
 @fragment
 fn over_tiles(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     var sum = Out(vec4<f32>(0.0), vec4<f32>(0.0));

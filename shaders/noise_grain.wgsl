@@ -1,7 +1,7 @@
 // @import shared/noise
 
-// At another film speed (src/camera/grain.rs): shot noise grows with the speed's ratio k, read noise with k². At k = 1
-// it is the calibrated variance, bit for bit.
+// At another film speed (src/camera/grain.rs): shot noise grows with the speed's ratio k, read
+// noise with k². At k = 1 it is the calibrated variance, bit for bit.
 fn calibrated_variance(code: vec3<f32>) -> vec3<f32> {
     return variance_at(code, noise.speed);
 }
@@ -13,7 +13,8 @@ fn variance_at(code: vec3<f32>, k: f32) -> vec3<f32> {
     return k * s * s + (k * k - k) * min(read * read, s * s);
 }
 
-// Variance of the camera's pixels relative to the calibrated one, if they were taken at another speed.
+// Variance of the camera's pixels relative to the calibrated one, if they were taken at another
+// speed.
 fn camera_factor(code: vec3<f32>) -> vec3<f32> {
     let s = max(sigma_at(code), vec3<f32>(1e-6));
     return mix(vec3<f32>(1.0), variance_at(code, noise.recorded_speed) / (s * s), noise.recorded);
@@ -21,8 +22,8 @@ fn camera_factor(code: vec3<f32>) -> vec3<f32> {
 
 // The pattern at a pixel of the picture, variance 1 everywhere.
 fn pattern_at(pixel: vec2<i32>) -> vec3<f32> {
-    // Patches larger than a pixel: the pattern is interpolated, and the variance lost by that is restored: Σ wᵢ wⱼ ρᵢⱼ,
-    // which separates into the two axes.
+    // Patches larger than a pixel: the pattern is interpolated, and the variance lost by that is
+    // restored: Σ wᵢ wⱼ ρᵢⱼ, which separates into the two axes.
     let x = (vec2<f32>(pixel) + 0.5) / noise.patch_px - noise.in_patch;
     let base = floor(x);
     let f = x - base;

@@ -1,5 +1,6 @@
-// The pattern at lattice points: white noise filtered to the camera's neighbour correlation by taps (a, 1, a) in both
-// directions, and mixed to its channel correlation. Variance 1, in units of σ/4096.
+// The pattern at lattice points: white noise filtered to the camera's neighbour correlation by taps
+// (a, 1, a) in both directions, and mixed to its channel correlation. Variance 1, in units of
+// σ/4096.
 // @import shared/fullscreen
 struct Pattern {
     side: vec2<f32>,    // weight of the three-tap filters across and down

@@ -1,9 +1,9 @@
-// White normal noise at lattice points, in integers: a hash of (seed, frame, lattice point, channel) through a table of
-// the normal distribution.
+// White normal noise at lattice points, in integers: a hash of (seed, frame, lattice point,
+// channel) through a table of the normal distribution.
 // @import shared/fullscreen
 // @import shared/hash
 struct White {
-    key: vec4<u32>,     // where this frame's pattern lies in the endless hash
+    key: vec4<u32>,     // offset of this frame's pattern in the hash's domain
     origin: vec2<i32>,  // the lattice point of the first texel
 }
 @group(0) @binding(0) var<uniform> white: White;

@@ -1,10 +1,10 @@
 // Draws triangles to multisampled colour and depth.
 //
-// A vertex is seen from the pose at the moment its own row is read, plus the sample's time in the shutter. Distortion
-// is applied to vertices, so triangles must be fine enough.
+// A vertex is seen from the pose at the moment its own row is read, plus the sample's time in the
+// shutter. Distortion is applied to vertices, so triangles must be fine enough.
 
-// The features of a draw call. Each combination is a pipeline of its own, so that an untextured object does not pay for
-// five textures (software drivers execute both sides of an `if`).
+// The features of a draw call. Each combination is a pipeline of its own, so that an untextured
+// object does not pay for five textures (software drivers execute both sides of an `if`).
 override rolling: bool = false;                // rows have their own times
 override fisheye: bool = false;                // the lens model is OpenCV's fisheye
 override around: bool = false;                 // one view of a picture that sees all around; rows are that picture's
@@ -125,8 +125,8 @@ struct Corner {
     @location(3) uv0: vec2<f32>,
     @location(4) uv1: vec2<f32>,
     @location(5) color: vec4<f32>,
-    // Per object: rows of the 3×4 matrix from the mesh to world axes around the camera, the sign of its determinant,
-    // and the plan's offset (px).
+    // Per object: rows of the 3×4 matrix from the mesh to world axes around the camera, the sign of
+    // its determinant, and the plan's offset (px).
     @location(6) row0: vec4<f32>,
     @location(7) row1: vec4<f32>,
     @location(8) row2: vec4<f32>,
@@ -179,7 +179,8 @@ fn fisheye_radius(theta: f32) -> f32 {
     return rim + view.rim_slope * (theta - valid);
 }
 
-// The row of the picture (px from its upper edge) in which a point is read. For a view of a fisheye: the fisheye's row.
+// The row of the picture (px from its upper edge) in which a point is read. For a view of a
+// fisheye: the fisheye's row.
 fn row_of(p: vec3<f32>, at: vec2<f32>) -> f32 {
     if !around {
         return at.y;
@@ -189,10 +190,10 @@ fn row_of(p: vec3<f32>, at: vec2<f32>) -> f32 {
     return q.y / max(r, 1e-12) * fisheye_radius(atan2(r, q.z)) * view.outer_fy_px + view.outer_cy_px;
 }
 
-// OpenCV's models, continued along their tangent beyond the valid radius (camera/distortion.rs). Through a point l of
-// the aperture, what lies at the focus distance d is seen where the middle sees it: (p − l)/z + l/d. What is beside or
-// behind the camera is not drawn: triangles end at the near plane. A fisheye that sees it is assembled from views
-// (shaders/around.wgsl).
+// OpenCV's models, continued along their tangent beyond the valid radius (camera/distortion.rs).
+// Through a point l of the aperture, what lies at the focus distance d is seen where the middle
+// sees it: (p − l)/z + l/d. What is beside or behind the camera is not drawn: triangles end at the
+// near plane. A fisheye that sees it is assembled from views (shaders/around.wgsl).
 fn project(p: vec3<f32>) -> vec2<f32> {
     if parallel {
         return p.xy * view.focal_px + view.middle_px;
@@ -215,8 +216,8 @@ fn project(p: vec3<f32>) -> vec2<f32> {
 
 struct Seen { at_px: vec2<f32>, depth_m: f32 }
 
-// Where a point is seen at the middle of its own row's exposure. The row's time depends on the row found: a contraction
-// by readout · speed / height (≲ 0.1) per step.
+// Where a point is seen at the middle of its own row's exposure. The row's time depends on the row
+// found: a contraction by readout · speed / height (≲ 0.1) per step.
 fn see(point: vec3<f32>) -> Seen {
     if !rolling {
         let p = rotate(view.rotation, point - view.eye.xyz);
@@ -245,7 +246,8 @@ fn vertex(corner: Corner) -> Fragment {
     let position = vec3<f32>(dot(row0, p), dot(row1, p), dot(row2, p));
     let here = see(position);
 
-    // The inverse transpose up to a positive factor: rows of cofactors, times the sign of the determinant.
+    // The inverse transpose up to a positive factor: rows of cofactors, times the sign of the
+    // determinant.
     let n = vec3<f32>(
         dot(cross(row1.xyz, row2.xyz), corner.normal),
         dot(cross(row2.xyz, row0.xyz), corner.normal),
@@ -288,7 +290,8 @@ fn texture_uv(in: Fragment, index: u32) -> vec2<f32> {
 struct Surface {
     matt: vec3<f32>,   // diffuse reflectance
     f0: vec3<f32>,
-    // The factor by which light that leaves after several bounces between facets raises that of one bounce.
+    // The factor by which light that leaves after several bounces between facets raises that of one
+    // bounce.
     gain: vec3<f32>,
     a2: f32,           // roughness⁴
     normal: vec3<f32>,
@@ -299,7 +302,8 @@ struct Surface {
 
 // GGX with Smith's height-correlated visibility, as in glTF 2.0 appendix B; times π.
 fn specular_pi(s: Surface, n_l: f32, h: vec3<f32>) -> f32 {
-    // 1 − (n·h)² as a squared sine: computed as a difference, the peak of a smooth surface would drown in rounding.
+    // 1 − (n·h)² as a squared sine: computed as a difference, the peak of a smooth surface would
+    // drown in rounding.
     let n_h = dot(s.normal, h);
     let sine = cross(s.normal, h);
     let f = dot(sine, sine) + n_h * n_h * s.a2;
@@ -307,11 +311,12 @@ fn specular_pi(s: Surface, n_l: f32, h: vec3<f32>) -> f32 {
     return s.a2 / (f * f) * visibility;
 }
 
-// The radiance towards the eye from one light. A white diffuse surface would have the radiance `color`.
+// The radiance towards the eye from one light. A white diffuse surface would have the radiance
+// `color`.
 fn lit(s: Surface, towards: vec3<f32>, color: vec3<f32>) -> vec3<f32> {
     let n_l = dot(s.normal, towards);
-    // A bump gets no light where its underlying surface faces away, and little close to there: at most ten times what
-    // that surface gets. Without a normal map this is n_l.
+    // A bump gets no light where its underlying surface faces away, and little close to there: at
+    // most ten times what that surface gets. Without a normal map this is n_l.
     let reached = min(n_l, 10.0 * dot(s.smooth_normal, towards));
     if reached <= 0.0 {
         return vec3<f32>(0.0);
@@ -348,14 +353,16 @@ fn radiance(direction: vec3<f32>, roughness: f32) -> vec3<f32> {
     return textureSampleLevel(environment, environment_sampler, on_map(direction), roughness * (light.environment.w - 1.0)).rgb;
 }
 
-// Scale and bias of F0 under uniform light, and the mean of their sum over all views: render/albedo.rs.
+// Scale and bias of F0 under uniform light, and the mean of their sum over all views:
+// render/albedo.rs.
 fn albedo(roughness: f32, n_v: f32) -> vec3<f32> {
     // From the centre of the first texel to the centre of the last.
     let at = (vec2<f32>(sqrt(n_v), roughness) * (ALBEDO_STEPS - 1.0) + 0.5) / ALBEDO_STEPS;
     return textureSampleLevel(albedo_table, environment_sampler, at, 0.0).xyz;
 }
 
-// What of the light reaches a place: of the surroundings, thrown by other things, and the share of each sun and lamp.
+// What of the light reaches a place: of the surroundings, thrown by other things, and the share of
+// each sun and lamp.
 struct Reaching { open: vec3<f32>, thrown: vec3<f32>, seen: array<f32, MAX_LIGHTS> }
 
 fn reaching(at: vec2<f32>, front: bool) -> Reaching {
@@ -425,13 +432,14 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     let n_v = clamp(dot(n, towards_eye), 1e-3, 1.0);
     let f0 = mix(vec3<f32>(0.04), base, metallic);
     let once = albedo(roughness, n_v);
-    // Kulla and Conty 2017, "Revisiting Physically Based Shading at Imageworks": the light that one bounce between
-    // facets loses, tinted by the bounces that follow. For dielectrics it is next to nothing. Schlick's mean is
-    // F0 + (1 − F0)/21.
+    // Kulla and Conty 2017, "Revisiting Physically Based Shading at Imageworks": the light that one
+    // bounce between facets loses, tinted by the bounces that follow. For dielectrics it is next to
+    // nothing. Schlick's mean is F0 + (1 − F0)/21.
     let f_mean = min(base + (1.0 - base) / 21.0, vec3<f32>(1.0));
     let more = f_mean * once.z / (1.0 - f_mean * (1.0 - once.z)) * (1.0 / (once.x + once.y) - 1.0);
     let gain = 1.0 + more * base * metallic / max(f0, vec3<f32>(1e-4));
-    // Below a dielectric's specular layer is what that layer lets through. A metal has nothing below it.
+    // Below a dielectric's specular layer is what that layer lets through. A metal has nothing
+    // below it.
     let matt = base * (1.0 - metallic) * (1.0 - 0.04 * once.x - once.y);
     let s = Surface(matt, f0, gain, roughness * roughness * roughness * roughness, n, smooth_normal, towards_eye, n_v);
 
@@ -458,17 +466,19 @@ fn shade(in: Fragment, front: bool, base: vec3<f32>) -> vec3<f32> {
     // A bump sees its own surface where it does not see the sky.
     let sky = mix(base, vec3<f32>(1.0), 0.5 + 0.5 * dot(n, smooth_normal));
     let specular = (f0 * once.x + once.y) * gain;
-    // A model's own picture of its creases and the lightmap tell of the same light: the less counts.
+    // A model's own picture of its creases and the lightmap tell of the same light: the less
+    // counts.
     let open = min(vec3<f32>(shadowed), reached.open);
-    // How much of a mirror image's light arrives where so much of all light does: Lagarde and de Rousiers 2014, "Moving Frostbite to
-    // Physically Based Rendering", section 4.10.2.
+    // How much of a mirror image's light arrives where so much of all light does: Lagarde and de
+    // Rousiers 2014, "Moving Frostbite to Physically Based Rendering", section 4.10.2.
     let mirrored = clamp(pow(n_v + open, vec3<f32>(exp2(-16.0 * roughness - 1.0))) - 1.0 + open, vec3<f32>(0.0), vec3<f32>(1.0));
     return sum + (irradiance_over_pi(n) * open + reached.thrown) * sky * matt
         + radiance(reflect(-towards_eye, n), roughness) * specular * mirrored;
 }
 
-// Print on evidence must be legible, even at a slant: four taps at four places each way across the pixel, from finer
-// mipmaps. One trilinear tap blurs more than the pixel does, and drivers differ in how they do anisotropy.
+// Print on evidence must be legible, even at a slant: four taps at four places each way across the
+// pixel, from finer mipmaps. One trilinear tap blurs more than the pixel does, and drivers differ
+// in how they do anisotropy.
 const FINER: f32 = -1.5;
 
 fn base_texel(uv: vec2<f32>) -> vec4<f32> {
@@ -512,13 +522,15 @@ fn whole(in: Fragment, @builtin(front_facing) front: bool) -> @location(0) vec4<
     return surface(in, front, base_of(in));
 }
 
-// Whether what is seen at a pixel is hidden by a texel of the real depth. Rays are not parallel here: w is 1 / depth.
+// Whether what is seen at a pixel is hidden by a texel of the real depth. Rays are not parallel
+// here: w is 1 / depth.
 fn is_hidden(texel: vec2<i32>, at: vec4<f32>) -> f32 {
     let wall = textureLoad(real_depth, texel, 0).r;
     return f32(wall > 0.0 && 1.0 > (wall + view.tolerance_m) * at.w);
 }
 
-// Where one of a pixel's four samples lies, px from its middle: the standard sample locations of Vulkan and Direct3D.
+// Where one of a pixel's four samples lies, px from its middle: the standard sample locations of
+// Vulkan and Direct3D.
 fn sample_place(n: u32) -> vec2<f32> {
     let all = array<vec2<f32>, 4>(
         vec2<f32>(-0.125, -0.375), vec2<f32>(0.375, -0.125), vec2<f32>(-0.375, 0.125), vec2<f32>(0.125, 0.375),
@@ -526,8 +538,9 @@ fn sample_place(n: u32) -> vec2<f32> {
     return all[n];
 }
 
-// Which samples are seen. Between the middles of four texels it is interpolated what they hide, and where that is a half the real
-// thing ends: its edge runs straight from texel to texel, not in steps.
+// Which samples are seen. Between the middles of four texels it is interpolated what they hide, and
+// where that is a half the real thing ends: its edge runs straight from texel to texel, not in
+// steps.
 fn samples_before_grid(at: vec4<f32>) -> u32 {
     let place = at.xy * view.per_texel + view.in_depth;
     let texel = floor(place);
@@ -548,7 +561,8 @@ fn samples_before_grid(at: vec4<f32>) -> u32 {
     return mask;
 }
 
-// Which of a pixel's four samples are covered, where parts of the surface are cut out or hidden by the real scene.
+// Which of a pixel's four samples are covered, where parts of the surface are cut out or hidden by
+// the real scene.
 fn samples_of(in: Fragment, base: vec4<f32>) -> u32 {
     var mask = 0xfu;
     if masked {

@@ -1,9 +1,10 @@
-// The real part of a photograph: light, the light behind it, and the depths of both (src/compositor/real.rs).
+// The real part of a photograph: light, the light behind it, and the depths of both
+// (src/compositor/real.rs).
 // @import shared/fullscreen
 // @import shared/response
 // @import shared/shadow_ratio
 override curve: f32 = 0.0;
-// Whether virtual things take light from it.
+// Whether virtual objects shade it.
 override shaded: bool = false;
 
 struct Grid {
@@ -18,10 +19,10 @@ struct Grid {
 @group(0) @binding(2) var near_light: texture_2d<f32>;
 @group(0) @binding(3) var far_light: texture_2d<f32>;
 @group(0) @binding(4) var depths: texture_2d<u32>;
-// The share of the light that is taken, over the part.
+// The fraction of the light that is removed, over the part.
 @group(0) @binding(5) var shade: texture_2d<f32>;
 
-// σ of colours (square roots of light) that are taken for one thing.
+// σ of colours (square roots of light) within one surface.
 const COLOR_SIGMA: f32 = 0.05;
 // Depths that differ by more than this factor belong to two surfaces.
 const JUMP: f32 = 1.04;
@@ -36,7 +37,8 @@ fn words(z: f32) -> vec2<u32> {
 @fragment
 fn main(@builtin(position) at: vec4<f32>) -> Out {
     let light = decode(vec3<f32>(textureLoad(codes, vec2<i32>(at.xy), 0).rgb) / 65535.0, curve, grid.gamma);
-    // The four grid pixels around it, weighted by nearness and by similarity of colour to this pixel.
+    // The four grid pixels around it, weighted by nearness and by similarity of colour to this
+    // pixel.
     let place = (vec2<f32>(grid.in_picture) + at.xy) * grid.step - 0.5;
     let corner = floor(place);
     let f = place - corner;

@@ -1,5 +1,5 @@
-// Multiplies the layer's light by a gain given at the corners of a grid over the picture; coverage stays. Beyond the
-// image circle, whose rim is one pixel wide, there is nothing.
+// Multiplies the layer's light by a gain at the corners of a grid over the picture; coverage stays.
+// Outside the image circle, whose edge is one pixel wide, the layer is empty.
 // @import shared/fullscreen
 struct Vignetting {
     cell_share: vec2<f32>,   // per pixel

@@ -1,10 +1,10 @@
-// Lights that stand out, drawn one by one (src/effects/depth_of_field/highlights.rs).
+// Highlights, drawn as sprites (src/effects/depth_of_field/highlights.rs).
 struct Highlight {
     place: vec4<f32>,   // column and row of its block, share left of the block's light, its circle (px)
-    light: vec4<f32>,   // what is taken of the block's light, summed over its pixels; 1 if it is the farther surface's
+    light: vec4<f32>,   // removed light of the block, summed over its pixels; 1 if it is the farther surface's
 }
 struct Highlights {
-    draw: vec4<u32>,    // corners, number of lights, two zeros: arguments of the indirect draw
+    draw: vec4<u32>,    // corners, number of highlights, two zeros: arguments of the indirect draw
     all: array<Highlight>,
 }
 

@@ -1,6 +1,6 @@
-// The virtual layer: premultiplied linear colour, and the geometry of its nearest sample. Geometry texels are four
-// 16-bit words: two for depth (m, a 32-bit float; 0 where there is nothing) and two 16-bit floats of velocity (px/s).
-// One texel has both, each as exact as needed.
+// The virtual layer: premultiplied linear colour, and the geometry of its nearest sample. Geometry
+// texels are four 16-bit words: two for depth (m, a 32-bit float; 0 where there is nothing) and two
+// 16-bit floats of velocity (px/s). One texel has both, each as exact as needed.
 
 // A texel as two 32-bit words, depth and velocity, for buffers; and back.
 fn words_of(texel: vec4<u32>) -> vec2<u32> {

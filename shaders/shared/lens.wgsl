@@ -1,4 +1,5 @@
-// The thin lens of a picture, and how work is divided by the size of circles (src/effects/depth_of_field/layered.rs).
+// The thin lens of a picture, and the resolution of work by the size of circles
+// (src/effects/depth_of_field/layered.rs).
 struct Lens {
     size: vec2<i32>,          // of the layer, px
     texel: vec2<f32>,         // 1 / size of the textures of the layer, 1/px
@@ -14,12 +15,12 @@ struct Lens {
 
 // The nearest circle where there is no surface; the farthest is minus this.
 const NOTHING: f32 = 60000.0;
-// Radii from which half, a quarter, an eighth, a sixteenth of the resolution is enough (px).
+// Radii from which on half, a quarter, an eighth, a sixteenth of the resolution is enough (px).
 const HALF_PX: f32 = 2.8;
 const QUARTER_PX: f32 = 8.0;
 const EIGHTH_PX: f32 = 32.0;
 const SIXTEENTH_PX: f32 = 64.0;
-// Up to this radius, texels of half the resolution are looked up where a quarter is drawn (px).
+// Largest radius at which texels of half the resolution are sampled where a quarter is drawn (px).
 const FINER_PX: f32 = 16.0;
 // Radii up to which four points are enough (px).
 const FEW_PX: f32 = 1.6;
@@ -37,13 +38,13 @@ fn level_of(radius: f32) -> f32 {
     return select(0.0, level_of_two(radius), radius >= HALF_PX);
 }
 
-// The largest radius looked up at a level, plus a margin for neighbouring texels (px).
-fn most_of_level(level: i32) -> f32 {
+// The largest radius that is sampled at a level, plus a margin for neighbouring texels (px).
+fn max_radius_of_level(level: i32) -> f32 {
     return 1.25 * select(select(select(1e6, SIXTEENTH_PX, level < 4), EIGHTH_PX, level < 3), QUARTER_PX, level < 2);
 }
 
-// Whether a range of circles belongs to one surface. A receding surface counts as one as long as its circles differ by
-// less than can be seen.
+// Whether a range of circles belongs to one surface. A receding surface counts as one as long as
+// its circles differ invisibly.
 fn is_one_surface(near: f32, far: f32) -> bool {
     return far - near < 1.5 + 0.3 * smallest_radius(near, far);
 }

@@ -1,11 +1,11 @@
-// Calibrated noise over virtual pixels (Fischer 2006, noise overlay): the pattern, scaled to the variance that the
-// pixel lacks.
+// Calibrated noise over virtual pixels (Fischer 2006, noise overlay): the pattern, scaled to the
+// missing variance of the pixel.
 struct Noise {
     neighbours: vec2<f32>,   // correlation of neighbouring lattice points, right and below
     origin: vec2<i32>,       // the lattice point of the pattern's first texel
     read: vec4<f32>,         // σ of the read noise, in linear light where 255 is full scale
     patch_px: f32,           // size of a patch
-    in_patch: f32,           // where in a patch its lattice point lies
+    in_patch: f32,           // position of the lattice point in a patch
     scale: f32,
     speed: f32,              // film speed relative to the profile's
     recorded: f32,           // 1 if the camera's pixels have another speed than the profile's
@@ -25,14 +25,14 @@ fn scaled(variance: vec3<f32>, virtual_share: vec3<f32>) -> vec3<f32> {
 
 fn apply_noise(p: vec2<i32>, pixel: Mixed) -> Mixed {
     let recorded = camera_factor(pixel.code);
-    let brought = pixel.camera_variance * recorded;
-    let wanted_at_scale = scaled(calibrated_variance(pixel.code), pixel.virtual_share);
-    let whole_layer = max(wanted_at_scale, least_variance(p, pixel.code) * recorded);
-    // What fades ends with the camera's own noise, whatever the scale and the film.
+    let present_variance = pixel.camera_variance * recorded;
+    let scaled_variance = scaled(calibrated_variance(pixel.code), pixel.virtual_share);
+    let opaque_target = max(scaled_variance, least_variance(p, pixel.code) * recorded);
+    // A fading object ends with the camera's own noise, at any scale and film.
     let s = sigma_at(pixel.code);
-    let fading = mix(s * s * recorded, whole_layer, composite.presence);
-    let wanted = select(whole_layer, fading, composite.presence < 1.0);
-    let missing = max(wanted - brought, vec3<f32>(0.0));
+    let fading_target = mix(s * s * recorded, opaque_target, composite.presence);
+    let target_variance = select(opaque_target, fading_target, composite.presence < 1.0);
+    let missing = max(target_variance - present_variance, vec3<f32>(0.0));
     let n = pattern_at(p + composite.in_picture);
-    return Mixed(pixel.code + sqrt(missing) * n / 255.0, brought + missing, pixel.virtual_share);
+    return Mixed(pixel.code + sqrt(missing) * n / 255.0, present_variance + missing, pixel.virtual_share);
 }

@@ -1,4 +1,5 @@
-// Code value ↔ linear light, both 0 to 1 (full scale). Curve 0: sRGB (IEC 61966-2-1), 1: linear, 2: power law.
+// Code value ↔ linear light, both 0 to 1 (full scale). Curve 0: sRGB (IEC 61966-2-1), 1: linear, 2:
+// power law.
 
 fn decode(code: vec3<f32>, curve: f32, gamma: f32) -> vec3<f32> {
     if curve > 1.5 {

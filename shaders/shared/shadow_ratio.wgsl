@@ -1,5 +1,6 @@
-// Shadow ratio from the fraction of light removed. Fractions that the layer's file, with 16-bit floats 2⁻¹¹ apart below 1
-// and 2⁻¹⁰ apart above, would round to a ratio of 1 count as none: a pixel is touched only where the file says so.
+// Shadow ratio from the fraction of light removed. The layer's file has 16-bit floats, 2⁻¹¹ apart
+// below 1 and 2⁻¹⁰ apart above. Fractions that would round to a ratio of 1 in it count as 0, so
+// that the composite and the file agree on the changed pixels.
 const LARGEST_UNSEEN_LOSS: f32 = 1.0 / 4096.0;
 const LARGEST_UNSEEN_GAIN: f32 = 1.0 / 2048.0;
 

@@ -5,7 +5,7 @@
 use super::findings::{Findings, Sharpness};
 use crate::calibrate::sharpness::PARAMETER;
 use crate::camera::{CameraExposure, Intrinsics};
-use crate::effects::point_spread::measuring;
+use crate::effects::point_spread::sigma_for_measured_px;
 use crate::params::Params;
 use crate::profile::Document;
 use crate::text::count;
@@ -80,7 +80,7 @@ fn sigma_px(spread: Option<&Sharpness>) -> Result<f64, String> {
     let unknown = "it was not looked for".to_owned();
     let spread = spread.ok_or_else(|| unknown.clone())?;
     let sigma_px = spread.sigma_px.ok_or_else(|| spread.why.clone().unwrap_or(unknown))?;
-    Ok(rounded(measuring(sigma_px), UNITS_PER_PIXEL))
+    Ok(rounded(sigma_for_measured_px(sigma_px), UNITS_PER_PIXEL))
 }
 
 /// The exposure time, if it is the same for all frames.

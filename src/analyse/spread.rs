@@ -239,7 +239,7 @@ pub fn stillest_frames(states: &[Option<CameraState>]) -> Vec<usize> {
 mod tests {
     use super::*;
     use crate::camera::{Distortion, Geometry, Intrinsics};
-    use crate::effects::point_spread::{measuring, twin};
+    use crate::effects::point_spread::{sigma_for_measured_px, twin};
     use crate::fit::twist::Twist;
     use crate::measure::spread::EXACT;
 
@@ -345,11 +345,11 @@ mod tests {
     #[test]
     fn rendered_edge_with_compensated_sigma_measures_as_intended() {
         for wanted in [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.3, 2.0] {
-            let set = measuring(wanted);
+            let set = sigma_for_measured_px(wanted);
             let all = [5.0, 12.0, 20.0, 30.0, 40.0].map(|angle| measured_px(set, angle));
             let mean = all.iter().sum::<f64>() / 5.0;
             assert!((mean - wanted).abs() < 0.01, "{wanted} px: {set} px measures {all:?}");
         }
-        assert_eq!((measuring(0.0), measuring(20.0)), (0.0, 8.0));
+        assert_eq!((sigma_for_measured_px(0.0), sigma_for_measured_px(20.0)), (0.0, 8.0));
     }
 }

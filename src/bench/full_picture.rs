@@ -4,7 +4,7 @@ use super::{Table, median_ms};
 use crate::camera::{Camera, Capture, Geometry, Intrinsics, Opening};
 use crate::compositor::SubmitError;
 use crate::effects::depth_of_field::DepthOfField;
-use crate::effects::{Effect, LayerRun, Moment};
+use crate::effects::{Effect, FrameContext, LayerRun};
 use crate::gpu::{Gpu, Recorder, Texture, half_texels};
 use crate::params::{Params, Value};
 use crate::pixels::Rect;
@@ -78,7 +78,7 @@ pub fn depth_of_field(table: &mut Table<'_>) -> Result<(), SubmitError> {
         let known = effect.set("method", &Value::Text(method.to_owned()));
         assert!(known.is_ok(), "{method}");
         let layer = layer(gpu, width, height, circles);
-        let moment = Moment {
+        let context = FrameContext {
             camera: &camera,
             picture: &geometry,
             capture: &capture,
@@ -96,7 +96,7 @@ pub fn depth_of_field(table: &mut Table<'_>) -> Result<(), SubmitError> {
             |()| {
                 let mut run = LayerRun {
                     recorder: &mut recorder,
-                    moment: &moment,
+                    context: &context,
                     drawn: Rect::full(width, height),
                     objects_px: Rect::new(0, 0, 0, 0),
                     geometry_is_read: false,

@@ -18,7 +18,7 @@ use locard_engine::profile::Document;
 use locard_engine::recording::OpenOptions;
 use locard_engine::report;
 use locard_engine::scene;
-use locard_engine::shot::{Analysed, Given, Note, Shot};
+use locard_engine::shot::{AnalysisChoice, Note, Shot, ShotOptions};
 use locard_engine::sink;
 use locard_engine::sink::atomic::write_atomically;
 use locard_engine::source::file;
@@ -72,8 +72,12 @@ impl Args {
 
 pub fn run(args: &Args) -> Result<()> {
     let start = Instant::now();
-    let given =
-        Given { profile: args.profile.clone(), sets: args.sets.clone(), analysis: Analysed::No, ..Given::default() };
+    let given = ShotOptions {
+        profile: args.profile.clone(),
+        sets: args.sets.clone(),
+        analysis: AnalysisChoice::No,
+        ..ShotOptions::default()
+    };
     let shot = Shot::open(&args.recording, &args.options(), &given)?;
     let folder = args.output.clone().unwrap_or_else(|| beside(&shot.recording.path));
     for text in &shot.recording.warnings {
@@ -167,8 +171,8 @@ fn check_report(path: &Path, shot: &Shot, folder: &Path) -> Result<()> {
 /// What a scene's objects stand on, where the analysis in a folder says that the camera was.
 fn grounds(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<SupportReport>> {
     let (profile, sets) = (args.profile.clone(), args.sets.clone());
-    let analysis = Analysed::At(folder.to_owned());
-    let given = Given { profile, sets, scene: Some(scene.to_owned()), analysis, ..Given::default() };
+    let analysis = AnalysisChoice::At(folder.to_owned());
+    let given = ShotOptions { profile, sets, scene: Some(scene.to_owned()), analysis, ..ShotOptions::default() };
     let shot = Shot::open(&args.recording, &args.options(), &given)?;
     shot.scene.warnings.iter().for_each(|text| warn(args.quiet, text));
     if shot.up().is_none() {
@@ -177,7 +181,7 @@ fn grounds(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<SupportReport
             "neither the scene nor the recording says where up is, so nothing is known of what objects stand on",
         );
     }
-    let grounds = shot.grounds();
+    let grounds = shot.support_report();
     // As composite tells it, but for what the lines of the grounds tell: what is sunk into a table may well be over a floor.
     let is_told = |note: &Note| match note {
         Note::Gap { name, gap_m, .. } => {
@@ -185,7 +189,7 @@ fn grounds(scene: &Path, args: &Args, folder: &Path) -> Result<Vec<SupportReport
         }
         _ => false,
     };
-    let notes = shot.standing_notes(0..shot.recording.frame_count()).into_iter().filter(|note| !is_told(note));
+    let notes = shot.support_gap_notes(0..shot.recording.frame_count()).into_iter().filter(|note| !is_told(note));
     notes.for_each(|note| warn(args.quiet, &note.to_string()));
     Ok(grounds)
 }

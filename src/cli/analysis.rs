@@ -8,7 +8,7 @@ use super::analyse::make;
 use super::{tell, warn};
 use locard_engine::analyse::beside;
 use locard_engine::recording::Recording;
-use locard_engine::shot::{Analysed, AnalysisState, Given, Shot};
+use locard_engine::shot::{AnalysisChoice, AnalysisState, Shot, ShotOptions};
 
 #[derive(clap::Args)]
 pub struct Analysis {
@@ -24,11 +24,11 @@ pub struct Analysis {
 }
 
 impl Analysis {
-    pub fn asked(&self) -> Analysed {
+    pub fn asked(&self) -> AnalysisChoice {
         match &self.analysis {
-            Some(folder) => Analysed::At(folder.clone()),
-            None if self.no_analysis => Analysed::No,
-            None => Analysed::Beside,
+            Some(folder) => AnalysisChoice::At(folder.clone()),
+            None if self.no_analysis => AnalysisChoice::No,
+            None => AnalysisChoice::Beside,
         }
     }
 
@@ -37,7 +37,7 @@ impl Analysis {
     pub fn open<T>(
         &self,
         recording: Recording,
-        given: &Given,
+        given: &ShotOptions,
         quiet: bool,
         check: impl Fn(&mut Shot) -> Result<T>,
     ) -> Result<(Shot, T)> {
@@ -50,7 +50,7 @@ impl Analysis {
             return checked(recording);
         }
         checked(recording.clone())?;
-        let recorded = Given { scene: None, analysis: Analysed::No, ..given.clone() };
+        let recorded = ShotOptions { scene: None, analysis: AnalysisChoice::No, ..given.clone() };
         let shot = Shot::of(recording.clone(), &recorded)?;
         make(&shot, &beside(&recording.path), false, quiet)?;
         checked(recording)
@@ -67,7 +67,7 @@ pub fn say(quiet: bool, shot: &Shot, recorded_poses: bool) {
         };
         warn(quiet, &format!("--without registration changes nothing: {why}"));
     }
-    if let Some(finds) = shot.lacks_analysis().filter(|_| shot.analysis == AnalysisState::Absent) {
+    if let Some(finds) = shot.missing_analysis().filter(|_| shot.analysis == AnalysisState::Absent) {
         let recording = shot.recording.path.display();
         tell(quiet, &format!("not analysed: `locard analyse {recording}` finds {finds}"));
     }

@@ -14,7 +14,7 @@ use locard_engine::compositor::{Compositor, Target};
 use locard_engine::export::{Export, Inputs};
 use locard_engine::gpu::Gpu;
 use locard_engine::recording::{OpenOptions, Recording};
-use locard_engine::shot::{Given, Note, Shot};
+use locard_engine::shot::{Note, Shot, ShotOptions};
 use locard_engine::sink::{self, OutPath};
 use locard_engine::text::count;
 
@@ -112,13 +112,13 @@ pub fn run(args: Args) -> Result<()> {
         time_offset_s: args.time_offset_s,
         ..OpenOptions::default()
     });
-    let given = Given {
+    let given = ShotOptions {
         profile: args.profile.clone(),
         sets: args.sets.clone(),
         scene: Some(args.scene.clone()),
         analysis: args.analysis.asked(),
         recorded_poses: args.which.leaves_registration(),
-        ..Given::default()
+        ..ShotOptions::default()
     };
     let recording = Recording::open(&args.recording, &options)?;
     let quiet = args.quiet;
@@ -127,7 +127,7 @@ pub fn run(args: Args) -> Result<()> {
     if args.strict {
         shot.check_poses(range.clone())?;
     }
-    for note in shot.notes(range.clone()).into_iter().chain(shot.standing_notes(range.clone())) {
+    for note in shot.notes(range.clone()).into_iter().chain(shot.support_gap_notes(range.clone())) {
         warn(quiet, &note.to_string());
     }
     analysis::say(quiet, &shot, args.which.leaves_registration());

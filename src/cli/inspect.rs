@@ -20,7 +20,7 @@ use locard_engine::document;
 use locard_engine::params::{Params, Value};
 use locard_engine::profile::Rig;
 use locard_engine::recording::{OpenOptions, Recording, Registration, Repeats};
-use locard_engine::shot::{AnalysisState, Given, Shot, ShotError};
+use locard_engine::shot::{AnalysisState, Shot, ShotError, ShotOptions};
 use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 use locard_engine::stream::Protocol;
 use locard_engine::text::{count, fixed, reason, short, shown, shown_unit};
@@ -190,7 +190,8 @@ fn recording(args: &Args) -> Result<()> {
     let metres_per_unit = args.metres_per_unit.unwrap_or(1.0);
     let options = args.skip.over(OpenOptions { metres_per_unit, ..OpenOptions::default() });
     // Reads the profiles: a given one overrides the recording's own.
-    let given = Given { profile: args.profile.clone(), analysis: args.analysis.asked(), ..Given::default() };
+    let given =
+        ShotOptions { profile: args.profile.clone(), analysis: args.analysis.asked(), ..ShotOptions::default() };
     let recording = Recording::open(&args.what, &options)?;
     let (shot, ()) = args.analysis.open(recording, &given, false, |_| Ok(()))?;
     let mut out = std::io::stdout().lock();
@@ -249,7 +250,7 @@ fn recording(args: &Args) -> Result<()> {
             let folder = shown(&folder.display().to_string());
             writeln!(out, "analysis   {folder} is not used: {}", shown(problem))?;
         }
-        AnalysisState::Absent | AnalysisState::Left => {}
+        AnalysisState::Absent | AnalysisState::Ignored => {}
     }
     if args.clock {
         writeln!(out, "{}", clock::line(&shot)?)?;

@@ -8,7 +8,7 @@ use super::analysis::Analysis;
 use super::skip::Skip;
 use locard_engine::camera::stops;
 use locard_engine::recording::{OpenOptions, Recording};
-use locard_engine::shot::{Given, Shot};
+use locard_engine::shot::{Shot, ShotOptions};
 
 #[derive(clap::Args)]
 pub struct LightArgs {
@@ -55,7 +55,7 @@ impl LightArgs {
         let recording = Recording::open(&self.recording, &options)?;
         super::check_frame(self.frame, recording.frame_count())?;
         let (profile, sets, analysis) = (self.profile.clone(), self.sets.clone(), self.analysis.asked());
-        let given = Given { profile, sets, scene, analysis, recorded_poses, ..Given::default() };
+        let given = ShotOptions { profile, sets, scene, analysis, recorded_poses, ..ShotOptions::default() };
         Ok(self.analysis.open(recording, &given, false, |_| Ok(()))?.0)
     }
 }

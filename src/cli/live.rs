@@ -15,7 +15,7 @@ use locard_engine::compositor::Composited;
 use locard_engine::gpu::Gpu;
 use locard_engine::live::{CaptureEvent, LiveCompositor, PictureOutcome, RecorderThread, Tracking};
 use locard_engine::recording::recorder::{Recorder, discard};
-use locard_engine::shot::{Given, Shot, ShotError};
+use locard_engine::shot::{Shot, ShotError, ShotOptions};
 use locard_engine::sink::{self, OutPath, Sink, SinkError, SinkOptions};
 use locard_engine::source::presentation::Presentation;
 use locard_engine::text::{count, fixed};
@@ -72,8 +72,12 @@ fn in_window(args: &Args) -> Result<()> {
         bail!("--frames, --seconds, --only, --without, --lossless and --force go with --headless");
     }
     let agreed = Agreed::open(&args.camera, args.profile.as_deref())?;
-    let given =
-        Given { profile: args.profile.clone(), sets: args.sets.clone(), scene: args.scene.clone(), ..Given::default() };
+    let given = ShotOptions {
+        profile: args.profile.clone(),
+        sets: args.sets.clone(),
+        scene: args.scene.clone(),
+        ..ShotOptions::default()
+    };
     let mut project = Project::of(agreed.opened.recording(), 1.0, &given)?;
     project.camera = Some(args.camera.from().absolute());
     let (camera, record) = (Some(agreed.opened), args.record.clone());
@@ -100,8 +104,12 @@ fn headless(args: &Args, output: &Path) -> Result<()> {
     sink::check(&out, args.force)?;
     let delivered = agreed.opened.camera.given.delivered;
     let (width, height, interval_s) = (delivered.width, delivered.height, agreed.opened.interval_s);
-    let given =
-        Given { profile: args.profile.clone(), sets: args.sets.clone(), scene: args.scene.clone(), ..Given::default() };
+    let given = ShotOptions {
+        profile: args.profile.clone(),
+        sets: args.sets.clone(),
+        scene: args.scene.clone(),
+        ..ShotOptions::default()
+    };
     let mut shot = Shot::of(agreed.opened.recording(), &given)?;
     shot.settings.seed = args.seed;
     args.which.apply(&mut shot.settings)?;

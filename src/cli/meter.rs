@@ -9,7 +9,7 @@ use super::light::LightArgs;
 use locard_engine::camera::exposure::{ExposureSettings, scene_ev};
 use locard_engine::camera::metering::{Limits, Metered, Mode, iso_for, meter};
 use locard_engine::camera::stops;
-use locard_engine::shot::{Known, SceneLight, USUAL_ISO};
+use locard_engine::shot::{DEFAULT_ISO, PartialExposure, SceneLight};
 use locard_engine::text::short;
 
 /// From this share of clipped pixels on, the picture's mean says too little.
@@ -28,10 +28,11 @@ pub fn run(args: &Args) -> Result<()> {
     let (json, args) = (args.json, &args.light);
     let shot = args.open(None, false)?;
     let frame = args.frame;
-    if let Some(geometry) = shot.given_geometry_at(frame) {
+    if let Some(geometry) = shot.known_geometry_at(frame) {
         shot.rig.lens.opening(&geometry)?;
     }
-    let asked = Known { f_number: args.aperture, time_s: args.shutter, iso: args.iso }.or(shot.taken(frame));
+    let asked = PartialExposure { f_number: args.aperture, time_s: args.shutter, iso: args.iso }
+        .or(shot.exposure_settings(frame));
     let scene = shot.scene_light(frame, args.lux)?;
     let report = Report { args, asked, scene, limits: shot.limits(frame, asked.f_number) };
     let mut out = std::io::stdout().lock();
@@ -46,14 +47,14 @@ pub fn run(args: &Args) -> Result<()> {
 struct Report<'a> {
     args: &'a LightArgs,
     /// The settings to meter for.
-    asked: Known,
+    asked: PartialExposure,
     scene: SceneLight,
     limits: Limits,
 }
 
 impl Report<'_> {
     fn iso(&self) -> f64 {
-        self.asked.iso.unwrap_or(USUAL_ISO)
+        self.asked.iso.unwrap_or(DEFAULT_ISO)
     }
 
     /// Settings that would expose correctly, for each mode whose inputs are known.
@@ -87,7 +88,7 @@ impl Report<'_> {
             None => "as given".to_owned(),
         };
         writeln!(out, "scene      {} lx, {source}", short(if lux < 10.0 { lux } else { lux.round() }))?;
-        let at_100 = scene_ev(lux, USUAL_ISO);
+        let at_100 = scene_ev(lux, DEFAULT_ISO);
         let speed = stops::format_iso(iso);
         let taken = if self.asked.iso.is_none() { " (taken, for no film speed is known)" } else { "" };
         writeln!(out, "           EV {:.2} at {speed}{taken}, EV {at_100:.2} at ISO 100", scene_ev(lux, iso))?;
@@ -141,7 +142,7 @@ impl Report<'_> {
                 "mean_light": self.scene.picture.map(|light| light.mean),
                 "clipped": self.scene.picture.map(|light| light.clipped),
                 "ev": scene_ev(lux, iso),
-                "ev_at_iso_100": scene_ev(lux, USUAL_ISO),
+                "ev_at_iso_100": scene_ev(lux, DEFAULT_ISO),
             },
             "settings": settings.as_ref().map(values),
             "missing": self.asked.missing(),

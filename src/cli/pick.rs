@@ -9,7 +9,7 @@ use glam::{DVec2, DVec3};
 use locard_engine::frame::Frame;
 use locard_engine::scene::Support;
 use locard_engine::shot::{
-    FittedPlane, Shot, Surface, SurfaceError, Triangulated, View, metres_per_unit, plane_through,
+    FittedPlane, FramePoint, Shot, Surface, SurfaceError, TriangulatedPoint, metres_per_unit, plane_through,
 };
 use locard_engine::text::{fixed, number};
 
@@ -17,7 +17,7 @@ use locard_engine::text::{fixed, number};
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pick {
     at_px: DVec2,
-    also: Vec<View>,
+    also: Vec<FramePoint>,
 }
 
 impl Pick {
@@ -31,15 +31,15 @@ impl Pick {
 }
 
 /// A place in a frame that it names, from `FRAME:X,Y`; `expected` says what is wanted.
-pub fn view(text: &str, expected: &str) -> Result<View, String> {
+pub fn view(text: &str, expected: &str) -> Result<FramePoint, String> {
     let wrong = || format!("{text}: expected {expected}");
     let (frame, at) = text.split_once(':').ok_or_else(wrong)?;
     let frame = frame.trim().parse().map_err(|_| wrong())?;
-    Ok(View { frame, at_px: numbers::<2>(at)?.into() })
+    Ok(FramePoint { frame, at_px: numbers::<2>(at)?.into() })
 }
 
 /// As it is read.
-pub fn of_view(view: &View) -> String {
+pub fn of_view(view: &FramePoint) -> String {
     format!("{}:{}", view.frame, view.at_px.to_array().map(number).join(","))
 }
 
@@ -62,7 +62,7 @@ pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
 pub enum Known {
     Depth(Surface),
     Plane { normal: DVec3 },
-    Views(Triangulated),
+    Views(TriangulatedPoint),
 }
 
 pub struct Picked {
@@ -108,7 +108,7 @@ impl<'a> Picker<'a> {
 
     pub fn find(&self, pick: &Pick) -> Result<Picked> {
         if !pick.also.is_empty() {
-            let views: Vec<View> = std::iter::once(View { frame: self.frame, at_px: pick.at_px })
+            let views: Vec<FramePoint> = std::iter::once(FramePoint { frame: self.frame, at_px: pick.at_px })
                 .chain(pick.also.iter().copied())
                 .collect();
             views.iter().try_for_each(|view| super::check_frame(view.frame, self.shot.recording.frame_count()))?;
@@ -188,7 +188,7 @@ pub fn show(picker: &Picker<'_>, asked: &Asked<'_>, out: &mut impl Write) -> Res
                 " (± {} {unit}; rays at {}°, {} px off)",
                 fixed(found.sigma_m, 4),
                 fixed(found.angle_deg, 1),
-                fixed(found.off_px, 2)
+                fixed(found.rms_px, 2)
             )?,
         }
         points.push(picked.point_m);
@@ -202,12 +202,12 @@ pub fn show(picker: &Picker<'_>, asked: &Asked<'_>, out: &mut impl Write) -> Res
     if points.len() > 2 {
         let eye = shot.recording.pose_at_frame(picker.frame)?.position_in_world_m();
         let plane = plane_through(&points)?.facing(shot.recording.up.unwrap_or(eye - points[0]));
-        let FittedPlane { off_m, most_m, .. } = plane;
+        let FittedPlane { rms_m, max_m, .. } = plane;
         let numbers = plane.numbers().map(|n| fixed(n, 6)).join(",");
         write!(out, "plane      --plane {numbers}")?;
         match points.len() {
             3 => writeln!(out)?,
-            _ => writeln!(out, " (points off by {} {unit}, {} at most)", fixed(off_m, 4), fixed(most_m, 4))?,
+            _ => writeln!(out, " (points off by {} {unit}, {} at most)", fixed(rms_m, 4), fixed(max_m, 4))?,
         }
     }
     if let (Some(distance_m), [a, b]) = (distance_m, points.as_slice()) {

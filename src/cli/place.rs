@@ -14,7 +14,7 @@ use locard_engine::export::Inputs;
 use locard_engine::recording::{OpenOptions, Recording};
 use locard_engine::scene::document::Up;
 use locard_engine::scene::{self, Document, Heading, MIN_SUPPORT_COSINE, Posture, SceneFile};
-use locard_engine::shot::{Given, Shot};
+use locard_engine::shot::{Shot, ShotOptions};
 use locard_engine::sink::{self, atomic::write_atomically};
 use locard_engine::text::{fixed, number, shown};
 
@@ -80,7 +80,7 @@ pub fn run(args: &Args) -> Result<()> {
     // A scene file may say how long the recording's unit is.
     let scene = args.scene.exists().then(|| args.scene.clone());
     let analysis = args.analysis.asked();
-    let given = Given { profile: args.profile.clone(), scene, analysis, ..Given::default() };
+    let given = ShotOptions { profile: args.profile.clone(), scene, analysis, ..ShotOptions::default() };
     let recording = Recording::open(&args.recording, &options)?;
     let (mut shot, ()) = args.analysis.open(recording, &given, false, |_| Ok(()))?;
     // It would have moved the camera.
@@ -117,7 +117,7 @@ pub fn run(args: &Args) -> Result<()> {
         );
     }
     let posture = if args.flat { Posture::Flat } else { Posture::Upright };
-    let facing = || shot.facing(args.frame, support.point_m, up, 0.0);
+    let facing = || shot.heading_to_camera(args.frame, support.point_m, up, 0.0);
     let heading = args.heading.map_or_else(facing, Heading::Deg);
     let mut placed = scene::lay(&model, &args.scene, &support, posture, heading, up, args.size)?;
     placed.name.clone_from(&args.name);
@@ -153,7 +153,7 @@ pub fn run(args: &Args) -> Result<()> {
             "surface    taken for level; the point is known within {:.1} mm (rays at {:.1}°, {:.1} px off)",
             1e3 * found.sigma_m,
             found.angle_deg,
-            found.off_px
+            found.rms_px
         )?,
     }
     if support.normal.dot(up) < MIN_SUPPORT_COSINE && !args.flat {
@@ -173,7 +173,7 @@ pub fn run(args: &Args) -> Result<()> {
         writeln!(out, "odd        nothing says which way is up: z is taken; `up` in the scene file says otherwise")?;
     }
     let frame = shot.read(args.frame)?;
-    for wrong in shot.wrongs(&frame) {
+    for wrong in shot.object_issues(&frame) {
         writeln!(out, "odd        {}", shown(&wrong.note.to_string()))?;
     }
     Ok(())

@@ -16,7 +16,7 @@ use locard_engine::export::Inputs;
 use locard_engine::recording::OpenOptions;
 use locard_engine::scene::document::{LightTable, Up};
 use locard_engine::scene::{self, Document, SceneFile};
-use locard_engine::shot::{Analysed, AnalysisState, Given, ReferencePick, Shot};
+use locard_engine::shot::{AnalysisChoice, AnalysisState, ReferencePick, Shot, ShotOptions};
 use locard_engine::sink;
 use locard_engine::sink::atomic::write_atomically;
 use locard_engine::text::shown;
@@ -147,8 +147,8 @@ pub fn run(args: &Args) -> Result<()> {
 
 /// The recording with its analysis, and where that lies.
 fn opened(args: &Args) -> Result<(Shot, PathBuf, Analysis)> {
-    let analysis = args.analysis.clone().map_or(Analysed::Beside, Analysed::At);
-    let given = Given { profile: args.profile.clone(), analysis, ..Given::default() };
+    let analysis = args.analysis.clone().map_or(AnalysisChoice::Beside, AnalysisChoice::At);
+    let given = ShotOptions { profile: args.profile.clone(), analysis, ..ShotOptions::default() };
     let shot = Shot::open(&args.recording, &OpenOptions::default(), &given)?;
     let recording = args.recording.display();
     let folder = match &shot.analysis {
@@ -156,7 +156,7 @@ fn opened(args: &Args) -> Result<(Shot, PathBuf, Analysis)> {
         AnalysisState::Unfit(folder, problem) => {
             bail!("{}: {problem}; `locard analyse {recording}` makes it anew", folder.display())
         }
-        AnalysisState::Absent | AnalysisState::Left => {
+        AnalysisState::Absent | AnalysisState::Ignored => {
             let place = beside(&shot.recording.path);
             bail!("{}: there is no analysis, which finds the light: `locard analyse {recording}`", place.display())
         }

@@ -10,7 +10,7 @@ use super::{ending, progress_of, tell, warn};
 use locard_engine::camera::LensModel;
 use locard_engine::pose::Pose;
 use locard_engine::recording::OpenOptions;
-use locard_engine::shot::{Given, Shot};
+use locard_engine::shot::{Shot, ShotOptions};
 use locard_engine::stream::{LensState, Protocol, Sender};
 use locard_engine::text::{count, fixed};
 
@@ -45,7 +45,11 @@ fn speed(text: &str) -> Result<f64, String> {
 
 pub fn run(args: &Args) -> Result<()> {
     let options = OpenOptions { metres_per_unit: args.metres_per_unit.unwrap_or(1.0), ..OpenOptions::default() };
-    let shot = Shot::open(&args.recording, &options, &Given { profile: args.profile.clone(), ..Given::default() })?;
+    let shot = Shot::open(
+        &args.recording,
+        &options,
+        &ShotOptions { profile: args.profile.clone(), ..ShotOptions::default() },
+    )?;
     let recording = &shot.recording;
     let poses = on_the_frames_clock(&shot);
     let (Some(&(first_s, _)), Some(&(last_s, _))) = (poses.first(), poses.last()) else {
@@ -113,10 +117,10 @@ fn on_the_frames_clock(shot: &Shot) -> Vec<(f64, Pose)> {
 
 /// What is sent of the lens. `None` if nothing is known, or if it is not one lens.
 fn lens(shot: &Shot, quiet: bool) -> Option<LensState> {
-    let geometry = shot.given_geometry_at(0)?;
+    let geometry = shot.known_geometry_at(0)?;
     let camera = shot.camera();
     let frames = 0..shot.recording.frame_count();
-    if frames.into_iter().any(|frame| shot.given_geometry_at(frame).is_some_and(|other| other != geometry)) {
+    if frames.into_iter().any(|frame| shot.known_geometry_at(frame).is_some_and(|other| other != geometry)) {
         warn(quiet, "the camera is not the same in all frames: no lens is sent");
         return None;
     }

@@ -7,7 +7,7 @@ use anyhow::{Result, anyhow};
 
 use locard_engine::assets;
 use locard_engine::recording::OpenOptions;
-use locard_engine::shot::Given;
+use locard_engine::shot::ShotOptions;
 use locard_window::{self, DEMO, DEMO_SCENE, InitialContent, Measure, Project};
 
 #[derive(clap::Args)]
@@ -41,7 +41,12 @@ pub fn run(args: Args) -> Result<()> {
     }
     let recording = recording.or(demo).unwrap_or_else(|| DEMO.into());
     let new_profile = profile.clone().filter(|path| !path.exists());
-    let given = Given { profile: profile.filter(|path| path.exists()), sets: Vec::new(), scene, ..Given::default() };
+    let given = ShotOptions {
+        profile: profile.filter(|path| path.exists()),
+        sets: Vec::new(),
+        scene,
+        ..ShotOptions::default()
+    };
     let options = OpenOptions { metres_per_unit, ..OpenOptions::default() };
     let mut project = Project::open(&recording, &options, &given)?;
     if let Some(path) = new_profile {

@@ -12,7 +12,7 @@ use locard_engine::analyse;
 use locard_engine::gpu::Gpu;
 use locard_engine::recording::OpenOptions;
 use locard_engine::report::{self, SlidePair};
-use locard_engine::shot::{Analysed, AnalysisState, Given, Shot};
+use locard_engine::shot::{AnalysisChoice, AnalysisState, Shot, ShotOptions};
 use locard_engine::text::{count, fixed};
 use locard_engine::verify::{Brightness, DisplacementSummary, Plan, Verification, real_px, verify};
 
@@ -59,10 +59,11 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let options = args.skip.over(OpenOptions::default());
     let open = |analysis| {
-        let given = Given { profile: args.profile.clone(), sets: args.sets.clone(), analysis, ..Given::default() };
+        let given =
+            ShotOptions { profile: args.profile.clone(), sets: args.sets.clone(), analysis, ..ShotOptions::default() };
         Shot::open(&args.recording, &options, &given)
     };
-    let recorded = open(Analysed::No)?;
+    let recorded = open(AnalysisChoice::No)?;
     if !recorded.recording.has_depth() {
         bail!("{}: there is no depth: nothing says where what its frames show stands", args.recording.display());
     }

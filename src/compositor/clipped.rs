@@ -1,30 +1,34 @@
 //! Shadows on receiver pixels that clip.
 //!
-//! A code at the camera's white is a lower bound of the light: L ≥ V, with V the light that the code stands for. The shadow ratio s
-//! scales the true radiance L, and what the camera shows clips again:
+//! A code at the camera's white is a lower bound of the light: L ≥ V, with V the light of that
+//! code. The shadow ratio s scales the true radiance L, and the camera clips the result again:
 //!
 //!   V' = min(V, L̂·s),   L̂ = max(V, g·R).
 //!
-//! R is the radiance of the place in frames that do not clip there ([`SurfaceRadiance`](crate::shadow::SurfaceRadiance)), g this frame's gain. Where R is a bound
+//! R is the radiance of the surface in frames that do not clip there
+//! ([`SurfaceRadiance`](crate::shadow::SurfaceRadiance)), g this frame's gain. Where R is a bound
 //! itself, or unknown, L̂ is the largest known lower bound.
 //!
-//! The camera's white has no colour of its own: three clipped channels show neither the surface's nor the light's. So a pixel of
-//! which all channels clip is darkened as little as its channels allow, and alike:
+//! The camera's white has no colour of its own: three clipped channels contain neither the
+//! surface's nor the light's. So a pixel of which all channels clip is darkened as little as its
+//! channels allow, and equally in all channels:
 //!
 //!   V'_c/V_c = max over channels of min(1, L̂·s/V).
 //!
-//! Cameras compress light below their white. So L̂ rises from V to its value between the codes 240 and 250 of 255, and channels
-//! become alike over the same range. On a saturated colour L̂ would change the hue from the lit part to the shaded one, for only
-//! one or two of its channels clip: it rises to its value as the least channel rises from 200 to 240. Below that V stands for L.
+//! Cameras compress light below their white. So L̂ rises from V to its value between the codes 240
+//! and 250 of 255, and channels are equalized over the same range. On a saturated colour only one
+//! or two channels clip, and L̂ would change the hue between the lit and the shaded part: it rises
+//! to its value as the smallest channel rises from 200 to 240. Below that, V is used for L.
 //!
-//! The result is written as a fraction of the recorded light that is removed. Mixing, noise and layer files use it as that of any
-//! other pixel.
+//! The result is stored as the fraction of the recorded light that is removed. Mixing, noise and
+//! layer files treat it like that of any other pixel.
 //!
-//! Not modelled: the colour of a clipped surface in a shadow; the true radiance of saturated colours of which a channel clips; the
-//! radiance above its largest lower bound of a surface that clips in every frame, which makes its shadow too dark; the radiance of
-//! photographs that sum frames and of recordings without depth or without an analysis, where V is the only bound.
+//! Not modelled: the colour of a clipped surface in a shadow; the true radiance of saturated
+//! colours of which a channel clips; the radiance above its largest lower bound of a surface that
+//! clips in every frame, which makes its shadow too dark; the radiance of photographs that sum
+//! frames and of recordings without depth or without an analysis, where V is the only bound.
 
-use super::touched::touched;
+use super::dirty_tiles::dirty_tiles;
 use crate::camera::{Geometry, Response};
 use crate::depth::Rays;
 use crate::frame::SeenBrightness;
@@ -35,24 +39,28 @@ use crate::pose::Pose;
 use crate::render::COLOR;
 use crate::shadow::{LazyRadiance, Sampler};
 
-use super::shade::Shaded;
+use super::shade::ShadeImage;
 
-/// Codes, as shares of the largest one, from which on a channel is near the camera's white, and from which on it clips.
-const SHOULDER: f32 = 240.0 / 255.0;
-/// Least channel, as a share of the largest code, below which a clipped colour is saturated.
-const SATURATED: f32 = 200.0 / 255.0;
-pub const WHITE: f32 = 250.0 / 255.0;
-/// Largest ratio of the true radiance to the recorded light. Brighter surfaces are lamps, which take no shadow either.
+/// Code from which on the camera compresses light below its white, as a fraction of the largest
+/// code.
+const SHOULDER_LEVEL: f32 = 240.0 / 255.0;
+/// Smallest channel below which a clipped colour counts as saturated, as a fraction of the largest
+/// code.
+const SATURATED_LEVEL: f32 = 200.0 / 255.0;
+/// Code from which on a channel clips, as a fraction of the largest code.
+pub const CLIP_LEVEL: f32 = 250.0 / 255.0;
+/// Largest ratio of the true radiance to the recorded light. Brighter surfaces are lamps, which
+/// receive no shadow.
 const MAX_EXCESS: f32 = 16.0;
 
 crate::uniform! {
     struct Clipped { part_px: [f32; 2], in_light: [i32; 2], light_size: [i32; 2] }
 }
 
-/// What is known of the radiance of a frame's surfaces.
-pub struct KnownRadiance<'a> {
+/// The radiance of surfaces, with the frame's geometry to look it up by pixel.
+pub struct FrameRadiance<'a> {
     pub radiance: &'a LazyRadiance,
-    /// The frame's depth over a rectangle of its picture, m, 0 where unknown.
+    /// The frame's depth over a rectangle of its picture, m, 0 if unknown.
     pub depth_m: (&'a [f32], Rect),
     pub rays: &'a Rays,
     /// The camera's pose at a time from the middle row's, s.
@@ -63,20 +71,21 @@ pub struct KnownRadiance<'a> {
 /// The clipped light of a part of the picture.
 struct ClippedLight {
     rect: Rect,
-    /// True radiance by the recorded light, 0 where a channel does not clip; and how far all of them clip.
+    /// Ratio of the true radiance to the recorded light, 0 for channels that do not clip; and the
+    /// degree to which all channels clip.
     excess: Vec<[f32; 4]>,
 }
 
-/// Bounds what shadows remove from clipped pixels of `part`. Without any there is nothing to do.
-pub fn bounded(
+/// Limits the light that shadows remove from clipped pixels of `part`.
+pub fn limited(
     recorder: &mut Recorder,
-    shaded: Shaded,
+    shade: ShadeImage,
     part: Rect,
     (pixels, response, geometry): (&Pixels, &Response, &Geometry),
-    known: Option<&KnownRadiance<'_>>,
-) -> Shaded {
-    let rects = touched(part, &shaded.pieces);
-    let Some(light) = ClippedLight::new(pixels, response, geometry, &rects, known) else { return shaded };
+    known: Option<&FrameRadiance<'_>>,
+) -> ShadeImage {
+    let rects = dirty_tiles(part, &shade.pieces);
+    let Some(light) = ClippedLight::new(pixels, response, geometry, &rects, known) else { return shade };
     let size = (light.rect.width(), light.rect.height());
     let texture = recorder.pool.lend_to_write(&recorder.gpu, size, COLOR);
     texture.write(&recorder.gpu, size.0, size.1, &half_texels(&light.excess));
@@ -89,37 +98,37 @@ pub fn bounded(
     let quads: Vec<[i32; 4]> = rects.iter().map(in_part).collect();
     let list = recorder.storage(bytemuck::cast_slice(&quads));
     let pass = recorder.pass(Shader::Clipped, Entry::over("part", "main")).uniform("clipped", &uniform);
-    let pass = pass.texture("shade", &shaded.texture).texture("excess", &texture).buffer("parts", list);
+    let pass = pass.texture("shade", &shade.texture).texture("excess", &texture).buffer("parts", list);
     let [texture] = pass.tiles(quads.len() as u32).draw([COLOR], (part.width(), part.height()));
-    Shaded { texture, ..shaded }
+    ShadeImage { texture, ..shade }
 }
 
-/// How far a code, as a share of the largest one, clips: 0 to 1.
+/// Degree to which a code, as a fraction of the largest one, clips: 0 to 1.
 fn clipping(code: f32) -> f32 {
-    ((code - SHOULDER) / (WHITE - SHOULDER)).clamp(0.0, 1.0)
+    ((code - SHOULDER_LEVEL) / (CLIP_LEVEL - SHOULDER_LEVEL)).clamp(0.0, 1.0)
 }
 
 impl ClippedLight {
-    /// Of the pixels of some rectangles. `None` if none clips.
+    /// Clipped light of the pixels in the rectangles. `None` if none clips.
     fn new(
         pixels: &Pixels,
         response: &Response,
         geometry: &Geometry,
         rects: &[Rect],
-        known: Option<&KnownRadiance<'_>>,
+        known: Option<&FrameRadiance<'_>>,
     ) -> Option<Self> {
         let picture = Rect::full(pixels.width, pixels.height);
         let beyond = if geometry.is_round() { pixels.width as i32 } else { 0 };
-        let seen = Rect { x0: picture.x0 - beyond, x1: picture.x1 + beyond, ..picture };
+        let bounds = Rect { x0: picture.x0 - beyond, x1: picture.x1 + beyond, ..picture };
         let rects: Vec<Rect> =
-            rects.iter().map(|rect| rect.intersection(&seen)).filter(|rect| !rect.is_empty()).collect();
+            rects.iter().map(|rect| rect.intersection(&bounds)).filter(|rect| !rect.is_empty()).collect();
         let max_code = pixels.max_code();
-        let first = (SHOULDER * max_code as f32).round() as u32 + 1;
+        let first = (SHOULDER_LEVEL * max_code as f32).round() as u32 + 1;
         let clips = |x: i32, y: i32| {
             let codes = pixels.at(x.rem_euclid(picture.x1) as u32, y as u32);
             codes.iter().any(|code| *code >= first).then_some(codes)
         };
-        // The rectangle around all of them.
+        // The bounds of the clipped pixels.
         let rows = rects.iter().flat_map(|rect| (rect.y0..rect.y1).map(move |y| (*rect, y)));
         let searched = rows.filter(|(rect, y)| has_code_from(pixels, *y, *rect, first, beyond > 0));
         let rect = searched.fold(Rect::new(0, 0, 0, 0), |around, (rect, y)| {
@@ -147,30 +156,31 @@ impl ClippedLight {
             for (x, codes) in columns.filter_map(|x| Some((x, clips(x, y)?))) {
                 let radiance =
                     known.as_mut().and_then(|(known, pose, sampler)| known.at((x, y), pose, picture, sampler));
-                let far = codes.map(|code| clipping(code as f32 / max_code as f32));
-                let least = codes.into_iter().min().unwrap_or(0) as f32 / max_code as f32;
-                let pale = ((least - SATURATED) / (SHOULDER - SATURATED)).clamp(0.0, 1.0);
+                let degree = codes.map(|code| clipping(code as f32 / max_code as f32));
+                let smallest = codes.into_iter().min().unwrap_or(0) as f32 / max_code as f32;
+                let paleness = ((smallest - SATURATED_LEVEL) / (SHOULDER_LEVEL - SATURATED_LEVEL)).clamp(0.0, 1.0);
                 let texel = &mut excess[(x - rect.x0) as usize];
-                for c in (0..3).filter(|c| far[*c] > 0.0) {
+                for c in (0..3).filter(|c| degree[*c] > 0.0) {
                     let own = light[(codes[c].max(first) - first) as usize];
                     let true_light = radiance.map_or(own, |radiance| radiance[c].clamp(own, MAX_EXCESS * own));
-                    texel[c] = 1.0 + pale * far[c] * (true_light / own - 1.0);
+                    texel[c] = 1.0 + paleness * degree[c] * (true_light / own - 1.0);
                 }
-                texel[3] = far[0].min(far[1]).min(far[2]);
+                texel[3] = degree[0].min(degree[1]).min(degree[2]);
             }
         });
         Some(Self { rect, excess })
     }
 }
 
-/// Whether a row of a rectangle may have a code of at least `first`. A picture whose rims meet is not searched beforehand.
+/// Whether a row of a rectangle may contain a code of at least `first`. Always true for a 360°
+/// picture.
 fn has_code_from(pixels: &Pixels, y: i32, rect: Rect, first: u32, is_round: bool) -> bool {
     if is_round {
         return true;
     }
     let start = 3 * (y as usize * pixels.width as usize + rect.x0 as usize);
     let length = 3 * rect.width() as usize;
-    // A maximum is found many at a time.
+    // A maximum is vectorized.
     match &pixels.codes {
         Codes::U8(codes) => {
             u32::from(codes[start..start + length].iter().fold(0, |most, code| most.max(*code))) >= first
@@ -181,8 +191,9 @@ fn has_code_from(pixels: &Pixels, y: i32, rect: Rect, first: u32, is_round: bool
     }
 }
 
-impl KnownRadiance<'_> {
-    /// The radiance that a pixel has in this frame, or a lower bound of it: linear. `None` where nothing is known.
+impl FrameRadiance<'_> {
+    /// Linear radiance of a pixel in this frame's exposure, or a lower bound of it. `None` if
+    /// unknown.
     fn at(&self, (x, y): (i32, i32), pose: &Pose, picture: Rect, sampler: &mut Sampler<'_>) -> Option<[f32; 3]> {
         let (depth_m, rect) = self.depth_m;
         if !rect.contains(x, y) || !picture.contains(x, y) {
@@ -215,15 +226,15 @@ mod tests {
         Response { curve: Curve::Linear, ..Response::default() }
     }
 
-    /// At one pixel that is not grey, at column 3 of row 2.
-    fn light_of(codes: [u8; 3], known: Option<&KnownRadiance<'_>>) -> Option<ClippedLight> {
+    /// Clipped light of a grey picture with one other pixel, at column 3 of row 2.
+    fn light_of(codes: [u8; 3], known: Option<&FrameRadiance<'_>>) -> Option<ClippedLight> {
         let pixel = |i: usize| if i == 2 * 8 + 3 { codes } else { [90; 3] };
         let pixels = Pixels::from_u8(8, 6, (0..48).flat_map(pixel).collect()).unwrap();
         ClippedLight::new(&pixels, &linear(), &Geometry::pinhole(8, 6, 8.0), &[PICTURE], known)
     }
 
     #[test]
-    fn clipped_light_without_other_frames_is_the_code_itself_by_hand() {
+    fn clipped_light_without_other_frames_is_that_of_the_code() {
         assert!(light_of([240; 3], None).is_none());
         let found = light_of([255, 245, 100], None).unwrap();
         assert_eq!((found.rect, found.excess.as_slice()), (Rect::new(3, 2, 4, 3), [[1.0, 1.0, 0.0, 0.0]].as_slice()));
@@ -234,7 +245,8 @@ mod tests {
 
     #[test]
     fn clipped_light_known_from_other_frames_is_their_radiance_times_the_gain() {
-        // A wall at 1 m that shows (1.2, 0.9, 0.3) in the usual frame, and one corner of it nobody saw.
+        // A wall at 1 m of radiance (1.2, 0.9, 0.3) at the usual exposure, with a corner that no
+        // frame shows.
         let places =
             (-50..50).flat_map(|x| (-50..50).map(move |y| DVec3::new(0.01 * f64::from(x), 0.01 * f64::from(y), 1.0)));
         let sample = |at_m: DVec3| SurfaceSample { at_m, light: [1.2, 0.9, 0.3], is_clipped: [false; 3] };
@@ -245,7 +257,7 @@ mod tests {
         let rays = Rays::new(&Geometry::pinhole(8, 6, 8.0));
         let known = |codes: [u8; 3], x_m: f64| {
             let pose_at = move |_| Pose::from_camera_in_world(DVec3::X * x_m, glam::DQuat::IDENTITY);
-            let known = KnownRadiance {
+            let known = FrameRadiance {
                 radiance: &radiance,
                 depth_m: (&depth_m, PICTURE),
                 rays: &rays,
@@ -254,12 +266,13 @@ mod tests {
             };
             light_of(codes, Some(&known)).unwrap().excess[0]
         };
-        // Twice as bright there as the factors say. The green counts by half; the blue's radiance is below its code.
+        // Vignetting doubles the factors here. Green clips by half; blue's radiance is below its
+        // code.
         let expected = [3.6, 1.0 + 0.5 * (2.16 * 255.0 / 245.0 - 1.0), 1.0];
         let found = known([255, 245, 251], 0.0);
         assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 1e-3), "{found:?} {expected:?}");
         assert_eq!(known([255, 245, 251], -0.9)[..3], [1.0; 3]);
-        // Half as pale, and a saturated colour.
+        // A colour of half paleness, and a saturated one.
         let [half, none] = [220, 180].map(|blue| known([255, 245, blue], 0.0)[0]);
         assert!((half - 2.3).abs() < 1e-3 && none == 1.0, "{half} {none}");
     }

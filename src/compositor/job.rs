@@ -9,12 +9,12 @@ use crate::gpu::GpuError;
 use crate::pixels::{LayerImage, Pixels};
 use crate::tracking::PoseTrack;
 
-/// A picture to be made, and all that it depends on except camera and settings.
+/// A picture to make: its inputs except camera and settings.
 #[derive(Debug)]
 pub struct Job<'a> {
-    /// Its pixels are the real part, in the picture's size.
+    /// Its pixels are the real part, at the picture's size.
     pub frame: Frame,
-    /// Geometry of the picture that is made.
+    /// Geometry of the output picture.
     pub picture: &'a Geometry,
     pub capture: Capture<'a>,
     pub real: RealDepth<'a>,
@@ -32,26 +32,32 @@ pub struct Job<'a> {
 pub enum RealDepth<'a> {
     /// From the frame's own depth map, if it has one.
     OfFrame,
-    /// Known at the frame's moment over the picture that is made; it hides virtual things. With the surfaces made from
-    /// it, effects act on the real part too. A picture that sums frames has `moments`: what hides in each of them,
-    /// with its time in seconds from the picture's.
+    /// At the frame's time, registered to the output picture; it occludes virtual objects.
+    /// With `surfaces`, effects act on the real part too. For a picture that sums frames, `moments`
+    /// holds the depth of each of them, with its time relative to the picture's, s.
     Known { grid: Option<&'a DepthGrid>, surfaces: Option<&'a Surfaces>, moments: &'a [(f64, DepthGrid)] },
 }
 
 /// Where the picture goes.
 #[derive(Clone, Copy, Debug)]
 pub enum Target<'a> {
-    /// Back to the processor: [`Composited::pixels`].
+    /// Read back to the CPU: [`Composited::pixels`].
     Pixels,
-    /// Into a view of the picture's size, ready to be shown: the whole picture, including the camera's pixels. The view
-    /// receives encoded code values. If its format is sRGB, which encodes by itself, it receives the light that gives
-    /// them.
+    /// Drawn into a view of the picture's size, for display: the whole picture, including the
+    /// camera's pixels. The view receives encoded code values, or linear light if its format is
+    /// sRGB and encodes by itself.
     View(&'a wgpu::TextureView, wgpu::TextureFormat),
 }
 
-/// A frame's exposure, seconds. In order of precedence: what a tracked camera said of the frame (if the camera follows that),
-/// the camera's shutter angle, the recording's time for the frame (unless the settings overrule either), the camera's time,
-/// what the frame's motion blur says, and [`assumed_exposure_s`].
+/// A frame's exposure time, s. In order of precedence:
+///
+/// 1. the exposure that a tracked camera reports for the frame, if the camera follows it and the
+///    settings do not overrule it;
+/// 2. the camera's shutter angle;
+/// 3. the recording's exposure time of the frame, unless the settings overrule it;
+/// 4. the camera's exposure time;
+/// 5. the estimate from the frame's motion blur;
+/// 6. [`assumed_exposure_s`].
 pub fn exposure_time_s(camera: &Camera, settings: &Settings, frame: &Frame, interval_s: f64) -> f64 {
     let exposure = &camera.exposure;
     let angle = |deg: f64| deg / 360.0 * interval_s;
@@ -62,17 +68,17 @@ pub fn exposure_time_s(camera: &Camera, settings: &Settings, frame: &Frame, inte
     known.or(frame.exposure.blurred_s).unwrap_or_else(|| assumed_exposure_s(interval_s))
 }
 
-/// Longest exposure that is assumed where nothing states one, s. Phones and depth cameras expose for 1/60 s or less in
-/// lit rooms, at 10 frames a second as at 30, so that half of a long interval is too much blur.
-const LONGEST_ASSUMED_S: f64 = 1.0 / 60.0;
+/// Largest assumed exposure time, s. Phones and depth cameras expose for 1/60 s or less in lit
+/// rooms, at 10 frames a second as at 30, so that half of a long interval is too much blur.
+const MAX_ASSUMED_EXPOSURE_S: f64 = 1.0 / 60.0;
 
-/// Exposure of frames of which nothing is known: a shutter of 180°, at most 1/60 s.
+/// Exposure time of frames without any information: a shutter angle of 180°, at most 1/60 s.
 fn assumed_exposure_s(interval_s: f64) -> f64 {
-    (0.5 * interval_s).min(LONGEST_ASSUMED_S)
+    (0.5 * interval_s).min(MAX_ASSUMED_EXPOSURE_S)
 }
 
 impl<'a> Job<'a> {
-    /// A frame of a recording, to which virtual things are added and nothing else is changed.
+    /// A recorded frame to which virtual objects are added, at its own geometry and exposure.
     pub fn of_frame(
         frame: Frame,
         camera: &Camera,
@@ -92,31 +98,32 @@ impl<'a> Job<'a> {
 #[derive(Debug)]
 pub struct Composited {
     pub frame: usize,
-    /// The composite. If the picture went into a view, the camera's pixels.
+    /// The composite; with [`Target::View`], the camera's pixels.
     pub pixels: Pixels,
-    /// The layer over the whole picture, if it was asked for.
+    /// The layer over the whole picture, if [`Job::want_layer`] is set.
     pub layer: Option<LayerImage>,
     pub stats: FrameStats,
 }
 
-/// A frame's report: what was found and done.
+/// Statistics of a frame.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct FrameStats {
     pub frame: usize,
     pub timestamp_s: f64,
-    /// Why nothing was drawn: there is no pose at this time.
+    /// Why the frame has no pose, and nothing was drawn.
     pub no_pose: Option<String>,
-    /// Why the frame's depth hid nothing although it exists and was asked for.
+    /// Why the frame's depth occluded nothing, although it exists and occlusion is on.
     pub no_occlusion: Option<String>,
-    /// The rectangle of work in the picture: x0, y0, x1, y1.
+    /// Bounds of the composited pixels: x0, y0, x1, y1.
     pub rect_px: Option<[i32; 4]>,
-    /// Whether objects may be in the part of the picture that was made. A photograph is made even without any.
+    /// Whether objects may be in the composited region. A photograph is composited even without
+    /// any.
     pub objects_in_sight: bool,
     pub exposure_time_s: f64,
-    /// The frame's, where it is not 1: the share of the layer that is seen.
+    /// Opacity of the layer, if it is not 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub presence: Option<f64>,
-    /// An upper bound on how fast any point of the objects moves.
+    /// Upper bound of the speed of any point of the objects.
     pub fastest_px_per_s: f32,
     pub effects: Vec<&'static str>,
 }

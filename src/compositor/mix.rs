@@ -1,8 +1,9 @@
-//! The composite, with the mixed stage's effects in the same pass, and drawing the whole picture into a view.
+//! Composites layer and camera picture, with the mixed stage's effects in the same pass; and draws
+//! the whole picture into a view.
 
+use super::dirty_tiles::dirty_tiles;
 use super::job::Job;
 use super::rgba::rgba;
-use super::touched::touched;
 use crate::camera::exposure::photographic_gain;
 use crate::camera::{Camera, NoiseProfile};
 use crate::effects::{MixedPart, curve_choice};
@@ -10,27 +11,28 @@ use crate::gpu::{Bytes, Entry, Gpu, Recorder, Shader, Texture, constants};
 use crate::pixels::{Codes, Pixels, Rect};
 use crate::render::Layer;
 
-/// A part of the picture that is composited at once: all of it, or one side of the seam if a layer lies across that of
-/// a 360° picture.
+/// A part of the picture that is composited in one pass: all of it, or one side of the seam if a
+/// layer lies across the seam of a 360° picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Piece {
     pub shown: Rect,
-    /// The layer's rectangle in this piece's coordinates; may extend beyond the picture. Elsewhere the layer is empty.
+    /// The layer's rectangle in this piece's coordinates; may extend beyond the picture. Elsewhere
+    /// the layer is empty.
     pub drawn: Rect,
-    /// The same of the shade.
+    /// The shade's rectangle in this piece's coordinates.
     pub shaded: Rect,
 }
 
 /// The part of the camera's picture that the composite reads, on the GPU.
 #[derive(Clone, Debug)]
-pub struct Sent {
+pub struct CameraUpload {
     pub texture: Texture,
     /// Its rectangle in the picture.
     pub rect: Rect,
     max_code: f32,
 }
 
-impl Sent {
+impl CameraUpload {
     /// Uploads a rectangle of the camera's codes.
     pub fn new(recorder: &Recorder, pixels: &Pixels, rect: Rect) -> Self {
         let (width, height) = (rect.width(), rect.height());
@@ -44,7 +46,7 @@ impl Sent {
         Self { texture, rect, max_code: pixels.max_code() as f32 }
     }
 
-    /// Records copying a rectangle of the picture into a texture.
+    /// Records a copy of a rectangle of the picture into a texture.
     fn copy(&self, recorder: &mut Recorder, rect: Rect, to: &Texture) {
         let (from, size) = self.part(rect);
         recorder.encoder().copy_texture_to_texture(from, to.texture.as_image_copy(), size);
@@ -56,7 +58,7 @@ impl Sent {
         (wgpu::TexelCopyTextureInfo { origin, ..self.texture.texture.as_image_copy() }, size)
     }
 
-    /// Records copying a composited piece into this picture.
+    /// Records a copy of a composited piece into this picture.
     pub fn put(&self, recorder: &mut Recorder, made: &Texture, shown: Rect) {
         let (to, size) = self.part(shown);
         recorder.encoder().copy_texture_to_texture(made.texture.as_image_copy(), to, size);
@@ -99,11 +101,11 @@ crate::uniform! {
     struct Show { max_code: f32 }
 }
 
-/// σ at 256 code values, for shaders.
+/// Key of the table of noise σ at 256 code values.
 #[derive(Clone, Debug, PartialEq)]
-struct Sigma(Option<NoiseProfile>);
+struct SigmaKey(Option<NoiseProfile>);
 
-fn sigma(gpu: &Gpu, Sigma(noise): &Sigma) -> Bytes {
+fn sigma_table(gpu: &Gpu, SigmaKey(noise): &SigmaKey) -> Bytes {
     let table: Vec<[f32; 4]> = match noise {
         Some(noise) => noise.table().into_iter().map(|[r, g, b]| [r, g, b, 0.0]).collect(),
         None => vec![[0.0; 4]; 256],
@@ -111,7 +113,8 @@ fn sigma(gpu: &Gpu, Sigma(noise): &Sigma) -> Bytes {
     Bytes::from(&constants(gpu, "sigma", bytemuck::cast_slice(&table)))
 }
 
-/// The files of a composite with the effects' parts, in order, and the function that calls the parts one after another.
+/// The shader files of a composite with the effects' parts, in order, and the source of the
+/// function that calls the parts one after another.
 pub fn module(parts: &[(Shader, &str)], acted_on_real: bool) -> (Vec<Shader>, String) {
     let real = if acted_on_real { Shader::CompositeReal } else { Shader::CompositeRecorded };
     let shaders = [Shader::Composite, real].into_iter().chain(parts.iter().map(|(shader, _)| *shader)).collect();
@@ -122,13 +125,13 @@ pub fn module(parts: &[(Shader, &str)], acted_on_real: bool) -> (Vec<Shader>, St
     (shaders, tail)
 }
 
-/// Records the composite of a piece. `shade` is the share of the real light that is taken. Beyond `changed`, parts of the picture,
-/// layer and shade are empty.
+/// Records the composite of a piece. `shade` is the fraction of the real light that is removed.
+/// Outside the rectangles `changed` of the picture, layer and shade are empty.
 pub fn mix(
     recorder: &mut Recorder,
     camera: &Camera,
     job: &Job<'_>,
-    sent: &Sent,
+    upload: &CameraUpload,
     (layer, shade): (&Layer, Option<&Texture>),
     (piece, changed): (&Piece, &[Rect]),
     parts: Vec<MixedPart>,
@@ -137,24 +140,24 @@ pub fn mix(
     let size = (shown.width(), shown.height());
     let uniform = Composite {
         in_picture: [shown.x0, shown.y0],
-        in_camera: [shown.x0 - sent.rect.x0, shown.y0 - sent.rect.y0],
+        in_camera: [shown.x0 - upload.rect.x0, shown.y0 - upload.rect.y0],
         in_layer: [shown.x0 - drawn.x0, shown.y0 - drawn.y0],
         in_shade: [shown.x0 - shaded.x0, shown.y0 - shaded.y0],
-        camera_size: [sent.rect.width() as i32, sent.rect.height() as i32],
+        camera_size: [upload.rect.width() as i32, upload.rect.height() as i32],
         layer_size: [drawn.width() as i32, drawn.height() as i32],
         shade_size: [shaded.width() as i32, shaded.height() as i32],
         made_size: [size.0 as i32, size.1 as i32],
-        max_code: sent.max_code,
+        max_code: upload.max_code,
         gain: photographic_gain(capture.over_ev) as f32,
         noise_left: capture.noise_left as f32,
         gamma: camera.response.gamma as f32,
         presence: job.frame.presence as f32,
     };
-    let sigma = recorder.memoized(Sigma(camera.noise.clone()), sigma);
-    let changed = touched(shown, changed);
-    let out = recorder.pool.lend(&recorder.gpu, size, sent.texture.format);
+    let sigma = recorder.memoized(SigmaKey(camera.noise.clone()), sigma_table);
+    let changed = dirty_tiles(shown, changed);
+    let out = recorder.pool.lend(&recorder.gpu, size, upload.texture.format);
     if changed != [shown] {
-        sent.copy(recorder, shown, &out);
+        upload.copy(recorder, shown, &out);
     }
     let in_piece = |rect: &Rect| [rect.x0 - shown.x0, rect.y0 - shown.y0, rect.x1 - shown.x0, rect.y1 - shown.y0];
     let quads: Vec<[i32; 4]> = changed.iter().map(in_piece).collect();
@@ -176,7 +179,7 @@ pub fn mix(
         .uniform("composite", &uniform)
         .buffer("sigma_table", sigma)
         .buffer("parts", list)
-        .texture("camera", &sent.texture)
+        .texture("camera", &upload.texture)
         .texture("layer", &layer.color)
         .texture("coverage", layer.coverage.as_ref().unwrap_or(&layer.color))
         .texture("shade", shade.unwrap_or(&layer.color))

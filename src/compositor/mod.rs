@@ -1,22 +1,23 @@
-//! The frame loop: a pure function of a frame, the poses around it, the scene, the camera and the settings.
+//! Composites frames: the picture is a pure function of a frame, the poses around it, the scene,
+//! the camera and the settings.
 //!
-//! [`Compositor::submit`] reads as its phases: plan (plan.rs), hide (hide.rs), draw (the renderer), affect (the
-//! effects), mix (mix.rs).
+//! The phases of [`Compositor::submit`]: plan (plan.rs), occlusion (occlusion.rs), draw (the
+//! renderer), effects on the layer, mix (mix.rs).
 
-mod behind_real;
 mod clipped;
-mod hide;
+mod dirty_tiles;
+mod foreground_matte;
 mod job;
 mod mix;
+mod occlusion;
 mod paste;
-mod places;
 mod plan;
 mod real;
 mod rgba;
 mod run;
 mod settings;
 mod shade;
-mod touched;
+mod work_rects;
 
 use std::sync::Arc;
 
@@ -30,32 +31,32 @@ use crate::render::{Layer, Occlusion, Renderer, View};
 use crate::scene::{Object, Scene};
 use crate::shadow::{LazyRadiance, Lightmaps, Room, ShadowMap, Shadows};
 
-pub use clipped::WHITE;
-pub use hide::seen_by_row;
+pub use clipped::CLIP_LEVEL;
 pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target, exposure_time_s};
 pub use mix::module as mixed_module;
+pub use occlusion::seen_by_row;
 pub use plan::poses_within_s;
 pub use run::{IN_FLIGHT, Input, Run, RunError, Stream};
-pub use settings::{Depth, ON, Settings, SettingsError, Shade};
+pub use settings::{DepthSettings, ON, Settings, SettingsError, ShadowSettings};
 
-use clipped::KnownRadiance;
-use hide::Hidden;
-use mix::{Piece, Sent, mix};
+use clipped::FrameRadiance;
+use mix::{CameraUpload, Piece, mix};
+use occlusion::FrameOcclusion;
 use paste::{fill_noise, paste, paste_fringe, paste_layer, paste_shade};
-use plan::{Plan, Sight, moment};
+use plan::{FrameView, Plan, frame_context};
 
-/// Draws a scene into frames. All that it keeps between frames are caches: each call returns what a new compositor
-/// would.
+/// Draws a scene into frames. The state between frames is caches alone: each call returns the same
+/// as a new compositor's.
 #[derive(Debug)]
 pub struct Compositor {
     renderer: Renderer,
     shadows: Shadows,
     lightmaps: Lightmaps,
     recorder: Recorder,
-    depth: hide::Known,
+    depth: occlusion::Cache,
     radiance: Option<Arc<LazyRadiance>>,
     readbacks: ReadbackSet,
-    may_be_rough: bool,
+    allow_preview: bool,
 }
 
 /// A frame whose work is on the GPU.
@@ -67,10 +68,10 @@ pub struct Pending {
     work: Option<Work>,
     /// Earlier submissions of the frame, in order, without the last.
     parts: Vec<wgpu::SubmissionIndex>,
-    /// `None` where nothing had to be drawn.
+    /// `None` if nothing had to be drawn.
     last: Option<wgpu::SubmissionIndex>,
     timed: Vec<Timed>,
-    is_rough: bool,
+    is_preview: bool,
 }
 
 impl Pending {
@@ -78,18 +79,20 @@ impl Pending {
         &self.stats
     }
 
-    /// Whether shadows in it are rough or real edges torn, as was allowed ([`Compositor::may_be_rough`]).
-    pub fn is_rough(&self) -> bool {
-        self.is_rough
+    /// True if shadows or occlusion have preview quality ([`Compositor::allow_preview`]).
+    pub fn is_preview(&self) -> bool {
+        self.is_preview
     }
 
-    /// Waits until all of it is drawn, on whatever thread. Of a picture that went into a view nothing else comes.
+    /// Waits until the GPU has finished; callable from any thread. A picture in a
+    /// [`Target::View`] is complete then.
     pub fn await_drawn(&self, gpu: &Gpu) -> Result<(), GpuError> {
         self.last.clone().map_or(Ok(()), |last| gpu.wait(Some(last)))
     }
 
-    /// Waits, then gives the GPU's time for each part, if it was asked for ([`Compositor::time_next`]): `depth`, `objects`, each effect by its table, `mix` (with the effects that act while
-    /// objects are mixed into the picture).
+    /// Waits and returns the GPU time of each part, if timing was requested
+    /// ([`Compositor::time_next`]): `depth`, `shadow`, `objects`, each effect by its table, and
+    /// `mix`, with the effects of the mixed stage.
     pub fn times(&self, gpu: &Gpu) -> Result<Vec<PartTime>, GpuError> {
         Timed::times(&self.timed, gpu)
     }
@@ -99,11 +102,11 @@ impl Pending {
 struct Work {
     /// Empty if the picture went into a view.
     codes: Vec<(Piece, Readback)>,
-    layer: Option<LayerBack>,
+    layer: Option<LayerReadback>,
 }
 
 #[derive(Debug)]
-struct LayerBack {
+struct LayerReadback {
     drawn: Rect,
     over_seam: bool,
     light_alone: bool,
@@ -122,16 +125,16 @@ impl Compositor {
             lightmaps: Lightmaps::new(&scene),
             renderer: Renderer::new(&gpu, scene),
             recorder: Recorder::new(gpu),
-            depth: hide::Known::default(),
+            depth: occlusion::Cache::default(),
             radiance: None,
             readbacks: ReadbackSet::default(),
-            may_be_rough: false,
+            allow_preview: false,
         }
     }
 
-    /// Replaces the scene. Compiled pipelines stay, so that this costs no more than uploading the scene.
+    /// Replaces the scene. Compiled pipelines stay: the cost is that of the upload.
     pub fn set_scene(&mut self, scene: Scene) {
-        // Charts that are known hold for the same things in the same light.
+        // Shadow maps and lightmaps stay valid for the same geometry under the same lights.
         let before = self.renderer.scene();
         if !before.has_same_resources(&scene) {
             self.shadows = Shadows::new(&scene);
@@ -151,12 +154,14 @@ impl Compositor {
         self.renderer.place(objects);
     }
 
-    /// Real things take light from the floors from the next frame on, which virtual ones do not take a second time.
-    pub fn stand_in(&mut self, room: Option<Arc<Room>>) {
+    /// Sets the real room. From the next frame on its surfaces block light from the floors, so that
+    /// virtual objects do not block the same light again.
+    pub fn set_room(&mut self, room: Option<Arc<Room>>) {
         self.shadows.set_room(room);
     }
 
-    /// Sets how bright the room's surfaces are where a frame shows them clipped. It holds from the next frame on.
+    /// Sets the estimated radiance of the room's surfaces, which clipped pixels need, from the next
+    /// frame on.
     pub fn set_surface_radiance(&mut self, radiance: Option<Arc<LazyRadiance>>) {
         self.radiance = radiance;
     }
@@ -165,18 +170,19 @@ impl Compositor {
         &self.recorder.gpu
     }
 
-    /// Has the next frame's parts timed by the GPU, if it has a clock ([`Pending::times`]).
+    /// Times the parts of the next frame on the GPU, if it has timestamps ([`Pending::times`]).
     pub fn time_next(&mut self) {
         self.recorder.time();
     }
 
-    /// The next picture may come sooner: with shadows that are rough where they are not known yet, and hidden by the frame's own
-    /// depth alone where its neighbours were not asked yet. All other pictures are what a new compositor would make.
-    pub fn may_be_rough(&mut self) {
-        self.may_be_rough = true;
+    /// Allows preview quality for the next frame: shadows that are not cached yet are coarse, and
+    /// occlusion uses the frame's own depth without its neighbours. All other frames are the same
+    /// as a new compositor's.
+    pub fn allow_preview(&mut self) {
+        self.allow_preview = true;
     }
 
-    /// Things that the scene asks for but that are not drawn.
+    /// Features of the scene that are not drawn.
     pub fn warnings(&self) -> Vec<String> {
         self.renderer.warnings()
     }
@@ -189,7 +195,7 @@ impl Compositor {
         settings: &Settings,
         target: Target<'_>,
     ) -> Result<Pending, SubmitError> {
-        let may_be_rough = std::mem::take(&mut self.may_be_rough);
+        let allow_preview = std::mem::take(&mut self.allow_preview);
         if let Target::View(view, _) = target {
             let (size, pixels) = (view.texture().size(), &job.frame.pixels);
             let (view_px, picture_px) = ((size.width, size.height), (pixels.width, pixels.height));
@@ -200,37 +206,38 @@ impl Compositor {
         let mut stats = FrameStats::of(&job);
         if let Err(reason) = job.track.at(job.frame.timestamp_s + job.time_offset_s) {
             stats.no_pose = Some(reason.to_string());
-            return Ok(self.untouched(job, stats, target));
+            return Ok(self.pass_through(job, stats, target));
         }
-        // A photograph is made even without any of it.
+        // A photograph is composited even if the layer is invisible.
         if job.frame.presence <= 0.0 && !job.capture.whole {
-            return Ok(self.untouched(job, stats, target));
+            return Ok(self.pass_through(job, stats, target));
         }
-        let (shadow_maps, mut is_rough) = self.shaded(&settings.shadow, may_be_rough);
-        let sight = Sight::new(&self.renderer, shadow_maps, &job, settings);
-        let moment = moment(&job, camera, settings, &sight);
-        let plan = Plan::new(self.gpu(), &job, camera, settings, &moment, &sight)?;
-        stats.fastest_px_per_s = sight.footprint.fastest_px_per_s;
+        let (shadow_maps, mut is_preview) = self.update_shadows(&settings.shadow, allow_preview);
+        let frame_view = FrameView::new(&self.renderer, shadow_maps, &job, settings);
+        let context = frame_context(&job, camera, settings, &frame_view);
+        let plan = Plan::new(self.gpu(), &job, camera, settings, &context, &frame_view)?;
+        stats.fastest_px_per_s = frame_view.footprint.fastest_px_per_s;
         stats.effects = plan.active.iter().map(|effect| effect.table()).collect();
-        let Some(places) = &plan.places else { return Ok(self.untouched(job, stats, target)) };
-        stats.objects_in_sight = !sight.footprint.rect.intersection(&job.capture.region).is_empty();
-        let looked_at = places.looked_at;
-        stats.rect_px = Some([looked_at.x0, looked_at.y0, looked_at.x1, looked_at.y1]);
+        let Some(work_rects) = &plan.work_rects else { return Ok(self.pass_through(job, stats, target)) };
+        stats.objects_in_sight = !frame_view.footprint.rect.intersection(&job.capture.region).is_empty();
+        let bounds = work_rects.bounds;
+        stats.rect_px = Some([bounds.x0, bounds.y0, bounds.x1, bounds.y1]);
 
         self.recorder.part("depth");
-        self.depth.may_be_rough = may_be_rough;
+        self.depth.allow_preview = allow_preview;
         self.depth.proxies = self.proxies();
-        let hidden = Hidden::new(&mut self.recorder, &mut self.depth, &job, settings, &sight, &plan, &moment);
-        stats.no_occlusion = hidden.nothing_because.clone();
-        is_rough |= hidden.is_rough;
+        let occlusion =
+            FrameOcclusion::new(&mut self.recorder, &mut self.depth, &job, settings, &frame_view, &plan, &context);
+        stats.no_occlusion = occlusion.failure.clone();
+        is_preview |= occlusion.is_preview;
         let tolerance_m = settings.depth.tolerance_m;
         let view = View {
             geometry: job.picture,
-            keys: &sight.keys,
-            shutter: sight.shutter,
-            depths_m: sight.footprint.depths_m,
-            rect: places.drawn,
-            occlusion: hidden.first.as_ref().map(|(depth, grid_placement)| Occlusion {
+            keys: &frame_view.keys,
+            shutter: frame_view.shutter,
+            depths_m: frame_view.footprint.depths_m,
+            rect: work_rects.drawn,
+            occlusion: occlusion.depth_test.as_ref().map(|(depth, grid_placement)| Occlusion {
                 depth,
                 grid_placement: *grid_placement,
                 tolerance_m,
@@ -240,21 +247,21 @@ impl Compositor {
             outer: None,
         };
         self.recorder.part("shadow");
-        let asked = shade::Asked {
+        let request = shade::ShadeRequest {
             geometry: job.picture,
-            keys: &sight.keys,
-            shutter: sight.shutter,
-            part: places.shaded,
-            depth: hidden.real.as_ref().map(|(depth, rect)| (depth, *rect)),
-            matte: hidden.matte.as_ref().map(|(matte, rect)| (matte, *rect)),
+            keys: &frame_view.keys,
+            shutter: frame_view.shutter,
+            part: work_rects.shaded,
+            depth: occlusion.scene_depth.as_ref().map(|(depth, rect)| (depth, *rect)),
+            matte: occlusion.receiver_matte.as_ref().map(|(matte, rect)| (matte, *rect)),
             settings: &settings.shadow,
             presence: job.frame.presence,
         };
-        let shaded = shade::shade(&mut self.recorder, &sight.shades, &asked);
-        let pose_at = |offset_s| sight.keys.pose_at(offset_s);
+        let shade_image = shade::shade(&mut self.recorder, &frame_view.shadows, &request);
+        let pose_at = |offset_s| frame_view.keys.pose_at(offset_s);
         let rays = self.depth.rays.of(job.picture);
-        let known = self.radiance.as_deref().zip(hidden.repaired.as_ref()).zip(job.frame.exposure.seen);
-        let known = known.map(|((radiance, (repaired, rect)), brightness)| KnownRadiance {
+        let radiance = self.radiance.as_deref().zip(occlusion.repaired.as_ref()).zip(job.frame.exposure.seen);
+        let radiance = radiance.map(|((radiance, (repaired, rect)), brightness)| FrameRadiance {
             radiance,
             depth_m: (&repaired.depth_m, *rect),
             rays,
@@ -262,59 +269,70 @@ impl Compositor {
             brightness,
         });
         let camera_light = (&job.frame.pixels, &camera.response, job.picture);
-        let shaded = shaded
-            .map(|shaded| clipped::bounded(&mut self.recorder, shaded, places.shaded, camera_light, known.as_ref()));
-        let shade = shaded.as_ref().map(|shaded| &shaded.texture);
+        let shade_image = shade_image.map(|image| {
+            clipped::limited(&mut self.recorder, image, work_rects.shaded, camera_light, radiance.as_ref())
+        });
+        let shade = shade_image.as_ref().map(|image| &image.texture);
         self.recorder.part("objects");
         let mut layer = self.renderer.draw(&mut self.recorder, &view, &plan.samples);
         layer.real = plan.surfaces.map(|surfaces| {
-            // What is hidden moment by moment is hidden already.
+            // With summed exposures, the layer was occluded exposure by exposure.
             let hides = settings.depth.occlusion && job.real.moments().is_empty();
             let tolerance_m = hides.then_some(tolerance_m);
             let pixels = &job.frame.pixels;
-            real::real_layer(&mut self.recorder, pixels, surfaces, places.drawn, tolerance_m, &camera.response, shade)
+            real::real_layer(
+                &mut self.recorder,
+                pixels,
+                surfaces,
+                work_rects.drawn,
+                tolerance_m,
+                &camera.response,
+                shade,
+            )
         });
         let mut run = LayerRun {
             recorder: &mut self.recorder,
-            moment: &moment,
-            drawn: places.drawn,
-            objects_px: places.objects_px,
+            context: &context,
+            drawn: work_rects.drawn,
+            objects_px: work_rects.objects_px,
             geometry_is_read: true,
         };
-        let layer = affect(&mut run, layer, &plan, &hidden, job.want_layer, tolerance_m);
+        let layer = run_effects(&mut run, layer, &plan, &occlusion, job.want_layer, tolerance_m);
 
         run.recorder.part("mix");
-        let sent = match target {
-            Target::Pixels => looked_at_by(&places.pieces, &job.frame),
+        let upload_px = match target {
+            Target::Pixels => upload_rects(&work_rects.pieces, &job.frame),
             Target::View(..) => whole(&job.frame),
         };
-        let sent: Vec<_> = sent.into_iter().map(|rect| Sent::new(run.recorder, &job.frame.pixels, rect)).collect();
-        // What acts on real pixels, and what lies across a seam, changes the picture anywhere.
-        let parts = sight.footprint.parts.iter().map(|(rect, _)| rect.grown(places.spread_px));
-        let parts = parts.chain(shaded.iter().flat_map(|shaded| shaded.pieces.iter().copied()));
-        let is_whole = job.capture.whole || layer.real.is_some() || job.picture.is_round() || places.pieces.len() > 1;
+        let uploads: Vec<_> =
+            upload_px.into_iter().map(|rect| CameraUpload::new(run.recorder, &job.frame.pixels, rect)).collect();
+        // Effects on real pixels and layers across a seam change pixels everywhere.
+        let parts = frame_view.footprint.parts.iter().map(|(rect, _)| rect.grown(work_rects.spread_px));
+        let parts = parts.chain(shade_image.iter().flat_map(|image| image.pieces.iter().copied()));
+        let is_whole =
+            job.capture.whole || layer.real.is_some() || job.picture.is_round() || work_rects.pieces.len() > 1;
         let mut work = Work::default();
         let changed: Vec<Rect> =
-            if is_whole { places.pieces.iter().map(|piece| piece.shown).collect() } else { parts.collect() };
-        for (i, piece) in places.pieces.iter().enumerate() {
+            if is_whole { work_rects.pieces.iter().map(|piece| piece.shown).collect() } else { parts.collect() };
+        for (i, piece) in work_rects.pieces.iter().enumerate() {
             let parts: Vec<_> = plan.active.iter().filter_map(|effect| effect.mix(&mut run, piece.shown)).collect();
-            let sent = sent.get(i).unwrap_or(&sent[0]);
-            let made = mix(run.recorder, camera, &job, sent, (&layer, shade), (piece, &changed), parts);
+            let upload = uploads.get(i).unwrap_or(&uploads[0]);
+            let made = mix(run.recorder, camera, &job, upload, (&layer, shade), (piece, &changed), parts);
             match target {
                 Target::Pixels => {
                     let size = (piece.shown.width(), piece.shown.height());
                     work.codes.push((*piece, run.recorder.read_back(&mut self.readbacks, &made, size)));
                 }
-                Target::View(..) => sent.put(run.recorder, &made, piece.shown),
+                Target::View(..) => upload.put(run.recorder, &made, piece.shown),
             }
         }
-        if let (Target::View(view, format), Some(sent)) = (target, sent.first()) {
-            sent.show(run.recorder, view, format);
+        if let (Target::View(view, format), Some(upload)) = (target, uploads.first()) {
+            upload.show(run.recorder, view, format);
         }
-        let first = places.pieces[0];
-        work.layer = job.want_layer.then(|| LayerBack {
+        let first = work_rects.pieces[0];
+        work.layer = job.want_layer.then(|| LayerReadback {
             drawn: first.drawn,
-            over_seam: places.pieces.len() > 1,
+            over_seam: work_rects.pieces.len() > 1,
             light_alone: layer.light_alone,
             presence: job.frame.presence as f32,
             parts: [&layer.color, &layer.geometry].map(|t| run.recorder.read_back(&mut self.readbacks, t, layer.size)),
@@ -322,7 +340,7 @@ impl Compositor {
             shaded: first.shaded,
             response: camera.response.clone(),
             shade: shade.map(|t| {
-                let size = (places.shaded.width(), places.shaded.height());
+                let size = (work_rects.shaded.width(), work_rects.shaded.height());
                 run.recorder.read_back(&mut self.readbacks, t, size)
             }),
         });
@@ -345,23 +363,24 @@ impl Compositor {
             parts: self.recorder.parts(),
             last,
             timed,
-            is_rough,
+            is_preview,
         })
     }
 
-    /// Works out, before frames come that wait for nobody, what things take of the floors' light and of each other's.
+    /// Computes shadow maps and lightmaps ahead of the first frame.
     pub fn prepare(&mut self, settings: &Settings) {
-        self.shaded(&settings.shadow, false);
+        self.update_shadows(&settings.shadow, false);
     }
 
-    /// What things take of the floors' light, and whether any of it is rough. The renderer is told what they take of each other's.
-    fn shaded(&mut self, settings: &Shade, may_be_rough: bool) -> (Vec<ShadowMap>, bool) {
+    /// Computes the shadow maps and lightmaps. Returns the shadow maps, and whether any of either
+    /// has preview quality. Lightmaps go to the renderer.
+    fn update_shadows(&mut self, settings: &ShadowSettings, allow_preview: bool) -> (Vec<ShadowMap>, bool) {
         let (gpu, strength) = (&self.recorder.gpu, settings.strength);
         if !settings.cast || strength <= 0.0 {
             self.renderer.set_lightmaps(gpu, &[], strength);
             return (Vec::new(), false);
         }
-        let requested = if may_be_rough { Quality::Preview } else { Quality::Final };
+        let requested = if allow_preview { Quality::Preview } else { Quality::Final };
         let (shadow_maps, mut quality) = self.shadows.shadow_maps(self.renderer.scene(), requested);
         let lightmaps = match (settings.on_things, requested) {
             (false, _) => self.shadows.light_visibility(self.renderer.scene()),
@@ -373,7 +392,7 @@ impl Compositor {
             (true, Quality::Final) => {
                 self.renderer.unwrap(gpu);
                 let visibility = self.shadows.light_visibility(self.renderer.scene());
-                // Planes beside objects reflect nothing onto them.
+                // Receiver planes beside the support reflect no light onto objects.
                 let floors = shadow_maps.iter().filter(|shadow_map| !shadow_map.is_beside);
                 let floors: Vec<ShadowMap> = floors.cloned().collect();
                 self.lightmaps.lightmaps(self.renderer.scene(), self.renderer.unwrapped(), &floors, &visibility)
@@ -383,22 +402,22 @@ impl Compositor {
         (shadow_maps, quality.is_preview())
     }
 
-    /// Passes a frame through to which nothing is added.
-    fn untouched(&mut self, job: Job<'_>, stats: FrameStats, target: Target<'_>) -> Pending {
+    /// Passes a frame through unchanged.
+    fn pass_through(&mut self, job: Job<'_>, stats: FrameStats, target: Target<'_>) -> Pending {
         let mut last = None;
         if let Target::View(view, format) = target {
             let pixels = &job.frame.pixels;
-            let sent = Sent::new(&self.recorder, pixels, Rect::full(pixels.width, pixels.height));
+            let upload = CameraUpload::new(&self.recorder, pixels, Rect::full(pixels.width, pixels.height));
             self.recorder.part("mix");
-            sent.show(&mut self.recorder, view, format);
+            upload.show(&mut self.recorder, view, format);
             last = Some(self.recorder.submit());
         }
         let timed = self.recorder.timed();
         let (frame, want_layer) = (job.frame, job.want_layer);
-        Pending { frame, stats, want_layer, work: None, parts: Vec::new(), last, timed, is_rough: false }
+        Pending { frame, stats, want_layer, work: None, parts: Vec::new(), last, timed, is_preview: false }
     }
 
-    /// Whether [`Compositor::collect`] would return without waiting.
+    /// True if [`Compositor::collect`] would return without waiting.
     pub fn is_done(&self, pending: &Pending) -> Result<bool, GpuError> {
         let Some(work) = &pending.work else { return Ok(true) };
         let layer = work.layer.iter().flat_map(|layer| layer.parts.iter().chain(&layer.shade).chain(&layer.fringe));
@@ -410,8 +429,8 @@ impl Compositor {
         Ok(true)
     }
 
-    /// Waits for the parts of a frame that takes long, and calls `done` with the finished share after each.
-    /// [`Compositor::collect`] waits for the last.
+    /// Waits for the earlier submissions of a frame; after each, `done` receives the finished
+    /// fraction. [`Compositor::collect`] waits for the last.
     pub fn await_parts(&self, pending: &Pending, mut done: impl FnMut(f64)) -> Result<(), GpuError> {
         for (n, part) in pending.parts.iter().enumerate() {
             self.gpu().wait(Some(part.clone()))?;
@@ -420,8 +439,8 @@ impl Compositor {
         Ok(())
     }
 
-    /// Waits for a frame and returns its picture: the camera's pixels, and within the rectangle what came back from the
-    /// GPU.
+    /// Waits for a frame and returns its picture: the camera's pixels, with the composited
+    /// rectangles pasted in.
     pub fn collect(&mut self, pending: Pending) -> Result<Composited, GpuError> {
         let Pending { frame, stats, want_layer, work, .. } = pending;
         let index = frame.index;
@@ -434,7 +453,7 @@ impl Compositor {
             self.readbacks.give_back(codes);
         }
         if let (Some(image), Some(back)) = (&mut layer, back) {
-            let LayerBack { drawn, over_seam, light_alone, presence, parts: [color, geometry], .. } = back;
+            let LayerReadback { drawn, over_seam, light_alone, presence, parts: [color, geometry], .. } = back;
             image.light_alone = light_alone;
             paste_layer(self.gpu(), [&color, &geometry], drawn, over_seam, image)?;
             image.fade(presence);
@@ -456,9 +475,9 @@ impl Compositor {
     }
 }
 
-/// The part of the camera's picture that each piece reads: one more pixel on each side, for effects that read
-/// neighbours.
-fn looked_at_by(pieces: &[Piece], frame: &Frame) -> Vec<Rect> {
+/// The rectangle of the camera's picture that each piece reads, with a margin of 1 px for effects
+/// that read neighbours.
+fn upload_rects(pieces: &[Piece], frame: &Frame) -> Vec<Rect> {
     let picture = Rect::full(frame.pixels.width, frame.pixels.height);
     pieces.iter().map(|piece| piece.shown.grown(1).intersection(&picture)).collect()
 }
@@ -467,27 +486,28 @@ fn whole(frame: &Frame) -> Vec<Rect> {
     vec![Rect::full(frame.pixels.width, frame.pixels.height)]
 }
 
-/// Runs the effects over the layer, in order, and cuts off blurred parts that real things hide.
-fn affect(
+/// Runs the effects over the layer, in order. After the last effect that blurs, occlusion is
+/// applied with the matte.
+fn run_effects(
     run: &mut LayerRun<'_>,
     mut layer: Layer,
     plan: &Plan<'_>,
-    hidden: &Hidden,
+    occlusion: &FrameOcclusion,
     want_layer: bool,
     tolerance_m: f32,
 ) -> Layer {
-    let (after, before) = hidden.then.as_ref().map_or((0, None), |(after, before)| (*after, Some(before)));
-    let cut = |run: &mut LayerRun<'_>, layer: Layer, done: usize| match before.filter(|_| after == done) {
-        Some(before) => behind_real::cut(run.recorder, layer, before, tolerance_m),
+    let (after, matte) = occlusion.foreground.as_ref().map_or((0, None), |(after, matte)| (*after, Some(matte)));
+    let occlude = |run: &mut LayerRun<'_>, layer: Layer, done: usize| match matte.filter(|_| after == done) {
+        Some(matte) => foreground_matte::occlude(run.recorder, layer, matte, tolerance_m),
         None => layer,
     };
-    layer = cut(run, layer, 0);
+    layer = occlude(run, layer, 0);
     for (n, effect) in plan.active.iter().enumerate() {
         let later = &plan.active[n + 1..];
         run.geometry_is_read = want_layer || after > n || later.iter().any(|effect| effect.reads_geometry());
         run.recorder.part(effect.table());
         layer = effect.run(run, layer);
-        layer = cut(run, layer, n + 1);
+        layer = occlude(run, layer, n + 1);
     }
     layer
 }

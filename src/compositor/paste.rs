@@ -1,4 +1,4 @@
-//! Puts what comes back from the GPU into pictures.
+//! Copies read-back textures into pictures and layer images.
 
 use half::f16;
 
@@ -29,8 +29,8 @@ pub fn paste(gpu: &Gpu, readback: &Readback, rect: Rect, pixels: &mut Pixels) ->
     }
 }
 
-/// Fills in a layer that was drawn over `rect`, which may extend beyond the picture. With `over_seam` it continues at the opposite
-/// rim.
+/// Copies a layer that was drawn over `rect`, which may extend beyond the picture. With `over_seam`
+/// it continues at the opposite rim.
 pub fn paste_layer(
     gpu: &Gpu,
     [color, geometry]: [&Readback; 2],
@@ -39,7 +39,7 @@ pub fn paste_layer(
     out: &mut LayerImage,
 ) -> Result<(), GpuError> {
     let light_alone = out.light_alone;
-    let at = places(rect, over_seam, out);
+    let at = indices(rect, over_seam, out);
     color.rows(gpu, |row, bytes| {
         for (column, t) in bytes.chunks_exact(8).enumerate() {
             // Light whose coverage was rounded to 0 is dropped, as in the composite.
@@ -58,7 +58,7 @@ pub fn paste_layer(
     })
 }
 
-/// Fills in what is left of the real light over `rect`; what comes back is the share that is taken.
+/// Copies the shadow ratio over `rect`, from the fraction of light that is removed.
 pub fn paste_shade(
     gpu: &Gpu,
     shade: &Readback,
@@ -66,7 +66,7 @@ pub fn paste_shade(
     over_seam: bool,
     out: &mut LayerImage,
 ) -> Result<(), GpuError> {
-    let at = places(rect, over_seam, out);
+    let at = indices(rect, over_seam, out);
     shade.rows(gpu, |row, bytes| {
         for (column, t) in bytes.chunks_exact(8).enumerate() {
             if let Some(i) = at(row, column) {
@@ -77,7 +77,7 @@ pub fn paste_shade(
     })
 }
 
-/// Adds the light of nearer real things that the layer covers (`behind_real.rs`), after [`paste_shade`].
+/// Adds the fringe of real foreground edges (`foreground_matte.rs`), after [`paste_shade`].
 pub fn paste_fringe(
     gpu: &Gpu,
     fringe: &Readback,
@@ -85,7 +85,7 @@ pub fn paste_fringe(
     over_seam: bool,
     out: &mut LayerImage,
 ) -> Result<(), GpuError> {
-    let at = places(rect, over_seam, out);
+    let at = indices(rect, over_seam, out);
     fringe.rows(gpu, |row, bytes| {
         for (column, t) in bytes.chunks_exact(8).enumerate() {
             if let Some(i) = at(row, column) {
@@ -98,9 +98,9 @@ pub fn paste_fringe(
     })
 }
 
-/// Fills in the noise: the composite minus the layer over the camera's picture, in linear light. The layer's values are
-/// rounded to 16-bit floats first, as in its file; where one is too large for those, the noise is 0. All pictures have
-/// the same size.
+/// Computes the noise: the composite minus the layer over the camera's picture, in linear light.
+/// The layer's values are rounded to 16-bit floats first, as in its file; where one is too large
+/// for those, the noise is 0. All pictures have the same size.
 pub fn fill_noise(camera: &Pixels, composite: &Pixels, response: &Response, out: &mut LayerImage) {
     let max = composite.max_code();
     let light: Vec<f32> = response.table(max).into_iter().map(|light| light as f32).collect();
@@ -120,8 +120,8 @@ pub fn fill_noise(camera: &Pixels, composite: &Pixels, response: &Response, out:
     }
 }
 
-/// Fractions of light removed and added that count as none: `LARGEST_UNSEEN_LOSS` and `LARGEST_UNSEEN_GAIN` of
-/// shaders/shared/shadow_ratio.wgsl.
+/// Fractions of light removed and added that count as none: `LARGEST_UNSEEN_LOSS` and
+/// `LARGEST_UNSEEN_GAIN` of shaders/shared/shadow_ratio.wgsl.
 const LARGEST_UNSEEN_LOSS: f32 = 1.0 / 4096.0;
 const LARGEST_UNSEEN_GAIN: f32 = 1.0 / 2048.0;
 
@@ -138,8 +138,8 @@ fn texel(bytes: &[u8]) -> [f32; 4] {
     [half(&bytes[0..]), half(&bytes[2..]), half(&bytes[4..]), half(&bytes[6..])]
 }
 
-/// The index of a rectangle's row and column in a layer.
-fn places(rect: Rect, over_seam: bool, out: &LayerImage) -> impl Fn(usize, usize) -> Option<usize> + use<> {
+/// The pixel index in a layer of a rectangle's row and column.
+fn indices(rect: Rect, over_seam: bool, out: &LayerImage) -> impl Fn(usize, usize) -> Option<usize> + use<> {
     let (width, height) = (out.width as i32, out.height as i32);
     move |row, column| {
         let (x, y) = (rect.x0 + column as i32, rect.y0 + row as i32);

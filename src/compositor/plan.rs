@@ -1,13 +1,13 @@
-//! A frame's first phase: what is in view, which effects act, where work takes place.
+//! First phase of a frame: objects in view, active effects, and the rectangles of work.
 
 use glam::DVec3;
 
-use super::places::{Asked, Places};
-use super::shade::{Seen, around, seen};
+use super::shade::{VisibleShadowMap, bounds, visible_shadow_maps};
+use super::work_rects::{WorkRects, WorkRequest};
 use super::{Compositor, Job, RealDepth, Settings, SubmitError, exposure_time_s};
 use crate::camera::{Camera, Geometry};
 use crate::depth::{DepthGrid, Plane, Proxies, Surfaces};
-use crate::effects::{Effect, Moment, ObjectMotion, OnReal, Reach};
+use crate::effects::{Effect, FrameContext, ObjectMotion, OnReal, Reach};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, TexturePool};
 use crate::pixels::Rect;
@@ -18,19 +18,18 @@ use crate::shadow::ShadowMap;
 
 /// The parts of the scene in view while the shutter is open.
 #[derive(Debug)]
-pub struct Sight {
+pub struct FrameView {
     pub shutter: Shutter,
     pub keys: ViewKeys,
     pub footprint: Footprint,
     pub objects: Vec<ObjectMotion>,
-    /// What they shade.
-    pub shades: Vec<Seen>,
-    /// What they stand on.
+    /// Shadow maps in the picture.
+    pub shadows: Vec<VisibleShadowMap>,
+    /// Support planes of the objects.
     pub planes: Vec<Plane>,
 }
 
-impl Sight {
-    /// `shadow_maps`: those of the planes on which the objects stand.
+impl FrameView {
     pub fn new(renderer: &Renderer, shadow_maps: Vec<ShadowMap>, job: &Job<'_>, settings: &Settings) -> Self {
         let capture = &job.capture;
         let exposure_time_s = capture.exposure_time_s;
@@ -42,14 +41,14 @@ impl Sight {
         let keys = ViewKeys::new(shutter, |offset_s| pose_at(time_s + offset_s));
         let footprint = renderer.footprint(job.picture, &keys, shutter);
         let objects = motions(renderer, job.picture, &keys.middle(), &pose_at(time_s + job.interval_s));
-        let shades = seen(shadow_maps, job.picture, &keys);
+        let shadows = visible_shadow_maps(shadow_maps, job.picture, &keys);
         let planes = support_planes(renderer.scene());
-        Self { shutter, keys, footprint, objects, shades, planes }
+        Self { shutter, keys, footprint, objects, shadows, planes }
     }
 }
 
 impl Compositor {
-    /// What stands in for real things, as it is placed.
+    /// Triangles of the proxy models of real objects, in the world.
     pub fn proxies(&self) -> Proxies {
         let scene = self.renderer.scene();
         let real = scene.objects.iter().filter(|object| object.occluder);
@@ -57,13 +56,13 @@ impl Compositor {
         Proxies { triangles: corners.as_chunks().0.to_vec() }
     }
 
-    /// The planes on which objects stand.
+    /// The support planes of the scene's objects.
     pub fn support_planes(&self) -> Vec<Plane> {
         support_planes(self.renderer.scene())
     }
 }
 
-/// The planes on which a scene's objects stand, each once.
+/// The distinct support planes of a scene's objects.
 pub fn support_planes(scene: &Scene) -> Vec<Plane> {
     let mut planes: Vec<Plane> = Vec::new();
     for support in scene.objects.iter().filter_map(|object| object.support) {
@@ -78,7 +77,7 @@ fn shutter(settings: &Settings, exposure_time_s: f64, readout_time_s: f64, summe
     Shutter { exposure_time_s, readout_time_s, beyond_s: planned_s.fold(summed_to_s, f64::max) }
 }
 
-/// How far before and after a frame's time poses decide on its picture, seconds. Poses beyond change nothing.
+/// Time before and after a frame within which poses affect its picture, s.
 pub fn poses_within_s(
     frame: &Frame,
     camera: &Camera,
@@ -88,28 +87,33 @@ pub fn poses_within_s(
 ) -> (f64, f64) {
     let exposure_s = exposure_time_s(camera, settings, frame, interval_s);
     let reach_s = shutter(settings, exposure_s, geometry.intrinsics.readout_time_s, 0.0).reach_s();
-    let looks_on = settings.on().any(|effect| effect.reads_next_pose());
-    (reach_s, if looks_on { reach_s.max(interval_s) } else { reach_s })
+    let reads_next = settings.on().any(|effect| effect.reads_next_pose());
+    (reach_s, if reads_next { reach_s.max(interval_s) } else { reach_s })
 }
 
-/// How far each object's centre moves across the picture until the next frame.
+/// Motion of each object's centre across the picture until the next frame.
 fn motions(renderer: &Renderer, geometry: &Geometry, now: &Pose, next: &Pose) -> Vec<ObjectMotion> {
-    let seen = |pose: &Pose, c| geometry.project(pose.transform_point(c));
+    let project = |pose: &Pose, centre| geometry.project(pose.transform_point(centre));
     renderer
         .object_centres()
         .into_iter()
         .map(|centre| {
-            let moved = centre.and_then(|c| Some(geometry.way_px(seen(now, c)?, seen(next, c)?)));
+            let moved = centre.and_then(|c| Some(geometry.way_px(project(now, c)?, project(next, c)?)));
             moved.map_or(ObjectMotion::default(), |v| ObjectMotion { per_frame_px: v.as_vec2().to_array() })
         })
         .collect()
 }
 
-/// The moment: all that effects may know of a picture.
-pub fn moment<'a>(job: &'a Job<'_>, camera: &'a Camera, settings: &Settings, sight: &'a Sight) -> Moment<'a> {
+/// The inputs of effects.
+pub fn frame_context<'a>(
+    job: &'a Job<'_>,
+    camera: &'a Camera,
+    settings: &Settings,
+    frame_view: &'a FrameView,
+) -> FrameContext<'a> {
     let real_depths_m = job.real.surfaces().map(Surfaces::range_m);
-    let footprint = &sight.footprint;
-    Moment {
+    let footprint = &frame_view.footprint;
+    FrameContext {
         camera,
         picture: job.picture,
         capture: &job.capture,
@@ -121,7 +125,7 @@ pub fn moment<'a>(job: &'a Job<'_>, camera: &'a Camera, settings: &Settings, sig
         // Without objects, the depths are those of the real part.
         depths_m: real_depths_m.filter(|_| footprint.rect.is_empty()).unwrap_or(footprint.depths_m),
         real_depths_m,
-        objects: &sight.objects,
+        objects: &frame_view.objects,
     }
 }
 
@@ -133,7 +137,7 @@ impl<'a> RealDepth<'a> {
         }
     }
 
-    /// What hides in each of the frames that the picture sums.
+    /// The depth of each of the frames that the picture sums.
     pub fn moments(&self) -> &'a [(f64, DepthGrid)] {
         match self {
             Self::OfFrame => &[],
@@ -142,16 +146,16 @@ impl<'a> RealDepth<'a> {
     }
 }
 
-/// A frame's plan: what is to be done, and where.
+/// The active effects of a frame, the samples to draw and the rectangles of work.
 #[derive(Debug)]
 pub struct Plan<'a> {
     /// The effects that are not neutral, in order.
     pub active: Vec<&'a dyn Effect>,
     pub samples: SamplePlan,
-    /// Only if an effect acts on them.
+    /// Surfaces of the real part, if an effect acts on it.
     pub surfaces: Option<&'a Surfaces>,
-    /// `None` if there is nothing to do.
-    pub places: Option<Places>,
+    /// `None` if the frame does not change.
+    pub work_rects: Option<WorkRects>,
 }
 
 impl<'a> Plan<'a> {
@@ -160,10 +164,10 @@ impl<'a> Plan<'a> {
         job: &Job<'a>,
         camera: &Camera,
         settings: &'a Settings,
-        moment: &Moment<'_>,
-        sight: &Sight,
+        context: &FrameContext<'_>,
+        frame_view: &FrameView,
     ) -> Result<Self, SubmitError> {
-        let active = settings.active(moment);
+        let active = settings.active(context);
         for effect in &active {
             effect.check(camera, job.picture)?;
         }
@@ -171,37 +175,37 @@ impl<'a> Plan<'a> {
         let surfaces = job.real.surfaces().filter(|_| acts);
         let picture = Rect::full(job.frame.pixels.width, job.frame.pixels.height);
         let total = |px: fn(Reach) -> f32| {
-            let sum: f32 = active.iter().map(|effect| px(effect.reach(moment))).sum();
+            let sum: f32 = active.iter().map(|effect| px(effect.reach(context))).sum();
             (sum.ceil() as i32).saturating_add(1)
         };
-        let places = Places::of(&Asked {
+        let work_rects = WorkRects::of(&WorkRequest {
             region: job.capture.region.intersection(&picture),
-            footprint: sight.footprint.rect,
-            shaded: around(&sight.shades),
-            reach_px: total(|reach| reach.look_px),
+            footprint: frame_view.footprint.rect,
+            shaded: bounds(&frame_view.shadows),
+            reach_px: total(|reach| reach.read_px),
             spread_px: total(|reach| reach.spread_px),
-            round: job.picture.is_round(),
-            whole: job.capture.whole,
-            real_too: surfaces.is_some(),
+            is_round: job.picture.is_round(),
+            is_whole: job.capture.whole,
+            acts_on_real: surfaces.is_some(),
         });
-        let samples = match places {
-            Some(_) => active.iter().fold(SamplePlan::single(), |samples, effect| effect.plan(moment, samples)),
+        let samples = match work_rects {
+            Some(_) => active.iter().fold(SamplePlan::single(), |samples, effect| effect.plan(context, samples)),
             None => SamplePlan::single(),
         };
-        let plan = Self { active, samples, surfaces, places };
-        plan.check_size(gpu, moment)?;
+        let plan = Self { active, samples, surfaces, work_rects };
+        plan.check_size(gpu, context)?;
         Ok(plan)
     }
 
-    fn check_size(&self, gpu: &Gpu, moment: &Moment<'_>) -> Result<(), SubmitError> {
-        let Some(drawn) = self.places.as_ref().map(|places| places.drawn) else { return Ok(()) };
+    fn check_size(&self, gpu: &Gpu, context: &FrameContext<'_>) -> Result<(), SubmitError> {
+        let Some(drawn) = self.work_rects.as_ref().map(|rects| rects.drawn) else { return Ok(()) };
         let [side_px, mut area_px] = [TexturePool::largest_side_px(gpu), TexturePool::largest_area_px(gpu)];
         if self.samples.samples.len() > 1 {
             area_px = area_px.min(largest_sum_px(gpu));
         }
         let (width_px, height_px) = (drawn.width(), drawn.height());
         if width_px.max(height_px) > side_px || u64::from(width_px) * u64::from(height_px) > u64::from(area_px) {
-            let reach = |effect: &&dyn Effect| effect.reach(moment).look_px;
+            let reach = |effect: &&dyn Effect| effect.reach(context).read_px;
             let widest = self.active.iter().copied().max_by(|a, b| reach(a).total_cmp(&reach(b)));
             let widest = widest.filter(|effect| reach(effect) >= 1.0).map(|effect| effect.table());
             return Err(SubmitError::TooLarge { width_px, height_px, side_px, area_px, widest });
@@ -209,8 +213,9 @@ impl<'a> Plan<'a> {
         Ok(())
     }
 
-    /// Whether an effect itself hides virtual things behind real ones, so that they are not hidden before it.
-    pub fn hides_itself(&self) -> bool {
-        self.surfaces.is_some() && self.active.iter().any(|effect| effect.on_real() == OnReal::ActsAndHides)
+    /// Whether an effect occludes virtual objects by real ones itself, which replaces the depth
+    /// test.
+    pub fn effect_occludes(&self) -> bool {
+        self.surfaces.is_some() && self.active.iter().any(|effect| effect.on_real() == OnReal::ActsAndOccludes)
     }
 }

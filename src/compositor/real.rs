@@ -1,4 +1,4 @@
-//! The real part of a photograph as effects see it: its light, and the depth of its surfaces.
+//! The real part of a photograph as input of effects: its light, and the depth of its surfaces.
 
 use super::rgba::rgba;
 use crate::camera::Response;
@@ -12,8 +12,8 @@ crate::uniform! {
     struct Grid { size: [i32; 2], in_picture: [i32; 2], step: f32, gamma: f32 }
 }
 
-/// The real part over `drawn`, which may extend beyond the picture: the edge continues there. `shade` is the share of its light
-/// that virtual things take.
+/// The real part over `drawn`, which may extend beyond the picture: edge pixels are repeated there.
+/// `shade` is the fraction of its light that virtual objects remove.
 pub fn real_layer(
     recorder: &mut Recorder,
     pixels: &Pixels,

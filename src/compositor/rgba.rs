@@ -1,22 +1,22 @@
-//! The camera's codes as the GPU takes them.
+//! Camera codes in the GPU's texel layout.
 
 use crate::pixels::Rect;
 
-/// Red, green, blue and 0 of each pixel of a rectangle, row by row, each code as `told`. Beyond the picture (columns,
-/// rows), its edge continues.
+/// Red, green, blue and 0 of each pixel of a rectangle, row by row, with each code converted.
+/// Beyond the picture (columns, rows), edge pixels are repeated.
 pub fn rgba<T: Copy, U: Default>(
     codes: &[T],
     (width, height): (u32, u32),
     rect: Rect,
-    told: impl Fn(T) -> U,
+    convert: impl Fn(T) -> U,
 ) -> Vec<[U; 4]> {
-    let place = |at: i32, side: u32| at.clamp(0, side as i32 - 1) as usize;
+    let clamped = |at: i32, side: u32| at.clamp(0, side as i32 - 1) as usize;
     let mut out = Vec::with_capacity(rect.width() as usize * rect.height() as usize);
     for y in rect.y0..rect.y1 {
-        let row = &codes[3 * width as usize * place(y, height)..][..3 * width as usize];
+        let row = &codes[3 * width as usize * clamped(y, height)..][..3 * width as usize];
         out.extend((rect.x0..rect.x1).map(|x| {
-            let pixel = &row[3 * place(x, width)..][..3];
-            [told(pixel[0]), told(pixel[1]), told(pixel[2]), U::default()]
+            let pixel = &row[3 * clamped(x, width)..][..3];
+            [convert(pixel[0]), convert(pixel[1]), convert(pixel[2]), U::default()]
         }));
     }
     out
@@ -27,7 +27,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rectangle_over_the_rim_by_hand() {
+    fn rectangle_beyond_the_picture_repeats_the_edge_pixels() {
         // 2 × 2 pixels.
         let codes = [1u8, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
         let own = |rect| rgba(&codes, (2, 2), rect, |code| code);

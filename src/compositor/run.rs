@@ -10,10 +10,10 @@ use crate::frame::Frame;
 use crate::gpu::GpuError;
 use crate::tracking::PoseTrack;
 
-/// The usual number of frames in flight: one is drawn while another comes back.
+/// Default number of frames in flight: one is drawn while another is read back.
 pub const IN_FLIGHT: usize = 2;
 
-/// Shared by all frames of a stream.
+/// Inputs that all frames of a stream share.
 #[derive(Clone, Debug)]
 pub struct Stream<'a> {
     pub camera: Cow<'a, Camera>,
@@ -25,7 +25,7 @@ pub struct Stream<'a> {
     pub in_flight: usize,
 }
 
-/// A frame, with what the stream needs to know about it.
+/// A frame with its geometry and interval.
 #[derive(Clone, Debug)]
 pub struct Input {
     pub frame: Frame,
@@ -45,7 +45,7 @@ pub enum RunError<E: std::error::Error> {
     Submit { frame: usize, source: SubmitError },
 }
 
-/// Composited frames, in order, from [`Compositor::run`]. After an error there is nothing more.
+/// Iterator over composited frames, in order, from [`Compositor::run`]. It ends after an error.
 #[derive(Debug)]
 pub struct Run<'a, I> {
     compositor: &'a mut Compositor,

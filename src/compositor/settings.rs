@@ -3,39 +3,40 @@
 use std::collections::BTreeMap;
 
 use crate::camera::{Camera, Geometry};
-use crate::effects::{self, Effect, EffectError, Moment};
+use crate::effects::{self, Effect, EffectError, FrameContext};
 use crate::params::{Kind, ParamError, Params, Value, values};
 
-/// The key in an effect's table that says whether it may run. No effect has a parameter of this name.
+/// The key in an effect's table that switches the effect on. No effect has a parameter of this
+/// name.
 pub const ON: &str = "on";
 
 crate::params! {
-    /// How the recording's depth is used.
-    pub struct Depth in "depth" {
+    /// Occlusion by the recording's depth.
+    pub struct DepthSettings in "depth" {
         "hide objects behind what the recording's depth shows nearer" occlusion: bool = true;
         "how much nearer the real surface must be to hide an object" tolerance_m: f32 = 0.02, "m", 0.0..=100.0 => occlusion is "true";
     }
 }
 
 crate::params! {
-    /// How things shade the real surface that they stand on, and each other.
-    pub struct Shade in "shadow" {
+    /// Shadows of virtual objects on the support plane and on each other.
+    pub struct ShadowSettings in "shadow" {
         "things take light from the real surface that they stand on" cast: bool = true;
         "things take light from each other and from themselves" on_things: bool = true => cast is "true";
         "how much of a shadow's darkness is drawn; 1 is what the light says" strength: f32 = 1.0, "", 0.0..=2.0 => cast is "true";
     }
 }
 
-/// Everything that is done to pictures. A plain value.
+/// The settings of a composite: effects, occlusion and shadows. A plain value.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(try_from = "Written", into = "Written")]
+#[serde(try_from = "SerializedSettings", into = "SerializedSettings")]
 pub struct Settings {
     /// In the order in which they run.
     effects: Vec<Box<dyn Effect>>,
     /// For each effect, whether it may run at all.
     enabled: Vec<bool>,
-    pub depth: Depth,
-    pub shadow: Shade,
+    pub depth: DepthSettings,
+    pub shadow: ShadowSettings,
     pub seed: u64,
     /// Whether the camera's exposure overrides what the recording reports for each frame.
     pub overrule_recorded_exposure: bool,
@@ -44,7 +45,7 @@ pub struct Settings {
 /// The serialised form of settings.
 #[derive(serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Written {
+struct SerializedSettings {
     seed: u64,
     overrule_recorded_exposure: bool,
     /// Effects that are switched off.
@@ -53,7 +54,7 @@ struct Written {
     tables: BTreeMap<String, BTreeMap<String, Value>>,
 }
 
-impl From<Settings> for Written {
+impl From<Settings> for SerializedSettings {
     fn from(settings: Settings) -> Self {
         let off = settings.effects.iter().zip(&settings.enabled).filter(|(_, on)| !**on);
         Self {
@@ -65,9 +66,9 @@ impl From<Settings> for Written {
     }
 }
 
-/// Why a text is not valid settings.
+/// Why serialized settings are invalid.
 #[derive(Debug, thiserror::Error)]
-pub enum WrittenError {
+pub enum DeserializeError {
     #[error(transparent)]
     Effect(#[from] SettingsError),
     #[error(transparent)]
@@ -76,10 +77,10 @@ pub enum WrittenError {
     Table(String),
 }
 
-impl TryFrom<Written> for Settings {
-    type Error = WrittenError;
+impl TryFrom<SerializedSettings> for Settings {
+    type Error = DeserializeError;
 
-    fn try_from(written: Written) -> Result<Self, WrittenError> {
+    fn try_from(written: SerializedSettings) -> Result<Self, DeserializeError> {
         let mut settings = Self {
             seed: written.seed,
             overrule_recorded_exposure: written.overrule_recorded_exposure,
@@ -88,7 +89,7 @@ impl TryFrom<Written> for Settings {
         settings.without(&written.without)?;
         for (table, values) in &written.tables {
             for (name, value) in values {
-                settings.set(table, name, value).ok_or_else(|| WrittenError::Table(table.clone()))??;
+                settings.set(table, name, value).ok_or_else(|| DeserializeError::Table(table.clone()))??;
             }
         }
         Ok(settings)
@@ -110,8 +111,8 @@ impl Default for Settings {
         Self {
             effects,
             enabled,
-            depth: Depth::default(),
-            shadow: Shade::default(),
+            depth: DepthSettings::default(),
+            shadow: ShadowSettings::default(),
             seed: 0,
             overrule_recorded_exposure: false,
         }
@@ -162,7 +163,8 @@ impl Settings {
         self.shadow.cast = false;
     }
 
-    /// Whether the camera has what the effects that are on need. To be called before anything is written.
+    /// Checks that the camera supports the effects that are on. Called before any output is
+    /// written.
     pub fn check(&self, camera: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
         self.on().try_for_each(|effect| effect.check(camera, geometry))
     }
@@ -173,8 +175,8 @@ impl Settings {
     }
 
     /// The effects that are on and not neutral.
-    pub fn active<'s>(&'s self, moment: &Moment<'_>) -> Vec<&'s dyn Effect> {
-        self.on().filter(|effect| !effect.is_neutral(moment)).collect()
+    pub fn active<'s>(&'s self, context: &FrameContext<'_>) -> Vec<&'s dyn Effect> {
+        self.on().filter(|effect| !effect.is_neutral(context)).collect()
     }
 
     /// Whether an effect that is on acts on the real part too.
@@ -182,9 +184,9 @@ impl Settings {
         self.on().any(|effect| effect.on_real().acts())
     }
 
-    /// For each effect that is on but set so that it does nothing with this camera, the reason.
-    pub fn idle(&self, camera: &Camera) -> Vec<&'static str> {
-        self.on().filter_map(|effect| effect.idle(camera)).collect()
+    /// The reason for each effect that is on but does nothing with this camera.
+    pub fn ineffective_settings(&self, camera: &Camera) -> Vec<&'static str> {
+        self.on().filter_map(|effect| effect.ineffective_setting(camera)).collect()
     }
 
     /// Every table of parameters that a profile or `--set` may write to.
@@ -201,9 +203,12 @@ impl Settings {
         tables
     }
 
-    /// Sets one parameter, or by [`ON`] whether an effect may run. `None` if the table is not one of [`Settings::tables`].
+    /// Sets one parameter, or with [`ON`] switches an effect. `None` if the table is not one of
+    /// [`Settings::tables`].
     pub fn set(&mut self, table: &str, name: &str, value: &Value) -> Option<Result<(), ParamError>> {
-        if let (true, Ok(effect)) = (name == ON, self.position(table)) {
+        if name == ON
+            && let Ok(effect) = self.position(table)
+        {
             let Value::Bool(on) = value else {
                 let [table, name, found] = [table.to_owned(), name.to_owned(), value.to_string()];
                 let (accepted, unit) = (Kind::Bool.to_string(), String::new());
@@ -221,7 +226,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn effects_are_picked_by_name() {
+    fn effects_are_switched_by_name() {
         let mut settings = Settings::default();
         settings.only(&["noise".to_owned()]).unwrap();
         assert_eq!(settings.on().map(|effect| effect.table()).collect::<Vec<_>>(), ["noise"]);
@@ -232,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn an_effect_is_switched_like_a_parameter_is_set() {
+    fn on_key_switches_an_effect_and_refuses_other_values_and_tables() {
         let mut settings = Settings::default();
         settings.set("noise", ON, &Value::Bool(false)).unwrap().unwrap();
         let mut expected = Settings::default();
@@ -249,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn every_effects_defaults_lie_in_range() {
+    fn default_of_every_parameter_is_accepted() {
         let mut settings = Settings::default();
         for table in settings.tables_mut() {
             for spec in table.specs() {

@@ -1,23 +1,25 @@
-//! The share of the real light that virtual things take, at each pixel of a frame.
+//! The fraction of the real light that virtual objects remove, at each pixel of a frame.
 //!
-//! A shadow map (shadow/) lies on a plane. The intersection of a pixel's ray r with it is a homography of the ray:
-//! [u/t, v/t, 1/t] = H·r, with u, v in texels of the shadow map and t the distance along the ray. Each row has a pose of its own, and
-//! so has each sample of the exposure. H is computed here in double precision for the edges between tiles of the picture; H·r is
-//! interpolated across tiles in which rays are straight enough. Drivers interpolate relative to the region that is drawn, so that
-//! two regions of a picture may differ in the last bit.
+//! A shadow map (shadow/) lies on a receiver plane. The intersection of a pixel's ray r with it is
+//! a homography of the ray: [u/t, v/t, 1/t] = H·r, with u, v in texels of the shadow map and t the
+//! distance along the ray. Each row has its own pose (rolling shutter), and so has each sample of
+//! the exposure. H is computed here in double precision for the edges between tiles of the picture;
+//! H·r is interpolated across tiles in which rays are straight enough. Drivers interpolate relative
+//! to the region that is drawn, so that two regions of a picture may differ in the last bit.
 //!
-//! A real thing that stands on or before the floor is not darkened: only what depth shows within a tolerance of the plane is. At
-//! the thing's edge a pixel shows I = α·F + (1 − α)·B, with the matte α by which it hides virtual things too (depth/matte.rs). The
-//! shadow takes its share of (1 − α)·B alone.
+//! A real object on or before the receiver is not darkened: only pixels whose depth is within a
+//! tolerance of the plane are. At the object's edge a pixel shows I = α·F + (1 − α)·B, with the
+//! alpha matte α that occludes virtual objects too (depth/matte.rs). The shadow applies to
+//! (1 − α)·B alone.
 //!
-//! Not modelled: the lens's blur of a shadow's edge beyond a pixel's width; mattes where the shadow takes less than a twentieth of
-//! the light, where depth is taken as it was measured; edges of things lower than the step in depth that counts as an edge.
-
+//! Not modelled: the lens's blur of a shadow's edge beyond a pixel's width; mattes where the shadow
+//! removes less than a twentieth of the light, where the measured depth is used as it is; edges of
+//! objects lower than the depth step that counts as an edge.
 use std::sync::Arc;
 
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
-use super::settings::Shade;
+use super::settings::ShadowSettings;
 use crate::camera::Geometry;
 use crate::depth::SENSOR_ERROR;
 use crate::gpu::{Entry, Gpu, Recorder, Shader, Texture, half_texels};
@@ -27,21 +29,24 @@ use crate::pose::Pose;
 use crate::render::{COLOR, Shutter, ViewKeys};
 use crate::shadow::{Part, ShadowMap, ShadowTexture, TOLERANCE_M};
 
-/// Moments of an exposure; the same as in shaders/shade.wgsl.
-const MOMENTS: usize = 4;
-/// Pixels between two rays of the grid: between them a lens bends rays by less than a thousandth of a pixel.
-const STEP_PX: u32 = 8;
-/// Sides of the pieces in which a shadow map is drawn, px: the largest within which rays are straight to `STRAIGHT_PX`. The least is a
-/// cell of the grid.
-const PIECES_PX: [i32; 3] = [32, 16, STEP_PX as i32];
-const STRAIGHT_PX: f64 = 0.1;
-/// Points along each side of a shadow map by which its place in the picture is found.
-const ALONG: usize = 8;
-/// What lies within [`TOLERANCE_M`] of the floor is the floor; farther away, within three times the error of a structured-light
-/// sensor, 1/m.
-const PER_DEPTH2: f32 = 3.0 * SENSOR_ERROR as f32;
+/// Samples over the exposure; the same number as in shaders/shade.wgsl.
+const EXPOSURE_SAMPLES: usize = 4;
+/// Spacing of the grid of rays, px. Between two of them a lens bends rays by less than a thousandth
+/// of a pixel.
+const RAY_GRID_PX: u32 = 8;
+/// Possible sides of the tiles in which a shadow map is drawn, px. The largest is used within which
+/// rays are straight to `MAX_BEND_PX`. The smallest is a cell of the grid.
+const TILE_SIDES_PX: [i32; 3] = [32, 16, RAY_GRID_PX as i32];
+/// Largest error of rays interpolated across a tile, px.
+const MAX_BEND_PX: f64 = 0.1;
+/// Intervals along each side of a shadow map, whose ends are projected to find its bounds in the
+/// picture.
+const SIDE_INTERVALS: usize = 8;
+/// Growth of the receiver's depth tolerance with the squared depth, 1/m: three times the error of a
+/// structured-light sensor. The tolerance is at least [`TOLERANCE_M`].
+const TOLERANCE_PER_DEPTH2: f32 = 3.0 * SENSOR_ERROR as f32;
 /// D + (1 − D)·d: transmittances 1 − d of overlapping shadow maps multiply.
-const OF_WHAT_IS_LEFT: wgpu::BlendState = wgpu::BlendState {
+const MULTIPLY_TRANSMITTANCES: wgpu::BlendState = wgpu::BlendState {
     color: wgpu::BlendComponent {
         src_factor: wgpu::BlendFactor::OneMinusDst,
         dst_factor: wgpu::BlendFactor::One,
@@ -49,8 +54,8 @@ const OF_WHAT_IS_LEFT: wgpu::BlendState = wgpu::BlendState {
     },
     alpha: wgpu::BlendComponent::REPLACE,
 };
-/// The widest atlas of shadow maps, texels.
-const WIDEST: u32 = 4096;
+/// Largest width of the atlas of shadow maps, texels.
+const MAX_ATLAS_WIDTH: u32 = 4096;
 
 crate::uniform! {
     struct ShadeUniform {
@@ -68,7 +73,7 @@ crate::uniform! {
         presence: f32,
         tolerance_m: f32,
         per_depth2: f32,
-        piece_px: i32,
+        tile_px: i32,
     }
 }
 
@@ -84,66 +89,68 @@ struct ShadowMapUniform {
     unused: [f32; 2],
 }
 
-/// `Piece` there.
+/// `Tile` in shaders/shade.wgsl.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-struct PieceUniform {
+struct TileUniform {
     at_px: [i32; 2],
     shadow_map: u32,
-    turn: u32,
+    homography: u32,
 }
 
 /// A shadow map in a picture.
 #[derive(Clone, Debug)]
-pub struct Seen {
+pub struct VisibleShadowMap {
     shadow_map: ShadowMap,
-    /// Where it can be while the shutter is open, and where it is dark.
+    /// Bounds of its shadow while the shutter is open.
     rect: Rect,
+    /// Bounds of its dark part.
     dark: Rect,
-    /// Of the camera over the floor, metres.
+    /// Height of the camera over the receiver plane, m.
     height_m: f64,
 }
 
-/// The shadow maps that can be seen in a picture.
-pub fn seen(shadow_maps: Vec<ShadowMap>, geometry: &Geometry, keys: &ViewKeys) -> Vec<Seen> {
+/// The shadow maps whose shadows are in a picture.
+pub fn visible_shadow_maps(shadow_maps: Vec<ShadowMap>, geometry: &Geometry, keys: &ViewKeys) -> Vec<VisibleShadowMap> {
     let i = &geometry.intrinsics;
     let picture = Rect::full(i.width_px, i.height_px);
-    let place = |shadow_map: ShadowMap| {
+    let visible = |shadow_map: ShadowMap| {
         let height_m = shadow_map.floor.height_m(keys.middle().position_in_world_m());
         let [rect, dark] = [shadow_map.texture.shown, shadow_map.texture.dark]
-            .map(|part| rect_of(&shadow_map, part, geometry, keys).map(|rect| rect.intersection(&picture)));
+            .map(|part| projected_bounds(&shadow_map, part, geometry, keys).map(|rect| rect.intersection(&picture)));
         let (rect, dark) = (rect?, dark.unwrap_or(Rect::new(0, 0, 0, 0)));
-        (height_m > 0.0 && !rect.is_empty()).then_some(Seen { shadow_map, rect, dark, height_m })
+        (height_m > 0.0 && !rect.is_empty()).then_some(VisibleShadowMap { shadow_map, rect, dark, height_m })
     };
-    shadow_maps.into_iter().filter_map(place).collect()
+    shadow_maps.into_iter().filter_map(visible).collect()
 }
 
-/// The rectangle around all of them.
-pub fn around(seen: &[Seen]) -> Rect {
-    seen.iter().fold(Rect::new(0, 0, 0, 0), |all, seen| all.union(&seen.rect))
+/// Bounds of all shadows.
+pub fn bounds(shadows: &[VisibleShadowMap]) -> Rect {
+    shadows.iter().fold(Rect::new(0, 0, 0, 0), |all, shadow| all.union(&shadow.rect))
 }
 
-/// That around where they are dark.
-pub fn dark(seen: &[Seen]) -> Rect {
-    seen.iter().fold(Rect::new(0, 0, 0, 0), |all, seen| all.union(&seen.dark))
+/// Bounds of the dark parts of all shadows.
+pub fn dark_bounds(shadows: &[VisibleShadowMap]) -> Rect {
+    shadows.iter().fold(Rect::new(0, 0, 0, 0), |all, shadow| all.union(&shadow.dark))
 }
 
-/// Where a part of a shadow map can be in the picture. All of the picture if some of it is beside or behind the camera; `None` if all
-/// is, or if there is nothing.
-fn rect_of(shadow_map: &ShadowMap, part: Part, geometry: &Geometry, keys: &ViewKeys) -> Option<Rect> {
+/// Bounds of a part of a shadow map in the picture. The whole picture if some of the part is beside
+/// or behind the camera; `None` if all of it is, or if the part is empty.
+fn projected_bounds(shadow_map: &ShadowMap, part: Part, geometry: &Geometry, keys: &ViewKeys) -> Option<Rect> {
     let (poses, _) = keys.sampled();
     if part.is_empty() {
         return None;
     }
-    let sides = (0..=ALONG).map(|n| n as f64 / ALONG as f64);
+    let sides = (0..=SIDE_INTERVALS).map(|n| n as f64 / SIDE_INTERVALS as f64);
     let at = |x: f64, y: f64| part.low + (part.high - part.low) * DVec2::new(x, y);
-    let places = sides.clone().flat_map(|y| sides.clone().map(move |x| at(x, y))).map(|at| shadow_map.at(at.x, at.y));
-    let (mut low, mut high, mut lost, mut found) = (DVec2::INFINITY, DVec2::NEG_INFINITY, geometry.is_round(), false);
-    for point in places {
+    let points = sides.clone().flat_map(|y| sides.clone().map(move |x| at(x, y))).map(|at| shadow_map.at(at.x, at.y));
+    let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+    let (mut is_unbounded, mut is_visible) = (geometry.is_round(), false);
+    for point in points {
         for pose in &poses {
             match geometry.project(pose.transform_point(point)) {
-                Some(at) => (low, high, found) = (low.min(at), high.max(at), true),
-                None => lost = true,
+                Some(at) => (low, high, is_visible) = (low.min(at), high.max(at), true),
+                None => is_unbounded = true,
             }
         }
     }
@@ -156,8 +163,9 @@ fn rect_of(shadow_map: &ShadowMap, part: Part, geometry: &Geometry, keys: &ViewK
         clamp(high.x).ceil() as i32,
         clamp(high.y).ceil() as i32,
     );
-    // A pixel for the ends of the exposure between the sampled poses, and one for what lies between the points.
-    found.then(|| if lost { whole } else { rect.grown(2) })
+    // A margin of 1 px for poses between the sampled ones, and of 1 px for points between the
+    // projected ones.
+    is_visible.then(|| if is_unbounded { whole } else { rect.grown(2) })
 }
 
 /// Shadow textures packed into one.
@@ -165,30 +173,31 @@ fn rect_of(shadow_map: &ShadowMap, part: Part, geometry: &Geometry, keys: &ViewK
 struct Atlas {
     texture: Texture,
     size: [u32; 2],
-    /// Where each begins.
-    places: Vec<[u32; 2]>,
+    /// First texel of each.
+    origins: Vec<[u32; 2]>,
 }
 
-/// By identity: shadow maps that were worked out once are not compared again.
-struct Together(Vec<Arc<ShadowTexture>>);
+/// Key of an atlas. Textures are compared by identity, not by their texels.
+struct AtlasKey(Vec<Arc<ShadowTexture>>);
 
-impl PartialEq for Together {
+impl PartialEq for AtlasKey {
     fn eq(&self, other: &Self) -> bool {
         self.0.len() == other.0.len() && self.0.iter().zip(&other.0).all(|(a, b)| Arc::ptr_eq(a, b))
     }
 }
 
 impl Atlas {
-    /// Packs shadow textures in rows, each as high as its highest texture. Those beyond the device's largest size are left out.
-    fn new(gpu: &Gpu, Together(shadow_maps): &Together) -> Self {
-        let most = gpu.max_side_px();
-        let (mut places, mut at, mut row) = (Vec::new(), [0, 0], 0);
+    /// Packs shadow textures in rows, each as high as its highest texture. Textures beyond the
+    /// device's largest size are left out.
+    fn new(gpu: &Gpu, AtlasKey(shadow_maps): &AtlasKey) -> Self {
+        let max_side = gpu.max_side_px();
+        let (mut origins, mut at, mut row) = (Vec::new(), [0, 0], 0);
         let (mut width, mut height) = (1, 1);
         for shadow_map in shadow_maps {
-            if at[0] + shadow_map.width > WIDEST.min(most) {
+            if at[0] + shadow_map.width > MAX_ATLAS_WIDTH.min(max_side) {
                 (at, row) = ([0, at[1] + row], 0);
             }
-            places.push(at);
+            origins.push(at);
             (width, height, row) = (
                 width.max(at[0] + shadow_map.width),
                 height.max(at[1] + shadow_map.height),
@@ -196,10 +205,10 @@ impl Atlas {
             );
             at[0] += shadow_map.width;
         }
-        let height = height.min(most);
+        let height = height.min(max_side);
         let texture = Texture::new(gpu, "shadows", width, height, COLOR, 1);
         let mut texels = vec![[0.0f32; 4]; width as usize * height as usize];
-        for (shadow_map, [x, y]) in shadow_maps.iter().zip(&places) {
+        for (shadow_map, [x, y]) in shadow_maps.iter().zip(&origins) {
             for (row, shares) in (*y..height).zip(shadow_map.taken.chunks_exact(shadow_map.width as usize)) {
                 let start = row as usize * width as usize + *x as usize;
                 let out = &mut texels[start..start + shares.len()];
@@ -207,28 +216,28 @@ impl Atlas {
             }
         }
         texture.write(gpu, width, height, &half_texels(&texels));
-        Self { texture, size: [width, height], places }
+        Self { texture, size: [width, height], origins }
     }
 }
 
 /// The rays through every eighth pixel's corner.
 #[derive(Clone, Debug)]
-struct Rays {
+struct RayGrid {
     texture: Texture,
-    /// The same, 1 in the last place where there is one.
+    /// The texels: a ray, and 1 if it exists.
     nodes: Arc<[[f32; 4]]>,
     size: [u32; 2],
-    piece_px: i32,
+    tile_px: i32,
 }
 
-impl Rays {
+impl RayGrid {
     fn new(gpu: &Gpu, geometry: &Geometry) -> Self {
         let i = &geometry.intrinsics;
-        let size = [i.width_px, i.height_px].map(|side| side.div_ceil(STEP_PX).max(1) + 1);
+        let size = [i.width_px, i.height_px].map(|side| side.div_ceil(RAY_GRID_PX).max(1) + 1);
         let mut texels = vec![[0.0f32; 4]; size[0] as usize * size[1] as usize];
         over_rows(&mut texels, size[0] as usize, processors(), |y, row| {
             for (x, texel) in row.iter_mut().enumerate() {
-                let at = DVec2::new(x as f64, y as f64) * f64::from(STEP_PX);
+                let at = DVec2::new(x as f64, y as f64) * f64::from(RAY_GRID_PX);
                 if let Some(ray) = geometry.depth_ray(at) {
                     *texel = ray.as_vec3().extend(1.0).to_array();
                 }
@@ -236,29 +245,30 @@ impl Rays {
         });
         let texture = Texture::new(gpu, "rays", size[0], size[1], wgpu::TextureFormat::Rgba32Float, 1);
         texture.write(gpu, size[0], size[1], &texels);
-        Self { texture, nodes: texels.into(), size, piece_px: piece_px(geometry) }
+        Self { texture, nodes: texels.into(), size, tile_px: tile_side_px(geometry) }
     }
 
-    /// The ray through a corner of the grid's cells, if there is one.
+    /// The ray through a corner of the grid's cells, if it exists.
     fn at(&self, x_px: i32, y_px: i32) -> Option<Vec3> {
         let [column, row] = [(x_px, 0), (y_px, 1)].map(|(at, axis)| {
-            let node = at / STEP_PX as i32;
+            let node = at / RAY_GRID_PX as i32;
             usize::try_from(node).ok().filter(|node| *node < self.size[axis] as usize)
         });
-        let [x, y, z, known] = self.nodes[row? * self.size[0] as usize + column?];
-        (known > 0.0).then(|| Vec3::new(x, y, z))
+        let [x, y, z, exists] = self.nodes[row? * self.size[0] as usize + column?];
+        (exists > 0.0).then(|| Vec3::new(x, y, z))
     }
 }
 
-/// Whether a piece of the picture shows none of a shadow map's shadow. `turns` are those of its upper and its lower line.
-fn is_bare(shares: &ShadowTexture, rays: &Rays, at_px: [i32; 2], turns: &[[[f32; 4]; 3]]) -> bool {
-    let side = rays.piece_px;
+/// Whether a tile of the picture contains no shadow of a shadow map, by the homographies of its
+/// upper and its lower edge.
+fn is_unshadowed(texture: &ShadowTexture, rays: &RayGrid, at_px: [i32; 2], homographies: &[[[f32; 4]; 3]]) -> bool {
+    let side = rays.tile_px;
     let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-    for (turns, y) in turns.chunks(MOMENTS).zip([at_px[1], at_px[1] + side]) {
+    for (homographies, y) in homographies.chunks(EXPOSURE_SAMPLES).zip([at_px[1], at_px[1] + side]) {
         for x in [at_px[0], at_px[0] + side] {
             let Some(ray) = rays.at(x, y) else { return false };
-            for turn in turns {
-                let [x, y, z] = turn.map(|[x, y, z, _]| f64::from(Vec3::new(x, y, z).dot(ray)));
+            for homography in homographies {
+                let [x, y, z] = homography.map(|[x, y, z, _]| f64::from(Vec3::new(x, y, z).dot(ray)));
                 if z < 1e-6 {
                     return false;
                 }
@@ -267,110 +277,113 @@ fn is_bare(shares: &ShadowTexture, rays: &Rays, at_px: [i32; 2], turns: &[[[f32;
             }
         }
     }
-    // Within a pixel each moment has a place of its own.
-    let beside = (high - low) / f64::from(side);
-    shares.is_none_between(low - beside, high + beside)
+    // Each sample of the exposure has its own subpixel offset.
+    let pixel = (high - low) / f64::from(side);
+    texture.is_none_between(low - pixel, high + pixel)
 }
 
-/// The side of pieces in which this camera's rays are straight.
-fn piece_px(geometry: &Geometry) -> i32 {
-    let (i, [largest, .., least]) = (&geometry.intrinsics, PIECES_PX);
+/// The side of tiles in which this camera's rays are straight.
+fn tile_side_px(geometry: &Geometry) -> i32 {
+    let i = &geometry.intrinsics;
+    let [largest, .., smallest] = TILE_SIDES_PX;
     let side = f64::from(largest);
-    let off_px = |x: u32, y: u32| {
+    let bend_px = |x: u32, y: u32| {
         let ray = |across: f64, down: f64| {
             geometry.depth_ray(side * (DVec2::new(x.into(), y.into()) + DVec2::new(across, down)))
         };
-        // A piece is two triangles, so its middle lies on a diagonal of it.
+        // A tile is two triangles, so its middle lies on one of its diagonals.
         let middle = ray(0.5, 0.5)?;
         let [one, other] = [(ray(0.0, 0.0)?, ray(1.0, 1.0)?), (ray(1.0, 0.0)?, ray(0.0, 1.0)?)]
             .map(|(from, to)| middle.distance(0.5 * (from + to)) * i.fx_px.max(i.fy_px));
         Some(one.max(other))
     };
     let [columns, rows] = [i.width_px, i.height_px].map(|length| length.div_ceil(largest as u32));
-    let pieces = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y)));
-    let Some(off_px) = pieces.map(|(x, y)| off_px(x, y)).try_fold(0.0, |most, off| Some(f64::max(most, off?))) else {
-        return least;
+    let tiles = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y)));
+    let Some(bend_px) = tiles.map(|(x, y)| bend_px(x, y)).try_fold(0.0, |max, bend| Some(f64::max(max, bend?))) else {
+        return smallest;
     };
-    // What is missed grows with the square of the side.
-    let is_straight = |piece_px: &i32| off_px * (f64::from(*piece_px) / side).powi(2) <= STRAIGHT_PX;
-    PIECES_PX.into_iter().find(is_straight).unwrap_or(least)
+    // The error grows with the square of the side.
+    let is_straight = |tile_px: &i32| bend_px * (f64::from(*tile_px) / side).powi(2) <= MAX_BEND_PX;
+    TILE_SIDES_PX.into_iter().find(is_straight).unwrap_or(smallest)
 }
 
-/// What is asked of a picture's shade.
+/// The inputs of [`shade`].
 #[derive(Debug)]
-pub struct Asked<'a> {
+pub struct ShadeRequest<'a> {
     pub geometry: &'a Geometry,
     pub keys: &'a ViewKeys,
     pub shutter: Shutter,
     /// The part of the picture, which may extend beyond it.
     pub part: Rect,
-    /// The real scene's depth over a rectangle around that part, metres, 0 where unknown.
+    /// Depth of the real scene over a rectangle that contains the part, m, 0 if unknown.
     pub depth: Option<(&'a Texture, Rect)>,
-    /// Second surfaces of the pixels of a rectangle: their share of each colour's light, and their depth, 0 where there is one
-    /// surface alone.
+    /// Second surfaces of a rectangle's pixels: their share of each channel's light, and their
+    /// depth, 0 for pixels with a single surface.
     pub matte: Option<(&'a Texture, Rect)>,
-    pub settings: &'a Shade,
-    /// The share of the virtual layer that is seen.
+    pub settings: &'a ShadowSettings,
+    /// Opacity of the virtual layer.
     pub presence: f64,
 }
 
-/// The share of the real light that is taken, over a part of the picture.
+/// The fraction of the real light that is removed, over a part of the picture.
 #[derive(Debug)]
-pub struct Shaded {
+pub struct ShadeImage {
     pub texture: Texture,
-    /// Beyond these pieces of the picture it is 0.
+    /// Outside these rectangles of the picture it is 0.
     pub pieces: Vec<Rect>,
 }
 
-/// Records the pass, over `part`. `None` where no shadow map is in it.
-pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Option<Shaded> {
-    if seen.is_empty() || asked.part.is_empty() {
+/// Records the pass, over `request.part`. `None` if no shadow is in it.
+pub fn shade(recorder: &mut Recorder, shadows: &[VisibleShadowMap], request: &ShadeRequest<'_>) -> Option<ShadeImage> {
+    if shadows.is_empty() || request.part.is_empty() {
         return None;
     }
-    let Asked { geometry, part, settings, .. } = *asked;
-    let atlas =
-        recorder.memoized_large(Together(seen.iter().map(|s| s.shadow_map.texture.clone()).collect()), Atlas::new);
-    let rays = recorder.memoized_large(geometry.clone(), Rays::new);
-    let piece_px = rays.piece_px;
-    let (mut shadow_maps, mut pieces, mut turns) = (Vec::new(), Vec::new(), Vec::new());
-    for (seen, in_atlas) in seen.iter().zip(&atlas.places) {
-        let rect = seen.rect.intersection(&part);
-        let shares = &seen.shadow_map.texture;
-        if !rect.is_empty() && in_atlas[1] + shares.height <= atlas.size[1] {
-            // Pieces lie at the same places of the picture whichever part of it is asked for.
-            let first = rect.y0.div_euclid(piece_px) * piece_px;
+    let ShadeRequest { geometry, part, settings, .. } = *request;
+    let key = AtlasKey(shadows.iter().map(|shadow| shadow.shadow_map.texture.clone()).collect());
+    let atlas = recorder.memoized_large(key, Atlas::new);
+    let rays = recorder.memoized_large(geometry.clone(), RayGrid::new);
+    let tile_px = rays.tile_px;
+    let (mut shadow_maps, mut tiles, mut homographies) = (Vec::new(), Vec::new(), Vec::new());
+    for (shadow, in_atlas) in shadows.iter().zip(&atlas.origins) {
+        let rect = shadow.rect.intersection(&part);
+        let texture = &shadow.shadow_map.texture;
+        if !rect.is_empty() && in_atlas[1] + texture.height <= atlas.size[1] {
+            // Tiles are aligned to the picture, not to the part.
+            let first = rect.y0.div_euclid(tile_px) * tile_px;
             let mut lines = Vec::new();
-            for y in (first..rect.y1).step_by(piece_px as usize) {
-                let first = turns.len();
-                turns.extend((0..MOMENTS).map(|moment| turn(&seen.shadow_map, asked, y, moment)));
+            for y in (first..rect.y1).step_by(tile_px as usize) {
+                let first = homographies.len();
+                homographies
+                    .extend((0..EXPOSURE_SAMPLES).map(|sample| row_homography(&shadow.shadow_map, request, y, sample)));
                 lines.push((y, first));
             }
-            let last = rect.y1 + (piece_px - rect.y1.rem_euclid(piece_px)) % piece_px;
-            turns.extend((0..MOMENTS).map(|moment| turn(&seen.shadow_map, asked, last, moment)));
-            let x0 = rect.x0.div_euclid(piece_px) * piece_px;
+            let last = rect.y1 + (tile_px - rect.y1.rem_euclid(tile_px)) % tile_px;
+            homographies
+                .extend((0..EXPOSURE_SAMPLES).map(|sample| row_homography(&shadow.shadow_map, request, last, sample)));
+            let x0 = rect.x0.div_euclid(tile_px) * tile_px;
             for (y, first) in lines {
-                let [shadow_map, turn] = [shadow_maps.len(), first].map(|index| index as u32);
-                let both = &turns[first..first + 2 * MOMENTS];
-                let along = (x0..rect.x1).step_by(piece_px as usize).map(|x| [x, y]);
-                let shown = along.filter(|at_px| !is_bare(shares, &rays, *at_px, both));
-                pieces.extend(shown.map(|at_px| PieceUniform { at_px, shadow_map, turn }));
+                let [shadow_map, homography] = [shadow_maps.len(), first].map(|index| index as u32);
+                let both = &homographies[first..first + 2 * EXPOSURE_SAMPLES];
+                let along = (x0..rect.x1).step_by(tile_px as usize).map(|x| [x, y]);
+                let shadowed = along.filter(|at_px| !is_unshadowed(texture, &rays, *at_px, both));
+                tiles.extend(shadowed.map(|at_px| TileUniform { at_px, shadow_map, homography }));
             }
         }
-        let all = seen.rect;
+        let all = shadow.rect;
         shadow_maps.push(ShadowMapUniform {
             rect_px: [all.x0, all.y0, all.x1, all.y1].map(|edge| edge as f32),
             in_atlas: in_atlas.map(|at| at as f32),
-            size: [shares.width as f32, shares.height as f32],
-            height_m: seen.height_m as f32,
-            unmeasured: f32::from(u8::from(!seen.shadow_map.is_beside)),
+            size: [texture.width as f32, texture.height as f32],
+            height_m: shadow.height_m as f32,
+            unmeasured: f32::from(u8::from(!shadow.shadow_map.is_beside)),
             unused: [0.0; 2],
         });
     }
-    if pieces.is_empty() {
+    if tiles.is_empty() {
         return None;
     }
-    let around = asked.depth.map_or(part, |(_, rect)| rect);
-    let matte = asked.matte.map_or(Rect::new(part.x0, part.y0, part.x0, part.y0), |(_, rect)| rect);
+    let around = request.depth.map_or(part, |(_, rect)| rect);
+    let matte = request.matte.map_or(Rect::new(part.x0, part.y0, part.x0, part.y0), |(_, rect)| rect);
     let uniform = ShadeUniform {
         in_picture: [part.x0 as f32, part.y0 as f32],
         part_px: [part.width() as f32, part.height() as f32],
@@ -380,59 +393,61 @@ pub fn shade(recorder: &mut Recorder, seen: &[Seen], asked: &Asked<'_>) -> Optio
         depth_size: [around.width() as i32, around.height() as i32],
         matte_size: [matte.width() as i32, matte.height() as i32],
         size: rays.size.map(|side| side as i32),
-        per_step: 1.0 / STEP_PX as f32,
+        per_step: 1.0 / RAY_GRID_PX as f32,
         round_px: if geometry.is_round() { geometry.intrinsics.width_px as f32 } else { 0.0 },
         strength: settings.strength,
-        presence: asked.presence as f32,
+        presence: request.presence as f32,
         tolerance_m: TOLERANCE_M,
-        per_depth2: PER_DEPTH2,
-        piece_px,
+        per_depth2: TOLERANCE_PER_DEPTH2,
+        tile_px,
     };
-    let count = pieces.len() as u32;
-    let rect = |[x, y]: [i32; 2]| Rect::new(x, y, x + piece_px, y + piece_px);
-    let drawn = pieces.iter().map(|piece| rect(piece.at_px)).collect();
-    let [shadow_maps, pieces, turns] =
-        [bytemuck::cast_slice(&shadow_maps), bytemuck::cast_slice(&pieces), bytemuck::cast_slice(&turns)]
+    let count = tiles.len() as u32;
+    let rect = |[x, y]: [i32; 2]| Rect::new(x, y, x + tile_px, y + tile_px);
+    let drawn = tiles.iter().map(|tile| rect(tile.at_px)).collect();
+    let [shadow_maps, tiles, homographies] =
+        [bytemuck::cast_slice(&shadow_maps), bytemuck::cast_slice(&tiles), bytemuck::cast_slice(&homographies)]
             .map(|bytes| recorder.storage(bytes));
-    let entry = Entry::over("seen", "main").choose("has_depth", asked.depth.is_some());
-    let entry = entry.choose("has_matte", asked.matte.is_some());
+    let entry = Entry::over("tile", "main").choose("has_depth", request.depth.is_some());
+    let entry = entry.choose("has_matte", request.matte.is_some());
     let pass = recorder.pass(Shader::Shade, entry).uniform("shade", &uniform).texture("rays", &rays.texture);
     let pass = pass.texture("atlas", &atlas.texture).buffer("shadow_maps", shadow_maps);
-    let pass = pass.buffer("pieces", pieces).buffer("turns", turns);
-    let pass = pass.texture("real_depth", asked.depth.map_or(&rays.texture, |(depth, _)| depth));
-    let pass = pass.texture("matte", asked.matte.map_or(&rays.texture, |(matte, _)| matte));
-    let pass = pass.tiles(count).blend(OF_WHAT_IS_LEFT);
+    let pass = pass.buffer("tiles", tiles).buffer("homographies", homographies);
+    let pass = pass.texture("real_depth", request.depth.map_or(&rays.texture, |(depth, _)| depth));
+    let pass = pass.texture("matte", request.matte.map_or(&rays.texture, |(matte, _)| matte));
+    let pass = pass.tiles(count).blend(MULTIPLY_TRANSMITTANCES);
     let [texture] = pass.draw([COLOR], (part.width(), part.height()));
-    Some(Shaded { texture, pieces: drawn })
+    Some(ShadeImage { texture, pieces: drawn })
 }
 
-/// From a ray in the camera's axes to the shadow map, for the line above a row of the picture at a moment of its exposure.
-fn turn(shadow_map: &ShadowMap, asked: &Asked<'_>, row: i32, moment: usize) -> [[f32; 4]; 3] {
-    let Asked { geometry, keys, shutter, .. } = *asked;
+/// Homography from a ray in the camera's axes to the shadow map, for the line above a row of the
+/// picture at a sample of its exposure.
+fn row_homography(shadow_map: &ShadowMap, request: &ShadeRequest<'_>, row: i32, sample: usize) -> [[f32; 4]; 3] {
+    let ShadeRequest { geometry, keys, shutter, .. } = *request;
     let down = f64::from(row) / f64::from(geometry.intrinsics.height_px) - 0.5;
-    let within = (moment as f64 + 0.5) / MOMENTS as f64 - 0.5;
+    let within = (sample as f64 + 0.5) / EXPOSURE_SAMPLES as f64 - 0.5;
     let (rotation, eye) = keys.at(down * shutter.readout_time_s + within * shutter.exposure_time_s);
     let pose = Pose::from_camera_in_world(eye + keys.origin_in_world_m, rotation.inverse());
     homography(shadow_map, &pose).to_cols_array_2d().map(|[x, y, z]| [x as f32, y as f32, z as f32, 0.0])
 }
 
-/// The transpose of H: its columns are the three things that a ray is multiplied with.
+/// The transpose of H: each column's dot product with a ray gives one coordinate.
 ///
-/// A ray r from the eye e meets the floor at e + t·R·r, where its height h + t·(n·R·r) is 0: 1/t = −(n·R·r)/h. Along an axis a
-/// of the floor, from the shadow map's corner c: (a·(e − o) − c)/t + a·R·r.
+/// A ray r from the eye e meets the plane at e + t·R·r, where its height h + t·(n·R·r) is 0:
+/// 1/t = −(n·R·r)/h. Along an axis a of the plane, from the shadow map's corner c:
+/// (a·(e − o) − c)/t + a·R·r.
 fn homography(shadow_map: &ShadowMap, pose: &Pose) -> DMat3 {
-    let (floor, shares) = (&shadow_map.floor, &shadow_map.texture);
+    let (floor, texture) = (&shadow_map.floor, &shadow_map.texture);
     let eye = pose.position_in_world_m();
     let world_from_camera = DMat3::from_quat(pose.world_from_camera_rotation());
     // Row vectors: aᵀR is Rᵀa.
-    let seen = |axis: DVec3| world_from_camera.transpose() * axis;
-    let per_way = -seen(floor.normal()) / floor.height_m(eye);
-    let texel_m = f64::from(shares.texel_m);
+    let in_camera = |axis: DVec3| world_from_camera.transpose() * axis;
+    let inverse_t = -in_camera(floor.normal()) / floor.height_m(eye);
+    let texel_m = f64::from(texture.texel_m);
     let along = |axis: DVec3, low: f32| {
         let from_corner = axis.dot(eye - floor.origin_m) - f64::from(low);
-        (seen(axis) + per_way * from_corner) / texel_m
+        (in_camera(axis) + inverse_t * from_corner) / texel_m
     };
-    DMat3::from_cols(along(floor.axes.x_axis, shares.low_m.x), along(floor.axes.y_axis, shares.low_m.y), per_way)
+    DMat3::from_cols(along(floor.axes.x_axis, texture.low_m.x), along(floor.axes.y_axis, texture.low_m.y), inverse_t)
 }
 
 #[cfg(test)]
@@ -442,11 +457,11 @@ mod tests {
     use glam::{DQuat, Vec2};
 
     #[test]
-    fn pieces_are_as_small_as_the_lens_bends() {
+    fn tiles_are_smaller_for_stronger_lens_distortion() {
         use crate::camera::{Distortion, LensModel};
         let with = |distortion: Distortion| {
             let straight = Geometry::pinhole(640, 480, 520.0);
-            piece_px(&Geometry::new(straight.intrinsics, distortion))
+            tile_side_px(&Geometry::new(straight.intrinsics, distortion))
         };
         assert_eq!(with(Distortion::default()), 32);
         assert_eq!(with(Distortion { k1: -0.05, ..Distortion::default() }), 16);
@@ -455,10 +470,10 @@ mod tests {
     }
 
     #[test]
-    fn ray_meets_the_shadow_map_at_the_point() {
+    fn homography_maps_the_ray_to_a_point_to_its_texel_and_depth() {
         let floor = Floor::new(DVec3::new(0.2, -0.1, 0.5), DVec3::new(0.1, -0.9, 0.2).normalize());
-        let shares = ShadowTexture::empty(Vec2::new(-0.3, -0.2), 0.002, 400, 300);
-        let shadow_map = ShadowMap { floor, texture: Arc::new(shares), is_beside: false };
+        let texture = ShadowTexture::empty(Vec2::new(-0.3, -0.2), 0.002, 400, 300);
+        let shadow_map = ShadowMap { floor, texture: Arc::new(texture), is_beside: false };
         let pose = Pose::from_camera_in_world(
             DVec3::new(0.3, -1.2, -0.4),
             DQuat::from_scaled_axis(DVec3::new(-0.9, 0.2, 0.1)),

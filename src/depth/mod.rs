@@ -4,7 +4,7 @@
 //! `inpaint` (`holes`, then `edges`), `smooth`, `contact`, `matte`, in this order. Effects call nothing
 //! here. They declare that they read depth (`Effect::reads_geometry`), whether they act on the real part
 //! (`Effect::on_real`) and how far they reach; the compositor cuts objects off accordingly
-//! (compositor/hide.rs).
+//! (compositor/occlusion.rs).
 //!
 //! - `registered`: a depth map of another size or camera, registered to the frames' picture.
 //! - `moment`: a depth map reprojected to the time of a frame, in a region. `reprojection`: its points

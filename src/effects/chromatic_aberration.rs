@@ -1,23 +1,25 @@
-//! Lateral chromatic aberration: red and blue are enlarged slightly differently from green (camera/falloff.rs,
-//! `Lateral`).
+//! Lateral chromatic aberration: red and blue are enlarged slightly differently from green
+//! (camera/falloff.rs, `Lateral`).
 //!
-//! Around the principal point, r' = r·(1 + a + b·r²) for red and for blue, r in half diagonals of the picture. Green
-//! stays, since calibrations of geometry use it alone or all three colours. Objects part as the real scene did, so at a
-//! silhouette each colour has its own coverage. One alpha cannot express that: the layer carries three
-//! ([`Layer::coverage`]), and the composite puts each colour over the camera's own: out = L_c + (1 − A_c)·camera_c,
-//! exactly. The layer's own alpha is their mean by luminance. It is above 0 where any colour is covered, so that
-//! untouched pixels stay the camera's; and a composite of the exported layer by it has the right luminance over grey.
+//! Around the principal point, r' = r·(1 + a + b·r²) for red and for blue, r in half diagonals of
+//! the picture. Green stays, since calibrations of geometry use it alone or all three channels.
+//! Objects separate into channels like the real scene, so at a silhouette each channel has its own
+//! coverage. The layer has three coverages ([`Layer::coverage`]), and the composite puts each
+//! channel over the camera's: out = L_c + (1 − A_c)·camera_c, exactly. The layer's alpha is their
+//! mean by luminance. It is above 0 if any channel is covered, so that uncovered pixels stay the
+//! camera's; and a composite of the exported layer by this alpha has the right luminance over grey.
 //!
-//! It comes last on the layer, so that no other effect has to carry three coverages. The effects before it treat all
-//! colours alike and change slowly across the picture, so the order matters only by the shift's share of that change.
+//! It runs last on the layer, so that no other effect needs three coverages. The effects before it
+//! treat all channels alike and change slowly across the picture, so the order matters only by the
+//! shift's share of that change.
 //!
-//! Not modelled: a spectrum within each colour (fringes have two hues), longitudinal aberration, light thinned out over
-//! a larger picture (by 2a). Red and blue are interpolated linearly and get softer, as by a blur with a variance of at
-//! most 1/4 px².
+//! Not modelled: a spectrum within each channel (fringes have two hues), longitudinal aberration,
+//! the dilution of light over a larger picture (by 2a). Red and blue are interpolated linearly and
+//! get softer, as by a blur with a variance of at most 1/4 px².
 
 use glam::DVec2;
 
-use super::{Case, Effect, EffectError, LayerRun, Moment, Reach};
+use super::{Case, Effect, EffectError, FrameContext, LayerRun, Reach};
 use crate::camera::falloff::Lateral;
 use crate::camera::{Camera, Geometry};
 use crate::gpu::Shader;
@@ -56,21 +58,21 @@ impl ChromaticAberration {
         Lateral { a: self.blue, b: self.blue_cubic }
     }
 
-    /// The largest shift of a colour, px.
-    fn shift_px(&self, moment: &Moment<'_>) -> f32 {
-        let (middle, half_diagonal) = (middle_px(moment.picture), of_whole_px(moment));
-        let i = &moment.picture.intrinsics;
+    /// The largest shift of a channel, px.
+    fn shift_px(&self, context: &FrameContext<'_>) -> f32 {
+        let (middle, half_diagonal) = (principal_point_px(context.picture), whole_half_diagonal_px(context));
+        let i = &context.picture.intrinsics;
         let size = DVec2::new(f64::from(i.width_px), f64::from(i.height_px));
         let farthest = middle.abs().max((size - middle).abs()).length();
         let r = farthest / half_diagonal;
         let shift = |part: Lateral| (part.a.abs() + part.b.abs() * r * r) * farthest;
-        // The inverse shift is slightly larger; and one pixel for the interpolation.
+        // 10 % more for the inverse shift, and 1 px for the interpolation.
         1.1 * shift(self.of_red()).max(shift(self.of_blue())) as f32 + 1.0
     }
 }
 
 /// Principal point of a picture, px.
-fn middle_px(geometry: &Geometry) -> DVec2 {
+fn principal_point_px(geometry: &Geometry) -> DVec2 {
     DVec2::new(geometry.intrinsics.cx_px, geometry.intrinsics.cy_px)
 }
 
@@ -79,9 +81,10 @@ fn half_diagonal_px(geometry: &Geometry) -> f64 {
     0.5 * f64::from(i.width_px).hypot(f64::from(i.height_px))
 }
 
-/// Half the diagonal of the recorded camera's whole picture, of which this one may be a part, in px of this one.
-fn of_whole_px(moment: &Moment<'_>) -> f64 {
-    moment.capture.enlargement * half_diagonal_px(moment.capture.recorded)
+/// Half the diagonal of the recorded camera's whole picture, of which the output may be a part, in
+/// output pixels.
+fn whole_half_diagonal_px(context: &FrameContext<'_>) -> f64 {
+    context.capture.enlargement * half_diagonal_px(context.capture.recorded)
 }
 
 impl Effect for ChromaticAberration {
@@ -94,21 +97,21 @@ impl Effect for ChromaticAberration {
         let refused = geometry.is_round() && *self != Self::default();
         if refused { Err(EffectError { parameter: "chromatic_aberration", reason }) } else { Ok(()) }
     }
-    fn idles(&self) -> &'static str {
+    fn neutral_hint(&self) -> &'static str {
         "no colour is shifted; values other than 0 set it to work"
     }
-    fn is_neutral(&self, _: &Moment<'_>) -> bool {
+    fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
         *self == Self::default()
     }
-    fn reach(&self, moment: &Moment<'_>) -> Reach {
-        Reach::both(self.shift_px(moment))
+    fn reach(&self, context: &FrameContext<'_>) -> Reach {
+        Reach::both(self.shift_px(context))
     }
     fn cases(&self) -> Vec<Case> {
         vec![("", vec![("red", Value::Number(0.001)), ("blue", Value::Number(-0.001))])]
     }
 
     fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
-        let (middle, half_diagonal) = (middle_px(run.moment.picture), of_whole_px(run.moment));
+        let (middle, half_diagonal) = (principal_point_px(run.context.picture), whole_half_diagonal_px(run.context));
         let in_layer = middle - DVec2::new(f64::from(run.drawn.x0), f64::from(run.drawn.y0));
         let parts = |part: Lateral| [part.a as f32, part.b as f32];
         let uniform = Uniform {
@@ -120,12 +123,13 @@ impl Effect for ChromaticAberration {
         };
         let pass = run.recorder.pass(Shader::ChromaticAberration, "main").uniform("chromatic", &uniform);
         let [color, coverage] = pass.texture("layer", &layer.color).draw([COLOR, COLOR], layer.size);
-        let radius_px = self.shift_px(run.moment).ceil() as u32;
-        run.followed(Layer { color, coverage: Some(coverage), ..layer }, radius_px)
+        let radius_px = self.shift_px(run.context).ceil() as u32;
+        run.with_spread_geometry(Layer { color, coverage: Some(coverage), ..layer }, radius_px)
     }
 }
 
-/// Where the light of a colour that lands at a place comes from, px: the inverse of [`Lateral::displaced_px`].
+/// Source position of the light of a channel at a position, px: the inverse of
+/// [`Lateral::displaced_px`].
 pub fn source_px(part: Lateral, at_px: DVec2, middle_px: DVec2, half_diagonal_px: f64) -> DVec2 {
     // Newton on the radius: r (1 + a + b r²) = r'.
     let from_middle = at_px - middle_px;
@@ -140,11 +144,11 @@ pub fn source_px(part: Lateral, at_px: DVec2, middle_px: DVec2, half_diagonal_px
     middle_px + from_middle * (r / radius)
 }
 
-/// A layer with parted colours: the premultiplied light and the coverage of each colour. `rgba` has `width * height`
-/// premultiplied pixels of the whole picture; outside is empty.
+/// The aberration of a layer: the premultiplied light and the coverage of each channel. `rgba` has
+/// `width * height` premultiplied pixels of the whole picture; outside is empty.
 pub fn twin(params: &ChromaticAberration, geometry: &Geometry, rgba: &[[f64; 4]]) -> Vec<[[f64; 3]; 2]> {
     let (width, height) = (i64::from(geometry.intrinsics.width_px), i64::from(geometry.intrinsics.height_px));
-    let (middle, half_diagonal) = (middle_px(geometry), half_diagonal_px(geometry));
+    let (middle, half_diagonal) = (principal_point_px(geometry), half_diagonal_px(geometry));
     let at = |x: i64, y: i64| {
         let inside = x >= 0 && y >= 0 && x < width && y < height;
         if inside { rgba[(y * width + x) as usize] } else { [0.0; 4] }
@@ -178,7 +182,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_displaced_comes_from_there(
+        fn source_of_a_displaced_position_is_the_position(
             a in -0.02f64..0.02, b in -0.02f64..0.02, x in -100.0f64..700.0, y in -100.0f64..600.0,
         ) {
             let (part, middle) = (Lateral { a, b }, DVec2::new(310.0, 250.0));

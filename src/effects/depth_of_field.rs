@@ -1,25 +1,26 @@
 //! Depth of field from the lens.
 //!
-//! A point at depth z is imaged as the opening, fx · D · (1/d_s − 1/z) pixels wide, upside down in front of the focus
-//! plane (vSLRcam (4)-(8); camera/thin_lens.rs). The lens is the camera's (`camera.lens`). Without an opening nothing
-//! is blurred.
+//! A point at depth z is imaged as the aperture, fx · D · (1/d_s − 1/z) pixels wide (its circle of
+//! confusion), upside down in front of the focus plane (vSLRcam (4)-(8); camera/thin_lens.rs). The
+//! lens is the camera's (`camera.lens`). Without an aperture nothing is blurred.
 //!
-//! - `layered` (default): gathers over the image of the opening, keeping the nearer of two surfaces apart from the
-//!   farther. What the nearer one hides is filled from what is seen around it. The nearer one's own blurred alpha puts
-//!   both together (depth_of_field/layered.rs).
-//! - `reference`: the thin lens itself. The layer is drawn through many points of the opening and summed, at least two
-//!   for each square pixel of the largest circle, up to 16,384. Slow; the others are judged by it.
-//! - `poisson`: vSLRcam's, a Poisson disc as wide as the pixel's own circle, then a second one over the result
-//!   (depth_of_field/poisson.rs).
-//! - `diffusion`: Wang's. Each pixel's light is spread over the opening's picture, from the most blurred to the
-//!   sharpest. The only one with stars and hearts (depth_of_field/diffusion.rs).
+//! - `layered` (default): gathers over the image of the aperture, in two layers, the nearer and the
+//!   farther of two surfaces. The hidden part of the farther one is filled from its surroundings.
+//!   The nearer one's blurred alpha composites both (depth_of_field/layered.rs).
+//! - `reference`: the thin lens itself. The layer is drawn through many points of the aperture and
+//!   summed, at least two for each square pixel of the largest circle, up to 16,384. Slow; the
+//!   ground truth of the other methods.
+//! - `poisson`: vSLRcam's, a Poisson disc as wide as the pixel's own circle, then a second one over
+//!   the result (depth_of_field/poisson.rs).
+//! - `diffusion`: Wang's. Each pixel's light is spread over the aperture's image, from the most
+//!   blurred to the sharpest. The only one with stars and hearts (depth_of_field/diffusion.rs).
 //!
-//! In a photograph whose real surfaces are known, the real part is blurred too, slice by slice; with `layered`,
-//! together with the virtual part (depth_of_field/slices.rs).
+//! In a photograph whose real surfaces are known, the real part is blurred too, slice by slice;
+//! with `layered`, together with the virtual part (depth_of_field/slices.rs).
 //!
-//! Not modelled: the opening's change towards the picture's corners (cat's eyes), aberrations, diffraction. With
-//! `layered` also: more than two surfaces behind each other within one circle, and circles wider than a quarter of the
-//! picture or 400 px (drawn that wide).
+//! Not modelled: the aperture's change towards the picture's corners (cat's eyes), aberrations,
+//! diffraction. With `layered` also: more than two surfaces behind each other within one circle,
+//! and circles wider than a quarter of the picture or 400 px (limited to that width).
 
 pub mod diffusion;
 mod highlights;
@@ -31,32 +32,33 @@ mod settings;
 pub mod slices;
 mod surroundings;
 
-use super::{Case, Effect, EffectError, LayerRun, Moment, OnReal, Reach};
+use super::{Case, Effect, EffectError, FrameContext, LayerRun, OnReal, Reach};
 use crate::camera::{Aperture, Camera, Geometry};
 use crate::params::Value;
 use crate::render::{Layer, Sample, SamplePlan};
 use operator::Shape;
-pub use settings::{DepthOfField, Method, Mix, WIDEST_PX};
+pub use settings::{DepthOfField, MAX_CIRCLE_PX, Method, Mix};
 use settings::{SHARP_PX, circles_px};
 
-const MOST_POINTS: u32 = 1 << 14;
+/// Largest number of points of the aperture in the reference.
+const MAX_POINTS: u32 = 1 << 14;
 
 impl DepthOfField {
-    /// Points of the opening for each moment already in the plan.
-    fn reference(moment: &Moment<'_>, plan: SamplePlan) -> SamplePlan {
-        let Some(opening) = moment.capture.opening else { return plan };
-        let [_, largest] = circles_px(moment);
+    /// Multiplies each sample of the plan by points of the aperture.
+    fn reference(context: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
+        let Some(opening) = context.capture.opening else { return plan };
+        let [_, largest] = circles_px(context);
         let area = std::f32::consts::FRAC_PI_4 * largest * largest;
-        let moments = plan.samples.len() as u32;
-        // Equally many for each moment, so that the weights of the moments stay the same.
-        let each = ((2.0 * area).ceil() as u32).clamp(64, MOST_POINTS).div_ceil(moments);
+        let count = plan.samples.len() as u32;
+        // Equally many points for each sample, so that the weights of the samples stay the same.
+        let each = ((2.0 * area).ceil() as u32).clamp(64, MAX_POINTS).div_ceil(count);
         let aperture = Aperture::of(&opening);
         let radius_m = 0.5 * opening.diameter_m;
-        let samples = plan.samples.iter().enumerate().flat_map(|(moment, sample)| {
+        let samples = plan.samples.iter().enumerate().flat_map(|(n, sample)| {
             let aperture = &aperture;
             (0..each).map(move |i| Sample {
                 weight: sample.weight / each as f32,
-                lens_m: aperture.sequence(moment as u32 * each + i).map(|c| c * radius_m),
+                lens_m: aperture.sequence(n as u32 * each + i).map(|c| c * radius_m),
                 ..sample.clone()
             })
         });
@@ -68,12 +70,12 @@ impl Effect for DepthOfField {
     fn summary(&self) -> &'static str {
         "blurs objects out of focus as the lens's opening does"
     }
-    fn idles(&self) -> &'static str {
+    fn neutral_hint(&self) -> &'static str {
         "everything is in focus, as through a pinhole; an f-number or an opening of the camera's lens, or another focus \
          distance, sets it to work"
     }
-    fn is_neutral(&self, moment: &Moment<'_>) -> bool {
-        circles_px(moment)[1] < SHARP_PX
+    fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
+        circles_px(context)[1] < SHARP_PX
     }
     fn check(&self, camera: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
         let lens = &camera.lens;
@@ -92,17 +94,18 @@ impl Effect for DepthOfField {
         }
         Ok(())
     }
-    fn reach(&self, moment: &Moment<'_>) -> Reach {
+    fn reach(&self, context: &FrameContext<'_>) -> Reach {
         let own_px = match self.method {
-            Method::Diffusion => diffusion::reach_px(self, moment),
-            Method::Layered => layered::look_px(moment),
-            Method::Poisson | Method::Reference => layered::reach_px(moment),
+            Method::Diffusion => diffusion::reach_px(self, context),
+            Method::Layered => layered::read_px(context),
+            Method::Poisson | Method::Reference => layered::reach_px(context),
         };
-        // The real part is blurred slice by slice whatever the method; `layered` includes the virtual part.
-        Reach::both(match (moment.real_depths_m, self.method) {
+        // The real part is blurred slice by slice whatever the method; `layered` includes the
+        // virtual part.
+        Reach::both(match (context.real_depths_m, self.method) {
             (None, _) => own_px,
-            (Some(_), Method::Layered) => slices::reach_px(moment),
-            (Some(_), _) => own_px.max(slices::reach_px(moment)),
+            (Some(_), Method::Layered) => slices::reach_px(context),
+            (Some(_), _) => own_px.max(slices::reach_px(context)),
         })
     }
     fn cases(&self) -> Vec<Case> {
@@ -112,10 +115,10 @@ impl Effect for DepthOfField {
             .to_vec()
     }
 
-    fn plan(&self, moment: &Moment<'_>, plan: SamplePlan) -> SamplePlan {
+    fn plan(&self, context: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
         match self.method {
             Method::Layered | Method::Poisson | Method::Diffusion => plan,
-            Method::Reference => Self::reference(moment, plan),
+            Method::Reference => Self::reference(context, plan),
         }
     }
 
@@ -125,15 +128,15 @@ impl Effect for DepthOfField {
 
     fn on_real(&self) -> OnReal {
         match self.method {
-            Method::Layered => OnReal::ActsAndHides,
-            Method::Poisson | Method::Diffusion => OnReal::Acts,
-            // Each point of the lens draws what is seen from there.
-            Method::Reference => OnReal::ActsAlone,
+            Method::Layered => OnReal::ActsAndOccludes,
+            Method::Poisson | Method::Diffusion => OnReal::ActsAndBlurs,
+            // Occlusion is resolved for each point of the lens.
+            Method::Reference => OnReal::Acts,
         }
     }
 
     fn run(&self, run: &mut LayerRun<'_>, mut layer: Layer) -> Layer {
-        let Some(opening) = run.moment.capture.opening else { return layer };
+        let Some(opening) = run.context.capture.opening else { return layer };
         if let Some(real) = layer.real.clone() {
             let together = self.method == Method::Layered;
             layer = slices::run(run, &opening, layer, &real, together);
@@ -150,9 +153,9 @@ impl Effect for DepthOfField {
     }
 }
 
-/// A layer of one depth through an opening: each pixel's light spread evenly over the image of the aperture,
-/// `circle_px` wide (signed), by `points` points with bilinear weights. `rgba` has `width * height` premultiplied
-/// pixels; outside is empty.
+/// Reference for a layer of one depth: each pixel's light spread evenly over the image of the
+/// aperture, `circle_px` wide (signed), by `points` points with bilinear weights. `rgba` has `width
+/// * height` premultiplied pixels; outside is empty.
 pub fn twin(
     rgba: &[[f64; 4]],
     width: usize,

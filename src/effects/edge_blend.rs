@@ -1,33 +1,36 @@
 //! Antialiasing against camera pixels: Fischer 2006, §Antialiasing.
 //!
-//! result = (current + Σ cameraᵢ) / (n + 1) over the n camera pixels in the 3×3 neighbourhood, and `impact`
-//! interpolates between current (0) and result (1). Works on code values, as in the paper.
+//! result = (current + Σ cameraᵢ) / (n + 1) over the n camera pixels in the 3×3 neighbourhood, and
+//! `impact` interpolates between current (0) and result (1). Works on code values, as in the paper.
 //!
-//! In the paper a pixel is either an object's or the camera's, so an edge is hard. Multisampling and blur make it soft,
-//! and a material may be transparent. Coverage A of 0 to 1 is then a stack of hard masks, one for each level u: at it a
-//! pixel is an object's where A > u. For a straight edge that moved or was blurred these are the edge's places, each as
-//! often as the light saw it there. The rule is the paper's at each level, and the mean over the pixel's own levels:
+//! In the paper a pixel is either an object's or the camera's, so an edge is hard. Multisampling
+//! and blur make it soft, and a material may be transparent. Coverage A of 0 to 1 is then a stack
+//! of hard masks, one for each level u: the mask at u contains the pixels with A > u. For a
+//! straight edge that moved or was blurred, these are the edge's positions, weighted by their
+//! duration. The paper's rule applies at each level, and the result is the mean over the pixel's
+//! levels:
 //!
-//! result = current + impact · Σ sᵢ (cameraᵢ − current), sᵢ = 1/A ∫ du / (n(u) + 1) from Aᵢ to A, over the neighbours
-//! with Aᵢ < A
+//! result = current + impact · Σ sᵢ (cameraᵢ − current), sᵢ = 1/A ∫ du / (n(u) + 1) from Aᵢ to A,
+//! over the neighbours with Aᵢ < A
 //!
 //! where n(u) counts the neighbours with Aᵢ ≤ u. So
 //!
 //! - a hard edge has one level, and sᵢ is the paper's 1 / (n + 1);
-//! - inside a surface of constant coverage, transparent or not, no neighbour is covered less, and nothing changes;
-//! - what an edge loses in all does not depend on what softens it: the mean of edges is blended to the mean of blended
-//!   edges;
-//! - a surface with α of the coverage everywhere loses α of what it would lose: sᵢ has only ratios of coverage.
+//! - inside a surface of constant coverage, transparent or not, no neighbour is covered less, and
+//!   nothing changes;
+//! - the total loss of an edge is independent of its softness: blending the mean of edges gives the
+//!   mean of the blended edges;
+//! - a surface whose coverage is scaled by α loses α times as much: sᵢ has only ratios of coverage.
 //!
-//! The last two take the camera's pixels in the neighbourhood for alike. The pixel's own camera share, 1 − A, is not
-//! moved: current − camera is A times what the object adds.
+//! The last two assume equal camera pixels in the neighbourhood. The pixel's own camera share,
+//! 1 − A, does not change: current − camera is A times the object's contribution.
 //!
 //! Off by default: edges are multisampled, and both together would erode the edge.
 //!
-//! Not modelled: the edge's direction. A pixel in a corner is softened like one on an edge. Edges that cross within a
-//! pixel count as nested.
+//! Not modelled: the edge's direction. A pixel in a corner is softened like one on an edge. Edges
+//! that cross within a pixel count as nested.
 
-use super::{Case, Effect, LayerRun, MixedPart, Moment};
+use super::{Case, Effect, FrameContext, LayerRun, MixedPart};
 use crate::gpu::Shader;
 use crate::params::Value;
 use crate::pixels::Rect;
@@ -48,10 +51,10 @@ impl Effect for EdgeBlend {
     fn summary(&self) -> &'static str {
         "blends an object's edge pixels with their camera neighbours"
     }
-    fn idles(&self) -> &'static str {
+    fn neutral_hint(&self) -> &'static str {
         "its impact is 0; a larger one sets it to work"
     }
-    fn is_neutral(&self, _: &Moment<'_>) -> bool {
+    fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
         self.impact == 0.0
     }
     fn cases(&self) -> Vec<Case> {
@@ -63,8 +66,8 @@ impl Effect for EdgeBlend {
     }
 }
 
-/// The rule for one channel. `covered`: the pixel's own coverage. `neighbours`: of those in the picture among the
-/// eight, the camera's code value and the coverage.
+/// The rule for one channel. `covered`: the pixel's own coverage. `neighbours`: of those in the
+/// picture among the eight, the camera's code value and the coverage.
 pub fn twin(current: f64, covered: f64, neighbours: &[(f64, f64)], impact: f64) -> f64 {
     let mut less: Vec<_> = neighbours.iter().copied().filter(|(_, a)| *a < covered).collect();
     less.sort_by(|(_, a), (_, b)| a.total_cmp(b));
@@ -83,7 +86,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn the_papers_rule_by_hand() {
+    fn blend_matches_the_papers_rule_on_hand_computed_examples() {
         // (10 + 40 + 70) / 3 = 40; half impact: 25.
         assert_eq!(twin(10.0, 1.0, &[(40.0, 0.0), (70.0, 0.0)], 1.0), 40.0);
         assert_eq!(twin(10.0, 1.0, &[(40.0, 0.0), (70.0, 0.0), (90.0, 1.0)], 0.5), 25.0);
@@ -95,14 +98,14 @@ mod tests {
         assert_eq!(twin(10.0, 0.0, &[(40.0, 0.0)], 1.0), 10.0);
     }
 
-    /// What is left of the coverage in front of black, where the object is white.
+    /// The remaining coverage of a white object in front of black.
     fn left(covered: f64, around: &[f64]) -> f64 {
         twin(covered, covered, &around.iter().map(|a| (0.0, *a)).collect::<Vec<_>>(), 1.0)
     }
 
     proptest! {
         #[test]
-        fn an_even_surface_stays_and_a_fainter_one_loses_its_share(
+        fn uniform_coverage_stays_and_scaled_coverage_loses_in_proportion(
             covered in 0.01f64..1.0, around in prop::collection::vec(0.0f64..1.0, 8), alpha in 0.01f64..1.0,
         ) {
             prop_assert_eq!(left(covered, &[covered; 8]), covered);
@@ -111,10 +114,11 @@ mod tests {
         }
 
         #[test]
-        fn the_mean_of_edges_is_blended_to_the_mean_of_blended_edges(
+        fn blend_of_the_mean_of_edges_is_the_mean_of_blended_edges(
             order in Just((0..9).collect::<Vec<usize>>()).prop_shuffle(), seen in prop::collection::vec(0.01f64..1.0, 9),
         ) {
-            // An edge that passes over nine pixels one after another, and rests before each for a share of the time.
+            // An edge that passes over nine pixels in turn, and rests before each for a share of
+            // the time.
             let whole: f64 = seen.iter().sum();
             let (mut mean, mut blended) = ([0.0; 9], 0.0);
             for (passed, share) in seen.iter().map(|s| s / whole).enumerate() {

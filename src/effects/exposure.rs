@@ -1,24 +1,27 @@
 //! Exposure of the virtual layer: brighter or darker by ΔEV stops (camera/exposure.rs).
 //!
-//! - `photographic` (default): light times 2^ΔEV. Overexposed light clips at the very end, after mixing and noise.
+//! - `photographic` (default): light times 2^ΔEV. Overexposed light clips at the very end, after
+//!   mixing and noise.
 //! - `additive`: vSLRcam (11) as printed: 0.2 · ΔEV added to display values, 0 to 1.
 //!
-//! ΔEV is `ev` plus, if `reference_s` is given, the stops by which the frame was exposed longer than that. A scene
-//! whose lights were measured at one exposure then follows a camera with automatic exposure. A frame of unknown
-//! exposure counts as exposed like the reference. A photograph's own stops, which real and virtual things share, are a
-//! factor on light whatever the method.
+//! ΔEV is `ev` plus, if `reference_s` is given, the stops by which the frame was exposed longer
+//! than that. A scene whose lights were measured at one exposure then follows a camera with
+//! automatic exposure. A frame of unknown exposure counts as exposed like the reference. A
+//! photograph's own stops, which apply to real and virtual objects, are a factor on light with
+//! either method.
 //!
-//! Where the footage was analysed, `follow` takes the layer's light times what the frame itself shows to be brighter than the
-//! recording's usual one, for each colour: exposure, gain and white balance that the camera changed by itself. What was measured
-//! then overrides what was recorded: `reference_s` counts from the usual frame's recorded exposure. Parts of a picture that are
-//! brighter than that ([`Across`]) make the layer brighter there: 2^stops, linear between nodes.
+//! For analysed footage, `follow` multiplies the layer's light by the frame's estimated gain
+//! relative to the recording's usual frame, for each channel: automatic exposure, gain and white
+//! balance. The estimate overrides the recorded values: `reference_s` is compared with the usual
+//! frame's recorded exposure. Spatial gain ([`Across`]) makes parts of the layer brighter: 2^stops,
+//! linear between nodes.
 //!
-//! Not modelled: the effect of exposure on noise (noise.rs uses the resulting code value) and on blur (its length is
-//! the camera's exposure time already).
+//! Not modelled: the effect of exposure on noise (noise.rs uses the resulting code value) and on
+//! blur (its length is the camera's exposure time already).
 
 use glam::DVec2;
 
-use super::{Case, Effect, LayerRun, Moment, curve_choice};
+use super::{Case, Effect, FrameContext, LayerRun, curve_choice};
 use crate::camera::exposure::{additive, photographic_gain};
 use crate::camera::{Intrinsics, Response};
 use crate::frame::{Across, FrameExposure, NODES};
@@ -58,9 +61,9 @@ crate::uniform! {
     }
 }
 
-/// How much light a frame's recording gathered from the same scene, in seconds at f/1, ISO 100 and gain 1. An unknown
-/// setting counts as that; `None` if no time is known.
-pub fn gathered_s(recorded: &FrameExposure) -> Option<f64> {
+/// A frame's exposure, as the equivalent time at f/1, ISO 100 and gain 1, s. Unknown settings count
+/// as these; `None` without a time.
+pub fn equivalent_exposure_s(recorded: &FrameExposure) -> Option<f64> {
     let time_s = recorded.time_s.or(recorded.photo.time_s)?;
     let speed = recorded.photo.iso.map_or(1.0, |iso| iso / 100.0);
     let f_number = recorded.photo.f_number.unwrap_or(1.0);
@@ -68,15 +71,15 @@ pub fn gathered_s(recorded: &FrameExposure) -> Option<f64> {
 }
 
 impl Exposure {
-    /// How many stops brighter a frame's layer gets; within ±30.
+    /// Exposure change of a frame's layer, stops; within ±30.
     pub fn over_ev(&self, recorded: &FrameExposure) -> f64 {
         let usual_s = recorded.seen.filter(|_| self.follow).map(|seen| seen.usual_s);
-        let of_frame = || usual_s.unwrap_or_else(|| gathered_s(recorded));
+        let of_frame = || usual_s.unwrap_or_else(|| equivalent_exposure_s(recorded));
         let longer = self.reference_s.and_then(|reference_s| Some((of_frame()? / reference_s).log2()));
         (self.ev + longer.unwrap_or(0.0)).clamp(-30.0, 30.0)
     }
 
-    /// By which the layer's light follows the frame's: red, green, blue.
+    /// Estimated gain of the frame, applied to the layer: red, green, blue.
     pub fn factors(&self, recorded: &FrameExposure) -> [f64; 3] {
         recorded.seen.filter(|_| self.follow).map_or([1.0; 3], |seen| seen.factors)
     }
@@ -86,16 +89,16 @@ impl Exposure {
     }
 }
 
-/// The additional stops by which the whole picture is exposed, real and virtual.
-fn of_picture_ev(moment: &Moment<'_>) -> f64 {
-    moment.capture.over_ev.clamp(-30.0, 30.0)
+/// Exposure change of the whole picture, real and virtual, stops.
+fn picture_ev(context: &FrameContext<'_>) -> f64 {
+    context.capture.over_ev.clamp(-30.0, 30.0)
 }
 
-/// Where a pixel of the layer is in the recorded picture, in shares of its width and height: by how much they grow from pixel to
-/// pixel, and what they are where the layer begins. What a photograph's lens sees otherwise than the recording's bends no more
-/// than its principal point and focal length say.
-fn shares(moment: &Moment<'_>, begins_px: [i32; 2]) -> ([f32; 2], [f32; 2]) {
-    let [made, recorded] = [moment.picture, moment.capture.recorded].map(|geometry| &geometry.intrinsics);
+/// Mapping of the layer's pixels to the recorded picture, in shares of its width and height: the
+/// increment per pixel, and the value at the layer's origin. For a photograph's lens, only
+/// principal point and focal length are mapped, not distortion.
+fn shares(context: &FrameContext<'_>, begins_px: [i32; 2]) -> ([f32; 2], [f32; 2]) {
+    let [made, recorded] = [context.picture, context.capture.recorded].map(|geometry| &geometry.intrinsics);
     let focal = |i: &Intrinsics| DVec2::new(i.fx_px, i.fy_px);
     let middle = |i: &Intrinsics| DVec2::new(i.cx_px, i.cy_px);
     let size = DVec2::new(recorded.width_px.into(), recorded.height_px.into());
@@ -109,14 +112,14 @@ impl Effect for Exposure {
     fn summary(&self) -> &'static str {
         "makes objects brighter or darker by stops"
     }
-    fn idles(&self) -> &'static str {
+    fn neutral_hint(&self) -> &'static str {
         "things are made neither brighter nor darker; stops other than 0, or a reference time, set it to work"
     }
-    fn is_neutral(&self, moment: &Moment<'_>) -> bool {
-        self.over_ev(&moment.recorded) == 0.0
-            && of_picture_ev(moment) == 0.0
-            && self.factors(&moment.recorded) == [1.0; 3]
-            && self.across(&moment.recorded).is_none()
+    fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
+        self.over_ev(&context.recorded) == 0.0
+            && picture_ev(context) == 0.0
+            && self.factors(&context.recorded) == [1.0; 3]
+            && self.across(&context.recorded).is_none()
     }
     fn cases(&self) -> Vec<Case> {
         let over = ("ev", Value::Number(1.0));
@@ -124,19 +127,19 @@ impl Effect for Exposure {
     }
 
     fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
-        let over_ev = self.over_ev(&run.moment.recorded);
+        let over_ev = self.over_ev(&run.context.recorded);
         let entry = match self.method {
             Method::Photographic => Entry::from("photographic"),
-            Method::Additive => Entry::from("additive").choose("curve", curve_choice(&run.moment.camera.response)),
+            Method::Additive => Entry::from("additive").choose("curve", curve_choice(&run.context.camera.response)),
         };
-        let [red, green, blue] = self.factors(&run.moment.recorded).map(|factor| factor as f32);
-        let (share, share_at_0) = shares(run.moment, [run.drawn.x0, run.drawn.y0]);
-        let across = self.across(&run.moment.recorded).0;
+        let [red, green, blue] = self.factors(&run.context.recorded).map(|factor| factor as f32);
+        let (share, share_at_0) = shares(run.context, [run.drawn.x0, run.drawn.y0]);
+        let across = self.across(&run.context.recorded).0;
         let uniform = Uniform {
             gain: photographic_gain(over_ev) as f32,
             step: (0.2 * over_ev) as f32,
-            picture: photographic_gain(of_picture_ev(run.moment)) as f32,
-            gamma: run.moment.camera.response.gamma as f32,
+            picture: photographic_gain(picture_ev(run.context)) as f32,
+            gamma: run.context.camera.response.gamma as f32,
             factors: [red, green, blue, 1.0],
             share,
             share_at_0,
@@ -148,7 +151,8 @@ impl Effect for Exposure {
     }
 }
 
-/// One premultiplied pixel of the layer, exposed. What follows the footage is a factor on its light before.
+/// Exposes one premultiplied pixel of the layer. The estimated gain of `follow` is applied to its
+/// light before.
 pub fn twin(rgba: [f64; 4], method: Method, over_ev: f64, response: &Response) -> [f64; 4] {
     let [r, g, b, a] = rgba;
     let exposed = |light: f64| match method {
@@ -166,17 +170,18 @@ mod tests {
     use crate::frame::PhotoSettings;
 
     #[test]
-    fn stops_worked_by_hand() {
+    fn exposure_by_stops_matches_hand_computed_values() {
         let linear = Response { curve: Curve::Linear, ..Default::default() };
         assert_eq!(twin([0.2, 0.1, 0.0, 0.5], Method::Photographic, 2.0, &linear), [0.8, 0.4, 0.0, 0.5]);
-        // Half covered, with surface colours of 0.4 and 0.2: one stop adds 0.2 to the display value.
+        // Half covered, with surface colours of 0.4 and 0.2: one stop adds 0.2 to the display
+        // value.
         let [r, g, _, a] = twin([0.2, 0.1, 0.0, 0.5], Method::Additive, 1.0, &linear);
         assert!((r - 0.3).abs() < 1e-12 && (g - 0.2).abs() < 1e-12 && a == 0.5);
         assert_eq!(twin([0.2, 0.1, 0.0, 0.5], Method::Additive, -5.0, &linear), [0.0, 0.0, 0.0, 0.5]);
     }
 
     #[test]
-    fn a_frame_is_exposed_as_the_recording_says() {
+    fn exposure_follows_the_recorded_and_the_estimated_exposure() {
         let of = |time_s, gain| FrameExposure { time_s, gain, ..Default::default() };
         let params = Exposure { reference_s: Some(0.01), ..Default::default() };
         assert_eq!(params.over_ev(&of(Some(0.02), None)), 1.0);
@@ -185,7 +190,8 @@ mod tests {
         assert_eq!(Exposure::default().over_ev(&of(Some(0.02), Some(2.0))), 0.0);
         let params = Exposure { ev: -0.5, ..params };
         assert_eq!(params.over_ev(&of(Some(0.04), None)), 1.5);
-        // Measured: the frame is half as bright as usual, whatever was recorded of it; the usual one was exposed for 20 ms.
+        // Estimated: the frame is half as bright as the usual one, which was exposed for 20 ms. The
+        // recorded exposure is ignored.
         let seen = Some(crate::frame::SeenBrightness {
             factors: [0.5, 0.5, 0.4],
             usual_s: Some(0.02),
@@ -198,7 +204,7 @@ mod tests {
         assert_eq!((recorded.over_ev(&measured), recorded.factors(&measured)), (3.0, [1.0; 3]));
         // f/4, 1/50 s, ISO 400: 0.02 · 4 / 16 = 5 ms at f/1 and ISO 100.
         let photo = PhotoSettings { time_s: Some(0.02), f_number: Some(4.0), iso: Some(400.0), ..Default::default() };
-        assert_eq!(gathered_s(&FrameExposure { photo, ..Default::default() }), Some(0.005));
-        assert_eq!(gathered_s(&of(Some(0.0), None)), None);
+        assert_eq!(equivalent_exposure_s(&FrameExposure { photo, ..Default::default() }), Some(0.005));
+        assert_eq!(equivalent_exposure_s(&of(Some(0.0), None)), None);
     }
 }

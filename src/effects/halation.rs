@@ -1,13 +1,14 @@
 //! Halation: light goes through the film, is reflected by its base, and exposes the surroundings.
 //!
-//! out = (1 − s)·L + s·(G ∗ L), with G a Gaussian whose weights sum to 1 (blur.rs): light is kept. The glow also lies
-//! over the camera's picture, where nothing is covered; coverage does not change. A sensor's cover glass does the same.
-//! It follows the exposure, since it is the light on the film that is reflected.
+//! out = (1 − s)·L + s·(G ∗ L), with G a Gaussian whose weights sum to 1 (blur.rs): light is
+//! conserved. The glow also extends over the camera's picture, without coverage; coverage does not
+//! change. A sensor's cover glass has the same effect. It runs after the exposure, since the light
+//! on the film is reflected.
 //!
-//! Not modelled: that the glow is red (the red layer lies deepest), the dark ring of a totally reflecting base, and the
-//! glow of real light that an object hides.
+//! Not modelled: the red colour of the glow (the red layer lies deepest), the dark ring of a
+//! totally reflecting base, and the glow of real light that an object occludes.
 
-use super::{Case, Effect, LayerRun, Moment, Reach, blur};
+use super::{Case, Effect, FrameContext, LayerRun, Reach, blur};
 use crate::gpu::Shader;
 use crate::params::Value;
 use crate::render::{COLOR, Layer};
@@ -30,21 +31,21 @@ impl Effect for Halation {
     fn summary(&self) -> &'static str {
         "lets bright objects glow as film does"
     }
-    fn idles(&self) -> &'static str {
+    fn neutral_hint(&self) -> &'static str {
         "its share is 0; a larger one sets it to work"
     }
-    fn is_neutral(&self, _: &Moment<'_>) -> bool {
+    fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
         self.share == 0.0
     }
-    fn reach(&self, moment: &Moment<'_>) -> Reach {
-        Reach::both(blur::reach_px(moment.drawn_px(self.sigma_px)) as f32)
+    fn reach(&self, context: &FrameContext<'_>) -> Reach {
+        Reach::both(blur::reach_px(context.drawn_px(self.sigma_px)) as f32)
     }
     fn cases(&self) -> Vec<Case> {
         let share = ("share", Value::Number(0.1));
         vec![("", vec![share.clone()]), ("narrow", vec![share, ("sigma_px", Value::Number(3.0))])]
     }
     fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
-        let around = run.blurred(&layer.color, layer.size, run.moment.drawn_px(self.sigma_px));
+        let around = run.blurred(&layer.color, layer.size, run.context.drawn_px(self.sigma_px));
         let uniform = Uniform { share: self.share as f32 };
         let pass = run.recorder.pass(Shader::Halation, "main").uniform("halation", &uniform);
         let [color] = pass.texture("layer", &layer.color).texture("around", &around).draw([COLOR], layer.size);
@@ -52,8 +53,8 @@ impl Effect for Halation {
     }
 }
 
-/// A layer as film shows it, by the sampled Gaussian itself. `rgba` has `width * height` premultiplied pixels; outside
-/// is empty.
+/// The halation of a layer, by the sampled Gaussian itself. `rgba` has `width * height`
+/// premultiplied pixels; outside is empty.
 pub fn twin(rgba: &[[f64; 4]], width: usize, params: &Halation) -> Vec<[f64; 4]> {
     let (reach, s) = ((5.0 * params.sigma_px).ceil() as i64, params.sigma_px);
     let tap = |d: i64| (-0.5 * (d as f64 / s).powi(2)).exp();

@@ -1,24 +1,24 @@
-//! The effects. ARCHITECTURE.md lists what adding one takes.
+//! The effects. ARCHITECTURE.md describes how to add one.
 
 pub mod blur;
 pub mod chromatic_aberration;
 pub mod depth_of_field;
 pub mod edge_blend;
 pub mod exposure;
-mod follow;
 pub mod halation;
 pub mod motion_blur;
 pub mod noise;
 pub mod point_spread;
+mod spread_geometry;
 mod stage;
 pub mod vignetting;
 
 pub use stage::{
-    Boxed, Case, Effect, EffectError, LayerRun, MixedPart, Moment, ObjectMotion, OnReal, Reach, curve_choice,
+    Boxed, Case, Effect, EffectError, FrameContext, LayerRun, MixedPart, ObjectMotion, OnReal, Reach, curve_choice,
 };
 
-/// Every effect at its defaults, in working order: the light's, except for chromatic_aberration, which says why it
-/// comes last.
+/// Every effect at its defaults, in the order in which they run: the light's path, except for
+/// chromatic_aberration (see there).
 pub fn all() -> Vec<Box<dyn Effect>> {
     vec![
         Box::new(motion_blur::MotionBlur::default()),

@@ -1,23 +1,26 @@
 //! Motion blur from the poses.
 //!
-//! - `velocity` (default): the layer is drawn once; each pixel gathers along its motion during the exposure (a box
-//!   shutter). Silhouettes dissolve over the camera's pixels, because moments without a surface are empty.
-//! - `copies`: Fischer 2006, §Motion blur: semi-transparent copies of each object along the blur vector of its centre,
-//!   centred on it, above a threshold. The paper's vector spans a whole frame interval; here it is scaled by exposure
-//!   time over interval.
-//! - `accumulation`: vSLRcam (13) and (14), the recursive accumulation of frames written as a finite sum
-//!   (camera/accumulation.rs): n + 1 frames spread over the exposure time, the newest with the largest weight. In the
-//!   paper the newest is at the end of the exposure. Here the weighted mean of the moments is the exposure's middle,
-//!   where the camera saw the object, and the oldest frame lies before its beginning. The blur trails off instead of
-//!   being a box, and so few frames can be told apart.
-//! - `reference`: the layer drawn at many moments and summed, two for each pixel of blur. Slow; the others are judged
-//!   by it.
+//! - `velocity` (default): the layer is drawn once; each pixel gathers along its motion during the
+//!   exposure (a box shutter). Silhouettes dissolve over the camera's pixels, because times without
+//!   a surface are empty.
+//! - `copies`: Fischer 2006, §Motion blur: semi-transparent copies of each object along the blur
+//!   vector of its centre, centred on it, above a threshold. The paper's vector spans a whole frame
+//!   interval; here it is scaled by exposure time over interval.
+//! - `accumulation`: vSLRcam (13) and (14), the recursive accumulation of frames written as a
+//!   finite sum (camera/accumulation.rs): n + 1 frames spread over the exposure time, the newest
+//!   with the largest weight. In the paper the newest is at the end of the exposure. Here the
+//!   weighted mean of the times is the exposure's middle, at which the camera recorded the object,
+//!   and the oldest frame precedes the exposure. The blur trails off instead of being a box, and
+//!   the few frames are individually visible.
+//! - `reference`: the layer drawn at many times and summed, two for each pixel of blur. Slow; the
+//!   ground truth of the other methods.
 //!
-//! Not modelled by `velocity`: what a surface hides at the middle of the exposure and shows at its ends (its
-//! neighbourhood stands in for it), curved motion within one exposure, and surfaces that enter the picture from farther
-//! away than half of its diagonal.
+//! Not modelled by `velocity`: disocclusion, the background of a surface that is hidden at the
+//! middle of the exposure and visible at its ends (neighbouring pixels are used), curved motion
+//! within one exposure, and surfaces that enter the picture from farther away than half of its
+//! diagonal.
 
-use super::{Case, Effect, EffectError, LayerRun, Moment, OnReal, Reach};
+use super::{Case, Effect, EffectError, FrameContext, LayerRun, OnReal, Reach};
 use crate::camera::accumulation::{self, MOST_STEPS};
 use crate::camera::{Camera, Geometry, Summed};
 use crate::gpu::Shader;
@@ -25,7 +28,7 @@ use crate::params::Value;
 use crate::render::{COLOR, GEOMETRY, Layer, Sample, SamplePlan};
 
 crate::choices! {
-    /// How motion blur is made.
+    /// Method of motion blur.
     pub enum Method { Velocity = "velocity", Copies = "copies", Accumulation = "accumulation", Reference = "reference" }
 }
 
@@ -59,33 +62,34 @@ crate::uniform! {
 }
 
 impl MotionBlur {
-    /// A slow shutter sees more than one motion: then the picture is drawn moment by moment.
-    fn drawn_by(&self, moment: &Moment<'_>) -> Method {
-        let slow = moment.capture.whole && moment.capture.exposure_time_s > moment.interval_s;
+    /// The method in use. A shutter slower than the frame interval records more than one motion:
+    /// then the reference replaces `velocity`.
+    fn effective_method(&self, context: &FrameContext<'_>) -> Method {
+        let slow = context.capture.whole && context.capture.exposure_time_s > context.interval_s;
         if slow && self.method == Method::Velocity { Method::Reference } else { self.method }
     }
 
-    /// The longest blur of this frame, px: at most the picture's diagonal. Of a faster surface, close to the camera, only
-    /// the part of its path within half of that is drawn.
-    fn longest_px(moment: &Moment<'_>) -> f32 {
-        let intrinsics = &moment.picture.intrinsics;
+    /// Longest blur of this frame, px: at most the picture's diagonal. Of a faster surface close to
+    /// the camera, only the part of its path within half of that is drawn.
+    fn longest_px(context: &FrameContext<'_>) -> f32 {
+        let intrinsics = &context.picture.intrinsics;
         let diagonal_px = (intrinsics.width_px as f32).hypot(intrinsics.height_px as f32);
-        (moment.fastest_px_per_s * moment.capture.exposure_time_s as f32).min(diagonal_px)
+        (context.fastest_px_per_s * context.capture.exposure_time_s as f32).min(diagonal_px)
     }
 
-    /// Half of that and a margin: how far blurred light lies from where it comes from, px.
-    fn half_px(moment: &Moment<'_>) -> f32 {
-        0.5 * Self::longest_px(moment) + 2.0
+    /// Largest distance of blurred light from its source, px: half the longest blur, and a margin.
+    fn half_px(context: &FrameContext<'_>) -> f32 {
+        0.5 * Self::longest_px(context) + 2.0
     }
 
     /// Copies of each object along the blur vector of its centre (Fischer, §Motion blur).
-    fn drawn_copies(&self, moment: &Moment<'_>) -> Vec<Sample> {
+    fn copy_samples(&self, context: &FrameContext<'_>) -> Vec<Sample> {
         let n = self.copies;
-        let share = (moment.capture.exposure_time_s / moment.interval_s) as f32;
+        let share = (context.capture.exposure_time_s / context.interval_s) as f32;
         (0..n)
             .map(|i| {
                 let along = (i as f32 + 0.5) / n as f32 - 0.5;
-                let offsets_px = moment
+                let offsets_px = context
                     .objects
                     .iter()
                     .map(|object| {
@@ -99,9 +103,9 @@ impl MotionBlur {
             .collect()
     }
 
-    /// Frames by vSLRcam (13), newest first, as (seconds from the middle of the exposure, weight); at most 10,000.
-    /// Their weighted mean is 0.
-    fn moments(&self, exposure_time_s: f64) -> Vec<(f64, f64)> {
+    /// Times (s from the middle of the exposure) and weights of the accumulated frames by vSLRcam
+    /// (13), newest first; at most 10,000. The weighted mean of the times is 0.
+    fn accumulated_times(&self, exposure_time_s: f64) -> Vec<(f64, f64)> {
         let n = accumulation::steps(exposure_time_s, self.frames_per_s).unwrap_or(MOST_STEPS);
         let weights = accumulation::weights(n);
         let back = exposure_time_s / n.max(1) as f64;
@@ -109,23 +113,23 @@ impl MotionBlur {
         weights.into_iter().enumerate().map(|(i, w)| ((mean - i as f64) * back, w)).collect()
     }
 
-    /// Moments evenly over the exposure, two for each pixel of the longest blur: at least 32 and at most 4096 (above
-    /// 2048 px they lie farther apart), in a whole picture 1024 (above 512 px: seconds of a hand-held shutter). Where
-    /// frames are summed, the moments lie within their exposures, since nothing was seen between them. Fewer would
-    /// show: an edge has only four samples per moment.
-    fn reference(moment: &Moment<'_>) -> Vec<Sample> {
-        let most = if moment.capture.whole { 1024 } else { 4096 };
-        let n = ((2.0 * Self::longest_px(moment)).ceil() as u32).clamp(32, most);
-        let frames = &moment.capture.summed;
+    /// Times evenly over the exposure, two for each pixel of the longest blur: at least 32 and at
+    /// most 4096 (above 2048 px they are farther apart), for a whole picture 1024 (above 512 px:
+    /// seconds of a hand-held shutter). For summed frames, the times are within their exposures.
+    /// Fewer would be visible: an edge has only four samples per time.
+    fn reference(context: &FrameContext<'_>) -> Vec<Sample> {
+        let max_count = if context.capture.whole { 1024 } else { 4096 };
+        let n = ((2.0 * Self::longest_px(context)).ceil() as u32).clamp(32, max_count);
+        let frames = &context.capture.summed;
         let each = n.div_ceil(frames.len() as u32);
-        let moments = |frame: &Summed| {
+        let samples_of = |frame: &Summed| {
             let Summed { time_s, exposure_s, weight } = *frame;
             (0..each).map(move |i| Sample {
                 time_s: time_s + ((f64::from(i) + 0.5) / f64::from(each) - 0.5) * exposure_s,
                 ..Sample::plain((weight / f64::from(each)) as f32)
             })
         };
-        frames.iter().flat_map(moments).collect()
+        frames.iter().flat_map(samples_of).collect()
     }
 }
 
@@ -143,28 +147,28 @@ impl Effect for MotionBlur {
         }
         Ok(())
     }
-    fn idles(&self) -> &'static str {
+    fn neutral_hint(&self) -> &'static str {
         "nothing moves by more than its shortest blur while the shutter is open; a longer exposure of the camera, a frame in \
          which it moves, or a smaller shortest blur sets it to work"
     }
-    fn is_neutral(&self, moment: &Moment<'_>) -> bool {
-        moment.capture.exposure_time_s == 0.0 || Self::longest_px(moment) <= self.threshold_px
+    fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
+        context.capture.exposure_time_s == 0.0 || Self::longest_px(context) <= self.threshold_px
     }
-    fn reach(&self, moment: &Moment<'_>) -> Reach {
-        let half_px = Self::half_px(moment);
-        match self.drawn_by(moment) {
-            // The renderer's rectangle already spans the moments.
-            Method::Velocity => Reach { look_px: half_px, spread_px: 1.0 },
+    fn reach(&self, context: &FrameContext<'_>) -> Reach {
+        let half_px = Self::half_px(context);
+        match self.effective_method(context) {
+            // The renderer's rectangle already covers the motion.
+            Method::Velocity => Reach { read_px: half_px, spread_px: 1.0 },
             // Copies are shifted as they are drawn.
-            Method::Copies => Reach { look_px: 0.0, spread_px: half_px },
-            Method::Accumulation | Method::Reference => Reach { look_px: 0.0, spread_px: 1.0 },
+            Method::Copies => Reach { read_px: 0.0, spread_px: half_px },
+            Method::Accumulation | Method::Reference => Reach { read_px: 0.0, spread_px: 1.0 },
         }
     }
     fn beyond_s(&self, exposure_time_s: f64) -> f64 {
         if self.method != Method::Accumulation {
             return 0.0;
         }
-        let oldest_s = self.moments(exposure_time_s).last().map_or(0.0, |(time_s, _)| -time_s);
+        let oldest_s = self.accumulated_times(exposure_time_s).last().map_or(0.0, |(time_s, _)| -time_s);
         (oldest_s - 0.5 * exposure_time_s).max(0.0)
     }
     fn reads_next_pose(&self) -> bool {
@@ -177,19 +181,19 @@ impl Effect for MotionBlur {
     }
 
     fn on_real(&self) -> OnReal {
-        OnReal::Blurs
+        OnReal::BlursVirtual
     }
 
-    fn plan(&self, moment: &Moment<'_>, plan: SamplePlan) -> SamplePlan {
-        match self.drawn_by(moment) {
+    fn plan(&self, context: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
+        match self.effective_method(context) {
             Method::Velocity => plan,
-            Method::Copies => SamplePlan { samples: self.drawn_copies(moment), ..plan },
+            Method::Copies => SamplePlan { samples: self.copy_samples(context), ..plan },
             Method::Accumulation => {
-                let moments = self.moments(moment.capture.exposure_time_s).into_iter();
-                let samples = moments.map(|(time_s, w)| Sample { time_s, ..Sample::plain(w as f32) }).collect();
+                let times = self.accumulated_times(context.capture.exposure_time_s).into_iter();
+                let samples = times.map(|(time_s, w)| Sample { time_s, ..Sample::plain(w as f32) }).collect();
                 SamplePlan { samples, ..plan }
             }
-            Method::Reference => SamplePlan { samples: Self::reference(moment), ..plan },
+            Method::Reference => SamplePlan { samples: Self::reference(context), ..plan },
         }
     }
 
@@ -198,16 +202,16 @@ impl Effect for MotionBlur {
     }
 
     fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
-        let moment = run.moment;
-        if self.drawn_by(moment) != Method::Velocity {
+        let context = run.context;
+        if self.effective_method(context) != Method::Velocity {
             return layer;
         }
         let (width, height) = layer.size;
         // 3×3 tiles must reach half the longest blur.
-        let side = ((0.5 * Self::longest_px(moment)).ceil() as u32 + 1).clamp(8, 1 << 14);
+        let side = ((0.5 * Self::longest_px(context)).ceil() as u32 + 1).clamp(8, 1 << 14);
         let tiles = (width.div_ceil(side), height.div_ceil(side));
         let (size, side_px) = ([width as i32, height as i32], side as i32);
-        let exposure_s = moment.capture.exposure_time_s as f32;
+        let exposure_s = context.capture.exposure_time_s as f32;
 
         let uniform = Tiles { size, side_px, exposure_s };
         let recorder = &mut *run.recorder;
@@ -217,7 +221,7 @@ impl Effect for MotionBlur {
         let [near] = pass.texture("first", &fastest).texture("second", &range).draw([COLOR], tiles);
 
         let texel = [layer.color.width, layer.color.height].map(|side| 1.0 / side as f32);
-        let (threshold_px, longest_px) = (self.threshold_px, Self::longest_px(moment));
+        let (threshold_px, longest_px) = (self.threshold_px, Self::longest_px(context));
         let blur = Blur { size, texel, side_px, exposure_s, threshold_px, longest_px };
         let mut pass = |entry, format| {
             let pass = recorder.pass(Shader::MotionBlur, entry).uniform("blur", &blur).texture("fastest", &near);
@@ -234,8 +238,9 @@ impl Effect for MotionBlur {
     }
 }
 
-/// A layer blurred by one motion everywhere: the mean of the layer over the shutter, each moment shifted by its part of
-/// `motion_px` and sampled bilinearly. `rgba` has `width * height` premultiplied pixels; outside is empty.
+/// Reference of a uniform motion: the mean of the layer over the shutter, shifted for each time by
+/// its part of `motion_px` and sampled bilinearly. `rgba` has `width * height` premultiplied
+/// pixels; outside is empty.
 pub fn twin(rgba: &[[f64; 4]], width: usize, height: usize, motion_px: [f64; 2]) -> Vec<[f64; 4]> {
     let at = |x: i64, y: i64| {
         if x < 0 || y < 0 || x >= width as i64 || y >= height as i64 {
@@ -244,18 +249,18 @@ pub fn twin(rgba: &[[f64; 4]], width: usize, height: usize, motion_px: [f64; 2])
             rgba[y as usize * width + x as usize]
         }
     };
-    let moments = 64 * (motion_px[0].hypot(motion_px[1]).ceil() as usize).max(1);
+    let times = 64 * (motion_px[0].hypot(motion_px[1]).ceil() as usize).max(1);
     let mut out = vec![[0.0; 4]; rgba.len()];
     for (i, pixel) in out.iter_mut().enumerate() {
         let (x, y) = ((i % width) as f64, (i / width) as f64);
-        for m in 0..moments {
-            let s = (m as f64 + 0.5) / moments as f64 - 0.5;
+        for m in 0..times {
+            let s = (m as f64 + 0.5) / times as f64 - 0.5;
             let (u, v) = (x - motion_px[0] * s, y - motion_px[1] * s);
             let (u0, v0) = (u.floor(), v.floor());
             for (du, dv) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
                 let w = (1.0 - (u - u0 - f64::from(du)).abs()) * (1.0 - (v - v0 - f64::from(dv)).abs());
                 let texel = at(u0 as i64 + i64::from(du), v0 as i64 + i64::from(dv));
-                (0..4).for_each(|c| pixel[c] += w * texel[c] / moments as f64);
+                (0..4).for_each(|c| pixel[c] += w * texel[c] / times as f64);
             }
         }
     }

@@ -1,31 +1,34 @@
 //! Calibrated camera noise over virtual pixels: Fischer 2006, §Noise.
 //!
-//! σ depends on channel and intensity (camera/noise.rs). The pattern is a counter-based hash of (seed, frame, pixel,
-//! channel), so any frame can be made alone. A mixed pixel already has the noise of its camera part and gets only the
-//! variance that it lacks. `scale` multiplies σ of the virtual share of a pixel. A real pixel in a virtual shadow gets back
-//! what the shadow took from its noise, at any scale but 0.
+//! σ depends on channel and intensity (camera/noise.rs). The pattern is a counter-based hash of
+//! (seed, frame, pixel, channel), so that frames are independent. A mixed pixel already has the
+//! noise of its camera part; only the missing variance is added. `scale` multiplies σ of the
+//! virtual share of a pixel. A real pixel in a virtual shadow regains the noise that the shadow
+//! removed, at any scale but 0.
 //!
-//! Pattern: white normal noise, filtered by (a, 1, a) along each axis to the measured neighbour correlation
-//! ρ = 2a/(1 + 2a²), keeping its variance; channels are mixed by the Cholesky factor of their correlation.
-//! `magnification` enlarges patches further by interpolation, and restores the variance that interpolation removes.
+//! Pattern: white normal noise, filtered by (a, 1, a) along each axis to the measured neighbour
+//! correlation ρ = 2a/(1 + 2a²), keeping its variance; channels are mixed by the Cholesky factor of
+//! their correlation. `magnification` enlarges patches further by interpolation, and restores the
+//! variance that interpolation removes.
 //!
-//! `iso` and `film_width_mm` put the picture on another film (camera/grain.rs): σ and patches grow with the speed
-//! relative to the profile's own (`camera.exposure.iso`), patches also with a smaller format and a larger picture. At
-//! the profile's own speed and format it is the calibrated noise, bit for bit. Patches finer than calibrated are not
-//! drawn: slower film has less noise, not finer.
+//! `iso` and `film_width_mm` put the picture on another film (camera/grain.rs): σ and patches grow
+//! with the speed relative to the profile's own (`camera.exposure.iso`), patches also with a
+//! smaller format and a larger picture. At the profile's own speed and format it is the calibrated
+//! noise, bit for bit. Patches finer than calibrated are not drawn: slower film has less noise, not
+//! finer.
 //!
-//! A frame recorded at another speed than the profile's (by its EXIF ISO, or the gain that the recording lists) has
-//! that speed's variance, in virtual and real pixels alike. Patches stay, since this is a sensor's noise and not
-//! film's.
+//! A frame recorded at another speed than the profile's (by its EXIF ISO, or the gain that the
+//! recording lists) has that speed's variance, in virtual and real pixels alike. Patches stay,
+//! since this is a sensor's noise and not film's.
 //!
-//! Not modelled: correlation in time other than `animation_delay`, fixed-pattern noise, row and column noise,
-//! correlation beyond two pixels, covariance of mixed neighbours.
+//! Not modelled: correlation in time other than `animation_delay`, fixed-pattern noise, row and
+//! column noise, correlation beyond two pixels, covariance of mixed neighbours.
 
 mod pattern;
 
 use pattern::{NORMAL_TABLE, Pattern, TABLE_UNIT, cholesky, pattern_key, pcg3d};
 
-use super::{Case, Effect, EffectError, LayerRun, MixedPart, Moment};
+use super::{Case, Effect, EffectError, FrameContext, LayerRun, MixedPart};
 use crate::camera::grain::{GrainRatios, read_light};
 use crate::camera::{Camera, Geometry, side_tap};
 use crate::gpu::Shader;
@@ -53,9 +56,9 @@ impl Noise {
         self.iso.is_some() || self.film_width_mm.is_some()
     }
 
-    /// How film and picture differ from the calibrated ones.
-    pub fn ratios(&self, moment: &Moment<'_>) -> GrainRatios {
-        let capture = moment.capture;
+    /// Ratios of film and picture to the calibrated ones.
+    pub fn ratios(&self, context: &FrameContext<'_>) -> GrainRatios {
+        let capture = context.capture;
         if capture.film.is_none() && !self.is_grain() {
             return GrainRatios::default();
         }
@@ -63,16 +66,16 @@ impl Noise {
         let calibrated = &capture.recorded.intrinsics;
         let film_width_mm = capture.film.map(|film| film.width_mm).or(self.film_width_mm);
         GrainRatios {
-            iso: capture.film.map_or_else(|| over(self.iso, moment.camera.exposure.iso), |film| film.speed),
+            iso: capture.film.map_or_else(|| over(self.iso, context.camera.exposure.iso), |film| film.speed),
             film_width: over(film_width_mm, Some(calibrated.film_width_mm)),
-            picture_width: f64::from(moment.picture.intrinsics.width_px) / f64::from(calibrated.width_px),
+            picture_width: f64::from(context.picture.intrinsics.width_px) / f64::from(calibrated.width_px),
         }
     }
 
-    /// The speed at which the recording took a frame, if no other film is requested. Unlike film grain, a sensor's
+    /// Relative speed of the recorded frame, if no other film is set. Unlike film grain, a sensor's
     /// noise does not get coarser with speed: patches stay.
-    fn recorded_speed(&self, moment: &Moment<'_>) -> f64 {
-        if self.iso.is_some() && moment.capture.film.is_none() { 1.0 } else { moment.recorded_speed() }
+    fn recorded_speed(&self, context: &FrameContext<'_>) -> f64 {
+        if self.iso.is_some() && context.capture.film.is_none() { 1.0 } else { context.recorded_speed() }
     }
 
     /// Size of the patches, px.
@@ -99,11 +102,11 @@ impl Noise {
     /// The lattice points needed for the pixels of a rectangle.
     fn lattice(m: f32, shown: Rect) -> Rect {
         if m <= 1.0 {
-            // One more, which a patch of one pixel reads with weight 0.
+            // A margin of 1, which a patch of one pixel reads with weight 0.
             return Rect { x1: shown.x1 + 1, y1: shown.y1 + 1, ..shown };
         }
         let first = |pixel: i32| ((pixel as f32 + 0.5) / m).floor() as i32;
-        // Both neighbours, and one more in case of rounding.
+        // Both neighbours, and a margin of 1 for rounding.
         let (x, y) = ([shown.x0, shown.x1].map(first), [shown.y0, shown.y1].map(first));
         Rect::new(x[0] - 1, y[0] - 1, x[1] + 3, y[1] + 3)
     }
@@ -121,12 +124,12 @@ impl Effect for Noise {
         }
         Ok(())
     }
-    fn idles(&self) -> &'static str {
+    fn neutral_hint(&self) -> &'static str {
         "its scale is 0, or the camera's noise is not known; a larger scale, a profile with the camera's noise, or measuring \
          it (the tab Calibrate) sets it to work"
     }
-    fn is_neutral(&self, moment: &Moment<'_>) -> bool {
-        self.scale == 0.0 || moment.camera.noise.is_none()
+    fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
+        self.scale == 0.0 || context.camera.noise.is_none()
     }
     fn cases(&self) -> Vec<Case> {
         vec![
@@ -135,47 +138,50 @@ impl Effect for Noise {
             ("grain", vec![("iso", Value::Number(1600.0))]),
         ]
     }
-    fn idle(&self, camera: &Camera) -> Option<&'static str> {
+    fn ineffective_setting(&self, camera: &Camera) -> Option<&'static str> {
         (self.iso.is_some() && camera.noise.is_none())
             .then_some("noise.iso does nothing: the camera's profile has no table [camera.noise], so no noise is drawn at any speed")
     }
 
     fn mix(&self, run: &mut LayerRun<'_>, shown: Rect) -> Option<MixedPart> {
-        let moment = run.moment;
-        let ratios = self.ratios(moment);
-        let recorded = self.recorded_speed(moment);
+        let context = run.context;
+        let ratios = self.ratios(context);
+        let recorded = self.recorded_speed(context);
         let patch_px = self.patch_px(&ratios);
         let lattice = Self::lattice(patch_px, shown);
-        let Camera { noise, response, .. } = moment.camera;
-        let pattern = Pattern::new(noise.as_ref(), moment.seed, moment.frame, self.animation_delay);
-        let given = pattern.given();
+        let Camera { noise, response, .. } = context.camera;
+        let pattern = Pattern::new(noise.as_ref(), context.seed, context.frame, self.animation_delay);
+        let neighbours = pattern.achieved_correlation();
         let pattern = pattern.texture(run.recorder, lattice);
         let read = |c| noise.as_ref().map_or(0.0, |noise| read_light(noise, response, c) as f32);
         let uniform = Uniform {
-            neighbours: given,
+            neighbours,
             origin: [lattice.x0, lattice.y0],
             read: [read(0), read(1), read(2), 0.0],
             patch_px,
             in_patch: if patch_px <= 1.0 { 0.5 } else { 0.0 },
             scale: self.scale,
             // A photograph's film has its own ratio.
-            speed: (ratios.iso * if moment.capture.film.is_some() { 1.0 } else { recorded }) as f32,
+            speed: (ratios.iso * if context.capture.film.is_some() { 1.0 } else { recorded }) as f32,
             recorded: if recorded == 1.0 { 0.0 } else { 1.0 },
             recorded_speed: recorded as f32,
         };
         let as_calibrated = self.magnification <= 1.0 && !self.is_grain();
-        let same_film = moment.capture.film.is_none() && moment.recorded_speed() == 1.0;
+        let same_film = context.capture.film.is_none() && context.recorded_speed() == 1.0;
         let shader = if as_calibrated && same_film { Shader::Noise } else { Shader::NoiseGrain };
         Some(MixedPart::new(shader, "noise", &uniform).texture("noise_pattern", pattern))
     }
 }
 
-/// The pattern's values (R, G, B; mean 0, variance 1) at a pixel of the picture, by the formulas above in double
-/// precision.
-pub fn twin_pattern(params: &Noise, moment: &Moment<'_>, x: i32, y: i32) -> [f64; 3] {
-    let (rho, channels) =
-        moment.camera.noise.as_ref().map_or(([0.0; 2], [0.0; 3]), |n| (n.neighbour_correlation, n.channel_correlation));
-    let key = pattern_key(moment.seed, moment.frame, params.animation_delay);
+/// Reference of the pattern (R, G, B; mean 0, variance 1) at a pixel of the picture, by the
+/// formulas above in double precision.
+pub fn twin_pattern(params: &Noise, context: &FrameContext<'_>, x: i32, y: i32) -> [f64; 3] {
+    let (rho, channels) = context
+        .camera
+        .noise
+        .as_ref()
+        .map_or(([0.0; 2], [0.0; 3]), |n| (n.neighbour_correlation, n.channel_correlation));
+    let key = pattern_key(context.seed, context.frame, params.animation_delay);
     let white = |x: i32, y: i32| {
         let h = pcg3d([(x as u32).wrapping_add(key[0]), (y as u32).wrapping_add(key[1]), key[2]]);
         h.map(|w| f64::from(NORMAL_TABLE[(w >> 20) as usize]) * TABLE_UNIT)
@@ -196,7 +202,7 @@ pub fn twin_pattern(params: &Noise, moment: &Moment<'_>, x: i32, y: i32) -> [f64
         }
         sum
     };
-    let m = f64::from(params.patch_px(&params.ratios(moment)));
+    let m = f64::from(params.patch_px(&params.ratios(context)));
     let independent = if m <= 1.0 {
         filtered(x, y)
     } else {
@@ -223,7 +229,8 @@ pub fn twin_pattern(params: &Noise, moment: &Moment<'_>, x: i32, y: i32) -> [f64
     [r, l[0] * r + l[1] * g, l[2] * r + l[3] * g + l[4] * b]
 }
 
-/// A mixed pixel's code value (8-bit scale) with noise: σ at its own value, minus the variance of its camera part.
+/// Reference of a mixed pixel's code value (8-bit scale) with noise: σ at its own value, minus the
+/// variance of its camera part.
 pub fn twin(code: f64, sigma: f64, scale: f64, camera_variance: f64, pattern: f64) -> f64 {
     code + ((scale * sigma).powi(2) - camera_variance).max(0.0).sqrt() * pattern
 }

@@ -1,12 +1,14 @@
 //! Point spread: the blur of lens and sensor in focus, as one measured width.
 //!
-//! A Gaussian of `sigma_px` over premultiplied light and coverage (blur.rs), whose variance is σ²: an edge that the renderer
-//! has covered by area becomes as wide as the camera's, from 0.8 px on. σ is an edge's 10-90 % width over 2.563.
+//! A Gaussian of `sigma_px` over premultiplied light and coverage (blur.rs), whose variance is σ²:
+//! an edge that the renderer has covered by area becomes as wide as the camera's, from 0.8 px on. σ
+//! is an edge's 10-90 % width divided by 2.563.
 //!
-//! Not modelled: a width that varies over the picture, by colour or with the opening; tails (veiling glare); the
-//! camera's own sharpening of edges; the coarseness of the renderer's four samples per pixel compared with areas.
+//! Not modelled: a width that varies over the picture, with colour or with the aperture; tails
+//! (veiling glare); the camera's own sharpening of edges; the coarseness of the renderer's four
+//! samples per pixel compared with areas.
 
-use super::{Case, Effect, LayerRun, Moment, OnReal, Reach, blur};
+use super::{Case, Effect, FrameContext, LayerRun, OnReal, Reach, blur};
 use crate::params::Value;
 use crate::render::Layer;
 
@@ -19,9 +21,9 @@ crate::params! {
 }
 
 impl PointSpread {
-    /// σ in the picture that is made. An enlargement also enlarges the camera's blur; at most 8 px.
-    fn drawn_px(&self, moment: &Moment<'_>) -> f64 {
-        moment.drawn_px(self.sigma_px).min(blur::WIDE_PX)
+    /// σ in the output picture. An enlargement also enlarges the camera's blur; at most 8 px.
+    fn drawn_px(&self, context: &FrameContext<'_>) -> f64 {
+        context.drawn_px(self.sigma_px).min(blur::MAX_DIRECT_SIGMA_PX)
     }
 }
 
@@ -29,31 +31,32 @@ impl Effect for PointSpread {
     fn summary(&self) -> &'static str {
         "makes objects as unsharp as lens and sensor are in focus"
     }
-    fn idles(&self) -> &'static str {
+    fn neutral_hint(&self) -> &'static str {
         "its blur reaches no neighbouring pixel; a larger blur σ sets it to work"
     }
-    fn is_neutral(&self, moment: &Moment<'_>) -> bool {
-        // If it is any narrower, no tap reaches the neighbours.
-        blur::reach_px(self.drawn_px(moment)) == 0
+    fn is_neutral(&self, context: &FrameContext<'_>) -> bool {
+        // No tap reaches the neighbours.
+        blur::reach_px(self.drawn_px(context)) == 0
     }
-    fn reach(&self, moment: &Moment<'_>) -> Reach {
-        Reach::both(blur::reach_px(self.drawn_px(moment)) as f32)
+    fn reach(&self, context: &FrameContext<'_>) -> Reach {
+        Reach::both(blur::reach_px(self.drawn_px(context)) as f32)
     }
     fn cases(&self) -> Vec<Case> {
         vec![("", vec![("sigma_px", Value::Number(0.7))])]
     }
     fn on_real(&self) -> OnReal {
-        OnReal::Blurs
+        OnReal::BlursVirtual
     }
     fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
-        let sigma_px = self.drawn_px(run.moment);
+        let sigma_px = self.drawn_px(run.context);
         let color = run.blurred(&layer.color, layer.size, sigma_px);
-        run.followed(Layer { color, ..layer }, blur::reach_px(sigma_px))
+        run.with_spread_geometry(Layer { color, ..layer }, blur::reach_px(sigma_px))
     }
 }
 
-/// What is set, px, and what an edge drawn so measures: mean of edges slanted by 5 to 40°. Few taps are no Gaussian.
-const MEASURES: [(f64, f64); 9] = [
+/// Set σ and σ measured on an edge drawn with it, px: mean of edges slanted by 5 to 40°. They
+/// differ for few taps, which are no Gaussian.
+const SET_AND_MEASURED_PX: [(f64, f64); 9] = [
     (0.0, 0.0),
     (0.15, 0.0845),
     (0.2, 0.1209),
@@ -65,11 +68,13 @@ const MEASURES: [(f64, f64); 9] = [
     (0.8, 0.797),
 ];
 
-/// The `sigma_px` whose drawn edges measure as `measured_px`.
-pub fn measuring(measured_px: f64) -> f64 {
-    let after = MEASURES.partition_point(|(_, measures)| *measures <= measured_px);
-    let (Some((a, from)), Some((b, to))) = (MEASURES.get(after.wrapping_sub(1)), MEASURES.get(after)) else {
-        return measured_px.clamp(0.0, blur::WIDE_PX);
+/// The `sigma_px` to set for edges that measure `measured_px`.
+pub fn sigma_for_measured_px(measured_px: f64) -> f64 {
+    let after = SET_AND_MEASURED_PX.partition_point(|(_, measured)| *measured <= measured_px);
+    let (Some((a, from)), Some((b, to))) =
+        (SET_AND_MEASURED_PX.get(after.wrapping_sub(1)), SET_AND_MEASURED_PX.get(after))
+    else {
+        return measured_px.clamp(0.0, blur::MAX_DIRECT_SIGMA_PX);
     };
     a + (b - a) * (measured_px - from) / (to - from)
 }

@@ -1,4 +1,4 @@
-//! What an effect is: what it may know, what it declares, what it returns.
+//! The interface of effects: their inputs, declarations and results.
 
 use crate::camera::{Camera, Capture, Curve, Geometry, Response};
 use crate::frame::FrameExposure;
@@ -7,19 +7,21 @@ use crate::params::{Params, Value};
 use crate::pixels::Rect;
 use crate::render::{Layer, SamplePlan};
 
-/// How an object's centre moves across the picture.
+/// Motion of an object's centre across the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ObjectMotion {
     /// From this frame to the next, px (raster axes).
     pub per_frame_px: [f32; 2],
 }
 
-/// Everything that effects may know of a picture before it is drawn. A pure function of the frames and poses around it.
+/// The inputs of effects, known before the picture is drawn. A pure function of the frames and
+/// poses around it.
 #[derive(Clone, Debug)]
-pub struct Moment<'a> {
+pub struct FrameContext<'a> {
     /// The calibrated camera.
     pub camera: &'a Camera,
-    /// Geometry of the picture that is made; [`Capture::recorded`] is the recorded picture's, which was calibrated.
+    /// Geometry of the output picture; [`Capture::recorded`] is the recorded picture's, which
+    /// was calibrated.
     pub picture: &'a Geometry,
     pub capture: &'a Capture<'a>,
     /// Position in the recording.
@@ -27,26 +29,27 @@ pub struct Moment<'a> {
     pub seed: u64,
     /// The frame's exposure according to the recording.
     pub recorded: FrameExposure,
-    /// To the next frame, seconds.
+    /// Time to the next frame, s.
     pub interval_s: f64,
-    /// An upper bound on the speed of any point of the objects, px/s.
+    /// Upper bound of the speed of any point of the objects, px/s.
     pub fastest_px_per_s: f32,
-    /// The range of depths of all points of the objects, metres.
+    /// Depth range of all points of the objects, m.
     pub depths_m: [f64; 2],
-    /// The range of depths of the real part's surfaces, if they are known, metres.
+    /// Depth range of the real part's surfaces, if they are known, m.
     pub real_depths_m: Option<[f64; 2]>,
     /// One for each object of the scene.
     pub objects: &'a [ObjectMotion],
 }
 
-impl Moment<'_> {
-    /// Converts a length in the recorded camera's pixels to pixels of the picture that is made.
+impl FrameContext<'_> {
+    /// Converts a length in the recorded camera's pixels to pixels of the output picture.
     pub fn drawn_px(&self, recorded_px: f64) -> f64 {
         recorded_px * self.capture.enlargement
     }
 
-    /// The frame's film speed over the speed at which the noise was measured (the camera profile's): by the ISO in the
-    /// frame's file, else by the gain that the recording lists. 1 if either is unknown.
+    /// The frame's film speed over the speed at which the noise was measured (the camera
+    /// profile's): by the ISO in the frame's file, else by the gain that the recording lists. 1 if
+    /// either is unknown.
     pub fn recorded_speed(&self) -> f64 {
         let FrameExposure { gain, photo, .. } = self.recorded;
         let Some(measured) = self.camera.exposure.iso else { return 1.0 };
@@ -55,7 +58,7 @@ impl Moment<'_> {
     }
 }
 
-/// A parameter that a camera does not allow: its name, and what to do.
+/// A parameter that the camera does not support: its name, and advice to the user.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{parameter} is refused: {reason}")]
 pub struct EffectError {
@@ -63,48 +66,51 @@ pub struct EffectError {
     pub reason: &'static str,
 }
 
-/// How far an effect works beyond a pixel, px.
+/// Neighbourhood of an effect, px.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reach {
-    /// How far from a pixel it looks.
-    pub look_px: f32,
-    /// How far beyond the rectangle of the objects (over their motion during the exposure) it draws.
+    /// Radius over which a pixel reads its neighbours.
+    pub read_px: f32,
+    /// Distance to which it draws beyond the rectangle of the objects, which covers their motion
+    /// during the exposure.
     pub spread_px: f32,
 }
 
 impl Reach {
-    /// It draws as far as it looks.
+    /// The same radius for reading and drawing.
     pub fn both(px: f32) -> Self {
-        Self { look_px: px, spread_px: px }
+        Self { read_px: px, spread_px: px }
     }
 }
 
-/// How an effect relates to real things. Virtual objects are cut off where real ones hide them; by default before an
+/// Treatment of the real part by an effect. Real objects occlude virtual ones, by default before an
 /// effect runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OnReal {
-    /// Acts on virtual things only.
+    /// Acts on virtual objects only.
     #[default]
-    Nothing,
-    /// Acts on virtual things only. It blurs them as the camera blurred what stands before them, which cuts off its result
-    /// where it is known how much of each pixel that has.
-    Blurs,
-    /// Also acts on the real part where its surfaces are known.
-    ActsAlone,
-    /// The same. It also blurs virtual objects where real ones in front of them are sharp; those then cut off its
-    /// result.
+    VirtualOnly,
+    /// Blurs virtual objects as the camera blurred the foreground; occlusion is applied afterwards,
+    /// with the matte.
+    BlursVirtual,
+    /// Also acts on the real part, if its surfaces are known.
     Acts,
-    /// The same. Where it acts on both, it hides virtual objects behind real ones itself.
-    ActsAndHides,
+    /// Also acts on the real part, if its surfaces are known. It blurs virtual objects behind sharp
+    /// real ones; occlusion is applied afterwards, with the matte.
+    ActsAndBlurs,
+    /// Also acts on the real part, if its surfaces are known. Then it occludes virtual objects by
+    /// real ones itself; otherwise occlusion is applied afterwards.
+    ActsAndOccludes,
 }
 
 impl OnReal {
     pub fn acts(self) -> bool {
-        !matches!(self, Self::Nothing | Self::Blurs)
+        !matches!(self, Self::VirtualOnly | Self::BlursVirtual)
     }
-    /// Whether things are cut off after it, where it is known how much of each pixel the real ones have.
+
+    /// Whether occlusion is applied after it, with the matte.
     pub fn blurs(self) -> bool {
-        matches!(self, Self::Blurs | Self::Acts | Self::ActsAndHides)
+        matches!(self, Self::BlursVirtual | Self::ActsAndBlurs | Self::ActsAndOccludes)
     }
 }
 
@@ -115,17 +121,17 @@ pub type Case = (&'static str, Vec<(&'static str, Value)>);
 #[derive(Debug)]
 pub struct LayerRun<'a> {
     pub recorder: &'a mut Recorder,
-    pub moment: &'a Moment<'a>,
+    pub context: &'a FrameContext<'a>,
     /// The part of the picture that the layer covers; may extend beyond the picture.
     pub drawn: Rect,
-    /// The part of the picture that virtual objects can touch, including what effects spread.
+    /// The part of the picture that virtual objects can affect, including what effects spread.
     pub objects_px: Rect,
     /// Whether anything still reads the geometry of the resulting layer.
     pub geometry_is_read: bool,
 }
 
-/// An effect's part of the composite: `apply_<name>` of a shader, and its inputs. Its globals are in a group of their
-/// own, and their names begin with the effect's.
+/// An effect's part of the composite pass: `apply_<name>` of a shader, and its inputs. Its globals
+/// have a bind group of their own, and their names begin with the effect's.
 #[derive(Debug)]
 pub struct MixedPart {
     pub shader: Shader,
@@ -144,61 +150,64 @@ pub fn curve_choice(response: &Response) -> f64 {
     }
 }
 
-/// An effect: a table of parameters, which bears its name, and what they do. It keeps nothing between two calls.
+/// An effect: a table of parameters with its name, and the passes that implement it. It has no
+/// state between calls.
 ///
-/// An effect on the virtual layer, in linear light, records passes in `run`; by `plan` it may have the renderer draw
-/// more. An effect on the mixed picture's code values gives its part of the composite in `mix`.
+/// An effect on the virtual layer, in linear light, records passes in `run`; in `plan` it may
+/// request more samples from the renderer. An effect on the mixed picture's code values returns its
+/// part of the composite pass in `mix`.
 pub trait Effect: Params + Boxed + std::fmt::Debug + Send + Sync {
-    /// What it does, in one line.
+    /// Description in one line.
     fn summary(&self) -> &'static str;
-    /// Whether it would change no pixel. If so, it does not run.
-    fn is_neutral(&self, moment: &Moment<'_>) -> bool;
-    /// What is so where it is neutral, and what would set it to work: for a person, without a full stop.
-    fn idles(&self) -> &'static str;
-    /// Whether the camera, with the frame's geometry, has what the parameters need. Called for every effect that is
-    /// switched on, before anything is written, even if it may turn out neutral.
+    /// True if it changes no pixel. Then it does not run.
+    fn is_neutral(&self, context: &FrameContext<'_>) -> bool;
+    /// Message for the user of a neutral effect, without a full stop: the reason, and the
+    /// parameters to change.
+    fn neutral_hint(&self) -> &'static str;
+    /// Checks that the camera, with the frame's geometry, supports the parameters. Called for every
+    /// effect that is switched on, before any output is written, even if the effect is neutral.
     fn check(&self, _: &Camera, _: &Geometry) -> Result<(), EffectError> {
         Ok(())
     }
-    /// A setting that does nothing with this camera, and why: worth a warning.
-    fn idle(&self, _: &Camera) -> Option<&'static str> {
+    /// Warning of a setting that has no result with this camera.
+    fn ineffective_setting(&self, _: &Camera) -> Option<&'static str> {
         None
     }
-    /// The ways in which it works: the benchmark measures them and the laws are tested with them. At least one.
+    /// Its methods, for benchmarks and for the tests of the laws. At least one.
     fn cases(&self) -> Vec<Case> {
         vec![("", Vec::new())]
     }
-    /// How far it looks and draws.
-    fn reach(&self, _: &Moment<'_>) -> Reach {
+    /// Radius over which it reads and draws.
+    fn reach(&self, _: &FrameContext<'_>) -> Reach {
         Reach::default()
     }
-    /// How far before and after the exposure the moments of its plan lie, seconds. Called before it is known what is in
-    /// view, which depends on this.
+    /// Time before and after the exposure to which the samples of its plan extend, s. Called before
+    /// the objects in view are known, because those depend on it.
     fn beyond_s(&self, _exposure_time_s: f64) -> f64 {
         0.0
     }
-    /// Whether it reads how far objects move until the next frame ([`ObjectMotion`]).
+    /// Whether it reads the objects' motion until the next frame ([`ObjectMotion`]).
     fn reads_next_pose(&self) -> bool {
         false
     }
     fn on_real(&self) -> OnReal {
-        OnReal::Nothing
+        OnReal::VirtualOnly
     }
     /// Whether it reads the layer's geometry.
     fn reads_geometry(&self) -> bool {
         false
     }
-    /// What the renderer is to draw, given the plan that the effects before this one have made of a single plain
-    /// drawing.
-    fn plan(&self, _: &Moment<'_>, plan: SamplePlan) -> SamplePlan {
+    /// Extends the samples that the renderer draws. `plan` is the result of the effects before this
+    /// one, beginning with a single sample.
+    fn plan(&self, _: &FrameContext<'_>, plan: SamplePlan) -> SamplePlan {
         plan
     }
     /// Records its passes over the layer and returns the layer for the next effect.
     fn run(&self, _: &mut LayerRun<'_>, layer: Layer) -> Layer {
         layer
     }
-    /// Its part of the composite, for the rectangle `shown` of the picture: called for every pixel if the whole picture
-    /// is made, else for those that the layer touches.
+    /// Its part of the composite pass for the rectangle `shown` of the picture. The pass runs over
+    /// every pixel if the whole picture is composited, else over those that the layer changes.
     fn mix(&self, _: &mut LayerRun<'_>, _shown: Rect) -> Option<MixedPart> {
         None
     }
@@ -222,7 +231,7 @@ impl Clone for Box<dyn Effect> {
 }
 
 impl PartialEq for dyn Effect {
-    /// The same effect with the same parameters.
+    /// Equal if the effects and their parameters are equal.
     fn eq(&self, other: &Self) -> bool {
         let specs = self.specs();
         self.table() == other.table() && specs.iter().all(|spec| self.get(spec.name) == other.get(spec.name))

@@ -1,16 +1,17 @@
-//! Vignetting: light falls off away from the picture's middle (camera/falloff.rs).
+//! Vignetting: light falls off towards the picture's corners (camera/falloff.rs).
 //!
-//! gain = cos⁴θ to the power `natural`, times the share of the opening that a rim leaves free. It multiplies the
-//! layer's light. Coverage stays, except beyond a circular fisheye's image circle: there is no picture there, and the
-//! camera's black pixels stay as they are. The rim acts on the opening of `camera.lens`, so stopping down removes its
-//! effect. The gain is computed at the corners of 128 cells across the picture and interpolated: within 1e-4 for the
-//! natural part of a lens that sees 90°.
+//! gain = cos⁴θ to the power `natural`, times the share of the aperture that a rim leaves free. It
+//! multiplies the layer's light. Coverage stays, except outside a circular fisheye's image circle,
+//! where the camera's pixels are black. The rim acts on the aperture of `camera.lens`, so stopping
+//! down removes its effect. The gain is computed at the corners of 128 cells across the picture and
+//! interpolated: within 1e-4 for the natural part of a lens with a field of view of 90°.
 //!
-//! Not modelled: pixel vignetting, colour shading, and how a rim changes the shape of blurred highlights (cat's eyes).
+//! Not modelled: pixel vignetting, colour shading, and the change of blurred highlights by a rim
+//! (cat's eyes).
 
 use glam::{DVec2, DVec3};
 
-use super::{Case, Effect, EffectError, LayerRun, Moment};
+use super::{Case, Effect, EffectError, FrameContext, LayerRun};
 use crate::camera::falloff::{Rim, natural};
 use crate::camera::{Camera, Geometry, Opening};
 use crate::gpu::{Gpu, Shader, Texture};
@@ -40,9 +41,9 @@ impl Vignetting {
         self.keeps_light() && self.image_circle_px.is_none()
     }
 
-    /// Radius of the image circle in the picture that is made, px.
-    fn circle_px(&self, moment: &Moment<'_>) -> f64 {
-        let [made, recorded] = [moment.picture, moment.capture.recorded].map(|geometry| geometry.intrinsics.fx_px);
+    /// Radius of the image circle in the output picture, px.
+    fn circle_px(&self, context: &FrameContext<'_>) -> f64 {
+        let [made, recorded] = [context.picture, context.capture.recorded].map(|geometry| geometry.intrinsics.fx_px);
         self.image_circle_px.map_or(NO_CIRCLE_PX, |px| 0.5 * px * made / recorded)
     }
 
@@ -56,9 +57,9 @@ const NO_CIRCLE_PX: f64 = 1e9;
 /// Number of cells across the picture.
 const CELLS: u32 = 128;
 
-/// What determines the gain over a picture (the cache key).
+/// Key of the gain over a picture.
 #[derive(Clone, Debug, PartialEq)]
-struct Of {
+struct GainKey {
     geometry: Geometry,
     opening: Option<Opening>,
     params: Vignetting,
@@ -82,7 +83,7 @@ crate::uniform! {
 }
 
 impl Grid {
-    fn new(gpu: &Gpu, of: &Of) -> Self {
+    fn new(gpu: &Gpu, of: &GainKey) -> Self {
         let picture = [of.geometry.intrinsics.width_px, of.geometry.intrinsics.height_px];
         let down = (f64::from(CELLS) * f64::from(picture[1]) / f64::from(picture[0])).ceil() as u32;
         let cells = [CELLS, down.clamp(1, 4 * CELLS)];
@@ -110,10 +111,10 @@ impl Effect for Vignetting {
         let refused = geometry.is_round() && !self.is_off();
         if refused { Err(EffectError { parameter: "vignetting", reason }) } else { Ok(()) }
     }
-    fn idles(&self) -> &'static str {
+    fn neutral_hint(&self) -> &'static str {
         "nothing of it is on; natural vignetting or one of its rims sets it to work"
     }
-    fn is_neutral(&self, _: &Moment<'_>) -> bool {
+    fn is_neutral(&self, _: &FrameContext<'_>) -> bool {
         self.is_off()
     }
     fn cases(&self) -> Vec<Case> {
@@ -121,18 +122,18 @@ impl Effect for Vignetting {
     }
 
     fn run(&self, run: &mut LayerRun<'_>, layer: Layer) -> Layer {
-        let moment = run.moment;
+        let context = run.context;
         let params = Self { image_circle_px: None, ..self.clone() };
-        let of = Of { geometry: moment.picture.clone(), opening: moment.capture.opening, params };
+        let of = GainKey { geometry: context.picture.clone(), opening: context.capture.opening, params };
         let grid = run.recorder.memoized_large(of, Grid::new);
-        let i = &moment.picture.intrinsics;
+        let i = &context.picture.intrinsics;
         let [across, down] = grid.cells.map(|cells| cells as f32);
         let uniform = Uniform {
             cell_share: [across / i.width_px as f32, down / i.height_px as f32],
             cells: [across, down],
             in_picture: [run.drawn.x0, run.drawn.y0],
             circle_at: [i.cx_px as f32, i.cy_px as f32],
-            circle_radius: self.circle_px(moment) as f32,
+            circle_radius: self.circle_px(context) as f32,
         };
         let pass = run.recorder.pass(Shader::Vignetting, "main").uniform("vignetting", &uniform);
         let [color] = pass.texture("layer", &layer.color).texture("gains", &grid.gains).draw([COLOR], layer.size);
@@ -140,7 +141,7 @@ impl Effect for Vignetting {
     }
 }
 
-/// The gain on light at a place in the picture (px), 0 to 1. 0 where the lens has no ray.
+/// The gain on light at a position in the picture (px), 0 to 1. 0 outside the lens's field of view.
 fn gain(params: &Vignetting, geometry: &Geometry, opening: Option<Opening>, at_px: DVec2) -> f64 {
     if params.keeps_light() {
         return 1.0;
@@ -152,8 +153,8 @@ fn gain(params: &Vignetting, geometry: &Geometry, opening: Option<Opening>, at_p
     natural(ray).powf(params.natural) * free
 }
 
-/// The same from the angle itself, and from the points of the opening that see the light, counted on a grid of 96
-/// across: within 2e-3.
+/// The gain by the angle itself, and by counting the points of the aperture that the light passes,
+/// on a grid of 96 across: within 2e-3.
 pub fn twin(params: &Vignetting, geometry: &Geometry, opening: Option<Opening>, at_px: DVec2) -> f64 {
     let Some(ray) = geometry.unproject(at_px) else { return 0.0 };
     let radius_m = 0.5 * opening.map_or(0.0, |o| o.diameter_m);
@@ -174,7 +175,7 @@ mod tests {
     use crate::camera::{Distortion, Intrinsics};
 
     #[test]
-    fn the_gain_worked_by_hand() {
+    fn gain_matches_hand_computed_values() {
         let geometry = Geometry::new(Intrinsics { width_px: 2000, ..Default::default() }, Distortion::default());
         // 525 px from the middle is 45°: cos⁴ is 1/4; half the power (cos²) is 1/2.
         let at = DVec2::new(320.0 + 525.0, 240.0);
@@ -188,7 +189,7 @@ mod tests {
         let opening = Opening { diameter_m: 0.02, focus_distance_m: 1.0, blades: 0, rotation_rad: 0.0 };
         assert!((gain(0.0, 10.0, Some(opening)) - 0.391_002).abs() < 1e-6);
         assert!((gain(1.0, 10.0, Some(opening)) - 0.25 * 0.391_002).abs() < 1e-6);
-        // Stopped down to a point, the rim hides nothing until it hides everything.
+        // Stopped down to a point, the rim blocks either nothing or everything.
         assert_eq!((gain(0.0, 9.9, None), gain(0.0, 10.1, None)), (1.0, 0.0));
     }
 }

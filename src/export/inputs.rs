@@ -27,7 +27,7 @@ impl Inputs {
         let files = shot.files().map(Path::to_owned).collect();
         let used = match &shot.analysis {
             AnalysisState::Used(folder, _) | AnalysisState::Unfit(folder, _) => Some(resolved(folder)),
-            AnalysisState::Absent | AnalysisState::Left => None,
+            AnalysisState::Absent | AnalysisState::Ignored => None,
         };
         let analyses = [resolved(&beside(&shot.recording.path))].into_iter().chain(used).collect();
         Self { files, recording: Some(resolved(&shot.recording.path)), folders, analyses }

@@ -5,7 +5,7 @@ use super::wanted::{Bracket, Wanted};
 use crate::camera::exposure::ExposureSettings;
 use crate::camera::metering::{Limits, Mode, meter};
 use crate::camera::stops::{self, Step};
-use crate::shot::{Known, USUAL_ISO};
+use crate::shot::{DEFAULT_ISO, PartialExposure};
 
 /// One photograph of a series.
 pub struct Asked {
@@ -31,7 +31,7 @@ pub struct Dials {
 const TIMES: std::ops::RangeInclusive<i32> = -3..=3;
 
 impl Dials {
-    pub fn new(wanted: &Wanted, taken: Known, lux: f64, limits: Limits) -> Result<Self, PhotoError> {
+    pub fn new(wanted: &Wanted, taken: PartialExposure, lux: f64, limits: Limits) -> Result<Self, PhotoError> {
         let by_settings = match (wanted.f_number, wanted.time_s) {
             (Some(_), Some(_)) => Mode::Manual,
             (Some(_), None) => Mode::AperturePriority,
@@ -72,7 +72,7 @@ impl Dials {
         let set = ExposureSettings {
             f_number: needs(f_number, [Mode::AperturePriority, Mode::Manual], "aperture")?,
             time_s: needs(time_s, [Mode::ShutterPriority, Mode::Manual], "shutter")?,
-            iso: wanted.iso.or(taken.iso).unwrap_or(USUAL_ISO),
+            iso: wanted.iso.or(taken.iso).unwrap_or(DEFAULT_ISO),
         };
         Ok(Self {
             mode,

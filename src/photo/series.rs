@@ -19,7 +19,7 @@ use crate::export::Inputs;
 use crate::gpu::{Gpu, GpuError};
 use crate::profile::Rig;
 use crate::recording::Recording;
-use crate::shot::{Note, Shot, USUAL_ISO};
+use crate::shot::{DEFAULT_ISO, Note, Shot};
 use crate::sink::photograph;
 
 /// What is said while photographs are taken.
@@ -50,7 +50,7 @@ impl Wanted {
     ) -> Result<(), PhotoError> {
         let index = self.frame;
         shot.check_poses(index..index.saturating_add(1))?;
-        let taken = shot.taken(index);
+        let taken = shot.exposure_settings(index);
         let whole = shot.geometry_at(index)?;
         let in_file_m = shot.recording.exposure.get(index).and_then(|e| e.photo.focal_length_m);
         let whole = with_film(whole, &shot.rig, in_file_m);
@@ -105,7 +105,7 @@ impl Wanted {
         left_out.into_iter().try_for_each(&mut warn)?;
         shot.recording.warnings.iter().chain(&shot.scene.warnings).cloned().try_for_each(&mut warn)?;
 
-        let frame = shot.read_beside(index)?;
+        let frame = shot.read_with_neighbours(index)?;
         let depth = frame.depth.as_ref().filter(|_| shot.settings.depth.occlusion);
         let (track, offset_s) = (&shot.recording.track, shot.recording.time_offset_s);
         if let Some(Err(why)) = depth.map(|depth| measured_from(depth, &whole, track, offset_s)) {
@@ -114,7 +114,7 @@ impl Wanted {
         let unknown_speed = camera.exposure.iso.or(taken.iso).is_none();
         if unknown_speed && camera.noise.is_some() && (self.iso.is_some() || self.bracket == Some(Bracket::Iso)) {
             warn(format!(
-                "nothing says at what speed this camera's noise was measured (camera.exposure.iso): ISO {USUAL_ISO} is \
+                "nothing says at what speed this camera's noise was measured (camera.exposure.iso): ISO {DEFAULT_ISO} is \
                  taken"
             ))?;
         }

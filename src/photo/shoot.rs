@@ -18,7 +18,7 @@ use crate::camera::{Camera, Geometry, Lens, Opening, Summed};
 use crate::compositor::{Compositor, Target, exposure_time_s};
 use crate::frame::Frame;
 use crate::pixels::Rect;
-use crate::shot::{Shot, USUAL_ISO};
+use crate::shot::{DEFAULT_ISO, Shot};
 use crate::sink::photograph::Notes;
 use crate::text::short;
 
@@ -121,7 +121,7 @@ impl Shoot<'_> {
         let neighbours = self.camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
         let real = RealPart::new(&frames, response, &framing.framed, framing.size(), neighbours);
         drop(frames);
-        let measured_at = shot.rig.exposure.iso.or(shot.taken(index).iso).unwrap_or(USUAL_ISO);
+        let measured_at = shot.rig.exposure.iso.or(shot.exposure_settings(index).iso).unwrap_or(DEFAULT_ISO);
         let exposed = Exposed {
             opening,
             time_s: match (has_times, self.sums) {

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use crate::camera::{Camera, Capture, FilmUsed, Geometry, Opening, Summed};
 use crate::compositor::{Compositor, Job, RealDepth, Settings, SubmitError, Target};
 use crate::depth::{DepthGrid, FAR_M, Rays, Surfaces, flatten};
-use crate::effects::depth_of_field::WIDEST_PX;
+use crate::effects::depth_of_field::MAX_CIRCLE_PX;
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::GpuError;
 use crate::pixels::{Codes, Pixels, Rect, eight_bits};
@@ -122,7 +122,7 @@ pub fn take(
             let depth = (depth_m, is_measured);
             DepthGrid::new(&pixels, recorded, depth, &framing.framed, &standpoint.camera.response)
         });
-    let reach_px = 0.5 * circles_px.min(f64::from(width.max(height)) / 4.0).min(f64::from(WIDEST_PX));
+    let reach_px = 0.5 * circles_px.min(f64::from(width.max(height)) / 4.0).min(f64::from(MAX_CIRCLE_PX));
     let surfaces = grid.as_ref().filter(|_| circles_px > 0.0 && is_measured).map(|grid| Surfaces::new(grid, reach_px));
     let tile_px = match &surfaces {
         Some(_) => (DRAWN_PX - (2.5 * reach_px) as i32 - 64).clamp(LEAST_TILE_PX, TILE_PX),

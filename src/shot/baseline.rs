@@ -1,6 +1,6 @@
 //! The values of the camera and the effects before the scene file's own settings.
 
-use super::analysed::Follows;
+use super::load_analysis::EstimatedParam;
 use crate::compositor::Settings;
 use crate::profile::Rig;
 
@@ -10,14 +10,14 @@ use crate::profile::Rig;
 pub struct Baseline {
     pub rig: Rig,
     pub settings: Settings,
-    /// Values of the analysis, which hold for this recording alone.
-    pub found: Vec<Follows>,
+    /// Parameters that the analysis estimated, for this recording alone.
+    pub estimated: Vec<EstimatedParam>,
 }
 
 impl Baseline {
-    /// Takes over the values of an analysis.
-    pub(super) fn follow(&mut self, found: Vec<Follows>) {
-        Follows::apply(&found, &mut self.rig, &mut self.settings);
-        self.found = found;
+    /// Applies the estimated parameters of an analysis.
+    pub(super) fn apply(&mut self, estimated: Vec<EstimatedParam>) {
+        EstimatedParam::apply(&estimated, &mut self.rig, &mut self.settings);
+        self.estimated = estimated;
     }
 }

@@ -1,4 +1,4 @@
-//! Checks before anything is drawn or written.
+//! Checks of a shot before anything is drawn or written.
 
 use std::ops::Range;
 
@@ -9,8 +9,8 @@ use crate::profile::Rig;
 use crate::recording::Recording;
 
 impl Shot {
-    /// Checks that a range of frames can be composited as set: cameras, lens, what effects need. It is no error if some
-    /// frames have no pose, but it is if none has.
+    /// Checks that a range of frames can be composited: cameras, lens, the needs of effects. Single
+    /// frames may lack a pose, but not all of them.
     pub fn check(&self, range: Range<usize>) -> Result<(), ShotError> {
         self.check_files()?;
         let first = self.geometry_at(0)?;
@@ -26,7 +26,7 @@ impl Shot {
         Ok(self.settings.check(&camera, &first)?)
     }
 
-    /// Checks that no box stands in for a model, and that no panorama is missing.
+    /// Checks that no model is replaced by a stand-in box, and that no panorama is missing.
     pub fn check_files(&self) -> Result<(), ShotError> {
         match self.scene.missing.iter().find(|missing| missing.is_needed) {
             Some(missing) => Err(ShotError::MissingFile { problem: missing.problem.clone() }),
@@ -43,18 +43,19 @@ impl Shot {
     }
 }
 
-/// The camera that took a frame: what was given, over the recording's own.
+/// The camera of a frame: the given values over the recording's own.
 pub fn geometry(recording: &Recording, rig: &Rig, frame: usize) -> Result<Geometry, ShotError> {
     let own = recording.geometry_at_frame(frame);
     let Some(geometry) = rig.geometry_over(own) else {
         let path = recording.path.clone();
-        return Err(match rig.gives_geometry() {
-            true => ShotError::PartOfCamera { path, missing: rig.missing_keys() },
-            false => ShotError::NoCamera { path },
+        return Err(if rig.gives_geometry() {
+            ShotError::PartOfCamera { path, missing: rig.missing_keys() }
+        } else {
+            ShotError::NoCamera { path }
         });
     };
     if geometry.is_round() || own.is_some_and(Geometry::is_round) {
-        round(&geometry)?;
+        check_round(&geometry)?;
     }
     let Intrinsics { width_px, height_px, .. } = geometry.intrinsics;
     let (camera, frames) = ((width_px, height_px), (recording.width, recording.height));
@@ -70,13 +71,17 @@ pub fn geometry(recording: &Recording, rig: &Rig, frame: usize) -> Result<Geomet
     }
 }
 
-/// Checks a camera that takes 360° pictures, or that is given for a recording of them.
-fn round(geometry: &Geometry) -> Result<(), ShotError> {
+/// Checks a 360° camera, and a camera that is given for a recording of 360° pictures.
+fn check_round(geometry: &Geometry) -> Result<(), ShotError> {
     let Intrinsics { width_px, height_px, readout_time_s, .. } = geometry.intrinsics;
-    match () {
-        () if !geometry.is_round() => Err(ShotError::NotRound),
-        () if width_px != 2 * height_px => Err(ShotError::RoundSize { width_px, height_px }),
-        () if readout_time_s > 0.0 => Err(ShotError::RoundReadout { found: readout_time_s }),
-        () => Ok(()),
+    if !geometry.is_round() {
+        return Err(ShotError::NotRound);
     }
+    if width_px != 2 * height_px {
+        return Err(ShotError::RoundSize { width_px, height_px });
+    }
+    if readout_time_s > 0.0 {
+        return Err(ShotError::RoundReadout { found: readout_time_s });
+    }
+    Ok(())
 }

@@ -1,4 +1,4 @@
-//! Why there is no shot, or no picture of it.
+//! Errors of opening a shot and of compositing it.
 
 use std::path::PathBuf;
 

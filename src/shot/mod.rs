@@ -1,39 +1,40 @@
-//! Footage with what is put into it: a recording, its camera, a scene and settings, held together.
+//! A shot: a recording with its camera, the scene that is put into it, and settings.
 //!
-//! A [`Shot`] is used alike by the program, a window and a test. Its camera (`rig`) and `settings` may change between
-//! two pictures, and the next one follows; nothing is read again. The GPU is the caller's: [`Shot::compositor`].
+//! The program, a window and tests use the same [`Shot`]. Its camera (`rig`) and `settings` may
+//! change between two pictures; the next picture uses the new values without reading files again.
+//! The caller owns the GPU: [`Shot::compositor`].
 
-mod analysed;
 mod analysing;
+mod apply_lighting;
 mod baseline;
 mod check;
 mod error;
-mod eye;
 mod facets;
-mod floors;
-mod given;
-mod grounds;
 mod light;
-mod lit;
-mod moved;
+mod load_analysis;
+mod motion_px;
 mod note;
+mod options;
 mod outline;
 mod pick;
 mod planes;
 mod points;
+mod posed_camera;
 mod preview;
+mod projected;
 mod radiance;
 mod reduced;
 mod room_planes;
 mod room_points;
-mod seen;
-mod standing;
 mod stream;
+mod support_gaps;
+mod support_report;
+mod supports;
 mod surface;
 mod tilt;
 mod triangulate;
 mod upright;
-mod white;
+mod white_reference;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -47,77 +48,79 @@ use crate::profile::{Rig, ShotSettings};
 use crate::recording::{OpenOptions, Recording, RecordingError};
 use crate::scene::{self, Gauge, Lighting, Scene};
 
-pub use analysed::{AnalysisState, Follows};
-use analysed::{LoadedAnalysis, Sources, follows};
 pub use analysing::AnalyseError;
 pub use baseline::Baseline;
 pub use error::ShotError;
-pub use eye::{Eye, Ray};
-use floors::Floors;
-pub use given::{Analysed, Given};
-pub use light::{Known, SceneLight, USUAL_ISO};
-pub use note::{Note, Tally, Wrong};
+pub use light::{DEFAULT_ISO, PartialExposure, SceneLight};
+pub use load_analysis::{AnalysisState, EstimatedParam};
+use load_analysis::{LoadedAnalysis, Sources, estimated_params};
+pub use note::{Note, ObjectIssue, Tally};
+pub use options::{AnalysisChoice, ShotOptions};
 pub use pick::{Hit, nearest};
 pub use points::{FittedPlane, metres_per_unit, plane_through};
-pub use reduced::Reduced;
-pub use seen::SeenObject;
-pub use standing::Standing;
+pub use posed_camera::{PosedCamera, ViewRay};
+pub use projected::ProjectedObject;
+pub use reduced::ReducedFrame;
 pub use stream::Composites;
+pub use support_gaps::SupportGap;
+use supports::SupportCache;
 pub use surface::{Surface, SurfaceError};
 pub use tilt::Tilt;
-pub use triangulate::{Triangulated, View};
-pub use white::{FACTORS, ReferencePick, White, WhiteError};
+pub use triangulate::{FramePoint, TriangulatedPoint};
+pub use white_reference::{ACCEPTED_FACTORS, ReferencePick, WhiteReference, WhiteReferenceError};
 
-/// A recording with its camera, what is put into it, and how. Cheap to clone: what is large is shared.
+/// A recording with its camera, scene and settings. Cheap to clone: large parts are shared.
 #[derive(Clone, Debug)]
 pub struct Shot {
     pub recording: Arc<Recording>,
-    /// Before an analysis, a scene's unit or its gauge changed it.
+    /// The recording as it was read, before an analysis, the scene's unit or its gauge changed it.
     recorded: Arc<Recording>,
-    /// The camera from profiles and settings. For each frame it overrides the recording's own ([`Shot::geometry_at`]).
+    /// The camera from profiles and settings. Overrides each frame's own camera
+    /// ([`Shot::geometry_at`]).
     pub rig: Rig,
     pub settings: Settings,
-    /// Drawn by compositors made from it ([`Shot::compositor`]). Another one comes by [`Shot::set_scene`]. They follow its objects' placement; for other changes
+    /// Drawn by the compositors made from it ([`Shot::compositor`]). Replaced with
+    /// [`Shot::set_scene`]. Compositors follow the placement of its objects; after other changes,
     /// call [`Compositor::set_scene`].
     pub scene: Arc<Scene>,
-    /// The scene's light as it was given, before the footage lit it.
-    given_light: Lighting,
-    /// The light of the room, by an analysis of the footage.
-    found_light: Option<Arc<Lighting>>,
-    /// The profiles that were read, and `Given::sets`.
+    /// The scene's own lighting, without the estimate from the footage.
+    scene_lighting: Lighting,
+    /// The room's lighting as an analysis of the footage estimated it.
+    estimated_lighting: Option<Arc<Lighting>>,
+    /// The profiles that were read, and [`ShotOptions::sets`].
     profiles: Vec<PathBuf>,
     sets: Vec<String>,
-    /// The camera by profiles, and by the scene's settings and `Given::sets` alone: for a frame's
-    /// exposure they have different ranks ([`Shot::taken`]).
+    /// The camera by profiles alone, and by the scene's settings and [`ShotOptions::sets`] alone:
+    /// for a frame's exposure they have different precedence ([`Shot::exposure_settings`]).
     by_profile: Rig,
     by_sets: Rig,
     baseline: Arc<Baseline>,
-    /// The recording's unit as it was opened, metres: 1 if nobody said it.
+    /// The unit with which the recording was opened, m: 1 if none was given.
     opened_unit_m: f64,
-    /// Whether an analysis of the footage is used, or why not.
+    /// Whether an analysis of the footage is used, and why not.
     pub analysis: AnalysisState,
-    /// The frame of the last picture, as recorded: usually the next one's too.
-    held: Option<Arc<Frame>>,
-    /// What the objects stand on.
-    floors: Arc<Floors>,
+    /// The frame of the last picture, as recorded, for repeated pictures of it.
+    cached_frame: Option<Arc<Frame>>,
+    /// Measured points and support planes.
+    supports: Arc<SupportCache>,
 }
 
 impl Shot {
-    /// Opens a recording and what is given with it. Only the headers of the frames' files are read.
-    pub fn open(recording: &Path, options: &OpenOptions, given: &Given) -> Result<Self, ShotError> {
+    /// Opens a recording with its options. Only the headers of the frames' files are read.
+    pub fn open(recording: &Path, options: &OpenOptions, given: &ShotOptions) -> Result<Self, ShotError> {
         Self::of(Recording::open(recording, options)?, given)
     }
 
-    /// Like [`Shot::open`], for a recording that is open.
+    /// Like [`Shot::open`], for an open recording.
     ///
-    /// Depth from a camera of its own comes into the picture of the camera as it is now: it stays there when `rig` is
-    /// changed later.
-    pub fn of(mut recording: Recording, given: &Given) -> Result<Self, ShotError> {
+    /// Depth from a separate depth camera is registered to the picture of the present camera. It is
+    /// not registered again when `rig` changes later.
+    pub fn of(mut recording: Recording, given: &ShotOptions) -> Result<Self, ShotError> {
         let (mut rig, mut settings) = (Rig::default(), Settings::default());
         let profiles: Vec<_> = recording.camera_profile.iter().chain(&given.profile).cloned().collect();
         let of_recording = recording.camera_profile.iter().len();
-        // What a stream says of a lens is measured now, a profile once; a profile that is named for a recording is meant to
-        // override it.
+        // The lens data of a stream is current, that of a profile is older. A profile that is named
+        // for a recording is meant to override the recording's lens data.
         let yield_at = if recording.is_arriving() { profiles.len() } else { of_recording };
         for (at, profile) in profiles.iter().enumerate() {
             if at == yield_at && recording.frames_say_cameras() {
@@ -132,7 +135,7 @@ impl Shot {
             rig.lay_over(geometry);
         }
         let by_profile = rig.clone();
-        let mut baseline = Baseline { rig: rig.clone(), settings: settings.clone(), found: Vec::new() };
+        let mut baseline = Baseline { rig: rig.clone(), settings: settings.clone(), estimated: Vec::new() };
         let scene_file = given.scene.as_deref().unwrap_or(Path::new(""));
         let of_scene = ShotSettings::read(&scene::document::settings(scene_file)?, scene_file)?;
         of_scene.apply(&mut rig, &mut settings, scene_file)?;
@@ -146,13 +149,14 @@ impl Shot {
             None => Scene::default(),
         };
         let opened_unit_m = recording.metres_per_unit;
-        // Estimates depend on the unit.
+        // The analysis's estimates depend on the unit.
         recording.rescale(unit_m(&scene, opened_unit_m));
-        let LoadedAnalysis { state, light: found_light, analysis } = analysed::take(&mut recording, &rig, given)?;
+        let LoadedAnalysis { state, light: estimated_lighting, analysis } =
+            load_analysis::load_analysis(&mut recording, &rig, given)?;
         if let Some(analysis) = &analysis {
             let all = Sources { profiles: &profiles, of_scene: &of_scene, scene: scene_file, sets: &given.sets };
-            Follows::apply(&follows(analysis, all)?, &mut rig, &mut settings);
-            baseline.follow(follows(analysis, Sources { of_scene: &ShotSettings::default(), ..all })?);
+            EstimatedParam::apply(&estimated_params(analysis, all)?, &mut rig, &mut settings);
+            baseline.apply(estimated_params(analysis, Sources { of_scene: &ShotSettings::default(), ..all })?);
         }
         recording.set_cameras(|own| rig.geometry_over(own));
         let (recording, scene) = (Arc::new(recording), Arc::new(scene));
@@ -161,9 +165,9 @@ impl Shot {
             recorded,
             rig,
             settings,
-            given_light: scene.lighting.clone(),
+            scene_lighting: scene.lighting.clone(),
             scene,
-            found_light,
+            estimated_lighting,
             profiles,
             sets: given.sets.clone(),
             by_sets: by_profile.clone(),
@@ -171,22 +175,22 @@ impl Shot {
             baseline: Arc::new(baseline),
             opened_unit_m,
             analysis: state,
-            held: None,
-            floors: Arc::default(),
+            cached_frame: None,
+            supports: Arc::default(),
         };
         shot.set_settings_of_scene(&of_scene);
         shot.follow_scene();
         Ok(shot)
     }
 
-    /// Has the scene's own settings rank above what was recorded of a frame's exposure
-    /// ([`Shot::taken`]). `rig` and `settings` stay as they are.
+    /// Gives the scene's own settings precedence over the recorded exposure of a frame
+    /// ([`Shot::exposure_settings`]). `rig` and `settings` stay as they are.
     pub fn set_settings_of_scene(&mut self, of_scene: &ShotSettings) {
         let mut by_sets = self.by_profile.clone();
         by_sets.lens = Lens::default();
         by_sets.exposure = CameraExposure::default();
         let mut unused = Settings::default();
-        // All of it was accepted before.
+        // Each of its values was accepted before.
         let _ = of_scene.apply(&mut by_sets, &mut unused, Path::new(""));
         for text in &self.sets {
             let _ = by_sets.set_text(text, &mut unused);
@@ -194,69 +198,70 @@ impl Shot {
         self.by_sets = by_sets;
     }
 
-    /// A profile with these values has been written, in place of the one that was given.
-    pub fn profile_written(&mut self, profile: &Path, values: &ShotSettings) {
+    /// Replaces the given profile by one that was written with these values.
+    pub fn replace_profile(&mut self, profile: &Path, values: &ShotSettings) {
         let own = self.recording.camera_profile.iter().cloned();
         self.profiles = own.chain([profile.to_owned()]).collect();
-        // They were accepted when they were set.
+        // The values were accepted when they were set.
         let _ = values.apply(&mut self.by_profile, &mut Settings::default(), profile);
     }
 
-    /// Takes over what another shot of the same recording has read from files and settings: its
-    /// profiles, the values that were set, and the baseline. Recording, scene and camera stay.
+    /// Replaces the inputs from files and settings by those of another shot of the same recording:
+    /// its profiles, the values that were set, and the baseline. Recording, scene and camera stay.
     pub fn take_files(&mut self, fresh: Self) {
         let Self { profiles, sets, by_profile, by_sets, baseline, .. } = fresh;
         (self.profiles, self.sets, self.baseline) = (profiles, sets, baseline);
         (self.by_profile, self.by_sets) = (by_profile, by_sets);
     }
 
-    /// Values that were given as text and override all files ([`Given::sets`]).
+    /// Values in text form that override all files ([`ShotOptions::sets`]).
     pub fn sets(&self) -> &[String] {
         &self.sets
     }
 
-    /// Puts another scene into the footage. If it says how long the recording's unit is, or where its camera stands, the recording
-    /// follows.
+    /// Replaces the scene. If it sets the recording's unit, or the pose of its camera, the
+    /// recording is updated.
     pub fn set_scene(&mut self, scene: Arc<Scene>) {
-        self.given_light = scene.lighting.clone();
+        self.scene_lighting = scene.lighting.clone();
         self.scene = scene;
         self.follow_scene();
     }
 
-    /// Takes the scene's unit and world, and gives it the light of the footage where it has none. What was said when the recording was opened overrides the scene file's unit.
+    /// Applies the scene's unit and gauge to the recording, and the estimated lighting to a scene
+    /// without its own. A unit given when the recording was opened overrides the scene file's.
     fn follow_scene(&mut self) {
         let wanted_m = unit_m(&self.scene, self.opened_unit_m);
         if wanted_m != self.recording.metres_per_unit && !self.recording.kind.is_metric() {
             Arc::make_mut(&mut self.recording).rescale(wanted_m);
-            self.floors = Arc::default();
+            self.supports = Arc::default();
         }
-        let found_light = self.found_light.as_deref().filter(|_| self.has_light_of_its_unit());
-        lit::light(&mut self.scene, &self.given_light, found_light);
+        let estimated_lighting = self.estimated_lighting.as_deref().filter(|_| self.lighting_matches_unit());
+        apply_lighting::apply_lighting(&mut self.scene, &self.scene_lighting, estimated_lighting);
         let held = self.scene.gauge.and_then(|g| self.recording.held_at(g.frame, g.time_s, &g.pose()?));
         if let Some(world_from_other) = held {
             Arc::make_mut(&mut self.recording).move_to_world(&world_from_other);
-            self.floors = Arc::default();
+            self.supports = Arc::default();
         }
     }
 
-    /// Whether the light of the footage was found with the length that the recording's unit has now.
-    fn has_light_of_its_unit(&self) -> bool {
+    /// Whether the lighting was estimated with the recording's present unit.
+    fn lighting_matches_unit(&self) -> bool {
         match &self.analysis {
             AnalysisState::Used(_, findings) => findings.is_light_of_unit(self.recording.metres_per_unit),
             _ => true,
         }
     }
 
-    /// In which world things are placed in a frame, to be kept with them. `None` for pictures of a camera, which are gone, and
-    /// without a pose.
+    /// The world in which objects are placed in a frame, for the scene file. `None` for the
+    /// pictures of a live camera, which are not kept, and without a pose.
     pub fn gauge(&self, frame: usize) -> Option<Gauge> {
         let pose = self.recording.pose_at_frame(frame).ok().filter(|_| !self.recording.is_arriving())?;
         Some(Gauge::of(frame, self.recording.timestamps_s[frame], &pose))
     }
 
-    /// A compositor on a device, with the scene as it is now.
+    /// A compositor of the present scene on a device.
     pub fn compositor(&self, gpu: Gpu) -> Compositor {
-        self.compositor_on_floors(gpu)
+        self.compositor_with_supports(gpu)
     }
 
     /// Camera and settings without the scene file's own settings.
@@ -269,14 +274,14 @@ impl Shot {
         &self.profiles
     }
 
-    /// Every file that was read, or will be.
+    /// Every file that was read or will be read.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         let given = self.profiles.iter().chain(&self.scene.files).map(PathBuf::as_path);
         self.recording.files().chain(given)
     }
 
-    /// The camera of all frames, without their own geometry. If no exposure is known and the frames' times mean
-    /// nothing, they are exposed for an instant: between such pictures there is no motion to blur along.
+    /// The camera of all frames, without their own geometry. Without a known exposure and without
+    /// meaningful frame times, the exposure is 0: such pictures have no motion blur.
     pub fn camera(&self) -> Camera {
         let mut camera = self.rig.camera();
         if self.lacks_exposure() && !self.recording.kind.has_times() {
@@ -285,16 +290,16 @@ impl Shot {
         camera
     }
 
-    /// The camera that took a frame: what was given, over the recording's own. A frame with an unknown camera, which
-    /// therefore has no pose either, gets the first known one.
+    /// The camera of a frame: the given values over the recording's own. A frame with an unknown
+    /// camera, which therefore has no pose either, uses the first known one.
     pub fn geometry_at(&self, frame: usize) -> Result<Geometry, ShotError> {
         let count = self.recording.frame_count();
-        let known = std::iter::once(frame).chain(0..count).find(|frame| self.given_geometry_at(*frame).is_some());
+        let known = std::iter::once(frame).chain(0..count).find(|frame| self.known_geometry_at(*frame).is_some());
         check::geometry(&self.recording, &self.rig, known.unwrap_or(frame))
     }
 
     /// Like [`Shot::geometry_at`], unchecked. `None` if unknown.
-    pub fn given_geometry_at(&self, frame: usize) -> Option<Geometry> {
+    pub fn known_geometry_at(&self, frame: usize) -> Option<Geometry> {
         self.rig.geometry_over(self.recording.geometry_at_frame(frame))
     }
 
@@ -309,19 +314,19 @@ impl Shot {
         Ok(self.recording.frames(range)?.next().ok_or(missing)??)
     }
 
-    /// The same with what its neighbours saw: for a picture of it.
-    pub fn read_beside(&self, frame: usize) -> Result<Frame, ShotError> {
+    /// A frame with the neighbouring frames that its depth consensus needs.
+    pub fn read_with_neighbours(&self, frame: usize) -> Result<Frame, ShotError> {
         let (range, missing) = self.single(frame)?;
         Ok(self.recording.frames_beside(range)?.next().ok_or(missing)??)
     }
 
-    /// The range of a frame, and the error that there is no such frame.
+    /// The range of one frame, and the error for a missing frame.
     fn single(&self, frame: usize) -> Result<(Range<usize>, RecordingError), RecordingError> {
         let missing = || RecordingError::Range { start: frame, end: frame, count: self.recording.frame_count() };
         Ok((frame..frame.checked_add(1).ok_or_else(missing)?, missing()))
     }
 
-    /// Whether no exposure is known, and effects are on to which it might matter.
+    /// Whether the exposure is unknown although effects are on that may depend on it.
     fn lacks_exposure(&self) -> bool {
         let exposure = &self.rig.exposure;
         let given = exposure.time_s.is_some() || exposure.shutter_angle_deg.is_some();
@@ -334,7 +339,8 @@ impl Shot {
     }
 }
 
-/// Length of a recording's unit, m: the scene's, unless another one was given when the recording was opened.
+/// Length of a recording's unit, m: the scene's, unless another one was given when the recording
+/// was opened.
 fn unit_m(scene: &Scene, opened_unit_m: f64) -> f64 {
     scene.metres_per_unit.filter(|_| opened_unit_m == 1.0).unwrap_or(opened_unit_m)
 }

@@ -4,38 +4,38 @@ use std::fmt;
 use std::ops::Range;
 use std::path::PathBuf;
 
-use super::{AnalysisState, Shot, Standing};
+use super::{AnalysisState, Shot, SupportGap};
 use crate::compositor::FrameStats;
 use crate::frame::Frame;
 use crate::scene::{overlaps, size_warning};
 use crate::text::{count, millimetres, number, shown};
 
-/// Something odd or unknown. Displays as a line for a person.
+/// A warning. Displays as a line for the user.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Note {
     /// Warnings of the recording and the scene.
     Recording(String),
     Scene(String),
-    /// What `locard analyse` found is there and not used: where, and why.
+    /// An analysis exists but is not used: its folder, and the reason.
     Analysis(PathBuf, String),
-    /// Estimates of it that do not hold for the recording as it was opened.
+    /// Estimates of the analysis that are invalid for the recording as it was opened.
     StaleEstimates(PathBuf, String),
     /// Frames without a pose, which are passed through.
     MissingPoses(String),
-    /// The frames' exposure is unknown. `has_times`: whether their times mean anything.
+    /// The frames' exposure is unknown. `has_times`: whether their times are meaningful.
     UnknownExposure {
         has_times: bool,
     },
-    /// The scene file's length of a unit is not the one that holds, metres.
+    /// The scene file's unit differs from the recording's, m.
     OtherUnit {
         of_scene: f64,
         holds: f64,
     },
-    /// The camera's noise is not known.
+    /// The camera's noise is unknown.
     UnknownNoise,
-    /// Settings of an effect that do nothing.
+    /// Settings of an effect without any result.
     Idle(&'static str),
-    /// Depth that hid nothing, in `number` of `frames` frames.
+    /// Depth that occluded nothing, in `number` of `frames` frames.
     NothingHides {
         number: usize,
         frames: usize,
@@ -44,13 +44,13 @@ pub enum Note {
     },
     /// No object was in any picture.
     NothingSeen,
-    /// An object whose model is hardly in metres.
+    /// An object whose model has an implausible size in metres.
     OddSize(String),
     /// Two objects share volume.
     Overlap(String),
-    /// There are more of these.
+    /// The number of further overlaps.
     MoreOverlaps(usize),
-    /// An object hovers over what a frame's depth shows, or, below 0, is sunk into it.
+    /// An object above the surface of a frame's depth, or below it (negative).
     Gap {
         name: String,
         gap_m: f64,
@@ -58,15 +58,15 @@ pub enum Note {
     },
 }
 
-/// A note with the objects that it is about.
+/// A warning with its objects.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Wrong {
+pub struct ObjectIssue {
     /// Indices into [`crate::scene::Scene::objects`].
     pub objects: Vec<usize>,
     pub note: Note,
 }
 
-/// More overlaps are only counted.
+/// Further overlaps are only counted.
 const MOST_OVERLAPS: usize = 8;
 
 impl fmt::Display for Note {
@@ -80,9 +80,10 @@ impl fmt::Display for Note {
             }
             Self::StaleEstimates(folder, which) => write!(f, "{}: {which}", folder.display()),
             Self::UnknownExposure { has_times } => {
-                f.write_str(match has_times {
-                    true => "nothing says how long the frames were exposed: half the frame interval is taken, at most 1/60 s",
-                    false => "the pictures bear no times, so that nothing is blurred by motion",
+                f.write_str(if *has_times {
+                    "nothing says how long the frames were exposed: half the frame interval is taken, at most 1/60 s"
+                } else {
+                    "the pictures bear no times, so that nothing is blurred by motion"
                 })?;
                 f.write_str("; the camera's exposure time says otherwise (--set camera.exposure.time_s=SECONDS)")
             }
@@ -125,14 +126,14 @@ impl Note {
     }
 }
 
-/// What notes need to know of frames that were composited, however many they are.
+/// Counts over composited frames, for warnings; of constant size.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tally {
     frames: usize,
-    /// In so many depth hid nothing; the first of them, and why.
+    /// Frames in which depth occluded nothing; the first of them, and the reason.
     hides_nothing: usize,
     first: Option<(usize, String)>,
-    /// Objects may have been seen.
+    /// Whether an object may have been visible.
     shows: bool,
 }
 
@@ -146,7 +147,7 @@ impl Tally {
         }
     }
 
-    /// How many frames were added.
+    /// Number of frames that were added.
     pub fn frames(&self) -> usize {
         self.frames
     }
@@ -160,7 +161,7 @@ impl Tally {
 }
 
 impl Shot {
-    /// Notes to show before a range of frames is composited as set.
+    /// Warnings to show before a range of frames is composited.
     pub fn notes(&self, range: Range<usize>) -> Vec<Note> {
         let mut notes: Vec<_> = self.recording.warnings.iter().cloned().map(Note::Recording).collect();
         notes.extend(self.unfit_analysis());
@@ -176,12 +177,12 @@ impl Shot {
         if camera.noise.is_none() && !self.is_plain() {
             notes.push(Note::UnknownNoise);
         }
-        notes.extend(self.settings.idle(&camera).into_iter().map(Note::Idle));
+        notes.extend(self.settings.ineffective_settings(&camera).into_iter().map(Note::Idle));
         notes.extend(self.overlap_notes());
         notes
     }
 
-    /// That there is an analysis, and why it is not used.
+    /// The warning that an analysis exists but is not used.
     pub fn unfit_analysis(&self) -> Option<Note> {
         match &self.analysis {
             AnalysisState::Unfit(folder, problem) => Some(Note::Analysis(folder.clone(), problem.clone())),
@@ -189,10 +190,10 @@ impl Shot {
         }
     }
 
-    /// Estimates of the analysis in use that do not hold for the recording as it is now.
+    /// Estimates of the analysis in use that are invalid for the present recording.
     pub fn stale_estimates(&self) -> Vec<Note> {
         let AnalysisState::Used(folder, findings) = &self.analysis else { return Vec::new() };
-        let of_unit = (!self.has_light_of_its_unit()).then(|| {
+        let of_unit = (!self.lighting_matches_unit()).then(|| {
             let (was, is) = (number(findings.made_with.metres_per_unit), number(self.recording.metres_per_unit));
             format!(
                 "light left out, found with a unit of {was} m, which is {is} m now: analyse the recording again with \
@@ -202,7 +203,7 @@ impl Shot {
         findings.left_out.iter().cloned().chain(of_unit).map(|why| Note::StaleEstimates(folder.clone(), why)).collect()
     }
 
-    /// Whether nothing says how long the frames were exposed, though it might matter.
+    /// The warning of an unknown exposure on which effects may depend.
     pub fn unknown_exposure(&self) -> Option<Note> {
         self.lacks_exposure().then(|| Note::UnknownExposure { has_times: self.recording.kind.has_times() })
     }
@@ -218,42 +219,44 @@ impl Shot {
         notes
     }
 
-    /// What stands wrong: inside something else, or, as a frame's depth shows, over or in the ground.
-    pub fn wrongs(&self, frame: &Frame) -> Vec<Wrong> {
+    /// Objects with problems: implausible sizes, overlaps, and gaps to the surface of a frame's
+    /// depth.
+    pub fn object_issues(&self, frame: &Frame) -> Vec<ObjectIssue> {
         let overlaps = overlaps(&self.scene).into_iter();
         let overlaps =
-            overlaps.map(|o| Wrong { objects: o.objects.to_vec(), note: Note::Overlap(o.message(&self.scene)) });
+            overlaps.map(|o| ObjectIssue { objects: o.objects.to_vec(), note: Note::Overlap(o.message(&self.scene)) });
         let sizes = self.scene.objects.iter().enumerate().filter_map(|(object, of)| {
             let note = Note::OddSize(size_warning(&self.scene, of)?);
-            Some(Wrong { objects: vec![object], note })
+            Some(ObjectIssue { objects: vec![object], note })
         });
-        let gaps = self.standing(frame).into_iter().filter_map(|Standing { object, gap_m }| {
+        let gaps = self.support_gaps(frame).into_iter().filter_map(|SupportGap { object, gap_m }| {
             let (name, gap_m, frame) = (self.scene.objects[object].name.clone(), gap_m?, frame.index);
-            Some(Wrong { objects: vec![object], note: Note::Gap { name, gap_m, frame } })
+            Some(ObjectIssue { objects: vec![object], note: Note::Gap { name, gap_m, frame } })
         });
         // Skip stand-ins: their size is not the model's.
-        let is_known = |wrong: &Wrong| !wrong.objects.iter().any(|object| self.scene.objects[*object].is_missing);
+        let is_known = |wrong: &ObjectIssue| !wrong.objects.iter().any(|object| self.scene.objects[*object].is_missing);
         sizes.chain(overlaps).chain(gaps).filter(is_known).collect()
     }
 
-    /// Notes on objects that hover or are sunk wherever they are seen: in the first frame of a range, the middle one and the
-    /// last. Those frames are decoded; what cannot be read says nothing.
-    pub fn standing_notes(&self, range: Range<usize>) -> Vec<Note> {
+    /// Warnings of objects that hover or are sunk in every one of three frames: the first of a
+    /// range, the middle one and the last. Those frames are decoded; unreadable ones are skipped.
+    pub fn support_gap_notes(&self, range: Range<usize>) -> Vec<Note> {
         if range.is_empty() || self.scene.objects.is_empty() || !self.recording.has_depth() {
             return Vec::new();
         }
         let mut frames = vec![range.start, range.start + range.len() / 2, range.end - 1];
         frames.dedup();
         let frames: Vec<Frame> = frames.into_iter().filter_map(|frame| self.read(frame).ok()).collect();
-        let looked: Vec<_> = frames.iter().map(|frame| (frame.index, self.standing(frame))).collect();
+        let checked: Vec<_> = frames.iter().map(|frame| (frame.index, self.support_gaps(frame))).collect();
         (0..self.scene.objects.len())
             .filter_map(|object| {
-                let of = |standing: &[Standing]| standing.iter().find(|s| s.object == object).map(|s| s.gap_m);
-                let seen: Vec<_> = looked.iter().filter_map(|(frame, all)| Some((*frame, of(all)?))).collect();
-                let claimed: Option<Vec<_>> = seen.iter().map(|(frame, gap)| Some((*frame, (*gap)?))).collect();
-                let claimed = claimed
+                let of =
+                    |support_gaps: &[SupportGap]| support_gaps.iter().find(|s| s.object == object).map(|s| s.gap_m);
+                let measured: Vec<_> = checked.iter().filter_map(|(frame, all)| Some((*frame, of(all)?))).collect();
+                let gaps: Option<Vec<_>> = measured.iter().map(|(frame, gap)| Some((*frame, (*gap)?))).collect();
+                let gaps = gaps
                     .filter(|gaps| gaps.iter().all(|(_, gap)| *gap > 0.0) || gaps.iter().all(|(_, gap)| *gap < 0.0))?;
-                let (frame, gap_m) = claimed.into_iter().min_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+                let (frame, gap_m) = gaps.into_iter().min_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
                 Some(Note::Gap { name: self.scene.objects[object].name.clone(), gap_m, frame })
             })
             .collect()

@@ -1,20 +1,22 @@
-//! The border of a figure that is made of triangles in the plane.
+//! Outline of a figure that is made of triangles in the plane.
 //!
-//! The triangles are drawn into a grid of cells, and the filled cells' border is followed. So the outline is that of
-//! all triangles together, whatever their order, winding and gaps, and no finer than a cell.
+//! The triangles are rasterized into a grid of cells, and the border of the filled cells is traced.
+//! So the outline is that of the union of all triangles, independent of order, winding and gaps, at
+//! the resolution of a cell.
 
 use glam::DVec2;
 
 use crate::pixels::Rect;
 
-/// The grid has about this many cells a side, at most.
-const MOST_CELLS: f64 = 768.0;
-/// Cells per px, at most.
-const FINEST: f64 = 4.0;
-/// Of a polygon's corners, those are left out that lie this near the line without them, cells.
-const STRAIGHT: f64 = 0.75;
+/// Largest side of the grid, approximately, cells.
+const MAX_SIDE_CELLS: f64 = 768.0;
+/// Highest resolution, cells per px.
+const MAX_CELLS_PER_PX: f64 = 4.0;
+/// Tolerance of the polygon simplification, cells.
+const SIMPLIFY_CELLS: f64 = 0.75;
 
-/// Closed polygons, px, around the part of the triangles that lies in `within`; those around holes too.
+/// Closed polygons, px, around the part of the triangles that lies in `within`, and around its
+/// holes.
 pub fn outline(triangles: &[[DVec2; 3]], within: &Rect) -> Vec<Vec<DVec2>> {
     let (low, high) = triangles
         .iter()
@@ -25,8 +27,8 @@ pub fn outline(triangles: &[[DVec2; 3]], within: &Rect) -> Vec<Vec<DVec2>> {
     if !(low.cmple(high).all() && low.is_finite() && high.is_finite()) {
         return Vec::new();
     }
-    let per_px = (MOST_CELLS / (high - low).max_element().max(1.0)).min(FINEST);
-    // A rim of empty cells, so that every border closes.
+    let per_px = (MAX_SIDE_CELLS / (high - low).max_element().max(1.0)).min(MAX_CELLS_PER_PX);
+    // A margin of empty cells, so that every border closes.
     let size = ((high - low) * per_px).ceil() + 3.0;
     let mut grid = Grid { width: size.x as usize, height: size.y as usize, filled: Vec::new() };
     grid.filled = vec![false; grid.width * grid.height];
@@ -34,7 +36,7 @@ pub fn outline(triangles: &[[DVec2; 3]], within: &Rect) -> Vec<Vec<DVec2>> {
         grid.fill(triangle.map(|p| (p - low) * per_px + 1.0));
     }
     grid.clear_rim();
-    let polygons = grid.borders().into_iter().map(|border| straightened(&border));
+    let polygons = grid.borders().into_iter().map(|border| simplified(&border));
     polygons.map(|polygon| polygon.into_iter().map(|p| (p - 1.0) / per_px + low).collect()).collect()
 }
 
@@ -50,7 +52,8 @@ impl Grid {
         inside && self.filled[y as usize * self.width + x as usize]
     }
 
-    /// The cells whose middle lies in the triangle, and those on its sides, so that nothing is too thin to be seen.
+    /// Fills the cells whose middle lies in the triangle, and those on its sides, so that thin
+    /// triangles are visible.
     fn fill(&mut self, triangle: [DVec2; 3]) {
         let [a, b, c] = triangle;
         let low = a.min(b).min(c).max(DVec2::ZERO);
@@ -73,7 +76,7 @@ impl Grid {
 
     fn line(&mut self, p: DVec2, q: DVec2) {
         let size = DVec2::new(self.width as f64, self.height as f64);
-        // The part within the grid (Liang and Barsky 1984).
+        // Clipping to the grid (Liang and Barsky 1984).
         let (mut from, mut to) = (0.0f64, 1.0f64);
         for (start, along, end) in [(p.x, q.x - p.x, size.x), (p.y, q.y - p.y, size.y)] {
             if along == 0.0 && !(0.0..end).contains(&start) {
@@ -88,7 +91,7 @@ impl Grid {
             return;
         }
         let (p, q) = (p.lerp(q, from), p.lerp(q, to));
-        // Half a cell each, so that none is left out.
+        // Steps of half a cell, so that no cell is skipped.
         let steps = (2.0 * (q - p).abs().max_element()).ceil().max(1.0) as usize;
         for n in 0..=steps {
             let at = p.lerp(q, n as f64 / steps as f64);
@@ -107,13 +110,15 @@ impl Grid {
         }
     }
 
-    /// The middles of the sides between filled and empty cells, one after another, the filled ones on the right.
+    /// Traces the middles of the sides between filled and empty cells in order, with the filled
+    /// cells on the right.
     fn borders(&self) -> Vec<Vec<DVec2>> {
         const RIGHT: (i64, i64) = (1, 0);
         let mut seen = vec![false; self.filled.len()];
         let mut borders = Vec::new();
         for (x, y) in (0..self.height as i64).flat_map(|y| (0..self.width as i64).map(move |x| (x, y))) {
-            // Every border has a side along the top of a filled cell. It begins at the first that is met.
+            // Every border has a side along the top of a filled cell. It begins at the first of
+            // them.
             if !self.is_filled(x, y) || self.is_filled(x, y - 1) || seen[y as usize * self.width + x as usize] {
                 continue;
             }
@@ -129,14 +134,14 @@ impl Grid {
                 }
                 border.push(DVec2::new(corner.0 as f64 + 0.5 * way.0 as f64, corner.1 as f64 + 0.5 * way.1 as f64));
                 corner = (corner.0 + way.0, corner.1 + way.1);
-                // The cells ahead on the right and on the left, seen along the way; y points down.
+                // The cells ahead on the right and on the left of the direction; y points down.
                 let right = (-way.1, way.0);
                 let ahead = |side: i64| {
                     let middle = |at: i64, way: i64, right: i64| (2 * at + way + side * right).div_euclid(2);
                     self.is_filled(middle(corner.0, way.0, right.0), middle(corner.1, way.1, right.1))
                 };
                 way = match (ahead(1), ahead(-1)) {
-                    // Filled cells that touch by a corner belong together.
+                    // Filled cells that touch at a corner are connected.
                     (_, true) => (-right.0, -right.1),
                     (true, false) => way,
                     (false, false) => right,
@@ -148,8 +153,8 @@ impl Grid {
     }
 }
 
-/// A closed polygon without the corners that lie on the line between those around them (Douglas and Peucker 1973).
-fn straightened(points: &[DVec2]) -> Vec<DVec2> {
+/// Simplifies a closed polygon (Douglas and Peucker 1973).
+fn simplified(points: &[DVec2]) -> Vec<DVec2> {
     let Some(first) = points.first() else { return Vec::new() };
     let far = |a: &(usize, &DVec2), b: &(usize, &DVec2)| a.1.distance(*first).total_cmp(&b.1.distance(*first));
     let opposite = points.iter().enumerate().max_by(far).map_or(0, |(i, _)| i);
@@ -161,7 +166,7 @@ fn straightened(points: &[DVec2]) -> Vec<DVec2> {
         let along = (b - a).normalize_or_zero();
         let beside = |p: DVec2| if along == DVec2::ZERO { p.distance(a) } else { (p - a).perp_dot(along).abs() };
         let farthest = (from + 1..to).map(|i| (i, beside(points[i]))).max_by(|a, b| a.1.total_cmp(&b.1));
-        if let Some((i, _)) = farthest.filter(|(_, far)| *far > STRAIGHT) {
+        if let Some((i, _)) = farthest.filter(|(_, far)| *far > SIMPLIFY_CELLS) {
             stretches.extend([(from, i), (i, to)]);
         }
     }
@@ -179,21 +184,22 @@ mod tests {
         [[a, b, c], [a, c, d]]
     }
 
-    /// Twice the area; its sign is the winding's.
+    /// Twice the area, signed by the winding.
     fn area(polygon: &[DVec2]) -> f64 {
         polygon.iter().zip(polygon.iter().cycle().skip(1)).map(|(a, b)| a.perp_dot(*b)).sum()
     }
 
     #[test]
-    fn a_square_is_four_corners_and_pieces_are_one() {
+    fn outline_of_a_square_has_four_corners_and_overlapping_figures_share_one() {
         let found = outline(&square(100.0, 140.0), &PICTURE);
         assert_eq!(found.len(), 1);
         for corner in [(100.0, 100.0), (140.0, 100.0), (140.0, 140.0), (100.0, 140.0)].map(DVec2::from) {
-            // Within a cell, at four cells a px, and the cell's corner that is cut off.
+            // Within a cell, at 4 cells/px, and the cell's corner that is cut off.
             assert!(found[0].iter().any(|p| p.distance(corner) < 0.5), "{corner}: {found:?}");
         }
         assert!((0.5 * area(&found[0]) - 1600.0).abs() < 0.25 * 4.0 * 40.0 + 1.0, "{}", area(&found[0]));
-        // Overlapping pieces have one border; what lies apart has its own; so has a hole, the other way round.
+        // Overlapping squares have one border; separate ones have their own; a hole has one of
+        // opposite winding.
         let pieces = [square(100.0, 120.0), square(110.0, 140.0), square(200.0, 210.0)].concat();
         assert_eq!(outline(&pieces, &PICTURE).len(), 2);
         let at = |x: f64, y: f64| DVec2::new(x, y);
@@ -211,12 +217,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_thin_is_seen_and_what_is_outside_is_not() {
+    fn outline_includes_thin_triangles_and_is_clipped_to_the_picture() {
         let line = [DVec2::new(10.0, 10.0), DVec2::new(90.0, 37.0), DVec2::new(10.0, 10.0)];
         let found = outline(&[line], &PICTURE);
         assert!(found.len() == 1 && found[0].iter().any(|p| p.distance(line[1]) < 0.6), "{found:?}");
         assert!(outline(&square(-90.0, -20.0), &PICTURE).is_empty() && outline(&[], &PICTURE).is_empty());
-        // Larger than the picture: its border.
+        // Larger than the picture: the picture's border.
         let all = outline(&square(-1e5, 1e5), &PICTURE);
         assert!((0.5 * area(&all[0]) - 640.0 * 480.0).abs() < 2e3, "{all:?}");
         let bad = [[DVec2::NAN; 3], [DVec2::splat(1e300), DVec2::ZERO, DVec2::X]];

@@ -1,51 +1,52 @@
-//! Which object stands under a pixel.
+//! ViewRay casting: the object under a pixel.
 
 use glam::{DVec2, DVec3};
 
-use super::{Eye, Ray};
+use super::{PosedCamera, ViewRay};
 use crate::scene::{Object, Part, Scene};
 
-/// Where a ray meets an object first.
+/// The nearest intersection of a ray with an object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Index into [`Scene::objects`]; [`crate::scene::SceneFile::entries`] has its place in the scene file.
+    /// Index into [`Scene::objects`]; [`crate::scene::SceneFile::entries`] has its place in the
+    /// scene file.
     pub object: usize,
     pub point_m: DVec3,
-    /// Of the triangle, unit length, towards the ray's origin.
+    /// Normal of the triangle, unit length, towards the ray's origin.
     pub normal: DVec3,
-    /// From the ray's origin, metres.
+    /// Distance from the ray's origin, m.
     pub distance_m: f64,
 }
 
-impl Eye {
-    /// The nearest object under a place of the picture, px from its upper left. What is real and might hide it is not
-    /// looked at, and neither is transparency: glass is hit.
+impl PosedCamera {
+    /// The nearest object at a position of the picture, px from its upper left. Occlusion by real
+    /// objects and transparency are not considered: glass is hit.
     pub fn object_at(&self, scene: &Scene, at_px: DVec2) -> Option<Hit> {
         nearest(scene, &self.ray(at_px)?)
     }
 }
 
-/// The object that a ray meets first, from either side of its triangles.
-pub fn nearest(scene: &Scene, ray: &Ray) -> Option<Hit> {
+/// The nearest intersection of a ray with an object; triangles are two-sided.
+pub fn nearest(scene: &Scene, ray: &ViewRay) -> Option<Hit> {
     nearest_of(scene, ray, |_| true)
 }
 
-/// Like [`nearest`], of some of the objects.
-pub fn nearest_of(scene: &Scene, ray: &Ray, which: impl Fn(usize) -> bool) -> Option<Hit> {
-    let objects = scene.objects.iter().enumerate().filter(|(index, _)| which(*index));
-    let hits = objects.filter_map(|(index, object)| of_object(scene, index, object, ray));
+/// [`nearest`] among the objects that pass a filter.
+pub fn nearest_of(scene: &Scene, ray: &ViewRay, accepts: impl Fn(usize) -> bool) -> Option<Hit> {
+    let objects = scene.objects.iter().enumerate().filter(|(index, _)| accepts(*index));
+    let hits = objects.filter_map(|(index, object)| hit_of_object(scene, index, object, ray));
     hits.min_by(|a, b| a.distance_m.total_cmp(&b.distance_m))
 }
 
-fn of_object(scene: &Scene, object: usize, of: &Object, ray: &Ray) -> Option<Hit> {
-    let hits = of.placed().filter_map(|part| of_part(scene, part, ray));
+fn hit_of_object(scene: &Scene, object: usize, of: &Object, ray: &ViewRay) -> Option<Hit> {
+    let hits = of.placed().filter_map(|part| hit_of_part(scene, part, ray));
     let (distance_m, normal) = hits.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let normal = if normal.dot(ray.direction) > 0.0 { -normal } else { normal };
     Some(Hit { object, point_m: ray.at(distance_m), normal, distance_m })
 }
 
-/// Distance in metres, and the triangle's normal.
-fn of_part(scene: &Scene, part: &Part, ray: &Ray) -> Option<(f64, DVec3)> {
+/// Distance, m, and normal of the nearest triangle that a ray hits.
+fn hit_of_part(scene: &Scene, part: &Part, ray: &ViewRay) -> Option<(f64, DVec3)> {
     let mesh = scene.meshes.get(part.mesh)?;
     let mesh_from_world = part.world_from_mesh.inverse();
     // Not normalised, so that distances along it are the world's.
@@ -53,15 +54,15 @@ fn of_part(scene: &Scene, part: &Part, ray: &Ray) -> Option<(f64, DVec3)> {
         (mesh_from_world.transform_point3(ray.origin_m), mesh_from_world.transform_vector3(ray.direction));
     let corner = |i: u32| DVec3::from(mesh.vertices[i as usize].position.map(f64::from));
     let triangles = mesh.indices.chunks_exact(3).map(|t| [corner(t[0]), corner(t[1]), corner(t[2])]);
-    let met = triangles.filter_map(|triangle| Some((meets(origin, along, triangle)?, triangle)));
-    let (distance_m, [a, b, c]) = met.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    // Normals go by the inverse transpose.
+    let hits = triangles.filter_map(|triangle| Some((intersect(origin, along, triangle)?, triangle)));
+    let (distance_m, [a, b, c]) = hits.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    // Normals transform by the inverse transpose.
     let normal = mesh_from_world.matrix3.transpose() * (b - a).cross(c - a);
     Some((distance_m, normal.normalize_or_zero()))
 }
 
-/// How far along a ray a triangle lies (Möller and Trumbore 1997); `None` if the ray passes it.
-fn meets(origin: DVec3, along: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
+/// Distance along a ray to a triangle (Möller and Trumbore 1997); `None` without an intersection.
+fn intersect(origin: DVec3, along: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
     let (ab, ac) = (b - a, c - a);
     let p = along.cross(ac);
     let scale = ab.dot(p).recip();
@@ -70,7 +71,7 @@ fn meets(origin: DVec3, along: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
     let q = from_a.cross(ab);
     let v = along.dot(q) * scale;
     let distance = ac.dot(q) * scale;
-    // Not a number where the ray lies in the triangle's plane.
+    // NaN if the ray lies in the triangle's plane.
     (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > 0.0).then_some(distance)
 }
 
@@ -81,7 +82,7 @@ mod tests {
     use glam::{DAffine3, DQuat};
 
     #[test]
-    fn the_nearest_triangle_is_hit_through_any_placement() {
+    fn ray_hits_the_nearest_triangle_of_translated_and_mirrored_objects() {
         let vertex = |x: f32, y: f32| Vertex { position: [x, y, 0.0], ..bytemuck::Zeroable::zeroed() };
         let mesh = Mesh {
             vertices: vec![vertex(0.0, 0.0), vertex(1.0, 0.0), vertex(0.0, 1.0)],
@@ -101,17 +102,17 @@ mod tests {
             objects: vec![object(at(0.0, 0.0, 5.0)), object(turned), Object::default()],
             ..Scene::default()
         };
-        let ray = |x: f64, y: f64| Ray { origin_m: DVec3::new(x, y, 1.0), direction: DVec3::Z };
-        // The first alone reaches to the right, the mirrored one to the left and farther up.
+        let ray = |x: f64, y: f64| ViewRay { origin_m: DVec3::new(x, y, 1.0), direction: DVec3::Z };
+        // The first object alone extends to the right, the mirrored one to the left and farther up.
         let hit = nearest(&scene, &ray(0.25, 0.25)).unwrap();
         assert_eq!((hit.object, hit.point_m, hit.distance_m), (0, DVec3::new(0.25, 0.25, 5.0), 4.0));
         assert_eq!(hit.normal, DVec3::NEG_Z);
         let hit = nearest(&scene, &ray(-0.5, 1.5)).unwrap();
         assert!(hit.object == 1 && (hit.distance_m - 3.0).abs() < 1e-12 && hit.normal.z < -0.999, "{hit:?}");
-        // Beside both, and behind the eye.
+        // Beside both objects, and in front of both.
         assert_eq!(nearest(&scene, &ray(0.6, 0.6)), None);
-        assert_eq!(nearest(&scene, &Ray { origin_m: DVec3::new(0.25, 0.25, 6.0), direction: DVec3::Z }), None);
-        // Along the plane.
-        assert_eq!(nearest(&scene, &Ray { origin_m: DVec3::new(-1.0, 0.2, 5.0), direction: DVec3::X }), None);
+        assert_eq!(nearest(&scene, &ViewRay { origin_m: DVec3::new(0.25, 0.25, 6.0), direction: DVec3::Z }), None);
+        // In the triangle's plane.
+        assert_eq!(nearest(&scene, &ViewRay { origin_m: DVec3::new(-1.0, 0.2, 5.0), direction: DVec3::X }), None);
     }
 }

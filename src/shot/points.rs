@@ -1,4 +1,4 @@
-//! What follows from points that were picked: a plane through them, and the length of a unit.
+//! A plane through picked points, and the length of a recording's unit from two of them.
 
 use glam::{DMat3, DVec3};
 
@@ -10,18 +10,18 @@ pub struct FittedPlane {
     /// Unit length.
     pub normal: DVec3,
     pub d_m: f64,
-    /// How far the points lie from it, root mean square and at most, metres.
-    pub off_m: f64,
-    pub most_m: f64,
+    /// Distance of the points from it: root mean square and maximum, m.
+    pub rms_m: f64,
+    pub max_m: f64,
 }
 
 impl FittedPlane {
-    /// a, b, c, d, as [`super::Shot::support_on_plane`] takes them.
+    /// Coefficients a, b, c, d for [`super::Shot::support_on_plane`].
     pub fn numbers(&self) -> [f64; 4] {
         [self.normal.x, self.normal.y, self.normal.z, self.d_m]
     }
 
-    /// With the normal towards that side.
+    /// The plane with its normal on the side of `towards`.
     pub fn facing(self, towards: DVec3) -> Self {
         let sign = if self.normal.dot(towards) < 0.0 { -1.0 } else { 1.0 };
         Self { normal: sign * self.normal, d_m: sign * self.d_m, ..self }
@@ -29,17 +29,17 @@ impl FittedPlane {
 }
 
 impl Shot {
-    /// The plane that the recording says is a surface: through the world's origin, across its up.
+    /// The recording's floor: the plane through the world's origin, across up.
     pub fn floor(&self) -> Option<FittedPlane> {
         let normal = self.recording.up.filter(|_| self.recording.has_floor)?;
-        Some(FittedPlane { normal, d_m: 0.0, off_m: 0.0, most_m: 0.0 })
+        Some(FittedPlane { normal, d_m: 0.0, rms_m: 0.0, max_m: 0.0 })
     }
 }
 
-/// Points whose width is less than this share of their length lie on a line.
-const NARROW: f64 = 0.01;
+/// Smallest ratio of width to length of points that do not count as collinear.
+const MIN_WIDTH_SHARE: f64 = 0.01;
 
-/// The plane with the least squares of distances from three or more points (Pearson 1901).
+/// The least-squares plane through three or more points (Pearson 1901).
 pub fn plane_through(points_m: &[DVec3]) -> Result<FittedPlane, SurfaceError> {
     let refused = |reason| Err(SurfaceError::Points { reason });
     if points_m.len() < 3 {
@@ -51,10 +51,10 @@ pub fn plane_through(points_m: &[DVec3]) -> Result<FittedPlane, SurfaceError> {
     for p in points_m.iter().map(|p| *p - middle) {
         matrix += DMat3::from_cols(p * p.x, p * p.y, p * p.z);
     }
-    let mut axes = principal(matrix);
+    let mut axes = eigen_decomposition(matrix);
     axes.sort_by(|a, b| a.0.total_cmp(&b.0));
     let [_, width, length] = axes.map(|(squares, _)| squares.max(0.0).sqrt());
-    if width.is_nan() || width <= NARROW * length {
+    if width.is_nan() || width <= MIN_WIDTH_SHARE * length {
         return refused("they lie on a line; pick one to its side");
     }
     let normal = axes[0].1;
@@ -62,13 +62,14 @@ pub fn plane_through(points_m: &[DVec3]) -> Result<FittedPlane, SurfaceError> {
     Ok(FittedPlane {
         normal,
         d_m: normal.dot(middle),
-        off_m: (points_m.iter().map(|p| off(p).powi(2)).sum::<f64>() / count).sqrt(),
-        most_m: points_m.iter().map(off).fold(0.0, f64::max),
+        rms_m: (points_m.iter().map(|p| off(p).powi(2)).sum::<f64>() / count).sqrt(),
+        max_m: points_m.iter().map(off).fold(0.0, f64::max),
     })
 }
 
-/// Eigenvalues and unit eigenvectors of a symmetric matrix (Jacobi 1846: turns that take one element after another to zero).
-fn principal(mut matrix: DMat3) -> [(f64, DVec3); 3] {
+/// Eigenvalues and unit eigenvectors of a symmetric matrix (Jacobi 1846: rotations that zero one
+/// element after another).
+fn eigen_decomposition(mut matrix: DMat3) -> [(f64, DVec3); 3] {
     const SWEEPS: usize = 16;
     let mut axes = DMat3::IDENTITY;
     for (i, j) in (0..SWEEPS).flat_map(|_| [(0, 1), (0, 2), (1, 2)]) {
@@ -89,8 +90,8 @@ fn principal(mut matrix: DMat3) -> [(f64, DVec3); 3] {
     [0, 1, 2].map(|i| (matrix.col(i)[i], axes.col(i)))
 }
 
-/// The length of a recording's unit by which two points have their true distance, m: `now` times as much as it is too short.
-/// `None` if they lie in one place or the distance is none.
+/// The recording's unit, m, with which two points have their true distance. `now` is the present
+/// unit, m. `None` if the points coincide or the distance is 0.
 pub fn metres_per_unit(from: DVec3, to: DVec3, true_m: f64, now: f64) -> Option<f64> {
     let unit = now * true_m / from.distance(to);
     (unit > 0.0 && unit.is_finite()).then_some(unit)
@@ -102,17 +103,17 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn planes_by_hand() {
-        // Four corners, two of them 2 mm up: they all lie 1 mm off the plane between.
+    fn plane_through_four_points_and_unit_of_a_length_match_hand_computation() {
+        // Four corners, two of them 2 mm up: each lies 1 mm from the plane between.
         let points = [(0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 0.0, 0.002), (0.0, 1.0, 0.002)].map(DVec3::from);
         let plane = plane_through(&points).unwrap().facing(DVec3::Z);
         assert!(plane.normal.abs_diff_eq(DVec3::Z, 1e-12) && (plane.d_m - 0.001).abs() < 1e-12, "{plane:?}");
-        assert!((plane.off_m - 0.001).abs() < 1e-9 && (plane.most_m - 0.001).abs() < 1e-9, "{plane:?}");
+        assert!((plane.rms_m - 0.001).abs() < 1e-9 && (plane.max_m - 0.001).abs() < 1e-9, "{plane:?}");
         assert!(plane.facing(DVec3::NEG_Z).d_m < 0.0);
         let line = [0.0, 1.0, 3.0].map(|x| DVec3::new(x, 2.0 * x, 0.001 * x * x));
         assert!(plane_through(&line).unwrap_err().to_string().contains("on a line"));
         assert!(plane_through(&points[..2]).unwrap_err().to_string().contains("three"));
-        // 0.21 m that were 3.5 units of half a metre are units of 6 cm.
+        // 0.21 m that measure 3.5 units of 0.5 m: the unit is 6 cm.
         let unit = metres_per_unit(DVec3::ZERO, DVec3::X * 1.75, 0.21, 0.5).unwrap();
         assert!((unit - 0.06).abs() < 1e-12, "{unit}");
         assert_eq!(metres_per_unit(DVec3::X, DVec3::X, 0.21, 1.0), None);
@@ -120,14 +121,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn points_of_a_plane_give_it(x in -1.0..1.0f64, y in -1.0..1.0f64, z in -1.0..1.0f64, d in -9.0..9.0f64) {
+        fn plane_through_points_of_a_plane_is_that_plane(x in -1.0..1.0f64, y in -1.0..1.0f64, z in -1.0..1.0f64, d in -9.0..9.0f64) {
             let normal = DVec3::new(x, y, z);
             prop_assume!(normal.length() > 0.1);
             let normal = normal.normalize();
             let (a, b) = normal.any_orthonormal_pair();
             let points: Vec<_> = (0..7).map(|n| normal * d + a * f64::from(n).sin() + b * f64::from(3 * n).cos()).collect();
             let plane = plane_through(&points).unwrap().facing(normal);
-            prop_assert!(plane.normal.abs_diff_eq(normal, 1e-9) && (plane.d_m - d).abs() < 1e-9 && plane.most_m < 1e-9, "{plane:?}");
+            prop_assert!(plane.normal.abs_diff_eq(normal, 1e-9) && (plane.d_m - d).abs() < 1e-9 && plane.max_m < 1e-9, "{plane:?}");
         }
     }
 }

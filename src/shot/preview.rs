@@ -1,17 +1,17 @@
-//! A frame's picture with what a person wants to know about its objects: outlines, names, and the world's axes where each
-//! stands.
+//! A frame's picture with annotations of its objects: outlines, names, and the world's axes at
+//! their positions.
 
 use glam::{DVec2, DVec3};
 use image::{Rgb, RgbImage};
 
-use super::{Eye, SeenObject, Shot, SurfaceError};
+use super::{PosedCamera, ProjectedObject, Shot, SurfaceError};
 use crate::pixels::{Codes, Pixels};
 use crate::scene::Scene;
 use crate::sink::lettering::{Style, line, width_px, write};
 
 const DARK: Rgb<u8> = Rgb([16; 3]);
-/// Far apart, also for eyes that see two colours alone (Okabe and Ito 2008).
-const INKS: [Rgb<u8>; 6] = [
+/// Distinct colours, also under colour blindness (Okabe and Ito 2008).
+const COLORS: [Rgb<u8>; 6] = [
     Rgb([240, 228, 66]),
     Rgb([86, 180, 233]),
     Rgb([230, 159, 0]),
@@ -19,29 +19,30 @@ const INKS: [Rgb<u8>; 6] = [
     Rgb([230, 140, 190]),
     Rgb([240, 240, 240]),
 ];
-/// x, y and z.
+/// Axes x, y and z.
 const AXES: [(DVec3, Rgb<u8>, &str); 3] =
     [(DVec3::X, Rgb([255, 70, 70]), "x"), (DVec3::Y, Rgb([90, 220, 90]), "y"), (DVec3::Z, Rgb([90, 140, 255]), "z")];
-/// In a picture of 720 px height.
-const LETTERS_PX: f64 = 16.0;
-const AXIS_PX: f64 = 34.0;
-const LINE_PX: f64 = 1.5;
+/// Sizes in a picture of 720 px height.
+const LETTER_HEIGHT_PX: f64 = 16.0;
+const AXIS_LENGTH_PX: f64 = 34.0;
+const LINE_WIDTH_PX: f64 = 1.5;
 
 impl Shot {
-    /// A frame's picture, with 8 bits, with the outline and the name of every object in it and the world's axes where it was
-    /// placed. `pixels` is what [`Shot::picture`] gives, or another picture of that frame and size.
+    /// A frame's picture, with 8 bits, with the outline and the name of every object in it, and the
+    /// world's axes at its position. `pixels` is the result of [`Shot::picture`], or another
+    /// picture of that frame and size.
     pub fn annotated(&self, frame: usize, pixels: &Pixels) -> Result<Pixels, SurfaceError> {
-        let eye = self.eye(frame)?;
+        let eye = self.posed_camera(frame)?;
         let (width, height, codes) = (pixels.width, pixels.height, pixels.codes.to_eight_bit().into_owned());
         let Some(mut picture) = RgbImage::from_raw(width, height, codes) else { return Ok(pixels.clone()) };
         let unit = (f64::from(height) / 720.0).max(1.0);
         let mut labels = Vec::new();
         for object in 0..self.scene.objects.len() {
-            let seen = eye.seen(&self.scene, object);
-            let ink = INKS[object % INKS.len()];
+            let seen = eye.project_object(&self.scene, object);
+            let ink = COLORS[object % COLORS.len()];
             for polygon in &seen.outline_px {
-                closed(&mut picture, polygon, unit * (LINE_PX + 2.0), DARK);
-                closed(&mut picture, polygon, unit * LINE_PX, ink);
+                closed(&mut picture, polygon, unit * (LINE_WIDTH_PX + 2.0), DARK);
+                closed(&mut picture, polygon, unit * LINE_WIDTH_PX, ink);
             }
             axes(&mut picture, &eye, &self.scene, &seen, unit);
             labels.extend(label(&self.scene, &seen, ink));
@@ -57,20 +58,21 @@ fn closed(picture: &mut RgbImage, polygon: &[DVec2], width_px: f64, ink: Rgb<u8>
     }
 }
 
-fn axes(picture: &mut RgbImage, eye: &Eye, scene: &Scene, seen: &SeenObject, unit: f64) {
+fn axes(picture: &mut RgbImage, eye: &PosedCamera, scene: &Scene, seen: &ProjectedObject, unit: f64) {
     let position_m = scene.objects[seen.object].position_m;
     let (Some(from), Some(depth), false) =
         (seen.position_px, eye.in_camera(position_m).map(DVec3::length), seen.outline_px.is_empty())
     else {
         return;
     };
-    // All of the same length in the world, which would be AXIS_PX across the line of sight.
-    let length_m = unit * AXIS_PX * depth / eye.geometry().intrinsics.fx_px;
+    // All have the same length in the world: AXIS_LENGTH_PX if they were perpendicular to the line
+    // of sight.
+    let length_m = unit * AXIS_LENGTH_PX * depth / eye.geometry().intrinsics.fx_px;
     for (axis, ink, name) in AXES {
         let Some(to) = eye.project(position_m + length_m * axis) else { continue };
-        line(picture, from, to, unit * (LINE_PX + 2.0), DARK);
-        line(picture, from, to, unit * LINE_PX, ink);
-        let height_px = (0.8 * unit * LETTERS_PX) as f32;
+        line(picture, from, to, unit * (LINE_WIDTH_PX + 2.0), DARK);
+        line(picture, from, to, unit * LINE_WIDTH_PX, ink);
+        let height_px = (0.8 * unit * LETTER_HEIGHT_PX) as f32;
         let middle = to + (to - from).normalize_or_zero() * 0.6 * f64::from(height_px);
         let corner = (middle.x as f32 - 0.3 * height_px, middle.y as f32 - 0.6 * height_px);
         write(picture, corner, f32::INFINITY, name, Style { height_px, ink });
@@ -78,22 +80,22 @@ fn axes(picture: &mut RgbImage, eye: &Eye, scene: &Scene, seen: &SeenObject, uni
 }
 
 struct Label {
-    /// The middle of the outline's upper side.
+    /// The middle of the outline's upper edge.
     at: DVec2,
     text: String,
     ink: Rgb<u8>,
 }
 
-fn label(scene: &Scene, seen: &SeenObject, ink: Rgb<u8>) -> Option<Label> {
+fn label(scene: &Scene, seen: &ProjectedObject, ink: Rgb<u8>) -> Option<Label> {
     let points = seen.outline_px.iter().flatten().copied();
     let (low, high) = points.map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))?;
     let text = scene.objects[seen.object].name.clone();
     Some(Label { at: DVec2::new(0.5 * (low.x + high.x), low.y), text, ink })
 }
 
-/// Writes names above their objects, none over another.
+/// Writes names above their objects, without overlap.
 fn names(picture: &mut RgbImage, mut labels: Vec<Label>, unit: f64) {
-    let height = unit * LETTERS_PX;
+    let height = unit * LETTER_HEIGHT_PX;
     let size = DVec2::new(picture.width().into(), picture.height().into());
     let mut taken: Vec<(DVec2, DVec2)> = Vec::new();
     labels.sort_by(|a, b| b.at.y.total_cmp(&a.at.y));

@@ -1,8 +1,8 @@
-//! Samples of surface radiance: measured points of frames spread over the recording, with the light that those frames' pictures
-//! show there.
+//! Samples of surface radiance: measured points of frames spread over the recording, with the light
+//! of those frames' pictures there.
 //!
-//! Depth and picture of a frame have different moments, and rows have poses of their own. So each point is projected into the
-//! picture by the pose of the row in which it is seen.
+//! Depth and picture of a frame have different times, and each row has its own pose. So each point
+//! is projected into the picture by the pose of the row that shows it.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3};
 
 use super::room_points::RoomPoints;
 use crate::camera::{Geometry, Response};
-use crate::compositor::{WHITE, seen_by_row};
+use crate::compositor::{CLIP_LEVEL, seen_by_row};
 use crate::frame::Frame;
 use crate::pose::Pose;
 use crate::profile::Rig;
@@ -18,11 +18,12 @@ use crate::recording::Recording;
 use crate::shadow::{SurfaceRadiance, SurfaceSample};
 use crate::source::ahead::Ahead;
 
-/// Beyond this distance samples are farther apart than cells of [`SurfaceRadiance`], and depth is known less well, m.
+/// Largest distance of a sample: farther samples are sparser than cells of [`SurfaceRadiance`],
+/// with less accurate depth, m.
 const MAX_DISTANCE_M: f64 = 4.0;
 
-/// Radiance of the surfaces on which points were measured. Frames without pose or gain, and pictures that cannot be read,
-/// contribute no samples.
+/// Radiance of the surfaces of the measured points. Frames without pose or gain, and unreadable
+/// pictures, contribute no samples.
 pub fn radiance_of(
     recording: &Recording,
     rig: &Rig,
@@ -37,14 +38,14 @@ pub fn radiance_of(
         let frame = pictures.frames(*frame..frame + 1).ok()?.next()?.ok()?;
         let geometry = rig.geometry_over(pictures.geometry_at_frame(frame.index))?;
         let points = measured.points[range.clone()].iter();
-        let near = points.filter(|point| point.at_m.distance(point.eye_m) < MAX_DISTANCE_M).map(|point| point.at_m);
+        let near = points.filter(|point| point.at_m.distance(point.camera_m) < MAX_DISTANCE_M).map(|point| point.at_m);
         Some(samples(near, &frame, &geometry, &response, &pictures))
     };
     let Ok(samples) = Ahead::new(0..count, samples_of) else { return SurfaceRadiance::default() };
     SurfaceRadiance::of(samples.filter_map(|of_frame| of_frame.ok().flatten()).flatten())
 }
 
-/// Samples of the points that a frame's picture shows.
+/// Samples of the points that are visible in a frame's picture.
 fn samples(
     points_m: impl Iterator<Item = DVec3>,
     frame: &Frame,
@@ -69,13 +70,13 @@ fn samples(
         let codes = pixels.at(at_px.x as u32, at_px.y as u32);
         let here = f64::from(brightness.across.at((at_px / size_px).as_vec2().to_array())).exp2();
         let usual = |c: usize| (light[codes[c] as usize] / (brightness.factors[c] * here)) as f32;
-        let is_clipped = codes.map(|code| code as f32 >= WHITE * max_code as f32);
+        let is_clipped = codes.map(|code| code as f32 >= CLIP_LEVEL * max_code as f32);
         Some(SurfaceSample { at_m, light: [usual(0), usual(1), usual(2)], is_clipped })
     };
     points_m.filter_map(sample).collect()
 }
 
-/// Poses at the moments at which a picture's rows are read.
+/// Poses at the read times of a picture's rows.
 struct RowPoses {
     /// From one readout time before the middle row to one after it.
     poses: Vec<Pose>,
@@ -93,7 +94,7 @@ impl RowPoses {
         Self { poses: (0..=2 * rows).map(|n| pose_at((f64::from(n) - f64::from(rows)) / per_s)).collect(), per_s }
     }
 
-    /// The pose of the row that is read nearest to a time from the middle row's, s.
+    /// The pose of the row whose read time is nearest to a time relative to the middle row's, s.
     fn at(&self, time_s: f64) -> Pose {
         let middle = (self.poses.len() / 2) as f64;
         self.poses[((middle + time_s * self.per_s).round().max(0.0) as usize).min(self.poses.len() - 1)]

@@ -1,5 +1,4 @@
-//! A frame at a fraction of its size: for pictures that must come soon while a person drags a slider, of frames that take long
-//! at full size.
+//! A frame at a fraction of its size: for fast previews of frames that take long at full size.
 
 use super::{Shot, ShotError};
 use crate::camera::{Capture, Framed, NoiseBin, NoiseProfile, correlations, variance_left};
@@ -8,16 +7,16 @@ use crate::frame::Frame;
 use crate::parallel::{over_rows, processors};
 use crate::pixels::{Codes, DepthMap, Pixels};
 
-/// A frame of which each pixel is the mean of a square of the camera's.
+/// A frame of which each pixel is the mean of a square of camera pixels.
 #[derive(Clone, Debug)]
-pub struct Reduced {
+pub struct ReducedFrame {
     frame: Frame,
-    /// Side of the squares, px. What is left over at the right and at the bottom is cut off.
+    /// Side of the squares, px. The remainder at the right and at the bottom is cut off.
     by: u32,
 }
 
-impl Reduced {
-    /// Reduces a frame, by 1 or more; so that a pixel is left.
+impl ReducedFrame {
+    /// Reduces a frame by a factor of 1 or more, limited so that a pixel remains.
     pub fn new(frame: &Frame, by: u32) -> Self {
         let by = by.clamp(1, frame.pixels.width.min(frame.pixels.height).max(1));
         let (width, height) = (frame.pixels.width / by, frame.pixels.height / by);
@@ -28,7 +27,7 @@ impl Reduced {
         let depth = frame.depth.as_ref().map(|depth| reduced_depth(depth, by));
         let pixels = Pixels { width, height, codes };
         let Frame { index, timestamp_s, exposure, presence, .. } = *frame;
-        // Its own depth is enough for a picture that a person sees for a moment.
+        // A preview uses the frame's own depth alone.
         let (beside, surfels) = Default::default();
         Self { frame: Frame { index, timestamp_s, pixels, depth, exposure, presence, beside, surfels }, by }
     }
@@ -39,15 +38,15 @@ impl Reduced {
 }
 
 impl Shot {
-    /// Like [`Shot::submit`]: what the full picture would show, each pixel a mean of its. Lengths in pixels, the lens and the
-    /// noise follow; what is finer than a pixel is lost.
+    /// Like [`Shot::submit`], at the reduced size. Lengths in pixels, the lens and the noise are
+    /// scaled; details finer than a pixel are lost.
     pub fn submit_reduced(
         &self,
         compositor: &mut Compositor,
-        Reduced { frame, by }: &Reduced,
+        ReducedFrame { frame, by }: &ReducedFrame,
         target: Target<'_>,
     ) -> Result<Pending, ShotError> {
-        self.place_in(compositor);
+        self.update_compositor(compositor);
         let index = frame.index;
         let recorded = self.geometry_at(index)?;
         let framed = Framed { left_px: 0.0, top_px: 0.0, step: f64::from(*by) };
@@ -65,8 +64,8 @@ impl Shot {
     }
 }
 
-/// Noise of the mean of `by`² pixels: σ / `by`, and more where neighbours' noise is alike. The correlation of the means
-/// themselves is left out.
+/// Noise of the mean of `by`² pixels: σ / `by`, and more if neighbours are correlated. The
+/// correlation of the means themselves is ignored.
 fn mean_noise(noise: NoiseProfile, by: u32) -> NoiseProfile {
     let weights = vec![1.0 / by as f32; by as usize];
     let [x, y] = noise.neighbour_correlation.map(|neighbour| variance_left(&weights, &correlations(neighbour)));
@@ -93,7 +92,7 @@ where
         }
         let count = u64::from(by) * u64::from(by);
         for (mean, sum) in means.iter_mut().zip(sums) {
-            // A mean of codes is a code.
+            // The mean of codes is in the range of codes.
             *mean =
                 u32::try_from((sum + count / 2) / count).ok().and_then(|mean| mean.try_into().ok()).unwrap_or_default();
         }
@@ -101,7 +100,7 @@ where
     out
 }
 
-/// The depth in the middle of each square: a mean would be on no surface.
+/// The depth in the middle of each square: a mean would lie on no surface.
 fn reduced_depth(depth: &DepthMap, by: u32) -> DepthMap {
     let (width, height) = (depth.width / by, depth.height / by);
     let middle = |at: u32| (at * by + by / 2) as usize;
@@ -118,10 +117,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pixels_are_means_and_depths_are_samples() {
+    fn reduced_frame_has_mean_codes_and_sampled_depths() {
         // Two rows of five pixels: the fifth column is cut off.
         let codes: Vec<u8> = [10, 20, 30, 40, 99, 50, 60, 71, 80, 99].iter().flat_map(|c| [*c, 2 * *c, 255]).collect();
-        // (10 + 20 + 50 + 60) / 4 = 35; (30 + 40 + 71 + 80) / 4 = 55.25; the second channel is twice that: 110.5 is 111.
+        // (10 + 20 + 50 + 60) / 4 = 35; (30 + 40 + 71 + 80) / 4 = 55.25; the second channel is
+        // twice that: 110.5 is 111.
         assert_eq!(means(&codes, 5, (2, 1), 2), [35, 70, 255, 55, 111, 255]);
         let depth_m = (0..20).map(|n| n as f32).collect();
         let depth = DepthMap { width: 5, height: 4, depth_m, timestamp_s: 3.0 };

@@ -1,13 +1,13 @@
 //! Dominant planes of the room: floor, tables, walls, and which way is up by them.
 //!
 //! A small neighbourhood tilts with the sensor's waves, a systematic error of millimetres over
-//! centimetres, and a ledge mixes two surfaces. A plane that is seen over a metre is known to a
-//! tenth of a degree. So a local fit gives way to a dominant plane that explains nearly as many of
-//! the points around.
+//! centimetres, and a ledge mixes two surfaces. A plane measured over a metre is known to a tenth
+//! of a degree. So a dominant plane replaces a local fit if it explains nearly as many of the
+//! points around.
 //!
 //! The planes are found one after another, each among the points of no earlier one (sequential
-//! RANSAC; Fischler and Bolles 1981). The three points of a sample lie in one cell of a coarse grid,
-//! so that small tables are found in large rooms (Myatt et al. 2002, NAPSAC).
+//! RANSAC; Fischler and Bolles 1981). The three points of a sample lie in one cell of a coarse
+//! grid, so that small tables are found in large rooms (Myatt et al. 2002, NAPSAC).
 //!
 //! Not modelled: planes that end. A table's plane goes on beyond its rim.
 
@@ -15,59 +15,64 @@ use std::collections::{HashMap, HashSet};
 
 use glam::{DVec3, IVec3};
 
-use super::planes::{Point, pick};
+use super::planes::{MeasuredPoint, random_index};
 use super::points::{FittedPlane, plane_through};
 
-/// Planes of a room, at most, and the smallest share of its points that makes one.
+/// Largest number of planes of a room.
 const MAX_PLANES: usize = 8;
-const MIN_SHARE: f64 = 0.015;
-/// Points of a room that planes are fitted to, at most.
+/// Smallest share of the room's points that makes a plane.
+const MIN_PLANE_SHARE: f64 = 0.015;
+/// Largest number of points to which planes are fitted.
 const MAX_POINTS: usize = 20_000;
-/// Samples that are tried for each plane, and points that they are compared by.
-const SAMPLES: usize = 600;
-const COMPARED: usize = 2048;
-/// Pieces that are looked at, with those that are too small.
-const MAX_PIECES: usize = 24;
-/// Side of the cells that hold a sample's points, and of those by which a plane's points are
-/// connected, m.
-const CELL_M: f64 = 0.4;
-const LINK_M: f64 = 0.1;
-/// Share of a local fit's points that a dominant plane has to explain to replace it, and share of
-/// all points around.
-const NEARLY_AS_MANY: f64 = 0.85;
-const MIN_EXPLAINED: f64 = 0.3;
-/// Points around a place on a surface, m.
+/// RANSAC iterations for each plane.
+const ITERATIONS: usize = 600;
+/// Largest number of points by which hypotheses are scored.
+const MAX_SCORED_POINTS: usize = 2048;
+/// Largest number of searches for planes, including those that are too small.
+const MAX_SEARCHES: usize = 24;
+/// Side of the cells that contain a RANSAC sample's points, m.
+const SAMPLE_CELL_M: f64 = 0.4;
+/// Side of the cells by which a plane's points are connected, m.
+const LINK_CELL_M: f64 = 0.1;
+/// Smallest number of points that a dominant plane must explain to replace a local fit, as a share
+/// of the local fit's inliers.
+const MIN_OF_LOCAL: f64 = 0.85;
+/// The same as a share of all points around.
+const MIN_OF_ALL: f64 = 0.3;
+/// Radius of the points around a position on a surface, m.
 pub const AROUND_M: f64 = 0.1;
-/// Surfaces that lean by less from the cameras' own up are floors and tables (cosine of 50°: people
-/// look down at them).
-pub const NEARLY_LEVEL: f64 = 0.643;
+/// Cosine of the largest angle between the normal of a level surface and the cameras' own up: 50°,
+/// since people point cameras downwards.
+pub const LEVEL_COSINE: f64 = 0.643;
 /// The camera is upside down if surfaces that face against the guess have this many times the
-/// points of those that face along it, and the largest of all is one of them: within 30° (a cosine),
-/// or if no other surface that may be the ground of an upright camera has a quarter of its points. A
-/// wall before a camera that looks down steeply faces against the guess, too.
-const UPSIDE_DOWN: usize = 4;
-pub const OVERHEAD: f64 = 0.866;
-const MAYBE_GROUND: f64 = 0.3;
+/// points of those that face along it, and the largest of all is one of them: within 30°
+/// (`OVERHEAD_COSINE`), or if no other surface that may be the ground of an upright camera has a
+/// quarter of its points. A wall before a camera that points steeply downwards faces against the
+/// guess, too.
+const UPSIDE_DOWN_RATIO: usize = 4;
+pub const OVERHEAD_COSINE: f64 = 0.866;
+/// Smallest cosine between the guess and the normal of a possible ground.
+const POSSIBLE_GROUND_COSINE: f64 = 0.3;
 
-/// The planes of a room, the largest first, each with its number of points. Normals face the
-/// cameras that saw them.
+/// The planes of a room, in order of decreasing size, each with its number of points. Normals point
+/// to the cameras that measured them.
 #[derive(Clone, Debug, Default)]
 pub struct RoomPlanes(Vec<(FittedPlane, usize)>);
 
 impl RoomPlanes {
-    pub fn of(points: &[Point]) -> Self {
+    pub fn of(points: &[MeasuredPoint]) -> Self {
         let step = points.len().div_ceil(MAX_POINTS).max(1);
-        let mut rest: Vec<Point> = points.iter().step_by(step).copied().collect();
-        let min_points = ((MIN_SHARE * rest.len() as f64) as usize).max(3);
+        let mut rest: Vec<MeasuredPoint> = points.iter().step_by(step).copied().collect();
+        let min_points = ((MIN_PLANE_SHARE * rest.len() as f64) as usize).max(3);
         let mut planes = Vec::new();
-        for _ in 0..MAX_PIECES {
+        for _ in 0..MAX_SEARCHES {
             if planes.len() == MAX_PLANES || rest.len() < min_points {
                 break;
             }
             let Some((plane, members)) = largest(&rest) else { break };
             if members.len() >= min_points {
                 let towards_cameras: DVec3 =
-                    members.iter().map(|n| (rest[*n].eye_m - rest[*n].at_m).normalize_or_zero()).sum();
+                    members.iter().map(|n| (rest[*n].camera_m - rest[*n].at_m).normalize_or_zero()).sum();
                 planes.push((plane.facing(towards_cameras), members.len()));
             }
             let members: HashSet<usize> = members.into_iter().collect();
@@ -77,73 +82,74 @@ impl RoomPlanes {
         Self(planes)
     }
 
-    /// The dominant plane that explains nearly as many of the points around a place as a local fit
-    /// does, and passes the place as closely as they are measured, moved along its normal to their
-    /// median: a rug on the floor is a few millimetres higher. Or else the local fit. Normals that are
-    /// not accepted, to either side, are left out.
-    pub fn settled(
+    /// Replaces a local fit at `at_m` by the dominant plane that explains nearly as many of the
+    /// points around, if it passes the position within their error. The plane is moved along its
+    /// normal to their median: a rug on the floor is a few millimetres higher. Returns the local
+    /// fit if there is none. `accepts` filters normals, independent of their sign.
+    pub fn or_dominant(
         &self,
         local: FittedPlane,
         at_m: DVec3,
-        around: &[Point],
+        around: &[MeasuredPoint],
         accepts: impl Fn(DVec3) -> bool,
     ) -> FittedPlane {
-        let explained = |plane: &FittedPlane| around.iter().filter(|p| p.is_on(plane.normal, plane.d_m)).count();
-        let mean_error_m = around.iter().map(|point| point.off_m).sum::<f64>() / around.len().max(1) as f64;
-        let least = (NEARLY_AS_MANY * explained(&local) as f64).max(MIN_EXPLAINED * around.len() as f64).max(1.0);
+        let explained = |plane: &FittedPlane| around.iter().filter(|p| p.is_inlier(plane.normal, plane.d_m)).count();
+        let mean_error_m = around.iter().map(|point| point.tolerance_m).sum::<f64>() / around.len().max(1) as f64;
+        let least = (MIN_OF_LOCAL * explained(&local) as f64).max(MIN_OF_ALL * around.len() as f64).max(1.0);
         let passes = |plane: &FittedPlane| (plane.normal.dot(at_m) - plane.d_m).abs() < mean_error_m;
         let candidates = self.0.iter().map(|(plane, _)| plane).filter(|plane| passes(plane) && accepts(plane.normal));
         let counted = candidates.map(|plane| (explained(plane), plane)).filter(|(count, _)| *count as f64 >= least);
-        // Of planes that explain as many, the largest.
+        // The largest among those that explain equally many.
         let Some((_, plane)) = counted.rev().max_by_key(|(count, _)| *count) else { return local };
-        let on = around.iter().filter(|point| point.is_on(plane.normal, plane.d_m));
+        let on = around.iter().filter(|point| point.is_inlier(plane.normal, plane.d_m));
         let mut offsets_m: Vec<f64> = on.map(|point| plane.normal.dot(point.at_m)).collect();
         offsets_m.sort_by(f64::total_cmp);
         let d_m = offsets_m.get(offsets_m.len() / 2).copied().unwrap_or(plane.d_m);
         FittedPlane { d_m, ..*plane }.facing(local.normal)
     }
 
-    /// Up by the largest level surface, where the cameras' own up is a guess. Cameras see floors and
-    /// tables rather than ceilings, so that surfaces against the guess mean that they hang upside
-    /// down. `None` where nothing level is seen.
+    /// Up by the largest level surface; `guess` is the cameras' own up. Cameras see floors and
+    /// tables rather than ceilings, so that surfaces against the guess mean an upside-down camera.
+    /// `None` without level surfaces.
     pub fn up(&self, guess: DVec3) -> Option<DVec3> {
-        let level = |up: DVec3| self.0.iter().filter(move |(plane, _)| plane.normal.dot(up) > NEARLY_LEVEL);
+        let level = |up: DVec3| self.0.iter().filter(move |(plane, _)| plane.normal.dot(up) > LEVEL_COSINE);
         let count = |up: DVec3| level(up).map(|(_, members)| members).sum::<usize>();
         let is_overhead = self.0.first().is_some_and(|(largest, members)| {
             let against = largest.normal.dot(-guess);
             let may_be_ground = |(plane, count): &(FittedPlane, usize)| {
-                plane.normal.dot(guess) > MAYBE_GROUND && UPSIDE_DOWN * count > *members
+                plane.normal.dot(guess) > POSSIBLE_GROUND_COSINE && UPSIDE_DOWN_RATIO * count > *members
             };
-            against > OVERHEAD || (against > NEARLY_LEVEL && !self.0.iter().any(may_be_ground))
+            against > OVERHEAD_COSINE || (against > LEVEL_COSINE && !self.0.iter().any(may_be_ground))
         });
-        let is_upside_down = is_overhead && count(-guess) > UPSIDE_DOWN * count(guess);
+        let is_upside_down = is_overhead && count(-guess) > UPSIDE_DOWN_RATIO * count(guess);
         let up = if is_upside_down { -guess } else { guess };
-        // They are sorted by size.
+        // Planes are sorted by size.
         level(up).next().map(|(plane, _)| plane.normal)
     }
 }
 
-/// The plane that most points agree on, fitted to its largest connected piece: strays far away would
-/// tilt a small table's. And that piece's points, by number.
-fn largest(points: &[Point]) -> Option<(FittedPlane, Vec<usize>)> {
-    let cells = by_cell(points, 0..points.len(), CELL_M);
-    let compared: Vec<&Point> = points.iter().step_by(points.len().div_ceil(COMPARED).max(1)).collect();
+/// The plane with most inliers, fitted to its largest connected component: distant strays would
+/// tilt a small table's. Also returns the indices of that component's points.
+fn largest(points: &[MeasuredPoint]) -> Option<(FittedPlane, Vec<usize>)> {
+    let cells = by_cell(points, 0..points.len(), SAMPLE_CELL_M);
+    let compared: Vec<&MeasuredPoint> =
+        points.iter().step_by(points.len().div_ceil(MAX_SCORED_POINTS).max(1)).collect();
     let mut best: Option<(usize, DVec3, f64)> = None;
-    for n in 0..SAMPLES {
-        let a = points[pick(3 * n, points.len())].at_m;
-        let cell = &cells[&cell_of(a, CELL_M)];
-        let [b, c] = [1, 2].map(|k| points[cell[pick(3 * n + k, cell.len())]].at_m);
+    for n in 0..ITERATIONS {
+        let a = points[random_index(3 * n, points.len())].at_m;
+        let cell = &cells[&cell_of(a, SAMPLE_CELL_M)];
+        let [b, c] = [1, 2].map(|k| points[cell[random_index(3 * n + k, cell.len())]].at_m);
         let Some(normal) = (b - a).cross(c - a).try_normalize() else { continue };
-        let count = compared.iter().filter(|point| point.is_on(normal, normal.dot(a))).count();
-        if best.is_none_or(|(most, ..)| count > most) {
+        let count = compared.iter().filter(|point| point.is_inlier(normal, normal.dot(a))).count();
+        if best.is_none_or(|(max_count, ..)| count > max_count) {
             best = Some((count, normal, normal.dot(a)));
         }
     }
     let (_, mut normal, mut d_m) = best?;
     let mut fitted = None;
     for _ in 0..4 {
-        let on = (0..points.len()).filter(|n| points[*n].is_on(normal, d_m));
-        let members = largest_piece(points, on);
+        let on = (0..points.len()).filter(|n| points[*n].is_inlier(normal, d_m));
+        let members = largest_component(points, on);
         let places: Vec<DVec3> = members.iter().map(|n| points[*n].at_m).collect();
         let plane = plane_through(&places).ok()?.facing(normal);
         (normal, d_m, fitted) = (plane.normal, plane.d_m, Some((plane, members)));
@@ -151,25 +157,25 @@ fn largest(points: &[Point]) -> Option<(FittedPlane, Vec<usize>)> {
     fitted
 }
 
-/// The largest set of points, by number, whose cells touch.
-fn largest_piece(points: &[Point], members: impl Iterator<Item = usize>) -> Vec<usize> {
-    let mut cells = by_cell(points, members, LINK_M);
+/// The largest set of points, by index, whose cells are connected.
+fn largest_component(points: &[MeasuredPoint], members: impl Iterator<Item = usize>) -> Vec<usize> {
+    let mut cells = by_cell(points, members, LINK_CELL_M);
     let mut keys: Vec<IVec3> = cells.keys().copied().collect();
     keys.sort_by_key(|cell| cell.to_array());
     let mut best = Vec::new();
     for start in keys {
-        let (mut piece, mut open) = (cells.remove(&start).unwrap_or_default(), vec![start]);
+        let (mut component, mut open) = (cells.remove(&start).unwrap_or_default(), vec![start]);
         while let Some(cell) = open.pop() {
             let around = (0..27).map(|k| cell + IVec3::new(k % 3, k / 3 % 3, k / 9) - 1);
             for next in around {
                 if let Some(more) = cells.remove(&next) {
-                    piece.extend(more);
+                    component.extend(more);
                     open.push(next);
                 }
             }
         }
-        if piece.len() > best.len() {
-            best = piece;
+        if component.len() > best.len() {
+            best = component;
         }
     }
     best
@@ -179,8 +185,8 @@ fn cell_of(at_m: DVec3, side_m: f64) -> IVec3 {
     (at_m / side_m).floor().as_ivec3()
 }
 
-/// Points, by number, in the cells of a grid.
-fn by_cell(points: &[Point], members: impl Iterator<Item = usize>, side_m: f64) -> HashMap<IVec3, Vec<usize>> {
+/// Points, by index, in the cells of a grid.
+fn by_cell(points: &[MeasuredPoint], members: impl Iterator<Item = usize>, side_m: f64) -> HashMap<IVec3, Vec<usize>> {
     let mut cells: HashMap<IVec3, Vec<usize>> = HashMap::new();
     for n in members {
         cells.entry(cell_of(points[n].at_m, side_m)).or_default().push(n);
@@ -192,15 +198,15 @@ fn by_cell(points: &[Point], members: impl Iterator<Item = usize>, side_m: f64) 
 mod tests {
     use super::*;
 
-    const EYE_M: DVec3 = DVec3::new(0.0, -1.0, 1.2);
+    const CAMERA_M: DVec3 = DVec3::new(0.0, -1.0, 1.2);
 
-    /// Measured with 5 mm of error.
-    fn point(at_m: DVec3) -> Point {
-        Point { at_m, off_m: 0.005, eye_m: EYE_M }
+    /// Measured with a tolerance of 5 mm.
+    fn point(at_m: DVec3) -> MeasuredPoint {
+        MeasuredPoint { at_m, tolerance_m: 0.005, camera_m: CAMERA_M }
     }
 
     /// A floor of 2 m by 2 m with waves of 4 mm, 0.5 m long, every 2 cm, and a wall behind it.
-    fn room() -> Vec<Point> {
+    fn room() -> Vec<MeasuredPoint> {
         let wave = |x: f64| 0.004 * (std::f64::consts::TAU * x / 0.5).sin();
         let at = |n: i32| 0.02 * f64::from(n) - 1.0;
         let floor = (0..10_000).map(|n| (at(n % 100), at(n / 100))).map(|(x, y)| DVec3::new(x, y, wave(x)));
@@ -208,16 +214,16 @@ mod tests {
         floor.chain(wall).map(point).collect()
     }
 
-    fn around(points: &[Point], at_m: DVec3) -> Vec<Point> {
+    fn around(points: &[MeasuredPoint], at_m: DVec3) -> Vec<MeasuredPoint> {
         points.iter().filter(|point| point.at_m.distance(at_m) < AROUND_M).copied().collect()
     }
 
-    fn local_fit(points: &[Point]) -> FittedPlane {
+    fn local_fit(points: &[MeasuredPoint]) -> FittedPlane {
         plane_through(&points.iter().map(|point| point.at_m).collect::<Vec<_>>()).unwrap().facing(DVec3::Z)
     }
 
     #[test]
-    fn floor_and_wall_are_the_rooms_planes() {
+    fn room_planes_are_its_floor_and_its_wall() {
         let RoomPlanes(planes) = RoomPlanes::of(&room());
         let [(floor, on_floor), (wall, on_wall)] = planes[..] else { panic!("{planes:?}") };
         assert!(floor.normal.z > 0.99999 && floor.d_m.abs() < 1e-3 && on_floor >= 10_000, "{floor:?} {on_floor}");
@@ -225,20 +231,20 @@ mod tests {
     }
 
     #[test]
-    fn local_tilt_of_a_wave_gives_way_to_the_floor() {
+    fn local_fit_on_a_wave_is_replaced_by_the_floor() {
         let room = room();
         let planes = RoomPlanes::of(&room);
-        // On the wave's steepest place: 0.004·2π/0.5 is a slope of 2.9°.
+        // At the wave's steepest point: 0.004·2π/0.5 is a slope of 2.9°.
         let near = around(&room, DVec3::ZERO);
         let local = local_fit(&near);
         assert!(local.normal.angle_between(DVec3::Z).to_degrees() > 2.0, "{local:?}");
-        let settled = planes.settled(local, DVec3::ZERO, &near, |_| true);
-        assert!(settled.normal.angle_between(DVec3::Z).to_degrees() < 0.2, "{settled:?}");
-        assert!(settled.d_m.abs() < 1e-3, "{settled:?}");
-        // A rug of 3 mm belongs to the floor's plane, and keeps its height.
-        let rug: Vec<Point> = near.iter().map(|p| Point { at_m: p.at_m.with_z(0.003), ..*p }).collect();
-        let settled = planes.settled(local_fit(&rug), DVec3::new(0.0, 0.0, 0.003), &rug, |_| true);
-        assert!((settled.d_m - 0.003).abs() < 5e-4, "{settled:?}");
+        let or_dominant = planes.or_dominant(local, DVec3::ZERO, &near, |_| true);
+        assert!(or_dominant.normal.angle_between(DVec3::Z).to_degrees() < 0.2, "{or_dominant:?}");
+        assert!(or_dominant.d_m.abs() < 1e-3, "{or_dominant:?}");
+        // A rug of 3 mm gets the floor's plane, at its own height.
+        let rug: Vec<MeasuredPoint> = near.iter().map(|p| MeasuredPoint { at_m: p.at_m.with_z(0.003), ..*p }).collect();
+        let or_dominant = planes.or_dominant(local_fit(&rug), DVec3::new(0.0, 0.0, 0.003), &rug, |_| true);
+        assert!((or_dominant.d_m - 0.003).abs() < 5e-4, "{or_dominant:?}");
     }
 
     #[test]
@@ -263,19 +269,19 @@ mod tests {
         room.iter_mut().filter(|p| is_on_book(&p.at_m)).for_each(|p| p.at_m.z = 0.02);
         let planes = RoomPlanes::of(&room);
         let near = around(&room, DVec3::new(0.0, 0.0, 0.02));
-        let book = FittedPlane { normal: DVec3::Z, d_m: 0.02, off_m: 0.0, most_m: 0.0 };
-        assert_eq!(planes.settled(book, DVec3::new(0.0, 0.0, 0.02), &near, |_| true), book);
+        let book = FittedPlane { normal: DVec3::Z, d_m: 0.02, rms_m: 0.0, max_m: 0.0 };
+        assert_eq!(planes.or_dominant(book, DVec3::new(0.0, 0.0, 0.02), &near, |_| true), book);
         let is_on_ramp = |at: &DVec3| (at.x - 0.5).abs() < 0.2 && at.y.abs() < 0.2;
         room.iter_mut()
             .filter(|p| is_on_ramp(&p.at_m))
             .for_each(|p| p.at_m.z = (p.at_m.x - 0.5) * 12f64.to_radians().tan());
         let near = around(&room, DVec3::new(0.5, 0.0, 0.0));
         let ramp = local_fit(&near);
-        assert_eq!(planes.settled(ramp, DVec3::new(0.5, 0.0, 0.0), &near, |_| true), ramp);
+        assert_eq!(planes.or_dominant(ramp, DVec3::new(0.5, 0.0, 0.0), &near, |_| true), ramp);
     }
 
     #[test]
-    fn up_is_the_largest_level_planes_normal_even_for_a_camera_upside_down() {
+    fn up_is_the_largest_level_planes_normal_even_for_an_upside_down_camera() {
         let planes = RoomPlanes::of(&room());
         for lean_deg in [-40f64, 0.0, 30.0] {
             let guess = DVec3::new(lean_deg.to_radians().sin(), 0.0, lean_deg.to_radians().cos());
@@ -289,7 +295,7 @@ mod tests {
             let guess = DVec3::new(0.0, pitch_deg.to_radians().sin(), pitch_deg.to_radians().cos());
             assert!(planes.up(guess).is_none_or(|up| up.z > 0.9999), "{pitch_deg}: {:?}", planes.up(guess));
         }
-        let wall: Vec<Point> = room().into_iter().filter(|point| point.at_m.y == 1.0).collect();
+        let wall: Vec<MeasuredPoint> = room().into_iter().filter(|point| point.at_m.y == 1.0).collect();
         assert_eq!(RoomPlanes::of(&wall).up(DVec3::Z), None);
     }
 }

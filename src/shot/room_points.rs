@@ -1,13 +1,14 @@
 //! Measured points of the room: samples of the depth maps of frames spread over the recording.
 //!
-//! Depth is read once. Points follow from it by the camera, so that a changed lens needs no other read.
+//! Depth is read once. Points are computed from it by the camera, so that a changed lens needs no
+//! further read.
 
 use std::ops::Range;
 
 use glam::{DVec2, DVec3};
 
 use super::Shot;
-use super::planes::Point;
+use super::planes::MeasuredPoint;
 use super::room_planes::RoomPlanes;
 use crate::camera::Geometry;
 use crate::pixels::DepthMap;
@@ -15,7 +16,7 @@ use crate::pose::Pose;
 use crate::source::ahead::Ahead;
 
 /// Number of depth maps to sample.
-const FRAMES: usize = 24;
+const SAMPLED_FRAMES: usize = 24;
 /// Number of samples across a map.
 const SAMPLES_ACROSS: u32 = 96;
 
@@ -27,12 +28,12 @@ pub struct DepthSamples {
     width: u32,
     height: u32,
     across: u32,
-    /// Row by row, m; 0 where unknown.
+    /// Row by row, m; 0 if unknown.
     depth_m: Vec<f32>,
 }
 
 impl DepthSamples {
-    /// `pose`: the camera's at the moment of the map; `across`: the approximate number of columns.
+    /// `pose`: the camera's at the time of the map; `across`: the approximate number of columns.
     pub fn new(frame: usize, pose: Pose, map: &DepthMap, across: u32) -> Self {
         let DepthMap { width, height, depth_m, .. } = map;
         let depth_m = grid(*width, *height, across).map(|(x, y)| depth_m[(y * width + x) as usize]).collect();
@@ -43,41 +44,41 @@ impl DepthSamples {
 /// Measured points of a room, and the dominant planes among them.
 #[derive(Debug, Default)]
 pub struct RoomPoints {
-    pub points: Vec<Point>,
+    pub points: Vec<MeasuredPoint>,
     /// Frame index and its range in `points`.
     pub frames: Vec<(usize, Range<usize>)>,
     pub planes: RoomPlanes,
 }
 
 impl RoomPoints {
-    pub fn new(by_frame: Vec<(usize, Vec<Point>)>) -> Self {
+    pub fn new(by_frame: Vec<(usize, Vec<MeasuredPoint>)>) -> Self {
         let mut end = 0;
-        let range = |(frame, points): &(usize, Vec<Point>)| {
+        let range = |(frame, points): &(usize, Vec<MeasuredPoint>)| {
             let start = end;
             end += points.len();
             (*frame, start..end)
         };
         let frames = by_frame.iter().map(range).collect();
-        let points: Vec<Point> = by_frame.into_iter().flat_map(|(_, points)| points).collect();
+        let points: Vec<MeasuredPoint> = by_frame.into_iter().flat_map(|(_, points)| points).collect();
         Self { planes: RoomPlanes::of(&points), points, frames }
     }
 
-    /// Points at most `within_m` away from a place.
-    pub fn around(&self, at_m: DVec3, within_m: f64) -> Vec<Point> {
+    /// Points within a radius of a position.
+    pub fn around(&self, at_m: DVec3, within_m: f64) -> Vec<MeasuredPoint> {
         self.points.iter().filter(|point| point.at_m.distance(at_m) < within_m).copied().collect()
     }
 }
 
 impl Shot {
-    /// Samples of the depth of frames spread over the recording. Empty without readable depth: an unreadable file is reported when
-    /// its frame is read.
+    /// Samples of the depth of frames spread over the recording. Empty without readable depth: an
+    /// unreadable file is reported when its frame is read.
     pub(super) fn depth_samples(&self) -> Vec<DepthSamples> {
         let recording = &self.recording;
         let count = recording.frame_count();
         if !recording.has_depth() || count == 0 {
             return Vec::new();
         }
-        let taken = count.min(FRAMES);
+        let taken = count.min(SAMPLED_FRAMES);
         let number = move |n: usize| (2 * n + 1) * count / (2 * taken);
         let of = recording.clone();
         let Ok(maps) = Ahead::new(0..taken, move |n| of.depth_at(number(n))) else { return Vec::new() };
@@ -89,13 +90,14 @@ impl Shot {
         maps.enumerate().filter_map(samples).collect()
     }
 
-    /// Points by frame, through the camera as it is now. Samples of another size than the camera's picture are skipped.
-    pub(super) fn points_by_frame(&self, samples: &[DepthSamples]) -> Vec<(usize, Vec<Point>)> {
+    /// Points by frame, through the present camera. Samples of another size than the camera's
+    /// picture are skipped.
+    pub(super) fn points_by_frame(&self, samples: &[DepthSamples]) -> Vec<(usize, Vec<MeasuredPoint>)> {
         let mut by_frame = Vec::new();
-        // Rays of the previous frame's camera, which most recordings share between all frames.
+        // Rays of the previous frame's camera: in most recordings all frames share one.
         let mut rays: Option<(Geometry, Vec<Option<DVec3>>)> = None;
         for DepthSamples { frame, pose, width, height, across, depth_m } in samples {
-            let Some(geometry) = self.given_geometry_at(*frame) else { continue };
+            let Some(geometry) = self.known_geometry_at(*frame) else { continue };
             let i = &geometry.intrinsics;
             if (*width, *height) != (i.width_px, i.height_px) {
                 continue;
@@ -110,7 +112,7 @@ impl Shot {
             };
             let point = |(z, ray): (f64, &Option<DVec3>)| {
                 let at_m = pose.inverse_transform_point(z * ray.filter(|_| z > 0.0 && z.is_finite())?);
-                Some(Point::new(at_m, z, pose.position_in_world_m()))
+                Some(MeasuredPoint::new(at_m, z, pose.position_in_world_m()))
             };
             let depth_m = depth_m.iter().map(|z| f64::from(*z));
             by_frame.push((*frame, depth_m.zip(rays.iter()).filter_map(point).collect()));
@@ -119,7 +121,7 @@ impl Shot {
     }
 }
 
-/// The pixels of a depth map that are sampled, row by row: about `across` in a row.
+/// The sampled pixels of a depth map, row by row: about `across` in a row.
 fn grid(width: u32, height: u32, across: u32) -> impl Iterator<Item = (u32, u32)> {
     let step = (width / across).max(1);
     let columns = move || (step / 2..width).step_by(step as usize);
@@ -131,8 +133,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn points_of_frames_are_found_by_their_ranges() {
-        let point = |x: f64| Point::new(DVec3::new(x, 0.0, 0.0), 1.0, DVec3::Z);
+    fn room_points_are_indexed_by_frame() {
+        let point = |x: f64| MeasuredPoint::new(DVec3::new(x, 0.0, 0.0), 1.0, DVec3::Z);
         let room = RoomPoints::new(vec![(3, vec![point(0.0), point(1.0)]), (5, vec![]), (9, vec![point(2.0)])]);
         assert_eq!(room.frames, [(3, 0..2), (5, 2..2), (9, 2..3)]);
         assert_eq!(room.points[room.frames[2].1.clone()].iter().map(|p| p.at_m.x).collect::<Vec<_>>(), [2.0]);

@@ -1,4 +1,4 @@
-//! Pictures: a single moment, or a range of frames one after another.
+//! Composites single frames, and ranges of frames in order.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -9,7 +9,7 @@ use crate::camera::Geometry;
 use crate::compositor::{Composited, Compositor, Input, Job, Pending, Stream, SubmitError, Target, poses_within_s};
 use crate::frame::Frame;
 
-/// The composited frames of a range, in order, from [`Shot::frames`]. After an error there is nothing more.
+/// The composited frames of a range, in order, from [`Shot::frames`]. Ends after an error.
 pub struct Composites<'a>(Box<dyn Iterator<Item = Result<Composited, ShotError>> + 'a>);
 
 impl std::fmt::Debug for Composites<'_> {
@@ -27,27 +27,28 @@ impl Iterator for Composites<'_> {
 }
 
 impl Shot {
-    /// Starts a frame's picture with the current settings: for single moments, again and again. The frame is decoded on
-    /// first use, and kept until another one is asked for.
+    /// Starts a frame's picture with the current settings. The frame is decoded on first use, and
+    /// cached until the next frame is requested.
     pub fn picture(
         &mut self,
         compositor: &mut Compositor,
         frame: usize,
         target: Target<'_>,
     ) -> Result<Pending, ShotError> {
-        let held = match self.held.take() {
-            Some(held) if held.index == frame => held,
-            _ => Arc::new(self.read_beside(frame)?),
+        let recorded = match self.cached_frame.take() {
+            Some(cached) if cached.index == frame => cached,
+            _ => Arc::new(self.read_with_neighbours(frame)?),
         };
         let geometry = self.geometry_at(frame);
         let pending =
-            geometry.and_then(|geometry| self.submit(compositor, Frame::clone(&held), &geometry, target, false));
-        self.held = Some(held);
+            geometry.and_then(|geometry| self.submit(compositor, Frame::clone(&recorded), &geometry, target, false));
+        self.cached_frame = Some(recorded);
         pending
     }
 
-    /// Starts a frame's picture with the current settings, with its layer if wanted. The frame is one of the
-    /// recording's, but its pixels may be others; the geometry is that of [`Shot::geometry_at`], or derived from it.
+    /// Starts a frame's picture with the current settings, optionally with its layer. The frame is
+    /// one of the recording's, but its pixels may be others; the geometry is that of
+    /// [`Shot::geometry_at`], or derived from it.
     pub fn submit(
         &self,
         compositor: &mut Compositor,
@@ -56,7 +57,7 @@ impl Shot {
         target: Target<'_>,
         want_layer: bool,
     ) -> Result<Pending, ShotError> {
-        self.place_in(compositor);
+        self.update_compositor(compositor);
         let index = frame.index;
         let failed = |source: SubmitError| ShotError::Submit { frame: index, source };
         let (camera, track, interval_s) = (self.camera(), &self.recording.track, self.interval_s(index));
@@ -65,14 +66,14 @@ impl Shot {
         compositor.submit(job, &camera, &self.settings, target).map_err(failed)
     }
 
-    /// From how long before a frame's time to how long after it poses matter to its picture, seconds.
+    /// Time before and after a frame within which poses affect its picture, s.
     pub fn poses_within_s(&self, frame: &Frame) -> Result<(f64, f64), ShotError> {
         let (camera, geometry) = (self.camera(), self.geometry_at(frame.index)?);
         Ok(poses_within_s(frame, &camera, &self.settings, &geometry, self.interval_s(frame.index)))
     }
 
-    /// Composites a range of frames: decoded ahead, with `in_flight` of them on the GPU at a time (at least one).
-    /// Memory does not grow with the range's length.
+    /// Composites a range of frames. Frames are decoded ahead, and `in_flight` of them (at least
+    /// one) are on the GPU at a time. Memory does not grow with the range's length.
     pub fn frames<'a>(
         &'a self,
         compositor: &'a mut Compositor,
@@ -80,7 +81,7 @@ impl Shot {
         want_layers: bool,
         in_flight: usize,
     ) -> Result<Composites<'a>, ShotError> {
-        self.place_in(compositor);
+        self.update_compositor(compositor);
         let frames = self.recording.frames_beside(range)?.map(|frame| {
             let frame = frame?;
             let (geometry, interval_s) = (self.geometry_at(frame.index)?, self.interval_s(frame.index));

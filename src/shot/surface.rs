@@ -1,11 +1,12 @@
-//! The real surface under a pixel: where it is and how it is turned, from the frame's depth.
+//! The real surface at a pixel: position and normal, from the frame's depth.
 //!
-//! On a plane n·X = d the depth z along the ray r (X = z·r) obeys 1/z = (n/d)·r: it is linear in the ray. So the plane is the
-//! linear least-squares fit of 1/z over the pixels around, and a structured-light or stereo sensor's errors, which are
-//! uniform in 1/z, are weighted right. Pixels of other surfaces are weighted down by Tukey's biweight, repeatedly, beginning
-//! with those whose depth is near the picked one's.
+//! On a plane n·X = d the depth z along the ray r (X = z·r) satisfies 1/z = (n/d)·r: it is linear
+//! in the ray. So the plane is the linear least-squares fit of 1/z over the pixels around. Errors
+//! of structured-light and stereo sensors, which are uniform in 1/z, get the right weights. Pixels
+//! of other surfaces are weighted down by Tukey's biweight, iteratively, beginning with those whose
+//! depth is near that of the picked pixel.
 //!
-//! Not modelled: curved surfaces. Within the neighbourhood they are taken for planes.
+//! Not modelled: curved surfaces. Within the neighbourhood they are approximated by planes.
 
 use glam::{DMat3, DVec2, DVec3};
 
@@ -17,34 +18,35 @@ use crate::scene::Support;
 use crate::text::number;
 use crate::tracking::NoPose;
 
-/// The neighbourhood's radius as a share of the picture's width.
-const RADIUS: f64 = 1.0 / 40.0;
-/// No more than this many pixels are looked at along each axis.
-const MOST_A_SIDE: i32 = 41;
-/// Pixels whose depth differs by more than this share from the picked one begin outside.
-const NEAR: f64 = 0.06;
-const ROUNDS: usize = 8;
-/// Tukey's constant: 95 % efficient where errors are normal.
+/// Radius of the neighbourhood, as a share of the picture's width.
+const RADIUS_SHARE: f64 = 1.0 / 40.0;
+/// Largest number of samples along each axis.
+const MAX_SAMPLES_A_SIDE: i32 = 41;
+/// Largest relative difference of a pixel's depth from the picked one's in the first fit.
+const FIRST_TOLERANCE: f64 = 0.06;
+/// Reweighting iterations.
+const REWEIGHTINGS: usize = 8;
+/// Tukey's constant: 95 % efficient for normal errors.
 const TUKEY: f64 = 4.685;
-/// Fewer pixels make no plane.
-const FEWEST: usize = 12;
+/// Smallest number of a plane's pixels.
+const MIN_PIXELS: usize = 12;
 
 /// A plane that was fitted around a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
-    /// Where the pixel's ray meets it, in the world, metres.
+    /// Intersection of the pixel's ray with the plane, in the world, m.
     pub point_m: DVec3,
     /// Unit length, towards the camera.
     pub normal_in_world: DVec3,
-    /// Of the point, as depth maps count it, metres.
+    /// Depth of the point, by the convention of depth maps, m.
     pub depth_m: f64,
-    /// The robust standard deviation of the measured depths from the plane, metres.
+    /// Robust standard deviation of the measured depths from the plane, m.
     pub sigma_m: f64,
-    /// The share of the pixels around that lie on it.
+    /// Share of the pixels around that lie on the plane.
     pub share: f64,
 }
 
-/// Why no surface is known under a pixel.
+/// Why there is no surface at a pixel.
 #[derive(Debug, thiserror::Error)]
 pub enum SurfaceError {
     #[error("frame {frame} has no depth: give a plane, or pick the point in a second frame too (X,Y+FRAME:X,Y)")]
@@ -71,43 +73,45 @@ fn place(at_px: [f64; 2]) -> String {
     at_px.map(|px| number((px * 10.0).round() / 10.0)).join(",")
 }
 
-/// The depth has a moment of its own: where the place is in it depends on how far away it is. So often it is looked for.
-const LOOKS: usize = 4;
+/// The depth map has a time of its own: the position of a pixel in it depends on the pixel's depth.
+/// Number of iterations.
+const ITERATIONS: usize = 4;
 
 impl Shot {
-    /// The surface at a place of a frame's picture, px from the upper left. The depth map is of a moment of its own, and the
-    /// place's row too: both are taken into account, as when objects are hidden behind what is real.
+    /// The surface at a position of a frame's picture, px from the upper left. The depth map's time
+    /// and that of the position's row are both taken into account, as in occlusion.
     pub fn surface_at(&self, frame: &Frame, at_px: DVec2) -> Result<Surface, SurfaceError> {
         let index = frame.index;
         let depth = frame.depth.as_ref().ok_or(SurfaceError::NoDepth { frame: index })?;
-        let told = at_px.to_array();
+        let position = at_px.to_array();
         let (width, height) = (f64::from(depth.width), f64::from(depth.height));
         let is_inside = |at: DVec2| at.cmpge(DVec2::ZERO).all() && at.x < width && at.y < height;
         if !is_inside(at_px) {
-            return Err(SurfaceError::Outside { at_px: told, width: depth.width, height: depth.height });
+            return Err(SurfaceError::Outside { at_px: position, width: depth.width, height: depth.height });
         }
-        let eye = self.eye(index)?;
+        let eye = self.posed_camera(index)?;
         let geometry = eye.geometry();
-        let ray = eye.ray(at_px).ok_or(SurfaceError::NoRay { at_px: told })?;
-        let not_measured = || SurfaceError::NotMeasured { at_px: told };
+        let ray = eye.ray(at_px).ok_or(SurfaceError::NoRay { at_px: position })?;
+        let not_measured = || SurfaceError::NotMeasured { at_px: position };
         let pose = self.measured_from(frame, depth)?;
         let (origin, along) =
             (pose.transform_point(ray.origin_m), pose.world_from_camera_rotation().inverse() * ray.direction);
         let mut in_map = at_px;
-        for _ in 1..LOOKS {
-            let plane = Plane::around(depth, in_map, |px| geometry.depth_ray(px)).ok_or_else(not_measured)?;
-            let point = plane.meets(origin, along).ok_or_else(not_measured)?;
+        for _ in 1..ITERATIONS {
+            let plane =
+                InverseDepthPlane::around(depth, in_map, |px| geometry.depth_ray(px)).ok_or_else(not_measured)?;
+            let point = plane.intersect(origin, along).ok_or_else(not_measured)?;
             let next = geometry.project(point).filter(|next| is_inside(*next)).ok_or_else(not_measured)?;
-            let is_found = geometry.way_px(in_map, next).length() < 0.5;
+            let has_converged = geometry.way_px(in_map, next).length() < 0.5;
             in_map = next;
-            if is_found {
+            if has_converged {
                 break;
             }
         }
-        let plane = Plane::around(depth, in_map, |px| geometry.depth_ray(px)).ok_or_else(not_measured)?;
-        let point = plane.meets(origin, along).ok_or_else(not_measured)?;
+        let plane = InverseDepthPlane::around(depth, in_map, |px| geometry.depth_ray(px)).ok_or_else(not_measured)?;
+        let point = plane.intersect(origin, along).ok_or_else(not_measured)?;
         let depth_m = if geometry.is_round() { point.length() } else { point.z };
-        // n/d points away from the camera, since the depth is positive.
+        // n/d points away from the camera, because depth is positive.
         let normal_in_world = -(pose.world_from_camera_rotation() * plane.inverse_depth.normalize());
         Ok(Surface {
             point_m: pose.inverse_transform_point(point),
@@ -118,50 +122,52 @@ impl Shot {
         })
     }
 
-    /// The pose at which a frame's depth was measured, or the frame's where the track does not cover that moment.
+    /// The pose at which a frame's depth was measured, or the frame's if the track does not cover
+    /// that time.
     pub(super) fn measured_from(&self, frame: &Frame, depth: &DepthMap) -> Result<Pose, NoPose> {
         let recording = &self.recording;
         let measured = recording.track.at(depth.timestamp_s + recording.time_offset_s);
         measured.or_else(|_| recording.pose_at_frame(frame.index))
     }
 
-    /// Where the ray through a place of a frame's picture meets the plane a·x + b·y + c·z = d of the world.
+    /// Intersection of the ray of a position in a frame's picture with the plane
+    /// a·x + b·y + c·z = d of the world.
     pub fn support_on_plane(&self, frame: usize, at_px: DVec2, plane: [f64; 4]) -> Result<Support, SurfaceError> {
         let [a, b, c, d] = plane;
         let normal = DVec3::new(a, b, c);
         let refused = |reason| SurfaceError::Plane { plane: plane.map(number).join(","), reason };
         let unit = normal.try_normalize().ok_or_else(|| refused("is no plane: the normal A,B,C has no length"))?;
-        let ray = self.eye(frame)?.ray(at_px).ok_or(SurfaceError::NoRay { at_px: at_px.to_array() })?;
+        let ray = self.posed_camera(frame)?.ray(at_px).ok_or(SurfaceError::NoRay { at_px: at_px.to_array() })?;
         let t = (d - normal.dot(ray.origin_m)) / normal.dot(ray.direction);
         if !(t.is_finite() && t > 0.0) {
             return Err(refused("does not lie before the camera there"));
         }
-        // Seen from its front.
+        // The normal faces the camera.
         let normal = if unit.dot(ray.direction) > 0.0 { -unit } else { unit };
         Ok(Support { point_m: ray.at(t), normal })
     }
 }
 
-/// In the camera's axes.
-struct Plane {
+/// A plane in the camera's axes.
+struct InverseDepthPlane {
     /// n/d, so that 1/z = (n/d)·ray.
     inverse_depth: DVec3,
-    /// Of 1/z, 1/m.
+    /// Standard deviation of 1/z, 1/m.
     sigma: f64,
     share: f64,
 }
 
-impl Plane {
-    /// Where a ray in the camera's axes meets it; `None` if it lies behind the ray's origin.
-    fn meets(&self, origin: DVec3, along: DVec3) -> Option<DVec3> {
+impl InverseDepthPlane {
+    /// Intersection with a ray in the camera's axes; `None` if it lies behind the ray's origin.
+    fn intersect(&self, origin: DVec3, along: DVec3) -> Option<DVec3> {
         // n·X = d is (n/d)·X = 1.
         let t = (1.0 - self.inverse_depth.dot(origin)) / self.inverse_depth.dot(along);
         (t > 0.0 && t.is_finite()).then(|| origin + t * along)
     }
 
     fn around(depth: &DepthMap, at_px: DVec2, ray: impl Fn(DVec2) -> Option<DVec3>) -> Option<Self> {
-        let radius = (RADIUS * f64::from(depth.width)).max(4.0);
-        let step = ((2.0 * radius / f64::from(MOST_A_SIDE)).ceil() as i32).max(1);
+        let radius = (RADIUS_SHARE * f64::from(depth.width)).max(4.0);
+        let step = ((2.0 * radius / f64::from(MAX_SAMPLES_A_SIDE)).ceil() as i32).max(1);
         let reach = (radius / f64::from(step)) as i32;
         let (x0, y0) = (at_px.x as i32, at_px.y as i32);
         let mut points: Vec<(DVec3, f64, f64)> = Vec::new();
@@ -176,28 +182,30 @@ impl Plane {
                 points.push((ray, z.recip(), at.distance(at_px)));
             }
         }
-        // The surface that was picked is that of the nearest pixel that was measured.
+        // The picked surface is that of the nearest measured pixel.
         let picked = points.iter().min_by(|a, b| a.2.total_cmp(&b.2)).filter(|nearest| nearest.2 <= 0.25 * radius)?.1;
-        let mut weights: Vec<f64> = points.iter().map(|(_, w, _)| f64::from((w / picked - 1.0).abs() < NEAR)).collect();
+        let mut weights: Vec<f64> =
+            points.iter().map(|(_, w, _)| f64::from((w / picked - 1.0).abs() < FIRST_TOLERANCE)).collect();
         let mut fitted = None;
-        for _ in 0..ROUNDS {
+        for _ in 0..REWEIGHTINGS {
             let plane = least_squares(&points, &weights)?;
             let residuals: Vec<f64> = points.iter().map(|(ray, w, _)| (plane.dot(*ray) - w).abs()).collect();
             let mut on: Vec<f64> =
                 residuals.iter().zip(&weights).filter(|(_, weight)| **weight > 0.0).map(|(r, _)| *r).collect();
             on.sort_by(f64::total_cmp);
-            // The median of absolute residuals, as a normal's σ; no less than what 32 bits of depth leave.
+            // Robust σ from the median of absolute residuals; at least the rounding error of 32-bit
+            // depth.
             let sigma = (1.4826 * on.get(on.len() / 2)?).max(1e-6 * picked);
             weights = residuals.iter().map(|r| (1.0 - (r / (TUKEY * sigma)).powi(2)).max(0.0).powi(2)).collect();
             fitted = Some((plane, sigma));
         }
         let (inverse_depth, sigma) = fitted?;
         let on = weights.iter().filter(|weight| **weight > 0.0).count();
-        (on >= FEWEST).then(|| Self { inverse_depth, sigma, share: on as f64 / points.len() as f64 })
+        (on >= MIN_PIXELS).then(|| Self { inverse_depth, sigma, share: on as f64 / points.len() as f64 })
     }
 }
 
-/// The normal equations of 1/z = p·ray; `None` where the rays span no plane.
+/// Solves the normal equations of 1/z = p·ray; `None` if the rays span no plane.
 fn least_squares(points: &[(DVec3, f64, f64)], weights: &[f64]) -> Option<DVec3> {
     let (mut matrix, mut right, mut count) = (DMat3::ZERO, DVec3::ZERO, 0);
     for ((ray, inverse, _), weight) in points.iter().zip(weights).filter(|(_, weight)| **weight > 0.0) {
@@ -207,7 +215,7 @@ fn least_squares(points: &[(DVec3, f64, f64)], weights: &[f64]) -> Option<DVec3>
         count += 1;
     }
     let solved = matrix.inverse() * right;
-    (count >= FEWEST && solved.is_finite()).then_some(solved)
+    (count >= MIN_PIXELS && solved.is_finite()).then_some(solved)
 }
 
 #[cfg(test)]
@@ -230,25 +238,30 @@ mod tests {
     }
 
     #[test]
-    fn a_plane_is_found_beside_another_surface_and_through_gaps() {
-        // Tilted by 45° about x: y = z − 2. Right of column 84 something stands in front of it at 1 m.
+    fn plane_fit_ignores_another_surface_and_gaps() {
+        // Tilted by 45° about x: y = z − 2. Right of column 84, another surface is in front of it
+        // at 1 m.
         let on_plane = |y: f64| 2.0 / (1.0 - (y - 60.0) / 100.0);
-        let depth = map(|x, y| match () {
-            () if x > 84.0 => 1.0,
-            () if (x as i32 + y as i32) % 3 == 0 => 0.0,
-            () => on_plane(y),
+        let depth = map(|x, y| {
+            if x > 84.0 {
+                1.0
+            } else if (x as i32 + y as i32) % 3 == 0 {
+                0.0
+            } else {
+                on_plane(y)
+            }
         });
         let at = DVec2::new(82.0, 50.0);
-        let plane = Plane::around(&depth, at, ray).unwrap();
+        let plane = InverseDepthPlane::around(&depth, at, ray).unwrap();
         let z = plane.inverse_depth.dot(ray(at).unwrap()).recip();
         assert!((z - on_plane(50.0)).abs() < 1e-5, "{z}");
         let normal = plane.inverse_depth.normalize();
         assert!(normal.abs_diff_eq(DVec3::new(0.0, -0.5f64.sqrt(), 0.5f64.sqrt()), 1e-5), "{normal}");
         assert!(plane.share > 0.5 && plane.share < 0.95, "{}", plane.share);
-        // On the thing in front: facing the camera.
-        let front = Plane::around(&depth, DVec2::new(86.0, 50.0), ray).unwrap();
+        // The surface in front faces the camera.
+        let front = InverseDepthPlane::around(&depth, DVec2::new(86.0, 50.0), ray).unwrap();
         assert!(front.inverse_depth.abs_diff_eq(DVec3::Z, 1e-5), "{}", front.inverse_depth);
-        // Nothing was measured here.
-        assert!(Plane::around(&map(|_, _| 0.0), at, ray).is_none());
+        // Without measured depth.
+        assert!(InverseDepthPlane::around(&map(|_, _| 0.0), at, ray).is_none());
     }
 }

@@ -1,28 +1,28 @@
-//! Which way is up where neither recording nor scene says it: by the room's largest level surface, by what a first object
-//! stands on, or by how people hold cameras.
+//! The world's up if neither recording nor scene defines it: from the room's largest level surface,
+//! the support of a first object, or the usual orientation of cameras.
 
 use glam::DVec3;
 
 use super::Shot;
-use super::floors::Scan;
-use super::room_planes::{NEARLY_LEVEL, OVERHEAD};
+use super::room_planes::{LEVEL_COSINE, OVERHEAD_COSINE};
+use super::supports::Scan;
 use crate::pose::held_up;
 use crate::scene::Environment;
 
 impl Shot {
-    /// The world's up as the recording and the scene say it.
+    /// The world's up according to the scene or the recording.
     pub fn up(&self) -> Option<DVec3> {
         self.scene.up_in_world.or(self.recording.up)
     }
 
-    /// Up by how the recording's cameras were held ([`held_up`]).
+    /// Up by the orientation of the recording's cameras ([`held_up`]).
     pub fn held_up(&self) -> DVec3 {
         held_up(self.recording.track.poses().iter().map(|(_, pose)| pose.world_from_camera_rotation()))
     }
 
-    /// Up of the light that an analysis found.
-    fn found_up(&self) -> Option<DVec3> {
-        match &self.found_light.as_ref()?.environment {
+    /// Up of the environment map that an analysis estimated.
+    fn estimated_up(&self) -> Option<DVec3> {
+        match &self.estimated_lighting.as_ref()?.environment {
             Environment::Map(map) => (map.map_from_world.as_dquat().inverse() * DVec3::Y).try_normalize(),
             _ => None,
         }
@@ -31,21 +31,26 @@ impl Shot {
     /// Up for the first object of a scene on a surface with this normal, which faces the camera:
     /// the analysis's estimate, or the normal of the largest level surface that depth shows, or the
     /// surface's own if it is nearly level, else [`Shot::held_up`]. Cameras see floors from above:
-    /// a normal against the camera's own up means that it hangs upside down. Unit length.
+    /// a normal against the camera's own up means an upside-down camera. Unit length.
     pub fn up_on(&self, normal: Option<DVec3>) -> DVec3 {
         let held = self.held_up();
-        self.found_up().or_else(|| self.up_of_room(held, Scan::Awaited)).unwrap_or_else(|| up_on_surface(normal, held))
+        self.estimated_up()
+            .or_else(|| self.up_of_room(held, Scan::Awaited))
+            .unwrap_or_else(|| up_on_surface(normal, held))
     }
 
-    /// [`Shot::up_on`] for a preview: without the room's surfaces until the recording's depth has been read.
+    /// [`Shot::up_on`] for a preview: without the room's surfaces until the recording's depth has
+    /// been read.
     pub fn up_preview(&self, normal: Option<DVec3>) -> DVec3 {
         let held = self.held_up();
-        self.found_up().or_else(|| self.up_of_room(held, Scan::IfReady)).unwrap_or_else(|| up_on_surface(normal, held))
+        self.estimated_up()
+            .or_else(|| self.up_of_room(held, Scan::IfReady))
+            .unwrap_or_else(|| up_on_surface(normal, held))
     }
 }
 
 fn up_on_surface(normal: Option<DVec3>, held: DVec3) -> DVec3 {
-    let is_ground = |normal: &DVec3| normal.dot(held) > NEARLY_LEVEL || normal.dot(held) < -OVERHEAD;
+    let is_ground = |normal: &DVec3| normal.dot(held) > LEVEL_COSINE || normal.dot(held) < -OVERHEAD_COSINE;
     normal.filter(is_ground).unwrap_or(held)
 }
 
@@ -54,7 +59,7 @@ mod tests {
     use super::*;
     use crate::recording::OpenOptions;
     use crate::scene::{EnvironmentMap, Lighting};
-    use crate::shot::Given;
+    use crate::shot::ShotOptions;
     use glam::{DQuat, Vec3};
     use std::path::Path;
     use std::sync::Arc;
@@ -63,7 +68,7 @@ mod tests {
     fn up_is_the_normal_of_a_floor_and_not_of_a_wall() {
         let held = DVec3::new(0.0, 0.5, 0.866);
         let lean = DVec3::new(0.02, 0.01, 1.0).normalize();
-        // A camera upside down sees the floor, too; a wall 55° against its up is none.
+        // An upside-down camera sees the floor too; a wall at 55° against its up is none.
         for normal in [lean, -lean] {
             assert_eq!(up_on_surface(Some(normal), held), normal);
         }
@@ -73,8 +78,9 @@ mod tests {
     }
 
     #[test]
-    fn up_that_an_analysis_found_wins_over_what_cameras_had_above_them() {
-        let mut shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given::default()).unwrap();
+    fn up_of_the_analysis_overrides_the_cameras_orientation() {
+        let mut shot =
+            Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &ShotOptions::default()).unwrap();
         let up = DVec3::new(0.6, 0.0, -0.8);
         let map = EnvironmentMap {
             width: 2,
@@ -84,16 +90,16 @@ mod tests {
             color: Vec3::ONE,
         };
         let lighting = Lighting { environment: Environment::Map(map), ..Lighting::default() };
-        shot.found_light = Some(Arc::new(lighting));
+        shot.estimated_lighting = Some(Arc::new(lighting));
         for found in [shot.up_on(None), shot.up_preview(Some(DVec3::Z))] {
             assert!(found.angle_between(up).to_degrees() < 0.01, "{found}");
         }
     }
 
     #[test]
-    fn up_of_the_demonstration_is_across_its_floor_whatever_is_clicked() {
-        let shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given::default()).unwrap();
-        // Its z is up, and its camera looks down by some 30°.
+    fn up_of_the_demonstration_is_its_floors_normal_for_any_surface() {
+        let shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &ShotOptions::default()).unwrap();
+        // Its z is up, and its camera points down by some 30°.
         assert_eq!(shot.up(), Some(DVec3::Z));
         let held = shot.held_up();
         assert!((0.7..0.99).contains(&held.z), "{held}");

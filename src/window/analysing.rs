@@ -38,7 +38,7 @@ impl Analysing {
             ui.separator();
             return false;
         }
-        let Some(finds) = project.shot().lacks_analysis().filter(|_| !session.is_frozen() && !session.lacks_camera())
+        let Some(finds) = project.shot().missing_analysis().filter(|_| !session.is_frozen() && !session.lacks_camera())
         else {
             return false;
         };

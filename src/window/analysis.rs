@@ -86,7 +86,7 @@ type SceneCompositor = (Arc<Scene>, Compositor);
 pub fn moved_px(shot: &Shot, frame: &Frame, region: Rect) -> [f64; 2] {
     let at = glam::DVec2::new(f64::from(region.x0 + region.x1), f64::from(region.y0 + region.y1)) / 2.0;
     let surface = shot.surface_at(frame, at);
-    surface.and_then(|surface| shot.moved_px(frame, at, &surface)).unwrap_or_default().to_array()
+    surface.and_then(|surface| shot.motion_px(frame, at, &surface)).unwrap_or_default().to_array()
 }
 
 /// Analyses a frame and its composite. The result of cancelled work is incomplete.

@@ -13,7 +13,7 @@ const COLORS: [(usize, &str); 3] = [(5, "red"), (2, "green"), (0, "blue")];
 /// Shows the plot, or the reason why there is none.
 pub fn show(ui: &mut Ui, session: &Session) {
     let shot = session.project.shot();
-    let seen_ev = shot.seen_ev();
+    let seen_ev = shot.relative_ev();
     if seen_ev.is_empty() {
         let why = match &shot.analysis {
             AnalysisState::Used(_, findings) => match &findings.gain {

@@ -135,7 +135,7 @@ impl Controls {
                     }
                     if on && is_idle {
                         let why = project.edit().settings.effects().find(|effect| effect.table() == table);
-                        let why = why.map_or("", |effect| effect.idles());
+                        let why = why.map_or("", |effect| effect.neutral_hint());
                         ui.label(RichText::new("idle").weak().small()).on_hover_text(format!(
                             "It changes nothing in the picture that is shown: {why}. Where no thing is in view, no effect has \
                              anything to do."

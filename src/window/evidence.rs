@@ -24,7 +24,7 @@ use locard_engine::scene::document::{PlacedModel, Up};
 use locard_engine::scene::{
     Entry, ItemPlacement, Posture, SceneError, SceneFile, SceneItem, Size, Support, lay, relative,
 };
-use locard_engine::shot::{Eye, Ray, Shot};
+use locard_engine::shot::{PosedCamera, Shot, ViewRay};
 
 /// State of the panel.
 #[derive(Default)]
@@ -272,7 +272,7 @@ impl Evidence {
             // `place` returns the reason.
             return self.pressed_px.take_if(|_| response.drag_stopped_by(egui::PointerButton::Primary));
         };
-        if let (Some(at), Ok(eye)) = (response.interact_pointer_pos(), project.shot().eye(frame.index)) {
+        if let (Some(at), Ok(eye)) = (response.interact_pointer_pos(), project.shot().posed_camera(frame.index)) {
             let facing_deg = eye.ray(px(at)).and_then(|ray| facing_deg(&eye, &ray, &turning.support, project.up()));
             turning.turned_deg = facing_deg.unwrap_or(turning.turned_deg);
         }
@@ -366,14 +366,14 @@ impl PlacementParams {
     /// The entry of the scene file.
     fn lay(&self, shot: &Shot, frame: usize, support: &Support, file: &Path) -> Result<PlacedModel, SceneError> {
         let up = self.up.unwrap_or_else(|| shot.up_preview(Some(support.normal)));
-        let heading = shot.facing(frame, support.point_m, up, self.turned_deg);
+        let heading = shot.heading_to_camera(frame, support.point_m, up, self.turned_deg);
         lay(&relative(&self.model, file), file, support, self.posture, heading, up, None)
     }
 }
 
 /// Heading, relative to facing the camera, of a thing whose front faces the intersection of a ray
 /// with its support plane, rounded to 1°. `None` within [`MIN_FACING_DISTANCE_M`].
-fn facing_deg(eye: &Eye, ray: &Ray, support: &Support, up: DVec3) -> Option<f64> {
+fn facing_deg(eye: &PosedCamera, ray: &ViewRay, support: &Support, up: DVec3) -> Option<f64> {
     let plane = Plane { point_m: support.point_m, normal: support.normal };
     let towards = (plane.intersect(ray)? - support.point_m).reject_from_normalized(up);
     let viewer = eye.level_to_viewer(support.point_m, up)?;

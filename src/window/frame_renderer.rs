@@ -13,7 +13,7 @@ use locard_engine::frame::Frame;
 use locard_engine::gpu::{Gpu, GpuError, PartTime, read_back};
 use locard_engine::pixels::Pixels;
 use locard_engine::scene::Scene;
-use locard_engine::shot::{Reduced, Shot, ShotError};
+use locard_engine::shot::{ReducedFrame, Shot, ShotError};
 
 /// Contains code values, as the window expects of a texture.
 pub const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
@@ -112,7 +112,7 @@ impl FrameRenderer {
             let mut compositor = first.shot.compositor(renderer_gpu.clone());
             let mut reader = Reader::new(Arc::clone(&first.shot.recording));
             // Reduced frame, reused while the same frame is rendered repeatedly.
-            let mut reduced: Option<(Arc<Frame>, Reduced)> = None;
+            let mut reduced: Option<(Arc<Frame>, ReducedFrame)> = None;
             for request in std::iter::once(first).chain(incoming) {
                 let started = Instant::now();
                 if !Arc::ptr_eq(&scene, &request.shot.scene) {
@@ -125,7 +125,7 @@ impl FrameRenderer {
                     compositor.time_next();
                 }
                 if request.key.is_approximate {
-                    compositor.may_be_rough();
+                    compositor.allow_preview();
                 }
                 if !reader.is_of(&request.shot.recording) {
                     reader = Reader::new(Arc::clone(&request.shot.recording));
@@ -207,14 +207,15 @@ impl FrameRenderer {
 fn submit_reduced(
     request: &RenderRequest,
     frame: &Arc<Frame>,
-    cache: &mut Option<(Arc<Frame>, Reduced)>,
+    cache: &mut Option<(Arc<Frame>, ReducedFrame)>,
     compositor: &mut Compositor,
     target: Target<'_>,
 ) -> Result<Pending, ShotError> {
-    let is_of = |(of, reduced): &(Arc<Frame>, Reduced)| Arc::ptr_eq(of, frame) && reduced.by() == request.key.reduction;
+    let is_of =
+        |(of, reduced): &(Arc<Frame>, ReducedFrame)| Arc::ptr_eq(of, frame) && reduced.by() == request.key.reduction;
     let cache = match cache.take().filter(is_of) {
         Some(same) => cache.insert(same),
-        None => cache.insert((Arc::clone(frame), Reduced::new(frame, request.key.reduction))),
+        None => cache.insert((Arc::clone(frame), ReducedFrame::new(frame, request.key.reduction))),
     };
     request.shot.submit_reduced(compositor, &cache.1, target)
 }
@@ -229,7 +230,7 @@ fn await_picture(gpu: &Gpu, request: &RenderRequest, pending: &Pending) -> Resul
     } else {
         None
     };
-    let is_approximate = pending.is_rough();
+    let is_approximate = pending.is_preview();
     Ok(RenderedPicture { stats: pending.stats().clone(), is_approximate, codes, times: pending.times(gpu)? })
 }
 

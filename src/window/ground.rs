@@ -92,7 +92,7 @@ impl Ground {
 
     /// Paints the picked points and an instruction.
     pub fn paint(&self, picture: &PictureOutput, project: &Project, frame: usize) {
-        if let Ok(eye) = project.shot().eye(frame) {
+        if let Ok(eye) = project.shot().posed_camera(frame) {
             for (n, point) in self.points_m.iter().enumerate() {
                 if let Some(px) = eye.project(*point) {
                     paint_ring(picture, picture.placed.screen(vec2(px.x as f32, px.y as f32)), &(n + 1).to_string());

@@ -276,7 +276,7 @@ fn export_frames(
 ) -> Result<String, JobFailure> {
     shot.check(export.range.clone())?;
     export.check(&Inputs::of(shot))?;
-    let warnings = shot.notes(export.range.clone()).into_iter().chain(shot.standing_notes(export.range.clone()));
+    let warnings = shot.notes(export.range.clone()).into_iter().chain(shot.support_gap_notes(export.range.clone()));
     warnings.for_each(|warning| note(warning.to_string()));
     let gpu = open_gpu(gpu).map_err(|error| JobFailure::Failed(error.to_string()))?;
     let mut compositor = shot.compositor(gpu);

@@ -14,7 +14,7 @@ use super::theme;
 use locard_engine::frame::Frame;
 use locard_engine::scene::document::{Color, LampTable};
 use locard_engine::scene::{Scene, SceneItem, bounds_m};
-use locard_engine::shot::View;
+use locard_engine::shot::FramePoint;
 
 /// Purpose of the next click in the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -101,7 +101,7 @@ impl Lamps {
         let add = egui::Button::selectable(self.pick == Some(Pick::Lamp), "Add lamp").frame_when_inactive(true);
         if ui.add(add).on_hover_text(hint).clicked() {
             // Without a camera pose the picture shows why no lamp can be placed.
-            let has_camera = frame.is_some_and(|frame| project.shot().eye(frame.index).is_ok());
+            let has_camera = frame.is_some_and(|frame| project.shot().posed_camera(frame.index).is_ok());
             if has_depth || !has_camera {
                 self.pick = (self.pick != Some(Pick::Lamp)).then_some(Pick::Lamp);
             } else {
@@ -138,7 +138,7 @@ impl Lamps {
         selected: &mut Option<SceneItem>,
     ) -> Result<Option<String>, String> {
         if self.pick == Some(Pick::White) {
-            let matched = project.match_white(View { frame: frame.index, at_px })?;
+            let matched = project.match_white(FramePoint { frame: frame.index, at_px })?;
             self.pick = None;
             return Ok(Some(matched));
         }
@@ -229,12 +229,12 @@ mod tests {
 
     use super::*;
     use locard_engine::recording::OpenOptions;
-    use locard_engine::shot::Given;
+    use locard_engine::shot::ShotOptions;
 
     #[test]
     fn default_lamp_position_is_above_the_centre_of_the_scene() {
         let open = |scene: Option<&str>| {
-            let given = Given { scene: scene.map(Into::into), ..Given::default() };
+            let given = ShotOptions { scene: scene.map(Into::into), ..ShotOptions::default() };
             Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap()
         };
         // Things from the marker at the left, x = −0.1, to those on the stool at the right, 0 to

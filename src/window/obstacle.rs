@@ -20,7 +20,7 @@ pub enum Obstacle {
 impl Obstacle {
     /// The obstacle in a frame, if there is one.
     pub fn of(shot: &Shot, frame: usize) -> Option<Self> {
-        shot.eye(frame).err().map(|error| Self::of_error(&error))
+        shot.posed_camera(frame).err().map(|error| Self::of_error(&error))
     }
 
     fn of_error(error: &SurfaceError) -> Self {
@@ -137,14 +137,18 @@ mod tests {
 
     use super::*;
     use locard_engine::recording::OpenOptions;
-    use locard_engine::shot::Given;
+    use locard_engine::shot::ShotOptions;
 
     #[test]
     fn obstacle_names_missing_values_and_both_sizes() {
         let open = |sets: &[&str]| {
             let sets = sets.iter().map(ToString::to_string).collect();
-            Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given { sets, ..Given::default() })
-                .unwrap()
+            Shot::open(
+                Path::new("recordings/demo"),
+                &OpenOptions::default(),
+                &ShotOptions { sets, ..ShotOptions::default() },
+            )
+            .unwrap()
         };
         assert_eq!(Obstacle::of(&open(&[]), 0), None);
         let other = Obstacle::of(&open(&["camera.width_px=1920", "camera.height_px=1080"]), 0).unwrap();

@@ -11,7 +11,7 @@ use super::recent::DocumentRef;
 use super::task::BackgroundTask;
 use locard_engine::live::{self, LiveSpec};
 use locard_engine::recording::{OpenOptions, Recording};
-use locard_engine::shot::{Given, ShotError};
+use locard_engine::shot::{ShotError, ShotOptions};
 use locard_engine::text::without_options;
 use locard_engine::webcam::CameraError;
 
@@ -177,7 +177,12 @@ fn open_camera(document: &DocumentRef, from: &LiveSpec) -> Result<(Project, Opti
 
 /// A project of a camera's recording, with profile, overrides and scene.
 fn project_of(recording: Recording, document: &DocumentRef, sets: Vec<String>) -> Result<Project, OpenRefusal> {
-    let given = Given { profile: document.profile.clone(), sets, scene: document.scene.clone(), ..Given::default() };
+    let given = ShotOptions {
+        profile: document.profile.clone(),
+        sets,
+        scene: document.scene.clone(),
+        ..ShotOptions::default()
+    };
     let mut project =
         Project::of(recording, 1.0, &given).map_err(|error| OpenRefusal::of_shot(&document.recording, &error))?;
     project.camera.clone_from(&document.camera);
@@ -187,7 +192,12 @@ fn project_of(recording: Recording, document: &DocumentRef, sets: Vec<String>) -
 /// Opens a recording. Missing profile and scene files are created when saved.
 fn open(document: &DocumentRef, sets: Vec<String>) -> Result<Project, OpenRefusal> {
     let there = |path: &Option<std::path::PathBuf>| path.clone().filter(|path| path.exists());
-    let given = Given { profile: there(&document.profile), sets, scene: there(&document.scene), ..Given::default() };
+    let given = ShotOptions {
+        profile: there(&document.profile),
+        sets,
+        scene: there(&document.scene),
+        ..ShotOptions::default()
+    };
     let options = OpenOptions { metres_per_unit: document.metres_per_unit, ..OpenOptions::default() };
     let project = Project::open(&document.recording, &options, &given);
     let mut project = project.map_err(|error| OpenRefusal::of_shot(&document.recording, &error))?;

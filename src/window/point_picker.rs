@@ -8,7 +8,7 @@ use super::obstacle::surface_text;
 use super::picture::{PictureOutput, plate};
 use locard_engine::frame::Frame;
 use locard_engine::scene::Support;
-use locard_engine::shot::{FittedPlane, Shot, SurfaceError, View};
+use locard_engine::shot::{FittedPlane, FramePoint, Shot, SurfaceError};
 use locard_engine::text::fixed;
 
 /// Picks points of the world, one after another.
@@ -17,7 +17,7 @@ pub struct PointPicker {
     /// Overrides the depth.
     pub plane: Option<FittedPlane>,
     /// First view of a point that needs two.
-    first: Option<View>,
+    first: Option<FramePoint>,
     /// Text about the uncertainty of the last point.
     pub accuracy: Option<String>,
 }
@@ -65,7 +65,7 @@ impl PointPicker {
             let support = shot.support_on_plane(frame.index, at_px, plane.numbers()).map_err(|e| e.to_string())?;
             return Ok(Click::Point(support));
         }
-        let view = View { frame: frame.index, at_px };
+        let view = FramePoint { frame: frame.index, at_px };
         if let Some(first) = self.first {
             if first.frame == frame.index {
                 self.first = Some(view);
@@ -100,7 +100,7 @@ impl PointPicker {
             paint_ring(picture, screen(first.at_px), "");
             return;
         }
-        let (Ok(from), Ok(eye)) = (shot.eye(first.frame), shot.eye(frame)) else { return };
+        let (Ok(from), Ok(eye)) = (shot.posed_camera(first.frame), shot.posed_camera(frame)) else { return };
         let Some(ray) = from.ray(first.at_px) else { return };
         // From near to far, in logarithmic steps.
         let places = (0..=120).map(|n| eye.project(ray.at(0.02 * 10f64.powf(f64::from(n) / 24.0))));
@@ -145,14 +145,14 @@ fn second_view_prompt() -> String {
 mod tests {
     use super::*;
     use locard_engine::recording::OpenOptions;
-    use locard_engine::shot::Given;
+    use locard_engine::shot::ShotOptions;
     use std::path::Path;
 
     #[test]
     fn point_takes_one_click_with_depth_or_a_plane_and_two_without() {
-        let shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given::default()).unwrap();
+        let shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &ShotOptions::default()).unwrap();
         let point = DVec3::new(0.1, -0.1, 0.0);
-        let projected_px = |frame: usize| shot.eye(frame).unwrap().project(point).unwrap();
+        let projected_px = |frame: usize| shot.posed_camera(frame).unwrap().project(point).unwrap();
         let [near, far] = [30, 50].map(|frame| shot.read(frame).unwrap());
         let mut picker = PointPicker::default();
         let found = |click: Result<Click, String>| match click {
@@ -170,7 +170,7 @@ mod tests {
         picker.click(&shot, DVec3::Z, &bare(&far), DVec2::new(3.0, 3.0)).unwrap_err();
         assert!(found(picker.click(&shot, DVec3::Z, &bare(&far), projected_px(50))).distance(point) < 1e-4);
         assert!(!picker.awaits_second_view() && picker.accuracy.is_some());
-        picker.plane = Some(FittedPlane { normal: DVec3::Z, d_m: 0.0, off_m: 0.0, most_m: 0.0 });
+        picker.plane = Some(FittedPlane { normal: DVec3::Z, d_m: 0.0, rms_m: 0.0, max_m: 0.0 });
         assert!(found(picker.click(&shot, DVec3::Z, &bare(&near), projected_px(30))).distance(point) < 1e-6);
     }
 }

@@ -35,7 +35,7 @@ impl PointerProbe {
         Ok(Self {
             depth_m: surface.depth_m,
             exposure_s: exposure_time_s(&camera, &shot.settings, frame, shot.interval_s(frame.index)),
-            moved_px: shot.moved_px(frame, at_px, &surface).map_err(|error| told(&error)),
+            moved_px: shot.motion_px(frame, at_px, &surface).map_err(|error| told(&error)),
             circle_px: opening.map(|o| o.circle_px(geometry.intrinsics.fx_px, surface.depth_m).abs()),
             codes: frame.pixels.eight_bits_at(at_px.x as u32, at_px.y as u32),
         })

@@ -21,7 +21,7 @@ use locard_engine::params::{ParamError, Params, Value, called, title};
 use locard_engine::profile::{Look, Rig, ShotSettings};
 use locard_engine::recording::{OpenOptions, Recording};
 use locard_engine::scene::{self as scenes, MissingModels, ModelCache, SceneFile};
-use locard_engine::shot::{Given, Shot, ShotError};
+use locard_engine::shot::{Shot, ShotError, ShotOptions};
 use locard_engine::tracking::PoseTrack;
 
 pub use save::{Draft, SaveError, WrittenFile};
@@ -88,7 +88,7 @@ pub struct Project {
     scene_is_stale: bool,
     /// Settings that were in the scene file until they were unpinned; undo restores them.
     unpinned: ShotSettings,
-    /// Settings of the scene file that [`Given::sets`] overrides. They remain in the file.
+    /// Settings of the scene file that [`ShotOptions::sets`] overrides. They remain in the file.
     overridden: ShotSettings,
     /// State without any file.
     defaults: Edit,
@@ -118,7 +118,7 @@ pub struct Project {
 
 impl Project {
     /// Opens a recording with the given files, as [`Shot::open`].
-    pub fn open(recording: &Path, options: &OpenOptions, given: &Given) -> Result<Self, ShotError> {
+    pub fn open(recording: &Path, options: &OpenOptions, given: &ShotOptions) -> Result<Self, ShotError> {
         let before = stamp(recording);
         let mut project = Self::of(Recording::open(recording, options)?, options.metres_per_unit, given)?;
         project.stamps.extend([recording.to_owned(), project.shot.recording.path.clone()].map(|path| (path, before)));
@@ -126,11 +126,11 @@ impl Project {
     }
 
     /// Like [`Project::open`], for a recording that is already open.
-    pub fn of(recording: Recording, metres_per_unit: f64, given: &Given) -> Result<Self, ShotError> {
+    pub fn of(recording: Recording, metres_per_unit: f64, given: &ShotOptions) -> Result<Self, ShotError> {
         // Taken before reading, so that a change in between is noticed.
         let files = [given.profile.as_deref(), given.scene.as_deref()].into_iter().flatten();
         let stamps: BTreeMap<_, _> = files.map(|path| (path.to_owned(), stamp(path))).collect();
-        let shot = Shot::of(recording, &Given { missing_models: MissingModels::StandIn, ..given.clone() })?;
+        let shot = Shot::of(recording, &ShotOptions { missing_models: MissingModels::StandIn, ..given.clone() })?;
         // A model that is opened alone keeps its own coordinates, which no scene file can express.
         let is_file = |path: &&PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
         let scene_text = given.scene.as_ref().filter(is_file).map(|path| scenes::document::read(path)).transpose()?;

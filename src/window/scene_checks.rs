@@ -9,7 +9,7 @@ use eframe::egui;
 
 use super::Project;
 use locard_engine::frame::Frame;
-use locard_engine::shot::{Note, Tilt, Wrong};
+use locard_engine::shot::{Note, ObjectIssue, Tilt};
 
 /// Scene version and frame index of a check.
 type CheckedState = (u64, usize);
@@ -21,7 +21,7 @@ const SETTLE_TIME: Duration = Duration::from_millis(400);
 /// Notes on objects, and the tilted surfaces below them.
 #[derive(Default)]
 struct CheckResults {
-    wrongs: Vec<Wrong>,
+    wrongs: Vec<ObjectIssue>,
     tilts: Vec<Tilt>,
 }
 
@@ -68,7 +68,7 @@ impl SceneChecks {
         let (done, results) = channel();
         let (shot, frame, ctx) = (project.shot().clone(), Arc::clone(frame), ctx.clone());
         let spawned = Builder::new().name("window wrongs".to_owned()).spawn(move || {
-            if done.send(CheckResults { wrongs: shot.wrongs(&frame), tilts: shot.tilts() }).is_ok() {
+            if done.send(CheckResults { wrongs: shot.object_issues(&frame), tilts: shot.tilts() }).is_ok() {
                 ctx.request_repaint();
             }
         });
@@ -103,12 +103,12 @@ mod tests {
     use super::*;
     use locard_engine::recording::OpenOptions;
     use locard_engine::scene::Support;
-    use locard_engine::shot::Given;
+    use locard_engine::shot::ShotOptions;
 
     #[test]
     fn results_for_an_older_scene_are_dropped_while_a_check_runs() {
         let mut project =
-            Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given::default()).unwrap();
+            Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &ShotOptions::default()).unwrap();
         let support = Support { point_m: DVec3::ZERO, normal: DVec3::Z };
         let checks = || {
             let tilt = Tilt { object: 0, support, degrees: 3.0, gap_m: 0.01 };

@@ -68,7 +68,7 @@ pub fn paths(project: &Project) -> String {
 mod tests {
     use super::*;
     use locard_engine::recording::OpenOptions;
-    use locard_engine::shot::Given;
+    use locard_engine::shot::ShotOptions;
 
     #[test]
     fn paths_of_equal_name_are_distinguished_by_their_folders() {
@@ -87,10 +87,10 @@ mod tests {
 
     #[test]
     fn title_names_the_files_and_marks_unsaved_changes() {
-        let given = Given {
+        let given = ShotOptions {
             scene: Some("scenes/demo.toml".into()),
             profile: Some("profiles/simulated.toml".into()),
-            ..Given::default()
+            ..ShotOptions::default()
         };
         let mut project = Project::open(Path::new("recordings/demo"), &OpenOptions::default(), &given).unwrap();
         assert_eq!(of_window(&project), "recordings/demo – demo.toml – simulated.toml – Locard");

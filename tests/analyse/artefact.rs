@@ -8,7 +8,7 @@ use crate::program::{locard, refused, said};
 use crate::tier::fast_or_full;
 use locard::analyse::{Analysis, Interrupted, Stage, beside};
 use locard::recording::OpenOptions;
-use locard::shot::{Given, Shot};
+use locard::shot::{Shot, ShotOptions};
 
 // Slow: three analyses.
 #[test]
@@ -37,7 +37,11 @@ fn an_interrupted_analysis_goes_on_where_it_was() {
     assert!(done.unwrap_err().is_interrupted() && !analysis.exists());
     // Of another camera nothing holds that was kept.
     let sets = vec![fast_or_full("camera.fx_px=259.5", "camera.fx_px=519.5").to_owned()];
-    let other = Shot::open(&folder.path().join("site"), &OpenOptions::default(), &Given { sets, ..Given::default() });
+    let other = Shot::open(
+        &folder.path().join("site"),
+        &OpenOptions::default(),
+        &ShotOptions { sets, ..ShotOptions::default() },
+    );
     let elsewhere = folder.path().join("other/site.analysis");
     std::fs::create_dir(folder.path().join("other")).unwrap();
     let part = folder.path().join("site.analysis.part");

@@ -15,7 +15,7 @@ use locard::compositor::exposure_time_s;
 use locard::frame::{Frame, FrameExposure, SURFEL_SPACING_M, Surfel};
 use locard::params::Value;
 use locard::recording::{OpenOptions, Recording};
-use locard::shot::{Analysed, Given, Shot};
+use locard::shot::{AnalysisChoice, Shot, ShotOptions};
 use locard::simulate::Flaws;
 use locard::tracking::PoseTrack;
 
@@ -53,14 +53,15 @@ fn exact_poses_are_kept_and_steady_light_is_not_followed() {
 
 /// Of a recording whose poses are refined by the analysis beside it.
 fn all_but_registration_is_followed(site: &Path) {
-    let shot = |analysis: Analysed, recorded_poses: bool| {
-        Shot::open(site, &OpenOptions::default(), &Given { analysis, recorded_poses, ..Given::default() }).unwrap()
+    let shot = |analysis: AnalysisChoice, recorded_poses: bool| {
+        Shot::open(site, &OpenOptions::default(), &ShotOptions { analysis, recorded_poses, ..ShotOptions::default() })
+            .unwrap()
     };
-    let (found, recorded) = (shot(Analysed::Beside, false), shot(Analysed::No, false));
-    let left = shot(Analysed::Beside, true);
+    let (found, recorded) = (shot(AnalysisChoice::Beside, false), shot(AnalysisChoice::No, false));
+    let left = shot(AnalysisChoice::Beside, true);
     let pose = |shot: &Shot| shot.recording.pose_at_frame(2).unwrap();
     assert!(pose(&left) == pose(&recorded) && pose(&left) != pose(&found));
-    let readout_s = |shot: &Shot| shot.given_geometry_at(2).unwrap().intrinsics.readout_time_s;
+    let readout_s = |shot: &Shot| shot.known_geometry_at(2).unwrap().intrinsics.readout_time_s;
     assert_eq!(readout_s(&left), readout_s(&recorded));
     assert_eq!(left.recording.exposure, found.recording.exposure);
     let surfels = |shot: &Shot| shot.read(2).unwrap().surfels.len();
@@ -150,7 +151,7 @@ fn what_is_not_this_recordings_is_refused_and_not_fitted_away() {
     let site = folder.path().join("site");
     let refused = |sets: &[&str]| {
         let sets = sets.iter().map(|set| (*set).to_owned()).collect();
-        let given = Given { sets, ..Given::default() };
+        let given = ShotOptions { sets, ..ShotOptions::default() };
         let found = analysed_by_tier(&Shot::open(&site, &OpenOptions::default(), &given).unwrap(), 2);
         assert!(found.track.is_none(), "{}", found.findings);
         found.findings.registration.why.unwrap_or_default()
@@ -279,7 +280,7 @@ pub fn kinect() -> Option<(Shot, &'static Analysis)> {
     // Two tests ask, and it takes a minute.
     static FOUND: OnceLock<Analysis> = OnceLock::new();
     let folder = common::data("tum-fr1-rpy")?;
-    let given = Given { profile: Some(PathBuf::from("profiles/tum-fr1.toml")), ..Given::default() };
+    let given = ShotOptions { profile: Some(PathBuf::from("profiles/tum-fr1.toml")), ..ShotOptions::default() };
     let shot = Shot::open(&folder, &OpenOptions::default(), &given).unwrap();
     let found = FOUND.get_or_init(|| analysed(&shot, 2));
     Some((shot, found))
@@ -320,7 +321,7 @@ fn a_kinects_poses_are_refined_and_its_gain_is_followed() {
 #[ignore = "full tier: 90 frames of a real recording; a_clipped_desk_is_as_bright_as_the_exposure_within_its_bound is its small form"]
 fn white_of_clipped_paper_on_a_kitchen_table_is_claimed() {
     let Some(folder) = common::data("redkitchen") else { return };
-    let shot = Shot::open(&folder, &OpenOptions::default(), &Given::default()).unwrap();
+    let shot = Shot::open(&folder, &OpenOptions::default(), &ShotOptions::default()).unwrap();
     let light = analysed(&shot, 2).findings.light.unwrap();
     println!("{light:?}");
     // Four fifths of the paper are clipped in frames of 0.94 times the usual brightness: white
@@ -337,7 +338,7 @@ fn a_kinects_first_frames_are_refined() {
     let Some(folder) = common::data("tum-fr1-rpy") else { return };
     let temp = tempfile::tempdir().unwrap();
     first_frames_of_tum(&folder, temp.path(), 16);
-    let given = Given { profile: Some(PathBuf::from("profiles/tum-fr1.toml")), ..Given::default() };
+    let given = ShotOptions { profile: Some(PathBuf::from("profiles/tum-fr1.toml")), ..ShotOptions::default() };
     let shot = Shot::open(temp.path(), &OpenOptions::default(), &given).unwrap();
     let found = analysed_by_tier(&shot, 2);
     println!("{}", found.findings);
@@ -400,7 +401,7 @@ fn reduced_model(from: &Path, to: &Path, reduction: f64) {
 fn a_models_landmarks_tell_how_bright_photographs_are() {
     let Some(folder) = common::data("lund-door-dslr") else { return };
     let found = |folder: &Path| {
-        let shot = Shot::open(folder, &OpenOptions::default(), &Given::default()).unwrap();
+        let shot = Shot::open(folder, &OpenOptions::default(), &ShotOptions::default()).unwrap();
         let found = analysed_by_tier(&shot, 2);
         println!("{}", found.findings);
         found
@@ -478,7 +479,7 @@ fn a_clock_that_reads_beyond_the_last_pose_loses_no_frame() {
             }
         }
     }
-    every_frame_keeps_a_pose(&Shot::open(temp.path(), &OpenOptions::default(), &Given::default()).unwrap());
+    every_frame_keeps_a_pose(&Shot::open(temp.path(), &OpenOptions::default(), &ShotOptions::default()).unwrap());
 }
 
 #[test]
@@ -489,7 +490,7 @@ fn sharpness_follows_the_footage_where_nobody_says_it() {
     assert!(told.contains("spread     unknown: ") && told.contains("40 are needed"), "{told}");
     let toml = folder.path().join("site.analysis/analysis.toml");
     let sigma_px = |sets: &[&str]| {
-        let given = Given { sets: sets.iter().map(|&s| s.to_owned()).collect(), ..Given::default() };
+        let given = ShotOptions { sets: sets.iter().map(|&s| s.to_owned()).collect(), ..ShotOptions::default() };
         let shot = Shot::open(&site, &OpenOptions::default(), &given).unwrap();
         let tables = shot.settings.tables();
         match tables.iter().find(|t| t.table() == "point_spread").unwrap().get("sigma_px") {

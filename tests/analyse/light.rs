@@ -11,7 +11,7 @@ use glam::DVec3;
 use locard::analyse::{Analysis, LightFindings};
 use locard::recording::OpenOptions;
 use locard::scene::{self, Environment, LightingOrigin};
-use locard::shot::{Analysed, AnalysisState, Given, Shot};
+use locard::shot::{AnalysisChoice, AnalysisState, Shot, ShotOptions};
 use locard::simulate::{Flaws, Options, Simulation, run};
 
 fn options(lamps: u32, site: u32) -> Options {
@@ -102,22 +102,22 @@ fn a_scene_without_light_takes_that_of_the_footage_and_one_with_light_keeps_its_
         path
     };
     let (bare, own) = (written("bare.toml", ""), written("own.toml", "\n[light]\nambient = 0.25\n"));
-    let lit = |scene: &Path, analysis: Analysed| {
-        let given = Given { scene: Some(scene.to_owned()), analysis, ..Given::default() };
+    let lit = |scene: &Path, analysis: AnalysisChoice| {
+        let given = ShotOptions { scene: Some(scene.to_owned()), analysis, ..ShotOptions::default() };
         Shot::open(&site, &OpenOptions::default(), &given).unwrap()
     };
-    let taken = lit(&bare, Analysed::Beside);
+    let taken = lit(&bare, AnalysisChoice::Beside);
     let lighting = &taken.scene.lighting;
     assert!(lighting.suns.is_empty() && lighting.points.len() == 2, "{lighting:?}");
     assert_eq!(lighting.points[0].position_in_world_m, DVec3::from(light.lamps[0].at_m));
     assert!(matches!(&lighting.environment, Environment::Map(map) if (map.width, map.height) == (256, 128)));
     // Nobody lit it but by a guess; a scene that says its light keeps it.
-    let guessed = lit(&bare, Analysed::No);
+    let guessed = lit(&bare, AnalysisChoice::No);
     assert_eq!((guessed.scene.lighting_origin, guessed.scene.lighting.points.len()), (LightingOrigin::Default, 0));
-    assert_eq!(lit(&own, Analysed::Beside).scene.lighting, lit(&own, Analysed::No).scene.lighting);
+    assert_eq!(lit(&own, AnalysisChoice::Beside).scene.lighting, lit(&own, AnalysisChoice::No).scene.lighting);
     // The same while a person works, and for the next scene.
-    let mut worked = lit(&bare, Analysed::No);
-    worked.take_analysis(analysis.clone(), found.clone()).unwrap();
+    let mut worked = lit(&bare, AnalysisChoice::No);
+    worked.apply_analysis(analysis.clone(), found.clone()).unwrap();
     assert_eq!(worked.scene.lighting, *lighting);
     worked.set_scene(Arc::new(scene::load(&own, None).unwrap()));
     assert_eq!(worked.scene.lighting.points.len(), 0);
@@ -131,7 +131,7 @@ fn a_scene_without_light_takes_that_of_the_footage_and_one_with_light_keeps_its_
     assert!(told.contains("lamp ") && told.contains("looks up"), "{told}");
     let text = std::fs::read_to_string(bare).unwrap();
     assert!(text.contains("# the tent") && text.contains("[[light.lamp]]"), "{text}");
-    let edited = lit(Path::new(bare), Analysed::No);
+    let edited = lit(Path::new(bare), AnalysisChoice::No);
     assert_eq!(edited.scene.lighting_origin, LightingOrigin::Scene);
     let close = edited.scene.lighting.points[0].color - lighting.points[0].color;
     assert!(close.abs().max_element() < 1e-6);
@@ -152,7 +152,7 @@ fn a_scene_without_light_takes_that_of_the_footage_and_one_with_light_keeps_its_
 fn light_found_with_another_up_is_left_out_and_the_rest_is_used() {
     let (folder, found) = analysed_demo();
     let site = folder.path().join("site");
-    let open = || Shot::open(&site, &OpenOptions::default(), &Given::default()).unwrap();
+    let open = || Shot::open(&site, &OpenOptions::default(), &ShotOptions::default()).unwrap();
     assert!(open().stale_estimates().is_empty());
     let description = site.join("recording.toml");
     let text = std::fs::read_to_string(&description).unwrap();
@@ -289,7 +289,7 @@ fn by_lamps_and_a_panorama(folder: &tempfile::TempDir, found: &Analysis) {
     // By its distance along the ray. The lamp that really shines stays; this one is none, and hardly shines beside it.
     let told = asked(&["--lamp", "6:320,10,1.5"]);
     let lamps = written().lamp;
-    let place = opened(folder).eye(6).unwrap().ray(glam::DVec2::new(320.0, 10.0)).unwrap().at(1.5);
+    let place = opened(folder).posed_camera(6).unwrap().ray(glam::DVec2::new(320.0, 10.0)).unwrap().at(1.5);
     assert!(DVec3::from(lamps[0].at_m).distance(place) < 1e-3, "{lamps:?} {place}\n{told}");
     let color = |lamp: &scene::document::LampTable| glam::Vec3::from(lamp.color.unwrap()).element_sum();
     let real = DVec3::from(light.lamps[0].at_m);

@@ -28,7 +28,7 @@ const REACH_PX: f64 = 12.0;
 
 /// How much of each pixel hides the evidence, and the pixel's light.
 fn hides(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
-    let frame = shot.read_beside(frame).unwrap();
+    let frame = shot.read_with_neighbours(frame).unwrap();
     let geometry = shot.geometry_at(frame.index).unwrap();
     let (track, camera) = (&shot.recording.track, shot.camera());
     let offset_s = shot.recording.time_offset_s;
@@ -142,7 +142,7 @@ fn screen_missed_by_seven_frames_occludes_with_surfels() {
     let at = |name: &str| temp.path().join(name);
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
     fs::write(at("behind.toml"), BEHIND.replace("MODEL", model.to_str().unwrap())).unwrap();
-    shot.take_analysis(at("used"), found.clone()).unwrap();
+    shot.apply_analysis(at("used"), found.clone()).unwrap();
     // Of all places of the screen that are seen, the share that shows what stands behind it.
     let shown_share = |name: &str, analysis: &Analysis| {
         analysis.write(&at(name), &shot.recording).unwrap();
@@ -182,7 +182,7 @@ fn screen_missed_by_seven_frames_occludes_with_surfels() {
 fn evidence_ends_at_the_edge_of_a_screen_of_which_the_sensor_sees_little() {
     let Some((mut shot, found)) = found::kinect() else { return };
     let temp = tempfile::tempdir().unwrap();
-    shot.take_analysis(temp.path().to_owned(), found.clone()).unwrap();
+    shot.apply_analysis(temp.path().to_owned(), found.clone()).unwrap();
     let seen_from = |shot: &Shot, frame: usize| {
         let recording = &shot.recording;
         recording.track.at(recording.timestamps_s[frame] + recording.time_offset_s).unwrap()

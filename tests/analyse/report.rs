@@ -8,7 +8,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use locard::analyse::Analysis;
 use locard::recording::OpenOptions;
-use locard::shot::{Given, Shot};
+use locard::shot::{Shot, ShotOptions};
 use locard::simulate::Flaws;
 use quick_xml::events::Event;
 
@@ -127,7 +127,7 @@ fn a_page_says_what_was_found_and_a_profile_takes_what_belongs_to_the_camera() {
     assert_eq!(std::fs::read_to_string(&profile).unwrap(), written);
     // A new one begins as a copy.
     let new = folder.path().join("new.toml");
-    let given = Given { profile: Some(profile.clone()), ..Given::default() };
+    let given = ShotOptions { profile: Some(profile.clone()), ..ShotOptions::default() };
     let shot = Shot::open(Path::new(site), &OpenOptions::default(), &given).unwrap();
     leave_out_light_by_tier(&shot, &folder.path().join("a<b>&\"c.analysis"));
     said(&["analyse", site, "--profile", profile_at, "--accept", new.to_str().unwrap()]);

@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::footage::{demo_by_tier, opened};
 use crate::program::{locard, said};
 use locard::recording::OpenOptions;
-use locard::shot::{AnalysisState, Given, Shot};
+use locard::shot::{AnalysisState, Shot, ShotOptions};
 use locard::simulate::Flaws;
 
 /// Length of the model's unit, m.
@@ -41,7 +41,7 @@ fn model(to: &Path) {
 
 fn opened_in_metres(model: &Path) -> Shot {
     let options = OpenOptions { metres_per_unit: UNIT_M, ..OpenOptions::default() };
-    Shot::open(model, &options, &Given::default()).unwrap()
+    Shot::open(model, &options, &ShotOptions::default()).unwrap()
 }
 
 // Slow: two analyses and a composite by the program.
@@ -58,7 +58,7 @@ fn an_analysis_of_a_model_holds_for_any_length_of_its_unit() {
     let shot = opened_in_metres(&site);
     assert!(matches!(shot.analysis, AnalysisState::Used(..)), "{:?}", shot.analysis);
     assert!(shot.stale_estimates().is_empty(), "{:?}", shot.stale_estimates());
-    assert_eq!(shot.seen_ev().len(), 12);
+    assert_eq!(shot.relative_ev().len(), 12);
     let frame = temp.path().join("out");
     let composite = ["composite", path, "--metres-per-unit", &unit, "--scene", "scenes/demo.toml", "--frames", "2..3"];
     let done = locard(&[&composite[..], &["--plain", "-o", frame.to_str().unwrap()]].concat());
@@ -78,7 +78,7 @@ fn an_analysis_of_a_model_holds_for_any_length_of_its_unit() {
     // A scene may say the unit, and the window analyses with it.
     let scene = temp.path().join("scene.toml");
     fs::write(&scene, format!("version = 1\nmetres_per_unit = {UNIT_M}\n")).unwrap();
-    let given = Given { scene: Some(scene), ..Given::default() };
+    let given = ShotOptions { scene: Some(scene), ..ShotOptions::default() };
     let by_scene = Shot::open(&site, &OpenOptions::default(), &given).unwrap();
     assert_eq!([&by_scene, &by_scene.as_recorded()].map(|shot| shot.recording.metres_per_unit), [UNIT_M; 2]);
     assert!(by_scene.stale_estimates().is_empty(), "{:?}", by_scene.stale_estimates());

@@ -13,7 +13,7 @@ use locard::compositor::exposure_time_s;
 use locard::frame::Frame;
 use locard::recording::write::{Line, trajectory};
 use locard::recording::{OpenOptions, Recording};
-use locard::shot::{Given, Shot};
+use locard::shot::{Shot, ShotOptions};
 use locard::simulate::Flaws;
 use locard::tracking::PoseTrack;
 
@@ -58,12 +58,12 @@ fn demo_from(from: &Path, frames: usize, flaws: &Flaws) -> tempfile::TempDir {
 }
 
 pub fn opened(folder: &tempfile::TempDir) -> Shot {
-    Shot::open(&folder.path().join("site"), &OpenOptions::default(), &Given::default()).unwrap()
+    Shot::open(&folder.path().join("site"), &OpenOptions::default(), &ShotOptions::default()).unwrap()
 }
 
 /// Opens the recording `site` in a folder, with one parameter set.
 pub fn opened_with(folder: &tempfile::TempDir, set: &str) -> Shot {
-    let given = Given { sets: vec![set.to_owned()], ..Given::default() };
+    let given = ShotOptions { sets: vec![set.to_owned()], ..ShotOptions::default() };
     Shot::open(&folder.path().join("site"), &OpenOptions::default(), &given).unwrap()
 }
 

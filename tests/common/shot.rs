@@ -8,11 +8,12 @@ use std::path::Path;
 use locard::compositor::{Composited, IN_FLIGHT};
 use locard::gpu::Gpu;
 use locard::recording::OpenOptions;
-use locard::shot::{Given, Shot};
+use locard::shot::{Shot, ShotOptions};
 
 /// Opens a recording with a scene, and with a profile if the recording has none.
 pub fn open(recording: &Path, profile: Option<&str>, scene: &Path) -> Shot {
-    let given = Given { profile: profile.map(Into::into), scene: Some(scene.to_owned()), ..Given::default() };
+    let given =
+        ShotOptions { profile: profile.map(Into::into), scene: Some(scene.to_owned()), ..ShotOptions::default() };
     Shot::open(recording, &OpenOptions::default(), &given).unwrap()
 }
 

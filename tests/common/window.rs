@@ -13,7 +13,7 @@ use egui_kittest::{Harness, TestRenderer};
 use locard::gpu::Gpu;
 use locard::pixels::Pixels;
 use locard::recording::OpenOptions;
-use locard::shot::Given;
+use locard::shot::ShotOptions;
 use locard::window::{App, DEMO, DEMO_SCENE, Project};
 
 use super::gpu;
@@ -78,7 +78,7 @@ pub fn demo_px(x: f32, y: f32) -> egui::Vec2 {
 /// `shadow.cast=false` avoids computing them after each change.
 pub fn demo_window(sets: &[&str], size: egui::Vec2) -> Harness<'static, App> {
     let sets = sets.iter().map(|set| (*set).to_owned()).collect();
-    let given = Given { scene: Some(DEMO_SCENE.into()), sets, ..Given::default() };
+    let given = ShotOptions { scene: Some(DEMO_SCENE.into()), sets, ..ShotOptions::default() };
     window(Project::open(&demo(), &OpenOptions::default(), &given).unwrap(), size)
 }
 

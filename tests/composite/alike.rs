@@ -6,7 +6,7 @@ use crate::tier::fast_or_full;
 use locard::camera::{Camera, Capture, FilmUsed, Geometry, NoiseBin, NoiseProfile, Opening};
 use locard::compositor::{Compositor, Job, RealDepth, Settings, Target};
 use locard::depth::{DepthGrid, Surfaces};
-use locard::effects::{self, Effect, LayerRun, Moment};
+use locard::effects::{self, Effect, FrameContext, LayerRun};
 use locard::gpu::{Recorder, Texture};
 use locard::params::Value;
 use locard::pixels::{Codes, Pixels, Rect};
@@ -78,7 +78,7 @@ fn what_an_effect_does_not_change_it_hands_on() {
     let geometry = gpu::pinhole(size().0, size().1, FOCAL_PX);
     let camera = camera(&geometry);
     let capture = Capture { whole: true, over_ev: 1.0, ..Capture::frame(&geometry, TIME_S, Some(OPENING)) };
-    let moment = Moment {
+    let context = FrameContext {
         camera: &camera,
         picture: &geometry,
         capture: &capture,
@@ -109,7 +109,7 @@ fn what_an_effect_does_not_change_it_hands_on() {
         };
         let mut run = LayerRun {
             recorder: &mut recorder,
-            moment: &moment,
+            context: &context,
             drawn: Rect::full(size().0, size().1),
             objects_px: Rect::full(size().0, size().1),
             geometry_is_read: true,

@@ -8,7 +8,7 @@ use glam::{DAffine3, DVec3};
 use locard::camera::grain::{self, GrainRatios};
 use locard::camera::{Camera, Capture, Curve, Geometry, NoiseBin, NoiseProfile, Response};
 use locard::compositor::{Composited, Compositor, Job, Settings, Target};
-use locard::effects::{Moment, edge_blend, motion_blur, noise};
+use locard::effects::{FrameContext, edge_blend, motion_blur, noise};
 use locard::frame::{Across, FrameExposure, PhotoSettings, SeenBrightness};
 use locard::measure::edge::box_blur;
 use locard::params::Value;
@@ -326,7 +326,7 @@ fn the_noise_is_its_twin() {
         let plain = noisy(&camera, gpu::settings(&[("noise", "scale", Value::Number(0.0))]), 0.2, 7);
         let params = noise::Noise { magnification: magnification as f32, iso, ..Default::default() };
         let capture = Capture::frame(&geometry, 0.0, None);
-        let moment = Moment {
+        let context = FrameContext {
             camera: &camera,
             picture: &geometry,
             capture: &capture,
@@ -347,7 +347,7 @@ fn the_noise_is_its_twin() {
         let mut differ = 0;
         for y in 0..240 {
             for x in 0..320 {
-                let pattern = noise::twin_pattern(&params, &moment, x, y);
+                let pattern = noise::twin_pattern(&params, &context, x, y);
                 for (c, pattern) in pattern.into_iter().enumerate() {
                     let twin = noise::twin(mean, sigma, 1.0, 0.0, pattern);
                     let got =
@@ -550,14 +550,14 @@ fn a_film_speed_without_measured_noise_is_told() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let mut camera = film_camera(&geometry);
     let with_speed = || gpu::settings(&[("noise", "iso", Value::Number(800.0))]);
-    assert!(with_speed().idle(&camera).is_empty());
+    assert!(with_speed().ineffective_settings(&camera).is_empty());
     camera.noise = None;
-    let told = with_speed().idle(&camera);
+    let told = with_speed().ineffective_settings(&camera);
     assert!(told.len() == 1 && told[0].contains("noise.iso") && told[0].contains("[camera.noise]"), "{told:?}");
-    assert!(Settings::default().idle(&camera).is_empty());
+    assert!(Settings::default().ineffective_settings(&camera).is_empty());
     let mut off = with_speed();
     off.without(&["noise".to_owned()]).unwrap();
-    assert!(off.idle(&camera).is_empty());
+    assert!(off.ineffective_settings(&camera).is_empty());
 }
 
 #[test]

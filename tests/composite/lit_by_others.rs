@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::gpu;
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3, Vec3};
-use locard::compositor::{Settings, Shade};
+use locard::compositor::{Settings, ShadowSettings};
 use locard::pose::Pose;
 use locard::scene::{Environment, Lighting, Material, Mesh, Object, Part, PointLight, Scene, Vertex};
 use locard::tracking::PoseTrack;
@@ -52,7 +52,7 @@ fn pose() -> Pose {
 }
 
 /// The plate's x at each pixel that shows it alone, and its light.
-fn plate(lighting: Lighting, shadow: Shade) -> Vec<(f64, [f32; 3])> {
+fn plate(lighting: Lighting, shadow: ShadowSettings) -> Vec<(f64, [f32; 3])> {
     let geometry = gpu::pinhole(WIDTH, HEIGHT, 200.0);
     let camera = gpu::camera(&geometry, 0.0);
     let mut settings = Settings::default();
@@ -74,8 +74,8 @@ fn plate(lighting: Lighting, shadow: Shade) -> Vec<(f64, [f32; 3])> {
     places.collect()
 }
 
-fn cast(on_things: bool, strength: f32) -> Shade {
-    Shade { cast: true, on_things, strength }
+fn cast(on_things: bool, strength: f32) -> ShadowSettings {
+    ShadowSettings { cast: true, on_things, strength }
 }
 
 #[test]

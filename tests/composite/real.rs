@@ -16,7 +16,7 @@ use locard::gpu::Gpu;
 use locard::pixels::DepthMap;
 use locard::recording::OpenOptions;
 use locard::scene::{Part, Scene};
-use locard::shot::{Given, Shot};
+use locard::shot::{Shot, ShotOptions};
 
 /// Behind the milk carton, behind pens, cup and screen, before everything, and under the desk.
 const DESK: &str = r#"
@@ -187,7 +187,7 @@ fn best_points(folder: &Path, count: usize) -> Vec<Seen> {
 fn marks_on_the_door_lie_where_the_reconstruction_saw_its_points() {
     let Some(folder) = common::data("lund-door-dslr") else { return };
     let options = OpenOptions { metres_per_unit: DOOR_UNIT_M, ..OpenOptions::default() };
-    let mut shot = Shot::open(&folder, &options, &Given::default()).unwrap();
+    let mut shot = Shot::open(&folder, &options, &ShotOptions::default()).unwrap();
     let recording = &shot.recording;
     let points = best_points(&folder, 3);
     // An unlit square around each point, turned to the first camera, in a colour of its own.

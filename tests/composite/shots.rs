@@ -16,7 +16,7 @@ use locard::photo::{Bracket, PhotoError, TakeError, Told, Wanted};
 use locard::pixels::Pixels;
 use locard::recording::OpenOptions;
 use locard::scene::Scene;
-use locard::shot::{Given, Known, Note, Reduced, Shot, ShotError};
+use locard::shot::{Note, PartialExposure, ReducedFrame, Shot, ShotError, ShotOptions};
 use locard::sink::OutPath;
 
 const SCENE: &str = "scenes/demo.toml";
@@ -27,7 +27,7 @@ fn opened(sets: &[&str]) -> Result<Shot, ShotError> {
 
 fn opened_in(recording: &Path, sets: &[&str]) -> Result<Shot, ShotError> {
     let sets = sets.iter().map(ToString::to_string).collect();
-    let given = Given { sets, scene: Some(SCENE.into()), ..Given::default() };
+    let given = ShotOptions { sets, scene: Some(SCENE.into()), ..ShotOptions::default() };
     Shot::open(recording, &OpenOptions::default(), &given)
 }
 
@@ -210,7 +210,7 @@ fn a_photograph_ends_when_it_is_told_to() {
 fn a_damaged_frame_ends_the_stream_with_its_file() {
     let temp = tempfile::tempdir().unwrap();
     program::with_a_truncated_frame(temp.path());
-    let given = Given { profile: Some("profiles/simulated.toml".into()), ..Given::default() };
+    let given = ShotOptions { profile: Some("profiles/simulated.toml".into()), ..ShotOptions::default() };
     let shot = Shot::open(temp.path(), &OpenOptions::default(), &given).unwrap();
     shot.check(0..6).unwrap();
     let mut compositor = shot.compositor(gpu::gpu().clone());
@@ -239,14 +239,14 @@ fn errors_say_what_is_accepted() {
         assert!(error(&[set]).contains(named), "{}", error(&[set]));
     }
     let at = |recording: &str, scene: &str| {
-        let given = Given { scene: Some(scene.into()), ..Given::default() };
+        let given = ShotOptions { scene: Some(scene.into()), ..ShotOptions::default() };
         Shot::open(Path::new(recording), &OpenOptions::default(), &given).unwrap_err().to_string()
     };
     assert!(at("recordings/nothing", SCENE).contains("recordings/nothing: is no recording"));
     assert!(at("recordings/demo", "scenes/nothing.toml").contains("scenes/nothing.toml: cannot be read"));
     let temp = tempfile::tempdir().unwrap();
     program::with_a_truncated_frame(temp.path());
-    let bare = Shot::open(temp.path(), &OpenOptions::default(), &Given::default()).unwrap();
+    let bare = Shot::open(temp.path(), &OpenOptions::default(), &ShotOptions::default()).unwrap();
     assert!(matches!(bare.check(0..1), Err(ShotError::NoCamera { .. })));
     assert!(matches!(shot::demo(SCENE).read(72), Err(ShotError::Recording(_))));
     assert!(matches!(shot::demo(SCENE).read(usize::MAX), Err(ShotError::Recording(_))));
@@ -257,7 +257,7 @@ fn notes_follow_what_is_set() {
     let temp = tempfile::tempdir().unwrap();
     program::with_a_truncated_frame(temp.path());
     std::fs::write(temp.path().join("poses.txt"), "0 0 0 0 0 0 0 1\n0.11 0 0 0 0 0 0 1\n").unwrap();
-    let mut shot = Shot::open(temp.path(), &OpenOptions::default(), &Given::default()).unwrap();
+    let mut shot = Shot::open(temp.path(), &OpenOptions::default(), &ShotOptions::default()).unwrap();
     let notes = |shot: &Shot| shot.notes(0..6);
     let unknown = Note::UnknownExposure { has_times: true };
     assert!(matches!(&notes(&shot)[..], [Note::MissingPoses(text), exposure, Note::UnknownNoise]
@@ -287,9 +287,9 @@ fn notes_follow_what_is_set() {
 
 #[test]
 fn what_is_typed_stands_above_profiles() {
-    let taken = |sets: &[&str]| opened(sets).unwrap().taken(0);
+    let taken = |sets: &[&str]| opened(sets).unwrap().exposure_settings(0);
     let by_profile = taken(&[]);
-    let typed = Known { iso: Some(1234.0), ..by_profile };
+    let typed = PartialExposure { iso: Some(1234.0), ..by_profile };
     assert!(by_profile.iso != typed.iso && taken(&["camera.exposure.iso=1234"]) == typed);
     // An instant is no exposure to meter by.
     assert_eq!(taken(&["camera.exposure.time_s=0"]), by_profile);
@@ -306,9 +306,9 @@ fn an_outline_is_the_border_of_what_is_drawn_and_what_is_inside_is_hit() {
     let mut compositor = held.compositor(gpu.clone());
     let pending = held.submit(&mut compositor, held.read(frame).unwrap(), &geometry, Target::Pixels, true).unwrap();
     let layer = compositor.collect(pending).unwrap().layer.unwrap();
-    let seen = held.seen_at(frame).unwrap();
+    let seen = held.projected_objects(frame).unwrap();
     assert!(seen.iter().filter(|object| !object.outline_px.is_empty()).count() > 2, "{seen:?}");
-    let eye = held.eye(frame).unwrap();
+    let eye = held.posed_camera(frame).unwrap();
     let inside = |at: DVec2| {
         let winding = |polygon: &Vec<DVec2>| {
             let sides = polygon.iter().zip(polygon.iter().cycle().skip(1));
@@ -349,7 +349,7 @@ fn a_picture_at_half_the_size_shows_what_the_whole_one_does() {
     let mut shot = shot::demo(SCENE);
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let frame = shot.read(31).unwrap();
-    let reduced = Reduced::new(&frame, 2);
+    let reduced = ReducedFrame::new(&frame, 2);
     let half = |shot: &Shot, compositor: &mut Compositor| {
         let pending = shot.submit_reduced(compositor, &reduced, Target::Pixels).unwrap();
         compositor.collect(pending).unwrap()

@@ -50,7 +50,7 @@ fn without_a_heading_the_front_faces_the_camera() {
     // From above: the front looks along −y, turned by the heading counter-clockwise.
     let (sin, cos) = placed.heading_deg.unwrap().to_radians().sin_cos();
     let [x, y, _] = placed.position_m.unwrap();
-    let to_camera = shot::demo("scenes/demo.toml").eye(30).unwrap().position_m() - glam::DVec3::new(x, y, 0.0);
+    let to_camera = shot::demo("scenes/demo.toml").posed_camera(30).unwrap().position_m() - glam::DVec3::new(x, y, 0.0);
     let off = (sin * to_camera.x - cos * to_camera.y) / to_camera.truncate().length();
     assert!(off > 0.99999, "{placed:?} {to_camera}");
 }
@@ -146,7 +146,7 @@ fn a_point_that_two_frames_show_is_placed_on_and_three_points_give_a_plane() {
     let scene = scene.to_str().unwrap();
     let shot = shot::demo("scenes/demo.toml");
     let seen = |frame: usize, point: [f64; 3]| {
-        let at = shot.eye(frame).unwrap().project(point.into()).unwrap();
+        let at = shot.posed_camera(frame).unwrap().project(point.into()).unwrap();
         format!("{:.3},{:.3}", at.x, at.y)
     };
     let points = [[0.1, -0.1, 0.0], [0.3, 0.2, 0.0], [-0.2, 0.1, 0.0]];
@@ -240,7 +240,7 @@ fn what_stands_out_over_an_edge_stands_on_what_carries_it() {
         std::fs::write(&file, text).unwrap();
         let shot = shot::demo(file.to_str().unwrap());
         let frame = shot.read(30).unwrap();
-        shot.wrongs(&frame).into_iter().map(|wrong| wrong.note.to_string()).collect::<Vec<_>>()
+        shot.object_issues(&frame).into_iter().map(|wrong| wrong.note.to_string()).collect::<Vec<_>>()
     };
     for x in [0.4, 0.35, 0.34, 0.33] {
         assert_eq!(told(x, 0.41), Vec::<String>::new(), "{x}");
@@ -292,7 +292,7 @@ fn what_is_in_the_air_before_something_steep_hovers_over_what_lies_below() {
         std::fs::write(&file, text).unwrap();
         let shot = shot::demo(file.to_str().unwrap());
         let frame = shot.read(30).unwrap();
-        shot.wrongs(&frame).into_iter().map(|wrong| wrong.note.to_string()).collect::<Vec<_>>()
+        shot.object_issues(&frame).into_iter().map(|wrong| wrong.note.to_string()).collect::<Vec<_>>()
     };
     // Frame 30 shows a box's side there. Stuck to it, and 10 cm towards the camera, 19 cm over the floor.
     assert_eq!(told([0.536, 0.520, 0.135]), Vec::<String>::new());

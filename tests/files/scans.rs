@@ -160,7 +160,7 @@ fn depth_of_a_camera_of_its_own_is_seen_from_the_frames_camera() {
     assert!(seen[..12].iter().all(|z| (z - 1.0).abs() < 1e-6), "{seen:?}");
     assert!(seen[12..14].iter().all(|z| *z == 0.0) && seen[14..29].iter().all(|z| (z - 2.0).abs() < 1e-6), "{seen:?}");
     // A given profile is the camera that it is seen from.
-    let narrow = locard::shot::Given { sets: vec!["camera.fx_px=80".into()], ..Default::default() };
+    let narrow = locard::shot::ShotOptions { sets: vec!["camera.fx_px=80".into()], ..Default::default() };
     let narrow = locard::shot::Shot::open(&path, &OpenOptions::default(), &narrow).unwrap();
     // Twice as large about 16: the near half ends at 16 − 2·4.
     let seen = row(&narrow.read(0).unwrap());

@@ -13,7 +13,7 @@ use locard::pixels::Codes;
 use locard::pose::Pose;
 use locard::recording::recorder::{About, Recorder};
 use locard::recording::{FrameCamera, OpenOptions, Recording};
-use locard::shot::{Given, Shot};
+use locard::shot::{Shot, ShotOptions};
 use locard::source::video::{ColorMatrix, ColorRange};
 use locard::stream::{LensState, OpenLens};
 use locard::webcam::{Delivered, Layout, Picture};
@@ -119,7 +119,8 @@ fn both_with(
     std::fs::write(&profile, PROFILE).unwrap();
     let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
     let scene = Some(Path::new("scenes/marker-1.glb").to_owned());
-    let given = Given { profile: Some(profile), sets: sets.clone(), scene: scene.clone(), ..Given::default() };
+    let given =
+        ShotOptions { profile: Some(profile), sets: sets.clone(), scene: scene.clone(), ..ShotOptions::default() };
     let shot = Shot::of(Recording::arriving("made up", SIZE.0, SIZE.1, INTERVAL_S, Some(DVec3::Z)), &given).unwrap();
     let about = About {
         interval_s: INTERVAL_S,
@@ -168,7 +169,7 @@ fn both_with(
     assert!(ended.is_none(), "{ended:?}");
     assert_eq!((kept, seen.len()), (frames, frames));
 
-    let given = Given { sets, scene, ..Given::default() };
+    let given = ShotOptions { sets, scene, ..ShotOptions::default() };
     let shot = Shot::open(&folder, &OpenOptions::default(), &given).unwrap();
     assert_eq!(shot.recording.frame_count(), frames);
     (0..frames).for_each(|frame| assert_eq!(shot.recording.presence(frame), told[frame], "frame {frame}"));

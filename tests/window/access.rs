@@ -8,19 +8,19 @@ use eframe::egui::{self, FullOutput, Key, Modifiers, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
 use locard::recording::OpenOptions;
-use locard::shot::Given;
+use locard::shot::ShotOptions;
 use locard::window::{App, DEMO_SCENE, Project, Start};
 
 const SIZE: egui::Vec2 = egui::vec2(1280.0, 720.0);
 
 fn project() -> Project {
-    let given = Given { scene: Some(DEMO_SCENE.into()), ..Given::default() };
+    let given = ShotOptions { scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() };
     Project::open(&demo(), &OpenOptions::default(), &given).unwrap()
 }
 
 /// The project of tests in which nothing virtual is looked at.
 fn plain() -> Project {
-    let given = Given { scene: scene_or_none(), ..Given::default() };
+    let given = ShotOptions { scene: scene_or_none(), ..ShotOptions::default() };
     Project::open(&demo(), &OpenOptions::default(), &given).unwrap()
 }
 

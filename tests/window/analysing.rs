@@ -15,7 +15,7 @@ use egui_kittest::kittest::Queryable;
 use locard::compositor::Target;
 use locard::params::Value;
 use locard::recording::OpenOptions;
-use locard::shot::{AnalysisState, Given, Shot};
+use locard::shot::{AnalysisState, Shot, ShotOptions};
 use locard::simulate::{self, Flaws, Options};
 use locard::window::{App, DEMO_SCENE, JobState, Project};
 
@@ -52,9 +52,9 @@ fn site() -> (tempfile::TempDir, PathBuf) {
     (folder, site)
 }
 
-fn given() -> Given {
+fn given() -> ShotOptions {
     let no_shadows = ["shadow.cast=false", "shadow.on_things=false"].map(str::to_owned).to_vec();
-    Given { scene: Some(DEMO_SCENE.into()), sets: fast_or_full(no_shadows, vec![]), ..Given::default() }
+    ShotOptions { scene: Some(DEMO_SCENE.into()), sets: fast_or_full(no_shadows, vec![]), ..ShotOptions::default() }
 }
 
 fn open(site: &Path) -> Harness<'static, App> {
@@ -124,14 +124,14 @@ fn footage_is_analysed_and_taken_over_where_one_is() {
 
     // What the analysis found holds for this recording alone: no profile takes it.
     let project = window.state_mut().project_mut();
-    assert!(!project.shot().baseline().found.is_empty());
+    assert!(!project.shot().baseline().estimated.is_empty());
     let profile = site.with_file_name("mine.toml");
     project.save_profile(&profile).unwrap();
     let text = std::fs::read_to_string(&profile).unwrap();
     assert!(!text.contains("readout_time_s") && !text.contains("point_spread"), "{text}");
 
     // How bright the frames are.
-    let seen_ev = window.state().project().shot().seen_ev();
+    let seen_ev = window.state().project().shot().relative_ev();
     assert_eq!(seen_ev.len(), frames());
     press(&mut window, "Match");
     press(&mut window, "Light over the frames");

@@ -25,7 +25,7 @@ fn open(frame: usize) -> Harness<'static, App> {
 
 /// Where a point of the world is on the screen.
 fn at(window: &Harness<'_, App>, frame: usize, point_m: [f64; 3]) -> Pos2 {
-    let px = window.state().project().shot().eye(frame).unwrap().project(point_m.into()).unwrap();
+    let px = window.state().project().shot().posed_camera(frame).unwrap().project(point_m.into()).unwrap();
     window.state().on_screen(egui::vec2(px.x as f32, px.y as f32)).unwrap()
 }
 

@@ -14,7 +14,7 @@ use glam::{DVec2, DVec3};
 use locard::analyse::{Analysis, Environment, LightFindings};
 use locard::recording::OpenOptions;
 use locard::scene::{LightingOrigin, SceneFile, SceneItem, Size, load_file};
-use locard::shot::{AnalysisState, Given};
+use locard::shot::{AnalysisState, ShotOptions};
 use locard::simulate::Flaws;
 use locard::window::{App, HistoryRecord, Project};
 
@@ -50,7 +50,7 @@ fn on_screen(window: &Harness<'_, App>, px: DVec2) -> Pos2 {
 }
 
 fn seen(window: &Harness<'_, App>, point_m: DVec3) -> Option<DVec2> {
-    window.state().project().shot().eye(0).unwrap().project(point_m)
+    window.state().project().shot().posed_camera(0).unwrap().project(point_m)
 }
 
 fn at_m(window: &Harness<'_, App>, lamp: SceneItem) -> DVec3 {
@@ -68,7 +68,7 @@ fn at_rim(window: &Harness<'_, App>, towards: DVec2, inset: f64) -> Pos2 {
 
 /// The way from the middle of the picture to what lies outside it, or behind the camera.
 fn towards(window: &Harness<'_, App>, point_m: [f64; 3]) -> DVec2 {
-    let way = || window.state().project().shot().eye(0).unwrap().way_to(point_m.into()).truncate();
+    let way = || window.state().project().shot().posed_camera(0).unwrap().vector_to(point_m.into()).truncate();
     let size = picture_px();
     let seen = seen(window, point_m.into());
     assert!(seen.is_none_or(|px| px.min_element() < 0.0 || px.cmpgt(size).any()), "{seen:?}");
@@ -88,7 +88,7 @@ fn text(window: &mut Harness<'_, App>) -> String {
     let mut project = Project::open(
         &demo(),
         &OpenOptions::default(),
-        &Given { scene: Some("scenes/demo.toml".into()), ..Given::default() },
+        &ShotOptions { scene: Some("scenes/demo.toml".into()), ..ShotOptions::default() },
     )
     .unwrap();
     project.restore(window.state().project().edit().clone(), HistoryRecord::default()).unwrap();
@@ -118,7 +118,7 @@ fn a_lamp_outside_the_picture_is_selected_at_the_rim_and_dragged_there() {
     let (moved, by) = (shown(&window), at_m(&window, LAMP) - DVec3::from(LAMP_AT));
     assert!(moved != first && by.length() > 0.3, "{by}");
     // What hangs stays as far before the eye as it was: across the sight of where the dot is.
-    let eye = window.state().project().shot().eye(0).unwrap();
+    let eye = window.state().project().shot().posed_camera(0).unwrap();
     let size = window.state().on_screen(egui::vec2(1.0, 0.0)).unwrap() - on_screen(&window, DVec2::ZERO);
     let px = (from - on_screen(&window, DVec2::ZERO)) / size.x;
     let sight = eye.ray(DVec2::new(px.x.into(), px.y.into())).unwrap().direction;
@@ -164,7 +164,7 @@ fn a_lamp_in_the_picture_goes_where_the_pointer_goes() {
     let there = on_screen(&window, seen(&window, now).unwrap());
     // To a tenth of a millimetre of the world; rows of the picture have moments of their own.
     assert!(there.distance(to) < 0.5, "{there:?} {to:?}");
-    let eye = window.state().project().shot().eye(0).unwrap();
+    let eye = window.state().project().shot().posed_camera(0).unwrap();
     let across = (now - here).dot((here - eye.position_m()).normalize());
     assert!(across.abs() < 1e-3, "{across}");
 
@@ -302,7 +302,8 @@ fn analysed_site() -> (tempfile::TempDir, Project) {
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");
     let scene = format!("version = 1\nup = \"z\"\n[[objects]]\nmodel = {model:?}\nposition_m = [0.0, 0.12, 0.0]\n");
     std::fs::write(&file, scene).unwrap();
-    let given = Given { scene: Some(file), sets: NO_SHADOWS.map(str::to_owned).to_vec(), ..Given::default() };
+    let given =
+        ShotOptions { scene: Some(file), sets: NO_SHADOWS.map(str::to_owned).to_vec(), ..ShotOptions::default() };
     let project = Project::open(&folder.path().join("site"), &OpenOptions::default(), &given).unwrap();
     (folder, project)
 }
@@ -383,7 +384,7 @@ fn the_light_that_was_found_is_taken_into_the_scene_and_saved_with_its_panorama(
     // Another case's panorama is in the way, and stays.
     std::fs::write(folder.path().join("case-light.hdr"), "another").unwrap();
     let sets = if is_full() { Vec::new() } else { NO_SHADOWS.map(str::to_owned).to_vec() };
-    let given = Given { scene: Some(file.clone()), sets, ..Given::default() };
+    let given = ShotOptions { scene: Some(file.clone()), sets, ..ShotOptions::default() };
     let open = || Project::open(&folder.path().join("site"), &OpenOptions::default(), &given).unwrap();
     assert!(matches!(open().shot().analysis, AnalysisState::Used(..)));
     let mut window = window(open(), egui::vec2(1400.0, 1000.0));
@@ -427,7 +428,7 @@ fn the_light_that_was_found_is_taken_into_the_scene_and_saved_with_its_panorama(
 
 #[test]
 fn a_lamp_that_is_added_to_a_guessed_light_leaves_the_rest_as_it_is() {
-    let project = Project::open(&demo(), &OpenOptions::default(), &Given::default()).unwrap();
+    let project = Project::open(&demo(), &OpenOptions::default(), &ShotOptions::default()).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 1000.0));
     let project = window.state_mut().project_mut();
     let guessed = load_file(&SceneFile::default(), Path::new("scene.toml"), Some(DVec3::Z)).unwrap().lighting;

@@ -21,7 +21,7 @@ use locard::compositor::Target;
 use locard::live::{self, LiveOptions, LiveSpec};
 use locard::params::Value;
 use locard::recording::{OpenOptions, Recording};
-use locard::shot::{Given, Shot};
+use locard::shot::{Shot, ShotOptions};
 use locard::window::{App, Project};
 
 /// The site's video over and over. In the fast tier it is compressed, at a third of the frame rate.
@@ -59,7 +59,8 @@ fn window_of(site: &Site, video: &str, sets: &[&str]) -> Harness<'static, App> {
     let opened = live::open(&LiveSpec::new(video, &tags), Some(&camera)).unwrap();
     let shadows: &[&str] = if is_full() { &[] } else { &["shadow.cast=false", "shadow.on_things=false"] };
     let sets = sets.iter().chain(shadows).map(ToString::to_string).collect();
-    let given = Given { profile: Some(profile), sets, scene: Some(site.scene().into()), ..Given::default() };
+    let given =
+        ShotOptions { profile: Some(profile), sets, scene: Some(site.scene().into()), ..ShotOptions::default() };
     let mut project = Project::of(opened.recording(), 1.0, &given).unwrap();
     project.camera = Some(LiveSpec::new(video, &tags));
     let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());
@@ -95,7 +96,7 @@ fn frozen_it_is_a_recording_that_shows_what_was_seen_and_the_camera_comes_back()
     assert_eq!(shown(&window), composited(&shot, frame));
     // Its own profile and poses are all that it needs.
     let path = &shot.recording.path;
-    let alone = Given { scene: Some(site.path("scene.toml").into()), ..Given::default() };
+    let alone = ShotOptions { scene: Some(site.path("scene.toml").into()), ..ShotOptions::default() };
     let alone = Shot::open(path, &OpenOptions::default(), &alone).unwrap();
     assert_eq!(shown(&window), composited(&alone, frame));
     assert!(shown(&window) != codes(&alone.read(frame).unwrap().pixels), "the marker is seen");
@@ -132,7 +133,7 @@ fn what_is_recorded_while_it_is_seen_gives_the_same_pictures() {
     }
     window.get_by_label("Stop").click();
     shows(&mut window, "Record…");
-    let given = Given { scene: Some(site.path("scene.toml").into()), ..Given::default() };
+    let given = ShotOptions { scene: Some(site.path("scene.toml").into()), ..ShotOptions::default() };
     let shot = Shot::of(Recording::open(&folder, &OpenOptions::default()).unwrap(), &given).unwrap();
     for (frame, codes) in seen {
         assert!(codes == composited(&shot, frame), "frame {frame}");
@@ -388,7 +389,7 @@ fn a_camera_is_calibrated_while_it_is_shown_and_the_result_is_taken_or_left() {
     let (video, profile) = (held(&site), Path::new(&site.path("camera.toml")).to_owned());
     let camera = locard::profile::Rig::of_file(&profile).unwrap().camera();
     let opened = live::open(&LiveSpec::new(&video, "none"), Some(&camera)).unwrap();
-    let given = Given { profile: Some(profile), ..Given::default() };
+    let given = ShotOptions { profile: Some(profile), ..ShotOptions::default() };
     let mut project = Project::of(opened.recording(), 1.0, &given).unwrap();
     project.camera = Some(LiveSpec::new(&video, "none"));
     let builder = Harness::builder().with_size(egui::vec2(1400.0, 900.0)).renderer(Device::new());

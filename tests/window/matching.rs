@@ -14,7 +14,7 @@ use locard::calibrate::{PickedRegion, SceneMotion, picked_noise};
 use locard::params::Value;
 use locard::pixels::{Pixels, Rect};
 use locard::recording::OpenOptions;
-use locard::shot::Given;
+use locard::shot::ShotOptions;
 use locard::window::{App, DEMO, DEMO_SCENE, Project};
 
 /// The lower edge of the front box, and wall without anything on it.
@@ -29,8 +29,11 @@ fn recording() -> PathBuf {
 }
 
 fn open() -> Harness<'static, App> {
-    let given =
-        Given { scene: Some(DEMO_SCENE.into()), sets: vec!["shadow.cast=false".to_owned()], ..Given::default() };
+    let given = ShotOptions {
+        scene: Some(DEMO_SCENE.into()),
+        sets: vec!["shadow.cast=false".to_owned()],
+        ..ShotOptions::default()
+    };
     let project = Project::open(&recording(), &OpenOptions::default(), &given).unwrap();
     worked::window(project, vec2(1400.0, 1200.0))
 }
@@ -46,7 +49,7 @@ fn before_the_wall(light: f64) -> (tempfile::TempDir, Harness<'static, App>) {
          rotation_deg = [0, 0, 12]\nscale = 5.0\n[light]\nenvironment = {sky:?}\nenvironment_intensity = {light}\n"
     );
     std::fs::write(&path, text).unwrap();
-    let given = Given { scene: Some(path), ..Given::default() };
+    let given = ShotOptions { scene: Some(path), ..ShotOptions::default() };
     let mut project = Project::open(&recording(), &OpenOptions::default(), &given).unwrap();
     // It stands in the wall, and what blurs besides is off.
     project.set("depth", "occlusion", &Value::Bool(false)).unwrap();
@@ -157,7 +160,7 @@ fn an_edge_that_is_picked_gives_the_sharpness_which_is_taken_and_undone() {
     let shot = window.state().project().shot().clone();
     let frame = shot.read(0).unwrap();
     let at = glam::DVec2::new(f64::from(EDGE.x0 + EDGE.x1), f64::from(EDGE.y0 + EDGE.y1)) / 2.0;
-    let moved = shot.moved_px(&frame, at, &shot.surface_at(&frame, at).unwrap()).unwrap();
+    let moved = shot.motion_px(&frame, at, &shot.surface_at(&frame, at).unwrap()).unwrap();
     let found = edge(&frame.pixels, &shot.camera().response, EDGE, moved.to_array()).unwrap();
     await_text(&mut window, &format!("σ {:.3} ± {:.3} px", found.sigma_px, found.uncertainty_px));
     assert!(window.query_by_role_and_label(Role::Image, "Measured edges").is_some());
@@ -363,7 +366,7 @@ fn plots_appear_and_only_those_that_are_open_are_computed() {
     assert!(window.query_by_role_and_label(Role::Image, "Mean of a patch").is_some());
     // What happens to the point under the pointer: how far a point of the floor is follows from the camera's pose alone.
     let floor_m = glam::DVec3::new(-0.2, -0.1, 0.0);
-    let px = shot.eye(0).unwrap().project(floor_m).unwrap();
+    let px = shot.posed_camera(0).unwrap().project(floor_m).unwrap();
     let depth_m = shot.recording.pose_at_frame(0).unwrap().transform_point(floor_m).z;
     let at = window.state().on_screen(vec2(px.x as f32, px.y as f32)).unwrap();
     window.hover_at(at);

@@ -9,7 +9,7 @@ use eframe::egui::{self, Event, Modifiers, PointerButton, accesskit::Role};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
 use locard::recording::{OpenOptions, Recording};
-use locard::shot::Given;
+use locard::shot::ShotOptions;
 use locard::window::{App, Project};
 
 const SIZE: egui::Vec2 = egui::vec2(1400.0, 900.0);
@@ -26,7 +26,7 @@ fn without_camera(folder: &Path) -> PathBuf {
 }
 
 fn open(recording: &Path) -> Project {
-    Project::open(recording, &OpenOptions::default(), &Given::default()).unwrap()
+    Project::open(recording, &OpenOptions::default(), &ShotOptions::default()).unwrap()
 }
 
 /// A window whose first picture is not composited.
@@ -117,7 +117,7 @@ fn a_profile_of_another_size_is_refused_with_both_sizes() {
     let temp = tempfile::tempdir().unwrap();
     let good = demo().join("camera.toml").canonicalize().unwrap();
     let (other, [width, height]) = profile_of_other_size(&good, temp.path());
-    let given = Given { profile: Some(good.clone()), ..Given::default() };
+    let given = ShotOptions { profile: Some(good.clone()), ..ShotOptions::default() };
     let mut window = window(Project::open(&demo(), &OpenOptions::default(), &given).unwrap(), SIZE);
     drop_file(&mut window, other);
     until(&mut window, |app| app.problem().is_some());
@@ -141,7 +141,7 @@ fn a_profile_without_a_camera_does_not_replace_one_that_has_it() {
     let temp = tempfile::tempdir().unwrap();
     let recording = without_camera(temp.path());
     let good = demo().join("camera.toml").canonicalize().unwrap();
-    let given = Given { profile: Some(good.clone()), ..Given::default() };
+    let given = ShotOptions { profile: Some(good.clone()), ..ShotOptions::default() };
     let mut window = window(Project::open(&recording, &OpenOptions::default(), &given).unwrap(), SIZE);
     let bare = temp.path().join("noise.toml");
     std::fs::write(&bare, "version = 1\n[noise]\nscale = 2.0\n").unwrap();
@@ -259,7 +259,7 @@ fn warnings_of_a_recording_stay_in_view_and_a_click_shows_them_whole() {
     let hlg = "walk.mp4 is in HLG (high dynamic range); the light on objects is wrong";
     let mut recording = Recording::open(&demo(), &OpenOptions::default()).unwrap();
     recording.warnings = vec![hlg.to_owned(), "2 of 30 pictures are missing".to_owned()];
-    let mut window = window(Project::of(recording, 1.0, &Given::default()).unwrap(), SIZE);
+    let mut window = window(Project::of(recording, 1.0, &ShotOptions::default()).unwrap(), SIZE);
     // The message at the start is long read, and something else has been done.
     let begun = std::time::Instant::now();
     while begun.elapsed().as_secs_f64() < 4.5 {

@@ -8,7 +8,7 @@ use crate::worked::{Device, demo, has, shows};
 use eframe::egui;
 use egui_kittest::Harness;
 use locard::recording::OpenOptions;
-use locard::shot::Given;
+use locard::shot::ShotOptions;
 use locard::window::{App, Project};
 
 fn filmed(file: &Path, options: &[&str]) {
@@ -23,7 +23,7 @@ fn high_dynamic_range_is_told_as_the_recording_opens() {
     let tags = ["-color_trc", "arib-std-b67", "-color_primaries", "bt2020", "-colorspace", "bt2020nc"];
     filmed(&folder.path().join("a.mp4"), &tags);
     std::fs::write(folder.path().join("recording.toml"), "version = 1\n[frames]\nvideo = \"a.mp4\"\n").unwrap();
-    let given = Given { profile: Some(demo().join("camera.toml")), ..Given::default() };
+    let given = ShotOptions { profile: Some(demo().join("camera.toml")), ..ShotOptions::default() };
     let project = Project::open(folder.path(), &OpenOptions::default(), &given).unwrap();
     let mut window = window_without_picture(project);
     window.run_steps(2);
@@ -39,7 +39,7 @@ fn start_page_names_the_folder_of_the_recording_that_is_open() {
     filmed(&folder.join("a.mp4"), &[]);
     std::fs::write(folder.join("recording.toml"), "version = 1\nname = \"demo\"\n[frames]\nvideo = \"a.mp4\"\n")
         .unwrap();
-    let given = Given { profile: Some(demo().join("camera.toml")), ..Given::default() };
+    let given = ShotOptions { profile: Some(demo().join("camera.toml")), ..ShotOptions::default() };
     let project = Project::open(&folder, &OpenOptions::default(), &given).unwrap();
     let mut window = window_without_picture(project);
     window.state_mut().show_start(true);
@@ -64,7 +64,7 @@ fn first_frame_that_cannot_be_read_is_not_promised() {
     let bytes = std::fs::read(&first).unwrap();
     // Its header alone is read as the recording opens.
     std::fs::write(&first, &bytes[..bytes.len() / 2]).unwrap();
-    let project = Project::open(&recording, &OpenOptions::default(), &Given::default()).unwrap();
+    let project = Project::open(&recording, &OpenOptions::default(), &ShotOptions::default()).unwrap();
     let mut window = window_without_picture(project);
     shows(&mut window, "This frame cannot be shown");
 }

@@ -32,7 +32,7 @@ fn open_with(sets: &[&str]) -> Harness<'static, App> {
 
 /// Clicks where a point of the world is seen.
 fn click(window: &mut Harness<'_, App>, point_m: [f64; 3]) {
-    let px = window.state().project().shot().eye(frame()).unwrap().project(point_m.into()).unwrap();
+    let px = window.state().project().shot().posed_camera(frame()).unwrap().project(point_m.into()).unwrap();
     let at = window.state().on_screen(egui::vec2(px.x as f32, px.y as f32)).unwrap();
     click_at(window, at);
 }
@@ -71,7 +71,7 @@ fn a_thing_is_turned_by_dragging_from_its_place() {
     let (objects, steps) =
         (window.state().project().edit().scene.objects.len(), window.state().project().history().names().0.count());
     let on_screen = |window: &Harness<'_, App>, point_m: [f64; 3]| {
-        let px = window.state().project().shot().eye(frame()).unwrap().project(point_m.into()).unwrap();
+        let px = window.state().project().shot().posed_camera(frame()).unwrap().project(point_m.into()).unwrap();
         window.state().on_screen(egui::vec2(px.x as f32, px.y as f32)).unwrap()
     };
     let (at_m, towards_m) = ([0.1, -0.2, 0.0], [0.25, -0.05, 0.0]);
@@ -190,7 +190,8 @@ fn what_is_placed_faces_whoever_looks_and_its_heading_is_the_whole_turn() {
     for point_m in [[0.1, -0.2, 0.0], [-0.3, -0.3, 0.0]] {
         click(&mut window, point_m);
         let Some(SceneItem::Object(entry)) = window.state().selected() else { panic!() };
-        let to_camera = window.state().project().shot().eye(frame()).unwrap().position_m() - DVec3::from(point_m);
+        let to_camera =
+            window.state().project().shot().posed_camera(frame()).unwrap().position_m() - DVec3::from(point_m);
         let off = faces(&window, entry).dot(to_camera.truncate().normalize());
         // The depth is noisy, and a tenth of a degree is written.
         assert!(off > 0.9999, "{point_m:?}: {off}");

@@ -8,11 +8,11 @@ use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use locard::params::{Value, title};
 use locard::recording::OpenOptions;
-use locard::shot::Given;
+use locard::shot::ShotOptions;
 use locard::window::{App, DEMO_SCENE, Project};
 
 fn open_at(recording: &std::path::Path, size: egui::Vec2) -> Harness<'static, App> {
-    let given = Given { scene: scene_or_none(), ..Given::default() };
+    let given = ShotOptions { scene: scene_or_none(), ..ShotOptions::default() };
     window(Project::open(recording, &OpenOptions::default(), &given).unwrap(), size)
 }
 
@@ -44,7 +44,7 @@ fn a_small_window_shows_the_evidence_when_a_model_is_dropped_or_missing() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("case.toml");
     std::fs::write(&scene, "version = 1\n\n[[objects]]\nmodel = \"knife.glb\"\n").unwrap();
-    let given = Given { scene: Some(scene), ..Given::default() };
+    let given = ShotOptions { scene: Some(scene), ..ShotOptions::default() };
     let project = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
     let mut window = self::window(project, egui::vec2(640.0, 480.0));
     window.run_steps(2);
@@ -60,7 +60,7 @@ fn the_selection_follows_the_scene_while_no_panel_is_shown() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("case.toml");
     std::fs::write(&scene, "version = 1\n").unwrap();
-    let given = Given { scene: Some(scene), ..Given::default() };
+    let given = ShotOptions { scene: Some(scene), ..ShotOptions::default() };
     let project = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
     let mut window = window(project, egui::vec2(1280.0, 480.0));
     window.state_mut().project_mut().change_scene("lamp", |scene| _ = scene.add_lamp(glam::DVec3::Z)).unwrap();
@@ -106,7 +106,7 @@ fn the_title_tells_recordings_of_one_name_apart() {
     let recording = temp.path().join("case 7/demo");
     std::fs::create_dir(temp.path().join("case 7")).unwrap();
     program::copied(&demo(), &recording);
-    let given = Given { scene: Some(DEMO_SCENE.into()), ..Given::default() };
+    let given = ShotOptions { scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() };
     let project = Project::open(&recording, &OpenOptions::default(), &given).unwrap();
     let window = window(project, egui::vec2(900.0, 600.0));
     assert_eq!(window.state().title(), "case 7/demo – demo.toml – Locard");

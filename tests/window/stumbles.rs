@@ -13,11 +13,11 @@ use egui_kittest::kittest::Queryable;
 use locard::params::Value;
 use locard::recording::OpenOptions;
 use locard::scene::Entry;
-use locard::shot::Given;
+use locard::shot::ShotOptions;
 use locard::window::{App, DEMO, DEMO_SCENE, Project, Start};
 
 fn open_at(recording: &Path) -> Harness<'static, App> {
-    let given = Given { scene: Some(DEMO_SCENE.into()), ..Given::default() };
+    let given = ShotOptions { scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() };
     window(Project::open(recording, &OpenOptions::default(), &given).unwrap(), egui::vec2(1400.0, 1000.0))
 }
 
@@ -27,7 +27,7 @@ fn open() -> Harness<'static, App> {
 
 /// The window of tests in which nothing virtual is looked at.
 fn open_plain() -> Harness<'static, App> {
-    let given = Given { scene: scene_or_none(), ..Given::default() };
+    let given = ShotOptions { scene: scene_or_none(), ..ShotOptions::default() };
     window(Project::open(&demo(), &OpenOptions::default(), &given).unwrap(), egui::vec2(1400.0, 1000.0))
 }
 
@@ -139,7 +139,7 @@ fn double_click_takes_the_profiles_value_and_else_the_default() {
     let temp = tempfile::tempdir().unwrap();
     let profile = temp.path().join("mine.toml");
     std::fs::write(&profile, "version = 1\n[noise]\nscale = 0.5\n").unwrap();
-    let given = Given { profile: Some(profile), scene: scene_or_none(), ..Given::default() };
+    let given = ShotOptions { profile: Some(profile), scene: scene_or_none(), ..ShotOptions::default() };
     let project = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 1000.0));
     for (words, slider, name, of_profile) in [

@@ -5,7 +5,7 @@ use eframe::egui;
 use egui_kittest::kittest::Queryable;
 use glam::DVec3;
 use locard::recording::OpenOptions;
-use locard::shot::Given;
+use locard::shot::ShotOptions;
 use locard::window::Project;
 
 #[test]
@@ -20,7 +20,7 @@ fn foot_that_hovers_on_a_slope_is_put_on_the_surface() {
          ground = true\nheading_deg = 40\n"
     );
     std::fs::write(&scene, text).unwrap();
-    let given = Given { scene: Some(scene), ..Given::default() };
+    let given = ShotOptions { scene: Some(scene), ..ShotOptions::default() };
     let project = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 1000.0));
     window.get_by_role_and_label(egui::accesskit::Role::Button, "marker-1").click();

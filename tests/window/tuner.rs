@@ -11,11 +11,11 @@ use egui_kittest::kittest::Queryable;
 use locard::compositor::Target;
 use locard::params::{Kind, Params, Value};
 use locard::recording::OpenOptions;
-use locard::shot::{Given, Shot};
+use locard::shot::{Shot, ShotOptions};
 use locard::window::{App, Origin, Project};
 
-fn given(profile: Option<&Path>) -> Given {
-    Given { profile: profile.map(Into::into), scene: Some("scenes/demo.toml".into()), ..Given::default() }
+fn given(profile: Option<&Path>) -> ShotOptions {
+    ShotOptions { profile: profile.map(Into::into), scene: Some("scenes/demo.toml".into()), ..ShotOptions::default() }
 }
 
 fn open(profile: Option<&Path>) -> Harness<'static, App> {
@@ -29,13 +29,13 @@ fn open_plain(profile: Option<&Path>) -> Harness<'static, App> {
     window(project, egui::vec2(1400.0, 900.0))
 }
 
-fn plain(profile: Option<&Path>) -> Given {
-    Given { scene: scene_or_none(), ..given(profile) }
+fn plain(profile: Option<&Path>) -> ShotOptions {
+    ShotOptions { scene: scene_or_none(), ..given(profile) }
 }
 
 /// What `locard composite` writes with these settings.
 fn written(sets: &[&str], frame: usize) -> Vec<[u8; 3]> {
-    let given = Given { sets: sets.iter().map(ToString::to_string).collect(), ..given(None) };
+    let given = ShotOptions { sets: sets.iter().map(ToString::to_string).collect(), ..given(None) };
     let mut shot = Shot::open(&demo(), &OpenOptions::default(), &given).unwrap();
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let pending = shot.picture(&mut compositor, frame, Target::Pixels).unwrap();
@@ -260,7 +260,7 @@ fn a_click_places_evidence_on_the_surface_that_is_seen() {
     let scene = temp.path().join("scene.toml");
     let text = "# mine\nversion = 1\nup = \"z\"\n";
     std::fs::write(&scene, text).unwrap();
-    let given = Given { scene: Some(scene.clone()), ..Given::default() };
+    let given = ShotOptions { scene: Some(scene.clone()), ..ShotOptions::default() };
     let project = Project::open(&demo(), &OpenOptions::default(), &given).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 900.0));
     window.state_mut().player_mut().seek(demo_frame(30));
@@ -330,7 +330,7 @@ fn it_asks_before_changes_are_lost() {
 fn a_damaged_frame_is_said_and_the_others_are_shown() {
     let temp = tempfile::tempdir().unwrap();
     program::with_a_truncated_frame(temp.path());
-    let given = Given { profile: Some("profiles/simulated.toml".into()), ..Given::default() };
+    let given = ShotOptions { profile: Some("profiles/simulated.toml".into()), ..ShotOptions::default() };
     let project = Project::open(temp.path(), &OpenOptions::default(), &given).unwrap();
     let mut window = window(project, egui::vec2(1000.0, 700.0));
     window.state_mut().player_mut().seek(3);

@@ -19,7 +19,7 @@ use locard_engine::params::Value;
 use locard_engine::pixels::{Pixels, Rect};
 use locard_engine::profile::Rig;
 use locard_engine::recording::OpenOptions;
-use locard_engine::shot::{Given, Shot};
+use locard_engine::shot::{Shot, ShotOptions};
 use locard_engine::sink::atomic::write_atomically;
 use locard_engine::source::still;
 use locard_engine::text::{fixed, number};
@@ -63,7 +63,7 @@ impl Source {
             }
             return Ok(Self::Picture(rig.camera().response, still::read_pixels(&args.what)?));
         }
-        let given = Given { profile: args.profile.clone(), ..Given::default() };
+        let given = ShotOptions { profile: args.profile.clone(), ..ShotOptions::default() };
         let shot = Shot::open(&args.what, &OpenOptions::default(), &given)?;
         let Some(frame) = args.frame else { bail!("which frame of the recording? Give --frame N") };
         crate::cli::check_frame(frame, shot.recording.frame_count())?;
@@ -76,7 +76,7 @@ impl Source {
         let Self::Recording(shot, frame) = self else { return None };
         let at = DVec2::new(f64::from(region.x0 + region.x1), f64::from(region.y0 + region.y1)) / 2.0;
         let surface = shot.surface_at(frame, at).ok()?;
-        shot.moved_px(frame, at, &surface).ok()
+        shot.motion_px(frame, at, &surface).ok()
     }
 
     fn measure(&self, region: Rect, moved_px: [f64; 2]) -> Result<SlantedEdge> {

@@ -7,7 +7,7 @@ use crate::cli::pick::{numbers, of_view, view};
 use locard_engine::analyse::{self, Analysis, Environment, LightFindings, MAX_LAMPS};
 use locard_engine::parallel::processors;
 use locard_engine::shadow::OnWhite;
-use locard_engine::shot::{Shot, SurfaceError, View};
+use locard_engine::shot::{FramePoint, Shot, SurfaceError};
 use locard_engine::text::number;
 
 /// How far away a lamp may be, m.
@@ -21,10 +21,10 @@ const AS_IN: &str = "FRAME:X,Y, and where depth says nothing how far away it is 
 /// A lamp in a frame's picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pointed {
-    view: View,
+    view: FramePoint,
     /// From the camera, m.
     far_m: Option<f64>,
-    also: Vec<View>,
+    also: Vec<FramePoint>,
 }
 
 impl Pointed {
@@ -44,7 +44,7 @@ impl Pointed {
         if !(NEAREST_M..=FARTHEST_M).contains(&far_m) {
             return Err(format!("{text}: accepted is a distance of {NEAREST_M} to {FARTHEST_M} metres"));
         }
-        Ok(Self { view: View { frame, at_px: DVec2::new(x, y) }, far_m: Some(far_m), also })
+        Ok(Self { view: FramePoint { frame, at_px: DVec2::new(x, y) }, far_m: Some(far_m), also })
     }
 
     /// Where it is, world axes, m.
@@ -53,9 +53,9 @@ impl Pointed {
     }
 
     fn place_in(&self, shot: &Shot) -> Result<DVec3> {
-        let View { frame, at_px } = self.view;
+        let FramePoint { frame, at_px } = self.view;
         if !self.also.is_empty() {
-            let views: Vec<View> = std::iter::once(self.view).chain(self.also.iter().copied()).collect();
+            let views: Vec<FramePoint> = std::iter::once(self.view).chain(self.also.iter().copied()).collect();
             return Ok(shot.triangulate(&views)?.point_m);
         }
         let picture = shot.read(frame)?;
@@ -64,7 +64,7 @@ impl Pointed {
             return Err(SurfaceError::Outside { at_px: at_px.to_array(), width, height }.into());
         }
         if let Some(far_m) = self.far_m {
-            let ray = shot.eye(frame)?.ray(at_px).ok_or(SurfaceError::NoRay { at_px: at_px.to_array() })?;
+            let ray = shot.posed_camera(frame)?.ray(at_px).ok_or(SurfaceError::NoRay { at_px: at_px.to_array() })?;
             return Ok(ray.at(far_m));
         }
         match shot.surface_at(&picture, at_px) {

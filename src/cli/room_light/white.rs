@@ -6,7 +6,7 @@ use glam::Vec3;
 use crate::cli::pick::{of_view, triple, view};
 use locard_engine::analyse::WHITE_REFLECTANCE;
 use locard_engine::scene::{LightCorrection, Lighting};
-use locard_engine::shot::{ReferencePick, Shot, White};
+use locard_engine::shot::{ReferencePick, Shot, WhiteReference};
 use locard_engine::text::{fixed, number};
 
 /// Reflectances of matt surfaces that are accepted: black cloth reflects 0.03, fresh snow 0.9.
@@ -36,7 +36,8 @@ pub fn correction(
     lighting: &Lighting,
     (upward, between): (Vec3, Option<[f64; 2]>),
 ) -> Result<(LightCorrection, Vec<(&'static str, String)>)> {
-    let whites = shot.white_at(picks, lighting).map_err(|(n, error)| anyhow!(error).context(named(&picks[n])))?;
+    let whites =
+        shot.white_references(picks, lighting).map_err(|(n, error)| anyhow!(error).context(named(&picks[n])))?;
     let mut lines: Vec<_> = picks.iter().zip(&whites).map(|(pick, white)| ("white", about(pick, white))).collect();
     let factors: Vec<[f64; 3]> = whites.iter().map(|white| white.factors).collect();
     let (correction, [low, high]) = LightCorrection::mean_of(&factors);
@@ -64,7 +65,7 @@ fn named(pick: &ReferencePick) -> String {
     format!("--white {}", of_view(&pick.view))
 }
 
-fn about(pick: &ReferencePick, white: &White) -> String {
+fn about(pick: &ReferencePick, white: &WhiteReference) -> String {
     let colours = |light: [f64; 3]| light.map(|v| fixed(v, 2)).join(", ");
     let expected = white.comes.light().to_array().map(|v| pick.reflectance * f64::from(v));
     let hidden = white.comes.lamps.iter().enumerate().filter(|(_, (by, seen))| *seen == 0.0 && by.max_element() > 0.0);

@@ -1,30 +1,34 @@
-//! Lights that stand out, for `layered`: their images drawn one by one.
+//! Highlights, for `layered`: bokeh sprites of bright points.
 //!
-//! Gathering at a quarter of the resolution draws an image of the opening in steps of four pixels. Where the image is
-//! brighter than the picture can show, its rim is visible, and so are the steps. Therefore blocks of 4×4 px that stand
-//! out are removed from the pyramid before anything is gathered: those whose mean exceeds twice white and eight times
-//! the mean of the 48×48 px around, and their neighbours unless these are as dark as the surroundings. Their images are
-//! drawn over the result: the opening's outline around the middle of the block's light, with a rim across each side as
-//! wide as that light (a square's variance is its side² / 12), and as bright in all as what was removed. Coverage is
-//! gathered as usual: lights this bright cover next to nothing.
+//! Gathering at a quarter of the resolution draws an image of the aperture in steps of four pixels.
+//! If the image is brighter than the picture's white, its rim is visible, and so are the steps.
+//! Therefore highlights are removed from the pyramid before gathering: blocks of 4×4 px whose mean
+//! exceeds twice white and eight times the mean of the 48×48 px around, and their neighbours unless
+//! these are as dark as the surroundings. Their images are drawn over the result: the aperture's
+//! outline around the centroid of the block's light, with a rim across each side as wide as that
+//! light (a square's variance is its side² / 12), and with the total light that was removed.
+//! Coverage is gathered as usual: highlights cover next to nothing.
 //!
-//! Where a block contains two surfaces, the pyramid has only the nearer one's light. The farther one's is then looked
-//! up in the layer itself, so that a light at an edge, or half behind it, is not lost.
+//! In a block with two surfaces, the pyramid has only the nearer one's light. The farther one's
+//! light is then read from the layer itself, so that a highlight at an edge, or half behind it, is
+//! not lost.
 //!
-//! Not modelled: a farther light is hidden only by the nearer of two surfaces, like everything else. Of lights that
-//! form large areas only those that stand out are drawn this way; the rest is gathered.
+//! Not modelled: occlusion of a farther highlight by more than the nearer of two surfaces. Of large
+//! bright areas only the highlights are drawn this way; the rest is gathered.
 
 use super::surroundings::Lens;
 use crate::gpu::{Entry, Recorder, Shader, Texture};
 use crate::render::Layer;
 
-/// From this radius on lights are drawn one by one, px; below it texels are fine enough. The same as in the shader.
-pub const LEAST_RADIUS_PX: f32 = 2.9;
-/// The same as in the shader: pixels per side of a cell, blocks in it, the most lights listed.
+/// Radius from which on highlights are drawn as sprites, px; below it texels are fine enough. The
+/// same as in the shader.
+pub const MIN_RADIUS_PX: f32 = 2.9;
+/// Pixels per side of a cell, blocks of a cell, and largest number of highlights; the same as in
+/// the shader.
 const CELL_PX: u32 = 16;
 const BLOCKS: u64 = 16;
-const MOST: u64 = 8192;
-/// Size of a light, and of what precedes the first one.
+const MAX_HIGHLIGHTS: u64 = 8192;
+/// Size of a highlight, and of the list's head.
 const BYTES: u64 = 32;
 const HEAD_BYTES: u64 = 16;
 
@@ -68,16 +72,17 @@ fn storage(gpu: &crate::gpu::Gpu, size: u64) -> wgpu::Buffer {
 #[derive(Clone, Copy, PartialEq)]
 struct List;
 
-/// The list of lights found, and their number, for the shader that draws them.
+/// The list of highlights with its head, the arguments of the indirect draw.
 pub fn list(recorder: &mut Recorder) -> wgpu::Buffer {
-    recorder.memoized(List, |gpu, _| storage(gpu, HEAD_BYTES + MOST * BYTES))
+    recorder.memoized(List, |gpu, _| storage(gpu, HEAD_BYTES + MAX_HIGHLIGHTS * BYTES))
 }
 
-/// Cache key of the buffers for this many cells: what is left of each block, and how many stand out.
+/// Key of the buffers for a number of cells: the remaining light of each block, and the number of
+/// highlights.
 #[derive(Clone, Copy, PartialEq)]
 struct Cells(u64);
 
-/// Finds lights that stand out in a layer and its pyramid.
+/// Finds the highlights of a layer and its pyramid.
 pub fn find(
     recorder: &mut Recorder,
     lens: &Lens,
@@ -87,7 +92,7 @@ pub fn find(
 ) {
     let cells = (layer.size.0.div_ceil(CELL_PX), layer.size.1.div_ceil(CELL_PX));
     let count = u64::from(cells.0.max(1)) * u64::from(cells.1.max(1));
-    // Rounded up, so that a moving object's rectangle does not make new buffers each frame.
+    // Rounded up, so that a moving object's rectangle does not need new buffers each frame.
     let [left, numbers] = recorder.memoized(Cells(count.next_power_of_two()), |gpu, Cells(count)| {
         [storage(gpu, 4 * BLOCKS * count), storage(gpu, 4 * count)]
     });
@@ -106,7 +111,7 @@ pub fn find(
     }
 }
 
-/// Removes them from the first two levels of the pyramid, which have these sizes.
+/// Removes the highlights from the first two levels of the pyramid, which have these sizes.
 pub fn dim(recorder: &mut Recorder, lens: &Lens, found: &wgpu::Buffer, levels: [(&Texture, (u32, u32)); 2]) {
     for (texels, (level, size)) in [2.0, 1.0].into_iter().zip(levels) {
         let entry = Entry::over("block_corner", "dim").choose("texels_to_block", texels);
@@ -121,12 +126,12 @@ mod tests {
     use crate::gpu::constant;
 
     #[test]
-    fn sizes_are_the_shaders() {
+    fn constants_equal_the_shaders() {
         let shader = Shader::DepthOfFieldHighlights.module();
         let value = |name| constant(&shader, name);
-        assert_eq!(value("LEAST_RADIUS_PX") as f32, LEAST_RADIUS_PX);
+        assert_eq!(value("MIN_RADIUS_PX") as f32, MIN_RADIUS_PX);
         assert_eq!(value("BLOCK_PX") * value("CELL"), f64::from(CELL_PX));
-        assert_eq!([value("BLOCKS"), value("MOST")], [BLOCKS as f64, MOST as f64]);
+        assert_eq!([value("BLOCKS"), value("MAX_HIGHLIGHTS")], [BLOCKS as f64, MAX_HIGHLIGHTS as f64]);
         assert_eq!(value("CELL") * value("CELL"), BLOCKS as f64);
     }
 }

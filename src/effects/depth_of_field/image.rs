@@ -1,9 +1,10 @@
-//! The image of the opening on the texels of a picture, for `layered`.
+//! The image of the aperture on the texels of a picture, for `layered`.
 //!
-//! A texel at d from the middle lies on the rim of the image of radius g(d) = |d| / ρ(angle of d). Its share of an
-//! image of radius r is roughly how much of its width lies inside: r·a − g·a + ½ between 0 and 1, where a is the
-//! distance of the rim's straight parts from the middle (the apothem; 1 for a circle). The table has g·a for each texel
-//! and, for each radius, the rim (about r·a + ½) at which edges are as wide as the opening's.
+//! A texel at d from the middle lies on the rim of the image of radius g(d) = |d| / ρ(angle of d).
+//! Its share of an image of radius r is approximately the part of its width that lies inside:
+//! r·a − g·a + ½ between 0 and 1, where a is the distance of the rim's straight parts from the
+//! middle (the apothem; 1 for a circle). The table has g·a for each texel and, for each radius, the rim
+//! (about r·a + ½) at which edges are as wide as the aperture's.
 
 use std::f64::consts::{PI, TAU};
 
@@ -12,12 +13,13 @@ use crate::gpu::{Bytes, Gpu, constants};
 
 /// Texels to each side. The same as in shaders/depth_of_field.wgsl.
 const REACH: i32 = 13;
-/// Number of radii with a rim, radii per texel, and the radius up to which texels are counted one by one.
+/// Number of radii with a rim, radii per texel, and the radius up to which texels are counted one
+/// by one.
 const RIMS: usize = 64;
 const STEPS: f64 = 4.0;
 const COUNTED: f64 = 8.0;
 
-/// What depends only on the opening's blades, not on its size or focus (the cache key).
+/// The shape of an aperture, without its size and focus: key of its tables.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Blades {
     blades: u32,
@@ -52,8 +54,8 @@ pub fn buffer(gpu: &Gpu, blades: &Blades) -> Bytes {
     Bytes::from(&constants(gpu, "image of the opening", bytemuck::cast_slice(&floats)))
 }
 
-/// Angle between the middles of two sides (0 for a circle) and the angle of one of them, rad; the apothem, in radii;
-/// the area, in squares of the apothem.
+/// Angle between the middles of two sides (0 for a circle) and the angle of one of them, rad; the
+/// apothem, in radii; the area, in squares of the apothem.
 fn shape(opening: &Opening) -> [f64; 4] {
     if opening.blades == 0 {
         return [0.0, 0.0, 1.0, PI];
@@ -62,7 +64,7 @@ fn shape(opening: &Opening) -> [f64; 4] {
     [side, opening.rotation_rad + 0.5 * side, (0.5 * side).cos(), PI / (0.5 * side) * (0.5 * side).tan()]
 }
 
-/// A few points, centred on the opening so that nothing is shifted.
+/// A few points with their centroid at the aperture's middle, so that nothing is shifted.
 fn points(aperture: &Aperture, rings: &[u32]) -> impl Iterator<Item = [f64; 2]> {
     let points = aperture.rings(rings);
     let middle = [0, 1].map(|c| points.iter().map(|p| p[c]).sum::<f64>() / points.len() as f64);
@@ -78,23 +80,25 @@ fn square(reach: i32) -> impl Iterator<Item = (f64, f64)> {
     (-reach..=reach).flat_map(move |y| (-reach..=reach).map(move |x| (f64::from(x), f64::from(y))))
 }
 
-/// Light from a texel at d went through the opening at −d if it is focused behind the picture, at d if in front of it.
+/// Light from a texel at d passed the aperture at −d if it is focused behind the picture, at d if
+/// in front of it.
 fn places(aperture: &Aperture) -> impl Iterator<Item = [[f64; 2]; 2]> {
     let both = |(x, y): (f64, f64)| [place(aperture, -x, -y), place(aperture, x, y)];
     square(REACH).map(move |(x, y)| [both((x, y)), both((x + 0.5, y + 0.5))])
 }
 
-/// For each radius the rim, and how far from the middle the centres of the outermost texels lie.
+/// For each radius the rim, and the distance of the outermost texels' centres from the middle.
 fn rims(aperture: &Aperture) -> Vec<[f64; 2]> {
     let apothem = aperture.apothem();
     let counted = Counted::new(aperture);
     (0..=RIMS)
         .map(|i| {
             let radius = i as f64 / STEPS;
-            let rim = match radius < COUNTED {
-                true => counted.rim(radius, apothem),
+            let rim = if radius < COUNTED {
+                counted.rim(radius, apothem)
+            } else {
                 // A soft rim of half a texel adds 1/8 to a circle's second moment and removes 1/48.
-                false => (radius * radius - 0.104 / aperture.variance()).sqrt() * apothem + 0.5,
+                (radius * radius - 0.104 / aperture.variance()).sqrt() * apothem + 0.5
             };
             [rim, rim / apothem]
         })
@@ -117,10 +121,10 @@ impl Counted {
         Self { reach, places, points: (0..2000).map(|i| aperture.sequence(i)).collect() }
     }
 
-    /// The rim at which edges are as wide as the opening of this radius makes them, by bisection.
+    /// The rim whose edges are as wide as those of an aperture of this radius, by bisection.
     fn rim(&self, radius: f64, apothem: f64) -> f64 {
         let wanted: f64 = [0, 1].map(|axis| width(self.points.iter().map(|p| (radius * p[axis], 1.0)))).iter().sum();
-        // Never so small that the four texels around a point have no share.
+        // Large enough that the four texels around a point have a share.
         let (mut low, mut high) = (apothem.max(0.75), (radius + 1.5) * apothem + 0.5);
         for _ in 0..24 {
             let middle = 0.5 * (low + high);
@@ -143,8 +147,8 @@ impl Counted {
     }
 }
 
-/// The 10-90 % width, in pixels, of an edge blurred by light at these places with these weights, averaged over
-/// positions of the edge between pixels.
+/// The 10-90 % width, in pixels, of an edge blurred by light at these places with these weights,
+/// averaged over positions of the edge between pixels.
 fn width(light: impl Iterator<Item = (f64, f64)>) -> f64 {
     const PLACES: usize = 5;
     let light: Vec<_> = light.filter(|(_, weight)| *weight > 0.0).collect();
@@ -175,7 +179,7 @@ mod tests {
     use crate::gpu::constant;
 
     #[test]
-    fn the_tables_are_as_long_as_the_shaders() {
+    fn table_sizes_equal_the_shaders() {
         let shader = include_str!("../../../shaders/depth_of_field.wgsl");
         let holds = |name| constant(shader, name) as usize;
         let columns = 2 * REACH as usize + 1;

@@ -1,63 +1,67 @@
 //! The method `layered` on the GPU.
 //!
 //! 1. Pyramid: the layer at a half, a quarter and so on, with the range of circles in each texel.
-//! 2. Tiles, at least a third as wide as circles reach (16 px in photographs). The circles that reach into a tile, and
-//!    everything seen through them, determine what to do there: nothing; copying; one surface with small circles (4 or
-//!    12 points of the opening at full resolution) or with large ones (all texels of the opening's image at a half, a
-//!    quarter and so on); two surfaces behind each other, kept apart until the end.
+//! 2. Tiles, at least a third as wide as circles reach (16 px in photographs). The circles that
+//!    reach into a tile, and the surfaces visible through them, determine its kind: empty; copied;
+//!    one surface with small circles (4 or 12 points of the aperture at full resolution) or with
+//!    large ones (all texels of the aperture's image at a half, a quarter and so on); two surfaces
+//!    behind each other, in separate layers until the end.
 //! 3. Lower resolutions, only in the tiles that need them.
 //! 4. The layer's own resolution, which uses the results of 3.
 //!
-//! Texels are weighted by their share of the opening's image (`image`), and linear interpolation distributes all of
-//! each texel's light: energy is kept. The blur that these steps add is subtracted from the image's size, so that the
-//! width of edges is the opening's.
+//! Texels are weighted by their share of the aperture's image (`image`), and linear interpolation
+//! distributes all of each texel's light: energy is conserved. The blur that these steps add is
+//! subtracted from the image's size, so that the width of edges is the aperture's.
 
 use crate::camera::Opening;
-use crate::effects::{LayerRun, Moment};
+use crate::effects::{FrameContext, LayerRun};
 use crate::gpu::{Bytes, Entry, Pass, Recorder, Shader, Texture};
 use crate::render::{COLOR, GEOMETRY, Layer};
 
 use super::highlights;
 use super::image::{self, Blades};
-use super::settings::{WIDEST_PX, circles_px};
+use super::settings::{MAX_CIRCLE_PX, circles_px};
 use super::surroundings::{Lens, PHOTOGRAPHS_TILE_PX, Tiling};
 
 /// Nearest and farthest circle.
 const CIRCLES: wgpu::TextureFormat = wgpu::TextureFormat::Rg16Float;
-/// The number of lower resolutions (a half and so on), and how many of them are drawn at.
+/// Number of lower resolutions (a half and so on), and number of those that are drawn.
 const LEVELS: u32 = 4;
 const DRAWN: usize = 4;
 /// Radii from which half, a quarter and so on of the resolution may be needed, px. The same as in
 /// shaders/shared/lens.wgsl; a test compares them.
 const FROM_PX: [f32; DRAWN] = [2.5, 8.0, 32.0, 64.0];
 
-/// No circle is drawn wider than a quarter of the picture.
-fn widest_px(moment: &Moment<'_>) -> f32 {
-    let i = &moment.picture.intrinsics;
-    (i.width_px.max(i.height_px) as f32 / 4.0).min(WIDEST_PX)
+/// Largest diameter that is drawn, px: a quarter of the picture at most.
+fn max_circle_px(context: &FrameContext<'_>) -> f32 {
+    let i = &context.picture.intrinsics;
+    (i.width_px.max(i.height_px) as f32 / 4.0).min(MAX_CIRCLE_PX)
 }
 
 /// The largest radius drawn, px.
-pub fn largest_radius_px(moment: &Moment<'_>) -> f32 {
-    0.5 * circles_px(moment)[1].min(widest_px(moment))
+pub fn largest_radius_px(context: &FrameContext<'_>) -> f32 {
+    0.5 * circles_px(context)[1].min(max_circle_px(context))
 }
 
-/// How far light spreads: the largest radius, plus the texels looked up there, at most half as wide.
-pub fn reach_px(moment: &Moment<'_>) -> f32 {
-    1.5 * largest_radius_px(moment) + 3.0
+/// Distance to which light spreads, px: the largest radius, plus the texels that are read there, at
+/// most half as wide.
+pub fn reach_px(context: &FrameContext<'_>) -> f32 {
+    1.5 * largest_radius_px(context) + 3.0
 }
 
-/// How far it looks. In a photograph the tiles next to a part must be those of the next part, with all that they see.
-pub fn look_px(moment: &Moment<'_>) -> f32 {
-    let tile_px = if moment.capture.whole { PHOTOGRAPHS_TILE_PX as f32 } else { 0.0 };
-    reach_px(moment) + 2.0 * tile_px
+/// Radius over which pixels are read, px. In a photograph, tiles next to a part must equal those of
+/// the next part, with all that reaches them.
+pub fn read_px(context: &FrameContext<'_>) -> f32 {
+    let tile_px = if context.capture.whole { PHOTOGRAPHS_TILE_PX as f32 } else { 0.0 };
+    reach_px(context) + 2.0 * tile_px
 }
 
-/// Whether everything drawn counts as one surface in a tile: `is_one_surface` of shaders/shared/lens.wgsl.
-fn is_one_surface(moment: &Moment<'_>) -> bool {
-    let Some(opening) = moment.capture.opening else { return true };
-    let [near, far] = moment.depths_m.map(|depth| opening.circle_px(moment.picture.intrinsics.fx_px, depth) as f32);
-    (far - near).abs() < 1.5 + 0.3 * 0.5 * circles_px(moment)[0]
+/// Whether everything drawn counts as one surface in a tile: `is_one_surface` of
+/// shaders/shared/lens.wgsl.
+fn is_one_surface(context: &FrameContext<'_>) -> bool {
+    let Some(opening) = context.capture.opening else { return true };
+    let [near, far] = context.depths_m.map(|depth| opening.circle_px(context.picture.intrinsics.fx_px, depth) as f32);
+    (far - near).abs() < 1.5 + 0.3 * 0.5 * circles_px(context)[0]
 }
 
 /// The lower resolution at which a radius is gathered.
@@ -65,8 +69,8 @@ fn level_of(radius: f32) -> usize {
     FROM_PX.iter().filter(|&&from| radius >= from).count()
 }
 
-/// Sharp, few points, more points, one lower resolution, any of them, two surfaces: vertex entry, fragment entry,
-/// points.
+/// Sharp, few points, more points, one lower resolution, any of them, two surfaces: vertex entry,
+/// fragment entry, points.
 const KINDS: [(&str, &str, f64); 6] = [
     ("sharp_tiles", "sharp", 4.0),
     ("fine_tiles", "fine", 4.0),
@@ -94,8 +98,8 @@ struct Gathering {
 }
 
 impl Gathering {
-    /// A pass over its tiles. `lower` is what was gathered at lower resolutions: the picture, and where there are two
-    /// surfaces, the nearer and the farther.
+    /// A pass over its tiles. `lower` are the results of lower resolutions: the picture, and in
+    /// tiles with two surfaces the nearer and the farther one.
     fn pass<'a>(&self, recorder: &'a mut Recorder, entry: Entry, lower: [&Texture; 3]) -> Pass<'a> {
         recorder
             .pass(Shader::DepthOfField, entry)
@@ -116,18 +120,19 @@ impl Gathering {
 }
 
 pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
-    let moment = run.moment;
+    let context = run.context;
     let (width, height) = layer.size;
-    let largest = largest_radius_px(moment);
-    let tiling = match moment.capture.whole {
-        false => Tiling::fine(layer.size, reach_px(moment), is_one_surface(moment)),
-        true => Tiling::of_photograph(layer.size, reach_px(moment)),
+    let largest = largest_radius_px(context);
+    let tiling = if context.capture.whole {
+        Tiling::of_photograph(layer.size, reach_px(context))
+    } else {
+        Tiling::fine(layer.size, reach_px(context), is_one_surface(context))
     };
     let tiles = tiling.tiles;
     let count = tiles.0 * tiles.1;
 
     let recorder = &run.recorder;
-    // One texel larger than the layer at the lowest resolution, empty like everything not drawn, for drivers that
+    // One texel larger than the layer at the lowest resolution, and empty there, for drivers that
     // repeat the outermost texel beyond the border.
     let more = (width + (1 << LEVELS), height + (1 << LEVELS));
     let colors = recorder.pool.lend_pyramid(&recorder.gpu, more, COLOR, LEVELS);
@@ -137,11 +142,12 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
 
     let lens = Lens::new(run, opening, &layer, tiling, largest, 0);
 
-    // Lights that stand out are found at the lowest resolution, and removed from all.
-    let stand_out = largest >= highlights::LEAST_RADIUS_PX;
+    // Highlights are found at the lowest resolution, and removed from all.
+    let has_highlights = largest >= highlights::MIN_RADIUS_PX;
     let of_level = |level: usize| (width.div_ceil(2 << level), height.div_ceil(2 << level));
     let found = highlights::list(run.recorder);
-    for (step, level) in (0..LEVELS as usize).chain(if stand_out { 2..LEVELS as usize } else { 0..0 }).enumerate() {
+    for (step, level) in (0..LEVELS as usize).chain(if has_highlights { 2..LEVELS as usize } else { 0..0 }).enumerate()
+    {
         if step == LEVELS as usize {
             highlights::find(run.recorder, &lens, &layer, [&colors.all, &circles.all], &found);
             let first_two = [0, 1].map(|level| (&colors.levels[level], of_level(level)));
@@ -160,7 +166,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
         let [out] = pass.texture("before", before).texture("touched", with).draw([COLOR], size);
         out
     };
-    // Where only one is read, it is bound as the other too.
+    // A pass that reads one texture has it bound as the other too.
     let own = of_tiles("own", [&circles.levels[1]; 2], tiles);
     let touched = of_tiles("touching", [&own; 2], tiles);
     let around = of_tiles("around", [&own, &touched], tiles);
@@ -180,7 +186,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
     // A render target cannot be read: at first, other textures are bound as the lower resolutions.
     let nothing = [&colors.all; 3];
     // The shader's circles are rounded to 16 bits, and none is larger than the largest drawn.
-    let least = (0.5 * circles_px(moment)[0]).min(largest);
+    let least = (0.5 * circles_px(context)[0]).min(largest);
     for level in 1.max(level_of(0.999 * least))..=level_of(1.001 * largest) {
         let size = (width.div_ceil(1 << level), height.div_ceil(1 << level));
         let targets = blurred.each_ref().map(|b| &b.levels[level - 1]);
@@ -193,7 +199,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
     let [first, rest @ ..] = KINDS.map(|(vertex, fragment, taps)| gather(vertex, fragment, 0, taps));
     let sharpest = gathering.pass(run.recorder, first, lower);
     let [color] = rest.into_iter().fold(sharpest, Pass::also).draw([COLOR], layer.size);
-    if stand_out {
+    if has_highlights {
         let spots = gathering.pass(run.recorder, gather("spot_corner", "spot", 0, 4.0), lower);
         spots.blend(highlights::ADDED).listed(&gathering.found).draw_into(&[&color], layer.size);
     }
@@ -211,7 +217,7 @@ mod tests {
     use crate::gpu::constant;
 
     #[test]
-    fn thresholds_are_the_shaders() {
+    fn thresholds_equal_the_shaders() {
         let shader = Shader::SharedLens.module();
         let value = |name| constant(&shader, name) as f32;
         let half = value("TWO_HALF_PX").min(value("HALF_PX"));

@@ -1,9 +1,9 @@
 //! Wang 2012, section 3.2: the diffusion operator, a picture of the aperture on a grid.
 //!
-//! The shape of radius r is filled with N = (R_K − r)/R_K · O. Its outline is drawn over that with N·λ·r (discs of blur
-//! have bright rims). Both are smoothed by a separable Gaussian (1), and the whole is divided by its sum, which cancels
-//! N and O. The fill uses the area of each texel that the shape covers, and the outline is a pixel wide, so that
-//! neither shows steps.
+//! The shape of radius r is filled with N = (R_K − r)/R_K · O. Its outline is drawn over that with
+//! N·λ·r (discs of blur have bright rims). Both are smoothed by a separable Gaussian (1), and the
+//! whole is divided by its sum, which cancels N and O. The fill is antialiased by the covered area
+//! of each texel, and the outline is a pixel wide.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -24,15 +24,16 @@ const ROWS: usize = 8;
 /// Corners that approximate a curve.
 const CORNERS: u32 = 128;
 
-/// N of Wang 3.2: the fill intensity of a shape of radius r, for a centre of intensity O. The worked example's
-/// (36 − 30)/36 · 0.5 is a misprint for (36 − 6)/36 · 0.5.
+/// N of Wang 3.2: the fill intensity of a shape of radius r, for a centre of intensity O. The
+/// worked example's (36 − 30)/36 · 0.5 is a misprint for (36 − 6)/36 · 0.5.
 pub fn fill_intensity(largest_radius_px: f64, radius_px: f64, intensity: f64) -> f64 {
     (largest_radius_px - radius_px) / largest_radius_px * intensity
 }
 
 impl Shape {
-    /// Corners of the outline in the unit circle, on the picture's axes (y downwards). A star has as many points as the
-    /// lens has blades, or 5. Without blades, star and heart stand upright at a rotation of 0.
+    /// Corners of the outline in the unit circle, on the picture's axes (y downwards). A star has
+    /// as many points as the lens has blades, or 5. Without blades, star and heart stand upright at
+    /// a rotation of 0.
     pub fn outline(self, opening: &Opening) -> Vec<[f64; 2]> {
         let on = |angle: f64, radius: f64| [radius * angle.cos(), radius * angle.sin()];
         let ring = |count: u32, first: f64| {
@@ -68,9 +69,9 @@ impl Shape {
     }
 }
 
-/// How an operator is made, besides its shape and radius.
+/// Parameters of an operator besides its shape and radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Make {
+pub struct OperatorParams {
     /// λ, 1/px.
     pub rim: f64,
     /// Standard deviation of the Gaussian.
@@ -79,7 +80,7 @@ pub struct Make {
     pub largest_radius_px: f64,
 }
 
-impl Make {
+impl OperatorParams {
     /// Texels from an operator's radius to its sides.
     pub fn margin(&self) -> usize {
         (3.0 * self.gaussian_px).ceil() as usize + 2
@@ -175,42 +176,44 @@ fn smoothed(texels: &[f64], side: usize, sigma: f64) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    const MAKE: Make = Make { rim: 0.0, gaussian_px: 0.0, largest_radius_px: 12.0 };
+    const PARAMS: OperatorParams = OperatorParams { rim: 0.0, gaussian_px: 0.0, largest_radius_px: 12.0 };
 
     fn opening(blades: u32, rotation_rad: f64) -> Opening {
         Opening { diameter_m: 1.0, focus_distance_m: 1.0, blades, rotation_rad }
     }
 
-    fn at(make: &Make, operator: &[f64], x: i64, y: i64) -> f64 {
+    fn at(make: &OperatorParams, operator: &[f64], x: i64, y: i64) -> f64 {
         let half = make.half_side() as i64;
         operator[((y + half) * (2 * half + 1) + x + half) as usize]
     }
 
     #[test]
-    fn the_papers_example() {
+    fn fill_intensity_matches_the_papers_example() {
         // Q = 0.6, R = 10: r = 6; R_K = 36, O = 0.5: N = 30/36 · 0.5.
         let radius = 10.0 * 0.6;
         assert!((fill_intensity(36.0, radius, 0.5) - 0.416_667).abs() < 1e-6);
     }
 
     #[test]
-    fn a_square_worked_by_hand() {
-        // Corners at 45°, sides of 2·5 px: 121 texels, 81 of them whole, 36 halves, 4 quarters; area 100.
+    fn operator_of_a_square_matches_hand_computed_values() {
+        // Corners at 45°, sides of 2·5 px: 121 texels, 81 of them whole, 36 halves, 4 quarters;
+        // area 100.
         let outline = Shape::Lens.outline(&opening(4, TAU / 8.0));
-        let operator = MAKE.operator(&outline, 5.0 * 2f64.sqrt());
-        assert!((at(&MAKE, &operator, 0, 0) - 0.01).abs() < 1e-9);
-        assert!((at(&MAKE, &operator, 5, 0) - 0.005).abs() < 1e-9);
-        assert!((at(&MAKE, &operator, -5, -5) - 0.0025).abs() < 1e-9);
-        assert!(at(&MAKE, &operator, 6, 0).abs() < 1e-12);
-        // With λ = 0.1 and r = 5√2 the outline adds 0.7071 along 40 px, on the centres of the texels that it crosses:
-        // sum 128.28.
-        let make = Make { rim: 0.1, ..MAKE };
+        let operator = PARAMS.operator(&outline, 5.0 * 2f64.sqrt());
+        assert!((at(&PARAMS, &operator, 0, 0) - 0.01).abs() < 1e-9);
+        assert!((at(&PARAMS, &operator, 5, 0) - 0.005).abs() < 1e-9);
+        assert!((at(&PARAMS, &operator, -5, -5) - 0.0025).abs() < 1e-9);
+        assert!(at(&PARAMS, &operator, 6, 0).abs() < 1e-12);
+        // With λ = 0.1 and r = 5√2 the outline adds 0.7071 along 40 px, on the centres of the
+        // texels that it crosses: sum 128.28.
+        let make = OperatorParams { rim: 0.1, ..PARAMS };
         let rimmed = make.operator(&outline, 5.0 * 2f64.sqrt());
         let sum = 100.0 + 0.1 * 50f64.sqrt() * 40.0;
         assert!((at(&make, &rimmed, 0, 0) - 1.0 / sum).abs() < 1e-6);
         assert!((at(&make, &rimmed, 5, 0) - (0.5 + 0.1 * 50f64.sqrt()) / sum).abs() < 1e-6);
-        // σ = 1: the Gaussian's coefficients 1, e^-0.5, e^-2, e^-4.5 around the middle; far inside nothing changes.
-        let make = Make { gaussian_px: 1.0, ..MAKE };
+        // σ = 1: the Gaussian's coefficients 1, e^-0.5, e^-2, e^-4.5 around the middle; far inside
+        // nothing changes.
+        let make = OperatorParams { gaussian_px: 1.0, ..PARAMS };
         let soft = make.operator(&outline, 5.0 * 2f64.sqrt());
         assert!((at(&make, &soft, 0, 0) - 0.01).abs() < 1e-9);
         let (c1, c2, c3) = ((-0.5f64).exp(), (-2f64).exp(), (-4.5f64).exp());
@@ -220,8 +223,8 @@ mod tests {
     }
 
     #[test]
-    fn every_shape_sums_to_one_and_lies_within_its_circle() {
-        let make = Make { rim: 0.05, gaussian_px: 0.0, largest_radius_px: 12.0 };
+    fn operator_of_every_shape_sums_to_1_and_lies_within_its_circle() {
+        let make = OperatorParams { rim: 0.05, gaussian_px: 0.0, largest_radius_px: 12.0 };
         for (shape, blades) in [
             (Shape::Lens, 0),
             (Shape::Lens, 3),
@@ -247,21 +250,22 @@ mod tests {
     }
 
     #[test]
-    fn stars_and_hearts_look_like_it() {
+    fn operators_of_star_and_heart_have_their_features() {
         let whole = |shape: Shape, blades| {
             let outline = shape.outline(&opening(blades, 0.0));
-            let operator = MAKE.operator(&outline, 12.0);
+            let operator = PARAMS.operator(&outline, 12.0);
             let top = operator.iter().fold(0.0f64, |m, &v| m.max(v));
             (operator, top)
         };
         let (star, top) = whole(Shape::Star, 0);
-        // One point upwards (y downwards), none downwards, dents between. The pentagram's area is 1.12257 r².
-        assert!(at(&MAKE, &star, 0, -9) > 0.9 * top && at(&MAKE, &star, 0, 9) < 0.1 * top);
+        // One point upwards (y downwards), none downwards, dents between. The pentagram's area is
+        // 1.12257 r².
+        assert!(at(&PARAMS, &star, 0, -9) > 0.9 * top && at(&PARAMS, &star, 0, 9) < 0.1 * top);
         assert!((1.0 / top / 144.0 - 1.122_57).abs() < 0.01, "{}", 1.0 / top / 144.0);
         let (heart, top) = whole(Shape::Heart, 0);
         // Its point down, a notch above, two lobes.
-        assert!(at(&MAKE, &heart, 0, 7) > 0.9 * top && at(&MAKE, &heart, 0, -8) < 0.1 * top);
-        assert!(at(&MAKE, &heart, 6, -8) > 0.9 * top && at(&MAKE, &heart, -6, -8) > 0.9 * top);
-        assert!((at(&MAKE, &heart, 5, 3) - at(&MAKE, &heart, -5, 3)).abs() < 1e-9);
+        assert!(at(&PARAMS, &heart, 0, 7) > 0.9 * top && at(&PARAMS, &heart, 0, -8) < 0.1 * top);
+        assert!(at(&PARAMS, &heart, 6, -8) > 0.9 * top && at(&PARAMS, &heart, -6, -8) > 0.9 * top);
+        assert!((at(&PARAMS, &heart, 5, 3) - at(&PARAMS, &heart, -5, 3)).abs() < 1e-9);
     }
 }

@@ -1,13 +1,14 @@
 //! The method `poisson`: vSLRcam 2008, section 3.2, Depth of Field.
 //!
-//! Each pixel becomes the mean over a Poisson disc around it, as wide as its own circle of confusion (8). The regular
-//! pattern that so few points leave is removed by a second Poisson disc over the result. As the paper says, a sharp
-//! surface leaks into the blurred one next to it, and a blurred one ends sharply at a sharp one: points of other depths
-//! are neither rejected nor weighted. The opening is a disc, whatever its blades.
+//! Each pixel becomes the mean over a Poisson disc around it, as wide as its own circle of
+//! confusion (8). The regular pattern of so few points is removed by a second Poisson disc over the
+//! result. As in the paper, a sharp surface leaks into the blurred one next to it, and a blurred
+//! one ends sharply at a sharp one: points of other depths are neither rejected nor weighted. The
+//! aperture is a disc, whatever its blades.
 //!
-//! Two things go beyond the paper. A pixel where nothing was drawn takes the widest circle around it, so that
-//! silhouettes dissolve over the camera's pixels. And the first disc is narrower by the variance that the second one
-//! adds.
+//! Two extensions of the paper: an empty pixel uses the widest circle around it, so that
+//! silhouettes dissolve over the camera's pixels; and the first disc is narrower by the variance
+//! that the second one adds.
 
 use crate::camera::Opening;
 use crate::effects::LayerRun;
@@ -15,15 +16,15 @@ use crate::gpu::{Bytes, Gpu, Shader};
 use crate::render::{COLOR, Layer};
 
 use super::layered::{largest_radius_px, reach_px};
-use super::surroundings::{Lens, Tiling, passed, surroundings};
+use super::surroundings::{Lens, Tiling, surroundings, with_color};
 
 /// Points of the second disc; the same as in shaders/depth_of_field_poisson.wgsl.
 const SECOND: usize = 16;
 /// Radius of the second disc, in radii of a disc as large as one point's share of the first.
 const OVERLAP: f32 = 1.5;
 
-/// This many points in the unit disc, none nearer to another than a Poisson disc allows (Cook 1986: dart throwing; the
-/// distance shrinks until all fit). They are then shifted and scaled to the disc's own middle and variance, 1/4.
+/// Poisson-disc samples of the unit disc (Cook 1986: dart throwing; the distance shrinks until all
+/// fit). They are then shifted and scaled to the disc's own middle and variance, 1/4.
 pub fn poisson_disc(count: usize) -> Vec<[f64; 2]> {
     // Knuth's generator (TAOCP 2, 3.3.4): the same points on every machine.
     let mut state = 1u64;
@@ -55,8 +56,8 @@ fn radii(points: usize) -> [f32; 2] {
     [(1.0 - second * second).max(0.0).sqrt(), second]
 }
 
-/// Both discs for a number of points, as the shader reads them: radii relative to the circle's, second disc, first
-/// disc.
+/// Both discs for a number of points, as the shader reads them: radii relative to the circle's,
+/// second disc, first disc.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Discs(usize);
 
@@ -69,8 +70,8 @@ fn discs(gpu: &Gpu, Discs(points): &Discs) -> Bytes {
 
 /// `points`: of the first disc.
 pub fn run(run: &mut LayerRun<'_>, points: usize, opening: &Opening, layer: Layer) -> Layer {
-    let tiling = Tiling::coarse(layer.size, reach_px(run.moment));
-    let lens = Lens::new(run, opening, &layer, tiling, largest_radius_px(run.moment), 0);
+    let tiling = Tiling::coarse(layer.size, reach_px(run.context));
+    let lens = Lens::new(run, opening, &layer, tiling, largest_radius_px(run.context), 0);
     let around = surroundings(run, &lens, &layer, tiling);
     let discs = run.recorder.memoized(Discs(points), discs);
     let pass =
@@ -80,11 +81,12 @@ pub fn run(run: &mut LayerRun<'_>, points: usize, opening: &Opening, layer: Laye
     let [filtered, radii] = pass.draw([COLOR; 2], layer.size);
     let pass = run.recorder.pass(Shader::DepthOfFieldPoisson, "second").uniform("lens", &lens).buffer("discs", discs);
     let [out] = pass.texture("color", &filtered).texture("radii", &radii).draw([COLOR], layer.size);
-    passed(run, &lens, &around, layer, out)
+    with_color(run, &lens, &around, layer, out)
 }
 
-/// A layer by the formula: each pixel is the mean over the disc of its own circle, `circles_px` wide (where nothing was
-/// drawn, the widest one). `rgba` has `width * height` premultiplied pixels; outside is empty.
+/// A layer by the formula: each pixel is the mean over the disc of its own circle, `circles_px`
+/// wide (where nothing was drawn, the widest one). `rgba` has `width * height` premultiplied
+/// pixels; outside is empty.
 pub fn twin(rgba: &[[f64; 4]], width: usize, circles_px: &[f64]) -> Vec<[f64; 4]> {
     let height = rgba.len() / width.max(1);
     let widest = circles_px.iter().fold(0.0f64, |m, c| m.max(c.abs()));
@@ -120,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn points_are_apart_and_spread_as_the_disc() {
+    fn poisson_disc_points_keep_their_distance_and_have_the_discs_variance() {
         for count in [8, SECOND, 48, 64] {
             let points = poisson_disc(count);
             assert_eq!(points.len(), count);
@@ -141,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn both_discs_have_the_circles_variance() {
+    fn squared_radii_of_both_discs_sum_to_1() {
         let [first, second] = radii(48);
         assert!((first * first + second * second - 1.0).abs() < 1e-6);
     }

@@ -1,20 +1,21 @@
-//! What is set of the depth of field, and the circles that a lens makes: what all methods share.
+//! Parameters of the depth of field and the range of circles of confusion, which all methods share.
 
 use super::operator::Shape;
-use crate::effects::Moment;
+use crate::effects::FrameContext;
 
-/// Smaller circles count as points, px.
+/// Diameter below which circles count as points, px.
 pub const SHARP_PX: f32 = 0.7;
-/// The widest circle drawn, px: 12.5 texels to each side at a sixteenth, which is what the shader's table covers.
-pub const WIDEST_PX: f32 = 400.0;
+/// Largest diameter that is drawn, px: 12.5 texels to each side at a sixteenth, the size of the
+/// shader's table.
+pub const MAX_CIRCLE_PX: f32 = 400.0;
 
 crate::choices! {
-    /// How depth of field is made.
+    /// Method of depth of field.
     pub enum Method { Layered = "layered", Poisson = "poisson", Diffusion = "diffusion", Reference = "reference" }
 }
 
 crate::choices! {
-    /// How the method `diffusion` combines light spread from different depths.
+    /// Combination of light from different depths in the method `diffusion`.
     pub enum Mix { Conserving = "conserving", Printed = "printed" }
 }
 
@@ -43,11 +44,11 @@ crate::params! {
 }
 
 /// Diameters of the circles of everything drawn, px: the smallest and the largest.
-pub fn circles_px(moment: &Moment<'_>) -> [f32; 2] {
-    let Some(opening) = moment.capture.opening else { return [0.0; 2] };
-    let [nearest, farthest] = moment.depths_m;
-    let depths_m = moment.real_depths_m.map_or([nearest, farthest], |[n, f]| [n.min(nearest), f.max(farthest)]);
-    let [near, far] = depths_m.map(|depth| opening.circle_px(moment.picture.intrinsics.fx_px, depth) as f32);
+pub fn circles_px(context: &FrameContext<'_>) -> [f32; 2] {
+    let Some(opening) = context.capture.opening else { return [0.0; 2] };
+    let [nearest, farthest] = context.depths_m;
+    let depths_m = context.real_depths_m.map_or([nearest, farthest], |[n, f]| [n.min(nearest), f.max(farthest)]);
+    let [near, far] = depths_m.map(|depth| opening.circle_px(context.picture.intrinsics.fx_px, depth) as f32);
     let least = if near * far > 0.0 { near.abs().min(far.abs()) } else { 0.0 };
     [least, near.abs().max(far.abs())]
 }

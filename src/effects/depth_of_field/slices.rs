@@ -1,35 +1,37 @@
 //! The whole picture of a photograph, real and virtual, through one lens.
 //!
-//! A filter that separates a nearer and a farther surface is enough for an object in front of the camera's picture. The
-//! picture itself has receding floors and many objects behind each other. So it is cut into slices by the size of
-//! circles (Kraus and Strengert 2007; Wadhwa et al. 2018), each is blurred as a whole, and they are put together from
-//! the nearest.
+//! Two layers, a nearer and a farther surface, are enough for an object in front of the camera's
+//! picture. The picture itself has receding floors and many objects behind each other. So it is
+//! divided into slices by the size of circles (Kraus and Strengert 2007; Wadhwa et al. 2018), each
+//! is blurred as a whole, and they are composited from the nearest.
 //!
-//! 1. Each pixel's place among the slices: of the real surface, of what stands behind it, of the virtual one.
-//! 2. For each slice, from the nearest: what belongs to it, shared with the next one so that a surface passes from one
-//!    to the other; the same at a half, a quarter and so on; convolution with the image of the opening; and what it
-//!    hides and what hides it.
-//! 3. Virtual light as before, and the real part behind it and next to it.
+//! 1. Each pixel's position among the slices: of the real surface, of the background behind it, of
+//!    the virtual one.
+//! 2. For each slice, from the nearest: its share of the pixels, with a linear transition to the
+//!    next slice; downsampling to a half, a quarter and so on; convolution with the image of the
+//!    aperture; and compositing with mutual occlusion.
+//! 3. The virtual layer, and the real part behind it and next to it.
 //!
-//! Three surfaces are known at a pixel: the virtual one; the real one (all of it, since the camera saw what virtual
-//! objects now hide); and what was made up behind the real one (depth/behind.rs). Real surfaces share a pixel: the
-//! farther ones get what the nearer ones leave of it. Real and virtual surfaces hide each other: each is seen through
-//! what the nearer slices of the other let through. Where both are in the same slice or the next, the nearer one at
-//! each pixel counts.
+//! Three surfaces are known at a pixel: the virtual one; the real one (complete, since the camera
+//! recorded it without virtual objects); and the inpainted background behind the real one
+//! (depth/behind.rs). Real surfaces share a pixel: the farther ones get the share that the nearer
+//! ones leave. Real and virtual surfaces occlude each other: each is attenuated by the nearer
+//! slices of the other. Within the same slice or the next, the nearer one at each pixel counts.
 //!
-//! A slice's kernel is the opening, drawn at a resolution at which its radius is a few pixels. Its size is set so that
-//! its variance is that of (8), minus half of the blur that smaller pictures add.
+//! A slice's kernel is the aperture, drawn at a resolution at which its radius is a few pixels. Its
+//! size is set so that its variance is that of (8), minus half of the blur that lower resolutions
+//! add.
 //!
-//! Not modelled: circles wider than 400 px or a quarter of the picture (drawn that wide), light that something outside
-//! the picture would bring in across its rim (the rim is repeated), and what the lens sees around a near object's
-//! sides.
+//! Not modelled: circles wider than 400 px or a quarter of the picture (limited to that width),
+//! light from outside the picture (edge pixels are repeated), and surfaces that the lens sees
+//! around a near object's sides.
 
 mod kernel;
 
-use kernel::{HALVES, Kernel, MOST_WEIGHTS, noise_left, reach_of};
+use kernel::{HALVES, Kernel, MAX_WEIGHTS, noise_left, reach_of};
 
 use crate::camera::{Aperture, Opening, correlations};
-use crate::effects::{LayerRun, Moment};
+use crate::effects::{FrameContext, LayerRun};
 use crate::gpu::{Entry, Gpu, Shader, Texture};
 use crate::pixels::Rect;
 use crate::render::{COLOR, Layer, RealLayer};
@@ -41,10 +43,10 @@ use super::settings::SHARP_PX;
 /// Growth of diameters from slice to slice, on top of `GROWS_FROM_PX`.
 const RATIO: f64 = 1.25;
 const GROWS_FROM_PX: f64 = 3.0;
-/// The tolerance from which on real surfaces hide nothing, metres.
-const HIDES_NOTHING_M: f32 = 1e9;
-/// On either side of the sharp slice.
-const MOST_SLICES: i32 = 31;
+/// Tolerance from which on real surfaces occlude nothing, m.
+const NO_OCCLUSION_M: f32 = 1e9;
+/// Largest number of slices on either side of the sharp one.
+const MAX_SLICES: i32 = 31;
 
 /// The slice of a circle (signed diameter, px): 0 is sharp, negative is nearer than that.
 pub fn slice_of(circle_px: f64) -> f64 {
@@ -77,35 +79,36 @@ crate::uniform! {
     }
 }
 
-/// A kernel's opening and slice.
+/// Key of a kernel: the aperture's shape, and the slice.
 #[derive(Clone, Debug, PartialEq)]
-struct Of {
+struct KernelKey {
     blades: Blades,
     slice: i32,
 }
 
 /// The largest diameter drawn, px.
-fn largest_px(moment: &Moment<'_>) -> f64 {
-    2.0 * f64::from(layered::largest_radius_px(moment))
+fn largest_px(context: &FrameContext<'_>) -> f64 {
+    2.0 * f64::from(layered::largest_radius_px(context))
 }
 
-/// How far light spreads, px.
-pub fn reach_px(moment: &Moment<'_>) -> f32 {
+/// Distance to which light spreads, px.
+pub fn reach_px(context: &FrameContext<'_>) -> f32 {
     // The next slice's circle.
-    reach_of(RATIO * 0.5 * largest_px(moment) + 0.5) as f32
+    reach_of(RATIO * 0.5 * largest_px(context) + 0.5) as f32
 }
 
-/// Blurs both parts. Without `with_layer` only the real part is blurred, and the layer stays as it is.
+/// Blurs both parts. Without `with_layer` only the real part is blurred, and the layer stays as it
+/// is.
 pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealLayer, with_layer: bool) -> Layer {
-    let moment = run.moment;
+    let context = run.context;
     let gpu = run.recorder.gpu.clone();
     let size = layer.size;
     let of_level = |level: usize| (size.0.div_ceil(1 << level), size.1.div_ceil(1 << level));
-    let largest = largest_px(moment);
-    let circle = |depth_m: f64| opening.circle_px(moment.picture.intrinsics.fx_px, depth_m).clamp(-largest, largest);
+    let largest = largest_px(context);
+    let circle = |depth_m: f64| opening.circle_px(context.picture.intrinsics.fx_px, depth_m).clamp(-largest, largest);
     let objects = with_layer.then(|| Objects {
         px: run.objects_px.moved(-run.drawn.x0, -run.drawn.y0),
-        circles_px: moment.depths_m.map(&circle),
+        circles_px: context.depths_m.map(&circle),
     });
     let tiles = Tiles::new(size, real, &circle, objects);
     let count = tiles.count.0 * tiles.count.1;
@@ -114,11 +117,11 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
         place: [0.0; 2],
         columns: tiles.count.0 as i32,
         side_px: RealLayer::SIDE_PX as i32,
-        fx_diameter: (moment.picture.intrinsics.fx_px * opening.diameter_m) as f32,
+        fx_diameter: (context.picture.intrinsics.fx_px * opening.diameter_m) as f32,
         per_focus: (1.0 / opening.focus_distance_m) as f32,
         largest_px: largest as f32,
-        // Larger than any depth where nothing is hidden.
-        tolerance_m: real.tolerance_m.unwrap_or(HIDES_NOTHING_M).min(HIDES_NOTHING_M),
+        // Without occlusion, larger than any depth.
+        tolerance_m: real.tolerance_m.unwrap_or(NO_OCCLUSION_M).min(NO_OCCLUSION_M),
         number: 0.0,
         noise: 1.0,
         texel_px: 1.0,
@@ -131,9 +134,9 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
     let [places] = pass.texture("real_depths", &real.depths).draw([COLOR], size);
     let mut sums =
         run.recorder.pass(Shader::DepthOfFieldSlices, "nothing").uniform("slice", &whole).draw([COLOR; 3], size);
-    let neighbours = moment.camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
+    let neighbours = context.camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation);
     let neighbours = neighbours.map(correlations);
-    let noise_before = moment.capture.noise_left.max(1e-6);
+    let noise_before = context.capture.noise_left.max(1e-6);
     for &slice in &tiles.slices {
         let reached = run.recorder.pool.lend_to_write(&gpu, tiles.count, wgpu::TextureFormat::R32Uint);
         tiles.write(&gpu, &reached, slice);
@@ -150,7 +153,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
             sums = pass.draw([COLOR; 3], size);
             continue;
         }
-        let kernel = run.recorder.memoized(Of { blades: Blades::of(opening), slice }, |_, of| {
+        let kernel = run.recorder.memoized(KernelKey { blades: Blades::of(opening), slice }, |_, of| {
             let circle_px = f64::from(of.slice.signum()) * diameter_px(of.slice);
             Kernel::new(&Aperture::of(&of.blades.opening()), circle_px)
         });
@@ -166,11 +169,11 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
         }
         let level = kernel.level;
         let noise =
-            noise_left(noise_before, moment.capture.enlargement, &kernel, diameter_px(slice), &neighbours).sqrt();
+            noise_left(noise_before, context.capture.enlargement, &kernel, diameter_px(slice), &neighbours).sqrt();
         let at_level = Slice { noise: noise as f32, ..of_texels(&of_slice, level) };
         // The shader's array is as long as the largest kernel.
         let mut weights = kernel.weights.clone();
-        weights.resize(MOST_WEIGHTS, 0.0);
+        weights.resize(MAX_WEIGHTS, 0.0);
         let weights = run.recorder.uniform(bytemuck::cast_slice(&weights));
         let pass = run.recorder.pass(Shader::DepthOfFieldSlices, both("blur", HALVES[kernel.class]));
         let pass = pass.uniform("slice", &at_level).texture("reached", &reached).buffer("kernel", weights);
@@ -195,7 +198,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer, real: &RealL
     Layer { color, real: Some(RealLayer { light, ..real.clone() }), ..layer }
 }
 
-/// The slices in use, and where they reach.
+/// The slices in use, by tile.
 struct Tiles {
     count: (u32, u32),
     /// From the nearest.
@@ -206,7 +209,7 @@ struct Tiles {
     ranges: Vec<[i32; 2]>,
 }
 
-/// Virtual objects: where they are in the layer, and their nearest and farthest circle.
+/// Virtual objects: their bounds in the layer, and their nearest and farthest circle.
 struct Objects {
     px: Rect,
     circles_px: [f64; 2],
@@ -217,7 +220,7 @@ impl Tiles {
         let side = RealLayer::SIDE_PX;
         let count = (size.0.div_ceil(side), size.1.div_ceil(side));
         let slices = |near: f64, far: f64| {
-            let clamped = |slice: f64| (slice as i32).clamp(-MOST_SLICES, MOST_SLICES);
+            let clamped = |slice: f64| (slice as i32).clamp(-MAX_SLICES, MAX_SLICES);
             [clamped(slice_of(near).floor()), clamped(slice_of(far).ceil())]
         };
         let joined = |a: [i32; 2], b: [i32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
@@ -237,7 +240,7 @@ impl Tiles {
         Self { count, slices: (all[0]..=all[1]).filter(there).collect(), with_layer, ranges }
     }
 
-    /// 1 where a slice reaches.
+    /// Writes 1 for the tiles that a slice's light reaches.
     fn write(&self, gpu: &Gpu, to: &Texture, slice: i32) {
         let (columns, rows) = (self.count.0 as i32, self.count.1 as i32);
         let radius = 0.5 * diameter_px(slice);
@@ -263,19 +266,19 @@ mod tests {
     use crate::gpu::constant;
 
     #[test]
-    fn numbers_are_the_shaders() {
+    fn constants_equal_the_shaders() {
         let shader = Shader::DepthOfFieldSlices.module();
         let value = |name| constant(&shader, name);
         assert_eq!([value("GROWS_FROM_PX"), value("RATIO")], [GROWS_FROM_PX, RATIO]);
-        assert_eq!((value("SHARP_PX") as f32, value("MOST") as i32), (SHARP_PX, MOST_SLICES));
-        assert_eq!(value("HIDES_NOTHING") as f32, HIDES_NOTHING_M);
-        assert!(shader.contains(&format!("array<vec4<f32>, {}>", MOST_WEIGHTS / 4)));
+        assert_eq!((value("SHARP_PX") as f32, value("MAX_SLICES") as i32), (SHARP_PX, MAX_SLICES));
+        assert_eq!(value("NO_OCCLUSION_M") as f32, NO_OCCLUSION_M);
+        assert!(shader.contains(&format!("array<vec4<f32>, {}>", MAX_WEIGHTS / 4)));
         let largest = (2 * HALVES[HALVES.len() - 1] + 1).pow(2) as usize;
-        assert_eq!(MOST_WEIGHTS, largest.div_ceil(4) * 4);
+        assert_eq!(MAX_WEIGHTS, largest.div_ceil(4) * 4);
     }
 
     #[test]
-    fn a_slice_has_the_circles_that_lie_in_it() {
+    fn slice_of_a_slices_diameter_is_the_slice() {
         // 0.7 + 3 · (1.25 − 1) = 1.45; 0.7 + 3 · (1.25² − 1) = 2.3875
         assert!((diameter_px(1) - 1.45).abs() < 1e-6 && (diameter_px(-2) - 2.3875).abs() < 1e-6);
         assert_eq!((slice_of(0.6), slice_of(-0.6)), (0.0, 0.0));

@@ -1,4 +1,4 @@
-//! Shared by the methods: the lens as the shaders need it, and the circles around each tile.
+//! Shared by the methods: the lens as a uniform, and the circles of confusion around each tile.
 
 use crate::camera::{Aperture, Opening};
 use crate::effects::LayerRun;
@@ -18,20 +18,21 @@ pub struct Tiling {
 }
 
 impl Tiling {
-    /// Tiles large enough that one to each side is enough.
+    /// Tiles so large that circles reach one tile to each side.
     pub fn coarse(size: (u32, u32), reach_px: f32) -> Self {
         let side_px = ((reach_px.ceil() as u32).div_ceil(8) * 8).max(32);
         Self::of(size, side_px, 1)
     }
 
-    /// Tiles of which several to each side are examined, so that the work changes close to where it must. Large where
-    /// there is only one surface. A power of two, so that they divide into texels of an eighth of the resolution.
+    /// Tiles so small that circles reach several to each side, which limits the work to the pixels
+    /// that need it. Larger for a single surface. A power of two, so that they divide into texels
+    /// of an eighth of the resolution.
     pub fn fine(size: (u32, u32), reach_px: f32, one_surface: bool) -> Self {
         let least_px = if one_surface { 64.0 } else { 16.0 };
         Self::reaching(size, reach_px, ((reach_px / 3.0).ceil().max(least_px) as u32).next_power_of_two())
     }
 
-    /// The same, small enough that all parts of a photograph are multiples of them.
+    /// Tiles of which all parts of a photograph are multiples.
     pub fn of_photograph(size: (u32, u32), reach_px: f32) -> Self {
         Self::reaching(size, reach_px, PHOTOGRAPHS_TILE_PX)
     }
@@ -46,7 +47,7 @@ impl Tiling {
 }
 
 crate::uniform! {
-    /// A frame's lens, and how its work is divided.
+    /// A frame's lens and tiles.
     pub struct Lens {
         size: [i32; 2],
         texel: [f32; 2],
@@ -62,7 +63,8 @@ crate::uniform! {
 }
 
 impl Lens {
-    /// `largest_radius_px` limits the circles drawn; `steps` is the number of steps of the blur factor.
+    /// `largest_radius_px` limits the circles drawn; `steps` is the number of steps of the blur
+    /// factor.
     pub fn new(
         run: &LayerRun<'_>,
         opening: &Opening,
@@ -76,7 +78,7 @@ impl Lens {
             texel: [1.0 / layer.color.width as f32, 1.0 / layer.color.height as f32],
             side_px: tiling.side_px as i32,
             columns: tiling.tiles.0 as i32,
-            fx_diameter: (run.moment.picture.intrinsics.fx_px * opening.diameter_m) as f32,
+            fx_diameter: (run.context.picture.intrinsics.fx_px * opening.diameter_m) as f32,
             per_focus: (1.0 / opening.focus_distance_m) as f32,
             variance: Aperture::of(opening).variance() as f32,
             largest_px: 2.0 * largest_radius_px,
@@ -86,8 +88,8 @@ impl Lens {
     }
 }
 
-/// The circles that can reach into each tile: nearest circle (signed) and largest radius among the tile and its
-/// neighbours, px.
+/// The circles that can reach into each tile: nearest circle (signed) and largest radius among the
+/// tile and its neighbours, px.
 pub fn surroundings(run: &mut LayerRun<'_>, lens: &Lens, layer: &Layer, tiling: Tiling) -> Texture {
     let pass = run.recorder.pass(Shader::DepthOfFieldSurroundings, "own").uniform("lens", lens);
     let [own] = pass.texture("geometry", &layer.geometry).draw([COLOR], tiling.tiles);
@@ -96,8 +98,9 @@ pub fn surroundings(run: &mut LayerRun<'_>, lens: &Lens, layer: &Layer, tiling: 
     around
 }
 
-/// The layer with its new colour, and with geometry added where it is needed and was missing.
-pub fn passed(run: &mut LayerRun<'_>, lens: &Lens, around: &Texture, layer: Layer, color: Texture) -> Layer {
+/// The layer with its new colour, and with geometry spread over newly covered pixels if anything
+/// reads it.
+pub fn with_color(run: &mut LayerRun<'_>, lens: &Lens, around: &Texture, layer: Layer, color: Texture) -> Layer {
     if !run.geometry_is_read {
         return Layer { color, ..layer };
     }

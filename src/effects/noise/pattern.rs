@@ -1,8 +1,8 @@
-//! The noise at lattice points: white normal noise, filtered and mixed as described in src/effects/noise.rs; variance
-//! 1.
+//! The noise at lattice points: white normal noise, filtered and mixed as described in
+//! src/effects/noise.rs; variance 1.
 //!
-//! Made by shaders. On a software adapter the processor makes it directly, in a fifth of the shaders' time: texel
-//! lookups are what software drivers are slow at.
+//! Computed by shaders. On a software adapter it is computed on the CPU, in a fifth of the shaders'
+//! time: software drivers are slow at texel lookups.
 
 use std::sync::LazyLock;
 
@@ -12,14 +12,14 @@ use crate::camera::{NoiseProfile, side_tap};
 use crate::gpu::{Gpu, Recorder, Shader, Texture};
 use crate::pixels::Rect;
 
-/// In units of σ/4096.
+/// Format of the pattern, in units of σ/4096.
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Sint;
 
 /// Identifies a noise pattern.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pattern {
     key: [u32; 3],
-    /// The a of (a, 1, a), across and down.
+    /// Side taps a of the filters (a, 1, a), across and down.
     taps: [f64; 2],
     /// Cholesky factor of the channels' correlation.
     cholesky: [f64; 5],
@@ -30,8 +30,8 @@ const TABLE_SIDE: u32 = 64;
 /// The table's unit, σ.
 pub const TABLE_UNIT: f64 = 1.0 / 4096.0;
 
-/// Quantiles of the normal distribution at (i + ½)/4096, rounded to units of σ/4096 and scaled so that the table's own
-/// variance is 1.
+/// Quantiles of the normal distribution at (i + ½)/4096, rounded to units of σ/4096 and scaled so
+/// that the table's own variance is 1.
 pub static NORMAL_TABLE: LazyLock<Vec<i16>> = LazyLock::new(|| {
     let count = TABLE_SIDE * TABLE_SIDE;
     let normal = Normal::standard();
@@ -64,8 +64,9 @@ pub fn pcg3d(v: [u32; 3]) -> [u32; 3] {
     [x, y, z]
 }
 
-/// Lower triangle (l21, l22, l31, l32, l33) of the Cholesky factor of the channels' correlation (r-g, r-b, g-b).
-/// Correlations that no three channels can have are shrunk towards 0 until they are possible.
+/// Lower triangle (l21, l22, l31, l32, l33) of the Cholesky factor of the channels' correlation
+/// (r-g, r-b, g-b). Impossible correlations are shrunk towards 0 until the matrix is positive
+/// semidefinite.
 pub fn cholesky(correlation: [f64; 3]) -> [f64; 5] {
     let mut shrink = 1.0f64;
     loop {
@@ -91,8 +92,8 @@ fn quantiles(gpu: &Gpu, _: &Quantiles) -> Texture {
 }
 
 impl Pattern {
-    /// The pattern of a frame. `delay`: for how many frames a pattern stays. Without a profile it is white, and
-    /// different in each channel.
+    /// The pattern of a frame. `delay`: number of frames with the same pattern. Without a profile
+    /// it is white, and independent in each channel.
     pub fn new(profile: Option<&NoiseProfile>, seed: u64, frame: usize, delay: u32) -> Self {
         let (neighbours, channels) =
             profile.map_or(([0.0; 2], [0.0; 3]), |n| (n.neighbour_correlation, n.channel_correlation));
@@ -100,22 +101,22 @@ impl Pattern {
         Self { key, taps: neighbours.map(side_tap), cholesky: cholesky(channels) }
     }
 
-    /// The neighbour correlation that the filter achieves, which may fall short of the measured one.
-    pub fn given(&self) -> [f32; 2] {
+    /// The neighbour correlation that the filter achieves, which may be below the measured one.
+    pub fn achieved_correlation(&self) -> [f32; 2] {
         self.taps.map(|a| (2.0 * a / (1.0 + 2.0 * a * a)) as f32)
     }
 
-    /// Factor to variance 1.
+    /// Factor that normalizes the variance to 1.
     fn norm(&self) -> f32 {
         self.taps.iter().map(|a| 1.0 + 2.0 * a * a).product::<f64>().sqrt().recip() as f32
     }
 
     /// The pattern at the points of a rectangle.
     pub fn texture(&self, recorder: &mut Recorder, lattice: Rect) -> Texture {
-        if recorder.gpu.software() { self.written(recorder, lattice) } else { self.drawn(recorder, lattice) }
+        if recorder.gpu.software() { self.on_cpu(recorder, lattice) } else { self.on_gpu(recorder, lattice) }
     }
 
-    fn drawn(&self, recorder: &mut Recorder, lattice: Rect) -> Texture {
+    fn on_gpu(&self, recorder: &mut Recorder, lattice: Rect) -> Texture {
         let [x, y, z] = self.key;
         let white = White { key: [x, y, z, 0], origin: [lattice.x0 - 1, lattice.y0 - 1] };
         let around = (lattice.width() + 2, lattice.height() + 2);
@@ -131,7 +132,7 @@ impl Pattern {
         pattern
     }
 
-    fn written(&self, recorder: &mut Recorder, lattice: Rect) -> Texture {
+    fn on_cpu(&self, recorder: &mut Recorder, lattice: Rect) -> Texture {
         let pattern = recorder.pool.lend(&recorder.gpu, (lattice.width(), lattice.height()), FORMAT);
         let texel = size_of::<[i16; 4]>() as u32;
         let stride = (lattice.width() * texel).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
@@ -148,7 +149,8 @@ impl Pattern {
         pattern
     }
 
-    /// The same as shaders/noise_white.wgsl and shaders/noise_pattern.wgsl, in the same order; rows are `stride` apart.
+    /// The same as shaders/noise_white.wgsl and shaders/noise_pattern.wgsl, in the same order; rows
+    /// are `stride` apart.
     fn fill(&self, lattice: Rect, stride: usize, texels: &mut [[i16; 4]]) {
         let (width, table) = (lattice.width() as usize, NORMAL_TABLE.as_slice());
         let [a, b] = self.taps.map(|tap| tap as f32);
@@ -173,20 +175,21 @@ impl Pattern {
             let [above, own, below] = &rows;
             for (((texel, above), own), below) in out.iter_mut().zip(above).zip(own).zip(below) {
                 let [x, y, z]: [f32; 3] = std::array::from_fn(|c| (own[c] + b * (above[c] + below[c])) * norm);
-                *texel = [whole(x), whole(l21 * x + l22 * y), whole(l31 * x + l32 * y + l33 * z), 0];
+                *texel = [rounded(x), rounded(l21 * x + l22 * y), rounded(l31 * x + l32 * y + l33 * z), 0];
             }
         }
     }
 }
 
-/// Rounded to the nearest 16-bit integer, halves to even: adding the constant leaves no fractional bits.
-fn whole(value: f32) -> i16 {
+/// Rounds to the nearest 16-bit integer, halves to even: adding the constant leaves no fractional
+/// bits.
+fn rounded(value: f32) -> i16 {
     const UNIT: f32 = 12_582_912.0;
     ((value + UNIT) - UNIT) as i16
 }
 
-/// Where a frame's pattern lies in the endless hash: so far apart that no two frames or seeds show shifted copies of
-/// each other.
+/// Offset of a frame's pattern in the hash's domain. Offsets are so far apart that no two frames or
+/// seeds have shifted copies of each other.
 pub fn pattern_key(seed: u64, frame: usize, delay: u32) -> [u32; 3] {
     let pattern = frame as u64 / u64::from(delay.max(1));
     let folded = pcg3d([seed as u32, (seed >> 32) as u32, 0x6c6f_6361]);
@@ -199,7 +202,7 @@ mod tests {
     use crate::gpu::ReadbackSet;
 
     #[test]
-    fn shaders_and_processor_make_the_same_pattern() {
+    fn pattern_of_the_shaders_equals_that_of_the_cpu() {
         let mut recorder = Recorder::new(Gpu::open().expect("an adapter"));
         let lattice = Rect::new(-7, 11, 70, 52);
         let profile = |neighbour_correlation| NoiseProfile {
@@ -211,9 +214,10 @@ mod tests {
             let pattern = Pattern::new(Some(&profile(neighbours)), 7, 3, 1);
             let [drawn, written] = [true, false].map(|by_shaders| {
                 let size = (lattice.width(), lattice.height());
-                let texture = match by_shaders {
-                    true => pattern.drawn(&mut recorder, lattice),
-                    false => pattern.written(&mut recorder, lattice),
+                let texture = if by_shaders {
+                    pattern.on_gpu(&mut recorder, lattice)
+                } else {
+                    pattern.on_cpu(&mut recorder, lattice)
                 };
                 let mut readback = recorder.read_back(&mut ReadbackSet::default(), &texture, size);
                 readback.submitted(recorder.submit());
@@ -225,7 +229,7 @@ mod tests {
                 words
             });
             assert_eq!(drawn.len(), 4 * 77 * 41);
-            assert!(drawn.iter().filter(|&&v| v.abs() > 2048).count() > 3000, "half of a σ is passed often");
+            assert!(drawn.iter().filter(|&&v| v.abs() > 2048).count() > 3000, "half of a σ is exceeded often");
             // A driver may fuse a product and a sum: one unit, σ/4096.
             let off = drawn.iter().zip(&written).map(|(d, w)| d.abs_diff(*w)).max();
             assert!(off <= Some(1), "{neighbours:?}: {off:?}");
@@ -233,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn taps_give_the_correlation_asked_for() {
+    fn taps_achieve_the_requested_correlation() {
         for rho in [0.0, 0.1, 0.45, 0.6, 0.7] {
             let a = side_tap(rho);
             assert!((2.0 * a / (1.0 + 2.0 * a * a) - rho).abs() < 1e-9, "{rho}");
@@ -241,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn cholesky_by_hand() {
+    fn cholesky_factor_matches_a_hand_computed_example() {
         // rg = 0.6: l21 = 0.6, l22 = 0.8; rb = 0: l31 = 0; gb = 0.4: l32 = 0.5; l33 = √0.75.
         let l = cholesky([0.6, 0.0, 0.4]);
         for (got, want) in l.iter().zip([0.6, 0.8, 0.0, 0.5, 0.75f64.sqrt()]) {
@@ -251,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_is_normal() {
+    fn quantile_table_has_the_moments_of_a_normal_distribution() {
         let t: Vec<f64> = NORMAL_TABLE.iter().map(|&v| f64::from(v) * TABLE_UNIT).collect();
         let n = t.len() as f64;
         let moment = |p: i32| t.iter().map(|v| v.powi(p)).sum::<f64>() / n;
@@ -262,9 +266,9 @@ mod tests {
     }
 
     #[test]
-    fn pcg3d_reference_values() {
-        // Worked by hand through the paper's listing with 32-bit wrap-around, for the zero vector: after the affine
-        // step all three are 1013904223.
+    fn pcg3d_matches_the_papers_listing() {
+        // Worked by hand through the paper's listing with 32-bit wrap-around, for the zero vector:
+        // after the affine step all three are 1013904223.
         let c: u32 = 1_013_904_223;
         let x = c.wrapping_add(c.wrapping_mul(c));
         let y = c.wrapping_add(c.wrapping_mul(x));

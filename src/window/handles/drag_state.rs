@@ -12,7 +12,7 @@ use super::outline::{Outline, support_points_m};
 use super::overlay::Overlay;
 use super::tool::DragState;
 use locard_engine::scene::{ItemPlacement, SceneItem};
-use locard_engine::shot::Eye;
+use locard_engine::shot::PosedCamera;
 
 /// Index of a thing in the loaded scene's objects. `None` for a lamp or a missing object.
 pub fn object_of(project: &Project, thing: SceneItem) -> Option<usize> {
@@ -25,7 +25,7 @@ pub fn is_hidden(project: &Project, thing: SceneItem) -> bool {
 }
 
 /// The level axis nearest to a direction of the picture, right or up, at a point of the world.
-pub fn level_direction(eye: &Eye, at_m: DVec3, up_in_world: DVec3, right: i8, up: i8) -> Option<DVec3> {
+pub fn level_direction(eye: &PosedCamera, at_m: DVec3, up_in_world: DVec3, right: i8, up: i8) -> Option<DVec3> {
     // Points outside the picture use its centre.
     let intrinsics = &eye.geometry().intrinsics;
     let size = DVec2::new(intrinsics.width_px.into(), intrinsics.height_px.into());
@@ -45,7 +45,7 @@ pub fn is_within(at_px: DVec2, outline: &Outline) -> bool {
 }
 
 /// Markers of all lamps; none if no part of the picture is visible.
-pub fn lamp_markers(over: &Overlay<'_>, project: &Project, eye: &Eye) -> Vec<Marker> {
+pub fn lamp_markers(over: &Overlay<'_>, project: &Project, eye: &PosedCamera) -> Vec<Marker> {
     let visible = over.visible();
     let lamps = project.edit().scene.light.lamp.iter().filter(|_| visible.is_positive());
     lamps.map(|lamp| lamp::marker(eye, lamp.at_m.into(), visible, |px| over.screen(px))).collect()
@@ -53,7 +53,7 @@ pub fn lamp_markers(over: &Overlay<'_>, project: &Project, eye: &Eye) -> Vec<Mar
 
 /// Offset of a thing from its gizmo, metres: not zero for lamps outside the picture, whose gizmo
 /// stays inside.
-pub fn gizmo_offset_m(over: &Overlay<'_>, project: &Project, eye: &Eye, thing: SceneItem) -> DVec3 {
+pub fn gizmo_offset_m(over: &Overlay<'_>, project: &Project, eye: &PosedCamera, thing: SceneItem) -> DVec3 {
     let (SceneItem::Lamp(_), Some(placement)) = (thing, project.edit().scene.placement(thing)) else {
         return DVec3::ZERO;
     };
@@ -69,7 +69,7 @@ pub fn gizmo_offset_m(over: &Overlay<'_>, project: &Project, eye: &Eye, thing: S
 pub fn gizmo(
     over: &Overlay<'_>,
     project: &Project,
-    eye: &Eye,
+    eye: &PosedCamera,
     thing: SceneItem,
     gizmo_offset_m: DVec3,
     outline: &Outline,
@@ -90,7 +90,7 @@ pub fn gizmo(
 /// the projection of its position, the default anchor that of its support point.
 pub fn drag_state(
     project: &Project,
-    eye: &Eye,
+    eye: &PosedCamera,
     thing: SceneItem,
     gizmo_offset_m: DVec3,
     grip: Option<DVec2>,

@@ -6,7 +6,7 @@
 use eframe::egui::Rect;
 use glam::{DVec2, DVec3};
 
-use locard_engine::shot::Eye;
+use locard_engine::shot::PosedCamera;
 
 /// Distance of a marker from the border of the picture, points.
 const MARKER_INSET_PT: f64 = 18.0;
@@ -28,9 +28,9 @@ pub struct Marker {
 
 /// Marker of a lamp in the visible part of the picture; `screen` maps px of the picture to the
 /// screen.
-pub fn marker(eye: &Eye, at_m: DVec3, visible: Rect, screen: impl Fn(DVec2) -> DVec2) -> Marker {
+pub fn marker(eye: &PosedCamera, at_m: DVec3, visible: Rect, screen: impl Fn(DVec2) -> DVec2) -> Marker {
     let projected = eye.project(at_m).map(screen);
-    marker_at(projected, eye.way_to(at_m), corners(visible))
+    marker_at(projected, eye.vector_to(at_m), corners(visible))
 }
 
 /// Marker of a lamp by its projection, its direction in camera coordinates, and two corners of the
@@ -58,7 +58,7 @@ pub fn pick(markers: &[Marker], pointer: DVec2) -> Option<usize> {
 /// lamp's distance, so that both have the same scale. `px` maps points of the screen to the
 /// picture.
 pub fn gizmo_position_m(
-    eye: &Eye,
+    eye: &PosedCamera,
     at_m: DVec3,
     towards: DVec2,
     visible: Rect,
@@ -87,7 +87,7 @@ mod tests {
 
     use super::*;
     use locard_engine::recording::OpenOptions;
-    use locard_engine::shot::{Given, Shot};
+    use locard_engine::shot::{Shot, ShotOptions};
     use std::path::Path;
 
     const CORNERS: [DVec2; 2] = [DVec2::new(100.0, 50.0), DVec2::new(900.0, 650.0)];
@@ -115,8 +115,8 @@ mod tests {
 
     #[test]
     fn gizmo_of_a_lamp_outside_the_picture_lies_inside_at_the_same_distance() {
-        let shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given::default()).unwrap();
-        let eye = shot.eye(30).unwrap();
+        let shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &ShotOptions::default()).unwrap();
+        let eye = shot.posed_camera(30).unwrap();
         let visible = Rect::from_min_max(pos2(0.0, 0.0), pos2(640.0, 480.0));
         // 1 px is 1 point.
         let same = |at: DVec2| at;

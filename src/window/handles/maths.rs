@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 
 use glam::{DVec2, DVec3};
 
-use locard_engine::shot::Ray;
+use locard_engine::shot::ViewRay;
 
 /// Sine of the smallest angle between a view ray and a plane or an axis, 2°: at smaller angles a
 /// pixel is a huge step.
@@ -24,7 +24,7 @@ pub struct Plane {
 impl Plane {
     /// Intersection with a view ray. `None` where it is behind the camera or the plane is seen
     /// edge-on.
-    pub fn intersect(&self, ray: &Ray) -> Option<DVec3> {
+    pub fn intersect(&self, ray: &ViewRay) -> Option<DVec3> {
         let slope = ray.direction.dot(self.normal);
         let distance_m = (self.point_m - ray.origin_m).dot(self.normal) / slope;
         (slope.abs() > MIN_GRAZING_SIN && distance_m > 0.0 && distance_m.is_finite()).then(|| ray.at(distance_m))
@@ -41,7 +41,7 @@ impl Plane {
 /// `None` if the ray is parallel to the axis or the closest point of the ray is behind the camera.
 ///
 /// Closest points of two lines (Ericson 2005, *Real-Time Collision Detection*, 5.1.8).
-pub fn closest_on_axis_m(ray: &Ray, origin_m: DVec3, axis: DVec3) -> Option<f64> {
+pub fn closest_on_axis_m(ray: &ViewRay, origin_m: DVec3, axis: DVec3) -> Option<f64> {
     let cos = ray.direction.dot(axis);
     let sin2 = 1.0 - cos * cos;
     if sin2 < MIN_GRAZING_SIN * MIN_GRAZING_SIN {
@@ -130,9 +130,9 @@ mod tests {
 
     /// A view ray from 2 m above the floor z = 0, down and along y: the central one meets the floor
     /// 2 m ahead.
-    fn view_ray(x: f64, y: f64) -> Ray {
+    fn view_ray(x: f64, y: f64) -> ViewRay {
         let direction = DVec3::new(x, 1.0 + y, -1.0).normalize();
-        Ray { origin_m: DVec3::new(0.0, 0.0, 2.0), direction }
+        ViewRay { origin_m: DVec3::new(0.0, 0.0, 2.0), direction }
     }
 
     const FLOOR: Plane = Plane { point_m: DVec3::new(5.0, 5.0, 0.0), normal: DVec3::Z };
@@ -141,9 +141,9 @@ mod tests {
     fn view_ray_intersects_a_plane_in_front_of_the_camera_only() {
         assert!(FLOOR.intersect(&view_ray(0.0, 0.0)).unwrap().abs_diff_eq(DVec3::new(0.0, 2.0, 0.0), 1e-12));
         assert!(FLOOR.intersect(&view_ray(0.5, 0.0)).unwrap().abs_diff_eq(DVec3::new(1.0, 2.0, 0.0), 1e-12));
-        let sky = Ray { direction: DVec3::new(0.0, 0.6, 0.8), ..view_ray(0.0, 0.0) };
+        let sky = ViewRay { direction: DVec3::new(0.0, 0.6, 0.8), ..view_ray(0.0, 0.0) };
         // 1° below the horizon the floor is 115 m away; a pixel there spans metres.
-        let far = Ray { direction: DVec3::new(0.0, 1.0, -0.0175).normalize(), ..sky };
+        let far = ViewRay { direction: DVec3::new(0.0, 1.0, -0.0175).normalize(), ..sky };
         assert_eq!((FLOOR.intersect(&sky), FLOOR.intersect(&far)), (None, None));
         // A slope of 45° that rises along y.
         let slope = Plane { point_m: DVec3::new(0.0, 1.0, 1.0), normal: DVec3::new(0.0, -1.0, 1.0).normalize() };
@@ -155,10 +155,10 @@ mod tests {
     #[test]
     fn closest_point_on_an_axis_follows_the_view_ray() {
         // The axis x through (0, 2, 0) crosses the picture.
-        let at = |ray: &Ray| closest_on_axis_m(ray, DVec3::new(0.0, 2.0, 0.0), DVec3::X);
+        let at = |ray: &ViewRay| closest_on_axis_m(ray, DVec3::new(0.0, 2.0, 0.0), DVec3::X);
         assert!((at(&view_ray(0.5, 0.0)).unwrap() - 1.0).abs() < 1e-12);
         // A vertical axis: the level view ray is closest at the camera's height, 2 m.
-        let level = Ray { direction: DVec3::Y, ..view_ray(0.0, 0.0) };
+        let level = ViewRay { direction: DVec3::Y, ..view_ray(0.0, 0.0) };
         assert!((closest_on_axis_m(&level, DVec3::new(0.0, 2.0, 0.0), DVec3::Z).unwrap() - 2.0).abs() < 1e-12);
         // No result for a ray along the axis, or for an axis behind the camera.
         assert_eq!(closest_on_axis_m(&level, DVec3::new(1.0, 0.0, 0.0), DVec3::Y), None);

@@ -36,7 +36,7 @@ use super::Project;
 use super::picture::WIPE_GRIP_PT;
 use super::theme;
 use locard_engine::scene::{ItemPlacement, SceneFile, SceneItem, Size};
-use locard_engine::shot::Eye;
+use locard_engine::shot::PosedCamera;
 
 pub use self::maths::Plane;
 pub use self::overlay::Overlay;
@@ -141,7 +141,7 @@ impl Handles {
         *selected = selected.filter(|thing| project.edit().scene.placement(*thing).is_some());
         let pending = self.pending.take();
         let keys = std::mem::take(&mut self.keys);
-        let Ok(eye) = project.shot().eye(over.frame.index) else {
+        let Ok(eye) = project.shot().posed_camera(over.frame.index) else {
             self.cancel(project, selected);
             return None;
         };
@@ -170,7 +170,7 @@ impl Handles {
         command: TransformCommand,
         over: &Overlay<'_>,
         project: &Project,
-        eye: &Eye,
+        eye: &PosedCamera,
         thing: SceneItem,
         selected: &mut Option<SceneItem>,
     ) {
@@ -207,7 +207,7 @@ impl Handles {
         at: Pos2,
         over: &Overlay<'_>,
         project: &Project,
-        eye: &Eye,
+        eye: &PosedCamera,
         thing: SceneItem,
     ) {
         let grip = over.px(at);
@@ -239,7 +239,7 @@ impl Handles {
     /// Moves a thing by [`NUDGE_M`] along the level axis nearest to a direction of the picture: to
     /// the right, or up and thus away. Consecutive nudges merge into one undo step.
     pub fn nudge(project: &mut Project, frame: usize, thing: SceneItem, right: i8, up: i8) -> Result<(), String> {
-        let Ok(eye) = project.shot().eye(frame) else { return Ok(()) };
+        let Ok(eye) = project.shot().posed_camera(frame) else { return Ok(()) };
         let Some(mut placement) = project.edit().scene.placement(thing) else { return Ok(()) };
         let Some(along) = level_direction(&eye, placement.position_m, project.up(), right, up) else { return Ok(()) };
         placement.position_m += along * NUDGE_M;
@@ -252,7 +252,7 @@ impl Handles {
         &mut self,
         over: &Overlay<'_>,
         project: &mut Project,
-        eye: &Eye,
+        eye: &PosedCamera,
         keys: Vec<ToolKey>,
         selected: &mut Option<SceneItem>,
     ) -> Option<Result<String, String>> {
@@ -332,7 +332,13 @@ impl Handles {
     }
 
     /// Hover, press, drag start and click, while no transform is active.
-    fn update_pointer(&mut self, over: &Overlay<'_>, project: &Project, eye: &Eye, selected: &mut Option<SceneItem>) {
+    fn update_pointer(
+        &mut self,
+        over: &Overlay<'_>,
+        project: &Project,
+        eye: &PosedCamera,
+        selected: &mut Option<SceneItem>,
+    ) {
         let response = &over.picture.response;
         let (pressed, down, latest, origin) = response.ctx.input(|i| {
             let pointer = &i.pointer;
@@ -383,7 +389,7 @@ impl Handles {
         &mut self,
         over: &Overlay<'_>,
         project: &Project,
-        eye: &Eye,
+        eye: &PosedCamera,
         thing: SceneItem,
         at: Pos2,
     ) -> Option<Handle> {
@@ -398,7 +404,13 @@ impl Handles {
     }
 
     /// Outline of a thing, px of the picture.
-    fn outline(&mut self, over: &Overlay<'_>, project: &Project, eye: &Eye, thing: SceneItem) -> Option<&Outline> {
+    fn outline(
+        &mut self,
+        over: &Overlay<'_>,
+        project: &Project,
+        eye: &PosedCamera,
+        thing: SceneItem,
+    ) -> Option<&Outline> {
         let scene = &project.shot().scene;
         let version = project.version();
         let frame = over.frame.index;
@@ -415,7 +427,7 @@ impl Handles {
         self.outline.as_ref().map(|cached| &cached.outline)
     }
 
-    fn paint(&mut self, over: &Overlay<'_>, project: &Project, eye: &Eye, selected: Option<SceneItem>) {
+    fn paint(&mut self, over: &Overlay<'_>, project: &Project, eye: &PosedCamera, selected: Option<SceneItem>) {
         let placed = over.picture.placed;
         let painter = over.picture.painter.with_clip_rect(over.clip());
         self.paint_lamps(over, &painter, project, eye, selected);
@@ -456,7 +468,7 @@ impl Handles {
         over: &Overlay<'_>,
         painter: &Painter,
         project: &Project,
-        eye: &Eye,
+        eye: &PosedCamera,
         selected: Option<SceneItem>,
     ) {
         let markers = lamp_markers(over, project, eye);

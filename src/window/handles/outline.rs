@@ -4,7 +4,7 @@ use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use super::maths::{Plane, convex_hull};
 use locard_engine::scene::{Object, Scene};
-use locard_engine::shot::Eye;
+use locard_engine::shot::PosedCamera;
 
 /// Closed polygons, px of the picture.
 pub type Outline = Vec<Vec<DVec2>>;
@@ -15,7 +15,7 @@ const MAX_TRIANGLES: usize = 60_000;
 const SPHERE_SIDES: usize = 48;
 
 /// Outline of an object.
-pub fn outline(eye: &Eye, scene: &Scene, object: &Object) -> Outline {
+pub fn outline(eye: &PosedCamera, scene: &Scene, object: &Object) -> Outline {
     let triangles: usize = object.placed().map(|part| scene.meshes[part.mesh].indices.len() / 3).sum();
     if triangles <= MAX_TRIANGLES {
         return eye.outline_px(scene, object);
@@ -28,7 +28,7 @@ pub fn outline(eye: &Eye, scene: &Scene, object: &Object) -> Outline {
 ///
 /// View rays touch the sphere in a circle of radius r·√(1 − r²/d²), nearer than its centre by r²/d,
 /// where d is the distance of the centre.
-pub fn sphere_outline(eye: &Eye, centre_m: DVec3, radius_m: f64) -> Outline {
+pub fn sphere_outline(eye: &PosedCamera, centre_m: DVec3, radius_m: f64) -> Outline {
     let to_eye = eye.position_m() - centre_m;
     let distance_m = to_eye.length();
     if radius_m <= 0.0 || distance_m <= radius_m {
@@ -47,7 +47,7 @@ pub fn sphere_outline(eye: &Eye, centre_m: DVec3, radius_m: f64) -> Outline {
 }
 
 /// Outline of an object's projection onto a plane along `up`. Empty if the plane is upright.
-pub fn footprint(eye: &Eye, scene: &Scene, object: &Object, plane: &Plane, up: DVec3) -> Outline {
+pub fn footprint(eye: &PosedCamera, scene: &Scene, object: &Object, plane: &Plane, up: DVec3) -> Outline {
     let Some(flat) = projection_onto(plane, up) else { return Vec::new() };
     let mut below = object.clone();
     below.move_by(flat);
@@ -89,12 +89,12 @@ mod tests {
 
     use super::*;
     use locard_engine::recording::OpenOptions;
-    use locard_engine::shot::{Given, Shot};
+    use locard_engine::shot::{Shot, ShotOptions};
 
     #[test]
     fn outline_of_a_sphere_is_tangent_to_it() {
-        let shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &Given::default()).unwrap();
-        let eye = shot.eye(30).unwrap();
+        let shot = Shot::open(Path::new("recordings/demo"), &OpenOptions::default(), &ShotOptions::default()).unwrap();
+        let eye = shot.posed_camera(30).unwrap();
         let middle = eye.ray(DVec2::new(330.0, 230.0)).unwrap().at(0.5);
         let [outline] = &sphere_outline(&eye, middle, 0.1)[..] else { panic!("one polygon") };
         assert_eq!(outline.len(), SPHERE_SIDES);

@@ -70,7 +70,7 @@ impl PlacementPreview {
                 let mut models = models.lock().unwrap_or_else(PoisonError::into_inner);
                 let scene =
                     load_file_with(&alone, &file, shot.recording.up, &mut models, MissingModels::Refuse).ok()?;
-                let eye = shot.eye(frame.index).ok()?;
+                let eye = shot.posed_camera(frame.index).ok()?;
                 Some(outline(&eye, &scene, scene.objects.first()?))
             };
             let task =

@@ -7,7 +7,7 @@ use super::maths::{
     Plane, closest_on_axis_m, distance_ratio, plane_axes, screen_angle_rad, signed_angle_rad, snapped, unwrapped_angle,
 };
 use locard_engine::scene::ItemPlacement;
-use locard_engine::shot::Ray;
+use locard_engine::shot::ViewRay;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TransformKind {
@@ -198,7 +198,7 @@ impl Tool {
     pub fn update(
         &mut self,
         pointer: Pointer,
-        ray: impl Fn(DVec2) -> Option<Ray>,
+        ray: impl Fn(DVec2) -> Option<ViewRay>,
         surface: impl FnOnce(DVec2) -> Option<Plane>,
     ) -> Update {
         let start = self.start.placement;
@@ -242,7 +242,7 @@ impl Tool {
         &mut self,
         pointer: Pointer,
         typed: Option<f64>,
-        ray: impl Fn(DVec2) -> Option<Ray>,
+        ray: impl Fn(DVec2) -> Option<ViewRay>,
         surface: impl FnOnce(DVec2) -> Option<Plane>,
     ) {
         let (start, up) = (self.start.placement.position_m, self.start.up);
@@ -305,7 +305,7 @@ impl Tool {
         }
     }
 
-    fn pointer_turn_deg(&mut self, axis: DVec3, pointer: Pointer, ray: impl Fn(DVec2) -> Option<Ray>) -> f64 {
+    fn pointer_turn_deg(&mut self, axis: DVec3, pointer: Pointer, ray: impl Fn(DVec2) -> Option<ViewRay>) -> f64 {
         let DragState { centre_px, grip_px, placement, .. } = self.start;
         let plane = Plane { point_m: placement.position_m, normal: axis };
         let on_plane = |px| ray(px).and_then(|ray| plane.intersect(&ray));
@@ -343,13 +343,13 @@ mod tests {
     use locard_engine::scene::Size;
 
     /// View from above: 1 px is 1 cm, the world's y points up in the picture.
-    fn from_above(px: DVec2) -> Option<Ray> {
-        Some(Ray { origin_m: DVec3::new(0.01 * px.x, -0.01 * px.y, 2.0), direction: DVec3::NEG_Z })
+    fn from_above(px: DVec2) -> Option<ViewRay> {
+        Some(ViewRay { origin_m: DVec3::new(0.01 * px.x, -0.01 * px.y, 2.0), direction: DVec3::NEG_Z })
     }
 
     /// View from the side, along y.
-    fn from_the_side(px: DVec2) -> Option<Ray> {
-        Some(Ray { origin_m: DVec3::new(0.01 * px.x, -2.0, -0.01 * px.y), direction: DVec3::Y })
+    fn from_the_side(px: DVec2) -> Option<ViewRay> {
+        Some(ViewRay { origin_m: DVec3::new(0.01 * px.x, -2.0, -0.01 * px.y), direction: DVec3::Y })
     }
 
     /// A thing 1 m above the floor at (1, 0), with its origin 2 cm above its lowest point. Its
@@ -498,7 +498,7 @@ mod tests {
         tool.update(steps, from_above, NO_DEPTH);
         assert_eq!((history(&tool), status(&tool)), ("turned 275°".to_owned(), "Turn about up: 275°".to_owned()));
         // From below the same motion of the pointer turns the other way.
-        let from_below = |px: DVec2| Some(Ray { origin_m: DVec3::new(px.x, px.y, -9.0), direction: DVec3::Z });
+        let from_below = |px: DVec2| Some(ViewRay { origin_m: DVec3::new(px.x, px.y, -9.0), direction: DVec3::Z });
         let mut below = Tool::new(TransformKind::Turn, Constraint::Free, start());
         below.update(pointer(100.0, -50.0), from_below, NO_DEPTH);
         assert_eq!(status(&below), "Turn about up: -90°");
@@ -508,7 +508,7 @@ mod tests {
             let direction = DVec3::new(0.0, 0.75f64.sqrt(), -sin);
             let up = DVec3::new(0.0, sin, 0.75f64.sqrt());
             let middle = DVec3::new(1.0, 0.0, 1.02) - 5.0 * direction;
-            Some(Ray { origin_m: middle + 0.01 * (DVec3::X * (px.x - 100.0) - up * px.y), direction })
+            Some(ViewRay { origin_m: middle + 0.01 * (DVec3::X * (px.x - 100.0) - up * px.y), direction })
         };
         let mut ring = Tool::new(TransformKind::Turn, Constraint::Free, start()).on_ring();
         ring.update(pointer(150.0, -25.0), oblique, NO_DEPTH);

@@ -8,19 +8,19 @@ use super::{Edit, Project, full_name};
 use locard_engine::analyse::Analysis;
 use locard_engine::compositor::Settings;
 use locard_engine::profile::{Look, Rig};
-use locard_engine::shot::{Follows, ShotError};
+use locard_engine::shot::{EstimatedParam, ShotError};
 
 impl Project {
     /// Continues with an analysis of the recording. Scene, history and settings stay. The results
     /// replace the values of the recording and the profiles in every step, which is not an unsaved
     /// change. Values set by the scene or the user stay.
     pub fn adopt_analysis(&mut self, folder: PathBuf, analysis: Analysis) -> Result<(), ShotError> {
-        let follows = self.shot.take_analysis(folder, analysis)?;
+        let follows = self.shot.apply_analysis(folder, analysis)?;
         let (opened, pins) = (self.baseline.clone(), self.pins(&BTreeSet::new()));
         let apply_to = |rig: &mut Rig, settings: &mut Settings, unpinned: &BTreeSet<String>| {
             let pins = pins.filtered(|table, name| !unpinned.contains(&full_name(table, name)));
             let own = settings_of_scene(opened.look(), &pins, Look { rig, settings });
-            Follows::apply(follows.iter().filter(|found| !own.has(found.table, found.name)), rig, settings);
+            EstimatedParam::apply(follows.iter().filter(|found| !own.has(found.table, found.name)), rig, settings);
         };
         let apply_to_edit = |edit: &mut Edit| {
             apply_to(&mut edit.rig, &mut edit.settings, &edit.unpinned);
@@ -30,7 +30,7 @@ impl Project {
         };
         self.history.change_all(apply_to_edit);
         apply_to_edit(&mut self.saved);
-        Follows::apply(&follows, &mut self.baseline.rig, &mut self.baseline.settings);
+        EstimatedParam::apply(&follows, &mut self.baseline.rig, &mut self.baseline.settings);
         // Other poses change the placement checks and the variant.
         self.scene_version += 1;
         self.variant_version = self.version + 1;

@@ -11,7 +11,7 @@ use locard_engine::analyse::{ENVIRONMENT, FILE_NAME, LightFindings, WHITE_REFLEC
 use locard_engine::scene::document::LightTable;
 use locard_engine::scene::{LightCorrection, Lighting, LightingOrigin, SceneFile, SceneItem, Support, relative};
 use locard_engine::shadow::{Room, on_white};
-use locard_engine::shot::{AnalysisState, ReferencePick, View};
+use locard_engine::shot::{AnalysisState, FramePoint, ReferencePick};
 use locard_engine::text::fixed;
 
 impl Project {
@@ -37,7 +37,7 @@ impl Project {
 
     /// Matches brightness and colour of all light to a white place of the picture. Returns a message
     /// with the factors.
-    pub fn match_white(&mut self, view: View) -> Result<String, String> {
+    pub fn match_white(&mut self, view: FramePoint) -> Result<String, String> {
         let mut scene = self.edit().scene.clone();
         self.write_current_light(&mut scene)?;
         if scene.light.is_unspecified() {
@@ -49,7 +49,7 @@ impl Project {
                 .to_owned());
         }
         let pick = ReferencePick { view, reflectance: WHITE_REFLECTANCE };
-        let whites = self.shot.white_at(&[pick], &lighting).map_err(|(_, error)| error.to_string())?;
+        let whites = self.shot.white_references(&[pick], &lighting).map_err(|(_, error)| error.to_string())?;
         let factors: Vec<[f64; 3]> = whites.iter().map(|white| white.factors).collect();
         let (correction, [low, high]) = LightCorrection::mean_of(&factors);
         correction.apply(&mut scene.light);

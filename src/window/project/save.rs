@@ -14,7 +14,7 @@ use locard_engine::compositor::{ON, Settings};
 use locard_engine::profile::{self, Look, ProfileError, Rig, ShotSettings};
 use locard_engine::recording::Recording;
 use locard_engine::scene::{self, SceneError, SceneFile};
-use locard_engine::shot::Follows;
+use locard_engine::shot::EstimatedParam;
 use locard_engine::sink::SinkError;
 use locard_engine::sink::atomic::write_atomically;
 use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
@@ -57,7 +57,7 @@ struct ProfileDraft {
     resulting_edit: Edit,
     values: ProfileValues,
     /// Results of an analysis, which do not belong to the camera.
-    found: Vec<Follows>,
+    found: Vec<EstimatedParam>,
     from: Option<PathBuf>,
 }
 
@@ -178,7 +178,12 @@ fn is_other_kind(path: &Path) -> bool {
 /// Sets the values in the profile's text that differ from the recording's own camera and from that
 /// text. For a recording without a camera the text includes a complete one. Values equal to those
 /// `found` by an analysis are left out.
-fn profile_text(recording: &Recording, edit: &Edit, path: &Path, found: &[Follows]) -> Result<String, SaveError> {
+fn profile_text(
+    recording: &Recording,
+    edit: &Edit,
+    path: &Path,
+    found: &[EstimatedParam],
+) -> Result<String, SaveError> {
     let (mut rig, mut settings) = (Rig::default(), Settings::default());
     if let Some(own) = &recording.camera_profile {
         rig.read(own, &mut settings)?;
@@ -209,7 +214,7 @@ fn profile_text(recording: &Recording, edit: &Edit, path: &Path, found: &[Follow
     for params in tables(&edit.rig, &edit.settings) {
         let table = params.table();
         for spec in params.specs().into_iter().filter(|spec| changes.has(table, spec.name)) {
-            let is_same_param = |found: &&Follows| (found.table, found.name) == (table, spec.name);
+            let is_same_param = |found: &&EstimatedParam| (found.table, found.name) == (table, spec.name);
             if found.iter().find(is_same_param).map(|found| &found.value) != params.get(spec.name).as_ref() {
                 document.set_param(params, spec.name);
             }
@@ -236,7 +241,7 @@ impl Project {
             edit: self.edit().clone(),
             resulting_edit: self.resulting_edit(&values),
             values,
-            found: self.shot.baseline().found.clone(),
+            found: self.shot.baseline().estimated.clone(),
             from: self.profile.clone(),
         };
         Draft { path: path.to_owned(), known: None, content: DraftContent::Profile(Box::new(draft)) }
@@ -285,7 +290,7 @@ impl Project {
         match content {
             DraftContent::Profile(draft) => {
                 self.mark_profile_written(&draft.values, &draft.edit);
-                self.shot.profile_written(&path, &draft.values.from_baseline);
+                self.shot.replace_profile(&path, &draft.values.from_baseline);
                 let own = self.shot_settings();
                 self.shot.set_settings_of_scene(&own);
                 self.profile = Some(path);

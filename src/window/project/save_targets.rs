@@ -7,7 +7,7 @@ use std::path::Path;
 use super::{Edit, Project, full_name};
 use locard_engine::params::Value;
 use locard_engine::profile::{Look, ShotSettings};
-use locard_engine::shot::Follows;
+use locard_engine::shot::EstimatedParam;
 
 /// Tables that describe the camera itself. Shot settings among them are in [`SHOT_PARAMETERS`].
 const CAMERA_TABLES: [&str; 5] = ["camera", "camera.distortion", "camera.lens", "camera.response", "point_spread"];
@@ -117,10 +117,10 @@ impl Project {
         settings_of_scene(self.baseline.look(), &self.pins(unpinned), now)
     }
 
-    /// The settings to write into the scene file: the scene's own, and those that [`Given::sets`]
+    /// The settings to write into the scene file: the scene's own, and those that [`ShotOptions::sets`]
     /// overrides unless the user has changed them.
     ///
-    /// [`Given::sets`]: locard_engine::shot::Given::sets
+    /// [`ShotOptions::sets`]: locard_engine::shot::ShotOptions::sets
     pub(super) fn file_settings(&self, edit: &Edit) -> ShotSettings {
         let overridden = self.overridden.where_alike(self.baseline.look(), edit.look());
         self.settings_of(edit.look(), &edit.unpinned).or(&overridden)
@@ -154,7 +154,7 @@ impl Project {
             let exposure = &self.shot.recording.exposure;
             return exposure.iter().all(|e| e.time_s.or(e.blurred_s).is_none());
         }
-        let mut found = self.shot.baseline().found.iter().filter(|found| found.overrides_profiles());
+        let mut found = self.shot.baseline().estimated.iter().filter(|found| found.overrides_profiles());
         self.can_place() || !found.any(|found| (found.table, found.name) == (table, name))
     }
 
@@ -188,8 +188,8 @@ impl Project {
         apply_values(&values.from_saved, &mut self.saved);
         apply_values(&values.from_baseline, &mut self.baseline);
         // The profile does not override these values, so differences stay in the scene.
-        let overriding = self.shot.baseline().found.iter().filter(|found| found.overrides_profiles());
-        Follows::apply(overriding, &mut self.baseline.rig, &mut self.baseline.settings);
+        let overriding = self.shot.baseline().estimated.iter().filter(|found| found.overrides_profiles());
+        EstimatedParam::apply(overriding, &mut self.baseline.rig, &mut self.baseline.settings);
         let is_same = |one: &Edit| ShotSettings::between(one.look(), edit.look()).is_empty();
         if is_same(&self.saved) {
             (self.saved.rig, self.saved.settings) = (edit.rig.clone(), edit.settings.clone());

@@ -43,9 +43,9 @@ fn leave(folder: &Path, project: &Project, frame: usize) {
 /// The demonstration itself, in the fast tier without its scene and shadows, which have no part here.
 fn demonstration() -> Harness<'static, App> {
     let given = if is_full() {
-        Given { scene: Some(DEMO_SCENE.into()), ..Given::default() }
+        ShotOptions { scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() }
     } else {
-        Given { sets: vec!["shadow.cast=false".to_owned()], ..Given::default() }
+        ShotOptions { sets: vec!["shadow.cast=false".to_owned()], ..ShotOptions::default() }
     };
     window(Project::open(Path::new(DEMO), &OpenOptions::default(), &given).unwrap(), egui::vec2(1400.0, 1000.0))
 }

@@ -37,7 +37,7 @@ fn marked(codes: &[[u8; 3]]) -> usize {
 }
 
 fn composite_error(scene: &Path) -> String {
-    let given = Given { scene: Some(scene.to_owned()), ..Given::default() };
+    let given = ShotOptions { scene: Some(scene.to_owned()), ..ShotOptions::default() };
     Shot::open(&worked::demo(), &OpenOptions::default(), &given).unwrap_err().to_string()
 }
 
@@ -91,7 +91,7 @@ fn hidden_objects_need_no_model_and_new_ones_do() {
     project.change_scene("hidden", |scene| scene.set_hidden(entry, true)).unwrap();
     project.shot().check(0..1).unwrap();
     project.save_scene(&case.scene).unwrap();
-    let given = Given { scene: Some(case.scene.clone()), ..Given::default() };
+    let given = ShotOptions { scene: Some(case.scene.clone()), ..ShotOptions::default() };
     Shot::open(&worked::demo(), &OpenOptions::default(), &given).unwrap();
     // A model that is placed now has to be there.
     let placed = PlacedModel { model: "none.glb".to_owned(), ..PlacedModel::default() };

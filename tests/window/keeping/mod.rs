@@ -23,14 +23,15 @@ use locard::params::Value;
 use locard::pixels::Pixels;
 use locard::recording::OpenOptions;
 use locard::scene::document::PlacedModel;
-use locard::shot::{Given, Shot};
+use locard::shot::{Shot, ShotOptions};
 use locard::window::{
     App, Autosave, DEMO, DEMO_SCENE, HistoryRecord, JobState, ProfileScope, Project, RecoverableWork, UnsavedWork,
     command_line,
 };
 
 fn project(profile: Option<&Path>, scene: Option<&Path>) -> Project {
-    let given = Given { profile: profile.map(Into::into), scene: scene.map(Into::into), ..Given::default() };
+    let given =
+        ShotOptions { profile: profile.map(Into::into), scene: scene.map(Into::into), ..ShotOptions::default() };
     Project::open(&worked::demo(), &OpenOptions::default(), &given).unwrap()
 }
 
@@ -51,7 +52,7 @@ fn plain() -> Harness<'static, App> {
 /// What `locard composite` writes with these settings.
 fn written(sets: &[&str], frame: usize) -> Vec<[u8; 3]> {
     let sets = sets.iter().map(ToString::to_string).collect();
-    let given = Given { sets, scene: Some(DEMO_SCENE.into()), ..Given::default() };
+    let given = ShotOptions { sets, scene: Some(DEMO_SCENE.into()), ..ShotOptions::default() };
     let mut shot = Shot::open(&worked::demo(), &OpenOptions::default(), &given).unwrap();
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let pending = shot.picture(&mut compositor, frame, Target::Pixels).unwrap();

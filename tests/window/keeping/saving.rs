@@ -94,7 +94,7 @@ fn saving_names_what_it_wrote_and_asks_before_others_profiles() {
     std::fs::write(&scene, "version = 1\nup = \"z\"\n").unwrap();
     let own = recording.join("mine.toml");
     std::fs::write(&own, "version = 1\n").unwrap();
-    let given = Given { profile: Some(own.clone()), scene: Some(scene.clone()), ..Given::default() };
+    let given = ShotOptions { profile: Some(own.clone()), scene: Some(scene.clone()), ..ShotOptions::default() };
     let project = Project::open(&recording, &OpenOptions::default(), &given).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 900.0));
     window.state_mut().set_state_folder(&temp.path().join("state"));
@@ -141,7 +141,7 @@ fn a_new_scene_is_saved_with_its_recording_in_a_folder_that_is_made() {
     let (recording, elsewhere) = (temp.path().join("rec"), temp.path().join("elsewhere"));
     program::copied(&worked::demo(), &recording);
     std::fs::create_dir(&elsewhere).unwrap();
-    let project = Project::open(&recording, &OpenOptions::default(), &Given::default()).unwrap();
+    let project = Project::open(&recording, &OpenOptions::default(), &ShotOptions::default()).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 900.0));
     // Another scene was saved elsewhere before.
     let state = temp.path().join("state");
@@ -342,7 +342,7 @@ fn a_profile_under_another_name_is_whole_and_keeps_its_comments() {
     let own = std::fs::read_to_string(worked::demo().join("camera.toml")).unwrap();
     std::fs::write(&profile, format!("# My own camera.\n{own}")).unwrap();
     let open = |profile: &Path| {
-        let given = Given { profile: Some(profile.to_owned()), ..Given::default() };
+        let given = ShotOptions { profile: Some(profile.to_owned()), ..ShotOptions::default() };
         Project::open(&site, &OpenOptions::default(), &given).unwrap()
     };
     let mut project = open(&profile);

@@ -59,11 +59,12 @@ fn save_writes_exposure_and_effects_into_the_scene_and_leaves_the_profile() {
     // The command line reads the same scene.
     let line = command_line(&again, 0);
     assert!(line.before.is_empty() && !line.text.contains("--set"), "{line:?}");
-    let given = Given { profile: Some(case.profile.clone()), scene: Some(case.scene.clone()), ..Given::default() };
+    let given =
+        ShotOptions { profile: Some(case.profile.clone()), scene: Some(case.scene.clone()), ..ShotOptions::default() };
     let shot = Shot::open(&worked::demo(), &OpenOptions::default(), &given).unwrap();
     assert!(shot.rig == again.edit().rig && shot.settings == again.edit().settings);
     // `--set` overrides the scene.
-    let given = Given { sets: vec!["camera.exposure.time_s=0.03".to_owned()], ..given };
+    let given = ShotOptions { sets: vec!["camera.exposure.time_s=0.03".to_owned()], ..given };
     let shot = Shot::open(&worked::demo(), &OpenOptions::default(), &given).unwrap();
     assert_eq!(shot.rig.exposure.time_s, Some(0.03));
 }
@@ -182,14 +183,14 @@ fn command_line_has_no_exposure_where_the_recorded_one_counts() {
 #[test]
 fn film_speed_counts_as_soon_as_it_is_set() {
     let mut project = Case::new().project();
-    let recorded = project.shot().taken(0).iso;
+    let recorded = project.shot().exposure_settings(0).iso;
     project.set("camera.exposure", "time_s", &Value::Number(0.125)).unwrap();
     project.set("camera.exposure", "iso", &Value::Number(1234.0)).unwrap();
-    let taken = project.shot().taken(0);
+    let taken = project.shot().exposure_settings(0);
     assert_eq!((taken.time_s, taken.iso), (Some(0.125), Some(1234.0)));
     project.undo();
     project.undo();
-    assert_eq!(project.shot().taken(0).iso, recorded);
+    assert_eq!(project.shot().exposure_settings(0).iso, recorded);
 }
 
 #[test]
@@ -201,7 +202,8 @@ fn noise_that_is_taken_back_leaves_the_profile() {
     let without = camera.split("[camera.noise]").next().unwrap();
     std::fs::write(recording.join("camera.toml"), without).unwrap();
     let noise = Rig::of_file(&worked::demo().join("camera.toml")).unwrap().noise.unwrap();
-    let given = Given { profile: Some(case.profile.clone()), scene: Some(case.scene.clone()), ..Given::default() };
+    let given =
+        ShotOptions { profile: Some(case.profile.clone()), scene: Some(case.scene.clone()), ..ShotOptions::default() };
     let mut project = Project::open(&recording, &OpenOptions::default(), &given).unwrap();
     project.set_noise(noise.clone());
     save_camera(&mut project, &case.profile);
@@ -277,7 +279,7 @@ fn analysis_leaves_the_settings_of_the_scene_and_of_a_profile_that_was_saved_sin
     let names = [("camera", "readout_time_s"), ("point_spread", "sigma_px")];
     assert_eq!(names.map(|(table, name)| number(&project, table, name)), [0.01, 1.5]);
     assert_eq!(project.baseline_value("point_spread", "sigma_px"), Some(Value::Number(1.5)));
-    assert_eq!(project.shot().baseline().found.len(), 1);
+    assert_eq!(project.shot().baseline().estimated.len(), 1);
 }
 
 #[test]
@@ -314,14 +316,20 @@ fn values_read_again_from_a_profile_count_for_the_exposure() {
     std::fs::write(&case.profile, exposure(400)).unwrap();
     std::fs::write(&case.scene, format!("{SCENE}\n[settings.camera.lens]\nf_number = 8.0\n")).unwrap();
     let mut project = case.project();
-    assert_eq!((project.shot().taken(0).iso, project.shot().taken(0).f_number), (Some(400.0), Some(8.0)));
+    assert_eq!(
+        (project.shot().exposure_settings(0).iso, project.shot().exposure_settings(0).f_number),
+        (Some(400.0), Some(8.0))
+    );
     std::fs::write(&case.profile, exposure(800)).unwrap();
     project.adopt_files(case.project());
-    assert_eq!((project.shot().taken(0).iso, project.shot().taken(0).f_number), (Some(800.0), Some(8.0)));
+    assert_eq!(
+        (project.shot().exposure_settings(0).iso, project.shot().exposure_settings(0).f_number),
+        (Some(800.0), Some(8.0))
+    );
     assert_eq!(project.shot().baseline().rig.exposure.iso, Some(800.0));
     // Without the scene's own value the profile's holds.
     project.reset("camera.lens", "f_number", &Value::Number(4.0)).unwrap();
-    assert_eq!(project.shot().taken(0).f_number, Some(4.0));
+    assert_eq!(project.shot().exposure_settings(0).f_number, Some(4.0));
 }
 
 #[test]
@@ -363,8 +371,12 @@ fn setting_of_the_scene_that_is_overridden_for_the_session_stays_in_its_file() {
     let lens = "[settings.camera.lens]\naperture_diameter_mm = 5.0\n";
     std::fs::write(&case.scene, format!("{SCENE}\n[settings.noise]\nscale = 0.75\n\n{lens}")).unwrap();
     let sets = vec!["noise.scale=2".to_owned(), "camera.lens.f_number=4".to_owned()];
-    let given =
-        Given { profile: Some(case.profile.clone()), scene: Some(case.scene.clone()), sets, ..Given::default() };
+    let given = ShotOptions {
+        profile: Some(case.profile.clone()),
+        scene: Some(case.scene.clone()),
+        sets,
+        ..ShotOptions::default()
+    };
     let open = || Project::open(&worked::demo(), &OpenOptions::default(), &given).unwrap();
     let mut project = open();
     assert_eq!((number(&project, "noise", "scale"), project.is_saved()), (2.0, true));

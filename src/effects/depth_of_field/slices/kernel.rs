@@ -1,4 +1,4 @@
-//! The opening's image at a resolution, for a slice: its weights, and the noise it leaves.
+//! The aperture's image at a resolution, for a slice: its weights, and the noise that remains.
 
 use crate::camera::Aperture;
 
@@ -8,10 +8,10 @@ pub const LEVELS: usize = 4;
 const UP_TO_PX: [f64; LEVELS] = [2.5, 8.5, 18.0, 38.0];
 /// Half sides of kernels, in pixels of their resolution.
 pub const HALVES: [i32; 6] = [1, 2, 4, 6, 9, 13];
-/// Number of points of the opening from which a kernel is made.
+/// Number of points of the aperture from which a kernel is made.
 const POINTS: u32 = 4096;
 /// `(2·13 + 1)²`, rounded up to a multiple of four.
-pub const MOST_WEIGHTS: usize = 732;
+pub const MAX_WEIGHTS: usize = 732;
 
 /// The opening's image at a resolution.
 #[derive(Clone, Debug)]
@@ -30,7 +30,7 @@ impl Kernel {
         let level = level_of(radius);
         let texel = f64::from(1u32 << level);
         let wanted = (radius / texel).powi(2) * aperture.variance();
-        let besides = besides(level);
+        let added_variance = added_variance(level);
         let points: Vec<[f64; 2]> = (0..POINTS).map(|i| aperture.sequence(i)).collect();
         let (mut low, mut high) = (0.0, radius / texel + 1.0);
         let mut weights = Vec::new();
@@ -39,12 +39,13 @@ impl Kernel {
             let r = 0.5 * (low + high);
             class = HALVES.iter().position(|&h| f64::from(h) >= r).unwrap_or(HALVES.len() - 1);
             weights = splat(&points, r * circle_px.signum(), HALVES[class]);
-            if variance(&weights, HALVES[class]) + besides < wanted { low = r } else { high = r }
+            if variance(&weights, HALVES[class]) + added_variance < wanted { low = r } else { high = r }
         }
         Self { level, class, weights: weights.iter().map(|w| *w as f32).collect() }
     }
 
-    /// Σ w w' ρ over the picture's pixels, whose neighbours have these correlations.
+    /// Remaining noise variance, Σ w w' ρ over the picture's pixels, whose neighbours have these
+    /// correlations.
     fn noise_left(&self, correlations: &[[f64; 3]; 2]) -> f64 {
         let side = (2 * HALVES[self.class] + 1) as usize;
         let rows: Vec<&[f32]> = self.weights.chunks(side).collect();
@@ -72,18 +73,19 @@ impl Kernel {
 
 /// The resolution at which a radius is drawn: the number of halvings.
 fn level_of(radius_px: f64) -> usize {
-    UP_TO_PX.iter().filter(|&&most| radius_px > most).count()
+    UP_TO_PX.iter().filter(|&&max_px| radius_px > max_px).count()
 }
 
-/// How far a circle of this radius reaches, with its texels, px.
+/// Distance to which a circle of this radius reaches, with its texels, px.
 pub fn reach_of(radius_px: f64) -> f64 {
     radius_px + 3.0 * f64::from(1u32 << level_of(radius_px))
 }
 
-/// The variance that a resolution adds, in squares of its pixels: the mean over a texel, and linear interpolation
-/// between texels. Half of it counts: an edge through a disc is wider from 10 to 90 % than one through something
-/// rounder. With half, edges are within 5 % of the disc's width from 2 to 80 px.
-fn besides(level: usize) -> f64 {
+/// The variance that a resolution adds, in squares of its pixels: the mean over a texel, and linear
+/// interpolation between texels. Half of it counts: an edge through a disc is wider from 10 to 90 %
+/// than one through something rounder. With half, edges are within 5 % of the disc's width from 2
+/// to 80 px.
+fn added_variance(level: usize) -> f64 {
     if level == 0 { 0.0 } else { 0.5 * ((1.0 - 0.25f64.powi(level as i32)) / 12.0 + 1.0 / 6.0) }
 }
 
@@ -119,9 +121,10 @@ fn correlated(correlations: &[[f64; 3]; 2]) -> f64 {
     correlations.iter().map(|axis| axis[0] + 2.0 * (axis[1] + axis[2])).product()
 }
 
-/// The share of the pixels' noise variance that blurring leaves. `before` is their variance relative to that of the
-/// recorded pixels, which are `enlargement` px wide. Under a circle of c recorded pixels, π/4·c² of them take part,
-/// fewer by as much as they correlate. In a picture that is not enlarged the kernel gives it directly.
+/// Share of the pixels' noise variance that remains after blurring. `before` is their variance
+/// relative to that of the recorded pixels, which are `enlargement` px wide. A circle of c recorded
+/// pixels averages π/4·c² of them, fewer if they are correlated. Without enlargement it follows
+/// from the kernel directly.
 pub fn noise_left(
     before: f64,
     enlargement: f64,
@@ -142,14 +145,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn kernels_have_the_openings_variance() {
+    fn kernel_of_every_slice_has_the_apertures_variance() {
         let round = Aperture::new(|_| 1.0);
         for slice in 1..=22 {
             let kernel = Kernel::new(&round, diameter_px(slice));
             let weights: Vec<f64> = kernel.weights.iter().map(|w| f64::from(*w)).collect();
             assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-5, "{slice}");
             let texel = f64::from(1u32 << kernel.level);
-            let found = (variance(&weights, HALVES[kernel.class]) + besides(kernel.level)) * texel * texel;
+            let found = (variance(&weights, HALVES[kernel.class]) + added_variance(kernel.level)) * texel * texel;
             let wanted = (0.5 * diameter_px(slice)).powi(2) / 4.0;
             assert!((found / wanted - 1.0).abs() < 0.01, "{slice}: {found}, {wanted} wanted");
         }

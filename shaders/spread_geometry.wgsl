@@ -1,4 +1,5 @@
-// The geometry of newly covered pixels: that of the nearest surface around, along one axis (src/effects/follow.rs).
+// The geometry of newly covered pixels: that of the nearest surface around, along one axis
+// (src/effects/spread_geometry.rs).
 // @import shared/fullscreen
 // @import shared/layer
 
@@ -6,8 +7,8 @@
 override down: i32 = 0;
 
 // In a storage buffer: software drivers compile a loop bound from a uniform into the shader.
-struct Follow { size: vec2<i32>, radius: i32 }  // of the layer; how far to look, px
-@group(0) @binding(0) var<storage, read> follow: Follow;
+struct SpreadGeometry { size: vec2<i32>, radius: i32 }  // of the layer; of the search, px
+@group(0) @binding(0) var<storage, read> spread: SpreadGeometry;
 @group(0) @binding(1) var geometry: texture_2d<u32>;
 
 @fragment
@@ -17,11 +18,11 @@ fn main(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
     let own = textureLoad(geometry, p, 0);
     var nearest = own;
     var nearest_m = select(1e30, 0.0, unpack_geometry(own).x > 0.0);
-    for (var k = -follow.radius; k <= follow.radius; k++) {
+    for (var k = -spread.radius; k <= spread.radius; k++) {
         let q = p + k * step;
         let met = textureLoad(geometry, q, 0);
         let depth = unpack_geometry(met).x;
-        if inside_layer(q, follow.size) && depth > 0.0 && depth < nearest_m {
+        if inside_layer(q, spread.size) && depth > 0.0 && depth < nearest_m {
             nearest = met;
             nearest_m = depth;
         }

@@ -1,14 +1,14 @@
-//! The analysis that lies beside a recording, and what of it holds.
+//! Loads the analysis beside a recording and applies the parts that are valid.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::error::ShotError;
-use super::given::{Analysed, Given};
+use super::options::{AnalysisChoice, ShotOptions};
 use crate::analyse::{Analysis, FILE_NAME, Findings, beside};
 use crate::compositor::Settings;
-use crate::effects::exposure::gathered_s;
-use crate::effects::point_spread::measuring;
+use crate::effects::exposure::equivalent_exposure_s;
+use crate::effects::point_spread::sigma_for_measured_px;
 use crate::params::Value;
 use crate::profile::{Rig, ShotSettings};
 use crate::recording::Recording;
@@ -18,54 +18,53 @@ use crate::scene::Lighting;
 const READOUT: (&str, &str) = ("camera", "readout_time_s");
 const SHARPNESS: (&str, &str) = ("point_spread", "sigma_px");
 
-/// What became of it.
+/// Whether an analysis is used.
 #[derive(Clone, Debug, PartialEq)]
 pub enum AnalysisState {
     Used(PathBuf, Box<Findings>),
-    /// It is there and does not fit, or cannot be read.
+    /// It exists but does not fit, or cannot be read.
     Unfit(PathBuf, String),
-    /// There is none.
+    /// None exists.
     Absent,
-    /// It was not asked for.
-    Left,
+    /// Switched off.
+    Ignored,
 }
 
-/// Who sets parameters besides the recording and the analysis.
+/// Sources of parameter values besides the recording and the analysis.
 #[derive(Clone, Copy)]
 pub struct Sources<'a> {
     pub profiles: &'a [PathBuf],
-    /// The scene file's, and that file.
+    /// The scene file's settings, and that file.
     pub of_scene: &'a ShotSettings,
     pub scene: &'a Path,
     pub sets: &'a [String],
 }
 
-/// An analysis as it is used.
+/// A loaded analysis, its lighting and its state.
 pub struct LoadedAnalysis {
     pub state: AnalysisState,
     pub light: Option<Arc<Lighting>>,
     pub analysis: Option<Analysis>,
 }
 
-/// Loads the analysis beside the recording, or the one that is named, and applies it to the
+/// Loads the analysis beside the recording, or the one at a given path, and applies it to the
 /// recording. `rig` is the camera that the analysis must fit.
-pub fn take(recording: &mut Recording, rig: &Rig, given: &Given) -> Result<LoadedAnalysis, ShotError> {
+pub fn load_analysis(recording: &mut Recording, rig: &Rig, given: &ShotOptions) -> Result<LoadedAnalysis, ShotError> {
     let without = |state| Ok(LoadedAnalysis { state, light: None, analysis: None });
     let (folder, is_named) = match &given.analysis {
-        Analysed::No => return without(AnalysisState::Left),
-        Analysed::At(folder) => (folder.clone(), true),
-        Analysed::Beside if recording.is_arriving() => return without(AnalysisState::Absent),
-        Analysed::Beside => (beside(&recording.path), false),
+        AnalysisChoice::No => return without(AnalysisState::Ignored),
+        AnalysisChoice::At(folder) => (folder.clone(), true),
+        AnalysisChoice::Beside if recording.is_arriving() => return without(AnalysisState::Absent),
+        AnalysisChoice::Beside => (beside(&recording.path), false),
     };
     if !is_named && !folder.join(FILE_NAME).exists() {
-        return without(match folder.is_dir() {
-            true => {
-                AnalysisState::Unfit(folder, format!("no {FILE_NAME} lies in it: no analysis, or an unfinished one"))
-            }
-            false => AnalysisState::Absent,
+        return without(if folder.is_dir() {
+            AnalysisState::Unfit(folder, format!("no {FILE_NAME} lies in it: no analysis, or an unfinished one"))
+        } else {
+            AnalysisState::Absent
         });
     }
-    match fitting(&folder, recording, rig) {
+    match read_fitting(&folder, recording, rig) {
         Ok(analysis) => {
             let analysis = analysis.without_stale(recording);
             let analysis = if given.recorded_poses { analysis.without_registration() } else { analysis };
@@ -79,57 +78,57 @@ pub fn take(recording: &mut Recording, rig: &Rig, given: &Given) -> Result<Loade
     }
 }
 
-/// A parameter that follows what was found.
+/// A parameter with the value that the analysis estimated.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Follows {
+pub struct EstimatedParam {
     pub table: &'static str,
     pub name: &'static str,
     pub value: Value,
 }
 
-impl Follows {
-    /// Sets what was found.
+impl EstimatedParam {
+    /// Sets the parameters to the estimated values.
     pub fn apply<'a>(found: impl IntoIterator<Item = &'a Self>, rig: &mut Rig, settings: &mut Settings) {
         for Self { table, name, value } in found {
-            // Within the range: the analysis found it there.
+            // The analysis estimates values within the range.
             let _ = rig.set(settings, table, name, value);
         }
     }
 
-    /// Whether it overrides profiles, as the readout time does.
+    /// True for the readout time, which overrides profiles.
     pub fn overrides_profiles(&self) -> bool {
         (self.table, self.name) == READOUT
     }
 }
 
-/// The parameters that nobody else sets: the readout time overrides profiles, the sharpness does
-/// not.
-pub fn follows(analysis: &Analysis, sources: Sources<'_>) -> Result<Vec<Follows>, ShotError> {
-    let mut follows = Vec::new();
-    let mut add = |(table, name), number| follows.push(Follows { table, name, value: Value::Number(number) });
+/// The estimated parameters that no other source sets. The readout time overrides profiles, the
+/// sharpness does not.
+pub fn estimated_params(analysis: &Analysis, sources: Sources<'_>) -> Result<Vec<EstimatedParam>, ShotError> {
+    let mut params = Vec::new();
+    let mut add = |(table, name), number| params.push(EstimatedParam { table, name, value: Value::Number(number) });
     let sets_readout = |text: &String| text.trim_start().starts_with("camera.readout_time_s");
     let is_set = sources.of_scene.has(READOUT.0, READOUT.1) || sources.sets.iter().any(sets_readout);
     if analysis.refined().is_some() && !is_set {
         add(READOUT, analysis.findings.camera.intrinsics.readout_time_s);
     }
     if let Some(sigma_px) = analysis.findings.spread.as_ref().and_then(|spread| spread.sigma_px)
-        && !says_spread(sources)?
+        && !sets_sharpness(sources)?
     {
-        add(SHARPNESS, measuring(sigma_px));
+        add(SHARPNESS, sigma_for_measured_px(sigma_px));
     }
-    Ok(follows)
+    Ok(params)
 }
 
-/// What the recording takes over.
+/// Applies the analysis to the recording's track, timing and exposure.
 pub fn refine(recording: &mut Recording, analysis: &Analysis) {
-    recording.refine(&analysis.refinement(usual_s(recording)));
+    recording.refine(&analysis.refinement(median_exposure_s(recording)));
 }
 
-/// Whether a profile or a setting says how sharp the camera is. It may say what is the default, so that it is put over two values
-/// that differ: where it says one, both are that afterwards.
-fn says_spread(sources: Sources<'_>) -> Result<bool, ShotError> {
+/// Whether a profile or a setting sets the camera's sharpness. It may set the default value, so the
+/// sources are applied to two different values: if they set one, both results are equal.
+fn sets_sharpness(sources: Sources<'_>) -> Result<bool, ShotError> {
     let (table, name) = SHARPNESS;
-    let put_over = |number: f64| -> Result<Option<Value>, ShotError> {
+    let applied_to = |number: f64| -> Result<Option<Value>, ShotError> {
         let (mut rig, mut settings) = (Rig::default(), Settings::default());
         let _ = settings.set(table, name, &Value::Number(number));
         for profile in sources.profiles {
@@ -141,19 +140,19 @@ fn says_spread(sources: Sources<'_>) -> Result<bool, ShotError> {
         }
         Ok(settings.tables().into_iter().find(|params| params.table() == table).and_then(|params| params.get(name)))
     };
-    Ok(put_over(1.0)? == put_over(2.0)?)
+    Ok(applied_to(1.0)? == applied_to(2.0)?)
 }
 
-fn fitting(folder: &Path, recording: &Recording, rig: &Rig) -> Result<Analysis, String> {
+fn read_fitting(folder: &Path, recording: &Recording, rig: &Rig) -> Result<Analysis, String> {
     let analysis = Analysis::read(folder).map_err(|error| error.to_string())?;
     let camera = rig.geometry_over(recording.geometry_at_frame(0)).ok_or("the camera is not known")?;
     analysis.fits(recording, &camera)?;
     Ok(analysis)
 }
 
-/// What the recording says of its median frame; `None` if it says nothing of most.
-fn usual_s(recording: &Recording) -> Option<f64> {
-    let mut known: Vec<f64> = recording.exposure.iter().filter_map(gathered_s).collect();
+/// The median of the frames' recorded exposures, s. `None` if most frames have none.
+fn median_exposure_s(recording: &Recording) -> Option<f64> {
+    let mut known: Vec<f64> = recording.exposure.iter().filter_map(equivalent_exposure_s).collect();
     known.sort_by(f64::total_cmp);
     known.get(known.len() / 2).copied().filter(|_| 2 * known.len() > recording.frame_count())
 }

@@ -1,49 +1,52 @@
-//! Where the objects are in a frame's picture.
+//! Projections of the scene's objects into a frame's picture.
 
 use glam::{DVec2, DVec3};
 
 use super::outline::outline;
-use super::{Eye, Shot, SurfaceError};
+use super::{PosedCamera, Shot, SurfaceError};
 use crate::pixels::Rect;
 use crate::scene::{Object, Part, Scene, Vertex};
 
-/// An object in a frame's picture, px from the upper left.
+/// An object's projection into a frame's picture, px from the upper left.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SeenObject {
-    /// Index into [`Scene::objects`]; [`crate::scene::SceneFile::entries`] has its place in the scene file.
+pub struct ProjectedObject {
+    /// Index into [`Scene::objects`]; [`crate::scene::SceneFile::entries`] has its place in the
+    /// scene file.
     pub object: usize,
-    /// Closed polygons around what is in the picture: its border, and that of each hole. Empty if nothing is.
+    /// Closed polygons around the visible part: its border, and those of holes. Empty outside the
+    /// picture.
     pub outline_px: Vec<Vec<DVec2>>,
-    /// The corners of its box, as [`Object::corners_m`] has them. `None` behind the camera.
+    /// The corners of its box, in the order of [`Object::corners_m`]. `None` behind the camera.
     pub corners_px: [Option<DVec2>; 8],
-    /// Of [`Object::position_m`].
+    /// Projection of [`Object::position_m`].
     pub position_px: Option<DVec2>,
 }
 
-/// A side of a triangle is straight in the picture up to this length: with an ordinary lens to a hundredth px.
-const STRAIGHT_PX: f64 = 24.0;
-/// A triangle is halved so many times at most; one that passes the camera, fewer times.
-const MOST_HALVED: u32 = 10;
-const MOST_HALVED_PASSING: u32 = 7;
+/// Longest side of a triangle that is drawn straight, px: with an ordinary lens the error is a
+/// hundredth px.
+const MAX_STRAIGHT_PX: f64 = 24.0;
+/// Largest number of halvings of a triangle, and of one that is partly behind the camera.
+const MAX_HALVINGS: u32 = 10;
+const MAX_HALVINGS_BEHIND: u32 = 7;
 
 impl Shot {
-    /// Every object of the scene in a frame's picture, with distortion and rolling shutter as it is composited, at the middle
-    /// of the exposure and in focus. What is real hides nothing here.
-    pub fn seen_at(&self, frame: usize) -> Result<Vec<SeenObject>, SurfaceError> {
-        let eye = self.eye(frame)?;
-        Ok((0..self.scene.objects.len()).map(|object| eye.seen(&self.scene, object)).collect())
+    /// The projections of all objects, with distortion and rolling shutter as they are composited,
+    /// at the middle of the exposure and in focus. Occlusion by real objects is not considered.
+    pub fn projected_objects(&self, frame: usize) -> Result<Vec<ProjectedObject>, SurfaceError> {
+        let eye = self.posed_camera(frame)?;
+        Ok((0..self.scene.objects.len()).map(|object| eye.project_object(&self.scene, object)).collect())
     }
 }
 
-impl Eye {
-    /// An object of the scene as it is seen.
+impl PosedCamera {
+    /// Projects an object of the scene.
     ///
     /// # Panics
     /// If the scene has no such object.
-    pub fn seen(&self, scene: &Scene, object: usize) -> SeenObject {
+    pub fn project_object(&self, scene: &Scene, object: usize) -> ProjectedObject {
         let of = &scene.objects[object];
         let corners_px = of.corners_m(scene).map_or([None; 8], |corners| corners.map(|corner| self.project(corner)));
-        SeenObject {
+        ProjectedObject {
             object,
             outline_px: self.outline_px(scene, of),
             corners_px,
@@ -51,10 +54,11 @@ impl Eye {
         }
     }
 
-    /// The border of an object of the scene's meshes, which need not be one of the scene's: [`SeenObject::outline_px`].
+    /// The outline of an object of the scene's meshes, which need not be in the scene's list:
+    /// [`ProjectedObject::outline_px`].
     pub fn outline_px(&self, scene: &Scene, of: &Object) -> Vec<Vec<DVec2>> {
         let i = &self.geometry().intrinsics;
-        // Closed beyond the picture, so that its rim is no side of the object.
+        // Closed outside the picture, so that the picture's rim is no edge of the outline.
         let area = Rect::full(i.width_px, i.height_px).grown(4);
         let mut triangles = Vec::new();
         of.placed().for_each(|part| self.project_part(scene, part, &area, &mut triangles));
@@ -69,12 +73,13 @@ impl Eye {
         };
         let corners: Vec<Corner> = mesh.vertices.iter().map(corner).collect();
         for triangle in mesh.indices.chunks_exact(3) {
-            self.cut([0, 1, 2].map(|k| corners[triangle[k] as usize]), area, 0, triangles);
+            self.subdivide([0, 1, 2].map(|k| corners[triangle[k] as usize]), area, 0, triangles);
         }
     }
 
-    /// Halves a triangle until its pieces are straight in the picture, and drops what is not before the camera.
-    fn cut(&self, triangle: [Corner; 3], area: &Rect, halved: u32, out: &mut Vec<[DVec2; 3]>) {
+    /// Halves a triangle until its pieces are straight in the picture, and drops those behind the
+    /// camera.
+    fn subdivide(&self, triangle: [Corner; 3], area: &Rect, halved: u32, out: &mut Vec<[DVec2; 3]>) {
         let side = |k: usize| (triangle[k], triangle[(k + 1) % 3]);
         let longest =
             |length: &dyn Fn(usize) -> f64| (0..3).max_by(|a, b| length(*a).total_cmp(&length(*b))).unwrap_or(0);
@@ -92,12 +97,12 @@ impl Eye {
                 }
                 let length = |k: usize| self.geometry().way_px(px[k], px[(k + 1) % 3]).length();
                 let split = longest(&length);
-                if halved >= MOST_HALVED || length(split) <= STRAIGHT_PX {
-                    return self.keep(px, out);
+                if halved >= MAX_HALVINGS || length(split) <= MAX_STRAIGHT_PX {
+                    return self.add(px, out);
                 }
                 split
             }
-            _ if halved >= MOST_HALVED_PASSING => return,
+            _ if halved >= MAX_HALVINGS_BEHIND => return,
             _ => longest(&|k| side(k).0.0.distance(side(k).1.0)),
         };
         let ((a, _), (b, _)) = side(split);
@@ -106,12 +111,12 @@ impl Eye {
         for from in [split, (split + 1) % 3] {
             let mut half = triangle;
             half[from] = middle;
-            self.cut(half, area, halved + 1, out);
+            self.subdivide(half, area, halved + 1, out);
         }
     }
 
-    /// Across a 360° picture's seam there are two pieces.
-    fn keep(&self, [a, b, c]: [DVec2; 3], out: &mut Vec<[DVec2; 3]>) {
+    /// Adds a triangle; across a 360° picture's seam, at both rims.
+    fn add(&self, [a, b, c]: [DVec2; 3], out: &mut Vec<[DVec2; 3]>) {
         let geometry = self.geometry();
         let near = [a, a + geometry.way_px(a, b), a + geometry.way_px(a, c)];
         out.push(near);
@@ -122,5 +127,5 @@ impl Eye {
     }
 }
 
-/// In the world, and where it is seen.
+/// A point in the world, and its projection.
 type Corner = (DVec3, Option<DVec2>);

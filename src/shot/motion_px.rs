@@ -1,4 +1,4 @@
-//! How far the picture of a surface moves while the shutter is open.
+//! Motion of a surface's image during the exposure.
 
 use glam::DVec2;
 
@@ -7,25 +7,25 @@ use crate::compositor::exposure_time_s;
 use crate::frame::Frame;
 
 impl Shot {
-    /// The way of a surface's picture while the row that it lies in is exposed, px of the recorded picture. The surface is
-    /// at rest, the camera moves.
-    pub fn moved_px(&self, frame: &Frame, at_px: DVec2, surface: &Surface) -> Result<DVec2, SurfaceError> {
+    /// Motion of a surface's image while its row is exposed, px of the recorded picture. The
+    /// surface is at rest, the camera moves.
+    pub fn motion_px(&self, frame: &Frame, at_px: DVec2, surface: &Surface) -> Result<DVec2, SurfaceError> {
         let geometry = self.geometry_at(frame.index).map_err(Box::new)?;
         let exposure_s = exposure_time_s(&self.camera(), &self.settings, frame, self.interval_s(frame.index));
         let time_s = frame.timestamp_s + self.recording.time_offset_s + geometry.row_time_s(at_px.y);
         let track = &self.recording.track;
-        // Where poses begin or end within the exposure, the half that is known tells.
+        // If the track begins or ends within the exposure, the other half is extrapolated.
         let (begin, end) = (track.at(time_s - 0.5 * exposure_s), track.at(time_s + 0.5 * exposure_s));
         let middle = track.at(time_s);
-        let (begin, end, share) = match (begin, end, middle) {
+        let (begin, end, scale) = match (begin, end, middle) {
             (Ok(begin), Ok(end), _) => (begin, end, 1.0),
             (Ok(begin), Err(_), Ok(middle)) => (begin, middle, 2.0),
             (Err(_), Ok(end), Ok(middle)) => (middle, end, 2.0),
             (Err(error), _, _) | (_, Err(error), _) => return Err(error.into()),
         };
-        let seen = |pose: crate::pose::Pose| geometry.project(pose.transform_point(surface.point_m));
-        let unseen = || SurfaceError::NoRay { at_px: at_px.to_array() };
-        let (from, to) = (seen(begin).ok_or_else(unseen)?, seen(end).ok_or_else(unseen)?);
-        Ok(share * geometry.way_px(from, to))
+        let project = |pose: crate::pose::Pose| geometry.project(pose.transform_point(surface.point_m));
+        let no_ray = || SurfaceError::NoRay { at_px: at_px.to_array() };
+        let (from, to) = (project(begin).ok_or_else(no_ray)?, project(end).ok_or_else(no_ray)?);
+        Ok(scale * geometry.way_px(from, to))
     }
 }

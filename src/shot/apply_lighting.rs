@@ -1,24 +1,24 @@
-//! A scene without a light of its own in the light that the footage was found to have.
+//! Applies the estimated lighting of the footage to scenes without their own.
 
 use std::sync::Arc;
 
 use crate::scene::{Lighting, LightingOrigin, Scene};
 
-/// Lights a scene as it was `given` or, where nobody said how it is lit, by what was found: lamps that its models bring shine on.
-/// A scene that says its light keeps it.
-pub fn light(scene: &mut Arc<Scene>, given: &Lighting, found: Option<&Lighting>) {
+/// Sets a scene's lighting: `given`, its own, or the estimated one if the scene file defines none.
+/// Lamps and suns of its models are added to the estimate.
+pub fn apply_lighting(scene: &mut Arc<Scene>, given: &Lighting, estimated: Option<&Lighting>) {
     if scene.lighting_origin == LightingOrigin::Scene {
         return;
     }
-    let lighting = match found {
+    let lighting = match estimated {
         None => given.clone(),
-        Some(found) => {
-            let brings = scene.lighting_origin == LightingOrigin::Models;
-            let own = given.points.iter().filter(|_| brings);
+        Some(estimated) => {
+            let has_own_lamps = scene.lighting_origin == LightingOrigin::Models;
+            let own = given.points.iter().filter(|_| has_own_lamps);
             Lighting {
-                suns: if brings { given.suns.clone() } else { Vec::new() },
-                points: own.chain(&found.points).copied().collect(),
-                environment: found.environment.clone(),
+                suns: if has_own_lamps { given.suns.clone() } else { Vec::new() },
+                points: own.chain(&estimated.points).copied().collect(),
+                environment: estimated.environment.clone(),
             }
         }
     };
@@ -33,13 +33,13 @@ mod tests {
     use crate::scene::{Environment, PointLight, Sun};
     use glam::{DVec3, Vec3};
 
-    /// A sun, a lamp and light from everywhere.
+    /// A sun, a lamp and a uniform environment.
     fn given() -> Lighting {
         let sun = Sun { towards_light_in_world: Vec3::Z, color: Vec3::ONE, diameter_rad: 0.01 };
         Lighting { suns: vec![sun], points: vec![lamp(1.0)], environment: Environment::Uniform(Vec3::splat(0.1)) }
     }
 
-    fn found() -> Lighting {
+    fn estimated() -> Lighting {
         let environment = Environment::Uniform(Vec3::splat(0.2));
         Lighting { suns: Vec::new(), points: vec![lamp(2.0), lamp(3.0)], environment }
     }
@@ -54,25 +54,25 @@ mod tests {
         }
     }
 
-    /// The lighting of a scene after [`light`].
-    fn lit(lighting_origin: LightingOrigin, found: Option<&Lighting>) -> Lighting {
+    /// The lighting of a scene after [`apply_lighting`].
+    fn lit(lighting_origin: LightingOrigin, estimated: Option<&Lighting>) -> Lighting {
         let mut scene = Arc::new(Scene { lighting_origin, ..Scene::default() });
-        light(&mut scene, &given(), found);
+        apply_lighting(&mut scene, &given(), estimated);
         scene.lighting.clone()
     }
 
     #[test]
-    fn lamps_and_suns_of_models_stay_in_found_light() {
-        let lighting = lit(LightingOrigin::Models, Some(&found()));
+    fn lamps_and_suns_of_models_are_added_to_the_estimated_lighting() {
+        let lighting = lit(LightingOrigin::Models, Some(&estimated()));
         assert_eq!(lighting.points, [lamp(1.0), lamp(2.0), lamp(3.0)]);
         assert_eq!(lighting.suns, given().suns);
-        assert_eq!(lighting.environment, found().environment);
+        assert_eq!(lighting.environment, estimated().environment);
     }
 
     #[test]
-    fn found_light_replaces_a_guessed_light_and_leaves_that_of_a_scene_file() {
-        assert_eq!(lit(LightingOrigin::Default, Some(&found())), found());
-        assert_eq!(lit(LightingOrigin::Scene, Some(&found())), Lighting::default());
+    fn estimated_lighting_replaces_a_default_one_but_not_that_of_a_scene_file() {
+        assert_eq!(lit(LightingOrigin::Default, Some(&estimated())), estimated());
+        assert_eq!(lit(LightingOrigin::Scene, Some(&estimated())), Lighting::default());
         assert_eq!(
             [LightingOrigin::Default, LightingOrigin::Models].map(|lighting_origin| lit(lighting_origin, None)),
             [given(), given()]
