@@ -180,8 +180,9 @@ pub fn estimate_with_refined_poses(
 /// The reason for which a hand-eye offset is implausible, if it is. A wrong focal length moves the
 /// camera along its axis, poses of another recording turn it anywhere.
 fn implausible_hand_eye(offset: &RigOffset) -> Option<String> {
-    let (way_m, turn) = (twist::way(&offset.hand_eye).length(), twist::turn(&offset.hand_eye).length());
-    let sigma_m = twist::way(&offset.hand_eye_sigma).length();
+    let (way_m, turn) =
+        (twist::translation(&offset.hand_eye).length(), twist::rotation_vector(&offset.hand_eye).length());
+    let sigma_m = twist::translation(&offset.hand_eye_sigma).length();
     let is_far = way_m > MAX_HAND_EYE_M && way_m > 3.0 * sigma_m;
     (is_far || turn > MAX_HAND_EYE_RAD).then(|| {
         format!(

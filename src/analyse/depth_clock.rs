@@ -53,7 +53,9 @@ impl DepthClock {
     pub fn add(&mut self, model: &CameraModel, frame: &Frame, state: &CameraState, threads: usize) {
         let Some(map) = &frame.depth else { return };
         let (width, _) = model.size();
-        if (map.width as usize, map.height as usize) != model.size() || twist::turn(&state.twist).length() < 0.1 {
+        if (map.width as usize, map.height as usize) != model.size()
+            || twist::rotation_vector(&state.twist).length() < 0.1
+        {
             return;
         }
         let slope = clamped_gradient(frame);

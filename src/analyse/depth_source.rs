@@ -24,7 +24,7 @@ impl<'a> DepthSource<'a> {
         later_s: f64,
         threads: usize,
     ) -> Result<Self, RecordingError> {
-        if recording.has_depth() || model.geometry.sees_around() {
+        if recording.has_depth() || model.geometry.needs_cube_map() {
             return Ok(Self::Measured { later_s });
         }
         Ok(Self::Swept(Box::new(PlaneSweep::new(model, recording, states, threads)?)))

@@ -186,7 +186,7 @@ const NO_SOLUTION: &str = "the links' equations have no solution";
 
 /// The reason for which poses cannot be checked at all, if there is one.
 fn unsupported(recording: &Recording, geometry: &Geometry) -> Option<&'static str> {
-    if geometry.sees_around() {
+    if geometry.needs_cube_map() {
         return Some("the picture does not fit a plane in front of the camera");
     }
     if recorded(recording, 0.0).iter().flatten().count() < 3 {

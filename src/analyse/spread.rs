@@ -101,7 +101,8 @@ pub struct FrameMotion<'a> {
 impl FrameMotion<'_> {
     /// True if points beyond [`ASSUMED_DISTANCE`] move by at most [`MAX_STILL_MOTION_PX`].
     fn is_still(&self, model: &CameraModel) -> bool {
-        let speed = twist::turn(&self.state.twist).length() + twist::way(&self.state.twist).length() / ASSUMED_DISTANCE;
+        let speed = twist::rotation_vector(&self.state.twist).length()
+            + twist::translation(&self.state.twist).length() / ASSUMED_DISTANCE;
         let focal_px = model.geometry.intrinsics.fx_px.max(model.geometry.intrinsics.fy_px);
         focal_px * speed * self.exposure_s <= MAX_STILL_MOTION_PX
     }
@@ -241,7 +242,7 @@ mod tests {
     use crate::camera::{Distortion, Geometry, Intrinsics};
     use crate::effects::point_spread::{sigma_for_measured_px, twin};
     use crate::fit::twist::Twist;
-    use crate::measure::spread::EXACT;
+    use crate::measure::spread::CONVERGENCE;
 
     /// Light of an edge through the middle, dark 0.1 and bright 0.5, with a slope.
     fn drawn(side: usize, angle_deg: f64, sigma_px: f64, moved_px: f64) -> Plane {
@@ -339,7 +340,7 @@ mod tests {
             is_near.then_some(Sample { x, y, light: blurred[i][0], weight: 1.0 })
         };
         let samples: Vec<Sample> = (0..SIDE * SIDE).filter_map(sample).collect();
-        fit(&samples, Step { variance_px2: 0.3, ..edge }, EXACT).unwrap().step.variance_px2.sqrt()
+        fit(&samples, Step { variance_px2: 0.3, ..edge }, CONVERGENCE).unwrap().step.variance_px2.sqrt()
     }
 
     #[test]

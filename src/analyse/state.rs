@@ -53,8 +53,8 @@ pub fn pose(world_from_camera: &DAffine3) -> Pose {
 
 /// exp(ξ·t)·x to second order in t.
 pub fn move_point(x: DVec3, twist: &Twist, time_s: f64) -> DVec3 {
-    let w = twist::turn(twist);
-    let speed = w.cross(x) + twist::way(twist);
+    let w = twist::rotation_vector(twist);
+    let speed = w.cross(x) + twist::translation(twist);
     x + time_s * speed + (0.5 * time_s * time_s) * w.cross(speed)
 }
 

@@ -56,7 +56,8 @@ pub fn between(a: &CameraState, b: &CameraState, interval_s: f64, share: f64) ->
 
 /// ad(x)·y: (ω_x × v_y + v_x × ω_y, ω_x × ω_y).
 fn bracket(x: &Twist, y: &Twist) -> Twist {
-    let (vx, wx, vy, wy) = (twist::way(x), twist::turn(x), twist::way(y), twist::turn(y));
+    let (vx, wx, vy, wy) =
+        (twist::translation(x), twist::rotation_vector(x), twist::translation(y), twist::rotation_vector(y));
     twist::twist(wx.cross(vy) + vx.cross(wy), wx.cross(wy))
 }
 

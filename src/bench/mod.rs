@@ -19,7 +19,7 @@ use crate::frame::{Beside, Frame, FrameExposure};
 use crate::gpu::{Gpu, GpuError, Recorder, Shader, Texture};
 use crate::pixels::{DepthMap, Pixels};
 use crate::pose::Pose;
-use crate::recording::EACH_WAY;
+use crate::recording::NEIGHBOURS_EACH_WAY;
 use crate::scene::{Environment, Lighting, Material, Mesh, Object, Part, Scene, Sun, Vertex};
 use crate::tracking::PoseTrack;
 
@@ -248,7 +248,7 @@ fn median_frame_ms(
     let mut index = 0;
     // A frame with depth has its neighbours.
     let neighbour = depth.map(|depth| Beside { index, timestamp_s: 0.0, pixels: pixels.clone(), depth: depth.clone() });
-    let beside: Vec<_> = neighbour.map(Arc::new).into_iter().cycle().take(2 * EACH_WAY).collect();
+    let beside: Vec<_> = neighbour.map(Arc::new).into_iter().cycle().take(2 * NEIGHBOURS_EACH_WAY).collect();
     let frame = || {
         index += 1;
         let (pixels, depth, exposure) = (pixels.clone(), depth.cloned(), FrameExposure::default());

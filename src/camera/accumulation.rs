@@ -1,27 +1,27 @@
 //! Recursive accumulation, vSLRcam (13) and (14), as a finite sum.
 //!
-//! Each step mixes the newest frame with the previous result: step_n = (1 − α)·F_n + α·step_(n−1), step_0 = F_0.
-//! Written out, that is a sum of n + 1 frames, newest first:
+//! Each step mixes the newest frame with the previous result: step_n = (1 − α)·F_n + α·step_(n−1),
+//! step_0 = F_0. Expanded, that is a sum of n + 1 frames, newest first:
 //!
-//!   (1 − α)·F_n + α(1 − α)·F_(n−1) + … + α^(n−1)(1 − α)·F_1 + α^n·F_0       (13)
+//! (1 − α)·F_n + α(1 − α)·F_(n−1) + … + α^(n−1)(1 − α)·F_1 + α^n·F_0       (13)
 //!
-//! The first n weights sum to 1 − α^n, the last is α^n: together 1. Being a finite sum, frame n is the same whichever
-//! frame one starts from. It trails, newest strongest, unlike a shutter's box; with α from (14) the oldest frame weighs
-//! ε. When the frames are drawn is decided elsewhere: effects/motion_blur.rs puts their mean time at the middle of the
-//! exposure.
+//! The first n weights sum to 1 − α^n, the last is α^n: together 1. Being a finite sum, frame n is
+//! independent of the starting frame. It trails, newest strongest, unlike a shutter's box; with α
+//! from (14) the oldest frame has weight ε. The frame times are chosen by effects/motion_blur.rs,
+//! which centres their mean on the exposure.
 
 use crate::text::number;
 
 /// ε of vSLRcam (14): the weight of the oldest frame.
-pub const LEAST_WEIGHT: f64 = 1.0 / 50.0;
-/// The largest number of steps that is accepted.
-pub const MOST_STEPS: usize = 10_000;
+pub const OLDEST_FRAME_WEIGHT: f64 = 1.0 / 50.0;
+/// Maximum number of steps.
+pub const MAX_STEPS: usize = 10_000;
 
 /// An exposure that cannot be accumulated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "accumulating {} s at {} frames a second is refused: accepted are finite numbers from 0 whose product is at most \
-     {MOST_STEPS}",
+     {MAX_STEPS}",
     number(*time_s), number(*frames_per_s)
 )]
 pub struct AccumulationError {
@@ -32,13 +32,13 @@ pub struct AccumulationError {
 /// n = t·fps of vSLRcam (14), rounded to whole frames.
 pub fn steps(time_s: f64, frames_per_s: f64) -> Result<usize, AccumulationError> {
     let n = (time_s * frames_per_s).round();
-    let fits = time_s >= 0.0 && frames_per_s >= 0.0 && n <= MOST_STEPS as f64;
+    let fits = time_s >= 0.0 && frames_per_s >= 0.0 && n <= MAX_STEPS as f64;
     fits.then_some(n as usize).ok_or(AccumulationError { time_s, frames_per_s })
 }
 
 /// vSLRcam (14): α = ε^(1/n), 0 to 1. 0 for no steps, which keeps the newest frame alone.
 pub fn alpha(steps: usize) -> f64 {
-    if steps == 0 { 0.0 } else { LEAST_WEIGHT.powf(1.0 / steps as f64) }
+    if steps == 0 { 0.0 } else { OLDEST_FRAME_WEIGHT.powf(1.0 / steps as f64) }
 }
 
 /// The weights of vSLRcam (13), newest frame first: `steps + 1` of them, summing to 1.
@@ -60,7 +60,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn the_papers_example() {
+    fn weights_match_the_example_of_the_paper() {
         // t = 1/8 s at 80 frames a second: n = 10, α = 0.676, the newest frame weighs 0.32.
         let n = steps(0.125, 80.0).unwrap();
         assert_eq!(n, 10);
@@ -74,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn an_instant_is_the_newest_frame() {
+    fn zero_exposure_is_the_newest_frame() {
         assert_eq!(steps(0.0, 80.0), Ok(0));
         assert_eq!(weights(0), [1.0]);
         // One step: 49/50 of the newest and 1/50 of the one before.
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn too_much_is_refused() {
+    fn excessive_exposure_is_refused() {
         for (t, fps) in [(f64::NAN, 30.0), (-1.0, 30.0), (1.0, f64::INFINITY), (60.0, 1e6), (-1.0, -30.0)] {
             assert!(steps(t, fps).unwrap_err().to_string().contains("at most 10000"));
         }
@@ -90,7 +90,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_sum_is_the_recursion(n in 0usize..60, frames in prop::collection::vec(0.0f64..1.0, 60)) {
+        fn weighted_sum_equals_the_recursion(n in 0usize..60, frames in prop::collection::vec(0.0f64..1.0, 60)) {
             let w = weights(n);
             prop_assert!((w.iter().sum::<f64>() - 1.0).abs() < 1e-12);
             let a = alpha(n);

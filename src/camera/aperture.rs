@@ -1,20 +1,20 @@
-//! The shape of the opening: points spread evenly over it.
+//! Shape of the aperture, and uniformly distributed points on it.
 //!
-//! A shape is given by its outline ρ(θ) around the centre, as a fraction of the opening's radius. Let A = ∫ ρ²/2 dθ. A
-//! point whose angle divides the area as u (∫₀^θ ρ²/2 = u·A) and whose radius is √v·ρ(θ) is uniformly distributed over
-//! the shape if u and v are uniform.
+//! A shape is given by its outline ρ(θ) around the centre, as a fraction of the opening's radius.
+//! Let A = ∫ ρ²/2 dθ. A point whose angle divides the area as u (∫₀^θ ρ²/2 = u·A) and whose radius
+//! is √v·ρ(θ) is uniformly distributed over the shape if u and v are uniform.
 
 use std::f64::consts::TAU;
 
 use super::Opening;
 
-/// Entries of the tables over the angle.
-const STEPS: usize = 2048;
+/// Number of table entries over the angle.
+const TABLE_SIZE: usize = 2048;
 
-/// An outline, and what is needed to spread points over it.
+/// An outline, and the tables for sampling it uniformly.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Aperture {
-    /// ρ at `STEPS` angles, evenly spaced, half a step from 0.
+    /// ρ at `TABLE_SIZE` angles, evenly spaced, half a step from 0.
     outline: Vec<f64>,
     /// The share of the area before each angle. One more entry at the end, 1.
     share: Vec<f64>,
@@ -22,9 +22,10 @@ pub struct Aperture {
 }
 
 impl Aperture {
-    /// From an outline: ρ (0..1) at an angle from the picture's x axis towards its y axis (downwards), rad.
+    /// From an outline: ρ (0..1) at an angle from the picture's x axis towards its y axis
+    /// (downwards), rad.
     pub fn new(outline: impl Fn(f64) -> f64) -> Self {
-        let outline: Vec<f64> = (0..STEPS).map(|i| outline((i as f64 + 0.5) / STEPS as f64 * TAU)).collect();
+        let outline: Vec<f64> = (0..TABLE_SIZE).map(|i| outline((i as f64 + 0.5) / TABLE_SIZE as f64 * TAU)).collect();
         let mut share = vec![0.0];
         let (mut area, mut second) = (0.0, 0.0);
         for rho in &outline {
@@ -49,17 +50,18 @@ impl Aperture {
         })
     }
 
-    /// Mean square distance from the centre along one axis, averaged over both axes, in squared radii. 1/4 for a
-    /// circle.
+    /// Mean square distance from the centre along one axis, averaged over both axes, in squared
+    /// radii. 1/4 for a circle.
     pub fn variance(&self) -> f64 {
         self.variance
     }
 
-    /// The radius of an opening of this shape whose outline passes through the point. 0 at the centre.
+    /// The radius of an opening of this shape whose outline passes through the point. 0 at the
+    /// centre.
     pub fn gauge(&self, [x, y]: [f64; 2]) -> f64 {
         // The outline is sampled in the middle of its steps.
-        let at = y.atan2(x).rem_euclid(TAU) / TAU * STEPS as f64 - 0.5 + STEPS as f64;
-        let [a, b] = [0, 1].map(|k| self.outline[(at as usize + k) % STEPS]);
+        let at = y.atan2(x).rem_euclid(TAU) / TAU * TABLE_SIZE as f64 - 0.5 + TABLE_SIZE as f64;
+        let [a, b] = [0, 1].map(|k| self.outline[(at as usize + k) % TABLE_SIZE]);
         x.hypot(y) / (a + at.fract() * (b - a))
     }
 
@@ -70,16 +72,16 @@ impl Aperture {
 
     /// Maps a point of the unit square (u, v) to the shape, in radii.
     pub fn point(&self, u: f64, v: f64) -> [f64; 2] {
-        let i = self.share.partition_point(|&s| s <= u).clamp(1, STEPS) - 1;
+        let i = self.share.partition_point(|&s| s <= u).clamp(1, TABLE_SIZE) - 1;
         let width = self.share[i + 1] - self.share[i];
         let within = if width > 0.0 { (u - self.share[i]) / width } else { 0.5 };
-        let angle = (i as f64 + within) / STEPS as f64 * TAU;
+        let angle = (i as f64 + within) / TABLE_SIZE as f64 * TAU;
         let radius = v.sqrt() * self.outline[i];
         [radius * angle.cos(), radius * angle.sin()]
     }
 
-    /// Points on rings, each for the same area: even and symmetric even if they are few. `counts` has the number of
-    /// points of each ring, from the centre; even numbers keep point symmetry.
+    /// Points on rings of equal area per point: uniform and symmetric even for few points. `counts`
+    /// has the number of points of each ring, from the centre; even numbers keep point symmetry.
     pub fn rings(&self, counts: &[u32]) -> Vec<[f64; 2]> {
         let all = f64::from(counts.iter().sum::<u32>());
         let mut inside = 0.0;
@@ -87,15 +89,15 @@ impl Aperture {
         for (ring, &count) in counts.iter().enumerate() {
             let v = (inside + 0.5 * f64::from(count)) / all;
             inside += f64::from(count);
-            // Rings are turned relative to each other.
+            // Rings are rotated relative to each other.
             let turned = 0.5 * (ring % 2) as f64 + 0.05 * ring as f64 * f64::from(count);
             points.extend((0..count).map(|i| self.point(((f64::from(i) + turned) / f64::from(count)).fract(), v)));
         }
         points
     }
 
-    /// A point of a low-discrepancy sequence: any stretch of it is evenly spread (Roberts 2018, "The Unreasonable
-    /// Effectiveness of Quasirandom Sequences", R₂).
+    /// A point of a low-discrepancy sequence: any subsequence is evenly distributed (Roberts 2018,
+    /// "The Unreasonable Effectiveness of Quasirandom Sequences", R₂).
     pub fn sequence(&self, index: u32) -> [f64; 2] {
         const PLASTIC: f64 = 1.324_717_957_244_746;
         let i = f64::from(index) + 0.5;
@@ -119,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn few_points_have_the_shapes_middle_and_variance() {
+    fn few_points_have_the_centroid_and_variance_of_the_shape() {
         assert!((blades(0, 0.0).variance() - 0.25).abs() < 1e-12);
         // A square in the unit circle has sides of √2 and variance √2²/12.
         assert!((blades(4, 0.3).variance() - 1.0 / 6.0).abs() < 1e-5);
@@ -134,9 +136,9 @@ mod tests {
     }
 
     #[test]
-    fn points_fill_the_polygon_evenly() {
-        // A pentagon with a corner to the right: half of its points are on either side of y = 0, and all within its
-        // sides.
+    fn points_are_uniform_in_the_polygon() {
+        // A pentagon with a corner to the right: half of its points are on either side of y = 0,
+        // and all within its sides.
         let points: Vec<_> = (0..20_000).map(|i| blades(5, 0.0).sequence(i)).collect();
         let below = points.iter().filter(|p| p[1] > 0.0).count() as f64 / 20_000.0;
         assert!((below - 0.5).abs() < 0.01, "{below}");

@@ -1,66 +1,67 @@
-//! How one picture is taken: a frame as it was recorded, or a photograph.
+//! Parameters of one output picture: a recorded frame, or a photograph.
 
-use super::{Framed, Geometry, Opening};
+use super::{Crop, Geometry, Opening};
 use crate::pixels::Rect;
 
 /// One of the exposures that a picture sums.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Summed {
-    /// The middle of its exposure, in seconds from the picture's own.
+pub struct SummedExposure {
+    /// The middle of its exposure, in seconds relative to the picture's own.
     pub time_s: f64,
     pub exposure_s: f64,
-    /// Its share of the light.
+    /// Weight in the sum.
     pub weight: f64,
 }
 
-/// A film other than that of the recording.
+/// A film that replaces the recording's.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FilmUsed {
-    /// Its speed over the speed at which the recording's noise was measured.
+pub struct FilmOverride {
+    /// Its speed relative to the speed at which the recording's noise was measured.
     pub speed: f64,
     pub width_mm: f64,
 }
 
-/// How one picture is taken.
+/// Parameters of one output picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Capture<'a> {
-    /// The columns and rows of the picture that are made. The others stay as they are.
+    /// The area of the picture that is composited. The rest is left unchanged.
     pub region: Rect,
-    /// Whether all pixels of the region are made. If not, pixels without virtual things keep the camera's integers.
+    /// True if all pixels of the region are computed. Otherwise pixels without virtual content keep
+    /// the camera's integers.
     pub whole: bool,
-    /// How long each row gathers light, seconds.
+    /// Exposure time of each row, seconds.
     pub exposure_time_s: f64,
-    /// The opening of the lens. `None` for a pinhole.
+    /// The aperture of the lens. `None` for a pinhole.
     pub opening: Option<Opening>,
-    /// The exposures that the real part sums; at least one.
-    pub summed: Vec<Summed>,
-    /// How many stops more the whole picture, real and virtual, is exposed than it was recorded.
+    /// The exposures summed in the real part; at least one.
+    pub summed: Vec<SummedExposure>,
+    /// Exposure of the whole picture, real and virtual, relative to the recording, stops.
     pub over_ev: f64,
-    /// The share of the variance of the real pixels' noise that remains after enlarging and summing, 0 to 1.
+    /// Share of the real pixels' noise variance that remains after resampling and summing, 0 to 1.
     pub noise_left: f64,
-    /// `None`: that of the recording, or what an effect's own parameters say.
-    pub film: Option<FilmUsed>,
-    /// The recorded camera, and where in its picture this one lies.
+    /// `None`: that of the recording, or of an effect's own parameters.
+    pub film: Option<FilmOverride>,
+    /// The recorded camera, of whose picture this one is a crop.
     pub recorded: &'a Geometry,
-    pub framed: Framed,
+    pub framed: Crop,
     /// Pixels of this picture per pixel of the recording.
     pub enlargement: f64,
 }
 
 impl<'a> Capture<'a> {
-    /// A camera's frame, to which virtual things are added and nothing else is changed.
+    /// A camera's frame, to which virtual content is added without other changes.
     pub fn frame(recorded: &'a Geometry, exposure_time_s: f64, opening: Option<Opening>) -> Self {
         Self {
             region: Rect::full(recorded.intrinsics.width_px, recorded.intrinsics.height_px),
             whole: false,
             exposure_time_s,
             opening,
-            summed: vec![Summed { time_s: 0.0, exposure_s: exposure_time_s, weight: 1.0 }],
+            summed: vec![SummedExposure { time_s: 0.0, exposure_s: exposure_time_s, weight: 1.0 }],
             over_ev: 0.0,
             noise_left: 1.0,
             film: None,
             recorded,
-            framed: Framed { left_px: 0.0, top_px: 0.0, step: 1.0 },
+            framed: Crop { left_px: 0.0, top_px: 0.0, step: 1.0 },
             enlargement: 1.0,
         }
     }

@@ -1,22 +1,24 @@
-//! Cameras whose pictures are not projections onto a plane: a place in the picture is a direction.
+//! Cameras with curved projections: each pixel corresponds to a direction.
 //!
-//! Directions have the camera's axes: x right, y down, z forward. Places are raster px, with the upper left corner at
-//! (0, 0). "The circle" is the one that touches the nearer pair of the picture's sides.
+//! Directions have the camera's axes: x right, y down, z forward. Pixel positions are raster px,
+//! with the upper left corner at (0, 0). "The circle" is the one that touches the nearer pair of
+//! the picture's sides.
 
 use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
 
-/// The mapping from directions to places.
+/// The mapping from directions to pixel positions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Curve {
-    /// Equal angles from the axis are equal distances: θ = r·fov/2, r = 1 on the circle (Lemme p.36-39). Up to 2π.
+    /// Equidistant: θ = r·fov/2, r = 1 on the circle (Lemme p.36-39). Up to 2π.
     Fisheye { fov_rad: f64 },
-    /// Longitude and latitude, equirectangular: θ = y·fov_y/2 above and φ = x·fov_x/2 to the right of the axis, with x
-    /// and y from −1 to 1 across the picture (Lemme p.41-42). Up to 2π by π.
+    /// Longitude and latitude, equirectangular: θ = y·fov_y/2 above and φ = x·fov_x/2 to the right
+    /// of the axis, with x and y from −1 to 1 across the picture (Lemme p.41-42). Up to 2π by π.
     Environment { fov_rad: DVec2 },
-    /// Stereographic, projected from the point of the unit sphere behind the camera: r = tan(θ/2)/tan(fov/4) in radii
-    /// of the circle. A camera that looks down sees a little planet (Lemme p.40). Below 2π.
+    /// Stereographic, projected from the point of the unit sphere behind the camera: r =
+    /// tan(θ/2)/tan(fov/4) in radii of the circle. A camera that looks down sees a little planet
+    /// (Lemme p.40). Below 2π.
     LittlePlanet { fov_rad: f64 },
 }
 
@@ -28,16 +30,17 @@ pub struct Curved {
     pub height_px: u32,
 }
 
-/// A backward direction that is off the axis by less than this share of its length has no single place.
-const ON_AXIS: f64 = 1e-12;
+/// A backward direction whose relative distance from the axis is below this has no unique position.
+const MIN_OFF_AXIS: f64 = 1e-12;
 
 impl Curved {
     fn half_px(&self) -> DVec2 {
         0.5 * DVec2::new(self.width_px.into(), self.height_px.into())
     }
 
-    /// Where a direction (any length) lands, px, inside the picture or outside. `None` for a zero direction, for one
-    /// that the curve does not reach, and for straight back, which has no single place.
+    /// The pixel position of a direction (any length), inside the picture or outside. `None` for a
+    /// zero direction, for one outside the curve's range, and for straight back, which has no
+    /// unique position.
     pub fn project(&self, direction: DVec3) -> Option<DVec2> {
         let d = direction.try_normalize()?;
         let half = self.half_px();
@@ -51,14 +54,14 @@ impl Curved {
             Curve::Fisheye { fov_rad } => 2.0 * theta / fov_rad,
             Curve::LittlePlanet { fov_rad } => (0.5 * theta).tan() / (0.25 * fov_rad).tan(),
         };
-        if off_axis < ON_AXIS {
+        if off_axis < MIN_OFF_AXIS {
             return (d.z > 0.0).then_some(half);
         }
         Some(half + d.truncate() * (radius * half.min_element() / off_axis))
     }
 
-    /// The direction (unit length) seen at a place, px. `None` if nothing is seen there: outside a fisheye's circle, or
-    /// where angles would exceed a full turn.
+    /// The direction (unit length) at a pixel position. `None` outside a fisheye's circle, or where
+    /// angles would exceed a full turn.
     pub fn unproject(&self, at_px: DVec2) -> Option<DVec3> {
         let half = self.half_px();
         let from_middle = at_px - half;
@@ -66,7 +69,7 @@ impl Curved {
         let theta = match self.curve {
             Curve::Environment { fov_rad } => {
                 let DVec2 { x: phi, y: below } = 0.5 * fov_rad * from_middle / half;
-                // The tolerance keeps the picture's own rim in spite of rounding.
+                // The tolerance includes the picture's own border despite rounding.
                 let inside = phi.abs() <= PI * (1.0 + 1e-12) && below.abs() <= 0.5 * PI * (1.0 + 1e-12);
                 let d = DVec3::new(phi.sin() * below.cos(), below.sin(), phi.cos() * below.cos());
                 return inside.then_some(d);
@@ -94,7 +97,7 @@ mod tests {
     const RIGHT_BELOW: DVec3 = DVec3::new(1.0, 1.0, 0.0);
 
     #[test]
-    fn fisheye_by_hand() {
+    fn fisheye_matches_hand_calculation() {
         // 180° over 400 px: 90° are 200 px, 45° are 100.
         let f = Curved { curve: Curve::Fisheye { fov_rad: PI }, width_px: 600, height_px: 400 };
         let at = f.project(DVec3::new(2.0, 0.0, 2.0)).unwrap();
@@ -107,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn environment_by_hand() {
+    fn environment_matches_hand_calculation() {
         let fov_rad = DVec2::new(2.0 * PI, PI);
         let e = Curved { curve: Curve::Environment { fov_rad }, width_px: 720, height_px: 360 };
         // Two px per degree: 90° to the right; 30° up and 60° to the left.
@@ -118,8 +121,9 @@ mod tests {
     }
 
     #[test]
-    fn little_planet_by_hand() {
-        // 180° on the circle: tan 45° = 1. 90° off the axis lies on the circle, 45° at tan 22.5° = √2 − 1 of it.
+    fn little_planet_matches_hand_calculation() {
+        // 180° on the circle: tan 45° = 1. 90° off the axis lies on the circle, 45° at tan 22.5° =
+        // √2 − 1 of it.
         let p = Curved { curve: Curve::LittlePlanet { fov_rad: PI }, width_px: 200, height_px: 200 };
         assert!((p.project(DVec3::X).unwrap() - DVec2::new(200.0, 100.0)).length() < 1e-9);
         let at = p.project(DVec3::new(0.0, 1.0, 1.0)).unwrap();
@@ -153,11 +157,11 @@ mod tests {
                     continue;
                 };
                 prop_assert!((d.length() - 1.0).abs() < 1e-12);
-                // Straight up, down and back have more than one place.
+                // Straight up, down and back have more than one position.
                 if d.truncate().length() < 1e-4 && d.z < 0.0 || (d.x.hypot(d.z) < 1e-4 && matches!(curve, Curve::Environment { .. })) {
                     continue;
                 }
-                // The left and right rims are the same direction.
+                // The left and right borders are the same direction.
                 let off = (c.project(d).unwrap() - at).abs();
                 let off = if matches!(curve, Curve::Environment { .. }) { off.x.min((off.x - f64::from(wide)).abs()).max(off.y) } else { off.length() };
                 prop_assert!(off < 1e-6 * f64::from(wide.max(high)), "{curve:?} {at} {d}: {off}");

@@ -1,23 +1,25 @@
-//! From rays to places in the picture: Brown-Conrady for ordinary lenses and Kannala-Brandt for fisheyes, both after
-//! OpenCV, and longitude and latitude for 360° pictures.
+//! Lens models from rays to image points: Brown-Conrady for ordinary lenses and Kannala-Brandt for
+//! fisheyes, both after OpenCV, and equirectangular for 360° pictures.
 //!
-//! To add a model: a name in [`LensModel`], its branch in `valid_radius`, `slope`, `project` and `unproject` here and
-//! in shaders/raster.wgsl or shaders/around.wgsl, its unused parameters in `Distortion::missing`. The round trip test
-//! below covers all models.
+//! To add a model: a name in [`LensModel`], its branch in `valid_radius`, `slope`, `project` and
+//! `unproject` here and in shaders/raster.wgsl or shaders/around.wgsl, its unused parameters in
+//! `Distortion::missing`. The round trip test below covers all models.
 
 use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
 
 crate::choices! {
-    /// How a lens maps rays to places.
+    /// Mapping from rays to image points.
     pub enum LensModel {
-        /// x' = x(1 + k1 r² + k2 r⁴ + k3 r⁶) + tangential p1, p2, on x/z and y/z: OpenCV's `projectPoints`.
+        /// x' = x(1 + k1 r² + k2 r⁴ + k3 r⁶) + tangential p1, p2, on x/z and y/z: OpenCV's
+        /// `projectPoints`.
         Opencv = "opencv",
-        /// θ_d = θ(1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸) from the axis: OpenCV's `fisheye::projectPoints`.
+        /// θ_d = θ(1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸) from the axis: OpenCV's
+        /// `fisheye::projectPoints`.
         OpencvFisheye = "opencv_fisheye",
-        /// Longitude to the right of the axis, latitude below it, rad: the whole sphere in a picture twice as wide as
-        /// it is high.
+        /// Longitude to the right of the axis, latitude below it, rad: the whole sphere in a
+        /// picture twice as wide as it is high.
         Equirectangular = "equirectangular",
     }
 }
@@ -35,17 +37,18 @@ crate::params! {
     }
 }
 
-/// The polynomial is used as far as its slope is at least this.
-const LEAST_SLOPE: f64 = 0.05;
-/// No `opencv` lens sees beyond 84° off its axis: tan 84° ≈ 9.5.
-const LARGEST_RADIUS: f64 = 10.0;
+/// Minimum slope of the radial polynomial within its valid range.
+const MIN_SLOPE: f64 = 0.05;
+/// Maximum normalised radius of `opencv` lenses: 84° off the axis, tan 84° ≈ 9.5.
+const MAX_NORMALISED_RADIUS: f64 = 10.0;
 /// Longitude to the right and latitude below, rad.
 fn longitude_latitude(d: DVec3) -> DVec2 {
     DVec2::new(d.x.atan2(d.z), d.y.atan2(d.x.hypot(d.z)))
 }
 
-/// No fisheye sees straight back, where one direction would be a whole circle. 3.1 rad is 177.6°.
-const LARGEST_ANGLE_RAD: f64 = 3.1;
+/// Maximum angle of fisheyes: straight back, one direction would be a whole circle. 3.1 rad is
+/// 177.6°.
+const MAX_ANGLE_RAD: f64 = 3.1;
 
 impl Distortion {
     pub fn is_identity(&self) -> bool {
@@ -60,7 +63,7 @@ impl Distortion {
         self.model == LensModel::Equirectangular
     }
 
-    /// A coefficient that is not 0 but does not exist in the model.
+    /// A non-zero coefficient that does not exist in the model.
     pub fn missing(&self) -> Option<&'static str> {
         let unused: &[_] = match self.model {
             LensModel::Opencv => &[("k4", self.k4)],
@@ -79,24 +82,24 @@ impl Distortion {
         1.0 + r2 * (3.0 * self.k1 + r2 * (5.0 * self.k2 + r2 * (7.0 * self.k3 + r2 * 9.0 * k4)))
     }
 
-    /// The radius (normalised, undistorted), or a fisheye's angle (rad), up to which the radial polynomial is one to
-    /// one. Beyond it the polynomial folds back and would draw things twice. The map continues along its tangent there;
-    /// see [`Distortion::distort`].
+    /// The radius (normalised, undistorted), or a fisheye's angle (rad), up to which the radial
+    /// polynomial is injective. Beyond it the polynomial folds back and would image points twice.
+    /// The map continues along its tangent there; see [`Distortion::distort`].
     pub fn valid_radius(&self) -> f64 {
         let flat = !self.is_fisheye() && self.k1 == 0.0 && self.k2 == 0.0 && self.k3 == 0.0;
         if flat || self.is_equirectangular() {
             return f64::INFINITY;
         }
-        let largest = if self.is_fisheye() { LARGEST_ANGLE_RAD } else { LARGEST_RADIUS };
+        let largest = if self.is_fisheye() { MAX_ANGLE_RAD } else { MAX_NORMALISED_RADIUS };
         // The slope is a polynomial in r²: scan, then bisect to the first crossing.
         let step = 1e-2;
         let mut r = 0.0;
         while r < largest {
-            if self.slope(r + step) < LEAST_SLOPE {
+            if self.slope(r + step) < MIN_SLOPE {
                 let (mut low, mut high) = (r, r + step);
                 for _ in 0..50 {
                     let middle = 0.5 * (low + high);
-                    if self.slope(middle) < LEAST_SLOPE { high = middle } else { low = middle }
+                    if self.slope(middle) < MIN_SLOPE { high = middle } else { low = middle }
                 }
                 return low;
             }
@@ -105,9 +108,9 @@ impl Distortion {
         largest
     }
 
-    /// Where a direction (x right, y down, z forward, any length) lands in normalised coordinates. `None` for z ≤ 0. A
-    /// fisheye may see more than a hemisphere: for it, `None` if the direction is neither in front of the camera nor
-    /// within the valid angle.
+    /// Normalised image coordinates of a direction (x right, y down, z forward, any length). `None`
+    /// for z ≤ 0. A fisheye may exceed a hemisphere: for it, `None` if the direction is neither in
+    /// front of the camera nor within the valid angle.
     pub fn project(&self, direction: DVec3, valid_radius: f64) -> Option<DVec2> {
         let d = direction;
         if self.is_equirectangular() {
@@ -121,16 +124,16 @@ impl Distortion {
         (d.z > 0.0).then(|| self.distort(d.truncate() / d.z, valid_radius))
     }
 
-    /// Whether there is no distortion: the camera is a pinhole.
+    /// True without distortion: the camera is a pinhole.
     #[inline]
     pub fn is_none(&self) -> bool {
         let Self { model, k1, k2, k3, p1, p2, .. } = self;
         *model == LensModel::Opencv && [k1, k2, k3, p1, p2].into_iter().all(|coefficient| *coefficient == 0.0)
     }
 
-    /// Where a direction would land even if the lens does not see it: a fisheye's curve continues along its tangent.
-    /// For `opencv`, only directions in front of the camera are meaningful.
-    pub fn carried(&self, direction: DVec3, valid_radius: f64) -> DVec2 {
+    /// Like `project`, extended beyond the field of view: a fisheye's curve continues along its
+    /// tangent. For `opencv`, only directions in front of the camera are meaningful.
+    pub fn project_extended(&self, direction: DVec3, valid_radius: f64) -> DVec2 {
         if self.is_fisheye() {
             let across = direction.truncate();
             return across.normalize_or_zero() * self.fisheye(across.length().atan2(direction.z), valid_radius);
@@ -138,12 +141,12 @@ impl Distortion {
         self.project(direction, valid_radius).unwrap_or_default()
     }
 
-    /// The direction (unit length) that lands at a place; the inverse of [`Distortion::project`]. `None` if there is
-    /// none.
+    /// The direction (unit length) of normalised image coordinates; the inverse of
+    /// [`Distortion::project`]. `None` if there is none.
     pub fn unproject(&self, distorted: DVec2, valid_radius: f64) -> Option<DVec3> {
         if self.is_equirectangular() {
             let ((s, c), (below, level)) = (distorted.x.sin_cos(), distorted.y.sin_cos());
-            // The tolerance keeps the picture's own rim in spite of rounding.
+            // The tolerance includes the picture's own border despite rounding.
             let inside = distorted.x.abs() <= PI * (1.0 + 1e-12) && distorted.y.abs() <= 0.5 * PI * (1.0 + 1e-12);
             return inside.then(|| DVec3::new(s * level, below, c * level));
         }
@@ -162,10 +165,11 @@ impl Distortion {
         (seen && theta_d.is_finite()).then(|| (towards * theta.sin()).extend(theta.cos()))
     }
 
-    /// Distorts normalised coordinates (x/z, y/z), OpenCV's `projectPoints`: x' = x(1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x
-    /// y + p2 (r² + 2x²), y' likewise. Beyond `valid_radius` (from [`Distortion::valid_radius`]), the point on the rim
-    /// is distorted and continued outwards along its own ray with the rim's slope. The map thus stays one to one, and
-    /// nothing outside comes back into the picture.
+    /// Distorts normalised coordinates (x/z, y/z), OpenCV's `projectPoints`: x' = x(1 + k1 r² + k2
+    /// r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2x²), y' likewise. Beyond `valid_radius` (from
+    /// [`Distortion::valid_radius`]), the point on the rim is distorted and continued outwards
+    /// along its own ray with the rim's slope. The map thus stays one to one, and nothing outside
+    /// comes back into the picture.
     pub fn distort(&self, p: DVec2, valid_radius: f64) -> DVec2 {
         if self.is_equirectangular() {
             return longitude_latitude(p.extend(1.0));
@@ -190,7 +194,8 @@ impl Distortion {
         rim * radial + self.slope(valid) * (theta - rim)
     }
 
-    /// θ from θ_d, which lies between 0 and that of the valid angle. Newton's method with bisection.
+    /// θ from θ_d, which lies between 0 and that of the valid angle. Newton's method with
+    /// bisection.
     fn fisheye_inverse(&self, theta_d: f64, valid: f64) -> f64 {
         let (mut low, mut high) = (0.0, valid);
         let mut theta = theta_d.min(valid);
@@ -219,8 +224,8 @@ impl Distortion {
         )
     }
 
-    /// The inverse of [`Distortion::distort`] for `opencv`, by Newton's method with a numerical Jacobian and step
-    /// halving. `None` if no undistorted point is found within 1e-10.
+    /// The inverse of [`Distortion::distort`] for `opencv`, by Newton's method with a numerical
+    /// Jacobian and step halving. `None` if no undistorted point is found within 1e-10.
     fn undistort(&self, distorted: DVec2, valid_radius: f64) -> Option<DVec2> {
         let mut p = distorted;
         let mut error = (self.distort(p, valid_radius) - distorted).length();
@@ -271,13 +276,14 @@ mod tests {
     }
 
     #[test]
-    fn fisheye_worked_by_hand() {
-        // (1, 1, √2): 45° off the axis. θ = 0.785398, θ² = 0.616850; 1 + 0.0616850 − 0.0190252 + 0.0070415 − 0.0014478
-        // = 1.0482535, times θ = 0.823296.
+    fn fisheye_matches_hand_calculation() {
+        // (1, 1, √2): 45° off the axis. θ = 0.785398, θ² = 0.616850; 1 + 0.0616850 − 0.0190252 +
+        // 0.0070415 − 0.0014478 = 1.0482535, times θ = 0.823296.
         let lens = fisheye([0.1, -0.05, 0.03, -0.01]);
         let at = lens.project(DVec3::new(1.0, 1.0, 2f64.sqrt()), lens.valid_radius()).unwrap();
         assert!((at - DVec2::splat(0.823_296 / 2f64.sqrt())).length() < 1e-6, "{at}");
-        // Without coefficients, equal angles are equal distances, even behind the camera: 120° off the axis.
+        // Without coefficients, equal angles are equal distances, even behind the camera: 120° off
+        // the axis.
         let equal = fisheye([0.0; 4]);
         let at = equal.project(DVec3::new(0.0, 3f64.sqrt(), -1.0), equal.valid_radius()).unwrap();
         assert!((at - DVec2::new(0.0, 120f64.to_radians())).length() < 1e-12, "{at}");
@@ -286,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fisheye_that_folds_goes_on_and_never_comes_back() {
+    fn folding_fisheye_continues_monotonically() {
         // θ(1 − 0.1 θ²): slope 1 − 0.3 θ² reaches 0.05 at θ = √(0.95/0.3) = 1.78, 102°.
         let lens = fisheye([-0.1, 0.0, 0.0, 0.0]);
         let valid = lens.valid_radius();
@@ -296,7 +302,8 @@ mod tests {
             lens.project(DVec3::new(s, 0.0, c), valid)
         };
         assert!(seen(101.0).is_some() && seen(103.0).is_none());
-        // This one folds before 90°: 0.05 at √(0.95/0.9) = 58.9°. From there to 90° it continues along the tangent.
+        // This one folds before 90°: 0.05 at √(0.95/0.9) = 58.9°. From there to 90° it continues
+        // along the tangent.
         let lens = fisheye([-0.3, 0.0, 0.0, 0.0]);
         let valid = lens.valid_radius();
         let mut last = -1.0;
@@ -312,24 +319,26 @@ mod tests {
     }
 
     #[test]
-    fn coefficients_of_the_other_model_are_told() {
+    fn coefficients_of_another_model_are_reported() {
         assert_eq!(Distortion { p2: 0.1, ..fisheye([0.0; 4]) }.missing(), Some("p2"));
         assert_eq!(Distortion { k4: 0.1, ..FR1 }.missing(), Some("k4"));
         assert_eq!((FR1.missing(), fisheye([0.1; 4]).missing()), (None, None));
     }
 
     #[test]
-    fn worked_by_hand() {
-        // x = 0.3, y = -0.2: r² = 0.13; radial = 1 + 0.034112 - 0.01610739 + 0.0025557701 = 1.02056038
-        // x' = 0.3·1.02056038 + 2·(-0.0054)(-0.06) + 0.0026·(0.13 + 0.18) = 0.306168114 + 0.000648 + 0.000806
+    fn distortion_matches_hand_calculation() {
+        // x = 0.3, y = -0.2: r² = 0.13; radial = 1 + 0.034112 - 0.01610739 + 0.0025557701 =
+        // 1.02056038 x' = 0.3·1.02056038 + 2·(-0.0054)(-0.06) + 0.0026·(0.13 + 0.18) = 0.306168114
+        // + 0.000648 + 0.000806
         let d = FR1.distort(DVec2::new(0.3, -0.2), FR1.valid_radius());
         assert!((d.x - 0.307_622_11).abs() < 1e-7, "{}", d.x);
-        // y' = -0.2·1.02056038 - 0.0054·(0.13 + 0.08) + 2·0.0026·(-0.06) = -0.204112076 - 0.001134 - 0.000312
+        // y' = -0.2·1.02056038 - 0.0054·(0.13 + 0.08) + 2·0.0026·(-0.06) = -0.204112076 - 0.001134
+        // - 0.000312
         assert!((d.y + 0.205_558_08).abs() < 1e-7, "{}", d.y);
     }
 
     #[test]
-    fn barrel_folds_where_the_derivative_vanishes() {
+    fn valid_radius_is_where_the_slope_vanishes() {
         // r(1 - 0.25 r²): slope 1 - 0.75 r² reaches 0.05 at r = sqrt(0.95/0.75).
         let barrel = Distortion { k1: -0.25, ..Default::default() };
         let valid = barrel.valid_radius();

@@ -1,22 +1,23 @@
-//! Exposure: how bright a picture gets, and the settings for a correct one.
+//! Exposure: brightness of a picture, and settings for a correct one.
 //!
-//! The scene needs EV_s (9), the settings give EV_c (10). ΔEV = EV_s − EV_c is how many stops too bright the picture
-//! is: above 0 over-exposed, below under-exposed. (The paper takes its absolute value, with which nothing could be
-//! under-exposed.) A correct exposure puts 18 % grey at 0.18 of linear light. EV_s includes the film speed, so that at
-//! equal light a faster film needs a shorter time; to compare scenes, use ISO 100.
+//! The scene needs EV_s (9), the settings give EV_c (10). ΔEV = EV_s − EV_c is how many stops too
+//! bright the picture is: above 0 over-exposed, below under-exposed. (The paper takes its absolute
+//! value, with which nothing could be under-exposed.) A correct exposure puts 18 % grey at 0.18 of
+//! linear light. EV_s includes the film speed, so that at equal light a faster film needs a shorter
+//! time; to compare scenes, use ISO 100.
 //!
 //! Not modelled: flash, filters, light lost in the lens (T-stops), film's reciprocity failure.
 
 use super::stops::{self, Step};
 
-/// The longest exposure that is accepted, seconds.
-pub const LONGEST_S: f64 = 60.0;
+/// Maximum exposure time, seconds.
+pub const MAX_EXPOSURE_S: f64 = 60.0;
 
 crate::params! {
-    /// How long and how sensitively the sensor is exposed.
+    /// Exposure time and sensitivity of the sensor.
     pub struct CameraExposure in "camera.exposure" {
         "shutter time: how long each row gathers light; 0 is an instant; none: from the recording"
-        time_s: Option<f64> = None, "s", 0.0..=LONGEST_S, by_ratio;
+        time_s: Option<f64> = None, "s", 0.0..=MAX_EXPOSURE_S, by_ratio;
         "exposure as a part of the frame interval instead of time_s; 360 is all of it"
         shutter_angle_deg: Option<f64> = None, "deg", 0.0..=360.0;
         "film speed at which the noise was measured"
@@ -42,7 +43,8 @@ pub struct ExposureSettings {
     pub iso: f64,
 }
 
-/// EV_s that the scene needs, vSLRcam (9): log2(E·i_s/C). NaN or infinite if E or i_s is not above 0.
+/// EV_s required by the scene, vSLRcam (9): log2(E·i_s/C). NaN or infinite if E or i_s is not above
+/// 0.
 pub fn scene_ev(illuminance_lx: f64, iso: f64) -> f64 {
     (illuminance_lx * iso / METER_CONSTANT).log2()
 }
@@ -53,7 +55,7 @@ pub fn illuminance_lx(ev: f64, iso: f64) -> f64 {
 }
 
 impl ExposureSettings {
-    /// EV_c that the settings give, vSLRcam (10): log2(a²/t).
+    /// EV_c of the settings, vSLRcam (10): log2(a²/t).
     pub fn ev(&self) -> f64 {
         (self.f_number * self.f_number / self.time_s).log2()
     }
@@ -63,9 +65,10 @@ impl ExposureSettings {
         scene_ev(illuminance_lx, self.iso) - self.ev()
     }
 
-    /// The illuminance of a scene from its picture, lux. `mean_light` is the picture's mean in linear light. A mean of
-    /// 18 % was exposed correctly, ΔEV = 0; twice that is one stop over. It assumes that the scene is grey on average,
-    /// as every reflected-light meter does. `None` for a black picture.
+    /// The illuminance of a scene estimated from its picture, lux. `mean_light` is the picture's
+    /// mean in linear light. A mean of 18 % is a correct exposure, ΔEV = 0; twice that is one stop
+    /// over. The scene is assumed to be grey on average, as by every reflected-light meter. `None`
+    /// for a black picture.
     pub fn illuminance_of_picture_lx(&self, mean_light: f64) -> Option<f64> {
         let ev = self.ev() + (mean_light / MIDDLE_GREY).log2();
         Some(illuminance_lx(ev, self.iso)).filter(|lx| lx.is_finite() && *lx > 0.0)
@@ -76,7 +79,7 @@ impl ExposureSettings {
         MIDDLE_GREY * photographic_gain(self.over_ev(illuminance_lx))
     }
 
-    /// Replaces every engraved number by the exact value it stands for.
+    /// Replaces every engraved number by its exact value.
     pub fn exact(&self) -> Self {
         Self {
             f_number: stops::exact(&stops::f_numbers(Step::Third), self.f_number),
@@ -99,8 +102,8 @@ pub fn photographic_gain(over_ev: f64) -> f64 {
     over_ev.exp2()
 }
 
-/// vSLRcam (11) as printed, on display values (0 to 1, not linear light): new = old + 0.2·ΔEV, with the signed ΔEV, so
-/// that five stops span black to white. Clamped to 0 to 1.
+/// vSLRcam (11) as printed, on display values (0 to 1, not linear light): new = old + 0.2·ΔEV, with
+/// the signed ΔEV, so that five stops span black to white. Clamped to 0 to 1.
 pub fn additive(display_value: f64, over_ev: f64) -> f64 {
     (display_value + 0.2 * over_ev).clamp(0.0, 1.0)
 }
@@ -116,7 +119,7 @@ pub mod tests {
     }
 
     #[test]
-    fn ev_of_scene_and_settings_worked_by_hand() {
+    fn scene_and_settings_ev_match_hand_calculation() {
         // vSLRcam (9): 500 lx · 100 / 250 = 200, log2 = 7.6439
         close(scene_ev(INDOORS_LX, 100.0), 7.643_856, 1e-6);
         // Two stops of film speed are two EV.
@@ -133,7 +136,7 @@ pub mod tests {
     }
 
     #[test]
-    fn over_is_positive_and_brighter() {
+    fn overexposure_is_positive() {
         // The paper's figure 11, in a room of 500 lx at ISO 100: f/4 at 1/60 is under-exposed.
         let under = set(4.0, 1.0 / 60.0, 100.0).over_ev(INDOORS_LX);
         close(under, 7.643_856 - 9.906_891, 1e-6);
@@ -145,7 +148,7 @@ pub mod tests {
     }
 
     #[test]
-    fn gain_and_additive() {
+    fn gain_and_additive_correction_match_hand_calculation() {
         assert_eq!([0.0, 1.0, -2.0].map(photographic_gain), [1.0, 2.0, 0.25]);
         // vSLRcam (11): five stops over turn black white, five under white black.
         assert_eq!((additive(0.0, 5.0), additive(1.0, -5.0)), (1.0, 0.0));
@@ -155,7 +158,7 @@ pub mod tests {
     }
 
     #[test]
-    fn illuminance_from_a_picture_and_back() {
+    fn illuminance_of_a_picture_round_trips() {
         // A grey mean at sunny 16: E = 250 · 2^15 / 100.
         let sunny = set(16.0, 1.0 / 128.0, 100.0);
         close(sunny.illuminance_of_picture_lx(0.18).unwrap(), 81920.0, 1e-6);
@@ -171,7 +174,7 @@ pub mod tests {
 
     proptest! {
         #[test]
-        fn a_picture_gives_its_light_back(a in 1.0f64..32.0, t in 1e-4f64..10.0, iso in 100.0f64..25600.0, mean in 0.001f64..1.0) {
+        fn mean_light_round_trips_through_illuminance(a in 1.0f64..32.0, t in 1e-4f64..10.0, iso in 100.0f64..25600.0, mean in 0.001f64..1.0) {
             let s = set(a, t, iso);
             let lux = s.illuminance_of_picture_lx(mean).unwrap();
             prop_assert!((s.mean_light(lux) / mean - 1.0).abs() < 1e-9);

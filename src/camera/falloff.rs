@@ -1,7 +1,7 @@
-//! Light away from the picture's centre: it gets darker and splits by colour.
+//! Optical falloff: vignetting, and lateral chromatic aberration.
 //!
-//! Not modelled: pixel vignetting (a sensor's own angular response), pupil distortion, and longitudinal chromatic
-//! aberration.
+//! Not modelled: pixel vignetting (a sensor's own angular response), pupil distortion, and
+//! longitudinal chromatic aberration.
 
 use std::f64::consts::PI;
 
@@ -9,27 +9,29 @@ use glam::DVec2;
 
 /// Natural vignetting of a ray (x/z, y/z): cos⁴θ, 0 to 1, where tan θ is the ray's length.
 ///
-/// One factor of cos θ for the foreshortened opening, two for the longer way to the film, and one for the oblique
-/// incidence on the film; cos²θ = 1/(1 + tan²θ).
+/// One factor of cos θ for the foreshortened opening, two for the longer way to the film, and one
+/// for the oblique incidence on the film; cos²θ = 1/(1 + tan²θ).
 pub fn natural(ray: DVec2) -> f64 {
     (1.0 + ray.length_squared()).powi(-2)
 }
 
-/// A rim in front of the opening, which oblique light also has to pass: mechanical vignetting.
+/// Mechanical vignetting: a rim in front of the aperture that clips oblique light.
 ///
-/// Seen along a ray, opening and rim are two circles that shift relative to each other by distance · tan θ. Light
-/// passes where they overlap, which turns highlights near the corners into cat's eyes. Stopping down removes it, as in
-/// a real lens.
+/// Seen along a ray, opening and rim are two circles that shift relative to each other by distance
+/// · tan θ. Light passes where they overlap, which turns highlights near the corners into cat's
+/// eyes. Stopping down removes it, as in a real lens.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rim {
     /// Distance from the opening along the axis, metres, at least 0.
     pub distance_m: f64,
-    /// Metres, above 0. If smaller than the radius of the widest opening, the centre gets darker too.
+    /// Metres, above 0. If smaller than the radius of the widest opening, the centre gets darker
+    /// too.
     pub radius_m: f64,
 }
 
 impl Rim {
-    /// The share of the opening that a ray (x/z, y/z) passes, 0 to 1. For a pinhole 1 within the rim and 0 beyond.
+    /// The share of the aperture that a ray (x/z, y/z) passes, 0 to 1. For a pinhole 1 within the
+    /// rim and 0 beyond.
     pub fn gain(&self, opening_diameter_m: f64, ray: DVec2) -> f64 {
         let radius_m = 0.5 * opening_diameter_m;
         let shift_m = self.distance_m * ray.length();
@@ -39,10 +41,10 @@ impl Rim {
         overlap_area(radius_m, self.radius_m, shift_m) / (PI * radius_m * radius_m)
     }
 
-    /// Whether a point of the opening (metres from its centre, in the ray's axes) is reached by the light of a ray: the
-    /// cat's eye itself.
+    /// True if a point of the aperture (metres from its centre, in the ray's axes) is reached by
+    /// the light of a ray: the shape of the cat's eye.
     pub fn passes(&self, on_opening_m: DVec2, ray: DVec2) -> bool {
-        // Going out by `ray` per metre, light crosses the rim's plane that much further out.
+        // Along `ray` per metre, light crosses the rim's plane that much further out.
         (on_opening_m + self.distance_m * ray).length() <= self.radius_m
     }
 }
@@ -65,8 +67,8 @@ pub fn overlap_area(radius_a: f64, radius_b: f64, apart: f64) -> f64 {
     segment(large, x) + segment(small, apart - x)
 }
 
-/// Lateral chromatic aberration of one colour: r' = r·(1 + a + b·r²), with r in half diagonals of the picture (0 in the
-/// centre, 1 in the corners).
+/// Lateral chromatic aberration of one colour: r' = r·(1 + a + b·r²), with r in half diagonals of
+/// the picture (0 in the centre, 1 in the corners).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lateral {
     /// Linear part: 0.001 is one pixel in a thousand.
@@ -81,7 +83,7 @@ impl Lateral {
         1.0 + self.a + self.b * radius * radius
     }
 
-    /// Where this colour of something at `at_px` lands, px.
+    /// Image position of this colour of a point at `at_px`, px.
     pub fn displaced_px(&self, at_px: DVec2, middle_px: DVec2, half_diagonal_px: f64) -> DVec2 {
         let from_middle = at_px - middle_px;
         middle_px + from_middle * self.scale(from_middle.length() / half_diagonal_px)
@@ -95,7 +97,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn cos4_worked_by_hand() {
+    fn cos4_falloff_matches_hand_calculation() {
         assert_eq!(natural(DVec2::ZERO), 1.0);
         // At 45° cos⁴ is a quarter, at 30° (tan = 1/√3) it is 9/16.
         close(natural(DVec2::new(0.6, 0.8)), 0.25, 1e-12);
@@ -103,19 +105,19 @@ mod tests {
     }
 
     #[test]
-    fn two_circles_worked_by_hand() {
+    fn overlap_area_matches_hand_calculation() {
         close(overlap_area(1.0, 1.0, 0.0), PI, 1e-12);
         // Unit circles one apart: 2π/3 − √3/2.
         close(overlap_area(1.0, 1.0, 1.0), 2.0 * PI / 3.0 - 0.75f64.sqrt(), 1e-12);
         close(overlap_area(2.0, 1.0, 1.0), PI, 1e-12);
         assert_eq!((overlap_area(2.0, 1.0, 3.0), overlap_area(1.0, 1.0, 5.0)), (0.0, 0.0));
-        // The small circle's centre lies beyond the chord: radii 1.2 and 1 at distance 0.6, compared with the arguments
-        // swapped.
+        // The small circle's centre lies beyond the chord: radii 1.2 and 1 at distance 0.6,
+        // compared with the arguments swapped.
         close(overlap_area(1.2, 1.0, 0.6), overlap_area(1.0, 1.2, 0.6), 1e-12);
     }
 
     #[test]
-    fn a_rim_darkens_the_corners_and_stopping_down_helps() {
+    fn rim_darkens_the_corners_less_when_stopped_down() {
         let rim = Rim { distance_m: 0.02, radius_m: 0.01 };
         let ray = DVec2::new(0.3, 0.4); // shifts by 10 mm
         assert_eq!(rim.gain(0.02, DVec2::ZERO), 1.0);
@@ -126,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn the_gain_is_the_part_of_the_opening_that_passes() {
+    fn rim_gain_equals_the_share_of_passing_points() {
         let (rim, ray) = (Rim { distance_m: 0.02, radius_m: 0.011 }, DVec2::new(0.3, 0.2));
         let n = 400;
         let (mut inside, mut passing) = (0u32, 0u32);
@@ -141,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn colours_part_along_the_radius() {
+    fn lateral_aberration_is_radial() {
         let (middle, corner) = (DVec2::new(320.0, 240.0), DVec2::new(640.0, 480.0));
         let red = Lateral { a: 0.001, b: 0.002 };
         // The corner is 400 px out, r = 1: 0.003 of that.

@@ -10,7 +10,7 @@ pub struct Film {
     height_mm: f64,
 }
 
-/// Names and manufacturers' sizes (mm). A format is written by its first name.
+/// Names and manufacturers' sizes (mm). The first name is used for output.
 const NAMED: [(&[&str], f64, f64); 7] = [
     (&["36x24", "full-frame", "35mm", "fx"], 36.0, 24.0),
     (&["aps-c", "aps-c-nikon", "nikon-dx", "dx"], 23.6, 15.7),
@@ -24,7 +24,7 @@ const NAMED: [(&[&str], f64, f64); 7] = [
 
 const SIDE_MM: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 
-/// A text that is not the name of a film.
+/// Error of an unknown film name.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "{found} is no film format; accepted are 36x24, aps-c (Nikon), aps-c-canon, micro-4/3, 1in, 1/2.3in, 6x6 (56x56 mm) \
@@ -58,7 +58,7 @@ impl Film {
         self.width_mm.hypot(self.height_mm)
     }
 
-    /// By what factor the diagonal is smaller than that of 36×24 mm: 1.53 for Nikon's APS-C.
+    /// Ratio of the diagonal of 36×24 mm to this one: 1.53 for Nikon's APS-C.
     pub fn crop_factor(&self) -> f64 {
         Self::FULL_FRAME.diagonal_mm() / self.diagonal_mm()
     }
@@ -68,7 +68,7 @@ impl Film {
         focal_length_mm * self.crop_factor()
     }
 
-    /// The same film in a camera held upright if `height > width`, otherwise lengthwise.
+    /// The film in portrait orientation if `height > width`, otherwise in landscape.
     pub fn turned_for(&self, width_px: u32, height_px: u32) -> Self {
         let (long, short) = (self.width_mm.max(self.height_mm), self.width_mm.min(self.height_mm));
         let (width_mm, height_mm) = if height_px > width_px { (short, long) } else { (long, short) };
@@ -81,7 +81,7 @@ impl Film {
 }
 
 impl fmt::Display for Film {
-    /// The name if it has one, otherwise `WIDTHxHEIGHT`. Parsing it gives the same film.
+    /// The name if there is one, otherwise `WIDTHxHEIGHT`. Parsing it gives the same film.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let named = NAMED.iter().find(|(_, w, h)| (*w, *h) == (self.width_mm, self.height_mm));
         match named.and_then(|(names, ..)| names.first()) {
@@ -121,8 +121,8 @@ crate::choices! {
 }
 
 impl LensType {
-    /// The type of a lens with these shortest and longest focal lengths on a film, by the diagonal angle of view at
-    /// infinity. The limits of 40° and 60° are customary, not a standard.
+    /// The type of a lens with these shortest and longest focal lengths on a film, by the diagonal
+    /// angle of view at infinity. The limits of 40° and 60° are customary, not a standard.
     pub fn of(shortest_mm: f64, longest_mm: f64, film: &Film) -> Self {
         if longest_mm > shortest_mm {
             return Self::Zoom;
@@ -134,8 +134,8 @@ impl LensType {
         }
     }
 
-    /// Usual focal lengths of the type on a film, shortest and longest, millimetres: 28, 50 and 135 mm on 36×24, and a
-    /// zoom from 28 to 105.
+    /// Usual focal lengths of the type on a film, shortest and longest, millimetres: 28, 50 and 135
+    /// mm on 36×24, and a zoom from 28 to 105.
     pub fn focal_lengths_mm(self, film: &Film) -> (f64, f64) {
         let (shortest, longest) = match self {
             Self::Wide => (28.0, 28.0),
@@ -153,7 +153,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn every_name_is_read_and_written() {
+    fn film_names_round_trip() {
         for (names, w, h) in NAMED {
             for name in names {
                 let film: Film = name.parse().unwrap();
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_film_is_refused_with_what_is_accepted() {
+    fn unknown_film_is_refused_with_the_accepted_names() {
         for text in ["", "x", "36", "36x", "36x0", "-36x24", "nanxnan", "infx24", "36x24x3", "aps", "2000x10"] {
             let error = text.parse::<Film>().unwrap_err().to_string();
             assert!(error.starts_with(text) && error.contains("aps-c-canon"), "{error}");
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn an_upright_picture_has_the_film_upright() {
+    fn portrait_picture_rotates_the_film() {
         let film = Film::FULL_FRAME;
         assert_eq!(film.turned_for(1296, 1936).width_mm(), 24.0);
         assert_eq!(film.turned_for(1296, 1936).turned_for(1936, 1296), film);
@@ -218,7 +218,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_size_survives_its_text(w in 0.1f64..1000.0, h in 0.1f64..1000.0, text in "\\PC{0,20}") {
+        fn film_size_round_trips_through_text(w in 0.1f64..1000.0, h in 0.1f64..1000.0, text in "\\PC{0,20}") {
             let film = Film::new(w, h).unwrap();
             prop_assert_eq!(film.to_string().parse::<Film>().unwrap(), film);
             let _ = text.parse::<Film>();

@@ -1,35 +1,38 @@
-//! Grain by film speed and format, relative to what was calibrated. At the profile's own film speed and format every
-//! factor is exactly 1, and the grain is the calibrated noise.
+//! Film grain by film speed and format, relative to the calibrated noise. At the profile's own film
+//! speed and format every factor is exactly 1, and the grain is the calibrated noise.
 //!
-//! **Amplitude.** A pixel of value x (linear light, as a share of full scale) at film speed S has gathered N = x·K/S
-//! photons: twice the speed is half the light. Their number varies by √N (Poisson), so the shot noise of x has variance
-//! x·S/K, proportional to S. Read noise is a fixed number of electrons r; its variance (r·S/K)² is proportional to S².
-//! With the ratio k = S/S₀ and the read noise's share s of the calibrated variance,
+//! **Amplitude.** A pixel of value x (linear light, as a share of full scale) at film speed S has
+//! collected N = x·K/S photons: twice the speed is half the light. Their number has a standard
+//! deviation of √N (Poisson), so the shot noise of x has variance x·S/K, proportional to S. Read
+//! noise is a fixed number of electrons r; its variance (r·S/K)² is proportional to S². With the
+//! ratio k = S/S₀ and the read noise's share s of the calibrated variance,
 //!
-//!   σ²(k) = σ²(1) · ((1 − s)·k + s·k²)
+//! σ²(k) = σ²(1) · ((1 − s)·k + s·k²)
 //!
-//! at every code value: the response and its slope are the same at all speeds and cancel. s is estimated from the
-//! calibrated σ itself, see [`read_share`].
+//! at every code value: the response and its slope are the same at all speeds and cancel. s is
+//! estimated from the calibrated σ itself, see [`read_share`].
 //!
-//! **Size.** Grain lies on the film, so in the picture it grows with the picture's width and with a smaller format.
-//! That is also the price of a smaller format: the same σ over larger grains is equivalent to fewer photons for each
-//! part of the picture. A faster film has coarser grain, too; how much depends on its emulsion. Here the diameter is
-//! proportional to the fourth root of the speed (doubled from ISO 100 to 1600): a choice, not a measurement.
+//! **Size.** Grain is fixed on the film, so in the picture it grows with the picture's width and
+//! with a smaller format. That is also the price of a smaller format: the same σ over larger grains
+//! is equivalent to fewer photons for each part of the picture. A faster film has coarser grain,
+//! too; how much depends on its emulsion. Here the diameter is proportional to the fourth root of
+//! the speed (doubled from ISO 100 to 1600): a choice, not a measurement.
 //!
-//! Not modelled: fixed-pattern noise, quantisation, noise added after the gain (which does not grow), dual-gain
-//! sensors, the camera's own noise reduction. If another film is asked for, a sensor's noise gets coarser too, which in
+//! Not modelled: fixed-pattern noise, quantisation, noise added after the gain (which does not
+//! grow), dual-gain sensors, the camera's own noise reduction. With another film, a sensor's noise
+//! becomes coarser too, which in reality only film's does.
 //! reality only film's does.
 
 use super::{NoiseProfile, Response};
 
-/// How film and picture differ from the calibrated ones. All are 1 if they do not.
+/// Film and picture relative to the calibrated ones. All ratios are 1 if they are the same.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GrainRatios {
-    /// Film speed over the profile's, above 0.
+    /// Film speed relative to the profile's, above 0.
     pub iso: f64,
-    /// Width of the film over that of the profile's, above 0.
+    /// Width of the film relative to the profile's, above 0.
     pub film_width: f64,
-    /// Width of the picture in pixels over that of the profile's, above 0.
+    /// Width of the picture in pixels relative to the profile's, above 0.
     pub picture_width: f64,
 }
 
@@ -62,11 +65,12 @@ pub fn read_light(noise: &NoiseProfile, response: &Response, channel: usize) -> 
     darkest.map_or(0.0, |bin| bin.sigma / slope(response, bin.code))
 }
 
-/// The share of read noise in the calibrated variance of a channel at a code value (8-bit scale), 0 to 1.
+/// The share of read noise in the calibrated variance of a channel at a code value (8-bit scale), 0
+/// to 1.
 ///
-/// In linear light the read noise is the same everywhere, and in the darkest bin it is nearly all there is. So σ_read =
-/// σ(darkest) / slope(darkest), converted to the code value by the response's slope there. This is an upper bound, as
-/// some light fell on the darkest bin too.
+/// In linear light the read noise is constant, and in the darkest bin it is nearly all of the
+/// noise. So σ_read = σ(darkest) / slope(darkest), converted to the code value by the response's
+/// slope there. This is an upper bound, as the darkest bin received some light too.
 pub fn read_share(noise: &NoiseProfile, response: &Response, channel: usize, code: f64) -> f64 {
     if channel >= noise.bins.len() {
         return 0.0;
@@ -76,7 +80,8 @@ pub fn read_share(noise: &NoiseProfile, response: &Response, channel: usize, cod
     if sigma > 0.0 { (read / sigma).powi(2).min(1.0) } else { 0.0 }
 }
 
-/// σ of a channel's grain at a code value, both on the 8-bit scale: the calibrated one at another film speed.
+/// σ of a channel's grain at a code value, both on the 8-bit scale: the calibrated one at another
+/// film speed.
 pub fn sigma(noise: &NoiseProfile, response: &Response, channel: usize, code: f64, ratios: &GrainRatios) -> f64 {
     noise.sigma(channel, code) * ratios.sigma(read_share(noise, response, channel, code))
 }
@@ -101,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn at_its_own_speed_it_is_the_calibrated_noise() {
+    fn grain_at_the_calibrated_speed_is_the_calibrated_noise() {
         let (noise, _) = sensor();
         for curve in [Curve::Linear, Curve::Srgb, Curve::Gamma] {
             let response = Response { curve, ..Default::default() };
@@ -114,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn four_times_the_speed_is_the_sensor_with_a_quarter_of_the_light() {
+    fn quadruple_speed_equals_a_quarter_of_the_light() {
         let (noise, response) = sensor();
         let faster = GrainRatios { iso: 4.0, ..Default::default() };
         for code in [0.0, 10.0, 128.0, 255.0] {
@@ -129,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn the_share_of_reading_out_worked_by_hand() {
+    fn read_noise_share_matches_hand_calculation() {
         let (noise, response) = sensor();
         assert_eq!(read_share(&noise, &response, 0, 0.0), 1.0);
         // 16 of 1016 at full scale.
@@ -141,10 +146,11 @@ mod tests {
     }
 
     #[test]
-    fn grains_grow_with_speed_and_smaller_film() {
+    fn grain_size_grows_with_speed_and_smaller_film() {
         let speed = |iso: f64| GrainRatios { iso, ..Default::default() }.size();
         assert_eq!((speed(16.0), speed(1.0 / 16.0)), (2.0, 0.5));
-        // Half the film's width doubles the size of everything on it; so does a picture twice as wide.
+        // Half the film's width doubles the size of everything on it; so does a picture twice as
+        // wide.
         assert_eq!(GrainRatios { film_width: 0.5, ..Default::default() }.size(), 2.0);
         assert_eq!(GrainRatios { picture_width: 2.0, ..Default::default() }.size(), 2.0);
         assert_eq!(GrainRatios { picture_width: 2.0, film_width: 2.0, iso: 1.0 }.size(), 1.0);

@@ -1,11 +1,11 @@
-//! A camera's lens as its profile describes it, and the opening that rendering needs.
+//! Lens parameters of a camera's profile, and the aperture used for rendering.
 
 use super::Geometry;
 use super::thin_lens::{ThinLens, ThinLensError};
 use crate::text::number;
 
 crate::params! {
-    /// The lens, as far as it is known. Without an opening the camera is a pinhole.
+    /// The known parameters of a lens. Without an aperture the camera is a pinhole.
     pub struct Lens in "camera.lens" {
         "diameter of the opening; instead of f_number; 0 is a pinhole"
         aperture_diameter_mm: Option<f64> = None, "mm", 0.0..=500.0, by_ratio;
@@ -20,7 +20,7 @@ crate::params! {
     }
 }
 
-/// The hole through which a camera sees, and the distance in focus.
+/// The aperture of a camera, and its focus distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Opening {
     /// Diameter of the circle through the blades' corners, metres, above 0.
@@ -49,19 +49,21 @@ pub enum LensError {
 }
 
 impl Opening {
-    /// The signed diameter in pixels of the image of a point at a depth (m, up to infinity): vSLRcam (8) for a
-    /// calibrated camera, fx · D · (1/d_s − 1/d_o). Negative in front of the focus plane.
+    /// The signed diameter in pixels of the image of a point at a depth (m, up to infinity):
+    /// vSLRcam (8) for a calibrated camera, fx · D · (1/d_s − 1/d_o). Negative in front of the
+    /// focus plane.
     pub fn circle_px(&self, fx_px: f64, distance_m: f64) -> f64 {
         fx_px * self.diameter_m * (1.0 / self.focus_distance_m - 1.0 / distance_m)
     }
 }
 
 impl Lens {
-    /// The thin lens of a calibrated picture. Its image distance v is fixed by fx (focusing does not change a
-    /// calibrated fx), so its focal length is v·d/(v + d). That is less than d for every d, so no focus distance lies
-    /// within it. `None` if neither opening nor f-number is given, or the opening is 0.
+    /// The thin lens of a calibrated picture. Its image distance v is fixed by fx (focusing does
+    /// not change a calibrated fx), so its focal length is v·d/(v + d). That is less than d for
+    /// every d, so no focus distance lies within it. `None` if neither opening nor f-number is
+    /// given, or the opening is 0.
     pub fn thin_lens(&self, geometry: &Geometry) -> Result<Option<ThinLens>, LensError> {
-        // An impossible number is reported even if the blades have no effect.
+        // An impossible value is reported even if the blades have no effect.
         if matches!(self.blades, 1 | 2 | 33..) {
             return Err(LensError::Blades { found: self.blades });
         }
@@ -81,7 +83,7 @@ impl Lens {
         })
     }
 
-    /// The opening that rendering needs. `None` for a pinhole.
+    /// The aperture used for rendering. `None` for a pinhole.
     pub fn opening(&self, geometry: &Geometry) -> Result<Option<Opening>, LensError> {
         let lens = self.thin_lens(geometry)?;
         let half_side = if self.blades == 0 { 0.0 } else { std::f64::consts::PI / f64::from(self.blades) };
@@ -106,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn without_an_opening_it_is_a_pinhole() {
+    fn lens_without_an_aperture_is_a_pinhole() {
         assert_eq!(Lens::default().opening(&camera()), Ok(None));
         let closed = Lens { aperture_diameter_mm: Some(0.0), focus_distance_m: Some(1.0), ..Default::default() };
         assert_eq!(closed.opening(&camera()), Ok(None));
@@ -115,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn f_number_and_diameter_worked_by_hand() {
+    fn opening_by_f_number_and_diameter_matches_hand_calculation() {
         let lens = Lens { f_number: Some(2.0), focus_distance_m: Some(1.0), blades: 5, ..Default::default() };
         let opening = lens.opening(&camera()).unwrap().unwrap();
         // f = 5.25·1000/1005.25 = 5.222581 mm, D = f/2.
@@ -137,9 +139,9 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused_with_what_is_accepted() {
+    fn impossible_lens_is_refused_with_the_accepted_range() {
         for blades in [1, 2, 33, u32::MAX] {
-            // Also for a pinhole, whose blades do not show.
+            // Also for a pinhole, whose blades are invisible.
             let error = Lens { blades, ..Default::default() }.opening(&camera()).unwrap_err().to_string();
             assert!(
                 error.contains(&format!("blades = {blades}")) && error.contains("0 (a circle) or 3 to 32"),
@@ -157,7 +159,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_opening_blurs_as_the_thin_lens(
+        fn opening_circle_equals_that_of_the_thin_lens(
             a in 0.5f64..64.0, d_s in 0.02f64..1e5, d_o in 0.05f64..1e4, film in 1.0f64..60.0, fx in 100.0f64..5000.0
         ) {
             let i = Intrinsics { film_width_mm: film, fx_px: fx, ..Default::default() };

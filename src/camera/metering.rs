@@ -1,26 +1,26 @@
-//! A camera's light meter: how bright a picture is, and which settings a mode chooses.
+//! Light meter: brightness of a picture, and the settings chosen by an exposure mode.
 //!
-//! Not modelled: spatial weighting (the whole picture counts alike) and automatic film speed.
+//! Not modelled: spatial weighting (the whole picture has equal weight) and automatic film speed.
 
 use super::Response;
 use super::exposure::{ExposureSettings, scene_ev};
 use super::stops::{self, Step, Stop};
 use crate::pixels::Pixels;
 
-/// Who chooses aperture and time.
+/// Exposure mode: which of aperture and time the camera chooses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
     /// The camera chooses both.
     Program,
-    /// The person sets the aperture, the camera the time.
+    /// The user sets the aperture, the camera the time.
     AperturePriority,
-    /// The person sets the time, the camera the aperture.
+    /// The user sets the time, the camera the aperture.
     ShutterPriority,
-    /// The person sets both; the camera reports the deviation.
+    /// The user sets both; the camera reports the deviation.
     Manual,
 }
 
-/// A text that does not name a mode.
+/// Error of an unknown mode.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{found} is no mode; accepted are p (program), a (aperture priority), s (shutter priority), m (manual)")]
 pub struct ModeError {
@@ -35,16 +35,16 @@ pub struct Limits {
     pub narrowest_f_number: f64,
     pub shortest_s: f64,
     pub longest_s: f64,
-    /// The longest time that can be hand-held. The program line stays below it while it can.
+    /// Maximum hand-held time. The program line stays below it if possible.
     pub hand_held_s: f64,
 }
 
-/// The settings that a mode chose.
+/// The settings chosen by a mode.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Metered {
+pub struct MeteredSettings {
     pub settings: ExposureSettings,
-    /// Stops brighter than wanted. Within a sixth if the camera could choose from its series, more at the end of the
-    /// range or if nothing was left to choose.
+    /// Remaining overexposure, stops. Within a sixth if the camera could choose from its series,
+    /// more at the end of the range or without a free setting.
     pub over_ev: f64,
 }
 
@@ -53,7 +53,8 @@ pub struct Metered {
 pub struct PictureLight {
     /// Mean luminance in linear light, 0 to 1 (ITU-R BT.709 weights).
     pub mean: f64,
-    /// The share of pixels with a channel at its largest code, where there was more light than the mean shows. 0 to 1.
+    /// The share of pixels with a clipped channel, whose light is underestimated by the mean. 0 to
+    /// 1.
     pub clipped: f64,
 }
 
@@ -119,7 +120,8 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// Sets the longest hand-held time by a rule of thumb: one over the focal length on 36×24, in seconds.
+    /// Sets the longest hand-held time by a rule of thumb: one over the focal length on 36×24, in
+    /// seconds.
     pub fn for_focal_length(self, equivalent_35mm: f64) -> Self {
         Self { hand_held_s: (1.0 / equivalent_35mm).clamp(self.shortest_s, self.longest_s), ..self }
     }
@@ -134,15 +136,22 @@ impl Limits {
 }
 
 fn within(mut series: Vec<Stop>, least: f64, most: f64) -> Vec<Stop> {
-    // Includes the limits themselves in spite of rounding.
+    // Includes the limits themselves despite rounding.
     series.retain(|stop| stop.exact >= least * (1.0 - 1e-6) && stop.exact <= most * (1.0 + 1e-6));
     series
 }
 
-/// Chooses settings for an illuminance (lux, above 0), from third stops within the limits. What the mode does not
-/// choose, and the film speed, stay as `set`. `compensation_ev` is how many stops brighter than correct is wanted.
-pub fn meter(mode: Mode, illuminance_lx: f64, set: ExposureSettings, compensation_ev: f64, limits: &Limits) -> Metered {
-    // The EV of settings that make the picture as bright as wanted.
+/// Chooses settings for an illuminance (lux, above 0), from third stops within the limits. Settings
+/// that the mode does not choose, and the film speed, stay as `set`. `compensation_ev` is the
+/// requested overexposure, stops.
+pub fn meter(
+    mode: Mode,
+    illuminance_lx: f64,
+    set: ExposureSettings,
+    compensation_ev: f64,
+    limits: &Limits,
+) -> MeteredSettings {
+    // The EV of settings that give the requested brightness.
     let ev = scene_ev(illuminance_lx, set.iso) - compensation_ev;
     let time_for = |f_number: f64| {
         stops::nearest(&limits.times_s(), f_number * f_number / ev.exp2()).map_or(set.time_s, |stop| stop.exact)
@@ -159,28 +168,28 @@ pub fn meter(mode: Mode, illuminance_lx: f64, set: ExposureSettings, compensatio
             ExposureSettings { f_number, time_s: time_for(f_number), ..set }
         }
     };
-    Metered { settings, over_ev: settings.over_ev(illuminance_lx) - compensation_ev }
+    MeteredSettings { settings, over_ev: settings.over_ev(illuminance_lx) - compensation_ev }
 }
 
-/// The program line: in the dark the widest opening, and as long a time as it takes. From the light at which the camera
-/// can be hand-held, more light is shared between both, stop by stop.
+/// The program line: in the dark the widest aperture, and the time that it requires. From the light
+/// at which the camera can be hand-held, additional light is shared between both, stop by stop.
 fn program_time_s(ev: f64, limits: &Limits) -> f64 {
     let widest = 2.0 * limits.widest_f_number.log2();
     let spare_ev = ev - widest + limits.hand_held_s.log2();
     if spare_ev <= 0.0 {
         return (widest - ev).exp2();
     }
-    // At the shortest time, the opening takes the rest.
+    // At the shortest time, the aperture takes the rest.
     (limits.hand_held_s * (-0.5 * spare_ev).exp2()).max(limits.shortest_s)
 }
 
-/// The film speed that would make manual settings correct, from third stops of ISO 100 to 25600, and the deviation that
-/// remains.
-pub fn iso_for(illuminance_lx: f64, set: ExposureSettings, compensation_ev: f64) -> Metered {
+/// The film speed that would make manual settings correct, from third stops of ISO 100 to 25600,
+/// and the remaining deviation.
+pub fn iso_for(illuminance_lx: f64, set: ExposureSettings, compensation_ev: f64) -> MeteredSettings {
     let wanted = set.iso * (compensation_ev - set.over_ev(illuminance_lx)).exp2();
     let iso = stops::nearest(&stops::iso_speeds(Step::Third), wanted).map_or(set.iso, |stop| stop.exact);
     let settings = ExposureSettings { iso, ..set };
-    Metered { settings, over_ev: settings.over_ev(illuminance_lx) - compensation_ev }
+    MeteredSettings { settings, over_ev: settings.over_ev(illuminance_lx) - compensation_ev }
 }
 
 #[cfg(test)]
@@ -192,7 +201,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn light_of_a_picture_worked_by_hand() {
+    fn picture_light_matches_hand_calculation() {
         // Half of a linear picture at 51/255 = 0.2, half at full red: 0.5·0.2 + 0.5·0.2126.
         let linear = Response { curve: Curve::Linear, ..Default::default() };
         let pixels = Pixels::from_u8(2, 1, vec![51, 51, 51, 255, 0, 0]).unwrap();
@@ -209,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn modes_worked_by_hand() {
+    fn mode_settings_match_hand_calculation() {
         let limits = Limits::default();
         // EV 12 at ISO 100: f/8 needs 64/4096 = 1/64 s, marked 1/60.
         let lux = illuminance_lx(12.0, 100.0);
@@ -239,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn beyond_the_range_the_rest_is_said() {
+    fn deviation_beyond_the_range_is_reported() {
         let limits = Limits::default();
         // EV 3 with 1/256 s: f/2.8 is the widest, which is for EV 11: 8 stops under.
         let dark = illuminance_lx(3.0, 100.0);
@@ -260,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn modes_by_their_letters() {
+    fn modes_are_parsed_by_their_letters() {
         for mode in Mode::ALL {
             assert_eq!(mode.letter().to_string().parse(), Ok(mode));
         }
@@ -270,7 +279,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_program_is_right_wherever_its_range_reaches(ev in -1.9f64..21.9, hand in 0.001f64..1.0) {
+        fn program_mode_is_correct_within_its_range(ev in -1.9f64..21.9, hand in 0.001f64..1.0) {
             // f/2.8 and 32 s are EV −2, f/22 and 1/8192 s EV 22.
             let limits = Limits { hand_held_s: hand, ..Limits::default() };
             let lux = illuminance_lx(ev, 100.0);

@@ -1,5 +1,5 @@
-//! The sensor's noise: a standard deviation for each channel and intensity (Fischer, noise calibration), and the
-//! correlation of neighbours and channels.
+//! The sensor's noise: a standard deviation for each channel and intensity (Fischer, noise
+//! calibration), and the correlation of neighbours and channels.
 
 /// σ of one intensity bin.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -42,22 +42,22 @@ impl NoiseProfile {
     }
 }
 
-/// The side tap a of (a, 1, a) whose output has neighbour correlation ρ = 2a/(1 + 2a²). The filter reaches at most
-/// 1/√2; larger correlations are reduced to that.
+/// The side tap a of (a, 1, a) whose output has neighbour correlation ρ = 2a/(1 + 2a²). The filter
+/// reaches at most 1/√2; larger correlations are reduced to that.
 pub fn side_tap(correlation: f64) -> f64 {
     let rho = correlation.clamp(0.0, std::f64::consts::FRAC_1_SQRT_2);
     if rho < 1e-6 { 0.0 } else { (1.0 - (1.0 - 2.0 * rho * rho).max(0.0).sqrt()) / (2.0 * rho) }
 }
 
-/// Correlation of pixels zero, one and two apart along an axis, from that of neighbours, for white noise filtered by
-/// (a, 1, a). Pixels further apart are uncorrelated.
+/// Correlation of pixels zero, one and two apart along an axis, from that of neighbours, for white
+/// noise filtered by (a, 1, a). Pixels further apart are uncorrelated.
 pub fn correlations(neighbour: f64) -> [f64; 3] {
     let a = side_tap(neighbour);
     let whole = 1.0 + 2.0 * a * a;
     [1.0, 2.0 * a / whole, a * a / whole]
 }
 
-/// The share of the variance that remains under weights along an axis: Σᵢⱼ wᵢ wⱼ ρ(i − j).
+/// The remaining share of the variance under weights along an axis: Σᵢⱼ wᵢ wⱼ ρ(i − j).
 pub fn variance_left(weights: &[f32], correlations: &[f64; 3]) -> f64 {
     let apart = |n: usize| -> f64 {
         weights.iter().zip(weights.iter().skip(n)).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
@@ -70,18 +70,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_weights_leave_worked_by_hand() {
+    fn remaining_variance_matches_hand_calculation() {
         // (1/2, 1, 1/2): ρ = 1 / 1.5, and 1/4 / 1.5 two apart.
         let half = correlations(2.0 / 3.0);
         assert!((half[1] - 2.0 / 3.0).abs() < 1e-12 && (half[2] - 1.0 / 6.0).abs() < 1e-12, "{half:?}");
-        // Three thirds: 1/3 if independent; (3 + 4 · 2/3 + 2 · 1/6) / 9 = 2/3 with these correlations.
+        // Three thirds: 1/3 if independent; (3 + 4 · 2/3 + 2 · 1/6) / 9 = 2/3 with these
+        // correlations.
         let thirds = [1.0f32 / 3.0; 3];
         assert!((variance_left(&thirds, &correlations(0.0)) - 1.0 / 3.0).abs() < 1e-6);
         assert!((variance_left(&thirds, &half) - 2.0 / 3.0).abs() < 1e-6);
     }
 
     #[test]
-    fn between_bins_it_is_linear_and_beyond_constant() {
+    fn sigma_is_linear_between_bins_and_constant_beyond() {
         let bins = vec![NoiseBin { code: 64.0, sigma: 2.0 }, NoiseBin { code: 128.0, sigma: 4.0 }];
         let profile = NoiseProfile {
             bins: [bins.clone(), bins.clone(), bins],

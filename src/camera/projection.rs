@@ -1,8 +1,9 @@
 //! The cameras of the lecture slides as matrices: look-at, perspective, window, parallel, viewport.
 //!
-//! Axes here are those of the slides and of OpenGL: x right, y up, the camera looks along −z. Device coordinates are x
-//! and y from −1 to 1, y up, and z in one of two [`Depth`] ranges. The program itself uses [`super::Geometry`] (x
-//! right, y down, z forward); the tests compare the two. Corrections to the slides are noted where they apply.
+//! Axes here are those of the slides and of OpenGL: x right, y up, the camera looks along −z.
+//! Device coordinates are x and y from −1 to 1, y up, and z in one of two [`Depth`] ranges. The
+//! program itself uses [`super::Geometry`] (x right, y down, z forward); the tests compare the two.
+//! Corrections to the slides are noted where they apply.
 
 use glam::{DMat3, DMat4, DVec2, DVec3, DVec4};
 
@@ -11,7 +12,7 @@ use glam::{DMat3, DMat4, DVec2, DVec3, DVec4};
 pub enum Depth {
     /// −1 to 1: the slides, OpenGL.
     Signed,
-    /// 0 to 1: wgpu. Lemme p.20 says this; the matrix on p.22 gives 0 to −1.
+    /// 0 to 1: wgpu. Lemme p.20 states this; the matrix on p.22 gives 0 to −1.
     ZeroToOne,
 }
 
@@ -25,7 +26,7 @@ impl Depth {
     }
 }
 
-/// A rectangle to look through, x right and y up, metres.
+/// A view window, x right and y up, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Window {
     pub low: DVec2,
@@ -42,14 +43,15 @@ impl Window {
     }
 }
 
-/// World to camera: Wu's look-at, with `dir` = position − target, right = norm(up × dir), up' = norm(dir × right), and
-/// the view as the rotation after the translation by −position. `None` if the three do not define a view.
+/// World to camera: Wu's look-at, with `dir` = position − target, right = norm(up × dir), up' =
+/// norm(dir × right), and the view as the rotation after the translation by −position. `None` if
+/// the three do not define a view.
 pub fn look_at(position: DVec3, target: DVec3, up: DVec3) -> Option<DMat4> {
     from_reference_point(position, position - target, up)
 }
 
-/// The same from Lemme p.15's extrinsics: view reference point PRP, view plane normal VPN, which points from the scene
-/// to the camera, and view up VUP.
+/// The view matrix from Lemme p.15's extrinsics: view reference point PRP, view plane normal VPN,
+/// which points from the scene to the camera, and view up VUP.
 pub fn from_reference_point(prp: DVec3, vpn: DVec3, vup: DVec3) -> Option<DMat4> {
     let dir = vpn.try_normalize()?;
     let right = vup.cross(dir).try_normalize()?;
@@ -60,8 +62,8 @@ pub fn from_reference_point(prp: DVec3, vpn: DVec3, vup: DVec3) -> Option<DMat4>
 
 /// Perspective through a window centred on the axis; `aspect` is width over height.
 ///
-/// Wu p.57-60 for a camera along −z: A = (n+f)/(n−f), B = 2fn/(n−f), last row −1. As printed, B has far·far and the
-/// last row +1, which with its A is a camera along +z.
+/// Wu p.57-60 for a camera along −z: A = (n+f)/(n−f), B = 2fn/(n−f), last row −1. As printed, B has
+/// far·far and the last row +1, which with its A is a camera along +z.
 pub fn perspective(fov_y_rad: f64, aspect: f64, near_m: f64, far_m: f64, depth: Depth) -> DMat4 {
     let cot = 1.0 / (0.5 * fov_y_rad).tan();
     let (a, b) = ((near_m + far_m) / (near_m - far_m), 2.0 * far_m * near_m / (near_m - far_m));
@@ -74,10 +76,11 @@ pub fn perspective(fov_y_rad: f64, aspect: f64, near_m: f64, far_m: f64, depth: 
     depth.of_signed() * signed
 }
 
-/// The shear that moves the centre of a window, at a distance in front of the camera, onto the axis.
+/// The shear that moves the centre of a window, at a distance in front of the camera, onto the
+/// axis.
 ///
-/// Lemme p.16, with x' = x + (CW/f)·z: a point of the plane z = −f moves by −CW. As printed, with −CW/f, it would move
-/// the window away by the same amount.
+/// Lemme p.16, with x' = x + (CW/f)·z: a point of the plane z = −f moves by −CW. As printed, with
+/// −CW/f, it would move the window away by the same amount.
 pub fn window_shear(centre: DVec2, distance_m: f64) -> DMat4 {
     let mut shear = DMat4::IDENTITY;
     shear.z_axis.x = centre.x / distance_m;
@@ -85,7 +88,8 @@ pub fn window_shear(centre: DVec2, distance_m: f64) -> DMat4 {
     shear
 }
 
-/// Perspective through a window at the near plane that need not be centred on the axis: shear, then [`perspective`].
+/// Perspective through a window at the near plane that need not be centred on the axis: shear, then
+/// [`perspective`].
 pub fn off_centre(window: Window, near_m: f64, far_m: f64, depth: Depth) -> DMat4 {
     let half = window.half_size();
     let fov_y_rad = 2.0 * (half.y / near_m).atan();
@@ -100,7 +104,8 @@ pub fn orthographic(window: Window, near_m: f64, far_m: f64, depth: Depth) -> DM
     depth.of_signed() * DMat4::from_scale(to_unit) * DMat4::from_translation(to_middle)
 }
 
-/// Device coordinates to places in a picture, px; depth stays. With `y_down`, row 0 is at the top (Lemme p.24-27).
+/// Device coordinates to pixel positions; depth is unchanged. With `y_down`, row 0 is at the top
+/// (Lemme p.24-27).
 pub fn viewport(width_px: u32, height_px: u32, y_down: bool) -> DMat4 {
     let half = 0.5 * DVec2::new(width_px.into(), height_px.into());
     let scale = DVec3::new(half.x, if y_down { -half.y } else { half.y }, 1.0);
@@ -119,19 +124,20 @@ mod tests {
     const FAR: f64 = 8.0;
 
     #[test]
-    fn worked_by_hand() {
+    fn matrices_match_hand_calculation() {
         // From (0, −5, 1) along +y, z up: a metre to the right of the target and two above it.
         let m = look_at(DVec3::new(0.0, -5.0, 1.0), DVec3::new(0.0, 0.0, 1.0), DVec3::Z).unwrap();
         let p = m.transform_point3(DVec3::new(1.0, 0.0, 3.0));
         assert!((p - DVec3::new(1.0, 2.0, -5.0)).length() < 1e-12, "{p}");
         assert_eq!(look_at(DVec3::ZERO, DVec3::Z, DVec3::Z), None);
 
-        // 90° and 4:3, near 1, far 3: A = 4/−2 = −2, B = 6/−2 = −3. (1, 1, −2): x 0.75/2, y 1/2, z (4 − 3)/2.
+        // 90° and 4:3, near 1, far 3: A = 4/−2 = −2, B = 6/−2 = −3. (1, 1, −2): x 0.75/2, y 1/2, z
+        // (4 − 3)/2.
         let p = perspective(90f64.to_radians(), 4.0 / 3.0, 1.0, 3.0, Depth::Signed);
         let p = p.project_point3(DVec3::new(1.0, 1.0, -2.0));
         assert!((p - DVec3::new(0.375, 0.5, 0.5)).length() < 1e-12, "{p}");
 
-        // A window from 0 to 1 at a distance of 2: what is behind its centre is at the picture's.
+        // A window from 0 to 1 at a distance of 2: points behind its centre are at the picture's.
         let window = Window { low: DVec2::ZERO, high: DVec2::ONE };
         let m = off_centre(window, 2.0, 9.0, Depth::ZeroToOne);
         assert!(m.project_point3(DVec3::new(0.5, 0.5, -2.0)).length() < 1e-12);
@@ -152,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn near_and_far_get_the_ends_of_their_range() {
+    fn near_and_far_map_to_the_ends_of_the_depth_range() {
         let window = Window { low: DVec2::new(-0.2, -0.1), high: DVec2::new(0.4, 0.3) };
         for (depth, ends) in [(Depth::Signed, [-1.0, 1.0]), (Depth::ZeroToOne, [0.0, 1.0])] {
             for m in [
@@ -168,7 +174,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn glam_has_the_same(
+        fn matrices_equal_those_of_glam(
             eye in prop::array::uniform3(-9.0f64..9.0), target in prop::array::uniform3(-9.0f64..9.0),
             up in prop::array::uniform3(-1.0f64..1.0), fov in 0.05f64..3.0, aspect in 0.2f64..5.0,
             near in 0.01f64..1.0, depth in 0.1f64..100.0, low in prop::array::uniform2(-2.0f64..0.5),
@@ -178,7 +184,7 @@ mod tests {
             let same = |a: DMat4, b: DMat4| a.abs_diff_eq(b, 1e-6 * b.to_cols_array().iter().fold(1.0, |m, v| v.abs().max(m)));
             let [eye, target, up] = [eye, target, up].map(DVec3::from);
             prop_assume!((target - eye).normalize().cross(up).length() > 0.05);
-            // glam needs an up vector of unit length.
+            // glam requires a unit up vector.
             prop_assert!(same(look_at(eye, target, up).unwrap(), view::look_at_mat4(eye, target, up.normalize())));
             let far = near + depth;
             let w = Window { low: DVec2::from(low), high: DVec2::from(low) + DVec2::from(size) };
@@ -191,9 +197,10 @@ mod tests {
             prop_assert!(same(orthographic(w, near, far, Depth::ZeroToOne), proj::directx::orthographic(l, r, b, t, near, far)));
         }
 
-        /// The slides' chain from world to raster gives the program's camera: OpenCV's axes, focal lengths in px.
+        /// The slides' chain from world to raster equals the program's camera: OpenCV's axes, focal
+        /// lengths in px.
         #[test]
-        fn the_program_s_camera_is_the_same(
+        fn slide_matrices_equal_the_geometry_projection(
             point in prop::array::uniform3(-2.0f64..2.0), eye in prop::array::uniform3(4.0f64..9.0),
             low in prop::array::uniform2(-0.9f64..-0.1), size in 0.5f64..1.5,
         ) {

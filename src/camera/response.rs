@@ -13,7 +13,7 @@ crate::choices! {
 }
 
 crate::params! {
-    /// How linear light becomes code values.
+    /// Conversion of linear light to code values.
     pub struct Response in "camera.response" {
         "the curve" curve: Curve = Curve::Srgb;
         "exponent of the curve gamma: code = light^(1/gamma)" gamma: f64 = 2.2, "1", 0.2..=5.0, by_ratio => curve is "gamma";
@@ -51,7 +51,8 @@ impl Response {
     pub fn slope_at_code(&self, code: f64) -> f64 {
         match self.curve {
             Curve::Srgb if code <= 0.04045 => 12.92,
-            // light = ((c + 0.055)/1.055)^2.4, so d code/d light = 1.055/2.4 · ((c + 0.055)/1.055)^-1.4.
+            // light = ((c + 0.055)/1.055)^2.4, so d code/d light = 1.055/2.4 · ((c +
+            // 0.055)/1.055)^-1.4.
             Curve::Srgb => 1.055 / 2.4 * ((code + 0.055) / 1.055).powf(-1.4),
             Curve::Linear => 1.0,
             // light = c^γ, so d code/d light = c^(1-γ)/γ; kept finite at black.
@@ -65,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn known_values_and_round_trip() {
+    fn response_matches_known_values_and_round_trips() {
         let srgb = Response::default();
         // 18 % grey is code 0.4614 (117.6 of 255).
         assert!((srgb.encode(0.18) - 0.461_356).abs() < 1e-5);

@@ -1,21 +1,21 @@
-//! The series of a camera's dials: f-stops, shutter times, film speeds.
+//! Stop series of cameras: f-numbers, shutter times, film speeds.
 //!
-//! Every stop has two numbers: the engraved one (f/5.6, 1/125 s) and the exact one (√32, 2^-7 s). Full stops double or
-//! halve the light; there are three third stops to a full one. The marked numbers are as cameras show them; the exact
-//! ones are f = √2^n, t = 2^-n s and ISO 100·2^n.
+//! Every stop has two numbers: the engraved one (f/5.6, 1/125 s) and the exact one (√32, 2^-7 s).
+//! Full stops double or halve the light; there are three third stops to a full one. The marked
+//! numbers are the usual ones; the exact ones are f = √2^n, t = 2^-n s and ISO 100·2^n.
 
 use std::str::FromStr;
 
-/// One click of a dial.
+/// One stop of a series.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
     /// The engraved number, also used in EXIF.
     pub marked: f64,
-    /// The number it stands for, to compute with.
+    /// The exact number, for computations.
     pub exact: f64,
 }
 
-/// The spacing of the clicks.
+/// Spacing of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     Full,
@@ -78,19 +78,21 @@ pub fn iso_speeds(step: Step) -> Vec<Stop> {
     series(step, ISO_SPEEDS.into_iter(), |stops| 100.0 * stops.exp2())
 }
 
-/// The click nearest to a value, by ratio. `None` for an empty series or a value that is not above 0.
+/// The nearest stop to a value, by ratio. `None` for an empty series or a value that is not above
+/// 0.
 pub fn nearest(series: &[Stop], value: f64) -> Option<Stop> {
     let value = Some(value).filter(|v| v.is_finite() && *v > 0.0)?;
     let off = |stop: &Stop| (stop.exact / value).ln().abs();
     series.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b)))
 }
 
-/// The exact value of an engraved number: √32 for 5.6. Numbers that no dial has are returned unchanged.
+/// The exact value of an engraved number: √32 for 5.6. Numbers that are no stop are returned
+/// unchanged.
 pub fn exact(series: &[Stop], value: f64) -> f64 {
     series.iter().find(|stop| same(stop.marked, value)).map_or(value, |stop| stop.exact)
 }
 
-/// The engraved number of an exact value: 5.6 for √32. Values between clicks are returned unchanged.
+/// The engraved number of an exact value: 5.6 for √32. Values between stops are returned unchanged.
 pub fn marked(series: &[Stop], value: f64) -> f64 {
     series.iter().find(|stop| same(stop.exact, value)).map_or(value, |stop| stop.marked)
 }
@@ -125,7 +127,7 @@ pub fn parse_iso(text: &str) -> Result<f64, StopError> {
     value.ok_or_else(|| StopError::Iso { found: quoted(text) })
 }
 
-/// A number as it is; anything else in quotes.
+/// Numbers unchanged; other text in quotes.
 fn quoted(text: &str) -> String {
     if f64::from_str(text.trim()).is_ok() { text.trim().to_owned() } else { format!("\"{text}\"") }
 }
@@ -167,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn full_stops_are_those_on_a_lens() {
+    fn full_stops_are_the_usual_series() {
         let series = f_numbers(Step::Full);
         assert_eq!(marks(&series), [0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0, 32.0, 45.0, 64.0]);
         let five_six = series[6];
@@ -190,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn marked_and_exact_numbers_are_neighbours() {
+    fn marked_numbers_are_close_to_exact_ones() {
         for (series, per_click) in [
             (f_numbers(Step::Third), 2f64.powf(1.0 / 6.0)),
             (shutter_times_s(Step::Third), 2f64.powf(-1.0 / 3.0)),
@@ -225,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn texts_are_read() {
+    fn stop_texts_are_parsed() {
         for (text, value) in [("2.8", 2.8), ("f/2.8", 2.8), ("F2.8", 2.8), (" f/ 16 ", 16.0), ("0.5", 0.5)] {
             assert_eq!(parse_f_number(text), Ok(value), "{text}");
         }
@@ -245,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn impossible_texts_are_refused_with_what_is_accepted() {
+    fn impossible_stops_are_refused_with_the_accepted_range() {
         for text in ["0", "-2.8", "", "f/", "f/0", "nan", "inf", "300", "wide", "2,8"] {
             assert!(parse_f_number(text).unwrap_err().to_string().contains("0.5 to 256"), "{text}");
         }
@@ -260,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_written_as_on_a_camera() {
+    fn stops_are_formatted_as_on_a_camera() {
         for (value, text) in [(32f64.sqrt(), "f/5.6"), (5.6, "f/5.6"), (11.0, "f/11"), (4.8, "f/4.8"), (1.0, "f/1")] {
             assert_eq!(format_f_number(value), text);
         }
@@ -285,7 +287,7 @@ mod tests {
         }
 
         #[test]
-        fn what_is_written_is_read(i in 0usize..55) {
+        fn formatted_stop_parses_back(i in 0usize..55) {
             let stop = shutter_times_s(Step::Third)[i];
             if stop.marked <= 60.0 {
                 prop_assert!((parse_shutter_s(&format_shutter_s(stop.exact)).unwrap() / stop.marked - 1.0).abs() < 1e-9);

@@ -1,4 +1,4 @@
-//! The thin lens: where the film is, its angle of view, and the size of a point's image.
+//! The thin lens: image distance, angle of view, and circle of confusion.
 //!
 //! With the opening's diameter D = f/a and the image distance v, vSLRcam (8) is
 //!
@@ -6,11 +6,13 @@
 //!     = D · f·d_s/(d_s − f) · (d_o − d_s)/(d_o·d_s)                 expanded by d_s
 //!     = D · v · (1/d_s − 1/d_o)                                     with (2)
 //!
-//! In this form a focus at infinity is no special case, and a calibrated camera needs no focal length. In a picture
-//! `width` pixels wide, v · width / film width is its fx, so the circle is fx · D · (1/d_s − 1/d_o) pixels.
+//! In this form a focus at infinity is no special case, and a calibrated camera needs no focal
+//! length. In a picture `width` pixels wide, v · width / film width is its fx, so the circle is fx
+//! · D · (1/d_s − 1/d_o) pixels.
 //!
-//! Not modelled: the thickness of real lenses (their distances are measured from the principal planes, ours from a
-//! single one), diffraction, aberrations, and that f-numbers of real lenses are nominal.
+//! Not modelled: the thickness of real lenses (their distances are measured from the principal
+//! planes, here from a single one), diffraction, aberrations, and deviations of real f-numbers from
+//! their nominal values.
 
 use super::Intrinsics;
 use crate::text::number;
@@ -23,7 +25,7 @@ pub struct ThinLens {
     focus_distance_m: f64,
 }
 
-/// The range that is sharp enough, metres from the lens.
+/// Depth of field, metres from the lens.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sharpness {
     pub near_m: f64,
@@ -38,7 +40,7 @@ impl Sharpness {
     }
 }
 
-/// Settings that no lens can have.
+/// Errors of impossible settings.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ThinLensError {
     #[error("a focal length of {} mm is refused: accepted is a finite number above 0", number(*found_mm))]
@@ -74,7 +76,7 @@ impl ThinLens {
         Self::with_diameter(focal_length_m, focal_length_m / f_number, focus_distance_m)
     }
 
-    /// Like [`ThinLens::new`], with the diameter of the opening instead (m); 0 is a pinhole.
+    /// Like [`ThinLens::new`], with the diameter of the aperture instead (m); 0 is a pinhole.
     pub fn with_diameter(focal_length_m: f64, diameter_m: f64, focus_distance_m: f64) -> Result<Self, ThinLensError> {
         if !finite_above_zero(focal_length_m) {
             return Err(ThinLensError::FocalLength { found_mm: 1e3 * focal_length_m });
@@ -89,8 +91,8 @@ impl ThinLens {
         Ok(Self { focal_length_m, diameter_m, focus_distance_m })
     }
 
-    /// The focal length of a lens with a known image distance v (m), as in a calibrated camera, when focused at d: (2)
-    /// solved for f, f = v·d/(v + d). It is always shorter than d.
+    /// The focal length of a lens with a known image distance v (m), as in a calibrated camera,
+    /// when focused at d: (2) solved for f, f = v·d/(v + d). It is always shorter than d.
     pub fn focal_length_behind_m(image_distance_m: f64, focus_distance_m: f64) -> f64 {
         image_distance_m / (1.0 + image_distance_m / focus_distance_m)
     }
@@ -104,7 +106,7 @@ impl ThinLens {
         self.focal_length_m
     }
 
-    /// Diameter of the opening, a_d of vSLRcam (4), metres; 0 for a pinhole.
+    /// Diameter of the aperture, a_d of vSLRcam (4), metres; 0 for a pinhole.
     pub fn diameter_m(&self) -> f64 {
         self.diameter_m
     }
@@ -114,47 +116,52 @@ impl ThinLens {
         self.focus_distance_m
     }
 
-    /// Focal length over diameter: 28 mm through 10 mm is f/2.8 (vSLRcam, section 2.1). Infinite for a pinhole.
+    /// Focal length over diameter: 28 mm through 10 mm is f/2.8 (vSLRcam, section 2.1). Infinite
+    /// for a pinhole.
     pub fn f_number(&self) -> f64 {
         self.focal_length_m / self.diameter_m
     }
 
-    /// Distance from lens to film, vSLRcam (2): d_i = f·d_s/(d_s − f), metres. It grows as the focus gets closer.
+    /// Distance from lens to film, vSLRcam (2): d_i = f·d_s/(d_s − f), metres. It grows as the
+    /// focus gets closer.
     pub fn image_distance_m(&self) -> f64 {
         self.focal_length_m / (1.0 - self.focal_length_m / self.focus_distance_m)
     }
 
-    /// The angle of view of an extent of the film, vSLRcam (1) and (3), rad. The film's diagonal (width, height) gives
-    /// the diagonal (horizontal, vertical) angle of view. It narrows as the focus gets closer.
+    /// The angle of view of an extent of the film, vSLRcam (1) and (3), rad. The film's diagonal
+    /// (width, height) gives the diagonal (horizontal, vertical) angle of view. It narrows as the
+    /// focus gets closer.
     pub fn angle_of_view_rad(&self, extent_mm: f64) -> f64 {
         2.0 * (0.5e-3 * extent_mm / self.image_distance_m()).atan()
     }
 
-    /// fx of this lens's picture, px. As the focus gets closer it grows, by (3), as the angle of view narrows.
+    /// fx of this lens's picture, px. As the focus gets closer it grows, by (3), as the angle of
+    /// view narrows.
     pub fn fx_px(&self, film_width_mm: f64, width_px: u32) -> f64 {
         self.image_distance_m() * f64::from(width_px) / (1e-3 * film_width_mm)
     }
 
-    /// Diameter on the film of the image of a point at a distance, vSLRcam (8), metres. Negative in front of the focus
-    /// plane (where the image of the opening is upside down), positive behind. The distance may be infinite.
+    /// Signed diameter on the film of the image of a point at a distance, vSLRcam (8), metres.
+    /// Negative in front of the focus plane (where the image of the aperture is inverted), positive
+    /// behind. The distance may be infinite.
     pub fn circle_of_confusion_m(&self, distance_m: f64) -> f64 {
         self.diameter_m * self.image_distance_m() * (1.0 / self.focus_distance_m - 1.0 / distance_m)
     }
 
-    /// The same in pixels of a picture.
+    /// The signed diameter in pixels of a picture.
     pub fn circle_of_confusion_px(&self, distance_m: f64, film_width_mm: f64, width_px: u32) -> f64 {
         self.circle_of_confusion_m(distance_m) * f64::from(width_px) / (1e-3 * film_width_mm)
     }
 
-    /// The shortest focus distance at which infinity is sharp enough, metres, if circles up to `circle_m` on the film
-    /// count as sharp: H = f²/(a·c) + f. From (8) with d_o → ∞: D·f/(H − f) = c. Infinite for a circle of 0, f for a
-    /// pinhole.
+    /// The shortest focus distance at which infinity is sharp enough, metres, if circles up to
+    /// `circle_m` on the film count as sharp: H = f²/(a·c) + f. From (8) with d_o → ∞: D·f/(H − f)
+    /// = c. Infinite for a circle of 0, f for a pinhole.
     pub fn hyperfocal_distance_m(&self, circle_m: f64) -> f64 {
         self.diameter_m * self.focal_length_m / circle_m + self.focal_length_m
     }
 
-    /// The range in which circles stay within `circle_m` on the film (Lemme p.32-34): (8) solved for the distance, 1/d
-    /// = 1/d_s ± c/(D·v). A pinhole is sharp everywhere.
+    /// The range in which circles stay within `circle_m` on the film (Lemme p.32-34): (8) solved
+    /// for the distance, 1/d = 1/d_s ± c/(D·v). A pinhole is sharp everywhere.
     pub fn sharpness(&self, circle_m: f64) -> Sharpness {
         let by = circle_m / (self.diameter_m * self.image_distance_m());
         let focus = 1.0 / self.focus_distance_m;
@@ -177,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn image_distance_and_angle_of_view_worked_by_hand() {
+    fn image_distance_and_angle_of_view_match_hand_calculation() {
         // vSLRcam (2): 0.05 · 1 / 0.95 = 0.0526316
         let near = ThinLens::new(0.05, 8.0, 1.0).unwrap();
         close(near.image_distance_m(), 0.052_631_579, 1e-9);
@@ -195,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn circle_of_confusion_step_by_step() {
+    fn circle_of_confusion_matches_the_steps_of_the_paper() {
         // f = 50 mm, f/2.5 (opening 20 mm), focused at 2 m, point at 4 m.
         let lens = ThinLens::new(0.05, 2.5, 2.0).unwrap();
         let opening = 0.05 / 2.5;
@@ -219,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn hyperfocal_distance_and_limits_worked_by_hand() {
+    fn hyperfocal_distance_matches_hand_calculation() {
         // 50² / (8 · 0.03) + 50 = 10466.67 mm
         let lens = ThinLens::new(0.05, 8.0, 5.0).unwrap();
         let hyperfocal = lens.hyperfocal_distance_m(3e-5);
@@ -229,7 +236,8 @@ mod tests {
         close(limits.near_m, 3.389_371, 1e-6);
         close(limits.far_m, 9.527_439, 1e-6);
         close(limits.depth_m(), 6.138_068, 1e-6);
-        // Lemme p.34: the near side is r = g·Δs·(g − f)/(a·f + Δs·(g − f)), where a is the opening's diameter.
+        // Lemme p.34: the near side is r = g·Δs·(g − f)/(a·f + Δs·(g − f)), where a is the
+        // opening's diameter.
         let (g, f, a, s) = (5.0, 0.05, 0.05 / 8.0, 3e-5);
         close(5.0 - limits.near_m, g * s * (g - f) / (a * f + s * (g - f)), 1e-12);
         // Focused there, it is sharp from half that distance to infinity.
@@ -248,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn a_calibrated_camera_has_its_image_distance() {
+    fn calibrated_camera_keeps_its_image_distance() {
         let i = Intrinsics { width_px: 640, fx_px: 525.0, film_width_mm: 6.4, ..Default::default() };
         let v = ThinLens::calibrated_image_distance_m(&i);
         close(v, 0.005_25, 1e-15);
@@ -288,7 +296,7 @@ mod tests {
         }
 
         #[test]
-        fn at_the_limits_the_circle_is_the_limit(f in 0.004f64..0.3, a in 0.7f64..64.0, gap in 0.01f64..100.0, c in 1e-6f64..1e-4) {
+        fn circle_at_the_depth_of_field_limits_is_the_limit(f in 0.004f64..0.3, a in 0.7f64..64.0, gap in 0.01f64..100.0, c in 1e-6f64..1e-4) {
             let lens = ThinLens::new(f, a, f + gap).unwrap();
             let limits = lens.sharpness(c);
             prop_assert!((lens.circle_of_confusion_m(limits.near_m) + c).abs() < 1e-7 * c.max(1e-5));

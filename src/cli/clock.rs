@@ -18,7 +18,7 @@ pub fn line(shot: &Shot) -> Result<String, ShotError> {
     for frame in recording.frames(0..recording.frame_count())? {
         let frame = frame?;
         let geometry = shot.geometry_at(frame.index)?;
-        if geometry.sees_around() {
+        if geometry.needs_cube_map() {
             return Ok("clock      unknown: only pictures that fit a plane are compared".to_owned());
         }
         let time_s = frame.timestamp_s;

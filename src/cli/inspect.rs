@@ -19,7 +19,7 @@ use locard_engine::depth::holes;
 use locard_engine::document;
 use locard_engine::params::{Params, Value};
 use locard_engine::profile::Rig;
-use locard_engine::recording::{OpenOptions, Recording, Registration, Repeats};
+use locard_engine::recording::{Duplicates, OpenOptions, Recording, Registration};
 use locard_engine::shot::{AnalysisState, Shot, ShotError, ShotOptions};
 use locard_engine::source::file::{self, MAX_DOCUMENT_BYTES};
 use locard_engine::stream::Protocol;
@@ -230,7 +230,7 @@ fn recording(args: &Args) -> Result<()> {
         writeln!(out, "presence   below 1 in {faded} of {}: evidence fades there", count(frames, "frame"))?;
     }
     match &geometry {
-        Some(g) if g.is_round() => writeln!(out, "camera     360°, longitude and latitude")?,
+        Some(g) if g.is_equirectangular() => writeln!(out, "camera     360°, longitude and latitude")?,
         Some(g) => writeln!(
             out,
             "camera     fx {} fy {} cx {} cy {} px",
@@ -282,7 +282,7 @@ fn depth(recording: &Recording, has_camera: bool) -> String {
     let size = |w: u32, h: u32| format!("yes, {w}x{h} px");
     match recording.registration() {
         None => "none".to_owned(),
-        Some(Registration::Given) => "yes".to_owned(),
+        Some(Registration::SameView) => "yes".to_owned(),
         Some(Registration::Enlarged(w, h)) => format!("{}, enlarged to the frames", size(w, h)),
         Some(Registration::Unknown(w, h)) => format!("{}: another view than the frames", size(w, h)),
         Some(Registration::OtherCamera(w, h)) if !has_camera => {
@@ -312,7 +312,7 @@ fn repeats(recording: &Recording) -> Vec<String> {
     );
     let found = recording.repeats(|| bar.inc(1));
     bar.finish_and_clear();
-    let Repeats { pictures, moved, poses, times } = match found {
+    let Duplicates { pictures, moved, poses, times } = match found {
         Ok(found) => found,
         Err(error) => return vec![format!("whether pictures repeat is not known: {error}")],
     };

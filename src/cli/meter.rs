@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::light::LightArgs;
 use locard_engine::camera::exposure::{ExposureSettings, scene_ev};
-use locard_engine::camera::metering::{Limits, Metered, Mode, iso_for, meter};
+use locard_engine::camera::metering::{Limits, MeteredSettings, Mode, iso_for, meter};
 use locard_engine::camera::stops;
 use locard_engine::shot::{DEFAULT_ISO, PartialExposure, SceneLight};
 use locard_engine::text::short;
@@ -58,7 +58,7 @@ impl Report<'_> {
     }
 
     /// Settings that would expose correctly, for each mode whose inputs are known.
-    fn proposals(&self) -> Vec<(Mode, Metered)> {
+    fn proposals(&self) -> Vec<(Mode, MeteredSettings)> {
         let (lux, plus) = (self.scene.lux, self.args.compensation);
         let possible = |mode: &Mode| match mode {
             Mode::Program => true,

@@ -9,7 +9,7 @@ use super::{analysis, light, progress_of, tell, told, warn};
 use locard_engine::camera::Film;
 use locard_engine::camera::metering::Mode;
 use locard_engine::gpu::Gpu;
-use locard_engine::photo::{self, Focus, PhotoError, Told, Wanted};
+use locard_engine::photo::{self, Focus, PhotoError, PhotoEvent, PhotoRequest};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -90,8 +90,8 @@ impl From<Bracket> for photo::Bracket {
 }
 
 impl Args {
-    pub fn wanted(&self) -> Wanted {
-        Wanted {
+    pub fn wanted(&self) -> PhotoRequest {
+        PhotoRequest {
             frame: self.light.frame,
             mode: self.mode,
             f_number: self.light.aperture,
@@ -140,12 +140,12 @@ pub fn run(args: &Args) -> Result<()> {
     let bar = progress_of(args.quiet, 100, "{msg} {wide_bar} {percent} %, {elapsed}");
     let taken = args.wanted().take(shot, Gpu::open, &mut |says| {
         match says {
-            Told::Warning(text) => bar.suspend(|| warn(args.quiet, &text)),
-            Told::Taking { number, of, share } => {
+            PhotoEvent::Warning(text) => bar.suspend(|| warn(args.quiet, &text)),
+            PhotoEvent::Taking { number, of, share } => {
                 bar.set_message(format!("photograph {number} of {of}"));
                 bar.set_position((100.0 * share) as u64);
             }
-            Told::Written { path, settings } => {
+            PhotoEvent::Written { path, settings } => {
                 let colon = if settings.is_empty() { "" } else { ": " };
                 bar.suspend(|| tell(args.quiet, &format!("{}{colon}{settings}", path.display())));
             }

@@ -76,7 +76,7 @@ enum Kind {
 }
 
 impl Kind {
-    fn is_round(self) -> bool {
+    fn is_equirectangular(self) -> bool {
         matches!(self, Self::Fisheye | Self::LittlePlanet)
     }
 
@@ -226,7 +226,7 @@ fn pose(args: &Args, (middle, radius): (DVec3, f64), scene_up: DVec3) -> Result<
                 let fov = args.fov.map_or(kind.default_fov_deg(), |fov| fov.0).to_radians();
                 let (w, h) = picture_size(args);
                 let narrow = (f64::from(w) / f64::from(h)).min(1.0);
-                let half = if kind.is_round() { 0.5 * fov } else { (narrow * (0.5 * fov).tan()).atan() };
+                let half = if kind.is_equirectangular() { 0.5 * fov } else { (narrow * (0.5 * fov).tan()).atan() };
                 let half = (0.9 * half).min(55f64.to_radians());
                 let towards = (0.5 * aside - ahead + 0.6 * up).normalize_or(-ahead);
                 at + towards * (radius / half.sin())
@@ -253,7 +253,7 @@ fn pose(args: &Args, (middle, radius): (DVec3, f64), scene_up: DVec3) -> Result<
 fn picture_size(args: &Args) -> (u32, u32) {
     args.size.unwrap_or(match args.camera {
         Kind::Environment => (2048, 1024),
-        kind if kind.is_round() => (1024, 1024),
+        kind if kind.is_equirectangular() => (1024, 1024),
         _ => (1024, 768),
     })
 }

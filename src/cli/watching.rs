@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use super::{ending, say, warn};
 use locard_engine::camera::Camera;
 use locard_engine::live::{self, CaptureEvent, DelayMode, LiveCapture, LiveError, LiveInput, LiveOptions, LiveSpec};
-use locard_engine::recording::recorder::About;
+use locard_engine::recording::recorder::RecordingInfo;
 use locard_engine::source::video::{ColorMatrix, ColorRange};
 use locard_engine::text::{count, fixed};
 use locard_engine::webcam::{DriverName, Layout};
@@ -180,7 +180,7 @@ impl Agreed {
     }
 
     /// What a recording says of its camera and poses; the camera's profile is kept in it.
-    pub fn about(&self, profile: Option<&Path>) -> Result<About> {
+    pub fn about(&self, profile: Option<&Path>) -> Result<RecordingInfo> {
         let read =
             |path: &Path| std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()));
         Ok(self.opened.about(profile.map(read).transpose()?))

@@ -118,7 +118,7 @@ impl ClippedLight {
         known: Option<&FrameRadiance<'_>>,
     ) -> Option<Self> {
         let picture = Rect::full(pixels.width, pixels.height);
-        let beyond = if geometry.is_round() { pixels.width as i32 } else { 0 };
+        let beyond = if geometry.is_equirectangular() { pixels.width as i32 } else { 0 };
         let bounds = Rect { x0: picture.x0 - beyond, x1: picture.x1 + beyond, ..picture };
         let rects: Vec<Rect> =
             rects.iter().map(|rect| rect.intersection(&bounds)).filter(|rect| !rect.is_empty()).collect();
@@ -174,8 +174,8 @@ impl ClippedLight {
 
 /// Whether a row of a rectangle may contain a code of at least `first`. Always true for a 360°
 /// picture.
-fn has_code_from(pixels: &Pixels, y: i32, rect: Rect, first: u32, is_round: bool) -> bool {
-    if is_round {
+fn has_code_from(pixels: &Pixels, y: i32, rect: Rect, first: u32, is_equirectangular: bool) -> bool {
+    if is_equirectangular {
         return true;
     }
     let start = 3 * (y as usize * pixels.width as usize + rect.x0 as usize);

@@ -62,7 +62,7 @@ pub fn exposure_time_s(camera: &Camera, settings: &Settings, frame: &Frame, inte
     let exposure = &camera.exposure;
     let angle = |deg: f64| deg / 360.0 * interval_s;
     let recorded = frame.exposure.time_s.filter(|_| !settings.overrule_recorded_exposure);
-    let follows = camera.follows.exposure && !settings.overrule_recorded_exposure;
+    let follows = camera.frame_overrides.exposure && !settings.overrule_recorded_exposure;
     let tracked = frame.exposure.lens.exposure_s.filter(|_| follows);
     let known = tracked.or(exposure.shutter_angle_deg.map(angle)).or(recorded).or(exposure.time_s);
     known.or(frame.exposure.blurred_s).unwrap_or_else(|| assumed_exposure_s(interval_s))

@@ -24,7 +24,7 @@ use std::sync::Arc;
 use crate::camera::{Camera, Response};
 use crate::effects::LayerRun;
 use crate::frame::Frame;
-use crate::gpu::{Gpu, GpuError, PartTime, Readback, ReadbackSet, Recorder, Timed};
+use crate::gpu::{Gpu, GpuError, PartTime, PendingTimes, Readback, ReadbackSet, Recorder};
 use crate::pixels::{LayerImage, Rect};
 use crate::quality::Quality;
 use crate::render::{Layer, Occlusion, Renderer, View};
@@ -34,7 +34,7 @@ use crate::shadow::{LazyRadiance, Lightmaps, Room, ShadowMap, Shadows};
 pub use clipped::CLIP_LEVEL;
 pub use job::{Composited, FrameStats, Job, RealDepth, SubmitError, Target, exposure_time_s};
 pub use mix::module as mixed_module;
-pub use occlusion::seen_by_row;
+pub use occlusion::project_rolling;
 pub use plan::poses_within_s;
 pub use run::{IN_FLIGHT, Input, Run, RunError, Stream};
 pub use settings::{DepthSettings, ON, Settings, SettingsError, ShadowSettings};
@@ -70,7 +70,7 @@ pub struct Pending {
     parts: Vec<wgpu::SubmissionIndex>,
     /// `None` if nothing had to be drawn.
     last: Option<wgpu::SubmissionIndex>,
-    timed: Vec<Timed>,
+    timed: Vec<PendingTimes>,
     is_preview: bool,
 }
 
@@ -94,7 +94,7 @@ impl Pending {
     /// ([`Compositor::time_next`]): `depth`, `shadow`, `objects`, each effect by its table, and
     /// `mix`, with the effects of the mixed stage.
     pub fn times(&self, gpu: &Gpu) -> Result<Vec<PartTime>, GpuError> {
-        Timed::times(&self.timed, gpu)
+        PendingTimes::times(&self.timed, gpu)
     }
 }
 
@@ -309,8 +309,10 @@ impl Compositor {
         // Effects on real pixels and layers across a seam change pixels everywhere.
         let parts = frame_view.footprint.parts.iter().map(|(rect, _)| rect.grown(work_rects.spread_px));
         let parts = parts.chain(shade_image.iter().flat_map(|image| image.pieces.iter().copied()));
-        let is_whole =
-            job.capture.whole || layer.real.is_some() || job.picture.is_round() || work_rects.pieces.len() > 1;
+        let is_whole = job.capture.whole
+            || layer.real.is_some()
+            || job.picture.is_equirectangular()
+            || work_rects.pieces.len() > 1;
         let mut work = Work::default();
         let changed: Vec<Rect> =
             if is_whole { work_rects.pieces.iter().map(|piece| piece.shown).collect() } else { parts.collect() };

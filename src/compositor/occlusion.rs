@@ -71,7 +71,7 @@ impl FrameOcclusion {
             return grid.map_or_else(Self::default, |grid| {
                 let scene_depth = (!frame_view.shadows.is_empty())
                     .then(|| (real_depth(recorder, &grid.over(around), around), around));
-                let depth_test = (!by_effect).then(|| grid_depth(recorder, grid, drawn, job.picture.sees_around()));
+                let depth_test = (!by_effect).then(|| grid_depth(recorder, grid, drawn, job.picture.needs_cube_map()));
                 Self { depth_test, scene_depth, ..Self::default() }
             });
         }
@@ -89,7 +89,7 @@ impl FrameOcclusion {
         let (frame, shutter) = (frame_view.keys.middle(), [&opened, &closed]);
         let neighbours = neighbours(&job.frame, job.picture, (job.track, job.time_offset_s));
         let (frame, neighbours, planes) = (&frame, &neighbours, &frame_view.planes);
-        let seen = |point: DVec3| seen_by_row(job.picture, |time_s| frame_view.keys.pose_at(time_s), point);
+        let seen = |point: DVec3| project_rolling(job.picture, |time_s| frame_view.keys.pose_at(time_s), point);
         let proxies = (!proxies.is_empty()).then_some((&*proxies, &seen as &dyn Fn(DVec3) -> Seen));
         let surfels = &job.frame.surfels[..];
         let repair = Repair { rays, measured, frame, shutter, pixels, response, planes, proxies, neighbours, surfels };
@@ -127,16 +127,16 @@ fn upload_receiver(recorder: &Recorder, receiver: &[SecondSurface], rect: Rect) 
 }
 
 /// Projection and depth of a point of the world, by the pose of its row (rolling shutter).
-pub fn seen_by_row(geometry: &Geometry, pose_at: impl Fn(f64) -> Pose, point: DVec3) -> Seen {
-    let (at, in_camera) = geometry.seen_by_row(|time_s| pose_at(time_s).transform_point(point))?;
-    Some((at, if geometry.sees_around() { in_camera.length() } else { in_camera.z }))
+pub fn project_rolling(geometry: &Geometry, pose_at: impl Fn(f64) -> Pose, point: DVec3) -> Seen {
+    let (at, in_camera) = geometry.project_rolling(|time_s| pose_at(time_s).transform_point(point))?;
+    Some((at, if geometry.needs_cube_map() { in_camera.length() } else { in_camera.z }))
 }
 
 /// Where real depth matters to a frame: nearer than an object, and under dark shadows.
 fn wanted(frame_view: &FrameView, work_rects: &WorkRects, dark: Rect, rays: &Rays) -> Wanted {
     let object = |(rect, farthest_m): &(Rect, f64)| (rect.grown(work_rects.spread_px), *farthest_m as f32);
     let mut objects: Vec<_> = frame_view.footprint.parts.iter().map(object).collect();
-    if rays.geometry().is_round() {
+    if rays.geometry().is_equirectangular() {
         // An object across the seam is visible at both rims.
         let width = rays.full().x1;
         let moved = |by_px: i32| objects.iter().map(move |(rect, farthest_m)| (rect.moved(by_px, 0), *farthest_m));

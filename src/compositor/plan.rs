@@ -98,7 +98,7 @@ fn motions(renderer: &Renderer, geometry: &Geometry, now: &Pose, next: &Pose) ->
         .object_centres()
         .into_iter()
         .map(|centre| {
-            let moved = centre.and_then(|c| Some(geometry.way_px(project(now, c)?, project(next, c)?)));
+            let moved = centre.and_then(|c| Some(geometry.displacement_px(project(now, c)?, project(next, c)?)));
             moved.map_or(ObjectMotion::default(), |v| ObjectMotion { per_frame_px: v.as_vec2().to_array() })
         })
         .collect()
@@ -184,7 +184,7 @@ impl<'a> Plan<'a> {
             shaded: bounds(&frame_view.shadows),
             reach_px: total(|reach| reach.read_px),
             spread_px: total(|reach| reach.spread_px),
-            is_round: job.picture.is_round(),
+            is_equirectangular: job.picture.is_equirectangular(),
             is_whole: job.capture.whole,
             acts_on_real: surfaces.is_some(),
         });
@@ -199,7 +199,7 @@ impl<'a> Plan<'a> {
 
     fn check_size(&self, gpu: &Gpu, context: &FrameContext<'_>) -> Result<(), SubmitError> {
         let Some(drawn) = self.work_rects.as_ref().map(|rects| rects.drawn) else { return Ok(()) };
-        let [side_px, mut area_px] = [TexturePool::largest_side_px(gpu), TexturePool::largest_area_px(gpu)];
+        let [side_px, mut area_px] = [TexturePool::max_side_px(gpu), TexturePool::max_area_px(gpu)];
         if self.samples.samples.len() > 1 {
             area_px = area_px.min(largest_sum_px(gpu));
         }

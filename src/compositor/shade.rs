@@ -145,7 +145,7 @@ fn projected_bounds(shadow_map: &ShadowMap, part: Part, geometry: &Geometry, key
     let at = |x: f64, y: f64| part.low + (part.high - part.low) * DVec2::new(x, y);
     let points = sides.clone().flat_map(|y| sides.clone().map(move |x| at(x, y))).map(|at| shadow_map.at(at.x, at.y));
     let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-    let (mut is_unbounded, mut is_visible) = (geometry.is_round(), false);
+    let (mut is_unbounded, mut is_visible) = (geometry.is_equirectangular(), false);
     for point in points {
         for pose in &poses {
             match geometry.project(pose.transform_point(point)) {
@@ -394,7 +394,7 @@ pub fn shade(recorder: &mut Recorder, shadows: &[VisibleShadowMap], request: &Sh
         matte_size: [matte.width() as i32, matte.height() as i32],
         size: rays.size.map(|side| side as i32),
         per_step: 1.0 / RAY_GRID_PX as f32,
-        round_px: if geometry.is_round() { geometry.intrinsics.width_px as f32 } else { 0.0 },
+        round_px: if geometry.is_equirectangular() { geometry.intrinsics.width_px as f32 } else { 0.0 },
         strength: settings.strength,
         presence: request.presence as f32,
         tolerance_m: TOLERANCE_M,

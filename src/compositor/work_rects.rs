@@ -21,7 +21,7 @@ pub struct WorkRequest {
     /// Distance beyond the objects to which effects spread light, px, summed over the effects.
     pub spread_px: i32,
     /// A 360° picture, whose left and right rims meet.
-    pub is_round: bool,
+    pub is_equirectangular: bool,
     /// Whether the whole region is composited, even without anything virtual.
     pub is_whole: bool,
     /// Whether effects act on real pixels too.
@@ -47,11 +47,11 @@ pub struct WorkRects {
 impl WorkRects {
     /// `None` if there is nothing to do.
     pub fn of(request: &WorkRequest) -> Option<Self> {
-        let WorkRequest { region, is_round, reach_px, .. } = *request;
+        let WorkRequest { region, is_equirectangular, reach_px, .. } = *request;
         let width = region.width() as i32;
         // Objects outside the picture whose blur reaches into it are drawn too.
         let mut reach = region.grown(reach_px);
-        if is_round {
+        if is_equirectangular {
             // Columns continue across the seam.
             (reach.x0, reach.x1) = (-width, 2 * width);
         }
@@ -59,10 +59,10 @@ impl WorkRects {
             if request.footprint.is_empty() { request.footprint } else { request.footprint.grown(request.spread_px) };
         // Across a seam, and where effects read shaded real pixels, shade and layer have the same
         // rectangle.
-        let together = is_round || request.acts_on_real;
+        let together = is_equirectangular || request.acts_on_real;
         let changed = if together { objects_px.union(&request.shaded) } else { objects_px };
         let mut drawn = if request.acts_on_real { reach } else { changed.intersection(&reach) };
-        if is_round && drawn.width() >= region.width() {
+        if is_equirectangular && drawn.width() >= region.width() {
             (drawn.x0, drawn.x1) = (-reach_px, width + reach_px);
         }
         // The pixels of lower resolutions must be the same in every part of a photograph.
@@ -75,7 +75,7 @@ impl WorkRects {
         } else {
             request.shaded.intersection(&reach)
         };
-        let mut pieces = pieces(drawn, shaded, region, is_round);
+        let mut pieces = pieces(drawn, shaded, region, is_equirectangular);
         let is_whole = request.is_whole && !region.is_empty();
         if pieces.is_empty() && !is_whole {
             return None;
@@ -99,10 +99,10 @@ impl WorkRects {
 
 /// The pieces of the picture that a layer and its shade cover. In a 360° picture, columns beyond a
 /// rim continue at the opposite one.
-fn pieces(drawn: Rect, shaded: Rect, region: Rect, is_round: bool) -> Vec<Piece> {
+fn pieces(drawn: Rect, shaded: Rect, region: Rect, is_equirectangular: bool) -> Vec<Piece> {
     let width = region.width() as i32;
     // A layer that spans the whole picture already contains the columns beyond the rims.
-    let turns: &[i32] = if is_round && (drawn.width() as i32) < width { &[0, 1, -1] } else { &[0] };
+    let turns: &[i32] = if is_equirectangular && (drawn.width() as i32) < width { &[0, 1, -1] } else { &[0] };
     let piece = |turn: &i32| {
         let [drawn, shaded] = [drawn, shaded].map(|rect| rect.moved(-turn * width, 0));
         Piece { shown: drawn.union(&shaded).intersection(&region), drawn, shaded }
@@ -121,7 +121,7 @@ mod tests {
             shaded: Rect::new(0, 0, 0, 0),
             reach_px: 10,
             spread_px: 4,
-            is_round: false,
+            is_equirectangular: false,
             is_whole: false,
             acts_on_real: false,
         }
@@ -150,7 +150,8 @@ mod tests {
         assert_eq!((rects.drawn, rects.pieces[0].drawn), (pixel, pixel));
         assert_eq!(rects.pieces[0].shown, Rect::new(60, 20, 90, 50));
         // Across a seam, and under effects that act on real pixels, they coincide.
-        for beside in [WorkRequest { acts_on_real: true, ..beside }, WorkRequest { is_round: true, ..beside }] {
+        for beside in [WorkRequest { acts_on_real: true, ..beside }, WorkRequest { is_equirectangular: true, ..beside }]
+        {
             let rects = WorkRects::of(&beside).unwrap();
             assert_eq!(rects.drawn, rects.shaded);
             assert_eq!(rects.drawn.union(&shaded.intersection(&beside.region)), rects.drawn);
@@ -159,7 +160,8 @@ mod tests {
 
     #[test]
     fn object_across_the_seam_yields_a_piece_at_each_rim() {
-        let rects = WorkRects::of(&WorkRequest { is_round: true, ..request(Rect::new(90, 10, 110, 20)) }).unwrap();
+        let rects =
+            WorkRects::of(&WorkRequest { is_equirectangular: true, ..request(Rect::new(90, 10, 110, 20)) }).unwrap();
         assert_eq!(rects.drawn, Rect::new(86, 6, 114, 24));
         let shown: Vec<_> = rects.pieces.iter().map(|piece| piece.shown).collect();
         assert_eq!(shown, [Rect::new(86, 6, 100, 24), Rect::new(0, 6, 14, 24)]);

@@ -33,7 +33,7 @@ pub struct Plane {
 /// Makes a part of a map, seen from `pose`, as flat as the planes are that it shows. Row by row, metres, 0 where unknown.
 pub fn flatten(depth_m: &mut [f32], rays: &Rays, pose: &Pose, part: Rect, planes: &[Plane]) {
     let seen = part.intersection(&rays.full());
-    if planes.is_empty() || seen.is_empty() || rays.geometry().sees_around() {
+    if planes.is_empty() || seen.is_empty() || rays.geometry().needs_cube_map() {
         return;
     }
     rays.prepare(seen.y0..seen.y1);

@@ -4,7 +4,7 @@ use super::proxies::known_m;
 use glam::DVec2;
 
 use super::{edges, inpaint, smooth};
-use crate::camera::{Framed, Intrinsics, Response};
+use crate::camera::{Crop, Intrinsics, Response};
 use crate::pixels::{Pixels, Rect};
 
 /// The largest number of pixels in the grid.
@@ -33,7 +33,7 @@ impl DepthGrid {
         pixels: &Pixels,
         recorded: &Intrinsics,
         (depth_m, is_measured): (&[f32], bool),
-        framed: &Framed,
+        framed: &Crop,
         response: &Response,
     ) -> Option<Self> {
         let size = (pixels.width, pixels.height);
@@ -45,7 +45,7 @@ impl DepthGrid {
         pixels: &Pixels,
         recorded: &Intrinsics,
         depth_m: &[f32],
-        framed: &Framed,
+        framed: &Crop,
         size: (u32, u32),
         response: &Response,
     ) -> Option<Self> {
@@ -59,7 +59,7 @@ impl DepthGrid {
         (pixels, place_of): (&Pixels, impl Fn(DVec2) -> DVec2),
         recorded: &Intrinsics,
         (depth_m, is_measured): (&[f32], bool),
-        framed: &Framed,
+        framed: &Crop,
         size: (u32, u32),
         response: &Response,
     ) -> Option<Self> {

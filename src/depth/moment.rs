@@ -125,7 +125,7 @@ impl Rays {
             return out;
         }
         let full = Rect::full(depth.width, depth.height);
-        let turns: &[i32] = if self.geometry.is_round() { &[0, -1, 1] } else { &[0] };
+        let turns: &[i32] = if self.geometry.is_equirectangular() { &[0, -1, 1] } else { &[0] };
         let put = |out: &mut [f32], x: i32, y: i32, d: f32| {
             for turn in turns {
                 let x = x + turn * depth.width as i32;
@@ -140,7 +140,7 @@ impl Rays {
         let still = measured == frame;
         // Points outside the rectangle may move into it, by as much as in a fast pan between two sensors' moments.
         let mut source = rect.grown(if still { 0 } else { BEYOND_PX }).intersection(&full);
-        if self.geometry.is_round() {
+        if self.geometry.is_equirectangular() {
             source = Rect { x0: full.x0, x1: full.x1, ..source };
         }
         if source.is_empty() {
@@ -151,7 +151,7 @@ impl Rays {
             &depth.depth_m[start + source.x0 as usize..start + source.x1 as usize]
         };
         // What stands still before a plane keeps its depth.
-        if still && !self.geometry.sees_around() {
+        if still && !self.geometry.needs_cube_map() {
             for y in source.y0..source.y1 {
                 let there = &mut out[(y - rect.y0) as usize * width + (source.x0 - rect.x0) as usize..];
                 there.iter_mut().zip(row(y)).for_each(|(there, d)| *there = if *d > 0.0 { *d } else { 0.0 });

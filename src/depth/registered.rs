@@ -190,11 +190,11 @@ impl DepthCamera {
     fn draw(&self, map: &DepthMap, colour: &Geometry, canvas: &mut Canvas) {
         let samples = Samples::new(map, self.geometry.intrinsics.fx_px);
         let rays = self.rays.get_or_init(|| self.rays(samples.width, samples.height));
-        let is_round = colour.is_round();
+        let is_equirectangular = colour.is_equirectangular();
         let seen = |ray: DVec3, w: f32| {
             let point = ray * f64::from(w).recip() + self.colour_from_depth.translation_m;
             let at_px = colour.project(point)?;
-            let told = if is_round { point.length() } else { point.z };
+            let told = if is_equirectangular { point.length() } else { point.z };
             Some(Corner { at_px, w: told.recip() })
         };
         let known = |i: usize| (samples.w[i] > 0.0).then(|| seen(rays[i], samples.w[i])).flatten();

@@ -230,7 +230,7 @@ impl<'a> Repair<'a> {
         let [x0, y0] = [rect.x0, rect.y0].map(|at| (at - step).div_euclid(step) * step);
         let [x1, y1] = [rect.x1, rect.y1].map(|at| (at + 2 * step - 1).div_euclid(step) * step);
         // A 360° picture continues at either rim.
-        let beyond = if self.rays.geometry().is_round() { width } else { 0 };
+        let beyond = if self.rays.geometry().is_equirectangular() { width } else { 0 };
         Rect::new(x0, y0, x1, y1).intersection(&Rect::new(-beyond, 0, width + beyond, height)).union(&rect)
     }
 
@@ -238,7 +238,7 @@ impl<'a> Repair<'a> {
     fn sqrt_colors(&self, region: Rect) -> Vec<[f32; 3]> {
         let (width, height) = (self.pixels.width as i32, self.pixels.height as i32);
         let sqrt_colors = SqrtColors::new(self.pixels, self.response);
-        let round = self.rays.geometry().is_round();
+        let round = self.rays.geometry().is_equirectangular();
         let column = |x: i32| if round { x.rem_euclid(width) } else { x.clamp(0, width - 1) };
         let mut out = vec![[0.0; 3]; region.width() as usize * region.height() as usize];
         over_rows(&mut out, region.width() as usize, processors(), |row, out| {

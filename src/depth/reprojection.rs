@@ -108,7 +108,7 @@ impl<'a> Reprojection<'a> {
             radial: [k1, k2, k3].map(|k| *k as f32),
             tangential: Vec2::new(*p1 as f32, *p2 as f32),
             valid2: valid * valid.abs(),
-            around: geometry.sees_around(),
+            around: geometry.needs_cube_map(),
         }
     }
 
@@ -351,7 +351,7 @@ mod tests {
                     let exact = geometry.project(seen).unwrap();
                     let found = DVec2::new(landed.x_px[n].into(), landed.y_px[n].into());
                     assert!((found - exact).length() < 1e-3, "{ray:?}: {found} is not {exact}");
-                    let depth = if geometry.sees_around() { seen.length() } else { seen.z };
+                    let depth = if geometry.needs_cube_map() { seen.length() } else { seen.z };
                     assert!((f64::from(landed.depth_m[n]) - depth).abs() < 1e-5);
                 }
                 assert_eq!(landed.depth_m[15], 0.0);

@@ -25,7 +25,7 @@ impl Smear {
         let way = |at: DVec2, z: f64| {
             let point = frame.inverse_transform_point(z * geometry.depth_ray(at)?);
             let seen = |pose: &Pose| geometry.project(pose.transform_point(point));
-            Some(geometry.way_px(seen(opened)?, seen(closed)?))
+            Some(geometry.displacement_px(seen(opened)?, seen(closed)?))
         };
         // A thousand kilometres: 32-bit poses know nothing beyond.
         let both = |at: DVec2| {

@@ -52,8 +52,8 @@ impl TargetView<'_> {
         let unknown = depth_m.iter().zip(self.max_depth_m).map(|(z, max_depth_m)| *z <= 0.0 && *max_depth_m > 0.0);
         let is_unknown: Vec<bool> = unknown.collect();
         let seen = self.part.intersection(&self.rays.full());
-        let sees_around = self.rays.geometry().sees_around();
-        if surfels.is_empty() || seen.is_empty() || sees_around || !is_unknown.contains(&true) {
+        let needs_cube_map = self.rays.geometry().needs_cube_map();
+        if surfels.is_empty() || seen.is_empty() || needs_cube_map || !is_unknown.contains(&true) {
             return;
         }
         self.rays.prepare(seen.y0..seen.y1);

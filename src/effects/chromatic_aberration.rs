@@ -94,7 +94,7 @@ impl Effect for ChromaticAberration {
     fn check(&self, _: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
         let reason = "a 360° picture is put together and has no middle from which a lens would part colours: \
                       leave its parameters at their defaults";
-        let refused = geometry.is_round() && *self != Self::default();
+        let refused = geometry.is_equirectangular() && *self != Self::default();
         if refused { Err(EffectError { parameter: "chromatic_aberration", reason }) } else { Ok(()) }
     }
     fn neutral_hint(&self) -> &'static str {

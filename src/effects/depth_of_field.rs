@@ -79,7 +79,8 @@ impl Effect for DepthOfField {
     }
     fn check(&self, camera: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
         let lens = &camera.lens;
-        if geometry.sees_around() && (lens.f_number.is_some() || lens.aperture_diameter_mm.is_some_and(|d| d > 0.0)) {
+        if geometry.needs_cube_map() && (lens.f_number.is_some() || lens.aperture_diameter_mm.is_some_and(|d| d > 0.0))
+        {
             return Err(EffectError {
                 parameter: "depth_of_field",
                 reason: "a picture of 170° and more has none here: leave camera.lens.f_number and aperture_diameter_mm \

@@ -21,8 +21,8 @@
 //! diagonal.
 
 use super::{Case, Effect, EffectError, FrameContext, LayerRun, OnReal, Reach};
-use crate::camera::accumulation::{self, MOST_STEPS};
-use crate::camera::{Camera, Geometry, Summed};
+use crate::camera::accumulation::{self, MAX_STEPS};
+use crate::camera::{Camera, Geometry, SummedExposure};
 use crate::gpu::Shader;
 use crate::params::Value;
 use crate::render::{COLOR, GEOMETRY, Layer, Sample, SamplePlan};
@@ -106,7 +106,7 @@ impl MotionBlur {
     /// Times (s from the middle of the exposure) and weights of the accumulated frames by vSLRcam
     /// (13), newest first; at most 10,000. The weighted mean of the times is 0.
     fn accumulated_times(&self, exposure_time_s: f64) -> Vec<(f64, f64)> {
-        let n = accumulation::steps(exposure_time_s, self.frames_per_s).unwrap_or(MOST_STEPS);
+        let n = accumulation::steps(exposure_time_s, self.frames_per_s).unwrap_or(MAX_STEPS);
         let weights = accumulation::weights(n);
         let back = exposure_time_s / n.max(1) as f64;
         let mean: f64 = weights.iter().enumerate().map(|(i, w)| i as f64 * w).sum();
@@ -122,8 +122,8 @@ impl MotionBlur {
         let n = ((2.0 * Self::longest_px(context)).ceil() as u32).clamp(32, max_count);
         let frames = &context.capture.summed;
         let each = n.div_ceil(frames.len() as u32);
-        let samples_of = |frame: &Summed| {
-            let Summed { time_s, exposure_s, weight } = *frame;
+        let samples_of = |frame: &SummedExposure| {
+            let SummedExposure { time_s, exposure_s, weight } = *frame;
             (0..each).map(move |i| Sample {
                 time_s: time_s + ((f64::from(i) + 0.5) / f64::from(each) - 0.5) * exposure_s,
                 ..Sample::plain((weight / f64::from(each)) as f32)
@@ -138,7 +138,7 @@ impl Effect for MotionBlur {
         "blurs objects by the camera's motion during the exposure"
     }
     fn check(&self, _: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
-        if self.method == Method::Copies && geometry.sees_around() {
+        if self.method == Method::Copies && geometry.needs_cube_map() {
             return Err(EffectError {
                 parameter: "motion_blur.method",
                 reason: "copies moves objects along a line, and in a picture of 170° and more nothing moves along one: \

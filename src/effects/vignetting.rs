@@ -108,7 +108,7 @@ impl Effect for Vignetting {
     fn check(&self, _: &Camera, geometry: &Geometry) -> Result<(), EffectError> {
         let reason = "a 360° picture is put together and has no middle from which a lens would darken it: \
                       leave its parameters at their defaults";
-        let refused = geometry.is_round() && !self.is_off();
+        let refused = geometry.is_equirectangular() && !self.is_off();
         if refused { Err(EffectError { parameter: "vignetting", reason }) } else { Ok(()) }
     }
     fn neutral_hint(&self) -> &'static str {

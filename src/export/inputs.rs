@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::error::ExportError;
 use crate::analyse::beside;
 use crate::shot::{AnalysisState, Shot};
-use crate::sink::atomic::Place;
+use crate::sink::atomic::Destination;
 
 /// The files and folders that a run reads.
 #[derive(Debug, Default)]
@@ -115,8 +115,8 @@ const NEVER_WRITTEN: &str = "which is not written to (with --force neither); cho
 /// An absolute path without symbolic links. Its last components need not exist.
 pub fn resolved(path: &Path) -> PathBuf {
     // A link may point to a file that does not exist yet.
-    let at = Place::of(path);
-    let path = if let Ok(Place::File(at)) = &at { at } else { path };
+    let at = Destination::of(path);
+    let path = if let Ok(Destination::File(at)) = &at { at } else { path };
     // An empty path is the current folder.
     let path = std::path::absolute(Path::new(".").join(path)).unwrap_or_else(|_| path.to_owned());
     let parts: Vec<_> = path.components().collect();

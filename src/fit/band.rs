@@ -1,6 +1,6 @@
-//! Equations in which each unknown meets only its neighbours, solved by Cholesky in time linear in their number.
+//! Banded symmetric systems, solved by Cholesky decomposition in linear time.
 
-/// A symmetric positive matrix that is 0 beyond `width` columns from its diagonal, and a right side.
+/// A symmetric positive definite matrix with `width` subdiagonals, and a right side.
 pub struct Band {
     /// Row by row: of row r the columns r − width ..= r.
     rows: Vec<f64>,
@@ -17,7 +17,7 @@ impl Band {
         row * (self.width + 1) + self.width + column - row
     }
 
-    /// In the lower half: row − width ≤ column ≤ row.
+    /// Adds to an element of the lower half: row − width ≤ column ≤ row.
     pub fn add(&mut self, row: usize, column: usize, value: f64) {
         let i = self.index(row, column);
         self.rows[i] += value;
@@ -27,7 +27,7 @@ impl Band {
         self.right[row] += value;
     }
 
-    /// By L·Lᵀ in place. `None` if the matrix is not positive.
+    /// Solves by L·Lᵀ in place. `None` if the matrix is not positive definite.
     pub fn solved(mut self) -> Option<Vec<f64>> {
         let n = self.right.len();
         for row in 0..n {
@@ -70,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_band_is_solved_as_the_whole_matrix_is() {
+    fn banded_solution_equals_the_dense_one() {
         let (n, width) = (30, 7);
         let mut dense = nalgebra::DMatrix::<f64>::zeros(n, n);
         let mut equations = Band::new(n, width);
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_positive_has_no_solution() {
+    fn indefinite_matrix_has_no_solution() {
         let mut equations = Band::new(2, 1);
         equations.add(0, 0, 1.0);
         equations.add(1, 0, 2.0);

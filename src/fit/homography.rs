@@ -1,13 +1,13 @@
-//! Where a plane stands, from its homography (Zhang 2000).
+//! Pose of a plane from its homography (Zhang 2000).
 
 use glam::{DMat3, DVec2, DVec3};
 use nalgebra::{DMatrix, Matrix3};
 
-use super::stand::Stand;
+use super::rigid_pose::RigidPose;
 
-/// The stand of a plane whose places are seen along rays, each given where it crosses z = 1. `None` for fewer than four,
-/// and where they do not say.
-pub fn stand(on_plane: &[DVec2], rays: &[DVec2]) -> Option<Stand> {
+/// The pose of a plane from points on it and their rays, each given at z = 1. `None` for fewer than
+/// four, and if they do not determine it.
+pub fn plane_pose(on_plane: &[DVec2], rays: &[DVec2]) -> Option<RigidPose> {
     let h = homography(on_plane, rays)?;
     let columns = [0, 1, 2].map(|i| DVec3::new(h[(0, i)], h[(1, i)], h[(2, i)]));
     let scale = 2.0 / (columns[0].length() + columns[1].length());
@@ -16,10 +16,10 @@ pub fn stand(on_plane: &[DVec2], rays: &[DVec2]) -> Option<Stand> {
     let depth = columns[0].z * middle.x + columns[1].z * middle.y + columns[2].z;
     let [x, y, translation] = columns.map(|column| column * scale * depth.signum());
     let rotation = nearest_rotation(DMat3::from_cols(x, y, x.cross(y)))?;
-    translation.is_finite().then_some(Stand { rotation, translation })
+    translation.is_finite().then_some(RigidPose { rotation, translation })
 }
 
-/// The direct linear transform, with both sides brought to unit size (Hartley 1997).
+/// The direct linear transform with normalised coordinates (Hartley 1997).
 fn homography(from: &[DVec2], to: &[DVec2]) -> Option<Matrix3<f64>> {
     if from.len() < 4 {
         return None;
@@ -64,14 +64,14 @@ fn homography(from: &[DVec2], to: &[DVec2]) -> Option<Matrix3<f64>> {
     Some(back * h * into)
 }
 
-/// What brings places to a mean distance of √2 from their middle, and that middle.
+/// Scale that brings points to a mean distance of √2 from their centroid, and the centroid.
 fn unit(places: &[DVec2]) -> (f64, DVec2) {
     let middle = places.iter().sum::<DVec2>() / places.len() as f64;
     let mean = places.iter().map(|p| p.distance(middle)).sum::<f64>() / places.len() as f64;
     (2f64.sqrt() / mean.max(1e-12), middle)
 }
 
-/// In the sense of least squares.
+/// The nearest rotation in the least-squares sense.
 fn nearest_rotation(m: DMat3) -> Option<DMat3> {
     if !m.is_finite() {
         return None;
@@ -87,14 +87,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_plane_worked_by_hand() {
+    fn plane_pose_matches_hand_calculation() {
         // A square of 2 at z = 4, its x axis up in the picture and its y axis to the left.
         let square = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(DVec2::from);
         let rays = [(0.5, 0.25), (0.5, 0.0), (0.25, 0.0), (0.25, 0.25)].map(DVec2::from);
-        let found = stand(&square, &rays).unwrap();
+        let found = plane_pose(&square, &rays).unwrap();
         assert!(found.translation.distance(DVec3::new(2.0, 1.0, 4.0)) < 1e-9, "{found:?}");
         assert!(found.rotation.abs_diff_eq(DMat3::from_cols(-DVec3::Y, -DVec3::X, -DVec3::Z), 1e-9), "{found:?}");
-        assert!(stand(&square[..3], &rays[..3]).is_none());
-        assert!(stand(&[DVec2::ZERO; 4], &[DVec2::NAN; 4]).is_none());
+        assert!(plane_pose(&square[..3], &rays[..3]).is_none());
+        assert!(plane_pose(&[DVec2::ZERO; 4], &[DVec2::NAN; 4]).is_none());
     }
 }

@@ -1,13 +1,14 @@
-//! What a picture says about where things stand: robust least squares, and where they begin.
+//! Geometric estimation: robust least squares and its initial values.
 //!
-//! A camera's calibration and the poses of printed tags rest on the same steps: a homography says roughly where a plane
-//! stands (`homography`), and residuals in the picture move the stand (`stand`) until they are least (`robust`).
+//! Camera calibration and tag poses use the same steps: a homography gives the initial pose of a
+//! plane (`homography`), and the pose (`stand`) is refined by minimising the reprojection error
+//! (`robust`).
 
 pub mod band;
 pub mod homography;
 pub mod quantile;
+mod rigid_pose;
 pub mod robust;
-mod stand;
 pub mod twist;
 
-pub use stand::{Stand, by_stand};
+pub use rigid_pose::{RigidPose, pose_jacobian};

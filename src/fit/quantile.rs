@@ -6,8 +6,8 @@
 /// A value, its weight, and whether it is censored: a lower bound of the true value.
 pub type Censored = (f32, f32, bool);
 
-/// The `share` quantile, and whether it is only a lower bound because the rest is censored. `None`
-/// of nothing. Sorts the values.
+/// The `share` quantile, and true if it is only a lower bound because the rest is censored. `None`
+/// without values. Sorts the values.
 pub fn kaplan_meier(values: &mut [Censored], share: f64) -> Option<(f32, bool)> {
     // Among equal values the observed come first: a lower bound is at least as large.
     values.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.2.cmp(&b.2)));
@@ -30,7 +30,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_weighted_median_of_known_values_is_the_middle_one() {
+    fn weighted_median_without_censoring_is_the_middle_value() {
         let known = |values: &[(f32, f32)]| values.iter().map(|(v, w)| (*v, *w, false)).collect::<Vec<_>>();
         assert_eq!(kaplan_meier(&mut known(&[(3.0, 1.0), (1.0, 1.0), (2.0, 1.0)]), 0.5), Some((2.0, false)));
         assert_eq!(kaplan_meier(&mut known(&[(3.0, 5.0), (1.0, 1.0), (2.0, 1.0)]), 0.5), Some((3.0, false)));
@@ -38,15 +38,16 @@ mod tests {
     }
 
     #[test]
-    fn what_was_clipped_counts_as_brighter_and_not_as_what_it_shows() {
-        // 0.2, 0.6, and one that is 0.5 or more: by hand, a third is 0.2; what was clipped leaves at 0.5; all that is left is 0.6.
+    fn censored_value_counts_as_larger() {
+        // 0.2, 0.6, and one that is 0.5 or more: by hand, a third is 0.2; the censored one leaves
+        // at 0.5; the rest is 0.6.
         assert_eq!(
             kaplan_meier(&mut [(0.2, 1.0, false), (0.5, 1.0, true), (0.6, 1.0, false)], 0.5),
             Some((0.6, false))
         );
-        // Most were clipped: a bound.
+        // Most are censored: a bound.
         assert_eq!(kaplan_meier(&mut [(0.2, 1.0, false), (0.9, 1.0, true), (1.0, 1.0, true)], 0.5), Some((1.0, true)));
-        // What is clipped at 0.2 says nothing of 0.4.
+        // A value censored at 0.2 has no influence on 0.4.
         assert_eq!(kaplan_meier(&mut [(0.2, 3.0, true), (0.4, 1.0, false)], 0.5), Some((0.4, false)));
     }
 }

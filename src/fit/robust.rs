@@ -1,59 +1,63 @@
-//! Least squares by Levenberg and Marquardt with Huber's loss.
+//! Levenberg-Marquardt least squares with Huber's loss.
 //!
-//! A residual r is a way in the picture, px. Huber's loss (1964) is r²/2 up to δ and δ(r − δ/2) beyond, so that a place that
-//! was misread pulls no harder than one at δ. δ is 2.5 σ, and σ follows from the median of r: of a normal error of σ in x
-//! and y the length's median is σ √(2 ln 2).
+//! A residual r is a reprojection error, px. Huber's loss (1964) is r²/2 up to δ and δ(r − δ/2)
+//! beyond, so that an outlier has no more influence than a residual of δ. δ is 2.5 σ, and σ follows
+//! from the median of r: for normal errors of σ in x and y the median length is σ √(2 ln 2).
 
 use glam::DVec2;
 
 /// Huber's δ in σ: 4 % of two-dimensional normal errors lie beyond.
-const DELTA: f64 = 2.5;
+const HUBER_DELTA_SIGMAS: f64 = 2.5;
 /// √(2 ln 2): median length of a two-dimensional normal error of σ = 1.
-const MEDIAN: f64 = 1.177_410_022_515_474_7;
-/// Steps between two estimates of δ.
-const STEPS: usize = 40;
-/// It is done when a step gains less than this share of the loss.
-const GAINS: f64 = 1e-11;
+const MEDIAN_PER_SIGMA: f64 = 1.177_410_022_515_474_7;
+/// Maximum number of steps between two estimates of δ.
+const MAX_STEPS_PER_ROUND: usize = 40;
+/// Convergence threshold: relative decrease of the loss per step.
+const MIN_RELATIVE_GAIN: f64 = 1e-11;
 
-/// What is fitted to places in pictures.
+/// A model fitted to image points.
 pub trait Problem {
-    /// What is sought.
+    /// The parameters.
     type State;
-    /// The normal equations JᵀWJ · step = JᵀWr at a state, in whatever shape suits the problem.
+    /// The normal equations JᵀWJ · step = JᵀWr at a state, in a representation of the problem's
+    /// choice.
     type Equations;
 
-    /// From where each place is projected to where it is seen, px, in an order that stays. `None` if a place is not seen.
+    /// Differences from projected to observed points, px, in a fixed order. `None` if a point
+    /// cannot be projected.
     fn residuals(&self, state: &Self::State) -> Option<Vec<DVec2>>;
 
     /// The equations at a state, each residual weighted by [`weight`].
     fn equations(&self, state: &Self::State, delta_px: f64) -> Option<Self::Equations>;
 
-    /// The state after a step, with the equations' diagonal lengthened by this share. `None` if they have no solution.
-    fn stepped(&self, equations: &Self::Equations, state: &Self::State, damping: f64) -> Option<Self::State>;
+    /// The state after a step, with the equations' diagonal increased by this share. `None` if they
+    /// have no solution.
+    fn after_step(&self, equations: &Self::Equations, state: &Self::State, damping: f64) -> Option<Self::State>;
 }
 
-/// A state that rests.
+/// A converged state.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Rest<State> {
+pub struct Converged<State> {
     pub state: State,
     pub residuals_px: Vec<DVec2>,
-    /// Huber's δ of the end, px.
+    /// Huber's δ of the last round, px.
     pub delta_px: f64,
 }
 
-/// Steps until it rests, with δ estimated `rounds` times. `None` if the state sees nothing of what is seen.
-pub fn settled<P: Problem>(problem: &P, mut state: P::State, rounds: usize) -> Option<Rest<P::State>> {
+/// Iterates until convergence, with δ estimated `rounds` times. `None` if points cannot be
+/// projected in the initial state.
+pub fn minimize<P: Problem>(problem: &P, mut state: P::State, rounds: usize) -> Option<Converged<P::State>> {
     let mut now = problem.residuals(&state)?;
     let mut delta_px = delta(&now);
     for _ in 0..rounds {
         delta_px = delta(&now);
         let mut own = loss(&now, delta_px);
         let mut damping = 1e-3;
-        for _ in 0..STEPS {
+        for _ in 0..MAX_STEPS_PER_ROUND {
             let equations = problem.equations(&state, delta_px)?;
             let mut gained = 0.0;
             while damping < 1e12 {
-                if let Some(next_state) = problem.stepped(&equations, &state, damping)
+                if let Some(next_state) = problem.after_step(&equations, &state, damping)
                     && let Some(next) = problem.residuals(&next_state)
                     && loss(&next, delta_px) < own
                 {
@@ -65,21 +69,21 @@ pub fn settled<P: Problem>(problem: &P, mut state: P::State, rounds: usize) -> O
                 damping *= 10.0;
             }
             own -= gained;
-            if gained <= GAINS * own {
+            if gained <= MIN_RELATIVE_GAIN * own {
                 break;
             }
         }
     }
-    Some(Rest { state, residuals_px: now, delta_px })
+    Some(Converged { state, residuals_px: now, delta_px })
 }
 
-/// Huber's: what a residual counts in the normal equations.
+/// Huber's weight of a residual in the normal equations.
 pub fn weight(residual: DVec2, delta_px: f64) -> f64 {
     let length = residual.length();
     if length <= delta_px { 1.0 } else { delta_px / length }
 }
 
-/// Half of the residuals are shorter, px. 0 for none.
+/// Median length of the residuals, px. 0 for none.
 pub fn median<'a>(residuals: impl Iterator<Item = &'a DVec2>) -> f64 {
     let mut lengths: Vec<f64> = residuals.map(|r| r.length()).collect();
     lengths.sort_by(f64::total_cmp);
@@ -95,14 +99,14 @@ fn loss(residuals: &[DVec2], delta_px: f64) -> f64 {
 }
 
 fn delta(residuals: &[DVec2]) -> f64 {
-    (DELTA * median(residuals.iter()) / MEDIAN).max(1e-6)
+    (HUBER_DELTA_SIGMAS * median(residuals.iter()) / MEDIAN_PER_SIGMA).max(1e-6)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// The place that is nearest to others.
+    /// Estimates the centre of points.
     struct Middle(Vec<DVec2>);
 
     impl Problem for Middle {
@@ -118,14 +122,14 @@ mod tests {
             Some((each().map(|(w, _)| w).sum(), each().map(|(w, r)| r * w).sum()))
         }
 
-        fn stepped(&self, (sum, right): &(f64, DVec2), at: &DVec2, damping: f64) -> Option<DVec2> {
+        fn after_step(&self, (sum, right): &(f64, DVec2), at: &DVec2, damping: f64) -> Option<DVec2> {
             (*sum > 0.0).then(|| *at + *right / (*sum * (1.0 + damping)))
         }
     }
 
     #[test]
-    fn worked_by_hand() {
-        // Within δ a residual counts as it is, beyond it as δ.
+    fn huber_weight_matches_hand_calculation() {
+        // Within δ a residual counts fully, beyond it as δ.
         assert_eq!([0.5, 1.0, 4.0].map(|r| weight(DVec2::new(0.0, r), 1.0)), [1.0, 1.0, 0.25]);
         assert_eq!(loss(&[DVec2::new(0.6, 0.8), DVec2::new(3.0, 4.0)], 1.0), 0.5 + 4.5);
         assert_eq!(median([3.0, 1.0, 2.0].map(|x| DVec2::new(x, 0.0)).iter()), 2.0);
@@ -133,13 +137,13 @@ mod tests {
     }
 
     #[test]
-    fn one_misread_place_pulls_little() {
+    fn single_outlier_has_little_influence() {
         let around = [(0.1, 0.0), (-0.1, 0.0), (0.0, 0.1), (0.0, -0.1), (0.05, 0.05), (-0.05, -0.05)];
         let mut places: Vec<DVec2> = around.iter().map(|p| DVec2::new(5.0, 7.0) + DVec2::from(*p)).collect();
-        let rest = settled(&Middle(places.clone()), DVec2::ZERO, 6).unwrap();
+        let rest = minimize(&Middle(places.clone()), DVec2::ZERO, 6).unwrap();
         assert!(rest.state.distance(DVec2::new(5.0, 7.0)) < 1e-6, "{rest:?}");
         places.push(DVec2::new(105.0, 7.0));
-        let rest = settled(&Middle(places), DVec2::ZERO, 6).unwrap();
+        let rest = minimize(&Middle(places), DVec2::ZERO, 6).unwrap();
         // Their mean is 14 px away.
         assert!(rest.state.distance(DVec2::new(5.0, 7.0)) < 0.1, "{rest:?}");
         assert!(rest.residuals_px[6].length() > 99.0 && rest.delta_px < 0.5, "{rest:?}");

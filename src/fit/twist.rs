@@ -1,23 +1,24 @@
 //! Rigid motions and their logarithms.
 //!
-//! A twist is (v, ω): for one unit of its parameter a point x moves as ẋ = ω × x + v. exp takes it to the rigid motion
-//! (Rodrigues), log takes that back. Ad(T) takes a twist of T's source axes to its target axes: T·exp(x)·T⁻¹ =
-//! exp(Ad(T)·x) (Murray, Li and Sastry 1994, eq. 2.36, 2.58; there (v, ω) as here).
+//! A twist is (v, ω): for one unit of its parameter a point x moves as ẋ = ω × x + v. exp maps it
+//! to the rigid motion (Rodrigues), log is the inverse. Ad(T) maps a twist from T's source axes to
+//! its target axes: T·exp(x)·T⁻¹ = exp(Ad(T)·x) (Murray, Li and Sastry 1994, eq. 2.36, 2.58; there
+//! (v, ω) as here).
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use nalgebra::{Matrix3, Matrix6, Vector6};
 
-/// Way first (m), then turn (rad).
+/// Translation first (m), then rotation (rad).
 pub type Twist = Vector6<f64>;
 
-/// Below this angle (rad) the series' first terms are as exact as the numbers.
-const SMALL: f64 = 1e-6;
+/// Below this angle (rad) the series' first terms are exact to machine precision.
+const SMALL_ANGLE_RAD: f64 = 1e-6;
 
-pub fn way(twist: &Twist) -> DVec3 {
+pub fn translation(twist: &Twist) -> DVec3 {
     DVec3::new(twist[0], twist[1], twist[2])
 }
 
-pub fn turn(twist: &Twist) -> DVec3 {
+pub fn rotation_vector(twist: &Twist) -> DVec3 {
     DVec3::new(twist[3], twist[4], twist[5])
 }
 
@@ -26,10 +27,10 @@ pub fn twist(way: DVec3, turn: DVec3) -> Twist {
 }
 
 pub fn exp(x: &Twist) -> DAffine3 {
-    let (v, w) = (way(x), turn(x));
+    let (v, w) = (translation(x), rotation_vector(x));
     let angle = w.length();
     // V = 1 + (1 − cos θ)/θ² [ω]× + (θ − sin θ)/θ³ [ω]×².
-    let (a, b) = if angle < SMALL {
+    let (a, b) = if angle < SMALL_ANGLE_RAD {
         (0.5, 1.0 / 6.0)
     } else {
         ((1.0 - angle.cos()) / (angle * angle), (angle - angle.sin()) / angle.powi(3))
@@ -38,12 +39,12 @@ pub fn exp(x: &Twist) -> DAffine3 {
     DAffine3::from_rotation_translation(DQuat::from_scaled_axis(w), along)
 }
 
-/// Of a rigid motion; turns of up to π.
+/// Logarithm of a rigid motion, for rotations up to π.
 pub fn log(motion: &DAffine3) -> Twist {
     let w = rotation(motion).to_scaled_axis();
     let angle = w.length();
     let t = motion.translation;
-    let b = if angle < SMALL {
+    let b = if angle < SMALL_ANGLE_RAD {
         1.0 / 12.0
     } else {
         1.0 / (angle * angle) - (1.0 + angle.cos()) / (2.0 * angle * angle.sin())
@@ -53,7 +54,7 @@ pub fn log(motion: &DAffine3) -> Twist {
 
 pub fn rotation(motion: &DAffine3) -> DQuat {
     let turn = DQuat::from_mat3(&motion.matrix3).normalize();
-    // The shorter of the two ways round.
+    // The shorter of the two rotations.
     if turn.w < 0.0 { -turn } else { turn }
 }
 
@@ -89,8 +90,9 @@ mod tests {
     }
 
     #[test]
-    fn a_quarter_turn_worked_by_hand() {
-        // About z by 90° while moving along x at π/2: a quarter of a circle of radius 1, from (0, 0) to (1, 1).
+    fn quarter_turn_matches_hand_calculation() {
+        // About z by 90° while moving along x at π/2: a quarter of a circle of radius 1, from (0,
+        // 0) to (1, 1).
         let quarter = std::f64::consts::FRAC_PI_2;
         let motion = exp(&twist(DVec3::X * quarter, DVec3::Z * quarter));
         assert!((motion.translation - DVec3::new(1.0, 1.0, 0.0)).length() < 1e-12, "{motion:?}");
@@ -98,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn there_and_back() {
+    fn log_inverts_exp() {
         for x in cases() {
             assert!((log(&exp(&x)) - x).norm() < 1e-9, "{x}");
             assert!((exp(&x) * exp(&-x)).abs_diff_eq(DAffine3::IDENTITY, 1e-12));
@@ -106,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn twists_are_carried_to_other_axes() {
+    fn adjoint_maps_twists_to_other_axes() {
         let t = exp(&cases()[2]);
         for x in cases() {
             let carried = exp(&(adjoint(&t) * x));

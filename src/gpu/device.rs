@@ -1,4 +1,4 @@
-//! Finding an adapter and opening it.
+//! Selects a graphics adapter and opens it.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use wgpu::{Backends, DeviceType};
 
-use super::shared::Shared;
+use super::type_map::TypeMap;
 
 /// An open GPU. Cheap to clone: handles only.
 #[derive(Clone, Debug)]
@@ -14,18 +14,18 @@ pub struct Gpu {
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
     pub info: wgpu::AdapterInfo,
-    /// Whether passes can be timed on the GPU's own clock.
+    /// True if passes can be timed by the GPU's clock.
     pub timestamps: bool,
-    /// How many pipelines were made.
+    /// Number of created pipelines.
     pipelines: Arc<AtomicUsize>,
-    shared: Shared,
+    shared: TypeMap,
     /// The first uncaptured error. Later ones are its consequences.
     failure: Arc<Mutex<Option<GpuError>>>,
 }
 
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum GpuError {
-    /// `besides`: what an environment variable leaves out; empty if none does.
+    /// `besides`: note on adapters excluded by an environment variable; empty if there is none.
     #[error(
         "no graphics adapter was found{besides}: Locard needs a Vulkan, Metal or DirectX 12 driver; \
          on Debian or Ubuntu without a graphics card `apt-get install mesa-vulkan-drivers libvulkan1` brings a software one"
@@ -48,13 +48,13 @@ pub enum GpuError {
 }
 
 impl GpuError {
-    /// Whether the device is gone, and everything that it had.
+    /// True if the device and all its resources are lost.
     pub fn is_lost(&self) -> bool {
         matches!(self, Self::Lost(_))
     }
 }
 
-/// An adapter as `locard doctor` reports it.
+/// An adapter as reported by `locard doctor`.
 #[derive(Clone, Debug)]
 pub struct AdapterReport {
     pub name: String,
@@ -64,13 +64,14 @@ pub struct AdapterReport {
     pub timestamps: bool,
 }
 
-/// All adapters of this machine, best first. OpenGL is left out, because the shaders do not draw with it.
+/// All adapters of this machine, best first. OpenGL is excluded, because the shaders do not draw
+/// with it.
 pub fn adapters() -> Vec<AdapterReport> {
     available().iter().map(report).collect()
 }
 
 fn available() -> Vec<wgpu::Adapter> {
-    ranked(Backends::from_env().unwrap_or(Backends::PRIMARY) & Backends::PRIMARY)
+    adapters_by_rank(Backends::from_env().unwrap_or(Backends::PRIMARY) & Backends::PRIMARY)
 }
 
 fn report(adapter: &wgpu::Adapter) -> AdapterReport {
@@ -84,15 +85,16 @@ fn report(adapter: &wgpu::Adapter) -> AdapterReport {
     }
 }
 
-/// Keeps the first adapter, and with it the drivers, to the end of the process. A thread that dropped the last reference while the
-/// process exits would unload libraries whose exit handlers are running, which crashes.
+/// Keeps the first adapter, and its drivers, loaded until the process exits. A thread that drops
+/// the last reference during exit would unload libraries whose exit handlers are running, which
+/// crashes.
 fn keep_drivers(adapter: &wgpu::Adapter) {
     static FIRST: OnceLock<wgpu::Adapter> = OnceLock::new();
     FIRST.get_or_init(|| adapter.clone());
 }
 
 /// Discrete before integrated before software.
-fn ranked(backends: Backends) -> Vec<wgpu::Adapter> {
+fn adapters_by_rank(backends: Backends) -> Vec<wgpu::Adapter> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = backends;
     let mut adapters = pollster::block_on(wgpu::Instance::new(descriptor).enumerate_adapters(backends));
@@ -112,10 +114,10 @@ fn names(adapters: &[wgpu::Adapter]) -> Vec<String> {
     adapters.iter().map(name).collect()
 }
 
-/// Why there is no adapter: the machine has none, or none that `WGPU_BACKEND` allows.
+/// The error without an adapter: the machine has none, or none that `WGPU_BACKEND` allows.
 fn no_adapter() -> GpuError {
     let besides = std::env::var("WGPU_BACKEND").ok().map(|asked| {
-        let there = names(&ranked(Backends::PRIMARY));
+        let there = names(&adapters_by_rank(Backends::PRIMARY));
         let left_out =
             if there.is_empty() { String::new() } else { format!(", which leaves out {}", there.join("; ")) };
         format!(" with WGPU_BACKEND={asked}{left_out}")
@@ -123,8 +125,8 @@ fn no_adapter() -> GpuError {
     GpuError::NoAdapter { besides: besides.unwrap_or_default() }
 }
 
-/// An error on one line.
-fn said(error: &wgpu::Error) -> GpuError {
+/// An error formatted on one line.
+fn one_line_error(error: &wgpu::Error) -> GpuError {
     match error {
         wgpu::Error::OutOfMemory { .. } => GpuError::OutOfMemory,
         other => GpuError::Failed(other.to_string().split_whitespace().collect::<Vec<_>>().join(" ")),
@@ -132,7 +134,7 @@ fn said(error: &wgpu::Error) -> GpuError {
 }
 
 impl Gpu {
-    /// Whether shaders run on this machine's CPU.
+    /// True if shaders run on this machine's CPU.
     pub fn software(&self) -> bool {
         self.info.device_type == DeviceType::Cpu
     }
@@ -151,28 +153,29 @@ impl Gpu {
             Err(_) => 0,
         };
         let adapter = there.swap_remove(chosen);
-        let (device, queue) = pollster::block_on(adapter.request_device(&Self::wanted(&adapter)))
+        let (device, queue) = pollster::block_on(adapter.request_device(&Self::device_descriptor(&adapter)))
             .map_err(|e| GpuError::Open { adapter: adapter.get_info().name, reason: e.to_string() })?;
-        Ok(Self::adopt(&adapter, device, queue))
+        Ok(Self::from_device(&adapter, device, queue))
     }
 
-    /// Takes a device that somebody else made, such as a window's, with at least the limits of [`Gpu::wanted`]. What is
-    /// drawn with it can be shown without leaving it. From now on its uncaptured errors come here ([`Gpu::check`]); by
-    /// default they would end the program.
-    pub fn adopt(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
+    /// Uses a device created elsewhere, such as by a window, with at least the limits of
+    /// [`Gpu::device_descriptor`]. Its results can be displayed without a copy. From now on its
+    /// uncaptured errors are collected here ([`Gpu::check`]); by default they would end the
+    /// program.
+    pub fn from_device(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
         keep_drivers(adapter);
         let timestamps = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
         let failure = Arc::new(Mutex::new(None));
         let [of_a_call, of_the_device] = [(); 2].map(|()| Arc::clone(&failure));
         let first = |failure: &Mutex<Option<GpuError>>, error: GpuError| {
             let mut failure = failure.lock().unwrap_or_else(PoisonError::into_inner);
-            // What fails on a lost device says less than that it is lost.
+            // Errors on a lost device are less informative than the loss itself.
             let is_less = |before: &GpuError| !before.is_lost() && error.is_lost();
             if failure.as_ref().is_none_or(is_less) {
                 *failure = Some(error);
             }
         };
-        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| first(&of_a_call, said(&error))));
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| first(&of_a_call, one_line_error(&error))));
         device.set_device_lost_callback(move |_, message| {
             first(&of_the_device, GpuError::Lost(message.split_whitespace().collect::<Vec<_>>().join(" ")));
         });
@@ -182,13 +185,13 @@ impl Gpu {
             info: adapter.get_info(),
             timestamps,
             pipelines: Arc::default(),
-            shared: Shared::default(),
+            shared: TypeMap::default(),
             failure,
         }
     }
 
     /// The features and limits to request, so that pictures may be as large as the adapter allows.
-    pub fn wanted(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
+    pub fn device_descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
         wgpu::DeviceDescriptor {
             label: Some("locard"),
             required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
@@ -203,31 +206,31 @@ impl Gpu {
         }
     }
 
-    /// What there is once for a device, by its type; made by whoever asks first. Compositors come and go on a device, and what is
-    /// compiled for one serves the next.
+    /// One value per type and device, created on first use. Compositors are short-lived, and
+    /// compiled pipelines are reused by the next.
     pub fn shared<T: Send + Sync + 'static>(&self, make: impl FnOnce(&Self) -> T) -> Arc<T> {
         self.shared.get(|| make(self))
     }
 
-    /// Makes a pipeline. Each is counted: drivers take up to a second for one.
+    /// Creates a pipeline, and counts it: drivers take up to a second for one.
     pub fn render_pipeline(&self, descriptor: &wgpu::RenderPipelineDescriptor<'_>) -> wgpu::RenderPipeline {
         self.pipelines.fetch_add(1, Ordering::Relaxed);
         self.device.create_render_pipeline(descriptor)
     }
 
-    /// The same for compute.
+    /// Creates a compute pipeline, and counts it.
     pub fn compute_pipeline(&self, descriptor: &wgpu::ComputePipelineDescriptor<'_>) -> wgpu::ComputePipeline {
         self.pipelines.fetch_add(1, Ordering::Relaxed);
         self.device.create_compute_pipeline(descriptor)
     }
 
-    /// How many pipelines were made on this device.
-    pub fn pipelines_made(&self) -> usize {
+    /// Number of pipelines created on this device.
+    pub fn pipeline_count(&self) -> usize {
         self.pipelines.load(Ordering::Relaxed)
     }
 
-    /// A buffer with these bytes, padded to four. wgpu's own `create_buffer_init` panics where there is no memory or the
-    /// device is lost; here the next [`Gpu::check`] tells.
+    /// A buffer with these bytes, padded to four. wgpu's own `create_buffer_init` panics without
+    /// memory or on a lost device; here the next [`Gpu::check`] returns the error.
     pub fn buffer(&self, label: &str, bytes: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
         let size = bytes.len().next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT as usize);
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
@@ -244,39 +247,39 @@ impl Gpu {
         buffer
     }
 
-    /// The first uncaptured error. Call it before using what was read back: a failed call returns an unusable value,
-    /// not an error.
+    /// The first uncaptured error. To be called before using data that was read back: a failed call
+    /// returns an unusable value, not an error.
     pub fn check(&self) -> Result<(), GpuError> {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone().map_or(Ok(()), Err)
     }
 
-    /// Takes that error, after which work continues as if there had been none. What was drawn meanwhile must not be
-    /// used, and a lost device stays lost.
+    /// Takes that error, after which work continues as if there had been none. Results up to now
+    /// must not be used, and a lost device stays lost.
     pub fn take_failure(&self) -> Option<GpuError> {
         let failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner).take();
         if failure.is_some() {
-            self.shared.forget();
+            self.shared.clear();
         }
         failure
     }
 
-    /// Does work whose errors are its own: those of calls that this thread makes meanwhile come back here, and nobody else
-    /// who draws with this device hears of them. That the device is lost is everybody's ([`Gpu::check`]).
-    pub fn apart<T>(&self, work: impl FnOnce() -> T) -> Result<T, GpuError> {
+    /// Runs work in its own error scope: errors of calls by this thread are returned here, and do
+    /// not affect other users of the device. Loss of the device affects all ([`Gpu::check`]).
+    pub fn in_error_scope<T>(&self, work: impl FnOnce() -> T) -> Result<T, GpuError> {
         let filters = [wgpu::ErrorFilter::OutOfMemory, wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::Internal];
         let scopes = filters.map(|filter| self.device.push_error_scope(filter));
         let done = work();
         let mut failed = None;
-        // They are taken off in the order in which they lie.
+        // Error scopes are popped in reverse order.
         for scope in scopes.into_iter().rev() {
             failed = pollster::block_on(scope.pop()).or(failed);
         }
         match failed {
             Some(error) => {
-                self.shared.forget();
-                // A device says that it is lost when it is looked after.
+                self.shared.clear();
+                // A device reports its loss when polled.
                 let _ = self.poll();
-                Err(self.check().err().filter(GpuError::is_lost).unwrap_or_else(|| said(&error)))
+                Err(self.check().err().filter(GpuError::is_lost).unwrap_or_else(|| one_line_error(&error)))
             }
             None => Ok(done),
         }
@@ -295,12 +298,12 @@ impl Gpu {
             })
     }
 
-    /// Processes what is done by now, without waiting.
+    /// Processes finished work without waiting.
     pub fn poll(&self) -> Result<(), GpuError> {
         self.device.poll(wgpu::PollType::Poll).map(|_| ()).map_err(|e| GpuError::Failed(e.to_string()))
     }
 
-    /// The largest side of a picture that this adapter allows, px.
+    /// The maximum side of a picture on this adapter, px.
     pub fn max_side_px(&self) -> u32 {
         self.device.limits().max_texture_dimension_2d
     }
@@ -312,7 +315,7 @@ mod tests {
 
     /// Four textures of 64 GiB each.
     #[test]
-    fn memory_that_is_not_there_is_an_error_and_no_panic() {
+    fn exhausted_memory_is_an_error_and_no_panic() {
         let gpu = Gpu::open().unwrap();
         let side = gpu.max_side_px();
         let textures: Vec<_> = (0..4)
@@ -335,9 +338,9 @@ mod tests {
         drop(textures);
     }
 
-    /// What a buffer is made of must not matter once the device is gone.
+    /// The contents of a buffer must not matter on a lost device.
     #[test]
-    fn a_buffer_on_a_lost_device_is_an_error_and_no_panic() {
+    fn buffer_on_a_lost_device_is_an_error_and_no_panic() {
         let gpu = Gpu::open().unwrap();
         let made = gpu.buffer("five bytes", &[7; 5], wgpu::BufferUsages::COPY_SRC);
         assert_eq!(made.size(), 8);
@@ -346,14 +349,14 @@ mod tests {
         let late = || gpu.buffer("too late", &[7; 4], wgpu::BufferUsages::COPY_SRC);
         late();
         assert!(!gpu.check().unwrap_err().is_lost());
-        assert!(gpu.apart(late).unwrap_err().is_lost());
-        // It is the first thing to be said, whatever failed before.
+        assert!(gpu.in_error_scope(late).unwrap_err().is_lost());
+        // The loss takes precedence over earlier errors.
         assert!(gpu.check().unwrap_err().is_lost());
     }
 
-    /// A buffer that is larger than any may be.
+    /// A buffer beyond the size limit.
     #[test]
-    fn what_fails_apart_is_told_there_and_to_nobody_else() {
+    fn error_scope_reports_only_its_own_errors() {
         let gpu = Gpu::open().unwrap();
         let too_large = || {
             gpu.device.create_buffer(&wgpu::BufferDescriptor {
@@ -363,17 +366,17 @@ mod tests {
                 mapped_at_creation: false,
             })
         };
-        assert_eq!(gpu.apart(|| 7).unwrap(), 7);
-        // Another thread's error meanwhile is not this one's.
+        assert_eq!(gpu.in_error_scope(|| 7).unwrap(), 7);
+        // Another thread's error is not reported in this scope.
         let elsewhere = || {
             std::thread::scope(|scope| {
                 let other = std::thread::Builder::new().spawn_scoped(scope, || drop(too_large())).unwrap();
                 other.join().unwrap();
             });
         };
-        gpu.apart(elsewhere).unwrap();
+        gpu.in_error_scope(elsewhere).unwrap();
         assert!(gpu.take_failure().is_some());
-        gpu.apart(too_large).unwrap_err();
+        gpu.in_error_scope(too_large).unwrap_err();
         gpu.check().unwrap();
     }
 }

@@ -1,4 +1,4 @@
-//! The globals that a module's entry points read, by name, found in the text itself.
+//! Reflection of a module's globals by name, from the WGSL text.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ pub struct Interface {
     info: ModuleInfo,
 }
 
-/// A global that a shader reads, by its name.
+/// A global that a shader reads.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Global {
     pub name: String,
@@ -21,16 +21,17 @@ pub struct Global {
     pub binding: u32,
     pub kind: wgpu::BindingType,
     pub visibility: wgpu::ShaderStages,
-    /// For a uniform: its size in bytes, and the name and offset of each member. Tables have no members.
+    /// For a uniform: size in bytes, and name and offset of each member. Tables have no members.
     pub size: u32,
     pub members: Vec<(String, u32)>,
 }
 
 impl Global {
-    /// Checks that a uniform's members are where ours are. Those that fill gaps may differ.
+    /// Checks that the members of a Rust uniform have the shader's offsets. Padding members may
+    /// differ.
     ///
     /// # Panics
-    /// If they are not: a programming error.
+    /// On a mismatch: a programming error.
     pub fn check_layout(&self, size: usize, members: &[(&str, usize)]) {
         let ours: Vec<_> = members.iter().map(|(name, offset)| (*name, *offset as u32)).collect();
         let theirs: Vec<_> = self.members.iter().map(|(name, offset)| (name.as_str(), *offset)).collect();
@@ -45,7 +46,8 @@ impl Global {
 
 impl Interface {
     /// # Panics
-    /// If the text is not valid WGSL: a programming error that the shader test finds. The message names the place.
+    /// If the text is not valid WGSL: a programming error that the shader test finds. The message
+    /// contains the location.
     pub fn new(label: &str, text: &str) -> Self {
         let module =
             naga::front::wgsl::parse_str(text).unwrap_or_else(|e| panic!("{label}: {}", e.emit_to_string(text)));
@@ -78,7 +80,7 @@ impl Interface {
                 let new = self.global(&name, global, place, sampled);
                 let known = found.entry(name).or_insert_with(|| new.clone());
                 known.visibility |= stage;
-                // One of the entries may only load what another samples.
+                // One of the entries may only load a texture that another samples.
                 if sampled {
                     known.kind = new.kind;
                 }
@@ -87,8 +89,8 @@ impl Interface {
         found
     }
 
-    /// Whether the module has a global of this name.
-    pub fn knows(&self, name: &str) -> bool {
+    /// True if the module has a global of this name.
+    pub fn has_global(&self, name: &str) -> bool {
         self.module.global_variables.iter().any(|(_, g)| g.name.as_deref() == Some(name))
     }
 
@@ -113,7 +115,7 @@ impl Interface {
                     match kind {
                         naga::ScalarKind::Sint => wgpu::TextureSampleType::Sint,
                         naga::ScalarKind::Uint => wgpu::TextureSampleType::Uint,
-                        // Those that are only loaded may be of 32 bits.
+                        // Textures that are only loaded may have 32-bit floats.
                         _ => wgpu::TextureSampleType::Float { filterable: sampled && !multi },
                     },
                     multi,
@@ -134,7 +136,7 @@ impl Interface {
     }
 }
 
-/// The layouts of the groups, and of the pipeline.
+/// The bind group layouts, and the pipeline layout.
 pub fn layouts(
     device: &wgpu::Device,
     label: &str,

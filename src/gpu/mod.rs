@@ -1,7 +1,8 @@
-//! The GPU: device, shaders, textures, passes, readback. Knows no optics.
+//! The GPU: device, shaders, textures, passes, readback. Independent of optics.
 //!
-//! A [`Recorder`] records what a frame needs. `recorder.pass(Shader::X, "entry")` begins a pass. Its inputs are given
-//! by the names in the shader's text, and `draw` returns the textures that it draws.
+//! A [`Recorder`] records the work of a frame. `recorder.pass(Shader::X, "entry")` begins a pass.
+//! Its inputs are bound by the names in the shader's text, and `draw` returns the textures that it
+//! draws.
 
 mod device;
 mod interface;
@@ -10,9 +11,9 @@ mod pipelines;
 mod readback;
 mod recorder;
 mod shader;
-mod shared;
 mod texture;
 mod timing;
+mod type_map;
 mod uniform;
 
 pub use device::{AdapterReport, Gpu, GpuError, adapters};
@@ -25,5 +26,5 @@ pub use recorder::Recorder;
 pub use shader::constant;
 pub use shader::{Shader, module};
 pub use texture::{Pyramid, Texture, TexturePool, half_texels};
-pub use timing::{PartTime, Stamps, Timed};
+pub use timing::{PartTime, PendingTimes, Stamps};
 pub use uniform::{Bytes, Packed, Uniform, constants};

@@ -2,19 +2,19 @@
 
 use std::sync::Arc;
 
-use super::pipelines::{Entry, Made, Module};
+use super::pipelines::{CompiledPipeline, Entry, Module};
 use super::timing::Stamps;
 use super::uniform::{Bytes, Packed, Uniform};
 use super::{Gpu, Recorder, Shader, Texture};
 
 /// A resource bound to one of a shader's globals.
 #[derive(Clone, Debug)]
-enum Bound {
+enum Binding {
     Texture(wgpu::TextureView),
     Buffer(Bytes),
 }
 
-impl Bound {
+impl Binding {
     fn resource(&self) -> wgpu::BindingResource<'_> {
         match self {
             Self::Texture(view) => wgpu::BindingResource::TextureView(view),
@@ -23,7 +23,7 @@ impl Bound {
     }
 }
 
-/// A uniform's layout: its name, its size, and the name and offset of each member.
+/// A uniform's layout: name, size, and name and offset of each member.
 type Layout = (&'static str, usize, &'static [(&'static str, usize)]);
 
 /// The vertices to draw.
@@ -31,15 +31,17 @@ type Layout = (&'static str, usize, &'static [(&'static str, usize)]);
 enum Shape {
     Whole,
     Tiles(u32),
-    Listed(wgpu::Buffer),
+    Indirect(wgpu::Buffer),
 }
 
-/// A pass being put together: its inputs, by the names in the shader's text. It is then drawn, once.
+/// Builder of a pass: its inputs are bound by the names in the shader's text, then it is drawn
+/// once.
 ///
-/// A name may be given that the entry does not read, so that entries of a module can share their inputs.
+/// Names that the entry does not read may be bound, so that entries of a module can share their
+/// inputs.
 ///
 /// # Panics
-/// Panics on programming errors: an unknown name, a missing binding, a wrong layout.
+/// On programming errors: an unknown name, a missing binding, a wrong layout.
 #[derive(Debug)]
 #[must_use = "a pass is recorded by draw, draw_into or dispatch"]
 pub struct Pass<'a> {
@@ -47,7 +49,7 @@ pub struct Pass<'a> {
     shaders: Vec<Shader>,
     module: Arc<Module>,
     entries: Vec<Entry>,
-    bound: Vec<(&'static str, Bound)>,
+    bound: Vec<(&'static str, Binding)>,
     layouts: Vec<Layout>,
     blend: Option<wgpu::BlendState>,
     shape: Shape,
@@ -60,8 +62,8 @@ impl Recorder {
         self.pass_of(&[shader], String::new, entry)
     }
 
-    /// Begins a pass with a module of several files. `tail` is appended to their texts when the module is made, and
-    /// must depend only on the files.
+    /// Begins a pass with a module of several files. `tail` is appended to their texts when the
+    /// module is compiled, and must depend only on the files.
     pub fn pass_of(&mut self, shaders: &[Shader], tail: impl FnOnce() -> String, entry: impl Into<Entry>) -> Pass<'_> {
         let module = self.pipelines.module(&self.gpu, shaders, tail);
         Pass::new(self, shaders, module, entry.into())
@@ -89,14 +91,14 @@ impl<'a> Pass<'a> {
         self
     }
 
-    fn bind(mut self, name: &'static str, bound: Bound) -> Self {
-        assert!(self.module.interface.knows(name), "{} has no global that is called {name}", self.module.label);
+    fn bind(mut self, name: &'static str, bound: Binding) -> Self {
+        assert!(self.module.interface.has_global(name), "{} has no global that is called {name}", self.module.label);
         self.bound.push((name, bound));
         self
     }
 
     pub fn texture(self, name: &'static str, texture: &Texture) -> Self {
-        self.bind(name, Bound::Texture(texture.view.clone()))
+        self.bind(name, Binding::Texture(texture.view.clone()))
     }
 
     pub fn uniform<U: Uniform>(self, name: &'static str, value: &U) -> Self {
@@ -107,22 +109,23 @@ impl<'a> Pass<'a> {
     pub fn packed(mut self, name: &'static str, value: &Packed) -> Self {
         let bytes = self.recorder.uniform(&value.bytes);
         self.layouts.push((name, value.bytes.len(), value.members));
-        self.bind(name, Bound::Buffer(bytes))
+        self.bind(name, Binding::Buffer(bytes))
     }
 
-    /// The same for a `var<storage, read>`: for values that end loops (see [`constants`](super::constants)).
+    /// Binds a `var<storage, read>`: for values that bound loops (see
+    /// [`constants`](super::constants)).
     pub fn storage<U: Uniform>(mut self, name: &'static str, value: &U) -> Self {
         let bytes = self.recorder.storage(bytemuck::bytes_of(value));
         self.layouts.push((name, size_of::<U>(), U::MEMBERS));
-        self.bind(name, Bound::Buffer(bytes))
+        self.bind(name, Binding::Buffer(bytes))
     }
 
-    /// Binds a uniform that several passes share, or a buffer that is kept.
+    /// Binds a uniform shared by several passes, or a persistent buffer.
     pub fn buffer(self, name: &'static str, bytes: impl Into<Bytes>) -> Self {
-        self.bind(name, Bound::Buffer(bytes.into()))
+        self.bind(name, Binding::Buffer(bytes.into()))
     }
 
-    /// Sets how the pass blends with the target. Without it, it overwrites.
+    /// Sets the blend state. Without it, the pass overwrites the target.
     pub fn blend(mut self, blend: wgpu::BlendState) -> Self {
         self.blend = Some(blend);
         self
@@ -134,20 +137,20 @@ impl<'a> Pass<'a> {
         self
     }
 
-    /// Draws over what the targets already contain.
+    /// Draws over the targets' existing contents.
     pub fn over(mut self) -> Self {
         self.load = wgpu::LoadOp::Load;
         self
     }
 
-    /// Draws quads over what the targets already contain. Their number is in a buffer that the GPU wrote: four
-    /// vertices, the number of quads, two zeros.
-    pub fn listed(mut self, list: &wgpu::Buffer) -> Self {
-        self.shape = Shape::Listed(list.clone());
+    /// Draws quads over the targets' existing contents. Their number is in a buffer written by the
+    /// GPU (indirect draw): four vertices, the number of quads, two zeros.
+    pub fn indirect(mut self, list: &wgpu::Buffer) -> Self {
+        self.shape = Shape::Indirect(list.clone());
         self.over()
     }
 
-    /// Draws into the upper left `size` of lent textures, which are transparent beyond it.
+    /// Draws into the upper left `size` of pooled textures, which are transparent beyond it.
     pub fn draw<const N: usize>(self, formats: [wgpu::TextureFormat; N], size: (u32, u32)) -> [Texture; N] {
         let targets = formats.map(|format| self.recorder.pool.lend(&self.recorder.gpu, size, format));
         self.draw_into(&targets.each_ref(), size);
@@ -202,7 +205,7 @@ impl<'a> Pass<'a> {
             match &self.shape {
                 Shape::Whole => pass.draw(0..3, 0..1),
                 Shape::Tiles(count) => pass.draw(0..4, 0..*count),
-                Shape::Listed(list) => pass.draw_indirect(list, 0),
+                Shape::Indirect(list) => pass.draw_indirect(list, 0),
             }
         }
     }
@@ -226,7 +229,7 @@ impl<'a> Pass<'a> {
         }
     }
 
-    fn groups<P>(&self, gpu: &Gpu, made: &Made<P>) -> Vec<Option<wgpu::BindGroup>> {
+    fn groups<P>(&self, gpu: &Gpu, made: &CompiledPipeline<P>) -> Vec<Option<wgpu::BindGroup>> {
         let label = self.module.label;
         let linear = wgpu::BindingResource::Sampler(&self.recorder.linear);
         let resource = |name: &str, kind: &wgpu::BindingType| {
@@ -252,8 +255,8 @@ impl<'a> Pass<'a> {
         (0..).zip(&made.groups).map(group).collect()
     }
 
-    /// Checks that uniforms are laid out as the shader reads them.
-    fn check_layouts<P>(&self, made: &Made<P>) {
+    /// Checks that uniform layouts match the shader.
+    fn check_layouts<P>(&self, made: &CompiledPipeline<P>) {
         for (name, size, members) in &self.layouts {
             if let Some(global) = made.globals.get(*name) {
                 global.check_layout(*size, members);

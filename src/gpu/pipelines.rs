@@ -1,4 +1,4 @@
-//! Modules and pipelines of a device, each made on first use.
+//! Shader modules and pipelines of a device, each compiled on first use.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -7,8 +7,8 @@ use super::interface::{Global, Interface, layouts};
 use super::{Gpu, Shader, shader};
 use crate::memo::Memo;
 
-/// A module's entry points, and the values of its `override`s. A pipeline is made for each choice: a method, a feature.
-/// Numbers that change are uniforms.
+/// A module's entry points, and the values of its `override`s. Each combination is a separate
+/// pipeline: a method, a feature. Varying numbers are uniforms.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Entry {
     pub vertex: &'static str,
@@ -25,12 +25,12 @@ impl From<&'static str> for Entry {
 }
 
 impl Entry {
-    /// A fragment entry over quads that a vertex entry places.
+    /// A fragment entry over quads placed by a vertex entry.
     pub fn over(vertex: &'static str, fragment: &'static str) -> Self {
         Self { vertex, fragment, choices: Vec::new() }
     }
 
-    /// Sets one of the shader's `override`s, to a number or to whether it holds.
+    /// Sets one of the shader's `override`s, a number or a bool.
     pub fn choose(mut self, name: &'static str, value: impl Into<f64>) -> Self {
         self.choices.push((name, value.into().to_bits()));
         self
@@ -41,7 +41,7 @@ impl Entry {
     }
 }
 
-/// A module on the GPU, and its interface.
+/// A compiled module, and its interface.
 #[derive(Debug)]
 pub struct Module {
     pub label: &'static str,
@@ -49,16 +49,16 @@ pub struct Module {
     module: wgpu::ShaderModule,
 }
 
-/// A pipeline, with the layouts of its groups.
+/// A pipeline, with the layouts of its bind groups.
 #[derive(Debug)]
-pub struct Made<P> {
+pub struct CompiledPipeline<P> {
     pub pipeline: P,
     pub groups: Vec<Option<wgpu::BindGroupLayout>>,
     pub globals: BTreeMap<String, Global>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct Drawn {
+struct RenderPipelineKey {
     module: Vec<Shader>,
     entry: Entry,
     formats: Vec<wgpu::TextureFormat>,
@@ -68,8 +68,8 @@ struct Drawn {
 #[derive(Debug)]
 pub struct Pipelines {
     modules: Memo<Vec<Shader>, Arc<Module>>,
-    drawn: Memo<Drawn, Arc<Made<wgpu::RenderPipeline>>>,
-    computed: Memo<(Vec<Shader>, &'static str), Arc<Made<wgpu::ComputePipeline>>>,
+    drawn: Memo<RenderPipelineKey, Arc<CompiledPipeline<wgpu::RenderPipeline>>>,
+    computed: Memo<(Vec<Shader>, &'static str), Arc<CompiledPipeline<wgpu::ComputePipeline>>>,
 }
 
 impl Default for Pipelines {
@@ -79,8 +79,8 @@ impl Default for Pipelines {
 }
 
 impl Pipelines {
-    /// The module of some files, named after the first. `tail` is appended when the module is made, and must depend
-    /// only on the files.
+    /// The module of some files, named after the first. `tail` is appended when the module is
+    /// compiled, and must depend only on the files.
     pub fn module(&self, gpu: &Gpu, shaders: &[Shader], tail: impl FnOnce() -> String) -> Arc<Module> {
         self.modules.get_or_insert_with(shaders.to_vec(), |shaders| {
             let text = shader::module(shaders) + &tail();
@@ -100,8 +100,9 @@ impl Pipelines {
         entry: &Entry,
         formats: &[wgpu::TextureFormat],
         blend: Option<wgpu::BlendState>,
-    ) -> Arc<Made<wgpu::RenderPipeline>> {
-        let key = Drawn { module: shaders.to_vec(), entry: entry.clone(), formats: formats.to_vec(), blend };
+    ) -> Arc<CompiledPipeline<wgpu::RenderPipeline>> {
+        let key =
+            RenderPipelineKey { module: shaders.to_vec(), entry: entry.clone(), formats: formats.to_vec(), blend };
         self.drawn.get_or_insert_with(key, |_| {
             let globals = module.interface.globals(&[entry.vertex, entry.fragment]);
             let (groups, layout) = layouts(&gpu.device, module.label, &globals);
@@ -133,7 +134,7 @@ impl Pipelines {
                 multiview_mask: None,
                 cache: None,
             });
-            Arc::new(Made { pipeline, groups, globals })
+            Arc::new(CompiledPipeline { pipeline, groups, globals })
         })
     }
 
@@ -143,7 +144,7 @@ impl Pipelines {
         shaders: &[Shader],
         module: &Module,
         entry: &'static str,
-    ) -> Arc<Made<wgpu::ComputePipeline>> {
+    ) -> Arc<CompiledPipeline<wgpu::ComputePipeline>> {
         self.computed.get_or_insert_with((shaders.to_vec(), entry), |_| {
             let globals = module.interface.globals(&[entry]);
             let (groups, layout) = layouts(&gpu.device, module.label, &globals);
@@ -155,7 +156,7 @@ impl Pipelines {
                 compilation_options: Default::default(),
                 cache: None,
             });
-            Arc::new(Made { pipeline, groups, globals })
+            Arc::new(CompiledPipeline { pipeline, groups, globals })
         })
     }
 }

@@ -1,10 +1,10 @@
-//! Texels back to the CPU, with several frames in flight.
+//! Readback of texels to the CPU, with several frames in flight.
 
 use std::sync::{Arc, OnceLock};
 
 use super::{Gpu, GpuError, Texture};
 
-/// Buffers that readbacks borrow and return.
+/// Pool of readback buffers.
 #[derive(Debug, Default)]
 pub struct ReadbackSet {
     free: Vec<wgpu::Buffer>,
@@ -17,15 +17,16 @@ pub struct Readback {
     size: u64,
     row_bytes: usize,
     padded_row_bytes: usize,
-    /// Whether the copy could be mapped, once that is known.
+    /// Result of mapping the buffer, once known.
     mapped: Arc<OnceLock<bool>>,
     submission: Option<wgpu::SubmissionIndex>,
 }
 
-/// Tells whether a copy could be mapped. Dropped unasked, it tells that it could not, so that nobody waits for ever.
-struct Tell(Arc<OnceLock<bool>>);
+/// Reports the result of mapping. Dropped without a result it reports failure, so that no waiter
+/// hangs.
+struct MapReporter(Arc<OnceLock<bool>>);
 
-impl Drop for Tell {
+impl Drop for MapReporter {
     fn drop(&mut self) {
         let _ = self.0.set(false);
     }
@@ -53,7 +54,7 @@ impl ReadbackSet {
         Readback::begin(encoder, &texture.texture, buffer, (width, height))
     }
 
-    /// Keeps a finished readback's buffer for the next one.
+    /// Returns a finished readback's buffer to the pool.
     pub fn give_back(&mut self, readback: Readback) {
         self.free.push(readback.buffer);
     }
@@ -74,7 +75,7 @@ pub(super) fn buffer_of(gpu: &Gpu, size: u64) -> wgpu::Buffer {
     })
 }
 
-/// All texels of a texture that somebody else owns, rows without padding. Waits for them.
+/// All texels of an external texture, rows without padding. Waits for them.
 pub fn read_back(gpu: &Gpu, texture: &wgpu::Texture) -> Result<Vec<u8>, GpuError> {
     let (width, height) = (texture.width(), texture.height());
     let size = u64::from(row_bytes(texture, width).1) * u64::from(height);
@@ -111,7 +112,8 @@ impl Readback {
         }
     }
 
-    /// Records a copy of a buffer into one that is at least as large. Its bytes come back as one row.
+    /// Records a copy of a buffer into one that is at least as large. Its bytes are returned as one
+    /// row.
     pub(super) fn of_buffer(encoder: &mut wgpu::CommandEncoder, from: &wgpu::Buffer, buffer: wgpu::Buffer) -> Self {
         let size = from.size();
         encoder.copy_buffer_to_buffer(from, 0, &buffer, 0, size);
@@ -121,14 +123,14 @@ impl Readback {
 
     /// To be called once, after the encoder was submitted.
     pub fn submitted(&mut self, submission: wgpu::SubmissionIndex) {
-        let tell = Tell(Arc::clone(&self.mapped));
+        let tell = MapReporter(Arc::clone(&self.mapped));
         self.buffer.map_async(wgpu::MapMode::Read, 0..self.size, move |result| {
             let _ = tell.0.set(result.is_ok());
         });
         self.submission = Some(submission);
     }
 
-    /// Whether [`Readback::rows`] would return without waiting. Never waits itself.
+    /// True if [`Readback::rows`] would return without waiting. Does not wait itself.
     pub fn is_ready(&self, gpu: &Gpu) -> Result<bool, GpuError> {
         if self.mapped.get().is_none() {
             gpu.poll()?;
@@ -145,7 +147,8 @@ impl Readback {
         if self.mapped.get().is_none() {
             gpu.wait(self.submission.clone())?;
         }
-        // Who looks after the device first makes everybody's calls: the copy is done, but another thread may be about to tell.
+        // The thread that polls the device runs all callbacks: the copy is done, but another thread
+        // may not have run the callback yet.
         if !*self.mapped.wait() {
             return Err(GpuError::Failed("a readback could not be mapped".to_owned()));
         }
@@ -172,9 +175,10 @@ impl Readback {
 mod tests {
     use super::*;
 
-    /// Who waits first makes the calls of both, and the other one must not go on before it was called.
+    /// The first waiter runs the callbacks of both threads, and the other must not continue before
+    /// its own callback.
     #[test]
-    fn threads_that_share_a_device_wait_for_their_own() {
+    fn threads_sharing_a_device_wait_for_their_own_readback() {
         let gpu = Gpu::open().unwrap();
         let size = wgpu::Extent3d { width: 4, height: 4, depth_or_array_layers: 1 };
         let read = |value: u8| {

@@ -1,33 +1,34 @@
-//! Records a frame's work.
+//! Records the work of a frame.
 
 use std::sync::Arc;
 
 use super::pipelines::Pipelines;
 use super::readback::{Readback, ReadbackSet};
-use super::shared::Shared;
-use super::timing::{Stamps, Timed, Timer};
+use super::timing::{PendingTimes, Stamps, Timer};
+use super::type_map::TypeMap;
 use super::uniform::{Bytes, Uniforms};
 use super::{Gpu, Texture, TexturePool};
 use crate::memo::Memo;
 
-/// Largest number of memoized values of a kind, which is the types of key and value; and of values of several megabytes.
-const VALUES: usize = 64;
-const LARGE_VALUES: usize = 4;
+/// Memo capacity per pair of key and value types; and for values of several megabytes.
+const MEMO_CAPACITY: usize = 64;
+const LARGE_MEMO_CAPACITY: usize = 4;
 
-/// Records passes, and keeps what outlasts a frame: textures, uniforms, cached values; pipelines are the device's.
+/// Records passes, and owns resources that outlast a frame: textures, uniforms, cached values.
+/// Pipelines belong to the device.
 #[derive(Debug)]
 pub struct Recorder {
     pub gpu: Gpu,
     pub pool: TexturePool,
-    /// Interpolates between texels and clamps to the edge. Every shader's sampler, unless it is given another.
+    /// Bilinear sampler, clamped to the edge. Default of every shader's sampler.
     pub(super) linear: wgpu::Sampler,
     pub(super) pipelines: Arc<Pipelines>,
     uniforms: Uniforms,
-    memos: Shared,
+    memos: TypeMap,
     encoder: Option<wgpu::CommandEncoder>,
     parts: Vec<wgpu::SubmissionIndex>,
     timer: Option<Timer>,
-    timed: Vec<Timed>,
+    timed: Vec<PendingTimes>,
 }
 
 impl Recorder {
@@ -45,7 +46,7 @@ impl Recorder {
             pool: TexturePool::default(),
             pipelines,
             uniforms: Uniforms::default(),
-            memos: Shared::default(),
+            memos: TypeMap::default(),
             encoder: None,
             parts: Vec::new(),
             timer: None,
@@ -53,7 +54,7 @@ impl Recorder {
         }
     }
 
-    /// The encoder, for commands other than our passes.
+    /// The encoder, for commands other than passes.
     pub fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
         let gpu = &self.gpu;
         self.encoder.get_or_insert_with(|| gpu.device.create_command_encoder(&Default::default()))
@@ -65,12 +66,12 @@ impl Recorder {
         set.copy(&gpu, self.encoder(), texture, size)
     }
 
-    /// Stores bytes for a `var<uniform>`, for what is recorded until the next submission.
+    /// Stores bytes for a `var<uniform>`, valid until the next submission.
     pub fn uniform(&mut self, bytes: &[u8]) -> Bytes {
         self.uniforms.push(&self.gpu, bytes, 16)
     }
 
-    /// The same for a `var<storage, read>`, whose length the shader knows.
+    /// Stores bytes for a `var<storage, read>` of a fixed length.
     pub fn storage(&mut self, bytes: &[u8]) -> Bytes {
         self.uniforms.push(&self.gpu, bytes, 4)
     }
@@ -82,20 +83,20 @@ impl Recorder {
         V: Clone + Send + Sync + 'static,
     {
         let gpu = &self.gpu;
-        self.memos.get(|| Memo::new(VALUES)).get_or_insert_with(key, |key| make(gpu, key))
+        self.memos.get(|| Memo::new(MEMO_CAPACITY)).get_or_insert_with(key, |key| make(gpu, key))
     }
 
-    /// [`Recorder::memoized`] for values of several megabytes, of which few are kept.
+    /// [`Recorder::memoized`] for values of several megabytes, with a small capacity.
     pub fn memoized_large<K, V>(&mut self, key: K, make: impl FnOnce(&Gpu, &K) -> V) -> V
     where
         K: PartialEq + Send + Sync + 'static,
         V: Clone + Send + Sync + 'static,
     {
         let gpu = &self.gpu;
-        self.memos.get(|| Memo::new(LARGE_VALUES)).get_or_insert_with(key, |key| make(gpu, key))
+        self.memos.get(|| Memo::new(LARGE_MEMO_CAPACITY)).get_or_insert_with(key, |key| make(gpu, key))
     }
 
-    /// Submits what was recorded to the GPU.
+    /// Submits the recorded work to the GPU.
     pub fn submit(&mut self) -> wgpu::SubmissionIndex {
         let gpu = self.gpu.clone();
         let timed = self.timer.take().and_then(|timer| timer.end(&gpu, self.encoder()));
@@ -107,29 +108,31 @@ impl Recorder {
         submission
     }
 
-    /// From now on until the next submission, times what is recorded. Does nothing where the device has no clock.
+    /// Times the recorded passes until the next submission. No effect on devices without
+    /// timestamps.
     pub fn time(&mut self) {
         self.timer = self.gpu.timestamps.then(|| Timer::new(&self.gpu, ""));
     }
 
-    /// What is recorded from now on belongs to the part of this name.
+    /// Assigns the following passes to the part of this name.
     pub fn part(&mut self, name: &'static str) {
         if let Some(timer) = &mut self.timer {
             timer.part = name;
         }
     }
 
-    /// For the pass that is recorded next, if it is timed.
+    /// Timestamps for the next pass, if it is timed.
     pub fn stamps(&mut self) -> Option<Stamps> {
         self.timer.as_mut()?.next()
     }
 
-    /// What was timed since the last call.
-    pub fn timed(&mut self) -> Vec<Timed> {
+    /// Timings since the last call.
+    pub fn timed(&mut self) -> Vec<PendingTimes> {
         std::mem::take(&mut self.timed)
     }
 
-    /// Submits a part of a long frame: a long plan in one submission would occupy all its buffers at once.
+    /// Submits a part of a long frame: a long plan in one submission would occupy all its buffers
+    /// at once.
     pub fn submit_part(&mut self) {
         let timed = self.timer.as_ref().map(|timer| timer.part);
         let part = self.submit();

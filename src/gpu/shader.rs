@@ -1,7 +1,7 @@
 //! WGSL sources, embedded, and their one-line import.
 //!
-//! `// @import shared/hash` on a line of its own stands for that file's text, once per module. Development builds read
-//! the files themselves, so that an edit takes effect without a rebuild.
+//! A line `// @import shared/hash` is replaced by that file's text, once per module. Development
+//! builds read the files themselves, so that an edit takes effect without a rebuild.
 
 use std::borrow::Cow;
 
@@ -84,7 +84,7 @@ impl Shader {
     pub fn text(self) -> Cow<'static, str> {
         if cfg!(development) {
             let file = assets::source_folder().join("shaders").join(self.name()).with_extension("wgsl");
-            // Missing if the program runs outside the folder where it was built.
+            // Missing if the program runs outside its build folder.
             if let Ok(text) = std::fs::read_to_string(file) {
                 return text.into();
             }
@@ -104,7 +104,7 @@ impl Shader {
     }
 }
 
-/// The texts of several files as one module, each with its imports, no file twice.
+/// The texts of several files as one module, each with its imports, without duplicates.
 pub fn module(shaders: &[Shader]) -> String {
     let (mut seen, mut out) = (Vec::new(), String::new());
     shaders.iter().for_each(|shader| append(*shader, &mut seen, &mut out));
@@ -127,7 +127,7 @@ fn append(shader: Shader, seen: &mut Vec<Shader>, out: &mut String) {
     }
 }
 
-/// The value of `const NAME` in a WGSL text, for tests that compare it with ours.
+/// The value of `const NAME` in a WGSL text, for comparison with Rust in tests.
 #[cfg(test)]
 pub fn constant(wgsl: &str, name: &str) -> f64 {
     let line = wgsl.lines().find_map(|l| l.strip_prefix("const ")?.strip_prefix(name)?.strip_prefix(": ")).expect(name);

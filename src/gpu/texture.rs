@@ -1,4 +1,4 @@
-//! Textures, and a pool that lends them.
+//! Textures, and a texture pool.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -7,8 +7,8 @@ use half::slice::{HalfBitsSliceExt, HalfFloatSliceExt};
 
 use super::Gpu;
 
-/// A 2-D texture with its view. Cheap to clone: handles only. A texture lent by a [`TexturePool`] returns to it when
-/// its last clone is dropped.
+/// A 2-D texture with its view. Cheap to clone: handles only. A texture lent by a [`TexturePool`]
+/// returns to it when its last clone is dropped.
 #[derive(Clone, Debug)]
 pub struct Texture {
     pub texture: wgpu::Texture,
@@ -30,7 +30,7 @@ pub struct Spec {
 }
 
 impl Texture {
-    /// A texture of the caller's own, outside any pool.
+    /// A texture outside any pool.
     pub fn new(gpu: &Gpu, label: &str, width: u32, height: u32, format: wgpu::TextureFormat, samples: u32) -> Self {
         Self::of(gpu, label, Spec { width, height, format, samples, levels: 1 })
     }
@@ -65,8 +65,9 @@ impl Texture {
         Spec { width: self.width, height: self.height, format: self.format, samples, levels }
     }
 
-    /// Writes texels into the upper left corner, ahead of the next submission. Nothing recorded since the last
-    /// submission may use this texture: it must be the caller's own, or from [`TexturePool::lend_to_write`].
+    /// Writes texels into the upper left corner, ahead of the next submission. Nothing recorded
+    /// since the last submission may use this texture: it must be outside the pool, or from
+    /// [`TexturePool::lend_to_write`].
     pub fn write<T: Pod>(&self, gpu: &Gpu, width: u32, height: u32, texels: &[T]) {
         if width == 0 || height == 0 {
             return;
@@ -85,25 +86,26 @@ impl Texture {
     }
 }
 
-/// No multiple of it is a power of two. Software drivers compile a shader anew for each combination of sides that are
-/// powers of two and sides that are not, a second each time.
-const STEP_PX: u32 = 48;
-/// Unused textures are kept for this many submissions.
-const KEPT_FOR: u64 = 24;
-/// How far passes' textures extend beyond the drawn rectangle, px: neighbours, the noise's lattice.
+/// Texture sizes are multiples of this, none of which is a power of two. Software drivers recompile
+/// a shader for each combination of power-of-two and other sides, a second each time.
+const SIZE_STEP_PX: u32 = 48;
+/// Number of submissions for which unused textures are kept.
+const MAX_IDLE_SUBMISSIONS: u64 = 24;
+/// Margin of passes' textures beyond the drawn rectangle, px: neighbours, the noise's lattice.
 const MARGIN_PX: u32 = 16;
-/// For the largest texture: multisampled colour.
+/// Size of the largest texture format: multisampled colour.
 const BYTES_PER_PX: u64 = 32;
 
-/// Lends textures, and takes each back when its last clone is dropped. It may then be lent to what is recorded later,
-/// because the GPU works in the order of recording.
+/// Lends textures, and reclaims each when its last clone is dropped. It may then be lent to later
+/// work in the same recording, because the GPU executes in the order of recording.
 ///
-/// Sizes are rounded up to `STEP_PX`, so that a moving object's rectangle does not make new textures each frame. Beyond
-/// the requested size a texture is transparent once drawn into, because passes clear all of their targets.
+/// Sizes are rounded up to `SIZE_STEP_PX`, so that a moving object's rectangle does not create new
+/// textures each frame. Beyond the requested size a texture is transparent once drawn into, because
+/// passes clear all of their targets.
 #[derive(Clone, Debug, Default)]
 pub struct TexturePool(Arc<Mutex<Idle>>);
 
-/// Textures that are not lent, each with the number of the submission current when it was returned.
+/// Idle textures, each with the submission number at its return.
 #[derive(Debug, Default)]
 struct Idle {
     textures: Vec<(Texture, u64)>,
@@ -112,7 +114,7 @@ struct Idle {
 
 #[derive(Debug)]
 struct Lease {
-    /// Has no lease of its own.
+    /// Has no lease itself.
     texture: Texture,
     pool: TexturePool,
 }
@@ -126,13 +128,13 @@ impl Drop for Lease {
 }
 
 impl TexturePool {
-    /// The longest side that can be drawn, px.
-    pub fn largest_side_px(gpu: &Gpu) -> u32 {
-        gpu.max_side_px() / STEP_PX * STEP_PX - MARGIN_PX
+    /// Maximum side that can be drawn, px.
+    pub fn max_side_px(gpu: &Gpu) -> u32 {
+        gpu.max_side_px() / SIZE_STEP_PX * SIZE_STEP_PX - MARGIN_PX
     }
 
-    /// The largest area that can be drawn, px, estimated from the adapter's largest buffer.
-    pub fn largest_area_px(gpu: &Gpu) -> u32 {
+    /// Maximum area that can be drawn, px, estimated from the adapter's maximum buffer size.
+    pub fn max_area_px(gpu: &Gpu) -> u32 {
         (gpu.device.limits().max_buffer_size / BYTES_PER_PX).try_into().unwrap_or(u32::MAX)
     }
 
@@ -145,7 +147,7 @@ impl TexturePool {
         self.of(gpu, size, format, 1, false)
     }
 
-    /// The same with several samples per pixel.
+    /// A multisampled texture to draw into.
     pub fn lend_samples(&self, gpu: &Gpu, size: (u32, u32), format: wgpu::TextureFormat, samples: u32) -> Texture {
         self.of(gpu, size, format, samples, false)
     }
@@ -156,7 +158,7 @@ impl TexturePool {
     }
 
     fn of(&self, gpu: &Gpu, size: (u32, u32), format: wgpu::TextureFormat, samples: u32, to_write: bool) -> Texture {
-        let [width, height] = [size.0, size.1].map(|side| side.div_ceil(STEP_PX).max(1) * STEP_PX);
+        let [width, height] = [size.0, size.1].map(|side| side.div_ceil(SIZE_STEP_PX).max(1) * SIZE_STEP_PX);
         self.find(gpu, Spec { width, height, format, samples, levels: 1 }, to_write)
     }
 
@@ -171,18 +173,18 @@ impl TexturePool {
         Texture { _lease: Some(Arc::new(lease)), ..texture }
     }
 
-    /// To be called at each submission: textures used before it may be written into after it.
+    /// To be called at each submission: textures used before it may be written after it.
     pub fn submitted(&self) {
         let mut idle = self.idle();
         idle.submission += 1;
         let now = idle.submission;
-        idle.textures.retain(|(_, used)| used + KEPT_FOR > now);
+        idle.textures.retain(|(_, used)| used + MAX_IDLE_SUBMISSIONS > now);
     }
 
-    /// A pyramid to draw into, with `levels` levels starting at half the size. Level l (1 is the half) has texels of
-    /// 2^l pixels for any size, up to level 4.
+    /// A pyramid to draw into, with `levels` levels starting at half the size. Level l (1 is the
+    /// half) has texels of 2^l pixels for any size, up to level 4.
     pub fn lend_pyramid(&self, gpu: &Gpu, size: (u32, u32), format: wgpu::TextureFormat, levels: u32) -> Pyramid {
-        let [width, height] = [size.0, size.1].map(|side| side.div_ceil(STEP_PX).max(1) * STEP_PX / 2);
+        let [width, height] = [size.0, size.1].map(|side| side.div_ceil(SIZE_STEP_PX).max(1) * SIZE_STEP_PX / 2);
         let all = self.find(gpu, Spec { width, height, format, samples: 1, levels }, false);
         let levels = (0..levels)
             .map(|level| {
@@ -207,7 +209,7 @@ pub struct Pyramid {
     pub levels: Vec<Texture>,
 }
 
-/// Four 32-bit floats per texel to the bits of 16-bit floats.
+/// Converts four 32-bit floats per texel to half floats, as bits.
 pub fn half_texels(texels: &[[f32; 4]]) -> Vec<[u16; 4]> {
     let mut out = vec![[0; 4]; texels.len()];
     out.as_flattened_mut().reinterpret_cast_mut::<half::f16>().convert_from_f32_slice(texels.as_flattened());
@@ -219,7 +221,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_dropped_is_lent_again_and_written_only_after_a_submission() {
+    fn dropped_texture_is_reused_and_written_only_after_a_submission() {
         let gpu = Gpu::open().expect("an adapter");
         let pool = TexturePool::default();
         let format = wgpu::TextureFormat::Rgba8Uint;
@@ -232,7 +234,7 @@ mod tests {
         drop(first);
         assert_ne!(pool.lend(&gpu, (50, 20), format).texture, kept, "a clone holds it still");
         drop(clone);
-        // A pass may draw into it at once, but what is written comes before all passes.
+        // A pass may draw into it at once, but writes are executed before all passes.
         let written = pool.lend_to_write(&gpu, (50, 20), format);
         assert_ne!(written.texture, kept);
         pool.submitted();
@@ -241,7 +243,7 @@ mod tests {
         assert_eq!(again.texture, kept);
         // Unused for long.
         drop(again);
-        (0..=KEPT_FOR).for_each(|_| pool.submitted());
+        (0..=MAX_IDLE_SUBMISSIONS).for_each(|_| pool.submitted());
         assert!(pool.idle().textures.is_empty());
     }
 }

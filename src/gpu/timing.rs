@@ -1,16 +1,16 @@
-//! How long the GPU takes for the parts of what is recorded, by its own clock.
+//! GPU timing of the parts of a submission, by timestamp queries.
 
 use super::readback::{Readback, buffer_of};
 use super::{Gpu, GpuError};
 
-/// Passes of a submission that are timed; later ones are not.
-const MOST: u32 = 1024;
+/// Maximum number of timed passes per submission.
+const MAX_TIMED_PASSES: u32 = 1024;
 
 /// Times the passes of a submission.
 #[derive(Debug)]
 pub struct Timer {
     queries: wgpu::QuerySet,
-    /// The part that each pass belongs to.
+    /// Part of each pass.
     passes: Vec<&'static str>,
     pub part: &'static str,
 }
@@ -20,20 +20,20 @@ impl Timer {
         let queries = gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
             label: Some("timing"),
             ty: wgpu::QueryType::Timestamp,
-            count: 2 * MOST,
+            count: 2 * MAX_TIMED_PASSES,
         });
         Self { queries, passes: Vec::new(), part }
     }
 
-    /// Where the next pass writes down its beginning and its end.
+    /// Timestamp queries for the next pass.
     pub fn next(&mut self) -> Option<Stamps> {
-        let pass = u32::try_from(self.passes.len()).ok().filter(|pass| *pass < MOST)?;
+        let pass = u32::try_from(self.passes.len()).ok().filter(|pass| *pass < MAX_TIMED_PASSES)?;
         self.passes.push(self.part);
         Some(Stamps { queries: self.queries.clone(), first: 2 * pass })
     }
 
-    /// Records what brings the times back; `None` if there are none.
-    pub fn end(self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) -> Option<Timed> {
+    /// Records the readback of the timestamps; `None` without any.
+    pub fn end(self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) -> Option<PendingTimes> {
         let count = 2 * self.passes.len() as u32;
         if count == 0 {
             return None;
@@ -47,11 +47,11 @@ impl Timer {
         });
         encoder.resolve_query_set(&self.queries, 0..count, &resolved, 0);
         let readback = Readback::of_buffer(encoder, &resolved, buffer_of(gpu, size));
-        Some(Timed { passes: self.passes, tick_ns: gpu.queue.get_timestamp_period(), readback })
+        Some(PendingTimes { passes: self.passes, tick_ns: gpu.queue.get_timestamp_period(), readback })
     }
 }
 
-/// Where a pass writes down its beginning, and after that its end.
+/// Timestamp queries of a pass, begin and end.
 #[derive(Debug)]
 pub struct Stamps {
     queries: wgpu::QuerySet,
@@ -83,23 +83,23 @@ pub struct PartTime {
     pub time_s: f64,
 }
 
-/// Times that are on their way back.
+/// Pending timings.
 #[derive(Debug)]
-pub struct Timed {
+pub struct PendingTimes {
     passes: Vec<&'static str>,
-    /// A unit of the GPU's clock, nanoseconds.
+    /// Timestamp period, nanoseconds.
     tick_ns: f32,
     readback: Readback,
 }
 
-impl Timed {
+impl PendingTimes {
     pub(super) fn submitted(mut self, submission: &wgpu::SubmissionIndex) -> Self {
         self.readback.submitted(submission.clone());
         self
     }
 
-    /// Waits, then gives the time of each part over some submissions, in the order in which they were begun. Passes of a GPU
-    /// that works on several at once overlap: the sum may be more than the time that passed.
+    /// Waits, then returns the time of each part over some submissions, in the order of their first
+    /// passes. Passes may overlap on the GPU: the sum may exceed the elapsed time.
     pub fn times(submissions: &[Self], gpu: &Gpu) -> Result<Vec<PartTime>, GpuError> {
         let mut out = Vec::new();
         for timed in submissions {
@@ -111,10 +111,10 @@ impl Timed {
     }
 }
 
-/// Of each pass there are two ticks, its beginning and its end.
+/// Each pass has two ticks, begin and end.
 fn sum(out: &mut Vec<PartTime>, passes: &[&'static str], ticks: &[u64], tick_ns: f64) {
     for (part, pair) in passes.iter().zip(ticks.chunks_exact(2)) {
-        // A clock that was set back meanwhile gives nothing.
+        // Passes during which the clock was reset are skipped.
         let time_s = 1e-9 * tick_ns * pair[1].saturating_sub(pair[0]) as f64;
         match out.iter_mut().find(|of| of.part == *part) {
             Some(of) => of.time_s += time_s,
@@ -128,8 +128,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn passes_of_a_part_are_summed_in_the_order_in_which_parts_begin() {
-        // 10 ns a tick: 5 and 7 ticks of the first, 30 of the second; the last one's clock was set back.
+    fn part_times_are_summed_in_the_order_of_first_passes() {
+        // 10 ns a tick: 5 and 7 ticks of the first, 30 of the second; the last one's clock was set
+        // back.
         let ticks = [100, 105, 105, 135, 200, 207, 9, 4];
         let [draw, blur, grain] = ["objects", "motion_blur", "noise"];
         let mut sums = Vec::new();

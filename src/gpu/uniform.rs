@@ -1,4 +1,5 @@
-//! Values for `var<uniform>`: declared once in Rust, and compared with the shader's own struct when they are bound.
+//! Values for `var<uniform>`: declared once in Rust, and compared with the shader's struct when
+//! bound.
 
 use super::Gpu;
 
@@ -8,9 +9,10 @@ pub trait Uniform: bytemuck::Pod {
     const MEMBERS: &'static [(&'static str, usize)];
 }
 
-/// Declares a uniform. Its members have the names of the shader's struct and are scalars, `[T; 2]`, `[T; 4]` or arrays
-/// of `[T; 4]`, without padding after the last one. Offsets equal WGSL's if pairs begin at multiples of 8 bytes and
-/// fours at multiples of 16. A mistake is found when the uniform is bound ([`Pass::uniform`](super::Pass::uniform)).
+/// Declares a uniform. Its members have the names of the shader's struct and are scalars, `[T; 2]`,
+/// `[T; 4]` or arrays of `[T; 4]`, without padding after the last one. Offsets equal WGSL's if
+/// pairs begin at multiples of 8 bytes and fours at multiples of 16. A mistake is found when the
+/// uniform is bound ([`Pass::uniform`](super::Pass::uniform)).
 #[macro_export]
 macro_rules! uniform {
     ($(#[$meta:meta])* $vis:vis struct $name:ident { $($(#[$fmeta:meta])* $field:ident : $type:ty),* $(,)? }) => {
@@ -25,7 +27,7 @@ macro_rules! uniform {
     };
 }
 
-/// A table of fours is a uniform without a struct.
+/// A table of vec4 is a uniform without a struct.
 impl<const N: usize> Uniform for [[f32; 4]; N]
 where
     Self: bytemuck::Pod,
@@ -33,7 +35,7 @@ where
     const MEMBERS: &'static [(&'static str, usize)] = &[];
 }
 
-/// A uniform without its type, but with its layout.
+/// A type-erased uniform with its layout.
 #[derive(Clone, Debug)]
 pub struct Packed {
     pub(super) bytes: Vec<u8>,
@@ -71,13 +73,13 @@ impl From<&wgpu::Buffer> for Bytes {
     }
 }
 
-/// The size of a chunk. A larger value gets a chunk of its own.
+/// Size of a chunk. A larger value gets its own chunk.
 const CHUNK_BYTES: u64 = 1 << 18;
-/// An alignment that every adapter allows.
-const ALIGNED_BYTES: u64 = 256;
+/// An alignment supported by every adapter.
+const UNIFORM_ALIGNMENT_BYTES: u64 = 256;
 
-/// The uniforms of what is recorded, in a few shared buffers. They are written at submission and reused after it: the
-/// queue orders the next write after earlier reads.
+/// The uniforms of a recording, in a few shared buffers. They are written at submission and reused
+/// after it: the queue orders the next write after earlier reads.
 #[derive(Debug, Default)]
 pub struct Uniforms {
     chunks: Vec<wgpu::Buffer>,
@@ -86,7 +88,7 @@ pub struct Uniforms {
 }
 
 impl Uniforms {
-    /// Reserves a place for bytes, padded to a multiple of `padded_to`.
+    /// Reserves space for bytes, padded to a multiple of `padded_to`.
     pub fn push(&mut self, gpu: &Gpu, bytes: &[u8], padded_to: u64) -> Bytes {
         let size = (bytes.len() as u64).next_multiple_of(padded_to).max(padded_to);
         let fits = |staged: &Vec<u8>, chunk: &wgpu::Buffer| staged.len() as u64 + size <= chunk.size();
@@ -96,7 +98,7 @@ impl Uniforms {
         let offset = staged.len() as u64;
         staged.extend_from_slice(bytes);
         // The next value must be aligned.
-        staged.resize(((offset + size).next_multiple_of(ALIGNED_BYTES)) as usize, 0);
+        staged.resize(((offset + size).next_multiple_of(UNIFORM_ALIGNMENT_BYTES)) as usize, 0);
         Bytes { buffer: self.chunks[number].clone(), offset, size: wgpu::BufferSize::new(size) }
     }
 
@@ -106,7 +108,7 @@ impl Uniforms {
         if self.chunks.get(number).is_none_or(|chunk| chunk.size() < size) {
             let chunk = gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("uniforms"),
-                size: size.next_multiple_of(ALIGNED_BYTES).max(CHUNK_BYTES),
+                size: size.next_multiple_of(UNIFORM_ALIGNMENT_BYTES).max(CHUNK_BYTES),
                 usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
                 mapped_at_creation: false,
             });
@@ -115,7 +117,7 @@ impl Uniforms {
         number
     }
 
-    /// Writes all that was pushed, ahead of the next submission.
+    /// Writes all pushed values, ahead of the next submission.
     pub fn write(&mut self, gpu: &Gpu) {
         for (chunk, staged) in self.chunks.iter().zip(&mut self.staged) {
             staged.truncate(chunk.size() as usize);
@@ -125,11 +127,11 @@ impl Uniforms {
     }
 }
 
-/// A buffer with `bytes`, padded to 16, for a lasting `var<uniform>`.
+/// A buffer with `bytes`, padded to 16, for a persistent `var<uniform>`.
 ///
-/// No value in a uniform may decide a branch or a loop by itself: a software driver (lavapipe) compiles such values
-/// into the shader, anew for each value, up to a second each time. A choice is an `override` of the pipeline; a count
-/// is read from a storage buffer, or is its length.
+/// No uniform value may determine a branch or a loop by itself: a software driver (lavapipe)
+/// compiles such values into the shader, again for each value, up to a second each time. A choice
+/// is an `override` of the pipeline; a count is read from a storage buffer, or is its length.
 pub fn constants(gpu: &Gpu, label: &str, bytes: &[u8]) -> wgpu::Buffer {
     let mut padded = bytes.to_vec();
     padded.resize(bytes.len().next_multiple_of(16).max(16), 0);

@@ -102,7 +102,7 @@ pub fn delayed(
         DelayMode::Fixed(s) => (SlewedDelay { target_s: s, current_s: s, last_s: None }, None),
         DelayMode::Estimated => {
             let geometry =
-                camera.and_then(|camera| camera.geometry.as_ref()).filter(|geometry| !geometry.sees_around());
+                camera.and_then(|camera| camera.geometry.as_ref()).filter(|geometry| !geometry.needs_cube_map());
             let camera = geometry.ok_or(LiveError::DelayNeedsCamera)?.intrinsics.clone();
             (SlewedDelay::default(), Some(start_search(DelaySearch::new(camera, source.max_gap_s()))?))
         }

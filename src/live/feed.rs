@@ -12,7 +12,7 @@ use super::intake::{Intake, LiveFrame, PictureOutcome};
 use super::open::LiveInput;
 use super::recorder_thread::RecorderThread;
 use super::replay_buffer::ReplayBuffer;
-use crate::recording::recorder::About;
+use crate::recording::recorder::RecordingInfo;
 use crate::shot::Shot;
 use crate::tracking::PoseTrack;
 use crate::webcam::{Drops, Newest, Putter, Taken, monotonic_s};
@@ -67,7 +67,7 @@ struct SharedState {
 #[derive(Debug)]
 pub struct Feed {
     /// Metadata of its recordings.
-    pub about: About,
+    pub about: RecordingInfo,
     frames: Option<Newest<TrackedFrame>>,
     shared: Arc<Mutex<SharedState>>,
     replay: Arc<Mutex<ReplayBuffer>>,

@@ -286,7 +286,7 @@ mod tests {
 
     use super::*;
     use crate::live::pose_source::PoseSource;
-    use crate::recording::recorder::About;
+    use crate::recording::recorder::RecordingInfo;
     use crate::webcam::Newest;
 
     /// Returns its poses once, each with a covariance.
@@ -315,7 +315,7 @@ mod tests {
         assert_eq!((intake.counts().poses, intake.counts().late, intake.counts().implausible), (2, 1, 1));
         let pixels = Pixels::from_u8(16, 16, vec![7; 768]).unwrap();
         let temp = tempfile::tempdir().unwrap();
-        let about = About {
+        let about = RecordingInfo {
             interval_s: 0.1,
             max_gap_s: 0.1,
             up: None,

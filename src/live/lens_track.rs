@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::camera::{Geometry, Intrinsics};
 use crate::frame::FrameLens;
 use crate::profile::Rig;
-use crate::recording::{FrameCamera, can_say};
+use crate::recording::{FrameCamera, is_representable};
 use crate::stream::LensState;
 use crate::text::fixed;
 
@@ -36,7 +36,7 @@ pub fn camera_of(state: &LensState, (width, height): (u32, u32), interval_s: f64
     let lens = FrameLens {
         f_number: lens.f_number,
         focus_distance_m: lens.focus_distance_m,
-        exposure_s: exposure_s.filter(|s| *s > 0.0 && *s <= crate::camera::exposure::LONGEST_S),
+        exposure_s: exposure_s.filter(|s| *s > 0.0 && *s <= crate::camera::exposure::MAX_EXPOSURE_S),
         iso: exposure.iso,
     };
     match state.geometry(width, height) {
@@ -150,7 +150,7 @@ impl LensTrack {
 
     /// Exposure time of a frame according to the data so far, seconds.
     pub fn exposure_s(&self, time_s: f64) -> Option<f64> {
-        self.rig.left_of(self.stream_camera(time_s).lens).exposure_s
+        self.rig.effective_lens(self.stream_camera(time_s).lens).exposure_s
     }
 
     fn stream_camera(&self, time_s: f64) -> FrameCamera {
@@ -164,7 +164,7 @@ impl LensTrack {
         let own = streamed.geometry.or_else(|| self.first.geometry.clone());
         let used = own.as_ref().and_then(|own| self.rig.geometry_over(Some(own)));
         // A setting of the rig that cannot be recorded is applied again by the reader.
-        let geometry = used.filter(can_say).or(own);
-        FrameCamera { geometry, lens: self.rig.left_of(streamed.lens) }
+        let geometry = used.filter(is_representable).or(own);
+        FrameCamera { geometry, lens: self.rig.effective_lens(streamed.lens) }
     }
 }

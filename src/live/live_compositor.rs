@@ -45,7 +45,7 @@ pub struct LiveCompositor<'a> {
 }
 
 impl<'a> LiveCompositor<'a> {
-    /// The shot is one of [`crate::recording::Recording::arriving`]. Frames wait for their poses at
+    /// The shot is one of [`crate::recording::Recording::live`]. Frames wait for their poses at
     /// most `patience_s`. `lens_track` has the cameras of a stream with lens data.
     pub fn new(
         shot: &'a Shot,

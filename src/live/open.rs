@@ -16,7 +16,7 @@ use super::tag_poses::TagPoses;
 use crate::camera::Camera;
 use crate::pose::Pose;
 use crate::profile::Rig;
-use crate::recording::recorder::About;
+use crate::recording::recorder::RecordingInfo;
 use crate::recording::{FrameCamera, Recording};
 use crate::stream::Protocol;
 use crate::text::{fixed, shown};
@@ -108,9 +108,9 @@ impl std::fmt::Debug for LiveInput {
 
 impl LiveInput {
     /// Metadata of a recording of this camera. `profile` is the profile's text.
-    pub fn about(&self, profile: Option<String>) -> About {
+    pub fn about(&self, profile: Option<String>) -> RecordingInfo {
         let given = &self.camera.given;
-        About {
+        RecordingInfo {
             interval_s: self.interval_s,
             max_gap_s: self.poses.max_gap_s(),
             up: self.poses.up(),
@@ -127,7 +127,7 @@ impl LiveInput {
     pub fn recording(&self) -> Recording {
         let (given, poses) = (&self.camera.given, &self.poses);
         let (width, height) = (given.delivered.width, given.delivered.height);
-        let mut recording = Recording::arriving(&given.name, width, height, self.interval_s, poses.up());
+        let mut recording = Recording::live(&given.name, width, height, self.interval_s, poses.up());
         recording.has_floor = poses.has_floor();
         recording.warnings.clone_from(&given.warnings);
         self.lens.iter().for_each(|lens| recording.expect(&lens.camera));

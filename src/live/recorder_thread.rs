@@ -50,7 +50,7 @@ impl RecorderThread {
                     }
                     Ok(RecorderTask::Presence { time_s, presence, camera }) => {
                         camera.into_iter().for_each(|camera| recorder.camera(time_s, *camera));
-                        recorder.settle(time_s, presence)
+                        recorder.set_presence(time_s, presence)
                     }
                     Ok(RecorderTask::Frame { time_s, file, exposure_s, presence }) => {
                         frame(&mut recorder, time_s, &file, exposure_s, presence)

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::picture_file::PictureFile;
 use crate::recording::FrameCamera;
-use crate::recording::recorder::{About, Recorder, RecorderError};
+use crate::recording::recorder::{Recorder, RecorderError, RecordingInfo};
 use crate::tracking::covariance::Covariance;
 use crate::tracking::tum::Line;
 
@@ -96,7 +96,7 @@ impl ReplayBuffer {
     }
 
     /// Writes a recording into a new folder. Returns the number of frames.
-    pub fn write(&self, folder: &Path, about: &About) -> Result<usize, RecorderError> {
+    pub fn write(&self, folder: &Path, about: &RecordingInfo) -> Result<usize, RecorderError> {
         let mut recorder = Recorder::create(folder, about)?;
         self.poses.iter().for_each(|line| recorder.pose(*line));
         self.covariances.iter().for_each(|covariance| recorder.covariance(*covariance));
@@ -105,7 +105,7 @@ impl ReplayBuffer {
             let (ending, bytes) = file.encode().map_err(unwritten)?;
             recorder.frame(*time_s, ending, &bytes, *exposure_s, None)?;
             camera.iter().for_each(|camera| recorder.camera(*time_s, camera.clone()));
-            recorder.settle(*time_s, *presence)?;
+            recorder.set_presence(*time_s, *presence)?;
         }
         recorder.finish()?;
         Ok(self.frames.len())
@@ -139,7 +139,7 @@ mod tests {
         assert!((buffer.span_s() - 10.0).abs() < 1e-9);
         assert!((buffer.poses[0].time_s - 117.9).abs() < 1e-9, "poses of two seconds before");
         let temp = tempfile::tempdir().unwrap();
-        let about = About {
+        let about = RecordingInfo {
             interval_s: 0.1,
             max_gap_s: 0.1,
             up: None,

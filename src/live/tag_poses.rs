@@ -90,8 +90,8 @@ impl TagPoses {
         };
         let geometry = camera.geometry.clone().ok_or(LiveError::NoCamera)?;
         let family = board.family;
-        let dead_reckoning =
-            (!geometry.sees_around()).then(|| DeadReckoning { camera: geometry.intrinsics.clone(), reference: None });
+        let dead_reckoning = (!geometry.needs_cube_map())
+            .then(|| DeadReckoning { camera: geometry.intrinsics.clone(), reference: None });
         let searcher = BoardTracker::new(board, geometry, &camera.response)?;
         Ok(Self {
             searcher,

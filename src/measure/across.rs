@@ -1,16 +1,16 @@
-//! How the light goes across whatever a region shows: what an edge that cannot be measured looks like.
+//! Light profile across a region, for diagnosing an edge that cannot be measured.
 
 use super::Grey;
 use crate::pixels::Rect;
 
 /// Width of a bin, px.
 const BIN_PX: f64 = 0.5;
-/// Fewer pixels make no point.
-const FEWEST: usize = 4;
+/// Minimum number of pixels per bin.
+const MIN_BIN_PIXELS: usize = 4;
 
-/// Distance from the middle of the region, px, and mean light there, in the direction in which the light changes most: the
-/// main axis of the structure tensor (Bigün and Granlund 1987), from the darker to the brighter side. Empty where the region
-/// holds fewer than 3x3 px of the picture.
+/// Distance from the region's centre, px, and mean light there, along the direction of greatest
+/// change: the principal axis of the structure tensor (Bigün and Granlund 1987), from the darker to
+/// the brighter side. Empty if the region has fewer than 3x3 px in the picture.
 pub fn across(light: &Grey, region: Rect) -> Vec<[f64; 2]> {
     let region = region.intersection(&Rect::full(light.width as u32, light.height as u32));
     if region.width().min(region.height()) < 3 {
@@ -35,7 +35,7 @@ pub fn across(light: &Grey, region: Rect) -> Vec<[f64; 2]> {
         let bin: &mut (f64, usize) = bins.entry((way / BIN_PX).round() as i64).or_default();
         *bin = (bin.0 + at(x, y), bin.1 + 1);
     }
-    let full = bins.into_iter().filter(|(_, (_, count))| *count >= FEWEST);
+    let full = bins.into_iter().filter(|(_, (_, count))| *count >= MIN_BIN_PIXELS);
     full.map(|(bin, (light, count))| [bin as f64 * BIN_PX, light / count as f64]).collect()
 }
 
@@ -43,7 +43,8 @@ pub fn across(light: &Grey, region: Rect) -> Vec<[f64; 2]> {
 mod tests {
     use super::*;
 
-    /// A soft line of light that crosses 40x30 px at 30 degrees from upright, with a dark and a brighter side.
+    /// A soft line of light that crosses 40x30 px at 30 degrees from vertical, between a dark and a
+    /// brighter side.
     fn crossed() -> Grey {
         let (sin, cos) = 30f64.to_radians().sin_cos();
         let light = |x: usize, y: usize| {
@@ -54,13 +55,13 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_edge_is_shown_as_it_is() {
+    fn profile_of_a_line_has_its_shape() {
         let seen = across(&crossed(), Rect::full(40, 30));
         let near = |at: f64| seen.iter().min_by(|a, b| (a[0] - at).abs().total_cmp(&(b[0] - at).abs())).unwrap()[1];
         assert!((near(-6.0) - 0.1).abs() < 0.02 && (near(6.0) - 0.3).abs() < 0.02, "{seen:?}");
-        // 0.1, half of 0.2, and 0.7; less what a bin of half a pixel takes off the top.
+        // 0.1, half of 0.2, and 0.7; minus the effect of a half-pixel bin on the peak.
         assert!((near(0.0) - 0.9).abs() < 0.02, "{seen:?}");
-        // From the darker side, also where it lies at the right.
+        // From the darker side, even if it is on the right.
         let mut turned = crossed();
         turned.values.reverse();
         let seen = across(&turned, Rect::full(40, 30));

@@ -1,11 +1,12 @@
-//! The displacement of one picture's content relative to another's, by phase correlation of patches (Kuglin and Hines
-//! 1975).
+//! The displacement of one picture's content relative to another's, by phase correlation of patches
+//! (Kuglin and Hines 1975).
 //!
-//! Each patch is weighted with a Hann window. Its cross-power spectrum, whitened and transformed back, peaks at the
-//! whole-pixel shift. The fraction is the slope of the phase plane: the d that maximises Σ W(k)·cos(arg C(k) − k·d)
-//! over the low frequencies, W = |C| (noise-weighted least squares of the phases, for small errors). The second
-//! picture's patch is then resampled at that shift (bicubic), so that the window does not pull towards 0. This repeats
-//! until no shift remains.
+//! Each patch is weighted with a Hann window. Its cross-power spectrum, whitened and transformed
+//! back, peaks at the whole-pixel shift. The fraction is the slope of the phase plane: the d that
+//! maximises Σ W(k)·cos(arg C(k) − k·d) over the low frequencies, W = |C| (noise-weighted least
+//! squares of the phases, for small errors). The second picture's patch is then resampled at that
+//! shift (bicubic), so that the window does not pull towards 0. This repeats until no shift
+//! remains.
 //!
 //! The standard error is that of the least-squares shift between the two aligned patches
 //! ([`standard_error`]). Along a straight edge it is unbounded.
@@ -17,7 +18,7 @@ use rustfft::{Fft, FftPlanner};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
-/// Which patches are used, and which are trusted.
+/// Selection and acceptance of patches.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DisplacementOptions {
     /// Side of a patch, pixels, 8 to 512.
@@ -26,9 +27,9 @@ pub struct DisplacementOptions {
     pub step_px: usize,
     /// Patches with a smaller windowed standard deviation are skipped, in the pictures' unit.
     pub min_contrast: f64,
-    /// Patches whose phases agree less are not trusted, 0 to 1.
+    /// Minimum agreement of the phases, 0 to 1; patches below are unreliable.
     pub min_confidence: f64,
-    /// Patches with a larger standard error along their weakest direction are not trusted, pixels.
+    /// Maximum standard error along the weakest direction, pixels; patches above are unreliable.
     pub max_sigma_px: f64,
     /// Share of a patch that must lie in the mask, 0 to 1.
     pub min_mask_share: f64,
@@ -54,7 +55,7 @@ pub struct PatchDisplacement {
     pub centre_px: [f64; 2],
     /// Content at x in the first picture is at x + this in the second.
     pub displacement_px: [f64; 2],
-    /// How well the phases agree, weighted: 0 to 1.
+    /// Weighted agreement of the phases: 0 to 1.
     pub confidence: f64,
     /// Standard error along the weakest direction, pixels.
     pub sigma_px: f64,
@@ -64,11 +65,11 @@ pub struct PatchDisplacement {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Displacements {
     pub patches: Vec<PatchDisplacement>,
-    /// Patches left out: outside the mask; without contrast, or without texture in some direction;
-    /// not trusted.
+    /// Number of skipped patches: outside the mask; without contrast, or without texture in some
+    /// direction; unreliable.
     pub masked: usize,
     pub flat: usize,
-    pub doubtful: usize,
+    pub unreliable: usize,
 }
 
 impl Displacements {
@@ -94,7 +95,8 @@ fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     Some(if values.len().is_multiple_of(2) { 0.5 * (values[half - 1] + upper) } else { *upper })
 }
 
-/// Measures the displacement of `b`'s content relative to `a`'s, patch by patch where `mask` is true (at `a`'s place).
+/// Measures the displacement of `b`'s content relative to `a`'s, patch by patch where `mask` is
+/// true (at `a`'s position).
 pub fn displacements(
     a: &Grey,
     b: &Grey,
@@ -125,18 +127,18 @@ pub fn displacements(
                 }
             }
             match correlator.measure(a, b, x, y, options) {
-                Told::Flat => found.flat += 1,
-                Told::Doubtful => found.doubtful += 1,
-                Told::Displaced(patch) => found.patches.push(patch),
+                PatchResult::Flat => found.flat += 1,
+                PatchResult::Unreliable => found.unreliable += 1,
+                PatchResult::Displaced(patch) => found.patches.push(patch),
             }
         }
     }
     Ok(found)
 }
 
-enum Told {
+enum PatchResult {
     Flat,
-    Doubtful,
+    Unreliable,
     Displaced(PatchDisplacement),
 }
 
@@ -156,16 +158,17 @@ impl Correlator {
         Self { side, window, fft: planner.plan_fft_forward(side) }
     }
 
-    fn measure(&self, a: &Grey, b: &Grey, x: usize, y: usize, options: &DisplacementOptions) -> Told {
+    fn measure(&self, a: &Grey, b: &Grey, x: usize, y: usize, options: &DisplacementOptions) -> PatchResult {
         let (spectrum_a, contrast_a) = self.patch(a, x as f64, y as f64);
         let (_, contrast_b) = self.patch(b, x as f64, y as f64);
         let contrast = contrast_a.min(contrast_b);
         if contrast.is_nan() || contrast < options.min_contrast {
-            return Told::Flat;
+            return PatchResult::Flat;
         }
         let mut shift = [0.0; 2];
         for _ in 0..4 {
-            // The nearer the windows, the more they share, so repeat until the peak stays.
+            // The closer the windows, the more content they share, so it is repeated until the peak
+            // stays.
             let (moved, _) = self.patch(b, x as f64 + shift[0], y as f64 + shift[1]);
             let rest = self.peak(&cross(&spectrum_a, &moved));
             shift = [shift[0] + rest[0], shift[1] + rest[1]];
@@ -177,7 +180,7 @@ impl Correlator {
         for _ in 0..6 {
             let (moved, contrast) = self.patch(b, x as f64 + shift[0], y as f64 + shift[1]);
             if contrast <= 0.0 {
-                return Told::Doubtful;
+                return PatchResult::Unreliable;
             }
             let (rest, agreement) = self.slope(&cross(&spectrum_a, &moved));
             confidence = agreement;
@@ -186,19 +189,19 @@ impl Correlator {
                 break;
             }
         }
-        // Farther than half a patch, the two windows see different things.
+        // Beyond half a patch, the two windows have different content.
         if confidence < options.min_confidence || shift[0].hypot(shift[1]) > 0.5 * self.side as f64 {
-            return Told::Doubtful;
+            return PatchResult::Unreliable;
         }
         let here = resampled(a, x as f64, y as f64, self.side);
         let there = resampled(b, x as f64 + shift[0], y as f64 + shift[1], self.side);
         let sigma_px = standard_error(&here, &there, &self.window, self.side);
         if sigma_px > options.max_sigma_px {
-            return Told::Flat;
+            return PatchResult::Flat;
         }
         let half = 0.5 * self.side as f64;
         let centre_px = [x as f64 + half, y as f64 + half];
-        Told::Displaced(PatchDisplacement { centre_px, displacement_px: shift, confidence, sigma_px })
+        PatchResult::Displaced(PatchDisplacement { centre_px, displacement_px: shift, confidence, sigma_px })
     }
 
     /// The windowed patch's spectrum, and its weighted standard deviation.
@@ -226,11 +229,12 @@ impl Correlator {
 
     /// The whole-pixel shift at which the phases of `cross` agree best.
     fn peak(&self, cross: &Spectrum) -> [f64; 2] {
-        // Half-way between pure phases, which frequencies without content spoil, and plain correlation, whose peak is
-        // wide.
+        // A compromise between phase correlation, which frequencies without content corrupt, and
+        // plain correlation, whose peak is wide.
         let mut phases: Spectrum =
             cross.iter().map(|c| if c.norm() > 0.0 { c / c.norm().sqrt() } else { *c }).collect();
-        // The phase of `cross` rises with frequency times shift, so the forward transform peaks at the shift.
+        // The phase of `cross` rises with frequency times shift, so the forward transform peaks at
+        // the shift.
         self.both_ways(&mut phases);
         // Transposed twice: rows are rows again.
         let best = (0..phases.len()).max_by(|&i, &j| phases[i].re.total_cmp(&phases[j].re)).unwrap_or(0);
@@ -238,10 +242,10 @@ impl Correlator {
         [signed(best % self.side), signed(best / self.side)]
     }
 
-    /// The shift given by the slope of the phases, and how well they agree with it, 0 to 1.
+    /// The shift given by the slope of the phases, and their agreement with it, 0 to 1.
     fn slope(&self, cross: &Spectrum) -> ([f64; 2], f64) {
         let n = self.side as i64;
-        // Above half of Nyquist, aliasing and interpolation spoil the phases.
+        // Above half of Nyquist, aliasing and interpolation corrupt the phases.
         let reach = n / 4;
         let mut terms = Vec::new();
         for kx in -reach..=reach {
@@ -258,7 +262,8 @@ impl Correlator {
         }
         let mut d = [0.0f64; 2];
         for _ in 0..20 {
-            // Newton on Σ w cos(φ − ω·d), with cos kept at 0.1 or more so that it climbs.
+            // Newton's method on Σ w cos(φ − ω·d), with cos clamped to at least 0.1 so that it
+            // ascends.
             let (mut g, mut h) = ([0.0; 2], [0.0; 3]);
             for &(wx, wy, phase, weight) in &terms {
                 let rest = phase - wx * d[0] - wy * d[1];
@@ -295,7 +300,7 @@ impl Correlator {
 /// √(2π)·L with ρ = exp(−1/2L²), so κ = √(−π/ln ρ). The result is the true error where r is noise,
 /// and up to twice the error where blur or depth leave structure in r.
 fn standard_error(a: &[f64], b: &[f64], window: &[f64], side: usize) -> f64 {
-    let (a, b) = (smoothed(a, side), as_bright_as(a, b, window));
+    let (a, b) = (smoothed(a, side), matched_brightness(a, b, window));
     let b = smoothed(&b, side);
     let slopes = |of: &[f64], p: usize| DVec2::new(of[p + 1] - of[p - 1], of[p + side] - of[p - side]) / 2.0;
     let (mut information, mut scatter) = (DMat2::ZERO, DMat2::ZERO);
@@ -326,7 +331,7 @@ fn standard_error(a: &[f64], b: &[f64], window: &[f64], side: usize) -> f64 {
 }
 
 /// `b` with the brightness and contrast of `a`, by weighted least squares.
-fn as_bright_as(a: &[f64], b: &[f64], window: &[f64]) -> Vec<f64> {
+fn matched_brightness(a: &[f64], b: &[f64], window: &[f64]) -> Vec<f64> {
     let weight: f64 = window.iter().sum();
     let mean = |of: &[f64]| of.iter().zip(window).map(|(v, w)| v * w).sum::<f64>() / weight;
     let (mean_a, mean_b) = (mean(a), mean(b));
@@ -339,7 +344,7 @@ fn as_bright_as(a: &[f64], b: &[f64], window: &[f64]) -> Vec<f64> {
     b.iter().map(|b| mean_a + gain * (b - mean_b)).collect()
 }
 
-/// Binomial smoothing of five pixels along both axes; two pixels at the rim stay as they are.
+/// Binomial smoothing of five pixels along both axes; two pixels at the border are unchanged.
 fn smoothed(patch: &[f64], side: usize) -> Vec<f64> {
     let pass = |of: &[f64], step: usize, inside: &dyn Fn(usize) -> bool| -> Vec<f64> {
         let at = |p: usize| {
@@ -354,19 +359,21 @@ fn smoothed(patch: &[f64], side: usize) -> Vec<f64> {
     pass(&along, side, &|p| (2..side - 2).contains(&(p / side)))
 }
 
-/// Of a symmetric matrix, the smaller first.
+/// Eigenvalues of a symmetric matrix, the smaller first.
 fn eigenvalues(m: DMat2) -> [f64; 2] {
     let middle = 0.5 * (m.x_axis.x + m.y_axis.y);
     let half = (0.5 * (m.x_axis.x - m.y_axis.y)).hypot(m.x_axis.y);
     [middle - half, middle + half]
 }
 
-/// Spectrum of `a` times the conjugate of `b`'s: its phase rises with the frequency times the shift from a to b.
+/// Spectrum of `a` times the conjugate of `b`'s: its phase rises with the frequency times the shift
+/// from a to b.
 fn cross(a: &Spectrum, b: &Spectrum) -> Spectrum {
     a.iter().zip(b).map(|(a, b)| a * b.conj()).collect()
 }
 
-/// A square of `side` pixels whose corner is at (x, y) pixels, bicubic (Catmull and Rom) between pixels.
+/// A square of `side` pixels whose corner is at (x, y) pixels, interpolated bicubically
+/// (Catmull-Rom).
 fn resampled(picture: &Grey, x: f64, y: f64, side: usize) -> Vec<f64> {
     let (i, j) = (x.floor(), y.floor());
     let (wx, wy) = (cubic(x - i), cubic(y - j));

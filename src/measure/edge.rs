@@ -1,11 +1,11 @@
-//! Measures one edge: its position, its width, and the length of the blur that caused it.
+//! Measures an edge: its position, its width, and the length of the motion blur that caused it.
 
 use super::{Grey, MeasureError};
 
 /// An edge along a profile.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Edge {
-    /// Where the profile passes half-way between its ends, in pixels from its first sample.
+    /// Position of the half-way crossing, in pixels from the first sample.
     pub position_px: f64,
     /// From 10 % to 90 % of the step, pixels.
     pub width_10_90_px: f64,
@@ -14,8 +14,9 @@ pub struct Edge {
     pub after: f64,
 }
 
-/// Finds the edge in a profile of evenly spaced samples, `pitch_px` apart, rising or falling. The first and last tenth
-/// of the profile (at least one sample) must be flat; their means are 0 % and 100 %.
+/// Finds the edge in a profile of evenly spaced samples, `pitch_px` apart, rising or falling. The
+/// first and last tenth of the profile (at least one sample) must be flat; their means are 0 % and
+/// 100 %.
 pub fn edge(profile: &[f64], pitch_px: f64) -> Result<Edge, MeasureError> {
     if !(pitch_px.is_finite() && pitch_px > 0.0) {
         return Err(MeasureError::Option { what: "pitch_px", found: pitch_px, accepted: "more than 0" });
@@ -47,20 +48,22 @@ pub fn edge(profile: &[f64], pitch_px: f64) -> Result<Edge, MeasureError> {
     })
 }
 
-/// A straight movement while the shutter was open, as an edge shows it.
+/// Linear motion during the exposure, estimated from an edge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoxBlur {
-    /// How far the edge moved, pixels. Below one sample it cannot be distinguished from a sharp edge between two
-    /// samples.
+    /// Length of the edge's motion, pixels. Below one sample it cannot be distinguished from a
+    /// sharp edge between two samples.
     pub length_px: f64,
-    /// The middle of the movement, in pixels from the profile's first sample.
+    /// The middle of the motion, in pixels from the profile's first sample.
     pub position_px: f64,
-    /// Root mean square residual of the fit, as a share of the step. Large if the edge is not a blurred step.
+    /// Root mean square residual of the fit, as a share of the step. Large if the edge is not a
+    /// blurred step.
     pub residual: f64,
 }
 
-/// Fits a box-blurred step to a profile (as for [`edge`]) by least squares. Each sample is the mean over `aperture_px`:
-/// 1 for pixels. Unlike a width between crossings, the fit does not depend on how coarse the samples are.
+/// Fits a box-blurred step to a profile (as for [`edge`]) by least squares. Each sample is the mean
+/// over `aperture_px`: 1 for pixels. Unlike a width between crossings, the fit does not depend on
+/// the sample spacing.
 pub fn box_blur(profile: &[f64], pitch_px: f64, aperture_px: f64) -> Result<BoxBlur, MeasureError> {
     let start = edge(profile, pitch_px)?;
     if !(aperture_px.is_finite() && aperture_px > 0.0) {
@@ -113,8 +116,9 @@ fn residual(profile: &[f64], pitch: f64, aperture: f64, position: f64, length: f
     ((vv - explained).max(0.0) / n).sqrt()
 }
 
-/// The values along a line from `from` to `to` (raster coordinates, pixel centres at +0.5), `pitch_px` apart. Each is
-/// the mean over `across_px` at right angles to the line, bilinear between pixels.
+/// The values along a line from `from` to `to` (raster coordinates, pixel centres at +0.5),
+/// `pitch_px` apart. Each is the mean over `across_px` perpendicular to the line, bilinear between
+/// pixels.
 pub fn profile(
     picture: &Grey,
     from: [f64; 2],
@@ -163,7 +167,8 @@ fn bilinear(picture: &Grey, x: f64, y: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// A sharp edge at `position`, blurred over `length`, as pixels see it: by brute force over 200 slices each.
+    /// A sharp edge at `position`, blurred over `length`, sampled by pixels: brute force over 200
+    /// slices each.
     fn blurred(n: usize, position: f64, length: f64) -> Vec<f64> {
         (0..n)
             .map(|i| {
@@ -181,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn blur_lengths_come_back_within_a_twentieth_of_a_pixel() {
+    fn box_blur_length_is_accurate_to_a_twentieth_of_a_pixel() {
         for length in [2.0, 3.3, 5.0, 8.0, 12.5, 20.0, 40.0] {
             for shift in [0.0, 0.3, 0.5] {
                 let profile = blurred(80, 40.0 + shift, length);
@@ -196,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_moves_a_blur_length_little_and_a_soft_edge_is_no_box() {
+    fn box_blur_is_robust_to_noise_and_rejects_a_gaussian_edge() {
         let mut profile = blurred(80, 40.2, 10.0);
         for (i, value) in profile.iter_mut().enumerate() {
             *value += 2.0 * (i as f64 * 12.9898).sin();
@@ -208,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ramp_by_hand_rising_and_falling() {
+    fn ramp_width_matches_hand_calculation() {
         let ramp: Vec<f64> = (0..21).map(|i| f64::from((i - 5).clamp(0, 10))).collect();
         let found = edge(&ramp, 0.5).unwrap();
         assert!((found.position_px - 5.0).abs() < 1e-12 && (found.width_10_90_px - 4.0).abs() < 1e-12, "{found:?}");
@@ -219,14 +224,15 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_edge_says_so() {
+    fn profile_without_an_edge_is_an_error() {
         assert!(edge(&[1.0; 20], 1.0).is_err() && edge(&[0.0, 1.0], 1.0).is_err());
         assert!(edge(&[0.0, 0.0, 1.0, 1.0], 0.0).is_err() && edge(&[f64::NAN; 9], 1.0).is_err());
     }
 
     #[test]
-    fn a_profile_crosses_a_slanted_edge_at_right_angles() {
-        // Pixels whose centres have x + y > 40: the last dark centres are at 40, the first bright ones at 41.
+    fn profile_samples_perpendicular_to_the_line() {
+        // Pixels whose centres have x + y > 40: the last dark centres are at 40, the first bright
+        // ones at 41.
         let picture = Grey::new(60, 60, (0..3600).map(|i| f64::from(i % 60 + i / 60 + 1 > 40)).collect()).unwrap();
         let along = profile(&picture, [8.0, 8.0], [32.0, 32.0], 0.25, 9.0).unwrap();
         let found = edge(&along, 0.25).unwrap();

@@ -1,10 +1,10 @@
-//! How often intensities occur.
+//! Intensity histograms.
 
 use super::{Grey, MeasureError, check_mask};
 use crate::pixels::Pixels;
 
-/// Shares of a mask's pixels by luma, red, green and blue on the 8-bit scale, in `bins` of one width from 0 to 255; each sums
-/// to 1. Empty if no pixel is looked at.
+/// Histograms of a mask's pixels: luma, red, green and blue on the 8-bit scale, in `bins` of equal
+/// width from 0 to 255; each sums to 1. Empty if the mask is empty.
 pub fn histograms(pixels: &Pixels, mask: &[bool], bins: usize) -> Result<[Vec<f64>; 4], MeasureError> {
     check_mask(Some(mask), pixels.width as usize * pixels.height as usize)?;
     if bins == 0 {
@@ -24,12 +24,13 @@ pub fn histograms(pixels: &Pixels, mask: &[bool], bins: usize) -> Result<[Vec<f6
     Ok(if all > 0.0 { counts.map(share) } else { Default::default() })
 }
 
-/// What lies around a mask, no further than `reach` px from it along rows and columns, and not in `without`.
+/// Surroundings of a mask: pixels at most `reach` px from it along rows and columns, and not in
+/// `without`.
 pub fn around(mask: &[bool], without: &[bool], width: usize, reach: usize) -> Vec<bool> {
     if width == 0 {
         return Vec::new();
     }
-    // Along rows, then along columns: how far the last one lies, from both ends.
+    // Distance to the last mask pixel along rows, then along columns, from both ends.
     let spread = |from: &[bool], step: usize, length: usize, starts: &dyn Fn(usize) -> usize, count: usize| {
         let mut out = vec![false; from.len()];
         for line in 0..count {
@@ -56,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shares_by_hand() {
+    fn histogram_shares_match_hand_calculation() {
         // Lumas 0, 128 and 255.
         let pixels = Pixels::from_u8(3, 1, vec![0, 0, 0, 128, 128, 128, 255, 255, 255]).unwrap();
         let grey = [1.0 / 3.0, 2.0 / 3.0];
@@ -64,7 +65,8 @@ mod tests {
         assert_eq!(histograms(&pixels, &[false, true, false], 4).unwrap(), [[0.0, 0.0, 1.0, 0.0]; 4]);
         assert!(histograms(&pixels, &[false; 3], 4).unwrap().iter().all(Vec::is_empty));
         assert!(histograms(&pixels, &[true], 4).is_err() && histograms(&pixels, &[true; 3], 0).is_err());
-        // Of 16 bits, and each colour apart: R 0, G half, B full; luma 0.7152 · 128 + 0.0722 · 255 = 110.
+        // 16 bits, and separate channels: R 0, G half, B full; luma 0.7152 · 128 + 0.0722 · 255 =
+        // 110.
         let pixels = Pixels::from_u16(1, 1, vec![0, 128 * 257, 65535]).unwrap();
         let [luma, r, g, b] = histograms(&pixels, &[true], 4).unwrap();
         assert_eq!((luma, r), (vec![0.0, 1.0, 0.0, 0.0], vec![1.0, 0.0, 0.0, 0.0]));
@@ -72,11 +74,11 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_around_by_hand() {
+    fn surroundings_match_hand_calculation() {
         let mask: Vec<bool> = (0..35).map(|i| i == 17).collect();
         let mut without = vec![false; 35];
         without[16] = true;
-        // The middle of 7×5 pixels: 3×3 around it, less itself and its left neighbour.
+        // The middle of 7×5 pixels: 3×3 around it, without itself and its left neighbour.
         let found = around(&mask, &without, 7, 1);
         let places: Vec<usize> = (0..35).filter(|i| found[*i]).collect();
         assert_eq!(places, [9, 10, 11, 18, 23, 24, 25]);

@@ -1,6 +1,6 @@
-//! Measures pictures: where something is, how wide an edge is, how alike two pictures look.
+//! Measurements in pictures: positions, edge widths, similarity.
 //!
-//! Uses plain slices and [`Pixels`]; nothing here knows how the pictures were made.
+//! Uses plain slices and [`Pixels`], independent of the pictures' origin.
 
 pub mod across;
 pub mod displacement;
@@ -12,7 +12,7 @@ pub mod stats;
 
 use crate::pixels::Pixels;
 
-/// Why something could not be measured.
+/// Errors of measurements.
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]
 pub enum MeasureError {
     #[error("the pictures are {a} and {b}; both must have one size")]

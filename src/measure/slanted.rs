@@ -1,82 +1,89 @@
-//! How sharp a straight edge in a picture is: the slanted-edge method of ISO 12233, with a model fitted to the pixels.
+//! Sharpness of a straight edge by the slanted-edge method of ISO 12233, with a model fitted to the
+//! pixels.
 //!
-//! As there, the edge is found in each row to a part of a pixel, by the centroid of the row's derivative, and a line is
-//! laid through those places; pixels at many distances from the line then sample the edge spread function finely, since
-//! the slant puts each row at another phase. Unlike there no bins are differentiated: the blur comes from a fit to the
-//! pixels themselves (spread.rs), which knows the pixel's own square and the edge's movement, so that the Gaussian that is
-//! left is that of the lens and what lies behind it. The bins of a quarter pixel are there to be looked at.
+//! As in the standard, the edge is located in each row with subpixel accuracy, by the centroid of
+//! the row's derivative, and a line is fitted to those positions; pixels at many distances from the
+//! line then sample the edge spread function finely, since the slant gives each row another phase.
+//! Unlike the standard no bins are differentiated: the blur is fitted to the pixels themselves
+//! (spread.rs), with a model of the pixel's own square and the edge's motion, so that the remaining
+//! Gaussian is that of the lens and the later stages. The bins of a quarter pixel are for display
+//! only.
 //!
-//! The uncertainty is the greater of the fit's own and of the jackknife's over pieces along the edge (Tukey 1958), which
-//! also knows noise that neighbours share, texture and edges that are no straight line.
+//! The uncertainty is the greater of the fit's own and of the jackknife's over pieces along the
+//! edge (Tukey 1958), which includes correlated noise, texture and curved edges.
 //!
-//! Not modelled: point spreads that are no Gaussian, sharpening. [`SlantedEdge::misfit`] tells.
+//! Not modelled: non-Gaussian point spread functions, sharpening. [`SlantedEdge::misfit`] indicates
+//! them.
 
-use super::spread::{EXACT, Fit, Sample, Step, fit};
+use super::spread::{CONVERGENCE, Fit, Sample, Step, fit};
 use super::{Grey, MeasureError, edge};
 use crate::pixels::Rect;
 
-/// Fewer pixels across or along an edge tell nothing, px.
-pub const FEWEST_PX: u32 = 10;
-/// The edge spread function's bins, px.
+/// Minimum number of pixels across and along an edge, px.
+pub const MIN_EXTENT_PX: u32 = 10;
+/// Bin width of the edge spread function, px.
 const BIN_PX: f64 = 0.25;
-/// The widest blur that is looked for, px.
-const WIDEST_PX: f64 = 24.0;
-/// Pieces for the jackknife.
-const PIECES: usize = 8;
-/// The brighter side differs from the darker one by less than this many standard deviations of a pixel's noise: no edge.
-const FAINTEST: f64 = 4.0;
-/// Share of the rows that must see the edge where the line is.
-const AGREEING: f64 = 0.75;
-/// What pieces of a straight edge may lie beside the line, px.
-const STRAIGHT_PX: f64 = 0.12;
-/// What single rows may.
-const SMOOTH_PX: f64 = 0.35;
-/// How far a clean edge's bins may lie from the fit, as a share of the step.
-const CLEAN: f64 = 0.05;
-/// How far the light of one side may change within the part that is fitted, as a share of the step.
-const EVEN: f64 = 0.35;
-/// An uncertainty of σ that tells nothing: as a share of the blur with the pixel's.
-const UNSURE: f64 = 0.25;
+/// Maximum searched blur, px.
+const MAX_BLUR_PX: f64 = 24.0;
+/// Number of pieces for the jackknife.
+const JACKKNIFE_PIECES: usize = 8;
+/// Minimum contrast of the sides, in standard deviations of a pixel's noise.
+const MIN_CONTRAST_SIGMAS: f64 = 4.0;
+/// Minimum share of rows whose edge lies on the line.
+const MIN_INLIER_SHARE: f64 = 0.75;
+/// Maximum deviation of pieces of a straight edge from the line, px.
+const MAX_PIECE_DEVIATION_PX: f64 = 0.12;
+/// Maximum deviation of single rows, px.
+const MAX_ROW_DEVIATION_PX: f64 = 0.35;
+/// Maximum deviation of a clean edge's bins from the fit, as a share of the step.
+const MAX_BIN_MISFIT: f64 = 0.05;
+/// Maximum change of light on one side within the fitted part, as a share of the step.
+const MAX_SIDE_CHANGE: f64 = 0.35;
+/// Maximum uncertainty of σ, as a share of the blur including the pixel's.
+const MAX_RELATIVE_UNCERTAINTY: f64 = 0.25;
 
-/// What a straight edge tells. Light is in the picture's unit.
+/// A measured straight edge. Light is in the picture's unit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SlantedEdge {
     /// The edge within the region, px.
     pub line_px: [[f64; 2]; 2],
-    /// Between the edge and the rows or columns, whichever is nearer, 0 to 45 degrees.
+    /// Angle between the edge and the rows or columns, whichever is nearer, 0 to 45 degrees.
     pub slant_deg: f64,
     /// Unit length, from the darker to the brighter side.
     pub normal: [f64; 2],
-    /// Standard deviation of the Gaussian that blurred the edge, without the pixel's own square and without the movement.
+    /// Standard deviation of the Gaussian blur of the edge, without the pixel's own square and
+    /// without the motion.
     pub sigma_px: f64,
     /// One standard deviation of `sigma_px`.
     pub uncertainty_px: f64,
-    /// From 10 to 90 % of the step as the pixels show it. `None` if the noise hides where that is.
+    /// From 10 to 90 % of the step as sampled by the pixels. `None` if it is below the noise.
     pub rise_10_90_px: Option<f64>,
     /// The light of both sides at the edge.
     pub dark: f64,
     pub bright: f64,
     /// Standard deviation of a pixel's noise, mean of both sides.
     pub noise: f64,
-    /// How far the mean light lies from the fit, beyond noise: root mean square, as a share of the step. More than 0.02: the
-    /// camera sharpens, or its blur is no Gaussian.
+    /// Deviation of the mean light from the fit, beyond noise: root mean square, as a share of the
+    /// step. More than 0.02: the camera sharpens, or its blur is not Gaussian.
     pub misfit: f64,
     /// Distance from the edge, px, and mean light: the edge spread function.
     pub spread: Vec<[f64; 2]>,
     /// The fit at the same distances.
     pub fitted: Vec<f64>,
-    /// Pixels that were fitted.
+    /// Number of fitted pixels.
     pub pixels: usize,
 }
 
-/// Why an edge could not be measured.
+/// Errors of the edge measurement.
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]
 pub enum EdgeError {
     #[error(
-        "the rectangle is {width}x{height} px within the picture; an edge needs {FEWEST_PX} px across and along it"
+        "the rectangle is {width}x{height} px within the picture; an edge needs {MIN_EXTENT_PX} px across and along it"
     )]
     Small { width: u32, height: u32 },
-    #[error("there is no edge: brightness differs by {times:.1} times the noise; {FAINTEST} and more are needed")]
+    #[error(
+        "there is no edge: brightness differs by {times:.1} times the noise; {MIN_CONTRAST_SIGMAS} and more are needed"
+    )]
     Faint { times: f64 },
     #[error(
         "no single straight edge: {percent:.0} % of the rows show it on one line; choose a rectangle that one straight edge \
@@ -105,39 +112,39 @@ pub enum EdgeError {
     Measure(#[from] MeasureError),
 }
 
-/// Measures the edge that crosses a region, upright or flat or slanted. `moved_px`: the way of the edge while the shutter was
-/// open.
+/// Measures the edge that crosses a region in any direction. `moved_px`: motion of the edge during
+/// the exposure.
 pub fn slanted_edge(light: &Grey, region: Rect, moved_px: [f64; 2]) -> Result<SlantedEdge, EdgeError> {
     let region = region.intersection(&Rect::full(light.width as u32, light.height as u32));
     let small = EdgeError::Small { width: region.width(), height: region.height() };
-    if region.width().min(region.height()) < FEWEST_PX {
+    if region.width().min(region.height()) < MIN_EXTENT_PX {
         return Err(small);
     }
     if let Some(odd) = moved_px.into_iter().find(|way| !way.is_finite()) {
         return Err(MeasureError::Option { what: "moved_px", found: odd, accepted: "a number" }.into());
     }
-    let seen = Seen::new(light, region);
+    let seen = EdgeRegion::new(light, region);
     let line = seen.line()?;
     let moved = |step: &Step| {
         let (sin, cos) = step.angle.sin_cos();
         (moved_px[0] * cos + moved_px[1] * sin).abs()
     };
     let mut step = Step { moved_px: moved(&line), ..line };
-    let mut samples = seen.near(&step, WIDEST_PX);
+    let mut samples = seen.near(&step, MAX_BLUR_PX);
     let nothing = || EdgeError::NoLine { percent: 0.0 };
-    let mut found = fit(&samples, step, EXACT).ok_or_else(nothing)?;
-    // Noise of dark and bright places differs; then what lies far from the edge no longer counts.
+    let mut found = fit(&samples, step, CONVERGENCE).ok_or_else(nothing)?;
+    // Dark and bright pixels have different noise; pixels far from the edge no longer count.
     for _ in 0..2 {
         step = Step { moved_px: moved(&found.step), ..found.step };
-        let reach = (4.0 * blur_px(&step) + 2.0).clamp(5.0, WIDEST_PX);
+        let reach = (4.0 * blur_px(&step) + 2.0).clamp(5.0, MAX_BLUR_PX);
         samples = seen.near(&step, reach);
         weigh(&mut samples, &found);
-        found = fit(&samples, step, EXACT).ok_or_else(nothing)?;
+        found = fit(&samples, step, CONVERGENCE).ok_or_else(nothing)?;
     }
     seen.judge(found, samples)
 }
 
-/// The standard deviation of all that blurs, px.
+/// Standard deviation of the total blur, px.
 fn blur_px(step: &Step) -> f64 {
     (step.variance_px2 + (1.0 + step.moved_px * step.moved_px) / 12.0).sqrt()
 }
@@ -159,7 +166,7 @@ fn noise(samples: &[Sample], fit: &Fit) -> [f64; 2] {
     sums.map(|(squares, count)| if count >= 20.0 { squares / count } else { all.0 / all.1 }.max(1e-10 * step))
 }
 
-/// Weights each sample by its noise, which is between that of the sides in between.
+/// Weights each sample by its noise, interpolated between that of the sides.
 fn weigh(samples: &mut [Sample], fit: &Fit) {
     let [dark, bright] = noise(samples, fit);
     for sample in samples {
@@ -168,20 +175,21 @@ fn weigh(samples: &mut [Sample], fit: &Fit) {
     }
 }
 
-/// The light of a region, rows across the edge.
-struct Seen {
+/// The light of a region, with rows across the edge.
+struct EdgeRegion {
     rows: Vec<Vec<f64>>,
-    /// Rows of the picture are columns here.
+    /// True if the picture's rows are columns here.
     turned: bool,
     /// 1 if it gets brighter along the rows.
     sign: f64,
     region: Rect,
 }
 
-impl Seen {
+impl EdgeRegion {
     fn new(light: &Grey, region: Rect) -> Self {
         let at = |x: i32, y: i32| light.at(i64::from(x), i64::from(y));
-        // Where it gets brighter: means over 3 pixels at right angles, two pixels apart.
+        // Direction of increasing brightness: means over 3 pixels at right angles, two pixels
+        // apart.
         let (mut across, mut down) = (0.0, 0.0);
         for (y, x) in (region.y0 + 1..region.y1 - 1).flat_map(|y| (region.x0 + 1..region.x1 - 1).map(move |x| (y, x))) {
             let gx: f64 = (-1..=1).map(|k| at(x + 1, y + k) - at(x - 1, y + k)).sum();
@@ -189,16 +197,18 @@ impl Seen {
             (across, down) = (across + gx * gx, down + gy * gy);
         }
         let turned = down > across;
-        let rows: Vec<Vec<f64>> = match turned {
-            false => (region.y0..region.y1).map(|y| (region.x0..region.x1).map(|x| at(x, y)).collect()).collect(),
-            true => (region.x0..region.x1).map(|x| (region.y0..region.y1).map(|y| at(x, y)).collect()).collect(),
+        let rows: Vec<Vec<f64>> = if turned {
+            (region.x0..region.x1).map(|x| (region.y0..region.y1).map(|y| at(x, y)).collect()).collect()
+        } else {
+            (region.y0..region.y1).map(|y| (region.x0..region.x1).map(|x| at(x, y)).collect()).collect()
         };
         let rise: f64 =
             rows.iter().flat_map(|row| (3..row.len() - 3).map(|j| slope(row, j)).map(|s| s * s.abs())).sum();
         Self { rows, turned, sign: if rise < 0.0 { -1.0 } else { 1.0 }, region }
     }
 
-    /// The line through where each row rises most, as a step with a guessed blur. Coordinates count from the region's middle.
+    /// The line through the steepest point of each row, as a step with a guessed blur. Coordinates
+    /// are relative to the region's centre.
     fn line(&self) -> Result<Step, EdgeError> {
         let width = self.rows[0].len();
         let best = |row: &Vec<f64>| {
@@ -209,7 +219,7 @@ impl Seen {
             steepest.map_or(0.0, |j| j as f64)
         };
         let places: Vec<f64> = self.rows.iter().map(best).collect();
-        // The line that most rows agree to, through any two of them.
+        // The line with the largest consensus of rows, through any two of them.
         let count = places.len();
         let every = count.div_ceil(40);
         let mut line = (0.0, 0.0, 0);
@@ -224,7 +234,7 @@ impl Seen {
             }
         }
         let (mut start, mut tilt, _) = line;
-        // Centroids of the derivative around it, thrice.
+        // Centroids of the derivative around it, three iterations.
         for _ in 0..3 {
             let mut points = Vec::new();
             for (k, row) in self.rows.iter().enumerate() {
@@ -243,8 +253,8 @@ impl Seen {
                 })
                 .count();
             let agreeing = points.iter().filter(|p| p.2 <= 1.6).count();
-            let enough = within.max(FEWEST_PX as usize) as f64;
-            if (agreeing as f64) < AGREEING * enough || agreeing < FEWEST_PX as usize {
+            let enough = within.max(MIN_EXTENT_PX as usize) as f64;
+            if (agreeing as f64) < MIN_INLIER_SHARE * enough || agreeing < MIN_EXTENT_PX as usize {
                 return Err(EdgeError::NoLine { percent: 100.0 * agreeing as f64 / enough });
             }
             points.retain(|p| p.2 <= 1.6);
@@ -255,7 +265,7 @@ impl Seen {
             tilt = above / below;
             start = mp - tilt * mk;
         }
-        // In the picture's axes: along = start + tilt·row, from the region's middle.
+        // In the picture's axes: along = start + tilt·row, from the region's centre.
         let (columns, rows) = (width as f64, count as f64);
         let (mut nx, mut ny) = (1.0, -tilt);
         let mut offset = start + 0.5 - 0.5 * columns - tilt * (0.5 - 0.5 * rows);
@@ -269,7 +279,7 @@ impl Seen {
         Ok(Step { offset_px: offset / length, angle: f64::atan2(ny, nx), variance_px2: 0.7, moved_px: 0.0 })
     }
 
-    /// The middle of a row's rise around a place.
+    /// Centroid of a row's derivative around a position.
     fn centroid(&self, row: &[f64], middle: f64) -> Option<f64> {
         const HALF: f64 = 4.0;
         let first = (middle - HALF).ceil().max(1.0) as usize;
@@ -277,7 +287,7 @@ impl Seen {
         let rise = |j: usize| self.sign * 0.5 * (row[j + 1] - row[j - 1]);
         let (mut sum, mut moment) = (0.0, 0.0);
         for j in first..=last {
-            // Hamming's window, as in the standard.
+            // Hamming window, as in the standard.
             let window = 0.54 + 0.46 * (std::f64::consts::PI * (j as f64 - middle) / HALF).cos();
             sum += window * rise(j);
             moment += window * rise(j) * j as f64;
@@ -291,7 +301,7 @@ impl Seen {
         [0.5 * f64::from(x0 + x1), 0.5 * f64::from(y0 + y1)]
     }
 
-    /// The pixels no further than `reach` from the edge.
+    /// The pixels at most `reach` from the edge.
     fn near(&self, step: &Step, reach: f64) -> Vec<Sample> {
         let (columns, rows) = (self.rows[0].len() as f64, self.rows.len() as f64);
         let mut samples = Vec::new();
@@ -307,13 +317,13 @@ impl Seen {
         samples
     }
 
-    /// The result, or why it is none.
+    /// The result, or the reason for rejecting it.
     fn judge(&self, found: Fit, samples: Vec<Sample>) -> Result<SlantedEdge, EdgeError> {
         let step = found.step;
         let [dark, bright] = [found.sides[0][0], found.sides[1][0]];
         let height = bright - dark;
         let noise = (0.5 * noise(&samples, &found).iter().sum::<f64>()).sqrt();
-        if height.is_nan() || height <= FAINTEST * noise {
+        if height.is_nan() || height <= MIN_CONTRAST_SIGMAS * noise {
             return Err(EdgeError::Faint { times: height.max(0.0) / noise });
         }
         let distances = || samples.iter().map(|sample| step.place(sample.x, sample.y).0);
@@ -322,27 +332,27 @@ impl Seen {
             return Err(EdgeError::Narrow { across_px: beside, blur_px: blur_px(&step) });
         }
         let slope = found.sides.iter().map(|side| side[1].abs() * beside).fold(0.0, f64::max);
-        if slope > EVEN * height {
+        if slope > MAX_SIDE_CHANGE * height {
             return Err(EdgeError::Uneven { percent: 100.0 * slope / height });
         }
         let (pieces, rows) = deviations(&found, &samples);
-        let [bent, rough] = [(pieces, STRAIGHT_PX), (rows, SMOOTH_PX)]
+        let [bent, rough] = [(pieces, MAX_PIECE_DEVIATION_PX), (rows, MAX_ROW_DEVIATION_PX)]
             .map(|(d, most)| (d.beyond() > most + d.noise).then(|| d.beyond()));
         if let Some(deviation_px) = bent.or(rough) {
             return Err(EdgeError::Bent { deviation_px });
         }
         let (spread, fitted, misfit) = binned(&found, &samples);
         let misfit = misfit / height;
-        if misfit > CLEAN {
+        if misfit > MAX_BIN_MISFIT {
             return Err(EdgeError::Uneven { percent: 100.0 * misfit });
         }
-        // The weights are one over the noise's variance as the pixels themselves show it.
+        // The weights are the inverse noise variances estimated from the pixels themselves.
         let own = found.variances[2] * found.left / (samples.len() as f64 - 9.0).max(1.0);
         let variance = own.max(jackknife(&samples, &found).unwrap_or(0.0)).sqrt();
         let root = |v: f64| v.max(0.0).sqrt();
         let sigma_px = if step.variance_px2 < 1e-6 { 0.0 } else { step.variance_px2.sqrt() };
         let uncertainty_px = 0.5 * (root(step.variance_px2 + variance) - root(step.variance_px2 - variance));
-        if uncertainty_px > UNSURE * blur_px(&step) {
+        if uncertainty_px > MAX_RELATIVE_UNCERTAINTY * blur_px(&step) {
             return Err(EdgeError::Unsure { sigma_px, uncertainty_px });
         }
         let rise_10_90_px = rise(&spread);
@@ -366,7 +376,7 @@ impl Seen {
         })
     }
 
-    /// Where the line enters and leaves the region.
+    /// Intersections of the line with the region's border.
     fn ends(&self, step: &Step) -> [[f64; 2]; 2] {
         let [mx, my] = self.middle();
         let (sin, cos) = step.angle.sin_cos();
@@ -390,16 +400,16 @@ impl Seen {
     }
 }
 
-/// The mean of three pixels after a place less that of three before it.
+/// The mean of three pixels after a position minus that of three before it.
 fn slope(row: &[f64], j: usize) -> f64 {
     (1..=3).map(|k| row[j + k] - row[j - k]).sum::<f64>() / 3.0
 }
 
-/// How far parts of an edge lie beside the line.
+/// Deviation of parts of an edge from the line.
 struct Deviation {
     /// Root mean square, px.
     all: f64,
-    /// What noise alone makes of it.
+    /// Expected contribution of noise.
     noise: f64,
 }
 
@@ -409,7 +419,7 @@ impl Deviation {
     }
 }
 
-/// Of pieces and of single rows: each is moved until it fits best.
+/// Deviations of pieces and of single rows: each is shifted to its best fit.
 fn deviations(fit: &Fit, samples: &[Sample]) -> (Deviation, Deviation) {
     let ways = || samples.iter().map(|sample| fit.step.place(sample.x, sample.y).1);
     let (first, last) = (ways().fold(f64::INFINITY, f64::min), ways().fold(f64::NEG_INFINITY, f64::max));
@@ -425,7 +435,7 @@ fn deviations(fit: &Fit, samples: &[Sample]) -> (Deviation, Deviation) {
             sum.1 += sample.weight * slope * slope;
         }
         sums.retain(|sum| sum.1 > 0.0);
-        // A part with few pixels across the edge says little.
+        // A part with few pixels across the edge is uncertain.
         let most = sums.iter().map(|sum| sum.1).fold(0.0, f64::max);
         sums.retain(|sum| sum.1 > 0.2 * most);
         let n = sums.len().max(1) as f64;
@@ -433,15 +443,15 @@ fn deviations(fit: &Fit, samples: &[Sample]) -> (Deviation, Deviation) {
         let noise = (sums.iter().map(|sum| 1.0 / sum.1).sum::<f64>() / n).sqrt();
         Deviation { all, noise }
     };
-    (within(PIECES), within((last - first).max(1.0) as usize))
+    (within(JACKKNIFE_PIECES), within((last - first).max(1.0) as usize))
 }
 
-/// The edge spread function, the fit at its places, and how far they lie apart beyond noise.
+/// The edge spread function, the fit at its positions, and their deviation beyond noise.
 fn binned(fit: &Fit, samples: &[Sample]) -> (Vec<[f64; 2]>, Vec<f64>, f64) {
     let place = |sample: &Sample| fit.step.place(sample.x, sample.y).0;
     let far = samples.iter().map(|sample| place(sample).abs()).fold(0.0, f64::max);
     let half = (far / BIN_PX).ceil() as i64;
-    // Samples, light, what the fit gives, variance.
+    // Number of samples, light, fitted light, variance.
     let mut bins = vec![(0.0, 0.0, 0.0, 0.0); 2 * half as usize + 1];
     for sample in samples {
         let bin = ((place(sample) / BIN_PX).round() as i64 + half) as usize;
@@ -458,7 +468,7 @@ fn binned(fit: &Fit, samples: &[Sample]) -> (Vec<[f64; 2]>, Vec<f64>, f64) {
         let [behind, before] = fit.sides.map(|[a, b, _]| a + b * distance);
         let share = fit.step.share(distance);
         let at_middle = behind * (1.0 - share) + before * share;
-        // The light's deviation from the fit of the very pixels: bins are not filled evenly.
+        // Deviation from the fit at the same pixels, since bins are not filled evenly.
         spread.push([distance, at_middle + (light - model) / count]);
         fitted.push(at_middle);
         apart += ((light - model) / count).powi(2) - variance / (count * count);
@@ -467,7 +477,7 @@ fn binned(fit: &Fit, samples: &[Sample]) -> (Vec<[f64; 2]>, Vec<f64>, f64) {
     (spread, fitted, (apart.max(0.0) / f64::max(counted, 1.0)).sqrt())
 }
 
-/// The rise of a spread function, some of whose bins may be empty.
+/// The rise of a spread function with possibly empty bins.
 fn rise(spread: &[[f64; 2]]) -> Option<f64> {
     let (first, last) = (spread.first()?[0], spread.last()?[0]);
     let even = (0..=((last - first) / BIN_PX).round() as usize).map(|i| {
@@ -480,19 +490,19 @@ fn rise(spread: &[[f64; 2]]) -> Option<f64> {
     edge::edge(&values, BIN_PX).ok().map(|edge| edge.width_10_90_px)
 }
 
-/// The variance of σ² as pieces along the edge disagree: each is left out once.
+/// Jackknife variance of σ² over pieces along the edge.
 fn jackknife(samples: &[Sample], found: &Fit) -> Option<f64> {
     let way = |sample: &Sample| found.step.place(sample.x, sample.y).1;
     let mut ways: Vec<f64> = samples.iter().map(way).collect();
     ways.sort_by(f64::total_cmp);
-    let ends: Vec<f64> = (1..PIECES).map(|k| ways[k * ways.len() / PIECES]).collect();
+    let ends: Vec<f64> = (1..JACKKNIFE_PIECES).map(|k| ways[k * ways.len() / JACKKNIFE_PIECES]).collect();
     let without = |piece: usize| {
         let rest: Vec<Sample> =
             samples.iter().filter(|sample| ends.partition_point(|end| *end <= way(sample)) != piece).copied().collect();
-        fit(&rest, found.step, EXACT).map(|fit| fit.step.variance_px2)
+        fit(&rest, found.step, CONVERGENCE).map(|fit| fit.step.variance_px2)
     };
-    let all: Vec<f64> = (0..PIECES).map(without).collect::<Option<_>>()?;
-    let n = PIECES as f64;
+    let all: Vec<f64> = (0..JACKKNIFE_PIECES).map(without).collect::<Option<_>>()?;
+    let n = JACKKNIFE_PIECES as f64;
     let mean = all.iter().sum::<f64>() / n;
     Some((n - 1.0) / n * all.iter().map(|v| (v - mean).powi(2)).sum::<f64>())
 }

@@ -1,53 +1,59 @@
-//! How light goes over from one side of a straight edge to the other, and the fit of that to pixels.
+//! Edge spread function of a straight edge, and its fit to pixels.
 //!
-//! A pixel sums the light on its square. The square's shadow on the edge's normal (cos φ, sin φ) is the trapezoid that two
-//! boxes of |cos φ| and |sin φ| make, whose variance is 1/12 px² at every angle. Before it comes the Gaussian of lens and
-//! sensor, and the way that the edge moved while the shutter was open, which is a box too. So
+//! A pixel integrates the light on its square. The square's projection onto the edge's normal (cos
+//! φ, sin φ) is the trapezoid that results from two boxes of
+//! cos φ
+//! and
+//! sin φ
+//! , with a variance of 1/12 px² at every angle. Before it comes the Gaussian of lens and sensor,
+//! and the motion of the edge during the exposure, which is a box too. So
 //!
 //! ```text
 //! E(d) = ∫∫∫ Φ((d − u − v − w)/σ)        u, v, w over those boxes
 //! ```
 //!
-//! With G(x) = ∫∫ Φ(x/σ) = ((x² + σ²)·Φ(x/σ) + σx·φ(x/σ))/2 the two of the pixel are a second difference of G. The third
-//! is summed by Gauss and Legendre's three points, whose variance is the box's.
+//! With G(x) = ∫∫ Φ(x/σ) = ((x² + σ²)·Φ(x/σ) + σx·φ(x/σ))/2 the two of the pixel are a second
+//! difference of G. The third is summed by three-point Gauss-Legendre quadrature, whose variance is
+//! the box's.
 //!
-//! The pixels themselves are fitted, each at its own distance d, without bins: the light is
-//! (a + bd + ct)·(1 − E) + (a' + b'd + c't)·E, t the way along the edge. For each place, angle and σ² the six numbers
-//! follow by linear least squares (variable projection: Golub and Pereyra 1973). The three by Gauss and Newton's steps.
+//! The pixels themselves are fitted, each at its own distance d, without bins: the light is (a + bd
+//! + ct)·(1 − E) + (a' + b'd + c't)·E, t the position along the edge. For each offset, angle and σ²
+//! the six coefficients follow by linear least squares (variable projection: Golub and Pereyra
+//! 1973). The three follow by Gauss-Newton.
 
 use statrs::function::erf::erf;
 
-/// Of the least variance that is tried, px²: a Gaussian that no pixel could see.
-const LEAST_VARIANCE: f64 = 1e-8;
-const MOST_STEPS: usize = 40;
-/// A step that moves place, angle and variance by less is the last, px, tenths of a radian, px².
-pub(crate) const EXACT: f64 = 1e-7;
-/// Steps of the derivatives: px, radians, px².
-const STEPS: [f64; 3] = [1e-3, 1e-4, 1e-3];
-/// Gauss and Legendre's three points of a box of length 1, and their weights.
-const THREE: [(f64, f64); 3] =
+/// Minimum variance, px²: a Gaussian that no pixel resolves.
+const MIN_VARIANCE_PX2: f64 = 1e-8;
+const MAX_ITERATIONS: usize = 40;
+/// Convergence threshold of a step in offset, angle and variance, px, tenths of a radian, px².
+pub(crate) const CONVERGENCE: f64 = 1e-7;
+/// Step sizes of the numerical derivatives: px, radians, px².
+const DERIVATIVE_STEPS: [f64; 3] = [1e-3, 1e-4, 1e-3];
+/// Three-point Gauss-Legendre nodes of a box of length 1, and their weights.
+const GAUSS_LEGENDRE_3: [(f64, f64); 3] =
     [(-0.387_298_334_620_741_7, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.387_298_334_620_741_7, 5.0 / 18.0)];
 
-/// One pixel: where its middle is, relative to a place near the edge, and its light.
+/// One pixel: its centre, relative to a position near the edge, and its light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Sample {
     pub x: f64,
     pub y: f64,
     pub light: f64,
-    /// One over its variance, in any unit.
+    /// Inverse variance, in any unit.
     pub weight: f64,
 }
 
-/// Where the edge is, and its blur.
+/// Position of the edge, and its blur.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Step {
-    /// From the samples' origin along the normal, px.
+    /// Distance from the samples' origin along the normal, px.
     pub offset_px: f64,
-    /// The direction of the normal, from x to y, radians. The brighter side lies there.
+    /// The direction of the normal towards the brighter side, from x to y, radians.
     pub angle: f64,
-    /// Of the Gaussian, px².
+    /// Variance of the Gaussian, px².
     pub variance_px2: f64,
-    /// The edge's way across itself while the shutter was open, px.
+    /// Motion of the edge across itself during the exposure, px.
     pub moved_px: f64,
 }
 
@@ -57,14 +63,14 @@ pub(crate) struct Fit {
     pub step: Step,
     /// (a, b, c) of the side behind the edge and of the one before it.
     pub sides: [[f64; 3]; 2],
-    /// Variances of offset, angle and σ² if the samples' weights are one over their variances.
+    /// Variances of offset, angle and σ² if the samples' weights are inverse variances.
     pub variances: [f64; 3],
-    /// Sum of weighted squares.
+    /// Sum of weighted squared residuals.
     pub left: f64,
 }
 
 impl Step {
-    /// Distance from the edge and way along it, px.
+    /// Distance from the edge and position along it, px.
     pub fn place(&self, x: f64, y: f64) -> (f64, f64) {
         let (sin, cos) = self.angle.sin_cos();
         (cos * x + sin * y - self.offset_px, cos * y - sin * x)
@@ -72,41 +78,42 @@ impl Step {
 
     /// The share of the brighter side's light at a distance from the edge, 0 to 1.
     pub fn share(&self, distance_px: f64) -> f64 {
-        let sigma = self.variance_px2.max(LEAST_VARIANCE).sqrt();
+        let sigma = self.variance_px2.max(MIN_VARIANCE_PX2).sqrt();
         let (sin, cos) = self.angle.sin_cos();
         let (wide, narrow) = (sin.abs().max(cos.abs()), sin.abs().min(cos.abs()));
         let at = |d: f64| {
             if narrow < 1e-4 {
-                return (once(d + 0.5 * wide, sigma) - once(d - 0.5 * wide, sigma)) / wide;
+                return (normal_integral_1(d + 0.5 * wide, sigma) - normal_integral_1(d - 0.5 * wide, sigma)) / wide;
             }
             let (outer, inner) = (0.5 * (wide + narrow), 0.5 * (wide - narrow));
-            let far = twice(d + outer, sigma) + twice(d - outer, sigma);
-            (far - twice(d + inner, sigma) - twice(d - inner, sigma)) / (wide * narrow)
+            let far = normal_integral_2(d + outer, sigma) + normal_integral_2(d - outer, sigma);
+            (far - normal_integral_2(d + inner, sigma) - normal_integral_2(d - inner, sigma)) / (wide * narrow)
         };
         if self.moved_px < 1e-6 {
             return at(distance_px);
         }
-        // Three points are a box as long as the edge is softer than their steps.
+        // Three points represent a box as long as the edge is softer than their spacing.
         if self.moved_px > 0.3 {
             let until = |d: f64| {
                 if narrow < 1e-4 {
-                    return (twice(d + 0.5 * wide, sigma) - twice(d - 0.5 * wide, sigma)) / wide;
+                    return (normal_integral_2(d + 0.5 * wide, sigma) - normal_integral_2(d - 0.5 * wide, sigma))
+                        / wide;
                 }
                 let (outer, inner) = (0.5 * (wide + narrow), 0.5 * (wide - narrow));
-                let far = thrice(d + outer, sigma) + thrice(d - outer, sigma);
-                (far - thrice(d + inner, sigma) - thrice(d - inner, sigma)) / (wide * narrow)
+                let far = normal_integral_3(d + outer, sigma) + normal_integral_3(d - outer, sigma);
+                (far - normal_integral_3(d + inner, sigma) - normal_integral_3(d - inner, sigma)) / (wide * narrow)
             };
             let half = 0.5 * self.moved_px;
             return (until(distance_px + half) - until(distance_px - half)) / self.moved_px;
         }
-        THREE.iter().map(|(place, weight)| weight * at(distance_px + place * self.moved_px)).sum()
+        GAUSS_LEGENDRE_3.iter().map(|(place, weight)| weight * at(distance_px + place * self.moved_px)).sum()
     }
 
     fn moved_by(mut self, which: usize, by: f64) -> Self {
         match which {
             0 => self.offset_px += by,
             1 => self.angle += by,
-            _ => self.variance_px2 = (self.variance_px2 + by).max(LEAST_VARIANCE),
+            _ => self.variance_px2 = (self.variance_px2 + by).max(MIN_VARIANCE_PX2),
         }
         self
     }
@@ -118,34 +125,34 @@ fn normal(x: f64) -> (f64, f64) {
 }
 
 /// ∫ Φ(x/σ).
-fn once(x: f64, sigma: f64) -> f64 {
+fn normal_integral_1(x: f64, sigma: f64) -> f64 {
     let (whole, dense) = normal(x / sigma);
     x * whole + sigma * dense
 }
 
 /// ∫∫ Φ(x/σ).
-fn twice(x: f64, sigma: f64) -> f64 {
+fn normal_integral_2(x: f64, sigma: f64) -> f64 {
     let (whole, dense) = normal(x / sigma);
     0.5 * ((x * x + sigma * sigma) * whole + sigma * x * dense)
 }
 
 /// ∫∫∫ Φ(x/σ).
-fn thrice(x: f64, sigma: f64) -> f64 {
+fn normal_integral_3(x: f64, sigma: f64) -> f64 {
     let (whole, dense) = normal(x / sigma);
     ((x * x * x + 3.0 * x * sigma * sigma) * whole + sigma * (x * x + 2.0 * sigma * sigma) * dense) / 6.0
 }
 
-/// The light of the six numbers' terms at a sample.
+/// The basis functions of the six coefficients at a sample.
 fn terms(step: &Step, sample: &Sample) -> [f64; 6] {
     let (d, t) = step.place(sample.x, sample.y);
     let share = step.share(d);
-    // Ways are in tens of pixels, so that all terms are of a size.
+    // Positions are in tens of pixels, so that all terms have similar magnitudes.
     let (d, t) = (0.1 * d, 0.1 * t);
     let rest = 1.0 - share;
     [rest, d * rest, t * rest, share, d * share, t * share]
 }
 
-/// The six numbers for an edge, and what is left of each sample, times the root of its weight.
+/// The six coefficients for an edge, and each sample's residual, times the root of its weight.
 fn project(step: &Step, samples: &[Sample]) -> Option<([f64; 6], Vec<f64>)> {
     let all: Vec<[f64; 6]> = samples.iter().map(|sample| terms(step, sample)).collect();
     let (mut matrix, mut right) = ([[0.0; 6]; 6], [0.0; 6]);
@@ -164,8 +171,8 @@ fn project(step: &Step, samples: &[Sample]) -> Option<([f64; 6], Vec<f64>)> {
     Some((numbers, left.collect()))
 }
 
-/// Fits an edge to samples, from a first guess, until a step is shorter than `close` ([`EXACT`]). `None` where they do not
-/// determine it.
+/// Fits an edge to samples, from an initial guess, until a step is shorter than `close`
+/// ([`CONVERGENCE`]). `None` if they do not determine it.
 pub(crate) fn fit(samples: &[Sample], from: Step, close: f64) -> Option<Fit> {
     let squares = |left: &[f64]| left.iter().map(|r| r * r).sum::<f64>();
     let mut step = from;
@@ -175,8 +182,8 @@ pub(crate) fn fit(samples: &[Sample], from: Step, close: f64) -> Option<Fit> {
     let mut rounds = 0;
     loop {
         let mut slopes = Vec::new();
-        for (which, by) in STEPS.into_iter().enumerate() {
-            // σ² cannot be below 0: there the derivative is that of the way up.
+        for (which, by) in DERIVATIVE_STEPS.into_iter().enumerate() {
+            // σ² cannot be below 0: there the one-sided derivative is used.
             let by_less = if which == 2 && step.variance_px2 <= by { 0.0 } else { by };
             let (_, more) = project(&step.moved_by(which, by), samples)?;
             let (_, less) = project(&step.moved_by(which, -by_less), samples)?;
@@ -206,7 +213,7 @@ pub(crate) fn fit(samples: &[Sample], from: Step, close: f64) -> Option<Fit> {
             }
         }
         rounds += 1;
-        if moved < close || !moved.is_finite() || rounds == MOST_STEPS {
+        if moved < close || !moved.is_finite() || rounds == MAX_ITERATIONS {
             break;
         }
     }
@@ -220,7 +227,7 @@ pub(crate) fn fit(samples: &[Sample], from: Step, close: f64) -> Option<Fit> {
 }
 
 impl Fit {
-    /// What the fit says of a pixel.
+    /// The fitted light at a pixel.
     pub fn light(&self, x: f64, y: f64) -> f64 {
         let (d, t) = self.step.place(x, y);
         let share = self.step.share(d);
@@ -229,7 +236,7 @@ impl Fit {
     }
 }
 
-/// Gauss's elimination with pivots.
+/// Gaussian elimination with pivoting.
 fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> Option<[f64; N]> {
     for i in 0..N {
         let pivot = (i..N).max_by(|a, b| matrix[*a][i].abs().total_cmp(&matrix[*b][i].abs()))?;
@@ -260,8 +267,8 @@ mod tests {
     }
 
     #[test]
-    fn shares_worked_by_hand() {
-        // Upright and sharp: the pixel's own square, ±1/2.
+    fn edge_spread_matches_hand_calculation() {
+        // Vertical and sharp: the pixel's own square, ±1/2.
         let sharp = step(0.0, 0.0, 0.0);
         for (d, share) in [(-0.6, 0.0), (-0.25, 0.25), (0.0, 0.5), (0.4, 0.9), (0.5, 1.0)] {
             assert!((sharp.share(d) - share).abs() < 1e-3, "{d}: {}", sharp.share(d));
@@ -284,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fit_finds_what_the_light_was_made_with() {
+    fn fit_recovers_the_simulated_edge() {
         let truth = Step { offset_px: 0.37, ..step(12.0, 0.8, 0.0) };
         let samples: Vec<Sample> = (0..900)
             .map(|i| {
@@ -295,7 +302,7 @@ mod tests {
                 Sample { x, y, light, weight: 1.0 }
             })
             .collect();
-        let found = fit(&samples, Step { offset_px: 0.0, ..step(10.0, 1.5, 0.0) }, EXACT).unwrap();
+        let found = fit(&samples, Step { offset_px: 0.0, ..step(10.0, 1.5, 0.0) }, CONVERGENCE).unwrap();
         assert!((found.step.variance_px2.sqrt() - 0.8).abs() < 1e-4, "{found:?}");
         assert!((found.step.offset_px - 0.37).abs() < 1e-4 && (found.step.angle.to_degrees() - 12.0).abs() < 1e-3);
         assert!((found.sides[1][1] - 0.002).abs() < 1e-5 && (found.sides[0][2] - 0.001).abs() < 1e-5, "{found:?}");

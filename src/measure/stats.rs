@@ -1,9 +1,9 @@
-//! Difference statistics: mean absolute error, PSNR, how many pixels differ.
+//! Difference statistics: mean absolute error, PSNR, number of differing pixels.
 
 use super::{MeasureError, check_mask, comparable};
 use crate::pixels::{Codes, Pixels};
 
-/// How two pictures differ, over the selected pixels.
+/// Differences of two pictures over the selected pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Difference {
     /// Pixels compared.
@@ -57,8 +57,8 @@ fn summed<T: Copy + Into<u32>>(a: &[T], b: &[T], mask: Option<&[bool]>, peak: u3
     Ok(Difference { pixels, differing, largest, mean_absolute: absolute as f64 / values, mean_squared, psnr_db })
 }
 
-/// Mean absolute difference of R, G, B, A over the pixels where either layer is not 0. The layers are linear,
-/// premultiplied and of the same length.
+/// Mean absolute difference of R, G, B, A over the pixels where either layer is not 0. The layers
+/// are linear, premultiplied and of the same length.
 pub fn layer_error(a: &[[f32; 4]], b: &[[f32; 4]]) -> Result<f64, MeasureError> {
     if a.len() != b.len() {
         return Err(MeasureError::Length { what: "the second layer", found: b.len(), expected: a.len() });
@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn differences_by_hand() {
+    fn difference_statistics_match_hand_calculation() {
         let a = Pixels::from_u8(2, 1, vec![10, 20, 30, 40, 50, 60]).unwrap();
         let b = Pixels::from_u8(2, 1, vec![10, 20, 33, 36, 50, 60]).unwrap();
         let all = difference(&a, &b, None).unwrap();
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn psnr_of_sixteen_bits_refers_to_their_largest_code() {
+    fn psnr_of_16_bits_refers_to_their_maximum() {
         // 65535 = 257 · 255: codes 257 times as large have the same PSNR as in 8 bits.
         let pixels = |codes: [u16; 6]| Pixels::from_u16(2, 1, codes.map(|code| 257 * code).to_vec()).unwrap();
         let (a, b) = (pixels([10, 20, 30, 40, 50, 60]), pixels([10, 20, 33, 36, 50, 60]));
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_compared_says_why() {
+    fn incomparable_pictures_are_an_error() {
         let a = Pixels::from_u8(2, 1, vec![0; 6]).unwrap();
         let tall = Pixels::from_u8(1, 2, vec![0; 6]).unwrap();
         let deep = Pixels::from_u16(2, 1, vec![0; 6]).unwrap();
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn a_layers_error_counts_the_union_only() {
+    fn layer_error_counts_the_union_only() {
         let (none, red, dim) = ([0.0; 4], [1.0, 0.0, 0.0, 1.0], [0.5, 0.0, 0.0, 1.0]);
         // Red against dim: 0.5; dim against none: 1.5; the third pixel does not count.
         assert_eq!(layer_error(&[red, dim, none], &[dim, none, none]), Ok(2.0 / 8.0));

@@ -1,4 +1,4 @@
-//! Why no photograph is taken.
+//! Errors of taking photographs.
 
 use super::framing::FramingError;
 use super::take::TakeError;
@@ -33,12 +33,12 @@ pub enum PhotoError {
     Gpu(#[from] GpuError),
     #[error(transparent)]
     Take(#[from] TakeError),
-    /// Settings that no camera has, or that contradict each other. Named as on the command line.
+    /// Invalid or contradicting settings, named as on the command line.
     #[error("{0}")]
     Refused(String),
 }
 
-/// Settings that are refused.
+/// An error of refused settings.
 pub fn refused<T>(text: String) -> Result<T, PhotoError> {
     Err(PhotoError::Refused(text))
 }

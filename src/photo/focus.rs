@@ -1,14 +1,15 @@
-//! Automatic focus: on the nearest thing, real or virtual, around the picture's centre.
+//! Autofocus on the nearest surface, real or virtual, around the picture's centre.
 
 use crate::pixels::{LayerImage, Rect};
 
-/// Side of the focus field as a share of the picture's.
-const FIELD: f64 = 0.06;
-/// Pixels covered less than this are not focused on.
-const COVERED: f32 = 0.5;
+/// Side of the focus field relative to the picture's.
+const FOCUS_FIELD_SHARE: f64 = 0.06;
+/// Minimum coverage of a virtual pixel for focusing.
+const MIN_COVERAGE: f32 = 0.5;
 
-/// The focus distance, metres: the median over the focus field of the nearer depth at each pixel, real or virtual. If
-/// nothing is known there, the median over the virtual things of the whole picture. `None` without any.
+/// The focus distance, metres: the median over the focus field of the smaller of real and virtual
+/// depth. Without depth there, the median over the virtual objects of the whole picture. `None`
+/// without any.
 pub fn distance_m(layer: &LayerImage, depth_m: Option<&[f32]>, picture: Rect) -> Option<f64> {
     let around = |part: f64| {
         let half = |side: u32| (0.5 * part * f64::from(side)).ceil() as i32;
@@ -19,7 +20,7 @@ pub fn distance_m(layer: &LayerImage, depth_m: Option<&[f32]>, picture: Rect) ->
     };
     let depth_m = depth_m.filter(|depth_m| depth_m.len() == layer.depth_m.len());
     let nearest = |i: usize, real: bool| {
-        let drawn = Some(layer.depth_m[i]).filter(|_| layer.rgba[i][3] > COVERED);
+        let drawn = Some(layer.depth_m[i]).filter(|_| layer.rgba[i][3] > MIN_COVERAGE);
         let measured = depth_m.filter(|_| real).map(|depth_m| depth_m[i]);
         [drawn, measured].into_iter().flatten().filter(|z| *z > 0.0).min_by(f32::total_cmp)
     };
@@ -32,7 +33,7 @@ pub fn distance_m(layer: &LayerImage, depth_m: Option<&[f32]>, picture: Rect) ->
         found.sort_by(f32::total_cmp);
         found.get(found.len() / 2).map(|z| f64::from(*z))
     };
-    median(around(FIELD), true).or_else(|| median(around(1.0), false))
+    median(around(FOCUS_FIELD_SHARE), true).or_else(|| median(around(1.0), false))
 }
 
 #[cfg(test)]
@@ -40,18 +41,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_nearer_of_real_and_virtual_in_the_middle() {
+    fn focus_is_the_nearer_of_real_and_virtual_in_the_centre() {
         let mut layer = LayerImage::empty(100, 100);
         let mut depth_m = vec![2.0; 10000];
         let whole = Rect::full(100, 100);
         assert_eq!(distance_m(&layer, None, whole), None);
         assert_eq!(distance_m(&layer, Some(&depth_m), whole), Some(2.0));
-        // A thing off the centre counts if nothing else is known.
+        // An object off the centre counts if no other depth is known.
         (layer.rgba[10 * 100 + 10], layer.depth_m[10 * 100 + 10]) = ([1.0; 4], 0.7);
         assert_eq!(distance_m(&layer, Some(&depth_m), whole), Some(2.0));
         depth_m.fill(0.0);
         assert_eq!(distance_m(&layer, Some(&depth_m), whole), Some(f64::from(0.7f32)));
-        // A thing in the centre, nearer than the wall; a faint one is ignored.
+        // An object in the centre, nearer than the wall; a faint one is ignored.
         depth_m.fill(2.0);
         for y in 45..55 {
             for x in 45..55 {

@@ -1,19 +1,21 @@
-//! The part of the recorded picture that a film and a lens see.
+//! Framing: the part of the recorded picture seen by a film and a lens.
 
 use glam::DVec2;
 
-use crate::camera::{Film, FilmError, Framed, Geometry, ThinLens, ThinLensError};
+use crate::camera::{Crop, Film, FilmError, Geometry, ThinLens, ThinLensError};
 
-/// The part of the recorded picture that is wanted in the photograph. By default its middle, as far as the lens sees.
+/// Requested part of the recorded picture. The default is its centre, with the field of view of the
+/// lens.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Aim {
-    /// The centre, px of the recorded picture. It is moved just far enough that nothing unrecorded is seen.
+    /// The centre, px of the recorded picture. It is shifted by the minimum that keeps the frame
+    /// inside the recording.
     pub at_px: Option<DVec2>,
-    /// Width and height that must be seen at least, px of the recorded picture, instead of a focal length.
+    /// Minimum width and height, px of the recorded picture; replaces a focal length.
     pub around_px: Option<DVec2>,
 }
 
-/// The virtual camera's film, lens and picture, and where that is in the recorded one.
+/// Film, lens and picture of the virtual camera, and its crop of the recorded picture.
 #[derive(Clone, Debug)]
 pub struct Framing {
     pub film: Film,
@@ -21,15 +23,15 @@ pub struct Framing {
     pub focal_length_m: f64,
     /// May be infinite.
     pub focus_distance_m: f64,
-    pub framed: Framed,
+    pub framed: Crop,
     /// The camera that takes the photograph.
     pub geometry: Geometry,
-    /// How much later the photograph's middle row was read than the recorded picture's, seconds. 0 if the photograph
-    /// was not aimed.
+    /// Delay of the photograph's middle row after the recorded picture's, seconds. 0 if the
+    /// photograph was not aimed.
     pub later_s: f64,
 }
 
-/// Why something cannot be framed.
+/// Errors of framing.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FramingError {
     #[error(
@@ -56,10 +58,12 @@ pub enum FramingError {
 const SIDE_PX: std::ops::RangeInclusive<u32> = 16..=20000;
 
 impl Framing {
-    /// Frames the middle of a camera's picture. Without a film, it is the camera's own; without a focal length
-    /// (metres), the one that sees as much as there is; without a width, as many pixels as the recording has there.
+    /// Frames the centre of a camera's picture. Defaults: the camera's own film; the focal length
+    /// (metres) with the whole field of view; the width with as many pixels as the recording has
+    /// there.
     ///
-    /// With a focal length f the image distance is v = f·d/(d − f) (vSLRcam (2)): focusing nearer narrows the view.
+    /// With a focal length f the image distance is v = f·d/(d − f) (vSLRcam (2)): focusing nearer
+    /// narrows the view.
     pub fn new(
         whole: &Geometry,
         film: Option<Film>,
@@ -70,7 +74,7 @@ impl Framing {
         Self::aimed(whole, film, focal_length_m, focus_distance_m, width_px, Aim::default())
     }
 
-    /// The same for an aim. `Aim::around_px` replaces the focal length.
+    /// Framing with an aim. `Aim::around_px` replaces the focal length.
     pub fn aimed(
         whole: &Geometry,
         film: Option<Film>,
@@ -99,9 +103,9 @@ impl Framing {
                 columns.min(most)
             }
             (Some(f), None) => {
-                // Refuses a focus within the focal length, and invalid lengths.
+                // Rejects a focus within the focal length, and invalid lengths.
                 let columns = across / ThinLens::with_diameter(f, 0.0, focus_distance_m)?.image_distance_m();
-                // EXIF and the message below round to about a ten-thousandth.
+                // Exif and the message below round to about a ten-thousandth.
                 if columns > most * 1.0001 {
                     let degrees = |columns: f64| 2.0 * (0.5 * columns / i.fx_px).atan().to_degrees();
                     let least_m = ThinLens::focal_length_behind_m(across / most, focus_distance_m);
@@ -131,10 +135,10 @@ impl Framing {
                 Some(at) => (at - 0.5 * step * f64::from(pixels)).clamp(0.0, left_over.max(0.0)),
                 None => 0.5 * left_over,
             };
-            // Pixel on pixel if possible.
+            // Aligned to whole pixels if possible.
             if step == 1.0 { edge.floor() } else { edge }
         };
-        let framed = Framed {
+        let framed = Crop {
             left_px: edge(whole_width, width, aim.at_px.map(|at| at.x)),
             top_px: edge(whole_height, height, aim.at_px.map(|at| at.y)),
             step,
@@ -178,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn by_itself_it_is_the_recorded_picture_pixel_for_pixel() {
+    fn default_framing_is_the_recorded_picture() {
         let framing = Framing::new(&whole(), None, None, f64::INFINITY, None).unwrap();
         assert_eq!(framing.geometry, whole());
         assert!(framing.framed.is_exact());
@@ -190,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn lens_and_film_worked_by_hand() {
+    fn framing_by_lens_and_film_matches_hand_calculation() {
         // 36×24 of a 4:3 picture is 640 × 426.67.
         let film: Film = "36x24".parse().unwrap();
         let full = Framing::new(&whole(), Some(film), None, f64::INFINITY, None).unwrap();
@@ -210,21 +214,23 @@ mod tests {
     }
 
     #[test]
-    fn aimed_beside_the_middle_worked_by_hand() {
+    fn aimed_framing_matches_hand_calculation() {
         let aimed = |at: [f64; 2], around: [f64; 2]| {
             let aim = Aim { at_px: Some(at.into()), around_px: Some(around.into()) };
             Framing::aimed(&whole(), None, None, f64::INFINITY, None, aim).unwrap()
         };
-        // 160 of 640 columns and 120 of 480 rows around (400, 100), starting at (320, 40), pixel on pixel.
+        // 160 of 640 columns and 120 of 480 rows around (400, 100), starting at (320, 40), pixel on
+        // pixel.
         let part = aimed([400.0, 100.0], [160.0, 90.0]);
-        assert_eq!((part.size(), part.framed), ((160, 120), Framed { left_px: 320.0, top_px: 40.0, step: 1.0 }));
+        assert_eq!((part.size(), part.framed), ((160, 120), Crop { left_px: 320.0, top_px: 40.0, step: 1.0 }));
         // Seeing a quarter needs a lens four times as long.
         close(part.focal_length_m, 4.0 * 0.029_531_25, 1e-12);
         // Rows from 40 to 160 have their middle at 100, 140 above that of the whole.
         close(part.later_s, -140.0 / 480.0 * whole().intrinsics.readout_time_s, 1e-15);
-        // Something tall: as many columns as 4:3 needs. At the corner nothing beyond the picture is seen.
+        // Something tall: as many columns as 4:3 needs. At the corner nothing beyond the picture is
+        // seen.
         let part = aimed([639.0, 479.0], [10.0, 120.0]);
-        assert_eq!((part.size(), part.framed), ((160, 120), Framed { left_px: 480.0, top_px: 360.0, step: 1.0 }));
+        assert_eq!((part.size(), part.framed), ((160, 120), Crop { left_px: 480.0, top_px: 360.0, step: 1.0 }));
         let all = aimed([0.0, 0.0], [640.0, 10.0]);
         assert_eq!((all.framed.left_px, all.framed.top_px), (0.0, 0.0));
         for wrong in [641.0, 0.5, f64::NAN] {
@@ -235,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused_with_what_is_accepted() {
+    fn impossible_framing_is_refused_with_the_accepted_range() {
         let film = Some("36x24".parse().unwrap());
         let error = Framing::new(&whole(), film, Some(0.020), f64::INFINITY, None).unwrap_err().to_string();
         assert!(error.contains("20.0 mm") && error.contains("29.54 mm or more"), "{error}");

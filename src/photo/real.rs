@@ -1,9 +1,9 @@
-//! The real part of a photograph: the recording's own pixels, summed and enlarged. They are exposed later, in the
-//! composite, so that nothing is clipped before.
+//! The real part of a photograph: the recording's own pixels, summed and resampled. They are
+//! exposed later, in the composite, so that nothing is clipped before.
 
 use std::ops::Range;
 
-use crate::camera::{Framed, Response, correlations, variance_left};
+use crate::camera::{Crop, Response, correlations, variance_left};
 use crate::parallel::{over_rows, processors};
 use crate::pixels::{Codes, Pixels};
 
@@ -11,12 +11,12 @@ use crate::pixels::{Codes, Pixels};
 #[derive(Clone, Debug)]
 pub struct RealPart {
     pub pixels: Pixels,
-    /// The share of the variance of a pixel's noise that remains after summing and enlarging, on average; up to 1.
+    /// Mean share of the noise variance that remains after summing and resampling; up to 1.
     pub noise_left: f64,
 }
 
-/// The frames that a shutter sees, and the share of its time that each takes. A frame stands for its interval, centred
-/// on its timestamp. The shares of the frames that exist sum to 1.
+/// The frames within the shutter time, and their weights. A frame represents its interval, centred
+/// on its timestamp. The weights of the existing frames sum to 1.
 pub fn shutter_weights(timestamps_s: &[f64], interval_s: f64, frame: usize, time_s: f64) -> (Range<usize>, Vec<f64>) {
     let alone = (frame..frame + 1, vec![1.0]);
     let Some(&middle) = timestamps_s.get(frame).filter(|_| time_s > interval_s && interval_s > 0.0) else {
@@ -34,7 +34,7 @@ pub fn shutter_weights(timestamps_s: &[f64], interval_s: f64, frame: usize, time
     (first..end, parts.iter().map(|p| p / whole).collect())
 }
 
-/// Summed linear light of pictures, in rows of R, G, B.
+/// SummedExposure linear light of pictures, in rows of R, G, B.
 #[derive(Clone, Debug)]
 struct Light {
     width: usize,
@@ -43,13 +43,13 @@ struct Light {
 }
 
 impl RealPart {
-    /// Sums frames of one size (weight, pixels) and resamples the framed part to a size in pixels. If neither is
-    /// needed, the code values are the recording's. `neighbours`: correlation of a pixel's noise with the neighbours'
-    /// to the right and below.
+    /// Sums frames of one size (weight, pixels) and resamples the framed part to a size in pixels.
+    /// If neither is needed, the code values are the recording's. `neighbours`: correlation of a
+    /// pixel's noise with the neighbours' to the right and below.
     pub fn new(
         frames: &[(f64, Pixels)],
         response: &Response,
-        framed: &Framed,
+        framed: &Crop,
         (width, height): (u32, u32),
         neighbours: [f64; 2],
     ) -> Self {
@@ -81,7 +81,7 @@ impl RealPart {
 }
 
 /// Copies pixel for pixel.
-fn cut(pixels: &Pixels, framed: &Framed, width: u32, height: u32) -> Pixels {
+fn cut(pixels: &Pixels, framed: &Crop, width: u32, height: u32) -> Pixels {
     let (left, top) = (framed.left_px as u32, framed.top_px as u32);
     let scale = 65535 / pixels.max_code();
     let place = |n: u32, side: u32| n.min(side.saturating_sub(1));
@@ -109,14 +109,14 @@ fn sum(frames: &[(f64, Pixels)], response: &Response) -> Light {
     Light { width, height, rgb }
 }
 
-/// Which pixels of a row make up those of another, and with what weights.
+/// Resampling weights of a row.
 struct Taps {
-    /// For each pixel: the first source pixel's number, and weights that sum to 1.
+    /// For each pixel: the index of the first source pixel, and weights that sum to 1.
     parts: Vec<(i64, Vec<f32>)>,
     last: i64,
 }
 
-/// The cubic of Catmull and Rom (Keys 1981, a = −1/2): interpolates, with slopes from the neighbours.
+/// Catmull-Rom cubic (Keys 1981, a = −1/2): interpolates, with slopes from the neighbours.
 fn cubic(x: f64) -> f64 {
     let x = x.abs();
     match x {
@@ -127,8 +127,8 @@ fn cubic(x: f64) -> f64 {
 }
 
 impl Taps {
-    /// `count` pixels, each `step` source pixels wide, starting at `edge`. If they are wider than the source's, so is
-    /// the filter.
+    /// `count` pixels, each `step` source pixels wide, starting at `edge`. For minification the
+    /// filter is widened.
     fn new(source: usize, edge: f64, step: f64, count: u32) -> Self {
         let spread = step.max(1.0);
         let parts = (0..count).map(|n| {
@@ -142,7 +142,7 @@ impl Taps {
         Self { parts: parts.collect(), last: source as i64 - 1 }
     }
 
-    /// Beyond the source, its edge continues.
+    /// The border is repeated beyond the source.
     fn of(&self, n: usize, at: impl Fn(usize) -> [f32; 3]) -> [f32; 3] {
         let (first, weights) = &self.parts[n];
         let mut sum = [0.0; 3];
@@ -179,15 +179,15 @@ mod tests {
     }
 
     #[test]
-    fn untouched_codes_stay() {
-        let framed = Framed { left_px: 1.0, top_px: 0.0, step: 1.0 };
+    fn unresampled_codes_are_unchanged() {
+        let framed = Crop { left_px: 1.0, top_px: 0.0, step: 1.0 };
         let real = RealPart::new(&[(1.0, row(&[0, 17, 254, 255]))], &Response::default(), &framed, (2, 1), [0.0; 2]);
         assert_eq!((greens(&real), real.noise_left), (vec![17 * 257, 254 * 257], 1.0));
     }
 
     #[test]
-    fn light_is_summed() {
-        let framed = Framed { left_px: 0.0, top_px: 0.0, step: 1.0 };
+    fn frames_are_summed_in_linear_light() {
+        let framed = Crop { left_px: 0.0, top_px: 0.0, step: 1.0 };
         let frames = [(0.25, row(&[40, 80])), (0.75, row(&[80, 0]))];
         let real = RealPart::new(&frames, &linear(), &framed, (2, 1), [0.0; 2]);
         // 0.25 · 40 + 0.75 · 80 = 70; 0.25 · 80 = 20.
@@ -200,25 +200,25 @@ mod tests {
     }
 
     #[test]
-    fn enlarging_keeps_ramps_and_makes_nothing_up() {
-        let framed = Framed { left_px: 4.0, top_px: 0.0, step: 0.5 };
+    fn resampling_preserves_ramps_and_does_not_overshoot() {
+        let framed = Crop { left_px: 4.0, top_px: 0.0, step: 0.5 };
         let ramp: Vec<u8> = (0..16).map(|i| 10 * i).collect();
         let real = RealPart::new(&[(1.0, row(&ramp))], &linear(), &framed, (8, 2), [0.0; 2]);
         // The first pixel's centre is at 4.25: a quarter before that of pixel 4.
         let expected: Vec<u32> = (0..8).map(|n| (257.0 * (37.5 + 5.0 * f64::from(n))).round() as u32).collect();
         assert_eq!(greens(&real), expected);
-        // Catmull and Rom's weights at a quarter are (−9, 111, 29, −3)/128; their squares sum to 0.80627.
+        // Catmull-Rom weights at a quarter are (−9, 111, 29, −3)/128; their squares sum to 0.80627.
         let at_a_quarter = [9.0f64, 111.0, 29.0, 3.0].map(|w| (w / 128.0).powi(2)).iter().sum::<f64>();
         assert!((real.noise_left - at_a_quarter * at_a_quarter).abs() < 1e-6, "{}", real.noise_left);
         // Three source pixels in one: nearly their mean, by the widened filter.
-        let small = Framed { left_px: 0.5, top_px: 0.0, step: 3.0 };
+        let small = Crop { left_px: 0.5, top_px: 0.0, step: 3.0 };
         let real = RealPart::new(&[(1.0, row(&ramp))], &linear(), &small, (5, 1), [0.0; 2]);
         assert!(greens(&real)[1..4].windows(2).all(|w| (w[1] - w[0]).abs_diff(30 * 257) < 20), "{:?}", greens(&real));
         assert!(real.noise_left < 0.5);
     }
 
     #[test]
-    fn a_slow_shutter_sees_whole_frames_and_parts() {
+    fn shutter_weights_cover_whole_and_partial_frames() {
         let times: Vec<f64> = (0..10).map(|n| 0.1 * f64::from(n)).collect();
         let (range, parts) = shutter_weights(&times, 0.1, 5, 0.2);
         assert_eq!(range, 4..7);

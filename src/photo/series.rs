@@ -1,16 +1,16 @@
-//! A photograph or a series of them, from what is asked for to the files.
+//! Takes a photograph or a series, from the request to the files.
 
 use std::path::PathBuf;
 
-use super::OF_MOTION;
-use super::dials::{Asked, Dials};
+use super::MOTION_EFFECT;
 use super::error::{PhotoError, refused};
+use super::exposure_controls::{ExposureControls, SeriesEntry};
 use super::framing::Framing;
-use super::sheet::{contact_sheet, small};
-use super::shoot::Shoot;
-use super::take::{TakeError, Taken};
+use super::request::{Bracket, Focus, PhotoRequest};
+use super::sheet::{contact_sheet, thumbnail};
+use super::shoot::PhotoShoot;
+use super::take::{Photograph, TakeError};
 use super::target::aim;
-use super::wanted::{Bracket, Focus, Wanted};
 use crate::camera::exposure::INDOORS_LX;
 use crate::camera::metering::PictureLight;
 use crate::camera::{Geometry, Opening};
@@ -22,31 +22,32 @@ use crate::recording::Recording;
 use crate::shot::{DEFAULT_ISO, Note, Shot};
 use crate::sink::photograph;
 
-/// What is said while photographs are taken.
+/// Events while photographs are taken.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Told {
+pub enum PhotoEvent {
     Warning(String),
-    /// The finished share of photograph `number` (from 1) of a series.
+    /// Progress of photograph `number` (from 1) of a series.
     Taking {
         number: usize,
         of: usize,
         share: f64,
     },
-    /// A file is there: its name, and the settings that it was taken with (empty for a contact sheet).
+    /// A written file, and its exposure settings (empty for a contact sheet).
     Written {
         path: PathBuf,
         settings: String,
     },
 }
 
-impl Wanted {
-    /// Takes what is wanted of a shot as it is set. Everything that can be refused is refused before a device is asked
-    /// for. `tell` is told what happens and ends it by `false`, which is [`TakeError::Cancelled`]; what is written stays.
+impl PhotoRequest {
+    /// Takes the requested photographs of a shot. All checks are made before a device is requested.
+    /// `tell` receives the events; if it returns `false`, the work ends with
+    /// [`TakeError::Cancelled`], and written files are kept.
     pub fn take(
         &self,
         shot: Shot,
         device: impl FnOnce() -> Result<Gpu, GpuError>,
-        tell: &mut dyn FnMut(Told) -> bool,
+        tell: &mut dyn FnMut(PhotoEvent) -> bool,
     ) -> Result<(), PhotoError> {
         let index = self.frame;
         shot.check_poses(index..index.saturating_add(1))?;
@@ -54,7 +55,7 @@ impl Wanted {
         let whole = shot.geometry_at(index)?;
         let in_file_m = shot.recording.exposure.get(index).and_then(|e| e.photo.focal_length_m);
         let whole = with_film(whole, &shot.rig, in_file_m);
-        if whole.is_round() {
+        if whole.is_equirectangular() {
             return refused(
                 "a photograph out of a 360° picture is not made: composite into the recording, and crop that"
                     .to_owned(),
@@ -66,8 +67,8 @@ impl Wanted {
         let focal_length_m = self.focal_length_mm.map(|mm| 1e-3 * mm);
         let (given_m, checked_m) = match self.focus {
             Focus::Metres(distance_m) => (distance_m, focal_length_m),
-            // What a lens sees depends on where it is focused, which is not known yet. A focus series continues to
-            // infinity.
+            // The field of view depends on the focus, which is not known yet. A focus series
+            // continues to infinity.
             Focus::Auto => (f64::INFINITY, focal_length_m.filter(|_| self.bracket == Some(Bracket::Focus))),
         };
         let aim = aim(self, &shot.recording, &whole, &shot.scene)?;
@@ -77,26 +78,26 @@ impl Wanted {
             _ => Some(shot.scene_light(index, self.lux)?.lux),
         };
         let mut limits = shot.limits(index, self.f_number);
-        let sums = self.hand_held && shot.settings.is_on(OF_MOTION);
-        let recorded_s = if sums { recorded_s(&shot.recording, index) } else { f64::INFINITY };
-        if let Some(time_s) = self.time_s.filter(|&time_s| time_s > recorded_s * 1.001) {
+        let sums = self.hand_held && shot.settings.is_on(MOTION_EFFECT);
+        let max_shutter_s = if sums { max_shutter_s(&shot.recording, index) } else { f64::INFINITY };
+        if let Some(time_s) = self.time_s.filter(|&time_s| time_s > max_shutter_s * 1.001) {
             return refused(format!(
                 "--shutter {time_s}: the recording does not go on so long around frame {index}; accepted there are up to \
-                 {recorded_s:.3} s, or a frame further from its ends"
+                 {max_shutter_s:.3} s, or a frame further from its ends"
             ));
         }
-        limits.longest_s = limits.longest_s.min(recorded_s);
-        let mut dials = Dials::new(self, taken, lux.unwrap_or(INDOORS_LX), limits)?;
+        limits.longest_s = limits.longest_s.min(max_shutter_s);
+        let mut dials = ExposureControls::new(self, taken, lux.unwrap_or(INDOORS_LX), limits)?;
         let count = dials.series(self.bracket).len();
-        let left_out = dials.left_out(self.bracket);
+        let left_out = dials.omission_warning(self.bracket);
         let inputs = Inputs::of(&shot);
         for path in (1..=count).map(|n| self.path_of(&n.to_string())).chain(self.bracket.map(|_| self.path_of("sheet")))
         {
             photograph::check(&path, self.force)?;
             inputs.check_file(&path)?;
         }
-        let mut say = |told: Told| if tell(told) { Ok(()) } else { Err(TakeError::Cancelled) };
-        let mut warn = |text: String| say(Told::Warning(text));
+        let mut say = |told: PhotoEvent| if tell(told) { Ok(()) } else { Err(TakeError::Cancelled) };
+        let mut warn = |text: String| say(PhotoEvent::Warning(text));
         if lux.is_none() {
             warn(format!(
                 "nothing says how bright the scene is in EXIF or a profile (--lux does): {INDOORS_LX} lx are taken"
@@ -131,7 +132,7 @@ impl Wanted {
         let from = (&shot.recording.track, shot.recording.time_offset_s);
         let rays = Rays::new(&whole);
         let depth_m = frame.depth.as_ref().and_then(|map| agreed_at_frame(&frame, map, &rays, from, &camera.response));
-        let mut shoot = Shoot { wanted: self, shot, whole, frame, depth_m, mean, camera, compositor, aim, sums };
+        let mut shoot = PhotoShoot { wanted: self, shot, whole, frame, depth_m, mean, camera, compositor, aim, sums };
         let (distance_m, nothing) = shoot.focus_distance_m(focal_length_m)?;
         nothing.map(str::to_owned).into_iter().try_for_each(&mut warn)?;
         dials.focus_distance_m = distance_m;
@@ -145,12 +146,12 @@ impl Wanted {
         let mut sheet = Vec::new();
         let mut is_told = false;
         let series = dials.series(self.bracket);
-        let framed = |asked: &Asked| {
+        let framed = |asked: &SeriesEntry| {
             Framing::aimed(&shoot.whole, self.film, focal_length_m, asked.focus_distance_m, self.width_px, aim)
         };
         let framings = series.iter().map(framed).collect::<Result<Vec<_>, _>>()?;
         for (n, (asked, framing)) in series.iter().zip(framings).enumerate() {
-            let mut warn = |text: String| say(Told::Warning(text));
+            let mut warn = |text: String| say(PhotoEvent::Warning(text));
             let opening = shoot.lens(asked).opening(&framing.geometry)?;
             let flat = shoot.frame.depth.is_none() && acts_on_real;
             if flat && !is_told && opening.is_some_and(|opening| blurs(&opening, &framing)) {
@@ -159,43 +160,43 @@ impl Wanted {
                 warn(text.to_owned())?;
                 is_told = true;
             }
-            dials.misses(asked).into_iter().try_for_each(&mut warn)?;
-            let goes_on = |share: f64| say(Told::Taking { number: n + 1, of: series.len(), share }).is_ok();
-            let Taken { pixels, shows_objects } = shoot.take(&dials, asked, &framing, opening, goes_on)?;
+            dials.exposure_warning(asked).into_iter().try_for_each(&mut warn)?;
+            let goes_on = |share: f64| say(PhotoEvent::Taking { number: n + 1, of: series.len(), share }).is_ok();
+            let Photograph { pixels, shows_objects } = shoot.take(&dials, asked, &framing, opening, goes_on)?;
             if !shows_objects && n == 0 {
-                say(Told::Warning(Note::NothingSeen.to_string()))?;
+                say(PhotoEvent::Warning(Note::NothingSeen.to_string()))?;
             }
             let path = self.path_of(&(n + 1).to_string());
             let notes = shoot.notes(&dials, asked, &framing);
             photograph::write(&path, &pixels, Some(&notes), self.force)?;
             let settings = label(asked, &framing);
-            let written = say(Told::Written { path, settings: settings.replace('\n', ", ") });
-            // A single one is all: nothing is left to be ended.
+            let written = say(PhotoEvent::Written { path, settings: settings.replace('\n', ", ") });
+            // After a single photograph nothing is left to cancel.
             if self.bracket.is_some() {
                 written?;
-                sheet.extend(small(&pixels).map(|small| (small, settings)));
+                sheet.extend(thumbnail(&pixels).map(|small| (small, settings)));
             }
         }
         if self.bracket.is_some() {
             let path = self.path_of("sheet");
             photograph::write(&path, &contact_sheet(&sheet), None, self.force)?;
-            let _ = say(Told::Written { path, settings: String::new() });
+            let _ = say(PhotoEvent::Written { path, settings: String::new() });
         }
         Ok(())
     }
 }
 
-/// How long a shutter centred on a frame's time can be open and still see frames, in seconds: at least one interval,
-/// and unlimited if the frames' times mean nothing.
-fn recorded_s(recording: &Recording, frame: usize) -> f64 {
+/// Maximum shutter time, centred on a frame's time, with frames throughout, in seconds: at least
+/// one interval, and unlimited if the frames' times are nominal.
+fn max_shutter_s(recording: &Recording, frame: usize) -> f64 {
     let times = &recording.timestamps_s;
     let (Some(first), Some(at), Some(last)) = (times.first(), times.get(frame), times.last()) else { return 0.0 };
     let interval_s = recording.frame_interval_s;
     if recording.kind.has_times() { interval_s + 2.0 * (at - first).min(last - at) } else { f64::INFINITY }
 }
 
-/// The camera's geometry. If nothing else gives the film's width, it is set so that the focal length is the one in the
-/// frame's file.
+/// The camera's geometry. If the film's width is not given otherwise, it is set so that the focal
+/// length is that of the frame's Exif.
 fn with_film(whole: Geometry, rig: &Rig, focal_length_m: Option<f64>) -> Geometry {
     let Some(focal_length_m) = focal_length_m.filter(|_| !rig.gives_film_width()) else { return whole };
     let Geometry { mut intrinsics, distortion, .. } = whole;
@@ -203,7 +204,7 @@ fn with_film(whole: Geometry, rig: &Rig, focal_length_m: Option<f64>) -> Geometr
     Geometry::new(intrinsics, distortion)
 }
 
-fn label(asked: &Asked, framing: &Framing) -> String {
+fn label(asked: &SeriesEntry, framing: &Framing) -> String {
     let off =
         if asked.over_ev.abs() > 1.0 / 6.0 + 1e-6 { format!(", {:+.1} EV", asked.over_ev) } else { String::new() };
     let lens = format!("{:.1} mm", 1e3 * framing.focal_length_m);
@@ -214,7 +215,7 @@ fn label(asked: &Asked, framing: &Framing) -> String {
     format!("{}\n{lens} at {focus}{off}", asked.settings)
 }
 
-/// Whether objects at half the focus distance or at infinity would be visibly blurred.
+/// True if objects at half the focus distance or at infinity would be visibly blurred.
 fn blurs(opening: &Opening, framing: &Framing) -> bool {
     let fx_px = framing.geometry.intrinsics.fx_px;
     let nearer = if framing.focus_distance_m.is_finite() { 0.5 * framing.focus_distance_m } else { 1.0 };

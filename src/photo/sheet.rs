@@ -5,19 +5,19 @@ use image::{Rgb, RgbImage, imageops};
 use crate::pixels::{Codes, Pixels};
 use crate::sink::lettering::{Style, write};
 
-/// Width of each picture on the sheet, px, and the margin around it.
+/// Width of each picture on the sheet, px.
 const PICTURE_PX: u32 = 480;
 const MARGIN_PX: u32 = 12;
-/// Height of the letters, and line spacing.
-const LETTERS: Style = Style { height_px: 24.0, ink: Rgb([230, 230, 230]) };
+/// Text style.
+const LABEL_STYLE: Style = Style { height_px: 24.0, ink: Rgb([230, 230, 230]) };
 const LINE_PX: u32 = 26;
 const PAPER: Rgb<u8> = Rgb([24, 24, 24]);
 
 type Picture = RgbImage;
 
-/// A photograph in the sheet's size, so that the large ones need not be kept. `None` for 16 bits, which no photograph
-/// has.
-pub fn small(pixels: &Pixels) -> Option<Picture> {
+/// A photograph reduced to the sheet's size, to save memory. `None` for 16 bits, which photographs
+/// do not have.
+pub fn thumbnail(pixels: &Pixels) -> Option<Picture> {
     let codes = pixels.codes.eight_bit()?;
     let picture = Picture::from_raw(pixels.width, pixels.height, codes.to_vec())?;
     let height = (u64::from(PICTURE_PX) * u64::from(pixels.height) / u64::from(pixels.width.max(1))).max(1) as u32;
@@ -27,7 +27,8 @@ pub fn small(pixels: &Pixels) -> Option<Picture> {
     Some(imageops::resize(&picture, PICTURE_PX, height, imageops::FilterType::CatmullRom))
 }
 
-/// The sheet, filled from the upper left, with as many columns as make it about square. Labels may have several lines.
+/// The sheet, filled from the upper left, with a number of columns that makes it about square.
+/// Labels may have several lines.
 pub fn contact_sheet(pictures: &[(Picture, String)]) -> Pixels {
     let count = pictures.len().max(1) as u32;
     let columns = f64::from(count).sqrt().ceil() as u32;
@@ -41,8 +42,8 @@ pub fn contact_sheet(pictures: &[(Picture, String)]) -> Pixels {
         imageops::replace(&mut sheet, picture, x.into(), y.into());
         for (line, text) in (0u32..).zip(label.lines()) {
             let top = y + picture.height() + MARGIN_PX / 2 + line * LINE_PX;
-            // What does not fit below a picture is cut off.
-            write(&mut sheet, (x as f32, top as f32), (x + PICTURE_PX) as f32, text, LETTERS);
+            // Labels are clipped to the space below the picture.
+            write(&mut sheet, (x as f32, top as f32), (x + PICTURE_PX) as f32, text, LABEL_STYLE);
         }
     }
     let (width, height) = sheet.dimensions();
@@ -54,8 +55,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_picture_stands_above_its_label() {
-        let picture = |code: u8| small(&Pixels::from_u8(60, 40, vec![code; 7200]).unwrap()).unwrap();
+    fn contact_sheet_places_labels_below_pictures() {
+        let picture = |code: u8| thumbnail(&Pixels::from_u8(60, 40, vec![code; 7200]).unwrap()).unwrap();
         assert_eq!(picture(0).dimensions(), (480, 320));
         let sheet = contact_sheet(&[
             (picture(90), "f/2.8".to_owned()),

@@ -1,49 +1,49 @@
-//! Photographs a recording's frame.
+//! Photographs a frame of a recording.
 
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use super::dials::{Asked, Dials};
 use super::error::PhotoError;
+use super::exposure_controls::{ExposureControls, SeriesEntry};
 use super::focus::distance_m;
 use super::framing::{Aim, Framing};
-use super::hiding::Hiding;
+use super::occlusion::SummedFrameOcclusion;
 use super::real::{RealPart, shutter_weights};
-use super::take::{self, Exposed, Standpoint, Taken};
-use super::wanted::{Focus, Wanted};
+use super::request::{Focus, PhotoRequest};
+use super::take::{self, PhotoExposure, Photograph, Standpoint};
 use crate::camera::exposure::ExposureSettings;
 use crate::camera::metering::Mode;
 use crate::camera::stops::{self, Step};
-use crate::camera::{Camera, Geometry, Lens, Opening, Summed};
+use crate::camera::{Camera, Geometry, Lens, Opening, SummedExposure};
 use crate::compositor::{Compositor, Target, exposure_time_s};
 use crate::frame::Frame;
 use crate::pixels::Rect;
 use crate::shot::{DEFAULT_ISO, Shot};
-use crate::sink::photograph::Notes;
+use crate::sink::photograph::ExifNotes;
 use crate::text::short;
 
 /// Timestamps from this value on (2001-09-09) are seconds since 1970.
-const EPOCH_S: f64 = 1e9;
+const MIN_EPOCH_TIME_S: f64 = 1e9;
 
-/// A shot with the frame to photograph.
-pub struct Shoot<'a> {
-    pub wanted: &'a Wanted,
+/// A shot and the frame to photograph.
+pub struct PhotoShoot<'a> {
+    pub wanted: &'a PhotoRequest,
     pub shot: Shot,
     pub whole: Geometry,
     pub frame: Frame,
-    /// The frame's depth at its moment, metres, row by row, 0 where unknown.
+    /// The frame's depth at its time, metres, row by row, 0 where unknown.
     pub depth_m: Option<Vec<f32>>,
     /// Mean of the frame's linear light.
     pub mean: f64,
     pub camera: Camera,
     pub compositor: Compositor,
     pub aim: Aim,
-    /// Whether the recording's frames are summed while the shutter is open.
+    /// True if the recording's frames are summed during the exposure.
     pub sums: bool,
 }
 
-impl Shoot<'_> {
-    /// Where the lens is focused, and what is to be said of it.
+impl PhotoShoot<'_> {
+    /// Focus distance, and a warning about it.
     pub fn focus_distance_m(&mut self, focal_length_m: Option<f64>) -> Result<(f64, Option<&'static str>), PhotoError> {
         if let Focus::Metres(distance_m) = self.wanted.focus {
             return Ok((distance_m, None));
@@ -52,7 +52,7 @@ impl Shoot<'_> {
         let layer = self.compositor.collect(pending)?.layer.unwrap_or_default();
         let framed =
             |f| Framing::aimed(&self.whole, self.wanted.film, f, f64::INFINITY, self.wanted.width_px, self.aim);
-        // A lens that sees too much at infinity may fit once it is focused.
+        // A lens with too wide a view at infinity may fit once it is focused.
         let framing = framed(focal_length_m).or_else(|_| framed(None))?;
         let (width, height) = framing.size();
         let corner = framing.framed.source_px(glam::DVec2::new(f64::from(width), f64::from(height)));
@@ -68,7 +68,7 @@ impl Shoot<'_> {
         })
     }
 
-    pub fn lens(&self, asked: &Asked) -> Lens {
+    pub fn lens(&self, asked: &SeriesEntry) -> Lens {
         Lens {
             f_number: Some(asked.settings.f_number),
             aperture_diameter_mm: None,
@@ -79,12 +79,12 @@ impl Shoot<'_> {
 
     pub fn take(
         &mut self,
-        dials: &Dials,
-        asked: &Asked,
+        dials: &ExposureControls,
+        asked: &SeriesEntry,
         framing: &Framing,
         opening: Option<Opening>,
         goes_on: impl FnMut(f64) -> bool,
-    ) -> Result<Taken, PhotoError> {
+    ) -> Result<Photograph, PhotoError> {
         let (index, shot, recording) = (self.wanted.frame, &self.shot, &self.shot.recording);
         let has_times = recording.kind.has_times();
         let (range, weights) = if has_times && self.sums {
@@ -102,19 +102,19 @@ impl Shoot<'_> {
             let from = (&recording.track, recording.time_offset_s);
             let (proxies, planes) = (self.compositor.proxies(), self.compositor.support_planes());
             let by_depth = by_depth.map(|depth| {
-                Hiding::new(&self.whole, from, framing, &self.camera.response, (depth, &proxies, &planes))
+                SummedFrameOcclusion::new(&self.whole, from, framing, &self.camera.response, (depth, &proxies, &planes))
             });
             for (frame, weight) in recording.frames_beside(range)?.zip(weights) {
                 let frame = frame?;
                 let time_s = frame.timestamp_s - self.frame.timestamp_s;
                 hiding.extend(by_depth.as_ref().and_then(|hiding| Some((time_s, hiding.of(&frame)?))));
                 let exposure_s = exposure_time_s(&self.camera, &shot.settings, &frame, recording.frame_interval_s);
-                summed.push(Summed { time_s, exposure_s, weight });
+                summed.push(SummedExposure { time_s, exposure_s, weight });
                 frames.push((weight, frame.pixels));
             }
         }
         let response = &shot.rig.response;
-        // Relative to the frame itself: what it shows is what was metered.
+        // Relative to the frame itself, which was metered.
         let gain = if self.mean > 0.0 { asked.settings.mean_light(dials.lux) / self.mean } else { 1.0 };
         // The recording's own settings leave its light unchanged, despite rounding.
         let gain = if (gain - 1.0).abs() < 1e-9 { 1.0 } else { gain };
@@ -122,12 +122,13 @@ impl Shoot<'_> {
         let real = RealPart::new(&frames, response, &framing.framed, framing.size(), neighbours);
         drop(frames);
         let measured_at = shot.rig.exposure.iso.or(shot.exposure_settings(index).iso).unwrap_or(DEFAULT_ISO);
-        let exposed = Exposed {
+        let exposed = PhotoExposure {
             opening,
             time_s: match (has_times, self.sums) {
                 (false, _) => 0.0,
                 (true, true) => asked.settings.time_s,
-                // On a tripod the real part is the frame, so virtual objects are blurred as in it.
+                // On a tripod the real part is a single frame, so virtual objects are blurred as in
+                // it.
                 (true, false) => exposure_time_s(&self.camera, &shot.settings, &self.frame, recording.frame_interval_s),
             },
             over_ev: gain.log2(),
@@ -151,15 +152,15 @@ impl Shoot<'_> {
         Ok(take::take(&mut self.compositor, &standpoint, framing, real, &exposed, goes_on)?)
     }
 
-    pub fn notes(&self, dials: &Dials, asked: &Asked, framing: &Framing) -> Notes {
+    pub fn notes(&self, dials: &ExposureControls, asked: &SeriesEntry, framing: &Framing) -> ExifNotes {
         let ExposureSettings { f_number, time_s, iso } = asked.settings;
         let focal_length_mm = 1e3 * framing.focal_length_m;
-        let clock_s = Some(self.frame.timestamp_s).filter(|t| *t >= EPOCH_S);
+        let clock_s = Some(self.frame.timestamp_s).filter(|t| *t >= MIN_EPOCH_TIME_S);
         let recorded_s = self.frame.exposure.photo.taken_s.or(clock_s);
         let now_s = || SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
         let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        Notes {
-            // The engraved values, like a camera writes them.
+        ExifNotes {
+            // The engraved values, as written by a camera.
             f_number: stops::marked(&stops::f_numbers(Step::Third), f_number),
             time_s: stops::marked(&stops::shutter_times_s(Step::Third), time_s),
             iso: stops::marked(&stops::iso_speeds(Step::Third), iso),

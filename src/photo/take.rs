@@ -1,8 +1,8 @@
-//! Takes a photograph tile by tile, so that only its pixels grow in memory with its size.
+//! Takes a photograph in tiles, so that only its pixels grow in memory with its size.
 
 use std::borrow::Cow;
 
-use crate::camera::{Camera, Capture, FilmUsed, Geometry, Opening, Summed};
+use crate::camera::{Camera, Capture, FilmOverride, Geometry, Opening, SummedExposure};
 use crate::compositor::{Compositor, Job, RealDepth, Settings, SubmitError, Target};
 use crate::depth::{DepthGrid, FAR_M, Rays, Surfaces, flatten};
 use crate::effects::depth_of_field::MAX_CIRCLE_PX;
@@ -11,16 +11,16 @@ use crate::gpu::GpuError;
 use crate::pixels::{Codes, Pixels, Rect, eight_bits};
 use crate::tracking::PoseTrack;
 
-use super::hiding::seen_in;
+use super::occlusion::seen_in;
 use super::{Framing, RealPart};
 
 /// Side of a tile, px: multisampled colour and depth take 48 bytes per pixel, 113 MB.
 const TILE_PX: i32 = 1536;
-/// Side of a tile including what is blurred into it, and the smallest side of a tile.
-const DRAWN_PX: i32 = 1500;
-const LEAST_TILE_PX: i32 = 512;
+/// Side of a tile including the margin for blur.
+const MAX_DRAWN_TILE_PX: i32 = 1500;
+const MIN_TILE_PX: i32 = 512;
 
-/// Where and when the photograph is taken.
+/// Viewpoint and time of the photograph.
 #[derive(Clone, Copy, Debug)]
 pub struct Standpoint<'a> {
     /// The calibrated camera.
@@ -34,30 +34,31 @@ pub struct Standpoint<'a> {
     pub interval_s: f64,
     pub frame: usize,
     pub timestamp_s: f64,
-    /// The recording's frames that the real part sums. Empty if there is one.
-    pub summed: &'a [Summed],
-    /// The frame's exposure as the recording reports it.
+    /// The recording's frames summed in the real part. Empty if there is only one.
+    pub summed: &'a [SummedExposure],
+    /// The frame's exposure as recorded.
     pub exposure: FrameExposure,
-    /// Share of the virtual layer that is seen in the frame.
+    /// Opacity of the virtual layer in the frame.
     pub presence: f64,
-    /// The recorded picture's depth at the frame's moment, metres, row by row, 0 where unknown. It hides virtual things, and the
-    /// real part's depth of field depends on it.
+    /// The recorded picture's depth at the frame's time, metres, row by row, 0 where unknown. It
+    /// occludes virtual objects, and determines the real part's depth of field.
     pub depth_m: Option<&'a [f32]>,
-    /// What hides them in each of the summed frames ([`Hiding`](super::Hiding)), with its time in seconds from the
-    /// frame's. Where it is empty, `depth_m` hides.
+    /// Depth for occlusion in each of the summed frames
+    /// ([`SummedFrameOcclusion`](super::SummedFrameOcclusion)), with its time in seconds relative to the
+    /// frame's. If empty, `depth_m` is used.
     pub hiding: &'a [(f64, DepthGrid)],
 }
 
-/// How the photograph is exposed.
+/// Exposure of the photograph.
 #[derive(Clone, Copy, Debug)]
-pub struct Exposed {
+pub struct PhotoExposure {
     /// `None` for a pinhole.
     pub opening: Option<Opening>,
-    /// How long motion is blurred, seconds.
+    /// Duration of motion blur, seconds.
     pub time_s: f64,
-    /// Stops brighter than the recording.
+    /// Exposure relative to the recording, stops.
     pub over_ev: f64,
-    /// Film speed over the speed at which the recording's noise was measured.
+    /// ISO speed relative to the speed at which the recording's noise was measured.
     pub iso_ratio: f64,
 }
 
@@ -67,32 +68,32 @@ pub enum TakeError {
     Submit(#[from] SubmitError),
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// Whoever asked for it wanted no more.
+    /// Cancelled by the caller.
     #[error("cancelled")]
     Cancelled,
 }
 
 /// The finished photograph.
 #[derive(Clone, Debug)]
-pub struct Taken {
+pub struct Photograph {
     /// 8 bits.
     pub pixels: Pixels,
-    /// Whether any object is in front of the camera.
+    /// True if any object is in front of the camera.
     pub shows_objects: bool,
 }
 
-/// Puts the compositor's scene into the real part and exposes both. Calls `goes_on` with the finished share of the
-/// picture; by `false` it is the last that is done.
+/// Composites the compositor's scene into the real part and exposes both. Calls `goes_on` with the
+/// progress; if it returns `false`, the work ends.
 pub fn take(
     compositor: &mut Compositor,
     standpoint: &Standpoint<'_>,
     framing: &Framing,
     real: RealPart,
-    exposed: &Exposed,
+    exposed: &PhotoExposure,
     mut goes_on: impl FnMut(f64) -> bool,
-) -> Result<Taken, TakeError> {
+) -> Result<Photograph, TakeError> {
     let (width, height) = framing.size();
-    let alone = Summed { time_s: 0.0, exposure_s: exposed.time_s, weight: 1.0 };
+    let alone = SummedExposure { time_s: 0.0, exposure_s: exposed.time_s, weight: 1.0 };
     let capture = Capture {
         region: Rect::full(width, height),
         whole: true,
@@ -101,13 +102,13 @@ pub fn take(
         summed: if standpoint.summed.is_empty() { vec![alone] } else { standpoint.summed.to_vec() },
         over_ev: exposed.over_ev,
         noise_left: real.noise_left,
-        film: Some(FilmUsed { speed: exposed.iso_ratio, width_mm: framing.film.width_mm() }),
+        film: Some(FilmOverride { speed: exposed.iso_ratio, width_mm: framing.film.width_mm() }),
         recorded: standpoint.recorded,
         framed: framing.framed,
         enlargement: framing.enlargement(),
     };
     let mut pixels = real.pixels;
-    // The largest visible circles follow from the measured depths alone.
+    // The largest visible circles of confusion follow from the measured depths alone.
     let measured_m = standpoint.depth_m;
     let least_m = measured_m.into_iter().flatten().copied().filter(|z| *z > 0.0).fold(f32::INFINITY, f32::min);
     let circles_px = exposed.opening.map_or(0.0, |opening| {
@@ -125,7 +126,7 @@ pub fn take(
     let reach_px = 0.5 * circles_px.min(f64::from(width.max(height)) / 4.0).min(f64::from(MAX_CIRCLE_PX));
     let surfaces = grid.as_ref().filter(|_| circles_px > 0.0 && is_measured).map(|grid| Surfaces::new(grid, reach_px));
     let tile_px = match &surfaces {
-        Some(_) => (DRAWN_PX - (2.5 * reach_px) as i32 - 64).clamp(LEAST_TILE_PX, TILE_PX),
+        Some(_) => (MAX_DRAWN_TILE_PX - (2.5 * reach_px) as i32 - 64).clamp(MIN_TILE_PX, TILE_PX),
         None => TILE_PX,
     };
     let mut out = vec![0u8; 3 * width as usize * height as usize];
@@ -168,10 +169,10 @@ pub fn take(
         pixels = composited.pixels;
         develop(&mut pixels, before, region, &mut out);
     }
-    Ok(Taken { pixels: Pixels { width, height, codes: Codes::U8(out) }, shows_objects })
+    Ok(Photograph { pixels: Pixels { width, height, codes: Codes::U8(out) }, shows_objects })
 }
 
-/// The recorded picture's depth at the frame's moment with the planes on which objects stand, and with proxies.
+/// The recorded picture's depth at the frame's time, with the objects' support planes and proxies.
 fn real_depth_m<'a>(compositor: &Compositor, standpoint: &Standpoint<'a>) -> Option<Cow<'a, [f32]>> {
     let size = &standpoint.recorded.intrinsics;
     let whole = Rect::full(size.width_px, size.height_px);
@@ -190,7 +191,7 @@ fn real_depth_m<'a>(compositor: &Compositor, standpoint: &Standpoint<'a>) -> Opt
     depth_m
 }
 
-/// The ranges of the rows in a picture's codes.
+/// Index ranges of the rows in a picture's codes.
 fn rows(width: u32, region: Rect) -> impl Iterator<Item = std::ops::Range<usize>> {
     let place = move |x: i32, y: i32| 3 * (y as usize * width as usize + x as usize);
     (region.y0..region.y1).map(move |y| place(region.x0, y)..place(region.x1, y))
@@ -204,8 +205,8 @@ fn copied(pixels: &Pixels, region: Rect) -> Codes {
     }
 }
 
-/// Copies a finished region out of the picture, in 8 bits, and restores the pixels there, because its neighbours' blur
-/// reads them.
+/// Copies a finished region out of the picture, in 8 bits, and restores the pixels there, because
+/// the neighbouring tiles' blur reads them.
 fn develop(pixels: &mut Pixels, before: Codes, region: Rect, out: &mut [u8]) {
     let columns = 3 * region.width() as usize;
     for (n, row) in rows(pixels.width, region).enumerate() {
@@ -253,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_are_taken_out_in_8_bits_and_the_rest_stays() {
+    fn developed_region_is_8_bit_and_the_rest_is_restored() {
         let recorded: Vec<u16> = (0..3 * 4 * 2).collect();
         let region = Rect::new(1, 0, 3, 2);
         let mut pixels = Pixels { width: 4, height: 2, codes: Codes::U16(recorded.clone()) };

@@ -1,16 +1,16 @@
-//! The aim of a photograph, as places in the recorded picture.
+//! Resolves the aim of a photograph to pixels of the recorded picture.
 
 use glam::{DVec2, DVec3};
 
 use super::error::{PhotoError, refused};
 use super::framing::Aim;
-use super::wanted::Wanted;
+use super::request::PhotoRequest;
 use crate::camera::Geometry;
 use crate::recording::Recording;
 use crate::scene::{Object, Scene};
 
-/// The share of the photograph that an object fills, in width or in height.
-const FILLED: f64 = 0.5;
+/// Share of the photograph filled by an object, in width or in height.
+const OBJECT_SHARE: f64 = 0.5;
 
 fn place(text: &str) -> Option<DVec2> {
     let (x, y) = text.split_once(',')?;
@@ -18,8 +18,8 @@ fn place(text: &str) -> Option<DVec2> {
     Some(DVec2::new(number(x)?, number(y)?))
 }
 
-pub fn aim(wanted: &Wanted, recording: &Recording, whole: &Geometry, scene: &Scene) -> Result<Aim, PhotoError> {
-    let Wanted { frame, focal_length_mm, across_px, .. } = wanted;
+pub fn aim(wanted: &PhotoRequest, recording: &Recording, whole: &Geometry, scene: &Scene) -> Result<Aim, PhotoError> {
+    let PhotoRequest { frame, focal_length_mm, across_px, .. } = wanted;
     let across = across_px.map(|columns| DVec2::new(columns, 0.0));
     let Some(wanted) = &wanted.aim else { return Ok(Aim { at_px: None, around_px: across }) };
     let size = DVec2::new(whole.intrinsics.width_px.into(), whole.intrinsics.height_px.into());
@@ -38,8 +38,8 @@ pub fn aim(wanted: &Wanted, recording: &Recording, whole: &Geometry, scene: &Sce
         return refused(format!("--aim {wanted}: it is not in the picture of frame {frame}"));
     };
     let around = across.or(focal_length_mm.is_none().then(|| {
-        let around = (high - low) / FILLED;
-        // No more than the picture has, whatever the film's shape.
+        let around = (high - low) / OBJECT_SHARE;
+        // Limited to the picture, whatever the film's shape.
         around * (size / around).min_element().min(1.0)
     }));
     Ok(Aim { at_px: Some(0.5 * (low + high)), around_px: around })
@@ -57,7 +57,7 @@ fn named<'a>(wanted: &str, scene: &'a Scene) -> Result<&'a Object, PhotoError> {
     })
 }
 
-/// Its vertices, in the world.
+/// Its vertices in the world.
 fn points<'a>(object: &'a Object, scene: &'a Scene) -> impl Iterator<Item = DVec3> + 'a {
     object.parts.iter().flat_map(|part| {
         let vertices = scene.meshes[part.mesh].vertices.iter();

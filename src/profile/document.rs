@@ -1,4 +1,4 @@
-//! A profile as an edited text: comments and layout written by people stay.
+//! Profiles as editable text: comments and layout are preserved.
 
 use std::fmt;
 use std::path::Path;
@@ -11,14 +11,14 @@ use crate::compositor::{ON, Settings};
 use crate::document::{self, Problem, merge, table_of};
 use crate::params::Params;
 
-/// Start of the comment above a noise table that says where it came from.
-const NOISE: &str = "# By `locard calibrate noise";
-/// The same above a camera's intrinsics.
-const LENS: &str = "# By `locard calibrate camera";
-/// Start of such a comment's further lines.
-const GOES_ON: &str = "#    ";
-/// The keys of `[camera]` that a calibration of the lens replaces.
-const GEOMETRY: [&str; 6] = ["width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px"];
+/// Prefix of the origin comment above a noise table.
+const NOISE_SIGNATURE: &str = "# By `locard calibrate noise";
+/// Prefix of the origin comment above a camera's intrinsics.
+const LENS_SIGNATURE: &str = "# By `locard calibrate camera";
+/// Prefix of the further lines of such a comment.
+const CONTINUATION_PREFIX: &str = "#    ";
+/// Keys of `[camera]` that a lens calibration replaces.
+const GEOMETRY_KEYS: [&str; 6] = ["width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px"];
 
 /// A profile, with the comments, spacing and order of its text.
 #[derive(Clone, Debug)]
@@ -37,71 +37,73 @@ impl Document {
         Self { text }
     }
 
-    /// Parses the text of a profile; `path` is named in errors. Other files, such as a recording's or a scene's, are
-    /// refused.
+    /// Parses the text of a profile; `path` is for error messages. Other files, such as a
+    /// recording's or a scene's, are refused.
     pub fn parse(text: &str, path: &Path) -> Result<Self, ProfileError> {
         Rig::default().read_text(text, path, &mut Settings::default())?;
         let failed = |source: Problem| ProfileError::Syntax { path: path.to_owned(), source };
         Ok(Self { text: document::edited(text).map_err(failed)? })
     }
 
-    /// Whether there is a table of noise.
+    /// True if there is a noise table.
     pub fn has_noise(&self) -> bool {
         self.text.get("camera").and_then(|camera| camera.get("noise")).is_some()
     }
 
-    /// Replaces the camera's noise. `origin` goes into a comment above it, as in "by `locard calibrate noise`, from 20
-    /// frames", and replaces an earlier such comment. Empty for none.
+    /// Replaces the camera's noise. `origin` becomes a comment above it, as in "by `locard
+    /// calibrate noise`, from 20 frames", and replaces an earlier such comment. Empty for none.
     pub fn set_noise(&mut self, profile: &NoiseProfile, origin: &str) {
         self.put("camera.noise", &noise::to_toml(profile));
-        self.sign("camera.noise", NOISE, origin);
+        self.sign("camera.noise", NOISE_SIGNATURE, origin);
     }
 
-    /// Replaces size, focal lengths, principal point and distortion; the camera's other keys stay. `origin` as for
-    /// [`Document::set_noise`], above the camera's table; its further lines are comments too.
+    /// Replaces size, focal lengths, principal point and distortion; the camera's other keys are
+    /// kept. `origin` as for [`Document::set_noise`], above the camera's table; its further lines
+    /// become comments too.
     pub fn set_geometry(&mut self, geometry: &Geometry, origin: &str) {
-        for name in GEOMETRY {
+        for name in GEOMETRY_KEYS {
             self.set_param(&geometry.intrinsics, name);
         }
         self.set_params(&geometry.distortion);
-        self.sign("camera", LENS, origin);
+        self.sign("camera", LENS_SIGNATURE, origin);
     }
 
-    /// Puts a comment above a table, in place of the one that begins alike.
+    /// Puts a comment above a table, replacing one with the same prefix.
     fn sign(&mut self, name: &str, signature: &str, origin: &str) {
         let Some(decor) = table_at(&mut self.text, name).map(Table::decor_mut) else { return };
         let before = decor.prefix().and_then(|prefix| prefix.as_str()).unwrap_or("\n");
         let mut kept = String::new();
         let mut is_ours = false;
         for line in before.split_inclusive('\n') {
-            // What goes on from our comment is indented.
-            is_ours = line.starts_with(signature) || (is_ours && line.starts_with(GOES_ON));
+            // Continuation lines of the comment are indented.
+            is_ours = line.starts_with(signature) || (is_ours && line.starts_with(CONTINUATION_PREFIX));
             kept += if is_ours { "" } else { line };
         }
         let mut lines = origin.lines();
         kept.extend(lines.next().map(|first| format!("{signature}{first}\n")));
-        kept.extend(lines.map(|line| format!("{GOES_ON}{line}\n")));
+        kept.extend(lines.map(|line| format!("{CONTINUATION_PREFIX}{line}\n")));
         decor.set_prefix(kept);
     }
 
-    /// Takes the camera's noise out.
+    /// Removes the camera's noise.
     pub fn remove_noise(&mut self) {
         if let Some(camera) = self.text.get_mut("camera").and_then(Item::as_table_like_mut) {
             camera.remove("noise");
         }
     }
 
-    /// Replaces a table of parameters. Those without a value are left out.
+    /// Replaces a table of parameters. Parameters without a value are omitted.
     pub fn set_params(&mut self, params: &dyn Params) {
         self.put(params.table(), &table_of(params));
     }
 
-    /// Sets one parameter and leaves the table's other keys alone; [`Value::None`](crate::params::Value::None) removes it.
+    /// Sets one parameter and keeps the table's other keys;
+    /// [`Value::None`](crate::params::Value::None) removes it.
     pub fn set_param(&mut self, params: &dyn Params, name: &str) {
         self.set_key(params.table(), name, table_of(params).remove(name));
     }
 
-    /// The number that the text has for a parameter; `None` where it says nothing, or something else.
+    /// The number of a parameter in the text; `None` if it is missing or no number.
     pub fn number(&self, table: &str, name: &str) -> Option<f64> {
         let mut tables = table.split('.');
         let first = self.text.get(tables.next()?)?;
@@ -109,12 +111,12 @@ impl Document {
         value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
     }
 
-    /// Sets one parameter to a number within its range, and leaves the table's other keys alone.
+    /// Sets one parameter to a number within its range, and keeps the table's other keys.
     pub fn set_number(&mut self, table: &str, name: &str, to: f64) {
         self.set_key(table, name, Some(Item::Value(document::number(to))));
     }
 
-    /// Says whether an effect may run, in its table.
+    /// Enables or disables an effect in its table.
     pub fn switch(&mut self, effect: &str, on: bool) {
         self.set_key(effect, ON, Some(toml_edit::value(on)));
     }
@@ -130,7 +132,7 @@ impl Document {
         self.put(table, &keys);
     }
 
-    /// Makes the named table, such as `camera.noise`, contain exactly these keys, apart from its subtables.
+    /// Sets the keys of the named table, such as `camera.noise`, except for its subtables.
     fn put(&mut self, name: &str, table: &Table) {
         let mut at: &mut dyn TableLike = self.text.as_table_mut();
         for part in name.split('.') {
@@ -143,7 +145,7 @@ impl Document {
             let Some(inner) = item.as_table_like_mut() else { return };
             at = inner;
         }
-        // Subtables are not ours to change.
+        // Subtables are left unchanged.
         let mine: Table = at.iter().filter(|(_, item)| !item.is_table_like()).map(|(k, v)| (k, v.clone())).collect();
         merge(at, Some(&mine), table);
         if let Some(table) = table_at(&mut self.text, name) {
@@ -184,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn one_parameter_is_set_and_everything_else_stays() {
+    fn setting_a_parameter_preserves_everything_else() {
         let mut profile = parse(PROFILE);
         let mut settings = Settings::default();
         let mut set = |name: &str, value: params::Value| {
@@ -199,7 +201,7 @@ mod tests {
         let text = set("iso", params::Value::Number(400.0));
         assert_eq!(text, PROFILE.replace("1.50  # more\n", "0.75  # more\niso = 400.0\n"));
         assert_eq!(set("iso", params::Value::None), PROFILE.replace("1.50", "0.75"));
-        // A table that is not there yet.
+        // A missing table.
         let exposure = CameraExposure { time_s: Some(0.5), ..CameraExposure::default() };
         profile.set_param(&exposure, "time_s");
         assert!(profile.to_string().contains("[camera.exposure]\ntime_s = 0.5\n"), "{profile}");
@@ -207,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn an_effect_that_is_off_stays_off() {
+    fn disabled_effect_stays_disabled() {
         let read = |profile: &Document| {
             let mut settings = Settings::default();
             Rig::default().read_text(&profile.to_string(), Path::new("p.toml"), &mut settings).unwrap();
@@ -226,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_noise_is_replaced() {
+    fn setting_noise_replaces_only_the_noise() {
         let mut profile = parse(PROFILE);
         assert!(profile.has_noise());
         profile.set_noise(&noise(), "`, from 3 frames.");
@@ -254,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_profile_has_a_heading_a_version_and_what_is_put_into_it() {
+    fn new_profile_has_heading_version_and_contents() {
         let mut profile = Document::new("The first.\nThe second.");
         profile.set_noise(&noise(), "");
         let text = profile.to_string();
@@ -267,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_profile_is_refused() {
+    fn other_files_are_refused_as_profile() {
         for (text, told) in [
             ("version = 1\n[frames]\nlist = 'rgb.txt'\n", "there is no table [frames]"),
             ("version = 1\n[[objects]]\nmodel = 'a.glb'\n", "there is no table [objects]"),
@@ -282,7 +284,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_written_reads_back(
+        fn written_profile_reads_back_equal(
             codes in prop::collection::btree_set(0u32..2_000_000_000, 1..6),
             sigmas in prop::collection::vec(prop::array::uniform3(0.0..1e300f64), 6),
             correlation in -0.3..1.0f64,

@@ -1,12 +1,12 @@
-//! `profiles/<name>.toml`: a camera's measured values, and the parameters of each effect.
+//! `profiles/<name>.toml`: a camera's calibrated values, and the parameters of each effect.
 //!
-//! A profile may have any of the tables of [`Rig::tables`] and of the settings. An unknown key is an error that names
-//! it.
+//! A profile may have any of the tables of [`Rig::tables`] and of the settings. An unknown key is
+//! an error that names it.
 
 mod document;
 mod noise;
+mod serialized;
 mod shot_settings;
-mod written;
 
 pub use document::Document;
 pub use noise::{NoiseTableError, to_toml as noise_table};
@@ -16,7 +16,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use crate::camera::{
-    Camera, CameraExposure, Distortion, Follows, Geometry, Intrinsics, Lens, LensModel, NoiseProfile, Response,
+    Camera, CameraExposure, Distortion, FrameOverrides, Geometry, Intrinsics, Lens, LensModel, NoiseProfile, Response,
 };
 use crate::compositor::Settings;
 use crate::document::{self as text, Problem};
@@ -25,7 +25,7 @@ use crate::params::{ParamError, Params, Value};
 use crate::source::file::{self, MAX_DOCUMENT_BYTES};
 use crate::text::{quoted, reason};
 
-/// A camera as tables of parameters, before it is put together.
+/// A camera as tables of parameters, before assembly.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Rig {
     pub intrinsics: Intrinsics,
@@ -34,14 +34,14 @@ pub struct Rig {
     pub exposure: CameraExposure,
     pub response: Response,
     pub noise: Option<NoiseProfile>,
-    /// The geometry's keys that were given: table and name. The others have meaningless defaults.
+    /// The given keys of the geometry: table and name. The defaults of the others are meaningless.
     given: BTreeSet<(&'static str, &'static str)>,
-    /// Keys that hold only where a frame does not say them itself ([`Rig::follow_frames`]).
+    /// Keys that individual frames override ([`Rig::follow_frames`]).
     yielding: BTreeSet<(&'static str, &'static str)>,
 }
 
-/// The keys that make a camera complete. Without all of them there is no geometry.
-const WHOLE: [&str; 6] = ["width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px"];
+/// The required keys of a complete camera. Without all of them there is no geometry.
+const REQUIRED_KEYS: [&str; 6] = ["width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px"];
 
 #[derive(Debug, thiserror::Error)]
 pub enum ProfileError {
@@ -61,7 +61,7 @@ pub enum ProfileError {
     Noise { path: PathBuf, message: String },
     #[error(
         "{path}: [camera.lens] has both aperture_diameter_mm and f_number: accepted is one of them, since the focal \
-         length follows from fx_px and film_width_mm"
+         length frame_overrides from fx_px and film_width_mm"
     )]
     TwoOpenings { path: PathBuf },
     #[error(
@@ -90,70 +90,72 @@ impl Rig {
         [&mut self.intrinsics, &mut self.distortion, &mut self.lens, &mut self.exposure, &mut self.response]
     }
 
-    /// From here on a frame that knows its own camera and lens overrides what was given by now. What is set later overrides the
-    /// frames. The readout time is the rig's: no frame says it.
+    /// From here on frames with a known camera and lens override the values given so far. Values
+    /// set later override the frames. The readout time is always the rig's.
     pub fn follow_frames(&mut self) {
         let tables: [&dyn Params; 4] = [&self.intrinsics, &self.distortion, &self.lens, &self.exposure];
         let all = tables.into_iter().flat_map(|table| table.specs().into_iter().map(|spec| (table.table(), spec.name)));
         self.yielding = all.filter(|(_, name)| *name != "readout_time_s").collect();
     }
 
-    fn yields(&self, table: &dyn Params, names: &[&str]) -> bool {
+    fn is_overridable(&self, table: &dyn Params, names: &[&str]) -> bool {
         names.iter().all(|name| self.yielding.iter().any(|key| *key == (table.table(), *name)))
     }
 
-    /// What of the lens frames may say otherwise.
-    fn follows(&self) -> Follows {
-        Follows {
-            opening: self.yields(&self.lens, &["f_number", "aperture_diameter_mm"]),
-            focus: self.yields(&self.lens, &["focus_distance_m"]),
-            exposure: self.yields(&self.exposure, &["time_s", "shutter_angle_deg"]),
+    /// The lens parameters that frames override.
+    fn frame_overrides(&self) -> FrameOverrides {
+        FrameOverrides {
+            opening: self.is_overridable(&self.lens, &["f_number", "aperture_diameter_mm"]),
+            focus: self.is_overridable(&self.lens, &["focus_distance_m"]),
+            exposure: self.is_overridable(&self.exposure, &["time_s", "shutter_angle_deg"]),
         }
     }
 
-    /// What of a frame's lens counts beside what was set.
-    pub fn left_of(&self, lens: FrameLens) -> FrameLens {
-        let follows = self.follows();
+    /// The values of a frame's lens that are not overridden by the rig.
+    pub fn effective_lens(&self, lens: FrameLens) -> FrameLens {
+        let frame_overrides = self.frame_overrides();
         FrameLens {
-            f_number: lens.f_number.filter(|_| follows.opening),
-            focus_distance_m: lens.focus_distance_m.filter(|_| follows.focus),
-            exposure_s: lens.exposure_s.filter(|_| follows.exposure),
+            f_number: lens.f_number.filter(|_| frame_overrides.opening),
+            focus_distance_m: lens.focus_distance_m.filter(|_| frame_overrides.focus),
+            exposure_s: lens.exposure_s.filter(|_| frame_overrides.exposure),
             iso: lens.iso,
         }
     }
 
-    /// Whether the film's width was given.
+    /// True if the film's width was given.
     pub fn gives_film_width(&self) -> bool {
         self.given.contains(&(self.intrinsics.table(), "film_width_mm"))
     }
 
-    /// The keys of `[camera]` that a complete camera still needs, out of width, height, focal lengths and principal
-    /// point.
+    /// The missing keys of `[camera]` for a complete camera, out of width, height, focal lengths
+    /// and principal point.
     pub fn missing_keys(&self) -> Vec<&'static str> {
         let table = self.intrinsics.table();
-        // Everything else of a 360° picture follows from its size.
+        // All other values of a 360° picture follow from its size.
         let round = self.distortion.model == LensModel::Equirectangular;
-        let asked = WHOLE.into_iter().filter(|name| !round || matches!(*name, "width_px" | "height_px"));
+        let asked = REQUIRED_KEYS.into_iter().filter(|name| !round || matches!(*name, "width_px" | "height_px"));
         asked.filter(|name| !self.given.contains(&(table, name))).collect()
     }
 
-    /// Whether focal lengths, principal point or distortion were given.
+    /// True if focal lengths, principal point or distortion were given.
     pub fn gives_lens(&self) -> bool {
         let beside = ["width_px", "height_px", "film_width_mm", "readout_time_s"];
         self.given.iter().any(|(_, name)| !beside.contains(name))
     }
 
-    /// Whether any key of a camera's geometry was given.
+    /// True if any key of a camera's geometry was given.
     pub fn gives_geometry(&self) -> bool {
         !self.given.is_empty()
     }
 
-    /// The given camera if it is complete. Otherwise the recording's own camera with the given keys laid over it; keys that
-    /// [follow the frames](Rig::follow_frames) count only where there is no own camera. `None` if neither makes a camera.
+    /// The given camera if it is complete. Otherwise the recording's own camera overridden by the
+    /// given keys; keys that [follow the frames](Rig::follow_frames) apply only without an own
+    /// camera. `None` if neither is complete.
     pub fn geometry_over(&self, own: Option<&Geometry>) -> Option<Geometry> {
         let holds = |key: &(&'static str, &'static str)| own.is_none() || !self.yielding.contains(key);
         let table = self.intrinsics.table();
-        let stands_alone = self.missing_keys().is_empty() && WHOLE.into_iter().all(|name| holds(&(table, name)));
+        let stands_alone =
+            self.missing_keys().is_empty() && REQUIRED_KEYS.into_iter().all(|name| holds(&(table, name)));
         if stands_alone {
             return Some(Geometry::new(self.intrinsics.clone(), self.distortion.clone()));
         }
@@ -170,26 +172,26 @@ impl Rig {
         Some(Geometry::new(intrinsics, distortion))
     }
 
-    /// Lays what was given over a recording's own camera. Later settings override both.
+    /// Overrides a recording's own camera by the given values. Later settings override both.
     pub fn lay_over(&mut self, own: &Geometry) {
         if let Some(geometry) = self.geometry_over(Some(own)) {
             (self.intrinsics, self.distortion) = (geometry.intrinsics, geometry.distortion);
-            self.given.extend(WHOLE.map(|name| (Intrinsics::default().table(), name)));
+            self.given.extend(REQUIRED_KEYS.map(|name| (Intrinsics::default().table(), name)));
         }
     }
 
-    /// Sets focal lengths, principal point, distortion and the picture's size. What else there is of the geometry (readout time,
-    /// film) stays.
+    /// Sets focal lengths, principal point, distortion and the picture's size. The other values of
+    /// the geometry (readout time, film) are kept.
     pub fn set_geometry(&mut self, geometry: &Geometry) {
-        for name in WHOLE {
-            // Both are of one table.
+        for name in REQUIRED_KEYS {
+            // Both are in the same table.
             let _ = geometry.intrinsics.get(name).map(|value| self.intrinsics.set(name, &value));
         }
         self.distortion = geometry.distortion.clone();
-        self.given.extend(WHOLE.map(|name| (self.intrinsics.table(), name)));
+        self.given.extend(REQUIRED_KEYS.map(|name| (self.intrinsics.table(), name)));
         let of_distortion = self.distortion.specs().into_iter().map(|spec| (self.distortion.table(), spec.name));
         self.given.extend(of_distortion);
-        let set = |key: &(&str, &str)| key.0 == self.distortion.table() || WHOLE.contains(&key.1);
+        let set = |key: &(&str, &str)| key.0 == self.distortion.table() || REQUIRED_KEYS.contains(&key.1);
         self.yielding.retain(|key| !set(key));
     }
 
@@ -201,7 +203,7 @@ impl Rig {
             exposure: self.exposure.clone(),
             response: self.response.clone(),
             noise: self.noise.clone(),
-            follows: self.follows(),
+            frame_overrides: self.frame_overrides(),
         }
     }
 
@@ -220,7 +222,7 @@ impl Rig {
             if let Some((table, specs)) = spec {
                 self.given.extend(specs.into_iter().filter(|s| s.name == name).map(|s| (table, s.name)));
             }
-            // These are two ways to say one thing. The later one counts, as with any other setting.
+            // Alternative keys of one quantity. The later one applies, as with any other setting.
             match (table, name) {
                 ("camera.lens", "f_number") if *value != Value::None => self.lens.aperture_diameter_mm = None,
                 ("camera.lens", "aperture_diameter_mm") if *value != Value::None => self.lens.f_number = None,
@@ -239,7 +241,7 @@ impl Rig {
         self.table_names(settings).join(", ")
     }
 
-    /// What a profile says of the camera alone.
+    /// The camera parameters of a profile.
     pub fn of_file(path: &Path) -> Result<Self, ProfileError> {
         let mut rig = Self::default();
         rig.read(path, &mut Settings::default())?;
@@ -253,7 +255,7 @@ impl Rig {
         self.read_text(&text, path, settings)
     }
 
-    /// Like [`Rig::read`], from a text; `path` is named in errors.
+    /// Like [`Rig::read`], from a text; `path` is for error messages.
     pub fn read_text(&mut self, text: &str, path: &Path, settings: &mut Settings) -> Result<(), ProfileError> {
         let path = path.to_owned();
         let mut root: toml::Table =
@@ -362,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_land_in_their_fields() {
+    fn profile_tables_set_their_fields() {
         let (rig, settings) = read(
             "version = 1\n[camera]\nwidth_px = 320\nfx_px = 250.5\n[camera.distortion]\nmodel = \"opencv\"\nk1 = -0.1\n\
              [camera.exposure]\ntime_s = 0.01\n[noise]\nscale = 2\n[motion_blur]\nmethod = \"copies\"\n",
@@ -377,12 +379,12 @@ mod tests {
     }
 
     #[test]
-    fn what_frames_say_overrides_what_was_given_and_what_is_set_then_overrides_the_frames() {
+    fn frames_override_given_values_and_later_settings_override_frames() {
         let whole = "version = 1\n[camera]\nwidth_px = 64\nheight_px = 48\nfx_px = 50\nfy_px = 51\ncx_px = 32\ncy_px = 24\n\
                      readout_time_s = 0.01\n[camera.lens]\nf_number = 4\n";
         let (mut rig, mut settings) = read(whole).unwrap();
         let lens = FrameLens { f_number: Some(2.0), focus_distance_m: Some(1.0), ..FrameLens::default() };
-        assert_eq!(rig.left_of(lens), FrameLens::default());
+        assert_eq!(rig.effective_lens(lens), FrameLens::default());
         rig.follow_frames();
         let own = Geometry::new(
             Intrinsics { width_px: 64, height_px: 48, fx_px: 70.0, fy_px: 71.0, ..Intrinsics::default() },
@@ -392,9 +394,9 @@ mod tests {
         assert_eq!((fx(&rig, None), fx(&rig, Some(&own))), (50.0, 70.0));
         let seen = rig.geometry_over(Some(&own)).unwrap();
         assert_eq!((seen.intrinsics.readout_time_s, seen.distortion.k1), (0.01, -0.2));
-        assert_eq!(rig.left_of(lens), lens);
+        assert_eq!(rig.effective_lens(lens), lens);
         assert_eq!(rig.camera().lens_in(&lens).f_number, Some(2.0));
-        // An opening without a focus would blur all that is near.
+        // An aperture without a focus would blur all near objects.
         let open = FrameLens { focus_distance_m: None, ..lens };
         assert_eq!(rig.camera().lens_in(&open).f_number, Some(4.0));
         rig.set_text("camera.fx_px=60", &mut settings).unwrap();
@@ -403,12 +405,12 @@ mod tests {
         for rig in [serde_json::from_str(&text).unwrap(), rig] {
             let i = rig.geometry_over(Some(&own)).unwrap().intrinsics;
             assert_eq!((i.fx_px, i.fy_px), (60.0, 71.0));
-            assert_eq!(rig.left_of(lens), FrameLens { f_number: None, ..lens });
+            assert_eq!(rig.effective_lens(lens), FrameLens { f_number: None, ..lens });
         }
     }
 
     #[test]
-    fn what_is_no_camera_lies_over_the_recordings_own() {
+    fn incomplete_camera_overrides_that_of_the_recording() {
         let own = Geometry::new(
             Intrinsics { fx_px: 400.0, cx_px: 310.0, ..Intrinsics::default() },
             Distortion { k1: -0.2, ..Distortion::default() },
@@ -430,7 +432,7 @@ mod tests {
             (600.0, 310.0, -0.2)
         );
 
-        // A complete camera stands on its own.
+        // A complete camera needs no other.
         let whole =
             "version = 1\n[camera]\nwidth_px = 64\nheight_px = 48\nfx_px = 50\nfy_px = 51\ncx_px = 32\ncy_px = 24\n";
         let (rig, _) = read(whole).unwrap();
@@ -460,7 +462,7 @@ mod tests {
     }
 
     #[test]
-    fn of_f_number_and_diameter_the_later_counts() {
+    fn later_of_f_number_and_diameter_applies() {
         let (mut rig, mut settings) = read("version = 1\n[camera.lens]\naperture_diameter_mm = 0.0\n").unwrap();
         rig.set_text("camera.lens.f_number=2.8", &mut settings).unwrap();
         assert_eq!((rig.lens.aperture_diameter_mm, rig.lens.f_number), (None, Some(2.8)));
@@ -474,7 +476,7 @@ mod tests {
     }
 
     #[test]
-    fn set_goes_where_a_profile_goes() {
+    fn set_option_reaches_the_tables_of_a_profile() {
         let (mut rig, mut settings) = (Rig::default(), Settings::default());
         rig.set_text("camera.lens.f_number=2.8", &mut settings).unwrap();
         rig.set_text("depth.occlusion=off", &mut settings).unwrap();

@@ -8,7 +8,7 @@ use toml::{Table, Value};
 const SIGMAS: [&str; 3] = ["sigma_r", "sigma_g", "sigma_b"];
 const KEYS: [&str; 6] = ["code", "sigma_r", "sigma_g", "sigma_b", "channel_correlation", "neighbour_correlation"];
 
-/// Why a noise table was refused.
+/// Errors of a noise table.
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]
 pub enum NoiseTableError {
     #[error("[camera.noise] has no key {key}; it needs {}", KEYS.join(", "))]
@@ -25,7 +25,8 @@ pub enum NoiseTableError {
     Value { key: &'static str, place: usize, found: f64, accepted: &'static str },
 }
 
-/// The table of a profile's noise. If channels were measured at different codes, each is written at the codes of all.
+/// The noise table of a profile. If channels were measured at different codes, each is written at
+/// the codes of all.
 pub fn to_toml(profile: &NoiseProfile) -> toml_edit::Table {
     let mut codes: Vec<f64> = profile.bins.iter().flatten().map(|b| b.code).collect();
     codes.sort_by(f64::total_cmp);
@@ -111,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_reads_as_written() {
+    fn noise_table_reads_back_as_written() {
         let profile = parse(GOOD).unwrap();
         assert_eq!(profile.bins[0][1], NoiseBin { code: 24.5, sigma: 2.0 });
         assert_eq!(profile.bins[2][0].sigma, 0.0);
@@ -120,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn noise_table_errors_name_the_key() {
         for (from, to, told) in [
             ("8, 24.5", "24.5, 8", "code, value 2: 8 is refused: accepted is more than the one before"),
             ("8, 24.5", "8, 256", "code, value 2: 256 is refused"),
@@ -143,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn channels_at_different_codes_keep_their_lines() {
+    fn channels_at_different_codes_keep_their_interpolation() {
         let bins = |list: &[(f64, f64)]| list.iter().map(|&(code, sigma)| NoiseBin { code, sigma }).collect::<Vec<_>>();
         let profile = NoiseProfile {
             bins: [bins(&[(0.0, 1.0), (100.0, 3.0)]), bins(&[(50.0, 4.0)]), bins(&[(0.0, 1.0), (200.0, 2.0)])],
@@ -161,7 +162,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_table_is_read_or_refused(
+        fn arbitrary_noise_table_never_panics(
             codes in prop::collection::vec(prop_oneof![Just(f64::NAN), -10.0..300.0f64], 0..5),
             sigmas in prop::collection::vec(prop_oneof![Just(f64::INFINITY), -1.0..9.0f64], 0..5),
             pair in prop::collection::vec(-1.5..1.5f64, 0..4),

@@ -18,10 +18,10 @@ const NO_NOISE: (&str, &str) = ("camera", "noise");
 const LENS: &str = "camera.lens";
 const OPENINGS: [&str; 2] = ["f_number", "aperture_diameter_mm"];
 const TIME: &str = "time_s";
-/// In a file: the parameter has no value, whatever the profile gives it.
+/// File value that removes a parameter set by the profile.
 const NONE: &str = "none";
 
-/// A camera and the effects' parameters, to be compared.
+/// A camera and the effects' parameters, for comparison.
 #[derive(Clone, Copy, Debug)]
 pub struct Look<'a> {
     pub rig: &'a Rig,
@@ -33,7 +33,7 @@ impl<'a> Look<'a> {
         self.rig.tables().into_iter().chain(self.settings.tables()).collect()
     }
 
-    /// A parameter's value, or whether an effect is on.
+    /// A parameter's value, or the state of an effect.
     fn value(self, table: &str, name: &str) -> Option<Value> {
         if name == ON {
             let mut effects = self.settings.effects();
@@ -43,7 +43,7 @@ impl<'a> Look<'a> {
     }
 }
 
-/// Values by table and name, and whether effects are on by [`ON`].
+/// Values by table and name; the state of an effect has the name [`ON`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ShotSettings {
     values: BTreeMap<(String, String), Value>,
@@ -127,15 +127,15 @@ impl ShotSettings {
         found
     }
 
-    /// With the values of `earlier` settings that `now` still has. They stay even if they equal the
-    /// values that they override.
+    /// Adds those values of `earlier` settings that are still in effect in `now`. They are kept
+    /// even if they equal the values that they override.
     #[must_use]
     pub fn with_unchanged(mut self, earlier: &Self, now: Look<'_>) -> Self {
         if earlier.is_empty() {
             return self;
         }
         let (mut rig, mut settings) = (now.rig.clone(), now.settings.clone());
-        // Values that are refused are not among those of `now`.
+        // Refused values are not in effect.
         let _ = earlier.apply(&mut rig, &mut settings, Path::new(""));
         let applied = Look { rig: &rig, settings: &settings };
         for (table, name) in earlier.values.keys() {
@@ -148,8 +148,8 @@ impl ShotSettings {
         self
     }
 
-    /// With the values of `others` for parameters that are not among these. Of an aperture diameter
-    /// and an f-number, only one is given.
+    /// Adds values of `others` for missing parameters. Only one of aperture diameter and f-number
+    /// is given.
     #[must_use]
     pub fn or(mut self, others: &Self) -> Self {
         let is_opening = |(table, name): &(String, String)| table == LENS && OPENINGS.contains(&name.as_str());
@@ -161,8 +161,8 @@ impl ShotSettings {
         self
     }
 
-    /// Those that do not hold in `now`, since other values override them. The camera's noise is not
-    /// among them.
+    /// The subset that is not in effect in `now`, since other values override it. Noise is never in
+    /// it.
     #[must_use]
     pub fn overridden(&self, now: Look<'_>) -> Self {
         let (mut rig, mut settings) = (now.rig.clone(), now.settings.clone());
@@ -172,18 +172,18 @@ impl ShotSettings {
         self.filtered(|table, name| !holds(table, name)).without_noise()
     }
 
-    /// Those whose parameters have the same value in both. The camera's noise is not among them.
+    /// The subset with equal values in both. Noise is never in it.
     #[must_use]
-    pub fn where_alike(&self, one: Look<'_>, other: Look<'_>) -> Self {
+    pub fn where_equal(&self, one: Look<'_>, other: Look<'_>) -> Self {
         self.filtered(|table, name| one.value(table, name) == other.value(table, name)).without_noise()
     }
 
-    /// Sets the values; `path` is named in errors. An exposure overrides that of each frame, as
-    /// `--set` does.
+    /// Applies the values; `path` is for error messages. An exposure overrides that of each frame,
+    /// as `--set` does.
     pub fn apply(&self, rig: &mut Rig, settings: &mut Settings, path: &Path) -> Result<(), ProfileError> {
         let exposure = rig.exposure.table();
-        // Of an aperture diameter and an f-number, a value replaces the other one. So those without
-        // a value come first.
+        // A value of aperture diameter or f-number replaces the other one, so those without a value
+        // come first.
         let (without, with): (Vec<_>, Vec<_>) = self.values.iter().partition(|(_, value)| **value == Value::None);
         for ((table, name), value) in without.into_iter().chain(with) {
             settings.overrule_recorded_exposure |= table == exposure;
@@ -202,17 +202,17 @@ impl ShotSettings {
         Ok(())
     }
 
-    /// Whether a parameter is among them.
+    /// True if a parameter is set.
     pub fn has(&self, table: &str, name: &str) -> bool {
         self.values.contains_key(&(table.to_owned(), name.to_owned()))
     }
 
-    /// Whether a parameter of a table is among them.
+    /// True if a parameter of a table is set.
     pub fn has_table(&self, table: &str) -> bool {
         self.values.keys().any(|(own, _)| own == table)
     }
 
-    /// The camera's noise if it is among them; `Some(None)` removes it.
+    /// The camera's noise if set; `Some(None)` removes it.
     pub fn noise(&self) -> Option<Option<&NoiseProfile>> {
         self.noise.as_ref().map(Option::as_ref)
     }
@@ -226,7 +226,7 @@ impl ShotSettings {
         self.values.iter().map(|((table, name), value)| (table.as_str(), name.as_str(), value))
     }
 
-    /// The subset that `takes` accepts. Noise is always in it.
+    /// The subset accepted by `takes`. Noise is always in it.
     #[must_use]
     pub fn filtered(&self, takes: impl Fn(&str, &str) -> bool) -> Self {
         let values = self.values.iter().filter(|((table, name), _)| takes(table, name));
@@ -234,7 +234,7 @@ impl ShotSettings {
         Self { values, noise: self.noise.clone() }
     }
 
-    /// The same without the camera's noise.
+    /// Without the camera's noise.
     #[must_use]
     pub fn without_noise(self) -> Self {
         Self { noise: None, ..self }
@@ -273,7 +273,7 @@ impl ShotSettings {
     }
 }
 
-/// Puts a value into a table by its dotted name.
+/// Inserts a value into a table by its dotted name.
 fn insert(settings: &mut Table, table: &str, name: &str, value: Toml) {
     let mut at = settings;
     for part in table.split('.') {
@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn unchanged_values_stay_though_they_equal_what_they_override() {
+    fn unchanged_values_stay_even_if_equal_to_overridden_ones() {
         let pinned = "[camera.exposure]\ntime_s = 0.02\n[depth]\ntolerance_m = 0.03\n[noise]\non = false\n";
         let (own, rig, mut settings) = read(pinned).unwrap();
         let of = |settings: &Settings| {
@@ -346,7 +346,7 @@ mod tests {
         assert_eq!(of(&settings).values().count(), 3);
         settings.switch("noise", true).unwrap();
         assert!(!of(&settings).has("noise", ON) && of(&settings).has("depth", "tolerance_m"));
-        // An override of each frame's exposure is kept by a value.
+        // An override of each frame's exposure is preserved as a value.
         let mut without = settings.clone();
         without.overrule_recorded_exposure = false;
         let [before, now] = [&without, &settings].map(|settings| Look { rig: &rig, settings });

@@ -18,13 +18,13 @@ use crate::tracking::tum::unit_quaternion;
 /// Pose of a sensor in other axes.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-pub struct Placement {
+pub struct SensorPose {
     pub position_m: [f64; 3],
     /// x, y, z, w; of unit length.
     pub quaternion: [f64; 4],
 }
 
-impl Placement {
+impl SensorPose {
     /// Transform from the sensor's axes to the others.
     pub fn pose(&self) -> Result<Pose, String> {
         let at_m = DVec3::from_array(self.position_m);
@@ -38,7 +38,7 @@ impl Placement {
 }
 
 /// Required keys.
-const WHOLE: [&str; 6] = ["width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px"];
+const REQUIRED_KEYS: [&str; 6] = ["width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px"];
 
 /// The geometry in a file's table `[camera]`, with `[camera.distortion]` if there is one. Other
 /// tables belong to a profile and are ignored.
@@ -54,7 +54,7 @@ fn parse(text: &str) -> Result<Geometry, String> {
     if let Some(Toml::Table(table)) = camera.get("distortion") {
         set(&mut distortion, table)?;
     }
-    let missing: Vec<&str> = WHOLE.into_iter().filter(|key| !camera.contains_key(*key)).collect();
+    let missing: Vec<&str> = REQUIRED_KEYS.into_iter().filter(|key| !camera.contains_key(*key)).collect();
     if !missing.is_empty() {
         return Err(format!("the table [camera] lacks {}", missing.join(", ")));
     }
@@ -86,14 +86,14 @@ mod tests {
                           cx_px = 128.5\ncy_px = 95\n[camera.distortion]\nk1 = 0.1\n[camera.lens]\nf_number = 2.0\n";
 
     #[test]
-    fn a_table_is_a_camera() {
+    fn camera_table_is_read() {
         let Geometry { intrinsics: i, distortion, .. } = parse(CAMERA).unwrap();
         assert_eq!((i.width_px, i.height_px, i.fx_px, i.fy_px), (256, 192, 210.5, 211.0));
         assert_eq!((i.cx_px, i.cy_px, distortion.k1), (128.5, 95.0, 0.1));
     }
 
     #[test]
-    fn what_makes_no_camera_is_refused() {
+    fn incomplete_camera_is_refused() {
         for (from, to, said) in [
             ("[camera]", "[kamera]", "lacks width_px, height_px"),
             ("fx_px = 210.5\n", "", "lacks fx_px"),
@@ -108,18 +108,18 @@ mod tests {
     }
 
     #[test]
-    fn a_file_without_a_camera_is_refused() {
+    fn file_without_a_camera_is_refused() {
         assert_eq!(parse("version = 1\n").unwrap_err(), "has no table [camera]");
     }
 
     #[test]
-    fn a_placement_takes_points_along() {
+    fn sensor_pose_transforms_points() {
         // 0.1 m to the right, rotated by 90° about z: its x is the others' y.
         let half = 0.5f64.sqrt();
-        let placed = Placement { position_m: [0.1, 0.0, 0.0], quaternion: [0.0, 0.0, half, half] }.pose().unwrap();
+        let placed = SensorPose { position_m: [0.1, 0.0, 0.0], quaternion: [0.0, 0.0, half, half] }.pose().unwrap();
         assert!((placed.transform_point(DVec3::new(2.0, 0.0, 1.0)) - DVec3::new(0.1, 2.0, 1.0)).length() < 1e-12);
         for (position_m, quaternion) in [([f64::NAN, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]), ([0.0; 3], [0.0; 4])] {
-            assert!(Placement { position_m, quaternion }.pose().is_err());
+            assert!(SensorPose { position_m, quaternion }.pose().is_err());
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::camera::exposure::LONGEST_S;
+use crate::camera::exposure::MAX_EXPOSURE_S;
 use crate::camera::{CameraExposure, Geometry, Lens, LensModel};
 use crate::frame::FrameLens;
 use crate::params::{Params, Value};
@@ -21,16 +21,16 @@ const LENS: [&str; 4] = ["f_number", "focus_distance_m", "exposure_s", "iso"];
 const UNKNOWN: &str = "-";
 
 /// True if the list can represent a geometry.
-pub fn can_say(geometry: &Geometry) -> bool {
+pub fn is_representable(geometry: &Geometry) -> bool {
     geometry.distortion.model == LensModel::Opencv && geometry.distortion.k4 == 0.0
 }
 
 /// Cameras by time as text. [`parse_cameras`] reads them back bit for bit, except for the readout
-/// time. Geometries that are not [representable](can_say) are left out.
+/// time. Geometries that are not [representable](is_representable) are left out.
 pub fn write_cameras<'a>(entries: impl IntoIterator<Item = (f64, &'a FrameCamera)>) -> String {
     let head = format!("# timestamp {} {}\n", GEOMETRY.join(" "), LENS.join(" "));
     entries.into_iter().fold(head, |text, (time_s, FrameCamera { geometry, lens })| {
-        let geometry = geometry.as_ref().filter(|geometry| can_say(geometry));
+        let geometry = geometry.as_ref().filter(|geometry| is_representable(geometry));
         let of_geometry = |name: &&str| {
             let geometry = geometry?;
             match geometry.intrinsics.get(name).or_else(|| geometry.distortion.get(name))? {
@@ -86,8 +86,8 @@ fn checked([f_number, focus_distance_m, exposure_s, iso]: [Option<f64>; 4]) -> R
     set(&mut lens, "focus_distance_m", focus_distance_m)?;
     set(&mut exposure, "iso", iso)?;
     match exposure_s {
-        Some(s) if !(s > 0.0 && s <= LONGEST_S) => {
-            Err(format!("exposure_s is {}; accepted is above 0, at most {LONGEST_S}", number(s)))
+        Some(s) if !(s > 0.0 && s <= MAX_EXPOSURE_S) => {
+            Err(format!("exposure_s is {}; accepted is above 0, at most {MAX_EXPOSURE_S}", number(s)))
         }
         _ => Ok(FrameLens { f_number, focus_distance_m, exposure_s, iso }),
     }
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named_with_its_line() {
+    fn errors_name_the_line() {
         let camera = "640 480 500 501 320 240 36 0.1 0 0 0 0";
         assert_eq!(parse(&format!("1 {camera} - - - -\n")).unwrap()[0].1.lens, FrameLens::default());
         for (text, said) in [
@@ -123,7 +123,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_written_is_read_back_to_the_bit(
+        fn written_cameras_read_back_bit_for_bit(
             f in prop::array::uniform2(1.0f64..5e3), c in prop::array::uniform2(-500.0f64..900.0), film in 1.0f64..50.0,
             k in prop::array::uniform5(-0.5f64..0.5), lens in prop::array::uniform4(prop::option::of(1.0f64..60.0)),
             is_known in any::<bool>(),

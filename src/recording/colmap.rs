@@ -23,7 +23,7 @@ const MODELS: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FU
                       SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE";
 
 /// Advice for unsupported models.
-const UNDISTORT: &str = "make pictures without distortion: colmap image_undistorter --image_path IMAGES --input_path \
+const UNDISTORT_ADVICE: &str = "make pictures without distortion: colmap image_undistorter --image_path IMAGES --input_path \
                          sparse/0 --output_path NEW, then colmap model_converter --input_path NEW/sparse --output_path \
                          NEW/sparse --output_type TXT";
 
@@ -31,16 +31,19 @@ const CAMERAS: &str = "cameras.txt";
 const IMAGES: &str = "images.txt";
 
 /// Locations of a model in a folder.
-pub const MODELS_AT: [&str; 4] = ["", "colmap", "sparse/0", "sparse"];
+pub const MODEL_FOLDERS: [&str; 4] = ["", "colmap", "sparse/0", "sparse"];
 
 pub static FORMAT: Format = Format {
     name: "COLMAP",
     marker: "a COLMAP text model (cameras.txt, images.txt, here, in colmap/ or in sparse/0/)",
     has_times: false,
     is_metric: false,
-    find: |path| match path.is_file() {
-        true => (path.ends_with(CAMERAS) || path.ends_with(IMAGES)).then(|| folder_of(path)),
-        false => MODELS_AT.iter().map(|at| path.join(at)).find(|at| at.join(IMAGES).exists()),
+    find: |path| {
+        if path.is_file() {
+            (path.ends_with(CAMERAS) || path.ends_with(IMAGES)).then(|| folder_of(path))
+        } else {
+            MODEL_FOLDERS.iter().map(|at| path.join(at)).find(|at| at.join(IMAGES).exists())
+        }
     },
     open,
 };
@@ -90,7 +93,7 @@ fn open(model: &Path, path: &Path, options: &OpenOptions) -> Result<Parts, Recor
     parts.track = track_from(poses, options.max_gap_s.or(Some(1.5 / NOMINAL_FPS)), &images_file)?;
     parts.geometries = geometries;
     parts.landmarks = landmarks;
-    parts.described_by = vec![cameras_file, images_file];
+    parts.description_files = vec![cameras_file, images_file];
     parts
         .warnings
         .push(format!("COLMAP keeps no times: frames are taken to follow each other at {NOMINAL_FPS} a second"));
@@ -116,7 +119,7 @@ fn parse_camera(mut record: &str) -> Result<(u32, Geometry), String> {
     let width = records::number(&mut record, "WIDTH")?;
     let height = records::number(&mut record, "HEIGHT")?;
     let names = camera_parameters(model).ok_or_else(|| {
-        format!("the camera model `{}` is not supported; accepted are {MODELS}; {UNDISTORT}", quoted(model))
+        format!("the camera model `{}` is not supported; accepted are {MODELS}; {UNDISTORT_ADVICE}", quoted(model))
     })?;
     let mut values = vec![("width_px", width), ("height_px", height)];
     for name in names {
@@ -126,7 +129,9 @@ fn parse_camera(mut record: &str) -> Result<(u32, Geometry), String> {
             // These are in a denominator.
             "k4" | "k5" | "k6" if model == "FULL_OPENCV" && value == 0.0 => {}
             "k4" | "k5" | "k6" if model == "FULL_OPENCV" => {
-                return Err(format!("FULL_OPENCV with {name} = {value} is not supported, 0 is needed; {UNDISTORT}"));
+                return Err(format!(
+                    "FULL_OPENCV with {name} = {value} is not supported, 0 is needed; {UNDISTORT_ADVICE}"
+                ));
             }
             name => values.push((name, value)),
         }
@@ -267,14 +272,15 @@ mod tests {
     }
 
     #[test]
-    fn every_model_lands_where_its_formula_says() {
+    fn camera_models_match_their_formulas() {
         // u = 0.2, v = 0.1: r² = 0.05, r⁴ = 0.0025, r⁶ = 0.000125.
         for (text, expected) in [
             ("1 SIMPLE_PINHOLE 640 480 500 320 240", (420.0, 290.0)),
             ("1 PINHOLE 640 480 500 400 320 240", (420.0, 280.0)),
             ("1 SIMPLE_RADIAL 640 480 500 320 240 -0.1", (419.5, 289.75)),
             ("1 RADIAL 640 480 500 320 240 -0.1 0.4", (419.6, 289.8)),
-            // radial 0.996; x: 0.1992 + 2·0.01·0.02 + 0.02·(0.05 + 0.08); y: 0.0996 + 0.01·(0.05 + 0.02) + 2·0.02·0.02
+            // radial 0.996; x: 0.1992 + 2·0.01·0.02 + 0.02·(0.05 + 0.08); y: 0.0996 + 0.01·(0.05 +
+            // 0.02) + 2·0.02·0.02
             ("1 OPENCV 640 480 500 400 320 240 -0.1 0.4 0.01 0.02", (421.1, 280.44)),
             // radial 0.997: x 0.1994, y 0.0997
             ("1 FULL_OPENCV 640 480 500 400 320 240 -0.1 0.4 0.01 0.02 8 0 0 0", (421.2, 280.48)),
@@ -285,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn fisheyes_land_where_their_formula_says() {
+    fn fisheye_models_match_their_formulas() {
         // u = 0.75, v = 1: r = 1.25, θ = 0.896055, θ² = 0.802915; along (0.6, 0.8).
         for (text, radial) in [
             ("1 SIMPLE_RADIAL_FISHEYE 640 480 100 320 240 0.1", 1.080_291_5),

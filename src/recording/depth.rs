@@ -16,28 +16,28 @@ use crate::text::count;
 
 /// Encoding of depth pictures, and their view.
 #[derive(Debug)]
-pub struct Stored {
+pub struct DepthEncoding {
     pub codes_per_metre: f64,
     /// Smallest code that marks an unmeasured pixel, in addition to 0.
-    pub unknown_from: Option<u16>,
+    pub invalid_from: Option<u16>,
     /// Folder of confidence pictures with the same names: pixels with confidence 0 count as not
     /// measured.
-    pub confidence_in: Option<PathBuf>,
+    pub confidence_folder: Option<PathBuf>,
     /// The depth camera. `None`: the depth has the frames' view, at any size.
     pub camera: Option<DepthCamera>,
     /// Key or file by which the recording can specify the unit, if `codes_per_metre` is the
     /// format's default.
-    pub metres_by: Option<&'static str>,
+    pub unit_advice: Option<&'static str>,
 }
 
-impl Stored {
+impl DepthEncoding {
     /// Registered to the frames; only code 0 is invalid.
     pub fn plain(codes_per_metre: f64) -> Self {
-        Self { codes_per_metre, unknown_from: None, confidence_in: None, camera: None, metres_by: None }
+        Self { codes_per_metre, invalid_from: None, confidence_folder: None, camera: None, unit_advice: None }
     }
 
     fn confidence_file(&self, depth: &Path) -> Option<PathBuf> {
-        Some(self.confidence_in.as_ref()?.join(depth.file_name()?))
+        Some(self.confidence_folder.as_ref()?.join(depth.file_name()?))
     }
 }
 
@@ -45,14 +45,14 @@ impl Stored {
 #[derive(Debug)]
 pub struct DepthFiles {
     pub by_time: Vec<(f64, PathBuf)>,
-    pub stored: Stored,
+    pub stored: DepthEncoding,
 }
 
 /// Registration of the depth to the frames' picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Registration {
     /// The depth has the frames' size and view.
-    Given,
+    SameView,
     /// The depth has the frames' view at this size, px.
     Enlarged(u32, u32),
     /// The depth was measured by a separate camera with this size, px.
@@ -67,7 +67,7 @@ pub struct Depth {
     /// The nearest picture in time of each frame: time of measurement, seconds, and file.
     of_frame: Vec<Option<(f64, PathBuf)>>,
     confidence: Vec<PathBuf>,
-    stored: Stored,
+    stored: DepthEncoding,
     pub registration: Registration,
     /// Pictures that could not be decoded, with the reason.
     undecoded: Mutex<BTreeMap<PathBuf, String>>,
@@ -90,11 +90,11 @@ fn unreadable(number: usize, all: usize, first: &str) -> String {
 }
 
 /// Warning that the unit of floating-point depth is the format's default.
-fn unsure_unit(file: &Path, codes_per_metre: f64, metres_by: &str) -> String {
+fn assumed_unit_warning(file: &Path, codes_per_metre: f64, unit_advice: &str) -> String {
     let unit = crate::text::number(1.0 / codes_per_metre);
     format!(
         "{}: holds floating-point depth, and the recording does not give its unit: {unit} m is taken; if it is in metres, \
-         {metres_by}",
+         {unit_advice}",
         file.display()
     )
 }
@@ -102,9 +102,9 @@ fn unsure_unit(file: &Path, codes_per_metre: f64, metres_by: &str) -> String {
 impl Depth {
     /// The encoding as text that changes with it, for comparison.
     pub fn stored(&self) -> String {
-        let Stored { codes_per_metre, unknown_from, camera, .. } = &self.stored;
+        let DepthEncoding { codes_per_metre, invalid_from, camera, .. } = &self.stored;
         let camera = camera.as_ref().map(|camera| camera.told());
-        format!("{codes_per_metre} {unknown_from:?} {camera:?}")
+        format!("{codes_per_metre} {invalid_from:?} {camera:?}")
     }
 
     /// Reads the header of every picture. A frame whose depth picture cannot be read has no depth.
@@ -112,10 +112,10 @@ impl Depth {
     /// fit the frames.
     pub fn new(
         mut of_frame: Vec<Option<(f64, PathBuf)>>,
-        stored: Stored,
+        stored: DepthEncoding,
         size: (u32, u32),
     ) -> Result<(Self, Vec<String>), RecordingError> {
-        let (mut registration, mut warning) = (Registration::Given, None);
+        let (mut registration, mut warning) = (Registration::SameView, None);
         // One depth picture may serve several frames.
         let files: BTreeSet<PathBuf> = of_frame.iter().flatten().map(|(_, file)| file.clone()).collect();
         let mut unread: BTreeMap<&PathBuf, String> = BTreeMap::new();
@@ -162,7 +162,9 @@ impl Depth {
             depth.take_if(|(_, file)| unread.contains_key(file));
         }
         let unreadable = unread.values().next().map(|first| unreadable(unread.len(), files.len(), first));
-        let unsure = first_float.zip(stored.metres_by).map(|(file, by)| unsure_unit(file, stored.codes_per_metre, by));
+        let unsure = first_float
+            .zip(stored.unit_advice)
+            .map(|(file, by)| assumed_unit_warning(file, stored.codes_per_metre, by));
         let warnings = unreadable.into_iter().chain(warning).chain(unsure).collect();
         let depth = Self { of_frame, confidence, stored, registration, undecoded: Mutex::default() };
         Ok((depth, warnings))
@@ -249,7 +251,7 @@ impl Depth {
     fn measured(&self, file: &Path, time_s: f64) -> Result<DepthMap, SourceError> {
         let codes_per_metre = self.stored.codes_per_metre;
         let mut map = depth_map::read(file, codes_per_metre, time_s)?;
-        if let Some(code) = self.stored.unknown_from {
+        if let Some(code) = self.stored.invalid_from {
             let unknown_from_m = (f64::from(code) / codes_per_metre) as f32;
             map.depth_m.iter_mut().filter(|z| **z >= unknown_from_m).for_each(|z| *z = 0.0);
         }

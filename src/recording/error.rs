@@ -27,7 +27,7 @@ pub enum RecordingError {
 }
 
 /// Replaces a message that would quote a file outside the recording's folder.
-const FOREIGN: &str = "has unexpected content; it is not quoted because the file lies outside the recording's folder. \
+const FOREIGN_CONTENT: &str = "has unexpected content; it is not quoted because the file lies outside the recording's folder. \
                        Check that the path is the intended one";
 
 impl RecordingError {
@@ -41,7 +41,7 @@ impl RecordingError {
         let of_given = given.canonicalize().ok().and_then(|given| folder_of(&given).map(Path::to_owned));
         let of_found = folder_of(found).and_then(|folder| folder.canonicalize().ok());
         if !of_given.iter().chain(&of_found).any(|folder| file.starts_with(folder)) {
-            FOREIGN.clone_into(problem);
+            FOREIGN_CONTENT.clone_into(problem);
         }
         self
     }

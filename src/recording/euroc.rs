@@ -1,8 +1,9 @@
-//! A EuRoC MAV folder: `mav0/cam0/data.csv` and `sensor.yaml`, `mav0/state_groundtruth_estimate0/data.csv`
-//! (TUM VI: `mav0/mocap0/data.csv`). Poses are the body's in the world (R_RS, p_RS; metres, quaternions w x y z, z up);
-//! `T_BS` takes a sensor's axes to the body's.
-//! Times are in nanoseconds, a picture's at the middle of its exposure; the shutter is global. Pixel centres are at
-//! whole numbers. Source: Burri et al., "The EuRoC micro aerial vehicle datasets", IJRR 2016,
+//! A EuRoC MAV folder: `mav0/cam0/data.csv` and `sensor.yaml`,
+//! `mav0/state_groundtruth_estimate0/data.csv` (TUM VI: `mav0/mocap0/data.csv`). Poses are the
+//! body's in the world (R_RS, p_RS; metres, quaternions w x y z, z up); `T_BS` takes a sensor's
+//! axes to the body's. Times are in nanoseconds, a picture's at the middle of its exposure; the
+//! shutter is global. Pixel centres are at whole numbers. Source: Burri et al., "The EuRoC micro
+//! aerial vehicle datasets", IJRR 2016,
 //! <https://projects.asl.ethz.ch/datasets/doku.php?id=kmavvisualinertialdatasets>.
 //!
 //! Only a subset of YAML is parsed: `key: value`, one level of indented keys, lists in brackets.
@@ -26,7 +27,7 @@ use crate::tracking::tum::{PoseNotes, ascends, is_lost, unit_quaternion};
 
 const PICTURES: &str = "cam0/data.csv";
 /// Folders of ground truth with full poses, in order of preference: EuRoC, TUM VI, a Vicon system.
-const TRUTHS: [&str; 3] = ["state_groundtruth_estimate0", "mocap0", "vicon0"];
+const GROUND_TRUTH_FOLDERS: [&str; 3] = ["state_groundtruth_estimate0", "mocap0", "vicon0"];
 
 pub static FORMAT: Format = Format {
     name: "EuRoC MAV",
@@ -39,9 +40,10 @@ pub static FORMAT: Format = Format {
 
 /// The folder `mav0`, given itself, its parent, or its camera's list.
 fn find(path: &Path) -> Option<PathBuf> {
-    match path.is_dir() {
-        true => [path.join("mav0"), path.to_owned()].into_iter().find(|mav| mav.join(PICTURES).exists()),
-        false => path.ends_with(PICTURES).then(|| folder_of(&folder_of(path))),
+    if path.is_dir() {
+        [path.join("mav0"), path.to_owned()].into_iter().find(|mav| mav.join(PICTURES).exists())
+    } else {
+        path.ends_with(PICTURES).then(|| folder_of(&folder_of(path)))
     }
 }
 
@@ -52,25 +54,24 @@ fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let camera = Yaml { keys: parse_yaml(&sensor_text), file: &sensor };
     let (geometry, body_from_camera) = (camera.geometry()?, camera.body_from_sensor()?);
 
-    let truths = TRUTHS.map(|name| mav.join(name).join("data.csv"));
+    let truths = GROUND_TRUTH_FOLDERS.map(|name| mav.join(name).join("data.csv"));
     let truth = truths.iter().find(|truth| truth.exists()).ok_or_else(|| {
-        let tried = TRUTHS.map(|name| format!("{name}/data.csv")).join(", ");
+        let tried = GROUND_TRUTH_FOLDERS.map(|name| format!("{name}/data.csv")).join(", ");
         let problem = format!(
             "holds no ground truth; accepted are {tried}. For poses from another source, write a trajectory and name it, \
              with the pictures, in a recording.toml"
         );
         RecordingError::content(mav, problem)
     })?;
-    let mut described_by = vec![list.clone(), sensor.clone(), truth.clone()];
+    let mut description_files = vec![list.clone(), sensor.clone(), truth.clone()];
     let truth_sensor = truth.with_file_name("sensor.yaml");
     // Without a transform of its own, the ground truth is that of the body.
-    let body_from_truth = match truth_sensor.exists() {
-        true => {
-            let text = records::read_description(&truth_sensor)?;
-            described_by.push(truth_sensor.clone());
-            Yaml { keys: parse_yaml(&text), file: &truth_sensor }.body_from_sensor()?
-        }
-        false => Placed { turn: DQuat::IDENTITY, shift_m: DVec3::ZERO },
+    let body_from_truth = if truth_sensor.exists() {
+        let text = records::read_description(&truth_sensor)?;
+        description_files.push(truth_sensor.clone());
+        Yaml { keys: parse_yaml(&text), file: &truth_sensor }.body_from_sensor()?
+    } else {
+        RigidTransform { turn: DQuat::IDENTITY, shift_m: DVec3::ZERO }
     };
     let truth_from_camera = body_from_truth.inverse().after(&body_from_camera);
     let (poses, odd) = parse_poses(&records::read(truth)?, truth, &truth_from_camera)?;
@@ -83,19 +84,19 @@ fn open(mav: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     parts.up = Some(DVec3::Z);
     parts.geometries = vec![Some(geometry); parts.timestamps_s.len()];
     parts.track = track_from(poses, options.max_gap_s, truth)?;
-    parts.described_by = described_by;
+    parts.description_files = description_files;
     parts.warnings.extend(odd);
     Ok(parts)
 }
 
 /// A rigid transform between two frames of reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Placed {
+struct RigidTransform {
     turn: DQuat,
     shift_m: DVec3,
 }
 
-impl Placed {
+impl RigidTransform {
     fn inverse(&self) -> Self {
         let turn = self.turn.conjugate();
         Self { turn, shift_m: -(turn * self.shift_m) }
@@ -132,7 +133,7 @@ fn parse_pictures(text: &str, list: &Path) -> Result<Vec<(f64, String)>, TextErr
 
 type Poses = Vec<(f64, Pose)>;
 
-fn parse_poses(text: &str, file: &Path, truth_from_camera: &Placed) -> Result<(Poses, Vec<String>), TextError> {
+fn parse_poses(text: &str, file: &Path, truth_from_camera: &RigidTransform) -> Result<(Poses, Vec<String>), TextError> {
     let (mut poses, mut odd) = (Poses::new(), PoseNotes::default());
     for (line, record) in records::records(text) {
         let refuse = |problem: String| TextError::line(file, line, problem);
@@ -153,7 +154,7 @@ fn parse_poses(text: &str, file: &Path, truth_from_camera: &Placed) -> Result<(P
         }
         let (turn, norm_error) = unit_quaternion(turn).map_err(refuse)?;
         odd.note(norm_error, format!("line {line}"));
-        let camera = Placed { turn, shift_m }.after(truth_from_camera);
+        let camera = RigidTransform { turn, shift_m }.after(truth_from_camera);
         poses.push((time_s, Pose::from_camera_in_world(camera.shift_m, camera.turn)));
     }
     let warnings = odd.warnings(file, poses.len());
@@ -215,14 +216,14 @@ impl Yaml<'_> {
         numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| self.refuse(key, &problem))
     }
 
-    fn body_from_sensor(&self) -> Result<Placed, RecordingError> {
+    fn body_from_sensor(&self) -> Result<RigidTransform, RecordingError> {
         let key = "T_BS.data";
         let n: [f64; 16] = self.numbers(key)?;
         let row = |i: usize| [n[4 * i], n[4 * i + 1], n[4 * i + 2], n[4 * i + 3]];
         let refuse = || self.refuse(key, NOT_RIGID);
         let (turn, shift_m) =
             rigid([row(0), row(1), row(2)]).filter(|_| row(3) == [0.0, 0.0, 0.0, 1.0]).ok_or_else(refuse)?;
-        Ok(Placed { turn: DQuat::from_mat3(&turn).normalize(), shift_m })
+        Ok(RigidTransform { turn: DQuat::from_mat3(&turn).normalize(), shift_m })
     }
 
     fn geometry(&self) -> Result<Geometry, RecordingError> {
@@ -274,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_worked_by_hand() {
+    fn projected_point_matches_hand_calculation() {
         let sensor = yaml(SENSOR);
         let camera = sensor.body_from_sensor().unwrap();
         // The body is at (1, 2, 3), rotated by 90° about z: its x is the world's y. So the camera
@@ -287,14 +288,15 @@ mod tests {
         // 2 m ahead, 0.4 m to the right (the world's x), 0.2 m down.
         let seen = poses[0].1.transform_point(DVec3::new(1.4, 4.1, 2.8));
         assert!((seen - DVec3::new(0.4, 0.2, 2.0)).length() < 1e-6, "{seen}");
-        // u = 0.2, v = 0.1, r² = 0.05: radial 0.996; x: 0.1992 + 2·0.01·0.02 + 0.02·(0.05 + 0.08) = 0.2022;
-        // y: 0.0996 + 0.01·(0.05 + 0.02) + 2·0.02·0.02 = 0.1011. Then half a pixel for the different pixel centres.
+        // u = 0.2, v = 0.1, r² = 0.05: radial 0.996; x: 0.1992 + 2·0.01·0.02 + 0.02·(0.05 + 0.08) =
+        // 0.2022; y: 0.0996 + 0.01·(0.05 + 0.02) + 2·0.02·0.02 = 0.1011. Then half a pixel for the
+        // different pixel centres.
         let at = sensor.geometry().unwrap().project(seen).unwrap();
         assert!((at - DVec2::new(367.5 + 80.88, 248.5 + 50.55)).length() < 1e-3, "{at}");
     }
 
     #[test]
-    fn what_the_truth_was_estimated_of_is_taken_off() {
+    fn ground_truth_sensor_transform_is_removed() {
         // With the same transform for ground truth and camera, the camera is at the poses.
         let camera = yaml(SENSOR).body_from_sensor().unwrap();
         let none = camera.inverse().after(&camera);
@@ -302,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn fisheyes_and_lists() {
+    fn yaml_fisheyes_and_lists_are_read() {
         let text = SENSOR.replace("radial-tangential", "equidistant");
         let distortion = yaml(&text).geometry().unwrap().distortion;
         assert_eq!((distortion.model, distortion.k3, distortion.k4), (LensModel::OpencvFisheye, 0.01, 0.02));
@@ -329,14 +331,14 @@ mod tests {
             assert!(error.contains(told), "{error}\n{told}");
         }
         let poses = |text: &str| {
-            let none = Placed { turn: DQuat::IDENTITY, shift_m: DVec3::ZERO };
+            let none = RigidTransform { turn: DQuat::IDENTITY, shift_m: DVec3::ZERO };
             parse_poses(text, Path::new("data.csv"), &none).map(drop).unwrap_err().to_string()
         };
         assert!(poses("1.5,0,0,0,1,0,0,0").contains("data.csv, line 1: timestamp is `1.5`; whole nanoseconds"));
         assert!(poses("2,0,0,0,1,0,0,0\n2,0,0,0,1,0,0,0").contains("line 2: the time stands twice"));
         assert!(poses("2,0,0,0,1,0,0").contains("line 1: q_z is missing"));
         assert!(poses("2,0,0,0,2,0,0,0").contains("the quaternion has length 2"));
-        let none = Placed { turn: DQuat::IDENTITY, shift_m: DVec3::ZERO };
+        let none = RigidTransform { turn: DQuat::IDENTITY, shift_m: DVec3::ZERO };
         let lost = parse_poses("2,0,0,0,0,0,0,0\n3,0,0,0,1,0,0,0", Path::new("data.csv"), &none).unwrap();
         assert!(lost.0.len() == 1 && lost.1[0].contains("has no rotation (first at line 1)"), "{lost:?}");
         assert!(parse_pictures("7", Path::new("data.csv")).unwrap_err().to_string().contains("name is missing"));
@@ -347,7 +349,7 @@ mod tests {
         #[test]
         fn arbitrary_text_never_panics(text in "\\PC*", near in "([a-zTBS_]{0,4}:? ?\\[?[0-9., #]{0,9}\\]?\n ?){0,20}") {
             for text in [text, near] {
-                let none = Placed { turn: DQuat::IDENTITY, shift_m: DVec3::ZERO };
+                let none = RigidTransform { turn: DQuat::IDENTITY, shift_m: DVec3::ZERO };
                 let _ = (yaml(&text).geometry(), yaml(&text).body_from_sensor());
                 let _ = parse_pictures(&text, Path::new("data.csv"));
                 let _ = parse_poses(&text, Path::new("data.csv"), &none);

@@ -35,18 +35,18 @@ pub struct Frames {
 enum Decoding {
     Stills(Ahead<Result<(Pixels, Option<DepthMap>), SourceError>>),
     /// ffmpeg decodes the pictures, separate threads the depth.
-    Video(Box<KeptFrames>, Ahead<MaybeDepth>),
+    Video(Box<SelectedFrames>, Ahead<MaybeDepth>),
 }
 
 /// The frames of a video that are not skipped.
 #[derive(Debug)]
-pub struct KeptFrames {
+pub struct SelectedFrames {
     decoded: VideoFrames,
     /// For each decoded frame, whether it is returned.
     taken: std::vec::IntoIter<bool>,
 }
 
-impl KeptFrames {
+impl SelectedFrames {
     /// `kept`: file indices of the recording's frames; `None` if they are the same.
     pub fn new(video: &Video, kept: Option<&[usize]>, range: Range<usize>) -> Result<Self, SourceError> {
         let kept = kept.and_then(|kept| kept.get(range.clone())).filter(|kept| !kept.is_empty());
@@ -57,7 +57,7 @@ impl KeptFrames {
     }
 }
 
-impl Iterator for KeptFrames {
+impl Iterator for SelectedFrames {
     type Item = Result<Pixels, SourceError>;
 
     fn next(&mut self) -> Option<Self::Item> {
@@ -92,7 +92,7 @@ impl Frames {
         };
         let decoding = match &*recording.pictures {
             Pictures::Video(video, kept) => {
-                let pictures = KeptFrames::new(video, kept.as_deref(), range.clone())?;
+                let pictures = SelectedFrames::new(video, kept.as_deref(), range.clone())?;
                 Decoding::Video(Box::new(pictures), Ahead::new(range, read_depth)?)
             }
             Pictures::Stills(_) => {

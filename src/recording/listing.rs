@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
 use super::RecordingError;
-use crate::camera::exposure::LONGEST_S;
+use crate::camera::exposure::MAX_EXPOSURE_S;
 use crate::frame::FrameExposure;
 use crate::source::SourceError;
 use crate::text::{self, number, quoted, reason};
@@ -21,7 +21,7 @@ pub fn read_pictures(list: &Path) -> Result<Vec<(f64, PathBuf)>, TextError> {
 pub type ListedFrame<N> = (f64, N, f64);
 
 /// Prefix of the opacity at a line's end.
-const PRESENCE: &str = " presence=";
+const PRESENCE_PREFIX: &str = " presence=";
 
 /// Parses a list of `timestamp filename` lines, each of which may end with ` presence=0.5`: 0 to 1,
 /// default 1.
@@ -29,7 +29,7 @@ pub fn frames(text: &str, list: &Path) -> Result<Vec<ListedFrame<PathBuf>>, Text
     let folder = list.parent().unwrap_or(Path::new(""));
     let frame = |rest: &str| {
         let (name, presence) =
-            rest.rsplit_once(PRESENCE).map_or((rest, Ok(1.0)), |(name, text)| (name, presence(text)));
+            rest.rsplit_once(PRESENCE_PREFIX).map_or((rest, Ok(1.0)), |(name, text)| (name, presence(text)));
         Ok((folder.join(file_name(name, NO_NAME)?), presence?))
     };
     Ok(by_time(text, list, frame)?.into_iter().map(|(time_s, (file, presence))| (time_s, file, presence)).collect())
@@ -46,7 +46,7 @@ pub fn write_frames<'a>(entries: impl IntoIterator<Item = ListedFrame<&'a str>>)
     for (time_s, name, presence) in entries {
         text += &line(time_s, name)?;
         if presence != 1.0 {
-            text += &format!("{PRESENCE}{}", number(presence));
+            text += &format!("{PRESENCE_PREFIX}{}", number(presence));
         }
         text += "\n";
     }
@@ -58,7 +58,7 @@ const NO_NAME: &str = "the file's name is missing (a line is `timestamp filename
 
 /// A line without its line break.
 fn line(time_s: f64, name: &str) -> Result<String, String> {
-    if name.is_empty() || name.trim() != name || name.contains(['\n', '\r']) || name.contains(PRESENCE) {
+    if name.is_empty() || name.trim() != name || name.contains(['\n', '\r']) || name.contains(PRESENCE_PREFIX) {
         return Err(format!("a list cannot hold the name \"{}\"", quoted(name)));
     }
     Ok(format!("{} {name}", number(time_s)))
@@ -70,7 +70,8 @@ pub fn write_pictures<'a>(entries: impl IntoIterator<Item = (f64, &'a str)>) -> 
     write_frames(entries.into_iter().map(|(time_s, name)| (time_s, name, 1.0)))
 }
 
-/// A list of exposures as text, which [`parse_exposures`] reads back bit for bit. Exposures without a time are left out.
+/// A list of exposures as text, which [`parse_exposures`] reads back bit for bit. Exposures without
+/// a time are left out.
 pub fn write_exposures(entries: &[(f64, FrameExposure)]) -> String {
     let head = "# timestamp exposure_time_s gain\n".to_owned();
     let told = entries.iter().filter_map(|(time_s, exposure)| Some((time_s, exposure.time_s?, exposure.gain)));
@@ -85,27 +86,27 @@ fn parse_pictures(text: &str, list: &Path) -> Result<Vec<(f64, String)>, TextErr
 }
 
 /// Maximum length of a path on any system, bytes.
-const LONGEST_NAME: usize = 4096;
+const MAX_NAME_BYTES: usize = 4096;
 
 /// The file name at a line's end; `missing` is the error if there is none.
 pub fn file_name(rest: &str, missing: &str) -> Result<String, String> {
     match rest.trim() {
         "" => Err(missing.to_owned()),
-        name if name.len() > LONGEST_NAME => {
-            Err(format!("the file's name is `{}`; accepted are up to {LONGEST_NAME} bytes", quoted(name)))
+        name if name.len() > MAX_NAME_BYTES => {
+            Err(format!("the file's name is `{}`; accepted are up to {MAX_NAME_BYTES} bytes", quoted(name)))
         }
         name => Ok(name.to_owned()),
     }
 }
 
 /// Maximum gain of a sensor: twenty stops.
-const MOST_GAIN: f64 = 1e6;
+const MAX_GAIN: f64 = 1e6;
 
 /// A list of `timestamp exposure_time_s gain` lines; the gain is optional.
 pub fn parse_exposures(text: &str, list: &Path) -> Result<Vec<(f64, FrameExposure)>, TextError> {
     by_time(text, list, |mut rest| {
-        let time_s = Some(number_above_zero(&mut rest, "exposure_time_s", LONGEST_S)?);
-        let gain = if rest.trim().is_empty() { None } else { Some(number_above_zero(&mut rest, "gain", MOST_GAIN)?) };
+        let time_s = Some(number_above_zero(&mut rest, "exposure_time_s", MAX_EXPOSURE_S)?);
+        let gain = if rest.trim().is_empty() { None } else { Some(number_above_zero(&mut rest, "gain", MAX_GAIN)?) };
         records::end(rest)?;
         Ok(FrameExposure { time_s, gain, ..FrameExposure::default() })
     })
@@ -163,7 +164,7 @@ pub fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
 
 /// The error for a missing picture: with the line of the list that references it, if any, and how
 /// many of `all` are missing.
-pub fn named_in<'a>(
+pub fn missing_picture<'a>(
     lists: &[PathBuf],
     error: SourceError,
     all: impl ExactSizeIterator<Item = &'a PathBuf>,
@@ -182,7 +183,7 @@ pub fn named_in<'a>(
         // The name follows a time.
         let name = |record: &str| {
             let rest = record.split_once([' ', '\t', ','])?.1;
-            Some(rest.rsplit_once(PRESENCE).map_or(rest, |(name, _)| name).trim().to_owned())
+            Some(rest.rsplit_once(PRESENCE_PREFIX).map_or(rest, |(name, _)| name).trim().to_owned())
         };
         let names = |record: &str| name(record).is_some_and(|name| !name.is_empty() && file.ends_with(name));
         if let Some((line, _)) = records::records(&text).find(|(_, record)| names(record)) {
@@ -254,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_by_time() {
+    fn picture_list_is_read_by_time() {
         let read = parse_pictures("# timestamp filename\n1.5 rgb/a b.png\n\n2.5 rgb/c.png\n", list()).unwrap();
         assert_eq!(read, [(1.5, "rgb/a b.png".to_owned()), (2.5, "rgb/c.png".to_owned())]);
         for (bad, said) in [
@@ -268,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_which_a_share_is_seen() {
+    fn frame_opacity_is_read_and_checked() {
         let read = |text: &str| frames(text, Path::new("site/frames.txt"));
         let file = |name: &str| Path::new("site").join(name);
         let seen = read("1 f/a b.png\n2 f/c.png presence=0.25\n3 presence=0.5 presence=1\n").unwrap();
@@ -283,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn exposures_by_time() {
+    fn exposure_list_is_read_by_time() {
         let read = parse_exposures("1 0.02 1.5\n2 0.01\n", list()).unwrap();
         assert_eq!(read[0].1, FrameExposure { time_s: Some(0.02), gain: Some(1.5), ..Default::default() });
         assert_eq!(read[1].1, FrameExposure { time_s: Some(0.01), ..Default::default() });
@@ -295,14 +296,14 @@ mod tests {
     }
 
     #[test]
-    fn names_that_no_line_holds_are_refused() {
+    fn names_that_break_a_line_are_refused() {
         for name in ["", " a", "a ", "a\nb", "a\rb", "a presence=1"] {
             assert!(write_pictures([(1.0, name)]).is_err(), "{name:?}");
         }
     }
 
     #[test]
-    fn nearest_in_time_within_reach() {
+    fn nearest_entry_respects_the_reach() {
         let entries = [(1.0, 'a'), (2.0, 'b'), (2.6, 'c')];
         assert_eq!(nearest(&entries, 2.31, 0.6).unwrap().1, 'c');
         assert_eq!(nearest(&entries, 2.29, 0.6).unwrap().1, 'b');
@@ -313,14 +314,14 @@ mod tests {
     }
 
     #[test]
-    fn numbers_in_names_count_by_value() {
+    fn natural_order_compares_numbers_by_value() {
         let mut names = ["f10.png", "f9.png", "f009.png", "f1.png", "e11", "f1", "g1305031241.029623"];
         names.sort_by(|a, b| natural_order(a, b));
         assert_eq!(names, ["e11", "f1", "f1.png", "f009.png", "f9.png", "f10.png", "g1305031241.029623"]);
     }
 
     #[test]
-    fn numbers_left_out_are_told_of() {
+    fn missing_numbers_are_reported() {
         let told = |names: &[&str]| missing_numbers(&names.iter().map(PathBuf::from).collect::<Vec<_>>());
         assert_eq!(told(&["r/f_08.png", "r/f_09.png", "r/f_10.png"]), None);
         assert_eq!(told(&["0.jpg", "10.jpg", "20.jpg"]), None, "every tenth");
@@ -342,7 +343,7 @@ mod tests {
         }
 
         #[test]
-        fn what_is_written_reads_back(
+        fn written_list_reads_back_equal(
             rows in prop::collection::vec((any::<f64>(), "[!-~é][ -~é]{0,8}[!-~é]", 1e-9..60.0f64, prop::option::of(1e-6..1e6f64)), 0..9)
         ) {
             let mut rows: Vec<_> = rows.into_iter().filter(|row| row.0.is_finite()).collect();
@@ -363,7 +364,7 @@ mod tests {
         }
 
         #[test]
-        fn the_order_of_names_is_total(a in "[a01.]{0,6}", b in "[a01.]{0,6}", c in "[a01.]{0,6}") {
+        fn natural_order_is_total(a in "[a01.]{0,6}", b in "[a01.]{0,6}", c in "[a01.]{0,6}") {
             prop_assert_eq!(natural_order(&a, &b), natural_order(&b, &a).reverse());
             prop_assert_eq!(natural_order(&a, &b) == Ordering::Equal, a == b);
             if natural_order(&a, &b).is_le() && natural_order(&b, &c).is_le() {

@@ -3,28 +3,28 @@
 //! Each format has its own module, which converts axes, units, pixel centres and times while
 //! reading. docs/recordings.md documents every convention.
 
-mod arriving;
-mod beside;
 mod camera_file;
 mod cameras;
 mod colmap;
 mod depth;
+mod duplicates;
 mod error;
 mod euroc;
 mod folder;
-mod foreign;
 mod frame_camera;
 mod frames;
 mod listing;
+mod live;
+mod native;
+mod neighbours;
 mod nerfstudio;
-mod own;
 mod parts;
 pub mod recorder;
-mod repeats;
 mod rigid;
 mod seven_scenes;
 mod stray;
 mod tum;
+mod unsupported_capture;
 pub mod write;
 
 use std::collections::BTreeSet;
@@ -34,12 +34,12 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-pub use beside::{EACH_WAY, FramesBeside};
-pub use cameras::can_say;
+pub use cameras::is_representable;
 pub use depth::Registration;
 pub use error::RecordingError;
 pub use frame_camera::FrameCamera;
 pub use frames::Frames;
+pub use neighbours::{FramesBeside, NEIGHBOURS_EACH_WAY};
 
 use crate::camera::Geometry;
 use crate::frame::{FrameExposure, SeenBrightness, Surfel, interval_s};
@@ -48,9 +48,9 @@ use crate::source::presentation::Presentation;
 use crate::source::{SourceError, still, unsupported};
 use crate::tracking::{NoPose, PoseTrack};
 use depth::Depth;
+pub use duplicates::Duplicates;
 pub use parts::Format;
 use parts::Pictures;
-pub use repeats::Repeats;
 
 /// Parameters that a recording does not contain.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,7 +78,7 @@ impl Default for OpenOptions {
 /// The formats, in the order in which they are tried. A new format is a file in this module and a
 /// line here.
 static FORMATS: [&Format; 7] = [
-    &own::FORMAT,
+    &native::FORMAT,
     &nerfstudio::FORMAT,
     &tum::FORMAT,
     &euroc::FORMAT,
@@ -87,7 +87,8 @@ static FORMATS: [&Format; 7] = [
     &seven_scenes::FORMAT,
 ];
 
-/// An opened recording: everything except the pixels and depths, which [`Recording::frames`] streams.
+/// An opened recording: everything except the pixels and depths, which [`Recording::frames`]
+/// streams.
 #[derive(Clone, Debug)]
 pub struct Recording {
     pub name: String,
@@ -127,13 +128,13 @@ pub struct Recording {
     pub exposure: Arc<[FrameExposure]>,
     /// Warnings without duplicates, except [`Recording::missing_poses`].
     pub warnings: Vec<String>,
-    described_by: Vec<PathBuf>,
+    description_files: Vec<PathBuf>,
     geometries: Arc<[Option<Geometry>]>,
     landmarks: Arc<[Vec<Landmark>]>,
-    /// See [`Recording::frames_say_cameras`].
+    /// See [`Recording::has_individual_cameras`].
     has_frame_cameras: bool,
     /// See [`Recording::set_cameras`].
-    given_cameras: Option<Arc<[Option<Geometry>]>>,
+    registration_cameras: Option<Arc<[Option<Geometry>]>>,
     pictures: Arc<Pictures>,
     /// See [`Recording::presentation`].
     presentation: Presentation,
@@ -204,14 +205,14 @@ impl Recording {
     /// `time_s`. `None` if the camera is there already (within 1e-9 m and rad), and if this is a
     /// different frame: it was taken at another time, or its distance exceeds plausible pose
     /// errors.
-    pub fn held_at(&self, frame: usize, time_s: f64, pose: &Pose) -> Option<Pose> {
-        const MOST_WRONG_M: f64 = 0.3;
-        const MOST_WRONG_RAD: f64 = 0.2;
+    pub fn correction_to_gauge(&self, frame: usize, time_s: f64, pose: &Pose) -> Option<Pose> {
+        const MAX_POSE_ERROR_M: f64 = 0.3;
+        const MAX_POSE_ERROR_RAD: f64 = 0.2;
         let now = self.pose_at_frame(frame).ok().filter(|_| self.timestamps_s[frame] == time_s)?;
         let far_m = (now.position_in_world_m() - pose.position_in_world_m()).length();
         let turned = now.rotation.angle_between(pose.rotation);
         let is_same = far_m < 1e-9 && turned < 1e-9;
-        if is_same || far_m > MOST_WRONG_M || turned > MOST_WRONG_RAD {
+        if is_same || far_m > MAX_POSE_ERROR_M || turned > MAX_POSE_ERROR_RAD {
             return None;
         }
         // world_from_other = camera_from_world⁻¹ · camera_from_other.
@@ -304,13 +305,13 @@ impl Recording {
     /// The camera of a frame, even if frames differ; `None` if unknown.
     pub fn geometry_at_frame(&self, index: usize) -> Option<&Geometry> {
         // A live recording has the newest frame only.
-        let index = if self.is_arriving() { self.geometries.len().saturating_sub(1) } else { index };
+        let index = if self.is_live() { self.geometries.len().saturating_sub(1) } else { index };
         self.geometry.as_ref().or_else(|| self.geometries.get(index)?.as_ref())
     }
 
     /// True if frames have individual cameras and lenses, reported by a tracking system, which
     /// override a profile: those of a live camera, and those recorded from one.
-    pub fn frames_say_cameras(&self) -> bool {
+    pub fn has_individual_cameras(&self) -> bool {
         self.has_frame_cameras
     }
 
@@ -320,7 +321,7 @@ impl Recording {
             Pictures::Stills(files) => files,
             Pictures::Video(video, _) => std::slice::from_ref(&video.file),
         };
-        self.described_by.iter().chain(pictures).map(PathBuf::as_path).chain(self.depth_files())
+        self.description_files.iter().chain(pictures).map(PathBuf::as_path).chain(self.depth_files())
     }
 
     /// The files of pictures, including a video's, and of depth.
@@ -386,13 +387,13 @@ impl Recording {
         if matches!(self.registration(), Some(Registration::OtherCamera(..))) {
             let own = self.cameras();
             let all: Vec<_> = own.iter().map(|camera| given(camera.as_ref())).collect();
-            self.given_cameras = Some(if all.is_empty() { Arc::from([given(None)]) } else { all.into() });
+            self.registration_cameras = Some(if all.is_empty() { Arc::from([given(None)]) } else { all.into() });
         }
     }
 
     /// The frames' cameras; a single one if all are equal.
     fn cameras(&self) -> Arc<[Option<Geometry>]> {
-        match (&self.given_cameras, &self.geometry) {
+        match (&self.registration_cameras, &self.geometry) {
             (Some(given), _) => Arc::clone(given),
             (None, Some(_)) => Arc::from([self.geometry.clone()]),
             (None, None) => Arc::clone(&self.geometries),
@@ -410,7 +411,7 @@ impl Recording {
         if range.start > range.end || range.end > self.frame_count() {
             return Err(RecordingError::Range { start: range.start, end: range.end, count: self.frame_count() });
         }
-        if self.is_arriving() && !range.is_empty() {
+        if self.is_live() && !range.is_empty() {
             return Err(RecordingError::content(
                 &self.path,
                 "a camera's frames are gone once they were seen; freeze it",
@@ -438,13 +439,13 @@ fn find(path: &Path) -> Result<(&'static Format, PathBuf), RecordingError> {
     if let Some(found) = FORMATS.iter().find_map(|format| Some((*format, (format.find)(path)?))) {
         return Ok(found);
     }
-    let binary = colmap::MODELS_AT.iter().any(|at| path.join(at).join("images.bin").exists());
+    let binary = colmap::MODEL_FOLDERS.iter().any(|at| path.join(at).join("images.bin").exists());
     let unread = unsupported::by_name(path).filter(|_| path.is_file()).map(|kind| format!("it {}", kind.refusal()));
     let in_folder = || {
         let unread = unsupported::unread_warning(&unsupported::in_folder(path))?;
         Some(format!("{unread}, and no file describes a recording"))
     };
-    let foreign = foreign::refusal(path).map(str::to_owned).or(unread).or_else(in_folder);
+    let foreign = unsupported_capture::refusal(path).map(str::to_owned).or(unread).or_else(in_folder);
     let found = match path {
         _ if foreign.is_some() => foreign.as_deref().unwrap_or_default(),
         _ if path.is_file() => "it is a file of another kind (frames or a video alone: name them in a recording.toml)",

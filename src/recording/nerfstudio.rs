@@ -1,6 +1,6 @@
-//! A nerfstudio `transforms.json`: camera to world with OpenGL's axes (x right, y up, looking along −z), intrinsics
-//! with pixel centres at +0.5, depth in millimetres.
-//! Source: <https://docs.nerf.studio/quickstart/data_conventions.html>.
+//! A nerfstudio `transforms.json`: camera to world with OpenGL's axes (x right, y up, looking along
+//! −z), intrinsics with pixel centres at +0.5, depth in millimetres. Source:
+//! <https://docs.nerf.studio/quickstart/data_conventions.html>.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Deserializer};
 
-use super::depth::{DepthFiles, Stored};
+use super::depth::{DepthEncoding, DepthFiles};
 use super::parts::{
     Format, NOMINAL_FPS, Parts, Pictures, equirectangular, file_or_in_folder, geometry_from, track_from,
 };
@@ -28,9 +28,12 @@ pub static FORMAT: Format = Format {
     marker: "a nerfstudio transforms.json",
     has_times: false,
     is_metric: false,
-    find: |path| match path.is_file() && path.extension().is_some_and(|ending| ending == "json") {
-        true => Some(path.to_owned()),
-        false => file_or_in_folder(path, FILE_NAME),
+    find: |path| {
+        if path.is_file() && path.extension().is_some_and(|ending| ending == "json") {
+            Some(path.to_owned())
+        } else {
+            file_or_in_folder(path, FILE_NAME)
+        }
     },
     open: |file, _, options| open(file, options),
 };
@@ -128,7 +131,7 @@ impl Camera {
 
     /// The geometry. A missing size is that of the picture. `None` without a focal length.
     fn geometry(&self, file: &Path) -> Result<Option<Geometry>, String> {
-        let known = || MODELS.iter().chain(&FISHEYES).chain(&ROUND);
+        let known = || MODELS.iter().chain(&FISHEYES).chain(&EQUIRECTANGULAR_NAMES);
         if let Some(model) = self.camera_model.as_deref().filter(|m| !known().any(|k| k == m)) {
             let names: Vec<_> = known().copied().collect();
             return Err(format!(
@@ -149,7 +152,7 @@ impl Camera {
             },
         };
         // Its angles follow from its size: focal lengths are ignored.
-        if self.camera_model.as_deref().is_some_and(|m| ROUND.contains(&m)) {
+        if self.camera_model.as_deref().is_some_and(|m| EQUIRECTANGULAR_NAMES.contains(&m)) {
             return equirectangular(w as u32, h as u32).map(Some);
         }
         // Ignoring distortion.
@@ -191,7 +194,7 @@ const MODELS: [&str; 6] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL
 const FISHEYES: [&str; 2] = ["OPENCV_FISHEYE", "fisheye"];
 
 /// Names of equirectangular 360° pictures.
-const ROUND: [&str; 2] = ["EQUIRECTANGULAR", "equirectangular"];
+const EQUIRECTANGULAR_NAMES: [&str; 2] = ["EQUIRECTANGULAR", "equirectangular"];
 
 fn parse(json: &str, file: &Path) -> Result<Transforms, RecordingError> {
     let json = with_not_finite_quoted(json.trim_start_matches('\u{feff}'));
@@ -254,7 +257,7 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let lacks_focal_length = geometries.iter().zip(&files).any(|(geometry, file)| geometry.is_none() && is_frame(file));
     let mut parts = Parts::new(folder, Pictures::Stills(files), timestamps_s);
     parts.up = Some(DVec3::Z);
-    parts.described_by.push(file.to_owned());
+    parts.description_files.push(file.to_owned());
     parts.warnings = odd.warnings(file, poses.len());
     parts.track = track_from(poses, options.max_gap_s.or(Some(1.5 / NOMINAL_FPS)), file)?;
     parts
@@ -265,9 +268,9 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     }
     parts.geometries = geometries;
     if !depths.is_empty() {
-        let metres_by =
+        let unit_advice =
             depth_unit_scale_factor.is_none().then_some("write \"depth_unit_scale_factor\": 1.0 into the file");
-        let stored = Stored { metres_by, ..Stored::plain(1.0 / metres_per_code) };
+        let stored = DepthEncoding { unit_advice, ..DepthEncoding::plain(1.0 / metres_per_code) };
         parts.depth = Some(DepthFiles { by_time: depths, stored });
     }
     Ok(parts)
@@ -329,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_rigid_transform_is_refused() {
+    fn non_rigid_transform_is_refused() {
         let good = [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0]].map(row);
         let with = |row: usize, column: usize, value: f64| {
             let mut m = good.clone();
@@ -343,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn a_matrix_of_zeros_or_none_is_a_lost_pose() {
+    fn matrix_of_zeros_or_null_is_a_lost_pose() {
         let zeros = [[0.0; 4]; 4].map(row);
         assert!(pose(&zeros, 1.0).unwrap().is_none());
         for entry in ["", r#", "transform_matrix": null"#, r#", "transform_matrix": []"#] {
@@ -354,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn a_matrix_that_is_not_finite_is_a_lost_pose() {
+    fn non_finite_matrix_is_a_lost_pose() {
         let json = r#"{"frames": [{"file_path": "NaN \" Infinity\\", "transform_matrix":
             [[1, 0, 0, NaN], [0, 1, 0, -Infinity], [0, 0, 1, Infinity], [0, 0, 0, 1]]}]}"#;
         let t = parse(json, Path::new("t.json")).unwrap();
@@ -364,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_that_is_not_finite_is_refused_outside_of_the_matrix() {
+    fn non_finite_value_outside_a_matrix_is_refused() {
         let error = |text: &str| parse(text, Path::new("t.json")).map(drop).unwrap_err().to_string();
         for name in ["fl_x", "k1", "depth_unit_scale_factor"] {
             let error = error(&format!(r#"{{"{name}": NaN, "frames": []}}"#));
@@ -392,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frames_own_camera_goes_before_the_common_one() {
+    fn frame_camera_overrides_the_common_one() {
         let t = parse(
             r#"{"fl_x": 500, "w": 640, "h": 480, "k1": 0.1, "camera_model": "OPENCV", "aabb_scale": 16, "frames":
             [{"file_path": "a.png", "transform_matrix": [], "fl_x": 400, "cx": 300.5}]}"#,

@@ -30,7 +30,7 @@ pub const NOMINAL_FPS: f64 = 30.0;
 const ASSOCIATION_REACH: f64 = 0.65;
 
 /// Tolerance of the association of frames and cameras, which have equal times, seconds.
-const SAME_S: f64 = 1e-6;
+const CAMERA_TIME_TOLERANCE_S: f64 = 1e-6;
 
 /// A format of recordings.
 #[derive(Debug)]
@@ -117,7 +117,7 @@ pub struct Parts {
     /// True for 360° pictures, whose camera follows from their size.
     pub equirectangular: bool,
     /// All files that were read, except pictures.
-    pub described_by: Vec<PathBuf>,
+    pub description_files: Vec<PathBuf>,
     pub warnings: Vec<String>,
 }
 
@@ -142,7 +142,7 @@ impl Parts {
             exposure: Vec::new(),
             camera_profile: None,
             equirectangular: false,
-            described_by: Vec::new(),
+            description_files: Vec::new(),
             warnings: Vec::new(),
         }
     }
@@ -150,10 +150,10 @@ impl Parts {
     /// Applies the checks common to all formats and collects warnings.
     pub fn assemble(mut self, kind: &'static Format, options: &OpenOptions) -> Result<Recording, RecordingError> {
         if options.skip_missing {
-            self.leave_out_missing();
+            self.remove_missing();
         }
         if options.skip_duplicates {
-            self.leave_out_repeats()?;
+            self.remove_duplicates()?;
         }
         if self.timestamps_s.is_empty() {
             return Err(self.without_frames());
@@ -164,7 +164,8 @@ impl Parts {
         let frame_interval_s = self.interval_s.or_else(median_s).unwrap_or(1.0 / NOMINAL_FPS);
         warnings.extend(irregular_intervals(&self.timestamps_s, frame_interval_s));
         let of_frames: Option<Vec<FrameCamera>> = self.cameras.as_ref().map(|cameras| {
-            let own = |time_s| listing::nearest(cameras, time_s, SAME_S).map(|(_, camera)| camera.clone());
+            let own =
+                |time_s| listing::nearest(cameras, time_s, CAMERA_TIME_TOLERANCE_S).map(|(_, camera)| camera.clone());
             self.timestamps_s.iter().map(|time_s| own(*time_s).unwrap_or_default()).collect()
         });
         if let Some(cameras) = &of_frames {
@@ -238,9 +239,9 @@ impl Parts {
             geometry,
             landmarks: self.landmarks.into(),
             has_frame_cameras: of_frames.is_some(),
-            given_cameras: None,
+            registration_cameras: None,
             camera_profile: self.camera_profile,
-            described_by: self.described_by,
+            description_files: self.description_files,
             exposure: exposure.collect(),
             warnings,
             pictures: Arc::new(self.pictures),
@@ -261,7 +262,7 @@ impl Parts {
     /// Skips pictures of an unsupported type and damaged ones, unless all are, and returns the
     /// headers of the others.
     fn headers(&mut self, files: &[PathBuf]) -> Result<Vec<Header>, RecordingError> {
-        let named = |error| listing::named_in(&self.described_by, error, files.iter());
+        let named = |error| listing::missing_picture(&self.description_files, error, files.iter());
         let (mut headers, mut kept, mut unread) = (Vec::new(), vec![true; files.len()], Vec::new());
         for (file, kept) in files.iter().zip(&mut kept) {
             match still::read_header(file) {
@@ -280,7 +281,7 @@ impl Parts {
             let are = if unread.len() == 1 { "is" } else { "are" };
             let all = text::count(files.len(), "picture");
             self.warnings.push(format!("{} of {all} {are} not read and left out (first: {first})", unread.len()));
-            self.keep(&kept);
+            self.retain_frames(&kept);
         }
         Ok(headers)
     }
@@ -316,7 +317,7 @@ impl Parts {
                 file.display(),
                 text(header)
             ));
-            self.keep(&headers.iter().map(|header| *header == common).collect::<Vec<_>>());
+            self.retain_frames(&headers.iter().map(|header| *header == common).collect::<Vec<_>>());
         }
         match &self.pictures {
             Pictures::Stills(files) if common.width == 0 || common.height == 0 => {
@@ -334,7 +335,8 @@ pub fn track_from(poses: Vec<(f64, Pose)>, max_gap_s: Option<f64>, file: &Path) 
     PoseTrack::new(poses, max_gap_s).map_err(|e| RecordingError::content(file, e))
 }
 
-/// A camera's geometry from its lens model and named parameters. A value out of range is an error that names it.
+/// A camera's geometry from its lens model and named parameters. A value out of range is an error
+/// that names it.
 pub fn geometry_from(model: LensModel, values: &[(&str, f64)]) -> Result<Geometry, ParamError> {
     let (mut intrinsics, mut distortion) = (Intrinsics::default(), Distortion { model, ..Distortion::default() });
     for (name, value) in values {
@@ -382,9 +384,10 @@ fn photo_settings(
         let shown = Orientation::of_exif(orientation);
         let number = text::count(1 + turned.count(), "picture");
         let are_alike = photos.iter().all(|(_, exif)| exif.orientation == Some(orientation));
-        let output = match are_alike {
-            true => "a .mp4 that is written says so too, and players show it so; a .mkv has no such mark",
-            false => "a video that is written has no such mark, since others are to be shown differently",
+        let output = if are_alike {
+            "a .mp4 that is written says so too, and players show it so; a .mkv has no such mark"
+        } else {
+            "a video that is written has no such mark, since others are to be shown differently"
         };
         warnings.push(format!(
             "{}: says it should be shown {shown} (EXIF orientation {orientation}); read as stored, in {number} that say \

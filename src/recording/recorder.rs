@@ -16,22 +16,22 @@ pub use super::folder::{Folder, List, Store};
 
 use super::folder::PICTURES;
 use super::write::{
-    self, CameraFile, Covariance, Description, ExposureList, FILE_NAME, FrameFiles, Line, LiveFacts, PoseFile,
+    self, CameraFile, Covariance, Description, ExposureList, FILE_NAME, FrameFiles, Line, LiveMetadata, PoseFile,
 };
 use super::{FrameCamera, RecordingError, listing};
 use crate::frame::FrameExposure;
 use crate::text::reason;
 
 /// Interval of commits in the frames' time, seconds.
-const HELD_S: f64 = 0.5;
+const COMMIT_INTERVAL_S: f64 = 0.5;
 /// Maximum number of uncommitted frames, whatever their times.
-const MOST_HELD: usize = 64;
+const MAX_PENDING_FRAMES: usize = 64;
 
 const PROFILE: &str = "camera.toml";
 
 /// Metadata of a recording before its first frame.
 #[derive(Clone, Debug, PartialEq)]
-pub struct About {
+pub struct RecordingInfo {
     /// Nominal frame interval, seconds.
     pub interval_s: f64,
     /// Maximum interval across which poses are interpolated, seconds.
@@ -66,7 +66,7 @@ pub enum RecorderError {
 
 /// A frame whose picture is written, but not its list line.
 #[derive(Clone, Debug)]
-struct Held {
+struct PendingFrame {
     time_s: f64,
     name: String,
     exposure_s: Option<f64>,
@@ -82,7 +82,7 @@ pub struct Recorder<S: Store> {
     path: PathBuf,
     frames: usize,
     last_s: f64,
-    held: Vec<Held>,
+    pending: Vec<PendingFrame>,
     /// True once a frame's line is written.
     has_frames: bool,
     /// Content of `recording.toml`.
@@ -98,7 +98,7 @@ pub struct Recorder<S: Store> {
 
 impl Recorder<Folder> {
     /// Creates a recording in a new or empty folder.
-    pub fn create(path: &Path, about: &About) -> Result<Self, RecorderError> {
+    pub fn create(path: &Path, about: &RecordingInfo) -> Result<Self, RecorderError> {
         let failed = |source| RecorderError::Write { path: path.to_owned(), source };
         if std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()) || path.is_file() {
             return Err(RecorderError::Exists { path: path.to_owned() });
@@ -135,7 +135,7 @@ pub fn discard(path: &Path, was_there: bool) {
 impl<S: Store> Recorder<S> {
     /// Begins a recording; `path` is for error messages. The description is written after the first
     /// frame, so a folder with a description can always be opened.
-    pub fn begin(mut store: S, path: &Path, about: &About) -> Result<Self, RecorderError> {
+    pub fn begin(mut store: S, path: &Path, about: &RecordingInfo) -> Result<Self, RecorderError> {
         let failed = |source| RecorderError::Write { path: path.to_owned(), source };
         let description = write::description(about.description())?.to_string();
         let mut begin = || -> io::Result<()> {
@@ -153,7 +153,7 @@ impl<S: Store> Recorder<S> {
             path: path.to_owned(),
             frames: 0,
             last_s: f64::NEG_INFINITY,
-            held: Vec::new(),
+            pending: Vec::new(),
             has_frames: false,
             description,
             has_exposure: about.has_exposure,
@@ -171,8 +171,8 @@ impl<S: Store> Recorder<S> {
     }
 
     /// Adds a frame by its encoded picture: a PNG or a JPEG, by its extension. Times ascend. Its
-    /// presence ([`crate::frame::Frame::presence`]) may be [set](Self::settle) later. After an
-    /// error nothing more is written, and earlier frames are kept.
+    /// presence ([`crate::frame::Frame::presence`]) may be [set](Self::set_presence) later. After
+    /// an error nothing more is written, and earlier frames are kept.
     pub fn frame(
         &mut self,
         time_s: f64,
@@ -194,37 +194,40 @@ impl<S: Store> Recorder<S> {
         }
         self.last_s = time_s;
         self.frames += 1;
-        self.held.push(Held { time_s, name, exposure_s, presence, camera: None });
+        self.pending.push(PendingFrame { time_s, name, exposure_s, presence, camera: None });
         self.commit_if_due()
     }
 
     /// Sets the presence of the pending frame with this time, if there is one.
-    pub fn settle(&mut self, time_s: f64, presence: f64) -> Result<(), RecorderError> {
-        if let Some(held) = self.held.iter_mut().find(|held| held.time_s == time_s) {
-            held.presence.get_or_insert(presence);
+    pub fn set_presence(&mut self, time_s: f64, presence: f64) -> Result<(), RecorderError> {
+        if let Some(pending) = self.pending.iter_mut().find(|pending| pending.time_s == time_s) {
+            pending.presence.get_or_insert(presence);
         }
         self.commit_if_due()
     }
 
-    /// Sets the camera of the pending frame with this time. It is listed if [`About::has_cameras`].
+    /// Sets the camera of the pending frame with this time. It is listed if
+    /// [`RecordingInfo::has_cameras`].
     pub fn camera(&mut self, time_s: f64, camera: FrameCamera) {
-        if let Some(held) = self.held.iter_mut().find(|held| held.time_s == time_s) {
-            held.camera = Some(camera);
+        if let Some(pending) = self.pending.iter_mut().find(|pending| pending.time_s == time_s) {
+            pending.camera = Some(camera);
         }
     }
 
     fn commit_if_due(&mut self) -> Result<(), RecorderError> {
-        let settled = self.settled();
-        let Some((first, last)) = settled.checked_sub(1).map(|last| (&self.held[0], &self.held[last])) else {
+        let complete_count = self.complete_count();
+        let Some((first, last)) = complete_count.checked_sub(1).map(|last| (&self.pending[0], &self.pending[last]))
+        else {
             return Ok(());
         };
-        let is_due = !self.has_frames || last.time_s - first.time_s >= HELD_S || settled >= MOST_HELD;
+        let is_due =
+            !self.has_frames || last.time_s - first.time_s >= COMMIT_INTERVAL_S || complete_count >= MAX_PENDING_FRAMES;
         if is_due { self.commit() } else { Ok(()) }
     }
 
     /// Number of pending frames before the first incomplete one.
-    fn settled(&self) -> usize {
-        self.held.iter().take_while(|held| held.presence.is_some()).count()
+    fn complete_count(&self) -> usize {
+        self.pending.iter().take_while(|pending| pending.presence.is_some()).count()
     }
 
     /// Adds a pose. The caller ensures ascending times.
@@ -242,30 +245,30 @@ impl<S: Store> Recorder<S> {
         if self.failed {
             return Ok(());
         }
-        let settled = self.settled();
-        if let Err(source) = self.write(settled) {
+        let complete_count = self.complete_count();
+        if let Err(source) = self.write(complete_count) {
             self.make_room();
             return Err(RecorderError::Write { path: self.path.clone(), source });
         }
-        if settled > 0 && !self.has_frames {
+        if complete_count > 0 && !self.has_frames {
             let described = self.store.file(Path::new(FILE_NAME), self.description.as_bytes());
             if let Err(source) = described.and_then(|()| self.store.sync()) {
                 self.failed = true;
                 return Err(RecorderError::Write { path: self.path.join(FILE_NAME), source });
             }
         }
-        self.held.drain(..settled);
+        self.pending.drain(..complete_count);
         self.poses.clear();
         self.has_covariances |= !self.covariances.is_empty();
         self.covariances.clear();
-        self.has_frames |= settled > 0;
+        self.has_frames |= complete_count > 0;
         Ok(())
     }
 
     /// Writes the lines of a number of frames, and of all poses.
     fn write(&mut self, frames: usize) -> io::Result<()> {
         // A list begins with its header line.
-        let lists = lists(&self.held[..frames], &self.poses, self.has_exposure)?;
+        let lists = lists(&self.pending[..frames], &self.poses, self.has_exposure)?;
         let [frames, poses, exposures, cameras] =
             lists.each_ref().map(|text| text.split_once('\n').map_or("", |(_, lines)| lines));
         let covariances = match self.covariances.as_slice() {
@@ -281,13 +284,13 @@ impl<S: Store> Recorder<S> {
     /// the lines fit.
     fn make_room(&mut self) {
         self.failed = true;
-        let settled = self.settled();
-        while self.held.len() > settled || self.write(self.held.len()).is_err() {
-            let Some(Held { name, .. }) = self.held.pop() else { return };
+        let complete_count = self.complete_count();
+        while self.pending.len() > complete_count || self.write(self.pending.len()).is_err() {
+            let Some(PendingFrame { name, .. }) = self.pending.pop() else { return };
             self.frames -= 1;
             let _ = self.store.remove(Path::new(&name));
         }
-        self.held.clear();
+        self.pending.clear();
         self.poses.clear();
     }
 
@@ -299,7 +302,7 @@ impl<S: Store> Recorder<S> {
     }
 
     fn end(&mut self) -> Result<(), RecorderError> {
-        self.held.iter_mut().for_each(|held| _ = held.presence.get_or_insert(1.0));
+        self.pending.iter_mut().for_each(|pending| _ = pending.presence.get_or_insert(1.0));
         self.commit()
     }
 }
@@ -311,19 +314,19 @@ impl<S: Store> Drop for Recorder<S> {
 }
 
 /// Content of the first lists, with their headers.
-fn lists(frames: &[Held], poses: &[Line], has_exposure: bool) -> io::Result<[String; 4]> {
-    let listed = frames.iter().map(|held| (held.time_s, held.name.as_str(), held.presence.unwrap_or(1.0)));
+fn lists(frames: &[PendingFrame], poses: &[Line], has_exposure: bool) -> io::Result<[String; 4]> {
+    let listed = frames.iter().map(|pending| (pending.time_s, pending.name.as_str(), pending.presence.unwrap_or(1.0)));
     let listed = listing::write_frames(listed).map_err(io::Error::other)?;
-    let exposure = |held: &Held| {
-        let exposure = FrameExposure { time_s: held.exposure_s, ..FrameExposure::default() };
-        (held.time_s, exposure)
+    let exposure = |pending: &PendingFrame| {
+        let exposure = FrameExposure { time_s: pending.exposure_s, ..FrameExposure::default() };
+        (pending.time_s, exposure)
     };
     let exposures: Vec<_> = frames.iter().filter(|_| has_exposure).map(exposure).collect();
-    let cameras = write::cameras(frames.iter().filter_map(|held| Some((held.time_s, held.camera.as_ref()?))));
+    let cameras = write::cameras(frames.iter().filter_map(|pending| Some((pending.time_s, pending.camera.as_ref()?))));
     Ok([listed, write::trajectory(poses), write::exposures(&exposures), cameras])
 }
 
-impl About {
+impl RecordingInfo {
     fn description(&self) -> Description {
         let file = |list: List| PathBuf::from(list.file_name());
         Description {
@@ -344,7 +347,7 @@ impl About {
                 kind: None,
                 list: self.has_cameras.then(|| file(List::Cameras)),
             }),
-            live: Some(LiveFacts {
+            live: Some(LiveMetadata {
                 interval_s: self.interval_s,
                 camera: self.camera.clone(),
                 delivered: self.delivered.clone(),

@@ -1,8 +1,8 @@
-//! A sequence of Microsoft's 7-Scenes: `frame-000000.color.png` (or `.jpg`), `.depth.png`, `.pose.txt`. The pose is a
-//! 4×4 matrix of the *depth* camera in the world (camera to world), OpenCV axes, metres. Depth is in millimetres, of
-//! the depth camera's own view, not the colour picture's; 0 and 65535 are nothing. There are no times: 30 frames a
-//! second are taken. Up is not known.
-//! Source: Shotton et al., "Scene coordinate regression forests", CVPR 2013,
+//! A sequence of Microsoft's 7-Scenes: `frame-000000.color.png` (or `.jpg`), `.depth.png`,
+//! `.pose.txt`. The pose is a 4×4 matrix of the *depth* camera in the world (camera to world),
+//! OpenCV axes, metres. Depth is in millimetres, of the depth camera's own view, not the colour
+//! picture's; 0 and 65535 are nothing. There are no times: 30 frames a second are taken. Up is not
+//! known. Source: Shotton et al., "Scene coordinate regression forests", CVPR 2013,
 //! <https://www.microsoft.com/en-us/research/project/rgb-d-dataset-7-scenes/>.
 //!
 //! The depth camera's intrinsics are published. The colour camera's, and its offset from the depth
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
 
-use super::depth::{DepthFiles, Stored};
+use super::depth::{DepthEncoding, DepthFiles};
 use super::parts::{Format, NOMINAL_FPS, Parts, Pictures, geometry_from, track_from};
 use super::rigid::{NOT_RIGID, is_lost, rigid};
 use super::{OpenOptions, RecordingError, listing};
@@ -64,7 +64,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let numbers = files.iter().map(number_of).collect::<Result<Vec<u32>, _>>()?;
     // Missing frames keep their time.
     let times_s: Vec<f64> = numbers.iter().map(|n| f64::from(n - numbers[0]) / NOMINAL_FPS).collect();
-    let (mut poses, mut described_by, mut depths) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut poses, mut description_files, mut depths) = (Vec::new(), Vec::new(), Vec::new());
     let mut odd = PoseNotes::default();
     for (file, time_s) in files.iter().zip(&times_s) {
         let pose = beside(file, ".pose.txt");
@@ -74,7 +74,7 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
                 Some(found) => poses.push((*time_s, found)),
                 None => odd.count_lost(pose.file_name().unwrap_or_default().to_string_lossy().into_owned()),
             }
-            described_by.push(pose);
+            description_files.push(pose);
         }
         let depth = beside(file, ".depth.png");
         if depth.exists() {
@@ -89,10 +89,10 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     parts.geometries = vec![colour; parts.timestamps_s.len()];
     parts.depth = depth_camera.map(|camera| {
         let camera = Some(DepthCamera::new(camera, colour_from_depth()));
-        let stored = Stored { unknown_from: Some(u16::MAX), camera, ..Stored::plain(CODES_PER_METRE) };
+        let stored = DepthEncoding { invalid_from: Some(u16::MAX), camera, ..DepthEncoding::plain(CODES_PER_METRE) };
         DepthFiles { by_time: depths, stored }
     });
-    parts.described_by = described_by;
+    parts.description_files = description_files;
     parts.warnings.push(format!(
         "7-Scenes says neither when its frames were taken nor how its cameras differ: taken are {NOMINAL_FPS} frames a \
          second, f = {DEPTH_FOCAL_PX} px for depth and {COLOUR_FOCAL_PX} px for colour at 640x480, and colour {} mm to the \
@@ -169,7 +169,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_point_worked_by_hand() {
+    fn projected_point_matches_hand_calculation() {
         // The depth camera is at (1, 2, 3) and rotated by 90° about z: its x is the world's y. So
         // the colour camera is at (1, 2.025, 3).
         let text = "0 -1 0 1\n1 0 0 2\n0 0 1 3\n0 0 0 1\n";
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_that_is_not_finite_or_without_rotation_or_empty_is_lost() {
+    fn non_finite_or_empty_pose_is_lost() {
         let of_rows = |value: &str| format!("{value} {value} {value} {value}\n").repeat(4);
         let lost = [of_rows("-inf"), of_rows("nan"), of_rows("inf"), of_rows("0")];
         let zeros = "0 0 0 0\n0 0 0 0\n0 0 0 0\n0 0 0 1\n".to_owned();
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn names_of_pictures() {
+    fn picture_names_are_recognised() {
         assert_eq!(stem(Path::new("a/frame-000012.color.jpg")), Some("frame-000012"));
         for other in ["frame-000012.depth.png", "frame-x.color.png", "frame.color.png", "12.color.png"] {
             assert_eq!(stem(Path::new(other)), None, "{other}");

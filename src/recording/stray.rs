@@ -12,7 +12,7 @@ use std::path::Path;
 
 use glam::{DQuat, DVec3};
 
-use super::depth::{DepthFiles, Stored};
+use super::depth::{DepthEncoding, DepthFiles};
 use super::parts::{Format, Parts, Pictures, file_or_in_folder, folder_of, geometry_from, track_from};
 use super::{OpenOptions, RecordingError};
 use crate::camera::{Geometry, LensModel};
@@ -56,15 +56,14 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
             count(video.timestamps_s.len(), "frame")
         ));
     }
-    let mut described_by = vec![odometry.clone()];
+    let mut description_files = vec![odometry.clone()];
     let matrix = folder.join(MATRIX);
     // Newer versions write each frame's intrinsics; the matrix is the last frame's.
-    let of_all = match lines.iter().any(|line| line.intrinsics.is_none()) {
-        true => {
-            described_by.push(matrix.clone());
-            Some(parse_matrix(&records::read(&matrix)?, &matrix)?)
-        }
-        false => None,
+    let of_all = if lines.iter().any(|line| line.intrinsics.is_none()) {
+        description_files.push(matrix.clone());
+        Some(parse_matrix(&records::read(&matrix)?, &matrix)?)
+    } else {
+        None
     };
     let of_size = |intrinsics| geometry(intrinsics, video.width, video.height);
     let of_all = of_all.map(of_size).transpose().map_err(|e| RecordingError::content(&matrix, e))?;
@@ -100,11 +99,14 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
         let (by_time, warning) = depth_pictures(folder, &lines[..frames], &odometry);
         warnings.extend(warning);
         let confidence = folder.join("confidence");
-        let confidence_in = confidence.is_dir().then_some(confidence);
-        parts.depth = Some(DepthFiles { by_time, stored: Stored { confidence_in, ..Stored::plain(CODES_PER_METRE) } });
+        let confidence_folder = confidence.is_dir().then_some(confidence);
+        parts.depth = Some(DepthFiles {
+            by_time,
+            stored: DepthEncoding { confidence_folder, ..DepthEncoding::plain(CODES_PER_METRE) },
+        });
     }
     parts.warnings = warnings;
-    parts.described_by = described_by;
+    parts.description_files = description_files;
     Ok(parts)
 }
 
@@ -205,10 +207,8 @@ fn parse_odometry(text: &str, file: &Path) -> Result<(Vec<Line>, Vec<String>), T
             odd.note(norm_error, format!("line {at}"));
             Some(Pose::from_camera_in_world(at_m, turn))
         };
-        let intrinsics = match own_intrinsics {
-            true => Some([value("fx")?, value("fy")?, value("cx")?, value("cy")?]),
-            false => None,
-        };
+        let intrinsics =
+            if own_intrinsics { Some([value("fx")?, value("fy")?, value("cx")?, value("cy")?]) } else { None };
         lines.push(Line { at, time_s, name: name.to_owned(), pose, intrinsics });
     }
     let posed = lines.iter().filter(|line| line.pose.is_some()).count();
@@ -232,9 +232,10 @@ fn parse_matrix(text: &str, file: &Path) -> Result<[f64; 4], TextError> {
         })?;
     }
     let [[fx, _, cx], [_, fy, cy], last] = rows;
-    match last == [0.0, 0.0, 1.0] {
-        true => Ok([fx, fy, cx, cy]),
-        false => Err(TextError::line(file, 3, "the matrix's last row must be 0, 0, 1".to_owned())),
+    if last == [0.0, 0.0, 1.0] {
+        Ok([fx, fy, cx, cy])
+    } else {
+        Err(TextError::line(file, 3, "the matrix's last row must be 0, 0, 1".to_owned()))
     }
 }
 
@@ -250,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_worked_by_hand() {
+    fn projected_point_matches_hand_calculation() {
         // At (1, 2, 3), rotated by 180° about x: the camera's y is the world's −y, which is down,
         // and it looks along −z.
         let line = format!("{HEAD}\n5021.25, 000007, 1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0\n");
@@ -266,13 +267,13 @@ mod tests {
     }
 
     #[test]
-    fn newer_files_have_each_frames_intrinsics_in_any_order() {
+    fn intrinsics_columns_are_read_in_any_order() {
         let lines = parse("frame,timestamp,x,y,z,qx,qy,qz,qw,fx,fy,cx,cy\n0,1,0,0,0,0,0,0,1,9,8,7,6\n").unwrap();
         assert_eq!((lines[0].time_s, lines[0].intrinsics), (1.0, Some([9.0, 8.0, 7.0, 6.0])));
     }
 
     #[test]
-    fn a_line_without_a_finite_pose_keeps_its_frame() {
+    fn frame_without_a_finite_pose_is_kept() {
         let text = format!("{HEAD}\n1, 000000, 0, 0, 0, 0, 0, 0, 1\n2, 000001, 0, 0, inf, 0, 0, 0, 1\n");
         let (lines, warnings) = parse_odometry(&text, Path::new(ODOMETRY)).unwrap();
         assert_eq!(lines.iter().map(|line| line.pose.is_some()).collect::<Vec<_>>(), [true, false]);

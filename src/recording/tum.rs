@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::depth::{DepthFiles, Stored};
+use super::depth::{DepthEncoding, DepthFiles};
 use super::parts::{Format, Parts, Pictures, file_or_in_folder, folder_of, track_from};
 use super::{OpenOptions, RecordingError, listing};
 use crate::tracking::records;
@@ -35,12 +35,12 @@ fn open(folder: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     parts.warnings.extend(trajectory.warnings);
     parts.track = track_from(trajectory.poses, options.max_gap_s, &file)?;
     let depth_list = folder.join("depth.txt");
-    parts.described_by = vec![frame_list, file];
+    parts.description_files = vec![frame_list, file];
     if depth_list.exists() {
         let files = listing::read_pictures(&depth_list)?;
-        parts.described_by.push(depth_list);
-        let metres_by = Some("describe the recording by a recording.toml with `scale = 1` in [depth]");
-        let stored = Stored { metres_by, ..Stored::plain(CODES_PER_METRE) };
+        parts.description_files.push(depth_list);
+        let unit_advice = Some("describe the recording by a recording.toml with `scale = 1` in [depth]");
+        let stored = DepthEncoding { unit_advice, ..DepthEncoding::plain(CODES_PER_METRE) };
         parts.depth = Some(DepthFiles { by_time: files, stored });
     }
     Ok(parts)

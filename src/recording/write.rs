@@ -2,16 +2,16 @@
 
 use std::path::Path;
 
-pub use super::camera_file::Placement;
+pub use super::camera_file::SensorPose;
 pub use super::cameras::write_cameras as cameras;
 pub use super::listing::{write_exposures as exposures, write_pictures as pictures};
-pub use super::own::{
-    CameraFile, CameraKind, DepthList, Description, ExposureList, FILE_NAME, FrameFiles, LiveFacts, PoseFile,
+pub use super::native::{
+    CameraFile, CameraKind, DepthList, Description, ExposureList, FILE_NAME, FrameFiles, LiveMetadata, PoseFile,
 };
 pub use crate::tracking::covariance::{Covariance, write_covariances as covariances};
 pub use crate::tracking::tum::{Line, write_trajectory as trajectory};
 
-use super::{RecordingError, own};
+use super::{RecordingError, native};
 use crate::document::Document;
 
 /// A description as the text of a `recording.toml`. Returns the errors that the reader would
@@ -19,7 +19,7 @@ use crate::document::Document;
 pub fn description(description: Description) -> Result<Document<Description>, RecordingError> {
     let file = Path::new(FILE_NAME);
     let document = Document::new(description).map_err(|problem| RecordingError::content(file, problem))?;
-    own::parse(&document.to_string(), file)?;
+    native::parse(&document.to_string(), file)?;
     Ok(document)
 }
 
@@ -53,14 +53,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_description_reads_back(
+        fn written_description_reads_back_equal(
             frames in frames(),
             name in prop::option::of("\\PC{0,9}"),
             trajectory in prop::option::of("[ -~]{1,9}"),
             (offset, gap, scale) in (prop::option::of(number()), prop::option::of(number()), prop::option::of(number())),
             (round, live) in any::<(bool, bool)>(),
         ) {
-            let live = (live && frames.list.is_some()).then(|| LiveFacts { interval_s: 0.1, ..LiveFacts::default() });
+            let live = (live && frames.list.is_some()).then(|| LiveMetadata { interval_s: 0.1, ..LiveMetadata::default() });
             let written = Description {
                 version: 1,
                 name,
@@ -72,7 +72,7 @@ mod tests {
                     list: "depth.txt".into(),
                     scale,
                     camera: round.then(|| "depth.toml".into()),
-                    colour_from_depth: round.then_some(Placement {
+                    colour_from_depth: round.then_some(SensorPose {
                         position_m: [scale.min(1e100), -0.1, 0.0],
                         quaternion: [0.6, 0.0, 0.0, 0.8],
                     }),
@@ -82,12 +82,12 @@ mod tests {
                 live,
             };
             let text = description(written.clone()).unwrap().to_string();
-            prop_assert_eq!(own::parse(&text, Path::new(FILE_NAME)).unwrap(), written);
+            prop_assert_eq!(native::parse(&text, Path::new(FILE_NAME)).unwrap(), written);
         }
     }
 
     #[test]
-    fn what_would_not_open_is_not_written() {
+    fn unreadable_description_is_not_written() {
         let nothing = Description {
             version: 1,
             name: None,

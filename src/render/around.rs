@@ -31,7 +31,7 @@ pub struct FaceView {
 /// The highest angular resolution of the picture, px per radian.
 fn px_per_rad(geometry: &Geometry) -> f64 {
     let i = &geometry.intrinsics;
-    if geometry.is_round() {
+    if geometry.is_equirectangular() {
         // Columns near the poles are denser without showing more detail.
         return i.fy_px.max(i.fx_px);
     }
@@ -149,7 +149,7 @@ impl AroundUniform {
         let geometry = view.geometry;
         let (i, d) = (&geometry.intrinsics, &geometry.distortion);
         let rect = |r: &Rect| [r.x0 as f32, r.y0 as f32, r.x1 as f32, r.y1 as f32];
-        let valid = if geometry.is_round() { 0.0 } else { geometry.valid_radius() };
+        let valid = if geometry.is_equirectangular() { 0.0 } else { geometry.valid_radius() };
         let (mut drawn, mut axes) = ([[0.0; 4]; 6], [[[0.0; 4]; 6]; 3]);
         for face in CubeFace::ALL {
             for (axis, of) in axes.iter_mut().zip(face.axes()) {
@@ -170,7 +170,7 @@ impl AroundUniform {
             valid_angle: valid as f32,
             rim_slope: geometry.rim_slope() as f32,
             // The radius of the valid angle, measured horizontally to the right.
-            rim_radius: d.carried(DVec3::new(valid.sin(), 0.0, valid.cos()), valid).x as f32,
+            rim_radius: d.project_extended(DVec3::new(valid.sin(), 0.0, valid.cos()), valid).x as f32,
             step_s: view.shutter.velocity_step_s() as f32,
             most_px_per_s: max_speed_px_per_s(geometry, view.shutter) as f32,
             view_focal: views.fx_px as f32,

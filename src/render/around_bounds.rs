@@ -42,7 +42,7 @@ fn along_edges(corners: &[DVec3; 8]) -> impl Iterator<Item = DVec3> {
 
 /// Bounds of a box (corners in the camera's axes) at moments `dt_s` apart. `None` if unbounded.
 fn box_extent(geometry: &Geometry, moments: &[[DVec3; 8]], dt_s: f64) -> Option<BoxExtent> {
-    let poles: &[DVec3] = if geometry.is_round() { &[DVec3::Y, DVec3::NEG_Y] } else { &[DVec3::NEG_Z] };
+    let poles: &[DVec3] = if geometry.is_equirectangular() { &[DVec3::Y, DVec3::NEG_Y] } else { &[DVec3::NEG_Z] };
     for corners in moments {
         let centre = 0.5 * (corners[0] + corners[7]);
         let radius = centre.distance(corners[0]) + NEAR_M;
@@ -52,12 +52,12 @@ fn box_extent(geometry: &Geometry, moments: &[[DVec3; 8]], dt_s: f64) -> Option<
         }
     }
     let middle = moments.get(moments.len() / 2)?;
-    let start = geometry.carried_px(0.5 * (middle[0] + middle[7]));
+    let start = geometry.project_extended_px(0.5 * (middle[0] + middle[7]));
     let places = moments.iter().map(|corners| {
         let mut last = None;
         along_edges(corners)
             .map(|p| {
-                let at = start + geometry.way_px(start, geometry.carried_px(p));
+                let at = start + geometry.displacement_px(start, geometry.project_extended_px(p));
                 // An edge is curved between two points: it deviates by at most half their distance
                 // to each side.
                 let step = last.replace(at).map_or(0.0, |last: DVec2| last.distance(at));
@@ -116,7 +116,7 @@ pub fn footprint_around(
                 if resting {
                     continue;
                 }
-                max_speed_px_per_s = max_speed_px_per_s.max(if geometry.is_round() {
+                max_speed_px_per_s = max_speed_px_per_s.max(if geometry.is_equirectangular() {
                     most
                 } else {
                     rotation_speed_px_per_s(geometry, keys)
@@ -126,12 +126,12 @@ pub fn footprint_around(
     }
     let (mut low, mut high) =
         all.iter().fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(l, h), s| (l.min(s.low), h.max(s.high)));
-    if geometry.is_round() && !all.is_empty() {
+    if geometry.is_equirectangular() && !all.is_empty() {
         (low.x, high.x) = shortest_arc(all.iter().map(|s| (s.low.x, s.high.x)), width);
     }
     if anywhere {
         // The whole picture, and beyond its borders.
-        let over = if geometry.is_round() { DVec2::new(0.5 * width, height) } else { DVec2::splat(64.0) };
+        let over = if geometry.is_equirectangular() { DVec2::new(0.5 * width, height) } else { DVec2::splat(64.0) };
         (low, high) = (-over, DVec2::new(width, height) + over);
     }
     let rect = if low.x <= high.x {

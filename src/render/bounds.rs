@@ -74,9 +74,10 @@ pub fn outline(points: &[[f32; 3]]) -> Vec<DVec3> {
         let own = cells.entry(cell).or_insert(Bounds { low: p, high: p });
         *own = Bounds { low: own.low.min(p), high: own.high.max(p) };
     }
-    match 8 * cells.len() < points.len() {
-        true => cells.values().flat_map(Bounds::corners).collect(),
-        false => points.iter().map(wide).collect(),
+    if 8 * cells.len() < points.len() {
+        cells.values().flat_map(Bounds::corners).collect()
+    } else {
+        points.iter().map(wide).collect()
     }
 }
 
@@ -248,9 +249,8 @@ pub fn footprint(
 fn border(Extent { low, high }: Extent, fisheye: bool) -> impl Iterator<Item = DVec2> {
     let wide = (high - low).max_element();
     let steps = if fisheye { 64 } else { (12.0 * wide).clamp(16.0, 512.0) as u32 };
-    let between = move |a: f64, b: f64, f: f64| match fisheye {
-        true => (a.atan() + f * (b.atan() - a.atan())).tan(),
-        false => a + f * (b - a),
+    let between = move |a: f64, b: f64, f: f64| {
+        if fisheye { (a.atan() + f * (b.atan() - a.atan())).tan() } else { a + f * (b - a) }
     };
     (0..=steps).flat_map(move |n| {
         let f = f64::from(n) / f64::from(steps);
@@ -305,8 +305,8 @@ mod tests {
         // Through the camera's plane and in front of its picture: unbounded.
         let found = cube(DVec3::new(0.0, 0.0, 0.0), 0.4);
         assert_eq!(found.rect.intersection(&Rect::full(640, 480).grown(64)), Rect::full(640, 480).grown(64));
-        // A metre in front, 0.1 m wide: 52.5 px. It moves by rotation and translation: 525 · (0.5 + 0.5 / 0.95), and a
-        // tenth more.
+        // A metre in front, 0.1 m wide: 52.5 px. It moves by rotation and translation: 525 · (0.5 +
+        // 0.5 / 0.95), and a tenth more.
         let found = cube(DVec3::new(0.0, 0.0, 1.0), 0.1);
         assert!(found.rect.width() < 90 && found.rect.contains(320, 240), "{found:?}");
         assert!((450.0..650.0).contains(&found.fastest_px_per_s), "{found:?}");

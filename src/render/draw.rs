@@ -140,7 +140,7 @@ impl Renderer {
 
     /// The footprint for a part of an exposure with this pose in its middle.
     fn footprint_within(&self, geometry: &Geometry, keys: &ViewKeys, shutter: Shutter, middle: &Pose) -> Footprint {
-        if geometry.sees_around() {
+        if geometry.needs_cube_map() {
             let bounds: Vec<_> = self.meshes.all.iter().map(|m| m.bounds).collect();
             return footprint_around(&self.scene, &bounds, geometry, keys, shutter);
         }
@@ -238,7 +238,7 @@ impl Renderer {
     /// The data shared by all samples of a view.
     fn prepare(&mut self, recorder: &mut Recorder, view: &View<'_>) -> Prepared {
         let gpu = &recorder.gpu.clone();
-        if !view.geometry.sees_around() {
+        if !view.geometry.needs_cube_map() {
             let draws = self.draws(gpu, view);
             return Prepared::Plane(draws);
         }

@@ -103,9 +103,8 @@ fn unwrap_all(scene: &Scene) -> Vec<Unwrapped> {
         }
     }
     let is_lit = |mesh: &Mesh| scene.materials.get(mesh.material).is_none_or(|material| !material.unlit);
-    let unwrapped = |(mesh, side): (&std::sync::Arc<Mesh>, u32)| match is_lit(mesh) {
-        true => Unwrapped::new(mesh, side),
-        false => Unwrapped::none(mesh),
+    let unwrapped = |(mesh, side): (&std::sync::Arc<Mesh>, u32)| {
+        if is_lit(mesh) { Unwrapped::new(mesh, side) } else { Unwrapped::none(mesh) }
     };
     scene.meshes.iter().zip(sides).map(unwrapped).collect()
 }

@@ -146,12 +146,11 @@ impl<'a> CameraPath<'a> {
 
     /// V, px/s: the chord from a step before to a step after, relative to that pixel's row.
     fn velocity(&self, ray: DVec3, depth_m: f64) -> DVec2 {
-        let [now, before, after] = match self.view.shutter.readout_time_s > 0.0 {
-            true => {
-                let row_s = self.row_time_s(ray);
-                [0.0, -self.step_s, self.step_s].map(|t| self.view.keys.at(row_s + t))
-            }
-            false => self.moments,
+        let [now, before, after] = if self.view.shutter.readout_time_s > 0.0 {
+            let row_s = self.row_time_s(ray);
+            [0.0, -self.step_s, self.step_s].map(|t| self.view.keys.at(row_s + t))
+        } else {
+            self.moments
         };
         let point = now.0.inverse() * (depth_m * ray) + now.1;
         let seen = |(turn, eye): (DQuat, DVec3)| {
@@ -165,7 +164,7 @@ impl<'a> CameraPath<'a> {
     /// to those near its border.
     fn row_time_s(&self, direction: DVec3) -> f64 {
         let (geometry, y_px) = match &self.view.outer {
-            Some(outer) => (outer.geometry, outer.geometry.carried_px(outer.camera_from_view * direction).y),
+            Some(outer) => (outer.geometry, outer.geometry.project_extended_px(outer.camera_from_view * direction).y),
             None => (self.view.geometry, self.view.geometry.distorted_px(direction.truncate() / direction.z).y),
         };
         let readout_s = self.view.shutter.readout_time_s;
@@ -213,14 +212,16 @@ mod tests {
     fn pinhole_flow_matches_hand_calculation() {
         let g = camera(Distortion::default());
         let (still, at) = (DVec3::ZERO, DVec2::new(420.0, 140.0));
-        // Ray (0.2, −0.2). Moving right at 1 m/s: −500/z px/s. Moving forward: 500 · 0.2/z outwards.
+        // Ray (0.2, −0.2). Moving right at 1 m/s: −500/z px/s. Moving forward: 500 · 0.2/z
+        // outwards.
         for z in [0.7, 1.5, 8.0] {
             let right = velocity(&g, 0.0, DVec3::X, still, at, z);
             assert!(right.distance(DVec2::new(-500.0 / z, 0.0)) < 0.02, "{z} m: {right}");
             let ahead = velocity(&g, 0.0, DVec3::Z, still, at, z);
             // The chord over a centimetre of travel deviates by 0.03 % between the two depths.
             assert!(ahead.distance(DVec2::new(100.0 / z, -100.0 / z)) < 0.06, "{z} m: {ahead}");
-            // Rotating about y (to the right) by 0.5 rad/s: −500 · 0.5 (1 + x², xy), whatever the depth.
+            // Rotating about y (to the right) by 0.5 rad/s: −500 · 0.5 (1 + x², xy), whatever the
+            // depth.
             let turned = velocity(&g, 0.0, still, 0.5 * DVec3::Y, at, z);
             assert!(turned.distance(DVec2::new(-250.0 * 1.04, 250.0 * 0.04)) < 0.02, "{z} m: {turned}");
         }
@@ -229,7 +230,8 @@ mod tests {
     #[test]
     fn rolling_shutter_velocity_accounts_for_row_time() {
         let g = camera(Distortion::default());
-        // A point that falls by V px/s is met by rows read V · readout / height later: V / (1 − that).
+        // A point that falls by V px/s is met by rows read V · readout / height later: V / (1 −
+        // that).
         let readout_s = 0.02;
         for z in [0.3, 0.5, 1.0, 3.0, 8.0] {
             let fast = velocity(&g, readout_s, DVec3::new(0.4, -1.0, 0.0), DVec3::ZERO, DVec2::new(320.0, 240.0), z);

@@ -46,7 +46,8 @@ impl Shutter {
 pub struct ViewKeys {
     /// The camera's position at the timestamp, metres.
     pub origin_in_world_m: DVec3,
-    /// `camera_from_world` at each step, first to last; the middle one is the frame's own pose. An odd number.
+    /// `camera_from_world` at each step, first to last; the middle one is the frame's own pose. An
+    /// odd number.
     pub poses: Vec<Pose>,
     pub reach_s: f64,
 }
@@ -77,8 +78,8 @@ impl ViewKeys {
         (self.poses.iter().step_by(every).collect(), 2.0 * self.reach_s * every as f64 / last as f64)
     }
 
-    /// Rotation, and the camera's position relative to the origin, at an offset from the timestamp. `in_camera` in
-    /// shaders/raster.wgsl does the same for rows with their own times.
+    /// Rotation, and the camera's position relative to the origin, at an offset from the timestamp.
+    /// `in_camera` in shaders/raster.wgsl does the same for rows with their own times.
     pub fn at(&self, offset_s: f64) -> (DQuat, DVec3) {
         let last = (self.poses.len() - 1) as f64;
         let x = ((offset_s / self.reach_s + 1.0) * 0.5 * last).clamp(0.0, last);

@@ -45,7 +45,7 @@ fn correction(frame: usize, source: &Source<'_>, was: &Pose, now: &Pose, depth_m
         DAffine3::from_rotation_translation(pose.world_from_camera_rotation(), pose.position_in_world_m())
     };
     let by = world_from_camera(was).inverse() * world_from_camera(now);
-    let turn = twist::turn(&twist::log(&by));
+    let turn = twist::rotation_vector(&twist::log(&by));
     let size = DVec2::new(source.camera.intrinsics.width_px.into(), source.camera.intrinsics.height_px.into());
     let places = (0..9).map(|n| size * DVec2::new(f64::from(n % 3) + 0.5, f64::from(n / 3) + 0.5) / 3.0);
     let moved = |at: DVec2| {

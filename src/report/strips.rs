@@ -23,7 +23,7 @@ pub fn lacking(source: &Source<'_>) -> Option<&'static str> {
         Some("there is no depth, so no place of the room can be followed")
     } else if posed < 2 {
         Some("there are no poses, so no place of the room can be followed")
-    } else if source.camera.sees_around() {
+    } else if source.camera.needs_cube_map() {
         Some("the picture does not fit a plane in front of the camera")
     } else {
         None

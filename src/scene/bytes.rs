@@ -15,8 +15,8 @@ pub(super) fn read(file: &Path, needed_by: Option<&Path>) -> Result<Vec<u8>, Sce
     crate::source::file::read(file, MAX_FILE_BYTES).map_err(failed)
 }
 
-/// The JSON and the binary chunk of a GLB container (glTF 2.0, section 4.4), or all bytes as JSON if they do not start
-/// with `glTF`.
+/// The JSON and the binary chunk of a GLB container (glTF 2.0, section 4.4), or all bytes as JSON
+/// if they do not start with `glTF`.
 pub(super) fn split_glb<'a>(file: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<&'a [u8]>), SceneError> {
     if !bytes.starts_with(b"glTF") {
         return Ok((bytes, None));

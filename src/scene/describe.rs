@@ -131,9 +131,10 @@ fn metres(value: f64) -> String {
 impl fmt::Display for Description {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for object in &self.objects {
-            match object.hidden {
-                true => write!(f, "object     {}: hidden", shown(&object.name))?,
-                false => write!(f, "object     {}: {}", shown(&object.name), count(object.triangles, "triangle"))?,
+            if object.hidden {
+                write!(f, "object     {}: hidden", shown(&object.name))?
+            } else {
+                write!(f, "object     {}: {}", shown(&object.name), count(object.triangles, "triangle"))?
             }
             if let Some([low, high]) = object.bounds_in_world_m {
                 let extent = [0, 1, 2].map(|i| metres(high[i] - low[i])).join(" x ");

@@ -188,8 +188,8 @@ impl Reader<'_> {
     }
 }
 
-/// Offset · rotation · scale as two rows (KHR_texture_transform, "Overview"). The rotation is counter-clockwise in the
-/// picture, whose v points down: u' = cos·u + sin·v.
+/// Offset · rotation · scale as two rows (KHR_texture_transform, "Overview"). The rotation is
+/// counter-clockwise in the picture, whose v points down: u' = cos·u + sin·v.
 fn transform_rows(t: &schema::TextureTransform) -> [[f32; 3]; 2] {
     let [x, y] = t.offset.unwrap_or([0.0; 2]);
     let [scale_u, scale_v] = t.scale.unwrap_or([1.0; 2]);

@@ -228,7 +228,8 @@ mod tests {
         let turn = DAffine3::from_quat(DQuat::from_rotation_z(std::f64::consts::FRAC_PI_4));
         let beside = turn * at(1.0, 0.0, 0.0) * turn.inverse() * turn;
         let cases = [
-            // On top, and a tenth of a millimetre into it; side by side along a diagonal; corners; within a box's empty corner.
+            // On top, and a tenth of a millimetre into it; side by side along a diagonal; corners;
+            // within a box's empty corner.
             vec![at(0.0, 0.0, 0.0), at(0.1, -0.2, 1.0)],
             vec![at(0.0, 0.0, 0.0), at(0.1, -0.2, 0.9999)],
             vec![turn, beside],

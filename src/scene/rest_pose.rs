@@ -1,5 +1,5 @@
-//! The rest pose of a mesh: its morph targets at their default weights (glTF 2.0, section 3.7.2.2), then its skin at the
-//! joints' own transforms (section 3.7.3).
+//! The rest pose of a mesh: its morph targets at their default weights (glTF 2.0, section 3.7.2.2),
+//! then its skin at the joints' own transforms (section 3.7.3).
 
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -46,8 +46,8 @@ impl<'a> Reader<'a> {
         Ok(RestPose { key, weights, skin: matrices })
     }
 
-    /// The joint matrices of a skin: `model_from_joint` times the inverse bind matrix. `None` if a joint is not in the
-    /// scene.
+    /// The joint matrices of a skin: `model_from_joint` times the inverse bind matrix. `None` if a
+    /// joint is not in the scene.
     fn skin(
         &mut self,
         index: usize,

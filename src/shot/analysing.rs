@@ -70,7 +70,7 @@ impl Shot {
     /// and for recordings that cannot be analysed: live ones, and single frames.
     pub fn missing_analysis(&self) -> Option<&'static str> {
         let is_settled = matches!(self.analysis, AnalysisState::Used(..) | AnalysisState::Ignored);
-        if is_settled || self.recording.is_arriving() || self.recording.frame_count() < 2 {
+        if is_settled || self.recording.is_live() || self.recording.frame_count() < 2 {
             return None;
         }
         Some(if self.recording.has_depth() {

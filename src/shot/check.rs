@@ -54,7 +54,7 @@ pub fn geometry(recording: &Recording, rig: &Rig, frame: usize) -> Result<Geomet
             ShotError::NoCamera { path }
         });
     };
-    if geometry.is_round() || own.is_some_and(Geometry::is_round) {
+    if geometry.is_equirectangular() || own.is_some_and(Geometry::is_equirectangular) {
         check_round(&geometry)?;
     }
     let Intrinsics { width_px, height_px, .. } = geometry.intrinsics;
@@ -74,7 +74,7 @@ pub fn geometry(recording: &Recording, rig: &Rig, frame: usize) -> Result<Geomet
 /// Checks a 360° camera, and a camera that is given for a recording of 360° pictures.
 fn check_round(geometry: &Geometry) -> Result<(), ShotError> {
     let Intrinsics { width_px, height_px, readout_time_s, .. } = geometry.intrinsics;
-    if !geometry.is_round() {
+    if !geometry.is_equirectangular() {
         return Err(ShotError::NotRound);
     }
     if width_px != 2 * height_px {

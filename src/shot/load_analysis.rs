@@ -54,7 +54,7 @@ pub fn load_analysis(recording: &mut Recording, rig: &Rig, given: &ShotOptions) 
     let (folder, is_named) = match &given.analysis {
         AnalysisChoice::No => return without(AnalysisState::Ignored),
         AnalysisChoice::At(folder) => (folder.clone(), true),
-        AnalysisChoice::Beside if recording.is_arriving() => return without(AnalysisState::Absent),
+        AnalysisChoice::Beside if recording.is_live() => return without(AnalysisState::Absent),
         AnalysisChoice::Beside => (beside(&recording.path), false),
     };
     if !is_named && !folder.join(FILE_NAME).exists() {

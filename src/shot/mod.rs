@@ -121,14 +121,14 @@ impl Shot {
         let of_recording = recording.camera_profile.iter().len();
         // The lens data of a stream is current, that of a profile is older. A profile that is named
         // for a recording is meant to override the recording's lens data.
-        let yield_at = if recording.is_arriving() { profiles.len() } else { of_recording };
+        let yield_at = if recording.is_live() { profiles.len() } else { of_recording };
         for (at, profile) in profiles.iter().enumerate() {
-            if at == yield_at && recording.frames_say_cameras() {
+            if at == yield_at && recording.has_individual_cameras() {
                 rig.follow_frames();
             }
             rig.read(profile, &mut settings)?;
         }
-        if yield_at == profiles.len() && recording.frames_say_cameras() {
+        if yield_at == profiles.len() && recording.has_individual_cameras() {
             rig.follow_frames();
         }
         if let Some(geometry) = &recording.geometry {
@@ -237,7 +237,7 @@ impl Shot {
         }
         let estimated_lighting = self.estimated_lighting.as_deref().filter(|_| self.lighting_matches_unit());
         apply_lighting::apply_lighting(&mut self.scene, &self.scene_lighting, estimated_lighting);
-        let held = self.scene.gauge.and_then(|g| self.recording.held_at(g.frame, g.time_s, &g.pose()?));
+        let held = self.scene.gauge.and_then(|g| self.recording.correction_to_gauge(g.frame, g.time_s, &g.pose()?));
         if let Some(world_from_other) = held {
             Arc::make_mut(&mut self.recording).move_to_world(&world_from_other);
             self.supports = Arc::default();
@@ -255,7 +255,7 @@ impl Shot {
     /// The world in which objects are placed in a frame, for the scene file. `None` for the
     /// pictures of a live camera, which are not kept, and without a pose.
     pub fn gauge(&self, frame: usize) -> Option<Gauge> {
-        let pose = self.recording.pose_at_frame(frame).ok().filter(|_| !self.recording.is_arriving())?;
+        let pose = self.recording.pose_at_frame(frame).ok().filter(|_| !self.recording.is_live())?;
         Some(Gauge::of(frame, self.recording.timestamps_s[frame], &pose))
     }
 

@@ -26,6 +26,6 @@ impl Shot {
         let project = |pose: crate::pose::Pose| geometry.project(pose.transform_point(surface.point_m));
         let no_ray = || SurfaceError::NoRay { at_px: at_px.to_array() };
         let (from, to) = (project(begin).ok_or_else(no_ray)?, project(end).ok_or_else(no_ray)?);
-        Ok(scale * geometry.way_px(from, to))
+        Ok(scale * geometry.displacement_px(from, to))
     }
 }

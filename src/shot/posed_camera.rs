@@ -102,7 +102,7 @@ impl PosedCamera {
     /// The projection, px, and the point in the camera's axes, m.
     fn at_and_point(&self, point_m: DVec3) -> Option<(DVec2, DVec3)> {
         let from_origin = point_m - self.keys.origin_in_world_m;
-        self.geometry.seen_by_row(|time_s| {
+        self.geometry.project_rolling(|time_s| {
             let (rotation, position_m) = self.keys.at(time_s);
             rotation * (from_origin - position_m)
         })

@@ -95,7 +95,7 @@ impl PosedCamera {
                 {
                     return;
                 }
-                let length = |k: usize| self.geometry().way_px(px[k], px[(k + 1) % 3]).length();
+                let length = |k: usize| self.geometry().displacement_px(px[k], px[(k + 1) % 3]).length();
                 let split = longest(&length);
                 if halved >= MAX_HALVINGS || length(split) <= MAX_STRAIGHT_PX {
                     return self.add(px, out);
@@ -118,9 +118,9 @@ impl PosedCamera {
     /// Adds a triangle; across a 360° picture's seam, at both rims.
     fn add(&self, [a, b, c]: [DVec2; 3], out: &mut Vec<[DVec2; 3]>) {
         let geometry = self.geometry();
-        let near = [a, a + geometry.way_px(a, b), a + geometry.way_px(a, c)];
+        let near = [a, a + geometry.displacement_px(a, b), a + geometry.displacement_px(a, c)];
         out.push(near);
-        if geometry.is_round() {
+        if geometry.is_equirectangular() {
             let width = DVec2::new(geometry.intrinsics.width_px.into(), 0.0);
             out.extend([near.map(|p| p - width), near.map(|p| p + width)]);
         }

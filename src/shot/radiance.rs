@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3};
 
 use super::room_points::RoomPoints;
 use crate::camera::{Geometry, Response};
-use crate::compositor::{CLIP_LEVEL, seen_by_row};
+use crate::compositor::{CLIP_LEVEL, project_rolling};
 use crate::frame::Frame;
 use crate::pose::Pose;
 use crate::profile::Rig;
@@ -62,7 +62,7 @@ fn samples(
     let pixels = &frame.pixels;
     let (max_code, light) = (pixels.max_code(), response.table(pixels.max_code()));
     let sample = |at_m: DVec3| {
-        let (at_px, _) = seen_by_row(geometry, |time_s| poses.at(time_s), at_m)?;
+        let (at_px, _) = project_rolling(geometry, |time_s| poses.at(time_s), at_m)?;
         let size_px = DVec2::new(f64::from(pixels.width), f64::from(pixels.height));
         if !(at_px.cmpge(DVec2::ZERO).all() && at_px.cmplt(size_px).all()) {
             return None;

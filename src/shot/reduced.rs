@@ -1,7 +1,7 @@
 //! A frame at a fraction of its size: for fast previews of frames that take long at full size.
 
 use super::{Shot, ShotError};
-use crate::camera::{Capture, Framed, NoiseBin, NoiseProfile, correlations, variance_left};
+use crate::camera::{Capture, Crop, NoiseBin, NoiseProfile, correlations, variance_left};
 use crate::compositor::{Compositor, Job, Pending, Target};
 use crate::frame::Frame;
 use crate::parallel::{over_rows, processors};
@@ -49,7 +49,7 @@ impl Shot {
         self.update_compositor(compositor);
         let index = frame.index;
         let recorded = self.geometry_at(index)?;
-        let framed = Framed { left_px: 0.0, top_px: 0.0, step: f64::from(*by) };
+        let framed = Crop { left_px: 0.0, top_px: 0.0, step: f64::from(*by) };
         let (width, height) = (frame.pixels.width, frame.pixels.height);
         let picture = framed.geometry(&recorded, width, height, recorded.intrinsics.film_width_mm);
         let mut camera = self.camera();

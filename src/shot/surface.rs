@@ -102,7 +102,7 @@ impl Shot {
                 InverseDepthPlane::around(depth, in_map, |px| geometry.depth_ray(px)).ok_or_else(not_measured)?;
             let point = plane.intersect(origin, along).ok_or_else(not_measured)?;
             let next = geometry.project(point).filter(|next| is_inside(*next)).ok_or_else(not_measured)?;
-            let has_converged = geometry.way_px(in_map, next).length() < 0.5;
+            let has_converged = geometry.displacement_px(in_map, next).length() < 0.5;
             in_map = next;
             if has_converged {
                 break;
@@ -110,7 +110,7 @@ impl Shot {
         }
         let plane = InverseDepthPlane::around(depth, in_map, |px| geometry.depth_ray(px)).ok_or_else(not_measured)?;
         let point = plane.intersect(origin, along).ok_or_else(not_measured)?;
-        let depth_m = if geometry.is_round() { point.length() } else { point.z };
+        let depth_m = if geometry.is_equirectangular() { point.length() } else { point.z };
         // n/d points away from the camera, because depth is positive.
         let normal_in_world = -(pose.world_from_camera_rotation() * plane.inverse_depth.normalize());
         Ok(Surface {

@@ -104,7 +104,7 @@ fn of_rays(eyes: &[(PosedCamera, FramePoint)]) -> Result<TriangulatedPoint, Surf
         point = next;
     }
     let off = |(camera, view): &(PosedCamera, FramePoint)| {
-        camera.project(point).map(|px| camera.geometry().way_px(view.at_px, px).length_squared())
+        camera.project(point).map(|px| camera.geometry().displacement_px(view.at_px, px).length_squared())
     };
     let Some(squares) = eyes.iter().map(off).sum::<Option<f64>>() else {
         return refused("the rays meet behind a camera: is it the same point in each frame?".to_owned());
@@ -137,10 +137,11 @@ fn step(eyes: &[(PosedCamera, FramePoint)], point: DVec3) -> Option<(DVec3, DMat
     for (camera, view) in eyes {
         let seen = camera.project(point)?;
         let nudge_m = 1e-5 * camera.position_m().distance(point).max(1e-3);
-        let along =
-            |axis: DVec3| Some(camera.geometry().way_px(seen, camera.project(point + nudge_m * axis)?) / nudge_m);
+        let along = |axis: DVec3| {
+            Some(camera.geometry().displacement_px(seen, camera.project(point + nudge_m * axis)?) / nudge_m)
+        };
         let [x, y, z] = [along(DVec3::X)?, along(DVec3::Y)?, along(DVec3::Z)?];
-        let off = camera.geometry().way_px(seen, view.at_px);
+        let off = camera.geometry().displacement_px(seen, view.at_px);
         for (row, off) in [(DVec3::new(x.x, y.x, z.x), off.x), (DVec3::new(x.y, y.y, z.y), off.y)] {
             matrix += DMat3::from_cols(row * row.x, row * row.y, row * row.z);
             right += row * off;

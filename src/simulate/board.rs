@@ -84,7 +84,8 @@ impl Board {
         Some((shape, Chart::new(SIDE as usize, SIDE as usize, cells)?))
     }
 
-    /// The board as a binary glTF 2.0 file: unlit, double-sided, in the recording's world coordinates.
+    /// The board as a binary glTF 2.0 file: unlit, double-sided, in the recording's world
+    /// coordinates.
     pub fn glb(&self) -> Result<Vec<u8>, image::ImageError> {
         let mut binary = Vec::new();
         for corner in self.corners_in_world_m {

@@ -6,9 +6,9 @@
 //! from the empty site's by the objects alone.
 //!
 //! The diffuse part of an object gathers indirect light exactly as the site's surfaces do: from the
-//! same 64 directions and with the coarse model ([`SiteLight::coarse_light`]). Only gloss reflects the
-//! detailed room. With the detailed room in diffuse light as well, a white object would be up to
-//! 1.4 times as bright as the white floor below it.
+//! same 64 directions and with the coarse model ([`SiteLight::coarse_light`]). Only gloss reflects
+//! the detailed room. With the detailed room in diffuse light as well, a white object would be up
+//! to 1.4 times as bright as the white floor below it.
 //!
 //! Not modelled: normal maps, transparency, light beyond the second object.
 

@@ -57,10 +57,7 @@ pub fn random_lamps(count: u32, seed: u64) -> Vec<Lamp> {
         let centre_m = DVec3::new(between(-0.9, 1.9), between(-1.9, 0.75), height_m);
         let warm = between(-0.12, 0.12);
         let tint = DVec3::new(1.0 + warm, 1.0, 1.0 - warm);
-        let shape = match is_panel {
-            true => LampShape::Panel([between(0.1, 0.35), between(0.1, 0.35)]),
-            false => LampShape::Bulb,
-        };
+        let shape = if is_panel { LampShape::Panel([between(0.1, 0.35), between(0.1, 0.35)]) } else { LampShape::Bulb };
         let share = between(0.5, 1.0);
         if lamps.iter().all(|lamp| lamp.centre_m.distance(centre_m) > 0.5) {
             lamps.push(Lamp { centre_m, shape, radiance: tint });

@@ -224,7 +224,7 @@ impl Simulation {
     ) -> Result<Self, SimulateError> {
         let geometry = geometry(options);
         let Options { width_px: width, height_px: height, .. } = *options;
-        if geometry.is_round() && width != 2 * height {
+        if geometry.is_equirectangular() && width != 2 * height {
             return Err(SimulateError::PanoramaSize { width, height });
         }
         if options.aperture_diameter_mm > 0.0 && options.lens != LensModel::Opencv {

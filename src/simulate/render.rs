@@ -218,7 +218,7 @@ fn expose(site: &Site, lens: &Lens, shutter: &Shutter, snapshot: &Snapshot, x: u
         let seen_at = |time_s| lens.geometry.project(shutter.to_camera(time_s, origin + direction * t));
         let half_s = 0.5 * snapshot.exposure_time_s;
         match (seen_at(middle_s - half_s), seen_at(middle_s + half_s)) {
-            (Some(a), Some(b)) => lens.geometry.way_px(a, b).length(),
+            (Some(a), Some(b)) => lens.geometry.displacement_px(a, b).length(),
             _ => 0.0,
         }
     });

@@ -154,9 +154,9 @@ fn desk() -> Vec<(Shape, Finish)> {
 }
 
 impl Site {
-    /// Sets up the site and computes its light. `placement_seed`: seed of other object positions. `ground`:
-    /// replaces the planks and the objects on them. `board`: a self-luminous flat panel, with the
-    /// light on its chart. It neither lights nor shadows anything.
+    /// Sets up the site and computes its light. `placement_seed`: seed of other object positions.
+    /// `ground`: replaces the planks and the objects on them. `board`: a self-luminous flat panel,
+    /// with the light on its chart. It neither lights nor shadows anything.
     pub fn new(
         detail: Detail,
         lamps: Vec<Lamp>,

@@ -14,7 +14,7 @@ use crate::params::Params;
 use crate::pose::Pose;
 use crate::profile;
 use crate::recording::write::{
-    self, CameraFile, CameraKind, DepthList, Description, ExposureList, FrameFiles, Line, Placement, PoseFile,
+    self, CameraFile, CameraKind, DepthList, Description, ExposureList, FrameFiles, Line, PoseFile, SensorPose,
 };
 use crate::tracking::PoseTrack;
 
@@ -225,7 +225,7 @@ fn depth_camera_toml(sensor: &DepthSensor) -> String {
 
 fn recording_toml(name: &str, options: &Options, sensor: Option<&DepthSensor>) -> Result<String, SimulateError> {
     let beside_m = sensor.and_then(|sensor| sensor.beside_m);
-    let placed = |at_m: DVec3| Placement { position_m: at_m.to_array(), quaternion: [0.0, 0.0, 0.0, 1.0] };
+    let placed = |at_m: DVec3| SensorPose { position_m: at_m.to_array(), quaternion: [0.0, 0.0, 0.0, 1.0] };
     let profile = Some("camera.toml".into());
     let kind = (options.lens == LensModel::Equirectangular).then_some(CameraKind::Equirectangular);
     let description = write::description(Description {

@@ -9,26 +9,27 @@ use tempfile::NamedTempFile;
 use super::SinkError;
 use crate::cleanup::{MadeFolder, Undo, Unfinished};
 
-/// Where an output goes.
+/// Destination of an output.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Place {
-    /// A file, there or not yet, without a link in its last part: what a link leads to is written, and the link stays.
+pub enum Destination {
+    /// A file, existing or not, with symbolic links in its last component resolved: the target is
+    /// written, and the link stays.
     File(PathBuf),
-    /// A device or a pipe. It is written to directly, since a file in its place would be something else.
+    /// A device or a pipe. It is written to directly, since it cannot be replaced by a file.
     Stream,
 }
 
-/// Links that lead to links, as many as Linux follows.
-const MOST_LINKS: usize = 40;
+/// Maximum length of a chain of symbolic links, as in Linux.
+const MAX_SYMLINKS: usize = 40;
 
-impl Place {
+impl Destination {
     pub fn of(path: &Path) -> io::Result<Self> {
         if std::fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir()) {
             return Ok(Self::Stream);
         }
         let mut at = path.to_owned();
-        for _ in 0..MOST_LINKS {
-            // `/dev/stdout` and the like: another file under that name would not be the one that is open.
+        for _ in 0..MAX_SYMLINKS {
+            // `/dev/stdout` and the like: another file under that name would not be the open one.
             if cfg!(target_os = "linux") && at.starts_with("/proc") {
                 return Err(io::Error::other("it leads to a file that is open already; name that file"));
             }
@@ -41,8 +42,8 @@ impl Place {
     }
 }
 
-/// Refuses to replace a file that may not be written: renaming another over it would not ask.
-pub fn not_protected(file: &Path) -> io::Result<()> {
+/// Refuses a write-protected file, which renaming another over it would replace.
+pub fn check_not_protected(file: &Path) -> io::Result<()> {
     match std::fs::metadata(file) {
         Ok(there) if there.permissions().readonly() => {
             Err(io::Error::other("it is write-protected; name another file, or allow writing"))
@@ -56,8 +57,8 @@ pub(super) fn folder_of(file: &Path) -> Option<&Path> {
     file.parent().filter(|folder| !folder.as_os_str().is_empty())
 }
 
-/// An unfinished file: hidden, in the same folder (so that renaming it is one step), with a name unique to this run. It
-/// is deleted with the value unless finished, and when the program is ended.
+/// An unfinished file: hidden, in the same folder (so that renaming is atomic), with a unique name.
+/// It is deleted when dropped unless finished, and when the program is terminated.
 #[derive(Debug)]
 pub struct Partial {
     file: NamedTempFile,
@@ -66,13 +67,13 @@ pub struct Partial {
 }
 
 impl Partial {
-    /// Makes an empty file that will become `path`, or what a link of that name leads to. The extension stays last, for
-    /// programs that depend on it.
+    /// Creates an empty file that will become `path`, or the target of a symbolic link. The
+    /// extension stays last, for programs that depend on it.
     pub fn create(path: &Path) -> io::Result<Self> {
-        let Place::File(target) = Place::of(path)? else {
+        let Destination::File(target) = Destination::of(path)? else {
             return Err(io::Error::other("it is a pipe or a device; name a file"));
         };
-        not_protected(&target)?;
+        check_not_protected(&target)?;
         let part = |part: Option<&std::ffi::OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
         let (prefix, suffix) =
             (format!(".{}.partial-", part(path.file_stem())), format!(".{}", part(path.extension())));
@@ -102,8 +103,9 @@ impl Partial {
         self.file.as_file_mut()
     }
 
-    /// Gives the file its name. An existing file is replaced, by one that the same people may read and write, or, without
-    /// `replace`, causes the error [`io::ErrorKind::AlreadyExists`]. If several replace it, the last one stays, complete.
+    /// Renames the file to its final name. An existing file is replaced with its permissions kept,
+    /// or, without `replace`, causes the error [`io::ErrorKind::AlreadyExists`]. If several replace
+    /// it, the last one stays, complete.
     pub fn finish(self, replace: bool) -> io::Result<()> {
         let Self { file, target, unfinished } = self;
         unfinished.finish(|| {
@@ -116,9 +118,9 @@ impl Partial {
     }
 }
 
-/// Lets `write` fill a file, which appears under its name if that succeeds. Otherwise an existing file stays, as it
-/// does if `replace` is not set. Folders that are missing are made, and removed again if it fails. See [`Place`] for
-/// links, devices and pipes.
+/// Writes a file with `write`; it gets its name on success. Otherwise an existing file is kept, as
+/// it is if `replace` is not set. Missing folders are created, and removed again on failure. See
+/// [`Destination`] for links, devices and pipes.
 pub fn write_atomically<E>(
     path: &Path,
     replace: bool,
@@ -132,9 +134,9 @@ where
         write(&mut writer)?;
         writer.flush()
     };
-    let written = Place::of(path).and_then(|place| match place {
-        Place::Stream => File::options().write(true).open(path).and_then(|mut file| fill(&mut file)),
-        Place::File(at) => {
+    let written = Destination::of(path).and_then(|place| match place {
+        Destination::Stream => File::options().write(true).open(path).and_then(|mut file| fill(&mut file)),
+        Destination::File(at) => {
             let made = folder_of(&at).map(MadeFolder::make).transpose()?;
             let mut partial = Partial::create(path)?;
             fill(partial.file())?;
@@ -151,7 +153,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_failed_write_leaves_what_was_there_and_nothing_else() {
+    fn failed_write_keeps_the_existing_file_and_leaves_no_other() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
         write_atomically(&path, false, |w| w.write_all(b"first")).unwrap();
@@ -166,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_folders_are_made_and_a_failed_write_leaves_none() {
+    fn missing_folders_are_created_and_removed_after_a_failure() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("new/inner/a.png");
         super::super::check_file(&path, false).unwrap();
@@ -190,9 +192,9 @@ mod tests {
         assert!(error.contains("out is a link to a place that is gone"), "{error}");
     }
 
-    /// A file that appears during the writing is also the user's.
+    /// A file that appears during the writing belongs to the user.
     #[test]
-    fn what_appears_during_the_work_is_kept() {
+    fn file_that_appears_during_writing_is_kept() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.json");
         let slow = |w: &mut BufWriter<&mut File>| std::fs::write(&path, "mine").and_then(|()| w.write_all(b"ours"));
@@ -205,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn of_two_at_once_the_last_one_stays_whole() {
+    fn concurrent_writes_leave_the_last_one_complete() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.mkv");
         let [mut first, mut second] = [(), ()].map(|()| Partial::create(&path).unwrap());
@@ -221,7 +223,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_file_may_be_read_by_those_who_may_read_any_other() {
+    fn new_file_has_default_permissions() {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
         let [ours, any] = ["ours", "any"].map(|name| folder.path().join(name));
@@ -231,10 +233,10 @@ mod tests {
         assert_eq!(ours, any);
     }
 
-    /// A scene that its owner has kept to themselves stays theirs when it is saved; what is protected stays at all.
+    /// A file with restricted permissions keeps them when replaced; a write-protected one is kept.
     #[cfg(unix)]
     #[test]
-    fn a_replaced_file_keeps_its_permissions_and_a_protected_one_is_kept() {
+    fn replaced_file_keeps_permissions_and_a_protected_one_is_kept() {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("scene.toml");
@@ -255,7 +257,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_link_stays_and_what_it_leads_to_is_written() {
+    fn symlink_is_kept_and_its_target_written() {
         use std::os::unix::fs::symlink;
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
@@ -269,7 +271,7 @@ mod tests {
         write_atomically(&at("link"), true, |w| w.write_all(b"ours")).unwrap();
         assert!(at("link").is_symlink() && at("far/near").is_symlink());
         assert_eq!(std::fs::read_to_string(at("far/mine")).unwrap(), "ours");
-        // A link to what is not there yet makes it.
+        // A dangling link creates its target.
         symlink("far/new", at("dangling")).unwrap();
         write_atomically(&at("dangling"), false, |w| w.write_all(b"new")).unwrap();
         assert!(at("dangling").is_symlink() && !at("far/new").is_symlink());
@@ -279,10 +281,10 @@ mod tests {
         assert!(error.contains("its links lead in a circle") && at("circle").is_symlink(), "{error}");
     }
 
-    /// What `/dev/stdout` is where a shell has opened a file.
+    /// Target of `/dev/stdout` with a file opened by a shell.
     #[cfg(target_os = "linux")]
     #[test]
-    fn a_link_to_an_open_file_is_refused() {
+    fn symlink_to_an_open_file_is_refused() {
         use std::os::fd::AsRawFd;
         let folder = tempfile::tempdir().unwrap();
         let (path, link) = (folder.path().join("x.txt"), folder.path().join("link"));
@@ -296,7 +298,7 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn a_device_stays_one() {
+    fn device_is_not_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let full = folder.path().join("full");
         std::os::unix::fs::symlink("/dev/full", &full).unwrap();

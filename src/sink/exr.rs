@@ -9,9 +9,10 @@ use super::atomic::write_atomically;
 use super::{SinkError, of_exr};
 use crate::pixels::LayerImage;
 
-/// Writes one layer with the channels virtual.R, .G, .B, .A, shadow.R, .G, .B and noise.R, .G, .B (half), depth.Z,
-/// velocity.X, .Y (float), ZIP-compressed. A shadow is what the real light is multiplied by; noise is added last.
-/// The file is either complete or absent. An existing one is kept unless `force`.
+/// Writes one layer with the channels virtual.R, .G, .B, .A, shadow.R, .G, .B and noise.R, .G, .B
+/// (half), depth.Z, velocity.X, .Y (float), ZIP-compressed. The shadow is a factor on the real
+/// light; noise is added last. The file is either complete or absent. An existing one is kept
+/// unless `force`.
 pub fn write_layers(path: &Path, layers: &LayerImage, force: bool) -> std::result::Result<(), SinkError> {
     let (width, height) = (layers.width as usize, layers.height as usize);
     let lengths =
@@ -58,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reads_back_as_written() {
+    fn layers_read_back_as_written() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("frame_000002.exr");
         let count = 5 * 40;
@@ -102,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn lists_that_do_not_fit_are_refused() {
+    fn layers_of_wrong_length_are_refused() {
         let error =
             write_layers(Path::new("a.exr"), &LayerImage { width: 3, ..LayerImage::empty(2, 2) }, false).unwrap_err();
         assert_eq!(error.to_string(), "a.exr: layers of [4, 4, 4, 4, 4] values do not make a picture of 3x2");

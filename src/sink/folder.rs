@@ -10,13 +10,13 @@ use super::{Sink, SinkError, SinkOptions, of_image};
 use crate::cleanup::MadeFolder;
 use crate::pixels::{Codes, Pixels};
 
-/// The name of a frame's file.
+/// The file name of a frame.
 pub fn frame_name(frame_index: usize) -> String {
     format!("frame_{frame_index:06}.png")
 }
 
-/// Writes `frame_000012.png` and so on, each either complete or absent. With `force` a frame replaces only the file of
-/// its own name, so that ranges rendered separately can share a folder.
+/// Writes `frame_000012.png` and so on, each either complete or absent. With `force` a frame
+/// replaces only the file of its own name, so ranges rendered separately can share a folder.
 #[derive(Debug)]
 pub struct FolderSink {
     folder: PathBuf,

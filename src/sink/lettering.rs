@@ -1,4 +1,5 @@
-//! Letters and lines in a picture, for people: blended in code values, since they are no light of the scene.
+//! Text and lines drawn into a picture, blended in code values since they are not light of the
+//! scene.
 
 use ab_glyph::{Font, FontRef, Glyph, PxScale, ScaleFont, point};
 use glam::DVec2;
@@ -7,7 +8,7 @@ use image::{Rgb, RgbImage};
 /// Open Sans; its licence is next to it.
 const FONT: &[u8] = include_bytes!("../../assets/OpenSans-Regular.ttf");
 
-/// How something is written.
+/// Appearance of text.
 #[derive(Clone, Copy, Debug)]
 pub struct Style {
     /// Height of the letters, px.
@@ -15,7 +16,8 @@ pub struct Style {
     pub ink: Rgb<u8>,
 }
 
-/// Writes a line whose upper left corner is at `at`, px. What would stand farther right than `to_px` is cut off.
+/// Draws a line of text whose upper left corner is at `at`, px. It is clipped at `to_px` on the
+/// right.
 pub fn write(picture: &mut RgbImage, at: (f32, f32), to_px: f32, text: &str, style: Style) {
     set(text, style.height_px, |font, glyph, baseline, x, next| {
         if at.0 + next > to_px {
@@ -33,7 +35,7 @@ pub fn write(picture: &mut RgbImage, at: (f32, f32), to_px: f32, text: &str, sty
     });
 }
 
-/// How wide a line is, px.
+/// Width of a line of text, px.
 pub fn width_px(text: &str, height_px: f32) -> f32 {
     let mut width = 0.0;
     set(text, height_px, |_, _, _, _, next| {
@@ -43,13 +45,13 @@ pub fn width_px(text: &str, height_px: f32) -> f32 {
     width
 }
 
-/// Calls `letter` with font, glyph, baseline, and where the letter begins and ends, until it says no.
+/// Lays out text: calls `letter` with font, glyph, baseline, start and end, until it returns false.
 fn set(
     text: &str,
     height_px: f32,
     mut letter: impl FnMut(&ab_glyph::PxScaleFont<&FontRef<'_>>, &Glyph, f32, f32, f32) -> bool,
 ) {
-    // The font is part of the program, and a test reads it.
+    // The font is part of the program and covered by a test.
     let Ok(font) = FontRef::try_from_slice(FONT) else { return };
     let font = font.as_scaled(PxScale::from(height_px));
     let mut at = 0.0;
@@ -65,7 +67,7 @@ fn set(
     }
 }
 
-/// Draws a line with round ends, `width_px` wide.
+/// Draws a line with round caps, `width_px` wide.
 pub fn line(picture: &mut RgbImage, from: DVec2, to: DVec2, width_px: f64, ink: Rgb<u8>) {
     let reach = 0.5 * width_px + 1.0;
     let size = DVec2::new(picture.width().into(), picture.height().into());
@@ -77,7 +79,7 @@ pub fn line(picture: &mut RgbImage, from: DVec2, to: DVec2, width_px: f64, ink: 
     let steep = along.y.abs() > along.x.abs();
     let (start, end) = if steep { (low.y, high.y) } else { (low.x, high.x) };
     for main in start as u32..end.ceil() as u32 {
-        // Where the line is there, and how far across it reaches: √2 of its width at most.
+        // Position of the line in this row, and its half extent across: at most √2 of its width.
         let middle = f64::from(main) + 0.5;
         let (f, a, d) = if steep { (from.y, from.x, along) } else { (from.x, from.y, DVec2::new(along.y, along.x)) };
         let t = if d.y == 0.0 { 0.0 } else { ((middle - f) / d.y).clamp(0.0, 1.0) };
@@ -93,7 +95,7 @@ pub fn line(picture: &mut RgbImage, from: DVec2, to: DVec2, width_px: f64, ink: 
     }
 }
 
-/// Blends ink into a pixel by its coverage; outside of the picture nothing happens.
+/// Blends ink into a pixel by its coverage. Pixels outside the picture are ignored.
 fn blend(picture: &mut RgbImage, x: i32, y: i32, ink: Rgb<u8>, coverage: f32) {
     let place = u32::try_from(x).ok().zip(u32::try_from(y).ok());
     let Some(pixel) = place.and_then(|(x, y)| picture.get_pixel_mut_checked(x, y)) else { return };
@@ -109,10 +111,10 @@ mod tests {
     const PAPER: Rgb<u8> = Rgb([24; 3]);
     const STYLE: Style = Style { height_px: 24.0, ink: Rgb([230; 3]) };
 
-    /// Anti-aliased letters: many shades, the stem of an l as high as a T and narrow, and none beyond the picture's
-    /// width.
+    /// Anti-aliased letters: many shades, the stem of an l as high as a T and narrow, and none
+    /// beyond the picture's width.
     #[test]
-    fn letters_are_a_fonts() {
+    fn letters_have_the_proportions_of_the_font() {
         let written = |text: &str| {
             let mut sheet = RgbImage::from_pixel(580, 40, PAPER);
             write(&mut sheet, (20.0, 4.0), 500.0, text, STYLE);
@@ -133,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_is_as_wide_as_it_is_said_and_stays_in_the_picture() {
+    fn line_has_its_width_and_stays_in_the_picture() {
         for (from, to) in [
             ((5.5, 20.0), (35.5, 20.0)),
             ((20.0, 5.5), (20.0, 35.5)),

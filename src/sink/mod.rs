@@ -1,5 +1,5 @@
-//! Pixels out: a folder of PNG files, a video file, raw values on standard output; layers as OpenEXR. Unfinished files
-//! never have their final name.
+//! Outputs: a folder of PNG files, a video file, raw values on standard output; layers as OpenEXR.
+//! Unfinished files never have their final name.
 
 pub mod atomic;
 pub mod exr;
@@ -15,21 +15,21 @@ mod video;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use self::atomic::Place;
+use self::atomic::Destination;
 use crate::pixels::{Codes, Pixels};
 use crate::source::ffmpeg::FfmpegError;
 use crate::source::presentation::Presentation;
 use crate::text::reason;
 
-/// Where finished frames go, in order.
+/// Destination of finished frames, in order.
 pub trait Sink {
-    /// Takes a frame; `frame_index` names it if the sink names frames.
+    /// Writes a frame; `frame_index` names it if the sink names frames.
     fn write(&mut self, frame_index: usize, pixels: &Pixels) -> Result<(), SinkError>;
     /// Completes the output. Without it a video stays unfinished and is removed.
     fn finish(self: Box<Self>) -> Result<(), SinkError>;
 }
 
-/// The kind of output that a path asks for.
+/// Kind of output, by its path.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum OutPath {
     /// A PNG sequence.
@@ -38,23 +38,23 @@ pub enum OutPath {
     Video(PathBuf),
     /// Raw R, G, B on standard output.
     Stdout,
-    /// Raw R, G, B into a device or a pipe that is there.
+    /// Raw R, G, B into an existing device or pipe.
     Stream(PathBuf),
 }
 
-/// Whether a path names the standard output: `-`, `/dev/stdout`.
+/// True if a path is the standard output: `-`, `/dev/stdout`.
 pub fn is_stdout(path: &Path) -> bool {
     ["-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"].iter().any(|name| path.as_os_str() == *name)
 }
 
 impl OutPath {
-    /// From the user's input: `-`, a name ending in .mp4 or .mkv, a device or a pipe that is there, otherwise a folder.
-    /// A name that looks like another kind of file is an error.
+    /// Parses the user's argument: `-`, a name ending in .mp4 or .mkv, an existing device or pipe,
+    /// otherwise a folder. A name with another file extension is an error.
     pub fn parse(path: &Path) -> Result<Self, SinkError> {
         if is_stdout(path) {
             return Ok(Self::Stdout);
         }
-        let is_stream = matches!(Place::of(path), Ok(Place::Stream));
+        let is_stream = matches!(Destination::of(path), Ok(Destination::Stream));
         let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         match extension.as_str() {
             _ if path.is_dir() => Ok(Self::Folder(path.to_owned())),
@@ -66,7 +66,7 @@ impl OutPath {
             "avi" | "mov" | "webm" | "m4v" | "mpg" | "mpeg" | "gif" | "png" | "jpg" | "jpeg" | "tif" | "tiff"
             | "exr" | "raw" | "rgb" | "yuv" | "y4m" => Err(SinkError::Refused {
                 path: path.to_owned(),
-                problem: format!("cannot write .{extension}; {WRITES}"),
+                problem: format!("cannot write .{extension}; {ACCEPTED_OUTPUTS}"),
             }),
             _ if is_stream => Ok(Self::Stream(path.to_owned())),
             _ => Ok(Self::Folder(path.to_owned())),
@@ -74,41 +74,42 @@ impl OutPath {
     }
 }
 
-const WRITES: &str = "accepted are a folder (PNG sequence), a .mp4 or .mkv file, or - (raw RGB)";
+const ACCEPTED_OUTPUTS: &str = "accepted are a folder (PNG sequence), a .mp4 or .mkv file, or - (raw RGB)";
 
-/// How to write.
+/// Output options.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SinkOptions {
-    /// Whether existing output may be replaced.
+    /// True if existing output may be replaced.
     pub force: bool,
     /// Frames per second, for video.
     pub fps: f64,
-    /// When each frame is shown, by its index, seconds, for video whose frames do not come at a steady rate.
+    /// Presentation time of each frame by its index, seconds, for video with a variable frame rate.
     pub times_s: Option<Arc<[f64]>>,
-    /// How a video is to be shown.
+    /// Presentation metadata of a video.
     pub presentation: Presentation,
-    /// Whether a video keeps every code value.
+    /// True for a lossless video.
     pub lossless: bool,
     pub width: u32,
     pub height: u32,
-    /// 8 or 16, like the pixels to be written.
+    /// 8 or 16, the depth of the pixels.
     pub bits: u32,
 }
 
-/// Checks that a file can be made there: nothing to be kept is in the way, and its folder is writable, or can be made.
+/// Checks that a file can be created: nothing protected is in the way, and its folder is writable,
+/// or can be created.
 pub fn check_file(path: &Path, force: bool) -> Result<(), SinkError> {
     let refuse = |problem: String| Err(SinkError::Refused { path: path.to_owned(), problem });
     if path.is_dir() {
         return refuse("is a folder; name a file".to_owned());
     }
-    let Place::File(at) = Place::of(path).map_err(|source| SinkError::of_writing(path, source))? else {
+    let Destination::File(at) = Destination::of(path).map_err(|source| SinkError::of_writing(path, source))? else {
         return Ok(());
     };
     if at.exists() && !force {
         return Err(SinkError::Exists { path: path.to_owned() });
     }
-    atomic::not_protected(&at).map_err(|source| SinkError::of_writing(path, source))?;
-    // Writing makes the folders that are missing. A link to a place that is gone is in the way.
+    atomic::check_not_protected(&at).map_err(|source| SinkError::of_writing(path, source))?;
+    // Writing creates missing folders. A dangling symbolic link is in the way.
     let mut folders = atomic::folder_of(&at).into_iter().flat_map(Path::ancestors);
     let there = folders.find(|folder| folder.symlink_metadata().is_ok()).unwrap_or(Path::new("."));
     if !there.is_dir() {
@@ -147,7 +148,8 @@ impl SinkError {
     }
 }
 
-/// Checks that nothing is in the way. Unless `force`, an existing file is refused, and so is a non-empty folder.
+/// Checks that the output does not exist. Unless `force`, an existing file is refused, and so is a
+/// non-empty folder.
 pub fn check(out: &OutPath, force: bool) -> Result<(), SinkError> {
     let taken = match out {
         _ if force => false,
@@ -186,7 +188,7 @@ pub fn open(out: &OutPath, options: &SinkOptions) -> Result<Box<dyn Sink + Send>
 }
 
 impl SinkOptions {
-    /// Checks that a frame is as announced.
+    /// Checks size and depth of a frame.
     fn check(&self, frame: usize, pixels: &Pixels) -> Result<(), SinkError> {
         let bits = if pixels.max_code() == 255 { 8 } else { 16 };
         if (pixels.width, pixels.height, bits) == (self.width, self.height, self.bits) {
@@ -200,14 +202,14 @@ impl SinkOptions {
     }
 }
 
-/// An encoding error as a write error. PNG's encoder wraps what the system said.
+/// An encoding error as a write error. PNG's encoder wraps the system's error.
 fn of_image(error: image::ImageError) -> std::io::Error {
     let image::ImageError::IoError(error) = error else {
         let causes = std::iter::successors(std::error::Error::source(&error), |cause| cause.source());
         let said = causes.filter_map(|cause| cause.downcast_ref::<std::io::Error>()).find_map(|e| e.raw_os_error());
         return said.map_or_else(|| std::io::Error::other(error), std::io::Error::from_raw_os_error);
     };
-    // In the middle of a picture it hands on the text alone.
+    // In the middle of a picture the encoder returns only the text.
     let said = error.to_string();
     let number = said.rsplit_once("(os error ").and_then(|(_, rest)| rest.strip_suffix(')')?.parse().ok());
     match number.filter(|_| error.raw_os_error().is_none()) {
@@ -237,7 +239,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_path_tells_the_sink() {
+    fn output_path_determines_the_sink() {
         let folder = tempfile::tempdir().unwrap();
         let oddly_named = folder.path().join("frames.mp4");
         std::fs::create_dir(&oddly_named).unwrap();
@@ -255,10 +257,10 @@ mod tests {
         assert!(error.starts_with("b.avi: cannot write .avi; accepted are a folder"), "{error}");
     }
 
-    /// Whatever the encoder makes of the system's error.
+    /// Regardless of the encoder's own error type.
     #[cfg(target_os = "linux")]
     #[test]
-    fn a_full_disk_is_told_as_one_by_every_encoder() {
+    fn full_disk_is_reported_by_every_encoder() {
         let folder = tempfile::tempdir().unwrap();
         let full = |name: &str| {
             let path = folder.path().join(name);
@@ -270,7 +272,7 @@ mod tests {
             let error = picture::write(&full(name), &light, &Default::default(), true).unwrap_err().to_string();
             assert!(error.contains("cannot be written: the disk is full"), "{error}");
         }
-        // Too large for what the encoder keeps until its end.
+        // Exceeds the encoder's buffers.
         let codes = (0..3 * 640 * 480_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
         let frame = Pixels::from_u8(640, 480, codes).unwrap();
         let error = folder::write_frame(&full("large.png"), &frame, true).unwrap_err().to_string();

@@ -1,4 +1,4 @@
-//! A photograph's file: JPEG or PNG, with the settings that it was taken with. Source: CIPA DC-008 (Exif 2.32).
+//! Photograph files: JPEG or PNG with Exif metadata. Source: CIPA DC-008 (Exif 2.32).
 
 use std::io::{self, Cursor};
 use std::path::Path;
@@ -13,9 +13,9 @@ use super::atomic::write_atomically;
 use super::{SinkError, check_file, of_image};
 use crate::pixels::{Codes, Pixels};
 
-/// The notes that a camera writes into its pictures.
+/// Exif metadata of a photograph.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Notes {
+pub struct ExifNotes {
     pub f_number: f64,
     pub time_s: f64,
     pub iso: f64,
@@ -24,7 +24,7 @@ pub struct Notes {
     pub equivalent_mm: f64,
     /// Up to infinity.
     pub focus_distance_m: f64,
-    /// Requested stops brighter than correct.
+    /// Requested exposure compensation, stops.
     pub compensation_ev: f64,
     /// Exif code: 1 manual, 2 program, 3 aperture priority, 4 shutter priority.
     pub program: u16,
@@ -34,9 +34,9 @@ pub struct Notes {
     pub description: String,
 }
 
-const QUALITY: u8 = 95;
+const JPEG_QUALITY: u8 = 95;
 
-/// Whether a photograph can be written there.
+/// Checks that a photograph can be written to a path.
 pub fn check(path: &Path, force: bool) -> Result<(), SinkError> {
     match extension(path).as_str() {
         "jpg" | "jpeg" | "png" => check_file(path, force),
@@ -52,8 +52,9 @@ fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
 }
 
-/// Writes 8-bit pixels. The file is either complete or absent. An existing one is kept unless `force`.
-pub fn write(path: &Path, pixels: &Pixels, notes: Option<&Notes>, force: bool) -> Result<(), SinkError> {
+/// Writes 8-bit pixels. The file is either complete or absent. An existing one is kept unless
+/// `force`.
+pub fn write(path: &Path, pixels: &Pixels, notes: Option<&ExifNotes>, force: bool) -> Result<(), SinkError> {
     check(path, force)?;
     let Codes::U8(codes) = &pixels.codes else {
         let problem = "a photograph has 8 bits a code value, these pixels have 16".to_owned();
@@ -66,7 +67,7 @@ pub fn write(path: &Path, pixels: &Pixels, notes: Option<&Notes>, force: bool) -
         let written = if extension(path) == "png" {
             encode(PngEncoder::new(writer), codes, width, height, exif)
         } else {
-            encode(JpegEncoder::new_with_quality(writer, QUALITY), codes, width, height, exif)
+            encode(JpegEncoder::new_with_quality(writer, JPEG_QUALITY), codes, width, height, exif)
         };
         written.map_err(of_image)
     })
@@ -85,7 +86,8 @@ fn encode(
     encoder.write_image(codes, width, height, ExtendedColorType::Rgb8)
 }
 
-/// A number as a fraction of integers: below 0.3 as 10/n, otherwise in ten-thousandths. 4294967295/1 means infinity.
+/// A number as a fraction of integers: below 0.3 as 10/n, otherwise in ten-thousandths.
+/// 4294967295/1 means infinity.
 fn ratio(value: f64) -> Rational {
     if !value.is_finite() {
         return Rational { num: u32::MAX, denom: 1 };
@@ -96,7 +98,7 @@ fn ratio(value: f64) -> Rational {
     Rational { num: (1e4 * value).round() as u32, denom: 10_000 }
 }
 
-fn exif_block(notes: &Notes, width: u32, height: u32) -> io::Result<Vec<u8>> {
+fn exif_block(notes: &ExifNotes, width: u32, height: u32) -> io::Result<Vec<u8>> {
     let text = |text: &str| Value::Ascii(vec![text.as_bytes().iter().copied().filter(u8::is_ascii).collect()]);
     let number = |value: f64| Value::Rational(vec![ratio(value)]);
     let short = |value: f64| Value::Short(vec![value.round().clamp(0.0, 65535.0) as u16]);
@@ -142,8 +144,8 @@ fn exif_block(notes: &Notes, width: u32, height: u32) -> io::Result<Vec<u8>> {
     Ok(block.into_inner())
 }
 
-/// In Exif's format, "2011:05:10 12:34:56". The date is from the proleptic Gregorian calendar, in which 400 years have
-/// 146097 days. Years start in March here, so that the leap day is the last.
+/// Exif date format, "2011:05:10 12:34:56". The date is in the proleptic Gregorian calendar, in
+/// which 400 years have 146097 days. Years start in March here, so that the leap day is the last.
 fn date_time(seconds: f64) -> String {
     let seconds = seconds.clamp(0.0, 2e11) as i64;
     let (days, second) = (seconds.div_euclid(86400), seconds.rem_euclid(86400));
@@ -163,8 +165,8 @@ fn date_time(seconds: f64) -> String {
 mod tests {
     use super::*;
 
-    fn notes() -> Notes {
-        Notes {
+    fn notes() -> ExifNotes {
+        ExifNotes {
             f_number: 2.8,
             time_s: 1.0 / 60.0,
             iso: 400.0,
@@ -179,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn dates_worked_by_hand() {
+    fn dates_match_hand_calculation() {
         assert_eq!(date_time(0.0), "1970:01:01 00:00:00");
         assert_eq!(date_time(951_782_400.0), "2000:02:29 00:00:00");
         assert_eq!(date_time(1_305_031_103.7), "2011:05:10 12:38:23");
@@ -188,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reader_finds_what_a_camera_writes() {
+    fn exif_reads_back_as_written() {
         let folder = tempfile::tempdir().unwrap();
         let pixels = Pixels::from_u8(16, 16, vec![100; 768]).unwrap();
         for name in ["a.jpg", "a.png"] {
@@ -227,7 +229,7 @@ mod tests {
             assert!(read.as_raw().iter().all(|c| c.abs_diff(100) <= 1));
             assert!(write(&path, &pixels, None, false).unwrap_err().to_string().contains("--force"));
         }
-        // Our own reader of recordings reads back the same.
+        // The recordings' Exif reader returns the same values.
         let settings = crate::source::exif::read(&folder.path().join("a.jpg")).unwrap().settings;
         assert_eq!((settings.iso, settings.f_number), (Some(400.0), Some(2.8)));
         assert_eq!(settings.taken_s, Some(1_305_031_103.0), "whole seconds");

@@ -1,4 +1,4 @@
-//! A single picture of linear light: PNG for people, OpenEXR for programs.
+//! Single pictures of linear light: PNG for viewing, OpenEXR for further processing.
 
 use std::path::Path;
 
@@ -10,8 +10,9 @@ use super::{SinkError, check_file, of_exr, of_image};
 use crate::camera::Response;
 use crate::pixels::LinearImage;
 
-/// Writes `.png` (8 bits, encoded by the response, with alpha if anything is transparent) or `.exr` (32-bit linear
-/// premultiplied R, G, B, A). The file is either complete or absent; an existing one is kept unless `force`.
+/// Writes `.png` (8 bits, encoded by the response, with alpha if any pixel is transparent) or
+/// `.exr` (32-bit linear premultiplied R, G, B, A). The file is either complete or absent; an
+/// existing one is kept unless `force`.
 pub fn write(path: &Path, image: &LinearImage, response: &Response, force: bool) -> Result<(), SinkError> {
     check(path, force)?;
     if extension(path) == "png" { write_png(path, image, response, force) } else { write_exr(path, image, force) }
@@ -21,7 +22,8 @@ fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
 }
 
-/// Checks that a picture can be written there: known extension, existing folder, and nothing replaced without `force`.
+/// Checks that a picture can be written: known extension, existing folder, and nothing replaced
+/// without `force`.
 pub fn check(path: &Path, force: bool) -> Result<(), SinkError> {
     match extension(path).as_str() {
         "png" | "exr" => check_file(path, force),
@@ -35,7 +37,7 @@ pub fn check(path: &Path, force: bool) -> Result<(), SinkError> {
 
 fn write_png(path: &Path, image: &LinearImage, response: &Response, force: bool) -> Result<(), SinkError> {
     let code = |light: f32| (255.0 * response.encode(f64::from(light))).round() as u8;
-    // Less than half a code of alpha is no transparency.
+    // Less than half a code below full alpha counts as opaque.
     let opaque = image.rgba.iter().all(|p| p[3] >= 1.0 - 0.5 / 255.0);
     let channels = if opaque { 3 } else { 4 };
     let mut bytes = Vec::with_capacity(channels * image.rgba.len());
@@ -59,7 +61,8 @@ fn write_exr(path: &Path, image: &LinearImage, force: bool) -> Result<(), SinkEr
         let [r, g, b, a] = image.rgba[at.1 * width + at.0];
         (r, g, b, a)
     });
-    // Several threads pack the blocks; without an order the file's bytes would depend on which is done first.
+    // Blocks are compressed in parallel; without a fixed order the file's bytes would depend on
+    // timing.
     let encoding = Encoding { line_order: LineOrder::Increasing, ..Encoding::FAST_LOSSLESS };
     let out = Image::from_encoded_channels((width, height), encoding, channels);
     write_atomically(path, force, |writer| out.write().to_buffered(writer).map_err(of_exr))
@@ -70,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reads_back_as_light() {
+    fn exr_and_png_read_back_as_linear_light() {
         let folder = tempfile::tempdir().unwrap();
         // Linear 0.18 is code 117.6. Half covered, it is the same colour at half the alpha.
         let rgba = vec![[0.18, 1.0, 0.0, 1.0], [0.09, 0.5, 0.0, 0.5], [0.0; 4]];
@@ -98,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_is_the_same_bytes_every_time() {
+    fn written_picture_is_deterministic() {
         let folder = tempfile::tempdir().unwrap();
         let rgba = (0..600 * 400).map(|i| [(i % 91) as f32, (i / 600) as f32, 0.5, 1.0]).collect();
         let picture = LinearImage { width: 600, height: 400, rgba };

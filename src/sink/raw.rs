@@ -19,7 +19,7 @@ impl<W: Write> RawSink<W> {
         Self { writer, path: None, options: options.clone() }
     }
 
-    /// Names what is written to in errors.
+    /// Sets the path for error messages.
     pub fn named(self, path: &Path) -> Self {
         Self { path: Some(path.to_owned()), ..self }
     }
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn values_follow_each_other_low_byte_first() {
+    fn raw_values_are_little_endian() {
         let options = SinkOptions { width: 2, height: 1, bits: 16, ..plain() };
         let mut written = Vec::new();
         let mut sink = Box::new(RawSink::new(&mut written, &options));
@@ -74,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn a_closed_pipe_is_said() {
+    fn closed_pipe_is_an_error() {
         let options = plain();
         let (reader, writer) = std::io::pipe().unwrap();
         drop(reader);

@@ -1,5 +1,6 @@
-//! The orientation in which an MP4's picture is to be shown: the matrix in its track header. ffmpeg's options for it changed from
-//! version to version, so it is written into the finished file. Source: ISO/IEC 14496-12, 6.2.2 and 8.3.2.
+//! Display orientation of an MP4: the matrix in its track header. ffmpeg's options for it changed
+//! between versions, so it is written into the finished file. Source: ISO/IEC 14496-12, 6.2.2 and
+//! 8.3.2.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -17,13 +18,13 @@ pub fn write(file: &Path, orientation: Orientation, size: (u32, u32)) -> io::Res
     file.seek(SeekFrom::Start(from))?;
     let mut version = [0];
     file.read_exact(&mut version)?;
-    // Version and flags, times of 4 or 8 bytes, layer, group and volume precede it.
+    // Preceded by version and flags, times of 4 or 8 bytes, layer, group and volume.
     let at = from + if version[0] == 1 { 52 } else { 40 };
     file.seek(SeekFrom::Start(at))?;
     file.write_all(&matrix(orientation, size))
 }
 
-/// Where a box's content begins and ends, among the boxes from `at` to `end`.
+/// Content range of a box, among the boxes from `at` to `end`.
 fn find(file: &mut File, name: &[u8; 4], mut at: u64, end: u64) -> io::Result<(u64, u64)> {
     while at + 8 <= end {
         file.seek(SeekFrom::Start(at))?;
@@ -48,12 +49,13 @@ fn find(file: &mut File, name: &[u8; 4], mut at: u64, end: u64) -> io::Result<(u
     Err(io::Error::other("ffmpeg wrote no track header to put the orientation in"))
 }
 
-/// The rows of `[x y 1] · [a b u; c d v; tx ty w]`: a, b, c, d, tx, ty as 16.16, u, v, w as 2.30 fixed point numbers.
+/// The rows of `[x y 1] · [a b u; c d v; tx ty w]`: a, b, c, d, tx, ty as 16.16, u, v, w as 2.30
+/// fixed point numbers.
 fn matrix(orientation: Orientation, (width, height): (u32, u32)) -> Vec<u8> {
     let [a, b, c, d] = orientation.matrix();
     let [width, height] = [width, height].map(f64::from);
     let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
-    // The picture that is shown begins at the origin.
+    // The displayed picture begins at the origin.
     let least = |of: &dyn Fn(f64, f64) -> f64| corners.iter().map(|(x, y)| of(*x, *y)).fold(f64::INFINITY, f64::min);
     let tx = -least(&|x, y| a * x + c * y);
     let ty = -least(&|x, y| b * x + d * y);
@@ -68,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn turned_and_mirrored_pictures_have_the_matrix_that_players_expect() {
+    fn rotated_and_mirrored_pictures_have_the_standard_matrices() {
         let values_of = |orientation| -> Vec<i32> {
             let bytes = matrix(orientation, (96, 64));
             bytes.chunks_exact(4).map(|b| i32::from_be_bytes([b[0], b[1], b[2], b[3]])).collect()

@@ -1,5 +1,6 @@
-//! Frames with times of their own, on their way to ffmpeg: a Matroska stream of uncompressed pictures, one cluster each.
-//! Raw video has no times. Source: RFC 8794 (EBML), RFC 9559 (Matroska; element names and numbers).
+//! Frames with a variable rate for ffmpeg: a Matroska stream of uncompressed pictures, one cluster
+//! each. Raw video has no times. Source: RFC 8794 (EBML), RFC 9559 (Matroska; element names and
+//! numbers).
 
 use super::SinkOptions;
 
@@ -21,7 +22,7 @@ const UNKNOWN_SIZE: [u8; 8] = [1, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff];
 /// Nanoseconds in the unit of the times.
 const TIMESTAMP_SCALE: u64 = 1000;
 
-/// What precedes the first frame.
+/// Header of the stream.
 pub fn head(options: &SinkOptions) -> Vec<u8> {
     let ebml = [element(b"\x42\x82", b"matroska"), number(b"\x42\x87", 4), number(b"\x42\x85", 2)].concat();
     let video = [
@@ -48,10 +49,10 @@ pub fn head(options: &SinkOptions) -> Vec<u8> {
     .concat()
 }
 
-/// What precedes the pixels of a frame.
+/// Header of a frame's pixels.
 pub fn frame_head(time_us: u64, bytes: usize) -> Vec<u8> {
     let time = number(b"\xe7", time_us);
-    // Of track 1, at the cluster's own time, a keyframe.
+    // Track 1, at the cluster's own time, keyframe.
     let block = [b'\x81', 0, 0, 0x80];
     let block_head = [&b"\xa3"[..], &size(block.len() + bytes), &block].concat();
     let cluster = size(time.len() + block_head.len() + bytes);

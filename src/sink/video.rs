@@ -16,42 +16,42 @@ use crate::source::video::{CONVERSION_FLAGS, ColorMatrix};
 
 const ENDED_EARLY: &str = "ffmpeg ended before it had all frames, and did not say why; see whether `ffmpeg` is ffmpeg";
 
-/// Writes under a partial name and renames once ffmpeg has succeeded; otherwise nothing is left.
+/// Writes under a temporary name and renames once ffmpeg has succeeded; otherwise no file is left.
 #[derive(Debug)]
 pub struct VideoSink {
     path: PathBuf,
     options: SinkOptions,
-    /// `None` once ended. Dropped before the file that it writes.
+    /// `None` once ended. Dropped before its file.
     running: Option<(Running, ChildStdin)>,
     partial: Partial,
-    /// The folder that it lies in. Dropped after the file.
+    /// The parent folder. Dropped after the file.
     made: Option<MadeFolder>,
     /// Number of frames passed to ffmpeg.
     frames: usize,
-    /// For frames with times of their own.
+    /// For frames with a variable rate.
     clock: Option<FrameClock>,
 }
 
-/// The times of the frames that were written.
+/// Presentation times of the written frames.
 #[derive(Debug)]
 struct FrameClock {
     times_s: Arc<[f64]>,
-    /// The first frame's time, and the last one's in the file, microseconds.
-    begun: Option<(f64, u64)>,
+    /// The first frame's time, seconds, and the last written one in the file, microseconds.
+    first_and_last: Option<(f64, u64)>,
 }
 
-/// The shortest step between two frames, microseconds: a tick of the file's clock, rounded up.
+/// Minimum step between two frames, microseconds: a tick of the file's clock, rounded up.
 const MIN_STEP_US: u64 = 12;
 
 impl FrameClock {
-    /// A frame's time in the file, microseconds: ascending, from 0 on.
+    /// Presentation time of a frame in the file, microseconds: ascending from 0.
     fn time_us(&mut self, frame: usize) -> u64 {
         let time_s = self.times_s.get(frame).copied().unwrap_or_default();
-        let time_us = match self.begun {
+        let time_us = match self.first_and_last {
             None => 0,
             Some((first_s, last_us)) => (((time_s - first_s) * 1e6).round() as u64).max(last_us + MIN_STEP_US),
         };
-        self.begun = Some((self.begun.map_or(time_s, |begun| begun.0), time_us));
+        self.first_and_last = Some((self.first_and_last.map_or(time_s, |first_and_last| first_and_last.0), time_us));
         time_us
     }
 }
@@ -72,14 +72,14 @@ impl VideoSink {
         let made = made.transpose()?;
         let partial = Partial::create(path).map_err(|source| SinkError::Write { path: path.to_owned(), source })?;
         let mut running = Running::start("ffmpeg", &arguments(options, partial.path(), mkv))?;
-        // Nobody reads ffmpeg's stdout; closed, it cannot block.
+        // ffmpeg's stdout is not read; closed, it cannot block.
         drop(running.take_stdout());
         let running = running.take_stdin().map(|stdin| (running, stdin));
-        let clock = options.times_s.clone().map(|times_s| FrameClock { times_s, begun: None });
+        let clock = options.times_s.clone().map(|times_s| FrameClock { times_s, first_and_last: None });
         Ok(Self { path: path.to_owned(), options: options.clone(), running, partial, made, frames: 0, clock })
     }
 
-    /// Waits for ffmpeg and reports a failure in its words.
+    /// Waits for ffmpeg and returns its error message on failure.
     fn end(&mut self) -> Result<(), SinkError> {
         let Some((running, stdin)) = self.running.take() else { return Ok(()) };
         drop(stdin);
@@ -95,7 +95,8 @@ fn is_mkv(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("mkv"))
 }
 
-/// The option's name of a transfer function. ffprobe calls two of them by the standard's name.
+/// ffmpeg's option value of a transfer function. ffprobe reports two of them by the standard's
+/// name.
 fn transfer_option(name: &'static str) -> &'static str {
     match name {
         "bt470m" => "gamma22",
@@ -120,9 +121,9 @@ fn arguments(options: &SinkOptions, partial: &Path, mkv: bool) -> Vec<OsString> 
         ColorMatrix::Bt601 => ("bt601", "smpte170m"),
         _ => ("bt709", "bt709"),
     };
-    // Chroma at half resolution needs even sizes, and the picture's size must not change for that.
+    // Chroma subsampling requires even sizes, but the picture's size must not change.
     let chroma = if width % 2 == 0 && height % 2 == 0 { "yuv420p" } else { "yuv444p" };
-    // Steps of 8 bits are seen where they span a high dynamic range.
+    // 8-bit quantization is visible in a high dynamic range.
     let depth = if presentation.is_hdr() && bits == 16 { "10le" } else { "" };
     // By default setsar rounds to a ratio of numbers up to 100.
     let aspect =
@@ -149,7 +150,7 @@ fn arguments(options: &SinkOptions, partial: &Path, mkv: bool) -> Vec<OsString> 
     if is_timed {
         text.extend(["-vsync", "vfr", "-enc_time_base", "1:90000"]);
         if !(lossless && bits == 16) {
-            // Frames that are stored in another order would shorten the file's length.
+            // Reordered frames would shorten the file's duration.
             text.extend(["-bf", "0"]);
         }
         if !mkv {
@@ -178,7 +179,7 @@ impl Sink for VideoSink {
         });
         self.frames += 1;
         let Err(source) = stdin.write_all(&head).and_then(|()| stdin.write_all(&codes)) else { return Ok(()) };
-        // A broken pipe means that ffmpeg gave up; its messages may say why.
+        // A broken pipe means that ffmpeg ended; its messages may contain the reason.
         self.end()?;
         match source.kind() {
             std::io::ErrorKind::BrokenPipe => Err(self.refuse(ENDED_EARLY)),

@@ -6,7 +6,7 @@ use std::path::Path;
 use exif::{DateTime, In, Tag, Value};
 
 use super::{SourceError, file as plain};
-use crate::camera::exposure::LONGEST_S;
+use crate::camera::exposure::MAX_EXPOSURE_S;
 use crate::frame::PhotoSettings;
 
 const IDENTIFIER: &[u8] = b"Exif\0\0";
@@ -95,8 +95,10 @@ fn parse(segment: Vec<u8>) -> Exif {
     let others = [Tag::RecommendedExposureIndex, Tag::StandardOutputSensitivity, Tag::ISOSpeed];
     let iso = number(Tag::PhotographicSensitivity).filter(|iso| *iso != SEE_ELSEWHERE);
     let mut time_s = number(Tag::ExposureTime).or_else(|| of_apex(Tag::ExposureTime, Tag::ShutterSpeedValue, -1.0));
-    if let Some(odd_s) = time_s.take_if(|time_s| *time_s > LONGEST_S) {
-        damage.get_or_insert_with(|| format!("the EXIF exposure time is {odd_s} s; accepted is at most {LONGEST_S} s"));
+    if let Some(odd_s) = time_s.take_if(|time_s| *time_s > MAX_EXPOSURE_S) {
+        damage.get_or_insert_with(|| {
+            format!("the EXIF exposure time is {odd_s} s; accepted is at most {MAX_EXPOSURE_S} s")
+        });
     }
     let settings = PhotoSettings {
         time_s,

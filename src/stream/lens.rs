@@ -170,7 +170,7 @@ impl LensState {
             frame_rate_hz: Some(frame_rate_hz),
             ..Self::default()
         };
-        if geometry.is_round() {
+        if geometry.is_equirectangular() {
             return exposed;
         }
         let d = &geometry.distortion;

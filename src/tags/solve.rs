@@ -5,8 +5,8 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use nalgebra::{SMatrix, SVector};
 
 use crate::camera::Geometry;
-use crate::fit::robust::{Problem, Rest, settled, weight};
-use crate::fit::{Stand, by_stand, homography};
+use crate::fit::robust::{Converged, Problem, minimize, weight};
+use crate::fit::{RigidPose, homography, pose_jacobian};
 use crate::pose::Pose;
 
 /// Number of times that Huber's δ is estimated.
@@ -84,7 +84,7 @@ impl PnpProblem<'_> {
         for (i, axis) in DVec3::AXES.into_iter().enumerate() {
             let way = self
                 .geometry
-                .way_px(self.geometry.project(point - h * axis)?, self.geometry.project(point + h * axis)?);
+                .displacement_px(self.geometry.project(point - h * axis)?, self.geometry.project(point + h * axis)?);
             (by[(0, i)], by[(1, i)]) = (way.x / (2.0 * h), way.y / (2.0 * h));
         }
         Some(by)
@@ -92,25 +92,25 @@ impl PnpProblem<'_> {
 }
 
 impl Problem for PnpProblem<'_> {
-    type State = Stand;
+    type State = RigidPose;
     type Equations = Equations;
 
-    fn residuals(&self, stand: &Stand) -> Option<Vec<DVec2>> {
+    fn residuals(&self, stand: &RigidPose) -> Option<Vec<DVec2>> {
         let both = self.corners.in_world_m.iter().zip(&self.corners.seen_px).enumerate();
         let one = |(i, (place, seen)): (usize, (&DVec3, &DVec2))| {
             let at = self.geometry.project(self.moved(i).transform_point(stand.point(*place)))?;
-            Some(self.geometry.way_px(at, *seen)).filter(|way| way.is_finite())
+            Some(self.geometry.displacement_px(at, *seen)).filter(|way| way.is_finite())
         };
         both.map(one).collect()
     }
 
-    fn equations(&self, stand: &Stand, delta_px: f64) -> Option<Equations> {
+    fn equations(&self, stand: &RigidPose, delta_px: f64) -> Option<Equations> {
         let mut equations = Equations { normal: SMatrix::zeros(), right: SVector::zeros() };
         for (i, (place, residual)) in self.corners.in_world_m.iter().zip(self.residuals(stand)?).enumerate() {
             let moved = self.moved(i);
             let turn = SMatrix::<f64, 3, 3>::from_column_slice(&DMat3::from_quat(moved.rotation).to_cols_array());
             let by_point = self.by_point(moved.transform_point(stand.point(*place)))? * turn;
-            let by = by_stand(stand, *place, &by_point);
+            let by = pose_jacobian(stand, *place, &by_point);
             let weight = weight(residual, delta_px);
             equations.normal += by.transpose() * by * weight;
             equations.right += by.transpose() * SVector::<f64, 2>::new(residual.x, residual.y) * weight;
@@ -118,7 +118,7 @@ impl Problem for PnpProblem<'_> {
         Some(equations)
     }
 
-    fn stepped(&self, equations: &Equations, stand: &Stand, damping: f64) -> Option<Stand> {
+    fn after_step(&self, equations: &Equations, stand: &RigidPose, damping: f64) -> Option<RigidPose> {
         let mut normal = equations.normal;
         for i in 0..6 {
             normal[(i, i)] *= 1.0 + damping;
@@ -126,15 +126,15 @@ impl Problem for PnpProblem<'_> {
         let by = normal.cholesky()?.solve(&equations.right);
         by.iter()
             .all(|v| v.is_finite())
-            .then(|| stand.stepped(DVec3::new(by[0], by[1], by[2]), DVec3::new(by[3], by[4], by[5])))
+            .then(|| stand.after_step(DVec3::new(by[0], by[1], by[2]), DVec3::new(by[3], by[4], by[5])))
     }
 }
 
 /// The best pose near an initial one. `None` if the corners do not determine it.
 pub fn solve_pose(geometry: &Geometry, corners: &Corners, near: &Pose) -> Option<PoseSolution> {
     let problem = PnpProblem { geometry, corners };
-    let begin = Stand { rotation: DMat3::from_quat(near.rotation), translation: near.translation_m };
-    let Rest { state, residuals_px, delta_px } = settled(&problem, begin, SCALE_ROUNDS)?;
+    let begin = RigidPose { rotation: DMat3::from_quat(near.rotation), translation: near.translation_m };
+    let Converged { state, residuals_px, delta_px } = minimize(&problem, begin, SCALE_ROUNDS)?;
     let squares_px2: f64 = residuals_px.iter().map(|r| weight(*r, delta_px) * r.length_squared()).sum();
     // Lengths and angles differ by powers of ten.
     let normal = problem.equations(&state, delta_px)?.normal;
@@ -177,7 +177,7 @@ pub fn initial_poses(geometry: &Geometry, corners_m: &[DVec3; 4], seen_px: &[DVe
     let y = (corners_m[0] - corners_m[3]).try_normalize()?;
     let own_from_world = DMat3::from_cols(x, y, x.cross(y)).transpose();
     let own = corners_m.map(|corner| (own_from_world * (corner - middle)).truncate());
-    let stand = homography::stand(&own, &on_plane?)?;
+    let stand = homography::plane_pose(&own, &on_plane?)?;
     // Mirrored in depth along the line of sight z: R' = D R D, D = diag(1, 1, −1).
     let flip = DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0));
     let turn = ahead.conjugate();

@@ -30,7 +30,7 @@ pub struct BoardTracker {
 impl BoardTracker {
     pub fn new(board: Board, geometry: Geometry, response: &Response) -> Result<Self, DetectError> {
         let intrinsics = &geometry.intrinsics;
-        if geometry.is_round() {
+        if geometry.is_equirectangular() {
             let problem = "360° pictures are not tracked; crop a view out of them";
             return Err(DetectError::new(intrinsics.width_px, intrinsics.height_px, problem));
         }

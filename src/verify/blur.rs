@@ -84,7 +84,7 @@ pub fn blur(
         let time_s = shot.recording.timestamps_s[fast] + shot.recording.time_offset_s;
         let (Ok(pose), Ok(geometry)) = (shot.recording.track.at(time_s), shot.geometry_at(fast)) else { continue };
         let Some(scene) = frame_scene(&shot, &shot.read(slow)?) else { continue };
-        let scene = if geometry.sees_around() { scene } else { without_near_triangles(scene, &pose) };
+        let scene = if geometry.needs_cube_map() { scene } else { without_near_triangles(scene, &pose) };
         compositor.set_scene(scene.clone());
         shot.scene = Arc::new(scene);
         let Some(kept) = kept(&shot, compositor, slow)? else { continue };

@@ -148,7 +148,7 @@ pub fn verify(
             if found.patches.len() >= MIN_PATCHES {
                 displaced.extend(lengths(&found));
                 pairs += 1;
-            } else if found.patches.len() + found.doubtful >= MIN_PATCHES {
+            } else if found.patches.len() + found.unreliable >= MIN_PATCHES {
                 unmatched += 1;
             }
             brighter.extend(difference(&real, &made, &mask));

@@ -111,7 +111,7 @@ pub fn analyse(
     if !(wanted.noise || wanted.histograms || wanted.edges[1].is_some()) {
         return found;
     }
-    let composited = gpu.apart(|| composited(compositor_cache, gpu, shot, frame, wanted.noise, ticket));
+    let composited = gpu.in_error_scope(|| composited(compositor_cache, gpu, shot, frame, wanted.noise, ticket));
     let composited = composited.map_err(|source| ShotError::Gpu { frame: frame.index, source }).and_then(|done| done);
     match composited {
         Ok(None) => {}

@@ -7,7 +7,7 @@ use eframe::egui::{self, RichText, Ui};
 use super::fields::{has_just_opened, parse_number, typed_parser};
 use locard_engine::camera::Film;
 use locard_engine::camera::stops::{self, Step, Stop, StopError};
-use locard_engine::photo::{Bracket, Focus, Wanted};
+use locard_engine::photo::{Bracket, Focus, PhotoRequest};
 use locard_engine::text::without_options;
 
 /// Text of the fields; empty for automatic values.
@@ -32,7 +32,7 @@ const FILMS: [&str; 7] = ["36x24", "aps-c", "aps-c-canon", "micro-4/3", "1in", "
 impl Dials {
     /// Shows the dials. Returns the settings of a photograph when the button is pressed, without
     /// its path.
-    pub fn show(&mut self, ui: &mut Ui, frame: usize) -> Option<Wanted> {
+    pub fn show(&mut self, ui: &mut Ui, frame: usize) -> Option<PhotoRequest> {
         let marked = |stops: Vec<Stop>, format: fn(f64) -> String| -> Vec<String> {
             stops.into_iter().map(|stop| format(stop.exact)).collect()
         };
@@ -88,8 +88,8 @@ impl Dials {
     }
 
     /// Settings of the dials, or the error of one that cannot be parsed.
-    fn wanted(&self, frame: usize) -> Result<Wanted, String> {
-        Ok(Wanted {
+    fn wanted(&self, frame: usize) -> Result<PhotoRequest, String> {
+        Ok(PhotoRequest {
             f_number: read("Aperture", &self.f_number, |text| stop(stops::parse_f_number(text)))?,
             time_s: read("Shutter", &self.shutter, |text| stop(stops::parse_shutter_s(text)))?,
             iso: read("ISO", &self.iso, |text| stop(stops::parse_iso(text)))?,
@@ -108,7 +108,7 @@ impl Dials {
             film: read("Film", &self.film, |text| text.parse::<Film>().map_err(|error| error.to_string()))?,
             width_px: read("Width", &self.width, |text| number(text, 16.0, 2e4).map(|width| width.round() as u32))?,
             bracket: self.bracket,
-            ..Wanted::new(frame, PathBuf::new())
+            ..PhotoRequest::new(frame, PathBuf::new())
         })
     }
 }
@@ -241,7 +241,7 @@ mod tests {
         );
         assert_eq!((wanted.focal_length_mm, wanted.focus), (Some(50.0), Focus::Metres(1.5)));
         assert_eq!((wanted.width_px, wanted.aim.as_deref()), (Some(1200), Some("320,240")));
-        assert_eq!(Dials::default().wanted(7).unwrap(), Wanted::new(7, PathBuf::new()));
+        assert_eq!(Dials::default().wanted(7).unwrap(), PhotoRequest::new(7, PathBuf::new()));
         let wrong = Dials { iso: "fast".to_owned(), ..Dials::default() }.wanted(0).unwrap_err();
         assert!(wrong.starts_with("ISO: "), "{wrong}");
         let wrong = Dials { focus: "0".to_owned(), ..Dials::default() }.wanted(0).unwrap_err();

@@ -145,7 +145,7 @@ impl FrameRenderer {
                             })
                         };
                         let failed = |source| ShotError::Gpu { frame: request.key.frame, source };
-                        let pending = renderer_gpu.apart(submit).map_err(failed).and_then(|pending| pending);
+                        let pending = renderer_gpu.in_error_scope(submit).map_err(failed).and_then(|pending| pending);
                         (Some(frame), pending)
                     }
                     Err(error) => (None, Err(error.into())),
@@ -161,7 +161,7 @@ impl FrameRenderer {
                 let picture = pending.and_then(|pending| {
                     let failed = |source| ShotError::Gpu { frame: request.key.frame, source };
                     waiter_gpu
-                        .apart(|| await_picture(&waiter_gpu, &request, &pending))
+                        .in_error_scope(|| await_picture(&waiter_gpu, &request, &pending))
                         .and_then(|done| done)
                         .map_err(failed)
                 });

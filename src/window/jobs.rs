@@ -14,7 +14,7 @@ use locard_engine::analyse::{Analysis, Interrupted, Progress, Stage};
 use locard_engine::compositor::Target;
 use locard_engine::export::{Export, ExportError, Inputs};
 use locard_engine::gpu::{Gpu, GpuError};
-use locard_engine::photo::{PhotoError, TakeError, Told, Wanted};
+use locard_engine::photo::{PhotoError, PhotoEvent, PhotoRequest, TakeError};
 use locard_engine::shot::{Shot, ShotError};
 use locard_engine::sink::folder::write_frame;
 use locard_engine::text::{count, without_options};
@@ -23,7 +23,7 @@ use locard_engine::text::{count, without_options};
 #[derive(Clone, Debug, PartialEq)]
 pub enum JobKind {
     Export(Export),
-    Photograph(Wanted),
+    Photograph(PhotoRequest),
     /// One frame as a PNG file.
     Snapshot {
         frame: usize,
@@ -294,7 +294,7 @@ fn export_frames(
 
 fn take_photographs(
     shot: &Shot,
-    wanted: &Wanted,
+    wanted: &PhotoRequest,
     gpu: &mut Option<Gpu>,
     report: &dyn Fn(f64) -> bool,
     note: &dyn Fn(String),
@@ -304,9 +304,9 @@ fn take_photographs(
     let mut reached = 0.0;
     let done = wanted.take(shot.clone(), || open_gpu(gpu), &mut |event| {
         match event {
-            Told::Warning(text) => note(text),
-            Told::Taking { number, of, share } => reached = ((number - 1) as f64 + share) / of as f64,
-            Told::Written { path, settings } => {
+            PhotoEvent::Warning(text) => note(text),
+            PhotoEvent::Taking { number, of, share } => reached = ((number - 1) as f64 + share) / of as f64,
+            PhotoEvent::Written { path, settings } => {
                 written.push(path);
                 summary.extend((!settings.is_empty()).then_some(settings));
             }

@@ -147,7 +147,7 @@ pub struct InitialContent {
 /// Opens the window and waits until it is closed.
 pub fn open(first: InitialContent) -> Result<(), eframe::Error> {
     let mut setup = WgpuSetupCreateNew::without_display_handle();
-    setup.device_descriptor = Arc::new(Gpu::wanted);
+    setup.device_descriptor = Arc::new(Gpu::device_descriptor);
     let size = egui::vec2(1280.0, 800.0);
     let mut options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()

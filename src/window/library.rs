@@ -255,7 +255,7 @@ impl ThumbnailRenderer {
         Builder::new().name("window artist".to_owned()).spawn(move || {
             let mut renderer: Option<Renderer> = None;
             for model in received {
-                let picture = gpu.apart(|| render_thumbnail(&gpu, &mut renderer, &model));
+                let picture = gpu.in_error_scope(|| render_thumbnail(&gpu, &mut renderer, &model));
                 let picture = picture.map_err(|error| error.to_string()).and_then(|picture| picture);
                 if done.send((model, picture)).is_err() {
                     return;

@@ -20,7 +20,7 @@ use super::session::Session;
 use super::theme::MIN_TEXT_PT;
 use locard_engine::calibrate::{NoisePoint, sharpness, sigma_over_profile};
 use locard_engine::camera::NoiseProfile;
-use locard_engine::measure::slanted::{FEWEST_PX, SlantedEdge};
+use locard_engine::measure::slanted::{MIN_EXTENT_PX, SlantedEdge};
 use locard_engine::pixels::{Pixels, Rect};
 use locard_engine::recording::Recording;
 use locard_engine::text::fixed;
@@ -250,7 +250,7 @@ impl Matching {
 
     fn edges(&mut self, ui: &mut Ui, picker: &mut RegionPicker) {
         ui.horizontal(|ui| {
-            let edge = |purpose, hint| RegionPrompt { purpose, hint, min_side_px: FEWEST_PX, repeats: false };
+            let edge = |purpose, hint| RegionPrompt { purpose, hint, min_side_px: MIN_EXTENT_PX, repeats: false };
             let hint = GOOD_EDGE;
             picker.button(ui, "Pick a real edge", edge(RegionPurpose::RealEdge, hint));
             let hint = "Drag a rectangle that one straight edge of something virtual crosses from side to side, between two plain parts";

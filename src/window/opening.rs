@@ -127,7 +127,7 @@ impl Opening {
 
     /// Reloads the open files; a camera continues.
     pub fn reload(project: &Project, wake: impl FnOnce() + Send + 'static) -> std::io::Result<Self> {
-        let recording = Some(&project.shot().recording).filter(|recording| recording.is_arriving()).cloned();
+        let recording = Some(&project.shot().recording).filter(|recording| recording.is_live()).cloned();
         Self::of(DocumentRef::of(project), None, false, Some(project.shot().sets().to_vec()), recording, wake)
     }
 

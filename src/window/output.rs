@@ -13,7 +13,7 @@ use super::jobs::{JobKind, JobState, Jobs, remaining_time};
 use super::progress;
 use locard_engine::analyse::Stage;
 use locard_engine::export::Export;
-use locard_engine::photo::Wanted;
+use locard_engine::photo::PhotoRequest;
 use locard_engine::sink::OutPath;
 use locard_engine::text::count;
 
@@ -44,7 +44,7 @@ pub struct Output {
 pub enum OutputRequest {
     Folder(Range<usize>),
     Video { range: Range<usize>, lossless: bool },
-    Photograph(Box<Wanted>),
+    Photograph(Box<PhotoRequest>),
     Snapshot(usize),
 }
 
@@ -54,7 +54,7 @@ impl OutputRequest {
     pub fn name(&self, path: &Path) -> String {
         match self {
             Self::Photograph(wanted) if wanted.bracket.is_some() => {
-                let first = Wanted { output: path.to_owned(), ..(**wanted).clone() }.path_of("1");
+                let first = PhotoRequest { output: path.to_owned(), ..(**wanted).clone() }.path_of("1");
                 let name = |part: Option<&OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
                 let folder = first.parent().unwrap_or(Path::new("")).display();
                 format!("the series {} … in {folder}", name(first.file_name()))
@@ -70,7 +70,7 @@ impl OutputRequest {
             Self::Video { range, lossless } => {
                 JobKind::Export(Export { force, lossless, ..Export::new(range, OutPath::Video(path)) })
             }
-            Self::Photograph(wanted) => JobKind::Photograph(Wanted { output: path, force, ..*wanted }),
+            Self::Photograph(wanted) => JobKind::Photograph(PhotoRequest { output: path, force, ..*wanted }),
             Self::Snapshot(frame) => JobKind::Snapshot { frame, path, force },
         }
     }
@@ -265,8 +265,9 @@ mod tests {
 
     #[test]
     fn bracketed_series_is_named_by_its_first_file() {
-        let wanted =
-            |bracket| OutputRequest::Photograph(Box::new(Wanted { bracket, ..Wanted::new(3, PathBuf::new()) }));
+        let wanted = |bracket| {
+            OutputRequest::Photograph(Box::new(PhotoRequest { bracket, ..PhotoRequest::new(3, PathBuf::new()) }))
+        };
         let path = Path::new("/cases/desk.png");
         assert_eq!(wanted(Some(Bracket::Iso)).name(path), "the series desk-1.png … in /cases");
         assert_eq!([wanted(None).name(path), OutputRequest::Snapshot(3).name(path)], ["/cases/desk.png"; 2]);

@@ -279,7 +279,7 @@ mod tests {
     fn window() -> RenderState {
         let mut setup = WgpuSetupCreateNew::without_display_handle();
         setup.instance_descriptor.backends = wgpu::Backends::PRIMARY;
-        setup.device_descriptor = Arc::new(Gpu::wanted);
+        setup.device_descriptor = Arc::new(Gpu::device_descriptor);
         let configuration = WgpuConfiguration { wgpu_setup: WgpuSetup::CreateNew(setup), ..Default::default() };
         let state = pollster::block_on(async {
             let instance = configuration.wgpu_setup.new_instance().await;
@@ -334,7 +334,7 @@ mod tests {
     #[test]
     fn partial_repaint_equals_a_full_repaint() {
         let window = window();
-        let gpu = Gpu::adopt(&window.adapter, window.device.clone(), window.queue.clone());
+        let gpu = Gpu::from_device(&window.adapter, window.device.clone(), window.queue.clone());
         let ctx = Context::default();
         let retained = Arc::new(Mutex::new(RetainedWindow::new(&window)));
         ctx.add_plugin(Painter(Arc::clone(&retained)));

@@ -195,12 +195,12 @@ impl Project {
 
     /// True for the frozen last seconds of a camera.
     pub fn is_frozen(&self) -> bool {
-        self.camera.is_some() && !self.shot.recording.is_arriving()
+        self.camera.is_some() && !self.shot.recording.is_live()
     }
 
     /// Adds a frame with its camera, and updates the poses known so far ([`Recording::arrive`]).
     pub fn arrive(&mut self, frame: usize, timestamp_s: f64, track: PoseTrack, camera: Option<Geometry>) {
-        Arc::make_mut(&mut self.shot.recording).arrive(frame, timestamp_s, track, camera);
+        Arc::make_mut(&mut self.shot.recording).push_live_frame(frame, timestamp_s, track, camera);
     }
 
     /// Continues with another recording by the same camera in the same world.

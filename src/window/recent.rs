@@ -58,7 +58,7 @@ impl DocumentRef {
     pub fn of(project: &Project) -> Self {
         let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         let (scene, profile) = (project.scene.as_deref().map(absolute), project.profile.as_deref().map(absolute));
-        match project.camera.clone().filter(|_| project.shot().recording.is_arriving()) {
+        match project.camera.clone().filter(|_| project.shot().recording.is_live()) {
             Some(from) => Self::camera(from, profile, scene),
             None => Self {
                 scene,

@@ -45,7 +45,7 @@ pub struct Viewer {
 impl Viewer {
     /// `wake` is called from a thread whenever a composite is finished.
     pub fn new(window: RenderState, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
-        let gpu = Gpu::adopt(&window.adapter, window.device.clone(), window.queue.clone());
+        let gpu = Gpu::from_device(&window.adapter, window.device.clone(), window.queue.clone());
         canvas::prepare(&window);
         let renderer = FrameRenderer::new(&gpu, wake)?;
         Ok(Self {

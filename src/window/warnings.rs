@@ -30,7 +30,7 @@ impl Warnings {
 
     fn missing_poses(&mut self, recording: &Arc<Recording>) -> Option<String> {
         // The panel of a live camera reports its poses.
-        if recording.is_arriving() {
+        if recording.is_live() {
             return None;
         }
         let is_of = |poses: &&Poses| std::ptr::eq(poses.recording.as_ptr(), Arc::as_ptr(recording));

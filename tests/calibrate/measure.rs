@@ -56,10 +56,10 @@ fn shifts_come_back_within_a_twentieth_of_a_pixel() {
                 .collect();
             let near = errors.iter().filter(|e| **e < if sigma > 0.0 { 0.3 } else { 0.15 }).count();
             println!(
-                "shift {shift:?}, noise {sigma}: {x:.4} {y:.4}, {} patches, {near} near, {} flat, {} doubtful",
+                "shift {shift:?}, noise {sigma}: {x:.4} {y:.4}, {} patches, {near} near, {} flat, {} unreliable",
                 errors.len(),
                 found.flat,
-                found.doubtful
+                found.unreliable
             );
             assert!((x - shift[0]).hypot(y - shift[1]) < 0.05, "{x} {y} for {shift:?}");
             assert!(errors.len() >= 35 && 10 * near >= 9 * errors.len(), "{near} of {}", errors.len());

@@ -27,7 +27,7 @@ impl Device {
     pub fn new() -> Self {
         let mut setup = WgpuSetupCreateNew::without_display_handle();
         setup.instance_descriptor.backends = wgpu::Backends::PRIMARY;
-        setup.device_descriptor = Arc::new(Gpu::wanted);
+        setup.device_descriptor = Arc::new(Gpu::device_descriptor);
         let configuration = WgpuConfiguration { wgpu_setup: WgpuSetup::CreateNew(setup), ..Default::default() };
         let state = pollster::block_on(async {
             let instance = configuration.wgpu_setup.new_instance().await;

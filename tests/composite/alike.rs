@@ -3,7 +3,7 @@
 use crate::board::{FOCAL_PX, board, sideways};
 use crate::gpu;
 use crate::tier::fast_or_full;
-use locard::camera::{Camera, Capture, FilmUsed, Geometry, NoiseBin, NoiseProfile, Opening};
+use locard::camera::{Camera, Capture, FilmOverride, Geometry, NoiseBin, NoiseProfile, Opening};
 use locard::compositor::{Compositor, Job, RealDepth, Settings, Target};
 use locard::depth::{DepthGrid, Surfaces};
 use locard::effects::{self, Effect, FrameContext, LayerRun};
@@ -142,7 +142,7 @@ fn photographed(
             region: *region,
             whole: true,
             over_ev: 0.5,
-            film: Some(FilmUsed { speed: 4.0, width_mm: recorded.intrinsics.film_width_mm }),
+            film: Some(FilmOverride { speed: 4.0, width_mm: recorded.intrinsics.film_width_mm }),
             enlargement,
             recorded: &recorded,
             ..Capture::frame(&picture, TIME_S, Some(OPENING))

@@ -77,7 +77,7 @@ fn centroid(g: &Geometry, layer: &LayerImage, around: DVec2, reach: f64) -> Opti
     let (mut sum, mut weight) = (DVec2::ZERO, 0.0);
     for (i, p) in layer.rgba.iter().enumerate() {
         let at = DVec2::new(f64::from(i as u32 % layer.width) + 0.5, f64::from(i as u32 / layer.width) + 0.5);
-        let way = g.way_px(around, at);
+        let way = g.displacement_px(around, at);
         if way.abs().max_element() <= reach {
             (sum, weight) = (sum + way * f64::from(p[3]), weight + f64::from(p[3]));
         }
@@ -118,10 +118,10 @@ fn marks_land_where_the_formula_says_all_around() {
                 let theta = d.angle_between(DVec3::Z).to_degrees();
                 let finest = geometry.intrinsics.fx_px;
                 // Near a pole a square is wide.
-                let wide = if geometry.is_round() { 1.0 / (d.x.hypot(d.z)) } else { 1.6 };
+                let wide = if geometry.is_equirectangular() { 1.0 / (d.x.hypot(d.z)) } else { 1.6 };
                 let reach = (half_size * 0.75 * finest * wide).ceil() + 3.0;
                 let inside = at.y > reach && at.y < size.y - reach;
-                let inside = inside && (geometry.is_round() || (at.x > reach && at.x < size.x - reach));
+                let inside = inside && (geometry.is_equirectangular() || (at.x > reach && at.x < size.x - reach));
                 if !inside || theta > largest {
                     continue;
                 }
@@ -338,7 +338,7 @@ fn look(geometry: &Geometry, towards: DVec3, value: impl Fn(u32, u32) -> f64) ->
         let (base, f) = (at.floor(), at - at.floor());
         let texel = |dx: i64, dy: i64| {
             let x = base.x as i64 + dx;
-            let x = if geometry.is_round() { x.rem_euclid(w) } else { x.clamp(0, w - 1) };
+            let x = if geometry.is_equirectangular() { x.rem_euclid(w) } else { x.clamp(0, w - 1) };
             value(x as u32, (base.y as i64 + dy).clamp(0, h - 1) as u32)
         };
         let row = |dy| texel(0, dy) * (1.0 - f.x) + texel(1, dy) * f.x;

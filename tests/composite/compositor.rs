@@ -3,7 +3,7 @@
 use crate::board;
 use crate::board::{FOCAL_PX, board, sideways};
 use crate::gpu;
-use locard::camera::{Capture, FilmUsed, NoiseBin, NoiseProfile, Response};
+use locard::camera::{Capture, FilmOverride, NoiseBin, NoiseProfile, Response};
 use locard::compositor::{Composited, Compositor, Job, Settings, SubmitError, Target};
 use locard::frame::Frame;
 use locard::params::Value;
@@ -37,7 +37,7 @@ fn made(
     let mut compositor = Compositor::new(gpu.clone(), scene);
     let mut job = Job::of_frame(frame, &camera, &settings, &geometry, track, 1.0 / 30.0)?;
     if photograph {
-        let film = Some(FilmUsed { speed: 1.0, width_mm: 36.0 });
+        let film = Some(FilmOverride { speed: 1.0, width_mm: 36.0 });
         job.capture = Capture { whole: true, film, ..Capture::frame(&geometry, exposure_s, None) };
     }
     let pending = compositor.submit(job, &camera, &settings, Target::Pixels)?;

@@ -142,10 +142,10 @@ fn every_parameter_through_its_range() {
     assert!(drawn > fast_or_full(100, 200) && drawn * 2 > pictures.len(), "{drawn} of {}", pictures.len());
 
     // Each choice has been seen. Other numbers than those make no pipeline.
-    let mut made = gpu.pipelines_made();
+    let mut made = gpu.pipeline_count();
     for (told, one) in sweep(true) {
         let _ = one.picture(&mut held);
-        let now = gpu.pipelines_made();
+        let now = gpu.pipeline_count();
         assert_eq!(now, made, "{told}: {} pipelines more", now - made);
         made = now;
     }
@@ -168,8 +168,8 @@ fn of_somebody_else() -> (Gpu, wgpu::Device) {
     descriptor.backends = wgpu::Backends::PRIMARY;
     let instance = wgpu::Instance::new(descriptor);
     let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default())).unwrap();
-    let (device, queue) = pollster::block_on(adapter.request_device(&Gpu::wanted(&adapter))).unwrap();
-    (Gpu::adopt(&adapter, device.clone(), queue), device)
+    let (device, queue) = pollster::block_on(adapter.request_device(&Gpu::device_descriptor(&adapter))).unwrap();
+    (Gpu::from_device(&adapter, device.clone(), queue), device)
 }
 
 #[test]

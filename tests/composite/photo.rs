@@ -8,12 +8,12 @@ use crate::random::Random;
 use crate::reduced::Reduction;
 use crate::tier::fast_or_full;
 use locard::camera::grain::{self, GrainRatios};
-use locard::camera::{Camera, Capture, Distortion, FilmUsed, Geometry, NoiseBin, NoiseProfile, Opening, Response};
+use locard::camera::{Camera, Capture, Distortion, FilmOverride, Geometry, NoiseBin, NoiseProfile, Opening, Response};
 use locard::compositor::{Compositor, Job, RealDepth, Settings, Target};
 use locard::depth::{DepthGrid, Surfaces};
 use locard::frame::{FrameExposure, PhotoSettings};
 use locard::params::Value;
-use locard::photo::{Aim, Exposed, Framing, RealPart, Standpoint, take};
+use locard::photo::{Aim, Framing, PhotoExposure, RealPart, Standpoint, take};
 use locard::pixels::{Codes, Pixels, Rect};
 use locard::scene::Scene;
 use std::path::{Path, PathBuf};
@@ -36,7 +36,7 @@ fn camera(geometry: &Geometry, noise: Option<NoiseProfile>) -> Camera {
 }
 
 /// A photograph of a picture with a scene in it.
-fn photo(camera: &Camera, scene: Scene, pixels: Pixels, framing: &Framing, exposed: Exposed) -> Pixels {
+fn photo(camera: &Camera, scene: Scene, pixels: Pixels, framing: &Framing, exposed: PhotoExposure) -> Pixels {
     photo_with(Settings::default(), camera, scene, pixels, framing, exposed)
 }
 
@@ -46,7 +46,7 @@ fn photo_with(
     scene: Scene,
     pixels: Pixels,
     framing: &Framing,
-    exposed: Exposed,
+    exposed: PhotoExposure,
 ) -> Pixels {
     photo_of_frame(settings, camera, scene, pixels, framing, exposed, FrameExposure::default())
 }
@@ -57,7 +57,7 @@ fn photo_of_frame(
     scene: Scene,
     pixels: Pixels,
     framing: &Framing,
-    exposed: Exposed,
+    exposed: PhotoExposure,
     exposure: FrameExposure,
 ) -> Pixels {
     let gpu = gpu::gpu();
@@ -83,7 +83,7 @@ fn photo_of_frame(
     take(&mut compositor, &standpoint, framing, real, &exposed, |_| true).unwrap().pixels
 }
 
-const AS_RECORDED: Exposed = Exposed { opening: None, time_s: TIME_S, over_ev: 0.0, iso_ratio: 1.0 };
+const AS_RECORDED: PhotoExposure = PhotoExposure { opening: None, time_s: TIME_S, over_ev: 0.0, iso_ratio: 1.0 };
 
 fn neighbours(camera: &Camera) -> [f64; 2] {
     camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation)
@@ -140,7 +140,7 @@ fn real_and_virtual_pixels_get_the_films_grain() {
     let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
     let response = Response::default();
     for (iso_ratio, over_ev) in [(1.0, 0.0), (8.0, 0.0), (8.0, 1.0), (16.0, -1.0)] {
-        let exposed = Exposed { iso_ratio, over_ev, ..AS_RECORDED };
+        let exposed = PhotoExposure { iso_ratio, over_ev, ..AS_RECORDED };
         let pixels = noisy_grey(400, 300, 90.0, &noise);
         let done = photo(&camera, Scene::default(), pixels, &framing, exposed);
         // Two, four times the light of code 90.
@@ -156,7 +156,7 @@ fn real_and_virtual_pixels_get_the_films_grain() {
         }
     }
     // A virtual board of the same light has the same grain as the real picture around it.
-    let exposed = Exposed { iso_ratio: 8.0, ..AS_RECORDED };
+    let exposed = PhotoExposure { iso_ratio: 8.0, ..AS_RECORDED };
     let light = response.decode(90.0 / 255.0) as f32;
     let all = photo(&camera, board([900.0, 900.0], light), gpu::grey(400, 300, 255), &framing, exposed);
     let wanted = grain::sigma(&noise, &response, 1, 90.0, &GrainRatios { iso: 8.0, ..Default::default() });
@@ -173,7 +173,7 @@ fn virtual_pixels_are_no_quieter_than_the_real_ones_beside_them() {
     let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
     let response = Response::default();
     for (iso_ratio, over_ev) in [(0.25, 0.0), (0.25, 2.0), (0.5, -1.0)] {
-        let exposed = Exposed { iso_ratio, over_ev, ..AS_RECORDED };
+        let exposed = PhotoExposure { iso_ratio, over_ev, ..AS_RECORDED };
         let real = photo(&camera, Scene::default(), noisy_grey(400, 300, 90.0, &noise), &framing, exposed);
         let light = response.decode(90.0 / 255.0) as f32;
         let virtual_ = photo(&camera, board([900.0, 900.0], light), gpu::grey(400, 300, 255), &framing, exposed);
@@ -200,7 +200,7 @@ fn a_frame_that_was_recorded_at_another_speed_brings_that_speeds_noise() {
     let recorded =
         NoiseProfile { bins: noise.bins.clone().map(|bins| bins.iter().map(louder).collect()), ..noise.clone() };
     let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
-    let exposed = Exposed { iso_ratio: 16.0, ..AS_RECORDED };
+    let exposed = PhotoExposure { iso_ratio: 16.0, ..AS_RECORDED };
     let photo_of = PhotoSettings { iso: Some(1600.0), ..Default::default() };
     let exposure = FrameExposure { photo: photo_of, ..Default::default() };
     let pixels = noisy_grey(400, 300, 90.0, &recorded);
@@ -243,7 +243,7 @@ fn what_clips_is_clipped_after_it_is_mixed() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let camera = camera(&geometry, Some(noise()));
     let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
-    let exposed = Exposed { over_ev: 4.0, time_s: 0.0, ..AS_RECORDED };
+    let exposed = PhotoExposure { over_ev: 4.0, time_s: 0.0, ..AS_RECORDED };
     let response = Response::default();
     let at =
         |light: f32, code: u8| photo(&camera, board([60.5, 50.0], light), gpu::grey(320, 240, code), &framing, exposed);
@@ -265,7 +265,7 @@ fn the_virtual_part_is_drawn_at_the_photographs_size_and_exposed_alike() {
     let focal_m = 2.0 * 0.036 * FOCAL_PX / 320.0;
     let framing = Framing::new(&geometry, Some(film), Some(focal_m), f64::INFINITY, Some(1280)).unwrap();
     assert!((framing.enlargement() - 8.0).abs() < 1e-9);
-    let exposed = Exposed { over_ev: 1.0, time_s: 0.0, ..AS_RECORDED };
+    let exposed = PhotoExposure { over_ev: 1.0, time_s: 0.0, ..AS_RECORDED };
     let done = photo(&camera, board([40.0, 30.0], 0.8), gpu::grey(320, 240, 60), &framing, exposed);
     let response = Response::default();
     let real = (255.0 * response.encode(2.0 * response.decode(60.0 / 255.0))).round() as u32;
@@ -320,7 +320,7 @@ fn parts_join_without_a_seam() {
                 region: *region,
                 whole: true,
                 over_ev: 0.5,
-                film: Some(FilmUsed { speed: 4.0, width_mm: 36.0 }),
+                film: Some(FilmOverride { speed: 4.0, width_mm: 36.0 }),
                 ..Capture::frame(&geometry, TIME_S, Some(opening))
             };
             let job = Job {
@@ -415,7 +415,7 @@ fn an_aimed_rolling_shutter_photograph_keeps_objects_at_their_rows_place() {
     let geometry = camera.geometry.as_ref().unwrap();
     let mut settings = Settings::default();
     settings.plain();
-    let exposed = Exposed { time_s: 0.0, ..AS_RECORDED };
+    let exposed = PhotoExposure { time_s: 0.0, ..AS_RECORDED };
     // 40 columns of 160 and 30 rows of 120, at the upper rim.
     let aim = Aim { at_px: Some([80.0, 15.0].into()), around_px: Some([40.0, 30.0].into()) };
     let whole = Framing::new(geometry, None, None, f64::INFINITY, None).unwrap();

@@ -8,7 +8,7 @@ use crate::tier::{fast_or_full, is_full};
 use locard::camera::grain::{self, GrainRatios};
 use locard::camera::{Camera, NoiseBin, NoiseProfile, Opening, Response, side_tap};
 use locard::compositor::{Compositor, Settings};
-use locard::photo::{Exposed, Framing, RealPart, Standpoint, take};
+use locard::photo::{Framing, PhotoExposure, RealPart, Standpoint, take};
 use locard::pixels::{Codes, DepthMap, Pixels};
 use locard::scene::Scene;
 use locard::simulate::{Detail, Options, Picture, Simulation, Snapshot};
@@ -64,7 +64,7 @@ fn photo_with(
         depth_m: Some(&depth.depth_m),
         hiding: &[],
     };
-    let exposed = Exposed { opening: Some(opening), time_s: 0.0, over_ev: 0.0, iso_ratio: 1.0 };
+    let exposed = PhotoExposure { opening: Some(opening), time_s: 0.0, over_ev: 0.0, iso_ratio: 1.0 };
     take(&mut compositor, &standpoint, &framing, real, &exposed, |_| true).unwrap().pixels
 }
 

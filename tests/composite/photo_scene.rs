@@ -3,12 +3,12 @@
 use crate::board::{DEPTH_M, FOCAL_PX, board, sideways};
 use crate::gpu;
 use glam::DVec3;
-use locard::camera::{Camera, Opening, Summed};
+use locard::camera::{Camera, Opening, SummedExposure};
 use locard::compositor::{Compositor, Settings};
 use locard::depth::{DepthGrid, Plane, Proxies, seen_at_frame};
 use locard::frame::Frame;
 use locard::params::Value;
-use locard::photo::{Exposed, Framing, Hiding, RealPart, Standpoint, take};
+use locard::photo::{Framing, PhotoExposure, RealPart, Standpoint, SummedFrameOcclusion, take};
 use locard::pixels::{DepthMap, Pixels};
 use locard::scene::{Scene, Support};
 use locard::tracking::PoseTrack;
@@ -18,7 +18,7 @@ struct Taken<'a> {
     camera: Camera,
     settings: Settings,
     track: &'a PoseTrack,
-    summed: &'a [Summed],
+    summed: &'a [SummedExposure],
     depth: Option<&'a DepthMap>,
     opening: Option<Opening>,
     time_s: f64,
@@ -53,7 +53,7 @@ impl Taken<'_> {
             depth_m: depth_m.as_deref(),
             hiding,
         };
-        let exposed = Exposed { opening: self.opening, time_s: self.time_s, over_ev: 0.0, iso_ratio: 1.0 };
+        let exposed = PhotoExposure { opening: self.opening, time_s: self.time_s, over_ev: 0.0, iso_ratio: 1.0 };
         let mut told = Vec::new();
         let told_all = |share| {
             told.push(share);
@@ -67,7 +67,7 @@ impl Taken<'_> {
 /// Three frames a tenth of a second apart, of 10 ms each: the virtual part shows three times, as the real one does.
 #[test]
 fn a_slow_shutter_shows_objects_when_it_shows_the_room() {
-    let summed = [-0.1, 0.0, 0.1].map(|time_s| Summed { time_s, exposure_s: 0.01, weight: 1.0 / 3.0 });
+    let summed = [-0.1, 0.0, 0.1].map(|time_s| SummedExposure { time_s, exposure_s: 0.01, weight: 1.0 / 3.0 });
     let of = Taken {
         camera: gpu::camera(&gpu::pinhole(160, 60, FOCAL_PX), 0.02),
         settings: Settings::default(),
@@ -96,7 +96,7 @@ fn a_slow_shutter_shows_objects_when_it_shows_the_room() {
 #[test]
 fn behind_a_moving_edge_a_thing_is_seen_for_a_share_of_the_time() {
     let times = [-0.1, 0.0, 0.1];
-    let summed = times.map(|time_s| Summed { time_s, exposure_s: 0.01, weight: 1.0 / 3.0 });
+    let summed = times.map(|time_s| SummedExposure { time_s, exposure_s: 0.01, weight: 1.0 / 3.0 });
     let geometry = gpu::pinhole(160, 60, FOCAL_PX);
     let track = sideways([200.0, 0.0]);
     let frames = times.map(|t| {
@@ -124,7 +124,7 @@ fn behind_a_moving_edge_a_thing_is_seen_for_a_share_of_the_time() {
         let response = &of.camera.response;
         let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
         let none = Proxies::default();
-        let hiding = Hiding::new(&geometry, (&track, 0.0), &framing, response, (depth, &none, &[]));
+        let hiding = SummedFrameOcclusion::new(&geometry, (&track, 0.0), &framing, response, (depth, &none, &[]));
         let hiding: Vec<_> = frames.iter().map(|frame| (frame.timestamp_s, hiding.of(frame).unwrap())).collect();
         let pixels = frames.each_ref().map(|frame| (1.0 / 3.0, frame.pixels.clone()));
         let (taken, _) = of.photo_of(board([70.0, 20.0], 0.5), &pixels, &hiding);
@@ -230,8 +230,8 @@ fn flat_thing_on_a_table_that_was_measured_in_waves_is_seen_whole() {
     let geometry = gpu::pinhole(160, 60, FOCAL_PX);
     let shown = |support: Option<Support>, frames: usize| {
         let track = sideways([0.0, 0.0]);
-        let summed: Vec<Summed> = (0..frames)
-            .map(|n| Summed { time_s: 0.1 * n as f64, exposure_s: 0.01, weight: 1.0 / frames as f64 })
+        let summed: Vec<SummedExposure> = (0..frames)
+            .map(|n| SummedExposure { time_s: 0.1 * n as f64, exposure_s: 0.01, weight: 1.0 / frames as f64 })
             .collect();
         let of = Taken {
             camera: gpu::camera(&geometry, 0.01),
@@ -246,7 +246,13 @@ fn flat_thing_on_a_table_that_was_measured_in_waves_is_seen_whole() {
         scene.objects[0].support = support;
         let (framing, none) = (Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap(), Proxies::default());
         let planes: Vec<Plane> = support.iter().map(|on| Plane { point_m: on.point_m, normal: on.normal }).collect();
-        let hiding = Hiding::new(&geometry, (&track, 0.0), &framing, &of.camera.response, (&depth, &none, &planes));
+        let hiding = SummedFrameOcclusion::new(
+            &geometry,
+            (&track, 0.0),
+            &framing,
+            &of.camera.response,
+            (&depth, &none, &planes),
+        );
         let pixels = gpu::grey(160, 60, GREY);
         let frame = |n: usize| gpu::frame(n, 0.1 * n as f64, pixels.clone());
         let hides: Vec<_> = (0..frames).filter_map(|n| Some((0.1 * n as f64, hiding.of(&frame(n))?))).collect();

@@ -129,7 +129,7 @@ fn marks_land_where_the_formula_says_in_every_projection() {
             // A circle's rim cuts squares; a lens that is drawn as a plane sees what is well before it; poles are all of a row.
             let whole = projection.direction(at).is_some_and(|e| e.angle_between(*d) < 1e-6);
             let whole = whole && projection.direction(at + 8.0 * (at - 0.5 * size).normalize_or_zero()).is_some();
-            let direct = matches!(&projection, Projection::Perspective(g) if !g.sees_around()) && d.z < 0.2;
+            let direct = matches!(&projection, Projection::Perspective(g) if !g.needs_cube_map()) && d.z < 0.2;
             let pole = matches!(projection, Projection::Curved(Curved { curve: Curve::Environment { .. }, .. }))
                 && d.y.abs() > 0.98;
             if !inside || !whole || direct || pole {
@@ -162,7 +162,7 @@ fn every_pixel_shows_what_lies_in_its_direction_without_seams() {
                 assert!(corners.iter().any(Option::is_some) || p[3] == 0.0, "{projection:?} {at}: beyond the circle");
                 continue;
             };
-            let direct = matches!(&projection, Projection::Perspective(g) if !g.sees_around()) && d.z < 0.05;
+            let direct = matches!(&projection, Projection::Perspective(g) if !g.needs_cube_map()) && d.z < 0.05;
             if corners.iter().any(Option::is_none) || direct {
                 continue;
             }

@@ -12,7 +12,7 @@ use glam::{DAffine3, DVec2, DVec3};
 use locard::compositor::{Composited, Compositor, FrameStats, Target};
 use locard::export::{Export, ExportError, Inputs};
 use locard::gpu::Gpu;
-use locard::photo::{Bracket, PhotoError, TakeError, Told, Wanted};
+use locard::photo::{Bracket, PhotoError, PhotoEvent, PhotoRequest, TakeError};
 use locard::pixels::Pixels;
 use locard::recording::OpenOptions;
 use locard::scene::Scene;
@@ -83,23 +83,23 @@ fn objects_are_moved_and_hidden_and_scenes_exchanged_without_a_pipeline() {
     let mut held = demo(&[]);
     let mut compositor = held.compositor(gpu.clone());
     let before = picture(&mut held, &mut compositor, 31);
-    let made = gpu.pipelines_made();
+    let made = gpu.pipeline_count();
     // The first is 2 cm higher, of the second nothing is left.
     let up = DAffine3::from_translation(0.02 * DVec3::Z);
     let scene = Arc::make_mut(&mut held.scene);
     scene.objects[0].parts.iter_mut().for_each(|part| part.world_from_mesh = up * part.world_from_mesh);
     scene.objects[1].parts.clear();
     let moved = picture(&mut held, &mut compositor, 31);
-    assert_eq!(gpu.pipelines_made(), made);
+    assert_eq!(gpu.pipeline_count(), made);
     let mut new = held.compositor(gpu.clone());
     let anew = picture(&mut held, &mut new, 31);
     assert!(moved.pixels != before.pixels && moved.pixels == anew.pixels);
 
-    let made = gpu.pipelines_made();
+    let made = gpu.pipeline_count();
     held.scene = demo(&[]).scene;
     compositor.set_scene(Scene::clone(&held.scene));
     assert!(picture(&mut held, &mut compositor, 31).pixels == before.pixels);
-    assert_eq!(gpu.pipelines_made(), made);
+    assert_eq!(gpu.pipeline_count(), made);
 }
 
 #[test]
@@ -169,15 +169,15 @@ fn an_export_is_what_the_shot_shows_and_ends_when_it_is_told_to() {
 #[test]
 fn a_photograph_ends_when_it_is_told_to() {
     let temp = tempfile::tempdir().unwrap();
-    let mut wanted = Wanted::new(31, temp.path().join("a.jpg"));
+    let mut wanted = PhotoRequest::new(31, temp.path().join("a.jpg"));
     (wanted.lux, wanted.width_px) = (Some(300.0), Some(320));
     let device = || Ok(gpu::gpu().clone());
-    let ended = wanted.take(demo(&[]), device, &mut |told| !matches!(told, Told::Taking { .. }));
+    let ended = wanted.take(demo(&[]), device, &mut |told| !matches!(told, PhotoEvent::Taking { .. }));
     assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
     assert_eq!(std::fs::read_dir(temp.path()).unwrap().count(), 0);
     let mut written = Vec::new();
     let taken = wanted.take(demo(&[]), device, &mut |told| {
-        if let Told::Written { path, .. } = told {
+        if let PhotoEvent::Written { path, .. } = told {
             written.push(path);
         }
         true
@@ -187,18 +187,18 @@ fn a_photograph_ends_when_it_is_told_to() {
     assert!(image::open(&written[0]).unwrap().width() == 320);
 
     // By a warning, before a device is asked for; between two of a series, whose first stays.
-    let dark = Wanted { lux: None, output: temp.path().join("dark.jpg"), ..wanted.clone() };
-    let ended = dark.take(demo(&[]), || panic!("none is needed"), &mut |told| !matches!(told, Told::Warning(_)));
+    let dark = PhotoRequest { lux: None, output: temp.path().join("dark.jpg"), ..wanted.clone() };
+    let ended = dark.take(demo(&[]), || panic!("none is needed"), &mut |told| !matches!(told, PhotoEvent::Warning(_)));
     assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
     let series =
-        Wanted { bracket: Some(Bracket::Iso), width_px: Some(64), output: temp.path().join("s.jpg"), ..wanted };
+        PhotoRequest { bracket: Some(Bracket::Iso), width_px: Some(64), output: temp.path().join("s.jpg"), ..wanted };
     let mut photographs = Vec::new();
     let ended = series.take(demo(&[]), device, &mut |told| match told {
-        Told::Taking { number, .. } => {
+        PhotoEvent::Taking { number, .. } => {
             photographs.push(number);
             true
         }
-        told => !matches!(told, Told::Written { .. }),
+        told => !matches!(told, PhotoEvent::Written { .. }),
     });
     assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
     assert!(photographs.iter().all(|number| *number == 1), "{photographs:?}");

@@ -11,7 +11,7 @@ use locard::camera::Geometry;
 use locard::live::{LensTrack, LiveCompositor, LiveCounts, PictureOutcome, RecorderThread};
 use locard::pixels::Codes;
 use locard::pose::Pose;
-use locard::recording::recorder::{About, Recorder};
+use locard::recording::recorder::{Recorder, RecordingInfo};
 use locard::recording::{FrameCamera, OpenOptions, Recording};
 use locard::shot::{Shot, ShotOptions};
 use locard::source::video::{ColorMatrix, ColorRange};
@@ -121,8 +121,8 @@ fn both_with(
     let scene = Some(Path::new("scenes/marker-1.glb").to_owned());
     let given =
         ShotOptions { profile: Some(profile), sets: sets.clone(), scene: scene.clone(), ..ShotOptions::default() };
-    let shot = Shot::of(Recording::arriving("made up", SIZE.0, SIZE.1, INTERVAL_S, Some(DVec3::Z)), &given).unwrap();
-    let about = About {
+    let shot = Shot::of(Recording::live("made up", SIZE.0, SIZE.1, INTERVAL_S, Some(DVec3::Z)), &given).unwrap();
+    let about = RecordingInfo {
         interval_s: INTERVAL_S,
         max_gap_s: MAX_GAP_S,
         up: Some(DVec3::Z),

@@ -7,14 +7,14 @@ use std::process::{Command, Stdio};
 use crate::tier;
 use glam::{DQuat, DVec3};
 use locard::pose::Pose;
-use locard::recording::recorder::{About, Folder, Recorder, RecorderError, Store, discard};
+use locard::recording::recorder::{Folder, Recorder, RecorderError, RecordingInfo, Store, discard};
 use locard::recording::write::{Covariance, Line, covariances};
 use locard::recording::{OpenOptions, Recording};
 
 const INTERVAL_S: f64 = 1.0 / 30.0;
 
-fn about() -> About {
-    About {
+fn about() -> RecordingInfo {
+    RecordingInfo {
         interval_s: INTERVAL_S,
         max_gap_s: 0.1,
         up: Some(DVec3::Z),
@@ -98,17 +98,17 @@ fn a_frame_is_listed_once_its_presence_is_told_and_the_first_at_once() {
     // Nothing that says it is a recording, so far.
     assert!(Recording::open(temp.path(), &OpenOptions::default()).is_err());
     assert!(!temp.path().join("recording.toml").exists());
-    recorder.settle(time_s(0), 1.0).unwrap();
+    recorder.set_presence(time_s(0), 1.0).unwrap();
     assert_eq!(open(temp.path()).frame_count(), 1);
     // Whatever is written by then, nothing of a frame whose presence is to come.
     let share = |i: usize| (i as f64 * 0.37).sin().abs();
     for i in 2..40 {
-        recorder.settle(time_s(i - 1), share(i - 1)).unwrap();
+        recorder.set_presence(time_s(i - 1), share(i - 1)).unwrap();
         frame(&mut recorder, i);
     }
     let recording = open(temp.path());
     assert!((25..40).contains(&recording.frame_count()), "{}", recording.frame_count());
-    recorder.settle(time_s(39), share(39)).unwrap();
+    recorder.set_presence(time_s(39), share(39)).unwrap();
     recorder.commit().unwrap();
     frame(&mut recorder, 40);
     // Nobody told it.
@@ -376,8 +376,8 @@ fn what_is_told_of_a_frame_once_holds() {
     let mut recorder = Recorder::create(temp.path(), &about()).unwrap();
     add(&mut recorder, 0, &png()).unwrap();
     recorder.frame(time_s(1), "png", &png(), Some(0.01), None).unwrap();
-    recorder.settle(time_s(1), 0.25).unwrap();
-    recorder.settle(time_s(1), 0.75).unwrap();
+    recorder.set_presence(time_s(1), 0.25).unwrap();
+    recorder.set_presence(time_s(1), 0.75).unwrap();
     recorder.finish().unwrap();
     assert_eq!(open(temp.path()).presence(1), 0.25);
 }
@@ -387,7 +387,7 @@ fn what_was_begun_without_a_frame_is_removed_and_nothing_else() {
     let temp = tempfile::tempdir().unwrap();
     let path = temp.path().join("site");
     let begun = |frames: usize| {
-        let about = About { profile: Some("version = 1\n".to_owned()), ..about() };
+        let about = RecordingInfo { profile: Some("version = 1\n".to_owned()), ..about() };
         let mut recorder = Recorder::create(&path, &about).unwrap();
         (0..frames).for_each(|i| add(&mut recorder, i, &png()).unwrap());
         recorder.finish().unwrap();

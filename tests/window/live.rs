@@ -87,7 +87,7 @@ fn frozen_it_is_a_recording_that_shows_what_was_seen_and_the_camera_comes_back()
     until(&mut window, |app| app.player().frame() > 4);
     window.key_press(Key::Space);
     window.step();
-    until(&mut window, |app| !app.project().shot().recording.is_arriving() && app.is_settled());
+    until(&mut window, |app| !app.project().shot().recording.is_live() && app.is_settled());
     assert_eq!(window.state().problem(), None);
     assert!(has(&window, "Back to live") && has(&window, "Play") && !has(&window, "Freeze"));
     let shot = window.state().project().shot().clone();
@@ -109,7 +109,7 @@ fn frozen_it_is_a_recording_that_shows_what_was_seen_and_the_camera_comes_back()
     window.state_mut().project_mut().switch("motion_blur", false);
     window.key_press(Key::C);
     window.step();
-    until(&mut window, |app| app.project().shot().recording.is_arriving() && app.player().frame() > frame);
+    until(&mut window, |app| app.project().shot().recording.is_live() && app.player().frame() > frame);
     assert!(!window.state().project().edit().settings.is_on("motion_blur") && has(&window, "Freeze"));
 }
 
@@ -196,7 +196,7 @@ fn it_asks_before_a_recording_ends_with_its_camera() {
     drop_file(&mut window, Path::new("recordings/demo").canonicalize().unwrap());
     shows(&mut window, "End the recording and go on");
     window.get_by_label("End the recording and go on").click();
-    until(&mut window, |app| !app.project().shot().recording.is_arriving());
+    until(&mut window, |app| !app.project().shot().recording.is_live());
     let recording = Recording::open(&folder, &OpenOptions::default()).unwrap();
     assert!(recording.frame_count() > 0);
 }
@@ -228,12 +228,12 @@ fn after_its_end_a_camera_can_be_frozen_again_and_again() {
         until(&mut window, App::is_settled);
         window.key_press(Key::Space);
         window.step();
-        until(&mut window, |app| !app.project().shot().recording.is_arriving() && app.is_settled());
+        until(&mut window, |app| !app.project().shot().recording.is_live() && app.is_settled());
         let count = window.state().project().shot().recording.frame_count();
         frozen.push((count, window.state().player().frame(), shown(&window)));
         window.key_press(Key::C);
         window.step();
-        until(&mut window, |app| app.project().shot().recording.is_arriving() && app.is_settled());
+        until(&mut window, |app| app.project().shot().recording.is_live() && app.is_settled());
         // The frame that came last is still there.
         assert!(shown(&window) == frozen[0].2 || window.state().player().frame() + 1 < frozen[0].0);
     }
@@ -253,7 +253,7 @@ fn plots_are_of_a_frozen_picture_and_none_is_left_while_the_camera_is_shown() {
     assert!(waits(&window));
     window.key_press(Key::Space);
     window.step();
-    until(&mut window, |app| !app.project().shot().recording.is_arriving() && app.is_settled());
+    until(&mut window, |app| !app.project().shot().recording.is_live() && app.is_settled());
     let told = |window: &Harness<'_, App>| window.query_all_by_label_contains("σ over the profile's").count();
     until_seen(&mut window, "the plot", |window| {
         assert!(!waits(window));

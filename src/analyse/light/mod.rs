@@ -73,7 +73,7 @@ pub fn of_recording(
     if !inputs.recording.has_depth() {
         return Ok(Err("no depth was measured".to_owned()));
     }
-    if inputs.model.geometry.sees_around() {
+    if inputs.model.geometry.needs_cube_map() {
         return Ok(Err("the picture does not fit a plane in front of the camera".to_owned()));
     }
     let (views, survey) = inputs.survey(times)?;

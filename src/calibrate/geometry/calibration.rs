@@ -7,7 +7,7 @@ use super::missing::MissingViews;
 use super::parameter::Parameter;
 use crate::calibrate::board::{BoardDetection, ChessboardSize, Target};
 use crate::camera::{Geometry, LensModel};
-use crate::fit::Stand;
+use crate::fit::RigidPose;
 
 /// Smallest number of views: fewer do not determine the principal point.
 pub const MIN_VIEWS: usize = 3;
@@ -57,7 +57,7 @@ pub struct CameraCalibration {
     pub views: Vec<NamedView>,
     /// For each used view the board's pose (in the board's unit, x right, y down, z away from the
     /// viewer), and each corner's residual: detected minus projected, px.
-    pub stands: Vec<Stand>,
+    pub stands: Vec<RigidPose>,
     pub residuals_px: Vec<Vec<DVec2>>,
     pub refused: Vec<RejectedView>,
     /// Views that would improve the calibration.

@@ -9,7 +9,7 @@ use glam::{DVec2, DVec3};
 
 use super::parameter::Parameter;
 use crate::calibrate::board::BoardDetection;
-use crate::fit::Stand;
+use crate::fit::RigidPose;
 use crate::text::{count, fixed};
 
 /// A corner of the picture is covered if a board's corner lies within this share of the picture's
@@ -155,7 +155,7 @@ impl fmt::Display for MissingViews {
 
 /// Rotation of a board about the picture's vertical (positive if its right edge is farther) and
 /// about its horizontal (positive if its lower edge is farther), degrees.
-pub fn tilt_deg(stand: &Stand) -> DVec2 {
+pub fn tilt_deg(stand: &RigidPose) -> DVec2 {
     let normal = stand.rotation * DVec3::Z;
     // A board has the same plane from behind.
     let normal = if normal.z < 0.0 { -normal } else { normal };
@@ -163,7 +163,7 @@ pub fn tilt_deg(stand: &Stand) -> DVec2 {
 }
 
 /// Distance of the visible part of a board, in its unit.
-pub fn distance(detection: &BoardDetection, stand: &Stand) -> f64 {
+pub fn distance(detection: &BoardDetection, stand: &RigidPose) -> f64 {
     let middle = detection.board.iter().sum::<DVec2>() / detection.board.len().max(1) as f64;
     stand.point(middle.extend(0.0)).length()
 }
@@ -174,7 +174,7 @@ pub fn missing(
     size_px: DVec2,
     parameters: &[Parameter],
     views: &[&BoardDetection],
-    stands: &[Stand],
+    stands: &[RigidPose],
     wanted: usize,
 ) -> Vec<MissingViews> {
     let mut missing_views = Vec::new();
@@ -222,8 +222,8 @@ mod tests {
 
     const SIZE_PX: DVec2 = DVec2::new(640.0, 480.0);
 
-    fn stand(turn: DVec3, z: f64) -> Stand {
-        Stand { rotation: DMat3::from_quat(DQuat::from_scaled_axis(turn)), translation: DVec3::new(0.0, 0.0, z) }
+    fn stand(turn: DVec3, z: f64) -> RigidPose {
+        RigidPose { rotation: DMat3::from_quat(DQuat::from_scaled_axis(turn)), translation: DVec3::new(0.0, 0.0, z) }
     }
 
     fn view(corners_px: Vec<DVec2>) -> BoardDetection {
@@ -235,7 +235,7 @@ mod tests {
     }
 
     /// The messages, if ten views are required.
-    fn messages(known: &[Parameter], view: &BoardDetection, stands: &[Stand]) -> Vec<String> {
+    fn messages(known: &[Parameter], view: &BoardDetection, stands: &[RigidPose]) -> Vec<String> {
         let missing_views = missing(SIZE_PX, known, &vec![view; stands.len()], stands, 10);
         missing_views.iter().map(MissingViews::to_string).collect()
     }
@@ -268,7 +268,7 @@ mod tests {
         assert!(!all.contains("known to"));
         let poor = [Parameter { name: "fx_px", value: 500.0, sigma: 20.0 }];
         let tilts = [(0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.0, -0.3)];
-        let mut stands: Vec<Stand> = tilts.iter().map(|(x, y)| stand(DVec3::new(*x, *y, 0.0), 10.0)).collect();
+        let mut stands: Vec<RigidPose> = tilts.iter().map(|(x, y)| stand(DVec3::new(*x, *y, 0.0), 10.0)).collect();
         stands.resize(10, stand(DVec3::ZERO, 20.0));
         let corners = [(9.0, 9.0), (630.0, 9.0), (9.0, 470.0), (630.0, 470.0)];
         let everywhere = view(corners.iter().map(|c| DVec2::from(*c)).collect());

@@ -137,7 +137,7 @@ impl LensVector {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::{Stand, by_stand};
+    use crate::fit::{RigidPose, pose_jacobian};
     use glam::DMat3;
 
     fn lenses() -> [LensVector; 2] {
@@ -181,7 +181,7 @@ mod tests {
             let numeric = (high - low) / (2.0 * h);
             assert!(analytic.distance(numeric) < 1e-5 * (1.0 + numeric.length()), "{what}: {analytic} {numeric}");
         };
-        let stand = Stand {
+        let stand = RigidPose {
             rotation: DMat3::from_quat(glam::DQuat::from_scaled_axis(DVec3::new(0.4, -0.3, 0.2))),
             translation: DVec3::new(-3.0, -2.0, 9.0),
         };
@@ -204,12 +204,12 @@ mod tests {
                 }
             }
             let board = DVec3::new(4.0, 3.0, 0.0);
-            let by = by_stand(&stand, board, &lens.project(stand.point(board)).unwrap().2);
+            let by = pose_jacobian(&stand, board, &lens.project(stand.point(board)).unwrap().2);
             for i in 0..6 {
                 let h = 1e-6;
                 let at = |h: f64| {
                     let step = |n: usize| if i / 3 == n { h * DVec3::AXES[i % 3] } else { DVec3::ZERO };
-                    lens.project(stand.stepped(step(0), step(1)).point(board)).unwrap().0
+                    lens.project(stand.after_step(step(0), step(1)).point(board)).unwrap().0
                 };
                 close(DVec2::new(by[(0, i)], by[(1, i)]), at(-h), at(h), h, "stand");
             }

@@ -15,7 +15,7 @@ use super::start::stand;
 use crate::calibrate::board::BoardDetection;
 use crate::camera::LensModel;
 use crate::fit::robust::{self, Problem, median, weight};
-use crate::fit::{Stand, by_stand};
+use crate::fit::{RigidPose, pose_jacobian};
 
 /// Initial focal lengths, in units of the picture's longer side: from a wide fisheye to a long
 /// lens.
@@ -26,7 +26,7 @@ const SCALE_ROUNDS: usize = 6;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
     pub lens: LensVector,
-    pub stands: Vec<Stand>,
+    pub stands: Vec<RigidPose>,
     /// For each view and corner the residual: detected minus projected, px.
     pub residuals_px: Vec<Vec<DVec2>>,
     /// Huber's δ of the last round, px.
@@ -52,7 +52,7 @@ pub fn fit(model: LensModel, size_px: DVec2, views: &[&BoardDetection]) -> Optio
 }
 
 /// Final fit from an approximate camera and poses. Without `with_last` the last coefficient is 0.
-pub fn finish(views: &[&BoardDetection], mut lens: LensVector, stands: Vec<Stand>, with_last: bool) -> Option<Fit> {
+pub fn finish(views: &[&BoardDetection], mut lens: LensVector, stands: Vec<RigidPose>, with_last: bool) -> Option<Fit> {
     let free = lens.count() - usize::from(!with_last);
     lens.values[free..].fill(0.0);
     iterate(views, lens, stands, &FREE[..free], SCALE_ROUNDS)
@@ -135,7 +135,7 @@ struct BundleAdjustment<'a> {
 }
 
 impl Problem for BundleAdjustment<'_> {
-    type State = (LensVector, Vec<Stand>);
+    type State = (LensVector, Vec<RigidPose>);
     type Equations = Vec<Block>;
 
     fn residuals(&self, (lens, stands): &Self::State) -> Option<Vec<DVec2>> {
@@ -153,8 +153,8 @@ impl Problem for BundleAdjustment<'_> {
         blocks(self.views, lens, stands, delta_px)
     }
 
-    fn stepped(&self, blocks: &Vec<Block>, (lens, stands): &Self::State, damping: f64) -> Option<Self::State> {
-        stepped(blocks, lens, stands, self.free, damping)
+    fn after_step(&self, blocks: &Vec<Block>, (lens, stands): &Self::State, damping: f64) -> Option<Self::State> {
+        after_step(blocks, lens, stands, self.free, damping)
     }
 }
 
@@ -162,11 +162,11 @@ impl Problem for BundleAdjustment<'_> {
 fn iterate(
     views: &[&BoardDetection],
     lens: LensVector,
-    stands: Vec<Stand>,
+    stands: Vec<RigidPose>,
     free: Free<'_>,
     rounds: usize,
 ) -> Option<Fit> {
-    let rest = robust::settled(&BundleAdjustment { views, free }, (lens, stands), rounds)?;
+    let rest = robust::minimize(&BundleAdjustment { views, free }, (lens, stands), rounds)?;
     let (lens, stands) = rest.state;
     let mut left = rest.residuals_px.into_iter();
     let residuals_px = views.iter().map(|view| left.by_ref().take(view.corners_px.len()).collect()).collect();
@@ -179,29 +179,29 @@ struct Block {
     mixed: SMatrix<f64, MAX_PARAMETERS, 6>,
     stand: SMatrix<f64, 6, 6>,
     by_lens: SVector<f64, MAX_PARAMETERS>,
-    by_stand: SVector<f64, 6>,
+    pose_jacobian: SVector<f64, 6>,
 }
 
-fn blocks(views: &[&BoardDetection], lens: &LensVector, stands: &[Stand], delta_px: f64) -> Option<Vec<Block>> {
-    let of_view = |(view, stand): (&&BoardDetection, &Stand)| {
+fn blocks(views: &[&BoardDetection], lens: &LensVector, stands: &[RigidPose], delta_px: f64) -> Option<Vec<Block>> {
+    let of_view = |(view, stand): (&&BoardDetection, &RigidPose)| {
         let mut block = Block {
             lens: SMatrix::zeros(),
             mixed: SMatrix::zeros(),
             stand: SMatrix::zeros(),
             by_lens: SVector::zeros(),
-            by_stand: SVector::zeros(),
+            pose_jacobian: SVector::zeros(),
         };
         for (board, seen) in view.board.iter().zip(&view.corners_px) {
             let (at, by_lens, by_point) = lens.project(stand.point(board.extend(0.0)))?;
-            let by_stand = by_stand(stand, board.extend(0.0), &by_point);
+            let pose_jacobian = pose_jacobian(stand, board.extend(0.0), &by_point);
             let residual = *seen - at;
             let weight = weight(residual, delta_px);
             let residual = SVector::<f64, 2>::new(residual.x, residual.y) * weight;
             block.lens += by_lens.transpose() * by_lens * weight;
-            block.mixed += by_lens.transpose() * by_stand * weight;
-            block.stand += by_stand.transpose() * by_stand * weight;
+            block.mixed += by_lens.transpose() * pose_jacobian * weight;
+            block.stand += pose_jacobian.transpose() * pose_jacobian * weight;
             block.by_lens += by_lens.transpose() * residual;
-            block.by_stand += by_stand.transpose() * residual;
+            block.pose_jacobian += pose_jacobian.transpose() * residual;
         }
         Some(block)
     };
@@ -223,7 +223,7 @@ fn schur_complement(
 ) -> Option<(SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>, SVector<f64, MAX_PARAMETERS>)> {
     let across = block.mixed * damped(&block.stand, damping).cholesky()?.inverse();
     let lens = damped(&block.lens, damping) - across * block.mixed.transpose();
-    Some((lens, block.by_lens - across * block.by_stand))
+    Some((lens, block.by_lens - across * block.pose_jacobian))
 }
 
 /// The reduced camera system.
@@ -240,13 +240,13 @@ fn reduced_system(
     Some((reduced, right))
 }
 
-fn stepped(
+fn after_step(
     blocks: &[Block],
     lens: &LensVector,
-    stands: &[Stand],
+    stands: &[RigidPose],
     free: Free<'_>,
     damping: f64,
-) -> Option<(LensVector, Vec<Stand>)> {
+) -> Option<(LensVector, Vec<RigidPose>)> {
     let (reduced, right) = reduced_system(blocks, damping)?;
     let small = DMatrix::from_fn(free.len(), free.len(), |i, j| reduced[(free[i], free[j])]);
     let solved = small.cholesky()?.solve(&DVector::from_fn(free.len(), |i, _| right[free[i]]));
@@ -257,10 +257,10 @@ fn stepped(
     if !(lens.values[0] > 0.0 && lens.values[1] > 0.0 && lens.values.iter().all(|value| value.is_finite())) {
         return None;
     }
-    let moved = |(block, stand): (&Block, &Stand)| {
-        let right = block.by_stand - block.mixed.transpose() * step;
+    let moved = |(block, stand): (&Block, &RigidPose)| {
+        let right = block.pose_jacobian - block.mixed.transpose() * step;
         let by = damped(&block.stand, damping).cholesky()?.solve(&right);
-        Some(stand.stepped(DVec3::new(by[0], by[1], by[2]), DVec3::new(by[3], by[4], by[5])))
+        Some(stand.after_step(DVec3::new(by[0], by[1], by[2]), DVec3::new(by[3], by[4], by[5])))
     };
     let stands = blocks.iter().zip(stands).map(moved).collect::<Option<Vec<_>>>()?;
     Some((lens, stands))

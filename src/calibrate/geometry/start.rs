@@ -5,7 +5,7 @@ use glam::DVec2;
 
 use super::model::LensVector;
 use crate::camera::LensModel;
-use crate::fit::{Stand, homography};
+use crate::fit::{RigidPose, homography};
 
 /// Largest angle from the axis, rad: rays beyond do not intersect a plane in front of the camera.
 const MAX_ANGLE_RAD: f64 = 1.3;
@@ -13,10 +13,10 @@ const MAX_ANGLE_RAD: f64 = 1.3;
 const MIN_CORNERS: usize = 6;
 
 /// Pose of a board seen by a lens without distortion. `None` if it is not determined.
-pub fn stand(lens: &LensVector, board: &[DVec2], seen_px: &[DVec2]) -> Option<Stand> {
+pub fn stand(lens: &LensVector, board: &[DVec2], seen_px: &[DVec2]) -> Option<RigidPose> {
     let (on_board, rays): (Vec<DVec2>, Vec<DVec2>) =
         board.iter().zip(seen_px).filter_map(|(b, p)| Some((*b, ray_on_plane(lens, *p)?))).unzip();
-    if on_board.len() < MIN_CORNERS { None } else { homography::stand(&on_board, &rays) }
+    if on_board.len() < MIN_CORNERS { None } else { homography::plane_pose(&on_board, &rays) }
 }
 
 /// Intersection of a point's ray with the plane z = 1.
@@ -39,7 +39,7 @@ mod tests {
     fn initial_pose_is_the_true_one() {
         for model in [LensModel::Opencv, LensModel::OpencvFisheye] {
             let lens = LensVector::plain(model, 600.0, DVec2::new(320.0, 240.0));
-            let stood = Stand {
+            let stood = RigidPose {
                 rotation: DMat3::from_quat(glam::DQuat::from_scaled_axis(DVec3::new(0.5, -0.4, 2.0))),
                 translation: DVec3::new(-1.0, -2.0, 12.0),
             };

@@ -11,7 +11,7 @@ use super::parameter::Parameter;
 use super::start::stand;
 use crate::calibrate::board::BoardDetection;
 use crate::camera::LensModel;
-use crate::fit::Stand;
+use crate::fit::RigidPose;
 use crate::fit::robust::median;
 
 /// Largest motion of a resting board between pictures, as a share of the picture's diagonal; at
@@ -167,9 +167,9 @@ impl ViewCollector {
         let condition_count = |wishes: &[MissingViews]| wishes.iter().map(MissingViews::condition_count).sum::<usize>();
         let previous: Vec<&BoardDetection> = self.views.iter().map(|view| &view.detection).collect();
         // Evaluated with the same lens, with and without the view.
-        let stands: Vec<Option<Stand>> = previous.iter().map(|detection| self.stand(detection)).collect();
-        let Some(stands) = stands.into_iter().collect::<Option<Vec<Stand>>>() else { return differs(&NEW_VIEW) };
-        let of = |views: &[&BoardDetection], stands: &[Stand]| {
+        let stands: Vec<Option<RigidPose>> = previous.iter().map(|detection| self.stand(detection)).collect();
+        let Some(stands) = stands.into_iter().collect::<Option<Vec<RigidPose>>>() else { return differs(&NEW_VIEW) };
+        let of = |views: &[&BoardDetection], stands: &[RigidPose]| {
             condition_count(&missing(self.size_px(), &[], views, stands, 0))
         };
         let without = of(&previous, &stands);
@@ -191,13 +191,13 @@ impl ViewCollector {
             return;
         }
         let posed = self.views.iter().filter_map(|view| Some((&view.detection, self.stand(&view.detection)?)));
-        let (views, stands): (Vec<&BoardDetection>, Vec<Stand>) = posed.unzip();
+        let (views, stands): (Vec<&BoardDetection>, Vec<RigidPose>) = posed.unzip();
         // Not complete before the camera is known.
         let wanted = self.wanted.max(self.views.len() + 1);
         self.missing = missing(self.size_px(), &[], &views, &stands, wanted);
     }
 
-    fn stand(&self, detection: &BoardDetection) -> Option<Stand> {
+    fn stand(&self, detection: &BoardDetection) -> Option<RigidPose> {
         stand(&self.lens, &detection.board, &detection.corners_px)
     }
 
@@ -217,7 +217,7 @@ struct BoardView {
     /// Px per length of the board.
     size: f64,
     tilt_deg: DVec2,
-    stand: Stand,
+    stand: RigidPose,
 }
 
 impl BoardView {

@@ -116,7 +116,7 @@ pub fn dim(recorder: &mut Recorder, lens: &Lens, found: &wgpu::Buffer, levels: [
     for (texels, (level, size)) in [2.0, 1.0].into_iter().zip(levels) {
         let entry = Entry::over("block_corner", "dim").choose("texels_to_block", texels);
         let pass = recorder.pass(Shader::DepthOfFieldHighlights, entry).uniform("lens", lens).buffer("drawn", found);
-        pass.blend(TIMES).listed(found).draw_into(&[level], size);
+        pass.blend(TIMES).indirect(found).draw_into(&[level], size);
     }
 }
 

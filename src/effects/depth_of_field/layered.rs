@@ -201,7 +201,7 @@ pub fn run(run: &mut LayerRun<'_>, opening: &Opening, layer: Layer) -> Layer {
     let [color] = rest.into_iter().fold(sharpest, Pass::also).draw([COLOR], layer.size);
     if has_highlights {
         let spots = gathering.pass(run.recorder, gather("spot_corner", "spot", 0, 4.0), lower);
-        spots.blend(highlights::ADDED).listed(&gathering.found).draw_into(&[&color], layer.size);
+        spots.blend(highlights::ADDED).indirect(&gathering.found).draw_into(&[&color], layer.size);
     }
     if !run.geometry_is_read {
         return Layer { color, ..layer };

@@ -11,7 +11,7 @@ use super::super::region_picker::{RegionPicker, RegionPrompt, RegionPurpose};
 use super::super::session::Session;
 use super::parts::{self, FrameRegion, ListAction, Verdict};
 use locard_engine::calibrate::sharpness::{self, PARAMETER, combine};
-use locard_engine::measure::slanted::{FEWEST_PX, SlantedEdge};
+use locard_engine::measure::slanted::{MIN_EXTENT_PX, SlantedEdge};
 use locard_engine::params::Value;
 use locard_engine::pixels::Rect;
 use locard_engine::shot::Shot;
@@ -56,7 +56,7 @@ impl Sharpness {
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, picker: &mut RegionPicker) {
         parts::aside(ui, "Pick straight edges between two plain places, in focus, best while the camera rests.");
         let wanted =
-            RegionPrompt { purpose: RegionPurpose::Edge, hint: GOOD_EDGE, min_side_px: FEWEST_PX, repeats: true };
+            RegionPrompt { purpose: RegionPurpose::Edge, hint: GOOD_EDGE, min_side_px: MIN_EXTENT_PX, repeats: true };
         picker.button(ui, "Pick edges", wanted);
         if self.edges.is_empty() {
             return;

@@ -5,7 +5,7 @@ use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
 
 use super::listing::ChooserMode;
-use locard_engine::photo::series_there;
+use locard_engine::photo::existing_series;
 use locard_engine::recording::Recording;
 use locard_engine::text::reason;
 
@@ -135,7 +135,7 @@ fn outcome(mode: ChooserMode, path: PathBuf) -> EntryOutcome {
                 None => path.with_extension(endings.first().unwrap_or(&"")),
             };
             let is_series = matches!(mode, ChooserMode::NewSeries(_));
-            let existing = if is_series { series_there(&path) } else { Vec::new() };
+            let existing = if is_series { existing_series(&path) } else { Vec::new() };
             let is_free = if is_series { existing.is_empty() } else { !path.exists() };
             if is_free { EntryOutcome::Path(path) } else { EntryOutcome::ConfirmReplace { path, existing } }
         }

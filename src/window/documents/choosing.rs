@@ -49,8 +49,7 @@ impl Documents {
         let recording = absolute(&project.shot().recording.path);
         let parent = recording.parent().map(Path::to_owned);
         // The demonstration's folder belongs to the program, and a camera has none.
-        let is_own =
-            !is_asset(&recording, saving::DEMO) && !project.is_frozen() && !project.shot().recording.is_arriving();
+        let is_own = !is_asset(&recording, saving::DEMO) && !project.is_frozen() && !project.shot().recording.is_live();
         let beside = parent.clone().filter(|_| is_own);
         let last = self.preferences.folder(purpose.folder_use()).map(Path::to_owned);
         // Files of a recording are in its folder or beside it.

@@ -122,7 +122,7 @@ impl Project {
     ///
     /// [`ShotOptions::sets`]: locard_engine::shot::ShotOptions::sets
     pub(super) fn file_settings(&self, edit: &Edit) -> ShotSettings {
-        let overridden = self.overridden.where_alike(self.baseline.look(), edit.look());
+        let overridden = self.overridden.where_equal(self.baseline.look(), edit.look());
         self.settings_of(edit.look(), &edit.unpinned).or(&overridden)
     }
 

@@ -237,9 +237,8 @@ impl Session {
 
     /// Replaces the recording by another one of the same camera.
     fn replace_recording(&mut self, ctx: &egui::Context, recording: Arc<Recording>) {
-        self.player = if recording.is_arriving() { Player::arriving() } else { Player::new(&recording.timestamps_s) };
-        self.thumbnails =
-            (!recording.is_arriving()).then(|| Thumbnails::new(Arc::clone(&recording), ctx).ok()).flatten();
+        self.player = if recording.is_live() { Player::arriving() } else { Player::new(&recording.timestamps_s) };
+        self.thumbnails = (!recording.is_live()).then(|| Thumbnails::new(Arc::clone(&recording), ctx).ok()).flatten();
         self.project.replace_recording(recording);
     }
 

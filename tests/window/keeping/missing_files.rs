@@ -3,7 +3,7 @@
 
 use super::*;
 use locard::export::Export;
-use locard::photo::Wanted;
+use locard::photo::PhotoRequest;
 use locard::scene::SceneFile;
 use locard::sink::OutPath;
 use locard::window::{JobKind, Jobs};
@@ -168,7 +168,7 @@ fn exports_and_photographs_with_a_stand_in_are_refused() {
     let out = |name: &str| case.folder.path().join(name);
     let tasks = [
         JobKind::Export(Export::new(0..1, OutPath::Folder(out("frames")))),
-        JobKind::Photograph(Wanted::new(0, out("photo.png"))),
+        JobKind::Photograph(PhotoRequest::new(0, out("photo.png"))),
         JobKind::Snapshot { frame: 0, path: out("frame.png"), force: false },
     ];
     let mut jobs = Jobs::new(|| {}).unwrap();

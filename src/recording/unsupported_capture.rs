@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn captures_are_told_by_their_files() {
+    fn captures_are_recognised_by_their_files() {
         for (file, said) in [
             ("keyframes/images/1.jpg", "ns-process-data polycam"),
             ("EXR_RGBD/metadata.json", "ns-process-data record3d"),

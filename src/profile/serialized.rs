@@ -1,5 +1,5 @@
-//! A rig as a plain value that is written and read whole: unlike a profile it says every value, and which of them were
-//! given.
+//! Complete serialization of a rig: unlike a profile it contains every value, and the set of given
+//! keys.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use crate::params::{ParamError, Params, Value, values};
 
 #[derive(Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-struct Written {
+struct SerializedRig {
     tables: BTreeMap<String, BTreeMap<String, Value>>,
     given: Vec<(String, String)>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -19,9 +19,9 @@ struct Written {
     noise: Option<NoiseProfile>,
 }
 
-/// Why a text is no rig.
+/// Errors of a serialized rig.
 #[derive(Debug, thiserror::Error)]
-pub enum WrittenError {
+pub enum RigFormatError {
     #[error(transparent)]
     Parameter(#[from] ParamError),
     #[error("there is no table {0} of a camera")]
@@ -30,7 +30,7 @@ pub enum WrittenError {
     Given(String),
 }
 
-impl From<Rig> for Written {
+impl From<Rig> for SerializedRig {
     fn from(rig: Rig) -> Self {
         let table = |table: &dyn Params| (table.table().to_owned(), values(table));
         let owned = |(table, name): &(&str, &str)| ((*table).to_owned(), (*name).to_owned());
@@ -43,14 +43,14 @@ impl From<Rig> for Written {
     }
 }
 
-impl TryFrom<Written> for Rig {
-    type Error = WrittenError;
+impl TryFrom<SerializedRig> for Rig {
+    type Error = RigFormatError;
 
-    fn try_from(written: Written) -> Result<Self, WrittenError> {
+    fn try_from(written: SerializedRig) -> Result<Self, RigFormatError> {
         let mut rig = Self { noise: written.noise, ..Self::default() };
         for (table, values) in &written.tables {
             let own = rig.tables_mut().into_iter().find(|own| own.table() == table);
-            let own = own.ok_or_else(|| WrittenError::Table(table.clone()))?;
+            let own = own.ok_or_else(|| RigFormatError::Table(table.clone()))?;
             values.iter().try_for_each(|(name, value)| own.set(name, value))?;
         }
         for (table, name) in &written.given {
@@ -60,9 +60,9 @@ impl TryFrom<Written> for Rig {
                 let own = geometry.into_iter().find(named);
                 own.and_then(|own| Some((own.table(), own.specs().into_iter().find(|spec| spec.name == name)?.name)))
             };
-            rig.given.insert(known.ok_or_else(|| WrittenError::Given(format!("{table}.{name}")))?);
+            rig.given.insert(known.ok_or_else(|| RigFormatError::Given(format!("{table}.{name}")))?);
         }
-        // Frames say no other keys.
+        // Frames override no other keys.
         rig.follow_frames();
         rig.yielding.retain(|key| written.yielding.iter().any(|(table, name)| *key == (table.as_str(), name.as_str())));
         Ok(rig)
@@ -71,13 +71,13 @@ impl TryFrom<Written> for Rig {
 
 impl Serialize for Rig {
     fn serialize<S: serde::Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
-        Written::from(self.clone()).serialize(to)
+        SerializedRig::from(self.clone()).serialize(to)
     }
 }
 
 impl<'de> Deserialize<'de> for Rig {
     fn deserialize<D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
-        Written::deserialize(from)?.try_into().map_err(serde::de::Error::custom)
+        SerializedRig::deserialize(from)?.try_into().map_err(serde::de::Error::custom)
     }
 }
 
@@ -89,7 +89,7 @@ mod tests {
     use crate::compositor::Settings;
 
     #[test]
-    fn what_is_written_reads_back_whole() {
+    fn serialized_rig_reads_back_completely() {
         let text = "version = 1\n[camera]\nfx_px = 500.1\n[camera.distortion]\nk1 = -0.1\n[camera.lens]\nf_number = 2.8\n\
                     [camera.noise]\ncode = [8.0, 24.5]\nsigma_r = [1, 2]\nsigma_g = [1, 2]\nsigma_b = [1, 2.5]\n\
                     channel_correlation = [0, 0, 0]\nneighbour_correlation = [0, 0.125]\n";

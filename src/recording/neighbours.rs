@@ -12,7 +12,7 @@ use super::{Frames, Recording, RecordingError};
 use crate::frame::{Beside, Frame};
 
 /// Number of neighbours before and after a frame.
-pub const EACH_WAY: usize = 3;
+pub const NEIGHBOURS_EACH_WAY: usize = 3;
 
 /// The frames of a range, in order, with their neighbours, as returned by
 /// [`Recording::frames_beside`].
@@ -25,20 +25,22 @@ pub struct FramesBeside {
     reading: Range<usize>,
     frames: Frames,
     ready: VecDeque<Result<Frame, RecordingError>>,
-    seen: VecDeque<Arc<Beside>>,
+    known: VecDeque<Arc<Beside>>,
 }
 
 impl Recording {
     /// Like [`Recording::frames`], with the depth of the neighbours for each frame that has depth.
     pub fn frames_beside(&self, range: Range<usize>) -> Result<FramesBeside, RecordingError> {
-        let reading = match self.has_depth() && !range.is_empty() {
-            true => range.start.saturating_sub(EACH_WAY)..range.end.saturating_add(EACH_WAY).min(self.frame_count()),
-            false => range.clone(),
+        let reading = if self.has_depth() && !range.is_empty() {
+            range.start.saturating_sub(NEIGHBOURS_EACH_WAY)
+                ..range.end.saturating_add(NEIGHBOURS_EACH_WAY).min(self.frame_count())
+        } else {
+            range.clone()
         };
         // Errors of the range refer to the requested range.
         let frames = self.frames(if range.end > self.frame_count() { range.clone() } else { reading.clone() })?;
-        let (ready, seen) = (VecDeque::new(), VecDeque::new());
-        Ok(FramesBeside { recording: self.clone(), range, reading, frames, ready, seen })
+        let (ready, known) = (VecDeque::new(), VecDeque::new());
+        Ok(FramesBeside { recording: self.clone(), range, reading, frames, ready, known })
     }
 }
 
@@ -52,7 +54,7 @@ impl FramesBeside {
             Some(Ok(frame)) => {
                 if let Some(depth) = frame.depth.clone() {
                     let (pixels, timestamp_s) = (frame.pixels.clone(), frame.timestamp_s);
-                    self.seen.push_back(Arc::new(Beside { index, timestamp_s, pixels, depth }));
+                    self.known.push_back(Arc::new(Beside { index, timestamp_s, pixels, depth }));
                 }
                 if is_wanted {
                     self.ready.push_back(Ok(frame));
@@ -62,14 +64,14 @@ impl FramesBeside {
                 if is_wanted {
                     self.ready.push_back(Err(error));
                 }
-                self.go_on();
+                self.restart();
             }
             None => self.reading.end = self.reading.start,
         }
     }
 
     /// Restarts decoding after an unreadable frame.
-    fn go_on(&mut self) {
+    fn restart(&mut self) {
         match self.recording.frames(self.reading.clone()) {
             Ok(frames) => self.frames = frames,
             Err(error) => {
@@ -88,7 +90,7 @@ impl Iterator for FramesBeside {
             return None;
         }
         let index = self.range.start;
-        let ahead = if self.recording.has_depth() { EACH_WAY } else { 0 };
+        let ahead = if self.recording.has_depth() { NEIGHBOURS_EACH_WAY } else { 0 };
         while !self.reading.is_empty() && self.reading.start <= index + ahead {
             self.read();
         }
@@ -98,10 +100,10 @@ impl Iterator for FramesBeside {
             Ok(frame) => frame,
             failed => return Some(failed),
         };
-        self.seen.retain(|beside| beside.index + EACH_WAY >= index);
-        let is_beside = |beside: &&Arc<Beside>| beside.index != index && beside.index <= index + EACH_WAY;
+        self.known.retain(|beside| beside.index + NEIGHBOURS_EACH_WAY >= index);
+        let is_beside = |beside: &&Arc<Beside>| beside.index != index && beside.index <= index + NEIGHBOURS_EACH_WAY;
         if frame.depth.is_some() {
-            frame.beside = self.seen.iter().filter(is_beside).cloned().collect();
+            frame.beside = self.known.iter().filter(is_beside).cloned().collect();
         }
         Some(Ok(frame))
     }

@@ -1,37 +1,37 @@
-//! The user's settings in a mode, and the photographs of a series that follow from them.
+//! Exposure controls of the virtual camera, and the settings of each photograph of a series.
 
 use super::error::{PhotoError, refused};
-use super::wanted::{Bracket, Wanted};
+use super::request::{Bracket, PhotoRequest};
 use crate::camera::exposure::ExposureSettings;
 use crate::camera::metering::{Limits, Mode, meter};
 use crate::camera::stops::{self, Step};
 use crate::shot::{DEFAULT_ISO, PartialExposure};
 
-/// One photograph of a series.
-pub struct Asked {
+/// Settings of one photograph.
+pub struct SeriesEntry {
     pub settings: ExposureSettings,
-    /// Stops brighter than wanted that no remaining setting could correct.
+    /// Remaining overexposure that no setting could correct, stops.
     pub over_ev: f64,
     pub focus_distance_m: f64,
 }
 
-/// The user's settings in a mode.
-pub struct Dials {
+/// The user's settings under an exposure mode.
+pub struct ExposureControls {
     pub mode: Mode,
     pub set: ExposureSettings,
     pub lux: f64,
     pub compensation_ev: f64,
     pub limits: Limits,
     pub focus_distance_m: f64,
-    /// Whether the shutter can be open only as long as the recording goes on.
+    /// True if the shutter time is limited by the length of the recording.
     hand_held: bool,
 }
 
-/// The times of a series, in stops from its middle.
-const TIMES: std::ops::RangeInclusive<i32> = -3..=3;
+/// Shutter times of a series, in stops from its middle.
+const SERIES_STOPS: std::ops::RangeInclusive<i32> = -3..=3;
 
-impl Dials {
-    pub fn new(wanted: &Wanted, taken: PartialExposure, lux: f64, limits: Limits) -> Result<Self, PhotoError> {
+impl ExposureControls {
+    pub fn new(wanted: &PhotoRequest, taken: PartialExposure, lux: f64, limits: Limits) -> Result<Self, PhotoError> {
         let by_settings = match (wanted.f_number, wanted.time_s) {
             (Some(_), Some(_)) => Mode::Manual,
             (Some(_), None) => Mode::AperturePriority,
@@ -62,7 +62,7 @@ impl Dials {
         if let Some(name) = gone_through {
             return refused(format!("--bracket {name} goes through all of them: leave --{name} out"));
         }
-        // A bracket supplies a usual value for what it varies.
+        // The bracketed setting starts at a usual value.
         let varied = |what: Bracket, given: Option<f64>, usual: f64| match wanted.bracket {
             Some(bracket) if bracket == what => given.or(Some(usual)),
             _ => given,
@@ -85,13 +85,13 @@ impl Dials {
         })
     }
 
-    fn metered(&self, mode: Mode, set: ExposureSettings) -> Asked {
+    fn metered(&self, mode: Mode, set: ExposureSettings) -> SeriesEntry {
         let metered = meter(mode, self.lux, set, self.compensation_ev, &self.limits);
-        Asked { settings: metered.settings, over_ev: metered.over_ev, focus_distance_m: self.focus_distance_m }
+        SeriesEntry { settings: metered.settings, over_ev: metered.over_ev, focus_distance_m: self.focus_distance_m }
     }
 
-    /// Why the mode could not achieve an exposure.
-    pub fn misses(&self, asked: &Asked) -> Option<String> {
+    /// Warning if the mode could not achieve the exposure.
+    pub fn exposure_warning(&self, asked: &SeriesEntry) -> Option<String> {
         let missed = self.mode != Mode::Manual && asked.over_ev.abs() > 0.5;
         missed.then(|| {
             let (stops, side, helps) = match asked.over_ev {
@@ -113,10 +113,10 @@ impl Dials {
         })
     }
 
-    /// Which photographs of a requested series are left out.
-    pub fn left_out(&self, bracket: Option<Bracket>) -> Option<String> {
+    /// Warning about photographs of a series that are omitted.
+    pub fn omission_warning(&self, bracket: Option<Bracket>) -> Option<String> {
         let Limits { shortest_s, longest_s, .. } = self.limits;
-        let count = TIMES.count();
+        let count = SERIES_STOPS.count();
         match bracket? {
             Bracket::Shutter => {
                 let left_out = count.checked_sub(self.series(bracket).len()).filter(|n| *n > 0)?;
@@ -130,7 +130,7 @@ impl Dials {
         }
     }
 
-    /// The mode as on a camera's dial: a series of apertures or times is taken in their priority mode.
+    /// The effective mode: a series of apertures or times is taken in their priority mode.
     pub fn mode_of(&self, bracket: Option<Bracket>) -> Mode {
         match (self.mode, bracket) {
             (Mode::Manual, _) => Mode::Manual,
@@ -140,8 +140,9 @@ impl Dials {
         }
     }
 
-    /// What is varied stays as set. In manual mode so does everything else; in the others the camera compensates.
-    pub fn series(&self, bracket: Option<Bracket>) -> Vec<Asked> {
+    /// The bracketed setting is fixed. In manual mode all others are, too; in other modes the
+    /// camera compensates.
+    pub fn series(&self, bracket: Option<Bracket>) -> Vec<SeriesEntry> {
         let manual = self.mode == Mode::Manual;
         let usual = self.metered(self.mode, self.set);
         let Some(bracket) = bracket else { return vec![usual] };
@@ -157,7 +158,7 @@ impl Dials {
             Bracket::Shutter => {
                 let mode = self.mode_of(Some(bracket));
                 let middle = if manual { self.set.time_s } else { usual.settings.time_s };
-                let times = TIMES.map(|stops| middle * f64::from(stops).exp2());
+                let times = SERIES_STOPS.map(|stops| middle * f64::from(stops).exp2());
                 let times = times.filter(|t| full(*t, shortest_s, longest_s));
                 times.map(|time_s| self.metered(mode, ExposureSettings { time_s, ..self.set })).collect()
             }
@@ -168,7 +169,7 @@ impl Dials {
             Bracket::Focus => (-3..=3)
                 .map(|thirds| {
                     let focus_distance_m = self.focus_distance_m * (f64::from(thirds) / 3.0).exp2();
-                    Asked { focus_distance_m, settings: usual.settings, over_ev: usual.over_ev }
+                    SeriesEntry { focus_distance_m, settings: usual.settings, over_ev: usual.over_ev }
                 })
                 .collect(),
         }

@@ -1,4 +1,4 @@
-//! What is asked of a virtual camera, as plain values.
+//! Photograph requests as plain values.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -6,16 +6,16 @@ use std::path::{Path, PathBuf};
 use crate::camera::Film;
 use crate::camera::metering::Mode;
 
-/// What is sharp.
+/// Focus setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Focus {
-    /// What is in the middle.
+    /// Autofocus in the centre.
     Auto,
     /// Up to infinity.
     Metres(f64),
 }
 
-/// A series in which one setting goes through its range.
+/// A series over the range of one setting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bracket {
     /// f/2.8 to f/22.
@@ -28,26 +28,26 @@ pub enum Bracket {
     Focus,
 }
 
-/// A photograph, or a series of them. What is `None` follows from the recording or from the mode.
+/// Request for a photograph or a series. `None` values follow from the recording or from the mode.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Wanted {
-    /// Which of the recording's frames.
+pub struct PhotoRequest {
+    /// Frame index in the recording.
     pub frame: usize,
-    /// `None`: by which of aperture and shutter are set.
+    /// `None`: determined by which of aperture and shutter are set.
     pub mode: Option<Mode>,
     pub f_number: Option<f64>,
     pub time_s: Option<f64>,
     pub iso: Option<f64>,
     /// Stops brighter than correct.
     pub compensation_ev: f64,
-    /// The light on the scene, lx.
+    /// Illuminance of the scene, lx.
     pub lux: Option<f64>,
     pub focal_length_mm: Option<f64>,
-    /// What is in the middle: `X,Y` in the recorded picture, px, or an object by its name.
+    /// Centre of the photograph: `X,Y` in the recorded picture, px, or the name of an object.
     pub aim: Option<String>,
     /// Width of the photograph in columns of the recorded picture. Alternative to a focal length.
     pub across_px: Option<f64>,
-    /// The recording's frames are summed while the shutter is open.
+    /// True if the recording's frames are summed during the exposure.
     pub hand_held: bool,
     pub focus: Focus,
     pub film: Option<Film>,
@@ -55,12 +55,12 @@ pub struct Wanted {
     pub bracket: Option<Bracket>,
     /// A `.jpg` or `.png`; a series appends to the name.
     pub output: PathBuf,
-    /// Whether pictures that exist may be replaced.
+    /// True if existing pictures may be replaced.
     pub force: bool,
 }
 
-impl Wanted {
-    /// A frame as a camera on a stand takes it by itself.
+impl PhotoRequest {
+    /// A frame on a tripod in automatic mode.
     pub fn new(frame: usize, output: PathBuf) -> Self {
         Self {
             frame,
@@ -83,7 +83,8 @@ impl Wanted {
         }
     }
 
-    /// For a single photograph the given name; in a series, the name with a hyphen and a part appended.
+    /// The given path for a single photograph; in a series, the file name with a hyphen and a part
+    /// appended.
     pub fn path_of(&self, part: &str) -> PathBuf {
         if self.bracket.is_none() {
             return self.output.clone();
@@ -98,8 +99,9 @@ fn parts(path: &Path) -> (String, String) {
     (text(path.file_stem()), text(path.extension()))
 }
 
-/// The pictures that are there of a series of that name, in the order of their names: what another series may replace.
-pub fn series_there(output: &Path) -> Vec<PathBuf> {
+/// Existing pictures of a series of that name, in the order of their names: those that another
+/// series may replace.
+pub fn existing_series(output: &Path) -> Vec<PathBuf> {
     let (stem, extension) = parts(output);
     let is_part = |name: &str| {
         let rest = name.strip_prefix(&format!("{stem}-")).and_then(|rest| rest.strip_suffix(&format!(".{extension}")));
@@ -118,15 +120,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_series_finds_those_of_its_name() {
+    fn existing_series_matches_the_name() {
         let temp = tempfile::tempdir().unwrap();
         for name in ["a-1.jpg", "a-12.jpg", "a-sheet.jpg", "a.jpg", "a-1.png", "a-1b.jpg", "a-.jpg", "b-1.jpg"] {
             std::fs::write(temp.path().join(name), "").unwrap();
         }
-        let there = series_there(&temp.path().join("a.jpg"));
+        let there = existing_series(&temp.path().join("a.jpg"));
         assert_eq!(there, ["a-1.jpg", "a-12.jpg", "a-sheet.jpg"].map(|name| temp.path().join(name)));
-        let wanted = Wanted { bracket: Some(Bracket::Iso), ..Wanted::new(0, temp.path().join("a.jpg")) };
+        let wanted = PhotoRequest { bracket: Some(Bracket::Iso), ..PhotoRequest::new(0, temp.path().join("a.jpg")) };
         assert_eq!(wanted.path_of("12"), there[1]);
-        assert!(series_there(&temp.path().join("none/a.jpg")).is_empty());
+        assert!(existing_series(&temp.path().join("none/a.jpg")).is_empty());
     }
 }

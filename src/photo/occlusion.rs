@@ -1,47 +1,48 @@
-//! What hides virtual things in each of the frames that a photograph sums.
+//! Occlusion of virtual objects in each of the frames that a photograph sums.
 //!
-//! While the shutter is open the camera moves, and real edges with it: a frame's depth hides where that frame's picture
-//! has its edges, and nowhere else. So each frame has a map of its own, completed by its own picture and its neighbours, and what is drawn
-//! within the frame's exposure is hidden by that. In the sum a thing behind a real edge is cut off as softly as the edge
-//! itself is blurred.
+//! While the shutter is open the camera moves, and real edges with it: a frame's depth is valid for
+//! the edges of that frame's picture only. So each frame has its own depth map, repaired with its
+//! own picture and neighbours, which occludes objects drawn within the frame's exposure. In the sum
+//! an object behind a real edge is cut off as softly as the edge itself is blurred.
 //!
-//! Not modelled: that the real part beside a pixel's virtual share is that of the moments in which it was seen (the mean
-//! of all frames stands for it), and that a blurred thing is cut off sharply by a real one in focus: here it is cut off
-//! first and blurred then.
+//! Not modelled: the dependence of the real part beside a pixel's virtual share on the moments of
+//! visibility (the mean of all frames is used), and the sharp cut-off of a blurred object by a real
+//! one in focus: here it is cut off first and blurred then.
 
 use glam::DVec3;
 
 use super::Framing;
 use crate::camera::{Geometry, Response};
-use crate::compositor::seen_by_row;
+use crate::compositor::project_rolling;
 use crate::depth::{DepthGrid, Plane, Proxies, Rays, Seen, agreed_at_frame, flatten};
 use crate::frame::Frame;
 use crate::pixels::DepthMap;
 use crate::tracking::PoseTrack;
 
-/// What is the same for all frames.
+/// Inputs common to all frames.
 #[derive(Debug)]
-pub struct Hiding<'a> {
+pub struct SummedFrameOcclusion<'a> {
     rays: Rays,
     recorded: &'a Geometry,
     track: &'a PoseTrack,
     time_offset_s: f64,
     framing: &'a Framing,
     response: &'a Response,
-    /// Stands for that of a frame without one.
+    /// Used for frames without depth.
     depth: &'a DepthMap,
     proxies: &'a Proxies,
     /// Support planes of the scene's objects.
     planes: &'a [Plane],
 }
 
-/// Where a recording's camera sees a point at a time on the poses' clock; nowhere where it has no poses.
+/// Projection of a point into the recording's camera at a time on the poses' clock; `None` without
+/// poses.
 pub fn seen_in(recorded: &Geometry, (track, time_s): (&PoseTrack, f64), point: DVec3) -> Seen {
     let about = track.at(time_s).ok()?;
-    seen_by_row(recorded, |later_s| track.at(time_s + later_s).unwrap_or(about), point)
+    project_rolling(recorded, |later_s| track.at(time_s + later_s).unwrap_or(about), point)
 }
 
-impl<'a> Hiding<'a> {
+impl<'a> SummedFrameOcclusion<'a> {
     pub fn new(
         recorded: &'a Geometry,
         (track, time_offset_s): (&'a PoseTrack, f64),
@@ -52,7 +53,7 @@ impl<'a> Hiding<'a> {
         Self { rays: Rays::new(recorded), recorded, track, time_offset_s, framing, response, depth, proxies, planes }
     }
 
-    /// A frame's depth over the photograph; `None` if it is not known when it was measured from where.
+    /// A frame's depth over the photograph; `None` without a pose at its time of measurement.
     pub fn of(&self, frame: &Frame) -> Option<DepthGrid> {
         let intrinsics = &self.recorded.intrinsics;
         let depth = frame.depth.as_ref().unwrap_or(self.depth);

@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::camera_file::{self, Placement};
+use super::camera_file::{self, SensorPose};
 use super::cameras::parse_cameras;
-use super::depth::{DepthFiles, Stored};
+use super::depth::{DepthEncoding, DepthFiles};
 use super::parts::{Format, Parts, Pictures, file_or_in_folder, track_from};
 use super::{OpenOptions, RecordingError, listing};
 use crate::depth::DepthCamera;
@@ -28,9 +28,12 @@ pub static FORMAT: Format = Format {
     marker: "a folder with recording.toml",
     has_times: true,
     is_metric: true,
-    find: |path| match path.is_file() && path.extension().is_some_and(|ending| ending == "toml") {
-        true => Some(path.to_owned()),
-        false => file_or_in_folder(path, FILE_NAME),
+    find: |path| {
+        if path.is_file() && path.extension().is_some_and(|ending| ending == "toml") {
+            Some(path.to_owned())
+        } else {
+            file_or_in_folder(path, FILE_NAME)
+        }
     },
     open: |file, _, options| open(file, options),
 };
@@ -52,7 +55,7 @@ pub struct Description {
     pub depth: Option<DepthList>,
     pub exposure: Option<ExposureList>,
     pub camera: Option<CameraFile>,
-    pub live: Option<LiveFacts>,
+    pub live: Option<LiveMetadata>,
 }
 
 /// Exactly one of `list`, `images` and `video`.
@@ -84,7 +87,7 @@ pub struct DepthList {
     /// The file whose table `[camera]` describes the depth camera, if it is not the frames'.
     pub camera: Option<PathBuf>,
     /// Pose of the depth camera in the axes of the frames' camera; identity if missing.
-    pub colour_from_depth: Option<Placement>,
+    pub colour_from_depth: Option<SensorPose>,
 }
 
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
@@ -114,7 +117,7 @@ pub enum CameraKind {
 /// Metadata of a recording of a live camera (recorder.rs).
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-pub struct LiveFacts {
+pub struct LiveMetadata {
     /// Nominal interval between frames, seconds, regardless of drops.
     pub interval_s: f64,
     /// Name of the camera.
@@ -223,13 +226,13 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     parts.track = track_from(trajectory.poses, options.max_gap_s.or(description.poses.max_gap_s), &named)?;
     if let Some(depth) = &description.depth {
         let files = listing::read_pictures(&folder.join(&depth.list))?;
-        let mut stored = Stored::plain(depth.scale);
+        let mut stored = DepthEncoding::plain(depth.scale);
         if let Some(camera) = &depth.camera {
             let camera = folder.join(camera);
             let placed = depth.colour_from_depth.map_or(Ok(Pose::IDENTITY), |placement| placement.pose());
             let colour_from_depth = placed.map_err(|problem| RecordingError::content(file, problem))?;
             stored.camera = Some(DepthCamera::new(camera_file::read(&camera)?, colour_from_depth));
-            parts.described_by.push(camera);
+            parts.description_files.push(camera);
         }
         parts.depth = Some(DepthFiles { by_time: files, stored });
     }
@@ -246,8 +249,8 @@ fn open(file: &Path, options: &OpenOptions) -> Result<Parts, RecordingError> {
     let lists =
         [description.depth.map(|depth| depth.list), description.exposure.map(|exposure| exposure.list), cameras];
     let named = [description.frames.list, description.poses.trajectory].into_iter().chain(lists);
-    parts.described_by.push(file.to_owned());
-    parts.described_by.extend(named.flatten().map(|name| folder.join(name)));
+    parts.description_files.push(file.to_owned());
+    parts.description_files.extend(named.flatten().map(|name| folder.join(name)));
     if let Some(camera) = description.camera {
         parts.equirectangular = camera.kind == Some(CameraKind::Equirectangular);
         parts.camera_profile = camera.profile.map(|profile| folder.join(profile));
@@ -323,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_key_is_named_with_file_line_and_what_is_accepted() {
+    fn unknown_key_error_names_file_line_and_accepted_keys() {
         let error = refused("version = 1\n[frames]\nlist = \"rgb.txt\"\nfsp = 3.0\n");
         assert!(error.starts_with("recording.toml: line 4, frames.fsp: unknown field `fsp`"), "{error}");
         for key in ["list", "images", "video", "fps", "range", "matrix"] {
@@ -332,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_make_sense_is_refused() {
+    fn contradictory_descriptions_are_refused() {
         for (text, said) in [
             ("version = 2\n[frames]\nlist = \"a\"", "version = 2"),
             ("version = 1\n[frames]", "exactly one of list, images, video"),

@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::frame_camera::FrameCamera;
 use super::parts::Pictures;
-use super::{Recording, own};
+use super::{Recording, native};
 use crate::camera::Geometry;
 use crate::frame::FrameExposure;
 use crate::source::presentation::Presentation;
@@ -16,11 +16,11 @@ use crate::tracking::PoseTrack;
 impl Recording {
     /// A recording of a live camera before its first frame, to which profile, scene and settings
     /// can already be applied. It has 8 bits; frames and poses are supplied by the caller.
-    pub fn arriving(name: &str, width: u32, height: u32, interval_s: f64, up: Option<DVec3>) -> Self {
+    pub fn live(name: &str, width: u32, height: u32, interval_s: f64, up: Option<DVec3>) -> Self {
         Self {
             name: name.to_owned(),
             path: Path::new(name).to_owned(),
-            kind: &own::FORMAT,
+            kind: &native::FORMAT,
             up,
             has_floor: false,
             width,
@@ -37,11 +37,11 @@ impl Recording {
             camera_profile: None,
             exposure: Arc::default(),
             warnings: Vec::new(),
-            described_by: Vec::new(),
+            description_files: Vec::new(),
             geometries: Arc::default(),
             landmarks: Arc::default(),
             has_frame_cameras: true,
-            given_cameras: None,
+            registration_cameras: None,
             pictures: Arc::new(Pictures::Stills(Vec::new())),
             presentation: Presentation::default(),
             depth: None,
@@ -52,7 +52,7 @@ impl Recording {
     }
 
     /// True if the frames come from a live camera, so that none can be read again.
-    pub fn is_arriving(&self) -> bool {
+    pub fn is_live(&self) -> bool {
         matches!(&*self.pictures, Pictures::Stills(files) if files.is_empty())
     }
 
@@ -69,7 +69,7 @@ impl Recording {
     /// Sets the number, time and camera of the newest frame, and the poses known so far. Frames are
     /// numbered from 0; a number that is not larger restarts. Without a camera, the previous one
     /// stays.
-    pub fn arrive(&mut self, frame: usize, timestamp_s: f64, track: PoseTrack, camera: Option<Geometry>) {
+    pub fn push_live_frame(&mut self, frame: usize, timestamp_s: f64, track: PoseTrack, camera: Option<Geometry>) {
         // The consumer may have skipped frames.
         let mut timestamps_s = self.timestamps_s[..frame.min(self.timestamps_s.len())].to_vec();
         timestamps_s.resize(frame + 1, timestamp_s);

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::frames::KeptFrames;
+use super::frames::SelectedFrames;
 use super::parts::{Parts, Pictures};
 use super::{Recording, RecordingError};
 use crate::pixels::Pixels;
@@ -12,7 +12,7 @@ use crate::text::count;
 
 /// Indices of frames that repeat a property of the previous frame.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Repeats {
+pub struct Duplicates {
     /// Equal pictures.
     pub pictures: Vec<usize>,
     /// Equal pictures with different poses.
@@ -26,7 +26,7 @@ pub struct Repeats {
 impl Recording {
     /// Finds duplicates. Every picture is decoded; `each` is called after each. An unreadable still
     /// counts as different ([`Recording::check_ends`] finds it).
-    pub fn repeats(&self, mut each: impl FnMut()) -> Result<Repeats, RecordingError> {
+    pub fn repeats(&self, mut each: impl FnMut()) -> Result<Duplicates, RecordingError> {
         let frames = 0..self.frame_count();
         let mut pictures = Vec::new();
         repeating(&self.pictures, frames.clone(), |frame, repeats| {
@@ -38,7 +38,7 @@ impl Recording {
         let later = || frames.clone().skip(1);
         let repeats = |frame: &usize| pictures.binary_search(frame).is_ok();
         let rests = later().all(|frame| poses[frame].is_none() || stays(frame));
-        Ok(Repeats {
+        Ok(Duplicates {
             moved: pictures.iter().copied().filter(|frame| poses[*frame].is_some() && !stays(*frame)).collect(),
             poses: later().filter(|frame| !rests && stays(*frame) && !repeats(frame)).collect(),
             times: later().filter(|frame| self.timestamps_s[*frame] == self.timestamps_s[frame - 1]).collect(),
@@ -68,7 +68,7 @@ fn repeating(
             }
         }
         Pictures::Video(video, kept) => {
-            let decoded = KeptFrames::new(video, kept.as_deref(), frames.clone())?;
+            let decoded = SelectedFrames::new(video, kept.as_deref(), frames.clone())?;
             for (frame, pixels) in frames.zip(decoded) {
                 next(frame, Some(pixels?));
             }
@@ -79,7 +79,7 @@ fn repeating(
 
 impl Parts {
     /// Removes frames whose picture is missing, and missing depth pictures.
-    pub fn leave_out_missing(&mut self) {
+    pub fn remove_missing(&mut self) {
         let Pictures::Stills(files) = &self.pictures else { return };
         let there: Vec<bool> = files.iter().map(|file| file.exists()).collect();
         if let Some(first) = there.iter().position(|there| !there) {
@@ -87,7 +87,7 @@ impl Parts {
             let first = files[first].display().to_string();
             let of = count(there.len(), "picture");
             self.warnings.push(format!("{missing} of {of} are missing and left out (first: {first})"));
-            self.keep(&there);
+            self.retain_frames(&there);
         }
         if let Some(depth) = &mut self.depth {
             let all = depth.by_time.len();
@@ -100,21 +100,21 @@ impl Parts {
     }
 
     /// Removes frames that repeat the previous one.
-    pub fn leave_out_repeats(&mut self) -> Result<(), RecordingError> {
+    pub fn remove_duplicates(&mut self) -> Result<(), RecordingError> {
         let mut differs = vec![true; self.timestamps_s.len()];
         repeating(&self.pictures, 0..self.timestamps_s.len(), |frame, repeats| differs[frame] = !repeats)?;
         let repeated = differs.iter().filter(|differs| !**differs).count();
         if repeated > 0 {
             let of = count(differs.len(), "frame");
             self.warnings.push(format!("{repeated} of {of} repeat the one before and are left out"));
-            self.keep(&differs);
+            self.retain_frames(&differs);
         }
         Ok(())
     }
 
     /// Keeps the frames marked in `kept`. Poses, depth and exposure stay: they are associated by
     /// time.
-    pub(super) fn keep(&mut self, kept: &[bool]) {
+    pub(super) fn retain_frames(&mut self, kept: &[bool]) {
         fn retain<T>(values: &mut Vec<T>, kept: &[bool]) {
             let mut kept = kept.iter();
             values.retain(|_| kept.next().copied().unwrap_or(true));
@@ -141,7 +141,7 @@ mod tests {
     use crate::recording::Landmark;
 
     #[test]
-    fn frames_that_remain_keep_their_own_values() {
+    fn remaining_frames_keep_their_values() {
         let folder = tempfile::tempdir().unwrap();
         // The second and the fourth picture repeat the previous one.
         let codes = [10, 10, 20, 20, 30];
@@ -153,7 +153,7 @@ mod tests {
         parts.presence = vec![1.0, 0.75, 0.5, 0.25, 0.0];
         parts.geometries = (1..=5).map(|i| Some(Geometry::pinhole(2, 2, f64::from(i)))).collect();
         parts.landmarks = (0..5).map(|number| vec![Landmark { number, at_px: [1.0; 2] }]).collect();
-        parts.leave_out_repeats().unwrap();
+        parts.remove_duplicates().unwrap();
 
         let Pictures::Stills(left) = &parts.pictures else { panic!("{:?}", parts.pictures) };
         assert_eq!(*left, [0, 2, 4].map(|i: usize| files[i].clone()));
