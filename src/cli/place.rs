@@ -119,7 +119,7 @@ pub fn run(args: &Args) -> Result<()> {
     let posture = if args.flat { Posture::Flat } else { Posture::Upright };
     let facing = || shot.heading_to_camera(args.frame, support.point_m, up, 0.0);
     let heading = args.heading.map_or_else(facing, Heading::Deg);
-    let mut placed = scene::lay(&model, &args.scene, &support, posture, heading, up, args.size)?;
+    let mut placed = scene::place_at_rest(&model, &args.scene, &support, posture, heading, up, args.size)?;
     placed.name.clone_from(&args.name);
     let position = placed.position_m.unwrap_or_default();
     if file.gauge.is_none() {

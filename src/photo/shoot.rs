@@ -104,7 +104,7 @@ impl PhotoShoot<'_> {
             let by_depth = by_depth.map(|depth| {
                 SummedFrameOcclusion::new(&self.whole, from, framing, &self.camera.response, (depth, &proxies, &planes))
             });
-            for (frame, weight) in recording.frames_beside(range)?.zip(weights) {
+            for (frame, weight) in recording.frames_with_neighbours(range)?.zip(weights) {
                 let frame = frame?;
                 let time_s = frame.timestamp_s - self.frame.timestamp_s;
                 hiding.extend(by_depth.as_ref().and_then(|hiding| Some((time_s, hiding.of(&frame)?))));

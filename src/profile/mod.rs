@@ -10,7 +10,7 @@ mod shot_settings;
 
 pub use document::Document;
 pub use noise::{NoiseTableError, to_toml as noise_table};
-pub use shot_settings::{Look, ShotSettings};
+pub use shot_settings::{ParameterValues, ShotSettings};
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

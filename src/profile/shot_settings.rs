@@ -23,12 +23,12 @@ const NONE: &str = "none";
 
 /// A camera and the effects' parameters, for comparison.
 #[derive(Clone, Copy, Debug)]
-pub struct Look<'a> {
+pub struct ParameterValues<'a> {
     pub rig: &'a Rig,
     pub settings: &'a Settings,
 }
 
-impl<'a> Look<'a> {
+impl<'a> ParameterValues<'a> {
     fn tables(self) -> Vec<&'a dyn Params> {
         self.rig.tables().into_iter().chain(self.settings.tables()).collect()
     }
@@ -102,7 +102,7 @@ impl ShotSettings {
 
     /// The values that differ from `before` in `now`. An exposure that overrides that of each frame
     /// in `now` alone differs, even if its values are the same.
-    pub fn between(before: Look<'_>, now: Look<'_>) -> Self {
+    pub fn between(before: ParameterValues<'_>, now: ParameterValues<'_>) -> Self {
         let mut found = Self::default();
         for (old, new) in before.tables().into_iter().zip(now.tables()) {
             for spec in new.specs() {
@@ -130,14 +130,14 @@ impl ShotSettings {
     /// Adds those values of `earlier` settings that are still in effect in `now`. They are kept
     /// even if they equal the values that they override.
     #[must_use]
-    pub fn with_unchanged(mut self, earlier: &Self, now: Look<'_>) -> Self {
+    pub fn with_unchanged(mut self, earlier: &Self, now: ParameterValues<'_>) -> Self {
         if earlier.is_empty() {
             return self;
         }
         let (mut rig, mut settings) = (now.rig.clone(), now.settings.clone());
         // Refused values are not in effect.
         let _ = earlier.apply(&mut rig, &mut settings, Path::new(""));
-        let applied = Look { rig: &rig, settings: &settings };
+        let applied = ParameterValues { rig: &rig, settings: &settings };
         for (table, name) in earlier.values.keys() {
             let value = now.value(table, name).filter(|value| applied.value(table, name).as_ref() == Some(value));
             self.values.extend(value.map(|value| ((table.clone(), name.clone()), value)));
@@ -164,17 +164,17 @@ impl ShotSettings {
     /// The subset that is not in effect in `now`, since other values override it. Noise is never in
     /// it.
     #[must_use]
-    pub fn overridden(&self, now: Look<'_>) -> Self {
+    pub fn overridden(&self, now: ParameterValues<'_>) -> Self {
         let (mut rig, mut settings) = (now.rig.clone(), now.settings.clone());
         let _ = self.apply(&mut rig, &mut settings, Path::new(""));
-        let applied = Look { rig: &rig, settings: &settings };
+        let applied = ParameterValues { rig: &rig, settings: &settings };
         let holds = |table: &str, name: &str| applied.value(table, name) == now.value(table, name);
         self.filtered(|table, name| !holds(table, name)).without_noise()
     }
 
     /// The subset with equal values in both. Noise is never in it.
     #[must_use]
-    pub fn where_equal(&self, one: Look<'_>, other: Look<'_>) -> Self {
+    pub fn where_equal(&self, one: ParameterValues<'_>, other: ParameterValues<'_>) -> Self {
         self.filtered(|table, name| one.value(table, name) == other.value(table, name)).without_noise()
     }
 
@@ -244,7 +244,7 @@ impl ShotSettings {
     pub fn to_toml(&self) -> Table {
         let mut settings = Table::new();
         let (rig, defaults) = (Rig::default(), Settings::default());
-        let tables = Look { rig: &rig, settings: &defaults }.tables();
+        let tables = ParameterValues { rig: &rig, settings: &defaults }.tables();
         let is_whole = |table: &str, name: &str| {
             let mut specs = tables.iter().filter(|params| params.table() == table).flat_map(|params| params.specs());
             specs.any(|spec| spec.name == name && matches!(spec.kind, Kind::Integer { .. }))
@@ -314,9 +314,9 @@ mod tests {
         assert_eq!((rig.intrinsics.readout_time_s, rig.exposure.time_s), (0.02, Some(0.01)));
         assert_eq!((rig.lens.aperture_diameter_mm, rig.lens.f_number), (None, Some(2.0)));
         assert!(!settings.is_on("noise") && settings.overrule_recorded_exposure && rig.noise.is_some());
-        let (mut before, now) = (Rig::default(), Look { rig: &rig, settings: &settings });
+        let (mut before, now) = (Rig::default(), ParameterValues { rig: &rig, settings: &settings });
         before.lens.aperture_diameter_mm = Some(5.0);
-        let found = ShotSettings::between(Look { rig: &before, settings: &Settings::default() }, now);
+        let found = ShotSettings::between(ParameterValues { rig: &before, settings: &Settings::default() }, now);
         assert_eq!(found, own);
         assert_eq!(ShotSettings::read(&found.to_toml(), Path::new(SCENE)).unwrap(), own);
         assert!(ShotSettings::between(now, now).is_empty());
@@ -326,7 +326,7 @@ mod tests {
     fn removed_noise_is_a_difference_that_reads_back() {
         let (_, with, settings) = read(&format!("[camera.noise]\n{NOISE_KEYS}")).unwrap();
         let without = Rig { noise: None, ..with.clone() };
-        let look = |rig| Look { rig, settings: &settings };
+        let look = |rig| ParameterValues { rig, settings: &settings };
         let removed = ShotSettings::between(look(&with), look(&without));
         assert_eq!(removed.noise(), Some(None));
         assert_eq!(ShotSettings::read(&removed.to_toml(), Path::new(SCENE)).unwrap(), removed);
@@ -340,7 +340,7 @@ mod tests {
         let pinned = "[camera.exposure]\ntime_s = 0.02\n[depth]\ntolerance_m = 0.03\n[noise]\non = false\n";
         let (own, rig, mut settings) = read(pinned).unwrap();
         let of = |settings: &Settings| {
-            let now = Look { rig: &rig, settings };
+            let now = ParameterValues { rig: &rig, settings };
             ShotSettings::between(now, now).with_unchanged(&own, now)
         };
         assert_eq!(of(&settings).values().count(), 3);
@@ -349,7 +349,7 @@ mod tests {
         // An override of each frame's exposure is preserved as a value.
         let mut without = settings.clone();
         without.overrule_recorded_exposure = false;
-        let [before, now] = [&without, &settings].map(|settings| Look { rig: &rig, settings });
+        let [before, now] = [&without, &settings].map(|settings| ParameterValues { rig: &rig, settings });
         assert!(ShotSettings::between(before, now).has("camera.exposure", "time_s"));
         assert!(ShotSettings::between(now, before).is_empty());
     }

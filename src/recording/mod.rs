@@ -39,7 +39,7 @@ pub use depth::Registration;
 pub use error::RecordingError;
 pub use frame_camera::FrameCamera;
 pub use frames::Frames;
-pub use neighbours::{FramesBeside, NEIGHBOURS_EACH_WAY};
+pub use neighbours::{FramesWithNeighbours, NEIGHBOURS_EACH_WAY};
 
 use crate::camera::Geometry;
 use crate::frame::{FrameExposure, SeenBrightness, Surfel, interval_s};

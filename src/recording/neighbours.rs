@@ -15,9 +15,9 @@ use crate::frame::{Beside, Frame};
 pub const NEIGHBOURS_EACH_WAY: usize = 3;
 
 /// The frames of a range, in order, with their neighbours, as returned by
-/// [`Recording::frames_beside`].
+/// [`Recording::frames_with_neighbours`].
 #[derive(Debug)]
-pub struct FramesBeside {
+pub struct FramesWithNeighbours {
     recording: Recording,
     /// Frames to return.
     range: Range<usize>,
@@ -30,7 +30,7 @@ pub struct FramesBeside {
 
 impl Recording {
     /// Like [`Recording::frames`], with the depth of the neighbours for each frame that has depth.
-    pub fn frames_beside(&self, range: Range<usize>) -> Result<FramesBeside, RecordingError> {
+    pub fn frames_with_neighbours(&self, range: Range<usize>) -> Result<FramesWithNeighbours, RecordingError> {
         let reading = if self.has_depth() && !range.is_empty() {
             range.start.saturating_sub(NEIGHBOURS_EACH_WAY)
                 ..range.end.saturating_add(NEIGHBOURS_EACH_WAY).min(self.frame_count())
@@ -40,11 +40,11 @@ impl Recording {
         // Errors of the range refer to the requested range.
         let frames = self.frames(if range.end > self.frame_count() { range.clone() } else { reading.clone() })?;
         let (ready, known) = (VecDeque::new(), VecDeque::new());
-        Ok(FramesBeside { recording: self.clone(), range, reading, frames, ready, known })
+        Ok(FramesWithNeighbours { recording: self.clone(), range, reading, frames, ready, known })
     }
 }
 
-impl FramesBeside {
+impl FramesWithNeighbours {
     /// Reads the next frame.
     fn read(&mut self) {
         let index = self.reading.start;
@@ -82,7 +82,7 @@ impl FramesBeside {
     }
 }
 
-impl Iterator for FramesBeside {
+impl Iterator for FramesWithNeighbours {
     type Item = Result<Frame, RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {

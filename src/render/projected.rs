@@ -10,7 +10,7 @@ use glam::{DQuat, DVec2, DVec3};
 use super::draw::Renderer;
 use super::panorama;
 use super::plan::SamplePlan;
-use super::resample::{CubeFace, Drawn, Resampler};
+use super::resample::{CubeFace, FaceImage, Resampler};
 use super::view::{NEAR_M, Shutter, View, ViewKeys};
 use crate::camera::Geometry;
 use crate::camera::curved::Curved;
@@ -184,13 +184,13 @@ impl StillRenderer<'_> {
     }
 
     /// The drawn pixels without downsampling.
-    fn full_resolution(&mut self, geometry: &Geometry, pose: Pose) -> Result<Drawn, GpuError> {
+    fn full_resolution(&mut self, geometry: &Geometry, pose: Pose) -> Result<FaceImage, GpuError> {
         let (width, height) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
         let mut rgba = vec![[half::f16::ZERO; 4]; width as usize * height as usize];
         let rect = self.draw(geometry, pose, false, |y, x0, texels| {
             rgba[y * width as usize + x0..][..texels.len()].copy_from_slice(texels);
         })?;
-        Ok(Drawn { width, rect, rgba })
+        Ok(FaceImage { width, rect, rgba })
     }
 
     /// Draws the objects in tiles, and passes their pixels to `each`, row by row from above: row,

@@ -157,7 +157,7 @@ impl<'a> Resampler<'a> {
     }
 
     /// Adds a face's contribution to the picture. All faces together complete it.
-    pub fn add(&self, face: CubeFace, drawn: &Drawn, sum: &mut LinearImage) {
+    pub fn add(&self, face: CubeFace, drawn: &FaceImage, sum: &mut LinearImage) {
         let row_length = sum.width as usize;
         let [right, down, forward] = face.axes();
         let half = 0.5 * f64::from(self.face_px);
@@ -219,7 +219,7 @@ fn is_outside(corners: [DVec2; 4], rect: Rect) -> bool {
 }
 
 /// Bilinear interpolation.
-fn bilinear(drawn: &Drawn, at: DVec2) -> [f32; 4] {
+fn bilinear(drawn: &FaceImage, at: DVec2) -> [f32; 4] {
     let (width, corner) = (drawn.width as usize, (at - 0.5).floor());
     let f = (at - 0.5 - corner).as_vec2();
     let first = corner.y as usize * width + corner.x as usize;
@@ -235,7 +235,7 @@ fn bilinear(drawn: &Drawn, at: DVec2) -> [f32; 4] {
 }
 
 /// A drawn picture in 16-bit floats, as read back from the GPU.
-pub struct Drawn {
+pub struct FaceImage {
     pub width: u32,
     /// Empty outside this rectangle.
     pub rect: Rect,

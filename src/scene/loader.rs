@@ -93,7 +93,7 @@ impl Loader {
             return Err(SceneError::bad(file, &object.name, "a place that is not finite", "finite numbers"));
         }
         if object.occluder {
-            self.scene.objects.push(Object { hides: parts, ..object });
+            self.scene.objects.push(Object { occluder_parts: parts, ..object });
             return Ok(());
         }
         self.scene.objects.push(Object { parts, ..object });

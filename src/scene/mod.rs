@@ -52,7 +52,7 @@ pub use model::is_model;
 pub use model_cache::{MissingModels, ModelCache};
 pub use overlap::{Overlap, overlaps};
 pub use place::Size;
-pub use resting::{Facet, MIN_SUPPORT_COSINE, Posture, Support, lay, relative};
+pub use resting::{Facet, MIN_SUPPORT_COSINE, Posture, Support, place_at_rest, relative};
 
 /// Decodes a Radiance panorama: width, height, linear light row by row. The error is a description.
 pub fn decode_panorama(hdr: &[u8]) -> Result<(u32, u32, Vec<[f32; 3]>), String> {
@@ -133,7 +133,7 @@ pub struct Object {
     /// below it.
     pub position_m: DVec3,
     /// Meshes of a proxy of a real object: not drawn, they occlude. An object has these or `parts`.
-    pub hides: Vec<Part>,
+    pub occluder_parts: Vec<Part>,
     /// Hidden by its scene file; it has no parts then.
     pub hidden: bool,
     /// Proxy of a real object by its scene file.

@@ -223,8 +223,8 @@ mod tests {
         file.objects[1].occluder = true;
         let scene = load_file(&file, path, Some(DVec3::Z)).unwrap();
         let [marker, scale] = &scene.objects[..] else { panic!("{:?}", scene.objects) };
-        assert!(!marker.parts.is_empty() && marker.hides.is_empty());
-        assert!(scale.parts.is_empty() && scale.occluder && scale.hides == drawn.objects[1].parts);
+        assert!(!marker.parts.is_empty() && marker.occluder_parts.is_empty());
+        assert!(scale.parts.is_empty() && scale.occluder && scale.occluder_parts == drawn.objects[1].parts);
         // It can still be selected at its position.
         assert_eq!(scale.corners_m(&scene), drawn.objects[1].corners_m(&drawn));
         assert!(scale.points_m(&scene).eq(drawn.objects[1].points_m(&drawn)));

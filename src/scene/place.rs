@@ -86,14 +86,14 @@ impl Object {
 
     /// All its parts, drawn or occluding.
     pub fn placed(&self) -> impl Iterator<Item = &Part> {
-        self.parts.iter().chain(&self.hides)
+        self.parts.iter().chain(&self.occluder_parts)
     }
 
     /// Transforms it in the world; its meshes stay.
     pub fn move_by(&mut self, by: DAffine3) {
         self.world_from_model = by * self.world_from_model;
         self.position_m = by.transform_point3(self.position_m);
-        let parts = self.parts.iter_mut().chain(&mut self.hides);
+        let parts = self.parts.iter_mut().chain(&mut self.occluder_parts);
         parts.for_each(|part| part.world_from_mesh = by * part.world_from_mesh);
     }
 }

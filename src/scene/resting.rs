@@ -59,7 +59,7 @@ const DECIMAL_ROUNDING: f64 = 1e4;
 /// normal. Upright at a steep surface it is moved horizontally until it touches the surface from
 /// outside; below a ceiling it stays at the point. `size_m` is its largest extent, if it differs
 /// from the model's.
-pub fn lay(
+pub fn place_at_rest(
     model: &str,
     file: &Path,
     support: &Support,
@@ -175,7 +175,7 @@ mod tests {
     /// Bounding box of the placed model, and its transform.
     fn laid(model: &str, support: &Support, posture: Posture, heading_deg: f64) -> (DVec3, DVec3, Scene, PlacedModel) {
         let file = assets::source_folder().join(FILE);
-        let placed = lay(model, &file, support, posture, Heading::Deg(heading_deg), DVec3::Z, None).unwrap();
+        let placed = place_at_rest(model, &file, support, posture, Heading::Deg(heading_deg), DVec3::Z, None).unwrap();
         loaded(placed, &file)
     }
 
@@ -220,7 +220,7 @@ mod tests {
             ("cartridge-case-9mm.glb", Posture::Flat, DVec3::NEG_Y),
         ] {
             let heading = Heading::Towards { direction: looks, turned_deg: 0.0 };
-            let placed = lay(model, &file, &level, posture, heading, DVec3::Z, None).unwrap();
+            let placed = place_at_rest(model, &file, &level, posture, heading, DVec3::Z, None).unwrap();
             let scene = SceneFile { objects: vec![placed], ..SceneFile::default() };
             let scene = load_file(&scene, &file, Some(DVec3::Z)).unwrap();
             let front = scene.objects[0].world_from_model.transform_vector3(front).normalize();
@@ -247,8 +247,8 @@ mod tests {
         let slope = Support { point_m: DVec3::new(1.0, 2.0, 0.5), normal };
         let file = assets::source_folder().join(FILE);
         let heading = || Heading::Deg(45.0);
-        let sized = lay("l-scale.glb", &file, &slope, Posture::Flat, heading(), DVec3::Z, Some(1.0)).unwrap();
-        let as_it_is = lay("l-scale.glb", &file, &slope, Posture::Flat, heading(), DVec3::Z, None).unwrap();
+        let sized = place_at_rest("l-scale.glb", &file, &slope, Posture::Flat, heading(), DVec3::Z, Some(1.0)).unwrap();
+        let as_it_is = place_at_rest("l-scale.glb", &file, &slope, Posture::Flat, heading(), DVec3::Z, None).unwrap();
         for (placed, most_m) in [(as_it_is, 0.005), (sized, 0.02)] {
             let (.., scene, _) = loaded(placed, &file);
             let along = |direction: DVec3| min_along(&scene, &scene.objects[0].parts, direction).unwrap();
@@ -270,14 +270,17 @@ mod tests {
             let wall = Support { point_m: DVec3::new(1.0, 2.0, 0.5), normal };
             for size_m in [None, Some(0.3)] {
                 let heading = Heading::Deg(35.0);
-                let placed = lay("marker-1.glb", &file, &wall, Posture::Upright, heading, DVec3::Z, size_m).unwrap();
+                let placed =
+                    place_at_rest("marker-1.glb", &file, &wall, Posture::Upright, heading, DVec3::Z, size_m).unwrap();
                 let (low, _, scene, _) = loaded(placed, &file);
                 let below = min_along(&scene, &scene.objects[0].parts, normal).unwrap() - normal.dot(wall.point_m);
                 assert!(below.abs() < 2e-4 && (low.z - 0.5).abs() < 1e-4, "{normal}: {below}, {low}");
             }
         }
         let ceiling = Support { point_m: DVec3::new(1.0, 2.0, 0.5), normal: DVec3::new(0.0, 0.035, -1.0).normalize() };
-        let placed = lay("marker-1.glb", &file, &ceiling, Posture::Upright, Heading::Deg(0.0), DVec3::Z, None).unwrap();
+        let placed =
+            place_at_rest("marker-1.glb", &file, &ceiling, Posture::Upright, Heading::Deg(0.0), DVec3::Z, None)
+                .unwrap();
         assert_eq!(placed.position_m, Some(ceiling.point_m.to_array()));
     }
 }

@@ -317,7 +317,7 @@ impl Shot {
     /// A frame with the neighbouring frames that its depth consensus needs.
     pub fn read_with_neighbours(&self, frame: usize) -> Result<Frame, ShotError> {
         let (range, missing) = self.single(frame)?;
-        Ok(self.recording.frames_beside(range)?.next().ok_or(missing)??)
+        Ok(self.recording.frames_with_neighbours(range)?.next().ok_or(missing)??)
     }
 
     /// The range of one frame, and the error for a missing frame.

@@ -82,7 +82,7 @@ impl Shot {
         in_flight: usize,
     ) -> Result<Composites<'a>, ShotError> {
         self.update_compositor(compositor);
-        let frames = self.recording.frames_beside(range)?.map(|frame| {
+        let frames = self.recording.frames_with_neighbours(range)?.map(|frame| {
             let frame = frame?;
             let (geometry, interval_s) = (self.geometry_at(frame.index)?, self.interval_s(frame.index));
             Ok(Input { frame, geometry, interval_s })

@@ -22,7 +22,7 @@ use locard_engine::frame::Frame;
 use locard_engine::gpu::Gpu;
 use locard_engine::scene::document::{PlacedModel, Up};
 use locard_engine::scene::{
-    Entry, ItemPlacement, Posture, SceneError, SceneFile, SceneItem, Size, Support, lay, relative,
+    Entry, ItemPlacement, Posture, SceneError, SceneFile, SceneItem, Size, Support, place_at_rest, relative,
 };
 use locard_engine::shot::{PosedCamera, Shot, ViewRay};
 
@@ -367,7 +367,7 @@ impl PlacementParams {
     fn lay(&self, shot: &Shot, frame: usize, support: &Support, file: &Path) -> Result<PlacedModel, SceneError> {
         let up = self.up.unwrap_or_else(|| shot.up_preview(Some(support.normal)));
         let heading = shot.heading_to_camera(frame, support.point_m, up, self.turned_deg);
-        lay(&relative(&self.model, file), file, support, self.posture, heading, up, None)
+        place_at_rest(&relative(&self.model, file), file, support, self.posture, heading, up, None)
     }
 }
 

@@ -18,7 +18,7 @@ use locard_engine::camera::{Geometry, NoiseProfile};
 use locard_engine::compositor::{ON, Settings};
 use locard_engine::live::LiveSpec;
 use locard_engine::params::{ParamError, Params, Value, called, title};
-use locard_engine::profile::{Look, Rig, ShotSettings};
+use locard_engine::profile::{ParameterValues, Rig, ShotSettings};
 use locard_engine::recording::{OpenOptions, Recording};
 use locard_engine::scene::{self as scenes, MissingModels, ModelCache, SceneFile};
 use locard_engine::shot::{Shot, ShotError, ShotOptions};
@@ -51,8 +51,8 @@ pub struct ComparisonVariant {
 }
 
 impl Edit {
-    pub fn look(&self) -> Look<'_> {
-        Look { rig: &self.rig, settings: &self.settings }
+    pub fn look(&self) -> ParameterValues<'_> {
+        ParameterValues { rig: &self.rig, settings: &self.settings }
     }
 
     /// True if saving both writes the same values.
@@ -380,7 +380,7 @@ impl Project {
         let other = self.edit().other.as_ref()?;
         let mut shot = self.shot.clone();
         (shot.rig, shot.settings) = (other.rig.clone(), other.settings.clone());
-        let look = Look { rig: &other.rig, settings: &other.settings };
+        let look = ParameterValues { rig: &other.rig, settings: &other.settings };
         shot.set_settings_of_scene(&self.settings_of(look, &self.edit().unpinned));
         Some(shot)
     }

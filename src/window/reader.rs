@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use locard_engine::frame::Frame;
-use locard_engine::recording::{FramesBeside, Recording, RecordingError};
+use locard_engine::recording::{FramesWithNeighbours, Recording, RecordingError};
 
 /// Largest number of frames to skip in a running stream; beyond it a new stream is opened.
 const MAX_SKIPPED_FRAMES: usize = 8;
@@ -15,7 +15,7 @@ pub struct Reader {
     /// The last decoded frame, and whether it lacks its neighbours.
     held: Option<(Arc<Frame>, bool)>,
     /// The running stream with the index of its next frame.
-    stream: Option<(usize, FramesBeside)>,
+    stream: Option<(usize, FramesWithNeighbours)>,
 }
 
 impl Reader {
@@ -36,7 +36,7 @@ impl Reader {
         }
         let count = self.recording.frame_count();
         let missing = RecordingError::Range { start: frame, end: frame, count };
-        let is_near = |(next, _): &(usize, FramesBeside)| (*next..=*next + MAX_SKIPPED_FRAMES).contains(&frame);
+        let is_near = |(next, _): &(usize, FramesWithNeighbours)| (*next..=*next + MAX_SKIPPED_FRAMES).contains(&frame);
         let running = self.stream.take_if(|running| !may_be_alone || is_near(running)).filter(is_near);
         if running.is_none() && may_be_alone {
             let decoded = self.recording.frames(frame..frame + 1)?.next().unwrap_or(Err(missing))?;
@@ -46,7 +46,7 @@ impl Reader {
         }
         let (at, mut frames) = match running {
             Some(running) => running,
-            None => (frame, self.recording.frames_beside(frame..count)?),
+            None => (frame, self.recording.frames_with_neighbours(frame..count)?),
         };
         let decoded = Arc::new(frames.nth(frame - at).unwrap_or(Err(missing))?);
         self.stream = Some((frame + 1, frames));

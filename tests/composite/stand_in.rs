@@ -38,7 +38,7 @@ fn composited(stand_in_m: Option<f32>, sensor_m: Option<f32>) -> Pixels {
     let low_high = |z: f32| ([-0.25 * z, -0.15 * z], [0.1 * z, 0.2 * z]);
     let evidence = Object { parts: vec![part(0)], ..Object::default() };
     let (low, high) = low_high(stand_in_m.unwrap_or(1.0));
-    let real = Object { hides: vec![part(1)], occluder: true, ..Object::default() };
+    let real = Object { occluder_parts: vec![part(1)], occluder: true, ..Object::default() };
     let scene = Scene {
         meshes: vec![board([-3.0; 2], [3.0; 2], 2.0), board(low, high, stand_in_m.unwrap_or(1.0))],
         materials: vec![Material { base_color: [0.8, 0.8, 0.8, 1.0], double_sided: true, ..Material::default() }],

@@ -49,7 +49,7 @@ fn tum_fr1_rpy_opens() {
 #[test]
 fn neighbours_are_the_same_in_every_range_and_damaged_ones_are_left_out() {
     let beside = |r: &Recording, range: std::ops::Range<usize>| -> Vec<Option<Vec<usize>>> {
-        let seen = r.frames_beside(range).unwrap();
+        let seen = r.frames_with_neighbours(range).unwrap();
         seen.map(|frame| Some(frame.ok()?.beside.iter().map(|beside| beside.index).collect())).collect()
     };
     let demo = open(Path::new("recordings/demo"));
@@ -58,8 +58,8 @@ fn neighbours_are_the_same_in_every_range_and_damaged_ones_are_left_out() {
     assert_eq!(beside(&demo, 9..12), all[9..12]);
     let last = demo.frame_count() - 1;
     assert_eq!(beside(&demo, last..last + 1), [Some(vec![last - 3, last - 2, last - 1])]);
-    assert!(demo.frames_beside(last..last + 2).is_err() && beside(&demo, 5..5).is_empty());
-    let frame = demo.frames_beside(4..5).unwrap().next().unwrap().unwrap();
+    assert!(demo.frames_with_neighbours(last..last + 2).is_err() && beside(&demo, 5..5).is_empty());
+    let frame = demo.frames_with_neighbours(4..5).unwrap().next().unwrap().unwrap();
     assert!(frame.beside[0].pixels == frames(&demo, 1..2)[0].pixels && frame.depth == frames(&demo, 4..5)[0].depth);
 
     let temp = tempfile::tempdir().unwrap();

@@ -7,7 +7,7 @@ use super::save_targets::settings_of_scene;
 use super::{Edit, Project, full_name};
 use locard_engine::analyse::Analysis;
 use locard_engine::compositor::Settings;
-use locard_engine::profile::{Look, Rig};
+use locard_engine::profile::{ParameterValues, Rig};
 use locard_engine::shot::{EstimatedParam, ShotError};
 
 impl Project {
@@ -19,7 +19,7 @@ impl Project {
         let (opened, pins) = (self.baseline.clone(), self.pins(&BTreeSet::new()));
         let apply_to = |rig: &mut Rig, settings: &mut Settings, unpinned: &BTreeSet<String>| {
             let pins = pins.filtered(|table, name| !unpinned.contains(&full_name(table, name)));
-            let own = settings_of_scene(opened.look(), &pins, Look { rig, settings });
+            let own = settings_of_scene(opened.look(), &pins, ParameterValues { rig, settings });
             EstimatedParam::apply(follows.iter().filter(|found| !own.has(found.table, found.name)), rig, settings);
         };
         let apply_to_edit = |edit: &mut Edit| {

@@ -11,7 +11,7 @@ use super::save_targets::{ProfileScope, ProfileValues};
 use super::{Edit, Project, tables};
 use locard_engine::analyse::panorama_beside;
 use locard_engine::compositor::{ON, Settings};
-use locard_engine::profile::{self, Look, ProfileError, Rig, ShotSettings};
+use locard_engine::profile::{self, ParameterValues, ProfileError, Rig, ShotSettings};
 use locard_engine::recording::Recording;
 use locard_engine::scene::{self, SceneError, SceneFile};
 use locard_engine::shot::EstimatedParam;
@@ -210,7 +210,7 @@ fn profile_text(
     }
     // A profile cannot express that its exposure overrides each frame's own.
     settings.overrule_recorded_exposure = edit.settings.overrule_recorded_exposure;
-    let changes = ShotSettings::between(Look { rig: &rig, settings: &settings }, edit.look());
+    let changes = ShotSettings::between(ParameterValues { rig: &rig, settings: &settings }, edit.look());
     for params in tables(&edit.rig, &edit.settings) {
         let table = params.table();
         for spec in params.specs().into_iter().filter(|spec| changes.has(table, spec.name)) {

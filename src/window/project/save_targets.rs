@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::{Edit, Project, full_name};
 use locard_engine::params::Value;
-use locard_engine::profile::{Look, ShotSettings};
+use locard_engine::profile::{ParameterValues, ShotSettings};
 use locard_engine::shot::EstimatedParam;
 
 /// Tables that describe the camera itself. Shot settings among them are in [`SHOT_PARAMETERS`].
@@ -38,7 +38,11 @@ pub struct ProfileValues {
 
 /// The scene file's own settings for a camera and effects: differences from `opened`, and settings
 /// of the file that are still in effect.
-pub(super) fn settings_of_scene(opened: Look<'_>, scene_settings: &ShotSettings, now: Look<'_>) -> ShotSettings {
+pub(super) fn settings_of_scene(
+    opened: ParameterValues<'_>,
+    scene_settings: &ShotSettings,
+    now: ParameterValues<'_>,
+) -> ShotSettings {
     ShotSettings::between(opened, now).with_unchanged(scene_settings, now)
 }
 
@@ -113,7 +117,7 @@ impl Project {
     }
 
     /// The scene's own settings for another camera and other effects.
-    pub(super) fn settings_of(&self, now: Look<'_>, unpinned: &BTreeSet<String>) -> ShotSettings {
+    pub(super) fn settings_of(&self, now: ParameterValues<'_>, unpinned: &BTreeSet<String>) -> ShotSettings {
         settings_of_scene(self.baseline.look(), &self.pins(unpinned), now)
     }
 
