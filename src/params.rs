@@ -371,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn what_another_parameter_makes_idle_says_so() {
+    fn parameters_made_idle_by_another_are_marked() {
         let idle = |demo: &Demo| demo.specs().iter().map(|spec| spec.idle(demo)).collect::<Vec<_>>();
         assert_eq!(idle(&Demo::default()), [const { None }; 6]);
         let off = idle(&Demo { method: Method::Off, ..Demo::default() });

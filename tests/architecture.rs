@@ -316,7 +316,7 @@ fn cycle_in_an_import_graph_is_found() {
 }
 
 #[test]
-fn what_a_file_declares_and_passes_on_is_found() {
+fn declarations_and_reexports_of_a_file_are_found() {
     let text = "//! use a::B;\nuse crate::x::Y;\npub use kept::{\n    One,\n    Two,\n};\nuse kept::few;\npub struct Own;\n\
                 crate::params! {\n    pub struct Table in \"t\" {\n}\n}\nimpl Own {\n    fn inner() {}\n}\nconst N: u8 = 1;\n\
                 #[cfg(test)]\nmod tests {\n    use kept::other;\n    pub struct Test;\n}\n";
@@ -378,7 +378,7 @@ fn command_line_names_no_effect() {
 }
 
 #[test]
-fn the_camera_is_physics_alone() {
+fn camera_uses_no_gpu_and_no_files() {
     for file in rust_files(&root().join("src/camera")) {
         for (line, text) in code(&read(&file)) {
             for word in ["wgpu", "std::fs", "std::io", "std::path", "File::"] {
@@ -389,7 +389,7 @@ fn the_camera_is_physics_alone() {
 }
 
 #[test]
-fn an_effect_opens_nothing_and_reads_no_clock() {
+fn effects_open_no_files_and_read_no_clock() {
     for file in rust_files(&root().join("src/effects")) {
         for (line, text) in code(&read(&file)) {
             for word in ["std::fs", "std::io", "std::env", "std::net", "Instant", "SystemTime"] {
@@ -422,7 +422,7 @@ fn architecture_md_lists_every_module_and_effect() {
 }
 
 #[test]
-fn the_window_uses_the_clipboard_of_the_system() {
+fn window_uses_the_system_clipboard() {
     let text = read(&root().join("Cargo.toml"));
     let dependency = text.lines().find(|line| line.starts_with("eframe = ")).unwrap();
     // Without it egui copies into a private string that no other program can read.

@@ -12,7 +12,7 @@ use locard::shot::{Shot, ShotOptions};
 
 // Slow: three analyses.
 #[test]
-fn an_interrupted_analysis_goes_on_where_it_was() {
+fn interrupted_analysis_resumes_from_its_checkpoint() {
     let folder = demo_by_tier(13, &late(0.01), 2);
     let shot = opened(&folder);
     let [whole, analysis] = ["whole.analysis", "site.analysis"].map(|name| folder.path().join(name));
@@ -74,7 +74,7 @@ fn an_interrupted_analysis_goes_on_where_it_was() {
 }
 
 #[test]
-fn a_file_in_the_folders_place_is_kept_and_refused_before_the_work() {
+fn file_in_place_of_the_analysis_folder_is_refused_before_the_analysis() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("found");
     std::fs::write(&file, "mine").unwrap();
@@ -88,7 +88,7 @@ fn a_file_in_the_folders_place_is_kept_and_refused_before_the_work() {
 
 // Slow: eight composites by the program.
 #[test]
-fn what_is_found_lies_beside_the_recording_and_is_used_while_it_fits() {
+fn analysis_beside_the_recording_is_used_while_it_matches() {
     let folder = demo_by_tier(8, &late(0.01), 2);
     let site = folder.path().join("site");
     let path = site.to_str().unwrap();

@@ -33,7 +33,7 @@ fn lines(arguments: &[&str]) -> Vec<Line> {
 
 #[test]
 #[ignore = "full tier: all frames of a real recording, judged twice; lib::verify::blur::tests::ratio_is_virtual_blur_by_real_blur is its small form, for blur alone"]
-fn a_kinects_footage_passes_and_something_wrong_fails_its_own_line() {
+fn kinect_footage_passes_and_each_fault_fails_its_own_line() {
     let Some((shot, found)) = found::kinect() else { return };
     let (out, folder) = (tempfile::tempdir().unwrap(), common::data("tum-fr1-rpy").unwrap());
     let analysis = out.path().join("found");

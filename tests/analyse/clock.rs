@@ -132,7 +132,7 @@ fn is_late(found: &Delay, within_s: f64) {
 
 // Slow: a simulated site is lit.
 #[test]
-fn delay_of_a_simulated_camera_that_only_travels_is_found() {
+fn delay_of_a_simulated_translation_is_found() {
     let clip = Clip::new(Motion::Dolly, sway);
     let found = clip.delay().unwrap();
     is_late(&found, 0.005);
@@ -141,13 +141,13 @@ fn delay_of_a_simulated_camera_that_only_travels_is_found() {
 
 // Slow: a simulated site is lit.
 #[test]
-fn delay_of_a_simulated_turn_by_a_right_angle_is_found() {
+fn delay_of_a_simulated_turn_by_90_degrees_is_found() {
     is_late(&Clip::new(Motion::Pan, quarter_turn).delay().unwrap(), 0.005);
 }
 
 // Slow: a simulated site is lit.
 #[test]
-fn delay_of_pictures_that_are_stored_a_quarter_turned_is_found() {
+fn delay_of_pictures_stored_rotated_by_90_degrees_is_found() {
     let found = Clip::new(Motion::Pan, sway).upright().delay().unwrap();
     is_late(&found, 0.005);
     assert!(found.quarters % 2 == 1, "{found:?}");
@@ -156,7 +156,7 @@ fn delay_of_pictures_that_are_stored_a_quarter_turned_is_found() {
 /// Poses of a camera that goes another way.
 // Slow: a simulated site is lit.
 #[test]
-fn pictures_that_move_otherwise_than_the_poses_have_no_delay() {
+fn pictures_that_contradict_the_poses_have_no_delay() {
     let clip = Clip::new(Motion::Dolly, sway);
     let other = |time_s: f64| DVec3::new(0.2 * (7.0 * time_s).cos(), 0.1 * (3.3 * time_s).sin(), 0.0);
     let pose =

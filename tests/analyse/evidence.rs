@@ -53,7 +53,7 @@ fn seen(simulation: &Simulation, picture: &Picture, point: DVec3) -> DVec3 {
 }
 
 #[test]
-fn a_card_shows_the_light_from_above_and_its_shadow_lacks_it() {
+fn card_reflects_the_light_from_above_and_shadows_the_floor() {
     let (bare, high) = (site(), 0.15);
     let there = bare.clone().with_evidence(&card(0.1, high, 0.5)).unwrap();
     let [empty, full] = [&bare, &there].map(|simulation| simulation.picture(0));
@@ -84,7 +84,7 @@ fn a_card_shows_the_light_from_above_and_its_shadow_lacks_it() {
 }
 
 #[test]
-fn without_objects_not_a_bit_changes_and_what_light_goes_through_is_refused() {
+fn empty_scene_changes_nothing_and_transparency_is_refused() {
     let bare = site();
     assert_eq!(bare.clone().with_evidence(&Scene::default()).unwrap().picture(0), bare.picture(0));
     let mut glass = card(0.1, 0.1, 0.5);

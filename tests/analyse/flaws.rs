@@ -100,8 +100,8 @@ fn nothing_is_worse(shot: &Shot, truth: &PoseTrack, found: &Analysis) {
 }
 
 #[test]
-#[ignore = "full tier: many simulated frames; gain_of_each_frame_is_the_factor_on_its_light is its small form"]
-fn gain_follows_a_camera_that_changes_its_exposure_and_its_white_balance() {
+#[ignore = "full tier: many simulated frames; frame_gain_matches_the_applied_factor is its small form"]
+fn gain_follows_changes_of_exposure_and_white_balance() {
     // Jumps of 1.4 stops; swings of 10 %. At 1.5 times the light the paper and the wall clip in bright frames.
     for seed in [37, 38] {
         let flaws =
@@ -134,8 +134,8 @@ fn gain_follows_a_camera_that_changes_its_exposure_and_its_white_balance() {
 }
 
 #[test]
-#[ignore = "full tier: many simulated frames; gain_across_the_picture_is_followed_where_it_differs is its small form"]
-fn tone_that_differs_across_the_picture_is_followed_and_otherwise_nothing_is() {
+#[ignore = "full tier: many simulated frames; spatial_gain_is_followed_where_it_varies is its small form"]
+fn spatial_gain_is_fitted_only_where_the_tone_varies_across_the_picture() {
     let walk = Flaws { exposure_walk_ev: 0.3, seed: 37, ..Flaws::default() };
     let of = |share: f64| {
         let folder = made(&small(36), &Flaws { local_tone_share: share, ..walk.clone() });
@@ -155,7 +155,7 @@ fn tone_that_differs_across_the_picture_is_followed_and_otherwise_nothing_is() {
 
 // Slow: the precision that is claimed needs forty frames.
 #[test]
-fn a_clock_is_found_to_half_a_millisecond_where_nothing_drifts() {
+fn clock_offset_without_drift_is_found_within_half_a_millisecond() {
     let folder = demo_by_tier(40, &Flaws { poses_later_s: 0.015, ..Flaws::default() }, 4);
     let shot = opened(&folder);
     let found = analysed_by_tier(&shot, 2);
@@ -165,8 +165,8 @@ fn a_clock_is_found_to_half_a_millisecond_where_nothing_drifts() {
 }
 
 #[test]
-#[ignore = "full tier: many simulated frames; late_depth_and_repeated_pictures_of_the_demonstration_are_found is its small form"]
-fn depth_that_was_measured_later_and_pictures_that_repeat_are_found() {
+#[ignore = "full tier: many simulated frames; late_depth_and_repeated_pictures_in_the_demonstration_are_found is its small form"]
+fn late_depth_and_repeated_pictures_are_found() {
     let flaws = Flaws { depth_later_s: 0.02, repeat_share: 0.15, ..tracked() };
     let folder = made(&Options { speed: 1.5, ..small(40) }, &flaws);
     let shot = opened(&folder);
@@ -190,8 +190,8 @@ fn depth_that_was_measured_later_and_pictures_that_repeat_are_found() {
 }
 
 #[test]
-#[ignore = "full tier: many simulated frames; somebody_in_front_of_the_demonstration_spoils_nothing is its small form"]
-fn a_person_who_walks_by_spoils_nothing() {
+#[ignore = "full tier: many simulated frames; person_in_front_of_the_demonstration_makes_nothing_worse is its small form"]
+fn person_walking_by_makes_nothing_worse() {
     let folder = made(&small(30), &Flaws { person_m_per_s: 1.0, ..tracked() });
     let shot = opened(&folder);
     let found = analysed_by_tier(&shot, 2);
@@ -202,7 +202,7 @@ fn a_person_who_walks_by_spoils_nothing() {
 }
 
 #[test]
-fn a_camera_at_rest_is_left_alone() {
+fn camera_at_rest_keeps_its_poses() {
     let folder = made(&Options { motion: Motion::Static, ..smaller(12) }, &Flaws::default());
     let found = analysed_by_tier(&opened(&folder), 2);
     println!("{}", found.findings);
@@ -215,7 +215,7 @@ fn a_camera_at_rest_is_left_alone() {
 }
 
 #[test]
-fn a_site_without_texture_is_refused() {
+fn site_without_texture_is_refused() {
     let folder = made(&Options { noise_scale: 1.0, ..smaller(12) }, &Flaws { blank: true, ..tracked() });
     let found = analysed_by_tier(&opened(&folder), 2);
     println!("{}", found.findings);
@@ -223,8 +223,8 @@ fn a_site_without_texture_is_refused() {
 }
 
 #[test]
-#[ignore = "full tier: many simulated frames; pictures_of_the_demonstration_in_the_wrong_order_spoil_nothing is its small form"]
-fn pictures_in_the_wrong_order_spoil_nothing() {
+#[ignore = "full tier: many simulated frames; demonstration_pictures_in_the_wrong_order_make_nothing_worse is its small form"]
+fn pictures_in_the_wrong_order_make_nothing_worse() {
     let folder = made(&small(20), &Flaws { poses_later_s: 0.001, ..Flaws::default() });
     // Two frames carry each other's picture.
     for (from, to) in [("00007.jpg", "was"), ("00010.jpg", "00007.jpg"), ("was", "00010.jpg")] {
@@ -249,7 +249,7 @@ fn exposure_is(found: &Analysis, exposure_s: f64) {
 
 // Slow: two simulated sites are analysed.
 #[test]
-fn frames_that_are_far_apart_keep_the_motion_that_was_recorded_between_them() {
+fn sparse_frames_keep_the_recorded_motion_between_them() {
     // 5 frames a second, and a hand: exact poses stay.
     let folder = made(&smaller(12), &Flaws::default());
     let shot = opened(&folder);
@@ -279,9 +279,9 @@ fn frames_that_are_far_apart_keep_the_motion_that_was_recorded_between_them() {
 }
 
 #[test]
-#[ignore = "full tier: thirty frames of 320×240; frames_that_are_far_apart_keep_the_motion_that_was_recorded_between_them is \
+#[ignore = "full tier: thirty frames of 320×240; sparse_frames_keep_the_recorded_motion_between_them is \
             the small form with poses between frames"]
-fn exposure_without_poses_between_frames_draws_the_blur_that_is_there() {
+fn exposure_estimated_without_poses_between_frames_reproduces_the_blur() {
     // 8 frames a second, and the poses nearest to them.
     let folder = made(&Options { fps: 8.0, site: Some(2), seed: 2, samples: 8, ..small(30) }, &Flaws::default());
     let site = folder.path().join("site");
@@ -319,7 +319,7 @@ fn exposure_without_poses_between_frames_draws_the_blur_that_is_there() {
 
 // Slow: two simulated sites, and thirty frames of one are analysed.
 #[test]
-fn a_fisheye_is_refined_or_refused() {
+fn fisheye_poses_are_refined_or_refused() {
     let fisheye = Options { lens: LensModel::OpencvFisheye, k1: 0.02, k2: -0.005, ..smaller(fast_or_full(30, 20)) };
     // Without fast turns the small pictures of the fast tier are linked.
     let slow = Options { speed: fast_or_full(0.2, 1.0), ..fisheye.clone() };
@@ -340,7 +340,7 @@ fn a_fisheye_is_refined_or_refused() {
 
 // Slow: a simulated site, analysed with three units of depth.
 #[test]
-fn what_cannot_be_told_is_refused_with_its_reason() {
+fn unobservable_quantities_are_refused_with_a_reason() {
     let folder = made(&smaller(12), &tracked());
     let scale = |factor: f64| format!("scale = {:?}", 250.0 / factor);
     let mut before = scale(1.0);
@@ -397,7 +397,7 @@ fn pictures(folder: &tempfile::TempDir) -> Vec<std::path::PathBuf> {
 }
 
 #[test]
-fn gain_of_each_frame_is_the_factor_on_its_light() {
+fn frame_gain_matches_the_applied_factor() {
     // Within 24 frames of 0.8 s two jumps of the exposure, and a white balance that swings by 10 %. At 1.5 times the
     // light the paper and the wall clip in bright frames.
     let flaws =
@@ -430,7 +430,7 @@ fn gain_of_each_frame_is_the_factor_on_its_light() {
 }
 
 #[test]
-fn gain_across_the_picture_is_followed_where_it_differs() {
+fn spatial_gain_is_followed_where_it_varies() {
     let of = |slope: f64| {
         let folder = demo_by_tier(24, &Flaws::default(), 4);
         // The left brightens while the right darkens, and the whole swings by half a stop.
@@ -453,7 +453,7 @@ fn gain_across_the_picture_is_followed_where_it_differs() {
 }
 
 #[test]
-fn late_depth_and_repeated_pictures_of_the_demonstration_are_found() {
+fn late_depth_and_repeated_pictures_in_the_demonstration_are_found() {
     let folder = demo_by_tier(32, &tracked(), 4);
     let lines = |file: &str| -> Vec<String> {
         let text = fs::read_to_string(folder.path().join("site").join(file)).unwrap();
@@ -491,7 +491,7 @@ fn late_depth_and_repeated_pictures_of_the_demonstration_are_found() {
 }
 
 #[test]
-fn somebody_in_front_of_the_demonstration_spoils_nothing() {
+fn person_in_front_of_the_demonstration_makes_nothing_worse() {
     let folder = demo_by_tier(24, &tracked(), 4);
     // A striped thing of a fifth of the picture, 0.9 m away, crosses it at 1.5 times its width a second.
     for (n, file) in pictures(&folder).iter().enumerate() {
@@ -519,7 +519,7 @@ fn somebody_in_front_of_the_demonstration_spoils_nothing() {
 
 /// At a quarter of its size in both tiers: at 640×480 the exchange is taken for a motion (docs/analyse.md).
 #[test]
-fn pictures_of_the_demonstration_in_the_wrong_order_spoil_nothing() {
+fn demonstration_pictures_in_the_wrong_order_make_nothing_worse() {
     let folder = demo_reduced(20, &Flaws { poses_later_s: 0.001, ..Flaws::default() }, 4);
     let pictures = pictures(&folder);
     let [first, second] = [7, 10].map(|n| fs::read(&pictures[n]).unwrap());

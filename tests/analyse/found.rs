@@ -82,7 +82,7 @@ fn all_but_registration_is_followed(site: &Path) {
 
 // Slow: the precision that is claimed needs forty frames.
 #[test]
-fn jitter_drift_a_late_clock_and_a_turned_camera_are_found() {
+fn jitter_drift_clock_offset_and_hand_eye_rotation_are_found() {
     let wrong = Flaws {
         jitter_mm: 1.0,
         jitter_deg: 0.1,
@@ -146,7 +146,7 @@ fn jitter_drift_a_late_clock_and_a_turned_camera_are_found() {
 }
 
 #[test]
-fn what_is_not_this_recordings_is_refused_and_not_fitted_away() {
+fn poses_of_another_recording_are_refused() {
     let folder = demo_by_tier(16, &Flaws::default(), 4);
     let site = folder.path().join("site");
     let refused = |sets: &[&str]| {
@@ -192,7 +192,7 @@ fn without_depth(folder: &tempfile::TempDir, gain: impl Fn(usize) -> [f64; 3]) {
 
 // Slow: depth from pictures takes 0.3 s a frame, and the spread needs full size.
 #[test]
-fn without_depth_light_and_sharpness_are_found_all_the_same() {
+fn light_and_sharpness_are_found_without_depth() {
     let frames = fast_or_full(12, 24);
     let gain = |n: usize| {
         let stops = 0.6 * (0.4 * n as f64).sin() - if n > frames / 2 { 0.5 } else { 0.0 };
@@ -241,7 +241,7 @@ fn motion_off_px(shot: &Shot, truth: &PoseTrack, track: &PoseTrack) -> f64 {
 
 // Slow: depth from pictures takes 0.3 s a frame.
 #[test]
-fn without_depth_the_motion_is_the_pictures_and_the_camera_stands_where_it_was_recorded() {
+fn motion_without_depth_is_refined_at_the_recorded_position() {
     let folder = demo_by_tier(fast_or_full(14, 20), &Flaws { jitter_mm: 1.0, jitter_deg: 0.1, ..Flaws::default() }, 2);
     without_depth(&folder, |_| [1.0; 3]);
     let shot = opened(&folder);
@@ -267,7 +267,7 @@ fn without_depth_the_motion_is_the_pictures_and_the_camera_stands_where_it_was_r
 }
 
 #[test]
-fn any_number_of_threads_finds_the_same() {
+fn analysis_is_independent_of_the_thread_count() {
     // Neither count fills the last batch.
     let folder = demo_by_tier(13, &late(0.01), 4);
     let shot = opened(&folder);
@@ -287,8 +287,8 @@ pub fn kinect() -> Option<(Shot, &'static Analysis)> {
 }
 
 #[test]
-#[ignore = "full tier: 90 frames of a real recording; a_kinects_first_frames_are_refined is its small form"]
-fn a_kinects_poses_are_refined_and_its_gain_is_followed() {
+#[ignore = "full tier: 90 frames of a real recording; first_kinect_frames_are_refined is its small form"]
+fn kinect_poses_are_refined_and_its_gain_is_followed() {
     let Some((_, found)) = kinect() else { return };
     println!("{}", found.findings);
     let registered = &found.findings.registration;
@@ -334,7 +334,7 @@ fn white_of_clipped_paper_on_a_kitchen_table_is_claimed() {
 /// The first 16 of the 90 frames, without the light of the room.
 // Slow: a real recording at its full size.
 #[test]
-fn a_kinects_first_frames_are_refined() {
+fn first_kinect_frames_are_refined() {
     let Some(folder) = common::data("tum-fr1-rpy") else { return };
     let temp = tempfile::tempdir().unwrap();
     first_frames_of_tum(&folder, temp.path(), 16);
@@ -398,7 +398,7 @@ fn reduced_model(from: &Path, to: &Path, reduction: f64) {
 /// Photographs of a door from far apart places, which no plane sweep matches.
 // Slow: twelve photographs are decoded, reduced and analysed.
 #[test]
-fn a_models_landmarks_tell_how_bright_photographs_are() {
+fn gain_of_photographs_is_found_by_the_landmarks_of_a_model() {
     let Some(folder) = common::data("lund-door-dslr") else { return };
     let found = |folder: &Path| {
         let shot = Shot::open(folder, &OpenOptions::default(), &ShotOptions::default()).unwrap();
@@ -444,7 +444,7 @@ fn a_models_landmarks_tell_how_bright_photographs_are() {
 
 /// Poses that end 4 ms behind the last picture, by a clock that is 20 ms late.
 #[test]
-fn a_late_clock_loses_no_frame_at_the_end_of_the_poses() {
+fn late_clock_keeps_all_frames_at_the_end_of_the_poses() {
     let folder = demo_by_tier(13, &late(0.02), 4);
     let last_s = *opened(&folder).recording.timestamps_s.last().unwrap();
     let poses = folder.path().join("site/groundtruth.txt");
@@ -467,8 +467,8 @@ fn every_frame_keeps_a_pose(shot: &Shot) {
 }
 
 #[test]
-#[ignore = "full tier: a real recording; a_late_clock_loses_no_frame_at_the_end_of_the_poses is its small form"]
-fn a_clock_that_reads_beyond_the_last_pose_loses_no_frame() {
+#[ignore = "full tier: a real recording; late_clock_keeps_all_frames_at_the_end_of_the_poses is its small form"]
+fn clock_offset_beyond_the_last_pose_keeps_all_frames() {
     let Some(folder) = common::data("redkitchen") else { return };
     let temp = tempfile::tempdir().unwrap();
     for n in 0..24 {
@@ -483,7 +483,7 @@ fn a_clock_that_reads_beyond_the_last_pose_loses_no_frame() {
 }
 
 #[test]
-fn sharpness_follows_the_footage_where_nobody_says_it() {
+fn unset_sharpness_follows_the_footage() {
     let folder = demo_by_tier(3, &Flaws::default(), 4);
     let site = folder.path().join("site");
     let told = said(&["analyse", site.to_str().unwrap()]);

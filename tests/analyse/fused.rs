@@ -13,7 +13,7 @@ const PER_METRE: f64 = 250.0;
 
 // Slow: a recording is analysed.
 #[test]
-fn hand_that_comes_and_goes_is_no_surface_of_the_room() {
+fn hand_in_a_few_frames_is_excluded_from_the_fused_surfaces() {
     let folder = demo_by_tier(12, &Flaws::default(), 4);
     for frame in WITH_HAND {
         let file = folder.path().join(format!("site/depth/{frame:05}.png"));

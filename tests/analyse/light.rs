@@ -36,7 +36,7 @@ fn mean(of: [f64; 3]) -> f64 {
 /// All of 20 sites, with the table of docs/light.md: `scripts/light_of_sites.py`.
 #[test]
 #[ignore = "full tier: two sites; a_person_corrects_the_light_... checks the demonstration"]
-fn the_light_of_simulated_sites_is_found_with_lamps_that_are_never_seen() {
+fn light_of_simulated_sites_is_found_with_lamps_out_of_view() {
     // The bars of docs/light.md are of all 20 sites, in full size; these are small and noisy, and two lamps may be taken for one.
     for (lamps, site, most_deg, within) in [(1, 10, 6.0, 0.25), (2, 2, 20.0, 0.3)] {
         let options = options(lamps, site);
@@ -85,7 +85,7 @@ fn true_white(simulation: &Simulation, place: DVec3) -> f64 {
 }
 
 #[test]
-fn a_scene_without_light_takes_that_of_the_footage_and_one_with_light_keeps_its_own() {
+fn scene_without_light_uses_the_estimated_one_and_keeps_its_own_otherwise() {
     let (folder, found) = analysed_demo();
     let site = folder.path().join("site");
     let analysis = folder.path().join("site.analysis");
@@ -149,7 +149,7 @@ fn a_scene_without_light_takes_that_of_the_footage_and_one_with_light_keeps_its_
 }
 
 #[test]
-fn light_found_with_another_up_is_left_out_and_the_rest_is_used() {
+fn light_estimated_with_another_up_is_ignored_and_the_rest_is_used() {
     let (folder, found) = analysed_demo();
     let site = folder.path().join("site");
     let open = || Shot::open(&site, &OpenOptions::default(), &ShotOptions::default()).unwrap();
@@ -185,7 +185,7 @@ fn analysed_demo() -> (tempfile::TempDir, Analysis) {
 
 // Slow: the search for lamps takes 10 s, and each correction is a run of the program.
 #[test]
-fn a_person_corrects_the_light_by_white_paper_a_lamp_and_a_panorama_and_is_told_what_things_stand_on() {
+fn light_is_corrected_by_white_paper_lamp_or_panorama_and_supports_are_reported() {
     let (folder, found) = analysed_demo();
     by_white_paper(&folder, &found);
     by_lamps_and_a_panorama(&folder, &found);

@@ -179,7 +179,7 @@ fn screen_missed_by_seven_frames_occludes_with_surfels() {
 
 #[test]
 #[ignore = "full tier: analyses a whole real recording; composite::sensed has a simulated sensor's edges in its place"]
-fn evidence_ends_at_the_edge_of_a_screen_of_which_the_sensor_sees_little() {
+fn occlusion_ends_at_the_edge_of_a_screen_with_sparse_depth() {
     let Some((mut shot, found)) = found::kinect() else { return };
     let temp = tempfile::tempdir().unwrap();
     shot.apply_analysis(temp.path().to_owned(), found.clone()).unwrap();

@@ -73,7 +73,7 @@ fn poses_over_plain_concrete_are_refined() {
 
 // Slow: a simulated site is lit and analysed.
 #[test]
-fn poses_of_another_way_over_plain_concrete_are_refused() {
+fn poses_of_another_path_over_plain_concrete_are_refused() {
     let folder = concrete();
     reverse_poses(&folder);
     let found = analysed_by_tier(&opened(&folder), 2);
@@ -110,7 +110,7 @@ fn off_ln(found: &Analysis) -> f64 {
 
 // Slow: twenty frames are analysed.
 #[test]
-fn gain_is_followed_where_refused_poses_stand_well_enough_for_it() {
+fn gain_is_followed_by_refused_poses_of_sufficient_accuracy() {
     // The camera stands so far from what was tracked that its place is refused. From frame to frame that changes little.
     let folder = demo_by_tier(20, &Flaws { hand_eye_mm: 160.0, ..Flaws::default() }, 4);
     relight(&folder, jumps);
@@ -126,7 +126,7 @@ fn gain_is_followed_where_refused_poses_stand_well_enough_for_it() {
 /// Steady light first, then light that jumps.
 // Slow: twenty frames are analysed twice.
 #[test]
-fn gain_of_poses_that_are_another_recordings_is_followed_only_where_it_is_large() {
+fn gain_by_poses_of_another_recording_is_followed_only_if_large() {
     let folder = demo_by_tier(20, &Flaws::default(), 4);
     reverse_poses(&folder);
     let steady = analysed_by_tier(&opened(&folder), 2);
@@ -143,8 +143,8 @@ fn gain_of_poses_that_are_another_recordings_is_followed_only_where_it_is_large(
 }
 
 #[test]
-#[ignore = "full tier: the search for lamps; gain_is_followed_where_refused_poses_stand_well_enough_for_it is its small form"]
-fn light_is_found_where_refused_poses_stand_well_enough_for_it() {
+#[ignore = "full tier: the search for lamps; gain_is_followed_by_refused_poses_of_sufficient_accuracy is its small form"]
+fn light_is_found_by_refused_poses_of_sufficient_accuracy() {
     let folder = demo_by_tier(20, &Flaws { hand_eye_mm: 160.0, ..Flaws::default() }, 4);
     let found = analysed(&opened(&folder), 2);
     println!("{}", found.findings);

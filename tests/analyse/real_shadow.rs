@@ -27,7 +27,7 @@ fn brighter(a: &[[f64; 3]], b: &[[f64; 3]], counts: impl Fn(usize) -> bool) -> f
 /// A site with one lamp at its side, whose light is known.
 // Slow: two simulated sites and a composite with shadows.
 #[test]
-fn in_a_real_shadow_the_floor_is_not_darkened_twice_and_evidence_is_dark() {
+fn real_shadow_is_not_darkened_twice_and_darkens_evidence() {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");

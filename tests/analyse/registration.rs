@@ -52,7 +52,7 @@ fn median(mut lengths: Vec<f64>) -> f64 {
 }
 
 #[test]
-fn the_twin_lies_on_its_own_frame() {
+fn twin_coincides_with_its_own_frame() {
     let Some(lengths) = twin_displacements(GLOBAL, 20..21) else { return };
     let median = median(lengths);
     println!("frame 20: median displacement {median:.3} px");
@@ -60,7 +60,7 @@ fn the_twin_lies_on_its_own_frame() {
 }
 
 #[test]
-fn the_twin_follows_the_camera() {
+fn twin_follows_the_camera() {
     let Some(lengths) = twin_displacements(GLOBAL, fast_or_full(24..27, 22..31)) else { return };
     let median = median(lengths);
     println!("frames from 22 on: median displacement {median:.3} px");
@@ -68,7 +68,7 @@ fn the_twin_follows_the_camera() {
 }
 
 #[test]
-fn with_rows_times_the_twin_of_rows_lies_closer() {
+fn twin_by_row_times_is_closer_with_the_readout_time() {
     let Some(lengths) = twin_displacements(ROWS, 20..21) else { return };
     let own = median(lengths);
     assert!(own <= 0.3, "frame 20: {own}");

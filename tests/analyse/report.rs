@@ -55,7 +55,7 @@ fn parsed(html: &str) -> Page {
 
 // Slow: full analyses of pictures large enough for the spread, and five pages.
 #[test]
-fn a_page_says_what_was_found_and_a_profile_takes_what_belongs_to_the_camera() {
+fn report_shows_the_findings_and_the_profile_accepts_the_camera_values() {
     // Poses 20 ms late; a name that would be markup.
     let folder = demo_by_tier(24, &Flaws { poses_later_s: 0.02, ..Flaws::default() }, 2);
     let site = folder.path().join("a<b>&\"c");
@@ -135,7 +135,7 @@ fn a_page_says_what_was_found_and_a_profile_takes_what_belongs_to_the_camera() {
 }
 
 #[test]
-fn what_cannot_be_shown_is_left_out_with_its_reason() {
+fn unavailable_findings_are_left_out_with_a_reason() {
     let folder = demo(3, &Flaws::default());
     let site = folder.path().join("site");
     let described = std::fs::read_to_string(site.join("recording.toml")).unwrap();
@@ -157,7 +157,7 @@ fn what_cannot_be_shown_is_left_out_with_its_reason() {
 }
 
 #[test]
-fn what_is_there_is_not_lost() {
+fn existing_reports_and_analyses_are_not_overwritten() {
     let folder = demo(3, &Flaws::default());
     let site = folder.path().join("site");
     let path = site.to_str().unwrap();

@@ -73,7 +73,7 @@ fn corner_near(picture: &Picture, start: DVec2) -> DVec2 {
 /// pattern of 36 finds an edge of 12 px contrast to some 0.02 px.
 // Slow: many light samples of a large picture, for a twentieth of a pixel.
 #[test]
-fn a_corner_lands_where_it_is_projected() {
+fn corner_is_rendered_where_it_projects() {
     let simulation = crude(&Options { k1: -0.3, k2: 0.08, width_px: 720, ..pan() });
     for &later_s in fast_or_full(&[-0.42, 0.42][..], &[-0.42, 0.0, 0.42]) {
         let snapshot = snapshot(&simulation, later_s, 36);
@@ -158,7 +158,7 @@ fn blur_is_velocity_times_exposure() {
 /// Lower rows see the scene later. At the principal point a turn ω around the world's vertical
 /// moves it by f·ω·cos(pitch), pitch being how far the camera looks down.
 #[test]
-fn rolling_shutter_leans_as_the_readout_says() {
+fn rolling_shutter_skew_matches_the_readout_time() {
     let options = Options { readout_time_s: 0.03, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, ..pan() };
     let (rolling, global) = (crude(&options), crude(&Options { readout_time_s: 0.0, ..options.clone() }));
     let snapshot = snapshot(&global, 0.0, fast_or_full(24, 48));
@@ -182,7 +182,7 @@ fn rolling_shutter_leans_as_the_readout_says() {
 /// Bins of 16 codes with 60,000 values or more: neighbours that correlate by 0.6 leave a fifth
 /// of them independent, which makes σ sure to 0.65 %; 3 % is more than four times that.
 #[test]
-fn noise_of_static_frames_follows_the_table() {
+fn noise_of_static_frames_matches_the_profile() {
     let options =
         Options { width_px: 320, height_px: 240, focal_px: 260.0, motion: Motion::Static, ..Options::default() };
     let scenes = crude(&options).static_scenes(&[0.1, 0.35, 1.0, 2.2], 12);
@@ -213,7 +213,7 @@ fn noise_of_static_frames_follows_the_table() {
 }
 
 #[test]
-fn the_count_of_threads_changes_nothing() {
+fn simulation_is_independent_of_the_thread_count() {
     let options = Options { width_px: 96, height_px: 72, focal_px: 80.0, samples: 4, ..Options::default() };
     let of = |threads: usize| {
         let simulation = Simulation::with_detail(&options, Detail::for_focal_px(80.0), threads).unwrap();
@@ -253,7 +253,7 @@ fn run(
 }
 
 #[test]
-fn a_recording_holds_what_was_simulated() {
+fn recording_contains_the_simulated_data() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("some/site");
     let options = Options { board: true, ..small() };
@@ -304,7 +304,7 @@ fn a_recording_holds_what_was_simulated() {
 }
 
 #[test]
-fn what_is_stopped_leaves_nothing() {
+fn stopped_simulation_leaves_no_files() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("site");
     for last in [0, 2] {
@@ -315,7 +315,7 @@ fn what_is_stopped_leaves_nothing() {
 }
 
 #[test]
-fn what_is_there_is_kept() {
+fn foreign_and_edited_files_are_kept() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("site");
     let mut quiet = |_, _| ControlFlow::Continue(());
@@ -379,7 +379,7 @@ fn what_is_there_is_kept() {
 }
 
 #[test]
-fn a_place_that_cannot_be_is_refused_before_the_work() {
+fn impossible_output_path_is_refused_before_the_simulation() {
     let mut work = |_, _| panic!("work was begun");
     for place in [".", "..", "/"] {
         assert!(matches!(run(Path::new(place), &small(), true, &mut work), Err(SimulateError::Within(_))), "{place}");
@@ -387,7 +387,7 @@ fn a_place_that_cannot_be_is_refused_before_the_work() {
 }
 
 #[test]
-fn the_exported_board_is_the_board() {
+fn exported_board_matches_the_simulated_one() {
     let glb = board().glb().unwrap();
     let (document, buffers, images) = gltf::import_slice(&glb).unwrap();
     let primitive = document.meshes().next().unwrap().primitives().next().unwrap();
@@ -408,7 +408,7 @@ fn the_exported_board_is_the_board() {
 
 /// The demonstration in the repository is what the defaults say, and small.
 #[test]
-fn the_demonstration_is_the_default() {
+fn demonstration_matches_the_default_options() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/demo");
     let truth: toml::Table = fs::read_to_string(folder.join("truth.toml")).unwrap().parse().unwrap();
     let written = truth["simulate"].as_table().unwrap();

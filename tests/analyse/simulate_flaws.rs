@@ -17,7 +17,7 @@ fn made(out: &Path, options: &Options, flaws: &Flaws) {
 
 /// The same recording without flaws differs by what is asked, and the truth tells how.
 #[test]
-fn flaws_are_as_large_as_asked_and_the_truth_lies_beside() {
+fn flaws_have_the_requested_size_and_the_truth_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let options = Options { frames: 12, noise_scale: 0.0, ..small() };
     let flaws = Flaws {
@@ -100,7 +100,7 @@ fn flaws_are_as_large_as_asked_and_the_truth_lies_beside() {
 }
 
 #[test]
-fn white_desk_clips_and_its_black_screen_has_hardly_any_depth() {
+fn white_desk_clips_and_its_black_screen_has_sparse_depth() {
     let options = Options {
         width_px: 160,
         height_px: 120,
@@ -129,7 +129,7 @@ fn white_desk_clips_and_its_black_screen_has_hardly_any_depth() {
 
 /// Somebody who walks covers about a fifth of the picture, and nothing else is another.
 #[test]
-fn a_person_walks_through_and_a_blank_site_has_nothing_to_see() {
+fn walking_person_covers_a_fifth_and_blank_site_has_no_texture() {
     let options =
         Options { width_px: 160, height_px: 120, focal_px: 130.0, samples: 1, motion: Motion::Static, ..small() };
     let of = |flaws: Flaws| Simulation::with_flaws(&options, &flaws).unwrap();
@@ -154,7 +154,7 @@ fn depth_of(out: &Path, name: &str) -> Vec<u16> {
 
 /// A Kinect's maps have its holes, its steps and its wider edges; what is exact lies beside them; the pictures are the same.
 #[test]
-fn a_kinects_depth_is_as_wrong_as_a_kinects_and_the_truth_lies_beside() {
+fn kinect_depth_has_the_sensor_errors_and_the_truth_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let options = Options { frames: 3, depth_scale: 10_000.0, motion: Motion::Static, ..small() };
     let kinect = Flaws { depth_sensor: Some(DepthSensorModel::Kinect), ..Flaws::default() };
@@ -205,7 +205,7 @@ fn a_kinects_depth_is_as_wrong_as_a_kinects_and_the_truth_lies_beside() {
 
 /// A phone's maps and those of a camera of its own have errors as well.
 #[test]
-fn other_depth_cameras_have_errors_too() {
+fn other_depth_cameras_have_errors() {
     let folder = tempfile::tempdir().unwrap();
     let kinect = Flaws { depth_sensor: Some(DepthSensorModel::Kinect), ..Flaws::default() };
     let options = Options { frames: 1, depth_scale: 1000.0, ..small() };

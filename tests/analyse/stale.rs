@@ -46,7 +46,7 @@ fn opened_in_metres(model: &Path) -> Shot {
 
 // Slow: two analyses and a composite by the program.
 #[test]
-fn an_analysis_of_a_model_holds_for_any_length_of_its_unit() {
+fn analysis_of_a_model_is_valid_for_any_unit_length() {
     let temp = tempfile::tempdir().unwrap();
     let site = temp.path().join("door");
     model(&site);

@@ -51,7 +51,7 @@ pub fn small_site(site: u32, to: &str, more: &[&str]) {
 /// marker fills most of the box; docs/truth.md says what is missing.
 #[test]
 #[ignore = "full tier: two simulated sites, the search for lamps, three composites; in_a_real_shadow_the_floor_is_not_darkened_twice_... is its small form"]
-fn evidence_put_into_an_empty_site_looks_as_if_it_lay_there() {
+fn evidence_composited_into_an_empty_site_matches_the_simulated_truth() {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/marker-1.glb");

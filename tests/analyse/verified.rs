@@ -58,7 +58,7 @@ fn displaced(folder: &tempfile::TempDir) -> DisplacementSummary {
 
 // Slow: frames are drawn as things, and a simulated site is lit.
 #[test]
-fn exact_poses_read_nothing_and_an_error_of_a_pixel_reads_a_pixel() {
+fn verify_reads_zero_for_exact_poses_and_one_pixel_for_a_one_pixel_error() {
     let folder = at_rest();
     let exact = displaced(&folder);
     // A median of displacements is never 0, but what is left of it without the floor may be.

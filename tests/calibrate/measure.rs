@@ -70,7 +70,7 @@ fn shifts_come_back_within_a_twentieth_of_a_pixel() {
 }
 
 #[test]
-fn flat_patches_and_those_outside_the_mask_tell_nothing() {
+fn flat_and_masked_patches_give_no_displacement() {
     let options = DisplacementOptions::default();
     let flat = Grey::new(SIZE, SIZE, vec![50.0; SIZE * SIZE]).unwrap();
     let found = displacements(&flat, &flat, None, &options).unwrap();
@@ -113,7 +113,7 @@ fn standard_error_covers_the_error_and_a_straight_edge_is_not_trusted() {
 }
 
 #[test]
-fn measurements_that_fail_name_the_reason() {
+fn failed_measurements_name_the_reason() {
     let options = DisplacementOptions::default();
     let (a, small) = (picture([0.0; 2], 0.0, 1), Grey::new(2, 1, vec![0.0; 2]).unwrap());
     assert!(displacements(&a, &small, None, &options).unwrap_err().to_string().contains("128x128 and 2x1"));

@@ -154,7 +154,7 @@ fn clipped_blocks_are_left_out() {
 #[test]
 #[ignore = "full tier: simulates 12 frames of a lit site; a_moving_recording_gives_its_noise_and_its_profile_takes_it \
             is its small form"]
-fn a_simulated_hand() {
+fn noise_of_a_simulated_hand_held_camera_is_recovered() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path().join("hand");
     let path = |p: &Path| p.to_str().unwrap().to_owned();
@@ -273,7 +273,7 @@ fn direct(mean: &Path, real: &Path) -> Vec<(usize, f64, f64)> {
 
 /// Single frames of DSLRs against what their known means say. Half of them have too few flat places and say so.
 #[test]
-fn single_frames_of_real_cameras() {
+fn single_frames_of_real_cameras_match_their_known_noise() {
     let Some(folder) = common::data("noise-pairs") else { return };
     let mut all = Vec::new();
     let mut measured = 0;
@@ -325,7 +325,7 @@ fn texture_everywhere_and_a_fixed_pattern_only_increase_sigma() {
 
 /// The Kinect in a hand: the profile that comes with the program is what the program finds.
 #[test]
-#[ignore = "full tier: reads 90 frames; a_tenth_of_the_kinects_frames_gives_its_profile is its small form"]
+#[ignore = "full tier: reads 90 frames; tenth_of_the_kinect_frames_gives_its_profile is its small form"]
 fn kinect_profile_matches_its_frames() {
     let Some(folder) = common::data("tum-fr1-rpy") else { return };
     let found = moving_noise_from_paths(&[folder], &NoiseOptions::default()).unwrap();
@@ -343,7 +343,7 @@ fn kinect_profile_matches_its_frames() {
 }
 
 #[test]
-fn a_tenth_of_the_kinects_frames_gives_its_profile() {
+fn tenth_of_the_kinect_frames_gives_its_profile() {
     let Some(folder) = common::data("tum-fr1-rpy/rgb") else { return };
     let mut files: Vec<PathBuf> = std::fs::read_dir(&folder).unwrap().map(|file| file.unwrap().path()).collect();
     files.sort();
@@ -388,7 +388,7 @@ fn jpeg_frames_are_recognised_by_content() {
 }
 
 #[test]
-fn loose_pictures_and_folders_are_read_and_none_is_refused() {
+fn loose_pictures_and_folders_are_read_and_missing_ones_are_refused() {
     let temp = tempfile::tempdir().unwrap();
     let files: Vec<PathBuf> = frames(3, 3.0, 0.3, 0)
         .iter()

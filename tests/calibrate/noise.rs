@@ -101,7 +101,7 @@ const WHITE: Camera = Camera { sigma: [[0.3, 6.0], [1.0, 2.0], [0.8, 0.8]], neig
 
 /// Not even read: the zeros take no memory.
 #[test]
-fn a_picture_whose_sums_would_fill_the_memory_is_refused() {
+fn picture_too_large_for_memory_is_refused() {
     let (width, height) = (1 << 13, (1 << 13) + 1);
     let large = Pixels::from_u8(width, height, vec![0; 3 * (width * height) as usize]).unwrap();
     let error = from_scenes(&[vec![large]], &NoiseOptions::default()).unwrap_err().to_string();
@@ -109,7 +109,7 @@ fn a_picture_whose_sums_would_fill_the_memory_is_refused() {
 }
 
 #[test]
-fn recovers_white_noise_from_ten_frames() {
+fn white_noise_is_recovered_from_ten_frames() {
     let scene = WHITE.shoot(10, 1, chart);
     let calibration = from_scenes(&[scene], &NoiseOptions::default()).unwrap();
     assert!(worst(&calibration, &WHITE) < 0.05);
@@ -137,7 +137,7 @@ fn few_frames_and_small_sigma_are_not_biased() {
 }
 
 #[test]
-fn recovers_correlated_noise_and_its_correlations() {
+fn correlated_noise_and_its_correlations_are_recovered() {
     let camera = Camera { sigma: [[1.0, 4.0], [2.0, 3.0], [3.0, 5.0]], neighbour: 0.6, shared: 0.4 };
     let scenes = [2, 3].map(|seed| camera.shoot(10, seed, chart));
     let calibration = from_scenes(&scenes, &NoiseOptions::default()).unwrap();
@@ -149,7 +149,7 @@ fn recovers_correlated_noise_and_its_correlations() {
 }
 
 #[test]
-fn clipped_codes_are_not_quiet_ones() {
+fn clipped_codes_are_not_counted_as_quiet() {
     // half of the picture hangs around the ends, a quarter of it beyond them
     let camera = Camera { sigma: [[3.0, 6.0], [6.0, 3.0], [4.0, 4.0]], neighbour: 0.0, shared: 0.0 };
     let scene = camera.shoot(10, 4, |x, y, frame, c| {
@@ -189,7 +189,7 @@ fn with_patch(x: usize, y: usize, frame: usize, channel: usize) -> f64 {
 }
 
 #[test]
-fn a_moving_patch_is_left_out_and_its_share_reported() {
+fn moving_patch_is_excluded_and_its_share_reported() {
     let camera = Camera { sigma: [[0.5, 3.0], [1.0, 2.0], [0.8, 0.8]], neighbour: 0.0, shared: 0.0 };
     for neighbour in [0.0, 0.5] {
         let camera = Camera { neighbour, ..camera };
@@ -221,7 +221,7 @@ fn bright_flickering_area_is_not_counted_as_noise() {
 }
 
 #[test]
-fn sigma_is_that_of_the_middle_wherever_the_pixels_are() {
+fn sigma_refers_to_the_bin_centre_for_any_distribution_of_codes() {
     let camera = Camera { sigma: [[0.3, 6.0], [6.0, 1.0], [2.0, 3.0]], neighbour: 0.0, shared: 0.0 };
     let scene = camera.shoot(10, 12, |x, y, frame, c| {
         let code = chart(x, y, frame, c);
@@ -254,7 +254,7 @@ fn creeping_camera_is_detected_where_there_is_detail() {
 }
 
 #[test]
-fn one_noisy_frame_and_its_mean_are_enough() {
+fn single_noisy_frame_with_its_mean_is_sufficient() {
     let camera = Camera { sigma: [[0.4, 6.0], [1.0, 2.0], [0.8, 0.8]], neighbour: 0.0, shared: 0.0 };
     let still = Camera { sigma: [[0.0; 2]; 3], neighbour: 0.0, shared: 0.0 };
     let mean = still.shoot(1, 1, chart).remove(0);
@@ -288,7 +288,7 @@ fn mean_of_another_scene_is_reported() {
 }
 
 #[test]
-fn sixteen_bits_give_the_same_table() {
+fn sixteen_bit_pictures_give_the_same_profile() {
     let camera = Camera { sigma: [[0.05, 0.1], [1.0, 2.0], [3.0, 3.0]], neighbour: 0.0, shared: 0.0 };
     let mut random = Random::new(9);
     let frames: Vec<Pixels> = (0..6)
@@ -427,7 +427,7 @@ fn foretell(folder: &Path, camera: &str, test: usize) -> Vec<(f64, f64)> {
 }
 
 #[test]
-fn two_scenes_of_a_real_camera_foretell_the_third() {
+fn two_scenes_of_a_real_camera_predict_the_third() {
     let Some(folder) = common::data("noise-pairs") else { return };
     let compare = |what: &str, errors: &[(f64, f64)]| {
         let (ours, theirs) = (median(errors.iter().map(|e| e.0)), median(errors.iter().map(|e| e.1)));
@@ -448,7 +448,7 @@ fn two_scenes_of_a_real_camera_foretell_the_third() {
 }
 
 #[test]
-fn a_resting_machine_vision_camera() {
+fn noise_of_a_resting_machine_vision_camera_matches_its_known_values() {
     let Some(folder) = common::data("static-burst-grey") else { return };
     let calibration = noise_from_paths(&[folder], &[], &NoiseOptions::default()).unwrap();
     println!("{calibration}");
@@ -470,7 +470,7 @@ fn refused(frames: &[PathBuf]) -> String {
 
 /// Frames of a camera in a hand, slow and fast, and of far apart views; the message names the folder and says what to do.
 #[test]
-fn frames_of_a_real_camera_that_moves_are_refused() {
+fn frames_of_a_moving_real_camera_are_refused() {
     let Some(folder) = common::data("tum-fr1-rpy/rgb") else { return };
     let mut files: Vec<PathBuf> = std::fs::read_dir(&folder).unwrap().map(|f| f.unwrap().path()).collect();
     files.sort();

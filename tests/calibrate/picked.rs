@@ -193,7 +193,7 @@ fn edges_of_one_print_agree_in_a_real_picture() {
 }
 
 #[test]
-fn the_program_measures_edges_and_writes_the_profile() {
+fn program_measures_edges_and_writes_the_profile() {
     let Some(path) = tum("1305031241.661658.png") else { return };
     let (temp, picture) = (tempfile::tempdir().unwrap(), path.to_str().unwrap());
     let profile = temp.path().join("camera.toml");

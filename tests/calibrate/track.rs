@@ -227,7 +227,7 @@ fn track_is_smoothed_on_request() {
 }
 
 #[test]
-fn a_sheet_is_written_with_its_board() {
+fn sheet_is_written_with_its_board_file() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     said(&["board", "-o", &at("sheet.pdf"), "--paper", "letter"]);

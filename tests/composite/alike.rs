@@ -73,7 +73,7 @@ fn surfaces(size: (u32, u32)) -> Surfaces {
 }
 
 #[test]
-fn what_an_effect_does_not_change_it_hands_on() {
+fn effects_pass_unchanged_textures_on() {
     let gpu = gpu::gpu();
     let geometry = gpu::pinhole(size().0, size().1, FOCAL_PX);
     let camera = camera(&geometry);
@@ -182,7 +182,7 @@ fn alike(a: &Pixels, b: &Pixels, told: &str) {
 
 // Slow: every method of every effect, in whole and in five parts.
 #[test]
-fn parts_of_a_picture_are_the_picture() {
+fn effects_in_regions_match_the_whole_picture() {
     let geometry = || {
         let geometry = gpu::pinhole(size().0, size().1, FOCAL_PX);
         (geometry.clone(), geometry, 1.0)
@@ -209,7 +209,7 @@ fn parts_of_a_picture_are_the_picture() {
 
 // Slow: every effect at two resolutions.
 #[test]
-fn an_enlargement_is_what_a_finer_camera_sees() {
+fn enlargement_matches_a_camera_of_higher_resolution() {
     let large = gpu::pinhole(size().0, size().1, FOCAL_PX);
     let small = gpu::pinhole(size().0 / 2, size().1 / 2, FOCAL_PX / 2.0);
     let whole = [Rect::full(size().0, size().1)];

@@ -98,7 +98,7 @@ fn all_around() -> Vec<DVec3> {
 }
 
 #[test]
-fn marks_land_where_the_formula_says_all_around() {
+fn marks_project_by_the_formula_all_around() {
     let pose =
         Pose::from_camera_in_world(DVec3::new(3.0, -1.0, 2.0), DQuat::from_euler(glam::EulerRot::XYZ, 0.2, -1.1, 0.3));
     let (round_px, fisheye_px, half_size, at_a_time) = fast_or_full((640, 400, 0.04, 32), (1024, 640, 0.03, 8));
@@ -140,7 +140,7 @@ fn marks_land_where_the_formula_says_all_around() {
 }
 
 #[test]
-fn a_pole_is_covered_all_round_and_nothing_else() {
+fn square_at_a_pole_covers_all_longitudes_and_nothing_else() {
     let geometry = round(512);
     for pole in [DVec3::Y, DVec3::NEG_Y] {
         let image = layer(&gpu::camera(&geometry, 0.0), plain(), marks(&[pole], 0.2, 0.5), &still(Pose::IDENTITY));
@@ -164,7 +164,7 @@ fn a_pole_is_covered_all_round_and_nothing_else() {
 
 /// What is seen across the seam is what is seen in the middle by a camera turned half round, blurred by motion too.
 #[test]
-fn the_seam_is_nowhere() {
+fn picture_is_continuous_across_the_seam() {
     let geometry = round(1024);
     let mut camera = gpu::camera(&geometry, 0.03);
     let scene = marks(&[DVec3::new(0.05, 0.2, 1.0), DVec3::new(-0.1, -0.2, 1.0)], 0.1, 0.5);
@@ -191,7 +191,7 @@ fn the_seam_is_nowhere() {
 }
 
 #[test]
-fn the_velocity_filter_is_near_the_reference_at_the_seam_and_in_a_wide_fisheye() {
+fn velocity_filter_matches_the_reference_at_the_seam_and_in_a_wide_fisheye() {
     let reference = || gpu::settings(&[("motion_blur", "method", Value::Text("reference".to_owned()))]);
     let wide = DVec3::new(-1.0, 0.1, -0.02);
     for (geometry, start, at, axis) in [
@@ -236,7 +236,7 @@ fn speckled(geometry: &Geometry) -> Pixels {
 /// that of the whole run.
 // Slow: two round cameras, each frame alone and among the others.
 #[test]
-fn the_cameras_pixels_are_sacred_and_frames_stand_alone() {
+fn footage_around_objects_is_unchanged_and_frames_are_independent() {
     // Half the resolution and twice the marks: their size in pixels is the same in both tiers.
     let (smaller, half_size) = fast_or_full((2, 0.2), (1, 0.1));
     let scene = marks(&[DVec3::NEG_Z, DVec3::new(0.3, 1.0, -0.2), DVec3::new(0.3, -0.1, 1.0)], half_size, 0.5);
@@ -299,7 +299,7 @@ fn the_cameras_pixels_are_sacred_and_frames_stand_alone() {
 }
 
 #[test]
-fn real_depth_hides_what_is_behind_it_across_the_seam() {
+fn real_depth_occludes_across_the_seam() {
     let geometry = round(512);
     let scene = marks(&[DVec3::NEG_Z], 0.4, 0.5);
     // Right of the seam (the picture's left) a wall at 1 m, left of it one at 3 m.
@@ -350,7 +350,7 @@ fn look(geometry: &Geometry, towards: DVec3, value: impl Fn(u32, u32) -> f64) ->
 /// The site's board, really simulated, and the same board composited over it: in the middle, across the seam, at the
 /// nadir, and in a fisheye at its rim and beyond 90°.
 #[test]
-fn the_virtual_board_lies_on_the_simulated_one() {
+fn virtual_board_coincides_with_the_simulated_one() {
     let glb = board().glb().unwrap();
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("board.glb");
@@ -449,7 +449,7 @@ fn recording(folder: &Path, (width, height): (u32, u32), toml: &str) {
 }
 
 #[test]
-fn round_recordings_open_as_they_are_and_what_cannot_be_is_refused() {
+fn equirectangular_and_fisheye_recordings_open_and_invalid_ones_are_refused() {
     let temp = tempfile::tempdir().unwrap();
     let folder = |name: &str| temp.path().join(name);
     let kind = "[camera]\nkind = \"equirectangular\"\n";

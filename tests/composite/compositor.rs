@@ -45,7 +45,7 @@ fn made(
 }
 
 #[test]
-fn blur_of_any_length_needs_no_more_than_the_pictures_diagonal() {
+fn long_blur_needs_a_margin_of_at_most_the_picture_diagonal() {
     let frame = || gpu::frame(0, 0.0, gpu::grey(320, 240, 60));
     // The track goes 40,000 px in its second; the shutter is open for a minute.
     let track = sideways([40_000.0, 0.0]);
@@ -58,7 +58,7 @@ fn blur_of_any_length_needs_no_more_than_the_pictures_diagonal() {
 }
 
 #[test]
-fn a_blur_that_no_adapter_holds_is_refused_with_its_size() {
+fn blur_beyond_the_adapter_limit_is_refused_with_its_size() {
     let width = gpu::gpu().max_side_px() - 100;
     let frame = gpu::frame(0, 0.0, gpu::grey(width, 40, 60));
     let track = sideways([40_000.0, 0.0]);
@@ -70,7 +70,7 @@ fn a_blur_that_no_adapter_holds_is_refused_with_its_size() {
 }
 
 #[test]
-fn of_a_frame_wider_than_the_adapter_holds_small_objects_can_be_drawn() {
+fn small_object_in_a_frame_beyond_the_adapter_limit_is_drawn() {
     let width = gpu::gpu().max_side_px() + 100;
     let frame = || gpu::frame(0, 0.0, gpu::grey(width, 40, 60));
     let still = sideways([0.0, 0.0]);
@@ -82,7 +82,7 @@ fn of_a_frame_wider_than_the_adapter_holds_small_objects_can_be_drawn() {
 }
 
 #[test]
-fn depth_that_hides_nothing_says_why() {
+fn unusable_depth_reports_its_reason() {
     let depth = |width, height, timestamp_s| DepthMap {
         width,
         height,
@@ -109,7 +109,7 @@ fn depth_that_hides_nothing_says_why() {
 }
 
 #[test]
-fn a_screen_of_which_the_sensor_sees_little_hides_what_is_behind_it() {
+fn screen_with_sparse_depth_occludes_objects_behind_it() {
     // Black, before the left half of a board and before a bright wall; its rim was measured, and one pixel in fifty.
     let inside = |x: usize, y: usize| (90..160).contains(&x) && (60..180).contains(&y);
     let places = || (0..240).flat_map(|y| (0..320).map(move |x| (x, y)));
@@ -133,7 +133,7 @@ fn a_screen_of_which_the_sensor_sees_little_hides_what_is_behind_it() {
 }
 
 #[test]
-fn light_without_coverage_is_dropped_in_frames_and_in_photographs() {
+fn light_without_coverage_is_dropped_in_frames_and_photos() {
     // So thin that 16 bits hold no coverage of it, and so bright that they hold its light.
     let mut ghost = board([60.0, 50.0], 3e8);
     ghost.materials[0].base_color[3] = 1e-9;
@@ -147,7 +147,7 @@ fn light_without_coverage_is_dropped_in_frames_and_in_photographs() {
 }
 
 #[test]
-fn a_layer_that_fades_lets_as_much_of_its_light_and_coverage_through() {
+fn opacity_scales_light_and_coverage_of_a_layer() {
     let still = sideways([0.0, 0.0]);
     let done = |presence| {
         let frame = Frame { presence, ..gpu::frame(0, 0.0, gpu::grey(320, 240, 60)) };
@@ -170,7 +170,7 @@ fn a_layer_that_fades_lets_as_much_of_its_light_and_coverage_through() {
 }
 
 #[test]
-fn faded_layer_with_chromatic_aberration_leaves_the_uncovered_share_of_the_footage() {
+fn faded_layer_with_chromatic_aberration_keeps_the_uncovered_share_of_the_footage() {
     let frame = Frame { presence: 0.5, ..gpu::frame(0, 0.0, gpu::grey(160, 120, 200)) };
     let settings = gpu::settings(&[("chromatic_aberration", "red", Value::Number(0.01))]);
     let done = submitted(settings, board([60.0, 50.0], 0.5), &sideways([0.0, 0.0]), 0.0, frame).unwrap();
@@ -184,7 +184,7 @@ fn faded_layer_with_chromatic_aberration_leaves_the_uncovered_share_of_the_foota
 }
 
 #[test]
-fn layer_image_of_a_fading_object_has_its_light_and_coverage_times_the_opacity() {
+fn layer_image_of_a_fading_object_is_scaled_by_the_opacity() {
     let camera = gpu::camera(&gpu::pinhole(160, 120, FOCAL_PX), 0.0);
     let layer = |presence| {
         let frame = Frame { presence, ..gpu::frame(0, 0.0, gpu::grey(160, 120, 60)) };
@@ -199,7 +199,7 @@ fn layer_image_of_a_fading_object_has_its_light_and_coverage_times_the_opacity()
 }
 
 #[test]
-fn what_has_nearly_faded_leaves_the_camera_as_it_is() {
+fn nearly_transparent_object_leaves_the_footage_unchanged() {
     let (width, height) = (320u32, 240u32);
     let code = |x: u32, y: u32| (60 + (x * 37 + y * 91 + x * y) % 120) as u8;
     let codes = (0..height).flat_map(|y| (0..width).flat_map(move |x| [code(x, y); 3])).collect();
@@ -227,7 +227,7 @@ fn what_has_nearly_faded_leaves_the_camera_as_it_is() {
 }
 
 #[test]
-fn time_offset_draws_the_pose_of_the_frames_time_plus_the_offset() {
+fn time_offset_is_added_to_the_frame_time_of_the_pose() {
     // The board moves 80 px a second: at 0.25 s it is 20 px right of the middle, at 0.375 s 30 px.
     let track = sideways([80.0, 0.0]);
     let geometry = gpu::pinhole(160, 60, FOCAL_PX);

@@ -86,7 +86,7 @@ const SILHOUETTES: [(&str, [f64; 2], [f64; 2], f64); 6] = [
 ];
 
 #[test]
-fn silhouettes_are_as_wide_as_in_cycles() {
+fn silhouette_widths_agree_with_cycles() {
     let mut missed = Vec::new();
     for method in ["velocity", "reference"] {
         let Some(case) = case("motion-translate", "motion_blur", method) else { return };
@@ -136,7 +136,7 @@ fn lean_px(alpha: &Grey, from_x: f64, to_x: f64) -> f64 {
 }
 
 #[test]
-fn edges_lean_with_the_rolling_shutter_as_in_cycles() {
+fn edge_skew_by_rolling_shutter_agrees_with_cycles() {
     for method in ["velocity", "reference"] {
         let Some(case) = case("rolling-shutter", "motion_blur", method) else { return };
         let alpha = |rgba: &[[f32; 4]]| Grey::new(640, 480, rgba.iter().map(|p| f64::from(p[3])).collect()).unwrap();
@@ -152,7 +152,7 @@ fn edges_lean_with_the_rolling_shutter_as_in_cycles() {
 }
 
 /// The reference method samples thousands of lens points: full tier only. In the fast tier
-/// `depth_of_field::edges_are_as_wide_as_the_opening_makes_them` compares it with the analytic disc.
+/// `depth_of_field::edge_widths_match_the_analytic_aperture` compares it with the analytic disc.
 #[test]
 fn defocus_agrees_with_cycles() {
     for method in fast_or_full(&["layered"][..], &["layered", "reference"]) {

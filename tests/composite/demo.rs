@@ -23,7 +23,7 @@ fn demo_frame(frame: usize, method: &str) -> Composited {
 
 // Slow: the reference renders each frame from many moments.
 #[test]
-fn the_velocity_filter_looks_like_many_samples() {
+fn velocity_filter_matches_the_reference_by_flip() {
     // In frame 31 the camera pans: 12 px of blur at full resolution; in frame 10 it shakes: 2 px.
     for &frame in fast_or_full(&[31][..], &[10, 31]) {
         let reference = demo_frame(frame, "reference");

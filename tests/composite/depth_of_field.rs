@@ -151,7 +151,7 @@ fn lights() -> Scene {
 
 // Slow: the reference method renders the scene from many lens points.
 #[test]
-fn looks_like_the_thin_lens() {
+fn methods_match_the_thin_lens_by_flip() {
     let mut missed = Vec::new();
     // Of the papers' methods what they reach, and a tenth more.
     for (name, scene, depth_m, most) in [
@@ -195,7 +195,7 @@ fn edge_of(mut alpha: impl FnMut(f64) -> Vec<f64>) -> (f64, f64) {
 }
 
 #[test]
-fn edges_are_as_wide_as_the_opening_makes_them() {
+fn edge_widths_match_the_analytic_aperture() {
     let mut missed = Vec::new();
     let (behind, before) = (2.0, 0.5);
     let all: [&[f64]; 3] = [
@@ -258,7 +258,7 @@ fn edges_are_as_wide_as_the_opening_makes_them() {
 }
 
 #[test]
-fn a_lights_energy_is_kept() {
+fn blur_conserves_the_energy_of_a_light() {
     let all = [2.0, 3.0, 5.0, 6.9, 7.1, 9.0, 12.0, 24.0, 33.0, 48.0, 70.0];
     for at in [[-0.5, -0.5], [3.2, 1.7]] {
         let light = rectangles(&[(at, [at[0] + 3.0, at[1] + 3.0], 2.0, [400.0, 300.0, 200.0])]);
@@ -278,7 +278,7 @@ fn a_lights_energy_is_kept() {
 
 /// No circle is drawn wider than a quarter of the picture, 80 px; an object that is further out of focus is drawn so.
 #[test]
-fn what_is_far_out_of_focus_is_still_there() {
+fn object_far_out_of_focus_is_still_drawn() {
     for circle_px in [15.997, 63.99, 79.0, 130.0, 400.0] {
         let board = rectangles(&[([-60.0, -60.0], [60.0, 60.0], 2.0, [0.5; 3])]);
         let layer = composited(&camera(circle_px, 2.0, 0), board, "layered").layer.unwrap();
@@ -306,7 +306,7 @@ fn image_of_a_light(aperture: &Aperture, radius_px: f64, upright: f64, area: f64
 
 /// So bright that a step of a texel would show a hundred times as bright as white.
 #[test]
-fn a_bright_light_shows_the_openings_outline() {
+fn bright_light_has_the_shape_of_the_aperture() {
     const LIGHT: f64 = 3000.0;
     for (blades, depth_m) in [(0, 2.0), (5, 2.0), (5, 0.5), (6, 0.5)] {
         // Across pixels and blocks, and within one.
@@ -348,7 +348,7 @@ fn a_bright_light_shows_the_openings_outline() {
 /// Half of a light's image lies behind a board in focus. The light itself is some pixels away from the board's edge, or meets it:
 /// then texels hold both. Behind both stands a dark wall, blurred still more.
 #[test]
-fn a_bright_light_is_hidden_by_what_is_before_it_and_by_nothing_else() {
+fn bright_light_is_occluded_only_by_the_board_in_front_of_it() {
     let wall = || rectangles(&[([-150.0, -110.0], [150.0, 110.0], 3.0, [0.02; 3])]);
     let board = || rectangles(&[([0.0, -60.0], [60.0, 60.0], FOCUS_M, [0.2; 3])]);
     let camera = camera(30.0, 2.0, 0);
@@ -378,7 +378,7 @@ fn a_bright_light_is_hidden_by_what_is_before_it_and_by_nothing_else() {
 }
 
 #[test]
-fn a_sharp_object_does_not_leak_into_the_wall_behind_it() {
+fn sharp_object_does_not_bleed_into_the_blurred_wall_behind_it() {
     for circle_px in [3.0, 6.0, 12.0, 24.0, 40.0] {
         let wall = || rectangles(&[([-150.0, -110.0], [150.0, 110.0], 2.0, [0.2; 3])]);
         let red = rectangles(&[([-40.0, -40.0], [40.3, 40.6], FOCUS_M, [0.9, 0.01, 0.01])]);
@@ -405,7 +405,7 @@ fn a_sharp_object_does_not_leak_into_the_wall_behind_it() {
 /// A board that is blurred over 12 px, behind the edge of a real thing in focus: that one's pixels stay the camera's, and the
 /// board's are as blurred as if nothing stood before it.
 #[test]
-fn a_real_thing_in_focus_cuts_a_blurred_object_sharply() {
+fn real_object_in_focus_occludes_a_blurred_object_sharply() {
     let camera = camera(12.0, 2.0, 0);
     let board = || rectangles(&[([-60.0, -50.0], [60.0, 50.0], 2.0, [0.5; 3])]);
     let edge_x = 150;
@@ -441,7 +441,7 @@ fn a_real_thing_in_focus_cuts_a_blurred_object_sharply() {
 }
 
 #[test]
-fn a_surface_in_one_depth_is_the_twin() {
+fn surface_at_one_depth_matches_the_cpu_reference() {
     let shape = rectangles(&[
         ([-40.0, -30.0], [10.0, 20.0], 2.0, [0.8, 0.5, 0.2]),
         ([10.0, -30.0], [30.0, 35.0], 2.0, [0.1, 0.5, 0.9]),
@@ -508,7 +508,7 @@ fn differences(found: &[[f32; 4]], twin: &[[f64; 4]]) -> (f64, f64) {
 }
 
 #[test]
-fn poisson_is_the_mean_over_each_pixels_own_circle() {
+fn poisson_method_matches_the_mean_over_each_circle_of_confusion() {
     for &circle_px in fast_or_full(&[8.0][..], &[4.0, 10.0, 20.0]) {
         let (scene, sharp, circles) = two_depths(circle_px);
         let twin = poisson::twin(
@@ -525,7 +525,7 @@ fn poisson_is_the_mean_over_each_pixels_own_circle() {
 }
 
 #[test]
-fn diffusion_is_the_papers_stamps() {
+fn diffusion_method_matches_the_stamps_of_the_paper() {
     let text = |t: &str| Value::Text(t.to_owned());
     for (circle_px, blades, more) in [
         (6.0, 0, vec![]),
@@ -557,7 +557,7 @@ fn diffusion_is_the_papers_stamps() {
 }
 
 #[test]
-fn shapes_that_a_method_does_not_know_are_refused() {
+fn unsupported_aperture_shapes_are_refused() {
     let camera = camera(12.0, 2.0, 0);
     for method in ["layered", "poisson", "reference"] {
         let settings = gpu::settings(&[

@@ -30,7 +30,7 @@ fn blurred(geometry: &Geometry, blur_px: [f64; 2], method: &str) -> Composited {
 }
 
 #[test]
-fn silhouettes_blur_over_the_analytic_length() {
+fn silhouette_blur_matches_the_analytic_length() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     for method in ["velocity", "copies", "reference"] {
         for &length in fast_or_full(&[2.0, 13.0, 40.0][..], &[2.0, 3.5, 8.0, 13.0, 20.0, 40.0]) {
@@ -47,7 +47,7 @@ fn silhouettes_blur_over_the_analytic_length() {
 /// vSLRcam (12), H = ∫ E dt over the open shutter: a board of 0.8 whose side moves from 90 to 110 px lies before the middle
 /// of pixel 92, at 92.5 px, for an eighth of the time, and so on. What it sheds in all is 0.8 on 120 px: 96.
 #[test]
-fn exposure_is_the_sum_over_the_open_shutter() {
+fn exposure_integrates_over_the_open_shutter() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     for (method, within) in [("velocity", 0.03), ("copies", 0.02), ("reference", 0.02)] {
         let layer = blurred(&geometry, [20.0, 0.0], method).layer.unwrap();
@@ -62,7 +62,7 @@ fn exposure_is_the_sum_over_the_open_shutter() {
 }
 
 #[test]
-fn light_follows_the_footage_across_the_picture() {
+fn light_follows_the_spatial_gain_of_the_footage() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let track = sideways([0.0, 0.0]);
     let drawn = |seen: Option<SeenBrightness>, sets: &[(&str, &str, Value)]| {
@@ -94,7 +94,7 @@ fn light_follows_the_footage_across_the_picture() {
 }
 
 #[test]
-fn accumulation_is_the_papers_finite_sum() {
+fn accumulation_matches_the_finite_sum_of_the_paper() {
     // 20 ms at 500 frames a second: n = 10, α = 0.676 (14); 20 px in ten steps of 2 px.
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let sets = [
@@ -185,7 +185,7 @@ fn velocity_under_a_rolling_shutter_includes_the_readout_of_the_rows_passed() {
 /// A second of a hand that trembles five times: at its ends and its middle it is where it rests. A place beside the middle
 /// is covered while A sin(φ) > d - h.
 #[test]
-fn a_long_exposure_follows_the_hand() {
+fn long_exposure_follows_the_camera_shake() {
     let (half, swing) = (20.0, 20.0);
     let track = board::moved(600, 0.001, |t| [swing * (10.0 * std::f64::consts::PI * t).sin(), 0.0]);
     for readout_s in [0.0, 0.004] {
@@ -209,7 +209,7 @@ fn a_long_exposure_follows_the_hand() {
 
 /// At the defaults, where one frame follows the other by the whole exposure, and what is drawn lies before it.
 #[test]
-fn accumulation_lies_where_the_camera_saw_the_thing() {
+fn accumulation_is_centred_on_the_position_in_the_frame() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     for length in [-40.0, 25.0] {
         let layer = blurred(&geometry, [length, 0.0], "accumulation").layer.unwrap();
@@ -235,7 +235,7 @@ fn blur_longer_than_the_picture_keeps_its_coverage() {
 }
 
 #[test]
-fn a_diagonal_blur_is_the_mean_over_the_shutter() {
+fn diagonal_blur_matches_the_mean_over_the_shutter() {
     let (width, height) = fast_or_full((160, 120), (320, 240));
     let geometry = gpu::pinhole(width, height, FOCAL_PX);
     let still = blurred(&geometry, [0.0, 0.0], "velocity").layer.unwrap();
@@ -290,7 +290,7 @@ fn statistics(codes: &[u8], width: usize) -> [f64; 4] {
 }
 
 #[test]
-fn virtual_pixels_have_the_cameras_noise() {
+fn virtual_pixels_have_the_camera_noise() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     for (correlation, magnification) in [(0.0, 1.0), (0.5, 1.0), (0.0, 3.0), (0.4, 2.5)] {
         let camera = noisy_camera(&geometry, correlation);
@@ -313,7 +313,7 @@ fn virtual_pixels_have_the_cameras_noise() {
 }
 
 #[test]
-fn the_noise_is_its_twin() {
+fn noise_matches_the_cpu_reference() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     // Another film speed is relative to the camera's 200: half a stop in diameter, eight times the variance of shot noise.
     for (magnification, iso) in [(1.0, None), (2.5, None), (1.0, Some(1600.0)), (1.5, Some(100.0)), (1.0, Some(100.0))]
@@ -363,7 +363,7 @@ fn the_noise_is_its_twin() {
 }
 
 #[test]
-fn a_mixed_pixel_gets_only_the_variance_that_it_lacks() {
+fn mixed_pixel_receives_only_its_missing_variance() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let mut camera = noisy_camera(&geometry, 0.0);
     camera.response = locard::camera::Response { curve: locard::camera::Curve::Linear, gamma: 1.0 };
@@ -401,7 +401,7 @@ fn glass(alpha: f32) -> Scene {
 }
 
 #[test]
-fn edge_blend_is_the_papers_rule_whatever_softens_the_edge() {
+fn edge_blend_follows_the_rule_of_the_paper_on_hard_and_soft_edges() {
     let mut lost = Vec::new();
     for (alpha, sigma_px) in [(1.0, 0.0), (1.0, 0.3), (1.0, 0.7), (1.0, 2.0), (0.5, 0.0), (0.5, 0.7)] {
         let [plain, done] = edge_blended(|| glass(alpha), sigma_px, 0.75);
@@ -434,7 +434,7 @@ fn edge_blend_is_the_papers_rule_whatever_softens_the_edge() {
 }
 
 #[test]
-fn edge_blend_leaves_the_inside_of_glass() {
+fn edge_blend_leaves_the_interior_of_glass_unchanged() {
     let [plain, done] = edge_blended(|| glass(0.5), 0.0, 1.0);
     let layer = plain.layer.as_ref().unwrap();
     let (before, after) = (plain.pixels.codes.eight_bit().unwrap(), done.pixels.codes.eight_bit().unwrap());
@@ -458,7 +458,7 @@ fn film_camera(geometry: &Geometry) -> Camera {
 }
 
 #[test]
-fn at_its_own_speed_grain_is_the_calibrated_noise() {
+fn grain_at_the_calibrated_iso_is_the_calibrated_noise() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     for correlation in [0.0, 0.4] {
         for response in [Curve::Linear, Curve::Srgb, Curve::Gamma] {
@@ -482,7 +482,7 @@ fn at_its_own_speed_grain_is_the_calibrated_noise() {
 }
 
 #[test]
-fn grain_grows_with_film_speed_and_smaller_film() {
+fn grain_grows_with_iso_and_smaller_film() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let camera = film_camera(&geometry);
     let measured = |iso: f64, film_width_mm: f64| {
@@ -510,7 +510,7 @@ fn grain_grows_with_film_speed_and_smaller_film() {
 /// A frame that was recorded at another speed has that speed's variance, and patches as calibrated; its own pixels have it
 /// too, so that an edge is as noisy as either side.
 #[test]
-fn noise_follows_the_speed_that_each_frame_was_recorded_at() {
+fn noise_follows_the_iso_of_each_frame() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let mut camera = film_camera(&geometry);
     let photo = |iso| FrameExposure { photo: PhotoSettings { iso, ..Default::default() }, ..Default::default() };
@@ -546,7 +546,7 @@ fn noise_follows_the_speed_that_each_frame_was_recorded_at() {
 }
 
 #[test]
-fn a_film_speed_without_measured_noise_is_told() {
+fn iso_without_measured_noise_is_reported() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let mut camera = film_camera(&geometry);
     let with_speed = || gpu::settings(&[("noise", "iso", Value::Number(800.0))]);
@@ -561,7 +561,7 @@ fn a_film_speed_without_measured_noise_is_told() {
 }
 
 #[test]
-fn grain_without_a_speed_to_start_from_is_refused() {
+fn grain_without_a_reference_iso_is_refused() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let mut camera = film_camera(&geometry);
     camera.exposure.iso = None;

@@ -63,7 +63,7 @@ fn check(name: &str, Part { made, camera }: Part) {
 
 // Slow: bakes the light of the whole demonstration scene at full resolution.
 #[test]
-fn evidence_on_the_stool() {
+fn evidence_on_the_stool_matches_the_golden_picture() {
     let crop = Rect::new(280, 270, 440, 375);
     check("evidence", picture("scenes/demo.toml", 62, crop, Settings::default()));
     let mut plain = Settings::default();
@@ -72,7 +72,7 @@ fn evidence_on_the_stool() {
 }
 
 #[test]
-fn evidence_while_the_camera_turns() {
+fn evidence_during_a_pan_matches_the_golden_picture() {
     let crop = Rect::new(425, 215, 565, 315);
     check("turning", picture("scenes/demo.toml", 31, crop, Settings::default()));
     let copies = gpu::settings(&[("motion_blur", "method", Value::Text("copies".to_owned()))]);
@@ -80,7 +80,7 @@ fn evidence_while_the_camera_turns() {
 }
 
 #[test]
-fn evidence_behind_the_ball() {
+fn evidence_behind_the_ball_matches_the_golden_picture() {
     let settings =
         gpu::settings(&[("edge_blend", "impact", Value::Number(1.0)), ("noise", "magnification", Value::Number(2.0))]);
     check("behind", picture("tests/golden/behind.toml", 10, Rect::new(350, 100, 480, 185), settings));

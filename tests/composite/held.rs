@@ -132,7 +132,7 @@ fn sweep(between: bool) -> impl Iterator<Item = (String, Held)> {
 
 // Slow: renders a picture for each value of each parameter, with four sets of methods.
 #[test]
-fn every_parameter_through_its_range() {
+fn reused_compositor_matches_a_new_one_over_every_parameter_range() {
     // Of its own: it counts what is made on it.
     let gpu = Gpu::open().unwrap();
     let mut held = Compositor::new(gpu.clone(), scene());
@@ -173,7 +173,7 @@ fn of_somebody_else() -> (Gpu, wgpu::Device) {
 }
 
 #[test]
-fn an_error_on_an_adopted_device_is_told_and_can_be_gone_on_after() {
+fn error_on_an_adopted_device_is_reported_and_rendering_continues() {
     let (gpu, device) = of_somebody_else();
     let mut compositor = Compositor::new(gpu.clone(), scene());
     let held = Held::new(0);
@@ -218,7 +218,7 @@ fn texture(device: &wgpu::Device, (width, height): (u32, u32), format: wgpu::Tex
 }
 
 #[test]
-fn into_a_view_goes_what_would_be_written() {
+fn composite_into_a_texture_view_matches_the_written_pixels() {
     let (gpu, device) = of_somebody_else();
     let mut compositor = Compositor::new(gpu.clone(), scene());
     let held = Held::new(0);
@@ -273,7 +273,7 @@ fn into_a_view_goes_what_would_be_written() {
 }
 
 #[test]
-fn settings_are_values() {
+fn settings_compare_by_value_and_survive_serialization() {
     let (one, mut other) = (Held::new(0).settings, Held::new(0).settings);
     assert!(one == other);
     other.set("noise", "scale", &Value::Number(0.5)).unwrap().unwrap();

@@ -109,7 +109,7 @@ fn camera_is_sacred(site: &NamedShot, done: &[Composited], range: std::ops::Rang
 
 // Slow: renders every method of every effect, on the demonstration and on a real recording.
 #[test]
-fn law_1_the_cameras_pixels_are_sacred() {
+fn law_1_footage_without_objects_is_unchanged() {
     let gpu = gpu::gpu();
     let range = fast_or_full(31..32, 30..33);
     let all: Vec<_> = effects::all().iter().map(|e| e.table()).collect();
@@ -155,7 +155,7 @@ fn law_1_the_cameras_pixels_are_sacred() {
 
 // Slow: four compositors light the whole demonstration scene.
 #[test]
-fn law_2_a_range_alone_is_the_same_range_of_the_whole() {
+fn law_2_range_alone_matches_the_same_range_of_the_whole() {
     let gpu = gpu::gpu();
     let (range, part) = (fast_or_full(37..44, 30..55), fast_or_full(40..43, 40..50));
     let among = part.start - range.start..part.end - range.start;
@@ -181,7 +181,7 @@ fn law_2_a_range_alone_is_the_same_range_of_the_whole() {
 }
 
 #[test]
-fn law_3_neutral_is_identity() {
+fn law_3_neutral_settings_are_the_identity() {
     let gpu = gpu::gpu();
     let range = fast_or_full(20..22, 20..24);
     // What is not off by itself: motion blur by the exposure, depth of field by the lens, and these.
@@ -293,7 +293,7 @@ fn law_4_optics_work_on_linear_light() {
 }
 
 #[test]
-fn law_4_textures_are_filtered_as_light() {
+fn law_4_textures_are_filtered_in_linear_light() {
     // Black and white texels, nearly four a pixel each way: what is seen is their mean light, not their mean code (0.21).
     let side = 450;
     let texel = |i: u32| if (i % side + i / side).is_multiple_of(2) { [255, 255, 255, 255] } else { [0, 0, 0, 255] };
@@ -468,7 +468,7 @@ fn law_5_memory_does_not_grow_with_the_recording() {
 }
 
 #[test]
-fn law_7_what_is_missing_is_said_in_one_line() {
+fn law_7_missing_requirements_are_named_in_one_line() {
     let temp = tempfile::tempdir().unwrap();
     let run = |arguments: &[&str], variables: &[(&str, &str)]| {
         let output = std::process::Command::new(env!("CARGO_BIN_EXE_locard"))

@@ -84,7 +84,7 @@ fn sites() -> impl Iterator<Item = NamedShot> {
 }
 
 #[test]
-fn layers_over_the_cameras_picture_are_the_composite_within_a_code() {
+fn layers_over_the_footage_match_the_composite_within_one_code() {
     // The sensor's noise and the blend of edges act on codes, and chromatic aberration parts a pixel's coverage by colour.
     let mut settings = gpu::settings(&[("noise", "scale", Value::Number(0.0))]);
     settings.without(&["edge_blend".to_owned(), "chromatic_aberration".to_owned()]).unwrap();
@@ -108,7 +108,7 @@ fn layers_over_the_cameras_picture_are_the_composite_within_a_code() {
 }
 
 #[test]
-fn layers_with_their_noise_are_the_composite_with_default_noise_and_all_effects() {
+fn layers_with_their_noise_match_the_composite_with_all_effects() {
     for mut site in sites() {
         let layers = Layers::of(&mut site, &gpu::settings(&[]), 40);
         let (mut most, mut most_without, mut noisy) = (0.0f64, 0.0f64, 0);

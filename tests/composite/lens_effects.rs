@@ -62,7 +62,7 @@ fn vignetting_is_cos4_of_the_angle() {
 
 /// A fisheye of 200 px a radian that sees half of the sphere and more: at 100 px, 0.5 rad, its picture ends.
 #[test]
-fn nothing_is_drawn_beyond_a_circular_fisheyes_picture() {
+fn nothing_is_drawn_beyond_a_circular_fisheye_picture() {
     let mut geometry = gpu::pinhole(WIDTH, HEIGHT, 200.0);
     geometry.intrinsics.cx_px = 150.0;
     let fisheye = Distortion { model: LensModel::OpencvFisheye, ..Default::default() };
@@ -116,7 +116,7 @@ fn vignetting_follows_the_lens_of_a_distorted_camera() {
 }
 
 #[test]
-fn a_stop_is_twice_the_light() {
+fn one_stop_doubles_the_light() {
     let grey = board([60.25, 50.0], 0.2);
     let plain = drawn(&[], grey.clone());
     let over = drawn(&[number("exposure", "ev", 1.5)], grey.clone());
@@ -134,7 +134,7 @@ fn a_stop_is_twice_the_light() {
 }
 
 #[test]
-fn equation_11_moves_display_values() {
+fn exposure_by_equation_11_shifts_display_values() {
     let method = ("exposure", "method", Value::Text("additive".to_owned()));
     for curve in [Curve::Srgb, Curve::Linear, Curve::Gamma] {
         let response = Response { curve, gamma: 2.2 };
@@ -157,7 +157,7 @@ fn equation_11_moves_display_values() {
 }
 
 #[test]
-fn objects_follow_a_camera_that_exposes_by_itself() {
+fn objects_follow_automatic_exposure() {
     let camera = gpu::camera(&gpu::pinhole(WIDTH, HEIGHT, FOCAL_PX), 0.0);
     let grey = || board([60.0, 50.0], 0.2);
     let recorded = FrameExposure { time_s: Some(0.02), gain: Some(0.5), ..Default::default() };
@@ -179,7 +179,7 @@ fn edge(values: impl Iterator<Item = f64>) -> [f64; 2] {
 }
 
 #[test]
-fn edges_get_wider_by_sigma() {
+fn point_spread_widens_edges_by_sigma() {
     for half in [60.0, 60.25, 60.5] {
         let plain = drawn(&[], board([half, 50.0], 0.5));
         let row = |done: &Composited, c: usize| {
@@ -204,7 +204,7 @@ fn edges_get_wider_by_sigma() {
 }
 
 #[test]
-fn the_point_spread_is_its_twin_and_keeps_depth_where_there_is_light() {
+fn point_spread_matches_the_cpu_reference_and_keeps_depth_of_lit_pixels() {
     let scene = || board([60.25, 50.75], 0.5);
     let plain = drawn(&[], scene());
     let before: Vec<[f64; 4]> = plain.layer.as_ref().unwrap().rgba.iter().map(|p| p.map(f64::from)).collect();
@@ -222,7 +222,7 @@ fn the_point_spread_is_its_twin_and_keeps_depth_where_there_is_light() {
 }
 
 #[test]
-fn colours_part_towards_the_corners() {
+fn chromatic_aberration_grows_towards_the_corners() {
     // r = 1 is 200 px. Board edges at 100 px to the right: red is 1 % larger there and lands at 101, blue by
     // −0.005 − 0.01/4 at 99.25.
     let sets = [
@@ -268,7 +268,7 @@ fn colours_part_towards_the_corners() {
 }
 
 #[test]
-fn a_board_of_the_cameras_own_grey_has_no_fringe() {
+fn board_in_the_background_grey_has_no_colour_fringe() {
     // What one alpha for three coverages would show: seams at the silhouette of what cannot be told from the room.
     let light = Response::default().decode(60.0 / 255.0) as f32;
     let sets = [number("chromatic_aberration", "red", 0.02), number("chromatic_aberration", "blue", -0.02)];
@@ -282,7 +282,7 @@ fn a_board_of_the_cameras_own_grey_has_no_fringe() {
 
 /// A bright board's glow lies over the camera's picture too, and no light is lost.
 #[test]
-fn halation_keeps_light_and_glows_beside_the_object() {
+fn halation_conserves_light_and_glows_beside_the_object() {
     let plain = drawn(&[], board([30.0, 20.0], 4.0));
     let before: Vec<[f64; 4]> = plain.layer.as_ref().unwrap().rgba.iter().map(|p| p.map(f64::from)).collect();
     let sum = |rgba: &[[f64; 4]]| rgba.iter().map(|p| p[1]).sum::<f64>();

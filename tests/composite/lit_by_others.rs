@@ -79,7 +79,7 @@ fn cast(on_things: bool, strength: f32) -> ShadowSettings {
 }
 
 #[test]
-fn beside_a_wall_a_plate_is_as_dark_as_the_wall_fills_its_sky_and_brighter_by_what_the_wall_throws() {
+fn plate_beside_a_wall_has_the_analytic_sky_visibility_and_indirect_light() {
     let sky = || Lighting { environment: Environment::Uniform(Vec3::new(0.3, 0.5, 0.7)), ..Lighting::default() };
     let [without, with, half] = [cast(false, 1.0), cast(true, 1.0), cast(true, 0.5)].map(|set| plate(sky(), set));
     assert!(with.len() > 1500, "{} pixels", with.len());
@@ -100,7 +100,7 @@ fn beside_a_wall_a_plate_is_as_dark_as_the_wall_fills_its_sky_and_brighter_by_wh
 }
 
 #[test]
-fn a_lamp_behind_a_wall_lights_nothing_before_it() {
+fn lamp_behind_a_wall_lights_nothing_in_front_of_it() {
     let lamp = |x: f64, z: f64| PointLight {
         position_in_world_m: DVec3::new(x, 0.0, z),
         color: Vec3::ONE,

@@ -106,7 +106,7 @@ fn mean_and_sigma(pixels: &Pixels, channel: usize) -> (f64, f64) {
 }
 
 #[test]
-fn taken_as_it_was_recorded_it_is_the_composited_frame() {
+fn photo_as_recorded_matches_the_composited_frame() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let camera = camera(&geometry, Some(noise()));
     let codes = (0..3 * 320 * 240u32).map(|i| (i * 7919 % 251) as u8).collect();
@@ -133,7 +133,7 @@ fn taken_as_it_was_recorded_it_is_the_composited_frame() {
 }
 
 #[test]
-fn real_and_virtual_pixels_get_the_films_grain() {
+fn real_and_virtual_pixels_have_the_film_grain() {
     let geometry = gpu::pinhole(400, 300, FOCAL_PX);
     let noise = noise();
     let camera = camera(&geometry, Some(noise.clone()));
@@ -166,7 +166,7 @@ fn real_and_virtual_pixels_get_the_films_grain() {
 
 /// At a quarter of the speed and four times the light the film would have a quarter of σ or less; the room keeps all of its own.
 #[test]
-fn virtual_pixels_are_no_quieter_than_the_real_ones_beside_them() {
+fn virtual_pixels_are_at_least_as_noisy_as_adjacent_real_ones() {
     let geometry = gpu::pinhole(400, 300, FOCAL_PX);
     let noise = noise();
     let camera = camera(&geometry, Some(noise.clone()));
@@ -188,7 +188,7 @@ fn virtual_pixels_are_no_quieter_than_the_real_ones_beside_them() {
 /// A camera whose noise was measured at ISO 100 recorded this frame at ISO 1600, noise and all: photographed at ISO 1600 it lacks
 /// nothing.
 #[test]
-fn a_frame_that_was_recorded_at_another_speed_brings_that_speeds_noise() {
+fn frame_recorded_at_another_iso_contributes_the_noise_of_that_iso() {
     let geometry = gpu::pinhole(400, 300, FOCAL_PX);
     let noise = noise();
     let mut camera = camera(&geometry, Some(noise.clone()));
@@ -212,7 +212,7 @@ fn a_frame_that_was_recorded_at_another_speed_brings_that_speeds_noise() {
 /// The recording's own noise, whose neighbours correlate, is what the composite puts on a board: enlarged and made smaller it lacks
 /// no more and no less than the film's.
 #[test]
-fn enlarged_noise_whose_neighbours_correlate_gets_the_films_grain() {
+fn enlarged_correlated_noise_is_completed_to_the_film_grain() {
     let geometry = gpu::pinhole(400, 300, FOCAL_PX);
     let noise = NoiseProfile { neighbour_correlation: [0.6, 0.5], ..noise() };
     let camera = camera(&geometry, Some(noise.clone()));
@@ -239,7 +239,7 @@ fn enlarged_noise_whose_neighbours_correlate_gets_the_films_grain() {
 
 /// A dark board before a wall so bright that four stops clip it long before a pixel is covered by half.
 #[test]
-fn what_clips_is_clipped_after_it_is_mixed() {
+fn highlights_are_clipped_after_mixing() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let camera = camera(&geometry, Some(noise()));
     let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
@@ -257,7 +257,7 @@ fn what_clips_is_clipped_after_it_is_mixed() {
 }
 
 #[test]
-fn the_virtual_part_is_drawn_at_the_photographs_size_and_exposed_alike() {
+fn virtual_part_is_rendered_at_photo_size_with_the_same_exposure() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let camera = camera(&geometry, None);
     // Half of the picture, four times as large: enlarged eight times.
@@ -276,7 +276,7 @@ fn the_virtual_part_is_drawn_at_the_photographs_size_and_exposed_alike() {
 }
 
 #[test]
-fn parted_colours_leave_the_real_part_alone() {
+fn chromatic_aberration_leaves_the_real_part_unchanged() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let camera = camera(&geometry, None);
     let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
@@ -294,7 +294,7 @@ fn parted_colours_leave_the_real_part_alone() {
 }
 
 #[test]
-fn parts_join_without_a_seam() {
+fn regions_of_a_photo_join_without_a_seam() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let camera = camera(&geometry, Some(noise()));
     let opening = Opening { diameter_m: 0.03, focus_distance_m: 1.0, blades: 5, rotation_rad: 0.0 };
@@ -364,7 +364,7 @@ fn parts_join_without_a_seam() {
 }
 
 #[test]
-fn a_real_edge_that_is_known_coarsely_runs_on_without_steps() {
+fn real_edge_of_coarse_depth_has_no_steps() {
     let (size, geometry) = ((320, 240), gpu::pinhole(320, 240, FOCAL_PX));
     // A thing at 1 m ends at a line that leans. Its depth is known at the middle of each 4 by 4 pixels.
     let (leans, every) = (0.3, 4);
@@ -407,7 +407,7 @@ fn a_real_edge_that_is_known_coarsely_runs_on_without_steps() {
 
 /// A rolling shutter reads the rows of an aimed part when it reads them in the whole picture.
 #[test]
-fn an_aimed_rolling_shutter_photograph_keeps_objects_at_their_rows_place() {
+fn cropped_rolling_shutter_photo_keeps_the_row_times_of_the_whole_picture() {
     const READOUT_S: f64 = 0.03;
     let mut intrinsics = gpu::pinhole(160, 120, FOCAL_PX).intrinsics;
     intrinsics.readout_time_s = READOUT_S;
@@ -461,7 +461,7 @@ fn recording(smaller: u32) -> PathBuf {
 }
 
 #[test]
-fn a_bracket_is_a_series_with_a_sheet_and_exif() {
+fn bracket_writes_a_series_with_contact_sheet_and_exif() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("door.jpg");
     let out = out.to_str().unwrap();
@@ -491,7 +491,7 @@ fn a_bracket_is_a_series_with_a_sheet_and_exif() {
 }
 
 #[test]
-fn what_no_camera_can_is_refused_with_what_is_accepted() {
+fn impossible_camera_values_are_refused_with_the_accepted_range() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.jpg");
     let out = out.to_str().unwrap();
@@ -534,7 +534,7 @@ fn what_no_camera_can_is_refused_with_what_is_accepted() {
 /// blurs nothing more, and in the hand only where motion is shown at all.
 // Slow: starts the program five times, with an exposure of many frames.
 #[test]
-fn a_slow_shutter_on_a_stand_shows_the_frame_itself() {
+fn slow_shutter_on_a_tripod_shows_the_frame_itself() {
     let folder = tempfile::tempdir().unwrap();
     let taken = |name: &str, arguments: &[&str]| {
         let out = folder.path().join(name);
@@ -565,7 +565,7 @@ fn a_slow_shutter_on_a_stand_shows_the_frame_itself() {
 }
 
 #[test]
-fn what_is_aimed_at_is_in_the_middle() {
+fn aimed_point_is_at_the_centre_of_the_photo() {
     let folder = tempfile::tempdir().unwrap();
     let smaller = fast_or_full(2, 1);
     let taken = |name: &str, arguments: &[&str]| {

@@ -89,7 +89,7 @@ fn width_px(pixels: &Pixels, y: u32, columns: std::ops::Range<u32>) -> f64 {
 }
 
 #[test]
-fn a_far_edge_is_as_wide_as_its_circle() {
+fn far_edge_is_as_wide_as_its_circle_of_confusion() {
     let camera = without_noise();
     // 4 m away; 1 m is sharp: three quarters of the circle at infinity. An edge through a disc of diameter c rises from
     // 10 to 90 % within 0.687 c; a pixel's own width adds in squares (0.8 px).
@@ -108,7 +108,7 @@ fn a_far_edge_is_as_wide_as_its_circle() {
 }
 
 #[test]
-fn what_is_sharp_stays_code_for_code_and_takes_nothing_from_behind() {
+fn pixels_in_focus_are_unchanged_and_gather_nothing_from_behind() {
     let camera = without_noise();
     let texture = |x: u32, y: u32| ((x * 7919 + y * 104_729) % 200) as u16 * 257;
     // A near thing in focus, left; a bright wall far behind.
@@ -125,7 +125,7 @@ fn what_is_sharp_stays_code_for_code_and_takes_nothing_from_behind() {
 }
 
 #[test]
-fn a_near_thing_is_blurred_over_what_is_sharp_and_lets_it_through() {
+fn blurred_foreground_spreads_over_the_sharp_background_and_is_translucent() {
     let camera = without_noise();
     // Dark at 0.5 m before a bright wall at 1 m: 16 px of circle, half of it to either side of the edge.
     let (pixels, depth) = pictured(|x, _| if x < 160 { 6000 } else { 40000 }, |x, _| if x < 160 { 0.5 } else { 1.0 });
@@ -139,7 +139,7 @@ fn a_near_thing_is_blurred_over_what_is_sharp_and_lets_it_through() {
 }
 
 #[test]
-fn a_thing_blurs_alike_whether_it_is_real_or_virtual() {
+fn real_and_virtual_objects_blur_alike() {
     let camera = without_noise();
     // At 2 m (where boards stand), before a wall at 6 m with stripes; sharp is 1 m, 3 m or the wall.
     let wall = |x: u32| if (x / 20).is_multiple_of(2) { 20000 } else { 50000 };
@@ -164,7 +164,7 @@ fn a_thing_blurs_alike_whether_it_is_real_or_virtual() {
 }
 
 #[test]
-fn blurred_real_pixels_get_the_films_grain() {
+fn blurred_real_pixels_have_the_film_grain() {
     let bins: Vec<NoiseBin> =
         (0..16).map(|i| NoiseBin { code: 8.0 + 16.0 * f64::from(i), sigma: 2.0 + f64::from(i) / 7.5 }).collect();
     for neighbour_correlation in [[0.0; 2], [0.6, 0.5]] {
@@ -215,7 +215,7 @@ fn gets_the_films_grain(noise: &NoiseProfile) {
 
 /// A dark board a hand before a bright wall: its circles and the wall's differ by little more than a slice.
 #[test]
-fn what_is_behind_does_not_show_through() {
+fn background_does_not_show_through_a_blurred_foreground() {
     for board_m in [1.5f32, 1.6, 1.65, 1.684, 1.72] {
         let is_board = |x: u32, y: u32| (100..220).contains(&x) && (60..180).contains(&y);
         let code = |x, y| if is_board(x, y) { 20 * 257 } else { 200 * 257 };
@@ -230,7 +230,7 @@ fn what_is_behind_does_not_show_through() {
 
 /// A white board at 2 m behind a dark wall whose circles are one to two slices smaller.
 #[test]
-fn a_hidden_object_does_not_shine_through() {
+fn occluded_object_does_not_show_through() {
     for step in (0..12).step_by(fast_or_full(4, 1)) {
         let wall_m = 1.36 + 0.03 * step as f32;
         let (pixels, depth) = pictured(|_, _| 20 * 257, |_, _| wall_m);
@@ -302,7 +302,7 @@ fn show(name: &str, p: &Pixels) {
 }
 
 #[test]
-fn a_photograph_is_what_a_thin_lens_sees() {
+fn photo_matches_a_thin_lens_rendering() {
     let (size, focal_px, samples) = fast_or_full(((160, 120), 130.0, 100), (SIZE, 260.0, 200));
     // At half the resolution the second lens blurs little more than the error at edges, 1 px.
     let lenses = fast_or_full(&[(0.6, 0.025)][..], &[(0.6, 0.025), (2.0, 0.06)]);
@@ -347,7 +347,7 @@ fn by_a_kinect(name: &str, camera: &Camera, recorded: &Pixels, exact_m: &[f32], 
 }
 
 #[test]
-fn a_kinects_depth_makes_nearly_the_same_photograph() {
+fn photo_by_kinect_depth_nearly_matches_exact_depth() {
     // A dark card, sharp at 1 m, before a wall at 2 m with a soft pattern; both rough, as noise and fine texture are.
     let rough = |x: u32, y: u32| ((x * 7919 + y * 104_729) % 97 * 15) as u16;
     let wall = |x: u32, y: u32| (40000.0 + 9000.0 * (f64::from(x + y) * 0.4).sin()) as u16;

@@ -66,7 +66,7 @@ impl Taken<'_> {
 
 /// Three frames a tenth of a second apart, of 10 ms each: the virtual part shows three times, as the real one does.
 #[test]
-fn a_slow_shutter_shows_objects_when_it_shows_the_room() {
+fn slow_shutter_exposes_objects_and_footage_at_the_same_moments() {
     let summed = [-0.1, 0.0, 0.1].map(|time_s| SummedExposure { time_s, exposure_s: 0.01, weight: 1.0 / 3.0 });
     let of = Taken {
         camera: gpu::camera(&gpu::pinhole(160, 60, FOCAL_PX), 0.02),
@@ -94,7 +94,7 @@ fn a_slow_shutter_shows_objects_when_it_shows_the_room() {
 /// A screen whose edge moves 40 px from frame to frame, before a board that moves 20: where the edge was on one side for a
 /// share of the time, the board is seen for that share.
 #[test]
-fn behind_a_moving_edge_a_thing_is_seen_for_a_share_of_the_time() {
+fn object_behind_a_moving_edge_is_visible_for_a_share_of_the_exposure() {
     let times = [-0.1, 0.0, 0.1];
     let summed = times.map(|time_s| SummedExposure { time_s, exposure_s: 0.01, weight: 1.0 / 3.0 });
     let geometry = gpu::pinhole(160, 60, FOCAL_PX);
@@ -141,7 +141,7 @@ fn behind_a_moving_edge_a_thing_is_seen_for_a_share_of_the_time() {
 }
 
 #[test]
-fn within_a_long_plan_it_is_told_how_far_it_is() {
+fn long_exposure_reports_its_progress() {
     let of = Taken {
         camera: gpu::camera(&gpu::pinhole(160, 60, FOCAL_PX), 0.02),
         settings: gpu::settings(&[("motion_blur", "method", Value::Text("reference".to_owned()))]),
@@ -159,7 +159,7 @@ fn within_a_long_plan_it_is_told_how_far_it_is() {
 /// A black thing of which the sensor saw its rim and one pixel in fifty, before a wall: without a lens too, it hides the board
 /// all over.
 #[test]
-fn what_the_sensor_hardly_saw_hides_as_a_whole() {
+fn surface_with_sparse_depth_occludes_completely() {
     const SIZE: (usize, usize) = (320, 240);
     let inside = |x: usize, y: usize| (100..160).contains(&x) && (80..200).contains(&y);
     let places = || (0..SIZE.0 * SIZE.1).map(|i| (i % SIZE.0, i / SIZE.0));
@@ -195,7 +195,7 @@ fn what_the_sensor_hardly_saw_hides_as_a_whole() {
 }
 
 #[test]
-fn a_wall_hides_an_object_only_by_more_than_the_tolerance() {
+fn wall_occludes_an_object_only_beyond_the_depth_tolerance() {
     const GREY: u8 = 60;
     let tolerance_m = 0.02;
     let shown = |before_board_m: f64| {
@@ -221,7 +221,7 @@ fn a_wall_hides_an_object_only_by_more_than_the_tolerance() {
 
 /// A table measured with a ripple of 12 mm amplitude hides parts of a board that lies on it, unless its plane is known.
 #[test]
-fn flat_thing_on_a_table_that_was_measured_in_waves_is_seen_whole() {
+fn flat_object_on_a_table_of_rippled_depth_is_fully_visible() {
     const GREY: u8 = 60;
     let wave_m = |i: u32| 0.012 * (0.4 * f64::from(i % 160)).sin();
     let depth_m: Vec<f32> = (0..160 * 60).map(|i| (DEPTH_M + wave_m(i)) as f32).collect();

@@ -12,7 +12,7 @@ use std::process::Command;
 /// `scripts/hashes target/release/locard FOLDER --size small && cp FOLDER/hashes.txt tests/pictures/`.
 // Slow: sixteen composites and renderings by the program, where the table's processor runs.
 #[test]
-fn pictures_layers_and_reports_keep_their_bits() {
+fn pictures_layers_and_reports_match_their_hashes() {
     // Without the real recordings the script leaves their cases out.
     let _ = common::data_if_any("tum-fr1-rpy");
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));

@@ -97,7 +97,7 @@ fn centroid(image: &LinearImage, around: DVec2, reach: f64) -> Option<DVec2> {
 
 // Slow: renders a marker for each of many directions in every projection.
 #[test]
-fn marks_land_where_the_formula_says_in_every_projection() {
+fn marks_project_by_the_formula_in_every_projection() {
     // In the camera's axes: all about the axis, on seams and corners of the cube, behind.
     let mut directions: Vec<DVec3> = Vec::new();
     for (theta, count) in
@@ -148,7 +148,7 @@ fn marks_land_where_the_formula_says_in_every_projection() {
 }
 
 #[test]
-fn every_pixel_shows_what_lies_in_its_direction_without_seams() {
+fn every_pixel_shows_the_colour_of_its_direction_without_seams() {
     let pose = turned();
     for projection in projections(fast_or_full(0.4, 1.0)) {
         let image = shoot(room(), &projection, pose);
@@ -180,7 +180,7 @@ fn every_pixel_shows_what_lies_in_its_direction_without_seams() {
 }
 
 #[test]
-fn parallel_rays_keep_sizes_and_hide_what_is_behind() {
+fn orthographic_projection_keeps_sizes_and_occludes() {
     // A square of 0.2 m at 1 m, one of 0.2 m at 9 m beside it, and half behind the first a third.
     let square = |x: f64, z: f64, grey: f32| {
         [(-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)]
@@ -206,7 +206,7 @@ fn parallel_rays_keep_sizes_and_hide_what_is_behind() {
 }
 
 #[test]
-fn the_environment_stands_behind_and_shows_through_in_part() {
+fn environment_is_the_background_and_shows_through_partial_coverage() {
     let (width, height) = (256, 128);
     // By longitude: red to the right of the map's middle (−z), green to its left; above is bright.
     let rgb = (0..width * height)
@@ -247,7 +247,7 @@ fn locard(arguments: &[&str]) -> (bool, String) {
 }
 
 #[test]
-fn the_program_frames_a_scene_with_every_camera() {
+fn program_frames_a_scene_with_every_projection() {
     let temp = tempfile::tempdir().unwrap();
     for camera in ["perspective", "orthographic", "off-centre", "fisheye", "environment", "little-planet"] {
         for model in ["scenes/l-scale.glb", "scenes/demo.toml"] {
@@ -280,7 +280,7 @@ fn the_program_frames_a_scene_with_every_camera() {
 }
 
 #[test]
-fn what_is_no_camera_is_refused() {
+fn invalid_cameras_are_refused() {
     let out = std::env::temp_dir().join("never-written.png");
     for (arguments, said) in [
         (&["--fov", "0"][..], "more than 0"),

@@ -73,7 +73,7 @@ fn measured_around(depth: &DepthMap, i: usize, doubtful_px: i32) -> Option<(f32,
 }
 
 #[test]
-fn props_stand_on_the_desk_behind_and_before_its_things() {
+fn props_on_a_real_desk_are_occluded_by_nearer_things_only() {
     let (Some(folder), Some(models)) = (common::data("tum-fr1-rpy"), common::data("props")) else { return };
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
@@ -184,7 +184,7 @@ fn best_points(folder: &Path, count: usize) -> Vec<Seen> {
 }
 
 #[test]
-fn marks_on_the_door_lie_where_the_reconstruction_saw_its_points() {
+fn marks_on_the_door_project_to_the_reconstructed_points() {
     let Some(folder) = common::data("lund-door-dslr") else { return };
     let options = OpenOptions { metres_per_unit: DOOR_UNIT_M, ..OpenOptions::default() };
     let mut shot = Shot::open(&folder, &options, &ShotOptions::default()).unwrap();

@@ -126,7 +126,7 @@ fn pixel(done: &Composited, i: usize) -> [u8; 3] {
 }
 
 #[test]
-fn shadow_on_a_clipped_floor_of_known_radiance_is_what_a_camera_shows() {
+fn shadow_on_a_clipped_floor_of_known_radiance_matches_a_camera() {
     let ratios = ratios(Vec3::splat(0.3));
     // 0.65 in the usual frame, and this one is exposed twice as long.
     let done = made(scene(Vec3::splat(0.3)), &settings(), frame(white(), floor_m(), 2.0), Some(radiance([0.65; 3])));
@@ -146,7 +146,7 @@ fn shadow_on_a_clipped_floor_of_known_radiance_is_what_a_camera_shows() {
 }
 
 #[test]
-fn shadow_on_a_floor_that_always_clips_is_grey_and_the_lightest_that_its_channels_allow() {
+fn shadow_on_an_always_clipped_floor_is_the_lightest_possible_grey() {
     let sky = Vec3::new(0.2, 0.3, 0.6);
     let ratios = ratios(sky);
     let done = made(scene(sky), &settings(), frame(white(), floor_m(), 1.0), None);
@@ -163,7 +163,7 @@ fn shadow_on_a_floor_that_always_clips_is_grey_and_the_lightest_that_its_channel
 }
 
 #[test]
-fn colour_of_which_a_channel_clips_keeps_its_hue_unless_it_is_pale() {
+fn colour_with_a_clipped_channel_keeps_its_hue_unless_pale() {
     let ratios = ratios(Vec3::splat(0.3));
     let of = |codes: [u8; 3]| {
         let codes: Vec<u8> = (0..WIDTH * HEIGHT).flat_map(|_| codes).collect();
@@ -183,7 +183,7 @@ fn colour_of_which_a_channel_clips_keeps_its_hue_unless_it_is_pale() {
 }
 
 #[test]
-fn clipped_pixels_beyond_the_shadow_keep_their_bits_and_without_a_shadow_all_do() {
+fn clipped_pixels_outside_the_shadow_are_unchanged() {
     let code = |i: u32| 225 + (i.wrapping_mul(2_654_435_761) >> 27) as u8 % 31;
     let codes: Vec<u8> = (0..3 * WIDTH * HEIGHT).map(code).collect();
     let dim = radiance([0.3; 3]);
@@ -202,7 +202,7 @@ fn clipped_pixels_beyond_the_shadow_keep_their_bits_and_without_a_shadow_all_do(
 }
 
 #[test]
-fn shadow_ends_at_a_nearer_thing_by_the_share_that_the_thing_has_of_each_pixel() {
+fn shadow_at_a_nearer_edge_is_weighted_by_the_matte() {
     // A card before the left of the shadow, darker than the floor or brighter. It ends within column 54 and has 0.4 of it.
     for (card, floor) in [(0.03, 0.5), (0.6, 0.15)] {
         let share = |i: usize| (54.4 - f64::from(i as u32 % WIDTH)).clamp(0.0, 1.0);

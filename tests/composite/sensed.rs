@@ -225,7 +225,7 @@ fn off_px(recording: &Path, scene: &Path, truths: &[Truth]) -> Vec<f64> {
 
 // Slow: traces rays for each frame of a simulated depth sensor, and for the exact coverage.
 #[test]
-fn evidence_ends_behind_real_things_where_it_is_truly_hidden() {
+fn occlusion_edges_of_sensed_depth_match_the_true_ones() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());
     let simulation = simulation();

@@ -9,7 +9,7 @@ fn is_part(text: &str) -> bool {
 }
 
 #[test]
-fn every_module_validates() {
+fn every_shader_module_validates() {
     let mut count = 0;
     for shader in Shader::ALL {
         // The composite's is put together below.
@@ -22,7 +22,7 @@ fn every_module_validates() {
 }
 
 #[test]
-fn every_file_is_embedded() {
+fn every_shader_file_is_embedded() {
     let mut on_disk = Vec::new();
     for folder in ["shaders", "shaders/shared"] {
         for entry in std::fs::read_dir(folder).unwrap() {
@@ -44,7 +44,7 @@ const PARTS: [(Shader, &str); 3] =
     [(Shader::EdgeBlend, "edge_blend"), (Shader::Noise, "noise"), (Shader::NoiseGrain, "noise")];
 
 #[test]
-fn the_composite_validates_with_every_combination_of_mixed_effects() {
+fn composite_shader_validates_with_every_combination_of_mixed_effects() {
     for bits in 0..1usize << PARTS.len() {
         let some: Vec<_> = (0..PARTS.len()).filter(|i| bits >> i & 1 == 1).map(|i| PARTS[i]).collect();
         if bits & 0b110 == 0b110 {
@@ -68,7 +68,7 @@ fn the_composite_validates_with_every_combination_of_mixed_effects() {
 }
 
 #[test]
-fn a_file_stands_once_in_a_module() {
+fn shader_file_is_included_once_per_module() {
     // Both import the same; so does the composite itself.
     let text = module(&[Shader::Exposure, Shader::RealPart]);
     assert_eq!(text.matches("fn fullscreen_vertex").count(), 1);

@@ -74,7 +74,7 @@ fn lit(material: Material, lighting: Lighting) -> f32 {
 }
 
 #[test]
-fn white_matt_shows_the_sun_s_colour_by_its_cosine() {
+fn white_diffuse_surface_reflects_the_sun_by_lamberts_cosine() {
     // 0.8 at 60°: 0.4. The shine takes 4 % of 0.31 from the matt part (so much of light comes back after one bounce
     // from the roughest surface, seen upright) and gives 0.04/(2·(1 + 1/2)): together +0.1 %.
     let towards = Vec3::new(0.75f32.sqrt(), 0.0, -0.5);
@@ -109,7 +109,7 @@ fn spot_light_between_its_angles_falls_off_with_the_square_of_the_ramp() {
 }
 
 #[test]
-fn white_surfaces_under_a_white_sky_are_white() {
+fn white_surface_under_a_white_sky_is_white() {
     for metallic in [0.0, 1.0] {
         for roughness in [0.1, 0.4, 0.75, 1.0] {
             for slant in [0.0, 1.2] {
@@ -127,7 +127,7 @@ fn white_surfaces_under_a_white_sky_are_white() {
 }
 
 #[test]
-fn a_rough_metal_returns_what_the_integral_says() {
+fn rough_metal_matches_the_brdf_integral() {
     // Roughness 0.6 seen upright: one bounce returns 0.8245 F0 of uniform light, over all views 0.8030 (by summing the
     // BRDF over 400,000 directions). F0 = 0.5: mean of Schlick's term 0.5238, further bounces bring 9.98 % more.
     let found = lit(material(0.5, 1.0, 0.6), Lighting::default());
@@ -135,14 +135,14 @@ fn a_rough_metal_returns_what_the_integral_says() {
 }
 
 #[test]
-fn a_smooth_metal_has_its_whole_peak() {
+fn smooth_metal_has_the_full_specular_peak() {
     // Eye, sun and normal in one line: D·π = 1/α² = 10⁴, visibility 1/4, F = 1. Half a pixel off at 2000 px: 0.05 %.
     let found = lit(material(1.0, 1.0, 0.1), sun(Vec3::NEG_Z, 1.0));
     assert!((found - 2500.0).abs() < 12.0, "{found}");
 }
 
 #[test]
-fn half_a_metal_is_half_metal_half_not() {
+fn metallic_of_one_half_is_the_mean_of_metal_and_dielectric() {
     let towards = Vec3::new(0.4, -0.3, -0.8);
     for roughness in [0.3, 1.0] {
         for base in [0.15, 0.8] {
@@ -173,7 +173,7 @@ fn leaning(lighting: Lighting) -> f32 {
 }
 
 #[test]
-fn a_normal_map_leans_towards_growing_u() {
+fn normal_map_tilts_towards_growing_u() {
     let from = |x: f32, z: f32| leaning(sun(Vec3::new(x, 0.0, z), 1.0));
     assert!(
         (from(1.0, -1.0) - 1.0).abs() < 0.03 && from(-1.0, -0.9) == 0.0,
@@ -189,7 +189,7 @@ fn a_normal_map_leans_towards_growing_u() {
 }
 
 #[test]
-fn fine_print_keeps_its_contrast() {
+fn fine_print_keeps_its_contrast_when_filtered() {
     // Stripes of two pixels, six texels: every pixel is black or white.
     let material = Material { base_color_texture: Some(PLAIN), unlit: true, ..Material::default() };
     let stripes = texture(192, 192, |x, _| [if x / 6 % 2 == 0 { 0 } else { 255 }; 3], true);
@@ -204,7 +204,7 @@ fn fine_print_keeps_its_contrast() {
 }
 
 #[test]
-fn texture_transforms_turn_as_the_extension_says() {
+fn texture_transform_rotates_by_the_extension() {
     // Red green over blue white. A quarter turn of the coordinates, counter-clockwise on the picture: u' = v, v' = −u.
     let mut model = Model::triangle();
     model.textured(&png(2, 2, &[255, 0, 0, 255, 0, 255, 0, 255, 0, 0, 255, 255, 255, 255, 255, 255]));

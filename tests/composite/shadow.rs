@@ -114,7 +114,7 @@ fn encode(light: f64) -> f64 {
 }
 
 #[test]
-fn shaded_pixels_follow_the_shadow_map_and_all_others_stay() {
+fn shadowed_pixels_match_the_shadow_map_and_others_are_unchanged() {
     let done = made(Settings::default(), &camera(), grey_frame(), scene());
     let shadow_map = &Shadows::new(&scene()).shadow_maps(&scene(), locard::quality::Quality::Final).0[0];
     let layer = done.layer.as_ref().unwrap();
@@ -158,7 +158,7 @@ fn shaded_pixels_follow_the_shadow_map_and_all_others_stay() {
 }
 
 #[test]
-fn a_point_of_the_floor_keeps_its_shade_while_the_camera_moves() {
+fn floor_point_keeps_its_shadow_ratio_while_the_camera_moves() {
     // From frame to frame by parts of a pixel, and a little turn.
     let pose = |n: i32| {
         let by = DVec3::new(0.0013, 0.0007, 0.0004) * f64::from(n);
@@ -205,7 +205,7 @@ fn a_point_of_the_floor_keeps_its_shade_while_the_camera_moves() {
 }
 
 #[test]
-fn switched_off_and_without_strength_there_is_none() {
+fn shadow_that_is_off_or_without_strength_changes_nothing() {
     let off = gpu::settings(&[("shadow", "cast", Value::Bool(false))]);
     let off = made(off, &camera(), grey_frame(), scene());
     let none = made(gpu::settings(&[("shadow", "strength", Value::Number(0.0))]), &camera(), grey_frame(), scene());
@@ -219,7 +219,7 @@ fn switched_off_and_without_strength_there_is_none() {
 }
 
 #[test]
-fn what_stands_before_the_floor_or_lies_below_it_is_not_darkened() {
+fn surfaces_off_the_receiver_plane_are_not_shadowed() {
     // On the left the depth is that of the floor, on the right of something 6 cm before it; at the top of a lower floor.
     let rays: Vec<_> = (0..WIDTH * HEIGHT)
         .map(|i| geometry().unproject(DVec2::new(f64::from(i % WIDTH) + 0.5, f64::from(i / WIDTH) + 0.5)).unwrap())
@@ -248,7 +248,7 @@ fn what_stands_before_the_floor_or_lies_below_it_is_not_darkened() {
 }
 
 #[test]
-fn what_was_drawn_before_changes_no_bit() {
+fn earlier_frames_do_not_affect_a_picture() {
     let frame = |height: f64| {
         let depth_m = (0..WIDTH * HEIGHT).map(|i| {
             let ray = geometry().unproject(DVec2::new(f64::from(i % WIDTH) + 0.5, f64::from(i / WIDTH) + 0.5)).unwrap();
@@ -287,7 +287,7 @@ fn what_was_drawn_before_changes_no_bit() {
 }
 
 #[test]
-fn a_moved_light_redraws_the_shadows_of_the_same_objects() {
+fn moved_light_redraws_the_shadows_of_unchanged_objects() {
     let geometry = gpu::pinhole(160, 120, 165.0);
     let (camera, track) = (gpu::camera(&geometry, 0.0), track());
     // The floor's shadow alone: the objects' lightmaps depend on the same condition and cost more.
@@ -318,7 +318,7 @@ fn a_moved_light_redraws_the_shadows_of_the_same_objects() {
 }
 
 #[test]
-fn an_object_that_is_lost_takes_its_shadow_along() {
+fn shadow_fades_with_its_object() {
     let half = made(Settings::default(), &camera(), Frame { presence: 0.5, ..grey_frame() }, scene());
     let whole = made(Settings::default(), &camera(), grey_frame(), scene());
     for (whole, half) in whole.layer.unwrap().left.iter().zip(&half.layer.unwrap().left) {
@@ -329,7 +329,7 @@ fn an_object_that_is_lost_takes_its_shadow_along() {
 }
 
 #[test]
-fn a_shadow_whose_object_is_out_of_the_picture_is_drawn() {
+fn shadow_of_an_object_outside_the_picture_is_drawn() {
     let mut beside = scene();
     beside.lighting.suns[0] =
         Sun { towards_light_in_world: Vec3::new(0.95, 0.0, 0.3).normalize(), ..beside.lighting.suns[0] };
@@ -363,7 +363,7 @@ fn noise_like(rho: f64) -> Vec<f64> {
 }
 
 #[test]
-fn noise_in_a_shadow_is_what_the_camera_has_at_that_brightness() {
+fn noise_in_a_shadow_matches_the_camera_noise_at_that_brightness() {
     // σ² = 1 + 0.05 · code (8-bit codes); a frame with that noise, white or of neighbours that are alike.
     let sigma = |code: f64| (1.0 + 0.05 * code).sqrt();
     let bin = |n: u32| NoiseBin { code: f64::from(5 * n), sigma: sigma(f64::from(5 * n)) };

@@ -47,7 +47,7 @@ fn picture(shot: &mut Shot, compositor: &mut Compositor, frame: usize) -> Compos
 }
 
 #[test]
-fn a_change_between_two_pictures_is_followed() {
+fn settings_changed_between_pictures_take_effect() {
     let gpu = gpu::gpu();
     let shadows = fast_or_full(&["shadow.cast=false"][..], &[]);
     let mut held = demo(shadows);
@@ -77,7 +77,7 @@ fn a_change_between_two_pictures_is_followed() {
 }
 
 #[test]
-fn objects_are_moved_and_hidden_and_scenes_exchanged_without_a_pipeline() {
+fn scene_changes_need_no_new_pipelines() {
     // Of its own: it counts what is made on it.
     let gpu = Gpu::open().unwrap();
     let mut held = demo(&[]);
@@ -103,7 +103,7 @@ fn objects_are_moved_and_hidden_and_scenes_exchanged_without_a_pipeline() {
 }
 
 #[test]
-fn a_stream_is_its_moments() {
+fn stream_matches_frames_composited_alone() {
     let gpu = gpu::gpu();
     let mut shot = demo(&[]);
     let streams = [1, 2, 3].map(|in_flight| -> Vec<Composited> {
@@ -124,7 +124,7 @@ fn a_stream_is_its_moments() {
 }
 
 #[test]
-fn an_export_is_what_the_shot_shows_and_ends_when_it_is_told_to() {
+fn export_matches_the_shot_and_can_be_cancelled() {
     let temp = tempfile::tempdir().unwrap();
     let names = |folder: &Path| {
         let entries = std::fs::read_dir(folder).unwrap();
@@ -167,7 +167,7 @@ fn an_export_is_what_the_shot_shows_and_ends_when_it_is_told_to() {
 
 // Slow: takes four photographs of the demonstration.
 #[test]
-fn a_photograph_ends_when_it_is_told_to() {
+fn photo_can_be_cancelled() {
     let temp = tempfile::tempdir().unwrap();
     let mut wanted = PhotoRequest::new(31, temp.path().join("a.jpg"));
     (wanted.lux, wanted.width_px) = (Some(300.0), Some(320));
@@ -207,7 +207,7 @@ fn a_photograph_ends_when_it_is_told_to() {
 }
 
 #[test]
-fn a_damaged_frame_ends_the_stream_with_its_file() {
+fn damaged_frame_ends_the_stream_and_names_its_file() {
     let temp = tempfile::tempdir().unwrap();
     program::with_a_truncated_frame(temp.path());
     let given = ShotOptions { profile: Some("profiles/simulated.toml".into()), ..ShotOptions::default() };
@@ -225,7 +225,7 @@ fn a_damaged_frame_ends_the_stream_with_its_file() {
 }
 
 #[test]
-fn errors_say_what_is_accepted() {
+fn errors_name_the_accepted_values() {
     let error = |sets: &[&str]| match opened(sets).and_then(|shot| shot.check(0..72)) {
         Ok(()) => panic!("{sets:?} is accepted"),
         Err(error) => error.to_string(),
@@ -253,7 +253,7 @@ fn errors_say_what_is_accepted() {
 }
 
 #[test]
-fn notes_follow_what_is_set() {
+fn notes_follow_the_settings() {
     let temp = tempfile::tempdir().unwrap();
     program::with_a_truncated_frame(temp.path());
     std::fs::write(temp.path().join("poses.txt"), "0 0 0 0 0 0 0 1\n0.11 0 0 0 0 0 0 1\n").unwrap();
@@ -286,7 +286,7 @@ fn notes_follow_what_is_set() {
 }
 
 #[test]
-fn what_is_typed_stands_above_profiles() {
+fn command_line_values_override_profiles() {
     let taken = |sets: &[&str]| opened(sets).unwrap().exposure_settings(0);
     let by_profile = taken(&[]);
     let typed = PartialExposure { iso: Some(1234.0), ..by_profile };
@@ -296,7 +296,7 @@ fn what_is_typed_stands_above_profiles() {
 }
 
 #[test]
-fn an_outline_is_the_border_of_what_is_drawn_and_what_is_inside_is_hit() {
+fn outline_matches_the_drawn_border_and_its_inside_is_hit() {
     let gpu = gpu::gpu();
     // Sharp, so that coverage is the objects' own. The camera turns, its rows have times, and its lens distorts.
     let mut held = opened(&["camera.exposure.time_s=0"]).unwrap();
@@ -345,7 +345,7 @@ fn halved(pixels: &Pixels) -> Vec<f64> {
 }
 
 #[test]
-fn a_picture_at_half_the_size_shows_what_the_whole_one_does() {
+fn half_size_picture_matches_the_reduced_full_size_one() {
     let mut shot = shot::demo(SCENE);
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let frame = shot.read(31).unwrap();
@@ -390,7 +390,7 @@ fn a_picture_at_half_the_size_shows_what_the_whole_one_does() {
 }
 
 #[test]
-fn the_gpu_tells_what_each_part_takes() {
+fn gpu_timings_cover_each_pass() {
     let mut shot = shot::demo(SCENE);
     let gpu = gpu::gpu();
     let mut compositor = shot.compositor(gpu.clone());

@@ -40,7 +40,7 @@ fn angle_of_view_from_exif_agrees_with_the_reconstruction() {
 }
 
 #[test]
-fn the_door_is_metered_from_its_picture() {
+fn door_is_metered_from_its_picture() {
     let Some(folder) = common::data("lund-door-dslr") else { return };
     let folder = folder.to_str().unwrap();
     let report = json(&["meter", folder, "--frame", "0"]);
@@ -62,7 +62,7 @@ fn the_door_is_metered_from_its_picture() {
 }
 
 #[test]
-fn sunny_sixteen() {
+fn metering_follows_the_sunny_sixteen_rule() {
     // 81920 lx are EV 15 at ISO 100, for which f/16 at 1/125 s is right.
     let sunny =
         ["meter", "recordings/demo", "--frame", "0", "--lux", "81920", "--aperture", "16", "--shutter", "1/125"];
@@ -86,7 +86,7 @@ fn sunny_sixteen() {
 }
 
 #[test]
-fn what_is_missing_is_said() {
+fn missing_and_invalid_meter_inputs_are_named() {
     // The demonstration's camera has a pinhole: no f-number, no light.
     let error = refused(&["meter", "recordings/demo", "--frame", "0"]);
     assert!(error.contains("the f-number of frame 0 is not known") && error.contains("--lux"), "{error}");

@@ -65,7 +65,7 @@ fn inside_px(x: u32, y: u32) -> f32 {
 }
 
 #[test]
-fn a_stand_in_hides_what_is_behind_it_and_nothing_else() {
+fn stand_in_occludes_only_objects_behind_it() {
     let whole = composited(None, None);
     assert!((0..WIDTH).all(|x| whole.at(x, 60) != [u32::from(CODE); 3]), "the evidence fills the picture");
     // Without a sensor, and with one that sees through to a wall behind everything.
@@ -87,6 +87,6 @@ fn a_stand_in_hides_what_is_behind_it_and_nothing_else() {
 }
 
 #[test]
-fn what_stands_behind_evidence_hides_nothing() {
+fn stand_in_behind_evidence_occludes_nothing() {
     assert_eq!(composited(Some(2.6), None), composited(None, None));
 }

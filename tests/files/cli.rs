@@ -7,7 +7,7 @@ use crate::program::{copied, locard, program, refused, said, with_a_truncated_fr
 use crate::tier;
 
 #[test]
-fn composite_is_silent_in_a_pipe_and_writes_what_was_asked_for() {
+fn composite_is_silent_in_a_pipe_and_writes_the_requested_frames() {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     let (frames, layers, report) = (path("frames"), path("layers"), path("report.json"));
@@ -43,7 +43,7 @@ fn composite_is_silent_in_a_pipe_and_writes_what_was_asked_for() {
 }
 
 #[test]
-fn inspect_tells_what_is_there() {
+fn inspect_describes_the_recording() {
     let text = said(&["inspect", "scenes/demo.toml"]);
     assert!(text.contains("light      0 suns, 1 lamp, a panorama of 256x128 px"), "{text}");
     assert!(text.contains("object     marker 1: ") && !text.contains("-0.000"), "{text}");
@@ -61,7 +61,7 @@ fn inspect_tells_what_is_there() {
 }
 
 #[test]
-fn one_scene_is_one_scene() {
+fn folder_of_one_scene_calibrates_as_one_scene() {
     let temp = tempfile::tempdir().unwrap();
     for i in 0..3u32 {
         // Every level, with one code up or down.
@@ -78,7 +78,7 @@ fn one_scene_is_one_scene() {
 }
 
 #[test]
-fn pictures_without_times_are_not_blurred_by_motion() {
+fn pictures_without_times_have_no_motion_blur() {
     let temp = tempfile::tempdir().unwrap();
     // Two pictures half a metre apart: at 30 a second any exposure would smear what stands 2 m away.
     let mut entries = Vec::new();
@@ -108,7 +108,7 @@ fn pictures_without_times_are_not_blurred_by_motion() {
 }
 
 #[test]
-fn inspect_names_the_pictures_that_end_too_early() {
+fn inspect_names_truncated_pictures() {
     let temp = tempfile::tempdir().unwrap();
     with_a_truncated_frame(temp.path());
     let text = said(&["inspect", temp.path().to_str().unwrap()]);
@@ -149,7 +149,7 @@ fn inspect_takes_the_camera_from_a_profile_and_units_from_the_format() {
 }
 
 #[test]
-fn a_huge_number_is_said_in_a_few_digits() {
+fn huge_number_is_printed_in_few_digits() {
     let given = ["--set", "noise.scale=1e300", "--frames", "0..1", "-o", "-"];
     let text = refused(&[&["composite", "recordings/demo", "--scene", "scenes/demo.toml"][..], &given].concat());
     assert!(text.contains("noise.scale = 1e300 is refused"), "{text}");
@@ -160,7 +160,7 @@ fn a_huge_number_is_said_in_a_few_digits() {
 
 /// Variables that leave out every adapter are blamed, and what they leave out is named.
 #[test]
-fn a_filter_that_leaves_nothing_is_told_from_a_missing_driver() {
+fn adapter_filter_without_matches_is_distinguished_from_a_missing_driver() {
     let output = program().arg("doctor").env("WGPU_ADAPTER_NAME", "no such card").output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout);
     assert_eq!(output.status.code(), Some(2), "{text}");
@@ -170,7 +170,7 @@ fn a_filter_that_leaves_nothing_is_told_from_a_missing_driver() {
 }
 
 #[test]
-fn what_is_there_is_named_where_nothing_was_asked_for() {
+fn empty_selection_lists_the_available_names() {
     let arguments = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "-o", "-", "--only", ""];
     let text = refused(&arguments);
     assert!(
@@ -184,7 +184,7 @@ fn what_is_there_is_named_where_nothing_was_asked_for() {
 }
 
 #[test]
-fn a_trajectory_that_covers_no_frame_is_an_error() {
+fn trajectory_that_covers_no_frame_is_an_error() {
     let temp = tempfile::tempdir().unwrap();
     with_a_truncated_frame(temp.path());
     std::fs::write(temp.path().join("poses.txt"), "50 0 0 0 0 0 0 1\n51 0 0 0 0 0 0 1\n").unwrap();
@@ -195,7 +195,7 @@ fn a_trajectory_that_covers_no_frame_is_an_error() {
 }
 
 #[test]
-fn a_range_in_a_gap_passes_through() {
+fn range_without_poses_passes_the_footage_through() {
     let temp = tempfile::tempdir().unwrap();
     with_a_truncated_frame(temp.path());
     let (folder, out) = (temp.path().to_str().unwrap(), temp.path().join("out"));
@@ -216,7 +216,7 @@ fn a_range_in_a_gap_passes_through() {
 }
 
 #[test]
-fn what_makes_no_camera_is_refused_or_lies_over_the_recordings_own() {
+fn incomplete_camera_is_refused_unless_the_recording_has_one() {
     let temp = tempfile::tempdir().unwrap();
     with_a_truncated_frame(temp.path());
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
@@ -256,7 +256,7 @@ fn what_makes_no_camera_is_refused_or_lies_over_the_recordings_own() {
 }
 
 #[test]
-fn a_picture_whose_data_ends_early_is_refused_whatever_stands_behind() {
+fn truncated_picture_with_trailing_data_is_refused() {
     let temp = tempfile::tempdir().unwrap();
     with_a_truncated_frame(temp.path());
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
@@ -272,13 +272,13 @@ fn a_picture_whose_data_ends_early_is_refused_whatever_stands_behind() {
 }
 
 #[test]
-fn a_plane_needs_a_normal() {
+fn plane_without_a_normal_is_refused() {
     let arguments = ["inspect", "recordings/demo", "--frame", "30", "--pick", "320,300", "--plane", "0,0,0,0"];
     assert!(refused(&arguments).contains("--plane: 0,0,0,0 is no plane: the normal A,B,C has no length"));
 }
 
 #[test]
-fn a_profile_of_noise_alone_stands_above_the_recordings_own() {
+fn profile_of_noise_alone_overrides_the_recorded_noise_and_keeps_the_camera() {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     let noise = "version = 1\n[camera.noise]\nchannel_correlation = [0.0, 0.0, 0.0]\n\
@@ -330,7 +330,7 @@ fn another_seed_gives_other_noise_and_the_same_seed_the_same() {
 }
 
 #[test]
-fn what_no_effect_can_do_is_refused_before_anything_is_written() {
+fn impossible_effect_settings_are_refused_before_any_output() {
     let temp = tempfile::tempdir().unwrap();
     let out = temp.path().join("out");
     let star = ["--scene", tier::any_scene(), "--set", "depth_of_field.shape=star"];
@@ -348,7 +348,7 @@ fn what_no_effect_can_do_is_refused_before_anything_is_written() {
 }
 
 #[test]
-fn frames_whose_depth_has_no_pose_are_told_of() {
+fn frames_with_depth_but_no_pose_are_reported() {
     let temp = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| std::fs::write(temp.path().join(name), text).unwrap();
     image::RgbImage::from_pixel(64, 48, image::Rgb([90; 3])).save(temp.path().join("a.png")).unwrap();
@@ -392,7 +392,7 @@ fn earlier_ms(inspected: &str) -> f64 {
 }
 
 #[test]
-fn the_clock_of_poses_is_found_from_the_pictures() {
+fn clock_offset_of_poses_is_found_from_the_pictures() {
     let temp = tempfile::tempdir().unwrap();
     let late = temp.path().join("late");
     copied(Path::new("recordings/demo"), &late);

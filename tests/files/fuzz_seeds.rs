@@ -9,7 +9,7 @@ fn seeds(target: &str) -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn models() {
+fn gltf_seeds_and_their_mutations_never_panic() {
     let seeds = seeds("gltf");
     assert!(!seeds.is_empty());
     seeds.iter().for_each(|seed| bodies::gltf(seed));
@@ -25,7 +25,7 @@ fn models() {
 }
 
 #[test]
-fn recordings() {
+fn recording_seeds_never_panic() {
     let seeds = seeds("recording");
     assert!(!seeds.is_empty());
     let readable = seeds.iter().filter(|seed| bodies::recording(seed) == 2).count();
@@ -41,7 +41,7 @@ fn recordings() {
 }
 
 #[test]
-fn streams() {
+fn stream_seeds_never_panic() {
     let seeds = seeds("stream");
     assert!(!seeds.is_empty());
     for seed in seeds {

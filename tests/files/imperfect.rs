@@ -72,7 +72,7 @@ fn colmap_pictures_of_another_orientation_are_left_out() {
 }
 
 #[test]
-fn seven_scenes_pose_that_is_infinite_is_no_pose() {
+fn infinite_seven_scenes_pose_is_ignored() {
     let temp = tempfile::tempdir().unwrap();
     for i in 0..4 {
         image::RgbImage::new(8, 6).save(temp.path().join(format!("frame-00000{i}.color.png"))).unwrap();
@@ -92,7 +92,7 @@ fn seven_scenes_pose_that_is_infinite_is_no_pose() {
 }
 
 #[test]
-fn depth_that_is_not_a_picture_is_left_out() {
+fn unreadable_depth_is_left_out() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path();
     let names = ["a1.png", "a2.png", "a3.png"];
@@ -122,7 +122,7 @@ fn depth_that_is_not_a_picture_is_left_out() {
 }
 
 #[test]
-fn depth_that_ends_too_early_is_counted_where_it_is_decoded() {
+fn truncated_depth_is_counted_when_it_is_decoded() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path();
     write(&folder.join("rgb"), &options(8, 6, 8), &[0, 1, 2].map(|i| picture(i, 8, 6, 8)));
@@ -156,7 +156,7 @@ fn npy(file: &Path, metres: f32) {
 }
 
 #[test]
-fn floating_point_depth_is_read_by_the_recordings_unit_and_an_unsaid_unit_is_told() {
+fn floating_point_depth_uses_the_recorded_unit_and_a_missing_unit_is_reported() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path();
     pictures(folder, &["0.png", "1.png"]);
@@ -179,7 +179,7 @@ fn floating_point_depth_is_read_by_the_recordings_unit_and_an_unsaid_unit_is_tol
 }
 
 #[test]
-fn nerfstudio_names_without_an_ending_find_any_picture() {
+fn nerfstudio_names_without_an_extension_match_any_picture() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path();
     pictures(folder, &["a1.png", "a2.jpg", "a.3.JPEG"]);
@@ -190,7 +190,7 @@ fn nerfstudio_names_without_an_ending_find_any_picture() {
 }
 
 #[test]
-fn pictures_of_a_folder_that_are_not_read_are_named_and_keep_their_place() {
+fn unreadable_pictures_of_a_folder_are_named_and_keep_their_index() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path();
     pictures(folder, &["f000.jpg", "f002.jpg", "f004.jpg"]);
@@ -221,7 +221,7 @@ fn pictures_of_a_folder_that_are_not_read_are_named_and_keep_their_place() {
 }
 
 #[test]
-fn a_picture_of_another_kind_under_the_name_of_a_jpeg_costs_itself_alone() {
+fn foreign_format_named_jpg_affects_only_its_own_frame() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path();
     pictures(folder, &["f0.jpg", "f1.jpg", "f4.jpg"]);
@@ -268,7 +268,7 @@ fn a_picture_of_another_kind_under_the_name_of_a_jpeg_costs_itself_alone() {
 }
 
 #[test]
-fn calibration_names_the_photographs_that_are_not_read() {
+fn calibration_names_unreadable_photographs() {
     let temp = tempfile::tempdir().unwrap();
     let (folder, file) = (temp.path().join("photos"), temp.path().join("photos/board.heic"));
     fs::create_dir(&folder).unwrap();
@@ -299,7 +299,7 @@ fn jpeg_of_kind(marker: u8, bits: u8) -> Vec<u8> {
 }
 
 #[test]
-fn jpegs_of_other_kinds_are_not_supported_rather_than_damaged() {
+fn jpegs_of_other_kinds_are_reported_as_unsupported() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("f.jpg");
     for (marker, bits, said) in [
@@ -322,7 +322,7 @@ fn jpegs_of_other_kinds_are_not_supported_rather_than_damaged() {
 }
 
 #[test]
-fn jpegs_without_huffman_tables_have_the_standards() {
+fn jpegs_without_huffman_tables_use_the_standard_ones() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("f.jpg");
     for (color, channels) in [(image::ExtendedColorType::L8, 1), (image::ExtendedColorType::Rgb8, 3)] {
@@ -342,7 +342,7 @@ fn jpegs_without_huffman_tables_have_the_standards() {
 }
 
 #[test]
-fn jpeg_without_quantisation_tables_is_told_by_inspect_and_by_what_decodes_it() {
+fn jpeg_without_quantisation_tables_is_reported_by_inspect_and_the_decoder() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("f.jpg");
     pictures(temp.path(), &["f.jpg"]);
@@ -378,7 +378,7 @@ fn oriented(folder: &Path, orientations: &[(&str, u8)]) -> Recording {
 }
 
 #[test]
-fn an_exif_orientation_is_told_once() {
+fn exif_orientation_is_reported_once() {
     let temp = tempfile::tempdir().unwrap();
     let r = oriented(temp.path(), &[("f0.jpg", 1), ("f1.jpg", 6), ("f2.jpg", 6)]);
     let said = "f1.jpg: says it should be shown turned by 90° clockwise (EXIF orientation 6)";
@@ -388,7 +388,7 @@ fn an_exif_orientation_is_told_once() {
 }
 
 #[test]
-fn stills_of_one_orientation_give_it_to_the_video_that_is_written() {
+fn stills_of_one_orientation_set_the_rotation_of_the_video() {
     for exif in [6, 4] {
         let temp = tempfile::tempdir().unwrap();
         let r = oriented(temp.path(), &[("f0.jpg", exif), ("f1.jpg", exif)]);
@@ -409,7 +409,7 @@ fn written(file: &Path, changed: SinkOptions) -> Recording {
 }
 
 #[test]
-fn frames_keep_their_times_in_every_kind_of_video() {
+fn frame_times_are_kept_in_every_video_format() {
     let times_s = [5.0, 5.0333, 5.2, 5.2333];
     for (name, lossless, bits) in [("a.mp4", false, 8), ("a.mkv", false, 16), ("a.mkv", true, 8), ("a.mkv", true, 16)] {
         let temp = tempfile::tempdir().unwrap();
@@ -428,7 +428,7 @@ fn frames_keep_their_times_in_every_kind_of_video() {
 
 /// Neither ffmpeg nor ffprobe knows a turn of Matroska's, so that it is said beforehand.
 #[test]
-fn a_turned_video_names_the_output_that_stays_upright() {
+fn rotated_video_names_an_output_format_that_stays_upright() {
     let temp = tempfile::tempdir().unwrap();
     let orientation = Orientation { is_mirrored: false, rotation_deg: 90.0 };
     let presentation = Presentation { orientation, ..Presentation::default() };
@@ -443,14 +443,14 @@ fn a_turned_video_names_the_output_that_stays_upright() {
 }
 
 #[test]
-fn frames_at_one_time_all_stay_in_the_video() {
+fn frames_with_equal_times_are_all_kept_in_the_video() {
     let temp = tempfile::tempdir().unwrap();
     let changed = SinkOptions { times_s: Some([0.0, 0.0, 0.5, 0.5].into()), ..options(32, 16, 8) };
     assert_eq!(written(&temp.path().join("a.mp4"), changed).frame_count(), 4);
 }
 
 #[test]
-fn a_video_says_how_it_is_to_be_shown() {
+fn video_keeps_its_presentation_tags() {
     for (is_mirrored, rotation_deg, aspect) in
         [(false, -90.0, (16, 15)), (false, 180.0, (99, 160)), (true, 0.0, (16, 15)), (true, 90.0, (160, 117))]
     {
@@ -466,7 +466,7 @@ fn a_video_says_how_it_is_to_be_shown() {
 }
 
 #[test]
-fn high_dynamic_range_stays_so_in_ten_bits() {
+fn high_dynamic_range_is_kept_in_ten_bits() {
     for transfer in ["arib-std-b67", "smpte2084"] {
         let temp = tempfile::tempdir().unwrap();
         let presentation =
@@ -505,7 +505,7 @@ fn composited(folder: &Path, more: &[&str]) -> Recording {
 }
 
 #[test]
-fn a_composite_keeps_the_times_and_tags_of_its_recording() {
+fn composite_keeps_the_times_and_tags_of_its_recording() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path();
     let orientation = Orientation { is_mirrored: true, rotation_deg: 90.0 };
@@ -522,7 +522,7 @@ fn a_composite_keeps_the_times_and_tags_of_its_recording() {
 }
 
 #[test]
-fn missing_pictures_leave_a_gap_in_the_times_of_a_video() {
+fn missing_pictures_leave_a_gap_in_the_video_times() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path();
     let times_s = [0.0, 0.1, 0.2, 0.3];

@@ -7,7 +7,7 @@ use crate::program::{locard, program, refused, said, with_a_truncated_frame};
 use crate::tier;
 
 #[test]
-fn a_run_that_fails_leaves_no_video_and_loses_none() {
+fn failed_run_leaves_no_video_and_keeps_the_existing_one() {
     let temp = tempfile::tempdir().unwrap();
     with_a_truncated_frame(temp.path());
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
@@ -29,7 +29,7 @@ fn a_run_that_fails_leaves_no_video_and_loses_none() {
 }
 
 #[test]
-fn what_cannot_be_written_is_said_before_the_work() {
+fn unwritable_output_is_refused_before_the_work() {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     let out = path("v.mkv");
@@ -59,7 +59,7 @@ fn what_cannot_be_written_is_said_before_the_work() {
 }
 
 #[test]
-fn missing_output_folders_are_made_and_unreadable_input_is_named_before_them() {
+fn missing_output_folders_are_created_after_the_input_is_checked() {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     let sheet = path("new/inner/sheet.png");
@@ -87,7 +87,7 @@ fn missing_output_folders_are_made_and_unreadable_input_is_named_before_them() {
 
 /// Whoever reads may have enough of the frames; a report of all of them was asked for, too.
 #[test]
-fn a_report_that_is_missing_is_told_where_the_frames_were_not_read_to_the_end() {
+fn report_missing_after_a_closed_pipe_is_reported() {
     let temp = tempfile::tempdir().unwrap();
     let report = temp.path().join("r.json");
     let run = |more: &[&std::ffi::OsStr]| {
@@ -107,7 +107,7 @@ fn a_report_that_is_missing_is_told_where_the_frames_were_not_read_to_the_end() 
 
 /// No output of a run lies where another one of it does, forced or not.
 #[test]
-fn outputs_of_one_run_stand_apart() {
+fn overlapping_outputs_of_one_run_are_refused() {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     let demo = ["composite", "recordings/demo", "--scene", "scenes/demo.toml", "--frames", "5..7", "--force"];
@@ -130,7 +130,7 @@ fn outputs_of_one_run_stand_apart() {
 /// A program in the place of ffmpeg that reads nothing and is content.
 #[cfg(unix)]
 #[test]
-fn an_ffmpeg_that_ends_early_without_a_word_is_a_failure() {
+fn silent_early_exit_of_ffmpeg_is_a_failure() {
     use std::os::unix::fs::PermissionsExt;
     let temp = tempfile::tempdir().unwrap();
     let (bin, out) = (temp.path().join("bin"), temp.path().join("out"));
@@ -154,7 +154,7 @@ fn an_ffmpeg_that_ends_early_without_a_word_is_a_failure() {
 /// Threads of four GiB, of which one fits.
 #[cfg(target_os = "linux")]
 #[test]
-fn a_thread_that_cannot_be_had_is_one_line_and_leaves_nothing() {
+fn failed_thread_creation_is_reported_in_one_line_and_leaves_no_files() {
     let temp = tempfile::tempdir().unwrap();
     for limit_kb in [2_000_000, 7_000_000] {
         let mut command = Command::new("sh");
@@ -197,7 +197,7 @@ fn interrupted(command: &mut Command, folder: &Path, signal: &str) {
 /// A frame of many samples takes minutes with a software driver.
 #[cfg(unix)]
 #[test]
-fn a_heavy_frame_is_ended_at_once() {
+fn heavy_frame_is_interrupted_at_once() {
     let temp = tempfile::tempdir().unwrap();
     let heavy = ["depth_of_field.method=reference", "camera.lens.f_number=0.5", "camera.lens.focus_distance_m=0.2"];
     for out in ["out.mkv", "new/frames"] {
@@ -213,7 +213,7 @@ fn a_heavy_frame_is_ended_at_once() {
 }
 
 #[test]
-fn the_recording_is_not_written_into() {
+fn output_into_the_recording_is_refused() {
     let temp = tempfile::tempdir().unwrap();
     with_a_truncated_frame(temp.path());
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
@@ -230,7 +230,7 @@ fn the_recording_is_not_written_into() {
 
 #[cfg(unix)]
 #[test]
-fn an_interrupted_run_leaves_nothing_unfinished() {
+fn interrupted_run_leaves_no_unfinished_files() {
     let temp = tempfile::tempdir().unwrap();
     let mut command = program();
     command.args(["composite", "recordings/demo", "--scene", "scenes/demo.toml"]).args(tier::no_shadows());
@@ -239,7 +239,7 @@ fn an_interrupted_run_leaves_nothing_unfinished() {
 
 #[cfg(unix)]
 #[test]
-fn an_interrupted_simulation_leaves_nothing() {
+fn interrupted_simulation_leaves_no_files() {
     let temp = tempfile::tempdir().unwrap();
     for signal in ["-INT", "-TERM"] {
         // A short lens makes a crude site, which is soon lit.
@@ -253,7 +253,7 @@ fn an_interrupted_simulation_leaves_nothing() {
 /// An ffprobe that waits for a writer tells when the program is at work, and keeps it there.
 #[cfg(unix)]
 #[test]
-fn every_command_ends_with_2_when_it_is_asked_to() {
+fn interrupted_commands_exit_with_code_2() {
     use std::os::unix::fs::PermissionsExt;
     let temp = tempfile::tempdir().unwrap();
     let ffprobe = temp.path().join("ffprobe");
@@ -293,7 +293,7 @@ fn every_command_ends_with_2_when_it_is_asked_to() {
 
 /// One rule for all outputs.
 #[test]
-fn nothing_that_is_read_is_written_over() {
+fn inputs_are_never_overwritten() {
     let temp = tempfile::tempdir().unwrap();
     with_a_truncated_frame(temp.path());
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
@@ -320,7 +320,7 @@ fn nothing_that_is_read_is_written_over() {
 }
 
 #[test]
-fn layers_and_report_lie_in_the_new_folder_of_the_frames() {
+fn layers_and_report_are_written_into_the_new_frame_folder() {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     let (out, layers, report) = (path("new"), path("new/layers"), path("new/report.json"));
@@ -341,7 +341,7 @@ fn layers_and_report_lie_in_the_new_folder_of_the_frames() {
 }
 
 #[test]
-fn of_two_runs_to_one_place_both_end_well() {
+fn two_concurrent_runs_to_one_output_both_succeed() {
     let temp = tempfile::tempdir().unwrap();
     let frames = tier::fast_or_full(4, 20);
     let range = format!("0..{frames}");
@@ -374,7 +374,7 @@ fn of_two_runs_to_one_place_both_end_well() {
 /// No file of this process may grow beyond 8 kB: a disk that is full in the middle.
 #[cfg(target_os = "linux")]
 #[test]
-fn a_file_that_cannot_be_finished_leaves_nothing() {
+fn unfinishable_file_is_removed() {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     let narrow = |arguments: &[&str]| {

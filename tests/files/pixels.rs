@@ -24,7 +24,7 @@ fn ycbcr(rgb: [f64; 3], (kr, kb): (f64, f64), full: bool, bits: u32) -> [u16; 3]
 
 /// The colours are turned into Y'CbCr here, by formula, and stored without loss.
 #[test]
-fn saturated_colours_come_back_within_2_codes() {
+fn saturated_colours_are_decoded_within_2_codes() {
     let (bt601, bt709) = ((0.299, 0.114), (0.2126, 0.0722));
     // Height, pixel format, tags, what they mean.
     let cases: [(u32, &str, &[&str], (f64, f64), bool); 8] = [
@@ -91,7 +91,7 @@ fn lossy_video_keeps_colours_within_2_codes() {
 }
 
 #[test]
-fn lossless_video_keeps_every_code_and_ranges_are_exact() {
+fn lossless_video_keeps_every_code_in_any_range() {
     for (name, bits) in [("a.mp4", 8), ("a.mkv", 8), ("a.mkv", 16)] {
         let folder = tempfile::tempdir().unwrap();
         let pictures: Vec<Pixels> = (0..20).map(|i| picture(i, 34, 22, bits)).collect();
@@ -115,7 +115,7 @@ fn lossless_video_keeps_every_code_and_ranges_are_exact() {
 
 /// What is lost in the middle is painted over by ffmpeg, which says so; a Matroska file's length tells a lost end.
 #[test]
-fn a_damaged_video_is_an_error() {
+fn damaged_video_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.mkv");
     // 16 bits go out as ffv1, whose slices carry checksums.
@@ -148,7 +148,7 @@ fn a_damaged_video_is_an_error() {
 }
 
 #[test]
-fn a_truncated_video_is_an_error() {
+fn truncated_video_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let pictures: Vec<Pixels> = (0..20).map(|i| picture(i, 34, 22, 8)).collect();
     let file = folder.path().join("a.mp4");
@@ -166,7 +166,7 @@ fn a_truncated_video_is_an_error() {
 }
 
 #[test]
-fn a_folder_of_png_keeps_every_code_and_is_not_overwritten() {
+fn png_folder_keeps_every_code_and_is_not_overwritten() {
     for bits in [8, 16] {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("out");
@@ -187,7 +187,7 @@ fn a_folder_of_png_keeps_every_code_and_is_not_overwritten() {
 }
 
 #[test]
-fn an_unfinished_video_leaves_nothing_and_a_finished_one_is_kept() {
+fn unfinished_video_is_removed_and_a_finished_one_kept() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mp4");
     let count = || std::fs::read_dir(folder.path()).unwrap().count();
@@ -210,7 +210,7 @@ fn an_unfinished_video_leaves_nothing_and_a_finished_one_is_kept() {
 
 /// By every cut of pictures that other programs made; progressive ones may end between two scans.
 #[test]
-fn a_jpeg_is_whole_or_refused() {
+fn truncated_jpeg_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let cut = folder.path().join("cut.jpg");
     for name in ["baseline-420", "grey-optimised", "restarts-422", "progressive-420"] {
@@ -234,7 +234,7 @@ fn a_jpeg_is_whole_or_refused() {
 
 /// Pictures of real cameras pass, and do not when their second half is gone.
 #[test]
-fn jpegs_of_real_cameras_are_whole() {
+fn jpegs_of_real_cameras_are_accepted_and_truncated_ones_refused() {
     let Some(folder) = common::data("chessboard/camera_cal") else { return };
     let temp = tempfile::tempdir().unwrap();
     let cut = temp.path().join("cut.jpg");
@@ -257,7 +257,7 @@ fn jpegs_of_real_cameras_are_whole() {
 }
 
 #[test]
-fn a_video_without_its_index_is_said_to_be_cut_off() {
+fn video_without_its_index_is_reported_as_truncated() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mp4");
     let source = ["-v", "error", "-f", "lavfi", "-i", "testsrc=duration=1:size=64x48"];

@@ -16,7 +16,7 @@ fn place<'a>(scene: &'a str, rest: &[&'a str]) -> Vec<&'a str> {
 }
 
 #[test]
-fn things_come_to_rest_on_the_floor_and_the_file_keeps_its_comments() {
+fn placed_objects_rest_on_the_floor_and_the_file_keeps_its_comments() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
     let scene = file.to_str().unwrap();
@@ -42,7 +42,7 @@ fn things_come_to_rest_on_the_floor_and_the_file_keeps_its_comments() {
 }
 
 #[test]
-fn without_a_heading_the_front_faces_the_camera() {
+fn object_without_a_heading_faces_the_camera() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
     said(&place(file.to_str().unwrap(), &["--at", "320,300", "--model", "scenes/marker-1.glb"]));
@@ -56,7 +56,7 @@ fn without_a_heading_the_front_faces_the_camera() {
 }
 
 #[test]
-fn on_a_real_desk_the_surface_is_the_desks() {
+fn surface_on_a_real_desk_is_found() {
     let Some(folder) = common::data("tum-fr1-rpy") else { return };
     let temp = tempfile::tempdir().unwrap();
     let scene = temp.path().join("scene.toml");
@@ -67,7 +67,7 @@ fn on_a_real_desk_the_surface_is_the_desks() {
 }
 
 #[test]
-fn where_nothing_says_which_way_is_up_the_first_thing_stands_on_its_table() {
+fn recording_without_an_up_takes_the_normal_of_the_first_surface() {
     let Some(folder) = common::data("redkitchen") else { return };
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
@@ -88,7 +88,7 @@ fn where_nothing_says_which_way_is_up_the_first_thing_stands_on_its_table() {
 }
 
 #[test]
-fn what_cannot_be_placed_changes_nothing() {
+fn refused_placement_changes_nothing() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
     let scene = file.to_str().unwrap();
@@ -127,7 +127,7 @@ fn what_cannot_be_placed_changes_nothing() {
 
 #[cfg(unix)]
 #[test]
-fn a_models_name_reaches_the_terminal_harmless() {
+fn model_name_is_escaped_on_the_terminal() {
     let temp = tempfile::tempdir().unwrap();
     let (scene, model) = (temp.path().join("scene.toml"), temp.path().join("a\u{1b}]0;pwn\u{7}.glb"));
     std::fs::copy("scenes/marker-1.glb", &model).unwrap();
@@ -140,7 +140,7 @@ fn a_models_name_reaches_the_terminal_harmless() {
 
 /// The floor of the demonstration is z = 0.
 #[test]
-fn a_point_that_two_frames_show_is_placed_on_and_three_points_give_a_plane() {
+fn two_frames_triangulate_a_point_and_three_points_give_a_plane() {
     let temp = tempfile::tempdir().unwrap();
     let scene = temp.path().join("scene.toml");
     let scene = scene.to_str().unwrap();
@@ -183,7 +183,7 @@ fn a_point_that_two_frames_show_is_placed_on_and_three_points_give_a_plane() {
 
 // Slow: starts the program many times.
 #[test]
-fn what_stands_wrong_is_told_and_a_preview_shows_it() {
+fn misplaced_objects_are_reported_and_previewed() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
     let scene = file.to_str().unwrap();
@@ -227,7 +227,7 @@ fn what_stands_wrong_is_told_and_a_preview_shows_it() {
 }
 
 #[test]
-fn what_stands_out_over_an_edge_stands_on_what_carries_it() {
+fn overhanging_object_is_supported_by_the_surface_below_it() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
     let model = std::path::absolute("scenes/l-scale.glb").unwrap();
@@ -255,7 +255,7 @@ fn what_stands_out_over_an_edge_stands_on_what_carries_it() {
 }
 
 #[test]
-fn an_analysis_that_is_not_used_is_told() {
+fn unused_analysis_is_reported() {
     let temp = tempfile::tempdir().unwrap();
     let [site, analysis] = ["site", "site.analysis"].map(|name| temp.path().join(name));
     program::copied(Path::new("recordings/demo"), &site);
@@ -280,7 +280,7 @@ fn an_analysis_that_is_not_used_is_told() {
 }
 
 #[test]
-fn what_is_in_the_air_before_something_steep_hovers_over_what_lies_below() {
+fn object_in_front_of_a_steep_surface_hovers_over_the_floor() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("scene.toml");
     let model = std::path::absolute("scenes/cartridge-case-9mm.glb").unwrap();
@@ -304,7 +304,7 @@ fn what_is_in_the_air_before_something_steep_hovers_over_what_lies_below() {
 /// A scene file is UTF-8, and a Unix file's name need not be.
 #[cfg(unix)]
 #[test]
-fn a_model_whose_name_is_not_utf8_is_refused_with_what_to_do() {
+fn model_with_a_non_utf8_name_is_refused_with_advice() {
     use std::os::unix::ffi::OsStrExt;
     let temp = tempfile::tempdir().unwrap();
     let model = temp.path().join(std::ffi::OsStr::from_bytes(b"a\xff.glb"));

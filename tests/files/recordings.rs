@@ -47,7 +47,7 @@ fn tum_fr1_rpy_opens() {
 }
 
 #[test]
-fn neighbours_are_the_same_in_every_range_and_damaged_ones_are_left_out() {
+fn neighbours_are_equal_in_every_range_and_damaged_ones_left_out() {
     let beside = |r: &Recording, range: std::ops::Range<usize>| -> Vec<Option<Vec<usize>>> {
         let seen = r.frames_with_neighbours(range).unwrap();
         seen.map(|frame| Some(frame.ok()?.beside.iter().map(|beside| beside.index).collect())).collect()
@@ -77,7 +77,7 @@ fn neighbours_are_the_same_in_every_range_and_damaged_ones_are_left_out() {
 /// Points that COLMAP found must land where COLMAP saw them: axes, order of the quaternion,
 /// direction of the pose, principal point and distortion at once.
 #[test]
-fn lund_door_reprojects() {
+fn lund_door_points_reproject() {
     let Some(folder) = common::data("lund-door-dslr") else { return };
     let r = open(&folder);
     assert_eq!((r.kind.name(), r.frame_count(), r.width, r.height, r.up), ("COLMAP", 12, 1296, 1936, None));
@@ -120,7 +120,7 @@ fn lund_door_reprojects() {
 }
 
 #[test]
-fn the_other_renderers_recordings_open() {
+fn cycles_recordings_open() {
     for case in ["defocus-behind", "motion-translate", "rolling-shutter"] {
         let Some(folder) = common::data(&format!("cycles/{case}")) else { return };
         let r = open(&folder);
@@ -130,7 +130,7 @@ fn the_other_renderers_recordings_open() {
 }
 
 #[test]
-fn our_own_folder_with_everything() {
+fn own_format_with_all_parts_opens() {
     let folder = tempfile::tempdir().unwrap();
     three_frames(folder.path());
     let at = |name: &str| folder.path().join(name);
@@ -254,7 +254,7 @@ fn nerfstudio_opens() {
 }
 
 #[test]
-fn an_unregistered_colmap_image_is_a_frame_without_a_pose() {
+fn unregistered_colmap_image_is_a_frame_without_a_pose() {
     let folder = tempfile::tempdir().unwrap();
     three_frames(folder.path());
     std::fs::rename(folder.path().join("rgb"), folder.path().join("images")).unwrap();
@@ -277,7 +277,7 @@ fn an_unregistered_colmap_image_is_a_frame_without_a_pose() {
 }
 
 #[test]
-fn pictures_missing_from_a_folder_are_told_of() {
+fn pictures_missing_from_a_folder_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     three_frames(folder.path());
     let described = describe(folder.path(), "[frames]\nimages = \"rgb\"\nfps = 30.0\n");
@@ -290,7 +290,7 @@ fn pictures_missing_from_a_folder_are_told_of() {
 }
 
 #[test]
-fn bad_recordings_are_one_clear_line() {
+fn invalid_recordings_are_refused_in_one_line() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     assert!(refused(&at("nowhere")).contains("there is nothing at this path"));
@@ -340,7 +340,7 @@ fn bad_recordings_are_one_clear_line() {
 /// Opening a pipe waits for a writer, for ever; a device has no end.
 #[cfg(unix)]
 #[test]
-fn a_pipe_or_a_device_in_place_of_any_file_is_refused() {
+fn pipe_or_device_in_place_of_a_file_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     three_frames(folder.path());
     let depth = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(4, 2, vec![7u16; 8]).unwrap();
@@ -381,7 +381,7 @@ fn a_pipe_or_a_device_in_place_of_any_file_is_refused() {
 
 /// The iterator owns all it needs and may go to another thread.
 #[test]
-fn frames_outlive_the_recording() {
+fn frame_iterator_outlives_the_recording() {
     fn needs(_: impl Iterator + Send + 'static) {}
     let folder = tempfile::tempdir().unwrap();
     three_frames(folder.path());

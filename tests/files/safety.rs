@@ -16,7 +16,7 @@ fn demo() -> [&'static str; 6] {
 /// A link in an output's place: what it leads to is written, and the link stays.
 #[cfg(unix)]
 #[test]
-fn a_link_is_never_replaced() {
+fn symbolic_link_is_never_replaced() {
     use std::os::unix::fs::symlink;
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
@@ -60,7 +60,7 @@ fn a_link_is_never_replaced() {
 /// Without `--force`: nothing is replaced where this fails.
 #[cfg(target_os = "linux")]
 #[test]
-fn the_standard_output_and_pipes_are_outputs() {
+fn standard_output_and_pipes_are_accepted_as_outputs() {
     use std::process::{Command, Stdio};
     let temp = tempfile::tempdir().unwrap();
     let (text, frames, pipe) = (temp.path().join("x.txt"), temp.path().join("out"), temp.path().join("pipe"));
@@ -91,7 +91,7 @@ fn the_standard_output_and_pipes_are_outputs() {
 }
 
 #[test]
-fn a_failed_run_leaves_no_empty_folder() {
+fn failed_run_leaves_no_empty_folder() {
     let temp = tempfile::tempdir().unwrap();
     with_a_truncated_frame(temp.path());
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
@@ -107,7 +107,7 @@ fn a_failed_run_leaves_no_empty_folder() {
 /// Escape sequences in C0, C1 (whose byte alone is no UTF-8) and a title that would be set.
 #[cfg(unix)]
 #[test]
-fn wrong_arguments_reach_the_terminal_harmless_and_cut() {
+fn wrong_arguments_are_escaped_and_shortened_on_the_terminal() {
     use std::os::unix::ffi::OsStrExt;
     let evil = b"a\x1b]0;pwn\x07\n\xc2\x9bz";
     let raw = [&evil[..], b"\xff"].concat();
@@ -143,7 +143,7 @@ fn wrong_arguments_reach_the_terminal_harmless_and_cut() {
 /// A sparse file takes no space on the disk, and is not read either: there is no memory for it.
 #[cfg(target_os = "linux")]
 #[test]
-fn a_file_that_is_too_large_is_refused_by_its_length() {
+fn oversized_file_is_refused_by_its_length() {
     let temp = tempfile::tempdir().unwrap();
     with_a_truncated_frame(temp.path());
     let at = |name: &str| temp.path().join(name);
@@ -178,7 +178,7 @@ fn a_file_that_is_too_large_is_refused_by_its_length() {
 
 /// A word of 10 MB in the place of a picture's name, which took a second of looking for it.
 #[test]
-fn a_name_that_no_file_can_have_is_refused_as_it_is_read() {
+fn impossible_file_name_is_refused_while_reading() {
     let temp = tempfile::tempdir().unwrap();
     with_a_truncated_frame(temp.path());
     let long = "x".repeat(10_000_000);
@@ -192,7 +192,7 @@ fn a_name_that_no_file_can_have_is_refused_as_it_is_read() {
 }
 
 #[test]
-fn a_scene_places_so_many_objects_and_no_more() {
+fn scene_beyond_the_object_limit_is_refused() {
     let temp = tempfile::tempdir().unwrap();
     let scene = temp.path().join("scene.toml");
     // Bounds are found of every object: of one triangle in the fast tier.
@@ -213,7 +213,7 @@ fn a_scene_places_so_many_objects_and_no_more() {
 }
 
 #[test]
-fn inspect_reads_the_profile_that_a_recording_names() {
+fn inspect_reads_the_profile_named_by_a_recording() {
     let temp = tempfile::tempdir().unwrap();
     with_a_truncated_frame(temp.path());
     let at = |name: &str| temp.path().join(name);
@@ -246,7 +246,7 @@ fn inspect_reads_the_profile_that_a_recording_names() {
 }
 
 #[test]
-fn no_number_has_hundreds_of_digits() {
+fn no_message_prints_hundreds_of_digits() {
     let temp = tempfile::tempdir().unwrap();
     let path = |name: &str| temp.path().join(name).to_str().unwrap().to_owned();
     let write = |name: &str, text: &str| std::fs::write(path(name), text).unwrap();
@@ -280,7 +280,7 @@ fn no_number_has_hundreds_of_digits() {
 }
 
 #[test]
-fn a_picture_that_is_refused_need_not_be_cut_off() {
+fn oversized_picture_is_reported_as_such_and_not_as_truncated() {
     let temp = tempfile::tempdir().unwrap();
     with_a_truncated_frame(temp.path());
     let whole = std::fs::read("recordings/demo/rgb/00003.jpg").unwrap();
@@ -293,7 +293,7 @@ fn a_picture_that_is_refused_need_not_be_cut_off() {
 }
 
 #[test]
-fn three_numbers_that_are_too_large_are_three_numbers() {
+fn oversized_vector_is_refused_by_its_range_and_not_its_length() {
     let text = refused(&["render", "scenes/demo.toml", "--from", "1e300,0,0", "-o", "a.png"]);
     assert!(text.contains("1e300,0,0: accepted are numbers from -1000000000 to 1000000000"), "{text}");
     let text = refused(&["render", "scenes/demo.toml", "--from", "1,0", "-o", "a.png"]);
@@ -301,7 +301,7 @@ fn three_numbers_that_are_too_large_are_three_numbers() {
 }
 
 #[test]
-fn a_photograph_without_evidence_says_so() {
+fn photo_without_evidence_in_view_is_reported() {
     let temp = tempfile::tempdir().unwrap();
     let out = temp.path().join("a.png");
     let demo = ["photo", "recordings/demo", "--scene", "scenes/demo.toml", "--lux", "0.001", "--iso", "100", "-o"];
@@ -329,7 +329,7 @@ fn one_frame(folder: &Path, more: &str) {
 }
 
 #[test]
-fn error_in_a_file_outside_of_the_recording_does_not_quote_it() {
+fn error_in_a_file_outside_the_recording_does_not_quote_it() {
     let temp = tempfile::tempdir().unwrap();
     let (inside, secret) = (temp.path().join("rec"), temp.path().join("secret.txt"));
     std::fs::write(&secret, "root:x:0:0\n").unwrap();
@@ -370,7 +370,7 @@ fn error_in_a_file_outside_of_the_recording_does_not_quote_it() {
 }
 
 #[test]
-fn output_over_the_recordings_analysis_is_refused_with_force_too() {
+fn output_over_the_analysis_is_refused_even_with_force() {
     let temp = tempfile::tempdir().unwrap();
     let (recording, analysis) = (temp.path().join("rec"), temp.path().join("rec.analysis"));
     one_frame(&recording, "");
@@ -398,7 +398,7 @@ fn output_over_the_recordings_analysis_is_refused_with_force_too() {
 }
 
 #[test]
-fn playlist_in_a_videos_place_is_refused_and_its_files_are_not_opened() {
+fn playlist_in_place_of_a_video_is_refused_without_opening_its_files() {
     let temp = tempfile::tempdir().unwrap();
     let at = |name: &str| temp.path().join(name);
     let film = ["-nostdin", "-v", "error", "-f", "lavfi", "-i", "testsrc=size=64x48:rate=5:duration=1"];

@@ -39,7 +39,7 @@ fn export(folder: &Path, frames: usize) {
 }
 
 #[test]
-fn a_phones_export_opens_as_it_is() {
+fn phone_export_opens_unmodified() {
     let folder = tempfile::tempdir().unwrap();
     export(folder.path(), 3);
     for path in [folder.path().to_owned(), folder.path().join("odometry.csv")] {
@@ -59,7 +59,7 @@ fn a_phones_export_opens_as_it_is() {
 }
 
 #[test]
-fn what_an_export_lacks_is_told() {
+fn missing_parts_of_an_export_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     export(folder.path(), 5);
     fs::remove_file(folder.path().join("depth/000001.png")).unwrap();
@@ -93,7 +93,7 @@ fn what_an_export_lacks_is_told() {
 }
 
 #[test]
-fn intrinsics_that_are_refused_are_named_with_their_file() {
+fn invalid_intrinsics_are_named_with_their_file() {
     let folder = tempfile::tempdir().unwrap();
     export(folder.path(), 3);
     let (matrix, odometry) = (folder.path().join("camera_matrix.csv"), folder.path().join("odometry.csv"));
@@ -113,7 +113,7 @@ fn intrinsics_that_are_refused_are_named_with_their_file() {
 }
 
 #[test]
-fn a_line_that_was_cut_is_left_out_and_told() {
+fn truncated_line_is_left_out_and_reported() {
     let folder = tempfile::tempdir().unwrap();
     export(folder.path(), 3);
     let odometry = folder.path().join("odometry.csv");
@@ -146,7 +146,7 @@ fn unregistered(folder: &Path) -> PathBuf {
 }
 
 #[test]
-fn depth_of_a_camera_of_its_own_is_seen_from_the_frames_camera() {
+fn depth_of_a_separate_camera_is_reprojected_to_the_colour_camera() {
     let folder = tempfile::tempdir().unwrap();
     let path = unregistered(folder.path());
     // The recording alone does not know the frames' camera.
@@ -168,7 +168,7 @@ fn depth_of_a_camera_of_its_own_is_seen_from_the_frames_camera() {
 }
 
 #[test]
-fn what_describes_no_depth_camera_is_refused() {
+fn invalid_depth_camera_description_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = unregistered(folder.path());
     let toml = fs::read_to_string(path.join("recording.toml")).unwrap();
@@ -197,7 +197,7 @@ fn repeating(folder: &Path) -> PathBuf {
 }
 
 #[test]
-fn what_repeats_is_found_and_can_be_left_out() {
+fn repeated_pictures_are_found_and_can_be_left_out() {
     let folder = tempfile::tempdir().unwrap();
     let path = repeating(folder.path());
     let mut each = 0;
@@ -221,7 +221,7 @@ fn what_repeats_is_found_and_can_be_left_out() {
 }
 
 #[test]
-fn repeats_of_a_video_are_left_out_too() {
+fn repeated_video_frames_are_left_out() {
     let folder = tempfile::tempdir().unwrap();
     let order = [0, 1, 1, 1, 2, 3, 3, 4];
     let pictures: Vec<_> = order.map(|i| picture(i, 16, 12, 8)).into();
@@ -263,7 +263,7 @@ fn missing_pictures_are_counted_and_can_be_left_out() {
 }
 
 #[test]
-fn redkitchen_opens_and_its_depth_lies_on_its_colour() {
+fn redkitchen_opens_with_depth_registered_to_colour() {
     let Some(folder) = common::data("redkitchen") else { return };
     let r = open(&folder);
     assert_eq!((r.kind.name(), r.frame_count(), r.up), ("7-Scenes", 90, None));
@@ -369,7 +369,7 @@ fn layers(recording: &Path, scene: &Path, occlusion: bool) -> Vec<LayerImage> {
 
 // Slow: lights three simulated sites.
 #[test]
-fn a_phones_export_and_unregistered_depth_show_the_same_as_our_own() {
+fn phone_export_and_unregistered_depth_composite_like_the_own_format() {
     let folder = tempfile::tempdir().unwrap();
     let own = simulated(folder.path(), "own", &site());
     // A phone's depth of four fifths of the frames' width, and half of it beside the camera.
@@ -429,7 +429,7 @@ fn a_phones_export_and_unregistered_depth_show_the_same_as_our_own() {
 }
 
 #[test]
-fn what_no_phone_has_is_refused() {
+fn unregistered_depth_in_a_phone_export_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let options = Options { layout: Some(Layout::Stray), depth_beside_mm: Some(20.0), ..site() };
     let error = simulate::run(&folder.path().join("s"), &options, &Flaws::default(), false, &mut |_, _| {

@@ -28,7 +28,7 @@ fn read(video: &Video, range: std::ops::Range<usize>) -> Vec<Pixels> {
 const CLOSED: [&str; 6] = ["-c:v", "libx264", "-g", "12", "-bf", "3"];
 
 #[test]
-fn a_range_is_what_decoding_from_the_start_gives() {
+fn range_matches_decoding_from_the_start() {
     let temp = tempfile::tempdir().unwrap();
     let open = ["-c:v", "libx264", "-bf", "3", "-x264opts", "open-gop=1:keyint=12:min-keyint=4"];
     let strips = ["-c:v", "libx264", "-x264opts", "intra-refresh=1:keyint=20"];
@@ -60,7 +60,7 @@ fn a_range_is_what_decoding_from_the_start_gives() {
 
 /// An edit list hides the frames between a keyframe and where the cut was.
 #[test]
-fn hidden_frames_are_not_counted() {
+fn frames_hidden_by_an_edit_list_are_not_counted() {
     let temp = tempfile::tempdir().unwrap();
     let (whole, cut) = (temp.path().join("whole.mp4"), temp.path().join("cut.mp4"));
     made(&whole, STEADY, &CLOSED);
@@ -74,7 +74,7 @@ fn hidden_frames_are_not_counted() {
 
 /// Pictures of the second second are destroyed: whoever decodes from the start stumbles over them.
 #[test]
-fn what_lies_far_before_is_not_decoded() {
+fn seeking_decodes_nothing_far_before_the_range() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("a.mkv");
     let video = made(&file, STEADY, &CLOSED);
@@ -90,7 +90,7 @@ fn what_lies_far_before_is_not_decoded() {
 
 /// A file that is not what it was when it was opened: no other frames are passed off as those that were asked for.
 #[test]
-fn frames_that_are_no_longer_there_are_an_error() {
+fn frames_missing_from_a_changed_file_are_an_error() {
     let temp = tempfile::tempdir().unwrap();
     let file = temp.path().join("a.mp4");
     let video = made(&file, STEADY, &CLOSED);

@@ -78,7 +78,7 @@ fn high_dynamic_range_video_as_a_camera_is_reported_as_lost() {
 }
 
 #[test]
-fn live_pictures_are_those_of_the_recording() {
+fn live_pictures_match_the_recording() {
     let temp = tempfile::tempdir().unwrap();
     let video = video();
     let [site, seen, again] = ["site", "seen", "again"].map(|name| temp.path().join(name));
@@ -141,7 +141,7 @@ fn grey_at_its_end(site: &Site, rate_hz: f64, times: usize) -> String {
 /// What is recorded without being composited fades in its replay as it would have live.
 // Slow: the video in the camera's place lasts 4.4 s.
 #[test]
-fn recording_has_the_presence_while_the_camera_is_lost() {
+fn recording_stores_the_opacity_while_the_camera_is_lost() {
     let site = Site::shared(&CAMERA);
     let times = tier::fast_or_full(2, 4);
     let (video, tags) = (grey_at_its_end(&site, 15.0, times), format!("tags:{}", site.path("board.toml")));
@@ -306,7 +306,7 @@ fn unwritable_output_leaves_no_files() {
 }
 
 #[test]
-fn recording_of_no_frame_is_a_failure_that_leaves_nothing() {
+fn recording_without_frames_fails_and_leaves_no_files() {
     let temp = tempfile::tempdir().unwrap();
     let (video, site) = (video(), temp.path().join("site"));
     let told = refused(&["record", "--camera", text(&video), "--seconds", "0.000001", "-o", text(&site)]);

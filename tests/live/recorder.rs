@@ -55,7 +55,7 @@ fn open(path: &Path) -> Recording {
 }
 
 #[test]
-fn what_is_recorded_reads_back_to_the_bit() {
+fn recording_reads_back_bit_for_bit() {
     let temp = tempfile::tempdir().unwrap();
     let path = temp.path().join("site");
     let mut recorder = Recorder::create(&path, &about()).unwrap();
@@ -86,7 +86,7 @@ fn what_is_recorded_reads_back_to_the_bit() {
 }
 
 #[test]
-fn a_frame_is_listed_once_its_presence_is_told_and_the_first_at_once() {
+fn frame_is_listed_once_its_opacity_is_settled() {
     let temp = tempfile::tempdir().unwrap();
     let mut recorder = Recorder::create(temp.path(), &about()).unwrap();
     let picture = png();
@@ -123,7 +123,7 @@ fn a_frame_is_listed_once_its_presence_is_told_and_the_first_at_once() {
 }
 
 #[test]
-fn covariances_are_listed_where_there_are_some() {
+fn covariances_are_listed_if_present() {
     let temp = tempfile::tempdir().unwrap();
     let mut recorder = Recorder::create(temp.path(), &about()).unwrap();
     let list = temp.path().join("covariance.txt");
@@ -144,7 +144,7 @@ fn covariances_are_listed_where_there_are_some() {
 }
 
 #[test]
-fn a_frame_that_goes_back_in_time_is_refused_and_costs_nothing() {
+fn frame_with_an_earlier_time_is_refused_without_effect() {
     let temp = tempfile::tempdir().unwrap();
     let mut recorder = Recorder::create(temp.path(), &about()).unwrap();
     add(&mut recorder, 5, &png()).unwrap();
@@ -158,7 +158,7 @@ fn a_frame_that_goes_back_in_time_is_refused_and_costs_nothing() {
 }
 
 #[test]
-fn a_line_without_an_end_is_left_out_and_told_of() {
+fn unterminated_line_is_left_out_and_reported() {
     let temp = tempfile::tempdir().unwrap();
     let mut recorder = Recorder::create(temp.path(), &about()).unwrap();
     (0..9).for_each(|i| add(&mut recorder, i, &png()).unwrap());
@@ -194,7 +194,7 @@ const CHILD: &str = "LOCARD_TEST_RECORDS_INTO";
 const SECOND: usize = 30;
 
 #[test]
-fn a_recorder_that_is_killed_loses_less_than_a_second() {
+fn killed_recorder_loses_less_than_a_second() {
     if let Some(folder) = std::env::var_os(CHILD) {
         let mut recorder = Recorder::create(Path::new(&folder), &about()).unwrap();
         let picture = png();
@@ -209,7 +209,7 @@ fn a_recorder_that_is_killed_loses_less_than_a_second() {
         let temp = tempfile::tempdir().unwrap();
         let path = temp.path().join("site");
         let mut child = Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "recorder::a_recorder_that_is_killed_loses_less_than_a_second", "--nocapture"])
+            .args(["--exact", "recorder::killed_recorder_loses_less_than_a_second", "--nocapture"])
             .env(CHILD, &path)
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
@@ -284,7 +284,7 @@ impl Store for Small {
 }
 
 #[test]
-fn a_full_disk_ends_the_recording_with_what_is_whole() {
+fn full_disk_ends_the_recording_with_complete_frames() {
     let picture = png();
     let mut ends = std::collections::BTreeSet::new();
     for room in (900..9000).step_by(tier::fast_or_full(451, 301)) {
@@ -338,7 +338,7 @@ impl Store for Noted {
 }
 
 #[test]
-fn a_line_follows_its_picture_once_that_is_on_the_disk() {
+fn line_is_appended_after_its_picture_is_on_the_disk() {
     let noted = Noted::default();
     let mut recorder = Recorder::begin(noted.clone(), Path::new("site"), &about()).unwrap();
     (0..40).for_each(|i| add(&mut recorder, i, &png()).unwrap());
@@ -358,7 +358,7 @@ fn a_line_follows_its_picture_once_that_is_on_the_disk() {
 }
 
 #[test]
-fn lines_follow_after_many_pictures_whatever_their_times_say() {
+fn lines_are_appended_after_64_pictures_regardless_of_time() {
     let temp = tempfile::tempdir().unwrap();
     let mut recorder = Recorder::create(temp.path(), &about()).unwrap();
     for i in 0..70 {
@@ -371,7 +371,7 @@ fn lines_follow_after_many_pictures_whatever_their_times_say() {
 }
 
 #[test]
-fn what_is_told_of_a_frame_once_holds() {
+fn first_settled_opacity_of_a_frame_is_kept() {
     let temp = tempfile::tempdir().unwrap();
     let mut recorder = Recorder::create(temp.path(), &about()).unwrap();
     add(&mut recorder, 0, &png()).unwrap();
@@ -383,7 +383,7 @@ fn what_is_told_of_a_frame_once_holds() {
 }
 
 #[test]
-fn what_was_begun_without_a_frame_is_removed_and_nothing_else() {
+fn recording_without_frames_is_removed_and_other_files_kept() {
     let temp = tempfile::tempdir().unwrap();
     let path = temp.path().join("site");
     let begun = |frames: usize| {

@@ -496,7 +496,7 @@ fn freed_messages_of_one_datagram_are_all_read_with_times_between_datagrams() {
 }
 
 #[test]
-fn freed_datagram_of_two_cameras_gives_the_followed_one_and_counts_the_other() {
+fn freed_datagram_of_two_cameras_yields_the_followed_one_and_counts_the_other() {
     for (url, x) in [("freed://?wait_s=0", 1.0), ("freed://?wait_s=0&source=2", 2.0)] {
         let mut r = receiver(url);
         // A rest that is no message is told, and takes nothing from those before it.
@@ -510,7 +510,7 @@ fn freed_datagram_of_two_cameras_gives_the_followed_one_and_counts_the_other() {
 }
 
 #[test]
-fn samples_that_lost_their_end_or_beginning_are_dropped_and_never_mixed() {
+fn truncated_samples_are_dropped_and_never_mixed() {
     let mut r = receiver("opentrackio://?wait_s=0");
     for i in 0..22u16 {
         let text = format!(

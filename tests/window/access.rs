@@ -35,7 +35,7 @@ fn press(window: &mut Harness<'_, App>, key: Key) {
 }
 
 #[test]
-fn the_library_is_walked_by_keys() {
+fn library_is_navigated_by_keys() {
     let mut window = window(project(), SIZE);
     window.get_by_label("Place…").focus();
     window.run_steps(2);
@@ -78,7 +78,7 @@ fn is_dialog<S>(window: &Harness<'_, S>, name: &str) -> bool {
 }
 
 #[test]
-fn dialogs_are_dialogs_and_named() {
+fn dialogs_have_the_dialog_role_and_a_name() {
     let mut window = window(plain(), SIZE);
     window.key_press_modifiers(Modifiers::COMMAND, Key::O);
     window.run_steps(3);
@@ -107,7 +107,7 @@ fn dialogs_are_dialogs_and_named() {
 }
 
 #[test]
-fn the_page_of_keys_is_there_before_anything_is_open() {
+fn key_help_opens_before_any_recording() {
     let builder = Harness::builder().with_size(SIZE).renderer(Device::new());
     let mut start = builder.build_eframe(|context| Start::new(context, None).unwrap());
     start.run_steps(3);
@@ -164,7 +164,7 @@ impl egui::Plugin for Letters {
 }
 
 #[test]
-fn nothing_is_written_so_small_that_it_cannot_be_read() {
+fn no_text_is_smaller_than_the_legible_size() {
     let letters = Letters::default();
     let (seen, project) = (letters.clone(), project());
     let builder = Harness::builder().with_size(SIZE).renderer(Device::new());

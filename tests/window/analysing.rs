@@ -82,7 +82,7 @@ fn composited(site: &Path, noise: f64) -> Vec<[u8; 3]> {
 }
 
 #[test]
-fn footage_is_analysed_and_taken_over_where_one_is() {
+fn analysis_from_the_window_is_adopted_at_the_current_frame() {
     let (_folder, site) = site();
     let analysis = site.with_file_name("site.analysis");
     // What half an analysis left is none, and it is offered to make another.
@@ -142,7 +142,7 @@ fn footage_is_analysed_and_taken_over_where_one_is() {
 }
 
 #[test]
-fn an_analysis_that_is_cancelled_leaves_all_as_it_was() {
+fn cancelled_analysis_changes_nothing() {
     let (_folder, site) = site();
     let mut window = open(&site);
     assert!(has(&window, "This footage is not analysed"));

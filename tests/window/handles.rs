@@ -49,7 +49,7 @@ fn with_marker(frame: usize) -> Harness<'static, App> {
 }
 
 #[test]
-fn a_click_selects_what_is_seen_there_and_the_list_shows_it() {
+fn click_selects_the_visible_object_and_the_list_shows_it() {
     let mut window = open(0);
     assert_eq!(window.state().selected(), None);
     let on_marker = at(&window, 0, [0.0, 0.12, 0.03]);
@@ -75,7 +75,7 @@ fn a_click_selects_what_is_seen_there_and_the_list_shows_it() {
 }
 
 #[test]
-fn keys_that_come_between_two_pictures_are_all_heard() {
+fn keys_between_two_frames_are_all_processed() {
     let mut window = with_marker(0);
     let text = |text: &str| Event::Text(text.to_owned());
     let key = |key: Key, pressed: bool| Event::Key {
@@ -113,7 +113,7 @@ fn keys_that_come_between_two_pictures_are_all_heard() {
 }
 
 #[test]
-fn typed_numbers_move_turn_and_scale_exactly_and_each_is_one_step() {
+fn typed_numbers_move_rotate_and_scale_exactly_in_one_step_each() {
     let mut window = with_marker(0);
     let before = placement(&window, MARKER);
     let first = shown(&window);
@@ -160,7 +160,7 @@ fn typed_numbers_move_turn_and_scale_exactly_and_each_is_one_step() {
 }
 
 #[test]
-fn it_is_dragged_over_the_surface_and_stays_on_it() {
+fn dragged_object_stays_on_the_surface() {
     let mut window = with_marker(0);
     let from = at(&window, 0, [0.0, 0.12, 0.03]);
     // The hand holds it above where it stands, so that it stands as far from there as the hand goes.
@@ -187,7 +187,7 @@ fn it_is_dragged_over_the_surface_and_stays_on_it() {
 }
 
 #[test]
-fn escape_and_the_right_button_leave_everything_as_it_was() {
+fn escape_and_right_button_cancel_without_changes() {
     let mut window = with_marker(0);
     let (before, first) = (window.state().project().edit().clone(), shown(&window));
     // A step that is undone can still be done again.
@@ -228,7 +228,7 @@ fn escape_and_the_right_button_leave_everything_as_it_was() {
 }
 
 #[test]
-fn an_instance_moves_alone_and_is_written_to_its_own_entry() {
+fn instance_moves_alone_and_is_saved_to_its_own_entry() {
     let mut window = open(0);
     let on_case = at(&window, 0, [0.03, -0.05, 0.005]);
     click_at(&mut window, on_case);
@@ -261,7 +261,7 @@ fn an_instance_moves_alone_and_is_written_to_its_own_entry() {
 }
 
 #[test]
-fn handles_move_along_their_axis_turn_and_scale() {
+fn handles_move_along_their_axis_rotate_and_scale() {
     let mut window = with_marker(0);
     let centre = at(&window, 0, MARKER_AT);
     // The arrow of z begins above the marker, which is 107 mm high.
@@ -299,7 +299,7 @@ fn handles_move_along_their_axis_turn_and_scale() {
 }
 
 #[test]
-fn small_steps_copies_and_deleting_by_keys() {
+fn keys_nudge_copy_and_delete_objects() {
     let mut window = with_marker(0);
     for _ in 0..3 {
         window.key_press_modifiers(Modifiers::ALT, Key::ArrowRight);
@@ -332,7 +332,7 @@ fn small_steps_copies_and_deleting_by_keys() {
 }
 
 #[test]
-fn a_hand_that_moves_on_as_it_presses_holds_what_it_pressed() {
+fn press_and_move_in_one_frame_drags_the_pressed_object() {
     let mut window = with_marker(0);
     let before = placement(&window, MARKER).position_m;
     let from = at(&window, 0, MARKER_AT);

@@ -97,7 +97,7 @@ fn text(window: &mut Harness<'_, App>) -> String {
 }
 
 #[test]
-fn a_lamp_outside_the_picture_is_selected_at_the_rim_and_dragged_there() {
+fn lamp_outside_the_picture_is_selected_and_dragged_at_the_border() {
     let mut window = open();
     let (first, text_before, before) = (shown(&window), text(&mut window), window.state().project().edit().clone());
     assert!(text_before.contains("at_m = [-0.2783, 0.2778, 2.349]\n"), "{text_before}");
@@ -143,7 +143,7 @@ fn a_lamp_outside_the_picture_is_selected_at_the_rim_and_dragged_there() {
 }
 
 #[test]
-fn a_lamp_in_the_picture_goes_where_the_pointer_goes() {
+fn lamp_in_the_picture_follows_the_pointer() {
     let mut window = open();
     let here = DVec3::new(-0.1, 0.25, 0.15);
     let project = window.state_mut().project_mut();
@@ -189,7 +189,7 @@ fn a_lamp_in_the_picture_goes_where_the_pointer_goes() {
 }
 
 #[test]
-fn keys_move_double_and_delete_a_lamp_and_escape_leaves_it() {
+fn keys_move_duplicate_and_delete_a_lamp_and_escape_cancels() {
     let mut window = open_without_shadows();
     window.get_by_role_and_label(Role::Button, "lamp 1").click();
     window.run_steps(2);
@@ -228,7 +228,7 @@ fn keys_move_double_and_delete_a_lamp_and_escape_leaves_it() {
 }
 
 #[test]
-fn numbers_of_a_lamp_are_typed_and_each_is_a_step() {
+fn typed_lamp_values_are_one_undo_step_each() {
     let mut window = open_without_shadows();
     window.get_by_role_and_label(Role::Button, "lamp 1").click();
     window.run_steps(2);
@@ -255,7 +255,7 @@ fn numbers_of_a_lamp_are_typed_and_each_is_a_step() {
 }
 
 #[test]
-fn a_lamp_is_added_where_the_picture_is_clicked() {
+fn lamp_is_added_at_the_clicked_point() {
     let mut window = open_without_shadows();
     window.get_by_label("Add lamp").click();
     window.run_steps(2);
@@ -309,7 +309,7 @@ fn analysed_site() -> (tempfile::TempDir, Project) {
 }
 
 #[test]
-fn light_is_matched_to_white_paper_as_the_command_does_and_undone() {
+fn light_is_matched_to_white_paper_as_by_the_command_and_undone() {
     let (_folder, project) = analysed_site();
     let mut window = window(project, SIZE);
     let first = shown(&window);
@@ -332,7 +332,7 @@ fn light_is_matched_to_white_paper_as_the_command_does_and_undone() {
 }
 
 #[test]
-fn panorama_even_light_and_suns_are_edited_step_by_step() {
+fn panorama_ambient_light_and_suns_are_edited_step_by_step() {
     let (_folder, project) = analysed_site();
     let mut window = window(project, SIZE);
     window.get_by_label("Copy to scene and edit").click();
@@ -366,7 +366,7 @@ fn panorama_even_light_and_suns_are_edited_step_by_step() {
 }
 
 #[test]
-fn the_light_that_was_found_is_taken_into_the_scene_and_saved_with_its_panorama() {
+fn estimated_light_is_adopted_by_the_scene_and_saved_with_its_panorama() {
     let folder = footage::demo_by_tier(fast_or_full(4, 13), &Flaws::default(), 4);
     let shot = footage::opened(&folder);
     let analysis = folder.path().join("site.analysis");
@@ -427,7 +427,7 @@ fn the_light_that_was_found_is_taken_into_the_scene_and_saved_with_its_panorama(
 }
 
 #[test]
-fn a_lamp_that_is_added_to_a_guessed_light_leaves_the_rest_as_it_is() {
+fn lamp_added_to_a_guessed_light_keeps_the_rest() {
     let project = Project::open(&demo(), &OpenOptions::default(), &ShotOptions::default()).unwrap();
     let mut window = window(project, egui::vec2(1400.0, 1000.0));
     let project = window.state_mut().project_mut();

@@ -78,7 +78,7 @@ fn composited(shot: &Shot, frame: usize) -> Vec<[u8; 3]> {
 }
 
 #[test]
-fn frozen_it_is_a_recording_that_shows_what_was_seen_and_the_camera_comes_back() {
+fn frozen_camera_becomes_a_recording_and_resumes() {
     let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     // The numbers of frames, by which noise is drawn, begin anew.
@@ -114,7 +114,7 @@ fn frozen_it_is_a_recording_that_shows_what_was_seen_and_the_camera_comes_back()
 }
 
 #[test]
-fn what_is_recorded_while_it_is_seen_gives_the_same_pictures() {
+fn recording_made_while_live_gives_the_same_pictures() {
     let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     let folder = Path::new(&site.path("recorded")).to_owned();
@@ -142,7 +142,7 @@ fn what_is_recorded_while_it_is_seen_gives_the_same_pictures() {
 }
 
 #[test]
-fn a_click_places_evidence_on_the_sheet_while_the_camera_goes_on() {
+fn click_places_evidence_on_the_sheet_while_live() {
     let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     assert!(has(&window, "the floor"));
@@ -172,7 +172,7 @@ fn close(window: &mut Harness<'_, App>) {
 }
 
 #[test]
-fn it_asks_before_a_recording_ends_with_its_camera() {
+fn closing_asks_before_ending_a_camera_recording() {
     let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     close(&mut window);
@@ -219,7 +219,7 @@ fn video_of_one_frame_shows_it_and_its_end() {
 }
 
 #[test]
-fn after_its_end_a_camera_can_be_frozen_again_and_again() {
+fn ended_camera_can_be_frozen_repeatedly() {
     let site = Site::shared(&CAMERA);
     let mut window = window_of(&site, &site.path("site.mkv"), &[]);
     shows(&mut window, "the camera has ended; its last picture is shown");
@@ -241,7 +241,7 @@ fn after_its_end_a_camera_can_be_frozen_again_and_again() {
 }
 
 #[test]
-fn plots_are_of_a_frozen_picture_and_none_is_left_while_the_camera_is_shown() {
+fn plots_exist_only_while_the_camera_is_frozen() {
     let site = Site::shared(&CAMERA);
     let noise = "[camera.noise]\nchannel_correlation = [0.5, 0.5, 0.5]\nneighbour_correlation = [0.5, 0.5]\n\
                  code = [0.0, 255.0]\nsigma_r = [1.0, 1.0]\nsigma_g = [1.0, 1.0]\nsigma_b = [1.0, 1.0]\n";
@@ -282,7 +282,7 @@ fn open_camera_dialog(window: &mut Harness<'_, App>) {
 }
 
 #[test]
-fn what_is_asked_of_a_camera_stands_in_the_dialog_and_is_asked_again() {
+fn camera_dialog_shows_the_current_options_and_restarts_with_new_ones() {
     let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     let value = |window: &Harness<'_, App>, field: &str| {
@@ -323,7 +323,7 @@ fn what_is_asked_of_a_camera_stands_in_the_dialog_and_is_asked_again() {
 }
 
 #[test]
-fn enter_in_a_field_of_the_camera_dialog_ends_typing_and_starts_nothing() {
+fn enter_in_a_camera_dialog_field_ends_typing_without_starting() {
     let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     open_camera_dialog(&mut window);
@@ -338,7 +338,7 @@ fn enter_in_a_field_of_the_camera_dialog_ends_typing_and_starts_nothing() {
 
 /// What was typed is still there when it is refused, why is said beside it, and keys go on into its fields.
 #[test]
-fn a_camera_that_is_refused_leaves_the_dialog_as_it_was_typed() {
+fn refused_camera_leaves_the_dialog_as_typed() {
     let site = Site::shared(&CAMERA);
     let mut window = live_window(&site, &[]);
     open_camera_dialog(&mut window);
@@ -382,7 +382,7 @@ fn held(site: &Site) -> String {
 
 // Slow: the video of the sheet plays in real time and has to show four stands of it.
 #[test]
-fn a_camera_is_calibrated_while_it_is_shown_and_the_result_is_taken_or_left() {
+fn live_camera_calibration_is_accepted_or_discarded() {
     let site = Site::shared(&CAMERA);
     let wrong = sheet::Camera { focal_px: 700.0, k1: 0.0, ..CAMERA };
     std::fs::write(site.path("camera.toml"), wrong.profile()).unwrap();

@@ -73,7 +73,7 @@ fn await_numbers(window: &mut Harness<'_, App>, begin: &str, is_wanted: impl Fn(
 
 /// What is set is what is measured, to three standard deviations of the measurement; the camera's own noise is in it.
 #[test]
-fn a_virtual_edge_is_as_wide_as_the_sharpness_that_is_set() {
+fn virtual_edge_width_matches_the_set_sharpness() {
     let (_temp, mut window) = before_the_wall(0.02);
     window.state_mut().project_mut().switch("noise", false);
     window.get_by_label("Match").click();
@@ -97,7 +97,7 @@ fn a_virtual_edge_is_as_wide_as_the_sharpness_that_is_set() {
 /// The profile's noise is drawn, as often as it is set. Of some thousand independent pixels σ is within 2 %; the rest is the
 /// rounding to codes, which weighs more the less noise there is.
 #[test]
-fn the_noise_that_is_drawn_is_the_profiles_times_what_is_set() {
+fn drawn_noise_is_the_profile_noise_times_the_scale() {
     let (_temp, mut window) = before_the_wall(1.0);
     window.get_by_label("Match").click();
     window.run_steps(3);
@@ -149,7 +149,7 @@ fn value(window: &Harness<'_, App>, table: &str, name: &str) -> Option<Value> {
 }
 
 #[test]
-fn an_edge_that_is_picked_gives_the_sharpness_which_is_taken_and_undone() {
+fn picked_edge_gives_a_sharpness_that_is_accepted_and_undone() {
     let mut window = open();
     window.get_by_label("Calibrate").click();
     window.run_steps(2);
@@ -185,7 +185,7 @@ fn an_edge_that_is_picked_gives_the_sharpness_which_is_taken_and_undone() {
 }
 
 #[test]
-fn a_plain_place_gives_the_noise_which_is_taken_and_undone() {
+fn picked_plain_region_gives_noise_that_is_accepted_and_undone() {
     let mut window = open();
     window.get_by_label("Calibrate").click();
     window.run_steps(2);
@@ -221,7 +221,7 @@ fn a_plain_place_gives_the_noise_which_is_taken_and_undone() {
 }
 
 #[test]
-fn bad_places_say_why_and_the_good_ones_are_used() {
+fn rejected_regions_show_a_reason_and_the_others_are_used() {
     let mut window = open();
     window.get_by_label("Calibrate").click();
     window.run_steps(2);
@@ -266,7 +266,7 @@ fn bad_places_say_why_and_the_good_ones_are_used() {
 }
 
 #[test]
-fn an_edge_that_is_refused_is_shown_and_a_channel_can_be_chosen() {
+fn rejected_edge_is_shown_and_a_channel_can_be_chosen() {
     let mut window = open();
     window.get_by_label("Match").click();
     window.run_steps(3);
@@ -292,7 +292,7 @@ fn an_edge_that_is_refused_is_shown_and_a_channel_can_be_chosen() {
 }
 
 #[test]
-fn a_refused_edge_is_plotted_beside_good_ones_and_each_has_its_name() {
+fn rejected_edge_is_plotted_beside_accepted_ones_with_names() {
     let mut window = open();
     window.get_by_label("Calibrate").click();
     window.run_steps(2);
@@ -321,7 +321,7 @@ fn until_enabled(window: &mut Harness<'_, App>, label: &str) {
 }
 
 #[test]
-fn plots_appear_and_only_those_that_are_open_are_computed() {
+fn only_open_plots_are_computed() {
     let mut window = open();
     window.get_by_label("Match").click();
     window.run_steps(3);

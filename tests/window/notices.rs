@@ -52,7 +52,7 @@ fn is_dialog(window: &Harness<'_, App>, name: &str) -> bool {
 }
 
 #[test]
-fn without_a_profile_the_picture_says_so_and_leads_to_one() {
+fn missing_profile_is_shown_in_the_picture_with_a_button_to_choose_one() {
     let temp = tempfile::tempdir().unwrap();
     let mut window = window_with_problem(open(&without_camera(temp.path())));
     let notice = window.get_by_label("Choose profile…").rect();
@@ -77,7 +77,7 @@ fn without_a_profile_the_picture_says_so_and_leads_to_one() {
 }
 
 #[test]
-fn a_frame_without_a_pose_leads_to_the_nearest_one_with_a_pose() {
+fn frame_without_a_pose_links_to_the_nearest_with_a_pose() {
     let temp = tempfile::tempdir().unwrap();
     let recording = temp.path().join("late");
     program::copied(&demo(), &recording);
@@ -113,7 +113,7 @@ fn profile_of_other_size(good: &Path, folder: &Path) -> (PathBuf, [String; 2]) {
 }
 
 #[test]
-fn a_profile_of_another_size_is_refused_with_both_sizes() {
+fn profile_of_another_size_is_refused_with_both_sizes() {
     let temp = tempfile::tempdir().unwrap();
     let good = demo().join("camera.toml").canonicalize().unwrap();
     let (other, [width, height]) = profile_of_other_size(&good, temp.path());
@@ -137,7 +137,7 @@ fn a_profile_of_another_size_is_refused_with_both_sizes() {
 }
 
 #[test]
-fn a_profile_without_a_camera_does_not_replace_one_that_has_it() {
+fn profile_without_a_camera_does_not_replace_one_with_a_camera() {
     let temp = tempfile::tempdir().unwrap();
     let recording = without_camera(temp.path());
     let good = demo().join("camera.toml").canonicalize().unwrap();
@@ -157,7 +157,7 @@ fn a_profile_without_a_camera_does_not_replace_one_that_has_it() {
 }
 
 #[test]
-fn a_profile_without_a_camera_is_opened_where_no_camera_is_known() {
+fn profile_without_a_camera_opens_if_no_camera_is_known() {
     let temp = tempfile::tempdir().unwrap();
     let mut window = window_with_problem(open(&without_camera(temp.path())));
     let bare = temp.path().join("noise.toml");
@@ -167,7 +167,7 @@ fn a_profile_without_a_camera_is_opened_where_no_camera_is_known() {
 }
 
 #[test]
-fn a_profile_after_a_refusal_is_opened_for_the_recording_that_was_refused() {
+fn profile_chosen_after_a_refusal_opens_the_refused_recording() {
     let temp = tempfile::tempdir().unwrap();
     let good = demo().join("camera.toml").canonicalize().unwrap();
     let (other_size, _) = profile_of_other_size(&good, temp.path());
@@ -197,7 +197,7 @@ fn a_profile_after_a_refusal_is_opened_for_the_recording_that_was_refused() {
 }
 
 #[test]
-fn a_new_message_is_seen_beside_a_lasting_problem() {
+fn new_message_is_visible_beside_a_lasting_problem() {
     let temp = tempfile::tempdir().unwrap();
     let mut window = window_with_problem(open(&without_camera(temp.path())));
     window.state_mut().project_mut().switch("noise", false);
@@ -207,7 +207,7 @@ fn a_new_message_is_seen_beside_a_lasting_problem() {
 }
 
 #[test]
-fn a_quick_click_opens_the_whole_message() {
+fn quick_click_opens_the_full_message() {
     let mut window = window(open(&demo()), SIZE);
     let nowhere = PathBuf::from("/nowhere/at all/with a rather long name.toml");
     drop_file(&mut window, nowhere);
@@ -255,7 +255,7 @@ fn refused_profile_comes_before_the_question_about_unsaved_changes() {
 
 // Slow: waits until the message at the start, which stays for 4 s, has gone.
 #[test]
-fn warnings_of_a_recording_stay_in_view_and_a_click_shows_them_whole() {
+fn recording_warnings_stay_visible_and_a_click_shows_them_in_full() {
     let hlg = "walk.mp4 is in HLG (high dynamic range); the light on objects is wrong";
     let mut recording = Recording::open(&demo(), &OpenOptions::default()).unwrap();
     recording.warnings = vec![hlg.to_owned(), "2 of 30 pictures are missing".to_owned()];

@@ -18,7 +18,7 @@ fn filmed(file: &Path, options: &[&str]) {
 }
 
 #[test]
-fn high_dynamic_range_is_told_as_the_recording_opens() {
+fn high_dynamic_range_is_reported_when_the_recording_opens() {
     let folder = tempfile::tempdir().unwrap();
     let tags = ["-color_trc", "arib-std-b67", "-color_primaries", "bt2020", "-colorspace", "bt2020nc"];
     filmed(&folder.path().join("a.mp4"), &tags);
@@ -32,7 +32,7 @@ fn high_dynamic_range_is_told_as_the_recording_opens() {
 }
 
 #[test]
-fn start_page_names_the_folder_of_the_recording_that_is_open() {
+fn start_page_names_the_folder_of_the_open_recording() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path().join("case 7/walk");
     std::fs::create_dir_all(&folder).unwrap();
@@ -55,7 +55,7 @@ fn window_without_picture(project: Project) -> Harness<'static, App> {
 }
 
 #[test]
-fn first_frame_that_cannot_be_read_is_not_promised() {
+fn unreadable_first_frame_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let recording = folder.path().join("rec");
     program::copied(&demo(), &recording);

@@ -38,7 +38,7 @@ fn click(window: &mut Harness<'_, App>, point_m: [f64; 3]) {
 }
 
 #[test]
-fn a_thing_is_placed_by_keys_alone() {
+fn object_is_placed_by_keys_alone() {
     let mut window = open();
     drop_model(&mut window, Path::new("scenes/marker-1.glb").canonicalize().unwrap());
     window.run_steps(2);
@@ -64,7 +64,7 @@ fn a_thing_is_placed_by_keys_alone() {
 }
 
 #[test]
-fn a_thing_is_turned_by_dragging_from_its_place() {
+fn object_is_rotated_by_dragging_from_its_position() {
     let mut window = open();
     drop_model(&mut window, Path::new("scenes/marker-3.glb").canonicalize().unwrap());
     window.run_steps(2);
@@ -99,7 +99,7 @@ fn a_thing_is_turned_by_dragging_from_its_place() {
 }
 
 #[test]
-fn a_name_that_is_typed_is_one_step() {
+fn typed_name_is_one_undo_step() {
     let mut window = open_without_shadows();
     let names =
         |window: &Harness<'_, App>| window.state().project().history().names().0.map(str::to_owned).collect::<Vec<_>>();
@@ -136,7 +136,7 @@ fn a_name_that_is_typed_is_one_step() {
 }
 
 #[test]
-fn three_points_make_a_plane_and_things_come_to_rest_on_it() {
+fn three_points_define_a_plane_on_which_objects_rest() {
     let mut window = open_without_shadows();
     window.get_by_label("Three points…").click();
     window.run_steps(2);
@@ -167,7 +167,7 @@ fn faces(window: &Harness<'_, App>, entry: Entry) -> DVec2 {
 }
 
 #[test]
-fn what_is_placed_faces_whoever_looks_and_its_heading_is_the_whole_turn() {
+fn placed_object_faces_the_camera_and_its_heading_is_the_full_rotation() {
     let mut window = open_without_shadows();
     // The first marker is turned by its rotation: its heading says so, and is changed from there.
     let marker = Entry { object: 0, instance: None };
@@ -200,7 +200,7 @@ fn what_is_placed_faces_whoever_looks_and_its_heading_is_the_whole_turn() {
 }
 
 #[test]
-fn what_stands_wrong_is_told_and_what_is_hidden_is_not_drawn() {
+fn misplaced_objects_are_reported_and_hidden_ones_not_drawn() {
     let mut window = open();
     let before = shown(&window);
     let told = |window: &Harness<'_, App>| window.query_all_by_label_contains("stands wrong").count();
@@ -231,7 +231,7 @@ fn what_stands_wrong_is_told_and_what_is_hidden_is_not_drawn() {
 
 // Slow: the shadows are computed anew for each of five pictures.
 #[test]
-fn a_thing_loses_its_shadow_and_stands_in_for_something_real() {
+fn object_shadow_is_switched_off_and_object_becomes_a_stand_in() {
     let mut window = open_with(&["shadow.cast=true"]);
     let first = Entry { object: 0, instance: None };
     click(&mut window, [0.0, 0.12, 0.03]);

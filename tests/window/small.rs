@@ -17,7 +17,7 @@ fn open_at(recording: &std::path::Path, size: egui::Vec2) -> Harness<'static, Ap
 }
 
 #[test]
-fn the_picture_keeps_half_of_a_small_window() {
+fn picture_keeps_half_of_a_small_window() {
     let mut window = open_at(&demo(), egui::vec2(640.0, 480.0));
     for width in [640.0, 900.0, 1000.0, 1280.0] {
         window.set_size(egui::vec2(width, 480.0));
@@ -28,7 +28,7 @@ fn the_picture_keeps_half_of_a_small_window() {
 }
 
 #[test]
-fn a_small_window_shows_one_panel_at_a_time() {
+fn small_window_shows_one_panel_at_a_time() {
     let mut window = open_at(&demo(), egui::vec2(640.0, 480.0));
     assert!(has(&window, "Search parameters") && !has(&window, "Place…"));
     window.get_by_label("Evidence").click();
@@ -37,7 +37,7 @@ fn a_small_window_shows_one_panel_at_a_time() {
 }
 
 #[test]
-fn a_small_window_shows_the_evidence_when_a_model_is_dropped_or_missing() {
+fn small_window_shows_the_evidence_if_a_model_is_dropped_or_missing() {
     let mut window = open_at(&demo(), egui::vec2(640.0, 480.0));
     drop_model(&mut window, std::fs::canonicalize("scenes/marker-1.glb").unwrap());
     assert!(has(&window, "upright") && has(&window, "flat"));
@@ -56,7 +56,7 @@ fn a_small_window_shows_the_evidence_when_a_model_is_dropped_or_missing() {
 }
 
 #[test]
-fn the_selection_follows_the_scene_while_no_panel_is_shown() {
+fn selection_follows_the_scene_without_a_panel() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("case.toml");
     std::fs::write(&scene, "version = 1\n").unwrap();
@@ -76,7 +76,7 @@ fn the_selection_follows_the_scene_while_no_panel_is_shown() {
 }
 
 #[test]
-fn the_page_of_keys_shows_keys_and_words_in_a_small_window() {
+fn key_help_fits_a_small_window() {
     for (width, height) in [(640.0, 480.0), (900.0, 600.0)] {
         let mut window = open_at(&demo(), egui::vec2(width, height));
         window.key_press(Key::Questionmark);
@@ -90,7 +90,7 @@ fn the_page_of_keys_shows_keys_and_words_in_a_small_window() {
 }
 
 #[test]
-fn a_long_name_leaves_the_buttons_in_their_places() {
+fn long_name_does_not_move_the_buttons() {
     let temp = tempfile::tempdir().unwrap();
     let long = temp.path().join("a folder with a name that is as long as people give them to their cases 2026-11-28");
     program::copied(&demo(), &long);
@@ -101,7 +101,7 @@ fn a_long_name_leaves_the_buttons_in_their_places() {
 }
 
 #[test]
-fn the_title_tells_recordings_of_one_name_apart() {
+fn title_distinguishes_recordings_of_one_name() {
     let temp = tempfile::tempdir().unwrap();
     let recording = temp.path().join("case 7/demo");
     std::fs::create_dir(temp.path().join("case 7")).unwrap();
@@ -113,7 +113,7 @@ fn the_title_tells_recordings_of_one_name_apart() {
 }
 
 #[test]
-fn toolbar_tells_recordings_of_one_name_apart() {
+fn toolbar_distinguishes_recordings_of_one_name() {
     let temp = tempfile::tempdir().unwrap();
     let folders = ["case 7", "case 8"].map(|case| temp.path().join(case));
     for folder in folders {
@@ -139,7 +139,7 @@ fn row_ends_within(window: &Harness<'static, App>, called: &str) {
 const BAR: f32 = 8.0;
 
 #[test]
-fn long_values_leave_every_row_within_a_small_window() {
+fn long_values_keep_every_row_within_a_small_window() {
     let mut window = open_at(&demo(), egui::vec2(640.0, 480.0));
     let long = [
         ("camera.exposure", "iso", "ISO", 87_806.0),

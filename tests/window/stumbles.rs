@@ -53,7 +53,7 @@ fn type_number(window: &mut Harness<'_, App>, text: &str) {
 }
 
 #[test]
-fn esc_takes_back_what_was_typed() {
+fn esc_reverts_typed_text() {
     let mut window = open();
     search(&mut window, "noise scale");
     type_number(&mut window, "0.25");
@@ -103,7 +103,7 @@ fn handle(window: &Harness<'_, App>) -> Pos2 {
 }
 
 #[test]
-fn a_press_on_a_handle_changes_nothing_and_a_drag_is_one_step() {
+fn press_on_a_slider_handle_changes_nothing_and_a_drag_is_one_step() {
     let mut window = open_plain();
     search(&mut window, "noise scale");
     let at = handle(&window) + egui::vec2(3.0, 0.0);
@@ -135,7 +135,7 @@ fn a_press_on_a_handle_changes_nothing_and_a_drag_is_one_step() {
 }
 
 #[test]
-fn double_click_takes_the_profiles_value_and_else_the_default() {
+fn double_click_restores_the_profile_value_or_the_default() {
     let temp = tempfile::tempdir().unwrap();
     let profile = temp.path().join("mine.toml");
     std::fs::write(&profile, "version = 1\n[noise]\nscale = 0.5\n").unwrap();
@@ -168,7 +168,7 @@ fn double_click_takes_the_profiles_value_and_else_the_default() {
 }
 
 #[test]
-fn esc_closes_what_is_open_and_a_message_lets_clicks_through() {
+fn esc_closes_the_open_panel_and_messages_let_clicks_through() {
     let mut window = open();
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(2);
@@ -207,7 +207,7 @@ fn esc_closes_what_is_open_and_a_message_lets_clicks_through() {
 }
 
 #[test]
-fn a_click_selects_a_recording_and_says_what_it_is() {
+fn click_selects_a_recording_and_describes_it() {
     let temp = tempfile::tempdir().unwrap();
     program::copied(&demo(), &temp.path().join("mine"));
     let mut window = open_at(&temp.path().join("mine"));
@@ -223,7 +223,7 @@ fn a_click_selects_a_recording_and_says_what_it_is() {
 }
 
 #[test]
-fn it_is_said_at_once_where_the_exposure_is_not_known() {
+fn unknown_exposure_is_reported_at_once() {
     let temp = tempfile::tempdir().unwrap();
     let recording = temp.path().join("dark");
     program::copied(&demo(), &recording);
@@ -247,7 +247,7 @@ fn it_is_said_at_once_where_the_exposure_is_not_known() {
 }
 
 #[test]
-fn what_would_be_placed_follows_the_pointer() {
+fn placement_preview_follows_the_pointer() {
     let mut window = open();
     window.state_mut().player_mut().seek(demo_frame(30));
     settle(&mut window);
@@ -281,7 +281,7 @@ fn what_would_be_placed_follows_the_pointer() {
 }
 
 #[test]
-fn it_opens_again_where_it_was_left() {
+fn recording_reopens_at_its_last_frame_and_view() {
     let temp = tempfile::tempdir().unwrap();
     let other = temp.path().join("other");
     program::copied(&demo(), &other);
@@ -312,7 +312,7 @@ fn it_opens_again_where_it_was_left() {
 }
 
 #[test]
-fn without_the_demonstration_it_opens_with_what_can_be_opened() {
+fn window_without_the_demonstration_opens_a_start_page() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path().join("state");
     let builder = Harness::builder().with_size(egui::vec2(1280.0, 800.0)).renderer(Device::new());

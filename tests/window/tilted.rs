@@ -9,7 +9,7 @@ use locard::shot::ShotOptions;
 use locard::window::Project;
 
 #[test]
-fn foot_that_hovers_on_a_slope_is_put_on_the_surface() {
+fn hovering_object_on_a_slope_is_put_on_the_surface() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("case.toml");
     let marker = std::fs::canonicalize("scenes/marker-1.glb").unwrap();

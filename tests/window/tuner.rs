@@ -49,7 +49,7 @@ fn value(window: &Harness<'_, App>, table: &str, name: &str) -> Value {
 }
 
 #[test]
-fn it_shows_what_composite_writes() {
+fn shown_picture_matches_the_composite_command() {
     let mut window = open(None);
     assert!(shown(&window) == written(&[], 0));
     window.state_mut().player_mut().seek(demo_frame(31));
@@ -123,7 +123,7 @@ fn every_parameter_has_one_control() {
 }
 
 #[test]
-fn the_panel_stays_as_wide_as_it_is() {
+fn panel_keeps_its_width() {
     let mut window = open_plain(None);
     let picture = |window: &Harness<'_, App>| window.get_by_role_and_label(Role::Image, "picture").rect();
     let before = picture(&window);
@@ -142,7 +142,7 @@ fn the_panel_stays_as_wide_as_it_is() {
 }
 
 #[test]
-fn a_message_goes_when_something_else_is_done_and_it_could_be_read() {
+fn message_disappears_with_the_next_action() {
     let mut window = open_plain(None);
     let set = |window: &mut Harness<'_, App>, scale: f64| {
         window.state_mut().project_mut().set("noise", "scale", &Value::Number(scale)).unwrap();
@@ -163,7 +163,7 @@ fn a_message_goes_when_something_else_is_done_and_it_could_be_read() {
 }
 
 #[test]
-fn what_is_saved_opens_again_and_comments_stay() {
+fn saved_settings_reopen_and_comments_are_kept() {
     let temp = tempfile::tempdir().unwrap();
     let profile = temp.path().join("mine.toml");
     let text = "# my camera\nversion = 1\n\n[noise]\nscale = 0.5 # quieter\n";
@@ -191,7 +191,7 @@ fn what_is_saved_opens_again_and_comments_stay() {
 }
 
 #[test]
-fn the_wipe_and_the_held_key_show_the_cameras_own() {
+fn wipe_and_held_key_show_the_footage() {
     let mut window = open_plain(None);
     window.key_press(Key::W);
     window.step();
@@ -218,7 +218,7 @@ fn the_wipe_and_the_held_key_show_the_cameras_own() {
 }
 
 #[test]
-fn what_another_parameter_makes_idle_says_so() {
+fn parameters_made_idle_by_another_are_marked() {
     let mut window = open_plain(None);
     search(&mut window, "noise");
     let idle = |window: &Harness<'_, App>| window.query_all_by_label("idle").count();
@@ -232,7 +232,7 @@ fn what_another_parameter_makes_idle_says_so() {
 }
 
 #[test]
-fn what_is_wrong_is_said_and_goes_when_it_is_mended() {
+fn invalid_settings_are_reported_until_corrected() {
     let mut window = open(None);
     let before = shown(&window);
     // An opening of one blade is within the range, and none.
@@ -255,7 +255,7 @@ fn what_is_wrong_is_said_and_goes_when_it_is_mended() {
 }
 
 #[test]
-fn a_click_places_evidence_on_the_surface_that_is_seen() {
+fn click_places_evidence_on_the_visible_surface() {
     let temp = tempfile::tempdir().unwrap();
     let scene = temp.path().join("scene.toml");
     let text = "# mine\nversion = 1\nup = \"z\"\n";
@@ -301,7 +301,7 @@ fn a_click_places_evidence_on_the_surface_that_is_seen() {
 }
 
 #[test]
-fn it_asks_before_changes_are_lost() {
+fn closing_asks_before_changes_are_lost() {
     let temp = tempfile::tempdir().unwrap();
     let profile = temp.path().join("mine.toml");
     std::fs::write(&profile, "version = 1\n").unwrap();
@@ -327,7 +327,7 @@ fn it_asks_before_changes_are_lost() {
 }
 
 #[test]
-fn a_damaged_frame_is_said_and_the_others_are_shown() {
+fn damaged_frame_is_reported_and_the_others_shown() {
     let temp = tempfile::tempdir().unwrap();
     program::with_a_truncated_frame(temp.path());
     let given = ShotOptions { profile: Some("profiles/simulated.toml".into()), ..ShotOptions::default() };
@@ -342,7 +342,7 @@ fn a_damaged_frame_is_said_and_the_others_are_shown() {
 }
 
 #[test]
-fn it_plays_and_stays_at_the_frame_that_it_shows() {
+fn playback_stops_at_the_shown_frame() {
     let mut window = open(None);
     window.key_press(Key::Space);
     until(&mut window, |app| app.player().frame() > 0);
@@ -356,7 +356,7 @@ fn it_plays_and_stays_at_the_frame_that_it_shows() {
 }
 
 #[test]
-fn two_settings_are_compared_and_copied() {
+fn two_sets_of_settings_are_compared_and_copied() {
     let mut window = open(None);
     let a = shown(&window);
     window.key_press(Key::B);
@@ -387,7 +387,7 @@ fn two_settings_are_compared_and_copied() {
 }
 
 #[test]
-fn the_time_line_goes_anywhere_and_its_loop_is_played() {
+fn timeline_seeks_anywhere_and_plays_its_loop() {
     let mut window = open_plain(None);
     let strip = window.get_by_role_and_label(Role::Slider, "Frame").rect();
     window.hover_at(strip.center());
@@ -412,7 +412,7 @@ fn the_time_line_goes_anywhere_and_its_loop_is_played() {
 }
 
 #[test]
-fn a_number_counts_when_it_is_typed_whole() {
+fn typed_number_takes_effect_when_complete() {
     let mut window = open_plain(None);
     search(&mut window, "noise scale");
     let scale = |window: &Harness<'_, App>| {

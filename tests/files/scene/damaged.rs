@@ -70,7 +70,7 @@ fn numbers<'a>(value: &'a mut Value, found: &mut Vec<&'a mut Value>) {
 }
 
 #[test]
-fn the_undamaged_file_loads() {
+fn undamaged_file_loads() {
     let scene = RICH.load().unwrap();
     assert_eq!((scene.meshes.len(), scene.textures.len(), scene.lighting.points.len()), (2, 2, 1));
     assert!(dealt_with(&Ok(scene)));
@@ -89,7 +89,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 600, ..ProptestConfig::default() })]
 
     #[test]
-    fn bytes_may_be_anything(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)) {
+    fn arbitrary_bytes_never_panic(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)) {
         let mut bytes = RICH.glb();
         for (place, value) in changes {
             let place = place.index(bytes.len());
@@ -100,7 +100,7 @@ proptest! {
     }
 
     #[test]
-    fn the_binary_part_may_be_anything(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..9)) {
+    fn arbitrary_binary_chunk_never_panics(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..9)) {
         let mut bin = RICH.bin.clone();
         for (place, value) in changes {
             let place = place.index(bin.len());
@@ -111,7 +111,7 @@ proptest! {
     }
 
     #[test]
-    fn numbers_may_be_any(
+    fn arbitrary_numbers_never_panic(
         changes in prop::collection::vec((any::<prop::sample::Index>(), prop_oneof![
             (0u64..20).prop_map(|n| json!(n)),
             any::<u64>().prop_map(|n| json!(n)),
@@ -133,7 +133,7 @@ proptest! {
     }
 
     #[test]
-    fn scene_files_may_be_any_text(text in "(version = 1\n)?(\\PC|\n|\\[|\\]|=|objects|light|up|1|'){0,60}") {
+    fn arbitrary_scene_text_never_panics(text in "(version = 1\n)?(\\PC|\n|\\[|\\]|=|objects|light|up|1|'){0,60}") {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("scene.toml");
         std::fs::write(&path, text).unwrap();

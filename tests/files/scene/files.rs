@@ -50,7 +50,7 @@ fn compare(path: &Path) -> (Scene, Description) {
 }
 
 #[test]
-fn all_real_props_load_and_are_where_the_gltf_crate_has_them() {
+fn real_props_load_and_match_the_gltf_crate() {
     let Some(folder) = data("props") else { return };
     let files = gltf_files(&folder);
     assert!(files.len() == 12, "{files:?}");
@@ -68,14 +68,14 @@ fn all_real_props_load_and_are_where_the_gltf_crate_has_them() {
 }
 
 #[test]
-fn what_real_props_use_in_vain_is_said() {
+fn unsupported_extension_of_a_real_prop_is_warned_of_once() {
     let Some(path) = data("props/SunglassesKhronos.glb") else { return };
     let warnings = load(&path, None).unwrap().warnings;
     assert_eq!(warnings.iter().filter(|w| w.contains("KHR_materials_transmission")).count(), 1, "{warnings:?}");
 }
 
 #[test]
-fn twins_keep_their_vertices() {
+fn reconstructed_twins_keep_their_vertices() {
     for name in ["twins/tum-fr1-rpy-020.glb", "twins/tum-fr1-rpy-020-rows.glb"] {
         let Some(path) = data(name) else { return };
         let (scene, _) = compare(&path);
@@ -86,7 +86,7 @@ fn twins_keep_their_vertices() {
 }
 
 #[test]
-fn scenes_of_the_other_renderer_load() {
+fn cycles_scenes_load() {
     for (name, triangles) in [("defocus-behind", 4), ("motion-translate", 4), ("rolling-shutter", 2)] {
         let Some(path) = data(&format!("cycles/{name}/scene.glb")) else { return };
         let (scene, description) = compare(&path);
@@ -97,7 +97,7 @@ fn scenes_of_the_other_renderer_load() {
 }
 
 #[test]
-fn a_real_panorama_loads() {
+fn real_panorama_loads() {
     let Some(hdr) = data("hdri/st_fagans_interior_1k.hdr") else { return };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.toml");
@@ -113,7 +113,7 @@ fn our(name: &str) -> PathBuf {
 }
 
 #[test]
-fn our_props_are_true_to_size_small_and_wound_outwards() {
+fn own_props_have_true_size_small_files_and_outward_winding() {
     let mut props = vec![
         ("l-scale.glb".to_owned(), [105.0, 0.8, 105.0]),
         ("cartridge-case-9mm.glb".to_owned(), [9.93, 19.15, 9.93]),
@@ -142,7 +142,7 @@ fn our_props_are_true_to_size_small_and_wound_outwards() {
 }
 
 #[test]
-fn the_demo_scene_stands_on_the_floor_and_the_stool() {
+fn demo_objects_stand_on_the_floor_and_the_stool() {
     let scene = load(&our("demo.toml"), None).unwrap();
     let description = describe(&scene);
     assert_eq!(description.objects.len(), 7);

@@ -14,7 +14,7 @@ fn warnings_of(model: &Model) -> Vec<String> {
 }
 
 #[test]
-fn integer_written_as_a_float_is_an_integer() {
+fn integral_float_is_accepted_as_an_integer() {
     let mut model = Model::triangle();
     model.json["accessors"][0]["count"] = json!(3.0);
     model.json["accessors"][1]["componentType"] = json!(5123.0);
@@ -25,7 +25,7 @@ fn integer_written_as_a_float_is_an_integer() {
 }
 
 #[test]
-fn root_below_an_unused_node_stands_without_that_node_s_transform() {
+fn root_below_an_unused_node_ignores_the_transform_of_that_node() {
     let mut model = Model::triangle();
     model.json["nodes"] = json!([{ "mesh": 0 }, { "children": [0], "translation": [5, 0, 0] }]);
     let warnings = warnings_of(&model);
@@ -42,7 +42,7 @@ fn root_listed_twice_is_placed_once() {
 }
 
 #[test]
-fn fault_outside_the_scene_is_not_looked_at() {
+fn fault_outside_the_scene_is_ignored() {
     let mut model = Model::triangle();
     // A cycle, a child that is not there, a rotation of no length, a mesh without data.
     model.json["nodes"] = json!([
@@ -57,7 +57,7 @@ fn fault_outside_the_scene_is_not_looked_at() {
 }
 
 #[test]
-fn corners_that_make_no_triangle_are_left_out() {
+fn indices_of_an_incomplete_triangle_are_left_out() {
     let mut model = Model::triangle();
     let indices = model.accessor(5121, "SCALAR", 5, &[0, 1, 2, 0, 1]);
     model.primitive()["indices"] = json!(indices);
@@ -66,7 +66,7 @@ fn corners_that_make_no_triangle_are_left_out() {
 }
 
 #[test]
-fn unknown_codes_of_samplers_and_materials_are_the_defaults() {
+fn unknown_sampler_and_material_codes_fall_back_to_defaults() {
     let mut model = Model::triangle();
     model.textured(&png(1, 1, &[255; 4]));
     model.json["samplers"] = json!([{ "wrapS": 1, "wrapT": 33071, "magFilter": 9987, "minFilter": 2 }]);
@@ -82,7 +82,7 @@ fn unknown_codes_of_samplers_and_materials_are_the_defaults() {
 }
 
 #[test]
-fn byte_order_mark_before_the_text_is_skipped() {
+fn leading_byte_order_mark_is_skipped() {
     let mut model = Model::triangle();
     model.json["buffers"][0]["uri"] = json!(format!("data:;base64,{}", base64(&model.bin)));
     let scene = load_bytes("model.gltf", format!("\u{feff}{}", model.json).as_bytes()).unwrap();
@@ -97,7 +97,7 @@ fn base64(bytes: &[u8]) -> String {
 }
 
 #[test]
-fn backslash_in_a_uri_is_a_slash() {
+fn backslash_in_a_uri_is_read_as_a_slash() {
     let folder = tempfile::tempdir().unwrap();
     let mut model = Model::triangle();
     model.textured(&png(1, 1, &[255; 4]));
@@ -121,7 +121,7 @@ fn backslash_in_a_uri_is_a_slash() {
 }
 
 #[test]
-fn normal_that_is_no_number_is_computed_from_the_triangles() {
+fn non_finite_normal_is_computed_from_the_triangles() {
     let mut model = Model::triangle();
     let normals = [0.0, 0.0, 1.0, f32::NAN, f32::NAN, f32::NAN, 0.0, 0.0, 1.0];
     let normals = model.floats("VEC3", &normals);

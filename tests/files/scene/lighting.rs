@@ -27,7 +27,7 @@ fn uniform(scene: &Scene) -> Vec3 {
 }
 
 #[test]
-fn a_spot_of_1000_candela_shows_white_as_two_from_a_metre() {
+fn spot_of_1000_candela_shows_white_as_two_at_one_metre() {
     let model = with_light(json!({
         "type": "spot", "intensity": 1000, "color": [1, 0.5, 0], "range": 4,
         "spot": { "innerConeAngle": 0.1, "outerConeAngle": 0.2 },
@@ -45,7 +45,7 @@ fn a_spot_of_1000_candela_shows_white_as_two_from_a_metre() {
 }
 
 #[test]
-fn a_directional_light_in_lux_becomes_a_sun() {
+fn directional_light_in_lux_becomes_a_sun() {
     let model = with_light(json!({ "type": "directional", "intensity": 250 }));
     let scene = model.load().unwrap();
     let sun = scene.lighting.suns[0];
@@ -54,7 +54,7 @@ fn a_directional_light_in_lux_becomes_a_sun() {
 }
 
 #[test]
-fn a_model_s_light_moves_with_it_and_white_lx_scales_it() {
+fn light_of_a_model_moves_with_it_and_is_scaled_by_white_lx() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("lamp.glb"), with_light(json!({ "type": "point", "intensity": 30 })).glb())
         .unwrap();
@@ -73,7 +73,7 @@ fn a_model_s_light_moves_with_it_and_white_lx_scales_it() {
 }
 
 #[test]
-fn light_that_cannot_be_is_left_out_and_the_model_stays() {
+fn invalid_light_is_left_out_and_the_model_kept() {
     for (light, word) in [
         (json!({ "type": "area" }), "area"),
         (json!({ "intensity": 1 }), "directional, point or spot"),
@@ -93,7 +93,7 @@ fn light_that_cannot_be_is_left_out_and_the_model_stays() {
 }
 
 #[test]
-fn spot_whose_inner_angle_is_not_below_the_outer_has_a_hard_edge() {
+fn spot_with_inner_angle_not_below_outer_has_a_hard_edge() {
     for (inner, outer, used) in [(0.5, 0.5, [0.5, 0.5]), (0.9, 0.25, [0.25, 0.25]), (0.0, 2.0, [0.0, 1.570_796_4])] {
         let spot = json!({ "type": "spot", "spot": { "innerConeAngle": inner, "outerConeAngle": outer } });
         let scene = with_light(spot).load().unwrap();
@@ -103,7 +103,7 @@ fn spot_whose_inner_angle_is_not_below_the_outer_has_a_hard_edge() {
 }
 
 #[test]
-fn spot_whose_angles_differ_in_double_precision_alone_is_in_order() {
+fn spot_angles_equal_in_single_precision_are_accepted() {
     let angles = json!({ "innerConeAngle": 0.089_681_029, "outerConeAngle": 0.089_681_029_319_763_18 });
     let scene = with_light(json!({ "type": "spot", "spot": angles })).load().unwrap();
     assert_eq!(scene.lighting.points[0].spot.unwrap().1.to_array(), [0.089_681_03; 2]);
@@ -112,7 +112,7 @@ fn spot_whose_angles_differ_in_double_precision_alone_is_in_order() {
 }
 
 #[test]
-fn without_light_white_facing_up_is_about_one() {
+fn default_light_shows_white_facing_up_as_about_one() {
     let folder = tempfile::tempdir().unwrap();
     write_triangle(folder.path());
     let path = folder.path().join("triangle.glb");
@@ -134,7 +134,7 @@ fn without_light_white_facing_up_is_about_one() {
 }
 
 #[test]
-fn suns_and_ambient_are_as_written() {
+fn suns_and_ambient_light_are_read_as_written() {
     let scene = load_scene(
         "version = 1\nobjects = [{ model = 'triangle.glb' }]\n[light]\nambient = [0.1, 0.2, 0.3]\n\
          [[light.sun]]\ntowards = [0, 0, 5]\ncolor = [1, 0.5, 0.25]\nintensity = 2\n[[light.sun]]\ntowards = [1, 0, 0]",
@@ -147,7 +147,7 @@ fn suns_and_ambient_are_as_written() {
 }
 
 #[test]
-fn a_panorama_stands_on_the_world_s_up() {
+fn panorama_is_aligned_with_the_world_up_axis() {
     let folder = tempfile::tempdir().unwrap();
     write_triangle(folder.path());
     // Two by one pixels: RGBE (128, 64, 32, 129) is (1, 0.5, 0.25), and half of that.
@@ -187,7 +187,7 @@ fn a_panorama_stands_on_the_world_s_up() {
 }
 
 #[test]
-fn panoramas_that_are_too_large_or_cut_off_are_refused() {
+fn oversized_or_truncated_panoramas_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     write_triangle(folder.path());
     let path = folder.path().join("scene.toml");
@@ -232,7 +232,7 @@ fn radiance(header: &str) -> Vec<u8> {
 }
 
 #[test]
-fn radiance_exposure_and_colour_correction_divide_the_light() {
+fn radiance_exposure_and_colour_correction_divide_the_pixels() {
     for (header, first) in [
         ("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2.0\n\n", [0.5, 0.25, 0.125]),
         ("#?RADIANCE\nEXPOSURE= 2\nEXPOSURE=0.125\n\n", [4.0, 2.0, 1.0]),
@@ -255,7 +255,7 @@ fn radiance_exposure_and_colour_correction_divide_the_light() {
 }
 
 #[test]
-fn radiance_file_of_another_signature_or_line_ending_loads() {
+fn radiance_file_with_another_signature_or_line_ending_loads() {
     for header in [
         "#?RGBE\nFORMAT=32-bit_rle_rgbe\n\n",
         "#?RGBE\n# made by\nFORMAT=32-bit_rle_rgbe\n\n",
@@ -267,7 +267,7 @@ fn radiance_file_of_another_signature_or_line_ending_loads() {
 }
 
 #[test]
-fn panorama_that_is_a_git_lfs_pointer_is_named_so() {
+fn panorama_that_is_a_git_lfs_pointer_is_identified() {
     let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 123456\n";
     let error = lighting_origin("room.hdr", pointer).0.unwrap_err();
     assert!(error.contains("room.hdr") && error.contains("`git lfs pull`"), "{error}");
@@ -287,7 +287,7 @@ fn openexr(channels: &[&str], window: exr::prelude::IntegerBounds) -> Vec<u8> {
 }
 
 #[test]
-fn openexr_panorama_fills_its_display_window_and_its_odd_values_are_told() {
+fn openexr_panorama_fills_its_display_window_and_invalid_values_are_reported() {
     use exr::prelude::IntegerBounds;
     let (scene, rgb) = lighting_origin("room.exr", &openexr(&["B", "G", "R"], IntegerBounds::new((-1, 0), (4, 2))));
     let scene = scene.unwrap();

@@ -8,7 +8,7 @@ use crate::models::{Model, corners, load_bytes, png};
 const RED: [u8; 4] = [255, 0, 0, 255];
 
 #[test]
-fn a_triangle_alone_keeps_its_coordinates() {
+fn single_triangle_keeps_its_coordinates() {
     let scene = Model::triangle().load().unwrap();
     assert_eq!(corners(&scene), [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
     let mesh = &scene.meshes[0];
@@ -20,7 +20,7 @@ fn a_triangle_alone_keeps_its_coordinates() {
 }
 
 #[test]
-fn transforms_of_nested_nodes_multiply() {
+fn transforms_of_nested_nodes_are_multiplied() {
     let mut model = Model::triangle();
     // A quarter turn about z and a doubled y, under a move, under a matrix that mirrors x.
     model.json["scenes"] = json!([{ "nodes": [2] }]);
@@ -35,7 +35,7 @@ fn transforms_of_nested_nodes_multiply() {
 }
 
 #[test]
-fn a_file_without_scenes_shows_all_roots() {
+fn file_without_scenes_shows_all_roots() {
     let mut model = Model::triangle();
     model.json["scenes"].take();
     model.json.as_object_mut().unwrap().remove("scenes");
@@ -64,7 +64,7 @@ fn strips_fans_and_lists_of_a_square_agree() {
 }
 
 #[test]
-fn points_and_lines_are_left_out_and_that_is_said_once() {
+fn points_and_lines_are_left_out_with_one_warning() {
     let mut model = Model::triangle();
     let triangle = model.primitive().clone();
     let mut points = triangle.clone();
@@ -77,7 +77,7 @@ fn points_and_lines_are_left_out_and_that_is_said_once() {
 }
 
 #[test]
-fn what_is_not_supported_is_said_once() {
+fn unsupported_features_are_warned_of_once() {
     let mut model = Model::triangle();
     model.json["animations"] = json!([{ "channels": [], "samplers": [] }, { "channels": [], "samplers": [] }]);
     model.json["cameras"] = json!([{ "type": "perspective" }]);
@@ -124,7 +124,7 @@ fn integers_interleaved_and_sparse_elements_are_read() {
 }
 
 #[test]
-fn an_image_used_as_colour_and_as_data_is_two_textures_of_one_memory() {
+fn image_used_as_colour_and_data_gives_two_textures_sharing_memory() {
     let mut model = Model::triangle();
     model.textured(&png(1, 2, &[RED, [0, 255, 0, 128]].concat()));
     let pbr = &mut model.json["materials"][0]["pbrMetallicRoughness"];
@@ -147,7 +147,7 @@ fn an_image_used_as_colour_and_as_data_is_two_textures_of_one_memory() {
 }
 
 #[test]
-fn texture_transforms_scale_then_turn_then_move() {
+fn texture_transforms_scale_then_rotate_then_translate() {
     let mut model = Model::triangle();
     model.textured(&png(1, 1, &RED));
     model.json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["extensions"] = json!({
@@ -168,7 +168,7 @@ fn texture_transforms_scale_then_turn_then_move() {
 }
 
 #[test]
-fn materials_are_read_in_full() {
+fn materials_are_read_completely() {
     let mut model = Model::triangle();
     model.json["materials"] = json!([{
         "name": "glass", "doubleSided": true, "alphaMode": "MASK", "alphaCutoff": 0.3,
@@ -188,7 +188,7 @@ fn materials_are_read_in_full() {
 }
 
 #[test]
-fn tangents_are_there_where_a_normal_map_is() {
+fn tangents_exist_only_with_a_normal_map() {
     let mut model = Model::triangle();
     model.textured(&png(1, 1, &RED));
     assert_eq!(model.load().unwrap().meshes[0].vertices[0].tangent, [0.0; 4]);
@@ -208,7 +208,7 @@ fn tangents_are_there_where_a_normal_map_is() {
 }
 
 #[test]
-fn a_gltf_reads_its_neighbours_and_data_uris() {
+fn gltf_reads_neighbouring_files_and_data_uris() {
     let folder = tempfile::tempdir().unwrap();
     let mut model = Model::triangle();
     model.json["buffers"][0]["uri"] = json!("the%20bytes.bin");
@@ -225,7 +225,7 @@ fn a_gltf_reads_its_neighbours_and_data_uris() {
 }
 
 #[test]
-fn unlit_models_without_normals_keep_their_vertices_shared() {
+fn unlit_models_without_normals_keep_shared_vertices() {
     let mut model = Model::triangle();
     let indices = model.accessor(5121, "SCALAR", 6, &[0, 1, 2, 2, 1, 0]);
     model.primitive()["indices"] = json!(indices);

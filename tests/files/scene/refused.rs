@@ -22,7 +22,7 @@ fn refused_json(place: &str, value: Value, words: &[&str]) {
 }
 
 #[test]
-fn truncated_files() {
+fn truncated_file_is_refused() {
     let whole = Model::triangle().glb();
     for length in [0, 3, 4, 11, 12, 19, 20, 100, whole.len() - 1] {
         let error = load_bytes("model.glb", &whole[..length]).expect_err("truncated").to_string();
@@ -34,7 +34,7 @@ fn truncated_files() {
 }
 
 #[test]
-fn accessors_and_views_out_of_range() {
+fn accessor_or_view_out_of_range_is_refused() {
     refused_json(
         "/meshes/0/primitives/0/attributes/POSITION",
         json!(7),
@@ -46,14 +46,14 @@ fn accessors_and_views_out_of_range() {
 
 /// Of a few bytes each, which took a hundred times that in memory.
 #[test]
-fn lists_without_end() {
+fn oversized_lists_are_refused() {
     refused_json("/nodes", json!(vec![json!({}); (1 << 20) + 1]), &["the glTF JSON", "more than 1048576 entries"]);
     let materials = json!(vec![json!({}); (1 << 16) + 1]);
     refused(|m| m.json["materials"] = materials, &["the glTF JSON", "more than 65536 entries"]);
 }
 
 #[test]
-fn sizes_that_overflow() {
+fn overflowing_sizes_are_refused() {
     let max = json!(u64::MAX);
     refused_json("/bufferViews/0/byteOffset", max.clone(), &["bufferViews[0]", "buffers[0]"]);
     refused_json("/bufferViews/0/byteLength", max.clone(), &["bufferViews[0]"]);
@@ -70,7 +70,7 @@ fn sizes_that_overflow() {
 }
 
 #[test]
-fn wrong_kinds() {
+fn wrong_types_are_refused() {
     refused_json("/accessors/0/type", json!("VEC2"), &["accessors[0].type", "VEC2", "VEC3"]);
     refused_json("/accessors/0/componentType", json!(5124), &["found 5124"]);
     refused_json("/accessors/1/componentType", json!(5122), &["indices", "5122", "unsigned"]);
@@ -84,12 +84,12 @@ fn wrong_kinds() {
 }
 
 #[test]
-fn indices_beyond_the_vertices() {
+fn index_beyond_the_vertices_is_refused() {
     refused(|m| m.bin[36 + 4] = 3, &["indices (accessors[1], element 2)", "found 3", "3 vertices"]);
 }
 
 #[test]
-fn sparse_elements_out_of_range() {
+fn sparse_element_out_of_range_is_refused() {
     refused(
         |m| {
             let index = m.view(&[3]);
@@ -102,7 +102,7 @@ fn sparse_elements_out_of_range() {
 }
 
 #[test]
-fn nodes_that_are_no_tree() {
+fn nodes_that_form_no_tree_are_refused() {
     refused(|m| m.json["nodes"] = json!([{ "children": [1] }, { "children": [0] }]), &["a node below itself"]);
     refused(|m| m.json["nodes"] = json!([{ "children": [0] }]), &["nodes[0]", "a node below itself"]);
     let shared = |roots: Value| {
@@ -123,7 +123,7 @@ fn nodes_that_are_no_tree() {
 }
 
 #[test]
-fn numbers_that_are_none() {
+fn non_finite_numbers_are_refused() {
     refused(|m| m.bin[12..16].copy_from_slice(&f32::NAN.to_le_bytes()), &["POSITION (accessors[0], element 1)", "NaN"]);
     refused(|m| m.bin[32..36].copy_from_slice(&f32::INFINITY.to_le_bytes()), &["element 2", "inf"]);
     let mut matrix = [1e39, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
@@ -135,7 +135,7 @@ fn numbers_that_are_none() {
 }
 
 #[test]
-fn pictures_that_are_too_large_or_none() {
+fn oversized_or_invalid_textures_are_refused() {
     refused(|m| m.textured(&png_header(100_000, 100_000)), &["images[0]", "100000×100000", "16384 pixels a side"]);
     refused(|m| m.textured(&png_header(100_000, 1)), &["100000×1", "16384"]);
     refused(|m| m.textured(b"GIF89a......"), &["images[0]", "Gif", "PNG or JPEG"]);
@@ -160,7 +160,7 @@ fn pictures_that_are_too_large_or_none() {
 }
 
 #[test]
-fn files_that_are_missing_or_elsewhere() {
+fn missing_or_remote_files_are_refused() {
     refused(|m| m.json["buffers"][0]["uri"] = json!("gone.bin"), &["gone.bin", "cannot be read", "named in"]);
     refused(|m| m.json["buffers"][0]["uri"] = json!("https://example.org/a.bin"), &["buffers[0].uri", "relative"]);
     refused(|m| m.json["buffers"][0]["uri"] = json!("/dev/zero"), &["buffers[0].uri"]);
@@ -183,7 +183,7 @@ fn compressed_by_draco(model: &mut Model) {
 }
 
 #[test]
-fn shape_in_an_extension_alone_is_refused_with_the_command_that_converts() {
+fn geometry_only_in_an_extension_is_refused_with_a_conversion_command() {
     refused(
         compressed_by_draco,
         &["meshes[0].primitives[0]", "in KHR_draco_mesh_compression only", "`gltf-transform copy ", "-converted.glb`"],
@@ -208,7 +208,7 @@ fn shape_in_an_extension_alone_is_refused_with_the_command_that_converts() {
 }
 
 #[test]
-fn unsupported_extension_that_is_required_names_the_command_that_converts() {
+fn required_unsupported_extension_is_refused_with_a_conversion_command() {
     for (name, command) in [
         ("KHR_draco_mesh_compression", "gltf-transform copy "),
         ("EXT_meshopt_compression", "gltf-transform copy "),
@@ -220,7 +220,7 @@ fn unsupported_extension_that_is_required_names_the_command_that_converts() {
 }
 
 #[test]
-fn picture_of_an_unsupported_format_names_the_command_that_converts() {
+fn texture_of_an_unsupported_format_is_refused_with_a_conversion_command() {
     refused(|m| m.textured(b"RIFF\x24\0\0\0WEBPVP8 "), &["images[0]", "WebP", "gltf-transform png ", "--formats webp"]);
     refused(|m| m.textured(b"\xabKTX 20\xbb\r\n\x1a\n\0\0"), &["images[0]", "KTX2", "gltf-transform ktxdecompress "]);
     refused(
@@ -233,7 +233,7 @@ fn picture_of_an_unsupported_format_names_the_command_that_converts() {
 }
 
 #[test]
-fn file_of_another_kind_is_named_with_the_next_step() {
+fn foreign_file_format_is_named_with_the_next_step() {
     let old = br#"{"asset": {"version": "1.0"}, "accessors": {}, "meshes": {}, "nodes": {}}"#;
     let mut old_container = b"glTF\x01\0\0\0\x14\0\0\0\0\0\0\0\0\0\0\0".to_vec();
     old_container.extend([0; 8]);

@@ -30,7 +30,7 @@ fn skinned(joints: &[Value], inverse_bind: &[[f32; 16]], influences: [[u8; 4]; 3
 const FIRST: [[f32; 4]; 3] = [[1.0, 0.0, 0.0, 0.0]; 3];
 
 #[test]
-fn skinned_mesh_stands_where_its_joint_and_the_inverse_bind_matrix_put_it() {
+fn skinned_mesh_is_placed_by_joint_and_inverse_bind_matrix() {
     let joint = json!({ "translation": [0, 3, 0], "scale": [2, 2, 2] });
     let model = skinned(&[joint], &[translation(-0.5, 0.0, 0.0)], [[0; 4]; 3], FIRST);
     let scene = model.load().unwrap();
@@ -40,7 +40,7 @@ fn skinned_mesh_stands_where_its_joint_and_the_inverse_bind_matrix_put_it() {
 }
 
 #[test]
-fn vertex_between_two_joints_stands_between_them() {
+fn vertex_with_two_joints_is_interpolated() {
     let joints = [json!({}), json!({ "translation": [0, 0, 8] })];
     let weights = [[1.0, 0.0, 0.0, 0.0], [0.25, 0.75, 0.0, 0.0], [0.0, 2.0, 0.0, 0.0]];
     let model = skinned(&joints, &[translation(0.0, 0.0, 0.0); 2], [[0, 1, 0, 0]; 3], weights);
@@ -48,7 +48,7 @@ fn vertex_between_two_joints_stands_between_them() {
 }
 
 #[test]
-fn joint_that_mirrors_keeps_the_front_outside() {
+fn mirroring_joint_keeps_the_winding_outward() {
     let model = skinned(&[json!({ "scale": [-1, 1, 1] })], &[translation(0.0, 0.0, 0.0)], [[0; 4]; 3], FIRST);
     let scene = model.load().unwrap();
     assert_eq!(corners(&scene), [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-2.0, 0.0, 0.0]]);
@@ -60,7 +60,7 @@ fn joint_that_mirrors_keeps_the_front_outside() {
 }
 
 #[test]
-fn skin_that_cannot_be_used_leaves_the_mesh_at_its_node() {
+fn unusable_skin_leaves_the_mesh_at_its_node() {
     let unskinned = [[0.0, 0.0, 50.0], [2.0, 0.0, 50.0], [0.0, 1.0, 50.0]];
     let model = || skinned(&[json!({})], &[translation(7.0, 0.0, 0.0)], [[0; 4]; 3], FIRST);
     let mut outside = model();
@@ -79,7 +79,7 @@ fn skin_that_cannot_be_used_leaves_the_mesh_at_its_node() {
 }
 
 #[test]
-fn morph_targets_count_by_their_weights_at_rest() {
+fn morph_targets_apply_by_their_default_weights() {
     let mut model = Model::triangle();
     let target = model.floats("VEC3", &[0.0, 0.0, 4.0].repeat(3));
     model.primitive()["targets"] = json!([{ "POSITION": target }]);

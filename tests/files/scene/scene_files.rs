@@ -13,7 +13,7 @@ fn placed(lines: &str) -> Vec<[f64; 3]> {
 // The triangle: (0, 0, 0), (2, 0, 0), (0, 1, 0).
 
 #[test]
-fn the_model_s_up_turns_to_the_world_s() {
+fn model_up_axis_is_rotated_to_the_world_up_axis() {
     assert_eq!(placed(""), [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 1.0]]);
     assert_eq!(placed("up = 'z'"), [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
     assert_eq!(placed("up = [3, 0, 0]")[1], [0.0, 0.0, 2.0]);
@@ -23,7 +23,7 @@ fn the_model_s_up_turns_to_the_world_s() {
 }
 
 #[test]
-fn the_file_s_up_goes_before_the_recording_s() {
+fn scene_up_axis_overrides_the_recording_up_axis() {
     let folder = tempfile::tempdir().unwrap();
     write_triangle(folder.path());
     let path = folder.path().join("scene.toml");
@@ -34,7 +34,7 @@ fn the_file_s_up_goes_before_the_recording_s() {
 }
 
 #[test]
-fn rotations_are_about_the_world_s_x_then_y_then_z() {
+fn rotations_apply_about_world_x_then_y_then_z() {
     // (2, 0, 0): x leaves it, z takes it to (0, 2, 0). (0, 0, 1): x to (0, -1, 0), z to (1, 0, 0).
     let expected = [[5.0, 0.0, 0.0], [5.0, 2.0, 0.0], [6.0, 0.0, 0.0]];
     assert_eq!(placed("rotation_deg = [90, 0, 90]\nposition_m = [5, 0, 0]"), expected);
@@ -45,7 +45,7 @@ fn rotations_are_about_the_world_s_x_then_y_then_z() {
 }
 
 #[test]
-fn scale_is_along_the_model_s_axes_and_size_is_its_largest_extent() {
+fn scale_applies_along_model_axes_and_size_sets_the_largest_extent() {
     assert_eq!(placed("scale = 3")[1..], [[6.0, 0.0, 0.0], [0.0, 0.0, 3.0]]);
     assert_eq!(placed("scale = [1, 10, 1]")[1..], [[2.0, 0.0, 0.0], [0.0, 0.0, 10.0]]);
     assert_eq!(placed("size_m = 0.5\nrotation_deg = [0, 45, 0]")[0], [0.0; 3]);
@@ -53,14 +53,14 @@ fn scale_is_along_the_model_s_axes_and_size_is_its_largest_extent() {
 }
 
 #[test]
-fn grounded_models_stand_on_their_position() {
+fn grounded_model_stands_on_its_position() {
     // Upside down the triangle reaches from 0 to -1, so it is lifted by 1.
     let corners = placed("ground = true\nrotation_deg = [180, 0, 0]\nposition_m = [0, 0, 0.2]");
     assert_eq!(corners, [[0.0, 0.0, 1.2], [2.0, 0.0, 1.2], [0.0, 0.0, 0.2]]);
 }
 
 #[test]
-fn instances_take_from_the_object_what_they_do_not_say() {
+fn instances_inherit_unset_values_from_their_object() {
     let scene = load_scene(
         "version = 1\n[[objects]]\nmodel = 'triangle.glb'\nname = 'case'\nscale = 2\nposition_m = [9, 9, 9]\n\
          [[objects.instances]]\nposition_m = [1, 0, 0]\n[[objects.instances]]\nname = 'other'\nsize_m = 1\n\
@@ -77,7 +77,7 @@ fn instances_take_from_the_object_what_they_do_not_say() {
 }
 
 #[test]
-fn mistakes_are_named_with_their_place() {
+fn errors_in_scene_files_name_their_location() {
     for (text, words) in [
         ("version = 1\nobject = []", ["line 2", "unknown field `object`"]),
         (
@@ -131,7 +131,7 @@ fn mistakes_are_named_with_their_place() {
 }
 
 #[test]
-fn sizes_that_are_hardly_metres_are_odd() {
+fn sizes_implausible_in_metres_are_warned_of() {
     for (scale, odd) in [(1.0, false), (6.0, true), (0.001, false), (0.0001, true)] {
         let scene =
             load_scene(&format!("version = 1\nobjects = [{{ model = 'triangle.glb', scale = {scale:?} }}]")).unwrap();

@@ -14,7 +14,7 @@ fn edited_window(state: &Path) -> Harness<'static, App> {
 }
 
 #[test]
-fn a_lost_device_is_told_and_the_work_is_left_for_the_new_start() {
+fn lost_device_is_reported_and_work_is_left_for_the_next_start() {
     let temp = tempfile::tempdir().unwrap();
     let mut window = edited_window(temp.path());
     let edit = window.state().project().edit().clone();
@@ -55,7 +55,7 @@ fn count(folder: &Path) -> usize {
 }
 
 #[test]
-fn work_that_a_crash_left_is_offered_and_taken_up() {
+fn work_left_by_a_crash_is_offered_and_restored() {
     let temp = tempfile::tempdir().unwrap();
     let mut lost = project(None, Some(Path::new(DEMO_SCENE)));
     lost.set("noise", "scale", &Value::Number(0.25)).unwrap();
@@ -99,7 +99,7 @@ fn work_that_a_crash_left_is_offered_and_taken_up() {
 }
 
 #[test]
-fn restored_work_has_the_history_that_led_to_it() {
+fn restored_work_keeps_its_undo_history() {
     let temp = tempfile::tempdir().unwrap();
     let mut lost = project(None, worked::scene_or_none().as_deref());
     for scale in [0.25, 0.5, 0.75] {
@@ -127,7 +127,7 @@ fn restored_work_has_the_history_that_led_to_it() {
 }
 
 #[test]
-fn an_edit_from_before_a_press_is_written_while_the_button_is_down() {
+fn edit_before_a_press_is_saved_while_the_button_is_down() {
     let temp = tempfile::tempdir().unwrap();
     let mut window = plain();
     window.state_mut().set_state_folder(temp.path());
@@ -145,7 +145,7 @@ fn an_edit_from_before_a_press_is_written_while_the_button_is_down() {
 }
 
 #[test]
-fn a_drag_that_a_crash_ends_is_not_in_the_recovery_file() {
+fn drag_interrupted_by_a_crash_is_not_in_the_recovery_file() {
     let temp = tempfile::tempdir().unwrap();
     let mut window = plain();
     window.state_mut().set_state_folder(temp.path());
@@ -178,7 +178,7 @@ fn a_drag_that_a_crash_ends_is_not_in_the_recovery_file() {
 }
 
 #[test]
-fn a_lost_device_in_the_middle_of_a_move_leaves_the_scene_before_it() {
+fn device_lost_during_a_move_leaves_the_scene_before_the_move() {
     let temp = tempfile::tempdir().unwrap();
     let mut window = edited_window(temp.path());
     let before = window.state().project().edit().clone();
@@ -193,7 +193,7 @@ fn a_lost_device_in_the_middle_of_a_move_leaves_the_scene_before_it() {
 }
 
 #[test]
-fn the_picture_waits_for_what_is_asked_of_work_that_was_left() {
+fn picture_is_drawn_after_the_question_about_left_work() {
     let temp = tempfile::tempdir().unwrap();
     let mut lost = project(None, Some(Path::new(DEMO_SCENE)));
     lost.set("noise", "scale", &Value::Number(0.25)).unwrap();
@@ -223,7 +223,7 @@ const KILLED: &str = "LOCARD_TEST_KILLED";
 
 /// Not a test: what the next one kills. It edits, keeps its work and saves, as fast as it can.
 #[test]
-fn edits_until_it_is_killed() {
+fn child_edits_until_killed() {
     let Some(folder) = std::env::var_os(KILLED).map(PathBuf::from) else { return };
     let (profile, scene) = (folder.join("p.toml"), folder.join("s.toml"));
     let mut project = project(None, None);
@@ -261,13 +261,13 @@ fn is_work(path: &Path) -> bool {
 }
 
 #[test]
-fn killed_twenty_times_it_offers_the_work_back_and_the_files_are_whole() {
+fn window_killed_twenty_times_restores_its_work_and_keeps_files_intact() {
     let temp = tempfile::tempdir().unwrap();
     let work = temp.path().join("work");
     let (profile, scene) = (temp.path().join("p.toml"), temp.path().join("s.toml"));
     for run in 0..20 {
         let mut editing = Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "keeping::crash::edits_until_it_is_killed", "--nocapture"])
+            .args(["--exact", "keeping::crash::child_edits_until_killed", "--nocapture"])
             .env(KILLED, temp.path())
             .stdout(Stdio::piped())
             .spawn()

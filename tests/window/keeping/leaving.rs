@@ -5,7 +5,7 @@ use crate::program;
 
 // Slow: each of four exports has a compositor of its own.
 #[test]
-fn exports_are_what_was_set_when_they_were_begun() {
+fn exports_use_the_settings_at_their_start() {
     let temp = tempfile::tempdir().unwrap();
     let (mut window, frame) = (demo(), demo_frame(31));
     window.state_mut().player_mut().seek(frame);
@@ -52,7 +52,7 @@ fn exports_are_what_was_set_when_they_were_begun() {
 }
 
 #[test]
-fn a_photograph_from_the_window_is_that_of_the_program() {
+fn photo_from_the_window_matches_the_command_line() {
     let temp = tempfile::tempdir().unwrap();
     let mut window = demo();
     set(&mut window, "noise", "scale", 0.5);
@@ -101,7 +101,7 @@ fn a_photograph_from_the_window_is_that_of_the_program() {
 }
 
 #[test]
-fn the_command_line_composites_what_is_shown() {
+fn command_line_reproduces_the_shown_picture() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path().join("it's a case");
     std::fs::create_dir(&folder).unwrap();
@@ -142,7 +142,7 @@ fn the_command_line_composites_what_is_shown() {
 }
 
 #[test]
-fn a_series_asks_for_its_own_files() {
+fn series_asks_before_replacing_its_own_files() {
     let temp = tempfile::tempdir().unwrap();
     let mut window = demo();
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);

@@ -68,7 +68,7 @@ fn missing_model_is_a_marked_box_until_it_is_located() {
 
 // Slow: files on disk are checked every 2 s, and the picture is made twice.
 #[test]
-fn missing_model_that_is_put_back_is_loaded_again() {
+fn missing_model_is_reloaded_when_it_reappears() {
     let case = Case::new();
     let mut window = open(None, &case.scene);
     assert!(has(&window, "knife.glb is missing"));
@@ -84,7 +84,7 @@ fn missing_model_that_is_put_back_is_loaded_again() {
 }
 
 #[test]
-fn hidden_objects_need_no_model_and_new_ones_do() {
+fn hidden_objects_need_no_model_but_new_ones_do() {
     let case = Case::new();
     let mut project = project(None, Some(&case.scene));
     let entry = project.edit().scene.entries()[1];
@@ -101,7 +101,7 @@ fn hidden_objects_need_no_model_and_new_ones_do() {
 }
 
 #[test]
-fn models_in_one_folder_are_located_together() {
+fn missing_models_in_one_folder_are_located_together() {
     let case = Case::new();
     let text = std::fs::read_to_string(&case.scene).unwrap();
     std::fs::write(&case.scene, format!("{text}\n[[objects]]\nmodel = \"models/case.glb\"\n")).unwrap();
@@ -120,7 +120,7 @@ fn models_in_one_folder_are_located_together() {
 }
 
 #[test]
-fn models_are_located_after_the_scene_was_saved_elsewhere() {
+fn models_are_located_after_the_scene_is_saved_elsewhere() {
     let case = Case::new();
     let mut project = project(None, Some(&case.scene));
     let elsewhere = case.folder.path().join("elsewhere");
@@ -138,7 +138,7 @@ fn models_are_located_after_the_scene_was_saved_elsewhere() {
 }
 
 #[test]
-fn unreadable_models_in_the_same_folder_do_not_hinder_locating_one() {
+fn unreadable_models_in_the_folder_do_not_prevent_locating_one() {
     let case = Case::new();
     let text = std::fs::read_to_string(&case.scene).unwrap();
     let more = ["./models/../models/cut.glb", "models/case.glb", "gone/other.glb"];
@@ -187,7 +187,7 @@ fn exports_and_photographs_with_a_stand_in_are_refused() {
 }
 
 #[test]
-fn cut_model_is_refused_as_it_is_dropped() {
+fn truncated_model_is_refused_when_dropped() {
     let folder = tempfile::tempdir().unwrap();
     let cut = folder.path().join("kaputt.glb");
     let whole = std::fs::read("scenes/marker-1.glb").unwrap();

@@ -57,12 +57,12 @@ fn keeps_the_own_state(key: Key) {
 }
 
 #[test]
-fn esc_keeps_the_own_state_of_a_file_that_was_changed_on_disk() {
+fn esc_keeps_the_own_state_of_a_file_changed_on_disk() {
     keeps_the_own_state(Key::Escape);
 }
 
 #[test]
-fn enter_keeps_the_own_state_of_a_file_that_was_changed_on_disk() {
+fn enter_keeps_the_own_state_of_a_file_changed_on_disk() {
     keeps_the_own_state(Key::Enter);
 }
 
@@ -109,7 +109,7 @@ fn enter_twice_in_a_file_dialog_replaces_nothing() {
 }
 
 #[test]
-fn recent_recordings_of_one_name_are_told_apart_by_their_folders() {
+fn recent_recordings_of_one_name_are_distinguished_by_folder() {
     let temp = tempfile::tempdir().unwrap();
     let state = temp.path().join("state");
     std::fs::create_dir(&state).unwrap();

@@ -4,7 +4,7 @@ use super::*;
 use crate::program;
 
 #[test]
-fn scene_that_changed_alone_is_unsaved_until_it_is_undone() {
+fn changed_scene_is_unsaved_until_undone() {
     let mut project = project(None, Some(Path::new(DEMO_SCENE)));
     assert!(project.is_saved());
     project.change_scene("one away", |scene| _ = scene.objects.remove(0)).unwrap();
@@ -15,7 +15,7 @@ fn scene_that_changed_alone_is_unsaved_until_it_is_undone() {
 }
 
 #[test]
-fn the_demonstration_is_not_written_to_and_a_scene_moves_with_its_models() {
+fn demonstration_is_not_overwritten_and_a_moved_scene_keeps_its_models() {
     let temp = tempfile::tempdir().unwrap();
     let before = std::fs::read_to_string(DEMO_SCENE).unwrap();
     let mut window = demo();
@@ -45,7 +45,7 @@ fn the_demonstration_is_not_written_to_and_a_scene_moves_with_its_models() {
 }
 
 #[test]
-fn a_profile_is_opened_for_a_recording_without_a_camera() {
+fn recording_without_a_camera_opens_a_chosen_profile() {
     let temp = tempfile::tempdir().unwrap();
     let recording = temp.path().join("rec");
     program::copied(&worked::demo(), &recording);
@@ -70,7 +70,7 @@ fn a_profile_is_opened_for_a_recording_without_a_camera() {
 }
 
 #[test]
-fn after_the_first_save_of_a_new_scene_placing_goes_on() {
+fn placing_continues_after_the_first_save_of_a_new_scene() {
     let temp = tempfile::tempdir().unwrap();
     let mut window = window(project(None, None), egui::vec2(1400.0, 1000.0));
     settle(&mut window);
@@ -87,7 +87,7 @@ fn after_the_first_save_of_a_new_scene_placing_goes_on() {
 }
 
 #[test]
-fn saving_names_what_it_wrote_and_asks_before_others_profiles() {
+fn save_names_the_written_files_and_asks_before_foreign_profiles() {
     let temp = tempfile::tempdir().unwrap();
     let (recording, scene) = (temp.path().join("rec"), temp.path().join("case.toml"));
     program::copied(&worked::demo(), &recording);
@@ -136,7 +136,7 @@ fn saving_names_what_it_wrote_and_asks_before_others_profiles() {
 }
 
 #[test]
-fn a_new_scene_is_saved_with_its_recording_in_a_folder_that_is_made() {
+fn new_scene_is_saved_with_its_recording_in_a_new_folder() {
     let temp = tempfile::tempdir().unwrap();
     let (recording, elsewhere) = (temp.path().join("rec"), temp.path().join("elsewhere"));
     program::copied(&worked::demo(), &recording);
@@ -199,7 +199,7 @@ fn a_new_scene_is_saved_with_its_recording_in_a_folder_that_is_made() {
 }
 
 #[test]
-fn the_dialog_keeps_the_keyboard_and_begins_where_one_was() {
+fn file_dialog_keeps_the_keyboard_and_starts_in_the_last_folder() {
     let temp = tempfile::tempdir().unwrap();
     let folder = temp.path().join("cases/desk");
     std::fs::create_dir_all(&folder).unwrap();
@@ -251,7 +251,7 @@ fn the_dialog_keeps_the_keyboard_and_begins_where_one_was() {
 }
 
 #[test]
-fn what_somebody_else_writes_is_read_again_or_asked_about() {
+fn foreign_changes_to_a_file_are_reloaded_or_asked_about() {
     let temp = tempfile::tempdir().unwrap();
     let profile = temp.path().join("mine.toml");
     let theirs = |px: f64| std::fs::write(&profile, format!("version = 1\n[point_spread]\nsigma_px = {px}\n")).unwrap();
@@ -284,7 +284,7 @@ fn what_somebody_else_writes_is_read_again_or_asked_about() {
 }
 
 #[test]
-fn a_message_is_shown_whole_and_can_be_copied() {
+fn message_is_shown_in_full_and_can_be_copied() {
     let mut window = plain();
     window.event(egui::Event::PointerGone);
     let nowhere = PathBuf::from("/nowhere/at all/in a rather long folder/with a rather long name.toml");
@@ -303,7 +303,7 @@ fn a_message_is_shown_whole_and_can_be_copied() {
 }
 
 #[test]
-fn what_another_program_writes_while_it_is_saved_is_not_written_over() {
+fn file_changed_during_a_save_is_not_overwritten() {
     let temp = tempfile::tempdir().unwrap();
     let profile = temp.path().join("mine.toml");
     std::fs::write(&profile, "version = 1\n").unwrap();
@@ -323,7 +323,7 @@ fn what_another_program_writes_while_it_is_saved_is_not_written_over() {
 }
 
 #[test]
-fn a_profile_under_another_name_is_whole_and_keeps_its_comments() {
+fn profile_saved_under_another_name_is_complete_and_keeps_comments() {
     let temp = tempfile::tempdir().unwrap();
     // A recording that knows no camera.
     let site = temp.path().join("site");

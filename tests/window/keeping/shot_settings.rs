@@ -70,7 +70,7 @@ fn save_writes_exposure_and_effects_into_the_scene_and_leaves_the_profile() {
 }
 
 #[test]
-fn save_asks_where_camera_values_belong() {
+fn save_asks_where_to_store_camera_values() {
     let case = Case::new();
     let mut window = window(case.project(), egui::vec2(1400.0, 900.0));
     let save = |window: &mut Harness<'_, App>, answer: &str| {
@@ -99,7 +99,7 @@ fn save_asks_where_camera_values_belong() {
 }
 
 #[test]
-fn enter_does_not_overwrite_the_profile_of_a_model_that_is_open_alone() {
+fn enter_does_not_overwrite_the_profile_if_a_model_is_open_without_a_scene() {
     let case = Case::new();
     let mut window =
         window(project(Some(&case.profile), Some(Path::new("scenes/marker-1.glb"))), egui::vec2(1400.0, 900.0));
@@ -120,7 +120,7 @@ fn enter_does_not_overwrite_the_profile_of_a_model_that_is_open_alone() {
 }
 
 #[test]
-fn profile_saved_under_a_name_takes_all_and_the_scene_follows() {
+fn profile_saved_under_a_name_takes_all_settings_from_the_scene() {
     let case = Case::new();
     std::fs::write(&case.scene, format!("{SCENE}\n[settings.noise]\nscale = 0.75\n")).unwrap();
     let mut project = case.project();
@@ -139,7 +139,7 @@ fn profile_saved_under_a_name_takes_all_and_the_scene_follows() {
 }
 
 #[test]
-fn settings_of_the_scene_stay_though_they_equal_the_profiles() {
+fn scene_settings_equal_to_the_profile_are_kept() {
     let case = Case::new();
     let exposure = "\n[camera.exposure]\ntime_s = 0.01\n";
     std::fs::write(&case.profile, format!("{PROFILE}{exposure}")).unwrap();
@@ -165,7 +165,7 @@ fn settings_of_the_scene_stay_though_they_equal_the_profiles() {
 }
 
 #[test]
-fn command_line_has_no_exposure_where_the_recorded_one_counts() {
+fn command_line_omits_the_exposure_if_the_recorded_one_is_used() {
     let case = Case::new();
     std::fs::write(&case.profile, format!("{PROFILE}\n[camera.exposure]\ntime_s = 0.01\n")).unwrap();
     std::fs::write(&case.scene, format!("{SCENE}\n[settings.camera.exposure]\ntime_s = 0.02\n")).unwrap();
@@ -181,7 +181,7 @@ fn command_line_has_no_exposure_where_the_recorded_one_counts() {
 }
 
 #[test]
-fn film_speed_counts_as_soon_as_it_is_set() {
+fn film_speed_takes_effect_when_set() {
     let mut project = Case::new().project();
     let recorded = project.shot().exposure_settings(0).iso;
     project.set("camera.exposure", "time_s", &Value::Number(0.125)).unwrap();
@@ -194,7 +194,7 @@ fn film_speed_counts_as_soon_as_it_is_set() {
 }
 
 #[test]
-fn noise_that_is_taken_back_leaves_the_profile() {
+fn undone_noise_is_removed_from_the_profile() {
     let case = Case::new();
     let recording = case.profile.with_file_name("rec");
     crate::program::copied(&worked::demo(), &recording);
@@ -247,7 +247,7 @@ fn analysis(folder: &Path, project: &Project) -> Analysis {
 }
 
 #[test]
-fn readout_time_saved_to_the_profile_stays_over_an_analysis() {
+fn readout_time_saved_to_the_profile_is_kept_in_the_scene_over_an_analysis() {
     let case = Case::new();
     let mut project = case.project();
     let folder = case.profile.with_file_name("found");
@@ -266,7 +266,7 @@ fn readout_time_saved_to_the_profile_stays_over_an_analysis() {
 }
 
 #[test]
-fn analysis_leaves_the_settings_of_the_scene_and_of_a_profile_that_was_saved_since() {
+fn analysis_keeps_settings_of_the_scene_and_of_a_newer_profile() {
     let case = Case::new();
     std::fs::write(&case.profile, format!("{PROFILE}\n[camera]\nreadout_time_s = 0.01\n")).unwrap();
     std::fs::write(&case.scene, format!("{SCENE}\n[settings.camera]\nreadout_time_s = 0.01\n")).unwrap();
@@ -283,7 +283,7 @@ fn analysis_leaves_the_settings_of_the_scene_and_of_a_profile_that_was_saved_sin
 }
 
 #[test]
-fn save_without_a_scene_ends_and_names_what_no_file_keeps() {
+fn save_without_a_scene_names_the_unsaved_settings() {
     let case = Case::new();
     let model = Path::new("scenes/marker-1.glb");
     let mut project = project(Some(&case.profile), Some(model));
@@ -310,7 +310,7 @@ fn save_without_a_scene_ends_and_names_what_no_file_keeps() {
 }
 
 #[test]
-fn values_read_again_from_a_profile_count_for_the_exposure() {
+fn reloaded_profile_values_affect_the_exposure() {
     let case = Case::new();
     let exposure = |iso: u32| format!("{PROFILE}\n[camera.exposure]\niso = {iso}\n\n[camera.lens]\nf_number = 4.0\n");
     std::fs::write(&case.profile, exposure(400)).unwrap();
@@ -333,7 +333,7 @@ fn values_read_again_from_a_profile_count_for_the_exposure() {
 }
 
 #[test]
-fn setting_of_the_scene_that_equals_the_profiles_is_given_up_in_one_step() {
+fn scene_setting_equal_to_the_profile_is_removed_in_one_step() {
     let case = Case::new();
     let pinned = format!("{SCENE}\n[settings.noise]\nscale = 0.5\n");
     std::fs::write(&case.scene, &pinned).unwrap();
@@ -356,7 +356,7 @@ fn setting_of_the_scene_that_equals_the_profiles_is_given_up_in_one_step() {
 }
 
 #[test]
-fn switch_of_the_scene_that_equals_the_profiles_is_given_up_in_one_step() {
+fn scene_switch_equal_to_the_profile_is_removed_in_one_step() {
     let case = Case::new();
     std::fs::write(&case.scene, format!("{SCENE}\n[settings.noise]\non = true\n")).unwrap();
     let mut project = case.project();
@@ -366,7 +366,7 @@ fn switch_of_the_scene_that_equals_the_profiles_is_given_up_in_one_step() {
 }
 
 #[test]
-fn setting_of_the_scene_that_is_overridden_for_the_session_stays_in_its_file() {
+fn scene_setting_overridden_for_the_session_stays_in_its_file() {
     let case = Case::new();
     let lens = "[settings.camera.lens]\naperture_diameter_mm = 5.0\n";
     std::fs::write(&case.scene, format!("{SCENE}\n[settings.noise]\nscale = 0.75\n\n{lens}")).unwrap();
