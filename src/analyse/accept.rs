@@ -3,6 +3,7 @@
 //! analysis.
 
 use super::findings::{Findings, Sharpness};
+use super::registration_result::MAX_READOUT_SIGMA_S;
 use crate::calibrate::sharpness::PARAMETER;
 use crate::camera::{CameraExposure, Intrinsics};
 use crate::effects::point_spread::sigma_for_measured_px;
@@ -72,7 +73,11 @@ fn readout_s(findings: &Findings) -> Result<f64, String> {
             "it is found with the poses, and these are as recorded"
         }
     };
-    findings.readout_s().map(|s| rounded(s, UNITS_PER_SECOND)).ok_or_else(|| why().to_owned())
+    let readout_s = findings.readout_s().ok_or_else(|| why().to_owned())?;
+    match findings.readout_uncertainty_s().filter(|sigma_s| *sigma_s > MAX_READOUT_SIGMA_S) {
+        Some(sigma_s) => Err(format!("parts of the recording disagree: ± {:.1} ms", 1e3 * sigma_s)),
+        None => Ok(rounded(readout_s, UNITS_PER_SECOND)),
+    }
 }
 
 /// The profile's σ by which rendered edges measure as sharp as the footage's.
@@ -170,5 +175,9 @@ mod tests {
         let mut unsure = findings("refined", &[(0, 20)]);
         unsure.registration.readout_sigma_s = Some(0.002);
         assert!(taken(&unsure, text).0[0].contains("moves too little"));
+        // Scatter is small, and parts differ.
+        unsure.registration.readout_sigma_s = Some(0.0004);
+        unsure.registration.readout_parts_sigma_s = Some(0.0015);
+        assert!(taken(&unsure, text).0[0].contains("parts of the recording disagree: ± 1.5 ms"));
     }
 }

@@ -7,7 +7,7 @@ use super::link_failure::{self, LinkCounts};
 use super::links::Pass;
 use super::pass_runner::PassRunner;
 use super::registration_result::{MAX_READOUT_SIGMA_S, Registration, RegistrationError, recorded};
-use super::rig_offset::{self, RigOffset};
+use super::rig_offset::{self, ReadoutStep, RigOffset};
 use super::robust::median;
 use super::state::CameraState;
 use super::times;
@@ -64,10 +64,10 @@ impl SharedParameters {
         }
     }
 
-    /// Takes a fraction of a readout step, if it is certain. `step`: the step and its σ, s.
-    fn update_readout(&mut self, step: Option<(f64, f64)>, share: f64, found: &mut Registration) {
-        let Some((step_s, sigma_s)) = step else { return };
-        found.readout_sigma_s = Some(sigma_s);
+    /// Takes a fraction of a readout step, if it is certain.
+    fn update_readout(&mut self, step: Option<ReadoutStep>, share: f64, found: &mut Registration) {
+        let Some(ReadoutStep { step_s, sigma_s, parts_sigma_s }) = step else { return };
+        (found.readout_sigma_s, found.readout_parts_sigma_s) = (Some(sigma_s), parts_sigma_s);
         if sigma_s < MAX_READOUT_SIGMA_S {
             let readout_s = &mut self.geometry.intrinsics.readout_time_s;
             *readout_s = (*readout_s + share * step_s).clamp(0.0, MAX_READOUT_S);
@@ -130,7 +130,11 @@ pub fn estimate(
         shared.hand_eye = twist::log(&(twist::exp(&shared.hand_eye) * twist::exp(&offset.hand_eye)));
         shared.clock_s += offset.clock_s;
         found.rig_offset = Some(RigOffset { hand_eye: shared.hand_eye, clock_s: shared.clock_s, ..offset });
-        shared.update_readout(rig_offset::readout(&linked.good), READOUT_DAMPING, found);
+        shared.update_readout(
+            rig_offset::readout(&linked.good, runner.recording.frame_count()),
+            READOUT_DAMPING,
+            found,
+        );
     }
     if let Some(reason) = found.rig_offset.as_ref().filter(|_| median_px > RIGHT_PX).and_then(implausible_hand_eye) {
         return Ok(Some(reason));
@@ -169,7 +173,7 @@ pub fn estimate_with_refined_poses(
     for _ in 0..REFINED_CLOCK_ITERATIONS {
         let model = CameraModel::new(shared.geometry.clone());
         let linked = runner.links(times::CLOCKS, &model, refined, shared.depth_later_s, pass)?;
-        shared.update_readout(rig_offset::readout(&linked.good), 1.0, found);
+        shared.update_readout(rig_offset::readout(&linked.good, runner.recording.frame_count()), 1.0, found);
     }
     if (shared.geometry.intrinsics.readout_time_s - given_s).abs() < READOUT_TOLERANCE_S {
         shared.geometry.intrinsics.readout_time_s = given_s;

@@ -82,7 +82,11 @@ pub struct PoseFindings {
     /// Hand-eye offset, appended to recorded poses, in the camera's axes.
     pub hand_eye_turn_deg: Option<[f64; 3]>,
     pub hand_eye_way_m: Option<[f64; 3]>,
+    /// One standard deviation by the scatter of links.
     pub readout_sigma_s: Option<f64>,
+    /// One standard deviation by the spread between parts of the recording.
+    #[serde(default)]
+    pub readout_parts_sigma_s: Option<f64>,
     /// Added to the depth maps' times.
     pub depth_later_s: f64,
     pub depth_later_sigma_s: Option<f64>,
@@ -281,6 +285,7 @@ impl PoseFindings {
             hand_eye_turn_deg: None,
             hand_eye_way_m: None,
             readout_sigma_s: None,
+            readout_parts_sigma_s: None,
             depth_later_s: 0.0,
             depth_later_sigma_s: None,
             pose_lines: 0,
@@ -315,6 +320,7 @@ impl PoseFindings {
             hand_eye_turn_deg: hand_eye.map(|by| twist::rotation_vector(&by).to_array().map(f64::to_degrees)),
             hand_eye_way_m: hand_eye.map(|by| twist::translation(&by).to_array()),
             readout_sigma_s: found.readout_sigma_s,
+            readout_parts_sigma_s: found.readout_parts_sigma_s,
             depth_later_s: found.depth_later_s(),
             depth_later_sigma_s: found.depth.map(|DepthOffset { sigma_s, .. }| sigma_s),
             pose_lines: 0,
@@ -405,6 +411,12 @@ impl fmt::Display for PoseFindings {
 }
 
 impl Findings {
+    /// One standard deviation of the readout time: the larger of the scatter's and the parts'.
+    pub fn readout_uncertainty_s(&self) -> Option<f64> {
+        let registration = &self.registration;
+        registration.readout_sigma_s.into_iter().chain(registration.readout_parts_sigma_s).reduce(f64::max)
+    }
+
     /// The estimated readout time, if it is certain.
     pub fn readout_s(&self) -> Option<f64> {
         let is_sure = self.registration.readout_sigma_s.is_some_and(|sigma_s| sigma_s < MAX_READOUT_SIGMA_S);
@@ -441,7 +453,7 @@ impl Findings {
             let (turn, way) = (all(turn, 1.0, 2), all(way, 1e3, 1));
             lines.push(("hand-eye", format!("turned by {turn}°, {way} mm away from where the poses say")));
         }
-        let sigma = r.readout_sigma_s.map_or(String::new(), |s| format!(", ± {} ms by scatter", ms(s)));
+        let sigma = self.readout_uncertainty_s().map_or(String::new(), |s| format!(", ± {} ms", ms(s)));
         lines.push(("readout", format!("{} ms{sigma}", ms(self.camera.intrinsics.readout_time_s))));
         if let Some(sigma_s) = r.depth_later_sigma_s {
             let way = if r.depth_later_s < 0.0 { "earlier" } else { "later" };

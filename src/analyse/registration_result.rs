@@ -32,6 +32,8 @@ pub struct Registration {
     pub states: Vec<Option<CameraState>>,
     pub readout_s: f64,
     pub readout_sigma_s: Option<f64>,
+    /// By the spread between parts of the recording.
+    pub readout_parts_sigma_s: Option<f64>,
     pub depth: Option<DepthOffset>,
     pub rig_offset: Option<RigOffset>,
     /// Numbers of accepted and rejected links.
@@ -71,6 +73,7 @@ impl Registration {
             states: recorded(recording, 0.0),
             readout_s: geometry.intrinsics.readout_time_s,
             readout_sigma_s: None,
+            readout_parts_sigma_s: None,
             depth: None,
             rig_offset: None,
             links: 0,

@@ -113,40 +113,83 @@ pub fn estimate(links: &[Link], states: &[Option<CameraState>], has_body: bool, 
     })
 }
 
-/// The correction of the readout time by the links, s, with one standard deviation by their
-/// scatter.
-pub fn readout(links: &[Link]) -> Option<(f64, f64)> {
+/// A correction of the readout time, s.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReadoutStep {
+    pub step_s: f64,
+    /// One standard deviation by the scatter of links.
+    pub sigma_s: f64,
+    /// One standard deviation by the spread between parts of the recording, which also contains
+    /// errors that neighbouring links share. `None` of fewer than three parts.
+    pub parts_sigma_s: Option<f64>,
+}
+
+/// The correction by the links of a recording of so many frames.
+pub fn readout(links: &[Link], frames: usize) -> Option<ReadoutStep> {
     /// Number of points that count as one independent value, because errors of neighbouring points
     /// are correlated.
     const CORRELATED_POINTS: f64 = 50.0;
     /// Additional error of each pair, s.
     const PAIR_SIGMA_S: f64 = 0.003;
-    let steps: Vec<(f64, f64)> = links
+    let steps: Vec<(usize, f64, f64)> = links
         .iter()
-        .filter_map(|link| link.readout.filter(|(information, _)| *information > 0.0))
-        .map(|(information, slope)| {
-            (-slope / information, CORRELATED_POINTS / information + PAIR_SIGMA_S * PAIR_SIGMA_S)
+        .filter_map(|link| Some((link.from, link.readout.filter(|(information, _)| *information > 0.0)?)))
+        .map(|(from, (information, slope))| {
+            (from, -slope / information, CORRELATED_POINTS / information + PAIR_SIGMA_S * PAIR_SIGMA_S)
         })
         .collect();
     let mut weights = vec![1.0; steps.len()];
     let (mut mean, mut sigma) = (0.0, f64::INFINITY);
     for _ in 0..20 {
-        let sums =
-            steps.iter().zip(&weights).fold((0.0, 0.0), |(top, sum), ((d, var), w)| (top + w / var * d, sum + w / var));
+        let sums = steps
+            .iter()
+            .zip(&weights)
+            .fold((0.0, 0.0), |(top, sum), ((_, d, var), w)| (top + w / var * d, sum + w / var));
         if sums.1 <= 0.0 {
             return None;
         }
         mean = sums.0 / sums.1;
-        weights = steps.iter().map(|(d, var)| 1.0 / (1.0 + (d - mean).powi(2) / var / 4.0)).collect();
-        let spread: f64 = steps.iter().zip(&weights).map(|((d, var), w)| (w / var * (d - mean)).powi(2)).sum();
+        weights = steps.iter().map(|(_, d, var)| 1.0 / (1.0 + (d - mean).powi(2) / var / 4.0)).collect();
+        let spread: f64 = steps.iter().zip(&weights).map(|((_, d, var), w)| (w / var * (d - mean)).powi(2)).sum();
         sigma = spread.sqrt() / sums.1;
     }
-    Some((mean, sigma))
+    let weighted = steps.iter().zip(&weights).map(|((from, d, var), w)| (*from, *d, w / var));
+    Some(ReadoutStep { step_s: mean, sigma_s: sigma, parts_sigma_s: parts_sigma(weighted, frames) })
+}
+
+/// The standard deviation of a weighted mean by the means of [`JACKKNIFE_PARTS`] parts of a recording:
+/// σ² = Σ W_p·(m_p − m)² / ((P − 1)·Σ W_p). Values come with their frame and weight.
+fn parts_sigma(values: impl Iterator<Item = (usize, f64, f64)>, frames: usize) -> Option<f64> {
+    let mut parts = [(0.0, 0.0); JACKKNIFE_PARTS];
+    for (frame, value, weight) in values {
+        let part = &mut parts[(frame * JACKKNIFE_PARTS / frames.max(1)).min(JACKKNIFE_PARTS - 1)];
+        *part = (part.0 + weight * value, part.1 + weight);
+    }
+    let parts: Vec<(f64, f64)> = parts.into_iter().filter(|(_, weight)| *weight > 0.0).collect();
+    if parts.len() < 3 {
+        return None;
+    }
+    let (top, sum) = parts.iter().fold((0.0, 0.0), |(top, sum), part| (top + part.0, sum + part.1));
+    let spread: f64 = parts.iter().map(|(top_p, w)| w * (top_p / w - top / sum).powi(2)).sum();
+    Some((spread / ((parts.len() - 1) as f64 * sum)).sqrt())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sigma_by_parts_is_the_standard_error_of_their_means() {
+        // Eight parts of equal weight, in turn 0 and 2: mean 1, Σ(m − 1)²/(7·8) = 1/7.
+        let values = (0..80).map(|frame| (frame, f64::from((frame / 10 % 2) as u32) * 2.0, 0.5));
+        let sigma = parts_sigma(values, 80).unwrap();
+        assert!((sigma - (1.0f64 / 7.0).sqrt()).abs() < 1e-12, "{sigma}");
+        // Scatter within a part averages out.
+        let values = (0..80).map(|frame| (frame, f64::from((frame % 2) as u32), 1.0));
+        assert!(parts_sigma(values, 80).unwrap() < 1e-12);
+        // Two parts do not suffice.
+        assert_eq!(parts_sigma((0..20).map(|frame| (frame, 0.0, 1.0)), 80), None);
+    }
 
     #[test]
     fn hand_eye_offset_within_its_uncertainty_is_not_significant() {

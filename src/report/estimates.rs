@@ -106,7 +106,7 @@ fn later(by_s: f64, sigma_s: f64) -> String {
 
 fn readout(findings: &Findings, given_s: f64) -> Estimate {
     let ms = |s: f64| fixed(1e3 * s, 1);
-    let sigma = findings.registration.readout_sigma_s.map_or(String::new(), |s| format!(" ± {}", ms(s)));
+    let sigma = findings.readout_uncertainty_s().map_or(String::new(), |s| format!(" ± {}", ms(s)));
     match findings.readout_s() {
         Some(found_s) if found_s != given_s => {
             estimate("readout", Mark::Changed, "found", format!("{}{sigma} ms", ms(found_s)), "")
