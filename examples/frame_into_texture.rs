@@ -18,8 +18,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // Your device, with the features and limits that the compositor needs.
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))?;
-    let (device, queue) = pollster::block_on(adapter.request_device(&Gpu::wanted(&adapter)))?;
-    let gpu = Gpu::adopt(&adapter, device.clone(), queue);
+    let (device, queue) = pollster::block_on(adapter.request_device(&Gpu::device_descriptor(&adapter)))?;
+    let gpu = Gpu::from_device(&adapter, device.clone(), queue);
     let mut compositor = Compositor::new(gpu.clone(), scene::load(Path::new("scenes/marker-1.glb"), None)?);
 
     // A grey picture, by a camera 0.6 m in front of the marker that moves by 1 cm in 1/30 s.
