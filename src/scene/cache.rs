@@ -25,7 +25,7 @@ impl Loader {
     /// Caches a model that was just read; `start` holds the scene's counts before.
     pub fn cache(&mut self, file: &Path, model: &Model, start: SceneCounts) {
         let scene = &self.scene;
-        let kept = CachedModel {
+        let cached = CachedModel {
             files: scene.files[start.files..].iter().map(|file| FileStamp::of(file)).collect(),
             start,
             meshes: scene.meshes[start.meshes..].to_vec(),
@@ -38,45 +38,45 @@ impl Loader {
             vertices: self.vertices - start.vertices,
             indices: self.indices - start.indices,
         };
-        self.kept.models.insert(file.to_owned(), kept);
+        self.model_cache.models.insert(file.to_owned(), cached);
     }
 
     /// Inserts a cached model into the scene. `None` if it is not cached, its files have changed,
     /// or the scene would be too large: then it must be read.
     pub fn insert_cached(&mut self, file: &Path) -> Option<Rc<Model>> {
-        let kept = self.kept.models.get(file).filter(|kept| kept.files.iter().all(FileStamp::is_fresh))?;
-        let fits = self.pixels + kept.pixels <= MAX_PIXELS
-            && self.vertices + kept.vertices <= MAX_VERTICES
-            && self.indices + kept.indices <= MAX_INDICES;
+        let cached = self.model_cache.models.get(file).filter(|cached| cached.files.iter().all(FileStamp::is_fresh))?;
+        let fits = self.pixels + cached.pixels <= MAX_PIXELS
+            && self.vertices + cached.vertices <= MAX_VERTICES
+            && self.indices + cached.indices <= MAX_INDICES;
         if !fits {
             return None;
         }
-        let mut kept = kept.clone();
+        let mut cached = cached.clone();
         let start = self.counts();
-        kept.rebase(start);
+        cached.rebase(start);
         let scene = &mut self.scene;
-        scene.meshes.extend(kept.meshes.iter().cloned());
-        scene.materials.extend(kept.materials.iter().cloned());
-        scene.textures.extend(kept.textures.iter().cloned());
-        scene.files.extend(kept.files.iter().map(|stamp| stamp.file.clone()));
+        scene.meshes.extend(cached.meshes.iter().cloned());
+        scene.materials.extend(cached.materials.iter().cloned());
+        scene.textures.extend(cached.textures.iter().cloned());
+        scene.files.extend(cached.files.iter().map(|stamp| stamp.file.clone()));
         (self.pixels, self.vertices, self.indices) =
-            (self.pixels + kept.pixels, self.vertices + kept.vertices, self.indices + kept.indices);
-        let model = Rc::new(Model { parts: kept.parts.clone(), lights: kept.lights.clone() });
-        for warning in &kept.warnings {
+            (self.pixels + cached.pixels, self.vertices + cached.vertices, self.indices + cached.indices);
+        let model = Rc::new(Model { parts: cached.parts.clone(), lights: cached.lights.clone() });
+        for warning in &cached.warnings {
             self.warn_verbatim(warning.clone());
         }
-        self.kept.models.insert(file.to_owned(), kept);
+        self.model_cache.models.insert(file.to_owned(), cached);
         Some(model)
     }
 
     /// A panorama from the cache; `read` is called if it is missing or its file has changed.
     pub fn panorama<E>(&mut self, file: &Path, read: impl FnOnce() -> Result<Panorama, E>) -> Result<Panorama, E> {
-        if let Some((_, known)) = self.kept.panoramas.get(file).filter(|(stamp, _)| stamp.is_fresh()) {
+        if let Some((_, known)) = self.model_cache.panoramas.get(file).filter(|(stamp, _)| stamp.is_fresh()) {
             return Ok(known.clone());
         }
         let stamp = FileStamp::of(file);
         let read = read()?;
-        self.kept.panoramas.insert(file.to_owned(), (stamp, read.clone()));
+        self.model_cache.panoramas.insert(file.to_owned(), (stamp, read.clone()));
         Ok(read)
     }
 }

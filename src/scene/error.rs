@@ -70,7 +70,7 @@ mod tests {
 
     #[test]
     fn sizes_use_the_largest_unit_that_distinguishes_them() {
-        let told = [(2000, 73_960), (3, 12), (73_900, 73_960), (1_000_000, 25_000_000)].map(|(a, b)| sizes(a, b));
-        assert_eq!(told, ["2 of 74 kB", "3 of 12 bytes", "73900 of 73960 bytes", "1 of 25 MB"]);
+        let messages = [(2000, 73_960), (3, 12), (73_900, 73_960), (1_000_000, 25_000_000)].map(|(a, b)| sizes(a, b));
+        assert_eq!(messages, ["2 of 74 kB", "3 of 12 bytes", "73900 of 73960 bytes", "1 of 25 MB"]);
     }
 }

@@ -80,17 +80,17 @@ mod tests {
         for up in [DVec3::Z, DVec3::NEG_Y, DVec3::new(0.1, 0.2, 0.97).normalize()] {
             let mut file = SceneFile::default();
             let load = |file: &SceneFile| load_file(file, Path::new("scene.toml"), Some(up)).unwrap();
-            let unsaid = load(&file);
+            let implicit = load(&file);
             assert!(file.light.is_unspecified());
             file.light.write_default(up);
             assert!(!file.light.is_unspecified());
-            let said = load(&file);
+            let explicit = load(&file);
             assert_eq!(
-                (unsaid.lighting_origin, said.lighting_origin),
+                (implicit.lighting_origin, explicit.lighting_origin),
                 (LightingOrigin::Default, LightingOrigin::Scene)
             );
-            assert_eq!(said.lighting.environment, unsaid.lighting.environment);
-            let ([is], [was]) = (&said.lighting.suns[..], &unsaid.lighting.suns[..]) else { panic!("one sun") };
+            assert_eq!(explicit.lighting.environment, implicit.lighting.environment);
+            let ([is], [was]) = (&explicit.lighting.suns[..], &implicit.lighting.suns[..]) else { panic!("one sun") };
             assert!(is.towards_light_in_world.angle_between(was.towards_light_in_world) < 1e-3);
             assert!(is.color == was.color && (is.diameter_rad - was.diameter_rad).abs() < 1e-4, "{is:?} {was:?}");
         }

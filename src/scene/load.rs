@@ -45,11 +45,11 @@ pub fn load_file_with(
     models: &mut ModelCache,
     missing_models: MissingModels,
 ) -> Result<Scene, SceneError> {
-    let kept = std::mem::take(models);
+    let model_cache = std::mem::take(models);
     guarded(path, || {
-        let mut loader = Loader { kept, missing_models, ..Loader::default() };
+        let mut loader = Loader { model_cache, missing_models, ..Loader::default() };
         let done = unit(path, world_up).and_then(|up| scene_file::read(&mut loader, file, path, up));
-        *models = loader.kept;
+        *models = loader.model_cache;
         done.map(|()| loader.scene)
     })
 }

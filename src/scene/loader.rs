@@ -26,7 +26,7 @@ pub(super) struct Loader {
     /// Models read so far, by file.
     pub models: HashMap<PathBuf, Rc<Model>>,
     /// Cache of earlier scenes.
-    pub kept: ModelCache,
+    pub model_cache: ModelCache,
     pub missing_models: MissingModels,
     /// The box in place of missing models, once created.
     pub stand_in: Option<Rc<Model>>,
@@ -44,7 +44,7 @@ impl Default for Loader {
             indices: 0,
             parts: 0,
             models: HashMap::new(),
-            kept: ModelCache::default(),
+            model_cache: ModelCache::default(),
             missing_models: MissingModels::Refuse,
             stand_in: None,
         }

@@ -43,9 +43,9 @@ pub struct Triangles {
 impl Triangles {
     pub fn new(all: Vec<Triangle>) -> Self {
         let order = (0..all.len()).collect();
-        let mut made = Self { all, order, nodes: Vec::new() };
-        made.build(0..made.all.len());
-        made
+        let mut bvh = Self { all, order, nodes: Vec::new() };
+        bvh.build(0..bvh.all.len());
+        bvh
     }
 
     fn build(&mut self, range: std::ops::Range<usize>) {
@@ -148,23 +148,22 @@ mod tests {
         let all: Vec<Triangle> =
             (0..200).map(|_| Triangle { corner: place(2.0), sides: [place(0.5), place(0.5)] }).collect();
         let tree = Triangles::new(all.clone());
-        let mut met = 0;
+        let mut hit_count = 0;
         for _ in 0..500 {
             let origin = place(4.0);
             let direction = place(2.0) - origin;
-            let each = all.iter().enumerate().filter_map(|(face, one)| Some((one.hit(origin, direction)?, face)));
-            let first = each.min_by(|a, b| a.0.0.total_cmp(&b.0.0)).map(|((t, barycentric), face)| TriangleHit {
-                t,
-                face,
-                barycentric,
-            });
+            let brute_force =
+                all.iter().enumerate().filter_map(|(face, one)| Some((one.hit(origin, direction)?, face)));
+            let first = brute_force
+                .min_by(|a, b| a.0.0.total_cmp(&b.0.0))
+                .map(|((t, barycentric), face)| TriangleHit { t, face, barycentric });
             assert_eq!(tree.hit(origin, direction, f64::INFINITY), first);
             if let Some(hit) = first {
-                met += 1;
+                hit_count += 1;
                 assert_eq!(tree.hit(origin, direction, 0.99 * hit.t), None);
             }
         }
-        assert!(met > 100, "{met}");
+        assert!(hit_count > 100, "{hit_count}");
     }
 
     #[test]

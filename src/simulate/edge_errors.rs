@@ -36,21 +36,21 @@ impl DepthMapView<'_> {
         let jittered = self.pixel_at_offset(i, way_px);
         let reach = dilation_px.floor() as usize;
         let (x, y) = (jittered % self.width, jittered / self.width);
-        let mut shown = jittered;
+        let mut source = jittered;
         for other_y in y.saturating_sub(reach)..=(y + reach).min(self.height() - 1) {
             for other_x in x.saturating_sub(reach)..=(x + reach).min(self.width - 1) {
                 let other = other_y * self.width + other_x;
-                let apart = (other_x.abs_diff(x).pow(2) + other_y.abs_diff(y).pow(2)) as f64;
-                let is_nearer = self.has_depth[other] && self.depth_m[other] < self.depth_m[shown];
+                let squared_distance = (other_x.abs_diff(x).pow(2) + other_y.abs_diff(y).pow(2)) as f64;
+                let is_nearer = self.has_depth[other] && self.depth_m[other] < self.depth_m[source];
                 if is_nearer
-                    && apart <= dilation_px * dilation_px
+                    && squared_distance <= dilation_px * dilation_px
                     && self.sensor_return[other].surface != self.sensor_return[jittered].surface
                 {
-                    shown = other;
+                    source = other;
                 }
             }
         }
-        if self.is_same_surface(i, shown) { i } else { shown }
+        if self.is_same_surface(i, source) { i } else { source }
     }
 }
 
@@ -74,8 +74,8 @@ mod tests {
     /// Sources of row 10's columns: w(all), t(arget), and a dot for none.
     fn row(map: &DepthMapView, way_px: [f64; 2], dilation_px: f64) -> String {
         let letter = |x: usize| {
-            let shown = map.source_pixel(10 * map.width + x, way_px, dilation_px);
-            match (map.has_depth[shown], map.depth_m[shown] > 1.5) {
+            let source = map.source_pixel(10 * map.width + x, way_px, dilation_px);
+            match (map.has_depth[source], map.depth_m[source] > 1.5) {
                 (false, _) => '.',
                 (true, true) => 'w',
                 (true, false) => 't',

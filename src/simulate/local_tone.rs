@@ -33,8 +33,8 @@ pub fn locally_tone_mapped(mut picture: Picture, share: f64) -> Picture {
         let (x, y) = (cell % columns, cell / columns);
         let (mut sum, mut weights) = (0.0, 0.0);
         for other in 0..columns * rows {
-            let apart = (other % columns).abs_diff(x).pow(2) + (other / columns).abs_diff(y).pow(2);
-            let weight = (-0.5 * apart as f64 / (SIGMA_CELLS * SIGMA_CELLS)).exp();
+            let squared_distance = (other % columns).abs_diff(x).pow(2) + (other / columns).abs_diff(y).pow(2);
+            let weight = (-0.5 * squared_distance as f64 / (SIGMA_CELLS * SIGMA_CELLS)).exp();
             sum += weight * sums[other];
             weights += weight * counts[other];
         }

@@ -48,8 +48,8 @@ impl Person {
 
     /// Distance from the start of the path at a time, m.
     fn distance_m(&self, time_s: f64) -> f64 {
-        let gone = (self.speed_m_per_s * (time_s - START_S)).rem_euclid(2.0 * PATH_LENGTH_M);
-        gone.min(2.0 * PATH_LENGTH_M - gone)
+        let travelled_m = (self.speed_m_per_s * (time_s - START_S)).rem_euclid(2.0 * PATH_LENGTH_M);
+        travelled_m.min(2.0 * PATH_LENGTH_M - travelled_m)
     }
 
     /// Linear light from the person along a ray, and its distance in lengths of `direction`.

@@ -37,8 +37,8 @@ pub fn measured(
         if size == 0.0 {
             return vec![0.0; width * height];
         }
-        let alike = correlated_noise([seed, what, frame], width, height, px * errors.correlation_px);
-        alike.into_iter().map(|value| size * value).collect()
+        let correlated = correlated_noise([seed, what, frame], width, height, px * errors.correlation_px);
+        correlated.into_iter().map(|value| size * value).collect()
     };
     let flicker = noise_field(FLICKER_KEY, if errors.min_return_per_m2 > 0.0 { FLICKER_LOG_RMS } else { 0.0 });
     // A sensor matches patches: the patch's mean return counts, so a thin dark line makes no hole.
@@ -46,10 +46,10 @@ pub fn measured(
     let light = gaussian_mean(&light, width, px * errors.correlation_px);
     let is_measurable = |i: usize| light[i].is_some_and(|light| light * flicker[i].exp() >= errors.min_return_per_m2);
     let has_depth: Vec<bool> = (0..width * height).map(|i| exact.depth_m[i] > 0.0 && is_measurable(i)).collect();
-    let torn = EDGE_JITTER_KEYS.map(|what| noise_field(what, px * errors.edge_jitter_px));
+    let edge_offsets_px = EDGE_JITTER_KEYS.map(|what| noise_field(what, px * errors.edge_jitter_px));
     let noise = noise_field(NOISE_KEY, errors.noise_per_m);
     let map = DepthMapView { width, depth_m: &exact.depth_m, sensor_return, has_depth: &has_depth };
-    let one = |i: usize| {
+    let depth_of_pixel = |i: usize| {
         let mut random = Random::new([seed, ISOLATED_KEY, frame, i as u64]);
         if random.uniform() < errors.dropout_share {
             return 0.0;
@@ -58,15 +58,15 @@ pub fn measured(
             let [near, far] = OUTLIER_RANGE_M.map(f64::recip);
             return quantized_depth(far + (near - far) * random.uniform(), errors.step_per_m);
         }
-        let shown = map.source_pixel(i, [torn[0][i], torn[1][i]], px * errors.dilation_px);
-        let depth_m = f64::from(exact.depth_m[shown]);
-        match (has_depth[shown], errors.noise_per_m + errors.step_per_m > 0.0) {
+        let source = map.source_pixel(i, [edge_offsets_px[0][i], edge_offsets_px[1][i]], px * errors.dilation_px);
+        let depth_m = f64::from(exact.depth_m[source]);
+        match (has_depth[source], errors.noise_per_m + errors.step_per_m > 0.0) {
             (false, _) => 0.0,
-            (true, false) => exact.depth_m[shown],
+            (true, false) => exact.depth_m[source],
             (true, true) => quantized_depth(depth_m.recip() + noise[i], errors.step_per_m),
         }
     };
-    (0..width * height).map(one).collect()
+    (0..width * height).map(depth_of_pixel).collect()
 }
 
 /// The depth of a quantized 1/z; not quantized if the step is 0.

@@ -322,21 +322,22 @@ impl Site {
             // The emitted light of a self-luminous object is also its albedo.
             None => object.light.get(hit.face).map_or(0.0, |chart| f64::from(max_channel(chart.at(hit.uv)))),
         };
-        let mut met = RayHit { t: hit.t, normal: hit.normal, albedo, surface: (number * MAX_FACES + hit.face) as u32 };
+        let mut nearest_hit =
+            RayHit { t: hit.t, normal: hit.normal, albedo, surface: (number * MAX_FACES + hit.face) as u32 };
         if let Some(evidence) = &self.evidence
-            && let Some(touch) = evidence.hit(origin, direction).filter(|touch| touch.t < met.t)
+            && let Some(touch) = evidence.hit(origin, direction).filter(|touch| touch.t < nearest_hit.t)
         {
             let (normal, matt) = evidence.normal_and_albedo(&touch, origin, direction);
-            met = RayHit { t: touch.t, normal, albedo: matt.max_element(), surface: EVIDENCE_SURFACE };
+            nearest_hit = RayHit { t: touch.t, normal, albedo: matt.max_element(), surface: EVIDENCE_SURFACE };
         }
         match self.person.as_ref().and_then(|person| person.light_and_hit(origin, direction, time_s)) {
-            Some(([r, g, b], hit)) if hit.t < met.t => Some(RayHit {
+            Some(([r, g, b], hit)) if hit.t < nearest_hit.t => Some(RayHit {
                 t: hit.t,
                 normal: hit.normal,
                 albedo: max_channel([r, g, b, 0.0]).into(),
                 surface: PERSON_SURFACE,
             }),
-            _ => Some(met),
+            _ => Some(nearest_hit),
         }
     }
 
