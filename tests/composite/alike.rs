@@ -1,4 +1,5 @@
-//! What holds for every effect, in each of its ways, whatever it does: tests that a new one gets for nothing.
+//! Properties of every effect with every one of its methods. A new effect is tested without further
+//! code.
 
 use crate::board::{FOCAL_PX, board, sideways};
 use crate::gpu;
@@ -20,8 +21,8 @@ fn size() -> (u32, u32) {
     fast_or_full((160, 120), (320, 240))
 }
 
-/// Each effect in each of its ways, with what it is called.
-fn ways() -> Vec<(String, Box<dyn Effect>)> {
+/// Each effect with each of its test cases, and a label.
+fn effect_cases() -> Vec<(String, Box<dyn Effect>)> {
     let way = |effect: &dyn Effect, (label, sets): (&str, Vec<(&str, Value)>)| {
         let mut effect = effect.boxed();
         sets.iter().for_each(|(name, value)| effect.set(name, value).unwrap());
@@ -60,7 +61,7 @@ fn stripes(size: (u32, u32)) -> Pixels {
     Pixels::from_u8(size.0, size.1, codes.collect()).unwrap()
 }
 
-/// A floor that recedes, known everywhere, seen in a picture.
+/// A receding floor whose depth is known in every pixel.
 fn surfaces(size: (u32, u32)) -> Surfaces {
     let count = (size.0 * size.1) as usize;
     let depth_m: Vec<f32> = (0..count).map(|i| 2.0 - (i as u32 / size.0) as f32 / size.1 as f32).collect();
@@ -93,7 +94,7 @@ fn effects_pass_unchanged_textures_on() {
     };
     let mut recorder = Recorder::new(gpu.clone());
     let texture = |format| Texture::new(&gpu, "test", size().0 + 16, size().1, format, 1);
-    for (name, effect) in ways() {
+    for (name, effect) in effect_cases() {
         let real = RealLayer {
             light: texture(COLOR),
             behind: texture(COLOR),
@@ -123,7 +124,7 @@ fn effects_pass_unchanged_textures_on() {
     }
 }
 
-/// A photograph in parts.
+/// Photographs the picture region by region.
 fn photographed(
     settings: &Settings,
     regions: &[Rect],
@@ -168,7 +169,8 @@ fn photographed(
     all
 }
 
-/// Within a code value: places in textures of other sizes round otherwise, and so does light on its way.
+/// Asserts equality within one code value: texture sizes differ, and with them the rounding of
+/// positions and of light.
 fn alike(a: &Pixels, b: &Pixels, told: &str) {
     let apart = |i: u32| {
         let [a, b] = [a, b].map(|picture| picture.at(i % size().0, i / size().0));
@@ -188,7 +190,7 @@ fn effects_in_regions_match_the_whole_picture() {
         (geometry.clone(), geometry, 1.0)
     };
     let whole = [Rect::full(size().0, size().1)];
-    // Their corners lie on the object and beside it.
+    // The regions' corners lie on the object and beside it.
     let smaller = fast_or_full(2, 1);
     let part = |edges: [i32; 4]| {
         let [x0, y0, x1, y1] = edges.map(|px| px / smaller);
@@ -196,7 +198,7 @@ fn effects_in_regions_match_the_whole_picture() {
     };
     let parts =
         [[0, 0, 130, 110], [130, 0, 320, 110], [0, 110, 97, 240], [97, 110, 230, 240], [230, 110, 320, 240]].map(part);
-    for (name, effect) in ways() {
+    for (name, effect) in effect_cases() {
         for real_too in [false, true] {
             let settings = alone(effect.as_ref());
             let [whole, parts] =
@@ -213,8 +215,8 @@ fn enlargement_matches_a_camera_of_higher_resolution() {
     let large = gpu::pinhole(size().0, size().1, FOCAL_PX);
     let small = gpu::pinhole(size().0 / 2, size().1 / 2, FOCAL_PX / 2.0);
     let whole = [Rect::full(size().0, size().1)];
-    for (name, effect) in ways() {
-        // What is told in pixels of the camera's is twice as many of the finer one.
+    for (name, effect) in effect_cases() {
+        // A parameter in camera pixels is twice as large for the camera of twice the resolution.
         let (mut coarser, mut finer) = (effect.clone(), effect.clone());
         for spec in effect.specs() {
             let Some(Value::Number(number)) = effect.get(spec.name) else { continue };
@@ -223,7 +225,7 @@ fn enlargement_matches_a_camera_of_higher_resolution() {
                 "1/px" => 0.5,
                 _ => continue,
             };
-            // Where that is more than is accepted, half of it.
+            // If the doubled value is out of range, the coarser camera takes half of it.
             if finer.set(spec.name, &Value::Number(times * number)).is_err() {
                 coarser.set(spec.name, &Value::Number(number / times)).unwrap();
             }

@@ -1,4 +1,4 @@
-//! Pictures that see all around: objects composited into 360° pictures and wide fisheyes.
+//! 360° pictures and wide fisheyes: objects composited into them.
 
 use std::borrow::Cow;
 use std::f64::consts::PI;
@@ -24,7 +24,7 @@ fn round(width_px: u32) -> Geometry {
     Geometry::new(intrinsics, Distortion { model: LensModel::Equirectangular, ..Default::default() })
 }
 
-/// 200° across its width, not quite equal angles.
+/// A field of view of 200° across the width, not quite equidistant.
 fn fisheye(width_px: u32) -> Geometry {
     let px = |of_640: f64| of_640 * f64::from(width_px) / 640.0;
     let intrinsics = Intrinsics {
@@ -44,7 +44,7 @@ fn still(pose: Pose) -> PoseTrack {
     PoseTrack::new(vec![(-9.0, pose), (9.0, pose)], 99.0).unwrap()
 }
 
-/// A camera that turns to the right at a steady rate, at time 0 turned so.
+/// A camera that turns to the right at a steady rate, with orientation `start` at time 0.
 fn turning(rad_per_s: f64, start: DQuat) -> PoseTrack {
     let at = |n: i32| {
         let t = f64::from(n) * 0.01;
@@ -72,7 +72,7 @@ fn layer(camera: &Camera, settings: Settings, scene: Scene, track: &PoseTrack) -
     draw(camera, settings, scene, track).layer.unwrap()
 }
 
-/// The middle of what is seen around a place, px; over the seam too.
+/// Coverage centroid within `reach` of a position, px; continues across the seam.
 fn centroid(g: &Geometry, layer: &LayerImage, around: DVec2, reach: f64) -> Option<DVec2> {
     let (mut sum, mut weight) = (DVec2::ZERO, 0.0);
     for (i, p) in layer.rgba.iter().enumerate() {
@@ -85,7 +85,7 @@ fn centroid(g: &Geometry, layer: &LayerImage, around: DVec2, reach: f64) -> Opti
     (weight > 2.0).then(|| around + sum / weight)
 }
 
-/// Directions all around, on edges and corners of a cube, on the seam, towards the poles and back.
+/// Directions all around: on edges and corners of a cube, on the seam, near the poles and behind.
 fn all_around() -> Vec<DVec3> {
     let mut directions = vec![DVec3::Z, DVec3::NEG_Z, DVec3::new(0.002, 0.1, -1.0), DVec3::ONE, -DVec3::ONE];
     for above in [-70.0, -45.0, -20.0, 0.0, 30.0, 45.0, 60.0f64] {
@@ -108,7 +108,7 @@ fn marks_project_by_the_formula_all_around() {
         let camera = gpu::camera(&geometry, 0.0);
         let (mut found, mut worst, mut farthest) = (0, 0.0f64, 0.0f64);
         for few in directions.chunks(at_a_time) {
-            // Few at a time: their squares must not meet.
+            // Few marks at a time, so that their squares do not overlap.
             let mut scene = marks(few, half_size, 0.5);
             scene.objects[0].parts[0].world_from_mesh =
                 DAffine3::from_rotation_translation(pose.world_from_camera_rotation(), pose.position_in_world_m());
@@ -126,7 +126,8 @@ fn marks_project_by_the_formula_all_around() {
                     continue;
                 }
                 let seen = centroid(&geometry, &image, at, reach).unwrap_or_else(|| panic!("{d} is not at {at}"));
-                // The middle of a square's picture is not quite the picture of its middle.
+                // The centroid of a projected square deviates a little from the projection of its
+                // centre.
                 assert!(seen.distance(at) < 0.3, "{d} ({theta}°) at {seen}, not {at}");
                 (found, worst, farthest) = (found + 1, worst.max(seen.distance(at)), farthest.max(theta));
                 let (x, y) = ((at.x as u32).min(image.width - 1), at.y as u32);
@@ -148,7 +149,7 @@ fn square_at_a_pole_covers_all_longitudes_and_nothing_else() {
         for (i, p) in image.rgba.iter().enumerate() {
             let at = DVec2::new(f64::from(i as u32 % 512) + 0.5, f64::from(i as u32 / 512) + 0.5);
             let d = geometry.direction(at).unwrap();
-            // The square lies at 2 m and is 0.4 m wide; 1 is its edge, a pixel 0.12.
+            // The square is 2 m away and 0.4 m wide; 1 is its edge, a pixel is 0.12.
             let (a, b) = pole.any_orthonormal_pair();
             let on = |axis: DVec3| (2.0 * d / d.dot(pole)).dot(axis).abs() / 0.2;
             let far = if d.dot(pole) > 0.0 { on(a).max(on(b)) } else { 9.0 };
@@ -162,7 +163,8 @@ fn square_at_a_pole_covers_all_longitudes_and_nothing_else() {
     }
 }
 
-/// What is seen across the seam is what is seen in the middle by a camera turned half round, blurred by motion too.
+/// An object across the seam looks the same as in the middle of the picture of a camera turned by
+/// 180°, with motion blur too.
 #[test]
 fn picture_is_continuous_across_the_seam() {
     let geometry = round(1024);
@@ -180,7 +182,8 @@ fn picture_is_continuous_across_the_seam() {
             worst = (0..4).fold(worst, |w, c| w.max((p[c] - q[c]).abs()));
             let (v, w) = (middle.velocity[i], seam.velocity[y * 1024 + (x + 512) % 1024]);
             if p[3] > 0.99 && q[3] > 0.99 {
-                // A turn to the right moves all to the left, at every latitude alike.
+                // A turn to the right moves everything to the left at the same rate at every
+                // latitude.
                 assert!((v[0] + 1024.0 / (2.0 * PI) as f32).abs() < 2.0 && v[1].abs() < 2.0, "{v:?}");
                 assert!((v[0] - w[0]).hypot(v[1] - w[1]) < 2.0, "{v:?} {w:?}");
             }
@@ -226,18 +229,18 @@ fn noisy(mut camera: Camera) -> Camera {
     camera
 }
 
-/// A picture without two equal neighbours.
+/// A picture in which no two neighbours are equal.
 fn speckled(geometry: &Geometry) -> Pixels {
     let (w, h) = (geometry.intrinsics.width_px, geometry.intrinsics.height_px);
     Pixels::from_u8(w, h, (0..3 * w * h).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect()).unwrap()
 }
 
-/// The seam, both poles and a turn of the camera, with everything on: where A = 0 nothing changes, and a frame alone is
-/// that of the whole run.
-// Slow: two round cameras, each frame alone and among the others.
+/// The seam, both poles and a turning camera, with all effects on: pixels with A = 0 are unchanged,
+/// and a frame composited alone equals the one of the whole run.
+// Slow: two 360° cameras, each frame alone and among the others.
 #[test]
 fn footage_around_objects_is_unchanged_and_frames_are_independent() {
-    // Half the resolution and twice the marks: their size in pixels is the same in both tiers.
+    // Half the resolution and twice the marks: their size in pixels is equal in both tiers.
     let (smaller, half_size) = fast_or_full((2, 0.2), (1, 0.1));
     let scene = marks(&[DVec3::NEG_Z, DVec3::new(0.3, 1.0, -0.2), DVec3::new(0.3, -0.1, 1.0)], half_size, 0.5);
     for geometry in [round(512 / smaller), fisheye(640 / smaller)] {
@@ -302,7 +305,7 @@ fn footage_around_objects_is_unchanged_and_frames_are_independent() {
 fn real_depth_occludes_across_the_seam() {
     let geometry = round(512);
     let scene = marks(&[DVec3::NEG_Z], 0.4, 0.5);
-    // Right of the seam (the picture's left) a wall at 1 m, left of it one at 3 m.
+    // Right of the seam (the left of the picture) a wall at 1 m, left of it one at 3 m.
     let depth_m = (0..512 * 256).map(|i| if i % 512 < 256 { 1.0 } else { 3.0 }).collect();
     for later_s in [0.0, 0.01] {
         let mut frame = gpu::frame(0, 0.0, grey(&geometry));
@@ -317,14 +320,14 @@ fn real_depth_occludes_across_the_seam() {
                 .map(|y| layer.rgba[y * 512..][columns.clone()].iter().filter(|p| p[3] > 0.5).count())
                 .sum::<usize>()
         };
-        // The turn from the depth's moment to the frame's is 0.4 px.
+        // The turn between the depth's time and the frame's is 0.4 px.
         let (left, right) = (count(256..512), count(2..256));
         assert!(left > 400 && right == 0, "{left} {right}");
     }
 }
 
-/// The pinhole picture of 0.6 rad around a direction, out of any picture.
-fn look(geometry: &Geometry, towards: DVec3, value: impl Fn(u32, u32) -> f64) -> Grey {
+/// Resamples 0.34 rad around a direction as a pinhole picture, from a picture of any projection.
+fn pinhole_view(geometry: &Geometry, towards: DVec3, value: impl Fn(u32, u32) -> f64) -> Grey {
     let side = 192usize;
     let (right, down) = {
         let up = if towards.y.abs() > 0.9 { DVec3::Z } else { DVec3::NEG_Y };
@@ -347,8 +350,8 @@ fn look(geometry: &Geometry, towards: DVec3, value: impl Fn(u32, u32) -> f64) ->
     Grey::new(side, side, values.collect()).unwrap()
 }
 
-/// The site's board, really simulated, and the same board composited over it: in the middle, across the seam, at the
-/// nadir, and in a fisheye at its rim and beyond 90°.
+/// The site's board rendered by the simulation, and the same board composited over it: in the
+/// middle, across the seam, at the nadir, and in a fisheye at its border and beyond 90°.
 #[test]
 fn virtual_board_coincides_with_the_simulated_one() {
     let glb = board().glb().unwrap();
@@ -384,7 +387,7 @@ fn virtual_board_coincides_with_the_simulated_one() {
         let [width, height] = [width, height].map(|side| (2.0 * (f64::from(side) / smaller / 2.0).floor()) as u32);
         let detail = Detail { texture_m: 0.05, light_m: 0.4 };
         let simulation = Simulation::with_detail(&options(lens, width, height), detail, 2).unwrap();
-        // Turned so that the board lies there.
+        // Turned so that the board is in the requested direction.
         let aim = simulation.track().poses()[0].1.transform_point(board().point_at_texel(DVec2::splat(32.0)));
         let simulation = simulation.turned(DQuat::from_rotation_arc(aim.normalize(), at));
         let snapshot = Snapshot { samples, ..simulation.snapshot(0) };
@@ -398,7 +401,7 @@ fn virtual_board_coincides_with_the_simulated_one() {
         let pixels = Pixels::from_u8(width, height, real.light.iter().flat_map(|l| encode(*l)).collect()).unwrap();
         let camera = gpu::camera(geometry, 0.0);
         let mut frame = gpu::frame(0, snapshot.timestamp_s, pixels.clone());
-        // Blanked where the board is: what is compared must be drawn.
+        // The frame is grey where the board is: only composited pixels are compared.
         frame.pixels = grey(geometry);
         let done = gpu::composite(&gpu::gpu(), &camera, plain(), scene.clone(), simulation.track(), frame);
         let layer = done.layer.unwrap();
@@ -408,13 +411,13 @@ fn virtual_board_coincides_with_the_simulated_one() {
             .unwrap()
             .transform_point(board().point_at_texel(DVec2::splat(32.0)));
         let towards = centre.normalize();
-        let green = |pixels: &Pixels| look(geometry, towards, |x, y| f64::from(pixels.at(x, y)[1]));
-        let covered = look(geometry, towards, |x, y| f64::from(layer.rgba[(y * width + x) as usize][3]));
+        let green = |pixels: &Pixels| pinhole_view(geometry, towards, |x, y| f64::from(pixels.at(x, y)[1]));
+        let covered = pinhole_view(geometry, towards, |x, y| f64::from(layer.rgba[(y * width + x) as usize][3]));
         let mask: Vec<bool> = covered.values.iter().map(|a| *a > 0.999).collect();
         let (a, b) = (green(&pixels), green(&done.pixels));
         let options = DisplacementOptions { patch_px: 64, step_px: 16, min_mask_share: 0.8, ..Default::default() };
         let found = displacements(&a, &b, Some(&mask), &options).unwrap();
-        // In px of the picture itself, not of the view of it.
+        // In px of the picture itself, not of the resampled view.
         let scale = geometry.intrinsics.fx_px / (192.0 / 0.34);
         let median = found.median_length_px().unwrap() * scale;
         let off: Vec<f64> = mask
@@ -507,7 +510,7 @@ fn equirectangular_and_fisheye_recordings_open_and_invalid_ones_are_refused() {
         assert!(said.is_empty() == done && text.contains(said), "{more:?}: {text}");
     }
 
-    // nerfstudio's own: OpenGL's axes, focal lengths that mean nothing.
+    // nerfstudio's own conventions: OpenGL axes, meaningless focal lengths.
     for ((width, height), said) in [((128, 64), ""), ((128, 100), "twice as wide as high")] {
         let folder = folder(&format!("nerf{height}"));
         recording(&folder, (width, height), "");

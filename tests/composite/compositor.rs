@@ -1,4 +1,4 @@
-//! What the loop over frames says where it cannot do what was asked.
+//! Limits and refusals of the frame loop.
 
 use crate::board;
 use crate::board::{FOCAL_PX, board, sideways};
@@ -11,7 +11,7 @@ use locard::pixels::{DepthMap, Pixels};
 use locard::scene::{Alpha, Scene};
 use locard::tracking::PoseTrack;
 
-/// A frame of a camera that sees as wide as it is; exposed for so long.
+/// Submits a frame of a camera whose field of view is as wide as the frame, with an exposure time.
 fn submitted(
     settings: Settings,
     scene: Scene,
@@ -22,7 +22,7 @@ fn submitted(
     made(settings, scene, track, exposure_s, frame, false)
 }
 
-/// The same, or a photograph.
+/// [`submitted`] for a frame or a photograph.
 fn made(
     settings: Settings,
     scene: Scene,
@@ -47,12 +47,12 @@ fn made(
 #[test]
 fn long_blur_needs_a_margin_of_at_most_the_picture_diagonal() {
     let frame = || gpu::frame(0, 0.0, gpu::grey(320, 240, 60));
-    // The track goes 40,000 px in its second; the shutter is open for a minute.
+    // The track covers 40,000 px in its second; the shutter is open for a minute.
     let track = sideways([40_000.0, 0.0]);
     assert!(submitted(Settings::default(), board([60.0, 50.0], 0.5), &track, 60.0, frame()).is_ok());
     let copies = gpu::settings(&[("motion_blur", "method", Value::Text("copies".to_owned()))]);
     assert!(submitted(copies, board([60.0, 50.0], 0.5), &track, 60.0, frame()).is_ok());
-    // As saturated as numbers get.
+    // The largest representable velocity.
     let track = sideways([1e9, 1e9]);
     assert!(submitted(Settings::default(), board([60.0, 50.0], 0.5), &track, 1e39, frame()).is_ok());
 }
@@ -95,22 +95,23 @@ fn unusable_depth_reports_its_reason() {
         let done = submitted(settings, board([60.0, 50.0], 0.5), &still, 0.0, frame).unwrap();
         (done.pixels.at(160, 120) == [60; 3], done.stats.no_occlusion)
     };
-    // A wall a metre before the board hides it.
+    // A wall one metre in front of the board occludes it.
     assert_eq!(done(Settings::default(), depth(320, 240, 0.0)), (true, None));
-    // A microsecond is rounding; the track ends at half a second.
+    // A microsecond is a rounding error; the track ends at half a second.
     assert_eq!(done(Settings::default(), depth(320, 240, 0.5 + 5e-7)), (true, None));
     let (hidden, why) = done(Settings::default(), depth(320, 240, 0.6));
     assert!(!hidden && why.as_ref().is_some_and(|why| why.contains("after the last pose")), "{why:?}");
     let (hidden, why) = done(Settings::default(), depth(160, 120, 0.0));
     assert!(!hidden && why.as_ref().is_some_and(|why| why.contains("160x120 px")), "{why:?}");
-    // Nobody asked for it.
+    // Occlusion is off, so no reason is reported.
     let off = gpu::settings(&[("depth", "occlusion", Value::Bool(false))]);
     assert_eq!(done(off, depth(320, 240, 0.6)), (false, None));
 }
 
 #[test]
 fn screen_with_sparse_depth_occludes_objects_behind_it() {
-    // Black, before the left half of a board and before a bright wall; its rim was measured, and one pixel in fifty.
+    // A black screen in front of the left half of a board and of a bright wall; depth covers its
+    // border and one pixel in fifty.
     let inside = |x: usize, y: usize| (90..160).contains(&x) && (60..180).contains(&y);
     let places = || (0..240).flat_map(|y| (0..320).map(move |x| (x, y)));
     let codes = places().flat_map(|(x, y)| [if inside(x, y) { 10 } else { 200 }; 3]).collect();
@@ -134,7 +135,7 @@ fn screen_with_sparse_depth_occludes_objects_behind_it() {
 
 #[test]
 fn light_without_coverage_is_dropped_in_frames_and_photos() {
-    // So thin that 16 bits hold no coverage of it, and so bright that they hold its light.
+    // So thin that its coverage is 0 in 16 bits, and so bright that its light is not.
     let mut ghost = board([60.0, 50.0], 3e8);
     ghost.materials[0].base_color[3] = 1e-9;
     ghost.materials[0].alpha = Alpha::Blend;
@@ -161,7 +162,7 @@ fn opacity_scales_light_and_coverage_of_a_layer() {
     for presence in [1.0, 0.75, 0.5, 0.1] {
         let done = done(presence);
         let seen = done.pixels.at(160, 120)[1];
-        // The layer has 11 bits, and so has a product of them.
+        // The layer has 11 significant bits, and so has a product of its values.
         assert!(seen.abs_diff(code(presence)) <= 1, "{presence}: {seen}");
         assert_eq!(done.pixels.at(20, 20), [60; 3]);
         assert_eq!(done.stats.presence, Some(presence).filter(|share| *share < 1.0));
@@ -228,7 +229,8 @@ fn nearly_transparent_object_leaves_the_footage_unchanged() {
 
 #[test]
 fn time_offset_is_added_to_the_frame_time_of_the_pose() {
-    // The board moves 80 px a second: at 0.25 s it is 20 px right of the middle, at 0.375 s 30 px.
+    // The board moves 80 px a second: it is 20 px right of the middle at 0.25 s and 30 px at 0.375
+    // s.
     let track = sideways([80.0, 0.0]);
     let geometry = gpu::pinhole(160, 60, FOCAL_PX);
     let (camera, settings) = (gpu::camera(&geometry, 0.02), Settings::default());

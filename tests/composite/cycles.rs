@@ -1,4 +1,4 @@
-//! Our layers beside another renderer's (Cycles), on its scenes.
+//! Layers compared with those of Cycles, on its scenes.
 
 use std::path::Path;
 
@@ -74,8 +74,9 @@ fn translation_agrees_with_cycles() {
     }
 }
 
-/// The pixels over which a silhouette of the boards is looked at: name, from, to, rows or columns beside each other.
-/// Every profile begins and ends where alpha is flat; the near board moves 13.1 × 2.6 px, the far one half of that.
+/// Profiles across silhouettes of the boards: name, from, to, number of adjacent rows or columns.
+/// Every profile begins and ends where alpha is flat; the near board moves 13.1 × 2.6 px, the far
+/// one half of that.
 const SILHOUETTES: [(&str, [f64; 2], [f64; 2], f64); 6] = [
     ("near, left", [172.5, 240.0], [212.5, 240.0], 150.0),
     ("near, right", [472.5, 147.0], [432.5, 147.0], 12.0),
@@ -120,9 +121,10 @@ fn rolling_shutter_agrees_with_cycles() {
     }
 }
 
-/// By how much a silhouette leans over the picture's height, px: of the line through where its rows pass half way.
+/// Skew of a silhouette over the picture's height, px: slope of the line through the rows'
+/// half-alpha positions.
 fn lean_px(alpha: &Grey, from_x: f64, to_x: f64) -> f64 {
-    // The board's rows, but for a few beside its corners.
+    // The board's rows without a few near its corners.
     let rows = (70..410).map(|row| f64::from(row) + 0.5);
     let found: Vec<(f64, f64)> = rows
         .map(|y| (y, edge(&profile(alpha, [from_x, y], [to_x, y], 1.0, 1.0).unwrap(), 1.0).unwrap().position_px))
@@ -144,7 +146,8 @@ fn edge_skew_by_rolling_shutter_agrees_with_cycles() {
         for (side, from_x, to_x) in [("left", 130.5, 190.5), ("right", 445.5, 505.5)] {
             let (ours, theirs) = (lean_px(&ours, from_x, to_x), lean_px(&theirs, from_x, to_x));
             println!("{method}, {side}: leans by {ours:.2} px, Cycles by {theirs:.2}");
-            // 30.74 px a frame, half a frame from the first row to the last: the scene's own numbers.
+            // 30.74 px a frame, half a frame from the first row to the last: the scene's own
+            // parameters.
             assert!((theirs.abs() - 15.3).abs() < 0.3, "{side}: Cycles {theirs}");
             assert!((ours - theirs).abs() < 0.3, "{method}, {side}: {ours}, Cycles {theirs}");
         }

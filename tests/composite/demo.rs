@@ -21,7 +21,7 @@ fn demo_frame(frame: usize, method: &str) -> Composited {
     shot::composited(&gpu::gpu(), &shot, frame..frame + 1).remove(0)
 }
 
-// Slow: the reference renders each frame from many moments.
+// Slow: the reference renders each frame at many moments.
 #[test]
 fn velocity_filter_matches_the_reference_by_flip() {
     // In frame 31 the camera pans: 12 px of blur at full resolution; in frame 10 it shakes: 2 px.

@@ -1,4 +1,5 @@
-//! Depth of field on the GPU: against the thin lens itself, the analytic disc, the twin, and what must not happen.
+//! Depth of field on the GPU compared with the thin lens, the analytic disc and the CPU reference,
+//! and its typical artefacts.
 
 use crate::board::{FOCAL_PX, both, sideways};
 use crate::flip::{PIXELS_PER_DEGREE, mean_flip};
@@ -18,7 +19,7 @@ const WIDTH: u32 = 320;
 const HEIGHT: u32 = 240;
 const FOCUS_M: f64 = 1.0;
 
-/// A camera focused at a metre, through which a point at `depth_m` is `circle_px` wide.
+/// A camera focused at 1 m. The circle of confusion at `depth_m` has a diameter of `circle_px`.
 fn camera(circle_px: f64, depth_m: f64, blades: u32) -> Camera {
     let mut camera = gpu::camera(&gpu::pinhole(WIDTH, HEIGHT, FOCAL_PX), 0.0);
     let diameter_m = circle_px / (FOCAL_PX * (1.0 / FOCUS_M - 1.0 / depth_m).abs());
@@ -28,7 +29,7 @@ fn camera(circle_px: f64, depth_m: f64, blades: u32) -> Camera {
     camera
 }
 
-/// Corners (px from the middle, as seen), depth (m), linear colour.
+/// Projected corners (px from the middle), depth (m), linear colour.
 type Rectangle = ([f64; 2], [f64; 2], f64, [f32; 3]);
 
 /// Unlit rectangles facing the camera, in one mesh.
@@ -64,7 +65,7 @@ fn rectangles(all: &[Rectangle]) -> Scene {
     }
 }
 
-/// A board of squares in two colours.
+/// A checkerboard in two colours.
 fn checks(low: [f64; 2], high: [f64; 2], cell_px: f64, depth_m: f64, colors: [[f32; 3]; 2]) -> Scene {
     let [columns, rows] = [0, 1].map(|c| ((high[c] - low[c]) / cell_px).round() as i32);
     let cell = |i: i32, j: i32| {
@@ -79,7 +80,7 @@ fn composited(camera: &Camera, scene: Scene, method: &str) -> Composited {
 }
 
 fn composited_with(camera: &Camera, scene: Scene, method: &str, more: &[(&str, Value)]) -> Composited {
-    // A camera picture with something in it.
+    // Background: a picture with structure.
     let codes =
         (0..HEIGHT * WIDTH).flat_map(|i| [60 + (i % WIDTH / 4) as u8, 90, 60 + (i / WIDTH / 4) as u8]).collect();
     let frame = gpu::frame(0, 0.0, Pixels::from_u8(WIDTH, HEIGHT, codes).unwrap());
@@ -91,8 +92,8 @@ fn composited_with(camera: &Camera, scene: Scene, method: &str, more: &[(&str, V
 
 const METHODS: [&str; 3] = ["layered", "poisson", "diffusion"];
 
-/// How the methods' pictures look beside the reference, over both their footprints.
-fn flips(name: &str, camera: &Camera, scene: &Scene) -> [f64; 3] {
+/// Mean FLIP between each method and the reference, over both their footprints.
+fn flip_of_methods(name: &str, camera: &Camera, scene: &Scene) -> [f64; 3] {
     let write = |method: &str, done: &Composited| {
         if let Some(folder) = std::env::var_os("LOCARD_TEST_OUT") {
             let locard::pixels::Codes::U8(codes) = &done.pixels.codes else { unreachable!() };
@@ -103,14 +104,17 @@ fn flips(name: &str, camera: &Camera, scene: &Scene) -> [f64; 3] {
     let alphas = |done: &Composited| done.layer.as_ref().unwrap().rgba.iter().map(|p| p[3] > 0.0).collect::<Vec<_>>();
     let reference = composited(camera, scene.clone(), "reference");
     write("reference", &reference);
-    let flips = METHODS.map(|method| {
+    let flip_of_methods = METHODS.map(|method| {
         let found = composited(camera, scene.clone(), method);
         write(method, &found);
         let mask: Vec<bool> = alphas(&reference).iter().zip(alphas(&found)).map(|(a, b)| *a || b).collect();
         mean_flip(&reference.pixels, &found.pixels, Some(&mask), PIXELS_PER_DEGREE)
     });
-    println!("{name}: mean FLIP layered {:.4}, poisson {:.4}, diffusion {:.4}", flips[0], flips[1], flips[2]);
-    flips
+    println!(
+        "{name}: mean FLIP layered {:.4}, poisson {:.4}, diffusion {:.4}",
+        flip_of_methods[0], flip_of_methods[1], flip_of_methods[2]
+    );
+    flip_of_methods
 }
 
 const GREENS: [[f32; 3]; 2] = [[0.05, 0.45, 0.1], [0.7, 0.7, 0.75]];
@@ -124,8 +128,8 @@ fn wall() -> ([f64; 2], [f64; 2]) {
     fast_or_full(SMALL_WALL, WALL)
 }
 
-/// Corners of the board before the wall. Its rim is at least 60 px from the wall's: the poisson method
-/// blurs the rim of a sharp surface near a blurred one.
+/// Corners of the board in front of the wall. Its border is at least 60 px from the wall's: the
+/// poisson method blurs the border of a sharp surface near a blurred one.
 fn before_wall() -> ([f64; 2], [f64; 2]) {
     fast_or_full(([-30.0, -20.0], [30.0, 20.0]), ([-60.0, -50.0], [60.0, 50.0]))
 }
@@ -153,16 +157,19 @@ fn lights() -> Scene {
 #[test]
 fn methods_match_the_thin_lens_by_flip() {
     let mut missed = Vec::new();
-    // Of the papers' methods what they reach, and a tenth more.
+    // Per method: the value that its paper's algorithm reaches, plus a tenth.
     for (name, scene, depth_m, most) in [
         ("blurred over sharp", blurred_over_sharp(), 0.5, [0.05, 0.078, 0.064]),
         ("sharp over blurred", sharp_over_blurred(), 2.0, [0.05, 0.138, 0.059]),
         ("point lights", lights(), 3.9, [0.05, 0.066, 0.028]),
     ] {
         for &(circle_px, blades) in fast_or_full(&[(12.0, 0)][..], &[(5.0, 0), (12.0, 0), (24.0, 5)]) {
-            let flips =
-                flips(&format!("{name}, {circle_px} px, {blades} blades"), &camera(circle_px, depth_m, blades), &scene);
-            for ((method, flip), most) in METHODS.iter().zip(flips).zip(most) {
+            let flip_of_methods = flip_of_methods(
+                &format!("{name}, {circle_px} px, {blades} blades"),
+                &camera(circle_px, depth_m, blades),
+                &scene,
+            );
+            for ((method, flip), most) in METHODS.iter().zip(flip_of_methods).zip(most) {
                 if flip > most {
                     missed.push((name, circle_px, blades, method, flip));
                 }
@@ -172,8 +179,9 @@ fn methods_match_the_thin_lens_by_flip() {
     assert!(missed.is_empty(), "{missed:?}");
 }
 
-/// How light through an opening falls on a line: sorted places of evenly spread points, in radii.
-fn spread_of(blades: u32) -> Vec<f64> {
+/// Distribution of light through the aperture along one axis: sorted positions of evenly spread
+/// aperture points, in radii.
+fn aperture_spread(blades: u32) -> Vec<f64> {
     let camera = camera(8.0, 2.0, blades);
     let opening = camera.lens.opening(&camera.geometry.clone().unwrap()).unwrap().unwrap();
     let aperture = Aperture::of(&opening);
@@ -182,8 +190,8 @@ fn spread_of(blades: u32) -> Vec<f64> {
     places
 }
 
-/// 10-90 % width and middle of the left silhouette of a board, the mean over places of the edge between pixels. What is
-/// found at one place depends on it, for pixels are all that a filter knows of where in them an edge lies.
+/// 10-90 % width and position of the left silhouette of a board, averaged over subpixel positions
+/// of the edge. A single position biases the result, since a filter only has whole pixels.
 fn edge_of(mut alpha: impl FnMut(f64) -> Vec<f64>) -> (f64, f64) {
     let places = 5;
     let sum = (0..places).fold((0.0, 0.0), |(width, middle), k| {
@@ -205,7 +213,7 @@ fn edge_widths_match_the_analytic_aperture() {
     ];
     let chosen: [&[f64]; 3] = [&[2.0, 6.0, 16.1, 33.0], &[3.0, 9.0, 28.0], &[7.0, 28.0]];
     let [most, some, few] = fast_or_full(chosen, all);
-    // The board's other edges stay outside the circle of every measured pixel.
+    // The board's other edges are outside the circle of confusion of every measured pixel.
     let (half_high_px, right_px) = fast_or_full((30.0, 10.0), (90.0, 80.0));
     let [wall_x, wall_y] = fast_or_full([110.0, 30.0], WALL.1);
     for (method, blades, depth_m, circles) in [
@@ -216,12 +224,13 @@ fn edge_widths_match_the_analytic_aperture() {
         ("layered", 6, before, fast_or_full(&[5.25][..], &[5.25, 12.0])),
         ("reference", 0, behind, fast_or_full(&[6.0][..], &[2.0, 6.0])),
     ] {
-        let spread = spread_of(blades);
+        let spread = aperture_spread(blades);
         for &circle_px in circles {
             let (width, middle) = edge_of(|place| {
                 let board =
                     rectangles(&[([-80.0 + place, -half_high_px], [right_px, half_high_px], depth_m, [0.5; 3])]);
-                // A blurred thing before something sharp is drawn in another way than one before nothing.
+                // A blurred object is drawn differently in front of a sharp surface and in front of
+                // nothing.
                 let wall = rectangles(&[([-wall_x, -wall_y], [wall_x, wall_y], FOCUS_M, [0.0; 3])]);
                 let scene = if depth_m < FOCUS_M { both(wall, board) } else { board };
                 let layer = composited(&camera(circle_px, depth_m, blades), scene, method).layer.unwrap();
@@ -229,7 +238,8 @@ fn edge_widths_match_the_analytic_aperture() {
                 (30..130).map(|x| f64::from(layer.rgba[120 * WIDTH as usize + x][0])).collect()
             });
             let (expected_width, expected_middle) = edge_of(|place| {
-                // Behind the focus plane the image of the opening is upright, and what is seen at a place is the image around it.
+                // Behind the focus plane the aperture's image is upright, and a pixel gathers the
+                // image around it.
                 let side = if depth_m < FOCUS_M { -1.0 } else { 1.0 };
                 let share = |at: f64| {
                     let left = |x: f64| spread.partition_point(|&p| p < x) as f64 / spread.len() as f64;
@@ -247,7 +257,7 @@ fn edge_widths_match_the_analytic_aperture() {
                 middle - expected_middle
             );
             println!("{text}");
-            // A few texels are a polygon less well than a disc.
+            // A few texels approximate a polygon less well than a disc.
             let (most, most_px) = if blades == 0 { (0.05, 0.1) } else { (0.09, 0.25) };
             if (width / expected_width - 1.0).abs() > most || (middle - expected_middle).abs() > most_px {
                 missed.push(text);
@@ -276,7 +286,8 @@ fn blur_conserves_the_energy_of_a_light() {
     }
 }
 
-/// No circle is drawn wider than a quarter of the picture, 80 px; an object that is further out of focus is drawn so.
+/// Circles of confusion are limited to a quarter of the picture, 80 px; an object farther out of
+/// focus is drawn with that one.
 #[test]
 fn object_far_out_of_focus_is_still_drawn() {
     for circle_px in [15.997, 63.99, 79.0, 130.0, 400.0] {
@@ -287,7 +298,8 @@ fn object_far_out_of_focus_is_still_drawn() {
     }
 }
 
-/// What a square light of 3 px shows as in a pixel: the share of its light, counted on places in pixel and light.
+/// Share of the light of a 3 px square source in one pixel, by sampling positions in pixel and
+/// source.
 fn image_of_a_light(aperture: &Aperture, radius_px: f64, upright: f64, area: f64, at: [f64; 2]) -> f64 {
     let along = |i: u32, n: u32| (f64::from(i) + 0.5) / f64::from(n) - 0.5;
     let (pixels, lights) = (4, 6);
@@ -304,7 +316,7 @@ fn image_of_a_light(aperture: &Aperture, radius_px: f64, upright: f64, area: f64
     f64::from(inside) / f64::from((pixels * lights).pow(2)) * 9.0 / (area * radius_px * radius_px)
 }
 
-/// So bright that a step of a texel would show a hundred times as bright as white.
+/// So bright that an error of one texel would be a hundred times brighter than white.
 #[test]
 fn bright_light_has_the_shape_of_the_aperture() {
     const LIGHT: f64 = 3000.0;
@@ -339,14 +351,16 @@ fn bright_light_has_the_shape_of_the_aperture() {
             }
             let text = format!("{blades} blades, {depth_m} m, {circle_px} px: worst {worst:.3}, all {:.4}", off / all);
             println!("{text}");
-            // A rim of one pixel that lies a tenth of a pixel elsewhere, and where rims meet.
+            // Tolerates a border of one pixel that is displaced by a tenth of a pixel, and places
+            // where borders meet.
             assert!(worst < 0.25 && off / all < 0.01 + 0.7 / circle_px, "{text}");
         }
     }
 }
 
-/// Half of a light's image lies behind a board in focus. The light itself is some pixels away from the board's edge, or meets it:
-/// then texels hold both. Behind both stands a dark wall, blurred still more.
+/// Half of a light's image is behind a board in focus. The light itself is a few pixels from the
+/// board's edge or touches it; in that case texels contain both. Behind both is a dark wall,
+/// blurred even more.
 #[test]
 fn bright_light_is_occluded_only_by_the_board_in_front_of_it() {
     let wall = || rectangles(&[([-150.0, -110.0], [150.0, 110.0], 3.0, [0.02; 3])]);
@@ -368,7 +382,7 @@ fn bright_light_is_occluded_only_by_the_board_in_front_of_it() {
                 assert!((found - alone).abs() < 0.05 * alone + 0.01, "{from}: ({x}, {y}): {found}, {alone} alone");
             }
         }
-        // Nothing of it is gathered as the wall is, over 40 px.
+        // None of the light is gathered with the wall, over 40 px.
         for y in [-30, 30] {
             for x in -40..0 {
                 assert!(red(&done, x, y) < 0.03, "{from}: ({x}, {y}): {}", red(&done, x, y));
@@ -392,7 +406,7 @@ fn sharp_object_does_not_bleed_into_the_blurred_wall_behind_it() {
         for (i, (a, b)) in alone.iter().zip(&both).enumerate() {
             let (dx, dy) = (f64::from(i as u32 % WIDTH) - 159.5, f64::from(i as u32 / WIDTH) - 119.5);
             let away = (-40.0 - dx).max(dx - 40.3).max(-40.0 - dy).max(dy - 40.6);
-            // Not at the wall's own rim, where its blur is found in another way beside an object.
+            // Excludes the wall's own border, whose blur is computed differently next to an object.
             if away > 2.0 && dx.abs() < 120.0 && dy.abs() < 85.0 {
                 worst = worst.max((a - b).abs());
             }
@@ -402,8 +416,8 @@ fn sharp_object_does_not_bleed_into_the_blurred_wall_behind_it() {
     }
 }
 
-/// A board that is blurred over 12 px, behind the edge of a real thing in focus: that one's pixels stay the camera's, and the
-/// board's are as blurred as if nothing stood before it.
+/// A board blurred over 12 px, behind the edge of a real object in focus: the object's pixels stay
+/// the footage, and the board is as blurred as without an occluder.
 #[test]
 fn real_object_in_focus_occludes_a_blurred_object_sharply() {
     let camera = camera(12.0, 2.0, 0);
@@ -422,7 +436,7 @@ fn real_object_in_focus_occludes_a_blurred_object_sharply() {
         for (i, (a, b)) in free_layer.rgba.iter().zip(&layer.rgba).enumerate() {
             let (x, y) = (i as u32 % WIDTH, i as u32 / WIDTH);
             match x {
-                // The edge itself is a pixel wide to each side.
+                // The edge itself takes one pixel on either side.
                 x if x < edge_x - 1 => {
                     assert_eq!(*b, [0.0; 4], "{method}, {x}, {y}");
                     assert_eq!(hidden.pixels.at(x, y), [60; 3], "{method}, {x}, {y}");
@@ -434,7 +448,8 @@ fn real_object_in_focus_occludes_a_blurred_object_sharply() {
                 _ => {}
             }
         }
-        // Hidden far behind the edge it is not drawn at all; of a pixel at the edge three quarters are seen.
+        // Far behind the edge the board is not drawn; three quarters of a pixel at the edge are
+        // visible.
         let seen = layer.rgba[(120 * WIDTH + edge_x) as usize][3];
         assert!((seen - 0.75).abs() < 0.01, "{method}: {seen}");
     }
@@ -465,7 +480,8 @@ fn surface_at_one_depth_matches_the_cpu_reference() {
             area += f64::from(u8::from(b[3] > 0.0));
         }
         println!("{circle_px} px, {blades} blades: mean {:.4}, worst {worst:.3}", sum / area);
-        // A few points or texels stand for the whole opening: corners are rounder, those of a triangle most.
+        // A few points or texels represent the whole aperture: corners are rounder, those of a
+        // triangle most.
         assert!(
             sum / area < 0.016 && worst < 0.12,
             "{circle_px} px, {blades} blades: mean {}, worst {worst}",
@@ -474,7 +490,8 @@ fn surface_at_one_depth_matches_the_cpu_reference() {
     }
 }
 
-/// A light and a board before a wall, as drawn without blur, and the signed circle of each pixel (NaN: nothing there).
+/// A light and a board in front of a wall, drawn without blur, and the signed circle of confusion
+/// of each pixel (NaN: background).
 fn two_depths(circle_px: f64) -> (Scene, Vec<[f64; 4]>, Vec<f64>) {
     let wall = rectangles(&[([-60.0, -50.0], [60.0, 50.0], 2.0, [0.3, 0.2, 0.1])]);
     let before = rectangles(&[
@@ -485,7 +502,7 @@ fn two_depths(circle_px: f64) -> (Scene, Vec<[f64; 4]>, Vec<f64>) {
     let near = sharp(&before);
     let scene = both(wall, before);
     let all: Vec<[f64; 4]> = sharp(&scene).iter().map(|p| p.map(f64::from)).collect();
-    // (8): 1/d_s − 1/d_o is 1/2 for the wall, −1/4 for what stands before it.
+    // (8): 1/d_s − 1/d_o is 1/2 for the wall and −1/4 for the objects in front of it.
     let circle = |(p, near): (&[f64; 4], &[f32; 4])| match (near[3] > 0.0, p[3] > 0.0) {
         (true, _) => -0.5 * circle_px,
         (false, true) => circle_px,
@@ -495,7 +512,8 @@ fn two_depths(circle_px: f64) -> (Scene, Vec<[f64; 4]>, Vec<f64>) {
     (scene, all, circles)
 }
 
-/// Mean and largest difference over what is covered by either, of values up to `top`.
+/// Mean and largest difference over pixels covered in either picture; values above 1 are compared
+/// relatively.
 fn differences(found: &[[f32; 4]], twin: &[[f64; 4]]) -> (f64, f64) {
     let (mut sum, mut count, mut worst) = (0.0, 0.0, 0.0f64);
     for (a, b) in found.iter().zip(twin).filter(|(a, b)| a[3] > 0.0 || b[3] > 0.0) {
@@ -519,7 +537,7 @@ fn poisson_method_matches_the_mean_over_each_circle_of_confusion() {
         let layer = composited(&camera(circle_px, 2.0, 0), scene, "poisson").layer.unwrap();
         let (mean, worst) = differences(&layer.rgba, &twin);
         println!("{circle_px} px: mean {mean:.4}, worst {worst:.3}");
-        // 48 points stand for the whole disc, most coarsely where the light falls.
+        // 48 points represent the whole disc, most coarsely around the light.
         assert!(mean < 0.003 + 0.0004 * circle_px, "{circle_px} px: mean {mean}, worst {worst}");
     }
 }

@@ -1,4 +1,5 @@
-//! Effects on the GPU against their formulas: blur lengths, the noise's variance, the twins.
+//! Effects on the GPU compared with their formulas: blur lengths, noise variance, the CPU
+//! reference.
 
 use crate::board;
 use crate::board::{FOCAL_PX, board, sideways};
@@ -44,8 +45,9 @@ fn silhouette_blur_matches_the_analytic_length() {
     }
 }
 
-/// vSLRcam (12), H = ∫ E dt over the open shutter: a board of 0.8 whose side moves from 90 to 110 px lies before the middle
-/// of pixel 92, at 92.5 px, for an eighth of the time, and so on. What it sheds in all is 0.8 on 120 px: 96.
+/// vSLRcam (12), H = ∫ E dt over the open shutter: a board of radiance 0.8 whose side moves from 90
+/// to 110 px covers the middle of pixel 92, at 92.5 px, for an eighth of the time, and so on. The
+/// total is 0.8 on 120 px: 96.
 #[test]
 fn exposure_integrates_over_the_open_shutter() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
@@ -73,7 +75,7 @@ fn light_follows_the_spatial_gain_of_the_footage() {
             .layer
             .unwrap()
     };
-    // Another number at each node, up to 0.6 stops.
+    // A different value at each node, up to 0.6 stops.
     let across = Across(std::array::from_fn(|n| ((7 * n) % 20) as f32 * 0.06 - 0.6));
     let seen = SeenBrightness { factors: [1.0, 0.5, 2.0], usual_s: None, across };
     let as_lit = drawn(None, &[]);
@@ -84,7 +86,7 @@ fn light_follows_the_spatial_gain_of_the_footage() {
         let place = [(i % 320) as f32 + 0.5, (i / 320) as f32 + 0.5];
         let factor = across.at([place[0] / 320.0, place[1] / 240.0]).exp2();
         for (c, gain) in [1.0, 0.5, 2.0].into_iter().enumerate() {
-            // Half precision has 11 bits.
+            // Half floats have 11 significant bits.
             let wanted = lit[c] * gain * factor;
             assert!((follows[c] / wanted - 1.0).abs() < 2e-3, "{place:?}: {} for {wanted}", follows[c]);
         }
@@ -110,9 +112,10 @@ fn accumulation_matches_the_finite_sum_of_the_paper() {
             .unwrap()
     };
     let layer = draw(0);
-    // The board reaches from 100 to 220 px in the middle of the exposure. The mean of all frames lies there: the newest,
-    // which weighs 1 − α, stands Σ i·wᵢ = 2.05 steps further to the right, the oldest, which weighs α^10 = 1/50, 7.95 to
-    // the left. That is 4.09 px; the four samples of a pixel lie beyond its first 0.09.
+    // The board covers 100 to 220 px in the middle of the exposure. The mean of all frames is
+    // centred there: the newest, with weight 1 − α, is Σ i·wᵢ = 2.05 steps further to the right;
+    // the oldest, with weight α^10 = 1/50, is 7.95 to the left. That is 4.09 px; the four samples
+    // of a pixel are beyond its first 0.09.
     let alpha = 0.676_243_f64;
     let weight = |i: i32| if i == 10 { 0.02 } else { (1.0 - alpha) * alpha.powi(i) };
     let mean: f64 = (0..=10).map(|i| f64::from(i) * weight(i)).sum();
@@ -126,13 +129,13 @@ fn accumulation_matches_the_finite_sum_of_the_paper() {
         let found = f64::from(layer.rgba[120 * 320 + x as usize][3]);
         assert!((found - twin).abs() < 1e-3, "{x}: {found}, not {twin}");
     }
-    // Where the camera saw the board, half a sample's width aside at most: its middle is that of 100 to 220 px.
+    // At the board's position in the frame, within half a sample's width: centred on 100 to 220 px.
     let row = &layer.rgba[120 * 320..121 * 320];
     let centre =
         |f: fn(f64) -> f64| row.iter().enumerate().map(|(x, p)| f64::from(p[3]) * f(x as f64 + 0.5)).sum::<f64>();
     let found = centre(|x| x) / centre(|_| 1.0);
     assert!((found - 160.0).abs() < 0.15, "{found}");
-    // Whatever was drawn before.
+    // Independent of earlier frames.
     assert_eq!(layer.rgba, draw(7).rgba);
 }
 
@@ -182,8 +185,8 @@ fn velocity_under_a_rolling_shutter_includes_the_readout_of_the_rows_passed() {
     }
 }
 
-/// A second of a hand that trembles five times: at its ends and its middle it is where it rests. A place beside the middle
-/// is covered while A sin(φ) > d - h.
+/// One second of a hand that trembles five times; at the ends and in the middle it is at rest. A
+/// point beside the middle is covered while A sin(φ) > d - h.
 #[test]
 fn long_exposure_follows_the_camera_shake() {
     let (half, swing) = (20.0, 20.0);
@@ -200,14 +203,15 @@ fn long_exposure_follows_the_camera_shake() {
             let beside = ((x as f64 + 0.5) - 80.0).abs();
             let expected = 0.5 - ((beside - half) / swing).clamp(-1.0, 1.0).asin() / std::f64::consts::PI;
             let found = f64::from(layer.rgba[row * 160 + x][3]);
-            // Where the hand turns, coverage is as steep as a root.
+            // At the turning points of the hand, coverage rises as a square root.
             let limit = if (beside - half).abs() > swing - 2.0 { 0.08 } else { 0.012 };
             assert!((found - expected).abs() < limit, "{readout_s} s, {x}, {row}: {found}, by hand {expected}");
         }
     }
 }
 
-/// At the defaults, where one frame follows the other by the whole exposure, and what is drawn lies before it.
+/// With the defaults, consecutive frames are one exposure apart, and the sampled positions precede
+/// the frame's.
 #[test]
 fn accumulation_is_centred_on_the_position_in_the_frame() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
@@ -250,8 +254,8 @@ fn diagonal_blur_matches_the_mean_over_the_shutter() {
             worst = worst.max(error);
             sum += error;
         }
-        // The filter takes one tap a pixel with whole weights, the twin interpolates in both
-        // axes: at an edge they differ by at most a pixel's share of the line.
+        // The filter takes one tap a pixel with whole weights, the reference interpolates in both
+        // axes: at an edge they differ by at most one pixel's share of the line.
         let longest = motion[0].abs().max(motion[1].abs());
         assert!(worst < 1.0 / longest, "{motion:?}: {worst}");
         let area = twin.iter().map(|p| p[3]).sum::<f64>();
@@ -275,7 +279,7 @@ fn noisy(camera: &Camera, settings: Settings, grey: f32, frame: usize) -> Compos
     gpu::composite(&gpu::gpu(), camera, settings, board([200.0, 150.0], grey), &sideways([0.0, 0.0]), frame)
 }
 
-/// Mean, σ, correlation with the right neighbour and of R with G, over the board.
+/// Mean, σ, correlation with the right neighbour, and correlation of R with G, over the board.
 fn statistics(codes: &[u8], width: usize) -> [f64; 4] {
     let at = |i: usize, c: usize| f64::from(codes[3 * i + c]);
     let n = (codes.len() / 3) as f64;
@@ -297,9 +301,9 @@ fn virtual_pixels_have_the_camera_noise() {
         let settings = gpu::settings(&[("noise", "magnification", Value::Number(magnification))]);
         let done = noisy(&camera, settings, 0.2, 3);
         let [mean, sigma, right, channels] = statistics(done.pixels.codes.eight_bit().unwrap(), 320);
-        // 0.2 in linear light is sRGB code 123.5, where σ = 1 + 5.1 · 123.5/255 = 3.47; whole
-        // numbers add 1/12 to the variance. 76,800 pixels, fewer independent ones where
-        // patches are large: 0.3 to 2 % for σ at three standard errors, 2 % here.
+        // 0.2 in linear light is sRGB code 123.5, where σ = 1 + 5.1 · 123.5/255 = 3.47; rounding to
+        // integers adds 1/12 to the variance. 76,800 pixels, fewer independent ones with large
+        // patches: three standard errors of σ are 0.3 to 2 %, hence the tolerance of 2 %.
         let expected = (3.47f64.powi(2) + 1.0 / 12.0).sqrt();
         assert!((mean - 123.5).abs() < 0.2, "{mean}");
         assert!((sigma / expected - 1.0).abs() < 0.02 * magnification, "{correlation} {magnification}: {sigma}");
@@ -315,7 +319,8 @@ fn virtual_pixels_have_the_camera_noise() {
 #[test]
 fn noise_matches_the_cpu_reference() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
-    // Another film speed is relative to the camera's 200: half a stop in diameter, eight times the variance of shot noise.
+    // Another film speed is relative to the camera's 200: half a stop in grain diameter, eight
+    // times the variance of shot noise.
     for (magnification, iso) in [(1.0, None), (2.5, None), (1.0, Some(1600.0)), (1.5, Some(100.0)), (1.0, Some(100.0))]
     {
         let mut camera = noisy_camera(&geometry, 0.4);
@@ -339,7 +344,7 @@ fn noise_matches_the_cpu_reference() {
             real_depths_m: None,
             objects: &[],
         };
-        // The unrounded value that the noise is added to; the layer holds 16-bit floats.
+        // The unrounded value that the noise is added to; the layer has 16-bit floats.
         let mean = 255.0 * camera.response.encode(half::f16::from_f32(0.2).to_f64());
         assert_eq!(f64::from(plain.pixels.codes.eight_bit().unwrap()[0]), mean.round());
         let ratios = GrainRatios { iso: iso.unwrap_or(200.0) / 200.0, ..Default::default() };
@@ -352,7 +357,7 @@ fn noise_matches_the_cpu_reference() {
                     let twin = noise::twin(mean, sigma, 1.0, 0.0, pattern);
                     let got =
                         f64::from(done.pixels.codes.eight_bit().unwrap()[3 * (y as usize * 320 + x as usize) + c]);
-                    // Rounding may fall to the other side for values within 32-bit error of a half.
+                    // Values within the 32-bit error of a half may round either way.
                     assert!((got - twin).abs() < 0.51, "({x}, {y}) {c}: {got} {twin}");
                     differ += usize::from(got != twin.round());
                 }
@@ -367,8 +372,8 @@ fn mixed_pixel_receives_only_its_missing_variance() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
     let mut camera = noisy_camera(&geometry, 0.0);
     camera.response = locard::camera::Response { curve: locard::camera::Curve::Linear, gamma: 1.0 };
-    // A half-transparent board of the camera's own grey: mean 90; the camera's half brings
-    // (0.5 σ)², so (1 − 0.25) σ² is missing. The camera's frame here is without noise.
+    // A half-transparent board in the camera's own grey, mean 90: the camera's half contributes
+    // (0.5 σ)², so (1 − 0.25) σ² is missing. The camera's frame in this test has no noise.
     let mut scene = board([200.0, 150.0], 90.0 / 255.0);
     scene.materials[0].base_color[3] = 0.5;
     scene.materials[0].alpha = locard::scene::Alpha::Blend;
@@ -380,7 +385,7 @@ fn mixed_pixel_receives_only_its_missing_variance() {
     assert!((sigma / expected - 1.0).abs() < 0.02, "{sigma} {expected}");
 }
 
-/// What is drawn without and with the edge blend, in front of code 40, where light is code.
+/// Renderings without and with the edge blend, over code 40, with a linear response.
 fn edge_blended(scene: impl Fn() -> Scene, sigma_px: f64, impact: f64) -> [Composited; 2] {
     let mut camera = gpu::camera(&gpu::pinhole(320, 240, FOCAL_PX), 0.0);
     camera.response = Response { curve: Curve::Linear, gamma: 1.0 };
@@ -392,7 +397,7 @@ fn edge_blended(scene: impl Fn() -> Scene, sigma_px: f64, impact: f64) -> [Compo
     })
 }
 
-/// A board of which light takes and gives this share.
+/// A blended board with this alpha.
 fn glass(alpha: f32) -> Scene {
     let mut scene = board([60.0, 50.0], 0.5);
     scene.materials[0].base_color[3] = alpha;
@@ -427,8 +432,8 @@ fn edge_blend_follows_the_rule_of_the_paper_on_hard_and_soft_edges() {
         assert!(edges > 400, "{alpha} {sigma_px}: {edges} pixels are blended");
         lost.push(all / f64::from(alpha));
     }
-    // Each of the 4 · 110 - 4 pixels along the hard edge loses 0.75 · 3 / 4 of 127.5 - 40 codes, those in the corners
-    // 0.75 · 5 / 6. Blur rounds the corners.
+    // Each of the 4 · 110 - 4 pixels along the hard edge loses 0.75 · 3 / 4 of 127.5 - 40 codes,
+    // those at the corners 0.75 · 5 / 6. Blur rounds the corners.
     let hard = (0.75 * 436.0 * 0.75 + 4.0 * 0.75 * 5.0 / 6.0) * 87.5;
     assert!(lost.iter().all(|lost| (lost / hard - 1.0).abs() < 0.02), "{lost:?}, a hard edge loses {hard}");
 }
@@ -489,26 +494,26 @@ fn grain_grows_with_iso_and_smaller_film() {
         let film = [("noise", "iso", Value::Number(iso)), ("noise", "film_width_mm", Value::Number(film_width_mm))];
         statistics(noisy(&camera, gpu::settings(&film), 123.5 / 255.0, 3).pixels.codes.eight_bit().unwrap(), 320)
     };
-    // At code 123.5 σ² is 3.47² = 12.041, of which black's σ² = 1 is reading out and 11.041 shot noise. At k times the
-    // speed it is 11.041 k + k²; whole numbers add 1/12.
+    // At code 123.5 σ² is 3.47² = 12.041: 1 of read noise, as at black, and 11.041 of shot noise.
+    // At k times the speed it is 11.041 k + k²; rounding adds 1/12.
     for (iso, variance) in [(100.0, 2.823), (400.0, 12.041), (1600.0, 60.164), (3200.0, 152.328)] {
         let [mean, sigma, ..] = measured(iso, 36.0);
         let expected = (variance + 1.0 / 12.0f64).sqrt();
         assert!((mean - 123.5).abs() < 0.3, "{iso}: {mean}");
-        // Three standard errors of 76,800 pixels are 0.8 %, more where patches are larger.
+        // Three standard errors of 76,800 pixels are 0.8 %, more with larger patches.
         assert!((sigma / expected - 1.0).abs() < 0.03, "{iso}: {sigma} is not {expected}");
     }
     let right = |iso, film_width_mm| measured(iso, film_width_mm)[2];
-    // Patches of 1, 2 and 2 px, and 1 where they would be finer.
+    // Patches of 1, 2 and 2 px; they are never finer than 1 px.
     assert!(right(400.0, 36.0).abs() < 0.02 && right(100.0, 36.0).abs() < 0.02);
     assert!(right(6400.0, 36.0) > 0.5 && right(400.0, 18.0) > 0.5);
-    // A smaller film has larger grains, not more noise.
+    // A smaller film has larger grains, but not more noise.
     let [_, sigma, ..] = measured(400.0, 18.0);
     assert!((sigma / 3.48 - 1.0).abs() < 0.03, "{sigma}");
 }
 
-/// A frame that was recorded at another speed has that speed's variance, and patches as calibrated; its own pixels have it
-/// too, so that an edge is as noisy as either side.
+/// A frame recorded at another speed has the variance of that speed, with patches as calibrated.
+/// Its own pixels have it too, so an edge is as noisy as either side.
 #[test]
 fn noise_follows_the_iso_of_each_frame() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
@@ -523,7 +528,7 @@ fn noise_follows_the_iso_of_each_frame() {
     let measured = |exposure| {
         statistics(taken(&camera, exposure, Settings::default(), 123.5).pixels.codes.eight_bit().unwrap(), 320)
     };
-    // As in the test above: 11.041 k + k² at code 123.5; a gain counts where no ISO is told.
+    // As in the test above: 11.041 k + k² at code 123.5; the gain is used if no ISO is recorded.
     let gain = |gain| FrameExposure { gain: Some(gain), ..Default::default() };
     for (exposure, variance) in [
         (photo(Some(1600.0)), 60.164),
@@ -537,7 +542,7 @@ fn noise_follows_the_iso_of_each_frame() {
         assert!((sigma / expected - 1.0).abs() < 0.03, "{exposure:?}: {sigma} is not {expected}");
         assert!(right.abs() < 0.02, "a sensor's noise gets no coarser: {right}");
     }
-    // A speed that is asked for goes first; where the profile's is not known, nothing is known.
+    // A requested speed takes precedence; without a speed in the profile, none is known.
     let own = gpu::settings(&[("noise", "iso", Value::Number(400.0))]);
     let calibrated = taken(&camera, photo(None), Settings::default(), 123.5);
     assert!(taken(&camera, photo(Some(1600.0)), own, 123.5).pixels == calibrated.pixels);

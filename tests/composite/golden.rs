@@ -1,7 +1,8 @@
-//! Pictures that were looked at, and that the program still makes.
+//! Approved pictures that the program must reproduce.
 //!
-//! They were made by Mesa's llvmpipe. `LOCARD_GOLDEN=write scripts/test composite::golden` makes them anew: look at each
-//! before it is committed. Where one does not fit, `LOCARD_TEST_OUT=FOLDER` keeps what came instead.
+//! They were made by Mesa's llvmpipe. `LOCARD_GOLDEN=write scripts/test composite::golden` makes
+//! them anew; inspect each before committing it. If one differs, `LOCARD_TEST_OUT=FOLDER` stores
+//! the new picture.
 
 use std::path::Path;
 
@@ -12,21 +13,22 @@ use locard::compositor::Settings;
 use locard::params::Value;
 use locard::pixels::{Codes, Pixels, Rect};
 
-/// What another driver may change, of the pixels that are not the camera's: the share of codes more than 1 apart, and
-/// over the whole crop the mean difference. The same driver changes nothing. Drivers may place coverage samples, choose
-/// mipmap levels and round as they like: SwiftShader has 0.06 and 0.10 against llvmpipe, at silhouettes and in print.
-/// Another seed, no noise, no blur, a sun 8 % dimmer or an object 5 mm aside change a share of 0.5 or more.
-const SHARE: f64 = 0.12;
-const MEAN: f64 = 0.25;
+/// Tolerances for other drivers: the share of codes of virtual pixels more than 1 apart, and the
+/// mean difference over the whole crop. The same driver changes nothing. Drivers may place coverage
+/// samples, choose mipmap levels and round differently: SwiftShader has 0.06 and 0.10 against
+/// llvmpipe, at silhouettes and in print. Another seed, no noise, no blur, a sun 8 % dimmer or an
+/// object displaced by 5 mm change a share of 0.5 or more.
+const MAX_DIFFERENT_SHARE: f64 = 0.12;
+const MAX_MEAN_DIFFERENCE: f64 = 0.25;
 
-/// A part of a frame.
-struct Part {
+/// A crop of a frame.
+struct Crop {
     made: RgbImage,
     camera: RgbImage,
 }
 
-/// A part of a frame of the demo.
-fn picture(scene: &str, frame: usize, crop: Rect, settings: Settings) -> Part {
+/// A crop of a composited frame of the demonstration.
+fn picture(scene: &str, frame: usize, crop: Rect, settings: Settings) -> Crop {
     let mut shot = shot::demo(scene);
     shot.settings = settings;
     let cut = |pixels: &Pixels| {
@@ -35,10 +37,10 @@ fn picture(scene: &str, frame: usize, crop: Rect, settings: Settings) -> Part {
         image::imageops::crop_imm(&whole, crop.x0 as u32, crop.y0 as u32, crop.width(), crop.height()).to_image()
     };
     let done = shot::composited(&gpu::gpu(), &shot, frame..frame + 1).remove(0);
-    Part { made: cut(&done.pixels), camera: cut(&shot.read(frame).unwrap().pixels) }
+    Crop { made: cut(&done.pixels), camera: cut(&shot.read(frame).unwrap().pixels) }
 }
 
-fn check(name: &str, Part { made, camera }: Part) {
+fn check(name: &str, Crop { made, camera }: Crop) {
     let path = format!("tests/golden/{name}.png");
     if std::env::var("LOCARD_GOLDEN").as_deref() == Ok("write") {
         made.save(&path).unwrap();
@@ -54,7 +56,7 @@ fn check(name: &str, Part { made, camera }: Part) {
     let share = virtual_ones.iter().filter(|&&d| d > 1).count() as f64 / virtual_ones.len() as f64;
     let mean = all.iter().map(|&d| f64::from(d)).sum::<f64>() / all.len() as f64;
     println!("{name}: {share:.3} of {} codes differ by more than 1; mean {mean:.3}", virtual_ones.len());
-    let fits = share <= SHARE && mean <= MEAN && virtual_ones.len() > 1000;
+    let fits = share <= MAX_DIFFERENT_SHARE && mean <= MAX_MEAN_DIFFERENCE && virtual_ones.len() > 1000;
     if !fits && let Some(folder) = std::env::var_os("LOCARD_TEST_OUT") {
         made.save(Path::new(&folder).join(format!("{name}.png"))).unwrap();
     }

@@ -1,4 +1,5 @@
-//! One compositor that is held while everything about it changes: each picture is what a new one gives, wherever it goes.
+//! One compositor that is reused while parameters change: each picture equals that of a new
+//! compositor, for every target.
 
 use crate::board::{FOCAL_PX, board, sideways};
 use crate::gpu;
@@ -17,7 +18,7 @@ fn size() -> (u32, u32) {
     fast_or_full((48, 32), (96, 64))
 }
 
-/// What is held: a camera's parameters, and settings.
+/// Camera parameters and settings of one picture.
 #[derive(Clone)]
 struct Held {
     rig: Rig,
@@ -25,7 +26,8 @@ struct Held {
 }
 
 impl Held {
-    /// Every effect in one of its ways, over a camera that each of them has something to do with.
+    /// Every effect with its test case of this number, with a camera on which all of them have an
+    /// effect.
     fn new(case: usize) -> Self {
         let mut settings = Settings::default();
         let cases: Vec<_> = settings.effects().map(|e| (e.table(), e.cases())).collect();
@@ -48,7 +50,7 @@ impl Held {
             "camera.exposure.iso=200",
             // A smaller frame has a longer lens in mm: the same f-number blurs more.
             fast_or_full("camera.lens.f_number=16", "camera.lens.f_number=2"),
-            // Where the board is drawn through many points of the lens, so that they need not be thousands.
+            // Limits the number of lens points of the method that samples the lens.
             if case < 3 { "camera.lens.focus_distance_m=0.7" } else { "camera.lens.focus_distance_m=1.9" },
         ] {
             rig.set_text(set, &mut settings).unwrap();
@@ -56,7 +58,8 @@ impl Held {
         Self { rig, settings }
     }
 
-    /// Every parameter that can be set, with its table; from the second case on those of effects that have so many.
+    /// Every parameter with its table. From case 1 on, only those of effects that have as many
+    /// cases.
     fn parameters(&self, case: usize) -> Vec<(&'static str, Spec)> {
         let tables = self.rig.tables().into_iter().chain(self.settings.tables());
         let cases = |table: &str| self.settings.effects().find(|e| e.table() == table).map_or(1, |e| e.cases().len());
@@ -66,7 +69,7 @@ impl Held {
             .collect()
     }
 
-    /// The picture, or why there is none.
+    /// The picture, or the error.
     fn picture(&self, compositor: &mut Compositor) -> Result<Pixels, String> {
         let camera = self.rig.camera();
         let geometry = camera.geometry.clone().unwrap();
@@ -89,8 +92,9 @@ fn scene() -> Scene {
     board(fast_or_full([10.0, 7.0], [20.0, 14.0]), 0.6)
 }
 
-/// Four values over a parameter's range, or those between them, and all choices; of a range without end, over what anybody
-/// gives it. The fast tier takes the two ends of the range, or the one value between them.
+/// Four values that span a parameter's range, or lie between those, and all choices. Unbounded
+/// ranges are limited to ±10,000. The fast tier takes the two ends of the range, or the one value
+/// between them.
 fn values(spec: &Spec, between: bool) -> Vec<Value> {
     let numbers = |min: f64, max: f64| -> Vec<f64> {
         let (min, max) = (min.max(-1e4), max.min(1e4));
@@ -98,14 +102,14 @@ fn values(spec: &Spec, between: bool) -> Vec<Value> {
         let step = |i: u32| {
             if between { (f64::from(i) + 0.5) / f64::from(count) } else { f64::from(i) / f64::from(count - 1) }
         };
-        // Over decades, where there are several.
+        // Logarithmic steps over several decades.
         if min > 0.0 && max / min > 100.0 {
             return (0..count).map(|i| min * (max / min).powf(step(i))).collect();
         }
         (0..count).map(|i| min + (max - min) * step(i)).collect()
     };
     match &spec.kind {
-        // A choice has no value between two others; the full tier repeats all of them.
+        // Choices have no intermediate values; the full tier repeats all of them.
         Kind::Bool | Kind::Choice(_) if between && !is_full() => Vec::new(),
         Kind::Bool => vec![Value::Bool(true), Value::Bool(false)],
         Kind::Choice(names) => names.iter().map(|name| Value::Text((*name).to_owned())).collect(),
@@ -114,7 +118,7 @@ fn values(spec: &Spec, between: bool) -> Vec<Value> {
     }
 }
 
-/// Each value of each parameter, in each of the effects' ways, with what it is called.
+/// Each value of each parameter in each test case, with a label.
 fn sweep(between: bool) -> impl Iterator<Item = (String, Held)> {
     (0..4).flat_map(move |case| {
         let start = Held::new(case);
@@ -133,7 +137,7 @@ fn sweep(between: bool) -> impl Iterator<Item = (String, Held)> {
 // Slow: renders a picture for each value of each parameter, with four sets of methods.
 #[test]
 fn reused_compositor_matches_a_new_one_over_every_parameter_range() {
-    // Of its own: it counts what is made on it.
+    // Own device: the test counts its pipelines.
     let gpu = Gpu::open().unwrap();
     let mut held = Compositor::new(gpu.clone(), scene());
     let pictures: Vec<_> = sweep(false).map(|(told, one)| (told, one.picture(&mut held))).collect();
@@ -141,7 +145,7 @@ fn reused_compositor_matches_a_new_one_over_every_parameter_range() {
     println!("{} values, {drawn} pictures", pictures.len());
     assert!(drawn > fast_or_full(100, 200) && drawn * 2 > pictures.len(), "{drawn} of {}", pictures.len());
 
-    // Each choice has been seen. Other numbers than those make no pipeline.
+    // Each choice has been drawn by now. Other numbers create no pipeline.
     let mut made = gpu.pipeline_count();
     for (told, one) in sweep(true) {
         let _ = one.picture(&mut held);
@@ -154,7 +158,7 @@ fn reused_compositor_matches_a_new_one_over_every_parameter_range() {
         if n % again == 0 {
             assert!(one.picture(&mut held) == *first, "{told}: another picture the second time");
         }
-        // All of them anew would take minutes.
+        // A new compositor for every picture would take minutes.
         if n % anew == 0 {
             let anew = one.picture(&mut Compositor::new(gpu.clone(), scene()));
             assert!(anew == *first, "{told}: not what a new compositor gives");
@@ -162,8 +166,8 @@ fn reused_compositor_matches_a_new_one_over_every_parameter_range() {
     }
 }
 
-/// A device as a window would make it.
-fn of_somebody_else() -> (Gpu, wgpu::Device) {
+/// A device created as a window would create it.
+fn adopted_gpu() -> (Gpu, wgpu::Device) {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = wgpu::Backends::PRIMARY;
     let instance = wgpu::Instance::new(descriptor);
@@ -174,11 +178,11 @@ fn of_somebody_else() -> (Gpu, wgpu::Device) {
 
 #[test]
 fn error_on_an_adopted_device_is_reported_and_rendering_continues() {
-    let (gpu, device) = of_somebody_else();
+    let (gpu, device) = adopted_gpu();
     let mut compositor = Compositor::new(gpu.clone(), scene());
     let held = Held::new(0);
     let before = held.picture(&mut compositor).unwrap();
-    // Nobody can have that.
+    // Exceeds any device's limits.
     let _ = device.create_buffer(&wgpu::BufferDescriptor {
         label: None,
         size: 16,
@@ -194,7 +198,7 @@ fn error_on_an_adopted_device_is_reported_and_rendering_continues() {
     assert_eq!(gpu.take_failure().map(|e| e.to_string()), Some(error));
     assert!(held.picture(&mut compositor).unwrap() == before);
 
-    // A view of another size is refused before anything is drawn.
+    // A view of another size is refused before drawing.
     let (width, height) = size();
     let view = texture(&device, (width - 1, height), wgpu::TextureFormat::Rgba8Unorm).create_view(&Default::default());
     let target = Target::View(&view, wgpu::TextureFormat::Rgba8Unorm);
@@ -219,13 +223,13 @@ fn texture(device: &wgpu::Device, (width, height): (u32, u32), format: wgpu::Tex
 
 #[test]
 fn composite_into_a_texture_view_matches_the_written_pixels() {
-    let (gpu, device) = of_somebody_else();
+    let (gpu, device) = adopted_gpu();
     let mut compositor = Compositor::new(gpu.clone(), scene());
     let held = Held::new(0);
     let camera = held.rig.camera();
     let geometry = camera.geometry.clone().unwrap();
     let written = held.picture(&mut compositor).unwrap();
-    // Sixteen bits round to eight; a frame without a pose is the camera's own.
+    // Sixteen bits round to eight; a frame without a pose is the footage itself.
     let wide = |pixels: &Pixels| {
         let Codes::U8(codes) = &pixels.codes else { panic!("8 bits go in") };
         Pixels::from_u16(size().0, size().1, codes.iter().map(|c| u16::from(*c) * 257).collect()).unwrap()
@@ -262,8 +266,8 @@ fn composite_into_a_texture_view_matches_the_written_pixels() {
                 let shown = if format == wgpu::TextureFormat::Bgra8Unorm { [c, b, a] } else { [a, b, c] };
                 let codes = expected.at(i as u32 % size().0, i as u32 / size().0);
                 let eight = codes.map(|code| (code * 255 + most / 2) / most);
-                // Drivers round what lies halfway between two codes to either of them, and light between 16 bits' codes
-                // near there.
+                // Drivers may round a value halfway between two codes to either one, and so for
+                // light halfway between two 16-bit codes.
                 let most_off = if most == 255 { 0 } else { 1 };
                 let off = shown.iter().zip(eight).map(|(a, b)| a.abs_diff(b)).max().unwrap();
                 assert!(off <= most_off && alpha == 255, "{format:?}, {what}, pixel {i}: {shown:?}, not {eight:?}");

@@ -1,4 +1,4 @@
-//! The laws of ARCHITECTURE.md, on real frames where they need them.
+//! The laws of ARCHITECTURE.md, on real frames if required.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -28,13 +28,13 @@ fn sites_of_tier(smaller: u32) -> Vec<NamedShot> {
     vec![site]
 }
 
-/// Every effect at work, each in the first of the ways in which it can.
+/// All effects on, each with its first test case.
 fn settings() -> Settings {
-    ways().pop().unwrap()
+    cases_of_all_effects().pop().unwrap()
 }
 
-/// Every effect at work, in each of the ways in which any can; those with fewer stay in their first.
-fn ways() -> Vec<Settings> {
+/// All effects on, once per test case; effects with fewer cases repeat their first.
+fn cases_of_all_effects() -> Vec<Settings> {
     let cases: Vec<_> = effects::all().iter().map(|e| (e.table(), e.cases())).collect();
     let most = cases.iter().map(|(_, cases)| cases.len()).max().unwrap();
     let way = |n: usize| {
@@ -47,11 +47,11 @@ fn ways() -> Vec<Settings> {
         }
         settings
     };
-    // The first last: it is what users have.
+    // The first case, the users' default, comes last.
     (0..most).rev().map(way).collect()
 }
 
-/// The frames of a range by a new compositor, two of them on the GPU at a time, as in the program's stream.
+/// Composites a range by a new compositor with two frames in flight, as the program does.
 fn composite(
     gpu: &Gpu,
     site: &mut NamedShot,
@@ -62,7 +62,7 @@ fn composite(
     held(&mut site.shot.compositor(gpu.clone()), site, &settings, (range, IN_FLIGHT), layers)
 }
 
-/// The same by one that may have seen the site's things already, with so many frames on the GPU before the first is waited for.
+/// Composites a range by a given compositor with this number of frames in flight.
 fn held(
     compositor: &mut Compositor,
     site: &mut NamedShot,
@@ -74,8 +74,9 @@ fn held(
     site.shot.frames(compositor, range, layers, most).unwrap().map(Result::unwrap).collect()
 }
 
-/// That the camera's pixels are its own where there is nothing virtual, and what the layer is there.
-fn camera_is_sacred(site: &NamedShot, done: &[Composited], range: std::ops::Range<usize>) {
+/// Asserts that pixels without objects and shadows equal the footage, and that the layer is empty
+/// there.
+fn assert_footage_unchanged(site: &NamedShot, done: &[Composited], range: std::ops::Range<usize>) {
     let (mut touched, mut seen) = (0usize, 0usize);
     for (done, frame) in done.iter().zip(site.shot.recording.frames(range).unwrap()) {
         let frame = frame.unwrap();
@@ -97,12 +98,13 @@ fn camera_is_sacred(site: &NamedShot, done: &[Composited], range: std::ops::Rang
         }
         for ((p, depth), velocity) in layer.rgba.iter().zip(&layer.depth_m).zip(&layer.velocity) {
             assert_eq!(p[3] > 0.0, *depth > 0.0, "{}: depth is 0 exactly where A is 0", site.name);
-            // Light may lie beside what is covered: of a glow, and of a highlight whose coverage is below 6e-8, the least of 16 bits.
+            // Light may lie outside of coverage: a glow, or a highlight whose coverage is below
+            // 6e-8, the smallest 16-bit float.
             let nothing = *velocity == [0.0; 2] && (layer.light_alone || p[..3].iter().all(|light| *light == 0.0));
             assert!(p[3] > 0.0 || nothing, "{}: {p:?} {velocity:?}", site.name);
         }
     }
-    // The objects must have been there for the law to mean anything: 500 px of a 640x480 frame.
+    // The law needs visible objects: 500 px of a 640x480 frame.
     let least = 500 * site.shot.recording.width as usize * site.shot.recording.height as usize / (640 * 480);
     assert!(seen > done.len() * least && touched > seen / 2, "{}: {seen} mixed pixels, {touched} changed", site.name);
 }
@@ -113,12 +115,12 @@ fn law_1_footage_without_objects_is_unchanged() {
     let gpu = gpu::gpu();
     let range = fast_or_full(31..32, 30..33);
     let all: Vec<_> = effects::all().iter().map(|e| e.table()).collect();
-    // What is lit and shaded is worked out once for each site's things, whatever is set.
+    // Lighting and shadows are computed once for each site's objects, whatever the settings.
     let mut on: Vec<_> = sites_of_tier(2).into_iter().map(|site| (site.shot.compositor(gpu.clone()), site)).collect();
     for (compositor, site) in &mut on {
-        for (n, settings) in ways().into_iter().enumerate() {
+        for (n, settings) in cases_of_all_effects().into_iter().enumerate() {
             let done = held(compositor, site, &settings, (range.clone(), IN_FLIGHT), true);
-            camera_is_sacred(site, &done, range.clone());
+            assert_footage_unchanged(site, &done, range.clone());
             assert!(
                 done.iter().any(|done| done.stats.effects == all),
                 "{} {n}: {:?}",
@@ -127,7 +129,7 @@ fn law_1_footage_without_objects_is_unchanged() {
             );
         }
     }
-    // And without those that put light where nothing is covered.
+    // And without the effects that put light outside of coverage.
     let mut glowing = Vec::new();
     let (compositor, site) = &mut on[0];
     for effect in all.iter().map(|name| (*name).to_owned()) {
@@ -145,12 +147,12 @@ fn law_1_footage_without_objects_is_unchanged() {
         without.without(&glowing).unwrap();
         let done = held(compositor, site, &without, (range.clone(), IN_FLIGHT), true);
         assert!(done.iter().all(|done| !done.layer.as_ref().unwrap().light_alone), "{glowing:?}");
-        camera_is_sacred(site, &done, range.clone());
+        assert_footage_unchanged(site, &done, range.clone());
     }
     let Some(mut desk) = desk() else { return };
     let range = fast_or_full(30..32, 0..90);
     let done = composite(&gpu, &mut desk, settings(), range.clone(), true);
-    camera_is_sacred(&desk, &done, range);
+    assert_footage_unchanged(&desk, &done, range);
 }
 
 // Slow: four compositors light the whole demonstration scene.
@@ -184,7 +186,8 @@ fn law_2_range_alone_matches_the_same_range_of_the_whole() {
 fn law_3_neutral_settings_are_the_identity() {
     let gpu = gpu::gpu();
     let range = fast_or_full(20..22, 20..24);
-    // What is not off by itself: motion blur by the exposure, depth of field by the lens, and these.
+    // Effects that are not neutral by themselves: motion blur is set by the exposure, depth of
+    // field by the lens, and these.
     let neutral = || {
         gpu::settings(&[
             ("noise", "scale", Value::Number(0.0)),
@@ -206,7 +209,7 @@ fn law_3_neutral_settings_are_the_identity() {
             assert_eq!(a.stats.effects, [""; 0], "{}: every effect has a neutral setting, to be given here", site.name);
             assert!(a.pixels == b.pixels, "{} frame {}", site.name, a.frame);
         }
-        // And a scene without objects is the recording itself.
+        // A scene without objects yields the recording itself.
         site.shot.rig = with_lens;
         std::sync::Arc::make_mut(&mut site.shot.scene).objects.clear();
         let frames = site.shot.recording.frames(range.clone()).unwrap();
@@ -216,12 +219,12 @@ fn law_3_neutral_settings_are_the_identity() {
     }
 }
 
-/// The curves that a camera may encode light with.
+/// Response curves with which a camera may encode light.
 fn curves() -> [Response; 3] {
     [Curve::Srgb, Curve::Linear, Curve::Gamma].map(|curve| Response { curve, gamma: 2.2 })
 }
 
-/// What is tested of law 4 hangs on the camera's curve alone, so everything else stays the same.
+/// Composites under one response curve; everything else stays the same.
 fn under_curve(
     response: &Response,
     settings: Settings,
@@ -243,7 +246,7 @@ fn under_curve(
     gpu::composite(&gpu::gpu(), &camera, settings, scene, &sideways([blur_px / EXPOSURE_S, 0.0]), frame)
 }
 
-/// Silhouettes and the seam between a dark and a bright board run through the middles of pixels.
+/// Silhouettes and the seam between a dark and a bright board pass through pixel centres.
 fn dark_and_bright() -> Scene {
     both(panel([-59.5, -50.5], [0.5, 50.5], 0.05), panel([0.5, -50.5], [60.5, 50.5], 0.8))
 }
@@ -261,7 +264,7 @@ fn law_4_optics_work_on_linear_light() {
         let layers = curves().map(|response| {
             let done = under_curve(&response, settings(), blur_px, dark_and_bright(), gpu::grey(320, 240, 60));
             let mut layer = done.layer.unwrap();
-            // The mixed picture's codes are rounded by each curve.
+            // The codes of mixed pixels are rounded under each curve.
             layer.noise.clear();
             let behind = response.decode(60.0 / 255.0);
             let mut mixed = 0;
@@ -269,32 +272,33 @@ fn law_4_optics_work_on_linear_light() {
             {
                 let [r, _, _, a] = rgba.map(f64::from);
                 let code = 255.0 * response.encode(r + (1.0 - a) * behind);
-                // Rounding, and a little for the shader's 32 bits.
+                // Rounding, and the shader's 32-bit error.
                 assert!((f64::from(out[0]) - code).abs() < 0.52, "{method} {response:?} pixel {i}: {} {code}", out[0]);
                 mixed += usize::from(a > 0.1 && a < 0.9);
             }
             assert!(mixed > 200, "{mixed} pixels are part camera, part layer");
             layer
         });
-        // The lens knows no curve.
+        // The optics do not depend on the curve.
         assert!(layers.iter().all(|layer| *layer == layers[0]), "{method}");
-        // Both lights meet in the middle of column 160: coverage and blur take their mean. The mean of their sRGB
-        // codes would be a light of 0.29.
+        // Both radiances meet in the middle of column 160: coverage and blur take their mean. The
+        // mean of their sRGB codes would be a radiance of 0.29.
         let row = &layers[0].rgba[120 * 320..][..320];
         let middle = f64::from(row[160][0]);
-        // A tap or a sample may fall to either side: a twelfth of the blur's ramp.
+        // A tap or a sample may fall on either side: a twelfth of the blur's ramp.
         let tolerance = if blur_px > 0.0 { 0.75 / 12.0 } else { 1e-3 };
         assert!((middle - 0.425).abs() < tolerance, "{method} {blur_px}: {middle}");
         let flat = if blur_px > 0.0 { 12 } else { 1 };
         assert!((row[160 - flat][0] - 0.05).abs() < 1e-3 && (row[160 + flat][0] - 0.8).abs() < 1e-3);
-        // The silhouette at column 100: half of it is board.
+        // The silhouette at column 100: half of the pixel is board.
         assert!((row[100][3] - 0.5).abs() < 1.0 / 12.0 && (row[100][0] - 0.5 * 0.05).abs() < 0.1, "{:?}", row[100]);
     }
 }
 
 #[test]
 fn law_4_textures_are_filtered_in_linear_light() {
-    // Black and white texels, nearly four a pixel each way: what is seen is their mean light, not their mean code (0.21).
+    // Black and white texels, nearly four a pixel in each direction: the pixel has their mean
+    // light, not their mean code (0.21).
     let side = 450;
     let texel = |i: u32| if (i % side + i / side).is_multiple_of(2) { [255, 255, 255, 255] } else { [0, 0, 0, 255] };
     let mut scene = board([60.0, 60.0], 1.0);
@@ -321,7 +325,7 @@ fn law_4_textures_are_filtered_in_linear_light() {
 
 #[test]
 fn law_4_the_sensor_works_on_code_values() {
-    // Noise: of one code value, whatever light that stands for under the camera's curve.
+    // Noise: σ of one code value, whatever the light at that code under the camera's curve.
     let noisy = curves().map(|response| {
         let light = response.decode(123.5 / 255.0) as f32;
         let scene = board([200.0, 150.0], light);
@@ -329,7 +333,7 @@ fn law_4_the_sensor_works_on_code_values() {
     });
     for other in &noisy[1..] {
         let pairs = || noisy[0].codes.eight_bit().unwrap().iter().zip(other.codes.eight_bit().unwrap());
-        // The layer holds light in 16-bit floats, half a unit of which is up to 0.04 codes here.
+        // The layer has 16-bit floats, half a unit of which is up to 0.04 codes at this brightness.
         assert!(pairs().all(|(a, b)| a.abs_diff(*b) <= 1));
         let differ = pairs().filter(|(a, b)| a != b).count();
         assert!(differ < 230_400 / 20, "{differ} of 230,400 codes differ");
@@ -344,14 +348,15 @@ fn law_4_the_sensor_works_on_code_values() {
             gpu::settings(&[("edge_blend", "impact", Value::Number(1.0)), ("noise", "scale", Value::Number(0.0))]);
         let scene = board([60.0, 50.0], response.decode(200.0 / 255.0) as f32);
         let done = under_curve(&response, settings, 0.0, scene, gpu::grey(320, 240, 40)).pixels;
-        // On a straight edge three of eight neighbours are the camera's, in a corner five; inside none.
+        // On a straight edge three of eight neighbours are footage, at a corner five; inside none.
         for (x, y, code) in [(100, 120, 80), (160, 70, 80), (219, 120, 80), (100, 70, 67), (130, 120, 200)] {
             assert_eq!(done.at(x, y), [code; 3], "{response:?} ({x}, {y})");
         }
     }
 
-    // What a mixed pixel's camera part brings of noise came through the optics: its σ times the curve's slope there
-    // over the slope here. With what is added, the pixel has the σ of its own code.
+    // The footage's share of a mixed pixel brings noise through the optics: its σ times the ratio
+    // of the curve's slopes at its own and at the mixed code. With the added noise, the pixel has
+    // the σ of its own code.
     let (behind, code) = (30.0, 150.0);
     let sigma_at = |code: f64| 6.1 - 5.1 * code / 255.0;
     let mut random = Random::new(1);
@@ -378,7 +383,8 @@ fn mean_and_sigma(pixels: &Pixels) -> [f64; 2] {
     [mean, (values().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt()]
 }
 
-/// A recording of so many frames: ten pictures and a depth map over and over, before them a marker that sways.
+/// A recording with this many frames: ten pictures and a depth map repeated, with a swaying marker
+/// in front of them.
 fn long_recording(folder: &Path, frames: usize) {
     let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
     let mut random = Random::new(1);
@@ -420,8 +426,8 @@ fn long_recording(folder: &Path, frames: usize) {
     );
 }
 
-/// A frame must be larger than a pipe holds (64 KiB). With fewer frames each is larger: the pixels of
-/// the additional 60 frames are 16 MB, and 5 % of the program's peak of 184 MB are 9 MB.
+/// A frame must be larger than a pipe's buffer (64 KiB). With fewer frames each is larger: the
+/// pixels of the additional 60 frames are 16 MB, and 5 % of the program's peak of 184 MB are 9 MB.
 fn long_px() -> (u32, u32) {
     fast_or_full((320, 280), (160, 140))
 }
@@ -442,7 +448,7 @@ fn law_5_memory_does_not_grow_with_the_recording() {
             .stdout(std::process::Stdio::piped())
             .spawn()
             .unwrap();
-        // While the last frame is not read, the program waits for us, with all its work behind it.
+        // Until the last frame is read, the program blocks with all its work done.
         let mut out = child.stdout.take().unwrap();
         let (width, height) = long_px();
         let (row, rows) = (3 * width as usize, height as usize);

@@ -1,4 +1,4 @@
-//! The layers that a composite writes hold all that it did to the camera's picture.
+//! The written layers contain everything that a composite changes in the footage.
 
 use std::path::Path;
 
@@ -13,13 +13,13 @@ use crate::reduced::Reduction;
 use crate::site::{NamedShot, demo_like, desk};
 use crate::tier::is_full;
 
-/// A frame of a recording with its evidence.
+/// A frame of a recording composited with its evidence.
 fn composited(compositor: &mut Compositor, site: &mut NamedShot, settings: Settings, frame: usize) -> Composited {
     site.shot.settings = settings;
     site.shot.frames(compositor, frame..frame + 1, true, IN_FLIGHT).unwrap().next().unwrap().unwrap()
 }
 
-/// The camera's own.
+/// The unmodified frame.
 fn camera(site: &NamedShot, frame: usize) -> Frame {
     site.shot.recording.frames(frame..frame + 1).unwrap().next().unwrap().unwrap()
 }
@@ -32,10 +32,10 @@ fn channel(file: &Path, name: &str) -> Vec<f32> {
     found.unwrap_or_else(|| panic!("no channel {name}")).sample_data.values_as_f32().collect()
 }
 
-/// The layers of a frame as their file has them, with the codes before and after.
+/// The layers of a frame as read from their file, with the codes before and after compositing.
 struct Layers {
     coverage: Vec<f32>,
-    /// By colour.
+    /// By colour channel.
     light: [Vec<f32>; 3],
     ratio: [Vec<f32>; 3],
     noise: [Vec<f32>; 3],
@@ -62,7 +62,7 @@ impl Layers {
         }
     }
 
-    /// The code of a pixel's colour by the layers over the camera's picture, and how far the composite's is off.
+    /// Difference between the composite's code and the layers over the footage.
     fn deviation(&self, site: &NamedShot, pixel: usize, color: usize, with_noise: bool) -> f64 {
         let response = &site.shot.rig.response;
         let real = response.decode(f64::from(self.camera[3 * pixel + color]) / 255.0);
@@ -73,8 +73,8 @@ impl Layers {
         (f64::from(self.composite[3 * pixel + color]) - expected).abs()
     }
 
-    /// Every pixel and colour.
-    fn values(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
+    /// Every pixel and colour channel.
+    fn pixel_channels(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
         (0..self.coverage.len()).flat_map(|pixel| (0..3).map(move |color| (pixel, color)))
     }
 }
@@ -85,13 +85,14 @@ fn sites() -> impl Iterator<Item = NamedShot> {
 
 #[test]
 fn layers_over_the_footage_match_the_composite_within_one_code() {
-    // The sensor's noise and the blend of edges act on codes, and chromatic aberration parts a pixel's coverage by colour.
+    // The sensor's noise and the edge blend act on codes, and chromatic aberration separates a
+    // pixel's coverage by colour.
     let mut settings = gpu::settings(&[("noise", "scale", Value::Number(0.0))]);
     settings.without(&["edge_blend".to_owned(), "chromatic_aberration".to_owned()]).unwrap();
     for mut site in sites() {
         let layers = Layers::of(&mut site, &settings, 40);
         let (mut shaded, mut partly) = (0, 0);
-        for (i, c) in layers.values() {
+        for (i, c) in layers.pixel_channels() {
             // Half a code for rounding.
             let off = layers.deviation(&site, i, c, false);
             assert!(off < 1.0, "{} colour {c} pixel {i}: off by {off:.2}", site.name);
@@ -112,7 +113,7 @@ fn layers_with_their_noise_match_the_composite_with_all_effects() {
     for mut site in sites() {
         let layers = Layers::of(&mut site, &gpu::settings(&[]), 40);
         let (mut most, mut most_without, mut noisy) = (0.0f64, 0.0f64, 0);
-        for (i, c) in layers.values() {
+        for (i, c) in layers.pixel_channels() {
             let off = layers.deviation(&site, i, c, true);
             assert!(off < 1.0, "{} colour {c} pixel {i}: off by {off:.2}", site.name);
             most = most.max(off);
@@ -122,7 +123,7 @@ fn layers_with_their_noise_match_the_composite_with_all_effects() {
                 assert!(layers.coverage[i] > 0.0 || layers.noise[c][i] == 0.0, "{} pixel {i}", site.name);
             }
         }
-        println!("{}: off by {most:.3} codes with noise, {most_without:.1} without; {noisy} values", site.name);
+        println!("{}: off by {most:.3} codes with noise, {most_without:.1} without; {noisy} pixel_channels", site.name);
         assert!(noisy > 1000 && most_without > 2.0, "{}: {noisy}, {most_without}", site.name);
     }
 }
@@ -142,7 +143,8 @@ fn noise_scale_changes_no_real_pixel() {
     let (with_none, with_one) = (codes(&none), codes(&one));
     let own = camera.pixels.codes.eight_bit().unwrap();
     let layer = one.layer.as_ref().unwrap();
-    // Of real pixels in a shadow: squared deviation that noise makes, and the variance that the shadow took.
+    // Of real pixels in a shadow: squared deviation due to noise, and the variance removed by the
+    // shadow.
     let (mut made, mut taken, mut shaded) = (0.0, 0.0, 0);
     for other in [codes(&two), codes(&eight)] {
         let mut virtual_differs = 0;
@@ -175,7 +177,7 @@ fn noise_scale_changes_no_real_pixel() {
     assert!(shaded > 300, "{shaded}");
     assert!(
         (made / taken - 1.0).abs() < 0.12,
-        "{:.3} of the variance that shadows took, of {shaded} values",
+        "{:.3} of the variance that shadows took, of {shaded} pixel_channels",
         made / taken
     );
 }

@@ -1,4 +1,5 @@
-//! What lens and exposure do to the layer, against values worked by hand and the twins.
+//! Effects of lens and exposure on the layer, compared with values computed by hand and with the
+//! CPU references.
 
 use crate::board;
 use crate::board::{FOCAL_PX, board, sideways};
@@ -24,7 +25,7 @@ fn drawn_by(camera: &Camera, sets: Sets<'_>, scene: Scene, recorded: FrameExposu
     gpu::composite(&gpu::gpu(), camera, gpu::settings(sets), scene, &sideways([0.0, 0.0]), frame)
 }
 
-/// By a camera that stands still and has no noise.
+/// Rendered by a camera at rest without noise.
 fn drawn(sets: Sets<'_>, scene: Scene) -> Composited {
     drawn_by(&gpu::camera(&gpu::pinhole(WIDTH, HEIGHT, FOCAL_PX), 0.0), sets, scene, FrameExposure::default())
 }
@@ -41,7 +42,7 @@ fn number(table: &'static str, name: &'static str, value: f64) -> (&'static str,
     (table, name, Value::Number(value))
 }
 
-/// Everywhere within 1.
+/// Asserts that all components agree within a tolerance.
 fn close(found: [f64; 4], expected: [f64; 4], within: f64, told: &str) {
     assert!(found.iter().zip(expected).all(|(f, e)| (f - e).abs() <= within), "{told}: {found:?} is not {expected:?}");
 }
@@ -49,10 +50,12 @@ fn close(found: [f64; 4], expected: [f64; 4], within: f64, told: &str) {
 #[test]
 fn vignetting_is_cos4_of_the_angle() {
     let done = drawn(&[number("vignetting", "natural", 1.0)], board([200.0, 150.0], 0.5));
-    // The middle of pixel (310, 230) lies 150.5 and 110.5 px from the picture's: tan²θ = 34860.5/250000.
+    // The centre of pixel (310, 230) is 150.5 and 110.5 px from the picture's centre: tan²θ =
+    // 34860.5/250000.
     close(rgba(&done, 310, 230), [0.5 * 0.770_226, 0.5 * 0.770_226, 0.5 * 0.770_226, 1.0], HALF, "corner");
     close(rgba(&done, 160, 120), [0.5, 0.5, 0.5, 1.0], HALF, "middle");
-    // Coverage stays: the camera's share of an edge is as dark as the camera saw it.
+    // Coverage is unchanged: the footage's share of an edge already has the camera's own
+    // vignetting.
     let plain = drawn(&[], board([60.25, 50.0], 0.5));
     let edge = drawn(&[number("vignetting", "natural", 2.0)], board([60.25, 50.0], 0.5));
     for x in 95..105 {
@@ -60,7 +63,8 @@ fn vignetting_is_cos4_of_the_angle() {
     }
 }
 
-/// A fisheye of 200 px a radian that sees half of the sphere and more: at 100 px, 0.5 rad, its picture ends.
+/// A fisheye of 200 px a radian with a field of view above 180°; its image circle ends at 100 px,
+/// 0.5 rad.
 #[test]
 fn nothing_is_drawn_beyond_a_circular_fisheye_picture() {
     let mut geometry = gpu::pinhole(WIDTH, HEIGHT, 200.0);
@@ -108,7 +112,8 @@ fn vignetting_follows_the_lens_of_a_distorted_camera() {
         for x in (0..WIDTH as usize).step_by(3) {
             let twin = vignetting::twin(&params, &geometry, opening, DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
             darkest = darkest.min(twin);
-            // Where the rim begins to hide, the gain has a kink that a cell of 2.5 px rounds off; and the twin counts.
+            // At the onset of mechanical vignetting the gain has a kink, which a cell of 2.5 px
+            // rounds; and the reference samples.
             close(rgba(&done, x, y), [0.5 * twin, 0.5 * twin, 0.5 * twin, 1.0], 3e-3, &format!("({x}, {y})"));
         }
     }
@@ -128,7 +133,7 @@ fn one_stop_doubles_the_light() {
     // 0.2 · 2^1.5 = 0.566 is sRGB code 197.5 (IEC 61966-2-1), 0.2 · 2^3 clips.
     assert!(codes(&over, 160, 120)[0].abs_diff(197) <= 1);
     assert_eq!(codes(&drawn(&[number("exposure", "ev", 3.0)], grey.clone()), 160, 120), [255; 3]);
-    // Highlights that a darker exposure brings back.
+    // Highlights recovered by a darker exposure.
     let lamp = drawn(&[number("exposure", "ev", -2.0)], board([60.25, 50.0], 2.0));
     close(rgba(&lamp, 160, 120), [0.5, 0.5, 0.5, 1.0], HALF, "a lamp");
 }
@@ -146,7 +151,7 @@ fn exposure_by_equation_11_shifts_display_values() {
         let plain = drawn_by(&camera, &[], scene(), FrameExposure::default());
         for (ev, display) in [(0.5, 0.5), (-1.5, 0.1), (-3.0, 0.0), (4.0, 1.0)] {
             let done = drawn_by(&camera, &sets(ev), scene(), FrameExposure::default());
-            // 0.4 + 0.2 · ΔEV by hand; a code for the layer's 16 bits.
+            // 0.4 + 0.2 · ΔEV by hand; one code for the layer's 16 bits.
             assert!((f64::from(codes(&done, 160, 120)[0]) - 255.0 * display).abs() < 1.0, "{curve:?} {ev}");
             for x in 95..105 {
                 let twin = exposure::twin(rgba(&plain, x, 120), exposure::Method::Additive, ev, &response);
@@ -161,14 +166,14 @@ fn objects_follow_automatic_exposure() {
     let camera = gpu::camera(&gpu::pinhole(WIDTH, HEIGHT, FOCAL_PX), 0.0);
     let grey = || board([60.0, 50.0], 0.2);
     let recorded = FrameExposure { time_s: Some(0.02), gain: Some(0.5), ..Default::default() };
-    // Twice as long, half the gain of 1/200 s: 20 ms · 0.5 / 5 ms.
+    // Twice the time, half the gain of 1/200 s: 20 ms · 0.5 / 5 ms.
     let done = drawn_by(&camera, &[number("exposure", "reference_s", 0.005)], grey(), recorded);
     close(rgba(&done, 160, 120), [0.4, 0.4, 0.4, 1.0], HALF, "followed");
     let done = drawn_by(&camera, &[], grey(), recorded);
     close(rgba(&done, 160, 120), [0.2, 0.2, 0.2, 1.0], HALF, "not followed");
 }
 
-/// Mean and variance of where light changes along values a pixel apart, pixels.
+/// Mean and variance of the derivative of values a pixel apart, px.
 fn edge(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let values: Vec<f64> = values.collect();
     let steps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).collect();
@@ -191,7 +196,7 @@ fn point_spread_widens_edges_by_sigma() {
             for c in [0, 3] {
                 let ([was_at, was], [at, now]) = (row(&plain, c), row(&done, c));
                 assert!((at - was_at).abs() < 2e-3, "{half} {sigma}: the edge has moved by {}", at - was_at);
-                // 16-bit floats are off by 1/4096 where they are near 1, and the taps' ends are cut at 1e-4.
+                // 16-bit floats are off by 1/4096 near 1, and the taps are cut at 1e-4.
                 assert!(
                     (now - was - sigma * sigma).abs() < 0.01 * sigma * sigma + 2e-3,
                     "{half} {sigma}: {}",
@@ -223,8 +228,8 @@ fn point_spread_matches_the_cpu_reference_and_keeps_depth_of_lit_pixels() {
 
 #[test]
 fn chromatic_aberration_grows_towards_the_corners() {
-    // r = 1 is 200 px. Board edges at 100 px to the right: red is 1 % larger there and lands at 101, blue by
-    // −0.005 − 0.01/4 at 99.25.
+    // r = 1 is 200 px. Board edges at 100 px to the right: red is magnified by 1 % there and moves
+    // to 101, blue by −0.005 − 0.01/4 to 99.25.
     let sets = [
         number("chromatic_aberration", "red", 0.01),
         number("chromatic_aberration", "blue", -0.005),
@@ -234,11 +239,11 @@ fn chromatic_aberration_grows_towards_the_corners() {
     let plain = drawn(&[], scene());
     let done = drawn(&sets, scene());
     let place = |c: usize| edge((230..290).map(|x| 0.5 - rgba(&done, x, 120)[c]).collect::<Vec<_>>().into_iter())[0];
-    // The edge lies between two pixels.
+    // The edge is between two pixels.
     let green = place(1);
     assert!((place(0) - green - 1.0).abs() < 0.01, "{}", place(0) - green);
     assert!((place(2) - green + 0.75).abs() < 0.01, "{}", place(2) - green);
-    // Nothing parts in the middle; green stays everywhere.
+    // No aberration in the middle; green is the reference everywhere.
     close(rgba(&done, 160, 120), [0.5, 0.5, 0.5, 1.0], HALF, "middle");
 
     let params =
@@ -254,7 +259,7 @@ fn chromatic_aberration_grows_towards_the_corners() {
         close(rgba(&done, x, y), [light[0], light[1], light[2], alpha], 2.0 * HALF, &format!("({x}, {y})"));
         let depth = done.layer.as_ref().unwrap().depth_m[i];
         assert_eq!(depth > 0.0, rgba(&done, x, y)[3] > 0.0, "({x}, {y})");
-        // Each colour over the camera's by its own coverage.
+        // Each channel over the footage by its own coverage.
         for c in 0..3 {
             let code = 255.0 * response.encode(light[c] + (1.0 - coverage[c]) * behind);
             assert!((f64::from(codes(&done, x, y)[c]) - code).abs() < 0.7, "({x}, {y}) {c}: {code}");
@@ -269,7 +274,8 @@ fn chromatic_aberration_grows_towards_the_corners() {
 
 #[test]
 fn board_in_the_background_grey_has_no_colour_fringe() {
-    // What one alpha for three coverages would show: seams at the silhouette of what cannot be told from the room.
+    // A single alpha for all three channels would show seams at the silhouette of an object of the
+    // background's colour.
     let light = Response::default().decode(60.0 / 255.0) as f32;
     let sets = [number("chromatic_aberration", "red", 0.02), number("chromatic_aberration", "blue", -0.02)];
     let done = drawn(&sets, board([100.3, 80.6], light));
@@ -280,7 +286,7 @@ fn board_in_the_background_grey_has_no_colour_fringe() {
     }
 }
 
-/// A bright board's glow lies over the camera's picture too, and no light is lost.
+/// A bright board's glow extends over the footage, and no light is lost.
 #[test]
 fn halation_conserves_light_and_glows_beside_the_object() {
     let plain = drawn(&[], board([30.0, 20.0], 4.0));
@@ -295,18 +301,19 @@ fn halation_conserves_light_and_glows_beside_the_object() {
         let twin = halation::twin(&before, WIDTH as usize, &halation::Halation { share: 0.3, sigma_px });
         let found: Vec<[f64; 4]> = done.layer.as_ref().unwrap().rgba.iter().map(|p| p.map(f64::from)).collect();
         for (i, (found, twin)) in found.iter().zip(&twin).enumerate() {
-            // Of the brightest light; what lies under a ten-thousandth of the taps is left out.
+            // Relative to the brightest light; taps below a ten-thousandth are left out.
             close(*found, *twin, 4.0 * within, &format!("{sigma_px}: {i}"));
             assert_eq!(found[3], before[i][3], "coverage stays");
         }
         assert!((sum(&found) / sum(&before) - 1.0).abs() < 1e-3, "{sigma_px}: {}", sum(&found) / sum(&before));
-        // Beside the board's edge, at 190 px, nothing is covered and the camera's grey is brighter by what glows there.
+        // Beside the board's edge, at 190 px, nothing is covered and the footage is brightened by
+        // the glow.
         let (beside, behind) = (190 + (0.5 * sigma_px) as usize, Response::default().decode(60.0 / 255.0));
         let glow = rgba(&done, beside, 120);
         assert!(glow[3] == 0.0 && glow[1] > 0.1, "{glow:?}");
         let code = 255.0 * Response::default().encode(behind + glow[1]).min(1.0);
         assert!((f64::from(codes(&done, beside, 120)[1]) - code).abs() < 0.6, "{code}");
-        // Far from it all is as it was.
+        // Far from the board nothing changes.
         assert_eq!(codes(&done, 2, 2), [60; 3]);
     }
 }

@@ -1,4 +1,4 @@
-//! Things that take each other's light: what the renderer draws against what the geometry says.
+//! Indirect light between objects: the renderer compared with analytic geometry.
 
 use std::sync::Arc;
 
@@ -28,7 +28,7 @@ fn side(corners: [Vec3; 4]) -> Arc<Mesh> {
     Arc::new(Mesh { vertices: corners.map(vertex).to_vec(), indices: vec![0, 1, 2, 0, 2, 3], material: 0 })
 }
 
-/// A plate of 0.2 m that lies at z = 0 and, at x = 0.1, a wall of 20 m that faces it.
+/// A plate of 0.2 m at z = 0 and, at x = 0.1, a wall of 20 m that faces it.
 fn scene(lighting: Lighting) -> Scene {
     let plate = |x: f32, y: f32| Vec3::new(0.1 * x, 0.1 * y, 0.0);
     let wall = |y: f32, z: f32| Vec3::new(0.1, 10.0 * y, WALL_M * z);
@@ -44,14 +44,14 @@ fn scene(lighting: Lighting) -> Scene {
 }
 
 fn pose() -> Pose {
-    // Looks down onto the plate from the side that the wall does not hide.
+    // Looks down onto the plate from the side that is not behind the wall.
     let eye = DVec3::new(-0.25, 0.0, 0.4);
     let forward = -eye.normalize();
     let right = forward.cross(DVec3::Z).normalize();
     Pose::from_camera_in_world(eye, DQuat::from_mat3(&DMat3::from_cols(right, forward.cross(right), forward)))
 }
 
-/// The plate's x at each pixel that shows it alone, and its light.
+/// The plate's x in each fully covered pixel, and the pixel's light.
 fn plate(lighting: Lighting, shadow: ShadowSettings) -> Vec<(f64, [f32; 3])> {
     let geometry = gpu::pinhole(WIDTH, HEIGHT, 200.0);
     let camera = gpu::camera(&geometry, 0.0);
@@ -87,7 +87,8 @@ fn plate_beside_a_wall_has_the_analytic_sky_visibility_and_indirect_light() {
     for ((place, with), ((_, without), (_, half))) in with.iter().zip(without.iter().zip(&half)) {
         let distance = (0.1 - *place) as f32;
         let filled = 0.5 * (1.0 - distance / WALL_M.hypot(distance));
-        // The wall sees an even sky with nearly all of its view. A matt surface's mirror image of it is a few per cent of its light.
+        // The wall receives an even sky over nearly its whole hemisphere. Its specular reflection
+        // is a few per cent of its light.
         let wanted = 1.0 - filled * (1.0 - REFLECTANCE);
         for c in 0..3 {
             let [found, halved] = [with[c], half[c]].map(|light| light / without[c]);
@@ -110,7 +111,7 @@ fn lamp_behind_a_wall_lights_nothing_in_front_of_it() {
     };
     let dark =
         |points: Vec<PointLight>| Lighting { points, suns: Vec::new(), environment: Environment::Uniform(Vec3::ZERO) };
-    // Three lamps, so that a share stands in each kind of layer; the last alone is seen.
+    // Three lamps, so that each kind of layer has a share; only the last one is visible.
     let hidden = [lamp(0.5, 0.4), lamp(0.7, 0.3), lamp(0.6, 0.5)];
     let seen = lamp(-0.3, 1.0);
     let all: Vec<_> = hidden.iter().copied().chain([seen]).collect();

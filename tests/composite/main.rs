@@ -1,4 +1,4 @@
-//! Pictures: what is drawn, how the camera sees it, and that the rest is left as it was.
+//! Pictures: rendering, the camera's optics and sensor, and footage that must stay unchanged.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
