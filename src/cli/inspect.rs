@@ -245,6 +245,9 @@ fn recording(args: &Args) -> Result<()> {
         AnalysisState::Used(folder, findings) => {
             let folder = shown(&folder.display().to_string());
             writeln!(out, "analysis   {folder}: poses {}", findings.registration)?;
+            for which in &findings.left_out {
+                writeln!(out, "           {}", shown(which))?;
+            }
         }
         AnalysisState::Unfit(folder, problem) => {
             let folder = shown(&folder.display().to_string());

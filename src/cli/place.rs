@@ -83,8 +83,8 @@ pub fn run(args: &Args) -> Result<()> {
     let given = ShotOptions { profile: args.profile.clone(), scene, analysis, ..ShotOptions::default() };
     let recording = Recording::open(&args.recording, &options)?;
     let (mut shot, ()) = args.analysis.open(recording, &given, false, |_| Ok(()))?;
-    // It would have moved the camera.
-    if let Some(note) = shot.unfit_analysis() {
+    // They would have moved the camera or lit the scene.
+    for note in shot.unfit_analysis().into_iter().chain(shot.stale_estimates()) {
         warn(false, &note.to_string());
     }
     if !args.scene.exists() {
@@ -159,7 +159,7 @@ pub fn run(args: &Args) -> Result<()> {
     if support.normal.dot(up) < MIN_SUPPORT_COSINE && !args.flat {
         writeln!(
             out,
-            "odd        the surface is steep: the model stands upright, its foot at the picked height; --flat lays it against a wall"
+            "odd        the surface is steep: the model stands upright, its foot at the picked height, in the air if no floor is there; --flat lays it against a wall"
         )?;
     }
     if is_guessed {
@@ -173,8 +173,12 @@ pub fn run(args: &Args) -> Result<()> {
         writeln!(out, "odd        nothing says which way is up: z is taken; `up` in the scene file says otherwise")?;
     }
     let frame = shot.read(args.frame)?;
-    for wrong in shot.object_issues(&frame) {
-        writeln!(out, "odd        {}", shown(&wrong.note.to_string()))?;
+    let placed = shot.scene.objects.len() - 1;
+    for issue in shot.object_issues(&frame).iter().filter(|issue| issue.objects.contains(&placed)) {
+        writeln!(out, "odd        {}", shown(&issue.note.to_string()))?;
+    }
+    if let Some(note) = shot.far_from_light() {
+        writeln!(out, "odd        {}", shown(&note.to_string()))?;
     }
     Ok(())
 }

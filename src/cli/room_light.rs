@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail};
 use glam::Vec3;
 
 use super::tell;
-use locard_engine::analyse::{Analysis, beside, panorama_beside};
+use locard_engine::analyse::{Analysis, Findings, beside, panorama_beside};
 use locard_engine::export::Inputs;
 use locard_engine::recording::OpenOptions;
 use locard_engine::scene::document::{LightTable, Up};
@@ -162,5 +162,12 @@ fn opened(args: &Args) -> Result<(Shot, PathBuf, Analysis)> {
         }
     };
     let found = Analysis::read(&folder)?;
+    let has_light = |findings: &Findings| findings.light.as_ref().is_some_and(|light| light.white_level.is_some());
+    if let AnalysisState::Used(_, used) = &shot.analysis
+        && !has_light(used)
+        && has_light(&found.findings)
+    {
+        bail!("{}: {}; `locard analyse {recording}` makes it anew", folder.display(), used.left_out.join("; "));
+    }
     Ok((shot, folder, found))
 }

@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn facets_of_a_wall_and_of_a_boxs_top_have_the_right_planes_and_sides() {
+    fn facets_of_a_wall_and_a_box_have_the_right_planes_and_sides() {
         let floor = rectangle(DVec3::new(-0.3, -0.3, 0.0), 0.6 * DVec3::X, 0.6 * DVec3::Y);
         // A wall to the right, turned by 30°, and the top of a low box to the left.
         let along = DVec3::new(-0.5, 0.75f64.sqrt(), 0.0);

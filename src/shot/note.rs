@@ -4,10 +4,12 @@ use std::fmt;
 use std::ops::Range;
 use std::path::PathBuf;
 
+use glam::DVec3;
+
 use super::{AnalysisState, Shot, SupportGap};
 use crate::compositor::FrameStats;
 use crate::frame::Frame;
-use crate::scene::{overlaps, size_warning};
+use crate::scene::{LightingOrigin, Scene, overlaps, size_warning};
 use crate::text::{count, millimetres, number, shown};
 
 /// A warning. Displays as a line for the user.
@@ -33,6 +35,12 @@ pub enum Note {
     },
     /// The camera's noise is unknown.
     UnknownNoise,
+    /// Objects far from the place for which the light was estimated: their names, and the largest
+    /// distance.
+    FarFromLight {
+        names: Vec<String>,
+        distance_m: f64,
+    },
     /// Settings of an effect without any result.
     Idle(&'static str),
     /// Depth that occluded nothing, in `number` of `frames` frames.
@@ -66,6 +74,10 @@ pub struct ObjectIssue {
     pub note: Note,
 }
 
+/// Distance from the place of the estimated light up to which it holds, m: the white level is measured on
+/// surfaces within 0.8 to 2 m.
+const LIGHT_REACH_M: f64 = 1.2;
+
 /// Further overlaps are only counted.
 const MOST_OVERLAPS: usize = 8;
 
@@ -96,6 +108,15 @@ impl fmt::Display for Note {
                  calibrate it (`locard calibrate noise` from pictures of a scene at rest, with --moving from the recording \
                  itself)",
             ),
+            Self::FarFromLight { names, distance_m } => {
+                let names = names.iter().map(|name| shown(name)).collect::<Vec<_>>().join(", ");
+                write!(
+                    f,
+                    "{names}: up to {distance_m:.1} m from where the footage's light was measured; where the room is \
+                     darker or brighter there, objects do not follow (`locard light --white` points at something white \
+                     beside them)"
+                )
+            }
             Self::NothingHides { number, frames, first, because } => {
                 let of = format!("{number} of {}", count(*frames, "frame"));
                 write!(f, "nothing real hides objects in {of}, though there is depth (frame {first}: {because})")
@@ -160,6 +181,16 @@ impl Tally {
     }
 }
 
+/// The objects of a scene with the footage's light that are far from the place of that light.
+fn far_from(place_m: DVec3, scene: &Scene) -> Option<Note> {
+    let objects = scene.objects.iter().filter(|object| !object.parts.is_empty());
+    let distances = objects.map(|object| (object, object.world_from_model.translation.distance(place_m)));
+    let is_lit_by_footage = scene.lighting_origin != LightingOrigin::Scene;
+    let far: Vec<_> = distances.filter(|(_, distance_m)| is_lit_by_footage && *distance_m > LIGHT_REACH_M).collect();
+    let distance_m = far.iter().map(|(_, distance_m)| *distance_m).reduce(f64::max)?;
+    Some(Note::FarFromLight { names: far.iter().map(|(object, _)| object.name.clone()).collect(), distance_m })
+}
+
 impl Shot {
     /// Warnings to show before a range of frames is composited.
     pub fn notes(&self, range: Range<usize>) -> Vec<Note> {
@@ -178,8 +209,16 @@ impl Shot {
             notes.push(Note::UnknownNoise);
         }
         notes.extend(self.settings.ineffective_settings(&camera).into_iter().map(Note::Idle));
+        notes.extend(self.far_from_light());
         notes.extend(self.overlap_notes());
         notes
+    }
+
+    /// The warning that objects are far from the place for which the light was estimated.
+    pub fn far_from_light(&self) -> Option<Note> {
+        let AnalysisState::Used(_, findings) = &self.analysis else { return None };
+        let light = findings.light.as_ref().filter(|light| light.claimed && self.lighting_matches_unit())?;
+        far_from(light.place_m?.into(), &self.scene)
     }
 
     /// The warning that an analysis exists but is not used.
@@ -260,5 +299,31 @@ impl Shot {
                 Some(Note::Gap { name: self.scene.objects[object].name.clone(), gap_m, frame })
             })
             .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Object, Part};
+    use glam::DAffine3;
+
+    #[test]
+    fn objects_far_from_the_light_are_named_with_the_largest_distance() {
+        let object = |name: &str, x: f64| Object {
+            name: name.to_owned(),
+            parts: vec![Part { mesh: 0, world_from_mesh: DAffine3::IDENTITY }],
+            world_from_model: DAffine3::from_translation(DVec3::new(x, 0.0, 0.0)),
+            ..Object::default()
+        };
+        let objects = vec![object("near", 1.1), object("chair", -1.5), object("door", 4.0)];
+        let scene = Scene { objects, lighting_origin: LightingOrigin::Default, ..Scene::default() };
+        let note = far_from(DVec3::ZERO, &scene).unwrap();
+        let names = vec!["chair".to_owned(), "door".to_owned()];
+        assert_eq!(note, Note::FarFromLight { names, distance_m: 4.0 });
+        assert!(note.to_string().starts_with("chair, door: up to 4.0 m from where"));
+        // A scene's own light holds everywhere.
+        let own = Scene { lighting_origin: LightingOrigin::Scene, ..scene };
+        assert_eq!(far_from(DVec3::ZERO, &own), None);
     }
 }
