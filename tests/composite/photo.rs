@@ -1,4 +1,4 @@
-//! Photographs: what is added to the real part, what is drawn, and what the command writes.
+//! Photographs: noise added to the real part, the rendered part, and the files of the command.
 
 use crate::board;
 use crate::board::{FOCAL_PX, board, sideways};
@@ -35,7 +35,7 @@ fn camera(geometry: &Geometry, noise: Option<NoiseProfile>) -> Camera {
     Camera { noise, ..gpu::camera(geometry, TIME_S) }
 }
 
-/// A photograph of a picture with a scene in it.
+/// Photographs a picture with a scene composited into it.
 fn photo(camera: &Camera, scene: Scene, pixels: Pixels, framing: &Framing, exposed: PhotoExposure) -> Pixels {
     photo_with(Settings::default(), camera, scene, pixels, framing, exposed)
 }
@@ -89,7 +89,7 @@ fn neighbours(camera: &Camera) -> [f64; 2] {
     camera.noise.as_ref().map_or([0.0; 2], |noise| noise.neighbour_correlation)
 }
 
-/// Grey with noise of a σ that depends on its code, mean 0.
+/// Grey with noise whose σ depends on the code, mean 0.
 fn noisy_grey(width: u32, height: u32, code: f64, noise: &NoiseProfile) -> Pixels {
     let mut random = Random::new(1);
     let codes = (0..3 * width * height).map(|i| {
@@ -124,7 +124,7 @@ fn photo_as_recorded_matches_the_composited_frame() {
             if layer.rgba[(y * 320 + x) as usize][3] == 0.0 {
                 assert_eq!(a, pixels.at(x, y), "a real pixel lacks nothing");
             }
-            // 16 bits are rounded once more, and what lies on a half may fall to the other side.
+            // Rounding to 16 bits and to 8: a value at a half may round either way.
             assert!((0..3).all(|c| a[c].abs_diff(b[c]) <= 1), "{x} {y}: {a:?} {b:?}");
             apart += usize::from(a != b);
         }
@@ -143,14 +143,14 @@ fn real_and_virtual_pixels_have_the_film_grain() {
         let exposed = PhotoExposure { iso_ratio, over_ev, ..AS_RECORDED };
         let pixels = noisy_grey(400, 300, 90.0, &noise);
         let done = photo(&camera, Scene::default(), pixels, &framing, exposed);
-        // Two, four times the light of code 90.
+        // Two stops, four times the light of code 90.
         let code = 255.0 * response.encode(over_ev.exp2() * response.decode(90.0 / 255.0));
         let ratios = GrainRatios { iso: iso_ratio, ..Default::default() };
         for channel in 0..3 {
             let wanted = grain::sigma(&noise, &response, channel, code, &ratios);
             let (mean, sigma) = mean_and_sigma(&done, channel);
             assert!((mean - code).abs() < 0.6, "{iso_ratio} {over_ev}: mean {mean}, {code} wanted");
-            // Coarse grains are fewer: 120,000 pixels in patches of 2 by 2 tell σ within 0.5 %, and rounding adds 1/12.
+            // 120,000 pixels in 2 by 2 grains give σ within 0.5 %, and rounding adds 1/12.
             let wanted = (wanted * wanted + 1.0 / 12.0).sqrt();
             assert!((sigma / wanted - 1.0).abs() < 0.03, "{iso_ratio} {over_ev}: σ {sigma}, {wanted} wanted");
         }
@@ -164,7 +164,8 @@ fn real_and_virtual_pixels_have_the_film_grain() {
     assert!((mean - 90.0).abs() < 0.6 && (sigma / wanted - 1.0).abs() < 0.03, "{mean} {sigma}, {wanted} wanted");
 }
 
-/// At a quarter of the speed and four times the light the film would have a quarter of σ or less; the room keeps all of its own.
+/// At a quarter of the speed and four times the light, film grain has a quarter of σ or less; the
+/// footage keeps all of its own noise.
 #[test]
 fn virtual_pixels_are_at_least_as_noisy_as_adjacent_real_ones() {
     let geometry = gpu::pinhole(400, 300, FOCAL_PX);
@@ -185,8 +186,8 @@ fn virtual_pixels_are_at_least_as_noisy_as_adjacent_real_ones() {
     }
 }
 
-/// A camera whose noise was measured at ISO 100 recorded this frame at ISO 1600, noise and all: photographed at ISO 1600 it lacks
-/// nothing.
+/// A camera whose noise was measured at ISO 100 records a frame at ISO 1600 with its noise. A
+/// photograph at ISO 1600 needs no more.
 #[test]
 fn frame_recorded_at_another_iso_contributes_the_noise_of_that_iso() {
     let geometry = gpu::pinhole(400, 300, FOCAL_PX);
@@ -209,8 +210,8 @@ fn frame_recorded_at_another_iso_contributes_the_noise_of_that_iso() {
     assert!((sigma / wanted - 1.0).abs() < 0.03, "σ {sigma}, {wanted} wanted");
 }
 
-/// The recording's own noise, whose neighbours correlate, is what the composite puts on a board: enlarged and made smaller it lacks
-/// no more and no less than the film's.
+/// The composite puts the recording's own noise, correlated between neighbours, on a board.
+/// Enlarged and reduced, it is completed to exactly the film's grain.
 #[test]
 fn enlarged_correlated_noise_is_completed_to_the_film_grain() {
     let geometry = gpu::pinhole(400, 300, FOCAL_PX);
@@ -219,7 +220,7 @@ fn enlarged_correlated_noise_is_completed_to_the_film_grain() {
     let response = Response::default();
     let whole = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
     let light = response.decode(90.0 / 255.0) as f32;
-    // Another seed than the photograph's, whose grain knows nothing of it.
+    // A seed other than the photograph's, so that the grain is independent of this noise.
     let mut settings = Settings::default();
     settings.seed = 7;
     let all = board([900.0, 900.0], light);
@@ -237,7 +238,8 @@ fn enlarged_correlated_noise_is_completed_to_the_film_grain() {
     }
 }
 
-/// A dark board before a wall so bright that four stops clip it long before a pixel is covered by half.
+/// A dark board in front of a wall so bright that four stops clip it long before a pixel is half
+/// covered.
 #[test]
 fn highlights_are_clipped_after_mixing() {
     let geometry = gpu::pinhole(320, 240, FOCAL_PX);
@@ -247,11 +249,11 @@ fn highlights_are_clipped_after_mixing() {
     let response = Response::default();
     let at =
         |light: f32, code: u8| photo(&camera, board([60.5, 50.0], light), gpu::grey(320, 240, code), &framing, exposed);
-    // The column at 99 is covered by half. Half of sixteen times 0.2 is white.
+    // The column at 99 is half covered. Half of sixteen times 0.2 is white.
     let dark = at(0.0, (255.0 * response.encode(0.2)).round() as u8);
     assert!((60..180).all(|y| dark.at(99, y) == [255; 3]), "{:?}", dark.at(99, 120));
     assert!(dark.at(101, 120)[1] < 40);
-    // What is sixteen times white is so without grain.
+    // Sixteen times white clips without grain.
     let bright = at(1.0, 10);
     assert!((75..165).all(|y| (110..210).all(|x| bright.at(x, y) == [255; 3])));
 }
@@ -269,7 +271,8 @@ fn virtual_part_is_rendered_at_photo_size_with_the_same_exposure() {
     let done = photo(&camera, board([40.0, 30.0], 0.8), gpu::grey(320, 240, 60), &framing, exposed);
     let response = Response::default();
     let real = (255.0 * response.encode(2.0 * response.decode(60.0 / 255.0))).round() as u32;
-    // The board's edges at 160 ± 40 of 320 are at 640 ± 320 of 1280, and sharp there. 1.6 times white clips.
+    // The board's edges at 160 ± 40 of 320 are at 640 ± 320 of 1280, and sharp. 1.6 times white
+    // clips.
     let row: Vec<u32> = (0..1280).map(|x| done.at(x, 480)[1]).collect();
     assert!(row[..319].iter().chain(&row[961..]).all(|&c| c == real), "{real}: {:?}", &row[310..330]);
     assert!(row[321..959].iter().all(|&c| c == 255));
@@ -282,13 +285,14 @@ fn chromatic_aberration_leaves_the_real_part_unchanged() {
     let framing = Framing::new(&geometry, None, None, f64::INFINITY, None).unwrap();
     let settings = gpu::settings(&[("chromatic_aberration", "red", Value::Number(0.01))]);
     let pixels = gpu::grey(320, 240, 60);
-    // In the upper left corner: most of the picture lies beside the layer.
+    // In the upper left corner: most of the picture is outside of the layer.
     let board = board::panel([-150.0, -110.0], [-90.0, -70.0], 0.8);
     let done = photo_with(settings, &camera, board, pixels, &framing, AS_RECORDED);
     for (x, y) in (60..240).flat_map(|y| (0..320).map(move |x| (x, y))).chain((0..320).map(|x| (x, 4))) {
         assert_eq!(done.at(x, y), [60; 3], "{x} {y}");
     }
-    // Red lies farther out: at the upper left it is seen beside white, at the lower right it is missing.
+    // Red is displaced outwards: at the upper left it shows beside white, at the lower right it is
+    // missing.
     let columns = |channel: usize| (0..320).filter(|&x| done.at(x, 30)[channel] > 150).collect::<Vec<u32>>();
     assert!(columns(0).first() < columns(1).first() && columns(0).last() < columns(1).last());
 }
@@ -299,7 +303,7 @@ fn regions_of_a_photo_join_without_a_seam() {
     let camera = camera(&geometry, Some(noise()));
     let opening = Opening { diameter_m: 0.03, focus_distance_m: 1.0, blades: 5, rotation_rad: 0.0 };
     let track = sideways([200.0, 0.0]);
-    // A floor that comes nearer downwards, and a post before it; bright stripes on both.
+    // A floor that approaches downwards, and a post in front of it; bright stripes on both.
     let places = || (0..240u32).flat_map(|y| (0..320u32).map(move |x| (x, y)));
     let depth_m: Vec<f32> =
         places().map(|(x, y)| if (90..140).contains(&x) { 0.8 } else { 4.0 - 3.0 * y as f32 / 240.0 }).collect();
@@ -349,7 +353,8 @@ fn regions_of_a_photo_join_without_a_seam() {
         Rect::new(0, 110, 130, 240),
         Rect::new(130, 110, 320, 240),
     ];
-    // Points of the layer's filter fall on other texels of the smaller pictures where a part begins elsewhere: a few codes.
+    // The layered method's samples fall on different texels of the smaller pictures if a region
+    // begins elsewhere: a few codes.
     for (surfaces, most) in [(None, 4), (Some(&surfaces), 1)] {
         let (whole, parts) = (made(&[Rect::full(320, 240)], surfaces), made(&parts, surfaces));
         let (Codes::U8(a), Codes::U8(b)) = (&whole.codes, &parts.codes) else { panic!("8 bits went in") };
@@ -366,7 +371,7 @@ fn regions_of_a_photo_join_without_a_seam() {
 #[test]
 fn real_edge_of_coarse_depth_has_no_steps() {
     let (size, geometry) = ((320, 240), gpu::pinhole(320, 240, FOCAL_PX));
-    // A thing at 1 m ends at a line that leans. Its depth is known at the middle of each 4 by 4 pixels.
+    // A surface at 1 m ends at a slanted line. Its depth is sampled once per 4 by 4 pixels.
     let (leans, every) = (0.3, 4);
     let edge_px = |y_px: f64| 90.0 + leans * y_px;
     let middle = |n: u32| f64::from(every * n) + 0.5 * f64::from(every);
@@ -392,7 +397,7 @@ fn real_edge_of_coarse_depth_has_no_steps() {
     let done = compositor.collect(pending).unwrap().pixels;
     let [real, evidence] = [2, 300].map(|x| f64::from(done.at(x, 120)[1]));
     assert!(real == 60.0 && evidence > 150.0, "{real} {evidence}");
-    // Codes, not light: what is between the two is one pixel of a row.
+    // Threshold in codes: the transition takes one pixel of a row.
     let hidden =
         |y: u32| (0..size.0).map(|x| (evidence - f64::from(done.at(x, y)[1])) / (evidence - real)).sum::<f64>();
     let ends: Vec<f64> = (20..220).map(hidden).collect();
@@ -400,12 +405,12 @@ fn real_edge_of_coarse_depth_has_no_steps() {
         let off_px = end - edge_px(n as f64 + 20.5);
         assert!(off_px.abs() < 0.65 * f64::from(every), "row {n}: {off_px}");
     }
-    // Taken as they are, the grid's pixels make steps of four.
+    // Unfiltered, the grid's pixels would make steps of four.
     let steps = ends.windows(2).map(|two| (two[1] - two[0]).abs());
     assert!(steps.clone().fold(0.0, f64::max) < 2.0, "{:?}", steps.collect::<Vec<_>>());
 }
 
-/// A rolling shutter reads the rows of an aimed part when it reads them in the whole picture.
+/// A rolling shutter reads the rows of a cropped picture at their times in the whole picture.
 #[test]
 fn cropped_rolling_shutter_photo_keeps_the_row_times_of_the_whole_picture() {
     const READOUT_S: f64 = 0.03;
@@ -416,15 +421,15 @@ fn cropped_rolling_shutter_photo_keeps_the_row_times_of_the_whole_picture() {
     let mut settings = Settings::default();
     settings.plain();
     let exposed = PhotoExposure { time_s: 0.0, ..AS_RECORDED };
-    // 40 columns of 160 and 30 rows of 120, at the upper rim.
+    // 40 columns of 160 and 30 rows of 120, at the upper border.
     let aim = Aim { at_px: Some([80.0, 15.0].into()), around_px: Some([40.0, 30.0].into()) };
     let whole = Framing::new(geometry, None, None, f64::INFINITY, None).unwrap();
     let part = Framing::aimed(geometry, None, None, f64::INFINITY, None, aim).unwrap();
     assert_eq!((part.size(), part.framed.left_px, part.framed.top_px), ((40, 30), 60.0, 0.0));
     for framing in [whole, part] {
         let (width, height) = framing.size();
-        // A board over rows 4 to 26, around column 80 when the middle row is read.
-        // It moves 200 px a second.
+        // A board over rows 4 to 26, around column 80 when the middle row is read. It moves 200 px
+        // a second.
         let scene = board::panel([-10.0, -56.0], [10.0, -34.0], 0.5);
         let done = photo_with(settings.clone(), &camera, scene, gpu::grey(width, height, 60), &framing, exposed);
         let decode = |code: u32| camera.response.decode(f64::from(code) / 255.0);
@@ -442,7 +447,7 @@ fn cropped_rolling_shutter_photo_keeps_the_row_times_of_the_whole_picture() {
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
-/// No shadows in the fast tier: the claims of these tests do not depend on them.
+/// Runs `locard photo`. No shadows in the fast tier: these tests do not depend on them.
 fn shoot(arguments: &[&str]) -> std::process::Output {
     shoot_in(Path::new("recordings/demo"), arguments)
 }
@@ -478,7 +483,8 @@ fn bracket_writes_a_series_with_contact_sheet_and_exif() {
         let settings = settings(n + 1);
         assert_eq!((settings.iso, settings.f_number), (Some(iso), Some(4.0)));
     }
-    // EV of 300 lx at ISO 100 is 6.91: f/4 wants 16/120 s, of which 1/8 is the nearest; two stops faster film 1/30.
+    // EV of 300 lx at ISO 100 is 6.91: f/4 needs 16/120 s, of which 1/8 is the nearest; two stops
+    // faster film 1/30.
     let part = |n| (1.0 / settings(n).time_s.unwrap()).round();
     assert_eq!([part(1), part(3)], [8.0, 30.0]);
     assert!(image::image_dimensions(folder.path().join("door-sheet.jpg")).unwrap().0 > 1400);
@@ -530,8 +536,8 @@ fn impossible_camera_values_are_refused_with_the_accepted_range() {
     assert!(String::from_utf8_lossy(&done.stderr).contains("accepted are .jpg and .png"));
 }
 
-/// The demonstration's camera turns fast in frame 36. In 20 lx the program holds the shutter open for many frames: on a stand that
-/// blurs nothing more, and in the hand only where motion is shown at all.
+/// The demonstration's camera turns fast in frame 36. At 20 lx the shutter stays open for many
+/// frames: on a tripod this blurs nothing more, and hand-held only where motion is visible at all.
 // Slow: starts the program five times, with an exposure of many frames.
 #[test]
 fn slow_shutter_on_a_tripod_shows_the_frame_itself() {
@@ -550,7 +556,7 @@ fn slow_shutter_on_a_tripod_shows_the_frame_itself() {
     let named = taken("named.png", &["--without", "depth_of_field", "--tripod"]);
     let hand = taken("hand.png", &["--without", "depth_of_field", "--hand-held"]);
     assert!(stand == named);
-    // Edges of what the frame shows, far from the evidence too.
+    // Edges of the frame itself, away from the evidence.
     let edges = |picture: &image::RgbImage| {
         let across = |x: u32, y: u32| i64::from(picture.get_pixel(x, y)[1]) - i64::from(picture.get_pixel(x - 1, y)[1]);
         (0..picture.height())
@@ -559,7 +565,7 @@ fn slow_shutter_on_a_tripod_shows_the_frame_itself() {
             .sum::<i64>()
     };
     assert!(edges(&stand) > 3 * edges(&hand), "{} {}", edges(&stand), edges(&hand));
-    // Sharp evidence stands among what was seen at one moment.
+    // Sharp evidence in footage of a single moment.
     let sharp = [taken("a.png", &without), taken("b.png", &[&without[..], &["--hand-held"]].concat())];
     assert!(sharp[0] == sharp[1]);
 }
@@ -580,7 +586,7 @@ fn aimed_point_is_at_the_centre_of_the_photo() {
     let (aim, across) = (format!("{aim_x},{aim_y}"), width.to_string());
     let part = taken("part.png", &["--focus", "inf", "--aperture", "22", "--aim", &aim, "--across", &across]);
     assert_eq!(part.dimensions(), (width, height));
-    // The same pixels, those from (x0, y0) on, but for the moment of virtual ones' rows.
+    // The same pixels from (x0, y0) on, except for the row times of virtual ones.
     let same = part.enumerate_pixels().filter(|&(x, y, p)| whole.get_pixel(x0 + x, y0 + y) == p).count() as u32;
     assert!(same > width * height * 97 / 100, "{same}");
     let (wide, high) = (800 / smaller, 600 / smaller);

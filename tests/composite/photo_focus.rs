@@ -20,7 +20,7 @@ fn lens(circle_at_infinity_px: f64, focus_distance_m: f64) -> Opening {
     Opening { diameter_m, focus_distance_m, blades: 0, rotation_rad: 0.0 }
 }
 
-/// A picture of code values, and its depth, by column and row.
+/// A picture of code values and its depth map, from column and row.
 fn pictured(code: impl Fn(u32, u32) -> u16, depth_m: impl Fn(u32, u32) -> f32) -> (Pixels, DepthMap) {
     let (width, height) = SIZE;
     let places = || (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
@@ -76,7 +76,7 @@ fn light(pixels: &Pixels, x: u32, y: u32) -> f64 {
     Response::default().decode(f64::from(pixels.at(x, y)[1]) / f64::from(pixels.max_code()))
 }
 
-/// From 10 to 90 % of an edge's light along a row, px.
+/// 10-90 % width of an edge's light along a row, px.
 fn width_px(pixels: &Pixels, y: u32, columns: std::ops::Range<u32>) -> f64 {
     let row: Vec<f64> = columns.map(|x| light(pixels, x, y)).collect();
     let (dark, bright) = (row[0], row[row.len() - 1]);
@@ -91,15 +91,16 @@ fn width_px(pixels: &Pixels, y: u32, columns: std::ops::Range<u32>) -> f64 {
 #[test]
 fn far_edge_is_as_wide_as_its_circle_of_confusion() {
     let camera = without_noise();
-    // 4 m away; 1 m is sharp: three quarters of the circle at infinity. An edge through a disc of diameter c rises from
-    // 10 to 90 % within 0.687 c; a pixel's own width adds in squares (0.8 px).
+    // 4 m away; 1 m is in focus: three quarters of the circle at infinity. An edge through a disc
+    // of diameter c rises from 10 to 90 % within 0.687 c; a pixel's own width adds in quadrature
+    // (0.8 px).
     for infinity_px in [4.0f64, 8.0, 16.0, 32.0, 56.0] {
         let (pixels, depth) = pictured(|x, _| if x < 160 { 6000 } else { 40000 }, |_, _| 4.0);
         let done = photo(&camera, Scene::default(), &pixels, &depth, lens(infinity_px, 1.0), SIZE.0);
         let found = width_px(&done, 120, 100..220);
         let wanted = (0.687 * 0.75 * infinity_px).hypot(0.8);
         assert!((found / wanted - 1.0).abs() < 0.05, "circle {}: {found} px, {wanted} wanted", 0.75 * infinity_px);
-        // Nothing is darker or brighter at the picture's rims.
+        // No vignetting at the picture's corners.
         for (x, y) in [(0, 0), (319, 0), (0, 239), (319, 239)] {
             let there = f64::from(pixels.at(x, y)[0]) / 257.0;
             assert!((f64::from(done.at(x, y)[0]) - there).abs() <= 1.0, "{x} {y}: {:?}, {there}", done.at(x, y));
@@ -111,14 +112,15 @@ fn far_edge_is_as_wide_as_its_circle_of_confusion() {
 fn pixels_in_focus_are_unchanged_and_gather_nothing_from_behind() {
     let camera = without_noise();
     let texture = |x: u32, y: u32| ((x * 7919 + y * 104_729) % 200) as u16 * 257;
-    // A near thing in focus, left; a bright wall far behind.
+    // A near object in focus, left; a bright wall far behind.
     let (pixels, depth) =
         pictured(|x, y| if x < 160 { texture(x, y) } else { 62000 }, |x, _| if x < 160 { 1.0 } else { 4.0 });
     let done = photo(&camera, Scene::default(), &pixels, &depth, lens(16.0, 1.0), SIZE.0);
     for (x, y) in (0..240).flat_map(|y| (0..159).map(move |x| (x, y))) {
         assert_eq!(done.at(x, y)[1], pixels.at(x, y)[1] / 257, "{x} {y}");
     }
-    // Nothing of the near thing in the wall: the pixel on the edge is the thing's (it may show both).
+    // No light of the near object in the wall: the pixel on the edge belongs to the object (it may
+    // show both).
     for (x, y) in (0..240).flat_map(|y| (162..320).map(move |x| (x, y))) {
         assert!(done.at(x, y)[1].abs_diff(62000 / 257) <= 1, "{x} {y}: {:?}", done.at(x, y));
     }
@@ -127,13 +129,14 @@ fn pixels_in_focus_are_unchanged_and_gather_nothing_from_behind() {
 #[test]
 fn blurred_foreground_spreads_over_the_sharp_background_and_is_translucent() {
     let camera = without_noise();
-    // Dark at 0.5 m before a bright wall at 1 m: 16 px of circle, half of it to either side of the edge.
+    // Dark at 0.5 m in front of a bright wall at 1 m: a circle of 16 px, half of it on either side
+    // of the edge.
     let (pixels, depth) = pictured(|x, _| if x < 160 { 6000 } else { 40000 }, |x, _| if x < 160 { 0.5 } else { 1.0 });
     let done = photo(&camera, Scene::default(), &pixels, &depth, lens(16.0, 1.0), SIZE.0);
     let found = width_px(&done, 120, 130..190);
     let wanted = (0.687 * 16.0f64).hypot(0.8);
     assert!((found / wanted - 1.0).abs() < 0.08, "{found}, {wanted} wanted");
-    // Half of it at the edge, which lies one pixel farther out.
+    // The mean of both at the edge, which is displaced outwards by one pixel.
     let middle = light(&done, 160, 120) / (light(&pixels, 10, 120) + light(&pixels, 300, 120));
     assert!((middle - 0.5).abs() < 0.08, "{middle}");
 }
@@ -141,7 +144,8 @@ fn blurred_foreground_spreads_over_the_sharp_background_and_is_translucent() {
 #[test]
 fn real_and_virtual_objects_blur_alike() {
     let camera = without_noise();
-    // At 2 m (where boards stand), before a wall at 6 m with stripes; sharp is 1 m, 3 m or the wall.
+    // At 2 m (the distance of boards), in front of a wall at 6 m with stripes; the focus is at 1 m,
+    // at 3 m or on the wall.
     let wall = |x: u32| if (x / 20).is_multiple_of(2) { 20000 } else { 50000 };
     let inside = |x: u32, y: u32| (100..220).contains(&x) && (80..160).contains(&y);
     let grey = Response::default().decode(9000.0 / 65535.0) as f32;
@@ -157,7 +161,8 @@ fn real_and_virtual_objects_blur_alike() {
             sum += f64::from(real.at(x, y)[1].abs_diff(mixed.at(x, y)[1]));
         }
         let mean = sum / 76800.0;
-        // A real thing is a pixel wider; and of stripes that its blur uncovers, where the wall is sharp, half are made up.
+        // A real object is a pixel wider; and with the wall in focus, half of the stripes uncovered
+        // by its blur are inpainted.
         let most = if focus_m == 6.0 { 3.0 } else { 1.2 };
         assert!(mean < most, "sharp at {focus_m} m: {mean} codes");
     }
@@ -177,7 +182,7 @@ fn gets_the_films_grain(noise: &NoiseProfile) {
     let camera = Camera { noise: Some(noise.clone()), ..without_noise() };
     let mut random = Random::new(1);
     let white: Vec<f64> = (0..SIZE.0 * SIZE.1).map(|_| random.normal()).collect();
-    // Neighbours as under (a, 1, a) along both axes.
+    // Neighbours as correlated by the taps (a, 1, a) along both axes.
     let taps = noise.neighbour_correlation.map(side_tap).map(|a| [a, 1.0, a].map(|w| w / (1.0 + 2.0 * a * a).sqrt()));
     let noisy: Vec<u16> = (0..(SIZE.0 * SIZE.1) as i32)
         .map(|i| {
@@ -213,7 +218,7 @@ fn gets_the_films_grain(noise: &NoiseProfile) {
     }
 }
 
-/// A dark board a hand before a bright wall: its circles and the wall's differ by little more than a slice.
+/// A dark board 10 cm in front of a bright wall: their circles differ by little more than a slice.
 #[test]
 fn background_does_not_show_through_a_blurred_foreground() {
     for board_m in [1.5f32, 1.6, 1.65, 1.684, 1.72] {
@@ -240,7 +245,7 @@ fn occluded_object_does_not_show_through() {
         let worst = (0..240).flat_map(|y| (0..320).map(move |x| (x, y))).map(|(x, y)| hidden.at(x, y)[1].abs_diff(20));
         let worst = worst.max().unwrap();
         assert!(worst <= 1, "{wall_m} m: {worst} codes");
-        // Where real things are to hide nothing, all of it is seen.
+        // Without occlusion by real surfaces, all of it is visible.
         let mut settings = Settings::default();
         settings.depth.occlusion = false;
         let seen = photo_with(settings, &without_noise(), board(), &pixels, &depth, opening, SIZE.0);
@@ -248,7 +253,7 @@ fn occluded_object_does_not_show_through() {
     }
 }
 
-/// A simulated room, as a pinhole sees it.
+/// A simulated room in a pinhole projection.
 struct Room {
     simulation: Simulation,
     snapshot: Snapshot,
@@ -268,7 +273,7 @@ impl Room {
         Self { recorded: codes(&seen.light, (width_px, height_px)), simulation, snapshot, camera, seen }
     }
 
-    /// Taken with a depth, focused at a distance with an opening so wide.
+    /// Photographs by a depth map, with a focus distance and an aperture diameter.
     fn photo(&self, depth_m: &[f32], focus_distance_m: f64, diameter_m: f64) -> Pixels {
         let opening = Opening { diameter_m, focus_distance_m, blades: 0, rotation_rad: 0.0 };
         let (width, height) = (self.recorded.width, self.recorded.height);
@@ -283,7 +288,7 @@ fn codes(light: &[[f32; 3]], (width, height): (u32, u32)) -> Pixels {
     Pixels { width, height, codes: Codes::U16(light.as_flattened().iter().map(code).collect()) }
 }
 
-/// Mean difference in linear light, where asked.
+/// Mean difference in linear light over the selected pixels.
 fn apart(a: &Pixels, b: &Pixels, asked: impl Fn(u32, u32) -> bool) -> f64 {
     let places = (0..a.height).flat_map(|y| (0..a.width).map(move |x| (x, y))).filter(|(x, y)| asked(*x, *y));
     let (sum, count) =
@@ -291,7 +296,7 @@ fn apart(a: &Pixels, b: &Pixels, asked: impl Fn(u32, u32) -> bool) -> f64 {
     sum / count.max(1.0)
 }
 
-/// Into the folder that LOCARD_PICTURES names, if it does.
+/// Writes a picture into the folder LOCARD_PICTURES, if set.
 fn show(name: &str, p: &Pixels) {
     let Ok(folder) = std::env::var("LOCARD_PICTURES") else { return };
     let bytes: Vec<u8> = (0..p.height)
@@ -320,8 +325,8 @@ fn photo_matches_a_thin_lens_rendering() {
     }
 }
 
-/// Mean difference in linear light between the photographs by a Kinect's and by exact depth, and that of the exact one
-/// from the recorded picture, within a twentieth of the width of edges.
+/// Mean differences in linear light between the photographs by a Kinect's and by exact depth, and
+/// between the exact one and the recorded picture, within a twentieth of the edges' width.
 fn by_a_kinect(name: &str, camera: &Camera, recorded: &Pixels, exact_m: &[f32], opening: Opening) -> [f64; 2] {
     let (width, height) = (recorded.width, recorded.height);
     let light: Vec<[f32; 3]> = (0..height)
@@ -348,7 +353,8 @@ fn by_a_kinect(name: &str, camera: &Camera, recorded: &Pixels, exact_m: &[f32], 
 
 #[test]
 fn photo_by_kinect_depth_nearly_matches_exact_depth() {
-    // A dark card, sharp at 1 m, before a wall at 2 m with a soft pattern; both rough, as noise and fine texture are.
+    // A dark card in focus at 1 m, in front of a wall at 2 m with a soft pattern; both rough like
+    // noise and fine texture.
     let rough = |x: u32, y: u32| ((x * 7919 + y * 104_729) % 97 * 15) as u16;
     let wall = |x: u32, y: u32| (40000.0 + 9000.0 * (f64::from(x + y) * 0.4).sin()) as u16;
     let is_card = |x: u32, y: u32| (90..230).contains(&x) && (60..190).contains(&y);
@@ -357,16 +363,18 @@ fn photo_by_kinect_depth_nearly_matches_exact_depth() {
         |x, y| if is_card(x, y) { 1.0 } else { 2.0 },
     );
     let [apart, _] = by_a_kinect("card", &without_noise(), &pixels, &depth.depth_m, lens(24.0, 1.0));
-    // 0.0030; with the depth's edges as they are 0.0044. A third of it is the pixel by which exact depth makes the card wider.
+    // 0.0030; with unfiltered depth edges 0.0044. A third of it is the pixel by which exact depth
+    // widens the card.
     assert!(apart < 0.0036, "{apart}");
     // Full tier: the same claim in a simulated room.
     if !is_full() {
         return;
     }
-    // The stool's seat is sharp, the floor around it, wood as well, 5 to 15 px blurred.
+    // The stool's seat is in focus; the floor around it, wood as well, is blurred over 5 to 15 px.
     let room = Room::new((640, 480), 520.0);
     let opening = Opening { diameter_m: 0.05, focus_distance_m: 0.95, blades: 0, rotation_rad: 0.0 };
     let [apart, of_recorded] = by_a_kinect("room", &room.camera, &room.recorded, &room.seen.depth_m, opening);
-    // 0.00074; with edges as they are 0.00082: most of it is between the legs, dark before dark.
+    // 0.00074; with unfiltered edges 0.00082. Most of it is between the legs, dark in front of
+    // dark.
     assert!(apart < 0.00078, "{apart}, the recorded picture {of_recorded}");
 }

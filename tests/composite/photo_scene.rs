@@ -1,4 +1,4 @@
-//! Virtual things in a photograph: in each of its moments, and behind what is real.
+//! Virtual objects in a photograph: at each of its moments, and behind real surfaces.
 
 use crate::board::{DEPTH_M, FOCAL_PX, board, sideways};
 use crate::gpu;
@@ -13,8 +13,8 @@ use locard::pixels::{DepthMap, Pixels};
 use locard::scene::{Scene, Support};
 use locard::tracking::PoseTrack;
 
-/// What is photographed besides the picture.
-struct Taken<'a> {
+/// Conditions of a photograph besides the picture.
+struct PhotoConditions<'a> {
     camera: Camera,
     settings: Settings,
     track: &'a PoseTrack,
@@ -24,13 +24,13 @@ struct Taken<'a> {
     time_s: f64,
 }
 
-impl Taken<'_> {
-    /// The photograph, and what shares of it were told of as done.
+impl PhotoConditions<'_> {
+    /// Takes the photograph. Also returns the reported progress shares.
     fn photo(&self, scene: Scene, pixels: Pixels) -> (Pixels, Vec<f64>) {
         self.photo_of(scene, &[(1.0, pixels)], &[])
     }
 
-    /// The same of frames with weights, and what hides in each.
+    /// [`Self::photo`] of several weighted frames, with the occluding depth of each.
     fn photo_of(&self, scene: Scene, frames: &[(f64, Pixels)], hiding: &[(f64, DepthGrid)]) -> (Pixels, Vec<f64>) {
         let recorded = self.camera.geometry.clone().unwrap();
         let framing = Framing::new(&recorded, None, None, f64::INFINITY, None).unwrap();
@@ -64,11 +64,12 @@ impl Taken<'_> {
     }
 }
 
-/// Three frames a tenth of a second apart, of 10 ms each: the virtual part shows three times, as the real one does.
+/// Three frames a tenth of a second apart, 10 ms each: the virtual part appears three times, as the
+/// real one does.
 #[test]
 fn slow_shutter_exposes_objects_and_footage_at_the_same_moments() {
     let summed = [-0.1, 0.0, 0.1].map(|time_s| SummedExposure { time_s, exposure_s: 0.01, weight: 1.0 / 3.0 });
-    let of = Taken {
+    let of = PhotoConditions {
         camera: gpu::camera(&gpu::pinhole(160, 60, FOCAL_PX), 0.02),
         settings: Settings::default(),
         track: &sideways([400.0, 0.0]),
@@ -77,7 +78,7 @@ fn slow_shutter_exposes_objects_and_footage_at_the_same_moments() {
         opening: None,
         time_s: 0.3,
     };
-    // 12 px wide, 40 px farther each time, blurred over 4.
+    // 12 px wide, displaced by 40 px each time, blurred over 4.
     let (taken, _) = of.photo(board([6.0, 20.0], 0.5), gpu::grey(160, 60, 0));
     let light = |x: u32| of.camera.response.decode(f64::from(taken.at(x, 30)[0]) / 255.0);
     let full = light(80);
@@ -85,14 +86,14 @@ fn slow_shutter_exposes_objects_and_footage_at_the_same_moments() {
     for x in 20..140u32 {
         let beside = [40.0, 80.0, 120.0].map(|at: f64| (f64::from(x) + 0.5 - at).abs());
         let nearest = beside.into_iter().fold(f64::INFINITY, f64::min);
-        // Covered all the while up to 4 px from the middle, never from 8 on.
+        // Covered all the time up to 4 px from the middle, never from 8 px on.
         let expected = full * ((8.0 - nearest) / 4.0).clamp(0.0, 1.0);
         assert!((light(x) - expected).abs() < 0.06 * full + 0.002, "{x}: {}, by hand {expected}", light(x));
     }
 }
 
-/// A screen whose edge moves 40 px from frame to frame, before a board that moves 20: where the edge was on one side for a
-/// share of the time, the board is seen for that share.
+/// A screen whose edge moves 40 px from frame to frame, in front of a board that moves 20. Where
+/// the edge is on one side for a share of the time, the board is visible for that share.
 #[test]
 fn object_behind_a_moving_edge_is_visible_for_a_share_of_the_exposure() {
     let times = [-0.1, 0.0, 0.1];
@@ -108,11 +109,11 @@ fn object_behind_a_moving_edge_is_visible_for_a_share_of_the_exposure() {
         Frame { depth: Some(depth), ..gpu::frame(3, t, Pixels::from_u8(160, 60, codes).unwrap()) }
     });
     let depth = frames[1].depth.as_ref().unwrap();
-    // With a lens, circles of the screen are 2 px wide.
+    // With a lens, the screen's circles of confusion are 2 px wide.
     let lens =
         Opening { diameter_m: 2.0 * DEPTH_M / FOCAL_PX, focus_distance_m: DEPTH_M, blades: 0, rotation_rad: 0.0 };
     for opening in [None, Some(lens)] {
-        let of = Taken {
+        let of = PhotoConditions {
             camera: gpu::camera(&geometry, 0.01),
             settings: Settings::default(),
             track: &track,
@@ -142,7 +143,7 @@ fn object_behind_a_moving_edge_is_visible_for_a_share_of_the_exposure() {
 
 #[test]
 fn long_exposure_reports_its_progress() {
-    let of = Taken {
+    let of = PhotoConditions {
         camera: gpu::camera(&gpu::pinhole(160, 60, FOCAL_PX), 0.02),
         settings: gpu::settings(&[("motion_blur", "method", Value::Text("reference".to_owned()))]),
         track: &sideways([400.0, 0.0]),
@@ -152,12 +153,13 @@ fn long_exposure_reports_its_progress() {
         time_s: 0.2,
     };
     let (_, told) = of.photo(board([6.0, 20.0], 0.5), gpu::grey(160, 60, 0));
-    // The picture is one tile. It is blurred over 80 px, by two moments each: 32 of them are a part, and the rest is one more.
+    // The picture is one tile. Its blur of 80 px takes two moments a pixel; progress is reported
+    // every 32 moments and for the rest.
     assert_eq!(told, [0.0, 1.0 / 6.0, 2.0 / 6.0, 3.0 / 6.0, 4.0 / 6.0, 5.0 / 6.0]);
 }
 
-/// A black thing of which the sensor saw its rim and one pixel in fifty, before a wall: without a lens too, it hides the board
-/// all over.
+/// A black object in front of a wall with depth at its border and in one pixel in fifty: without a
+/// lens too, it occludes the board completely.
 #[test]
 fn surface_with_sparse_depth_occludes_completely() {
     const SIZE: (usize, usize) = (320, 240);
@@ -173,7 +175,7 @@ fn surface_with_sparse_depth_occludes_completely() {
     };
     let depth_m = places().map(measured).collect();
     let depth = DepthMap { width: SIZE.0 as u32, height: SIZE.1 as u32, depth_m, timestamp_s: 0.0 };
-    let of = Taken {
+    let of = PhotoConditions {
         camera: gpu::camera(&gpu::pinhole(SIZE.0 as u32, SIZE.1 as u32, FOCAL_PX), 0.0),
         settings: Settings::default(),
         track: &sideways([0.0, 0.0]),
@@ -201,7 +203,7 @@ fn wall_occludes_an_object_only_beyond_the_depth_tolerance() {
     let shown = |before_board_m: f64| {
         let wall_m = (DEPTH_M - before_board_m) as f32;
         let depth = DepthMap { width: 160, height: 60, depth_m: vec![wall_m; 160 * 60], timestamp_s: 0.0 };
-        let of = Taken {
+        let of = PhotoConditions {
             camera: gpu::camera(&gpu::pinhole(160, 60, FOCAL_PX), 0.0),
             settings: gpu::settings(&[("depth", "tolerance_m", Value::Number(tolerance_m))]),
             track: &sideways([0.0, 0.0]),
@@ -219,7 +221,8 @@ fn wall_occludes_an_object_only_beyond_the_depth_tolerance() {
     assert_eq!([0.5, 1.5].map(|share| shown(share * tolerance_m)), [20 * 50, 0]);
 }
 
-/// A table measured with a ripple of 12 mm amplitude hides parts of a board that lies on it, unless its plane is known.
+/// A table measured with a ripple of 12 mm amplitude occludes parts of a board that lies on it,
+/// unless its plane is known.
 #[test]
 fn flat_object_on_a_table_of_rippled_depth_is_fully_visible() {
     const GREY: u8 = 60;
@@ -233,7 +236,7 @@ fn flat_object_on_a_table_of_rippled_depth_is_fully_visible() {
         let summed: Vec<SummedExposure> = (0..frames)
             .map(|n| SummedExposure { time_s: 0.1 * n as f64, exposure_s: 0.01, weight: 1.0 / frames as f64 })
             .collect();
-        let of = Taken {
+        let of = PhotoConditions {
             camera: gpu::camera(&geometry, 0.01),
             settings: gpu::settings(&[("depth", "tolerance_m", Value::Number(0.004))]),
             track: &track,
@@ -264,8 +267,9 @@ fn flat_object_on_a_table_of_rippled_depth_is_fully_visible() {
     };
     for frames in [1, 2] {
         assert_eq!(shown(Some(support), frames), 20 * 50, "{frames} frames");
-        // By hand a wave is nearer by more than 4 mm for (π − 2·asin(1/3))/2π = 39 % of its length; smoothing the depth makes
-        // that less, widening near surfaces by a pixel on each side makes it more.
+        // By hand a ripple is nearer by more than 4 mm for (π − 2·asin(1/3))/2π = 39 % of its
+        // length. Smoothing the depth reduces that; widening near surfaces by a pixel on each side
+        // increases it.
         let in_waves = shown(None, frames);
         assert!((20 * 50 * 45 / 100..20 * 50 * 75 / 100).contains(&in_waves), "{frames} frames: {in_waves}");
     }

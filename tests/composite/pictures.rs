@@ -9,8 +9,9 @@ use std::process::Command;
 /// The fast tier makes each effect and each projection once, the full tier all small cases of
 /// `scripts/hashes`. With another driver or processor nothing is compared, and the fast tier makes
 /// nothing. To store intended changes:
-/// `scripts/hashes target/release/locard FOLDER --size small && cp FOLDER/hashes.txt tests/pictures/`.
-// Slow: sixteen composites and renderings by the program, where the table's processor runs.
+/// `scripts/hashes target/release/locard FOLDER --size small && cp FOLDER/hashes.txt
+/// tests/pictures/`.
+// Slow: sixteen composites and renderings by the program, on the table's processor.
 #[test]
 fn pictures_layers_and_reports_match_their_hashes() {
     // Without the real recordings the script leaves their cases out.

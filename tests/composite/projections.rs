@@ -1,4 +1,4 @@
-//! Pictures through every projection, against directions that are known.
+//! Every projection, compared with known directions.
 
 use std::f64::consts::PI;
 use std::path::Path;
@@ -19,7 +19,8 @@ fn wall_color(d: DVec3) -> Vec3 {
     (0.5 + 0.5 * d / d.abs().max_element()).as_vec3()
 }
 
-/// The inside of a cube of 2 m around the origin, twelve triangles, each point coloured by its direction.
+/// The inside of a cube of 2 m around the origin, twelve triangles, each point coloured by its
+/// direction.
 fn room() -> Scene {
     let corner = |i: usize| {
         DVec3::new(f64::from((i & 1) as u8), f64::from((i >> 1 & 1) as u8), f64::from((i >> 2) as u8)) * 2.0 - 1.0
@@ -76,12 +77,12 @@ fn projections(scale: f64) -> Vec<Projection> {
     ]
 }
 
-/// A camera that is turned every way.
+/// A pose rotated about all axes.
 fn turned() -> Pose {
     Pose::from_camera_in_world(DVec3::ZERO, DQuat::from_euler(glam::EulerRot::XYZ, 0.4, -1.1, 2.0))
 }
 
-/// The middle of what is seen around a place.
+/// Coverage centroid within `reach` of a position.
 fn centroid(image: &LinearImage, around: DVec2, reach: f64) -> Option<DVec2> {
     let (mut sum, mut weight) = (DVec2::ZERO, 0.0);
     for (i, p) in image.rgba.iter().enumerate() {
@@ -98,7 +99,7 @@ fn centroid(image: &LinearImage, around: DVec2, reach: f64) -> Option<DVec2> {
 // Slow: renders a marker for each of many directions in every projection.
 #[test]
 fn marks_project_by_the_formula_in_every_projection() {
-    // In the camera's axes: all about the axis, on seams and corners of the cube, behind.
+    // In camera axes: all about the optical axis, on seams and corners of the cube, behind.
     let mut directions: Vec<DVec3> = Vec::new();
     for (theta, count) in
         [(0.0, 1), (18.0, 3), (33.0, 5), (45.0, 4), (54.7356, 4), (75.0, 8), (90.0, 4), (125.2644, 4), (135.0, 4)]
@@ -126,7 +127,8 @@ fn marks_project_by_the_formula_in_every_projection() {
             let step = projection.direction(at + DVec2::X).map_or(1.0, |e| e.angle_between(*d));
             let reach = 4.0f64.max(1.8 * 0.5 * side * 2f64.sqrt() / step).ceil();
             let inside = at.cmpgt(DVec2::splat(reach)).all() && at.cmplt(size - reach).all();
-            // A circle's rim cuts squares; a lens that is drawn as a plane sees what is well before it; poles are all of a row.
+            // Skipped: squares cut by the image circle, directions beside or behind a perspective lens
+            // without cube map, and poles, which span whole rows.
             let whole = projection.direction(at).is_some_and(|e| e.angle_between(*d) < 1e-6);
             let whole = whole && projection.direction(at + 8.0 * (at - 0.5 * size).normalize_or_zero()).is_some();
             let direct = matches!(&projection, Projection::Perspective(g) if !g.needs_cube_map()) && d.z < 0.2;
@@ -137,7 +139,8 @@ fn marks_project_by_the_formula_in_every_projection() {
             }
             let seen = centroid(&image, at, reach).unwrap_or_else(|| panic!("{projection:?}: {d} is not at {at}"));
             worst = worst.max(seen.distance(at));
-            // The middle of a square's picture is not quite the picture of its middle; most of the rest is sampling.
+            // The centroid of a projected square deviates a little from the projection of its
+            // centre; most of the rest is sampling.
             assert!(seen.distance(at) < 0.3, "{projection:?}: {d} at {seen}, not {at}");
             found += 1;
         }
@@ -158,7 +161,7 @@ fn every_pixel_shows_the_colour_of_its_direction_without_seams() {
             let corners =
                 [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|c| projection.direction(at + DVec2::from(c)));
             let Some(d) = projection.direction(at + 0.5) else {
-                // The rim's own pixels are seen in part.
+                // Pixels on the image circle are partly covered.
                 assert!(corners.iter().any(Option::is_some) || p[3] == 0.0, "{projection:?} {at}: beyond the circle");
                 continue;
             };
@@ -168,7 +171,8 @@ fn every_pixel_shows_the_colour_of_its_direction_without_seams() {
             }
             let expected = wall_color(pose.world_from_camera_rotation() * d);
             let off = (Vec3::new(p[0], p[1], p[2]) - expected).abs().max_element().max((p[3] - 1.0).abs());
-            // Half a pixel at most: the mean over a pixel is not its middle's where walls meet or the curve is steep.
+            // At most half a pixel: the mean over a pixel is not its centre's value where walls
+            // meet or the curve is steep.
             let wide = corners[0].unwrap().angle_between(corners[3].unwrap()) as f32;
             worst = worst.max(off);
             assert!(off < 0.004 + 0.5 * wide, "{projection:?} {at}: {p:?}, not {expected}");
@@ -181,7 +185,7 @@ fn every_pixel_shows_the_colour_of_its_direction_without_seams() {
 
 #[test]
 fn orthographic_projection_keeps_sizes_and_occludes() {
-    // A square of 0.2 m at 1 m, one of 0.2 m at 9 m beside it, and half behind the first a third.
+    // A square of 0.2 m at 1 m, one of 0.2 m at 9 m beside it, and a third half behind the first.
     let square = |x: f64, z: f64, grey: f32| {
         [(-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)]
             .map(|(a, b)| vertex(DVec3::new(x + a, b, z), Vec3::splat(grey)))
@@ -208,7 +212,7 @@ fn orthographic_projection_keeps_sizes_and_occludes() {
 #[test]
 fn environment_is_the_background_and_shows_through_partial_coverage() {
     let (width, height) = (256, 128);
-    // By longitude: red to the right of the map's middle (−z), green to its left; above is bright.
+    // By longitude: red to the right of the map's middle (−z), green to its left; bright above.
     let rgb = (0..width * height)
         .map(|i| {
             let (right, above) = (i % width >= width / 2, i / width < height / 2);
@@ -266,7 +270,7 @@ fn program_frames_a_scene_with_every_projection() {
             assert_eq!(picture.dimensions(), (96, 64));
             let seen = picture.pixels().filter(|p| p.0[3] > 128).count();
             assert!(seen > 4, "{camera} {model}: {seen} pixels");
-            // All of it: nothing touches the frame, but what lies below an environment.
+            // Complete: nothing touches the frame, except for the ground below an environment.
             let cut = picture
                 .enumerate_pixels()
                 .filter(|(x, y, p)| (*x == 0 || *y == 0 || *x == 95 || *y == 63) && p.0[3] > 128)

@@ -1,4 +1,5 @@
-//! Evidence in real recordings: on a desk, hidden where the desk's things stand before it; at a church's door.
+//! Evidence in real recordings: on a desk, occluded by nearer things on it; at the door of a
+//! church.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -18,7 +19,7 @@ use locard::recording::OpenOptions;
 use locard::scene::{Part, Scene};
 use locard::shot::{Shot, ShotOptions};
 
-/// Behind the milk carton, behind pens, cup and screen, before everything, and under the desk.
+/// Behind the milk carton, behind pens, cup and screen, in front of everything, and under the desk.
 const DESK: &str = r#"
 version = 1
 [[objects]]
@@ -49,11 +50,11 @@ fn composite(gpu: &Gpu, shot: &Shot, range: Range<usize>) -> Vec<(Frame, Composi
     frames.zip(shot::composited(gpu, shot, range)).collect()
 }
 
-/// Within so many pixels a sensor's edges lie beside the picture's, onto which they are put; and its picture was taken up
-/// to half an interval before or after the frame.
-const DOUBTFUL_PX: i32 = 8;
+/// Distance from a depth edge within which occlusion is uncertain, px: depth edges are moved onto
+/// the picture's, and depth is measured up to half an interval before or after the frame.
+const UNCERTAIN_PX: i32 = 8;
 
-/// Nearest and farthest of what the sensor measured within so many pixels. `None` where a part of that was not measured.
+/// Nearest and farthest measurement within this distance. `None` if any of it is missing.
 fn measured_around(depth: &DepthMap, i: usize, doubtful_px: i32) -> Option<(f32, f32)> {
     let (x, y) = ((i % depth.width as usize) as i32, (i / depth.width as usize) as i32);
     let mut range = (f32::INFINITY, 0.0f32);
@@ -108,18 +109,20 @@ fn props_on_a_real_desk_are_occluded_by_nearer_things_only() {
                 let (x, y) = ((i % 640) as u32, (i / 640) as u32);
                 assert_eq!(done.pixels.at(x, y), frame.pixels.at(x, y), "what is hidden is the camera's");
             }
-            // What the sensor says without any doubt: all around is nearer by more than the tolerance, or nothing is.
+            // Occlusion is certain if all measurements around are nearer by more than the
+            // tolerance, or none is.
             let object_m = open.depth_m[i] - tolerance_m;
             let said = |(nearest, farthest): (f32, f32)| match () {
                 () if farthest < object_m - 0.01 => Some(0.0),
                 () if nearest > object_m + 0.03 => Some(1.0),
                 () => None,
             };
-            let Some(expected) = measured_around(depth, i, DOUBTFUL_PX).and_then(said) else { continue };
+            let Some(expected) = measured_around(depth, i, UNCERTAIN_PX).and_then(said) else { continue };
             judged += 1;
             wrong += usize::from((shown - expected).abs() > 0.5);
-            // Edges are soft over the way that the camera moves while the shutter is open; beyond, pixels are whole.
-            if measured_around(depth, i, DOUBTFUL_PX + soft_px).and_then(said).is_some() {
+            // Edges are soft along the camera's motion while the shutter is open; beyond it pixels
+            // are covered completely or not at all.
+            if measured_around(depth, i, UNCERTAIN_PX + soft_px).and_then(said).is_some() {
                 whole += 1;
                 partly += usize::from(shown != expected);
             }
@@ -127,12 +130,12 @@ fn props_on_a_real_desk_are_occluded_by_nearer_things_only() {
         assert!(behind > 1000 && before > 1000, "frame {}: {behind} px hidden, {before} shown", frame.index);
     }
     println!("{wrong} of {judged} pixels are not as the sensor saw it; {partly} of {whole} not wholly");
-    // The window is too small where the camera turns fast: 10 px between the two sensors' moments.
+    // The window is too small for fast turns: 10 px between the times of the two sensors.
     let (many, many_whole) = fast_or_full((8_000 * frames, 6_000 * frames), (1_500_000, 1_000_000));
     assert!(judged > many && wrong * 250 < judged, "{wrong} of {judged}");
     assert!(whole > many_whole && partly * 100 < whole, "{partly} of {whole}");
 
-    // Nothing stands before the candle, and the desk before the plate.
+    // Nothing occludes the candle; the desk occludes the plate.
     let mut coverage = |objects: &[usize], occlusion: bool| -> f64 {
         let alpha = |done: &Composited| done.layer.as_ref().unwrap().rgba.iter().map(|p| f64::from(p[3])).sum::<f64>();
         drawn(objects, occlusion, fast_or_full(30..32, 20..50)).iter().map(|(_, done)| alpha(done)).sum()
@@ -146,14 +149,14 @@ fn props_on_a_real_desk_are_occluded_by_nearer_things_only() {
 /// World units of the door's model are about 0.4 m.
 const DOOR_UNIT_M: f64 = 0.4;
 
-/// A point of the reconstruction that every picture shows: where it is, and where in each picture it was found.
-struct Seen {
+/// A reconstructed point that is in every picture: its position, and its detection in each picture.
+struct ReconstructedPoint {
     position_m: DVec3,
     at_px: HashMap<usize, DVec2>,
 }
 
 /// The points with the longest tracks and the smallest errors.
-fn best_points(folder: &Path, count: usize) -> Vec<Seen> {
+fn best_points(folder: &Path, count: usize) -> Vec<ReconstructedPoint> {
     let text = |name: &str| std::fs::read_to_string(folder.join("colmap").join(name)).unwrap();
     let points = text("points3D.txt");
     let mut points: Vec<(f64, usize, &str, DVec3)> = points
@@ -180,7 +183,7 @@ fn best_points(folder: &Path, count: usize) -> Vec<Seen> {
             })
             .collect()
     };
-    points[..count].iter().map(|p| Seen { position_m: p.3, at_px: seen_at(p.2) }).collect()
+    points[..count].iter().map(|p| ReconstructedPoint { position_m: p.3, at_px: seen_at(p.2) }).collect()
 }
 
 #[test]
@@ -190,7 +193,7 @@ fn marks_on_the_door_project_to_the_reconstructed_points() {
     let mut shot = Shot::open(&folder, &options, &ShotOptions::default()).unwrap();
     let recording = &shot.recording;
     let points = best_points(&folder, 3);
-    // An unlit square around each point, turned to the first camera, in a colour of its own.
+    // An unlit square around each point, facing the first camera, each in its own colour.
     let facing = recording.pose_at_frame(0).unwrap().world_from_camera_rotation();
     let mut scene = Scene::default();
     for (i, point) in points.iter().enumerate() {
@@ -201,7 +204,7 @@ fn marks_on_the_door_project_to_the_reconstructed_points() {
         mark.objects[0].parts[0] = Part { mesh: 0, world_from_mesh };
         scene = board::both(scene, mark);
     }
-    // Stills: nothing moved while they were taken.
+    // Stills: no exposure time.
     shot.scene = std::sync::Arc::new(scene);
     let frames = fast_or_full(3, 12);
     let done = composite(&gpu::gpu(), &shot, 0..frames);
@@ -234,8 +237,9 @@ fn marks_on_the_door_project_to_the_reconstructed_points() {
     errors_px.sort_by(f64::total_cmp);
     let (median, most) = (errors_px[errors_px.len() / 2], errors_px[errors_px.len() - 1]);
     println!("{} marks: median {median:.3} px, at most {most:.3} px; {from_projection_px:.3} px", errors_px.len());
-    // The reconstruction's own residuals have a median of 0.3 px and reach 2; a mark's middle is known to some hundredths.
+    // The reconstruction's own residuals have a median of 0.3 px and reach 2; a mark's centre is
+    // known to some hundredths.
     assert!(errors_px.len() == 3 * frames && median < 0.6 && most < 2.0, "{errors_px:?}");
-    // A side of a mark that lies along the pixels is drawn to the nearest of four samples.
+    // A side of a mark that is parallel to the pixel rows is drawn to the nearest of four samples.
     assert!(from_projection_px < 0.15, "{from_projection_px}");
 }

@@ -1,4 +1,5 @@
-//! Shadows on receivers that clip and at the edges of real things, beside scenes of known radiance.
+//! Shadows on receivers that clip and at the edges of real things, compared with scenes of known
+//! radiance.
 
 use std::sync::Arc;
 
@@ -17,10 +18,10 @@ use locard::tracking::PoseTrack;
 
 const WIDTH: u32 = 160;
 const HEIGHT: u32 = 120;
-/// Half sides of the box, metres.
+/// Half sides of the box, m.
 const HALF: DVec3 = DVec3::new(0.04, 0.03, 0.05);
 
-/// A white box on the plane z = 0. The light that is left in its shadow has the colour of `sky`.
+/// A white box on the plane z = 0. The light remaining in its shadow has the colour of `sky`.
 fn scene(sky: Vec3) -> Scene {
     let sun = Sun {
         towards_light_in_world: Vec3::new(0.5, 0.3, 0.8).normalize(),
@@ -56,7 +57,7 @@ fn encode(light: f64) -> f64 {
     255.0 * if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// The floor's depth along each pixel's ray, metres.
+/// The floor's depth in each pixel, m.
 fn floor_m() -> Vec<f32> {
     let depth = |i: u32| {
         let ray = geometry().unproject(DVec2::new(f64::from(i % WIDTH) + 0.5, f64::from(i / WIDTH) + 0.5)).unwrap();
@@ -65,7 +66,7 @@ fn floor_m() -> Vec<f32> {
     (0..WIDTH * HEIGHT).map(depth).collect()
 }
 
-/// A frame that is as bright as `gain` by the analysis.
+/// A frame with this estimated gain.
 fn frame(codes: Vec<u8>, depth_m: Vec<f32>, gain: f64) -> Frame {
     let seen = SeenBrightness { factors: [gain; 3], usual_s: None, across: Across::default() };
     Frame {
@@ -75,7 +76,7 @@ fn frame(codes: Vec<u8>, depth_m: Vec<f32>, gain: f64) -> Frame {
     }
 }
 
-/// The radiance of the floor in the frame of usual brightness.
+/// The radiance of the floor in a frame of gain 1.
 fn radiance(light: [f32; 3]) -> Arc<LazyRadiance> {
     let places = (-60..60).flat_map(|x| (-60..60).map(move |y| 0.01 * DVec3::new(f64::from(x), f64::from(y), 0.0)));
     let sample = move |at_m: DVec3| SurfaceSample { at_m, light, is_clipped: [false; 3] };
@@ -92,12 +93,12 @@ fn made(scene: Scene, settings: &Settings, frame: Frame, radiance: Option<Arc<La
     compositor.collect(pending).unwrap()
 }
 
-/// The floor's shadow alone.
+/// Only the shadow on the floor.
 fn settings() -> Settings {
     gpu::settings(&[("shadow", "on_things", Value::Bool(false)), ("exposure", "follow", Value::Bool(false))])
 }
 
-/// Pixels away from the box, by number.
+/// Indices of pixels away from the box.
 fn free(done: &Composited) -> Vec<usize> {
     let rgba = &done.layer.as_ref().unwrap().rgba;
     let touched = |x: i32, y: i32| {
@@ -111,7 +112,7 @@ fn free(done: &Composited) -> Vec<usize> {
     (0..rgba.len()).filter(is_free).collect()
 }
 
-/// The shadow ratio at each pixel, of a grey floor.
+/// The shadow ratio in each pixel, of a grey floor.
 fn ratios(sky: Vec3) -> Vec<[f32; 3]> {
     let grey = frame(vec![150; 3 * (WIDTH * HEIGHT) as usize], floor_m(), 1.0);
     made(scene(sky), &settings(), grey, None).layer.unwrap().left
@@ -128,7 +129,7 @@ fn pixel(done: &Composited, i: usize) -> [u8; 3] {
 #[test]
 fn shadow_on_a_clipped_floor_of_known_radiance_matches_a_camera() {
     let ratios = ratios(Vec3::splat(0.3));
-    // 0.65 in the usual frame, and this one is exposed twice as long.
+    // 0.65 at gain 1, and this frame has twice the exposure.
     let done = made(scene(Vec3::splat(0.3)), &settings(), frame(white(), floor_m(), 2.0), Some(radiance([0.65; 3])));
     let (mut worst, mut dark, mut kept, mut whole) = (0.0f64, 0, 0, 0);
     for i in free(&done) {

@@ -1,5 +1,5 @@
-//! Evidence behind real things by a depth sensor's maps: how far from where it is truly hidden it ends, by exact depth and by a
-//! Kinect's.
+//! Evidence behind real surfaces measured by a depth sensor: the distance between the composited
+//! and the true occlusion edge, by exact depth and by a Kinect's.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,28 +11,28 @@ use glam::{DVec2, DVec3};
 use locard::pixels::LayerImage;
 use locard::simulate::{DepthSensorModel, Detail, Flaws, Options, Simulation};
 
-/// Frames of the demonstration in which the stool, the bucket and the ball stand before the
-/// evidence. Depth of the frames around a judged one votes on its depth.
+/// Frames of the demonstration in which the stool, the bucket and the ball are in front of the
+/// evidence. The evaluated frames' depth is fused with that of their neighbours.
 fn range() -> std::ops::Range<usize> {
     fast_or_full(53..56, 46..63)
 }
 
-fn judged() -> &'static [usize] {
+fn evaluated_frames() -> &'static [usize] {
     fast_or_full(&[54], &[50, 54, 58])
 }
 
-/// Depth does not depend on how fine the site's light is.
+/// Depth does not depend on the resolution of the site's light.
 const CRUDE: Detail = Detail { texture_m: 0.05, light_m: 0.4 };
-/// Values per metre in the maps, as a Kinect's recordings have them.
+/// Depth codes per metre, as in a Kinect's recordings.
 const CODES_PER_METRE: f64 = 5000.0;
 
-/// The evidence: upright triangles (right angle at the left below, twice as wide as high) that look at the camera: where they stand
-/// and how high they are, m.
+/// The evidence: upright triangles that face the camera, right angle at the lower left, twice as
+/// wide as high. Position of the corner and height, m.
 const CARDS: [(DVec3, f64); 2] = [(DVec3::new(-0.3, 0.05, 0.0), 0.9), (DVec3::new(-0.1, 0.95, 0.0), 0.8)];
 
-/// Real things nearer to the evidence than this, or touching it, have no edge that a sensor could tell, m.
-const APART_M: f64 = 0.05;
-/// Across an edge: places every so far, out to so far, px.
+/// Real surfaces nearer to the evidence than this have no edge that a sensor could resolve, m.
+const MIN_SEPARATION_M: f64 = 0.05;
+/// Step and half length of the profile across an edge, px.
 const STEP_PX: f64 = 0.25;
 const REACH_PX: f64 = 12.0;
 
@@ -41,7 +41,7 @@ fn simulation() -> Simulation {
     Simulation::with_flaws_and_detail(&Options::default(), &flaws, CRUDE, 2).unwrap()
 }
 
-/// The demonstration's frames, with depth as it is measured.
+/// The demonstration's frames with measured depth.
 fn recording(folder: &Path, name: &str, simulation: &Simulation, depths: &[Vec<f32>]) -> PathBuf {
     let from = Path::new("recordings/demo");
     let out = folder.join(name);
@@ -70,7 +70,7 @@ fn recording(folder: &Path, name: &str, simulation: &Simulation, depths: &[Vec<f
     out
 }
 
-/// Writes the cards; the scene's file.
+/// Writes the cards and their scene file, and returns the scene's path.
 fn scene(folder: &Path) -> PathBuf {
     fs::write(folder.join("card.glb"), Model::triangle().glb()).unwrap();
     let object = |(at, high): &(DVec3, f64)| {
@@ -83,7 +83,7 @@ fn scene(folder: &Path) -> PathBuf {
     file
 }
 
-/// How far along its depth ray a place of the picture meets the nearest card, m.
+/// Distance along the depth ray of a picture position to the nearest card, m.
 fn card_m(simulation: &Simulation, frame: usize, at: DVec2) -> Option<f64> {
     let time_s = simulation.timestamp_s(frame) + simulation.geometry().row_time_s(at.y.floor() + 0.5);
     let pose = simulation.track().at(time_s).unwrap();
@@ -97,11 +97,11 @@ fn card_m(simulation: &Simulation, frame: usize, at: DVec2) -> Option<f64> {
     CARDS.iter().filter_map(meets).min_by(f64::total_cmp)
 }
 
-/// The share of each pixel in which evidence is truly seen, where the picture has any within two pixels of an edge.
+/// The true visible share of evidence in each pixel, supersampled within two pixels of an edge.
 struct Truth {
     width: usize,
     seen: Vec<f64>,
-    /// Whether evidence is there, and what is real is clearly before or clearly behind it.
+    /// True if the pixel has evidence, and the real surface is clearly in front of it or behind it.
     is_clear: Vec<bool>,
 }
 
@@ -109,11 +109,11 @@ impl Truth {
     fn new(simulation: &Simulation, frame: usize) -> Self {
         let Options { width_px, height_px, .. } = *simulation.options();
         let (width, height) = (width_px as usize, height_px as usize);
-        // By how much what is real is behind the evidence.
+        // Distance from the evidence to the real surface behind it.
         let behind_m = |at: DVec2| Some(simulation.depth_at(frame, at)? - card_m(simulation, frame, at)?);
         let middle = |i: usize| DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
         let apart: Vec<Option<f64>> = (0..width * height).map(|i| behind_m(middle(i))).collect();
-        let is_clear: Vec<bool> = apart.iter().map(|m| m.is_some_and(|m| m.abs() > APART_M)).collect();
+        let is_clear: Vec<bool> = apart.iter().map(|m| m.is_some_and(|m| m.abs() > MIN_SEPARATION_M)).collect();
         let is_seen = |m: Option<f64>| f64::from(u8::from(m.is_some_and(|m| m > 0.0)));
         let share = |i: usize| {
             let (x, y) = (i % width, i / width);
@@ -129,7 +129,7 @@ impl Truth {
         Self { width, seen: (0..width * height).map(share).collect(), is_clear }
     }
 
-    /// Where the evidence's edge passes between two pixels, and the way across it.
+    /// Positions of the evidence's edge between two pixels, each with the edge's normal.
     fn edges(&self) -> Vec<(DVec2, DVec2)> {
         let (width, height) = (self.width, self.seen.len() / self.width);
         let reach = REACH_PX as usize + 2;
@@ -153,7 +153,7 @@ impl Truth {
                         .enumerate()
                         .map(|(n, i)| DVec2::new((n % 5) as f64 - 2.0, (n / 5) as f64 - 2.0) * self.seen[i])
                         .sum();
-                    // Each edge once: by the axis that crosses it more directly.
+                    // Counts each edge once: along the axis closer to its normal.
                     let across = steep.normalize_or_zero();
                     if across.dot(along).abs() > 0.72 {
                         found.push((at, across));
@@ -165,8 +165,8 @@ impl Truth {
     }
 }
 
-/// Where values across an edge pass a half, nearest to the edge, px.
-fn passes(values: &[f64], width: usize, at: DVec2, across: DVec2) -> Option<f64> {
+/// Position of the 50 % crossing nearest to the edge, along its normal, px.
+fn half_crossing_px(values: &[f64], width: usize, at: DVec2, across: DVec2) -> Option<f64> {
     let count = (2.0 * REACH_PX / STEP_PX) as usize + 1;
     let place = |n: usize| n as f64 * STEP_PX - REACH_PX;
     let value = |n: usize| {
@@ -179,19 +179,20 @@ fn passes(values: &[f64], width: usize, at: DVec2, across: DVec2) -> Option<f64>
     let profile: Vec<f64> = (0..count).map(value).collect();
     let crossing = |n: usize| {
         let (a, b) = (profile[n], profile[n + 1]);
-        // As the truth does: evidence on the far side of the way across.
+        // As for the truth: evidence is on the positive side of the normal.
         (a <= 0.0 && b > 0.0).then(|| place(n) + STEP_PX * a / (a - b))
     };
     (0..count - 1).filter_map(crossing).min_by(|a, b| a.abs().total_cmp(&b.abs()))
 }
 
-/// The share of each pixel of the evidence that is seen: with what hides it, by all of it.
+/// The visible share of each pixel's evidence: occluded over unoccluded coverage.
 fn seen(hidden: &LayerImage, whole: &LayerImage) -> Vec<f64> {
     let share = |(on, off): (&[f32; 4], &[f32; 4])| if off[3] > 0.5 { f64::from(on[3] / off[3]) } else { 0.0 };
     hidden.rgba.iter().zip(&whole.rgba).map(share).collect()
 }
 
-/// What is seen in red and what truly is in green, into the folder that LOCARD_PICTURES names, if it does.
+/// Writes the composited share in red and the true one in green into the folder LOCARD_PICTURES, if
+/// set.
 fn show(name: &str, found: &[f64], truth: &[f64], width: usize) {
     let Ok(folder) = std::env::var("LOCARD_PICTURES") else { return };
     let bytes =
@@ -200,8 +201,9 @@ fn show(name: &str, found: &[f64], truth: &[f64], width: usize) {
     image::RgbImage::from_raw(width as u32, height, bytes).unwrap().save(format!("{folder}/{name}.png")).unwrap();
 }
 
-/// Off by how much, px, each place of the edge in each judged frame, ascending; what ends nowhere near counts as the reach.
-fn off_px(recording: &Path, scene: &Path, truths: &[Truth]) -> Vec<f64> {
+/// Errors of all edge positions in the evaluated frames, px, ascending. An edge without a crossing
+/// counts as the reach.
+fn edge_errors_px(recording: &Path, scene: &Path, truths: &[Truth]) -> Vec<f64> {
     let name = recording.file_name().unwrap().to_str().unwrap();
     let layers = |occlusion: bool, frame: usize| {
         let mut shot = shot::open(recording, None, scene);
@@ -211,12 +213,12 @@ fn off_px(recording: &Path, scene: &Path, truths: &[Truth]) -> Vec<f64> {
         shot::composited(&gpu::gpu(), &shot, at..at + 1).pop().unwrap().layer.unwrap()
     };
     let mut off = Vec::new();
-    for (frame, truth) in judged().iter().copied().zip(truths) {
+    for (frame, truth) in evaluated_frames().iter().copied().zip(truths) {
         let found = seen(&layers(true, frame), &layers(false, frame));
         show(&format!("{name}-{frame}"), &found, &truth.seen, truth.width);
         for (at, across) in truth.edges() {
-            let Some(is) = passes(&truth.seen, truth.width, at, across) else { continue };
-            off.push(passes(&found, truth.width, at, across).map_or(REACH_PX, |found| (found - is).abs()));
+            let Some(is) = half_crossing_px(&truth.seen, truth.width, at, across) else { continue };
+            off.push(half_crossing_px(&found, truth.width, at, across).map_or(REACH_PX, |found| (found - is).abs()));
         }
     }
     off.sort_by(f64::total_cmp);
@@ -229,12 +231,12 @@ fn occlusion_edges_of_sensed_depth_match_the_true_ones() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());
     let simulation = simulation();
-    let truths: Vec<_> = judged().iter().map(|frame| Truth::new(&simulation, *frame)).collect();
+    let truths: Vec<_> = evaluated_frames().iter().map(|frame| Truth::new(&simulation, *frame)).collect();
     let (kinect, exact): (Vec<_>, Vec<_>) =
         range().map(|frame| simulation.depths(frame).unwrap()).map(|[measured, exact]| (measured, exact)).unzip();
     let mut figures = Vec::new();
     for (name, depths) in [("exact", exact), ("kinect", kinect)] {
-        let off = off_px(&recording(folder.path(), name, &simulation, &depths), &scene, &truths);
+        let off = edge_errors_px(&recording(folder.path(), name, &simulation, &depths), &scene, &truths);
         let of = |share: f64| off[(share * (off.len() - 1) as f64) as usize];
         println!(
             "{name}: {} places, median {:.2} px, 90 % within {:.2} px, 95 % within {:.2} px",

@@ -1,9 +1,9 @@
-//! All WGSL parses and validates, without a GPU.
+//! Parses and validates all WGSL without a GPU.
 
 use locard::compositor::mixed_module;
 use locard::gpu::{Interface, Shader, module};
 
-/// Files that hold functions for others and are no module of their own.
+/// Files of shared functions that are not modules of their own.
 fn is_part(text: &str) -> bool {
     !text.contains("@fragment") && !text.contains("@compute")
 }
@@ -12,7 +12,7 @@ fn is_part(text: &str) -> bool {
 fn every_shader_module_validates() {
     let mut count = 0;
     for shader in Shader::ALL {
-        // The composite's is put together below.
+        // The composite's module is assembled below.
         if !is_part(&shader.text()) && *shader != Shader::Composite {
             Interface::new(shader.name(), &shader.module());
             count += 1;
@@ -57,7 +57,8 @@ fn composite_shader_validates_with_every_combination_of_mixed_effects() {
             assert_eq!(globals.contains_key("real_light"), acted_on_real);
             for (_, name) in &some {
                 assert!(text.contains(&format!("pixel = apply_{name}(p, pixel);")));
-                // Each part's globals stand in a group of its own, so that none has to make room for another.
+                // Each part's globals are in a bind group of their own, so that the parts are
+                // independent.
                 let group = globals[*name].group;
                 assert!(group > 0);
                 let others = globals.values().filter(|g| g.group == group && !g.name.starts_with(name));
@@ -69,7 +70,7 @@ fn composite_shader_validates_with_every_combination_of_mixed_effects() {
 
 #[test]
 fn shader_file_is_included_once_per_module() {
-    // Both import the same; so does the composite itself.
+    // Both import the same file; so does the composite itself.
     let text = module(&[Shader::Exposure, Shader::RealPart]);
     assert_eq!(text.matches("fn fullscreen_vertex").count(), 1);
     assert_eq!(text.matches("fn slope_at").count(), 1);

@@ -1,4 +1,4 @@
-//! What surfaces look like, against values worked out by hand.
+//! Surface shading compared with values computed by hand.
 
 use crate::gpu;
 use crate::models::{Model, png};
@@ -22,7 +22,8 @@ fn seen(scene: Scene, focal_px: f64) -> Vec<[f32; 4]> {
     done.layer.unwrap().rgba
 }
 
-/// A square of 2 m at 1 m from the camera, wider than the picture, that faces it; u to the right, v down.
+/// A square of 2 m at 1 m from the camera, wider than the picture and facing it; u to the right, v
+/// down.
 fn board(material: Material) -> Scene {
     let corner = |x: f32, y: f32| Vertex {
         position: [x, y, 1.0],
@@ -75,8 +76,9 @@ fn lit(material: Material, lighting: Lighting) -> f32 {
 
 #[test]
 fn white_diffuse_surface_reflects_the_sun_by_lamberts_cosine() {
-    // 0.8 at 60°: 0.4. The shine takes 4 % of 0.31 from the matt part (so much of light comes back after one bounce
-    // from the roughest surface, seen upright) and gives 0.04/(2·(1 + 1/2)): together +0.1 %.
+    // 0.8 at 60°: 0.4. The specular term takes 4 % of 0.31 from the diffuse part (the directional
+    // albedo of the roughest surface after one bounce, at normal incidence) and adds 0.04/(2·(1 +
+    // 1/2)): together +0.1 %.
     let towards = Vec3::new(0.75f32.sqrt(), 0.0, -0.5);
     let found = lit(material(1.0, 0.0, 1.0), sun(towards, 0.8));
     assert!((found - 0.4004).abs() < 0.0005, "{found}");
@@ -103,7 +105,7 @@ fn spot_light_between_its_angles_falls_off_with_the_square_of_the_ramp() {
     assert!((on_axis - 1.0).abs() < 0.1, "{on_axis}");
     for (cosine, ramp) in [(0.875, 0.75), (0.75, 0.5), (0.625, 0.25), (0.45, 0.0)] {
         let found = lit_at(cosine) / on_axis;
-        // The layer has half floats, and the middle of the pixel lies 0.02° off.
+        // The layer has half floats, and the pixel's centre is 0.02° off.
         assert!((found - ramp * ramp).abs() < 0.002, "cosine {cosine}: {found}");
     }
 }
@@ -128,15 +130,17 @@ fn white_surface_under_a_white_sky_is_white() {
 
 #[test]
 fn rough_metal_matches_the_brdf_integral() {
-    // Roughness 0.6 seen upright: one bounce returns 0.8245 F0 of uniform light, over all views 0.8030 (by summing the
-    // BRDF over 400,000 directions). F0 = 0.5: mean of Schlick's term 0.5238, further bounces bring 9.98 % more.
+    // At roughness 0.6 and normal incidence one bounce returns 0.8245 F0 of uniform light, over all
+    // views 0.8030 (by summing the BRDF over 400,000 directions). F0 = 0.5: mean of Schlick's term
+    // 0.5238, further bounces add 9.98 %.
     let found = lit(material(0.5, 1.0, 0.6), Lighting::default());
     assert!((found - 0.4534).abs() < 0.002, "{found}");
 }
 
 #[test]
 fn smooth_metal_has_the_full_specular_peak() {
-    // Eye, sun and normal in one line: D·π = 1/α² = 10⁴, visibility 1/4, F = 1. Half a pixel off at 2000 px: 0.05 %.
+    // Camera, sun and normal are aligned: D·π = 1/α² = 10⁴, visibility 1/4, F = 1. Half a pixel off
+    // at 2000 px: 0.05 %.
     let found = lit(material(1.0, 1.0, 0.1), sun(Vec3::NEG_Z, 1.0));
     assert!((found - 2500.0).abs() < 12.0, "{found}");
 }
@@ -149,7 +153,7 @@ fn metallic_of_one_half_is_the_mean_of_metal_and_dielectric() {
             for light in [sun(towards, 1.0), Lighting::default()] {
                 let [none, half, whole] = [0.0, 0.5, 1.0].map(|m| lit(material(base, m, roughness), light.clone()));
                 let mean = 0.5 * (none + whole);
-                // The term for further bounces leaves out Fresnel's rise and the dielectric's part.
+                // The multiple-scattering term ignores Fresnel's rise and the dielectric's part.
                 assert!((half / mean - 1.0).abs() < 0.01, "{base}, {roughness}: {none} {half} {whole}");
             }
         }
@@ -165,8 +169,8 @@ fn texture(width: u32, height: u32, rgb: impl Fn(u32, u32) -> [u8; 3], srgb: boo
 
 const PLAIN: TextureUse = TextureUse { texture: 0, uv_set: 0, transform: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] };
 
-/// White under a normal map that leans 45° to the right everywhere.
-fn leaning(lighting: Lighting) -> f32 {
+/// White under a normal map tilted by 45° to the right everywhere.
+fn shade_tilted_bump(lighting: Lighting) -> f32 {
     let material = Material { normal_texture: Some(PLAIN), ..material(1.0, 0.0, 1.0) };
     let textures = vec![texture(1, 1, |_, _| [218, 128, 218], false)];
     middle(Scene { lighting, textures, ..board(material) })
@@ -174,18 +178,19 @@ fn leaning(lighting: Lighting) -> f32 {
 
 #[test]
 fn normal_map_tilts_towards_growing_u() {
-    let from = |x: f32, z: f32| leaning(sun(Vec3::new(x, 0.0, z), 1.0));
+    let from = |x: f32, z: f32| shade_tilted_bump(sun(Vec3::new(x, 0.0, z), 1.0));
     assert!(
         (from(1.0, -1.0) - 1.0).abs() < 0.03 && from(-1.0, -0.9) == 0.0,
         "{} {}",
         from(1.0, -1.0),
         from(-1.0, -0.9)
     );
-    // Its board turns away from these suns, though the bumps do not.
+    // The board faces away from these suns, though the bumps do not.
     assert_eq!(from(1.0, 0.1), 0.0);
     assert!(from(1.0, -0.02) < 0.25, "{}", from(1.0, -0.02));
-    // A white bump that sees itself where it does not see the sky is white.
-    assert!((leaning(Lighting::default()) - 1.0).abs() < 0.01);
+    // A white bump is white under a white sky: it reflects itself where it does not reflect the
+    // sky.
+    assert!((shade_tilted_bump(Lighting::default()) - 1.0).abs() < 0.01);
 }
 
 #[test]
@@ -199,13 +204,14 @@ fn fine_print_keeps_its_contrast_when_filtered() {
         let (found, truth) = (picture[SIDE / 2 * SIDE + x][0], (x / 2 % 2) as f32);
         worst = worst.max((found - truth).abs());
     }
-    // One trilinear tap is off by 0.18.
+    // A single trilinear tap is off by 0.18.
     assert!(worst < 0.1, "{worst}");
 }
 
 #[test]
 fn texture_transform_rotates_by_the_extension() {
-    // Red green over blue white. A quarter turn of the coordinates, counter-clockwise on the picture: u' = v, v' = −u.
+    // Red green over blue white. The coordinates turn by 90°, counter-clockwise on the picture: u'
+    // = v, v' = −u.
     let mut model = Model::triangle();
     model.textured(&png(2, 2, &[255, 0, 0, 255, 0, 255, 0, 255, 0, 0, 255, 255, 255, 255, 255, 255]));
     let positions = model.floats("VEC3", &[-1.0, -1.0, 1.0, 1.0, -1.0, 1.0, 1.0, 1.0, 1.0, -1.0, 1.0, 1.0]);

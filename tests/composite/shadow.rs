@@ -1,4 +1,5 @@
-//! Shadows on the real surfaces that things stand on: against the shadow map itself, pixel by pixel, and what must not happen.
+//! Shadows on real receiver surfaces, compared with the shadow map pixel by pixel, and their
+//! typical artefacts.
 
 use std::sync::Arc;
 
@@ -17,7 +18,7 @@ use locard::tracking::PoseTrack;
 const WIDTH: u32 = 320;
 const HEIGHT: u32 = 240;
 const GREY: u8 = 180;
-/// Half sides of the box, metres.
+/// Half sides of the box, m.
 const HALF: DVec3 = DVec3::new(0.04, 0.03, 0.05);
 
 fn lighting() -> Lighting {
@@ -29,7 +30,7 @@ fn lighting() -> Lighting {
     Lighting { suns: vec![sun], points: Vec::new(), environment: Environment::Uniform(Vec3::new(0.3, 0.35, 0.5)) }
 }
 
-/// A box of these half sides, m, that stands on the plane z = 0.
+/// A box with these half sides, m, on the plane z = 0.
 pub fn box_scene(half_m: DVec3, lighting: Lighting) -> Scene {
     let corner = |i: usize| {
         let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
@@ -88,7 +89,7 @@ fn grey_frame() -> Frame {
     gpu::frame(0, 0.0, gpu::grey(WIDTH, HEIGHT, GREY))
 }
 
-/// Where the four places of a pixel lie on the floor.
+/// Floor positions of a pixel's four samples.
 fn on_floor(x: u32, y: u32) -> impl Iterator<Item = Option<DVec3>> {
     let middle = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
     [(-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375)].into_iter().map(move |(dx, dy)| {
@@ -98,8 +99,8 @@ fn on_floor(x: u32, y: u32) -> impl Iterator<Item = Option<DVec3>> {
     })
 }
 
-/// What is seen of a shadow: all from 1/64 of the light on, nothing up to 1/256.
-fn faded(taken: Vec3) -> Vec3 {
+/// The applied share of a shadow: all of it from 1/64 of the light on, none up to 1/256.
+fn applied_share(taken: Vec3) -> Vec3 {
     let t = ((taken.abs().max_element() - 1.0 / 256.0) / (1.0 / 64.0 - 1.0 / 256.0)).clamp(0.0, 1.0);
     taken * (t * t * (3.0 - 2.0 * t))
 }
@@ -131,7 +132,7 @@ fn shadowed_pixels_match_the_shadow_map_and_others_are_unchanged() {
         }
         let places: Vec<Vec3> =
             on_floor(x, y).map(|place| place.map_or(Vec3::ZERO, |place| shadow_map.taken_at(place))).collect();
-        let taken = faded(places.iter().sum::<Vec3>() / 4.0);
+        let taken = applied_share(places.iter().sum::<Vec3>() / 4.0);
         if layer.left[i] == [1.0; 3] {
             free += 1;
             assert_eq!(out, [GREY; 3], "{x} {y}");
@@ -142,10 +143,10 @@ fn shadowed_pixels_match_the_shadow_map_and_others_are_unchanged() {
         for c in 0..3 {
             let code = |taken: f32| encode(decode(f64::from(GREY)) * (1.0 - f64::from(taken)));
             let off = (code(taken[c]) - f64::from(out[c])).abs();
-            // The four places are three quarters of a pixel apart. Rays between the nodes of their grid, and a texture's weights,
-            // are exact to a thirtieth of a pixel.
+            // The four samples are three quarters of a pixel apart. Rays between the nodes of their
+            // grid, and a texture's weights, are exact to a thirtieth of a pixel.
             let of_place =
-                |which: fn(f32, f32) -> f32| places.iter().map(|taken| faded(*taken)[c]).reduce(which).unwrap();
+                |which: fn(f32, f32) -> f32| places.iter().map(|taken| applied_share(*taken)[c]).reduce(which).unwrap();
             let per_px = (code(of_place(f32::min)) - code(of_place(f32::max))) / 0.75;
             worst = worst.max(off - per_px / 30.0);
             darkest = darkest.min(f64::from(out[c]));
@@ -153,13 +154,13 @@ fn shadowed_pixels_match_the_shadow_map_and_others_are_unchanged() {
     }
     assert!(shaded > 4000 && free > 8000, "{shaded} {free}");
     assert!(darkest < 120.0, "the sun's shadow is there: {darkest}");
-    // Half a code of rounding, and shares are 16-bit floats.
+    // Half a code of rounding, and ratios are 16-bit floats.
     assert!(worst <= 0.6, "{worst} codes");
 }
 
 #[test]
 fn floor_point_keeps_its_shadow_ratio_while_the_camera_moves() {
-    // From frame to frame by parts of a pixel, and a little turn.
+    // Subpixel translations and a slight rotation from frame to frame.
     let pose = |n: i32| {
         let by = DVec3::new(0.0013, 0.0007, 0.0004) * f64::from(n);
         Pose::from_camera_in_world(
@@ -173,7 +174,7 @@ fn floor_point_keeps_its_shadow_ratio_while_the_camera_moves() {
         (pose(n), done.layer.unwrap())
     });
     let frames: Vec<_> = frames.collect();
-    // The code that a point shows, between the middles of four pixels, if nothing covers any of them.
+    // The code at a point between the centres of four pixels, if none of them is covered.
     let code = |point: DVec3, (pose, layer): &(Pose, LayerImage)| {
         let at = geometry().project(pose.transform_point(point))? - 0.5;
         let (first, share) = (at.floor(), at - at.floor());
@@ -200,7 +201,8 @@ fn floor_point_keeps_its_shadow_ratio_while_the_camera_moves() {
     let median = ranges[ranges.len() / 2];
     let within = ranges.iter().filter(|range| **range <= 0.3).count() as f64 / ranges.len() as f64;
     println!("{} places: {median:.3} codes in the median, within 0.3 at {within:.3} of them", ranges.len());
-    // Elsewhere the shade bends within a pixel, at the foot and at the sun's edge, and between pixels' means it is not what it is there.
+    // Near the box's foot and at the edge of the sun's shadow the ratio is not linear within a
+    // pixel, so interpolated pixel means deviate.
     assert!(ranges.len() > 500 && median < 0.02 && within > 0.8, "{} places, {median}, {within}", ranges.len());
 }
 
@@ -220,7 +222,8 @@ fn shadow_that_is_off_or_without_strength_changes_nothing() {
 
 #[test]
 fn surfaces_off_the_receiver_plane_are_not_shadowed() {
-    // On the left the depth is that of the floor, on the right of something 6 cm before it; at the top of a lower floor.
+    // Depth is that of the floor on the left, 6 cm in front of it on the right, and of a lower
+    // floor at the top.
     let rays: Vec<_> = (0..WIDTH * HEIGHT)
         .map(|i| geometry().unproject(DVec2::new(f64::from(i % WIDTH) + 0.5, f64::from(i / WIDTH) + 0.5)).unwrap())
         .collect();
@@ -240,7 +243,7 @@ fn surfaces_off_the_receiver_plane_are_not_shadowed() {
     let far = |a: &[f32; 3], b: &[f32; 3]| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f32::max);
     let worst = on_floor.iter().zip(&without.left).map(|(a, b)| far(a, b)).fold(0.0, f32::max);
     assert!(worst < 2e-3, "depth of the floor changes nothing: {worst}");
-    // A sensor's error of a centimetre neither.
+    // A sensor error of a centimetre is tolerated.
     assert!(shaded(&with(0.01)) > shaded(&without.left) * 99 / 100);
     for height in [0.06, -0.06] {
         assert_eq!(shaded(&with(height)), 0, "{height} m over the floor");
@@ -258,7 +261,7 @@ fn earlier_frames_do_not_affect_a_picture() {
         let depth = DepthMap { width: WIDTH, height: HEIGHT, depth_m: depth_m.collect(), timestamp_s: 0.0 };
         Frame { depth: Some(depth), ..grey_frame() }
     };
-    // Its shadow reaches beyond the picture's right edge.
+    // The shadow extends beyond the picture's right edge.
     let at = |x: f64| {
         let mut scene = scene();
         scene.lighting.suns[0].towards_light_in_world = Vec3::new(-0.8, 0.0, 0.4).normalize();
@@ -272,7 +275,7 @@ fn earlier_frames_do_not_affect_a_picture() {
         let pending = compositor.submit(job, &camera, &settings, Target::Pixels).unwrap();
         compositor.collect(pending).unwrap()
     };
-    // Over something before the floor, in a slightly larger rectangle: textures are used again.
+    // Over a surface in front of the floor, in a slightly larger rectangle: textures are reused.
     for step in 0..4 {
         compositor.set_scene(at(0.2 + 0.003 * f64::from(step)));
         drawn(&mut compositor, frame(0.06));
@@ -290,7 +293,8 @@ fn earlier_frames_do_not_affect_a_picture() {
 fn moved_light_redraws_the_shadows_of_unchanged_objects() {
     let geometry = gpu::pinhole(160, 120, 165.0);
     let (camera, track) = (gpu::camera(&geometry, 0.0), track());
-    // The floor's shadow alone: the objects' lightmaps depend on the same condition and cost more.
+    // Only the shadow on the floor: the objects' lightmaps depend on the same condition and cost
+    // more.
     let settings = gpu::settings(&[("shadow", "on_things", Value::Bool(false))]);
     let drawn = |compositor: &mut Compositor| {
         let frame = gpu::frame(0, 0.0, gpu::grey(160, 120, GREY));
@@ -333,7 +337,7 @@ fn shadow_of_an_object_outside_the_picture_is_drawn() {
     let mut beside = scene();
     beside.lighting.suns[0] =
         Sun { towards_light_in_world: Vec3::new(0.95, 0.0, 0.3).normalize(), ..beside.lighting.suns[0] };
-    // The picture shows x up to about 0.34 m; a box at 0.4 m throws its shadow to the left.
+    // The picture covers x up to about 0.34 m; a box at 0.4 m casts its shadow to the left.
     beside.objects[0].move_by(DAffine3::from_translation(DVec3::new(0.42, 0.0, 0.0)));
     let done = made(Settings::default(), &camera(), grey_frame(), beside);
     let layer = done.layer.unwrap();
@@ -341,7 +345,8 @@ fn shadow_of_an_object_outside_the_picture_is_drawn() {
     assert!(layer.left.iter().filter(|left| left[0] < 0.6).count() > 100);
 }
 
-/// White noise whose neighbours along rows and columns are made as alike as ρ: filtered by (a, 1, a) each way, ρ = 2a/(1 + 2a²).
+/// White noise filtered by (a, 1, a) along rows and columns; the correlation of neighbours is ρ =
+/// 2a/(1 + 2a²).
 fn noise_like(rho: f64) -> Vec<f64> {
     let mut state = 0x1234_5678_9abc_def0_u64;
     let mut uniform = || {
@@ -364,7 +369,7 @@ fn noise_like(rho: f64) -> Vec<f64> {
 
 #[test]
 fn noise_in_a_shadow_matches_the_camera_noise_at_that_brightness() {
-    // σ² = 1 + 0.05 · code (8-bit codes); a frame with that noise, white or of neighbours that are alike.
+    // σ² = 1 + 0.05 · code (8-bit codes); a frame with that noise, white or correlated.
     let sigma = |code: f64| (1.0 + 0.05 * code).sqrt();
     let bin = |n: u32| NoiseBin { code: f64::from(5 * n), sigma: sigma(f64::from(5 * n)) };
     let bins: Vec<NoiseBin> = (0..52).map(bin).collect();
@@ -384,7 +389,7 @@ fn noise_in_a_shadow_matches_the_camera_noise_at_that_brightness() {
         let done = made(Settings::default(), &camera, gpu::frame(0, 0.0, pixels), scene());
         let layer = done.layer.unwrap();
         let codes = done.pixels.codes.eight_bit().unwrap();
-        // Residuals from what the shadow makes of the grey, in its dark part, in the camera's σ.
+        // Residuals from the shadowed grey, in its dark part, in units of the camera's σ.
         let residual = |i: usize, c: usize| {
             let left = layer.left[i];
             let mean = encode(decode(f64::from(GREY)) * f64::from(left[c]));

@@ -1,4 +1,4 @@
-//! A shot that is held while it changes: each picture is that of one opened anew.
+//! A shot that changes between pictures: each picture equals that of a shot opened anew.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -31,7 +31,7 @@ fn opened_in(recording: &Path, sets: &[&str]) -> Result<Shot, ShotError> {
     Shot::open(recording, &OpenOptions::default(), &given)
 }
 
-/// The demonstration; in the fast tier at a quarter of its resolution, with its two markers alone.
+/// The demonstration; in the fast tier at a quarter of its resolution, with only its two markers.
 fn demo(sets: &[&str]) -> Shot {
     if is_full() {
         return opened(sets).unwrap();
@@ -53,7 +53,7 @@ fn settings_changed_between_pictures_take_effect() {
     let mut held = demo(shadows);
     let mut compositor = held.compositor(gpu.clone());
     let mut pictures = vec![picture(&mut held, &mut compositor, 31)];
-    // Of an effect, of the camera's lens, of its geometry.
+    // Parameters of an effect, of the camera's lens and of its geometry.
     let sets = [
         "motion_blur.method=copies",
         "camera.lens.f_number=1.4",
@@ -70,7 +70,7 @@ fn settings_changed_between_pictures_take_effect() {
     }
     let pixels = |n: usize| &pictures[n].pixels;
     assert!((1..pictures.len()).all(|n| pixels(n - 1) != pixels(n)), "each of them is seen");
-    // The frame that is kept stays as it came, and another one is another one.
+    // The cached frame is unmodified, and another frame differs.
     assert!(held.read(31).unwrap().pixels != *pixels(4));
     let other = picture(&mut held, &mut compositor, 30);
     assert!(other.frame == 30 && picture(&mut held, &mut compositor, 31).pixels == *pixels(4));
@@ -78,13 +78,13 @@ fn settings_changed_between_pictures_take_effect() {
 
 #[test]
 fn scene_changes_need_no_new_pipelines() {
-    // Of its own: it counts what is made on it.
+    // Own device: the test counts its pipelines.
     let gpu = Gpu::open().unwrap();
     let mut held = demo(&[]);
     let mut compositor = held.compositor(gpu.clone());
     let before = picture(&mut held, &mut compositor, 31);
     let made = gpu.pipeline_count();
-    // The first is 2 cm higher, of the second nothing is left.
+    // The first is 2 cm higher, the second has no parts left.
     let up = DAffine3::from_translation(0.02 * DVec3::Z);
     let scene = Arc::make_mut(&mut held.scene);
     scene.objects[0].parts.iter_mut().for_each(|part| part.world_from_mesh = up * part.world_from_mesh);
@@ -149,7 +149,8 @@ fn export_matches_the_shot_and_can_be_cancelled() {
     assert!(written.as_raw() == shown.codes.eight_bit().unwrap());
     assert!(export.check(&Inputs::of(&shot)).is_err(), "what is there is kept");
 
-    // Of a folder, what is finished stays; of a video nothing does, nor of the folders that were made for it.
+    // A cancelled folder keeps its finished pictures; a cancelled video keeps nothing, nor the
+    // folders made for it.
     let half = temp.path().join("half");
     let export = Export::new(31..40, OutPath::parse(&half).unwrap());
     let mut left = 2;
@@ -186,7 +187,8 @@ fn photo_can_be_cancelled() {
     assert_eq!(written, [wanted.output.clone()]);
     assert!(image::open(&written[0]).unwrap().width() == 320);
 
-    // By a warning, before a device is asked for; between two of a series, whose first stays.
+    // Cancelled by a warning before a device is opened, and between two of a series, the first of
+    // which stays.
     let dark = PhotoRequest { lux: None, output: temp.path().join("dark.jpg"), ..wanted.clone() };
     let ended = dark.take(demo(&[]), || panic!("none is needed"), &mut |told| !matches!(told, PhotoEvent::Warning(_)));
     assert!(matches!(ended, Err(PhotoError::Take(TakeError::Cancelled))), "{ended:?}");
@@ -216,7 +218,7 @@ fn damaged_frame_ends_the_stream_and_names_its_file() {
     let mut compositor = shot.compositor(gpu::gpu().clone());
     let all: Vec<_> = shot.frames(&mut compositor, 0..6, false, 1).unwrap().collect();
     assert_eq!(all.len(), 4, "three frames, and what is wrong");
-    // Without a scene the footage stays as it is.
+    // Without a scene the footage is unmodified.
     for (n, done) in all[..3].iter().enumerate() {
         assert!(done.as_ref().unwrap().pixels == shot.read(n).unwrap().pixels);
     }
@@ -265,7 +267,7 @@ fn notes_follow_the_settings() {
     shot.rig.set_text("camera.exposure.time_s=0.01", &mut shot.settings).unwrap();
     assert!(matches!(&notes(&shot)[..], [Note::MissingPoses(_), Note::UnknownNoise]));
     assert_eq!(shot.notes(0..4), [Note::UnknownNoise]);
-    // Nothing is missed by effects that are off.
+    // Effects that are off produce no notes.
     shot.settings.plain();
     assert_eq!(shot.notes(0..4), []);
     let seen = |frame, no_occlusion: Option<&str>| FrameStats {
@@ -291,14 +293,15 @@ fn command_line_values_override_profiles() {
     let by_profile = taken(&[]);
     let typed = PartialExposure { iso: Some(1234.0), ..by_profile };
     assert!(by_profile.iso != typed.iso && taken(&["camera.exposure.iso=1234"]) == typed);
-    // An instant is no exposure to meter by.
+    // An exposure time of zero is unusable for metering.
     assert_eq!(taken(&["camera.exposure.time_s=0"]), by_profile);
 }
 
 #[test]
 fn outline_matches_the_drawn_border_and_its_inside_is_hit() {
     let gpu = gpu::gpu();
-    // Sharp, so that coverage is the objects' own. The camera turns, its rows have times, and its lens distorts.
+    // Sharp, so that coverage is that of the objects. The camera turns, has a rolling shutter, and
+    // its lens distorts.
     let mut held = opened(&["camera.exposure.time_s=0"]).unwrap();
     held.settings.plain();
     let frame = 31;
@@ -326,14 +329,14 @@ fn outline_matches_the_drawn_border_and_its_inside_is_hit() {
         let alpha = layer.rgba[(y * 640 + x) as usize][3];
         covered += u32::from(alpha > 0.5);
         wrong += u32::from((alpha > 0.5) != inside(at));
-        // Of some: each ray is tried on every triangle.
+        // A subset: each ray is tested against every triangle.
         missed += u32::from((x + y) % 7 == 0 && alpha > 0.99 && eye.object_at(&held.scene, at).is_none());
     }
-    // A px along the border, where the outline is half a cell wide of it.
+    // A border pixel is tolerated: the outline is half a cell wide there.
     assert!(covered > 3000 && wrong * 20 < covered && missed * 3500 < covered, "{covered}: {wrong}, {missed}");
 }
 
-/// Means of squares of 2 px.
+/// Means of blocks of 2×2 px.
 fn halved(pixels: &Pixels) -> Vec<f64> {
     let (width, height) = (pixels.width / 2, pixels.height / 2);
     let places = (0..height).flat_map(|y| (0..width).flat_map(move |x| (0..3).map(move |c| (x, y, c))));
@@ -369,7 +372,8 @@ fn half_size_picture_matches_the_reduced_full_size_one() {
         .filter(|((expected, _), camera)| (*expected - *camera).abs() > 3.0)
         .map(|((expected, code), _)| (expected - f64::from(*code)).abs())
         .collect();
-    // Blur and movement in px are halved, too. What is left is at edges, and where light's mean is not that of codes.
+    // Blur and motion in px are halved too. The rest is at edges, and between the mean of light and
+    // the mean of codes.
     let mean = off.iter().sum::<f64>() / off.len() as f64;
     assert!(off.len() > 2000 && mean < 2.5, "{} values are off by {mean:.2}", off.len());
 

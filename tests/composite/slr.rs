@@ -1,4 +1,4 @@
-//! The virtual SLR against a real one, and `locard meter`.
+//! The virtual SLR compared with a real one, and `locard meter`.
 
 use crate::common;
 use crate::program::{refused, said};
@@ -13,9 +13,9 @@ fn number(value: &serde_json::Value) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
 }
 
-/// The photographer's numbers against geometry found in the pictures: a Nikon D60 has 23.6 mm
-/// of film along the longer side. What remains is focus (the nearer, the narrower) and EXIF's
-/// rounding to whole millimetres.
+/// The photographer's settings against geometry reconstructed from the pictures: a Nikon D60 has
+/// 23.6 mm of film along the longer side. The remaining differences are focus (the nearer, the
+/// narrower) and EXIF's rounding to whole millimetres.
 #[test]
 fn angle_of_view_from_exif_agrees_with_the_reconstruction() {
     let Some(folder) = common::data("lund-door-dslr") else { return };
@@ -26,7 +26,7 @@ fn angle_of_view_from_exif_agrees_with_the_reconstruction() {
         let exposure = recording.exposure[frame];
         let photo = exposure.photo;
         assert_eq!((photo.f_number, photo.time_s, photo.iso), (Some(4.8), Some(1.0 / 125.0), Some(400.0)));
-        // Between pictures on a nominal clock nothing is blurred.
+        // Pictures on a nominal clock have no motion blur.
         assert_eq!(exposure.time_s, None);
         let lens = ThinLens::new(photo.focal_length_m.unwrap(), photo.f_number.unwrap(), f64::INFINITY).unwrap();
         let i = &recording.geometry_at_frame(frame).unwrap().intrinsics;
@@ -45,7 +45,7 @@ fn door_is_metered_from_its_picture() {
     let folder = folder.to_str().unwrap();
     let report = json(&["meter", folder, "--frame", "0"]);
     assert_eq!(report["settings"]["text"], "f/4.8, 1/125 s, ISO 400");
-    // What the picture is over is what its mean is above a grey card's.
+    // The over-exposure is the ratio of the picture's mean to a grey card's.
     let mean = number(&report["scene"]["mean_light"]);
     assert!((number(&report["over_ev"]) - (mean / 0.18).log2()).abs() < 1e-9);
     // Daylight in the shade.
@@ -87,11 +87,12 @@ fn metering_follows_the_sunny_sixteen_rule() {
 
 #[test]
 fn missing_and_invalid_meter_inputs_are_named() {
-    // The demonstration's camera has a pinhole: no f-number, no light.
+    // The demonstration's camera is a pinhole: no f-number, so no light.
     let error = refused(&["meter", "recordings/demo", "--frame", "0"]);
     assert!(error.contains("the f-number of frame 0 is not known") && error.contains("--lux"), "{error}");
     assert_eq!(error.lines().count(), 1, "{error}");
-    // With it the picture is enough; with the light alone all but the aperture's own mode is.
+    // With an f-number the picture suffices; with only the light, all modes but aperture priority
+    // do.
     let set = ["meter", "recordings/demo", "--frame", "0", "--set", "camera.lens.f_number=4"];
     assert_eq!(json(&set)["scene"]["source"], "picture");
     let lit = json(&["meter", "recordings/demo", "--frame", "0", "--lux", "500"]);
@@ -101,7 +102,7 @@ fn missing_and_invalid_meter_inputs_are_named() {
     for (arguments, named) in [
         (&["--frame", "72"][..], "72 frames, numbered 0 to 71"),
         (&["--frame", "-1"], "-1 is refused: accepted is the number of a frame"),
-        // A lens that cannot be is refused before what is missing is asked for.
+        // An invalid lens is refused before missing inputs are.
         (&["--frame", "0", "--set", "camera.lens.blades=2"], "camera.lens.blades"),
         (&["--frame", "0", "--shutter", "0"], "more than 0 and up to 60 s"),
         (&["--frame", "0", "--aperture", "-2"], "0.5 to 256"),

@@ -1,4 +1,5 @@
-//! Models that stand in for real things: not drawn, they hide what is behind them, with a sensor's depth and without.
+//! Stand-ins for real objects: not drawn, they occlude objects behind them, with a sensor's depth
+//! and without.
 
 use std::sync::Arc;
 
@@ -14,8 +15,9 @@ const WIDTH: u32 = 160;
 const HEIGHT: u32 = 120;
 const FOCAL_PX: f64 = 150.0;
 const CODE: u8 = 90;
-/// Real edges may be put onto the picture's within this, and are soft over a pixel or two, px.
-const NEAR_PX: f32 = 4.0;
+/// Tolerance around the outline, px: real edges may be moved onto the picture's and are soft over a
+/// pixel or two.
+const OUTLINE_TOLERANCE_PX: f32 = 4.0;
 
 /// A rectangle that faces the camera.
 fn board(low: [f32; 2], high: [f32; 2], z: f32) -> Arc<Mesh> {
@@ -32,7 +34,8 @@ fn board(low: [f32; 2], high: [f32; 2], z: f32) -> Arc<Mesh> {
     Arc::new(Mesh { vertices, indices: vec![0, 1, 2, 0, 2, 3], material: 0 })
 }
 
-/// Evidence 2 m away that fills the picture, and a model of a real thing at another distance that covers a part of it.
+/// Composites evidence 2 m away that fills the picture, and a stand-in at another distance that
+/// covers a part of it.
 fn composited(stand_in_m: Option<f32>, sensor_m: Option<f32>) -> Pixels {
     let part = |mesh| Part { mesh, world_from_mesh: DAffine3::IDENTITY };
     let low_high = |z: f32| ([-0.25 * z, -0.15 * z], [0.1 * z, 0.2 * z]);
@@ -57,7 +60,7 @@ fn composited(stand_in_m: Option<f32>, sensor_m: Option<f32>) -> Pixels {
     gpu::composite(&gpu::gpu(), &camera, Settings::default(), scene, &track, frame).pixels
 }
 
-/// How far inside the stand-in's outline a pixel is, px; negative outside.
+/// Distance of a pixel from the stand-in's outline, px; negative outside.
 fn inside_px(x: u32, y: u32) -> f32 {
     let f = FOCAL_PX as f32;
     let [x, y] = [(x, WIDTH), (y, HEIGHT)].map(|(at, side)| at as f32 + 0.5 - 0.5 * side as f32);
@@ -68,16 +71,16 @@ fn inside_px(x: u32, y: u32) -> f32 {
 fn stand_in_occludes_only_objects_behind_it() {
     let whole = composited(None, None);
     assert!((0..WIDTH).all(|x| whole.at(x, 60) != [u32::from(CODE); 3]), "the evidence fills the picture");
-    // Without a sensor, and with one that sees through to a wall behind everything.
+    // Without a sensor, and with one that measures a wall behind everything.
     for sensor_m in [None, Some(3.0)] {
         let found = composited(Some(1.2), sensor_m);
         let (mut hidden, mut shown) = (0, 0);
         for (x, y) in (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
             let inside = inside_px(x, y);
-            if inside > NEAR_PX {
+            if inside > OUTLINE_TOLERANCE_PX {
                 hidden += 1;
                 assert_eq!(found.at(x, y), [u32::from(CODE); 3], "{x} {y}, sensor {sensor_m:?}");
-            } else if inside < -NEAR_PX {
+            } else if inside < -OUTLINE_TOLERANCE_PX {
                 shown += 1;
                 assert_eq!(found.at(x, y), whole.at(x, y), "{x} {y}, sensor {sensor_m:?}");
             }
