@@ -35,7 +35,7 @@ pub struct ForegroundMatte {
 
 impl ForegroundMatte {
     pub fn new(recorder: &Recorder, matte: &[MattePixel], drawn: Rect) -> Self {
-        let texels: Vec<[f32; 4]> = matte.iter().map(|s| [s.near_m, s.far_m, s.share, 0.0]).collect();
+        let texels: Vec<[f32; 4]> = matte.iter().map(|s| [s.near_m, s.far_m, s.alpha, 0.0]).collect();
         let fringe: Vec<[f32; 4]> = matte.iter().map(|s| [s.fringe[0], s.fringe[1], s.fringe[2], 0.0]).collect();
         let size = (drawn.width(), drawn.height());
         let texture = recorder.pool.lend_to_write(&recorder.gpu, size, COLOR);

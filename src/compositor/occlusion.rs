@@ -11,13 +11,14 @@ use super::work_rects::WorkRects;
 use super::{Job, RealDepth, Settings};
 use crate::camera::Geometry;
 use crate::depth::{
-    LastRepair, MattePixel, Proxies, RayCache, Rays, Repair, Repaired, SecondSurface, Seen, Wanted, measured_from,
-    neighbours,
+    DepthRequest, LastRepair, MattePixel, ProjectedPoint, Proxies, RayCache, Rays, Repair, RepairedDepth,
+    SecondSurface, measured_from, neighbours,
 };
 use crate::effects::FrameContext;
 use crate::gpu::{Recorder, Texture, half_texels};
 use crate::pixels::Rect;
 use crate::pose::Pose;
+use crate::quality::Quality;
 use crate::render::{COLOR, GridPlacement, grid_depth, real_depth};
 
 /// Depth of the real scene (m, 0 unknown) in the forms that later phases read. Rectangles are those
@@ -31,7 +32,7 @@ pub struct FrameOcclusion {
     /// Full depth over the bounds of the drawn and the shaded rectangle. `None` without shadows.
     pub scene_depth: Option<(Texture, Rect)>,
     /// The same depth in memory.
-    pub repaired: Option<(Arc<Repaired>, Rect)>,
+    pub repaired: Option<(Arc<RepairedDepth>, Rect)>,
     /// The second surface of edge pixels, where a shadow is dark.
     pub receiver_matte: Option<(Texture, Rect)>,
     /// Why the frame's depth occludes nothing, although it exists and occlusion is on.
@@ -90,14 +91,16 @@ impl FrameOcclusion {
         let neighbours = neighbours(&job.frame, job.picture, (job.track, job.time_offset_s));
         let (frame, neighbours, planes) = (&frame, &neighbours, &frame_view.planes);
         let seen = |point: DVec3| project_rolling(job.picture, |time_s| frame_view.keys.pose_at(time_s), point);
-        let proxies = (!proxies.is_empty()).then_some((&*proxies, &seen as &dyn Fn(DVec3) -> Seen));
+        let proxies = (!proxies.is_empty()).then_some((&*proxies, &seen as &dyn Fn(DVec3) -> ProjectedPoint));
         let surfels = &job.frame.surfels[..];
         let repair = Repair { rays, measured, frame, shutter, pixels, response, planes, proxies, neighbours, surfels };
         // Under faint shadows, the receiver is found by the measured depth alone.
         let dark = dark_bounds(&frame_view.shadows).intersection(&work_rects.shaded);
         let wanted = wanted(frame_view, work_rects, dark, rays);
         let rects = [around, drawn.union(&dark), drawn];
-        let (repaired, is_preview) = last.over(&job.frame, &repair, rects, &wanted, *allow_preview);
+        let quality = if *allow_preview { Quality::Preview } else { Quality::Final };
+        let (repaired, quality) = last.over(&job.frame, &repair, rects, &wanted, quality);
+        let is_preview = quality.is_preview();
         // Only shadows read it.
         let scene_depth =
             (!frame_view.shadows.is_empty()).then(|| (real_depth(recorder, &repaired.depth_m, around), around));
@@ -106,11 +109,12 @@ impl FrameOcclusion {
         let after = plan.active.iter().rposition(|effect| effect.on_real().blurs()).map_or(0, |last| last + 1);
         let read_px = plan.active[..after].iter().map(|effect| effect.reach(context));
         let reach_px = read_px.map(|reach| reach.read_px.max(reach.spread_px)).sum::<f32>().ceil() as usize;
-        let farthest: Vec<f32> = repaired.shared.iter().map(|shared: &MattePixel| shared.far_m).collect();
+        let farthest: Vec<f32> = repaired.mattes.iter().map(|shared: &MattePixel| shared.far_m).collect();
         let deep = max_depth_within(&farthest, drawn.width() as usize, reach_px);
-        let foreground = Some((after, ForegroundMatte::new(recorder, &repaired.shared, drawn)));
+        let foreground = Some((after, ForegroundMatte::new(recorder, &repaired.mattes, drawn)));
         let depth_test = Some((real_depth(recorder, &deep, drawn), None));
-        let receiver_matte = (!dark.is_empty()).then(|| (upload_receiver(recorder, &repaired.receiver, dark), dark));
+        let receiver_matte =
+            (!dark.is_empty()).then(|| (upload_receiver(recorder, &repaired.second_surfaces, dark), dark));
         let repaired = Some((repaired, around));
         Self { depth_test, foreground, scene_depth, repaired, receiver_matte, failure, is_preview }
     }
@@ -119,7 +123,7 @@ impl FrameOcclusion {
 /// Uploads the second surfaces of a rectangle's pixels: their share of each channel's light, and
 /// their depth.
 fn upload_receiver(recorder: &Recorder, receiver: &[SecondSurface], rect: Rect) -> Texture {
-    let texel = |of: &SecondSurface| [of.light_share[0], of.light_share[1], of.light_share[2], of.depth_m];
+    let texel = |of: &SecondSurface| [of.light_fraction[0], of.light_fraction[1], of.light_fraction[2], of.depth_m];
     let texels: Vec<[f32; 4]> = receiver.iter().map(texel).collect();
     let texture = recorder.pool.lend_to_write(&recorder.gpu, (rect.width(), rect.height()), COLOR);
     texture.write(&recorder.gpu, rect.width(), rect.height(), &half_texels(&texels));
@@ -127,13 +131,13 @@ fn upload_receiver(recorder: &Recorder, receiver: &[SecondSurface], rect: Rect) 
 }
 
 /// Projection and depth of a point of the world, by the pose of its row (rolling shutter).
-pub fn project_rolling(geometry: &Geometry, pose_at: impl Fn(f64) -> Pose, point: DVec3) -> Seen {
+pub fn project_rolling(geometry: &Geometry, pose_at: impl Fn(f64) -> Pose, point: DVec3) -> ProjectedPoint {
     let (at, in_camera) = geometry.project_rolling(|time_s| pose_at(time_s).transform_point(point))?;
     Some((at, if geometry.needs_cube_map() { in_camera.length() } else { in_camera.z }))
 }
 
 /// Where real depth matters to a frame: nearer than an object, and under dark shadows.
-fn wanted(frame_view: &FrameView, work_rects: &WorkRects, dark: Rect, rays: &Rays) -> Wanted {
+fn wanted(frame_view: &FrameView, work_rects: &WorkRects, dark: Rect, rays: &Rays) -> DepthRequest {
     let object = |(rect, farthest_m): &(Rect, f64)| (rect.grown(work_rects.spread_px), *farthest_m as f32);
     let mut objects: Vec<_> = frame_view.footprint.parts.iter().map(object).collect();
     if rays.geometry().is_equirectangular() {
@@ -143,5 +147,5 @@ fn wanted(frame_view: &FrameView, work_rects: &WorkRects, dark: Rect, rays: &Ray
         let others: Vec<_> = moved(-width).chain(moved(width)).collect();
         objects.extend(others);
     }
-    Wanted { objects, all_of: dark, receiver: dark }
+    DepthRequest { objects, full_depth_rect: dark, receiver_rect: dark }
 }

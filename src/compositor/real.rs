@@ -34,7 +34,7 @@ pub fn real_layer(
     camera.write(&gpu, size.0, size.1, &codes);
 
     let grid = (surfaces.nearest.width, surfaces.nearest.height);
-    let [near, behind] = [&surfaces.nearest.light, &surfaces.behind_light].map(|light| {
+    let [near, behind] = [&surfaces.nearest.light, &surfaces.background_light].map(|light| {
         let texture = recorder.pool.lend_to_write(&gpu, grid, COLOR);
         let texels: Vec<_> = light.iter().map(|l| [l[0], l[1], l[2], 1.0]).collect();
         texture.write(&gpu, grid.0, grid.1, &half_texels(&texels));
@@ -46,7 +46,7 @@ pub fn real_layer(
         .nearest
         .depth_m
         .iter()
-        .zip(&surfaces.behind_m)
+        .zip(&surfaces.background_m)
         .map(|(z, behind)| {
             let ([a, b], [c, d]) = (words(z), words(behind));
             [a, b, c, d]

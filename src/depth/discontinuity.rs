@@ -1,11 +1,11 @@
 //! Depth discontinuities and colour distance.
 
-/// Neighbouring depths that differ by more than this factor belong to two surfaces. A floor seen under 15° from 4 m
-/// changes by 1 % from row to row. `JUMP` of shaders/real_part.wgsl and shaders/shade.wgsl
-/// is the same.
+/// Neighbouring depths that differ by more than this factor belong to two surfaces. A floor seen
+/// under 15° from 4 m changes by 1 % from row to row. `JUMP` of shaders/real_part.wgsl and
+/// shaders/shade.wgsl is the same.
 pub const JUMP: f32 = 1.04;
 
-/// Whether two neighbouring depths belong to two surfaces. Unknown depth is 0, a step to any other.
+/// True if two neighbouring depths belong to two surfaces. Unknown depth is 0, a step to any other.
 pub fn is_step(a_m: f32, b_m: f32) -> bool {
     a_m.max(b_m) > JUMP * a_m.min(b_m)
 }
@@ -20,7 +20,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_shader_tells_surfaces_apart_alike() {
+    fn shaders_have_the_same_discontinuity_threshold() {
         let shaders = [include_str!("../../shaders/real_part.wgsl"), include_str!("../../shaders/shade.wgsl")];
         for shader in shaders {
             let line = shader.lines().find_map(|line| line.strip_prefix("const JUMP: f32 = ")).unwrap();
@@ -29,13 +29,13 @@ mod tests {
     }
 
     #[test]
-    fn steps_by_hand() {
+    fn is_step_matches_examples_by_hand() {
         assert!(is_step(1.0, 1.05) && is_step(1.05, 1.0) && is_step(0.0, 1.0));
         assert!(!is_step(1.0, 1.03) && !is_step(0.0, 0.0));
     }
 
     #[test]
-    fn colours_by_hand() {
+    fn color_distance_matches_an_example_by_hand() {
         assert_eq!(color_distance(&[0.1, 0.5, 0.2], &[0.1, 0.2, 0.6]), 0.5);
     }
 }

@@ -1,20 +1,21 @@
-//! The repair that was made last: a person who moves a slider asks for the same frame's again and again.
+//! Memo of the last repair. While a user drags a slider the same frame is rendered repeatedly.
 
 use std::sync::Arc;
 
 use super::contact::Plane;
 use super::proxies::Proxies;
-use super::repaired::{Repair, Repaired, Wanted};
+use super::repair::{DepthRequest, Repair, RepairedDepth};
 use crate::camera::{Geometry, Response};
 use crate::frame::{Beside, Frame, Surfel};
 use crate::memo::Memo;
 use crate::pixels::Rect;
 use crate::pose::Pose;
+use crate::quality::Quality;
 
-/// Memo of the last result with neighbours. Such results take longest, and their neighbours identify one reading of a
-/// frame. Its frames stay in memory until the next such result.
+/// Memo of the last result with neighbours. Such results take longest. The addresses of the
+/// neighbours identify one decoding of a frame, and stay in memory until the next such result.
 #[derive(Debug)]
-pub struct LastRepair(Memo<Key, Arc<Repaired>>);
+pub struct LastRepair(Memo<Key, Arc<RepairedDepth>>);
 
 impl Default for LastRepair {
     fn default() -> Self {
@@ -22,11 +23,11 @@ impl Default for LastRepair {
     }
 }
 
-/// All that a repair depends on.
+/// All inputs of a repair.
 #[derive(Debug)]
 struct Key {
     index: usize,
-    /// The very same ones only where they were read with the same frame.
+    /// Compared by address: they are equal only if they were decoded with the same frame.
     beside: Vec<Arc<Beside>>,
     surfels: Arc<[Surfel]>,
     geometry: Geometry,
@@ -35,39 +36,40 @@ struct Key {
     planes: Vec<Plane>,
     proxies: Option<Proxies>,
     rects: [Rect; 3],
-    wanted: Wanted,
+    request: DepthRequest,
 }
 
 impl LastRepair {
-    /// What [`Repair::over`] gives for a frame; its rectangles are `around`, `near` and `drawn`. Where it may be rough and is not
-    /// known, no neighbour is asked. The second value is whether it is rough.
+    /// The result of [`Repair::over`] for a frame, memoized, with its quality. `rects` are
+    /// `around`, `near` and `drawn`. Without a memoized result, a preview is made without
+    /// neighbours and surfels.
     pub fn over(
         &self,
         frame: &Frame,
         repair: &Repair<'_>,
         rects: [Rect; 3],
-        wanted: &Wanted,
-        may_be_rough: bool,
-    ) -> (Arc<Repaired>, bool) {
-        let key = Key::new(frame, repair, rects, wanted);
-        if let Some(known) = self.0.get(&key) {
-            return (known, false);
+        request: &DepthRequest,
+        quality: Quality,
+    ) -> (Arc<RepairedDepth>, Quality) {
+        let key = Key::new(frame, repair, rects, request);
+        if let Some(repaired) = self.0.get(&key) {
+            return (repaired, Quality::Final);
         }
         let [around, near, drawn] = rects;
-        if may_be_rough && repair.measured.is_some() {
+        if quality == Quality::Preview && repair.measured.is_some() {
             let alone = Repair { neighbours: &[], surfels: &[], ..*repair };
-            return (Arc::new(alone.over(around, near, drawn, wanted)), true);
+            return (Arc::new(alone.over(around, near, drawn, request)), Quality::Preview);
         }
-        let repaired = Arc::new(repair.over(around, near, drawn, wanted));
+        let repaired = Arc::new(repair.over(around, near, drawn, request));
         if !key.beside.is_empty() {
             self.0.insert(key, repaired.clone());
         }
-        (repaired, false)
+        (repaired, Quality::Final)
     }
 }
 
 impl Key {
-    fn new(frame: &Frame, repair: &Repair<'_>, rects: [Rect; 3], wanted: &Wanted) -> Self {
+    fn new(frame: &Frame, repair: &Repair<'_>, rects: [Rect; 3], request: &DepthRequest) -> Self {
         let measured = repair.measured.map(|(_, pose)| *pose);
         let own = [repair.frame, repair.shutter[0], repair.shutter[1]].map(|pose| *pose);
         let theirs = repair.neighbours.iter().flat_map(|neighbour| [neighbour.measured, neighbour.taken]);
@@ -81,14 +83,14 @@ impl Key {
             planes: repair.planes.to_vec(),
             proxies: repair.proxies.map(|(proxies, _)| proxies.clone()),
             rects,
-            wanted: wanted.clone(),
+            request: request.clone(),
         }
     }
 }
 
 impl PartialEq for Key {
     fn eq(&self, other: &Self) -> bool {
-        let Self { index, beside, surfels, geometry, response, poses, planes, proxies, rects, wanted } = self;
+        let Self { index, beside, surfels, geometry, response, poses, planes, proxies, rects, request } = self;
         *index == other.index
             && beside.len() == other.beside.len()
             && beside.iter().zip(&other.beside).all(|(a, b)| Arc::ptr_eq(a, b))
@@ -99,7 +101,7 @@ impl PartialEq for Key {
             && *planes == other.planes
             && *proxies == other.proxies
             && *rects == other.rects
-            && *wanted == other.wanted
+            && *request == other.request
     }
 }
 
@@ -107,13 +109,14 @@ impl PartialEq for Key {
 mod tests {
     use super::*;
     use crate::camera::Curve;
-    use crate::depth::{Neighbour, Rays, Seen};
+    use crate::depth::{Neighbour, ProjectedPoint, Rays};
     use crate::frame::FrameExposure;
     use crate::pixels::{DepthMap, Pixels};
     use glam::{DQuat, DVec3, Vec3};
 
-    /// A thing at 1 m before a wall at 2 m that a frame's own map shows one column too narrow.
-    fn repaired(last: &LastRepair, frame: &Frame, may_be_rough: bool, farthest_m: f32) -> (Arc<Repaired>, bool) {
+    /// An object at 1 m in front of a wall at 2 m. The frame's own map has it one column too
+    /// narrow.
+    fn repaired(last: &LastRepair, frame: &Frame, quality: Quality, max_depth_m: f32) -> (Arc<RepairedDepth>, Quality) {
         let (rays, pose) = (Rays::new(&Geometry::pinhole(96, 64, 80.0)), Pose::IDENTITY);
         let depth = frame.depth.as_ref().unwrap();
         let neighbour = |frame| Neighbour { frame, measured: pose, taken: pose };
@@ -131,8 +134,9 @@ mod tests {
             surfels: &frame.surfels,
         };
         let whole = Rect::full(96, 64);
-        let wanted = Wanted { objects: vec![(whole, farthest_m)], all_of: whole, receiver: whole };
-        last.over(frame, &repair, [whole; 3], &wanted, may_be_rough)
+        let request =
+            DepthRequest { objects: vec![(whole, max_depth_m)], full_depth_rect: whole, receiver_rect: whole };
+        last.over(frame, &repair, [whole; 3], &request, quality)
     }
 
     fn frame() -> Frame {
@@ -156,42 +160,42 @@ mod tests {
     }
 
     #[test]
-    fn the_same_is_not_made_twice_and_anything_else_is() {
+    fn repair_with_the_same_inputs_is_memoized() {
         let (last, here) = (LastRepair::default(), frame());
-        let (first, is_rough) = repaired(&last, &here, false, 9.0);
-        assert!(!is_rough);
-        // Also where it might be rough, and for a copy of the frame.
-        for may_be_rough in [false, true] {
-            let (again, is_rough) = repaired(&last, &here.clone(), may_be_rough, 9.0);
-            assert!(Arc::ptr_eq(&first, &again) && !is_rough);
+        let (first, quality) = repaired(&last, &here, Quality::Final, 9.0);
+        assert_eq!(quality, Quality::Final);
+        // Also for a preview, and for a copy of the frame.
+        for requested in [Quality::Final, Quality::Preview] {
+            let (again, quality) = repaired(&last, &here.clone(), requested, 9.0);
+            assert!(Arc::ptr_eq(&first, &again) && quality == Quality::Final);
         }
-        assert!(!Arc::ptr_eq(&first, &repaired(&last, &here, false, 8.0).0));
-        assert!(!Arc::ptr_eq(&first, &repaired(&last, &Frame { index: 5, ..here.clone() }, false, 9.0).0));
-        // The same neighbours, read anew.
-        let (again, _) = repaired(&last, &frame(), false, 9.0);
+        assert!(!Arc::ptr_eq(&first, &repaired(&last, &here, Quality::Final, 8.0).0));
+        assert!(!Arc::ptr_eq(&first, &repaired(&last, &Frame { index: 5, ..here.clone() }, Quality::Final, 9.0).0));
+        // The same neighbours, decoded again.
+        let (again, _) = repaired(&last, &frame(), Quality::Final, 9.0);
         assert!(!Arc::ptr_eq(&first, &again) && first == again);
     }
 
     #[test]
-    fn a_rough_one_asks_nobody_and_is_not_kept() {
+    fn preview_without_neighbours_is_not_memoized() {
         let (last, here) = (LastRepair::default(), frame());
-        let (rough, is_rough) = repaired(&last, &here, true, 9.0);
-        assert!(is_rough);
+        let (preview, quality) = repaired(&last, &here, Quality::Preview, 9.0);
+        assert_eq!(quality, Quality::Preview);
         let alone = Frame { beside: Vec::new(), ..here.clone() };
-        assert_eq!(rough, repaired(&last, &alone, false, 9.0).0);
-        let (whole, is_rough) = repaired(&last, &here, false, 9.0);
-        assert!(!is_rough && whole != rough);
+        assert_eq!(preview, repaired(&last, &alone, Quality::Final, 9.0).0);
+        let (whole, quality) = repaired(&last, &here, Quality::Final, 9.0);
+        assert!(quality == Quality::Final && whole != preview);
     }
 
     #[test]
-    fn key_of_a_repair_with_any_other_input_differs() {
+    fn key_differs_with_any_other_input() {
         let (here, pose) = (frame(), Pose::IDENTITY);
         let moved = Pose::from_camera_in_world(DVec3::X, DQuat::IDENTITY);
         let [rays, longer] = [80.0, 81.0].map(|focal_px| Rays::new(&Geometry::pinhole(96, 64, focal_px)));
         let linear = Response { curve: Curve::Linear, ..Response::default() };
         let planes = [1.0, 2.0].map(|y_m| [Plane { point_m: y_m * DVec3::Y, normal: DVec3::NEG_Y }]);
         let proxies = [1.0, 2.0].map(|z_m| Proxies { triangles: vec![[DVec3::X, DVec3::Y, z_m * DVec3::Z]] });
-        let seen: &dyn Fn(DVec3) -> Seen = &|_| None;
+        let project: &dyn Fn(DVec3) -> ProjectedPoint = &|_| None;
         let neighbour = |measured, taken| [Neighbour { frame: &here.beside[0], measured, taken }];
         let neighbours = [neighbour(pose, pose), neighbour(moved, pose), neighbour(pose, moved)];
         let depth = here.depth.as_ref().unwrap();
@@ -203,15 +207,15 @@ mod tests {
             pixels: &here.pixels,
             response: &Response::default(),
             planes: &planes[0],
-            proxies: Some((&proxies[0], seen)),
+            proxies: Some((&proxies[0], project)),
             neighbours: &neighbours[0],
             surfels: &here.surfels,
         };
         let surfel = Surfel { position_m: Vec3::Z, normal: Vec3::NEG_Z, sqrt_color: [0.5; 3] };
         let rects = [Rect::full(96, 64); 3];
-        let wanted = Wanted::all(rects[0]);
-        let key = Key::new(&here, &repair, rects, &wanted);
-        assert!(key == Key::new(&here.clone(), &repair, rects, &wanted));
+        let request = DepthRequest::all(rects[0]);
+        let key = Key::new(&here, &repair, rects, &request);
+        assert!(key == Key::new(&here.clone(), &repair, rects, &request));
         for (input, other) in [
             ("geometry", Repair { rays: &longer, ..repair }),
             ("pose of the map", Repair { measured: Some((depth, &moved)), ..repair }),
@@ -221,17 +225,17 @@ mod tests {
             ("response", Repair { response: &linear, ..repair }),
             ("planes", Repair { planes: &planes[1], ..repair }),
             ("no planes", Repair { planes: &[], ..repair }),
-            ("proxies", Repair { proxies: Some((&proxies[1], seen)), ..repair }),
+            ("proxies", Repair { proxies: Some((&proxies[1], project)), ..repair }),
             ("no proxies", Repair { proxies: None, ..repair }),
             ("pose of a neighbour's map", Repair { neighbours: &neighbours[1], ..repair }),
             ("pose of a neighbour", Repair { neighbours: &neighbours[2], ..repair }),
         ] {
-            assert!(key != Key::new(&here, &other, rects, &wanted), "{input}");
+            assert!(key != Key::new(&here, &other, rects, &request), "{input}");
         }
         let remembered = Frame { surfels: vec![surfel].into(), ..here.clone() };
-        assert!(key != Key::new(&remembered, &repair, rects, &wanted), "surfels");
+        assert!(key != Key::new(&remembered, &repair, rects, &request), "surfels");
         let smaller = Rect::new(0, 0, 95, 64);
-        assert!(key != Key::new(&here, &repair, [rects[0], rects[1], smaller], &wanted), "rectangles");
-        assert!(key != Key::new(&here, &repair, rects, &Wanted::all(smaller)), "wanted depth");
+        assert!(key != Key::new(&here, &repair, [rects[0], rects[1], smaller], &request), "rectangles");
+        assert!(key != Key::new(&here, &repair, rects, &DepthRequest::all(smaller)), "requested depth");
     }
 }

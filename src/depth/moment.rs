@@ -1,8 +1,10 @@
-//! The depth sensor's map, seen from where the camera was when the frame was taken.
+//! Reprojection of a depth map to the pose of a frame.
 //!
-//! Depth and colour have different timestamps: at 1000 px/s, 10 ms are 10 px. So each measured point is carried to the
-//! frame's moment by the poses (assuming that the room is static). Not modelled: the sensor's own readout. What came
-//! into view between the two moments stays unknown here (`repaired` fills it).
+//! Depth and colour have different timestamps: at 1000 px/s, 10 ms are 10 px. Each measured point
+//! is reprojected to the time of the frame by the poses, under the assumption of a static scene.
+//! Disoccluded pixels stay unknown (`repair` fills them).
+//!
+//! Not modelled: the sensor's own readout.
 
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -16,10 +18,10 @@ use crate::pixels::{DepthMap, Rect, floor};
 use crate::pose::Pose;
 use crate::tracking::PoseTrack;
 
-/// How far outside a part of the picture points are looked at that may move into it, px.
-pub const BEYOND_PX: i32 = 64;
+/// Margin around a part of the picture from which points may move into it, px.
+pub const SOURCE_MARGIN_PX: i32 = 64;
 
-/// The pose from which a camera's map was measured, or why the map hides nothing.
+/// The pose from which a camera's map was measured, or the reason why the map cannot be used.
 pub fn measured_from(
     depth: &DepthMap,
     camera: &Geometry,
@@ -33,18 +35,18 @@ pub fn measured_from(
     track.at(depth.timestamp_s + time_offset_s).map_err(|why| format!("no pose of the depth: {why}"))
 }
 
-/// The rays through a camera's pixel centres. Each row of them is computed once, when it is first needed: a lens's
-/// distortion is costly to invert, and mostly a part of the picture is asked for.
+/// The rays through a camera's pixel centres. Each row is computed once, when it is first needed: a
+/// lens's distortion is costly to invert, and most requests are for a part of the picture.
 #[derive(Debug)]
 pub struct Rays {
     geometry: Geometry,
-    /// Scaled so that depth × ray is the point. NaN where nothing is seen, or no depth is defined.
+    /// Scaled so that depth × ray is the point. NaN for pixels without a ray, or without a depth.
     rows: Vec<OnceLock<Vec<[f32; 3]>>>,
 }
 
-/// A frame's depth as seen at the frame's moment, metres, row by row; 0 where unknown. `None` if there is no pose for
-/// one of the moments.
-pub fn seen_at_frame(
+/// A depth map reprojected to the time of a frame, m, row by row; 0 where unknown. `None` without a
+/// pose at one of the two times.
+pub fn reprojected_at_frame(
     recorded: &Geometry,
     depth: &DepthMap,
     track: &PoseTrack,
@@ -57,7 +59,7 @@ pub fn seen_at_frame(
     Some(Rays::new(recorded).reproject(depth, &measured, &taken, whole))
 }
 
-/// The rays of the camera that was last asked for.
+/// Cache of the rays of the last camera.
 #[derive(Debug, Default)]
 pub struct RayCache(Option<Rays>);
 
@@ -77,7 +79,7 @@ impl Rays {
         Self { geometry: geometry.clone(), rows }
     }
 
-    /// Computes what is missing of a range of rows.
+    /// Computes the missing rows of a range.
     pub fn prepare(&self, rows: Range<i32>) {
         let missing: Vec<usize> =
             (rows.start as usize..rows.end as usize).filter(|y| self.rows[*y].get().is_none()).collect();
@@ -97,7 +99,7 @@ impl Rays {
         }
     }
 
-    /// A row that was prepared.
+    /// The rays of a row. `None` before it was prepared.
     pub fn row(&self, y: usize) -> Option<&[[f32; 3]]> {
         self.rows[y].get().map(Vec::as_slice)
     }
@@ -112,11 +114,13 @@ impl Rays {
         &self.geometry
     }
 
-    /// Depth over `rect` at the frame's moment, metres; 0 where unknown. It is distance from the camera if the picture
-    /// does not fit a plane, otherwise z. In a 360° picture `rect` may extend beyond the left and right rims.
+    /// Depth over `rect` from the frame's pose, m; 0 where unknown. It is the distance from the
+    /// camera if the picture does not fit a plane, otherwise z. In a 360° picture `rect` may extend
+    /// beyond the left and right rims.
     ///
-    /// Each point covers the 2×2 pixels around where it lands, so that slightly magnified points leave no holes; the
-    /// nearest wins. A map whose size is not the camera's gives 0 everywhere.
+    /// Each point covers the 2×2 pixels around its new position, so that slight magnification
+    /// leaves no holes. The nearest point wins. A map of another size than the camera's picture
+    /// gives 0 everywhere.
     pub fn reproject(&self, depth: &DepthMap, measured: &Pose, frame: &Pose, rect: Rect) -> Vec<f32> {
         let width = rect.width() as usize;
         let mut out = vec![0.0f32; width * rect.height() as usize];
@@ -137,9 +141,10 @@ impl Rays {
                 }
             }
         };
-        let still = measured == frame;
-        // Points outside the rectangle may move into it, by as much as in a fast pan between two sensors' moments.
-        let mut source = rect.grown(if still { 0 } else { BEYOND_PX }).intersection(&full);
+        let is_still = measured == frame;
+        // Points outside the rectangle may move into it: at most as far as in a fast pan between
+        // the times of the two sensors.
+        let mut source = rect.grown(if is_still { 0 } else { SOURCE_MARGIN_PX }).intersection(&full);
         if self.geometry.is_equirectangular() {
             source = Rect { x0: full.x0, x1: full.x1, ..source };
         }
@@ -150,8 +155,8 @@ impl Rays {
             let start = y as usize * depth.width as usize;
             &depth.depth_m[start + source.x0 as usize..start + source.x1 as usize]
         };
-        // What stands still before a plane keeps its depth.
-        if still && !self.geometry.needs_cube_map() {
+        // Without motion z stays the same.
+        if is_still && !self.geometry.needs_cube_map() {
             for y in source.y0..source.y1 {
                 let there = &mut out[(y - rect.y0) as usize * width + (source.x0 - rect.x0) as usize..];
                 there.iter_mut().zip(row(y)).for_each(|(there, d)| *there = if *d > 0.0 { *d } else { 0.0 });
@@ -160,30 +165,30 @@ impl Rays {
         }
         self.prepare(source.y0..source.y1);
         let reprojection = Reprojection::new(&self.geometry, measured, frame);
-        // Of the upper left of four pixels.
+        // Positions of the upper left of four pixels, so that all four are inside.
         let inner = Rect { x1: rect.x1 - 1, y1: rect.y1 - 1, ..rect };
         for y in source.y0..source.y1 {
             let Some(rays) = self.row(y as usize) else { continue };
             let rays = &rays[source.x0 as usize..source.x1 as usize];
             for (x, (piece, rays)) in (source.x0..).step_by(LANES).zip(row(y).chunks(LANES).zip(rays.chunks(LANES))) {
-                let landed = reprojection.reproject(&Points::of(piece, rays));
-                for lane in (0..piece.len()).filter(|&lane| landed.depth_m[lane] > 0.0) {
-                    let told = landed.depth_m[lane];
-                    if still {
-                        put(&mut out, x + lane as i32, y, told);
+                let reprojected = reprojection.reproject(&Points::of(piece, rays));
+                for lane in (0..piece.len()).filter(|&lane| reprojected.depth_m[lane] > 0.0) {
+                    let depth_m = reprojected.depth_m[lane];
+                    if is_still {
+                        put(&mut out, x + lane as i32, y, depth_m);
                         continue;
                     }
-                    // Pixel centres at +0.5: the 2×2 whose centres surround the point.
-                    let [left, top] = [landed.x_px[lane], landed.y_px[lane]].map(|at| floor(at - 0.5));
+                    // Pixel centres are at +0.5: the 2×2 pixels whose centres surround the point.
+                    let [left, top] = [reprojected.x_px[lane], reprojected.y_px[lane]].map(|at| floor(at - 0.5));
                     if turns.len() == 1 && inner.contains(left, top) {
                         let first = (top - rect.y0) as usize * width + (left - rect.x0) as usize;
                         for i in [first, first + 1, first + width, first + width + 1] {
-                            out[i] = if out[i] == 0.0 { told } else { out[i].min(told) };
+                            out[i] = if out[i] == 0.0 { depth_m } else { out[i].min(depth_m) };
                         }
                         continue;
                     }
                     for (px, py) in [(left, top), (left + 1, top), (left, top + 1), (left + 1, top + 1)] {
-                        put(&mut out, px, py, told);
+                        put(&mut out, px, py, depth_m);
                     }
                 }
             }
@@ -199,7 +204,7 @@ mod tests {
     use glam::{DQuat, DVec3};
 
     #[test]
-    fn a_wall_stays_a_wall_and_moves_by_parallax() {
+    fn wall_keeps_its_depth_and_moves_by_parallax() {
         let intrinsics = Intrinsics {
             width_px: 64,
             height_px: 48,

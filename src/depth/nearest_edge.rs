@@ -1,11 +1,13 @@
-//! The edge of a depth map that matters at each pixel: the nearest one, and of several close ones the largest step.
+//! The relevant edge of a depth map at each pixel: the nearest one, and of several close ones the
+//! one with the largest step.
 
 use super::discontinuity::is_step;
 
-/// A step by a factor e counts as much as being so much nearer, px; at most so much.
-const PER_STEP_PX: f32 = 10.0;
-pub const MOST_PX: f32 = 4.0;
-/// Pixels of a row in which it is asked at once whether anything is to be done.
+/// Bonus of an edge per unit of the log of its depth ratio: it counts as this much nearer, px.
+const BONUS_PER_LOG_RATIO_PX: f32 = 10.0;
+/// Largest bonus, px.
+pub const MAX_BONUS_PX: f32 = 4.0;
+/// Pixels of a row that are tested for work at a time.
 const BLOCK: usize = 32;
 
 /// An edge of the map.
@@ -18,63 +20,64 @@ pub struct Edge {
 }
 
 impl Edge {
-    /// The depths of the two surfaces at a pixel of which the map says `own_m`.
+    /// The depths of the nearer and the farther surface at a pixel with the depth `own_m`.
     pub fn both_m(&self, own_m: f32) -> [f32; 2] {
         let Self { near_m, far_m, .. } = *self;
         if is_near(own_m, [near_m, far_m]) { [own_m, far_m] } else { [near_m, own_m] }
     }
 }
 
-/// Whether a depth belongs to the nearer of two surfaces: it is less than their geometric mean.
+/// True if a depth belongs to the nearer of two surfaces: it is less than their geometric mean.
 pub fn is_near(z_m: f32, [near_m, far_m]: [f32; 2]) -> bool {
     z_m * z_m < near_m * far_m
 }
 
-/// For each pixel the edge of the map that matters, by straight and diagonal steps (a chamfer distance, Borgefors 1986). One that
-/// is `within_px` away or farther need not be found: then it is infinitely far away.
+/// The relevant edge of each pixel, by straight and diagonal steps (a chamfer distance, Borgefors
+/// 1986). Edges at `within_px` or farther may be missing: their distance is then infinite.
 pub fn edges(depth_m: &[f32], width: usize, within_px: f32) -> Vec<Edge> {
-    // The edges, with what their steps are worth, px. The first is none: it is worth so much that it is infinitely far away.
+    // Edges with the bonus of their steps, px. The first stands for no edge, at an infinite
+    // distance.
     let none = Edge { distance_px: f32::INFINITY, near_m: 0.0, far_m: 0.0 };
     let mut found = vec![(none, f32::INFINITY)];
-    let mut ways = Ways::new(depth_m.len(), width, within_px);
+    let mut paths = Paths::new(depth_m.len(), width, within_px);
     let is_edge = |a: f32, b: f32| (a.min(b) > 0.0) & is_step(a, b);
     each_edge(depth_m, width, is_edge, |[i, beside], [a, b]| {
         let (near_m, far_m) = (a.min(b), a.max(b));
-        let worth_px = (PER_STEP_PX * (far_m / near_m).ln()).min(MOST_PX);
-        [i, beside].into_iter().for_each(|at| ways.begin(at, 0.5 - worth_px, found.len() as u32));
-        found.push((Edge { distance_px: 0.5, near_m, far_m }, worth_px));
+        let bonus_px = (BONUS_PER_LOG_RATIO_PX * (far_m / near_m).ln()).min(MAX_BONUS_PX);
+        [i, beside].into_iter().for_each(|at| paths.begin(at, 0.5 - bonus_px, found.len() as u32));
+        found.push((Edge { distance_px: 0.5, near_m, far_m }, bonus_px));
     });
     if found.len() == 1 {
         return vec![none; depth_m.len()];
     }
-    ways.spread();
+    paths.spread();
     let edge = |(cost, from): (f32, u32)| {
-        let (edge, worth_px) = found[from as usize];
-        Edge { distance_px: cost + worth_px, ..edge }
+        let (edge, bonus_px) = found[from as usize];
+        Edge { distance_px: cost + bonus_px, ..edge }
     };
     let mut out = Vec::with_capacity(depth_m.len());
-    ways.rows().for_each(|(cost, from)| out.extend(cost.iter().copied().zip(from.iter().copied()).map(edge)));
+    paths.rows().for_each(|(cost, from)| out.extend(cost.iter().copied().zip(from.iter().copied()).map(edge)));
     out
 }
 
-/// Distance from each pixel's centre to the nearest edge, px, by the same steps; `within_px` at most.
+/// Chamfer distance from each pixel's centre to the nearest edge, px; at most `within_px`.
 pub fn distances_px(depth_m: &[f32], width: usize, within_px: f32, is_edge: impl Fn(f32, f32) -> bool) -> Vec<f32> {
-    let mut ways = Ways::new(depth_m.len(), width, within_px);
-    each_edge(depth_m, width, is_edge, |at, _| at.into_iter().for_each(|at| ways.begin(at, 0.5, 0)));
-    ways.spread();
+    let mut paths = Paths::new(depth_m.len(), width, within_px);
+    each_edge(depth_m, width, is_edge, |at, _| at.into_iter().for_each(|at| paths.begin(at, 0.5, 0)));
+    paths.spread();
     let mut out = Vec::with_capacity(depth_m.len());
-    ways.rows().for_each(|(cost, _)| out.extend_from_slice(cost));
+    paths.rows().for_each(|(cost, _)| out.extend_from_slice(cost));
     out
 }
 
-/// Calls `of` with all pairs of neighbours between which there is an edge: where they are, and their depths.
+/// Calls `of` with the indices and depths of all pairs of neighbours with an edge between them.
 pub fn each_edge(
     depth_m: &[f32],
     width: usize,
     is_edge: impl Fn(f32, f32) -> bool,
     mut of: impl FnMut([usize; 2], [f32; 2]),
 ) {
-    // Pairs beside and below each other, many at a time: mostly none is an edge.
+    // Tests many pairs at a time. Most blocks have no edge.
     let any = |a: &[f32], b: &[f32]| a.iter().zip(b).fold(false, |any, (a, b)| any | is_edge(*a, *b));
     for (y, row) in depth_m.chunks_exact(width.max(1)).enumerate() {
         let first = y * width;
@@ -98,18 +101,19 @@ pub fn each_edge(
     }
 }
 
-/// For each pixel the cheapest way from where ways begin, if it costs less than `most`, and which one. A rim of a pixel lies around.
-struct Ways {
+/// Cost and source of the cheapest path to each pixel, if it costs less than `max_cost`. The arrays
+/// have a border of one pixel.
+struct Paths {
     width: usize,
-    most: f32,
+    max_cost: f32,
     cost: Vec<f32>,
     from: Vec<u32>,
 }
 
-impl Ways {
-    fn new(count: usize, width: usize, most: f32) -> Self {
+impl Paths {
+    fn new(count: usize, width: usize, max_cost: f32) -> Self {
         let all = (width + 2) * (count / width.max(1) + 2);
-        Self { width, most, cost: vec![most; all], from: vec![0; all] }
+        Self { width, max_cost, cost: vec![max_cost; all], from: vec![0; all] }
     }
 
     fn begin(&mut self, i: usize, cost: f32, from: u32) {
@@ -119,25 +123,25 @@ impl Ways {
         }
     }
 
-    /// Takes the cheapest ways on to all pixels: from the left and above, then from the right and below. A picture read
-    /// backwards is turned by 180°.
+    /// Propagates the cheapest paths to all pixels: from the left and above, then from the right
+    /// and below. A reversed array is the picture turned by 180°.
     fn spread(&mut self) {
         for _ in 0..2 {
-            self.onward();
+            self.propagate_forward();
             self.cost.reverse();
             self.from.reverse();
         }
     }
 
-    fn onward(&mut self) {
-        let (wide, diagonal, most) = (self.width + 2, std::f32::consts::SQRT_2, self.most);
+    fn propagate_forward(&mut self) {
+        let (wide, diagonal, max_cost) = (self.width + 2, std::f32::consts::SQRT_2, self.max_cost);
         for y in 1..self.cost.len() / wide {
             let (cost_above, cost) = self.cost[(y - 1) * wide..(y + 1) * wide].split_at_mut(wide);
             let (from_above, from) = self.from[(y - 1) * wide..(y + 1) * wide].split_at_mut(wide);
             for x0 in (1..wide - 1).step_by(BLOCK) {
                 let x1 = (x0 + BLOCK).min(wide - 1);
-                // Each neighbour above for a whole block: vectors.
-                if cost_above[x0 - 1..x1 + 1].iter().fold(false, |any, above| any | (*above < most)) {
+                // One of the three neighbours above for a whole block at a time, as vectors.
+                if cost_above[x0 - 1..x1 + 1].iter().fold(false, |any, above| any | (*above < max_cost)) {
                     for (dx, step) in [(0, diagonal), (1, 1.0), (2, diagonal)] {
                         let beside = cost_above[x0 + dx - 1..].iter().zip(&from_above[x0 + dx - 1..]);
                         for ((cost, from), (above, from_there)) in
@@ -149,7 +153,8 @@ impl Ways {
                         }
                     }
                 }
-                // Along the row, where any pixel of the block is nearer by its neighbour: only then others follow.
+                // Along the row, if any pixel of the block has a cheaper path by its left
+                // neighbour.
                 let pairs = cost[x0 - 1..x1].iter().zip(&cost[x0..x1]);
                 if pairs.fold(false, |any, (before, cost)| any | (before + 1.0 < *cost)) {
                     for x in x0..x1 {
@@ -162,7 +167,7 @@ impl Ways {
         }
     }
 
-    /// Those of the pixels, row by row.
+    /// Costs and sources of the pixels without the border, row by row.
     fn rows(&self) -> impl Iterator<Item = (&[f32], &[u32])> {
         let (wide, width) = (self.width + 2, self.width);
         let rows = self.cost.chunks_exact(wide).zip(self.from.chunks_exact(wide)).skip(1);
@@ -176,7 +181,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_nearest_edge_and_of_close_ones_the_larger_step() {
+    fn relevant_edge_is_the_nearest_or_the_larger_of_close_ones() {
         // 1 m, then 1.06 m from column 10 on, then 2 m from column 13 on.
         let row: Vec<f32> = (0..30)
             .map(|x| {
@@ -201,9 +206,9 @@ mod tests {
         assert!(edges(&[], 0, 9.0).is_empty());
     }
 
-    /// A floor that recedes, blocks of many sizes before it, and holes, over several blocks of pixels.
-    fn room(width: usize, height: usize) -> Vec<f32> {
-        let thing =
+    /// A receding floor with boxes of many sizes in front of it, and holes.
+    fn boxes_on_a_floor(width: usize, height: usize) -> Vec<f32> {
+        let object =
             |n: usize| (n * 71 % width, n * 57 % height, 3 + n * 7 % 11, 2 + n * 5 % 9, 0.8 + 0.1 * (n % 13) as f32);
         let at = |i: usize| {
             let (x, y) = (i % width, i / width);
@@ -211,13 +216,13 @@ mod tests {
                 (*left..left + wide).contains(&x) && (*top..top + high).contains(&y)
             };
             let floor_m = 4.0 - 2.0 * y as f32 / height as f32;
-            (0..7).map(thing).find(is_on).map_or(floor_m, |thing| if thing.0 % 5 == 0 { 0.0 } else { thing.4 })
+            (0..7).map(object).find(is_on).map_or(floor_m, |object| if object.0 % 5 == 0 { 0.0 } else { object.4 })
         };
         (0..width * height).map(at).collect()
     }
 
-    /// The distances, step by step until nothing changes.
-    fn slowly(depth_m: &[f32], width: usize, is_edge: impl Fn(f32, f32) -> bool) -> Vec<f32> {
+    /// Reference: distances relaxed step by step until nothing changes.
+    fn relaxed_distances(depth_m: &[f32], width: usize, is_edge: impl Fn(f32, f32) -> bool) -> Vec<f32> {
         let size = [width as i32, (depth_m.len() / width) as i32];
         let beside = |i: usize| {
             let (x, y) = (i as i32 % size[0], i as i32 / size[0]);
@@ -238,36 +243,36 @@ mod tests {
     }
 
     #[test]
-    fn it_is_what_the_same_steps_give_pixel_by_pixel() {
-        // A thing that begins at each place of a block.
-        let thing = |left: usize| -> Vec<f32> {
+    fn distances_match_a_relaxation_pixel_by_pixel() {
+        // An object that begins at each position of a block.
+        let object = |left: usize| -> Vec<f32> {
             let is_on = |x: usize, y: usize| (left..left + 9).contains(&x) && (8..17).contains(&y);
             (0..96 * 24).map(|i| if is_on(i % 96, i / 96) { 1.0 } else { 2.0 }).collect()
         };
-        let things = (BLOCK..2 * BLOCK).map(|left| (thing(left), 96));
-        for (depth_m, width) in things.chain([(room(151, 61), 151)]) {
+        let objects = (BLOCK..2 * BLOCK).map(|left| (object(left), 96));
+        for (depth_m, width) in objects.chain([(boxes_on_a_floor(151, 61), 151)]) {
             let found = distances_px(&depth_m, width, f32::INFINITY, is_step);
-            let slow = slowly(&depth_m, width, is_step);
-            let off = found.iter().zip(&slow).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            let expected = relaxed_distances(&depth_m, width, is_step);
+            let off = found.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(off < 1e-4, "{off}");
         }
     }
 
     #[test]
-    fn what_is_near_is_the_same_however_far_is_looked() {
+    fn near_edges_do_not_depend_on_the_search_distance() {
         let width = 151;
-        let depth_m = room(width, 61);
+        let depth_m = boxes_on_a_floor(width, 61);
         let all = edges(&depth_m, width, f32::INFINITY);
         let (mut near, mut none) = (0, 0);
         for within_px in [1.0, 4.0, 9.5] {
             for (found, all) in edges(&depth_m, width, within_px).iter().zip(&all) {
-                let told = |edge: &Edge| (edge.distance_px, edge.near_m, edge.far_m);
+                let fields = |edge: &Edge| (edge.distance_px, edge.near_m, edge.far_m);
                 if all.distance_px < within_px {
-                    assert_eq!(told(found), told(all));
+                    assert_eq!(fields(found), fields(all));
                     near += 1;
                 }
-                // What costs less because its step is large may be told though it is farther.
-                assert!(found.distance_px.is_infinite() || told(found) == told(all));
+                // A larger edge may be found although it is farther away.
+                assert!(found.distance_px.is_infinite() || fields(found) == fields(all));
                 none += usize::from(found.distance_px.is_infinite());
             }
         }

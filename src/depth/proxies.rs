@@ -1,24 +1,26 @@
-//! Depth that nobody measured and that is known all the same: of models that stand in for what is really there.
+//! Depth of proxy geometry: models that stand in for real objects.
 //!
-//! Each triangle is cut until its sides are short in the picture, so that lenses may bend them and rows may have poses of their
-//! own. Over a short one 1/z is linear in the picture, as over any plane.
+//! Each triangle is subdivided until its sides are short in the picture, to support lens distortion
+//! and a pose for each row. Over a small triangle 1/z is linear in the picture.
 //!
-//! Not modelled: shadows on them.
+//! Not modelled: shadows on proxies.
 
 use glam::{DVec2, DVec3};
 
 use crate::pixels::Rect;
 
-/// Depth where a picture has no sensor and no model stands: so far away that nothing is hidden. `FAR_M` of
-/// shaders/shade.wgsl is the same.
+/// Depth of pixels without a sensor and without a proxy, m: so large that nothing is occluded.
+/// `FAR_M` of shaders/shade.wgsl is the same.
 pub const FAR_M: f32 = 1e4;
-/// Sides of triangles that are drawn, px at most. Between their corners a lens bends by less than a tenth of a pixel.
-const SIDE_PX: f64 = 16.0;
-/// So many times a triangle is cut into four, at most.
-const CUTS: u32 = 9;
-/// So often one is cut whose corners are all out of sight, because its middle may not be.
-const BLIND_CUTS: u32 = 3;
-/// A pixel's middle this near to an edge is inside, px: no seam stays open.
+/// Longest side of a triangle that is rasterized, px. Lens distortion between its corners is less
+/// than a tenth of a pixel.
+const MAX_SIDE_PX: f64 = 16.0;
+/// Maximum number of subdivisions of a triangle into four.
+const MAX_SUBDIVISIONS: u32 = 9;
+/// Maximum number of subdivisions of a triangle whose corners are all out of view. Its middle may
+/// be in view.
+const MAX_OUTSIDE_SUBDIVISIONS: u32 = 3;
+/// Pixel centres up to this far outside an edge are covered, px, so that there are no seams.
 const SEAM_PX: f64 = 0.01;
 
 /// Triangles in the world, metres.
@@ -27,11 +29,11 @@ pub struct Proxies {
     pub triangles: Vec<[DVec3; 3]>,
 }
 
-/// Where a point is seen, px, and its depth there, metres.
-pub type Seen = Option<(DVec2, f64)>;
+/// Image position of a point, px, and its depth, m; `None` out of view.
+pub type ProjectedPoint = Option<(DVec2, f64)>;
 
-/// A depth, if it is one; 0 where no model stands.
-pub fn known_m(depth_m: f32) -> f32 {
+/// 0 (unknown) in place of [`FAR_M`].
+pub fn unknown_if_far_m(depth_m: f32) -> f32 {
     if depth_m < FAR_M { depth_m } else { 0.0 }
 }
 
@@ -40,53 +42,57 @@ impl Proxies {
         self.triangles.is_empty()
     }
 
-    /// Brings the depth of a part of a picture, metres, row by row, 0 where unknown, to what is nearer than it. `seen` is the camera.
-    pub fn put(&self, depth_m: &mut [f32], part: Rect, seen: impl Fn(DVec3) -> Seen) {
-        let mut drawing = Drawing { depth_m, part, seen };
+    /// Rasterizes the proxies into the depth of a part of a picture, m, row by row, 0 where
+    /// unknown. The nearer depth wins. `project` is the camera.
+    pub fn rasterize(&self, depth_m: &mut [f32], part: Rect, project: impl Fn(DVec3) -> ProjectedPoint) {
+        let mut rasterizer = Rasterizer { depth_m, part, project };
         for corners in &self.triangles {
-            drawing.cut(corners.map(|point| (point, (drawing.seen)(point))), 0);
+            rasterizer.subdivide(corners.map(|point| (point, (rasterizer.project)(point))), 0);
         }
     }
 }
 
-struct Drawing<'a, S> {
+struct Rasterizer<'a, S> {
     depth_m: &'a mut [f32],
     part: Rect,
-    seen: S,
+    project: S,
 }
 
-impl<S: Fn(DVec3) -> Seen> Drawing<'_, S> {
-    fn cut(&mut self, corners: [(DVec3, Seen); 3], cuts: u32) {
+impl<S: Fn(DVec3) -> ProjectedPoint> Rasterizer<'_, S> {
+    fn subdivide(&mut self, corners: [(DVec3, ProjectedPoint); 3], subdivisions: u32) {
         let [a, b, c] = corners;
         if let (Some(p), Some(q), Some(r)) = (a.1, b.1, c.1) {
             let side_px = p.0.distance(q.0).max(q.0.distance(r.0)).max(r.0.distance(p.0));
-            if side_px <= SIDE_PX || cuts == CUTS {
-                // What is longer still reaches across the rims of a picture that goes around, or behind the camera.
-                return if side_px <= 4.0 * SIDE_PX {
-                    self.draw([p, q, r])
+            if side_px <= MAX_SIDE_PX || subdivisions == MAX_SUBDIVISIONS {
+                // A triangle that is still longer crosses the rim of a 360° picture, or extends
+                // behind the camera.
+                return if side_px <= 4.0 * MAX_SIDE_PX {
+                    self.fill([p, q, r])
                 };
             }
-            // A lens bends a long side by less than its length.
+            // Distortion displaces a side by less than its length.
             let (low, high) = (p.0.min(q.0).min(r.0) - side_px, p.0.max(q.0).max(r.0) + side_px);
             let Rect { x0, y0, x1, y1 } = self.part;
             let is_beside = high.x < f64::from(x0) || low.x > f64::from(x1);
             if is_beside || high.y < f64::from(y0) || low.y > f64::from(y1) {
                 return;
             }
-        } else if cuts == CUTS || corners.iter().all(|(_, seen)| seen.is_none()) && cuts >= BLIND_CUTS {
+        } else if subdivisions == MAX_SUBDIVISIONS
+            || corners.iter().all(|(_, projected)| projected.is_none()) && subdivisions >= MAX_OUTSIDE_SUBDIVISIONS
+        {
             return;
         }
         let middle = |p: DVec3, q: DVec3| {
             let point = 0.5 * (p + q);
-            (point, (self.seen)(point))
+            (point, (self.project)(point))
         };
         let [ab, bc, ca] = [middle(a.0, b.0), middle(b.0, c.0), middle(c.0, a.0)];
         for corners in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
-            self.cut(corners, cuts + 1);
+            self.subdivide(corners, subdivisions + 1);
         }
     }
 
-    fn draw(&mut self, corners: [(DVec2, f64); 3]) {
+    fn fill(&mut self, corners: [(DVec2, f64); 3]) {
         let places = corners.map(|(at, _)| at);
         let [per_a, per_b, per_c] = corners.map(|(_, depth_m)| depth_m.recip());
         let [a, b, c] = places;
@@ -101,22 +107,23 @@ impl<S: Fn(DVec3) -> Seen> Drawing<'_, S> {
         if twice.abs() < 1e-9 || all.is_empty() {
             return;
         }
-        // How far a place is from a side, as a share of the opposite corner's distance.
-        let share = |at: DVec2, p: DVec2, q: DVec2| {
+        // Barycentric coordinate of a position, for the corner opposite to the side pq, and the
+        // tolerance.
+        let barycentric = |at: DVec2, p: DVec2, q: DVec2| {
             ((q - p).perp_dot(at - p) / twice, SEAM_PX * (q - p).length() / twice.abs())
         };
         for y in all.y0..all.y1 {
             for x in all.x0..all.x1 {
                 let at = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-                let shares = [share(at, b, c), share(at, c, a), share(at, a, b)];
-                if shares.iter().any(|(share, seam)| *share < -seam) {
+                let weights = [barycentric(at, b, c), barycentric(at, c, a), barycentric(at, a, b)];
+                if weights.iter().any(|(weight, seam)| *weight < -seam) {
                     continue;
                 }
-                let per_m = shares[0].0 * per_a + shares[1].0 * per_b + shares[2].0 * per_c;
+                let per_m = weights[0].0 * per_a + weights[1].0 * per_b + weights[2].0 * per_c;
                 let i = (y - self.part.y0) as usize * self.part.width() as usize + (x - self.part.x0) as usize;
-                let (there_m, here_m) = (&mut self.depth_m[i], per_m.recip() as f32);
-                if here_m > 0.0 && (*there_m <= 0.0 || here_m < *there_m) {
-                    *there_m = here_m;
+                let (old_m, new_m) = (&mut self.depth_m[i], per_m.recip() as f32);
+                if new_m > 0.0 && (*old_m <= 0.0 || new_m < *old_m) {
+                    *old_m = new_m;
                 }
             }
         }
@@ -128,21 +135,21 @@ mod tests {
     use super::*;
     use crate::camera::{Distortion, Geometry, Intrinsics};
 
-    fn put(geometry: &Geometry, triangles: Vec<[DVec3; 3]>, part: Rect) -> Vec<f32> {
+    fn rasterize(geometry: &Geometry, triangles: Vec<[DVec3; 3]>, part: Rect) -> Vec<f32> {
         let mut depth_m = vec![0.0; part.width() as usize * part.height() as usize];
-        Proxies { triangles }.put(&mut depth_m, part, |p| geometry.project(p).map(|at| (at, p.z)));
+        Proxies { triangles }.rasterize(&mut depth_m, part, |p| geometry.project(p).map(|at| (at, p.z)));
         depth_m
     }
 
-    /// A rectangle in x and y that leans: z = 1.5 + 0.4·x.
-    fn leaning() -> Vec<[DVec3; 3]> {
+    /// A slanted rectangle: z = 1.5 + 0.4·x.
+    fn slanted_board() -> Vec<[DVec3; 3]> {
         let at = |x: f64, y: f64| DVec3::new(x, y, 1.5 + 0.4 * x);
         let [a, b, c, d] = [at(-0.5, -0.3), at(0.5, -0.3), at(0.5, 0.4), at(-0.5, 0.4)];
         vec![[a, b, c], [c, d, a]]
     }
 
     #[test]
-    fn a_leaning_board_is_where_rays_meet_it_also_through_a_lens_that_bends() {
+    fn slanted_board_has_the_depth_of_its_rays_with_and_without_distortion() {
         let i = Intrinsics {
             width_px: 200,
             height_px: 150,
@@ -156,7 +163,7 @@ mod tests {
         for distortion in [Distortion::default(), bends] {
             let geometry = Geometry::new(i.clone(), distortion);
             let whole = Rect::full(200, 150);
-            let found = put(&geometry, leaning(), whole);
+            let found = rasterize(&geometry, slanted_board(), whole);
             let mut on_board = 0;
             for (n, found) in found.iter().enumerate() {
                 let ray = geometry.depth_ray(DVec2::new((n % 200) as f64 + 0.5, (n / 200) as f64 + 0.5)).unwrap();
@@ -172,9 +179,9 @@ mod tests {
                 }
             }
             assert!(on_board > 5000, "{on_board}");
-            // A part of the picture shows the same.
+            // A part of the picture has the same depth.
             let part = Rect::new(-10, 40, 90, 160);
-            for (n, in_part) in put(&geometry, leaning(), part).iter().enumerate() {
+            for (n, in_part) in rasterize(&geometry, slanted_board(), part).iter().enumerate() {
                 let (x, y) = (n as i32 % 100 - 10, n as i32 / 100 + 40);
                 let expected = if whole.contains(x, y) { found[(y * 200 + x) as usize] } else { *in_part };
                 assert_eq!(*in_part, expected, "{x} {y}");
@@ -183,18 +190,18 @@ mod tests {
     }
 
     #[test]
-    fn the_nearer_stays_and_what_begins_behind_the_camera_is_seen_where_it_is() {
+    fn nearer_depth_wins_and_floor_from_behind_the_camera_has_its_depth() {
         let geometry = Geometry::pinhole(64, 48, 60.0);
         let whole = Rect::full(64, 48);
         let mut depth_m: Vec<f32> = (0..64 * 48).map(|i| if i % 64 < 32 { 1.0 } else { 3.0 }).collect();
-        let seen = |p: DVec3| geometry.project(p).map(|at| (at, p.z));
+        let project = |p: DVec3| geometry.project(p).map(|at| (at, p.z));
         let wall = |z: f64| [[-9.0, -9.0], [9.0, -9.0], [0.0, 12.0]].map(|[x, y]| DVec3::new(x, y, z));
-        Proxies { triangles: vec![wall(2.0)] }.put(&mut depth_m, whole, seen);
+        Proxies { triangles: vec![wall(2.0)] }.rasterize(&mut depth_m, whole, project);
         assert!((0..64 * 48).all(|i| (depth_m[i] - if i % 64 < 32 { 1.0 } else { 2.0 }).abs() < 1e-5));
-        // A floor 1 m below that goes on behind the camera: z = fy / (row − cy).
+        // A floor 1 m below the camera that extends behind it: z = fy / (row − cy).
         let [a, b, c, d] =
             [[-20.0, -5.0], [20.0, -5.0], [20.0, 40.0], [-20.0, 40.0]].map(|[x, z]| DVec3::new(x, 1.0, z));
-        let found = put(&geometry, vec![[a, b, c], [c, d, a]], whole);
+        let found = rasterize(&geometry, vec![[a, b, c], [c, d, a]], whole);
         for (i, found) in found.iter().enumerate().filter(|(i, _)| i / 64 > 28) {
             let expected = 60.0 / ((i / 64) as f32 + 0.5 - 24.0);
             assert!((found / expected - 1.0).abs() < 1e-3, "{i}: {found} is not {expected}");

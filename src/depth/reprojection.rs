@@ -1,11 +1,13 @@
 //! Reprojection of depth maps into another pose of the camera, 16 points at a time.
 //!
-//! A frame needs millions of points. Single precision is exact to a thousandth of a pixel, and loops without branches compile
-//! to vector instructions. Points outside the validity of the distortion formula go through the exact camera model.
+//! A frame needs millions of points. Single precision is exact to a thousandth of a pixel, and
+//! loops without branches compile to vector instructions. Points outside the validity of the
+//! distortion formula are projected by the exact camera model.
 //!
-//! Of a tile of a map only the corners are reprojected, at its nearest and its farthest depth; other points are interpolated. At
-//! one depth the new position is a smooth function of the old one, and along a ray it is nearly linear in inverse depth. The
-//! tile's centre verifies both.
+//! Only the corners of a tile of a map are reprojected, at its nearest and its farthest depth;
+//! other points are interpolated. At one depth the new position is a smooth function of the old
+//! one, and along a ray it is nearly linear in inverse depth. Probes at the tile's centre verify
+//! both.
 
 use glam::{DVec3, Mat3, Vec2, Vec3};
 
@@ -17,8 +19,9 @@ use crate::pose::Pose;
 pub const LANES: usize = 16;
 
 /// Largest interpolation error at a tile's centre, px.
-const STRAIGHT_PX: f32 = 0.1;
-/// A tile's probes: its four corners and its middle, each at the nearest and at the farthest depth, and the middle between.
+const MAX_INTERPOLATION_ERROR_PX: f32 = 0.1;
+/// Number of a tile's probes: its corners and its centre, each at the nearest and at the farthest
+/// depth, and the centre at the mean inverse depth.
 const PROBES: usize = 11;
 
 /// Points in camera coordinates, m.
@@ -40,8 +43,8 @@ pub struct Reprojected {
 }
 
 impl Reprojected {
-    /// Row-major indices of their pixels in a rectangle; one past the last for points that are not visible or outside. Without
-    /// branches, for vector instructions.
+    /// Row-major indices of their pixels in a rectangle; one past the last for points that are not
+    /// visible or outside. Without branches, for vector instructions.
     pub fn pixels(&self, of: Rect) -> [usize; LANES] {
         let [x0, x1, y0, y1] = [of.x0, of.x1, of.y0, of.y1].map(|edge| edge as f32);
         let [width, height] = [of.width() as i32, of.height() as i32];
@@ -77,7 +80,7 @@ impl Points {
     }
 }
 
-/// From the axes of one camera pose to the picture from another.
+/// Projection of points in the axes of one camera pose into the picture from another.
 pub struct Reprojection<'a> {
     geometry: &'a Geometry,
     turn: Mat3,
@@ -88,15 +91,15 @@ pub struct Reprojection<'a> {
     tangential: Vec2,
     /// Squared radius up to which the formula is valid; negative for nowhere.
     valid2: f32,
-    /// Depths are distances from the camera.
-    around: bool,
+    /// Depths are distances from the camera, not z.
+    is_radial: bool,
 }
 
 impl<'a> Reprojection<'a> {
     pub fn new(geometry: &'a Geometry, from: &Pose, to: &Pose) -> Self {
-        let carried = |point: DVec3| to.transform_point(from.inverse_transform_point(point));
-        let origin = carried(DVec3::ZERO);
-        let axis = |axis: DVec3| (carried(axis) - origin).as_vec3();
+        let transform = |point: DVec3| to.transform_point(from.inverse_transform_point(point));
+        let origin = transform(DVec3::ZERO);
+        let axis = |axis: DVec3| (transform(axis) - origin).as_vec3();
         let (i, Distortion { model, k1, k2, k3, p1, p2, .. }) = (&geometry.intrinsics, &geometry.distortion);
         let valid = if *model == LensModel::Opencv { geometry.valid_radius().min(1e6) as f32 } else { -1.0 };
         Self {
@@ -108,17 +111,17 @@ impl<'a> Reprojection<'a> {
             radial: [k1, k2, k3].map(|k| *k as f32),
             tangential: Vec2::new(*p1 as f32, *p2 as f32),
             valid2: valid * valid.abs(),
-            around: geometry.needs_cube_map(),
+            is_radial: geometry.needs_cube_map(),
         }
     }
 
-    /// The distortion formula is that of camera/distortion.rs.
+    /// With the distortion formula of camera/distortion.rs.
     pub fn reproject(&self, points: &Points) -> Reprojected {
         let Self { turn, shift_m, focal_px, middle_px, radial: [k1, k2, k3], valid2, .. } = *self;
         let Vec2 { x: p1, y: p2 } = self.tangential;
-        let mut landed = Reprojected { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
-        let mut left = [false; LANES];
-        for (n, left) in left.iter_mut().enumerate() {
+        let mut reprojected = Reprojected { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
+        let mut is_left = [false; LANES];
+        for (n, is_left) in is_left.iter_mut().enumerate() {
             let (x, y, z) = (points.x[n], points.y[n], points.z[n]);
             let to_x = turn.x_axis.x * x + turn.y_axis.x * y + turn.z_axis.x * z + shift_m.x;
             let to_y = turn.x_axis.y * x + turn.y_axis.y * y + turn.z_axis.y * z + shift_m.y;
@@ -129,36 +132,37 @@ impl<'a> Reprojection<'a> {
             let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
             let tangential_x = 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x);
             let tangential_y = p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y;
-            landed.x_px[n] = (x * radial + tangential_x) * focal_px.x + middle_px.x;
-            landed.y_px[n] = (y * radial + tangential_y) * focal_px.y + middle_px.y;
+            reprojected.x_px[n] = (x * radial + tangential_x) * focal_px.x + middle_px.x;
+            reprojected.y_px[n] = (y * radial + tangential_y) * focal_px.y + middle_px.y;
             let is_valid = (to_z > 0.0) & (r2 <= valid2);
-            landed.depth_m[n] = if points.known[n] & is_valid { to_z } else { 0.0 };
-            *left = points.known[n] & !is_valid;
+            reprojected.depth_m[n] = if points.known[n] & is_valid { to_z } else { 0.0 };
+            *is_left = points.known[n] & !is_valid;
         }
-        for n in (0..LANES).filter(|&n| left[n]) {
+        for n in (0..LANES).filter(|&n| is_left[n]) {
             let point = turn * points.at(n) + shift_m;
             if let Some(at) = self.geometry.project(point.as_dvec3()) {
-                (landed.x_px[n], landed.y_px[n]) = (at.x as f32, at.y as f32);
-                landed.depth_m[n] = (if self.around { point.length() } else { point.z }).max(0.0);
+                (reprojected.x_px[n], reprojected.y_px[n]) = (at.x as f32, at.y as f32);
+                reprojected.depth_m[n] = (if self.is_radial { point.length() } else { point.z }).max(0.0);
             }
         }
-        landed
+        reprojected
     }
 }
 
 /// A rectangle of a depth map, of at most [`LANES`] points a side.
 pub struct Tile {
     rect: Rect,
-    /// The nearest of its depths, metres.
+    /// Its smallest depth, m.
     nearest_m: f32,
-    /// One over it, and one over the range of inverse depths; 0 if there is none.
+    /// Inverse of it, 1/m.
     per_nearest: f32,
+    /// Inverse of the range of inverse depths, m; 0 if all depths are equal.
     per_range: f32,
     probes: Points,
 }
 
 impl Tile {
-    /// `None` if it has no depth, or no ray at a corner. `ray` gives a pixel's.
+    /// `None` without any depth, or without a ray at a corner. `ray` returns a pixel's ray.
     pub fn of(rect: Rect, map: &DepthMap, ray: impl Fn(i32, i32) -> Option<[f32; 3]>) -> Option<Self> {
         let (nearest, farthest) = range_of(map, rect)?;
         let [per_nearest, per_farthest] = [nearest, farthest].map(f32::recip);
@@ -178,15 +182,15 @@ impl Tile {
         Some(Self { rect, nearest_m: nearest, per_nearest, per_range, probes })
     }
 
-    /// A pixel near its middle, from its corner.
+    /// Offset of its central pixel from its corner.
     fn middle(rect: Rect) -> (i32, i32) {
         ((rect.width() as i32 - 1) / 2, (rect.height() as i32 - 1) / 2)
     }
 }
 
-/// The nearest and the farthest depth in a rectangle of a map, metres; `None` if it has none.
+/// The nearest and the farthest depth in a rectangle of a map, m; `None` without any depth.
 fn range_of(map: &DepthMap, rect: Rect) -> Option<(f32, f32)> {
-    // A lane for each column: many at a time.
+    // One lane for each column.
     let (mut nearest, mut farthest) = ([f32::INFINITY; LANES], [0.0f32; LANES]);
     for y in rect.y0..rect.y1 {
         let mut row = [0.0; LANES];
@@ -207,7 +211,7 @@ fn row_of(map: &DepthMap, rect: Rect, y: i32) -> &[f32] {
     &map.depth_m[y as usize * map.width as usize..][rect.x0 as usize..rect.x1 as usize]
 }
 
-/// A value at each pixel of a tile, from its corners': v + a·x + b·y + c·x·y.
+/// Bilinear interpolation between the corners of a tile: v + a·x + b·y + c·x·y.
 #[derive(Clone, Copy)]
 struct Bilinear<V>([V; 4]);
 
@@ -220,94 +224,96 @@ where
         Self([v00, a * across, b * down, (v11 - v10 - b) * (across * down)])
     }
 
-    /// What a row begins with, and what it grows by from pixel to pixel.
+    /// The first value of a row, and its increment from pixel to pixel.
     fn row(&self, y: f32) -> (V, V) {
         let Self([v, a, b, c]) = *self;
         (v + b * y, a + c * y)
     }
 }
 
-/// Where a tile's points land.
-pub struct Over<'a> {
+/// Reprojection of a tile's points.
+pub struct TileReprojection<'a> {
     reprojection: &'a Reprojection<'a>,
     tile: &'a Tile,
-    landed: Reprojected,
-    straight: Option<Straight>,
+    reprojected: Reprojected,
+    interpolation: Option<Interpolation>,
 }
 
-struct Straight {
-    /// At the nearest depth, and by how much they differ at the farthest.
+/// Interpolation within a tile.
+struct Interpolation {
+    /// Position at the nearest depth, px.
     near: Bilinear<Vec2>,
+    /// Difference of the position at the farthest depth, px.
     farther: Bilinear<Vec2>,
-    /// Depth there for each metre here.
+    /// Derivative of the new depth by the old one.
     stretch: Bilinear<f32>,
 }
 
-impl<'a> Over<'a> {
+impl<'a> TileReprojection<'a> {
     pub fn new(tile: &'a Tile, reprojection: &'a Reprojection<'a>) -> Self {
-        let landed = reprojection.reproject(&tile.probes);
-        let mut over = Self { reprojection, tile, landed, straight: None };
-        over.straight = over.straight();
-        over
+        let reprojected = reprojection.reproject(&tile.probes);
+        let mut tile_reprojection = Self { reprojection, tile, reprojected, interpolation: None };
+        tile_reprojection.interpolation = tile_reprojection.interpolation();
+        tile_reprojection
     }
 
-    fn straight(&self) -> Option<Straight> {
-        let Self { reprojection, tile, landed, .. } = self;
-        if reprojection.around || landed.depth_m[..PROBES].contains(&0.0) {
+    fn interpolation(&self) -> Option<Interpolation> {
+        let Self { reprojection, tile, reprojected, .. } = self;
+        if reprojection.is_radial || reprojected.depth_m[..PROBES].contains(&0.0) {
             return None;
         }
-        let place = |n: usize| Vec2::new(landed.x_px[n], landed.y_px[n]);
+        let place = |n: usize| Vec2::new(reprojected.x_px[n], reprojected.y_px[n]);
         let [across, down] = [tile.rect.width(), tile.rect.height()].map(|side| (side.max(2) as f32 - 1.0).recip());
         let near = Bilinear::of([0, 2, 4, 6].map(place), across, down);
         let farther = Bilinear::of([1, 3, 5, 7].map(|n| place(n) - place(n - 1)), across, down);
-        let stretch = [0, 2, 4, 6].map(|n| (landed.depth_m[n] - reprojection.shift_m.z) / tile.nearest_m);
+        let stretch = [0, 2, 4, 6].map(|n| (reprojected.depth_m[n] - reprojection.shift_m.z) / tile.nearest_m);
         let (x, y) = Tile::middle(tile.rect);
         let at = |of: &Bilinear<Vec2>| {
             let (first, step) = of.row(y as f32);
             first + step * x as f32
         };
-        let is_straight = [(8, 0.0), (9, 1.0), (10, 0.5)]
-            .into_iter()
-            .all(|(n, share)| (at(&near) + at(&farther) * share).distance(place(n)) <= STRAIGHT_PX);
-        is_straight.then(|| Straight { near, farther, stretch: Bilinear::of(stretch, across, down) })
+        let is_accurate = [(8, 0.0), (9, 1.0), (10, 0.5)].into_iter().all(|(n, fraction)| {
+            (at(&near) + at(&farther) * fraction).distance(place(n)) <= MAX_INTERPOLATION_ERROR_PX
+        });
+        is_accurate.then(|| Interpolation { near, farther, stretch: Bilinear::of(stretch, across, down) })
     }
 
-    /// The rectangle in which all land, if it is known.
-    pub fn around(&self, bent_px: i32) -> Option<Rect> {
+    /// A rectangle that contains all reprojected points; `None` if it is unknown.
+    pub fn bounds(&self, margin_px: i32) -> Option<Rect> {
         let corners = 0..8;
-        if self.landed.depth_m[corners.clone()].contains(&0.0) {
+        if self.reprojected.depth_m[corners.clone()].contains(&0.0) {
             return None;
         }
         let range = |at: &[f32; LANES]| {
             let low = at[corners.clone()].iter().fold(f32::INFINITY, |low, at| low.min(*at));
             (floor(low), floor(at[corners.clone()].iter().fold(f32::NEG_INFINITY, |high, at| high.max(*at))))
         };
-        let ((x0, x1), (y0, y1)) = (range(&self.landed.x_px), range(&self.landed.y_px));
-        Some(Rect::new(x0, y0, x1 + 1, y1 + 1).grown(bent_px))
+        let ((x0, x1), (y0, y1)) = (range(&self.reprojected.x_px), range(&self.reprojected.y_px));
+        Some(Rect::new(x0, y0, x1 + 1, y1 + 1).grown(margin_px))
     }
 
-    /// Where a row of the tile lands. `rays` are those through the row's pixels.
+    /// Reprojects a row of the tile. `rays` are those of all pixels of the map's row.
     pub fn reproject(&self, map: &DepthMap, y: i32, rays: &[[f32; 3]]) -> Reprojected {
         let Tile { rect, per_nearest, per_range, .. } = *self.tile;
         let depth_m = row_of(map, rect, y);
-        let Some(Straight { near, farther, stretch }) = &self.straight else {
+        let Some(Interpolation { near, farther, stretch }) = &self.interpolation else {
             return self.reprojection.reproject(&Points::of(depth_m, &rays[rect.x0 as usize..rect.x1 as usize]));
         };
-        let mut here_m = [0.0f32; LANES];
-        here_m.iter_mut().zip(depth_m).for_each(|(here, z)| *here = if *z > 0.0 { *z } else { 0.0 });
+        let mut old_m = [0.0f32; LANES];
+        old_m.iter_mut().zip(depth_m).for_each(|(here, z)| *here = if *z > 0.0 { *z } else { 0.0 });
         let down = (y - rect.y0) as f32;
         let ((near, near_step), (more, more_step), (stretch, stretch_step)) =
             (near.row(down), farther.row(down), stretch.row(down));
-        let mut landed = Reprojected { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
-        for (n, z) in here_m.iter().enumerate() {
+        let mut reprojected = Reprojected { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
+        for (n, z) in old_m.iter().enumerate() {
             let x = n as f32;
-            let share = (1.0 / z - per_nearest) * per_range;
-            landed.x_px[n] = near.x + near_step.x * x + (more.x + more_step.x * x) * share;
-            landed.y_px[n] = near.y + near_step.y * x + (more.y + more_step.y * x) * share;
-            let there_m = z * (stretch + stretch_step * x) + self.reprojection.shift_m.z;
-            landed.depth_m[n] = if *z > 0.0 { there_m.max(0.0) } else { 0.0 };
+            let fraction = (1.0 / z - per_nearest) * per_range;
+            reprojected.x_px[n] = near.x + near_step.x * x + (more.x + more_step.x * x) * fraction;
+            reprojected.y_px[n] = near.y + near_step.y * x + (more.y + more_step.y * x) * fraction;
+            let new_m = z * (stretch + stretch_step * x) + self.reprojection.shift_m.z;
+            reprojected.depth_m[n] = if *z > 0.0 { new_m.max(0.0) } else { 0.0 };
         }
-        landed
+        reprojected
     }
 }
 
@@ -318,21 +324,21 @@ mod tests {
     use glam::{DQuat, DVec2};
 
     #[test]
-    fn points_lie_in_pixels() {
+    fn pixels_of_points_match_an_example_by_hand() {
         let at =
             [(-0.1, 0.0), (0.0, 0.0), (3.999, 2.999), (4.0, 1.0), (1.5, 3.0), (2.0, 1.0), (1e9, 0.0), (f32::NAN, 1.0)];
-        let mut landed = Reprojected { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
+        let mut reprojected = Reprojected { x_px: [0.0; LANES], y_px: [0.0; LANES], depth_m: [0.0; LANES] };
         for (n, (x, y)) in at.into_iter().enumerate() {
-            (landed.x_px[n], landed.y_px[n], landed.depth_m[n]) = (x, y, 1.0);
+            (reprojected.x_px[n], reprojected.y_px[n], reprojected.depth_m[n]) = (x, y, 1.0);
         }
-        assert_eq!(landed.pixels(Rect::full(4, 3))[..9], [12, 0, 11, 12, 12, 6, 12, 12, 12]);
-        assert_eq!(landed.pixels(Rect::new(-2, 1, 3, 3))[..9], [10, 10, 10, 10, 10, 4, 10, 10, 10]);
-        (landed.x_px[0], landed.y_px[0]) = (-0.1, 2.5);
-        assert_eq!(landed.pixels(Rect::new(-2, 1, 3, 3))[0], 6);
+        assert_eq!(reprojected.pixels(Rect::full(4, 3))[..9], [12, 0, 11, 12, 12, 6, 12, 12, 12]);
+        assert_eq!(reprojected.pixels(Rect::new(-2, 1, 3, 3))[..9], [10, 10, 10, 10, 10, 4, 10, 10, 10]);
+        (reprojected.x_px[0], reprojected.y_px[0]) = (-0.1, 2.5);
+        assert_eq!(reprojected.pixels(Rect::new(-2, 1, 3, 3))[0], 6);
     }
 
     #[test]
-    fn single_precision_is_enough() {
+    fn single_precision_matches_the_exact_camera_model() {
         let i = Intrinsics { fx_px: 517.3, fy_px: 516.5, cx_px: 319.1, cy_px: 255.8, ..Intrinsics::default() };
         let k = Distortion { k1: 0.2624, k2: -0.9531, p1: -0.0054, p2: 0.0026, k3: 1.1633, ..Distortion::default() };
         let fisheye = Distortion { model: LensModel::OpencvFisheye, k1: 0.02, ..Distortion::default() };
@@ -341,20 +347,20 @@ mod tests {
         for distortion in [k, Distortion::default(), fisheye] {
             let geometry = Geometry::new(i.clone(), distortion);
             let reprojection = Reprojection::new(&geometry, &from, &to);
-            // A little beyond the corners, too.
+            // Some points are outside the corners.
             for y in -6..=6 {
                 let rays: Vec<_> = (-7..=7).map(|x| [0.1 * x as f32, 0.1 * y as f32, 1.0]).collect();
-                let landed = reprojection.reproject(&Points::of(&[1.7; 15], &rays));
+                let reprojected = reprojection.reproject(&Points::of(&[1.7; 15], &rays));
                 for (n, ray) in rays.iter().enumerate() {
                     let point = 1.7 * DVec3::from(ray.map(f64::from));
                     let seen = to.transform_point(from.inverse_transform_point(point));
                     let exact = geometry.project(seen).unwrap();
-                    let found = DVec2::new(landed.x_px[n].into(), landed.y_px[n].into());
+                    let found = DVec2::new(reprojected.x_px[n].into(), reprojected.y_px[n].into());
                     assert!((found - exact).length() < 1e-3, "{ray:?}: {found} is not {exact}");
                     let depth = if geometry.needs_cube_map() { seen.length() } else { seen.z };
-                    assert!((f64::from(landed.depth_m[n]) - depth).abs() < 1e-5);
+                    assert!((f64::from(reprojected.depth_m[n]) - depth).abs() < 1e-5);
                 }
-                assert_eq!(landed.depth_m[15], 0.0);
+                assert_eq!(reprojected.depth_m[15], 0.0);
             }
             let nothing = Points::of(
                 &[0.0, -1.0, f32::NAN, 1.0],

@@ -1,5 +1,4 @@
-//! Pixels to be filled with depth from other frames or surfels, and the colour test for accepting
-//! it.
+//! Pixels that request depth from other frames or surfels, and the colour test for accepting it.
 
 use crate::parallel::{over_rows, processors};
 use crate::pixels::Rect;
@@ -8,7 +7,8 @@ use crate::pixels::Rect;
 const BLOCK_PX: usize = 8;
 /// Pixels that a thread works on at a time.
 const PIXELS_PER_BLOCK: usize = 256;
-/// Largest distance of a matching colour (square root of light) from the range of the pixels around: noise and motion blur.
+/// Largest distance of a matching colour (square root of light) from the range of the pixels
+/// around: noise and motion blur.
 const COLOR_TOLERANCE: f32 = 0.06;
 /// Minimum number of colour pairs for an estimate of the gain between two pictures, and the range
 /// of reliable colours.
@@ -19,13 +19,14 @@ const RELIABLE_COLORS: std::ops::Range<f32> = 0.12..0.97;
 pub struct RequestedPixels {
     /// Their indices in the part, ascending.
     pub places: Vec<u32>,
-    /// Position of each pixel of the part among them, and of one beyond the last; [`NOT_REQUESTED`] for others.
+    /// Position of each pixel of the part among them; [`NOT_REQUESTED`] for others, and for one
+    /// more pixel past the last.
     pub ranks: Vec<u32>,
     /// Lowest and highest of the frame's colours in the 3×3 pixels around each of them.
     ranges: Vec<[[f32; 3]; 2]>,
-    /// Whether a block of the part contains one, row by row.
+    /// True for blocks of the part that contain one, row by row.
     blocks: Vec<bool>,
-    in_row: usize,
+    blocks_per_row: usize,
 }
 
 /// Rank of a pixel that is not requested.
@@ -34,12 +35,12 @@ pub const NOT_REQUESTED: u32 = u32::MAX;
 impl RequestedPixels {
     pub fn new(is_requested: &[bool], sqrt_colors: &[[f32; 3]], width: usize) -> Self {
         let height = is_requested.len() / width;
-        let in_row = width.div_ceil(BLOCK_PX);
-        let mut blocks = vec![false; in_row * height.div_ceil(BLOCK_PX)];
+        let blocks_per_row = width.div_ceil(BLOCK_PX);
+        let mut blocks = vec![false; blocks_per_row * height.div_ceil(BLOCK_PX)];
         let (mut places, mut ranks) = (Vec::new(), vec![NOT_REQUESTED; is_requested.len() + 1]);
         for (y, row) in is_requested.chunks_exact(width).enumerate() {
             for (x, piece) in row.chunks(BLOCK_PX).enumerate().filter(|(_, piece)| piece.contains(&true)) {
-                blocks[y / BLOCK_PX * in_row + x] = true;
+                blocks[y / BLOCK_PX * blocks_per_row + x] = true;
                 let first = y * width + x * BLOCK_PX;
                 for i in (first..).zip(piece).filter(|(_, is_requested)| **is_requested).map(|(i, _)| i) {
                     ranks[i] = places.len() as u32;
@@ -63,7 +64,7 @@ impl RequestedPixels {
                 *range = [low, high];
             }
         });
-        Self { places, ranks, ranges, blocks, in_row }
+        Self { places, ranks, ranges, blocks, blocks_per_row }
     }
 
     /// Position of a pixel of the part among those that are requested; `None` if it is not.
@@ -71,15 +72,15 @@ impl RequestedPixels {
         self.ranks.get(pixel).filter(|rank| **rank != NOT_REQUESTED).map(|rank| *rank as usize)
     }
 
-    /// Whether a rectangle of the part may contain some of them: exact to a block.
+    /// True if a rectangle of the part may contain some of them: exact to a block.
     pub fn within(&self, rect: Rect) -> bool {
         let block = |at: i32| at as usize / BLOCK_PX;
         !rect.is_empty()
             && (block(rect.y0)..=block(rect.y1 - 1))
-                .any(|y| self.blocks[y * self.in_row..][block(rect.x0)..=block(rect.x1 - 1)].contains(&true))
+                .any(|y| self.blocks[y * self.blocks_per_row..][block(rect.x0)..=block(rect.x1 - 1)].contains(&true))
     }
 
-    /// Whether the frame shows this colour at or beside one of them.
+    /// True if the frame has this colour at or beside the `n`th requested pixel.
     pub fn shows(&self, n: usize, sqrt_colors: [f32; 3]) -> bool {
         let [low, high] = self.ranges[n];
         // A clipped channel is only a lower bound.
@@ -90,14 +91,14 @@ impl RequestedPixels {
     }
 }
 
-/// Factor on the other picture's colours that makes them match the frame's: the median ratio of pairs (frame, other), for each
-/// channel. 1 with too few pairs.
-pub fn gain(compared: &[([f32; 3], [f32; 3])]) -> [f32; 3] {
+/// Gain of the frame's colours over another picture's: the median ratio of pairs (frame, other),
+/// for each channel. 1 with too few pairs.
+pub fn gain(pairs: &[([f32; 3], [f32; 3])]) -> [f32; 3] {
     [0, 1, 2].map(|c| {
-        let tells = |(own, other): &&([f32; 3], [f32; 3])| {
+        let is_reliable = |(own, other): &&([f32; 3], [f32; 3])| {
             RELIABLE_COLORS.contains(&own[c]) && RELIABLE_COLORS.contains(&other[c])
         };
-        let mut ratios: Vec<f32> = compared.iter().filter(tells).map(|(own, other)| own[c] / other[c]).collect();
+        let mut ratios: Vec<f32> = pairs.iter().filter(is_reliable).map(|(own, other)| own[c] / other[c]).collect();
         if ratios.len() < MIN_PAIRS {
             return 1.0;
         }

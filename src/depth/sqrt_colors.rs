@@ -1,4 +1,4 @@
-//! Square roots of linear light, the colours in which pictures are compared: shot noise is nearly uniform in them.
+//! Square roots of linear light, for comparing pictures: shot noise is nearly uniform in them.
 
 use crate::camera::Response;
 use crate::pixels::{Codes, Pixels, Rect};
@@ -23,13 +23,13 @@ impl<'a> SqrtColors<'a> {
         Self { pixels, of_code: light.map(|light| light.max(0.0).sqrt() as f32).collect(), dropped_bits }
     }
 
-    /// The picture.
-    pub fn size(&self) -> Rect {
+    /// The picture's rectangle.
+    pub fn full(&self) -> Rect {
         Rect::full(self.pixels.width, self.pixels.height)
     }
 
     /// Fills `out` with a row's pixels from a column on.
-    pub fn along(&self, x: u32, y: u32, out: &mut [[f32; 3]]) {
+    pub fn fill_row(&self, x: u32, y: u32, out: &mut [[f32; 3]]) {
         assert!(x as usize + out.len() <= self.pixels.width as usize, "the row is shorter");
         let codes = 3 * (y as usize * self.pixels.width as usize + x as usize)..;
         match &self.pixels.codes {
@@ -46,14 +46,14 @@ impl<'a> SqrtColors<'a> {
         }
     }
 
-    /// At a pixel of the picture.
+    /// The colour of a pixel.
     pub fn at(&self, x: u32, y: u32) -> [f32; 3] {
         let sqrt = |code: u32| self.of_code[(code >> self.dropped_bits) as usize];
         let [r, g, b] = self.pixels.at(x, y);
         [sqrt(r), sqrt(g), sqrt(b)]
     }
 
-    /// By row-major index; `None` past the last.
+    /// The colour of a pixel by its row-major index; `None` past the last.
     pub fn nth(&self, i: usize) -> Option<[f32; 3]> {
         match &self.pixels.codes {
             Codes::U8(all) => {
@@ -74,7 +74,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_row_and_a_number_give_what_a_place_gives() {
+    fn colors_by_row_and_by_index_match_those_by_position() {
         let codes: Vec<u16> = (0..3 * 5 * 4).map(|n| n * 1021).collect();
         let eight = codes.iter().map(|code| (code >> 8) as u8).collect();
         let pictures = [Pixels::from_u8(5, 4, eight).unwrap(), Pixels::from_u16(5, 4, codes).unwrap()];
@@ -82,7 +82,7 @@ mod tests {
             let sqrt_colors = SqrtColors::new(pixels, &Response::default());
             for (x, y) in (0..4).flat_map(|y| (0..5).map(move |x| (x, y))) {
                 let mut row = vec![[0.0; 3]; 5 - x as usize];
-                sqrt_colors.along(x, y, &mut row);
+                sqrt_colors.fill_row(x, y, &mut row);
                 assert_eq!(
                     (row[0], sqrt_colors.nth((y * 5 + x) as usize)),
                     (sqrt_colors.at(x, y), Some(sqrt_colors.at(x, y)))

@@ -1,13 +1,14 @@
 //! Depth from the surfaces of the whole recording, where a frame and its neighbours have none.
 //!
-//! A depth sensor measures only a few places of a black screen, and different ones in each frame.
-//! All seven frames of a vote can miss a part of it that earlier ones measured. An analysis fuses
-//! the maps of the recording into surfels, oriented discs (Pfister et al. 2000; Keller et al.
-//! 2013). This module splats them into the pixels that the vote left without depth. A disc at p
-//! with normal n meets a pixel's ray r at the depth d = n·p / n·r, if |d·r − p| is at most its
-//! radius. The nearest disc wins.
+//! A depth sensor measures only a few pixels of a black screen, and different ones in each frame.
+//! All seven frames of a consensus can miss a part of it that earlier ones measured. An analysis
+//! fuses the maps of the recording into surfels, oriented discs (Pfister et al. 2000; Keller et al.
+//! 2013). This module splats them into the pixels without a consensus. A disc at p with normal n
+//! meets a pixel's ray r at the depth d = n·p / n·r, if |d·r − p| is at most its radius. The
+//! nearest disc wins.
 //!
-//! Things move. The depth of a surfel is used only if the pixel has its colour, in light that is made alike as in the vote.
+//! Objects may have moved. The depth of a surfel is used only if the pixel has its colour, after
+//! the same gain correction as in the vote.
 //!
 //! Not modelled: rolling shutter; cameras that see 180° or more.
 
@@ -23,19 +24,20 @@ use crate::pixels::{Rect, floor};
 const RADIUS_M: f32 = 0.87 * SURFEL_SPACING_M as f32;
 /// Smallest distance from the camera of a surfel that is splatted, m.
 const MIN_DISTANCE_M: f32 = 0.1;
-/// Largest relative difference between the map and a surfel that it shows.
+/// Largest relative difference of the map from a surfel on the same surface.
 const DEPTH_TOLERANCE: f32 = 0.03;
 /// Smallest cosine between the normal and the direction to the camera.
 const MIN_COSINE: f32 = 0.05;
 /// Largest distance of a disc's centre from the picture's part, px.
 const MAX_OUTSIDE_PX: i32 = 128;
 
-/// Largest distance of a disc's centre outside the frustum, m: its radius, and the rounding of 32-bit positions.
+/// Largest distance of a disc's centre outside the frustum, m: its radius, and rounding errors of
+/// 32-bit positions.
 const FRUSTUM_MARGIN_M: f32 = 1.1 * RADIUS_M;
 /// Surfels that a thread works on at a time.
 const SURFELS_PER_BLOCK: usize = 1024;
 
-/// A surfel as a camera sees it.
+/// A surfel in a camera's view.
 #[derive(Clone)]
 struct Splat {
     /// In the camera's axes, m.
@@ -51,13 +53,13 @@ impl TargetView<'_> {
     pub fn fill_unknown(&self, depth_m: &mut [f32], surfels: &[Surfel]) {
         let unknown = depth_m.iter().zip(self.max_depth_m).map(|(z, max_depth_m)| *z <= 0.0 && *max_depth_m > 0.0);
         let is_unknown: Vec<bool> = unknown.collect();
-        let seen = self.part.intersection(&self.rays.full());
+        let visible = self.part.intersection(&self.rays.full());
         let needs_cube_map = self.rays.geometry().needs_cube_map();
-        if surfels.is_empty() || seen.is_empty() || needs_cube_map || !is_unknown.contains(&true) {
+        if surfels.is_empty() || visible.is_empty() || needs_cube_map || !is_unknown.contains(&true) {
             return;
         }
-        self.rays.prepare(seen.y0..seen.y1);
-        let frustum = self.frustum(seen);
+        self.rays.prepare(visible.y0..visible.y1);
+        let frustum = self.frustum(visible);
         let is_near = |surfel: &&Surfel| {
             let at_m = surfel.position_m.extend(1.0);
             frustum.iter().all(|side| side.dot(at_m) > -FRUSTUM_MARGIN_M)
@@ -65,14 +67,14 @@ impl TargetView<'_> {
         let mut blocks = vec![Vec::new(); surfels.len().div_ceil(SURFELS_PER_BLOCK)];
         over_rows(&mut blocks, 1, processors(), |n, block| {
             let surfels = surfels[n * SURFELS_PER_BLOCK..].iter().take(SURFELS_PER_BLOCK);
-            block[0] = surfels.filter(is_near).filter_map(|surfel| self.splat(surfel, seen)).collect();
+            block[0] = surfels.filter(is_near).filter_map(|surfel| self.splat(surfel, visible)).collect();
         });
         let splats: Vec<Splat> = blocks.into_iter().flatten().collect();
         let requested = RequestedPixels::new(&is_unknown, self.sqrt_colors, self.part.width() as usize);
         // Depth and index of the nearest disc at each pixel.
         let mut nearest = vec![(f32::INFINITY, usize::MAX); requested.places.len()];
         for (index, splat) in splats.iter().enumerate() {
-            let rect = splat.rect().intersection(&seen);
+            let rect = splat.rect().intersection(&visible);
             if !requested.within(rect.moved(-self.part.x0, -self.part.y0)) {
                 continue;
             }
@@ -96,8 +98,8 @@ impl TargetView<'_> {
         }
     }
 
-    /// Side planes of the view frustum of a rectangle: inward unit normal in the world (x, y, z) and signed distance of
-    /// the world's origin, m (w).
+    /// Side planes of the view frustum of a rectangle: inward unit normal in the world (x, y, z)
+    /// and signed distance of the world's origin, m (w).
     fn frustum(&self, rect: Rect) -> [Vec4; 4] {
         let (mut low, mut high) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
         for ray in (rect.y0..rect.y1)
@@ -120,7 +122,7 @@ impl TargetView<'_> {
         })
     }
 
-    /// `None` if the surfel's disc does not touch the rectangle or is not seen from its front.
+    /// `None` if the surfel's disc does not touch the rectangle, or faces away from the camera.
     fn splat(&self, surfel: &Surfel, rect: Rect) -> Option<Splat> {
         let geometry = self.rays.geometry();
         let in_camera = self.pose.transform_point(surfel.position_m.as_dvec3());
@@ -134,7 +136,8 @@ impl TargetView<'_> {
         if !rect.grown(MAX_OUTSIDE_PX).contains(x, y) {
             return None;
         }
-        // The image of a sphere of the same radius contains that of the disc. A lens's distortion changes little within it.
+        // The image of a sphere of the same radius contains that of the disc. Distortion changes
+        // little within it.
         let (across, down) = in_camera.normalize().any_orthonormal_pair();
         let rim_px = |by: DVec3| Some((geometry.project(in_camera + f64::from(RADIUS_M) * by)? - center_px).length());
         let radius_px = 1.2 * rim_px(across)?.hypot(rim_px(down)?) + 0.5;
@@ -161,7 +164,7 @@ impl Splat {
         Rect::new(floor(low.x), floor(low.y), floor(high.x).saturating_add(1), floor(high.y).saturating_add(1))
     }
 
-    /// Depth along a ray, in its lengths; `None` if it misses the disc.
+    /// Depth along a ray with z = 1, m; `None` if it misses the disc.
     fn depth_m(&self, ray: Vec3) -> Option<f32> {
         let depth_m = self.normal.dot(self.position_m) / self.normal.dot(ray);
         let is_met = depth_m > 0.0 && (depth_m * ray).distance_squared(self.position_m) <= RADIUS_M * RADIUS_M;
@@ -182,7 +185,7 @@ mod tests {
     const DARK: f32 = 0.2;
     const BRIGHT: f32 = 0.7;
 
-    /// A dark wall at z = 1 m, 1.2 m wide, that looks towards the camera.
+    /// A dark wall at z = 1 m, 1.2 m wide, that faces the camera.
     fn wall() -> Vec<Surfel> {
         let at = |n: i32| SURFEL_SPACING_M as f32 * n as f32;
         let places = (-30..30).flat_map(|x| (-30..30).map(move |y| Vec3::new(at(x), at(y), 1.0)));
@@ -190,8 +193,8 @@ mod tests {
         places.map(surfel).collect()
     }
 
-    /// A map of the wall with a hole of 20 columns, which shows the left half of the hole dark and the right half bright, in
-    /// pictures as bright as `light`; after the surfels.
+    /// A map of the wall with a hole of 20 columns, filled by surfels. The picture is dark in the
+    /// left half of the hole and bright in the right half, with all colours scaled by `light`.
     fn filled(surfels: &[Surfel], pose: Pose, light: f32) -> Vec<f32> {
         let column = |i: usize| i % WIDTH;
         let sqrt_colors: Vec<[f32; 3]> = (0..WIDTH * HEIGHT)
@@ -222,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn surfels_count_in_a_picture_that_is_darker_or_brighter() {
+    fn darker_or_brighter_picture_takes_the_same_surfels() {
         let usual = filled(&wall(), Pose::IDENTITY, 1.0);
         for light in [0.7, 1.35] {
             assert_eq!(filled(&wall(), Pose::IDENTITY, light), usual, "{light}");
@@ -230,14 +233,14 @@ mod tests {
     }
 
     #[test]
-    fn depth_that_was_measured_stays() {
+    fn measured_depth_is_not_replaced() {
         let near: Vec<Surfel> = wall().iter().map(|s| Surfel { position_m: 0.5 * s.position_m, ..*s }).collect();
         let depth_m = filled(&near, Pose::IDENTITY, 1.0);
         assert!(depth_m.iter().enumerate().all(|(i, z)| (40..60).contains(&(i % WIDTH)) || *z == 1.0));
     }
 
     #[test]
-    fn nearest_surfel_wins_and_one_seen_from_behind_counts_for_nothing() {
+    fn nearest_surfel_wins_and_back_faces_are_skipped() {
         let before = |normal| wall().into_iter().map(move |s| Surfel { position_m: 0.8 * s.position_m, normal, ..s });
         let with = |normal| -> Vec<Surfel> { before(normal).chain(wall()).collect() };
         let middle = HEIGHT / 2 * WIDTH + 45;
@@ -274,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn surfels_far_outside_the_picture_are_left_out() {
+    fn surfels_far_outside_the_picture_are_skipped() {
         // Beside the camera, at up to 8e10 px.
         let beside =
             |x: f32| Surfel { position_m: Vec3::new(x, 0.1, 1e-6), normal: Vec3::NEG_X, sqrt_color: [DARK; 3] };
@@ -283,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn surfels_are_seen_from_where_the_camera_stands() {
+    fn surfels_are_projected_by_the_pose_of_the_camera() {
         let (shift, turn) = (DVec3::new(0.2, -0.1, 0.3), DQuat::from_rotation_y(0.5));
         let moved = |s: &Surfel| Surfel {
             position_m: (turn * s.position_m.as_dvec3() + shift).as_vec3(),

@@ -14,7 +14,7 @@ use glam::DVec3;
 use super::Framing;
 use crate::camera::{Geometry, Response};
 use crate::compositor::project_rolling;
-use crate::depth::{DepthGrid, Plane, Proxies, Rays, Seen, agreed_at_frame, flatten};
+use crate::depth::{DepthGrid, Plane, ProjectedPoint, Proxies, Rays, consensus_at_frame, snap_to_planes};
 use crate::frame::Frame;
 use crate::pixels::DepthMap;
 use crate::tracking::PoseTrack;
@@ -37,7 +37,7 @@ pub struct SummedFrameOcclusion<'a> {
 
 /// Projection of a point into the recording's camera at a time on the poses' clock; `None` without
 /// poses.
-pub fn seen_in(recorded: &Geometry, (track, time_s): (&PoseTrack, f64), point: DVec3) -> Seen {
+pub fn seen_in(recorded: &Geometry, (track, time_s): (&PoseTrack, f64), point: DVec3) -> ProjectedPoint {
     let about = track.at(time_s).ok()?;
     project_rolling(recorded, |later_s| track.at(time_s + later_s).unwrap_or(about), point)
 }
@@ -58,12 +58,12 @@ impl<'a> SummedFrameOcclusion<'a> {
         let intrinsics = &self.recorded.intrinsics;
         let depth = frame.depth.as_ref().unwrap_or(self.depth);
         let from = (self.track, self.time_offset_s);
-        let mut depth_m = agreed_at_frame(frame, depth, &self.rays, from, self.response)?;
+        let mut depth_m = consensus_at_frame(frame, depth, &self.rays, from, self.response)?;
         let then = (self.track, self.time_offset_s + frame.timestamp_s);
         if let Ok(pose) = then.0.at(then.1) {
-            flatten(&mut depth_m, &self.rays, &pose, self.rays.full(), self.planes);
+            snap_to_planes(&mut depth_m, &self.rays, &pose, self.rays.full(), self.planes);
         }
-        self.proxies.put(&mut depth_m, self.rays.full(), |point| seen_in(self.recorded, then, point));
+        self.proxies.rasterize(&mut depth_m, self.rays.full(), |point| seen_in(self.recorded, then, point));
         DepthGrid::of_frame(
             &frame.pixels,
             intrinsics,

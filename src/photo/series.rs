@@ -14,7 +14,7 @@ use super::target::aim;
 use crate::camera::exposure::INDOORS_LX;
 use crate::camera::metering::PictureLight;
 use crate::camera::{Geometry, Opening};
-use crate::depth::{Rays, agreed_at_frame, measured_from};
+use crate::depth::{Rays, consensus_at_frame, measured_from};
 use crate::export::Inputs;
 use crate::gpu::{Gpu, GpuError};
 use crate::profile::Rig;
@@ -131,7 +131,8 @@ impl PhotoRequest {
         let mean = PictureLight::of(&frame.pixels, &camera.response).mean;
         let from = (&shot.recording.track, shot.recording.time_offset_s);
         let rays = Rays::new(&whole);
-        let depth_m = frame.depth.as_ref().and_then(|map| agreed_at_frame(&frame, map, &rays, from, &camera.response));
+        let depth_m =
+            frame.depth.as_ref().and_then(|map| consensus_at_frame(&frame, map, &rays, from, &camera.response));
         let mut shoot = PhotoShoot { wanted: self, shot, whole, frame, depth_m, mean, camera, compositor, aim, sums };
         let (distance_m, nothing) = shoot.focus_distance_m(focal_length_m)?;
         nothing.map(str::to_owned).into_iter().try_for_each(&mut warn)?;

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use crate::camera::{Camera, Capture, FilmOverride, Geometry, Opening, SummedExposure};
 use crate::compositor::{Compositor, Job, RealDepth, Settings, SubmitError, Target};
-use crate::depth::{DepthGrid, FAR_M, Rays, Surfaces, flatten};
+use crate::depth::{DepthGrid, FAR_M, Rays, Surfaces, snap_to_planes};
 use crate::effects::depth_of_field::MAX_CIRCLE_PX;
 use crate::frame::{Frame, FrameExposure};
 use crate::gpu::GpuError;
@@ -180,13 +180,13 @@ fn real_depth_m<'a>(compositor: &Compositor, standpoint: &Standpoint<'a>) -> Opt
     let mut depth_m = standpoint.depth_m.map(Cow::from);
     let planes = compositor.support_planes();
     if let (Some(measured_m), Ok(pose), false) = (&mut depth_m, from.0.at(from.1), planes.is_empty()) {
-        flatten(measured_m.to_mut(), &Rays::new(standpoint.recorded), &pose, whole, &planes);
+        snap_to_planes(measured_m.to_mut(), &Rays::new(standpoint.recorded), &pose, whole, &planes);
     }
     let proxies = compositor.proxies();
     if !proxies.is_empty() {
         let far = || Cow::from(vec![FAR_M; size.width_px as usize * size.height_px as usize]);
         let all_m = depth_m.get_or_insert_with(far).to_mut();
-        proxies.put(all_m, whole, |point| seen_in(standpoint.recorded, from, point));
+        proxies.rasterize(all_m, whole, |point| seen_in(standpoint.recorded, from, point));
     }
     depth_m
 }

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 
 use super::RecordingError;
 use crate::camera::Geometry;
-use crate::depth::{DepthCamera, enlarged, is_same_view};
+use crate::depth::{DepthCamera, is_same_aspect, upsampled};
 use crate::pixels::DepthMap;
 use crate::source::SourceError;
 use crate::source::depth_map::{self, Header};
@@ -103,7 +103,7 @@ impl Depth {
     /// The encoding as text that changes with it, for comparison.
     pub fn stored(&self) -> String {
         let DepthEncoding { codes_per_metre, invalid_from, camera, .. } = &self.stored;
-        let camera = camera.as_ref().map(|camera| camera.told());
+        let camera = camera.as_ref().map(|camera| camera.identity());
         format!("{codes_per_metre} {invalid_from:?} {camera:?}")
     }
 
@@ -142,7 +142,7 @@ impl Depth {
                 }
                 Some(_) => Registration::OtherCamera(width, height),
                 None if (width, height) == size => continue,
-                None if is_same_view((width, height), size) => Registration::Enlarged(width, height),
+                None if is_same_aspect((width, height), size) => Registration::Enlarged(width, height),
                 None => Registration::Unknown(width, height),
             };
             if matches!(found, Registration::Unknown(..)) && warning.is_none() {
@@ -240,8 +240,8 @@ impl Depth {
                 let problem = other_size((map.width, map.height), own.size());
                 return Err(SourceError::Content { file: file.to_owned(), problem });
             }
-            (None, _) if (map.width, map.height) != size && is_same_view((map.width, map.height), size) => {
-                Some(enlarged(&map, size.0, size.1))
+            (None, _) if (map.width, map.height) != size && is_same_aspect((map.width, map.height), size) => {
+                Some(upsampled(&map, size.0, size.1))
             }
             (None, _) => Some(map),
         })

@@ -12,7 +12,7 @@ use super::correction::{recorded, refined};
 use super::rolling_camera::RollingCamera;
 use super::strips::lacking;
 use super::{ReportError, Source};
-use crate::depth::seen_at_frame;
+use crate::depth::reprojected_at_frame;
 use crate::frame::Frame;
 use crate::measure::Grey;
 use crate::measure::displacement::{DisplacementOptions, displacements};
@@ -136,7 +136,7 @@ impl<'a> FramePoints<'a> {
         if is_refined {
             map.timestamp_s += source.analysis.findings.registration.depth_later_s;
         }
-        let depth = seen_at_frame(camera.geometry, &map, camera.track, camera.later_s, frame.timestamp_s)?;
+        let depth = reprojected_at_frame(camera.geometry, &map, camera.track, camera.later_s, frame.timestamp_s)?;
         let poses = camera.rows(frame.timestamp_s)?;
         let width = frame.pixels.width as usize;
         let point = |(i, z): (usize, &f32)| {

@@ -53,8 +53,8 @@ impl Digestible for BakeInputs<'_> {
     }
 }
 
-/// A sun with directions to the samples of its disc, or a lamp with the samples' positions; with the
-/// radiance of white matt that faces it.
+/// A sun with directions to the samples of its disc, or a lamp with the samples' positions; with
+/// the radiance of white matt that faces it.
 enum Light<'a> {
     Sun { directions: Vec<Vec3>, color: Vec3 },
     Lamp { positions: Vec<Vec3>, lamp: &'a PointLight, centre: Vec3 },
@@ -249,7 +249,8 @@ impl<'a> BakeScene<'a> {
     /// Radiance of white matt by the environment and the lights, without indirect light.
     fn direct_light(&self, at: Vec3, normal: Vec3) -> Vec3 {
         let from = at + self.offset_m * normal;
-        // The sparse rays estimate the visible fraction of all rays' light: E = E_all · Σ visible / Σ sampled.
+        // The sparse rays estimate the visible fraction of all rays' light: E = E_all · Σ visible /
+        // Σ sampled.
         let (mut all, mut sampled, mut visible) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
         for (patch, bundle) in self.inputs.environment.chunks(RAYS * ENV_SUBSAMPLING).zip(&self.sparse_rays) {
             let light = |sample: &EnvSample| sample.light * sample.towards.dot(normal).max(0.0);
@@ -309,7 +310,8 @@ mod tests {
 
     #[test]
     fn clusters_join_coplanar_neighbours_of_one_part() {
-        // 1 m long; the first two lie in one cell of a twelfth of that, the third beyond, the fourth faces the other way.
+        // 1 m long; the first two lie in one cell of a twelfth of that, the third beyond, the
+        // fourth faces the other way.
         let triangle =
             |x: f32, y: f32| [Vec3::new(x, y, 0.0), Vec3::new(x + 0.01, y, 0.0), Vec3::new(x, y + 0.01, 0.0)];
         let mut corners = [triangle(0.0, 0.0), triangle(0.02, 0.03), triangle(0.99, 0.0), triangle(0.02, 0.0)].concat();

@@ -1,9 +1,11 @@
-//! Triangles that rays are asked of: a tree of boxes (Rubin and Whitted 1980), each box with all that is in it in a row, so that a
-//! ray that misses a box skips what follows. A box is split across its longest side where rays meet least afterwards: where the sum of
-//! area · triangles of both parts is least (the surface area heuristic of Goldsmith and Salmon 1987).
+//! Triangles that rays are asked of: a tree of boxes (Rubin and Whitted 1980), each box with all
+//! that is in it in a row, so that a ray that misses a box skips what follows. A box is split
+//! across its longest side where rays meet least afterwards: where the sum of area · triangles of
+//! both parts is least (the surface area heuristic of Goldsmith and Salmon 1987).
 //!
-//! Rays come from one point in bundles of eight, and go through the tree together: what lies in one direction is asked once. What is
-//! worked out for all eight has as many lanes as the processor that runs it; the numbers are the same with any.
+//! Rays come from one point in bundles of eight, and go through the tree together: what lies in one
+//! direction is asked once. What is worked out for all eight has as many lanes as the processor
+//! that runs it; the numbers are the same with any.
 
 use fearless_simd::{Level, dispatch};
 use glam::Vec3;
@@ -64,7 +66,8 @@ impl Bundle {
     pub fn new(rays: impl Iterator<Item = Vec3>) -> Self {
         let (mut towards, mut count) = ([[1.0; RAYS]; 3], 0);
         for (n, ray) in rays.take(RAYS).enumerate() {
-            // What runs along a side is moved by nothing that one sees, so that no 0 is divided by 0.
+            // What runs along a side is moved by nothing that one sees, so that no 0 is divided by
+            // 0.
             let ray = Vec3::select(ray.abs().cmplt(Vec3::splat(1e-9)), Vec3::splat(1e-9), ray);
             (0..3).for_each(|axis| towards[axis][n] = ray[axis]);
             count = n + 1;
@@ -78,7 +81,8 @@ impl Bundle {
         std::array::from_fn(|n| x[n] * with.x + y[n] * with.y + z[n] * with.z)
     }
 
-    /// How far each ray goes: `farthest`, lengths of its direction, in front of a plane, else 0: not at all. `normal`: towards its front.
+    /// How far each ray goes: `farthest`, lengths of its direction, in front of a plane, else 0:
+    /// not at all. `normal`: towards its front.
     pub fn before(&self, normal: Vec3, farthest: f32) -> [f32; RAYS] {
         let cosines = self.dot(normal);
         let goes = |n: usize| n < self.count && cosines[n] > 0.0;
@@ -124,7 +128,8 @@ impl Bvh {
         self.nodes[node].skip = self.nodes.len() as u32;
     }
 
-    /// The first triangle that each ray meets that goes so far, lengths of its direction; 0: not at all.
+    /// The first triangle that each ray meets that goes so far, lengths of its direction; 0: not at
+    /// all.
     pub fn first(&self, from: Vec3, rays: &Bundle, farthest: [f32; RAYS]) -> [Option<Hit>; RAYS] {
         let mut found = [None; RAYS];
         dispatch!(self.level, _ => self.meet(from, rays, farthest, |n, hit| {
@@ -144,8 +149,9 @@ impl Bvh {
         found
     }
 
-    /// `met` hears of each triangle that a ray meets nearer than those before, and says how far the ray still goes. What is asked for
-    /// all rays is inlined, since code has the lanes of what calls it only then.
+    /// `met` hears of each triangle that a ray meets nearer than those before, and says how far the
+    /// ray still goes. What is asked for all rays is inlined, since code has the lanes of what
+    /// calls it only then.
     #[inline(always)]
     fn meet(
         &self,
@@ -252,7 +258,8 @@ impl Triangle {
         self.corner + (self.edges[0] + self.edges[1]) / 3.0
     }
 
-    /// How far along each ray it is met, from both sides (Möller and Trumbore 1997); below 0 where it is not.
+    /// How far along each ray it is met, from both sides (Möller and Trumbore 1997); below 0 where
+    /// it is not.
     #[inline(always)]
     fn meet(&self, from: Vec3, towards: &[[f32; RAYS]; 3]) -> [f32; RAYS] {
         let ([b, c], to) = (self.edges, from - self.corner);

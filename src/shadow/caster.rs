@@ -1,5 +1,5 @@
-//! Objects as casters of a shadow: all that their shadow map depends on except its rectangle and real
-//! occluders.
+//! Objects as casters of a shadow: all that their shadow map depends on except its rectangle and
+//! real occluders.
 
 use std::sync::Arc;
 

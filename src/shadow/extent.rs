@@ -1,19 +1,21 @@
-//! How far a thing's shadow is worth drawing: where a box around the thing takes more than a small share of the light.
+//! The rectangle of a plane in which an object's shadow is visible: where the object's bounding box
+//! blocks more than a small fraction of the light.
 
 use glam::{Vec2, Vec3};
 
 use super::sky::Sky;
 use crate::digest::digestible;
 
-/// The share of the light that is not missed, once the shadow map's rim has faded it out: less than a code of a mid-grey floor.
-const LEAST: f32 = 0.005;
-/// Places beside the box at which its shadow is looked for, in heights.
-const BESIDE: [f32; 19] =
+/// Smallest visible fraction of blocked light, after the fade at the shadow map's border: less than
+/// a code of a mid-grey floor.
+const MIN_SHADOW: f32 = 0.005;
+/// Distances from the box of the samples of its shadow, in heights.
+const SAMPLE_DISTANCES: [f32; 19] =
     [0.1, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0, 16.0, 20.0];
-/// Places along the box.
-const ALONG: usize = 4;
+/// Intervals between samples along the box.
+const INTERVALS_ALONG: usize = 4;
 
-/// A rectangle on the floor, metres.
+/// A rectangle on the plane, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent {
     pub low: Vec2,
@@ -27,22 +29,22 @@ impl Extent {
         Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
-    pub fn meets(&self, other: &Self) -> bool {
+    pub fn overlaps(&self, other: &Self) -> bool {
         self.low.cmplt(other.high).all() && other.low.cmplt(self.high).all()
     }
 
-    /// Around the shadow of a box that stands on the floor from `low` to `high`, `height` tall.
+    /// Of the shadow of a box on the plane from `low` to `high`, with a height.
     pub fn of(low: Vec2, high: Vec2, height: f32, sky: &Sky) -> Self {
-        // Flat things have a rim too.
+        // Flat objects have a margin too.
         let step = height.max(0.05 * (high - low).max_element()).max(1e-4);
-        let [xs, ys] = [(low.x, high.x), (low.y, high.y)].map(|(low, high)| places(low, high, step));
+        let [xs, ys] = [(low.x, high.x), (low.y, high.y)].map(|(low, high)| sample_coordinates(low, high, step));
         let mut found = Self { low, high };
         for (row, y) in ys.iter().enumerate() {
             for (column, x) in xs.iter().enumerate() {
-                if taken(Vec2::new(*x, *y), low, high, height, sky) <= LEAST {
+                if blocked_fraction(Vec2::new(*x, *y), low, high, height, sky) <= MIN_SHADOW {
                     continue;
                 }
-                // Halfway to the next place, which is free.
+                // Half-way to the next sample, which has no shadow.
                 let next = |list: &[f32], at: usize| {
                     let halfway = |next: usize| 0.5 * (list[at] + list[next]);
                     (halfway(at.saturating_sub(1)), halfway((at + 1).min(list.len() - 1)))
@@ -55,33 +57,33 @@ impl Extent {
     }
 }
 
-fn places(low: f32, high: f32, step: f32) -> Vec<f32> {
-    let before = BESIDE.iter().rev().map(|far| low - far * step);
-    let along = (0..=ALONG).map(|i| low + (high - low) * i as f32 / ALONG as f32);
-    before.chain(along).chain(BESIDE.iter().map(|far| high + far * step)).collect()
+fn sample_coordinates(low: f32, high: f32, step: f32) -> Vec<f32> {
+    let before = SAMPLE_DISTANCES.iter().rev().map(|far| low - far * step);
+    let along = (0..=INTERVALS_ALONG).map(|i| low + (high - low) * i as f32 / INTERVALS_ALONG as f32);
+    before.chain(along).chain(SAMPLE_DISTANCES.iter().map(|far| high + far * step)).collect()
 }
 
-/// The share of the light at a place that the box takes.
-fn taken(at: Vec2, low: Vec2, high: Vec2, height: f32, sky: &Sky) -> f32 {
-    let stops = |slope: Vec2| meets(at, slope, low, high, height);
+/// Fraction of the light at a place that the box blocks.
+fn blocked_fraction(at: Vec2, low: Vec2, high: Vec2, height: f32, sky: &Sky) -> f32 {
+    let is_blocked = |slope: Vec2| hits_box(at, slope, low, high, height);
     let mut all = sky.light.element_sum();
-    let mut gone: f32 = sky.rays.iter().filter(|ray| stops(ray.slope)).map(|ray| ray.light.element_sum()).sum();
+    let mut blocked: f32 = sky.rays.iter().filter(|ray| is_blocked(ray.slope)).map(|ray| ray.light.element_sum()).sum();
     for lamp in &sky.lamps {
         let light = lamp.light_at(at).element_sum();
         let share = light / lamp.points_m.len() as f32;
         all += light;
-        gone += share * lamp.points_m.iter().filter(|point| stops(slope_to(at, **point))).count() as f32;
+        blocked += share * lamp.points_m.iter().filter(|point| is_blocked(slope_to(at, **point))).count() as f32;
     }
-    if all > 0.0 { gone / all } else { 0.0 }
+    if all > 0.0 { blocked / all } else { 0.0 }
 }
 
-/// Horizontal way for each metre of height from a place on the floor towards a point.
+/// Horizontal offset for each metre of height, from a place on the plane to a point.
 fn slope_to(at: Vec2, point: Vec3) -> Vec2 {
     (point.truncate() - at) / point.z
 }
 
-/// Whether a ray from a place on the floor meets the box before it is above it.
-fn meets(at: Vec2, slope: Vec2, low: Vec2, high: Vec2, height: f32) -> bool {
+/// True if a ray from a place on the plane hits the box.
+fn hits_box(at: Vec2, slope: Vec2, low: Vec2, high: Vec2, height: f32) -> bool {
     let (mut from, mut to) = (0.0f32, height);
     for axis in 0..2 {
         let (at, slope, low, high) = (at[axis], slope[axis], low[axis], high[axis]);
@@ -102,27 +104,27 @@ mod tests {
     use super::*;
     use crate::scene::{Environment, Lighting, Sun};
     use crate::shadow::Floor;
-    use crate::shadow::sky::{Around, rays};
+    use crate::shadow::sky::{EnvironmentImage, rays};
     use glam::DVec3;
 
-    fn sky(suns: Vec<Sun>, around: f32) -> Sky {
-        let environment = Environment::Uniform(Vec3::splat(around));
+    fn sky(suns: Vec<Sun>, radiance: f32) -> Sky {
+        let environment = Environment::Uniform(Vec3::splat(radiance));
         let lighting = Lighting { suns, points: Vec::new(), environment };
         let floor = Floor::new(DVec3::ZERO, DVec3::Z);
-        Sky::new(&lighting, rays(&lighting, &Around::new(&lighting.environment), &floor), &floor, None)
+        Sky::new(&lighting, rays(&lighting, &EnvironmentImage::new(&lighting.environment), &floor), &floor, None)
     }
 
     #[test]
-    fn an_even_sky_s_shadow_reaches_a_few_heights_to_all_sides() {
+    fn shadow_of_a_uniform_sky_extends_by_a_few_heights() {
         let (low, high) = (Vec2::splat(-0.05), Vec2::splat(0.05));
         let extent = Extent::of(low, high, 0.1, &sky(Vec::new(), 1.0));
-        // (w h² / (2π ε))^⅓ from the middle: 0.32 m for 0.1 m each.
+        // (w h² / (2π ε))^⅓ from the centre: 0.32 m for a width and a height of 0.1 m.
         let reach = 0.5 * (extent.high - extent.low);
         assert!(reach.min_element() > 0.3 && reach.max_element() < 0.6, "{extent:?}");
     }
 
     #[test]
-    fn a_low_sun_s_shadow_is_long_on_one_side() {
+    fn shadow_of_a_low_sun_is_long_on_one_side() {
         let towards = Floor::new(DVec3::ZERO, DVec3::Z).axes.as_mat3() * Vec3::new(4.0, 0.0, 1.0).normalize();
         let sun = Sun { towards_light_in_world: towards, color: Vec3::ONE, diameter_rad: 0.01 };
         let extent = Extent::of(Vec2::splat(-0.05), Vec2::splat(0.05), 0.1, &sky(vec![sun], 0.0));

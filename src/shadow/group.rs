@@ -1,15 +1,17 @@
-//! Objects on one plane whose shadows may overlap share a shadow map, so that blocked light is subtracted once.
+//! Objects on one plane whose shadows may overlap share a shadow map, so that blocked light is
+//! subtracted once.
 
 use glam::{Mat3, Vec3};
 
 use super::extent::Extent;
 use super::floor::Floor;
 
-/// Planes that differ less are one: cosine of their tilt (2°), and metres.
-const ONE_TILT: f64 = 0.9994;
-const ONE_HEIGHT_M: f64 = 0.005;
+/// Smallest cosine of the tilt between two planes that count as one: 2°.
+const MIN_TILT_COSINE: f64 = 0.9994;
+/// Largest distance between two planes that count as one, m.
+const MAX_OFFSET_M: f64 = 0.005;
 
-/// Things that share a floor.
+/// Objects that share a receiver plane.
 pub struct Group {
     pub floor: Floor,
     pub extent: Extent,
@@ -18,21 +20,21 @@ pub struct Group {
 }
 
 impl Group {
-    /// Whether they stand on one floor, and their shadows may fall together.
-    pub fn meets(&self, other: &Self) -> bool {
-        is_one_floor(&self.floor, &other.floor) && self.extent.meets(&other.seen_from(&self.floor))
+    /// True if both are on one plane and their shadows may overlap.
+    pub fn overlaps(&self, other: &Self) -> bool {
+        is_same_plane(&self.floor, &other.floor) && self.extent.overlaps(&other.extent_on(&self.floor))
     }
 
-    /// With another one's, on its own floor.
+    /// With the objects of another group, on this group's plane.
     #[must_use]
     pub fn joined(mut self, other: Self) -> Self {
-        self.extent = self.extent.union(other.seen_from(&self.floor));
+        self.extent = self.extent.union(other.extent_on(&self.floor));
         self.objects.extend(other.objects);
         self
     }
 
-    /// The extent in a floor's axes: a rectangle around it, turned.
-    fn seen_from(&self, floor: &Floor) -> Extent {
+    /// The bounding rectangle of the extent in another plane's axes.
+    fn extent_on(&self, floor: &Floor) -> Extent {
         let turn: Mat3 = (floor.axes.transpose() * self.floor.axes).as_mat3();
         let offset = floor.floor_from_world().transform_point3(self.floor.origin_m).as_vec3().truncate();
         let Extent { low, high } = self.extent;
@@ -43,8 +45,8 @@ impl Group {
     }
 }
 
-fn is_one_floor(a: &Floor, b: &Floor) -> bool {
-    a.normal().dot(b.normal()) > ONE_TILT
-        && a.height_m(b.origin_m).abs() < ONE_HEIGHT_M
-        && b.height_m(a.origin_m).abs() < ONE_HEIGHT_M
+fn is_same_plane(a: &Floor, b: &Floor) -> bool {
+    a.normal().dot(b.normal()) > MIN_TILT_COSINE
+        && a.height_m(b.origin_m).abs() < MAX_OFFSET_M
+        && b.height_m(a.origin_m).abs() < MAX_OFFSET_M
 }

@@ -1,4 +1,5 @@
-//! The shadow maps that were made last: for the same things, and for floors that have moved a little.
+//! The shadow maps that were made last: for the same things, and for floors that have moved a
+//! little.
 
 use super::floor::Floor;
 use super::shadow_map::ShadowMap;
@@ -8,7 +9,8 @@ use crate::scene::{Object, Scene};
 const NEAR_TILT: f64 = 0.985;
 const NEAR_HEIGHT_M: f64 = 0.03;
 
-/// The objects that were asked for last, and their shadow maps, each with the numbers of the objects that share a floor.
+/// The objects that were asked for last, and their shadow maps, each with the numbers of the
+/// objects that share a floor.
 #[derive(Debug)]
 pub struct Last {
     objects: Vec<Object>,
@@ -29,7 +31,8 @@ impl Last {
         (self.objects == objects).then(|| self.shadow_maps())
     }
 
-    /// The shadow maps moved to floors that are a little different, with nothing else changed. Those beside stay where they were.
+    /// The shadow maps moved to floors that are a little different, with nothing else changed.
+    /// Those beside stay where they were.
     pub fn on_floors_of(&self, scene: &Scene) -> Option<Vec<ShadowMap>> {
         let is_same =
             |(a, b): (&Object, &Object)| Object { support: b.support, facets: b.facets.clone(), ..a.clone() } == *b;

@@ -1,17 +1,17 @@
 //! Visibility of suns and lamps from a virtual object among real ones.
 //!
-//! One fraction of each light for the whole object: of the lines from nine places of its bounding box
-//! to eight of the light, those that no solid of the room intersects. So an object that is moved into
-//! a real shadow darkens gradually.
+//! One fraction of each light for the whole object: of the lines from nine places of its bounding
+//! box to eight of the light, those that no solid of the room intersects. So an object that is
+//! moved into a real shadow darkens gradually.
 //!
-//! Not modelled: a real shadow's edge across an object; a panorama's light, which is that of the place
-//! where it was taken.
+//! Not modelled: a real shadow's edge across an object; a panorama's light, which is that of the
+//! place where it was taken.
 
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 
-use super::room::{ABOVE_M, Room};
+use super::room::{MIN_HEIGHT_M, Room};
 use super::sky::disc;
 use crate::render::{Lightmap, MAX_POINTS, MAX_SUNS};
 use crate::scene::{Lighting, Object, Scene, bounds_m};
@@ -21,7 +21,8 @@ pub const LIGHT_SAMPLES: usize = 8;
 /// Places of the bounding box, as a fraction of the way from its middle to its corners.
 const CORNER_FRACTION: f64 = 0.8;
 
-/// Lightmaps of one texel for the parts of objects, in order; `None` for those that all light reaches.
+/// Lightmaps of one texel for the parts of objects, in order; `None` for those that all light
+/// reaches.
 pub fn lightmaps(room: &Room, scene: &Scene) -> Vec<Option<Arc<Lightmap>>> {
     let of = |object: &Object| {
         let map = visibilities(room, scene, object).map(|visibilities| Arc::new(lightmap(&visibilities)));
@@ -41,12 +42,12 @@ fn visibilities(room: &Room, scene: &Scene, object: &Object) -> Option<Vec<f32>>
     // The plane that it stands on blocks nothing.
     let is_floor = |at_m: DVec3| {
         let support = object.support.as_ref();
-        support.is_some_and(|floor| (at_m - floor.point_m).dot(floor.normal) < f64::from(ABOVE_M))
+        support.is_some_and(|floor| (at_m - floor.point_m).dot(floor.normal) < f64::from(MIN_HEIGHT_M))
     };
     // Of lines, each with a direction and a length, from every place.
     let visible = |lines_from: &dyn Fn(DVec3) -> Vec<(DVec3, f64)>| {
         let lines = places.iter().flat_map(|place| lines_from(*place).into_iter().map(|line| (*place, line)));
-        let is_open = |(from, (to, far_m)): &(DVec3, (DVec3, f64))| !room.stands_between(*from, *to, *far_m, is_floor);
+        let is_open = |(from, (to, far_m)): &(DVec3, (DVec3, f64))| !room.blocks(*from, *to, *far_m, is_floor);
         lines.filter(is_open).count() as f32 / (places.len() * LIGHT_SAMPLES) as f32
     };
     let Lighting { suns, points, .. } = &scene.lighting;
@@ -129,7 +130,8 @@ mod tests {
     fn object_behind_a_wall_loses_the_lights_beyond_it() {
         let behind = scene(DVec3::new(0.0, 0.0, 0.1));
         let map = lightmaps(&low_wall(), &behind)[0].clone().unwrap();
-        // Sun and lamp are behind the wall, the others above; a layer for every four further lights.
+        // Sun and lamp are behind the wall, the others above; a layer for every four further
+        // lights.
         assert_eq!(map.layers[0], [[1.0, 1.0, 1.0, 0.0]]);
         assert!(
             map.layers[1][0][3] < 0.2,

@@ -1,12 +1,13 @@
-//! Precomputed light on objects' own surfaces: ambient occlusion, indirect light and direct visibility.
+//! Precomputed light on objects' own surfaces: ambient occlusion, indirect light and direct
+//! visibility.
 //!
 //! Objects are static, so that incident light is computed once for each texel of a part's lightmap
 //! (render/unwrap.rs), by ray casting ([`BakeScene`]):
 //!
 //! - sky visibility a = Σ L·V·cos θ / Σ L·cos θ over the environment's rays, V = 0 where a ray hits
 //!   an object; a ray that continues to a real floor is attenuated by the floor's shadow map;
-//! - indirect light b = Σ ρ·E·cos θ·Δω/π over the rays that hit, with the albedo ρ and the irradiance
-//!   E of the triangle that is hit;
+//! - indirect light b = Σ ρ·E·cos θ·Δω/π over the rays that hit, with the albedo ρ and the
+//!   irradiance E of the triangle that is hit;
 //! - the visible fraction of each sun's and lamp's disc.
 //!
 //! White matt then has the radiance a·L_sky + b + Σ visibility · L_light. E is computed once per
@@ -14,8 +15,8 @@
 //! plane are skipped: a tessellated curved surface would occlude itself at its edges (the
 //! terminator problem).
 //!
-//! Not modelled: more than one bounce; a shadow's edge within a cluster; mirrors; transmission through
-//! glass; occlusion and reflection by real objects beside the floor.
+//! Not modelled: more than one bounce; a shadow's edge within a cluster; mirrors; transmission
+//! through glass; occlusion and reflection by real objects beside the floor.
 
 use glam::{Mat3, Vec3};
 
@@ -26,8 +27,8 @@ use crate::render::{Lightmap, TexelPoint, Unwrapped};
 
 /// Texel stride of the first sampling pass.
 const COARSEST_STRIDE: i32 = 4;
-/// Largest spread of incident light, as a fraction of all light, and smallest cosine between normals
-/// (11°), over which it is interpolated.
+/// Largest spread of incident light, as a fraction of all light, and smallest cosine between
+/// normals (11°), over which it is interpolated.
 const MAX_SPREAD: f32 = 0.04;
 const MIN_NORMAL_COSINE: f32 = 0.98;
 /// Texels per parallel task.
@@ -103,8 +104,8 @@ pub fn lightmap(surface: &PartSurface<'_>, scene: &BakeScene<'_>) -> Lightmap {
     Lightmap { side, layers }
 }
 
-/// Samples incident light coarse to fine: every fourth texel of every fourth row first. Between texels
-/// of one surface with nearly equal light it is interpolated, elsewhere it is sampled.
+/// Samples incident light coarse to fine: every fourth texel of every fourth row first. Between
+/// texels of one surface with nearly equal light it is interpolated, elsewhere it is sampled.
 struct AdaptiveSampler<'a> {
     scene: &'a BakeScene<'a>,
     places: &'a [TexelPoint],

@@ -1,8 +1,8 @@
 //! The lightmaps of a scene's parts, memoized.
 //!
-//! A part's lightmap depends on the arrangement of the objects around it, on the floors below and on
-//! the lamps. If all light is distant and nothing else is near, it stays the same wherever an object is
-//! moved on a floor.
+//! A part's lightmap depends on the arrangement of the objects around it, on the floors below and
+//! on the lamps. If all light is distant and nothing else is near, it stays the same wherever an
+//! object is moved on a floor.
 
 use std::cell::LazyCell;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use super::bake_scene::{BakeInputs, BakeScene};
 use super::lightmap::{PartSurface, lightmap};
 use super::occluders::Occluders;
 use super::shadow_map::{ShadowMap, ShadowTexture};
-use super::sky::{Around, EnvSample};
+use super::sky::{EnvSample, EnvironmentImage};
 use super::steps::{Steps, from_steps, step, steps};
 use crate::digest::{Digest, Digester};
 use crate::memo::Memo;
@@ -25,8 +25,8 @@ use crate::scene::{Lighting, Object, Part, PointLight, Scene};
 const OCCLUSION_REACH: f64 = 4.0;
 /// Number of lightmaps that are memoized by arrangement.
 const ARRANGEMENT_CAPACITY: usize = 256;
-/// Memory of the lightmaps that are memoized for all compositors, bytes. A map has at most 128² texels in ten layers,
-/// 2.6 MB; most take a tenth of that.
+/// Memory of the lightmaps that are memoized for all compositors, bytes. A map has at most 128²
+/// texels in ten layers, 2.6 MB; most take a tenth of that.
 const LIGHTMAP_BUDGET_BYTES: usize = 128 << 20;
 
 /// For all compositors.
@@ -55,7 +55,8 @@ struct Last {
     is_outdated: bool,
 }
 
-/// All that a part's lightmap depends on except the scene's meshes and distant light, relative to the object's origin.
+/// All that a part's lightmap depends on except the scene's meshes and distant light, relative to
+/// the object's origin.
 #[derive(Clone, Debug, PartialEq)]
 struct Arrangement {
     part: (usize, Steps),
@@ -91,16 +92,17 @@ impl Lightmaps {
         Self { lighting: scene.lighting.clone(), environment: None, by_arrangement, last: None }
     }
 
-    /// Replaces the light on the same meshes. If the numbers of suns and lamps stay, the last lightmaps are previews.
+    /// Replaces the light on the same meshes. If the numbers of suns and lamps stay, the last
+    /// lightmaps are previews.
     pub fn set_lighting(&mut self, scene: &Scene) {
         let count = |lighting: &Lighting| (lighting.suns.len(), lighting.points.len());
         let last = self.last.take().filter(|_| count(&self.lighting) == count(&scene.lighting));
         *self = Self { last: last.map(|last| Last { is_outdated: true, ..last }), ..Self::new(scene) };
     }
 
-    /// One for each part of each object, in order; `None` for a part without a surface to light. `unwrapped` are the
-    /// scene's meshes, `shadow_maps` those of the floors, `visibility` the lightmaps of one texel of lights behind real
-    /// objects, or empty.
+    /// One for each part of each object, in order; `None` for a part without a surface to light.
+    /// `unwrapped` are the scene's meshes, `shadow_maps` those of the floors, `visibility` the
+    /// lightmaps of one texel of lights behind real objects, or empty.
     pub fn lightmaps(
         &mut self,
         scene: &Scene,
@@ -141,7 +143,8 @@ impl Lightmaps {
         lightmaps
     }
 
-    /// The last lightmaps, if the scene has the same parts, wherever they are now; and whether they are final.
+    /// The last lightmaps, if the scene has the same parts, wherever they are now; and whether they
+    /// are final.
     pub fn preview(&self, scene: &Scene) -> (Vec<Option<Arc<Lightmap>>>, Quality) {
         let meshes =
             |objects: &[Object]| objects.iter().flat_map(|o| &o.parts).map(|part| part.mesh).collect::<Vec<_>>();
@@ -191,7 +194,8 @@ impl Lightmaps {
         }
         // All parts of an object share a scene.
         let occluders = Occluders::of(scene, occluders.iter().map(|(mesh, steps)| (*mesh, from_steps(steps))));
-        let environment = self.environment.get_or_insert_with(|| Around::new(&self.lighting.environment).everywhere());
+        let environment =
+            self.environment.get_or_insert_with(|| EnvironmentImage::new(&self.lighting.environment).sphere_samples());
         let inputs = BakeInputs {
             origin_m,
             occluders: &occluders,
@@ -327,7 +331,8 @@ mod tests {
         scene.meshes.iter().map(|mesh| Unwrapped::new(mesh, 32)).collect()
     }
 
-    /// The first part's lightmap, and where in the mesh each of its texels lies, but for those in the corner at the wall.
+    /// The first part's lightmap, and where in the mesh each of its texels lies, but for those in
+    /// the corner at the wall.
     fn first(scene: &Scene) -> (Arc<Lightmap>, Vec<(Vec3, TexelPoint)>) {
         let unwrapped = unwrapped(scene);
         let found = Lightmaps::new(scene).lightmaps(scene, &unwrapped, &[], &[]);
@@ -360,15 +365,16 @@ mod tests {
             let (map, places) = first(&scene(&[plate(), wall()], reflectance, even_sky()));
             for (at, place) in places {
                 let distance = 0.1 - at.x;
-                // The wall's outline crosses some 45 of the 512 patches of the sky, each half right: 0.017 rms, and three times that
-                // at the worst of many places.
+                // The wall's outline crosses some 45 of the 512 patches of the sky, each half
+                // right: 0.017 rms, and three times that at the worst of many places.
                 let (open, thrown) = (map.layers[0][place.texel as usize], map.layers[1][place.texel as usize]);
                 assert!((open[0] - (1.0 - filled(distance))).abs() < 0.05, "{at}: {} {}", open[0], filled(distance));
                 assert!(
                     (open[0] - open[1]).abs() < 1e-5 && (open[0] - open[2]).abs() < 1e-5 && open[3] == 1.0,
                     "{open:?}"
                 );
-                // The wall sees the sky with all of its view, but for what the plate hides below it.
+                // The wall sees the sky with all of its view, but for what the plate hides below
+                // it.
                 let wanted = reflectance * filled(distance);
                 for (c, sky) in [1.0, 2.0, 3.0].into_iter().enumerate() {
                     let off = (thrown[c] / sky - wanted).abs();
@@ -398,7 +404,8 @@ mod tests {
         assert_eq!(map.layers.len(), 3);
         for (at, place) in places {
             let [a, b, c] = [0, 1, 2].map(|layer| map.layers[layer][place.texel as usize]);
-            // The wall hides what comes from beyond it: the first lamp is seen from 0.8 m on, and the plate ends before.
+            // The wall hides what comes from beyond it: the first lamp is seen from 0.8 m on, and
+            // the plate ends before.
             assert_eq!((a[3], b[3], c[0], c[1], c[2]), (1.0, 0.0, 0.0, 1.0, 0.0), "{at}");
             // A black sky's share does not matter; what the wall throws is there.
             assert!(b[0] > 0.0);
@@ -457,7 +464,8 @@ mod tests {
             |map: &Option<Arc<Lightmap>>| map.as_ref().unwrap().layers[0].iter().map(|t| t[0]).fold(1.0, f32::min);
         assert_eq!(maps.preview(&scene), (near.clone(), Quality::Final));
         assert!(least(&alone[0]) == 1.0 && least(&near[0]) < 0.9, "{}", least(&near[0]));
-        // Under a sky of another colour it is the one of before until it is asked for; with a lamp more there is none.
+        // Under a sky of another colour it is the one of before until it is asked for; with a lamp
+        // more there is none.
         scene.lighting.environment = Environment::Uniform(Vec3::new(0.5, 0.4, 0.3));
         maps.set_lighting(&scene);
         assert_eq!(maps.preview(&scene), (near.clone(), Quality::Preview));

@@ -1,37 +1,39 @@
 //! Shadows of virtual objects on real planes and on each other, with indirect light.
 //!
-//! Room and objects are static, so that shadows are precomputed and looked up for every frame. Below an
-//! object the shadow map stores D = 1 − E_with / E_without for each colour channel, with the irradiance
-//! E with and without the objects. The albedo of the plane cancels: the real picture's light is
-//! multiplied by 1 − D. As in Heckbert and Herf (1996), "Fast shadow generation with projective
-//! textures", soft shadows are sums of hard ones over many points of a light.
+//! Room and objects are static, so that shadows are precomputed and looked up for every frame.
+//! Below an object the shadow map stores D = 1 − E_with / E_without for each colour channel, with
+//! the irradiance E with and without the objects. The albedo of the plane cancels: the real
+//! picture's light is multiplied by 1 − D. As in Heckbert and Herf (1996), "Fast shadow generation
+//! with projective textures", soft shadows are sums of hard ones over many points of a light.
 //!
 //! On real planes:
 //!
-//! - `floor`: the receiver plane with its axes. `sky`: its incident light, as some hundred rays and the
-//!   lamps nearby.
-//! - `occluders`: triangles above the plane. `outline`: silhouettes of their shadows. `mask`: where 32
-//!   rays at a time are blocked. `spread`: the blur of each ray's shadow by its angular size.
+//! - `floor`: the receiver plane with its axes. `sky`: its incident light, as some hundred rays and
+//!   the lamps nearby.
+//! - `occluders`: triangles above the plane. `outline`: silhouettes of their shadows. `mask`: where
+//!   32 rays at a time are blocked. `penumbra`: the blur of each ray's shadow by its angular size.
 //! - `bounce`: light that occluders reflect onto the plane.
 //! - `extent`: the rectangle in which the shadow is visible. `shadow_map`: D over that rectangle.
-//! - `room`: real surfaces, and the rays that they block. `light_visibility`: the visible fraction of suns and
-//!   lamps behind them, from virtual objects.
+//! - `room`: real surfaces, and the rays that they block. `light_visibility`: the visible fraction
+//!   of suns and lamps behind them, from virtual objects.
 //! - `receiver_mask`: where a shadow map applies on a real surface beside the object.
 //! - `group`: which objects share a shadow map. `caster`: their parts and the light, with a digest.
-//!   `shadows`: shadow maps of a scene, memoized. `steps`: transforms as keys. `last`: the maps of the
-//!   last request.
-//! - `on_white`: radiance of white at a place. `radiance`: radiance of surfaces that a frame clips.
+//!   `shadows`: shadow maps of a scene, memoized. `steps`: transforms as keys. `last`: the maps of
+//!   the last request.
+//! - `white_radiance`: radiance of white at a place. `radiance`: radiance of surfaces that are
+//!   clipped in a frame. `albedo`: mean albedo of triangles.
 //!
 //! On objects' own surfaces, by ray casting:
 //!
-//! - `bvh`: the acceleration structure. `bake_scene`: incident light at a point. `lightmap`: incident
-//!   light over a part's surface. `lightmaps`: those of a scene, memoized.
+//! - `bvh`: the acceleration structure. `bake_scene`: incident light at a point. `lightmap`:
+//!   incident light over a part's surface. `lightmaps`: those of a scene, memoized.
 //!
 //! All of it runs on the processor, with the same result for every graphics driver and number of
 //! threads.
 //!
 //! Not modelled: curved receivers; real objects beside the plane that block dim light.
 
+mod albedo;
 mod bake_scene;
 #[cfg(test)]
 mod block;
@@ -47,23 +49,22 @@ mod lightmap;
 mod lightmaps;
 mod mask;
 mod occluders;
-mod on_white;
 mod outline;
+mod penumbra;
 mod radiance;
 mod receiver_mask;
 mod room;
 mod shadow_map;
 mod shadows;
-mod skin;
 mod sky;
-mod spread;
 mod steps;
+mod white_radiance;
 
 pub use floor::Floor;
 pub use lightmaps::Lightmaps;
-pub use on_white::{OnWhite, on_white};
 pub use radiance::{LazyRadiance, Sampler, SurfaceRadiance, SurfaceSample};
 pub use receiver_mask::TOLERANCE_M;
 pub use room::Room;
 pub use shadow_map::{Part, ShadowMap, ShadowTexture};
 pub use shadows::Shadows;
+pub use white_radiance::{WhiteRadiance, white_radiance};

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use glam::{DAffine3, Vec2, Vec3};
 
-use super::skin::Skin;
+use super::albedo::MeshAlbedo;
 use crate::digest::{Digester, Digestible};
 use crate::scene::{Alpha, Scene, Vertex};
 
@@ -48,8 +48,8 @@ impl Occluders {
             let first = all.corners.len() as u32;
             let at = |vertex: &Vertex| from_mesh.transform_point3(Vec3::from(vertex.position).as_dvec3()).as_vec3();
             all.corners.extend(mesh.vertices.iter().map(at));
-            let (own, skin) = (mesh.indices.chunks_exact(3), Skin::of(scene, mesh));
-            all.colors.extend(own.clone().map(|t| skin.color([t[0], t[1], t[2]])));
+            let (own, albedo) = (mesh.indices.chunks_exact(3), MeshAlbedo::of(scene, mesh));
+            all.colors.extend(own.clone().map(|t| albedo.color([t[0], t[1], t[2]])));
             // Counter-clockwise seen from outside, mirrored too.
             let is_mirrored = from_mesh.matrix3.determinant() < 0.0;
             let order = if is_mirrored { [0, 2, 1] } else { [0, 1, 2] };

@@ -1,15 +1,17 @@
-//! How bright the room's surfaces are, also where a frame shows them clipped.
+//! Radiance of the room's surfaces, also of those that are clipped in a frame.
 //!
-//! A camera that exposes by itself shows a desk clipped in one frame and not in another. Observations of frames spread over the
-//! recording are divided by their frame's gain and collected in cells of 2 cm:
+//! With automatic exposure a desk may be clipped in one frame and not in another. Observations in
+//! frames throughout the recording are divided by their frame's gain and collected in cells of 2
+//! cm:
 //!
 //!   R = median of light/gain,
 //!
-//! for each channel. A clipped observation is a lower bound, so the median is that of right-censored values (Kaplan and Meier 1958).
-//! Where most observations clip it is their largest lower bound. Between cells R is interpolated linearly.
+//! for each channel. A clipped observation is a lower bound, so the median is that of
+//! right-censored values (Kaplan and Meier 1958). If most observations are clipped it is their
+//! largest lower bound. Between cells R is interpolated linearly.
 //!
-//! Not modelled: surfaces that shine, whose light depends on where they are seen from; print that is finer than a cell; light that
-//! changes while the camera records.
+//! Not modelled: glossy surfaces, whose radiance depends on the direction; texture finer than a
+//! cell; light that changes during the recording.
 
 use std::collections::HashMap;
 use std::sync::LazyLock;
@@ -19,35 +21,35 @@ use glam::{DVec3, IVec3, Vec3};
 use crate::fit::quantile::{Censored, kaplan_meier};
 
 /// Side of a cell, m.
-const SIDE_M: f64 = 0.02;
+const CELL_M: f64 = 0.02;
 /// Minimum number of observations of a cell.
 const MIN_OBSERVATIONS: usize = 3;
 
-/// A place of the room in one frame.
+/// An observation of a surface in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceSample {
     pub at_m: DVec3,
-    /// Linear, as the frame of usual brightness would show it: red, green, blue.
+    /// Linear red, green and blue, at the exposure of the reference frame.
     pub light: [f32; 3],
-    /// Channels that clip: their light is a lower bound.
+    /// True for clipped channels, whose light is a lower bound.
     pub is_clipped: [bool; 3],
 }
 
-/// Radiance of surfaces by place.
+/// Radiance of surfaces by position.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SurfaceRadiance {
-    /// Linear, in the frame of usual brightness, or a lower bound of that: red, green, blue.
+    /// Linear red, green and blue at the exposure of the reference frame, or a lower bound of it.
     cells: HashMap<IVec3, [f32; 3]>,
 }
 
-/// Radiance that is worked out when a clipped pixel first needs it.
+/// Radiance that is computed for the first clipped pixel.
 pub type LazyRadiance = LazyLock<SurfaceRadiance, Box<dyn FnOnce() -> SurfaceRadiance + Send>>;
 
 impl SurfaceRadiance {
     pub fn of(samples: impl Iterator<Item = SurfaceSample>) -> Self {
         let mut by_cell: HashMap<IVec3, [Vec<Censored>; 3]> = HashMap::new();
         for sample in samples.filter(|sample| sample.at_m.is_finite()) {
-            let cell = by_cell.entry((sample.at_m / SIDE_M).floor().as_ivec3()).or_default();
+            let cell = by_cell.entry((sample.at_m / CELL_M).floor().as_ivec3()).or_default();
             for (c, values) in cell.iter_mut().enumerate() {
                 values.push((sample.light[c], 1.0, sample.is_clipped[c]));
             }
@@ -61,32 +63,32 @@ impl SurfaceRadiance {
         self.cells.is_empty()
     }
 
-    /// Looks up places that mostly lie close to the one before.
+    /// A sampler for a sequence of positions that are mostly close to the one before.
     pub fn sampler(&self) -> Sampler<'_> {
-        Sampler { of: self, around: None }
+        Sampler { of: self, cached: None }
     }
 }
 
-/// Looks up radiance by place.
+/// Interpolates radiance, with a cache of the last cells.
 #[derive(Debug)]
 pub struct Sampler<'a> {
     of: &'a SurfaceRadiance,
-    /// The lowest of the eight cells that were used last, and these.
-    around: Option<(IVec3, [Option<[f32; 3]>; 8])>,
+    /// The lowest of the last eight cells, and their values.
+    cached: Option<(IVec3, [Option<[f32; 3]>; 8])>,
 }
 
 impl Sampler<'_> {
-    /// Radiance at a place, or a lower bound of it, in the frame of usual brightness: of the eight cells around it, as far as they
-    /// were observed. `None` if none was.
+    /// Radiance at a position, or a lower bound of it, at the exposure of the reference frame, from
+    /// the observed ones of the eight cells around it. `None` if none of them was observed.
     pub fn at(&mut self, at_m: DVec3) -> Option<[f32; 3]> {
-        let place = at_m / SIDE_M - 0.5;
+        let place = at_m / CELL_M - 0.5;
         let (corner, share) = (place.floor().as_ivec3(), (place - place.floor()).as_vec3());
         let step = |n: i32| IVec3::new(n & 1, n >> 1 & 1, n >> 2);
-        let cells = match self.around {
+        let cells = match self.cached {
             Some((of, cells)) if of == corner => cells,
             _ => std::array::from_fn(|n| self.of.cells.get(&(corner + step(n as i32))).copied()),
         };
-        self.around = Some((corner, cells));
+        self.cached = Some((corner, cells));
         let (mut all, mut light) = (0.0, Vec3::ZERO);
         for (n, cell) in (0..).zip(cells) {
             let (Some(cell), step) = (cell, step(n)) else { continue };
@@ -109,13 +111,13 @@ mod tests {
 
     #[test]
     fn radiance_of_clipped_and_unclipped_frames_is_the_median_by_hand() {
-        // In two frames of five the red clips at 0.5 and 0.9, in all of them the green. The blue never does.
+        // Red is clipped in two frames of five, at 0.5 and 0.9, green in all of them, blue in none.
         let red = [(0.5, true), (0.9, true), (1.2, false), (1.25, false), (1.3, false)];
         let samples = red.iter().enumerate().map(|(n, (light, is_clipped))| {
             sample(0.01, [*light, 0.4 + 0.1 * n as f32, 0.2], [*is_clipped, true, false])
         });
         let found = SurfaceRadiance::of(samples).sampler().at(DVec3::splat(0.01)).unwrap();
-        // The survival function falls by a third at each of the three.
+        // The survival function falls by a third at each of the three unclipped values.
         assert_eq!(found, [1.25, 0.8, 0.2]);
     }
 

@@ -1,8 +1,10 @@
-//! Where a shadow map on a facet applies: within its rectangle, except where another real surface has a shadow map of its own.
+//! Weight of a shadow map on a facet: 1 within its rectangle, except near another real surface with
+//! a shadow map of its own.
 //!
-//! Near a corner of the room a pixel is equally close to two planes, within the error of depth, and would be darkened twice.
-//! Points near a surface of higher priority therefore belong to that one, by its weight there (`floor_around` in
-//! shaders/shade.wgsl). Beyond 1.9 m, where depth is less certain than `TOLERANCE_M`, both apply in a part of the transition.
+//! Near a corner of the room a pixel is equally close to two planes, within the error of depth, and
+//! would be darkened twice. Points near a surface of higher priority therefore belong to that one,
+//! by its weight there (`floor_around` in shaders/shade.wgsl). Beyond 1.9 m, where the error of
+//! depth exceeds `TOLERANCE_M`, both apply in a part of the transition.
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
@@ -13,14 +15,15 @@ use crate::scene::{Facet, Object, Support};
 
 /// Width over which the rectangle's sides fade out, m.
 const FADE_M: f32 = 0.01;
-/// Distance from a surface up to which it applies fully, m; at three times the distance it no longer applies.
+/// Distance from a surface up to which it applies fully, m; at three times the distance it no
+/// longer applies.
 pub const TOLERANCE_M: f32 = 0.015;
 
 /// In the axes of the facet's plane.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReceiverMask {
     own: Rectangle,
-    prior: Vec<Surface>,
+    prior: Vec<PriorSurface>,
 }
 
 /// A rectangle in the plane, with coordinates x = `x.truncate() · place + x.z` and y alike.
@@ -32,9 +35,10 @@ struct Rectangle {
     high: Vec2,
 }
 
-/// A surface of higher priority: a point's height above it, as such a linear function, and its rectangle.
+/// A surface of higher priority: a point's height above it, as such a linear function, and its
+/// rectangle.
 #[derive(Clone, Debug, PartialEq)]
-struct Surface {
+struct PriorSurface {
     height: Vec3,
     rectangle: Option<Rectangle>,
 }
@@ -42,45 +46,47 @@ struct Surface {
 digestible! {
     ReceiverMask { own, prior }
     Rectangle { x, y, low, high }
-    Surface { height, rectangle }
+    PriorSurface { height, rectangle }
 }
 
 impl ReceiverMask {
     /// For a facet of an object by its index.
     pub fn new(object: &Object, facet: usize, floor: &Floor) -> Self {
-        let prior = object.facets[..facet].iter().map(|facet| Surface {
+        let prior = object.facets[..facet].iter().map(|facet| PriorSurface {
             height: height(&facet.plane, floor),
             rectangle: Some(Rectangle::new(facet, floor)),
         });
-        let support = object.support.iter().map(|support| Surface { height: height(support, floor), rectangle: None });
+        let support =
+            object.support.iter().map(|support| PriorSurface { height: height(support, floor), rectangle: None });
         Self { own: Rectangle::new(&object.facets[facet], floor), prior: support.chain(prior).collect() }
     }
 
     /// Weight of the shadow map at a point, 0 to 1.
-    pub fn share(&self, place_m: Vec2) -> f32 {
-        let left = |surface: &Surface| {
-            let height_m = counted(surface.height, place_m).abs();
+    pub fn weight(&self, place_m: Vec2) -> f32 {
+        let remaining = |surface: &PriorSurface| {
+            let height_m = linear_at(surface.height, place_m).abs();
             let near = (1.5 - 0.5 * height_m / TOLERANCE_M).clamp(0.0, 1.0);
-            1.0 - near * surface.rectangle.as_ref().map_or(1.0, |rectangle| rectangle.share(place_m))
+            1.0 - near * surface.rectangle.as_ref().map_or(1.0, |rectangle| rectangle.weight(place_m))
         };
-        self.own.share(place_m) * self.prior.iter().map(left).product::<f32>()
+        self.own.weight(place_m) * self.prior.iter().map(remaining).product::<f32>()
     }
 
-    /// Whether the facet is seen from a place before it, in the floor's axes.
-    pub fn hides(&self, from: Vec3, towards: Vec3) -> bool {
-        towards.z < 0.0 && self.own.share((from - towards * (from.z / towards.z)).truncate()) > 0.5
+    /// True if a ray from a place in front of the facet hits it, in the plane's axes.
+    pub fn is_hit(&self, from: Vec3, towards: Vec3) -> bool {
+        towards.z < 0.0 && self.own.weight((from - towards * (from.z / towards.z)).truncate()) > 0.5
     }
 
-    /// What of an extent is in the rectangle or in `under`, where the object is, and a rim around for a shadow map to fade out over.
+    /// The part of an extent in the rectangle or in `under`, the place of the object, with a margin
+    /// in which a shadow map fades out.
     pub fn clip(&self, extent: Extent, under: Extent) -> Extent {
-        let own = self.own.around().union(under);
-        let rim = 0.1 * (own.high - own.low);
-        Extent { low: extent.low.max(own.low - rim), high: extent.high.min(own.high + rim) }
+        let own = self.own.bounds().union(under);
+        let margin = 0.1 * (own.high - own.low);
+        Extent { low: extent.low.max(own.low - margin), high: extent.high.min(own.high + margin) }
     }
 }
 
 impl Rectangle {
-    /// On the plane of `floor`, its own or one that it is seen from.
+    /// A facet's rectangle as a function of places on the plane of `floor`, its own or another one.
     fn new(facet: &Facet, floor: &Floor) -> Self {
         let axis = |along: DVec3| {
             let off = along.dot(floor.origin_m - facet.plane.point_m);
@@ -90,13 +96,13 @@ impl Rectangle {
         Self { x: axis(facet.along), y: axis(facet.plane.normal.cross(facet.along)), low, high }
     }
 
-    fn share(&self, place_m: Vec2) -> f32 {
-        let at = Vec2::new(counted(self.x, place_m), counted(self.y, place_m));
+    fn weight(&self, place_m: Vec2) -> f32 {
+        let at = Vec2::new(linear_at(self.x, place_m), linear_at(self.y, place_m));
         let outside = (self.low - at).max(at - self.high).max_element();
         (1.0 - outside / FADE_M).clamp(0.0, 1.0)
     }
 
-    fn around(&self) -> Extent {
+    fn bounds(&self) -> Extent {
         let (x, y) = (self.x.truncate(), self.y.truncate());
         let middle = 0.5 * (self.low + self.high);
         let corner = |at: Vec2| x * (at.x - self.x.z) + y * (at.y - self.y.z);
@@ -106,14 +112,15 @@ impl Rectangle {
     }
 }
 
-/// How high places of a floor are over a plane.
+/// Height of places on a floor above a plane, as a linear function.
 fn height(plane: &Support, floor: &Floor) -> Vec3 {
     let Floor { origin_m, axes } = floor;
     let over = plane.normal.dot(*origin_m - plane.point_m);
     DVec3::new(plane.normal.dot(axes.x_axis), plane.normal.dot(axes.y_axis), over).as_vec3()
 }
 
-fn counted(by: Vec3, place_m: Vec2) -> f32 {
+/// The value of a linear function at a place.
+fn linear_at(by: Vec3, place_m: Vec2) -> f32 {
     by.truncate().dot(place_m) + by.z
 }
 
@@ -121,7 +128,8 @@ fn counted(by: Vec3, place_m: Vec2) -> f32 {
 mod tests {
     use super::*;
 
-    /// A wall x = 0.2 that faces to the left, 0.4 m wide and as high, and before it a box's top at z = 0.1.
+    /// A wall at x = 0.2 m that faces left, 0.4 m wide and high. In front of it the top of a box at
+    /// z = 0.1 m.
     fn corner() -> Object {
         let on = |point_m: DVec3, normal: DVec3| Support { point_m, normal };
         let facet = |plane: Support, along: DVec3, half: f64| Facet {
@@ -141,41 +149,41 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_counts_within_its_rectangle_and_not_near_the_floor_nor_near_what_comes_before() {
+    fn weight_is_1_in_the_rectangle_and_0_near_surfaces_of_higher_priority() {
         let object = corner();
         let floor = Floor::new(DVec3::new(0.2, -0.05, 0.3), DVec3::NEG_X);
-        let within = ReceiverMask::new(&object, 1, &floor);
-        let share = |y: f64, z: f64| {
+        let mask = ReceiverMask::new(&object, 1, &floor);
+        let weight = |y: f64, z: f64| {
             let place = floor.floor_from_world().transform_point3(DVec3::new(0.2, y, z));
             assert!(place.z.abs() < 1e-12);
-            within.share(place.truncate().as_vec2())
+            mask.weight(place.truncate().as_vec2())
         };
-        let near = |found: f32, wanted: f32| (found - wanted).abs() < 1e-4;
-        assert!(near(share(0.0, 0.3), 1.0) && near(share(0.15, 0.06), 1.0));
-        // The floor has all of what is 15 mm over it and nothing from 45 mm on.
-        assert!(near(share(0.15, 0.01), 0.0) && near(share(0.15, 0.03), 0.5));
+        let near = |found: f32, expected: f32| (found - expected).abs() < 1e-4;
+        assert!(near(weight(0.0, 0.3), 1.0) && near(weight(0.15, 0.06), 1.0));
+        // Points up to 15 mm above the floor belong to it, from 45 mm on to the wall.
+        assert!(near(weight(0.15, 0.01), 0.0) && near(weight(0.15, 0.03), 0.5));
         // The box's top at y from -0.1 to 0.1.
-        assert!(near(share(0.0, 0.1), 0.0) && near(share(0.0, 0.13), 0.5) && near(share(0.15, 0.1), 1.0));
-        // Beyond its rectangle it ends within a centimetre.
-        assert!(near(share(0.205, 0.3), 0.5) && near(share(0.22, 0.3), 0.0) && near(share(0.0, 0.405), 0.5));
+        assert!(near(weight(0.0, 0.1), 0.0) && near(weight(0.0, 0.13), 0.5) && near(weight(0.15, 0.1), 1.0));
+        // Outside the rectangle the weight falls to 0 within a centimetre.
+        assert!(near(weight(0.205, 0.3), 0.5) && near(weight(0.22, 0.3), 0.0) && near(weight(0.0, 0.405), 0.5));
     }
 
     #[test]
-    fn an_extent_is_cut_to_the_rectangle_and_to_where_the_object_is() {
+    fn extent_is_clipped_to_the_rectangle_and_the_object() {
         let object = corner();
         let floor = Floor::new(DVec3::new(0.2, -0.05, 0.3), DVec3::NEG_X);
-        let within = ReceiverMask::new(&object, 1, &floor);
+        let mask = ReceiverMask::new(&object, 1, &floor);
         let at = |y: f64, z: f64| floor.floor_from_world().transform_point3(DVec3::new(0.2, y, z)).truncate().as_vec2();
-        let around = |a: Vec2, b: Vec2| Extent { low: a.min(b), high: a.max(b) };
+        let bounds = |a: Vec2, b: Vec2| Extent { low: a.min(b), high: a.max(b) };
         let wide = Extent { low: Vec2::splat(-9.0), high: Vec2::splat(9.0) };
-        let own = around(at(-0.21, -0.01), at(0.21, 0.41));
-        let clipped = within.clip(wide, own);
-        let rim = Vec2::splat(0.042);
-        assert!(clipped.low.abs_diff_eq(own.low - rim, 1e-5) && clipped.high.abs_diff_eq(own.high + rim, 1e-5));
-        let beside = around(at(0.3, 0.0), at(0.5, 0.1));
-        let clipped = within.clip(wide, beside);
+        let own = bounds(at(-0.21, -0.01), at(0.21, 0.41));
+        let clipped = mask.clip(wide, own);
+        let margin = Vec2::splat(0.042);
+        assert!(clipped.low.abs_diff_eq(own.low - margin, 1e-5) && clipped.high.abs_diff_eq(own.high + margin, 1e-5));
+        let beside = bounds(at(0.3, 0.0), at(0.5, 0.1));
+        let clipped = mask.clip(wide, beside);
         assert!(clipped.low.cmplt(beside.low).all() && clipped.high.cmpgt(beside.high).all());
         let narrow = Extent { low: Vec2::splat(-0.01), high: Vec2::splat(0.01) };
-        assert_eq!(within.clip(narrow, own), narrow);
+        assert_eq!(mask.clip(narrow, own), narrow);
     }
 }

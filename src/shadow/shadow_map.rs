@@ -1,20 +1,21 @@
-//! The shadow of a group of objects on a receiver plane, as a texture: D = 1 − E_with / E_without for each colour channel.
+//! The shadow of a group of objects on a receiver plane, as a texture: D = 1 − E_with / E_without
+//! for each colour channel.
 
 use std::ops::Range;
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
-use super::bounce::{Bounce, Ground};
+use super::bounce::{Bounce, ReceiverTexels};
 use super::extent::Extent;
 use super::floor::Floor;
-use super::mask::{Mask, Sums, jitter};
+use super::mask::{BitSums, Mask, jitter};
 use super::occluders::Occluders;
 use super::outline::Outline;
+use super::penumbra::blur_penumbra;
 use super::receiver_mask::ReceiverMask;
 use super::room::OccluderMask;
 use super::sky::{CLASSES, Lamp, Ray, Sky, class};
-use super::spread::spread;
 use crate::digest::{Digester, Digestible};
 use crate::parallel::{over_rows, processors};
 use crate::quality::Quality;
@@ -27,7 +28,8 @@ const OBJECT_SIDE_TEXELS: f32 = 160.0;
 const MIN_TEXEL_M: f32 = 0.00025;
 /// Width of the border over which the shadow fades out, as a share of the texture's sides.
 const FADE_WIDTH: f32 = 0.08;
-/// Smaller shares become 0: a third of an 8-bit code on a bright plane. Shares from twice this on stay as they are.
+/// Smaller shares become 0: a third of an 8-bit code on a bright plane. Shares from twice this on
+/// stay as they are.
 const MIN_VISIBLE_SHARE: f32 = 0.003;
 /// Smallest share at which the shadow's exact outline on the real surface matters.
 const DARK_SHARE: f32 = 0.05;
@@ -35,7 +37,8 @@ const DARK_SHARE: f32 = 0.05;
 const BLOCK_TEXELS: usize = 16;
 /// Rays in one bit mask.
 const RAYS_PER_MASK: usize = 32;
-/// Smallest share of the distant light that is divided by, where real objects block nearly all of it.
+/// Smallest share of the distant light that is divided by, where real objects block nearly all of
+/// it.
 const MIN_FAR_LIGHT: f32 = 1e-6;
 /// Ratio of a preview's texel to a final one's.
 const PREVIEW_TEXEL_FACTOR: f32 = 3.0;
@@ -48,7 +51,8 @@ pub struct ShadowTexture {
     pub texel_m: f32,
     pub width: u32,
     pub height: u32,
-    /// D by row: 1 without light, 0 without shadow, below 0 where objects reflect more light onto the plane than they block.
+    /// D by row: 1 without light, 0 without shadow, below 0 where objects reflect more light onto
+    /// the plane than they block.
     pub taken: Vec<[f32; 3]>,
     /// Bounds of D ≠ 0, and of D above the dark share.
     pub shown: Part,
@@ -73,19 +77,19 @@ impl Part {
 }
 
 /// Soft threshold at the smallest visible share.
-fn worth(share: f32) -> f32 {
+fn soft_threshold(share: f32) -> f32 {
     share * (share.abs() / MIN_VISIBLE_SHARE - 1.0).clamp(0.0, 1.0)
 }
 
-/// Irradiance that is blocked at a texel.
+/// Light at a texel.
 #[derive(Clone, Debug, Default)]
-struct Gone {
-    /// By class of rays.
-    of_class: [Vec3; CLASSES],
-    /// Irradiance without the objects.
-    all: Vec3,
-    /// Whether an object is vertically above.
-    from_above: bool,
+struct TexelLight {
+    /// Light that the objects block, by class of rays.
+    blocked: [Vec3; CLASSES],
+    /// Light without the objects.
+    unshadowed: Vec3,
+    /// True if an object is vertically above.
+    is_below_object: bool,
 }
 
 /// Real surroundings of a receiver plane.
@@ -127,68 +131,71 @@ impl PartialEq for ShadowMap {
 }
 
 impl ShadowTexture {
-    /// Of occluders over a rectangle of their plane. A preview has larger texels; with a [`Sky::sparse`] sky it takes a
-    /// twentieth of the time.
+    /// Of occluders over a rectangle of their plane. A preview has larger texels; with a
+    /// [`Sky::sparse`] sky it takes a twentieth of the time.
     pub fn new(occluders: &Occluders, extent: Extent, sky: &Sky, real: Real<'_>, quality: Quality) -> Self {
         let Real { blocked, receiver } = real;
         let larger = if quality.is_preview() { PREVIEW_TEXEL_FACTOR } else { 1.0 };
         let size = extent.high - extent.low;
-        let thing = occluders.bounds().map_or(size.max_element(), |(low, high, _)| (high - low).max_element());
-        let texel_m = larger * (thing / OBJECT_SIDE_TEXELS).max(size.max_element() / MAX_SIDE_TEXELS).max(MIN_TEXEL_M);
+        let object_size = occluders.bounds().map_or(size.max_element(), |(low, high, _)| (high - low).max_element());
+        let texel_m =
+            larger * (object_size / OBJECT_SIDE_TEXELS).max(size.max_element() / MAX_SIDE_TEXELS).max(MIN_TEXEL_M);
         let (width, height) = ((size.x / texel_m).ceil().max(1.0) as u32, (size.y / texel_m).ceil().max(1.0) as u32);
-        let mut gone = vec![Gone::default(); width as usize * height as usize];
+        let mut texels = vec![TexelLight::default(); width as usize * height as usize];
         let outline = Outline::of(occluders);
-        let mut shares = Self::empty(extent.low, texel_m, width, height);
-        // A band of rows for each thread; what is in it depends on nothing else.
+        let mut texture = Self::empty(extent.low, texel_m, width, height);
+        // A band of rows for each thread. The result does not depend on the bands.
         let rows = (height as usize).div_ceil(processors()).max(1);
-        over_rows(&mut gone, width as usize * rows, processors(), |band, gone| {
+        over_rows(&mut texels, width as usize * rows, processors(), |band, texels| {
             let first = band * rows;
-            shares.fill(gone, first..first + gone.len() / width as usize, &outline, sky, blocked);
+            texture.fill(texels, first..first + texels.len() / width as usize, &outline, sky, blocked);
         });
         let lowest_m = occluders.corners.iter().map(|corner| corner.z).fold(f32::INFINITY, f32::min);
-        let over = if lowest_m > texel_m && lowest_m.is_finite() { lowest_m / texel_m } else { 0.0 };
-        let stands_on: Vec<bool> = gone.iter().map(|gone| gone.from_above).collect();
-        let mut lacks: Vec<Vec3> = gone.iter().map(|gone| gone.of_class[0]).collect();
+        let min_height = if lowest_m > texel_m && lowest_m.is_finite() { lowest_m / texel_m } else { 0.0 };
+        let is_below_object: Vec<bool> = texels.iter().map(|texel| texel.is_below_object).collect();
+        let mut blocked_light: Vec<Vec3> = texels.iter().map(|texel| texel.blocked[0]).collect();
         for (class, angle_rad) in sky.angles_rad().into_iter().enumerate().filter(|(_, angle_rad)| *angle_rad > 0.0) {
-            let mut of_class: Vec<Vec3> = gone.iter().map(|gone| gone.of_class[class]).collect();
-            spread(&mut of_class, width as usize, &stands_on, over, angle_rad);
-            lacks.iter_mut().zip(of_class).for_each(|(lacks, gone)| *lacks += gone);
+            let mut of_class: Vec<Vec3> = texels.iter().map(|texel| texel.blocked[class]).collect();
+            blur_penumbra(&mut of_class, width as usize, &is_below_object, min_height, angle_rad);
+            blocked_light.iter_mut().zip(of_class).for_each(|(sum, blocked)| *sum += blocked);
         }
-        let share = |(i, (gone, lacks)): (usize, (&Gone, &Vec3))| {
-            let share = *lacks / gone.all.max(Vec3::splat(1e-12));
-            let rim = shares.rim(i % width as usize, i / width as usize);
-            (share.clamp(Vec3::ZERO, Vec3::ONE) * rim).to_array()
+        let ratio = |(i, (texel, blocked_light)): (usize, (&TexelLight, &Vec3))| {
+            let share = *blocked_light / texel.unshadowed.max(Vec3::splat(1e-12));
+            let fade = texture.border_fade(i % width as usize, i / width as usize);
+            (share.clamp(Vec3::ZERO, Vec3::ONE) * fade).to_array()
         };
-        shares.taken = gone.iter().zip(&lacks).enumerate().map(share).collect();
-        let at = |place_m: Vec2| shares.at_texel(shares.texel_of(place_m).as_dvec2());
-        let Self { low_m, texel_m, width, height, .. } = shares;
-        // What real things stop is not thrown back.
-        // Below the first one's origin; on a facet, behind the middle of all.
-        let among = receiver.and_then(|_| occluders.bounds()).map_or(Vec2::ZERO, |(low, high, _)| 0.5 * (low + high));
-        let left = blocked.map(|blocked| blocked.left(sky, among));
-        let ground = Ground { low_m, texel_m, width, height, taken: &at, stands_on: &stands_on, over };
-        let bounce = Bounce::new(&ground, occluders, left.as_ref().unwrap_or(sky), receiver);
-        let mut taken = std::mem::take(&mut shares.taken);
+        texture.taken = texels.iter().zip(&blocked_light).enumerate().map(ratio).collect();
+        let at = |place_m: Vec2| texture.at_texel(texture.texel_of(place_m).as_dvec2());
+        let Self { low_m, texel_m, width, height, .. } = texture;
+        // Objects do not reflect light that real objects block: at the first object's origin, or on
+        // a facet behind the centre of all objects.
+        let objects_at =
+            receiver.and_then(|_| occluders.bounds()).map_or(Vec2::ZERO, |(low, high, _)| 0.5 * (low + high));
+        let unblocked = blocked.map(|blocked| blocked.unblocked(sky, objects_at));
+        let receiver_texels =
+            ReceiverTexels { low_m, texel_m, width, height, taken: &at, is_below_object: &is_below_object, min_height };
+        let bounce = Bounce::new(&receiver_texels, occluders, unblocked.as_ref().unwrap_or(sky), receiver);
+        let mut taken = std::mem::take(&mut texture.taken);
         over_rows(&mut taken, width as usize, processors(), |y, row| {
             for (x, taken) in row.iter_mut().enumerate() {
                 let all = match blocked {
-                    None => sky.light_at(shares.place_m(x, y)),
-                    Some(_) => gone[y * width as usize + x].all,
+                    None => sky.light_at(texture.place_m(x, y)),
+                    Some(_) => texels[y * width as usize + x].unshadowed,
                 };
-                let given =
-                    bounce.at(x, y) / all.max(sky.light.max(Vec3::splat(1e-12)) * MIN_FAR_LIGHT) * shares.rim(x, y);
-                let share = (Vec3::from(*taken) - given).max(Vec3::NEG_ONE);
-                let share = share * receiver.map_or(1.0, |receiver| receiver.share(shares.place_m(x, y)));
-                *taken = share.to_array().map(worth);
+                let reflected = bounce.at(x, y) / all.max(sky.light.max(Vec3::splat(1e-12)) * MIN_FAR_LIGHT)
+                    * texture.border_fade(x, y);
+                let share = (Vec3::from(*taken) - reflected).max(Vec3::NEG_ONE);
+                let share = share * receiver.map_or(1.0, |receiver| receiver.weight(texture.place_m(x, y)));
+                *taken = share.to_array().map(soft_threshold);
             }
         });
-        shares.taken = taken;
-        [shares.shown, shares.dark] = [0.0, DARK_SHARE].map(|least| shares.beyond(least));
-        shares.blocks = shares.blocks();
-        shares
+        texture.taken = taken;
+        [texture.shown, texture.dark] = [0.0, DARK_SHARE].map(|least| texture.bounds_above(least));
+        texture.blocks = texture.blocks();
+        texture
     }
 
-    /// In memory.
+    /// Size in memory, bytes.
     pub fn size_bytes(&self) -> usize {
         std::mem::size_of_val(self.taken.as_slice()) + self.blocks.len()
     }
@@ -211,7 +218,7 @@ impl ShadowTexture {
         blocks
     }
 
-    /// Whether there is no shadow between two places, in texels, also where it is interpolated.
+    /// True if there is no shadow between two positions, texels, also after interpolation.
     pub fn is_none_between(&self, low: DVec2, high: DVec2) -> bool {
         let block = |at: f64| (at.max(0.0) / BLOCK_TEXELS as f64) as usize;
         let last = |side: u32| (side as usize).div_ceil(BLOCK_TEXELS).saturating_sub(1);
@@ -224,8 +231,8 @@ impl ShadowTexture {
         !rows.into_iter().any(|y| self.blocks[y * in_row..][columns.clone()].contains(&true))
     }
 
-    /// Where more than a share of the light is taken or given, and a texel around.
-    fn beyond(&self, least: f32) -> Part {
+    /// Bounds of |D| above a threshold, with a margin of a texel.
+    fn bounds_above(&self, least: f32) -> Part {
         let size = DVec2::new(self.width.into(), self.height.into());
         let (mut low, mut high) = (size, DVec2::ZERO);
         for (y, row) in self.taken.chunks_exact(self.width as usize).enumerate() {
@@ -242,63 +249,64 @@ impl ShadowTexture {
         Part { low: (low - 1.0).max(DVec2::ZERO) / size, high: (high + 2.0).min(size) / size }
     }
 
-    /// Where a place on the floor lies, in texels.
+    /// Position of a place on the plane, texels.
     pub fn texel_of(&self, place_m: Vec2) -> Vec2 {
         (place_m - self.low_m) / self.texel_m
     }
 
     fn fill(
         &self,
-        gone: &mut [Gone],
+        texels: &mut [TexelLight],
         rows: Range<usize>,
         outline: &Outline,
         sky: &Sky,
         blocked: Option<&OccluderMask>,
     ) {
         let (width, rows_from) = (self.width as usize, rows.start);
-        gone.iter_mut().for_each(|gone| gone.all = sky.light);
+        texels.iter_mut().for_each(|texel| texel.unshadowed = sky.light);
         let mut mask = Mask::new(width, rows.clone());
-        mask.stop(0, outline, |c| Some(self.texel_of(c.truncate())));
-        gone.iter_mut().zip(&mask.bits).for_each(|(gone, word)| gone.from_above = *word != 0);
+        mask.rasterize(0, outline, |c| Some(self.texel_of(c.truncate())));
+        texels.iter_mut().zip(&mask.bits).for_each(|(texel, word)| texel.is_below_object = *word != 0);
         for (n, rays) in sky.rays.chunks(RAYS_PER_MASK).enumerate() {
             mask.clear();
             for (bit, ray) in (0..).zip(rays) {
                 let jitter = jitter(n * RAYS_PER_MASK + bit as usize);
-                mask.stop(bit, outline, |c| Some(self.texel_of(c.truncate() - ray.slope * c.z) + jitter));
+                mask.rasterize(bit, outline, |c| Some(self.texel_of(c.truncate() - ray.slope * c.z) + jitter));
             }
             if let Some(blocked) = blocked.filter(|blocked| blocked.blocks_any(n)) {
-                let all = Sums::of(&rays.iter().map(|ray| ray.light).collect::<Vec<_>>());
-                for (i, (gone, word)) in gone.iter_mut().zip(&mut mask.bits).enumerate() {
-                    let stopped = blocked.rays(n, self.place_m(i % width, rows_from + i / width));
-                    if stopped != 0 {
-                        *word &= !stopped;
-                        gone.all = (gone.all - all.sum(stopped)).max(Vec3::ZERO);
+                let all = BitSums::of(&rays.iter().map(|ray| ray.light).collect::<Vec<_>>());
+                for (i, (texel, word)) in texels.iter_mut().zip(&mut mask.bits).enumerate() {
+                    let blocked_bits = blocked.rays(n, self.place_m(i % width, rows_from + i / width));
+                    if blocked_bits != 0 {
+                        *word &= !blocked_bits;
+                        texel.unshadowed = (texel.unshadowed - all.sum(blocked_bits)).max(Vec3::ZERO);
                     }
                 }
             }
             for of in (0..CLASSES).filter(|of| rays.iter().any(|ray| class(ray.angle_rad) == *of)) {
                 let light = |ray: &Ray| if class(ray.angle_rad) == of { ray.light } else { Vec3::ZERO };
-                let sums = Sums::of(&rays.iter().map(light).collect::<Vec<_>>());
-                for (gone, word) in gone.iter_mut().zip(&mask.bits).filter(|(_, word)| **word != 0) {
-                    gone.of_class[of] += sums.sum(*word);
+                let sums = BitSums::of(&rays.iter().map(light).collect::<Vec<_>>());
+                for (texel, word) in texels.iter_mut().zip(&mask.bits).filter(|(_, word)| **word != 0) {
+                    texel.blocked[of] += sums.sum(*word);
                 }
             }
         }
         for (number, lamp) in sky.lamps.iter().enumerate() {
             let place_m = |i: usize| self.place_m(i % width, rows_from + i / width);
             let real = |n: usize, i: usize| blocked.map_or(0, |blocked| blocked.lamp(number, n, place_m(i)));
-            let seen = self.seen(lamp, &mut mask, outline, real);
-            for (i, [stopped, open]) in seen.into_iter().enumerate() {
+            let fractions = self.lamp_fractions(lamp, &mut mask, outline, real);
+            for (i, [blocked_share, unblocked_share]) in fractions.into_iter().enumerate() {
                 let light = lamp.light_at(place_m(i));
-                gone[i].all += light * open;
-                gone[i].of_class[class(lamp.angle_rad())] += light * stopped;
+                texels[i].unshadowed += light * unblocked_share;
+                texels[i].blocked[class(lamp.angle_rad())] += light * blocked_share;
             }
         }
     }
 
-    /// The share of a lamp that things stop on the way to each texel of the mask's rows, and the one that real things leave, of which
-    /// the first is a part. `real` gives which of 32 points real things stop.
-    fn seen(
+    /// For each texel of the mask's rows, the fraction of a lamp that virtual objects block and
+    /// real ones do not, and the fraction that real ones do not block. `real` returns the bit mask
+    /// of 32 points that real objects block.
+    fn lamp_fractions(
         &self,
         lamp: &Lamp,
         mask: &mut Mask,
@@ -310,17 +318,17 @@ impl ShadowTexture {
             mask.clear();
             for (bit, point) in (0..).zip(points) {
                 let jitter = jitter(n * RAYS_PER_MASK + bit as usize);
-                mask.stop(bit, outline, |c| {
+                mask.rasterize(bit, outline, |c| {
                     let below = point.z - c.z;
                     let along = c.z / below;
                     (below > 0.02 * point.z)
                         .then(|| self.texel_of(c.truncate() + (c.truncate() - point.truncate()) * along) + jitter)
                 });
             }
-            for (i, ([stopped, open], word)) in counts.iter_mut().zip(&mask.bits).enumerate() {
-                let real = real(n, i);
-                *stopped += (word & !real).count_ones();
-                *open += points.len() as u32 - real.count_ones();
+            for (i, ([blocked_count, unblocked_count], word)) in counts.iter_mut().zip(&mask.bits).enumerate() {
+                let real_bits = real(n, i);
+                *blocked_count += (word & !real_bits).count_ones();
+                *unblocked_count += points.len() as u32 - real_bits.count_ones();
             }
         }
         counts.into_iter().map(|counts| counts.map(|count| count as f32 / lamp.points_m.len() as f32)).collect()
@@ -330,8 +338,8 @@ impl ShadowTexture {
         self.low_m + self.texel_m * (Vec2::new(x as f32, y as f32) + 0.5)
     }
 
-    /// 1 within the shadow map, smoothly 0 at its outermost texels.
-    fn rim(&self, x: usize, y: usize) -> f32 {
+    /// Fade at the border: 1 inside the shadow map, smoothly 0 at its outermost texels.
+    fn border_fade(&self, x: usize, y: usize) -> f32 {
         let towards = |at: usize, side: u32| {
             let from_edge = (at as f32).min(side as f32 - 1.0 - at as f32) / (FADE_WIDTH * side as f32);
             let t = from_edge.clamp(0.0, 1.0);
@@ -340,7 +348,7 @@ impl ShadowTexture {
         towards(x, self.width) * towards(y, self.height)
     }
 
-    /// Interpolated at a place in texels, as the shader does; 0 beyond the shadow map.
+    /// D interpolated at a position in texels, the same as in the shader; 0 outside the shadow map.
     pub fn at_texel(&self, at: DVec2) -> Vec3 {
         let size = DVec2::new(self.width.into(), self.height.into());
         if at.cmplt(DVec2::ZERO).any() || at.cmpgt(size).any() {
@@ -361,12 +369,12 @@ impl ShadowTexture {
 impl ShadowMap {
     /// World position at coordinates relative to the texture's sides.
     pub fn at(&self, across: f64, down: f64) -> DVec3 {
-        let shares = &self.texture;
-        let size = Vec2::new(shares.width as f32, shares.height as f32).as_dvec2() * f64::from(shares.texel_m);
-        self.floor.at(shares.low_m.as_dvec2() + size * DVec2::new(across, down))
+        let texture = &self.texture;
+        let size = Vec2::new(texture.width as f32, texture.height as f32).as_dvec2() * f64::from(texture.texel_m);
+        self.floor.at(texture.low_m.as_dvec2() + size * DVec2::new(across, down))
     }
 
-    /// The share of the light that is taken at a point of the floor.
+    /// D at a point of the plane.
     pub fn taken_at(&self, point: DVec3) -> Vec3 {
         let place = self.floor.floor_from_world().transform_point3(point).truncate();
         self.texture.at_texel((place - self.texture.low_m.as_dvec2()) / f64::from(self.texture.texel_m))

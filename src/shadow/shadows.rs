@@ -15,9 +15,9 @@ use super::group::Group;
 use super::last::Last;
 use super::light_visibility;
 use super::receiver_mask::ReceiverMask;
-use super::room::{ABOVE_M, OccluderMask, Room};
+use super::room::{MIN_HEIGHT_M, OccluderMask, Room};
 use super::shadow_map::{Real, ShadowMap, ShadowTexture};
-use super::sky::{Around, EnvSample, Ray, Sky, rays};
+use super::sky::{EnvSample, EnvironmentImage, Ray, Sky, rays};
 use crate::digest::{Digest, Digester};
 use crate::memo::Memo;
 use crate::quality::Quality;
@@ -26,7 +26,8 @@ use crate::scene::{Lighting, Object, Scene};
 
 /// Number of memoized extents, occluder masks and directions of planes.
 const MEMO_CAPACITY: usize = 256;
-/// Memory of the memoized shadow textures, bytes. A texture takes at most 5 MB, most a tenth of that.
+/// Memory of the memoized shadow textures, bytes. A texture takes at most 5 MB, most a tenth of
+/// that.
 const TEXTURE_BUDGET_BYTES: usize = 256 << 20;
 
 /// Results of all compositors.
@@ -54,7 +55,7 @@ impl ShadowMemo {
 #[derive(Debug)]
 pub struct Shadows {
     lighting: Lighting,
-    around: Around,
+    environment_image: EnvironmentImage,
     memo: &'static ShadowMemo,
     casters: Casters,
     /// Distant light by the axes of the receiver plane.
@@ -73,13 +74,13 @@ type LightVisibility = (Vec<Object>, Vec<Option<Arc<Lightmap>>>);
 impl Shadows {
     /// For scenes of these meshes and this light.
     pub fn new(scene: &Scene) -> Self {
-        Self::with_memo(scene, Around::new(&scene.lighting.environment), &SHADOW_MEMO)
+        Self::with_memo(scene, EnvironmentImage::new(&scene.lighting.environment), &SHADOW_MEMO)
     }
 
-    fn with_memo(scene: &Scene, around: Around, memo: &'static ShadowMemo) -> Self {
+    fn with_memo(scene: &Scene, environment_image: EnvironmentImage, memo: &'static ShadowMemo) -> Self {
         Self {
             lighting: scene.lighting.clone(),
-            around,
+            environment_image,
             memo,
             casters: Casters::default(),
             rays: Memo::new(MEMO_CAPACITY),
@@ -93,9 +94,10 @@ impl Shadows {
     /// Replaces the light on the same meshes. Samples of an unchanged environment stay.
     pub fn set_lighting(&mut self, scene: &Scene) {
         let is_same = self.lighting.environment == scene.lighting.environment;
-        let around = if is_same { self.around.clone() } else { Around::new(&scene.lighting.environment) };
+        let environment_image =
+            if is_same { self.environment_image.clone() } else { EnvironmentImage::new(&scene.lighting.environment) };
         let environment = self.environment.take().filter(|_| is_same);
-        *self = Self { environment, ..Self::with_memo(scene, around, self.memo) };
+        *self = Self { environment, ..Self::with_memo(scene, environment_image, self.memo) };
     }
 
     /// Sets the real objects that block light, too.
@@ -109,8 +111,8 @@ impl Shadows {
         }
     }
 
-    /// The fraction of suns and lamps that real objects leave visible from the scene's objects: lightmaps of
-    /// one texel for their parts, in order.
+    /// The fraction of suns and lamps that real objects leave visible from the scene's objects:
+    /// lightmaps of one texel for their parts, in order.
     pub fn light_visibility(&mut self, scene: &Scene) -> Vec<Option<Arc<Lightmap>>> {
         let Some((room, _)) = &self.room else { return Vec::new() };
         if let Some((_, known)) = self.last_visibility.as_ref().filter(|(objects, _)| *objects == scene.objects) {
@@ -121,8 +123,8 @@ impl Shadows {
         maps
     }
 
-    /// The shadow maps of the scene's objects as they are placed, and their quality: final ones may be known
-    /// where previews are requested.
+    /// The shadow maps of the scene's objects as they are placed, and their quality: final ones may
+    /// be known where previews are requested.
     pub fn shadow_maps(&mut self, scene: &Scene, quality: Quality) -> (Vec<ShadowMap>, Quality) {
         if let Some(shadow_maps) = self.last.as_ref().and_then(|last| last.of(&scene.objects)) {
             return (shadow_maps, Quality::Final);
@@ -146,9 +148,9 @@ impl Shadows {
         last.shadow_maps()
     }
 
-    /// Where only planes moved, and not far, as when a lens is changed, the last shadow maps move with them.
-    /// Elsewhere a group without a memoized shadow map gets a preview for each of its objects, so that light is
-    /// subtracted twice where two of their shadows meet.
+    /// Where only planes moved, and not far, as when a lens is changed, the last shadow maps move
+    /// with them. Elsewhere a group without a memoized shadow map gets a preview for each of its
+    /// objects, so that light is subtracted twice where two of their shadows meet.
     fn preview_maps(&mut self, scene: &Scene) -> (Vec<ShadowMap>, Quality) {
         if let Some(shadow_maps) = self.last.as_ref().and_then(|last| last.on_floors_of(scene)) {
             return (shadow_maps, Quality::Preview);
@@ -227,8 +229,9 @@ impl Shadows {
         Some(ShadowMap { floor, texture, is_beside: false })
     }
 
-    /// The facets of all objects that cast shadows: each with its plane and its caster. Objects do not share these:
-    /// where two shadows meet on a facet, light that both block is subtracted twice.
+    /// The facets of all objects that cast shadows: each with its plane and its caster. Objects do
+    /// not share these: where two shadows meet on a facet, light that both block is subtracted
+    /// twice.
     fn facets(&mut self, scene: &Scene) -> Vec<(Floor, Caster)> {
         let mut all = Vec::new();
         for object in by_place(scene).into_iter().map(|index| &scene.objects[index]).filter(|o| !o.shadowless) {
@@ -237,7 +240,8 @@ impl Shadows {
                 let Some(floor) = first.and_then(|first| Floor::below(&facet.plane, &first.world_from_mesh)) else {
                     continue;
                 };
-                let environment = self.environment.get_or_insert_with(|| self.around.everywhere().into()).clone();
+                let environment =
+                    self.environment.get_or_insert_with(|| self.environment_image.sphere_samples().into()).clone();
                 let mut sky = self.sky(&floor, Some(&environment));
                 if let Some((room, _)) = &self.room {
                     sky = without_walled(sky, room, &floor, scene, object);
@@ -249,8 +253,8 @@ impl Shadows {
         all
     }
 
-    /// Indices of objects on a plane, those together whose shadows may meet. The order in which a scene lists them
-    /// does not matter.
+    /// Indices of objects on a plane, those together whose shadows may meet. The order in which a
+    /// scene lists them does not matter.
     fn groups(&mut self, scene: &Scene) -> Vec<Vec<usize>> {
         let order = by_place(scene);
         let mut groups: Vec<Group> = Vec::new();
@@ -260,7 +264,7 @@ impl Shadows {
             // It may join groups that were apart.
             let mut apart = Vec::new();
             for group in groups {
-                if own.meets(&group) {
+                if own.overlaps(&group) {
                     own = group.joined(own);
                 } else {
                     apart.push(group);
@@ -273,7 +277,8 @@ impl Shadows {
         groups.iter().map(in_order).collect()
     }
 
-    /// The plane that objects share, their caster, and the rectangle of their shadow: the union of each one's.
+    /// The plane that objects share, their caster, and the rectangle of their shadow: the union of
+    /// each one's.
     fn group_caster(&mut self, scene: &Scene, members: &[usize]) -> Option<(Floor, Caster, Extent)> {
         let objects: Vec<&Object> = members.iter().map(|index| &scene.objects[*index]).collect();
         let first = objects.first()?;
@@ -301,7 +306,7 @@ impl Shadows {
 
     /// Light on a plane. `environment`: for a facet, all samples of the environment.
     fn sky(&self, floor: &Floor, environment: Option<&[EnvSample]>) -> Arc<Sky> {
-        let compute = |_: &DMat3| rays(&self.lighting, &self.around, floor);
+        let compute = |_: &DMat3| rays(&self.lighting, &self.environment_image, floor);
         let rays = self.rays.get_or_insert_with(floor.axes, compute);
         Arc::new(Sky::new(&self.lighting, rays, floor, environment))
     }
@@ -325,19 +330,21 @@ fn mask_key(room: &Digest, floor: &Floor, caster: &Caster, extent: Extent) -> Di
     digester.finish()
 }
 
-/// A facet is a piece of something that may go on: without the suns and the lamps behind it that real things keep from an object.
+/// A facet is a piece of something that may go on: without the suns and the lamps behind it that
+/// real things keep from an object.
 fn without_walled(sky: Arc<Sky>, room: &Room, floor: &Floor, scene: &Scene, object: &Object) -> Arc<Sky> {
     let Some(corners_m) = object.corners_m(scene) else { return sky };
     let middle_m = corners_m.into_iter().sum::<DVec3>() / 8.0;
-    let is_floor =
-        |at_m: DVec3| object.support.is_some_and(|plane| plane.normal.dot(at_m - plane.point_m) < f64::from(ABOVE_M));
-    let is_walled = |towards: DVec3, far_m: f64| room.stands_between(middle_m, towards, far_m, is_floor);
+    let is_floor = |at_m: DVec3| {
+        object.support.is_some_and(|plane| plane.normal.dot(at_m - plane.point_m) < f64::from(MIN_HEIGHT_M))
+    };
+    let is_walled = |towards: DVec3, far_m: f64| room.blocks(middle_m, towards, far_m, is_floor);
     let of_sun = |towards: Vec3| is_walled(floor.axes * towards.as_dvec3(), f64::INFINITY);
     let of_lamp = |at_m: Vec3| {
         let way_m = floor.origin_m + floor.axes * at_m.as_dvec3() - middle_m;
         is_walled(way_m.normalize_or_zero(), way_m.length())
     };
-    Arc::new(Sky::clone(&sky).behind_without(of_sun, of_lamp))
+    Arc::new(Sky::clone(&sky).without_back_lights(of_sun, of_lamp))
 }
 
 /// The objects with parts, by where the first one stands.

@@ -3,15 +3,15 @@ use super::*;
 use crate::scene::{Environment, Facet, Material, Part, PointLight, Sun, Support};
 use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 
-/// With a memo of its own.
+/// Shadows with an empty memo.
 fn fresh(scene: &Scene) -> Shadows {
     let memo = Box::leak(Box::new(ShadowMemo::new()));
-    Shadows::with_memo(scene, Around::new(&scene.lighting.environment), memo)
+    Shadows::with_memo(scene, EnvironmentImage::new(&scene.lighting.environment), memo)
 }
 
 const HALF: Vec3 = Vec3::new(0.04, 0.03, 0.05);
 
-/// Boxes on a floor, at places and turned about its normal.
+/// Boxes on a floor, at positions x, y and angles about its normal.
 fn scene(lighting: Lighting, floor: &Floor, boxes: &[(f64, f64, f64)]) -> Scene {
     let world_from_floor = DAffine3 { matrix3: floor.axes, translation: floor.origin_m };
     let object = |(x, y, turn): &(f64, f64, f64)| {
@@ -23,7 +23,7 @@ fn scene(lighting: Lighting, floor: &Floor, boxes: &[(f64, f64, f64)]) -> Scene 
     };
     Scene {
         meshes: vec![Arc::new(block(HALF))],
-        // What is black throws nothing back.
+        // Black, without indirect light.
         materials: vec![Material { base_color: [0.0, 0.0, 0.0, 1.0], ..Material::default() }],
         objects: boxes.iter().map(object).collect(),
         lighting,
@@ -36,44 +36,44 @@ fn only(shadow_map: Vec<ShadowMap>) -> ShadowMap {
     shadow_map.into_iter().next().unwrap()
 }
 
-fn even_sky() -> Lighting {
+fn uniform_sky() -> Lighting {
     Lighting { environment: Environment::Uniform(Vec3::ONE), ..Lighting::default() }
 }
 
-/// Whether a ray from a place on the floor meets the box, by its six planes.
-fn meets(at: DVec3, towards: DVec3) -> bool {
+/// True if a ray from a place on the floor hits the box, by its six planes.
+fn hits_box(at: DVec3, towards: DVec3) -> bool {
     let (low, high) = (DVec3::new(-0.04, -0.03, 0.0), DVec3::new(0.04, 0.03, 0.1));
     let (a, b) = ((low - at) / towards, (high - at) / towards);
     a.min(b).max_element().max(0.0) <= a.max(b).min_element()
 }
 
 #[test]
-fn under_an_even_sky_it_is_what_many_rays_find() {
+fn shadow_of_a_uniform_sky_matches_many_rays() {
     let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
-    let scene = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
+    let scene = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0)]);
     let shadow_map = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0);
     let mut worst = 0.0f64;
     for at in [(0.045, 0.0), (0.06, 0.02), (0.0, 0.04), (0.1, -0.05), (-0.15, 0.1), (0.0, 0.25), (0.02, 0.01)] {
-        // Evenly over the cosine: a disc, raised to the hemisphere.
+        // Cosine-distributed: a disc projected to the hemisphere.
         let count = 16384;
-        let stopped = (0..count).filter(|n| {
+        let blocked = (0..count).filter(|n| {
             let r = ((*n as f64 + 0.5) / count as f64).sqrt();
             let (s, c) = (*n as f64 * 2.399_963_229_728_653).sin_cos();
             let towards = DVec3::new(r * c + 1e-12, r * s + 1e-12, (1.0 - r * r).sqrt());
-            meets(DVec3::new(at.0, at.1, 0.0), towards)
+            hits_box(DVec3::new(at.0, at.1, 0.0), towards)
         });
-        let truth = stopped.count() as f64 / count as f64;
+        let truth = blocked.count() as f64 / count as f64;
         let found = shadow_map.taken_at(floor.at(glam::DVec2::new(at.0, at.1)));
         assert!(found.abs_diff_eq(Vec3::splat(found.x), 1e-4), "a grey sky: {found}");
         worst = worst.max((f64::from(found.x) - truth).abs());
     }
-    // 512 rays: an edge between two of them is 1/512; a code of a mid-grey floor is 0.009.
+    // An edge between two of 512 rays is 1/512. A code of a mid-grey floor is 0.009.
     assert!(worst < 0.008, "{worst}");
     assert_eq!(shadow_map.taken_at(floor.at(glam::DVec2::new(3.0, 0.0))), Vec3::ZERO);
 }
 
 #[test]
-fn a_lamp_s_shadow_lies_where_its_rays_are_stopped_and_has_its_colour() {
+fn shadow_of_a_lamp_has_its_outline_and_its_colour() {
     let floor = Floor::new(DVec3::ZERO, DVec3::Z);
     let world = |v: DVec3| floor.axes * v;
     let lamp = PointLight {
@@ -83,32 +83,33 @@ fn a_lamp_s_shadow_lies_where_its_rays_are_stopped_and_has_its_colour() {
         range_m: f32::INFINITY,
         spot: None,
     };
-    let lighting = Lighting { points: vec![lamp], ..even_sky() };
+    let lighting = Lighting { points: vec![lamp], ..uniform_sky() };
     let scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
     let shadow_map = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0);
     let at = |x: f64, y: f64| shadow_map.taken_at(floor.at(glam::DVec2::new(x, y)));
-    // From 0.6 m the top at 0.1 m is thrown outwards by 0.6/0.5: its edge lies at 0.048 m, blurred by the lamp.
+    // From 0.6 m the top at 0.1 m is magnified by 0.6/0.5: its edge is at 0.048 m, with the lamp's
+    // penumbra.
     let (inside, outside) = (at(0.043, 0.0), at(0.056, 0.0));
     assert!(inside.x > outside.x + 0.2, "{inside} {outside}");
-    // Of the other colours only the sky's is taken.
+    // In the other colours only the sky's light is blocked.
     assert!(inside.x > inside.y + 0.15 && outside.x < outside.y, "{inside} {outside}");
 }
 
 #[test]
-fn what_is_shown_holds_all_that_is_worth_it_and_what_is_dark_lies_within() {
+fn bounds_contain_all_visible_shadow_and_the_dark_part() {
     let floor = Floor::new(DVec3::ZERO, DVec3::Z);
-    let scene = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
-    let shares = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0).texture;
-    let size = glam::DVec2::new(shares.width.into(), shares.height.into());
+    let scene = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0)]);
+    let texture = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0).texture;
+    let size = glam::DVec2::new(texture.width.into(), texture.height.into());
     let outside = |part: crate::shadow::Part, least: f32| {
-        shares.taken.iter().enumerate().any(|(i, taken)| {
-            let texel = glam::UVec2::new(i as u32 % shares.width, i as u32 / shares.width).as_dvec2();
+        texture.taken.iter().enumerate().any(|(i, taken)| {
+            let texel = glam::UVec2::new(i as u32 % texture.width, i as u32 / texture.width).as_dvec2();
             let is_outside = texel.cmplt(part.low * size).any() || (texel + 1.0).cmpgt(part.high * size).any();
             is_outside && taken.iter().any(|share| share.abs() > least)
         })
     };
-    assert!(!outside(shares.shown, 0.003) && !outside(shares.dark, 0.05));
-    let (shown, dark) = (shares.shown, shares.dark);
+    assert!(!outside(texture.shown, 0.003) && !outside(texture.dark, 0.05));
+    let (shown, dark) = (texture.shown, texture.dark);
     assert!(shown.low.cmplt(dark.low).all() && dark.high.cmplt(shown.high).all(), "{dark:?} is not within {shown:?}");
     assert!((dark.high - dark.low).element_product() < 0.3 * (shown.high - shown.low).element_product());
 }
@@ -118,7 +119,7 @@ fn approximate_map_is_close_to_the_final_one_which_is_reused() {
     let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::new(0.2, -0.9, 0.3).normalize());
     let sun =
         Sun { towards_light_in_world: Vec3::new(0.4, -0.8, 0.3).normalize(), color: Vec3::ONE, diameter_rad: 0.3 };
-    let apart = scene(Lighting { suns: vec![sun], ..even_sky() }, &floor, &[(0.0, 0.0, 0.0), (1.5, 0.0, 0.3)]);
+    let apart = scene(Lighting { suns: vec![sun], ..uniform_sky() }, &floor, &[(0.0, 0.0, 0.0), (1.5, 0.0, 0.3)]);
     let mut shadows = fresh(&apart);
     let (preview, quality) = shadows.shadow_maps(&apart, Quality::Preview);
     let exact = shadows.shadow_maps(&apart, Quality::Final).0;
@@ -131,13 +132,13 @@ fn approximate_map_is_close_to_the_final_one_which_is_reused() {
         (off, dark, count) = (off + (preview - exact).abs(), dark + exact, count + 1.0);
     }
     assert!(dark / count > 0.05 && off < 0.15 * dark, "{off} of {dark}");
-    // Now all is known, also where something else has moved that stands apart.
+    // Now all maps are memoized, also after an object elsewhere has moved.
     assert_eq!(shadows.shadow_maps(&apart, Quality::Preview), (exact.clone(), Quality::Final));
     let mut moved = apart.clone();
     moved.objects[1].move_by(DAffine3::from_translation(floor.axes * DVec3::new(0.3, 0.1, 0.0)));
     let (shadow_maps, quality) = shadows.shadow_maps(&moved, Quality::Preview);
     assert!(!quality.is_preview() && shadow_maps.len() == 2);
-    // Where things come close, each keeps the shadow map that it has alone.
+    // In a preview, objects that come close keep their separate shadow maps.
     moved.objects[1].move_by(DAffine3::from_translation(floor.axes * DVec3::new(-1.68, -0.1, 0.0)));
     let (shadow_maps, quality) = shadows.shadow_maps(&moved, Quality::Preview);
     assert!(quality.is_preview() && shadow_maps.len() == 2 && shadows.shadow_maps(&moved, Quality::Final).0.len() == 1);
@@ -149,7 +150,7 @@ fn approximate_map_is_close_to_the_final_one_which_is_reused() {
 #[test]
 fn floor_that_moves_a_little_reuses_the_last_map() {
     let floor = Floor::new(DVec3::new(0.3, -0.2, 1.0), DVec3::Z);
-    let scene = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
+    let scene = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0)]);
     let mut shadows = fresh(&scene);
     let exact = only(shadows.shadow_maps(&scene, Quality::Final).0);
     let moved = |tilt: f64, up_m: f64| {
@@ -158,18 +159,18 @@ fn floor_that_moves_a_little_reuses_the_last_map() {
         moved.objects[0].support = Some(Support { point_m, normal });
         moved
     };
-    let (sketch, quality) = shadows.shadow_maps(&moved(0.1, -0.02), Quality::Preview);
-    let sketch = only(sketch);
-    assert!(quality.is_preview() && Arc::ptr_eq(&sketch.texture, &exact.texture));
-    assert!(sketch.floor.normal().x > 0.09 && (sketch.floor.origin_m.z - 0.98).abs() < 0.01, "{:?}", sketch.floor);
+    let (preview, quality) = shadows.shadow_maps(&moved(0.1, -0.02), Quality::Preview);
+    let preview = only(preview);
+    assert!(quality.is_preview() && Arc::ptr_eq(&preview.texture, &exact.texture));
+    assert!(preview.floor.normal().x > 0.09 && (preview.floor.origin_m.z - 0.98).abs() < 0.01, "{:?}", preview.floor);
     for (tilt, up_m) in [(0.3, 0.0), (0.0, -0.05)] {
-        let (sketch, quality) = shadows.shadow_maps(&moved(tilt, up_m), Quality::Preview);
-        assert!(quality.is_preview() && !Arc::ptr_eq(&only(sketch).texture, &exact.texture), "{tilt} {up_m}");
+        let (preview, quality) = shadows.shadow_maps(&moved(tilt, up_m), Quality::Preview);
+        assert!(quality.is_preview() && !Arc::ptr_eq(&only(preview).texture, &exact.texture), "{tilt} {up_m}");
     }
     let mut bare = moved(0.1, 0.0);
     bare.objects[0].shadowless = true;
     assert_eq!(shadows.shadow_maps(&bare, Quality::Preview).0, []);
-    // A whole one is of the floor as it is.
+    // A final map is that of the new floor.
     assert!(!Arc::ptr_eq(&only(shadows.shadow_maps(&moved(0.1, 0.0), Quality::Final).0).texture, &exact.texture));
 }
 
@@ -184,13 +185,13 @@ fn shadow_maps_after_a_change_of_light_are_those_of_the_new_light() {
         spot: None,
     };
     let of = |lighting: Lighting| scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
-    let [left, right] = [-0.5, 0.5].map(|x| of(Lighting { points: vec![lamp(x)], ..even_sky() }));
+    let [left, right] = [-0.5, 0.5].map(|x| of(Lighting { points: vec![lamp(x)], ..uniform_sky() }));
     let dark_sky = Environment::Uniform(Vec3::splat(0.1));
     let dark = of(Lighting { points: vec![lamp(0.5)], environment: dark_sky, ..Lighting::default() });
     let mut shadows = fresh(&left);
     let first = shadows.shadow_maps(&left, Quality::Final).0;
-    // Shadow maps are compared by whether they are the very same.
-    let shares = |shadow_maps: Vec<ShadowMap>| {
+    // Shadow maps are compared by address, textures by value.
+    let texture = |shadow_maps: Vec<ShadowMap>| {
         shadow_maps.iter().map(|shadow_map| ShadowTexture::clone(&shadow_map.texture)).collect::<Vec<_>>()
     };
     for scene in [&right, &dark, &left] {
@@ -202,21 +203,21 @@ fn shadow_maps_after_a_change_of_light_are_those_of_the_new_light() {
             continue;
         }
         assert!(quality.is_preview());
-        assert!(shares(preview) == shares(fresh(scene).shadow_maps(scene, Quality::Preview).0));
+        assert!(texture(preview) == texture(fresh(scene).shadow_maps(scene, Quality::Preview).0));
         assert!(
-            shares(shadows.shadow_maps(scene, Quality::Final).0)
-                == shares(fresh(scene).shadow_maps(scene, Quality::Final).0)
+            texture(shadows.shadow_maps(scene, Quality::Final).0)
+                == texture(fresh(scene).shadow_maps(scene, Quality::Final).0)
         );
     }
-    let first = shares(first);
+    let first = texture(first);
     assert!(
-        shares(shadows.shadow_maps(&left, Quality::Final).0) == first
-            && shares(fresh(&right).shadow_maps(&right, Quality::Final).0) != first
+        texture(shadows.shadow_maps(&left, Quality::Final).0) == first
+            && texture(fresh(&right).shadow_maps(&right, Quality::Final).0) != first
     );
 }
 
 #[test]
-fn a_sun_s_shadow_lies_to_the_other_side() {
+fn shadow_of_a_sun_is_on_the_opposite_side() {
     let floor = Floor::new(DVec3::ZERO, DVec3::NEG_Y);
     let towards = (floor.axes * DVec3::new(1.0, 0.0, 1.0).normalize()).as_vec3();
     let sun = Sun { towards_light_in_world: towards, color: Vec3::ONE, diameter_rad: 0.01 };
@@ -224,15 +225,15 @@ fn a_sun_s_shadow_lies_to_the_other_side() {
     let scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
     let shadow_map = only(fresh(&scene).shadow_maps(&scene, Quality::Final).0);
     let at = |x: f64, y: f64| shadow_map.taken_at(floor.at(glam::DVec2::new(x, y))).x;
-    // 0.1 m high under 45°: from −0.04 m to −0.14.
+    // A height of 0.1 m under 45°: from −0.04 m to −0.14 m.
     assert!(at(-0.135, 0.0) > 0.99 && at(-0.145, 0.0) < 0.01, "{} {}", at(-0.135, 0.0), at(-0.145, 0.0));
     assert!(at(-0.1, 0.027) > 0.99 && at(-0.1, 0.033) < 0.01 && at(0.05, 0.0) < 0.01);
 }
 
 #[test]
-fn objects_whose_shadows_meet_share_a_shadow_map() {
+fn objects_with_overlapping_shadows_share_a_shadow_map() {
     let floor = Floor::new(DVec3::ZERO, DVec3::Z);
-    let both = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0), (0.12, 0.0, 0.4)]);
+    let both = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0), (0.12, 0.0, 0.4)]);
     let shadow_map = only(fresh(&both).shadow_maps(&both, Quality::Final).0);
     let alone = |n: usize| {
         let one = Scene { objects: vec![both.objects[n].clone()], ..both.clone() };
@@ -240,53 +241,53 @@ fn objects_whose_shadows_meet_share_a_shadow_map() {
     };
     let between = floor.at(glam::DVec2::new(0.06, 0.0));
     let [together, left, right] = [&shadow_map, &alone(0), &alone(1)].map(|shadow_map| shadow_map.taken_at(between).x);
-    // They stand to different sides: what one takes the other does not.
+    // They block light from different sides.
     assert!((together - left - right).abs() < 0.03 && together < 1.0, "{together} {left} {right}");
-    let apart = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0), (5.0, 0.0, 0.4)]);
+    let apart = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0), (5.0, 0.0, 0.4)]);
     assert_eq!(fresh(&apart).shadow_maps(&apart, Quality::Final).0.len(), 2);
-    let shadowless = scene(even_sky(), &floor, &[(0.0, 0.0, 0.0)]);
+    let shadowless = scene(uniform_sky(), &floor, &[(0.0, 0.0, 0.0)]);
     let object = Object { shadowless: true, ..shadowless.objects[0].clone() };
     let shadowless = Scene { objects: vec![object], ..shadowless };
     assert!(fresh(&shadowless).shadow_maps(&shadowless, Quality::Final).0.is_empty());
 }
 
 #[test]
-fn beside_a_wall_its_shadow_falls_on_the_wall_as_a_floor_there_would_have_it() {
+fn shadow_on_a_wall_matches_that_on_a_floor_in_its_plane() {
     let floor = Floor::new(DVec3::ZERO, DVec3::Z);
     let sun =
         Sun { towards_light_in_world: Vec3::new(-1.0, 0.0, 0.5).normalize(), color: Vec3::ONE, diameter_rad: 0.02 };
-    let mut scene = scene(Lighting { suns: vec![sun], ..even_sky() }, &floor, &[(0.0, 0.0, 0.0)]);
-    // A wall 4 cm to the right of the box, whose side is at 0.04 m in some turn of the floor's axes.
+    let mut scene = scene(Lighting { suns: vec![sun], ..uniform_sky() }, &floor, &[(0.0, 0.0, 0.0)]);
+    // A wall 4 cm to the right of the box.
     let reach = scene.objects[0].points_m(&scene).map(|p| p.x).fold(f64::NEG_INFINITY, f64::max);
     let plane = Support { point_m: DVec3::new(reach + 0.04, 0.0, 0.1), normal: DVec3::NEG_X };
     let half = glam::DVec2::new(0.3, 0.1);
     let facet = Facet { plane, along: DVec3::Y, low_m: -half, high_m: half };
     scene.objects[0].facets = vec![facet];
     let mut shadows = fresh(&scene);
-    let (sketch, quality) = shadows.shadow_maps(&scene, Quality::Preview);
-    assert!(quality.is_preview() && sketch.len() == 2);
+    let (preview, quality) = shadows.shadow_maps(&scene, Quality::Preview);
+    assert!(quality.is_preview() && preview.len() == 2);
     let shadow_maps = shadows.shadow_maps(&scene, Quality::Final).0;
     assert_eq!((shadow_maps.len(), shadow_maps.iter().filter(|shadow_map| shadow_map.is_beside).count()), (2, 1));
     assert_eq!(shadows.shadow_maps(&scene, Quality::Preview), (shadow_maps.clone(), Quality::Final));
     let wall = shadow_maps.iter().find(|shadow_map| shadow_map.is_beside).unwrap();
-    let preview = sketch.iter().find(|shadow_map| shadow_map.is_beside).unwrap();
-    // The same box stands as near to a floor that lies there, which ends nowhere.
+    let preview = preview.iter().find(|shadow_map| shadow_map.is_beside).unwrap();
+    // The same box near an unbounded floor in the plane of the wall.
     let mut lying = scene.clone();
     (lying.objects[0].support, lying.objects[0].facets) = (Some(plane), Vec::new());
     let lying = only(fresh(&lying).shadow_maps(&lying, Quality::Final).0);
     let at = |y: f64, z: f64| DVec3::new(plane.point_m.x, y, z);
     let (mut dark, mut off) = (0.0f32, 0.0f32);
     for (y, z) in (-10..=10).flat_map(|y| (3..10).map(move |z| (0.01 * f64::from(y), 0.02 * f64::from(z)))) {
-        let [found, wanted] = [wall, &lying].map(|shadow_map| shadow_map.taken_at(at(y, z)).x);
-        (dark, off) = (dark.max(found), off.max((found - wanted).abs()));
+        let [found, expected] = [wall, &lying].map(|shadow_map| shadow_map.taken_at(at(y, z)).x);
+        (dark, off) = (dark.max(found), off.max((found - expected).abs()));
         assert!((preview.taken_at(at(y, z)).x - found).abs() < 0.3);
     }
-    // Texels are not the same ones.
+    // The texels are different.
     assert!(dark > 0.5 && off < 0.06, "{dark} {off}");
-    // What lies 15 mm over the floor is the floor's, and what is beyond the rectangle is something else.
+    // The shadow on the wall ends 15 mm above the floor and at the rectangle.
     assert!(lying.taken_at(at(0.0, 0.01)).x > 0.3, "{}", lying.taken_at(at(0.0, 0.01)));
     assert_eq!([wall.taken_at(at(0.0, 0.01)), wall.taken_at(at(0.32, 0.1))], [Vec3::ZERO; 2]);
-    // On the floor the box takes what it took without a wall, and shadowless nothing on either.
+    // The shadow on the floor is that without a wall. A shadowless object has none on either.
     let ground = shadow_maps.iter().find(|shadow_map| !shadow_map.is_beside).unwrap();
     scene.objects[0].facets.clear();
     assert_eq!(only(fresh(&scene).shadow_maps(&scene, Quality::Final).0).texture, ground.texture);
@@ -294,12 +295,12 @@ fn beside_a_wall_its_shadow_falls_on_the_wall_as_a_floor_there_would_have_it() {
     assert_eq!(fresh(&scene).shadow_maps(&scene, Quality::Final).0, []);
 }
 
-/// A red box, and 4 cm to its right a wall of 0.2 m that faces it, in the light of a lamp.
-fn before_a_wall(at_m: DVec3, bright: f32) -> Scene {
+/// A red box, 4 cm to its right a wall of 0.2 m that faces it, and a lamp.
+fn in_front_of_a_wall(at_m: DVec3, bright: f32) -> Scene {
     let floor = Floor::new(DVec3::ZERO, DVec3::Z);
     let (color, range_m) = (Vec3::splat(bright), f32::INFINITY);
     let lamp = PointLight { position_in_world_m: at_m, color, diameter_m: 0.02, range_m, spot: None };
-    let lighting = Lighting { points: vec![lamp], ..even_sky() };
+    let lighting = Lighting { points: vec![lamp], ..uniform_sky() };
     let mut scene = scene(lighting, &floor, &[(0.0, 0.0, 0.0)]);
     scene.materials[0].base_color = [0.9, 0.0, 0.0, 1.0];
     let reach = scene.objects[0].points_m(&scene).map(|p| p.x).fold(f64::NEG_INFINITY, f64::max);
@@ -318,53 +319,53 @@ fn on_the_wall(scene: &Scene, room: Option<Room>) -> Vec3 {
 }
 
 #[test]
-fn light_that_goes_past_a_wall_comes_back_onto_it_from_the_thing_before_it() {
-    // Behind the wall and over it: the wall's front has no light of it, the box's side has.
-    let low = before_a_wall(DVec3::new(0.2, 0.0, 0.9), 10.0);
+fn object_reflects_light_from_behind_a_facet_onto_the_facet() {
+    // A lamp behind the wall and above it lights the side of the box and not the wall's front.
+    let low = in_front_of_a_wall(DVec3::new(0.2, 0.0, 0.9), 10.0);
     let mut high = low.clone();
-    // One so high that no light goes past it.
+    // A wall so high that no light passes it.
     high.objects[0].facets[0].high_m = glam::DVec2::splat(9.0);
     high.objects[0].facets[0].low_m = glam::DVec2::splat(-9.0);
     let [low, high] = [&low, &high].map(|scene| on_the_wall(scene, None));
     assert!(low.x < high.x - 0.2 && low.x < -0.1, "{low} {high}");
-    // A red thing throws no other colour.
+    // A red object reflects no other colour.
     assert!(low.y > 0.2 && (low.y - high.y).abs() < 0.01, "{low} {high}");
 }
 
 #[test]
-fn light_behind_a_wall_that_goes_on_beyond_its_facet_does_not_come_past_it() {
-    let low = before_a_wall(DVec3::new(0.2, 0.0, 0.9), 10.0);
-    let dim = before_a_wall(DVec3::new(0.2, 0.0, 0.9), 0.0);
+fn real_wall_beyond_its_facet_blocks_the_light_behind_it() {
+    let low = in_front_of_a_wall(DVec3::new(0.2, 0.0, 0.9), 10.0);
+    let dim = in_front_of_a_wall(DVec3::new(0.2, 0.0, 0.9), 0.0);
     let wall_m = low.objects[0].facets[0].plane.point_m.x;
-    // As high as the lamp and more, every centimetre of it seen twice.
+    // A wall higher than the lamp, with two points for each centimetre.
     let places = (0..2 * 120 * 150).map(|n| (n / 2 % 120, n / 240));
     let wall = Room::of(
         places.map(|(y, z)| DVec3::new(wall_m + 0.015, 0.01 * f64::from(y) - 0.595, 0.01 * f64::from(z) + 0.005)),
     );
-    let [past, walled] = [None, Some(wall)].map(|room| on_the_wall(&low, room).x);
+    let [past, with_real_wall] = [None, Some(wall)].map(|room| on_the_wall(&low, room).x);
     let none = on_the_wall(&dim, None).x;
-    assert!(past < none - 0.1 && (walled - none).abs() < 0.02, "{past} {walled} {none}");
+    assert!(past < none - 0.1 && (with_real_wall - none).abs() < 0.02, "{past} {with_real_wall} {none}");
 }
 
 #[test]
-fn a_lamp_that_real_things_keep_from_a_wall_is_not_taken_from_it() {
-    let lit = before_a_wall(DVec3::new(-0.8, 0.0, 0.25), 1.0);
+fn light_that_a_real_object_blocks_is_not_subtracted_from_a_wall() {
+    let lit = in_front_of_a_wall(DVec3::new(-0.8, 0.0, 0.25), 1.0);
     let mut dim = lit.clone();
     dim.lighting.points.clear();
-    // A board between the lamp and all else, every centimetre of it seen twice.
+    // A board between the lamp and the box, with two points for each centimetre.
     let places = (0..2 * 60 * 60).map(|n| (n / 2 % 60, n / 120));
     let board = places.map(|(y, z)| DVec3::new(-0.4, 0.01 * f64::from(y) - 0.3, 0.01 * f64::from(z)));
     let behind = Room::of(board.map(|at_m| at_m + DVec3::splat(0.005)));
-    let [open, stopped, dim] =
+    let [unblocked, blocked, dim] =
         [on_the_wall(&lit, None), on_the_wall(&lit, Some(behind)), on_the_wall(&dim, None)].map(|taken| taken.y);
-    assert!(open > dim + 0.2 && (stopped - dim).abs() < 1e-4, "{open} {stopped} {dim}");
+    assert!(unblocked > dim + 0.2 && (blocked - dim).abs() < 1e-4, "{unblocked} {blocked} {dim}");
 }
 
 #[test]
 fn object_moved_on_its_floor_has_the_map_of_a_new_one() {
     let floor = Floor::new(DVec3::new(0.1, 0.2, 0.3), DVec3::new(0.1, 0.2, 0.9).normalize());
-    let mut shadows = fresh(&scene(even_sky(), &floor, &[]));
-    let at = |x: f64, y: f64| scene(even_sky(), &floor, &[(x, y, 0.7)]);
+    let mut shadows = fresh(&scene(uniform_sky(), &floor, &[]));
+    let at = |x: f64, y: f64| scene(uniform_sky(), &floor, &[(x, y, 0.7)]);
     let first = only(shadows.shadow_maps(&at(0.0, 0.0), Quality::Final).0);
     let moved = only(shadows.shadow_maps(&at(0.731, -0.25), Quality::Final).0);
     assert!(Arc::ptr_eq(&first.texture, &moved.texture), "it was worked out again");

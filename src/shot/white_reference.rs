@@ -3,7 +3,7 @@
 //!
 //! Reflectance and lighting share a factor that a recording does not determine
 //! ([`crate::analyse`]). White paper and paint have a reflectance ρ of about 0.8. If the surface
-//! shows the light B, and white would show W under the estimated lighting ([`on_white`]), the
+//! shows the light B, and white would show W under the estimated lighting ([`white_radiance`]), the
 //! lighting is to be multiplied by B / (ρ·W), channel by channel.
 //!
 //! B is the median of a patch of a few pixels, through the camera's response, divided by the
@@ -17,7 +17,7 @@ use super::{FramePoint, Shot, SurfaceError};
 use crate::camera::Response;
 use crate::frame::Frame;
 use crate::scene::{Lighting, PointLight, Support};
-use crate::shadow::{OnWhite, on_white};
+use crate::shadow::{WhiteRadiance, white_radiance};
 
 /// Radius of the patch, px at a width of 640.
 const PATCH_RADIUS_PX: f64 = 2.0;
@@ -61,7 +61,7 @@ pub struct WhiteReference {
     /// Its linear light in a frame of usual exposure: red, green, blue.
     pub shown: [f64; 3],
     /// The light of a white matt surface there under the estimated lighting.
-    pub comes: OnWhite,
+    pub comes: WhiteRadiance,
 }
 
 /// Why a picked surface is no reference.
@@ -130,7 +130,7 @@ impl Shot {
                 return Err(WhiteReferenceError::Edge);
             }
             let support = Support { point_m: surface.point_m, normal: surface.normal_in_world };
-            let comes = on_white(lighting, &room, &support);
+            let comes = white_radiance(lighting, &room, &support);
             let factors = factors(shown, *reflectance, &comes, &lighting.points)?;
             Ok(WhiteReference { factors, point_m: support.point_m, normal: support.normal, shown, comes })
         };
@@ -142,7 +142,7 @@ impl Shot {
 fn factors(
     shown: [f64; 3],
     reflectance: f64,
-    comes: &OnWhite,
+    comes: &WhiteRadiance,
     lamps: &[PointLight],
 ) -> Result<[f64; 3], WhiteReferenceError> {
     let light = comes.light();
@@ -271,7 +271,7 @@ mod tests {
         // WhiteReference shows 0.5 by the sky and 0.25 by a lamp: 0.8 · 0.75 = 0.6. Measured is
         // 0.72: a factor of 1.2.
         let lamp = (Vec3::splat(0.25), 1.0);
-        let comes = OnWhite { far: Vec3::new(0.4, 0.5, 0.6), lamps: vec![lamp] };
+        let comes = WhiteRadiance { far: Vec3::new(0.4, 0.5, 0.6), lamps: vec![lamp] };
         let is_about = |found: [f64; 3], expected: [f64; 3]| {
             assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?} {expected:?}");
         };
@@ -279,20 +279,20 @@ mod tests {
         // A grey card of 0.3.
         is_about(factors([0.195, 0.225, 0.255], 0.3, &comes, &[]).unwrap(), [1.0; 3]);
         // With an occluded lamp, only the sky's light counts.
-        let hidden = OnWhite { lamps: vec![(lamp.0, 0.0)], ..comes.clone() };
+        let hidden = WhiteRadiance { lamps: vec![(lamp.0, 0.0)], ..comes.clone() };
         is_about(factors([0.32, 0.72, 0.48], 0.8, &hidden, &[]).unwrap(), [1.0, 1.8, 1.0]);
-        let half = OnWhite { lamps: vec![(lamp.0, 0.5)], ..comes.clone() };
+        let half = WhiteRadiance { lamps: vec![(lamp.0, 0.5)], ..comes.clone() };
         assert!(matches!(factors([0.72; 3], 0.8, &half, &[]), Err(WhiteReferenceError::HalfShadow { lamp: 1, .. })));
         // A lamp of little light may be partly visible.
-        let weak = OnWhite { lamps: vec![lamp, (Vec3::splat(0.02), 0.5)], ..comes };
+        let weak = WhiteRadiance { lamps: vec![lamp, (Vec3::splat(0.02), 0.5)], ..comes };
         assert!(factors([0.72; 3], 0.8, &weak, &[]).is_ok());
-        let dark = OnWhite { far: Vec3::ZERO, lamps: Vec::new() };
+        let dark = WhiteRadiance { far: Vec3::ZERO, lamps: Vec::new() };
         assert!(matches!(factors([0.72; 3], 0.8, &dark, &[]), Err(WhiteReferenceError::Unlit)));
     }
 
     #[test]
     fn implausible_and_coloured_factors_are_refused() {
-        let comes = OnWhite { far: Vec3::ONE, lamps: Vec::new() };
+        let comes = WhiteRadiance { far: Vec3::ONE, lamps: Vec::new() };
         for shown in [0.8 * 0.12, 0.8 * 8.1] {
             assert!(
                 matches!(factors([shown; 3], 0.8, &comes, &[]), Err(WhiteReferenceError::Implausible { .. })),

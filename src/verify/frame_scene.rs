@@ -9,7 +9,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec2, DVec3};
 
 use crate::camera::{Curve, Response};
-use crate::depth::seen_at_frame;
+use crate::depth::reprojected_at_frame;
 use crate::frame::{Across, Frame};
 use crate::pose::Pose;
 use crate::scene::{Material, Mesh, Object, Part, Scene, Texture, TextureUse, Vertex, Wrap};
@@ -29,7 +29,7 @@ pub fn frame_scene(shot: &Shot, frame: &Frame) -> Option<Scene> {
     let recording = &shot.recording;
     let time_s = frame.timestamp_s;
     let depth = frame.depth.as_ref()?;
-    let depth = seen_at_frame(&geometry, depth, &recording.track, recording.time_offset_s, time_s)?;
+    let depth = reprojected_at_frame(&geometry, depth, &recording.track, recording.time_offset_s, time_s)?;
     let (width, height) = (frame.pixels.width, frame.pixels.height);
     let (columns, rows) = (width.div_ceil(VERTEX_STEP_PX), height.div_ceil(VERTEX_STEP_PX));
     let mut vertices = Vec::with_capacity((columns * rows) as usize);

@@ -8,7 +8,7 @@ use crate::program::said;
 use glam::{DVec2, DVec3};
 use locard::analyse::Analysis;
 use locard::compositor::exposure_time_s;
-use locard::depth::{MattePixel, Neighbour, Rays, Repair, Wanted, measured_from};
+use locard::depth::{DepthRequest, MattePixel, Neighbour, Rays, Repair, measured_from};
 use locard::pixels::Rect;
 use locard::shot::Shot;
 
@@ -56,7 +56,7 @@ fn hides(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
     let whole = Rect::full(WIDTH as u32, HEIGHT as u32);
     let hidden = |s: &MattePixel| match (EVIDENCE_M > s.near_m + TOLERANCE_M, EVIDENCE_M > s.far_m + TOLERANCE_M) {
         (_, true) => 1.0,
-        (true, false) => f64::from(s.share),
+        (true, false) => f64::from(s.alpha),
         _ => 0.0,
     };
     let light = camera.response.table(255);
@@ -64,8 +64,8 @@ fn hides(shot: &Shot, frame: usize) -> (Vec<f64>, Vec<f64>) {
         let codes = frame.pixels.at((i % WIDTH) as u32, (i / WIDTH) as u32);
         codes.iter().map(|code| light[*code as usize]).sum::<f64>() / 3.0
     };
-    let shared = repair.over(whole, whole, whole, &Wanted::all(whole)).shared;
-    (shared.iter().map(hidden).collect(), (0..WIDTH * HEIGHT).map(mean).collect())
+    let mattes = repair.over(whole, whole, whole, &DepthRequest::all(whole)).mattes;
+    (mattes.iter().map(hidden).collect(), (0..WIDTH * HEIGHT).map(mean).collect())
 }
 
 /// Values across the edge, between pixels. `None` at the picture's rim.
@@ -135,7 +135,7 @@ fn screen() -> impl Iterator<Item = DVec3> {
 }
 
 #[test]
-#[ignore = "full tier: analyses a whole real recording; depth::repaired has a screen without depth in its place"]
+#[ignore = "full tier: analyses a whole real recording; depth::repair has a screen without depth in its place"]
 fn screen_missed_by_seven_frames_occludes_with_surfels() {
     let Some((mut shot, found)) = found::kinect() else { return };
     let temp = tempfile::tempdir().unwrap();

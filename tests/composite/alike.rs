@@ -67,9 +67,9 @@ fn surfaces(size: (u32, u32)) -> Surfaces {
     let depth_m: Vec<f32> = (0..count).map(|i| 2.0 - (i as u32 / size.0) as f32 / size.1 as f32).collect();
     let light = vec![[0.1, 0.2, 0.3]; count];
     Surfaces {
-        behind_m: depth_m.clone(),
-        behind_light: light.clone(),
-        nearest: DepthGrid { width: size.0, height: size.1, enlargement: 1.0, depth_m, light, is_widened: true },
+        background_m: depth_m.clone(),
+        background_light: light.clone(),
+        nearest: DepthGrid { width: size.0, height: size.1, enlargement: 1.0, depth_m, light, is_dilated: true },
     }
 }
 

@@ -311,9 +311,9 @@ fn regions_of_a_photo_join_without_a_seam() {
     let stripes = Pixels::from_u8(320, 240, stripes).unwrap();
     let light = vec![[0.1; 3]; depth_m.len()];
     let surfaces = Surfaces {
-        behind_m: depth_m.clone(),
-        behind_light: light.clone(),
-        nearest: DepthGrid { width: 320, height: 240, enlargement: 1.0, depth_m, light, is_widened: true },
+        background_m: depth_m.clone(),
+        background_light: light.clone(),
+        nearest: DepthGrid { width: 320, height: 240, enlargement: 1.0, depth_m, light, is_dilated: true },
     };
     let made = |regions: &[Rect], surfaces: Option<&Surfaces>| {
         let gpu = gpu::gpu();
@@ -378,7 +378,7 @@ fn real_edge_of_coarse_depth_has_no_steps() {
     let (width, height) = (size.0 / every, size.1 / every);
     let depth_m = (0..width * height).map(|i| if middle(i % width) < edge_px(middle(i / width)) { 1.0 } else { 3.0 });
     let depth_m = depth_m.collect();
-    let grid = DepthGrid { width, height, enlargement: every.into(), depth_m, light: Vec::new(), is_widened: false };
+    let grid = DepthGrid { width, height, enlargement: every.into(), depth_m, light: Vec::new(), is_dilated: false };
     let mut settings = Settings::default();
     settings.plain();
     settings.depth.occlusion = true;

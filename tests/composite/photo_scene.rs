@@ -5,7 +5,7 @@ use crate::gpu;
 use glam::DVec3;
 use locard::camera::{Camera, Opening, SummedExposure};
 use locard::compositor::{Compositor, Settings};
-use locard::depth::{DepthGrid, Plane, Proxies, seen_at_frame};
+use locard::depth::{DepthGrid, Plane, Proxies, reprojected_at_frame};
 use locard::frame::Frame;
 use locard::params::Value;
 use locard::photo::{Framing, PhotoExposure, RealPart, Standpoint, SummedFrameOcclusion, take};
@@ -37,7 +37,7 @@ impl PhotoConditions<'_> {
         let gpu = gpu::gpu();
         let mut compositor = Compositor::new(gpu.clone(), scene);
         let real = RealPart::new(frames, &self.camera.response, &framing.framed, framing.size(), [0.0; 2]);
-        let depth_m = self.depth.and_then(|map| seen_at_frame(&recorded, map, self.track, 0.0, 0.0));
+        let depth_m = self.depth.and_then(|map| reprojected_at_frame(&recorded, map, self.track, 0.0, 0.0));
         let standpoint = Standpoint {
             camera: &self.camera,
             settings: &self.settings,

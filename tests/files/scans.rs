@@ -11,7 +11,7 @@ use crate::shot;
 use crate::tier;
 use glam::DVec3;
 use image::{ImageBuffer, Luma};
-use locard::depth::holes;
+use locard::depth::unknown_fraction;
 use locard::frame::Frame;
 use locard::pixels::LayerImage;
 use locard::recording::{OpenOptions, Recording, Registration};
@@ -273,8 +273,8 @@ fn redkitchen_opens_with_depth_registered_to_colour() {
     let frame = &frames(&r, 30..31)[0];
     let depth = frame.depth.as_ref().unwrap();
     // 585 px against 525: the colour camera sees more than the depth camera, a rim of 5 % at each side.
-    println!("holes: {:.3}", holes(depth));
-    assert!((0.1..0.5).contains(&holes(depth)), "{}", holes(depth));
+    println!("holes: {:.3}", unknown_fraction(depth));
+    assert!((0.1..0.5).contains(&unknown_fraction(depth)), "{}", unknown_fraction(depth));
     assert!(depth.depth_m.iter().all(|z| *z == 0.0 || (0.3..10.0).contains(z)));
     // Edges of depth lie on edges of the picture more closely with the depth moved than as it was stored.
     let moved = edges_apart(frame, |x, y| depth.depth_m[y * 640 + x]);
@@ -423,8 +423,12 @@ fn phone_export_and_unregistered_depth_composite_like_the_own_format() {
         let known = |(a, b): &(&f32, &f32)| **a > 0.0 && **b > 0.0;
         let pairs: Vec<_> = truth.depth_m.iter().zip(&found.depth_m).filter(known).collect();
         let close = pairs.iter().filter(|(a, b)| (*a / *b - 1.0).abs() < 0.01).count() as f64 / pairs.len() as f64;
-        println!("{name}: {:.1} % of the pixels within 1 %, {:.1} % holes", 100.0 * close, 100.0 * holes(&found));
-        assert!(close > 0.97 && holes(&found) < 0.12, "{name}: {close}");
+        println!(
+            "{name}: {:.1} % of the pixels within 1 %, {:.1} % holes",
+            100.0 * close,
+            100.0 * unknown_fraction(&found)
+        );
+        assert!(close > 0.97 && unknown_fraction(&found) < 0.12, "{name}: {close}");
     }
 }
 

@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3, Vec3};
 use crate::cli::pick::{numbers, of_view, view};
 use locard_engine::analyse::{self, Analysis, Environment, LightFindings, MAX_LAMPS};
 use locard_engine::parallel::processors;
-use locard_engine::shadow::OnWhite;
+use locard_engine::shadow::WhiteRadiance;
 use locard_engine::shot::{FramePoint, Shot, SurfaceError};
 use locard_engine::text::number;
 
@@ -96,7 +96,7 @@ pub fn lit_anew(shot: &Shot, found: &Analysis, lamps: &[Pointed]) -> Result<Opti
 
 /// Lines about lamps that bring hardly any light to the middle of what was looked at, `by` which white matt is lit there. They come first
 /// among its lamps.
-pub fn odd(lamps: &[Pointed], by: &OnWhite) -> Vec<(&'static str, String)> {
+pub fn odd(lamps: &[Pointed], by: &WhiteRadiance) -> Vec<(&'static str, String)> {
     let whole = by.light().element_sum();
     let is_dark = |(_, (light, _)): &(&Pointed, &(Vec3, f32))| light.element_sum() < HARDLY * whole;
     let dark = lamps.iter().zip(&by.lamps).filter(is_dark);
@@ -119,7 +119,8 @@ mod tests {
     #[test]
     fn a_lamp_that_brings_hardly_any_light_is_told() {
         let lamps = ["1:2,3", "4:5,6"].map(|text| Pointed::parse(text).unwrap());
-        let by = OnWhite { far: Vec3::splat(0.5), lamps: vec![(Vec3::splat(0.4), 1.0), (Vec3::splat(0.02), 1.0)] };
+        let by =
+            WhiteRadiance { far: Vec3::splat(0.5), lamps: vec![(Vec3::splat(0.4), 1.0), (Vec3::splat(0.02), 1.0)] };
         let told = odd(&lamps, &by);
         assert!(told.len() == 1 && told[0].1.contains("4:5,6"), "{told:?}");
     }

@@ -7,12 +7,12 @@ use glam::{DVec3, Vec3};
 
 use locard_engine::scene::document::{LampTable, LightTable};
 use locard_engine::scene::{self, Lighting, SceneFile, Support};
-use locard_engine::shadow::{OnWhite, Room, on_white};
+use locard_engine::shadow::{Room, WhiteRadiance, white_radiance};
 use locard_engine::text::fixed;
 
 /// White matt that looks up, at a place of the world where nothing hides anything.
-pub fn upward(lighting: &Lighting, at_m: DVec3, up: DVec3) -> OnWhite {
-    on_white(lighting, &Room::default(), &Support { point_m: at_m, normal: up })
+pub fn upward(lighting: &Lighting, at_m: DVec3, up: DVec3) -> WhiteRadiance {
+    white_radiance(lighting, &Room::default(), &Support { point_m: at_m, normal: up })
 }
 
 /// A scene's light by a panorama and lamps besides, and what the scene makes of it. White matt that looks up shows `wanted` by the

@@ -14,7 +14,7 @@
 //!
 //! Three surfaces are known at a pixel: the virtual one; the real one (complete, since the camera
 //! recorded it without virtual objects); and the inpainted background behind the real one
-//! (depth/behind.rs). Real surfaces share a pixel: the farther ones get the share that the nearer
+//! (depth/background.rs). Real surfaces share a pixel: the farther ones get the share that the nearer
 //! ones leave. Real and virtual surfaces occlude each other: each is attenuated by the nearer
 //! slices of the other. Within the same slice or the next, the nearer one at each pixel counts.
 //!

@@ -1,7 +1,7 @@
-//! All of a frame's depth at its own moment. Where its map is doubtful, its neighbours vote; where it stays unknown, the
-//! recording's surfels fill it.
+//! Depth of a whole frame: its reprojected map, the consensus of its neighbours where the map is
+//! unreliable, and surfels of the recording where depth is still unknown.
 
-use super::repaired::Neighbour;
+use super::repair::Neighbour;
 use super::sqrt_colors::SqrtColors;
 use super::{Rays, measured_from, vote};
 use crate::camera::{Geometry, Response};
@@ -9,7 +9,7 @@ use crate::frame::{Beside, Frame};
 use crate::pixels::DepthMap;
 use crate::tracking::PoseTrack;
 
-/// The neighbours of a frame whose poses are known. `picture`: the recording's geometry.
+/// The neighbours of a frame that have poses. `picture`: the recording's geometry.
 pub fn neighbours<'a>(
     frame: &'a Frame,
     picture: &Geometry,
@@ -23,32 +23,32 @@ pub fn neighbours<'a>(
     frame.beside.iter().filter_map(|frame| neighbour(frame)).collect()
 }
 
-/// A map as seen at a frame's moment, metres, row by row; 0 where unknown. `None` if there is no pose for one of the moments, or
-/// the map has another size than the picture.
-pub fn agreed_at_frame(
+/// A frame's depth, m, row by row; 0 where unknown. `None` without a pose at the time of the map or
+/// of the frame, or if the map has another size than the picture.
+pub fn consensus_at_frame(
     frame: &Frame,
     depth: &DepthMap,
     rays: &Rays,
-    from: (&PoseTrack, f64),
+    timed_track: (&PoseTrack, f64),
     response: &Response,
 ) -> Option<Vec<f32>> {
-    let (track, time_offset_s) = from;
+    let (track, time_offset_s) = timed_track;
     let measured = measured_from(depth, rays.geometry(), track, time_offset_s).ok()?;
     let taken = track.at(frame.timestamp_s + time_offset_s).ok()?;
     let whole = rays.full();
     let mut depth_m = rays.reproject(depth, &measured, &taken, whole);
-    let neighbours = neighbours(frame, rays.geometry(), from);
+    let neighbours = neighbours(frame, rays.geometry(), timed_track);
     let voters: Vec<_> = neighbours.iter().map(|neighbour| neighbour.voter(response)).collect();
     if !voters.is_empty() || !frame.surfels.is_empty() {
         let (of_frame, pixels) = (SqrtColors::new(&frame.pixels, response), &frame.pixels);
         let width = pixels.width.max(1) as usize;
         let mut sqrt_colors = vec![[0.0; 3]; pixels.width as usize * pixels.height as usize];
-        sqrt_colors.chunks_mut(width).zip(0..).for_each(|(row, y)| of_frame.along(0, y, row));
+        sqrt_colors.chunks_mut(width).zip(0..).for_each(|(row, y)| of_frame.fill_row(0, y, row));
         let max_depth_m = vec![f32::INFINITY; depth_m.len()];
-        let own =
+        let target =
             vote::TargetView { rays, pose: taken, part: whole, sqrt_colors: &sqrt_colors, max_depth_m: &max_depth_m };
-        own.agreed(&mut depth_m, &voters);
-        own.fill_unknown(&mut depth_m, &frame.surfels);
+        target.apply_consensus(&mut depth_m, &voters);
+        target.fill_unknown(&mut depth_m, &frame.surfels);
     }
     Some(depth_m)
 }
@@ -63,10 +63,10 @@ mod tests {
     use crate::pose::Pose;
     use glam::{DQuat, DVec3, Vec3};
 
-    /// A wall at 2 m; a camera that moves along it; a hole in the frame's own map. The neighbours know the wall, but for one that
-    /// has no pose and says something else.
+    /// A wall at 2 m, a camera that moves along it, and a hole in the frame's own map. All
+    /// neighbours measured the wall except for one, which has no pose and another depth.
     #[test]
-    fn neighbours_say_what_a_frame_did_not_measure() {
+    fn hole_of_a_frame_takes_the_depth_of_neighbours_or_surfels() {
         let (width, height) = (96, 64);
         let pixels = || Pixels::from_u8(width, height, vec![120; 3 * 96 * 64]).unwrap();
         let map = |z: f32, hole: usize, timestamp_s: f64| {
@@ -91,11 +91,12 @@ mod tests {
             beside: Vec::new(),
             surfels: Arc::default(),
         };
-        let seen = |frame: &Frame| agreed_at_frame(frame, &own, &rays, (&track, 0.0), &Response::default()).unwrap();
-        assert_eq!(seen(&frame)[20 * 96 + 50], 0.0);
+        let depth_of =
+            |frame: &Frame| consensus_at_frame(frame, &own, &rays, (&track, 0.0), &Response::default()).unwrap();
+        assert_eq!(depth_of(&frame)[20 * 96 + 50], 0.0);
         frame.beside = vec![beside(0, -0.5, 2.0), beside(2, 0.5, 2.0), beside(3, 2.0, 1.0)];
         assert_eq!(neighbours(&frame, &geometry, (&track, 0.0)).len(), 2);
-        let depth_m = seen(&frame);
+        let depth_m = depth_of(&frame);
         assert!(depth_m.iter().all(|z| (z - 2.0).abs() < 1e-3), "{:?}", &depth_m[20 * 96..][..96]);
         // Without neighbours the surfels of a wall of the same grey fill the hole.
         frame.beside.clear();
@@ -103,10 +104,10 @@ mod tests {
         let places = (-80..80).flat_map(|x| (-60..60).map(move |y| Vec3::new(at(x), at(y), 2.0)));
         let sqrt_color = [Response::default().decode(120.0 / 255.0).sqrt() as f32; 3];
         frame.surfels = places.map(|position_m| Surfel { position_m, normal: Vec3::NEG_Z, sqrt_color }).collect();
-        let depth_m = seen(&frame);
+        let depth_m = depth_of(&frame);
         assert!(depth_m.iter().all(|z| (z - 2.0).abs() < 1e-3), "{:?}", &depth_m[20 * 96..][..96]);
-        // A map of another size is nobody's.
+        // A map of another size.
         let other = DepthMap { width: 64, height: 96, ..own.clone() };
-        assert!(agreed_at_frame(&frame, &other, &rays, (&track, 0.0), &Response::default()).is_none());
+        assert!(consensus_at_frame(&frame, &other, &rays, (&track, 0.0), &Response::default()).is_none());
     }
 }

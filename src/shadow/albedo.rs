@@ -6,8 +6,9 @@ use glam::{Vec2, Vec3, Vec4};
 
 use crate::scene::{Material, Mesh, Scene, Texture, TextureUse, Wrap};
 
-/// Barycentric coordinates of the texture samples in a triangle: weights of the second and the third vertex.
-const PLACES: [Vec2; 7] = [
+/// Barycentric coordinates of the texture samples in a triangle: weights of the second and the
+/// third vertex.
+const SAMPLE_BARYCENTRICS: [Vec2; 7] = [
     Vec2::new(0.333, 0.333),
     Vec2::new(0.1, 0.1),
     Vec2::new(0.8, 0.1),
@@ -17,15 +18,15 @@ const PLACES: [Vec2; 7] = [
     Vec2::new(0.45, 0.45),
 ];
 
-/// A mesh's surface.
+/// Albedo of a mesh.
 #[derive(Debug)]
-pub struct Skin<'a> {
+pub struct MeshAlbedo<'a> {
     mesh: &'a Mesh,
     base: Vec3,
     texture: Option<(&'a Texture, TextureUse)>,
 }
 
-impl<'a> Skin<'a> {
+impl<'a> MeshAlbedo<'a> {
     pub fn of(scene: &'a Scene, mesh: &'a Mesh) -> Self {
         let default = Material::default();
         let material = scene.materials.get(mesh.material).unwrap_or(&default);
@@ -36,14 +37,14 @@ impl<'a> Skin<'a> {
     /// The mean colour of a triangle, given by its vertices, linear.
     pub fn color(&self, corners: [u32; 3]) -> Vec3 {
         let [a, b, c] = corners.map(|i| &self.mesh.vertices[i as usize]);
-        let painted = [a, b, c].map(|v| Vec4::from(v.color).truncate()).iter().sum::<Vec3>() / 3.0;
-        let Some((texture, used)) = self.texture else { return self.base * painted };
+        let vertex_color = [a, b, c].map(|v| Vec4::from(v.color).truncate()).iter().sum::<Vec3>() / 3.0;
+        let Some((texture, used)) = self.texture else { return self.base * vertex_color };
         let uv = [a, b, c].map(|v| Vec2::from(if used.uv_set == 0 { v.uv0 } else { v.uv1 }));
         let at = |place: &Vec2| {
             let uv = uv[0] + place.x * (uv[1] - uv[0]) + place.y * (uv[2] - uv[0]);
             texel(texture, Vec2::from(used.transform.map(|row| Vec3::from(row).dot(uv.extend(1.0)))))
         };
-        self.base * painted * PLACES.iter().map(at).sum::<Vec3>() / PLACES.len() as f32
+        self.base * vertex_color * SAMPLE_BARYCENTRICS.iter().map(at).sum::<Vec3>() / SAMPLE_BARYCENTRICS.len() as f32
     }
 }
 
